@@ -1,0 +1,122 @@
+/** @file data.h
+ *  Everything that changes from step to step, ordered by the stage that writes it; and the step itself.
+ */
+#ifndef PLIANT_DATA_H
+#define PLIANT_DATA_H
+
+#include "pliant/model.h"
+#include "pliant/warp.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Stages of a step, in order. */
+#define PLIANT_STEP_STAGE_LIST(X) X(interact) X(solve) X(upsample) X(warp)
+typedef enum pliant_step_stage {
+#define PLIANT_STAGE_ENUM(name) PLIANT_STEP_##name,
+    PLIANT_STEP_STAGE_LIST(PLIANT_STAGE_ENUM)
+#undef PLIANT_STAGE_ENUM
+    PLIANT_NUM_STEP_STAGES
+} pliant_step_stage;
+const char *pliant_step_stage_name(int stage);
+
+enum { PLIANT_MAX_TOOLS = 8 };
+
+/** How a tool that has hold of the tissue acts on it. */
+typedef enum pliant_drive {
+    PLIANT_DRIVE_SPRING, /**< a damped spring between tool tip and held point (grasp/stiffness, grasp/damping) */
+    PLIANT_DRIVE_RIGID,  /**< the held point is at the tip: displacement control */
+    PLIANT_DRIVE_FORCE   /**< a given force, wherever the tip is: force control */
+} pliant_drive;
+
+typedef struct pliant_tool {
+    char name[48];
+    /* INPUT, written by pliant_tool_* */
+    bool present;          /**< has a pose */
+    double tip[3];         /**< LPS [m] */
+    double rotation[4];    /**< quaternion x y z w, for the directions of forces told to a robot; not used by the solver */
+    pliant_drive drive;
+    double driving_force[3]; /**< PLIANT_DRIVE_FORCE: on the tissue [N] */
+    double stiffness, damping, radius; /**< from the scene, may be set per tool [N/m, N s/m, m] */
+    /* HOLD, written by grasp and release */
+    bool holding;
+    int32_t num_held;      /**< fine nodes that share the force ([H] 11: barycentric weights over the blob) */
+    int32_t *held;         /**< (num_held), ascending */
+    double *weight;        /**< (num_held), sum 1 */
+    /* OUTPUT of the last step */
+    double held_point[3];  /**< where the held point is [m] */
+    double force[3];       /**< of the tool on the tissue [N] */
+    bool touching;         /**< the tip is inside the tissue */
+    double clearance;      /**< distance to the surface, negative inside; +infinity when there is no tool [m] */
+} pliant_tool;
+
+typedef struct pliant_statistics {
+    uint64_t step;              /**< steps done */
+    double seconds[PLIANT_NUM_STEP_STAGES];
+    int32_t iterations;         /**< of the last step */
+    double residual;            /**< energy norm of the residual force over that of the load, last step */
+    double residual_force;      /**< largest nodal residual force [N] */
+    int32_t inverted;           /**< fine tetrahedra with negative volume now */
+    uint64_t not_converged;     /**< steps that ended above the tolerance */
+    uint64_t rejected;          /**< Anderson steps refused by the safeguard */
+    uint64_t failed;            /**< steps that broke down and were undone */
+    uint64_t factors;           /**< factors put to use since the start */
+    size_t bytes;               /**< held by this data [bytes] */
+} pliant_statistics;
+
+typedef struct pliant_solver pliant_solver; /**< iteration history, factors, the background factorizer (src/fem) */
+
+typedef struct pliant_data {
+    /* INTERACT */
+    pliant_tool tools[PLIANT_MAX_TOOLS];
+    int32_t num_tools;
+    double gravity[3];        /**< LPS [m/s^2]; from the scene at first, changed by pliant_data_gravity */
+    /* SOLVE */
+    pliant_solver *solver;
+    /* UPSAMPLE */
+    double *positions;        /**< (fine.num_nodes x 3) LPS [m]; written by every step */
+    /* WARP */
+    pliant_warp *warp;        /**< Nullable: only when pliant_data_warp asked for it */
+
+    pliant_statistics statistics;
+} pliant_data;
+
+/** At rest, no tools. Errors: MEMORY. */
+pliant_status pliant_data_create(const pliant_model *model, pliant_data **out);
+void pliant_data_free(pliant_data *data); /**< Nullable */
+
+/** Back to rest: positions, holds, history. Tools stay. */
+void pliant_data_reset(const pliant_model *model, pliant_data *data);
+
+/** Ask for the deformed volume after every step (or no longer: target NULL). Errors: ARGUMENT, MEMORY. */
+pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target);
+
+/** A new direction or size of gravity, from the next step on. Errors: ARGUMENT (not finite). */
+pliant_status pliant_data_gravity(pliant_data *data, const double gravity[3]);
+
+/** One quasi-static step: interact, solve, upsample, warp. NOT_CONVERGED keeps the best state reached so far;
+ *  NUMERIC and MEMORY keep the state before the step. Positions are never NaN. */
+pliant_status pliant_step(const pliant_model *model, pliant_data *data);
+
+/** A tool of this name, added if there is room. *index stays valid. Errors: ARGUMENT (more than PLIANT_MAX_TOOLS). */
+pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, const char *name, int *index);
+/** @param rotation Nullable: identity. Errors: ARGUMENT (not finite), the tool stays where it was. */
+pliant_status pliant_tool_pose(pliant_data *data, int tool, const double tip[3], const double rotation[4]);
+/** The tool is gone: it lets go. */
+void pliant_tool_lost(pliant_data *data, int tool);
+/** Take hold of the tissue around the tip, as it lies now. With a rest point, of that point of the scan instead.
+ *  @param rest Nullable: LPS [m]
+ *  Errors: ARGUMENT: no tissue there (the tool holds nothing). */
+pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, int tool, const double rest[3]);
+void pliant_tool_release(pliant_data *data, int tool);
+/** Drive by force, rigidly or by the spring. @param force Nullable unless drive is FORCE [N] */
+pliant_status pliant_tool_drive(pliant_data *data, int tool, pliant_drive drive, const double force[3]);
+
+/** A number per fine node (volume-weighted mean of its tetrahedra). @param out (fine.num_nodes) */
+pliant_status pliant_data_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

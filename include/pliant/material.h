@@ -1,0 +1,65 @@
+/** @file material.h
+ *  From intensities and labels to Young's modulus, Poisson ratio and density, voxel by voxel and then summed
+ *  over tetrahedra ([H] 2.1).
+ */
+#ifndef PLIANT_MATERIAL_H
+#define PLIANT_MATERIAL_H
+
+#include "pliant/scan.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { PLIANT_MAX_MATERIALS = 255, PLIANT_MAX_MATERIAL_LABELS = 128 };
+
+typedef struct pliant_material {
+    char name[48];
+    double young_modulus; /**< [Pa], > 0 */
+    double poisson_ratio; /**< in [0, 0.5) */
+    double density;       /**< [kg/m^3], >= 0 */
+    bool fixed;           /**< nodes inside it do not move (bone) */
+    bool empty;           /**< not tissue (air): tetrahedra that hold nothing else are left out */
+    double range[2];      /**< intensity low <= value < high */
+    uint32_t num_range;   /**< 0: no range, or 2 */
+    uint32_t labels[PLIANT_MAX_MATERIAL_LABELS]; /**< label ids; a label wins over a range */
+    uint32_t num_labels;
+} pliant_material;
+
+typedef struct pliant_material_table {
+    pliant_material *materials;
+    uint32_t num_materials;
+} pliant_material_table;
+
+/** Read a YAML table (launch/materials holds examples). Errors name file, field and line: FILE, FORMAT, MEMORY.
+ *  Free with pliant_material_table_free. */
+pliant_status pliant_material_table_read(const char *path, pliant_material_table *out);
+pliant_status pliant_material_table_parse(const char *yaml, const char *name_for_messages, pliant_material_table *out);
+/** The built-in table: launch/materials/abdomen_ct.yaml, compiled in. */
+pliant_status pliant_material_table_default(pliant_material_table *out);
+pliant_status pliant_material_table_copy(const pliant_material_table *table, pliant_material_table *out);
+/** Ranges of numbers, overlapping intensity ranges, labels named twice. */
+pliant_status pliant_material_table_check(const pliant_material_table *table);
+void pliant_material_table_free(pliant_material_table *table);
+
+/** The material of every voxel: by its label if it has one, else by its intensity range. A table that names
+ *  labels but is given no label map falls back to its ranges.
+ *  @param labels            Nullable; must lie on the grid of the scan
+ *  @param material_of_voxel (voxels) out, index into the table
+ *  Errors: MATERIAL (lists every label and intensity interval without a material), FORMAT (grids differ). */
+pliant_status pliant_material_classify(const pliant_material_table *table, const pliant_volume *scan,
+                                       const pliant_labels *labels, uint8_t *material_of_voxel);
+
+/** What a tetrahedron holds, summed over the voxels that it owns. */
+typedef struct pliant_tet_material {
+    double lambda, mu;   /**< Lame parameters, mean over the voxels [Pa] */
+    double density;      /**< mean [kg/m^3] */
+    float tissue;        /**< fraction of voxels that are not empty */
+    uint16_t material;   /**< the most frequent one */
+    uint32_t num_voxels; /**< 0: smaller than a voxel, taken from the voxel nearest to the centroid */
+} pliant_tet_material;
+
+#ifdef __cplusplus
+}
+#endif
+#endif

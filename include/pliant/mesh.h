@@ -1,0 +1,64 @@
+/** @file mesh.h
+ *  Tetrahedral meshes on a lattice: five tetrahedra per cube with alternating parity ([H] 2, NUMERICS 1).
+ *
+ *  Lattice cell (a, b, c) has flat index a + cells[0] * (b + cells[1] * c); lattice node likewise with one more
+ *  node along each axis. Tetrahedron `slot` 0 of a cell is the central one, 1 to 4 the corners.
+ *  Tetrahedra are positively oriented in world space: det(x1 - x0, x2 - x0, x3 - x0) > 0.
+ */
+#ifndef PLIANT_MESH_H
+#define PLIANT_MESH_H
+
+#include "pliant/material.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pliant_mesh {
+    int32_t cells[3];
+    double cell_size[3];       /**< along i, j, k [m] */
+    double corner[3];          /**< world position of lattice node (0, 0, 0): the outer corner of the scan's box [m] */
+    double direction[9];       /**< as the scan's */
+    int32_t num_nodes, num_tets;
+    double *rest;              /**< (num_nodes x 3) [m], LPS */
+    int32_t *tets;             /**< (num_tets x 4) nodes */
+    int32_t *lattice_of_node;  /**< (num_nodes) flat lattice node */
+    int32_t *lattice_of_tet;   /**< (num_tets) 5 * flat cell + slot */
+    int32_t *tet_of_lattice;   /**< (5 * cells) tetrahedron or -1 */
+    int32_t *node_of_lattice;  /**< (lattice nodes) node or -1 */
+} pliant_mesh;
+
+/** Mesh over the box of a volume (voxel edges, not centres).
+ *  @param keep Nullable: (5 * cells) nonzero for lattice tetrahedra to keep. Errors: ARGUMENT, MEMORY. */
+pliant_status pliant_mesh_grid(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *keep, pliant_mesh *out);
+void pliant_mesh_free(pliant_mesh *mesh);
+
+/** The four lattice corners (0 or 1 along each axis, bit d) of a slot, before orientation. */
+void pliant_mesh_slot_corners(int parity, int slot, int corners[4]);
+
+/** Slot of the tetrahedron that owns a point of a cell, from its coordinates in [0, 1] and the parity of the cell
+ *  ((a + b + c) & 1). Ties go to the central one. */
+int pliant_mesh_slot_of(int parity, const double local[3]);
+
+/** Tetrahedron that holds a world point at rest, and its barycentric coordinates; -1 when no tissue is there. */
+int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], double barycentric[4]);
+
+/** Tetrahedron that holds a point of the deformed mesh; the lowest index wins on ties; -1 when none does.
+ *  @param positions (num_nodes x 3) [m] */
+int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const double *positions, const double world[3], double barycentric[4]);
+
+/** Sum of the voxels' materials over every tetrahedron ([H] 2.1; each voxel counts in exactly one).
+ *  @param out (num_tets) */
+pliant_status pliant_mesh_integrate(const pliant_mesh *mesh, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
+                                    const pliant_material_table *table, pliant_tet_material *out);
+
+/** Outer faces, oriented outwards. *triangles is (count x 3), freed with pliant_free. */
+pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, int32_t *count);
+
+/** Volume [m^3] of a tetrahedron (signed) and gradients [1/m] of its shape functions, (4 x 3). */
+double pliant_tet_gradients(const double *x0, const double *x1, const double *x2, const double *x3, double gradients[12]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,74 @@
+/** @file model.h
+ *  Everything that is computed once for a scan and a scene, and stays constant while stepping.
+ *
+ *  What survives what:
+ *  | change                    | scan | materials | meshes | element matrices | symbolic factor | numeric factor |
+ *  | new tool pose, gravity    |  x   |     x     |   x    |        x         |        x        |  x (refreshed in the background) |
+ *  | new material              |  x   |           |   x    |                  |        x        |                |
+ *  | new method, cells, ratio  |  x   |     x     |        |                  |                 |                |
+ *  | new scan                  |      |           |        |                  |                 |                |
+ */
+#ifndef PLIANT_MODEL_H
+#define PLIANT_MODEL_H
+
+#include "pliant/mesh.h"
+#include "pliant/scene.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Stages of building, in order. */
+#define PLIANT_BUILD_STAGE_LIST(X) X(classify) X(mesh) X(integrate) X(fix) X(homogenize) X(analyze) X(factorize)
+typedef enum pliant_build_stage {
+#define PLIANT_STAGE_ENUM(name) PLIANT_BUILD_##name,
+    PLIANT_BUILD_STAGE_LIST(PLIANT_STAGE_ENUM)
+#undef PLIANT_STAGE_ENUM
+    PLIANT_NUM_BUILD_STAGES
+} pliant_build_stage;
+const char *pliant_build_stage_name(int stage);
+
+typedef struct pliant_system pliant_system; /**< what is solved: elements, fixed nodes, matrix pattern, first factor (src/fem) */
+
+typedef struct pliant_model {
+    pliant_scene scene;
+    const pliant_volume *scan;        /**< borrowed; outlives the model */
+    pliant_material_table materials;
+
+    /* MATERIAL */
+    uint8_t *material_of_voxel;       /**< (voxels) */
+    /* MESH */
+    pliant_mesh fine, coarse;         /**< coarse is empty for the fine method */
+    pliant_tet_material *fine_material; /**< (fine.num_tets) */
+    double *node_mass;                /**< (fine.num_nodes) [kg] */
+    uint8_t *fine_fixed;              /**< (fine.num_nodes) 1: does not move */
+    int32_t *triangles;               /**< (num_triangles x 3) surface of the fine mesh, outwards */
+    int32_t num_triangles;
+    int32_t num_held_pieces;          /**< pieces that nothing fixed holds: kept where they are */
+    /* FEM */
+    pliant_system *system;
+    double condition_estimate;        /**< of the stiffness matrix, 1-norm (CHOLMOD's rcond inverted) */
+
+    /* STATISTICS */
+    double build_seconds[PLIANT_NUM_BUILD_STAGES];
+    size_t build_bytes[PLIANT_NUM_BUILD_STAGES]; /**< held after the stage minus before [bytes] */
+} pliant_model;
+
+/** @param scan      borrowed until pliant_model_free; already resampled as the scene asks
+ *  @param labels    Nullable; used while building only
+ *  @param materials copied
+ *  Errors: SCENE, MATERIAL, FORMAT, MEMORY, NUMERIC (not enough is fixed), CANCELLED. */
+pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume *scan, const pliant_labels *labels,
+                                 const pliant_material_table *materials, pliant_progress progress, pliant_model **out);
+void pliant_model_free(pliant_model *model); /**< Nullable */
+
+/** Read, resample, label and tabulate what the scene names: the common way from paths to a model's inputs.
+ *  @param scan_path "phantom", "phantom:256x160x122", or a path for pliant_volume_read
+ *  Free scan, labels and materials. Errors: as of the readers. */
+pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_path, pliant_volume *scan, pliant_labels *labels,
+                                 pliant_material_table *materials);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,46 @@
+/** @file path.h
+ *  A recorded tool path: what a tool does over time, for runs without a robot.
+ *
+ *  YAML:  tools:
+ *           - name: grasper
+ *             drive: spring            # spring | rigid | force
+ *             grasp: [x, y, z]         # rest point that it holds [m], LPS
+ *             motion: [{time: 0, offset: [0, 0, 0]}, {time: 1, offset: [0, -0.03, 0]}]
+ *  Offsets are from the grasped point [m]; for drive: force they are forces [N]. Linear in between, held at the end.
+ *  A tool lets go after its optional `release` time.
+ */
+#ifndef PLIANT_PATH_H
+#define PLIANT_PATH_H
+
+#include "pliant/data.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pliant_path_key { double time; double offset[3]; } pliant_path_key;
+typedef struct pliant_path_tool {
+    char name[48];
+    pliant_drive drive;
+    double grasp[3];
+    double release; /**< [s]; 0: never */
+    pliant_path_key *motion;
+    uint32_t num_motion;
+} pliant_path_tool;
+typedef struct pliant_path {
+    pliant_path_tool *tools;
+    uint32_t num_tools;
+} pliant_path;
+
+/** Errors name file, field and line: FILE, FORMAT, MEMORY. Free with pliant_path_free. */
+pliant_status pliant_path_read(const char *path, pliant_path *out);
+void pliant_path_free(pliant_path *path);
+/** Offset at a time, and whether the tool still holds. */
+bool pliant_path_at(const pliant_path_tool *tool, double time, double offset[3]);
+/** Last time of any tool [s]. */
+double pliant_path_end(const pliant_path *path);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,95 @@
+/** @file scan.h
+ *  Volumes: geometry, storage, reading, writing, resampling, the built-in phantom.
+ *
+ *  A volume is flat, i fastest: voxel (i, j, k) is at voxels[i + size[0] * (j + size[1] * k)].
+ *  Its centre lies at  origin + direction * diag(spacing) * (i, j, k)  in patient LPS axes [m].
+ *  Direction is row-major, its columns are the unit vectors of the i, j and k axes; it is orthonormal and may
+ *  be left-handed (flipped axes).
+ */
+#ifndef PLIANT_SCAN_H
+#define PLIANT_SCAN_H
+
+#include "pliant/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef enum pliant_encoding { PLIANT_UINT8 = 1, PLIANT_INT16 = 2, PLIANT_FLOAT32 = 3 } pliant_encoding;
+
+typedef struct pliant_geometry {
+    int32_t size[3];     /**< voxels along i, j, k */
+    double origin[3];    /**< centre of voxel (0, 0, 0), LPS [m] */
+    double spacing[3];   /**< [m] */
+    double direction[9]; /**< row-major, columns are the axes */
+} pliant_geometry;
+
+typedef struct pliant_volume {
+    pliant_geometry geometry;
+    pliant_encoding encoding;
+    float slope, intercept; /**< value = slope * stored + intercept; CT: Hounsfield units */
+    float background;       /**< stored value outside the scan (CT: air) */
+    void *voxels;           /**< owned; pliant_volume_free */
+    char id[128];           /**< name for people and messages: file name or "phantom" */
+} pliant_volume;
+
+/** Label map on the grid of its scan; 0 is "no label". */
+typedef struct pliant_labels {
+    pliant_geometry geometry;
+    uint16_t *voxels; /**< owned; pliant_labels_free */
+} pliant_labels;
+
+size_t pliant_geometry_voxels(const pliant_geometry *geometry);
+/** True when size, origin, spacing and direction agree (to 1e-4 of a voxel). */
+bool pliant_geometry_equal(const pliant_geometry *a, const pliant_geometry *b);
+/** Continuous index -> LPS [m], and back. */
+void pliant_geometry_to_world(const pliant_geometry *geometry, const double index[3], double world[3]);
+void pliant_geometry_to_index(const pliant_geometry *geometry, const double world[3], double index[3]);
+/** Bytes of one voxel. */
+size_t pliant_encoding_size(pliant_encoding encoding);
+
+/** Zeroed voxels for a geometry. Errors: ARGUMENT (sizes, spacing, direction), MEMORY. */
+pliant_status pliant_volume_create(const pliant_geometry *geometry, pliant_encoding encoding, pliant_volume *out);
+void pliant_volume_free(pliant_volume *volume); /**< Nullable; leaves the struct zeroed */
+pliant_status pliant_labels_create(const pliant_geometry *geometry, pliant_labels *out);
+void pliant_labels_free(pliant_labels *labels);
+
+/** Value (slope and intercept applied) of the voxel at a flat index. */
+float pliant_volume_value(const pliant_volume *volume, size_t index);
+
+/** Read a scan: a DICOM folder, NIfTI, NRRD or MetaImage file (ITK).
+ *  @param series       Nullable: DICOM SeriesInstanceUID (or its unique ending) where a folder holds several
+ *  @param memory_limit most bytes that the voxels may take, checked from the header before reading; 0: what
+ *                      the machine has free
+ *  Integer data whose rescaled values fit are kept as UINT8 or INT16 with slope 1, all else is FLOAT32.
+ *  Slice spacing comes from positions. Errors (old *out untouched): FILE, FORMAT, MEMORY. */
+pliant_status pliant_volume_read(const char *path, const char *series, size_t memory_limit, pliant_volume *out);
+/** Read a label map; values must be integers in 0..65535. */
+pliant_status pliant_labels_read(const char *path, size_t memory_limit, pliant_labels *out);
+
+/** Write by the ending of path (.nii, .nii.gz, .nrrd, .mha), millimetres and values as others expect them. */
+pliant_status pliant_volume_write(const char *path, const pliant_volume *volume);
+pliant_status pliant_labels_write(const char *path, const pliant_labels *labels);
+
+/** Same box, other voxel counts: trilinear in the scan's own type; nearest for labels.
+ *  The new voxels cover the same box edge to edge, so spacing[d] = old size[d] * old spacing[d] / size[d]. */
+pliant_status pliant_volume_resample(const pliant_volume *volume, const int32_t size[3], pliant_volume *out);
+pliant_status pliant_labels_resample(const pliant_labels *labels, const int32_t size[3], pliant_labels *out);
+
+/** Label ids of the phantom. */
+#define PLIANT_PHANTOM_LIST(X)                                                                              \
+    X(1, skin) X(2, fat) X(3, muscle) X(4, liver) X(5, tumour) X(6, kidney_left) X(7, kidney_right)          \
+    X(8, spleen) X(9, aorta) X(10, vessel) X(11, spine) X(12, rib) X(13, hip) X(14, bowel) X(15, bowel_gas)
+
+/** The built-in scan: an abdomen in Hounsfield units with noise, and its label map (0 is air outside).
+ *  Deterministic: the same size and seed give the same bits on every machine.
+ *  @param size   voxels, each at least 16; the body is the same, the spacing follows
+ *  @param labels Nullable. Errors: ARGUMENT, MEMORY. */
+pliant_status pliant_phantom(const int32_t size[3], uint32_t seed, pliant_volume *scan, pliant_labels *labels);
+/** Name of a phantom label ("" when there is none). */
+const char *pliant_phantom_label_name(int label);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,130 @@
+/** @file scene.h
+ *  What the user asks for. One list of options makes the struct, its defaults and check, the YAML schema, the ROS
+ *  parameter names and the table in the README, so that they cannot drift apart.
+ */
+#ifndef PLIANT_SCENE_H
+#define PLIANT_SCENE_H
+
+#include "pliant/material.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** name in C, name in YAML */
+#define PLIANT_METHOD_LIST(X) \
+    X(PLIANT_FINE, fine) X(PLIANT_COARSE, coarse) X(PLIANT_SCHUR, schur) X(PLIANT_AVERAGED, averaged)
+#define PLIANT_TOUCH_LIST(X) X(PLIANT_TOUCH_OVERLAP, overlap) X(PLIANT_TOUCH_FACE, face)
+#define PLIANT_BACKEND_LIST(X) X(PLIANT_AUTO, auto) X(PLIANT_CPU, cpu) X(PLIANT_CUDA, cuda)
+#define PLIANT_SCALAR_LIST(X)                                                                     \
+    X(PLIANT_SCALAR_NONE, none) X(PLIANT_SCALAR_VON_MISES, von_mises)                             \
+    X(PLIANT_SCALAR_STRAIN_ENERGY, strain_energy) X(PLIANT_SCALAR_VOLUME_RATIO, volume_ratio)
+
+#define PLIANT_CHOICE_ENUM(name, yaml) name,
+typedef enum pliant_method { PLIANT_METHOD_LIST(PLIANT_CHOICE_ENUM) } pliant_method;
+typedef enum pliant_touch { PLIANT_TOUCH_LIST(PLIANT_CHOICE_ENUM) } pliant_touch;
+typedef enum pliant_backend_choice { PLIANT_BACKEND_LIST(PLIANT_CHOICE_ENUM) } pliant_backend_choice;
+typedef enum pliant_scalar { PLIANT_SCALAR_LIST(PLIANT_CHOICE_ENUM) } pliant_scalar;
+#undef PLIANT_CHOICE_ENUM
+
+/** C types of the kinds of option. INT3 and REAL3 take one default and one range for all three numbers. */
+#define PLIANT_DECLARE_INT(name) int32_t name;
+#define PLIANT_DECLARE_REAL(name) double name;
+#define PLIANT_DECLARE_BOOL(name) bool name;
+#define PLIANT_DECLARE_INT3(name) int32_t name[3];
+#define PLIANT_DECLARE_REAL3(name) double name[3];
+#define PLIANT_DECLARE_STRING(name) char name[256];
+#define PLIANT_DECLARE_METHOD(name) pliant_method name;
+#define PLIANT_DECLARE_TOUCH(name) pliant_touch name;
+#define PLIANT_DECLARE_BACKEND(name) pliant_backend_choice name;
+#define PLIANT_DECLARE_SCALAR(name) pliant_scalar name;
+
+/* X(kind, name, default, low, high, unit, text) for every group; strings have no range */
+#define PLIANT_SCENE_SCAN(X)                                                                                           \
+    X(STRING, series, "", 0, 0, "", "DICOM SeriesInstanceUID, or its unique ending, where a folder holds several")     \
+    X(INT3, resample, 0, 0, 4096, "voxels", "resample the scan to this many voxels; 0 keeps an axis as it is")
+#define PLIANT_SCENE_MATERIAL(X)                                                                                       \
+    X(STRING, file, "", 0, 0, "", "material table (YAML), relative to the scene file; empty: the built-in one")       \
+    X(STRING, labels, "", 0, 0, "", "label map on the scan's grid; empty: intensity ranges only")                     \
+    X(BOOL, deformable_bone, false, 0, 1, "", "bone deforms instead of being fixed")
+#define PLIANT_SCENE_MESH(X)                                                                                           \
+    X(INT3, coarse_cells, 7, 1, 256, "cells", "coarse cubes along i, j, k")                                           \
+    X(INT, ratio, 2, 1, 8, "", "fine cubes along each edge of a coarse one")                                          \
+    X(BOOL, keep_air, false, 0, 1, "", "keep tetrahedra that hold no tissue")
+#define PLIANT_SCENE_MODEL(X)                                                                                          \
+    X(METHOD, method, PLIANT_FINE, 0, 0, "", "what is solved: fine, coarse, schur or averaged")                       \
+    X(TOUCH, touch, PLIANT_TOUCH_OVERLAP, 0, 0, "", "schur: fine tetrahedra that overlap the coarse one, or share a face with it too") \
+    X(REAL3, gravity, 0.0, -1e4, 1e4, "m/s^2", "acceleration in scan axes (LPS)")
+#define PLIANT_SCENE_SOLVER(X)                                                                                         \
+    X(BACKEND, backend, PLIANT_AUTO, 0, 0, "", "auto, cpu or cuda")                                                   \
+    X(INT, threads, 0, 0, 1024, "", "0: as many as the machine has cores")                                            \
+    X(REAL, step, 0.02, 1e-5, 1.0, "s", "time between two steps")                                                     \
+    X(INT, iterations, 6, 1, 1000, "", "most iterations of a step")                                                   \
+    X(REAL, tolerance, 1e-3, 1e-12, 1.0, "", "energy norm of the residual force over that of the load, at which a step ends")    \
+    X(INT, history, 6, 0, 20, "", "Anderson depth; 0: plain iterations")                                              \
+    X(INT, refresh_interval, 5, 0, 100000, "steps", "a new factor is started at most this often; 0: never")           \
+    X(INT, refresh_delay, 2, 1, 100, "steps", "a new factor is put to use this long after its start")
+#define PLIANT_SCENE_GRASP(X)                                                                                          \
+    X(REAL, stiffness, 1000.0, 1e-3, 1e12, "N/m", "spring between a grasping tool and the tissue")                    \
+    X(REAL, damping, 0.0, 0.0, 1e9, "N s/m", "damper beside the spring")                                              \
+    X(REAL, radius, 0.006, 0.0, 1.0, "m", "the grasped blob; 0: a point")
+#define PLIANT_SCENE_WARP(X)                                                                                           \
+    X(REAL, margin, 0.03, 0.0, 10.0, "m", "room around the tissue that the deformed volume has")                     \
+    X(REAL, rate, 10.0, 0.0, 1000.0, "Hz", "most deformed volumes a second")
+#define PLIANT_SCENE_OUTPUT(X)                                                                                         \
+    X(SCALAR, scalar, PLIANT_SCALAR_NONE, 0, 0, "", "number per node on mesh/state: none, von_mises [Pa], strain_energy [J/m^3], volume_ratio") \
+    X(REAL, mesh_rate, 30.0, 0.0, 1000.0, "Hz", "most mesh states a second")                                          \
+    X(REAL, slice_rate, 15.0, 0.0, 1000.0, "Hz", "most slices a second")
+
+/* G(group, list) */
+#define PLIANT_SCENE_GROUPS(G)                                                                                         \
+    G(scan, PLIANT_SCENE_SCAN) G(material, PLIANT_SCENE_MATERIAL) G(mesh, PLIANT_SCENE_MESH)                           \
+    G(model, PLIANT_SCENE_MODEL) G(solver, PLIANT_SCENE_SOLVER) G(grasp, PLIANT_SCENE_GRASP)                           \
+    G(warp, PLIANT_SCENE_WARP) G(output, PLIANT_SCENE_OUTPUT)
+
+enum { PLIANT_MAX_FIXED = 32 };
+/** Nodes inside an axis-parallel box do not move. [m], LPS. */
+typedef struct pliant_fixed_box { double low[3], high[3]; } pliant_fixed_box;
+/** Nodes with normal . (x - point) <= 0 do not move. [m], LPS. */
+typedef struct pliant_fixed_plane { double point[3], normal[3]; } pliant_fixed_plane;
+
+typedef struct pliant_scene {
+#define PLIANT_SCENE_FIELD(kind, name, value, low, high, unit, text) PLIANT_DECLARE_##kind(name)
+#define PLIANT_SCENE_GROUP(group, list) struct { list(PLIANT_SCENE_FIELD) } group;
+    PLIANT_SCENE_GROUPS(PLIANT_SCENE_GROUP)
+#undef PLIANT_SCENE_FIELD
+#undef PLIANT_SCENE_GROUP
+    struct {
+        pliant_fixed_box boxes[PLIANT_MAX_FIXED];
+        uint32_t num_boxes;
+        pliant_fixed_plane planes[PLIANT_MAX_FIXED];
+        uint32_t num_planes;
+    } fixed;
+} pliant_scene;
+
+/** Every option at its default. */
+void pliant_scene_defaults(pliant_scene *scene);
+
+/** Read a YAML scene over the defaults. Unknown keys are errors. Relative paths in it are made relative to its
+ *  folder. Errors name file, field and line: FILE, FORMAT, SCENE. *out untouched on error. */
+pliant_status pliant_scene_read(const char *path, pliant_scene *out);
+/** The same from text; base is the folder for relative paths (Nullable: the working folder). */
+pliant_status pliant_scene_parse(const char *yaml, const char *name_for_messages, const char *base, pliant_scene *out);
+
+/** Set one option by its path, as ROS parameters and command lines do: "solver/iterations", "4";
+ *  three numbers as "7 7 7" or "[7, 7, 7]". Errors: SCENE. */
+pliant_status pliant_scene_set(pliant_scene *scene, const char *option, const char *value);
+
+/** Every option is in its range. Errors: SCENE, naming the option, its value and its range. */
+pliant_status pliant_scene_check(const pliant_scene *scene);
+
+/** Every option, for tables and parameter loaders. Strings are static. */
+typedef struct pliant_option_info {
+    const char *group, *name, *kind, *default_value, *range, *unit, *text;
+} pliant_option_info;
+const pliant_option_info *pliant_scene_options(size_t *count);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,52 @@
+/** @file warp.h
+ *  From the positions of the fine nodes to the deformed volume ([H] 2.4).
+ *
+ *  Fine tetrahedra are rasterized into a target grid; inside one, the map back to rest is affine, and the original
+ *  scan is sampled trilinearly in its own type. Every voxel is written by exactly one tetrahedron: the one with
+ *  the lowest index of those that hold its centre. Voxels that no tetrahedron holds get the background.
+ *  At rest the result equals the scan bit for bit inside the tissue; so does a shift by whole voxels.
+ */
+#ifndef PLIANT_WARP_H
+#define PLIANT_WARP_H
+
+#include "pliant/mesh.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { PLIANT_BRICK_SIZE = 16 }; /**< voxels along each edge of a brick; the last ones may be smaller */
+
+typedef struct pliant_warp pliant_warp; /**< owns the target volume and what is needed to redo only what changed */
+
+/** Target grid: the scan's, grown by whole voxels so that it holds the box [low, high] in LPS [m] as well.
+ *  low and high Nullable: the scan's grid itself. Errors: ARGUMENT when it would exceed max_voxels. */
+pliant_status pliant_warp_target(const pliant_geometry *scan, const double *low, const double *high, size_t max_voxels,
+                                 pliant_geometry *out);
+
+/** @param scan   borrowed; must outlive the warp
+ *  @param mesh   borrowed; fine mesh, must outlive the warp
+ *  @param target any grid; its axes may differ from the scan's
+ *  Errors: ARGUMENT, MEMORY. */
+pliant_status pliant_warp_create(const pliant_volume *scan, const pliant_mesh *mesh, const pliant_geometry *target,
+                                 int num_threads, pliant_warp **out);
+void pliant_warp_free(pliant_warp *warp); /**< Nullable */
+
+/** Redo what the new positions change. Non-finite positions are refused (ARGUMENT) and change nothing.
+ *  A tetrahedron that is inverted or flat draws nothing.
+ *  @param positions (num_nodes x 3) LPS [m] */
+pliant_status pliant_warp_update(pliant_warp *warp, const double *positions);
+
+/** The deformed volume: same encoding, slope, intercept and background as the scan. Valid until the next update. */
+const pliant_volume *pliant_warp_volume(const pliant_warp *warp);
+
+/** Bricks along i, j, k, and for every brick whether a voxel of it may have changed in the last update. */
+void pliant_warp_bricks(const pliant_warp *warp, int32_t count[3], const uint8_t **changed);
+
+/** Seconds of the last update, by stage: cull (boxes, change detection, lists), rasterize. */
+void pliant_warp_seconds(const pliant_warp *warp, double *cull, double *rasterize);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
