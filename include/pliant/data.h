@@ -44,11 +44,10 @@ typedef struct pliant_tool {
     int32_t num_held;      /**< fine nodes that share the force ([H] 11: barycentric weights over the blob) */
     int32_t *held;         /**< (num_held), ascending */
     double *weight;        /**< (num_held), sum 1 */
+    double grip[3];        /**< tip minus held point when it took hold; the tip pulls the held point to tip - grip [m] */
     /* OUTPUT of the last step */
     double held_point[3];  /**< where the held point is [m] */
     double force[3];       /**< of the tool on the tissue [N] */
-    bool touching;         /**< the tip is inside the tissue */
-    double clearance;      /**< distance to the surface, negative inside; +infinity when there is no tool [m] */
 } pliant_tool;
 
 typedef struct pliant_statistics {
@@ -112,6 +111,9 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
 void pliant_tool_release(pliant_data *data, int tool);
 /** Drive by force, rigidly or by the spring. @param force Nullable unless drive is FORCE [N] */
 pliant_status pliant_tool_drive(pliant_data *data, int tool, pliant_drive drive, const double force[3]);
+
+/** Distance from a tool's tip to the surface of the tissue [m], negative inside; +infinity when the tool is not present. */
+double pliant_tool_clearance(const pliant_model *model, const pliant_data *data, int tool);
 
 /** A number per fine node (volume-weighted mean of its tetrahedra). @param out (fine.num_nodes) */
 pliant_status pliant_data_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out);

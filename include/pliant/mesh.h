@@ -47,12 +47,24 @@ int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], doubl
  *  @param positions (num_nodes x 3) [m] */
 int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const double *positions, const double world[3], double barycentric[4]);
 
-/** Sum of the voxels' materials over every tetrahedron ([H] 2.1; each voxel counts in exactly one).
- *  @param out (num_tets) */
-pliant_status pliant_mesh_integrate(const pliant_mesh *mesh, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
-                                    const pliant_material_table *table, pliant_tet_material *out);
+/** Sum of the voxels' materials over every tetrahedron of a lattice ([H] 2.1; each voxel counts in exactly one).
+ *  @param out (5 * cells) by lattice tetrahedron. Errors: MEMORY. */
+pliant_status pliant_lattice_integrate(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *material_of_voxel,
+                                       const pliant_material_table *table, pliant_tet_material *out);
 
-/** Outer faces, oriented outwards. *triangles is (count x 3), freed with pliant_free. */
+/** The tetrahedron across each face, or -1: neighbours[4 * t + c] lies across the face opposite corner c.
+ *  @param neighbours (num_tets x 4). Errors: MEMORY, FORMAT (a face with three tetrahedra). */
+pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbours);
+
+/** Hold what nothing holds: pieces (joined by faces) that do not rest on three fixed nodes that span a triangle, or on
+ *  pieces that do, are loose: their nodes are fixed, but for those that they share with a piece that rests firmly.
+ *  @param fixed (num_nodes) in/out
+ *  @param loose (num_tets) out, 1: in a loose piece; it should carry no load
+ *  @param pieces out, number of loose pieces
+ *  Errors: SCENE when nothing holds the largest piece; MEMORY. */
+pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t *fixed, uint8_t *loose, int32_t *pieces);
+
+/** Outer faces, oriented outwards. *triangles is (count x 3), freed with pliant_free. Errors: MEMORY, FORMAT. */
 pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, int32_t *count);
 
 /** Volume [m^3] of a tetrahedron (signed) and gradients [1/m] of its shape functions, (4 x 3). */

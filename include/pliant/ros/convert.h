@@ -1,0 +1,111 @@
+/** @file convert.h
+ *  Between ROS messages and the structs of Pliant. Pure functions: no master, no publishers, no clock.
+ *
+ *  Messages are metres, newtons, seconds; positions are in the tissue frame, whose axes are the scan's LPS axes.
+ *  A function that reads a message returns false and says why when the message must not be used.
+ */
+#ifndef PLIANT_ROS_CONVERT_H
+#define PLIANT_ROS_CONVERT_H
+
+#include "pliant/pliant.h"
+
+#include <geometry_msgs/PoseStamped.h>
+#include <geometry_msgs/Transform.h>
+#include <geometry_msgs/WrenchStamped.h>
+#include <pliant/ContactState.h>
+#include <pliant/MeshState.h>
+#include <pliant/MeshTopology.h>
+#include <pliant/ScanInfo.h>
+#include <pliant/StepTiming.h>
+#include <pliant/Volume.h>
+#include <sensor_msgs/Image.h>
+#include <sensor_msgs/JointState.h>
+#include <sensor_msgs/PointCloud2.h>
+#include <visualization_msgs/Marker.h>
+
+#include <string>
+#include <vector>
+
+namespace pliant_ros {
+
+/** A rigid motion: x -> rotation x + translation. Quaternion x y z w, of length 1. */
+struct Rigid {
+    double translation[3]; /**< [m] */
+    double rotation[4];
+};
+Rigid identity();
+Rigid inverse(const Rigid &motion);
+Rigid multiply(const Rigid &outer, const Rigid &inner);
+void rotate(const double rotation[4], const double vector[3], double out[3]);
+/** False when something is not finite or the quaternion is more than 1 % from length 1; it is normalized. */
+bool rigid_from_message(const geometry_msgs::Pose &pose, Rigid *out, std::string *why);
+bool rigid_from_message(const geometry_msgs::Transform &transform, Rigid *out, std::string *why);
+geometry_msgs::Transform transform_message(const Rigid &motion);
+
+/** CRTK: stamp 0 marks invalid data. False for it, for what rigid_from_message refuses and without frame_id. */
+bool tool_pose_from_message(const geometry_msgs::PoseStamped &message, Rigid *out, std::string *why);
+/** Opening of a jaw [rad]. False for stamp 0, no position, or one that is not finite. */
+bool jaw_from_message(const sensor_msgs::JointState &message, double *angle, std::string *why);
+
+/** Pose of voxel 0, 0, 0 whose axes are those of the grid; a left-handed grid has its third axis turned over and
+ *  *flipped set. */
+void geometry_to_message(const pliant_geometry &geometry, geometry_msgs::Pose *origin, bool *flipped,
+                         geometry_msgs::Vector3 *spacing);
+/** The same back. False when numbers are not finite, the spacing or a size is not positive, or the quaternion is
+ *  not one. */
+bool geometry_from_message(const uint32_t size[3], const geometry_msgs::Pose &origin, bool flipped,
+                           const geometry_msgs::Vector3 &spacing, pliant_geometry *out, std::string *why);
+
+/** Voxels [offset, offset + size) of a grid. */
+struct Box {
+    uint32_t offset[3], size[3];
+};
+/** The smallest boxes (in voxels of the volume) around each connected group of changed bricks; one box where
+ *  several would hold more voxels. Empty when nothing changed. */
+std::vector<Box> changed_boxes(const int32_t count[3], const uint8_t *changed, const int32_t size[3]);
+/** Header, scan_id, revision and sequence are the caller's. The box must lie inside the volume. */
+void volume_message(const pliant_volume &volume, const Box &box, Volume *out);
+
+/** Names, sizes and statistics of a model. Header and scan_id are the caller's.
+ *  @param low,high smallest and largest value of the scan */
+void scan_info_message(const pliant_model &model, float low, float high, ScanInfo *out);
+/** Header, scan_id and revision are the caller's. */
+void topology_message(const pliant_model &model, MeshTopology *out);
+/** Header, revision and step are the caller's.
+ *  @param positions (fine.num_nodes x 3) [m]. Errors: those of pliant_data_scalar; then *out holds no scalar. */
+pliant_status mesh_state_message(const pliant_model &model, const double *positions, MeshState *out);
+
+/** Of the tool on the tissue, at its tip, in the axes of the frame the tool's pose came in. Never NaN: a force that
+ *  is not finite becomes zero. Header is the caller's.
+ *  @param frame_from_tissue quaternion that turns tissue axes into those of the frame */
+void wrench_message(const double force[3], const double frame_from_tissue[4], geometry_msgs::WrenchStamped *out);
+/** Header is the caller's. */
+void contact_message(const pliant_tool &tool, ContactState *out);
+/** Stages, seconds and counters of the last step. Header, percentiles and missed_deadlines are the caller's. */
+void timing_message(const pliant_statistics &statistics, StepTiming *out);
+
+/** The surface for stock rviz, coloured by displacement from rest (blue 0, red the largest, at least 1 mm) or, where
+ *  given, by the scalar (blue its smallest, red its largest). Header is the caller's.
+ *  @param scalar (fine.num_nodes) or empty */
+void marker_message(const pliant_model &model, const double *positions, const std::vector<float> &scalar,
+                    visualization_msgs::Marker *out);
+/** Nodes with fields x, y, z, displacement [m] and, where given, scalar. Header is the caller's. */
+void points_message(const pliant_model &model, const double *positions, const std::vector<float> &scalar,
+                    sensor_msgs::PointCloud2 *out);
+
+/** Planes of the patient, looked at as radiologists do. */
+enum Plane {
+    AXIAL,    /**< right: patient's left, down: posterior */
+    CORONAL,  /**< right: patient's left, down: inferior */
+    SAGITTAL  /**< right: posterior, down: inferior */
+};
+/** A plane through the volume as 32FC1 in the volume's values (CT: Hounsfield units), trilinear, square pixels as
+ *  wide as the finest spacing, covering the volume's box; outside it the background. 32FC1 because it needs no
+ *  window: stock rviz shows it with its own minimum and maximum, and the values stay readable. Header is the caller's.
+ *  @param fraction where the plane cuts the box along the patient axis: 0 at its right, anterior or inferior side, 1 at
+ *                  the other */
+void slice_message(const pliant_volume &volume, Plane plane, double fraction, sensor_msgs::Image *out);
+
+} // namespace pliant_ros
+
+#endif

@@ -1,0 +1,199 @@
+/* Faces of a tetrahedral mesh: who is across, what is outside, which pieces hang together and on what they rest. */
+#include "core/fail.h"
+#include "pliant/memory.h"
+#include "pliant/mesh.h"
+
+#include <math.h>
+#include <string.h>
+
+/* corners of the face opposite each corner, seen from outside counter-clockwise on a positive tetrahedron */
+static const int face_corners[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
+
+static void sorted_face(const int32_t *nodes, int face, int32_t out[3])
+{
+    for (int v = 0; v < 3; v++) out[v] = nodes[face_corners[face][v]];
+    for (int pass = 0; pass < 2; pass++)
+        for (int v = 0; v < 2; v++)
+            if (out[v] > out[v + 1]) {
+                int32_t swap = out[v];
+                out[v] = out[v + 1];
+                out[v + 1] = swap;
+            }
+}
+
+/* Faces are put in buckets by their smallest node; only a few share one, so pairs are found by comparing. */
+pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbours)
+{
+    int32_t num_faces = 4 * mesh->num_tets;
+    int32_t *start = pliant_calloc((size_t)mesh->num_nodes + 2, sizeof *start);
+    int32_t *faces = pliant_calloc((size_t)num_faces, sizeof *faces);
+    pliant_status status = PLIANT_OK;
+    if (!start || !faces) {
+        status = pliant_fail_memory("the faces of the mesh");
+        goto done;
+    }
+    int32_t key[3], other[3];
+    for (int32_t f = 0; f < num_faces; f++) {
+        sorted_face(mesh->tets + 4 * (f / 4), f % 4, key);
+        start[key[0] + 2]++;
+    }
+    for (int32_t n = 0; n < mesh->num_nodes; n++) start[n + 2] += start[n + 1];
+    for (int32_t f = 0; f < num_faces; f++) {
+        sorted_face(mesh->tets + 4 * (f / 4), f % 4, key);
+        faces[start[key[0] + 1]++] = f;
+    }
+    memset(neighbours, 0xff, (size_t)num_faces * sizeof *neighbours);
+    for (int32_t n = 0; n < mesh->num_nodes && status == PLIANT_OK; n++)
+        for (int32_t a = start[n]; a < start[n + 1]; a++) {
+            sorted_face(mesh->tets + 4 * (faces[a] / 4), faces[a] % 4, key);
+            for (int32_t b = a + 1; b < start[n + 1]; b++) {
+                sorted_face(mesh->tets + 4 * (faces[b] / 4), faces[b] % 4, other);
+                if (memcmp(key, other, sizeof key) != 0) continue;
+                if (neighbours[faces[a]] >= 0 || neighbours[faces[b]] >= 0) {
+                    status = pliant_fail(PLIANT_ERROR_FORMAT, "three tetrahedra share the face %d %d %d", key[0], key[1], key[2]);
+                    break;
+                }
+                neighbours[faces[a]] = faces[b] / 4;
+                neighbours[faces[b]] = faces[a] / 4;
+            }
+        }
+done:
+    pliant_free(start);
+    pliant_free(faces);
+    return status;
+}
+
+pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, int32_t *count)
+{
+    int32_t *neighbours = pliant_calloc((size_t)mesh->num_tets, 4 * sizeof *neighbours);
+    if (!neighbours) return pliant_fail_memory("the surface");
+    pliant_status status = pliant_mesh_neighbours(mesh, neighbours);
+    int32_t outside = 0, *out = NULL;
+    if (status != PLIANT_OK) goto done;
+    for (int32_t f = 0; f < 4 * mesh->num_tets; f++) outside += neighbours[f] < 0;
+    out = pliant_calloc((size_t)outside, 3 * sizeof *out);
+    if (!out) {
+        status = pliant_fail_memory("the surface");
+        goto done;
+    }
+    int32_t *next = out;
+    for (int32_t f = 0; f < 4 * mesh->num_tets; f++)
+        if (neighbours[f] < 0)
+            for (int v = 0; v < 3; v++) *next++ = mesh->tets[4 * (f / 4) + face_corners[f % 4][v]];
+    *triangles = out;
+    *count = outside;
+done:
+    pliant_free(neighbours);
+    return status;
+}
+
+/* label every tetrahedron with its piece, by flooding across faces; returns the number of pieces */
+static int32_t label_pieces(const pliant_mesh *mesh, const int32_t *neighbours, int32_t *piece, int32_t *stack)
+{
+    int32_t pieces = 0;
+    memset(piece, 0xff, (size_t)mesh->num_tets * sizeof *piece);
+    for (int32_t seed = 0; seed < mesh->num_tets; seed++) {
+        if (piece[seed] >= 0) continue;
+        int32_t top = 0;
+        stack[top++] = seed;
+        piece[seed] = pieces;
+        while (top > 0) {
+            int32_t tet = stack[--top];
+            for (int c = 0; c < 4; c++) {
+                int32_t next = neighbours[4 * tet + c];
+                if (next < 0 || piece[next] >= 0) continue;
+                piece[next] = pieces;
+                stack[top++] = next;
+            }
+        }
+        pieces++;
+    }
+    return pieces;
+}
+
+/* What a piece rests on so far: up to three points that span a triangle. */
+typedef struct footing {
+    int count;
+    const double *point[3];
+    bool firm;
+    int32_t tets;
+} footing;
+
+static void stand_on(footing *foot, const double *point, double length)
+{
+    if (foot->count == 3) return;
+    if (foot->count == 0) {
+        foot->point[foot->count++] = point;
+        return;
+    }
+    double u[3], v[3], area[3];
+    for (int d = 0; d < 3; d++) u[d] = point[d] - foot->point[0][d];
+    double apart = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
+    if (apart < 1e-6 * length) return;
+    if (foot->count == 2) {
+        for (int d = 0; d < 3; d++) v[d] = foot->point[1][d] - foot->point[0][d];
+        for (int d = 0; d < 3; d++) area[d] = u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3];
+        double base = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+        if (sqrt(area[0] * area[0] + area[1] * area[1] + area[2] * area[2]) < 1e-6 * apart * base) return;
+    }
+    foot->point[foot->count++] = point;
+}
+
+/* one sweep: pieces stand on fixed nodes and on nodes of firm pieces; true when a piece became firm */
+static bool find_footing(const pliant_mesh *mesh, const int32_t *piece, uint8_t *firm_node, footing *feet, int32_t pieces)
+{
+    double length = mesh->cell_size[0] + mesh->cell_size[1] + mesh->cell_size[2];
+    for (int32_t v = 0; v < 4 * mesh->num_tets; v++)
+        if (firm_node[mesh->tets[v]]) stand_on(feet + piece[v / 4], mesh->rest + 3 * mesh->tets[v], length);
+    bool changed = false;
+    for (int32_t p = 0; p < pieces; p++)
+        if (!feet[p].firm && feet[p].count == 3) changed = feet[p].firm = true;
+    for (int32_t v = 0; v < 4 * mesh->num_tets; v++)
+        if (feet[piece[v / 4]].firm) firm_node[mesh->tets[v]] = 1;
+    return changed;
+}
+
+pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t *fixed, uint8_t *loose, int32_t *pieces)
+{
+    size_t tets = (size_t)mesh->num_tets;
+    int32_t *neighbours = pliant_calloc(tets, 4 * sizeof *neighbours), *piece = pliant_calloc(tets, sizeof *piece);
+    int32_t *stack = pliant_calloc(tets, sizeof *stack);
+    uint8_t *firm_node = pliant_calloc((size_t)mesh->num_nodes, 1);
+    footing *feet = NULL;
+    pliant_status status = PLIANT_OK;
+    if (!neighbours || !piece || !stack || !firm_node) {
+        status = pliant_fail_memory("the pieces of the mesh");
+        goto done;
+    }
+    if ((status = pliant_mesh_neighbours(mesh, neighbours)) != PLIANT_OK) goto done;
+    int32_t count = label_pieces(mesh, neighbours, piece, stack), largest = 0, num_loose = 0;
+    if (!(feet = pliant_calloc((size_t)count, sizeof *feet))) {
+        status = pliant_fail_memory("the pieces of the mesh");
+        goto done;
+    }
+    for (int32_t t = 0; t < mesh->num_tets; t++) feet[piece[t]].tets++;
+    memcpy(firm_node, fixed, (size_t)mesh->num_nodes);
+    while (find_footing(mesh, piece, firm_node, feet, count)) {}
+    for (int32_t p = 0; p < count; p++) {
+        if (feet[p].tets > feet[largest].tets) largest = p;
+        num_loose += !feet[p].firm;
+    }
+    if (!feet[largest].firm) {
+        status = pliant_fail(PLIANT_ERROR_SCENE,
+                             "nothing holds the largest piece of tissue (%d of %d tetrahedra): it needs three fixed nodes that are not in a "
+                             "line. Mark a material as fixed (bone), or add a box or plane under fixed: in the scene",
+                             feet[largest].tets, mesh->num_tets);
+        goto done;
+    }
+    for (int32_t t = 0; t < mesh->num_tets; t++) loose[t] = !feet[piece[t]].firm;
+    for (int32_t v = 0; v < 4 * mesh->num_tets; v++)
+        if (loose[v / 4] && !firm_node[mesh->tets[v]]) fixed[mesh->tets[v]] = 1;
+    *pieces = num_loose;
+done:
+    pliant_free(neighbours);
+    pliant_free(piece);
+    pliant_free(stack);
+    pliant_free(firm_node);
+    pliant_free(feet);
+    return status;
+}

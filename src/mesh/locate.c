@@ -1,0 +1,75 @@
+/* Which tetrahedron holds a point, at rest by the lattice, deformed by a search. */
+#include "pliant/mesh.h"
+
+#include <math.h>
+
+/* Points on a face are inside both tetrahedra; rounding may not put them outside both. */
+static const double tolerance = 1e-9;
+
+static bool barycentric_of(const pliant_mesh *mesh, const double *positions, int32_t tet, const double world[3], double barycentric[4])
+{
+    const int32_t *nodes = mesh->tets + 4 * tet;
+    const double *x0 = positions + 3 * nodes[0];
+    double gradients[12];
+    double volume = pliant_tet_gradients(x0, positions + 3 * nodes[1], positions + 3 * nodes[2], positions + 3 * nodes[3], gradients);
+    if (!(volume > 0)) return false;
+    double sum = 0;
+    bool inside = true;
+    for (int v = 1; v < 4; v++) {
+        barycentric[v] = 0;
+        for (int d = 0; d < 3; d++) barycentric[v] += gradients[3 * v + d] * (world[d] - x0[d]);
+        sum += barycentric[v];
+        inside = inside && barycentric[v] >= -tolerance;
+    }
+    barycentric[0] = 1 - sum;
+    return inside && barycentric[0] >= -tolerance;
+}
+
+int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], double barycentric[4])
+{
+    double along[3], local[3];
+    int32_t cell[3];
+    for (int d = 0; d < 3; d++) {
+        along[d] = 0;
+        for (int r = 0; r < 3; r++) along[d] += mesh->direction[3 * r + d] * (world[r] - mesh->corner[r]);
+        along[d] /= mesh->cell_size[d];
+        if (!(along[d] >= -tolerance && along[d] <= mesh->cells[d] + tolerance)) return -1;
+        cell[d] = (int32_t)floor(along[d]);
+        if (cell[d] < 0) cell[d] = 0;
+        if (cell[d] >= mesh->cells[d]) cell[d] = mesh->cells[d] - 1;
+        local[d] = along[d] - cell[d];
+    }
+    int32_t flat = cell[0] + mesh->cells[0] * (cell[1] + mesh->cells[1] * cell[2]);
+    int slot = pliant_mesh_slot_of((cell[0] + cell[1] + cell[2]) & 1, local);
+    int32_t tet = mesh->tet_of_lattice[5 * flat + slot];
+    if (tet >= 0) {
+        barycentric_of(mesh, mesh->rest, tet, world, barycentric);
+        return tet;
+    }
+    /* the owner holds no tissue, but the point may lie on its face with one that does */
+    for (slot = 0; slot < 5; slot++) {
+        tet = mesh->tet_of_lattice[5 * flat + slot];
+        if (tet >= 0 && barycentric_of(mesh, mesh->rest, tet, world, barycentric)) return tet;
+    }
+    return -1;
+}
+
+int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const double *positions, const double world[3], double barycentric[4])
+{
+    if (!isfinite(world[0]) || !isfinite(world[1]) || !isfinite(world[2])) return -1;
+    for (int32_t tet = 0; tet < mesh->num_tets; tet++) {
+        const int32_t *nodes = mesh->tets + 4 * tet;
+        bool apart = false;
+        for (int d = 0; d < 3 && !apart; d++) {
+            double low = INFINITY, high = -INFINITY;
+            for (int v = 0; v < 4; v++) {
+                low = fmin(low, positions[3 * nodes[v] + d]);
+                high = fmax(high, positions[3 * nodes[v] + d]);
+            }
+            double slack = tolerance * (high - low);
+            apart = world[d] < low - slack || world[d] > high + slack;
+        }
+        if (!apart && barycentric_of(mesh, positions, tet, world, barycentric)) return tet;
+    }
+    return -1;
+}
