@@ -21,7 +21,7 @@ void pliant_rotation_signed_svd(const double deformation[9], double rotation[9])
 
 /* LANES matrices: Newton's iteration X <- (s X + X^-T / s) / 2 (Higham 1986) with determinant scaling, and the signed
  * SVD for lanes that are flat or inverted. */
-static inline __attribute__((always_inline)) void pliant_rotations(const double deformation[9][LANES], double rotation[9][LANES])
+static inline __attribute__((always_inline)) void pliant_rotations(double deformation[9][LANES], double rotation[9][LANES])
 {
     double x[9][LANES], regular[LANES];
     for (int l = 0; l < LANES; l++) {

@@ -1,0 +1,79 @@
+#include "fem/dense.h"
+
+#include <math.h>
+
+static inline double dot(int32_t n, const double *a, const double *b)
+{
+    double sum[4] = {0, 0, 0, 0};
+    int32_t i = 0;
+    for (; i + 4 <= n; i += 4)
+        for (int l = 0; l < 4; l++) sum[l] += a[i + l] * b[i + l];
+    for (; i < n; i++) sum[0] += a[i] * b[i];
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
+
+/* row by row (Golub and Van Loan, 4.2): every inner product runs along two rows */
+bool pliant_dense_cholesky(int32_t n, double *a)
+{
+    for (int32_t i = 0; i < n; i++) {
+        double *row = a + (int64_t)i * n;
+        for (int32_t j = 0; j < i; j++) row[j] = (row[j] - dot(j, row, a + (int64_t)j * n)) / a[(int64_t)j * n + j];
+        double pivot = row[i] - dot(i, row, row);
+        if (!(pivot > 1e-14 * row[i]) || !(row[i] > 0)) return false;
+        row[i] = sqrt(pivot);
+    }
+    return true;
+}
+
+void pliant_dense_cholesky_solve(int32_t n, const double *factor, int32_t columns, double *right)
+{
+    for (int32_t i = 0; i < n; i++) {
+        double *to = right + (int64_t)i * columns;
+        for (int32_t j = 0; j < i; j++) {
+            double l = factor[(int64_t)i * n + j];
+            const double *from = right + (int64_t)j * columns;
+            for (int32_t c = 0; c < columns; c++) to[c] -= l * from[c];
+        }
+        for (int32_t c = 0; c < columns; c++) to[c] /= factor[(int64_t)i * n + i];
+    }
+    for (int32_t i = n - 1; i >= 0; i--) {
+        double *from = right + (int64_t)i * columns;
+        for (int32_t c = 0; c < columns; c++) from[c] /= factor[(int64_t)i * n + i];
+        for (int32_t j = 0; j < i; j++) {
+            double l = factor[(int64_t)i * n + j], *to = right + (int64_t)j * columns;
+            for (int32_t c = 0; c < columns; c++) to[c] -= l * from[c];
+        }
+    }
+}
+
+bool pliant_dense_solve(int32_t n, double *a, int32_t columns, double *right)
+{
+    for (int32_t k = 0; k < n; k++) {
+        int32_t pivot = k;
+        for (int32_t i = k + 1; i < n; i++)
+            if (fabs(a[(int64_t)i * n + k]) > fabs(a[(int64_t)pivot * n + k])) pivot = i;
+        if (!(fabs(a[(int64_t)pivot * n + k]) > 0)) return false;
+        for (int32_t c = 0; c < n && pivot != k; c++) {
+            double swap = a[(int64_t)k * n + c];
+            a[(int64_t)k * n + c] = a[(int64_t)pivot * n + c];
+            a[(int64_t)pivot * n + c] = swap;
+        }
+        for (int32_t c = 0; c < columns && pivot != k; c++) {
+            double swap = right[(int64_t)k * columns + c];
+            right[(int64_t)k * columns + c] = right[(int64_t)pivot * columns + c];
+            right[(int64_t)pivot * columns + c] = swap;
+        }
+        for (int32_t i = k + 1; i < n; i++) {
+            double factor = a[(int64_t)i * n + k] / a[(int64_t)k * n + k];
+            for (int32_t c = k; c < n; c++) a[(int64_t)i * n + c] -= factor * a[(int64_t)k * n + c];
+            for (int32_t c = 0; c < columns; c++) right[(int64_t)i * columns + c] -= factor * right[(int64_t)k * columns + c];
+        }
+    }
+    for (int32_t k = n - 1; k >= 0; k--)
+        for (int32_t c = 0; c < columns; c++) {
+            double *at = right + (int64_t)k * columns + c;
+            for (int32_t i = k + 1; i < n; i++) *at -= a[(int64_t)k * n + i] * right[(int64_t)i * columns + c];
+            *at /= a[(int64_t)k * n + k];
+        }
+    return true;
+}

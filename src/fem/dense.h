@@ -1,0 +1,18 @@
+/* Small dense linear algebra for the submeshes of coarse elements. Matrices are row-major. */
+#ifndef PLIANT_FEM_DENSE_H
+#define PLIANT_FEM_DENSE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/* In place: the lower triangle of a symmetric positive definite (n x n) becomes its Cholesky factor. False: it is not
+ * positive definite. */
+bool pliant_dense_cholesky(int32_t n, double *a);
+
+/* In place: right (n x columns) becomes A^-1 right. */
+void pliant_dense_cholesky_solve(int32_t n, const double *factor, int32_t columns, double *right);
+
+/* In place, with partial pivoting: right (n x columns) becomes A^-1 right; a is overwritten. False: singular. */
+bool pliant_dense_solve(int32_t n, double *a, int32_t columns, double *right);
+
+#endif

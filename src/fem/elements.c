@@ -1,0 +1,202 @@
+#include "core/fail.h"
+#include "fem/system.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material)
+{
+    const pliant_mesh *mesh = system->mesh;
+    system->num_blocks = (mesh->num_tets + LANES - 1) / LANES;
+    system->gradients = pliant_calloc((size_t)system->num_blocks, sizeof *system->gradients);
+    system->lame = pliant_calloc((size_t)system->num_blocks, sizeof *system->lame);
+    if (!system->gradients || !system->lame) return pliant_fail_memory("the elements");
+#pragma omp parallel for num_threads(system->num_threads)
+    for (int32_t e = 0; e < system->num_blocks * LANES; e++) {
+        int32_t block = e / LANES, lane = e % LANES;
+        /* padding: the last element again, without stiffness */
+        int32_t tet = e < mesh->num_tets ? e : mesh->num_tets - 1;
+        const int32_t *nodes = mesh->tets + 4 * tet;
+        double gradients[12];
+        double volume = pliant_tet_gradients(mesh->rest + 3 * nodes[0], mesh->rest + 3 * nodes[1], mesh->rest + 3 * nodes[2],
+                                             mesh->rest + 3 * nodes[3], gradients);
+        for (int m = 0; m < 12; m++) system->gradients[block][m][lane] = gradients[m];
+        if (tet != e) continue;
+        system->lame[block][0][lane] = volume * material[tet].lambda;
+        system->lame[block][1][lane] = volume * material[tet].mu;
+    }
+    return PLIANT_OK;
+}
+
+void pliant_element_stiffness(const double g[12], double volume_lambda, double volume_mu, double stiffness[144])
+{
+    for (int a = 0; a < 4; a++)
+        for (int b = 0; b < 4; b++) {
+            double dot = g[3 * a] * g[3 * b] + g[3 * a + 1] * g[3 * b + 1] + g[3 * a + 2] * g[3 * b + 2];
+            for (int r = 0; r < 3; r++)
+                for (int c = 0; c < 3; c++)
+                    stiffness[12 * (3 * a + r) + 3 * b + c] = volume_lambda * g[3 * a + r] * g[3 * b + c] +
+                                                              volume_mu * (g[3 * a + c] * g[3 * b + r] + (r == c ? dot : 0));
+        }
+}
+
+/* corner positions of a block of elements: x (12 x LANES) */
+static inline void load_corners(const pliant_system *system, const double *positions, int32_t block, double x[12][LANES])
+{
+    const pliant_mesh *mesh = system->mesh;
+    for (int l = 0; l < LANES; l++) {
+        int32_t tet = block * LANES + l;
+        if (tet >= mesh->num_tets) tet = mesh->num_tets - 1;
+        const int32_t *nodes = mesh->tets + 4 * tet;
+        for (int v = 0; v < 4; v++)
+            for (int d = 0; d < 3; d++) x[3 * v + d][l] = positions[3 * nodes[v] + d];
+    }
+}
+
+/* F = sum over corners of x_v g_v' (any textbook on finite elements, e.g. Bonet and Wood, 9.2) */
+static inline __attribute__((always_inline)) void deformation_of(double x[12][LANES], double g[12][LANES], double f[9][LANES])
+{
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++)
+            for (int l = 0; l < LANES; l++)
+                f[3 * r + c][l] = (x[3 + r][l] - x[r][l]) * g[3 + c][l] + (x[6 + r][l] - x[r][l]) * g[6 + c][l] +
+                                  (x[9 + r][l] - x[r][l]) * g[9 + c][l];
+}
+
+/* f_v = V P g_v with P = R (2 mu e + lambda tr(e) I) and e = sym(R' F) - I: the same as R K (R' x - X), without K.
+ * It is the force that holds the element in this state; the element pulls back with its opposite. */
+PLIANT_VECTORIZED static void isotropic_forces(double x[12][LANES], double g[12][LANES], double lame[2][LANES], double out[12][LANES])
+{
+    double f[9][LANES], r[9][LANES], p[9][LANES];
+    deformation_of(x, g, f);
+    pliant_rotations(f, r);
+    for (int l = 0; l < LANES; l++) {
+        double s[9];
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) s[3 * a + b] = r[a][l] * f[b][l] + r[3 + a][l] * f[3 + b][l] + r[6 + a][l] * f[6 + b][l];
+        double e00 = s[0] - 1, e11 = s[4] - 1, e22 = s[8] - 1;
+        double e01 = 0.5 * (s[1] + s[3]), e02 = 0.5 * (s[2] + s[6]), e12 = 0.5 * (s[5] + s[7]);
+        double pressure = lame[0][l] * (e00 + e11 + e22), twice = 2 * lame[1][l];
+        double t[9] = {twice * e00 + pressure, twice * e01, twice * e02, twice * e01, twice * e11 + pressure, twice * e12,
+                       twice * e02, twice * e12, twice * e22 + pressure};
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) p[3 * a + b][l] = r[3 * a][l] * t[b] + r[3 * a + 1][l] * t[3 + b] + r[3 * a + 2][l] * t[6 + b];
+    }
+    for (int v = 0; v < 4; v++)
+        for (int a = 0; a < 3; a++)
+            for (int l = 0; l < LANES; l++)
+                out[3 * v + a][l] = p[3 * a][l] * g[3 * v][l] + p[3 * a + 1][l] * g[3 * v + 1][l] + p[3 * a + 2][l] * g[3 * v + 2][l];
+}
+
+PLIANT_VECTORIZED static void block_rotations(double x[12][LANES], double g[12][LANES], double out[9][LANES])
+{
+    double f[9][LANES];
+    deformation_of(x, g, f);
+    pliant_rotations(f, out);
+}
+
+static void ground(const pliant_system *system, int32_t block, double rotations[9][LANES])
+{
+    if (!system->grounded) return;
+    for (int l = 0; l < LANES; l++) {
+        int32_t tet = block * LANES + l;
+        if (tet >= system->mesh->num_tets || !system->grounded[tet]) continue;
+        for (int m = 0; m < 9; m++) rotations[m][l] = m % 4 == 0;
+    }
+}
+
+/* f = R K (R' x - X), [H] 2.2 */
+static void homogenized_forces(const pliant_system *system, int32_t block, double x[12][LANES], double rotations[9][LANES],
+                               double out[12][LANES])
+{
+    for (int l = 0; l < LANES; l++) {
+        int32_t tet = block * LANES + l;
+        if (tet >= system->mesh->num_tets) {
+            for (int m = 0; m < 12; m++) out[m][l] = 0;
+            continue;
+        }
+        const double *stiffness = system->stiffness + 144 * (size_t)tet;
+        const int32_t *nodes = system->mesh->tets + 4 * tet;
+        double r[9], u[12];
+        for (int m = 0; m < 9; m++) r[m] = rotations[m][l];
+        bool grounded = system->grounded && system->grounded[tet];
+        for (int v = 0; v < 4; v++) {
+            /* relative to corner 0, so that a large translation costs no digits; a grounded element does feel it */
+            double y[3];
+            const double *rest = system->mesh->rest + 3 * nodes[v], *rest0 = system->mesh->rest + 3 * nodes[0];
+            for (int d = 0; d < 3; d++) y[d] = grounded ? x[3 * v + d][l] : x[3 * v + d][l] - x[d][l];
+            for (int d = 0; d < 3; d++)
+                u[3 * v + d] = r[d] * y[0] + r[3 + d] * y[1] + r[6 + d] * y[2] - (grounded ? rest[d] : rest[d] - rest0[d]);
+        }
+        double f[12];
+        for (int a = 0; a < 12; a++) {
+            f[a] = 0;
+            for (int b = 0; b < 12; b++) f[a] += stiffness[12 * a + b] * u[b];
+        }
+        for (int v = 0; v < 4; v++)
+            for (int d = 0; d < 3; d++)
+                out[3 * v + d][l] = r[3 * d] * f[3 * v] + r[3 * d + 1] * f[3 * v + 1] + r[3 * d + 2] * f[3 * v + 2];
+    }
+}
+
+void pliant_system_element_forces(const pliant_system *system, const double *positions, double (*forces)[12][LANES])
+{
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t block = 0; block < system->num_blocks; block++) {
+        double x[12][LANES];
+        load_corners(system, positions, block, x);
+        if (!system->stiffness) {
+            isotropic_forces(x, system->gradients[block], system->lame[block], forces[block]);
+            continue;
+        }
+        double rotations[9][LANES];
+        block_rotations(x, system->gradients[block], rotations);
+        ground(system, block, rotations);
+        homogenized_forces(system, block, x, rotations, forces[block]);
+    }
+}
+
+void pliant_system_rotations(const pliant_system *system, const double *positions, double (*rotations)[9][LANES])
+{
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t block = 0; block < system->num_blocks; block++) {
+        double x[12][LANES];
+        load_corners(system, positions, block, x);
+        block_rotations(x, system->gradients[block], rotations[block]);
+        ground(system, block, rotations[block]);
+    }
+}
+
+void pliant_system_gather(const pliant_system *system, double (*forces)[12][LANES], double *out)
+{
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t n = 0; n < system->num_free; n++) {
+        double sum[3] = {0, 0, 0};
+        for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++) {
+            int32_t element = system->corner[c] / 4, corner = system->corner[c] % 4;
+            for (int d = 0; d < 3; d++) sum[d] += forces[element / LANES][3 * corner + d][element % LANES];
+        }
+        memcpy(out + 3 * n, sum, sizeof sum);
+    }
+}
+
+void pliant_system_free(pliant_system *system)
+{
+    if (!system) return;
+    pliant_free(system->gradients);
+    pliant_free(system->lame);
+    pliant_free(system->stiffness);
+    pliant_free(system->grounded);
+    pliant_free(system->free_of_node);
+    pliant_free(system->node_of_free);
+    pliant_free(system->corner_start);
+    pliant_free(system->corner);
+    pliant_free(system->pattern.start);
+    pliant_free(system->pattern.row);
+    pliant_free(system->pattern.term_start);
+    pliant_free(system->pattern.term);
+    pliant_free(system->gravity_mass);
+    pliant_upsample_free(system->upsample);
+    pliant_factor_free(system->factor);
+    pliant_free(system);
+}

@@ -1,0 +1,109 @@
+/* What is solved: elements, the nodes that move, the pattern of the matrix, how the fine nodes follow.
+ *
+ * Unknowns are the free nodes of the solved mesh (fine or coarse), three numbers each. Corotational elastic force of an
+ * element: f = R K (R' x - X) (Mueller and Gross 2004); [H] 2.2 uses the same with homogenized K. */
+#ifndef PLIANT_FEM_SYSTEM_H
+#define PLIANT_FEM_SYSTEM_H
+
+#include "fem/rotation.h"
+#include "pliant/model.h"
+
+typedef struct pliant_factor pliant_factor;
+
+/* Lower triangle of the node-by-node matrix, in compressed columns of 3 x 3 blocks, each column's diagonal first. */
+typedef struct pliant_pattern {
+    int32_t num_columns;      /* free nodes */
+    int32_t num_blocks;
+    int32_t *start;           /* (num_columns + 1) */
+    int32_t *row;             /* (num_blocks) ascending in each column */
+    int32_t *term_start;      /* (num_blocks + 1) */
+    int32_t *term;            /* 16 * element + 4 * (corner of the row) + (corner of the column) */
+    int64_t num_values;       /* of the scalar lower triangle */
+} pliant_pattern;
+
+/* How fine nodes follow the solved ones; absent when the fine mesh is solved. */
+typedef struct pliant_upsample {
+    /* linear: barycentric in one coarse tetrahedron */
+    int32_t *coarse_tet;      /* (fine nodes) */
+    double *weights;          /* (fine nodes x 4) */
+    /* homogenized shape functions ([H] 5 to 7): a fine node follows every coarse tetrahedron whose submesh holds it */
+    int32_t *start;           /* (fine nodes + 1) into the entries; NULL: linear */
+    int32_t *entry_tet;       /* (entries) coarse tetrahedron */
+    double *entry_share;      /* (entries) inverse-distance weight, sum 1 a node */
+    double *entry_shape;      /* (entries x 36) N, 3 x 12, row-major */
+    const uint8_t *still;     /* Nullable: (fine nodes) fixed ones stay where they are */
+} pliant_upsample;
+
+struct pliant_system {
+    const pliant_mesh *mesh;  /* the solved one */
+    const pliant_mesh *fine;
+    int num_threads;
+
+    /* ELEMENTS, in blocks of LANES, lane innermost; the last block is padded with elements that carry nothing */
+    int32_t num_blocks;
+    double (*gradients)[12][LANES]; /* (num_blocks) [1/m] */
+    double (*lame)[2][LANES];       /* (num_blocks) volume * lambda, volume * mu [N m]; isotropic elements */
+    double *stiffness;              /* (num_tets x 144) homogenized [N/m]; NULL: isotropic */
+    uint8_t *grounded;              /* (num_tets) keeps R = I; NULL: none */
+
+    /* UNKNOWNS */
+    int32_t num_free;
+    int32_t *free_of_node;    /* (num_nodes) or -1 */
+    int32_t *node_of_free;    /* (num_free) */
+    int32_t *corner_start;    /* (num_free + 1) */
+    int32_t *corner;          /* 4 * element + corner: which element forces a node gathers, ascending */
+
+    pliant_pattern pattern;
+    pliant_factor *factor;    /* of the matrix at rest; shared, never changed */
+    double mean_diagonal;     /* of that matrix [N/m] */
+
+    pliant_upsample *upsample; /* Nullable */
+    double *gravity_mass;     /* (num_free x 9) M_j of [H] 10 [kg] */
+};
+
+/* ---- elements.c */
+/* Isotropic linear tetrahedra. [H] 2.1 */
+pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material);
+/* 12 x 12 of one: K = V B' E B, as lambda g_i g_j' + mu g_j g_i' + mu (g_i . g_j) I per 3 x 3 block. */
+void pliant_element_stiffness(const double gradients[12], double volume_lambda, double volume_mu, double stiffness[144]);
+/* Elastic force of every element at positions (num_nodes x 3): forces (num_blocks x 12 x LANES). */
+void pliant_system_element_forces(const pliant_system *system, const double *positions, double (*forces)[12][LANES]);
+/* Sum over elements on the free nodes, in a fixed order: out (num_free x 3) [N]. */
+void pliant_system_gather(const pliant_system *system, double (*forces)[12][LANES], double *out);
+/* Rotations of every element, (num_blocks x 9 x LANES). */
+void pliant_system_rotations(const pliant_system *system, const double *positions, double (*rotations)[9][LANES]);
+
+/* ---- pattern.c */
+/* Number free nodes (fixed: (num_nodes)), gather lists and pattern. */
+pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed);
+/* Warped stiffness at the rotations of positions: values (pattern.num_values), lower triangle by columns.
+ * scratch: (num_blocks x 9 x LANES). */
+void pliant_system_assemble(const pliant_system *system, double (*scratch)[9][LANES], double *values);
+
+/* ---- homogenize.c */
+pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed,
+                                const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress);
+
+/* ---- upsample.c */
+pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine);
+void pliant_upsample_positions(const pliant_system *system, const double *solved, double *fine);
+/* Fine weights (sparse: nodes, weights) to 3 x 3 blocks on the unknowns, [H] 11: dense (num_free x 9), zeroed by the caller. */
+void pliant_upsample_weights(const pliant_system *system, const double *solved, int32_t count, const int32_t *nodes, const double *weights,
+                             double *dense);
+void pliant_upsample_free(pliant_upsample *upsample);
+
+/* ---- factor.c: CHOLMOD behind a few lines. One factor belongs to one thread at a time. */
+pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor **out);
+/* the same symbolic analysis, nothing numeric */
+pliant_status pliant_factor_clone(const pliant_factor *factor, pliant_factor **out);
+/* Errors: NUMERIC (not positive definite), MEMORY; the old numbers are gone then. */
+pliant_status pliant_factor_numeric(pliant_factor *factor, double *values);
+/* right, out: (columns x 3 num_columns); may be the same. Errors: MEMORY. */
+pliant_status pliant_factor_solve(pliant_factor *factor, int32_t columns, const double *right, double *out);
+double pliant_factor_condition(pliant_factor *factor);
+size_t pliant_factor_bytes(const pliant_factor *factor);
+void pliant_factor_free(pliant_factor *factor);
+
+void pliant_system_free(pliant_system *system);
+
+#endif
