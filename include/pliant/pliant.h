@@ -31,5 +31,6 @@
 #include "pliant/warp.h"
 #include "pliant/data.h"
 #include "pliant/path.h"
+#include "pliant/pick.h"
 
 #endif

@@ -1,0 +1,42 @@
+/** @file pick.h
+ *  A point of the visible isosurface of the deformed volume, found along a ray ([H] 3.2).
+ */
+#ifndef PLIANT_PICK_H
+#define PLIANT_PICK_H
+
+#include "pliant/mesh.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pliant_ray {
+    double origin[3];    /**< LPS [m] */
+    double direction[3]; /**< any length but 0 */
+    double near, far;    /**< part that counts, from the origin [m]; far <= 0: without end */
+} pliant_ray;
+
+typedef struct pliant_picked {
+    bool hit;              /**< false: the ray meets no tissue; nothing else is set */
+    double point[3];       /**< on the isosurface, LPS [m] */
+    double distance;       /**< from the origin [m] */
+    float intensity;       /**< value of the deformed volume there; CT: Hounsfield units */
+    int32_t tetrahedron;   /**< of the fine mesh */
+    double barycentric[4]; /**< of the point in it */
+    double rest[3];        /**< the same piece of tissue at rest, LPS [m] */
+} pliant_picked;
+
+/** The first point along the ray where the volume, interpolated trilinearly, reaches the threshold and where there
+ *  is tissue. A ray that starts (or enters the volume's box) above the threshold hits right there, as it is drawn.
+ *  Steps of half a voxel, then bisection to 1e-4 voxels; features thinner than a step may be missed.
+ *  @param volume    the deformed volume (pliant_warp_volume), or the scan for a mesh at rest
+ *  @param positions (mesh->num_nodes x 3) LPS [m]
+ *  @param threshold value, slope and intercept applied
+ *  Errors: ARGUMENT (a number of the ray or the threshold that is not finite, no direction). */
+pliant_status pliant_pick(const pliant_volume *volume, const pliant_mesh *mesh, const double *positions, const pliant_ray *ray,
+                          double threshold, pliant_picked *out);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
