@@ -44,6 +44,8 @@ typedef struct pliant_tool {
     int32_t num_held;      /**< fine nodes that share the force ([H] 11: barycentric weights over the blob) */
     int32_t *held;         /**< (num_held), ascending */
     double *weight;        /**< (num_held), sum 1 */
+    bool attached;         /**< the solver knows of this hold */
+    double last_target[3]; /**< where the held point was pulled to in the last step [m] */
     double grip[3];        /**< tip minus held point when it took hold; the tip pulls the held point to tip - grip [m] */
     /* OUTPUT of the last step */
     double held_point[3];  /**< where the held point is [m] */
@@ -56,7 +58,6 @@ typedef struct pliant_statistics {
     int32_t iterations;         /**< of the last step */
     double residual;            /**< energy norm of the residual force over that of the load, last step */
     double residual_force;      /**< largest nodal residual force [N] */
-    int32_t inverted;           /**< fine tetrahedra with negative volume now */
     uint64_t not_converged;     /**< steps that ended above the tolerance */
     uint64_t rejected;          /**< Anderson steps refused by the safeguard */
     uint64_t failed;            /**< steps that broke down and were undone */
@@ -85,8 +86,8 @@ typedef struct pliant_data {
 pliant_status pliant_data_create(const pliant_model *model, pliant_data **out);
 void pliant_data_free(pliant_data *data); /**< Nullable */
 
-/** Back to rest: positions, holds, history. Tools stay. */
-void pliant_data_reset(const pliant_model *model, pliant_data *data);
+/** Back to rest: positions, holds, history, gravity, statistics. Tools keep their poses. Errors: MEMORY (nothing changed). */
+pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data);
 
 /** Ask for the deformed volume after every step (or no longer: target NULL). Errors: ARGUMENT, MEMORY. */
 pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target);
@@ -114,6 +115,9 @@ pliant_status pliant_tool_drive(pliant_data *data, int tool, pliant_drive drive,
 
 /** Distance from a tool's tip to the surface of the tissue [m], negative inside; +infinity when the tool is not present. */
 double pliant_tool_clearance(const pliant_model *model, const pliant_data *data, int tool);
+
+/** Fine tetrahedra that are turned inside out at these positions. */
+int32_t pliant_mesh_inverted(const pliant_mesh *mesh, const double *positions);
 
 /** A number per fine node (volume-weighted mean of its tetrahedra). @param out (fine.num_nodes) */
 pliant_status pliant_data_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out);

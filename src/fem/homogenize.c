@@ -11,6 +11,7 @@
 #include "pliant/memory.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 static void symmetrize(double k[144])
@@ -293,6 +294,7 @@ static pliant_status homogenize_all(homogenization *work, const uint8_t *fine_fi
 {
     pliant_system *system = work->system;
     pliant_status worst = PLIANT_OK;
+    char message[512] = "";
     int32_t done = 0, count = system->mesh->num_tets;
 #pragma omp parallel num_threads(system->num_threads)
     {
@@ -312,9 +314,14 @@ static pliant_status homogenize_all(homogenization *work, const uint8_t *fine_fi
         }
         pliant_submesh_free(submesh);
 #pragma omp critical(pliant_homogenize_status)
-        if (status < worst) worst = status;
+        if (status < worst) {
+            worst = status;
+            snprintf(message, sizeof message, "%s", pliant_last_error());
+        }
     }
-    return worst;
+    /* the message belongs to the thread that found the error: hand it on */
+    if (worst == PLIANT_ERROR_CANCELLED) return pliant_fail(worst, "homogenization was cancelled");
+    return worst == PLIANT_OK ? PLIANT_OK : pliant_fail(worst, "%s", message);
 }
 
 pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed,

@@ -1,0 +1,341 @@
+/* From a scan and a scene to the constant model, stage by stage. */
+#include "core/fail.h"
+#include "fem/system.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <omp.h>
+#include <string.h>
+
+const char *pliant_build_stage_name(int stage)
+{
+    static const char *const names[] = {
+#define STAGE_NAME(name) #name,
+        PLIANT_BUILD_STAGE_LIST(STAGE_NAME)
+#undef STAGE_NAME
+    };
+    return stage >= 0 && stage < PLIANT_NUM_BUILD_STAGES ? names[stage] : "";
+}
+
+/* What is needed only while building. */
+typedef struct builder {
+    pliant_model *model;
+    const pliant_labels *labels;
+    pliant_progress progress;
+    pliant_tet_material *lattice_material; /* (5 * fine cells) */
+    pliant_tet_material *coarse_material;  /* (coarse.num_tets), coarse method */
+    int32_t *coarse_of_fine;               /* (fine.num_tets) */
+    uint8_t *loose;                        /* (fine.num_tets) */
+    uint8_t *coarse_fixed;                 /* (coarse.num_nodes) */
+} builder;
+
+static bool is_coarse(const pliant_model *model) { return model->scene.model.method != PLIANT_FINE; }
+
+static pliant_status classify(builder *build)
+{
+    pliant_model *model = build->model;
+    model->material_of_voxel = pliant_calloc(pliant_geometry_voxels(&model->scan->geometry), 1);
+    if (!model->material_of_voxel) return pliant_fail_memory("the material of every voxel");
+    return pliant_material_classify(&model->materials, model->scan, build->labels, model->material_of_voxel);
+}
+
+/* the lattice tetrahedron of the coarse grid that holds a lattice tetrahedron of the fine one: by its centroid */
+static int32_t coarse_lattice_of(const int32_t cells[3], int32_t ratio, int32_t lattice_tet)
+{
+    int32_t fine_cell = lattice_tet / 5, nx = cells[0] * ratio, ny = cells[1] * ratio;
+    int32_t at[3] = {fine_cell % nx, fine_cell / nx % ny, fine_cell / nx / ny}, coarse[3];
+    int corners[4];
+    pliant_mesh_slot_corners((at[0] + at[1] + at[2]) & 1, lattice_tet % 5, corners);
+    double local[3];
+    for (int d = 0; d < 3; d++) {
+        coarse[d] = at[d] / ratio;
+        local[d] = at[d] - coarse[d] * ratio;
+        for (int v = 0; v < 4; v++) local[d] += 0.25 * (corners[v] >> d & 1);
+        local[d] /= ratio;
+    }
+    return 5 * (coarse[0] + cells[0] * (coarse[1] + cells[1] * coarse[2])) +
+           pliant_mesh_slot_of((coarse[0] + coarse[1] + coarse[2]) & 1, local);
+}
+
+/* Keep fine tetrahedra with tissue. The paper's condensation needs every corner of a coarse tetrahedron in its submesh, so it
+ * keeps all that lie in a coarse tetrahedron with tissue. */
+static pliant_status mesh(builder *build)
+{
+    pliant_model *model = build->model;
+    const pliant_geometry *geometry = &model->scan->geometry;
+    const int32_t *coarse_cells = model->scene.mesh.coarse_cells;
+    int32_t ratio = model->scene.mesh.ratio, cells[3] = {coarse_cells[0] * ratio, coarse_cells[1] * ratio, coarse_cells[2] * ratio};
+    if ((double)cells[0] * cells[1] * cells[2] > 4e7)
+        return pliant_fail(PLIANT_ERROR_SCENE, "mesh/coarse_cells times mesh/ratio make %d x %d x %d fine cells: at most 4e7", cells[0],
+                           cells[1], cells[2]);
+    size_t fine_count = 5 * (size_t)cells[0] * cells[1] * cells[2], coarse_count = fine_count / ((size_t)ratio * ratio * ratio);
+    uint8_t *keep = pliant_calloc(fine_count, 1), *keep_coarse = pliant_calloc(coarse_count, 1);
+    build->lattice_material = pliant_calloc(fine_count, sizeof *build->lattice_material);
+    pliant_status status = PLIANT_OK;
+    if (!keep || !keep_coarse || !build->lattice_material) {
+        status = pliant_fail_memory("the lattice");
+        goto done;
+    }
+    status = pliant_lattice_integrate(geometry, cells, model->material_of_voxel, &model->materials, build->lattice_material);
+    if (status != PLIANT_OK) goto done;
+    for (size_t t = 0; t < fine_count; t++) {
+        keep[t] = model->scene.mesh.keep_air || build->lattice_material[t].tissue > 0;
+        if (keep[t]) keep_coarse[coarse_lattice_of(coarse_cells, ratio, (int32_t)t)] = 1;
+    }
+    if (model->scene.model.method == PLIANT_SCHUR)
+        for (size_t t = 0; t < fine_count; t++) keep[t] = keep_coarse[coarse_lattice_of(coarse_cells, ratio, (int32_t)t)];
+    status = pliant_mesh_grid(geometry, cells, keep, &model->fine);
+    if (status == PLIANT_OK && is_coarse(model)) status = pliant_mesh_grid(geometry, coarse_cells, keep_coarse, &model->coarse);
+    if (status == PLIANT_OK) status = pliant_mesh_surface(&model->fine, &model->triangles, &model->num_triangles);
+done:
+    pliant_free(keep);
+    pliant_free(keep_coarse);
+    return status;
+}
+
+/* materials of the kept tetrahedra, nodal masses ([H] 2.1: a fourth of the mass to each node) */
+static pliant_status integrate(builder *build)
+{
+    pliant_model *model = build->model;
+    const pliant_mesh *fine = &model->fine;
+    model->fine_material = pliant_calloc((size_t)fine->num_tets, sizeof *model->fine_material);
+    model->node_mass = pliant_calloc((size_t)fine->num_nodes, sizeof *model->node_mass);
+    if (!model->fine_material || !model->node_mass) return pliant_fail_memory("the materials of the mesh");
+    for (int32_t t = 0; t < fine->num_tets; t++) {
+        const int32_t *nodes = fine->tets + 4 * t;
+        double gradients[12];
+        model->fine_material[t] = build->lattice_material[fine->lattice_of_tet[t]];
+        double volume = pliant_tet_gradients(fine->rest + 3 * nodes[0], fine->rest + 3 * nodes[1], fine->rest + 3 * nodes[2],
+                                             fine->rest + 3 * nodes[3], gradients);
+        for (int v = 0; v < 4; v++) model->node_mass[nodes[v]] += 0.25 * volume * model->fine_material[t].density;
+    }
+    if (!is_coarse(model)) return PLIANT_OK;
+    const pliant_mesh *coarse = &model->coarse;
+    build->coarse_of_fine = pliant_calloc((size_t)fine->num_tets, sizeof *build->coarse_of_fine);
+    if (!build->coarse_of_fine) return pliant_fail_memory("the nesting of the meshes");
+    for (int32_t t = 0; t < fine->num_tets; t++)
+        build->coarse_of_fine[t] = coarse->tet_of_lattice[coarse_lattice_of(coarse->cells, model->scene.mesh.ratio, fine->lattice_of_tet[t])];
+    if (model->scene.model.method != PLIANT_COARSE) return PLIANT_OK;
+    size_t lattice = 5 * (size_t)coarse->cells[0] * coarse->cells[1] * coarse->cells[2];
+    pliant_tet_material *all = pliant_calloc(lattice, sizeof *all);
+    build->coarse_material = pliant_calloc((size_t)coarse->num_tets, sizeof *build->coarse_material);
+    pliant_status status = all && build->coarse_material ? PLIANT_OK : pliant_fail_memory("the materials of the coarse mesh");
+    if (status == PLIANT_OK)
+        status = pliant_lattice_integrate(&model->scan->geometry, coarse->cells, model->material_of_voxel, &model->materials, all);
+    for (int32_t t = 0; status == PLIANT_OK && t < coarse->num_tets; t++) build->coarse_material[t] = all[coarse->lattice_of_tet[t]];
+    pliant_free(all);
+    return status;
+}
+
+/* a node is in a material when at least half of the eight voxels around it are */
+static bool in_fixed_material(const pliant_model *model, const double world[3])
+{
+    const pliant_geometry *geometry = &model->scan->geometry;
+    double index[3];
+    pliant_geometry_to_index(geometry, world, index);
+    int count = 0;
+    for (int corner = 0; corner < 8; corner++) {
+        size_t at[3];
+        for (int d = 0; d < 3; d++) {
+            double i = floor(index[d] + 1e-6) + (corner >> d & 1);
+            at[d] = (size_t)fmin(fmax(i, 0), geometry->size[d] - 1);
+        }
+        uint8_t material = model->material_of_voxel[at[0] + (size_t)geometry->size[0] * (at[1] + (size_t)geometry->size[1] * at[2])];
+        count += model->materials.materials[material].fixed;
+    }
+    return count >= 4;
+}
+
+static bool in_fixed_region(const pliant_scene *scene, const double x[3])
+{
+    for (uint32_t b = 0; b < scene->fixed.num_boxes; b++) {
+        const pliant_fixed_box *box = scene->fixed.boxes + b;
+        if (x[0] >= box->low[0] && x[1] >= box->low[1] && x[2] >= box->low[2] && x[0] <= box->high[0] && x[1] <= box->high[1] &&
+            x[2] <= box->high[2])
+            return true;
+    }
+    for (uint32_t p = 0; p < scene->fixed.num_planes; p++) {
+        const pliant_fixed_plane *plane = scene->fixed.planes + p;
+        double side = 0;
+        for (int d = 0; d < 3; d++) side += plane->normal[d] * (x[d] - plane->point[d]);
+        if (side <= 0) return true;
+    }
+    return false;
+}
+
+/* Loose pieces keep their place in the picture, but carry nothing: their stiffness is taken down to this part. */
+static const double loose_stiffness = 1e-6;
+
+static pliant_status fix(builder *build)
+{
+    pliant_model *model = build->model;
+    const pliant_mesh *fine = &model->fine, *coarse = &model->coarse;
+    model->fine_fixed = pliant_calloc((size_t)fine->num_nodes, 1);
+    build->loose = pliant_calloc((size_t)fine->num_tets, 1);
+    if (!model->fine_fixed || !build->loose) return pliant_fail_memory("the fixed nodes");
+    bool by_material = !model->scene.material.deformable_bone;
+    for (int32_t n = 0; n < fine->num_nodes; n++)
+        model->fine_fixed[n] = (by_material && in_fixed_material(model, fine->rest + 3 * n)) || in_fixed_region(&model->scene, fine->rest + 3 * n);
+    if (is_coarse(model)) {
+        build->coarse_fixed = pliant_calloc((size_t)coarse->num_nodes, 1);
+        if (!build->coarse_fixed) return pliant_fail_memory("the fixed nodes");
+        for (int32_t n = 0; n < coarse->num_nodes; n++) {
+            int32_t at = coarse->lattice_of_node[n], nx = coarse->cells[0] + 1, ny = coarse->cells[1] + 1, r = model->scene.mesh.ratio;
+            int32_t node = fine->node_of_lattice[at % nx * r + (fine->cells[0] + 1) * (at / nx % ny * r + (fine->cells[1] + 1) * (at / nx / ny * r))];
+            build->coarse_fixed[n] = node >= 0 && model->fine_fixed[node];
+        }
+    }
+    pliant_status status = pliant_mesh_hold(fine, model->fine_fixed, build->loose, &model->num_held_pieces);
+    if (status != PLIANT_OK) return status;
+    if (model->num_held_pieces > 0) {
+        int32_t count = 0;
+        for (int32_t t = 0; t < fine->num_tets; t++) {
+            count += build->loose[t];
+            if (!build->loose[t]) continue;
+            model->fine_material[t].lambda *= loose_stiffness;
+            model->fine_material[t].mu *= loose_stiffness;
+        }
+        pliant_log(PLIANT_LOG_WARNING, "%d pieces (%d of %d tetrahedra) hang on nothing that is fixed; they are held where they are",
+                   model->num_held_pieces, count, fine->num_tets);
+    }
+    if (model->scene.model.method != PLIANT_COARSE) return PLIANT_OK;
+    uint8_t *loose = pliant_calloc((size_t)coarse->num_tets, 1);
+    int32_t pieces = 0;
+    if (!loose) return pliant_fail_memory("the fixed nodes");
+    status = pliant_mesh_hold(coarse, build->coarse_fixed, loose, &pieces);
+    if (status == PLIANT_ERROR_SCENE)
+        status = pliant_fail(PLIANT_ERROR_SCENE, "the coarse mesh is too coarse to be held by what is fixed (fewer than three of its nodes lie "
+                                                 "there): use more mesh/coarse_cells, or model/method fine or averaged");
+    pliant_free(loose);
+    return status;
+}
+
+static pliant_status homogenize(builder *build)
+{
+    pliant_model *model = build->model;
+    pliant_system *system = model->system;
+    system->fine = &model->fine;
+    system->mesh = is_coarse(model) ? &model->coarse : &model->fine;
+    system->num_threads = model->scene.solver.threads > 0 ? model->scene.solver.threads : omp_get_max_threads();
+    if (!is_coarse(model)) return pliant_system_elements(system, model->fine_material);
+    if (model->scene.model.method == PLIANT_COARSE) {
+        pliant_status status = pliant_system_elements(system, build->coarse_material);
+        return status == PLIANT_OK ? pliant_upsample_linear(system, build->coarse_of_fine) : status;
+    }
+    pliant_tet_material *none = pliant_calloc((size_t)model->coarse.num_tets, sizeof *none); /* geometry only */
+    if (!none) return pliant_fail_memory("the coarse elements");
+    pliant_status status = pliant_system_elements(system, none);
+    pliant_free(none);
+    if (status != PLIANT_OK) return status;
+    return pliant_homogenize(system, &model->scene, &model->fine, model->fine_fixed, model->fine_material, build->coarse_of_fine,
+                             build->progress);
+}
+
+/* M_j = sum of m_i N_ij over the fine nodes, [H] 10 */
+static pliant_status gravity_mass(pliant_model *model)
+{
+    pliant_system *system = model->system;
+    int32_t count = model->fine.num_nodes, *nodes = pliant_calloc((size_t)count, sizeof *nodes);
+    system->gravity_mass = pliant_calloc((size_t)system->num_free, 9 * sizeof *system->gravity_mass);
+    if (!nodes || !system->gravity_mass) {
+        pliant_free(nodes);
+        return pliant_fail_memory("the gravity-mass matrices");
+    }
+    for (int32_t n = 0; n < count; n++) nodes[n] = n;
+    pliant_upsample_weights(system, system->mesh->rest, count, nodes, model->node_mass, system->gravity_mass);
+    pliant_free(nodes);
+    return PLIANT_OK;
+}
+
+static pliant_status analyze(builder *build)
+{
+    pliant_model *model = build->model;
+    pliant_status status = pliant_system_unknowns(model->system, is_coarse(model) ? build->coarse_fixed : model->fine_fixed);
+    if (status == PLIANT_OK) status = gravity_mass(model);
+    return status == PLIANT_OK ? pliant_factor_analyze(&model->system->pattern, &model->system->factor) : status;
+}
+
+static pliant_status factorize(builder *build)
+{
+    pliant_system *system = build->model->system;
+    double *values = pliant_calloc((size_t)system->pattern.num_values, sizeof *values);
+    double (*rotations)[9][LANES] = pliant_calloc((size_t)system->num_blocks, sizeof *rotations);
+    pliant_status status = values && rotations ? PLIANT_OK : pliant_fail_memory("the stiffness matrix");
+    if (status == PLIANT_OK) {
+        pliant_system_rotations(system, system->mesh->rest, rotations);
+        pliant_system_assemble(system, rotations, values);
+        /* the diagonal comes first in every scalar column */
+        int64_t at = 0;
+        for (int32_t column = 0; column < system->pattern.num_columns; column++) {
+            int64_t height = 3 * (int64_t)(system->pattern.start[column + 1] - system->pattern.start[column]);
+            for (int c = 0; c < 3; c++, at += height--) system->mean_diagonal += values[at] / (3.0 * system->pattern.num_columns);
+        }
+        status = pliant_factor_numeric(system->factor, values);
+    }
+    if (status == PLIANT_OK) build->model->condition_estimate = pliant_factor_condition(system->factor);
+    pliant_free(values);
+    pliant_free(rotations);
+    return status;
+}
+
+static pliant_status run_stages(builder *build)
+{
+    static pliant_status (*const stages[])(builder *) = {classify, mesh, integrate, fix, homogenize, analyze, factorize};
+    _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_BUILD_STAGES, "one function a stage, in order");
+    pliant_model *model = build->model;
+    for (int stage = 0; stage < PLIANT_NUM_BUILD_STAGES; stage++) {
+        if (!pliant_report_progress(build->progress, (double)stage / PLIANT_NUM_BUILD_STAGES, pliant_build_stage_name(stage)))
+            return pliant_fail(PLIANT_ERROR_CANCELLED, "building the model was cancelled");
+        double start = pliant_seconds();
+        size_t before = pliant_memory_in_use() + pliant_factor_bytes(model->system->factor);
+        pliant_status status = stages[stage](build);
+        if (status != PLIANT_OK) return status;
+        size_t after = pliant_memory_in_use() + pliant_factor_bytes(model->system->factor);
+        model->build_seconds[stage] = pliant_seconds() - start;
+        model->build_bytes[stage] = after > before ? after - before : 0;
+    }
+    pliant_report_progress(build->progress, 1, "ready");
+    return PLIANT_OK;
+}
+
+pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume *scan, const pliant_labels *labels,
+                                 const pliant_material_table *materials, pliant_progress progress, pliant_model **out)
+{
+    pliant_status status = pliant_scene_check(scene);
+    if (status == PLIANT_OK) status = pliant_material_table_check(materials);
+    if (status != PLIANT_OK) return status;
+    pliant_model *model = pliant_calloc(1, sizeof *model);
+    if (!model) return pliant_fail_memory("the model");
+    builder build = {.model = model, .labels = labels, .progress = progress};
+    model->scene = *scene;
+    model->scan = scan;
+    model->system = pliant_calloc(1, sizeof *model->system);
+    status = model->system ? pliant_material_table_copy(materials, &model->materials) : pliant_fail_memory("the model");
+    if (status == PLIANT_OK) status = run_stages(&build);
+    pliant_free(build.lattice_material);
+    pliant_free(build.coarse_material);
+    pliant_free(build.coarse_of_fine);
+    pliant_free(build.loose);
+    pliant_free(build.coarse_fixed);
+    if (status != PLIANT_OK) {
+        pliant_model_free(model);
+        return status;
+    }
+    *out = model;
+    return PLIANT_OK;
+}
+
+void pliant_model_free(pliant_model *model)
+{
+    if (!model) return;
+    pliant_system_free(model->system);
+    pliant_material_table_free(&model->materials);
+    pliant_free(model->material_of_voxel);
+    pliant_mesh_free(&model->fine);
+    pliant_mesh_free(&model->coarse);
+    pliant_free(model->fine_material);
+    pliant_free(model->node_mass);
+    pliant_free(model->fine_fixed);
+    pliant_free(model->triangles);
+    pliant_free(model);
+}

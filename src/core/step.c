@@ -1,0 +1,128 @@
+/* The mutable data, and the step. */
+#include "core/fail.h"
+#include "fem/solver.h"
+#include "interact/tool.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+const char *pliant_step_stage_name(int stage)
+{
+    static const char *const names[] = {
+#define STAGE_NAME(name) #name,
+        PLIANT_STEP_STAGE_LIST(STAGE_NAME)
+#undef STAGE_NAME
+    };
+    return stage >= 0 && stage < PLIANT_NUM_STEP_STAGES ? names[stage] : "";
+}
+
+pliant_status pliant_data_create(const pliant_model *model, pliant_data **out)
+{
+    pliant_data *data = pliant_calloc(1, sizeof *data);
+    if (!data) return pliant_fail_memory("the simulation state");
+    size_t before = pliant_memory_in_use();
+    data->positions = pliant_calloc((size_t)model->fine.num_nodes, 3 * sizeof *data->positions);
+    pliant_status status = data->positions ? pliant_solver_create(model, &data->solver) : pliant_fail_memory("the simulation state");
+    if (status != PLIANT_OK) {
+        pliant_data_free(data);
+        return status;
+    }
+    memcpy(data->positions, model->fine.rest, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
+    memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
+    data->statistics.bytes = pliant_memory_in_use() - before;
+    *out = data;
+    return PLIANT_OK;
+}
+
+void pliant_data_free(pliant_data *data)
+{
+    if (!data) return;
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_forget(data->tools + t);
+    pliant_solver_free(data->solver);
+    pliant_warp_free(data->warp);
+    pliant_free(data->positions);
+    pliant_free(data);
+}
+
+pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
+{
+    pliant_status status = pliant_solver_reset(data->solver);
+    if (status != PLIANT_OK) return status;
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_forget(data->tools + t);
+    memcpy(data->positions, model->fine.rest, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
+    memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
+    size_t bytes = data->statistics.bytes;
+    memset(&data->statistics, 0, sizeof data->statistics);
+    data->statistics.bytes = bytes;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target)
+{
+    pliant_warp *warp = NULL;
+    if (target) {
+        pliant_status status = pliant_warp_create(model->scan, &model->fine, target, model->scene.solver.threads, &warp);
+        if (status != PLIANT_OK) return status;
+    }
+    pliant_warp_free(data->warp);
+    data->warp = warp;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_data_gravity(pliant_data *data, const double gravity[3])
+{
+    for (int d = 0; d < 3; d++)
+        if (!isfinite(gravity[d])) return pliant_fail(PLIANT_ERROR_ARGUMENT, "gravity must be finite");
+    memcpy(data->gravity, gravity, sizeof data->gravity);
+    return PLIANT_OK;
+}
+
+static pliant_status interact(const pliant_model *model, pliant_data *data)
+{
+    pliant_solver_gravity(data->solver, data->gravity);
+    for (int t = 0; t < data->num_tools; t++) {
+        pliant_status status = pliant_tool_interact(model, data, t);
+        if (status != PLIANT_OK) return status;
+    }
+    return PLIANT_OK;
+}
+
+static pliant_status solve(const pliant_model *model, pliant_data *data)
+{
+    (void)model;
+    return pliant_solver_step(data->solver, &data->statistics);
+}
+
+static pliant_status upsample(const pliant_model *model, pliant_data *data)
+{
+    pliant_upsample_positions(model->system, data->solver->now.x, data->positions);
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
+    return PLIANT_OK;
+}
+
+static pliant_status warp(const pliant_model *model, pliant_data *data)
+{
+    (void)model;
+    return data->warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
+}
+
+pliant_status pliant_step(const pliant_model *model, pliant_data *data)
+{
+    static pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {interact, solve, upsample, warp};
+    _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
+    pliant_status caveat = PLIANT_OK;
+    for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; stage++) {
+        double start = pliant_seconds();
+        pliant_status status = stages[stage](model, data);
+        data->statistics.seconds[stage] = pliant_seconds() - start;
+        if (status < 0) {
+            data->statistics.failed++;
+            return status;
+        }
+        if (status > 0) caveat = status;
+    }
+    data->statistics.step++;
+    data->statistics.not_converged += caveat == PLIANT_NOT_CONVERGED;
+    return caveat;
+}

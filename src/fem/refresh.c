@@ -1,0 +1,110 @@
+/* New factors in the background: started from the state of one step, put to use a fixed number of steps later, whether the
+ * other thread was fast or not, so that timing never changes results. */
+#include "core/fail.h"
+#include "fem/solver.h"
+#include "pliant/memory.h"
+
+#include <pthread.h>
+#include <string.h>
+
+struct pliant_refresh {
+    pthread_t thread;
+    bool running;
+    bool in_thread;             /* false: no thread could be had, the work was done at once */
+    uint64_t started;           /* step */
+    uint64_t seen_iterations;   /* iterations since the last start: the old factor still serves when there were none */
+    pliant_system system;       /* a copy of the constant system, one thread */
+    pliant_factor *factor;      /* the one being made */
+    double *x;                  /* (3 num_nodes) */
+    double (*rotations)[9][LANES];
+    double *values;
+    pliant_status status;
+};
+
+static void *make_factor(void *argument)
+{
+    pliant_refresh *refresh = argument;
+    pliant_system_rotations(&refresh->system, refresh->x, refresh->rotations);
+    pliant_system_assemble(&refresh->system, refresh->rotations, refresh->values);
+    refresh->status = pliant_factor_numeric(refresh->factor, refresh->values);
+    return NULL;
+}
+
+static pliant_status refresh_create(pliant_solver *solver)
+{
+    const pliant_system *system = solver->system;
+    pliant_refresh *refresh = solver->refresh = pliant_calloc(1, sizeof *refresh);
+    if (!refresh) return pliant_fail_memory("the background factorization");
+    refresh->system = *system;
+    refresh->system.num_threads = 1;
+    refresh->x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *refresh->x);
+    refresh->rotations = pliant_calloc((size_t)system->num_blocks, sizeof *refresh->rotations);
+    refresh->values = pliant_calloc((size_t)system->pattern.num_values, sizeof *refresh->values);
+    pliant_status status = refresh->x && refresh->rotations && refresh->values ? PLIANT_OK : pliant_fail_memory("the background factorization");
+    if (status == PLIANT_OK) status = pliant_factor_clone(system->factor, &refresh->factor);
+    if (status != PLIANT_OK) pliant_refresh_free(solver);
+    return status;
+}
+
+static void join(pliant_refresh *refresh)
+{
+    if (refresh->running && refresh->in_thread) pthread_join(refresh->thread, NULL);
+    refresh->running = false;
+}
+
+static void deliver(pliant_solver *solver, pliant_statistics *statistics)
+{
+    pliant_refresh *refresh = solver->refresh;
+    join(refresh);
+    if (refresh->status != PLIANT_OK) {
+        pliant_log(PLIANT_LOG_DEBUG, "a new factor could not be made; the old one stays");
+        return;
+    }
+    pliant_factor *old = solver->factor;
+    solver->factor = refresh->factor;
+    refresh->factor = old;
+    solver->factor_serial++;
+    pliant_solver_forget(solver); /* steps of the history belong to the old factor */
+    statistics->factors++;
+}
+
+pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *statistics)
+{
+    if (solver->refresh_interval == 0) return PLIANT_OK;
+    if (!solver->refresh) {
+        pliant_status status = refresh_create(solver);
+        if (status != PLIANT_OK) return status;
+    }
+    pliant_refresh *refresh = solver->refresh;
+    uint64_t step = statistics->step;
+    if (refresh->running && step >= refresh->started + (uint64_t)solver->refresh_delay) deliver(solver, statistics);
+    /* one evaluation finds that nothing moved: the factor at hand is as good as a new one */
+    if (statistics->iterations > 1) refresh->seen_iterations += (uint64_t)statistics->iterations;
+    bool due = step >= refresh->started + (uint64_t)solver->refresh_interval;
+    if (refresh->running || !due || refresh->seen_iterations == 0) return PLIANT_OK;
+    memcpy(refresh->x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *refresh->x);
+    refresh->started = step;
+    refresh->seen_iterations = 0;
+    refresh->running = true;
+    refresh->in_thread = pthread_create(&refresh->thread, NULL, make_factor, refresh) == 0;
+    if (!refresh->in_thread) make_factor(refresh);
+    return PLIANT_OK;
+}
+
+void pliant_refresh_free(pliant_solver *solver)
+{
+    pliant_refresh *refresh = solver->refresh;
+    if (!refresh) return;
+    join(refresh);
+    pliant_factor_free(refresh->factor);
+    pliant_free(refresh->x);
+    pliant_free(refresh->rotations);
+    pliant_free(refresh->values);
+    pliant_free(refresh);
+    solver->refresh = NULL;
+}
+
+size_t pliant_refresh_bytes(const pliant_solver *solver)
+{
+    return solver->refresh && !solver->refresh->running ? pliant_factor_bytes(solver->refresh->factor) : 0;
+}

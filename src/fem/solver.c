@@ -1,0 +1,345 @@
+#include "core/fail.h"
+#include "fem/dense.h"
+#include "fem/solver.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+static double dot(size_t n, const double *a, const double *b)
+{
+    double sum[4] = {0, 0, 0, 0};
+    size_t i = 0;
+    for (; i + 4 <= n; i += 4)
+        for (int l = 0; l < 4; l++) sum[l] += a[i + l] * b[i + l];
+    for (; i < n; i++) sum[0] += a[i] * b[i];
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
+
+static size_t unknowns(const pliant_solver *solver) { return 3 * (size_t)solver->system->num_free; }
+
+/* ---- tools: rows of W */
+
+/* out += W v, v on the unknowns */
+static void apply_rows(const pliant_handle *handle, const double *v, double out[3])
+{
+    for (int32_t h = 0; h < handle->count; h++) {
+        const double *block = handle->block + 9 * h, *at = v + 3 * handle->unknown[h];
+        for (int r = 0; r < 3; r++) out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
+    }
+}
+
+/* v += W' f */
+static void apply_columns(const pliant_handle *handle, const double force[3], double *v)
+{
+    for (int32_t h = 0; h < handle->count; h++) {
+        const double *block = handle->block + 9 * h;
+        double *at = v + 3 * handle->unknown[h];
+        for (int c = 0; c < 3; c++) at[c] += block[c] * force[0] + block[3 + c] * force[1] + block[6 + c] * force[2];
+    }
+}
+
+/* y = origin + W x, x over all nodes of the solved mesh */
+static void held_point(const pliant_solver *solver, const pliant_handle *handle, const double *x, double out[3])
+{
+    memcpy(out, handle->origin, 3 * sizeof *out);
+    for (int32_t h = 0; h < handle->count; h++) {
+        const double *block = handle->block + 9 * h, *at = x + 3 * solver->system->node_of_free[handle->unknown[h]];
+        for (int r = 0; r < 3; r++) out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
+    }
+}
+
+void pliant_solver_release(pliant_solver *solver, int tool)
+{
+    pliant_handle *handle = solver->handles + tool;
+    pliant_free(handle->unknown);
+    pliant_free(handle->block);
+    pliant_free(handle->response);
+    memset(handle, 0, sizeof *handle);
+    pliant_solver_forget(solver);
+}
+
+pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes, const double *weights,
+                                 const double *fine_positions)
+{
+    const pliant_system *system = solver->system;
+    pliant_handle *old = solver->handles + tool, handle = *old;
+    double *dense = solver->dense_weights;
+    memset(dense, 0, 9 * (size_t)system->num_free * sizeof *dense);
+    pliant_upsample_weights(system, solver->now.x, count, nodes, weights, dense);
+    handle.count = 0;
+    for (int32_t n = 0; n < system->num_free; n++)
+        for (int m = 0; m < 9; m++)
+            if (dense[9 * n + m] != 0) {
+                handle.count++;
+                break;
+            }
+    handle.unknown = NULL;
+    handle.block = handle.response = NULL;
+    if (handle.count > 0) {
+        handle.unknown = pliant_calloc((size_t)handle.count, sizeof *handle.unknown);
+        handle.block = pliant_calloc((size_t)handle.count, 9 * sizeof *handle.block);
+        handle.response = pliant_calloc(3 * unknowns(solver), sizeof *handle.response);
+        if (!handle.unknown || !handle.block || !handle.response) {
+            pliant_free(handle.unknown);
+            pliant_free(handle.block);
+            pliant_free(handle.response);
+            return pliant_fail_memory("a tool's hold");
+        }
+    }
+    int32_t next = 0;
+    for (int32_t n = 0; n < system->num_free; n++) {
+        bool used = false;
+        for (int m = 0; m < 9; m++) used = used || dense[9 * n + m] != 0;
+        if (!used) continue;
+        handle.unknown[next] = n;
+        memcpy(handle.block + 9 * next++, dense + 9 * n, 9 * sizeof *dense);
+    }
+    bool was_active = old->active;
+    pliant_free(old->unknown);
+    pliant_free(old->block);
+    pliant_free(old->response);
+    *old = handle;
+    old->active = true;
+    old->response_of = 0;
+    if (!was_active) memset(old->force, 0, sizeof old->force);
+    double y[3] = {0, 0, 0}, moved[3];
+    for (int32_t h = 0; h < count; h++)
+        for (int d = 0; d < 3; d++) y[d] += weights[h] * fine_positions[3 * nodes[h] + d];
+    memset(old->origin, 0, sizeof old->origin);
+    held_point(solver, old, solver->now.x, moved);
+    for (int d = 0; d < 3; d++) old->origin[d] = y[d] - moved[d];
+    pliant_solver_forget(solver);
+    return PLIANT_OK;
+}
+
+static pliant_status update_responses(pliant_solver *solver)
+{
+    size_t n = unknowns(solver);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        pliant_handle *handle = solver->handles + t;
+        if (!handle->active || handle->by_force || handle->count == 0 || handle->response_of == solver->factor_serial) continue;
+        memset(handle->response, 0, 3 * n * sizeof *handle->response);
+        for (int d = 0; d < 3; d++) {
+            double unit[3] = {d == 0, d == 1, d == 2};
+            apply_columns(handle, unit, handle->response + n * (size_t)d);
+        }
+        pliant_status status = pliant_factor_solve(solver->factor, 3, handle->response, handle->response);
+        if (status != PLIANT_OK) return status;
+        handle->response_of = solver->factor_serial;
+    }
+    return PLIANT_OK;
+}
+
+static bool springs(const pliant_handle *handle) { return handle->active && !handle->by_force && handle->count > 0; }
+
+/* dl = S^-1 (e - W g0), and the step with it: g = g0 + Z dl, K0 g = r + W' dl */
+static bool step_springs(pliant_solver *solver, pliant_iterate *at)
+{
+    const pliant_handle *list[PLIANT_MAX_TOOLS];
+    int index[PLIANT_MAX_TOOLS], count = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        if (springs(solver->handles + t)) {
+            index[count] = t;
+            list[count++] = solver->handles + t;
+        }
+    memset(at->step_force, 0, sizeof at->step_force);
+    if (count == 0) return true;
+    size_t n = unknowns(solver);
+    double s[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS] = {0}, right[PLIANT_MAX_ROWS];
+    int rows = 3 * count;
+    for (int a = 0; a < count; a++) {
+        double y[3], w[3] = {0, 0, 0};
+        held_point(solver, list[a], at->x, y);
+        apply_rows(list[a], at->step, w);
+        for (int d = 0; d < 3; d++)
+            right[3 * a + d] = list[a]->target[d] - y[d] - list[a]->compliance * at->force[3 * index[a] + d] - w[d];
+        for (int b = 0; b < count; b++)
+            for (int d = 0; d < 3; d++) {
+                double column[3] = {0, 0, 0};
+                apply_rows(list[a], list[b]->response + n * (size_t)d, column);
+                for (int r = 0; r < 3; r++) s[(3 * a + r) * rows + 3 * b + d] = column[r] + (a == b && r == d ? list[a]->compliance : 0);
+            }
+    }
+    if (!pliant_dense_solve(rows, s, 1, right)) return false;
+    for (int a = 0; a < count; a++) {
+        memcpy(at->step_force + 3 * index[a], right + 3 * a, 3 * sizeof *right);
+        apply_columns(list[a], right + 3 * a, at->pull);
+        for (int d = 0; d < 3; d++) {
+            const double *z = list[a]->response + n * (size_t)d;
+            for (size_t i = 0; i < n; i++) at->step[i] += right[3 * a + d] * z[i];
+        }
+    }
+    return true;
+}
+
+/* sum over tools of c a' b */
+static double spring_energy(const pliant_solver *solver, const double *a, const double *b)
+{
+    double sum = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        if (springs(solver->handles + t))
+            for (int d = 0; d < 3; d++) sum += solver->handles[t].compliance * a[3 * t + d] * b[3 * t + d];
+    return sum;
+}
+
+/* ---- one evaluation: forces, a solve, the merit of the state */
+static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
+{
+    const pliant_system *system = solver->system;
+    size_t n = unknowns(solver);
+    pliant_system_element_forces(system, at->x, solver->element_forces);
+    pliant_system_gather(system, solver->element_forces, at->step);
+    for (size_t i = 0; i < n; i++) at->pull[i] = solver->load[i];
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        if (solver->handles[t].active)
+            apply_columns(solver->handles + t, solver->handles[t].by_force ? solver->handles[t].force : at->force + 3 * t, at->pull);
+    double work = 0, elastic = 0;
+    for (int32_t f = 0; f < system->num_free; f++)
+        for (int d = 0; d < 3; d++) {
+            double u = at->x[3 * system->node_of_free[f] + d] - system->mesh->rest[3 * system->node_of_free[f] + d];
+            work += u * at->pull[3 * f + d];
+            elastic += u * at->step[3 * f + d];
+        }
+    at->scale = fmax(sqrt(fmax(fabs(work), fabs(elastic))), solver->smallest_scale);
+    for (size_t i = 0; i < n; i++) at->pull[i] -= at->step[i];
+    at->merit = INFINITY;
+    if (!isfinite(at->scale)) return PLIANT_OK; /* not a state: never accepted */
+    pliant_status status = pliant_factor_solve(solver->factor, 1, at->pull, at->step);
+    if (status != PLIANT_OK) return status;
+    if (!step_springs(solver, at)) return PLIANT_OK;
+    double energy = dot(n, at->step, at->pull) + spring_energy(solver, at->step_force, at->step_force);
+    if (isfinite(energy)) at->merit = sqrt(fmax(energy, 0));
+    return PLIANT_OK;
+}
+
+/* ---- Anderson */
+
+static void remember(pliant_solver *solver, const pliant_iterate *from, const pliant_iterate *to)
+{
+    if (solver->depth == 0 || !isfinite(to->merit)) return;
+    pliant_secant *secant = solver->history + solver->next_history;
+    const int32_t *node = solver->system->node_of_free;
+    for (int32_t f = 0; f < solver->system->num_free; f++)
+        for (int d = 0; d < 3; d++) {
+            size_t i = 3 * (size_t)f + (size_t)d, x = 3 * (size_t)node[f] + (size_t)d;
+            secant->x[i] = to->x[x] - from->x[x];
+            secant->step[i] = to->step[i] - from->step[i];
+            secant->pull[i] = to->pull[i] - from->pull[i];
+        }
+    for (int r = 0; r < PLIANT_MAX_ROWS; r++) {
+        secant->force[r] = to->force[r] - from->force[r];
+        secant->step_force[r] = to->step_force[r] - from->step_force[r];
+    }
+    solver->next_history = (solver->next_history + 1) % solver->depth;
+    if (solver->num_history < solver->depth) solver->num_history++;
+}
+
+/* weights that make the step smallest in the energy norm: min |dx - sum w_i (secant of dx)_i|_K0; false: none */
+static bool mix(const pliant_solver *solver, const pliant_iterate *at, double weights[PLIANT_MAX_HISTORY])
+{
+    int32_t m = solver->num_history;
+    size_t n = unknowns(solver);
+    double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY], trace = 0;
+    if (m == 0) return false;
+    for (int32_t a = 0; a < m; a++) {
+        const pliant_secant *sa = solver->history + a;
+        weights[a] = dot(n, sa->step, at->pull) + spring_energy(solver, sa->step_force, at->step_force);
+        for (int32_t b = 0; b <= a; b++) {
+            const pliant_secant *sb = solver->history + b;
+            gram[a * m + b] = gram[b * m + a] = dot(n, sa->step, sb->pull) + spring_energy(solver, sa->step_force, sb->step_force);
+        }
+    }
+    /* secants differ in size by orders: scale to a unit diagonal, then a little regularization */
+    double scale[PLIANT_MAX_HISTORY];
+    for (int32_t a = 0; a < m; a++) {
+        scale[a] = gram[a * m + a] > 0 ? 1 / sqrt(gram[a * m + a]) : 0;
+        trace += scale[a] > 0;
+    }
+    if (trace == 0) return false;
+    for (int32_t a = 0; a < m; a++) {
+        weights[a] *= scale[a];
+        for (int32_t b = 0; b < m; b++) gram[a * m + b] *= scale[a] * scale[b];
+    }
+    for (int32_t a = 0; a < m; a++) gram[a * m + a] = 1 + 1e-10;
+    if (!pliant_dense_cholesky(m, gram)) return false;
+    pliant_dense_cholesky_solve(m, gram, 1, weights);
+    for (int32_t a = 0; a < m; a++) weights[a] *= scale[a];
+    return true;
+}
+
+/* trial = at + damping * (mixed step) */
+static void propose(pliant_solver *solver, const pliant_iterate *at, const double *weights, double damping, pliant_iterate *trial)
+{
+    const pliant_system *system = solver->system;
+    int32_t m = weights ? solver->num_history : 0;
+    memcpy(trial->x, at->x, 3 * (size_t)system->mesh->num_nodes * sizeof *trial->x);
+    for (int32_t f = 0; f < system->num_free; f++)
+        for (int d = 0; d < 3; d++) {
+            size_t i = 3 * (size_t)f + (size_t)d;
+            double step = at->step[i];
+            for (int32_t a = 0; a < m; a++) step -= weights[a] * (solver->history[a].x[i] + solver->history[a].step[i]);
+            trial->x[3 * system->node_of_free[f] + d] += damping * step;
+        }
+    for (int r = 0; r < PLIANT_MAX_ROWS; r++) {
+        double step = at->step_force[r];
+        for (int32_t a = 0; a < m; a++) step -= weights[a] * (solver->history[a].force[r] + solver->history[a].step_force[r]);
+        trial->force[r] = at->force[r] + damping * step;
+    }
+}
+
+static void swap_iterates(pliant_solver *solver)
+{
+    pliant_iterate swap = solver->now;
+    solver->now = solver->trial;
+    solver->trial = swap;
+}
+
+/* Iterate until the merit is small or the iterations are spent; every accepted iterate has a lower merit than the last.
+ * After a refusal: once more with what the refused state taught, then the plain step, then ever shorter ones. */
+static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistics)
+{
+    int refused = 0;
+    double weights[PLIANT_MAX_HISTORY];
+    pliant_status status = evaluate(solver, &solver->now);
+    statistics->iterations = 1;
+    while (status == PLIANT_OK && solver->now.merit > solver->tolerance * solver->now.scale &&
+           statistics->iterations < solver->max_iterations && refused < 12) {
+        if (refused == 2) pliant_solver_forget(solver);
+        bool mixed = refused < 2 && mix(solver, &solver->now, weights);
+        double damping = refused < 3 ? 1 : ldexp(1, 2 - refused);
+        propose(solver, &solver->now, mixed ? weights : NULL, damping, &solver->trial);
+        status = evaluate(solver, &solver->trial);
+        statistics->iterations++;
+        if (status != PLIANT_OK) break;
+        if (solver->trial.merit < solver->now.merit) {
+            remember(solver, &solver->now, &solver->trial);
+            swap_iterates(solver);
+            refused = 0;
+        } else {
+            if (refused < 2) remember(solver, &solver->now, &solver->trial);
+            refused++;
+            statistics->rejected++;
+        }
+    }
+    return status;
+}
+
+pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics)
+{
+    pliant_status status = pliant_refresh_step(solver, statistics);
+    if (status == PLIANT_OK) status = update_responses(solver);
+    if (status != PLIANT_OK) return status;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->now.force + 3 * t, solver->handles[t].force, 3 * sizeof(double));
+    status = iterate(solver, statistics);
+    if (status != PLIANT_OK) return status;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, solver->now.force + 3 * t, 3 * sizeof(double));
+    if (!isfinite(solver->now.merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, "the load is not finite or too large for double precision");
+    statistics->residual = solver->now.merit / solver->now.scale;
+    statistics->residual_force = 0;
+    for (int32_t f = 0; f < solver->system->num_free; f++) {
+        const double *r = solver->now.pull + 3 * f;
+        statistics->residual_force = fmax(statistics->residual_force, sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]));
+    }
+    return statistics->residual > solver->tolerance ? PLIANT_NOT_CONVERGED : PLIANT_OK;
+}

@@ -1,0 +1,95 @@
+/* The quasi-static solve: find x with f_int(x) = load + sum of the tools' forces.
+ *
+ * Fixed-point steps on a frozen factor K0 of the warped stiffness, accelerated by Anderson (type II, in the energy norm of
+ * K0), accepted only when they lower the merit, with K0 refreshed in the background at fixed steps, so that the same input
+ * gives the same bits (NUMERICS 5, 7.4, 7.6).
+ *
+ * A tool that holds the tissue by a spring of compliance c adds a force l at y = W x with  c l = target - y;  c = 0 is
+ * displacement control. The pair (x, l) is stepped together:
+ *     K0 dx - W' dl = r,   W dx + c dl = e,   r = load + W' l - f_int(x),   e = target - y - c l
+ * by the Schur complement  S = c I + W Z,  Z = K0^-1 W'  (three columns a tool; Woodbury, NUMERICS 5).
+ * The merit is the energy norm of that step,  dx' K0 dx + c dl' dl,  and K0 dx = r + W' dl costs nothing. */
+#ifndef PLIANT_FEM_SOLVER_H
+#define PLIANT_FEM_SOLVER_H
+
+#include "fem/system.h"
+#include "pliant/data.h"
+
+/* What one tool does to the unknowns. */
+typedef struct pliant_handle {
+    bool active;
+    bool by_force;         /* a given force, no spring */
+    double force[3];       /* on the tissue: given, or the unknown l [N] */
+    double compliance;     /* c [m/N] */
+    double target[3];      /* [m] */
+    int32_t count;         /* of the unknown nodes that W names */
+    int32_t *unknown;      /* (count) */
+    double *block;         /* (count x 9) dy/dx */
+    double origin[3];      /* y = origin + W x */
+    double *response;      /* Z: (3 x 3 num_free), column by column */
+    uint64_t response_of;  /* factor that Z belongs to; 0: none */
+} pliant_handle;
+
+typedef struct pliant_refresh pliant_refresh; /* the background factorizer, refresh.c */
+
+enum { PLIANT_MAX_HISTORY = 20, PLIANT_MAX_ROWS = 3 * PLIANT_MAX_TOOLS };
+
+/* A state and what is known about it. */
+typedef struct pliant_iterate {
+    double *x;             /* (3 num_nodes) positions of the solved mesh, fixed nodes too */
+    double force[PLIANT_MAX_ROWS];
+    double *step;          /* (3 num_free) dx */
+    double *pull;          /* (3 num_free) K0 dx */
+    double step_force[PLIANT_MAX_ROWS]; /* dl */
+    double merit;          /* energy norm of the step [sqrt(J)] */
+    double scale;          /* the same of the load: sqrt of its work */
+} pliant_iterate;
+
+typedef struct pliant_secant { /* differences of two iterates */
+    double *x, *step, *pull;
+    double force[PLIANT_MAX_ROWS], step_force[PLIANT_MAX_ROWS];
+} pliant_secant;
+
+struct pliant_solver {
+    const pliant_system *system;
+    int32_t max_iterations, depth, refresh_interval, refresh_delay;
+    double tolerance, smallest_scale;
+
+    pliant_factor *factor;      /* in use */
+    uint64_t factor_serial;     /* counts from 1 */
+    pliant_refresh *refresh;    /* Nullable */
+
+    double *load;               /* (3 num_free) gravity [N] */
+    pliant_handle handles[PLIANT_MAX_TOOLS];
+
+    pliant_iterate now, trial;
+    pliant_secant history[PLIANT_MAX_HISTORY];
+    int32_t num_history, next_history;
+    double (*element_forces)[12][LANES];
+    double *dense_weights;      /* (9 num_free) room to build W */
+};
+
+pliant_status pliant_solver_create(const pliant_model *model, pliant_solver **out);
+void pliant_solver_free(pliant_solver *solver);
+/* At rest, on the factor at rest, nothing held. Errors: MEMORY. */
+pliant_status pliant_solver_reset(pliant_solver *solver);
+
+void pliant_solver_gravity(pliant_solver *solver, const double gravity[3]);
+/* Point the handle at fine nodes with weights (sum 1); positions of the fine nodes say where y is now. Errors: MEMORY. */
+pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes, const double *weights,
+                                 const double *fine_positions);
+void pliant_solver_release(pliant_solver *solver, int tool);
+
+/* Drop the history: what it compares no longer holds. */
+static inline void pliant_solver_forget(pliant_solver *solver) { solver->num_history = solver->next_history = 0; }
+
+/* One step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old one. */
+pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics);
+
+/* ---- refresh.c */
+/* Start and deliver factors at fixed steps. Errors of the factorization keep the old factor. */
+pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *statistics);
+void pliant_refresh_free(pliant_solver *solver);
+size_t pliant_refresh_bytes(const pliant_solver *solver);
+
+#endif

@@ -1,0 +1,114 @@
+/* Making and unmaking a solver, its load. */
+#include "core/fail.h"
+#include "fem/solver.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+static pliant_status iterate_create(const pliant_system *system, pliant_iterate *iterate)
+{
+    size_t n = 3 * (size_t)system->num_free;
+    iterate->x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *iterate->x);
+    iterate->step = pliant_calloc(n, sizeof *iterate->step);
+    iterate->pull = pliant_calloc(n, sizeof *iterate->pull);
+    return iterate->x && iterate->step && iterate->pull ? PLIANT_OK : pliant_fail_memory("the solver");
+}
+
+static void iterate_free(pliant_iterate *iterate)
+{
+    pliant_free(iterate->x);
+    pliant_free(iterate->step);
+    pliant_free(iterate->pull);
+}
+
+static pliant_status history_create(pliant_solver *solver)
+{
+    size_t n = 3 * (size_t)solver->system->num_free;
+    for (int32_t h = 0; h < solver->depth; h++) {
+        pliant_secant *secant = solver->history + h;
+        secant->x = pliant_calloc(n, sizeof *secant->x);
+        secant->step = pliant_calloc(n, sizeof *secant->step);
+        secant->pull = pliant_calloc(n, sizeof *secant->pull);
+        if (!secant->x || !secant->step || !secant->pull) return pliant_fail_memory("the solver's history");
+    }
+    return PLIANT_OK;
+}
+
+pliant_status pliant_solver_create(const pliant_model *model, pliant_solver **out)
+{
+    const pliant_system *system = model->system;
+    pliant_solver *solver = pliant_calloc(1, sizeof *solver);
+    if (!solver) return pliant_fail_memory("the solver");
+    solver->system = system;
+    solver->max_iterations = model->scene.solver.iterations;
+    solver->depth = model->scene.solver.history;
+    solver->tolerance = model->scene.solver.tolerance;
+    solver->refresh_interval = model->scene.solver.refresh_interval;
+    solver->refresh_delay = model->scene.solver.refresh_delay;
+    double length = 0;
+    for (int d = 0; d < 3; d++) length = fmax(length, system->mesh->cells[d] * system->mesh->cell_size[d]);
+    /* moving one node by a thousandth of the body: below that, the tolerance is taken of this instead of the load */
+    solver->smallest_scale = 1e-3 * length * sqrt(system->mean_diagonal);
+    solver->load = pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
+    solver->dense_weights = pliant_calloc((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
+    solver->element_forces = pliant_calloc((size_t)system->num_blocks, sizeof *solver->element_forces);
+    pliant_status status = solver->load && solver->dense_weights && solver->element_forces ? PLIANT_OK : pliant_fail_memory("the solver");
+    if (status == PLIANT_OK) status = iterate_create(system, &solver->now);
+    if (status == PLIANT_OK) status = iterate_create(system, &solver->trial);
+    if (status == PLIANT_OK) status = history_create(solver);
+    if (status == PLIANT_OK) status = pliant_solver_reset(solver);
+    if (status != PLIANT_OK) {
+        pliant_solver_free(solver);
+        return status;
+    }
+    *out = solver;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_solver_reset(pliant_solver *solver)
+{
+    if (!solver->factor || solver->factor_serial > 1) {
+        pliant_factor *factor;
+        pliant_status status = pliant_factor_clone(solver->system->factor, &factor);
+        if (status != PLIANT_OK) return status;
+        pliant_factor_free(solver->factor);
+        solver->factor = factor;
+    }
+    pliant_refresh_free(solver);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
+    solver->factor_serial = 1;
+    pliant_solver_forget(solver);
+    memcpy(solver->now.x, solver->system->mesh->rest, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
+    memset(solver->now.force, 0, sizeof solver->now.force);
+    return PLIANT_OK;
+}
+
+/* F_j = M_j' g, [H] 9 and 10 */
+void pliant_solver_gravity(pliant_solver *solver, const double gravity[3])
+{
+    for (int32_t f = 0; f < solver->system->num_free; f++)
+        for (int d = 0; d < 3; d++) {
+            const double *mass = solver->system->gravity_mass + 9 * (size_t)f;
+            solver->load[3 * f + d] = mass[d] * gravity[0] + mass[3 + d] * gravity[1] + mass[6 + d] * gravity[2];
+        }
+}
+
+void pliant_solver_free(pliant_solver *solver)
+{
+    if (!solver) return;
+    pliant_refresh_free(solver);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
+    iterate_free(&solver->now);
+    iterate_free(&solver->trial);
+    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
+        pliant_free(solver->history[h].x);
+        pliant_free(solver->history[h].step);
+        pliant_free(solver->history[h].pull);
+    }
+    pliant_free(solver->load);
+    pliant_free(solver->dense_weights);
+    pliant_free(solver->element_forces);
+    pliant_factor_free(solver->factor);
+    pliant_free(solver);
+}

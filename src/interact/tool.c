@@ -1,0 +1,234 @@
+/* Tools: where they are, what they hold, how they pull. [H] 3.2, equation 11: a force at a point of the volume is spread over
+ * the nodes by the weights that interpolate its displacement. A blob is a set of such points. */
+#include "core/fail.h"
+#include "fem/solver.h"
+#include "interact/tool.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+static bool finite3(const double *v) { return isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]); }
+
+static pliant_status check_tool(const pliant_data *data, int tool)
+{
+    if (tool >= 0 && tool < data->num_tools) return PLIANT_OK;
+    return pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no tool %d: %d were added", tool, data->num_tools);
+}
+
+pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, const char *name, int *index)
+{
+    for (int t = 0; t < data->num_tools; t++)
+        if (strcmp(data->tools[t].name, name) == 0) {
+            *index = t;
+            return PLIANT_OK;
+        }
+    if (data->num_tools == PLIANT_MAX_TOOLS)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "no room for tool %s: there are %d already", name, PLIANT_MAX_TOOLS);
+    pliant_tool *tool = data->tools + data->num_tools;
+    memset(tool, 0, sizeof *tool);
+    snprintf(tool->name, sizeof tool->name, "%s", name);
+    tool->rotation[3] = 1;
+    tool->stiffness = model->scene.grasp.stiffness;
+    tool->damping = model->scene.grasp.damping;
+    tool->radius = model->scene.grasp.radius;
+    *index = data->num_tools++;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_tool_pose(pliant_data *data, int tool, const double tip[3], const double rotation[4])
+{
+    pliant_status status = check_tool(data, tool);
+    if (status != PLIANT_OK) return status;
+    static const double identity[4] = {0, 0, 0, 1};
+    if (!rotation) rotation = identity;
+    if (!finite3(tip) || !finite3(rotation) || !isfinite(rotation[3]))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the pose of tool %s is not finite", data->tools[tool].name);
+    memcpy(data->tools[tool].tip, tip, sizeof data->tools[tool].tip);
+    memcpy(data->tools[tool].rotation, rotation, sizeof data->tools[tool].rotation);
+    data->tools[tool].present = true;
+    return PLIANT_OK;
+}
+
+void pliant_tool_forget(pliant_tool *tool)
+{
+    pliant_free(tool->held);
+    pliant_free(tool->weight);
+    tool->held = NULL;
+    tool->weight = NULL;
+    tool->num_held = 0;
+    tool->holding = tool->attached = false;
+    memset(tool->force, 0, sizeof tool->force);
+    memset(tool->driving_force, 0, sizeof tool->driving_force);
+    tool->drive = PLIANT_DRIVE_SPRING;
+}
+
+void pliant_tool_release(pliant_data *data, int tool)
+{
+    if (check_tool(data, tool) != PLIANT_OK) return;
+    pliant_tool_forget(data->tools + tool);
+}
+
+void pliant_tool_lost(pliant_data *data, int tool)
+{
+    if (check_tool(data, tool) != PLIANT_OK) return;
+    pliant_tool_forget(data->tools + tool);
+    data->tools[tool].present = false;
+}
+
+pliant_status pliant_tool_drive(pliant_data *data, int tool, pliant_drive drive, const double force[3])
+{
+    pliant_status status = check_tool(data, tool);
+    if (status != PLIANT_OK) return status;
+    if (drive == PLIANT_DRIVE_FORCE && (!force || !finite3(force)))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: driving by force needs a finite force", data->tools[tool].name);
+    data->tools[tool].drive = drive;
+    if (drive == PLIANT_DRIVE_FORCE) memcpy(data->tools[tool].driving_force, force, sizeof data->tools[tool].driving_force);
+    return PLIANT_OK;
+}
+
+/* ---- taking hold */
+
+enum { BLOB_POINTS = 9 }; /* along the diameter of the blob */
+
+/* weights of the fine nodes at one rest point, added up; false: no tissue there */
+static bool add_point(const pliant_mesh *mesh, const double rest[3], double *weights)
+{
+    double barycentric[4];
+    int32_t tet = pliant_mesh_locate(mesh, rest, barycentric);
+    if (tet < 0) return false;
+    for (int v = 0; v < 4; v++) weights[mesh->tets[4 * tet + v]] += barycentric[v];
+    return true;
+}
+
+static int blob_weights(const pliant_mesh *mesh, const double centre[3], double radius, double *weights)
+{
+    int inside = 0;
+    for (int k = 0; k < BLOB_POINTS; k++)
+        for (int j = 0; j < BLOB_POINTS; j++)
+            for (int i = 0; i < BLOB_POINTS; i++) {
+                double unit[3] = {2.0 * i / (BLOB_POINTS - 1) - 1, 2.0 * j / (BLOB_POINTS - 1) - 1, 2.0 * k / (BLOB_POINTS - 1) - 1};
+                if (unit[0] * unit[0] + unit[1] * unit[1] + unit[2] * unit[2] > 1 + 1e-9) continue;
+                double point[3] = {centre[0] + radius * unit[0], centre[1] + radius * unit[1], centre[2] + radius * unit[2]};
+                inside += add_point(mesh, point, weights);
+            }
+    return inside;
+}
+
+static pliant_status keep_weights(const pliant_mesh *mesh, const double *weights, pliant_tool *tool)
+{
+    int32_t count = 0, *held;
+    double total = 0, *weight;
+    for (int32_t n = 0; n < mesh->num_nodes; n++) {
+        count += weights[n] != 0;
+        total += weights[n];
+    }
+    held = pliant_calloc((size_t)count, sizeof *held);
+    weight = pliant_calloc((size_t)count, sizeof *weight);
+    if (!held || !weight) {
+        pliant_free(held);
+        pliant_free(weight);
+        return pliant_fail_memory("a tool's hold");
+    }
+    pliant_tool_forget(tool);
+    for (int32_t n = 0; n < mesh->num_nodes; n++)
+        if (weights[n] != 0) {
+            held[tool->num_held] = n;
+            weight[tool->num_held++] = weights[n] / total;
+        }
+    tool->held = held;
+    tool->weight = weight;
+    return PLIANT_OK;
+}
+
+static void find_held_point(const pliant_data *data, pliant_tool *tool)
+{
+    memset(tool->held_point, 0, sizeof tool->held_point);
+    for (int32_t h = 0; h < tool->num_held; h++)
+        for (int d = 0; d < 3; d++) tool->held_point[d] += tool->weight[h] * data->positions[3 * tool->held[h] + d];
+}
+
+pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, int index, const double rest[3])
+{
+    pliant_status status = check_tool(data, index);
+    if (status != PLIANT_OK) return status;
+    pliant_tool *tool = data->tools + index;
+    const pliant_mesh *mesh = &model->fine;
+    double centre[3], barycentric[4];
+    if (rest) {
+        if (!finite3(rest)) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: the point to grasp is not finite", tool->name);
+        memcpy(centre, rest, sizeof centre);
+    } else {
+        if (!tool->present) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no pose: it cannot grasp", tool->name);
+        int32_t tet = pliant_mesh_locate_deformed(mesh, data->positions, tool->tip, barycentric);
+        if (tet < 0) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: there is no tissue at its tip (%.4f %.4f %.4f m)", tool->name,
+                                        tool->tip[0], tool->tip[1], tool->tip[2]);
+        memset(centre, 0, sizeof centre);
+        for (int v = 0; v < 4; v++)
+            for (int d = 0; d < 3; d++) centre[d] += barycentric[v] * mesh->rest[3 * mesh->tets[4 * tet + v] + d];
+    }
+    double *weights = pliant_calloc((size_t)mesh->num_nodes, sizeof *weights);
+    if (!weights) return pliant_fail_memory("a tool's hold");
+    bool there = tool->radius > 0 ? blob_weights(mesh, centre, tool->radius, weights) > 0 : add_point(mesh, centre, weights);
+    status = there ? keep_weights(mesh, weights, tool)
+                   : pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: there is no tissue at (%.4f %.4f %.4f m)", tool->name, centre[0], centre[1],
+                                 centre[2]);
+    pliant_free(weights);
+    if (status != PLIANT_OK) return status;
+    find_held_point(data, tool);
+    if (!tool->present) {
+        memcpy(tool->tip, tool->held_point, sizeof tool->tip);
+        tool->present = true;
+    }
+    for (int d = 0; d < 3; d++) tool->grip[d] = tool->tip[d] - tool->held_point[d];
+    memcpy(tool->last_target, tool->held_point, sizeof tool->last_target);
+    tool->holding = true;
+    return PLIANT_OK;
+}
+
+/* ---- in a step */
+
+/* A spring k and a damper b in parallel over a step h: k (p - y) + b ((p - p0) - (y - y0)) / h = l is the spring of stiffness
+ * k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h). */
+static void aim(const pliant_tool *tool, double step, pliant_handle *handle)
+{
+    double damper = tool->drive == PLIANT_DRIVE_SPRING ? tool->damping / step : 0, whole = tool->stiffness + damper;
+    for (int d = 0; d < 3; d++) {
+        double p = tool->tip[d] - tool->grip[d];
+        handle->target[d] = (tool->stiffness * p + damper * (p - tool->last_target[d] + tool->held_point[d])) / whole;
+    }
+    handle->compliance = tool->drive == PLIANT_DRIVE_RIGID ? 0 : 1 / whole;
+}
+
+pliant_status pliant_tool_interact(const pliant_model *model, pliant_data *data, int index)
+{
+    pliant_tool *tool = data->tools + index;
+    pliant_handle *handle = data->solver->handles + index;
+    if (!tool->holding) {
+        if (handle->active) pliant_solver_release(data->solver, index);
+        return PLIANT_OK;
+    }
+    /* weights through homogenized shape functions turn with the elements: they are taken anew every step */
+    bool turning = model->system->upsample && model->system->upsample->start;
+    if (!tool->attached || turning) {
+        pliant_status status = pliant_solver_hold(data->solver, index, tool->num_held, tool->held, tool->weight, data->positions);
+        if (status != PLIANT_OK) return status;
+        tool->attached = true;
+    }
+    bool by_force = tool->drive == PLIANT_DRIVE_FORCE;
+    if (handle->by_force != by_force) pliant_solver_forget(data->solver);
+    handle->by_force = by_force;
+    if (by_force) memcpy(handle->force, tool->driving_force, sizeof handle->force);
+    else aim(tool, model->scene.solver.step, handle);
+    for (int d = 0; d < 3; d++) tool->last_target[d] = tool->tip[d] - tool->grip[d];
+    return PLIANT_OK;
+}
+
+void pliant_tool_report(pliant_data *data, int index)
+{
+    pliant_tool *tool = data->tools + index;
+    if (!tool->holding) return;
+    find_held_point(data, tool);
+    memcpy(tool->force, data->solver->handles[index].force, sizeof tool->force);
+}

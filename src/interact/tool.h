@@ -1,0 +1,14 @@
+/* What a step asks of the tools. */
+#ifndef PLIANT_INTERACT_TOOL_H
+#define PLIANT_INTERACT_TOOL_H
+
+#include "pliant/data.h"
+
+/* before the solve: tell the solver what the tool pulls at and where to */
+pliant_status pliant_tool_interact(const pliant_model *model, pliant_data *data, int tool);
+/* after the solve: where the held point is and what force it took */
+void pliant_tool_report(pliant_data *data, int tool);
+/* free the hold; the solver is told at the next step */
+void pliant_tool_forget(pliant_tool *tool);
+
+#endif
