@@ -211,6 +211,7 @@ pliant_status pliant_tool_interact(const pliant_model *model, pliant_data *data,
     }
     /* weights through homogenized shape functions turn with the elements: they are taken anew every step */
     bool turning = model->system->upsample && model->system->upsample->start;
+    if (!tool->attached && handle->active) pliant_solver_release(data->solver, index); /* another hold than before */
     if (!tool->attached || turning) {
         pliant_status status = pliant_solver_hold(data->solver, index, tool->num_held, tool->held, tool->weight, data->positions);
         if (status != PLIANT_OK) return status;

@@ -1,0 +1,91 @@
+/* From paths to what a model is built of. */
+#include "core/fail.h"
+#include "pliant/model.h"
+
+#include <stdio.h>
+#include <string.h>
+
+static const int32_t phantom_size[3] = {160, 112, 136};
+
+static bool names_labels(const pliant_material_table *table)
+{
+    for (uint32_t m = 0; m < table->num_materials; m++)
+        if (table->materials[m].num_labels > 0) return true;
+    return false;
+}
+
+/* "phantom" or "phantom:256x160x122"; a resampling in the scene is a size of the phantom, which needs none */
+static pliant_status make_phantom(const pliant_scene *scene, const char *path, pliant_volume *scan, pliant_labels *labels)
+{
+    int32_t size[3];
+    for (int d = 0; d < 3; d++) size[d] = scene->scan.resample[d] > 0 ? scene->scan.resample[d] : phantom_size[d];
+    if (path[7] == ':') {
+        char rest;
+        if (sscanf(path + 8, "%dx%dx%d%c", &size[0], &size[1], &size[2], &rest) != 3)
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: the size of the phantom is written as phantom:256x160x122", path);
+    }
+    return pliant_phantom(size, 1, scan, labels);
+}
+
+static pliant_status read_scan(const pliant_scene *scene, const char *path, pliant_volume *scan, pliant_labels *labels)
+{
+    pliant_status status = pliant_volume_read(path, scene->scan.series, 0, scan);
+    if (status == PLIANT_OK && scene->material.labels[0]) {
+        status = pliant_labels_read(scene->material.labels, 0, labels);
+        if (status == PLIANT_OK && !pliant_geometry_equal(&scan->geometry, &labels->geometry))
+            status = pliant_fail(PLIANT_ERROR_FORMAT,
+                                 "material/labels: %s (%d x %d x %d) does not lie on the grid of the scan %s (%d x %d x %d): size, origin, "
+                                 "spacing and axes must agree",
+                                 scene->material.labels, labels->geometry.size[0], labels->geometry.size[1], labels->geometry.size[2], path,
+                                 scan->geometry.size[0], scan->geometry.size[1], scan->geometry.size[2]);
+    }
+    return status;
+}
+
+static pliant_status resample(const pliant_scene *scene, pliant_volume *scan, pliant_labels *labels)
+{
+    int32_t size[3];
+    bool same = true;
+    for (int d = 0; d < 3; d++) {
+        size[d] = scene->scan.resample[d] > 0 ? scene->scan.resample[d] : scan->geometry.size[d];
+        same = same && size[d] == scan->geometry.size[d];
+    }
+    if (same) return PLIANT_OK;
+    pliant_volume volume;
+    pliant_labels map;
+    pliant_status status = pliant_volume_resample(scan, size, &volume);
+    if (status != PLIANT_OK) return status;
+    pliant_volume_free(scan);
+    *scan = volume;
+    if (!labels->voxels) return PLIANT_OK;
+    status = pliant_labels_resample(labels, size, &map);
+    if (status != PLIANT_OK) return status;
+    pliant_labels_free(labels);
+    *labels = map;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_path, pliant_volume *scan, pliant_labels *labels,
+                                 pliant_material_table *materials)
+{
+    pliant_volume volume = {0};
+    pliant_labels map = {0};
+    pliant_material_table table = {0};
+    bool phantom = strcmp(scan_path, "phantom") == 0 || strncmp(scan_path, "phantom:", 8) == 0;
+    pliant_status status = scene->material.file[0] ? pliant_material_table_read(scene->material.file, &table)
+                                                   : pliant_material_table_default(&table);
+    if (status == PLIANT_OK)
+        status = phantom ? make_phantom(scene, scan_path, &volume, names_labels(&table) ? &map : NULL)
+                         : read_scan(scene, scan_path, &volume, &map);
+    if (status == PLIANT_OK && !phantom) status = resample(scene, &volume, &map);
+    if (status != PLIANT_OK) {
+        pliant_volume_free(&volume);
+        pliant_labels_free(&map);
+        pliant_material_table_free(&table);
+        return status;
+    }
+    *scan = volume;
+    *labels = map;
+    *materials = table;
+    return PLIANT_OK;
+}

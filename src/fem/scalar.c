@@ -1,0 +1,74 @@
+/* Numbers for people to look at: stress, energy, volume of the fine tetrahedra, brought to the nodes. */
+#include "core/fail.h"
+#include "fem/rotation.h"
+#include "pliant/data.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+static double determinant_of(const double f[9])
+{
+    return f[0] * (f[4] * f[8] - f[5] * f[7]) - f[1] * (f[3] * f[8] - f[5] * f[6]) + f[2] * (f[3] * f[7] - f[4] * f[6]);
+}
+
+/* rest volume, and F = sum of x_v g_v' */
+static double deformation_of(const pliant_mesh *mesh, const double *positions, int32_t tet, double f[9])
+{
+    const int32_t *nodes = mesh->tets + 4 * tet;
+    double g[12];
+    double volume = pliant_tet_gradients(mesh->rest + 3 * nodes[0], mesh->rest + 3 * nodes[1], mesh->rest + 3 * nodes[2],
+                                         mesh->rest + 3 * nodes[3], g);
+    memset(f, 0, 9 * sizeof *f);
+    for (int v = 1; v < 4; v++)
+        for (int r = 0; r < 3; r++)
+            for (int c = 0; c < 3; c++) f[3 * r + c] += (positions[3 * nodes[v] + r] - positions[3 * nodes[0] + r]) * g[3 * v + c];
+    return volume;
+}
+
+/* corotational: strain e = sym(R'F) - I, stress 2 mu e + lambda tr(e) I in the element's frame, energy density e : s / 2 */
+static double measure(const double f[9], const pliant_tet_material *material, pliant_scalar scalar)
+{
+    if (scalar == PLIANT_SCALAR_VOLUME_RATIO) return determinant_of(f);
+    double r[9], s[9], e[6];
+    pliant_rotation_signed_svd(f, r);
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) s[3 * a + b] = r[a] * f[b] + r[3 + a] * f[3 + b] + r[6 + a] * f[6 + b];
+    for (int d = 0; d < 3; d++) e[d] = s[4 * d] - 1;
+    e[3] = 0.5 * (s[1] + s[3]);
+    e[4] = 0.5 * (s[2] + s[6]);
+    e[5] = 0.5 * (s[5] + s[7]);
+    double trace = e[0] + e[1] + e[2], shear = e[3] * e[3] + e[4] * e[4] + e[5] * e[5];
+    double squares = e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + 2 * shear;
+    if (scalar == PLIANT_SCALAR_STRAIN_ENERGY) return material->mu * squares + 0.5 * material->lambda * trace * trace;
+    /* von Mises: sqrt(3/2 dev : dev) of the stress, whose deviator is 2 mu dev(e) */
+    return 2 * material->mu * sqrt(fmax(1.5 * (squares - trace * trace / 3), 0));
+}
+
+pliant_status pliant_data_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out)
+{
+    const pliant_mesh *mesh = &model->fine;
+    double *sum = pliant_calloc((size_t)mesh->num_nodes, 2 * sizeof *sum);
+    if (!sum) return pliant_fail_memory("the scalar");
+    for (int32_t t = 0; t < mesh->num_tets && scalar != PLIANT_SCALAR_NONE; t++) {
+        double f[9], volume = deformation_of(mesh, positions, t, f), value = measure(f, model->fine_material + t, scalar);
+        for (int v = 0; v < 4; v++) {
+            sum[2 * mesh->tets[4 * t + v]] += volume * value;
+            sum[2 * mesh->tets[4 * t + v] + 1] += volume;
+        }
+    }
+    for (int32_t n = 0; n < mesh->num_nodes; n++) out[n] = sum[2 * n + 1] > 0 ? (float)(sum[2 * n] / sum[2 * n + 1]) : 0;
+    pliant_free(sum);
+    return PLIANT_OK;
+}
+
+int32_t pliant_mesh_inverted(const pliant_mesh *mesh, const double *positions)
+{
+    int32_t count = 0;
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        double f[9];
+        deformation_of(mesh, positions, t, f);
+        count += !(determinant_of(f) > 0);
+    }
+    return count;
+}
