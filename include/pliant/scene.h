@@ -112,7 +112,8 @@ pliant_status pliant_scene_read(const char *path, pliant_scene *out);
 pliant_status pliant_scene_parse(const char *yaml, const char *name_for_messages, const char *base, pliant_scene *out);
 
 /** Set one option by its path, as ROS parameters and command lines do: "solver/iterations", "4";
- *  three numbers as "7 7 7" or "[7, 7, 7]". Errors: SCENE. */
+ *  three numbers as "7 7 7" or "[7, 7, 7]". Errors: SCENE (unknown option, not a value, out of range); the scene is
+ *  then unchanged. */
 pliant_status pliant_scene_set(pliant_scene *scene, const char *option, const char *value);
 
 /** Every option is in its range. Errors: SCENE, naming the option, its value and its range. */
@@ -120,7 +121,10 @@ pliant_status pliant_scene_check(const pliant_scene *scene);
 
 /** Every option, for tables and parameter loaders. Strings are static. */
 typedef struct pliant_option_info {
-    const char *group, *name, *kind, *default_value, *range, *unit, *text;
+    const char *group, *name;
+    const char *kind; /**< bool, int, int3, real, real3, string or choice */
+    const char *default_value, *range, *unit, *text;
+    double low, high; /**< of int, int3, real and real3, inclusive */
 } pliant_option_info;
 const pliant_option_info *pliant_scene_options(size_t *count);
 

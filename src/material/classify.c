@@ -1,0 +1,169 @@
+#include "pliant/material.h"
+
+#include "core/fail.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { NONE = 255, NUM_16 = 65536, MAX_LISTED = 16 };
+_Static_assert((int)PLIANT_MAX_MATERIALS <= (int)NONE, "one byte tells the material, one value of it tells that there is none");
+
+/* One intensity range, and the material that it stands for. */
+typedef struct range {
+    double low, high;
+    uint8_t material;
+} range;
+
+/* The table turned round: from what a voxel holds to its material. */
+typedef struct lookup {
+    uint8_t of_label[NUM_16];
+    uint8_t of_stored[NUM_16]; /* integer scans, by the bits of the stored value */
+    range ranges[PLIANT_MAX_MATERIALS]; /* ascending */
+    int num_ranges;
+} lookup;
+
+/* NaN lies in no range */
+static uint8_t of_value(const lookup *l, double value)
+{
+    int below = 0, above = l->num_ranges;
+    while (below < above) {
+        int middle = (below + above) / 2;
+        if (l->ranges[middle].high <= value) below = middle + 1;
+        else above = middle;
+    }
+    return below < l->num_ranges && value >= l->ranges[below].low ? l->ranges[below].material : NONE;
+}
+
+static void fill(const pliant_material_table *table, const pliant_volume *scan, lookup *l)
+{
+    memset(l->of_label, NONE, sizeof l->of_label);
+    for (uint32_t m = 0; m < table->num_materials; ++m) {
+        const pliant_material *material = &table->materials[m];
+        for (uint32_t i = 0; i < material->num_labels; ++i) l->of_label[material->labels[i]] = (uint8_t)m;
+        if (!material->num_range) continue;
+        int at = l->num_ranges++;
+        for (; at > 0 && l->ranges[at - 1].low > material->range[0]; --at) l->ranges[at] = l->ranges[at - 1];
+        l->ranges[at] = (range){material->range[0], material->range[1], (uint8_t)m};
+    }
+    for (int bits = 0; bits < NUM_16; ++bits) {
+        int stored = scan->encoding == PLIANT_INT16 && bits >= NUM_16 / 2 ? bits - NUM_16 : bits;
+        l->of_stored[bits] = of_value(l, scan->slope * (float)stored + scan->intercept);
+    }
+}
+
+static inline uint8_t of_voxel(const lookup *l, const pliant_volume *scan, const uint16_t *labels, size_t v)
+{
+    /* a label that has no material is an error, never a matter for the intensity */
+    if (labels && labels[v]) return l->of_label[labels[v]];
+    switch (scan->encoding) {
+    case PLIANT_UINT8: return l->of_stored[((const uint8_t *)scan->voxels)[v]];
+    case PLIANT_INT16: return l->of_stored[((const uint16_t *)scan->voxels)[v]];
+    case PLIANT_FLOAT32: break;
+    }
+    return of_value(l, scan->slope * ((const float *)scan->voxels)[v] + scan->intercept);
+}
+
+/* A list in words that stops when it has grown long. */
+typedef struct listing {
+    char text[1024];
+    size_t used;
+    int items;
+} listing;
+
+static void add(listing *list, const char *item, uint64_t voxels)
+{
+    if (list->items++ >= MAX_LISTED) return;
+    list->used += (size_t)snprintf(list->text + list->used, sizeof list->text - list->used, "%s%s: %llu voxels",
+                                   list->items > 1 ? ", " : "", item, (unsigned long long)voxels);
+}
+
+static void finish(listing *list)
+{
+    if (list->items > MAX_LISTED)
+        snprintf(list->text + list->used, sizeof list->text - list->used, " and %d more", list->items - MAX_LISTED);
+}
+
+static void list_labels(const lookup *l, const uint16_t *labels, size_t voxels, uint64_t *counts, listing *list)
+{
+    memset(counts, 0, NUM_16 * sizeof *counts);
+    for (size_t v = 0; v < voxels; ++v) ++counts[labels[v]];
+    for (int label = 1; label < NUM_16; ++label) {
+        char item[16];
+        if (!counts[label] || l->of_label[label] != NONE) continue;
+        snprintf(item, sizeof item, "%d", label);
+        add(list, item, counts[label]);
+    }
+    finish(list);
+}
+
+/* counts[g] is of the gap before range g, the last one of the values that are not a number */
+static void list_gaps(const lookup *l, const pliant_volume *scan, const uint16_t *labels, uint64_t *counts, listing *list)
+{
+    size_t voxels = pliant_geometry_voxels(&scan->geometry);
+    memset(counts, 0, NUM_16 * sizeof *counts);
+    for (size_t v = 0; v < voxels; ++v) {
+        if ((labels && labels[v]) || of_voxel(l, scan, labels, v) != NONE) continue;
+        double value = pliant_volume_value(scan, v);
+        int gap = 0;
+        while (gap < l->num_ranges && l->ranges[gap].low <= value) ++gap;
+        ++counts[isnan(value) ? l->num_ranges + 1 : gap];
+    }
+    for (int gap = 0; gap <= l->num_ranges + 1; ++gap) {
+        char item[64];
+        if (!counts[gap]) continue;
+        if (gap > l->num_ranges) snprintf(item, sizeof item, "not a number");
+        else if (l->num_ranges == 0) snprintf(item, sizeof item, "any");
+        else if (gap == 0) snprintf(item, sizeof item, "below %g", l->ranges[0].low);
+        else if (gap == l->num_ranges) snprintf(item, sizeof item, "from %g", l->ranges[gap - 1].high);
+        else snprintf(item, sizeof item, "[%g, %g)", l->ranges[gap - 1].high, l->ranges[gap].low);
+        add(list, item, counts[gap]);
+    }
+    finish(list);
+}
+
+static pliant_status complain(const lookup *l, const pliant_material_table *table, const pliant_volume *scan,
+                              const uint16_t *labels)
+{
+    listing missing = {.used = 0}, gaps = {.used = 0};
+    bool names_labels = false;
+    for (uint32_t m = 0; m < table->num_materials; ++m) names_labels |= table->materials[m].num_labels > 0;
+    uint64_t *counts = pliant_calloc(NUM_16, sizeof *counts);
+    if (!counts) return pliant_fail_memory("counting voxels without a material");
+    if (labels) list_labels(l, labels, pliant_geometry_voxels(&scan->geometry), counts, &missing);
+    list_gaps(l, scan, labels, counts, &gaps);
+    pliant_free(counts);
+    return pliant_fail(PLIANT_ERROR_MATERIAL, "%s: no material for%s%s%s%s%s%s", scan->id[0] ? scan->id : "scan",
+                       missing.items ? " labels " : "", missing.text, missing.items && gaps.items ? "; nor for" : "",
+                       gaps.items ? " intensities " : "", gaps.text,
+                       missing.items && !names_labels ? " (the material table names no labels: give one that does, or no label map)" : "");
+}
+
+pliant_status pliant_material_classify(const pliant_material_table *table, const pliant_volume *scan,
+                                       const pliant_labels *labels, uint8_t *material_of_voxel)
+{
+    pliant_status status = pliant_material_table_check(table);
+    if (status < 0) return status;
+    if (labels && !pliant_geometry_equal(&scan->geometry, &labels->geometry))
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: the label map lies on another grid than the scan",
+                           scan->id[0] ? scan->id : "scan");
+    lookup *l = pliant_calloc(1, sizeof *l);
+    if (!l) return pliant_fail_memory("classifying voxels");
+    fill(table, scan, l);
+
+    const uint16_t *label = labels ? labels->voxels : NULL;
+    ptrdiff_t voxels = (ptrdiff_t)pliant_geometry_voxels(&scan->geometry);
+    /* a first pass, so that nothing is written when a material is missing */
+    int missing = 0;
+#pragma omp parallel for schedule(static) reduction(| : missing)
+    for (ptrdiff_t v = 0; v < voxels; ++v) missing |= of_voxel(l, scan, label, (size_t)v) == NONE;
+    if (missing) {
+        status = complain(l, table, scan, label);
+    } else {
+#pragma omp parallel for schedule(static)
+        for (ptrdiff_t v = 0; v < voxels; ++v) material_of_voxel[v] = of_voxel(l, scan, label, (size_t)v);
+    }
+    pliant_free(l);
+    return status;
+}
