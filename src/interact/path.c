@@ -1,0 +1,186 @@
+#include "pliant/path.h"
+
+#include "core/fail.h"
+#include "core/yaml.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { MOST_KEYS = 1000000, REASON_SIZE = 256 };
+
+/* The document as it stands, before its numbers are read. */
+typedef struct text_key {
+    char *time;
+    char **offset;
+} text_key;
+
+typedef struct text_tool {
+    char *name, *drive, *release;
+    char **grasp;
+    text_key *motion;
+    uint32_t num_motion;
+} text_tool;
+
+typedef struct text_path {
+    text_tool *tools;
+    uint32_t num_tools;
+} text_path;
+
+static const cyaml_schema_value_t word = {CYAML_VALUE_STRING(CYAML_FLAG_POINTER, char, 0, CYAML_UNLIMITED)};
+static const cyaml_schema_field_t key_fields[] = {
+    CYAML_FIELD_STRING_PTR("time", CYAML_FLAG_POINTER, text_key, time, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_SEQUENCE_FIXED("offset", CYAML_FLAG_POINTER, text_key, offset, &word, 3),
+    CYAML_FIELD_END,
+};
+static const cyaml_schema_value_t key_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_key, key_fields)};
+static const cyaml_schema_field_t tool_fields[] = {
+    CYAML_FIELD_STRING_PTR("name", CYAML_FLAG_POINTER, text_tool, name, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_STRING_PTR("drive", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, drive, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_STRING_PTR("release", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, release, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_SEQUENCE_FIXED("grasp", CYAML_FLAG_POINTER, text_tool, grasp, &word, 3),
+    CYAML_FIELD_SEQUENCE_COUNT("motion", CYAML_FLAG_POINTER, text_tool, motion, num_motion, &key_value, 1, MOST_KEYS),
+    CYAML_FIELD_END,
+};
+static const cyaml_schema_value_t tool_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_tool, tool_fields)};
+static const cyaml_schema_field_t path_fields[] = {
+    CYAML_FIELD_SEQUENCE_COUNT("tools", CYAML_FLAG_POINTER, text_path, tools, num_tools, &tool_value, 1, PLIANT_MAX_TOOLS),
+    CYAML_FIELD_END,
+};
+static const cyaml_schema_value_t path_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_POINTER, text_path, path_fields)};
+
+/* One number; says "field: 'text' is not a number" in reason. */
+static bool read_number(const char *field, const char *text, double *out, char reason[REASON_SIZE])
+{
+    if (pliant_parse_real(text, out)) return true;
+    snprintf(reason, REASON_SIZE, "%s: '%.64s' is not a number", field, text);
+    return false;
+}
+
+static bool read_drive(const char *text, pliant_drive *out, char reason[REASON_SIZE])
+{
+    static const char *const names[] = {"spring", "rigid", "force"};
+    for (int n = 0; n < 3; ++n)
+        if (!text || strcmp(text, names[n]) == 0) {
+            *out = (pliant_drive)n;
+            return true;
+        }
+    snprintf(reason, REASON_SIZE, "drive: '%.64s' is neither spring, rigid nor force", text);
+    return false;
+}
+
+static bool read_tool(const text_tool *text, pliant_path_tool *out, char reason[REASON_SIZE])
+{
+    if (!*text->name || strlen(text->name) >= sizeof out->name) {
+        snprintf(reason, REASON_SIZE, "name: must have 1 to %zu characters", sizeof out->name - 1);
+        return false;
+    }
+    strcpy(out->name, text->name);
+    if (!read_drive(text->drive, &out->drive, reason)) return false;
+    for (int d = 0; d < 3; ++d)
+        if (!read_number("grasp", text->grasp[d], &out->grasp[d], reason)) return false;
+    if (text->release && !read_number("release", text->release, &out->release, reason)) return false;
+    if (text->release && out->release <= 0.0) {
+        snprintf(reason, REASON_SIZE, "release: %g s must be more than 0", out->release);
+        return false;
+    }
+    out->motion = pliant_calloc(text->num_motion, sizeof *out->motion);
+    if (!out->motion) return false;
+    out->num_motion = text->num_motion;
+    for (uint32_t k = 0; k < text->num_motion; ++k) {
+        pliant_path_key *key = &out->motion[k];
+        if (!read_number("motion/time", text->motion[k].time, &key->time, reason)) return false;
+        for (int d = 0; d < 3; ++d)
+            if (!read_number("motion/offset", text->motion[k].offset[d], &key->offset[d], reason)) return false;
+        if (key->time < 0.0 || (k > 0 && key->time <= key[-1].time)) {
+            snprintf(reason, REASON_SIZE, "motion/time: %g s must be at least 0 and more than the one before", key->time);
+            return false;
+        }
+    }
+    return true;
+}
+
+static pliant_status convert(const text_path *text, const char *yaml, const char *name, pliant_path *out)
+{
+    for (uint32_t n = 0; n < text->num_tools; ++n) {
+        char reason[REASON_SIZE] = "";
+        bool good = read_tool(&text->tools[n], &out->tools[n], reason);
+        for (uint32_t k = 0; good && k < n; ++k)
+            if (strcmp(out->tools[k].name, out->tools[n].name) == 0) {
+                snprintf(reason, sizeof reason, "name: another tool has it too");
+                good = false;
+            }
+        if (good) continue;
+        if (!reason[0]) return pliant_fail_memory("a tool path");
+        /* the line of the tool: libcyaml has accepted the document, and every tool has one name */
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: tool %u '%.48s': %s", name,
+                           pliant_yaml_line(yaml, "name", (int)n, 1), n + 1, text->tools[n].name, reason);
+    }
+    return PLIANT_OK;
+}
+
+pliant_status pliant_path_read(const char *path, pliant_path *out)
+{
+    char *yaml = NULL;
+    void *document = NULL;
+    pliant_path result = {NULL, 0};
+    pliant_status status = pliant_text_read(path, &yaml);
+    if (status == PLIANT_OK) status = pliant_yaml_load(yaml, path, &path_value, &document);
+    if (status != PLIANT_OK) goto end;
+    const text_path *text = document;
+    if (!text) {
+        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is empty; a list named tools is needed", path);
+        goto end;
+    }
+    result.tools = pliant_calloc(text->num_tools, sizeof *result.tools);
+    if (!result.tools) {
+        status = pliant_fail_memory("a tool path");
+        goto end;
+    }
+    result.num_tools = text->num_tools;
+    status = convert(text, yaml, path, &result);
+    if (status == PLIANT_OK) {
+        *out = result;
+        result = (pliant_path){NULL, 0};
+    }
+end:
+    pliant_path_free(&result);
+    pliant_yaml_free(&path_value, document);
+    pliant_free(yaml);
+    return status;
+}
+
+void pliant_path_free(pliant_path *path)
+{
+    if (!path) return;
+    for (uint32_t n = 0; n < path->num_tools; ++n) pliant_free(path->tools[n].motion);
+    pliant_free(path->tools);
+    path->tools = NULL;
+    path->num_tools = 0;
+}
+
+bool pliant_path_at(const pliant_path_tool *tool, double time, double offset[3])
+{
+    const pliant_path_key *key = tool->motion;
+    uint32_t after = 0;
+    while (after < tool->num_motion && key[after].time <= time) ++after;
+    uint32_t before = after > 0 ? after - 1 : 0;
+    if (after == tool->num_motion) after = before;
+    double span = key[after].time - key[before].time;
+    double part = span > 0.0 ? (time - key[before].time) / span : 0.0;
+    for (int d = 0; d < 3; ++d)
+        offset[d] = key[before].offset[d] + part * (key[after].offset[d] - key[before].offset[d]);
+    return tool->release <= 0.0 || time < tool->release;
+}
+
+double pliant_path_end(const pliant_path *path)
+{
+    double end = 0.0;
+    for (uint32_t n = 0; n < path->num_tools; ++n) {
+        const pliant_path_tool *tool = &path->tools[n];
+        if (tool->num_motion > 0) end = fmax(end, tool->motion[tool->num_motion - 1].time);
+        end = fmax(end, tool->release);
+    }
+    return end;
+}

@@ -1,0 +1,74 @@
+#define _POSIX_C_SOURCE 200809L
+#include "console.h"
+
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+static volatile sig_atomic_t stop_asked;
+static pliant_log_level lowest;
+static bool terminal, line_open;
+static char last_stage[64];
+static int last_percent;
+
+static void ask_stop(int number)
+{
+    (void)number;
+    stop_asked = 1;
+}
+
+static void print_log(pliant_log_level level, const char *message, void *user)
+{
+    static const char *const names[] = {"debug", "info", "warning", "error"};
+    (void)user;
+    if (level < lowest) return;
+    console_progress_end();
+    if (level == PLIANT_LOG_INFO)
+        fprintf(stderr, "%s\n", message);
+    else
+        fprintf(stderr, "%s: %s\n", names[level], message);
+}
+
+void console_start(pliant_log_level quietest)
+{
+    struct sigaction action;
+    memset(&action, 0, sizeof action);
+    action.sa_handler = ask_stop;
+    action.sa_flags = (int)SA_RESETHAND;
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+    lowest = quietest;
+    terminal = isatty(STDERR_FILENO);
+    pliant_set_log(print_log, NULL);
+}
+
+bool console_stop_asked(void) { return stop_asked != 0; }
+
+static bool show_progress(double fraction, const char *stage, void *user)
+{
+    int percent = (int)(100.0 * fraction + 0.5);
+    bool new_stage = strncmp(stage, last_stage, sizeof last_stage - 1) != 0;
+    (void)user;
+    if (lowest <= PLIANT_LOG_INFO && (new_stage || (terminal && percent != last_percent))) {
+        fprintf(stderr, terminal ? "\r%3d %% %-50s" : "%3d %% %s\n", percent, stage);
+        fflush(stderr);
+        line_open = terminal;
+        last_percent = percent;
+        snprintf(last_stage, sizeof last_stage, "%s", stage);
+    }
+    return !stop_asked;
+}
+
+pliant_progress console_progress(void)
+{
+    pliant_progress progress = {show_progress, NULL};
+    return progress;
+}
+
+void console_progress_end(void)
+{
+    if (line_open) fputc('\n', stderr);
+    line_open = false;
+    last_stage[0] = '\0';
+}

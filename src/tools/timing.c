@@ -1,0 +1,151 @@
+#define _POSIX_C_SOURCE 200809L
+#include "timing.h"
+
+#include "core/fail.h"
+#include "pliant/memory.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+
+enum { COLUMNS = PLIANT_NUM_STEP_STAGES + 1 };
+
+static pliant_status open_table(const char *folder, const char *name, FILE **out)
+{
+    char path[4096];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    *out = fopen(path, "w");
+    return *out ? PLIANT_OK : pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
+}
+
+static pliant_status close_table(FILE *file, const char *name)
+{
+    int failed = ferror(file) | fclose(file);
+    return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s was not written whole: %s", name, strerror(errno)) : PLIANT_OK;
+}
+
+pliant_status timing_start(const char *folder, step_times *out)
+{
+    step_times times = {0};
+    pliant_status status = open_table(folder, "steps.csv", &times.steps);
+    if (status >= 0) status = open_table(folder, "tools.csv", &times.tools);
+    if (status < 0) {
+        if (times.steps) fclose(times.steps);
+        return status;
+    }
+    fputs("step,status,iterations,residual,residual_force_n", times.steps);
+    for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage) fprintf(times.steps, ",%s_s", pliant_step_stage_name(stage));
+    fputs(",step_s\n", times.steps);
+    fputs("step,tool,force_x_n,force_y_n,force_z_n,held_x_m,held_y_m,held_z_m\n", times.tools);
+    *out = times;
+    return PLIANT_OK;
+}
+
+static bool make_room(step_times *times)
+{
+    if (times->num_steps < times->capacity) return true;
+    size_t capacity = times->capacity ? 2 * times->capacity : 256;
+    double *larger = realloc(times->seconds, capacity * COLUMNS * sizeof *larger);
+    if (!larger) return false;
+    times->seconds = larger;
+    times->capacity = capacity;
+    return true;
+}
+
+pliant_status timing_add(step_times *times, const pliant_data *data, pliant_status status, double seconds)
+{
+    const pliant_statistics *statistics = &data->statistics;
+    if (!make_room(times)) return pliant_fail_memory("the times of the steps");
+    double *row = times->seconds + COLUMNS * times->num_steps++;
+    memcpy(row, statistics->seconds, sizeof statistics->seconds);
+    row[PLIANT_NUM_STEP_STAGES] = seconds;
+    times->iterations += (uint64_t)statistics->iterations;
+
+    fprintf(times->steps, "%zu,%d,%d,%.6g,%.6g", times->num_steps, (int)status, (int)statistics->iterations,
+            statistics->residual, statistics->residual_force);
+    for (int column = 0; column < COLUMNS; ++column) fprintf(times->steps, ",%.6g", row[column]);
+    fputc('\n', times->steps);
+    for (int n = 0; n < data->num_tools; ++n) {
+        const pliant_tool *tool = &data->tools[n];
+        if (!tool->holding) continue;
+        fprintf(times->tools, "%zu,%s,%.6g,%.6g,%.6g,%.7g,%.7g,%.7g\n", times->num_steps, tool->name, tool->force[0],
+                tool->force[1], tool->force[2], tool->held_point[0], tool->held_point[1], tool->held_point[2]);
+    }
+    return PLIANT_OK;
+}
+
+pliant_status timing_end(step_times *times)
+{
+    pliant_status steps = times->steps ? close_table(times->steps, "steps.csv") : PLIANT_OK;
+    pliant_status tools = times->tools ? close_table(times->tools, "tools.csv") : PLIANT_OK;
+    free(times->seconds);
+    memset(times, 0, sizeof *times);
+    return steps < 0 ? steps : tools;
+}
+
+static int compare(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static void print_row(FILE *file, const char *name, const step_times *times, int column, double *sorted)
+{
+    double sum = 0.0;
+    for (size_t n = 0; n < times->num_steps; ++n) sum += sorted[n] = times->seconds[COLUMNS * n + (size_t)column];
+    qsort(sorted, times->num_steps, sizeof *sorted, compare);
+    fprintf(file, "%-12s %10.2f %10.2f %10.2f\n", name, 1e3 * sum / (double)times->num_steps,
+            1e3 * sorted[times->num_steps / 2], 1e3 * sorted[times->num_steps - 1]);
+}
+
+void timing_print(const step_times *times, const pliant_model *model, const pliant_data *data, FILE *file)
+{
+    const pliant_statistics *statistics = &data->statistics;
+    double *sorted = times->num_steps ? malloc(times->num_steps * sizeof *sorted) : NULL;
+    if (!sorted) return;
+    fprintf(file, "\n%-12s %10s %10s %10s   [ms], %zu steps\n", "stage", "mean", "median", "worst", times->num_steps);
+    for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage)
+        print_row(file, pliant_step_stage_name(stage), times, stage, sorted);
+    print_row(file, "whole step", times, PLIANT_NUM_STEP_STAGES, sorted);
+    free(sorted);
+    fprintf(file, "iterations a step %.1f, last residual %.2g, not converged %llu, failed %llu, inverted now %d\n",
+            (double)times->iterations / (double)times->num_steps, statistics->residual,
+            (unsigned long long)statistics->not_converged, (unsigned long long)statistics->failed,
+            (int)pliant_mesh_inverted(&model->fine, data->positions));
+}
+
+void timing_print_build(const pliant_model *model, FILE *file)
+{
+    double seconds = 0.0, mebibytes = 0.0;
+    fprintf(file, "\n%-12s %10s %10s\n", "build", "[s]", "[MiB]");
+    for (int stage = 0; stage < PLIANT_NUM_BUILD_STAGES; ++stage) {
+        double held = (double)model->build_bytes[stage] / 1048576.0;
+        fprintf(file, "%-12s %10.3f %10.1f\n", pliant_build_stage_name(stage), model->build_seconds[stage], held);
+        seconds += model->build_seconds[stage];
+        mebibytes += held;
+    }
+    fprintf(file, "%-12s %10.3f %10.1f\n", "all", seconds, mebibytes);
+    fprintf(file, "%d fine tetrahedra, %d nodes; %d coarse tetrahedra\n", (int)model->fine.num_tets,
+            (int)model->fine.num_nodes, (int)model->coarse.num_tets);
+}
+
+void timing_print_memory(FILE *file)
+{
+    struct rusage usage;
+    getrusage(RUSAGE_SELF, &usage);
+    fprintf(file, "peak memory: %.0f MiB by the library, %.0f MiB by the whole process\n",
+            (double)pliant_memory_peak() / 1048576.0, (double)usage.ru_maxrss / 1024.0);
+}
+
+pliant_status timing_write_build(const char *folder, const pliant_model *model)
+{
+    FILE *file;
+    pliant_status status = open_table(folder, "build.csv", &file);
+    if (status < 0) return status;
+    fputs("stage,seconds,bytes\n", file);
+    for (int stage = 0; stage < PLIANT_NUM_BUILD_STAGES; ++stage)
+        fprintf(file, "%s,%.6g,%zu\n", pliant_build_stage_name(stage), model->build_seconds[stage],
+                model->build_bytes[stage]);
+    return close_table(file, "build.csv");
+}

@@ -1,0 +1,43 @@
+/* Seconds of every stage of every step, kept for the summary and written as a table. */
+#ifndef PLIANT_TOOLS_TIMING_H
+#define PLIANT_TOOLS_TIMING_H
+
+#include "pliant/data.h"
+
+#include <stdio.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct step_times {
+    FILE *steps;         /* steps.csv, a row a step */
+    FILE *tools;         /* tools.csv, a row a step and tool that holds */
+    double *seconds;     /* (num_steps x (PLIANT_NUM_STEP_STAGES + 1)), the last column is the whole step */
+    size_t num_steps, capacity;
+    uint64_t iterations;
+} step_times;
+
+/* folder/steps.csv and tools.csv with their first lines. Errors: FILE. */
+pliant_status timing_start(const char *folder, step_times *out);
+
+/* Rows for the step that data has just done. Errors: FILE, MEMORY. */
+pliant_status timing_add(step_times *times, const pliant_data *data, pliant_status status, double seconds);
+
+/* Errors: FILE, when the rows did not reach the disk. */
+pliant_status timing_end(step_times *times);
+
+/* Mean, median and largest time of every stage, and how the steps ended. */
+void timing_print(const step_times *times, const pliant_model *model, const pliant_data *data, FILE *file);
+
+/* The table of the build: seconds and bytes of every stage; the largest memory that the process had. */
+void timing_print_build(const pliant_model *model, FILE *file);
+void timing_print_memory(FILE *file);
+
+/* folder/build.csv. Errors: FILE. */
+pliant_status timing_write_build(const char *folder, const pliant_model *model);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,133 @@
+// Tool paths: what a file says is what a tool does; a wrong file is refused with file, line and field.
+#include "pliant/memory.h"
+#include "pliant/path.h"
+
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <gtest/gtest.h>
+#include <string>
+#include <unistd.h>
+
+namespace {
+
+class Path : public testing::Test {
+protected:
+    Path() { close(mkstemp(name_)); }
+    ~Path() override
+    {
+        pliant_path_free(&path_);
+        std::remove(name_);
+    }
+    pliant_status read(const std::string &text)
+    {
+        std::ofstream(name_) << text;
+        return pliant_path_read(name_, &path_);
+    }
+    void refuses(const std::string &text, const std::string &reason)
+    {
+        EXPECT_EQ(read(text), PLIANT_ERROR_FORMAT) << text;
+        std::string message = pliant_last_error();
+        EXPECT_NE(message.find(name_), std::string::npos) << message;
+        EXPECT_NE(message.find(reason), std::string::npos) << message << "\n does not say: " << reason;
+        EXPECT_EQ(path_.tools, nullptr);
+    }
+    char name_[32] = "/tmp/pliant_path_XXXXXX";
+    pliant_path path_ = {nullptr, 0};
+};
+
+const char two_tools[] = "tools:\n"
+                         "  - name: grasper\n"
+                         "    grasp: [0.01, -0.02, 0.03]\n"
+                         "    release: 2.5\n"
+                         "    motion: [{time: 0.5, offset: [0, 0, 0]}, {time: 1.5, offset: [0, -0.03, 0.01]}]\n"
+                         "  - name: second\n"
+                         "    drive: force\n"
+                         "    grasp: [0, 0, 0]\n"
+                         "    motion:\n"
+                         "      - {time: 0, offset: [1, 2, 3]}\n";
+
+TEST_F(Path, HoldsWhatTheFileSays)
+{
+    ASSERT_EQ(read(two_tools), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(path_.num_tools, 2u);
+    EXPECT_STREQ(path_.tools[0].name, "grasper");
+    EXPECT_EQ(path_.tools[0].drive, PLIANT_DRIVE_SPRING);
+    EXPECT_EQ(path_.tools[1].drive, PLIANT_DRIVE_FORCE);
+    EXPECT_DOUBLE_EQ(path_.tools[0].grasp[1], -0.02);
+    EXPECT_DOUBLE_EQ(path_.tools[0].release, 2.5);
+    EXPECT_DOUBLE_EQ(path_.tools[1].release, 0.0);
+    EXPECT_DOUBLE_EQ(pliant_path_end(&path_), 2.5);
+}
+
+TEST_F(Path, IsLinearBetweenKeysAndHeldOutside)
+{
+    ASSERT_EQ(read(two_tools), PLIANT_OK);
+    const struct { double time, y, z; bool holds; } cases[] = {
+        {0.0, 0.0, 0.0, true}, {0.5, 0.0, 0.0, true}, {0.75, -0.0075, 0.0025, true}, {1.0, -0.015, 0.005, true},
+        {1.5, -0.03, 0.01, true}, {2.49, -0.03, 0.01, true}, {2.5, -0.03, 0.01, false},
+    };
+    for (const auto &c : cases) {
+        double offset[3] = {9, 9, 9};
+        EXPECT_EQ(pliant_path_at(&path_.tools[0], c.time, offset), c.holds) << c.time;
+        EXPECT_NEAR(offset[0], 0.0, 1e-15);
+        EXPECT_NEAR(offset[1], c.y, 1e-15) << c.time;
+        EXPECT_NEAR(offset[2], c.z, 1e-15) << c.time;
+    }
+    double force[3];
+    EXPECT_TRUE(pliant_path_at(&path_.tools[1], 1e6, force));
+    EXPECT_DOUBLE_EQ(force[2], 3.0);
+}
+
+TEST_F(Path, RefusesWrongFilesWithFileLineAndField)
+{
+    const std::string start = "tools:\n  - name: a\n    grasp: [0, 0, 0]\n";
+    const std::string motion = "    motion: [{time: 0, offset: [0, 0, 0]}]\n";
+    refuses("", "tools");
+    refuses("tools: []\n", "tools");
+    refuses(start, "motion");
+    refuses(start + motion + "    speed: 3\n", "line 5: ");
+    refuses("tools:\n  - name: a\n    grasp: [0, 0]\n" + motion, "grasp");
+    refuses("tools:\n  - name: a\n    grasp: [0, nan, 0]\n" + motion, "line 2: tool 1 'a': grasp: 'nan' is not a number");
+    refuses(start + "    drive: magnet\n" + motion, "drive: 'magnet' is neither spring, rigid nor force");
+    refuses(start + "    release: 0\n" + motion, "release: 0 s must be more than 0");
+    refuses(start + "    motion: [{time: 1, offset: [0, 0, 0]}, {time: 1, offset: [0, 0, 0]}]\n", "motion/time: 1 s");
+    refuses(start + motion + "  - name: a\n    grasp: [0, 0, 0]\n" + motion, "line 5: tool 2 'a': name: another tool");
+    refuses("tools:\n  - name: ''\n    grasp: [0, 0, 0]\n" + motion, "name: must have 1 to 47 characters");
+}
+
+TEST_F(Path, NamesAFileThatIsNotThere)
+{
+    EXPECT_EQ(pliant_path_read("/nonexistent/path.yaml", &path_), PLIANT_ERROR_FILE);
+    EXPECT_NE(std::string(pliant_last_error()).find("/nonexistent/path.yaml"), std::string::npos);
+}
+
+TEST_F(Path, SurvivesEveryFailingAllocation)
+{
+    size_t before = pliant_memory_in_use();
+    bool done = false;
+    int refused = 0;
+    for (int calls = 0; !done && calls < 1000; ++calls) {
+        pliant_memory_fail_after(calls);
+        pliant_status status = read(two_tools);
+        pliant_memory_fail_after(-1);
+        done = status == PLIANT_OK;
+        if (done) break;
+        ++refused;
+        EXPECT_EQ(status, PLIANT_ERROR_MEMORY) << "allocation " << calls << ": " << pliant_last_error();
+        EXPECT_EQ(path_.tools, nullptr);
+        EXPECT_EQ(pliant_memory_in_use(), before) << "allocation " << calls;
+    }
+    EXPECT_TRUE(done);
+    EXPECT_GT(refused, 10);
+    pliant_path_free(&path_);
+    EXPECT_EQ(pliant_memory_in_use(), before);
+}
+
+TEST_F(Path, DemonstrationPathsAreReadable)
+{
+    EXPECT_EQ(pliant_path_read(PLIANT_SOURCE_DIR "/launch/scenes/demo_pull.yaml", &path_), PLIANT_OK) << pliant_last_error();
+}
+
+} // namespace
