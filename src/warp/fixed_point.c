@@ -1,0 +1,192 @@
+/* Target grid in fixed point, and what rasterizing needs of each tetrahedron (raster.h says why integers). */
+#include "warp/raster.h"
+
+#include <math.h>
+#include <string.h>
+
+/* how far from whole voxels a map may be and still copy them [voxels]; far below what a picture shows, far above the
+ * rounding of positions in metres (about 1e-12 voxel) */
+static const double copy_tolerance = 1e-4;
+
+static double determinant(const double m[9])
+{
+    return m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
+}
+
+/* the longest edge of the mesh at rest along each axis [target voxels] */
+static void longest_edges(const pliant_geometry *target, const pliant_mesh *mesh, double longest[3])
+{
+    memset(longest, 0, 3 * sizeof *longest);
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+        for (int v = 0; v < 4; v++) {
+            double index[3];
+            pliant_geometry_to_index(target, mesh->rest + 3 * mesh->tets[4 * t + v], index);
+            for (int d = 0; d < 3; d++) {
+                low[d] = fmin(low[d], index[d]);
+                high[d] = fmax(high[d], index[d]);
+            }
+        }
+        for (int d = 0; d < 3; d++) longest[d] = fmax(longest[d], high[d] - low[d]);
+    }
+}
+
+bool pliant_raster_grid(const pliant_geometry *target, const pliant_mesh *mesh, raster_grid *out)
+{
+    raster_grid grid = {.target = *target, .mirrored = determinant(target->direction) < 0};
+    double longest[3], span = 0;
+    longest_edges(target, mesh, longest);
+    for (int d = 0; d < 3; d++) {
+        /* A tetrahedron that reaches the target keeps its shape as long as it is stretched less than fourfold. */
+        double margin = 1 + fmax(0.25 * target->size[d], 4 * longest[d]);
+        grid.low[d] = -margin;
+        grid.high[d] = target->size[d] - 1 + margin;
+        grid.bricks[d] = (target->size[d] - 1) / BRICK + 1;
+        span = fmax(span, grid.high[d] - grid.low[d]);
+    }
+    if (!(span < ldexp(1, SPAN_BITS - FRACTION_BITS_MIN) - 1)) return false;
+    grid.fraction_bits = FRACTION_BITS_MAX;
+    while (ldexp(span + 1, grid.fraction_bits) > ldexp(1, SPAN_BITS)) grid.fraction_bits--;
+    grid.scale = ldexp(1, grid.fraction_bits);
+    *out = grid;
+    return true;
+}
+
+void pliant_raster_fix(const raster_grid *grid, const double position[3], int32_t fixed[3])
+{
+    double index[3];
+    pliant_geometry_to_index(&grid->target, position, index);
+    for (int d = 0; d < 3; d++) {
+        /* written so that an overflow to NaN ends at the lower limit */
+        double inside = index[d] > grid->low[d] ? index[d] : grid->low[d];
+        inside = inside < grid->high[d] ? inside : grid->high[d];
+        fixed[d] = (int32_t)lrint(inside * grid->scale);
+    }
+}
+
+static void cross(const int64_t a[3], const int64_t b[3], int64_t out[3])
+{
+    for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
+}
+
+/* Six times the volume. The dot product has up to 69 bits: the high part is exact, and so is the sign. */
+static double six_volumes(const int64_t edge[3], const int64_t normal[3])
+{
+    enum { LOW_BITS = 11, LOW = (1 << LOW_BITS) - 1 };
+    int64_t high = 0, low = 0;
+    for (int d = 0; d < 3; d++) {
+        high += (edge[d] >> LOW_BITS) * normal[d];
+        low += (edge[d] & LOW) * normal[d];
+    }
+    return (double)(high + (low >> LOW_BITS)) * (LOW + 1) + (double)(low & LOW);
+}
+
+/* the plane's value at voxel (0, 0, 0), from a point on it: floor(normal . (0 - point) / scale) */
+static int64_t plane_value(const raster_grid *grid, const int64_t normal[3], const int32_t point[3])
+{
+    int64_t whole = 0, fraction = 0;
+    for (int d = 0; d < 3; d++) {
+        whole += normal[d] * (point[d] >> grid->fraction_bits);
+        fraction += normal[d] * (point[d] & ((1 << grid->fraction_bits) - 1));
+    }
+    return -whole + (-fraction >> grid->fraction_bits);
+}
+
+/* Where the map takes voxel centres to voxel centres of the scan but for rounding, make it exactly so. */
+static bool round_map(const raster_grid *grid, const raster_source *source, const int32_t *const fixed[4],
+                      const double *const rest[4], double map[3][4])
+{
+    double rounded[3][4];
+    for (int d = 0; d < 3; d++) {
+        double sum = 0;
+        for (int c = 0; c < 4; c++) {
+            rounded[d][c] = rint(map[d][c]);
+            if (c < 3) sum += fabs(rounded[d][c]);
+        }
+        /* fixed-point nodes are half a step off along each axis */
+        double tolerance = copy_tolerance + 0.5 * sum / grid->scale;
+        for (int v = 0; v < 4; v++) {
+            double at = rounded[d][3];
+            for (int c = 0; c < 3; c++) at += rounded[d][c] * (fixed[v][c] / grid->scale);
+            bool inside = rest[v][d] > -0.75 && rest[v][d] < source->size[d] - 0.25;
+            if (!inside || !(fabs(at - rest[v][d]) <= tolerance)) return false;
+        }
+    }
+    memcpy(map, rounded, sizeof rounded);
+    return true;
+}
+
+static void find_bricks(raster_tet *tet)
+{
+    int32_t low[3], high[3], b[3];
+    raster_range(tet, low, high);
+    for (int d = 0; d < 3; d++)
+        if (high[d] - low[d] >= MASK_EDGE) return;
+    int bit = 0;
+    for (b[2] = low[2]; b[2] < low[2] + MASK_EDGE; b[2]++)
+        for (b[1] = low[1]; b[1] < low[1] + MASK_EDGE; b[1]++)
+            for (b[0] = low[0]; b[0] < low[0] + MASK_EDGE; b[0]++, bit++)
+                if (b[0] <= high[0] && b[1] <= high[1] && b[2] <= high[2] && pliant_raster_cuts(tet, b))
+                    tet->bricks |= (uint64_t)1 << bit;
+}
+
+void pliant_raster_tet(const raster_grid *grid, const raster_source *source, const int32_t *const fixed[4],
+                       const double *const rest[4], raster_tet *out)
+{
+    memset(out, 0, sizeof *out);
+    int64_t edge[4][3];
+    for (int v = 1; v < 4; v++)
+        for (int d = 0; d < 3; d++) edge[v][d] = (int64_t)fixed[v][d] - fixed[0][d];
+    int64_t(*normal)[3] = out->normal;
+    cross(edge[2], edge[3], normal[1]);
+    cross(edge[3], edge[1], normal[2]);
+    cross(edge[1], edge[2], normal[3]);
+    double volume = six_volumes(edge[1], normal[1]);
+    if (grid->mirrored ? volume >= 0 : volume <= 0) return;
+    for (int d = 0; d < 3; d++) normal[0][d] = -(normal[1][d] + normal[2][d] + normal[3][d]);
+
+    for (int d = 0; d < 3; d++) {
+        int32_t low = fixed[0][d], high = low;
+        for (int v = 1; v < 4; v++) {
+            low = fixed[v][d] < low ? fixed[v][d] : low;
+            high = fixed[v][d] > high ? fixed[v][d] : high;
+        }
+        low = -(-low >> grid->fraction_bits); /* rounded up */
+        high = high >> grid->fraction_bits;
+        out->low[d] = low > 0 ? low : 0;
+        out->high[d] = high < grid->target.size[d] - 1 ? high : grid->target.size[d] - 1;
+        if (out->low[d] > out->high[d]) return;
+    }
+
+    /* barycentric coordinate of node v: normal[v] . (scale * voxel - node 0) / volume; so is the map linear in them */
+    for (int r = 0; r < 3; r++) {
+        double at_node = 0;
+        for (int c = 0; c < 3; c++) {
+            double sum = 0;
+            for (int v = 1; v < 4; v++) sum += (rest[v][r] - rest[0][r]) * (double)normal[v][c];
+            out->map[r][c] = sum * (grid->scale / volume);
+            at_node += out->map[r][c] * (fixed[0][c] / grid->scale);
+        }
+        out->map[r][3] = rest[0][r] - at_node;
+    }
+    out->kind = round_map(grid, source, fixed, rest, out->map) ? RASTER_COPY : RASTER_SAMPLE;
+
+    if (grid->mirrored)
+        for (int v = 0; v < 4; v++)
+            for (int d = 0; d < 3; d++) normal[v][d] = -normal[v][d];
+    for (int v = 0; v < 4; v++) out->value[v] = plane_value(grid, normal[v], fixed[v == 0]);
+    find_bricks(out);
+}
+
+bool pliant_raster_cuts(const raster_tet *tet, const int32_t brick[3])
+{
+    for (int v = 0; v < 4; v++) {
+        int64_t most = tet->value[v];
+        for (int d = 0; d < 3; d++) {
+            int64_t n = tet->normal[v][d];
+            most += n * (brick[d] * BRICK) + (n > 0 ? n * (BRICK - 1) : 0);
+        }
+        if (most < 0) return false;
+    }
+    return true;
+}

@@ -1,0 +1,152 @@
+/* What the files of this folder share.
+ *
+ * Nodes are put on a fixed-point grid in the target's index space: integers, `scale` steps to a voxel. All that
+ * follows is a function of those integers alone, and whether a voxel centre lies in a tetrahedron is decided exactly,
+ * so neighbours agree on the face, edge or node they share: no hole, and with "lowest index first" one owner. Two
+ * updates with the same integers have the same volume, which is also what change detection compares.
+ *
+ * Exactness: differences of two coordinates of a node are at most 2^22 steps, so a component of a face normal (a
+ * cross product) is at most 2^45. Divided by the scale and rounded down, the plane's value at a voxel is
+ *     value(i, j, k) = value(0, 0, 0) + normal . (i, j, k)        [integers]
+ * with the same sign as before. Relative to a brick that the plane cuts these are below 2^52: exact in double.
+ */
+#ifndef PLIANT_WARP_RASTER_H
+#define PLIANT_WARP_RASTER_H
+
+#include "pliant/warp.h"
+
+#include <stdalign.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum {
+    BRICK = PLIANT_BRICK_SIZE,
+    BRICK_ROWS = BRICK * BRICK,
+    BRICK_VOXELS = BRICK * BRICK * BRICK,
+    ROWS_AT_ONCE = 4,     /* rows whose intervals are found together, neighbours along j */
+    MASK_EDGE = 4,        /* a tetrahedron's brick mask covers so many bricks along each axis */
+    FRACTION_BITS_MIN = 7, FRACTION_BITS_MAX = 16, SPAN_BITS = 22
+};
+
+/* The fixed-point grid of a target. */
+typedef struct raster_grid {
+    pliant_geometry target;
+    int32_t bricks[3];
+    double low[3], high[3]; /* nodes further out are moved here [voxels] */
+    int32_t fraction_bits;
+    double scale;           /* 2^fraction_bits */
+    bool mirrored;          /* the target's axes are left-handed */
+} raster_grid;
+
+typedef enum raster_kind {
+    RASTER_NOTHING, /* inverted, flat, or beside the target */
+    RASTER_SAMPLE,
+    RASTER_COPY     /* the map takes voxel centres to voxel centres of the scan */
+} raster_kind;
+
+/* A tetrahedron ready to be rasterized: a function of its four fixed-point nodes. */
+typedef struct raster_tet {
+    int64_t normal[4][3];      /* inward, per voxel */
+    int64_t value[4];          /* of the planes at target voxel (0, 0, 0) */
+    double map[3][4];          /* source index = map * (target index, 1) */
+    int32_t low[3], high[3];   /* first and last voxel along each axis, inside the target */
+    uint64_t bricks;           /* of the MASK_EDGE^3 bricks from low on; not used when it spans more */
+    raster_kind kind;
+} raster_tet;
+
+/* The scan, as the row loops see it. */
+typedef struct raster_source {
+    const void *voxels;
+    pliant_encoding encoding;
+    int32_t size[3];
+    ptrdiff_t step[3]; /* voxels from one to the next along each axis; 0 along an axis of one voxel */
+    ptrdiff_t count;
+    union { uint8_t u8; int16_t i16; float f32; } background;
+} raster_source;
+
+/* The map of one tetrahedron relative to one brick and one corner of the source. */
+typedef struct raster_slot {
+    float origin[4], step_i[4], step_j[4], step_k[4]; /* source index at the brick's first voxel, and its steps */
+} raster_slot;
+typedef struct raster_copy {
+    int64_t first, step_i, step_j, step_k;            /* flat source index, likewise */
+} raster_copy;
+
+/* Who owns which voxel of a row: slot, and one bit per voxel. The masks of a row are disjoint. */
+enum { ENTRY_COPY = 1 << 30, ENTRY_SLOT_SHIFT = 16, ENTRY_SLOT = BRICK_VOXELS - 1, ENTRY_MASK = 0xffff };
+
+/* Scratch of one thread, for one brick at a time. Each slot owns at least one voxel, so slots cannot run out. */
+typedef struct raster_brick {
+    uint64_t owned[BRICK_ROWS / ROWS_AT_ONCE];  /* 16 bits a row */
+    int32_t num_free;                           /* voxels without owner */
+    uint8_t num_entries[BRICK_ROWS];
+    uint32_t entry[BRICK_ROWS][BRICK + 1];      /* the last is never used, only written */
+    alignas(64) union { raster_slot sample; raster_copy copy; } slot[BRICK_VOXELS];
+    /* where slots are relative to: source voxel `base`; limits are relative to it too */
+    int32_t base[3];
+    float low[3], high[3], last[3];             /* first and last voxel centre; last voxel with a right neighbour */
+    ptrdiff_t base_index;                       /* flat index of base */
+} raster_brick;
+
+/* The planes of a tetrahedron that cut a brick. A voxel i of a row is inside when
+ *     -floor(least t of rising) <= i <= floor(least t of the others),   t = value * factor + bias. */
+typedef struct raster_planes {
+    int32_t num_rising, num_others;
+    struct raster_plane {
+        double value, step_j, step_k; /* at the brick's first voxel; integers */
+        double factor, bias;
+    } rising[4], others[4];
+} raster_planes;
+
+/* Inner loops, chosen when a warp is made. Both sets give the same bits. */
+typedef struct raster_kernels {
+    /* Give free voxels of rows [low_k, high_k] x groups [low_group, high_group] of ROWS_AT_ONCE rows that lie inside all
+     * planes to the owner whose entry (without mask) is given. The number of voxels given. */
+    int32_t (*claim)(raster_brick *brick, const raster_planes *planes, const int32_t low[3], const int32_t high[3],
+                     uint32_t entry);
+    /* The 16 voxels of one row, from its entries. */
+    void (*row)(const raster_source *source, const raster_brick *brick, int32_t row, void *out);
+} raster_kernels;
+
+raster_kernels pliant_raster_kernels_portable(const raster_source *source);
+/* false when this machine or this scan (too small, too large) cannot use them */
+bool pliant_raster_kernels_avx2(const raster_source *source, raster_kernels *out);
+
+/* fixed_point.c: false when the target or its tetrahedra are too large for the fixed-point grid */
+bool pliant_raster_grid(const pliant_geometry *target, const pliant_mesh *mesh, raster_grid *out);
+void pliant_raster_fix(const raster_grid *grid, const double position[3], int32_t fixed[3]);
+void pliant_raster_tet(const raster_grid *grid, const raster_source *source, const int32_t *const fixed[4],
+                       const double *const rest[4], raster_tet *out);
+/* whether a tetrahedron may hold a voxel of a brick, by its planes alone */
+bool pliant_raster_cuts(const raster_tet *tet, const int32_t brick[3]);
+/* bricks in its box */
+static inline void raster_range(const raster_tet *tet, int32_t low[3], int32_t high[3])
+{
+    for (int d = 0; d < 3; d++) {
+        low[d] = tet->low[d] / BRICK;
+        high[d] = tet->high[d] / BRICK;
+    }
+}
+/* whether it may hold a voxel of a brick in its box that begins at low */
+static inline bool raster_touches(const raster_tet *tet, const int32_t low[3], const int32_t high[3], const int32_t brick[3])
+{
+    for (int d = 0; d < 3; d++)
+        if (high[d] - low[d] >= MASK_EDGE) return pliant_raster_cuts(tet, brick);
+    int32_t bit = brick[0] - low[0] + MASK_EDGE * (brick[1] - low[1] + MASK_EDGE * (brick[2] - low[2]));
+    return tet->bricks >> bit & 1;
+}
+
+/* rasterize.c: all voxels of one brick of `out` from its candidates, lowest index first */
+void pliant_raster_brick(const raster_grid *grid, const raster_source *source, const raster_kernels *kernels,
+                         const raster_tet *tets, const int32_t *candidates, size_t num_candidates,
+                         const int32_t brick[3], raster_brick *scratch, void *out);
+
+/* warp.c, for tests: plain C from now on, whatever the machine can do */
+void pliant_warp_use_portable(pliant_warp *warp);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

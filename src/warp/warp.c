@@ -1,0 +1,288 @@
+/* The deformed volume from update to update: what moved, which bricks that touches, and redoing those. */
+#include "core/fail.h"
+#include "pliant/memory.h"
+#include "warp/raster.h"
+
+#include <math.h>
+#include <omp.h>
+#include <string.h>
+
+struct pliant_warp {
+    const pliant_mesh *mesh;
+    raster_grid grid;
+    raster_source source;
+    raster_kernels kernels;
+    pliant_volume volume;
+    int num_threads;
+    bool drawn;              /* there was an update */
+    double *rest;            /* (num_nodes x 3) continuous index in the scan */
+    int32_t *fixed, *next;   /* (num_nodes x 3) nodes of the last and of the coming update */
+    uint8_t *moved;          /* (num_nodes) */
+    raster_tet *tets;        /* (num_tets), of the last update */
+    int32_t num_bricks;
+    uint8_t *changed, *dirty; /* (num_bricks) of the last and of the coming update */
+    int32_t *dirty_bricks;   /* (num_bricks) those of the coming one */
+    size_t *end;             /* (num_bricks) where a brick's candidates end; they begin where its predecessor's end */
+    int32_t *candidates;     /* tetrahedra by brick, ascending */
+    size_t capacity;
+    raster_brick *scratch;   /* (num_threads) */
+    double cull_seconds, rasterize_seconds;
+};
+
+void pliant_warp_free(pliant_warp *warp)
+{
+    if (!warp) return;
+    pliant_volume_free(&warp->volume);
+    void *blocks[] = {warp->rest, warp->fixed, warp->next, warp->moved, warp->tets, warp->changed, warp->dirty,
+                      warp->dirty_bricks, warp->end, warp->candidates, warp->scratch};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    pliant_free(warp);
+}
+
+static raster_source source_of(const pliant_volume *scan)
+{
+    raster_source source = {.voxels = scan->voxels, .encoding = scan->encoding, .count = 1};
+    for (int d = 0; d < 3; d++) {
+        source.size[d] = scan->geometry.size[d];
+        source.step[d] = source.size[d] > 1 ? source.count : 0;
+        source.count *= source.size[d];
+    }
+    switch (scan->encoding) {
+    case PLIANT_UINT8: source.background.u8 = (uint8_t)lrintf(fminf(fmaxf(scan->background, 0), UINT8_MAX)); break;
+    case PLIANT_INT16: source.background.i16 = (int16_t)lrintf(fminf(fmaxf(scan->background, INT16_MIN), INT16_MAX)); break;
+    case PLIANT_FLOAT32: source.background.f32 = scan->background; break;
+    }
+    return source;
+}
+
+static pliant_status check(const pliant_volume *scan, const pliant_mesh *mesh, int num_threads)
+{
+    if (!scan->voxels || pliant_encoding_size(scan->encoding) == 0)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the scan of a warp has no voxels");
+    if (num_threads < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a warp needs at least one thread, not %d", num_threads);
+    if (mesh->num_nodes < 1 || mesh->num_tets < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the mesh of a warp is empty");
+    for (int32_t v = 0; v < 4 * mesh->num_tets; v++)
+        if (mesh->tets[v] < 0 || mesh->tets[v] >= mesh->num_nodes)
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "tetrahedron %d of the warped mesh names node %d of %d", v / 4, mesh->tets[v],
+                               mesh->num_nodes);
+    return PLIANT_OK;
+}
+
+static bool allocate(pliant_warp *warp)
+{
+    size_t nodes = (size_t)warp->mesh->num_nodes, bricks = (size_t)warp->num_bricks;
+    return (warp->rest = pliant_calloc(nodes, 3 * sizeof *warp->rest)) &&
+           (warp->fixed = pliant_calloc(nodes, 3 * sizeof *warp->fixed)) &&
+           (warp->next = pliant_calloc(nodes, 3 * sizeof *warp->next)) && (warp->moved = pliant_calloc(nodes, 1)) &&
+           (warp->tets = pliant_calloc((size_t)warp->mesh->num_tets, sizeof *warp->tets)) &&
+           (warp->changed = pliant_calloc(bricks, 1)) && (warp->dirty = pliant_calloc(bricks, 1)) &&
+           (warp->dirty_bricks = pliant_calloc(bricks, sizeof *warp->dirty_bricks)) &&
+           (warp->end = pliant_calloc(bricks, sizeof *warp->end)) &&
+           (warp->scratch = pliant_calloc((size_t)warp->num_threads, sizeof *warp->scratch));
+}
+
+static void fill_background(const raster_source *source, pliant_volume *volume)
+{
+    size_t count = pliant_geometry_voxels(&volume->geometry);
+    switch (source->encoding) {
+    case PLIANT_UINT8: memset(volume->voxels, source->background.u8, count); break;
+    case PLIANT_INT16: for (size_t v = 0; v < count; v++) ((int16_t *)volume->voxels)[v] = source->background.i16; break;
+    case PLIANT_FLOAT32: for (size_t v = 0; v < count; v++) ((float *)volume->voxels)[v] = source->background.f32; break;
+    }
+}
+
+pliant_status pliant_warp_create(const pliant_volume *scan, const pliant_mesh *mesh, const pliant_geometry *target,
+                                 int num_threads, pliant_warp **out)
+{
+    pliant_status status = check(scan, mesh, num_threads);
+    if (status != PLIANT_OK) return status;
+    pliant_volume volume = {0};
+    status = pliant_volume_create(target, scan->encoding, &volume);
+    if (status != PLIANT_OK) return status;
+    pliant_warp *warp = pliant_calloc(1, sizeof *warp);
+    if (!warp) {
+        pliant_volume_free(&volume);
+        return pliant_fail_memory("the warp");
+    }
+    warp->volume = volume;
+    warp->volume.slope = scan->slope;
+    warp->volume.intercept = scan->intercept;
+    warp->volume.background = scan->background;
+    memcpy(warp->volume.id, scan->id, sizeof warp->volume.id);
+    warp->mesh = mesh;
+    warp->num_threads = num_threads;
+    warp->source = source_of(scan);
+    if (!pliant_raster_kernels_avx2(&warp->source, &warp->kernels)) warp->kernels = pliant_raster_kernels_portable(&warp->source);
+
+    if (!pliant_raster_grid(target, mesh, &warp->grid)) {
+        status = pliant_fail(PLIANT_ERROR_ARGUMENT, "the warp target is too large or its voxels are too small for the mesh: the target "
+                             "and four tetrahedra on each side may span %d voxels along an axis", 1 << (SPAN_BITS - FRACTION_BITS_MIN));
+        goto failed;
+    }
+    int64_t bricks = (int64_t)warp->grid.bricks[0] * warp->grid.bricks[1] * warp->grid.bricks[2];
+    warp->num_bricks = (int32_t)(bricks < INT32_MAX ? bricks : INT32_MAX);
+    status = bricks == warp->num_bricks && allocate(warp) ? PLIANT_OK : pliant_fail_memory("the warp");
+    if (status != PLIANT_OK) goto failed;
+    for (int32_t n = 0; n < mesh->num_nodes; n++)
+        pliant_geometry_to_index(&scan->geometry, mesh->rest + 3 * n, warp->rest + 3 * n);
+    fill_background(&warp->source, &warp->volume);
+    *out = warp;
+    return PLIANT_OK;
+failed:
+    pliant_warp_free(warp);
+    return status;
+}
+
+void pliant_warp_use_portable(pliant_warp *warp) { warp->kernels = pliant_raster_kernels_portable(&warp->source); }
+
+/* The coming update's nodes; how many moved. */
+static int32_t fix_nodes(pliant_warp *warp, const double *positions)
+{
+    int32_t num_nodes = warp->mesh->num_nodes, num_moved = 0;
+#pragma omp parallel for num_threads(warp->num_threads) reduction(+ : num_moved) if (num_nodes > 10000)
+    for (int32_t n = 0; n < num_nodes; n++) {
+        int32_t *next = warp->next + 3 * n;
+        pliant_raster_fix(&warp->grid, positions + 3 * n, next);
+        warp->moved[n] = !warp->drawn || memcmp(next, warp->fixed + 3 * n, 3 * sizeof *next) != 0;
+        num_moved += warp->moved[n];
+    }
+    return num_moved;
+}
+
+static bool tet_moved(const pliant_warp *warp, int32_t tet)
+{
+    const int32_t *nodes = warp->mesh->tets + 4 * (size_t)tet;
+    return warp->moved[nodes[0]] | warp->moved[nodes[1]] | warp->moved[nodes[2]] | warp->moved[nodes[3]];
+}
+
+/* Tetrahedra that moved, from the given nodes. */
+static void set_tets(pliant_warp *warp, const int32_t *fixed)
+{
+    const pliant_mesh *mesh = warp->mesh;
+#pragma omp parallel for num_threads(warp->num_threads) schedule(static)
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        if (!tet_moved(warp, t)) continue;
+        const int32_t *corners[4];
+        const double *rest[4];
+        for (int v = 0; v < 4; v++) {
+            size_t node = (size_t)mesh->tets[4 * (size_t)t + v];
+            corners[v] = fixed + 3 * node;
+            rest[v] = warp->rest + 3 * node;
+        }
+        pliant_raster_tet(&warp->grid, &warp->source, corners, rest, &warp->tets[t]);
+    }
+}
+
+typedef enum visit { VISIT_MARK, VISIT_COUNT, VISIT_LIST } visit;
+
+/* For every brick that a tetrahedron touches: mark it dirty; or, if it is dirty, count or list the tetrahedron. */
+static void visit_bricks(pliant_warp *warp, int32_t t, visit what)
+{
+    const raster_tet *tet = &warp->tets[t];
+    if (tet->kind == RASTER_NOTHING) return;
+    int32_t low[3], high[3], at[3];
+    raster_range(tet, low, high);
+    for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
+        for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
+            for (at[0] = low[0]; at[0] <= high[0]; at[0]++) {
+                int32_t brick = at[0] + warp->grid.bricks[0] * (at[1] + warp->grid.bricks[1] * at[2]);
+                if (what != VISIT_MARK && !warp->dirty[brick]) continue;
+                if (!raster_touches(tet, low, high, at)) continue;
+                switch (what) {
+                case VISIT_MARK: warp->dirty[brick] = 1; break;
+                case VISIT_COUNT: warp->end[brick]++; break;
+                case VISIT_LIST: warp->candidates[warp->end[brick]++] = t; break;
+                }
+            }
+}
+
+static void mark_moved(pliant_warp *warp)
+{
+    for (int32_t t = 0; t < warp->mesh->num_tets; t++)
+        if (tet_moved(warp, t)) visit_bricks(warp, t, VISIT_MARK);
+}
+
+/* Candidates of every dirty brick; false when out of memory. */
+static bool list_candidates(pliant_warp *warp)
+{
+    memset(warp->end, 0, (size_t)warp->num_bricks * sizeof *warp->end);
+    for (int32_t t = 0; t < warp->mesh->num_tets; t++) visit_bricks(warp, t, VISIT_COUNT);
+    size_t total = 0;
+    for (int32_t b = 0; b < warp->num_bricks; b++) { /* to where its candidates begin; listing moves that to their end */
+        size_t count = warp->end[b];
+        warp->end[b] = total;
+        total += count;
+    }
+    if (total > warp->capacity) {
+        int32_t *candidates = pliant_calloc(total + total / 4, sizeof *candidates);
+        if (!candidates) return false;
+        pliant_free(warp->candidates);
+        warp->candidates = candidates;
+        warp->capacity = total + total / 4;
+    }
+    for (int32_t t = 0; t < warp->mesh->num_tets; t++) visit_bricks(warp, t, VISIT_LIST);
+    return true;
+}
+
+static void redo_bricks(pliant_warp *warp)
+{
+    int32_t num_dirty = 0;
+    for (int32_t b = 0; b < warp->num_bricks; b++)
+        if (warp->dirty[b]) warp->dirty_bricks[num_dirty++] = b;
+#pragma omp parallel for num_threads(warp->num_threads) schedule(dynamic, 1)
+    for (int32_t n = 0; n < num_dirty; n++) {
+        int32_t b = warp->dirty_bricks[n], across = warp->grid.bricks[0], down = warp->grid.bricks[1];
+        int32_t brick[3] = {b % across, b / across % down, b / across / down};
+        size_t begin = b > 0 ? warp->end[b - 1] : 0;
+        pliant_raster_brick(&warp->grid, &warp->source, &warp->kernels, warp->tets, warp->candidates + begin,
+                            warp->end[b] - begin, brick, &warp->scratch[omp_get_thread_num()], warp->volume.voxels);
+    }
+}
+
+pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
+{
+    double start = pliant_seconds();
+    for (int32_t v = 0; v < 3 * warp->mesh->num_nodes; v++)
+        if (!isfinite(positions[v])) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the position of node %d is not finite; the deformed volume stays as it is", v / 3);
+    if (fix_nodes(warp, positions) == 0) {
+        memset(warp->changed, 0, (size_t)warp->num_bricks);
+        warp->cull_seconds = pliant_seconds() - start;
+        warp->rasterize_seconds = 0;
+        return PLIANT_OK;
+    }
+    /* bricks touched before and after */
+    memset(warp->dirty, !warp->drawn, (size_t)warp->num_bricks);
+    if (warp->drawn) mark_moved(warp);
+    set_tets(warp, warp->next);
+    if (warp->drawn) mark_moved(warp);
+    if (!list_candidates(warp)) {
+        set_tets(warp, warp->fixed); /* as they were; before the first update nobody asks */
+        return pliant_fail_memory("the tetrahedra by brick; the deformed volume stays as it is");
+    }
+    double culled = pliant_seconds();
+    redo_bricks(warp);
+    int32_t *fixed = warp->fixed;
+    warp->fixed = warp->next;
+    warp->next = fixed;
+    uint8_t *changed = warp->changed;
+    warp->changed = warp->dirty;
+    warp->dirty = changed;
+    warp->drawn = true;
+    warp->cull_seconds = culled - start;
+    warp->rasterize_seconds = pliant_seconds() - culled;
+    return PLIANT_OK;
+}
+
+const pliant_volume *pliant_warp_volume(const pliant_warp *warp) { return &warp->volume; }
+
+void pliant_warp_bricks(const pliant_warp *warp, int32_t count[3], const uint8_t **changed)
+{
+    memcpy(count, warp->grid.bricks, sizeof warp->grid.bricks);
+    *changed = warp->changed;
+}
+
+void pliant_warp_seconds(const pliant_warp *warp, double *cull, double *rasterize)
+{
+    *cull = warp->cull_seconds;
+    *rasterize = warp->rasterize_seconds;
+}
