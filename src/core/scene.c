@@ -1,0 +1,86 @@
+#include "pliant/scene.h"
+
+#include "core/fail.h"
+#include "core/options.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { REASON_SIZE = 320 };
+
+void pliant_scene_defaults(pliant_scene *scene)
+{
+    size_t count;
+    const pliant_option *options = pliant_option_table(&count);
+    memset(scene, 0, sizeof *scene);
+    for (size_t i = 0; i < count; ++i) pliant_option_set_default(&options[i], scene);
+}
+
+/* Cut "[7, 7, 7]" or "7 7 7" into its words, in place. Returns how many there are; only three are kept. */
+static int split(char *text, const char *words[3])
+{
+    static const char between[] = " ,\t[]";
+    int number = 0;
+    for (char *c = text; *(c += strspn(c, between));) {
+        if (number < 3) words[number] = c;
+        ++number;
+        c += strcspn(c, between);
+        if (*c) *c++ = 0;
+    }
+    return number;
+}
+
+pliant_status pliant_scene_set(pliant_scene *scene, const char *path, const char *value)
+{
+    char text[256], reason[REASON_SIZE];
+    const char *words[3] = {value, "", ""};
+    int number = 1;
+    const pliant_option *option = pliant_option_find(path);
+    if (!option) return pliant_fail(PLIANT_ERROR_SCENE, "%s: is no option of a scene", path);
+    if (option->kind == PLIANT_OPTION_INT3 || option->kind == PLIANT_OPTION_REAL3) {
+        if (strlen(value) >= sizeof text) return pliant_fail(PLIANT_ERROR_SCENE, "%s: three values are needed", path);
+        strcpy(text, value);
+        number = split(text, words);
+    }
+    if (pliant_option_read(option, words, number, scene, reason, sizeof reason))
+        return pliant_fail(PLIANT_ERROR_SCENE, "%s: %s %s", path, reason, option->unit);
+    return PLIANT_OK;
+}
+
+static pliant_status check_fixed(const pliant_scene *scene)
+{
+    if (scene->fixed.num_boxes > PLIANT_MAX_FIXED || scene->fixed.num_planes > PLIANT_MAX_FIXED)
+        return pliant_fail(PLIANT_ERROR_SCENE, "fixed: more than %d boxes or planes", PLIANT_MAX_FIXED);
+    for (uint32_t i = 0; i < scene->fixed.num_boxes; ++i) {
+        const pliant_fixed_box *box = &scene->fixed.boxes[i];
+        for (int d = 0; d < 3; ++d)
+            if (!(isfinite(box->low[d]) && isfinite(box->high[d]) && box->low[d] < box->high[d]))
+                return pliant_fail(PLIANT_ERROR_SCENE, "fixed/boxes: number %u, axis %d: low %g must be less than high %g",
+                                   i + 1, d, box->low[d], box->high[d]);
+    }
+    for (uint32_t i = 0; i < scene->fixed.num_planes; ++i) {
+        const pliant_fixed_plane *plane = &scene->fixed.planes[i];
+        double length = 0;
+        bool finite = true;
+        for (int d = 0; d < 3; ++d) {
+            length += plane->normal[d] * plane->normal[d];
+            finite = finite && isfinite(plane->point[d]) && isfinite(plane->normal[d]);
+        }
+        if (!finite || !(length > 0 && isfinite(length)))
+            return pliant_fail(PLIANT_ERROR_SCENE, "fixed/planes: number %u: normal [%g, %g, %g] must be finite and not zero, "
+                               "its point finite", i + 1, plane->normal[0], plane->normal[1], plane->normal[2]);
+    }
+    return PLIANT_OK;
+}
+
+pliant_status pliant_scene_check(const pliant_scene *scene)
+{
+    size_t count;
+    char reason[REASON_SIZE];
+    const pliant_option *options = pliant_option_table(&count);
+    for (size_t i = 0; i < count; ++i)
+        if (pliant_option_check(&options[i], scene, reason, sizeof reason))
+            return pliant_fail(PLIANT_ERROR_SCENE, "%s/%s: %s %s", options[i].group, options[i].name, reason, options[i].unit);
+    return check_fixed(scene);
+}
