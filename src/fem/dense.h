@@ -5,6 +5,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* In place: the lower triangle of a symmetric positive definite (n x n) becomes its Cholesky factor. False: it is not
  * positive definite. */
 bool pliant_dense_cholesky(int32_t n, double *a);
@@ -14,5 +18,9 @@ void pliant_dense_cholesky_solve(int32_t n, const double *factor, int32_t column
 
 /* In place, with partial pivoting: right (n x columns) becomes A^-1 right; a is overwritten. False: singular. */
 bool pliant_dense_solve(int32_t n, double *a, int32_t columns, double *right);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -16,6 +16,9 @@ enum { LANES = 8 };
 #define PLIANT_VECTORIZED
 #endif
 
+#ifdef __cplusplus
+extern "C"
+#endif
 /* One matrix, any state. deformation, rotation: 9, row-major. */
 void pliant_rotation_signed_svd(const double deformation[9], double rotation[9]);
 

@@ -15,6 +15,10 @@
 #include "fem/system.h"
 #include "pliant/data.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* What one tool does to the unknowns. */
 typedef struct pliant_handle {
     bool active;
@@ -91,5 +95,9 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
 pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *statistics);
 void pliant_refresh_free(pliant_solver *solver);
 size_t pliant_refresh_bytes(const pliant_solver *solver);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -4,6 +4,10 @@
 
 #include "fem/system.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Fine tetrahedra by coarse tetrahedron. */
 typedef struct pliant_submesh_lists {
     int32_t *start; /* (coarse.num_tets + 1) */
@@ -40,5 +44,9 @@ pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, con
 /* Barycentric coordinates of local node n in coarse tetrahedron `tet`. */
 void pliant_submesh_barycentric(const pliant_submesh *submesh, int32_t tet, int32_t n, double weights[4]);
 bool pliant_submesh_has_fixed(const pliant_submesh *submesh);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

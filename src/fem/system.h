@@ -8,6 +8,10 @@
 #include "fem/rotation.h"
 #include "pliant/model.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 typedef struct pliant_factor pliant_factor;
 
 /* Lower triangle of the node-by-node matrix, in compressed columns of 3 x 3 blocks, each column's diagonal first. */
@@ -105,5 +109,9 @@ size_t pliant_factor_bytes(const pliant_factor *factor);
 void pliant_factor_free(pliant_factor *factor);
 
 void pliant_system_free(pliant_system *system);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

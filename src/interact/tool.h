@@ -4,11 +4,19 @@
 
 #include "pliant/data.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* before the solve: tell the solver what the tool pulls at and where to */
 pliant_status pliant_tool_interact(const pliant_model *model, pliant_data *data, int tool);
 /* after the solve: where the held point is and what force it took */
 void pliant_tool_report(pliant_data *data, int tool);
 /* free the hold; the solver is told at the next step */
 void pliant_tool_forget(pliant_tool *tool);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif
