@@ -15,6 +15,7 @@
 #include <pliant/ContactState.h>
 #include <pliant/MeshState.h>
 #include <pliant/MeshTopology.h>
+#include <pliant/Pick.h>
 #include <pliant/ScanInfo.h>
 #include <pliant/StepTiming.h>
 #include <pliant/Volume.h>
@@ -27,6 +28,14 @@
 #include <vector>
 
 namespace pliant_ros {
+
+using pliant::ContactState;
+using pliant::MeshState;
+using pliant::MeshTopology;
+using pliant::Pick;
+using pliant::ScanInfo;
+using pliant::StepTiming;
+using pliant::Volume;
 
 /** A rigid motion: x -> rotation x + translation. Quaternion x y z w, of length 1. */
 struct Rigid {
@@ -79,10 +88,15 @@ pliant_status mesh_state_message(const pliant_model &model, const double *positi
  *  is not finite becomes zero. Header is the caller's.
  *  @param frame_from_tissue quaternion that turns tissue axes into those of the frame */
 void wrench_message(const double force[3], const double frame_from_tissue[4], geometry_msgs::WrenchStamped *out);
-/** Header is the caller's. */
-void contact_message(const pliant_tool &tool, ContactState *out);
-/** Stages, seconds and counters of the last step. Header, percentiles and missed_deadlines are the caller's. */
+/** Header is the caller's.
+ *  @param clearance of pliant_tool_clearance [m] */
+void contact_message(const pliant_tool &tool, double clearance, ContactState *out);
+/** Stages, seconds and counters of the last step. Header, percentiles, missed_deadlines and inverted are the caller's. */
 void timing_message(const pliant_statistics &statistics, StepTiming *out);
+
+/** A ray into tissue axes, and what it met back into those of the caller. */
+pliant_ray ray_from_message(const Pick::Request &request, const Rigid &tissue_from_frame);
+void pick_message(const pliant_picked &picked, const Rigid &frame_from_tissue, Pick::Response *out);
 
 /** The surface for stock rviz, coloured by displacement from rest (blue 0, red the largest, at least 1 mm) or, where
  *  given, by the scalar (blue its smallest, red its largest). Header is the caller's.

@@ -1,0 +1,100 @@
+/* The mesh for stock rviz: Marker and PointCloud2. */
+#include "pliant/ros/convert.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+namespace pliant_ros {
+
+namespace {
+
+float displacement(const pliant_mesh &mesh, const double *positions, size_t node)
+{
+    double squared = 0;
+    for (size_t i = 3 * node; i < 3 * node + 3; ++i)
+        squared += (positions[i] - mesh.rest[i]) * (positions[i] - mesh.rest[i]);
+    return static_cast<float>(std::sqrt(squared));
+}
+
+/* 0 blue, 1/2 green, 1 red */
+std_msgs::ColorRGBA colour(float x)
+{
+    x = std::min(std::max(x, 0.0f), 1.0f);
+    std_msgs::ColorRGBA out;
+    out.r = std::max(0.0f, 2 * x - 1);
+    out.g = 1 - std::fabs(2 * x - 1);
+    out.b = std::max(0.0f, 1 - 2 * x);
+    out.a = 1;
+    return out;
+}
+
+void field(const char *name, std::vector<sensor_msgs::PointField> *fields)
+{
+    sensor_msgs::PointField next;
+    next.name = name;
+    next.offset = static_cast<uint32_t>(fields->size() * sizeof(float));
+    next.datatype = sensor_msgs::PointField::FLOAT32;
+    next.count = 1;
+    fields->push_back(next);
+}
+
+} // namespace
+
+void marker_message(const pliant_model &model, const double *positions, const std::vector<float> &scalar,
+                    visualization_msgs::Marker *out)
+{
+    const pliant_mesh &mesh = model.fine;
+    size_t nodes = static_cast<size_t>(mesh.num_nodes), corners = 3 * static_cast<size_t>(model.num_triangles);
+    std::vector<float> value(scalar);
+    float low = 0, high = 1e-3f;
+    if (value.size() == nodes && nodes > 0) {
+        low = *std::min_element(value.begin(), value.end());
+        high = *std::max_element(value.begin(), value.end());
+    } else {
+        value.resize(nodes);
+        for (size_t i = 0; i < nodes; ++i) high = std::max(high, value[i] = displacement(mesh, positions, i));
+    }
+    out->ns = "surface";
+    out->id = 0;
+    out->type = visualization_msgs::Marker::TRIANGLE_LIST;
+    out->action = visualization_msgs::Marker::ADD;
+    out->pose.orientation.w = 1;
+    out->scale.x = out->scale.y = out->scale.z = 1;
+    out->color = colour(0.5f);
+    out->points.resize(corners);
+    out->colors.resize(corners);
+    for (size_t corner = 0; corner < corners; ++corner) {
+        size_t node = static_cast<size_t>(model.triangles[corner]);
+        out->points[corner].x = positions[3 * node];
+        out->points[corner].y = positions[3 * node + 1];
+        out->points[corner].z = positions[3 * node + 2];
+        out->colors[corner] = colour(high > low ? (value[node] - low) / (high - low) : 0.0f);
+    }
+}
+
+void points_message(const pliant_model &model, const double *positions, const std::vector<float> &scalar,
+                    sensor_msgs::PointCloud2 *out)
+{
+    const pliant_mesh &mesh = model.fine;
+    size_t nodes = static_cast<size_t>(mesh.num_nodes);
+    bool has_scalar = scalar.size() == nodes && nodes > 0;
+    out->fields.clear();
+    for (const char *name : {"x", "y", "z", "displacement"}) field(name, &out->fields);
+    if (has_scalar) field("scalar", &out->fields);
+    out->height = 1;
+    out->width = static_cast<uint32_t>(nodes);
+    out->is_bigendian = false;
+    out->is_dense = true;
+    out->point_step = static_cast<uint32_t>(out->fields.size() * sizeof(float));
+    out->row_step = out->point_step * out->width;
+    out->data.resize(static_cast<size_t>(out->row_step));
+    for (size_t i = 0; i < nodes; ++i) {
+        float row[5] = {static_cast<float>(positions[3 * i]), static_cast<float>(positions[3 * i + 1]),
+                        static_cast<float>(positions[3 * i + 2]), displacement(mesh, positions, i),
+                        has_scalar ? scalar[i] : 0.0f};
+        std::memcpy(&out->data[i * out->point_step], row, out->point_step);
+    }
+}
+
+} // namespace pliant_ros

@@ -1,0 +1,34 @@
+/* /diagnostics, once a second: the solver, each tool, the backend. */
+#ifndef PLIANT_ROS_DIAGNOSTICS_H
+#define PLIANT_ROS_DIAGNOSTICS_H
+
+#include "simulation.h"
+
+#include <diagnostic_updater/diagnostic_updater.h>
+
+namespace pliant_ros {
+
+class Diagnostics {
+public:
+    Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, const Parameters &parameters, State *state,
+                Simulation *simulation, Tools *tools);
+
+private:
+    void update();
+    void solver(diagnostic_updater::DiagnosticStatusWrapper &status);
+    void tool(size_t index, diagnostic_updater::DiagnosticStatusWrapper &status);
+    void backend(diagnostic_updater::DiagnosticStatusWrapper &status);
+
+    const Parameters parameters_;
+    State *state_;
+    Simulation *simulation_;
+    Tools *tools_;
+    diagnostic_updater::Updater updater_;
+    std::vector<ToolHealth> tool_health_;
+    uint64_t missed_before_ = 0;
+    ros::WallTimer timer_;
+};
+
+} // namespace pliant_ros
+
+#endif

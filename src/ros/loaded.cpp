@@ -1,0 +1,53 @@
+#include "loaded.h"
+
+#include <algorithm>
+
+namespace pliant_ros {
+
+void check(pliant_status status)
+{
+    if (status >= 0) return;
+    std::string message = pliant_last_error();
+    throw Failure(status, message.empty() ? pliant_status_text(status) : message);
+}
+
+Scan::~Scan()
+{
+    pliant_volume_free(&volume);
+    pliant_labels_free(&labels);
+}
+
+std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::string &path, Materials *materials)
+{
+    auto scan = std::make_shared<Scan>();
+    check(pliant_inputs_read(&scene, path.c_str(), &scan->volume, &scan->labels, &materials->table));
+    size_t voxels = pliant_geometry_voxels(&scan->volume.geometry);
+    scan->low = scan->high = pliant_volume_value(&scan->volume, 0);
+    for (size_t i = 1; i < voxels; ++i) {
+        float value = pliant_volume_value(&scan->volume, i);
+        scan->low = std::min(scan->low, value);
+        scan->high = std::max(scan->high, value);
+    }
+    return scan;
+}
+
+std::shared_ptr<Loaded> build(const pliant_scene &scene, std::shared_ptr<const Scan> scan,
+                              const pliant_material_table &materials, uint32_t revision, pliant_progress progress)
+{
+    auto loaded = std::make_shared<Loaded>();
+    loaded->scan = std::move(scan);
+    loaded->scene = scene;
+    loaded->revision = revision;
+    const pliant_labels *labels = loaded->scan->labels.voxels ? &loaded->scan->labels : nullptr;
+    check(pliant_model_build(&scene, &loaded->scan->volume, labels, &materials, progress, &loaded->model));
+    return loaded;
+}
+
+Data create_data(const pliant_model &model)
+{
+    pliant_data *data = nullptr;
+    check(pliant_data_create(&model, &data));
+    return Data(data);
+}
+
+} // namespace pliant_ros

@@ -1,0 +1,60 @@
+/* A scan in memory, and what was built from it. Shared by the threads that use it; the last one frees it. */
+#ifndef PLIANT_ROS_LOADED_H
+#define PLIANT_ROS_LOADED_H
+
+#include "pliant/pliant.h"
+
+#include <memory>
+#include <stdexcept>
+#include <string>
+
+namespace pliant_ros {
+
+/* A status and its message, thrown inside the node only. */
+struct Failure : std::runtime_error {
+    Failure(pliant_status status_, const std::string &message) : std::runtime_error(message), status(status_) {}
+    pliant_status status;
+};
+/* Throws for a negative status, with the last error of this thread. */
+void check(pliant_status status);
+
+struct Materials {
+    pliant_material_table table{};
+    Materials() = default;
+    Materials(const Materials &) = delete;
+    ~Materials() { pliant_material_table_free(&table); }
+};
+
+struct Scan {
+    pliant_volume volume{};
+    pliant_labels labels{}; /* voxels NULL: none */
+    float low = 0, high = 0; /* smallest and largest value */
+    Scan() = default;
+    Scan(const Scan &) = delete;
+    ~Scan();
+};
+
+struct Loaded {
+    std::shared_ptr<const Scan> scan;
+    pliant_scene scene; /* as it was asked for; the simulation changes some numbers of the model's own copy */
+    pliant_model *model = nullptr;
+    uint32_t revision = 0;
+    Loaded() = default;
+    Loaded(const Loaded &) = delete;
+    ~Loaded() { pliant_model_free(model); }
+};
+
+/* Throw Failure. */
+std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::string &path, Materials *materials);
+std::shared_ptr<Loaded> build(const pliant_scene &scene, std::shared_ptr<const Scan> scan,
+                              const pliant_material_table &materials, uint32_t revision, pliant_progress progress);
+
+struct DataDeleter {
+    void operator()(pliant_data *data) const { pliant_data_free(data); }
+};
+using Data = std::unique_ptr<pliant_data, DataDeleter>;
+Data create_data(const pliant_model &model);
+
+} // namespace pliant_ros
+
+#endif

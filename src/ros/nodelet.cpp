@@ -1,0 +1,23 @@
+#include "pliant/ros/node.h"
+
+#include <nodelet/nodelet.h>
+#include <pluginlib/class_list_macros.hpp>
+
+namespace pliant_ros {
+
+class TissueNodelet : public nodelet::Nodelet {
+    void onInit() override
+    {
+        try {
+            node_.reset(new Node(getMTNodeHandle(), getMTPrivateNodeHandle()));
+        } catch (const std::exception &wrong) {
+            NODELET_FATAL("%s", wrong.what());
+        }
+    }
+
+    std::unique_ptr<Node> node_;
+};
+
+} // namespace pliant_ros
+
+PLUGINLIB_EXPORT_CLASS(pliant_ros::TissueNodelet, nodelet::Nodelet)

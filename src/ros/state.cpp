@@ -1,0 +1,72 @@
+#include "state.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace pliant_ros {
+
+State::State(ros::NodeHandle handle, const std::string &frame)
+{
+    publisher_ = handle.advertise<SimState>("state", 10, true);
+    current_.header.frame_id = frame;
+    current_.state = SimState::LOADING;
+    publish();
+}
+
+void State::publish()
+{
+    current_.header.stamp = ros::Time::now();
+    publisher_.publish(current_);
+}
+
+void State::set(uint8_t state, const std::string &message)
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    bool same = current_.state == state && (current_.message == message || current_.is_busy);
+    current_.state = state;
+    if (!current_.is_busy) current_.message = message;
+    if (!same) publish();
+}
+
+bool State::begin(const std::string &work, std::string *message)
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    if (current_.is_busy) {
+        *message = "busy with " + work_ + "; try again when it is done";
+        return false;
+    }
+    work_ = work;
+    current_.is_busy = true;
+    current_.progress = 0;
+    current_.message = work;
+    publish();
+    return true;
+}
+
+void State::progress(double fraction, const std::string &stage)
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    float rounded = static_cast<float>(std::floor(100 * std::min(std::max(fraction, 0.0), 1.0)) / 100);
+    std::string message = work_ + ": " + stage;
+    if (rounded == current_.progress && message == current_.message) return;
+    current_.progress = rounded;
+    current_.message = message;
+    publish();
+}
+
+void State::end(const std::string &message)
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    current_.is_busy = false;
+    current_.progress = 0;
+    current_.message = message;
+    publish();
+}
+
+uint8_t State::state() const
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    return current_.state;
+}
+
+} // namespace pliant_ros
