@@ -16,7 +16,7 @@ mark_as_advanced(CHOLMOD_INCLUDE_DIR CHOLMOD_LIBRARY SUITESPARSECONFIG_LIBRARY C
 
 # ITK reports on every program of GDCM that is not installed: nothing a builder can use (quiet from cmake 3.17 on).
 set(CMAKE_MESSAGE_LOG_LEVEL NOTICE)
-set(pliant_itk_components ITKCommon ITKIOImageBase ITKIOGDCM ITKIONIFTI ITKIONRRD ITKIOMeta ITKIOPNG)
+set(pliant_itk_components ITKCommon ITKIOImageBase ITKGDCM ITKIOGDCM ITKIONIFTI ITKIONRRD ITKIOMeta ITKIOPNG)
 if(PLIANT_BENCH)
   list(APPEND pliant_itk_components ITKDisplacementField)
 endif()
