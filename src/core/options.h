@@ -35,6 +35,10 @@ const char *pliant_option_read(const pliant_option *option, const char *const *w
 /* NULL, or what is wrong with the option's value in the scene. */
 const char *pliant_option_check(const pliant_option *option, const pliant_scene *scene, char *reason, size_t size);
 
+/* NULL, or what is wrong with a fixed region. */
+const char *pliant_fixed_box_check(const pliant_fixed_box *box, char *reason, size_t size);
+const char *pliant_fixed_plane_check(const pliant_fixed_plane *plane, char *reason, size_t size);
+
 void pliant_option_set_default(const pliant_option *option, pliant_scene *scene);
 
 #endif

@@ -48,29 +48,40 @@ pliant_status pliant_scene_set(pliant_scene *scene, const char *path, const char
     return PLIANT_OK;
 }
 
+const char *pliant_fixed_box_check(const pliant_fixed_box *box, char *reason, size_t size)
+{
+    for (int d = 0; d < 3; ++d) {
+        if (isfinite(box->low[d]) && isfinite(box->high[d]) && box->low[d] < box->high[d]) continue;
+        snprintf(reason, size, "axis %d: low %g must be less than high %g", d, box->low[d], box->high[d]);
+        return reason;
+    }
+    return NULL;
+}
+
+const char *pliant_fixed_plane_check(const pliant_fixed_plane *plane, char *reason, size_t size)
+{
+    double length = 0, point = 0;
+    for (int d = 0; d < 3; ++d) {
+        length += plane->normal[d] * plane->normal[d];
+        point += fabs(plane->point[d]);
+    }
+    if (length > 0 && isfinite(length) && isfinite(point)) return NULL;
+    snprintf(reason, size, "normal [%g, %g, %g] must not be zero, and it and the point finite", plane->normal[0],
+             plane->normal[1], plane->normal[2]);
+    return reason;
+}
+
 static pliant_status check_fixed(const pliant_scene *scene)
 {
+    char reason[REASON_SIZE];
     if (scene->fixed.num_boxes > PLIANT_MAX_FIXED || scene->fixed.num_planes > PLIANT_MAX_FIXED)
         return pliant_fail(PLIANT_ERROR_SCENE, "fixed: more than %d boxes or planes", PLIANT_MAX_FIXED);
-    for (uint32_t i = 0; i < scene->fixed.num_boxes; ++i) {
-        const pliant_fixed_box *box = &scene->fixed.boxes[i];
-        for (int d = 0; d < 3; ++d)
-            if (!(isfinite(box->low[d]) && isfinite(box->high[d]) && box->low[d] < box->high[d]))
-                return pliant_fail(PLIANT_ERROR_SCENE, "fixed/boxes: number %u, axis %d: low %g must be less than high %g",
-                                   i + 1, d, box->low[d], box->high[d]);
-    }
-    for (uint32_t i = 0; i < scene->fixed.num_planes; ++i) {
-        const pliant_fixed_plane *plane = &scene->fixed.planes[i];
-        double length = 0;
-        bool finite = true;
-        for (int d = 0; d < 3; ++d) {
-            length += plane->normal[d] * plane->normal[d];
-            finite = finite && isfinite(plane->point[d]) && isfinite(plane->normal[d]);
-        }
-        if (!finite || !(length > 0 && isfinite(length)))
-            return pliant_fail(PLIANT_ERROR_SCENE, "fixed/planes: number %u: normal [%g, %g, %g] must be finite and not zero, "
-                               "its point finite", i + 1, plane->normal[0], plane->normal[1], plane->normal[2]);
-    }
+    for (uint32_t i = 0; i < scene->fixed.num_boxes; ++i)
+        if (pliant_fixed_box_check(&scene->fixed.boxes[i], reason, sizeof reason))
+            return pliant_fail(PLIANT_ERROR_SCENE, "fixed/boxes: number %u: %s", i + 1, reason);
+    for (uint32_t i = 0; i < scene->fixed.num_planes; ++i)
+        if (pliant_fixed_plane_check(&scene->fixed.planes[i], reason, sizeof reason))
+            return pliant_fail(PLIANT_ERROR_SCENE, "fixed/planes: number %u: %s", i + 1, reason);
     return PLIANT_OK;
 }
 

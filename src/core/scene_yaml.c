@@ -5,7 +5,6 @@
 #include "core/yaml.h"
 #include "pliant/memory.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -146,11 +145,7 @@ static pliant_status read_fixed(const text_fixed *document, const char *text, co
         pliant_fixed_box *box = &scene->fixed.boxes[i];
         if (!read_vector(document->boxes[i].low, box->low, reason)) return refuse(text, name, "boxes", "low", (int)i, reason);
         if (!read_vector(document->boxes[i].high, box->high, reason)) return refuse(text, name, "boxes", "high", (int)i, reason);
-        for (int d = 0; d < 3; ++d) {
-            if (box->low[d] < box->high[d]) continue;
-            snprintf(reason, sizeof reason, "axis %d: low %g must be less than high %g", d, box->low[d], box->high[d]);
-            return refuse(text, name, "boxes", "low", (int)i, reason);
-        }
+        if (pliant_fixed_box_check(box, reason, sizeof reason)) return refuse(text, name, "boxes", "low", (int)i, reason);
     }
     scene->fixed.num_planes = document->num_planes;
     for (uint32_t i = 0; i < document->num_planes; ++i) {
@@ -159,8 +154,8 @@ static pliant_status read_fixed(const text_fixed *document, const char *text, co
             return refuse(text, name, "planes", "point", (int)i, reason);
         if (!read_vector(document->planes[i].normal, plane->normal, reason))
             return refuse(text, name, "planes", "normal", (int)i, reason);
-        if (plane->normal[0] == 0 && plane->normal[1] == 0 && plane->normal[2] == 0)
-            return refuse(text, name, "planes", "normal", (int)i, "must not be zero");
+        if (pliant_fixed_plane_check(plane, reason, sizeof reason))
+            return refuse(text, name, "planes", "normal", (int)i, reason);
     }
     return PLIANT_OK;
 }
@@ -179,7 +174,6 @@ pliant_status pliant_scene_parse(const char *yaml, const char *name_for_messages
         status = read_options(document, yaml, name_for_messages, base, &scene);
         if (status == PLIANT_OK) status = read_fixed(&document->fixed, yaml, name_for_messages, &scene);
     }
-    if (status == PLIANT_OK) status = pliant_scene_check(&scene);
     if (status == PLIANT_OK) *out = scene;
     pliant_yaml_free(&schema.value, loaded);
     return status;

@@ -1,0 +1,285 @@
+/* Scenes: defaults, YAML, option paths, checks; what is refused and with which words. */
+#include "pliant/memory.h"
+#include "pliant/scene.h"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <fstream>
+#include <limits>
+#include <locale.h>
+#include <string>
+
+namespace {
+
+pliant_scene defaults()
+{
+    pliant_scene scene;
+    memset(&scene, 0x5a, sizeof scene);
+    pliant_scene_defaults(&scene);
+    return scene;
+}
+
+pliant_scene parsed(const std::string &yaml, const char *base = nullptr)
+{
+    pliant_scene scene = defaults();
+    EXPECT_EQ(pliant_scene_parse(yaml.c_str(), "s.yaml", base, &scene), PLIANT_OK) << pliant_last_error();
+    return scene;
+}
+
+void expect_words(const std::string &message, std::initializer_list<const char *> words)
+{
+    for (const char *word : words) EXPECT_NE(message.find(word), std::string::npos) << "\"" << word << "\" in: " << message;
+}
+
+/* status and words; the output must stay as it was */
+void refused(const std::string &yaml, pliant_status status, std::initializer_list<const char *> words)
+{
+    pliant_scene scene, before;
+    memset(&scene, 0x5a, sizeof scene);
+    memcpy(&before, &scene, sizeof scene);
+    EXPECT_EQ(pliant_scene_parse(yaml.c_str(), "s.yaml", nullptr, &scene), status) << yaml;
+    EXPECT_EQ(memcmp(&scene, &before, sizeof scene), 0) << "output written on failure";
+    expect_words(pliant_last_error(), {"s.yaml"});
+    expect_words(pliant_last_error(), words);
+}
+
+} // namespace
+
+TEST(scene, defaults_are_in_range)
+{
+    pliant_scene scene = defaults();
+    EXPECT_EQ(pliant_scene_check(&scene), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(scene.mesh.coarse_cells[2], 7);
+    EXPECT_EQ(scene.solver.tolerance, 1e-3);
+    EXPECT_EQ(scene.model.method, PLIANT_FINE);
+    EXPECT_STREQ(scene.material.file, "");
+    EXPECT_FALSE(scene.mesh.keep_air);
+    EXPECT_EQ(scene.fixed.num_boxes, 0u);
+}
+
+TEST(scene, reads_every_kind_and_keeps_what_is_not_named)
+{
+    pliant_scene scene = parsed("mesh:\n"
+                                "  coarse_cells: [12, 6, 5]\n"
+                                "  ratio: 3\n"
+                                "  keep_air: true\n"
+                                "model: {method: averaged, gravity: [0, 9.81, -1e-2]}\n"
+                                "solver: {backend: cpu, tolerance: 1.0e-5}\n"
+                                "material: {file: \"a # b.yaml\"} # a comment\n"
+                                "output: {scalar: von_mises}\n"
+                                "fixed:\n"
+                                "  boxes: [{low: [0, 0, 0], high: [1, 2, 3]}, {low: [-1, -1, -1], high: [0, 0, 0]}]\n"
+                                "  planes:\n"
+                                "    - {point: [0, 0.1, 0], normal: [0, -1, 0]}\n");
+    EXPECT_EQ(scene.mesh.coarse_cells[0], 12);
+    EXPECT_EQ(scene.mesh.coarse_cells[2], 5);
+    EXPECT_EQ(scene.mesh.ratio, 3);
+    EXPECT_TRUE(scene.mesh.keep_air);
+    EXPECT_EQ(scene.model.method, PLIANT_AVERAGED);
+    EXPECT_EQ(scene.model.gravity[1], 9.81);
+    EXPECT_EQ(scene.model.gravity[2], -1e-2);
+    EXPECT_EQ(scene.solver.backend, PLIANT_CPU);
+    EXPECT_EQ(scene.solver.tolerance, 1e-5);
+    EXPECT_EQ(scene.solver.iterations, 6);
+    EXPECT_STREQ(scene.material.file, "a # b.yaml");
+    EXPECT_EQ(scene.output.scalar, PLIANT_SCALAR_VON_MISES);
+    ASSERT_EQ(scene.fixed.num_boxes, 2u);
+    EXPECT_EQ(scene.fixed.boxes[0].high[2], 3);
+    EXPECT_EQ(scene.fixed.boxes[1].low[0], -1);
+    ASSERT_EQ(scene.fixed.num_planes, 1u);
+    EXPECT_EQ(scene.fixed.planes[0].point[1], 0.1);
+    EXPECT_EQ(scene.fixed.planes[0].normal[1], -1);
+}
+
+TEST(scene, an_empty_one_is_the_defaults)
+{
+    pliant_scene a = defaults(), b = parsed(""), c = parsed("# nothing\n");
+    EXPECT_EQ(memcmp(&a, &b, sizeof a), 0);
+    EXPECT_EQ(memcmp(&a, &c, sizeof a), 0);
+}
+
+TEST(scene, errors_name_file_line_field_value_and_range)
+{
+    refused("mesh:\n  ratoi: 2\n", PLIANT_ERROR_FORMAT, {"line 2", "ratoi", "mesh", "coarse_cells, ratio, keep_air"});
+    refused("solver: {}\nmash: {}\n", PLIANT_ERROR_FORMAT, {"line 2", "mash", "mesh", "fixed"});
+    refused("mesh:\n  # ratio: 1\n  ratio: 9\n", PLIANT_ERROR_SCENE, {"line 3", "mesh/ratio", "'9'", "1 .. 8"});
+    refused("mesh: {ratio: 2.5}\n", PLIANT_ERROR_SCENE, {"line 1", "mesh/ratio", "2.5"});
+    refused("mesh:\n  ratio: 3x\n", PLIANT_ERROR_SCENE, {"line 2", "3x"});
+    refused("mesh:\n  ratio: 99999999999999999999\n", PLIANT_ERROR_SCENE, {"line 2", "mesh/ratio"});
+    refused("mesh:\n  ratio: [2]\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/ratio"});
+    refused("mesh:\n  ratio: 2\n  ratio: 3\n", PLIANT_ERROR_FORMAT, {"ratio"});
+    refused("mesh:\n  coarse_cells: [7, 7]\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/coarse_cells", "3"});
+    refused("mesh:\n  coarse_cells: [7, 7, 0]\n", PLIANT_ERROR_SCENE, {"line 2", "mesh/coarse_cells", "'0'", "1 .. 256"});
+    refused("mesh:\n  keep_air: perhaps\n", PLIANT_ERROR_SCENE, {"line 2", "mesh/keep_air", "perhaps", "true | false"});
+    refused("model:\n  method: exact\n", PLIANT_ERROR_SCENE, {"line 2", "exact", "fine | coarse | schur | averaged"});
+    refused("model:\n  gravity: [0, 0, nan]\n", PLIANT_ERROR_SCENE, {"line 2", "model/gravity", "nan"});
+    refused("model:\n  gravity: [0, 0, 1e5]\n", PLIANT_ERROR_SCENE, {"line 2", "100000", "-10000 .. 10000"});
+    refused("solver:\n  tolerance: 0\n", PLIANT_ERROR_SCENE, {"line 2", "solver/tolerance", "1e-12 .. 1"});
+    refused("material:\n  file: " + std::string(300, 'x') + "\n", PLIANT_ERROR_SCENE, {"line 2", "material/file", "255"});
+    refused("fixed:\n  boxes:\n    - {low: [0, 0, 0], high: [1, 1, 1]}\n    - {low: [0, 2, 0], high: [1, 1, 1]}\n",
+            PLIANT_ERROR_SCENE, {"line 4", "low", "axis 1", "less than"});
+    refused("fixed: {planes: [{point: [0, 0, 0], normal: [0, 0, 0]}]}\n", PLIANT_ERROR_SCENE, {"line 1", "normal", "zero"});
+    refused("fixed: {planes: [{point: [0, 0, 0], normal: [1e200, 0, 1e200]}]}\n", PLIANT_ERROR_SCENE, {"planes", "finite"});
+    refused("fixed: {planes: [{point: [0, 0, 0]}]}\n", PLIANT_ERROR_FORMAT, {"line 1", "normal"});
+    refused("mesh: [\n", PLIANT_ERROR_FORMAT, {"line 1"});
+    refused("- 1\n", PLIANT_ERROR_FORMAT, {"MAPPING"});
+}
+
+TEST(scene, too_many_fixed_boxes)
+{
+    std::string yaml = "fixed:\n  boxes:\n";
+    for (int i = 0; i < PLIANT_MAX_FIXED + 1; ++i) yaml += "    - {low: [0, 0, 0], high: [1, 1, 1]}\n";
+    refused(yaml, PLIANT_ERROR_FORMAT, {"boxes", "32"});
+}
+
+TEST(scene, files_are_relative_to_the_scene)
+{
+    const std::string yaml = "material: {file: ../materials/m.yaml, labels: /data/l.nii.gz}\n";
+    EXPECT_STREQ(parsed(yaml).material.file, "../materials/m.yaml");
+    EXPECT_STREQ(parsed(yaml, "scenes").material.file, "scenes/../materials/m.yaml");
+    EXPECT_STREQ(parsed(yaml, "scenes/").material.file, "scenes/../materials/m.yaml");
+    EXPECT_STREQ(parsed(yaml, "scenes").material.labels, "/data/l.nii.gz");
+    EXPECT_STREQ(parsed("mesh: {ratio: 2}", "scenes").material.file, "");
+
+    std::string folder = testing::TempDir(), path = folder + "/pliant_scene_test.yaml";
+    std::ofstream(path) << yaml;
+    pliant_scene scene;
+    ASSERT_EQ(pliant_scene_read(path.c_str(), &scene), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(std::string(scene.material.file), folder + "/../materials/m.yaml");
+    std::remove(path.c_str());
+    EXPECT_EQ(pliant_scene_read(path.c_str(), &scene), PLIANT_ERROR_FILE);
+    expect_words(pliant_last_error(), {path.c_str()});
+    refused("material: {file: m.yaml}\nmaterials: {}\n", PLIANT_ERROR_FORMAT, {"materials"});
+}
+
+TEST(scene, a_path_that_grows_too_long_is_refused)
+{
+    pliant_scene scene;
+    std::string yaml = "material:\n  file: " + std::string(200, 'x') + "\n", base(100, 'y');
+    EXPECT_EQ(pliant_scene_parse(yaml.c_str(), "s.yaml", base.c_str(), &scene), PLIANT_ERROR_SCENE);
+    expect_words(pliant_last_error(), {"line 2", "material/file", "255"});
+}
+
+TEST(scene, set_by_path)
+{
+    pliant_scene scene = defaults();
+    EXPECT_EQ(pliant_scene_set(&scene, "solver/iterations", "4"), PLIANT_OK);
+    EXPECT_EQ(scene.solver.iterations, 4);
+    EXPECT_EQ(pliant_scene_set(&scene, "mesh/coarse_cells", "[3, 4,5]"), PLIANT_OK);
+    EXPECT_EQ(scene.mesh.coarse_cells[1], 4);
+    EXPECT_EQ(pliant_scene_set(&scene, "model/gravity", " 0 9.81\t0 "), PLIANT_OK);
+    EXPECT_EQ(scene.model.gravity[1], 9.81);
+    EXPECT_EQ(pliant_scene_set(&scene, "model/method", "schur"), PLIANT_OK);
+    EXPECT_EQ(scene.model.method, PLIANT_SCHUR);
+    EXPECT_EQ(pliant_scene_set(&scene, "mesh/keep_air", "yes"), PLIANT_OK);
+    EXPECT_TRUE(scene.mesh.keep_air);
+    EXPECT_EQ(pliant_scene_set(&scene, "scan/series", "1.2.3 [4]"), PLIANT_OK);
+    EXPECT_STREQ(scene.scan.series, "1.2.3 [4]");
+    EXPECT_EQ(pliant_scene_set(&scene, "scan/series", ""), PLIANT_OK);
+    EXPECT_STREQ(scene.scan.series, "");
+
+    const pliant_scene before = scene;
+    const char *const bad[][2] = {{"solver/iteration", "4"}, {"solver", "4"}, {"solver/iterations/", "4"}, {"", ""},
+                                  {"solver/iterations", ""}, {"solver/iterations", "4 5"}, {"solver/iterations", "0"},
+                                  {"mesh/coarse_cells", "7"}, {"mesh/coarse_cells", "7 7 7 7"}, {"mesh/coarse_cells", "5 5 0"},
+                                  {"model/gravity", "0 0 inf"}, {"model/method", "Fine"}, {"mesh/keep_air", "2"}};
+    for (auto &option : bad) {
+        EXPECT_EQ(pliant_scene_set(&scene, option[0], option[1]), PLIANT_ERROR_SCENE) << option[0] << " " << option[1];
+        EXPECT_EQ(memcmp(&scene, &before, sizeof scene), 0) << option[0];
+    }
+    EXPECT_EQ(pliant_scene_set(&scene, "model/gravity", std::string(1000, '1').c_str()), PLIANT_ERROR_SCENE);
+    EXPECT_EQ(pliant_scene_set(&scene, "solver/tolerance", "7"), PLIANT_ERROR_SCENE);
+    expect_words(pliant_last_error(), {"solver/tolerance", "7", "1e-12 .. 1"});
+}
+
+TEST(scene, check_catches_scenes_made_by_hand)
+{
+    auto fails = [](void (*spoil)(pliant_scene *), const char *option) {
+        pliant_scene scene = defaults();
+        spoil(&scene);
+        EXPECT_EQ(pliant_scene_check(&scene), PLIANT_ERROR_SCENE) << option;
+        expect_words(pliant_last_error(), {option});
+    };
+    fails([](pliant_scene *s) { s->mesh.ratio = 0; }, "mesh/ratio");
+    fails([](pliant_scene *s) { s->mesh.coarse_cells[2] = 257; }, "mesh/coarse_cells");
+    fails([](pliant_scene *s) { s->model.gravity[1] = std::numeric_limits<double>::quiet_NaN(); }, "model/gravity");
+    fails([](pliant_scene *s) { s->model.method = static_cast<pliant_method>(7); }, "model/method");
+    fails([](pliant_scene *s) { memset(s->scan.series, 'x', sizeof s->scan.series); }, "scan/series");
+    fails([](pliant_scene *s) { s->fixed.num_boxes = 1; }, "fixed/boxes");
+    fails([](pliant_scene *s) { s->fixed.num_planes = 1; }, "fixed/planes");
+    fails([](pliant_scene *s) { s->fixed.num_planes = 99; }, "fixed");
+}
+
+/* every option by its own description: the default in words is the default, the range is where it ends */
+TEST(scene, options_describe_themselves)
+{
+    size_t count;
+    const pliant_option_info *options = pliant_scene_options(&count);
+    const pliant_scene before = defaults();
+    ASSERT_GT(count, 20u);
+    for (size_t i = 0; i < count; ++i) {
+        const pliant_option_info &o = options[i];
+        std::string path = std::string(o.group) + "/" + o.name, kind = o.kind;
+        pliant_scene scene = before;
+        EXPECT_GT(strlen(o.text), 5u) << path;
+        EXPECT_EQ(pliant_scene_set(&scene, path.c_str(), o.default_value), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(memcmp(&scene, &before, sizeof scene), 0) << path;
+        if (kind == "string" || kind == "bool" || kind == "choice") continue;
+        char value[128];
+        auto set = [&](double number) {
+            if (kind.back() == '3') snprintf(value, sizeof value, "%.17g %.17g %.17g", number, number, number);
+            else snprintf(value, sizeof value, "%.17g", number);
+            return pliant_scene_set(&scene, path.c_str(), value);
+        };
+        double step = kind.substr(0, 3) == "int" ? 1 : 1e-9 + 1e-9 * std::abs(o.high);
+        EXPECT_LT(o.low, o.high) << path;
+        EXPECT_EQ(set(o.low), PLIANT_OK) << path << " " << value;
+        EXPECT_EQ(set(o.high), PLIANT_OK) << path << " " << value;
+        EXPECT_EQ(set(o.low - step), PLIANT_ERROR_SCENE) << path << " " << value;
+        EXPECT_EQ(set(o.high + step), PLIANT_ERROR_SCENE) << path << " " << value;
+    }
+}
+
+TEST(scene, a_decimal_comma_in_the_locale_changes_nothing)
+{
+    if (!setlocale(LC_NUMERIC, "de_DE.UTF-8") && !setlocale(LC_NUMERIC, "fr_FR.UTF-8")) GTEST_SKIP() << "no such locale here";
+    pliant_scene scene = parsed("solver: {step: 0.25}\n");
+    setlocale(LC_NUMERIC, "C");
+    EXPECT_EQ(scene.solver.step, 0.25);
+}
+
+TEST(scene, every_scene_that_is_shipped_is_good)
+{
+    for (const char *name : {"demo", "abdomen_ct", "abdomen_labels", "paper_256", "paper_524"}) {
+        pliant_scene scene;
+        std::string path = std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml";
+        ASSERT_EQ(pliant_scene_read(path.c_str(), &scene), PLIANT_OK) << pliant_last_error();
+        pliant_material_table table;
+        if (!scene.material.file[0]) continue;
+        ASSERT_EQ(pliant_material_table_read(scene.material.file, &table), PLIANT_OK) << pliant_last_error();
+        pliant_material_table_free(&table);
+    }
+}
+
+TEST(scene, failing_allocations_leave_nothing_behind)
+{
+    const char yaml[] = "mesh: {coarse_cells: [1, 2, 3], ratio: 2}\nmaterial: {file: m.yaml}\n"
+                        "fixed: {boxes: [{low: [0, 0, 0], high: [1, 1, 1]}]}\n";
+    std::string path = testing::TempDir() + "/pliant_scene_allocation.yaml";
+    std::ofstream(path) << yaml;
+    size_t before = pliant_memory_in_use();
+    for (int64_t n = 0;; ++n) {
+        pliant_scene scene;
+        pliant_memory_fail_after(n);
+        pliant_status status = pliant_scene_read(path.c_str(), &scene);
+        pliant_memory_fail_after(-1);
+        ASSERT_EQ(pliant_memory_in_use(), before) << n;
+        if (status == PLIANT_OK) {
+            EXPECT_GT(n, 10);
+            break;
+        }
+        ASSERT_EQ(status, PLIANT_ERROR_MEMORY) << n << ": " << pliant_last_error();
+    }
+    std::remove(path.c_str());
+}

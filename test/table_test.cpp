@@ -1,0 +1,193 @@
+/* Material tables: what is read, what is refused and with which words, and what a failing allocation leaves behind. */
+#include "pliant/material.h"
+#include "pliant/memory.h"
+
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <string>
+
+namespace {
+
+const char good[] =
+    "materials:\n"
+    "  - name: air\n"
+    "    young_modulus: 10\n"
+    "    poisson_ratio: 0\n"
+    "    density: 1.2\n"
+    "    empty: true\n"
+    "    range: [-2000, -500]\n"
+    "  - name: liver\n"
+    "    young_modulus: 6.0e+3\n"
+    "    poisson_ratio: 0.45\n"
+    "    density: 1060\n"
+    "    labels: [5, 7]\n"
+    "  - {name: bone, young_modulus: 1e7, poisson_ratio: 0.3, density: 1330, fixed: yes, range: [250, 4000], labels: [9]}\n";
+
+struct Table : pliant_material_table {
+    Table() { materials = nullptr, num_materials = 0; }
+    ~Table() { pliant_material_table_free(this); }
+    Table(const Table &) = delete;
+};
+
+std::string refusal(const std::string &yaml)
+{
+    Table table;
+    EXPECT_EQ(pliant_material_table_parse(yaml.c_str(), "t.yaml", &table), PLIANT_ERROR_FORMAT) << yaml;
+    EXPECT_EQ(table.materials, nullptr);
+    return pliant_last_error();
+}
+
+/* the good table with one piece replaced */
+std::string with(const std::string &from, const std::string &to)
+{
+    std::string yaml = good;
+    size_t at = yaml.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    return yaml.replace(at, from.size(), to);
+}
+
+void expect_words(const std::string &message, std::initializer_list<const char *> words)
+{
+    for (const char *word : words) EXPECT_NE(message.find(word), std::string::npos) << "\"" << word << "\" in: " << message;
+}
+
+} // namespace
+
+TEST(table, reads_every_field)
+{
+    Table t;
+    ASSERT_EQ(pliant_material_table_parse(good, "t.yaml", &t), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(t.num_materials, 3u);
+    EXPECT_STREQ(t.materials[0].name, "air");
+    EXPECT_TRUE(t.materials[0].empty);
+    EXPECT_FALSE(t.materials[0].fixed);
+    EXPECT_EQ(t.materials[0].num_range, 2u);
+    EXPECT_EQ(t.materials[0].range[0], -2000);
+    EXPECT_EQ(t.materials[0].range[1], -500);
+    EXPECT_EQ(t.materials[0].num_labels, 0u);
+    EXPECT_EQ(t.materials[1].young_modulus, 6000);
+    EXPECT_EQ(t.materials[1].poisson_ratio, 0.45);
+    EXPECT_EQ(t.materials[1].density, 1060);
+    EXPECT_EQ(t.materials[1].num_range, 0u);
+    ASSERT_EQ(t.materials[1].num_labels, 2u);
+    EXPECT_EQ(t.materials[1].labels[1], 7u);
+    EXPECT_TRUE(t.materials[2].fixed);
+    EXPECT_EQ(t.materials[2].labels[0], 9u);
+}
+
+TEST(table, errors_name_file_line_field_and_what_is_right)
+{
+    expect_words(refusal(with("density: 1060", "densiti: 1060")), {"t.yaml", "line 11", "densiti", "density", "poisson_ratio"});
+    expect_words(refusal(with("    density: 1060\n", "")), {"t.yaml", "line ", "density"});
+    expect_words(refusal(with("6.0e+3", "6 kPa")), {"t.yaml", "line 8", "liver", "young_modulus", "6 kPa", "not a number"});
+    expect_words(refusal(with("6.0e+3", "-1")), {"line 8", "liver", "young_modulus", "(0, 1e12]"});
+    expect_words(refusal(with("6.0e+3", "nan")), {"line 8", "young_modulus", "nan"});
+    expect_words(refusal(with("0.45", "0.5")), {"line 8", "poisson_ratio", "[0, 0.5)"});
+    expect_words(refusal(with("1060", "-3")), {"line 8", "density"});
+    expect_words(refusal(with("empty: true", "empty: maybe")), {"line 2", "empty", "maybe", "true"});
+    expect_words(refusal(with("empty: true", "empty: true\n    fixed: true")), {"line 2", "fixed and empty"});
+    expect_words(refusal(with("[-2000, -500]", "[-500, -2000]")), {"line 2", "air", "range", "less than"});
+    expect_words(refusal(with("[-2000, -500]", "[-500]")), {"line 7", "range", "2"});
+    expect_words(refusal(with("[-2000, -500]", "[-2000, 251]")), {"line 13", "bone", "overlaps", "air"});
+    expect_words(refusal(with("[5, 7]", "[5, 9]")), {"line 13", "labels", "9", "twice", "liver"});
+    expect_words(refusal(with("[5, 7]", "[5, 5]")), {"line 8", "labels", "twice"});
+    expect_words(refusal(with("[5, 7]", "[0]")), {"line 8", "labels", "'0'", "no label"});
+    expect_words(refusal(with("[5, 7]", "[70000]")), {"line 8", "70000", "65535"});
+    expect_words(refusal(with("    labels: [5, 7]\n", "")), {"line 8", "range of intensities, labels"});
+    expect_words(refusal(with("name: liver", "name: air")), {"name", "another"});
+    expect_words(refusal(with("name: liver", "name: " + std::string(60, 'x'))), {"name", "longer than 47"});
+    expect_words(refusal(""), {"t.yaml", "empty", "materials"});
+    expect_words(refusal("materials: []\n"), {"t.yaml", "line 1", "materials"});
+    expect_words(refusal("materials: [\n"), {"t.yaml", "line "});
+}
+
+TEST(table, touching_ranges_do_not_overlap)
+{
+    Table t;
+    EXPECT_EQ(pliant_material_table_parse(with("[-2000, -500]", "[-2000, 250]").c_str(), "t.yaml", &t), PLIANT_OK);
+}
+
+TEST(table, a_missing_file_is_named)
+{
+    Table t;
+    EXPECT_EQ(pliant_material_table_read("/nowhere/materials.yaml", &t), PLIANT_ERROR_FILE);
+    expect_words(pliant_last_error(), {"/nowhere/materials.yaml"});
+    EXPECT_EQ(pliant_material_table_read("/", &t), PLIANT_ERROR_FILE);
+}
+
+TEST(table, check_catches_tables_made_by_hand)
+{
+    Table t;
+    EXPECT_EQ(pliant_material_table_check(&t), PLIANT_ERROR_FORMAT);
+    ASSERT_EQ(pliant_material_table_parse(good, "t.yaml", &t), PLIANT_OK);
+    EXPECT_EQ(pliant_material_table_check(&t), PLIANT_OK);
+    t.materials[1].num_range = 1;
+    EXPECT_EQ(pliant_material_table_check(&t), PLIANT_ERROR_FORMAT);
+    t.materials[1].num_range = 0;
+    t.materials[1].labels[0] = 70000;
+    EXPECT_EQ(pliant_material_table_check(&t), PLIANT_ERROR_FORMAT);
+}
+
+TEST(table, a_copy_is_its_own)
+{
+    Table t, copy;
+    ASSERT_EQ(pliant_material_table_parse(good, "t.yaml", &t), PLIANT_OK);
+    ASSERT_EQ(pliant_material_table_copy(&t, &copy), PLIANT_OK);
+    t.materials[1].young_modulus = 1;
+    EXPECT_EQ(copy.num_materials, 3u);
+    EXPECT_EQ(copy.materials[1].young_modulus, 6000);
+}
+
+TEST(table, the_built_in_one_is_the_file_and_has_no_gaps)
+{
+    Table built_in, file;
+    ASSERT_EQ(pliant_material_table_default(&built_in), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_material_table_read(PLIANT_SOURCE_DIR "/launch/materials/abdomen_ct.yaml", &file), PLIANT_OK);
+    ASSERT_EQ(built_in.num_materials, file.num_materials);
+    for (uint32_t m = 0; m < file.num_materials; ++m) {
+        EXPECT_STREQ(built_in.materials[m].name, file.materials[m].name);
+        EXPECT_EQ(built_in.materials[m].young_modulus, file.materials[m].young_modulus);
+    }
+    for (double hu = -2000; hu < 5000; hu += 0.5) {
+        int found = 0;
+        for (uint32_t m = 0; m < file.num_materials; ++m)
+            found += hu >= file.materials[m].range[0] && hu < file.materials[m].range[1];
+        ASSERT_EQ(found, 1) << hu;
+    }
+}
+
+TEST(table, every_table_that_is_shipped_is_good)
+{
+    for (const char *name : {"abdomen_ct", "phantom", "totalsegmentator"}) {
+        Table t;
+        std::string path = std::string(PLIANT_SOURCE_DIR "/launch/materials/") + name + ".yaml";
+        ASSERT_EQ(pliant_material_table_read(path.c_str(), &t), PLIANT_OK) << pliant_last_error();
+        bool air = false, bone = false;
+        for (uint32_t m = 0; m < t.num_materials; ++m) {
+            air |= t.materials[m].empty;
+            bone |= t.materials[m].fixed;
+            EXPECT_LE(t.materials[m].poisson_ratio, 0.49) << name << " " << t.materials[m].name;
+        }
+        EXPECT_TRUE(air && bone) << name;
+    }
+}
+
+TEST(table, failing_allocations_leave_nothing_behind)
+{
+    size_t before = pliant_memory_in_use();
+    for (int64_t n = 0;; ++n) {
+        Table t;
+        pliant_memory_fail_after(n);
+        pliant_status status = pliant_material_table_parse(good, "t.yaml", &t);
+        pliant_memory_fail_after(-1);
+        if (status == PLIANT_OK) {
+            EXPECT_GT(n, 10);
+            break;
+        }
+        ASSERT_EQ(status, PLIANT_ERROR_MEMORY) << n << ": " << pliant_last_error();
+        ASSERT_EQ(t.materials, nullptr);
+        ASSERT_EQ(pliant_memory_in_use(), before) << n;
+    }
+    EXPECT_EQ(pliant_memory_in_use(), before);
+}
