@@ -89,11 +89,7 @@ if(PLIANT_WITH_ROS)
   if(PLIANT_MSGS_ONLY)
     catkin_package(CATKIN_DEPENDS message_runtime std_msgs geometry_msgs)
   else()
-    file(GLOB reconfigure_files RELATIVE ${PROJECT_SOURCE_DIR} CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/src/ros/*.cfg)
-    if(reconfigure_files)
-      generate_dynamic_reconfigure_options(${reconfigure_files})
-    endif()
-    catkin_package(INCLUDE_DIRS include LIBRARIES pliant
+    catkin_package(INCLUDE_DIRS include LIBRARIES pliant pliant_ros
                    CATKIN_DEPENDS message_runtime std_msgs geometry_msgs sensor_msgs visualization_msgs diagnostic_msgs std_srvs
                    CFG_EXTRAS ${PROJECT_SOURCE_DIR}/src/cmake/pliant-extras.cmake)
   endif()
