@@ -1,0 +1,194 @@
+// Error of the coarse methods against the fine solution, and time and memory of building and stepping, on a real scan.
+//
+//   bench_methods SCENE SCAN [LABELS-TO-PULL-AT ...]      e.g. bench_methods spine.yaml ct.nii.gz 5 20 2
+//
+// For each label: its front (the most anterior voxel near its centroid) is pulled 3 cm forward and a little up over 30 steps,
+// once with the held point prescribed (displacement), once with the force that the fine solution took (force).
+// Errors are of the last step, over all nodes of the fine mesh, in % of the largest displacement of the fine solution.
+#include "pliant/pliant.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <string>
+#include <vector>
+
+namespace {
+
+const int steps = 30;
+const double pull[3] = {0.004, -0.029, 0.006}; // 3 cm
+
+struct Run {
+    std::vector<double> positions;
+    double force[3];
+    std::vector<double> solve, frame;
+    double iterations;
+    int unconverged;
+};
+
+void check(pliant_status status)
+{
+    if (status >= 0) return;
+    std::fprintf(stderr, "bench_methods: %s\n", pliant_last_error());
+    std::exit(1);
+}
+
+Run run(const pliant_model *model, const double at[3], pliant_drive drive, const double *force)
+{
+    pliant_data *data = nullptr;
+    check(pliant_data_create(model, &data));
+    int tool;
+    check(pliant_tool_add(model, data, "bench", &tool));
+    check(pliant_tool_grasp(model, data, tool, at));
+    double from[3];
+    std::memcpy(from, data->tools[tool].tip, sizeof from);
+    Run out{};
+    for (int s = 1; s <= steps; s++) {
+        double tip[3], part[3] = {0, 0, 0};
+        for (int d = 0; d < 3; d++) {
+            tip[d] = from[d] + pull[d] * s / steps;
+            if (force) part[d] = force[d] * s / steps;
+        }
+        check(pliant_tool_drive(data, tool, drive, part));
+        check(pliant_tool_pose(data, tool, tip, nullptr));
+        double start = pliant_seconds();
+        pliant_status status = pliant_step(model, data);
+        check(status);
+        out.unconverged += status == PLIANT_NOT_CONVERGED;
+        out.frame.push_back(pliant_seconds() - start);
+        out.solve.push_back(data->statistics.seconds[PLIANT_STEP_solve]);
+        out.iterations += double(data->statistics.iterations) / steps;
+    }
+    out.positions.assign(data->positions, data->positions + 3 * size_t(model->fine.num_nodes));
+    std::memcpy(out.force, data->tools[tool].force, sizeof out.force);
+    pliant_data_free(data);
+    return out;
+}
+
+double median(std::vector<double> v)
+{
+    std::nth_element(v.begin(), v.begin() + v.size() / 2, v.end());
+    return v[v.size() / 2];
+}
+
+// the front of a label: world position of its most anterior voxel within 10 mm of the centroid's column, 12 mm inside
+bool front_of(const pliant_labels &labels, int label, double out[3])
+{
+    const int32_t *size = labels.geometry.size;
+    double centre[3] = {0, 0, 0}, count = 0;
+    auto each = [&](auto &&visit) {
+        for (int k = 0; k < size[2]; k++)
+            for (int j = 0; j < size[1]; j++)
+                for (int i = 0; i < size[0]; i++)
+                    if (labels.voxels[i + size_t(size[0]) * (j + size_t(size[1]) * k)] == label) {
+                        double index[3] = {double(i), double(j), double(k)}, world[3];
+                        pliant_geometry_to_world(&labels.geometry, index, world);
+                        visit(world);
+                    }
+    };
+    each([&](const double *w) {
+        for (int d = 0; d < 3; d++) centre[d] += w[d];
+        count++;
+    });
+    if (count == 0) return false;
+    for (double &c : centre) c /= count;
+    double best = 1e9;
+    each([&](const double *w) {
+        if (std::hypot(w[0] - centre[0], w[2] - centre[2]) > 0.01 || w[1] > best) return;
+        best = w[1];
+        std::memcpy(out, w, 3 * sizeof *out);
+    });
+    out[1] += 0.006;
+    return best < 1e9;
+}
+
+void compare(const char *name, const pliant_model *model, const Run &run, const Run &fine)
+{
+    double largest = 0, most = 0, squares = 0;
+    size_t nodes = fine.positions.size() / 3;
+    for (size_t n = 0; n < nodes; n++) {
+        double u = 0, e = 0;
+        for (size_t d = 0; d < 3; d++) {
+            u += std::pow(fine.positions[3 * n + d] - model->fine.rest[3 * n + d], 2);
+            e += std::pow(fine.positions[3 * n + d] - run.positions[3 * n + d], 2);
+        }
+        largest = std::max(largest, std::sqrt(u));
+        most = std::max(most, std::sqrt(e));
+        squares += e / double(nodes);
+    }
+    std::printf("%-26s max %6.1f %%  rms %6.2f %%  (largest %.1f mm)  |F| %6.2f N  solve %6.2f ms  %4.1f iterations  %d unconverged\n", name,
+                100 * most / largest, 100 * std::sqrt(squares) / largest, 1e3 * largest,
+                std::sqrt(run.force[0] * run.force[0] + run.force[1] * run.force[1] + run.force[2] * run.force[2]), 1e3 * median(run.solve),
+                run.iterations, run.unconverged);
+}
+
+void report_build(const char *name, const pliant_model *model)
+{
+    double seconds = 0;
+    std::printf("%s: %d nodes, %d fine and %d coarse tetrahedra, %d held pieces, condition %.1e; build", name, model->fine.num_nodes,
+                model->fine.num_tets, model->coarse.num_tets, model->num_held_pieces, model->condition_estimate);
+    for (int s = 0; s < PLIANT_NUM_BUILD_STAGES; s++) {
+        std::printf(" %s %.0f ms", pliant_build_stage_name(s), 1e3 * model->build_seconds[s]);
+        seconds += model->build_seconds[s];
+    }
+    std::printf(", all %.2f s; peak %.0f MB\n", seconds, double(pliant_memory_peak()) / 1e6);
+}
+
+} // namespace
+
+int main(int argc, char **argv)
+{
+    if (argc < 4) {
+        std::fprintf(stderr, "usage: bench_methods SCENE SCAN LABEL...\n");
+        return 2;
+    }
+    pliant_scene scene;
+    pliant_volume scan{};
+    pliant_labels labels{};
+    pliant_material_table materials{};
+    check(pliant_scene_read(argv[1], &scene));
+    double start = pliant_seconds();
+    check(pliant_inputs_read(&scene, argv[2], &scan, &labels, &materials));
+    std::printf("scan and labels read in %.2f s: %d x %d x %d\n", pliant_seconds() - start, scan.geometry.size[0], scan.geometry.size[1],
+                scan.geometry.size[2]);
+    // accuracy first: every method solved to the tolerance
+    scene.solver.iterations = 100;
+    scene.solver.tolerance = 1e-4;
+    scene.grasp.radius = 0.012;
+    const pliant_method methods[] = {PLIANT_FINE, PLIANT_COARSE, PLIANT_SCHUR, PLIANT_SCHUR, PLIANT_AVERAGED};
+    const char *names[] = {"fine", "coarse", "schur overlap", "schur face", "averaged"};
+    std::vector<pliant_model *> models;
+    for (int m = 0; m < 5; m++) {
+        scene.model.method = methods[m];
+        scene.model.touch = m == 3 ? PLIANT_TOUCH_FACE : PLIANT_TOUCH_OVERLAP;
+        pliant_model *model = nullptr;
+        check(pliant_model_build(&scene, &scan, &labels, &materials, {nullptr, nullptr}, &model));
+        report_build(names[m], model);
+        models.push_back(model);
+    }
+    for (int a = 3; a < argc; a++) {
+        double at[3];
+        if (!front_of(labels, std::atoi(argv[a]), at)) {
+            std::printf("label %s does not occur\n", argv[a]);
+            continue;
+        }
+        std::printf("label %s, pulled at (%.3f %.3f %.3f) m\n", argv[a], at[0], at[1], at[2]);
+        Run fine = run(models[0], at, PLIANT_DRIVE_RIGID, nullptr), by_force = run(models[0], at, PLIANT_DRIVE_FORCE, fine.force);
+        compare("fine by force", models[0], by_force, fine);
+        for (int m = 0; m < 5; m++) {
+            if (models[m]->fine.num_nodes != models[0]->fine.num_nodes) {
+                std::printf("%s keeps other nodes: compare with mesh/keep_air\n", names[m]);
+                continue;
+            }
+            compare((std::string(names[m]) + ", displacement").c_str(), models[m], run(models[m], at, PLIANT_DRIVE_RIGID, nullptr), fine);
+            compare((std::string(names[m]) + ", force").c_str(), models[m], run(models[m], at, PLIANT_DRIVE_FORCE, fine.force), by_force);
+        }
+    }
+    for (pliant_model *model : models) pliant_model_free(model);
+    pliant_material_table_free(&materials);
+    pliant_labels_free(&labels);
+    pliant_volume_free(&scan);
+    return 0;
+}
