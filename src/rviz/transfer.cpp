@@ -1,0 +1,98 @@
+#include "rviz/transfer.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace pliant_rviz {
+
+// Windows follow radiological habit: soft tissue 40 / 400 HU, bone 400 / 1800, lung -600 / 1500; skin is where air
+// turns to tissue; contrast-filled vessels stand out from 130 HU up.
+const std::vector<Preset> &presets()
+{
+    static const std::vector<Preset> all = {
+        {"CT soft tissue", "HU", false, 60, 420, -200,
+         {{0.05, {0.55, 0.30, 0.18, 0.0}}, {0.18, {0.80, 0.60, 0.35, 0.015}}, {0.34, {0.86, 0.62, 0.42, 0.020}},
+          {0.42, {0.70, 0.22, 0.16, 0.12}}, {0.55, {0.85, 0.36, 0.26, 0.22}}, {0.70, {0.95, 0.62, 0.45, 0.35}},
+          {0.85, {0.97, 0.90, 0.80, 0.55}}, {1.00, {1.00, 0.98, 0.93, 0.70}}}},
+        {"CT bone", "HU", false, 500, 1100, 200,
+         {{0.15, {0.55, 0.25, 0.15, 0.0}}, {0.24, {0.75, 0.50, 0.32, 0.10}}, {0.40, {0.90, 0.78, 0.60, 0.40}},
+          {0.70, {0.97, 0.93, 0.84, 0.75}}, {1.00, {1.00, 1.00, 0.96, 0.90}}}},
+        {"CT skin", "HU", false, -150, 500, -250,
+         {{0.15, {0.65, 0.40, 0.28, 0.0}}, {0.30, {0.85, 0.62, 0.48, 0.30}}, {0.60, {0.95, 0.76, 0.62, 0.80}},
+          {1.00, {1.00, 0.86, 0.74, 0.95}}}},
+        {"CT lung", "HU", false, -600, 1000, -500,
+         {{0.02, {0.20, 0.30, 0.50, 0.0}}, {0.12, {0.35, 0.50, 0.75, 0.006}}, {0.30, {0.60, 0.75, 0.90, 0.020}},
+          {0.45, {0.95, 0.80, 0.70, 0.100}}, {0.60, {0.90, 0.55, 0.45, 0.060}}, {0.90, {0.80, 0.45, 0.35, 0.015}},
+          {1.00, {0.80, 0.45, 0.35, 0.012}}}},
+        {"CT vessels", "HU", false, 260, 420, 150,
+         {{0.18, {0.45, 0.05, 0.04, 0.0}}, {0.30, {0.75, 0.10, 0.08, 0.15}}, {0.50, {0.92, 0.25, 0.16, 0.45}},
+          {0.75, {0.98, 0.70, 0.50, 0.65}}, {1.00, {1.00, 0.96, 0.88, 0.80}}}},
+        {"MR", "", true, 0.55, 0.95, 0.25,
+         {{0.06, {0.10, 0.08, 0.07, 0.0}}, {0.20, {0.32, 0.28, 0.26, 0.03}}, {0.45, {0.60, 0.55, 0.50, 0.12}},
+          {0.75, {0.88, 0.84, 0.78, 0.30}}, {1.00, {1.00, 1.00, 1.00, 0.55}}}},
+        {"Grey", "", true, 0.5, 1.0, 0.3, {{0.0, {0, 0, 0, 0.0}}, {1.0, {1, 1, 1, 1.0}}}},
+    };
+    return all;
+}
+
+const Preset &preset(const std::string &name)
+{
+    for (const Preset &one : presets())
+        if (one.name == name) return one;
+    return presets().front();
+}
+
+Colour colour_at(const Preset &preset, double at)
+{
+    const std::vector<ControlPoint> &points = preset.points;
+    if (!(at > points.front().at)) return points.front().colour;
+    for (size_t n = 1; n < points.size(); n++) {
+        const ControlPoint &a = points[n - 1], &b = points[n];
+        if (at >= b.at) continue;
+        double part = (at - a.at) / (b.at - a.at);
+        return {a.colour.r + part * (b.colour.r - a.colour.r), a.colour.g + part * (b.colour.g - a.colour.g),
+                a.colour.b + part * (b.colour.b - a.colour.b), a.colour.a + part * (b.colour.a - a.colour.a)};
+    }
+    return points.back().colour;
+}
+
+double opacity_over(double opacity, double distance) { return 1 - std::pow(1 - std::min(std::max(opacity, 0.0), 1.0), distance); }
+
+Table make_table(const Preset &preset, double opacity, double distance)
+{
+    Table table;
+    for (size_t n = 0; n < 256; n++) {
+        Colour colour = colour_at(preset, double(n) / 255);
+        double a = opacity_over(opacity * colour.a, distance);
+        const double channels[4] = {colour.r * a, colour.g * a, colour.b * a, a};
+        for (size_t c = 0; c < 4; c++) table[4 * n + c] = uint16_t(std::lround(65535 * std::min(std::max(channels[c], 0.0), 1.0)));
+    }
+    return table;
+}
+
+std::vector<bool> drawn_values(const Preset &preset, double low, double high, double value_at_0, double value_at_1)
+{
+    const size_t steps = 4096;
+    std::vector<bool> drawn(steps);
+    double step = (value_at_1 - value_at_0) / double(steps - 1);
+    for (size_t n = 0; n < steps; n++) {
+        double value = value_at_0 + step * double(n);
+        // what lies between two steps counts for both; a step wider than the window may jump over all of it
+        bool any = std::fabs(step) > high - low && value - std::fabs(step) < high && value + std::fabs(step) > low;
+        for (double beside : {-1.0, 0.0, 1.0})
+            any = any || colour_at(preset, (value + beside * step - low) / (high - low)).a > 0;
+        drawn[n] = any;
+    }
+    return drawn;
+}
+
+double seen_from(const Preset &preset, double low, double high, double fraction)
+{
+    double most = 0;
+    for (int n = 0; n <= 1000; n++) most = std::max(most, colour_at(preset, n / 1000.0).a);
+    for (int n = 0; n <= 1000; n++)
+        if (colour_at(preset, n / 1000.0).a >= fraction * most) return low + (high - low) * n / 1000;
+    return high;
+}
+
+} // namespace pliant_rviz

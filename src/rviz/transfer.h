@@ -1,0 +1,53 @@
+// From values to colour and opacity. No Ogre, no ROS.
+#ifndef PLIANT_RVIZ_TRANSFER_H
+#define PLIANT_RVIZ_TRANSFER_H
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace pliant_rviz {
+
+struct Colour {
+    double r, g, b, a;
+};
+
+// A point of a transfer function; at is a place in the window: 0 its low end, 1 its high end.
+struct ControlPoint {
+    double at;
+    Colour colour; // a: opacity of a path through an even piece of 1/256 of the volume's diagonal
+};
+
+// Values in the file's unit (CT: Hounsfield).
+struct Preset {
+    std::string name;
+    std::string unit;
+    bool relative;        // level and window are fractions of the 99.5 % quantile of the values above the lowest (MR)
+    double level, window; // centre and width
+    double surface;       // value of the isosurface
+    std::vector<ControlPoint> points; // ascending
+};
+
+const std::vector<Preset> &presets();
+const Preset &preset(const std::string &name); // the first one when there is none of this name
+
+// Linear between the points; outside of them the nearest one's.
+Colour colour_at(const Preset &preset, double at);
+
+// 256 premultiplied colours over the window, 16 bits a channel, for slices that are `distance` apart (in units of the
+// control points' opacity: 1/256 of the diagonal).
+using Table = std::array<uint16_t, 256 * 4>;
+Table make_table(const Preset &preset, double opacity, double distance);
+
+// Opacity of a path through `distance` such pieces.
+double opacity_over(double opacity, double distance);
+
+// Which of 4096 even steps of [value_at_0, value_at_1] are drawn at all, given window [low, high].
+std::vector<bool> drawn_values(const Preset &preset, double low, double high, double value_at_0, double value_at_1);
+
+// Lowest value that is clearly seen: where the opacity first reaches this fraction of its greatest.
+double seen_from(const Preset &preset, double low, double high, double fraction = 0.3);
+
+} // namespace pliant_rviz
+#endif

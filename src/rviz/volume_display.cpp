@@ -1,0 +1,433 @@
+#include "rviz/volume_display.h"
+
+#include "rviz/colour_bar.h"
+#include "rviz/material.h"
+
+#include <OgreCamera.h>
+#include <OgreSceneNode.h>
+
+#include <pluginlib/class_list_macros.hpp>
+#include <ros/message_traits.h>
+#include <rviz/display_context.h>
+#include <rviz/frame_manager.h>
+#include <rviz/properties/bool_property.h>
+#include <rviz/properties/color_property.h>
+#include <rviz/properties/enum_property.h>
+#include <rviz/properties/float_property.h>
+#include <rviz/properties/int_property.h>
+#include <rviz/properties/ros_topic_property.h>
+#include <rviz/properties/vector_property.h>
+#include <rviz/view_controller.h>
+#include <rviz/view_manager.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace pliant_rviz {
+
+enum Mode { SLICES, ISOSURFACE };
+
+// most bytes to the graphics card between two pictures
+static const size_t UPLOAD_BYTES = size_t(32) << 20;
+// the picture is still when nothing moved for so long [s]
+static const float STILL_AFTER = 0.4f;
+
+VolumeDisplay::VolumeDisplay() { make_properties(); }
+
+VolumeDisplay::~VolumeDisplay() { unsubscribe(); }
+
+void VolumeDisplay::make_properties()
+{
+    topic_ = new rviz::RosTopicProperty("Topic", "volume", QString::fromStdString(ros::message_traits::datatype<pliant::Volume>()),
+                                        "pliant/Volume to show.", this, SLOT(change_topic()));
+    mode_ = new rviz::EnumProperty("Rendering", "Slices", "Semi-transparent slices, or the surface of one value.", this,
+                                   SLOT(change_look()));
+    mode_->addOption("Slices", SLICES);
+    mode_->addOption("Isosurface", ISOSURFACE);
+    preset_ = new rviz::EnumProperty("Preset", QString::fromStdString(presets().front().name), "Colours and opacities.", this,
+                                     SLOT(change_preset()));
+    for (size_t n = 0; n < presets().size(); n++) preset_->addOption(QString::fromStdString(presets()[n].name), int(n));
+    automatic_ = new rviz::BoolProperty("Automatic", true, "Level, window and isosurface as the preset has them.", this,
+                                        SLOT(change_preset()));
+    level_ = new rviz::FloatProperty("Level", 0, "Middle of the window: the value (CT: Hounsfield) of the middle colour.", this,
+                                     SLOT(change_window()));
+    window_ = new rviz::FloatProperty("Window", 1, "Width of the window.", this, SLOT(change_window()));
+    window_->setMin(1e-6f);
+    surface_ = new rviz::FloatProperty("Isosurface", 0, "Value of the surface.", this, SLOT(change_window()));
+    surface_colour_ = new rviz::ColorProperty("Surface Color", QColor(224, 186, 160), "Colour of the isosurface.", this,
+                                              SLOT(change_look()));
+    opacity_ = new rviz::FloatProperty("Opacity", 1, "Times the preset's opacity; 1 as it is.", this, SLOT(change_look()));
+    opacity_->setMin(0);
+    opacity_->setMax(10);
+    shading_ = new rviz::FloatProperty("Shading", 0.8f, "Light on the surfaces inside the volume: 0 none, 1 full.", this,
+                                       SLOT(change_look()));
+    shading_->setMin(0);
+    shading_->setMax(1);
+    slices_ = new rviz::IntProperty("Slices", 256, "Slices over the volume's diagonal when nothing moves.", this, SLOT(change_look()));
+    slices_moving_ = new rviz::IntProperty("Slices While Moving", 96, "Slices while the view or the tissue moves.", this,
+                                           SLOT(change_look()));
+    for (rviz::IntProperty *count : {slices_, slices_moving_}) {
+        count->setMin(8);
+        count->setMax(2048);
+    }
+    make_clip_properties();
+    bar_shown_ = new rviz::BoolProperty("Color Bar", true, "Show which value has which colour.", this, SLOT(change_look()));
+    memory_ = new rviz::IntProperty("Texture Memory", 1024, "Most memory of the texture [MiB]; a larger volume is shown subsampled.",
+                                    this, SLOT(change_limits()));
+    memory_->setMin(1);
+}
+
+void VolumeDisplay::make_clip_properties()
+{
+    clip_box_ = new rviz::BoolProperty("Clip Box", false, "Show a box of the volume only.", this, SLOT(change_look()));
+    clip_box_->setDisableChildrenIfFalse(true);
+    box_low_ = new rviz::VectorProperty("From", Ogre::Vector3(0, 0, 0), "Fractions of the volume along i, j, k.", clip_box_,
+                                        SLOT(change_look()), this);
+    box_high_ = new rviz::VectorProperty("To", Ogre::Vector3(1, 1, 1), "Fractions of the volume along i, j, k.", clip_box_,
+                                         SLOT(change_look()), this);
+    clip_plane_ = new rviz::BoolProperty("Clip Plane", false, "Show what lies on one side of a plane only.", this,
+                                         SLOT(change_look()));
+    clip_plane_->setDisableChildrenIfFalse(true);
+    plane_normal_ = new rviz::VectorProperty("Normal", Ogre::Vector3(0, 0, 1),
+                                             "Points to the side that is kept; axes of the volume's frame.", clip_plane_,
+                                             SLOT(change_look()), this);
+    plane_point_ = new rviz::VectorProperty("Point", Ogre::Vector3(0, 0, 0), "A point of the plane in the volume's frame [m].",
+                                            clip_plane_, SLOT(change_look()), this);
+}
+
+void VolumeDisplay::onInitialize()
+{
+    visual_.reset(new VolumeVisual(scene_manager_, scene_node_));
+    bar_.reset(new ColourBar(ColourBar::RIGHT));
+    {
+        std::lock_guard<std::mutex> guard(received_.lock);
+        received_.limits.edge = longest_texture_edge();
+    }
+    change_limits();
+    change_preset();
+}
+
+void VolumeDisplay::load(const rviz::Config &config)
+{
+    // level and window come from the file after the preset: they are no edits by hand
+    loading_ = true;
+    Display::load(config);
+    loading_ = false;
+    change_preset();
+}
+
+void VolumeDisplay::setTopic(const QString &topic, const QString &) { topic_->setString(topic); }
+
+void VolumeDisplay::onEnable() { subscribe(); }
+
+void VolumeDisplay::onDisable()
+{
+    unsubscribe();
+    reset();
+}
+
+void VolumeDisplay::change_topic()
+{
+    unsubscribe();
+    reset();
+    subscribe();
+}
+
+void VolumeDisplay::subscribe()
+{
+    if (!isEnabled() || topic_->getTopicStd().empty()) return;
+    try {
+        // boxes must not be lost: the queue is long, they are small; a whole volume replaces all
+        subscriber_ = threaded_nh_.subscribe(topic_->getTopicStd(), 32, &VolumeDisplay::receive, this,
+                                             ros::TransportHints().tcpNoDelay());
+        setStatus(rviz::StatusProperty::Warn, "Volume", "no data yet");
+    } catch (const ros::Exception &error) {
+        setStatus(rviz::StatusProperty::Error, "Volume", QString("cannot subscribe: ") + error.what());
+    }
+}
+
+void VolumeDisplay::unsubscribe() { subscriber_.shutdown(); }
+
+void VolumeDisplay::reset()
+{
+    Display::reset();
+    std::lock_guard<std::mutex> guard(received_.lock);
+    received_.image = VolumeImage();
+    received_.starts = received_.changed = false;
+    received_.error.clear();
+    received_.warning.clear();
+    received_.messages = received_.refused = received_.lost = 0;
+    texture_error_.clear();
+    if (visual_) visual_->clear();
+    if (bar_) bar_->set_visible(false);
+}
+
+static VolumeView view_of(const pliant::Volume &message)
+{
+    VolumeView view;
+    view.scan_id = message.scan_id;
+    for (int d = 0; d < 3; d++) {
+        view.full_size[d] = message.full_size[d];
+        view.box.offset[d] = message.offset[d];
+        view.box.size[d] = message.size[d];
+    }
+    const geometry_msgs::Pose &pose = message.origin;
+    view.position = {{pose.position.x, pose.position.y, pose.position.z}};
+    view.orientation = {{pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w}};
+    view.flipped = message.flipped;
+    view.spacing = {{message.spacing.x, message.spacing.y, message.spacing.z}};
+    view.encoding = message.encoding;
+    view.slope = message.slope;
+    view.intercept = message.intercept;
+    view.data = message.data.data();
+    view.bytes = message.data.size();
+    return view;
+}
+
+void VolumeDisplay::receive(const pliant::Volume::ConstPtr &message)
+{
+    VolumeView view = view_of(*message);
+    std::string error = check(view);
+    std::lock_guard<std::mutex> guard(received_.lock);
+    Received &to = received_;
+    to.messages++;
+    to.changed = true;
+    if (!error.empty()) {
+        to.refused++;
+        to.error = error;
+        return;
+    }
+    bool gap = !to.image.empty() && message->sequence > to.sequence + 1;
+    bool whole = view.box.size == view.full_size;
+    VolumeImage::Result result = to.image.put(view, to.limits);
+    if (result == VolumeImage::WAITS) {
+        to.warning = "waiting for a whole volume: boxes only so far";
+        return;
+    }
+    to.lost = whole ? 0 : gap ? to.lost + message->sequence - to.sequence - 1 : to.lost;
+    to.warning = to.lost ? std::to_string(to.lost) + " messages lost: parts are old until the next whole volume" : "";
+    to.error.clear();
+    to.sequence = message->sequence;
+    to.frame = message->header.frame_id;
+    to.position = view.position;
+    to.orientation = view.orientation;
+    to.spacing = view.spacing;
+    to.flipped = view.flipped;
+    if (result == VolumeImage::WHOLE) to.starts = true;
+}
+
+void VolumeDisplay::change_limits()
+{
+    std::lock_guard<std::mutex> guard(received_.lock);
+    received_.limits.bytes = size_t(memory_->getInt()) << 20;
+}
+
+void VolumeDisplay::change_preset()
+{
+    if (loading_) return;
+    window_wanted_ = automatic_->getBool();
+    change_look();
+}
+
+void VolumeDisplay::change_window()
+{
+    // edited by hand
+    if (!loading_ && !window_wanted_) automatic_->setBool(false);
+    change_look();
+}
+
+void VolumeDisplay::change_look()
+{
+    look_changed_ = true;
+    if (context_) context_->queueRender();
+}
+
+// level, window and isosurface of the preset; relative ones wait for data
+void VolumeDisplay::take_window()
+{
+    const Preset &chosen = presets()[size_t(preset_->getOptionInt())];
+    double unit = 1;
+    if (chosen.relative) {
+        if (!visual_->has_texture()) return;
+        std::lock_guard<std::mutex> guard(received_.lock);
+        unit = received_.image.quantile(0.995);
+    }
+    level_->setFloat(float(unit * chosen.level));
+    window_->setFloat(float(std::max(unit * chosen.window, 1e-6)));
+    surface_->setFloat(float(unit * chosen.surface));
+    window_wanted_ = false;
+}
+
+void VolumeDisplay::upload()
+{
+    std::lock_guard<std::mutex> guard(received_.lock);
+    if (received_.starts) {
+        texture_error_ = visual_->start(received_.image);
+        while (!texture_error_.empty() && received_.limits.bytes > (size_t(1) << 20)) {
+            // the card has less than it may take: the next whole volume comes subsampled
+            received_.limits.bytes /= 2;
+            size_t bytes = size_t(received_.image.bits() / 8) * received_.image.size()[0] * received_.image.size()[1] *
+                           received_.image.size()[2];
+            if (bytes > received_.limits.bytes) {
+                received_.image = VolumeImage();
+                break;
+            }
+        }
+        received_.starts = false;
+        window_wanted_ = window_wanted_ || automatic_->getBool();
+        look_changed_ = true;
+    }
+    if (!visual_->has_texture()) return;
+    if (received_.changed) {
+        visual_->set_grid(received_.spacing, received_.flipped);
+        still_for_ = 0;
+    }
+    size_t left = UPLOAD_BYTES;
+    Box box;
+    bool any = false;
+    while (left > 0 && received_.image.next_change(left, box)) {
+        visual_->upload(received_.image, box);
+        left -= std::min(left, box.voxels() * size_t(received_.image.bits() / 8));
+        any = true;
+    }
+    if (any || look_changed_) visual_->find_visible(received_.image);
+}
+
+bool VolumeDisplay::place()
+{
+    std::string frame;
+    {
+        std::lock_guard<std::mutex> guard(received_.lock);
+        frame = received_.frame;
+        volume_position_ = Ogre::Vector3(float(received_.position[0]), float(received_.position[1]), float(received_.position[2]));
+        const std::array<double, 4> &q = received_.orientation;
+        volume_orientation_ = Ogre::Quaternion(float(q[3]), float(q[0]), float(q[1]), float(q[2]));
+        volume_orientation_.normalise();
+    }
+    Ogre::Vector3 position;
+    Ogre::Quaternion orientation;
+    rviz::FrameManager *frames = context_->getFrameManager();
+    if (!frames->getTransform(frame, ros::Time(), position, orientation)) {
+        std::string error;
+        if (!frames->transformHasProblems(frame, ros::Time(), error)) error = "no transform";
+        setStatusStd(rviz::StatusProperty::Error, "Transform", "frame [" + frame + "]: " + error);
+        visual_->set_visible(false);
+        return false;
+    }
+    setStatus(rviz::StatusProperty::Ok, "Transform", "ok");
+    visual_->set_pose(position + orientation * volume_position_, orientation * volume_orientation_);
+    return true;
+}
+
+void VolumeDisplay::set_look(bool moving)
+{
+    Look look;
+    look.isosurface = mode_->getOptionInt() == ISOSURFACE;
+    look.transfer = presets()[size_t(preset_->getOptionInt())];
+    look.low = level_->getFloat() - 0.5 * window_->getFloat();
+    look.high = level_->getFloat() + 0.5 * window_->getFloat();
+    look.opacity = opacity_->getFloat();
+    look.shading = shading_->getFloat();
+    look.surface = surface_->getFloat();
+    look.surface_colour = surface_colour_->getOgreColor();
+    look.slices = unsigned(std::max(8, moving ? std::min(slices_moving_->getInt(), slices_->getInt()) : slices_->getInt()));
+    if (clip_box_->getBool())
+        for (int d = 0; d < 3; d++) {
+            look.clip_low[d] = box_low_->getVector()[d];
+            look.clip_high[d] = box_high_->getVector()[d];
+        }
+    Ogre::Vector3 normal = plane_normal_->getVector();
+    if (clip_plane_->getBool() && normal.squaredLength() > 0) {
+        // from the frame of the message to the volume's own axes
+        normal = volume_orientation_.Inverse() * normal.normalisedCopy();
+        Ogre::Vector3 point = volume_orientation_.Inverse() * (plane_point_->getVector() - volume_position_);
+        look.planes.push_back({{{normal.x, normal.y, normal.z}}, normal.dotProduct(point)});
+    }
+    visual_->set_look(look);
+}
+
+bool VolumeDisplay::is_moving()
+{
+    const Ogre::Camera *camera = context_->getViewManager()->getCurrent()->getCamera();
+    if (!camera->getDerivedPosition().positionEquals(camera_position_, 1e-5f) ||
+        !camera->getDerivedOrientation().equals(camera_orientation_, Ogre::Radian(1e-5f)))
+        still_for_ = 0;
+    camera_position_ = camera->getDerivedPosition();
+    camera_orientation_ = camera->getDerivedOrientation();
+    return still_for_ < STILL_AFTER;
+}
+
+void VolumeDisplay::update(float wall_dt, float)
+{
+    if (!visual_ || !context_->getViewManager()->getCurrent()) return;
+    still_for_ += wall_dt;
+    bool moving = is_moving();
+    if (window_wanted_) take_window();
+    bool placed = !received_.frame.empty() && visual_->has_texture() && place();
+    if (look_changed_ || moving != drawn_moving_) set_look(moving);
+    drawn_moving_ = moving;
+    upload();
+    if (look_changed_) {
+        set_look(moving);
+        show_bar();
+    }
+    look_changed_ = window_wanted_;
+    if (placed) visual_->draw(context_->getViewManager()->getCurrent()->getCamera());
+    report();
+}
+
+void VolumeDisplay::show_bar()
+{
+    const Look &look = visual_->look();
+    bool shown = bar_shown_->getBool() && visual_->has_texture();
+    if (shown) {
+        bool grey = look.isosurface;
+        QString title = QString::fromStdString(look.transfer.unit.empty() ? getName().toStdString() : look.transfer.unit);
+        bar_->set(title, look.low, look.high, [&](double t) {
+            if (grey) return QColor::fromRgbF(t, t, t);
+            Colour colour = colour_at(look.transfer, t);
+            return QColor::fromRgbF(colour.r, colour.g, colour.b);
+        });
+    }
+    bar_->set_visible(shown);
+}
+
+void VolumeDisplay::report()
+{
+    std::lock_guard<std::mutex> guard(received_.lock);
+    if (!received_.changed) return;
+    received_.changed = false;
+    if (!received_.error.empty())
+        setStatusStd(rviz::StatusProperty::Error, "Volume",
+                     received_.error + " (" + std::to_string(received_.refused) + " messages refused)");
+    else if (!texture_error_.empty())
+        setStatusStd(rviz::StatusProperty::Error, "Volume", "too large for the graphics card: " + texture_error_);
+    else if (!received_.warning.empty())
+        setStatusStd(rviz::StatusProperty::Warn, "Volume", received_.warning);
+    else if (!received_.image.empty()) {
+        const VolumeImage &image = received_.image;
+        Size size = image.full_size();
+        std::string text = std::to_string(size[0]) + " x " + std::to_string(size[1]) + " x " + std::to_string(size[2]) + ", " +
+                           image.precision() + ", values " + QString::number(image.low(), 'g', 6).toStdString() + " to " +
+                           QString::number(image.high(), 'g', 6).toStdString() + ", message " + std::to_string(received_.sequence);
+        if (image.not_numbers() > 0) text += ", " + std::to_string(image.not_numbers()) + " voxels are not numbers";
+        bool caveat = image.stride() > 1 || image.not_numbers() > 0;
+        setStatusStd(caveat ? rviz::StatusProperty::Warn : rviz::StatusProperty::Ok, "Volume",
+                     (image.stride() > 1 ? "too large for the graphics card, shown subsampled: " : "") + text);
+    }
+}
+
+double VolumeDisplay::threshold() const
+{
+    const Look &look = visual_->look();
+    return look.isosurface ? look.surface : seen_from(look.transfer, look.low, look.high);
+}
+
+bool VolumeDisplay::clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *near, double *far) const
+{
+    return isEnabled() && visual_ && visual_->clip_to_drawn(origin, direction, near, far);
+}
+
+} // namespace pliant_rviz
+
+PLUGINLIB_EXPORT_CLASS(pliant_rviz::VolumeDisplay, rviz::Display)

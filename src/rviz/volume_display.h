@@ -1,0 +1,107 @@
+// rviz display of the topic `volume`: a medical scan, live, while it deforms.
+#ifndef PLIANT_RVIZ_VOLUME_DISPLAY_H
+#define PLIANT_RVIZ_VOLUME_DISPLAY_H
+
+#ifndef Q_MOC_RUN
+#include "rviz/volume_image.h"
+#include "rviz/volume_visual.h"
+
+#include <pliant/Volume.h>
+#include <ros/subscriber.h>
+#include <rviz/display.h>
+#endif
+
+#include <memory>
+#include <mutex>
+
+namespace rviz {
+class BoolProperty;
+class ColorProperty;
+class EnumProperty;
+class FloatProperty;
+class IntProperty;
+class RosTopicProperty;
+class VectorProperty;
+}
+
+namespace pliant_rviz {
+
+class ColourBar;
+
+class VolumeDisplay : public rviz::Display {
+    Q_OBJECT
+public:
+    VolumeDisplay();
+    ~VolumeDisplay() override;
+
+    void load(const rviz::Config &config) override;
+    void setTopic(const QString &topic, const QString &datatype) override;
+    void reset() override;
+    void update(float wall_dt, float ros_dt) override;
+
+    // Value of the surface that is seen: of the isosurface, or where the transfer function becomes clearly opaque.
+    double threshold() const;
+    // Part of a ray in the fixed frame that is drawn; false: it passes by, or nothing is shown.
+    bool clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *near, double *far) const;
+
+protected:
+    void onInitialize() override;
+    void onEnable() override;
+    void onDisable() override;
+
+private Q_SLOTS:
+    void change_topic();
+    void change_preset();
+    void change_window();
+    void change_look();
+    void change_limits();
+
+private:
+    void make_properties();
+    void make_clip_properties();
+    void subscribe();
+    void unsubscribe();
+    void receive(const pliant::Volume::ConstPtr &message); // in rviz's other thread
+    void take_window();
+    void upload();
+    bool place();
+    void show_bar();
+    void report();
+    bool is_moving();
+    void set_look(bool moving);
+
+    // what the receiving thread leaves for update()
+    struct Received {
+        std::mutex lock;
+        TextureLimits limits;
+        VolumeImage image;
+        bool starts = false, changed = false;
+        std::string frame, error, warning;
+        std::array<double, 3> position, spacing;
+        std::array<double, 4> orientation;
+        bool flipped = false;
+        uint64_t messages = 0, refused = 0, sequence = 0, lost = 0;
+    };
+    Received received_;
+
+    ros::Subscriber subscriber_;
+    std::unique_ptr<VolumeVisual> visual_;
+    std::unique_ptr<ColourBar> bar_;
+    std::string texture_error_;
+    bool look_changed_ = true, window_wanted_ = false, loading_ = false;
+    bool drawn_moving_ = false;
+    Ogre::Vector3 camera_position_, volume_position_;
+    Ogre::Quaternion camera_orientation_, volume_orientation_;
+    float still_for_ = 0; // [s]
+
+    rviz::RosTopicProperty *topic_;
+    rviz::EnumProperty *mode_, *preset_;
+    rviz::BoolProperty *automatic_, *clip_box_, *clip_plane_, *bar_shown_;
+    rviz::FloatProperty *level_, *window_, *opacity_, *shading_, *surface_;
+    rviz::ColorProperty *surface_colour_;
+    rviz::IntProperty *slices_, *slices_moving_, *memory_;
+    rviz::VectorProperty *box_low_, *box_high_, *plane_normal_, *plane_point_;
+};
+
+} // namespace pliant_rviz
+#endif

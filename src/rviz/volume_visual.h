@@ -1,0 +1,104 @@
+// What rviz shows of a volume: a 3-D texture, and either slices through it or its isosurface.
+#ifndef PLIANT_RVIZ_VOLUME_VISUAL_H
+#define PLIANT_RVIZ_VOLUME_VISUAL_H
+
+#include "rviz/slices.h"
+#include "rviz/transfer.h"
+#include "rviz/volume_image.h"
+
+#include <OgreColourValue.h>
+#include <OgreMaterial.h>
+#include <OgreQuaternion.h>
+#include <OgreTexture.h>
+
+#include <array>
+#include <string>
+#include <vector>
+
+#if __has_include(<rviz/ogre_helpers/ogre_vector.h>)
+#include <rviz/ogre_helpers/ogre_vector.h>
+#else
+#include <OgreVector3.h>
+#endif
+
+namespace Ogre {
+class Camera;
+class ManualObject;
+class SceneManager;
+class SceneNode;
+}
+
+namespace pliant_rviz {
+
+// How it looks; values in the unit of the volume (CT: Hounsfield).
+struct Look {
+    bool isosurface = false;
+    Preset transfer;
+    double low = 0, high = 1; // window
+    double opacity = 1;
+    double shading = 1;       // 0: none, 1: full
+    double surface = 0;       // value of the isosurface
+    Ogre::ColourValue surface_colour;
+    unsigned slices = 256;    // over the volume's diagonal
+    std::array<double, 3> clip_low{{0, 0, 0}}, clip_high{{1, 1, 1}}; // fractions along i, j, k
+    std::vector<Plane> planes; // at most one; in the volume's axes, from its voxel 0, 0, 0 [m]
+};
+
+class VolumeVisual {
+public:
+    VolumeVisual(Ogre::SceneManager *manager, Ogre::SceneNode *parent);
+    ~VolumeVisual();
+    VolumeVisual(const VolumeVisual &) = delete;
+    VolumeVisual &operator=(const VolumeVisual &) = delete;
+
+    // A new, empty texture for the image. "" or why the graphics card has none.
+    std::string start(const VolumeImage &image);
+    void clear();
+    bool has_texture() const { return bool(texture_.get()); }
+    // One box of the image to the texture.
+    void upload(const VolumeImage &image, const Box &box);
+
+    void set_grid(const std::array<double, 3> &spacing, bool flipped);
+    void set_pose(const Ogre::Vector3 &position, const Ogre::Quaternion &orientation);
+    void set_look(const Look &look);
+    const Look &look() const { return look_; }
+    // Texels outside of which nothing is visible; asks the image, after its content or the look changed.
+    void find_visible(const VolumeImage &image);
+    void set_visible(bool visible);
+
+    // Geometry and shader numbers for this camera.
+    void draw(const Ogre::Camera *camera);
+
+    // The part [near, far] of a ray in the fixed frame that is drawn of it; false: the ray passes by. Unit direction.
+    bool clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *near, double *far) const;
+
+    size_t slices_drawn() const { return slices_drawn_; }
+    double diagonal() const; // of the whole volume [m]
+
+private:
+    void make_table();
+    void set_numbers(Ogre::Pass *pass, const Ogre::Camera *camera);
+    void draw_slices(const Vector &direction);
+    void draw_hull();
+    Bounds bounds_of(const Box &texels) const;
+    Bounds clipped() const;
+
+    Ogre::SceneManager *manager_;
+    Ogre::SceneNode *node_;
+    Ogre::ManualObject *object_;
+    Ogre::MaterialPtr slice_material_, surface_material_;
+    Ogre::TexturePtr texture_, table_;
+    std::vector<uint8_t> staging_;
+
+    Size size_{{0, 0, 0}}, full_size_{{0, 0, 0}};
+    uint32_t stride_ = 1;
+    double value_scale_ = 1, value_offset_ = 0;
+    std::array<double, 3> spacing_{{1, 1, 1}};
+    double sign_[3] = {1, 1, 1};
+    Box visible_;
+    Look look_;
+    size_t slices_drawn_ = 0;
+};
+
+} // namespace pliant_rviz
+#endif
