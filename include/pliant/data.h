@@ -95,6 +95,10 @@ pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, con
 /** A new direction or size of gravity, from the next step on. Errors: ARGUMENT (not finite). */
 pliant_status pliant_data_gravity(pliant_data *data, const double gravity[3]);
 
+/** Other limits of a step than those of the scene (solver/iterations, solver/tolerance), from the next step on.
+ *  Errors: ARGUMENT (iterations < 1, tolerance not above 0). */
+pliant_status pliant_data_limits(pliant_data *data, int iterations, double tolerance);
+
 /** One quasi-static step: interact, solve, upsample, warp. NOT_CONVERGED keeps the best state reached so far;
  *  NUMERIC and MEMORY keep the state before the step. Positions are never NaN. */
 pliant_status pliant_step(const pliant_model *model, pliant_data *data);

@@ -39,7 +39,56 @@ void field(const char *name, std::vector<sensor_msgs::PointField> *fields)
     fields->push_back(next);
 }
 
+std_msgs::ColorRGBA rgb(float r, float g, float b)
+{
+    std_msgs::ColorRGBA out;
+    out.r = r;
+    out.g = g;
+    out.b = b;
+    out.a = 1;
+    return out;
+}
+
+geometry_msgs::Point point(const double at[3])
+{
+    geometry_msgs::Point out;
+    out.x = at[0];
+    out.y = at[1];
+    out.z = at[2];
+    return out;
+}
+
 } // namespace
+
+void tool_markers_message(const pliant_tool &tool, double clearance, const std_msgs::Header &header,
+                          visualization_msgs::MarkerArray *out)
+{
+    const double tip_size = 0.012, metres_per_newton = 0.005, longest = 0.2, shortest = 1e-3; /* [m], [m/N] */
+    out->markers.resize(2);
+    visualization_msgs::Marker &tip = out->markers[0], &arrow = out->markers[1];
+    tip.header = arrow.header = header;
+    tip.ns = arrow.ns = tool.name;
+    tip.id = 0;
+    tip.type = visualization_msgs::Marker::SPHERE;
+    tip.action = tool.present ? visualization_msgs::Marker::ADD : visualization_msgs::Marker::DELETE;
+    tip.pose.position = point(tool.tip);
+    tip.pose.orientation.w = 1;
+    tip.scale.x = tip.scale.y = tip.scale.z = tip_size;
+    tip.color = tool.holding ? rgb(0.1f, 0.9f, 0.1f) : clearance <= 0 ? rgb(0.9f, 0.9f, 0.1f) : rgb(0.7f, 0.7f, 0.7f);
+    double length = metres_per_newton * std::sqrt(tool.force[0] * tool.force[0] + tool.force[1] * tool.force[1] +
+                                                  tool.force[2] * tool.force[2]);
+    double scale = metres_per_newton * std::min(1.0, length > 0 ? longest / length : 1.0), end[3];
+    for (int d = 0; d < 3; ++d) end[d] = tool.tip[d] + scale * tool.force[d];
+    arrow.id = 1;
+    arrow.type = visualization_msgs::Marker::ARROW;
+    arrow.action = tool.present && tool.holding && length > shortest ? visualization_msgs::Marker::ADD
+                                                                     : visualization_msgs::Marker::DELETE;
+    arrow.pose.orientation.w = 1;
+    arrow.points = {point(tool.tip), point(end)};
+    arrow.scale.x = 0.006; /* shaft */
+    arrow.scale.y = 0.014; /* head */
+    arrow.color = rgb(1, 0.5f, 0);
+}
 
 void marker_message(const pliant_model &model, const double *positions, const std::vector<float> &scalar,
                     visualization_msgs::Marker *out)

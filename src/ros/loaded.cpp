@@ -36,7 +36,6 @@ std::shared_ptr<Loaded> build(const pliant_scene &scene, std::shared_ptr<const S
 {
     auto loaded = std::make_shared<Loaded>();
     loaded->scan = std::move(scan);
-    loaded->scene = scene;
     loaded->revision = revision;
     const pliant_labels *labels = loaded->scan->labels.voxels ? &loaded->scan->labels : nullptr;
     check(pliant_model_build(&scene, &loaded->scan->volume, labels, &materials, progress, &loaded->model));

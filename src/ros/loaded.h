@@ -36,8 +36,7 @@ struct Scan {
 
 struct Loaded {
     std::shared_ptr<const Scan> scan;
-    pliant_scene scene; /* as it was asked for; the simulation changes some numbers of the model's own copy */
-    pliant_model *model = nullptr;
+    pliant_model *model = nullptr; /* constant once built */
     uint32_t revision = 0;
     Loaded() = default;
     Loaded(const Loaded &) = delete;

@@ -61,8 +61,8 @@ std::vector<double> solve(const pliant_model &model, const Pull &pull, pliant_pr
     int tool;
     check(pliant_tool_add(&model, data.get(), "probe", &tool));
     check(pliant_tool_pose(data.get(), tool, pull.from, nullptr));
-    check(pliant_tool_drive(data.get(), tool, PLIANT_DRIVE_RIGID, nullptr));
     check(pliant_tool_grasp(&model, data.get(), tool, pull.from));
+    check(pliant_tool_drive(data.get(), tool, PLIANT_DRIVE_RIGID, nullptr));
     check(pliant_tool_pose(data.get(), tool, pull.to, nullptr));
     pliant_status status = PLIANT_NOT_CONVERGED;
     for (int i = 0; status == PLIANT_NOT_CONVERGED && i < MAX_PROBE_STEPS; ++i) {
@@ -79,7 +79,7 @@ std::vector<double> solve(const pliant_model &model, const Pull &pull, pliant_pr
 
 ProbeError probe(const Loaded &loaded, pliant_progress progress)
 {
-    pliant_scene scene = loaded.scene;
+    pliant_scene scene = loaded.model->scene;
     scene.model.method = PLIANT_FINE;
     std::shared_ptr<Loaded> fine = build(scene, loaded.scan, loaded.model->materials, 0, pliant_progress{nullptr, nullptr});
     Pull pull = choose_pull(*fine->model);

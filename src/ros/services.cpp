@@ -150,7 +150,7 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
     response.error_max = response.error_rms = std::numeric_limits<float>::quiet_NaN();
     response.success = exclusively("recompute_homogenization", &response.message, [&] {
         std::shared_ptr<const Loaded> old = current();
-        pliant_scene scene = old->scene;
+        pliant_scene scene = old->model->scene;
         live_->apply(&scene);
         if (!request.method.empty()) check(pliant_scene_set(&scene, "model/method", request.method.c_str()));
         const int32_t most = std::numeric_limits<int32_t>::max();
@@ -181,7 +181,7 @@ bool Services::set_materials(SetMaterials::Request &request, SetMaterials::Respo
         Materials materials;
         check(pliant_material_table_parse(request.yaml.c_str(), "the request", &materials.table));
         check(pliant_material_table_check(&materials.table));
-        pliant_scene scene = old->scene;
+        pliant_scene scene = old->model->scene;
         live_->apply(&scene);
         put_in(build(scene, old->scan, materials.table, 0, progress()));
         return std::to_string(materials.table.num_materials) + " materials are in use";
@@ -196,7 +196,7 @@ bool Services::save_volume(SaveVolume::Request &request, SaveVolume::Response &r
         std::string path, why;
         if (!confine_new(parameters_.output_root, request.path, &path, &why)) throw Failure(PLIANT_ERROR_ARGUMENT, why);
         Snapshot now = simulation_->snapshot();
-        Warped warped(now.loaded, now.positions, now.loaded->scene.warp.margin);
+        Warped warped(now.loaded, now.positions, now.loaded->model->scene.warp.margin);
         warped.update(now.positions);
         check(pliant_volume_write(path.c_str(), &warped.volume()));
         return "wrote " + path;
@@ -221,7 +221,7 @@ bool Services::pick(Pick::Request &request, Pick::Response &response)
         };
         if (!volume_output_->look(find)) {
             Snapshot now = simulation_->snapshot();
-            Warped warped(now.loaded, now.positions, now.loaded->scene.warp.margin);
+            Warped warped(now.loaded, now.positions, now.loaded->model->scene.warp.margin);
             warped.update(now.positions);
             find(warped.volume(), now);
         }

@@ -178,9 +178,7 @@ void Simulation::let_go()
 void Simulation::apply_live()
 {
     LiveSettings settings = live_->get();
-    /* what a step reads of the scene; no other thread does */
-    current_->model->scene.solver.iterations = settings.iterations;
-    current_->model->scene.solver.tolerance = settings.tolerance;
+    pliant_data_limits(data_.get(), settings.iterations, settings.tolerance);
     if (!std::equal(settings.gravity, settings.gravity + 3, data_->gravity)) pliant_data_gravity(data_.get(), settings.gravity);
     for (int tool = 0; tool < data_->num_tools; ++tool) {
         data_->tools[tool].stiffness = settings.stiffness;

@@ -26,6 +26,7 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
         tool->counted_at = ros::WallTime::now();
         tool->force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/measured_cf", 1);
         tool->contact_out = handle.advertise<ContactState>(each.name + "/contact", 1);
+        tool->marker_out = handle.advertise<visualization_msgs::MarkerArray>(each.name + "/marker", 1);
         tool->pose_in = handle.subscribe<geometry_msgs::PoseStamped>(
             each.name + "/measured_cp", 1,
             [this, tool](const geometry_msgs::PoseStampedConstPtr &message) { take_pose(tool, *message); },
@@ -147,12 +148,19 @@ void Tools::publish_force(size_t index, const ToolSample &sample, const double f
 void Tools::publish_contact(size_t index, const pliant_model &model, const pliant_data &data, const ros::Time &now)
 {
     Tool &tool = *tools_[index];
-    if (tool.contact_out.getNumSubscribers() == 0 || !tool.contact_rate.due(CONTACT_RATE)) return;
-    ContactState message;
-    message.header.stamp = now;
-    message.header.frame_id = tissue_frame_;
-    contact_message(data.tools[index], pliant_tool_clearance(&model, &data, static_cast<int>(index)), &message);
-    tool.contact_out.publish(message);
+    bool contact_due = tool.contact_out.getNumSubscribers() > 0 && tool.contact_rate.due(CONTACT_RATE);
+    bool marker_due = tool.marker_out.getNumSubscribers() > 0 && tool.marker_rate.due(CONTACT_RATE);
+    if (!contact_due && !marker_due) return;
+    double clearance = pliant_tool_clearance(&model, &data, static_cast<int>(index));
+    ContactState contact;
+    contact.header.stamp = now;
+    contact.header.frame_id = tissue_frame_;
+    contact_message(data.tools[index], clearance, &contact);
+    if (contact_due) tool.contact_out.publish(contact);
+    if (!marker_due) return;
+    visualization_msgs::MarkerArray markers;
+    tool_markers_message(data.tools[index], clearance, contact.header, &markers);
+    tool.marker_out.publish(markers);
 }
 
 std::vector<ToolHealth> Tools::health(const ros::Time &now)

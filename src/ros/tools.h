@@ -47,7 +47,7 @@ public:
     void clear();
 
     void publish_force(size_t tool, const ToolSample &sample, const double force[3], const ros::Time &now);
-    /* At most 30 a second. */
+    /* Contact and markers, at most 30 a second. */
     void publish_contact(size_t tool, const pliant_model &model, const pliant_data &data, const ros::Time &now);
 
     std::vector<ToolHealth> health(const ros::Time &now);
@@ -56,8 +56,8 @@ private:
     struct Tool {
         ToolParameters parameters;
         ros::Subscriber pose_in, jaw_in;
-        ros::Publisher force_out, contact_out;
-        Rate contact_rate;
+        ros::Publisher force_out, contact_out, marker_out;
+        Rate contact_rate, marker_rate;
 
         std::mutex lock;
         /* written by callbacks */

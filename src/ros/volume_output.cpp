@@ -34,7 +34,7 @@ Warped::Warped(std::shared_ptr<const Loaded> loaded, const std::vector<double> &
     pliant_geometry target;
     check(pliant_warp_target(&loaded_->scan->volume.geometry, grows_ ? low : nullptr, grows_ ? high : nullptr,
                              max_target_voxels, &target));
-    check(pliant_warp_create(&loaded_->scan->volume, &loaded_->model->fine, &target, loaded_->scene.solver.threads, &warp_));
+    check(pliant_warp_create(&loaded_->scan->volume, &loaded_->model->fine, &target, loaded_->model->scene.solver.threads, &warp_));
 }
 
 bool Warped::holds(const std::vector<double> &positions) const
@@ -130,7 +130,7 @@ void VolumeOutput::publish(const std::shared_ptr<const Snapshot> &newest)
         if (is_new) {
             shown_now_.reset();
             warped_.reset(); /* before the next one takes its memory */
-            warped_.reset(new Warped(snapshot.loaded, snapshot.positions, snapshot.loaded->scene.warp.margin));
+            warped_.reset(new Warped(snapshot.loaded, snapshot.positions, snapshot.loaded->model->scene.warp.margin));
         }
         warped_->update(snapshot.positions);
         shown_now_ = newest;

@@ -23,6 +23,7 @@
 #include <sensor_msgs/JointState.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <visualization_msgs/Marker.h>
+#include <visualization_msgs/MarkerArray.h>
 
 #include <string>
 #include <vector>
@@ -103,6 +104,12 @@ void pick_message(const pliant_picked &picked, const Rigid &frame_from_tissue, P
  *  @param scalar (fine.num_nodes) or empty */
 void marker_message(const pliant_model &model, const double *positions, const std::vector<float> &scalar,
                     visualization_msgs::Marker *out);
+/** A tool for stock rviz: a ball at its tip (grey: in the air, yellow: in the tissue, green: it holds) and an arrow from
+ *  there along its force on the tissue, 5 mm a newton, at most 0.2 m. (A Wrench display draws its arrow at the origin of
+ *  the frame, not at the tip.) Header is that of both markers.
+ *  @param clearance of pliant_tool_clearance [m] */
+void tool_markers_message(const pliant_tool &tool, double clearance, const std_msgs::Header &header,
+                          visualization_msgs::MarkerArray *out);
 /** Nodes with fields x, y, z, displacement [m] and, where given, scalar. Header is the caller's. */
 void points_message(const pliant_model &model, const double *positions, const std::vector<float> &scalar,
                     sensor_msgs::PointCloud2 *out);
