@@ -1,6 +1,7 @@
-# What the core is built on: OpenMP, SuiteSparse's CHOLMOD, libcyaml, ITK.
+# What the core is built on: OpenMP, SuiteSparse's CHOLMOD, libcyaml, zlib, ITK.
 find_package(OpenMP REQUIRED COMPONENTS C CXX)
 find_package(Threads REQUIRED)
+find_package(ZLIB REQUIRED)
 
 find_path(CHOLMOD_INCLUDE_DIR cholmod.h PATH_SUFFIXES suitesparse)
 find_library(CHOLMOD_LIBRARY cholmod)

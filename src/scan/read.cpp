@@ -1,0 +1,150 @@
+/* Reading a scan or a label map: which format, does it fit in memory, voxels, conversion. The C boundary. */
+#include "scan/read.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <new>
+
+namespace {
+
+using namespace pliant_read;
+
+/* Bytes of a line "name:  12345 kB" in /proc/meminfo; -1 when it is not there. */
+double meminfo_bytes(const char *name)
+{
+    std::ifstream file("/proc/meminfo");
+    for (std::string word; file >> word;) {
+        double kilobytes;
+        if (word == name && file >> kilobytes) return 1024.0 * kilobytes;
+    }
+    return -1.0;
+}
+
+double number_in_file(const char *path)
+{
+    std::ifstream file(path);
+    double number;
+    return file >> number ? number : -1.0; /* also for the word "max" */
+}
+
+/* What the machine, and the container where there is one, have free. [bytes] */
+double free_memory()
+{
+    double available = meminfo_bytes("MemAvailable:");
+    if (available < 0.0) available = HUGE_VAL;
+    double limit = number_in_file("/sys/fs/cgroup/memory.max"), used = number_in_file("/sys/fs/cgroup/memory.current");
+    if (limit >= 0.0 && used >= 0.0) available = std::min(available, std::max(limit - used, 0.0));
+    return available;
+}
+
+void check_memory(const std::string &path, const image_header &header, bool labels, size_t memory_limit)
+{
+    double per_voxel = static_cast<double>(component_size(header.type));
+    double needed = voxel_count(header.geometry) * (per_voxel + std::max(header.decoder_bytes, conversion_bytes(header, labels)));
+    double most = memory_limit ? static_cast<double>(memory_limit) : free_memory();
+    if (needed > most || needed > static_cast<double>(SIZE_MAX / 2))
+        fail(PLIANT_ERROR_MEMORY, "%s: %d x %d x %d voxels need %.0f MB to be read, %s %.0f MB: resample or crop it first", path.c_str(),
+             header.geometry.size[0], header.geometry.size[1], header.geometry.size[2], needed / 1e6,
+             memory_limit ? "the limit is" : "the machine has free", most / 1e6);
+}
+
+std::unique_ptr<image_source> open_source(const std::string &path, const char *series)
+{
+    if (path.empty()) fail(PLIANT_ERROR_FILE, "no scan named: a DICOM folder, or a NIfTI, NRRD or MetaImage file is needed");
+    uint64_t bytes = file_size(path); /* fails when it is not there */
+    if (is_folder(path)) return open_dicom_folder(path, series);
+    if (bytes == 0) fail(PLIANT_ERROR_FORMAT, "%s: is empty", path.c_str());
+
+    std::string name = lower_case(path), start = file_start(path, 8);
+    if (start.compare(0, 4, "NRRD") == 0 || ends_with(name, ".nrrd") || ends_with(name, ".nhdr")) return open_nrrd(path);
+    if (ends_with(name, ".mha") || ends_with(name, ".mhd")) return open_metaimage(path);
+    if (is_nifti(path)) return open_nifti(path);
+    if (is_dicom_file(path) || ends_with(name, ".dcm")) refuse_dicom_file(path);
+    fail(PLIANT_ERROR_FORMAT, "%s: not a scan: a folder with DICOM files, or a NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) or "
+         "MetaImage (.mha, .mhd) file is needed", path.c_str());
+}
+
+/* The voxels in the type of the file; freed unless conversion took them over. */
+struct raw_voxels {
+    void *voxels;
+    raw_voxels(const image_header &header)
+        : voxels(pliant_calloc(pliant_geometry_voxels(&header.geometry), component_size(header.type)))
+    {
+        if (!voxels) fail(PLIANT_ERROR_MEMORY, "out of memory for the voxels of a scan");
+    }
+    ~raw_voxels() { pliant_free(voxels); }
+    raw_voxels(const raw_voxels &) = delete;
+    raw_voxels &operator=(const raw_voxels &) = delete;
+};
+
+/* Name of the file or folder itself. */
+void set_id(const std::string &path, char *id, size_t size)
+{
+    size_t end = path.find_last_not_of('/');
+    std::string name = end == std::string::npos ? path : path.substr(0, end + 1);
+    name.erase(0, folder_of(name).size());
+    std::memset(id, 0, size);
+    std::memcpy(id, name.data(), std::min(name.size(), size - 1));
+}
+
+pliant_volume read_volume(const std::string &path, const char *series, size_t memory_limit)
+{
+    std::unique_ptr<image_source> source = open_source(path, series);
+    check_memory(path, source->header, false, memory_limit);
+    raw_voxels raw(source->header);
+    source->read(raw.voxels);
+    converted converted = convert_values(path, source->header, &raw.voxels);
+
+    pliant_volume volume = {};
+    volume.geometry = source->header.geometry;
+    volume.encoding = converted.encoding;
+    volume.slope = 1.0f;
+    volume.background = converted.background;
+    volume.voxels = converted.voxels;
+    set_id(path, volume.id, sizeof volume.id);
+    return volume;
+}
+
+pliant_labels read_labels(const std::string &path, size_t memory_limit)
+{
+    std::unique_ptr<image_source> source = open_source(path, nullptr);
+    check_memory(path, source->header, true, memory_limit);
+    raw_voxels raw(source->header);
+    source->read(raw.voxels);
+
+    pliant_labels labels = {};
+    labels.geometry = source->header.geometry;
+    labels.voxels = convert_labels(path, source->header, &raw.voxels);
+    return labels;
+}
+
+/* No exception leaves. */
+template <class Action> pliant_status guarded(const char *path, Action action)
+{
+    if (!path) return pliant_fail(PLIANT_ERROR_ARGUMENT, "reading a scan: no path given");
+    try {
+        action();
+        return PLIANT_OK;
+    } catch (const failure &failure) {
+        return pliant_fail(failure.status, "%s", failure.text.c_str());
+    } catch (const std::bad_alloc &) {
+        return pliant_fail(PLIANT_ERROR_MEMORY, "%s: out of memory while reading it", path);
+    } catch (const std::exception &error) {
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: cannot be read: %.600s", path, error.what());
+    } catch (...) {
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: cannot be read", path);
+    }
+}
+
+} // namespace
+
+pliant_status pliant_volume_read(const char *path, const char *series, size_t memory_limit, pliant_volume *out)
+{
+    return guarded(path, [&] { *out = read_volume(path, series, memory_limit); });
+}
+
+pliant_status pliant_labels_read(const char *path, size_t memory_limit, pliant_labels *out)
+{
+    return guarded(path, [&] { *out = read_labels(path, memory_limit); });
+}

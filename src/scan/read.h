@@ -1,0 +1,123 @@
+/* How the readers fit together. Every format has an opener that reads the header only and checks it against the
+ * file; read.cpp checks the memory, has the voxels read and converts them. Inside, errors are thrown as failures;
+ * none crosses the C boundary. */
+#ifndef PLIANT_SCAN_READ_H
+#define PLIANT_SCAN_READ_H
+
+#include "core/fail.h"
+#include "pliant/memory.h"
+#include "pliant/scan.h"
+
+#include <fstream>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace pliant_read {
+
+/* Thrown inside, told by pliant_fail at the boundary. */
+struct failure {
+    pliant_status status;
+    std::string text;
+};
+[[noreturn]] void fail(pliant_status status, const char *format, ...) PLIANT_PRINTF(2, 3);
+
+/* Type of a number in a file. */
+enum class component { none, uint8, int8, uint16, int16, uint32, int32, uint64, int64, float32, float64 };
+size_t component_size(component type);
+bool component_is_integer(component type);
+
+struct image_header {
+    pliant_geometry geometry = {};
+    component type = component::none; /* of the voxels that read() gives */
+    bool whole_numbers = false;       /* the file stores integers, whatever type read() gives */
+    double slope = 1.0, intercept = 0.0; /* value = slope * stored + intercept */
+    double decoder_bytes = 0.0;       /* that read() needs beside the buffer, per voxel */
+};
+
+/* A file or folder whose header has been read and checked. */
+class image_source {
+public:
+    image_header header;
+    virtual ~image_source() = default;
+    /* Every voxel, i fastest, as header.type in the byte order of this machine. */
+    virtual void read(void *voxels) = 0;
+};
+
+/* What a header says about the grid; millimetres, LPS. */
+struct grid {
+    std::vector<int64_t> size;      /* as many as the file has dimensions */
+    double spacing[3] = {1.0, 1.0, 1.0};
+    double origin[3] = {0.0, 0.0, 0.0};
+    double direction[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0}; /* row-major, columns are the axes */
+};
+/* Checks that the grid is one regular 3-D grid, repairs rounding in the direction, converts to metres. */
+pliant_geometry checked_geometry(const std::string &path, const grid &grid);
+/* Voxels of a checked geometry; a double, since a hostile header may ask for more than can be counted. */
+double voxel_count(const pliant_geometry &geometry);
+
+/* Bytes of a file, decompressed where it is compressed. */
+class byte_stream {
+public:
+    enum class packing { none, deflate }; /* deflate: gzip or zlib, told by the data */
+    byte_stream(const std::string &path, uint64_t offset, packing how);
+    ~byte_stream();
+    byte_stream(const byte_stream &) = delete;
+    byte_stream &operator=(const byte_stream &) = delete;
+
+    /* Bytes got; fewer than wanted only at the end of the data. Broken compression fails. */
+    size_t read(void *buffer, size_t wanted);
+    /* Fails when the data end early; what names them in the message. */
+    void read_exactly(void *buffer, size_t wanted, const char *what);
+    void skip(uint64_t bytes, const char *what);
+    /* After the last voxel: the checksum of compressed data is right. */
+    void finish();
+
+private:
+    struct inflater;
+    std::string path_;
+    std::ifstream file_;
+    std::unique_ptr<inflater> inflater_; /* null: as it is */
+    size_t inflate_some(unsigned char *buffer, size_t wanted);
+};
+
+uint64_t file_size(const std::string &path);
+bool is_folder(const std::string &path);
+/* First bytes of a file, fewer if it is shorter. */
+std::string file_start(const std::string &path, size_t bytes);
+std::string folder_of(const std::string &path); /* with the slash; "" when there is none */
+std::string lower_case(std::string text);
+bool ends_with(const std::string &text, const std::string &ending);
+std::string trimmed(const std::string &text);
+/* Numbers between separators, whatever the locale of the process; false when something is no finite number. */
+bool parse_numbers(const std::string &text, char separator, std::vector<double> *out);
+
+/* Fails when `bytes` of data cannot be in a file of this size, compressed or not. */
+void check_data_fits(const std::string &path, double bytes, double bytes_in_file, bool compressed);
+/* The data of a header: decompressed, exactly as long as the grid asks, in the byte order of this machine. */
+void read_voxels(byte_stream &stream, const image_header &header, bool swap_bytes, void *voxels);
+
+/* The openers. They fail with FILE or FORMAT. */
+std::unique_ptr<image_source> open_nifti(const std::string &path);
+std::unique_ptr<image_source> open_metaimage(const std::string &path);
+std::unique_ptr<image_source> open_nrrd(const std::string &path);
+std::unique_ptr<image_source> open_dicom_folder(const std::string &path, const char *series);
+[[noreturn]] void refuse_dicom_file(const std::string &path);
+bool is_nifti(const std::string &path);
+bool is_dicom_file(const std::string &path);
+
+/* Voxels after conversion, owned by pliant_free. */
+struct converted {
+    pliant_encoding encoding;
+    float background;
+    void *voxels;
+};
+/* Most bytes per voxel that conversion adds to the voxels as read. */
+double conversion_bytes(const image_header &header, bool labels);
+/* Takes over *voxels (set to NULL), also when it fails. Fails with FORMAT (not finite, out of range) or MEMORY. */
+converted convert_values(const std::string &path, const image_header &header, void **voxels);
+uint16_t *convert_labels(const std::string &path, const image_header &header, void **voxels);
+
+} // namespace pliant_read
+
+#endif

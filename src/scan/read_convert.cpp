@@ -1,0 +1,182 @@
+/* From the numbers of a file to the encoding of a volume or to labels. */
+#include "scan/read.h"
+
+#include <cfloat>
+#include <cmath>
+#include <limits>
+#include <type_traits>
+
+namespace pliant_read {
+
+size_t component_size(component type)
+{
+    switch (type) {
+    case component::none: return 0;
+    case component::uint8:
+    case component::int8: return 1;
+    case component::uint16:
+    case component::int16: return 2;
+    case component::uint32:
+    case component::int32:
+    case component::float32: return 4;
+    case component::uint64:
+    case component::int64:
+    case component::float64: return 8;
+    }
+    return 0;
+}
+
+bool component_is_integer(component type) { return type != component::float32 && type != component::float64; }
+
+namespace {
+
+/* Calls action with a pointer of the right type. */
+template <class Action> void with_type(component type, const void *voxels, Action action)
+{
+    switch (type) {
+    case component::none: break;
+    case component::uint8: action(static_cast<const uint8_t *>(voxels)); break;
+    case component::int8: action(static_cast<const int8_t *>(voxels)); break;
+    case component::uint16: action(static_cast<const uint16_t *>(voxels)); break;
+    case component::int16: action(static_cast<const int16_t *>(voxels)); break;
+    case component::uint32: action(static_cast<const uint32_t *>(voxels)); break;
+    case component::int32: action(static_cast<const int32_t *>(voxels)); break;
+    case component::uint64: action(static_cast<const uint64_t *>(voxels)); break;
+    case component::int64: action(static_cast<const int64_t *>(voxels)); break;
+    case component::float32: action(static_cast<const float *>(voxels)); break;
+    case component::float64: action(static_cast<const double *>(voxels)); break;
+    }
+}
+
+struct range {
+    double low, high;
+};
+
+[[noreturn]] void fail_at(const std::string &path, const image_header &header, size_t index, const char *what)
+{
+    size_t nx = static_cast<size_t>(header.geometry.size[0]), ny = static_cast<size_t>(header.geometry.size[1]);
+    fail(PLIANT_ERROR_FORMAT, "%s: voxel (%zu, %zu, %zu) %s", path.c_str(), index % nx, index / nx % ny, index / (nx * ny), what);
+}
+
+/* Smallest and largest value; every value is finite. */
+range value_range(const std::string &path, const image_header &header, const void *voxels, size_t count)
+{
+    range found = {0.0, 0.0};
+    with_type(header.type, voxels, [&](auto *v) {
+        auto low = v[0], high = v[0];
+        for (size_t i = 0; i < count; i++) {
+            if (!std::isfinite(static_cast<double>(v[i])))
+                fail_at(path, header, i, "is not a finite number: replace NaN and infinite values first");
+            if (v[i] < low) low = v[i];
+            if (v[i] > high) high = v[i];
+        }
+        found.low = header.slope * static_cast<double>(low) + header.intercept;
+        found.high = header.slope * static_cast<double>(high) + header.intercept;
+    });
+    if (found.low > found.high) std::swap(found.low, found.high);
+    return found;
+}
+
+bool is_whole(double value) { return std::floor(value) == value; }
+
+bool values_are_whole(const image_header &header)
+{
+    return header.whole_numbers && is_whole(header.slope) && is_whole(header.intercept);
+}
+
+bool is_unscaled(const image_header &header) { return header.slope == 1.0 && header.intercept == 0.0; }
+
+template <class To> void *convert(const image_header &header, const void *voxels, size_t count)
+{
+    To *out = static_cast<To *>(pliant_calloc(count, sizeof(To)));
+    if (!out) fail(PLIANT_ERROR_MEMORY, "out of memory for the voxels of a scan");
+    with_type(header.type, voxels, [&](auto *v) {
+        if (is_unscaled(header))
+            for (size_t i = 0; i < count; i++) out[i] = static_cast<To>(v[i]);
+        else
+            for (size_t i = 0; i < count; i++)
+                out[i] = static_cast<To>(header.slope * static_cast<double>(v[i]) + header.intercept);
+    });
+    return out;
+}
+
+/* Frees what convert_* took over. */
+struct owned_voxels {
+    void *voxels;
+    explicit owned_voxels(void **taken) : voxels(*taken) { *taken = nullptr; }
+    ~owned_voxels() { pliant_free(voxels); }
+    void *release()
+    {
+        void *kept = voxels;
+        voxels = nullptr;
+        return kept;
+    }
+};
+
+component component_of(pliant_encoding encoding)
+{
+    switch (encoding) {
+    case PLIANT_UINT8: return component::uint8;
+    case PLIANT_INT16: return component::int16;
+    case PLIANT_FLOAT32: return component::float32;
+    }
+    return component::none;
+}
+
+} // namespace
+
+double conversion_bytes(const image_header &header, bool labels)
+{
+    if (labels) return header.type == component::uint16 && is_unscaled(header) ? 0.0 : 2.0;
+    if (!values_are_whole(header)) return header.type == component::float32 && is_unscaled(header) ? 0.0 : 4.0;
+    if (is_unscaled(header)) {
+        if (header.type == component::uint8) return 0.0;
+        if (header.type == component::int16) return 1.0;
+        if (header.type == component::int8) return 2.0;
+    }
+    return 4.0;
+}
+
+converted convert_values(const std::string &path, const image_header &header, void **voxels)
+{
+    owned_voxels raw(voxels);
+    size_t count = pliant_geometry_voxels(&header.geometry);
+    range range = value_range(path, header, raw.voxels, count);
+    if (range.low < -FLT_MAX || range.high > FLT_MAX)
+        fail(PLIANT_ERROR_FORMAT, "%s: values from %g to %g are more than single precision holds", path.c_str(), range.low,
+             range.high);
+
+    converted result = {PLIANT_FLOAT32, 0.0f, nullptr};
+    if (values_are_whole(header)) {
+        if (range.low >= 0 && range.high <= UINT8_MAX) result.encoding = PLIANT_UINT8;
+        else if (range.low >= INT16_MIN && range.high <= INT16_MAX) result.encoding = PLIANT_INT16;
+    }
+    /* far below zero is air: a CT, whatever lies outside its field of view */
+    result.background = static_cast<float>(range.low < -500.0 ? std::fmax(range.low, -1024.0) : range.low);
+
+    if (header.type == component_of(result.encoding) && is_unscaled(header)) result.voxels = raw.release();
+    else if (result.encoding == PLIANT_UINT8) result.voxels = convert<uint8_t>(header, raw.voxels, count);
+    else if (result.encoding == PLIANT_INT16) result.voxels = convert<int16_t>(header, raw.voxels, count);
+    else result.voxels = convert<float>(header, raw.voxels, count);
+    return result;
+}
+
+uint16_t *convert_labels(const std::string &path, const image_header &header, void **voxels)
+{
+    owned_voxels raw(voxels);
+    size_t count = pliant_geometry_voxels(&header.geometry);
+    range range = value_range(path, header, raw.voxels, count);
+    if (range.low < 0 || range.high > UINT16_MAX)
+        fail(PLIANT_ERROR_FORMAT, "%s: labels from %g to %g: they must be whole numbers from 0 to 65535", path.c_str(), range.low,
+             range.high);
+    if (!values_are_whole(header))
+        with_type(header.type, raw.voxels, [&](auto *v) {
+            for (size_t i = 0; i < count; i++)
+                if (!is_whole(header.slope * static_cast<double>(v[i]) + header.intercept))
+                    fail_at(path, header, i, "is not a whole number: a label map holds labels from 0 to 65535");
+        });
+    if (header.type == component::uint16 && is_unscaled(header)) return static_cast<uint16_t *>(raw.release());
+    return static_cast<uint16_t *>(convert<uint16_t>(header, raw.voxels, count));
+}
+
+} // namespace pliant_read

@@ -1,0 +1,252 @@
+/* The slices of a DICOM series as one regular grid. Slice spacing comes from ImagePositionPatient; SliceThickness,
+ * SpacingBetweenSlices and the order of files or instance numbers are not looked at (DICOM PS3.3 C.7.6.2). */
+#include "scan/itk_scope.h"
+#include "scan/read_dicom.h"
+
+#include <itkGDCMImageIO.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+namespace pliant_read {
+
+namespace {
+
+const double PI = 3.14159265358979323846;
+
+double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+void cross(const double *a, const double *b, double *out)
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/* Every slice has what a grid needs, and it is the same for all. */
+void check_alike(const std::vector<dicom_slice> &slices)
+{
+    const dicom_slice &first = slices.front();
+    for (const dicom_slice &slice : slices) {
+        const char *path = slice.path.c_str();
+        if (!slice.problem.empty()) fail(PLIANT_ERROR_FORMAT, "%s", slice.problem.c_str());
+        if (slice.frames > 1)
+            fail(PLIANT_ERROR_FORMAT, "%s: %d frames in one DICOM file are not supported: export it as a series of single images, or as NIfTI",
+                 path, slice.frames);
+        if (slice.rows < 1 || slice.columns < 1) fail(PLIANT_ERROR_FORMAT, "%s: Rows and Columns are missing or 0", path);
+        if (slice.position.empty()) fail(PLIANT_ERROR_FORMAT, "%s: no ImagePositionPatient: the place of the slice is not known", path);
+        if (slice.orientation.empty()) fail(PLIANT_ERROR_FORMAT, "%s: no ImageOrientationPatient", path);
+        if (slice.spacing.empty()) fail(PLIANT_ERROR_FORMAT, "%s: no PixelSpacing", path);
+        if (slice.rows != first.rows || slice.columns != first.columns)
+            fail(PLIANT_ERROR_FORMAT, "%s: %d x %d pixels, but %s of the same series has %d x %d", path, slice.columns, slice.rows,
+                 first.name.c_str(), first.columns, first.rows);
+        for (size_t d = 0; d < 6; d++)
+            if (std::fabs(slice.orientation[d] - first.orientation[d]) > 1e-3)
+                fail(PLIANT_ERROR_FORMAT, "%s: ImageOrientationPatient differs from that of %s of the same series", path, first.name.c_str());
+        for (size_t d = 0; d < 2; d++)
+            if (std::fabs(slice.spacing[d] - first.spacing[d]) > 1e-3 * std::fabs(first.spacing[d]))
+                fail(PLIANT_ERROR_FORMAT, "%s: PixelSpacing %g x %g mm, but %s of the same series has %g x %g", path, slice.spacing[0],
+                     slice.spacing[1], first.name.c_str(), first.spacing[0], first.spacing[1]);
+    }
+}
+
+/* No image twice, no two at the same place. */
+void check_duplicates(const std::string &folder, const std::vector<dicom_slice> &sorted)
+{
+    for (size_t n = 1; n < sorted.size(); n++) {
+        const dicom_slice &a = sorted[n - 1], &b = sorted[n];
+        if (b.along - a.along > 1e-3) continue;
+        if (!a.instance.empty() && a.instance == b.instance)
+            fail(PLIANT_ERROR_FORMAT, "%s: %s and %s are the same image twice", folder.c_str(), a.name.c_str(), b.name.c_str());
+        fail(PLIANT_ERROR_FORMAT, "%s: %s and %s are at the same place (%g mm along the stack): several time points or a duplicate; one 3-D volume is needed",
+             folder.c_str(), a.name.c_str(), b.name.c_str(), a.along);
+    }
+}
+
+/* The slices stand one step apart along a line. A fiftieth of a step, a tenth of a pixel sideways are rounding.
+ * Returns the step along the normal [mm]. */
+double check_steps(const std::string &folder, const std::vector<dicom_slice> &sorted, const double normal[3])
+{
+    const dicom_slice &first = sorted.front(), &last = sorted.back();
+    double step = (last.along - first.along) / static_cast<double>(sorted.size() - 1);
+    std::vector<double> gaps;
+    for (size_t n = 1; n < sorted.size(); n++) gaps.push_back(sorted[n].along - sorted[n - 1].along);
+    std::vector<double> ordered = gaps;
+    std::sort(ordered.begin(), ordered.end());
+    double usual = ordered[(ordered.size() - 1) / 2];
+
+    for (size_t n = 0; n < sorted.size(); n++)
+        if (std::fabs(sorted[n].along - first.along - static_cast<double>(n) * step) > 0.02 * step) {
+            for (size_t g = 0; g < gaps.size(); g++) {
+                double missing = std::round(gaps[g] / usual) - 1.0;
+                if (missing >= 1.0 && std::fabs(gaps[g] - (missing + 1.0) * usual) < 0.1 * usual)
+                    fail(PLIANT_ERROR_FORMAT, "%s: %.0f slice(s) missing between %s and %s: %g mm apart, others are %g mm", folder.c_str(),
+                         missing, sorted[g].name.c_str(), sorted[g + 1].name.c_str(), gaps[g], usual);
+            }
+            fail(PLIANT_ERROR_FORMAT, "%s: the slices are not evenly spaced: %g to %g mm apart; resample them to one spacing first", folder.c_str(),
+                 ordered.front(), ordered.back());
+        }
+
+    double pixel = std::min(first.spacing[0], first.spacing[1]);
+    for (const dicom_slice &slice : sorted) {
+        double offset[3], sideways = 0.0;
+        for (size_t d = 0; d < 3; d++) offset[d] = slice.position[d] - first.position[d];
+        double along = dot(offset, normal);
+        for (size_t d = 0; d < 3; d++) sideways += std::pow(offset[d] - along * normal[d], 2);
+        sideways = std::sqrt(sideways);
+        if (sideways > 0.1 * pixel)
+            fail(PLIANT_ERROR_FORMAT, "%s: sheared stack: %s lies %.3g mm sideways of %s (gantry tilt of %.1f degrees?); resample it to a grid "
+                 "with right angles first", folder.c_str(), slice.name.c_str(), sideways, first.name.c_str(),
+                 std::atan2(sideways, std::fabs(along)) * 180.0 / PI);
+    }
+    return step;
+}
+
+grid grid_of(const std::string &folder, std::vector<dicom_slice> &slices)
+{
+    check_alike(slices);
+    if (slices.size() < 2)
+        fail(PLIANT_ERROR_FORMAT, "%s: one slice (%s) is a 2-D image, a 3-D volume is needed", folder.c_str(), slices[0].name.c_str());
+    const std::vector<double> orientation = slices[0].orientation;
+    const double *row = orientation.data(), *column = row + 3;
+    double normal[3];
+    cross(row, column, normal);
+    double length = std::sqrt(dot(normal, normal));
+    if (!(std::fabs(length - 1.0) <= 2e-3) || !(std::fabs(dot(row, row) - 1.0) <= 2e-3))
+        fail(PLIANT_ERROR_FORMAT, "%s: ImageOrientationPatient is not two unit vectors at right angles", slices[0].path.c_str());
+    for (double &value : normal) value /= length;
+    for (dicom_slice &slice : slices) slice.along = dot(slice.position.data(), normal);
+    std::sort(slices.begin(), slices.end(), [](const dicom_slice &a, const dicom_slice &b) { return a.along < b.along; });
+    check_duplicates(folder, slices);
+
+    const dicom_slice &first = slices.front();
+    grid grid;
+    grid.size = {first.columns, first.rows, static_cast<int64_t>(slices.size())};
+    grid.spacing[0] = first.spacing[1]; /* PixelSpacing: between rows first */
+    grid.spacing[1] = first.spacing[0];
+    grid.spacing[2] = check_steps(folder, slices, normal);
+    for (size_t d = 0; d < 3; d++) {
+        grid.origin[d] = first.position[d];
+        grid.direction[3 * d] = row[d];
+        grid.direction[3 * d + 1] = column[d];
+        grid.direction[3 * d + 2] = normal[d];
+    }
+    return grid;
+}
+
+component component_of(const std::string &path, itk::ImageIOBase::IOComponentType type)
+{
+    switch (type) {
+    case itk::ImageIOBase::UCHAR: return component::uint8;
+    case itk::ImageIOBase::CHAR: return component::int8;
+    case itk::ImageIOBase::USHORT: return component::uint16;
+    case itk::ImageIOBase::SHORT: return component::int16;
+    case itk::ImageIOBase::UINT: return component::uint32;
+    case itk::ImageIOBase::INT: return component::int32;
+    case itk::ImageIOBase::FLOAT: return component::float32;
+    case itk::ImageIOBase::DOUBLE: return component::float64;
+    default: fail(PLIANT_ERROR_FORMAT, "%s: its voxel type is not supported", path.c_str());
+    }
+}
+
+/* One image, ready to be read; ITK applies slope and intercept. */
+itk::GDCMImageIO::Pointer open_image(const dicom_slice &slice)
+{
+    itk::GDCMImageIO::Pointer io = itk::GDCMImageIO::New();
+    io->SetFileName(slice.path);
+    io->ReadImageInformation();
+    if (io->GetNumberOfComponents() != 1 || io->GetDimensions(0) != static_cast<unsigned int>(slice.columns) ||
+        io->GetDimensions(1) != static_cast<unsigned int>(slice.rows))
+        fail(PLIANT_ERROR_FORMAT, "%s: the image is not %d x %d with one value per pixel", slice.path.c_str(), slice.columns, slice.rows);
+    return io;
+}
+
+template <class From> void widen(const void *from, size_t count, double *to)
+{
+    for (size_t n = 0; n < count; n++) to[n] = static_cast<double>(static_cast<const From *>(from)[n]);
+}
+
+void to_double(component type, const void *from, size_t count, double *to)
+{
+    switch (type) {
+    case component::uint8: return widen<uint8_t>(from, count, to);
+    case component::int8: return widen<int8_t>(from, count, to);
+    case component::uint16: return widen<uint16_t>(from, count, to);
+    case component::int16: return widen<int16_t>(from, count, to);
+    case component::uint32: return widen<uint32_t>(from, count, to);
+    case component::int32: return widen<int32_t>(from, count, to);
+    case component::float32: return widen<float>(from, count, to);
+    default: return widen<double>(from, count, to);
+    }
+}
+
+class series_source : public image_source {
+public:
+    explicit series_source(std::vector<dicom_slice> slices) : slices_(std::move(slices)) {}
+
+    void read(void *voxels) override
+    {
+        itk_scope quiet;
+        size_t slice_voxels = static_cast<size_t>(slices_[0].rows) * static_cast<size_t>(slices_[0].columns);
+        char *to = static_cast<char *>(voxels);
+        for (const dicom_slice &slice : slices_) {
+            try {
+                read_slice(slice, slice_voxels, to);
+            } catch (const itk::ExceptionObject &error) {
+                fail(PLIANT_ERROR_FORMAT, "%s: the pixels cannot be read: %.600s", slice.path.c_str(), itk_reason(error).c_str());
+            }
+            to += slice_voxels * component_size(header.type);
+        }
+    }
+
+private:
+    std::vector<dicom_slice> slices_;
+
+    void read_slice(const dicom_slice &slice, size_t count, void *to)
+    {
+        itk::GDCMImageIO::Pointer io = open_image(slice);
+        component type = component_of(slice.path, io->GetComponentType());
+        unsigned int dimensions = io->GetNumberOfDimensions();
+        itk::ImageIORegion region(dimensions);
+        for (unsigned int d = 0; d < dimensions; d++) region.SetSize(d, io->GetDimensions(d));
+        io->SetIORegion(region);
+        if (type == header.type) {
+            io->Read(to);
+            return;
+        }
+        if (header.type != component::float64)
+            fail(PLIANT_ERROR_FORMAT, "%s: its pixels are of another type than those of %s", slice.path.c_str(), slices_[0].name.c_str());
+        std::vector<char> pixels(count * component_size(type));
+        io->Read(pixels.data());
+        to_double(type, pixels.data(), count, static_cast<double *>(to));
+    }
+};
+
+} // namespace
+
+std::unique_ptr<image_source> open_series(const std::string &folder, std::vector<dicom_slice> slices)
+{
+    pliant_geometry geometry = checked_geometry(folder, grid_of(folder, slices));
+    bool alike = true, whole = true;
+    for (const dicom_slice &slice : slices) {
+        alike = alike && slice.storage == slices[0].storage;
+        whole = whole && slice.integer_rescale;
+    }
+    component type = component::float64; /* holds every value where slices are scaled apart (PET, some MRI) */
+    if (alike) {
+        itk_scope quiet;
+        try {
+            type = component_of(slices[0].path, open_image(slices[0])->GetComponentType());
+        } catch (const itk::ExceptionObject &error) {
+            fail(PLIANT_ERROR_FORMAT, "%s: cannot be read: %.600s", slices[0].path.c_str(), itk_reason(error).c_str());
+        }
+    }
+    std::unique_ptr<image_source> source(new series_source(std::move(slices)));
+    source->header.geometry = geometry;
+    source->header.type = type;
+    source->header.whole_numbers = whole;
+    return source;
+}
+
+} // namespace pliant_read
