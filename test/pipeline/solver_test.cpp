@@ -1,0 +1,215 @@
+// The solve as users meet it: stops, limits, extremes, determinism, memory.
+#include "body.h"
+
+#include "pliant/memory.h"
+
+namespace {
+
+const int size[3] = {24, 24, 24};
+const double box[3] = {0.12, 0.12, 0.12};
+const std::vector<Material> two = {{5000, 0.45, 1000, false}, {60000, 0.45, 1000, false}};
+int stripes(int i, int, int) { return i / 6 % 2; }
+
+void prepare(Body &body, pliant_method method = PLIANT_FINE)
+{
+    body.scene.model.method = method;
+    body.scene.solver.tolerance = 1e-3;
+    body.scene.solver.iterations = 6;
+    body.cells(3, 3, 3, 2);
+    body.fix_plane(0, 0, 0.001, 0, 0, 1);
+}
+
+std::vector<double> pull(Body &body, int steps, double along)
+{
+    int tool;
+    EXPECT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
+    const double point[3] = {0.06, 0.06, 0.11};
+    EXPECT_EQ(pliant_tool_pose(body.data, tool, point, nullptr), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
+    for (int s = 1; s <= steps; s++) {
+        const double tip[3] = {0.06 + 0.3 * along * s / steps, 0.06, 0.11 + along * s / steps};
+        EXPECT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+    }
+    return std::vector<double>(body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes);
+}
+
+TEST(Solver, RestNeedsOneEvaluation)
+{
+    Body body(size, box, two, stripes);
+    prepare(body);
+    ASSERT_EQ(body.build(), PLIANT_OK);
+    ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK);
+    EXPECT_EQ(body.data->statistics.iterations, 1);
+    for (int32_t n = 0; n < 3 * body.model->fine.num_nodes; n++) EXPECT_EQ(body.data->positions[n], body.model->fine.rest[n]);
+}
+
+TEST(Solver, SameInputSameBits)
+{
+    for (pliant_method method : {PLIANT_FINE, PLIANT_AVERAGED, PLIANT_SCHUR}) {
+        std::vector<double> results[3];
+        for (int run = 0; run < 3; run++) {
+            Body body(size, box, two, stripes);
+            prepare(body, method);
+            body.scene.solver.threads = run == 2 ? 1 : 2;
+            ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+            if (run == 1) { // after a reset as well
+                pull(body, 7, 0.01);
+                ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
+            }
+            results[run] = pull(body, 20, 0.03);
+        }
+        EXPECT_EQ(results[0], results[1]) << "method " << method;
+        EXPECT_EQ(results[0], results[2]) << "threads, method " << method;
+    }
+}
+
+TEST(Solver, StepsMeetTheSettledState)
+{
+    // 20 steps of at most 6 iterations end within 1 % of the state solved to a tight tolerance
+    Body quick(size, box, two, stripes), exact(size, box, two, stripes);
+    prepare(quick);
+    prepare(exact);
+    exact.scene.solver.iterations = 200;
+    exact.scene.solver.tolerance = 1e-9;
+    ASSERT_EQ(quick.build(), PLIANT_OK);
+    ASSERT_EQ(exact.build(), PLIANT_OK);
+    std::vector<double> a = pull(quick, 20, 0.03), b = pull(exact, 20, 0.03);
+    double worst = 0, largest = 0;
+    for (size_t n = 0; n < a.size(); n++) {
+        worst = std::fmax(worst, std::fabs(a[n] - b[n]));
+        largest = std::fmax(largest, std::fabs(b[n] - exact.model->fine.rest[n]));
+    }
+    EXPECT_GT(largest, 0.01);
+    EXPECT_LT(worst, 0.01 * largest);
+    EXPECT_GT(quick.data->statistics.factors, 0u);
+}
+
+TEST(Solver, SaysWhenItDoesNotConverge)
+{
+    Body body(size, box, two, stripes);
+    prepare(body);
+    body.scene.solver.iterations = 1;
+    body.scene.solver.tolerance = 1e-10;
+    ASSERT_EQ(body.build(), PLIANT_OK);
+    int tool;
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
+    const double point[3] = {0.06, 0.06, 0.11}, tip[3] = {0.09, 0.06, 0.12};
+    ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK);
+    pliant_tool_pose(body.data, tool, tip, nullptr);
+    EXPECT_EQ(pliant_step(body.model, body.data), PLIANT_NOT_CONVERGED);
+    EXPECT_GT(body.data->statistics.residual, 1e-10);
+    EXPECT_EQ(body.data->statistics.not_converged, 1u);
+}
+
+TEST(Solver, ExtremesStayFiniteAndComeBack)
+{
+    for (double along : {1.2, -0.5, 12.0}) { // ten times the body; through itself; a hundred times
+        Body body(size, box, two, stripes);
+        prepare(body);
+        body.scene.grasp.stiffness = 1e6;
+        ASSERT_EQ(body.build(), PLIANT_OK);
+        for (double x : pull(body, 3, along)) ASSERT_TRUE(std::isfinite(x));
+        pliant_tool_release(body.data, 0);
+        pliant_status status = PLIANT_NOT_CONVERGED;
+        int steps = 0;
+        while (status != PLIANT_OK && steps++ < 200) ASSERT_GE(status = pliant_step(body.model, body.data), 0) << pliant_last_error();
+        EXPECT_EQ(status, PLIANT_OK) << "after a pull of " << along << " m, residual " << body.data->statistics.residual;
+        double worst = 0;
+        for (int32_t n = 0; n < 3 * body.model->fine.num_nodes; n++)
+            worst = std::fmax(worst, std::fabs(body.data->positions[n] - body.model->fine.rest[n]));
+        EXPECT_LT(worst, 1e-3) << "after a pull of " << along << " m in " << steps << " steps";
+    }
+}
+
+TEST(Solver, RefusesWhatIsNotANumber)
+{
+    Body body(size, box, two, stripes);
+    prepare(body);
+    ASSERT_EQ(body.build(), PLIANT_OK);
+    pull(body, 5, 0.01);
+    const double bad[3] = {NAN, 0, 0}, far[3] = {1e300, 0, 0};
+    EXPECT_EQ(pliant_tool_pose(body.data, 0, bad, nullptr), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_tool_drive(body.data, 0, PLIANT_DRIVE_FORCE, bad), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_data_gravity(body.data, bad), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_tool_grasp(body.model, body.data, 0, bad), PLIANT_ERROR_ARGUMENT);
+    EXPECT_TRUE(body.data->tools[0].holding) << "a refused grasp keeps the old one";
+    std::vector<double> before(body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes);
+    ASSERT_EQ(pliant_tool_pose(body.data, 0, far, nullptr), PLIANT_OK);
+    EXPECT_LT(pliant_step(body.model, body.data), 0);
+    EXPECT_EQ(before, std::vector<double>(body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes));
+    const double near[3] = {0.06, 0.06, 0.115};
+    ASSERT_EQ(pliant_tool_pose(body.data, 0, near, nullptr), PLIANT_OK);
+    EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+}
+
+TEST(Solver, NothingFixedIsRefused)
+{
+    Body body(size, box, two, stripes);
+    body.cells(3, 3, 3, 2);
+    EXPECT_EQ(body.build(), PLIANT_ERROR_SCENE);
+    EXPECT_NE(std::string(pliant_last_error()).find("nothing holds"), std::string::npos);
+}
+
+TEST(Solver, SeveralToolsAndGravity)
+{
+    Body body(size, box, two, stripes);
+    prepare(body);
+    ASSERT_EQ(body.build(), PLIANT_OK);
+    const double g[3] = {0, 0, -9.81};
+    ASSERT_EQ(pliant_data_gravity(body.data, g), PLIANT_OK);
+    int a, b;
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "a", &a), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "b", &b), PLIANT_OK);
+    EXPECT_NE(a, b);
+    const double pa[3] = {0.03, 0.06, 0.11}, pb[3] = {0.09, 0.06, 0.11}, ta[3] = {0.02, 0.06, 0.12}, tb[3] = {0.1, 0.06, 0.12};
+    ASSERT_EQ(pliant_tool_grasp(body.model, body.data, a, pa), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_grasp(body.model, body.data, b, pb), PLIANT_OK);
+    pliant_tool_pose(body.data, a, ta, nullptr);
+    pliant_tool_pose(body.data, b, tb, nullptr);
+    ASSERT_EQ(body.settle(), PLIANT_OK);
+    EXPECT_LT(body.data->tools[a].force[0], 0);
+    EXPECT_GT(body.data->tools[b].force[0], 0);
+    EXPECT_GT(body.data->tools[a].force[2], 0);
+    pliant_tool_lost(body.data, a);
+    pliant_tool_release(body.data, b);
+    ASSERT_EQ(pliant_data_gravity(body.data, body.model->scene.model.gravity), PLIANT_OK);
+    ASSERT_EQ(body.settle(), PLIANT_OK);
+    for (int32_t n = 0; n < 3 * body.model->fine.num_nodes; n++) EXPECT_NEAR(body.data->positions[n], body.model->fine.rest[n], 1e-5);
+}
+
+TEST(Solver, FailingAllocationsNeverLeak)
+{
+    for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR}) {
+        Body body(size, box, two, stripes);
+        prepare(body, method);
+        body.scene.solver.threads = 1;
+        body.scene.solver.refresh_interval = 2;
+        size_t before = pliant_memory_in_use();
+        int failures = 0;
+        for (int n = 0;; n++) {
+            pliant_model *model = nullptr;
+            pliant_data *data = nullptr;
+            pliant_memory_fail_after(n);
+            pliant_status status = pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, {nullptr, nullptr}, &model);
+            if (status == PLIANT_OK) status = pliant_data_create(model, &data);
+            int tool = 0;
+            const double point[3] = {0.06, 0.06, 0.11}, tip[3] = {0.07, 0.06, 0.12};
+            if (status == PLIANT_OK) status = pliant_tool_add(model, data, "t", &tool);
+            if (status == PLIANT_OK) status = pliant_tool_grasp(model, data, tool, point);
+            if (status == PLIANT_OK) status = pliant_tool_pose(data, tool, tip, nullptr);
+            for (int s = 0; s < 6 && status >= 0; s++) status = pliant_step(model, data);
+            pliant_memory_fail_after(-1);
+            pliant_data_free(data);
+            pliant_model_free(model);
+            ASSERT_EQ(pliant_memory_in_use(), before) << "allocation " << n << ", method " << method;
+            if (status >= 0) break;
+            ASSERT_EQ(status, PLIANT_ERROR_MEMORY) << "allocation " << n << ", method " << method << ": " << pliant_last_error();
+            failures++;
+            ASSERT_LT(n, 20000);
+        }
+        EXPECT_GT(failures, 30);
+    }
+}
+
+} // namespace
