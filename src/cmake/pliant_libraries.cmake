@@ -22,6 +22,8 @@ if(PLIANT_BENCH)
   list(APPEND pliant_itk_components ITKDisplacementField)
 endif()
 find_package(ITK QUIET COMPONENTS ${pliant_itk_components})
+# the compiler looks there anyway; named again it would hide the C++ library's own headers
+list(REMOVE_ITEM ITK_INCLUDE_DIRS /usr/include)
 unset(CMAKE_MESSAGE_LOG_LEVEL)
 if(NOT ITK_FOUND)
   message(FATAL_ERROR "ITK 4.13 or 5 not found: apt-get install libinsighttoolkit5-dev (Ubuntu 20.04: libinsighttoolkit4-dev)")

@@ -5,7 +5,7 @@
 include(GNUInstallDirs)
 set(PLIANT_WITH_ROS FALSE)
 set(PLIANT_WITH_RVIZ FALSE)
-set(PLIANT_RVIZ_REPORT "no")
+set(PLIANT_RVIZ_REPORT "no, there is no ROS")
 
 set(pliant_ros_messages message_generation std_msgs geometry_msgs)
 set(pliant_ros_nodes roscpp nodelet pluginlib tf2_ros tf2_eigen tf2_geometry_msgs diagnostic_updater diagnostic_msgs

@@ -5,8 +5,9 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
-enum { MOST_PIXELS = 900, GAP = 4, CROSS = 6, PANELS = 3 };
+enum { PIXELS = 480, GAP = 4, CROSS = 8, PANELS = 3, GAP_GREY = 96 };
 
 /* Two world axes: the one to the right and the one down, and whether down runs against it (superior is up). */
 typedef struct view_plane {
@@ -66,15 +67,16 @@ static void world_box(const pliant_geometry *geometry, double low[3], double hig
     }
 }
 
-static panel_frame make_frame(const view_plane *plane, const pliant_geometry *shown, double finest)
+/* The longer side has PIXELS pixels. */
+static panel_frame make_frame(const view_plane *plane, const pliant_geometry *shown)
 {
     panel_frame frame = {.plane = plane};
     world_box(shown, frame.low, frame.high);
     double wide = frame.high[plane->right] - frame.low[plane->right];
     double tall = frame.high[plane->down] - frame.low[plane->down];
-    frame.pixel = fmax(finest, fmax(wide, tall) / MOST_PIXELS);
-    frame.width = (int32_t)ceil(wide / frame.pixel);
-    frame.height = (int32_t)ceil(tall / frame.pixel);
+    frame.pixel = fmax(wide, tall) / PIXELS;
+    frame.width = (int32_t)ceil(wide / frame.pixel - 1e-6);
+    frame.height = (int32_t)ceil(tall / frame.pixel - 1e-6);
     return frame;
 }
 
@@ -114,6 +116,7 @@ static void draw(const panel_frame *frame, const pliant_volume *before, const pl
                  uint8_t *rgb)
 {
     int32_t stride = PANELS * frame->width + (PANELS - 1) * GAP, panel = frame->width + GAP;
+    memset(rgb, GAP_GREY, 3 * (size_t)stride * (size_t)frame->height);
     for (int32_t row = 0; row < frame->height; ++row)
         for (int32_t column = 0; column < frame->width; ++column) {
             double world[3];
@@ -125,6 +128,7 @@ static void draw(const panel_frame *frame, const pliant_volume *before, const pl
                 pixel[3 * panel + channel] = is;
             }
             pixel[6 * panel] = is > was ? (uint8_t)(is - was) : 0;
+            pixel[6 * panel + 1] = 0;
             pixel[6 * panel + 2] = was > is ? (uint8_t)(was - is) : 0;
         }
     draw_cross(frame, view->before_point, 0, rgb);
@@ -148,10 +152,8 @@ void picture_window(const pliant_volume *scan, double *low, double *high)
 pliant_status picture_write(const char *folder, const pliant_volume *before, const pliant_volume *after,
                             const picture_view *view)
 {
-    const double *spacing = before->geometry.spacing;
-    double finest = fmin(spacing[0], fmin(spacing[1], spacing[2]));
     for (size_t n = 0; n < sizeof planes / sizeof *planes; ++n) {
-        panel_frame frame = make_frame(&planes[n], &after->geometry, finest);
+        panel_frame frame = make_frame(&planes[n], &after->geometry);
         int32_t width = PANELS * frame.width + (PANELS - 1) * GAP;
         uint8_t *rgb = pliant_calloc((size_t)width * (size_t)frame.height, 3);
         if (!rgb) return pliant_fail_memory("a picture");

@@ -1,0 +1,154 @@
+// The program pliant_deform as a user meets it: exit codes, messages, and what it writes.
+#include "pliant/scan.h"
+
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <gtest/gtest.h>
+#include <sstream>
+#include <string>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <vector>
+
+namespace {
+
+class Deform : public testing::Test {
+protected:
+    void SetUp() override { ASSERT_NE(mkdtemp(folder_), nullptr); }
+    void TearDown() override { EXPECT_EQ(std::system(("rm -r " + std::string(folder_)).c_str()), 0); }
+    std::string in(const std::string &name) const { return std::string(folder_) + "/" + name; }
+    // Exit code; what went to stdout and stderr is kept.
+    int run(const std::string &arguments)
+    {
+        int code = std::system((PLIANT_DEFORM " " + arguments + " > " + in("out") + " 2> " + in("err")).c_str());
+        out_ = text(in("out"));
+        err_ = text(in("err"));
+        return WIFEXITED(code) ? WEXITSTATUS(code) : -1;
+    }
+    static std::string text(const std::string &path)
+    {
+        std::ifstream file(path);
+        std::stringstream all;
+        all << file.rdbuf();
+        return all.str();
+    }
+    static std::vector<std::vector<std::string>> table(const std::string &path)
+    {
+        std::vector<std::vector<std::string>> rows;
+        std::ifstream file(path);
+        for (std::string line, cell; std::getline(file, line);) {
+            rows.emplace_back();
+            for (std::stringstream cells(line); std::getline(cells, cell, ',');) rows.back().push_back(cell);
+        }
+        return rows;
+    }
+    char folder_[32] = "/tmp/pliant_deform_XXXXXX";
+    std::string out_, err_;
+    const std::string small_ = "--scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' ";
+};
+
+TEST_F(Deform, HelpsAndListsOptions)
+{
+    EXPECT_EQ(run("--help"), 0);
+    EXPECT_NE(out_.find("--tools FILE"), std::string::npos);
+    EXPECT_EQ(run("--options"), 0);
+    EXPECT_NE(out_.find("| `mesh/ratio` |"), std::string::npos);
+}
+
+TEST_F(Deform, TellsWrongUsageFromFailure)
+{
+    EXPECT_EQ(run(""), 2);
+    EXPECT_NE(err_.find("--out DIR is missing"), std::string::npos) << err_;
+    EXPECT_EQ(run("--frobnicate"), 2);
+    EXPECT_EQ(run("--out x --steps many"), 2);
+    EXPECT_EQ(run("--out x --set mesh/ration=2"), 2);
+    EXPECT_NE(err_.find("mesh/ration"), std::string::npos) << err_;
+    EXPECT_EQ(run("--out x --set mesh/ratio=99"), 2);
+    EXPECT_EQ(run("--out " + in("result") + " --scan /nonexistent.nii"), 1);
+    EXPECT_NE(err_.find("/nonexistent.nii"), std::string::npos) << err_;
+    EXPECT_EQ(run("/nonexistent.yaml --out " + in("result")), 1);
+    EXPECT_NE(err_.find("/nonexistent.yaml"), std::string::npos) << err_;
+    EXPECT_EQ(run("--out /proc/nowhere " + small_), 1);
+}
+
+// y [m] of the first muscle from the front, in the middle of the phantom
+double front_of_the_wall()
+{
+    const int32_t size[3] = {48, 40, 40};
+    pliant_volume scan{};
+    pliant_labels labels{};
+    EXPECT_EQ(pliant_phantom(size, 1, &scan, &labels), PLIANT_OK);
+    double index[3], world[3] = {0, 0, 0};
+    pliant_geometry_to_index(&scan.geometry, world, index);
+    const int32_t middle = size[0] * size[1] * std::lround(index[2]) + std::lround(index[0]);
+    index[1] = 0;
+    while (index[1] < size[1] - 1 && labels.voxels[middle + size[0] * static_cast<int32_t>(index[1])] != 3) ++index[1];
+    pliant_geometry_to_world(&scan.geometry, index, world);
+    pliant_labels_free(&labels);
+    pliant_volume_free(&scan);
+    return world[1];
+}
+
+TEST_F(Deform, PullsAndWritesWhatItPromises)
+{
+    const double front = front_of_the_wall();
+    // the abdominal wall in front, pulled forward by a centimetre
+    std::ofstream(in("pull.yaml")) << "tools:\n  - name: grasper\n    drive: rigid\n    grasp: [0.0, " << front
+                                   << ", 0.0]\n    motion: [{time: 0, offset: [0, 0, 0]}, {time: 0.1, offset: [0, -0.01, 0]}]\n";
+    ASSERT_EQ(run(small_ + "--tools " + in("pull.yaml") + " --every 2 --pictures --out " + in("a/b")), 0) << err_;
+    for (const char *name : {"axial.png", "coronal.png", "sagittal.png", "build.csv", "nodes_000002.csv", "deformed_000004.nii.gz"})
+        EXPECT_EQ(access(in(std::string("a/b/") + name).c_str(), R_OK), 0) << name;
+
+    pliant_volume deformed{};
+    ASSERT_EQ(pliant_volume_read(in("a/b/deformed.nii.gz").c_str(), nullptr, 0, &deformed), PLIANT_OK) << pliant_last_error();
+    EXPECT_GE(deformed.geometry.size[0], 48);
+    pliant_volume_free(&deformed);
+
+    auto nodes = table(in("a/b/nodes.csv"));
+    ASSERT_GT(nodes.size(), 100u);
+    EXPECT_EQ(nodes[0], (std::vector<std::string>{"rest_x_m", "rest_y_m", "rest_z_m", "x_m", "y_m", "z_m"}));
+    double forward = 0;
+    for (size_t n = 1; n < nodes.size(); ++n) {
+        ASSERT_EQ(nodes[n].size(), 6u);
+        forward = std::min(forward, std::stod(nodes[n][4]) - std::stod(nodes[n][1]));
+    }
+    EXPECT_LT(forward, -0.005);
+    EXPECT_GT(forward, -0.02);
+
+    auto steps = table(in("a/b/steps.csv"));
+    ASSERT_GT(steps.size(), 5u);
+    EXPECT_EQ(steps[0].size(), steps.back().size());
+    EXPECT_NE(out_.find("solve"), std::string::npos);
+    EXPECT_NE(out_.find("peak memory"), std::string::npos);
+
+    auto tools = table(in("a/b/tools.csv"));
+    EXPECT_EQ(tools.size(), steps.size());
+    EXPECT_EQ(tools.back()[1], "grasper");
+    EXPECT_LT(std::stod(tools.back()[3]), 0.0) << "the force of the tool on the tissue points where it pulls";
+    EXPECT_NEAR(std::stod(tools.back()[6]), front - 0.01, 1e-3);
+}
+
+TEST_F(Deform, StopsOnRequestWithWhatWasDone)
+{
+    pid_t child = fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+        std::string command = "exec " PLIANT_DEFORM " " + small_ + "--steps 1000000 --out " + in("stopped") + " > /dev/null 2>&1";
+        execl("/bin/sh", "sh", "-c", command.c_str(), nullptr);
+        _exit(127);
+    }
+    for (int tries = 0; tries < 600 && table(in("stopped/build.csv")).size() < 2; ++tries) usleep(50000);
+    usleep(200000);
+    kill(child, SIGINT);
+    int code = 0;
+    ASSERT_EQ(waitpid(child, &code, 0), child);
+    ASSERT_TRUE(WIFEXITED(code));
+    EXPECT_EQ(WEXITSTATUS(code), 130);
+    EXPECT_GT(table(in("stopped/nodes.csv")).size(), 100u);
+    EXPECT_EQ(access(in("stopped/deformed.nii.gz").c_str(), R_OK), 0);
+}
+
+} // namespace

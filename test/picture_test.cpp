@@ -1,0 +1,129 @@
+// Pictures: what lies where in the patient comes out at its place and in its shade; differences in the right colour.
+#include "picture.h"
+
+#include <cmath>
+#include <cstdlib>
+#include <gtest/gtest.h>
+#include <itkImage.h>
+#include <itkImageFileReader.h>
+#include <itkPNGImageIO.h>
+#include <itkRGBPixel.h>
+#include <string>
+#include <unistd.h>
+
+namespace {
+
+using Image = itk::Image<itk::RGBPixel<unsigned char>, 2>;
+enum { PANEL = 480, GAP = 4 };
+
+// A cube of 48 mm around the origin, 24 voxels a side, -1000 but for one bright octant.
+class Picture : public testing::Test {
+protected:
+    void SetUp() override
+    {
+        ASSERT_NE(mkdtemp(folder_), nullptr);
+        pliant_geometry geometry = {{24, 24, 24}, {0.023, 0.023, -0.023}, {0.002, 0.002, 0.002},
+                                    {-1, 0, 0, 0, -1, 0, 0, 0, 1}}; // i to the right, j to the front: as NIfTI files have it
+        for (pliant_volume *volume : {&before_, &after_}) {
+            ASSERT_EQ(pliant_volume_create(&geometry, PLIANT_INT16, volume), PLIANT_OK);
+            volume->slope = 1;
+            volume->background = -1000;
+            for (int n = 0; n < 24 * 24 * 24; ++n) static_cast<int16_t *>(volume->voxels)[n] = -1000;
+        }
+    }
+    void TearDown() override
+    {
+        for (const char *name : {"axial", "coronal", "sagittal"}) std::remove((folder_ + ("/" + std::string(name) + ".png")).c_str());
+        rmdir(folder_);
+        pliant_volume_free(&before_);
+        pliant_volume_free(&after_);
+    }
+    // left (x > 0), anterior (y < 0), superior (z > 0) becomes bright
+    static void brighten(pliant_volume *volume)
+    {
+        for (int k = 12; k < 24; ++k)
+            for (int j = 12; j < 24; ++j)
+                for (int i = 0; i < 12; ++i) static_cast<int16_t *>(volume->voxels)[i + 24 * (j + 24 * k)] = 240;
+    }
+    void write()
+    {
+        picture_view view = {{0.011, -0.011, 0.011}, {0.011, -0.011, 0.011}, -1000, 240};
+        ASSERT_EQ(picture_write(folder_, &before_, &after_, &view), PLIANT_OK) << pliant_last_error();
+    }
+    // right and down as fractions of a panel; an eighth and more away from edges and cross
+    std::string colour(const std::string &plane, int panel, double right, double down)
+    {
+        auto reader = itk::ImageFileReader<Image>::New();
+        reader->SetImageIO(itk::PNGImageIO::New());
+        reader->SetFileName(std::string(folder_) + "/" + plane + ".png");
+        reader->Update();
+        auto size = reader->GetOutput()->GetLargestPossibleRegion().GetSize();
+        EXPECT_EQ(size[0], 3u * PANEL + 2 * GAP);
+        EXPECT_EQ(size[1], static_cast<unsigned>(PANEL));
+        auto pixel = reader->GetOutput()->GetPixel(
+            {{static_cast<long>(panel * (PANEL + GAP) + right * PANEL), static_cast<long>(down * PANEL)}});
+        char text[16];
+        std::snprintf(text, sizeof text, "%02x%02x%02x", pixel[0], pixel[1], pixel[2]);
+        return text;
+    }
+    char folder_[32] = "/tmp/pliant_picture_XXXXXX";
+    pliant_volume before_{}, after_{};
+};
+
+TEST_F(Picture, ShowsTheLeftFrontUpperOctantWhereRadiologistsExpectIt)
+{
+    brighten(&before_);
+    brighten(&after_);
+    write();
+    for (int panel = 0; panel < 2; ++panel) {
+        EXPECT_EQ(colour("axial", panel, 0.85, 0.15), "ffffff");    // right: left of the patient, up: the front
+        EXPECT_EQ(colour("axial", panel, 0.15, 0.15), "000000");
+        EXPECT_EQ(colour("axial", panel, 0.85, 0.85), "000000");
+        EXPECT_EQ(colour("coronal", panel, 0.85, 0.15), "ffffff");  // up: the head
+        EXPECT_EQ(colour("coronal", panel, 0.15, 0.15), "000000");
+        EXPECT_EQ(colour("coronal", panel, 0.85, 0.85), "000000");
+        EXPECT_EQ(colour("sagittal", panel, 0.15, 0.15), "ffffff"); // left: the front
+        EXPECT_EQ(colour("sagittal", panel, 0.85, 0.15), "000000");
+        EXPECT_EQ(colour("sagittal", panel, 0.15, 0.85), "000000");
+    }
+    EXPECT_EQ(colour("axial", 2, 0.85, 0.15), "000000"); // no difference
+}
+
+TEST_F(Picture, DifferencesAreRedWhereBrighterAndBlueWhereDarker)
+{
+    brighten(&after_);
+    write();
+    EXPECT_EQ(colour("coronal", 2, 0.85, 0.15), "ff0000");
+    std::swap(before_, after_);
+    write();
+    EXPECT_EQ(colour("coronal", 2, 0.85, 0.15), "0000ff");
+    EXPECT_EQ(colour("coronal", 2, 0.15, 0.85), "000000");
+}
+
+TEST_F(Picture, MarksTheHeldPoint)
+{
+    write();
+    EXPECT_EQ(colour("axial", 0, (0.024 + 0.011) / 0.048, (0.024 - 0.011) / 0.048), "ffc800");
+    EXPECT_EQ(colour("axial", 1, (0.024 + 0.011) / 0.048, (0.024 - 0.011) / 0.048), "ffc800");
+}
+
+TEST_F(Picture, WindowIsSoftTissueForCtAndTheRangeForOthers)
+{
+    double low, high;
+    picture_window(&before_, &low, &high);
+    EXPECT_EQ(low, -160);
+    EXPECT_EQ(high, 240);
+    for (int n = 0; n < 24 * 24 * 24; ++n) static_cast<int16_t *>(before_.voxels)[n] = static_cast<int16_t>(n % 700);
+    picture_window(&before_, &low, &high);
+    EXPECT_EQ(low, 0);
+    EXPECT_EQ(high, 699);
+}
+
+TEST_F(Picture, NamesAFolderThatIsNotThere)
+{
+    picture_view view = {{0, 0, 0}, {0, 0, 0}, -1000, 240};
+    EXPECT_EQ(picture_write("/nonexistent", &before_, &after_, &view), PLIANT_ERROR_FILE);
+    EXPECT_NE(std::string(pliant_last_error()).find("/nonexistent/axial.png"), std::string::npos) << pliant_last_error();
+}
+
+} // namespace
