@@ -63,7 +63,7 @@ typedef enum pliant_scalar { PLIANT_SCALAR_LIST(PLIANT_CHOICE_ENUM) } pliant_sca
     X(REAL, tolerance, 1e-3, 1e-12, 1.0, "", "energy norm of the residual force over that of the load, at which a step ends")    \
     X(INT, history, 6, 0, 20, "", "Anderson depth; 0: plain iterations")                                              \
     X(INT, refresh_interval, 5, 0, 100000, "steps", "a new factor is started at most this often; 0: never")           \
-    X(INT, refresh_delay, 2, 1, 100, "steps", "a new factor is put to use this long after its start")
+    X(INT, refresh_delay, 0, 0, 100000, "steps", "a new factor is put to use this long after its start, ready or waited for, so that results do not depend on timing; 0: from its operation count, at 2 Gflop/s")
 #define PLIANT_SCENE_GRASP(X)                                                                                          \
     X(REAL, stiffness, 1000.0, 1e-3, 1e12, "N/m", "spring between a grasping tool and the tissue")                    \
     X(REAL, damping, 0.0, 0.0, 1e9, "N s/m", "damper beside the spring")                                              \

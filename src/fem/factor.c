@@ -140,6 +140,8 @@ double pliant_factor_condition(pliant_factor *factor)
     return reciprocal > 0 ? 1 / reciprocal : 0;
 }
 
+double pliant_factor_operations(const pliant_factor *factor) { return factor->common.fl; }
+
 size_t pliant_factor_bytes(const pliant_factor *factor) { return factor ? factor->common.memory_inuse : 0; }
 
 void pliant_factor_free(pliant_factor *factor)

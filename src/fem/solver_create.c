@@ -35,6 +35,14 @@ static pliant_status history_create(pliant_solver *solver)
     return PLIANT_OK;
 }
 
+/* Steps that a factorization may take: its operations at a rate that any machine of today has to spare, so that the answer is
+ * the same everywhere and the step does not wait for it. */
+static int32_t refresh_delay(const pliant_system *system, double step)
+{
+    const double rate = 2e9;
+    return 2 + (int32_t)fmin(ceil(pliant_factor_operations(system->factor) / rate / step), 99998);
+}
+
 pliant_status pliant_solver_create(const pliant_model *model, pliant_solver **out)
 {
     const pliant_system *system = model->system;
@@ -45,7 +53,8 @@ pliant_status pliant_solver_create(const pliant_model *model, pliant_solver **ou
     solver->depth = model->scene.solver.history;
     solver->tolerance = model->scene.solver.tolerance;
     solver->refresh_interval = model->scene.solver.refresh_interval;
-    solver->refresh_delay = model->scene.solver.refresh_delay;
+    solver->refresh_delay = model->scene.solver.refresh_delay > 0 ? model->scene.solver.refresh_delay
+                                                                   : refresh_delay(system, model->scene.solver.step);
     double length = 0;
     for (int d = 0; d < 3; d++) length = fmax(length, system->mesh->cells[d] * system->mesh->cell_size[d]);
     /* moving one node by a thousandth of the body: below that, the tolerance is taken of this instead of the load */

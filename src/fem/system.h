@@ -105,6 +105,8 @@ pliant_status pliant_factor_numeric(pliant_factor *factor, double *values);
 /* right, out: (columns x 3 num_columns); may be the same. Errors: MEMORY. */
 pliant_status pliant_factor_solve(pliant_factor *factor, int32_t columns, const double *right, double *out);
 double pliant_factor_condition(pliant_factor *factor);
+/* Floating-point operations of a numeric factorization, as the analysis counted them; 0 for clones. */
+double pliant_factor_operations(const pliant_factor *factor);
 size_t pliant_factor_bytes(const pliant_factor *factor);
 void pliant_factor_free(pliant_factor *factor);
 
