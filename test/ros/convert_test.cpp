@@ -1,0 +1,438 @@
+#include "pliant/ros/convert.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+using namespace pliant_ros;
+
+namespace {
+
+const double nan_value = std::numeric_limits<double>::quiet_NaN();
+
+geometry_msgs::PoseStamped pose(double x, double y, double z)
+{
+    geometry_msgs::PoseStamped out;
+    out.header.stamp = ros::Time(10);
+    out.header.frame_id = "base";
+    out.pose.position.x = x;
+    out.pose.position.y = y;
+    out.pose.position.z = z;
+    out.pose.orientation.w = 1;
+    return out;
+}
+
+/* a rotation by Rodrigues' formula, not by quaternions */
+void rodrigues(const double axis[3], double angle, double m[9])
+{
+    double c = std::cos(angle), s = std::sin(angle);
+    double k[9] = {0, -axis[2], axis[1], axis[2], 0, -axis[0], -axis[1], axis[0], 0};
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) m[3 * i + j] = (i == j) * c + s * k[3 * i + j] + (1 - c) * axis[i] * axis[j];
+}
+
+pliant_geometry geometry(const double direction[9])
+{
+    pliant_geometry out{};
+    for (int d = 0; d < 3; ++d) {
+        out.size[d] = 4 + d;
+        out.origin[d] = 0.1 * d - 0.2;
+        out.spacing[d] = 0.001 * (d + 1);
+    }
+    std::memcpy(out.direction, direction, sizeof out.direction);
+    return out;
+}
+
+const double straight[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+
+TEST(Convert, RotationAgreesWithRodrigues)
+{
+    const double axis[3] = {2.0 / 7, 3.0 / 7, 6.0 / 7}, v[3] = {0.3, -1.2, 2.5};
+    for (double angle : {0.0, 0.4, 2.0, 3.1, -1.0}) {
+        double q[4] = {axis[0] * std::sin(angle / 2), axis[1] * std::sin(angle / 2), axis[2] * std::sin(angle / 2), std::cos(angle / 2)};
+        double m[9], turned[3];
+        rodrigues(axis, angle, m);
+        rotate(q, v, turned);
+        for (int i = 0; i < 3; ++i) EXPECT_NEAR(turned[i], m[3 * i] * v[0] + m[3 * i + 1] * v[1] + m[3 * i + 2] * v[2], 1e-12);
+    }
+}
+
+TEST(Convert, InverseUndoesAMotion)
+{
+    Rigid motion = {{1, -2, 3}, {0.5, -0.5, 0.5, 0.5}};
+    Rigid both = multiply(motion, inverse(motion));
+    for (int i = 0; i < 3; ++i) EXPECT_NEAR(both.translation[i], 0, 1e-15);
+    EXPECT_NEAR(std::fabs(both.rotation[3]), 1, 1e-15);
+}
+
+TEST(Convert, ToolPose)
+{
+    Rigid out;
+    std::string why;
+    ASSERT_TRUE(tool_pose_from_message(pose(1, 2, 3), &out, &why));
+    EXPECT_DOUBLE_EQ(out.translation[2], 3);
+}
+
+TEST(Convert, InvalidToolPosesAreRefusedWithAReason)
+{
+    Rigid out;
+    geometry_msgs::PoseStamped stamp = pose(0, 0, 0), number = pose(0, nan_value, 0), turn = pose(0, 0, 0), frame = pose(0, 0, 0);
+    stamp.header.stamp = ros::Time();
+    turn.pose.orientation.w = 0;
+    frame.header.frame_id = "";
+    geometry_msgs::PoseStamped infinite = pose(0, 0, 0);
+    infinite.pose.orientation.x = std::numeric_limits<double>::infinity();
+    for (const auto &message : {stamp, number, turn, frame, infinite}) {
+        std::string why;
+        EXPECT_FALSE(tool_pose_from_message(message, &out, &why));
+        EXPECT_FALSE(why.empty());
+    }
+}
+
+TEST(Convert, Jaw)
+{
+    sensor_msgs::JointState message;
+    double angle = 7;
+    std::string why;
+    EXPECT_FALSE(jaw_from_message(message, &angle, &why));
+    message.header.stamp = ros::Time(1);
+    EXPECT_FALSE(jaw_from_message(message, &angle, &why));
+    message.position.push_back(nan_value);
+    EXPECT_FALSE(jaw_from_message(message, &angle, &why));
+    EXPECT_DOUBLE_EQ(angle, 7);
+    message.position[0] = 0.3;
+    EXPECT_TRUE(jaw_from_message(message, &angle, &why));
+    EXPECT_DOUBLE_EQ(angle, 0.3);
+}
+
+TEST(Convert, GeometryThereAndBack)
+{
+    const double axis[3] = {2.0 / 7, 3.0 / 7, 6.0 / 7};
+    for (double angle : {0.0, 0.3, M_PI / 2, 3.0, M_PI, -2.0})
+        for (bool left_handed : {false, true}) {
+            double direction[9];
+            rodrigues(axis, angle, direction);
+            if (left_handed)
+                for (int row = 0; row < 3; ++row) direction[3 * row + 2] = -direction[3 * row + 2];
+            pliant_geometry in = geometry(direction), out{};
+            geometry_msgs::Pose origin;
+            geometry_msgs::Vector3 spacing;
+            bool flipped;
+            std::string why;
+            geometry_to_message(in, &origin, &flipped, &spacing);
+            EXPECT_EQ(flipped, left_handed);
+            const uint32_t size[3] = {4, 5, 6};
+            ASSERT_TRUE(geometry_from_message(size, origin, flipped, spacing, &out, &why)) << why;
+            for (int i = 0; i < 9; ++i) EXPECT_NEAR(out.direction[i], in.direction[i], 1e-9);
+            for (int i = 0; i < 3; ++i) {
+                EXPECT_EQ(out.size[i], in.size[i]);
+                EXPECT_DOUBLE_EQ(out.origin[i], in.origin[i]);
+                EXPECT_DOUBLE_EQ(out.spacing[i], in.spacing[i]);
+            }
+        }
+}
+
+TEST(Convert, BrokenGeometryIsRefused)
+{
+    geometry_msgs::Pose origin;
+    geometry_msgs::Vector3 spacing;
+    spacing.x = spacing.y = spacing.z = 0.001;
+    const uint32_t size[3] = {4, 5, 6}, flat[3] = {4, 0, 6};
+    pliant_geometry out;
+    std::string why;
+    EXPECT_FALSE(geometry_from_message(size, origin, false, spacing, &out, &why)) << "no quaternion";
+    origin.orientation.w = 1;
+    EXPECT_TRUE(geometry_from_message(size, origin, false, spacing, &out, &why));
+    EXPECT_FALSE(geometry_from_message(flat, origin, false, spacing, &out, &why));
+    spacing.y = nan_value;
+    EXPECT_FALSE(geometry_from_message(size, origin, false, spacing, &out, &why));
+}
+
+TEST(Convert, ChangedBricksBecomeBoxes)
+{
+    const int32_t count[3] = {4, 4, 2}, size[3] = {60, 64, 20}; /* the last bricks are smaller */
+    std::vector<uint8_t> changed(32, 0);
+    EXPECT_TRUE(changed_boxes(count, changed.data(), size).empty());
+    changed[0] = changed[1] = 1;        /* (0..1, 0, 0) */
+    changed[3 + 4 * (3 + 4 * 1)] = 1;   /* (3, 3, 1) */
+    std::vector<Box> boxes = changed_boxes(count, changed.data(), size);
+    ASSERT_EQ(boxes.size(), 2u);
+    EXPECT_EQ(boxes[0].size[0], 32u);
+    EXPECT_EQ(boxes[0].size[1], 16u);
+    EXPECT_EQ(boxes[1].offset[0], 48u);
+    EXPECT_EQ(boxes[1].size[0], 12u);
+    EXPECT_EQ(boxes[1].size[1], 16u);
+    EXPECT_EQ(boxes[1].size[2], 4u);
+    std::fill(changed.begin(), changed.end(), 1);
+    boxes = changed_boxes(count, changed.data(), size);
+    ASSERT_EQ(boxes.size(), 1u);
+    for (int d = 0; d < 3; ++d) EXPECT_EQ(boxes[0].size[d], static_cast<uint32_t>(size[d]));
+}
+
+/* whatever the pattern */
+TEST(Convert, EveryChangedBrickIsInABox)
+{
+    const int32_t count[3] = {5, 5, 5}, size[3] = {80, 80, 80};
+    uint32_t random = 1;
+    for (int round = 0; round < 200; ++round) {
+        std::vector<uint8_t> changed(125, 0);
+        for (int i = 0; i < round % 12; ++i) changed[((random = random * 1664525 + 1013904223) >> 8) % 125] = 1;
+        std::vector<Box> boxes = changed_boxes(count, changed.data(), size);
+        for (uint32_t brick = 0; brick < 125; ++brick) {
+            if (!changed[brick]) continue;
+            const uint32_t at[3] = {brick % 5 * 16, brick / 5 % 5 * 16, brick / 25 * 16};
+            bool covered = false;
+            for (const Box &box : boxes) {
+                bool inside = true;
+                for (int d = 0; d < 3; ++d) inside = inside && box.offset[d] <= at[d] && at[d] + 16 <= box.offset[d] + box.size[d];
+                covered = covered || inside;
+            }
+            EXPECT_TRUE(covered) << "brick " << brick;
+        }
+    }
+}
+
+class ConvertVolume : public ::testing::Test {
+protected:
+    void SetUp() override
+    {
+        pliant_geometry grid = geometry(straight);
+        volume.geometry = grid;
+        volume.encoding = PLIANT_INT16;
+        volume.slope = 2;
+        volume.intercept = -1000;
+        volume.background = -3;
+        stored.resize(4 * 5 * 6);
+        for (size_t i = 0; i < stored.size(); ++i) stored[i] = static_cast<int16_t>(10 * i - 300);
+        volume.voxels = stored.data();
+    }
+    static float pixel(const sensor_msgs::Image &image, uint32_t column, uint32_t row)
+    {
+        float value;
+        std::memcpy(&value, &image.data[row * image.step + column * sizeof value], sizeof value);
+        return value;
+    }
+    std::vector<int16_t> stored;
+    pliant_volume volume{};
+};
+
+TEST_F(ConvertVolume, BoxHoldsItsVoxels)
+{
+    Volume message;
+    volume_message(volume, Box{{1, 2, 3}, {2, 3, 2}}, &message);
+    ASSERT_EQ(message.data.size(), 2u * 3 * 2 * 2);
+    EXPECT_EQ(message.full_size[2], 6u);
+    EXPECT_EQ(message.encoding, Volume::INT16);
+    EXPECT_FLOAT_EQ(message.intercept, -1000);
+    for (uint32_t k = 0; k < 2; ++k)
+        for (uint32_t j = 0; j < 3; ++j)
+            for (uint32_t i = 0; i < 2; ++i) {
+                int16_t value;
+                std::memcpy(&value, &message.data[2 * (i + 2 * (j + 3 * k))], 2);
+                EXPECT_EQ(value, stored[(i + 1) + 4 * ((j + 2) + 5 * (k + 3))]);
+            }
+}
+
+/* spacing 1, 2, 3 mm along x, y, z: pixels of 1 mm */
+TEST_F(ConvertVolume, SlicesHaveSquarePixelsAndRadiologicalAxes)
+{
+    sensor_msgs::Image axial, coronal, sagittal;
+    slice_message(volume, AXIAL, 0.5 / 6, &axial); /* through the centres of plane 0 */
+    EXPECT_EQ(axial.encoding, "32FC1");
+    EXPECT_EQ(axial.width, 4u);
+    EXPECT_EQ(axial.height, 10u);
+    /* row 0.5 mm into the first voxel, whose centre lies at 1 mm: clamped to it; one row later on its far side */
+    EXPECT_FLOAT_EQ(pixel(axial, 0, 0), 2.0f * stored[0] - 1000);
+    EXPECT_FLOAT_EQ(pixel(axial, 3, 0), 2.0f * stored[3] - 1000);
+    EXPECT_NEAR(pixel(axial, 0, 1), 2.0f * (stored[0] + 0.25f * (stored[4] - stored[0])) - 1000, 0.01);
+    EXPECT_GT(pixel(axial, 0, 9), pixel(axial, 0, 0)) << "down is posterior: larger y";
+    slice_message(volume, CORONAL, 0.5, &coronal);
+    EXPECT_EQ(coronal.width, 4u);
+    EXPECT_EQ(coronal.height, 18u);
+    EXPECT_GT(pixel(coronal, 0, 0), pixel(coronal, 0, 17)) << "up is superior: larger z";
+    slice_message(volume, SAGITTAL, 0.5, &sagittal);
+    EXPECT_EQ(sagittal.width, 10u);
+    EXPECT_EQ(sagittal.height, 18u);
+    EXPECT_GT(pixel(sagittal, 9, 5), pixel(sagittal, 0, 5)) << "right is posterior: larger y";
+}
+
+/* the same values in a grid whose axes are stored the other way around look the same */
+TEST_F(ConvertVolume, SlicesDoNotDependOnTheOrderOfStorage)
+{
+    sensor_msgs::Image before, after;
+    slice_message(volume, AXIAL, 0.4, &before);
+    pliant_volume turned = volume;
+    std::vector<int16_t> reversed(stored.size());
+    for (size_t k = 0; k < 6; ++k)
+        for (size_t j = 0; j < 5; ++j)
+            for (size_t i = 0; i < 4; ++i) reversed[(3 - i) + 4 * ((4 - j) + 5 * k)] = stored[i + 4 * (j + 5 * k)];
+    turned.voxels = reversed.data();
+    turned.geometry.direction[0] = turned.geometry.direction[4] = -1;
+    turned.geometry.origin[0] += 3 * 0.001;
+    turned.geometry.origin[1] += 4 * 0.002;
+    slice_message(turned, AXIAL, 0.4, &after);
+    ASSERT_EQ(before.width, after.width);
+    ASSERT_EQ(before.height, after.height);
+    for (uint32_t row = 0; row < before.height; ++row)
+        for (uint32_t column = 0; column < before.width; ++column)
+            EXPECT_NEAR(pixel(before, column, row), pixel(after, column, row), 1e-2);
+}
+
+TEST_F(ConvertVolume, OutsideATiltedGridIsBackground)
+{
+    double direction[9];
+    const double axis[3] = {0, 0, 1};
+    rodrigues(axis, 0.7, direction);
+    std::memcpy(volume.geometry.direction, direction, sizeof direction);
+    sensor_msgs::Image image;
+    slice_message(volume, AXIAL, 0.5, &image);
+    EXPECT_FLOAT_EQ(pixel(image, 0, 0), 2 * -3.0f - 1000);
+}
+
+class ConvertModel : public ::testing::Test {
+protected:
+    void SetUp() override
+    {
+        model.fine.num_nodes = 4;
+        model.fine.num_tets = 1;
+        model.fine.rest = rest;
+        model.fine.tets = tets;
+        model.triangles = triangles;
+        model.num_triangles = 4;
+        model.fine_material = &material;
+        material.material = 7;
+    }
+    double rest[12] = {0, 0, 0, 0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1};
+    int32_t tets[4] = {0, 1, 2, 3}, triangles[12] = {0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3};
+    pliant_tet_material material{};
+    pliant_model model{};
+};
+
+TEST_F(ConvertModel, Topology)
+{
+    MeshTopology message;
+    topology_message(model, &message);
+    EXPECT_EQ(message.rest_nodes.size(), 12u);
+    EXPECT_FLOAT_EQ(message.rest_nodes[11], 0.1f);
+    EXPECT_EQ(message.tetrahedra, (std::vector<uint32_t>{0, 1, 2, 3}));
+    EXPECT_EQ(message.triangles.size(), 12u);
+    EXPECT_EQ(message.material, std::vector<uint16_t>(1, 7));
+    EXPECT_EQ(message.rest_parent, (std::vector<uint32_t>{0, 1, 2, 3}));
+}
+
+TEST_F(ConvertModel, StateWithoutScalar)
+{
+    MeshState message;
+    EXPECT_EQ(mesh_state_message(model, rest, &message), PLIANT_OK);
+    EXPECT_EQ(message.nodes.size(), 12u);
+    EXPECT_TRUE(message.scalar.empty());
+    EXPECT_TRUE(message.scalar_name.empty());
+}
+
+TEST_F(ConvertModel, MarkerIsColouredByDisplacement)
+{
+    double moved[12];
+    std::memcpy(moved, rest, sizeof rest);
+    moved[9] += 0.02; /* node 3 along x */
+    visualization_msgs::Marker marker;
+    marker_message(model, moved, {}, &marker);
+    ASSERT_EQ(marker.points.size(), 12u);
+    ASSERT_EQ(marker.colors.size(), 12u);
+    EXPECT_DOUBLE_EQ(marker.points[5].x, 0.02);
+    EXPECT_FLOAT_EQ(marker.colors[5].r, 1);
+    EXPECT_FLOAT_EQ(marker.colors[0].b, 1);
+    EXPECT_FLOAT_EQ(marker.colors[0].r, 0);
+}
+
+TEST_F(ConvertModel, PointsCarryDisplacementAndScalar)
+{
+    sensor_msgs::PointCloud2 cloud;
+    points_message(model, rest, {1, 2, 3, 4}, &cloud);
+    ASSERT_EQ(cloud.fields.size(), 5u);
+    EXPECT_EQ(cloud.width, 4u);
+    ASSERT_EQ(cloud.data.size(), 4u * 20);
+    float row[5];
+    std::memcpy(row, &cloud.data[20], 20);
+    EXPECT_FLOAT_EQ(row[0], 0.1f);
+    EXPECT_FLOAT_EQ(row[3], 0);
+    EXPECT_FLOAT_EQ(row[4], 2);
+}
+
+TEST(Convert, WrenchIsTurnedIntoTheFrameOfThePose)
+{
+    /* the frame is a quarter turn about z from the tissue: tissue x is its y */
+    const double frame_from_tissue[4] = {0, 0, M_SQRT1_2, M_SQRT1_2}, force[3] = {2, 0, 1};
+    geometry_msgs::WrenchStamped message;
+    wrench_message(force, frame_from_tissue, &message);
+    EXPECT_NEAR(message.wrench.force.x, 0, 1e-15);
+    EXPECT_NEAR(message.wrench.force.y, 2, 1e-15);
+    EXPECT_NEAR(message.wrench.force.z, 1, 1e-15);
+}
+
+TEST(Convert, AForceThatIsNotFiniteBecomesZero)
+{
+    const double turn[4] = {0, 0, 0, 1}, force[3] = {1, nan_value, 0};
+    geometry_msgs::WrenchStamped message;
+    wrench_message(force, turn, &message);
+    EXPECT_EQ(message.wrench.force.x, 0);
+    EXPECT_EQ(message.wrench.force.y, 0);
+}
+
+TEST(Convert, ContactOfAToolThatIsNotThere)
+{
+    pliant_tool tool{};
+    std::strcpy(tool.name, "grasper");
+    ContactState message;
+    contact_message(tool, std::numeric_limits<double>::infinity(), &message);
+    EXPECT_EQ(message.tool, "grasper");
+    EXPECT_FALSE(message.present);
+    EXPECT_FALSE(message.touching);
+    EXPECT_TRUE(std::isinf(message.clearance));
+    tool.present = tool.holding = true;
+    tool.num_held = 3;
+    contact_message(tool, -0.01, &message);
+    EXPECT_TRUE(message.touching);
+    EXPECT_TRUE(message.grasped);
+    EXPECT_EQ(message.held_nodes, 3u);
+}
+
+TEST(Convert, ForceArrowStartsAtTheTip)
+{
+    pliant_tool tool{};
+    std::strcpy(tool.name, "grasper");
+    tool.present = tool.holding = true;
+    tool.tip[0] = 0.1;
+    tool.force[1] = -4;
+    visualization_msgs::MarkerArray markers;
+    tool_markers_message(tool, -0.01, std_msgs::Header(), &markers);
+    ASSERT_EQ(markers.markers.size(), 2u);
+    const visualization_msgs::Marker &arrow = markers.markers[1];
+    ASSERT_EQ(arrow.points.size(), 2u);
+    EXPECT_EQ(arrow.action, visualization_msgs::Marker::ADD);
+    EXPECT_DOUBLE_EQ(arrow.points[0].x, 0.1);
+    EXPECT_NEAR(arrow.points[1].y, -0.02, 1e-12);
+    tool.force[1] = -1000;
+    tool_markers_message(tool, -0.01, std_msgs::Header(), &markers);
+    EXPECT_NEAR(markers.markers[1].points[1].y, -0.2, 1e-12);
+    tool.holding = false;
+    tool_markers_message(tool, -0.01, std_msgs::Header(), &markers);
+    EXPECT_EQ(markers.markers[1].action, visualization_msgs::Marker::DELETE);
+}
+
+TEST(Convert, RayIsTurnedIntoTheTissueFrame)
+{
+    Pick::Request request;
+    request.origin.x = 1;
+    request.direction.x = 1;
+    request.far = 2;
+    Rigid tissue_from_frame = {{0, 0, 5}, {0, 0, M_SQRT1_2, M_SQRT1_2}};
+    pliant_ray ray = ray_from_message(request, tissue_from_frame);
+    EXPECT_NEAR(ray.origin[1], 1, 1e-15);
+    EXPECT_NEAR(ray.origin[2], 5, 1e-15);
+    EXPECT_NEAR(ray.direction[1], 1, 1e-15);
+    EXPECT_NEAR(ray.direction[2], 0, 1e-15);
+}
+
+} // namespace

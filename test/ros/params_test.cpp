@@ -1,0 +1,180 @@
+#include "params.h"
+
+#include <gtest/gtest.h>
+
+#include <stdlib.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <fstream>
+
+using pliant_ros::Parameters;
+using XmlRpc::XmlRpcValue;
+
+namespace {
+
+std::string refusal(XmlRpcValue tree)
+{
+    Parameters parameters;
+    std::string why;
+    EXPECT_FALSE(pliant_ros::read_parameters(tree, &parameters, &why));
+    return why;
+}
+
+Parameters read(XmlRpcValue tree)
+{
+    Parameters parameters;
+    std::string why;
+    EXPECT_TRUE(pliant_ros::read_parameters(tree, &parameters, &why)) << why;
+    return parameters;
+}
+
+TEST(Params, DefaultsWithoutAny)
+{
+    Parameters parameters = read(XmlRpcValue());
+    pliant_scene scene;
+    pliant_scene_defaults(&scene);
+    EXPECT_EQ(parameters.scan, "phantom");
+    EXPECT_EQ(parameters.tissue_frame, "tissue");
+    EXPECT_TRUE(parameters.tools.empty());
+    EXPECT_EQ(parameters.scene.solver.iterations, scene.solver.iterations);
+    EXPECT_DOUBLE_EQ(parameters.tool_max_age, 0.05);
+}
+
+TEST(Params, EveryOptionOfTheSceneIsAParameter)
+{
+    size_t count;
+    const pliant_option_info *options = pliant_scene_options(&count);
+    ASSERT_GT(count, 0u);
+    for (size_t i = 0; i < count; ++i) {
+        std::string fallback = options[i].default_value;
+        XmlRpcValue tree;
+        tree[options[i].group][options[i].name] = fallback;
+        Parameters parameters;
+        std::string why;
+        EXPECT_TRUE(pliant_ros::read_parameters(tree, &parameters, &why)) << options[i].group << "/" << options[i].name << ": " << why;
+    }
+}
+
+TEST(Params, NumbersListsAndWordsReachTheScene)
+{
+    XmlRpcValue tree;
+    tree["solver"]["iterations"] = 4;
+    tree["solver"]["step"] = 0.01;
+    tree["model"]["method"] = "averaged";
+    tree["mesh"]["keep_air"] = true;
+    for (int d = 0; d < 3; ++d) tree["mesh"]["coarse_cells"][d] = 5 + d;
+    tree["model"]["gravity"][0] = 0;
+    tree["model"]["gravity"][1] = 9.81;
+    tree["model"]["gravity"][2] = 0;
+    Parameters parameters = read(tree);
+    EXPECT_EQ(parameters.scene.solver.iterations, 4);
+    EXPECT_DOUBLE_EQ(parameters.scene.solver.step, 0.01);
+    EXPECT_EQ(parameters.scene.model.method, PLIANT_AVERAGED);
+    EXPECT_TRUE(parameters.scene.mesh.keep_air);
+    EXPECT_EQ(parameters.scene.mesh.coarse_cells[2], 7);
+    EXPECT_DOUBLE_EQ(parameters.scene.model.gravity[1], 9.81);
+}
+
+TEST(Params, ParametersWinOverTheSceneFile)
+{
+    char path[] = "/tmp/params_testXXXXXX";
+    int file = mkstemp(path);
+    ASSERT_GE(file, 0);
+    close(file);
+    std::ofstream(path) << "solver:\n  iterations: 9\n  history: 3\n";
+    XmlRpcValue tree;
+    tree["scene"] = path;
+    tree["solver"]["iterations"] = 4;
+    Parameters parameters = read(tree);
+    std::remove(path);
+    EXPECT_EQ(parameters.scene.solver.iterations, 4);
+    EXPECT_EQ(parameters.scene.solver.history, 3);
+}
+
+TEST(Params, ScanIsAPathOrAGroup)
+{
+    XmlRpcValue plain, group;
+    plain["scan"] = "phantom:32x32x32";
+    EXPECT_EQ(read(plain).scan, "phantom:32x32x32");
+    group["scan"]["path"] = "phantom:48x48x48";
+    for (int d = 0; d < 3; ++d) group["scan"]["resample"][d] = 24;
+    Parameters parameters = read(group);
+    EXPECT_EQ(parameters.scan, "phantom:48x48x48");
+    EXPECT_EQ(parameters.scene.scan.resample[0], 24);
+}
+
+TEST(Params, UnknownOnesNameTheNearest)
+{
+    XmlRpcValue tree, top;
+    tree["solver"]["itterations"] = 4;
+    std::string why = refusal(tree);
+    EXPECT_NE(why.find("solver/itterations"), std::string::npos) << why;
+    EXPECT_NE(why.find("solver/iterations"), std::string::npos) << why;
+    top["scanroot"] = "/data";
+    EXPECT_NE(refusal(top).find("scan_root"), std::string::npos);
+}
+
+TEST(Params, ValuesOutOfRangeAreRefusedByName)
+{
+    XmlRpcValue iterations, slice, jaw;
+    iterations["solver"]["iterations"] = 0;
+    EXPECT_NE(refusal(iterations).find("iterations"), std::string::npos);
+    slice["slice"]["axial"] = 1.5;
+    EXPECT_NE(refusal(slice).find("slice/axial"), std::string::npos);
+    jaw["jaw_close"] = 0.5;
+    EXPECT_NE(refusal(jaw).find("jaw_release"), std::string::npos);
+}
+
+TEST(Params, ToolsAndTheirModes)
+{
+    XmlRpcValue words, list;
+    words["tools"] = "PSM1 PSM2";
+    words["tool"]["PSM2"]["mode"] = "probe";
+    Parameters parameters = read(words);
+    ASSERT_EQ(parameters.tools.size(), 2u);
+    EXPECT_TRUE(parameters.tools[0].grasps);
+    EXPECT_FALSE(parameters.tools[1].grasps);
+    list["tools"][0] = "left";
+    EXPECT_EQ(read(list).tools[0].name, "left");
+}
+
+TEST(Params, WrongToolsAreRefused)
+{
+    XmlRpcValue slash, twice, mode, stranger, many;
+    slash["tools"] = "a/b";
+    EXPECT_NE(refusal(slash).find("a/b"), std::string::npos);
+    twice["tools"] = "a a";
+    EXPECT_NE(refusal(twice).find("twice"), std::string::npos);
+    mode["tools"] = "a";
+    mode["tool"]["a"]["mode"] = "bite";
+    EXPECT_NE(refusal(mode).find("probe or grasp"), std::string::npos);
+    stranger["tool"]["b"]["mode"] = "probe";
+    EXPECT_NE(refusal(stranger).find("~tools"), std::string::npos);
+    many["tools"] = "a b c d e f g h i";
+    EXPECT_NE(refusal(many).find("at most"), std::string::npos);
+}
+
+TEST(Params, TissuePose)
+{
+    XmlRpcValue words, list, broken, same;
+    words["tissue_pose"] = "1 2 3 0 0 0 1";
+    EXPECT_DOUBLE_EQ(read(words).tissue_pose.translation[1], 2);
+    for (int i = 0; i < 7; ++i) list["tissue_pose"][i] = i == 3 ? 1 : 0;
+    EXPECT_DOUBLE_EQ(read(list).tissue_pose.rotation[0], 1);
+    broken["tissue_pose"] = "1 2 3 0 0 0";
+    EXPECT_NE(refusal(broken).find("seven"), std::string::npos);
+    same["tissue_pose"] = "0 0 0 0 0 0 0";
+    EXPECT_NE(refusal(same).find("quaternion"), std::string::npos);
+}
+
+TEST(Params, FramesMustDiffer)
+{
+    XmlRpcValue same, slash;
+    same["parent_frame"] = "tissue";
+    EXPECT_NE(refusal(same).find("same"), std::string::npos);
+    slash["parent_frame"] = "/world";
+    EXPECT_NE(refusal(slash).find("slash"), std::string::npos);
+}
+
+} // namespace
