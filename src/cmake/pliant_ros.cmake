@@ -90,7 +90,8 @@ if(PLIANT_WITH_ROS)
     catkin_package(CATKIN_DEPENDS message_runtime std_msgs geometry_msgs)
   else()
     catkin_package(INCLUDE_DIRS include LIBRARIES pliant pliant_ros
-                   CATKIN_DEPENDS message_runtime std_msgs geometry_msgs sensor_msgs visualization_msgs diagnostic_msgs std_srvs
+                   CATKIN_DEPENDS message_runtime roscpp nodelet dynamic_reconfigure std_msgs geometry_msgs sensor_msgs
+                                  visualization_msgs diagnostic_msgs std_srvs
                    CFG_EXTRAS ${PROJECT_SOURCE_DIR}/src/cmake/pliant-extras.cmake)
   endif()
   set(PLIANT_BIN_DIR ${CATKIN_GLOBAL_BIN_DESTINATION})
