@@ -103,9 +103,13 @@ void main()
         float place = clamp(texture3D(volume, at).r * window.x + window.y, 0.0, 1.0);
         gl_FragColor = vec4(vec3(0.08 + 0.9 * place), 1.0);
     } else {
-        vec3 gradient = vec3(above(point + vec3(spacing.x, 0.0, 0.0)) - above(point - vec3(spacing.x, 0.0, 0.0)),
-                             above(point + vec3(0.0, spacing.y, 0.0)) - above(point - vec3(0.0, spacing.y, 0.0)),
-                             above(point + vec3(0.0, 0.0, spacing.z)) - above(point - vec3(0.0, 0.0, spacing.z))) / spacing;
+        /* from the eight corners of a cube of two voxels: smoother than the six middles of its faces */
+        vec3 gradient = vec3(0.0);
+        for (int n = 0; n < 8; n++) {
+            vec3 corner = vec3(mod(float(n), 2.0), mod(floor(float(n) / 2.0), 2.0), floor(float(n) / 4.0)) * 2.0 - 1.0;
+            gradient += above(point + corner * spacing) * corner;
+        }
+        gradient /= spacing;
         float light = clamp(abs(dot(gradient, ahead)) / max(length(gradient), 1e-12), 0.0, 1.0);
         gl_FragColor = vec4(colour.rgb * (0.2 + 0.75 * light) + vec3(0.18 * pow(light, 32.0)), 1.0);
     }

@@ -1,0 +1,252 @@
+#include "rviz/mesh_shape.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <sstream>
+
+namespace pliant_rviz {
+
+namespace {
+
+// faces of a tetrahedron with det(x1 - x0, x2 - x0, x3 - x0) > 0, outwards
+const int FACES[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
+
+std::string check_nodes(const std::vector<uint32_t> &list, size_t nodes, size_t each, const char *name)
+{
+    std::ostringstream out;
+    if (list.size() % each != 0) out << name << " has " << list.size() << " numbers, not a multiple of " << each;
+    for (size_t n = 0; n < list.size() && out.tellp() == 0; n++)
+        if (list[n] >= nodes) out << name << "[" << n << "] is node " << list[n] << ", but there are " << nodes;
+    return out.str();
+}
+
+bool finite(const std::vector<float> &numbers)
+{
+    return std::all_of(numbers.begin(), numbers.end(), [](float x) { return std::isfinite(x); });
+}
+
+Vector at(const std::vector<float> &nodes, uint32_t node)
+{
+    return {{nodes[3 * node], nodes[3 * node + 1], nodes[3 * node + 2]}};
+}
+
+// twice the area times the outward unit normal
+Vector normal_of(const Vector &a, const Vector &b, const Vector &c)
+{
+    Vector u, v;
+    for (int d = 0; d < 3; d++) {
+        u[d] = b[d] - a[d];
+        v[d] = c[d] - a[d];
+    }
+    return {{u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]}};
+}
+
+void normalise(float *v)
+{
+    float length = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    for (int d = 0; d < 3; d++) v[d] = length > 0 ? v[d] / length : d == 2;
+}
+
+Rgb between(const std::vector<Rgb> &colours, double t)
+{
+    double along = std::min(std::max(t, 0.0), 1.0) * double(colours.size() - 1);
+    size_t n = std::min(size_t(along), colours.size() - 2);
+    Rgb out;
+    for (size_t c = 0; c < 3; c++) out[c] = colours[n][c] + (along - double(n)) * (colours[n + 1][c] - colours[n][c]);
+    return out;
+}
+
+} // namespace
+
+std::string check(const Topology &topology)
+{
+    if (topology.rest.empty() || topology.rest.size() % 3 != 0) {
+        std::ostringstream out;
+        out << "rest_nodes has " << topology.rest.size() << " numbers, not three a node";
+        return out.str();
+    }
+    size_t nodes = topology.rest.size() / 3;
+    if (!finite(topology.rest)) return "rest_nodes holds NaN or infinite numbers";
+    std::string error = check_nodes(topology.tetrahedra, nodes, 4, "tetrahedra");
+    if (error.empty()) error = check_nodes(topology.triangles, nodes, 3, "triangles");
+    if (error.empty()) error = check_nodes(topology.rest_parent, nodes, 1, "rest_parent");
+    if (!error.empty()) return error;
+    if (!topology.rest_parent.empty() && topology.rest_parent.size() != nodes) return "rest_parent must have one number a node";
+    if (!topology.material.empty() && topology.material.size() != topology.tetrahedra.size() / 4)
+        return "material must have one number a tetrahedron";
+    return "";
+}
+
+void MeshShape::start(Topology topology)
+{
+    size_t nodes = topology.rest.size() / 3, seen = nodes_.size() / 3;
+    bool same_scan = seen > 0 && topology.scan_id == topology_.scan_id && topology.rest_parent.size() == nodes;
+    std::vector<float> now = topology.rest;
+    if (same_scan && std::all_of(topology.rest_parent.begin(), topology.rest_parent.end(), [&](uint32_t p) { return p < seen; }))
+        for (size_t n = 0; n < nodes; n++) std::copy_n(&nodes_[3 * topology.rest_parent[n]], 3, &now[3 * n]);
+    topology_ = std::move(topology);
+    nodes_ = std::move(now);
+    scalar_.clear();
+    find_faces();
+}
+
+MeshShape::Result MeshShape::put(uint32_t revision, const std::vector<float> &nodes, const std::vector<float> &scalar)
+{
+    if (empty()) return NO_TOPOLOGY;
+    if (revision != topology_.revision) return OTHER_REVISION;
+    if (nodes.size() != topology_.rest.size() || (!scalar.empty() && scalar.size() != nodes.size() / 3)) return WRONG_SIZE;
+    if (!finite(nodes)) return NOT_FINITE;
+    nodes_ = nodes;
+    scalar_ = scalar;
+    return SHOWN;
+}
+
+bool MeshShape::scalar_range(float *low, float *high) const
+{
+    float least = std::numeric_limits<float>::max(), most = std::numeric_limits<float>::lowest();
+    for (float x : scalar_)
+        if (std::isfinite(x)) {
+            least = std::min(least, x);
+            most = std::max(most, x);
+        }
+    if (least > most) return false;
+    *low = least;
+    *high = most;
+    return true;
+}
+
+void MeshShape::find_faces()
+{
+    struct Key {
+        std::array<uint32_t, 3> sorted, given;
+        int32_t tet;
+    };
+    std::vector<Key> all;
+    const std::vector<uint32_t> &tets = topology_.tetrahedra;
+    all.reserve(tets.size());
+    for (size_t t = 0; t < tets.size() / 4; t++)
+        for (const int *face : FACES) {
+            Key key;
+            for (int v = 0; v < 3; v++) key.given[size_t(v)] = tets[4 * t + size_t(face[v])];
+            key.sorted = key.given;
+            std::sort(key.sorted.begin(), key.sorted.end());
+            key.tet = int32_t(t);
+            all.push_back(key);
+        }
+    std::sort(all.begin(), all.end(),
+              [](const Key &a, const Key &b) { return a.sorted != b.sorted ? a.sorted < b.sorted : a.tet < b.tet; });
+    faces_.clear();
+    for (size_t n = 0; n < all.size(); n++) {
+        bool shared = n + 1 < all.size() && all[n + 1].sorted == all[n].sorted;
+        faces_.push_back({all[n].given, all[n].tet, shared ? all[n + 1].tet : -1});
+        if (shared) n++;
+    }
+}
+
+void MeshShape::find_edges(Shape *shape) const
+{
+    std::vector<std::array<uint32_t, 4>> edges; // nodes low, high; vertices
+    for (size_t n = 0; n < shape->triangles.size(); n += 3)
+        for (size_t v = 0; v < 3; v++) {
+            uint32_t a = shape->triangles[n + v], b = shape->triangles[n + (v + 1) % 3];
+            uint32_t node_a = shape->nodes[a], node_b = shape->nodes[b];
+            edges.push_back({{std::min(node_a, node_b), std::max(node_a, node_b), a, b}});
+        }
+    std::sort(edges.begin(), edges.end());
+    for (size_t n = 0; n < edges.size(); n++) {
+        if (n > 0 && edges[n][0] == edges[n - 1][0] && edges[n][1] == edges[n - 1][1]) continue;
+        shape->edges.insert(shape->edges.end(), {edges[n][2], edges[n][3]});
+    }
+}
+
+Shape MeshShape::surface() const
+{
+    Shape shape;
+    size_t nodes = nodes_.size() / 3;
+    const uint32_t none = 0xffffffff;
+    std::vector<uint32_t> vertex(nodes, none);
+    for (uint32_t node : topology_.triangles) {
+        if (vertex[node] == none) {
+            vertex[node] = uint32_t(shape.nodes.size());
+            shape.nodes.push_back(node);
+            shape.vertices.insert(shape.vertices.end(), {nodes_[3 * node], nodes_[3 * node + 1], nodes_[3 * node + 2]});
+        }
+        shape.triangles.push_back(vertex[node]);
+    }
+    shape.normals.assign(shape.vertices.size(), 0);
+    shape.material.assign(shape.nodes.size(), 0);
+    if (!topology_.material.empty())
+        for (const Face &face : faces_)
+            if (face.outer < 0)
+                for (uint32_t node : face.nodes)
+                    if (vertex[node] != none) shape.material[vertex[node]] = topology_.material[size_t(face.inner)];
+    const std::vector<uint32_t> &triangles = topology_.triangles;
+    for (size_t n = 0; n < triangles.size(); n += 3) {
+        Vector normal = normal_of(at(nodes_, triangles[n]), at(nodes_, triangles[n + 1]), at(nodes_, triangles[n + 2]));
+        for (size_t v = 0; v < 3; v++)
+            for (size_t d = 0; d < 3; d++) shape.normals[3 * vertex[triangles[n + v]] + d] += float(normal[d]);
+    }
+    for (size_t n = 0; n < shape.normals.size(); n += 3) normalise(&shape.normals[n]);
+    find_edges(&shape);
+    return shape;
+}
+
+Shape MeshShape::cut(const Plane &plane) const
+{
+    const std::vector<uint32_t> &tets = topology_.tetrahedra;
+    std::vector<bool> kept(tets.size() / 4);
+    for (size_t t = 0; t < kept.size(); t++) {
+        double side = 0;
+        for (size_t v = 0; v < 4; v++) side += dot(plane.normal, at(nodes_, tets[4 * t + v]));
+        kept[t] = 0.25 * side >= plane.offset;
+    }
+    Shape shape;
+    for (const Face &face : faces_) {
+        bool inner = kept[size_t(face.inner)], outer = face.outer >= 0 && kept[size_t(face.outer)];
+        if (inner == outer) continue;
+        std::array<uint32_t, 3> nodes = face.nodes;
+        if (outer) std::swap(nodes[1], nodes[2]);
+        Vector normal = normal_of(at(nodes_, nodes[0]), at(nodes_, nodes[1]), at(nodes_, nodes[2]));
+        float unit[3] = {float(normal[0]), float(normal[1]), float(normal[2])};
+        normalise(unit);
+        size_t tet = size_t(inner ? face.inner : face.outer);
+        for (uint32_t node : nodes) {
+            shape.triangles.push_back(uint32_t(shape.nodes.size()));
+            shape.nodes.push_back(node);
+            shape.material.push_back(topology_.material.empty() ? uint16_t(0) : topology_.material[tet]);
+            shape.vertices.insert(shape.vertices.end(), {nodes_[3 * node], nodes_[3 * node + 1], nodes_[3 * node + 2]});
+            shape.normals.insert(shape.normals.end(), unit, unit + 3);
+        }
+    }
+    find_edges(&shape);
+    return shape;
+}
+
+Rgb sequential_colour(double t)
+{
+    static const std::vector<Rgb> colours = {
+        {{0.10, 0.12, 0.42}}, {{0.10, 0.45, 0.65}}, {{0.25, 0.70, 0.50}}, {{0.92, 0.84, 0.25}}, {{0.84, 0.16, 0.10}}};
+    return between(colours, t);
+}
+
+Rgb diverging_colour(double t)
+{
+    static const std::vector<Rgb> colours = {{{0.12, 0.25, 0.70}}, {{0.92, 0.92, 0.92}}, {{0.75, 0.10, 0.12}}};
+    return between(colours, t);
+}
+
+Rgb material_colour(uint16_t material)
+{
+    // hues a golden angle apart
+    double hue = std::fmod(0.08 + 0.6180339887 * material, 1.0) * 6;
+    Rgb out;
+    const double shift[3] = {0, 4, 2};
+    for (size_t c = 0; c < 3; c++) {
+        double x = std::fabs(std::fmod(hue + shift[c], 6.0) - 3) - 1;
+        out[c] = 0.35 + 0.55 * std::min(std::max(x, 0.0), 1.0);
+    }
+    return out;
+}
+
+} // namespace pliant_rviz
