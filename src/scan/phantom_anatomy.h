@@ -1,0 +1,50 @@
+/* Where the organs of the phantom lie, and how one row of voxels is filled with them. */
+#ifndef PLIANT_SCAN_PHANTOM_ANATOMY_H
+#define PLIANT_SCAN_PHANTOM_ANATOMY_H
+
+#include "pliant/scan.h"
+#include "scan/phantom_shapes.h"
+
+enum {
+    PHANTOM_AIR = 0,
+#define PHANTOM_ENUM(id, name) PHANTOM_##name = id,
+    PLIANT_PHANTOM_LIST(PHANTOM_ENUM)
+#undef PHANTOM_ENUM
+    PHANTOM_ROOM_FOR_ORGANS = 200, /* fat of the belly, where organs may still be put; fat in the end */
+    PHANTOM_KEPT_FREE              /* fat around a kidney, where none is put */
+};
+
+/* The scanned box and the body in it [mm] */
+#define PHANTOM_BOX_X 400.0
+#define PHANTOM_BOX_Y 290.0
+#define PHANTOM_BOX_Z 300.0
+
+typedef struct phantom_anatomy {
+    phantom_tubes muscles, ribs, colon, small_bowel, stomach, liver_vessels, vessels, aorta;
+    phantom_ellipsoid liver[3], spleen, spleen_hollow, kidney[2], sinus[2], tumour; /* kidneys: left, right */
+    phantom_tube store[2048];
+} phantom_anatomy;
+
+static inline void phantom_put(phantom_row *row, int n, int tissue, float value)
+{
+    row->tissue[n] = (uint8_t)tissue;
+    row->value[n] = (int16_t)value;
+}
+
+/* False: a list is too short for its tubes (never, tested). */
+bool phantom_anatomy_make(phantom_anatomy *anatomy);
+
+/* Depth of a point below the skin [mm], negative outside the body. */
+float phantom_depth(float x, float y, float z);
+/* How deep the fat under the skin and the wall of muscle end there [mm]. */
+void phantom_wall(float x, float y, float z, float *fat, float *muscle);
+/* The middle of the spine lies at (0, this) at height z. */
+float phantom_spine_y(float z);
+
+/* tissue and value of one row, whose position arrays are set */
+void phantom_paint(const phantom_anatomy *anatomy, phantom_row *row);
+/* the bones of it */
+void phantom_paint_spine(phantom_row *row);
+void phantom_paint_hips(phantom_row *row);
+
+#endif

@@ -1,0 +1,91 @@
+/* What the phantom is made of: tubes, ellipsoids and smooth noise, in millimetres, LPS.
+   Only + - * / and square roots decide where a tissue ends, so that every machine draws the same voxels (these files
+   are compiled without fused multiply-add). */
+#ifndef PLIANT_SCAN_PHANTOM_SHAPES_H
+#define PLIANT_SCAN_PHANTOM_SHAPES_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+typedef struct phantom_point { float x, y, z; } phantom_point;
+
+/* The hull of two balls. */
+typedef struct phantom_tube {
+    phantom_point a, b;
+    float radius_a, radius_b;
+    phantom_point low, high; /* box around it */
+    bool mark;               /* bowel: holds gas; vessels: of the mesentery */
+} phantom_tube;
+
+typedef struct phantom_tubes {
+    phantom_tube *tubes;
+    int number, room;
+} phantom_tubes;
+
+/* A point of a chain of tubes and the radius there. */
+typedef struct phantom_knot { float x, y, z, radius; } phantom_knot;
+
+/* The unit vectors of its axes are columns of a rotation. */
+typedef struct phantom_ellipsoid {
+    phantom_point centre, radius;
+    phantom_point axis[3];
+} phantom_ellipsoid;
+
+/* One row of voxels. Arrays have n entries; position is bent by noise, as anatomy is. */
+typedef struct phantom_row {
+    int n;
+    float x_first, x_step, y, z; /* unbent [mm] */
+    float *x, *position_x, *position_y, *position_z;
+    float *near, *second; /* distance to the surface of the nearest tube, and of the nearest one elsewhere on the chain */
+    int32_t *nearest;     /* that tube, -1: none is near */
+    float *grain, *clump; /* textures in [-1, 1], 2.5 mm and 9 mm wide */
+    uint8_t *tissue;
+    int16_t *value; /* Hounsfield units */
+} phantom_row;
+
+enum { PHANTOM_BEND = 6 /* most mm that a position is bent along an axis */ };
+
+static inline float phantom_clamp(float value, float low, float high)
+{
+    return value < low ? low : value > high ? high : value;
+}
+
+/* 0 below low, 1 above high, smooth between */
+static inline float phantom_ramp(float value, float low, float high)
+{
+    float t = phantom_clamp((value - low) / (high - low), 0, 1);
+    return t * t * (3 - 2 * t);
+}
+
+/* smaller of two distances, rounded where they are within k of each other */
+static inline float phantom_blend(float a, float b, float k)
+{
+    float h = phantom_clamp(0.5f + 0.5f * (b - a) / k, 0, 1);
+    return b + (a - b) * h - k * h * (1 - h);
+}
+
+uint32_t phantom_hash(uint32_t a, uint32_t b, uint32_t c, uint32_t d);
+float phantom_random(uint32_t a, uint32_t b, uint32_t c); /* in [-1, 1) */
+
+/* Smooth noise in [-1, 1] with features `cell` mm wide, along a row at y, z; times scale, added to out. */
+void phantom_add_noise(const phantom_row *row, float cell, uint32_t seed, float scale, float *out);
+
+/* An upright ellipsoid whose long axis (z) points along `up` instead. */
+phantom_ellipsoid phantom_ellipsoid_make(phantom_point centre, phantom_point radius, phantom_point up);
+/* First-order distance to its surface, negative inside. */
+float phantom_ellipsoid_distance(const phantom_ellipsoid *e, float x, float y, float z);
+
+/* False: no room. */
+bool phantom_add_tube(phantom_tubes *list, phantom_point a, phantom_point b, float radius_a, float radius_b, bool mark);
+/* A smooth chain through the knots, `pieces` tubes between two of them. */
+bool phantom_add_chain(phantom_tubes *list, const phantom_knot *knots, int number, int pieces);
+/* The same, mirrored to the other side (x -> -x). */
+bool phantom_add_mirrored(phantom_tubes *list, const phantom_knot *knots, int number, int pieces);
+
+/* near, nearest and second of a row, for the tubes of a list. False: none is near the row. */
+bool phantom_measure(const phantom_tubes *list, phantom_row *row);
+
+/* The voxels of a row whose x lies in [low, high], bending included: from *first to below *end. */
+void phantom_span(const phantom_row *row, float low, float high, int *first, int *end);
+
+#endif
