@@ -1,0 +1,214 @@
+#include "rviz/pull_tool.h"
+
+#include "rviz/volume_display.h"
+
+#include <OgreCamera.h>
+#include <OgrePlane.h>
+#include <OgreSceneManager.h>
+#include <OgreSceneNode.h>
+#include <OgreViewport.h>
+
+#include <pluginlib/class_list_macros.hpp>
+#include <ros/service.h>
+#include <rviz/display_context.h>
+#include <rviz/display_group.h>
+#include <rviz/frame_manager.h>
+#include <rviz/ogre_helpers/line.h>
+#include <rviz/ogre_helpers/shape.h>
+#include <rviz/properties/float_property.h>
+#include <rviz/properties/string_property.h>
+#include <rviz/view_controller.h>
+#include <rviz/view_manager.h>
+#include <rviz/viewport_mouse_event.h>
+
+#include <cmath>
+#include <thread>
+
+namespace pliant_rviz {
+
+PullTool::PullTool() { shortcut_key_ = 'u'; }
+
+PullTool::~PullTool() { robot_.release(); }
+
+void PullTool::onInitialize()
+{
+    setName("Pull");
+    setDescription("Left button: take hold of the visible tissue and pull it; the wheel moves it towards you or away. "
+                   "Alt: turn the view.");
+    namespace_ = new rviz::StringProperty("Namespace", "", "Of the tissue's topics and services; empty: as rviz's own.",
+                                          getPropertyContainer());
+    tool_name_ = new rviz::StringProperty("Tool", "mouse", "Name of the tool that the mouse is; the node must know it.",
+                                          getPropertyContainer());
+    threshold_ = new rviz::FloatProperty("Threshold", -300,
+                                         "Value of the surface that is picked where no volume display is shown (CT: Hounsfield).",
+                                         getPropertyContainer());
+    ball_.reset(new rviz::Shape(rviz::Shape::Sphere, scene_manager_));
+    ball_->setColor(0.95f, 0.85f, 0.2f, 1);
+    line_.reset(new rviz::Line(scene_manager_));
+    line_->setColor(0.95f, 0.85f, 0.2f, 1);
+    ball_->getRootNode()->setVisible(false);
+    line_->setVisible(false);
+}
+
+std::string PullTool::topic(const std::string &name) const
+{
+    std::string space = namespace_->getStdString();
+    return space.empty() ? name : space + "/" + name;
+}
+
+void PullTool::activate()
+{
+    ros::NodeHandle handle;
+    contact_ = handle.subscribe(topic(tool_name_->getStdString() + "/contact"), 1, &PullTool::receive_contact, this);
+    setStatus("Take hold of the tissue with the left button.");
+}
+
+void PullTool::deactivate()
+{
+    let_go();
+    contact_.shutdown();
+}
+
+static void find_volumes(rviz::DisplayGroup *group, std::vector<VolumeDisplay *> *out)
+{
+    for (int n = 0; n < group->numDisplays(); n++) {
+        rviz::Display *display = group->getDisplayAt(n);
+        if (VolumeDisplay *volume = dynamic_cast<VolumeDisplay *>(display)) out->push_back(volume);
+        if (rviz::DisplayGroup *inner = dynamic_cast<rviz::DisplayGroup *>(display)) find_volumes(inner, out);
+    }
+}
+
+VolumeDisplay *PullTool::shown_volume(const Ogre::Ray &ray, double *near, double *far) const
+{
+    std::vector<VolumeDisplay *> volumes;
+    find_volumes(context_->getRootDisplayGroup(), &volumes);
+    for (VolumeDisplay *volume : volumes)
+        if (volume->clip_to_drawn(ray.getOrigin(), ray.getDirection(), near, far)) return volume;
+    return nullptr;
+}
+
+void PullTool::ask(const Ogre::Ray &ray)
+{
+    double near = 0, far = 0;
+    VolumeDisplay *volume = shown_volume(ray, &near, &far);
+    question_ = std::make_shared<Question>();
+    pliant::Pick::Request &request = question_->service.request;
+    request.header.frame_id = context_->getFixedFrame().toStdString();
+    request.origin.x = ray.getOrigin().x;
+    request.origin.y = ray.getOrigin().y;
+    request.origin.z = ray.getOrigin().z;
+    request.direction.x = ray.getDirection().x;
+    request.direction.y = ray.getDirection().y;
+    request.direction.z = ray.getDirection().z;
+    request.near = near;
+    request.far = far;
+    request.threshold = float(volume ? volume->threshold() : threshold_->getFloat());
+    std::shared_ptr<Question> question = question_;
+    std::string name = topic("pick");
+    std::thread([question, name] {
+        question->reached = ros::service::call(name, question->service);
+        question->answered = true;
+    }).detach();
+}
+
+void PullTool::take_answer()
+{
+    std::shared_ptr<Question> question = question_;
+    question_.reset();
+    const pliant::Pick::Response &answer = question->service.response;
+    if (!question->reached) {
+        setStatus(QString("There is no answer from the service ") + QString::fromStdString(topic("pick")) + ".");
+        return;
+    }
+    if (!answer.success) {
+        setStatus(answer.message.empty() ? QString("There is no tissue here.") : QString::fromStdString(answer.message));
+        return;
+    }
+    picked_ = tip_ = held_ = Ogre::Vector3(float(answer.point.x), float(answer.point.y), float(answer.point.z));
+    knows_held_ = false;
+    robot_.grasp(topic(tool_name_->getStdString()), context_->getFixedFrame().toStdString(), {{picked_.x, picked_.y, picked_.z}});
+    setStatus(QString("Pulling tetrahedron %1, value %2.").arg(answer.tetrahedron).arg(double(answer.intensity), 0, 'f', 0));
+}
+
+void PullTool::let_go()
+{
+    question_.reset();
+    robot_.release();
+    draw();
+}
+
+static Ogre::Ray ray_of(const rviz::ViewportMouseEvent &event)
+{
+    return event.viewport->getCamera()->getCameraToViewportRay(float(event.x) / float(event.viewport->getActualWidth()),
+                                                               float(event.y) / float(event.viewport->getActualHeight()));
+}
+
+// The tip stays in the plane through itself that faces the viewer.
+void PullTool::drag(rviz::ViewportMouseEvent &event)
+{
+    view_direction_ = event.viewport->getCamera()->getDerivedDirection();
+    Ogre::Vector3 eye = event.viewport->getCamera()->getDerivedPosition();
+    if (event.wheel_delta != 0) tip_ -= view_direction_ * (float(event.wheel_delta) / 120 * 0.01f * (tip_ - eye).length());
+    Ogre::Ray ray = ray_of(event);
+    std::pair<bool, Ogre::Real> hit = ray.intersects(Ogre::Plane(view_direction_, tip_));
+    if (hit.first) tip_ = ray.getPoint(hit.second);
+    robot_.move({{tip_.x, tip_.y, tip_.z}});
+    draw();
+}
+
+int PullTool::processMouseEvent(rviz::ViewportMouseEvent &event)
+{
+    if (event.leftDown() && !event.alt() && !robot_.holding() && !question_) {
+        Ogre::Ray ray = ray_of(event);
+        radius_ = 0.01f;
+        ask(ray);
+        return Render;
+    }
+    if (event.leftUp() && (robot_.holding() || question_)) {
+        let_go();
+        return Render;
+    }
+    if (robot_.holding()) {
+        drag(event);
+        return Render;
+    }
+    if (!question_ && context_->getViewManager()->getCurrent()) context_->getViewManager()->getCurrent()->handleMouseEvent(event);
+    return 0;
+}
+
+void PullTool::receive_contact(const pliant::ContactState::ConstPtr &message)
+{
+    if (!robot_.holding() || !message->grasped) return;
+    robot_.held();
+    Ogre::Vector3 position;
+    Ogre::Quaternion orientation;
+    knows_held_ = context_->getFrameManager()->getTransform(message->header.frame_id, ros::Time(), position, orientation);
+    held_ = position + orientation * Ogre::Vector3(float(message->held_point.x), float(message->held_point.y),
+                                                   float(message->held_point.z));
+}
+
+void PullTool::draw()
+{
+    bool shown = robot_.holding();
+    ball_->getRootNode()->setVisible(shown);
+    line_->setVisible(shown);
+    if (!shown) return;
+    const rviz::ViewController *view = context_->getViewManager()->getCurrent();
+    if (view && view->getCamera()->getProjectionType() == Ogre::PT_PERSPECTIVE)
+        radius_ = 0.008f * (tip_ - view->getCamera()->getDerivedPosition()).length();
+    ball_->setPosition(tip_);
+    ball_->setScale(Ogre::Vector3(2 * radius_));
+    line_->setPoints(knows_held_ ? held_ : picked_, tip_);
+    if (robot_.holding())
+        setStatus(QString("Pulled by %1 mm.").arg(1000 * double((tip_ - picked_).length()), 0, 'f', 1));
+}
+
+void PullTool::update(float, float)
+{
+    if (question_ && question_->answered) take_answer();
+    if (robot_.holding()) draw();
+}
+
+} // namespace pliant_rviz
+
+PLUGINLIB_EXPORT_CLASS(pliant_rviz::PullTool, rviz::Tool)

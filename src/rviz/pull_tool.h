@@ -1,0 +1,81 @@
+// rviz tool: take hold of the visible tissue with the mouse and pull ([H] 3.2).
+#ifndef PLIANT_RVIZ_PULL_TOOL_H
+#define PLIANT_RVIZ_PULL_TOOL_H
+
+#ifndef Q_MOC_RUN
+#include "rviz/mouse_robot.h"
+
+#include <OgreQuaternion.h>
+#include <OgreRay.h>
+#include <pliant/ContactState.h>
+#include <pliant/Pick.h>
+#include <ros/subscriber.h>
+#include <rviz/tool.h>
+#endif
+
+#include <atomic>
+#include <memory>
+
+namespace Ogre {
+class SceneNode;
+class Viewport;
+}
+
+namespace rviz {
+class DisplayGroup;
+class FloatProperty;
+class Line;
+class Shape;
+class StringProperty;
+}
+
+namespace pliant_rviz {
+
+class VolumeDisplay;
+
+class PullTool : public rviz::Tool {
+    Q_OBJECT
+public:
+    PullTool();
+    ~PullTool() override;
+
+    void activate() override;
+    void deactivate() override;
+    int processMouseEvent(rviz::ViewportMouseEvent &event) override;
+    void update(float wall_dt, float ros_dt) override;
+
+protected:
+    void onInitialize() override;
+
+private:
+    // a question to the node, asked in a thread of its own: rviz must not wait for it
+    struct Question {
+        pliant::Pick service;
+        std::atomic<bool> answered{false};
+        bool reached = false; // there is such a service
+    };
+
+    std::string topic(const std::string &name) const;
+    VolumeDisplay *shown_volume(const Ogre::Ray &ray, double *near, double *far) const;
+    void ask(const Ogre::Ray &ray);
+    void take_answer();
+    void drag(rviz::ViewportMouseEvent &event);
+    void let_go();
+    void receive_contact(const pliant::ContactState::ConstPtr &message);
+    void draw();
+
+    std::shared_ptr<Question> question_;
+    MouseRobot robot_;
+    ros::Subscriber contact_;
+    Ogre::Vector3 picked_, tip_, held_, view_direction_;
+    bool knows_held_ = false;
+    float radius_ = 0.01f; // of the ball at the tip [m]
+
+    std::unique_ptr<rviz::Shape> ball_;
+    std::unique_ptr<rviz::Line> line_;
+    rviz::StringProperty *namespace_, *tool_name_;
+    rviz::FloatProperty *threshold_;
+};
+
+} // namespace pliant_rviz
+#endif
