@@ -69,8 +69,8 @@ static bool make_ribs(phantom_tubes *list)
             phantom_point here = {x, y, z};
             float radius = u > ribs[r].end - 0.1f ? 3.6f : 4.8f;
             if (piece && z < 170 &&
-                !(phantom_add_tube(list, last, here, radius, radius, false) &&
-                  phantom_add_tube(list, (phantom_point){-last.x, last.y, last.z}, (phantom_point){-x, y, z}, radius, radius, false)))
+                !(phantom_add_tube(list, last, here, radius, radius) &&
+                  phantom_add_tube(list, (phantom_point){-last.x, last.y, last.z}, (phantom_point){-x, y, z}, radius, radius)))
                 return false;
             last = here;
         }
@@ -80,13 +80,21 @@ static bool make_ribs(phantom_tubes *list)
 
 /* --- bowel --- */
 
+/* The tubes of a chain from one to below another hold gas, down to one flat level: their mean y and so much more. */
+static void fill_with_gas(phantom_tubes *list, int first, int from, int end, float more)
+{
+    float mean = 0;
+    for (int t = from; t < end; ++t) mean += list->tubes[first + t].a.y / (float)(end - from);
+    for (int t = from; t < end; ++t) list->tubes[first + t].level = mean + more;
+}
+
 static bool make_colon(phantom_tubes *list)
 {
     static const phantom_knot path[] = {
-        {-88, -32, -118, 20}, {-100, -20, -95, 27}, {-112, 0, -60, 24}, {-116, 16, -25, 23}, {-112, 8, 0, 23},
+        {-78, -38, -120, 20}, {-86, -32, -95, 25}, {-97, -14, -60, 24}, {-108, 8, -25, 23}, {-110, 6, 0, 23},
         {-98, -30, 4, 22},    {-78, -66, -8, 22},   {-40, -84, -22, 20}, {10, -86, -30, 20}, {55, -82, -18, 20},
-        {88, -66, 8, 20},     {108, -35, 40, 19},   {118, -2, 56, 18},   {124, 22, 30, 16},  {123, 28, -10, 15},
-        {119, 24, -50, 15},   {108, 0, -85, 15},    {90, -12, -115, 16}, {66, -2, -138, 16}, {38, -10, -158, 16}};
+        {88, -66, 8, 20},     {108, -35, 40, 19},   {118, -2, 56, 18},   {124, 22, 30, 16},  {119, 26, -10, 15},
+        {106, 10, -50, 15},   {98, -14, -85, 15},   {86, -24, -115, 16}, {66, -6, -138, 16}, {38, -10, -158, 16}};
     int before = list->number;
     if (!CHAIN(list, path, 6)) return false;
     /* pouches: every third tube is narrow */
@@ -95,9 +103,10 @@ static bool make_colon(phantom_tubes *list)
         phantom_tube *tube = &list->tubes[t];
         tube->radius_a *= width[(t - before) % 3];
         tube->radius_b *= width[(t + 1 - before) % 3];
-        /* gas where the colon lies in front or turns at the top */
-        tube->mark = (t - before) % 37 < 21 && tube->a.z > -40;
     }
+    fill_with_gas(list, before, 38, 60, 4);  /* the transverse colon */
+    fill_with_gas(list, before, 84, 94, 0);  /* pockets in the descending one */
+    fill_with_gas(list, before, 104, 110, 2);
     return true;
 }
 
@@ -118,13 +127,14 @@ static bool make_small_bowel(phantom_tubes *list)
                 if (layer % 4 > 1) across = -across;
                 float x = half * (along ? forth : across), y = -38 + 34 * (along ? across : forth);
                 uint32_t id = (uint32_t)number;
-                knots[number] = (phantom_knot){x + 6 * phantom_random(id, 1, 5), y + 5 * phantom_random(id, 2, 5),
-                                               z + 6 * phantom_random(id, 3, 5), 11.5f + 1.5f * phantom_random(id, 4, 5)};
+                knots[number] = (phantom_knot){x + 9 * phantom_random(id, 1, 5), y + 7 * phantom_random(id, 2, 5),
+                                               z + 9 * phantom_random(id, 3, 5), 11.5f + 2 * phantom_random(id, 4, 5)};
             }
     }
     int before = list->number;
     if (!phantom_add_chain(list, knots, number, 4)) return false;
-    for (int t = before; t < list->number; ++t) list->tubes[t].mark = phantom_hash((uint32_t)(t - before) / 26, 9, 9, 9) % 4 == 0;
+    for (int t = 0; before + t + 14 < list->number; t += 14)
+        if (phantom_hash((uint32_t)t, 9, 9, 9) % 6 == 0) fill_with_gas(list, before, t, t + 10, -2);
     return true;
 }
 
@@ -135,7 +145,7 @@ static bool make_stomach(phantom_tubes *list)
     static const phantom_knot duodenum[] = {{-26, -56, 64, 10}, {-46, -34, 52, 12}, {-50, -8, 28, 12}, {-42, 2, 6, 12},
                                             {-14, -6, -4, 11}, {18, -12, 2, 11}, {34, -22, 14, 11}};
     if (!CHAIN(list, stomach, 4)) return false;
-    for (int t = 0; t < list->number; ++t) list->tubes[t].mark = true;
+    fill_with_gas(list, 0, 0, list->number, -22);
     return CHAIN(list, duodenum, 3);
 }
 
@@ -149,8 +159,8 @@ static bool grow(phantom_tubes *list, phantom_point from, phantom_point to, floa
     phantom_point middle = {from.x + run.x / 2 + 0.12f * length * phantom_random(seed, 1, 8),
                             from.y + run.y / 2 + 0.12f * length * phantom_random(seed, 2, 8),
                             from.z + run.z / 2 + 0.12f * length * phantom_random(seed, 3, 8)};
-    if (!phantom_add_tube(list, from, middle, radius, radius * 0.95f, false) ||
-        !phantom_add_tube(list, middle, to, radius * 0.95f, radius * 0.88f, false))
+    if (!phantom_add_tube(list, from, middle, radius, radius * 0.95f) ||
+        !phantom_add_tube(list, middle, to, radius * 0.95f, radius * 0.88f))
         return false;
     for (int child = 0; generations > 0 && child < 2; ++child) {
         uint32_t id = 2 * seed + (uint32_t)child;

@@ -32,7 +32,7 @@ static float arch(float x, float y, float dz)
 {
     float pedicle = larger(larger(fabsf(x - 14) - 4.2f, fabsf(y - 18) - 10), fabsf(dz - 4.5f) - 6.5f);
     float lamina = larger(to_segment(x, y, 17, 27, 0, 38.5f) - 3.8f, fabsf(dz + 3) - 9);
-    float spinous = larger(larger(x - 3.1f, fabsf(y - 53) - 16), fabsf(dz + 4 + 0.22f * (y - 36)) - 8.5f);
+    float spinous = larger(larger(x - 3.8f, fabsf(y - 55) - 19), fabsf(dz + 5 + 0.2f * (y - 36)) - 9.5f);
     float across = to_segment(x, y, 17, 24, 43, 29);
     float transverse = sqrtf(across * across + square(dz - 3)) - 4.3f;
     float joint = sqrtf(square(x - 19) + square(y - 31) + 0.7f * square(dz + 17)) - 7.5f;
@@ -92,8 +92,8 @@ void phantom_paint_hips(phantom_row *row)
     float from = 0.47f * (1 - extent), to = 0.58f + 0.42f * extent, flare = 0.10f * (row->z + 100);
     for (int p = 0; p <= PIECES; ++p) {
         float t = from + (to - from) * (float)p / PIECES, s = 1 - t;
-        path_x[p] = s * s * 48 + 2 * s * t * (104 + flare) + t * t * (120 + flare);
-        path_y[p] = s * s * 72 + 2 * s * t * 74 + t * t * -42;
+        path_x[p] = s * s * 48 + 2 * s * t * (113 + flare) + t * t * (130 + flare);
+        path_y[p] = s * s * 72 + 2 * s * t * 70 + t * t * -44;
     }
     for (int n = 0; n < row->n; ++n) {
         float x = fabsf(row->position_x[n]), y = row->position_y[n], distance = 100;

@@ -27,9 +27,14 @@ static void paint_wall(phantom_row *row)
 
 static void paint_muscles(const phantom_tubes *list, phantom_row *row)
 {
-    if (!phantom_measure(list, row)) return;
-    for (int n = 0; n < row->n; ++n)
-        if (is_free(row, n) && row->near[n] < 0) phantom_put(row, n, PHANTOM_muscle, 60 + 7 * row->grain[n]);
+    bool any = phantom_measure(list, row);
+    for (int n = 0; n < row->n; ++n) {
+        if (!is_free(row, n)) continue;
+        /* the deep muscles of the back lie against the spine */
+        float x = row->position_x[n] < 0 ? -row->position_x[n] : row->position_x[n];
+        bool deep = x < 56 && row->position_y[n] > phantom_spine_y(row->position_z[n]) + 19 + 0.2f * x;
+        if (deep || (any && row->near[n] < 0)) phantom_put(row, n, PHANTOM_muscle, 60 + 7 * row->grain[n]);
+    }
 }
 
 static void paint_ribs(const phantom_tubes *list, phantom_row *row)
@@ -115,17 +120,16 @@ static void paint_spleen(const phantom_anatomy *anatomy, phantom_row *row)
     }
 }
 
-/* A hollow organ lying on its back: gas above fluid or stool. `level` is where the gas ends, from the middle of the tube. */
-static void paint_gut(const phantom_tubes *list, phantom_row *row, float wall, float level, float content, float lumps)
+/* A hollow organ: wall, gas, fluid or stool. */
+static void paint_gut(const phantom_tubes *list, phantom_row *row, float wall, float content, float lumps)
 {
     if (!phantom_measure(list, row)) return;
     for (int n = 0; n < row->n; ++n) {
         if (!is_free(row, n) || row->near[n] >= 0) continue;
         const phantom_tube *tube = &list->tubes[row->nearest[n]];
         bool inside = row->near[n] < -wall && row->second[n] - row->near[n] > wall;
-        bool gas = tube->mark && row->position_y[n] < tube->a.y + level;
         if (!inside) phantom_put(row, n, PHANTOM_bowel, 92);
-        else if (gas) phantom_put(row, n, PHANTOM_bowel_gas, -990);
+        else if (row->y < tube->level) phantom_put(row, n, PHANTOM_bowel_gas, -990);
         else phantom_put(row, n, PHANTOM_bowel, content + lumps * row->grain[n]);
     }
 }
@@ -142,9 +146,9 @@ void phantom_paint(const phantom_anatomy *anatomy, phantom_row *row)
     paint_vessels(&anatomy->vessels, row, PHANTOM_vessel, 168, false);
     paint_liver(anatomy, row);
     paint_spleen(anatomy, row);
-    paint_gut(&anatomy->stomach, row, 3.8f, -10, 20, 10);
-    paint_gut(&anatomy->colon, row, 2.4f, 3, 30, 55);
-    paint_gut(&anatomy->small_bowel, row, 2.2f, -2, 28, 8);
+    paint_gut(&anatomy->stomach, row, 3.8f, 20, 10);
+    paint_gut(&anatomy->colon, row, 2.4f, 30, 55);
+    paint_gut(&anatomy->small_bowel, row, 2.2f, 28, 8);
     paint_vessels(&anatomy->vessels, row, PHANTOM_vessel, 168, true);
     for (int n = 0; n < row->n; ++n)
         if (row->tissue[n] >= PHANTOM_ROOM_FOR_ORGANS) row->tissue[n] = PHANTOM_fat;

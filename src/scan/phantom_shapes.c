@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-enum { FAR = 1000, SAME_PLACE = 4 /* tubes of a chain closer than this are the same place */ };
+enum { FAR = 1000, NO_GAS = -FAR, SAME_PLACE = 4 /* tubes of a chain closer than this are the same place */ };
 
 uint32_t phantom_hash(uint32_t a, uint32_t b, uint32_t c, uint32_t d)
 {
@@ -89,12 +89,12 @@ float phantom_ellipsoid_distance(const phantom_ellipsoid *e, float x, float y, f
     return slope > 0 ? size * (size - 1) / slope : -e->radius.x;
 }
 
-bool phantom_add_tube(phantom_tubes *list, phantom_point a, phantom_point b, float radius_a, float radius_b, bool mark)
+bool phantom_add_tube(phantom_tubes *list, phantom_point a, phantom_point b, float radius_a, float radius_b)
 {
     if (list->number == list->room) return false;
     float r = radius_a > radius_b ? radius_a : radius_b;
     list->tubes[list->number++] = (phantom_tube){
-        .a = a, .b = b, .radius_a = radius_a, .radius_b = radius_b, .mark = mark,
+        .a = a, .b = b, .radius_a = radius_a, .radius_b = radius_b, .level = NO_GAS,
         .low = {(a.x < b.x ? a.x : b.x) - r, (a.y < b.y ? a.y : b.y) - r, (a.z < b.z ? a.z : b.z) - r},
         .high = {(a.x > b.x ? a.x : b.x) + r, (a.y > b.y ? a.y : b.y) + r, (a.z > b.z ? a.z : b.z) + r}};
     return true;
@@ -117,7 +117,7 @@ static bool add_chain(phantom_tubes *list, const phantom_knot *knots, int number
             phantom_knot to = {curve(a->x, b->x, c->x, d->x, t), curve(a->y, b->y, c->y, d->y, t),
                                curve(a->z, b->z, c->z, d->z, t), b->radius + t * (c->radius - b->radius)};
             if (!phantom_add_tube(list, (phantom_point){side * from.x, from.y, from.z},
-                                  (phantom_point){side * to.x, to.y, to.z}, from.radius, to.radius, false))
+                                  (phantom_point){side * to.x, to.y, to.z}, from.radius, to.radius))
                 return false;
             from = to;
         }

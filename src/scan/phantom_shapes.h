@@ -14,7 +14,8 @@ typedef struct phantom_tube {
     phantom_point a, b;
     float radius_a, radius_b;
     phantom_point low, high; /* box around it */
-    bool mark;               /* bowel: holds gas; vessels: of the mesentery */
+    float level; /* bowel: gas fills it where y is less (the patient lies on the back) */
+    bool mark;   /* vessels: of the mesentery */
 } phantom_tube;
 
 typedef struct phantom_tubes {
@@ -76,7 +77,7 @@ phantom_ellipsoid phantom_ellipsoid_make(phantom_point centre, phantom_point rad
 float phantom_ellipsoid_distance(const phantom_ellipsoid *e, float x, float y, float z);
 
 /* False: no room. */
-bool phantom_add_tube(phantom_tubes *list, phantom_point a, phantom_point b, float radius_a, float radius_b, bool mark);
+bool phantom_add_tube(phantom_tubes *list, phantom_point a, phantom_point b, float radius_a, float radius_b);
 /* A smooth chain through the knots, `pieces` tubes between two of them. */
 bool phantom_add_chain(phantom_tubes *list, const phantom_knot *knots, int number, int pieces);
 /* The same, mirrored to the other side (x -> -x). */
