@@ -94,20 +94,20 @@ static int64_t plane_value(const raster_grid *grid, const int64_t normal[3], con
 
 /* Where the map takes voxel centres to voxel centres of the scan but for rounding, make it exactly so. */
 static bool round_map(const raster_grid *grid, const raster_source *source, const int32_t *const fixed[4],
-                      const double *const rest[4], double map[3][4])
+                      const double *const rest[4], double map[4][4])
 {
-    double rounded[3][4];
+    double rounded[4][4] = {{0}};
     for (int d = 0; d < 3; d++) {
         double sum = 0;
         for (int c = 0; c < 4; c++) {
-            rounded[d][c] = rint(map[d][c]);
-            if (c < 3) sum += fabs(rounded[d][c]);
+            rounded[c][d] = rint(map[c][d]);
+            if (c < 3) sum += fabs(rounded[c][d]);
         }
         /* fixed-point nodes are half a step off along each axis */
         double tolerance = copy_tolerance + 0.5 * sum / grid->scale;
         for (int v = 0; v < 4; v++) {
-            double at = rounded[d][3];
-            for (int c = 0; c < 3; c++) at += rounded[d][c] * (fixed[v][c] / grid->scale);
+            double at = rounded[3][d];
+            for (int c = 0; c < 3; c++) at += rounded[c][d] * (fixed[v][c] / grid->scale);
             bool inside = rest[v][d] > -0.75 && rest[v][d] < source->size[d] - 0.25;
             if (!inside || !(fabs(at - rest[v][d]) <= tolerance)) return false;
         }
@@ -130,21 +130,21 @@ static void find_bricks(raster_tet *tet)
                     tet->bricks |= (uint64_t)1 << bit;
 }
 
-void pliant_raster_tet(const raster_grid *grid, const raster_source *source, const int32_t *const fixed[4],
-                       const double *const rest[4], raster_tet *out)
+/* Whether a map stays so far inside the scan that rounding to float cannot take an index out of it: relative to a brick
+ * coordinates are below 2^17 then, and good to 2^-6 voxel. */
+static bool stays_inside(const raster_source *source, const double *const rest[4], double map[4][4])
 {
-    memset(out, 0, sizeof *out);
-    int64_t edge[4][3];
-    for (int v = 1; v < 4; v++)
-        for (int d = 0; d < 3; d++) edge[v][d] = (int64_t)fixed[v][d] - fixed[0][d];
-    int64_t(*normal)[3] = out->normal;
-    cross(edge[2], edge[3], normal[1]);
-    cross(edge[3], edge[1], normal[2]);
-    cross(edge[1], edge[2], normal[3]);
-    double volume = six_volumes(edge[1], normal[1]);
-    if (grid->mirrored ? volume >= 0 : volume <= 0) return;
-    for (int d = 0; d < 3; d++) normal[0][d] = -(normal[1][d] + normal[2][d] + normal[3][d]);
+    for (int d = 0; d < 3; d++) {
+        if (source->size[d] > 1 << 16 || fabs(map[0][d]) + fabs(map[1][d]) + fabs(map[2][d]) > 64) return false;
+        for (int v = 0; v < 4; v++)
+            if (!(rest[v][d] >= 0.5 && rest[v][d] <= source->size[d] - 2.5)) return false;
+    }
+    return true;
+}
 
+/* Its box in voxels inside the target; false when that is empty. */
+static bool find_box(const raster_grid *grid, const int32_t *const fixed[4], raster_tet *tet)
+{
     for (int d = 0; d < 3; d++) {
         int32_t low = fixed[0][d], high = low;
         for (int v = 1; v < 4; v++) {
@@ -153,28 +153,49 @@ void pliant_raster_tet(const raster_grid *grid, const raster_source *source, con
         }
         low = -(-low >> grid->fraction_bits); /* rounded up */
         high = high >> grid->fraction_bits;
-        out->low[d] = low > 0 ? low : 0;
-        out->high[d] = high < grid->target.size[d] - 1 ? high : grid->target.size[d] - 1;
-        if (out->low[d] > out->high[d]) return;
+        tet->low[d] = (int16_t)(low > 0 ? low : 0);
+        tet->high[d] = (int16_t)(high < grid->target.size[d] - 1 ? high : grid->target.size[d] - 1);
+        if (tet->low[d] > tet->high[d]) return false;
     }
+    return true;
+}
+
+void pliant_raster_tet(const raster_grid *grid, const raster_source *source, const int32_t *const fixed[4],
+                       const double *const rest[4], raster_tet *out)
+{
+    memset(out, 0, sizeof *out);
+    int64_t edge[4][3], normal[4][3];
+    for (int v = 1; v < 4; v++)
+        for (int d = 0; d < 3; d++) edge[v][d] = (int64_t)fixed[v][d] - fixed[0][d];
+    cross(edge[2], edge[3], normal[1]);
+    cross(edge[3], edge[1], normal[2]);
+    cross(edge[1], edge[2], normal[3]);
+    double volume = six_volumes(edge[1], normal[1]);
+    if (grid->mirrored ? volume >= 0 : volume <= 0) return;
+    if (!find_box(grid, fixed, out)) return;
 
     /* barycentric coordinate of node v: normal[v] . (scale * voxel - node 0) / volume; so is the map linear in them */
-    for (int r = 0; r < 3; r++) {
-        double at_node = 0;
+    double unit = grid->scale / volume, step = 1 / grid->scale;
+    for (int d = 0; d < 3; d++) {
+        out->map[3][d] = rest[0][d];
         for (int c = 0; c < 3; c++) {
             double sum = 0;
-            for (int v = 1; v < 4; v++) sum += (rest[v][r] - rest[0][r]) * (double)normal[v][c];
-            out->map[r][c] = sum * (grid->scale / volume);
-            at_node += out->map[r][c] * (fixed[0][c] / grid->scale);
+            for (int v = 1; v < 4; v++) sum += (rest[v][d] - rest[0][d]) * (double)normal[v][c];
+            out->map[c][d] = sum * unit;
+            out->map[3][d] -= out->map[c][d] * (fixed[0][c] * step);
         }
-        out->map[r][3] = rest[0][r] - at_node;
     }
     out->kind = round_map(grid, source, fixed, rest, out->map) ? RASTER_COPY : RASTER_SAMPLE;
+    out->inner = stays_inside(source, rest, out->map);
 
-    if (grid->mirrored)
-        for (int v = 0; v < 4; v++)
+    for (int d = 0; d < 3; d++) normal[0][d] = -(normal[1][d] + normal[2][d] + normal[3][d]);
+    for (int v = 0; v < 4; v++) {
+        if (grid->mirrored)
             for (int d = 0; d < 3; d++) normal[v][d] = -normal[v][d];
-    for (int v = 0; v < 4; v++) out->value[v] = plane_value(grid, normal[v], fixed[v == 0]);
+        for (int d = 0; d < 3; d++) out->normal[d][v] = (double)normal[v][d];
+        out->value[v] = plane_value(grid, normal[v], fixed[v == 0]);
+        out->factor[v] = normal[v][0] ? 1 / fabs((double)normal[v][0]) : 4 * BRICK;
+    }
     find_bricks(out);
 }
 
@@ -183,7 +204,7 @@ bool pliant_raster_cuts(const raster_tet *tet, const int32_t brick[3])
     for (int v = 0; v < 4; v++) {
         int64_t most = tet->value[v];
         for (int d = 0; d < 3; d++) {
-            int64_t n = tet->normal[v][d];
+            int64_t n = (int64_t)tet->normal[d][v];
             most += n * (brick[d] * BRICK) + (n > 0 ? n * (BRICK - 1) : 0);
         }
         if (most < 0) return false;

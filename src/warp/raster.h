@@ -48,12 +48,14 @@ typedef enum raster_kind {
 
 /* A tetrahedron ready to be rasterized: a function of its four fixed-point nodes. */
 typedef struct raster_tet {
-    int64_t normal[4][3];      /* inward, per voxel */
+    double normal[3][4];       /* of plane 0 to 3, inward, per voxel along i, j, k; integers */
     int64_t value[4];          /* of the planes at target voxel (0, 0, 0) */
-    double map[3][4];          /* source index = map * (target index, 1) */
-    int32_t low[3], high[3];   /* first and last voxel along each axis, inside the target */
+    double factor[4];          /* 1 / |normal along i|; where that is 0, enough to leave the row on either side */
+    double map[4][4];          /* source index = map[0] i + map[1] j + map[2] k + map[3]; the fourth column is padding */
     uint64_t bricks;           /* of the MASK_EDGE^3 bricks from low on; not used when it spans more */
-    raster_kind kind;
+    int16_t low[3], high[3];   /* first and last voxel along each axis, inside the target */
+    uint8_t kind;              /* raster_kind */
+    bool inner;                /* all it maps to lies so far inside the scan that no index needs a limit */
 } raster_tet;
 
 /* The scan, as the row loops see it. */
@@ -88,31 +90,26 @@ typedef struct raster_brick {
     int32_t base[3];
     float low[3], high[3], last[3];             /* first and last voxel centre; last voxel with a right neighbour */
     ptrdiff_t base_index;                       /* flat index of base */
+    bool inner;                                 /* so are all its owners */
 } raster_brick;
-
-/* The planes of a tetrahedron that cut a brick. A voxel i of a row is inside when
- *     -floor(least t of rising) <= i <= floor(least t of the others),   t = value * factor + bias. */
-typedef struct raster_planes {
-    int32_t num_rising, num_others;
-    struct raster_plane {
-        double value, step_j, step_k; /* at the brick's first voxel; integers */
-        double factor, bias;
-    } rising[4], others[4];
-} raster_planes;
 
 /* Inner loops, chosen when a warp is made. Both sets give the same bits. */
 typedef struct raster_kernels {
-    /* Give free voxels of rows [low_k, high_k] x groups [low_group, high_group] of ROWS_AT_ONCE rows that lie inside all
-     * planes to the owner whose entry (without mask) is given. The number of voxels given. */
-    int32_t (*claim)(raster_brick *brick, const raster_planes *planes, const int32_t low[3], const int32_t high[3],
-                     uint32_t entry);
-    /* The 16 voxels of one row, from its entries. */
-    void (*row)(const raster_source *source, const raster_brick *brick, int32_t row, void *out);
+    /* Owners of a brick's voxels, from candidates in ascending order, and their slots. origin: the brick's first voxel */
+    void (*find_owners)(const raster_source *source, const raster_tet *tets, const int32_t *candidates, size_t num_candidates,
+                        const int32_t origin[3], raster_brick *brick);
+    /* Voxels of a brick from its entries. out: its first voxel in the target; row_step, slice_step: voxels between rows
+     * and slices of the target. */
+    void (*write)(const raster_source *source, const raster_brick *brick, const int32_t extent[3], void *out,
+                  ptrdiff_t row_step, ptrdiff_t slice_step);
 } raster_kernels;
 
 raster_kernels pliant_raster_kernels_portable(const raster_source *source);
 /* false when this machine or this scan (too small, too large) cannot use them */
 bool pliant_raster_kernels_avx2(const raster_source *source, raster_kernels *out);
+
+/* sample_portable.c: the 16 voxels of one row */
+void pliant_raster_row_u8(const raster_source *source, const raster_brick *brick, int32_t row, uint8_t values[BRICK]);
 
 /* fixed_point.c: false when the target or its tetrahedra are too large for the fixed-point grid */
 bool pliant_raster_grid(const pliant_geometry *target, const pliant_mesh *mesh, raster_grid *out);

@@ -1,7 +1,7 @@
 /* Inner loops with AVX2, chosen at run time; the rest of the library stays portable. Same bits as sample_portable.c.
  * Cost of 8 voxels of 16 bits: 4 gathers (each of 32 bits holds a voxel and its right neighbour) and about 60 other
  * instructions; floats take 8 gathers. */
-#include "warp/raster.h"
+#include "warp/owners.h"
 #include "warp/sample.h"
 
 #if defined(__x86_64__) && defined(__GNUC__)
@@ -12,51 +12,45 @@
 #define AVX2 __attribute__((target("avx2,popcnt")))
 #define AVX2_INLINE static inline __attribute__((always_inline, target("avx2,popcnt")))
 
-/* 4 rows: the least t of some planes; at[p] is plane p's value in each row */
-AVX2_INLINE __m256d least(const struct raster_plane *planes, int32_t count, const __m256d *at, __m256d start)
+/* For every number of planes its own code: the loops over planes unroll, and their values stay in registers. */
+AVX2_INLINE int32_t claim_rows(raster_brick *brick, const owner_planes *planes, const owner_box *box, uint32_t entry,
+                               const int32_t num_rising, const int32_t num_others)
 {
+    const __m256d first_voxel = _mm256_set1_pd(-box->low[0]), last_voxel = _mm256_set1_pd(box->high[0]);
+    const __m256d before = _mm256_set1_pd(-BRICK), none = _mm256_set1_pd(-1), rows = _mm256_setr_pd(0, 1, 2, 3);
+    const __m128i ones = _mm_set1_epi32(ENTRY_MASK), last_bit = _mm_set1_epi32(BRICK - 1);
+    const int32_t first_group = box->low[1] / ROWS_AT_ONCE, last_group = box->high[1] / ROWS_AT_ONCE;
+    const int32_t count = num_rising + num_others;
+    __m256d start[6], factor[6], step_group[6], step_k[6]; /* start: values in the first rows of the slice */
     for (int32_t p = 0; p < count; p++) {
-        __m256d t = _mm256_add_pd(_mm256_mul_pd(at[p], _mm256_set1_pd(planes[p].factor)), _mm256_set1_pd(planes[p].bias));
-        start = _mm256_min_pd(t, start);
+        const struct owner_plane *plane = p < num_rising ? &planes->rising[p] : &planes->others[p - num_rising];
+        double value = plane->value + plane->step_j * (first_group * ROWS_AT_ONCE) + plane->step_k * box->low[2];
+        start[p] = _mm256_add_pd(_mm256_set1_pd(value), _mm256_mul_pd(_mm256_set1_pd(plane->step_j), rows));
+        factor[p] = _mm256_set1_pd(plane->factor);
+        step_group[p] = _mm256_set1_pd(ROWS_AT_ONCE * plane->step_j);
+        step_k[p] = _mm256_set1_pd(plane->step_k);
     }
-    return start;
-}
-
-AVX2_INLINE void start_rows(const struct raster_plane *planes, int32_t count, int32_t j, int32_t k, __m256d *at)
-{
-    const __m256d rows = _mm256_setr_pd(0, 1, 2, 3);
-    for (int32_t p = 0; p < count; p++) {
-        double value = planes[p].value + planes[p].step_j * j + planes[p].step_k * k;
-        at[p] = _mm256_add_pd(_mm256_set1_pd(value), _mm256_mul_pd(_mm256_set1_pd(planes[p].step_j), rows));
-    }
-}
-
-AVX2_INLINE void next_rows(const struct raster_plane *planes, int32_t count, __m256d *at)
-{
-    for (int32_t p = 0; p < count; p++) at[p] = _mm256_add_pd(at[p], _mm256_set1_pd(ROWS_AT_ONCE * planes[p].step_j));
-}
-
-AVX2 static int32_t claim(raster_brick *brick, const raster_planes *planes, const int32_t low[3], const int32_t high[3],
-                          uint32_t entry)
-{
-    const __m256d first_voxel = _mm256_set1_pd(-low[0]), last_voxel = _mm256_set1_pd(high[0]);
-    const __m256d before = _mm256_set1_pd(-BRICK), none = _mm256_set1_pd(-1), zero = _mm256_setzero_pd();
-    const __m128i ones = _mm_set1_epi32(ENTRY_MASK);
-    int32_t first_group = low[1] / ROWS_AT_ONCE, last_group = high[1] / ROWS_AT_ONCE;
     int32_t claimed = 0;
-    for (int32_t k = low[2]; k <= high[2]; k++) {
-        __m256d rising[4], others[4];
-        start_rows(planes->rising, planes->num_rising, first_group * ROWS_AT_ONCE, k, rising);
-        start_rows(planes->others, planes->num_others, first_group * ROWS_AT_ONCE, k, others);
+    for (int32_t k = box->low[2]; k <= box->high[2]; k++) {
+        __m256d at[6];
+        for (int32_t p = 0; p < count; p++) {
+            at[p] = start[p];
+            start[p] = _mm256_add_pd(start[p], step_k[p]);
+        }
         for (int32_t g = first_group; g <= last_group; g++) {
-            __m256d rise = _mm256_max_pd(least(planes->rising, planes->num_rising, rising, first_voxel), before);
-            __m256d fall = _mm256_max_pd(least(planes->others, planes->num_others, others, last_voxel), none);
-            next_rows(planes->rising, planes->num_rising, rising);
-            next_rows(planes->others, planes->num_others, others);
-            __m128i first = _mm256_cvttpd_epi32(_mm256_sub_pd(zero, _mm256_floor_pd(rise)));
-            __m128i last = _mm256_cvttpd_epi32(_mm256_floor_pd(fall));
-            __m128i mask = _mm_and_si128(_mm_sllv_epi32(ones, first),
-                                         _mm_srlv_epi32(ones, _mm_sub_epi32(_mm_set1_epi32(BRICK - 1), last)));
+            __m256d rise = first_voxel, fall = last_voxel;
+            for (int32_t p = 0; p < count; p++) {
+                __m256d t = _mm256_mul_pd(at[p], factor[p]);
+                if (p < num_rising)
+                    rise = _mm256_min_pd(t, rise);
+                else
+                    fall = _mm256_min_pd(t, fall);
+                at[p] = _mm256_add_pd(at[p], step_group[p]);
+            }
+            __m128i first = _mm256_cvttpd_epi32(_mm256_floor_pd(_mm256_max_pd(rise, before)));
+            __m128i last = _mm256_cvttpd_epi32(_mm256_floor_pd(_mm256_max_pd(fall, none)));
+            __m128i mask = _mm_and_si128(_mm_sllv_epi32(ones, _mm_sub_epi32(_mm_setzero_si128(), first)),
+                                         _mm_srlv_epi32(ones, _mm_sub_epi32(last_bit, last)));
             uint64_t *owned = &brick->owned[k * (BRICK / ROWS_AT_ONCE) + g];
             uint64_t fresh = (uint64_t)_mm_cvtsi128_si64(_mm_packus_epi32(mask, mask)) & ~*owned;
             if (!fresh) continue;
@@ -73,11 +67,33 @@ AVX2 static int32_t claim(raster_brick *brick, const raster_planes *planes, cons
     return claimed;
 }
 
-/* all ones in the lanes whose bit is set in the low 8 bits of mask */
-AVX2_INLINE __m256i lanes(uint32_t mask)
+/* A closed surface has rising and other planes, so at most three of a kind. */
+AVX2 static int32_t claim(raster_brick *brick, const owner_planes *planes, const owner_box *box, uint32_t entry)
 {
-    const __m256i bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-    return _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32((int32_t)mask), bits), bits);
+#define CASE(rising, others) \
+    case 4 * rising + others: return claim_rows(brick, planes, box, entry, rising, others);
+    switch (4 * planes->num_rising + planes->num_others) {
+        CASE(0, 0) CASE(0, 1) CASE(0, 2) CASE(0, 3) CASE(1, 0) CASE(1, 1) CASE(1, 2) CASE(1, 3) CASE(2, 0) CASE(2, 1)
+        CASE(2, 2) CASE(3, 0) CASE(3, 1)
+    }
+#undef CASE
+    return 0;
+}
+
+AVX2 static void find_owners(const raster_source *source, const raster_tet *tets, const int32_t *candidates,
+                             size_t num_candidates, const int32_t origin[3], raster_brick *brick)
+{
+    owner_find_all(source, tets, candidates, num_candidates, origin, brick, claim);
+}
+
+/* in the lanes whose bit is set, the sign bit, for blends that ask for no more */
+AVX2_INLINE __m256 left_lanes(__m256i mask)
+{
+    return _mm256_castsi256_ps(_mm256_sllv_epi32(mask, _mm256_setr_epi32(31, 30, 29, 28, 27, 26, 25, 24)));
+}
+AVX2_INLINE __m256 right_lanes(__m256i mask)
+{
+    return _mm256_castsi256_ps(_mm256_sllv_epi32(mask, _mm256_setr_epi32(23, 22, 21, 20, 19, 18, 17, 16)));
 }
 
 /* all ones in the 16-bit lanes whose bit is set */
@@ -90,76 +106,118 @@ AVX2_INLINE __m256i lanes16(uint32_t mask)
 /* source coordinates of the 16 voxels of a row: [axis][half] */
 typedef struct row_points { __m256 at[3][2]; } row_points;
 
-/* the voxels of a row that are not copied; their points, each by its owner's map */
-AVX2_INLINE uint32_t find_points(const raster_brick *brick, int32_t row, row_points *points)
+/* the points of all voxels by one map; j, k: of the row */
+AVX2_INLINE row_points map_row(const raster_slot *map, __m128 j, __m128 k)
 {
     const __m256 left = _mm256_setr_ps(0, 1, 2, 3, 4, 5, 6, 7), right = _mm256_setr_ps(8, 9, 10, 11, 12, 13, 14, 15);
+    __m128 start = _mm_add_ps(_mm_load_ps(map->origin), _mm_mul_ps(j, _mm_load_ps(map->step_j)));
+    start = _mm_add_ps(start, _mm_mul_ps(k, _mm_load_ps(map->step_k)));
+    const __m256 both = _mm256_set_m128(start, start);
+    const __m256 from[3] = {_mm256_shuffle_ps(both, both, 0), _mm256_shuffle_ps(both, both, 0x55), _mm256_shuffle_ps(both, both, 0xaa)};
+    row_points points;
+    for (int d = 0; d < 3; d++) {
+        __m256 step = _mm256_broadcast_ss(&map->step_i[d]);
+        points.at[d][0] = _mm256_add_ps(from[d], _mm256_mul_ps(left, step));
+        points.at[d][1] = _mm256_add_ps(from[d], _mm256_mul_ps(right, step));
+    }
+    return points;
+}
+
+/* the voxels of a row that are sampled and copied, and the points of the sampled, each by its owner's map */
+typedef struct row_kinds { uint32_t sampled, copied; } row_kinds;
+
+AVX2_INLINE row_kinds find_points(const raster_brick *brick, int32_t row, row_points *points)
+{
     const __m128 j = _mm_set1_ps((float)(row % BRICK)), k = _mm_set1_ps((float)(row / BRICK));
-    uint32_t sampled = 0;
-    for (int e = 0; e < brick->num_entries[row]; e++) {
-        uint32_t entry = brick->entry[row][e];
-        if (entry & ENTRY_COPY) continue;
-        sampled |= entry & ENTRY_MASK;
-        const raster_slot *map = &brick->slot[entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].sample;
-        __m128 start = _mm_add_ps(_mm_load_ps(map->origin), _mm_mul_ps(j, _mm_load_ps(map->step_j)));
-        start = _mm_add_ps(start, _mm_mul_ps(k, _mm_load_ps(map->step_k)));
-        const __m128 starts[3] = {start, _mm_shuffle_ps(start, start, 0x55), _mm_shuffle_ps(start, start, 0xaa)};
-        const __m256 own_left = _mm256_castsi256_ps(lanes(entry)), own_right = _mm256_castsi256_ps(lanes(entry >> 8));
+    const uint32_t *entry = brick->entry[row], *end = entry + brick->num_entries[row];
+    row_kinds kinds = {0, 0};
+    for (; entry < end && *entry & ENTRY_COPY; entry++) kinds.copied |= *entry;
+    if (entry < end) { /* of the first map all, until others claim their part */
+        kinds.sampled = *entry;
+        *points = map_row(&brick->slot[*entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].sample, j, k);
+        entry++;
+    }
+    for (; entry < end; entry++) {
+        if (*entry & ENTRY_COPY) {
+            kinds.copied |= *entry;
+            continue;
+        }
+        kinds.sampled |= *entry;
+        row_points mapped = map_row(&brick->slot[*entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].sample, j, k);
+        const __m256i mask = _mm256_set1_epi32((int32_t)*entry);
+        const __m256 own_left = left_lanes(mask), own_right = right_lanes(mask);
         for (int d = 0; d < 3; d++) {
-            __m256 from = _mm256_broadcastss_ps(starts[d]), step = _mm256_broadcast_ss(&map->step_i[d]);
-            __m256 at_left = _mm256_add_ps(from, _mm256_mul_ps(left, step));
-            __m256 at_right = _mm256_add_ps(from, _mm256_mul_ps(right, step));
-            points->at[d][0] = _mm256_blendv_ps(points->at[d][0], at_left, own_left);
-            points->at[d][1] = _mm256_blendv_ps(points->at[d][1], at_right, own_right);
+            points->at[d][0] = _mm256_blendv_ps(points->at[d][0], mapped.at[d][0], own_left);
+            points->at[d][1] = _mm256_blendv_ps(points->at[d][1], mapped.at[d][1], own_right);
         }
     }
-    return sampled;
+    kinds.sampled &= ENTRY_MASK;
+    kinds.copied &= ENTRY_MASK;
+    return kinds;
 }
 
 /* cells of 8 points: flat index of the left lower corner relative to the brick's base, and where in the cell */
-typedef struct row_cells { __m256i corner; __m256 x, y, z; } row_cells;
+typedef struct row_cells { alignas(32) int32_t corner[8]; __m256 x, y, z; } row_cells;
 
-AVX2_INLINE __m256 split(__m256 at, float low, float high, float last, __m256i *whole)
+AVX2_INLINE __m256 split(__m256 at, float low, float high, float last, bool inner, __m256i *whole)
 {
-    at = _mm256_min_ps(_mm256_max_ps(at, _mm256_set1_ps(low)), _mm256_set1_ps(high));
-    __m256 below = _mm256_min_ps(_mm256_floor_ps(at), _mm256_set1_ps(last));
+    if (!inner) at = _mm256_min_ps(_mm256_max_ps(at, _mm256_set1_ps(low)), _mm256_set1_ps(high));
+    __m256 below = _mm256_floor_ps(at);
+    if (!inner) below = _mm256_min_ps(below, _mm256_set1_ps(last));
     *whole = _mm256_cvttps_epi32(below);
     return _mm256_sub_ps(at, below);
 }
 
-AVX2_INLINE row_cells find_cells(const raster_source *source, const raster_brick *brick, const row_points *points, int half)
+/* inner: no point needs a limit */
+AVX2_INLINE row_cells find_cells(const raster_source *source, const raster_brick *brick, const row_points *points, int half, const bool inner)
 {
     __m256i i, j, k;
     row_cells cells;
-    cells.x = split(points->at[0][half], brick->low[0], brick->high[0], brick->last[0], &i);
-    cells.y = split(points->at[1][half], brick->low[1], brick->high[1], brick->last[1], &j);
-    cells.z = split(points->at[2][half], brick->low[2], brick->high[2], brick->last[2], &k);
+    cells.x = split(points->at[0][half], brick->low[0], brick->high[0], brick->last[0], inner, &i);
+    cells.y = split(points->at[1][half], brick->low[1], brick->high[1], brick->last[1], inner, &j);
+    cells.z = split(points->at[2][half], brick->low[2], brick->high[2], brick->last[2], inner, &k);
     j = _mm256_mullo_epi32(j, _mm256_set1_epi32((int32_t)source->step[1]));
     k = _mm256_mullo_epi32(k, _mm256_set1_epi32((int32_t)source->step[2]));
-    cells.corner = _mm256_add_epi32(i, _mm256_add_epi32(j, k));
+    _mm256_store_si256((__m256i *)(void *)cells.corner, _mm256_add_epi32(i, _mm256_add_epi32(j, k)));
+    __asm__("" : "+m"(cells.corner)); /* through memory: taking lanes out of a register one by one is slower */
     return cells;
 }
 
 AVX2_INLINE __m256 between(__m256 a, __m256 b, __m256 t) { return _mm256_add_ps(a, _mm256_mul_ps(t, _mm256_sub_ps(b, a))); }
 
-/* two neighbours along x as 16-bit numbers in each lane, weighed; voxel is the first lane's base */
+/* 32 bits each */
+AVX2_INLINE __m256i gather(const void *voxels, const int32_t at[8], size_t voxel)
+{
+    int32_t bits[8];
+    for (int l = 0; l < 8; l++) memcpy(&bits[l], (const char *)voxels + (ptrdiff_t)voxel * at[l], sizeof bits[l]);
+    return _mm256_setr_epi32(bits[0], bits[1], bits[2], bits[3], bits[4], bits[5], bits[6], bits[7]);
+}
+
+/* two neighbours along x as 16-bit numbers in each lane, weighed */
 AVX2_INLINE __m256 pair_i16(const int16_t *voxels, const row_cells *cells, __m256i weights)
 {
-    __m256i pairs = _mm256_i32gather_epi32((const int *)(const void *)voxels, cells->corner, 2);
-    return _mm256_cvtepi32_ps(_mm256_madd_epi16(pairs, weights));
+    return _mm256_cvtepi32_ps(_mm256_madd_epi16(gather(voxels, cells->corner, sizeof *voxels), weights));
 }
 
 AVX2_INLINE __m256 pair_u8(const uint8_t *voxels, const row_cells *cells, __m256i weights)
 {
     const __m256i spread = _mm256_setr_epi8(0, -1, 1, -1, 4, -1, 5, -1, 8, -1, 9, -1, 12, -1, 13, -1,
                                             0, -1, 1, -1, 4, -1, 5, -1, 8, -1, 9, -1, 12, -1, 13, -1);
-    __m256i pairs = _mm256_shuffle_epi8(_mm256_i32gather_epi32((const int *)(const void *)voxels, cells->corner, 1), spread);
+    __m256i pairs = _mm256_shuffle_epi8(gather(voxels, cells->corner, sizeof *voxels), spread);
     return _mm256_cvtepi32_ps(_mm256_madd_epi16(pairs, weights));
+}
+
+AVX2_INLINE __m128 two_pairs(const float *first, const float *second)
+{
+    return _mm_loadh_pi(_mm_loadl_pi(_mm_setzero_ps(), (const __m64 *)(const void *)first), (const __m64 *)(const void *)second);
 }
 
 AVX2_INLINE __m256 pair_f32(const float *voxels, const row_cells *cells)
 {
-    return between(_mm256_i32gather_ps(voxels, cells->corner, 4), _mm256_i32gather_ps(voxels + 1, cells->corner, 4), cells->x);
+    const int32_t *at = cells->corner;
+    __m256 even = _mm256_set_m128(two_pairs(voxels + at[4], voxels + at[5]), two_pairs(voxels + at[0], voxels + at[1]));
+    __m256 odd = _mm256_set_m128(two_pairs(voxels + at[6], voxels + at[7]), two_pairs(voxels + at[2], voxels + at[3]));
+    return between(_mm256_shuffle_ps(even, odd, 0x88), _mm256_shuffle_ps(even, odd, 0xdd), cells->x);
 }
 
 /* left weight in the low, right weight in the high 16 bits of each lane */
@@ -175,18 +233,18 @@ AVX2_INLINE __m256i round_parts(__m256 value)
     return _mm256_cvtps_epi32(_mm256_mul_ps(value, _mm256_set1_ps(1.0f / SAMPLE_ONE)));
 }
 
-AVX2_INLINE __m256i half_i16(const raster_source *source, const raster_brick *brick, const row_points *points, int half)
+/* 8 voxels */
+AVX2_INLINE __m256i eight_i16(const raster_source *source, const raster_brick *brick, const row_cells *cells)
 {
-    row_cells cells = find_cells(source, brick, points, half);
-    __m256i weights = pair_weights(&cells);
+    __m256i weights = pair_weights(cells);
     const int16_t *base = (const int16_t *)source->voxels + brick->base_index;
-    __m256 low = between(pair_i16(base, &cells, weights), pair_i16(base + source->step[1], &cells, weights), cells.y);
+    __m256 low = between(pair_i16(base, cells, weights), pair_i16(base + source->step[1], cells, weights), cells->y);
     base += source->step[2];
-    __m256 high = between(pair_i16(base, &cells, weights), pair_i16(base + source->step[1], &cells, weights), cells.y);
-    return round_parts(between(low, high, cells.z));
+    __m256 high = between(pair_i16(base, cells, weights), pair_i16(base + source->step[1], cells, weights), cells->y);
+    return round_parts(between(low, high, cells->z));
 }
 
-AVX2_INLINE __m256i half_u8(const raster_source *source, const raster_brick *brick, const row_cells *cells)
+AVX2_INLINE __m256i eight_u8(const raster_source *source, const raster_brick *brick, const row_cells *cells)
 {
     __m256i weights = pair_weights(cells);
     const uint8_t *base = (const uint8_t *)source->voxels + brick->base_index;
@@ -196,34 +254,16 @@ AVX2_INLINE __m256i half_u8(const raster_source *source, const raster_brick *bri
     return round_parts(between(low, high, cells->z));
 }
 
-AVX2_INLINE __m256 half_f32(const raster_source *source, const raster_brick *brick, const row_points *points, int half)
+AVX2_INLINE __m256 eight_f32(const raster_source *source, const raster_brick *brick, const row_cells *cells)
 {
-    row_cells cells = find_cells(source, brick, points, half);
     const float *base = (const float *)source->voxels + brick->base_index;
-    __m256 low = between(pair_f32(base, &cells), pair_f32(base + source->step[1], &cells), cells.y);
+    __m256 low = between(pair_f32(base, cells), pair_f32(base + source->step[1], cells), cells->y);
     base += source->step[2];
-    __m256 high = between(pair_f32(base, &cells), pair_f32(base + source->step[1], &cells), cells.y);
-    return between(low, high, cells.z);
+    __m256 high = between(pair_f32(base, cells), pair_f32(base + source->step[1], cells), cells->y);
+    return between(low, high, cells->z);
 }
 
-/* A copied run of voxels; whole rows at once where the scan's memory allows. */
-#define COPY_FUNCTION(type, name, copy_row)                                                                        \
-    AVX2_INLINE void copy_##name(const raster_source *source, const raster_brick *brick, int32_t row, type *values) \
-    {                                                                                                              \
-        const type *voxels = source->voxels;                                                                       \
-        for (int e = 0; e < brick->num_entries[row]; e++) {                                                         \
-            uint32_t entry = brick->entry[row][e];                                                                 \
-            if (!(entry & ENTRY_COPY)) continue;                                                                   \
-            const raster_copy *copy = &brick->slot[entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].copy;                   \
-            int64_t start = sample_copy_start(copy, row);                                                          \
-            if (copy->step_i == 1 && start >= 0 && start + BRICK <= source->count)                                 \
-                copy_row(voxels + start, entry, values);                                                           \
-            else                                                                                                   \
-                for (int i = 0; i < BRICK; i++)                                                                    \
-                    if (entry >> i & 1) values[i] = voxels[start + i * copy->step_i];                              \
-        }                                                                                                          \
-    }
-
+/* Where mask has a bit, `from` replaces values (32-byte aligned). */
 AVX2_INLINE void put_i16(__m256i from, uint32_t mask, int16_t *values)
 {
     __m256i old = _mm256_load_si256((const __m256i *)(const void *)values);
@@ -238,9 +278,11 @@ AVX2_INLINE void put_u8(__m128i from, uint32_t mask, uint8_t *values)
     _mm_store_si128((__m128i *)(void *)values, _mm_blendv_epi8(old, from, own));
 }
 
-AVX2_INLINE void put_f32(__m256 from, uint32_t mask, float *values)
+AVX2_INLINE void put_f32(__m256 left, __m256 right, uint32_t mask, float *values)
 {
-    _mm256_store_ps(values, _mm256_blendv_ps(_mm256_load_ps(values), from, _mm256_castsi256_ps(lanes(mask))));
+    const __m256i masks = _mm256_set1_epi32((int32_t)mask);
+    _mm256_store_ps(values, _mm256_blendv_ps(_mm256_load_ps(values), left, left_lanes(masks)));
+    _mm256_store_ps(values + 8, _mm256_blendv_ps(_mm256_load_ps(values + 8), right, right_lanes(masks)));
 }
 
 AVX2_INLINE void copy_row_i16(const int16_t *from, uint32_t mask, int16_t *values)
@@ -255,74 +297,100 @@ AVX2_INLINE void copy_row_u8(const uint8_t *from, uint32_t mask, uint8_t *values
 
 AVX2_INLINE void copy_row_f32(const float *from, uint32_t mask, float *values)
 {
-    put_f32(_mm256_loadu_ps(from), mask, values);
-    put_f32(_mm256_loadu_ps(from + 8), mask >> 8, values + 8);
+    put_f32(_mm256_loadu_ps(from), _mm256_loadu_ps(from + 8), mask, values);
 }
 
-COPY_FUNCTION(int16_t, i16, copy_row_i16)
-COPY_FUNCTION(uint8_t, u8, copy_row_u8)
-COPY_FUNCTION(float, f32, copy_row_f32)
-
-AVX2_INLINE void clear_points(row_points *points)
+/* The sampled voxels of a row into values */
+AVX2_INLINE void row_i16(const raster_source *source, const raster_brick *brick, const row_points *points, int32_t row,
+                         uint32_t sampled, const bool inner, int16_t *values)
 {
-    for (int d = 0; d < 3; d++) points->at[d][0] = points->at[d][1] = _mm256_setzero_ps();
+    (void)row;
+    row_cells left = find_cells(source, brick, points, 0, inner), right = find_cells(source, brick, points, 1, inner);
+    __m256i all = _mm256_packs_epi32(eight_i16(source, brick, &left), eight_i16(source, brick, &right));
+    put_i16(_mm256_permute4x64_epi64(all, 0xd8), sampled, values);
 }
 
-AVX2 static void row_i16(const raster_source *source, const raster_brick *brick, int32_t row, void *out)
+AVX2_INLINE void row_u8(const raster_source *source, const raster_brick *brick, const row_points *points, int32_t row,
+                        uint32_t sampled, const bool inner, uint8_t *values)
 {
-    int16_t *values = out;
-    _mm256_store_si256(out, _mm256_set1_epi16(source->background.i16));
-    row_points points;
-    clear_points(&points);
-    uint32_t sampled = find_points(brick, row, &points);
-    copy_i16(source, brick, row, values);
-    if (!sampled) return;
-    __m256i left = _mm256_setzero_si256(), right = left;
-    if (sampled & 0xff) left = half_i16(source, brick, &points, 0);
-    if (sampled >> 8) right = half_i16(source, brick, &points, 1);
-    put_i16(_mm256_permute4x64_epi64(_mm256_packs_epi32(left, right), 0xd8), sampled, values);
-}
-
-AVX2 static void row_u8(const raster_source *source, const raster_brick *brick, int32_t row, void *out)
-{
-    uint8_t *values = out;
-    _mm_store_si128(out, _mm_set1_epi8((char)source->background.u8));
-    row_points points;
-    clear_points(&points);
-    uint32_t sampled = find_points(brick, row, &points);
-    copy_u8(source, brick, row, values);
-    if (!sampled) return;
-    row_cells left = find_cells(source, brick, &points, 0), right = find_cells(source, brick, &points, 1);
-    /* a gather reads 4 bytes: the two wanted and two behind them, which the scan's last voxels do not have */
+    row_cells left = find_cells(source, brick, points, 0, inner), right = find_cells(source, brick, points, 1, inner);
+    /* 4 bytes are read: the two wanted and two behind them, which the scan's last voxels do not have */
     ptrdiff_t last = source->count - 4 - brick->base_index - source->step[1] - source->step[2];
-    __m256i beyond = _mm256_cmpgt_epi32(_mm256_max_epi32(left.corner, right.corner), _mm256_set1_epi32((int32_t)last));
-    if (_mm256_movemask_epi8(beyond)) {
-        pliant_raster_kernels_portable(source).row(source, brick, row, out);
+    ptrdiff_t furthest = left.corner[0];
+    for (int l = 0; l < 8 && !inner; l++) {
+        furthest = left.corner[l] > furthest ? left.corner[l] : furthest;
+        furthest = right.corner[l] > furthest ? right.corner[l] : furthest;
+    }
+    if (!inner && furthest > last) {
+        pliant_raster_row_u8(source, brick, row, values);
         return;
     }
-    __m256i words = _mm256_permute4x64_epi64(_mm256_packs_epi32(half_u8(source, brick, &left), half_u8(source, brick, &right)), 0xd8);
+    __m256i words = _mm256_permute4x64_epi64(_mm256_packs_epi32(eight_u8(source, brick, &left), eight_u8(source, brick, &right)), 0xd8);
     put_u8(_mm_packus_epi16(_mm256_castsi256_si128(words), _mm256_extracti128_si256(words, 1)), sampled, values);
 }
 
-AVX2 static void row_f32(const raster_source *source, const raster_brick *brick, int32_t row, void *out)
+AVX2_INLINE void row_f32(const raster_source *source, const raster_brick *brick, const row_points *points, int32_t row,
+                         uint32_t sampled, const bool inner, float *values)
 {
-    float *values = out;
-    _mm256_store_ps(values, _mm256_set1_ps(source->background.f32));
-    _mm256_store_ps(values + 8, _mm256_set1_ps(source->background.f32));
-    row_points points;
-    clear_points(&points);
-    uint32_t sampled = find_points(brick, row, &points);
-    copy_f32(source, brick, row, values);
-    if (sampled & 0xff) put_f32(half_f32(source, brick, &points, 0), sampled, values);
-    if (sampled >> 8) put_f32(half_f32(source, brick, &points, 1), sampled >> 8, values + 8);
+    (void)row;
+    row_cells left = find_cells(source, brick, points, 0, inner), right = find_cells(source, brick, points, 1, inner);
+    put_f32(eight_f32(source, brick, &left), eight_f32(source, brick, &right), sampled, values);
 }
+
+/* Two functions a type. A copied run goes whole rows at once where the scan's memory allows. */
+#define WRITE_FUNCTION(type, name)                                                                                  \
+    AVX2_INLINE void copy_##name(const raster_source *source, const raster_brick *brick, int32_t row, type *values) \
+    {                                                                                                               \
+        const type *voxels = source->voxels;                                                                        \
+        for (int e = 0; e < brick->num_entries[row]; e++) {                                                         \
+            uint32_t entry = brick->entry[row][e];                                                                  \
+            if (!(entry & ENTRY_COPY)) continue;                                                                    \
+            const raster_copy *copy = &brick->slot[entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].copy;                    \
+            int64_t start = sample_copy_start(copy, row);                                                           \
+            if (copy->step_i == 1 && start >= 0 && start + BRICK <= source->count)                                  \
+                copy_row_##name(voxels + start, entry, values);                                                     \
+            else                                                                                                    \
+                for (int i = 0; i < BRICK; i++)                                                                     \
+                    if (entry >> i & 1) values[i] = voxels[start + i * copy->step_i];                               \
+        }                                                                                                           \
+    }                                                                                                               \
+    AVX2 static void write_##name(const raster_source *source, const raster_brick *brick, const int32_t extent[3],  \
+                                  void *out, ptrdiff_t row_step, ptrdiff_t slice_step)                              \
+    {                                                                                                               \
+        for (int32_t k = 0; k < extent[2]; k++)                                                                     \
+            for (int32_t j = 0; j < extent[1]; j++) {                                                               \
+                alignas(32) type values[BRICK];                                                                     \
+                int32_t row = k * BRICK + j;                                                                        \
+                for (int i = 0; i < BRICK; i++) values[i] = source->background.name;                                \
+                row_points points;                                                                                  \
+                row_kinds kinds = find_points(brick, row, &points);                                                 \
+                if (brick->inner && kinds.sampled == ENTRY_MASK) /* a free voxel's point may be anywhere */         \
+                    row_##name(source, brick, &points, row, ENTRY_MASK, true, values);                              \
+                else if (kinds.sampled)                                                                             \
+                    row_##name(source, brick, &points, row, kinds.sampled, false, values);                          \
+                if (kinds.copied) copy_##name(source, brick, row, values);                                          \
+                type *to = (type *)out + j * row_step + k * slice_step;                                             \
+                if (extent[0] == BRICK)                                                                             \
+                    memcpy(to, values, sizeof values);                                                              \
+                else                                                                                                \
+                    memcpy(to, values, (size_t)extent[0] * sizeof *values);                                         \
+            }                                                                                                       \
+    }
+WRITE_FUNCTION(int16_t, i16)
+WRITE_FUNCTION(uint8_t, u8)
+WRITE_FUNCTION(float, f32)
 
 bool pliant_raster_kernels_avx2(const raster_source *source, raster_kernels *out)
 {
-    /* gathers take 32-bit indices and a right neighbour in memory */
+    /* indices are 32 bits, and every voxel's right neighbour is in memory */
     if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("popcnt")) return false;
     if (source->size[0] < 2 || source->count > INT32_MAX / 4) return false;
-    *out = (raster_kernels){claim, source->encoding == PLIANT_UINT8 ? row_u8 : source->encoding == PLIANT_INT16 ? row_i16 : row_f32};
+    out->find_owners = find_owners;
+    switch (source->encoding) {
+    case PLIANT_UINT8: out->write = write_u8; break;
+    case PLIANT_INT16: out->write = write_i16; break;
+    case PLIANT_FLOAT32: out->write = write_f32; break;
+    }
     return true;
 }
 

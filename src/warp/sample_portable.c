@@ -1,6 +1,6 @@
 /* Inner loops in plain C. The operations are those of sample_avx2.c, one by one and in the same order, so that both
  * give the same bits; a multiply-add must therefore not be fused (the build says -ffp-contract=off). */
-#include "warp/raster.h"
+#include "warp/owners.h"
 #include "warp/sample.h"
 
 #include <math.h>
@@ -20,24 +20,22 @@ static int32_t count_bits(uint64_t bits)
     return count;
 }
 
-static double least(const struct raster_plane *planes, int32_t count, int32_t j, int32_t k, double start)
+static double least(const struct owner_plane *planes, int32_t count, int32_t j, int32_t k, double start)
 {
     for (int32_t p = 0; p < count; p++) {
-        double value = planes[p].value + planes[p].step_j * j + planes[p].step_k * k;
-        double t = value * planes[p].factor + planes[p].bias;
+        double t = (planes[p].value + planes[p].step_j * j + planes[p].step_k * k) * planes[p].factor;
         start = t < start ? t : start;
     }
     return start;
 }
 
-static int32_t claim(raster_brick *brick, const raster_planes *planes, const int32_t low[3], const int32_t high[3],
-                     uint32_t entry)
+static int32_t claim(raster_brick *brick, const owner_planes *planes, const owner_box *box, uint32_t entry)
 {
     int32_t claimed = 0;
-    for (int32_t k = low[2]; k <= high[2]; k++)
-        for (int32_t j = low[1]; j <= high[1]; j++) {
-            int32_t first = -floor_within(least(planes->rising, planes->num_rising, j, k, -low[0]), -BRICK);
-            int32_t last = floor_within(least(planes->others, planes->num_others, j, k, high[0]), -1);
+    for (int32_t k = box->low[2]; k <= box->high[2]; k++)
+        for (int32_t j = box->low[1]; j <= box->high[1]; j++) {
+            int32_t first = -floor_within(least(planes->rising, planes->num_rising, j, k, -box->low[0]), -BRICK);
+            int32_t last = floor_within(least(planes->others, planes->num_others, j, k, box->high[0]), -1);
             uint32_t mask = (uint32_t)ENTRY_MASK << first & (uint32_t)ENTRY_MASK >> (BRICK - 1 - last);
             int32_t row = k * BRICK + j, shift = 16 * (row % ROWS_AT_ONCE);
             uint64_t *owned = &brick->owned[row / ROWS_AT_ONCE];
@@ -48,6 +46,12 @@ static int32_t claim(raster_brick *brick, const raster_planes *planes, const int
             claimed += count_bits(mask);
         }
     return claimed;
+}
+
+static void find_owners(const raster_source *source, const raster_tet *tets, const int32_t *candidates, size_t num_candidates,
+                        const int32_t origin[3], raster_brick *brick)
+{
+    owner_find_all(source, tets, candidates, num_candidates, origin, brick, claim);
 }
 
 typedef struct sample_point { float x, y, z; } sample_point;
@@ -125,14 +129,13 @@ static inline float sample_f32(const raster_source *source, const raster_brick *
     return blend(&cell, along_x);
 }
 
-/* One function a type: type is the voxel's, name that of the union member and of the sampler. */
-#define ROW_FUNCTION(type, name)                                                                                    \
-    static void row_##name(const raster_source *source, const raster_brick *brick, int32_t row, void *out)          \
+/* Two functions a type: type is the voxel's, name that of the union member and of the sampler. */
+#define ROW_FUNCTIONS(type, name)                                                                                   \
+    static void row_##name(const raster_source *source, const raster_brick *brick, int32_t row, type *values)       \
     {                                                                                                               \
-        type *values = out;                                                                                         \
-        float j = (float)(row % BRICK), k = (float)(row / BRICK);                                                    \
+        float j = (float)(row % BRICK), k = (float)(row / BRICK);                                                   \
         for (int i = 0; i < BRICK; i++) values[i] = source->background.name;                                        \
-        for (int e = 0; e < brick->num_entries[row]; e++) {                                                          \
+        for (int e = 0; e < brick->num_entries[row]; e++) {                                                         \
             uint32_t entry = brick->entry[row][e];                                                                  \
             const raster_copy *copy = &brick->slot[entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].copy;                    \
             const raster_slot *map = &brick->slot[entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].sample;                   \
@@ -148,13 +151,31 @@ static inline float sample_f32(const raster_source *source, const raster_brick *
                 values[i] = sample_##name(source, brick, at);                                                       \
             }                                                                                                       \
         }                                                                                                           \
+    }                                                                                                               \
+    static void write_##name(const raster_source *source, const raster_brick *brick, const int32_t extent[3],       \
+                             void *out, ptrdiff_t row_step, ptrdiff_t slice_step)                                   \
+    {                                                                                                               \
+        for (int32_t k = 0; k < extent[2]; k++)                                                                     \
+            for (int32_t j = 0; j < extent[1]; j++) {                                                               \
+                type values[BRICK];                                                                                 \
+                row_##name(source, brick, k * BRICK + j, values);                                                   \
+                memcpy((type *)out + j * row_step + k * slice_step, values, (size_t)extent[0] * sizeof *values);    \
+            }                                                                                                       \
     }
-ROW_FUNCTION(uint8_t, u8)
-ROW_FUNCTION(int16_t, i16)
-ROW_FUNCTION(float, f32)
+ROW_FUNCTIONS(uint8_t, u8)
+ROW_FUNCTIONS(int16_t, i16)
+ROW_FUNCTIONS(float, f32)
+
+void pliant_raster_row_u8(const raster_source *source, const raster_brick *brick, int32_t row, uint8_t values[BRICK])
+{
+    row_u8(source, brick, row, values);
+}
 
 raster_kernels pliant_raster_kernels_portable(const raster_source *source)
 {
-    raster_kernels kernels = {claim, source->encoding == PLIANT_UINT8 ? row_u8 : source->encoding == PLIANT_INT16 ? row_i16 : row_f32};
-    return kernels;
+    switch (source->encoding) {
+    case PLIANT_UINT8: return (raster_kernels){find_owners, write_u8};
+    case PLIANT_INT16: return (raster_kernels){find_owners, write_i16};
+    default: return (raster_kernels){find_owners, write_f32};
+    }
 }
