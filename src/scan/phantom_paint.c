@@ -30,9 +30,9 @@ static void paint_muscles(const phantom_tubes *list, phantom_row *row)
     bool any = phantom_measure(list, row);
     for (int n = 0; n < row->n; ++n) {
         if (!is_free(row, n)) continue;
-        /* the deep muscles of the back lie against the spine */
-        float x = row->position_x[n] < 0 ? -row->position_x[n] : row->position_x[n];
-        bool deep = x < 56 && row->position_y[n] > phantom_spine_y(row->position_z[n]) + 19 + 0.2f * x;
+        /* the deep muscles of the back lie against the spine, and behind the sacrum */
+        float x = row->position_x[n] < 0 ? -row->position_x[n] : row->position_x[n], z = row->position_z[n];
+        bool deep = x < 56 && row->position_y[n] > phantom_spine_y(z) + 19 + 0.2f * x + (z < -80 ? 0.8f * (-80 - z) : 0);
         if (deep || (any && row->near[n] < 0)) phantom_put(row, n, PHANTOM_muscle, 60 + 7 * row->grain[n]);
     }
 }

@@ -7,13 +7,13 @@
 #include <stdlib.h>
 
 static const char help[] =
-    "Usage: pliant_phantom [--size IxJxK] [--seed N] --scan FILE [--labels FILE]\n"
+    "Usage: pliant_phantom [--size IxJxK] [--seed N] --out FILE [--labels FILE]\n"
     "\n"
     "Writes the built-in scan, an abdomen in Hounsfield units, and its label map.\n"
     "\n"
-    "  --size IxJxK    voxels (default: 160x112x136)\n"
+    "  --size IxJxK    voxels (default: 256x160x122)\n"
     "  --seed N        of the noise (default: 1)\n"
-    "  --scan FILE     the scan: .nii, .nii.gz, .nrrd or .mha\n"
+    "  --out FILE      the scan: .nii, .nii.gz, .nrrd or .mha\n"
     "  --labels FILE   its label map\n"
     "  --list          print the labels and end\n"
     "  --help          print this and end\n"
@@ -23,7 +23,7 @@ static const char help[] =
 typedef struct phantom_arguments {
     int32_t size[3];
     uint32_t seed;
-    const char *scan, *labels;
+    const char *out, *labels;
 } phantom_arguments;
 
 static bool read_seed(const char *text, uint32_t *out)
@@ -46,7 +46,7 @@ static bool read_arguments(int argc, char **argv, phantom_arguments *out, int *e
 {
     static const struct option options[] = {
         {"size", required_argument, NULL, 'z'},   {"seed", required_argument, NULL, 's'},
-        {"scan", required_argument, NULL, 'i'},   {"labels", required_argument, NULL, 'l'},
+        {"out", required_argument, NULL, 'o'},    {"labels", required_argument, NULL, 'l'},
         {"list", no_argument, NULL, 't'},         {"help", no_argument, NULL, 'h'},
         {NULL, 0, NULL, 0},
     };
@@ -56,7 +56,7 @@ static bool read_arguments(int argc, char **argv, phantom_arguments *out, int *e
         switch (code) {
         case 'z': good = read_size(optarg, out->size); break;
         case 's': good = read_seed(optarg, &out->seed); break;
-        case 'i': out->scan = optarg; break;
+        case 'o': out->out = optarg; break;
         case 'l': out->labels = optarg; break;
         case 't':
             for (int label = 0; label <= UINT16_MAX; ++label)
@@ -69,21 +69,21 @@ static bool read_arguments(int argc, char **argv, phantom_arguments *out, int *e
             return false;
         default: good = false;
         }
-    if (good && optind == argc && (out->scan || out->labels)) return true;
+    if (good && optind == argc && (out->out || out->labels)) return true;
     fputs(help, stderr);
     return false;
 }
 
 int main(int argc, char **argv)
 {
-    phantom_arguments arguments = {.size = {160, 112, 136}, .seed = 1};
+    phantom_arguments arguments = {.size = {256, 160, 122}, .seed = 1};
     pliant_volume scan = {0};
     pliant_labels labels = {0};
     int exit_code;
     if (!read_arguments(argc, argv, &arguments, &exit_code)) return exit_code;
     console_start(PLIANT_LOG_INFO);
     pliant_status status = pliant_phantom(arguments.size, arguments.seed, &scan, &labels);
-    if (status >= 0 && arguments.scan) status = pliant_volume_write(arguments.scan, &scan);
+    if (status >= 0 && arguments.out) status = pliant_volume_write(arguments.out, &scan);
     if (status >= 0 && arguments.labels) status = pliant_labels_write(arguments.labels, &labels);
     pliant_labels_free(&labels);
     pliant_volume_free(&scan);
