@@ -295,11 +295,26 @@ static void swap_iterates(pliant_solver *solver)
     solver->trial = swap;
 }
 
+/* The step at the last iterate is known already: take it without looking where it leads, if the one before went well. It
+ * costs nothing, and the next frame's first evaluation looks. The merit that is reported stays that of the last evaluation. */
+static void last_step(pliant_solver *solver)
+{
+    double weights[PLIANT_MAX_HISTORY];
+    bool mixed = mix(solver, &solver->now, weights);
+    propose(solver, &solver->now, mixed ? weights : NULL, 1, &solver->trial);
+    double *swap = solver->now.x;
+    solver->now.x = solver->trial.x;
+    solver->trial.x = swap;
+    memcpy(solver->now.force, solver->trial.force, sizeof solver->now.force);
+}
+
 /* Iterate until the merit is small or the iterations are spent; every accepted iterate has a lower merit than the last.
  * After a refusal: once more with what the refused state taught, then the plain step, then ever shorter ones. */
 static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistics)
 {
+    const double went_well = 0.5; /* merit over the merit before */
     int refused = 0;
+    double before = INFINITY;
     double weights[PLIANT_MAX_HISTORY];
     pliant_status status = evaluate(solver, &solver->now);
     statistics->iterations = 1;
@@ -314,6 +329,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
         if (status != PLIANT_OK) break;
         if (solver->trial.merit < solver->now.merit) {
             remember(solver, &solver->now, &solver->trial);
+            before = solver->now.merit;
             swap_iterates(solver);
             refused = 0;
         } else {
@@ -322,6 +338,9 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
             statistics->rejected++;
         }
     }
+    if (status == PLIANT_OK && solver->now.merit > solver->tolerance * solver->now.scale && refused == 0 &&
+        solver->now.merit < went_well * before)
+        last_step(solver);
     return status;
 }
 

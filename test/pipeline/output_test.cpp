@@ -1,0 +1,85 @@
+// What the state shows of itself: stress, energy, volume, inversion, clearance, upsampled positions.
+#include "body.h"
+
+#include <Eigen/Dense>
+
+namespace {
+
+const int size[3] = {16, 16, 16};
+const double box[3] = {0.08, 0.08, 0.08};
+
+struct Output : testing::Test {
+    Body body{size, box, {{6000, 0.2, 1000, false}}};
+    std::vector<double> moved;
+    void build(const double a[9])
+    {
+        body.cells(2, 2, 2, 2);
+        body.fix_plane(0, 0, 0, 0, 0, 1);
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        const double b[3] = {0.1, -0.2, 0.3};
+        moved = affine(body.model->fine, a, b);
+    }
+    std::vector<float> scalar(pliant_scalar which)
+    {
+        std::vector<float> out(body.model->fine.num_nodes);
+        EXPECT_EQ(pliant_data_scalar(body.model, moved.data(), which, out.data()), PLIANT_OK);
+        return out;
+    }
+};
+
+// Uniaxial strain s along z, turned by a rotation: lambda and mu from E = 6000, nu = 0.2: 1666.7 and 2500 Pa.
+// von Mises of diag(lambda s, lambda s, (lambda + 2 mu) s) is 2 mu s; energy density (lambda + 2 mu) s^2 / 2.
+TEST_F(Output, UniaxialStrainUnderATurn)
+{
+    const double s = 0.05, lambda = 6000 * 0.2 / (1.2 * 0.6), mu = 2500;
+    Eigen::Matrix3d stretch = Eigen::Vector3d(1, 1, 1 + s).asDiagonal(), turn = Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+    Eigen::Matrix<double, 3, 3, Eigen::RowMajor> a = turn * stretch;
+    build(a.data());
+    for (float v : scalar(PLIANT_SCALAR_VON_MISES)) EXPECT_NEAR(v, 2 * mu * s, 1e-3);
+    for (float v : scalar(PLIANT_SCALAR_STRAIN_ENERGY)) EXPECT_NEAR(v, 0.5 * (lambda + 2 * mu) * s * s, 1e-4);
+    for (float v : scalar(PLIANT_SCALAR_VOLUME_RATIO)) EXPECT_NEAR(v, 1 + s, 1e-6);
+    EXPECT_EQ(pliant_mesh_inverted(&body.model->fine, moved.data()), 0);
+}
+
+TEST_F(Output, InvertedElementsAreCounted)
+{
+    const double mirror[9] = {1, 0, 0, 0, 1, 0, 0, 0, -1};
+    build(mirror);
+    EXPECT_EQ(pliant_mesh_inverted(&body.model->fine, moved.data()), body.model->fine.num_tets);
+}
+
+TEST_F(Output, ClearanceOfABox)
+{
+    const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    build(identity);
+    int tool;
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
+    EXPECT_TRUE(std::isinf(pliant_tool_clearance(body.model, body.data, tool)));
+    const double cases[5][4] = {{0.04, 0.04, 0.1, 0.02}, {0.04, 0.04, 0.07, -0.01}, {0.11, 0.12, 0.04, 0.05}, {0.09, 0.09, 0.09, 0.01 * std::sqrt(3.0)}, {0.04, 0.04, 0.04, -0.04}};
+    for (const auto &c : cases) {
+        ASSERT_EQ(pliant_tool_pose(body.data, tool, c, nullptr), PLIANT_OK);
+        EXPECT_NEAR(pliant_tool_clearance(body.model, body.data, tool), c[3], 1e-9);
+    }
+}
+
+// Coarse positions that are an affine map come out as that map on every fine node that is not held still, for every way up.
+TEST_F(Output, UpsamplingKeepsRigidMotion)
+{
+    Eigen::Matrix<double, 3, 3, Eigen::RowMajor> a = Eigen::AngleAxisd(0.8, Eigen::Vector3d(0, 1, 0)).toRotationMatrix();
+    const double b[3] = {0.02, 0.03, -0.01};
+    for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR}) {
+        Body coarse(size, box, {{6000, 0.2, 1000, false}});
+        coarse.scene.model.method = method;
+        coarse.cells(3, 3, 3, 3);
+        coarse.fix_plane(0, 0, 0, 0, 0, 1);
+        ASSERT_EQ(coarse.build(), PLIANT_OK);
+        const pliant_mesh &fine = coarse.model->fine;
+        std::vector<double> up(3 * fine.num_nodes), expected = affine(fine, a.data(), b);
+        pliant_upsample_positions(coarse.model->system, affine(coarse.model->coarse, a.data(), b).data(), up.data());
+        for (int32_t n = 0; n < fine.num_nodes; n++)
+            if (fine.rest[3 * n + 2] > 0.03) // grounded elements do not turn
+                for (int d = 0; d < 3; d++) EXPECT_NEAR(up[3 * n + d], expected[3 * n + d], 1e-9) << "method " << method;
+    }
+}
+
+} // namespace
