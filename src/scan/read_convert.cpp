@@ -3,8 +3,9 @@
 
 #include <cfloat>
 #include <cmath>
-#include <limits>
+#include <cstring>
 #include <type_traits>
+#include <utility>
 
 namespace pliant_read {
 
@@ -86,20 +87,6 @@ bool values_are_whole(const image_header &header)
 
 bool is_unscaled(const image_header &header) { return header.slope == 1.0 && header.intercept == 0.0; }
 
-template <class To> void *convert(const image_header &header, const void *voxels, size_t count)
-{
-    To *out = static_cast<To *>(pliant_calloc(count, sizeof(To)));
-    if (!out) fail(PLIANT_ERROR_MEMORY, "out of memory for the voxels of a scan");
-    with_type(header.type, voxels, [&](auto *v) {
-        if (is_unscaled(header))
-            for (size_t i = 0; i < count; i++) out[i] = static_cast<To>(v[i]);
-        else
-            for (size_t i = 0; i < count; i++)
-                out[i] = static_cast<To>(header.slope * static_cast<double>(v[i]) + header.intercept);
-    });
-    return out;
-}
-
 /* Frees what convert_* took over. */
 struct owned_voxels {
     void *voxels;
@@ -113,28 +100,43 @@ struct owned_voxels {
     }
 };
 
-component component_of(pliant_encoding encoding)
+/* In place where the numbers keep their width, so that the voxels are in memory once only. */
+template <class To> void *convert(const image_header &header, owned_voxels *raw, size_t count)
 {
-    switch (encoding) {
-    case PLIANT_UINT8: return component::uint8;
-    case PLIANT_INT16: return component::int16;
-    case PLIANT_FLOAT32: return component::float32;
-    }
-    return component::none;
+    const bool in_place = component_size(header.type) == sizeof(To);
+    void *out = in_place ? raw->voxels : pliant_calloc(count, sizeof(To));
+    if (!out) fail(PLIANT_ERROR_MEMORY, "out of memory for the voxels of a scan");
+    with_type(header.type, raw->voxels, [&](auto *v) {
+        const bool unscaled = is_unscaled(header);
+        for (size_t i = 0; i < count; i++) {
+            typename std::decay<decltype(*v)>::type from;
+            std::memcpy(&from, v + i, sizeof from);
+            To to = unscaled ? static_cast<To>(from) : static_cast<To>(header.slope * static_cast<double>(from) + header.intercept);
+            std::memcpy(static_cast<To *>(out) + i, &to, sizeof to);
+        }
+    });
+    return in_place ? raw->release() : out;
 }
 
 } // namespace
 
 double conversion_bytes(const image_header &header, bool labels)
 {
-    if (labels) return header.type == component::uint16 && is_unscaled(header) ? 0.0 : 2.0;
-    if (!values_are_whole(header)) return header.type == component::float32 && is_unscaled(header) ? 0.0 : 4.0;
-    if (is_unscaled(header)) {
-        if (header.type == component::uint8) return 0.0;
-        if (header.type == component::int16) return 1.0;
-        if (header.type == component::int8) return 2.0;
+    double most = 0.0;
+    auto may_become = [&](size_t size) {
+        if (size != component_size(header.type)) most = std::fmax(most, static_cast<double>(size));
+    };
+    bool narrow = is_unscaled(header) && values_are_whole(header);
+    if (labels) {
+        may_become(sizeof(uint16_t));
+    } else if (!values_are_whole(header)) {
+        may_become(sizeof(float));
+    } else {
+        may_become(sizeof(uint8_t));
+        if (!narrow || header.type != component::uint8) may_become(sizeof(int16_t));
+        if (!narrow || (component_size(header.type) != 1 && header.type != component::int16)) may_become(sizeof(float));
     }
-    return 4.0;
+    return most;
 }
 
 converted convert_values(const std::string &path, const image_header &header, void **voxels)
@@ -154,10 +156,11 @@ converted convert_values(const std::string &path, const image_header &header, vo
     /* far below zero is air: a CT, whatever lies outside its field of view */
     result.background = static_cast<float>(range.low < -500.0 ? std::fmax(range.low, -1024.0) : range.low);
 
-    if (header.type == component_of(result.encoding) && is_unscaled(header)) result.voxels = raw.release();
-    else if (result.encoding == PLIANT_UINT8) result.voxels = convert<uint8_t>(header, raw.voxels, count);
-    else if (result.encoding == PLIANT_INT16) result.voxels = convert<int16_t>(header, raw.voxels, count);
-    else result.voxels = convert<float>(header, raw.voxels, count);
+    switch (result.encoding) {
+    case PLIANT_UINT8: result.voxels = convert<uint8_t>(header, &raw, count); break;
+    case PLIANT_INT16: result.voxels = convert<int16_t>(header, &raw, count); break;
+    case PLIANT_FLOAT32: result.voxels = convert<float>(header, &raw, count); break;
+    }
     return result;
 }
 
@@ -175,8 +178,7 @@ uint16_t *convert_labels(const std::string &path, const image_header &header, vo
                 if (!is_whole(header.slope * static_cast<double>(v[i]) + header.intercept))
                     fail_at(path, header, i, "is not a whole number: a label map holds labels from 0 to 65535");
         });
-    if (header.type == component::uint16 && is_unscaled(header)) return static_cast<uint16_t *>(raw.release());
-    return static_cast<uint16_t *>(convert<uint16_t>(header, raw.voxels, count));
+    return static_cast<uint16_t *>(convert<uint16_t>(header, &raw, count));
 }
 
 } // namespace pliant_read

@@ -1,11 +1,6 @@
 /* A DICOM folder: which files are images, to which series they belong, which series is meant. */
 #include "scan/read_dicom.h"
 
-#include "scan/itk_scope.h"
-
-#include <gdcmAttribute.h>
-#include <gdcmReader.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -16,32 +11,33 @@ namespace pliant_read {
 
 namespace {
 
-/* A file that notices when somebody wants more bytes than are left; 4 is the next tag at the regular end. */
-class watched_file : public std::filebuf {
-public:
-    bool ended_early = false;
-
-protected:
-    std::streamsize xsgetn(char *to, std::streamsize wanted) override
-    {
-        std::streamsize got = std::filebuf::xsgetn(to, wanted);
-        if (got < wanted && wanted > 4) ended_early = true;
-        return got;
-    }
+/* Tags: group << 16 | element (PS3.6). */
+enum : uint32_t {
+    MEDIA_CLASS = 0x00020002,
+    CLASS = 0x00080016,
+    INSTANCE = 0x00080018,
+    SERIES_DESCRIPTION = 0x0008103e,
+    SERIES = 0x0020000e,
+    POSITION = 0x00200032,
+    ORIENTATION = 0x00200037,
+    SAMPLES = 0x00280002,
+    PHOTOMETRIC = 0x00280004,
+    FRAMES = 0x00280008,
+    ROWS = 0x00280010,
+    COLUMNS = 0x00280011,
+    PIXEL_SPACING = 0x00280030,
+    BITS_ALLOCATED = 0x00280100,
+    BITS_STORED = 0x00280101,
+    HIGH_BIT = 0x00280102,
+    PIXEL_REPRESENTATION = 0x00280103,
+    INTERCEPT = 0x00281052,
+    SLOPE = 0x00281053,
+    MODALITY_TABLE = 0x00283000
 };
 
-std::string text_of(const gdcm::DataSet &data, uint16_t group, uint16_t element)
+std::vector<double> numbers_of(const std::string &path, const dicom_file &file, uint32_t tag, size_t count, const char *name)
 {
-    gdcm::Tag tag(group, element);
-    if (!data.FindDataElement(tag)) return "";
-    const gdcm::ByteValue *value = data.GetDataElement(tag).GetByteValue();
-    return value ? trimmed(std::string(value->GetPointer(), value->GetLength())) : "";
-}
-
-std::vector<double> numbers_of(const std::string &path, const gdcm::DataSet &data, uint16_t group, uint16_t element, size_t count,
-                               const char *name)
-{
-    std::string text = text_of(data, group, element);
+    std::string text = file.text(tag);
     std::vector<double> numbers;
     if (text.empty()) return numbers;
     if (!parse_numbers(text, '\\', &numbers) || numbers.size() != count)
@@ -49,87 +45,81 @@ std::vector<double> numbers_of(const std::string &path, const gdcm::DataSet &dat
     return numbers;
 }
 
-template <uint16_t Group, uint16_t Element> int integer_of(const gdcm::DataSet &data, int otherwise)
+double number_of(const std::string &path, const dicom_file &file, uint32_t tag, const char *name, double otherwise)
 {
-    if (!data.FindDataElement(gdcm::Tag(Group, Element)) || data.GetDataElement(gdcm::Tag(Group, Element)).IsEmpty()) return otherwise;
-    gdcm::Attribute<Group, Element> attribute = {};
-    attribute.SetFromDataSet(data);
-    return static_cast<int>(attribute.GetValue());
+    std::vector<double> numbers = numbers_of(path, file, tag, 1, name);
+    return numbers.empty() ? otherwise : numbers[0];
 }
 
-bool is_whole(const std::string &number)
+/* How the numbers are stored; fails for colour, inverted and otherwise unusable images. */
+dicom_pixels pixels_of(const std::string &path, const dicom_file &file)
 {
-    std::vector<double> values;
-    return number.empty() || (parse_numbers(number, '\\', &values) && values.size() == 1 && values[0] == std::floor(values[0]));
-}
+    std::string colours = file.text(PHOTOMETRIC);
+    dicom_pixels pixels;
+    pixels.transfer_syntax = file.transfer_syntax;
+    pixels.compressed = file.compressed;
+    pixels.part = file.pixels;
+    pixels.rows = file.whole(ROWS, 0);
+    pixels.columns = file.whole(COLUMNS, 0);
+    pixels.bits_allocated = file.whole(BITS_ALLOCATED, 16);
+    pixels.bits_stored = file.whole(BITS_STORED, pixels.bits_allocated);
+    pixels.is_signed = file.whole(PIXEL_REPRESENTATION, 0) != 0;
+    pixels.slope = number_of(path, file, SLOPE, "RescaleSlope", 1.0);
+    pixels.intercept = number_of(path, file, INTERCEPT, "RescaleIntercept", 0.0);
 
-/* Colour, inverted and otherwise unusable images. */
-void check_pixels(const std::string &path, const gdcm::DataSet &data, const dicom_slice &slice, bool compressed)
-{
-    std::string colours = text_of(data, 0x0028, 0x0004);
-    int samples = integer_of<0x0028, 0x0002>(data, 1), bits = integer_of<0x0028, 0x0100>(data, 16);
-    if (samples != 1 || (!colours.empty() && colours.compare(0, 10, "MONOCHROME") != 0))
+    if (file.whole(SAMPLES, 1) != 1 || (!colours.empty() && colours.compare(0, 10, "MONOCHROME") != 0))
         fail(PLIANT_ERROR_FORMAT, "%s: a colour image (%s); one value per voxel is needed", path.c_str(), colours.c_str());
     if (colours == "MONOCHROME1")
         fail(PLIANT_ERROR_FORMAT, "%s: MONOCHROME1 (large values are dark) is not supported; MONOCHROME2 is", path.c_str());
-    if (slice.frames > 1) return; /* refused later, with a message of its own */
+    if (pixels.rows < 1 || pixels.columns < 1) fail(PLIANT_ERROR_FORMAT, "%s: Rows and Columns are missing or 0", path.c_str());
+    if (pixels.type() == component::none || pixels.bits_stored < 1 || pixels.bits_stored > pixels.bits_allocated ||
+        file.whole(HIGH_BIT, pixels.bits_stored - 1) != pixels.bits_stored - 1)
+        fail(PLIANT_ERROR_FORMAT, "%s: %d bits stored in %d with HighBit %d is not supported; 8, 16 or 32 with HighBit one less are",
+             path.c_str(), pixels.bits_stored, pixels.bits_allocated, file.whole(HIGH_BIT, pixels.bits_stored - 1));
+    if (pixels.slope == 0.0) fail(PLIANT_ERROR_FORMAT, "%s: RescaleSlope is 0", path.c_str());
+    if (file.has(MODALITY_TABLE) && !file.has(SLOPE))
+        fail(PLIANT_ERROR_FORMAT, "%s: values by a ModalityLUTSequence are not supported; RescaleSlope and RescaleIntercept are", path.c_str());
 
-    const gdcm::DataElement &pixels = data.GetDataElement(gdcm::Tag(0x7fe0, 0x0010));
-    const gdcm::ByteValue *value = pixels.GetByteValue();
-    double needed = std::ceil(static_cast<double>(slice.rows) * slice.columns * bits / 8.0);
-    if (!compressed && (!value || static_cast<double>(value->GetLength()) < needed))
-        fail(PLIANT_ERROR_FORMAT, "%s: truncated: %d x %d pixels of %d bits need %.0f bytes, PixelData has %.0f", path.c_str(), slice.columns,
-             slice.rows, bits, needed, value ? static_cast<double>(value->GetLength()) : 0.0);
+    double needed = static_cast<double>(pixels.count() * component_size(pixels.type()));
+    if (!pixels.compressed && static_cast<double>(pixels.part.length) < needed)
+        fail(PLIANT_ERROR_FORMAT, "%s: truncated: %d x %d pixels of %d bits need %.0f bytes, PixelData has %.0f", path.c_str(), pixels.columns,
+             pixels.rows, pixels.bits_allocated, needed, static_cast<double>(pixels.part.length));
+    return pixels;
 }
 
-bool has_magic(const std::string &path)
+/* Objects that are images by their class must have pixels. */
+bool is_image_class(const std::string &uid)
 {
-    std::string start = file_start(path, 132);
-    return start.size() == 132 && start.compare(128, 4, "DICM") == 0;
-}
-
-/* Without the 128 bytes in front: old files that begin with group 2 or 8. */
-bool may_lack_magic(const std::string &path)
-{
-    std::string start = file_start(path, 4);
-    return start.size() == 4 && (start[0] == 2 || start[0] == 8) && start[1] == 0 && start[3] == 0;
+    for (const char *one : {"2", "2.1", "4", "4.1", "20", "128", "130"}) /* CT, MR, nuclear, PET */
+        if (uid == std::string("1.2.840.10008.5.1.4.1.1.") + one) return true;
+    return false;
 }
 
 /* False when the file is no DICOM image (a report, an index, a text file). */
 bool read_slice(const std::string &path, dicom_slice *slice)
 {
-    bool magic = has_magic(path);
-    if (!magic && !may_lack_magic(path)) return false;
-    watched_file file;
-    if (!file.open(path, std::ios::in | std::ios::binary)) fail(PLIANT_ERROR_FILE, "%s: cannot be opened: %s", path.c_str(), strerror(errno));
-    std::istream stream(&file);
-    gdcm::Reader reader;
-    reader.SetStream(stream);
-    bool read = reader.ReadUpToTag(gdcm::Tag(0x7fe0, 0x0010));
-    if (!read && !magic) return false;
-    if (file.ended_early) fail(PLIANT_ERROR_FORMAT, "%s: truncated DICOM file", path.c_str());
-    if (!read) fail(PLIANT_ERROR_FORMAT, "%s: damaged DICOM file", path.c_str());
-
-    const gdcm::DataSet &data = reader.GetFile().GetDataSet();
-    if (!data.FindDataElement(gdcm::Tag(0x7fe0, 0x0010))) return false;
+    const char *const index_class = "1.2.840.10008.1.3.10"; /* DICOMDIR */
+    dicom_file file;
+    if (!read_dicom_file(path, &file) || file.text(MEDIA_CLASS) == index_class) return false;
+    if (!file.has_pixels) {
+        if (!file.has(CLASS) || file.has(ROWS) || is_image_class(file.text(CLASS)))
+            fail(PLIANT_ERROR_FORMAT, "%s: truncated DICOM file: an image without PixelData", path.c_str());
+        return false;
+    }
     slice->path = path;
     slice->name = path.substr(folder_of(path).size());
-    slice->series = text_of(data, 0x0020, 0x000e);
-    slice->description = text_of(data, 0x0008, 0x103e);
-    slice->instance = text_of(data, 0x0008, 0x0018);
-    slice->rows = integer_of<0x0028, 0x0010>(data, 0);
-    slice->columns = integer_of<0x0028, 0x0011>(data, 0);
-    slice->frames = integer_of<0x0028, 0x0008>(data, 1);
-    std::string slope = text_of(data, 0x0028, 0x1053), intercept = text_of(data, 0x0028, 0x1052);
-    slice->integer_rescale = is_whole(slope) && is_whole(intercept);
-    slice->storage = slope + " " + intercept + " " + std::to_string(integer_of<0x0028, 0x0100>(data, 0)) + " " +
-                     std::to_string(integer_of<0x0028, 0x0101>(data, 0)) + " " + std::to_string(integer_of<0x0028, 0x0103>(data, 0));
-    bool compressed = data.GetDataElement(gdcm::Tag(0x7fe0, 0x0010)).GetSequenceOfFragments() != nullptr;
+    slice->series = file.text(SERIES);
+    slice->description = file.text(SERIES_DESCRIPTION);
+    slice->instance = file.text(INSTANCE);
     try {
-        slice->position = numbers_of(path, data, 0x0020, 0x0032, 3, "ImagePositionPatient");
-        slice->orientation = numbers_of(path, data, 0x0020, 0x0037, 6, "ImageOrientationPatient");
-        slice->spacing = numbers_of(path, data, 0x0028, 0x0030, 2, "PixelSpacing");
-        check_pixels(path, data, *slice, compressed);
+        slice->frames = static_cast<int>(std::fmin(number_of(path, file, FRAMES, "NumberOfFrames", 1), 1e6));
+        slice->position = numbers_of(path, file, POSITION, 3, "ImagePositionPatient");
+        slice->orientation = numbers_of(path, file, ORIENTATION, 6, "ImageOrientationPatient");
+        slice->spacing = numbers_of(path, file, PIXEL_SPACING, 2, "PixelSpacing");
+        slice->pixels = pixels_of(path, file);
+        if (slice->frames > 1)
+            fail(PLIANT_ERROR_FORMAT, "%s: %d frames in one DICOM file are not supported: export it as a series of single images, or as NIfTI",
+                 path.c_str(), slice->frames);
     } catch (const failure &failure) {
         slice->problem = failure.text;
     }
@@ -180,7 +170,7 @@ std::string listed(const series_map &series)
     for (const auto &one : series) {
         const dicom_slice &first = one.second.front();
         text += "\n  " + one.first + "  \"" + first.description + "\"  " + std::to_string(one.second.size()) + " images of " +
-                std::to_string(first.columns) + " x " + std::to_string(first.rows);
+                std::to_string(first.pixels.columns) + " x " + std::to_string(first.pixels.rows);
     }
     return text;
 }
@@ -211,31 +201,23 @@ const std::vector<dicom_slice> &chosen(const std::string &folder, const series_m
 
 } // namespace
 
-bool is_dicom_file(const std::string &path) { return has_magic(path); }
+bool is_dicom_file(const std::string &path)
+{
+    std::string start = file_start(path, 132);
+    return start.size() == 132 && start.compare(128, 4, "DICM") == 0;
+}
 
 void refuse_dicom_file(const std::string &path)
 {
     dicom_slice slice;
-    bool image;
-    {
-        itk_scope quiet;
-        image = read_slice(path, &slice);
-    }
-    if (!image) fail(PLIANT_ERROR_FORMAT, "%s: no DICOM image", path.c_str());
+    if (!read_slice(path, &slice)) fail(PLIANT_ERROR_FORMAT, "%s: no DICOM image", path.c_str());
     if (!slice.problem.empty()) fail(PLIANT_ERROR_FORMAT, "%s", slice.problem.c_str());
-    if (slice.frames > 1)
-        fail(PLIANT_ERROR_FORMAT, "%s: %d frames in one DICOM file are not supported: export it as a series of single images, or as NIfTI",
-             path.c_str(), slice.frames);
     fail(PLIANT_ERROR_FORMAT, "%s: one DICOM slice is a 2-D image: name the folder that holds its series", path.c_str());
 }
 
 std::unique_ptr<image_source> open_dicom_folder(const std::string &path, const char *series)
 {
-    series_map all;
-    {
-        itk_scope quiet;
-        all = read_folder(path);
-    }
+    series_map all = read_folder(path);
     return open_series(path, chosen(path, all, series));
 }
 

@@ -1,22 +1,57 @@
-/* One image of a DICOM series: what its header says. */
+/* DICOM as the readers need it: the elements of a file, one image of a series. */
 #ifndef PLIANT_SCAN_READ_DICOM_H
 #define PLIANT_SCAN_READ_DICOM_H
 
 #include "scan/read.h"
 
+#include <map>
+
 namespace pliant_read {
 
+/* The top level of a DICOM file up to its pixels. Every length has been checked against the file. */
+struct dicom_file {
+    struct part {
+        uint64_t offset, length;
+    };
+    std::string transfer_syntax;
+    std::map<uint32_t, std::string> values; /* by group << 16 | element; long ones and sequences are empty */
+    bool has_pixels = false, compressed = false;
+    part pixels = {0, 0}; /* compressed: from the first item to the end of the last */
+
+    bool has(uint32_t tag) const { return values.count(tag) != 0; }
+    std::string text(uint32_t tag) const; /* trimmed; "" when missing */
+    int whole(uint32_t tag, int otherwise) const; /* of a 16-bit element */
+};
+
+/* False when it is no DICOM file. Fails when it is truncated or damaged. */
+bool read_dicom_file(const std::string &path, dicom_file *out);
+
+/* What decides the numbers of an image. */
+struct dicom_pixels {
+    std::string transfer_syntax;
+    bool compressed = false;
+    dicom_file::part part = {0, 0};
+    int rows = 0, columns = 0, bits_allocated = 16, bits_stored = 16;
+    bool is_signed = false;
+    double slope = 1.0, intercept = 0.0;
+
+    size_t count() const { return static_cast<size_t>(rows) * static_cast<size_t>(columns); }
+    component type() const;
+};
+
+/* rows x columns numbers of type(), slope and intercept not applied. Fails with FORMAT. */
+void read_dicom_pixels(const std::string &path, const dicom_pixels &pixels, void *out);
+
 struct dicom_slice {
-    std::string path, name;               /* name: of the file, for messages */
+    std::string path, name;                    /* name: of the file, for messages */
     std::string series, description, instance; /* UIDs of series and image, SeriesDescription */
-    int rows = 0, columns = 0, frames = 1;
-    std::vector<double> position;         /* 3, LPS [mm]; empty when missing */
-    std::vector<double> orientation;      /* 6: direction of rows, of columns */
-    std::vector<double> spacing;          /* 2: between rows, between columns [mm] */
-    std::string storage;                  /* bits, sign and rescale: slices that agree decode to the same type */
-    bool integer_rescale = true;          /* slope and intercept are whole numbers */
-    std::string problem;                  /* why it cannot be read; matters only if its series is chosen */
-    double along = 0.0;                   /* position along the normal [mm] */
+    int frames = 1;
+    dicom_pixels pixels;
+    std::vector<double> position;              /* 3, LPS [mm]; empty when missing */
+    std::vector<double> orientation;           /* 6: direction of rows, of columns */
+    std::vector<double> spacing;               /* 2: between rows, between columns [mm] */
+    std::string problem;                       /* why it cannot be read; matters only if its series is chosen */
+    double along = 0.0;                        /* position along the normal [mm] */
 };
 
 /* The images of one series, in any order, as one regular grid. */

@@ -118,12 +118,12 @@ void from_affine(const double affine[12], grid *grid)
         double x = affine[d], y = affine[4 + d], z = affine[8 + d];
         double length = std::sqrt(x * x + y * y + z * z);
         grid->spacing[d] = length;
-        grid->direction[d] = -x / length;
-        grid->direction[3 + d] = -y / length;
+        grid->direction[d] = (0.0 - x) / length; /* and no -0 */
+        grid->direction[3 + d] = (0.0 - y) / length;
         grid->direction[6 + d] = z / length;
     }
-    grid->origin[0] = -affine[3];
-    grid->origin[1] = -affine[7];
+    grid->origin[0] = 0.0 - affine[3];
+    grid->origin[1] = 0.0 - affine[7];
     grid->origin[2] = affine[11];
 }
 
@@ -190,8 +190,9 @@ void read_grid(const std::string &path, const fields &header, grid *grid)
     if (has_sform) {
         affine_from_sform(header, unit, affine);
         from_affine(affine, grid);
-        if (!has_qform || !is_sheared(*grid)) {
-            for (int d = 0; d < 3; d++)
+        bool sheared = is_sheared(*grid);
+        if (!has_qform || !sheared) {
+            for (int d = 0; d < 3 && !sheared; d++) /* sheared: refused below, with the other grids */
                 if (std::fabs(grid->spacing[d] - pixdim[d]) > 0.01 * pixdim[d])
                     fail(PLIANT_ERROR_FORMAT, "%s: the header contradicts itself: voxel spacing %g mm in pixdim[%d], %g mm in the sform",
                          path.c_str(), pixdim[d], d + 1, grid->spacing[d]);

@@ -4,6 +4,9 @@
 
 #include <itkNrrdImageIO.h>
 
+#include <algorithm>
+#include <cmath>
+
 namespace pliant_read {
 
 namespace {
@@ -23,32 +26,83 @@ component component_of(const std::string &path, const itk::ImageIOBase &io)
     fail(PLIANT_ERROR_FORMAT, "%s: voxel type %s is not supported", path.c_str(), name.c_str());
 }
 
-/* What ITK does not tell, from the text header: the unit of length, and whether a spacing is given at all.
- * Returns millimetres per unit. */
-double unit_in_millimetres(const std::string &path)
+/* The text header, for what ITK does not tell: lines up to the first empty one. */
+std::string text_header(const std::string &path)
 {
     const size_t longest = 1 << 16;
     std::string header = file_start(path, longest);
     size_t end = std::min(header.find("\n\n"), header.find("\n\r\n"));
     if (end != std::string::npos) header.resize(end);
-    if (header.find("\nspacings:") == std::string::npos && header.find("\nspace directions:") == std::string::npos)
-        pliant_log(PLIANT_LOG_WARNING, "%s: neither spacings nor space directions: a spacing of 1 mm is taken", path.c_str());
+    return header;
+}
 
-    size_t units = header.find("\nspace units:");
-    if (units == std::string::npos) return 1.0;
-    std::string line = header.substr(units + 13, header.find('\n', units + 1) - units - 13);
+/* The value of a field; "" when it is missing. */
+std::string field(const std::string &header, const std::string &name)
+{
+    size_t start = header.find("\n" + name + ":");
+    if (start == std::string::npos) return "";
+    start += name.size() + 2;
+    size_t end = header.find('\n', start);
+    return trimmed(header.substr(start, end == std::string::npos ? end : end - start));
+}
+
+/* ITK takes every length for millimetres. Returns millimetres per unit. */
+double unit_in_millimetres(const std::string &path, const std::string &header)
+{
+    if (field(header, "spacings").empty() && field(header, "space directions").empty())
+        pliant_log(PLIANT_LOG_WARNING, "%s: neither spacings nor space directions: a spacing of 1 mm is taken", path.c_str());
+    std::string units = field(header, "space units");
     double scale = 0.0;
-    for (size_t open = line.find('"'); open != std::string::npos;) {
-        size_t close = line.find('"', open + 1);
+    for (size_t open = units.find('"'); open != std::string::npos;) {
+        size_t close = units.find('"', open + 1);
         if (close == std::string::npos) break;
-        std::string unit = line.substr(open + 1, close - open - 1);
+        std::string unit = units.substr(open + 1, close - open - 1);
         double next = unit == "m" ? 1e3 : unit == "cm" ? 10.0 : unit == "um" ? 1e-3 : unit == "mm" || unit.empty() ? 1.0 : 0.0;
         if (next == 0.0 || (scale != 0.0 && next != scale))
-            fail(PLIANT_ERROR_FORMAT, "%s: space units%s are not supported; \"mm\" \"mm\" \"mm\" are", path.c_str(), line.c_str());
+            fail(PLIANT_ERROR_FORMAT, "%s: space units %s are not supported; \"mm\" \"mm\" \"mm\" are", path.c_str(), units.c_str());
         scale = next;
-        open = line.find('"', close + 1);
+        open = units.find('"', close + 1);
     }
     return scale == 0.0 ? 1.0 : scale;
+}
+
+/* Before memory is asked for: the voxels can be in the file. And a data file of its own that is longer than they
+ * are has something in front of them that the header forgot. */
+void check_data_file(const std::string &path, const std::string &header, const image_header &image)
+{
+    std::string name = field(header, "data file"), encoding = lower_case(field(header, "encoding"));
+    if (name.empty()) name = field(header, "datafile");
+    if (name.find_first_of(" %") != std::string::npos || name == "LIST") return; /* several files: teem checks them */
+    bool raw = encoding == "raw", zipped = encoding == "gzip" || encoding == "gz", alone = !name.empty();
+    std::string data_path = !alone ? path : name[0] == '/' ? name : folder_of(path) + name;
+    double bytes = static_cast<double>(file_size(data_path)), voxels = voxel_count(image.geometry);
+    double data_bytes = voxels * static_cast<double>(component_size(image.type));
+    check_data_fits(data_path, raw || zipped ? data_bytes : voxels, bytes, !raw); /* text: a digit for each, at the least */
+
+    for (const char *skip : {"byte skip", "byteskip", "line skip", "lineskip"})
+        if (!field(header, skip).empty()) return;
+    if (!alone || !(raw || zipped)) return;
+    if (zipped) {
+        const double wrap = 4294967296.0; /* gzip tells the length of what went in modulo 2^32 (RFC 1952) */
+        unsigned char tail[4] = {0, 0, 0, 0};
+        std::ifstream file(data_path, std::ios::binary);
+        file.seekg(-4, std::ios::end).read(reinterpret_cast<char *>(tail), 4);
+        bytes = tail[0] + 256.0 * tail[1] + 65536.0 * tail[2] + 16777216.0 * tail[3];
+        data_bytes = std::fmod(data_bytes, wrap);
+    }
+    if (bytes != data_bytes)
+        fail(PLIANT_ERROR_FORMAT, "%s: %.0f bytes of data in %s, but the header asks for %.0f: truncated, or a byte skip is missing", path.c_str(),
+             bytes, name.c_str(), data_bytes);
+}
+
+/* teem tells a list of what failed inside what; the last entry is the reason. */
+std::string reason(const itk::ExceptionObject &error)
+{
+    std::string text = itk_reason(error);
+    size_t last = text.rfind("[nrrd] ");
+    if (last != std::string::npos) text.erase(0, last + 7);
+    size_t name = text[0] == '_' ? text.find(": ") : std::string::npos;
+    return name == std::string::npos ? text : text.substr(name + 2);
 }
 
 class nrrd_source : public image_source {
@@ -64,7 +118,7 @@ public:
         try {
             io_->Read(voxels);
         } catch (const itk::ExceptionObject &error) {
-            fail(PLIANT_ERROR_FORMAT, "%s: the voxels cannot be read (truncated or damaged?): %.600s", path_.c_str(), itk_reason(error).c_str());
+            fail(PLIANT_ERROR_FORMAT, "%s: the voxels cannot be read (truncated or damaged?): %.600s", path_.c_str(), reason(error).c_str());
         }
     }
 
@@ -77,14 +131,15 @@ private:
 
 std::unique_ptr<image_source> open_nrrd(const std::string &path)
 {
-    double unit = unit_in_millimetres(path);
+    std::string text = text_header(path);
+    double unit = unit_in_millimetres(path, text);
     itk_scope quiet;
     itk::NrrdImageIO::Pointer io = itk::NrrdImageIO::New();
     io->SetFileName(path);
     try {
         io->ReadImageInformation();
     } catch (const itk::ExceptionObject &error) {
-        fail(PLIANT_ERROR_FORMAT, "%s: not a NRRD file that can be read as one 3-D volume: %.600s", path.c_str(), itk_reason(error).c_str());
+        fail(PLIANT_ERROR_FORMAT, "%s: not a NRRD file that can be read as one 3-D volume: %.600s", path.c_str(), reason(error).c_str());
     }
     if (io->GetNumberOfComponents() != 1)
         fail(PLIANT_ERROR_FORMAT, "%s: %u values per voxel (colour, vector or complex); one is needed", path.c_str(), io->GetNumberOfComponents());
@@ -102,6 +157,7 @@ std::unique_ptr<image_source> open_nrrd(const std::string &path)
     source->header.geometry = checked_geometry(path, grid);
     source->header.type = component_of(path, *io);
     source->header.whole_numbers = component_is_integer(source->header.type);
+    check_data_file(path, text, source->header);
     source->header.decoder_bytes = static_cast<double>(component_size(source->header.type));
     return std::unique_ptr<image_source>(source.release());
 }

@@ -1,9 +1,6 @@
 /* The slices of a DICOM series as one regular grid. Slice spacing comes from ImagePositionPatient; SliceThickness,
  * SpacingBetweenSlices and the order of files or instance numbers are not looked at (DICOM PS3.3 C.7.6.2). */
-#include "scan/itk_scope.h"
 #include "scan/read_dicom.h"
-
-#include <itkGDCMImageIO.h>
 
 #include <algorithm>
 #include <cmath>
@@ -31,16 +28,12 @@ void check_alike(const std::vector<dicom_slice> &slices)
     for (const dicom_slice &slice : slices) {
         const char *path = slice.path.c_str();
         if (!slice.problem.empty()) fail(PLIANT_ERROR_FORMAT, "%s", slice.problem.c_str());
-        if (slice.frames > 1)
-            fail(PLIANT_ERROR_FORMAT, "%s: %d frames in one DICOM file are not supported: export it as a series of single images, or as NIfTI",
-                 path, slice.frames);
-        if (slice.rows < 1 || slice.columns < 1) fail(PLIANT_ERROR_FORMAT, "%s: Rows and Columns are missing or 0", path);
         if (slice.position.empty()) fail(PLIANT_ERROR_FORMAT, "%s: no ImagePositionPatient: the place of the slice is not known", path);
         if (slice.orientation.empty()) fail(PLIANT_ERROR_FORMAT, "%s: no ImageOrientationPatient", path);
         if (slice.spacing.empty()) fail(PLIANT_ERROR_FORMAT, "%s: no PixelSpacing", path);
-        if (slice.rows != first.rows || slice.columns != first.columns)
-            fail(PLIANT_ERROR_FORMAT, "%s: %d x %d pixels, but %s of the same series has %d x %d", path, slice.columns, slice.rows,
-                 first.name.c_str(), first.columns, first.rows);
+        if (slice.pixels.rows != first.pixels.rows || slice.pixels.columns != first.pixels.columns)
+            fail(PLIANT_ERROR_FORMAT, "%s: %d x %d pixels, but %s of the same series has %d x %d", path, slice.pixels.columns,
+                 slice.pixels.rows, first.name.c_str(), first.pixels.columns, first.pixels.rows);
         for (size_t d = 0; d < 6; d++)
             if (std::fabs(slice.orientation[d] - first.orientation[d]) > 1e-3)
                 fail(PLIANT_ERROR_FORMAT, "%s: ImageOrientationPatient differs from that of %s of the same series", path, first.name.c_str());
@@ -122,7 +115,7 @@ grid grid_of(const std::string &folder, std::vector<dicom_slice> &slices)
 
     const dicom_slice &first = slices.front();
     grid grid;
-    grid.size = {first.columns, first.rows, static_cast<int64_t>(slices.size())};
+    grid.size = {first.pixels.columns, first.pixels.rows, static_cast<int64_t>(slices.size())};
     grid.spacing[0] = first.spacing[1]; /* PixelSpacing: between rows first */
     grid.spacing[1] = first.spacing[0];
     grid.spacing[2] = check_steps(folder, slices, normal);
@@ -135,92 +128,65 @@ grid grid_of(const std::string &folder, std::vector<dicom_slice> &slices)
     return grid;
 }
 
-component component_of(const std::string &path, itk::ImageIOBase::IOComponentType type)
+template <class From> void rescale(const void *from, const dicom_pixels &pixels, double *to)
 {
-    switch (type) {
-    case itk::ImageIOBase::UCHAR: return component::uint8;
-    case itk::ImageIOBase::CHAR: return component::int8;
-    case itk::ImageIOBase::USHORT: return component::uint16;
-    case itk::ImageIOBase::SHORT: return component::int16;
-    case itk::ImageIOBase::UINT: return component::uint32;
-    case itk::ImageIOBase::INT: return component::int32;
-    case itk::ImageIOBase::FLOAT: return component::float32;
-    case itk::ImageIOBase::DOUBLE: return component::float64;
-    default: fail(PLIANT_ERROR_FORMAT, "%s: its voxel type is not supported", path.c_str());
+    for (size_t n = 0; n < pixels.count(); n++) to[n] = pixels.slope * static_cast<double>(static_cast<const From *>(from)[n]) + pixels.intercept;
+}
+
+void rescale_any(const void *from, const dicom_pixels &pixels, double *to)
+{
+    switch (pixels.type()) {
+    case component::uint8: return rescale<uint8_t>(from, pixels, to);
+    case component::int8: return rescale<int8_t>(from, pixels, to);
+    case component::uint16: return rescale<uint16_t>(from, pixels, to);
+    case component::int16: return rescale<int16_t>(from, pixels, to);
+    case component::uint32: return rescale<uint32_t>(from, pixels, to);
+    case component::int32: return rescale<int32_t>(from, pixels, to);
+    default: return;
     }
 }
 
-/* One image, ready to be read; ITK applies slope and intercept. */
-itk::GDCMImageIO::Pointer open_image(const dicom_slice &slice)
-{
-    itk::GDCMImageIO::Pointer io = itk::GDCMImageIO::New();
-    io->SetFileName(slice.path);
-    io->ReadImageInformation();
-    if (io->GetNumberOfComponents() != 1 || io->GetDimensions(0) != static_cast<unsigned int>(slice.columns) ||
-        io->GetDimensions(1) != static_cast<unsigned int>(slice.rows))
-        fail(PLIANT_ERROR_FORMAT, "%s: the image is not %d x %d with one value per pixel", slice.path.c_str(), slice.columns, slice.rows);
-    return io;
-}
-
-template <class From> void widen(const void *from, size_t count, double *to)
-{
-    for (size_t n = 0; n < count; n++) to[n] = static_cast<double>(static_cast<const From *>(from)[n]);
-}
-
-void to_double(component type, const void *from, size_t count, double *to)
-{
-    switch (type) {
-    case component::uint8: return widen<uint8_t>(from, count, to);
-    case component::int8: return widen<int8_t>(from, count, to);
-    case component::uint16: return widen<uint16_t>(from, count, to);
-    case component::int16: return widen<int16_t>(from, count, to);
-    case component::uint32: return widen<uint32_t>(from, count, to);
-    case component::int32: return widen<int32_t>(from, count, to);
-    case component::float32: return widen<float>(from, count, to);
-    default: return widen<double>(from, count, to);
-    }
-}
-
+/* Slices of one type and scale are kept as stored; others (PET, some MRI) are rescaled one by one as double. */
 class series_source : public image_source {
 public:
-    explicit series_source(std::vector<dicom_slice> slices) : slices_(std::move(slices)) {}
+    explicit series_source(std::vector<dicom_slice> slices) : slices_(std::move(slices))
+    {
+        const dicom_pixels &first = slices_.front().pixels;
+        header.type = first.type();
+        header.slope = first.slope;
+        header.intercept = first.intercept;
+        header.whole_numbers = true;
+        for (const dicom_slice &slice : slices_) {
+            const dicom_pixels &one = slice.pixels;
+            if (one.type() != first.type() || one.slope != first.slope || one.intercept != first.intercept) alike_ = false;
+            if (one.slope != std::floor(one.slope) || one.intercept != std::floor(one.intercept)) header.whole_numbers = false;
+        }
+        if (alike_) return;
+        header.type = component::float64;
+        header.slope = 1.0;
+        header.intercept = 0.0;
+    }
 
     void read(void *voxels) override
     {
-        itk_scope quiet;
-        size_t slice_voxels = static_cast<size_t>(slices_[0].rows) * static_cast<size_t>(slices_[0].columns);
         char *to = static_cast<char *>(voxels);
+        std::vector<char> stored;
         for (const dicom_slice &slice : slices_) {
-            try {
-                read_slice(slice, slice_voxels, to);
-            } catch (const itk::ExceptionObject &error) {
-                fail(PLIANT_ERROR_FORMAT, "%s: the pixels cannot be read: %.600s", slice.path.c_str(), itk_reason(error).c_str());
+            const dicom_pixels &pixels = slice.pixels;
+            if (alike_) {
+                read_dicom_pixels(slice.path, pixels, to);
+            } else {
+                stored.resize(pixels.count() * component_size(pixels.type()));
+                read_dicom_pixels(slice.path, pixels, stored.data());
+                rescale_any(stored.data(), pixels, reinterpret_cast<double *>(to));
             }
-            to += slice_voxels * component_size(header.type);
+            to += pixels.count() * component_size(header.type);
         }
     }
 
 private:
     std::vector<dicom_slice> slices_;
-
-    void read_slice(const dicom_slice &slice, size_t count, void *to)
-    {
-        itk::GDCMImageIO::Pointer io = open_image(slice);
-        component type = component_of(slice.path, io->GetComponentType());
-        unsigned int dimensions = io->GetNumberOfDimensions();
-        itk::ImageIORegion region(dimensions);
-        for (unsigned int d = 0; d < dimensions; d++) region.SetSize(d, io->GetDimensions(d));
-        io->SetIORegion(region);
-        if (type == header.type) {
-            io->Read(to);
-            return;
-        }
-        if (header.type != component::float64)
-            fail(PLIANT_ERROR_FORMAT, "%s: its pixels are of another type than those of %s", slice.path.c_str(), slices_[0].name.c_str());
-        std::vector<char> pixels(count * component_size(type));
-        io->Read(pixels.data());
-        to_double(type, pixels.data(), count, static_cast<double *>(to));
-    }
+    bool alike_ = true;
 };
 
 } // namespace
@@ -228,24 +194,8 @@ private:
 std::unique_ptr<image_source> open_series(const std::string &folder, std::vector<dicom_slice> slices)
 {
     pliant_geometry geometry = checked_geometry(folder, grid_of(folder, slices));
-    bool alike = true, whole = true;
-    for (const dicom_slice &slice : slices) {
-        alike = alike && slice.storage == slices[0].storage;
-        whole = whole && slice.integer_rescale;
-    }
-    component type = component::float64; /* holds every value where slices are scaled apart (PET, some MRI) */
-    if (alike) {
-        itk_scope quiet;
-        try {
-            type = component_of(slices[0].path, open_image(slices[0])->GetComponentType());
-        } catch (const itk::ExceptionObject &error) {
-            fail(PLIANT_ERROR_FORMAT, "%s: cannot be read: %.600s", slices[0].path.c_str(), itk_reason(error).c_str());
-        }
-    }
     std::unique_ptr<image_source> source(new series_source(std::move(slices)));
     source->header.geometry = geometry;
-    source->header.type = type;
-    source->header.whole_numbers = whole;
     return source;
 }
 

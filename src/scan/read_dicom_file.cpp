@@ -1,0 +1,206 @@
+/* The elements of a DICOM file (PS3.5 section 7, PS3.10 section 7), checked against its size. GDCM stops the whole
+ * process on some broken files, so it sees none whose structure has not been walked here. */
+#include "scan/read_dicom.h"
+
+#include <cerrno>
+#include <cstring>
+
+namespace pliant_read {
+
+namespace {
+
+enum : uint32_t {
+    UNDEFINED = 0xffffffff,
+    ITEM = 0xfffee000,
+    ITEM_END = 0xfffee00d,
+    SEQUENCE_END = 0xfffee0dd,
+    TRANSFER_SYNTAX = 0x00020010,
+    PIXEL_DATA = 0x7fe00010
+};
+
+struct element {
+    uint32_t tag, length;
+    char type[3]; /* "" in implicit VR and for items */
+};
+
+class walker {
+public:
+    walker(const std::string &path, dicom_file *out) : path_(path), file_(path, std::ios::binary), size_(file_size(path)), out_(out)
+    {
+        if (!file_) fail(PLIANT_ERROR_FILE, "%s: cannot be opened: %s", path.c_str(), strerror(errno));
+    }
+
+    /* False when nothing here is DICOM. */
+    bool walk()
+    {
+        std::string start = bytes(0, std::min<uint64_t>(size_, 132));
+        bool magic = start.size() == 132 && start.compare(128, 4, "DICM") == 0;
+        if (!magic && !looks_like_data_set(start)) return false;
+        at_ = magic ? 132 : 0;
+        explicit_ = true;
+        while (at_ < size_ && (peek_tag() >> 16) == 2) { /* the file meta group is explicit, whatever follows */
+            element e = next_element();
+            store(e);
+            skip(e.length);
+        }
+        out_->transfer_syntax = out_->text(TRANSFER_SYNTAX);
+        if (!magic && out_->transfer_syntax.empty()) {
+            out_->transfer_syntax = std::isupper(static_cast<unsigned char>(start[4])) ? "1.2.840.10008.1.2.1" : "1.2.840.10008.1.2";
+        }
+        check_transfer_syntax();
+        explicit_ = out_->transfer_syntax != "1.2.840.10008.1.2";
+        while (at_ < size_ && !out_->has_pixels) {
+            element e = next_element();
+            if (e.tag == PIXEL_DATA) pixels(e);
+            else if (e.length == UNDEFINED) sequence(1, explicit_ && std::strcmp(e.type, "UN") != 0);
+            else {
+                store(e);
+                skip(e.length);
+            }
+        }
+        return true;
+    }
+
+private:
+    std::string path_;
+    std::ifstream file_;
+    uint64_t size_, at_ = 0;
+    dicom_file *out_;
+    bool explicit_ = true;
+
+    [[noreturn]] void truncated() { fail(PLIANT_ERROR_FORMAT, "%s: truncated DICOM file", path_.c_str()); }
+    [[noreturn]] void damaged(const char *what)
+    {
+        fail(PLIANT_ERROR_FORMAT, "%s: damaged DICOM file: %s at byte %llu", path_.c_str(), what, static_cast<unsigned long long>(at_));
+    }
+
+    std::string bytes(uint64_t offset, uint64_t count)
+    {
+        if (count > size_ || offset > size_ - count) truncated();
+        std::string out(static_cast<size_t>(count), '\0');
+        file_.seekg(static_cast<std::streamoff>(offset));
+        file_.read(&out[0], static_cast<std::streamsize>(count));
+        if (!file_) truncated();
+        return out;
+    }
+    static uint32_t number(const std::string &raw, size_t at, int count)
+    {
+        uint32_t value = 0;
+        for (int n = count - 1; n >= 0; n--) value = value << 8 | static_cast<unsigned char>(raw[at + static_cast<size_t>(n)]);
+        return value;
+    }
+    static uint32_t tag_of(const std::string &raw) { return number(raw, 0, 2) << 16 | number(raw, 2, 2); }
+    uint32_t peek_tag() { return tag_of(bytes(at_, 4)); }
+
+    /* Old files without the 128 bytes in front begin with group 8, and with an element that makes sense. */
+    static bool looks_like_data_set(const std::string &start)
+    {
+        if (start.size() < 132 || number(start, 0, 2) != 8) return false;
+        bool has_type = std::isupper(static_cast<unsigned char>(start[4])) && std::isupper(static_cast<unsigned char>(start[5]));
+        return number(start, 2, 2) <= 0x18 && (has_type || number(start, 4, 4) <= 64);
+    }
+
+    void check_transfer_syntax()
+    {
+        const std::string &syntax = out_->transfer_syntax;
+        if (at_ >= size_) truncated();
+        if (syntax == "1.2.840.10008.1.2.2" || syntax == "1.2.840.10008.1.2.1.99")
+            fail(PLIANT_ERROR_FORMAT, "%s: %s DICOM files are not supported; store it little-endian", path_.c_str(),
+                 syntax == "1.2.840.10008.1.2.2" ? "big-endian" : "deflated");
+        if (syntax.compare(0, 17, "1.2.840.10008.1.2") != 0)
+            fail(PLIANT_ERROR_FORMAT, "%s: transfer syntax \"%.64s\" is not supported", path_.c_str(), syntax.c_str());
+    }
+
+    element next_element(bool with_type)
+    {
+        static const char *const long_types[] = {"OB", "OD", "OF", "OL", "OV", "OW", "SQ", "SV", "UC", "UN", "UR", "UT", "UV"};
+        std::string head = bytes(at_, 8);
+        element e = {tag_of(head), number(head, 4, 4), ""};
+        at_ += 8;
+        if (!with_type || (e.tag >> 16) == 0xfffe) return e;
+        e.type[0] = head[4];
+        e.type[1] = head[5];
+        if (!std::isupper(static_cast<unsigned char>(e.type[0])) || !std::isupper(static_cast<unsigned char>(e.type[1])))
+            damaged("an element without a type");
+        e.length = number(head, 6, 2);
+        for (const char *type : long_types)
+            if (std::strcmp(type, e.type) == 0) {
+                e.length = number(bytes(at_, 4), 0, 4);
+                at_ += 4;
+            }
+        return e;
+    }
+    element next_element() { return next_element(explicit_); }
+
+    void skip(uint64_t length)
+    {
+        if (length > size_ - at_) truncated();
+        at_ += length;
+    }
+
+    void store(const element &e)
+    {
+        const uint32_t longest = 4096; /* beyond is nothing that matters here */
+        if (e.length > size_ - at_) truncated();
+        out_->values[e.tag] = e.length <= longest ? bytes(at_, e.length) : "";
+    }
+
+    /* Items until the end of a sequence whose length is not told. */
+    void sequence(int depth, bool with_type)
+    {
+        if (depth > 32) damaged("sequences nested more than 32 deep");
+        for (;;) {
+            element item = next_element(with_type);
+            if (item.tag == SEQUENCE_END) return;
+            if (item.tag != ITEM) damaged("something else than an item in a sequence");
+            if (item.length != UNDEFINED) {
+                skip(item.length);
+                continue;
+            }
+            for (element e = next_element(with_type); e.tag != ITEM_END; e = next_element(with_type)) {
+                if (e.length == UNDEFINED) sequence(depth + 1, with_type && std::strcmp(e.type, "UN") != 0);
+                else skip(e.length);
+            }
+        }
+    }
+
+    void pixels(const element &e)
+    {
+        out_->has_pixels = true;
+        out_->compressed = e.length == UNDEFINED;
+        out_->pixels.offset = at_;
+        if (out_->compressed) {
+            for (;;) {
+                element item = next_element(false);
+                if (item.tag == SEQUENCE_END) break;
+                if (item.tag != ITEM || item.length == UNDEFINED) damaged("something else than a fragment in compressed pixels");
+                skip(item.length);
+            }
+        } else {
+            skip(e.length);
+        }
+        out_->pixels.length = at_ - out_->pixels.offset;
+    }
+};
+
+} // namespace
+
+std::string dicom_file::text(uint32_t tag) const
+{
+    auto found = values.find(tag);
+    return found == values.end() ? "" : trimmed(found->second);
+}
+
+int dicom_file::whole(uint32_t tag, int otherwise) const
+{
+    auto found = values.find(tag);
+    if (found == values.end() || found->second.size() < 2) return otherwise;
+    return static_cast<unsigned char>(found->second[0]) | static_cast<unsigned char>(found->second[1]) << 8;
+}
+
+bool read_dicom_file(const std::string &path, dicom_file *out)
+{
+    return walker(path, out).walk();
+}
+
+} // namespace pliant_read

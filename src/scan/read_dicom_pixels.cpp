@@ -1,0 +1,120 @@
+/* The numbers of one DICOM image: as they are in the file, or decompressed by the GDCM that ITK reads DICOM with. */
+#include "scan/itk_scope.h"
+#include "scan/read_dicom.h"
+
+#include <gdcmImageReader.h>
+
+#include <cstring>
+#include <sstream>
+
+namespace pliant_read {
+
+component dicom_pixels::type() const
+{
+    if (bits_allocated == 8) return is_signed ? component::int8 : component::uint8;
+    if (bits_allocated == 16) return is_signed ? component::int16 : component::uint16;
+    if (bits_allocated == 32) return is_signed ? component::int32 : component::uint32;
+    return component::none;
+}
+
+namespace {
+
+std::string file_part(const std::string &path, const dicom_file::part &part)
+{
+    std::string bytes(static_cast<size_t>(part.length), '\0');
+    std::ifstream file(path, std::ios::binary);
+    file.seekg(static_cast<std::streamoff>(part.offset));
+    file.read(&bytes[0], static_cast<std::streamsize>(part.length));
+    if (!file) fail(PLIANT_ERROR_FILE, "%s: its pixels cannot be read", path.c_str());
+    return bytes;
+}
+
+/* Bits above the stored ones do not count (overlays lie there in old files). */
+template <class Number> void clean_bits(int stored, size_t count, Number *values)
+{
+    const int above = static_cast<int>(8 * sizeof(Number)) - stored;
+    if (above == 0) return;
+    const Number scale = static_cast<Number>(Number(1) << above);
+    for (size_t n = 0; n < count; n++) {
+        typename std::make_unsigned<Number>::type raw;
+        std::memcpy(&raw, values + n, sizeof raw);
+        raw = static_cast<decltype(raw)>(raw << above);
+        std::memcpy(values + n, &raw, sizeof raw);
+        values[n] = static_cast<Number>(values[n] / scale); /* exact; takes the sign along */
+    }
+}
+
+void clean(const dicom_pixels &pixels, void *out)
+{
+    switch (pixels.type()) {
+    case component::uint8: return clean_bits(pixels.bits_stored, pixels.count(), static_cast<uint8_t *>(out));
+    case component::int8: return clean_bits(pixels.bits_stored, pixels.count(), static_cast<int8_t *>(out));
+    case component::uint16: return clean_bits(pixels.bits_stored, pixels.count(), static_cast<uint16_t *>(out));
+    case component::int16: return clean_bits(pixels.bits_stored, pixels.count(), static_cast<int16_t *>(out));
+    case component::uint32: return clean_bits(pixels.bits_stored, pixels.count(), static_cast<uint32_t *>(out));
+    case component::int32: return clean_bits(pixels.bits_stored, pixels.count(), static_cast<int32_t *>(out));
+    default: return;
+    }
+}
+
+std::string little_endian(uint32_t value, int bytes)
+{
+    std::string out;
+    for (int n = 0; n < bytes; n++) out += static_cast<char>(value >> 8 * n & 0xff);
+    return out;
+}
+
+std::string element(uint16_t group, uint16_t tag, const char *type, std::string value)
+{
+    if (value.size() % 2) value += std::strcmp(type, "UI") == 0 ? '\0' : ' ';
+    return little_endian(group, 2) + little_endian(tag, 2) + type + little_endian(static_cast<uint32_t>(value.size()), 2) + value;
+}
+
+/* A DICOM file with nothing but what decompression needs, so that nothing else in the original can disturb it. */
+std::string bare_file(const dicom_pixels &pixels, const std::string &fragments)
+{
+    const char *const ct_image = "1.2.840.10008.5.1.4.1.1.2";
+    std::string meta = element(2, 2, "UI", ct_image) + element(2, 3, "UI", "1.2.3") + element(2, 0x10, "UI", pixels.transfer_syntax);
+    std::string file = std::string(128, '\0') + "DICM" + element(2, 0, "UL", little_endian(static_cast<uint32_t>(meta.size()), 4)) + meta;
+    auto number = [](int value) { return little_endian(static_cast<uint32_t>(value), 2); };
+    file += element(8, 0x16, "UI", ct_image) + element(8, 0x18, "UI", "1.2.3") + element(0x28, 2, "US", number(1)) +
+            element(0x28, 4, "CS", "MONOCHROME2") + element(0x28, 0x10, "US", number(pixels.rows)) +
+            element(0x28, 0x11, "US", number(pixels.columns)) + element(0x28, 0x100, "US", number(pixels.bits_allocated)) +
+            element(0x28, 0x101, "US", number(pixels.bits_stored)) + element(0x28, 0x102, "US", number(pixels.bits_stored - 1)) +
+            element(0x28, 0x103, "US", number(pixels.is_signed));
+    return file + little_endian(0x7fe0, 2) + little_endian(0x10, 2) + "OB" + std::string(2, '\0') + "\xff\xff\xff\xff" + fragments;
+}
+
+void decompress(const std::string &path, const dicom_pixels &pixels, void *out)
+{
+    itk_scope quiet;
+    std::istringstream stream(bare_file(pixels, file_part(path, pixels.part)));
+    gdcm::ImageReader reader;
+    reader.SetStream(stream);
+    if (!reader.Read())
+        fail(PLIANT_ERROR_FORMAT, "%s: the compressed pixels cannot be read (transfer syntax %s)", path.c_str(), pixels.transfer_syntax.c_str());
+    const gdcm::Image &image = reader.GetImage();
+    const gdcm::PixelFormat &format = image.GetPixelFormat();
+    size_t bytes = pixels.count() * component_size(pixels.type());
+    if (image.GetBufferLength() != bytes || format.GetBitsAllocated() != pixels.bits_allocated || format.GetSamplesPerPixel() != 1 ||
+        format.GetPixelRepresentation() != pixels.is_signed)
+        fail(PLIANT_ERROR_FORMAT, "%s: the compressed pixels are not %d x %d numbers of %d bits%s as the header says", path.c_str(),
+             pixels.columns, pixels.rows, pixels.bits_allocated, pixels.is_signed ? " with sign" : "");
+    if (!image.GetBuffer(static_cast<char *>(out)))
+        fail(PLIANT_ERROR_FORMAT, "%s: the compressed pixels are damaged (transfer syntax %s)", path.c_str(), pixels.transfer_syntax.c_str());
+}
+
+} // namespace
+
+void read_dicom_pixels(const std::string &path, const dicom_pixels &pixels, void *out)
+{
+    if (pixels.compressed) {
+        decompress(path, pixels, out);
+    } else {
+        byte_stream stream(path, pixels.part.offset, byte_stream::packing::none);
+        stream.read_exactly(out, pixels.count() * component_size(pixels.type()), "the pixel data");
+    }
+    clean(pixels, out);
+}
+
+} // namespace pliant_read

@@ -1,0 +1,170 @@
+/* Scan files made by tests themselves, byte by byte, so that the readers are tested against the formats and not
+ * against the writers. */
+#ifndef PLIANT_TEST_SCAN_FILES_H
+#define PLIANT_TEST_SCAN_FILES_H
+
+#include "pliant/pliant.h"
+
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <dirent.h>
+#include <fstream>
+#include <map>
+#include <string>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <vector>
+
+/* A folder of its own, removed with its files. */
+class temporary_folder {
+public:
+    temporary_folder()
+    {
+        char name[] = "/tmp/pliant-test-XXXXXX";
+        path_ = mkdtemp(name);
+    }
+    ~temporary_folder() { remove_folder(path_); }
+    temporary_folder(const temporary_folder &) = delete;
+    temporary_folder &operator=(const temporary_folder &) = delete;
+    std::string operator/(const std::string &name) const { return path_ + "/" + name; }
+    const std::string &path() const { return path_; }
+    std::vector<std::string> names() const { return names_in(path_); }
+
+private:
+    std::string path_;
+    static std::vector<std::string> names_in(const std::string &folder)
+    {
+        std::vector<std::string> names;
+        DIR *directory = opendir(folder.c_str());
+        while (directory) {
+            const dirent *entry = readdir(directory);
+            if (!entry) break;
+            std::string name = entry->d_name;
+            if (name != "." && name != "..") names.push_back(name);
+        }
+        if (directory) closedir(directory);
+        return names;
+    }
+    static void remove_folder(const std::string &folder)
+    {
+        for (const std::string &name : names_in(folder)) {
+            std::string path = folder + "/" + name;
+            if (unlink(path.c_str()) != 0) remove_folder(path);
+        }
+        rmdir(folder.c_str());
+    }
+};
+
+inline void save(const std::string &path, const std::string &bytes)
+{
+    std::ofstream(path, std::ios::binary).write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+}
+
+inline std::string load(const std::string &path)
+{
+    std::ifstream file(path, std::ios::binary);
+    return std::string(std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>());
+}
+
+template <class T> std::string bytes_of(const std::vector<T> &values)
+{
+    return std::string(reinterpret_cast<const char *>(values.data()), values.size() * sizeof(T));
+}
+
+/* NIfTI-1, little-endian, one file. */
+struct nifti_file {
+    std::vector<int16_t> dim = {3, 4, 3, 2};
+    int16_t datatype = 4, bitpix = 16, qform_code = 0, sform_code = 1;
+    std::vector<float> pixdim = {1, 1, 1, 1, 1, 1, 1, 1};
+    float vox_offset = 352, slope = 1, intercept = 0;
+    char units = 2;
+    std::vector<float> quatern_and_offset = {0, 0, 0, 0, 0, 0};
+    std::vector<float> srow = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    std::string data = std::string(4 * 3 * 2 * 2, '\0');
+
+    std::string bytes() const
+    {
+        std::string header(352, '\0');
+        put(&header, 0, std::vector<int32_t>{348});
+        put(&header, 40, dim);
+        put(&header, 70, std::vector<int16_t>{datatype, bitpix});
+        put(&header, 76, pixdim);
+        put(&header, 108, std::vector<float>{vox_offset, slope, intercept});
+        header[123] = units;
+        put(&header, 252, std::vector<int16_t>{qform_code, sform_code});
+        put(&header, 256, quatern_and_offset);
+        put(&header, 280, srow);
+        header.replace(344, 4, std::string("n+1\0", 4));
+        return header + data;
+    }
+    template <class T> static void put(std::string *header, size_t at, const std::vector<T> &values)
+    {
+        header->replace(at, values.size() * sizeof(T), bytes_of(values));
+    }
+};
+
+/* One image of a DICOM series: explicit VR, little-endian, 16 bit. */
+struct dicom_file {
+    std::string series = "1.2.3.1", description = "abdomen", instance = "1.2.3.4.1";
+    std::string position = "-10\\-20\\30", orientation = "1\\0\\0\\0\\1\\0", spacing = "0.5\\0.75";
+    std::string slope = "1", intercept = "-1024", photometric = "MONOCHROME2", frames;
+    uint16_t rows = 3, columns = 4, samples = 1, is_signed = 0;
+    std::vector<uint16_t> pixels = std::vector<uint16_t>(12, 1000);
+
+    std::string bytes() const
+    {
+        std::string meta = element(2, 0x10, "UI", "1.2.840.10008.1.2.1");
+        std::string out = std::string(128, '\0') + "DICM" + element(2, 0, "UL", bytes_of(std::vector<uint32_t>{uint32_t(meta.size())})) + meta;
+        out += element(8, 0x16, "UI", "1.2.840.10008.5.1.4.1.1.2") + element(8, 0x18, "UI", instance) + element(8, 0x60, "CS", "CT") +
+               element(8, 0x103e, "LO", description) + element(0x18, 0x50, "DS", "7.0") + element(0x20, 0xe, "UI", series);
+        if (!position.empty()) out += element(0x20, 0x32, "DS", position);
+        out += element(0x20, 0x37, "DS", orientation) + element(0x28, 2, "US", number(samples)) + element(0x28, 4, "CS", photometric);
+        if (!frames.empty()) out += element(0x28, 8, "IS", frames);
+        out += element(0x28, 0x10, "US", number(rows)) + element(0x28, 0x11, "US", number(columns)) + element(0x28, 0x30, "DS", spacing) +
+               element(0x28, 0x100, "US", number(16)) + element(0x28, 0x101, "US", number(16)) + element(0x28, 0x102, "US", number(15)) +
+               element(0x28, 0x103, "US", number(is_signed)) + element(0x28, 0x1052, "DS", intercept) + element(0x28, 0x1053, "DS", slope);
+        return out + element(0x7fe0, 0x10, "OW", bytes_of(pixels));
+    }
+    static std::string number(uint16_t value) { return bytes_of(std::vector<uint16_t>{value}); }
+    static std::string element(uint16_t group, uint16_t tag, const std::string &type, std::string value)
+    {
+        if (value.size() % 2) value += type == "UI" ? '\0' : ' ';
+        std::string head = bytes_of(std::vector<uint16_t>{group, tag}) + type;
+        if (type == "OW") return head + std::string(2, '\0') + bytes_of(std::vector<uint32_t>{uint32_t(value.size())}) + value;
+        return head + number(uint16_t(value.size())) + value;
+    }
+};
+
+/* Freed at the end of the test. */
+struct volume_holder {
+    pliant_volume volume = {};
+    ~volume_holder() { pliant_volume_free(&volume); }
+    pliant_volume *operator->() { return &volume; }
+    pliant_volume *operator&() { return &volume; }
+    float at(int i, int j, int k) const
+    {
+        const int32_t *size = volume.geometry.size;
+        return pliant_volume_value(&volume, size_t(i) + size_t(size[0]) * (size_t(j) + size_t(size[1]) * size_t(k)));
+    }
+};
+
+/* Reading fails with this status and a message with all these words; the output is as it was, nothing leaks. */
+inline void expect_refused(const std::string &path, pliant_status status, const std::vector<std::string> &words, const char *series = nullptr,
+                           size_t memory_limit = 0)
+{
+    SCOPED_TRACE(path);
+    pliant_volume volume, before;
+    std::memset(&volume, 0x5a, sizeof volume);
+    std::memcpy(&before, &volume, sizeof volume);
+    size_t in_use = pliant_memory_in_use();
+    EXPECT_EQ(pliant_volume_read(path.c_str(), series, memory_limit, &volume), status);
+    EXPECT_EQ(std::memcmp(&volume, &before, sizeof volume), 0);
+    EXPECT_EQ(pliant_memory_in_use(), in_use);
+    std::string message = pliant_last_error();
+    for (const std::string &word : words) EXPECT_NE(message.find(word), std::string::npos) << "\"" << word << "\" is not in: " << message;
+}
+
+#endif
