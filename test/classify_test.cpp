@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <fstream>
 #include <limits>
 #include <string>
 #include <vector>
@@ -158,6 +159,76 @@ TEST_F(Classify, a_label_map_on_another_grid_is_refused)
     pliant_material_table t = table();
     std::vector<uint8_t> out(voxels());
     EXPECT_EQ(pliant_material_classify(&t, &scan, &labels, out.data()), PLIANT_ERROR_FORMAT);
+}
+
+/* What a whole table makes of a whole scan: the share of voxels of each material. */
+static std::vector<double> shares(const char *table_file, const pliant_volume &scan, const pliant_labels *labels,
+                                  std::vector<std::string> *names)
+{
+    pliant_material_table table = {};
+    std::string path = std::string(PLIANT_SOURCE_DIR "/launch/materials/") + table_file;
+    EXPECT_EQ(pliant_material_table_read(path.c_str(), &table), PLIANT_OK) << pliant_last_error();
+    std::vector<uint8_t> material(pliant_geometry_voxels(&scan.geometry));
+    EXPECT_EQ(pliant_material_classify(&table, &scan, labels, material.data()), PLIANT_OK) << pliant_last_error();
+    std::vector<double> share(table.num_materials);
+    for (uint8_t m : material) share.at(m) += 1.0 / static_cast<double>(material.size());
+    for (uint32_t m = 0; m < table.num_materials; ++m) names->push_back(table.materials[m].name);
+    pliant_material_table_free(&table);
+    return share;
+}
+
+static double share_of(const char *name, const std::vector<double> &share, const std::vector<std::string> &names)
+{
+    for (size_t m = 0; m < share.size(); ++m)
+        if (names[m] == name) return share[m];
+    ADD_FAILURE() << name;
+    return 0;
+}
+
+TEST(classify, an_abdomen_ct_with_and_without_its_labels)
+{
+    pliant_volume scan = {};
+    pliant_labels labels = {};
+    const std::string folder = PLIANT_TEST_DATA "/abdomen/";
+    if (!std::ifstream(folder + "ct.nii.gz")) GTEST_SKIP() << folder << " is not here";
+    ASSERT_EQ(pliant_volume_read((folder + "ct.nii.gz").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_labels_read((folder + "labels_totalseg_fast.nii.gz").c_str(), 0, &labels), PLIANT_OK) << pliant_last_error();
+
+    std::vector<std::string> names;
+    std::vector<double> by_label = shares("totalsegmentator.yaml", scan, &labels, &names);
+    const double voxels = static_cast<double>(pliant_geometry_voxels(&scan.geometry));
+    /* counted in the label map by hand: liver 5; spleen 1; lungs 10, 11, 14; hips 77, 78 are among the bones */
+    EXPECT_NEAR(share_of("liver", by_label, names), 41692 / voxels, 1e-9);
+    EXPECT_NEAR(share_of("spleen", by_label, names), 9668 / voxels, 1e-9);
+    EXPECT_GT(share_of("bone", by_label, names), (13166 + 13048) / voxels);
+    EXPECT_LT(share_of("bone", by_label, names), 0.06);
+    EXPECT_GT(share_of("air", by_label, names), 0.25);
+    EXPECT_GT(share_of("fat", by_label, names), 0.15);
+
+    names.clear();
+    std::vector<double> by_range = shares("abdomen_ct.yaml", scan, nullptr, &names);
+    EXPECT_GT(share_of("bone", by_range, names), 0.005);
+    EXPECT_LT(share_of("bone", by_range, names), 0.06);
+    EXPECT_GT(share_of("fat", by_range, names), 0.15);
+    EXPECT_GT(share_of("soft_tissue", by_range, names), 0.2);
+    pliant_volume_free(&scan);
+    pliant_labels_free(&labels);
+}
+
+TEST(classify, the_phantom_with_and_without_its_labels)
+{
+    pliant_volume scan = {};
+    pliant_labels labels = {};
+    const int32_t size[3] = {100, 80, 60};
+    ASSERT_EQ(pliant_phantom(size, 1, &scan, &labels), PLIANT_OK);
+    std::vector<std::string> names;
+    std::vector<double> by_label = shares("phantom.yaml", scan, &labels, &names);
+    std::vector<double> by_range = shares("phantom.yaml", scan, nullptr, &names);
+    EXPECT_NEAR(share_of("air", by_label, names), share_of("air", by_range, names), 0.02);
+    EXPECT_NEAR(share_of("fat", by_label, names), share_of("fat", by_range, names), 0.05);
+    EXPECT_GT(share_of("bone", by_label, names), share_of("bone", by_range, names)); /* discs and marrow are darker */
+    pliant_volume_free(&scan);
+    pliant_labels_free(&labels);
 }
 
 TEST_F(Classify, failing_allocations)

@@ -14,7 +14,7 @@ float phantom_depth(float x, float y, float z)
     float navel = y < 0 ? 9 * square(1 - phantom_clamp((x * x + square(z + 25)) / 260, 0, 1)) : 0;
     float u = x / a, v = y / b * (1 + 0.05f * back), corner = 0.30f;
     float f = u * u + v * v - corner * u * u * v * v;
-    if (f < 0.1f) return 70;
+    if (f < 0.1f) return 100; /* well inside, where the ellipses shrink to a point */
     float size = sqrtf(f), slope_x = u * (1 - corner * v * v) / (a * size), slope_y = v * (1 - corner * u * u) / (b * size);
     return (1 - size) / sqrtf(slope_x * slope_x + slope_y * slope_y) - navel;
 }
@@ -28,7 +28,7 @@ void phantom_wall(float x, float y, float z, float *fat, float *muscle)
     float strap = across > 3 && across < 66 ? 1 - square(square((across - 34.5f) / 31.5f)) : 0;
     float flank = 17 * phantom_ramp(across, 62, 92);
     float before = 2 + 10 * strap > flank ? 2 + 10 * strap : flank;
-    float behind = 17 * side + 36 * back + pelvis * (24 * side + 26 * back);
+    float behind = 17 * side + 36 * back + pelvis * (24 * side + 9 * back);
     *muscle = *fat + (y < 0 ? before + pelvis * side * 24 : behind);
 }
 
