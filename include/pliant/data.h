@@ -99,6 +99,11 @@ pliant_status pliant_data_gravity(pliant_data *data, const double gravity[3]);
  *  Errors: ARGUMENT (iterations < 1, tolerance not above 0). */
 pliant_status pliant_data_limits(pliant_data *data, int iterations, double tolerance);
 
+/** Put the body where it is said to be, however unlikely; the next step goes on from there. Of a coarse model only the
+ *  positions at coarse nodes count; fixed nodes stay. Errors: ARGUMENT (not finite; nothing is changed).
+ *  @param positions (fine.num_nodes x 3) LPS [m] */
+pliant_status pliant_data_set_positions(const pliant_model *model, pliant_data *data, const double *positions);
+
 /** One quasi-static step: interact, solve, upsample, warp. NOT_CONVERGED keeps the best state reached so far;
  *  NUMERIC and MEMORY keep the state before the step. Positions are never NaN. */
 pliant_status pliant_step(const pliant_model *model, pliant_data *data);

@@ -40,8 +40,15 @@ void pliant_mesh_slot_corners(int parity, int slot, int corners[4]);
  *  ((a + b + c) & 1). Ties go to the central one. */
 int pliant_mesh_slot_of(int parity, const double local[3]);
 
+/** The lattice tetrahedron of a coarse grid of `cells` that holds lattice tetrahedron `lattice_tet` of the grid refined by
+ *  `ratio` along each axis. */
+int32_t pliant_lattice_coarse_of(const int32_t cells[3], int32_t ratio, int32_t lattice_tet);
+
 /** Tetrahedron that holds a world point at rest, and its barycentric coordinates; -1 when no tissue is there. */
 int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], double barycentric[4]);
+
+/** Barycentric coordinates of a world point in a tetrahedron at rest, inside it or not. */
+void pliant_mesh_barycentric(const pliant_mesh *mesh, int32_t tet, const double world[3], double barycentric[4]);
 
 /** Tetrahedron that holds a point of the deformed mesh; the lowest index wins on ties; -1 when none does.
  *  @param positions (num_nodes x 3) [m] */

@@ -16,6 +16,7 @@ extern "C" {
     X(PLIANT_FINE, fine) X(PLIANT_COARSE, coarse) X(PLIANT_SCHUR, schur) X(PLIANT_AVERAGED, averaged)
 #define PLIANT_TOUCH_LIST(X) X(PLIANT_TOUCH_OVERLAP, overlap) X(PLIANT_TOUCH_FACE, face)
 #define PLIANT_BACKEND_LIST(X) X(PLIANT_AUTO, auto) X(PLIANT_CPU, cpu) X(PLIANT_CUDA, cuda)
+#define PLIANT_PRECONDITIONER_LIST(X) X(PLIANT_PRECONDITIONER_AUTO, auto) X(PLIANT_DIRECT, direct) X(PLIANT_MULTIGRID, multigrid)
 #define PLIANT_SCALAR_LIST(X)                                                                     \
     X(PLIANT_SCALAR_NONE, none) X(PLIANT_SCALAR_VON_MISES, von_mises)                             \
     X(PLIANT_SCALAR_STRAIN_ENERGY, strain_energy) X(PLIANT_SCALAR_VOLUME_RATIO, volume_ratio)
@@ -24,6 +25,7 @@ extern "C" {
 typedef enum pliant_method { PLIANT_METHOD_LIST(PLIANT_CHOICE_ENUM) } pliant_method;
 typedef enum pliant_touch { PLIANT_TOUCH_LIST(PLIANT_CHOICE_ENUM) } pliant_touch;
 typedef enum pliant_backend_choice { PLIANT_BACKEND_LIST(PLIANT_CHOICE_ENUM) } pliant_backend_choice;
+typedef enum pliant_preconditioner_choice { PLIANT_PRECONDITIONER_LIST(PLIANT_CHOICE_ENUM) } pliant_preconditioner_choice;
 typedef enum pliant_scalar { PLIANT_SCALAR_LIST(PLIANT_CHOICE_ENUM) } pliant_scalar;
 #undef PLIANT_CHOICE_ENUM
 
@@ -37,6 +39,7 @@ typedef enum pliant_scalar { PLIANT_SCALAR_LIST(PLIANT_CHOICE_ENUM) } pliant_sca
 #define PLIANT_DECLARE_METHOD(name) pliant_method name;
 #define PLIANT_DECLARE_TOUCH(name) pliant_touch name;
 #define PLIANT_DECLARE_BACKEND(name) pliant_backend_choice name;
+#define PLIANT_DECLARE_PRECONDITIONER(name) pliant_preconditioner_choice name;
 #define PLIANT_DECLARE_SCALAR(name) pliant_scalar name;
 
 /* X(kind, name, default, low, high, unit, text) for every group; strings have no range */
@@ -62,6 +65,7 @@ typedef enum pliant_scalar { PLIANT_SCALAR_LIST(PLIANT_CHOICE_ENUM) } pliant_sca
     X(INT, iterations, 6, 1, 1000, "", "most iterations of a step")                                                   \
     X(REAL, tolerance, 1e-3, 1e-12, 1.0, "", "energy norm of the residual force over that of the load, at which a step ends")    \
     X(INT, history, 6, 0, 20, "", "Anderson depth; 0: plain iterations")                                              \
+    X(PRECONDITIONER, preconditioner, PLIANT_PRECONDITIONER_AUTO, 0, 0, "", "direct (a factor), multigrid (a V-cycle), or auto: by the number of nodes") \
     X(INT, refresh_interval, 5, 0, 100000, "steps", "a new factor is started at most this often; 0: never")           \
     X(INT, refresh_delay, 0, 0, 100000, "steps", "a new factor is put to use this long after its start, ready or waited for, so that results do not depend on timing; 0: from its operation count, at 2 Gflop/s")
 #define PLIANT_SCENE_GRASP(X)                                                                                          \

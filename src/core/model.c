@@ -39,24 +39,6 @@ static pliant_status classify(builder *build)
     return pliant_material_classify(&model->materials, model->scan, build->labels, model->material_of_voxel);
 }
 
-/* the lattice tetrahedron of the coarse grid that holds a lattice tetrahedron of the fine one: by its centroid */
-static int32_t coarse_lattice_of(const int32_t cells[3], int32_t ratio, int32_t lattice_tet)
-{
-    int32_t fine_cell = lattice_tet / 5, nx = cells[0] * ratio, ny = cells[1] * ratio;
-    int32_t at[3] = {fine_cell % nx, fine_cell / nx % ny, fine_cell / nx / ny}, coarse[3];
-    int corners[4];
-    pliant_mesh_slot_corners((at[0] + at[1] + at[2]) & 1, lattice_tet % 5, corners);
-    double local[3];
-    for (int d = 0; d < 3; d++) {
-        coarse[d] = at[d] / ratio;
-        local[d] = at[d] - coarse[d] * ratio;
-        for (int v = 0; v < 4; v++) local[d] += 0.25 * (corners[v] >> d & 1);
-        local[d] /= ratio;
-    }
-    return 5 * (coarse[0] + cells[0] * (coarse[1] + cells[1] * coarse[2])) +
-           pliant_mesh_slot_of((coarse[0] + coarse[1] + coarse[2]) & 1, local);
-}
-
 /* Keep fine tetrahedra with tissue. The paper's condensation needs every corner of a coarse tetrahedron in its submesh, so it
  * keeps all that lie in a coarse tetrahedron with tissue. */
 static pliant_status mesh(builder *build)
@@ -80,10 +62,10 @@ static pliant_status mesh(builder *build)
     if (status != PLIANT_OK) goto done;
     for (size_t t = 0; t < fine_count; t++) {
         keep[t] = model->scene.mesh.keep_air || build->lattice_material[t].tissue > 0;
-        if (keep[t]) keep_coarse[coarse_lattice_of(coarse_cells, ratio, (int32_t)t)] = 1;
+        if (keep[t]) keep_coarse[pliant_lattice_coarse_of(coarse_cells, ratio, (int32_t)t)] = 1;
     }
     if (model->scene.model.method == PLIANT_SCHUR)
-        for (size_t t = 0; t < fine_count; t++) keep[t] = keep_coarse[coarse_lattice_of(coarse_cells, ratio, (int32_t)t)];
+        for (size_t t = 0; t < fine_count; t++) keep[t] = keep_coarse[pliant_lattice_coarse_of(coarse_cells, ratio, (int32_t)t)];
     status = pliant_mesh_grid(geometry, cells, keep, &model->fine);
     if (status == PLIANT_OK && is_coarse(model)) status = pliant_mesh_grid(geometry, coarse_cells, keep_coarse, &model->coarse);
     if (status == PLIANT_OK) status = pliant_mesh_surface(&model->fine, &model->triangles, &model->num_triangles);
@@ -114,7 +96,7 @@ static pliant_status integrate(builder *build)
     build->coarse_of_fine = pliant_calloc((size_t)fine->num_tets, sizeof *build->coarse_of_fine);
     if (!build->coarse_of_fine) return pliant_fail_memory("the nesting of the meshes");
     for (int32_t t = 0; t < fine->num_tets; t++)
-        build->coarse_of_fine[t] = coarse->tet_of_lattice[coarse_lattice_of(coarse->cells, model->scene.mesh.ratio, fine->lattice_of_tet[t])];
+        build->coarse_of_fine[t] = coarse->tet_of_lattice[pliant_lattice_coarse_of(coarse->cells, model->scene.mesh.ratio, fine->lattice_of_tet[t])];
     if (model->scene.model.method != PLIANT_COARSE) return PLIANT_OK;
     size_t lattice = 5 * (size_t)coarse->cells[0] * coarse->cells[1] * coarse->cells[2];
     pliant_tet_material *all = pliant_calloc(lattice, sizeof *all);
@@ -252,28 +234,19 @@ static pliant_status analyze(builder *build)
     pliant_model *model = build->model;
     pliant_status status = pliant_system_unknowns(model->system, is_coarse(model) ? build->coarse_fixed : model->fine_fixed);
     if (status == PLIANT_OK) status = gravity_mass(model);
-    return status == PLIANT_OK ? pliant_factor_analyze(&model->system->pattern, &model->system->factor) : status;
+    if (status != PLIANT_OK) return status;
+    return pliant_preconditioner_create(model->system, model->scene.solver.preconditioner, &model->system->preconditioner);
 }
 
 static pliant_status factorize(builder *build)
 {
     pliant_system *system = build->model->system;
-    double *values = pliant_calloc((size_t)system->pattern.num_values, sizeof *values);
     double (*rotations)[9][LANES] = pliant_calloc((size_t)system->num_blocks, sizeof *rotations);
-    pliant_status status = values && rotations ? PLIANT_OK : pliant_fail_memory("the stiffness matrix");
-    if (status == PLIANT_OK) {
-        pliant_system_rotations(system, system->mesh->rest, rotations);
-        pliant_system_assemble(system, rotations, values);
-        /* the diagonal comes first in every scalar column */
-        int64_t at = 0;
-        for (int32_t column = 0; column < system->pattern.num_columns; column++) {
-            int64_t height = 3 * (int64_t)(system->pattern.start[column + 1] - system->pattern.start[column]);
-            for (int c = 0; c < 3; c++, at += height--) system->mean_diagonal += values[at] / (3.0 * system->pattern.num_columns);
-        }
-        status = pliant_factor_numeric(system->factor, values);
-    }
-    if (status == PLIANT_OK) build->model->condition_estimate = pliant_factor_condition(system->factor);
-    pliant_free(values);
+    if (!rotations) return pliant_fail_memory("the stiffness matrix");
+    pliant_system_rotations(system, system->mesh->rest, rotations);
+    system->mean_diagonal = pliant_system_mean_diagonal(system);
+    pliant_status status = pliant_preconditioner_numeric(system->preconditioner, rotations);
+    if (status == PLIANT_OK) build->model->condition_estimate = pliant_preconditioner_condition(system->preconditioner);
     pliant_free(rotations);
     return status;
 }
@@ -287,10 +260,10 @@ static pliant_status run_stages(builder *build)
         if (!pliant_report_progress(build->progress, (double)stage / PLIANT_NUM_BUILD_STAGES, pliant_build_stage_name(stage)))
             return pliant_fail(PLIANT_ERROR_CANCELLED, "building the model was cancelled");
         double start = pliant_seconds();
-        size_t before = pliant_memory_in_use() + pliant_factor_bytes(model->system->factor);
+        size_t before = pliant_memory_in_use() + pliant_preconditioner_bytes(model->system->preconditioner);
         pliant_status status = stages[stage](build);
         if (status != PLIANT_OK) return status;
-        size_t after = pliant_memory_in_use() + pliant_factor_bytes(model->system->factor);
+        size_t after = pliant_memory_in_use() + pliant_preconditioner_bytes(model->system->preconditioner);
         model->build_seconds[stage] = pliant_seconds() - start;
         model->build_bytes[stage] = after > before ? after - before : 0;
     }

@@ -11,6 +11,7 @@
 static const char *const method_names[] = {PLIANT_METHOD_LIST(CHOICE_NAME) NULL};
 static const char *const touch_names[] = {PLIANT_TOUCH_LIST(CHOICE_NAME) NULL};
 static const char *const backend_names[] = {PLIANT_BACKEND_LIST(CHOICE_NAME) NULL};
+static const char *const preconditioner_names[] = {PLIANT_PRECONDITIONER_LIST(CHOICE_NAME) NULL};
 static const char *const scalar_names[] = {PLIANT_SCALAR_LIST(CHOICE_NAME) NULL};
 #undef CHOICE_NAME
 
@@ -29,6 +30,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define KIND_METHOD(value) PLIANT_OPTION_CHOICE, value, NULL, method_names
 #define KIND_TOUCH(value) PLIANT_OPTION_CHOICE, value, NULL, touch_names
 #define KIND_BACKEND(value) PLIANT_OPTION_CHOICE, value, NULL, backend_names
+#define KIND_PRECONDITIONER(value) PLIANT_OPTION_CHOICE, value, NULL, preconditioner_names
 #define KIND_SCALAR(value) PLIANT_OPTION_CHOICE, value, NULL, scalar_names
 
 #define ENTRY(group, name, low, high, unit, text, ...) \

@@ -180,9 +180,8 @@ void pliant_system_gather(const pliant_system *system, double (*forces)[12][LANE
     }
 }
 
-void pliant_system_free(pliant_system *system)
+void pliant_system_clear(pliant_system *system)
 {
-    if (!system) return;
     pliant_free(system->gradients);
     pliant_free(system->lame);
     pliant_free(system->stiffness);
@@ -197,6 +196,13 @@ void pliant_system_free(pliant_system *system)
     pliant_free(system->pattern.term);
     pliant_free(system->gravity_mass);
     pliant_upsample_free(system->upsample);
-    pliant_factor_free(system->factor);
+    pliant_preconditioner_free(system->preconditioner);
+    memset(system, 0, sizeof *system);
+}
+
+void pliant_system_free(pliant_system *system)
+{
+    if (!system) return;
+    pliant_system_clear(system);
     pliant_free(system);
 }

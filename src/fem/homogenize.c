@@ -26,7 +26,7 @@ static void galerkin_stiffness(pliant_submesh *submesh, int32_t tet, double out[
     int32_t size = 3 * submesh->num_nodes;
     double *shape = submesh->work; /* (num_nodes x 4) */
     for (int32_t n = 0; n < submesh->num_nodes; n++) {
-        pliant_submesh_barycentric(submesh, tet, n, shape + 4 * n);
+        pliant_mesh_barycentric(submesh->coarse, tet, submesh->fine->rest + 3 * submesh->node[n], shape + 4 * n);
         if (submesh->fixed[submesh->node[n]]) memset(shape + 4 * n, 0, 4 * sizeof *shape);
     }
     memset(out, 0, 144 * sizeof *out);

@@ -3,6 +3,7 @@
 #include "fem/system.h"
 #include "pliant/memory.h"
 
+#include <math.h>
 #include <string.h>
 
 static pliant_status number_free(pliant_system *system, const uint8_t *fixed)
@@ -141,6 +142,13 @@ static void add_term(const pliant_system *system, double (*rotations)[9][LANES],
             block[3 * i + j] += left[3 * i] * r[3 * j] + left[3 * i + 1] * r[3 * j + 1] + left[3 * i + 2] * r[3 * j + 2];
 }
 
+void pliant_system_assemble_block(const pliant_system *system, double (*rotations)[9][LANES], int32_t index, double block[9])
+{
+    const pliant_pattern *pattern = &system->pattern;
+    memset(block, 0, 9 * sizeof *block);
+    for (int32_t t = pattern->term_start[index]; t < pattern->term_start[index + 1]; t++) add_term(system, rotations, pattern->term[t], block);
+}
+
 void pliant_system_assemble(const pliant_system *system, double (*rotations)[9][LANES], double *values)
 {
     const pliant_pattern *pattern = &system->pattern;
@@ -153,11 +161,27 @@ void pliant_system_assemble(const pliant_system *system, double (*rotations)[9][
         out[1] = out[0] + 3 * height;
         out[2] = out[1] + 3 * height - 1;
         for (int32_t n = 0; n < height; n++) {
-            double block[9] = {0};
-            for (int32_t t = pattern->term_start[first + n]; t < pattern->term_start[first + n + 1]; t++)
-                add_term(system, rotations, pattern->term[t], block);
+            double block[9];
+            pliant_system_assemble_block(system, rotations, first + n, block);
             for (int c = 0; c < 3; c++)
                 for (int r = n == 0 ? c : 0; r < 3; r++) *out[c]++ = block[3 * r + c];
         }
     }
+}
+
+double pliant_system_mean_diagonal(const pliant_system *system)
+{
+    double sum = 0;
+    for (int32_t f = 0; f < system->num_free; f++)
+        for (int32_t c = system->corner_start[f]; c < system->corner_start[f + 1]; c++) {
+            int32_t element = system->corner[c] / 4, corner = system->corner[c] % 4, lane = element % LANES;
+            if (system->stiffness) {
+                for (int d = 0; d < 3; d++) sum += system->stiffness[144 * (size_t)element + 13 * (size_t)(3 * corner + d)];
+                continue;
+            }
+            double squares = 0;
+            for (int d = 0; d < 3; d++) squares += pow(system->gradients[element / LANES][3 * corner + d][lane], 2);
+            sum += squares * (system->lame[element / LANES][0][lane] + 4 * system->lame[element / LANES][1][lane]);
+        }
+    return sum / (3.0 * system->num_free);
 }

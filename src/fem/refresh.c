@@ -14,10 +14,9 @@ struct pliant_refresh {
     uint64_t started;           /* step */
     uint64_t seen_iterations;   /* iterations since the last start: the old factor still serves when there were none */
     pliant_system system;       /* a copy of the constant system, one thread */
-    pliant_factor *factor;      /* the one being made */
+    pliant_preconditioner *preconditioner; /* the one being made */
     double *x;                  /* (3 num_nodes) */
     double (*rotations)[9][LANES];
-    double *values;
     pliant_status status;
 };
 
@@ -25,8 +24,7 @@ static void *make_factor(void *argument)
 {
     pliant_refresh *refresh = argument;
     pliant_system_rotations(&refresh->system, refresh->x, refresh->rotations);
-    pliant_system_assemble(&refresh->system, refresh->rotations, refresh->values);
-    refresh->status = pliant_factor_numeric(refresh->factor, refresh->values);
+    refresh->status = pliant_preconditioner_numeric(refresh->preconditioner, refresh->rotations);
     return NULL;
 }
 
@@ -39,9 +37,8 @@ static pliant_status refresh_create(pliant_solver *solver)
     refresh->system.num_threads = 1;
     refresh->x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *refresh->x);
     refresh->rotations = pliant_calloc((size_t)system->num_blocks, sizeof *refresh->rotations);
-    refresh->values = pliant_calloc((size_t)system->pattern.num_values, sizeof *refresh->values);
-    pliant_status status = refresh->x && refresh->rotations && refresh->values ? PLIANT_OK : pliant_fail_memory("the background factorization");
-    if (status == PLIANT_OK) status = pliant_factor_clone(system->factor, &refresh->factor);
+    pliant_status status = refresh->x && refresh->rotations ? PLIANT_OK : pliant_fail_memory("the background factorization");
+    if (status == PLIANT_OK) status = pliant_preconditioner_clone(system->preconditioner, 1, &refresh->preconditioner);
     if (status != PLIANT_OK) pliant_refresh_free(solver);
     return status;
 }
@@ -60,9 +57,9 @@ static void deliver(pliant_solver *solver, pliant_statistics *statistics)
         pliant_log(PLIANT_LOG_DEBUG, "a new factor could not be made; the old one stays");
         return;
     }
-    pliant_factor *old = solver->factor;
-    solver->factor = refresh->factor;
-    refresh->factor = old;
+    pliant_preconditioner *old = solver->preconditioner;
+    solver->preconditioner = refresh->preconditioner;
+    refresh->preconditioner = old;
     solver->factor_serial++;
     pliant_solver_forget(solver); /* steps of the history belong to the old factor */
     statistics->factors++;
@@ -96,15 +93,14 @@ void pliant_refresh_free(pliant_solver *solver)
     pliant_refresh *refresh = solver->refresh;
     if (!refresh) return;
     join(refresh);
-    pliant_factor_free(refresh->factor);
+    pliant_preconditioner_free(refresh->preconditioner);
     pliant_free(refresh->x);
     pliant_free(refresh->rotations);
-    pliant_free(refresh->values);
     pliant_free(refresh);
     solver->refresh = NULL;
 }
 
 size_t pliant_refresh_bytes(const pliant_solver *solver)
 {
-    return solver->refresh && !solver->refresh->running ? pliant_factor_bytes(solver->refresh->factor) : 0;
+    return solver->refresh && !solver->refresh->running ? pliant_preconditioner_bytes(solver->refresh->preconditioner) : 0;
 }

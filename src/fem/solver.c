@@ -124,7 +124,7 @@ static pliant_status update_responses(pliant_solver *solver)
             double unit[3] = {d == 0, d == 1, d == 2};
             apply_columns(handle, unit, handle->response + n * (size_t)d);
         }
-        pliant_status status = pliant_factor_solve(solver->factor, 3, handle->response, handle->response);
+        pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 3, handle->response, handle->response);
         if (status != PLIANT_OK) return status;
         handle->response_of = solver->factor_serial;
     }
@@ -205,7 +205,7 @@ static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
     for (size_t i = 0; i < n; i++) at->pull[i] -= at->step[i];
     at->merit = INFINITY;
     if (!isfinite(at->scale)) return PLIANT_OK; /* not a state: never accepted */
-    pliant_status status = pliant_factor_solve(solver->factor, 1, at->pull, at->step);
+    pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, at->pull, at->step);
     if (status != PLIANT_OK) return status;
     if (!step_springs(solver, at)) return PLIANT_OK;
     double energy = dot(n, at->step, at->pull) + spring_energy(solver, at->step_force, at->step_force);

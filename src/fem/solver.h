@@ -59,7 +59,7 @@ struct pliant_solver {
     int32_t max_iterations, depth, refresh_interval, refresh_delay;
     double tolerance, smallest_scale;
 
-    pliant_factor *factor;      /* in use */
+    pliant_preconditioner *preconditioner; /* in use; below, "factor" means it */
     uint64_t factor_serial;     /* counts from 1 */
     pliant_refresh *refresh;    /* Nullable */
 

@@ -40,7 +40,7 @@ static pliant_status history_create(pliant_solver *solver)
 static int32_t refresh_delay(const pliant_system *system, double step)
 {
     const double rate = 2e9;
-    return 2 + (int32_t)fmin(ceil(pliant_factor_operations(system->factor) / rate / step), 99998);
+    return 2 + (int32_t)fmin(ceil(pliant_preconditioner_operations(system->preconditioner) / rate / step), 99998);
 }
 
 pliant_status pliant_solver_create(const pliant_model *model, pliant_solver **out)
@@ -77,12 +77,12 @@ pliant_status pliant_solver_create(const pliant_model *model, pliant_solver **ou
 
 pliant_status pliant_solver_reset(pliant_solver *solver)
 {
-    if (!solver->factor || solver->factor_serial > 1) {
-        pliant_factor *factor;
-        pliant_status status = pliant_factor_clone(solver->system->factor, &factor);
+    if (!solver->preconditioner || solver->factor_serial > 1) {
+        pliant_preconditioner *preconditioner;
+        pliant_status status = pliant_preconditioner_clone(solver->system->preconditioner, solver->system->num_threads, &preconditioner);
         if (status != PLIANT_OK) return status;
-        pliant_factor_free(solver->factor);
-        solver->factor = factor;
+        pliant_preconditioner_free(solver->preconditioner);
+        solver->preconditioner = preconditioner;
     }
     pliant_refresh_free(solver);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
@@ -118,6 +118,6 @@ void pliant_solver_free(pliant_solver *solver)
     pliant_free(solver->load);
     pliant_free(solver->dense_weights);
     pliant_free(solver->element_forces);
-    pliant_factor_free(solver->factor);
+    pliant_preconditioner_free(solver->preconditioner);
     pliant_free(solver);
 }

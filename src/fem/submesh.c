@@ -151,20 +151,6 @@ pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, con
     return PLIANT_OK;
 }
 
-void pliant_submesh_barycentric(const pliant_submesh *submesh, int32_t tet, int32_t n, double weights[4])
-{
-    const int32_t *nodes = submesh->coarse->tets + 4 * tet;
-    const double *rest = submesh->coarse->rest, *x0 = rest + 3 * nodes[0], *x = submesh->fine->rest + 3 * submesh->node[n];
-    double gradients[12];
-    pliant_tet_gradients(x0, rest + 3 * nodes[1], rest + 3 * nodes[2], rest + 3 * nodes[3], gradients);
-    weights[0] = 1;
-    for (int v = 1; v < 4; v++) {
-        weights[v] = 0;
-        for (int d = 0; d < 3; d++) weights[v] += gradients[3 * v + d] * (x[d] - x0[d]);
-        weights[0] -= weights[v];
-    }
-}
-
 bool pliant_submesh_has_fixed(const pliant_submesh *submesh)
 {
     for (int32_t n = 0; n < submesh->num_nodes; n++)

@@ -41,8 +41,6 @@ void pliant_submesh_free(pliant_submesh *submesh);
 
 /* Nodes and stiffness of one coarse tetrahedron's list. Errors: MEMORY. */
 pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, const int32_t *tets);
-/* Barycentric coordinates of local node n in coarse tetrahedron `tet`. */
-void pliant_submesh_barycentric(const pliant_submesh *submesh, int32_t tet, int32_t n, double weights[4]);
 bool pliant_submesh_has_fixed(const pliant_submesh *submesh);
 
 #ifdef __cplusplus

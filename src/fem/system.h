@@ -13,6 +13,7 @@ extern "C" {
 #endif
 
 typedef struct pliant_factor pliant_factor;
+typedef struct pliant_preconditioner pliant_preconditioner;
 
 /* Lower triangle of the node-by-node matrix, in compressed columns of 3 x 3 blocks, each column's diagonal first. */
 typedef struct pliant_pattern {
@@ -58,7 +59,7 @@ struct pliant_system {
     int32_t *corner;          /* 4 * element + corner: which element forces a node gathers, ascending */
 
     pliant_pattern pattern;
-    pliant_factor *factor;    /* of the matrix at rest; shared, never changed */
+    pliant_preconditioner *preconditioner; /* at rest; shared, never changed */
     double mean_diagonal;     /* of that matrix [N/m] */
 
     pliant_upsample *upsample; /* Nullable */
@@ -80,9 +81,12 @@ void pliant_system_rotations(const pliant_system *system, const double *position
 /* ---- pattern.c */
 /* Number free nodes (fixed: (num_nodes)), gather lists and pattern. */
 pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed);
-/* Warped stiffness at the rotations of positions: values (pattern.num_values), lower triangle by columns.
- * scratch: (num_blocks x 9 x LANES). */
-void pliant_system_assemble(const pliant_system *system, double (*scratch)[9][LANES], double *values);
+/* Warped stiffness at given rotations (num_blocks x 9 x LANES): values (pattern.num_values), lower triangle by columns. */
+void pliant_system_assemble(const pliant_system *system, double (*rotations)[9][LANES], double *values);
+/* one 3 x 3 block of it, by its place in the pattern */
+void pliant_system_assemble_block(const pliant_system *system, double (*rotations)[9][LANES], int32_t index, double block[9]);
+/* mean of the matrix's diagonal; turning the elements does not change it [N/m] */
+double pliant_system_mean_diagonal(const pliant_system *system);
 
 /* ---- homogenize.c */
 pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed,
@@ -110,7 +114,22 @@ double pliant_factor_operations(const pliant_factor *factor);
 size_t pliant_factor_bytes(const pliant_factor *factor);
 void pliant_factor_free(pliant_factor *factor);
 
-void pliant_system_free(pliant_system *system);
+/* ---- preconditioner.c: what stands for the inverse of the stiffness matrix at one state: a factor, or a multigrid cycle.
+ * Symmetric, positive definite, fixed between refreshes. One belongs to one thread at a time. */
+pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, pliant_preconditioner **out);
+/* the same analysis and numbers, for another thread */
+pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads, pliant_preconditioner **out);
+/* at these rotations (num_blocks x 9 x LANES). Errors: NUMERIC, MEMORY; the old numbers are gone then. */
+pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, double (*rotations)[9][LANES]);
+/* right, out: (columns x 3 num_free); may be the same. */
+pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner, int32_t columns, const double *right, double *out);
+double pliant_preconditioner_condition(pliant_preconditioner *preconditioner); /* 0: not known */
+double pliant_preconditioner_operations(const pliant_preconditioner *preconditioner); /* of a refresh */
+size_t pliant_preconditioner_bytes(const pliant_preconditioner *preconditioner); /* beyond pliant_memory_in_use */
+void pliant_preconditioner_free(pliant_preconditioner *preconditioner);
+
+void pliant_system_clear(pliant_system *system); /* what it owns; the struct is zeroed */
+void pliant_system_free(pliant_system *system);  /* Nullable */
 
 #ifdef __cplusplus
 }

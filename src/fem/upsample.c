@@ -29,18 +29,8 @@ pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coars
     memset(upsample->coarse_tet, 0xff, (size_t)fine->num_nodes * sizeof *upsample->coarse_tet);
     for (int32_t v = 0; v < 4 * fine->num_tets; v++)
         if (upsample->coarse_tet[fine->tets[v]] < 0) upsample->coarse_tet[fine->tets[v]] = coarse_of_fine[v / 4];
-    for (int32_t n = 0; n < fine->num_nodes; n++) {
-        int32_t tet = upsample->coarse_tet[n];
-        const int32_t *nodes = coarse->tets + 4 * tet;
-        const double *x0 = coarse->rest + 3 * nodes[0];
-        double gradients[12], *w = upsample->weights + 4 * n;
-        pliant_tet_gradients(x0, coarse->rest + 3 * nodes[1], coarse->rest + 3 * nodes[2], coarse->rest + 3 * nodes[3], gradients);
-        w[0] = 1;
-        for (int c = 1; c < 4; c++) {
-            for (int d = 0; d < 3; d++) w[c] += gradients[3 * c + d] * (fine->rest[3 * n + d] - x0[d]);
-            w[0] -= w[c];
-        }
-    }
+    for (int32_t n = 0; n < fine->num_nodes; n++)
+        pliant_mesh_barycentric(coarse, upsample->coarse_tet[n], fine->rest + 3 * n, upsample->weights + 4 * n);
     return PLIANT_OK;
 }
 

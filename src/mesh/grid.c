@@ -35,6 +35,24 @@ int pliant_mesh_slot_of(int parity, const double local[3])
     return 0;
 }
 
+/* by the centroid */
+int32_t pliant_lattice_coarse_of(const int32_t cells[3], int32_t ratio, int32_t lattice_tet)
+{
+    int32_t fine_cell = lattice_tet / 5, nx = cells[0] * ratio, ny = cells[1] * ratio;
+    int32_t at[3] = {fine_cell % nx, fine_cell / nx % ny, fine_cell / nx / ny}, coarse[3];
+    int corners[4];
+    pliant_mesh_slot_corners((at[0] + at[1] + at[2]) & 1, lattice_tet % 5, corners);
+    double local[3];
+    for (int d = 0; d < 3; d++) {
+        coarse[d] = at[d] / ratio;
+        local[d] = at[d] - coarse[d] * ratio;
+        for (int v = 0; v < 4; v++) local[d] += 0.25 * (corners[v] >> d & 1);
+        local[d] /= ratio;
+    }
+    return 5 * (coarse[0] + cells[0] * (coarse[1] + cells[1] * coarse[2])) +
+           pliant_mesh_slot_of((coarse[0] + coarse[1] + coarse[2]) & 1, local);
+}
+
 double pliant_tet_gradients(const double *x0, const double *x1, const double *x2, const double *x3, double gradients[12])
 {
     double a[3], b[3], c[3];

@@ -6,23 +6,32 @@
 /* Points on a face are inside both tetrahedra; rounding may not put them outside both. */
 static const double tolerance = 1e-9;
 
-static bool barycentric_of(const pliant_mesh *mesh, const double *positions, int32_t tet, const double world[3], double barycentric[4])
+/* false: the tetrahedron is flat or turned inside out */
+static bool coordinates_in(const pliant_mesh *mesh, const double *positions, int32_t tet, const double world[3], double barycentric[4])
 {
     const int32_t *nodes = mesh->tets + 4 * tet;
     const double *x0 = positions + 3 * nodes[0];
     double gradients[12];
     double volume = pliant_tet_gradients(x0, positions + 3 * nodes[1], positions + 3 * nodes[2], positions + 3 * nodes[3], gradients);
-    if (!(volume > 0)) return false;
-    double sum = 0;
-    bool inside = true;
+    barycentric[0] = 1;
     for (int v = 1; v < 4; v++) {
         barycentric[v] = 0;
         for (int d = 0; d < 3; d++) barycentric[v] += gradients[3 * v + d] * (world[d] - x0[d]);
-        sum += barycentric[v];
-        inside = inside && barycentric[v] >= -tolerance;
+        barycentric[0] -= barycentric[v];
     }
-    barycentric[0] = 1 - sum;
-    return inside && barycentric[0] >= -tolerance;
+    return volume > 0;
+}
+
+static bool barycentric_of(const pliant_mesh *mesh, const double *positions, int32_t tet, const double world[3], double barycentric[4])
+{
+    bool inside = coordinates_in(mesh, positions, tet, world, barycentric);
+    for (int v = 0; v < 4; v++) inside = inside && barycentric[v] >= -tolerance;
+    return inside;
+}
+
+void pliant_mesh_barycentric(const pliant_mesh *mesh, int32_t tet, const double world[3], double barycentric[4])
+{
+    coordinates_in(mesh, mesh->rest, tet, world, barycentric);
 }
 
 int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], double barycentric[4])
