@@ -24,7 +24,7 @@ std::string host_name()
 Diagnostics::Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, const Parameters &parameters, State *state,
                          Simulation *simulation, Tools *tools)
     : parameters_(parameters), state_(state), simulation_(simulation), tools_(tools),
-      updater_(handle, private_handle, private_handle.getNamespace().substr(1))
+      updater_(handle, private_handle, private_handle.getNamespace())
 {
     updater_.setHardwareID(host_name());
     updater_.add("solver", this, &Diagnostics::solver);

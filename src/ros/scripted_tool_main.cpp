@@ -1,8 +1,9 @@
 /* Plays a recorded tool path (pliant/path.h) as a robot would send it: measured_cp and jaw/measured_js of every tool in
  * it. No robot and no display needed.
  *
- * Private parameters: path (file), frame (of the path's points, default tissue), rate [Hz, 200], lead [s, 1]: open jaw at
- * the grasped point before the path begins; rest [s, 2]: open jaw after its end; loop (true): begin anew after that. */
+ * Private parameters: path (file), frame (of the path's points, default tissue), rate [Hz, 200], loop (true): begin anew
+ * after the end. Around the path: lead [s, 1], open jaw at the grasped point; hold [s, 2], where the path ends; rest [s, 2],
+ * open jaw there. */
 #include "tool_sender.h"
 
 #include "pliant/path.h"
@@ -22,7 +23,7 @@ using pliant_ros::ToolSender;
 struct Player {
     pliant_path path{};
     std::vector<std::unique_ptr<ToolSender>> senders;
-    double lead, rest;
+    double lead, hold, rest;
     bool loop, running = false;
 
     ~Player() { pliant_path_free(&path); }
@@ -30,8 +31,8 @@ struct Player {
     /* time: since the simulation began to run [s] */
     void play(double time)
     {
-        double length = lead + pliant_path_end(&path) + rest;
-        double at = loop ? std::fmod(time, length) : std::min(time, length);
+        double end = lead + pliant_path_end(&path) + hold;
+        double at = loop ? std::fmod(time, end + rest) : std::min(time, end + rest);
         ros::Time now = ros::Time::now();
         for (size_t i = 0; i < senders.size(); ++i) {
             const pliant_path_tool &tool = path.tools[i];
@@ -42,7 +43,7 @@ struct Player {
             tip.position.y = tool.grasp[1] + offset[1];
             tip.position.z = tool.grasp[2] + offset[2];
             tip.orientation.w = 1;
-            senders[i]->send(tip, holds && at >= lead && at < lead + pliant_path_end(&path), now);
+            senders[i]->send(tip, holds && at >= lead && at < end, now);
         }
     }
 };
@@ -51,6 +52,7 @@ bool read(ros::NodeHandle handle, const ros::NodeHandle &own, Player *player)
 {
     std::string file = own.param<std::string>("path", ""), frame = own.param<std::string>("frame", "tissue");
     player->lead = std::max(0.1, own.param("lead", 1.0));
+    player->hold = std::max(0.0, own.param("hold", 2.0));
     player->rest = std::max(0.1, own.param("rest", 2.0));
     player->loop = own.param("loop", true);
     if (pliant_path_read(file.c_str(), &player->path) < 0) {

@@ -10,14 +10,39 @@ namespace {
 enum { POLL_MILLISECONDS = 100 };
 const size_t max_target_voxels = size_t(1) << 31;
 
-void box_of(const std::vector<double> &positions, double low[3], double high[3])
+int threads_of(const pliant_scene &scene)
 {
-    std::fill(low, low + 3, INFINITY);
-    std::fill(high, high + 3, -INFINITY);
-    for (size_t i = 0; i < positions.size(); ++i) {
-        low[i % 3] = std::min(low[i % 3], positions[i]);
-        high[i % 3] = std::max(high[i % 3], positions[i]);
+    if (scene.solver.threads > 0) return scene.solver.threads;
+    return static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+}
+
+struct WorldBox {
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+
+    void grow(const double *point, double margin)
+    {
+        for (int d = 0; d < 3; ++d) {
+            low[d] = std::min(low[d], point[d] - margin);
+            high[d] = std::max(high[d], point[d] + margin);
+        }
     }
+    bool holds(const double *point) const
+    {
+        for (int d = 0; d < 3; ++d)
+            if (point[d] < low[d] || point[d] > high[d]) return false;
+        return true;
+    }
+};
+
+/* The mesh at rest and a margin, so that the same scan always gets the same grid; more only where nodes lie outside. */
+WorldBox box_of(const pliant_mesh &mesh, const std::vector<double> &positions, double margin)
+{
+    WorldBox box;
+    for (int32_t node = 0; node < mesh.num_nodes; ++node) box.grow(&mesh.rest[3 * node], margin);
+    const WorldBox at_rest = box;
+    for (size_t node = 0; node < positions.size(); node += 3)
+        if (!at_rest.holds(&positions[node])) box.grow(&positions[node], margin);
+    return box;
 }
 
 } // namespace
@@ -25,16 +50,13 @@ void box_of(const std::vector<double> &positions, double low[3], double high[3])
 Warped::Warped(std::shared_ptr<const Loaded> loaded, const std::vector<double> &positions, double margin)
     : loaded_(std::move(loaded)), grows_(margin > 0)
 {
-    double low[3], high[3];
-    box_of(positions, low, high);
-    for (int d = 0; d < 3; ++d) {
-        low[d] -= margin;
-        high[d] += margin;
-    }
+    const pliant_model &model = *loaded_->model;
+    const pliant_volume &scan = loaded_->scan->volume;
+    WorldBox box = box_of(model.fine, positions, margin);
     pliant_geometry target;
-    check(pliant_warp_target(&loaded_->scan->volume.geometry, grows_ ? low : nullptr, grows_ ? high : nullptr,
-                             max_target_voxels, &target));
-    check(pliant_warp_create(&loaded_->scan->volume, &loaded_->model->fine, &target, loaded_->model->scene.solver.threads, &warp_));
+    check(pliant_warp_target(&scan.geometry, grows_ ? box.low : nullptr, grows_ ? box.high : nullptr, max_target_voxels,
+                             &target));
+    check(pliant_warp_create(&scan, &model.fine, &target, threads_of(model.scene), &warp_));
 }
 
 bool Warped::holds(const std::vector<double> &positions) const

@@ -17,8 +17,8 @@ namespace pliant_ros {
 /* A warp and the model that it borrows from. */
 class Warped {
 public:
-    /* Target: the scan's grid, grown to hold the positions and a margin [m]; without a margin it stays the scan's grid,
-       and tissue that leaves it is cut off. Throws Failure. */
+    /* Target: the scan's grid, grown to hold the mesh at rest, the positions, and a margin [m]; without a margin it stays
+       the scan's grid, and tissue that leaves it is cut off. Throws Failure. */
     Warped(std::shared_ptr<const Loaded> loaded, const std::vector<double> &positions, double margin);
     ~Warped() { pliant_warp_free(warp_); }
     Warped(const Warped &) = delete;

@@ -1,0 +1,60 @@
+#!/usr/bin/env python3
+"""Simulated time that jumps back: tools are forgotten, forces are zero, and the node works on."""
+import os
+import sys
+import threading
+import time
+import unittest
+
+import rospy
+import rostest
+from geometry_msgs.msg import WrenchStamped
+from rosgraph_msgs.msg import Clock
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
+from node_client import Latest, Node, Tool, wait_for  # noqa: E402
+
+
+class ClockTest(unittest.TestCase):
+    def run_clock(self):
+        last = time.time()
+        while not rospy.is_shutdown():
+            now = time.time()
+            self.now, last = self.now + now - last, now
+            try:
+                self.clock.publish(Clock(rospy.Time.from_sec(self.now)))
+            except rospy.ROSException:
+                return  # shutting down
+            time.sleep(0.005)
+
+    def test_jump_back(self):
+        self.now = 1000.0
+        rospy.init_node("clock_test")
+        self.clock = rospy.Publisher("/clock", Clock, queue_size=1)
+        threading.Thread(target=self.run_clock, daemon=True).start()
+        node, tool = Node(), Tool("grasper", "tissue")
+        force = Latest("grasper/measured_cf", WrenchStamped)
+        node.wait_until_running()
+        point = node.front()
+        tool.appear(point)
+        wait_for(lambda: node.contact.fresh().touching, "the tool to touch")
+        tool.closed = True
+        wait_for(lambda: node.contact.fresh().grasped, "the tool to take hold")
+        tool.position = list(point - [0, 0.01, 0])
+        wait_for(lambda: force.fresh().wrench.force.y < -0.1, "a force")
+
+        self.now = 500.0
+        wait_for(lambda: force.message.header.stamp.to_sec() < 900, "forces of the new time")
+        self.assertFalse(node.contact.fresh().grasped)
+        self.assertEqual(force.fresh().wrench.force.y, 0)
+        # the same tool, with stamps of the new time, is there again, and takes hold when it closes anew
+        wait_for(lambda: node.contact.fresh().present, "the tool to be back")
+        self.assertFalse(node.contact.fresh().grasped)
+        tool.closed = False
+        time.sleep(0.2)
+        tool.closed = True
+        wait_for(lambda: node.contact.fresh().grasped, "the tool to take hold again")
+
+
+if __name__ == "__main__":
+    rostest.rosrun("pliant", "clock", ClockTest)

@@ -1,0 +1,404 @@
+#!/usr/bin/env python3
+"""The running node: a tool pulls and lets go, services work and refuse, nothing is sent that nobody asked for."""
+import math
+import os
+import shutil
+import sys
+import threading
+import time
+import unittest
+
+import numpy
+import rospy
+import rostest
+from dynamic_reconfigure.msg import Config, DoubleParameter
+from dynamic_reconfigure.srv import Reconfigure
+from geometry_msgs.msg import WrenchStamped
+from pliant.msg import SimState, StepTiming, Volume
+from pliant.srv import LoadScan, Pick, RecomputeHomogenization, SaveVolume, SetMaterials
+from sensor_msgs.msg import Image
+from std_srvs.srv import SetBool, Trigger
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
+from node_client import NAMESPACE, Latest, Node, Tool, WholeVolume, wait_for  # noqa: E402
+
+ORIGIN = numpy.array([0.5, 0.25, 1.0])  # tissue in world, as in node.test
+
+
+def to_world(point):
+    return [ORIGIN[0] - point[1], ORIGIN[1] + point[0], ORIGIN[2] + point[2]]
+
+
+def call(name, kind, *arguments):
+    rospy.wait_for_service(NAMESPACE + name, 30)
+    return rospy.ServiceProxy(NAMESPACE + name, kind)(*arguments)
+
+
+def load(path, labels="", options=()):
+    return call("load_scan", LoadScan, path, labels, list(options))
+
+
+def recompute(method="", cells=(0, 0, 0), ratio=0, probe=False):
+    return call("recompute_homogenization", RecomputeHomogenization, method, list(cells), ratio, probe)
+
+
+def make_folders(folder):
+    shutil.rmtree(folder, ignore_errors=True)
+    os.makedirs(folder + "/scans/series")
+    os.makedirs(folder + "/output")
+    with open(folder + "/scans/broken.nii", "wb") as file:
+        file.write(b"\x5c\x01\0\0" + b"\x7f" * 400)
+    with open(folder + "/outside.nii", "wb") as file:
+        file.write(b"secret")
+    with open(folder + "/scans/points_out.mhd", "w") as file:
+        file.write("ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\nElementDataFile = ../outside.nii\n")
+    os.symlink(folder + "/outside.nii", folder + "/scans/link.nii")
+
+
+def first_scan(folder):
+    """What the node was started with, as load_scan may name it."""
+    path = rospy.get_param("/tissue/sim/scan/path")
+    if path.startswith("phantom"):
+        return path
+    shutil.copy(path, folder + "/scans")
+    return os.path.basename(path)
+
+
+class NodeTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("node_test")
+        cls.folder = rospy.get_param("~folder")
+        make_folders(cls.folder)
+        cls.scan = first_scan(cls.folder)
+        cls.node = Node()
+        cls.tool = Tool("grasper", "tissue")
+        cls.force = Latest("grasper/measured_cf", WrenchStamped)
+        cls.node.wait_until_running()
+        cls.first_info = wait_for(lambda: cls.node.info.message, "scan_info")
+
+    def setUp(self):
+        """The first scan at rest, no tool, running."""
+        now, first = self.node.info.message, self.first_info
+        if (now.scan_id, now.nodes, now.method) != (first.scan_id, first.nodes, first.method):
+            answer = load(self.scan)
+            self.assertTrue(answer.success, answer.message)
+            self.node.wait_until_running()
+            wait_for(lambda: self.node.info.message.nodes == first.nodes, "scan_info of the first scan")
+        self.tool.reset()
+        self.tool.frame = "tissue"
+        call("pause", SetBool, False)
+        self.assertTrue(call("reset", Trigger).success)
+        wait_for(lambda: not self.node.contact.fresh().present, "the tool to be gone")
+
+    def grasp(self, to_frame=lambda point: point):
+        point = self.node.front()
+        self.tool.appear(to_frame(point))
+        wait_for(lambda: self.node.contact.fresh().touching, "the tool to touch")
+        self.tool.closed = True
+        wait_for(lambda: self.node.contact.fresh().grasped, "the tool to take hold")
+        return point
+
+    def pull(self, to_frame=lambda point: point, distance=0.02):
+        """Forwards, which is -y."""
+        point = self.grasp(to_frame)
+        self.tool.position = list(to_frame(point - [0, distance, 0]))
+        wait_for(lambda: self.node.displacement() > 0.25 * distance, "the tissue to follow the tool")
+
+    def force_now(self):
+        force = self.force.fresh().wrench.force
+        return numpy.array([force.x, force.y, force.z])
+
+    def assert_goes_on(self):
+        step = self.node.mesh.fresh().step
+        wait_for(lambda: self.node.mesh.fresh().step > step, "further steps")
+        self.assertEqual(self.node.state.message.state, SimState.RUNNING)
+
+    # ---- what is told about the scan
+
+    def test_topology_fits_the_scan_info(self):
+        info, mesh = self.node.info.message, self.node.topology.message
+        self.assertEqual(len(mesh.rest_nodes), 3 * info.nodes)
+        self.assertEqual(len(mesh.tetrahedra), 4 * info.fine_tetrahedra)
+        self.assertEqual(len(mesh.material), info.fine_tetrahedra)
+        self.assertLess(max(mesh.triangles), info.nodes)
+        self.assertLess(max(mesh.material), len(info.material_names))
+        self.assertEqual(mesh.scan_id, info.scan_id)
+
+    def test_at_rest_nothing_moves(self):
+        self.assertLess(self.node.displacement(), 1e-6)
+        numpy.testing.assert_array_equal(self.force_now(), 0)
+
+    # ---- a tool
+
+    def test_pull_and_let_go(self):
+        volume = WholeVolume()
+        rest = wait_for(volume.copy, "the whole volume")
+        self.pull()
+        pulled = wait_for(lambda: volume.copy() if numpy.any(volume.copy() != rest) else None, "the volume to change")
+        self.assertGreater(numpy.count_nonzero(pulled != rest), 100)
+        force = self.force_now()
+        self.assertLess(force[1], -0.1, "the tool pulls the tissue forwards")
+        self.assertLess(numpy.linalg.norm(force), 0.02 * 500 + 1e-6, "not more than the spring can give")
+        self.tool.closed = False
+        wait_for(lambda: not self.node.contact.fresh().grasped, "the tool to let go")
+        numpy.testing.assert_array_equal(self.force_now(), 0)
+        wait_for(lambda: self.node.displacement() < 1e-4, "the tissue to return to rest")
+        wait_for(lambda: numpy.count_nonzero(volume.copy() != rest) < 1e-3 * rest.size, "the volume to return to rest")
+        volume.close()
+
+    def test_force_comes_in_the_frame_of_the_pose(self):
+        self.tool.frame = "world"
+        self.pull(to_world)
+        wrench = self.force.fresh()
+        self.assertEqual(wrench.header.frame_id, "world")
+        force = self.force_now()
+        self.assertGreater(force[0], 0.1, "tissue -y is world x")
+        self.assertLess(abs(force[1]), 0.5 * force[0])
+
+    def test_unknown_frame_means_no_tool(self):
+        self.tool.frame = "nowhere"
+        self.tool.position, self.tool.is_on = list(self.node.front()), True
+        time.sleep(0.3)
+        self.assertFalse(self.node.contact.fresh().present)
+
+    def test_closed_jaw_does_not_grasp_on_arrival(self):
+        self.tool.position, self.tool.closed, self.tool.is_on = list(self.node.front()), True, True
+        wait_for(lambda: self.node.contact.fresh().touching, "the tool to touch")
+        time.sleep(0.3)
+        self.assertFalse(self.node.contact.fresh().grasped)
+
+    def assert_lost(self, spoil, what):
+        self.pull()
+        spoil()
+        wait_for(lambda: not self.node.contact.fresh().present, "no tool after " + what)
+        numpy.testing.assert_array_equal(self.force_now(), 0)
+        self.assertFalse(self.node.contact.fresh().grasped)
+        self.assertTrue(math.isinf(self.node.contact.message.clearance))
+        self.assert_goes_on()
+
+    def test_nan_pose_means_no_tool(self):
+        self.assert_lost(lambda: setattr(self.tool, "position", [float("nan"), 0, 0]), "NaN")
+
+    def test_stamp_zero_means_no_tool(self):
+        self.assert_lost(lambda: setattr(self.tool, "stamp", lambda: rospy.Time(0)), "stamp 0")
+
+    def test_stale_pose_means_no_tool(self):
+        self.assert_lost(lambda: setattr(self.tool, "stamp", lambda: rospy.Time.now() - rospy.Duration(0.5)), "a stale pose")
+
+    def test_silence_means_no_tool(self):
+        self.assert_lost(lambda: setattr(self.tool, "is_on", False), "silence")
+
+    def test_silent_jaw_lets_go(self):
+        self.pull()
+        self.tool.with_jaw = False
+        wait_for(lambda: not self.node.contact.fresh().grasped, "the tool to let go")
+
+    def test_two_tools_and_a_probe_that_only_feels(self):
+        probe = Tool("probe", "tissue")
+        contact = Latest("probe/contact", type(self.node.contact.message))
+        wait_for(lambda: probe.pose.get_num_connections(), "the node to listen to the probe")
+        probe.position, probe.is_on = list(self.node.front() + [0.03, 0, 0]), True
+        self.pull()
+        wait_for(lambda: contact.fresh().touching, "the probe to touch")
+        probe.closed = True
+        time.sleep(0.3)
+        self.assertFalse(contact.fresh().grasped)
+        self.assertTrue(self.node.contact.fresh().grasped)
+        probe.is_on = False
+        contact.close()
+
+    # ---- what is sent, and when
+
+    def test_no_volume_without_a_subscriber(self):
+        volume = WholeVolume()
+        wait_for(volume.copy, "the whole volume")
+        volume.close()
+        time.sleep(0.5)
+        last = volume.sequences[-1]
+        self.pull()
+        time.sleep(1)
+        again = Latest("volume", Volume)
+        first = wait_for(lambda: again.message, "the whole volume again")
+        self.assertEqual(first.sequence, last + 1, "volumes were made that nobody subscribed to")
+        self.assertEqual(first.size, first.full_size)
+        again.close()
+
+    def test_boxes_add_up_to_the_whole(self):
+        boxes = WholeVolume()
+        wait_for(boxes.copy, "the whole volume")
+        self.pull()
+        time.sleep(0.5)
+        self.assertEqual(boxes.gaps, 0)
+        self.assertTrue(call("pause", SetBool, True).success)
+        time.sleep(0.5)
+        put_together = boxes.copy()
+        boxes.close()
+        time.sleep(0.3)
+        fresh = WholeVolume()
+        whole = wait_for(fresh.copy, "the whole volume")
+        fresh.close()
+        numpy.testing.assert_array_equal(put_together, whole)
+
+    def test_slices_hold_values_of_the_scan(self):
+        info = self.node.info.message
+        for plane in ("axial", "coronal", "sagittal"):
+            latest = Latest("volume/slice/" + plane, Image)
+            image = wait_for(lambda: latest.message, plane)
+            latest.close()
+            self.assertEqual(image.encoding, "32FC1")
+            pixels = numpy.frombuffer(image.data, dtype=numpy.float32)
+            self.assertEqual(pixels.size, image.width * image.height)
+            self.assertGreater(pixels.max() - pixels.min(), 500, "air and tissue")
+            self.assertGreaterEqual(pixels.min(), info.low - 1)
+            self.assertLessEqual(pixels.max(), info.high + 1)
+
+    def test_rates_and_timing(self):
+        timing = Latest("timing", StepTiming)
+        message = timing.fresh()
+        self.assertEqual(list(message.stage), ["interact", "solve", "upsample", "warp"])
+        self.assertEqual(len(message.seconds), 4)
+        self.assertEqual(message.failed, 0)
+        count, start = self.node.mesh.count, time.time()
+        time.sleep(2)
+        self.assertLess((self.node.mesh.count - count) / (time.time() - start), 36, "mesh states are limited to 30 a second")
+        timing.close()
+
+    def test_live_gravity(self):
+        rospy.wait_for_service(NAMESPACE + "sim/set_parameters", 10)
+        change = rospy.ServiceProxy(NAMESPACE + "sim/set_parameters", Reconfigure)
+        change(Config(doubles=[DoubleParameter("gravity_y", 9.81)]))
+        wait_for(lambda: self.node.displacement() > 1e-4, "the tissue to sag")
+        answer = change(Config(doubles=[DoubleParameter("gravity_y", 0.0), DoubleParameter("gravity_x", float("nan"))]))
+        values = {number.name: number.value for number in answer.config.doubles}
+        self.assertEqual(values["gravity_x"], 0.0)
+        wait_for(lambda: self.node.displacement() < 1e-4, "the tissue to return to rest")
+
+    def test_pick_meets_the_front(self):
+        front = self.node.front()
+        request = Pick._request_class()
+        request.header.frame_id = "world"
+        request.origin.x, request.origin.y, request.origin.z = to_world(front - [0, 0.3, 0])
+        request.direction.x = -1.0  # tissue y
+        request.threshold = -300
+        answer = call("pick", Pick, *[getattr(request, name) for name in request.__slots__])
+        self.assertTrue(answer.success, answer.message)
+        self.assertLess(answer.distance, 0.31)
+        self.assertAlmostEqual(answer.rest.x, front[0], delta=1e-4)
+        self.assertLess(answer.tetrahedron, self.node.info.message.fine_tetrahedra)
+
+    # ---- services
+
+    def test_refused_loads_leave_the_simulation_running(self):
+        info = self.node.info.message
+        self.pull()
+        attempts = {
+            "missing": ("none.nii.gz", "", ()),
+            "outside by ..": ("../outside.nii", "", ()),
+            "outside by its whole path": (self.folder + "/outside.nii", "", ()),
+            "outside by a link": ("link.nii", "", ()),
+            "outside by what a header names": ("points_out.mhd", "", ()),
+            "malformed": ("broken.nii", "", ()),
+            "empty folder": ("series", "", ()),
+            "labels outside": ("phantom", "../outside.nii", ()),
+            "materials outside": ("phantom", "", ["material/file=../outside.nii"]),
+            "unknown option": ("phantom", "", ["solver/itterations=3"]),
+            "no option": ("phantom", "", ["iterations"]),
+            "phantom of no size": ("phantom:0x0x0", "", ()),
+        }
+        for what, (path, labels, options) in attempts.items():
+            answer = load(path, labels, options)
+            self.assertFalse(answer.success, what)
+            self.assertTrue(answer.message, what)
+            self.assert_goes_on()
+            self.assertTrue(self.node.contact.fresh().grasped, what)
+        self.assertEqual(self.node.info.message.header.stamp, info.header.stamp)
+
+    def test_refused_materials(self):
+        for yaml in ("", "materials: 3", "materials: [{name: a, young_modulus: -1}]", "{"):
+            answer = call("set_materials", SetMaterials, yaml)
+            self.assertFalse(answer.success, yaml)
+            self.assertTrue(answer.message)
+        self.assert_goes_on()
+
+    def test_refused_recomputations(self):
+        for arguments in (dict(method="finest"), dict(ratio=99), dict(cells=(100000, 1, 1))):
+            answer = recompute(**arguments)
+            self.assertFalse(answer.success, arguments)
+            self.assertTrue(answer.message)
+        self.assert_goes_on()
+
+    def test_recompute(self):
+        revision = self.node.topology.message.revision
+        for method in ("coarse", "averaged", "fine"):
+            answer = recompute(method, probe=True)
+            self.assertTrue(answer.success, answer.message)
+            wait_for(lambda: self.node.info.message.method == method, "scan_info of " + method)
+            revision += 1
+            wait_for(lambda: self.node.topology.message.revision == revision, "the next revision")
+            self.assertGreater(answer.seconds, 0)
+            self.assertGreater(answer.condition_estimate, 1)
+            self.assertLessEqual(answer.error_rms, answer.error_max)
+            self.assertLess(answer.error_max, 1e-2 if method == "fine" else 1)
+            self.assert_goes_on()
+        self.pull()
+
+    def test_load_the_phantom(self):
+        revision = self.node.topology.message.revision
+        answer = load("phantom:72x48x60", options=["mesh/coarse_cells=5 5 5"])
+        self.assertTrue(answer.success, answer.message)
+        self.assertTrue(answer.scan_id)
+        wait_for(lambda: self.node.topology.message.revision == revision + 1, "the next revision")
+        wait_for(lambda: self.node.info.message.scan_id == answer.scan_id, "scan_info of the phantom")
+        self.assertEqual(list(self.node.info.message.size), [72, 48, 60])
+        self.assertLess(self.node.displacement(), 1e-6)
+        self.assert_goes_on()
+
+    def test_a_second_long_call_is_refused_while_the_simulation_goes_on(self):
+        answers = []
+        long_call = threading.Thread(target=lambda: answers.append(load("phantom:192x144x168",
+                                                                        options=["mesh/coarse_cells=12 10 12"])))
+        long_call.start()
+        wait_for(lambda: self.node.state.message.is_busy, "the state to be busy")
+        self.assert_goes_on()
+        refused = load("phantom:32x32x32")
+        if not long_call.is_alive():
+            self.skipTest("this machine loads faster than it can be asked again")
+        self.assertFalse(refused.success)
+        self.assertIn("busy", refused.message)
+        long_call.join(60)
+        self.assertTrue(answers and answers[0].success, answers)
+        wait_for(lambda: not self.node.state.message.is_busy, "the state to be idle")
+
+    def test_save_volume(self):
+        self.pull()
+        answer = call("save_volume", SaveVolume, "pulled.nii.gz")
+        self.assertTrue(answer.success, answer.message)
+        self.assertGreater(os.path.getsize(self.folder + "/output/pulled.nii.gz"), 1000)
+        for path in ("../pulled.nii.gz", "/tmp/pulled.nii.gz", "pulled.txt", ""):
+            answer = call("save_volume", SaveVolume, path)
+            self.assertFalse(answer.success, path)
+            self.assertTrue(answer.message)
+        self.assertFalse(os.path.exists(self.folder + "/pulled.nii.gz"))
+        self.assert_goes_on()
+
+    def test_pause(self):
+        self.pull()
+        self.assertTrue(call("pause", SetBool, True).success)
+        wait_for(lambda: self.node.state.message.state == SimState.PAUSED, "PAUSED")
+        step = self.node.mesh.fresh().step
+        time.sleep(0.3)
+        self.assertEqual(self.node.mesh.fresh().step, step)
+        numpy.testing.assert_array_equal(self.force_now(), 0)
+        self.assertTrue(call("pause", SetBool, False).success)
+        self.assert_goes_on()
+
+    def test_reset(self):
+        self.pull()
+        self.assertTrue(call("reset", Trigger).success)
+        wait_for(lambda: self.node.displacement() < 1e-6, "rest")
+        self.assertFalse(self.node.contact.fresh().grasped)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("pliant", "node", NodeTest)
