@@ -397,10 +397,12 @@ void VolumeDisplay::report()
     std::lock_guard<std::mutex> guard(received_.lock);
     if (!received_.changed) return;
     received_.changed = false;
-    if (!received_.error.empty())
+    if (!received_.error.empty()) {
+        // said once in the log too: the panel with the status may be closed
+        if (received_.error != logged_) ROS_WARN_STREAM("volume display: " << received_.error);
         setStatusStd(rviz::StatusProperty::Error, "Volume",
                      received_.error + " (" + std::to_string(received_.refused) + " messages refused)");
-    else if (!texture_error_.empty())
+    } else if (!texture_error_.empty())
         setStatusStd(rviz::StatusProperty::Error, "Volume", "too large for the graphics card: " + texture_error_);
     else if (!received_.warning.empty())
         setStatusStd(rviz::StatusProperty::Warn, "Volume", received_.warning);
@@ -415,6 +417,7 @@ void VolumeDisplay::report()
         setStatusStd(caveat ? rviz::StatusProperty::Warn : rviz::StatusProperty::Ok, "Volume",
                      (image.stride() > 1 ? "too large for the graphics card, shown subsampled: " : "") + text);
     }
+    logged_ = received_.error;
 }
 
 double VolumeDisplay::threshold() const

@@ -87,7 +87,7 @@ private:
     ros::Subscriber subscriber_;
     std::unique_ptr<VolumeVisual> visual_;
     std::unique_ptr<ColourBar> bar_;
-    std::string texture_error_;
+    std::string texture_error_, logged_;
     bool look_changed_ = true, window_wanted_ = false, loading_ = false;
     bool drawn_moving_ = false;
     Ogre::Vector3 camera_position_, volume_position_;

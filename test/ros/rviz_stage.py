@@ -12,6 +12,8 @@ import time
 
 import numpy
 
+# exit code that ctest takes for "skipped"
+SKIPPED = 77
 NEEDED = ["Xvfb", "rviz", "rosmaster", "import", "xdotool", "xwininfo"]
 
 
