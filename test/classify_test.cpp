@@ -36,7 +36,8 @@ struct Classify : testing::Test {
 
     void make(pliant_encoding encoding, int size = 40)
     {
-        pliant_geometry geometry = {{size, size + 1, size + 2}, {0, 0, 0}, {1e-3, 1e-3, 1e-3}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+        pliant_geometry geometry = {
+            {size, size + 1, size + 2}, {0, 0, 0}, {1e-3, 1e-3, 1e-3}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
         ASSERT_EQ(pliant_volume_create(&geometry, encoding, &scan), PLIANT_OK);
         ASSERT_EQ(pliant_labels_create(&geometry, &labels), PLIANT_OK);
         if (scan.slope == 0) scan.slope = 1;
@@ -51,7 +52,8 @@ struct Classify : testing::Test {
                     if (materials[m].labels[i] == labels.voxels[v]) return static_cast<int>(m);
         double value = pliant_volume_value(&scan, v);
         for (size_t m = 0; m < materials.size(); ++m)
-            if (materials[m].num_range && value >= materials[m].range[0] && value < materials[m].range[1]) return static_cast<int>(m);
+            if (materials[m].num_range && value >= materials[m].range[0] && value < materials[m].range[1])
+                return static_cast<int>(m);
         return -1;
     }
 
@@ -59,7 +61,8 @@ struct Classify : testing::Test {
     {
         pliant_material_table t = table();
         std::vector<uint8_t> out(voxels(), 99);
-        ASSERT_EQ(pliant_material_classify(&t, &scan, labelled ? &labels : nullptr, out.data()), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_material_classify(&t, &scan, labelled ? &labels : nullptr, out.data()), PLIANT_OK)
+            << pliant_last_error();
         for (size_t v = 0; v < voxels(); ++v) ASSERT_EQ(out[v], expected(v, labelled)) << v;
     }
 
@@ -81,7 +84,8 @@ struct Classify : testing::Test {
 
 void expect_words(const std::string &message, std::initializer_list<const char *> words)
 {
-    for (const char *word : words) EXPECT_NE(message.find(word), std::string::npos) << "\"" << word << "\" in: " << message;
+    for (const char *word : words)
+        EXPECT_NE(message.find(word), std::string::npos) << "\"" << word << "\" in: " << message;
 }
 
 } // namespace
@@ -110,7 +114,8 @@ TEST_F(Classify, uint8_with_slope_and_intercept)
 TEST_F(Classify, float_at_the_very_ends_of_ranges)
 {
     make(PLIANT_FLOAT32);
-    const float values[] = {-3000, -500, std::nextafterf(-500, -1000), -20, std::nextafterf(-20, -21), 249.9999f, 250, 4999.5f};
+    const float values[] = {-3000, -500,   std::nextafterf(-500, -1000), -20, std::nextafterf(-20, -21), 249.9999f,
+                            250,   4999.5f};
     for (size_t v = 0; v < voxels(); ++v) static_cast<float *>(scan.voxels)[v] = values[v % 8];
     expect_rule(false);
 }
@@ -192,7 +197,8 @@ TEST(classify, an_abdomen_ct_with_and_without_its_labels)
     const std::string folder = PLIANT_TEST_DATA "/abdomen/";
     if (!std::ifstream(folder + "ct.nii.gz")) GTEST_SKIP() << folder << " is not here";
     ASSERT_EQ(pliant_volume_read((folder + "ct.nii.gz").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
-    ASSERT_EQ(pliant_labels_read((folder + "labels_totalseg_fast.nii.gz").c_str(), 0, &labels), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_labels_read((folder + "labels_totalseg_fast.nii.gz").c_str(), 0, &labels), PLIANT_OK)
+        << pliant_last_error();
 
     std::vector<std::string> names;
     std::vector<double> by_label = shares("totalsegmentator.yaml", scan, &labels, &names);

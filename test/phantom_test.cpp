@@ -41,7 +41,10 @@ struct Phantom {
 
     size_t voxels() const { return pliant_geometry_voxels(&scan.geometry); }
     const int16_t *values() const { return static_cast<const int16_t *>(scan.voxels); }
-    double voxel_volume() const { return scan.geometry.spacing[0] * scan.geometry.spacing[1] * scan.geometry.spacing[2]; }
+    double voxel_volume() const
+    {
+        return scan.geometry.spacing[0] * scan.geometry.spacing[1] * scan.geometry.spacing[2];
+    }
 
     /* of a label, or of everything (-1): litres, centre [m], mean and deviation of the values inside, away from edges */
     struct Measure { double litres, centre[3], mean, deviation; };
@@ -60,7 +63,8 @@ struct Phantom {
                     for (int d = 0; d < 3; ++d) m.centre[d] += world[d];
                     ++number;
                     bool inside = true;
-                    for (int n = 0; n < 27; ++n) inside = inside && at(i + n % 3 - 1, j + n / 3 % 3 - 1, k + n / 9 - 1) == label;
+                    for (int n = 0; n < 27; ++n)
+                        inside = inside && at(i + n % 3 - 1, j + n / 3 % 3 - 1, k + n / 9 - 1) == label;
                     if (!inside) continue;
                     double value = values()[i + size[0] * (j + size_t(size[1]) * k)];
                     ++inner, sum += value, squares += value * value;
@@ -159,7 +163,8 @@ TEST(phantom, box_is_centred_and_the_label_map_lies_on_it)
     const double box[3] = {0.40, 0.29, 0.30};
     for (int d = 0; d < 3; ++d) {
         EXPECT_NEAR(p.scan.geometry.size[d] * p.scan.geometry.spacing[d], box[d], 1e-12);
-        EXPECT_NEAR(2 * p.scan.geometry.origin[d] + (p.scan.geometry.size[d] - 1) * p.scan.geometry.spacing[d], 0, 1e-12);
+        EXPECT_NEAR(2 * p.scan.geometry.origin[d] + (p.scan.geometry.size[d] - 1) * p.scan.geometry.spacing[d], 0,
+                    1e-12);
     }
 }
 
@@ -245,7 +250,8 @@ TEST(phantom, the_tumour_lies_inside_the_liver)
                 if (p.at(i, j, k) != LABEL_tumour) continue;
                 const int around[6] = {p.at(i - 1, j, k), p.at(i + 1, j, k), p.at(i, j - 1, k),
                                        p.at(i, j + 1, k), p.at(i, j, k - 1), p.at(i, j, k + 1)};
-                for (int label : around) outside += label != LABEL_tumour && label != LABEL_liver && label != LABEL_vessel;
+                for (int label : around)
+                    outside += label != LABEL_tumour && label != LABEL_liver && label != LABEL_vessel;
             }
     EXPECT_EQ(outside, 0u);
 }

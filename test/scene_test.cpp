@@ -29,7 +29,8 @@ pliant_scene parsed(const std::string &yaml, const char *base = nullptr)
 
 void expect_words(const std::string &message, std::initializer_list<const char *> words)
 {
-    for (const char *word : words) EXPECT_NE(message.find(word), std::string::npos) << "\"" << word << "\" in: " << message;
+    for (const char *word : words)
+        EXPECT_NE(message.find(word), std::string::npos) << "\"" << word << "\" in: " << message;
 }
 
 /* status and words; the output must stay as it was */
@@ -110,17 +111,21 @@ TEST(scene, errors_name_file_line_field_value_and_range)
     refused("mesh:\n  ratio: [2]\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/ratio"});
     refused("mesh:\n  ratio: 2\n  ratio: 3\n", PLIANT_ERROR_FORMAT, {"ratio"});
     refused("mesh:\n  coarse_cells: [7, 7]\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/coarse_cells", "3"});
-    refused("mesh:\n  coarse_cells: [7, 7, 0]\n", PLIANT_ERROR_SCENE, {"line 2", "mesh/coarse_cells", "'0'", "1 .. 256"});
+    refused("mesh:\n  coarse_cells: [7, 7, 0]\n", PLIANT_ERROR_SCENE,
+            {"line 2", "mesh/coarse_cells", "'0'", "1 .. 256"});
     refused("mesh:\n  keep_air: perhaps\n", PLIANT_ERROR_SCENE, {"line 2", "mesh/keep_air", "perhaps", "true | false"});
     refused("model:\n  method: exact\n", PLIANT_ERROR_SCENE, {"line 2", "exact", "fine | coarse | schur | averaged"});
     refused("model:\n  gravity: [0, 0, nan]\n", PLIANT_ERROR_SCENE, {"line 2", "model/gravity", "nan"});
     refused("model:\n  gravity: [0, 0, 1e5]\n", PLIANT_ERROR_SCENE, {"line 2", "100000", "-10000 .. 10000"});
     refused("solver:\n  tolerance: 0\n", PLIANT_ERROR_SCENE, {"line 2", "solver/tolerance", "1e-12 .. 1"});
-    refused("material:\n  file: " + std::string(300, 'x') + "\n", PLIANT_ERROR_SCENE, {"line 2", "material/file", "255"});
+    refused("material:\n  file: " + std::string(300, 'x') + "\n", PLIANT_ERROR_SCENE,
+            {"line 2", "material/file", "255"});
     refused("fixed:\n  boxes:\n    - {low: [0, 0, 0], high: [1, 1, 1]}\n    - {low: [0, 2, 0], high: [1, 1, 1]}\n",
             PLIANT_ERROR_SCENE, {"line 4", "low", "axis 1", "less than"});
-    refused("fixed: {planes: [{point: [0, 0, 0], normal: [0, 0, 0]}]}\n", PLIANT_ERROR_SCENE, {"line 1", "normal", "zero"});
-    refused("fixed: {planes: [{point: [0, 0, 0], normal: [1e200, 0, 1e200]}]}\n", PLIANT_ERROR_SCENE, {"planes", "finite"});
+    refused("fixed: {planes: [{point: [0, 0, 0], normal: [0, 0, 0]}]}\n", PLIANT_ERROR_SCENE,
+            {"line 1", "normal", "zero"});
+    refused("fixed: {planes: [{point: [0, 0, 0], normal: [1e200, 0, 1e200]}]}\n", PLIANT_ERROR_SCENE,
+            {"planes", "finite"});
     refused("fixed: {planes: [{point: [0, 0, 0]}]}\n", PLIANT_ERROR_FORMAT, {"line 1", "normal"});
     refused("mesh: [\n", PLIANT_ERROR_FORMAT, {"line 1"});
     refused("- 1\n", PLIANT_ERROR_FORMAT, {"MAPPING"});
@@ -180,10 +185,19 @@ TEST(scene, set_by_path)
     EXPECT_STREQ(scene.scan.series, "");
 
     const pliant_scene before = scene;
-    const char *const bad[][2] = {{"solver/iteration", "4"}, {"solver", "4"}, {"solver/iterations/", "4"}, {"", ""},
-                                  {"solver/iterations", ""}, {"solver/iterations", "4 5"}, {"solver/iterations", "0"},
-                                  {"mesh/coarse_cells", "7"}, {"mesh/coarse_cells", "7 7 7 7"}, {"mesh/coarse_cells", "5 5 0"},
-                                  {"model/gravity", "0 0 inf"}, {"model/method", "Fine"}, {"mesh/keep_air", "2"}};
+    const char *const bad[][2] = {{"solver/iteration", "4"},
+                                  {"solver", "4"},
+                                  {"solver/iterations/", "4"},
+                                  {"", ""},
+                                  {"solver/iterations", ""},
+                                  {"solver/iterations", "4 5"},
+                                  {"solver/iterations", "0"},
+                                  {"mesh/coarse_cells", "7"},
+                                  {"mesh/coarse_cells", "7 7 7 7"},
+                                  {"mesh/coarse_cells", "5 5 0"},
+                                  {"model/gravity", "0 0 inf"},
+                                  {"model/method", "Fine"},
+                                  {"mesh/keep_air", "2"}};
     for (auto &option : bad) {
         EXPECT_EQ(pliant_scene_set(&scene, option[0], option[1]), PLIANT_ERROR_SCENE) << option[0] << " " << option[1];
         EXPECT_EQ(memcmp(&scene, &before, sizeof scene), 0) << option[0];
@@ -243,7 +257,8 @@ TEST(scene, options_describe_themselves)
 
 TEST(scene, a_decimal_comma_in_the_locale_changes_nothing)
 {
-    if (!setlocale(LC_NUMERIC, "de_DE.UTF-8") && !setlocale(LC_NUMERIC, "fr_FR.UTF-8")) GTEST_SKIP() << "no such locale here";
+    if (!setlocale(LC_NUMERIC, "de_DE.UTF-8") && !setlocale(LC_NUMERIC, "fr_FR.UTF-8"))
+        GTEST_SKIP() << "no such locale here";
     pliant_scene scene = parsed("solver: {step: 0.25}\n");
     setlocale(LC_NUMERIC, "C");
     EXPECT_EQ(scene.solver.step, 0.25);

@@ -9,20 +9,20 @@
 
 namespace {
 
-const char good[] =
-    "materials:\n"
-    "  - name: air\n"
-    "    young_modulus: 10\n"
-    "    poisson_ratio: 0\n"
-    "    density: 1.2\n"
-    "    empty: true\n"
-    "    range: [-2000, -500]\n"
-    "  - name: liver\n"
-    "    young_modulus: 6.0e+3\n"
-    "    poisson_ratio: 0.45\n"
-    "    density: 1060\n"
-    "    labels: [5, 7]\n"
-    "  - {name: bone, young_modulus: 1e7, poisson_ratio: 0.3, density: 1330, fixed: yes, range: [250, 4000], labels: [9]}\n";
+const char good[] = "materials:\n"
+                    "  - name: air\n"
+                    "    young_modulus: 10\n"
+                    "    poisson_ratio: 0\n"
+                    "    density: 1.2\n"
+                    "    empty: true\n"
+                    "    range: [-2000, -500]\n"
+                    "  - name: liver\n"
+                    "    young_modulus: 6.0e+3\n"
+                    "    poisson_ratio: 0.45\n"
+                    "    density: 1060\n"
+                    "    labels: [5, 7]\n"
+                    "  - {name: bone, young_modulus: 1e7, poisson_ratio: 0.3, density: 1330, fixed: yes, range: [250, "
+                    "4000], labels: [9]}\n";
 
 struct Table : pliant_material_table {
     Table() { materials = nullptr, num_materials = 0; }
@@ -49,7 +49,8 @@ std::string with(const std::string &from, const std::string &to)
 
 void expect_words(const std::string &message, std::initializer_list<const char *> words)
 {
-    for (const char *word : words) EXPECT_NE(message.find(word), std::string::npos) << "\"" << word << "\" in: " << message;
+    for (const char *word : words)
+        EXPECT_NE(message.find(word), std::string::npos) << "\"" << word << "\" in: " << message;
 }
 
 } // namespace
@@ -78,9 +79,11 @@ TEST(table, reads_every_field)
 
 TEST(table, errors_name_file_line_field_and_what_is_right)
 {
-    expect_words(refusal(with("density: 1060", "densiti: 1060")), {"t.yaml", "line 11", "densiti", "density", "poisson_ratio"});
+    expect_words(refusal(with("density: 1060", "densiti: 1060")),
+                 {"t.yaml", "line 11", "densiti", "density", "poisson_ratio"});
     expect_words(refusal(with("    density: 1060\n", "")), {"t.yaml", "line ", "density"});
-    expect_words(refusal(with("6.0e+3", "6 kPa")), {"t.yaml", "line 8", "liver", "young_modulus", "6 kPa", "not a number"});
+    expect_words(refusal(with("6.0e+3", "6 kPa")),
+                 {"t.yaml", "line 8", "liver", "young_modulus", "6 kPa", "not a number"});
     expect_words(refusal(with("6.0e+3", "-1")), {"line 8", "liver", "young_modulus", "(0, 1e12]"});
     expect_words(refusal(with("6.0e+3", "nan")), {"line 8", "young_modulus", "nan"});
     expect_words(refusal(with("0.45", "0.5")), {"line 8", "poisson_ratio", "[0, 0.5)"});

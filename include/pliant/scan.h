@@ -83,7 +83,9 @@ pliant_status pliant_labels_resample(const pliant_labels *labels, const int32_t 
 
 /** The built-in scan: an abdomen in Hounsfield units with noise, and its label map (0 is air outside).
  *  Deterministic: the same size and seed give the same bits on every machine.
+ *  The box is 0.40 x 0.29 x 0.30 m around zero, axes LPS; INT16, slope 1, air -1000.
  *  @param size   voxels, each at least 16; the body is the same, the spacing follows
+ *  @param seed   of the noise; the label map does not depend on it
  *  @param labels Nullable. Errors: ARGUMENT, MEMORY. */
 pliant_status pliant_phantom(const int32_t size[3], uint32_t seed, pliant_volume *scan, pliant_labels *labels);
 /** Name of a phantom label ("" when there is none). */

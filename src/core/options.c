@@ -17,7 +17,8 @@ static const char *const scalar_names[] = {PLIANT_SCALAR_LIST(CHOICE_NAME) NULL}
 
 /* a choice is read and written through an int */
 _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == sizeof(int) &&
-                   sizeof(pliant_backend_choice) == sizeof(int) && sizeof(pliant_scalar) == sizeof(int),
+                   sizeof(pliant_backend_choice) == sizeof(int) &&
+                   sizeof(pliant_preconditioner_choice) == sizeof(int) && sizeof(pliant_scalar) == sizeof(int),
                "choices have the size of an int");
 
 /* kind, default as a number, default as a string, names of the choices */
@@ -33,25 +34,27 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define KIND_PRECONDITIONER(value) PLIANT_OPTION_CHOICE, value, NULL, preconditioner_names
 #define KIND_SCALAR(value) PLIANT_OPTION_CHOICE, value, NULL, scalar_names
 
-#define ENTRY(group, name, low, high, unit, text, ...) \
-    ENTRY_OF(group, name, low, high, unit, text, __VA_ARGS__)
+/* one row of a group's list as an entry of the table; the second step lets KIND_ spread into its four values */
+#define ROW(group, kind, name, value, low, high, unit, text) \
+    ENTRY(group, name, low, high, unit, text, KIND_##kind(value))
+#define ENTRY(...) ENTRY_OF(__VA_ARGS__)
 #define ENTRY_OF(group_, name_, low_, high_, unit_, text_, kind_, value_, string_, names_)                       \
     {.group = #group_, .name = #name_, .unit = unit_, .text = text_, .string_value = string_, .kind = kind_,     \
      .offset = offsetof(pliant_scene, group_.name_), .value = value_, .low = low_, .high = high_, .names = names_},
 
-#define SCAN_ENTRY(kind, name, value, low, high, unit, text) ENTRY(scan, name, low, high, unit, text, KIND_##kind(value))
-#define MATERIAL_ENTRY(kind, name, value, low, high, unit, text) ENTRY(material, name, low, high, unit, text, KIND_##kind(value))
-#define MESH_ENTRY(kind, name, value, low, high, unit, text) ENTRY(mesh, name, low, high, unit, text, KIND_##kind(value))
-#define MODEL_ENTRY(kind, name, value, low, high, unit, text) ENTRY(model, name, low, high, unit, text, KIND_##kind(value))
-#define SOLVER_ENTRY(kind, name, value, low, high, unit, text) ENTRY(solver, name, low, high, unit, text, KIND_##kind(value))
-#define GRASP_ENTRY(kind, name, value, low, high, unit, text) ENTRY(grasp, name, low, high, unit, text, KIND_##kind(value))
-#define WARP_ENTRY(kind, name, value, low, high, unit, text) ENTRY(warp, name, low, high, unit, text, KIND_##kind(value))
-#define OUTPUT_ENTRY(kind, name, value, low, high, unit, text) ENTRY(output, name, low, high, unit, text, KIND_##kind(value))
+#define SCAN_ROW(...) ROW(scan, __VA_ARGS__)
+#define MATERIAL_ROW(...) ROW(material, __VA_ARGS__)
+#define MESH_ROW(...) ROW(mesh, __VA_ARGS__)
+#define MODEL_ROW(...) ROW(model, __VA_ARGS__)
+#define SOLVER_ROW(...) ROW(solver, __VA_ARGS__)
+#define GRASP_ROW(...) ROW(grasp, __VA_ARGS__)
+#define WARP_ROW(...) ROW(warp, __VA_ARGS__)
+#define OUTPUT_ROW(...) ROW(output, __VA_ARGS__)
 
 static const pliant_option table[] = {
-    PLIANT_SCENE_SCAN(SCAN_ENTRY) PLIANT_SCENE_MATERIAL(MATERIAL_ENTRY) PLIANT_SCENE_MESH(MESH_ENTRY)
-    PLIANT_SCENE_MODEL(MODEL_ENTRY) PLIANT_SCENE_SOLVER(SOLVER_ENTRY) PLIANT_SCENE_GRASP(GRASP_ENTRY)
-    PLIANT_SCENE_WARP(WARP_ENTRY) PLIANT_SCENE_OUTPUT(OUTPUT_ENTRY)
+    PLIANT_SCENE_SCAN(SCAN_ROW) PLIANT_SCENE_MATERIAL(MATERIAL_ROW) PLIANT_SCENE_MESH(MESH_ROW)
+    PLIANT_SCENE_MODEL(MODEL_ROW) PLIANT_SCENE_SOLVER(SOLVER_ROW) PLIANT_SCENE_GRASP(GRASP_ROW)
+    PLIANT_SCENE_WARP(WARP_ROW) PLIANT_SCENE_OUTPUT(OUTPUT_ROW)
 };
 enum { NUM_OPTIONS = sizeof table / sizeof *table, TEXT_SIZE = 64 };
 
@@ -91,7 +94,8 @@ static void describe(void)
             else snprintf(value, TEXT_SIZE, "%g", o->value);
             snprintf(range, TEXT_SIZE, "%g .. %g", o->low, o->high);
         }
-        infos[i] = (pliant_option_info){o->group, o->name, kinds[o->kind], value, range, o->unit, o->text, o->low, o->high};
+        infos[i] =
+            (pliant_option_info){o->group, o->name, kinds[o->kind], value, range, o->unit, o->text, o->low, o->high};
     }
 }
 
@@ -112,7 +116,8 @@ const pliant_option *pliant_option_find(const char *path)
 {
     for (int i = 0; i < NUM_OPTIONS; ++i) {
         size_t group = strlen(table[i].group);
-        if (strncmp(path, table[i].group, group) == 0 && path[group] == '/' && strcmp(path + group + 1, table[i].name) == 0)
+        if (strncmp(path, table[i].group, group) == 0 && path[group] == '/' &&
+            strcmp(path + group + 1, table[i].name) == 0)
             return &table[i];
     }
     return NULL;
@@ -140,7 +145,8 @@ static size_t size_of(const pliant_option *option)
 }
 
 /* One word into place k of the option's value at `place`. */
-static const char *read_word(const pliant_option *option, const char *word, int k, void *place, char *reason, size_t size)
+static const char *read_word(const pliant_option *option, const char *word, int k, void *place, char *reason,
+                             size_t size)
 {
     int64_t whole;
     bool good = false;

@@ -92,6 +92,7 @@ pliant_status pliant_scene_check(const pliant_scene *scene)
     const pliant_option *options = pliant_option_table(&count);
     for (size_t i = 0; i < count; ++i)
         if (pliant_option_check(&options[i], scene, reason, sizeof reason))
-            return pliant_fail(PLIANT_ERROR_SCENE, "%s/%s: %s %s", options[i].group, options[i].name, reason, options[i].unit);
+            return pliant_fail(PLIANT_ERROR_SCENE, "%s/%s: %s %s", options[i].group, options[i].name, reason,
+                               options[i].unit);
     return check_fixed(scene);
 }

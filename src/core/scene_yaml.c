@@ -33,15 +33,16 @@ typedef struct text_scene {
 static const cyaml_schema_value_t word = {CYAML_VALUE_STRING(CYAML_FLAG_POINTER, char, 0, CYAML_UNLIMITED)};
 
 #define VECTOR_FIELD(type, name) CYAML_FIELD_SEQUENCE_FIXED(#name, CYAML_FLAG_POINTER, type, name, &word, 3)
-static const cyaml_schema_field_t box_fields[] = {VECTOR_FIELD(text_box, low), VECTOR_FIELD(text_box, high), CYAML_FIELD_END};
+static const cyaml_schema_field_t box_fields[] = {VECTOR_FIELD(text_box, low), VECTOR_FIELD(text_box, high),
+                                                  CYAML_FIELD_END};
 static const cyaml_schema_field_t plane_fields[] = {VECTOR_FIELD(text_plane, point), VECTOR_FIELD(text_plane, normal),
                                                     CYAML_FIELD_END};
 #undef VECTOR_FIELD
 static const cyaml_schema_value_t box_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_box, box_fields)};
 static const cyaml_schema_value_t plane_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_plane, plane_fields)};
 static const cyaml_schema_field_t fixed_fields[] = {
-    CYAML_FIELD_SEQUENCE_COUNT("boxes", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_fixed, boxes, num_boxes, &box_value, 0,
-                               PLIANT_MAX_FIXED),
+    CYAML_FIELD_SEQUENCE_COUNT("boxes", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_fixed, boxes, num_boxes,
+                               &box_value, 0, PLIANT_MAX_FIXED),
     CYAML_FIELD_SEQUENCE_COUNT("planes", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_fixed, planes, num_planes,
                                &plane_value, 0, PLIANT_MAX_FIXED),
     CYAML_FIELD_END,
@@ -57,10 +58,12 @@ typedef struct scene_schema {
 static cyaml_schema_field_t option_field(const pliant_option *option, size_t offset)
 {
     bool three = option->kind == PLIANT_OPTION_INT3 || option->kind == PLIANT_OPTION_REAL3;
-    cyaml_schema_value_t one_word = {CYAML_VALUE_STRING(CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, char, 0, CYAML_UNLIMITED)};
+    cyaml_schema_value_t one_word = {
+        CYAML_VALUE_STRING(CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, char, 0, CYAML_UNLIMITED)};
     cyaml_schema_value_t three_words = {
         CYAML_VALUE_SEQUENCE_FIXED(CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, char *, &word, 3)};
-    return (cyaml_schema_field_t){.key = option->name, .data_offset = (uint32_t)offset, .value = three ? three_words : one_word};
+    return (cyaml_schema_field_t){
+        .key = option->name, .data_offset = (uint32_t)offset, .value = three ? three_words : one_word};
 }
 
 static void make_schema(scene_schema *schema)
@@ -122,7 +125,8 @@ static pliant_status read_options(const text_scene *document, const char *text, 
     }
     if (document->options[pliant_option_find("material/file") - options] && !make_relative(base, scene->material.file))
         return refuse(text, name, "material", "file", 0, "the whole path is longer than 255 characters");
-    if (document->options[pliant_option_find("material/labels") - options] && !make_relative(base, scene->material.labels))
+    if (document->options[pliant_option_find("material/labels") - options] &&
+        !make_relative(base, scene->material.labels))
         return refuse(text, name, "material", "labels", 0, "the whole path is longer than 255 characters");
     return PLIANT_OK;
 }
@@ -143,9 +147,12 @@ static pliant_status read_fixed(const text_fixed *document, const char *text, co
     scene->fixed.num_boxes = document->num_boxes;
     for (uint32_t i = 0; i < document->num_boxes; ++i) {
         pliant_fixed_box *box = &scene->fixed.boxes[i];
-        if (!read_vector(document->boxes[i].low, box->low, reason)) return refuse(text, name, "boxes", "low", (int)i, reason);
-        if (!read_vector(document->boxes[i].high, box->high, reason)) return refuse(text, name, "boxes", "high", (int)i, reason);
-        if (pliant_fixed_box_check(box, reason, sizeof reason)) return refuse(text, name, "boxes", "low", (int)i, reason);
+        if (!read_vector(document->boxes[i].low, box->low, reason))
+            return refuse(text, name, "boxes", "low", (int)i, reason);
+        if (!read_vector(document->boxes[i].high, box->high, reason))
+            return refuse(text, name, "boxes", "high", (int)i, reason);
+        if (pliant_fixed_box_check(box, reason, sizeof reason))
+            return refuse(text, name, "boxes", "low", (int)i, reason);
     }
     scene->fixed.num_planes = document->num_planes;
     for (uint32_t i = 0; i < document->num_planes; ++i) {

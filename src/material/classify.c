@@ -8,7 +8,8 @@
 #include <string.h>
 
 enum { NONE = 255, NUM_16 = 65536, MAX_LISTED = 16 };
-_Static_assert((int)PLIANT_MAX_MATERIALS <= (int)NONE, "one byte tells the material, one value of it tells that there is none");
+_Static_assert((int)PLIANT_MAX_MATERIALS <= (int)NONE,
+               "one byte tells the material, one value of it tells that there is none");
 
 /* One intensity range, and the material that it stands for. */
 typedef struct range {
@@ -99,7 +100,8 @@ static void list_labels(const lookup *l, const uint16_t *labels, size_t voxels, 
 }
 
 /* counts[g] is of the gap before range g, the last one of the values that are not a number */
-static void list_gaps(const lookup *l, const pliant_volume *scan, const uint16_t *labels, uint64_t *counts, listing *list)
+static void list_gaps(const lookup *l, const pliant_volume *scan, const uint16_t *labels, uint64_t *counts,
+                      listing *list)
 {
     size_t voxels = pliant_geometry_voxels(&scan->geometry);
     memset(counts, 0, NUM_16 * sizeof *counts);
@@ -137,7 +139,9 @@ static pliant_status complain(const lookup *l, const pliant_material_table *tabl
     return pliant_fail(PLIANT_ERROR_MATERIAL, "%s: no material for%s%s%s%s%s%s", scan->id[0] ? scan->id : "scan",
                        missing.items ? " labels " : "", missing.text, missing.items && gaps.items ? "; nor for" : "",
                        gaps.items ? " intensities " : "", gaps.text,
-                       missing.items && !names_labels ? " (the material table names no labels: give one that does, or no label map)" : "");
+                       missing.items && !names_labels
+                           ? " (the material table names no labels: give one that does, or no label map)"
+                           : "");
 }
 
 pliant_status pliant_material_classify(const pliant_material_table *table, const pliant_volume *scan,

@@ -24,7 +24,8 @@ typedef struct text_table {
 
 static const cyaml_schema_value_t word = {CYAML_VALUE_STRING(CYAML_FLAG_POINTER, char, 0, CYAML_UNLIMITED)};
 
-#define WORD_FIELD(name, flags) CYAML_FIELD_STRING_PTR(#name, CYAML_FLAG_POINTER | (flags), text_material, name, 0, CYAML_UNLIMITED)
+#define WORD_FIELD(name, flags) \
+    CYAML_FIELD_STRING_PTR(#name, CYAML_FLAG_POINTER | (flags), text_material, name, 0, CYAML_UNLIMITED)
 static const cyaml_schema_field_t material_fields[] = {
     WORD_FIELD(name, 0),
     WORD_FIELD(young_modulus, 0),
@@ -42,8 +43,8 @@ static const cyaml_schema_field_t material_fields[] = {
 static const cyaml_schema_value_t material_value = {
     CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_material, material_fields)};
 static const cyaml_schema_field_t table_fields[] = {
-    CYAML_FIELD_SEQUENCE_COUNT("materials", CYAML_FLAG_POINTER, text_table, materials, num_materials, &material_value, 1,
-                               PLIANT_MAX_MATERIALS),
+    CYAML_FIELD_SEQUENCE_COUNT("materials", CYAML_FLAG_POINTER, text_table, materials, num_materials, &material_value,
+                               1, PLIANT_MAX_MATERIALS),
     CYAML_FIELD_END,
 };
 static const cyaml_schema_value_t table_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_POINTER, text_table, table_fields)};
@@ -59,7 +60,8 @@ static pliant_status refuse(const origin *from, uint32_t index, const char *mate
     char line[32] = "";
     int number = from->text ? pliant_yaml_line(from->text, "name", (int)index, 1) : 0;
     if (number) snprintf(line, sizeof line, "line %d: ", number);
-    return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %smaterial %u '%s': %s", from->name, line, index + 1, material, reason);
+    return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %smaterial %u '%s': %s", from->name, line, index + 1, material,
+                       reason);
 }
 
 /* One number of one material; writes "field: 'text' is not a number" into reason. */
@@ -97,7 +99,8 @@ static bool read_material(const text_material *text, pliant_material *out, char 
     for (uint32_t i = 0; i < text->num_labels; ++i) {
         int64_t label;
         if (!pliant_parse_integer(text->labels[i], &label) || label < 1 || label > UINT16_MAX) {
-            snprintf(reason, size, "labels: '%s' is not an integer from 1 to 65535 (0 is \"no label\")", text->labels[i]);
+            snprintf(reason, size, "labels: '%s' is not an integer from 1 to 65535 (0 is \"no label\")",
+                     text->labels[i]);
             return false;
         }
         out->labels[i] = (uint32_t)label;
@@ -184,7 +187,8 @@ pliant_status pliant_material_table_parse(const char *yaml, const char *name_for
     pliant_status status = pliant_yaml_load(yaml, name_for_messages, &table_value, &document);
     if (status < 0) return status;
     const text_table *text = document;
-    if (!text) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: is empty; a list named materials is needed", name_for_messages);
+    if (!text)
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: is empty; a list named materials is needed", name_for_messages);
 
     table.num_materials = text->num_materials;
     table.materials = pliant_calloc(table.num_materials, sizeof *table.materials);

@@ -145,8 +145,8 @@ pliant_status pliant_phantom(const int32_t size[3], uint32_t seed, pliant_volume
     phantom_row *rows = NULL;
     for (int d = 0; d < 3; ++d)
         if (size[d] < SMALLEST)
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "phantom: size %d x %d x %d: each must be at least %d", size[0], size[1],
-                               size[2], SMALLEST);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "phantom: size %d x %d x %d: each must be at least %d", size[0],
+                               size[1], size[2], SMALLEST);
     const pliant_geometry geometry = box_of(size);
     const int threads = omp_get_max_threads();
     phantom_anatomy *anatomy = pliant_calloc(1, sizeof *anatomy);

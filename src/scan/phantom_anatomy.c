@@ -15,13 +15,15 @@ float phantom_depth(float x, float y, float z)
     float u = x / a, v = y / b * (1 + 0.05f * back), corner = 0.30f;
     float f = u * u + v * v - corner * u * u * v * v;
     if (f < 0.1f) return 100; /* well inside, where the ellipses shrink to a point */
-    float size = sqrtf(f), slope_x = u * (1 - corner * v * v) / (a * size), slope_y = v * (1 - corner * u * u) / (b * size);
+    float size = sqrtf(f), slope_x = u * (1 - corner * v * v) / (a * size),
+          slope_y = v * (1 - corner * u * u) / (b * size);
     return (1 - size) / sqrtf(slope_x * slope_x + slope_y * slope_y) - navel;
 }
 
 void phantom_wall(float x, float y, float z, float *fat, float *muscle)
 {
-    float u = square(x / 174), v = square(y / 119), side = u / (u + v + 1e-6f), front = y < 0 ? 1 - side : 0, back = y < 0 ? 0 : 1 - side;
+    float u = square(x / 174), v = square(y / 119), side = u / (u + v + 1e-6f), front = y < 0 ? 1 - side : 0,
+          back = y < 0 ? 0 : 1 - side;
     float low = phantom_ramp(-z, -60, 120), pelvis = phantom_ramp(-z, 40, 125), across = fabsf(x);
     *fat = 4 + side * (9 + 11 * low) + front * (13 + 7 * low) + back * (9 + 13 * low);
 
@@ -46,7 +48,8 @@ static bool make_muscles(phantom_tubes *list)
     static const phantom_knot psoas[] = {{27, 44, 95, 7}, {33, 40, 50, 12}, {41, 35, 5, 17}, {50, 27, -45, 21},
                                          {63, 2, -100, 20}, {76, -28, -155, 17}};
     static const phantom_knot quadratus[] = {{52, 66, 92, 5}, {66, 66, 50, 8}, {74, 62, 10, 9}, {80, 56, -38, 8}};
-    static const phantom_knot iliacus[] = {{98, 26, -62, 8}, {94, 12, -85, 12}, {90, -12, -120, 14}, {88, -28, -155, 13}};
+    static const phantom_knot iliacus[] = {
+        {98, 26, -62, 8}, {94, 12, -85, 12}, {90, -12, -120, 14}, {88, -28, -155, 13}};
     return BOTH_SIDES(list, psoas, 4) && BOTH_SIDES(list, quadratus, 3) && BOTH_SIDES(list, iliacus, 3);
 }
 
@@ -60,7 +63,8 @@ static bool make_ribs(phantom_tubes *list)
         phantom_point last = {0, 0, 0};
         for (int piece = 0; piece <= PIECES; ++piece) {
             float u = 0.14f + (ribs[r].end - 0.14f) * (float)piece / PIECES, q = u < 1 ? u : 2 - u;
-            float t = q * (0.785f + 0.215f * q * q), cosine = (1 - t * t) / (1 + t * t); /* t: tangent of half the angle */
+            float t = q * (0.785f + 0.215f * q * q),
+                  cosine = (1 - t * t) / (1 + t * t); /* t: tangent of half the angle */
             float sine = 2 * t / (1 + t * t), behind = u < 1 ? cosine : -cosine;
             float scale = 1 / sqrtf(1 - 0.30f * square(sine * cosine));
             float x = 152 * sine * scale, y = 94 * behind * scale, z = ribs[r].top - ribs[r].drop * u;
@@ -70,7 +74,8 @@ static bool make_ribs(phantom_tubes *list)
             float radius = u > ribs[r].end - 0.1f ? 3.6f : 4.8f;
             if (piece && z < 170 &&
                 !(phantom_add_tube(list, last, here, radius, radius) &&
-                  phantom_add_tube(list, (phantom_point){-last.x, last.y, last.z}, (phantom_point){-x, y, z}, radius, radius)))
+                  phantom_add_tube(list, (phantom_point){-last.x, last.y, last.z}, (phantom_point){-x, y, z}, radius,
+                                   radius)))
                 return false;
             last = here;
         }
@@ -152,7 +157,8 @@ static bool make_stomach(phantom_tubes *list)
 /* --- vessels --- */
 
 /* A vessel and the two that it divides into, and so on. */
-static bool grow(phantom_tubes *list, phantom_point from, phantom_point to, float radius, int generations, uint32_t seed)
+static bool grow(phantom_tubes *list, phantom_point from, phantom_point to, float radius, int generations,
+                 uint32_t seed)
 {
     phantom_point run = {to.x - from.x, to.y - from.y, to.z - from.z};
     float length = sqrtf(run.x * run.x + run.y * run.y + run.z * run.z);
@@ -166,9 +172,10 @@ static bool grow(phantom_tubes *list, phantom_point from, phantom_point to, floa
         uint32_t id = 2 * seed + (uint32_t)child;
         float sign = child ? 0.62f : -0.62f;
         phantom_point aside = {phantom_random(seed, 4, 8), phantom_random(seed, 5, 8), phantom_random(seed, 6, 8)};
-        phantom_point end = {to.x + 0.72f * (run.x + sign * length * aside.x) + 0.1f * length * phantom_random(id, 7, 8),
-                             to.y + 0.72f * (run.y + sign * length * aside.y) + 0.1f * length * phantom_random(id, 8, 8),
-                             to.z + 0.72f * (run.z + sign * length * aside.z) + 0.1f * length * phantom_random(id, 9, 8)};
+        phantom_point end = {
+            to.x + 0.72f * (run.x + sign * length * aside.x) + 0.1f * length * phantom_random(id, 7, 8),
+            to.y + 0.72f * (run.y + sign * length * aside.y) + 0.1f * length * phantom_random(id, 8, 8),
+            to.z + 0.72f * (run.z + sign * length * aside.z) + 0.1f * length * phantom_random(id, 9, 8)};
         if (!grow(list, to, end, radius * 0.74f, generations - 1, id)) return false;
     }
     return true;
@@ -181,19 +188,24 @@ static bool make_liver_vessels(phantom_tubes *list)
         {{-70, 4, 92}, 6}, {{-62, -30, 72}, 4.5f}, {{2, -44, 108}, 4.5f}};
     static const phantom_point veins_to[] = {{-72, 34, 116}, {-52, -28, 116}, {14, -32, 124}};
     for (uint32_t b = 0; b < 3; ++b)
-        if (!grow(list, porta, branches[b].to, branches[b].radius, 4, 17 + b) || !grow(list, veins, veins_to[b], 5, 3, 31 + b))
+        if (!grow(list, porta, branches[b].to, branches[b].radius, 4, 17 + b) ||
+            !grow(list, veins, veins_to[b], 5, 3, 31 + b))
             return false;
     return true;
 }
 
 static bool make_vessels(phantom_tubes *list)
 {
-    static const phantom_knot cava[] = {{-19, 12, 152, 11}, {-20, 10, 120, 11.5f}, {-20, 8, 80, 11}, {-19, 2, 40, 10.5f},
-                                        {-18, -3, 0, 10}, {-16, -4, -38, 10}};
-    static const phantom_knot iliac_vein[] = {{-10, -2, -40, 8}, {24, 8, -78, 8}, {50, 20, -112, 7.5f}, {70, 0, -155, 7}};
-    static const phantom_knot iliac_vein_right[] = {{-16, -4, -38, 8}, {-34, 8, -78, 8}, {-52, 20, -112, 7.5f}, {-70, 0, -155, 7}};
-    static const phantom_knot iliac_artery[] = {{12, -6, -30, 6.5f}, {28, 0, -65, 6}, {48, 4, -100, 5.5f}, {66, -14, -155, 5}};
-    static const phantom_knot iliac_artery_right[] = {{12, -6, -30, 6.5f}, {-20, -8, -60, 6}, {-44, 2, -100, 5.5f}, {-64, -14, -155, 5}};
+    static const phantom_knot cava[] = {{-19, 12, 152, 11},  {-20, 10, 120, 11.5f}, {-20, 8, 80, 11},
+                                        {-19, 2, 40, 10.5f}, {-18, -3, 0, 10},      {-16, -4, -38, 10}};
+    static const phantom_knot iliac_vein[] = {
+        {-10, -2, -40, 8}, {24, 8, -78, 8}, {50, 20, -112, 7.5f}, {70, 0, -155, 7}};
+    static const phantom_knot iliac_vein_right[] = {
+        {-16, -4, -38, 8}, {-34, 8, -78, 8}, {-52, 20, -112, 7.5f}, {-70, 0, -155, 7}};
+    static const phantom_knot iliac_artery[] = {
+        {12, -6, -30, 6.5f}, {28, 0, -65, 6}, {48, 4, -100, 5.5f}, {66, -14, -155, 5}};
+    static const phantom_knot iliac_artery_right[] = {
+        {12, -6, -30, 6.5f}, {-20, -8, -60, 6}, {-44, 2, -100, 5.5f}, {-64, -14, -155, 5}};
     static const phantom_knot mesenteric[] = {{11, -6, 66, 4}, {8, -22, 54, 4}, {3, -30, 20, 3.5f}, {-4, -32, -24, 3}};
     static const phantom_knot mesenteric_vein[] = {{-12, -22, 62, 6}, {-8, -30, 30, 5}, {-12, -34, -24, 4}};
     static const phantom_knot portal[] = {{-12, -22, 62, 7}, {-24, -16, 74, 7}, {-38, -8, 84, 6.5f}};
@@ -203,10 +215,11 @@ static bool make_vessels(phantom_tubes *list)
     static const phantom_knot renal_vein[] = {{-20, 4, 54, 5}, {8, -10, 56, 4.5f}, {34, 8, 58, 5}, {56, 26, 62, 4.5f}};
     static const phantom_knot renal_right[] = {{12, 6, 48, 4}, {-22, 20, 46, 3.6f}, {-54, 28, 46, 3.2f}};
     static const phantom_knot renal_vein_right[] = {{-20, 4, 44, 5}, {-38, 14, 46, 5}, {-55, 26, 48, 4.5f}};
-    if (!(CHAIN(list, cava, 4) && CHAIN(list, iliac_vein, 4) && CHAIN(list, iliac_vein_right, 4) && CHAIN(list, iliac_artery, 4) &&
-          CHAIN(list, iliac_artery_right, 4) && CHAIN(list, mesenteric, 4) && CHAIN(list, mesenteric_vein, 4) &&
-          CHAIN(list, portal, 3) && CHAIN(list, splenic, 4) && CHAIN(list, celiac, 4) && CHAIN(list, renal, 3) &&
-          CHAIN(list, renal_vein, 3) && CHAIN(list, renal_right, 3) && CHAIN(list, renal_vein_right, 3)))
+    if (!(CHAIN(list, cava, 4) && CHAIN(list, iliac_vein, 4) && CHAIN(list, iliac_vein_right, 4) &&
+          CHAIN(list, iliac_artery, 4) && CHAIN(list, iliac_artery_right, 4) && CHAIN(list, mesenteric, 4) &&
+          CHAIN(list, mesenteric_vein, 4) && CHAIN(list, portal, 3) && CHAIN(list, splenic, 4) &&
+          CHAIN(list, celiac, 4) && CHAIN(list, renal, 3) && CHAIN(list, renal_vein, 3) &&
+          CHAIN(list, renal_right, 3) && CHAIN(list, renal_vein_right, 3)))
         return false;
     /* the fans of the mesentery, marked: they run between loops of bowel, not through them */
     static const phantom_point fans[] = {{34, -36, -16}, {-40, -38, -6}, {24, -34, -62}, {-36, -34, -58}};
@@ -226,21 +239,28 @@ static bool make_aorta(phantom_tubes *list)
 
 bool phantom_anatomy_make(phantom_anatomy *anatomy)
 {
-    const struct { phantom_tubes *list; bool (*make)(phantom_tubes *list); } parts[] = {
-        {&anatomy->muscles, make_muscles}, {&anatomy->ribs, make_ribs}, {&anatomy->colon, make_colon},
-        {&anatomy->small_bowel, make_small_bowel}, {&anatomy->stomach, make_stomach},
-        {&anatomy->liver_vessels, make_liver_vessels}, {&anatomy->vessels, make_vessels}, {&anatomy->aorta, make_aorta}};
+    const struct {
+        phantom_tubes *list;
+        bool (*make)(phantom_tubes *list);
+    } parts[] = {{&anatomy->muscles, make_muscles}, {&anatomy->ribs, make_ribs},
+                 {&anatomy->colon, make_colon},     {&anatomy->small_bowel, make_small_bowel},
+                 {&anatomy->stomach, make_stomach}, {&anatomy->liver_vessels, make_liver_vessels},
+                 {&anatomy->vessels, make_vessels}, {&anatomy->aorta, make_aorta}};
     int used = 0;
     for (int p = 0; p < (int)(sizeof parts / sizeof *parts); ++p) {
-        *parts[p].list = (phantom_tubes){anatomy->store + used, 0, (int)(sizeof anatomy->store / sizeof *anatomy->store) - used};
+        *parts[p].list =
+            (phantom_tubes){anatomy->store + used, 0, (int)(sizeof anatomy->store / sizeof *anatomy->store) - used};
         if (!parts[p].make(parts[p].list)) return false;
         used += parts[p].list->number;
     }
     const phantom_point upright = {0, 0, 1};
-    anatomy->liver[0] = phantom_ellipsoid_make((phantom_point){-76, 4, 96}, (phantom_point){78, 84, 88}, (phantom_point){0.05f, 0, 1});
-    anatomy->liver[1] = phantom_ellipsoid_make((phantom_point){0, -48, 118}, (phantom_point){84, 38, 42}, (phantom_point){-0.25f, 0, 1});
+    anatomy->liver[0] =
+        phantom_ellipsoid_make((phantom_point){-76, 4, 96}, (phantom_point){78, 84, 88}, (phantom_point){0.05f, 0, 1});
+    anatomy->liver[1] = phantom_ellipsoid_make((phantom_point){0, -48, 118}, (phantom_point){84, 38, 42},
+                                               (phantom_point){-0.25f, 0, 1});
     anatomy->liver[2] = phantom_ellipsoid_make((phantom_point){-22, 12, 112}, (phantom_point){30, 22, 28}, upright);
-    anatomy->spleen = phantom_ellipsoid_make((phantom_point){110, 34, 102}, (phantom_point){34, 48, 56}, (phantom_point){-0.2f, 0.25f, 1});
+    anatomy->spleen = phantom_ellipsoid_make((phantom_point){110, 34, 102}, (phantom_point){34, 48, 56},
+                                             (phantom_point){-0.2f, 0.25f, 1});
     anatomy->spleen_hollow = phantom_ellipsoid_make((phantom_point){66, 2, 104}, (phantom_point){50, 50, 70}, upright);
     anatomy->tumour = phantom_ellipsoid_make((phantom_point){-104, -14, 78}, (phantom_point){21, 19, 20}, upright);
     for (int side = 0; side < 2; ++side) {

@@ -13,7 +13,8 @@ static void paint_wall(phantom_row *row)
         if (depth < 0) phantom_put(row, n, PHANTOM_AIR, -1000);
         else if (depth < 2.4f) phantom_put(row, n, PHANTOM_skin, 45);
         else if (depth < fat) phantom_put(row, n, PHANTOM_fat, -104 + 6 * clump + (grain > 0.7f ? 25 : 0));
-        else if (depth > muscle) phantom_put(row, n, PHANTOM_ROOM_FOR_ORGANS, -100 + 6 * clump + (grain > 0.6f ? 30 : 0));
+        else if (depth > muscle)
+            phantom_put(row, n, PHANTOM_ROOM_FOR_ORGANS, -100 + 6 * clump + (grain > 0.6f ? 30 : 0));
         else {
             float layer = (depth - fat) / (muscle - fat), across = x < 0 ? -x : x;
             /* three sheets in the flank, sheets of fat in the back and the buttock */
@@ -32,7 +33,8 @@ static void paint_muscles(const phantom_tubes *list, phantom_row *row)
         if (!is_free(row, n)) continue;
         /* the deep muscles of the back lie against the spine, and behind the sacrum */
         float x = row->position_x[n] < 0 ? -row->position_x[n] : row->position_x[n], z = row->position_z[n];
-        bool deep = x < 56 && row->position_y[n] > phantom_spine_y(z) + 19 + 0.2f * x + (z < -80 ? 0.8f * (-80 - z) : 0);
+        bool deep =
+            x < 56 && row->position_y[n] > phantom_spine_y(z) + 19 + 0.2f * x + (z < -80 ? 0.8f * (-80 - z) : 0);
         if (deep || (any && row->near[n] < 0)) phantom_put(row, n, PHANTOM_muscle, 60 + 7 * row->grain[n]);
     }
 }
@@ -59,10 +61,12 @@ static void paint_kidneys(const phantom_anatomy *anatomy, phantom_row *row)
         for (int n = first; n < end; ++n) {
             if (!is_free(row, n)) continue;
             float x = row->position_x[n], y = row->position_y[n], z = row->position_z[n];
-            float distance = phantom_ellipsoid_distance(kidney, x, y, z), hollow = phantom_ellipsoid_distance(sinus, x, y, z);
+            float distance = phantom_ellipsoid_distance(kidney, x, y, z),
+                  hollow = phantom_ellipsoid_distance(sinus, x, y, z);
             if (distance < 0 && hollow > 0) {
                 bool pyramid = distance < -6.5f && hollow > 2.5f && row->clump[n] > 0.05f;
-                phantom_put(row, n, side ? PHANTOM_kidney_right : PHANTOM_kidney_left, (pyramid ? 150 : 192) + 6 * row->grain[n]);
+                phantom_put(row, n, side ? PHANTOM_kidney_right : PHANTOM_kidney_left,
+                            (pyramid ? 150 : 192) + 6 * row->grain[n]);
             } else if (distance < 7 || hollow < 0) {
                 phantom_put(row, n, PHANTOM_KEPT_FREE, hollow < -4 ? 15 : -98);
             }
@@ -74,7 +78,8 @@ static void paint_vessels(const phantom_tubes *list, phantom_row *row, int tissu
 {
     if (!phantom_measure(list, row)) return;
     for (int n = 0; n < row->n; ++n)
-        if (row->near[n] < 0 && list->tubes[row->nearest[n]].mark == marked && (is_free(row, n) || row->tissue[n] == PHANTOM_KEPT_FREE))
+        if (row->near[n] < 0 && list->tubes[row->nearest[n]].mark == marked &&
+            (is_free(row, n) || row->tissue[n] == PHANTOM_KEPT_FREE))
             phantom_put(row, n, tissue, value + 4 * row->grain[n]);
 }
 

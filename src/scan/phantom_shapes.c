@@ -82,7 +82,8 @@ phantom_ellipsoid phantom_ellipsoid_make(phantom_point centre, phantom_point rad
 float phantom_ellipsoid_distance(const phantom_ellipsoid *e, float x, float y, float z)
 {
     phantom_point p = {x - e->centre.x, y - e->centre.y, z - e->centre.z};
-    float u = dot(p, e->axis[0]) / e->radius.x, v = dot(p, e->axis[1]) / e->radius.y, w = dot(p, e->axis[2]) / e->radius.z;
+    float u = dot(p, e->axis[0]) / e->radius.x, v = dot(p, e->axis[1]) / e->radius.y,
+          w = dot(p, e->axis[2]) / e->radius.z;
     float size = sqrtf(u * u + v * v + w * w);
     u /= e->radius.x, v /= e->radius.y, w /= e->radius.z;
     float slope = sqrtf(u * u + v * v + w * w);
@@ -137,7 +138,8 @@ bool phantom_add_mirrored(phantom_tubes *list, const phantom_knot *knots, int nu
 
 void phantom_span(const phantom_row *row, float low, float high, int *first, int *end)
 {
-    float from = (low - PHANTOM_BEND - row->x_first) / row->x_step, to = (high + PHANTOM_BEND - row->x_first) / row->x_step;
+    float from = (low - PHANTOM_BEND - row->x_first) / row->x_step,
+          to = (high + PHANTOM_BEND - row->x_first) / row->x_step;
     *first = from <= 0 ? 0 : from >= (float)row->n ? row->n : floor_of(from);
     *end = to < 0 ? 0 : to >= (float)(row->n - 1) ? row->n : floor_of(to) + 1;
 }
@@ -149,7 +151,8 @@ static void measure_tube(const phantom_tube *tube, int index, phantom_row *row)
     phantom_point axis = {tube->b.x - tube->a.x, tube->b.y - tube->a.y, tube->b.z - tube->a.z};
     float length = dot(axis, axis), inverse = length > 0 ? 1 / length : 0;
     for (int n = first; n < end; ++n) {
-        phantom_point p = {row->position_x[n] - tube->a.x, row->position_y[n] - tube->a.y, row->position_z[n] - tube->a.z};
+        phantom_point p = {row->position_x[n] - tube->a.x, row->position_y[n] - tube->a.y,
+                           row->position_z[n] - tube->a.z};
         float t = phantom_clamp(dot(p, axis) * inverse, 0, 1);
         p.x -= t * axis.x, p.y -= t * axis.y, p.z -= t * axis.z;
         float distance = sqrtf(dot(p, p)) - tube->radius_a - t * (tube->radius_b - tube->radius_a);

@@ -37,7 +37,8 @@ typedef struct phantom_row {
     int n;
     float x_first, x_step, y, z; /* unbent [mm] */
     float *x, *position_x, *position_y, *position_z;
-    float *near, *second; /* distance to the surface of the nearest tube, and of the nearest one elsewhere on the chain */
+    float *near,
+        *second; /* distance to the surface of the nearest tube, and of the nearest one elsewhere on the chain */
     int32_t *nearest;     /* that tube, -1: none is near */
     float *grain, *clump; /* textures in [-1, 1], 2.5 mm and 9 mm wide */
     uint8_t *tissue;
