@@ -156,111 +156,148 @@ AVX2_INLINE row_kinds find_points(const raster_brick *brick, int32_t row, row_po
     return kinds;
 }
 
-/* cells of 8 points: flat index of the left lower corner relative to the brick's base, and where in the cell */
-typedef struct row_cells { alignas(32) int32_t corner[8]; __m256 x, y, z; } row_cells;
+/* What a brick's rows have in common. */
+typedef struct brick_scan {
+    const char *corner[4];              /* left voxel of the cell at the brick's base: (y, z), (y + 1, z), (y, z + 1), (y + 1, z + 1) */
+    __m256i step_j, step_k;
+    __m256 low[3], high[3], last[3];    /* limits of indices */
+} brick_scan;
 
-AVX2_INLINE __m256 split(__m256 at, float low, float high, float last, bool inner, __m256i *whole)
+AVX2_INLINE brick_scan scan_of(const raster_source *source, const raster_brick *brick, ptrdiff_t voxel)
 {
-    if (!inner) at = _mm256_min_ps(_mm256_max_ps(at, _mm256_set1_ps(low)), _mm256_set1_ps(high));
-    __m256 below = _mm256_floor_ps(at);
-    if (!inner) below = _mm256_min_ps(below, _mm256_set1_ps(last));
-    *whole = _mm256_cvttps_epi32(below);
-    return _mm256_sub_ps(at, below);
+    brick_scan scan;
+    for (int c = 0; c < 4; c++)
+        scan.corner[c] = (const char *)source->voxels + voxel * (brick->base_index + (c & 1) * source->step[1] + (c >> 1) * source->step[2]);
+    scan.step_j = _mm256_set1_epi32((int32_t)source->step[1]);
+    scan.step_k = _mm256_set1_epi32((int32_t)source->step[2]);
+    for (int d = 0; d < 3; d++) {
+        scan.low[d] = _mm256_set1_ps(brick->low[d]);
+        scan.high[d] = _mm256_set1_ps(brick->high[d]);
+        scan.last[d] = _mm256_set1_ps(brick->last[d]);
+    }
+    return scan;
 }
 
-/* inner: no point needs a limit */
-AVX2_INLINE row_cells find_cells(const raster_source *source, const raster_brick *brick, const row_points *points, int half, const bool inner)
+/* The points of a row: flat index of the left lower corner of their cells, relative to the base, and where in the cell. */
+typedef struct row_cells {
+    alignas(32) int32_t corner[BRICK];
+    alignas(32) float x[BRICK], y[BRICK], z[BRICK];
+    row_kinds kinds;
+    bool inner; /* no cell is near the end of the scan */
+} row_cells;
+
+/* The cell below 8 coordinates along one axis; where in the cell goes to `within`. inner: no point needs a limit. */
+AVX2_INLINE __m256i split(const brick_scan *scan, int axis, const bool inner, __m256 at, float *within)
 {
-    __m256i i, j, k;
-    row_cells cells;
-    cells.x = split(points->at[0][half], brick->low[0], brick->high[0], brick->last[0], inner, &i);
-    cells.y = split(points->at[1][half], brick->low[1], brick->high[1], brick->last[1], inner, &j);
-    cells.z = split(points->at[2][half], brick->low[2], brick->high[2], brick->last[2], inner, &k);
-    j = _mm256_mullo_epi32(j, _mm256_set1_epi32((int32_t)source->step[1]));
-    k = _mm256_mullo_epi32(k, _mm256_set1_epi32((int32_t)source->step[2]));
-    _mm256_store_si256((__m256i *)(void *)cells.corner, _mm256_add_epi32(i, _mm256_add_epi32(j, k)));
-    __asm__("" : "+m"(cells.corner)); /* through memory: taking lanes out of a register one by one is slower */
-    return cells;
+    if (!inner) at = _mm256_min_ps(_mm256_max_ps(at, scan->low[axis]), scan->high[axis]);
+    __m256 below = _mm256_floor_ps(at);
+    if (!inner) below = _mm256_min_ps(below, scan->last[axis]);
+    _mm256_store_ps(within, _mm256_sub_ps(at, below));
+    return _mm256_cvttps_epi32(below);
+}
+
+AVX2_INLINE void find_cells(const brick_scan *scan, const row_points *points, const bool inner, row_cells *cells)
+{
+    for (int half = 0; half < 2; half++) {
+        __m256i i = split(scan, 0, inner, points->at[0][half], cells->x + 8 * half);
+        __m256i j = split(scan, 1, inner, points->at[1][half], cells->y + 8 * half);
+        __m256i k = split(scan, 2, inner, points->at[2][half], cells->z + 8 * half);
+        j = _mm256_mullo_epi32(j, scan->step_j);
+        k = _mm256_mullo_epi32(k, scan->step_k);
+        _mm256_store_si256((__m256i *)(void *)(cells->corner + 8 * half), _mm256_add_epi32(i, _mm256_add_epi32(j, k)));
+    }
+}
+
+/* A slice at a time: first all cells, then all values. One row after the other would wait for each one's chain of
+ * dependent operations; this way those of several rows overlap. */
+AVX2_INLINE void find_slice(const raster_brick *brick, const brick_scan *scan, int32_t k, int32_t rows, row_cells *cells)
+{
+    for (int32_t j = 0; j < rows; j++) {
+        row_points points;
+        cells[j].kinds = find_points(brick, k * BRICK + j, &points);
+        cells[j].inner = brick->inner && cells[j].kinds.sampled == ENTRY_MASK; /* a free voxel's point may be anywhere */
+        if (cells[j].inner)
+            find_cells(scan, &points, true, &cells[j]);
+        else if (cells[j].kinds.sampled)
+            find_cells(scan, &points, false, &cells[j]);
+    }
 }
 
 AVX2_INLINE __m256 between(__m256 a, __m256 b, __m256 t) { return _mm256_add_ps(a, _mm256_mul_ps(t, _mm256_sub_ps(b, a))); }
 
-/* 32 bits each */
-AVX2_INLINE __m256i gather(const void *voxels, const int32_t at[8], size_t voxel)
-{
-    int32_t bits[8];
-    for (int l = 0; l < 8; l++) memcpy(&bits[l], (const char *)voxels + (ptrdiff_t)voxel * at[l], sizeof bits[l]);
-    return _mm256_setr_epi32(bits[0], bits[1], bits[2], bits[3], bits[4], bits[5], bits[6], bits[7]);
-}
+typedef int32_t __attribute__((may_alias, aligned(1))) unaligned_int32;
 
-/* two neighbours along x as 16-bit numbers in each lane, weighed */
-AVX2_INLINE __m256 pair_i16(const int16_t *voxels, const row_cells *cells, __m256i weights)
+/* 32 bits of each of 8 cells, from its left voxel on. Single loads: faster than gather instructions here (Zen 4), and
+ * not much slower where those are fast. */
+AVX2_INLINE __m256i load_pairs(const char *corner, const int32_t cells[8], const ptrdiff_t voxel)
 {
-    return _mm256_cvtepi32_ps(_mm256_madd_epi16(gather(voxels, cells->corner, sizeof *voxels), weights));
-}
-
-AVX2_INLINE __m256 pair_u8(const uint8_t *voxels, const row_cells *cells, __m256i weights)
-{
-    const __m256i spread = _mm256_setr_epi8(0, -1, 1, -1, 4, -1, 5, -1, 8, -1, 9, -1, 12, -1, 13, -1,
-                                            0, -1, 1, -1, 4, -1, 5, -1, 8, -1, 9, -1, 12, -1, 13, -1);
-    __m256i pairs = _mm256_shuffle_epi8(gather(voxels, cells->corner, sizeof *voxels), spread);
-    return _mm256_cvtepi32_ps(_mm256_madd_epi16(pairs, weights));
-}
-
-AVX2_INLINE __m128 two_pairs(const float *first, const float *second)
-{
-    return _mm_loadh_pi(_mm_loadl_pi(_mm_setzero_ps(), (const __m64 *)(const void *)first), (const __m64 *)(const void *)second);
-}
-
-AVX2_INLINE __m256 pair_f32(const float *voxels, const row_cells *cells)
-{
-    const int32_t *at = cells->corner;
-    __m256 even = _mm256_set_m128(two_pairs(voxels + at[4], voxels + at[5]), two_pairs(voxels + at[0], voxels + at[1]));
-    __m256 odd = _mm256_set_m128(two_pairs(voxels + at[6], voxels + at[7]), two_pairs(voxels + at[2], voxels + at[3]));
-    return between(_mm256_shuffle_ps(even, odd, 0x88), _mm256_shuffle_ps(even, odd, 0xdd), cells->x);
+#define PAIR(l) (*(const unaligned_int32 *)(const void *)(corner + voxel * cells[l]))
+    __m128i first = _mm_cvtsi32_si128(PAIR(0)), second = _mm_cvtsi32_si128(PAIR(4));
+    first = _mm_insert_epi32(_mm_insert_epi32(_mm_insert_epi32(first, PAIR(1), 1), PAIR(2), 2), PAIR(3), 3);
+    second = _mm_insert_epi32(_mm_insert_epi32(_mm_insert_epi32(second, PAIR(5), 1), PAIR(6), 2), PAIR(7), 3);
+#undef PAIR
+    return _mm256_inserti128_si256(_mm256_castsi128_si256(first), second, 1);
 }
 
 /* left weight in the low, right weight in the high 16 bits of each lane */
-AVX2_INLINE __m256i pair_weights(const row_cells *cells)
+AVX2_INLINE __m256i pair_weights(__m256 x)
 {
-    __m256i right = _mm256_cvtps_epi32(_mm256_mul_ps(cells->x, _mm256_set1_ps(SAMPLE_ONE)));
+    __m256i right = _mm256_cvtps_epi32(_mm256_mul_ps(x, _mm256_set1_ps(SAMPLE_ONE)));
     __m256i left = _mm256_sub_epi32(_mm256_set1_epi32(SAMPLE_ONE), right);
     return _mm256_or_si256(left, _mm256_slli_epi32(right, 16));
 }
 
-AVX2_INLINE __m256i round_parts(__m256 value)
+AVX2_INLINE __m256 blend_corners(const __m256 along_x[4], const row_cells *cells, int first)
 {
-    return _mm256_cvtps_epi32(_mm256_mul_ps(value, _mm256_set1_ps(1.0f / SAMPLE_ONE)));
+    __m256 y = _mm256_load_ps(cells->y + first), z = _mm256_load_ps(cells->z + first);
+    return between(between(along_x[0], along_x[1], y), between(along_x[2], along_x[3], y), z);
 }
 
-/* 8 voxels */
-AVX2_INLINE __m256i eight_i16(const raster_source *source, const raster_brick *brick, const row_cells *cells)
+/* from pairs of 16-bit numbers at the four corners */
+AVX2_INLINE __m256i blend_pairs(const __m256i pairs[4], const row_cells *cells, int first)
 {
-    __m256i weights = pair_weights(cells);
-    const int16_t *base = (const int16_t *)source->voxels + brick->base_index;
-    __m256 low = between(pair_i16(base, cells, weights), pair_i16(base + source->step[1], cells, weights), cells->y);
-    base += source->step[2];
-    __m256 high = between(pair_i16(base, cells, weights), pair_i16(base + source->step[1], cells, weights), cells->y);
-    return round_parts(between(low, high, cells->z));
+    const __m256i weights = pair_weights(_mm256_load_ps(cells->x + first));
+    __m256 along_x[4];
+    for (int c = 0; c < 4; c++) along_x[c] = _mm256_cvtepi32_ps(_mm256_madd_epi16(pairs[c], weights));
+    return _mm256_cvtps_epi32(_mm256_mul_ps(blend_corners(along_x, cells, first), _mm256_set1_ps(1.0f / SAMPLE_ONE)));
 }
 
-AVX2_INLINE __m256i eight_u8(const raster_source *source, const raster_brick *brick, const row_cells *cells)
+/* 8 voxels from `first` on */
+AVX2_INLINE __m256i eight_i16(const brick_scan *scan, const row_cells *cells, int first)
 {
-    __m256i weights = pair_weights(cells);
-    const uint8_t *base = (const uint8_t *)source->voxels + brick->base_index;
-    __m256 low = between(pair_u8(base, cells, weights), pair_u8(base + source->step[1], cells, weights), cells->y);
-    base += source->step[2];
-    __m256 high = between(pair_u8(base, cells, weights), pair_u8(base + source->step[1], cells, weights), cells->y);
-    return round_parts(between(low, high, cells->z));
+    __m256i pairs[4];
+    for (int c = 0; c < 4; c++) pairs[c] = load_pairs(scan->corner[c], cells->corner + first, sizeof(int16_t));
+    return blend_pairs(pairs, cells, first);
 }
 
-AVX2_INLINE __m256 eight_f32(const raster_source *source, const raster_brick *brick, const row_cells *cells)
+AVX2_INLINE __m256i eight_u8(const brick_scan *scan, const row_cells *cells, int first)
 {
-    const float *base = (const float *)source->voxels + brick->base_index;
-    __m256 low = between(pair_f32(base, cells), pair_f32(base + source->step[1], cells), cells->y);
-    base += source->step[2];
-    __m256 high = between(pair_f32(base, cells), pair_f32(base + source->step[1], cells), cells->y);
-    return between(low, high, cells->z);
+    const __m256i spread = _mm256_setr_epi8(0, -1, 1, -1, 4, -1, 5, -1, 8, -1, 9, -1, 12, -1, 13, -1,
+                                            0, -1, 1, -1, 4, -1, 5, -1, 8, -1, 9, -1, 12, -1, 13, -1);
+    __m256i pairs[4];
+    for (int c = 0; c < 4; c++)
+        pairs[c] = _mm256_shuffle_epi8(load_pairs(scan->corner[c], cells->corner + first, sizeof(uint8_t)), spread);
+    return blend_pairs(pairs, cells, first);
+}
+
+AVX2_INLINE __m128 two_pairs(const float *voxels, const int32_t cells[2])
+{
+    __m128 first = _mm_loadl_pi(_mm_setzero_ps(), (const __m64 *)(const void *)(voxels + cells[0]));
+    return _mm_loadh_pi(first, (const __m64 *)(const void *)(voxels + cells[1]));
+}
+
+AVX2_INLINE __m256 eight_f32(const brick_scan *scan, const row_cells *cells, int first)
+{
+    const int32_t *corner = cells->corner + first;
+    const __m256 x = _mm256_load_ps(cells->x + first);
+    __m256 along_x[4];
+    for (int c = 0; c < 4; c++) {
+        const float *voxels = (const float *)(const void *)scan->corner[c];
+        __m256 even = _mm256_set_m128(two_pairs(voxels, corner + 4), two_pairs(voxels, corner));
+        __m256 odd = _mm256_set_m128(two_pairs(voxels, corner + 6), two_pairs(voxels, corner + 2));
+        along_x[c] = between(_mm256_shuffle_ps(even, odd, 0x88), _mm256_shuffle_ps(even, odd, 0xdd), x);
+    }
+    return blend_corners(along_x, cells, first);
 }
 
 /* Where mask has a bit, `from` replaces values (32-byte aligned). */
@@ -301,40 +338,36 @@ AVX2_INLINE void copy_row_f32(const float *from, uint32_t mask, float *values)
 }
 
 /* The sampled voxels of a row into values */
-AVX2_INLINE void row_i16(const raster_source *source, const raster_brick *brick, const row_points *points, int32_t row,
-                         uint32_t sampled, const bool inner, int16_t *values)
+AVX2_INLINE void sample_i16(const raster_source *source, const raster_brick *brick, const brick_scan *scan,
+                            const row_cells *cells, int32_t row, int16_t *values)
 {
-    (void)row;
-    row_cells left = find_cells(source, brick, points, 0, inner), right = find_cells(source, brick, points, 1, inner);
-    __m256i all = _mm256_packs_epi32(eight_i16(source, brick, &left), eight_i16(source, brick, &right));
-    put_i16(_mm256_permute4x64_epi64(all, 0xd8), sampled, values);
+    (void)source, (void)brick, (void)row;
+    __m256i all = _mm256_packs_epi32(eight_i16(scan, cells, 0), eight_i16(scan, cells, 8));
+    put_i16(_mm256_permute4x64_epi64(all, 0xd8), cells->kinds.sampled, values);
 }
 
-AVX2_INLINE void row_u8(const raster_source *source, const raster_brick *brick, const row_points *points, int32_t row,
-                        uint32_t sampled, const bool inner, uint8_t *values)
+AVX2_INLINE void sample_u8(const raster_source *source, const raster_brick *brick, const brick_scan *scan,
+                           const row_cells *cells, int32_t row, uint8_t *values)
 {
-    row_cells left = find_cells(source, brick, points, 0, inner), right = find_cells(source, brick, points, 1, inner);
-    /* 4 bytes are read: the two wanted and two behind them, which the scan's last voxels do not have */
-    ptrdiff_t last = source->count - 4 - brick->base_index - source->step[1] - source->step[2];
-    ptrdiff_t furthest = left.corner[0];
-    for (int l = 0; l < 8 && !inner; l++) {
-        furthest = left.corner[l] > furthest ? left.corner[l] : furthest;
-        furthest = right.corner[l] > furthest ? right.corner[l] : furthest;
+    if (!cells->inner) {
+        /* 4 bytes are read: the two wanted and two behind them, which the scan's last voxels do not have */
+        ptrdiff_t last = source->count - 4 - brick->base_index - source->step[1] - source->step[2], furthest = cells->corner[0];
+        for (int i = 1; i < BRICK; i++) furthest = cells->corner[i] > furthest ? cells->corner[i] : furthest;
+        if (furthest > last) {
+            pliant_raster_row_u8(source, brick, row, values);
+            return;
+        }
     }
-    if (!inner && furthest > last) {
-        pliant_raster_row_u8(source, brick, row, values);
-        return;
-    }
-    __m256i words = _mm256_permute4x64_epi64(_mm256_packs_epi32(eight_u8(source, brick, &left), eight_u8(source, brick, &right)), 0xd8);
-    put_u8(_mm_packus_epi16(_mm256_castsi256_si128(words), _mm256_extracti128_si256(words, 1)), sampled, values);
+    __m256i words = _mm256_packs_epi32(eight_u8(scan, cells, 0), eight_u8(scan, cells, 8));
+    words = _mm256_permute4x64_epi64(words, 0xd8);
+    put_u8(_mm_packus_epi16(_mm256_castsi256_si128(words), _mm256_extracti128_si256(words, 1)), cells->kinds.sampled, values);
 }
 
-AVX2_INLINE void row_f32(const raster_source *source, const raster_brick *brick, const row_points *points, int32_t row,
-                         uint32_t sampled, const bool inner, float *values)
+AVX2_INLINE void sample_f32(const raster_source *source, const raster_brick *brick, const brick_scan *scan,
+                            const row_cells *cells, int32_t row, float *values)
 {
-    (void)row;
-    row_cells left = find_cells(source, brick, points, 0, inner), right = find_cells(source, brick, points, 1, inner);
-    put_f32(eight_f32(source, brick, &left), eight_f32(source, brick, &right), sampled, values);
+    (void)source, (void)brick, (void)row;
+    put_f32(eight_f32(scan, cells, 0), eight_f32(scan, cells, 8), cells->kinds.sampled, values);
 }
 
 /* Two functions a type. A copied run goes whole rows at once where the scan's memory allows. */
@@ -357,24 +390,22 @@ AVX2_INLINE void row_f32(const raster_source *source, const raster_brick *brick,
     AVX2 static void write_##name(const raster_source *source, const raster_brick *brick, const int32_t extent[3],  \
                                   void *out, ptrdiff_t row_step, ptrdiff_t slice_step)                              \
     {                                                                                                               \
-        for (int32_t k = 0; k < extent[2]; k++)                                                                     \
+        const brick_scan scan = scan_of(source, brick, sizeof(type));                                               \
+        for (int32_t k = 0; k < extent[2]; k++) {                                                                   \
+            row_cells cells[BRICK];                                                                                 \
+            find_slice(brick, &scan, k, extent[1], cells);                                                          \
             for (int32_t j = 0; j < extent[1]; j++) {                                                               \
                 alignas(32) type values[BRICK];                                                                     \
-                int32_t row = k * BRICK + j;                                                                        \
                 for (int i = 0; i < BRICK; i++) values[i] = source->background.name;                                \
-                row_points points;                                                                                  \
-                row_kinds kinds = find_points(brick, row, &points);                                                 \
-                if (brick->inner && kinds.sampled == ENTRY_MASK) /* a free voxel's point may be anywhere */         \
-                    row_##name(source, brick, &points, row, ENTRY_MASK, true, values);                              \
-                else if (kinds.sampled)                                                                             \
-                    row_##name(source, brick, &points, row, kinds.sampled, false, values);                          \
-                if (kinds.copied) copy_##name(source, brick, row, values);                                          \
+                if (cells[j].kinds.sampled) sample_##name(source, brick, &scan, &cells[j], k * BRICK + j, values);  \
+                if (cells[j].kinds.copied) copy_##name(source, brick, k * BRICK + j, values);                       \
                 type *to = (type *)out + j * row_step + k * slice_step;                                             \
                 if (extent[0] == BRICK)                                                                             \
                     memcpy(to, values, sizeof values);                                                              \
                 else                                                                                                \
                     memcpy(to, values, (size_t)extent[0] * sizeof *values);                                         \
             }                                                                                                       \
+        }                                                                                                           \
     }
 WRITE_FUNCTION(int16_t, i16)
 WRITE_FUNCTION(uint8_t, u8)
