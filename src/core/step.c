@@ -62,7 +62,7 @@ pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, con
 {
     pliant_warp *warp = NULL;
     if (target) {
-        pliant_status status = pliant_warp_create(model->scan, &model->fine, target, model->scene.solver.threads, &warp);
+        pliant_status status = pliant_warp_create(model->scan, &model->fine, target, model->system->num_threads, &warp);
         if (status != PLIANT_OK) return status;
     }
     pliant_warp_free(data->warp);
