@@ -32,5 +32,6 @@
 #include "pliant/data.h"
 #include "pliant/path.h"
 #include "pliant/pick.h"
+#include "pliant/report.h"
 
 #endif

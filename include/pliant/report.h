@@ -1,0 +1,201 @@
+/** @file report.h
+ *  Accuracy against run time on a scan of the user's own, what breaks the solver, and what each stage costs.
+ *
+ *  Every figure is a row of a table (pliant_results) that is kept on disk as it is made: a run that was stopped goes on
+ *  where it ended. Errors are distances [m] between where two solutions place the same tissue; percentages are formed by
+ *  whoever reads the rows, of the largest displacement of the whole run or of the frame's own.
+ */
+#ifndef PLIANT_REPORT_H
+#define PLIANT_REPORT_H
+
+#include "pliant/data.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---- POINTS: the same tissue in meshes of different method or resolution (points.c) */
+
+/** Points of the body at rest and the nodes that they follow: x = sum of weights . positions. */
+typedef struct pliant_points {
+    int32_t count, num_found;
+    int32_t *nodes;  /**< (count x 4) */
+    double *weights; /**< (count x 4) barycentric; all zero where the mesh holds no tissue */
+    uint8_t *found;  /**< (count) 1: the mesh holds the point */
+} pliant_points;
+
+/** Nodes of the fine mesh whose tetrahedra hold tissue, at rest: where errors are measured.
+ *  @param rest (count x 3) LPS [m], out; free with pliant_free. Errors: MEMORY, SCENE (no tissue). */
+pliant_status pliant_body_points(const pliant_model *model, int32_t *count, double **rest);
+
+/** Find points in a mesh: lattice nodes by their place, so that nested grids agree exactly, all others by barycentric
+ *  coordinates. @param rest (count x 3) LPS [m]. Errors: ARGUMENT (count < 1), MEMORY. */
+pliant_status pliant_points_create(const pliant_mesh *mesh, int32_t count, const double *rest, pliant_points *out);
+void pliant_points_free(pliant_points *points); /**< Nullable; leaves the struct zeroed */
+/** Where the points are at these positions of the mesh; (0, 0, 0) for those that it does not hold.
+ *  @param positions (nodes of the mesh x 3) [m]; @param out (count x 3) [m] */
+void pliant_points_move(const pliant_points *points, const double *positions, double *out);
+
+/* ---- ERROR (error.c, voxel_error.c) */
+
+typedef struct pliant_error {
+    double max, rms, p95; /**< [m] */
+    double largest;       /**< largest displacement of the reference in this frame [m] */
+    int32_t count;        /**< points that were compared */
+    int32_t worst;        /**< where max is; -1: nothing was compared */
+} pliant_error;
+
+/** Distance between two solutions, point by point. p95 is the smallest value that 95 % of the points do not exceed.
+ *  @param use Nullable: (count) nonzero for the points that count
+ *  @param rest, reference, other (count x 3) LPS [m]. Errors: MEMORY, NUMERIC (a position is not finite). */
+pliant_status pliant_error_between(int32_t count, const uint8_t *use, const double *rest, const double *reference,
+                                   const double *other, pliant_error *out);
+
+/** Error in the warped image, figure 2 of [H]: for every voxel of the deformed volume that shows tissue, the distance
+ *  between the voxel and where the reference places the tissue that is seen there. Voxels without tissue are -1.
+ *  The lowest tetrahedron draws, as in pliant_warp_update.
+ *  @param model, positions  the solution that is shown
+ *  @param reference_mesh, reference  the other one; tissue that it does not hold counts as none
+ *  @param out FLOAT32 volume on the target grid [m]; free with pliant_volume_free. Errors: ARGUMENT, MEMORY. */
+pliant_status pliant_error_voxels(const pliant_model *model, const double *positions, const pliant_mesh *reference_mesh,
+                                  const double *reference, const pliant_geometry *target, pliant_volume *out);
+
+/** Count the voxels of an error volume. counts[b] holds b * width <= error < (b + 1) * width, the last bin the rest too.
+ *  @param summary Nullable; its `largest` and `worst` are 0 and -1. Errors: ARGUMENT, MEMORY. */
+pliant_status pliant_error_histogram(const pliant_volume *error, int32_t bins, double width, uint64_t *counts, pliant_error *summary);
+
+/** The slice through a point, as it is looked at: axis 2 axial (anterior up, patient left on the right), 1 coronal and
+ *  0 sagittal (superior up). The voxel axes nearest to the anatomical ones are taken.
+ *  @param size columns, rows; @param spacing of the same [m]
+ *  @param out (rows x columns) values, slope and intercept applied; free with pliant_free. Errors: ARGUMENT, MEMORY. */
+pliant_status pliant_volume_plane(const pliant_volume *volume, int axis, const double world[3], int32_t size[2], double spacing[2],
+                                  float **out);
+
+/* ---- RESULTS: tables that survive a stop (results.c) */
+
+typedef struct pliant_results pliant_results;
+
+/** Open a CSV table, or go on with the one that is there.
+ *  @param columns (num_columns) names; the first num_keys of them make the key of a row
+ *  Errors: FILE, FORMAT (the file has other columns), MEMORY. */
+pliant_status pliant_results_open(const char *path, const char *const *columns, int num_columns, int num_keys, pliant_results **out);
+/** Whether a row with this key (num_keys texts) is there. */
+bool pliant_results_has(const pliant_results *results, const char *const *key);
+/** Add a row (num_columns texts); it is on disk when this returns. Errors: FILE, MEMORY. */
+pliant_status pliant_results_add(pliant_results *results, const char *const *cells);
+size_t pliant_results_rows(const pliant_results *results);
+int pliant_results_columns(const pliant_results *results);
+/** Index of a column; -1: there is none of this name. */
+int pliant_results_column(const pliant_results *results, const char *name);
+const char *pliant_results_cell(const pliant_results *results, size_t row, int column);
+/** The rows as a JSON array of objects; cells that are numbers become numbers, empty ones null.
+ *  @param file  FILE* of stdio, not closed
+ *  @param first Nullable: only rows whose first column is this. Errors: FILE. */
+pliant_status pliant_results_json(const pliant_results *results, const char *first, void *file);
+void pliant_results_close(pliant_results *results); /**< Nullable */
+
+/* ---- WHAT IS REPORTED ON */
+
+typedef struct pliant_report_input {
+    const pliant_scene *scene;
+    const pliant_volume *scan;
+    const pliant_labels *labels; /**< Nullable */
+    const pliant_material_table *materials;
+} pliant_report_input;
+
+enum { PLIANT_MAX_PULLS = 8, PLIANT_MAX_SWEPT = 16, PLIANT_MAX_VARIED = 8 };
+
+typedef struct pliant_pull_point {
+    char name[32];
+    double rest[3]; /**< LPS [m] */
+} pliant_pull_point;
+
+/** Points to pull at: the fronts of liver, colon and kidney where materials have these names (a label's own name is
+ *  not known), or of given labels; else front points of soft tissue under the skin, spread out, the middle one first.
+ *  @param labels (num_labels) Nullable: label ids instead
+ *  @return how many were found, at most `most` */
+int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, int num_labels, int most, pliant_pull_point *out);
+
+typedef struct pliant_sweep {
+    uint32_t methods; /**< bit m: pliant_method m */
+    int32_t ratios[PLIANT_MAX_SWEPT], num_ratios;
+    int32_t iterations[PLIANT_MAX_SWEPT], num_iterations; /**< a step's budget; 0: until the scene's tolerance is met */
+    char option[64];                                      /**< one more option of the scene to vary; "": none */
+    char values[PLIANT_MAX_VARIED][32];
+    int32_t num_values;
+    pliant_pull_point points[PLIANT_MAX_PULLS];
+    int32_t num_points;
+    double pull[3];           /**< where a pulled point ends, from where it was [m] */
+    int32_t frames;           /**< of a pull; twice as many for gravity */
+    double twice_limit;       /**< most fine tetrahedra of the mesh of twice the resolution that is still solved; 0: never */
+    bool warp;                /**< the deformed volume is made in every frame and its time is told */
+} pliant_sweep;
+
+/** All methods, the scene's ratio, a few budgets, one point to pull at, 3 cm in 30 frames. The points are left to
+ *  pliant_pull_points. */
+void pliant_sweep_defaults(const pliant_scene *scene, pliant_sweep *out);
+
+/** Tables of a report; each begins with a column `setup`: pliant_report_setup. */
+typedef struct pliant_report_tables {
+    pliant_results *sweep;     /**< a row per case, method, ratio, variant and budget */
+    pliant_results *frames;    /**< a row per frame of those */
+    pliant_results *builds;    /**< a row per model: seconds and bytes of every stage */
+    pliant_results *histogram; /**< per-voxel error in the warped image: bins */
+    pliant_results *slices;    /**< the same in slices: names of .npy files */
+    pliant_results *stages;    /**< what was left out */
+    pliant_results *stability;
+} pliant_report_tables;
+
+/** Opens folder/sweep.csv and so on. Errors: FILE, FORMAT, MEMORY. */
+pliant_status pliant_report_open(const char *folder, pliant_report_tables *out);
+void pliant_report_close(pliant_report_tables *tables);
+
+/** folder/report.json: machine, threads, backend, version, and the rows of this setup. Errors: FILE. */
+pliant_status pliant_report_json(const char *folder, const char *setup, const pliant_scene *scene, const pliant_report_tables *tables);
+
+/** Eight letters and digits that are the same only for the same scan, materials, scene (but method, ratio and iterations),
+ *  pulls and version: rows of one setup are comparable. @param sweep Nullable */
+void pliant_report_setup(const pliant_report_input *input, const pliant_sweep *sweep, char out[9]);
+
+/** Run what the sweep asks for and is not in the tables yet; slices of the per-voxel error go to folder as .npy.
+ *  Errors: as of building and stepping; CANCELLED (rows done so far are kept). */
+pliant_status pliant_sweep_run(const pliant_report_input *input, const pliant_sweep *sweep, const char *folder,
+                               pliant_report_tables *tables, pliant_progress progress);
+
+/** Time and memory of the scene as it is, without each of its stages in turn, and without all of them.
+ *  Errors: as of building and stepping; CANCELLED. */
+pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
+                                  pliant_progress progress);
+
+/* ---- STABILITY */
+
+typedef enum pliant_verdict {
+    PLIANT_VERDICT_CONVERGED, /**< every step ended well, and the body came to rest where it should */
+    PLIANT_VERDICT_REFUSED,   /**< an error, told; the state before it was kept */
+    PLIANT_VERDICT_DEGRADED,  /**< went on with a caveat, told */
+    PLIANT_VERDICT_BROKEN     /**< not finite, state lost, or memory lost: a defect */
+} pliant_verdict;
+const char *pliant_verdict_name(pliant_verdict verdict);
+
+typedef struct pliant_stability {
+    uint32_t methods;      /**< bit m: pliant_method m */
+    const char *only;      /**< Nullable: the one case to run */
+    int64_t long_steps;    /**< of the long run */
+    int32_t settle_steps;  /**< most steps that a body may take to come to rest */
+} pliant_stability;
+void pliant_stability_defaults(pliant_stability *out);
+
+/** Names of the cases, in order; NULL after the last. */
+const char *pliant_stability_case(int index);
+
+/** Every case that is not in tables->stability yet. Cases that vary the load run on the input's body, all others on
+ *  bodies of their own.
+ *  @param input Nullable: a small block with a hard inclusion instead
+ *  @param worst out, the worst verdict of this setup's rows. Errors: CANCELLED, FILE, MEMORY. */
+pliant_status pliant_stability_run(const pliant_report_input *input, const pliant_stability *options, pliant_report_tables *tables,
+                                   pliant_progress progress, pliant_verdict *worst);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,133 @@
+#include "report/cases.h"
+
+#include "core/fail.h"
+#include "fem/solver.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { MOST_ITERATIONS = 400, SETTLING_STEPS = 100 };
+static const double standard_gravity = 9.80665;
+
+const char *report_case_name(report_case_kind kind)
+{
+    static const char *const names[] = {
+#define CASE_NAME(name) #name,
+        REPORT_CASE_LIST(CASE_NAME)
+#undef CASE_NAME
+    };
+    return names[kind];
+}
+
+size_t report_data_bytes(const pliant_data *data, size_t before)
+{
+    size_t now = pliant_memory_in_use();
+    return (now > before ? now - before : 0) + pliant_preconditioner_bytes(data->solver->preconditioner) + pliant_refresh_bytes(data->solver);
+}
+
+static pliant_status set_limits(pliant_data *data, report_limits limits)
+{
+    return pliant_data_limits(data, limits.iterations > 0 ? limits.iterations : MOST_ITERATIONS, limits.tolerance);
+}
+
+/* part: 0 at the start, 1 at the end */
+static pliant_status load_frame(const report_case *load, pliant_data *data, const double from[3], double part)
+{
+    if (load->kind == CASE_gravity) {
+        double angle = part * 3.14159265358979323846;
+        double gravity[3] = {0, standard_gravity * cos(angle), standard_gravity * sin(angle)};
+        return pliant_data_gravity(data, gravity);
+    }
+    static const pliant_drive drives[] = {
+        [CASE_displacement] = PLIANT_DRIVE_RIGID, [CASE_force] = PLIANT_DRIVE_FORCE, [CASE_grasp] = PLIANT_DRIVE_SPRING};
+    double tip[3], force[3];
+    for (int d = 0; d < 3; d++) {
+        tip[d] = from[d] + part * load->pull[d];
+        force[d] = part * load->force[d];
+    }
+    pliant_status status = pliant_tool_drive(data, 0, drives[load->kind], force);
+    return status < 0 ? status : pliant_tool_pose(data, 0, tip, NULL);
+}
+
+/* the state that the frames start from: held by a tool, or at rest under gravity */
+static pliant_status begin(const pliant_model *model, const report_case *load, report_limits limits, pliant_data *data, double from[3])
+{
+    pliant_status status;
+    if (load->kind != CASE_gravity) {
+        int tool;
+        status = pliant_tool_add(model, data, "report", &tool);
+        if (status >= 0) status = pliant_tool_pose(data, tool, load->rest, NULL);
+        if (status >= 0) status = pliant_tool_grasp(model, data, tool, load->rest);
+        if (status >= 0) status = set_limits(data, limits);
+        memcpy(from, data->tools[tool].tip, 3 * sizeof *from);
+        return status;
+    }
+    status = pliant_data_limits(data, MOST_ITERATIONS, fmin(limits.tolerance, 1e-6));
+    if (status >= 0) status = load_frame(load, data, from, 0);
+    for (int s = 0; status >= 0 && s < SETTLING_STEPS; s++) {
+        status = pliant_step(model, data);
+        if (status == PLIANT_OK) break;
+    }
+    return status < 0 ? status : set_limits(data, limits);
+}
+
+static pliant_status run_create(int32_t frames, int32_t points, report_run *run)
+{
+    run->frames = frames;
+    run->points = points;
+    run->positions = pliant_calloc((size_t)frames * (size_t)points, 3 * sizeof *run->positions);
+    run->seconds = pliant_calloc((size_t)frames * PLIANT_NUM_STEP_STAGES, sizeof *run->seconds);
+    run->residual = pliant_calloc((size_t)frames, sizeof *run->residual);
+    run->iterations = pliant_calloc((size_t)frames, sizeof *run->iterations);
+    return run->positions && run->seconds && run->residual && run->iterations ? PLIANT_OK : pliant_fail_memory("the frames of a run");
+}
+
+pliant_status report_case_run(const pliant_model *model, const report_case *load, report_limits limits, const pliant_points *points,
+                              const pliant_geometry *target, report_run *out)
+{
+    report_run run = {0};
+    double from[3] = {0, 0, 0};
+    pliant_status status = run_create(load->frames, points->count, &run);
+    size_t before = pliant_memory_in_use();
+    if (status >= 0) status = pliant_data_create(model, &run.data);
+    if (status >= 0 && target) status = pliant_data_warp(model, run.data, target);
+    if (status >= 0) status = begin(model, load, limits, run.data, from);
+    for (int32_t f = 0; status >= 0 && f < load->frames; f++) {
+        if (!pliant_report_progress(limits.progress, (double)f / load->frames, report_case_name(load->kind))) {
+            status = pliant_fail(PLIANT_ERROR_CANCELLED, "the run was stopped");
+            break;
+        }
+        status = load_frame(load, run.data, from, (f + 1.0) / load->frames);
+        if (status >= 0) status = pliant_step(model, run.data);
+        if (status < 0) break;
+        const pliant_statistics *statistics = &run.data->statistics;
+        for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++) run.seconds[s * load->frames + f] = statistics->seconds[s];
+        run.residual[f] = statistics->residual;
+        run.iterations[f] = statistics->iterations;
+        pliant_points_move(points, run.data->positions, run.positions + 3 * (size_t)f * (size_t)points->count);
+    }
+    if (status < 0) {
+        report_run_free(&run);
+        return status;
+    }
+    run.statistics = run.data->statistics;
+    if (load->kind != CASE_gravity) {
+        memcpy(run.force, run.data->tools[0].force, sizeof run.force);
+        memcpy(run.held_point, run.data->tools[0].held_point, sizeof run.held_point);
+    }
+    run.bytes = report_data_bytes(run.data, before);
+    *out = run;
+    return PLIANT_OK;
+}
+
+void report_run_free(report_run *run)
+{
+    if (!run) return;
+    pliant_data_free(run->data);
+    pliant_free(run->positions);
+    pliant_free(run->seconds);
+    pliant_free(run->residual);
+    pliant_free(run->iterations);
+    memset(run, 0, sizeof *run);
+}

@@ -1,0 +1,47 @@
+/* What makes figures comparable, in eight characters. */
+#include "report/rows.h"
+
+#include <stdio.h>
+#include <string.h>
+
+static uint64_t add(uint64_t hash, const void *bytes, size_t size)
+{
+    for (const unsigned char *at = bytes; size-- > 0; at++) hash = (hash ^ *at) * 1099511628211u; /* FNV-1a */
+    return hash;
+}
+
+static uint64_t add_materials(uint64_t hash, const pliant_material_table *table)
+{
+    for (uint32_t m = 0; m < table->num_materials; m++) {
+        const pliant_material *material = table->materials + m;
+        double numbers[5] = {material->young_modulus, material->poisson_ratio, material->density, 0, 0};
+        uint8_t flags[2] = {material->fixed, material->empty};
+        if (material->num_range) memcpy(numbers + 3, material->range, sizeof material->range);
+        hash = add(hash, material->name, strlen(material->name));
+        hash = add(hash, numbers, sizeof numbers);
+        hash = add(hash, flags, sizeof flags);
+        hash = add(hash, material->labels, material->num_labels * sizeof *material->labels);
+    }
+    return hash;
+}
+
+void pliant_report_setup(const pliant_report_input *input, const pliant_sweep *sweep, char out[9])
+{
+    pliant_scene scene = *input->scene; /* its padding is zero: it was made by pliant_scene_defaults */
+    scene.model.method = PLIANT_FINE;
+    scene.model.touch = PLIANT_TOUCH_OVERLAP;
+    scene.mesh.ratio = 1;
+    scene.solver.iterations = 1;
+    uint64_t hash = add(14695981039346656037u, PLIANT_VERSION, strlen(PLIANT_VERSION));
+    hash = add(hash, &scene, sizeof scene);
+    hash = add(hash, &input->scan->geometry, sizeof input->scan->geometry);
+    hash = add(hash, input->scan->voxels, pliant_geometry_voxels(&input->scan->geometry) * pliant_encoding_size(input->scan->encoding));
+    if (input->labels) hash = add(hash, input->labels->voxels, 2 * pliant_geometry_voxels(&input->labels->geometry));
+    hash = add_materials(hash, input->materials);
+    if (sweep) {
+        hash = add(hash, sweep->pull, sizeof sweep->pull);
+        hash = add(hash, &sweep->frames, sizeof sweep->frames);
+        for (int p = 0; p < sweep->num_points; p++) hash = add(hash, sweep->points[p].rest, sizeof sweep->points[p].rest);
+    }
+    snprintf(out, 9, "%08x", (unsigned)(hash ^ hash >> 32));
+}

@@ -1,0 +1,384 @@
+/* Error against run time: every method, ratio, variant and budget through the same load cases. */
+#include "core/fail.h"
+#include "pliant/memory.h"
+#include "report/sweep.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+
+static const double reference_tolerance = 1e-6, twice_tolerance = 1e-5;
+
+#define NAME(name, yaml) #yaml,
+static const char *const method_names[] = {PLIANT_METHOD_LIST(NAME)};
+static const char *const touch_names[] = {PLIANT_TOUCH_LIST(NAME)};
+#undef NAME
+enum { NUM_METHODS = sizeof method_names / sizeof *method_names, NUM_TOUCHES = sizeof touch_names / sizeof *touch_names };
+
+void pliant_sweep_defaults(const pliant_scene *scene, pliant_sweep *out)
+{
+    static const int32_t budgets[] = {1, 2, 4, 0};
+    memset(out, 0, sizeof *out);
+    out->methods = (1u << NUM_METHODS) - 1;
+    out->ratios[out->num_ratios++] = scene->mesh.ratio;
+    for (size_t b = 0; b < sizeof budgets / sizeof *budgets; b++) out->iterations[out->num_iterations++] = budgets[b];
+    const double pull[3] = {0.004, -0.029, 0.006}; /* 3 cm, forward and a little up and aside, so that no axis is special */
+    memcpy(out->pull, pull, sizeof pull);
+    out->frames = 30;
+    out->twice_limit = 1.5e5;
+    out->warp = true;
+}
+
+typedef struct sweep_state {
+    sweep_ground ground;
+    pliant_progress progress;
+    char setup[9];
+    char variant[112];
+    char doing[160];
+    int done, total;
+} sweep_state;
+
+static pliant_status check(const pliant_sweep *sweep)
+{
+    if (!sweep->methods || sweep->num_ratios < 1 || sweep->num_iterations < 1 || sweep->frames < 1)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a sweep needs a method, a ratio, a budget and a frame");
+    for (int r = 0; r < sweep->num_ratios; r++)
+        if (sweep->ratios[r] < 1 || sweep->ratios[r] > 8) return pliant_fail(PLIANT_ERROR_ARGUMENT, "ratio %d: 1 to 8 is wanted", sweep->ratios[r]);
+    for (int b = 0; b < sweep->num_iterations; b++)
+        if (sweep->iterations[b] < 0) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a budget of %d iterations: 0 or more is wanted", sweep->iterations[b]);
+    return PLIANT_OK;
+}
+
+/* ---- keys */
+
+static void model_key(const sweep_state *state, int method, int touch, report_row *row)
+{
+    row_clear(row);
+    row_text(row, state->setup);
+    row_integer(row, state->ground.scene.mesh.ratio);
+    row_text(row, method_names[method]);
+    row_text(row, method == PLIANT_SCHUR ? touch_names[touch] : "");
+    row_text(row, state->variant);
+}
+
+/* @param row with MODEL_KEYS cells */
+static void run_key(const sweep_ground *ground, int index, int budget, report_row *row)
+{
+    row_back(row, MODEL_KEYS);
+    if (ground->sweep->iterations[budget] > 0) row_integer(row, ground->sweep->iterations[budget]);
+    else row_text(row, "converged");
+    row_text(row, report_case_name(ground->cases[index].kind));
+    row_text(row, ground->point_names[index]);
+}
+
+static int num_touches(int method) { return method == PLIANT_SCHUR ? NUM_TOUCHES : 1; }
+
+/* runs of a model that are not in the table yet; missing (Nullable): (cases) set to 1 for theirs */
+static int count_missing(const sweep_state *state, int method, int touch, uint8_t *missing)
+{
+    const sweep_ground *ground = &state->ground;
+    report_row row;
+    int count = 0;
+    model_key(state, method, touch, &row);
+    size_t rows = pliant_results_rows(ground->tables->builds);
+    int status = pliant_results_column(ground->tables->builds, "status");
+    bool built = row_known(&row, ground->tables->builds);
+    for (size_t r = 0; built && r < rows; r++) { /* a model that was refused has no runs */
+        int same = 0;
+        while (same < MODEL_KEYS && strcmp(pliant_results_cell(ground->tables->builds, r, same), row.room + row.start[same]) == 0) same++;
+        if (same == MODEL_KEYS && strcmp(pliant_results_cell(ground->tables->builds, r, status), "refused") == 0) return 0;
+    }
+    for (int c = 0; c < ground->num_cases; c++)
+        for (int b = 0; b < ground->sweep->num_iterations; b++) {
+            run_key(ground, c, b, &row);
+            if (row_known(&row, ground->tables->sweep)) continue;
+            count++;
+            if (missing) missing[c] = 1;
+        }
+    return count;
+}
+
+static int each_missing(const sweep_state *state, uint8_t *missing)
+{
+    int count = 0;
+    for (int m = 0; m < NUM_METHODS; m++)
+        for (int t = 0; (state->ground.sweep->methods >> m & 1) && t < num_touches(m); t++) count += count_missing(state, m, t, missing);
+    return count;
+}
+
+/* the run at hand may be stopped anywhere; what it is called stays the same meanwhile */
+static bool pass_progress(double fraction, const char *stage, void *user)
+{
+    const sweep_state *state = user;
+    double done = state->total > 0 ? (double)state->done / state->total : 0;
+    (void)fraction;
+    (void)stage;
+    return pliant_report_progress(state->progress, fmin(done, 1), state->doing);
+}
+
+static pliant_status begin(sweep_state *state, const char *format, ...) PLIANT_PRINTF(2, 3);
+static pliant_status begin(sweep_state *state, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(state->doing, sizeof state->doing, format, arguments);
+    va_end(arguments);
+    return pass_progress(0, "", state) ? PLIANT_OK : pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; what is done is kept");
+}
+
+static pliant_status build(sweep_state *state, const pliant_scene *scene, pliant_model **out, size_t *peak)
+{
+    const pliant_report_input *input = state->ground.input;
+    pliant_progress progress = {pass_progress, state};
+    size_t before = pliant_memory_in_use();
+    pliant_memory_reset_peak();
+    pliant_status status = pliant_model_build(scene, input->scan, input->labels, input->materials, progress, out);
+    *peak = pliant_memory_peak() - before;
+    return status;
+}
+
+/* ---- the ground: what is solved tightly first */
+
+static void list_cases(sweep_ground *ground)
+{
+    const pliant_sweep *sweep = ground->sweep;
+    ground->num_cases = 0;
+    for (int p = 0; p < sweep->num_points; p++)
+        for (int kind = 0; kind < CASE_gravity; kind++) {
+            report_case *load = ground->cases + ground->num_cases;
+            *load = (report_case){.kind = (report_case_kind)kind, .frames = sweep->frames};
+            memcpy(load->rest, sweep->points[p].rest, sizeof load->rest);
+            memcpy(load->pull, sweep->pull, sizeof load->pull);
+            ground->point_names[ground->num_cases++] = sweep->points[p].name;
+        }
+    ground->cases[ground->num_cases] = (report_case){.kind = CASE_gravity, .frames = 2 * sweep->frames};
+    ground->point_names[ground->num_cases++] = "";
+}
+
+static pliant_status solve_reference(sweep_state *state, const pliant_model *model, const pliant_points *points, int index,
+                                     double tolerance, bool keep_last, sweep_reference *out)
+{
+    const sweep_ground *ground = &state->ground;
+    report_limits limits = {0, tolerance, {pass_progress, state}};
+    pliant_status status = report_case_run(model, ground->cases + index, limits, points, NULL, &out->run);
+    if (status < 0) return status;
+    size_t nodes = 3 * (size_t)model->fine.num_nodes;
+    if (keep_last) out->last = pliant_calloc(nodes, sizeof *out->last);
+    if (keep_last && !out->last) return pliant_fail_memory("a reference solution");
+    if (keep_last) memcpy(out->last, out->run.data->positions, nodes * sizeof *out->last);
+    pliant_data_free(out->run.data);
+    out->run.data = NULL;
+    for (int32_t f = 0; f < out->run.frames; f++) {
+        pliant_error error;
+        const double *at = out->run.positions + 3 * (size_t)f * (size_t)points->count;
+        status = pliant_error_between(points->count, points->found, ground->rest, at, at, &error);
+        if (status < 0) return status;
+        out->largest = fmax(out->largest, error.largest);
+    }
+    out->there = true;
+    return PLIANT_OK;
+}
+
+/* Force cases pull with what the displacement of the same point took. */
+static pliant_status solve_same(sweep_state *state, const uint8_t *missing)
+{
+    sweep_ground *ground = &state->ground;
+    pliant_points points = {0};
+    pliant_status status = pliant_points_create(&ground->fine->fine, ground->count, ground->rest, &points);
+    for (int c = 0; status >= 0 && c < ground->num_cases; c++) {
+        report_case *load = ground->cases + c;
+        bool needed = missing[c] || (load->kind == CASE_displacement && missing[c + 1]);
+        if (!needed) continue;
+        if (load->kind == CASE_force) memcpy(load->force, ground->same[c - 1].run.force, sizeof load->force);
+        status = begin(state, "ratio %d: reference, %s %s", ground->scene.mesh.ratio, report_case_name(load->kind), ground->point_names[c]);
+        if (status >= 0) status = solve_reference(state, ground->fine, &points, c, reference_tolerance, true, ground->same + c);
+    }
+    pliant_points_free(&points);
+    return status;
+}
+
+static pliant_status solve_twice(sweep_state *state, const uint8_t *missing)
+{
+    sweep_ground *ground = &state->ground;
+    pliant_scene scene = ground->scene;
+    pliant_model *model = NULL;
+    size_t peak;
+    scene.mesh.ratio *= 2;
+    scene.model.method = PLIANT_FINE;
+    if (8.0 * ground->fine->fine.num_tets > ground->sweep->twice_limit || scene.mesh.ratio > 8) return PLIANT_OK;
+    pliant_status status = begin(state, "ratio %d: building the mesh of twice the resolution", ground->scene.mesh.ratio);
+    if (status >= 0) status = build(state, &scene, &model, &peak);
+    if (status >= 0) status = pliant_points_create(&model->fine, ground->count, ground->rest, &ground->twice_points);
+    if (status >= 0) ground->twice_tets = model->fine.num_tets;
+    for (int c = 0; status >= 0 && c < ground->num_cases; c++) {
+        if (!missing[c]) continue;
+        status = begin(state, "ratio %d: twice the resolution, %s %s", ground->scene.mesh.ratio,
+                               report_case_name(ground->cases[c].kind), ground->point_names[c]);
+        if (status >= 0) status = solve_reference(state, model, &ground->twice_points, c, twice_tolerance, false, ground->twice + c);
+    }
+    pliant_model_free(model);
+    return status;
+}
+
+static pliant_status prepare(sweep_state *state, const uint8_t *missing)
+{
+    sweep_ground *ground = &state->ground;
+    pliant_scene scene = ground->scene;
+    double low[3], high[3];
+    scene.model.method = PLIANT_FINE;
+    pliant_status status = begin(state, "ratio %d: building the reference", scene.mesh.ratio);
+    if (status >= 0) status = build(state, &scene, &ground->fine, &ground->fine_peak);
+    if (status >= 0) status = pliant_body_points(ground->fine, &ground->count, &ground->rest);
+    if (status < 0) return status;
+    for (int d = 0; d < 3; d++) {
+        low[d] = high[d] = ground->rest[d];
+        for (int32_t p = 0; p < ground->count; p++) {
+            low[d] = fmin(low[d], ground->rest[3 * p + d] - scene.warp.margin);
+            high[d] = fmax(high[d], ground->rest[3 * p + d] + scene.warp.margin);
+        }
+    }
+    status = pliant_warp_target(&ground->input->scan->geometry, low, high, SIZE_MAX, &ground->target);
+    if (status >= 0) status = solve_same(state, missing);
+    if (status >= 0) status = solve_twice(state, missing);
+    return status;
+}
+
+static void free_ground(sweep_ground *ground)
+{
+    for (int c = 0; c < MOST_CASES; c++) {
+        report_run_free(&ground->same[c].run);
+        report_run_free(&ground->twice[c].run);
+        pliant_free(ground->same[c].last);
+        ground->same[c] = ground->twice[c] = (sweep_reference){0};
+    }
+    pliant_points_free(&ground->twice_points);
+    pliant_free(ground->rest);
+    pliant_model_free(ground->fine);
+    ground->rest = NULL;
+    ground->fine = NULL;
+    ground->twice_tets = 0;
+}
+
+/* ---- the runs */
+
+/* the budget that per-voxel errors are told of: the most accurate one */
+static int best_budget(const pliant_sweep *sweep)
+{
+    int best = 0;
+    for (int b = 1; b < sweep->num_iterations; b++)
+        if (sweep->iterations[best] != 0 && (sweep->iterations[b] == 0 || sweep->iterations[b] > sweep->iterations[best])) best = b;
+    return best;
+}
+
+static pliant_status run_one(sweep_state *state, const pliant_model *model, const pliant_points *points, int index, int budget, report_row *row)
+{
+    const sweep_ground *ground = &state->ground;
+    const pliant_sweep *sweep = ground->sweep;
+    report_limits limits = {sweep->iterations[budget], ground->scene.solver.tolerance, {pass_progress, state}};
+    report_run run = {0};
+    pliant_status status = report_case_run(model, ground->cases + index, limits, points, sweep->warp ? &ground->target : NULL, &run);
+    if (status == PLIANT_ERROR_MEMORY || status == PLIANT_ERROR_CANCELLED) return status;
+    if (status < 0) { /* the run ends here, the sweep goes on */
+        row_text(row, pliant_status_text(status));
+        row_text(row, pliant_last_error());
+        return row_add(row, ground->tables->sweep);
+    }
+    sweep_told told = {ground, model, points, index, &run, sweep->warp && budget == best_budget(sweep)};
+    status = sweep_tell(&told, row);
+    report_run_free(&run);
+    return status;
+}
+
+static pliant_status run_model(sweep_state *state, int method, int touch)
+{
+    sweep_ground *ground = &state->ground;
+    report_row row;
+    pliant_model *model = NULL;
+    pliant_points points = {0};
+    size_t peak = ground->fine_peak;
+    if (count_missing(state, method, touch, NULL) == 0) return PLIANT_OK;
+    pliant_scene scene = ground->scene;
+    scene.model.method = (pliant_method)method;
+    scene.model.touch = (pliant_touch)touch;
+    const char *touch_name = method == PLIANT_SCHUR ? touch_names[touch] : "";
+    pliant_status status = begin(state, "ratio %d: building %s %s", scene.mesh.ratio, method_names[method], touch_name);
+    if (status < 0) return status;
+    if (method != PLIANT_FINE) status = build(state, &scene, &model, &peak);
+    const pliant_model *used = method == PLIANT_FINE ? ground->fine : model;
+    model_key(state, method, touch, &row);
+    if (status == PLIANT_ERROR_CANCELLED || status == PLIANT_ERROR_MEMORY) return status;
+    if (status < 0) { /* this method cannot be had here; the others may */
+        state->done += ground->num_cases * ground->sweep->num_iterations;
+        return sweep_tell_build(NULL, pliant_last_error(), 0, &row, ground->tables->builds);
+    }
+    status = sweep_tell_build(used, NULL, peak, &row, ground->tables->builds);
+    if (status >= 0) status = pliant_points_create(&used->fine, ground->count, ground->rest, &points);
+    for (int c = 0; status >= 0 && c < ground->num_cases; c++)
+        for (int b = 0; status >= 0 && b < ground->sweep->num_iterations; b++) {
+            run_key(ground, c, b, &row);
+            if (row_known(&row, ground->tables->sweep)) continue;
+            status = begin(state, "ratio %d: %s %s, %s %s, budget %s", scene.mesh.ratio, method_names[method], touch_name,
+                                   report_case_name(ground->cases[c].kind), ground->point_names[c], row.room + row.start[MODEL_KEYS]);
+            if (status >= 0) status = run_one(state, used, &points, c, b, &row);
+            state->done++;
+        }
+    pliant_points_free(&points);
+    pliant_model_free(model);
+    return status;
+}
+
+/* one ratio and variant */
+static pliant_status run_ground(sweep_state *state)
+{
+    uint8_t missing[MOST_CASES] = {0};
+    list_cases(&state->ground);
+    if (each_missing(state, missing) == 0) return PLIANT_OK;
+    pliant_status status = prepare(state, missing);
+    for (int m = 0; status >= 0 && m < NUM_METHODS; m++)
+        for (int t = 0; status >= 0 && (state->ground.sweep->methods >> m & 1) && t < num_touches(m); t++) status = run_model(state, m, t);
+    free_ground(&state->ground);
+    return status;
+}
+
+/* counting: how many runs there are to do; else they are done */
+static pliant_status each_ground(sweep_state *state, bool counting)
+{
+    const pliant_sweep *sweep = state->ground.sweep;
+    int variants = sweep->option[0] && sweep->num_values > 0 ? sweep->num_values : 1;
+    pliant_status status = PLIANT_OK;
+    for (int v = 0; status >= 0 && v < variants; v++)
+        for (int r = 0; status >= 0 && r < sweep->num_ratios; r++) {
+            state->ground.scene = *state->ground.input->scene;
+            state->ground.scene.mesh.ratio = sweep->ratios[r];
+            if (sweep->option[0] && sweep->num_values > 0) {
+                snprintf(state->variant, sizeof state->variant, "%s=%s", sweep->option, sweep->values[v]);
+                status = pliant_scene_set(&state->ground.scene, sweep->option, sweep->values[v]);
+                if (status < 0) break;
+            }
+            if (counting) {
+                list_cases(&state->ground);
+                state->total += each_missing(state, NULL);
+            } else status = run_ground(state);
+        }
+    return status;
+}
+
+pliant_status pliant_sweep_run(const pliant_report_input *input, const pliant_sweep *sweep, const char *folder,
+                               pliant_report_tables *tables, pliant_progress progress)
+{
+    pliant_status status = check(sweep);
+    if (status < 0) return status;
+    sweep_state *state = pliant_calloc(1, sizeof *state);
+    if (!state) return pliant_fail_memory("a sweep");
+    state->ground.input = input;
+    state->ground.sweep = sweep;
+    state->ground.folder = folder;
+    state->ground.tables = tables;
+    state->progress = progress;
+    pliant_report_setup(input, sweep, state->setup);
+    status = each_ground(state, true);
+    if (status >= 0) status = each_ground(state, false);
+    pliant_free(state);
+    return status;
+}

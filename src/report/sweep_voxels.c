@@ -1,0 +1,114 @@
+/* Per-voxel error of a run's last frame: histogram and slices. */
+#include "core/fail.h"
+#include "pliant/memory.h"
+#include "report/sweep.h"
+
+#include <ctype.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { BINS = 40 };
+static const double mm = 1e3;
+
+static pliant_status tell_histogram(const sweep_told *told, const pliant_volume *error, report_row *key, pliant_error *summary)
+{
+    uint64_t counts[BINS];
+    double width = told->ground->same[told->index].largest / BINS;
+    pliant_results *table = told->ground->tables->histogram;
+    pliant_status status = pliant_error_histogram(error, BINS, width > 0 ? width : 1e-3, counts, summary);
+    for (int b = 0; status >= 0 && b < BINS; b++) {
+        row_integer(key, b);
+        bool known = row_known(key, table);
+        row_number(key, mm * width * b);
+        row_number(key, b == BINS - 1 ? mm * fmax(summary->max, width * BINS) : mm * width * (b + 1));
+        row_integer(key, (int64_t)counts[b]);
+        if (!known) status = row_add(key, table);
+        row_back(key, RUN_KEYS);
+    }
+    return status;
+}
+
+/* "ratio_method_touch_..." of the key, for file names */
+static void name_of(const report_row *key, char *out, size_t size)
+{
+    size_t used = 0;
+    for (int c = 1; c < RUN_KEYS; c++) {
+        const char *text = key->room + key->start[c];
+        if (!*text) continue;
+        if (used && used + 1 < size) out[used++] = '_';
+        for (; *text && used + 1 < size; text++) out[used++] = isalnum((unsigned char)*text) ? *text : '-';
+    }
+    out[used] = '\0';
+}
+
+static pliant_status write_plane(const pliant_volume *volume, int axis, const double at[3], const char *folder, const char *file, double spacing[2])
+{
+    char path[4096];
+    int32_t size[2];
+    float *values;
+    if (snprintf(path, sizeof path, "%s/%s", folder, file) >= (int)sizeof path)
+        return pliant_fail(PLIANT_ERROR_FILE, "%s: the name is too long", folder);
+    pliant_status status = pliant_volume_plane(volume, axis, at, size, spacing, &values);
+    if (status < 0) return status;
+    status = report_write_npy(path, size, values);
+    pliant_free(values);
+    return status;
+}
+
+/* where the slices cut: the held point, or the middle of the body; inside the volume in any case */
+static void cut_point(const sweep_told *told, const pliant_geometry *geometry, double out[3])
+{
+    const double *last = told->run->positions + 3 * (size_t)(told->run->frames - 1) * (size_t)told->run->points;
+    double index[3];
+    memcpy(out, told->run->held_point, 3 * sizeof *out);
+    if (told->ground->cases[told->index].kind == CASE_gravity)
+        for (int32_t p = 0; p < 3 * told->run->points; p++) out[p % 3] += last[p] / told->run->points;
+    pliant_geometry_to_index(geometry, out, index);
+    for (int d = 0; d < 3; d++) index[d] = fmin(fmax(index[d], 0), geometry->size[d] - 1);
+    pliant_geometry_to_world(geometry, index, out);
+}
+
+static pliant_status tell_slices(const sweep_told *told, const pliant_volume *error, report_row *key)
+{
+    static const char *const planes[3] = {"sagittal", "coronal", "axial"};
+    pliant_results *table = told->ground->tables->slices;
+    char name[160], error_file[224], image_file[224];
+    double at[3], spacing[2];
+    cut_point(told, &error->geometry, at);
+    name_of(key, name, sizeof name);
+    for (int axis = 0; axis < 3; axis++) {
+        snprintf(error_file, sizeof error_file, "error_%s_%s.npy", name, planes[axis]);
+        snprintf(image_file, sizeof image_file, "image_%s_%s.npy", name, planes[axis]);
+        pliant_status status = write_plane(error, axis, at, told->ground->folder, error_file, spacing);
+        if (status >= 0)
+            status = write_plane(pliant_warp_volume(told->run->data->warp), axis, at, told->ground->folder, image_file, spacing);
+        if (status < 0) return status;
+        row_text(key, planes[axis]);
+        bool known = row_known(key, table);
+        row_number(key, mm * spacing[0]);
+        row_number(key, mm * spacing[1]);
+        row_number(key, mm * told->ground->same[told->index].largest);
+        row_text(key, error_file);
+        row_text(key, image_file);
+        if (!known) status = row_add(key, table);
+        row_back(key, RUN_KEYS);
+        if (status < 0) return status;
+    }
+    return PLIANT_OK;
+}
+
+pliant_status sweep_tell_voxels(const sweep_told *told, report_row *key, pliant_error *summary)
+{
+    const sweep_ground *ground = told->ground;
+    pliant_volume error;
+    *summary = (pliant_error){.worst = -1};
+    if (!told->run->data->warp) return PLIANT_OK;
+    pliant_status status = pliant_error_voxels(told->model, told->run->data->positions, &ground->fine->fine, ground->same[told->index].last,
+                                               &ground->target, &error);
+    if (status < 0) return status;
+    status = tell_histogram(told, &error, key, summary);
+    if (status >= 0) status = tell_slices(told, &error, key);
+    pliant_volume_free(&error);
+    return status;
+}

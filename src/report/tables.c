@@ -1,0 +1,152 @@
+/* The tables of a report: their columns, their files, the JSON of all. */
+#define _POSIX_C_SOURCE 200809L
+#include "core/fail.h"
+#include "report/rows.h"
+
+#include <errno.h>
+#include <omp.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/utsname.h>
+#include <time.h>
+#include <unistd.h>
+
+#define MODEL_COLUMNS "setup", "ratio", "method", "touch", "variant"
+#define RUN_COLUMNS MODEL_COLUMNS, "budget", "case", "point"
+#define STEP_MEDIAN(name) #name "_median_ms",
+#define STEP_MEDIAN_P99(name) #name "_median_ms", #name "_p99_ms",
+#define STEP_MS(name) , #name "_ms"
+#define BUILD_S_MB(name) , #name "_s", #name "_mb"
+
+static const char *const sweep_columns[] = {
+    RUN_COLUMNS, "status", "message", "frames", "fine_tetrahedra", "solved_tetrahedra", "threads", "build_s", "model_mb", "data_mb",
+    "solver_median_ms", "solver_p99_ms", "frame_median_ms", "frame_p99_ms", PLIANT_STEP_STAGE_LIST(STEP_MEDIAN_P99) "iterations_mean",
+    "residual_worst", "not_converged", "rejected", "factors", "force_n", "points", "largest_mm", "max_mm", "rms_mm", "p95_mm",
+    "max_percent", "rms_percent", "p95_percent", "max_own_percent", "rms_own_percent", "p95_own_percent", "final_max_mm",
+    "final_rms_mm", "final_p95_mm", "twice_tetrahedra", "twice_points", "twice_largest_mm", "twice_max_mm", "twice_rms_mm",
+    "twice_p95_mm", "twice_max_percent", "twice_rms_percent", "twice_p95_percent", "voxels", "voxel_max_mm", "voxel_rms_mm",
+    "voxel_p95_mm"};
+static const char *const frame_columns[] = {RUN_COLUMNS, "frame", "iterations", "residual", "largest_mm", "max_mm", "rms_mm", "p95_mm",
+                                            "max_own_percent" PLIANT_STEP_STAGE_LIST(STEP_MS)};
+static const char *const build_columns[] = {MODEL_COLUMNS, "status", "message", "fine_tetrahedra", "fine_nodes", "coarse_tetrahedra",
+                                            "held_pieces", "condition", "threads", "total_s", "held_mb",
+                                            "peak_mb" PLIANT_BUILD_STAGE_LIST(BUILD_S_MB)};
+static const char *const histogram_columns[] = {RUN_COLUMNS, "bin", "low_mm", "high_mm", "voxels"};
+static const char *const slice_columns[] = {RUN_COLUMNS, "plane", "column_mm", "row_mm", "largest_mm", "error_file", "image_file"};
+static const char *const stage_columns[] = {
+    "setup", "left_out", "status", "message", "steps", "threads", "step_median_ms", "step_p99_ms", PLIANT_STEP_STAGE_LIST(STEP_MEDIAN)
+    "slices_median_ms", "scalar_median_ms", "frame_median_ms", "held_mb", "saved_ms", "saved_mb"};
+static const char *const stability_columns[] = {
+    "setup", "case", "parameter", "method", "verdict", "message", "steps", "steps_to_rest", "iterations", "seconds", "residual",
+    "largest_mm", "off_rest_mm", "inverted_most", "inverted_end", "not_converged", "refused_steps", "growth_bytes", "figure"};
+
+#define COLUMNS(list) list, (int)(sizeof(list) / sizeof *(list))
+
+enum { NUM_TABLES = 7 };
+
+static void list_tables(pliant_report_tables *tables, pliant_results **out[NUM_TABLES])
+{
+    pliant_results **const list[NUM_TABLES] = {&tables->sweep,  &tables->frames, &tables->builds,   &tables->histogram,
+                                               &tables->slices, &tables->stages, &tables->stability};
+    memcpy(out, list, sizeof list);
+}
+
+static const struct {
+    const char *name;
+    const char *const *columns;
+    int num_columns, num_keys;
+} kinds[NUM_TABLES] = {
+    {"sweep", COLUMNS(sweep_columns), RUN_KEYS},     {"frames", COLUMNS(frame_columns), RUN_KEYS + 1},
+    {"builds", COLUMNS(build_columns), MODEL_KEYS},  {"histogram", COLUMNS(histogram_columns), RUN_KEYS + 1},
+    {"slices", COLUMNS(slice_columns), RUN_KEYS + 1}, {"stages", COLUMNS(stage_columns), 2},
+    {"stability", COLUMNS(stability_columns), 4},
+};
+
+pliant_status pliant_report_open(const char *folder, pliant_report_tables *out)
+{
+    pliant_report_tables tables = {0};
+    pliant_results **list[NUM_TABLES];
+    char path[4096];
+    pliant_status status = PLIANT_OK;
+    list_tables(&tables, list);
+    for (int t = 0; status == PLIANT_OK && t < NUM_TABLES; t++) {
+        if (snprintf(path, sizeof path, "%s/%s.csv", folder, kinds[t].name) >= (int)sizeof path)
+            status = pliant_fail(PLIANT_ERROR_FILE, "%s: the name is too long", folder);
+        else status = pliant_results_open(path, kinds[t].columns, kinds[t].num_columns, kinds[t].num_keys, list[t]);
+    }
+    if (status != PLIANT_OK) {
+        pliant_report_close(&tables);
+        return status;
+    }
+    *out = tables;
+    return PLIANT_OK;
+}
+
+void pliant_report_close(pliant_report_tables *tables)
+{
+    pliant_results **list[NUM_TABLES];
+    list_tables(tables, list);
+    for (int t = 0; t < NUM_TABLES; t++) {
+        pliant_results_close(*list[t]);
+        *list[t] = NULL;
+    }
+}
+
+/* ---- JSON */
+
+/* the value after "name :" in a file of /proc; "" when there is none */
+static void read_field(const char *path, const char *name, char *out, size_t size)
+{
+    char line[256];
+    FILE *file = fopen(path, "r");
+    out[0] = '\0';
+    if (!file) return;
+    while (!out[0] && fgets(line, sizeof line, file)) {
+        char *value = strchr(line, ':');
+        if (strncmp(line, name, strlen(name)) != 0 || !value) continue;
+        value += 1 + strspn(value + 1, " \t");
+        value[strcspn(value, "\n\"\\")] = '\0';
+        snprintf(out, size, "%s", value);
+    }
+    fclose(file);
+}
+
+static void write_machine(FILE *file, const pliant_scene *scene)
+{
+    struct utsname system;
+    char processor[128], memory[64], date[32] = "";
+    time_t now = time(NULL);
+    struct tm split;
+    if (uname(&system) != 0) memset(&system, 0, sizeof system);
+    read_field("/proc/cpuinfo", "model name", processor, sizeof processor);
+    read_field("/proc/meminfo", "MemTotal", memory, sizeof memory);
+    if (gmtime_r(&now, &split)) strftime(date, sizeof date, "%Y-%m-%dT%H:%M:%SZ", &split);
+    fprintf(file, "\"version\": \"%s\",\n\"date\": \"%s\",\n", PLIANT_VERSION, date);
+    fprintf(file, "\"machine\": {\"system\": \"%s %s %s\", \"processor\": \"%s\", \"cores\": %ld, \"memory\": \"%s\"},\n", system.sysname,
+            system.release, system.machine, processor, sysconf(_SC_NPROCESSORS_ONLN), memory);
+    fprintf(file, "\"threads\": %d,\n\"backend\": \"cpu\"", scene->solver.threads > 0 ? (int)scene->solver.threads : omp_get_max_threads());
+}
+
+pliant_status pliant_report_json(const char *folder, const char *setup, const pliant_scene *scene, const pliant_report_tables *tables)
+{
+    char path[4096];
+    pliant_report_tables all = *tables;
+    pliant_results **list[NUM_TABLES];
+    list_tables(&all, list);
+    snprintf(path, sizeof path, "%s/report.json", folder);
+    FILE *file = fopen(path, "w");
+    if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
+    fprintf(file, "{\"setup\": \"%s\",\n", setup);
+    write_machine(file, scene);
+    pliant_status status = PLIANT_OK;
+    for (int t = 0; status == PLIANT_OK && t < NUM_TABLES; t++) {
+        fprintf(file, ",\n\"%s\": ", kinds[t].name);
+        /* stability may be of another body than the scan's: its rows say which */
+        status = pliant_results_json(*list[t], *list[t] == tables->stability ? NULL : setup, file);
+    }
+    fputs("}\n", file);
+    bool failed = ferror(file);
+    failed |= fclose(file) != 0;
+    if (status == PLIANT_OK && failed) status = pliant_fail(PLIANT_ERROR_FILE, "%s was not written whole: %s", path, strerror(errno));
+    return status;
+}

@@ -1,0 +1,261 @@
+#include "report_arguments.h"
+
+#include <getopt.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const char help[] =
+    "Usage: pliant_report [SCENE] [--scan PATH] --out DIR [options]\n"
+    "\n"
+    "Error against run time on a scan of your own, what breaks the solver, and what each stage costs.\n"
+    "\n"
+    "  SCENE               scene file (YAML); without one every option has its default\n"
+    "  --scan PATH         DICOM folder, NIfTI, NRRD or MetaImage file; phantom or phantom:IxJxK for the built-in one\n"
+    "  --out DIR           folder for the results; rows that are there already are not computed again\n"
+    "  --set OPTION=VALUE  change a scene option; may be repeated\n"
+    "\n"
+    "What is done (default: all three):\n"
+    "  --sweep             error against run time\n"
+    "  --left-out          time and memory without each stage of the scene\n"
+    "  --stability         extreme cases, on a small block; with --full also loads on the scan (needs no scan otherwise)\n"
+    "  --case NAME         one stability case only; --cases prints their names\n"
+    "  --steps N           steps of the long run (default: 20000; 1000000 with --full)\n"
+    "\n"
+    "What the sweep goes through:\n"
+    "  --quick             one pull, the scene's ratio, a few budgets (the default: minutes)\n"
+    "  --full              three pulls, ratios 2 and 4, more budgets (an hour and more)\n"
+    "  --methods A,B       of the methods that scenes know (default: all)\n"
+    "  --ratios 1,2        fine cells along a coarse one\n"
+    "  --budgets 1,2,0     iterations a step; 0: until the scene's tolerance is met\n"
+    "  --vary OPTION=A,B   one more option of the scene, with each of these values\n"
+    "  --at X,Y,Z          pull here [m, LPS]; may be repeated\n"
+    "  --labels 5,20       pull at the fronts of these labels\n"
+    "  --points N          most points to pull at, where neither is given\n"
+    "  --pull X,Y,Z        where a pulled point ends, from where it was [m] (default: 0.004,-0.029,0.006)\n"
+    "  --frames N          of a pull (default: 30)\n"
+    "  --twice N           most tetrahedra of the mesh of twice the resolution, which is solved too (0: never)\n"
+    "  --no-warp           no deformed volume: no times and errors of it\n"
+    "\n"
+    "  --no-pictures       tables only\n"
+    "  --quiet             no progress, warnings and errors only\n"
+    "  --help              print this and end\n"
+    "\n"
+    "Results in DIR: sweep.csv (a row a run), frames.csv, builds.csv, histogram.csv, slices.csv, stages.csv,\n"
+    "stability.csv, report.json (all of it, with machine, threads, backend and version), plot.py and its pictures.\n"
+    "\n"
+    "Exit codes: 0 done, 1 failed or a stability case was broken, 2 wrong usage, 130 stopped by Ctrl-C (what was done is kept).\n";
+
+enum { OK = 0, FAILED = 1, USAGE = 2 };
+enum { SCAN = 256, OUT, SET, SWEEP, LEFT_OUT, STABILITY, CASE, CASES, STEPS, QUICK, FULL, METHODS, RATIOS, BUDGETS, VARY, AT, LABELS, POINTS,
+       PULL, FRAMES, TWICE, NO_WARP, NO_PICTURES, QUIET, HELP };
+
+static const struct option options[] = {
+    {"scan", required_argument, NULL, SCAN},       {"out", required_argument, NULL, OUT},
+    {"set", required_argument, NULL, SET},         {"sweep", no_argument, NULL, SWEEP},
+    {"left-out", no_argument, NULL, LEFT_OUT},     {"stability", no_argument, NULL, STABILITY},
+    {"case", required_argument, NULL, CASE},       {"cases", no_argument, NULL, CASES},
+    {"steps", required_argument, NULL, STEPS},     {"quick", no_argument, NULL, QUICK},
+    {"full", no_argument, NULL, FULL},             {"methods", required_argument, NULL, METHODS},
+    {"ratios", required_argument, NULL, RATIOS},   {"budgets", required_argument, NULL, BUDGETS},
+    {"vary", required_argument, NULL, VARY},       {"at", required_argument, NULL, AT},
+    {"labels", required_argument, NULL, LABELS},   {"points", required_argument, NULL, POINTS},
+    {"pull", required_argument, NULL, PULL},       {"frames", required_argument, NULL, FRAMES},
+    {"twice", required_argument, NULL, TWICE},     {"no-warp", no_argument, NULL, NO_WARP},
+    {"no-pictures", no_argument, NULL, NO_PICTURES}, {"quiet", no_argument, NULL, QUIET},
+    {"help", no_argument, NULL, HELP},             {NULL, 0, NULL, 0},
+};
+
+#define NAME(name, yaml) #yaml,
+static const char *const method_names[] = {PLIANT_METHOD_LIST(NAME)};
+#undef NAME
+
+static bool wrong(const char *option, const char *text, const char *wanted)
+{
+    fprintf(stderr, "%s %s: %s\n", option, text, wanted);
+    return false;
+}
+
+/* "1,2,0" */
+static bool read_list(const char *option, const char *text, long low, long high, int32_t *out, int *count, int most)
+{
+    *count = 0;
+    for (const char *at = text;; at++) {
+        char *end;
+        long value = strtol(at, &end, 10);
+        if (end == at || value < low || value > high || *count == most || (*end && *end != ','))
+            return wrong(option, text, "whole numbers in range are wanted, with commas in between");
+        out[(*count)++] = (int32_t)value;
+        at = end;
+        if (!*end) return true;
+    }
+}
+
+static bool read_vector(const char *option, const char *text, double out[3])
+{
+    char rest;
+    if (sscanf(text, "%lf,%lf,%lf%c", &out[0], &out[1], &out[2], &rest) == 3) return true;
+    return wrong(option, text, "three numbers in metres are wanted, as 0.01,-0.1,0.05");
+}
+
+static bool read_methods(const char *text, uint32_t *out)
+{
+    *out = 0;
+    for (const char *at = text;; at++) {
+        size_t length = strcspn(at, ","), m = 0;
+        while (m < sizeof method_names / sizeof *method_names && (strlen(method_names[m]) != length || strncmp(at, method_names[m], length) != 0)) m++;
+        if (m == sizeof method_names / sizeof *method_names) return wrong("--methods", text, "not a method of a scene");
+        *out |= 1u << m;
+        at += length;
+        if (!*at) return true;
+    }
+}
+
+/* "group/name=a,b" */
+static bool read_vary(const char *text, pliant_sweep *out)
+{
+    const char *equals = strchr(text, '=');
+    if (!equals || (size_t)(equals - text) >= sizeof out->option) return wrong("--vary", text, "OPTION=A,B is wanted");
+    memcpy(out->option, text, (size_t)(equals - text));
+    out->option[equals - text] = '\0';
+    out->num_values = 0;
+    for (const char *at = equals + 1;; at++) {
+        size_t length = strcspn(at, ",");
+        if (length == 0 || length >= sizeof out->values[0] || out->num_values == PLIANT_MAX_VARIED)
+            return wrong("--vary", text, "at most eight short values are wanted");
+        memcpy(out->values[out->num_values], at, length);
+        out->values[out->num_values++][length] = '\0';
+        at += length;
+        if (!*at) return true;
+    }
+}
+
+static bool set_option(pliant_scene *scene, const char *text)
+{
+    char name[128];
+    const char *equals = strchr(text, '=');
+    if (!equals || (size_t)(equals - text) >= sizeof name) return wrong("--set", text, "OPTION=VALUE is wanted");
+    memcpy(name, text, (size_t)(equals - text));
+    name[equals - text] = '\0';
+    return pliant_scene_set(scene, name, equals + 1) >= 0 || wrong("--set", text, pliant_last_error());
+}
+
+static void set_full(report_arguments *out)
+{
+    static const int32_t budgets[] = {1, 2, 3, 4, 6, 12, 0};
+    out->sweep.num_ratios = out->sweep.num_iterations = 0;
+    out->sweep.ratios[out->sweep.num_ratios++] = 2;
+    out->sweep.ratios[out->sweep.num_ratios++] = 4;
+    for (size_t b = 0; b < sizeof budgets / sizeof *budgets; b++) out->sweep.iterations[out->sweep.num_iterations++] = budgets[b];
+    out->num_points = 3;
+    out->sweep.twice_limit = 2e6;
+    out->stability_on_scan = true;
+    out->stability.long_steps = 1000000;
+}
+
+/* The scene first, then --quick and --full, then what changes single things, wherever they stand on the command line. */
+static bool read_scene(int argc, char **argv, report_arguments *out, int *exit_code)
+{
+    bool full = false;
+    *exit_code = USAGE;
+    for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;) {
+        if (code == '?') return false;
+        if (code == FULL || code == QUICK) full = code == FULL;
+    }
+    if (argc - optind > 1) return wrong(argv[optind + 1], "", "one scene is enough");
+    if (argc - optind == 1 && pliant_scene_read(argv[optind], &out->scene) < 0) {
+        fprintf(stderr, "%s\n", pliant_last_error());
+        *exit_code = FAILED;
+        return false;
+    }
+    optind = 1;
+    for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
+        if (code == SET && !set_option(&out->scene, optarg)) return false;
+    pliant_sweep_defaults(&out->scene, &out->sweep);
+    pliant_stability_defaults(&out->stability);
+    out->num_points = 1;
+    if (full) set_full(out);
+    optind = 1;
+    return true;
+}
+
+static bool read_number(const char *option, const char *text, double low, double high, double *out)
+{
+    char *end;
+    *out = strtod(text, &end);
+    return (end != text && !*end && *out >= low && *out <= high) || wrong(option, text, "a number in range is wanted");
+}
+
+static bool read_one(int code, report_arguments *out)
+{
+    pliant_sweep *sweep = &out->sweep;
+    double number = 0;
+    bool good = true;
+    switch (code) {
+    case SCAN: out->scan = optarg; break;
+    case OUT: out->folder = optarg; break;
+    case SWEEP: out->do_sweep = true; break;
+    case LEFT_OUT: out->do_left_out = true; break;
+    case STABILITY: out->do_stability = true; break;
+    case CASE:
+        out->do_stability = true;
+        out->stability.only = optarg;
+        break;
+    case STEPS:
+        good = read_number("--steps", optarg, 1, 1e12, &number);
+        out->stability.long_steps = (int64_t)number;
+        break;
+    case METHODS:
+        good = read_methods(optarg, &sweep->methods);
+        out->stability.methods = sweep->methods;
+        break;
+    case RATIOS: good = read_list("--ratios", optarg, 1, 8, sweep->ratios, &sweep->num_ratios, PLIANT_MAX_SWEPT); break;
+    case BUDGETS: good = read_list("--budgets", optarg, 0, 1000, sweep->iterations, &sweep->num_iterations, PLIANT_MAX_SWEPT); break;
+    case VARY: good = read_vary(optarg, sweep); break;
+    case AT:
+        if (sweep->num_points == PLIANT_MAX_PULLS) return wrong("--at", optarg, "that is one point too many");
+        good = read_vector("--at", optarg, sweep->points[sweep->num_points].rest);
+        if (good) snprintf(sweep->points[sweep->num_points].name, sizeof sweep->points->name, "point %d", sweep->num_points + 1);
+        sweep->num_points += good;
+        break;
+    case LABELS: good = read_list("--labels", optarg, 1, 65535, out->labels, &out->num_labels, PLIANT_MAX_PULLS); break;
+    case POINTS:
+        good = read_number("--points", optarg, 1, PLIANT_MAX_PULLS, &number);
+        out->num_points = (int)number;
+        break;
+    case PULL: good = read_vector("--pull", optarg, sweep->pull); break;
+    case FRAMES:
+        good = read_number("--frames", optarg, 1, 1e4, &number);
+        sweep->frames = (int32_t)number;
+        break;
+    case TWICE: good = read_number("--twice", optarg, 0, 1e12, &sweep->twice_limit); break;
+    case NO_WARP: sweep->warp = false; break;
+    case NO_PICTURES: out->pictures = false; break;
+    case QUIET: out->quiet = true; break;
+    default: break;
+    }
+    return good;
+}
+
+bool report_arguments_read(int argc, char **argv, report_arguments *out, int *exit_code)
+{
+    memset(out, 0, sizeof *out);
+    pliant_scene_defaults(&out->scene);
+    out->pictures = true;
+    *exit_code = OK;
+    for (int a = 1; a < argc; a++) {
+        if (strcmp(argv[a], "--help") == 0) return fputs(help, stdout), false;
+        if (strcmp(argv[a], "--cases") != 0) continue;
+        for (int c = 0; pliant_stability_case(c); c++) puts(pliant_stability_case(c));
+        return false;
+    }
+    if (!read_scene(argc, argv, out, exit_code)) return false;
+    for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
+        if (!read_one(code, out)) return false;
+    if (!out->do_sweep && !out->do_left_out && !out->do_stability) out->do_sweep = out->do_left_out = out->do_stability = true;
+    if (!out->folder) return wrong("--out", "DIR", "is missing; pliant_report --help tells more");
+    if (!out->scan && (out->do_sweep || out->do_left_out)) return wrong("--scan", "PATH", "is missing: only --stability needs no scan");
+    if (pliant_scene_check(&out->scene) >= 0) return true;
+    fprintf(stderr, "%s\n", pliant_last_error());
+    return false;
+}

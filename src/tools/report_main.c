@@ -1,0 +1,170 @@
+/* pliant_report: accuracy against run time on the user's own scan, stability, and what each stage costs. */
+#define _POSIX_C_SOURCE 200809L
+#include "console.h"
+#include "core/fail.h"
+#include "pliant/pliant.h"
+#include "report_arguments.h"
+#include "report_plot.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+
+enum { OK = 0, FAILED = 1, STOPPED = 130 };
+
+typedef struct report_program {
+    report_arguments *arguments;
+    pliant_volume scan;
+    pliant_labels labels;
+    pliant_material_table materials;
+    pliant_report_input input;
+    pliant_report_tables tables;
+    char setup[9], stability_setup[9];
+    pliant_verdict worst;
+} report_program;
+
+static pliant_status make_folder(const char *folder)
+{
+    char path[4096];
+    size_t length = strlen(folder);
+    if (length >= sizeof path) return pliant_fail(PLIANT_ERROR_FILE, "%s: the name is too long", folder);
+    memcpy(path, folder, length + 1);
+    for (size_t n = 1; n <= length; ++n) {
+        if (path[n] != '/' && path[n] != '\0') continue;
+        char kept = path[n];
+        path[n] = '\0';
+        if (mkdir(path, 0777) != 0 && errno != EEXIST) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
+        path[n] = kept;
+    }
+    return PLIANT_OK;
+}
+
+static pliant_status read_inputs(report_program *program)
+{
+    report_arguments *arguments = program->arguments;
+    pliant_sweep *sweep = &arguments->sweep;
+    double start = pliant_seconds();
+    if (!arguments->scan) return PLIANT_OK;
+    pliant_status status = pliant_inputs_read(&arguments->scene, arguments->scan, &program->scan, &program->labels, &program->materials);
+    if (status < 0) return status;
+    program->input = (pliant_report_input){&arguments->scene, &program->scan, program->labels.voxels ? &program->labels : NULL, &program->materials};
+    const int32_t *size = program->scan.geometry.size;
+    printf("%s: %d x %d x %d voxels, read in %.2f s\n", program->scan.id, (int)size[0], (int)size[1], (int)size[2], pliant_seconds() - start);
+    if (sweep->num_points == 0)
+        sweep->num_points = pliant_pull_points(&program->input, arguments->labels, arguments->num_labels,
+                                               arguments->num_labels ? arguments->num_labels : arguments->num_points, sweep->points);
+    if (sweep->num_points == 0)
+        return pliant_fail(PLIANT_ERROR_SCENE, "no soft tissue was found to pull at: give a point with --at X,Y,Z, or labels that occur with --labels");
+    for (int p = 0; p < sweep->num_points; p++) {
+        const double *at = sweep->points[p].rest;
+        printf("pull at %s: (%.4f %.4f %.4f) m\n", sweep->points[p].name, at[0], at[1], at[2]);
+    }
+    pliant_report_setup(&program->input, sweep, program->setup);
+    return PLIANT_OK;
+}
+
+static pliant_status run_stability(report_program *program)
+{
+    const report_arguments *arguments = program->arguments;
+    const pliant_report_input *input = arguments->scan && arguments->stability_on_scan ? &program->input : NULL;
+    /* refusals are what is looked for: they go to the table, not to the screen */
+    pliant_set_log(NULL, NULL);
+    pliant_status status = pliant_stability_run(input, &arguments->stability, &program->tables, console_progress(), &program->worst);
+    console_start(arguments->quiet ? PLIANT_LOG_WARNING : PLIANT_LOG_INFO);
+    console_progress_end();
+    if (status < 0 && status != PLIANT_ERROR_CANCELLED) pliant_log(PLIANT_LOG_ERROR, "%s", pliant_last_error());
+    return status;
+}
+
+/* ---- what is shown at the end */
+
+static const char *cell(const pliant_results *table, size_t row, const char *name)
+{
+    return pliant_results_cell(table, row, pliant_results_column(table, name));
+}
+
+static void print_sweep(const pliant_results *table, const char *setup)
+{
+    printf("\n%-10s %-5s %-22s %-10s %-12s %-12s %9s %9s %9s %9s\n", "method", "ratio", "touch, variant", "budget", "case", "point", "solver ms",
+           "max %", "rms %", "max mm");
+    for (size_t r = 0; r < pliant_results_rows(table); r++) {
+        if (strcmp(pliant_results_cell(table, r, 0), setup) != 0) continue;
+        printf("%-10s %-5s %-10s %-11s %-10s %-12s %-12s %9s %9s %9s %9s %s\n", cell(table, r, "method"), cell(table, r, "ratio"),
+               cell(table, r, "touch"), cell(table, r, "variant"), cell(table, r, "budget"), cell(table, r, "case"), cell(table, r, "point"),
+               cell(table, r, "solver_median_ms"), cell(table, r, "max_percent"), cell(table, r, "rms_percent"), cell(table, r, "max_mm"),
+               cell(table, r, "message"));
+    }
+}
+
+static void print_stages(const pliant_results *table, const char *setup)
+{
+    printf("\n%-12s %14s %10s %10s %10s\n", "left out", "frame [ms]", "saved", "held [MB]", "saved");
+    for (size_t r = 0; r < pliant_results_rows(table); r++)
+        if (strcmp(pliant_results_cell(table, r, 0), setup) == 0)
+            printf("%-12s %14s %10s %10s %10s\n", cell(table, r, "left_out"), cell(table, r, "frame_median_ms"), cell(table, r, "saved_ms"),
+                   cell(table, r, "held_mb"), cell(table, r, "saved_mb"));
+}
+
+static void print_stability(const pliant_results *table)
+{
+    int counts[PLIANT_VERDICT_BROKEN + 1] = {0};
+    for (size_t r = 0; r < pliant_results_rows(table); r++) {
+        const char *verdict = cell(table, r, "verdict");
+        for (int v = 0; v <= PLIANT_VERDICT_BROKEN; v++) counts[v] += strcmp(verdict, pliant_verdict_name((pliant_verdict)v)) == 0;
+        if (strcmp(verdict, "converged") == 0) continue;
+        printf("%-18s %-34s %-10s %-9s %s\n", cell(table, r, "case"), cell(table, r, "parameter"), cell(table, r, "method"), verdict,
+               cell(table, r, "message"));
+    }
+    printf("stability: %d converged, %d refused, %d degraded, %d broken\n", counts[0], counts[1], counts[2], counts[3]);
+}
+
+static pliant_status run(report_program *program)
+{
+    report_arguments *arguments = program->arguments;
+    pliant_status status = make_folder(arguments->folder);
+    if (status >= 0) status = pliant_report_open(arguments->folder, &program->tables);
+    if (status >= 0) status = read_inputs(program);
+    if (status < 0) return status;
+    if (arguments->do_sweep) status = pliant_sweep_run(&program->input, &arguments->sweep, arguments->folder, &program->tables, console_progress());
+    if (status >= 0 && arguments->do_left_out)
+        status = pliant_left_out_run(&program->input, &arguments->sweep, &program->tables, console_progress());
+    console_progress_end();
+    if (status >= 0 && arguments->do_stability) status = run_stability(program);
+    return status;
+}
+
+static pliant_status finish(report_program *program)
+{
+    report_arguments *arguments = program->arguments;
+    bool drawn = false;
+    if (arguments->do_sweep && arguments->scan) print_sweep(program->tables.sweep, program->setup);
+    if (arguments->do_left_out && arguments->scan) print_stages(program->tables.stages, program->setup);
+    if (arguments->do_stability) print_stability(program->tables.stability);
+    pliant_status status = pliant_report_json(arguments->folder, program->setup, &arguments->scene, &program->tables);
+    fflush(stdout);
+    if (status >= 0 && arguments->pictures) status = report_plot(arguments->folder, program->setup, &drawn);
+    printf("results in %s\n", arguments->folder);
+    return status;
+}
+
+int main(int argc, char **argv)
+{
+    report_arguments arguments;
+    report_program program = {.arguments = &arguments};
+    int exit_code;
+    if (!report_arguments_read(argc, argv, &arguments, &exit_code)) return exit_code;
+    console_start(arguments.quiet ? PLIANT_LOG_WARNING : PLIANT_LOG_INFO);
+    pliant_status status = run(&program);
+    bool stopped = console_stop_asked();
+    if (program.tables.sweep && (status >= 0 || stopped)) {
+        pliant_status finished = finish(&program);
+        if (status >= 0) status = finished;
+    }
+    pliant_report_close(&program.tables);
+    pliant_material_table_free(&program.materials);
+    pliant_labels_free(&program.labels);
+    pliant_volume_free(&program.scan);
+    if (stopped) return STOPPED;
+    return status < 0 || program.worst == PLIANT_VERDICT_BROKEN ? FAILED : OK;
+}
