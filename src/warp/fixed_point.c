@@ -116,18 +116,31 @@ static bool round_map(const raster_grid *grid, const raster_source *source, cons
     return true;
 }
 
+static bool cuts(const raster_tet *tet, const int32_t brick[3])
+{
+    for (int v = 0; v < 4; v++) {
+        int64_t most = tet->value[v];
+        for (int d = 0; d < 3; d++) {
+            int64_t n = (int64_t)tet->normal[d][v];
+            most += n * (brick[d] * BRICK) + (n > 0 ? n * (BRICK - 1) : 0);
+        }
+        if (most < 0) return false;
+    }
+    return true;
+}
+
+bool pliant_raster_cuts(const raster_tet *tet, const int32_t brick[3]) { return cuts(tet, brick); }
+
 static void find_bricks(raster_tet *tet)
 {
     int32_t low[3], high[3], b[3];
     raster_range(tet, low, high);
     for (int d = 0; d < 3; d++)
         if (high[d] - low[d] >= MASK_EDGE) return;
-    int bit = 0;
-    for (b[2] = low[2]; b[2] < low[2] + MASK_EDGE; b[2]++)
-        for (b[1] = low[1]; b[1] < low[1] + MASK_EDGE; b[1]++)
-            for (b[0] = low[0]; b[0] < low[0] + MASK_EDGE; b[0]++, bit++)
-                if (b[0] <= high[0] && b[1] <= high[1] && b[2] <= high[2] && pliant_raster_cuts(tet, b))
-                    tet->bricks |= (uint64_t)1 << bit;
+    for (b[2] = low[2]; b[2] <= high[2]; b[2]++)
+        for (b[1] = low[1]; b[1] <= high[1]; b[1]++)
+            for (b[0] = low[0]; b[0] <= high[0]; b[0]++)
+                if (cuts(tet, b)) tet->bricks |= (uint64_t)1 << (b[0] - low[0] + MASK_EDGE * (b[1] - low[1] + MASK_EDGE * (b[2] - low[2])));
 }
 
 /* Whether a map stays so far inside the scan that rounding to float cannot take an index out of it: relative to a brick
@@ -194,20 +207,13 @@ void pliant_raster_tet(const raster_grid *grid, const raster_source *source, con
             for (int d = 0; d < 3; d++) normal[v][d] = -normal[v][d];
         for (int d = 0; d < 3; d++) out->normal[d][v] = (double)normal[v][d];
         out->value[v] = plane_value(grid, normal[v], fixed[v == 0]);
-        out->factor[v] = normal[v][0] ? 1 / fabs((double)normal[v][0]) : 4 * BRICK;
+        out->factor[v] = normal[v][0] ? 1 / fabs((double)normal[v][0]) : 8 * BRICK;
+    }
+    out->small = true;
+    for (int v = 0; v < 4; v++) {
+        double most = fabs((double)out->value[v]);
+        for (int d = 0; d < 3; d++) most += fabs(out->normal[d][v]) * grid->target.size[d];
+        out->small &= most < 0x1p51;
     }
     find_bricks(out);
-}
-
-bool pliant_raster_cuts(const raster_tet *tet, const int32_t brick[3])
-{
-    for (int v = 0; v < 4; v++) {
-        int64_t most = tet->value[v];
-        for (int d = 0; d < 3; d++) {
-            int64_t n = (int64_t)tet->normal[d][v];
-            most += n * (brick[d] * BRICK) + (n > 0 ? n * (BRICK - 1) : 0);
-        }
-        if (most < 0) return false;
-    }
-    return true;
 }

@@ -11,46 +11,31 @@
 #define OWNER_INLINE static inline
 #endif
 
-/* The planes of a tetrahedron that cut a brick. A voxel i of a row is inside when
- *     -floor(least t of rising) <= i <= floor(least t of the others),   t = value * factor.
- * Values are integers plus 1/2. A divisor is at most 2^45, so the exact quotient is at least 2^-46 away from a whole
- * number; value * (1 / divisor) is off by less than 2^-47 where it is below 16; so rounding down gives the exact result. */
-typedef struct owner_planes {
-    int32_t num_rising, num_others;
-    struct owner_plane { double value, step_j, step_k, factor; } rising[4], others[4]; /* value: at the first voxel */
-} owner_planes;
+/* How rows are cut. A tetrahedron has rising planes (normal along i > 0) and others. A voxel i of a row is inside when
+ *     -floor(least t of rising) <= i <= floor(least t of the others),   t = value * factor,
+ * where value is the plane's at voxel 0 of the row, an integer plus 1/2. Its divisor is at most 2^45, so the exact quotient
+ * is at least 2^-46 away from a whole number; with OWNER_SHIFT added, so that it is positive where it counts, it is below
+ * 48 and off by at most 48 * 2^-52 < 2^-46: rounding down gives the exact result. */
+enum { OWNER_SHIFT = 2 * BRICK };
 
 /* First and last row along j and k, and voxel along i, of a tetrahedron's box inside a brick. */
 typedef struct owner_box { int32_t low[3], high[3]; } owner_box;
 
 /* Gives free voxels inside the box and all planes to the owner whose entry (without mask) it gets; how many. */
-typedef int32_t owner_claim(raster_brick *brick, const owner_planes *planes, const owner_box *box, uint32_t entry);
+typedef int32_t owner_claim(raster_brick *brick, const raster_tet *tet, const int32_t origin[3], const owner_box *box, uint32_t entry);
 
-/* false when a plane leaves nothing of the brick */
-OWNER_INLINE bool owner_find_planes(const raster_tet *tet, const int32_t origin[3], owner_planes *out)
+/* Values of the planes at a brick's first voxel; where rounded, so far from 0 that only the sign counts. */
+OWNER_INLINE void owner_values(const raster_tet *tet, const int32_t origin[3], double value[4])
 {
-    double value[4], most[4], least[4];
-    for (int v = 0; v < 4; v++) {
-        int64_t exact = tet->value[v];
-        for (int d = 0; d < 3; d++) exact += (int64_t)tet->normal[d][v] * origin[d];
-        value[v] = (double)exact; /* rounded only where it is far from 0 and its sign is all that counts */
-    }
-    for (int v = 0; v < 4; v++) {
-        most[v] = least[v] = value[v];
-        for (int d = 0; d < 3; d++) {
-            double n = tet->normal[d][v] * (BRICK - 1);
-            most[v] += n > 0 ? n : 0;
-            least[v] += n < 0 ? n : 0;
+    if (tet->small) /* all of this is exact in double */
+        for (int v = 0; v < 4; v++)
+            value[v] = (double)tet->value[v] + (tet->normal[0][v] * origin[0] + tet->normal[1][v] * origin[1] + tet->normal[2][v] * origin[2]);
+    else
+        for (int v = 0; v < 4; v++) {
+            int64_t exact = tet->value[v];
+            for (int d = 0; d < 3; d++) exact += (int64_t)tet->normal[d][v] * origin[d];
+            value[v] = (double)exact;
         }
-    }
-    if (most[0] < 0 || most[1] < 0 || most[2] < 0 || most[3] < 0) return false;
-    out->num_rising = out->num_others = 0;
-    for (int v = 0; v < 4; v++) {
-        if (least[v] >= 0) continue;
-        struct owner_plane *plane = tet->normal[0][v] > 0 ? &out->rising[out->num_rising++] : &out->others[out->num_others++];
-        *plane = (struct owner_plane){value[v] + 0.5, tet->normal[1][v], tet->normal[2][v], tet->factor[v]};
-    }
-    return true;
 }
 
 OWNER_INLINE bool owner_find_box(const raster_tet *tet, const int32_t origin[3], owner_box *box)
@@ -116,10 +101,9 @@ OWNER_INLINE void owner_find_all(const raster_source *source, const raster_tet *
             for (size_t byte = 0; byte < sizeof *tet; byte += 64) __builtin_prefetch((const char *)&tets[candidates[c + 1]] + byte);
 #endif
         owner_box box;
-        owner_planes planes;
-        if (!owner_find_box(tet, origin, &box) || !owner_find_planes(tet, origin, &planes)) continue;
+        if (!owner_find_box(tet, origin, &box)) continue;
         uint32_t entry = num_slots << ENTRY_SLOT_SHIFT | (tet->kind == RASTER_COPY ? ENTRY_COPY : 0);
-        int32_t claimed = claim(brick, &planes, &box, entry);
+        int32_t claimed = claim(brick, tet, origin, &box, entry);
         if (claimed == 0) continue;
         brick->num_free -= claimed;
         if (num_slots == 0) owner_choose_base(source, tet, origin, brick);

@@ -55,6 +55,7 @@ typedef struct raster_tet {
     uint64_t bricks;           /* of the MASK_EDGE^3 bricks from low on; not used when it spans more */
     int16_t low[3], high[3];   /* first and last voxel along each axis, inside the target */
     uint8_t kind;              /* raster_kind */
+    bool small;                /* values of its planes anywhere in the target are below 2^51 */
     bool inner;                /* all it maps to lies so far inside the scan that no index needs a limit */
 } raster_tet;
 
@@ -84,7 +85,7 @@ typedef struct raster_brick {
     uint64_t owned[BRICK_ROWS / ROWS_AT_ONCE];  /* 16 bits a row */
     int32_t num_free;                           /* voxels without owner */
     uint8_t num_entries[BRICK_ROWS];
-    uint32_t entry[BRICK_ROWS][BRICK + 1];      /* the last is never used, only written */
+    uint32_t entry[BRICK + 1][BRICK_ROWS];      /* first ones of all rows, second ones ...; the last are only written */
     alignas(64) union { raster_slot sample; raster_copy copy; } slot[BRICK_VOXELS];
     /* where slots are relative to: source voxel `base`; limits are relative to it too */
     int32_t base[3];

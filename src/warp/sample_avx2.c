@@ -12,23 +12,72 @@
 #define AVX2 __attribute__((target("avx2,popcnt")))
 #define AVX2_INLINE static inline __attribute__((always_inline, target("avx2,popcnt")))
 
-/* For every number of planes its own code: the loops over planes unroll, and their values stay in registers. */
-AVX2_INLINE int32_t claim_rows(raster_brick *brick, const owner_planes *planes, const owner_box *box, uint32_t entry,
-                               const int32_t num_rising, const int32_t num_others)
+/* The planes of a tetrahedron that cut a brick, by number 0 to 3, and their values at its first voxel plus 1/2. */
+typedef struct brick_planes {
+    alignas(32) double value[4];
+    uint32_t rising, others; /* one bit a plane */
+} brick_planes;
+
+/* false when a plane leaves nothing of the brick */
+AVX2_INLINE bool find_planes(const raster_tet *tet, const int32_t origin[3], brick_planes *planes)
 {
-    const __m256d first_voxel = _mm256_set1_pd(-box->low[0]), last_voxel = _mm256_set1_pd(box->high[0]);
-    const __m256d before = _mm256_set1_pd(-BRICK), none = _mm256_set1_pd(-1), rows = _mm256_setr_pd(0, 1, 2, 3);
-    const __m128i ones = _mm_set1_epi32(ENTRY_MASK), last_bit = _mm_set1_epi32(BRICK - 1);
+    owner_values(tet, origin, planes->value);
+    const __m256d zero = _mm256_setzero_pd(), edge = _mm256_set1_pd(BRICK - 1);
+    const __m256d i = _mm256_loadu_pd(tet->normal[0]), j = _mm256_loadu_pd(tet->normal[1]), k = _mm256_loadu_pd(tet->normal[2]);
+    __m256d value = _mm256_load_pd(planes->value);
+    __m256d rise = _mm256_add_pd(_mm256_add_pd(_mm256_max_pd(i, zero), _mm256_max_pd(j, zero)), _mm256_max_pd(k, zero));
+    __m256d fall = _mm256_add_pd(_mm256_add_pd(_mm256_min_pd(i, zero), _mm256_min_pd(j, zero)), _mm256_min_pd(k, zero));
+    /* the most and the least in the brick, whose signs are exact */
+    if (_mm256_movemask_pd(_mm256_add_pd(value, _mm256_mul_pd(rise, edge)))) return false;
+    uint32_t cut = (uint32_t)_mm256_movemask_pd(_mm256_add_pd(value, _mm256_mul_pd(fall, edge)));
+    uint32_t up = (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(i, zero, _CMP_GT_OQ));
+    _mm256_store_pd(planes->value, _mm256_add_pd(value, _mm256_set1_pd(0.5)));
+    planes->rising = cut & up;
+    planes->others = cut & ~up;
+    return true;
+}
+
+/* Gives 4 rows' free voxels to an owner. */
+AVX2_INLINE void add_entries(raster_brick *brick, int32_t group, uint64_t fresh, __m128i entry)
+{
+    __m128i masks = _mm_cvtsi64_si128((long long)fresh);
+    __m128i entries = _mm_or_si128(_mm_cvtepu16_epi32(masks), entry);
+    uint32_t counts;
+    memcpy(&counts, brick->num_entries + ROWS_AT_ONCE * group, sizeof counts);
+    const int32_t row = ROWS_AT_ONCE * group; /* an empty one is written but not counted */
+    brick->entry[counts & 0xff][row] = (uint32_t)_mm_cvtsi128_si32(entries);
+    brick->entry[counts >> 8 & 0xff][row + 1] = (uint32_t)_mm_extract_epi32(entries, 1);
+    brick->entry[counts >> 16 & 0xff][row + 2] = (uint32_t)_mm_extract_epi32(entries, 2);
+    brick->entry[counts >> 24][row + 3] = (uint32_t)_mm_extract_epi32(entries, 3);
+    __m128i empty = _mm_cmpeq_epi16(masks, _mm_setzero_si128());
+    counts += 0x01010101 & ~(uint32_t)_mm_cvtsi128_si32(_mm_packs_epi16(empty, empty));
+    memcpy(brick->num_entries + ROWS_AT_ONCE * group, &counts, sizeof counts);
+}
+
+/* For every number of planes its own code: the loops over planes unroll, and their values stay in registers. */
+AVX2_INLINE int32_t claim_rows(raster_brick *brick, const raster_tet *tet, const brick_planes *planes, const owner_box *box,
+                               uint32_t entry, const int32_t num_rising, const int32_t num_others)
+{
+    const __m256d first_voxel = _mm256_set1_pd(OWNER_SHIFT - box->low[0]), last_voxel = _mm256_set1_pd(OWNER_SHIFT + box->high[0]);
+    const __m128i ones = _mm_set1_epi32(ENTRY_MASK), entries = _mm_set1_epi32((int32_t)entry);
     const int32_t first_group = box->low[1] / ROWS_AT_ONCE, last_group = box->high[1] / ROWS_AT_ONCE;
     const int32_t count = num_rising + num_others;
+    const __m256d first_rows = _mm256_add_pd(_mm256_set1_pd(first_group * ROWS_AT_ONCE), _mm256_setr_pd(0, 1, 2, 3));
     __m256d start[6], factor[6], step_group[6], step_k[6]; /* start: values in the first rows of the slice */
+    uint32_t rising = planes->rising, others = planes->others;
     for (int32_t p = 0; p < count; p++) {
-        const struct owner_plane *plane = p < num_rising ? &planes->rising[p] : &planes->others[p - num_rising];
-        double value = plane->value + plane->step_j * (first_group * ROWS_AT_ONCE) + plane->step_k * box->low[2];
-        start[p] = _mm256_add_pd(_mm256_set1_pd(value), _mm256_mul_pd(_mm256_set1_pd(plane->step_j), rows));
-        factor[p] = _mm256_set1_pd(plane->factor);
-        step_group[p] = _mm256_set1_pd(ROWS_AT_ONCE * plane->step_j);
-        step_k[p] = _mm256_set1_pd(plane->step_k);
+        uint32_t *left = p < num_rising ? &rising : &others;
+        const int v = __builtin_ctz(*left);
+        *left &= *left - 1;
+        factor[p] = _mm256_broadcast_sd(&tet->factor[v]);
+        step_k[p] = _mm256_broadcast_sd(&tet->normal[2][v]);
+        __m256d step_j = _mm256_broadcast_sd(&tet->normal[1][v]);
+        step_group[p] = _mm256_mul_pd(step_j, _mm256_set1_pd(ROWS_AT_ONCE));
+        /* a shift of t by OWNER_SHIFT; by less where the plane is parallel to rows, which changes nothing there */
+        __m256d shift = _mm256_set1_pd(OWNER_SHIFT * __builtin_fabs(tet->normal[0][v]));
+        start[p] = _mm256_add_pd(_mm256_broadcast_sd(&planes->value[v]), shift);
+        start[p] = _mm256_add_pd(start[p], _mm256_mul_pd(step_j, first_rows));
+        start[p] = _mm256_add_pd(start[p], _mm256_mul_pd(step_k[p], _mm256_set1_pd(box->low[2])));
     }
     int32_t claimed = 0;
     for (int32_t k = box->low[2]; k <= box->high[2]; k++) {
@@ -47,32 +96,29 @@ AVX2_INLINE int32_t claim_rows(raster_brick *brick, const owner_planes *planes, 
                     fall = _mm256_min_pd(t, fall);
                 at[p] = _mm256_add_pd(at[p], step_group[p]);
             }
-            __m128i first = _mm256_cvttpd_epi32(_mm256_floor_pd(_mm256_max_pd(rise, before)));
-            __m128i last = _mm256_cvttpd_epi32(_mm256_floor_pd(_mm256_max_pd(fall, none)));
-            __m128i mask = _mm_and_si128(_mm_sllv_epi32(ones, _mm_sub_epi32(_mm_setzero_si128(), first)),
-                                         _mm_srlv_epi32(ones, _mm_sub_epi32(last_bit, last)));
-            uint64_t *owned = &brick->owned[k * (BRICK / ROWS_AT_ONCE) + g];
-            uint64_t fresh = (uint64_t)_mm_cvtsi128_si64(_mm_packus_epi32(mask, mask)) & ~*owned;
+            /* Too small, or so small that it becomes INT_MIN: a shift by more than 16 or 31, which leaves no bit. */
+            __m128i first = _mm_sub_epi32(_mm_set1_epi32(OWNER_SHIFT), _mm256_cvttpd_epi32(rise));
+            __m128i beyond = _mm_sub_epi32(_mm_set1_epi32(OWNER_SHIFT + BRICK - 1), _mm256_cvttpd_epi32(fall));
+            __m128i mask = _mm_and_si128(_mm_sllv_epi32(ones, first), _mm_srlv_epi32(ones, beyond));
+            int32_t group = k * (BRICK / ROWS_AT_ONCE) + g;
+            uint64_t fresh = (uint64_t)_mm_cvtsi128_si64(_mm_packus_epi32(mask, mask)) & ~brick->owned[group];
             if (!fresh) continue;
-            *owned |= fresh;
+            brick->owned[group] |= fresh;
             claimed += (int32_t)_mm_popcnt_u64(fresh);
-            int32_t row = k * BRICK + g * ROWS_AT_ONCE;
-            for (int r = 0; r < ROWS_AT_ONCE; r++) { /* an empty one is written but not counted */
-                uint32_t voxels = (uint32_t)(fresh >> 16 * r) & ENTRY_MASK;
-                brick->entry[row + r][brick->num_entries[row + r]] = entry | voxels;
-                brick->num_entries[row + r] += voxels != 0;
-            }
+            add_entries(brick, group, fresh, entries);
         }
     }
     return claimed;
 }
 
 /* A closed surface has rising and other planes, so at most three of a kind. */
-AVX2 static int32_t claim(raster_brick *brick, const owner_planes *planes, const owner_box *box, uint32_t entry)
+AVX2 static int32_t claim(raster_brick *brick, const raster_tet *tet, const int32_t origin[3], const owner_box *box, uint32_t entry)
 {
+    brick_planes planes;
+    if (!find_planes(tet, origin, &planes)) return 0;
 #define CASE(rising, others) \
-    case 4 * rising + others: return claim_rows(brick, planes, box, entry, rising, others);
-    switch (4 * planes->num_rising + planes->num_others) {
+    case 4 * rising + others: return claim_rows(brick, tet, &planes, box, entry, rising, others);
+    switch (4 * __builtin_popcount(planes.rising) + __builtin_popcount(planes.others)) {
         CASE(0, 0) CASE(0, 1) CASE(0, 2) CASE(0, 3) CASE(1, 0) CASE(1, 1) CASE(1, 2) CASE(1, 3) CASE(2, 0) CASE(2, 1)
         CASE(2, 2) CASE(3, 0) CASE(3, 1)
     }
@@ -129,22 +175,24 @@ typedef struct row_kinds { uint32_t sampled, copied; } row_kinds;
 AVX2_INLINE row_kinds find_points(const raster_brick *brick, int32_t row, row_points *points)
 {
     const __m128 j = _mm_set1_ps((float)(row % BRICK)), k = _mm_set1_ps((float)(row / BRICK));
-    const uint32_t *entry = brick->entry[row], *end = entry + brick->num_entries[row];
+    const int count = brick->num_entries[row];
+    int e = 0;
     row_kinds kinds = {0, 0};
-    for (; entry < end && *entry & ENTRY_COPY; entry++) kinds.copied |= *entry;
-    if (entry < end) { /* of the first map all, until others claim their part */
-        kinds.sampled = *entry;
-        *points = map_row(&brick->slot[*entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].sample, j, k);
-        entry++;
+    for (; e < count && brick->entry[e][row] & ENTRY_COPY; e++) kinds.copied |= brick->entry[e][row];
+    if (e < count) { /* of the first map all, until others claim their part */
+        uint32_t entry = brick->entry[e++][row];
+        kinds.sampled = entry;
+        *points = map_row(&brick->slot[entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].sample, j, k);
     }
-    for (; entry < end; entry++) {
-        if (*entry & ENTRY_COPY) {
-            kinds.copied |= *entry;
+    for (; e < count; e++) {
+        uint32_t entry = brick->entry[e][row];
+        if (entry & ENTRY_COPY) {
+            kinds.copied |= entry;
             continue;
         }
-        kinds.sampled |= *entry;
-        row_points mapped = map_row(&brick->slot[*entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].sample, j, k);
-        const __m256i mask = _mm256_set1_epi32((int32_t)*entry);
+        kinds.sampled |= entry;
+        row_points mapped = map_row(&brick->slot[entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].sample, j, k);
+        const __m256i mask = _mm256_set1_epi32((int32_t)entry);
         const __m256 own_left = left_lanes(mask), own_right = right_lanes(mask);
         for (int d = 0; d < 3; d++) {
             points->at[d][0] = _mm256_blendv_ps(points->at[d][0], mapped.at[d][0], own_left);
@@ -370,13 +418,21 @@ AVX2_INLINE void sample_f32(const raster_source *source, const raster_brick *bri
     put_f32(eight_f32(scan, cells, 0), eight_f32(scan, cells, 8), cells->kinds.sampled, values);
 }
 
+/* Source voxels that the row two slices further on will likely want. */
+AVX2_INLINE void prefetch_slices(const brick_scan *scan, const row_cells *cells, ptrdiff_t ahead, ptrdiff_t voxel)
+{
+    const uintptr_t from = (uintptr_t)scan->corner[3];
+    __builtin_prefetch((const void *)(from + (uintptr_t)(voxel * (cells->corner[0] + ahead))));
+    __builtin_prefetch((const void *)(from + (uintptr_t)(voxel * (cells->corner[BRICK - 1] + ahead))));
+}
+
 /* Two functions a type. A copied run goes whole rows at once where the scan's memory allows. */
 #define WRITE_FUNCTION(type, name)                                                                                  \
     AVX2_INLINE void copy_##name(const raster_source *source, const raster_brick *brick, int32_t row, type *values) \
     {                                                                                                               \
         const type *voxels = source->voxels;                                                                        \
         for (int e = 0; e < brick->num_entries[row]; e++) {                                                         \
-            uint32_t entry = brick->entry[row][e];                                                                  \
+            uint32_t entry = brick->entry[e][row];                                                                  \
             if (!(entry & ENTRY_COPY)) continue;                                                                    \
             const raster_copy *copy = &brick->slot[entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].copy;                    \
             int64_t start = sample_copy_start(copy, row);                                                           \
@@ -397,7 +453,10 @@ AVX2_INLINE void sample_f32(const raster_source *source, const raster_brick *bri
             for (int32_t j = 0; j < extent[1]; j++) {                                                               \
                 alignas(32) type values[BRICK];                                                                     \
                 for (int i = 0; i < BRICK; i++) values[i] = source->background.name;                                \
-                if (cells[j].kinds.sampled) sample_##name(source, brick, &scan, &cells[j], k * BRICK + j, values);  \
+                if (cells[j].kinds.sampled) {                                                                       \
+                    prefetch_slices(&scan, &cells[j], 2 * source->step[2], sizeof(type));                           \
+                    sample_##name(source, brick, &scan, &cells[j], k * BRICK + j, values);                          \
+                }                                                                                                   \
                 if (cells[j].kinds.copied) copy_##name(source, brick, k * BRICK + j, values);                       \
                 type *to = (type *)out + j * row_step + k * slice_step;                                             \
                 if (extent[0] == BRICK)                                                                             \

@@ -20,29 +20,27 @@ static int32_t count_bits(uint64_t bits)
     return count;
 }
 
-static double least(const struct owner_plane *planes, int32_t count, int32_t j, int32_t k, double start)
+static int32_t claim(raster_brick *brick, const raster_tet *tet, const int32_t origin[3], const owner_box *box, uint32_t entry)
 {
-    for (int32_t p = 0; p < count; p++) {
-        double t = (planes[p].value + planes[p].step_j * j + planes[p].step_k * k) * planes[p].factor;
-        start = t < start ? t : start;
-    }
-    return start;
-}
-
-static int32_t claim(raster_brick *brick, const owner_planes *planes, const owner_box *box, uint32_t entry)
-{
+    double corner[4];
+    owner_values(tet, origin, corner);
     int32_t claimed = 0;
     for (int32_t k = box->low[2]; k <= box->high[2]; k++)
         for (int32_t j = box->low[1]; j <= box->high[1]; j++) {
-            int32_t first = -floor_within(least(planes->rising, planes->num_rising, j, k, -box->low[0]), -BRICK);
-            int32_t last = floor_within(least(planes->others, planes->num_others, j, k, box->high[0]), -1);
+            double rise = -box->low[0], fall = box->high[0];
+            for (int v = 0; v < 4; v++) {
+                double t = (corner[v] + 0.5 + tet->normal[1][v] * j + tet->normal[2][v] * k) * tet->factor[v];
+                double *end = tet->normal[0][v] > 0 ? &rise : &fall;
+                *end = t < *end ? t : *end;
+            }
+            int32_t first = -floor_within(rise, -BRICK), last = floor_within(fall, -1);
             uint32_t mask = (uint32_t)ENTRY_MASK << first & (uint32_t)ENTRY_MASK >> (BRICK - 1 - last);
             int32_t row = k * BRICK + j, shift = 16 * (row % ROWS_AT_ONCE);
             uint64_t *owned = &brick->owned[row / ROWS_AT_ONCE];
             mask &= ~(uint32_t)(*owned >> shift);
             if (!mask) continue;
             *owned |= (uint64_t)mask << shift;
-            brick->entry[row][brick->num_entries[row]++] = entry | mask;
+            brick->entry[brick->num_entries[row]++][row] = entry | mask;
             claimed += count_bits(mask);
         }
     return claimed;
@@ -136,7 +134,7 @@ static inline float sample_f32(const raster_source *source, const raster_brick *
         float j = (float)(row % BRICK), k = (float)(row / BRICK);                                                   \
         for (int i = 0; i < BRICK; i++) values[i] = source->background.name;                                        \
         for (int e = 0; e < brick->num_entries[row]; e++) {                                                         \
-            uint32_t entry = brick->entry[row][e];                                                                  \
+            uint32_t entry = brick->entry[e][row];                                                                  \
             const raster_copy *copy = &brick->slot[entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].copy;                    \
             const raster_slot *map = &brick->slot[entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].sample;                   \
             for (int i = 0; i < BRICK; i++) {                                                                       \

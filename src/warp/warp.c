@@ -22,7 +22,8 @@ struct pliant_warp {
     int32_t num_bricks;
     uint8_t *changed, *dirty; /* (num_bricks) of the last and of the coming update */
     int32_t *dirty_bricks;   /* (num_bricks) those of the coming one */
-    size_t *end;             /* (num_bricks) where a brick's candidates end; they begin where its predecessor's end */
+    size_t *end;             /* (num_threads x num_bricks) where a thread's part of a brick's candidates ends; it begins where
+                              * that of the thread before ends, or of the last thread in the brick before */
     int32_t *candidates;     /* tetrahedra by brick, ascending */
     size_t capacity;
     raster_brick *scratch;   /* (num_threads) */
@@ -77,7 +78,7 @@ static bool allocate(pliant_warp *warp)
            (warp->tets = pliant_calloc((size_t)warp->mesh->num_tets, sizeof *warp->tets)) &&
            (warp->changed = pliant_calloc(bricks, 1)) && (warp->dirty = pliant_calloc(bricks, 1)) &&
            (warp->dirty_bricks = pliant_calloc(bricks, sizeof *warp->dirty_bricks)) &&
-           (warp->end = pliant_calloc(bricks, sizeof *warp->end)) &&
+           (warp->end = pliant_calloc(bricks, (size_t)warp->num_threads * sizeof *warp->end)) &&
            (warp->scratch = pliant_calloc((size_t)warp->num_threads, sizeof *warp->scratch));
 }
 
@@ -155,28 +156,23 @@ static bool tet_moved(const pliant_warp *warp, int32_t tet)
     return warp->moved[nodes[0]] | warp->moved[nodes[1]] | warp->moved[nodes[2]] | warp->moved[nodes[3]];
 }
 
-/* Tetrahedra that moved, from the given nodes. */
-static void set_tets(pliant_warp *warp, const int32_t *fixed)
+static void set_tet(pliant_warp *warp, const int32_t *fixed, int32_t t)
 {
-    const pliant_mesh *mesh = warp->mesh;
-#pragma omp parallel for num_threads(warp->num_threads) schedule(static)
-    for (int32_t t = 0; t < mesh->num_tets; t++) {
-        if (!tet_moved(warp, t)) continue;
-        const int32_t *corners[4];
-        const double *rest[4];
-        for (int v = 0; v < 4; v++) {
-            size_t node = (size_t)mesh->tets[4 * (size_t)t + v];
-            corners[v] = fixed + 3 * node;
-            rest[v] = warp->rest + 3 * node;
-        }
-        pliant_raster_tet(&warp->grid, &warp->source, corners, rest, &warp->tets[t]);
+    const int32_t *corners[4];
+    const double *rest[4];
+    for (int v = 0; v < 4; v++) {
+        size_t node = (size_t)warp->mesh->tets[4 * (size_t)t + v];
+        corners[v] = fixed + 3 * node;
+        rest[v] = warp->rest + 3 * node;
     }
+    pliant_raster_tet(&warp->grid, &warp->source, corners, rest, &warp->tets[t]);
 }
 
 typedef enum visit { VISIT_MARK, VISIT_COUNT, VISIT_LIST } visit;
 
-/* For every brick that a tetrahedron touches: mark it dirty; or, if it is dirty, count or list the tetrahedron. */
-static void visit_bricks(pliant_warp *warp, int32_t t, visit what)
+/* For every brick that a tetrahedron touches: mark it dirty; or, if it is dirty, count or list the tetrahedron.
+ * end: of the part of the candidates that this thread makes. */
+static void visit_bricks(pliant_warp *warp, int32_t t, visit what, size_t *end)
 {
     const raster_tet *tet = &warp->tets[t];
     if (tet->kind == RASTER_NOTHING) return;
@@ -189,30 +185,50 @@ static void visit_bricks(pliant_warp *warp, int32_t t, visit what)
                 if (what != VISIT_MARK && !warp->dirty[brick]) continue;
                 if (!raster_touches(tet, low, high, at)) continue;
                 switch (what) {
-                case VISIT_MARK: warp->dirty[brick] = 1; break;
-                case VISIT_COUNT: warp->end[brick]++; break;
-                case VISIT_LIST: warp->candidates[warp->end[brick]++] = t; break;
+                case VISIT_MARK:
+#pragma omp atomic write
+                    warp->dirty[brick] = 1;
+                    break;
+                case VISIT_COUNT: end[brick]++; break;
+                case VISIT_LIST: warp->candidates[end[brick]++] = t; break;
                 }
             }
 }
 
-static void mark_moved(pliant_warp *warp)
+/* Tetrahedra that moved, from the given nodes; bricks that they touched and touch become dirty. */
+static void move_tets(pliant_warp *warp, const int32_t *fixed)
 {
-    for (int32_t t = 0; t < warp->mesh->num_tets; t++)
-        if (tet_moved(warp, t)) visit_bricks(warp, t, VISIT_MARK);
+#pragma omp parallel for num_threads(warp->num_threads) schedule(static)
+    for (int32_t t = 0; t < warp->mesh->num_tets; t++) {
+        if (!tet_moved(warp, t)) continue;
+        if (warp->drawn) visit_bricks(warp, t, VISIT_MARK, NULL);
+        set_tet(warp, fixed, t);
+        if (warp->drawn) visit_bricks(warp, t, VISIT_MARK, NULL);
+    }
+}
+
+/* Each thread visits a run of tetrahedra, so that a brick's candidates ascend from thread to thread. */
+static void visit_all(pliant_warp *warp, visit what)
+{
+    int64_t num_tets = warp->mesh->num_tets, parts = warp->num_threads;
+#pragma omp parallel for num_threads(warp->num_threads) schedule(static, 1)
+    for (int64_t part = 0; part < parts; part++)
+        for (int64_t t = num_tets * part / parts; t < num_tets * (part + 1) / parts; t++)
+            visit_bricks(warp, (int32_t)t, what, warp->end + part * warp->num_bricks);
 }
 
 /* Candidates of every dirty brick; false when out of memory. */
 static bool list_candidates(pliant_warp *warp)
 {
-    memset(warp->end, 0, (size_t)warp->num_bricks * sizeof *warp->end);
-    for (int32_t t = 0; t < warp->mesh->num_tets; t++) visit_bricks(warp, t, VISIT_COUNT);
+    memset(warp->end, 0, (size_t)warp->num_bricks * (size_t)warp->num_threads * sizeof *warp->end);
+    visit_all(warp, VISIT_COUNT);
     size_t total = 0;
-    for (int32_t b = 0; b < warp->num_bricks; b++) { /* to where its candidates begin; listing moves that to their end */
-        size_t count = warp->end[b];
-        warp->end[b] = total;
-        total += count;
-    }
+    for (int32_t b = 0; b < warp->num_bricks; b++) /* to where a part begins; listing moves that to its end */
+        for (int part = 0; part < warp->num_threads; part++) {
+            size_t *end = &warp->end[(size_t)part * (size_t)warp->num_bricks + (size_t)b], count = *end;
+            *end = total;
+            total += count;
+        }
     if (total > warp->capacity) {
         int32_t *candidates = pliant_calloc(total + total / 4, sizeof *candidates);
         if (!candidates) return false;
@@ -220,7 +236,7 @@ static bool list_candidates(pliant_warp *warp)
         warp->candidates = candidates;
         warp->capacity = total + total / 4;
     }
-    for (int32_t t = 0; t < warp->mesh->num_tets; t++) visit_bricks(warp, t, VISIT_LIST);
+    visit_all(warp, VISIT_LIST);
     return true;
 }
 
@@ -229,13 +245,17 @@ static void redo_bricks(pliant_warp *warp)
     int32_t num_dirty = 0;
     for (int32_t b = 0; b < warp->num_bricks; b++)
         if (warp->dirty[b]) warp->dirty_bricks[num_dirty++] = b;
-#pragma omp parallel for num_threads(warp->num_threads) schedule(dynamic, 1)
+    /* runs of neighbours along i share memory; several for each thread share the work */
+    const size_t *end = warp->end + (size_t)(warp->num_threads - 1) * (size_t)warp->num_bricks;
+    int32_t run = num_dirty / (16 * warp->num_threads);
+    run = run < 1 ? 1 : run > warp->grid.bricks[0] ? warp->grid.bricks[0] : run;
+#pragma omp parallel for num_threads(warp->num_threads) schedule(dynamic, run)
     for (int32_t n = 0; n < num_dirty; n++) {
         int32_t b = warp->dirty_bricks[n], across = warp->grid.bricks[0], down = warp->grid.bricks[1];
         int32_t brick[3] = {b % across, b / across % down, b / across / down};
-        size_t begin = b > 0 ? warp->end[b - 1] : 0;
-        pliant_raster_brick(&warp->grid, &warp->source, &warp->kernels, warp->tets, warp->candidates + begin,
-                            warp->end[b] - begin, brick, &warp->scratch[omp_get_thread_num()], warp->volume.voxels);
+        size_t begin = b > 0 ? end[b - 1] : 0;
+        pliant_raster_brick(&warp->grid, &warp->source, &warp->kernels, warp->tets, warp->candidates + begin, end[b] - begin,
+                            brick, &warp->scratch[omp_get_thread_num()], warp->volume.voxels);
     }
 }
 
@@ -252,11 +272,9 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
     }
     /* bricks touched before and after */
     memset(warp->dirty, !warp->drawn, (size_t)warp->num_bricks);
-    if (warp->drawn) mark_moved(warp);
-    set_tets(warp, warp->next);
-    if (warp->drawn) mark_moved(warp);
+    move_tets(warp, warp->next);
     if (!list_candidates(warp)) {
-        set_tets(warp, warp->fixed); /* as they were; before the first update nobody asks */
+        move_tets(warp, warp->fixed); /* as they were; before the first update nobody asks */
         return pliant_fail_memory("the tetrahedra by brick; the deformed volume stays as it is");
     }
     double culled = pliant_seconds();
