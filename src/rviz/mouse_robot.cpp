@@ -7,7 +7,9 @@
 namespace pliant_rviz {
 
 // [s]; poses come every 10 ms, a step of the simulation takes 20 ms
-static const double PERIOD = 0.01, OPEN_FOR = 0.1, CLOSED_FOR = 0.06, WAIT_FOR_HOLD = 0.5, OPEN_AFTER = 0.2;
+static const double PERIOD = 0.01, OPEN_FOR = 0.1, WAIT_FOR_SIGHT = 1.0, CLOSED_FOR = 0.06, WAIT_FOR_HOLD = 0.5, OPEN_AFTER = 0.2;
+
+MouseRobot::MouseRobot() = default;
 
 MouseRobot::~MouseRobot() { stop(); }
 
@@ -15,15 +17,25 @@ void MouseRobot::stop()
 {
     quit_ = true;
     if (thread_.joinable()) thread_.join();
-    quit_ = holding_ = held_ = false;
+    quit_ = holding_ = false;
 }
 
-void MouseRobot::grasp(const std::string &tool, const std::string &frame, const std::array<double, 3> &point)
+void MouseRobot::connect(const std::string &tool, const std::string &frame)
+{
+    if (sender_ && tool == tool_ && frame == frame_) return;
+    stop();
+    tool_ = tool;
+    frame_ = frame;
+    sender_.reset(new pliant_ros::ToolSender(ros::NodeHandle(), tool, frame));
+}
+
+void MouseRobot::grasp(const std::array<double, 3> &point)
 {
     stop();
     target_ = point;
+    present_ = grasped_ = false;
     holding_ = true;
-    thread_ = std::thread(&MouseRobot::run, this, tool, frame, point);
+    thread_ = std::thread(&MouseRobot::run, this, point);
 }
 
 void MouseRobot::move(const std::array<double, 3> &target)
@@ -32,29 +44,27 @@ void MouseRobot::move(const std::array<double, 3> &target)
     target_ = target;
 }
 
-void MouseRobot::held() { held_ = true; }
+void MouseRobot::hear(bool present, bool grasped)
+{
+    present_ = present;
+    grasped_ = grasped;
+}
 
 void MouseRobot::release() { holding_ = false; }
 
-void MouseRobot::run(const std::string &tool, const std::string &frame, const std::array<double, 3> &point)
+void MouseRobot::run(const std::array<double, 3> &point)
 {
-    ros::NodeHandle handle;
-    pliant_ros::ToolSender sender(handle, tool, frame);
     geometry_msgs::Pose tip;
     tip.orientation.w = 1;
-    ros::WallTime start = ros::WallTime::now(), released;
-    double closed_at = -1;
+    double closed_at = -1, released_at = -1;
     bool follows = false;
-    held_ = false;
+    ros::WallTime start = ros::WallTime::now();
     while (!quit_ && ros::ok()) {
         double now = (ros::WallTime::now() - start).toSec();
-        bool closed = holding_ && now > OPEN_FOR;
-        if (closed && closed_at < 0) {
-            closed_at = now;
-            held_ = false; // what was heard before concerns an earlier grasp
-        }
+        if (holding_ && closed_at < 0 && now > (present_ ? OPEN_FOR : WAIT_FOR_SIGHT)) closed_at = now;
+        bool closed = holding_ && closed_at >= 0;
         // the tip stays until the tissue is in hand
-        follows = follows || (closed && now - closed_at > CLOSED_FOR && (held_ || now - closed_at > WAIT_FOR_HOLD));
+        follows = follows || (closed && now - closed_at > (grasped_ ? CLOSED_FOR : WAIT_FOR_HOLD));
         std::array<double, 3> to = point;
         if (follows) {
             std::lock_guard<std::mutex> guard(lock_);
@@ -63,10 +73,10 @@ void MouseRobot::run(const std::string &tool, const std::string &frame, const st
         tip.position.x = to[0];
         tip.position.y = to[1];
         tip.position.z = to[2];
-        sender.send(tip, closed, ros::Time::now());
+        sender_->send(tip, closed, ros::Time::now());
         if (!holding_) {
-            if (released.isZero()) released = ros::WallTime::now();
-            if ((ros::WallTime::now() - released).toSec() > OPEN_AFTER) break;
+            if (released_at < 0) released_at = now;
+            if (now - released_at > OPEN_AFTER) break;
         }
         ros::WallDuration(PERIOD).sleep();
     }

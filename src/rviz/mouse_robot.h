@@ -9,34 +9,42 @@
 #include <string>
 #include <thread>
 
+namespace pliant_ros {
+class ToolSender;
+}
+
 namespace pliant_rviz {
 
 class MouseRobot {
 public:
-    MouseRobot() = default;
+    MouseRobot();
     ~MouseRobot();
     MouseRobot(const MouseRobot &) = delete;
     MouseRobot &operator=(const MouseRobot &) = delete;
 
-    // Go to a point with the jaw open, close it there, and from then on follow the target.
-    // @param tool  name of the tool with its namespace: <tool>/measured_cp, <tool>/jaw/measured_js
+    // The topics <tool>/measured_cp and <tool>/jaw/measured_js; before the first grasp, so that the node is connected by then.
+    // @param tool  its name with its namespace
     // @param frame of all points
-    void grasp(const std::string &tool, const std::string &frame, const std::array<double, 3> &point);
+    void connect(const std::string &tool, const std::string &frame);
+    // Go to a point with the jaw open, close it there, and from then on follow the target.
+    void grasp(const std::array<double, 3> &point);
     void move(const std::array<double, 3> &target);
-    // The node says that the tool has hold of the tissue: no need to wait longer.
-    void held();
+    // What the node says: it sees the tool, the tool has hold of the tissue. Without word from it the robot goes on by time.
+    void hear(bool present, bool grasped);
     // Open the jaw; soon after, the poses end and the tool is gone.
     void release();
     bool holding() const { return holding_; }
 
 private:
-    void run(const std::string &tool, const std::string &frame, const std::array<double, 3> &point);
+    void run(const std::array<double, 3> &point);
     void stop();
 
+    std::unique_ptr<pliant_ros::ToolSender> sender_;
+    std::string tool_, frame_;
     std::thread thread_;
     std::mutex lock_;
     std::array<double, 3> target_{{0, 0, 0}};
-    std::atomic<bool> holding_{false}, held_{false}, quit_{false};
+    std::atomic<bool> holding_{false}, present_{false}, grasped_{false}, quit_{false};
 };
 
 } // namespace pliant_rviz

@@ -1,8 +1,13 @@
 #include "rviz/pull_tool.h"
 
+#include "rviz/material.h"
 #include "rviz/volume_display.h"
 
 #include <OgreCamera.h>
+#include <OgreManualObject.h>
+#include <OgreMaterialManager.h>
+#include <OgreMath.h>
+#include <OgrePass.h>
 #include <OgrePlane.h>
 #include <OgreSceneManager.h>
 #include <OgreSceneNode.h>
@@ -13,8 +18,6 @@
 #include <rviz/display_context.h>
 #include <rviz/display_group.h>
 #include <rviz/frame_manager.h>
-#include <rviz/ogre_helpers/line.h>
-#include <rviz/ogre_helpers/shape.h>
 #include <rviz/properties/float_property.h>
 #include <rviz/properties/string_property.h>
 #include <rviz/view_controller.h>
@@ -28,7 +31,12 @@ namespace pliant_rviz {
 
 PullTool::PullTool() { shortcut_key_ = 'u'; }
 
-PullTool::~PullTool() { robot_.release(); }
+PullTool::~PullTool()
+{
+    if (!mark_) return;
+    scene_manager_->destroyManualObject(mark_);
+    Ogre::MaterialManager::getSingleton().remove(mark_material_->getName());
+}
 
 void PullTool::onInitialize()
 {
@@ -42,12 +50,17 @@ void PullTool::onInitialize()
     threshold_ = new rviz::FloatProperty("Threshold", -300,
                                          "Value of the surface that is picked where no volume display is shown (CT: Hounsfield).",
                                          getPropertyContainer());
-    ball_.reset(new rviz::Shape(rviz::Shape::Sphere, scene_manager_));
-    ball_->setColor(0.95f, 0.85f, 0.2f, 1);
-    line_.reset(new rviz::Line(scene_manager_));
-    line_->setColor(0.95f, 0.85f, 0.2f, 1);
-    ball_->getRootNode()->setVisible(false);
-    line_->setVisible(false);
+    std::string name = unique_name("pull");
+    mark_material_ = Ogre::MaterialManager::getSingleton().create(name, RESOURCE_GROUP);
+    pass_of(mark_material_)->setLightingEnabled(false);
+    pass_of(mark_material_)->setDepthCheckEnabled(false);
+    pass_of(mark_material_)->setDepthWriteEnabled(false);
+    pass_of(mark_material_)->setCullingMode(Ogre::CULL_NONE);
+    mark_ = scene_manager_->createManualObject(name);
+    mark_->setDynamic(true);
+    mark_->setRenderQueueGroup(Ogre::RENDER_QUEUE_9);
+    mark_->setVisible(false);
+    scene_manager_->getRootSceneNode()->attachObject(mark_);
 }
 
 std::string PullTool::topic(const std::string &name) const
@@ -59,6 +72,7 @@ std::string PullTool::topic(const std::string &name) const
 void PullTool::activate()
 {
     ros::NodeHandle handle;
+    robot_.connect(topic(tool_name_->getStdString()), context_->getFixedFrame().toStdString());
     contact_ = handle.subscribe(topic(tool_name_->getStdString() + "/contact"), 1, &PullTool::receive_contact, this);
     setStatus("Take hold of the tissue with the left button.");
 }
@@ -126,7 +140,8 @@ void PullTool::take_answer()
     }
     picked_ = tip_ = held_ = Ogre::Vector3(float(answer.point.x), float(answer.point.y), float(answer.point.z));
     knows_held_ = false;
-    robot_.grasp(topic(tool_name_->getStdString()), context_->getFixedFrame().toStdString(), {{picked_.x, picked_.y, picked_.z}});
+    robot_.connect(topic(tool_name_->getStdString()), context_->getFixedFrame().toStdString());
+    robot_.grasp({{picked_.x, picked_.y, picked_.z}});
     setStatus(QString("Pulling tetrahedron %1, value %2.").arg(answer.tetrahedron).arg(double(answer.intensity), 0, 'f', 0));
 }
 
@@ -160,7 +175,6 @@ int PullTool::processMouseEvent(rviz::ViewportMouseEvent &event)
 {
     if (event.leftDown() && !event.alt() && !robot_.holding() && !question_) {
         Ogre::Ray ray = ray_of(event);
-        radius_ = 0.01f;
         ask(ray);
         return Render;
     }
@@ -178,8 +192,9 @@ int PullTool::processMouseEvent(rviz::ViewportMouseEvent &event)
 
 void PullTool::receive_contact(const pliant::ContactState::ConstPtr &message)
 {
-    if (!robot_.holding() || !message->grasped) return;
-    robot_.held();
+    if (!robot_.holding()) return;
+    robot_.hear(message->present, message->grasped);
+    if (!message->grasped) return;
     Ogre::Vector3 position;
     Ogre::Quaternion orientation;
     knows_held_ = context_->getFrameManager()->getTransform(message->header.frame_id, ros::Time(), position, orientation);
@@ -189,18 +204,29 @@ void PullTool::receive_contact(const pliant::ContactState::ConstPtr &message)
 
 void PullTool::draw()
 {
-    bool shown = robot_.holding();
-    ball_->getRootNode()->setVisible(shown);
-    line_->setVisible(shown);
-    if (!shown) return;
     const rviz::ViewController *view = context_->getViewManager()->getCurrent();
-    if (view && view->getCamera()->getProjectionType() == Ogre::PT_PERSPECTIVE)
-        radius_ = 0.008f * (tip_ - view->getCamera()->getDerivedPosition()).length();
-    ball_->setPosition(tip_);
-    ball_->setScale(Ogre::Vector3(2 * radius_));
-    line_->setPoints(knows_held_ ? held_ : picked_, tip_);
-    if (robot_.holding())
-        setStatus(QString("Pulled by %1 mm.").arg(1000 * double((tip_ - picked_).length()), 0, 'f', 1));
+    mark_->setVisible(robot_.holding() && view);
+    if (!robot_.holding() || !view) return;
+    const Ogre::Camera *camera = view->getCamera();
+    // as large as 0.8 % of the way to the viewer
+    float radius = camera->getProjectionType() == Ogre::PT_PERSPECTIVE ? 0.008f * (tip_ - camera->getDerivedPosition()).length() : 0.005f;
+    Ogre::Vector3 right = radius * camera->getDerivedRight(), up = radius * camera->getDerivedUp();
+    const Ogre::ColourValue yellow(1.0f, 0.85f, 0.1f);
+    mark_->clear();
+    mark_->begin(mark_material_->getName(), Ogre::RenderOperation::OT_LINE_LIST, RESOURCE_GROUP);
+    for (const Ogre::Vector3 &end : {knows_held_ ? held_ : picked_, tip_}) {
+        mark_->position(end);
+        mark_->colour(yellow);
+    }
+    mark_->end();
+    mark_->begin(mark_material_->getName(), Ogre::RenderOperation::OT_TRIANGLE_FAN, RESOURCE_GROUP);
+    for (int n = 0; n < 24; n++) {
+        float angle = float(n) * Ogre::Math::TWO_PI / 24;
+        mark_->position(tip_ + std::cos(angle) * right + std::sin(angle) * up);
+        mark_->colour(yellow);
+    }
+    mark_->end();
+    setStatus(QString("Pulled by %1 mm.").arg(1000 * double((tip_ - picked_).length()), 0, 'f', 1));
 }
 
 void PullTool::update(float, float)

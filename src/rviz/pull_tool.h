@@ -5,6 +5,7 @@
 #ifndef Q_MOC_RUN
 #include "rviz/mouse_robot.h"
 
+#include <OgreMaterial.h>
 #include <OgreQuaternion.h>
 #include <OgreRay.h>
 #include <pliant/ContactState.h>
@@ -17,15 +18,13 @@
 #include <memory>
 
 namespace Ogre {
-class SceneNode;
+class ManualObject;
 class Viewport;
 }
 
 namespace rviz {
 class DisplayGroup;
 class FloatProperty;
-class Line;
-class Shape;
 class StringProperty;
 }
 
@@ -69,10 +68,9 @@ private:
     ros::Subscriber contact_;
     Ogre::Vector3 picked_, tip_, held_, view_direction_;
     bool knows_held_ = false;
-    float radius_ = 0.01f; // of the ball at the tip [m]
 
-    std::unique_ptr<rviz::Shape> ball_;
-    std::unique_ptr<rviz::Line> line_;
+    Ogre::ManualObject *mark_ = nullptr; // a line from the held point to the tip, and a disc there; over everything
+    Ogre::MaterialPtr mark_material_;
     rviz::StringProperty *namespace_, *tool_name_;
     rviz::FloatProperty *threshold_;
 };
