@@ -178,32 +178,12 @@ class Pictures(unittest.TestCase):
         for n, place in enumerate(places):
             cls.marker(n, [place[0], place[1], 0], [0.03, 0.03, 0.03], [1, 0, 1])
 
-        def magenta(picture):
-            red, green, blue = (picture[:, :, c].astype(int) for c in range(3))
-            return (red > 80) & (abs(red - blue) < 20) & (green < red // 3)
-
-        def centres(picture):
-            found = magenta(picture)
-            left = [tuple(at) for at in numpy.argwhere(found)]
-            groups = []
-            for at in left:
-                for group in groups:
-                    if abs(group[0][0] - at[0]) < 25 and abs(group[0][1] - at[1]) < 25:
-                        group.append(at)
-                        break
-                else:
-                    groups.append([at])
-            return [numpy.mean(group, axis=0)[::-1] for group in groups if len(group) > 20]
-
-        picture = cls.stage.wait_for(lambda p: len(centres(p)) == 3, 60, "the three magenta markers")
-        # rows grow downwards, y upwards
-        points = sorted(centres(picture), key=lambda p: (round(-p[1] / 50), p[0]))
-        matrix = numpy.linalg.solve(numpy.column_stack([places, numpy.ones(3)]), numpy.array(points))
-        cls.to_pixel = matrix
-        cls.scale = abs(matrix[0, 0])
+        picture = cls.stage.wait_for(lambda p: len(rviz_stage.magenta_centres(p)) == 3, 60, "the three magenta markers")
+        cls.map = rviz_stage.Map(places, picture)
+        cls.scale = cls.map.scale
 
     def pixel(self, point):
-        return numpy.array([point[0], point[1], 1]) @ self.to_pixel
+        return self.map.pixel(point)
 
     def grey(self, picture, point):
         """Mean brightness of 3 x 3 pixels around a point of the stage."""
@@ -224,8 +204,7 @@ class Pictures(unittest.TestCase):
             return None, mask
         rows, columns = numpy.argwhere(mask).T
         edges = numpy.array([[x0 + columns.min(), y0 + rows.max() + 1], [x0 + columns.max() + 1, y0 + rows.min()]]) - 0.5
-        inverse = numpy.linalg.inv(self.to_pixel[:2])
-        return (edges - self.to_pixel[2]) @ inverse, mask
+        return self.map.place(edges), mask
 
     def assert_box(self, picture, column, row, low, high, pixels=2):
         box, _ = self.bright(picture, column, row)

@@ -41,6 +41,35 @@ def config(displays, view, fixed_frame="tissue", background="0; 0; 0", tools="",
             "Window Geometry:\n  Hide Left Dock: true\n  Hide Right Dock: true\n  Width: %d\n  Height: %d\n  X: 0\n  Y: 0\n")
 
 
+def magenta_centres(picture):
+    """Centres (x, y) in pixels of the magenta patches, from the bottom to the top, from left to right."""
+    red, green, blue = (picture[:, :, c].astype(int) for c in range(3))
+    groups = []
+    for at in numpy.argwhere((red > 80) & (abs(red - blue) < 20) & (green < red // 3)):
+        for group in groups:
+            if abs(group[0] - at).max() < 25:
+                group.append(at)
+                break
+        else:
+            groups.append([at])
+    centres = [numpy.mean(group, axis=0)[::-1] for group in groups if len(group) > 20]
+    return sorted(centres, key=lambda p: (round(-p[1] / 50), p[0]))
+
+
+class Map:
+    """From metres of a stage seen from above to pixels, by three magenta markers: left and right below, left above."""
+
+    def __init__(self, places, picture):
+        self.matrix = numpy.linalg.solve(numpy.column_stack([places, numpy.ones(3)]), numpy.array(magenta_centres(picture)))
+        self.scale = abs(self.matrix[0, 0])  # pixels a metre
+
+    def pixel(self, point):
+        return numpy.array([point[0], point[1], 1]) @ self.matrix
+
+    def place(self, pixel):
+        return (numpy.asarray(pixel) - self.matrix[2]) @ numpy.linalg.inv(self.matrix[:2])
+
+
 class Stage:
     """`with Stage(config_text) as stage:`. ROS nodes of this process may start inside only."""
 
@@ -63,7 +92,7 @@ class Stage:
         port = free_port()
         os.environ.update(ROS_MASTER_URI="http://127.0.0.1:%d" % port, ROS_IP="127.0.0.1", ROS_LOG_DIR=self.folder)
         os.environ.pop("ROS_HOSTNAME", None)
-        self._run(["rosmaster", "--core", "-p", str(port)], "master")
+        self.start(["rosmaster", "--core", "-p", str(port)], "master")
         for _ in range(200):
             with socket.socket() as probe:
                 if probe.connect_ex(("127.0.0.1", port)) == 0:
@@ -71,7 +100,7 @@ class Stage:
             time.sleep(0.05)
         # the server picks a free display and tells its number
         reader, writer = os.pipe()
-        self._run(["Xvfb", "-displayfd", str(writer), "-screen", "0", "%dx%dx24" % (self.width, self.height), "-nolisten", "tcp"],
+        self.start(["Xvfb", "-displayfd", str(writer), "-screen", "0", "%dx%dx24" % (self.width, self.height), "-nolisten", "tcp"],
                   "screen", pass_fds=[writer])
         os.close(writer)
         with os.fdopen(reader) as answer:
@@ -86,9 +115,9 @@ class Stage:
         path = os.path.join(self.folder, "test.rviz")
         with open(path, "w") as out:
             out.write(self.configuration)
-        self.rviz = self._run(["rviz", "-d", path, "--disable-anti-aliasing"], "rviz")
+        self.rviz = self.start(["rviz", "-d", path, "--disable-anti-aliasing"], "rviz")
 
-    def _run(self, command, name, pass_fds=()):
+    def start(self, command, name, pass_fds=()):
         out = open(os.path.join(self.folder, name + ".log"), "wb")
         process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, start_new_session=True, pass_fds=pass_fds)
         out.close()
