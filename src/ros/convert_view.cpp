@@ -17,16 +17,31 @@ float displacement(const pliant_mesh &mesh, const double *positions, size_t node
     return static_cast<float>(std::sqrt(squared));
 }
 
-/* 0 blue, 1/2 green, 1 red */
-std_msgs::ColorRGBA colour(float x)
+/* 0 blue, 1/2 yellow, 1 red; dimmed by light, see-through enough to find a tool inside */
+std_msgs::ColorRGBA colour(float x, float light)
 {
-    x = std::min(std::max(x, 0.0f), 1.0f);
+    static const float ramp[3][3] = {{0.45f, 0.60f, 0.90f}, {0.95f, 0.90f, 0.30f}, {0.95f, 0.15f, 0.10f}};
+    x = 2 * std::min(std::max(x, 0.0f), 1.0f);
+    int low = x < 1 ? 0 : 1;
+    float channel[3];
+    for (int i = 0; i < 3; ++i) channel[i] = light * (ramp[low][i] + (x - low) * (ramp[low + 1][i] - ramp[low][i]));
     std_msgs::ColorRGBA out;
-    out.r = std::max(0.0f, 2 * x - 1);
-    out.g = 1 - std::fabs(2 * x - 1);
-    out.b = std::max(0.0f, 1 - 2 * x);
-    out.a = 1;
+    out.r = channel[0];
+    out.g = channel[1];
+    out.b = channel[2];
+    out.a = 0.6f;
     return out;
+}
+
+/* rviz does not light triangles that have colours: light from the front, the left and above goes into the colours */
+float light_on(const double *a, const double *b, const double *c)
+{
+    const double from[3] = {0.36, -0.80, 0.48}, u[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]},
+                 v[3] = {c[0] - a[0], c[1] - a[1], c[2] - a[2]};
+    double n[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]};
+    double length = std::sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    double along = length > 0 ? (n[0] * from[0] + n[1] * from[1] + n[2] * from[2]) / length : 0;
+    return static_cast<float>(0.5 + 0.5 * std::max(along, 0.0));
 }
 
 void field(const char *name, std::vector<sensor_msgs::PointField> *fields)
@@ -110,15 +125,17 @@ void marker_message(const pliant_model &model, const double *positions, const st
     out->action = visualization_msgs::Marker::ADD;
     out->pose.orientation.w = 1;
     out->scale.x = out->scale.y = out->scale.z = 1;
-    out->color = colour(0.5f);
+    out->color = colour(0.5f, 1);
     out->points.resize(corners);
     out->colors.resize(corners);
-    for (size_t corner = 0; corner < corners; ++corner) {
-        size_t node = static_cast<size_t>(model.triangles[corner]);
-        out->points[corner].x = positions[3 * node];
-        out->points[corner].y = positions[3 * node + 1];
-        out->points[corner].z = positions[3 * node + 2];
-        out->colors[corner] = colour(high > low ? (value[node] - low) / (high - low) : 0.0f);
+    for (size_t triangle = 0; triangle < corners; triangle += 3) {
+        const int32_t *nodes_of = &model.triangles[triangle];
+        float light = light_on(&positions[3 * nodes_of[0]], &positions[3 * nodes_of[1]], &positions[3 * nodes_of[2]]);
+        for (size_t corner = 0; corner < 3; ++corner) {
+            size_t node = static_cast<size_t>(nodes_of[corner]);
+            out->points[triangle + corner] = point(&positions[3 * node]);
+            out->colors[triangle + corner] = colour(high > low ? (value[node] - low) / (high - low) : 0.0f, light);
+        }
     }
 }
 

@@ -42,23 +42,13 @@ struct Range {
     double low, high;
 };
 
-/* of every option of a scene that is a number */
+/* of every option of the groups above; only those of numbers mean something */
 const Range ranges[] = {
-#define RANGE_INT(group, name, low, high, unit, text) {#group "/" #name, unit, text, low, high},
-#define RANGE_REAL(group, name, low, high, unit, text) {#group "/" #name, unit, text, low, high},
-#define RANGE_REAL3(group, name, low, high, unit, text) {#group "/" #name, unit, text, low, high},
-#define RANGE_INT3(group, name, low, high, unit, text)
-#define RANGE_BOOL(group, name, low, high, unit, text)
-#define RANGE_STRING(group, name, low, high, unit, text)
-#define RANGE_METHOD(group, name, low, high, unit, text)
-#define RANGE_TOUCH(group, name, low, high, unit, text)
-#define RANGE_BACKEND(group, name, low, high, unit, text)
-#define RANGE_SCALAR(group, name, low, high, unit, text)
-#define MODEL_RANGE(kind, name, value, low, high, unit, text) RANGE_##kind(model, name, low, high, unit, text)
-#define SOLVER_RANGE(kind, name, value, low, high, unit, text) RANGE_##kind(solver, name, low, high, unit, text)
-#define GRASP_RANGE(kind, name, value, low, high, unit, text) RANGE_##kind(grasp, name, low, high, unit, text)
-#define WARP_RANGE(kind, name, value, low, high, unit, text) RANGE_##kind(warp, name, low, high, unit, text)
-#define OUTPUT_RANGE(kind, name, value, low, high, unit, text) RANGE_##kind(output, name, low, high, unit, text)
+#define MODEL_RANGE(kind, name, value, low, high, unit, text) {"model/" #name, unit, text, low, high},
+#define SOLVER_RANGE(kind, name, value, low, high, unit, text) {"solver/" #name, unit, text, low, high},
+#define GRASP_RANGE(kind, name, value, low, high, unit, text) {"grasp/" #name, unit, text, low, high},
+#define WARP_RANGE(kind, name, value, low, high, unit, text) {"warp/" #name, unit, text, low, high},
+#define OUTPUT_RANGE(kind, name, value, low, high, unit, text) {"output/" #name, unit, text, low, high},
     PLIANT_SCENE_MODEL(MODEL_RANGE) PLIANT_SCENE_SOLVER(SOLVER_RANGE) PLIANT_SCENE_GRASP(GRASP_RANGE)
     PLIANT_SCENE_WARP(WARP_RANGE) PLIANT_SCENE_OUTPUT(OUTPUT_RANGE)
     {nullptr, "", "", 0, 1} /* the node's own fractions */

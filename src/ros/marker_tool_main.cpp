@@ -26,7 +26,7 @@ class MarkerTool {
 public:
     MarkerTool(ros::NodeHandle handle, const ros::NodeHandle &own)
         : name_(own.param<std::string>("tool", "grasper")), frame_(own.param<std::string>("frame", "tissue")),
-          size_(own.param("size", 0.08)), sender_(handle, name_, frame_), server_(name_ + "/marker")
+          size_(own.param("size", 0.08)), sender_(handle, name_, frame_), server_(name_ + "/drag")
     {
         hold_ = menu_.insert("take hold", [this](const InteractiveMarkerFeedbackConstPtr &) { close(true); });
         release_ = menu_.insert("let go", [this](const InteractiveMarkerFeedbackConstPtr &) { close(false); });

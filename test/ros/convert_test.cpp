@@ -341,9 +341,16 @@ TEST_F(ConvertModel, MarkerIsColouredByDisplacement)
     ASSERT_EQ(marker.points.size(), 12u);
     ASSERT_EQ(marker.colors.size(), 12u);
     EXPECT_DOUBLE_EQ(marker.points[5].x, 0.02);
-    EXPECT_FLOAT_EQ(marker.colors[5].r, 1);
-    EXPECT_FLOAT_EQ(marker.colors[0].b, 1);
-    EXPECT_FLOAT_EQ(marker.colors[0].r, 0);
+    EXPECT_GT(marker.colors[5].r, 4 * marker.colors[5].b) << "moved most: red";
+    EXPECT_GT(marker.colors[0].b, 1.5f * marker.colors[0].r) << "at rest: blue";
+}
+
+TEST_F(ConvertModel, MarkerIsLightInFrontAndDarkBehind)
+{
+    visualization_msgs::Marker marker;
+    marker_message(model, rest, {}, &marker);
+    EXPECT_GT(marker.colors[3].b, marker.colors[0].b) << "the second triangle faces -y, the first -z";
+    EXPECT_GT(marker.colors[0].b, 0);
 }
 
 TEST_F(ConvertModel, PointsCarryDisplacementAndScalar)

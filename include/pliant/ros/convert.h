@@ -100,7 +100,7 @@ pliant_ray ray_from_message(const Pick::Request &request, const Rigid &tissue_fr
 void pick_message(const pliant_picked &picked, const Rigid &frame_from_tissue, Pick::Response *out);
 
 /** The surface for stock rviz, coloured by displacement from rest (blue 0, red the largest, at least 1 mm) or, where
- *  given, by the scalar (blue its smallest, red its largest). Header is the caller's.
+ *  given, by the scalar (blue its smallest, red its largest), with light from the front. Header is the caller's.
  *  @param scalar (fine.num_nodes) or empty */
 void marker_message(const pliant_model &model, const double *positions, const std::vector<float> &scalar,
                     visualization_msgs::Marker *out);
