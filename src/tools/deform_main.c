@@ -67,15 +67,29 @@ static pliant_status write_results(const deform_run *run, long step)
     return pliant_volume_write(path, pliant_warp_volume(run->data->warp));
 }
 
-/* The deformed volume covers the scan, and the tissue at rest with the scene's margin around it. */
+/* The farthest that a tool pulls its point [m]; how far a force pulls is not known before. */
+static double farthest_pull(const pliant_path *path)
+{
+    double farthest = 0.0;
+    for (uint32_t n = 0; n < path->num_tools; ++n)
+        for (uint32_t k = 0; path->tools[n].drive != PLIANT_DRIVE_FORCE && k < path->tools[n].num_motion; ++k) {
+            const double *offset = path->tools[n].motion[k].offset;
+            farthest = fmax(farthest, sqrt(offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]));
+        }
+    return farthest;
+}
+
+/* The deformed volume covers the scan, and the tissue at rest with room around it: the scene's margin, or the way that a
+ * tool takes it if that is more. */
 static pliant_status ask_for_volume(deform_run *run)
 {
     const pliant_mesh *mesh = &run->model->fine;
+    double room = fmax(run->model->scene.warp.margin, farthest_pull(&run->path));
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
     pliant_geometry target;
     for (int32_t n = 0; n < 3 * mesh->num_nodes; ++n) {
-        low[n % 3] = fmin(low[n % 3], mesh->rest[n] - run->model->scene.warp.margin);
-        high[n % 3] = fmax(high[n % 3], mesh->rest[n] + run->model->scene.warp.margin);
+        low[n % 3] = fmin(low[n % 3], mesh->rest[n] - room);
+        high[n % 3] = fmax(high[n % 3], mesh->rest[n] + room);
     }
     pliant_status status = pliant_warp_target(&run->scan.geometry, low, high, SIZE_MAX, &target);
     return status < 0 ? status : pliant_data_warp(run->model, run->data, &target);
