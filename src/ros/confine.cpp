@@ -79,7 +79,8 @@ bool check_header(const std::string &root, const std::string &header, std::strin
     std::ifstream file(header, std::ios::binary);
     std::string line;
     bool is_list = false;
-    for (int count = 0; count < MAX_HEADER_LINES && std::getline(file, line) && line.size() < MAX_HEADER_LINE; ++count) {
+    for (int count = 0; count < MAX_HEADER_LINES && std::getline(file, line); ++count) {
+        if (line.size() > MAX_HEADER_LINE) break; /* no header any more */
         line = trimmed(line);
         if (line.empty() && !meta) break; /* the data of a NRRD file follow */
         if (is_list) {

@@ -31,7 +31,8 @@ bool rigid_from_numbers(const double translation[3], const double rotation[4], R
 /* columns of a right-handed rotation matrix (row-major) -> quaternion, by its largest component */
 void quaternion_from_matrix(const double m[9], double q[4])
 {
-    double candidates[4] = {1 + m[0] - m[4] - m[8], 1 - m[0] + m[4] - m[8], 1 - m[0] - m[4] + m[8], 1 + m[0] + m[4] + m[8]};
+    double candidates[4] = {1 + m[0] - m[4] - m[8], 1 - m[0] + m[4] - m[8], 1 - m[0] - m[4] + m[8],
+                            1 + m[0] + m[4] + m[8]};
     int largest = static_cast<int>(std::max_element(candidates, candidates + 4) - candidates);
     double s = 2 * std::sqrt(candidates[largest]);
     double sums[3] = {(m[5] + m[7]) / s, (m[2] + m[6]) / s, (m[1] + m[3]) / s};        /* yz, xz, xy */

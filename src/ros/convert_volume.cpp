@@ -33,7 +33,8 @@ void flood(const int32_t count[3], std::vector<uint8_t> *left, size_t seed, int3
     while (!stack.empty()) {
         size_t brick = stack.back();
         stack.pop_back();
-        const int32_t at[3] = {static_cast<int32_t>(brick % count[0]), static_cast<int32_t>(brick / count[0] % count[1]),
+        const int32_t at[3] = {static_cast<int32_t>(brick % count[0]),
+                               static_cast<int32_t>(brick / count[0] % count[1]),
                                static_cast<int32_t>(brick / count[0] / count[1])};
         for (int d = 0; d < 3; ++d) {
             low[d] = std::min(low[d], at[d]);
@@ -182,11 +183,12 @@ void volume_message(const pliant_volume &volume, const Box &box, Volume *out)
     out->intercept = volume.intercept;
     size_t bytes = pliant_encoding_size(volume.encoding), row = box.size[0] * bytes;
     out->data.resize(voxels_of(box) * bytes);
+    const uint8_t *voxels = static_cast<const uint8_t *>(volume.voxels);
     uint8_t *to = out->data.data();
     for (uint32_t k = 0; k < box.size[2]; ++k)
         for (uint32_t j = 0; j < box.size[1]; ++j, to += row) {
             size_t plane = static_cast<size_t>(box.offset[2] + k) * size[1] + box.offset[1] + j;
-            std::memcpy(to, static_cast<const uint8_t *>(volume.voxels) + (plane * size[0] + box.offset[0]) * bytes, row);
+            std::memcpy(to, voxels + (plane * size[0] + box.offset[0]) * bytes, row);
         }
 }
 

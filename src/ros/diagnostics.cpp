@@ -21,8 +21,8 @@ std::string host_name()
 
 } // namespace
 
-Diagnostics::Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, const Parameters &parameters, State *state,
-                         Simulation *simulation, Tools *tools)
+Diagnostics::Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, const Parameters &parameters,
+                         State *state, Simulation *simulation, Tools *tools)
     : parameters_(parameters), state_(state), simulation_(simulation), tools_(tools),
       updater_(handle, private_handle, private_handle.getNamespace())
 {
@@ -47,8 +47,9 @@ void Diagnostics::solver(diagnostic_updater::DiagnosticStatusWrapper &status)
     uint64_t missed = health.missed >= missed_before_ ? health.missed - missed_before_ : health.missed;
     missed_before_ = health.missed;
     uint8_t state = state_->state();
-    if (!health.is_loaded) status.summary(DiagnosticStatus::WARN, state == SimState::FAULT ? "nothing could be loaded" : "loading");
-    else if (state == SimState::FAULT) status.summary(DiagnosticStatus::ERROR, "the last step failed; the state before it is kept");
+    bool failed = state == SimState::FAULT;
+    if (!health.is_loaded) status.summary(DiagnosticStatus::WARN, failed ? "nothing could be loaded" : "loading");
+    else if (failed) status.summary(DiagnosticStatus::ERROR, "the last step failed; the state before it is kept");
     else if (health.is_paused) status.summary(DiagnosticStatus::OK, "paused");
     else if (health.inverted > 0) status.summary(DiagnosticStatus::WARN, "tetrahedra are turned inside out");
     else if (missed > 0) status.summary(DiagnosticStatus::WARN, "deadlines missed in the last second");
@@ -71,7 +72,7 @@ void Diagnostics::tool(size_t index, diagnostic_updater::DiagnosticStatusWrapper
     if (index >= tool_health_.size()) return;
     const ToolHealth &tool = tool_health_[index];
     if (!tool.present) status.summary(DiagnosticStatus::WARN, "no tool: " + tool.why);
-    else if (tool.rate < slow_tool) status.summary(DiagnosticStatus::OK, "slow; a robot should send at least 100 poses a second");
+    else if (tool.rate < slow_tool) status.summary(DiagnosticStatus::OK, "slow: a robot sends 100 poses a second or more");
     else status.summary(DiagnosticStatus::OK, "tracked");
     status.add("rate [Hz]", tool.rate);
     status.add("age [ms]", std::isfinite(tool.age) ? std::to_string(1e3 * tool.age) : "no pose");

@@ -149,7 +149,7 @@ Live::Live(ros::NodeHandle handle, const Parameters &parameters)
     service_ = handle.advertiseService("set_parameters", &Live::serve, this);
 }
 
-bool Live::serve(dynamic_reconfigure::Reconfigure::Request &request, dynamic_reconfigure::Reconfigure::Response &response)
+bool Live::serve(Reconfigure::Request &request, Reconfigure::Response &response)
 {
     std::lock_guard<std::mutex> hold(lock_);
     for (const Entry &entry : entries) {

@@ -1,5 +1,5 @@
-/* What may change while the simulation runs, by dynamic_reconfigure. Names, ranges and descriptions come from the scene's
-   own list of options, at run time: no second list in a .cfg file can drift from it. */
+/* What may change while the simulation runs, by dynamic_reconfigure. Names, ranges and descriptions come from the
+   scene's own list of options, at run time: no second list in a .cfg file can drift from it. */
 #ifndef PLIANT_ROS_LIVE_H
 #define PLIANT_ROS_LIVE_H
 
@@ -11,6 +11,8 @@
 #include <mutex>
 
 namespace pliant_ros {
+
+using dynamic_reconfigure::Reconfigure;
 
 struct LiveSettings {
     double gravity[3];            /* LPS [m/s^2] */
@@ -33,7 +35,7 @@ public:
     void apply(pliant_scene *scene) const;
 
 private:
-    bool serve(dynamic_reconfigure::Reconfigure::Request &request, dynamic_reconfigure::Reconfigure::Response &response);
+    bool serve(Reconfigure::Request &request, Reconfigure::Response &response);
     void publish();
 
     mutable std::mutex lock_;

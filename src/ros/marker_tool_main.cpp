@@ -1,7 +1,7 @@
 /* A tool to drag in rviz: an interactive marker whose menu takes hold and lets go, sent as a robot would send it.
  *
- * Private parameters: tool (name, default grasper), frame (default tissue), rate [Hz, 100], size of the marker [m, 0.08],
- * start ([x, y, z] in the frame [m]; without it, in front of the middle of the mesh). */
+ * Private parameters: tool (name, default grasper), frame (default tissue), rate [Hz, 100], size of the marker
+ * [m, 0.08], start ([x, y, z] in the frame [m]; without it, in front of the middle of the mesh). */
 #include "tool_sender.h"
 
 #include <interactive_markers/interactive_marker_server.h>
@@ -34,8 +34,7 @@ public:
         std::vector<double> start;
         if (own.getParam("start", start) && start.size() == 3) show(start[0], start[1], start[2]);
         else
-            topology_ = handle.subscribe<pliant::MeshTopology>(
-                "mesh/topology", 1, [this](const pliant::MeshTopologyConstPtr &message) { show_in_front_of(*message); });
+            topology_ = handle.subscribe("mesh/topology", 1, &MarkerTool::show_in_front_of, this);
     }
 
     void send()
@@ -45,8 +44,9 @@ public:
 
 private:
     /* On the foremost (least y: anterior) node near the middle of the mesh, seen from the front. */
-    void show_in_front_of(const pliant::MeshTopology &mesh)
+    void show_in_front_of(const pliant::MeshTopologyConstPtr &message)
     {
+        const pliant::MeshTopology &mesh = *message;
         topology_.shutdown();
         double low[3] = {1e9, 1e9, 1e9}, high[3] = {-1e9, -1e9, -1e9};
         for (size_t i = 0; i < mesh.rest_nodes.size(); ++i) {
@@ -56,7 +56,8 @@ private:
         double best = 1e9, x = 0, y = 0, z = 0;
         for (size_t i = 0; i + 2 < mesh.rest_nodes.size(); i += 3) {
             const float *node = &mesh.rest_nodes[i];
-            double cost = node[1] + std::fabs(node[0] - 0.5 * (low[0] + high[0])) + std::fabs(node[2] - 0.5 * (low[2] + high[2]));
+            double aside = std::fabs(node[0] - 0.5 * (low[0] + high[0])) + std::fabs(node[2] - 0.5 * (low[2] + high[2]));
+            double cost = node[1] + aside;
             if (cost >= best) continue;
             best = cost;
             x = node[0], y = node[1] + 0.002, z = node[2]; /* 2 mm inside */
@@ -88,7 +89,8 @@ private:
                 if (axis == 1) control.orientation.z = M_SQRT1_2;
                 if (axis == 2) control.orientation.y = M_SQRT1_2;
                 control.name = std::string(turns ? "turn_" : "move_") + names[axis];
-                control.interaction_mode = turns ? InteractiveMarkerControl::ROTATE_AXIS : InteractiveMarkerControl::MOVE_AXIS;
+                control.interaction_mode =
+                    turns ? InteractiveMarkerControl::ROTATE_AXIS : InteractiveMarkerControl::MOVE_AXIS;
                 marker.controls.push_back(control);
             }
         server_.insert(marker, [this](const InteractiveMarkerFeedbackConstPtr &feedback) { drag(*feedback); });

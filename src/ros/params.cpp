@@ -15,9 +15,10 @@ namespace {
 
 using XmlRpc::XmlRpcValue;
 
-const char *const node_names[] = {"scene", "scan", "scan/path", "scan_root", "output_root", "parent_frame", "tissue_frame",
-                                  "tissue_pose", "tools", "tool_max_age", "jaw_close", "jaw_release", "slice/axial",
-                                  "slice/coronal", "slice/sagittal"};
+const char *const node_names[] = {"scene",        "scan",          "scan/path",     "scan_root",   "output_root",
+                                  "parent_frame", "tissue_frame",  "tissue_pose",   "tools",       "tool_max_age",
+                                  "jaw_close",    "jaw_release",   "slice/axial",   "slice/coronal",
+                                  "slice/sagittal"};
 
 [[noreturn]] void refuse(const std::string &message) { throw std::invalid_argument(message); }
 
@@ -31,7 +32,8 @@ double number(const std::string &name, XmlRpcValue &value, double low, double hi
     if (!is_number(value)) refuse("~" + name + " must be a number");
     double x = value.getType() == XmlRpcValue::TypeInt ? static_cast<int>(value) : static_cast<double>(value);
     if (!(x >= low && x <= high))
-        refuse("~" + name + " is " + std::to_string(x) + "; it must be from " + std::to_string(low) + " to " + std::to_string(high));
+        refuse("~" + name + " is " + std::to_string(x) + "; it must be from " + std::to_string(low) + " to " +
+               std::to_string(high));
     return x;
 }
 
@@ -103,9 +105,10 @@ bool is_option(const std::string &name)
 /* a graph resource name without slashes, which becomes part of topic names */
 void check_tool_name(const std::string &name)
 {
-    bool good = !name.empty() && std::isalpha(static_cast<unsigned char>(name[0])) && name.size() < sizeof(pliant_tool::name) &&
+    bool good = !name.empty() && name.size() < sizeof(pliant_tool::name) &&
+                std::isalpha(static_cast<unsigned char>(name[0])) &&
                 std::all_of(name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) || c == '_'; });
-    if (!good) refuse("~tools: \"" + name + "\" is no name of a tool; letters, digits and _, a letter first, at most 47");
+    if (!good) refuse("~tools: \"" + name + "\" is no name of a tool: at most 47 letters, digits and _, a letter first");
 }
 
 void read_tools(XmlRpcValue &value, Parameters *out)
@@ -154,7 +157,8 @@ Rigid read_pose(const std::string &name, XmlRpcValue &value)
     std::string list = option_text(name, value);
     double n[7];
     int end = 0;
-    bool good = std::sscanf(list.c_str(), "%lf %lf %lf %lf %lf %lf %lf %n", n, n + 1, n + 2, n + 3, n + 4, n + 5, n + 6, &end) == 7 &&
+    bool good = std::sscanf(list.c_str(), "%lf %lf %lf %lf %lf %lf %lf %n", &n[0], &n[1], &n[2], &n[3], &n[4], &n[5],
+                            &n[6], &end) == 7 &&
                 static_cast<size_t>(end) == list.size();
     geometry_msgs::Pose pose;
     Rigid out;
@@ -171,7 +175,8 @@ Rigid read_pose(const std::string &name, XmlRpcValue &value)
 bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters *out)
 {
     static const char *const planes[] = {"slice/axial", "slice/coronal", "slice/sagittal"};
-    bool is_group = value.getType() == XmlRpcValue::TypeStruct; /* ~scan is a path, or the group of the scan's options */
+    /* ~scan is a path, or the group of the scan's options */
+    bool is_group = value.getType() == XmlRpcValue::TypeStruct;
     if ((name == "scan" && !is_group) || name == "scan/path") out->scan = text(name, value);
     else if (name == "scan_root") out->scan_root = text(name, value);
     else if (name == "output_root") out->output_root = text(name, value);

@@ -40,14 +40,15 @@ Pull choose_pull(const pliant_model &model)
     for (int32_t node : surface) {
         if (model.fine_fixed[node]) continue;
         double nearest = INFINITY;
-        for (int32_t other : fixed) nearest = std::min(nearest, squared_distance(&mesh.rest[3 * node], &mesh.rest[3 * other]));
+        const double *at = &mesh.rest[3 * node];
+        for (int32_t other : fixed) nearest = std::min(nearest, squared_distance(at, &mesh.rest[3 * other]));
         if (nearest <= farthest) continue;
         farthest = nearest;
-        double length = std::sqrt(squared_distance(&mesh.rest[3 * node], centre));
+        double length = std::sqrt(squared_distance(at, centre));
         for (int d = 0; d < 3; ++d) {
-            double outward = length > 0 ? (mesh.rest[3 * node + d] - centre[d]) / length : (d == 1 ? -1 : 0);
+            double outward = length > 0 ? (at[d] - centre[d]) / length : (d == 1 ? -1 : 0);
             /* a little inside, where there surely is tissue */
-            pull.from[d] = mesh.rest[3 * node + d] - 1e-4 * outward;
+            pull.from[d] = at[d] - 1e-4 * outward;
             pull.to[d] = pull.from[d] + pull_distance * outward;
         }
     }
@@ -55,7 +56,9 @@ Pull choose_pull(const pliant_model &model)
     return pull;
 }
 
-std::vector<double> solve(const pliant_model &model, const Pull &pull, pliant_progress progress, double done, const char *stage)
+/* stage: what is solved; done: fraction of the work before it */
+std::vector<double> solve(const pliant_model &model, const Pull &pull, pliant_progress progress, double done,
+                          const char *stage)
 {
     Data data = create_data(model);
     int tool;
@@ -71,7 +74,7 @@ std::vector<double> solve(const pliant_model &model, const Pull &pull, pliant_pr
         status = pliant_step(&model, data.get());
         check(status);
     }
-    if (status != PLIANT_OK) throw Failure(status, std::string("the probe load on the ") + stage + " does not converge");
+    if (status != PLIANT_OK) throw Failure(status, std::string("the probe of the ") + stage + " does not converge");
     return std::vector<double>(data->positions, data->positions + 3 * static_cast<size_t>(model.fine.num_nodes));
 }
 
@@ -81,7 +84,8 @@ ProbeError probe(const Loaded &loaded, pliant_progress progress)
 {
     pliant_scene scene = loaded.model->scene;
     scene.model.method = PLIANT_FINE;
-    std::shared_ptr<Loaded> fine = build(scene, loaded.scan, loaded.model->materials, 0, pliant_progress{nullptr, nullptr});
+    const pliant_progress silent = {nullptr, nullptr};
+    std::shared_ptr<Loaded> fine = build(scene, loaded.scan, loaded.model->materials, 0, silent);
     Pull pull = choose_pull(*fine->model);
     std::vector<double> reference = solve(*fine->model, pull, progress, 0.5, "fine model");
     std::vector<double> found = solve(*loaded.model, pull, progress, 0.75, "homogenized model");

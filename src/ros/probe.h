@@ -10,8 +10,8 @@ struct ProbeError {
     double max, rms; /* over all fine nodes, fraction of the largest displacement of the fine solution */
 };
 
-/* The free node farthest from everything fixed is pulled outwards by 2 cm, rigidly, in the model and in a fine one of the
-   same mesh, each stepped until it converges. Throws Failure: nothing is free, no convergence, cancelled. */
+/* The free node farthest from everything fixed is pulled outwards by 2 cm, rigidly, in the model and in a fine one of
+   the same mesh, each stepped until it converges. Throws Failure: nothing is free, no convergence, cancelled. */
 ProbeError probe(const Loaded &loaded, pliant_progress progress);
 
 } // namespace pliant_ros

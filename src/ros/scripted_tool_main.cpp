@@ -1,9 +1,9 @@
 /* Plays a recorded tool path (pliant/path.h) as a robot would send it: measured_cp and jaw/measured_js of every tool in
  * it. No robot and no display needed.
  *
- * Private parameters: path (file), frame (of the path's points, default tissue), rate [Hz, 200], loop (true): begin anew
- * after the end. Around the path: lead [s, 1], open jaw at the grasped point; hold [s, 2], where the path ends; rest [s, 2],
- * open jaw there. */
+ * Private parameters: path (file), frame (of the path's points, default tissue), rate [Hz, 200], loop (true): begin
+ * anew after the end. Around the path: lead [s, 1], open jaw at the grasped point; hold [s, 2], where the path ends;
+ * rest [s, 2], open jaw there. */
 #include "tool_sender.h"
 
 #include "pliant/path.h"
@@ -62,7 +62,7 @@ bool read(ros::NodeHandle handle, const ros::NodeHandle &own, Player *player)
     for (uint32_t i = 0; i < player->path.num_tools; ++i) {
         const pliant_path_tool &tool = player->path.tools[i];
         if (tool.drive == PLIANT_DRIVE_FORCE) {
-            ROS_FATAL("%s: tool %s is driven by force; poses can only play drive: spring or rigid", file.c_str(), tool.name);
+            ROS_FATAL("%s: tool %s is driven by force, which poses cannot play; spring or rigid", file.c_str(), tool.name);
             return false;
         }
         player->senders.emplace_back(new ToolSender(handle, tool.name, frame));

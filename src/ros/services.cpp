@@ -24,8 +24,9 @@ std::string size_text(const pliant_model &model)
 
 } // namespace
 
-Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Simulation *simulation,
-                   MeshOutput *mesh_output, VolumeOutput *volume_output, std::shared_ptr<const tf2_ros::Buffer> frames)
+Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live,
+                   Simulation *simulation, MeshOutput *mesh_output, VolumeOutput *volume_output,
+                   std::shared_ptr<const tf2_ros::Buffer> frames)
     : parameters_(parameters), state_(state), live_(live), simulation_(simulation), mesh_output_(mesh_output),
       volume_output_(volume_output), frames_(std::move(frames))
 {
@@ -125,7 +126,8 @@ bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &respons
         check(pliant_scene_set(&scene, "material/labels", labels.c_str()));
         for (const std::string &option : request.options) {
             size_t sign = option.find('=');
-            if (sign == std::string::npos) throw Failure(PLIANT_ERROR_ARGUMENT, option + ": options are group/name=value");
+            if (sign == std::string::npos)
+                throw Failure(PLIANT_ERROR_ARGUMENT, option + ": options are group/name=value");
             std::string name = option.substr(0, sign), value = option.substr(sign + 1);
             /* these name files, too */
             if (name == "material/file" || name == "material/labels") value = allowed(value);
@@ -217,7 +219,8 @@ bool Services::pick(Pick::Request &request, Pick::Response &response)
         pliant_ray ray = ray_from_message(request, to_tissue);
         pliant_picked picked{};
         auto find = [&](const pliant_volume &volume, const Snapshot &now) {
-            check(pliant_pick(&volume, &now.loaded->model->fine, now.positions.data(), &ray, request.threshold, &picked));
+            const pliant_mesh &mesh = now.loaded->model->fine;
+            check(pliant_pick(&volume, &mesh, now.positions.data(), &ray, request.threshold, &picked));
         };
         if (!volume_output_->look(find)) {
             Snapshot now = simulation_->snapshot();

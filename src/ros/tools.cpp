@@ -34,8 +34,8 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
         if (!each.grasps) continue;
         tool->jaw_in = handle.subscribe<sensor_msgs::JointState>(
             each.name + "/jaw/measured_js", 1,
-            [this, tool](const sensor_msgs::JointStateConstPtr &message) { take_jaw(tool, *message); }, ros::VoidConstPtr(),
-            hints);
+            [this, tool](const sensor_msgs::JointStateConstPtr &message) { take_jaw(tool, *message); },
+            ros::VoidConstPtr(), hints);
     }
 }
 

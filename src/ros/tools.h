@@ -55,7 +55,6 @@ public:
 private:
     struct Tool {
         ToolParameters parameters;
-        ros::Subscriber pose_in, jaw_in;
         ros::Publisher force_out, contact_out, marker_out;
         Rate contact_rate, marker_rate;
 
@@ -78,6 +77,8 @@ private:
         /* written by health */
         uint64_t counted = 0;
         ros::WallTime counted_at;
+        /* last: they go first, and with them the callbacks that write the above */
+        ros::Subscriber pose_in, jaw_in;
     };
 
     void take_pose(Tool *tool, const geometry_msgs::PoseStamped &message);

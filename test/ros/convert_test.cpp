@@ -51,11 +51,12 @@ TEST(Convert, RotationAgreesWithRodrigues)
 {
     const double axis[3] = {2.0 / 7, 3.0 / 7, 6.0 / 7}, v[3] = {0.3, -1.2, 2.5};
     for (double angle : {0.0, 0.4, 2.0, 3.1, -1.0}) {
-        double q[4] = {axis[0] * std::sin(angle / 2), axis[1] * std::sin(angle / 2), axis[2] * std::sin(angle / 2), std::cos(angle / 2)};
+        double s = std::sin(angle / 2), q[4] = {s * axis[0], s * axis[1], s * axis[2], std::cos(angle / 2)};
         double m[9], turned[3];
         rodrigues(axis, angle, m);
         rotate(q, v, turned);
-        for (int i = 0; i < 3; ++i) EXPECT_NEAR(turned[i], m[3 * i] * v[0] + m[3 * i + 1] * v[1] + m[3 * i + 2] * v[2], 1e-12);
+        for (int i = 0; i < 3; ++i)
+            EXPECT_NEAR(turned[i], m[3 * i] * v[0] + m[3 * i + 1] * v[1] + m[3 * i + 2] * v[2], 1e-12);
     }
 }
 
@@ -78,7 +79,8 @@ TEST(Convert, ToolPose)
 TEST(Convert, InvalidToolPosesAreRefusedWithAReason)
 {
     Rigid out;
-    geometry_msgs::PoseStamped stamp = pose(0, 0, 0), number = pose(0, nan_value, 0), turn = pose(0, 0, 0), frame = pose(0, 0, 0);
+    geometry_msgs::PoseStamped stamp = pose(0, 0, 0), number = pose(0, nan_value, 0), turn = pose(0, 0, 0);
+    geometry_msgs::PoseStamped frame = pose(0, 0, 0);
     stamp.header.stamp = ros::Time();
     turn.pose.orientation.w = 0;
     frame.header.frame_id = "";
@@ -186,7 +188,8 @@ TEST(Convert, EveryChangedBrickIsInABox)
             bool covered = false;
             for (const Box &box : boxes) {
                 bool inside = true;
-                for (int d = 0; d < 3; ++d) inside = inside && box.offset[d] <= at[d] && at[d] + 16 <= box.offset[d] + box.size[d];
+                for (int d = 0; d < 3; ++d)
+                    inside = inside && box.offset[d] <= at[d] && at[d] + 16 <= box.offset[d] + box.size[d];
                 covered = covered || inside;
             }
             EXPECT_TRUE(covered) << "brick " << brick;

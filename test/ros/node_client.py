@@ -1,4 +1,4 @@
-"""What the tests of the node share: the latest message of a topic, a tool that moves, a volume put together from boxes."""
+"""What the tests of the node share: the latest message of a topic, a tool that moves, a volume out of boxes."""
 import threading
 import time
 
@@ -66,7 +66,7 @@ class Tool:
     def appear(self, position):
         """With an open jaw, and seen so by the node: a jaw takes hold as it closes."""
         self.position, self.closed, self.is_on = list(position), False, True
-        wait_for(lambda: self.pose.get_num_connections() and self.jaw.get_num_connections(), "the node to listen to the tool")
+        wait_for(lambda: self.pose.get_num_connections() and self.jaw.get_num_connections(), "the node to listen")
         time.sleep(0.2)
 
     def send(self):

@@ -51,7 +51,8 @@ def make_folders(folder):
     with open(folder + "/outside.nii", "wb") as file:
         file.write(b"secret")
     with open(folder + "/scans/points_out.mhd", "w") as file:
-        file.write("ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\nElementDataFile = ../outside.nii\n")
+        file.write("ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\n"
+                   "ElementDataFile = ../outside.nii\n")
     os.symlink(folder + "/outside.nii", folder + "/scans/link.nii")
 
 
@@ -184,7 +185,9 @@ class NodeTest(unittest.TestCase):
         self.assert_lost(lambda: setattr(self.tool, "stamp", lambda: rospy.Time(0)), "stamp 0")
 
     def test_stale_pose_means_no_tool(self):
-        self.assert_lost(lambda: setattr(self.tool, "stamp", lambda: rospy.Time.now() - rospy.Duration(0.5)), "a stale pose")
+        def stale():
+            return rospy.Time.now() - rospy.Duration(0.5)
+        self.assert_lost(lambda: setattr(self.tool, "stamp", stale), "a stale pose")
 
     def test_silence_means_no_tool(self):
         self.assert_lost(lambda: setattr(self.tool, "is_on", False), "silence")
@@ -261,7 +264,8 @@ class NodeTest(unittest.TestCase):
         self.assertEqual(message.failed, 0)
         count, start = self.node.mesh.count, time.time()
         time.sleep(2)
-        self.assertLess((self.node.mesh.count - count) / (time.time() - start), 36, "mesh states are limited to 30 a second")
+        rate = (self.node.mesh.count - count) / (time.time() - start)
+        self.assertLess(rate, 36, "mesh states are limited to 30 a second")
         timing.close()
 
     def test_live_gravity(self):

@@ -52,7 +52,8 @@ TEST(Params, EveryOptionOfTheSceneIsAParameter)
         tree[options[i].group][options[i].name] = fallback;
         Parameters parameters;
         std::string why;
-        EXPECT_TRUE(pliant_ros::read_parameters(tree, &parameters, &why)) << options[i].group << "/" << options[i].name << ": " << why;
+        EXPECT_TRUE(pliant_ros::read_parameters(tree, &parameters, &why))
+            << options[i].group << "/" << options[i].name << ": " << why;
     }
 }
 

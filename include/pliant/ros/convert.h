@@ -92,7 +92,8 @@ void wrench_message(const double force[3], const double frame_from_tissue[4], ge
 /** Header is the caller's.
  *  @param clearance of pliant_tool_clearance [m] */
 void contact_message(const pliant_tool &tool, double clearance, ContactState *out);
-/** Stages, seconds and counters of the last step. Header, percentiles, missed_deadlines and inverted are the caller's. */
+/** Stages, seconds and counters of the last step. Header, percentiles, missed_deadlines and inverted are the
+ *  caller's. */
 void timing_message(const pliant_statistics &statistics, StepTiming *out);
 
 /** A ray into tissue axes, and what it met back into those of the caller. */
@@ -104,9 +105,9 @@ void pick_message(const pliant_picked &picked, const Rigid &frame_from_tissue, P
  *  @param scalar (fine.num_nodes) or empty */
 void marker_message(const pliant_model &model, const double *positions, const std::vector<float> &scalar,
                     visualization_msgs::Marker *out);
-/** A tool for stock rviz: a ball at its tip (grey: in the air, yellow: in the tissue, green: it holds) and an arrow from
- *  there along its force on the tissue, 5 mm a newton, at most 0.2 m. (A Wrench display draws its arrow at the origin of
- *  the frame, not at the tip.) Header is that of both markers.
+/** A tool for stock rviz: a ball at its tip (grey: in the air, yellow: in the tissue, green: it holds) and an arrow
+ *  from there along its force on the tissue, 5 mm a newton, at most 0.2 m. (A Wrench display draws its arrow at the
+ *  origin of the frame, not at the tip.) Header is that of both markers.
  *  @param clearance of pliant_tool_clearance [m] */
 void tool_markers_message(const pliant_tool &tool, double clearance, const std_msgs::Header &header,
                           visualization_msgs::MarkerArray *out);

@@ -1,8 +1,8 @@
 /** @file node.h
  *  The whole node: one object, made by the program and by the nodelet alike.
  *
- *  Threads: callbacks of tools, of subscribers coming and going and of dynamic_reconfigure run on the handle's queue; the
- *  simulation, the mesh messages, the deformed volume and the services each have threads of their own.
+ *  Threads: callbacks of tools, of subscribers coming and going and of dynamic_reconfigure run on the handle's queue;
+ *  the simulation, the mesh messages, the deformed volume and the services each have threads of their own.
  */
 #ifndef PLIANT_ROS_NODE_H
 #define PLIANT_ROS_NODE_H
@@ -17,8 +17,8 @@ class Node {
 public:
     /** @param handle         namespace of the topics and services
      *  @param private_handle namespace of the parameters
-     *  Returns at once; the scan is loaded beside. Throws std::runtime_error with a message for a person when a parameter
-     *  is wrong. A scan that cannot be loaded is no error: the topic `state` says so, and load_scan may try again. */
+     *  Returns at once; the scan is loaded beside. Throws std::runtime_error with a message for a person when a
+     *  parameter is wrong. A scan that cannot be loaded is no error: the topic `state` says so, and load_scan may try again. */
     Node(ros::NodeHandle handle, ros::NodeHandle private_handle);
     ~Node();
 
