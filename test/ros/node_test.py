@@ -333,6 +333,9 @@ class NodeTest(unittest.TestCase):
         self.assert_goes_on()
 
     def test_recompute(self):
+        self.assertTrue(load(self.scan, options=["mesh/keep_air=true"]).success)
+        wait_for(lambda: self.node.info.message.nodes != self.first_info.nodes, "scan_info of the mesh with air")
+        wait_for(lambda: self.node.topology.message.header.stamp == self.node.info.message.header.stamp, "its topology")
         revision = self.node.topology.message.revision
         for method in ("coarse", "averaged", "fine"):
             answer = recompute(method, probe=True)
