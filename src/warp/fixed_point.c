@@ -140,7 +140,9 @@ static void find_bricks(raster_tet *tet)
     for (b[2] = low[2]; b[2] <= high[2]; b[2]++)
         for (b[1] = low[1]; b[1] <= high[1]; b[1]++)
             for (b[0] = low[0]; b[0] <= high[0]; b[0]++)
-                if (cuts(tet, b)) tet->bricks |= (uint64_t)1 << (b[0] - low[0] + MASK_EDGE * (b[1] - low[1] + MASK_EDGE * (b[2] - low[2])));
+                if (cuts(tet, b))
+                    tet->bricks |= (uint64_t)1
+                                   << (b[0] - low[0] + MASK_EDGE * (b[1] - low[1] + MASK_EDGE * (b[2] - low[2])));
 }
 
 /* Whether a map stays so far inside the scan that rounding to float cannot take an index out of it: relative to a brick

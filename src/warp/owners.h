@@ -13,23 +13,25 @@
 
 /* How rows are cut. A tetrahedron has rising planes (normal along i > 0) and others. A voxel i of a row is inside when
  *     -floor(least t of rising) <= i <= floor(least t of the others),   t = value * factor,
- * where value is the plane's at voxel 0 of the row, an integer plus 1/2. Its divisor is at most 2^45, so the exact quotient
- * is at least 2^-46 away from a whole number; with OWNER_SHIFT added, so that it is positive where it counts, it is below
- * 48 and off by at most 48 * 2^-52 < 2^-46: rounding down gives the exact result. */
+ * where value is the plane's at voxel 0 of the row, an integer plus 1/2. Its divisor is at most 2^45, so the exact
+ * quotient is at least 2^-46 away from a whole number; with OWNER_SHIFT added, so that it is positive where it counts,
+ * it is below 48 and off by at most 48 * 2^-52 < 2^-46: rounding down gives the exact result. */
 enum { OWNER_SHIFT = 2 * BRICK };
 
 /* First and last row along j and k, and voxel along i, of a tetrahedron's box inside a brick. */
 typedef struct owner_box { int32_t low[3], high[3]; } owner_box;
 
 /* Gives free voxels inside the box and all planes to the owner whose entry (without mask) it gets; how many. */
-typedef int32_t owner_claim(raster_brick *brick, const raster_tet *tet, const int32_t origin[3], const owner_box *box, uint32_t entry);
+typedef int32_t owner_claim(raster_brick *brick, const raster_tet *tet, const int32_t origin[3], const owner_box *box,
+                            uint32_t entry);
 
 /* Values of the planes at a brick's first voxel; where rounded, so far from 0 that only the sign counts. */
 OWNER_INLINE void owner_values(const raster_tet *tet, const int32_t origin[3], double value[4])
 {
     if (tet->small) /* all of this is exact in double */
         for (int v = 0; v < 4; v++)
-            value[v] = (double)tet->value[v] + (tet->normal[0][v] * origin[0] + tet->normal[1][v] * origin[1] + tet->normal[2][v] * origin[2]);
+            value[v] = (double)tet->value[v] +
+                       (tet->normal[0][v] * origin[0] + tet->normal[1][v] * origin[1] + tet->normal[2][v] * origin[2]);
     else
         for (int v = 0; v < 4; v++) {
             int64_t exact = tet->value[v];
@@ -50,7 +52,8 @@ OWNER_INLINE bool owner_find_box(const raster_tet *tet, const int32_t origin[3],
 
 /* The source voxel that slots are relative to: where the first owner has the middle of the brick. Small numbers keep
  * float coordinates good to about 1e-6 voxel. */
-OWNER_INLINE void owner_choose_base(const raster_source *source, const raster_tet *tet, const int32_t origin[3], raster_brick *brick)
+OWNER_INLINE void owner_choose_base(const raster_source *source, const raster_tet *tet, const int32_t origin[3],
+                                    raster_brick *brick)
 {
     brick->base_index = 0;
     for (int d = 0; d < 3; d++) {
@@ -66,17 +69,20 @@ OWNER_INLINE void owner_choose_base(const raster_source *source, const raster_te
     }
 }
 
-OWNER_INLINE void owner_fill_sample(const raster_tet *tet, const int32_t origin[3], const int32_t base[3], raster_slot *slot)
+OWNER_INLINE void owner_fill_sample(const raster_tet *tet, const int32_t origin[3], const int32_t base[3],
+                                    raster_slot *slot)
 {
     const double(*map)[4] = tet->map;
     const double i = origin[0], j = origin[1], k = origin[2], from[4] = {base[0], base[1], base[2], 0};
-    for (int d = 0; d < 4; d++) slot->origin[d] = (float)(map[0][d] * i + map[1][d] * j + map[2][d] * k + (map[3][d] - from[d]));
+    for (int d = 0; d < 4; d++)
+        slot->origin[d] = (float)(map[0][d] * i + map[1][d] * j + map[2][d] * k + (map[3][d] - from[d]));
     for (int d = 0; d < 4; d++) slot->step_i[d] = (float)map[0][d];
     for (int d = 0; d < 4; d++) slot->step_j[d] = (float)map[1][d];
     for (int d = 0; d < 4; d++) slot->step_k[d] = (float)map[2][d];
 }
 
-OWNER_INLINE void owner_fill_copy(const raster_source *source, const raster_tet *tet, const int32_t origin[3], raster_copy *slot)
+OWNER_INLINE void owner_fill_copy(const raster_source *source, const raster_tet *tet, const int32_t origin[3],
+                                  raster_copy *slot)
 {
     const double(*map)[4] = tet->map;
     *slot = (raster_copy){0, 0, 0, 0};
@@ -90,7 +96,8 @@ OWNER_INLINE void owner_fill_copy(const raster_source *source, const raster_tet 
 }
 
 OWNER_INLINE void owner_find_all(const raster_source *source, const raster_tet *tets, const int32_t *candidates,
-                                  size_t num_candidates, const int32_t origin[3], raster_brick *brick, owner_claim *claim)
+                                 size_t num_candidates, const int32_t origin[3], raster_brick *brick,
+                                 owner_claim *claim)
 {
     uint32_t num_slots = 0;
     brick->inner = true;
@@ -98,7 +105,8 @@ OWNER_INLINE void owner_find_all(const raster_source *source, const raster_tet *
         const raster_tet *tet = &tets[candidates[c]];
 #if defined(__GNUC__)
         if (c + 1 < num_candidates) /* they lie apart in memory */
-            for (size_t byte = 0; byte < sizeof *tet; byte += 64) __builtin_prefetch((const char *)&tets[candidates[c + 1]] + byte);
+            for (size_t byte = 0; byte < sizeof *tet; byte += 64)
+                __builtin_prefetch((const char *)&tets[candidates[c + 1]] + byte);
 #endif
         owner_box box;
         if (!owner_find_box(tet, origin, &box)) continue;

@@ -28,5 +28,6 @@ void pliant_raster_brick(const raster_grid *grid, const raster_source *source, c
     kernels->find_owners(source, tets, candidates, num_candidates, origin, scratch);
     ptrdiff_t row_step = size[0], slice_step = row_step * size[1];
     ptrdiff_t first = origin[0] + row_step * origin[1] + slice_step * origin[2];
-    kernels->write(source, scratch, extent, (char *)out + first * (ptrdiff_t)pliant_encoding_size(source->encoding), row_step, slice_step);
+    kernels->write(source, scratch, extent, (char *)out + first * (ptrdiff_t)pliant_encoding_size(source->encoding),
+                   row_step, slice_step);
 }

@@ -20,7 +20,8 @@ static int32_t count_bits(uint64_t bits)
     return count;
 }
 
-static int32_t claim(raster_brick *brick, const raster_tet *tet, const int32_t origin[3], const owner_box *box, uint32_t entry)
+static int32_t claim(raster_brick *brick, const raster_tet *tet, const int32_t origin[3], const owner_box *box,
+                     uint32_t entry)
 {
     double corner[4];
     owner_values(tet, origin, corner);
@@ -46,8 +47,8 @@ static int32_t claim(raster_brick *brick, const raster_tet *tet, const int32_t o
     return claimed;
 }
 
-static void find_owners(const raster_source *source, const raster_tet *tets, const int32_t *candidates, size_t num_candidates,
-                        const int32_t origin[3], raster_brick *brick)
+static void find_owners(const raster_source *source, const raster_tet *tets, const int32_t *candidates,
+                        size_t num_candidates, const int32_t origin[3], raster_brick *brick)
 {
     owner_find_all(source, tets, candidates, num_candidates, origin, brick, claim);
 }
@@ -123,7 +124,8 @@ static inline float sample_f32(const raster_source *source, const raster_brick *
     const float *voxels = source->voxels;
     sample_cell cell = find_cell(source, brick, at);
     float along_x[4];
-    for (int c = 0; c < 4; c++) along_x[c] = between(voxels[cell.corner[c]], voxels[cell.corner[c] + cell.right], cell.x);
+    for (int c = 0; c < 4; c++)
+        along_x[c] = between(voxels[cell.corner[c]], voxels[cell.corner[c] + cell.right], cell.x);
     return blend(&cell, along_x);
 }
 

@@ -16,7 +16,8 @@ static bool usable(const pliant_geometry *geometry)
 }
 
 /* Voxels to add before and behind, so that voxels (edge to edge) hold the box. */
-static void find_growth(const pliant_geometry *scan, const double *low, const double *high, double before[3], double behind[3])
+static void find_growth(const pliant_geometry *scan, const double *low, const double *high, double before[3],
+                        double behind[3])
 {
     for (int d = 0; d < 3; d++) before[d] = behind[d] = 0;
     for (int corner = 0; low && corner < 8; corner++) {
@@ -33,18 +34,22 @@ static void find_growth(const pliant_geometry *scan, const double *low, const do
 pliant_status pliant_warp_target(const pliant_geometry *scan, const double *low, const double *high, size_t max_voxels,
                                  pliant_geometry *out)
 {
-    if (!usable(scan)) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the scan of a warp target has no voxels or no spacing");
-    if (!low != !high) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a box for the warp target needs both corners, or none");
+    if (!usable(scan))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the scan of a warp target has no voxels or no spacing");
+    if (!low != !high)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a box for the warp target needs both corners, or none");
     for (int d = 0; low && d < 3; d++)
         if (!isfinite(low[d]) || !isfinite(high[d]) || low[d] > high[d])
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "the box for the warp target must be finite and low <= high, not [%g, %g] along axis %d",
+            return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                               "the box for the warp target must be finite and low <= high, not [%g, %g] along axis %d",
                                low[d], high[d], d);
     double before[3], behind[3], size[3], voxels = 1;
     find_growth(scan, low, high, before, behind);
     for (int d = 0; d < 3; d++) voxels *= size[d] = before[d] + scan->size[d] + behind[d];
     if (!(voxels <= (double)max_voxels) || !(fmax(size[0], fmax(size[1], size[2])) <= INT32_MAX))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the warp target would have %.0f x %.0f x %.0f voxels; at most %zu are allowed",
-                           size[0], size[1], size[2], max_voxels);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "the warp target would have %.0f x %.0f x %.0f voxels; at most %zu are allowed", size[0],
+                           size[1], size[2], max_voxels);
     pliant_geometry target = *scan;
     pliant_geometry_to_world(scan, (const double[3]){-before[0], -before[1], -before[2]}, target.origin);
     for (int d = 0; d < 3; d++) target.size[d] = (int32_t)size[d];

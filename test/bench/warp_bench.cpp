@@ -2,10 +2,10 @@
 //
 // Usage: warp_bench [RUNS]     (15 by default; every figure is the median of so many runs)
 //
-// Floor, 16 bits a voxel: 2 bytes read and 2 written are 20 MB for 5.0 M voxels, 1 to 2 ms from memory; but each voxel needs
-// 8 neighbours. A gather of 8 x 32 bits holds a voxel and its right neighbour, so 8 voxels take 4 gathers, one 32-bit
-// load after the other: 4 loads a voxel, 20 M loads for 5.0 M voxels. "gathers" below is that alone, measured: the same
-// 4 gathers a group, weights 0, all lanes busy, along straight rows.
+// Floor, 16 bits a voxel: 2 bytes read and 2 written are 20 MB for 5.0 M voxels, 1 to 2 ms from memory; but each voxel
+// needs 8 neighbours. A gather of 8 x 32 bits holds a voxel and its right neighbour, so 8 voxels take 4 gathers, one
+// 32-bit load after the other: 4 loads a voxel, 20 M loads for 5.0 M voxels. "gathers" below is that alone, measured:
+// the same 4 gathers a group, weights 0, all lanes busy, along straight rows.
 #include "pliant/memory.h"
 #include "pliant/warp.h"
 
@@ -27,16 +27,17 @@
 
 namespace {
 
-double median_ms(int runs, const std::function<void()> &work)
+double median(std::vector<double> values)
 {
-    std::vector<double> ms;
-    for (int run = 0; run < runs; run++) {
-        double start = pliant_seconds();
-        work();
-        ms.push_back(1e3 * (pliant_seconds() - start));
-    }
-    std::nth_element(ms.begin(), ms.begin() + runs / 2, ms.end());
-    return ms[size_t(runs) / 2];
+    std::nth_element(values.begin(), values.begin() + long(values.size() / 2), values.end());
+    return values[values.size() / 2];
+}
+
+double time_ms(const std::function<void()> &work)
+{
+    double start = pliant_seconds();
+    work();
+    return 1e3 * (pliant_seconds() - start);
 }
 
 void must(pliant_status status)
@@ -60,26 +61,29 @@ struct setup {
     pliant_volume scan;
     pliant_mesh mesh;
     double extent[3];
-    std::vector<double> rest, moved, moved_more, tenth;
+    std::vector<double> rest, shifted, moved, moved_more, tenth;
 };
 
 setup make_setup(const int32_t size[3], const int32_t cells[3])
 {
     setup s = {};
-    pliant_geometry geometry = {{size[0], size[1], size[2]}, {0, 0, 0}, {0.0015, 0.0015, 0.002}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    pliant_geometry geometry = {
+        {size[0], size[1], size[2]}, {0, 0, 0}, {0.0015, 0.0015, 0.002}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     must(pliant_volume_create(&geometry, PLIANT_INT16, &s.scan));
     std::mt19937 random(1);
-    for (size_t v = 0; v < pliant_geometry_voxels(&geometry); v++) static_cast<int16_t *>(s.scan.voxels)[v] = int16_t(int(random() % 2000) - 1000);
+    for (size_t v = 0; v < pliant_geometry_voxels(&geometry); v++)
+        static_cast<int16_t *>(s.scan.voxels)[v] = int16_t(int(random() % 2000) - 1000);
     s.scan.background = -1024;
     must(pliant_mesh_grid(&geometry, cells, nullptr, &s.mesh));
     for (int d = 0; d < 3; d++) s.extent[d] = size[d] * geometry.spacing[d];
     s.rest.assign(s.mesh.rest, s.mesh.rest + 3 * s.mesh.num_nodes);
-    s.moved = s.moved_more = s.tenth = s.rest;
+    s.shifted = s.moved = s.moved_more = s.tenth = s.rest;
     for (size_t n = 0; n < s.rest.size(); n += 3) {
         double by[3];
         displacement(&s.rest[n], s.extent, 1, by);
         bool inside = true; // a part of the box with a tenth of its nodes
         for (int d = 0; d < 3; d++) inside &= s.rest[n + size_t(d)] < 0.464 * s.extent[d];
+        s.shifted[n] += geometry.spacing[0];
         for (size_t d = 0; d < 3; d++) {
             s.moved[n + d] += by[d];
             s.moved_more[n + d] += 0.97 * by[d];
@@ -89,37 +93,40 @@ setup make_setup(const int32_t size[3], const int32_t cells[3])
     return s;
 }
 
-struct timing { double cull, rasterize, total; };
+// A warp that goes back and forth between two states, and its times.
+struct timed_warp {
+    const char *name;
+    const std::vector<double> &a, &b;
+    pliant_warp *warp;
+    std::vector<double> cull, rasterize, total;
 
-// alternate between two states
-timing time_warp(const setup &s, int threads, int runs, const std::vector<double> &a, const std::vector<double> &b)
-{
-    pliant_warp *warp = nullptr;
-    must(pliant_warp_create(&s.scan, &s.mesh, &s.scan.geometry, threads, &warp));
-    must(pliant_warp_update(warp, a.data()));
-    must(pliant_warp_update(warp, b.data()));
-    std::vector<double> cull, rasterize;
-    int run = 0;
-    timing result;
-    result.total = median_ms(runs, [&] {
-        must(pliant_warp_update(warp, (run++ % 2 ? b : a).data()));
+    timed_warp(const char *what, const setup &s, int threads, const std::vector<double> &from,
+               const std::vector<double> &to)
+        : name(what), a(from), b(to), warp(nullptr)
+    {
+        must(pliant_warp_create(&s.scan, &s.mesh, &s.scan.geometry, threads, &warp));
+        must(pliant_warp_update(warp, a.data()));
+    }
+    timed_warp(const timed_warp &) = delete;
+    ~timed_warp() { pliant_warp_free(warp); }
+
+    void run()
+    {
+        const double *to = (total.size() % 2 ? a : b).data();
+        total.push_back(time_ms([&] { must(pliant_warp_update(warp, to)); }));
         double c, r;
         pliant_warp_seconds(warp, &c, &r);
         cull.push_back(1e3 * c);
         rasterize.push_back(1e3 * r);
-    });
-    pliant_warp_free(warp);
-    std::sort(cull.begin(), cull.end());
-    std::sort(rasterize.begin(), rasterize.end());
-    result.cull = cull[cull.size() / 2];
-    result.rasterize = rasterize[rasterize.size() / 2];
-    return result;
-}
+    }
+};
 
-double time_itk(const setup &s, int threads, int runs)
+using image = itk::Image<short, 3>;
+using field = itk::Image<itk::Vector<float, 3>, 3>;
+using itk_warp = itk::WarpImageFilter<image, image, field>;
+
+itk_warp::Pointer make_itk(const setup &s, int threads)
 {
-    using image = itk::Image<short, 3>;
-    using field = itk::Image<itk::Vector<float, 3>, 3>;
     image::SizeType size;
     image::SpacingType spacing;
     for (unsigned d = 0; d < 3; d++) {
@@ -130,7 +137,8 @@ double time_itk(const setup &s, int threads, int runs)
     scan->SetRegions(size);
     scan->SetSpacing(spacing);
     scan->Allocate();
-    std::copy_n(static_cast<int16_t *>(s.scan.voxels), pliant_geometry_voxels(&s.scan.geometry), scan->GetBufferPointer());
+    std::copy_n(static_cast<int16_t *>(s.scan.voxels), pliant_geometry_voxels(&s.scan.geometry),
+                scan->GetBufferPointer());
     auto by = field::New();
     by->SetRegions(size);
     by->SetSpacing(spacing);
@@ -143,7 +151,7 @@ double time_itk(const setup &s, int threads, int runs)
                 displacement(x, s.extent, -1, u);
                 for (unsigned d = 0; d < 3; d++) (*vector)[d] = float(u[d]);
             }
-    auto filter = itk::WarpImageFilter<image, image, field>::New();
+    auto filter = itk_warp::New();
     filter->SetInput(scan);
     filter->SetDisplacementField(by);
     filter->SetOutputParametersFromImage(scan);
@@ -155,10 +163,7 @@ double time_itk(const setup &s, int threads, int runs)
     filter->SetNumberOfThreads(unsigned(threads));
 #endif
     filter->Update();
-    return median_ms(runs, [&] {
-        filter->Modified();
-        filter->Update();
-    });
+    return filter;
 }
 
 #if defined(__x86_64__)
@@ -172,40 +177,54 @@ __attribute__((target("avx2"))) int gather_rows(const setup &s, int threads)
         __m256i total = _mm256_setzero_si256();
         for (int j = 0; j < size[1] - 1; j++)
             for (int i = 0; i < size[0] - 8; i += 8) {
-                __m256i at = _mm256_add_epi32(_mm256_set1_epi32(i + j * step[0] + k * step[1]), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+                __m256i at = _mm256_add_epi32(_mm256_set1_epi32(i + j * step[0] + k * step[1]),
+                                              _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
                 for (int c = 0; c < 4; c++)
-                    total = _mm256_add_epi32(total, _mm256_i32gather_epi32(reinterpret_cast<const int *>(voxels + (c & 1) * step[0] + (c >> 1) * step[1]), at, 2));
+                    total = _mm256_add_epi32(
+                        total,
+                        _mm256_i32gather_epi32(
+                            reinterpret_cast<const int *>(voxels + (c & 1) * step[0] + (c >> 1) * step[1]), at, 2));
             }
         sum += _mm256_extract_epi32(total, 0) + _mm256_extract_epi32(total, 5);
     }
     return sum;
 }
 
-double time_gathers(const setup &s, int threads, int runs)
+double time_gathers(const setup &s, int threads)
 {
     volatile int keep = 0;
-    if (!__builtin_cpu_supports("avx2")) return NAN;
-    return median_ms(runs, [&] { keep = gather_rows(s, threads); });
+    return __builtin_cpu_supports("avx2") ? time_ms([&] { keep = gather_rows(s, threads); }) : NAN;
 }
 #else
-double time_gathers(const setup &, int, int) { return NAN; }
+double time_gathers(const setup &, int) { return NAN; }
 #endif
 
 void table(const int32_t size[3], const int32_t cells[3], int runs)
 {
     setup s = make_setup(size, cells);
     double voxels = double(pliant_geometry_voxels(&s.scan.geometry));
-    std::printf("\n%d x %d x %d voxels (%.2f M), 16 bits; %d x %d x %d cubes, %d tetrahedra; medians of %d runs\n", size[0], size[1], size[2],
-                1e-6 * voxels, cells[0], cells[1], cells[2], s.mesh.num_tets, runs);
-    std::printf("%-14s %7s %8s %9s %8s %8s %7s %9s %8s\n", "moved", "threads", "cull ms", "raster ms", "total ms", "ITK ms", "ratio", "ns/voxel", "gathers");
+    std::printf("\n%d x %d x %d voxels (%.2f M), 16 bits; %d x %d x %d cubes, %d tetrahedra; medians of %d runs\n",
+                size[0], size[1], size[2], 1e-6 * voxels, cells[0], cells[1], cells[2], s.mesh.num_tets, runs);
+    std::printf("%-14s %7s %8s %9s %8s %8s %7s %9s %8s\n", "moved", "threads", "cull ms", "raster ms", "total ms",
+                "ITK ms", "ratio", "ns/voxel", "gathers");
     for (int threads = 1; threads <= 2; threads++) {
-        double itk_ms = time_itk(s, threads, runs), gathers = time_gathers(s, threads, runs);
-        struct { const char *name; const std::vector<double> &a, &b; } cases[] = {
-            {"all", s.moved, s.moved_more}, {"one tenth", s.moved, s.tenth}, {"none", s.moved, s.moved}, {"all, to rest", s.moved, s.rest}};
-        for (auto &c : cases) {
-            timing t = time_warp(s, threads, runs | 1, c.a, c.b);
-            std::printf("%-14s %7d %8.3f %9.3f %8.3f %8.1f %7.4f %9.3f %8.2f\n", c.name, threads, t.cull, t.rasterize, t.total, itk_ms, t.total / itk_ms,
-                        1e6 * t.total / voxels, gathers);
+        auto filter = make_itk(s, threads);
+        timed_warp all("all", s, threads, s.moved, s.moved_more), tenth("one tenth", s, threads, s.moved, s.tenth),
+            none("none", s, threads, s.moved, s.moved), shift("all, one voxel", s, threads, s.rest, s.shifted);
+        std::vector<double> itk_ms, gather_ms;
+        for (int run = 0; run < runs; run++) { // in turn, so that all meet the same machine
+            itk_ms.push_back(time_ms([&] {
+                filter->Modified();
+                filter->Update();
+            }));
+            gather_ms.push_back(time_gathers(s, threads));
+            for (timed_warp *warp : {&all, &tenth, &none, &shift}) warp->run();
+        }
+        for (timed_warp *warp : {&all, &tenth, &none, &shift}) {
+            double total = median(warp->total);
+            std::printf("%-14s %7d %8.3f %9.3f %8.3f %8.1f %7.4f %9.3f %8.2f\n", warp->name, threads,
+                        median(warp->cull), median(warp->rasterize), total, median(itk_ms), total / median(itk_ms),
+                        1e6 * total / voxels, median(gather_ms));
         }
     }
     pliant_mesh_free(&s.mesh);
