@@ -3,6 +3,8 @@
 #include "pliant/memory.h"
 
 #include <cholmod.h>
+#include <pthread.h>
+#include <stdlib.h>
 #include <string.h>
 
 struct pliant_factor {
@@ -12,6 +14,37 @@ struct pliant_factor {
     int *column_start, *row; /* (size + 1), (values): the pattern in CHOLMOD's form, int indices */
     cholmod_dense *solution, *workspace, *workspace_sparse;
 };
+
+/* CHOLMOD calls BLAS, from the stepping and from the factoring thread at once. OpenBLAS built for one thread is not safe
+ * for that (results change from run to run): its calls are then made one at a time. Built for threads it is safe, and does
+ * best with one each, since Pliant's own threads fill the machine. */
+extern int openblas_get_parallel(void) __attribute__((weak));
+extern void openblas_set_num_threads(int threads) __attribute__((weak));
+
+static pthread_once_t blas_known = PTHREAD_ONCE_INIT;
+static pthread_mutex_t blas_lock = PTHREAD_MUTEX_INITIALIZER;
+static bool blas_is_unsafe;
+
+static void know_blas(void)
+{
+    if (!openblas_get_parallel) return;
+    blas_is_unsafe = openblas_get_parallel() == 0;
+    if (blas_is_unsafe)
+        pliant_log(PLIANT_LOG_WARNING, "this OpenBLAS is built for one thread: solving waits while a factor is made in the background; "
+                                       "install libopenblas0-pthread");
+    else if (openblas_set_num_threads && !getenv("OPENBLAS_NUM_THREADS"))
+        openblas_set_num_threads(1);
+}
+
+static void enter_blas(void)
+{
+    if (blas_is_unsafe) pthread_mutex_lock(&blas_lock);
+}
+
+static void leave_blas(void)
+{
+    if (blas_is_unsafe) pthread_mutex_unlock(&blas_lock);
+}
 
 static pliant_status from_cholmod(const pliant_factor *factor, const char *what)
 {
@@ -63,6 +96,7 @@ static pliant_factor *factor_new(int32_t size, size_t values)
 {
     pliant_factor *factor = pliant_calloc(1, sizeof *factor);
     if (!factor) return NULL;
+    pthread_once(&blas_known, know_blas);
     cholmod_start(&factor->common);
     factor->common.print = 0;
     factor->common.error_handler = NULL;
@@ -113,7 +147,9 @@ pliant_status pliant_factor_clone(const pliant_factor *source, pliant_factor **o
 pliant_status pliant_factor_numeric(pliant_factor *factor, double *values)
 {
     cholmod_sparse view = view_of(factor, values);
+    enter_blas();
     cholmod_factorize(&view, factor->cholesky, &factor->common);
+    leave_blas();
     return from_cholmod(factor, "factorization");
 }
 
@@ -127,8 +163,10 @@ pliant_status pliant_factor_solve(pliant_factor *factor, int32_t columns, const 
     b.x = (double *)(uintptr_t)right; /* CHOLMOD reads it only */
     b.xtype = CHOLMOD_REAL;
     b.dtype = CHOLMOD_DOUBLE;
+    enter_blas();
     cholmod_solve2(CHOLMOD_A, factor->cholesky, &b, NULL, &factor->solution, NULL, &factor->workspace, &factor->workspace_sparse,
                    &factor->common);
+    leave_blas();
     pliant_status status = from_cholmod(factor, "solve");
     if (status == PLIANT_OK) memcpy(out, factor->solution->x, b.nzmax * sizeof *out);
     return status;

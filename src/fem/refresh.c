@@ -12,7 +12,7 @@ struct pliant_refresh {
     bool running;
     bool in_thread;             /* false: no thread could be had, the work was done at once */
     uint64_t started;           /* step */
-    uint64_t seen_iterations;   /* iterations since the last start: the old factor still serves when there were none */
+    bool wanted;                /* the factor at hand has served badly since the last start */
     pliant_system system;       /* a copy of the constant system, one thread */
     pliant_preconditioner *preconditioner; /* the one being made */
     double *x;                  /* (3 num_nodes) */
@@ -75,13 +75,14 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
     pliant_refresh *refresh = solver->refresh;
     uint64_t step = statistics->step;
     if (refresh->running && step >= refresh->started + (uint64_t)solver->refresh_delay) deliver(solver, statistics);
-    /* one evaluation finds that nothing moved: the factor at hand is as good as a new one */
-    if (statistics->iterations > 1) refresh->seen_iterations += (uint64_t)statistics->iterations;
+    /* a good factor brings every evaluation's merit down to a fraction; a new one costs the history */
+    const double served_badly = 0.4;
+    refresh->wanted = refresh->wanted || solver->rate > served_badly;
     bool due = step >= refresh->started + (uint64_t)solver->refresh_interval;
-    if (refresh->running || !due || refresh->seen_iterations == 0) return PLIANT_OK;
+    if (refresh->running || !due || !refresh->wanted) return PLIANT_OK;
     memcpy(refresh->x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *refresh->x);
     refresh->started = step;
-    refresh->seen_iterations = 0;
+    refresh->wanted = false;
     refresh->running = true;
     refresh->in_thread = pthread_create(&refresh->thread, NULL, make_factor, refresh) == 0;
     if (!refresh->in_thread) make_factor(refresh);

@@ -296,9 +296,14 @@ static void swap_iterates(pliant_solver *solver)
 }
 
 /* The step at the last iterate is known already: take it without looking where it leads, if the one before went well. It
- * costs nothing, and the next frame's first evaluation looks. The merit that is reported stays that of the last evaluation. */
+ * costs nothing, and the next frame's first evaluation looks; what it left is kept until then. The merit that is reported
+ * stays that of the last evaluation. */
 static void last_step(pliant_solver *solver)
 {
+    size_t bytes = 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->left_x;
+    memcpy(solver->left_x, solver->now.x, bytes);
+    memcpy(solver->left_force, solver->now.force, sizeof solver->left_force);
+    solver->ahead = true;
     double weights[PLIANT_MAX_HISTORY];
     bool mixed = mix(solver, &solver->now, weights);
     propose(solver, &solver->now, mixed ? weights : NULL, 1, &solver->trial);
@@ -306,6 +311,29 @@ static void last_step(pliant_solver *solver)
     solver->now.x = solver->trial.x;
     solver->trial.x = swap;
     memcpy(solver->now.force, solver->trial.force, sizeof solver->now.force);
+}
+
+/* The first evaluation of a frame. If the step before was taken blindly and the merit is far above what frames begin with,
+ * look at the state that it left, too, and keep the better one. */
+static pliant_status begin(pliant_solver *solver, pliant_statistics *statistics)
+{
+    const double too_high = 2;
+    pliant_status status = evaluate(solver, &solver->now);
+    statistics->iterations = 1;
+    bool suspect = solver->ahead && !(solver->now.merit < too_high * solver->first_merit);
+    solver->ahead = false;
+    if (status == PLIANT_OK && suspect) {
+        memcpy(solver->trial.x, solver->left_x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->left_x);
+        memcpy(solver->trial.force, solver->left_force, sizeof solver->left_force);
+        status = evaluate(solver, &solver->trial);
+        statistics->iterations++;
+        if (status == PLIANT_OK && solver->trial.merit < solver->now.merit) {
+            swap_iterates(solver);
+            pliant_solver_forget(solver);
+        }
+    }
+    solver->first_merit = solver->now.merit;
+    return status;
 }
 
 /* Iterate until the merit is small or the iterations are spent; every accepted iterate has a lower merit than the last.
@@ -316,8 +344,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
     int refused = 0;
     double before = INFINITY;
     double weights[PLIANT_MAX_HISTORY];
-    pliant_status status = evaluate(solver, &solver->now);
-    statistics->iterations = 1;
+    pliant_status status = begin(solver, statistics);
     while (status == PLIANT_OK && solver->now.merit > solver->tolerance * solver->now.scale &&
            statistics->iterations < solver->max_iterations && refused < 12) {
         if (refused == 2) pliant_solver_forget(solver);
@@ -338,6 +365,8 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
             statistics->rejected++;
         }
     }
+    int steps = statistics->iterations - 1;
+    solver->rate = steps > 0 && solver->first_merit > 0 ? pow(solver->now.merit / solver->first_merit, 1.0 / steps) : 0;
     if (status == PLIANT_OK && solver->now.merit > solver->tolerance * solver->now.scale && refused == 0 &&
         solver->now.merit < went_well * before)
         last_step(solver);

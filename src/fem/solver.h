@@ -64,11 +64,18 @@ struct pliant_solver {
     pliant_refresh *refresh;    /* Nullable */
 
     double *load;               /* (3 num_free) gravity [N] */
+    double gravity[3];          /* that it is of [m/s^2] */
+    bool loaded;
     pliant_handle handles[PLIANT_MAX_TOOLS];
 
     pliant_iterate now, trial;
+    double first_merit;         /* that the last frame began with */
+    double rate;                /* merit after over before an evaluation, last frame's mean; 0: there was nothing to do */
+    bool ahead;                 /* now.x is one step beyond what was evaluated */
+    double *left_x, left_force[PLIANT_MAX_ROWS]; /* and this is what was (3 num_nodes) */
     pliant_secant history[PLIANT_MAX_HISTORY];
     int32_t num_history, next_history;
+    uint64_t forgotten;         /* times that the history was dropped, for backends that keep their own */
     double (*element_forces)[12][LANES];
     double *dense_weights;      /* (9 num_free) room to build W */
 };
@@ -85,7 +92,11 @@ pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count,
 void pliant_solver_release(pliant_solver *solver, int tool);
 
 /* Drop the history: what it compares no longer holds. */
-static inline void pliant_solver_forget(pliant_solver *solver) { solver->num_history = solver->next_history = 0; }
+static inline void pliant_solver_forget(pliant_solver *solver)
+{
+    solver->num_history = solver->next_history = 0;
+    solver->forgotten++;
+}
 
 /* One step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old one. */
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics);

@@ -61,8 +61,9 @@ pliant_status pliant_solver_create(const pliant_model *model, pliant_solver **ou
     solver->smallest_scale = 1e-3 * length * sqrt(system->mean_diagonal);
     solver->load = pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
     solver->dense_weights = pliant_calloc((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
+    solver->left_x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->left_x);
     solver->element_forces = pliant_calloc((size_t)system->num_blocks, sizeof *solver->element_forces);
-    pliant_status status = solver->load && solver->dense_weights && solver->element_forces ? PLIANT_OK : pliant_fail_memory("the solver");
+    pliant_status status = solver->load && solver->dense_weights && solver->left_x && solver->element_forces ? PLIANT_OK : pliant_fail_memory("the solver");
     if (status == PLIANT_OK) status = iterate_create(system, &solver->now);
     if (status == PLIANT_OK) status = iterate_create(system, &solver->trial);
     if (status == PLIANT_OK) status = history_create(solver);
@@ -87,6 +88,8 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     pliant_refresh_free(solver);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
     solver->factor_serial = 1;
+    solver->ahead = false;
+    solver->first_merit = solver->rate = 0;
     pliant_solver_forget(solver);
     memcpy(solver->now.x, solver->system->mesh->rest, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
     memset(solver->now.force, 0, sizeof solver->now.force);
@@ -96,6 +99,9 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
 /* F_j = M_j' g, [H] 9 and 10 */
 void pliant_solver_gravity(pliant_solver *solver, const double gravity[3])
 {
+    if (solver->loaded && memcmp(solver->gravity, gravity, sizeof solver->gravity) == 0) return;
+    memcpy(solver->gravity, gravity, sizeof solver->gravity);
+    solver->loaded = true;
     for (int32_t f = 0; f < solver->system->num_free; f++)
         for (int d = 0; d < 3; d++) {
             const double *mass = solver->system->gravity_mass + 9 * (size_t)f;
@@ -117,6 +123,7 @@ void pliant_solver_free(pliant_solver *solver)
     }
     pliant_free(solver->load);
     pliant_free(solver->dense_weights);
+    pliant_free(solver->left_x);
     pliant_free(solver->element_forces);
     pliant_preconditioner_free(solver->preconditioner);
     pliant_free(solver);

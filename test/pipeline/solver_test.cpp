@@ -64,6 +64,25 @@ TEST(Solver, SameInputSameBits)
     }
 }
 
+// Large enough for CHOLMOD to call BLAS, from the step and from the background at once: a BLAS that is not safe for that changes
+// results from run to run.
+TEST(Solver, SameBitsWhileAFactorIsMade)
+{
+    std::vector<double> first;
+    for (int run = 0; run < 4; run++) {
+        Body body(size, box, two, stripes);
+        prepare(body);
+        body.cells(6, 6, 6, 2);
+        body.scene.solver.refresh_interval = 1;
+        body.scene.solver.refresh_delay = 2;
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        std::vector<double> result = pull(body, 25, 0.12);
+        EXPECT_GT(body.data->statistics.factors, 1u);
+        if (run == 0) first = result;
+        ASSERT_EQ(result, first) << "run " << run;
+    }
+}
+
 TEST(Solver, StepsMeetTheSettledState)
 {
     // 20 steps of at most 6 iterations end within 1 % of the state solved to a tight tolerance
@@ -82,7 +101,6 @@ TEST(Solver, StepsMeetTheSettledState)
     }
     EXPECT_GT(largest, 0.01);
     EXPECT_LT(worst, 0.01 * largest);
-    EXPECT_GT(quick.data->statistics.factors, 0u);
 }
 
 TEST(Solver, SaysWhenItDoesNotConverge)
