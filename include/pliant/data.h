@@ -65,9 +65,15 @@ typedef struct pliant_statistics {
     size_t bytes;               /**< held by this data [bytes] */
 } pliant_statistics;
 
+typedef struct pliant_backend pliant_backend; /**< functions of a step's stages (src/backend) */
 typedef struct pliant_solver pliant_solver; /**< iteration history, factors, the background factorizer (src/fem) */
 
 typedef struct pliant_data {
+    /* BACKEND */
+    const pliant_backend *backend; /**< who runs the stages from solve on: as the scene's solver/backend says, or the CPU after a
+                                    *   GPU failed */
+    void *backend_state;      /**< Nullable: what it keeps */
+
     /* INTERACT */
     pliant_tool tools[PLIANT_MAX_TOOLS];
     int32_t num_tools;
@@ -88,6 +94,9 @@ void pliant_data_free(pliant_data *data); /**< Nullable */
 
 /** Back to rest: positions, holds, history, gravity, statistics. Tools keep their poses. Errors: MEMORY (nothing changed). */
 pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data);
+
+/** Who runs the stages now: "cpu" or "cuda". */
+const char *pliant_data_backend(const pliant_data *data);
 
 /** Ask for the deformed volume after every step (or no longer: target NULL). Errors: ARGUMENT, MEMORY. */
 pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target);

@@ -10,6 +10,7 @@
 #define PLIANT_WARP_H
 
 #include "pliant/mesh.h"
+#include "pliant/scene.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -32,12 +33,18 @@ pliant_status pliant_warp_create(const pliant_volume *scan, const pliant_mesh *m
                                  int num_threads, pliant_warp **out);
 void pliant_warp_free(pliant_warp *warp); /**< Nullable */
 
+/** Who does the updates from now on (the CPU at first): auto: a GPU if one can be used; cuda: a GPU, or an error. When a GPU
+ *  fails later, the CPU goes on, with a line in the log. The next update redoes everything.
+ *  Errors (as it was before): UNAVAILABLE, MEMORY (with figures). */
+pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choice);
+
 /** Redo what the new positions change. Non-finite positions are refused (ARGUMENT) and change nothing.
  *  A tetrahedron that is inverted or flat draws nothing.
  *  @param positions (num_nodes x 3) LPS [m] */
 pliant_status pliant_warp_update(pliant_warp *warp, const double *positions);
 
-/** The deformed volume: same encoding, slope, intercept and background as the scan. Valid until the next update. */
+/** The deformed volume: same encoding, slope, intercept and background as the scan. Valid until the next update. What a GPU
+ *  has drawn is copied to the host now, where it changed since the last call. */
 const pliant_volume *pliant_warp_volume(const pliant_warp *warp);
 
 /** Bricks along i, j, k, and for every brick whether a voxel of it may have changed in the last update. */

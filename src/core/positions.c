@@ -1,4 +1,5 @@
 /* A state given from outside. */
+#include "backend/backend.h"
 #include "core/fail.h"
 #include "fem/solver.h"
 #include "interact/tool.h"
@@ -29,5 +30,5 @@ pliant_status pliant_data_set_positions(const pliant_model *model, pliant_data *
     pliant_solver_forget(solver);
     pliant_upsample_positions(system, solver->now.x, data->positions);
     for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
-    return PLIANT_OK;
+    return pliant_backend_restart(model, data);
 }

@@ -1,4 +1,5 @@
 /* The mutable data, and the step. */
+#include "backend/backend.h"
 #include "core/fail.h"
 #include "fem/solver.h"
 #include "interact/tool.h"
@@ -30,6 +31,11 @@ pliant_status pliant_data_create(const pliant_model *model, pliant_data **out)
     }
     memcpy(data->positions, model->fine.rest, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
     memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
+    status = pliant_backend_create(model, data);
+    if (status != PLIANT_OK) {
+        pliant_data_free(data);
+        return status;
+    }
     data->statistics.bytes = pliant_memory_in_use() - before;
     *out = data;
     return PLIANT_OK;
@@ -38,6 +44,7 @@ pliant_status pliant_data_create(const pliant_model *model, pliant_data **out)
 void pliant_data_free(pliant_data *data)
 {
     if (!data) return;
+    if (data->backend_state) data->backend->free(data);
     for (int t = 0; t < data->num_tools; t++) pliant_tool_forget(data->tools + t);
     pliant_solver_free(data->solver);
     pliant_warp_free(data->warp);
@@ -55,7 +62,7 @@ pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
     size_t bytes = data->statistics.bytes;
     memset(&data->statistics, 0, sizeof data->statistics);
     data->statistics.bytes = bytes;
-    return PLIANT_OK;
+    return pliant_backend_restart(model, data);
 }
 
 pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target)
@@ -63,7 +70,12 @@ pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, con
     pliant_warp *warp = NULL;
     if (target) {
         pliant_status status = pliant_warp_create(model->scan, &model->fine, target, model->system->num_threads, &warp);
-        if (status != PLIANT_OK) return status;
+        /* a step's stages hand over on the GPU */
+        if (status == PLIANT_OK && data->backend->warp_create) status = pliant_warp_backend(warp, model->scene.solver.backend);
+        if (status != PLIANT_OK) {
+            pliant_warp_free(warp);
+            return status;
+        }
     }
     pliant_warp_free(data->warp);
     data->warp = warp;
@@ -82,40 +94,27 @@ static pliant_status interact(const pliant_model *model, pliant_data *data)
 {
     pliant_solver_gravity(data->solver, data->gravity);
     for (int t = 0; t < data->num_tools; t++) {
+        if (data->tools[t].holding && !data->tools[t].attached) data->backend->bring(model, data); /* it begins from the present state */
         pliant_status status = pliant_tool_interact(model, data, t);
         if (status != PLIANT_OK) return status;
     }
     return PLIANT_OK;
 }
 
-static pliant_status solve(const pliant_model *model, pliant_data *data)
-{
-    (void)model;
-    return pliant_solver_step(data->solver, &data->statistics);
-}
-
-static pliant_status upsample(const pliant_model *model, pliant_data *data)
-{
-    pliant_upsample_positions(model->system, data->solver->now.x, data->positions);
-    for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
-    return PLIANT_OK;
-}
-
-static pliant_status warp(const pliant_model *model, pliant_data *data)
-{
-    (void)model;
-    return data->warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
-}
-
 pliant_status pliant_step(const pliant_model *model, pliant_data *data)
 {
-    static pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {interact, solve, upsample, warp};
-    _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
     pliant_status caveat = PLIANT_OK;
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; stage++) {
+        const pliant_backend *backend = data->backend;
+        pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {interact, backend->solve, backend->upsample, backend->warp};
+        _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
         double start = pliant_seconds();
         pliant_status status = stages[stage](model, data);
         data->statistics.seconds[stage] = pliant_seconds() - start;
+        if (status < 0 && pliant_backend_leave(model, data, status)) {
+            stage = PLIANT_STEP_solve - 1; /* again, by the CPU */
+            continue;
+        }
         if (status < 0) {
             data->statistics.failed++;
             return status;

@@ -141,6 +141,10 @@ void pliant_raster_brick(const raster_grid *grid, const raster_source *source, c
                          const raster_tet *tets, const int32_t *candidates, size_t num_candidates,
                          const int32_t brick[3], raster_brick *scratch, void *out);
 
+/* warp.c, for backends: their object, NULL when the CPU does the updates; and the end of that, when it failed */
+void *pliant_warp_accelerated(const pliant_warp *warp);
+void pliant_warp_leave(pliant_warp *warp);
+
 /* warp.c, for tests: plain C from now on, whatever the machine can do */
 void pliant_warp_use_portable(pliant_warp *warp);
 

@@ -1,4 +1,5 @@
 /* The deformed volume from update to update: what moved, which bricks that touches, and redoing those. */
+#include "backend/backend.h"
 #include "core/fail.h"
 #include "pliant/memory.h"
 #include "warp/raster.h"
@@ -27,12 +28,15 @@ struct pliant_warp {
     int32_t *candidates;     /* tetrahedra by brick, ascending */
     size_t capacity;
     raster_brick *scratch;   /* (num_threads) */
-    double cull_seconds, rasterize_seconds;
+    double seconds[2];       /* cull, rasterize */
+    const pliant_backend *backend; /* NULL: the CPU */
+    void *accelerated;       /* its object */
 };
 
 void pliant_warp_free(pliant_warp *warp)
 {
     if (!warp) return;
+    if (warp->accelerated) warp->backend->warp_free(warp->accelerated);
     pliant_volume_free(&warp->volume);
     void *blocks[] = {warp->rest, warp->fixed, warp->next, warp->moved, warp->tets, warp->changed, warp->dirty,
                       warp->dirty_bricks, warp->end, warp->candidates, warp->scratch};
@@ -264,10 +268,14 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
     double start = pliant_seconds();
     for (int32_t v = 0; v < 3 * warp->mesh->num_nodes; v++)
         if (!isfinite(positions[v])) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the position of node %d is not finite; the deformed volume stays as it is", v / 3);
+    if (warp->accelerated) {
+        if (warp->backend->warp_update(warp->accelerated, positions) == PLIANT_OK) return PLIANT_OK;
+        pliant_warp_leave(warp);
+    }
     if (fix_nodes(warp, positions) == 0) {
         memset(warp->changed, 0, (size_t)warp->num_bricks);
-        warp->cull_seconds = pliant_seconds() - start;
-        warp->rasterize_seconds = 0;
+        warp->seconds[0] = pliant_seconds() - start;
+        warp->seconds[1] = 0;
         return PLIANT_OK;
     }
     /* bricks touched before and after */
@@ -286,12 +294,51 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
     warp->changed = warp->dirty;
     warp->dirty = changed;
     warp->drawn = true;
-    warp->cull_seconds = culled - start;
-    warp->rasterize_seconds = pliant_seconds() - culled;
+    warp->seconds[0] = culled - start;
+    warp->seconds[1] = pliant_seconds() - culled;
     return PLIANT_OK;
 }
 
-const pliant_volume *pliant_warp_volume(const pliant_warp *warp) { return &warp->volume; }
+pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choice)
+{
+    const pliant_backend *backend;
+    char text[PLIANT_BACKEND_TEXT];
+    void *accelerated = NULL;
+    pliant_status status = pliant_backend_choose(choice, text, &backend);
+    if (status != PLIANT_OK) return status;
+    if (backend->warp_create) {
+        pliant_warp_parts parts = {warp->mesh,    &warp->grid,   &warp->source, warp->rest,
+                                   &warp->volume, warp->changed, warp->seconds};
+        status = backend->warp_create(&parts, &accelerated);
+        if (status != PLIANT_OK && choice != PLIANT_AUTO) return status;
+        if (status != PLIANT_OK)
+            pliant_log(PLIANT_LOG_WARNING, "the deformed volume is drawn by the CPU: %s", pliant_last_error());
+    }
+    if (warp->accelerated) warp->backend->warp_free(warp->accelerated);
+    warp->backend = backend;
+    warp->accelerated = accelerated;
+    warp->drawn = false;
+    return PLIANT_OK;
+}
+
+void *pliant_warp_accelerated(const pliant_warp *warp) { return warp->accelerated; }
+
+void pliant_warp_leave(pliant_warp *warp)
+{
+    if (!warp->accelerated) return;
+    pliant_log(PLIANT_LOG_WARNING, "the deformed volume is drawn by the CPU from now on: %s", pliant_last_error());
+    warp->backend->warp_free(warp->accelerated);
+    warp->accelerated = NULL;
+    warp->drawn = false;
+}
+
+const pliant_volume *pliant_warp_volume(const pliant_warp *warp)
+{
+    /* what cannot be had from a GPU that is lost stays as it was fetched last; the next update draws everything anew */
+    if (warp->accelerated && warp->backend->warp_fetch(warp->accelerated) != PLIANT_OK)
+        pliant_log(PLIANT_LOG_WARNING, "the deformed volume is an older one: %s", pliant_last_error());
+    return &warp->volume;
+}
 
 void pliant_warp_bricks(const pliant_warp *warp, int32_t count[3], const uint8_t **changed)
 {
@@ -301,6 +348,6 @@ void pliant_warp_bricks(const pliant_warp *warp, int32_t count[3], const uint8_t
 
 void pliant_warp_seconds(const pliant_warp *warp, double *cull, double *rasterize)
 {
-    *cull = warp->cull_seconds;
-    *rasterize = warp->rasterize_seconds;
+    *cull = warp->seconds[0];
+    *rasterize = warp->seconds[1];
 }

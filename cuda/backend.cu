@@ -1,0 +1,176 @@
+/* The table of the CUDA backend: the host's side of each stage. */
+#include "backend/backend.h"
+#include "check.h"
+#include "core/fail.h"
+#include "device.h"
+#include "fem/solver.h"
+#include "interact/tool.h"
+#include "pliant/memory.h"
+#include "solve.h"
+#include "warp.h"
+
+#include <cstdio>
+#include <cstring>
+
+struct cuda_data {
+    int device;
+    cudaStream_t stream;
+    pliant_cuda_solver *solver;
+    const double *d_positions;   /* (fine nodes x 3) of this step */
+    double *arriving;            /* (fine nodes x 3) of the host; changes places with data->positions when complete */
+    bool page_locked[2];         /* arriving; data->positions at first */
+    double *first_positions;
+};
+
+static cuda_data *state_of(const pliant_data *data) { return static_cast<cuda_data *>(data->backend_state); }
+
+static bool probe(char *text, size_t size)
+{
+    pliant_cuda_device device;
+    char reason[200];
+    if (!pliant_cuda_probe(&device, reason, sizeof reason)) {
+        snprintf(text, size, "%s", reason);
+        return false;
+    }
+    snprintf(text, size, "%s, compute capability %d.%d, %.1f of %.1f GB free", device.name, device.major, device.minor,
+             1e-9 * (double)device.free_bytes, 1e-9 * (double)device.total_bytes);
+    return true;
+}
+
+static pliant_status current_device(int *out)
+{
+    pliant_cuda_device device;
+    char reason[200];
+    if (!pliant_cuda_probe(&device, reason, sizeof reason)) return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "no GPU can be used: %s", reason);
+    *out = device.index;
+    return PLIANT_OK;
+}
+
+static bool lock_pages(void *block, size_t bytes)
+{
+    bool locked = cudaHostRegister(block, bytes, cudaHostRegisterDefault) == cudaSuccess;
+    cudaGetLastError();
+    return locked;
+}
+
+static void destroy(pliant_data *data)
+{
+    cuda_data *state = state_of(data);
+    if (!state) return;
+    cudaSetDevice(state->device);
+    if (state->stream) cudaStreamSynchronize(state->stream);
+    pliant_cuda_solver_free(state->solver);
+    double *other = state->first_positions == data->positions ? state->arriving : data->positions;
+    if (state->page_locked[0]) cudaHostUnregister(other);
+    if (state->page_locked[1]) cudaHostUnregister(state->first_positions);
+    if (state->stream) cudaStreamDestroy(state->stream);
+    cudaGetLastError();
+    pliant_free(state->arriving);
+    pliant_free(state);
+    data->backend_state = NULL;
+}
+
+static pliant_status fill(const pliant_model *model, const pliant_data *data, cuda_data *state)
+{
+    const size_t count = 3 * (size_t)model->fine.num_nodes;
+    CUDA_TRY(current_device(&state->device));
+    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithFlags(&state->stream, cudaStreamNonBlocking)));
+    state->first_positions = data->positions;
+    state->arriving = static_cast<double *>(pliant_calloc(count, sizeof *state->arriving));
+    if (!state->arriving) return pliant_fail_memory("the simulation state");
+    state->page_locked[0] = lock_pages(state->arriving, count * sizeof *state->arriving);
+    state->page_locked[1] = lock_pages(data->positions, count * sizeof *data->positions);
+    return pliant_cuda_solver_create(data->solver, state->device, state->stream, &state->solver);
+}
+
+static pliant_status create(const pliant_model *model, pliant_data *data)
+{
+    cuda_data *state = static_cast<cuda_data *>(pliant_calloc(1, sizeof *state));
+    if (!state) return pliant_fail_memory("the simulation state");
+    data->backend_state = state;
+    pliant_status status = fill(model, data, state);
+    if (status != PLIANT_OK) destroy(data);
+    return status;
+}
+
+static pliant_status restart(const pliant_model *model, pliant_data *data)
+{
+    (void)model;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) data->solver->handles[t].response_of = 0;
+    return pliant_cuda_solver_restart(state_of(data)->solver, data->solver);
+}
+
+/* of a coarse mesh it was brought when the step ended */
+static void bring(const pliant_model *model, pliant_data *data)
+{
+    if (model->system->mesh == &model->fine)
+        memcpy(data->solver->now.x, data->positions, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
+}
+
+static pliant_status solve(const pliant_model *model, pliant_data *data)
+{
+    (void)model;
+    pliant_cuda_section_begin("solve");
+    pliant_status status = pliant_cuda_solver_step(state_of(data)->solver, data->solver, data->gravity, &data->statistics);
+    pliant_cuda_section_end();
+    return status;
+}
+
+static pliant_status enqueue_upsample(const pliant_model *model, cuda_data *state)
+{
+    CUDA_TRY(pliant_cuda_solver_upsample(state->solver, &state->d_positions));
+    const size_t bytes = 3 * (size_t)model->fine.num_nodes * sizeof *state->arriving;
+    return CUDA_CALL(cudaMemcpyAsync(state->arriving, state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
+}
+
+static pliant_status upsample(const pliant_model *model, pliant_data *data)
+{
+    pliant_cuda_section_begin("upsample");
+    pliant_status status = enqueue_upsample(model, state_of(data));
+    pliant_cuda_section_end();
+    return status;
+}
+
+/* the warp, and the end of the step: all that was asked for has arrived */
+static pliant_status finish(const pliant_model *model, pliant_data *data)
+{
+    cuda_data *state = state_of(data);
+    pliant_cuda_warp *warp = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
+    const double *h_solved;
+    CUDA_TRY(pliant_cuda_solver_bring(state->solver, &h_solved));
+    if (warp) CUDA_TRY(pliant_cuda_warp_enqueue(warp, state->d_positions, state->stream));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));
+    if (warp) CUDA_TRY(pliant_cuda_warp_finish(warp, state->d_positions, state->stream));
+    double *arrived = state->arriving;
+    state->arriving = data->positions;
+    data->positions = arrived;
+    if (h_solved) memcpy(data->solver->now.x, h_solved, 3 * (size_t)model->system->mesh->num_nodes * sizeof *h_solved);
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
+    return data->warp && !warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
+}
+
+static pliant_status warp(const pliant_model *model, pliant_data *data)
+{
+    pliant_cuda_section_begin("warp");
+    pliant_status status = finish(model, data);
+    pliant_cuda_section_end();
+    return status;
+}
+
+static pliant_status warp_create(const pliant_warp_parts *parts, void **out)
+{
+    int device;
+    pliant_cuda_warp *made;
+    CUDA_TRY(current_device(&device));
+    CUDA_TRY(pliant_cuda_warp_create(parts, device, &made));
+    *out = made;
+    return PLIANT_OK;
+}
+
+static void warp_free(void *object) { pliant_cuda_warp_free(static_cast<pliant_cuda_warp *>(object)); }
+static pliant_status warp_update(void *object, const double *positions) { return pliant_cuda_warp_update(static_cast<pliant_cuda_warp *>(object), positions); }
+static pliant_status warp_fetch(void *object) { return pliant_cuda_warp_fetch(static_cast<pliant_cuda_warp *>(object)); }
+
+extern "C" const pliant_backend pliant_cuda_backend;
+const pliant_backend pliant_cuda_backend = {"cuda", probe,    create,      destroy,   restart,     bring,     solve,
+                                            upsample, warp, warp_create, warp_free, warp_update, warp_fetch};

@@ -1,0 +1,43 @@
+/* Every call of the CUDA runtime goes through CUDA_CALL: its error becomes a pliant_status with a message, and tests can
+ * make any one of them fail. */
+#ifndef PLIANT_CUDA_CHECK_H
+#define PLIANT_CUDA_CHECK_H
+
+#include "pliant/status.h"
+
+#include <cuda_runtime_api.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* MEMORY when the device has no room, UNAVAILABLE for all else: the device or its driver is gone or broken. */
+pliant_status pliant_cuda_status(cudaError_t error, const char *what);
+
+/* For tests: the call after the next `calls` ones fails, once, as if the device were lost. Negative: none (the default). */
+void pliant_cuda_fail_after(int64_t calls);
+bool pliant_cuda_fails_now(void);
+
+#define CUDA_CALL(call) pliant_cuda_status(pliant_cuda_fails_now() ? cudaErrorUnknown : (call), #call)
+/* after a kernel launch */
+#define CUDA_LAUNCHED(kernel) pliant_cuda_status(pliant_cuda_fails_now() ? cudaErrorUnknown : cudaGetLastError(), kernel)
+/* leave the function on the first failure; whoever owns the half-made object frees it */
+#define CUDA_TRY(status)                                                                                               \
+    do {                                                                                                               \
+        pliant_status cuda_try_status = (status);                                                                      \
+        if (cuda_try_status != PLIANT_OK) return cuda_try_status;                                                      \
+    } while (0)
+
+/* Device memory, not zeroed; *out is untouched on failure. what: for the message. Errors: MEMORY, with figures. */
+pliant_status pliant_cuda_allocate(size_t bytes, const char *what, void **out);
+/* Page-locked host memory, zeroed. */
+pliant_status pliant_cuda_allocate_host(size_t bytes, const char *what, void **out);
+void pliant_cuda_release(void *d_block);      /* Nullable */
+void pliant_cuda_release_host(void *h_block); /* Nullable */
+/* Allocate, and copy from the host before it returns. */
+pliant_status pliant_cuda_upload(const void *h_from, size_t bytes, const char *what, cudaStream_t stream, void **out);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

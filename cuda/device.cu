@@ -1,0 +1,142 @@
+#include "check.h"
+#include "core/fail.h"
+#include "device.h"
+
+#include <nvtx3/nvToolsExt.h>
+
+#include <atomic>
+#include <cstdio>
+#include <cstring>
+
+static std::atomic<long long> calls_left{-1};
+
+extern "C" void pliant_cuda_fail_after(int64_t calls) { calls_left = calls; }
+
+extern "C" bool pliant_cuda_fails_now(void)
+{
+    long long left = calls_left.load();
+    while (left >= 0)
+        if (calls_left.compare_exchange_weak(left, left - 1)) return left == 0;
+    return false;
+}
+
+extern "C" pliant_status pliant_cuda_status(cudaError_t error, const char *what)
+{
+    if (error == cudaSuccess) return PLIANT_OK;
+    cudaGetLastError(); /* reported now: the next check shall not report it again */
+    if (error == cudaErrorMemoryAllocation) return pliant_fail(PLIANT_ERROR_MEMORY, "the GPU is out of memory (%s)", what);
+    return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: %s (%s)", cudaGetErrorString(error), what);
+}
+
+extern "C" pliant_status pliant_cuda_allocate(size_t bytes, const char *what, void **out)
+{
+    void *block = nullptr;
+    cudaError_t error = pliant_cuda_fails_now() ? cudaErrorMemoryAllocation : cudaMalloc(&block, bytes > 0 ? bytes : 1);
+    if (error == cudaErrorMemoryAllocation) {
+        size_t free_bytes = 0, total = 0;
+        cudaGetLastError();
+        cudaMemGetInfo(&free_bytes, &total);
+        return pliant_fail(PLIANT_ERROR_MEMORY, "the GPU has no room for %s: %.1f MB are wanted, %.1f of %.1f MB are free", what,
+                           1e-6 * (double)bytes, 1e-6 * (double)free_bytes, 1e-6 * (double)total);
+    }
+    CUDA_TRY(pliant_cuda_status(error, what));
+    *out = block;
+    return PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_allocate_host(size_t bytes, const char *what, void **out)
+{
+    void *block = nullptr;
+    cudaError_t error = pliant_cuda_fails_now() ? cudaErrorMemoryAllocation : cudaMallocHost(&block, bytes > 0 ? bytes : 1);
+    if (error == cudaErrorMemoryAllocation) {
+        cudaGetLastError();
+        return pliant_fail_memory(what);
+    }
+    CUDA_TRY(pliant_cuda_status(error, what));
+    memset(block, 0, bytes);
+    *out = block;
+    return PLIANT_OK;
+}
+
+/* a device that is lost cannot give back either: nothing to do about it, and no reason to say more */
+extern "C" void pliant_cuda_release(void *d_block)
+{
+    if (d_block && cudaFree(d_block) != cudaSuccess) cudaGetLastError();
+}
+
+extern "C" void pliant_cuda_release_host(void *h_block)
+{
+    if (h_block && cudaFreeHost(h_block) != cudaSuccess) cudaGetLastError();
+}
+
+extern "C" pliant_status pliant_cuda_upload(const void *h_from, size_t bytes, const char *what, cudaStream_t stream, void **out)
+{
+    void *block;
+    CUDA_TRY(pliant_cuda_allocate(bytes, what, &block));
+    pliant_status status = CUDA_CALL(cudaMemcpyAsync(block, h_from, bytes, cudaMemcpyHostToDevice, stream));
+    if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(stream));
+    if (status != PLIANT_OK) {
+        pliant_cuda_release(block);
+        return status;
+    }
+    *out = block;
+    return PLIANT_OK;
+}
+
+__global__ void probe_kernel(int *out) { *out = 42; }
+
+/* run a kernel there and look at what it wrote */
+static cudaError_t try_device(int index)
+{
+    int *d_answer = nullptr, h_answer = 0;
+    cudaStream_t stream = nullptr;
+    cudaError_t error = cudaSetDevice(index);
+    if (error == cudaSuccess) error = cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking);
+    if (error == cudaSuccess) error = cudaMalloc(&d_answer, sizeof *d_answer);
+    if (error == cudaSuccess) {
+        probe_kernel<<<1, 1, 0, stream>>>(d_answer);
+        error = cudaGetLastError();
+    }
+    if (error == cudaSuccess) error = cudaMemcpyAsync(&h_answer, d_answer, sizeof h_answer, cudaMemcpyDeviceToHost, stream);
+    if (error == cudaSuccess) error = cudaStreamSynchronize(stream);
+    if (error == cudaSuccess && h_answer != 42) error = cudaErrorUnknown;
+    cudaFree(d_answer);
+    if (stream) cudaStreamDestroy(stream);
+    cudaGetLastError();
+    return error;
+}
+
+extern "C" bool pliant_cuda_probe(pliant_cuda_device *out, char *reason, size_t reason_size)
+{
+    int count = 0;
+    cudaError_t error = pliant_cuda_fails_now() ? cudaErrorNoDevice : cudaGetDeviceCount(&count);
+    pliant_cuda_device best = {};
+    best.index = -1;
+    for (int index = 0; error == cudaSuccess && index < count; index++) {
+        cudaDeviceProp properties;
+        pliant_cuda_device device = {};
+        cudaError_t here = cudaGetDeviceProperties(&properties, index);
+        if (here == cudaSuccess) here = try_device(index);
+        if (here == cudaSuccess) here = cudaMemGetInfo(&device.free_bytes, &device.total_bytes);
+        if (here != cudaSuccess) {
+            error = index + 1 < count || best.index >= 0 ? cudaSuccess : here;
+            continue;
+        }
+        device.index = index;
+        snprintf(device.name, sizeof device.name, "%s", properties.name);
+        device.major = properties.major;
+        device.minor = properties.minor;
+        device.multiprocessors = properties.multiProcessorCount;
+        if (best.index < 0 || device.free_bytes > best.free_bytes) best = device;
+    }
+    cudaGetLastError();
+    if (best.index < 0 || cudaSetDevice(best.index) != cudaSuccess) {
+        snprintf(reason, reason_size, "%s", error != cudaSuccess ? cudaGetErrorString(error) : "there is no device");
+        return false;
+    }
+    *out = best;
+    return true;
+}
+
+extern "C" void pliant_cuda_section_begin(const char *name) { nvtxRangePushA(name); }
+extern "C" void pliant_cuda_section_end(void) { nvtxRangePop(); }

@@ -1,0 +1,395 @@
+#include "check.h"
+#include "core/fail.h"
+#include "inverse.h"
+#include "pliant/memory.h"
+
+#include <cstring>
+
+enum { TILE = INVERSE_TILE, SWEEP = 64, SWEEP_TILE = SWEEP * SWEEP, THREADS = 256 };
+
+static __host__ __device__ __forceinline__ size_t triangle(size_t i, size_t j) { return i * (i + 1) / 2 + j; }
+
+/* ---- the matrix at rest, in tiles of SWEEP */
+
+struct sparse { int num_columns, num_blocks; const int *start, *row; const double *values; };
+
+static __device__ void put(double *tiles, int row, int column, double value)
+{
+    int i = row / SWEEP, j = column / SWEEP, r = row % SWEEP, c = column % SWEEP;
+    double *tile = tiles + SWEEP_TILE * triangle(i, j);
+    tile[SWEEP * r + c] = value;
+    if (i == j) tile[SWEEP * c + r] = value;
+}
+
+/* one thread a block of the pattern (src/fem/pattern.c says how the numbers lie) */
+static __global__ void scatter_kernel(sparse matrix, double *tiles)
+{
+    int b = (int)(blockIdx.x * blockDim.x + threadIdx.x);
+    if (b >= matrix.num_blocks) return;
+    int low = 0, high = matrix.num_columns; /* the column that holds it */
+    while (high - low > 1) {
+        int middle = (low + high) / 2;
+        if (matrix.start[middle] <= b) low = middle;
+        else high = middle;
+    }
+    long long first = matrix.start[low], height = matrix.start[low + 1] - first, place = b - first;
+    long long begin = 9 * first - 3 * (long long)low;
+    for (int c = 0; c < 3; c++) {
+        for (int r = place == 0 ? c : 0; r < 3; r++)
+            put(tiles, 3 * matrix.row[b] + r, 3 * low + c, matrix.values[begin + (place == 0 ? r - c : 3 * place - c + r)]);
+        begin += 3 * height - c;
+    }
+}
+
+static __global__ void pad_kernel(double *tiles, int size, int padded)
+{
+    int n = size + (int)threadIdx.x;
+    if (n < padded) put(tiles, n, n, 1);
+}
+
+/* ---- symmetric sweep of SWEEP unknowns at a time: after all of them the tiles hold minus the inverse
+ * P = A_kk^-1, C = A_ik, B = C P;  A_ij -= B_i C_j',  A_ik = B,  A_kk = -P */
+
+static __global__ void __launch_bounds__(THREADS) pivot_kernel(double *tile, double *pivot, int *failed)
+{
+    __shared__ double a[SWEEP][SWEEP], row[SWEEP], column[SWEEP];
+    for (int n = (int)threadIdx.x; n < SWEEP_TILE; n += THREADS) a[n / SWEEP][n % SWEEP] = tile[n];
+    __syncthreads();
+    for (int p = 0; p < SWEEP; p++) {
+        if (threadIdx.x < SWEEP) {
+            row[threadIdx.x] = a[p][threadIdx.x];
+            column[threadIdx.x] = a[threadIdx.x][p];
+        }
+        __syncthreads();
+        double d = row[p];
+        if (!(d > 0)) {
+            if (threadIdx.x == 0) *failed = 1;
+            return; /* the same for all threads */
+        }
+        d = 1 / d;
+        for (int n = (int)threadIdx.x; n < SWEEP_TILE; n += THREADS) {
+            int r = n / SWEEP, c = n % SWEEP;
+            double by = column[r] * d;
+            a[r][c] = r == p ? (c == p ? d : row[c] * d) : c == p ? -by : a[r][c] - by * row[c];
+        }
+        __syncthreads();
+    }
+    for (int n = (int)threadIdx.x; n < SWEEP_TILE; n += THREADS) {
+        pivot[n] = a[n / SWEEP][n % SWEEP];
+        tile[n] = -a[n / SWEEP][n % SWEEP];
+    }
+}
+
+/* sum over m of left[r][m] * right[c][m] for 4 x 4 numbers a thread */
+static __device__ __forceinline__ void multiply(const double *left, const double *right, double sum[4][4])
+{
+    enum { DEEP = 16 };
+    __shared__ double a[DEEP][SWEEP + 2], b[DEEP][SWEEP + 2];
+    const int thread = (int)threadIdx.x, x = thread % 16, y = thread / 16;
+    for (int begin = 0; begin < SWEEP; begin += DEEP) {
+        __syncthreads();
+        for (int n = thread; n < SWEEP * DEEP; n += THREADS) {
+            a[n % DEEP][n / DEEP] = left[SWEEP * (n / DEEP) + begin + n % DEEP];
+            b[n % DEEP][n / DEEP] = right[SWEEP * (n / DEEP) + begin + n % DEEP];
+        }
+        __syncthreads();
+#pragma unroll
+        for (int m = 0; m < DEEP; m++)
+#pragma unroll
+            for (int r = 0; r < 4; r++)
+#pragma unroll
+                for (int c = 0; c < 4; c++) sum[r][c] += a[m][4 * y + r] * b[m][4 * x + c];
+    }
+}
+
+static __global__ void __launch_bounds__(THREADS) copy_panel_kernel(const double *tiles, int k, double *old)
+{
+    int i = (int)blockIdx.x;
+    const double *tile = tiles + SWEEP_TILE * (i >= k ? triangle(i, k) : triangle(k, i));
+    for (int n = (int)threadIdx.x; n < SWEEP_TILE; n += THREADS)
+        old[(size_t)SWEEP_TILE * i + n] = i >= k ? tile[n] : tile[SWEEP * (n % SWEEP) + n / SWEEP];
+}
+
+/* P is symmetric: its rows are its columns */
+static __global__ void __launch_bounds__(THREADS) panel_kernel(double *tiles, int k, const double *pivot, const double *old, double *panel)
+{
+    int i = (int)blockIdx.x;
+    if (i == k) return;
+    double sum[4][4] = {};
+    multiply(old + (size_t)SWEEP_TILE * i, pivot, sum);
+    double *tile = tiles + SWEEP_TILE * (i >= k ? triangle(i, k) : triangle(k, i));
+    const int x = (int)threadIdx.x % 16, y = (int)threadIdx.x / 16;
+    for (int r = 0; r < 4; r++)
+        for (int c = 0; c < 4; c++) {
+            int row = 4 * y + r, column = 4 * x + c;
+            panel[(size_t)SWEEP_TILE * i + SWEEP * row + column] = sum[r][c];
+            tile[i >= k ? SWEEP * row + column : SWEEP * column + row] = sum[r][c];
+        }
+}
+
+static __global__ void __launch_bounds__(THREADS) update_kernel(double *tiles, int k, const double *old, const double *panel)
+{
+    int i = (int)blockIdx.y, j = (int)blockIdx.x;
+    if (j > i || i == k || j == k) return;
+    double sum[4][4] = {};
+    multiply(panel + (size_t)SWEEP_TILE * i, old + (size_t)SWEEP_TILE * j, sum);
+    double *tile = tiles + SWEEP_TILE * triangle(i, j);
+    const int x = (int)threadIdx.x % 16, y = (int)threadIdx.x / 16;
+    for (int r = 0; r < 4; r++)
+        for (int c = 0; c < 4; c++) tile[SWEEP * (4 * y + r) + 4 * x + c] -= sum[r][c];
+}
+
+static __global__ void narrow_kernel(const double *sweep, float *tiles)
+{
+    int i = (int)blockIdx.y, j = (int)blockIdx.x;
+    if (j > i) return;
+    float *tile = tiles + (size_t)TILE * TILE * triangle(i, j);
+    for (int n = (int)threadIdx.x; n < TILE * TILE; n += (int)blockDim.x) {
+        int row = TILE * i + n / TILE, column = TILE * j + n % TILE;
+        int high = row / SWEEP >= column / SWEEP ? row : column, low = high == row ? column : row;
+        tile[n] = (float)-sweep[SWEEP_TILE * triangle(high / SWEEP, low / SWEEP) + SWEEP * (high % SWEEP) + low % SWEEP];
+    }
+}
+
+struct workspace { double *d_sweep, *d_old, *d_panel, *d_pivot; int *d_failed; void *d_start, *d_row, *d_values; };
+
+static void workspace_free(workspace *work)
+{
+    void *blocks[] = {work->d_sweep, work->d_old, work->d_panel, work->d_pivot, work->d_failed, work->d_start, work->d_row, work->d_values};
+    for (void *block : blocks) pliant_cuda_release(block);
+}
+
+static pliant_status allocate(size_t count, double **d_out)
+{
+    return pliant_cuda_allocate(count * sizeof(double), "the inverse", reinterpret_cast<void **>(d_out));
+}
+
+static pliant_status sweep_all(const workspace &work, int sweeps, cudaStream_t stream)
+{
+    int h_failed = 0;
+    for (int k = 0; k < sweeps; k++) {
+        pivot_kernel<<<1, THREADS, 0, stream>>>(work.d_sweep + SWEEP_TILE * triangle(k, k), work.d_pivot, work.d_failed);
+        copy_panel_kernel<<<(unsigned)sweeps, THREADS, 0, stream>>>(work.d_sweep, k, work.d_old);
+        panel_kernel<<<(unsigned)sweeps, THREADS, 0, stream>>>(work.d_sweep, k, work.d_pivot, work.d_old, work.d_panel);
+        update_kernel<<<dim3((unsigned)sweeps, (unsigned)sweeps), THREADS, 0, stream>>>(work.d_sweep, k, work.d_old, work.d_panel);
+        CUDA_TRY(CUDA_LAUNCHED("update_kernel"));
+    }
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(&h_failed, work.d_failed, sizeof h_failed, cudaMemcpyDeviceToHost, stream)));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
+    if (h_failed) return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness matrix is not positive definite: it has no inverse on the GPU");
+    return PLIANT_OK;
+}
+
+static pliant_status invert(const pliant_system *system, const double *h_values, cudaStream_t stream, workspace *work, gpu_inverse *out)
+{
+    const pliant_pattern *pattern = &system->pattern;
+    const int padded = out->tiles * TILE, sweeps = padded / SWEEP;
+    const size_t count = SWEEP_TILE * triangle((size_t)sweeps, 0), panel = (size_t)SWEEP_TILE * (size_t)sweeps;
+    CUDA_TRY(allocate(count, &work->d_sweep));
+    CUDA_TRY(allocate(panel, &work->d_old));
+    CUDA_TRY(allocate(panel, &work->d_panel));
+    CUDA_TRY(allocate(SWEEP_TILE, &work->d_pivot));
+    CUDA_TRY(pliant_cuda_allocate(sizeof(int), "the inverse", reinterpret_cast<void **>(&work->d_failed)));
+    CUDA_TRY(pliant_cuda_upload(pattern->start, ((size_t)pattern->num_columns + 1) * sizeof *pattern->start, "the matrix", stream, &work->d_start));
+    CUDA_TRY(pliant_cuda_upload(pattern->row, (size_t)pattern->num_blocks * sizeof *pattern->row, "the matrix", stream, &work->d_row));
+    CUDA_TRY(pliant_cuda_upload(h_values, (size_t)pattern->num_values * sizeof *h_values, "the matrix", stream, &work->d_values));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(work->d_sweep, 0, count * sizeof(double), stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(work->d_failed, 0, sizeof(int), stream)));
+    sparse matrix = {pattern->num_columns, pattern->num_blocks, static_cast<int *>(work->d_start), static_cast<int *>(work->d_row),
+                     static_cast<double *>(work->d_values)};
+    scatter_kernel<<<(unsigned)((matrix.num_blocks + THREADS - 1) / THREADS), THREADS, 0, stream>>>(matrix, work->d_sweep);
+    CUDA_TRY(CUDA_LAUNCHED("scatter_kernel"));
+    pad_kernel<<<1, TILE, 0, stream>>>(work->d_sweep, out->size, padded);
+    CUDA_TRY(CUDA_LAUNCHED("pad_kernel"));
+    CUDA_TRY(sweep_all(*work, sweeps, stream));
+    narrow_kernel<<<dim3((unsigned)out->tiles, (unsigned)out->tiles), THREADS, 0, stream>>>(work->d_sweep, out->d_tiles);
+    CUDA_TRY(CUDA_LAUNCHED("narrow_kernel"));
+    return CUDA_CALL(cudaStreamSynchronize(stream));
+}
+
+extern "C" int32_t pliant_cuda_inverse_padded(int32_t size) { return (size + TILE - 1) / TILE * TILE; }
+
+extern "C" size_t pliant_cuda_inverse_room(int32_t size, size_t *kept)
+{
+    size_t padded = (size_t)pliant_cuda_inverse_padded(size), tiles = padded / TILE;
+    *kept = triangle(tiles, 0) * TILE * TILE * sizeof(float) + tiles * padded * sizeof(float);
+    return *kept + triangle(padded / SWEEP, 0) * SWEEP_TILE * sizeof(double) + 2 * padded * SWEEP * sizeof(double);
+}
+
+extern "C" pliant_status pliant_cuda_inverse_create(const pliant_system *system, cudaStream_t stream, gpu_inverse *out)
+{
+    gpu_inverse made = {};
+    workspace work = {};
+    made.size = 3 * system->num_free;
+    made.tiles = pliant_cuda_inverse_padded(made.size) / TILE;
+    double *h_values = static_cast<double *>(pliant_calloc((size_t)system->pattern.num_values, sizeof(double)));
+    double(*h_rotations)[9][LANES] = reinterpret_cast<double(*)[9][LANES]>(pliant_calloc((size_t)system->num_blocks, 9 * LANES * sizeof(double)));
+    pliant_status status = h_values && h_rotations ? PLIANT_OK : pliant_fail_memory("the stiffness matrix");
+    if (status == PLIANT_OK) {
+        pliant_system_rotations(system, system->mesh->rest, h_rotations);
+        pliant_system_assemble(system, h_rotations, h_values);
+        const size_t tiles = (size_t)made.tiles;
+        status = pliant_cuda_allocate(triangle(tiles, 0) * TILE * TILE * sizeof(float), "the inverse", reinterpret_cast<void **>(&made.d_tiles));
+        if (status == PLIANT_OK)
+            status = pliant_cuda_allocate(tiles * tiles * TILE * sizeof(float), "the inverse", reinterpret_cast<void **>(&made.d_parts));
+        if (status == PLIANT_OK) status = invert(system, h_values, stream, &work, &made);
+    }
+    workspace_free(&work);
+    pliant_free(h_values);
+    pliant_free(h_rotations);
+    if (status != PLIANT_OK) {
+        pliant_cuda_inverse_free(&made);
+        return status;
+    }
+    *out = made;
+    return PLIANT_OK;
+}
+
+extern "C" void pliant_cuda_inverse_free(gpu_inverse *inverse)
+{
+    pliant_cuda_release(inverse->d_tiles);
+    pliant_cuda_release(inverse->d_parts);
+    memset(inverse, 0, sizeof *inverse);
+}
+
+/* ---- in a step */
+
+/* the tile of a block: row i, column j <= i, row after row */
+static __device__ __forceinline__ void tile_of(int block, int *i, int *j)
+{
+    int row = (int)((sqrtf(8.0f * (float)block + 1.0f) - 1.0f) * 0.5f);
+    while ((row + 1) * (row + 2) / 2 <= block) row++;
+    while (row * (row + 1) / 2 > block) row--;
+    *i = row;
+    *j = block - row * (row + 1) / 2;
+}
+
+template <int HALF> static __device__ __forceinline__ void fold(float *p, int lane)
+{
+    bool upper = lane & 2 * HALF;
+#pragma unroll
+    for (int q = 0; q < HALF; q++) {
+        float give = upper ? p[q] : p[q + HALF], keep = upper ? p[q + HALF] : p[q];
+        p[q] = keep + __shfl_xor_sync(0xffffffff, give, 2 * HALF);
+    }
+}
+
+/* Sums 16 numbers of each lane over the warp: lane l ends with the sum of number l / 2. */
+static __device__ __forceinline__ float sum_rows(float *p, int lane)
+{
+    fold<8>(p, lane);
+    fold<4>(p, lane);
+    fold<2>(p, lane);
+    fold<1>(p, lane);
+    return p[0] + __shfl_xor_sync(0xffffffff, p[0], 1);
+}
+
+/* One block a tile: its rows give to the unknowns of its row, and, below the diagonal, its columns to those of its column. */
+static __global__ void __launch_bounds__(THREADS) product_kernel(gpu_inverse inverse, gpu_iteration iteration)
+{
+    enum { WARPS = THREADS / 32, ROWS = TILE / WARPS };
+    __shared__ float4 columns[WARPS][32];
+    if (iteration.d_state->done) return;
+    int i, j;
+    tile_of((int)blockIdx.x, &i, &j);
+    const int warp = (int)threadIdx.x / 32, lane = (int)threadIdx.x % 32, padded = inverse.tiles * TILE;
+    const float4 *tile = reinterpret_cast<const float4 *>(inverse.d_tiles + (size_t)TILE * TILE * blockIdx.x) + warp * ROWS * (TILE / 4) + lane;
+    const float4 x = reinterpret_cast<const float4 *>(iteration.d_right + TILE * j)[lane];
+    const float own = iteration.d_right[TILE * i + warp * ROWS + lane % ROWS];
+    float sums[ROWS];
+    float4 column = make_float4(0, 0, 0, 0);
+#pragma unroll
+    for (int r = 0; r < ROWS; r++) {
+        float4 a = __ldcs(tile + r * (TILE / 4));
+        float at = __shfl_sync(0xffffffff, own, r);
+        sums[r] = a.x * x.x + a.y * x.y + a.z * x.z + a.w * x.w;
+        column.x += a.x * at;
+        column.y += a.y * at;
+        column.z += a.z * at;
+        column.w += a.w * at;
+    }
+    float sum = sum_rows(sums, lane);
+    if (lane % 2 == 0) inverse.d_parts[(size_t)padded * j + TILE * i + warp * ROWS + lane / 2] = sum;
+    if (i == j) return;
+    columns[warp][lane] = column;
+    __syncthreads();
+    if (threadIdx.x >= TILE) return;
+    float whole = 0;
+    for (int w = 0; w < WARPS; w++) whole += reinterpret_cast<const float *>(columns[w])[threadIdx.x];
+    inverse.d_parts[(size_t)padded * i + TILE * j + threadIdx.x] = whole;
+}
+
+enum { SUM_ROWS = 32, SUM_GROUPS = THREADS / SUM_ROWS };
+
+static __global__ void __launch_bounds__(THREADS) sum_kernel(gpu_inverse inverse, gpu_iteration iteration)
+{
+    __shared__ float sums[SUM_GROUPS][SUM_ROWS];
+    if (iteration.d_state->done) return;
+    const int row = (int)threadIdx.x % SUM_ROWS, group = (int)threadIdx.x / SUM_ROWS, n = (int)blockIdx.x * SUM_ROWS + row;
+    const size_t padded = (size_t)inverse.tiles * TILE;
+    float sum = 0;
+#pragma unroll 4
+    for (int k = group; k < inverse.tiles; k += SUM_GROUPS) sum += inverse.d_parts[padded * (size_t)k + n];
+    sums[group][row] = sum;
+    __syncthreads();
+    if (group != 0) return;
+    for (int g = 1; g < SUM_GROUPS; g++) sum += sums[g][row];
+    iteration.d_left[n] = sum;
+}
+
+extern "C" pliant_status pliant_cuda_inverse_apply(const gpu_inverse *inverse, const gpu_iteration *iteration, cudaStream_t stream)
+{
+    product_kernel<<<(unsigned)triangle((size_t)inverse->tiles, 0), THREADS, 0, stream>>>(*inverse, *iteration);
+    CUDA_TRY(CUDA_LAUNCHED("product_kernel"));
+    sum_kernel<<<(unsigned)(inverse->tiles * TILE / SUM_ROWS), THREADS, 0, stream>>>(*inverse, *iteration);
+    return CUDA_LAUNCHED("sum_kernel");
+}
+
+static __device__ __forceinline__ float entry(const gpu_inverse &inverse, int row, int column)
+{
+    int high = row / TILE >= column / TILE ? row : column, low = high == row ? column : row;
+    return inverse.d_tiles[(size_t)TILE * TILE * triangle((size_t)(high / TILE), (size_t)(low / TILE)) + TILE * (high % TILE) + low % TILE];
+}
+
+enum { RESPONSE_NODES = 64, RESPONSE_ROWS = 3 * RESPONSE_NODES, RESPONSE_CHUNK = 32 };
+
+/* one thread an unknown */
+static __global__ void __launch_bounds__(RESPONSE_ROWS) response_kernel(gpu_inverse inverse, gpu_iteration iteration, gpu_tool tool, double *d_response)
+{
+    __shared__ double turned[RESPONSE_CHUNK][3][3], sums[3][RESPONSE_ROWS];
+    __shared__ int unknown[RESPONSE_CHUNK];
+    const int thread = (int)threadIdx.x, n = (int)blockIdx.x * RESPONSE_ROWS + thread;
+    double sum[3] = {0, 0, 0};
+    for (int first = 0; first < tool.count; first += RESPONSE_CHUNK) {
+        int here = tool.count - first < RESPONSE_CHUNK ? tool.count - first : RESPONSE_CHUNK;
+        __syncthreads();
+        for (int m = thread; m < 9 * here; m += RESPONSE_ROWS) { /* T' of W' e_d */
+            int h = m / 9, d = m / 3 % 3, c = m % 3, node = tool.d_unknown[first + h];
+            const double *turn = iteration.d_turn + 9 * (size_t)node, *block = tool.d_block + 9 * (size_t)(first + h) + 3 * d;
+            turned[h][d][c] = turn[c] * block[0] + turn[3 + c] * block[1] + turn[6 + c] * block[2];
+            if (m % 9 == 0) unknown[h] = node;
+        }
+        __syncthreads();
+        if (n >= inverse.size) continue;
+        for (int h = 0; h < here; h++)
+            for (int c = 0; c < 3; c++) {
+                double a = entry(inverse, n, 3 * unknown[h] + c);
+                for (int d = 0; d < 3; d++) sum[d] += a * turned[h][d][c];
+            }
+    }
+    for (int d = 0; d < 3; d++) sums[d][thread] = sum[d];
+    __syncthreads();
+    if (n >= inverse.size) return;
+    const double *turn = iteration.d_turn + 9 * (size_t)(n / 3) + 3 * (n % 3);
+    const int base = thread - thread % 3;
+    for (int d = 0; d < 3; d++)
+        d_response[(size_t)inverse.size * d + n] = turn[0] * sums[d][base] + turn[1] * sums[d][base + 1] + turn[2] * sums[d][base + 2];
+}
+
+extern "C" pliant_status pliant_cuda_inverse_response(const gpu_inverse *inverse, const gpu_iteration *iteration, const gpu_tool *tool,
+                                                      double *d_response, cudaStream_t stream)
+{
+    unsigned blocks = (unsigned)((inverse->size + RESPONSE_ROWS - 1) / RESPONSE_ROWS);
+    response_kernel<<<blocks, RESPONSE_ROWS, 0, stream>>>(*inverse, *iteration, *tool, d_response);
+    return CUDA_LAUNCHED("response_kernel");
+}

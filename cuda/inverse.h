@@ -1,0 +1,37 @@
+/* The preconditioner of small systems: the inverse of the matrix at rest, dense, in float, applied as one matrix-vector
+ * product. Only the lower triangle of tiles is kept, and read once. The inversion is done in double, by symmetric sweeps. */
+#ifndef PLIANT_CUDA_INVERSE_H
+#define PLIANT_CUDA_INVERSE_H
+
+#include "state.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { INVERSE_TILE = 128 };
+
+typedef struct gpu_inverse {
+    int32_t size, tiles;  /* unknowns; tiles along each side */
+    float *d_tiles;       /* (tiles (tiles + 1) / 2 x TILE x TILE), row after row of tiles */
+    float *d_parts;       /* (tiles x TILE tiles): what each column of tiles adds to each unknown */
+} gpu_inverse;
+
+/* Unknowns, rounded up to whole tiles. */
+int32_t pliant_cuda_inverse_padded(int32_t size);
+/* Bytes that making it takes at most, and that it keeps. */
+size_t pliant_cuda_inverse_room(int32_t size, size_t *kept);
+/* Errors: MEMORY, NUMERIC (not positive definite), UNAVAILABLE. */
+pliant_status pliant_cuda_inverse_create(const pliant_system *system, cudaStream_t stream, gpu_inverse *out);
+void pliant_cuda_inverse_free(gpu_inverse *inverse);
+
+/* d_left = inverse * d_right, both padded, the padding of d_right 0; nothing when the state is done. */
+pliant_status pliant_cuda_inverse_apply(const gpu_inverse *inverse, const gpu_iteration *iteration, cudaStream_t stream);
+/* Z = T inverse T' W' for one tool's W, with T the turn at each node: d_response (3 x size). */
+pliant_status pliant_cuda_inverse_response(const gpu_inverse *inverse, const gpu_iteration *iteration, const gpu_tool *tool, double *d_response,
+                                           cudaStream_t stream);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

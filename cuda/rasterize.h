@@ -1,0 +1,48 @@
+/* The deformed volume on the GPU: tetrahedra are set up and sorted into bricks, then one block writes one brick. The volume
+ * equals the CPU's, bit for bit, for the same positions (src/warp/raster.h has the rules). */
+#ifndef PLIANT_CUDA_RASTERIZE_H
+#define PLIANT_CUDA_RASTERIZE_H
+
+#include "warp/raster.h"
+
+#include <cuda_runtime_api.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* What the kernels see. All pointers are of the device. */
+typedef struct gpu_raster {
+    raster_grid grid;
+    pliant_encoding encoding;
+    int32_t source_size[3], source_step[3];
+    /* 8 and 16 bit voxels: 32 bits each, the voxel in the low half and its right neighbour in the high one; else floats */
+    const void *d_source;
+    raster_source background;        /* only its background is used */
+    int32_t num_tets, num_bricks;
+    const int32_t *d_tets;           /* (num_tets x 4) */
+    const double *d_rest;            /* (num_nodes x 3) continuous index in the scan */
+    int32_t *d_fixed;                /* (num_tets x 12) fixed-point corners of the last update */
+    void *d_setup;                   /* (num_tets) gpu_tet of the last update */
+    int32_t *d_count;                /* (num_bricks) candidates; 0 between updates */
+    int32_t *d_list;                 /* (num_bricks x capacity), in no order */
+    int32_t capacity;
+    uint8_t *d_dirty, *d_changed;    /* (num_bricks); dirty is 0 between updates */
+    int32_t *d_longest;              /* longest list of the update: above capacity, lists were cut off and must be made again */
+    void *d_volume;
+} gpu_raster;
+
+size_t pliant_cuda_setup_bytes(void); /* of one tetrahedron in d_setup */
+
+/* d_voxels (count, in the encoding of the scan) to d_source. */
+pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, void *d_source, int64_t count, cudaStream_t stream);
+/* The background everywhere. */
+pliant_status pliant_cuda_clear_volume(const gpu_raster *raster, cudaStream_t stream);
+/* Two kernels. all: every brick is drawn, whatever was there. d_positions: (num_nodes x 3) [m]. */
+pliant_status pliant_cuda_cull(const gpu_raster *raster, const double *d_positions, bool all, cudaStream_t stream);
+pliant_status pliant_cuda_rasterize(const gpu_raster *raster, cudaStream_t stream);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

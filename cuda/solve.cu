@@ -1,0 +1,301 @@
+#include "anderson.h"
+#include "check.h"
+#include "core/fail.h"
+#include "device.h"
+#include "forces.h"
+#include "inverse.h"
+#include "pliant/memory.h"
+#include "solve.h"
+#include "upsample.h"
+
+#include <cstddef>
+#include <cstring>
+
+struct tool_arrays { int32_t *d_unknown; double *d_block, *d_response; };
+
+struct pliant_cuda_solver {
+    int device;
+    cudaStream_t stream; /* borrowed */
+    gpu_system system;
+    gpu_inverse inverse;
+    gpu_iteration iteration;
+    int gather_blocks;
+    cudaGraphExec_t evaluation;
+    gpu_state *h_state;        /* page-locked; its first part is what comes back */
+    double *d_fine, *d_solved, *h_solved;
+    tool_arrays tools[PLIANT_MAX_TOOLS];
+    uint64_t serial;           /* counts turns of the preconditioner, from 1 */
+    uint64_t turned_at;        /* step */
+    bool turn_due;
+    uint64_t forgotten;        /* of the host's solver */
+    double gravity[3];
+    bool loaded;
+    int32_t last_iterations;
+    size_t bytes;
+};
+
+/* evaluations of a step beyond which the preconditioner is turned along with the tissue before the next one */
+static const int32_t many_iterations = 5;
+
+static pliant_status allocate(pliant_cuda_solver *gpu, size_t bytes, void **d_out)
+{
+    CUDA_TRY(pliant_cuda_allocate(bytes, "the solver", d_out));
+    gpu->bytes += bytes;
+    return CUDA_CALL(cudaMemsetAsync(*d_out, 0, bytes, gpu->stream));
+}
+
+static pliant_status allocate(pliant_cuda_solver *gpu, size_t count, double **d_out)
+{
+    return allocate(gpu, count * sizeof(double), reinterpret_cast<void **>(d_out));
+}
+
+static pliant_status allocate_iteration(pliant_cuda_solver *gpu, const pliant_solver *solver)
+{
+    gpu_iteration *it = &gpu->iteration;
+    const size_t n = 3 * (size_t)gpu->system.num_free, nodes = 3 * (size_t)gpu->system.num_nodes;
+    it->num_free = gpu->system.num_free;
+    it->num_nodes = gpu->system.num_nodes;
+    it->d_node_of_free = gpu->system.d_node_of_free;
+    it->depth = solver->depth;
+    const size_t history = n * (size_t)(it->depth > 0 ? it->depth : 1);
+    const size_t padded = (size_t)pliant_cuda_inverse_padded((int32_t)n) * sizeof(float);
+    CUDA_TRY(allocate(gpu, sizeof(gpu_state), reinterpret_cast<void **>(&it->d_state)));
+    for (int b = 0; b < 2; b++) {
+        CUDA_TRY(allocate(gpu, nodes, &it->d_x[b]));
+        CUDA_TRY(allocate(gpu, n, &it->d_step[b]));
+        CUDA_TRY(allocate(gpu, n, &it->d_pull[b]));
+    }
+    CUDA_TRY(allocate(gpu, n, &it->d_load));
+    CUDA_TRY(allocate(gpu, n, &it->d_extra));
+    CUDA_TRY(allocate(gpu, history, &it->d_secant_x));
+    CUDA_TRY(allocate(gpu, history, &it->d_secant_step));
+    CUDA_TRY(allocate(gpu, history, &it->d_secant_pull));
+    CUDA_TRY(allocate(gpu, 16 * (size_t)gpu->system.num_tets, &it->d_element_force));
+    CUDA_TRY(allocate(gpu, 3 * n, &it->d_turn));
+    CUDA_TRY(allocate(gpu, padded, reinterpret_cast<void **>(&it->d_right)));
+    CUDA_TRY(allocate(gpu, padded, reinterpret_cast<void **>(&it->d_left)));
+    gpu->gather_blocks = pliant_cuda_gather_blocks(&gpu->system);
+    CUDA_TRY(allocate(gpu, (size_t)GATHER_SUMS * (size_t)gpu->gather_blocks + (size_t)DOT_SUMS * (size_t)pliant_cuda_dot_blocks(it), &it->d_sums));
+    CUDA_TRY(allocate(gpu, 3 * (size_t)gpu->system.num_fine, &gpu->d_fine));
+    if (gpu->system.d_fine_rest) {
+        CUDA_TRY(allocate(gpu, nodes, &gpu->d_solved));
+        CUDA_TRY(pliant_cuda_allocate_host(nodes * sizeof(double), "the solved nodes", reinterpret_cast<void **>(&gpu->h_solved)));
+    }
+    return pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state));
+}
+
+static pliant_status enqueue_evaluation(const pliant_cuda_solver *gpu)
+{
+    const gpu_iteration *it = &gpu->iteration;
+    CUDA_TRY(pliant_cuda_forces(&gpu->system, it, gpu->stream));
+    CUDA_TRY(pliant_cuda_gather(&gpu->system, it, gpu->stream));
+    CUDA_TRY(pliant_cuda_inverse_apply(&gpu->inverse, it, gpu->stream));
+    CUDA_TRY(pliant_cuda_springs(it, gpu->stream));
+    CUDA_TRY(pliant_cuda_complete(it, gpu->gather_blocks, gpu->stream));
+    CUDA_TRY(pliant_cuda_decide(it, gpu->gather_blocks, gpu->stream));
+    return pliant_cuda_propose(it, gpu->stream);
+}
+
+/* one evaluation as a graph: eight kernels for the price of one launch */
+static pliant_status record_evaluation(pliant_cuda_solver *gpu)
+{
+    cudaGraph_t graph = nullptr;
+    CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
+    pliant_status status = enqueue_evaluation(gpu), ended = CUDA_CALL(cudaStreamEndCapture(gpu->stream, &graph));
+    if (status == PLIANT_OK) status = ended;
+    if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphInstantiateWithFlags(&gpu->evaluation, graph, 0));
+    if (graph) cudaGraphDestroy(graph);
+    return status;
+}
+
+static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
+{
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    CUDA_TRY(pliant_cuda_system_create(solver->system, gpu->stream, &gpu->system));
+    CUDA_TRY(pliant_cuda_inverse_create(solver->system, gpu->stream, &gpu->inverse));
+    CUDA_TRY(allocate_iteration(gpu, solver));
+    CUDA_TRY(record_evaluation(gpu));
+    return pliant_cuda_solver_restart(gpu, solver);
+}
+
+extern "C" pliant_status pliant_cuda_solver_create(const pliant_solver *solver, int device, cudaStream_t stream, pliant_cuda_solver **out)
+{
+    pliant_cuda_solver *gpu = static_cast<pliant_cuda_solver *>(pliant_calloc(1, sizeof *gpu));
+    if (!gpu) return pliant_fail_memory("the solver");
+    gpu->device = device;
+    gpu->stream = stream;
+    pliant_status status = fill(gpu, solver);
+    if (status != PLIANT_OK) {
+        pliant_cuda_solver_free(gpu);
+        return status;
+    }
+    size_t kept;
+    pliant_cuda_inverse_room(gpu->inverse.size, &kept);
+    gpu->bytes += kept;
+    *out = gpu;
+    return PLIANT_OK;
+}
+
+extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
+{
+    if (!gpu) return;
+    if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
+    gpu_iteration *it = &gpu->iteration;
+    void *blocks[] = {it->d_state, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_pull[0], it->d_pull[1], it->d_load, it->d_extra,
+                      it->d_secant_x, it->d_secant_step, it->d_secant_pull, it->d_element_force, it->d_turn, it->d_right, it->d_left,
+                      it->d_sums, gpu->d_fine, gpu->d_solved};
+    for (void *block : blocks) pliant_cuda_release(block);
+    for (tool_arrays &tool : gpu->tools) {
+        pliant_cuda_release(tool.d_unknown);
+        pliant_cuda_release(tool.d_block);
+        pliant_cuda_release(tool.d_response);
+    }
+    pliant_cuda_release_host(gpu->h_state);
+    pliant_cuda_release_host(gpu->h_solved);
+    pliant_cuda_inverse_free(&gpu->inverse);
+    pliant_cuda_system_free(&gpu->system);
+    pliant_free(gpu);
+}
+
+extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver)
+{
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    const size_t bytes = 3 * (size_t)gpu->system.num_nodes * sizeof(double);
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_state, 0, sizeof(gpu_state), gpu->stream)));
+    CUDA_TRY(pliant_cuda_turn(&gpu->system, &gpu->iteration, true, gpu->stream));
+    gpu->serial++;
+    for (int b = 0; b < 2; b++)
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[b], solver->now.x, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+    gpu->loaded = false;
+    gpu->turn_due = false;
+    gpu->turned_at = 0;
+    gpu->last_iterations = 2;
+    return PLIANT_OK;
+}
+
+/* ---- in a step */
+
+static pliant_status send_load(pliant_cuda_solver *gpu, const pliant_solver *solver, const double gravity[3])
+{
+    if (gpu->loaded && memcmp(gpu->gravity, gravity, sizeof gpu->gravity) == 0) return PLIANT_OK;
+    const size_t bytes = 3 * (size_t)gpu->system.num_free * sizeof(double);
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_load, solver->load, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    memcpy(gpu->gravity, gravity, sizeof gpu->gravity);
+    gpu->loaded = true;
+    return PLIANT_OK;
+}
+
+/* W of a tool that took hold */
+static pliant_status send_hold(pliant_cuda_solver *gpu, const pliant_handle *handle, tool_arrays *arrays)
+{
+    const size_t most = (size_t)gpu->system.num_free, count = (size_t)handle->count;
+    if (!arrays->d_unknown) CUDA_TRY(allocate(gpu, most * sizeof(int32_t), reinterpret_cast<void **>(&arrays->d_unknown)));
+    if (!arrays->d_block) CUDA_TRY(allocate(gpu, 9 * most, &arrays->d_block));
+    if (!arrays->d_response) CUDA_TRY(allocate(gpu, 9 * most, &arrays->d_response));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(arrays->d_unknown, handle->unknown, count * sizeof(int32_t), cudaMemcpyHostToDevice, gpu->stream)));
+    return CUDA_CALL(cudaMemcpyAsync(arrays->d_block, handle->block, 9 * count * sizeof(double), cudaMemcpyHostToDevice, gpu->stream));
+}
+
+/* what the tools do in this step; the responses of those that took hold or that the preconditioner left behind */
+static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step)
+{
+    bool fresh = false;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        pliant_handle *handle = solver->handles + t;
+        tool_arrays *arrays = gpu->tools + t;
+        gpu_tool *tool = step->tools + t;
+        memcpy(tool->force, handle->force, sizeof tool->force);
+        if (!handle->active || handle->count == 0) continue;
+        if (handle->response_of == 0) {
+            CUDA_TRY(send_hold(gpu, handle, arrays));
+            fresh = true;
+        }
+        tool->active = 1;
+        tool->spring = !handle->by_force;
+        tool->count = handle->count;
+        tool->d_unknown = arrays->d_unknown;
+        tool->d_block = arrays->d_block;
+        tool->d_response = arrays->d_response;
+        tool->compliance = handle->compliance;
+        memcpy(tool->target, handle->target, sizeof tool->target);
+        memcpy(tool->origin, handle->origin, sizeof tool->origin);
+        if (handle->response_of == gpu->serial) continue;
+        CUDA_TRY(pliant_cuda_inverse_response(&gpu->inverse, &gpu->iteration, tool, arrays->d_response, gpu->stream));
+        handle->response_of = gpu->serial;
+    }
+    /* nodes that were held before keep no force */
+    if (fresh || gpu->forgotten != solver->forgotten)
+        CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_extra, 0, 3 * (size_t)gpu->system.num_free * sizeof(double), gpu->stream)));
+    return PLIANT_OK;
+}
+
+static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *turned)
+{
+    const uint64_t interval = (uint64_t)solver->refresh_interval;
+    *turned = gpu->turn_due && interval > 0 && statistics->step >= gpu->turned_at + interval;
+    if (!*turned) return PLIANT_OK;
+    CUDA_TRY(pliant_cuda_turn(&gpu->system, &gpu->iteration, false, gpu->stream));
+    gpu->serial++;
+    gpu->turned_at = statistics->step;
+    gpu->turn_due = false;
+    statistics->factors++;
+    return PLIANT_OK;
+}
+
+static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
+{
+    CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
+    int32_t ahead = gpu->last_iterations; /* a step takes about as many as the last one; those too many do nothing */
+    for (int32_t spent = 0; spent < step->max_iterations; ahead = 1) {
+        for (int32_t n = 0; n < ahead && spent < step->max_iterations; n++, spent++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream)));
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows), cudaMemcpyDeviceToHost, gpu->stream)));
+        CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+        if (gpu->h_state->done) return PLIANT_OK;
+    }
+    return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not come to an end");
+}
+
+extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
+{
+    gpu_step step = {};
+    bool turned;
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    CUDA_TRY(send_load(gpu, solver, gravity));
+    CUDA_TRY(turn(gpu, solver, statistics, &turned));
+    CUDA_TRY(send_tools(gpu, solver, &step));
+    step.max_iterations = solver->max_iterations;
+    step.tolerance = solver->tolerance;
+    step.smallest_scale = solver->smallest_scale;
+    step.depth = solver->depth;
+    step.forget = turned || gpu->forgotten != solver->forgotten;
+    gpu->forgotten = solver->forgotten;
+    CUDA_TRY(run(gpu, &step));
+    const gpu_state *state = gpu->h_state;
+    const int now = state->now;
+    if (!isfinite(state->merit[now])) return pliant_fail(PLIANT_ERROR_NUMERIC, "the load is not finite or too large for double precision");
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, state->force[now] + 3 * t, sizeof solver->handles[t].force);
+    statistics->iterations = gpu->last_iterations = state->iterations;
+    statistics->rejected += (uint64_t)state->rejected;
+    statistics->residual = state->merit[now] / state->scale[now];
+    statistics->residual_force = state->residual_force[now];
+    gpu->turn_due = gpu->turn_due || state->iterations > many_iterations || statistics->residual > solver->tolerance;
+    return statistics->residual > solver->tolerance ? PLIANT_NOT_CONVERGED : PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_solver_upsample(pliant_cuda_solver *gpu, const double **d_positions)
+{
+    CUDA_TRY(pliant_cuda_upsample(&gpu->system, &gpu->iteration, gpu->d_fine, gpu->d_solved, gpu->stream));
+    *d_positions = gpu->d_fine;
+    return PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_solver_bring(pliant_cuda_solver *gpu, const double **h_solved)
+{
+    *h_solved = gpu->h_solved;
+    if (!gpu->h_solved) return PLIANT_OK;
+    const size_t bytes = 3 * (size_t)gpu->system.num_nodes * sizeof(double);
+    return CUDA_CALL(cudaMemcpyAsync(gpu->h_solved, gpu->d_solved, bytes, cudaMemcpyDeviceToHost, gpu->stream));
+}
+
+extern "C" size_t pliant_cuda_solver_bytes(const pliant_cuda_solver *gpu) { return gpu->bytes; }

@@ -1,0 +1,33 @@
+/* The quasi-static solve on the GPU. Tools, loads and decisions of when to begin stay with the host's pliant_solver; the state
+ * stays on the GPU from step to step. */
+#ifndef PLIANT_CUDA_SOLVE_H
+#define PLIANT_CUDA_SOLVE_H
+
+#include "fem/solver.h"
+
+#include <cuda_runtime_api.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pliant_cuda_solver pliant_cuda_solver;
+
+/* From the present state of the host's solver. Errors: MEMORY, NUMERIC, UNAVAILABLE; the message has figures. */
+pliant_status pliant_cuda_solver_create(const pliant_solver *solver, int device, cudaStream_t stream, pliant_cuda_solver **out);
+void pliant_cuda_solver_free(pliant_cuda_solver *gpu); /* Nullable */
+/* Take the host's state again (after a reset). */
+pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver);
+
+/* pliant_solver_step: the tools' forces and the statistics come back, positions stay. */
+pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics);
+/* Enqueue the upsampling. *d_positions: (fine nodes x 3), valid when the stream has come so far */
+pliant_status pliant_cuda_solver_upsample(pliant_cuda_solver *gpu, const double **d_positions);
+/* Enqueue the solved nodes' copy to the host; NULL when they are the fine nodes. Valid after the stream was synchronized. */
+pliant_status pliant_cuda_solver_bring(pliant_cuda_solver *gpu, const double **h_solved);
+size_t pliant_cuda_solver_bytes(const pliant_cuda_solver *gpu);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,77 @@
+/* The solver's state on the GPU: what src/fem/solver.c keeps, laid out for kernels that decide by themselves, so that the host
+ * looks only when a step is done. Iterate `now` and the trial are buffers 0 and 1 and change places. */
+#ifndef PLIANT_CUDA_STATE_H
+#define PLIANT_CUDA_STATE_H
+
+#include "fem/solver.h"
+
+#include <cuda_runtime_api.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { GATHER_SUMS = 2, DOT_SUMS = 4 + PLIANT_MAX_HISTORY };
+enum { GPU_ROWS = PLIANT_MAX_ROWS, GPU_HISTORY = PLIANT_MAX_HISTORY, GPU_TOOLS = PLIANT_MAX_TOOLS };
+
+/* What a tool does to the unknowns in this step (struct pliant_handle). Pointers are of the device. */
+typedef struct gpu_tool {
+    int32_t active, spring, count;
+    const int32_t *d_unknown;  /* (count) */
+    const double *d_block;     /* (count x 9) */
+    const double *d_response;  /* (3 x 3 num_free) */
+    double compliance, target[3], origin[3], force[3];
+} gpu_tool;
+
+/* What the host says at the beginning of a step. */
+typedef struct gpu_step {
+    gpu_tool tools[GPU_TOOLS];
+    int32_t max_iterations, depth, forget;
+    double tolerance, smallest_scale;
+} gpu_step;
+
+typedef struct gpu_state {
+    gpu_step step;
+    /* what the host reads */
+    int32_t now;               /* buffer of the present iterate */
+    int32_t done, iterations, rejected;
+    double merit[2], scale[2], residual_force[2], force[2][GPU_ROWS];
+    /* springs: rows of S = c I + W Z, only those of tools with springs */
+    int32_t rows, row_of[GPU_ROWS]; /* 3 tool + axis */
+    int32_t singular;
+    double inverse[GPU_ROWS * GPU_ROWS];
+    double step_force[2][GPU_ROWS];
+    /* Anderson */
+    int32_t num_history, next_history, refused;
+    double before;             /* merit of the iterate before the present one */
+    double energy;             /* step . pull of the present iterate, without springs */
+    double along[GPU_HISTORY]; /* secants' step . pull of the present iterate */
+    double gram[GPU_HISTORY][GPU_HISTORY]; /* secants' step . secants' pull */
+    double history_force[GPU_HISTORY][GPU_ROWS], history_step_force[GPU_HISTORY][GPU_ROWS];
+    /* what the next proposal does */
+    int32_t remember;          /* place for the secant of trial and old present; -1: none */
+    int32_t old_now;           /* buffer that was present when the trial was made */
+    int32_t propose;           /* 0: nothing, 1: the next trial, 2: the present one, a last time */
+    int32_t num_weights;
+    double weights[GPU_HISTORY], damping;
+} gpu_state;
+
+/* Arrays of the iteration. Pointers are of the device; n = 3 num_free. */
+typedef struct gpu_iteration {
+    int32_t num_free, num_nodes, depth;
+    const int32_t *d_node_of_free; /* (num_free) */
+    gpu_state *d_state;
+    double *d_x[2];            /* (3 num_nodes) */
+    double *d_step[2], *d_pull[2]; /* (n) */
+    double *d_load, *d_extra;  /* (n) gravity; the tools' forces */
+    double *d_secant_x, *d_secant_step, *d_secant_pull; /* (depth x n) */
+    double *d_element_force;   /* (num_tets x 4 x 4), three numbers and a gap */
+    double *d_turn;            /* (num_free x 9) rotation of the preconditioner at each node */
+    float *d_right, *d_left;   /* (n, padded) what the preconditioner takes and gives */
+    double *d_sums;            /* GATHER_SUMS of each block of the gather, then DOT_SUMS of each block of the dot products */
+} gpu_iteration;
+
+#ifdef __cplusplus
+}
+#endif
+#endif

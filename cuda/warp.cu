@@ -1,0 +1,219 @@
+#include "check.h"
+#include "core/fail.h"
+#include "device.h"
+#include "pliant/memory.h"
+#include "rasterize.h"
+#include "warp.h"
+
+#include <cstring>
+
+enum { BEGUN, CULLED, DRAWN, NUM_MARKS };
+
+struct pliant_cuda_warp {
+    pliant_warp_parts parts;
+    int device;
+    cudaStream_t stream;       /* its own: updates from the host, copies to it */
+    gpu_raster raster;
+    double *d_positions;       /* (num_nodes x 3) of updates from the host */
+    cudaEvent_t marks[NUM_MARKS];
+    uint8_t *h_changed;        /* (num_bricks), page-locked */
+    int32_t *h_longest;        /* page-locked */
+    uint8_t *stale;            /* (slabs of bricks along k) to be fetched */
+    bool drawn;
+    bool page_locked;          /* the host's volume was made so */
+    size_t volume_bytes;
+};
+
+/* candidates of a brick at first: more than any but the most crowded bricks have */
+static const int32_t first_capacity = 192;
+
+template <class T> static pliant_status allocate(size_t count, T **d_out)
+{
+    return pliant_cuda_allocate(count * sizeof(T), "the deformed volume", reinterpret_cast<void **>(d_out));
+}
+
+template <class T> static pliant_status upload(const T *h_from, size_t count, cudaStream_t stream, const T **d_out)
+{
+    void *block;
+    CUDA_TRY(pliant_cuda_upload(h_from, count * sizeof(T), "the mesh to draw", stream, &block));
+    *d_out = static_cast<const T *>(block);
+    return PLIANT_OK;
+}
+
+/* 8 and 16 bit voxels take 32 bits each there: with their right neighbours */
+static pliant_status upload_source(pliant_cuda_warp *gpu)
+{
+    const raster_source *source = gpu->parts.source;
+    void *d_voxels = nullptr, *d_source = nullptr;
+    if (source->count > INT32_MAX)
+        return pliant_fail(PLIANT_ERROR_MEMORY, "a scan of %lld voxels is too large for the GPU's warp: at most %d", (long long)source->count, INT32_MAX);
+    CUDA_TRY(pliant_cuda_allocate((size_t)source->count * sizeof(uint32_t), "the scan", &d_source));
+    gpu->raster.d_source = d_source;
+    CUDA_TRY(pliant_cuda_upload(source->voxels, (size_t)source->count * pliant_encoding_size(source->encoding), "the scan", gpu->stream, &d_voxels));
+    pliant_status status = pliant_cuda_prepare_source(&gpu->raster, d_voxels, d_source, source->count, gpu->stream);
+    if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+    pliant_cuda_release(d_voxels);
+    return status;
+}
+
+static pliant_status fill(pliant_cuda_warp *gpu)
+{
+    const pliant_warp_parts *parts = &gpu->parts;
+    gpu_raster *raster = &gpu->raster;
+    const size_t tets = (size_t)parts->mesh->num_tets, nodes = (size_t)parts->mesh->num_nodes, bricks = (size_t)raster->num_bricks;
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithFlags(&gpu->stream, cudaStreamNonBlocking)));
+    for (cudaEvent_t &mark : gpu->marks) CUDA_TRY(CUDA_CALL(cudaEventCreate(&mark)));
+    CUDA_TRY(upload_source(gpu));
+    CUDA_TRY(pliant_cuda_allocate(gpu->volume_bytes, "the deformed volume", &raster->d_volume));
+    CUDA_TRY(upload(parts->mesh->tets, 4 * tets, gpu->stream, &raster->d_tets));
+    CUDA_TRY(upload(parts->rest, 3 * nodes, gpu->stream, &raster->d_rest));
+    CUDA_TRY(allocate(12 * tets, &raster->d_fixed));
+    CUDA_TRY(pliant_cuda_allocate(tets * pliant_cuda_setup_bytes(), "the mesh to draw", &raster->d_setup));
+    CUDA_TRY(allocate(bricks, &raster->d_count));
+    CUDA_TRY(allocate(bricks, &raster->d_dirty));
+    CUDA_TRY(allocate(bricks, &raster->d_changed));
+    CUDA_TRY(allocate(1, &raster->d_longest));
+    CUDA_TRY(allocate(bricks * (size_t)raster->capacity, &raster->d_list));
+    CUDA_TRY(allocate(3 * nodes, &gpu->d_positions));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_count, 0, bricks * sizeof *raster->d_count, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_fixed, 0, 12 * tets * sizeof *raster->d_fixed, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_longest, 0, sizeof *raster->d_longest, gpu->stream)));
+    CUDA_TRY(pliant_cuda_clear_volume(raster, gpu->stream));
+    CUDA_TRY(pliant_cuda_allocate_host(bricks, "the deformed volume", reinterpret_cast<void **>(&gpu->h_changed)));
+    CUDA_TRY(pliant_cuda_allocate_host(sizeof *gpu->h_longest, "the deformed volume", reinterpret_cast<void **>(&gpu->h_longest)));
+    /* copies to memory that cannot be page-locked are slower, no more */
+    gpu->page_locked = cudaHostRegister(parts->volume->voxels, gpu->volume_bytes, cudaHostRegisterDefault) == cudaSuccess;
+    cudaGetLastError();
+    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+}
+
+extern "C" pliant_status pliant_cuda_warp_create(const pliant_warp_parts *parts, int device, pliant_cuda_warp **out)
+{
+    pliant_cuda_warp *gpu = static_cast<pliant_cuda_warp *>(pliant_calloc(1, sizeof *gpu));
+    if (!gpu) return pliant_fail_memory("the warp");
+    gpu->parts = *parts;
+    gpu->device = device;
+    gpu->volume_bytes = pliant_geometry_voxels(&parts->grid->target) * pliant_encoding_size(parts->source->encoding);
+    gpu_raster *raster = &gpu->raster;
+    raster->grid = *parts->grid;
+    raster->encoding = parts->source->encoding;
+    raster->background = *parts->source;
+    raster->capacity = first_capacity;
+    raster->num_tets = parts->mesh->num_tets;
+    raster->num_bricks = parts->grid->bricks[0] * parts->grid->bricks[1] * parts->grid->bricks[2];
+    for (int d = 0; d < 3; d++) {
+        raster->source_size[d] = parts->source->size[d];
+        raster->source_step[d] = (int32_t)parts->source->step[d];
+    }
+    gpu->stale = static_cast<uint8_t *>(pliant_calloc((size_t)parts->grid->bricks[2], 1));
+    pliant_status status = gpu->stale ? fill(gpu) : pliant_fail_memory("the warp");
+    if (status != PLIANT_OK) {
+        pliant_cuda_warp_free(gpu);
+        return status;
+    }
+    *out = gpu;
+    return PLIANT_OK;
+}
+
+extern "C" void pliant_cuda_warp_free(pliant_cuda_warp *gpu)
+{
+    if (!gpu) return;
+    if (gpu->stream) cudaStreamSynchronize(gpu->stream);
+    if (gpu->page_locked) cudaHostUnregister(gpu->parts.volume->voxels);
+    for (cudaEvent_t mark : gpu->marks)
+        if (mark) cudaEventDestroy(mark);
+    gpu_raster *raster = &gpu->raster;
+    const void *blocks[] = {raster->d_source, raster->d_volume, raster->d_tets, raster->d_rest, raster->d_fixed, raster->d_setup, raster->d_count,
+                            raster->d_list, raster->d_dirty, raster->d_changed, raster->d_longest, gpu->d_positions};
+    for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
+    pliant_cuda_release_host(gpu->h_changed);
+    pliant_cuda_release_host(gpu->h_longest);
+    if (gpu->stream) cudaStreamDestroy(gpu->stream);
+    cudaGetLastError();
+    pliant_free(gpu->stale);
+    pliant_free(gpu);
+}
+
+static pliant_status draw(pliant_cuda_warp *gpu, const double *d_positions, bool all, cudaStream_t stream)
+{
+    const gpu_raster *raster = &gpu->raster;
+    CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[BEGUN], stream)));
+    CUDA_TRY(pliant_cuda_cull(raster, d_positions, all, stream));
+    CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[CULLED], stream)));
+    CUDA_TRY(pliant_cuda_rasterize(raster, stream));
+    CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[DRAWN], stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_changed, raster->d_changed, (size_t)raster->num_bricks, cudaMemcpyDeviceToHost, stream)));
+    return CUDA_CALL(cudaMemcpyAsync(gpu->h_longest, raster->d_longest, sizeof *gpu->h_longest, cudaMemcpyDeviceToHost, stream));
+}
+
+extern "C" pliant_status pliant_cuda_warp_enqueue(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
+{
+    CUDA_TRY(draw(gpu, d_positions, !gpu->drawn, stream));
+    gpu->drawn = true;
+    return PLIANT_OK;
+}
+
+/* bricks that more tetrahedra touch than the lists hold were left as they were */
+static pliant_status lengthen(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
+{
+    gpu_raster *raster = &gpu->raster;
+    const int32_t capacity = *gpu->h_longest + *gpu->h_longest / 4;
+    int32_t *d_list;
+    gpu->drawn = false; /* should this fail, all is to be drawn anew */
+    CUDA_TRY(allocate((size_t)raster->num_bricks * (size_t)capacity, &d_list));
+    pliant_cuda_release(raster->d_list);
+    raster->d_list = d_list;
+    raster->capacity = capacity;
+    CUDA_TRY(pliant_cuda_warp_enqueue(gpu, d_positions, stream));
+    return CUDA_CALL(cudaStreamSynchronize(stream));
+}
+
+extern "C" pliant_status pliant_cuda_warp_finish(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
+{
+    const int32_t *bricks = gpu->raster.grid.bricks;
+    if (*gpu->h_longest > gpu->raster.capacity) CUDA_TRY(lengthen(gpu, d_positions, stream));
+    float cull = 0, rasterize = 0;
+    CUDA_TRY(CUDA_CALL(cudaEventElapsedTime(&cull, gpu->marks[BEGUN], gpu->marks[CULLED])));
+    CUDA_TRY(CUDA_CALL(cudaEventElapsedTime(&rasterize, gpu->marks[CULLED], gpu->marks[DRAWN])));
+    gpu->parts.seconds[0] = 1e-3 * cull;
+    gpu->parts.seconds[1] = 1e-3 * rasterize;
+    memcpy(gpu->parts.changed, gpu->h_changed, (size_t)gpu->raster.num_bricks);
+    const size_t slab = (size_t)bricks[0] * (size_t)bricks[1];
+    for (int32_t k = 0; k < bricks[2]; k++) gpu->stale[k] |= memchr(gpu->h_changed + slab * (size_t)k, 1, slab) != nullptr;
+    return PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_warp_update(pliant_cuda_warp *gpu, const double *positions)
+{
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    const size_t bytes = 3 * (size_t)gpu->parts.mesh->num_nodes * sizeof *positions;
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_positions, positions, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(pliant_cuda_warp_enqueue(gpu, gpu->d_positions, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+    return pliant_cuda_warp_finish(gpu, gpu->d_positions, gpu->stream);
+}
+
+/* Slabs of bricks along k lie together in memory: each run of stale ones is one copy. */
+extern "C" pliant_status pliant_cuda_warp_fetch(pliant_cuda_warp *gpu)
+{
+    const raster_grid *grid = &gpu->raster.grid;
+    const int32_t slabs = grid->bricks[2];
+    const size_t slice = gpu->volume_bytes / (size_t)grid->target.size[2];
+    bool any = false;
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    for (int32_t first = 0, end; first < slabs; first = end + 1) {
+        while (first < slabs && !gpu->stale[first]) first++;
+        for (end = first; end < slabs && gpu->stale[end];) end++;
+        if (first == slabs) break;
+        size_t begin = slice * (size_t)first * BRICK, stop = slice * (size_t)end * BRICK;
+        stop = stop < gpu->volume_bytes ? stop : gpu->volume_bytes;
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(static_cast<char *>(gpu->parts.volume->voxels) + begin, static_cast<char *>(gpu->raster.d_volume) + begin,
+                                           stop - begin, cudaMemcpyDeviceToHost, gpu->stream)));
+        any = true;
+    }
+    if (!any) return PLIANT_OK;
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+    memset(gpu->stale, 0, (size_t)slabs);
+    return PLIANT_OK;
+}

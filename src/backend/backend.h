@@ -1,0 +1,64 @@
+/* Who runs the stages of a step: one table of functions a backend. The CPU is always there, and what the others are compared
+ * with. State stays where the backend keeps it; what the host needs comes back in every step: fine positions, the tools'
+ * forces, statistics. */
+#ifndef PLIANT_BACKEND_BACKEND_H
+#define PLIANT_BACKEND_BACKEND_H
+
+#include "pliant/data.h"
+#include "warp/raster.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* What another backend needs to know of a warp. All is borrowed and outlives its object. */
+typedef struct pliant_warp_parts {
+    const pliant_mesh *mesh;
+    const raster_grid *grid;
+    const raster_source *source;
+    const double *rest;          /* (num_nodes x 3) continuous index in the scan */
+    pliant_volume *volume;       /* of the host; what the warp's owner sees */
+    uint8_t *changed;            /* (bricks) of the last update */
+    double *seconds;             /* cull, rasterize */
+} pliant_warp_parts;
+
+struct pliant_backend {
+    const char *name;
+    /* Whether it can be used here. text: the device's name, or the reason why not. Says nothing itself. */
+    bool (*probe)(char *text, size_t size);
+
+    /* STATE of a data, from its host state. Errors: MEMORY, NUMERIC, UNAVAILABLE. */
+    pliant_status (*create)(const pliant_model *model, pliant_data *data);
+    void (*free)(pliant_data *data);
+    pliant_status (*restart)(const pliant_model *model, pliant_data *data); /* the host's state was changed: take it */
+    void (*bring)(const pliant_model *model, pliant_data *data); /* the state of the last step to the host's solver */
+
+    /* STAGES, each from the state that the one before left */
+    pliant_status (*solve)(const pliant_model *model, pliant_data *data);
+    pliant_status (*upsample)(const pliant_model *model, pliant_data *data);
+    pliant_status (*warp)(const pliant_model *model, pliant_data *data);
+
+    /* WARP on its own; NULL: the CPU's */
+    pliant_status (*warp_create)(const pliant_warp_parts *parts, void **out);
+    void (*warp_free)(void *warp);
+    pliant_status (*warp_update)(void *warp, const double *positions);
+    pliant_status (*warp_fetch)(void *warp); /* the volume to the host, where it changed since the last time */
+};
+
+extern const pliant_backend pliant_cpu_backend;
+
+/* text: what the GPU is called, or why there is none. Errors: UNAVAILABLE, with the reason, when the one asked for cannot be
+ * used. */
+enum { PLIANT_BACKEND_TEXT = 256 };
+pliant_status pliant_backend_choose(pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT], const pliant_backend **out);
+/* For a data that was just made. A line in the log says which it is; with auto also why not a GPU. */
+pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data);
+/* The host's state was changed: the backend takes it, or the CPU goes on. Errors: none but those of neither. */
+pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *data);
+/* After a failure of the backend: the CPU goes on from the last good state. false: it was the CPU's own failure. */
+bool pliant_backend_leave(const pliant_model *model, pliant_data *data, pliant_status status);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,316 @@
+// The GPU's times beside the limits of the same card, measured in the same run.
+//
+//   bench_gpu warp                 rasterization alone, for the sizes of the paper and 512^3
+//   bench_gpu run SCENE SCAN [FRAMES]   whole frames: a tool pulls 1 mm a frame, with a turn; error and time for each budget
+//
+// Limits: identity sampling of a 3-D texture into a volume of the same size, and the copy of that to page-locked memory.
+#include "backend/backend.h"
+#include "pliant/pliant.h"
+
+#include <cuda_runtime.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <functional>
+#include <random>
+#include <string>
+#include <vector>
+
+namespace {
+
+void must(pliant_status status)
+{
+    if (status >= 0) return;
+    std::fprintf(stderr, "bench_gpu: %s\n", pliant_last_error());
+    std::exit(1);
+}
+
+void must(cudaError_t error)
+{
+    if (error == cudaSuccess) return;
+    std::fprintf(stderr, "bench_gpu: %s\n", cudaGetErrorString(error));
+    std::exit(1);
+}
+
+double median(std::vector<double> v)
+{
+    std::nth_element(v.begin(), v.begin() + v.size() / 2, v.end());
+    return v[v.size() / 2];
+}
+
+double percentile(std::vector<double> v, double share)
+{
+    std::sort(v.begin(), v.end());
+    return v[std::min(v.size() - 1, size_t(share * double(v.size())))];
+}
+
+// median of many, by events around each [ms]
+double time_events(int runs, cudaStream_t stream, const std::function<void()> &work)
+{
+    cudaEvent_t begin, end;
+    must(cudaEventCreate(&begin));
+    must(cudaEventCreate(&end));
+    std::vector<double> ms;
+    for (int run = 0; run < runs + 5; run++) {
+        must(cudaEventRecord(begin, stream));
+        work();
+        must(cudaEventRecord(end, stream));
+        must(cudaEventSynchronize(end));
+        float one;
+        must(cudaEventElapsedTime(&one, begin, end));
+        if (run >= 5) ms.push_back(one);
+    }
+    cudaEventDestroy(begin);
+    cudaEventDestroy(end);
+    return median(ms);
+}
+
+__global__ void identity_kernel(cudaTextureObject_t texture, short *out, int nx, int ny, int nz)
+{
+    int i = int(blockIdx.x * blockDim.x + threadIdx.x), j = int(blockIdx.y * blockDim.y + threadIdx.y), k = int(blockIdx.z * blockDim.z + threadIdx.z);
+    if (i >= nx || j >= ny || k >= nz) return;
+    float value = tex3D<float>(texture, float(i) + 0.5f, float(j) + 0.5f, float(k) + 0.5f);
+    out[i + size_t(nx) * (j + size_t(ny) * k)] = short(__float2int_rn(value * 32767.0f));
+}
+
+struct limits { double sample, copy; };
+
+limits measure_limits(const int32_t size[3], int runs)
+{
+    cudaStream_t stream;
+    cudaArray_t array;
+    cudaTextureObject_t texture;
+    short *d_out, *h_out;
+    size_t count = size_t(size[0]) * size[1] * size[2];
+    must(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
+    cudaExtent extent = make_cudaExtent(size[0], size[1], size[2]);
+    cudaChannelFormatDesc format = cudaCreateChannelDesc<short>();
+    must(cudaMalloc3DArray(&array, &format, extent));
+    std::vector<short> voxels(count);
+    std::mt19937 random(1);
+    for (short &v : voxels) v = short(random() % 2000) - 1000;
+    cudaMemcpy3DParms copy = {};
+    copy.srcPtr = make_cudaPitchedPtr(voxels.data(), size[0] * sizeof(short), size[0], size[1]);
+    copy.dstArray = array;
+    copy.extent = extent;
+    copy.kind = cudaMemcpyHostToDevice;
+    must(cudaMemcpy3DAsync(&copy, stream));
+    cudaResourceDesc resource = {};
+    resource.resType = cudaResourceTypeArray;
+    resource.res.array.array = array;
+    cudaTextureDesc description = {};
+    description.filterMode = cudaFilterModeLinear;
+    description.readMode = cudaReadModeNormalizedFloat;
+    must(cudaCreateTextureObject(&texture, &resource, &description, nullptr));
+    must(cudaMalloc(&d_out, count * sizeof(short)));
+    must(cudaMallocHost(&h_out, count * sizeof(short)));
+    dim3 threads(32, 4, 2), blocks((size[0] + 31) / 32, (size[1] + 3) / 4, (size[2] + 1) / 2);
+    limits result;
+    result.sample = time_events(runs, stream, [&] { identity_kernel<<<blocks, threads, 0, stream>>>(texture, d_out, size[0], size[1], size[2]); });
+    result.copy = time_events(runs, stream, [&] { must(cudaMemcpyAsync(h_out, d_out, count * sizeof(short), cudaMemcpyDeviceToHost, stream)); });
+    cudaDestroyTextureObject(texture);
+    cudaFreeArray(array);
+    cudaFree(d_out);
+    cudaFreeHost(h_out);
+    cudaStreamDestroy(stream);
+    return result;
+}
+
+/* ---- rasterization alone */
+
+// smooth, up to 3 cm, over a box of the given extent; amount in [0, 1]
+void displacement(const double x[3], const double extent[3], double amount, double out[3])
+{
+    const double pi = 3.14159265358979;
+    double a = pi * x[0] / extent[0], b = pi * x[1] / extent[1], c = pi * x[2] / extent[2];
+    out[0] = 0.02 * amount * std::sin(b + 0.3) * std::cos(0.5 * c);
+    out[1] = 0.02 * amount * std::sin(a) * std::cos(c - 0.2);
+    out[2] = 0.015 * amount * std::cos(a + 0.1) * std::sin(b);
+}
+
+void bench_warp(const int32_t size[3], const int32_t cells[3], int runs)
+{
+    pliant_volume scan = {};
+    pliant_mesh mesh = {};
+    pliant_warp *warp = nullptr;
+    pliant_geometry geometry = {{size[0], size[1], size[2]}, {0, 0, 0}, {0.384 / size[0], 0.24 / size[1], 0.244 / size[2]}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    must(pliant_volume_create(&geometry, PLIANT_INT16, &scan));
+    std::mt19937 random(1);
+    for (size_t v = 0; v < pliant_geometry_voxels(&geometry); v++) static_cast<int16_t *>(scan.voxels)[v] = int16_t(int(random() % 2000) - 1000);
+    must(pliant_mesh_grid(&geometry, cells, nullptr, &mesh));
+    must(pliant_warp_create(&scan, &mesh, &geometry, 2, &warp));
+    must(pliant_warp_backend(warp, PLIANT_CUDA));
+    double extent[3];
+    for (int d = 0; d < 3; d++) extent[d] = size[d] * geometry.spacing[d];
+    std::vector<double> states[2];
+    for (int s = 0; s < 2; s++) {
+        states[s].assign(mesh.rest, mesh.rest + 3 * mesh.num_nodes);
+        for (size_t n = 0; n < states[s].size(); n += 3) {
+            double by[3];
+            displacement(mesh.rest + n, extent, s ? 0.97 : 1, by);
+            for (size_t d = 0; d < 3; d++) states[s][n + d] += by[d];
+        }
+    }
+    std::vector<double> cull, rasterize, both, fetch;
+    for (int run = 0; run < runs + 5; run++) {
+        double c, r;
+        must(pliant_warp_update(warp, states[run % 2].data()));
+        pliant_warp_seconds(warp, &c, &r);
+        double start = pliant_seconds();
+        if (run % 8 == 7) pliant_warp_volume(warp);
+        if (run < 5) continue;
+        if (run % 8 == 7) fetch.push_back(1e3 * (pliant_seconds() - start));
+        cull.push_back(1e3 * c);
+        rasterize.push_back(1e3 * r);
+        both.push_back(1e3 * (c + r));
+    }
+    limits limit = measure_limits(size, runs);
+    std::printf("%4d x %3d x %3d, %7d tetrahedra: cull %7.4f  rasterize %7.4f  both %7.4f ms | texture %7.4f ms: x %5.2f, both x %5.2f | to the host %6.3f, bare copy %6.3f ms\n",
+                size[0], size[1], size[2], mesh.num_tets, median(cull), median(rasterize), median(both), limit.sample, median(rasterize) / limit.sample,
+                median(both) / limit.sample, median(fetch), limit.copy);
+    pliant_warp_free(warp);
+    pliant_mesh_free(&mesh);
+    pliant_volume_free(&scan);
+}
+
+/* ---- whole frames */
+
+struct Run { std::vector<std::vector<double>> positions; std::vector<double> frame, solve, fetch; double iterations, largest; int unconverged; };
+
+// a point of soft tissue 2 cm under the front
+bool find_front(const pliant_model *model, double out[3])
+{
+    const pliant_geometry *geometry = &model->scan->geometry;
+    double index[3] = {0.6 * geometry->size[0], 0.5 * geometry->size[1], 0.6 * geometry->size[2]};
+    pliant_geometry_to_world(geometry, index, out);
+    for (int s = 0; s < 500; s++) {
+        double point[3] = {out[0], out[1] - 0.25 + 0.001 * s, out[2]}, barycentric[4];
+        int32_t tet = pliant_mesh_locate(&model->fine, point, barycentric);
+        if (tet < 0 || model->fine_material[tet].tissue < 0.9 || model->fine_material[tet].mu < 500) continue;
+        out[1] = point[1] + 0.02;
+        return true;
+    }
+    return false;
+}
+
+Run run(const pliant_model *model, const double at[3], pliant_drive drive, int frames, int budget, double tolerance, bool warp, bool fetch)
+{
+    pliant_data *data = nullptr;
+    must(pliant_data_create(model, &data));
+    must(pliant_data_limits(data, budget, tolerance));
+    if (warp) must(pliant_data_warp(model, data, &model->scan->geometry));
+    int tool;
+    must(pliant_tool_add(model, data, "bench", &tool));
+    must(pliant_tool_grasp(model, data, tool, at));
+    double from[3];
+    std::memcpy(from, data->tools[tool].tip, sizeof from);
+    Run out = {};
+    for (int s = 1; s <= frames; s++) {
+        double ahead = std::min(s, frames / 2) * 0.001, aside = std::max(0, s - frames / 2) * 0.001;
+        double tip[3] = {from[0] + aside, from[1] - ahead, from[2] + 0.5 * aside}, force[3] = {100 * aside, -200 * ahead, 0};
+        must(pliant_tool_drive(data, tool, drive, force));
+        must(pliant_tool_pose(data, tool, tip, nullptr));
+        double start = pliant_seconds();
+        pliant_status status = pliant_step(model, data);
+        must(status);
+        double stepped = pliant_seconds();
+        if (fetch) pliant_warp_volume(data->warp);
+        double end = pliant_seconds();
+        out.frame.push_back(1e3 * (end - start));
+        out.fetch.push_back(1e3 * (end - stepped));
+        out.solve.push_back(1e3 * data->statistics.seconds[PLIANT_STEP_solve]);
+        out.iterations += double(data->statistics.iterations) / frames;
+        out.unconverged += status == PLIANT_NOT_CONVERGED;
+        out.positions.emplace_back(data->positions, data->positions + 3 * size_t(model->fine.num_nodes));
+    }
+    for (size_t n = 0; n < out.positions.back().size(); n += 3) {
+        double u = 0;
+        for (size_t d = 0; d < 3; d++) u += std::pow(out.positions.back()[n + d] - model->fine.rest[n + d], 2);
+        out.largest = std::max(out.largest, std::sqrt(u));
+    }
+    if (std::string(pliant_data_backend(data)) != "cuda") std::printf("NOT ON THE GPU\n");
+    pliant_data_free(data);
+    return out;
+}
+
+double worst_error(const Run &a, const Run &b)
+{
+    double worst = 0;
+    for (size_t s = 0; s < a.positions.size(); s++)
+        for (size_t n = 0; n < a.positions[s].size(); n += 3) {
+            double e = 0;
+            for (size_t d = 0; d < 3; d++) e += std::pow(a.positions[s][n + d] - b.positions[s][n + d], 2);
+            worst = std::max(worst, std::sqrt(e));
+        }
+    return worst / b.largest;
+}
+
+void bench_run(const char *scene_path, const char *scan_path, int frames)
+{
+    pliant_scene scene;
+    pliant_volume scan = {};
+    pliant_labels labels = {};
+    pliant_material_table materials = {};
+    pliant_model *model = nullptr;
+    must(pliant_scene_read(scene_path, &scene));
+    scene.solver.backend = PLIANT_CUDA;
+    must(pliant_inputs_read(&scene, scan_path, &scan, &labels, &materials));
+    const pliant_preconditioner_choice choices[] = {PLIANT_DIRECT, PLIANT_MULTIGRID};
+    for (pliant_preconditioner_choice choice : choices) {
+        scene.solver.preconditioner = choice;
+        double start = pliant_seconds();
+        must(pliant_model_build(&scene, &scan, labels.voxels ? &labels : nullptr, &materials, {nullptr, nullptr}, &model));
+        double built = pliant_seconds(), at[3];
+        if (!find_front(model, at)) {
+            std::printf("no soft tissue at the front of %s\n", scan_path);
+            std::exit(1);
+        }
+        pliant_data *data = nullptr;
+        pliant_status status = pliant_data_create(model, &data);
+        std::printf("%s, %s, %s: %d x %d x %d voxels, %d tetrahedra, %d nodes; model %.2f s, state on the GPU %.2f s\n", scene_path, scan_path,
+                    choice == PLIANT_DIRECT ? "direct" : "multigrid", scan.geometry.size[0], scan.geometry.size[1], scan.geometry.size[2], model->fine.num_tets,
+                    model->fine.num_nodes, built - start, pliant_seconds() - built);
+        if (status != PLIANT_OK) {
+            std::printf("  %s\n", pliant_last_error());
+            pliant_model_free(model);
+            continue;
+        }
+        pliant_data_free(data);
+        for (pliant_drive drive : {PLIANT_DRIVE_RIGID, PLIANT_DRIVE_FORCE}) {
+            Run exact = run(model, at, drive, frames, 200, 1e-7, false, false);
+            std::printf("  %s, largest %.1f mm, exact in %.1f evaluations a frame\n", drive == PLIANT_DRIVE_RIGID ? "displacement" : "force", 1e3 * exact.largest, exact.iterations);
+            for (int budget : {1, 2, 3, 4, 6, 10}) {
+                Run fast = run(model, at, drive, frames, budget, 1e-3, true, false), copied = run(model, at, drive, frames, budget, 1e-3, true, true);
+                Run forces = run(model, at, drive, frames, budget, 1e-3, false, false);
+                std::printf("    budget %2d: worst frame %6.2f %%, %4.1f evaluations | frame %6.3f ms (p99 %6.3f), solve %6.3f | with the copy %6.3f (p99 %6.3f) | no volume %6.3f (p99 %6.3f)\n",
+                            budget, 100 * worst_error(fast, exact), fast.iterations, median(fast.frame), percentile(fast.frame, 0.99), median(fast.solve),
+                            median(copied.frame), percentile(copied.frame, 0.99), median(forces.frame), percentile(forces.frame, 0.99));
+            }
+        }
+        pliant_model_free(model);
+        model = nullptr;
+    }
+    pliant_material_table_free(&materials);
+    pliant_labels_free(&labels);
+    pliant_volume_free(&scan);
+}
+
+} // namespace
+
+int main(int count, char **arguments)
+{
+    if (count >= 2 && std::strcmp(arguments[1], "warp") == 0) {
+        const int32_t sizes[3][3] = {{256, 160, 122}, {524, 176, 144}, {512, 512, 512}}, cells[3][3] = {{14, 14, 14}, {36, 18, 18}, {58, 58, 58}};
+        for (int n = 0; n < 3; n++) bench_warp(sizes[n], cells[n], n == 2 ? 60 : 300);
+        return 0;
+    }
+    if (count >= 4 && std::strcmp(arguments[1], "run") == 0) {
+        bench_run(arguments[2], arguments[3], count > 4 ? std::atoi(arguments[4]) : 60);
+        return 0;
+    }
+    std::fprintf(stderr, "usage: bench_gpu warp | bench_gpu run SCENE SCAN [FRAMES]\n");
+    return 2;
+}

@@ -1,0 +1,416 @@
+// The CUDA backend against the CPU's, stage by stage and as a whole; what happens when the GPU fails. Skipped without a GPU.
+#include "backend/backend.h"
+#include "body.h"
+#include "pliant/memory.h"
+
+#include <algorithm>
+#include <random>
+#include <string>
+
+#ifdef PLIANT_WITH_CUDA
+extern "C" void pliant_cuda_fail_after(int64_t calls);
+#else
+static void pliant_cuda_fail_after(int64_t) {}
+#endif
+
+namespace {
+
+bool there_is_a_gpu()
+{
+    const pliant_backend *backend = nullptr;
+    char text[PLIANT_BACKEND_TEXT];
+    return pliant_backend_choose(PLIANT_AUTO, text, &backend) == PLIANT_OK && backend != &pliant_cpu_backend;
+}
+
+#define NEEDS_GPU() \
+    if (!there_is_a_gpu()) GTEST_SKIP() << "no GPU can be used"
+
+/* ---- the warp */
+
+struct Warps {
+    pliant_volume scan{};
+    pliant_mesh mesh{};
+    pliant_warp *cpu = nullptr, *gpu = nullptr;
+
+    Warps(pliant_encoding encoding, const pliant_geometry &geometry, const int32_t cells[3], const pliant_geometry &target)
+    {
+        EXPECT_EQ(pliant_volume_create(&geometry, encoding, &scan), PLIANT_OK);
+        scan.background = encoding == PLIANT_UINT8 ? 3 : -1024;
+        std::mt19937 random(7);
+        for (size_t v = 0; v < pliant_geometry_voxels(&geometry); v++) {
+            if (encoding == PLIANT_UINT8) static_cast<uint8_t *>(scan.voxels)[v] = static_cast<uint8_t>(random());
+            if (encoding == PLIANT_INT16) static_cast<int16_t *>(scan.voxels)[v] = static_cast<int16_t>(random());
+            if (encoding == PLIANT_FLOAT32) static_cast<float *>(scan.voxels)[v] = v % 17 ? static_cast<float>(random()) * 1e-6f - 2e3f : -0.0f;
+        }
+        EXPECT_EQ(pliant_mesh_grid(&geometry, cells, nullptr, &mesh), PLIANT_OK);
+        EXPECT_EQ(pliant_warp_create(&scan, &mesh, &target, 2, &cpu), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_warp_create(&scan, &mesh, &target, 2, &gpu), PLIANT_OK);
+        EXPECT_EQ(pliant_warp_backend(gpu, PLIANT_CUDA), PLIANT_OK) << pliant_last_error();
+    }
+    ~Warps()
+    {
+        pliant_warp_free(cpu);
+        pliant_warp_free(gpu);
+        pliant_mesh_free(&mesh);
+        pliant_volume_free(&scan);
+    }
+    std::vector<double> rest() const { return {mesh.rest, mesh.rest + 3 * mesh.num_nodes}; }
+    // a smooth wave, and noise; amounts in metres
+    std::vector<double> wave(double amount, double noise, unsigned seed) const
+    {
+        std::vector<double> x = rest();
+        std::mt19937 random(seed);
+        std::uniform_real_distribution<double> uniform(-noise, noise);
+        for (size_t n = 0; n < x.size(); n += 3) {
+            double a = 70 * x[n] + seed, b = 60 * x[n + 1], c = 50 * x[n + 2];
+            double by[3] = {std::sin(b + c), std::cos(a - c), std::sin(a + 0.5 * b)};
+            for (size_t d = 0; d < 3; d++) x[n + d] += amount * by[d] + uniform(random);
+        }
+        return x;
+    }
+    void update_and_compare(const std::vector<double> &x, const char *what)
+    {
+        ASSERT_EQ(pliant_warp_update(cpu, x.data()), PLIANT_OK) << what;
+        ASSERT_EQ(pliant_warp_update(gpu, x.data()), PLIANT_OK) << what;
+        ASSERT_NE(pliant_warp_accelerated(gpu), nullptr) << what;
+        const pliant_volume *a = pliant_warp_volume(cpu), *b = pliant_warp_volume(gpu);
+        size_t bytes = pliant_encoding_size(scan.encoding), different = 0, voxels = pliant_geometry_voxels(&a->geometry);
+        for (size_t v = 0; v < voxels; v++)
+            different += std::memcmp(static_cast<char *>(a->voxels) + bytes * v, static_cast<char *>(b->voxels) + bytes * v, bytes) != 0;
+        EXPECT_EQ(different, 0u) << what << ", of " << voxels << " voxels";
+        int32_t count[3];
+        const uint8_t *here, *there;
+        pliant_warp_bricks(cpu, count, &here);
+        pliant_warp_bricks(gpu, count, &there);
+        EXPECT_EQ(std::memcmp(here, there, static_cast<size_t>(count[0]) * count[1] * count[2]), 0) << what << ": changed bricks";
+    }
+};
+
+pliant_geometry geometry_of(int i, int j, int k)
+{
+    return {{i, j, k}, {-0.02, 0.03, 0.1}, {0.001, 0.0015, 0.002}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+}
+
+TEST(CudaWarp, EqualsTheCpuBitForBit)
+{
+    NEEDS_GPU();
+    for (pliant_encoding encoding : {PLIANT_UINT8, PLIANT_INT16, PLIANT_FLOAT32}) {
+        SCOPED_TRACE(encoding);
+        const int32_t cells[3] = {6, 5, 4};
+        pliant_geometry geometry = geometry_of(75, 61, 50);
+        Warps warps(encoding, geometry, cells, geometry);
+        warps.update_and_compare(warps.rest(), "at rest");
+        warps.update_and_compare(warps.wave(0.004, 0, 1), "wave");
+        warps.update_and_compare(warps.wave(0.004, 0, 1), "nothing moved");
+        warps.update_and_compare(warps.wave(0.003, 0.002, 2), "rough");
+        warps.update_and_compare(warps.wave(0.02, 0.01, 3), "folded over and inside out");
+        std::vector<double> x = warps.rest();
+        for (size_t n = 0; n < x.size(); n += 3) x[n] += 0.003, x[n + 2] -= 0.004;
+        warps.update_and_compare(x, "moved by whole voxels");
+        x[3 * 40] += 0.002;
+        warps.update_and_compare(x, "one node moved");
+        for (size_t n = 0; n < x.size(); n++) x[n] *= 30;
+        warps.update_and_compare(x, "blown up");
+        warps.update_and_compare(warps.rest(), "at rest again");
+    }
+}
+
+TEST(CudaWarp, OtherTargetsEqualToo)
+{
+    NEEDS_GPU();
+    const int32_t cells[3] = {4, 4, 4};
+    pliant_geometry geometry = geometry_of(40, 36, 33), oblique = geometry, mirrored = geometry, large = geometry, flat = geometry_of(40, 36, 1);
+    const double c = std::cos(0.4), s = std::sin(0.4);
+    const double turned[9] = {c, -s, 0, s, c, 0, 0, 0, 1};
+    std::memcpy(oblique.direction, turned, sizeof turned);
+    for (int d = 0; d < 3; d++) oblique.spacing[d] *= 0.7;
+    mirrored.direction[4] = -1;
+    mirrored.origin[1] += 35 * mirrored.spacing[1];
+    for (int d = 0; d < 3; d++) large.size[d] += 17, large.origin[d] -= 8 * large.spacing[d];
+    int number = 0;
+    for (const pliant_geometry &target : {oblique, mirrored, large, flat}) {
+        SCOPED_TRACE(number++);
+        Warps warps(PLIANT_INT16, geometry, cells, target);
+        warps.update_and_compare(warps.rest(), "at rest");
+        warps.update_and_compare(warps.wave(0.005, 0.0005, 4), "wave");
+    }
+    const int32_t few[3] = {3, 2, 1};
+    Warps thin(PLIANT_INT16, geometry_of(1, 30, 2), few, geometry_of(1, 30, 2));
+    thin.update_and_compare(thin.wave(0.001, 0, 5), "a scan of one voxel across");
+}
+
+TEST(CudaWarp, CrowdedBricksEqualToo)
+{
+    NEEDS_GPU();
+    const int32_t cells[3] = {20, 20, 16};
+    pliant_geometry geometry = geometry_of(48, 48, 40);
+    Warps warps(PLIANT_INT16, geometry, cells, geometry); // some 2000 tetrahedra a brick: longer lists than at first, and the slow way
+    warps.update_and_compare(warps.rest(), "at rest");
+    warps.update_and_compare(warps.wave(0.002, 0.0003, 6), "wave");
+    std::vector<double> x = warps.rest();
+    for (size_t n = 0; n < x.size(); n++) x[n] = warps.mesh.corner[n % 3] + 0.2 * (x[n] - warps.mesh.corner[n % 3]);
+    warps.update_and_compare(x, "all pressed together");
+}
+
+/* ---- whole runs */
+
+const int size[3] = {24, 24, 24};
+const double box[3] = {0.12, 0.12, 0.12};
+const std::vector<Material> three = {{5000, 0.45, 1000, false}, {60000, 0.45, 1100, false}, {1000, 0.3, 1, true}};
+int inclusions(int i, int j, int k) { return i / 6 % 2 && j / 8 % 2 ? 1 : k > 20 && i < 6 ? 2 : 0; }
+
+struct Case {
+    pliant_method method;
+    pliant_drive drive;
+    double gravity, damping;
+    int tools;
+    pliant_preconditioner_choice preconditioner;
+};
+
+void prepare(Body &body, const Case &c, pliant_backend_choice backend)
+{
+    body.scene.solver.backend = backend;
+    body.scene.solver.preconditioner = c.preconditioner;
+    body.scene.model.method = c.method;
+    body.scene.model.gravity[0] = c.gravity;
+    body.scene.grasp.damping = c.damping;
+    body.scene.solver.iterations = 100;
+    body.scene.solver.tolerance = 1e-8;
+    body.cells(4, 4, 4, 2);
+    body.fix_plane(0, 0, 0.001, 0, 0, 1);
+}
+
+void step(Body &body, const Case &c, int s, int steps)
+{
+    for (int t = 0; t < c.tools; t++) {
+        int tool;
+        const std::string name = "t" + std::to_string(t);
+        ASSERT_EQ(pliant_tool_add(body.model, body.data, name.c_str(), &tool), PLIANT_OK);
+        const double point[3] = {0.04 + 0.04 * t, 0.06, 0.11 - 0.02 * t}, along = 0.02 * s / steps;
+        const double tip[3] = {point[0] + along, point[1] - along * t, point[2] + along}, force[3] = {0.5 * s / steps, 0, 1.0 * s / steps};
+        if (s == 1) {
+            ASSERT_EQ(pliant_tool_pose(body.data, tool, point, nullptr), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, nullptr), PLIANT_OK) << pliant_last_error();
+        }
+        ASSERT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_drive(body.data, tool, c.drive, force), PLIANT_OK);
+    }
+    ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+}
+
+double farthest(const double *a, const double *b, int32_t nodes)
+{
+    double most = 0;
+    for (int32_t n = 0; n < 3 * nodes; n++) most = std::fmax(most, std::fabs(a[n] - b[n]));
+    return most;
+}
+
+double farthest(const Body &a, const Body &b) { return farthest(a.data->positions, b.data->positions, a.model->fine.num_nodes); }
+
+const Case cases[] = {
+    {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT},     {PLIANT_FINE, PLIANT_DRIVE_RIGID, 9.81, 0, 2, PLIANT_DIRECT},
+    {PLIANT_FINE, PLIANT_DRIVE_FORCE, 0, 0, 1, PLIANT_DIRECT},      {PLIANT_FINE, PLIANT_DRIVE_SPRING, 9.81, 20, 3, PLIANT_MULTIGRID},
+    {PLIANT_FINE, PLIANT_DRIVE_RIGID, 0, 0, 1, PLIANT_MULTIGRID},   {PLIANT_COARSE, PLIANT_DRIVE_SPRING, 9.81, 0, 1, PLIANT_DIRECT},
+    {PLIANT_AVERAGED, PLIANT_DRIVE_RIGID, 0, 0, 2, PLIANT_DIRECT},  {PLIANT_SCHUR, PLIANT_DRIVE_SPRING, 1, 0, 1, PLIANT_DIRECT},
+};
+
+TEST(CudaRun, MeetsTheCpu)
+{
+    NEEDS_GPU();
+    int number = 0;
+    for (const Case &c : cases) {
+        SCOPED_TRACE(number++);
+        Body cpu(size, box, three, inclusions), gpu(size, box, three, inclusions);
+        prepare(cpu, c, PLIANT_CPU);
+        prepare(gpu, c, PLIANT_CUDA);
+        ASSERT_EQ(cpu.build(), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(gpu.build(), PLIANT_OK) << pliant_last_error();
+        ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda");
+        ASSERT_EQ(pliant_data_warp(gpu.model, gpu.data, &gpu.scan.geometry), PLIANT_OK) << pliant_last_error();
+        const int steps = 12;
+        double worst = 0, least_converged = 0;
+        for (int s = 1; s <= steps; s++) {
+            step(cpu, c, s, steps);
+            step(gpu, c, s, steps);
+            ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda") << pliant_last_error();
+            worst = std::fmax(worst, farthest(cpu, gpu));
+            least_converged = std::fmax(least_converged, std::fmax(cpu.data->statistics.residual, gpu.data->statistics.residual));
+            for (int t = 0; t < c.tools; t++)
+                for (int d = 0; d < 3; d++)
+                    EXPECT_NEAR(cpu.data->tools[t].force[d], gpu.data->tools[t].force[d], 1e-5) << "step " << s << ", tool " << t;
+        }
+        EXPECT_LT(least_converged, 1e-7);
+        EXPECT_LT(worst, 1e-5 * box[0]);
+        EXPECT_GT(farthest(gpu.data->positions, gpu.model->fine.rest, gpu.model->fine.num_nodes), 0.002);
+        RecordProperty(("worst_" + std::to_string(number)).c_str(), std::to_string(worst / box[0]).c_str());
+        // the volume that the stages handed over on the GPU is that of the same positions on the CPU
+        pliant_warp *warp = nullptr;
+        ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_update(warp, gpu.data->positions), PLIANT_OK);
+        EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(gpu.data->warp)->voxels, 24 * 24 * 24), 0);
+        pliant_warp_free(warp);
+    }
+}
+
+// one evaluation from a state far from rest: residual and its norms are those of the CPU
+TEST(CudaRun, OneEvaluationMeetsTheCpu)
+{
+    NEEDS_GPU();
+    for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR}) {
+        SCOPED_TRACE(method);
+        const Case c = {method, PLIANT_DRIVE_SPRING, 2, 0, 0, PLIANT_DIRECT};
+        Body cpu(size, box, three, inclusions), gpu(size, box, three, inclusions);
+        prepare(cpu, c, PLIANT_CPU);
+        prepare(gpu, c, PLIANT_CUDA);
+        std::mt19937 random(11);
+        std::uniform_real_distribution<double> uniform(-0.004, 0.004); // some elements turn inside out
+        for (Body *body : {&cpu, &gpu}) {
+            ASSERT_EQ(body->build(), PLIANT_OK);
+            ASSERT_EQ(pliant_data_limits(body->data, 1, 1e-8), PLIANT_OK);
+        }
+        for (int round = 0; round < 3; round++) {
+            std::vector<double> x(cpu.model->fine.rest, cpu.model->fine.rest + 3 * cpu.model->fine.num_nodes);
+            for (double &at : x) at += round * uniform(random);
+            for (Body *body : {&cpu, &gpu}) {
+                ASSERT_EQ(pliant_data_set_positions(body->model, body->data, x.data()), PLIANT_OK);
+                ASSERT_GE(pliant_step(body->model, body->data), 0);
+            }
+            const pliant_statistics &a = cpu.data->statistics, &b = gpu.data->statistics;
+            EXPECT_NEAR(a.residual_force, b.residual_force, 1e-9 * (1 + a.residual_force));
+            EXPECT_NEAR(a.residual, b.residual, 1e-4 * a.residual); // the norm has the preconditioner in float
+            EXPECT_LT(farthest(cpu, gpu), 1e-5 * box[0]);
+        }
+    }
+}
+
+TEST(CudaRun, SameInputSameBits)
+{
+    NEEDS_GPU();
+    for (pliant_preconditioner_choice preconditioner : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
+        const Case c = {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 2, preconditioner};
+        std::vector<double> results[3];
+        for (std::vector<double> &result : results) {
+            Body body(size, box, three, inclusions);
+            prepare(body, c, PLIANT_CUDA);
+            body.scene.solver.tolerance = 1e-3;
+            body.scene.solver.iterations = 6;
+            ASSERT_EQ(body.build(), PLIANT_OK);
+            if (&result == &results[2]) { // after a reset as well
+                for (int s = 1; s <= 5; s++) step(body, c, s, 5);
+                ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
+            }
+            for (int s = 1; s <= 30; s++) step(body, c, s, 30);
+            result.assign(body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes);
+        }
+        EXPECT_EQ(results[0], results[1]);
+        EXPECT_EQ(results[0], results[2]);
+    }
+}
+
+TEST(CudaRun, ManyStepsDoNotDrift)
+{
+    NEEDS_GPU();
+    const Case c = {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT};
+    Body cpu(size, box, three, inclusions), gpu(size, box, three, inclusions);
+    prepare(cpu, c, PLIANT_CPU);
+    prepare(gpu, c, PLIANT_CUDA);
+    gpu.scene.solver.tolerance = 1e-3;
+    gpu.scene.solver.iterations = 6;
+    ASSERT_EQ(cpu.build(), PLIANT_OK);
+    ASSERT_EQ(gpu.build(), PLIANT_OK);
+    step(cpu, c, 1, 1);
+    step(gpu, c, 1, 1);
+    const double point[3] = {0.04, 0.06, 0.11};
+    const char *many = std::getenv("PLIANT_TEST_STEPS");
+    const int steps = many ? std::atoi(many) : 500;
+    double tip[3] = {};
+    for (int s = 0; s < steps; s++) {
+        tip[0] = point[0] + 0.02 * std::sin(0.031 * s);
+        tip[1] = point[1] + 0.015 * std::sin(0.047 * s);
+        tip[2] = point[2] + 0.01 * std::sin(0.017 * s);
+        ASSERT_EQ(pliant_tool_pose(gpu.data, 0, tip, nullptr), PLIANT_OK);
+        ASSERT_GE(pliant_step(gpu.model, gpu.data), 0) << pliant_last_error();
+        ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda");
+    }
+    ASSERT_EQ(pliant_data_limits(gpu.data, 100, 1e-8), PLIANT_OK);
+    ASSERT_EQ(pliant_step(gpu.model, gpu.data), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_pose(cpu.data, 0, tip, nullptr), PLIANT_OK);
+    ASSERT_EQ(pliant_step(cpu.model, cpu.data), PLIANT_OK);
+    EXPECT_LT(farthest(cpu, gpu), 1e-5 * box[0]);
+}
+
+/* ---- failures */
+
+// every call of the CUDA runtime fails once, as a lost device does: the run goes on, on the CPU if need be, to the same end
+TEST(CudaFailure, TheCpuGoesOn)
+{
+    NEEDS_GPU();
+    const Case c = {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT};
+    const int steps = 3;
+    Body good(size, box, three, inclusions);
+    prepare(good, c, PLIANT_CPU);
+    ASSERT_EQ(good.build(), PLIANT_OK);
+    for (int s = 1; s <= steps; s++) step(good, c, s, steps);
+    Body body(size, box, three, inclusions);
+    prepare(body, c, PLIANT_AUTO);
+    ASSERT_EQ(body.build(), PLIANT_OK);
+    pliant_data_free(body.data);
+    body.data = nullptr;
+    int calls = 0, left = 0, stride = 1;
+    for (bool failed = true; failed; calls += stride) {
+        pliant_cuda_fail_after(calls);
+        ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK) << "call " << calls << ": " << pliant_last_error();
+        ASSERT_EQ(pliant_data_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << "call " << calls;
+        for (int s = 1; s <= steps; s++) step(body, c, s, steps);
+        const pliant_volume *volume = pliant_warp_volume(body.data->warp);
+        ASSERT_LT(farthest(good, body), 1e-5 * box[0]) << "call " << calls;
+        failed = std::string(pliant_data_backend(body.data)) == "cpu" || !pliant_warp_accelerated(body.data->warp);
+        left += failed;
+        pliant_cuda_fail_after(-1);
+        if (!failed) { // the last call was beyond all of them, or the volume was not fetched
+            pliant_warp *warp = nullptr;
+            ASSERT_EQ(pliant_warp_create(&body.scan, &body.model->fine, &body.scan.geometry, 2, &warp), PLIANT_OK);
+            ASSERT_EQ(pliant_warp_update(warp, body.data->positions), PLIANT_OK);
+            if (std::memcmp(pliant_warp_volume(warp)->voxels, volume->voxels, 24 * 24 * 24) != 0) failed = true;
+            pliant_warp_free(warp);
+        }
+        pliant_data_free(body.data);
+        body.data = nullptr;
+    }
+    EXPECT_GT(left, 50);
+    RecordProperty("failed_calls", std::to_string(left).c_str());
+}
+
+TEST(CudaFailure, AskedForExplicitlyItIsAnError)
+{
+    NEEDS_GPU();
+    const Case c = {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT};
+    Body body(size, box, three, inclusions);
+    prepare(body, c, PLIANT_CUDA);
+    pliant_cuda_fail_after(0);
+    EXPECT_EQ(body.build(), PLIANT_ERROR_UNAVAILABLE);
+    pliant_cuda_fail_after(-1);
+    EXPECT_NE(std::string(pliant_last_error()).find("solver/backend"), std::string::npos) << pliant_last_error();
+    size_t before = pliant_memory_in_use();
+    for (int calls = 1; calls < 60; calls++) { // half-made states are given back
+        pliant_data *data = nullptr;
+        pliant_cuda_fail_after(calls);
+        if (pliant_data_create(body.model, &data) == PLIANT_OK) pliant_data_free(data);
+        pliant_cuda_fail_after(-1);
+        EXPECT_EQ(pliant_memory_in_use(), before) << "call " << calls;
+    }
+}
+
+TEST(CudaFailure, WithoutAGpuTheReasonIsTold)
+{
+    if (there_is_a_gpu()) GTEST_SKIP() << "there is a GPU";
+    Body body(size, box, three, inclusions);
+    prepare(body, cases[0], PLIANT_CUDA);
+    EXPECT_EQ(body.build(), PLIANT_ERROR_UNAVAILABLE);
+    EXPECT_NE(std::string(pliant_last_error()).find("cuda cannot be used"), std::string::npos) << pliant_last_error();
+    prepare(body, cases[0], PLIANT_AUTO);
+    ASSERT_EQ(body.build(), PLIANT_OK);
+    EXPECT_STREQ(pliant_data_backend(body.data), "cpu");
+}
+
+} // namespace
