@@ -51,7 +51,7 @@ typedef struct raster_tet {
     double normal[3][4];       /* of plane 0 to 3, inward, per voxel along i, j, k; integers */
     int64_t value[4];          /* of the planes at target voxel (0, 0, 0) */
     double factor[4];          /* 1 / |normal along i|; where that is 0, enough to leave the row on either side */
-    double map[4][4];          /* source index = map[0] i + map[1] j + map[2] k + map[3]; the fourth column is padding */
+    double map[4][4]; /* source index = map[0] i + map[1] j + map[2] k + map[3]; the fourth column is padding */
     uint64_t bricks;           /* of the MASK_EDGE^3 bricks from low on; not used when it spans more */
     int16_t low[3], high[3];   /* first and last voxel along each axis, inside the target */
     uint8_t kind;              /* raster_kind */
@@ -94,11 +94,11 @@ typedef struct raster_brick {
     bool inner;                                 /* so are all its owners */
 } raster_brick;
 
-/* Inner loops, chosen when a warp is made. Both sets give the same bits. */
+/* Inner loops, chosen when a warp is made. All sets give the same bits. */
 typedef struct raster_kernels {
-    /* Owners of a brick's voxels, from candidates in ascending order, and their slots. origin: the brick's first voxel */
-    void (*find_owners)(const raster_source *source, const raster_tet *tets, const int32_t *candidates, size_t num_candidates,
-                        const int32_t origin[3], raster_brick *brick);
+    /* Owners of a brick's voxels, from candidates in ascending order, and their slots. origin: of the brick */
+    void (*find_owners)(const raster_source *source, const raster_tet *tets, const int32_t *candidates,
+                        size_t num_candidates, const int32_t origin[3], raster_brick *brick);
     /* Voxels of a brick from its entries. out: its first voxel in the target; row_step, slice_step: voxels between rows
      * and slices of the target. */
     void (*write)(const raster_source *source, const raster_brick *brick, const int32_t extent[3], void *out,
@@ -108,6 +108,7 @@ typedef struct raster_kernels {
 raster_kernels pliant_raster_kernels_portable(const raster_source *source);
 /* false when this machine or this scan (too small, too large) cannot use them */
 bool pliant_raster_kernels_avx2(const raster_source *source, raster_kernels *out);
+bool pliant_raster_kernels_avx512(const raster_source *source, raster_kernels *out);
 
 /* sample_portable.c: the 16 voxels of one row */
 void pliant_raster_row_u8(const raster_source *source, const raster_brick *brick, int32_t row, uint8_t values[BRICK]);
@@ -128,7 +129,8 @@ static inline void raster_range(const raster_tet *tet, int32_t low[3], int32_t h
     }
 }
 /* whether it may hold a voxel of a brick in its box that begins at low */
-static inline bool raster_touches(const raster_tet *tet, const int32_t low[3], const int32_t high[3], const int32_t brick[3])
+static inline bool raster_touches(const raster_tet *tet, const int32_t low[3], const int32_t high[3],
+                                  const int32_t brick[3])
 {
     for (int d = 0; d < 3; d++)
         if (high[d] - low[d] >= MASK_EDGE) return pliant_raster_cuts(tet, brick);
@@ -145,8 +147,9 @@ void pliant_raster_brick(const raster_grid *grid, const raster_source *source, c
 void *pliant_warp_accelerated(const pliant_warp *warp);
 void pliant_warp_leave(pliant_warp *warp);
 
-/* warp.c, for tests: plain C from now on, whatever the machine can do */
-void pliant_warp_use_portable(pliant_warp *warp);
+/* warp.c, for tests: other inner loops from now on; false when they cannot be used here */
+typedef enum raster_set { RASTER_PORTABLE, RASTER_AVX2, RASTER_AVX512 } raster_set;
+bool pliant_warp_use(pliant_warp *warp, raster_set set);
 
 #ifdef __cplusplus
 }

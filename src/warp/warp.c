@@ -23,8 +23,8 @@ struct pliant_warp {
     int32_t num_bricks;
     uint8_t *changed, *dirty; /* (num_bricks) of the last and of the coming update */
     int32_t *dirty_bricks;   /* (num_bricks) those of the coming one */
-    size_t *end;             /* (num_threads x num_bricks) where a thread's part of a brick's candidates ends; it begins where
-                              * that of the thread before ends, or of the last thread in the brick before */
+    size_t *end; /* (num_threads x num_bricks) where a thread's part of a brick's candidates ends; it begins where
+                  * that of the thread before ends, or of the last thread in the brick before */
     int32_t *candidates;     /* tetrahedra by brick, ascending */
     size_t capacity;
     raster_brick *scratch;   /* (num_threads) */
@@ -54,7 +54,9 @@ static raster_source source_of(const pliant_volume *scan)
     }
     switch (scan->encoding) {
     case PLIANT_UINT8: source.background.u8 = (uint8_t)lrintf(fminf(fmaxf(scan->background, 0), UINT8_MAX)); break;
-    case PLIANT_INT16: source.background.i16 = (int16_t)lrintf(fminf(fmaxf(scan->background, INT16_MIN), INT16_MAX)); break;
+    case PLIANT_INT16:
+        source.background.i16 = (int16_t)lrintf(fminf(fmaxf(scan->background, INT16_MIN), INT16_MAX));
+        break;
     case PLIANT_FLOAT32: source.background.f32 = scan->background; break;
     }
     return source;
@@ -64,12 +66,14 @@ static pliant_status check(const pliant_volume *scan, const pliant_mesh *mesh, i
 {
     if (!scan->voxels || pliant_encoding_size(scan->encoding) == 0)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the scan of a warp has no voxels");
-    if (num_threads < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a warp needs at least one thread, not %d", num_threads);
-    if (mesh->num_nodes < 1 || mesh->num_tets < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the mesh of a warp is empty");
+    if (num_threads < 1)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a warp needs at least one thread, not %d", num_threads);
+    if (mesh->num_nodes < 1 || mesh->num_tets < 1)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the mesh of a warp is empty");
     for (int32_t v = 0; v < 4 * mesh->num_tets; v++)
         if (mesh->tets[v] < 0 || mesh->tets[v] >= mesh->num_nodes)
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "tetrahedron %d of the warped mesh names node %d of %d", v / 4, mesh->tets[v],
-                               mesh->num_nodes);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "tetrahedron %d of the warped mesh names node %d of %d", v / 4,
+                               mesh->tets[v], mesh->num_nodes);
     return PLIANT_OK;
 }
 
@@ -91,8 +95,12 @@ static void fill_background(const raster_source *source, pliant_volume *volume)
     size_t count = pliant_geometry_voxels(&volume->geometry);
     switch (source->encoding) {
     case PLIANT_UINT8: memset(volume->voxels, source->background.u8, count); break;
-    case PLIANT_INT16: for (size_t v = 0; v < count; v++) ((int16_t *)volume->voxels)[v] = source->background.i16; break;
-    case PLIANT_FLOAT32: for (size_t v = 0; v < count; v++) ((float *)volume->voxels)[v] = source->background.f32; break;
+    case PLIANT_INT16:
+        for (size_t v = 0; v < count; v++) ((int16_t *)volume->voxels)[v] = source->background.i16;
+        break;
+    case PLIANT_FLOAT32:
+        for (size_t v = 0; v < count; v++) ((float *)volume->voxels)[v] = source->background.f32;
+        break;
     }
 }
 
@@ -117,11 +125,14 @@ pliant_status pliant_warp_create(const pliant_volume *scan, const pliant_mesh *m
     warp->mesh = mesh;
     warp->num_threads = num_threads;
     warp->source = source_of(scan);
-    if (!pliant_raster_kernels_avx2(&warp->source, &warp->kernels)) warp->kernels = pliant_raster_kernels_portable(&warp->source);
+    if (!pliant_warp_use(warp, RASTER_AVX512) && !pliant_warp_use(warp, RASTER_AVX2))
+        pliant_warp_use(warp, RASTER_PORTABLE);
 
     if (!pliant_raster_grid(target, mesh, &warp->grid)) {
-        status = pliant_fail(PLIANT_ERROR_ARGUMENT, "the warp target is too large or its voxels are too small for the mesh: the target "
-                             "and four tetrahedra on each side may span %d voxels along an axis", 1 << (SPAN_BITS - FRACTION_BITS_MIN));
+        status = pliant_fail(PLIANT_ERROR_ARGUMENT,
+                             "the warp target is too large or its voxels are too small for the mesh: the target "
+                             "and four tetrahedra on each side may span %d voxels along an axis",
+                             1 << (SPAN_BITS - FRACTION_BITS_MIN));
         goto failed;
     }
     int64_t bricks = (int64_t)warp->grid.bricks[0] * warp->grid.bricks[1] * warp->grid.bricks[2];
@@ -138,7 +149,14 @@ failed:
     return status;
 }
 
-void pliant_warp_use_portable(pliant_warp *warp) { warp->kernels = pliant_raster_kernels_portable(&warp->source); }
+bool pliant_warp_use(pliant_warp *warp, raster_set set)
+{
+    switch (set) {
+    case RASTER_AVX512: return pliant_raster_kernels_avx512(&warp->source, &warp->kernels);
+    case RASTER_AVX2: return pliant_raster_kernels_avx2(&warp->source, &warp->kernels);
+    default: warp->kernels = pliant_raster_kernels_portable(&warp->source); return true;
+    }
+}
 
 /* The coming update's nodes; how many moved. */
 static int32_t fix_nodes(pliant_warp *warp, const double *positions)
@@ -258,8 +276,8 @@ static void redo_bricks(pliant_warp *warp)
         int32_t b = warp->dirty_bricks[n], across = warp->grid.bricks[0], down = warp->grid.bricks[1];
         int32_t brick[3] = {b % across, b / across % down, b / across / down};
         size_t begin = b > 0 ? end[b - 1] : 0;
-        pliant_raster_brick(&warp->grid, &warp->source, &warp->kernels, warp->tets, warp->candidates + begin, end[b] - begin,
-                            brick, &warp->scratch[omp_get_thread_num()], warp->volume.voxels);
+        pliant_raster_brick(&warp->grid, &warp->source, &warp->kernels, warp->tets, warp->candidates + begin,
+                            end[b] - begin, brick, &warp->scratch[omp_get_thread_num()], warp->volume.voxels);
     }
 }
 
@@ -267,7 +285,9 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
 {
     double start = pliant_seconds();
     for (int32_t v = 0; v < 3 * warp->mesh->num_nodes; v++)
-        if (!isfinite(positions[v])) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the position of node %d is not finite; the deformed volume stays as it is", v / 3);
+        if (!isfinite(positions[v]))
+            return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                               "the position of node %d is not finite; the deformed volume stays as it is", v / 3);
     if (warp->accelerated) {
         if (warp->backend->warp_update(warp->accelerated, positions) == PLIANT_OK) return PLIANT_OK;
         pliant_warp_leave(warp);
