@@ -11,6 +11,24 @@ void check(pliant_status status)
     throw Failure(status, message.empty() ? pliant_status_text(status) : message);
 }
 
+namespace {
+
+uint64_t hash(uint64_t start, const void *data, size_t bytes)
+{
+    const uint8_t *byte = static_cast<const uint8_t *>(data);
+    for (size_t i = 0; i < bytes; ++i) start = (start ^ byte[i]) * 0x100000001b3u;
+    return start;
+}
+
+uint64_t checksum(const pliant_volume &volume)
+{
+    const int32_t *size = volume.geometry.size, head[4] = {size[0], size[1], size[2], volume.encoding};
+    size_t bytes = pliant_geometry_voxels(&volume.geometry) * pliant_encoding_size(volume.encoding);
+    return hash(hash(0xcbf29ce484222325u, head, sizeof head), volume.voxels, bytes);
+}
+
+} // namespace
+
 Scan::~Scan()
 {
     pliant_volume_free(&volume);
@@ -28,6 +46,7 @@ std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::stri
         scan->low = std::min(scan->low, value);
         scan->high = std::max(scan->high, value);
     }
+    scan->checksum = checksum(scan->volume);
     return scan;
 }
 

@@ -29,6 +29,7 @@ struct Scan {
     pliant_volume volume{};
     pliant_labels labels{}; /* voxels NULL: none */
     float low = 0, high = 0; /* smallest and largest value */
+    uint64_t checksum = 0;   /* of size, encoding and voxels (FNV-1a, 64 bits) */
     Scan() = default;
     Scan(const Scan &) = delete;
     ~Scan();

@@ -4,7 +4,11 @@ namespace pliant_ros {
 
 namespace {
 
-enum { VIEW_RATE = 10 /* marker and points [Hz] */, POLL_MILLISECONDS = 100 };
+enum {
+    VIEW_RATE = 10 /* marker and points [Hz] */,
+    POLL_MILLISECONDS = 100,
+    STATE_QUEUE = 64 /* a recorder that is held up for a second misses none */
+};
 
 } // namespace
 
@@ -13,7 +17,7 @@ MeshOutput::MeshOutput(ros::NodeHandle handle, const Parameters &parameters, Liv
 {
     scan_info_ = handle.advertise<ScanInfo>("scan_info", 1, true);
     topology_ = handle.advertise<MeshTopology>("mesh/topology", 1, true);
-    state_ = handle.advertise<MeshState>("mesh/state", 1);
+    state_ = handle.advertise<MeshState>("mesh/state", STATE_QUEUE);
     marker_ = handle.advertise<visualization_msgs::Marker>("mesh/marker", 1);
     points_ = handle.advertise<sensor_msgs::PointCloud2>("mesh/points", 1);
     thread_ = std::thread(&MeshOutput::run, this);
@@ -44,6 +48,7 @@ void MeshOutput::publish_model(const Loaded &loaded)
     auto topology = boost::make_shared<MeshTopology>();
     topology->header = now;
     topology->scan_id = loaded.scan->volume.id;
+    topology->scan_checksum = loaded.scan->checksum;
     topology->revision = loaded.revision;
     topology_message(*loaded.model, topology.get());
     topology_.publish(topology);
@@ -69,19 +74,50 @@ void MeshOutput::run()
     }
 }
 
-void MeshOutput::publish(const Snapshot &snapshot)
+boost::shared_ptr<MeshState> MeshOutput::state_of(const Snapshot &snapshot) const
 {
-    bool state_due = state_.getNumSubscribers() > 0 && state_rate_.due(live_->get().mesh_rate);
-    bool marker_due = marker_.getNumSubscribers() > 0 && marker_rate_.due(VIEW_RATE);
-    bool points_due = points_.getNumSubscribers() > 0 && points_rate_.due(VIEW_RATE);
-    if (!state_due && !marker_due && !points_due) return;
-    const pliant_model &model = *snapshot.loaded->model;
-    const double *positions = snapshot.positions.data();
     auto state = boost::make_shared<MeshState>();
     state->header = header(snapshot.stamp);
-    state->revision = snapshot.loaded->revision;
+    state->revision = snapshot.revision;
     state->step = snapshot.step;
-    mesh_state_message(model, positions, state.get());
+    mesh_state_message(*snapshot.loaded->model, snapshot.positions.data(), state.get());
+    return state;
+}
+
+bool MeshOutput::is_published(const Snapshot &snapshot) const
+{
+    return state_stamp_ == snapshot.stamp && state_step_ == snapshot.step;
+}
+
+void MeshOutput::send_state(const Snapshot &snapshot, const boost::shared_ptr<MeshState> &state)
+{
+    state_stamp_ = snapshot.stamp;
+    state_step_ = snapshot.step;
+    state_.publish(state);
+}
+
+void MeshOutput::publish_state(const Snapshot &snapshot)
+{
+    if (state_.getNumSubscribers() == 0) return;
+    std::lock_guard<std::mutex> hold(lock_);
+    if (is_published(snapshot)) return;
+    state_rate_.spend(live_->get().mesh_rate);
+    send_state(snapshot, state_of(snapshot));
+}
+
+void MeshOutput::publish(const Snapshot &snapshot)
+{
+    bool marker_due = marker_.getNumSubscribers() > 0 && marker_rate_.due(VIEW_RATE);
+    bool points_due = points_.getNumSubscribers() > 0 && points_rate_.due(VIEW_RATE);
+    std::unique_lock<std::mutex> hold(lock_);
+    bool state_due =
+        state_.getNumSubscribers() > 0 && !is_published(snapshot) && state_rate_.due(live_->get().mesh_rate);
+    if (!state_due && !marker_due && !points_due) return;
+    boost::shared_ptr<MeshState> state = state_of(snapshot);
+    if (state_due) send_state(snapshot, state);
+    hold.unlock();
+    const pliant_model &model = *snapshot.loaded->model;
+    const double *positions = snapshot.positions.data();
     if (marker_due) {
         auto marker = boost::make_shared<visualization_msgs::Marker>();
         marker->header = state->header;
@@ -94,7 +130,6 @@ void MeshOutput::publish(const Snapshot &snapshot)
         points_message(model, positions, state->scalar, points.get());
         points_.publish(points);
     }
-    if (state_due) state_.publish(state);
 }
 
 } // namespace pliant_ros

@@ -101,10 +101,7 @@ Snapshot Simulation::snapshot()
     Snapshot out;
     at_boundary([&] {
         if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
-        out.loaded = current_;
-        out.positions.assign(data_->positions, data_->positions + 3 * static_cast<size_t>(current_->model->fine.num_nodes));
-        out.step = data_->statistics.step;
-        out.stamp = last_time_;
+        take(last_time_, &out);
     });
     return out;
 }
@@ -215,11 +212,18 @@ void Simulation::show(const ros::Time &now)
 {
     if (!snapshots_->wanted()) return;
     auto snapshot = std::make_shared<Snapshot>();
-    snapshot->loaded = current_;
-    snapshot->positions.assign(data_->positions, data_->positions + 3 * static_cast<size_t>(current_->model->fine.num_nodes));
-    snapshot->step = data_->statistics.step;
-    snapshot->stamp = now;
+    take(now, snapshot.get());
     snapshots_->put(snapshot);
+}
+
+void Simulation::take(const ros::Time &now, Snapshot *out) const
+{
+    out->loaded = current_;
+    out->revision = current_->revision;
+    out->step = data_->statistics.step;
+    out->stamp = now;
+    out->positions.resize(3 * static_cast<size_t>(current_->model->fine.num_nodes));
+    for (size_t i = 0; i < out->positions.size(); ++i) out->positions[i] = static_cast<float>(data_->positions[i]);
 }
 
 void Simulation::publish(const ros::Time &now)

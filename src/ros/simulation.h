@@ -53,6 +53,7 @@ private:
     void apply_tools(const ros::Time &now);
     void step();
     void show(const ros::Time &now);
+    void take(const ros::Time &now, Snapshot *out) const;
     void let_go();
     void publish(const ros::Time &now);
     void publish_timing(const ros::Time &now);

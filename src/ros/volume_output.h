@@ -3,7 +3,8 @@
 #define PLIANT_ROS_VOLUME_OUTPUT_H
 
 #include "live.h"
-#include "snapshot.h"
+#include "mesh_output.h"
+#include "warped.h"
 
 #include <ros/node_handle.h>
 
@@ -14,30 +15,12 @@
 
 namespace pliant_ros {
 
-/* A warp and the model that it borrows from. */
-class Warped {
-public:
-    /* Target: the scan's grid, grown to hold the mesh at rest, the positions, and a margin [m]; without a margin it stays
-       the scan's grid, and tissue that leaves it is cut off. Throws Failure. */
-    Warped(std::shared_ptr<const Loaded> loaded, const std::vector<double> &positions, double margin);
-    ~Warped() { pliant_warp_free(warp_); }
-    Warped(const Warped &) = delete;
-    /* False when the positions have left the target grid: make another. */
-    bool holds(const std::vector<double> &positions) const;
-    void update(const std::vector<double> &positions);
-    const Loaded *loaded() const { return loaded_.get(); }
-    const pliant_volume &volume() const { return *pliant_warp_volume(warp_); }
-    std::vector<Box> changed() const;
-
-private:
-    std::shared_ptr<const Loaded> loaded_;
-    pliant_warp *warp_ = nullptr;
-    bool grows_;
-};
-
 class VolumeOutput {
 public:
-    VolumeOutput(ros::NodeHandle handle, const Parameters &parameters, Live *live, Snapshots *snapshots);
+    /* Of every snapshot where all are kept, else of some, at the rate of the live settings.
+       mesh_output Nullable: it publishes the state of every volume that is shown. */
+    VolumeOutput(ros::NodeHandle handle, const Parameters &parameters, Live *live, Snapshots *snapshots,
+                 MeshOutput *mesh_output);
     ~VolumeOutput();
 
     /* Show the volume that subscribers see, and the positions that made it, to a function; false when there is none now. */
@@ -48,12 +31,16 @@ private:
     bool slice_wanted() const;
     void drop();
     void publish(const std::shared_ptr<const Snapshot> &snapshot);
-    void publish_boxes(const Loaded &loaded, const std::vector<Box> &boxes, const ros::Time &stamp);
+    /* What is still wanted of the last one, while no other comes. */
+    void publish_again();
+    Box whole_box() const;
+    void publish_boxes(const Snapshot &snapshot, const std::vector<Box> &boxes);
     void publish_slices(const ros::Time &stamp, const LiveSettings &settings, bool is_new);
 
     const std::string frame_;
     Live *live_;
     Snapshots *snapshots_;
+    MeshOutput *mesh_output_;
     ros::Publisher volume_, slices_[3];
     std::atomic<bool> whole_wanted_{false}, slices_fresh_{false}, stopping_{false};
     Rate warp_rate_, slice_rate_;

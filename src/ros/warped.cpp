@@ -1,0 +1,86 @@
+#include "warped.h"
+
+#include <algorithm>
+#include <cmath>
+#include <thread>
+
+namespace pliant_ros {
+
+namespace {
+
+const size_t max_target_voxels = size_t(1) << 31;
+
+int threads_of(const pliant_scene &scene)
+{
+    if (scene.solver.threads > 0) return scene.solver.threads;
+    return static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+}
+
+struct WorldBox {
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+
+    void hold(const double *point)
+    {
+        for (int d = 0; d < 3; ++d) {
+            low[d] = std::min(low[d], point[d]);
+            high[d] = std::max(high[d], point[d]);
+        }
+    }
+};
+
+/* how far a side is moved out: by one margin, and by as many more as reach a node that lies outside */
+double outwards(double beyond, double margin) { return margin * std::max(1.0, std::ceil(beyond / margin)); }
+
+WorldBox box_of(const pliant_mesh &mesh, const std::vector<double> &positions, double margin)
+{
+    WorldBox rest, now;
+    for (int32_t node = 0; node < mesh.num_nodes; ++node) rest.hold(&mesh.rest[3 * node]);
+    for (size_t node = 0; node < positions.size(); node += 3) now.hold(&positions[node]);
+    for (int d = 0; d < 3; ++d) {
+        rest.low[d] -= outwards(rest.low[d] - now.low[d], margin);
+        rest.high[d] += outwards(now.high[d] - rest.high[d], margin);
+    }
+    return rest;
+}
+
+pliant_geometry target_of(const Loaded &loaded, const std::vector<double> &positions, double margin)
+{
+    const pliant_geometry &scan = loaded.scan->volume.geometry;
+    pliant_geometry target;
+    if (margin > 0) {
+        WorldBox box = box_of(loaded.model->fine, positions, margin);
+        check(pliant_warp_target(&scan, box.low, box.high, max_target_voxels, &target));
+    } else {
+        check(pliant_warp_target(&scan, nullptr, nullptr, max_target_voxels, &target));
+    }
+    return target;
+}
+
+} // namespace
+
+Warped::Warped(std::shared_ptr<const Loaded> loaded, const std::vector<double> &positions, double margin)
+    : loaded_(std::move(loaded)), margin_(margin)
+{
+    const pliant_model &model = *loaded_->model;
+    pliant_geometry target = target_of(*loaded_, positions, margin);
+    check(pliant_warp_create(&loaded_->scan->volume, &model.fine, &target, threads_of(model.scene), &warp_));
+}
+
+bool Warped::fits(const std::vector<double> &positions) const
+{
+    /* targets differ by whole voxels, or not at all */
+    pliant_geometry target = target_of(*loaded_, positions, margin_);
+    return pliant_geometry_equal(&target, &volume().geometry);
+}
+
+void Warped::update(const std::vector<double> &positions) { check(pliant_warp_update(warp_, positions.data())); }
+
+std::vector<Box> Warped::changed() const
+{
+    int32_t count[3];
+    const uint8_t *changed;
+    pliant_warp_bricks(warp_, count, &changed);
+    return changed_boxes(count, changed, volume().geometry.size);
+}
+
+} // namespace pliant_ros
