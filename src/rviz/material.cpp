@@ -80,11 +80,12 @@ void remove_texture(const Ogre::TexturePtr &texture)
     if (texture.get()) Ogre::TextureManager::getSingleton().remove(texture->getName());
 }
 
-void bind_texture(Ogre::Pass *pass, const Ogre::TexturePtr &texture, const char *sampler)
+void bind_texture(Ogre::Pass *pass, const Ogre::TexturePtr &texture, const char *sampler, bool interpolated)
 {
     Ogre::TextureUnitState *unit = pass->createTextureUnitState();
     unit->setTextureName(texture->getName(), Ogre::TEX_TYPE_3D);
-    unit->setTextureFiltering(Ogre::FO_LINEAR, Ogre::FO_LINEAR, Ogre::FO_NONE);
+    Ogre::FilterOptions filter = interpolated ? Ogre::FO_LINEAR : Ogre::FO_POINT;
+    unit->setTextureFiltering(filter, filter, Ogre::FO_NONE);
     unit->setTextureAddressingMode(Ogre::TextureUnitState::TAM_CLAMP);
     pass->getFragmentProgramParameters()->setNamedConstant(sampler, int(pass->getNumTextureUnitStates()) - 1);
 }

@@ -19,10 +19,11 @@ Ogre::Pass *pass_of(const Ogre::MaterialPtr &material);
 
 void remove_material(const Ogre::MaterialPtr &material);
 
-// A 3-D texture, interpolated, that goes on beyond its edges.
+// A 3-D texture. Tables are 3-D too: samplers of another type beside a sampler3D make the GLSL linker complain.
 Ogre::TexturePtr make_texture(const std::string &name, uint32_t width, uint32_t height, uint32_t depth, Ogre::PixelFormat format);
 void remove_texture(const Ogre::TexturePtr &texture);
-void bind_texture(Ogre::Pass *pass, const Ogre::TexturePtr &texture, const char *sampler);
+// Its values go on beyond its edges.
+void bind_texture(Ogre::Pass *pass, const Ogre::TexturePtr &texture, const char *sampler, bool interpolated);
 
 // Ogre's resource group of all of these: one that is always there.
 extern const char *const RESOURCE_GROUP;

@@ -12,38 +12,45 @@ void main()
 }
 )";
 
-// to_texture: texel coordinate = local * scale + offset. window: place in the table = texel * x + y.
-// step: one texel in texture coordinates; spacing: in metres, signed where the texture's axis is flipped.
+// Texel coordinate = local * scale + offset. window: place in the table = texel * x + y, nothing is seen up to place z.
+// step_i: one texel in texture coordinates; spacing: in metres, signed where the texture's axis is flipped.
 const char *const slice_fragment_shader = R"(#version 120
 uniform sampler3D volume;
 uniform sampler3D table;
 uniform vec3 scale, offset, step_i, spacing;
 uniform vec4 window;
 uniform vec4 eye;
-uniform float shading;
+uniform float shading, apart;
 varying vec3 local;
 
 float texel(vec3 at) { return texture3D(volume, at).r; }
 
 void main()
 {
-    vec3 at = local * scale + offset;
+    vec3 towards = eye.w > 0.5 ? normalize(eye.xyz - local) : -eye.xyz;
+    /* each ray through its slices a little nearer or farther: what would be stripes between slices becomes fine noise */
+    float grain = fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(0.06711056, 0.00583715))));
+    vec3 at = (local + towards * ((grain - 0.5) * apart)) * scale + offset;
     float place = clamp(texel(at) * window.x + window.y, 0.0, 1.0);
-    vec4 colour = texture3D(table, vec3(place * (255.0 / 256.0) + 0.5 / 256.0, 0.5, 0.5));
+    /* transparent below: the many empty ones end here */
+    if (place <= window.z) discard;
+    vec4 colour = texture3D(table, vec3(place * (511.0 / 512.0) + 0.5 / 512.0, 0.5, 0.5));
     if (colour.a < 0.0005) discard;
     if (shading > 0.0) {
-        vec3 gradient = vec3(texel(at + vec3(step_i.x, 0.0, 0.0)) - texel(at - vec3(step_i.x, 0.0, 0.0)),
-                             texel(at + vec3(0.0, step_i.y, 0.0)) - texel(at - vec3(0.0, step_i.y, 0.0)),
-                             texel(at + vec3(0.0, 0.0, step_i.z)) - texel(at - vec3(0.0, 0.0, step_i.z))) / spacing;
+        /* from four corners of a cube of two voxels: a tetrahedron, the fewest that tell a gradient */
+        float a = texel(at + step_i), b = texel(at + vec3(step_i.x, -step_i.y, -step_i.z));
+        float c = texel(at + vec3(-step_i.x, step_i.y, -step_i.z)), d = texel(at + vec3(-step_i.x, -step_i.y, step_i.z));
+        vec3 gradient = 0.5 * vec3(a + b - c - d, a - b + c - d, a - b - c + d) / spacing;
         float steepness = length(gradient);
         /* an even region has no surface to shade */
         float surface = shading * clamp(steepness * abs(spacing.x) * window.x * 2.0, 0.0, 1.0);
-        vec3 towards = eye.w > 0.5 ? normalize(eye.xyz - local) : -eye.xyz;
         float light = abs(dot(gradient, towards)) / max(steepness, 1e-12);
         float shine = pow(light, 24.0) * 0.25 * surface;
         colour.rgb = colour.rgb * mix(1.0, 0.35 + 0.75 * light, surface) + colour.a * shine;
     }
-    gl_FragColor = colour;
+    /* the picture has 8 bits: a faint slice would be rounded away, so it is rounded up now and then */
+    float chance = fract(grain + dot(at, vec3(97.3, 71.9, 83.7)));
+    gl_FragColor = colour + (chance - 0.5) / 255.0;
 }
 )";
 

@@ -21,9 +21,9 @@ const std::vector<Preset> &presets()
          {{0.15, {0.65, 0.40, 0.28, 0.0}}, {0.30, {0.85, 0.62, 0.48, 0.30}}, {0.60, {0.95, 0.76, 0.62, 0.80}},
           {1.00, {1.00, 0.86, 0.74, 0.95}}}},
         {"CT lung", "HU", false, -600, 1000, -500,
-         {{0.02, {0.20, 0.30, 0.50, 0.0}}, {0.12, {0.35, 0.50, 0.75, 0.006}}, {0.30, {0.60, 0.75, 0.90, 0.020}},
-          {0.45, {0.95, 0.80, 0.70, 0.100}}, {0.60, {0.90, 0.55, 0.45, 0.060}}, {0.90, {0.80, 0.45, 0.35, 0.015}},
-          {1.00, {0.80, 0.45, 0.35, 0.012}}}},
+         {{0.18, {0.25, 0.40, 0.65, 0.0}}, {0.28, {0.35, 0.55, 0.80, 0.02}}, {0.40, {0.75, 0.80, 0.85, 0.07}},
+          {0.52, {0.95, 0.75, 0.65, 0.16}}, {0.66, {0.90, 0.50, 0.40, 0.10}}, {0.80, {0.80, 0.40, 0.30, 0.01}},
+          {1.00, {0.80, 0.40, 0.30, 0.006}}}},
         {"CT vessels", "HU", false, 260, 420, 150,
          {{0.18, {0.45, 0.05, 0.04, 0.0}}, {0.30, {0.75, 0.10, 0.08, 0.15}}, {0.50, {0.92, 0.25, 0.16, 0.45}},
           {0.75, {0.98, 0.70, 0.50, 0.65}}, {1.00, {1.00, 0.96, 0.88, 0.80}}}},
@@ -61,8 +61,8 @@ double opacity_over(double opacity, double distance) { return 1 - std::pow(1 - s
 Table make_table(const Preset &preset, double opacity, double distance)
 {
     Table table;
-    for (size_t n = 0; n < 256; n++) {
-        Colour colour = colour_at(preset, double(n) / 255);
+    for (size_t n = 0; n < TABLE_SIZE; n++) {
+        Colour colour = colour_at(preset, double(n) / (TABLE_SIZE - 1));
         double a = opacity_over(opacity * colour.a, distance);
         const double channels[4] = {colour.r * a, colour.g * a, colour.b * a, a};
         for (size_t c = 0; c < 4; c++) table[4 * n + c] = uint16_t(std::lround(65535 * std::min(std::max(channels[c], 0.0), 1.0)));
@@ -84,6 +84,16 @@ std::vector<bool> drawn_values(const Preset &preset, double low, double high, do
         drawn[n] = any;
     }
     return drawn;
+}
+
+double transparent_up_to(const Preset &preset)
+{
+    double place = -1;
+    for (const ControlPoint &point : preset.points) {
+        if (point.colour.a > 0) break;
+        place = point.at;
+    }
+    return place;
 }
 
 double seen_from(const Preset &preset, double low, double high, double fraction)

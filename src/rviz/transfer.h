@@ -35,9 +35,10 @@ const Preset &preset(const std::string &name); // the first one when there is no
 // Linear between the points; outside of them the nearest one's.
 Colour colour_at(const Preset &preset, double at);
 
-// 256 premultiplied colours over the window, 16 bits a channel, for slices that are `distance` apart (in units of the
+// Premultiplied colours over the window, 16 bits a channel (the shaders know the size too), for slices that are `distance` apart (in units of the
 // control points' opacity: 1/256 of the diagonal).
-using Table = std::array<uint16_t, 256 * 4>;
+enum { TABLE_SIZE = 512 };
+using Table = std::array<uint16_t, TABLE_SIZE * 4>;
 Table make_table(const Preset &preset, double opacity, double distance);
 
 // Opacity of a path through `distance` such pieces.
@@ -45,6 +46,9 @@ double opacity_over(double opacity, double distance);
 
 // Which of 4096 even steps of [value_at_0, value_at_1] are drawn at all, given window [low, high].
 std::vector<bool> drawn_values(const Preset &preset, double low, double high, double value_at_0, double value_at_1);
+
+// Highest place in the window below which nothing is seen; less than 0: the window's low end is seen.
+double transparent_up_to(const Preset &preset);
 
 // Lowest value that is clearly seen: where the opacity first reaches this fraction of its greatest.
 double seen_from(const Preset &preset, double low, double high, double fraction = 0.3);

@@ -349,9 +349,8 @@ void VolumeDisplay::set_look(bool moving)
 bool VolumeDisplay::is_moving()
 {
     const Ogre::Camera *camera = context_->getViewManager()->getCurrent()->getCamera();
-    if (!camera->getDerivedPosition().positionEquals(camera_position_, 1e-5f) ||
-        !camera->getDerivedOrientation().equals(camera_orientation_, Ogre::Radian(1e-5f)))
-        still_for_ = 0;
+    // exactly: a camera that rests gives the same numbers
+    if (camera->getDerivedPosition() != camera_position_ || camera->getDerivedOrientation() != camera_orientation_) still_for_ = 0;
     camera_position_ = camera->getDerivedPosition();
     camera_orientation_ = camera->getDerivedOrientation();
     return still_for_ < STILL_AFTER;

@@ -29,7 +29,7 @@ VolumeVisual::VolumeVisual(Ogre::SceneManager *manager, Ogre::SceneNode *parent)
     node_->setVisible(false);
     look_.transfer = presets().front();
 
-    table_ = make_texture(name + "/table", 256, 1, 1, Ogre::PF_SHORT_RGBA);
+    table_ = make_texture(name + "/table", TABLE_SIZE, 1, 1, Ogre::PF_SHORT_RGBA);
     slice_material_ = make_material(name + "/slices", volume_vertex_shader, slice_fragment_shader, false);
     Ogre::Pass *pass = pass_of(slice_material_);
     pass->setSceneBlending(Ogre::SBF_ONE, Ogre::SBF_ONE_MINUS_SOURCE_ALPHA);
@@ -79,8 +79,8 @@ std::string VolumeVisual::start(const VolumeImage &image)
             return "the graphics card made a texture of another size";
         }
         for (Ogre::Pass *pass : {pass_of(slice_material_), pass_of(surface_material_)}) {
-            bind_texture(pass, texture_, "volume");
-            bind_texture(pass, table_, "table");
+            bind_texture(pass, texture_, "volume", true);
+            bind_texture(pass, table_, "table", false);
         }
     } catch (const Ogre::Exception &error) {
         clear();
@@ -125,7 +125,7 @@ void VolumeVisual::make_table()
 {
     // opacities belong to a piece of 1/256 of the diagonal
     Table table = pliant_rviz::make_table(look_.transfer, look_.opacity, 256.0 / std::max(look_.slices, 1u));
-    Ogre::PixelBox pixels(256, 1, 1, Ogre::PF_SHORT_RGBA, table.data());
+    Ogre::PixelBox pixels(TABLE_SIZE, 1, 1, Ogre::PF_SHORT_RGBA, table.data());
     table_->getBuffer()->blitFromMemory(pixels);
 }
 
@@ -245,11 +245,13 @@ void VolumeVisual::set_numbers(Ogre::Pass *pass, const Ogre::Camera *camera)
     numbers->setNamedConstant("scale", scale);
     numbers->setNamedConstant("offset", offset);
     numbers->setNamedConstant("spacing", spacing);
-    numbers->setNamedConstant("window", Ogre::Vector4(float(value_scale_ / width), float((value_offset_ - look_.low) / width), 0, 0));
+    numbers->setNamedConstant("window", Ogre::Vector4(float(value_scale_ / width), float((value_offset_ - look_.low) / width),
+                                                      float(transparent_up_to(look_.transfer)), 0));
     numbers->setNamedConstant("eye", Ogre::Vector4(eye.x, eye.y, eye.z, perspective ? 1.0f : 0.0f));
     if (!look_.isosurface) {
         numbers->setNamedConstant("step_i", step);
         numbers->setNamedConstant("shading", float(look_.shading));
+        numbers->setNamedConstant("apart", float(diagonal() / std::max(look_.slices, 1u)));
         return;
     }
     Bounds box = clipped();

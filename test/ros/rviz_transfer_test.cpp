@@ -52,10 +52,10 @@ TEST(Table, OpacityIsCorrectedForTheDistance)
     two.points = {{0, {1, 1, 1, 0}}, {1, {1, 1, 1, 0.5}}};
     for (int slices : {16, 64, 128, 256}) {
         Table table = make_table(two, 1, 64.0 / slices);
-        for (size_t n : {30u, 128u, 255u}) {
+        for (size_t n : {30u, 256u, 511u}) {
             double through = 1;
             for (int s = 0; s < slices; s++) through *= 1 - table[4 * n + 3] / 65535.0;
-            double expected = std::pow(1 - 0.5 * double(n) / 255, 64);
+            double expected = std::pow(1 - 0.5 * double(n) / 511, 64);
             EXPECT_NEAR(through, expected, 0.003) << slices << " " << n;
             EXPECT_EQ(table[4 * n], table[4 * n + 3]) << "premultiplied white";
         }
@@ -79,6 +79,16 @@ TEST(DrawnValues, AreThoseOfTheWindow)
     two.points = {{0, {1, 1, 1, 0}}, {0.5, {1, 1, 1, 1}}, {1, {1, 1, 1, 0}}};
     drawn = drawn_values(two, 10.2, 10.4, -32768, 32767);
     EXPECT_TRUE(std::any_of(drawn.begin(), drawn.end(), [](bool x) { return x; }));
+}
+
+TEST(TransparentUpTo, IsWhereTheOpacityBegins)
+{
+    Preset one;
+    one.points = {{0.1, {1, 1, 1, 0}}, {0.3, {1, 1, 1, 0}}, {0.6, {1, 1, 1, 0.5}}, {1, {1, 1, 1, 0}}};
+    EXPECT_EQ(transparent_up_to(one), 0.3);
+    EXPECT_GT(colour_at(one, 0.301).a, 0);
+    one.points = {{0.1, {1, 1, 1, 0.1}}, {1, {1, 1, 1, 1}}};
+    EXPECT_LT(transparent_up_to(one), 0);
 }
 
 TEST(SeenFrom, IsInsideTheWindow)
