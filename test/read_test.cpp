@@ -217,6 +217,25 @@ TEST(Nrrd, ObliqueRightHandedAndInMetres)
     EXPECT_EQ(scan.at(0, 0, 0), 257);
 }
 
+TEST(Nrrd, DataFileWithLinesAndBytesInFront)
+{
+    temporary_folder folder;
+    std::string header = nrrd("4 3 2", "(-1,0,0) (0,-1,0) (0,0,1)", "line skip: 2\nbyte skip: 3\ndata file: scan.raw\n", "short", "");
+    header.replace(header.find("left-posterior"), 14, "right-anterior");
+    save(folder / "scan.nhdr", header);
+    save(folder / "scan.raw", "one\ntwo\nxyz" + bytes_of(counting(24, 300)));
+    volume_holder scan;
+    ASSERT_EQ(pliant_volume_read((folder / "scan.nhdr").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(scan.at(0, 0, 0), 300);
+    EXPECT_EQ(scan.at(3, 2, 1), 323);
+    for (int d = 0; d < 9; d++) EXPECT_EQ(scan->geometry.direction[d], d % 4 == 0) << "two flips, and RAS to LPS";
+    EXPECT_NEAR(scan->geometry.origin[0], 0.005, 1e-12);
+    save(folder / "scan.raw", "one");
+    expect_refused(folder / "scan.nhdr", PLIANT_ERROR_FORMAT, {"scan.raw", "line skip"});
+    save(folder / "scan.raw", "one\ntwo\nxyz" + bytes_of(counting(23, 300)));
+    expect_refused(folder / "scan.nhdr", PLIANT_ERROR_FORMAT, {"scan.raw", "truncated"});
+}
+
 TEST(Labels, WholeNumbersUpTo65535)
 {
     temporary_folder folder;
@@ -588,8 +607,8 @@ TEST(SharedData, VariantsThatAreRefused)
         {"nifti_variants/minimal.img", {"not a scan"}},
         {"nrrd_variants/test1d_ascii.nrrd", {"2-D"}},
         {"nrrd_variants/test2d_ascii.nrrd", {"2-D"}},
-        {"nrrd_variants/test_simple4d_raw.nrrd", {"axes (4)"}},
-        {"nrrd_variants/BallBinary30x30x30_bz2.nrrd", {"bzip2"}},
+        {"nrrd_variants/test_simple4d_raw.nrrd", {"2-D image (1 x 1 x 1)"}},
+        {"nrrd_variants/BallBinary30x30x30_bz2.nrrd", {"encoding: bz"}},
         {"nrrd_variants/BallBinary30x30x30_nifti.nhdr", {"byte skip is missing"}},
         {"nrrd_variants/BallBinary30x30x30_byteskip_minus_five.nhdr", {}}};
     for (const auto &file : files) {

@@ -39,8 +39,10 @@ typedef struct pliant_labels {
     uint16_t *voxels; /**< owned; pliant_labels_free */
 } pliant_labels;
 
+/** Voxels of a grid; 0 when a size is below 1 or they are too many to be counted. */
 size_t pliant_geometry_voxels(const pliant_geometry *geometry);
-/** True when size, origin, spacing and direction agree (to 1e-4 of a voxel). */
+/** True when size, origin, spacing and direction agree (to 1e-4 of a voxel, and the rounding of an origin kept in
+ *  single precision). */
 bool pliant_geometry_equal(const pliant_geometry *a, const pliant_geometry *b);
 /** Continuous index -> LPS [m], and back. */
 void pliant_geometry_to_world(const pliant_geometry *geometry, const double index[3], double world[3]);
@@ -57,17 +59,22 @@ void pliant_labels_free(pliant_labels *labels);
 /** Value (slope and intercept applied) of the voxel at a flat index. */
 float pliant_volume_value(const pliant_volume *volume, size_t index);
 
-/** Read a scan: a DICOM folder, NIfTI, NRRD or MetaImage file (ITK).
+/** Read a scan: a folder with a DICOM series (one image a file; compressed ones through ITK's GDCM), or a file:
+ *  NIfTI-1 or 2 (.nii, .nii.gz, .hdr with its .img), NRRD (.nrrd, .nhdr; raw or gzip), MetaImage (.mha, .mhd).
  *  @param series       Nullable: DICOM SeriesInstanceUID (or its unique ending) where a folder holds several
- *  @param memory_limit most bytes that the voxels may take, checked from the header before reading; 0: what
- *                      the machine has free
+ *  @param memory_limit most bytes that reading may hold for voxels (those of the file and those of the volume where
+ *                      they differ), checked from the header before any is allocated; 0: what the machine has free
  *  Integer data whose rescaled values fit are kept as UINT8 or INT16 with slope 1, all else is FLOAT32.
- *  Slice spacing comes from positions. Errors (old *out untouched): FILE, FORMAT, MEMORY. */
+ *  Slice spacing comes from positions. Refused, with the file and the reason: what is truncated, not one regular 3-D
+ *  grid with right angles, of several values per voxel, not finite, or too large.
+ *  Errors (old *out untouched): FILE, FORMAT, MEMORY, ARGUMENT (path NULL). */
 pliant_status pliant_volume_read(const char *path, const char *series, size_t memory_limit, pliant_volume *out);
 /** Read a label map; values must be integers in 0..65535. */
 pliant_status pliant_labels_read(const char *path, size_t memory_limit, pliant_labels *out);
 
-/** Write by the ending of path (.nii, .nii.gz, .nrrd, .mha), millimetres and values as others expect them. */
+/** Write by the ending of path (.nii, .nii.gz, .nrrd, .mha), millimetres and values as others expect them: UINT8
+ *  and INT16 stay what they are, slope and intercept are applied otherwise. The file is complete or not there; one
+ *  that was there before is replaced at the end. Errors: ARGUMENT (ending), FILE, FORMAT (too long for NIfTI), MEMORY. */
 pliant_status pliant_volume_write(const char *path, const pliant_volume *volume);
 pliant_status pliant_labels_write(const char *path, const pliant_labels *labels);
 

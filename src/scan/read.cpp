@@ -41,7 +41,7 @@ double free_memory()
 void check_memory(const std::string &path, const image_header &header, bool labels, size_t memory_limit)
 {
     double per_voxel = static_cast<double>(component_size(header.type));
-    double needed = voxel_count(header.geometry) * (per_voxel + std::max(header.decoder_bytes, conversion_bytes(header, labels)));
+    double needed = voxel_count(header.geometry) * (per_voxel + conversion_bytes(header, labels));
     double most = memory_limit ? static_cast<double>(memory_limit) : free_memory();
     if (needed > most || needed > static_cast<double>(SIZE_MAX / 2))
         fail(PLIANT_ERROR_MEMORY, "%s: %d x %d x %d voxels need %.0f MB to be read, %s %.0f MB: resample or crop it first", path.c_str(),

@@ -32,7 +32,6 @@ struct image_header {
     component type = component::none; /* of the voxels that read() gives */
     bool whole_numbers = false;       /* the file stores integers, whatever type read() gives */
     double slope = 1.0, intercept = 0.0; /* value = slope * stored + intercept */
-    double decoder_bytes = 0.0;       /* that read() needs beside the buffer, per voxel */
 };
 
 /* A file or folder whose header has been read and checked. */
@@ -94,6 +93,7 @@ bool parse_numbers(const std::string &text, char separator, std::vector<double> 
 
 /* Fails when `bytes` of data cannot be in a file of this size, compressed or not. */
 void check_data_fits(const std::string &path, double bytes, double bytes_in_file, bool compressed);
+bool machine_is_big_endian();
 /* The data of a header: decompressed, exactly as long as the grid asks, in the byte order of this machine. */
 void read_voxels(byte_stream &stream, const image_header &header, bool swap_bytes, void *voxels);
 

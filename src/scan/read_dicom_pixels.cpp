@@ -1,10 +1,11 @@
 /* The numbers of one DICOM image: as they are in the file, or decompressed by the GDCM that ITK reads DICOM with. */
-#include "scan/itk_scope.h"
 #include "scan/read_dicom.h"
 
 #include <gdcmImageReader.h>
+#include <gdcmTrace.h>
 
 #include <cstring>
+#include <mutex>
 #include <sstream>
 
 namespace pliant_read {
@@ -57,6 +58,34 @@ void clean(const dicom_pixels &pixels, void *out)
     }
 }
 
+/* GDCM's messages go to the console, and whether is one switch for the process: while one of these lives, they are
+ * off, and this thread alone decompresses. */
+class quiet_gdcm {
+public:
+    quiet_gdcm() : lock_(mutex()), debug_(gdcm::Trace::GetDebugFlag()), warning_(gdcm::Trace::GetWarningFlag()), error_(gdcm::Trace::GetErrorFlag())
+    {
+        set(false, false, false);
+    }
+    ~quiet_gdcm() { set(debug_, warning_, error_); }
+    quiet_gdcm(const quiet_gdcm &) = delete;
+    quiet_gdcm &operator=(const quiet_gdcm &) = delete;
+
+private:
+    std::lock_guard<std::mutex> lock_;
+    bool debug_, warning_, error_;
+    static std::mutex &mutex()
+    {
+        static std::mutex one;
+        return one;
+    }
+    static void set(bool debug, bool warning, bool error)
+    {
+        gdcm::Trace::SetDebug(debug);
+        gdcm::Trace::SetWarning(warning);
+        gdcm::Trace::SetError(error);
+    }
+};
+
 std::string little_endian(uint32_t value, int bytes)
 {
     std::string out;
@@ -71,7 +100,7 @@ std::string element(uint16_t group, uint16_t tag, const char *type, std::string 
 }
 
 /* A DICOM file with nothing but what decompression needs, so that nothing else in the original can disturb it. */
-std::string bare_file(const dicom_pixels &pixels, const std::string &fragments)
+std::string bare_file(const dicom_pixels &pixels, std::string image)
 {
     const char *const ct_image = "1.2.840.10008.5.1.4.1.1.2";
     std::string meta = element(2, 2, "UI", ct_image) + element(2, 3, "UI", "1.2.3") + element(2, 0x10, "UI", pixels.transfer_syntax);
@@ -82,13 +111,75 @@ std::string bare_file(const dicom_pixels &pixels, const std::string &fragments)
             element(0x28, 0x11, "US", number(pixels.columns)) + element(0x28, 0x100, "US", number(pixels.bits_allocated)) +
             element(0x28, 0x101, "US", number(pixels.bits_stored)) + element(0x28, 0x102, "US", number(pixels.bits_stored - 1)) +
             element(0x28, 0x103, "US", number(pixels.is_signed));
-    return file + little_endian(0x7fe0, 2) + little_endian(0x10, 2) + "OB" + std::string(2, '\0') + "\xff\xff\xff\xff" + fragments;
+    if (image.size() % 2) image += '\0';
+    const std::string item("\xfe\xff\x00\xe0", 4);
+    return file + little_endian(0x7fe0, 2) + little_endian(0x10, 2) + "OB" + std::string(2, '\0') + "\xff\xff\xff\xff" + item + little_endian(0, 4) +
+           item + little_endian(static_cast<uint32_t>(image.size()), 4) + image + std::string("\xfe\xff\xdd\xe0", 4) + little_endian(0, 4);
+}
+
+/* The fragments behind the table of offsets, joined: one compressed image. Their lengths have been checked. */
+std::string joined(const std::string &fragments)
+{
+    std::string image;
+    bool is_table = true;
+    for (size_t at = 0; at + 8 <= fragments.size();) {
+        size_t length = 0;
+        for (size_t n = 8; n-- > 4;) length = length << 8 | static_cast<unsigned char>(fragments[at + n]);
+        if (fragments[at] != '\xfe' || fragments[at + 2] != '\0') break; /* the end of the sequence */
+        if (!is_table) image += fragments.substr(at + 8, length);
+        is_table = false;
+        at += 8 + length;
+    }
+    return image;
+}
+
+/* A JPEG or JPEG-LS image with no other segments than its data need (ISO 10918-1 annex B), which are checked: GDCM
+ * stops the process on headers that it does not expect, comments among them. */
+std::string bare_jpeg(const std::string &path, const dicom_pixels &pixels, const std::string &image)
+{
+    auto byte = [&](size_t at) { return at < image.size() ? static_cast<unsigned char>(image[at]) : 0; };
+    auto pair = [&](size_t at) { return byte(at) << 8 | byte(at + 1); };
+    const int start = 0xffd8, scan = 0xda, frame_jpeg_ls = 0xf7;
+    std::string kept = image.substr(0, 2);
+    bool has_frame = false;
+    size_t at = 2;
+    for (bool going = pair(0) == start; going;) {
+        while (byte(at) == 0xff && byte(at + 1) == 0xff) at++; /* fill */
+        int marker = byte(at + 1);
+        size_t length = static_cast<size_t>(pair(at + 2));
+        if (byte(at) != 0xff || length < 2 || at + 2 + length > image.size()) break;
+        bool frame = (marker >= 0xc0 && marker <= 0xc3) || marker == frame_jpeg_ls;
+        bool table = marker == 0xc4 || marker == 0xdb || marker == 0xdd || marker == 0xf8;
+        bool comment = (marker >= 0xe0 && marker <= 0xef) || marker == 0xfe;
+        if (frame) {
+            if (has_frame || length < 11 || byte(at + 4) < 2 || byte(at + 4) > pixels.bits_allocated || pair(at + 5) != pixels.rows ||
+                pair(at + 7) != pixels.columns || byte(at + 9) != 1)
+                break;
+            has_frame = true;
+        } else if (marker == scan) {
+            if (has_frame && byte(at + 4) == 1) return kept + image.substr(at);
+            break;
+        } else if (!table && !comment) {
+            break;
+        }
+        if (!comment) kept += image.substr(at, 2 + length);
+        at += 2 + length;
+    }
+    fail(PLIANT_ERROR_FORMAT, "%s: the compressed pixels are damaged: no JPEG image of %d x %d numbers", path.c_str(), pixels.columns, pixels.rows);
+}
+
+bool is_jpeg(const std::string &transfer_syntax)
+{
+    const std::string jpeg = "1.2.840.10008.1.2.4."; /* .50 to .70: JPEG, .80 and .81: JPEG-LS, from .90: JPEG 2000 and video */
+    return transfer_syntax.size() == jpeg.size() + 2 && transfer_syntax.compare(0, jpeg.size(), jpeg) == 0 && transfer_syntax[jpeg.size()] <= '8';
 }
 
 void decompress(const std::string &path, const dicom_pixels &pixels, void *out)
 {
-    itk_scope quiet;
-    std::istringstream stream(bare_file(pixels, file_part(path, pixels.part)));
+    quiet_gdcm quiet;
+    std::string coded = joined(file_part(path, pixels.part));
+    if (is_jpeg(pixels.transfer_syntax)) coded = bare_jpeg(path, pixels, coded);
+    std::istringstream stream(bare_file(pixels, coded));
     gdcm::ImageReader reader;
     reader.SetStream(stream);
     if (!reader.Read())

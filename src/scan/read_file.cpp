@@ -185,6 +185,12 @@ void check_data_fits(const std::string &path, double bytes, double bytes_in_file
              path.c_str(), bytes, std::fmax(bytes_in_file, 0.0), compressed ? " (compressed)" : "");
 }
 
+bool machine_is_big_endian()
+{
+    const uint16_t one = 1;
+    return *reinterpret_cast<const unsigned char *>(&one) == 0;
+}
+
 void read_voxels(byte_stream &stream, const image_header &header, bool swap_bytes, void *voxels)
 {
     size_t size = component_size(header.type), bytes = pliant_geometry_voxels(&header.geometry) * size;

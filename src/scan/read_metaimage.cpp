@@ -128,12 +128,6 @@ public:
     }
 };
 
-bool machine_is_big_endian()
-{
-    const uint16_t one = 1;
-    return *reinterpret_cast<const unsigned char *>(&one) == 0;
-}
-
 /* Where the data are: behind the header or in one other file. */
 void locate_data(const text_header &header, double data_bytes, metaimage_source *source)
 {

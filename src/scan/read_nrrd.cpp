@@ -1,57 +1,104 @@
-/* NRRD (.nrrd, .nhdr with its data file) by ITK. */
-#include "scan/itk_scope.h"
+/* NRRD (.nrrd, .nhdr with its data file): a text header of "field: value" lines up to an empty one
+ * (http://teem.sourceforge.net/nrrd/format.html). Raw and gzip data.
+ * Read here and not by ITK, which takes metres for millimetres and leaks what it has allocated when a file is broken. */
 #include "scan/read.h"
 
-#include <itkNrrdImageIO.h>
-
-#include <algorithm>
 #include <cmath>
+#include <limits>
+#include <map>
+#include <sstream>
 
 namespace pliant_read {
 
 namespace {
 
-/* By size and sign, as long and long long are named apart but may be the same. */
-component component_of(const std::string &path, const itk::ImageIOBase &io)
+struct text_header {
+    std::string path;
+    std::map<std::string, std::string> fields; /* by name in lower case, blanks left out: "space origin" is "spaceorigin" */
+    uint64_t bytes = 0;                        /* where attached data begin */
+
+    std::string text(const std::string &name) const
+    {
+        auto found = fields.find(name);
+        return found == fields.end() ? "" : found->second;
+    }
+    bool has(const std::string &name) const { return !text(name).empty(); }
+    /* count numbers; nan stands for an axis without */
+    std::vector<double> numbers(const std::string &name, size_t count) const
+    {
+        std::istringstream words(text(name));
+        std::vector<double> found, one;
+        for (std::string word; words >> word;) {
+            if (lower_case(word) == "nan") one.assign(1, std::numeric_limits<double>::quiet_NaN());
+            else if (!parse_numbers(word, ' ', &one)) one.clear();
+            if (one.size() != 1) break;
+            found.push_back(one[0]);
+        }
+        if (found.size() != count || !words.eof())
+            fail(PLIANT_ERROR_FORMAT, "%s: %s: %.100s: %zu numbers are needed", path.c_str(), name.c_str(), text(name).c_str(), count);
+        return found;
+    }
+    double whole(const std::string &name, double otherwise) const
+    {
+        if (!has(name)) return otherwise;
+        double value = numbers(name, 1)[0];
+        if (value != std::floor(value)) fail(PLIANT_ERROR_FORMAT, "%s: %s: %.40s: a whole number is needed", path.c_str(), name.c_str(), text(name).c_str());
+        return value;
+    }
+};
+
+text_header read_header(const std::string &path)
 {
-    std::string name = io.GetComponentTypeAsString(io.GetComponentType());
-    bool is_unsigned = name.compare(0, 8, "unsigned") == 0;
-    size_t size = io.GetComponentSize();
-    if (name == "float") return component::float32;
-    if (name == "double") return component::float64;
-    if (size == 1) return is_unsigned ? component::uint8 : component::int8;
-    if (size == 2) return is_unsigned ? component::uint16 : component::int16;
-    if (size == 4) return is_unsigned ? component::uint32 : component::int32;
-    if (size == 8) return is_unsigned ? component::uint64 : component::int64;
-    fail(PLIANT_ERROR_FORMAT, "%s: voxel type %s is not supported", path.c_str(), name.c_str());
+    const size_t longest = 1 << 20;
+    text_header header;
+    header.path = path;
+    std::string bytes = file_start(path, longest);
+    if (bytes.compare(0, 4, "NRRD") != 0) fail(PLIANT_ERROR_FORMAT, "%s: not a NRRD file: it does not begin with NRRD", path.c_str());
+    size_t at = std::min(bytes.find('\n'), bytes.size() - 1) + 1;
+    while (at < bytes.size()) {
+        size_t end = bytes.find('\n', at);
+        bool whole_line = end != std::string::npos;
+        std::string line = trimmed(bytes.substr(at, whole_line ? end - at : end));
+        at = whole_line ? end + 1 : bytes.size();
+        header.bytes = at;
+        if (line.empty() && whole_line) return header;
+        size_t colon = line.find(": ");
+        if (line[0] == '#' || colon == std::string::npos) continue; /* comments, and "key:=value" of whoever wrote it */
+        std::string name;
+        for (char c : lower_case(line.substr(0, colon)))
+            if (c != ' ') name += c;
+        header.fields[name] = trimmed(line.substr(colon + 2));
+    }
+    if (header.has("datafile") && !bytes.empty() && bytes.back() == '\n') return header; /* a header of its own may just end */
+    fail(PLIANT_ERROR_FORMAT, "%s: truncated: the header does not end with an empty line", path.c_str());
 }
 
-/* The text header, for what ITK does not tell: lines up to the first empty one. */
-std::string text_header(const std::string &path)
+component component_of(const text_header &header)
 {
-    const size_t longest = 1 << 16;
-    std::string header = file_start(path, longest);
-    size_t end = std::min(header.find("\n\n"), header.find("\n\r\n"));
-    if (end != std::string::npos) header.resize(end);
-    return header;
+    static const std::map<std::string, component> names = {
+        {"signed char", component::int8}, {"int8", component::int8}, {"int8_t", component::int8},
+        {"uchar", component::uint8}, {"unsigned char", component::uint8}, {"uint8", component::uint8}, {"uint8_t", component::uint8},
+        {"short", component::int16}, {"short int", component::int16}, {"signed short", component::int16},
+        {"signed short int", component::int16}, {"int16", component::int16}, {"int16_t", component::int16},
+        {"ushort", component::uint16}, {"unsigned short", component::uint16}, {"unsigned short int", component::uint16},
+        {"uint16", component::uint16}, {"uint16_t", component::uint16},
+        {"int", component::int32}, {"signed int", component::int32}, {"int32", component::int32}, {"int32_t", component::int32},
+        {"uint", component::uint32}, {"unsigned int", component::uint32}, {"uint32", component::uint32}, {"uint32_t", component::uint32},
+        {"longlong", component::int64}, {"long long", component::int64}, {"long long int", component::int64},
+        {"signed long long", component::int64}, {"signed long long int", component::int64}, {"int64", component::int64}, {"int64_t", component::int64},
+        {"ulonglong", component::uint64}, {"unsigned long long", component::uint64}, {"unsigned long long int", component::uint64},
+        {"uint64", component::uint64}, {"uint64_t", component::uint64},
+        {"float", component::float32}, {"double", component::float64}};
+    auto found = names.find(lower_case(header.text("type")));
+    if (found == names.end())
+        fail(PLIANT_ERROR_FORMAT, "%s: type: %.40s is not supported; short, for example, is", header.path.c_str(), header.text("type").c_str());
+    return found->second;
 }
 
-/* The value of a field; "" when it is missing. */
-std::string field(const std::string &header, const std::string &name)
+/* Millimetres per unit of the space. */
+double unit_in_millimetres(const text_header &header)
 {
-    size_t start = header.find("\n" + name + ":");
-    if (start == std::string::npos) return "";
-    start += name.size() + 2;
-    size_t end = header.find('\n', start);
-    return trimmed(header.substr(start, end == std::string::npos ? end : end - start));
-}
-
-/* ITK takes every length for millimetres. Returns millimetres per unit. */
-double unit_in_millimetres(const std::string &path, const std::string &header)
-{
-    if (field(header, "spacings").empty() && field(header, "space directions").empty())
-        pliant_log(PLIANT_LOG_WARNING, "%s: neither spacings nor space directions: a spacing of 1 mm is taken", path.c_str());
-    std::string units = field(header, "space units");
+    std::string units = header.text("spaceunits");
     double scale = 0.0;
     for (size_t open = units.find('"'); open != std::string::npos;) {
         size_t close = units.find('"', open + 1);
@@ -59,106 +106,177 @@ double unit_in_millimetres(const std::string &path, const std::string &header)
         std::string unit = units.substr(open + 1, close - open - 1);
         double next = unit == "m" ? 1e3 : unit == "cm" ? 10.0 : unit == "um" ? 1e-3 : unit == "mm" || unit.empty() ? 1.0 : 0.0;
         if (next == 0.0 || (scale != 0.0 && next != scale))
-            fail(PLIANT_ERROR_FORMAT, "%s: space units %s are not supported; \"mm\" \"mm\" \"mm\" are", path.c_str(), units.c_str());
+            fail(PLIANT_ERROR_FORMAT, "%s: space units: %.80s are not supported; \"mm\" \"mm\" \"mm\" are", header.path.c_str(), units.c_str());
         scale = next;
         open = units.find('"', close + 1);
     }
     return scale == 0.0 ? 1.0 : scale;
 }
 
-/* Before memory is asked for: the voxels can be in the file. And a data file of its own that is longer than they
- * are has something in front of them that the header forgot. */
-void check_data_file(const std::string &path, const std::string &header, const image_header &image)
+/* "(1,0,0)"; false for "none" */
+bool parse_vector(const text_header &header, const std::string &word, double out[3])
 {
-    std::string name = field(header, "data file"), encoding = lower_case(field(header, "encoding"));
-    if (name.empty()) name = field(header, "datafile");
-    if (name.find_first_of(" %") != std::string::npos || name == "LIST") return; /* several files: teem checks them */
-    bool raw = encoding == "raw", zipped = encoding == "gzip" || encoding == "gz", alone = !name.empty();
-    std::string data_path = !alone ? path : name[0] == '/' ? name : folder_of(path) + name;
-    double bytes = static_cast<double>(file_size(data_path)), voxels = voxel_count(image.geometry);
-    double data_bytes = voxels * static_cast<double>(component_size(image.type));
-    check_data_fits(data_path, raw || zipped ? data_bytes : voxels, bytes, !raw); /* text: a digit for each, at the least */
-
-    for (const char *skip : {"byte skip", "byteskip", "line skip", "lineskip"})
-        if (!field(header, skip).empty()) return;
-    if (!alone || !(raw || zipped)) return;
-    if (zipped) {
-        const double wrap = 4294967296.0; /* gzip tells the length of what went in modulo 2^32 (RFC 1952) */
-        unsigned char tail[4] = {0, 0, 0, 0};
-        std::ifstream file(data_path, std::ios::binary);
-        file.seekg(-4, std::ios::end).read(reinterpret_cast<char *>(tail), 4);
-        bytes = tail[0] + 256.0 * tail[1] + 65536.0 * tail[2] + 16777216.0 * tail[3];
-        data_bytes = std::fmod(data_bytes, wrap);
-    }
-    if (bytes != data_bytes)
-        fail(PLIANT_ERROR_FORMAT, "%s: %.0f bytes of data in %s, but the header asks for %.0f: truncated, or a byte skip is missing", path.c_str(),
-             bytes, name.c_str(), data_bytes);
+    std::vector<double> numbers;
+    if (lower_case(word) == "none") return false;
+    if (word.size() < 2 || word[0] != '(' || word.back() != ')' || !parse_numbers(word.substr(1, word.size() - 2), ',', &numbers) || numbers.size() != 3)
+        fail(PLIANT_ERROR_FORMAT, "%s: %.60s is not a vector of three finite numbers", header.path.c_str(), word.c_str());
+    std::copy(numbers.begin(), numbers.end(), out);
+    return true;
 }
 
-/* teem tells a list of what failed inside what; the last entry is the reason. */
-std::string reason(const itk::ExceptionObject &error)
+/* Vectors may be written with blanks in them: "(1, 0, 0)". */
+std::vector<std::string> vector_words(const std::string &text)
 {
-    std::string text = itk_reason(error);
-    size_t last = text.rfind("[nrrd] ");
-    if (last != std::string::npos) text.erase(0, last + 7);
-    size_t name = text[0] == '_' ? text.find(": ") : std::string::npos;
-    return name == std::string::npos ? text : text.substr(name + 2);
+    std::vector<std::string> words(1);
+    int depth = 0;
+    for (char c : text) {
+        depth += (c == '(') - (c == ')');
+        if (c != ' ' && c != '\t') words.back() += c;
+        else if (depth == 0 && !words.back().empty()) words.emplace_back();
+    }
+    if (words.back().empty()) words.pop_back();
+    return words;
+}
+
+/* Signs that take the space to LPS. */
+void space_signs(const text_header &header, double sign[3])
+{
+    std::string space = lower_case(header.text("space"));
+    sign[0] = sign[1] = sign[2] = 1.0;
+    if (space == "right-anterior-superior" || space == "ras") sign[0] = sign[1] = -1.0;
+    else if (space == "left-anterior-superior" || space == "las") sign[1] = -1.0;
+    else if (space != "left-posterior-superior" && space != "lps")
+        pliant_log(PLIANT_LOG_WARNING, "%s: space: \"%s\" is no patient space; left-posterior-superior is taken", header.path.c_str(), space.c_str());
+}
+
+[[noreturn]] void refuse_channels(const text_header &header, double count, const std::string &kind)
+{
+    if (kind.empty() || kind == "domain" || kind == "space" || kind == "time" || kind == "list")
+        fail(PLIANT_ERROR_FORMAT, "%s: 4 dimensions (sizes: %.80s), one 3-D volume is needed: write one time point or channel to a file of its own",
+             header.path.c_str(), header.text("sizes").c_str());
+    fail(PLIANT_ERROR_FORMAT, "%s: %.0f values per voxel (%.40s); one is needed", header.path.c_str(), count, kind.c_str());
+}
+
+/* Axes that lie in space, without those of size 1 that do not. */
+grid read_grid(const text_header &header)
+{
+    double dimensions = header.whole("dimension", 0);
+    if (!(dimensions >= 1 && dimensions <= 16)) fail(PLIANT_ERROR_FORMAT, "%s: dimension: %.20s: 3 is needed", header.path.c_str(), header.text("dimension").c_str());
+    size_t n = static_cast<size_t>(dimensions);
+    std::vector<double> sizes = header.numbers("sizes", n), spacings;
+    std::vector<std::string> directions = vector_words(header.text("spacedirections")), kinds = vector_words(lower_case(header.text("kinds")));
+    if (header.has("spacedirections") && directions.size() != n)
+        fail(PLIANT_ERROR_FORMAT, "%s: space directions: %.100s: %zu are needed", header.path.c_str(), header.text("spacedirections").c_str(), n);
+    if (header.has("spacings")) spacings = header.numbers("spacings", n);
+    else if (directions.empty()) pliant_log(PLIANT_LOG_WARNING, "%s: neither spacings nor space directions: a spacing of 1 mm is taken", header.path.c_str());
+
+    grid grid;
+    double unit = unit_in_millimetres(header), sign[3] = {1.0, 1.0, 1.0};
+    if (!directions.empty()) space_signs(header, sign);
+    for (size_t axis = 0; axis < n; axis++) {
+        if (!(sizes[axis] == std::floor(sizes[axis]) && std::fabs(sizes[axis]) < 1e15))
+            fail(PLIANT_ERROR_FORMAT, "%s: sizes: %.80s: whole numbers are needed", header.path.c_str(), header.text("sizes").c_str());
+        std::string kind = axis < kinds.size() ? kinds[axis] : "";
+        double vector[3] = {0.0, 0.0, 0.0};
+        bool in_space = directions.empty() ? kind.empty() || kind == "domain" || kind == "space" : parse_vector(header, directions[axis], vector);
+        if (!in_space && sizes[axis] == 1.0) continue;
+        if (!in_space) refuse_channels(header, sizes[axis], kind);
+        size_t d = grid.size.size();
+        grid.size.push_back(static_cast<int64_t>(sizes[axis]));
+        if (d >= 3) continue;
+        if (directions.empty()) {
+            if (!spacings.empty()) grid.spacing[d] = unit * spacings[axis];
+            continue;
+        }
+        double length = std::sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]);
+        grid.spacing[d] = unit * length;
+        for (size_t row = 0; row < 3; row++) grid.direction[3 * row + d] = length > 0.0 ? sign[row] * vector[row] / length : 0.0;
+    }
+    double origin[3];
+    if (header.has("spaceorigin") && parse_vector(header, vector_words(header.text("spaceorigin"))[0], origin))
+        for (size_t row = 0; row < 3; row++) grid.origin[row] = unit * sign[row] * origin[row];
+    return grid;
 }
 
 class nrrd_source : public image_source {
 public:
-    nrrd_source(std::string path, itk::NrrdImageIO::Pointer io) : path_(std::move(path)), io_(io) {}
+    std::string data_path;
+    uint64_t offset = 0, skip = 0; /* in the file; in the data, after decompression */
+    bool compressed = false, swap = false;
+
     void read(void *voxels) override
     {
-        itk_scope quiet;
-        unsigned int dimensions = io_->GetNumberOfDimensions();
-        itk::ImageIORegion region(dimensions);
-        for (unsigned int d = 0; d < dimensions; d++) region.SetSize(d, io_->GetDimensions(d));
-        io_->SetIORegion(region);
-        try {
-            io_->Read(voxels);
-        } catch (const itk::ExceptionObject &error) {
-            fail(PLIANT_ERROR_FORMAT, "%s: the voxels cannot be read (truncated or damaged?): %.600s", path_.c_str(), reason(error).c_str());
-        }
+        byte_stream stream(data_path, offset + (compressed ? 0 : skip), compressed ? byte_stream::packing::deflate : byte_stream::packing::none);
+        if (compressed) stream.skip(skip, "the bytes in front of the voxels");
+        read_voxels(stream, header, swap, voxels);
     }
-
-private:
-    std::string path_;
-    itk::NrrdImageIO::Pointer io_;
 };
+
+/* What went into a gzip file, modulo 2^32: its last four bytes (RFC 1952). */
+double gzip_length(const std::string &path, double file_bytes)
+{
+    std::string tail(4, '\0');
+    std::ifstream file(path, std::ios::binary);
+    if (file_bytes < 18 || !file.seekg(-4, std::ios::end).read(&tail[0], 4)) return 0.0;
+    double length = 0.0;
+    for (size_t n = 4; n-- > 0;) length = 256.0 * length + static_cast<unsigned char>(tail[n]);
+    return length;
+}
+
+uint64_t after_lines(const std::string &path, uint64_t offset, double lines)
+{
+    std::ifstream file(path, std::ios::binary);
+    file.seekg(static_cast<std::streamoff>(offset));
+    for (; lines > 0 && file; lines--) file.ignore(std::numeric_limits<std::streamsize>::max(), '\n');
+    if (!file.good()) fail(PLIANT_ERROR_FORMAT, "%s: truncated: fewer lines than line skip says", path.c_str());
+    return static_cast<uint64_t>(file.tellg());
+}
+
+/* Where the voxels are. */
+void locate_data(const text_header &header, double data_bytes, nrrd_source *source)
+{
+    const char *path = header.path.c_str();
+    std::string name = header.text("datafile"), encoding = lower_case(header.text("encoding"));
+    source->compressed = encoding == "gzip" || encoding == "gz";
+    if (encoding != "raw" && !source->compressed)
+        fail(PLIANT_ERROR_FORMAT, "%s: encoding: %.40s is not supported; raw and gzip are", path, encoding.c_str());
+    if (name.compare(0, 4, "LIST") == 0 || name.find('%') != std::string::npos)
+        fail(PLIANT_ERROR_FORMAT, "%s: data file: %.80s: one data file is needed", path, name.c_str());
+    bool alone = !name.empty();
+    source->data_path = !alone ? header.path : name[0] == '/' ? name : folder_of(header.path) + name;
+    if (is_folder(source->data_path)) fail(PLIANT_ERROR_FILE, "%s: is a folder, a data file is needed", source->data_path.c_str());
+
+    double bytes = static_cast<double>(file_size(source->data_path)), lines = header.whole("lineskip", 0), skip = header.whole("byteskip", 0);
+    source->offset = after_lines(source->data_path, alone ? 0 : header.bytes, lines);
+    double behind = bytes - static_cast<double>(source->offset);
+    double inside = source->compressed ? gzip_length(source->data_path, bytes) : behind;
+    if (skip < -1 || lines < 0) fail(PLIANT_ERROR_FORMAT, "%s: byte skip %g, line skip %g: at least -1 and 0 are needed", path, skip, lines);
+    check_data_fits(source->data_path, data_bytes + std::fmax(skip, 0.0), behind, source->compressed);
+    if (skip == -1) skip = inside - data_bytes;
+    if (skip < 0)
+        fail(PLIANT_ERROR_FORMAT, "%s: truncated: %.0f bytes of data in %s, the header asks for %.0f", path, inside, source->data_path.c_str(), data_bytes);
+    source->skip = static_cast<uint64_t>(skip);
+    /* a data file that is longer than the voxels has something in front of them that the header forgot */
+    if (alone && !header.has("byteskip") && lines == 0 && inside != std::fmod(data_bytes, source->compressed ? 4294967296.0 : HUGE_VAL))
+        fail(PLIANT_ERROR_FORMAT, "%s: %.0f bytes of data in %s, but the header asks for %.0f: truncated, or a byte skip is missing", path, inside,
+             name.c_str(), data_bytes);
+}
 
 } // namespace
 
 std::unique_ptr<image_source> open_nrrd(const std::string &path)
 {
-    std::string text = text_header(path);
-    double unit = unit_in_millimetres(path, text);
-    itk_scope quiet;
-    itk::NrrdImageIO::Pointer io = itk::NrrdImageIO::New();
-    io->SetFileName(path);
-    try {
-        io->ReadImageInformation();
-    } catch (const itk::ExceptionObject &error) {
-        fail(PLIANT_ERROR_FORMAT, "%s: not a NRRD file that can be read as one 3-D volume: %.600s", path.c_str(), reason(error).c_str());
-    }
-    if (io->GetNumberOfComponents() != 1)
-        fail(PLIANT_ERROR_FORMAT, "%s: %u values per voxel (colour, vector or complex); one is needed", path.c_str(), io->GetNumberOfComponents());
-
-    grid grid;
-    unsigned int dimensions = io->GetNumberOfDimensions();
-    for (unsigned int axis = 0; axis < dimensions; axis++) {
-        grid.size.push_back(static_cast<int64_t>(io->GetDimensions(axis)));
-        if (axis >= 3) continue;
-        grid.spacing[axis] = unit * io->GetSpacing(axis);
-        grid.origin[axis] = unit * io->GetOrigin(axis);
-        for (unsigned int row = 0; row < 3 && row < dimensions; row++) grid.direction[3 * row + axis] = io->GetDirection(axis)[row];
-    }
-    std::unique_ptr<nrrd_source> source(new nrrd_source(path, io));
-    source->header.geometry = checked_geometry(path, grid);
-    source->header.type = component_of(path, *io);
+    text_header header = read_header(path);
+    std::unique_ptr<nrrd_source> source(new nrrd_source);
+    source->header.type = component_of(header);
     source->header.whole_numbers = component_is_integer(source->header.type);
-    check_data_file(path, text, source->header);
-    source->header.decoder_bytes = static_cast<double>(component_size(source->header.type));
+    source->header.geometry = checked_geometry(path, read_grid(header));
+    size_t size = component_size(source->header.type);
+    std::string endian = lower_case(header.text("endian"));
+    if (size > 1 && endian != "little" && endian != "big")
+        fail(PLIANT_ERROR_FORMAT, "%s: endian: %.20s: little or big is needed", path.c_str(), endian.c_str());
+    source->swap = (endian == "big") != machine_is_big_endian();
+    locate_data(header, voxel_count(source->header.geometry) * static_cast<double>(size), source.get());
     return std::unique_ptr<image_source>(source.release());
 }
 
