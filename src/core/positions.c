@@ -28,6 +28,8 @@ pliant_status pliant_data_set_positions(const pliant_model *model, pliant_data *
         if (fine >= 0) memcpy(solver->now.x + 3 * node, positions + 3 * fine, 3 * sizeof *positions);
     }
     pliant_solver_forget(solver);
+    solver->ahead = false;
+    solver->refused = solver->slow = 0;
     pliant_upsample_positions(system, solver->now.x, data->positions);
     for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
     return pliant_backend_restart(model, data);

@@ -336,17 +336,36 @@ static pliant_status begin(pliant_solver *solver, pliant_statistics *statistics)
     return status;
 }
 
+/* Where nothing leads on from here, the body at rest may be the better place to start from: after collapses and other states
+ * that no tissue is in. Taken only when its merit is lower. */
+static pliant_status start_from_rest(pliant_solver *solver, pliant_statistics *statistics)
+{
+    memcpy(solver->trial.x, solver->system->mesh->rest, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->trial.x);
+    memset(solver->trial.force, 0, sizeof solver->trial.force);
+    pliant_status status = evaluate(solver, &solver->trial);
+    statistics->iterations++;
+    solver->slow = solver->refused = 0;
+    if (status == PLIANT_OK && solver->trial.merit < solver->now.merit) {
+        swap_iterates(solver);
+        pliant_solver_forget(solver);
+    }
+    return status;
+}
+
 /* Iterate until the merit is small or the iterations are spent; every accepted iterate has a lower merit than the last.
- * After a refusal: once more with what the refused state taught, then the plain step, then ever shorter ones. */
+ * After a refusal: once more with what the refused state taught, then the plain step, then ever shorter ones, into the next
+ * step where this one ends first. */
 static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistics)
 {
-    const double went_well = 0.5; /* merit over the merit before */
-    int refused = 0;
+    const double went_well = 0.5, slow = 0.9; /* merit over the merit before */
+    enum { MOST_REFUSED = 12, MOST_SLOW = 10 };
+    int refused = solver->refused;
+    bool accepted = false;
     double before = INFINITY;
     double weights[PLIANT_MAX_HISTORY];
     pliant_status status = begin(solver, statistics);
     while (status == PLIANT_OK && solver->now.merit > solver->tolerance * solver->now.scale &&
-           statistics->iterations < solver->max_iterations && refused < 12) {
+           statistics->iterations < solver->max_iterations && refused < MOST_REFUSED) {
         if (refused == 2) pliant_solver_forget(solver);
         bool mixed = refused < 2 && mix(solver, &solver->now, weights);
         double damping = refused < 3 ? 1 : ldexp(1, 2 - refused);
@@ -359,6 +378,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
             before = solver->now.merit;
             swap_iterates(solver);
             refused = 0;
+            accepted = true;
         } else {
             if (refused < 2) remember(solver, &solver->now, &solver->trial);
             refused++;
@@ -367,6 +387,9 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
     }
     int steps = statistics->iterations - 1;
     solver->rate = steps > 0 && solver->first_merit > 0 ? pow(solver->now.merit / solver->first_merit, 1.0 / steps) : 0;
+    solver->refused = accepted ? 0 : refused;
+    solver->slow = solver->rate > slow ? solver->slow + 1 : 0;
+    if (status == PLIANT_OK && (solver->refused == MOST_REFUSED || solver->slow == MOST_SLOW)) return start_from_rest(solver, statistics);
     if (status == PLIANT_OK && solver->now.merit > solver->tolerance * solver->now.scale && refused == 0 &&
         solver->now.merit < went_well * before)
         last_step(solver);

@@ -75,6 +75,8 @@ struct pliant_solver {
     double *left_x, left_force[PLIANT_MAX_ROWS]; /* and this is what was (3 num_nodes) */
     pliant_secant history[PLIANT_MAX_HISTORY];
     int32_t num_history, next_history;
+    int32_t refused;            /* trials refused since the last accepted one, when the last step accepted none */
+    int32_t slow;               /* steps in a row that hardly lowered the merit */
     uint64_t forgotten;         /* times that the history was dropped, for backends that keep their own */
     double (*element_forces)[12][LANES];
     double *dense_weights;      /* (9 num_free) room to build W */

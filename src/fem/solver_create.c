@@ -89,6 +89,7 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
     solver->factor_serial = 1;
     solver->ahead = false;
+    solver->refused = solver->slow = 0;
     solver->first_merit = solver->rate = 0;
     pliant_solver_forget(solver);
     memcpy(solver->now.x, solver->system->mesh->rest, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
