@@ -1,0 +1,258 @@
+#!/usr/bin/env python3
+"""A session is recorded and replayed: the volumes that come out are those that were shown live, by checksum."""
+import bisect
+import gzip
+import os
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+import unittest
+import zlib
+
+import numpy
+import rosbag
+import rosgraph
+import rospy
+import rostest
+from pliant.msg import SimState, Volume
+from rosgraph_msgs.msg import Log
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
+from node_client import NAMESPACE, Latest, wait_for  # noqa: E402
+
+SCAN = "phantom:72x48x60"
+SECONDS = 60.0  # that anything may take on a busy machine
+
+
+class Launch:
+    """roslaunch of a file of the package, with the master of this test."""
+
+    def __init__(self, name, **arguments):
+        command = ["roslaunch", "pliant", name] + ["%s:=%s" % pair for pair in arguments.items()]
+        self.process = subprocess.Popen(command, start_new_session=True)
+
+    def stop(self):
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.wait(SECONDS)
+        except subprocess.TimeoutExpired:
+            os.killpg(self.process.pid, signal.SIGKILL)
+            raise AssertionError("roslaunch does not end")
+
+
+class Checksums:
+    """Of every whole volume, put together from boxes, in the order of the stamps that came."""
+
+    def __init__(self):
+        self.voxels, self.seen, self.sizes, self.gaps, self.last = None, [], set(), 0, None
+        self.lock = threading.Lock()
+        self.subscriber = rospy.Subscriber(NAMESPACE + "volume", Volume, self.take, buff_size=1 << 27)
+
+    def take(self, message):
+        box = numpy.frombuffer(message.data, dtype=numpy.int16).reshape(tuple(reversed(message.size)))
+        with self.lock:
+            if self.last is not None and message.sequence != self.last + 1:
+                self.gaps += 1
+            self.last = message.sequence
+            if message.size == message.full_size:
+                self.voxels = box.copy()
+            else:
+                (i, j, k), size = message.offset, message.size
+                self.voxels[k:k + size[2], j:j + size[1], i:i + size[0]] = box
+            entry = [message.header.stamp.to_nsec(), zlib.crc32(self.voxels.tobytes())]
+            if self.seen and self.seen[-1][0] == entry[0]:
+                self.seen[-1] = entry  # one more box of the same volume
+            else:
+                self.seen.append(entry)
+            self.sizes.add(tuple(message.full_size))
+
+    def all(self):
+        with self.lock:
+            return [tuple(entry) for entry in self.seen]
+
+    def close(self):
+        self.subscriber.unregister()
+
+
+def write_scene(path):
+    """That of the demo, with so little room and so firm a grip that the pulled tissue leaves the grid."""
+    launch = subprocess.check_output(["rospack", "find", "pliant"], universal_newlines=True).strip() + "/launch"
+    with open(launch + "/scenes/demo.yaml") as file:
+        text = file.read().replace("../materials", launch + "/materials").replace("stiffness: 500", "stiffness: 5000")
+    with open(path, "w") as file:
+        file.write(text + "warp:\n  margin: 0.012\n")
+
+
+def write_path(path):
+    """In and out within two seconds, so that volumes differ all the time."""
+    with open(path, "w") as file:
+        file.write("tools:\n  - name: grasper\n    grasp: [-0.054, -0.063, 0.063]\n    motion:\n"
+                   "      - {time: 0.0, offset: [0, 0, 0]}\n      - {time: 1.0, offset: [0, -0.06, 0]}\n"
+                   "      - {time: 2.0, offset: [0.01, 0, 0]}\n")
+
+
+def nifti_voxels(path):
+    data = gzip.open(path).read()
+    size = struct.unpack_from("<8h", data, 40)[1:4]
+    offset = int(struct.unpack_from("<f", data, 108)[0])
+    assert struct.unpack_from("<h", data, 70)[0] == 4, "int16"
+    return numpy.frombuffer(data, dtype="<i2", offset=offset).reshape(tuple(reversed(size)))
+
+
+class ReplayTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("replay_test")
+        cls.folder = rospy.get_param("~folder")
+        shutil.rmtree(cls.folder, ignore_errors=True)
+        os.makedirs(cls.folder)
+        cls.bag, cls.scene = cls.folder + "/session.bag", cls.folder + "/scene.yaml"
+        write_scene(cls.scene)
+        write_path(cls.folder + "/path.yaml")
+        cls.log = []
+        cls.rosout = rospy.Subscriber("/rosout", Log, lambda line: cls.log.append(line.msg))
+        cls.record()
+
+    @classmethod
+    def record(cls):
+        """A cycle of the scripted tool; cls.live is what was shown while it was surely recorded."""
+        live = Launch("scripted.launch", scan=SCAN, scene=cls.scene, path=cls.folder + "/path.yaml")
+        state, volumes = Latest("state", SimState), Checksums()
+        recorder = None
+        try:
+            wait_for(lambda: state.message and state.message.state == SimState.RUNNING, "steps", SECONDS)
+            recorder = Launch("record.launch", bag=cls.bag)
+            master = rosgraph.Master("/replay_test")
+            wait_for(lambda: any("/record_tissue" in nodes for topic, nodes in master.getSystemState()[1]
+                                 if topic == NAMESPACE + "mesh/state"), "the recorder", SECONDS)
+            time.sleep(1.0)
+            begin = len(volumes.all())
+            wait_for(lambda: len(set(crc for _, crc in volumes.all()[begin:])) > 25 and len(volumes.sizes) > 1,
+                     "the tissue to leave the grid and many volumes", SECONDS)
+            time.sleep(1.0)
+            cls.live = volumes.all()[begin:]
+            time.sleep(1.0)
+        finally:
+            if recorder:
+                recorder.stop()
+            live.stop()
+            volumes.close()
+            state.close()
+        assert volumes.gaps == 0
+
+    def replay(self, until, **arguments):
+        """What a replay shows, until a condition on that."""
+        volumes = Checksums()
+        launch = Launch("replay.launch", bag=self.bag, **dict({"scan": SCAN, "scene": self.scene}, **arguments))
+        try:
+            wait_for(lambda: until(volumes), "the end of the replay", SECONDS)
+        finally:
+            launch.stop()
+            volumes.close()
+        self.assertEqual(volumes.gaps, 0)
+        return volumes.all()
+
+    def assert_same(self, replayed, live):
+        """At the stamp of every live volume. A state that changes nothing since the one before sends no volume: there are
+        more states than live volumes."""
+        stamps = [stamp for stamp, _ in replayed]
+        self.assertEqual(stamps, sorted(stamps))
+        self.assertGreater(len(set(stamps) & set(stamp for stamp, _ in live)), 0.7 * len(live))
+        shown = [replayed[bisect.bisect_right(stamps, stamp) - 1][1] for stamp, _ in live]
+        different = [stamp for (stamp, crc), found in zip(live, shown) if crc != found]
+        self.assertEqual(different, [], "of %d live volumes, %d replayed" % (len(live), len(replayed)))
+
+    def has_last(self, volumes):
+        seen = volumes.all()
+        return bool(seen) and max(stamp for stamp, _ in seen) >= self.live[-1][0]
+
+    def test_every_live_volume_has_its_state(self):
+        with rosbag.Bag(self.bag) as bag:
+            states = set(message.header.stamp.to_nsec() for _, message, _ in bag.read_messages(NAMESPACE + "mesh/state"))
+            self.assertFalse([topic for topic in bag.get_type_and_topic_info().topics if "volume" in topic])
+        self.assertEqual([stamp for stamp, _ in self.live if stamp not in states], [])
+
+    def test_replay_shows_what_was_live(self):
+        self.assertGreater(len(set(crc for _, crc in self.live)), 20)
+        self.assert_same(self.replay(self.has_last, sim_time="false"), self.live)
+
+    def test_simulated_time_that_is_fast_and_jumps_back(self):
+        def played_twice(volumes):
+            seen = [stamp for stamp, _ in volumes.all()]
+            back = [i for i in range(1, len(seen)) if seen[i] < seen[i - 1] - 10 ** 9]
+            return bool(back) and max(seen[back[0]:]) >= self.live[-1][0]
+        replayed = self.replay(played_twice, rate="4", loop="true", sim_time="true")
+        stamps = [stamp for stamp, _ in replayed]
+        back = next(i for i in range(1, len(stamps)) if stamps[i] < stamps[i - 1] - 10 ** 9)
+        self.assert_same(replayed[:back], self.live)
+        self.assert_same(replayed[back:], self.live)
+
+    def test_another_scan_is_refused(self):
+        def refused(_):
+            return any("not those of the recording" in line for line in self.log)
+        self.assertEqual(self.replay(refused, scan="phantom:64x48x56"), [])
+
+    def test_another_mesh_is_refused(self):
+        with open(self.scene) as file:
+            text = file.read().replace("ratio: 2", "ratio: 1")
+        with open(self.folder + "/other.yaml", "w") as file:
+            file.write(text)
+
+        def refused(_):
+            return any("nodes, the model here" in line for line in self.log)
+        self.assertEqual(self.replay(refused, scene=self.folder + "/other.yaml"), [])
+
+    # ---- without a master
+
+    def run_bag(self, *arguments):
+        done = subprocess.run(["pliant_bag"] + list(arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                              universal_newlines=True, timeout=SECONDS)
+        return done.returncode, done.stderr
+
+    def test_bag_writes_what_was_live(self):
+        live = dict(self.live)
+        with rosbag.Bag(self.bag) as bag:
+            start = bag.get_start_time()
+            states = [(message.header.stamp.to_nsec(), when.to_sec() - start)
+                      for _, message, when in bag.read_messages(NAMESPACE + "mesh/state")]
+        # some that were live, and that the next state does not follow at once
+        chosen = [(stamp, when + 1e-3) for (stamp, when), (_, after) in zip(states, states[1:])
+                  if stamp in live and after > when + 3e-3][::10]
+        self.assertGreater(len(set(live[stamp] for stamp, _ in chosen)), 2)
+        folder = self.folder + "/volumes"
+        times = ",".join("%.6f" % when for _, when in chosen)
+        code, errors = self.run_bag(self.bag, "--scan", SCAN, "--scene", self.scene, "--at", times, "--out", folder)
+        self.assertEqual(code, 0, errors)
+        for stamp, when in chosen:
+            voxels = nifti_voxels("%s/deformed_%08.3f.nii.gz" % (folder, float("%.6f" % when)))
+            self.assertEqual(zlib.crc32(voxels.tobytes()), live[stamp])
+
+    def test_bag_writes_at_intervals(self):
+        folder = self.folder + "/every"
+        code, errors = self.run_bag(self.bag, "--scan", SCAN, "--scene", self.scene, "--every", "1", "--out", folder)
+        self.assertEqual(code, 0, errors)
+        self.assertIn("deformed_0002.000.nii.gz", os.listdir(folder))
+
+    def test_bag_says_what_is_wrong(self):
+        out = ["--out", self.folder + "/none"]
+        for code, words, arguments in (
+                (2, "--scan", [self.bag, "--at", "1"] + out),
+                (2, "--at", [self.bag, "--scan", SCAN] + out),
+                (2, "seconds are wanted", [self.bag, "--scan", SCAN, "--at", "1,x"] + out),
+                (1, "choose times in there", [self.bag, "--scan", SCAN, "--scene", self.scene, "--at", "1000"] + out),
+                (1, "not those of the recording",
+                 [self.bag, "--scan", "phantom:64x48x56", "--scene", self.scene, "--at", "2"] + out),
+                (1, "--ns", [self.bag, "--scan", SCAN, "--ns", "other", "--at", "2"] + out),
+                (1, "none.bag", [self.folder + "/none.bag", "--scan", SCAN, "--at", "2"] + out)):
+            found, errors = self.run_bag(*arguments)
+            self.assertEqual(found, code, errors)
+            self.assertIn(words, errors)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("pliant", "replay", ReplayTest)
