@@ -11,9 +11,9 @@ const std::vector<Preset> &presets()
 {
     static const std::vector<Preset> all = {
         {"CT soft tissue", "HU", false, 60, 420, -350,
-         {{0.05, {0.55, 0.30, 0.18, 0.0}}, {0.18, {0.80, 0.60, 0.35, 0.015}}, {0.34, {0.86, 0.62, 0.42, 0.020}},
-          {0.42, {0.70, 0.22, 0.16, 0.12}}, {0.55, {0.85, 0.36, 0.26, 0.22}}, {0.70, {0.95, 0.62, 0.45, 0.35}},
-          {0.85, {0.97, 0.90, 0.80, 0.55}}, {1.00, {1.00, 0.98, 0.93, 0.70}}}},
+         {{0.05, {0.55, 0.30, 0.18, 0.0}}, {0.18, {0.80, 0.60, 0.35, 0.006}}, {0.34, {0.86, 0.62, 0.42, 0.010}},
+          {0.42, {0.70, 0.22, 0.16, 0.06}}, {0.55, {0.85, 0.36, 0.26, 0.10}}, {0.70, {0.95, 0.62, 0.45, 0.18}},
+          {0.85, {0.97, 0.90, 0.80, 0.45}}, {1.00, {1.00, 0.98, 0.93, 0.65}}}},
         {"CT bone", "HU", false, 500, 1100, 200,
          {{0.15, {0.55, 0.25, 0.15, 0.0}}, {0.24, {0.75, 0.50, 0.32, 0.10}}, {0.40, {0.90, 0.78, 0.60, 0.40}},
           {0.70, {0.97, 0.93, 0.84, 0.75}}, {1.00, {1.00, 1.00, 0.96, 0.90}}}},
@@ -96,12 +96,14 @@ double transparent_up_to(const Preset &preset)
     return place;
 }
 
-double seen_from(const Preset &preset, double low, double high, double fraction)
+double seen_from(const Preset &preset, double low, double high, double opacity)
 {
     double most = 0;
-    for (int n = 0; n <= 1000; n++) most = std::max(most, colour_at(preset, n / 1000.0).a);
+    for (int n = 0; n <= 1000; n++) most = std::max(most, opacity * colour_at(preset, n / 1000.0).a);
+    // 14 pieces of it hide half of what is behind
+    double least = std::min(0.05, 0.5 * most);
     for (int n = 0; n <= 1000; n++)
-        if (colour_at(preset, n / 1000.0).a >= fraction * most) return low + (high - low) * n / 1000;
+        if (opacity * colour_at(preset, n / 1000.0).a >= least) return low + (high - low) * n / 1000;
     return high;
 }
 

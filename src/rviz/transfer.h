@@ -50,8 +50,8 @@ std::vector<bool> drawn_values(const Preset &preset, double low, double high, do
 // Highest place in the window below which nothing is seen; less than 0: the window's low end is seen.
 double transparent_up_to(const Preset &preset);
 
-// Lowest value that is clearly seen: where the opacity first reaches this fraction of its greatest.
-double seen_from(const Preset &preset, double low, double high, double fraction = 0.3);
+// Lowest value that is clearly seen: a few per cent of the volume's diagonal of it hide what is behind.
+double seen_from(const Preset &preset, double low, double high, double opacity);
 
 } // namespace pliant_rviz
 #endif

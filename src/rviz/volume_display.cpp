@@ -422,7 +422,7 @@ void VolumeDisplay::report()
 double VolumeDisplay::threshold() const
 {
     const Look &look = visual_->look();
-    return look.isosurface ? look.surface : seen_from(look.transfer, look.low, look.high);
+    return look.isosurface ? look.surface : seen_from(look.transfer, look.low, look.high, look.opacity);
 }
 
 bool VolumeDisplay::clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *near, double *far) const

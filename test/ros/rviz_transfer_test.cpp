@@ -94,10 +94,17 @@ TEST(TransparentUpTo, IsWhereTheOpacityBegins)
 TEST(SeenFrom, IsInsideTheWindow)
 {
     for (const Preset &one : presets()) {
-        double low = one.level - 0.5 * one.window, high = one.level + 0.5 * one.window, seen = seen_from(one, low, high);
+        double low = one.level - 0.5 * one.window, high = one.level + 0.5 * one.window, seen = seen_from(one, low, high, 1);
         EXPECT_GT(seen, low) << one.name;
         EXPECT_LT(seen, high) << one.name;
+        EXPECT_GE(colour_at(one, (seen - low) / one.window).a, 0.049) << one.name;
+        EXPECT_GE(seen_from(one, low, high, 0.5), seen) << one.name << ": what is fainter is seen later";
     }
+    // muscle and organs, not fat, and not bone only
+    const Preset &soft = preset("CT soft tissue");
+    double seen = seen_from(soft, soft.level - 0.5 * soft.window, soft.level + 0.5 * soft.window, 1);
+    EXPECT_GT(seen, -20);
+    EXPECT_LT(seen, 60);
 }
 
 } // namespace
