@@ -60,6 +60,7 @@ private:
 
 inline void save(const std::string &path, const std::string &bytes)
 {
+    unlink(path.c_str()); /* some file systems flush a file to disk that is overwritten */
     std::ofstream(path, std::ios::binary).write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
 }
 
