@@ -31,6 +31,8 @@ enum Mode { SLICES, ISOSURFACE };
 static const size_t UPLOAD_BYTES = size_t(32) << 20;
 // the picture is still when nothing moved for so long [s]
 static const float STILL_AFTER = 0.4f;
+// [s]
+static const float ASK_EVERY = 2;
 
 VolumeDisplay::VolumeDisplay() { make_properties(); }
 
@@ -140,7 +142,7 @@ void VolumeDisplay::subscribe()
         // boxes must not be lost: the queue is long, they are small; a whole volume replaces all
         subscriber_ = threaded_nh_.subscribe(topic_->getTopicStd(), 32, &VolumeDisplay::receive, this,
                                              ros::TransportHints().tcpNoDelay());
-        setStatus(rviz::StatusProperty::Warn, "Volume", "no data yet");
+        if (!visual_ || !visual_->has_texture()) setStatus(rviz::StatusProperty::Warn, "Volume", "no data yet");
     } catch (const ros::Exception &error) {
         setStatus(rviz::StatusProperty::Error, "Volume", QString("cannot subscribe: ") + error.what());
     }
@@ -263,15 +265,11 @@ void VolumeDisplay::upload()
     std::lock_guard<std::mutex> guard(received_.lock);
     if (received_.starts) {
         texture_error_ = visual_->start(received_.image);
-        while (!texture_error_.empty() && received_.limits.bytes > (size_t(1) << 20)) {
-            // the card has less than it may take: the next whole volume comes subsampled
-            received_.limits.bytes /= 2;
-            size_t bytes = size_t(received_.image.bits() / 8) * received_.image.size()[0] * received_.image.size()[1] *
-                           received_.image.size()[2];
-            if (bytes > received_.limits.bytes) {
-                received_.image = VolumeImage();
-                break;
-            }
+        if (!texture_error_.empty()) {
+            // the card has less than it may take: ask for the volume again, half as large at most
+            received_.limits.bytes = std::max<size_t>(received_.image.bytes() / 2, size_t(1) << 20);
+            received_.image = VolumeImage();
+            whole_wanted_ = true;
         }
         received_.starts = false;
         window_wanted_ = window_wanted_ || automatic_->getBool();
@@ -291,6 +289,17 @@ void VolumeDisplay::upload()
         any = true;
     }
     if (any || look_changed_) visual_->find_visible(received_.image);
+}
+
+// A whole volume is sent to whoever subscribes: that mends what was lost.
+void VolumeDisplay::ask_for_whole(float wall_dt)
+{
+    since_asked_ += wall_dt;
+    if (!whole_wanted_ || since_asked_ < ASK_EVERY) return;
+    whole_wanted_ = false;
+    since_asked_ = 0;
+    unsubscribe();
+    subscribe();
 }
 
 bool VolumeDisplay::place()
@@ -362,7 +371,7 @@ void VolumeDisplay::update(float wall_dt, float)
     still_for_ += wall_dt;
     bool moving = is_moving();
     if (window_wanted_) take_window();
-    bool placed = !received_.frame.empty() && visual_->has_texture() && place();
+    bool placed = visual_->has_texture() && place();
     if (look_changed_ || moving != drawn_moving_) set_look(moving);
     drawn_moving_ = moving;
     upload();
@@ -373,6 +382,7 @@ void VolumeDisplay::update(float wall_dt, float)
     look_changed_ = window_wanted_;
     if (placed) visual_->draw(context_->getViewManager()->getCurrent()->getCamera());
     report();
+    ask_for_whole(wall_dt);
 }
 
 void VolumeDisplay::show_bar()
@@ -396,6 +406,7 @@ void VolumeDisplay::report()
     std::lock_guard<std::mutex> guard(received_.lock);
     if (!received_.changed) return;
     received_.changed = false;
+    whole_wanted_ = whole_wanted_ || received_.lost > 0;
     if (!received_.error.empty()) {
         // said once in the log too: the panel with the status may be closed
         if (received_.error != logged_) ROS_WARN_STREAM("volume display: " << received_.error);

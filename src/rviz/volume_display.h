@@ -65,6 +65,7 @@ private:
     void take_window();
     void upload();
     bool place();
+    void ask_for_whole(float wall_dt);
     void show_bar();
     void report();
     bool is_moving();
@@ -88,11 +89,11 @@ private:
     std::unique_ptr<VolumeVisual> visual_;
     std::unique_ptr<ColourBar> bar_;
     std::string texture_error_, logged_;
-    bool look_changed_ = true, window_wanted_ = false, loading_ = false;
+    bool look_changed_ = true, window_wanted_ = false, loading_ = false, whole_wanted_ = false;
     bool drawn_moving_ = false;
     Ogre::Vector3 camera_position_, volume_position_;
     Ogre::Quaternion camera_orientation_, volume_orientation_;
-    float still_for_ = 0; // [s]
+    float still_for_ = 0, since_asked_ = 0; // [s]
 
     rviz::RosTopicProperty *topic_;
     rviz::EnumProperty *mode_, *preset_;

@@ -55,6 +55,7 @@ public:
     Result put(const VolumeView &view, const TextureLimits &limits);
 
     bool empty() const { return texels_.empty(); }
+    size_t bytes() const { return texels_.size(); }
     Size size() const { return size_; }           // of the texture [texels]
     Size full_size() const { return full_size_; } // of the volume [voxels]
     uint32_t stride() const { return stride_; }   // one texel for so many voxels along each axis

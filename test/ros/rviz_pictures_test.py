@@ -113,7 +113,7 @@ class Pictures(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         displays = MARKERS
-        for name in ["placed", "ordered", "bricks", "oblique", "broken", "around", "thin"]:
+        for name in ["placed", "ordered", "bricks", "oblique", "broken", "around", "thin", "lossy"]:
             displays += volume_display(name)
         displays += volume_display("clipped") + CLIPPED + volume_display("boxed") + CLIPPED_BOX
         displays += volume_display("surface", "Isosurface") + volume_display("large", memory=1)
@@ -301,6 +301,28 @@ class Pictures(unittest.TestCase):
         self.assertGreaterEqual(changed[:, 0].min(), corners[:, 1].min() - 1.5)
         self.assertLessEqual(changed[:, 0].max(), corners[:, 1].max() + 1.5)
         self.assertGreater(len(changed), 0.8 * (16 * spacing * self.scale) ** 2)
+
+    def test_a_lost_box_is_asked_for(self):
+        """After a gap in the sequence the display subscribes anew, and is sent a whole volume."""
+        connected = []
+
+        class Listener(rospy.SubscribeListener):
+            def peer_subscribe(self, *_):
+                connected.append(time.time())
+        publisher = rospy.Publisher("lossy/volume", Volume, subscriber_listener=Listener(), queue_size=10)
+        voxels, origin = numpy.zeros((8, 8, 8), numpy.uint8), [0, 0, 0]
+        end = time.time() + 10
+        while not connected and time.time() < end:
+            time.sleep(0.05)
+        publisher.publish(volume(voxels, [0.002] * 3, origin))
+        publisher.publish(volume(voxels, [0.002] * 3, origin, sequence=2))
+        time.sleep(4)
+        self.assertEqual(len(connected), 1, "nothing was lost")
+        publisher.publish(volume(voxels[:2, :2, :2], [0.002] * 3, origin, sequence=4, offset=[1, 1, 1], full=[8, 8, 8]))
+        end = time.time() + 10
+        while len(connected) < 2 and time.time() < end:
+            time.sleep(0.05)
+        self.assertEqual(len(connected), 2, "the display subscribed anew")
 
     def test_an_oblique_volume_lands_where_its_mesh_lands(self):
         size, spacing, flipped = numpy.array([30, 20, 16]), numpy.array([0.004, 0.006, 0.005]), True
