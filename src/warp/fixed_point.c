@@ -116,33 +116,43 @@ static bool round_map(const raster_grid *grid, const raster_source *source, cons
     return true;
 }
 
-static bool cuts(const raster_tet *tet, const int32_t brick[3])
+/* The most that a plane's value is in a brick. */
+static int64_t most_in(const raster_tet *tet, int plane, const int32_t brick[3])
 {
-    for (int v = 0; v < 4; v++) {
-        int64_t most = tet->value[v];
-        for (int d = 0; d < 3; d++) {
-            int64_t n = (int64_t)tet->normal[d][v];
-            most += n * (brick[d] * BRICK) + (n > 0 ? n * (BRICK - 1) : 0);
-        }
-        if (most < 0) return false;
+    int64_t most = tet->value[plane];
+    for (int d = 0; d < 3; d++) {
+        int64_t n = (int64_t)tet->normal[d][plane];
+        most += n * (brick[d] * BRICK) + (n > 0 ? n * (BRICK - 1) : 0);
     }
+    return most;
+}
+
+bool pliant_raster_cuts(const raster_tet *tet, const int32_t brick[3])
+{
+    for (int plane = 0; plane < 4; plane++)
+        if (most_in(tet, plane, brick) < 0) return false;
     return true;
 }
 
-bool pliant_raster_cuts(const raster_tet *tet, const int32_t brick[3]) { return cuts(tet, brick); }
-
 static void find_bricks(raster_tet *tet)
 {
-    int32_t low[3], high[3], b[3];
-    raster_range(tet, low, high);
-    for (int d = 0; d < 3; d++)
-        if (high[d] - low[d] >= MASK_EDGE) return;
-    for (b[2] = low[2]; b[2] <= high[2]; b[2]++)
-        for (b[1] = low[1]; b[1] <= high[1]; b[1]++)
-            for (b[0] = low[0]; b[0] <= high[0]; b[0]++)
-                if (cuts(tet, b))
-                    tet->bricks |= (uint64_t)1
-                                   << (b[0] - low[0] + MASK_EDGE * (b[1] - low[1] + MASK_EDGE * (b[2] - low[2])));
+    int32_t low[3], high[3], at[3];
+    if (!raster_range(tet, low, high)) return;
+    int64_t first[4], step[3][4]; /* the most in the first brick, and from brick to brick */
+    for (int plane = 0; plane < 4; plane++) {
+        first[plane] = most_in(tet, plane, low);
+        for (int d = 0; d < 3; d++) step[d][plane] = BRICK * (int64_t)tet->normal[d][plane];
+    }
+    for (at[2] = 0; at[2] <= high[2] - low[2]; at[2]++)
+        for (at[1] = 0; at[1] <= high[1] - low[1]; at[1]++) {
+            int64_t most[4];
+            for (int p = 0; p < 4; p++) most[p] = first[p] + at[1] * step[1][p] + at[2] * step[2][p];
+            for (at[0] = 0; at[0] <= high[0] - low[0]; at[0]++) {
+                if ((most[0] | most[1] | most[2] | most[3]) >= 0) /* none is negative */
+                    tet->bricks |= (uint64_t)1 << (at[0] + MASK_EDGE * (at[1] + MASK_EDGE * at[2]));
+                for (int p = 0; p < 4; p++) most[p] += step[0][p];
+            }
+        }
 }
 
 /* Whether a map stays so far inside the scan that rounding to float cannot take an index out of it: relative to a brick

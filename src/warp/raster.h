@@ -120,22 +120,26 @@ void pliant_raster_tet(const raster_grid *grid, const raster_source *source, con
                        const double *const rest[4], raster_tet *out);
 /* whether a tetrahedron may hold a voxel of a brick, by its planes alone */
 bool pliant_raster_cuts(const raster_tet *tet, const int32_t brick[3]);
-/* bricks in its box */
-static inline void raster_range(const raster_tet *tet, int32_t low[3], int32_t high[3])
+/* bricks in its box; whether its mask covers them */
+static inline bool raster_range(const raster_tet *tet, int32_t low[3], int32_t high[3])
 {
+    bool covered = true;
     for (int d = 0; d < 3; d++) {
         low[d] = tet->low[d] / BRICK;
         high[d] = tet->high[d] / BRICK;
+        covered &= high[d] - low[d] < MASK_EDGE;
     }
+    return covered;
 }
-/* whether it may hold a voxel of a brick in its box that begins at low */
-static inline bool raster_touches(const raster_tet *tet, const int32_t low[3], const int32_t high[3],
-                                  const int32_t brick[3])
+static inline int32_t raster_lowest_bit(uint64_t bits)
 {
-    for (int d = 0; d < 3; d++)
-        if (high[d] - low[d] >= MASK_EDGE) return pliant_raster_cuts(tet, brick);
-    int32_t bit = brick[0] - low[0] + MASK_EDGE * (brick[1] - low[1] + MASK_EDGE * (brick[2] - low[2]));
-    return tet->bricks >> bit & 1;
+#if defined(__GNUC__)
+    return __builtin_ctzll(bits);
+#else
+    int32_t bit = 0;
+    while (!(bits >> bit & 1)) bit++;
+    return bit;
+#endif
 }
 
 /* rasterize.c: all voxels of one brick of `out` from its candidates, lowest index first */

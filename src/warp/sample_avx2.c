@@ -6,6 +6,7 @@
 
 #include "warp/simd.h"
 
+#define SIMD_ROWS ROWS_AT_ONCE
 #define SIMD AVX2
 #define SIMD_INLINE AVX2_INLINE
 
@@ -17,7 +18,7 @@ AVX2_INLINE int32_t claim_rows(raster_brick *brick, const raster_tet *tet, const
     const __m128i ones = _mm_set1_epi32(ENTRY_MASK), entries = _mm_set1_epi32((int32_t)entry);
     const int32_t first_group = box->low[1] / ROWS_AT_ONCE, last_group = box->high[1] / ROWS_AT_ONCE;
     const int32_t count = num_rising + num_others;
-    const __m256d first_rows = _mm256_add_pd(_mm256_set1_pd(first_group * ROWS_AT_ONCE), _mm256_setr_pd(0, 1, 2, 3));
+    const __m256d rows = _mm256_setr_pd(0, 1, 2, 3);
     __m256d start[6], factor[6], step_group[6], step_k[6]; /* start: values in the first rows of the slice */
     uint32_t rising = planes->rising, others = planes->others;
     for (int32_t p = 0; p < count; p++) {
@@ -26,13 +27,9 @@ AVX2_INLINE int32_t claim_rows(raster_brick *brick, const raster_tet *tet, const
         *left &= *left - 1;
         factor[p] = _mm256_broadcast_sd(&tet->factor[v]);
         step_k[p] = _mm256_broadcast_sd(&tet->normal[2][v]);
-        __m256d step_j = _mm256_broadcast_sd(&tet->normal[1][v]);
-        step_group[p] = _mm256_mul_pd(step_j, _mm256_set1_pd(ROWS_AT_ONCE));
-        /* a shift of t by OWNER_SHIFT; by less where the plane is parallel to rows, which changes nothing there */
-        __m256d shift = _mm256_set1_pd(OWNER_SHIFT * __builtin_fabs(tet->normal[0][v]));
-        start[p] = _mm256_add_pd(_mm256_broadcast_sd(&planes->value[v]), shift);
-        start[p] = _mm256_add_pd(start[p], _mm256_mul_pd(step_j, first_rows));
-        start[p] = _mm256_add_pd(start[p], _mm256_mul_pd(step_k[p], _mm256_set1_pd(box->low[2])));
+        step_group[p] = _mm256_broadcast_sd(&planes->step_group[v]);
+        start[p] = _mm256_add_pd(_mm256_broadcast_sd(&planes->start[v]),
+                                 _mm256_mul_pd(_mm256_broadcast_sd(&tet->normal[1][v]), rows));
     }
     int32_t claimed = 0;
     for (int32_t k = box->low[2]; k <= box->high[2]; k++) {
@@ -60,7 +57,7 @@ AVX2_INLINE int32_t claim_rows(raster_brick *brick, const raster_tet *tet, const
             if (!fresh) continue;
             brick->owned[group] |= fresh;
             claimed += (int32_t)_mm_popcnt_u64(fresh);
-            add_entries(brick, group, fresh, entries);
+            add_entries(brick, group, _mm_cvtsi64_si128((long long)fresh), entries);
         }
     }
     return claimed;

@@ -1,5 +1,6 @@
 /* What the inner loops with AVX2 and with AVX-512 share. Both are chosen at run time; the rest of the library stays
- * portable. The including file defines SIMD and SIMD_INLINE, the attributes of its functions. All operations are those
+ * portable. The including file defines SIMD and SIMD_INLINE, the attributes of its functions, and SIMD_ROWS, the
+ * rows whose intervals it finds at once. All operations are those
  * of sample_portable.c, in the same order. */
 #ifndef PLIANT_WARP_SIMD_H
 #define PLIANT_WARP_SIMD_H
@@ -19,36 +20,44 @@ static inline bool simd_suits(const raster_source *source)
     return source->size[0] >= 2 && source->count <= INT32_MAX / 4;
 }
 
-/* The planes of a tetrahedron that cut a brick, by number 0 to 3, and their values at its first voxel plus 1/2. */
+/* The planes of a tetrahedron that cut a brick, by number 0 to 3: values at the first voxel of the box's first row of a
+ * group, plus 1/2 and what shifts t by OWNER_SHIFT (by less where the plane is parallel to rows, where it matters not).
+ */
 typedef struct brick_planes {
-    alignas(32) double value[4];
+    alignas(32) double start[4], step_group[4];
     uint32_t rising, others; /* one bit a plane */
 } brick_planes;
 
-/* false when a plane leaves nothing of the brick */
-AVX2_INLINE bool find_planes(const raster_tet *tet, const int32_t origin[3], brick_planes *planes)
+/* group: rows at once. false when a plane leaves nothing of the brick. */
+AVX2_INLINE bool find_planes(const raster_tet *tet, const int32_t origin[3], const owner_box *box, int32_t group,
+                             brick_planes *planes)
 {
-    owner_values(tet, origin, planes->value);
+    alignas(32) double values[4];
+    owner_values(tet, origin, values);
     const __m256d zero = _mm256_setzero_pd(), edge = _mm256_set1_pd(BRICK - 1);
-    const __m256d i = _mm256_loadu_pd(tet->normal[0]), j = _mm256_loadu_pd(tet->normal[1]),
-                  k = _mm256_loadu_pd(tet->normal[2]);
-    __m256d value = _mm256_load_pd(planes->value);
+    const __m256d i = _mm256_loadu_pd(tet->normal[0]), j = _mm256_loadu_pd(tet->normal[1]);
+    const __m256d k = _mm256_loadu_pd(tet->normal[2]), value = _mm256_load_pd(values);
     __m256d rise = _mm256_add_pd(_mm256_add_pd(_mm256_max_pd(i, zero), _mm256_max_pd(j, zero)), _mm256_max_pd(k, zero));
     __m256d fall = _mm256_add_pd(_mm256_add_pd(_mm256_min_pd(i, zero), _mm256_min_pd(j, zero)), _mm256_min_pd(k, zero));
     /* the most and the least in the brick, whose signs are exact */
     if (_mm256_movemask_pd(_mm256_add_pd(value, _mm256_mul_pd(rise, edge)))) return false;
     uint32_t cut = (uint32_t)_mm256_movemask_pd(_mm256_add_pd(value, _mm256_mul_pd(fall, edge)));
     uint32_t up = (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(i, zero, _CMP_GT_OQ));
-    _mm256_store_pd(planes->value, _mm256_add_pd(value, _mm256_set1_pd(0.5)));
     planes->rising = cut & up;
     planes->others = cut & ~up;
+
+    const __m256d size = _mm256_andnot_pd(_mm256_set1_pd(-0.0), i);
+    __m256d start =
+        _mm256_add_pd(_mm256_add_pd(value, _mm256_set1_pd(0.5)), _mm256_mul_pd(size, _mm256_set1_pd(OWNER_SHIFT)));
+    start = _mm256_add_pd(start, _mm256_mul_pd(j, _mm256_set1_pd(box->low[1] / group * group)));
+    _mm256_store_pd(planes->start, _mm256_add_pd(start, _mm256_mul_pd(k, _mm256_set1_pd(box->low[2]))));
+    _mm256_store_pd(planes->step_group, _mm256_mul_pd(j, _mm256_set1_pd(group)));
     return true;
 }
 
-/* Gives 4 rows' free voxels to an owner. */
-AVX2_INLINE void add_entries(raster_brick *brick, int32_t group, uint64_t fresh, __m128i entry)
+/* Gives 4 rows' free voxels, the low four masks of 16 bits, to an owner. */
+AVX2_INLINE void add_entries(raster_brick *brick, int32_t group, __m128i masks, __m128i entry)
 {
-    __m128i masks = _mm_cvtsi64_si128((long long)fresh);
     __m128i entries = _mm_or_si128(_mm_cvtepu16_epi32(masks), entry);
     uint32_t counts;
     memcpy(&counts, brick->num_entries + ROWS_AT_ONCE * group, sizeof counts);
@@ -71,7 +80,7 @@ AVX2_INLINE void add_entries(raster_brick *brick, int32_t group, uint64_t fresh,
                               const owner_box *box, uint32_t entry)                                                   \
     {                                                                                                                 \
         brick_planes planes;                                                                                          \
-        if (!find_planes(tet, origin, &planes)) return 0;                                                             \
+        if (!find_planes(tet, origin, box, SIMD_ROWS, &planes)) return 0;                                             \
         switch (4 * __builtin_popcount(planes.rising) + __builtin_popcount(planes.others)) {                          \
             CLAIM_CASE(0, 0) CLAIM_CASE(0, 1) CLAIM_CASE(0, 2) CLAIM_CASE(0, 3) CLAIM_CASE(1, 0) CLAIM_CASE(1, 1)     \
             CLAIM_CASE(1, 2) CLAIM_CASE(1, 3) CLAIM_CASE(2, 0) CLAIM_CASE(2, 1) CLAIM_CASE(2, 2) CLAIM_CASE(3, 0)     \
@@ -287,6 +296,7 @@ AVX2_INLINE void prefetch_slices(const brick_scan *scan, const row_cells *cells,
             for (int32_t j = 0; j < extent[1]; j++) {                                                               \
                 type *to = (type *)out + j * row_step + k * slice_step, spare[BRICK];                               \
                 type *values = extent[0] == BRICK ? to : spare;                                                     \
+                if (k + 1 < extent[2]) __builtin_prefetch(to + slice_step, 1);                                      \
                 if (cells[j].kinds.sampled) {                                                                       \
                     prefetch_slices(&scan, &cells[j], 2 * source->step[2], sizeof(type));                           \
                     sample_##name(source, brick, &scan, &cells[j], k * BRICK + j, values);                          \

@@ -192,29 +192,41 @@ static void set_tet(pliant_warp *warp, const int32_t *fixed, int32_t t)
 
 typedef enum visit { VISIT_MARK, VISIT_COUNT, VISIT_LIST } visit;
 
-/* For every brick that a tetrahedron touches: mark it dirty; or, if it is dirty, count or list the tetrahedron.
+/* For a brick that a tetrahedron touches: mark it dirty; or, if it is dirty, count or list the tetrahedron.
  * end: of the part of the candidates that this thread makes. */
+static inline void visit_brick(pliant_warp *warp, int32_t t, int32_t brick, visit what, size_t *end)
+{
+    switch (what) {
+    case VISIT_MARK:
+#pragma omp atomic write
+        warp->dirty[brick] = 1;
+        break;
+    case VISIT_COUNT: end[brick] += warp->dirty[brick]; break;
+    case VISIT_LIST:
+        if (warp->dirty[brick]) warp->candidates[end[brick]++] = t;
+        break;
+    }
+}
+
 static void visit_bricks(pliant_warp *warp, int32_t t, visit what, size_t *end)
 {
     const raster_tet *tet = &warp->tets[t];
     if (tet->kind == RASTER_NOTHING) return;
+    const int32_t across = warp->grid.bricks[0], down = warp->grid.bricks[1];
     int32_t low[3], high[3], at[3];
-    raster_range(tet, low, high);
+    if (raster_range(tet, low, high)) {
+        int32_t first = low[0] + across * (low[1] + down * low[2]);
+        for (uint64_t bits = tet->bricks; bits; bits &= bits - 1) {
+            int32_t bit = raster_lowest_bit(bits), i = bit % MASK_EDGE, j = bit / MASK_EDGE % MASK_EDGE;
+            visit_brick(warp, t, first + i + across * (j + down * (bit / MASK_EDGE / MASK_EDGE)), what, end);
+        }
+        return;
+    }
     for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
         for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
-            for (at[0] = low[0]; at[0] <= high[0]; at[0]++) {
-                int32_t brick = at[0] + warp->grid.bricks[0] * (at[1] + warp->grid.bricks[1] * at[2]);
-                if (what != VISIT_MARK && !warp->dirty[brick]) continue;
-                if (!raster_touches(tet, low, high, at)) continue;
-                switch (what) {
-                case VISIT_MARK:
-#pragma omp atomic write
-                    warp->dirty[brick] = 1;
-                    break;
-                case VISIT_COUNT: end[brick]++; break;
-                case VISIT_LIST: warp->candidates[end[brick]++] = t; break;
-                }
-            }
+            for (at[0] = low[0]; at[0] <= high[0]; at[0]++)
+                if (pliant_raster_cuts(tet, at))
+                    visit_brick(warp, t, at[0] + across * (at[1] + down * at[2]), what, end);
 }
 
 /* Tetrahedra that moved, from the given nodes; bricks that they touched and touch become dirty. */

@@ -3,9 +3,11 @@
 // Usage: warp_bench [RUNS]     (15 by default; every figure is the median of so many runs)
 //
 // Floor, 16 bits a voxel: 2 bytes read and 2 written are 20 MB for 5.0 M voxels, 1 to 2 ms from memory; but each voxel
-// needs 8 neighbours. A gather of 8 x 32 bits holds a voxel and its right neighbour, so 8 voxels take 4 gathers, one
-// 32-bit load after the other: 4 loads a voxel, 20 M loads for 5.0 M voxels. "gathers" below is that alone, measured:
-// the same 4 gathers a group, weights 0, all lanes busy, along straight rows.
+// needs 8 neighbours. 32 bits hold a voxel and its right neighbour: 4 loads a voxel, 20 M loads for 5.0 M voxels, two
+// at a time. "gathers alone" is that, measured: 4 gather instructions for 8 voxels, all lanes busy, along straight rows.
+// The gap to the warp is who owns a voxel (a third of the time), where it comes from, and the blending.
+//
+// Columns: wall time by stage, and the time all threads have run (CPU), each also as a fraction of ITK's.
 #include "pliant/memory.h"
 #include "pliant/warp.h"
 
@@ -17,6 +19,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <functional>
 #include <random>
 #include <vector>
@@ -33,12 +36,24 @@ double median(std::vector<double> values)
     return values[values.size() / 2];
 }
 
-double time_ms(const std::function<void()> &work)
+// seconds that all threads of this program have run: what other programs on the machine do hardly matters to it
+double cpu_seconds()
 {
-    double start = pliant_seconds();
-    work();
-    return 1e3 * (pliant_seconds() - start);
+    timespec now;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+    return double(now.tv_sec) + 1e-9 * double(now.tv_nsec);
 }
+
+struct times {
+    std::vector<double> wall, cpu; // [ms]
+    void run(const std::function<void()> &work)
+    {
+        double start = pliant_seconds(), cpu_start = cpu_seconds();
+        work();
+        wall.push_back(1e3 * (pliant_seconds() - start));
+        cpu.push_back(1e3 * (cpu_seconds() - cpu_start));
+    }
+};
 
 void must(pliant_status status)
 {
@@ -98,7 +113,8 @@ struct timed_warp {
     const char *name;
     const std::vector<double> &a, &b;
     pliant_warp *warp;
-    std::vector<double> cull, rasterize, total;
+    std::vector<double> cull, rasterize;
+    times total;
 
     timed_warp(const char *what, const setup &s, int threads, const std::vector<double> &from,
                const std::vector<double> &to)
@@ -112,8 +128,8 @@ struct timed_warp {
 
     void run()
     {
-        const double *to = (total.size() % 2 ? a : b).data();
-        total.push_back(time_ms([&] { must(pliant_warp_update(warp, to)); }));
+        const double *to = (total.wall.size() % 2 ? a : b).data();
+        total.run([&] { must(pliant_warp_update(warp, to)); });
         double c, r;
         pliant_warp_seconds(warp, &c, &r);
         cull.push_back(1e3 * c);
@@ -190,13 +206,13 @@ __attribute__((target("avx2"))) int gather_rows(const setup &s, int threads)
     return sum;
 }
 
-double time_gathers(const setup &s, int threads)
+void time_gathers(const setup &s, int threads, times *out)
 {
     volatile int keep = 0;
-    return __builtin_cpu_supports("avx2") ? time_ms([&] { keep = gather_rows(s, threads); }) : NAN;
+    if (__builtin_cpu_supports("avx2")) out->run([&] { keep = gather_rows(s, threads); });
 }
 #else
-double time_gathers(const setup &, int) { return NAN; }
+void time_gathers(const setup &, int, times *) {}
 #endif
 
 void table(const int32_t size[3], const int32_t cells[3], int runs)
@@ -205,26 +221,29 @@ void table(const int32_t size[3], const int32_t cells[3], int runs)
     double voxels = double(pliant_geometry_voxels(&s.scan.geometry));
     std::printf("\n%d x %d x %d voxels (%.2f M), 16 bits; %d x %d x %d cubes, %d tetrahedra; medians of %d runs\n",
                 size[0], size[1], size[2], 1e-6 * voxels, cells[0], cells[1], cells[2], s.mesh.num_tets, runs);
-    std::printf("%-14s %7s %8s %9s %8s %8s %7s %9s %8s\n", "moved", "threads", "cull ms", "raster ms", "total ms",
-                "ITK ms", "ratio", "ns/voxel", "gathers");
+    std::printf("  %-14s %8s %9s %8s %9s %7s %8s %7s\n", "moved", "cull ms", "raster ms", "total ms", "ns/voxel",
+                "/ ITK", "CPU ms", "/ ITK");
     for (int threads = 1; threads <= 2; threads++) {
         auto filter = make_itk(s, threads);
         timed_warp all("all", s, threads, s.moved, s.moved_more), tenth("one tenth", s, threads, s.moved, s.tenth),
             none("none", s, threads, s.moved, s.moved), shift("all, one voxel", s, threads, s.rest, s.shifted);
-        std::vector<double> itk_ms, gather_ms;
+        times itk, gathers;
         for (int run = 0; run < runs; run++) { // in turn, so that all meet the same machine
-            itk_ms.push_back(time_ms([&] {
+            itk.run([&] {
                 filter->Modified();
                 filter->Update();
-            }));
-            gather_ms.push_back(time_gathers(s, threads));
+            });
+            time_gathers(s, threads, &gathers);
             for (timed_warp *warp : {&all, &tenth, &none, &shift}) warp->run();
         }
+        std::printf("%d thread%s: ITK %.1f ms (CPU time %.1f), gathers alone %.2f ms\n", threads,
+                    threads > 1 ? "s" : "", median(itk.wall), median(itk.cpu),
+                    gathers.wall.empty() ? NAN : median(gathers.wall));
         for (timed_warp *warp : {&all, &tenth, &none, &shift}) {
-            double total = median(warp->total);
-            std::printf("%-14s %7d %8.3f %9.3f %8.3f %8.1f %7.4f %9.3f %8.2f\n", warp->name, threads,
-                        median(warp->cull), median(warp->rasterize), total, median(itk_ms), total / median(itk_ms),
-                        1e6 * total / voxels, median(gather_ms));
+            double total = median(warp->total.wall), cpu = median(warp->total.cpu);
+            std::printf("  %-14s %8.3f %9.3f %8.3f %9.3f %7.4f %8.3f %7.4f\n", warp->name, median(warp->cull),
+                        median(warp->rasterize), total, 1e6 * total / voxels, total / median(itk.wall), cpu,
+                        cpu / median(itk.cpu));
         }
     }
     pliant_mesh_free(&s.mesh);
