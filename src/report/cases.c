@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { MOST_ITERATIONS = 400, SETTLING_STEPS = 100 };
+enum { MOST_ITERATIONS = 100, SETTLING_STEPS = 60, SETTLING_ITERATIONS = 20 };
 static const double standard_gravity = 9.80665;
 
 const char *report_case_name(report_case_kind kind)
@@ -24,6 +24,19 @@ size_t report_data_bytes(const pliant_data *data, size_t before)
 {
     size_t now = pliant_memory_in_use();
     return (now > before ? now - before : 0) + pliant_preconditioner_bytes(data->solver->preconditioner) + pliant_refresh_bytes(data->solver);
+}
+
+void report_box(const pliant_model *model, double low[3], double high[3])
+{
+    double margin = model->scene.warp.margin;
+    for (int d = 0; d < 3; d++) {
+        low[d] = INFINITY;
+        high[d] = -INFINITY;
+        for (int32_t n = 0; n < model->fine.num_nodes; n++) {
+            low[d] = fmin(low[d], model->fine.rest[3 * n + d] - margin);
+            high[d] = fmax(high[d], model->fine.rest[3 * n + d] + margin);
+        }
+    }
 }
 
 static pliant_status set_limits(pliant_data *data, report_limits limits)
@@ -50,6 +63,22 @@ static pliant_status load_frame(const report_case *load, pliant_data *data, cons
     return status < 0 ? status : pliant_tool_pose(data, 0, tip, NULL);
 }
 
+/* Until a step ends below the tolerance, with a factor that is never older than one step: nearly Newton's method. */
+static pliant_status settle(const pliant_model *model, pliant_data *data, double tolerance)
+{
+    pliant_solver *solver = data->solver;
+    int32_t interval = solver->refresh_interval, delay = solver->refresh_delay;
+    pliant_status status = pliant_data_limits(data, SETTLING_ITERATIONS, tolerance);
+    solver->refresh_interval = solver->refresh_delay = 1;
+    for (int s = 0; status >= 0 && s < SETTLING_STEPS; s++) {
+        status = pliant_step(model, data);
+        if (status == PLIANT_OK) break;
+    }
+    solver->refresh_interval = interval;
+    solver->refresh_delay = delay;
+    return status;
+}
+
 /* the state that the frames start from: held by a tool, or at rest under gravity */
 static pliant_status begin(const pliant_model *model, const report_case *load, report_limits limits, pliant_data *data, double from[3])
 {
@@ -63,12 +92,17 @@ static pliant_status begin(const pliant_model *model, const report_case *load, r
         memcpy(from, data->tools[tool].tip, 3 * sizeof *from);
         return status;
     }
-    status = pliant_data_limits(data, MOST_ITERATIONS, fmin(limits.tolerance, 1e-6));
-    if (status >= 0) status = load_frame(load, data, from, 0);
-    for (int s = 0; status >= 0 && s < SETTLING_STEPS; s++) {
-        status = pliant_step(model, data);
-        if (status == PLIANT_OK) break;
-    }
+    status = load_frame(load, data, from, 0);
+    if (status >= 0) status = settle(model, data, fmin(limits.tolerance, 1e-5));
+    return status < 0 ? status : set_limits(data, limits);
+}
+
+/* one frame: a step, or as many as it takes */
+static pliant_status step_frame(const pliant_model *model, pliant_data *data, report_limits limits)
+{
+    pliant_status status = pliant_step(model, data);
+    if (!limits.tight || status != PLIANT_NOT_CONVERGED) return status;
+    status = settle(model, data, limits.tolerance);
     return status < 0 ? status : set_limits(data, limits);
 }
 
@@ -99,7 +133,7 @@ pliant_status report_case_run(const pliant_model *model, const report_case *load
             break;
         }
         status = load_frame(load, run.data, from, (f + 1.0) / load->frames);
-        if (status >= 0) status = pliant_step(model, run.data);
+        if (status >= 0) status = step_frame(model, run.data, limits);
         if (status < 0) break;
         const pliant_statistics *statistics = &run.data->statistics;
         for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++) run.seconds[s * load->frames + f] = statistics->seconds[s];

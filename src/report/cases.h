@@ -29,6 +29,7 @@ typedef struct report_case {
 typedef struct report_limits {
     int32_t iterations; /* of a step; 0: until the tolerance is met */
     double tolerance;
+    bool tight;         /* a frame goes on until the tolerance is met, whatever it takes: for references */
     pliant_progress progress; /* asked in every frame whether to go on; its fraction is of the run */
 } report_limits;
 
@@ -51,6 +52,9 @@ typedef struct report_run {
 pliant_status report_case_run(const pliant_model *model, const report_case *load, report_limits limits, const pliant_points *points,
                               const pliant_geometry *target, report_run *out);
 void report_run_free(report_run *run); /* Nullable; leaves it zeroed */
+
+/* The fine mesh at rest with the scene's margin around it: what the deformed volume holds. [m] */
+void report_box(const pliant_model *model, double low[3], double high[3]);
 
 /* Everything that a data holds, CHOLMOD's factors too, when `before` was in use before it was made. */
 size_t report_data_bytes(const pliant_data *data, size_t before);

@@ -21,6 +21,7 @@ import matplotlib.ticker
 import numpy as np
 
 CASES = ["displacement", "force", "grasp", "gravity"]
+HIGHEST = 1000  # percent that are still drawn
 VERDICTS = {"converged": "#8fc98f", "refused": "#9db8dd", "degraded": "#f0cf7a", "broken": "#e07a7a"}
 
 
@@ -99,8 +100,14 @@ def draw_tradeoff(folder, rows, column, against, name):
                     continue
                 axis.plot([t for t, _, _ in own], [e for _, e, _ in own], marker[ratio], color=colour[method], markersize=6, alpha=0.9)
                 for time, error, budget in own:
+                    error = min(error, HIGHEST)
                     axis.annotate("∞" if budget == "converged" else budget, (time, error), fontsize=7, xytext=(4, 3),
                                   textcoords="offset points", color=colour[method])
+        high = max(e for _, e in entries.values())
+        if high > HIGHEST:  # beyond all use: at the upper edge
+            beyond = [(t, key) for key, (t, e) in entries.items() if e > HIGHEST]
+            axis.plot([t for t, _ in beyond], [HIGHEST] * len(beyond), "k2", markersize=9, clip_on=False)
+            axis.set_ylim(top=HIGHEST)
         front = pareto(list(entries.values()))
         if front:
             axis.step([t for t, _ in front], [e for _, e in front], where="post", color="black", linewidth=1, linestyle="--", zorder=0)
@@ -147,7 +154,7 @@ def draw_histograms(folder, rows):
         axis.set_xlim(0, reached or 1)
         axis.set_yscale("log")
         axis.set_ylim(0.01, 120)
-        axis.set_title("%s %s, ratio %s" % group)
+        axis.set_title("%s, ratio %s (last bin: all beyond)" % (" ".join(filter(None, group[:2])), group[2]), fontsize=10)
         label_log(axis.yaxis, "share of the voxels of tissue [%]", axis.get_ylim())
         axis.set_xlabel("error [mm]")
         axis.grid(True, alpha=0.25)
@@ -170,7 +177,8 @@ def draw_slices(folder, rows):
         top = min(max(float(np.percentile(e[e >= 0], 99.5)) if (e >= 0).any() else 0 for e in errors.values()), largest)
         top = max(top, 1e-3)
         figure, axes = plt.subplots(len(methods), 3, figsize=(12, 3.4 * len(methods) + 0.5), squeeze=False, constrained_layout=True)
-        shown = None
+        scale = plt.cm.ScalarMappable(norm=plt.Normalize(0, top), cmap="inferno")
+        scale.set_array([])
         for line, method in enumerate(methods):
             for axis, plane in zip(axes[line], planes):
                 row = slices.get((method, plane))
@@ -181,10 +189,12 @@ def draw_slices(folder, rows):
                 low, high = (-160, 240) if image.min() < -500 else np.percentile(image, (1, 99))
                 aspect = number(row, "row_mm") / number(row, "column_mm")
                 axis.imshow(image, cmap="gray", vmin=low, vmax=high, aspect=aspect)
-                shown = axis.imshow(np.ma.masked_less(error, 0), cmap="inferno", vmin=0, vmax=top, alpha=0.75, aspect=aspect)
+                overlay = scale.to_rgba(error)
+                overlay[..., 3] = np.clip(error / top, 0, 1) ** 0.5 * 0.85  # little error leaves the picture as it is
+                axis.imshow(overlay, aspect=aspect)
                 axis.set_title("%s, %s" % (method, plane), fontsize=9)
-        figure.colorbar(shown, ax=axes, label="error [mm]; largest displacement %.1f mm" % largest, shrink=0.7)
-        figure.suptitle("Per-voxel error, %s %s, ratio %s" % group)
+        figure.colorbar(scale, ax=axes, label="error [mm]; largest displacement %.1f mm" % largest, shrink=0.7)
+        figure.suptitle("Per-voxel error, %s, ratio %s" % (" ".join(filter(None, group[:2])), group[2]))
         name = "error_%s.png" % "_".join(filter(None, group)).replace(" ", "-")
         figure.savefig(os.path.join(folder, name), dpi=90)
         plt.close(figure)

@@ -73,8 +73,16 @@ pliant_status trial_called(stability_trial *trial, pliant_status status)
     return status;
 }
 
+static bool goes_on(stability_trial *trial)
+{
+    stability_context *context = trial->context;
+    if (!pliant_report_progress(context->progress, (double)context->index / context->count, trial->doing)) trial->cancelled = true;
+    return !trial->cancelled;
+}
+
 pliant_status trial_step(stability_trial *trial)
 {
+    if (trial->steps % 32 == 0 && !goes_on(trial)) return PLIANT_ERROR_CANCELLED;
     size_t size = 3 * (size_t)trial->model->fine.num_nodes * sizeof *trial->kept;
     memcpy(trial->kept, trial->data->positions, size);
     pliant_status status = trial_called(trial, pliant_step(trial->model, trial->data));
@@ -97,11 +105,16 @@ pliant_status trial_step(stability_trial *trial)
 
 int32_t trial_settle(stability_trial *trial)
 {
+    char text[128];
     for (int32_t step = 1; step <= trial->context->options->settle_steps; step++) {
         pliant_status status = trial_step(trial);
         if (status == PLIANT_OK) return step;
         if (status < 0) return -1;
     }
+    trial->unsettled = true;
+    snprintf(text, sizeof text, "did not settle in %d steps, residual %.2g", (int)trial->context->options->settle_steps,
+             trial->data->statistics.residual);
+    say(trial, text);
     return -1;
 }
 
@@ -178,7 +191,7 @@ static pliant_verdict judge(stability_trial *trial, int64_t growth)
     if (trial->broken) return PLIANT_VERDICT_BROKEN;
     if (trial->last < 0) return PLIANT_VERDICT_REFUSED;
     int32_t inverted = trial->data ? pliant_mesh_inverted(&trial->model->fine, trial->data->positions) : 0;
-    if (trial->steps_to_rest == -1 || trial->last > 0) {
+    if (trial->unsettled || trial->last > 0) {
         snprintf(text, sizeof text, "%s; residual %.2g after %lld steps, %d inverted", pliant_status_text(PLIANT_NOT_CONVERGED),
                  trial->data->statistics.residual, (long long)trial->steps, inverted);
         say(trial, text);
@@ -192,6 +205,16 @@ static pliant_verdict judge(stability_trial *trial, int64_t growth)
     return trial->refused > 0 ? PLIANT_VERDICT_REFUSED : PLIANT_VERDICT_CONVERGED;
 }
 
+static void free_trial(stability_trial *trial)
+{
+    pliant_data_free(trial->data);
+    pliant_model_free(trial->model);
+    pliant_free(trial->kept);
+    trial->data = NULL;
+    trial->model = NULL;
+    trial->kept = NULL;
+}
+
 static pliant_status tell(stability_trial *trial)
 {
     report_row *row = &trial->row;
@@ -201,12 +224,7 @@ static pliant_status tell(stability_trial *trial)
     int32_t inverted = data ? pliant_mesh_inverted(&trial->model->fine, data->positions) : 0;
     int64_t unconverged = data ? (int64_t)data->statistics.not_converged : 0;
     pliant_verdict verdict = judge(trial, 0);
-    pliant_data_free(trial->data);
-    pliant_model_free(trial->model);
-    pliant_free(trial->kept);
-    trial->data = NULL;
-    trial->model = NULL;
-    trial->kept = NULL;
+    free_trial(trial);
     int64_t growth = (int64_t)pliant_memory_in_use() - (int64_t)trial->bytes_before;
     if (growth != 0) verdict = judge(trial, growth);
     row_text(row, pliant_verdict_name(verdict));
@@ -252,7 +270,9 @@ static pliant_status try_method(stability_trial *trial, stability_treatment trea
     trial->kept = pliant_calloc((size_t)fine->num_nodes, 3 * sizeof *trial->kept);
     if (status >= 0 && !trial->kept) status = trial_called(trial, pliant_fail_memory("the state before a step"));
     if (status >= 0) treatment(trial, argument);
-    return tell(trial);
+    if (!trial->cancelled) return tell(trial);
+    free_trial(trial);
+    return pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; what is done is kept");
 }
 
 pliant_status stability_try(stability_context *context, const char *parameter, const pliant_report_input *input,
@@ -262,7 +282,6 @@ pliant_status stability_try(stability_context *context, const char *parameter, c
         if (!(context->options->methods >> m & 1)) continue;
         stability_trial *trial = pliant_calloc(1, sizeof *trial);
         if (!trial) return pliant_fail_memory("a trial");
-        char doing[128];
         pliant_status status = PLIANT_OK;
         trial->context = context;
         trial->input = input;
@@ -271,12 +290,8 @@ pliant_status stability_try(stability_context *context, const char *parameter, c
         row_text(&trial->row, context->name);
         row_text(&trial->row, parameter);
         row_text(&trial->row, method_names[m]);
-        snprintf(doing, sizeof doing, "stability: %s %s, %s", context->name, parameter, method_names[m]);
-        if (!row_known(&trial->row, context->tables->stability)) {
-            if (pliant_report_progress(context->progress, (double)context->index / context->count, doing))
-                status = try_method(trial, treatment, argument);
-            else status = pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; what is done is kept");
-        }
+        snprintf(trial->doing, sizeof trial->doing, "stability: %s %s, %s", context->name, parameter, method_names[m]);
+        if (!row_known(&trial->row, context->tables->stability)) status = try_method(trial, treatment, argument);
         pliant_free(trial);
         if (status < 0) return status;
     }

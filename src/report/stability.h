@@ -57,7 +57,9 @@ typedef struct stability_trial {
     int64_t refused;
     double largest;           /* displacement seen [m] */
     pliant_status last;       /* of the last step or call */
-    bool broken, wrong_rest;
+    bool broken, wrong_rest, unsettled;
+    bool cancelled;           /* no verdict */
+    char doing[128];          /* for the progress */
     char message[ROW_TEXT];
     char figure[128];
 } stability_trial;

@@ -166,7 +166,6 @@ static pliant_status go_round(stability_trial *trial, const void *argument)
             bytes = pliant_memory_in_use();
         }
         drift = fmax(drift, farthest(first, trial->data->positions, count));
-        if (!pliant_report_progress(trial->context->progress, (double)trial->context->index / trial->context->count, "stability: long_run")) break;
     }
     int64_t growth = bytes ? (int64_t)pliant_memory_in_use() - (int64_t)bytes : 0;
     pliant_free(first);

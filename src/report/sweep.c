@@ -156,12 +156,15 @@ static void list_cases(sweep_ground *ground)
     ground->point_names[ground->num_cases++] = "";
 }
 
-static pliant_status solve_reference(sweep_state *state, const pliant_model *model, const pliant_points *points, int index,
+static pliant_status solve_reference(sweep_state *state, pliant_model *model, const pliant_points *points, int index,
                                      double tolerance, bool keep_last, sweep_reference *out)
 {
     const sweep_ground *ground = &state->ground;
-    report_limits limits = {0, tolerance, {pass_progress, state}};
+    pliant_backend_choice backend = model->scene.solver.backend;
+    report_limits limits = {0, tolerance, true, {pass_progress, state}};
+    model->scene.solver.backend = PLIANT_CPU; /* the one that all others are measured against */
     pliant_status status = report_case_run(model, ground->cases + index, limits, points, NULL, &out->run);
+    model->scene.solver.backend = backend;
     if (status < 0) return status;
     size_t nodes = 3 * (size_t)model->fine.num_nodes;
     if (keep_last) out->last = pliant_calloc(nodes, sizeof *out->last);
@@ -231,13 +234,7 @@ static pliant_status prepare(sweep_state *state, const uint8_t *missing)
     if (status >= 0) status = build(state, &scene, &ground->fine, &ground->fine_peak);
     if (status >= 0) status = pliant_body_points(ground->fine, &ground->count, &ground->rest);
     if (status < 0) return status;
-    for (int d = 0; d < 3; d++) {
-        low[d] = high[d] = ground->rest[d];
-        for (int32_t p = 0; p < ground->count; p++) {
-            low[d] = fmin(low[d], ground->rest[3 * p + d] - scene.warp.margin);
-            high[d] = fmax(high[d], ground->rest[3 * p + d] + scene.warp.margin);
-        }
-    }
+    report_box(ground->fine, low, high);
     status = pliant_warp_target(&ground->input->scan->geometry, low, high, SIZE_MAX, &ground->target);
     if (status >= 0) status = solve_same(state, missing);
     if (status >= 0) status = solve_twice(state, missing);
@@ -275,7 +272,7 @@ static pliant_status run_one(sweep_state *state, const pliant_model *model, cons
 {
     const sweep_ground *ground = &state->ground;
     const pliant_sweep *sweep = ground->sweep;
-    report_limits limits = {sweep->iterations[budget], ground->scene.solver.tolerance, {pass_progress, state}};
+    report_limits limits = {sweep->iterations[budget], ground->scene.solver.tolerance, false, {pass_progress, state}};
     report_run run = {0};
     pliant_status status = report_case_run(model, ground->cases + index, limits, points, sweep->warp ? &ground->target : NULL, &run);
     if (status == PLIANT_ERROR_MEMORY || status == PLIANT_ERROR_CANCELLED) return status;

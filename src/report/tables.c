@@ -19,7 +19,7 @@
 #define BUILD_S_MB(name) , #name "_s", #name "_mb"
 
 static const char *const sweep_columns[] = {
-    RUN_COLUMNS, "status", "message", "frames", "fine_tetrahedra", "solved_tetrahedra", "threads", "build_s", "model_mb", "data_mb",
+    RUN_COLUMNS, "status", "message", "frames", "fine_tetrahedra", "solved_tetrahedra", "backend", "threads", "build_s", "model_mb", "data_mb",
     "solver_median_ms", "solver_p99_ms", "frame_median_ms", "frame_p99_ms", PLIANT_STEP_STAGE_LIST(STEP_MEDIAN_P99) "iterations_mean",
     "residual_worst", "not_converged", "rejected", "factors", "force_n", "points", "largest_mm", "max_mm", "rms_mm", "p95_mm",
     "max_percent", "rms_percent", "p95_percent", "max_own_percent", "rms_own_percent", "p95_own_percent", "final_max_mm",
@@ -34,7 +34,7 @@ static const char *const build_columns[] = {MODEL_COLUMNS, "status", "message", 
 static const char *const histogram_columns[] = {RUN_COLUMNS, "bin", "low_mm", "high_mm", "voxels"};
 static const char *const slice_columns[] = {RUN_COLUMNS, "plane", "column_mm", "row_mm", "largest_mm", "error_file", "image_file"};
 static const char *const stage_columns[] = {
-    "setup", "left_out", "status", "message", "steps", "threads", "step_median_ms", "step_p99_ms", PLIANT_STEP_STAGE_LIST(STEP_MEDIAN)
+    "setup", "left_out", "status", "message", "steps", "backend", "threads", "step_median_ms", "step_p99_ms", PLIANT_STEP_STAGE_LIST(STEP_MEDIAN)
     "slices_median_ms", "scalar_median_ms", "frame_median_ms", "held_mb", "saved_ms", "saved_mb"};
 static const char *const stability_columns[] = {
     "setup", "case", "parameter", "method", "verdict", "message", "steps", "steps_to_rest", "iterations", "seconds", "residual",
@@ -124,7 +124,13 @@ static void write_machine(FILE *file, const pliant_scene *scene)
     fprintf(file, "\"version\": \"%s\",\n\"date\": \"%s\",\n", PLIANT_VERSION, date);
     fprintf(file, "\"machine\": {\"system\": \"%s %s %s\", \"processor\": \"%s\", \"cores\": %ld, \"memory\": \"%s\"},\n", system.sysname,
             system.release, system.machine, processor, sysconf(_SC_NPROCESSORS_ONLN), memory);
-    fprintf(file, "\"threads\": %d,\n\"backend\": \"cpu\"", scene->solver.threads > 0 ? (int)scene->solver.threads : omp_get_max_threads());
+    static const char *const backends[] = {
+#define BACKEND_NAME(name, yaml) #yaml,
+        PLIANT_BACKEND_LIST(BACKEND_NAME)
+#undef BACKEND_NAME
+    };
+    fprintf(file, "\"threads\": %d,\n\"backend_asked_for\": \"%s\"", scene->solver.threads > 0 ? (int)scene->solver.threads : omp_get_max_threads(),
+            backends[scene->solver.backend]);
 }
 
 pliant_status pliant_report_json(const char *folder, const char *setup, const pliant_scene *scene, const pliant_report_tables *tables)

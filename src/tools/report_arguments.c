@@ -237,12 +237,22 @@ static bool read_one(int code, report_arguments *out)
     return good;
 }
 
+/* roslaunch adds __name:=... and __log:=...; returns how many arguments are left */
+static int drop_ros(int argc, char **argv)
+{
+    int kept = 1;
+    for (int a = 1; a < argc; a++)
+        if (strncmp(argv[a], "__", 2) != 0 || !strstr(argv[a], ":=")) argv[kept++] = argv[a];
+    return kept;
+}
+
 bool report_arguments_read(int argc, char **argv, report_arguments *out, int *exit_code)
 {
     memset(out, 0, sizeof *out);
     pliant_scene_defaults(&out->scene);
     out->pictures = true;
     *exit_code = OK;
+    argc = drop_ros(argc, argv);
     for (int a = 1; a < argc; a++) {
         if (strcmp(argv[a], "--help") == 0) return fputs(help, stdout), false;
         if (strcmp(argv[a], "--cases") != 0) continue;

@@ -24,6 +24,15 @@ typedef struct report_program {
     pliant_verdict worst;
 } report_program;
 
+/* What is told about every one of hundreds of models and runs is not worth a line here. */
+static void print_warning(pliant_log_level level, const char *message, void *user)
+{
+    (void)user;
+    if (level < PLIANT_LOG_WARNING) return;
+    console_progress_end();
+    fprintf(stderr, "%s: %s\n", level == PLIANT_LOG_WARNING ? "warning" : "error", message);
+}
+
 static pliant_status make_folder(const char *folder)
 {
     char path[4096];
@@ -71,7 +80,7 @@ static pliant_status run_stability(report_program *program)
     /* refusals are what is looked for: they go to the table, not to the screen */
     pliant_set_log(NULL, NULL);
     pliant_status status = pliant_stability_run(input, &arguments->stability, &program->tables, console_progress(), &program->worst);
-    console_start(arguments->quiet ? PLIANT_LOG_WARNING : PLIANT_LOG_INFO);
+    pliant_set_log(print_warning, NULL);
     console_progress_end();
     if (status < 0 && status != PLIANT_ERROR_CANCELLED) pliant_log(PLIANT_LOG_ERROR, "%s", pliant_last_error());
     return status;
@@ -155,6 +164,7 @@ int main(int argc, char **argv)
     int exit_code;
     if (!report_arguments_read(argc, argv, &arguments, &exit_code)) return exit_code;
     console_start(arguments.quiet ? PLIANT_LOG_WARNING : PLIANT_LOG_INFO);
+    pliant_set_log(print_warning, NULL);
     pliant_status status = run(&program);
     bool stopped = console_stop_asked();
     if (program.tables.sweep && (status >= 0 || stopped)) {

@@ -1,0 +1,97 @@
+// The program pliant_report as a user meets it.
+#include <csignal>
+#include <cstdlib>
+#include <fstream>
+#include <gtest/gtest.h>
+#include <sstream>
+#include <string>
+#include <sys/wait.h>
+#include <unistd.h>
+
+namespace {
+
+class Report : public testing::Test {
+protected:
+    void SetUp() override { ASSERT_NE(mkdtemp(folder_), nullptr); }
+    void TearDown() override { EXPECT_EQ(std::system(("rm -r " + std::string(folder_)).c_str()), 0); }
+    std::string in(const std::string &name) const { return std::string(folder_) + "/" + name; }
+    int run(const std::string &arguments)
+    {
+        int code = std::system((PLIANT_REPORT_PROGRAM " " + arguments + " > " + in("out") + " 2> " + in("err")).c_str());
+        out_ = text(in("out"));
+        err_ = text(in("err"));
+        return WIFEXITED(code) ? WEXITSTATUS(code) : -1;
+    }
+    static std::string text(const std::string &path)
+    {
+        std::ifstream file(path);
+        std::stringstream all;
+        all << file.rdbuf();
+        return all.str();
+    }
+    int python(const std::string &program) { return std::system(("cd " + in("result") + " && python3 -c '" + program + "'").c_str()); }
+    char folder_[32] = "/tmp/pliant_report_XXXXXX";
+    std::string out_, err_;
+    const std::string small_ = "--scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --twice 0 --methods fine,averaged --budgets 2,0 --frames 3 ";
+};
+
+TEST_F(Report, TellsWrongUsageFromFailure)
+{
+    EXPECT_EQ(run("--help"), 0);
+    EXPECT_NE(out_.find("--stability"), std::string::npos);
+    EXPECT_EQ(run("--cases"), 0);
+    EXPECT_NE(out_.find("scrambled\n"), std::string::npos);
+    EXPECT_EQ(run("--scan phantom"), 2);
+    EXPECT_NE(err_.find("--out"), std::string::npos) << err_;
+    EXPECT_EQ(run("--out " + in("result")), 2);
+    EXPECT_NE(err_.find("--scan"), std::string::npos) << err_;
+    EXPECT_EQ(run("--out x --scan phantom --methods fine,magic"), 2);
+    EXPECT_EQ(run("--out x --scan phantom --ratios 2,9"), 2);
+    EXPECT_EQ(run("--out x --scan phantom --at 1,2"), 2);
+    EXPECT_EQ(run("--out " + in("result") + " --scan /nonexistent.nii"), 1);
+    EXPECT_NE(err_.find("/nonexistent.nii"), std::string::npos) << err_;
+    EXPECT_EQ(run(small_ + "--at 5,5,5 --sweep --no-pictures --out " + in("far")), 1);
+    EXPECT_NE(err_.find("there is no tissue at"), std::string::npos) << err_;
+}
+
+TEST_F(Report, WritesTablesThatAreReadBack)
+{
+    ASSERT_EQ(run(small_ + "__name:=report --stability --case single_tetrahedron --sweep --left-out --out " + in("result")), 0) << err_;
+    EXPECT_EQ(python("import csv, json; r = json.load(open(\"report.json\")); s = list(csv.DictReader(open(\"sweep.csv\"))); "
+                     "assert len(s) == 16 == len(r[\"sweep\"]), len(s); "
+                     "assert all(float(a[\"max_mm\"]) == b[\"max_mm\"] for a, b in zip(s, r[\"sweep\"])); "
+                     "assert r[\"machine\"][\"cores\"] >= 1 and r[\"threads\"] >= 1 and r[\"version\"]; "
+                     "assert {a[\"backend\"] for a in s} == {\"cpu\"} or \"cuda\" in str(s); "
+                     "assert len(r[\"stages\"]) == 8 and len(r[\"stability\"]) == 4 and len(r[\"builds\"]) == 2"),
+              0);
+    if (err_.find("python3-matplotlib") == std::string::npos) {
+        for (const char *name : {"tradeoff.png", "histogram.png", "stages.png", "stability.png", "error_gravity_2.png"})
+            EXPECT_EQ(access(in(std::string("result/") + name).c_str(), F_OK), 0) << name;
+    }
+    // a second run has nothing to do
+    std::string table = text(in("result/sweep.csv"));
+    ASSERT_EQ(run(small_ + "--sweep --no-pictures --out " + in("result")), 0) << err_;
+    EXPECT_EQ(text(in("result/sweep.csv")), table);
+}
+
+TEST_F(Report, CtrlCKeepsWhatIsDone)
+{
+    pid_t child = fork();
+    if (child == 0) {
+        std::string folder = in("result");
+        execl(PLIANT_REPORT_PROGRAM, "pliant_report", "--stability", "--case", "long_run", "--steps", "1e9", "--quiet", "--no-pictures", "--out",
+              folder.c_str(), static_cast<char *>(nullptr));
+        _exit(127);
+    }
+    ASSERT_GT(child, 0);
+    for (int wait = 0; wait < 200 && access(in("result/stability.csv").c_str(), F_OK) != 0; wait++) usleep(50000);
+    usleep(500000);
+    kill(child, SIGINT);
+    int state = 0;
+    ASSERT_EQ(waitpid(child, &state, 0), child);
+    ASSERT_TRUE(WIFEXITED(state));
+    EXPECT_EQ(WEXITSTATUS(state), 130);
+    EXPECT_EQ(access(in("result/report.json").c_str(), F_OK), 0);
+}
+
+} // namespace

@@ -1,0 +1,149 @@
+// A sweep over a tiny body, from one end to the other.
+#include "pipeline/body.h"
+
+#include <cstdlib>
+#include <map>
+#include <string>
+#include <unistd.h>
+
+namespace {
+
+const int size[3] = {12, 12, 12};
+const double box[3] = {0.12, 0.12, 0.12};
+
+class Sweep : public testing::Test {
+protected:
+    Sweep() : body(size, box, {{5e3, 0.45, 1000, false}, {5e4, 0.45, 1000, false}, {10, 0, 1, true}},
+                   [](int i, int j, int k) { return j < 2 ? 2 : i < 8 && j < 8 && k < 8 ? 1 : 0; })
+    {
+        body.cells(3, 3, 3, 2);
+        body.scene.solver.iterations = 6;
+        body.scene.solver.tolerance = 1e-4;
+        body.fix_plane(0, 0.11, 0, 0, -1, 0);
+        input = {&body.scene, &body.scan, nullptr, &body.table};
+        pliant_sweep_defaults(&body.scene, &sweep);
+        sweep.num_iterations = 0;
+        sweep.iterations[sweep.num_iterations++] = 2;
+        sweep.iterations[sweep.num_iterations++] = 0;
+        sweep.frames = 4;
+        for (double &p : sweep.pull) p /= 3; // 1 cm
+        sweep.num_points = pliant_pull_points(&input, nullptr, 0, 1, sweep.points);
+    }
+    void SetUp() override
+    {
+        ASSERT_NE(mkdtemp(folder), nullptr);
+        ASSERT_EQ(pliant_report_open(folder, &tables), PLIANT_OK) << pliant_last_error();
+    }
+    void TearDown() override
+    {
+        pliant_report_close(&tables);
+        EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
+    }
+    pliant_status run(pliant_progress progress = {nullptr, nullptr}) { return pliant_sweep_run(&input, &sweep, folder, &tables, progress); }
+    const char *cell(size_t row, const char *column) const
+    {
+        return pliant_results_cell(tables.sweep, row, pliant_results_column(tables.sweep, column));
+    }
+    double number(size_t row, const char *column) const { return std::atof(cell(row, column)); }
+
+    Body body;
+    pliant_report_input input;
+    pliant_sweep sweep;
+    pliant_report_tables tables{};
+    char folder[32] = "/tmp/pliant_sweep_XXXXXX";
+};
+
+TEST_F(Sweep, FindsTheFrontOfSoftTissue)
+{
+    ASSERT_EQ(sweep.num_points, 1);
+    const double *at = sweep.points[0].rest;
+    EXPECT_NEAR(at[0], 0.06, 0.011);
+    EXPECT_NEAR(at[2], 0.06, 0.011);
+    EXPECT_GT(at[1], 0.02); // behind the air, and a little inside
+    EXPECT_LT(at[1], 0.04);
+    pliant_pull_point many[PLIANT_MAX_PULLS];
+    int found = pliant_pull_points(&input, nullptr, 0, 3, many);
+    ASSERT_EQ(found, 3);
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < a; b++) EXPECT_GT(std::hypot(many[a].rest[0] - many[b].rest[0], many[a].rest[2] - many[b].rest[2]), 0.02);
+}
+
+TEST_F(Sweep, EveryMethodCaseAndBudgetHasARowAndFineIsTheMostAccurate)
+{
+    ASSERT_EQ(run(), PLIANT_OK) << pliant_last_error();
+    size_t rows = pliant_results_rows(tables.sweep), models = pliant_results_rows(tables.builds);
+    EXPECT_EQ(rows, models * 4 * 2); // cases, budgets
+    std::map<std::string, double> worst;
+    for (size_t r = 0; r < rows; r++) {
+        std::string method = cell(r, "method");
+        ASSERT_STREQ(cell(r, "message"), "") << method;
+        EXPECT_GT(number(r, "solver_median_ms"), 0);
+        EXPECT_GE(number(r, "frame_median_ms"), number(r, "warp_median_ms"));
+        EXPECT_GT(number(r, "largest_mm"), 0.1);
+        EXPECT_GE(number(r, "max_mm"), number(r, "p95_mm"));
+        EXPECT_NEAR(number(r, "max_percent"), 100 * number(r, "max_mm") / number(r, "largest_mm"), 1e-3 * number(r, "max_percent") + 1e-9);
+        EXPECT_GT(number(r, "twice_max_mm"), 0);
+        EXPECT_EQ(number(r, "frames"), std::string(cell(r, "case")) == "gravity" ? 8 : 4);
+        if (std::string(cell(r, "budget")) != "converged") continue;
+        EXPECT_GT(number(r, "voxels"), 1000);
+        EXPECT_LE(number(r, "voxel_rms_mm"), number(r, "voxel_max_mm"));
+        worst[method] = std::fmax(worst[method], number(r, "max_percent"));
+    }
+    EXPECT_LT(worst["fine"], 0.2);
+    for (const auto &method : worst)
+        if (method.first == "coarse" || method.first == "averaged") EXPECT_GT(method.second, 1) << method.first;
+    EXPECT_EQ(pliant_results_rows(tables.frames), models * 2 * (3 * 4 + 8));
+    EXPECT_EQ(pliant_results_rows(tables.histogram), models * 4 * 40);
+
+    // nothing is left to do
+    ASSERT_EQ(run(), PLIANT_OK);
+    EXPECT_EQ(pliant_results_rows(tables.sweep), rows);
+}
+
+TEST_F(Sweep, StopsWhereItIsToldAndGoesOnThere)
+{
+    sweep.methods = 1u << PLIANT_FINE | 1u << PLIANT_COARSE;
+    sweep.twice_limit = 0;
+    sweep.warp = false;
+    pliant_results *table = tables.sweep;
+    auto three_rows = [](double, const char *, void *user) { return pliant_results_rows(static_cast<pliant_results *>(user)) < 3; };
+    ASSERT_EQ(run({three_rows, table}), PLIANT_ERROR_CANCELLED);
+    EXPECT_EQ(pliant_results_rows(tables.sweep), 3u);
+    std::string kept = cell(2, "solver_median_ms");
+    pliant_report_close(&tables);
+    ASSERT_EQ(pliant_report_open(folder, &tables), PLIANT_OK);
+    ASSERT_EQ(run(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(pliant_results_rows(tables.sweep), 2u * 4 * 2);
+    EXPECT_EQ(cell(2, "solver_median_ms"), kept);
+}
+
+TEST_F(Sweep, WhatIsLeftOutIsMeasuredOneByOne)
+{
+    ASSERT_EQ(pliant_left_out_run(&input, &sweep, &tables, {nullptr, nullptr}), PLIANT_OK) << pliant_last_error();
+    size_t rows = pliant_results_rows(tables.stages);
+    EXPECT_EQ(rows, 8u);
+    int held = pliant_results_column(tables.stages, "held_mb"), frame = pliant_results_column(tables.stages, "frame_median_ms");
+    auto value = [&](size_t row, int column) { return std::atof(pliant_results_cell(tables.stages, row, column)); };
+    EXPECT_STREQ(pliant_results_cell(tables.stages, 0, 1), "nothing");
+    EXPECT_STREQ(pliant_results_cell(tables.stages, rows - 1, 1), "everything");
+    EXPECT_LT(value(rows - 1, held), value(0, held));
+    EXPECT_LT(value(rows - 1, frame), value(0, frame));
+}
+
+TEST_F(Sweep, VariesOneMoreOption)
+{
+    sweep.methods = 1u << PLIANT_FINE;
+    sweep.twice_limit = 0;
+    sweep.num_iterations = 1;
+    std::snprintf(sweep.option, sizeof sweep.option, "solver/history");
+    std::snprintf(sweep.values[sweep.num_values++], sizeof sweep.values[0], "0");
+    std::snprintf(sweep.values[sweep.num_values++], sizeof sweep.values[0], "6");
+    ASSERT_EQ(run(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(pliant_results_rows(tables.sweep), 8u);
+    EXPECT_STREQ(cell(0, "variant"), "solver/history=0");
+    EXPECT_STREQ(cell(7, "variant"), "solver/history=6");
+    std::snprintf(sweep.option, sizeof sweep.option, "solver/nothing");
+    EXPECT_EQ(run(), PLIANT_ERROR_SCENE);
+}
+
+} // namespace
