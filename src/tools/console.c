@@ -50,7 +50,7 @@ static bool show_progress(double fraction, const char *stage, void *user)
     int percent = (int)(100.0 * fraction + 0.5);
     bool new_stage = strncmp(stage, last_stage, sizeof last_stage - 1) != 0;
     (void)user;
-    if (lowest <= PLIANT_LOG_INFO && (new_stage || (terminal && percent != last_percent))) {
+    if (lowest <= PLIANT_LOG_INFO && (new_stage || percent >= last_percent + (terminal ? 1 : 25))) {
         fprintf(stderr, terminal ? "\r%3d %% %-50s" : "%3d %% %s\n", percent, stage);
         fflush(stderr);
         line_open = terminal;

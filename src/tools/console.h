@@ -13,7 +13,7 @@ void console_start(pliant_log_level quietest);
 
 bool console_stop_asked(void);
 
-/* Progress to stderr: one line that is rewritten on a terminal, a line a stage elsewhere. Cancels when a stop is asked. */
+/* Progress to stderr: one line that is rewritten on a terminal, a line a stage and quarter elsewhere. Cancels when a stop is asked. */
 pliant_progress console_progress(void);
 
 /* Ends the line of the progress, if there is one. */
