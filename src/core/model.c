@@ -145,6 +145,31 @@ static bool in_fixed_region(const pliant_scene *scene, const double x[3])
     return false;
 }
 
+/* Standard FEM on the coarse mesh can be held by its own nodes only. Where too few of them lie in what is fixed, those
+ * nearest to fixed fine nodes are taken. */
+static pliant_status hold_coarse(builder *build)
+{
+    const pliant_model *model = build->model;
+    const pliant_mesh *fine = &model->fine, *coarse = &model->coarse;
+    uint8_t *loose = pliant_calloc((size_t)coarse->num_tets, 1);
+    int32_t pieces = 0, ratio = model->scene.mesh.ratio;
+    if (!loose) return pliant_fail_memory("the fixed nodes");
+    pliant_status status = pliant_mesh_hold(coarse, build->coarse_fixed, loose, &pieces);
+    if (status == PLIANT_ERROR_SCENE) {
+        for (int32_t n = 0; n < fine->num_nodes; n++) {
+            if (!model->fine_fixed[n]) continue;
+            int32_t at = fine->lattice_of_node[n], nx = fine->cells[0] + 1, ny = fine->cells[1] + 1;
+            int32_t i = (at % nx + ratio / 2) / ratio, j = (at / nx % ny + ratio / 2) / ratio, k = (at / nx / ny + ratio / 2) / ratio;
+            int32_t node = coarse->node_of_lattice[i + (coarse->cells[0] + 1) * (j + (coarse->cells[1] + 1) * k)];
+            if (node >= 0) build->coarse_fixed[node] = 1;
+        }
+        pliant_log(PLIANT_LOG_WARNING, "coarse: fewer than three of its nodes lie in what is fixed; the nearest ones are fixed instead");
+        status = pliant_mesh_hold(coarse, build->coarse_fixed, loose, &pieces);
+    }
+    pliant_free(loose);
+    return status;
+}
+
 /* Loose pieces keep their place in the picture, but carry nothing: their stiffness is taken down to this part. */
 static const double loose_stiffness = 1e-6;
 
@@ -181,15 +206,7 @@ static pliant_status fix(builder *build)
                    model->num_held_pieces, count, fine->num_tets);
     }
     if (model->scene.model.method != PLIANT_COARSE) return PLIANT_OK;
-    uint8_t *loose = pliant_calloc((size_t)coarse->num_tets, 1);
-    int32_t pieces = 0;
-    if (!loose) return pliant_fail_memory("the fixed nodes");
-    status = pliant_mesh_hold(coarse, build->coarse_fixed, loose, &pieces);
-    if (status == PLIANT_ERROR_SCENE)
-        status = pliant_fail(PLIANT_ERROR_SCENE, "the coarse mesh is too coarse to be held by what is fixed (fewer than three of its nodes lie "
-                                                 "there): use more mesh/coarse_cells, or model/method fine or averaged");
-    pliant_free(loose);
-    return status;
+    return hold_coarse(build);
 }
 
 static pliant_status homogenize(builder *build)

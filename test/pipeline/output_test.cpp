@@ -62,6 +62,19 @@ TEST_F(Output, ClearanceOfABox)
     }
 }
 
+// Something fixed that no coarse node lies in holds the coarse mesh all the same, by the nodes nearest to it.
+TEST(CoarseMesh, IsHeldByWhatLiesBetweenItsNodes)
+{
+    Body body(size, box, {{6000, 0.2, 1000, false}});
+    body.scene.model.method = PLIANT_COARSE;
+    body.cells(2, 2, 2, 4);
+    pliant_fixed_box &fixed = body.scene.fixed.boxes[body.scene.fixed.num_boxes++];
+    fixed = {{0.005, 0.005, 0.005}, {0.035, 0.035, 0.035}}; // coarse nodes stand at multiples of 0.04
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    body.data->gravity[2] = -1;
+    EXPECT_EQ(body.settle(), PLIANT_OK);
+}
+
 // Coarse positions that are an affine map come out as that map on every fine node that is not held still, for every way up.
 TEST_F(Output, UpsamplingKeepsRigidMotion)
 {
