@@ -1,6 +1,11 @@
-/* What both sets of inner loops agree on. */
+/* What all sets of inner loops agree on. Include this first. */
 #ifndef PLIANT_WARP_SAMPLE_H
 #define PLIANT_WARP_SAMPLE_H
+
+/* A fused multiply-add would round differently in the sets, and on machines, that have one. */
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC optimize("fp-contract=off")
+#endif
 
 #include "warp/raster.h"
 

@@ -1,6 +1,6 @@
 /* Inner loops with AVX2. 8 voxels of 16 bits take 32 loads, each of a voxel and its right neighbour, and about as many
  * instructions to put them in place; floats likewise. */
-#include "warp/raster.h"
+#include "warp/sample.h"
 
 #if defined(__x86_64__) && defined(__GNUC__)
 

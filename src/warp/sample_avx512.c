@@ -1,13 +1,8 @@
 /* Inner loops with AVX-512: a row of a brick is one register of floats, and the masks of its owners are mask registers.
  * The loads of voxels are those of AVX2. */
-#include "warp/raster.h"
+#include "warp/sample.h"
 
 #if defined(__x86_64__) && defined(__GNUC__)
-
-/* AVX-512 has multiply-adds, which would round differently from the other inner loops */
-#if !defined(__clang__)
-#pragma GCC optimize("fp-contract=off")
-#endif
 
 #include "warp/simd.h"
 

@@ -1,7 +1,7 @@
-/* Inner loops in plain C. The operations are those of sample_avx2.c, one by one and in the same order, so that both
- * give the same bits; a multiply-add must therefore not be fused (the build says -ffp-contract=off). */
-#include "warp/owners.h"
+/* Inner loops in plain C. The operations are those of simd.h and the files that include it, one by one and in the same
+ * order, so that all give the same bits. */
 #include "warp/sample.h"
+#include "warp/owners.h"
 
 #include <math.h>
 #include <string.h>

@@ -5,8 +5,8 @@
 #ifndef PLIANT_WARP_SIMD_H
 #define PLIANT_WARP_SIMD_H
 
-#include "warp/owners.h"
 #include "warp/sample.h"
+#include "warp/owners.h"
 
 #include <immintrin.h>
 #include <string.h>
