@@ -32,7 +32,7 @@ protected:
     int python(const std::string &program) { return std::system(("cd " + in("result") + " && python3 -c '" + program + "'").c_str()); }
     char folder_[32] = "/tmp/pliant_report_XXXXXX";
     std::string out_, err_;
-    const std::string small_ = "--scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --twice 0 --methods fine,averaged --budgets 2,0 --frames 3 ";
+    const std::string small_ = "--scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set solver/threads=1 --twice 0 --methods fine,averaged --budgets 2,0 --frames 3 ";
 };
 
 TEST_F(Report, TellsWrongUsageFromFailure)

@@ -17,6 +17,7 @@ protected:
                    [](int i, int j, int k) { return j < 2 ? 2 : i < 8 && j < 8 && k < 8 ? 1 : 0; })
     {
         body.cells(3, 3, 3, 2);
+        body.scene.solver.threads = 1;
         body.scene.solver.iterations = 6;
         body.scene.solver.tolerance = 1e-4;
         body.fix_plane(0, 0.11, 0, 0, -1, 0);
