@@ -128,6 +128,7 @@ typedef struct pliant_sweep {
     double pull[3];           /**< where a pulled point ends, from where it was [m] */
     int32_t frames;           /**< of a pull; twice as many for gravity */
     double twice_limit;       /**< most fine tetrahedra of the mesh of twice the resolution that is still solved; 0: never */
+    int32_t repeats;          /**< runs of the same; the quickest of each frame is told, for machines that do other work too */
     bool warp;                /**< the deformed volume is made in every frame and its time is told */
 } pliant_sweep;
 

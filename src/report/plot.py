@@ -100,20 +100,21 @@ def draw_tradeoff(folder, rows, column, against, name):
                     continue
                 axis.plot([t for t, _, _ in own], [e for _, e, _ in own], marker[ratio], color=colour[method], markersize=6, alpha=0.9)
                 for time, error, budget in own:
-                    error = min(error, HIGHEST)
+                    if error > HIGHEST:
+                        continue
                     axis.annotate("∞" if budget == "converged" else budget, (time, error), fontsize=7, xytext=(4, 3),
                                   textcoords="offset points", color=colour[method])
-        high = max(e for _, e in entries.values())
-        if high > HIGHEST:  # beyond all use: at the upper edge
-            beyond = [(t, key) for key, (t, e) in entries.items() if e > HIGHEST]
-            axis.plot([t for t, _ in beyond], [HIGHEST] * len(beyond), "k2", markersize=9, clip_on=False)
-            axis.set_ylim(top=HIGHEST)
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        errors = [e for _, e in entries.values()]
+        axis.set_ylim(0.6 * min(errors), min(1.7 * max(errors), HIGHEST))
+        for key, (time, error) in entries.items():
+            if error > HIGHEST:  # of no use: at the upper edge
+                axis.plot(time, HIGHEST, "2", color=colour[key[0]], markersize=9, clip_on=False)
         front = pareto(list(entries.values()))
         if front:
             axis.step([t for t, _ in front], [e for _, e in front], where="post", color="black", linewidth=1, linestyle="--", zorder=0)
             axis.plot([t for t, _ in front], [e for _, e in front], "o", markersize=12, markerfacecolor="none", color="black")
-        axis.set_xscale("log")
-        axis.set_yscale("log")
         axis.set_title(case)
         label_log(axis.xaxis, "time per frame, without the volume: median [ms]", axis.get_xlim())
         label_log(axis.yaxis, "largest error, worst frame\n[% of the largest displacement]", axis.get_ylim())
@@ -174,8 +175,9 @@ def draw_slices(folder, rows):
         slices = {(method_of(row), row["plane"]): row for row in own}
         errors = {key: 1e3 * np.load(os.path.join(folder, row["error_file"])) for key, row in slices.items()}
         largest = number(own[0], "largest_mm")
-        top = min(max(float(np.percentile(e[e >= 0], 99.5)) if (e >= 0).any() else 0 for e in errors.values()), largest)
-        top = max(top, 1e-3)
+        # colours for the methods in the middle: worse ones saturate
+        tops = sorted(float(np.percentile(e[e >= 0], 99.5)) for e in errors.values() if (e >= 0).any())
+        top = max(min(tops[len(tops) // 2], largest), 1e-3) if tops else 1
         figure, axes = plt.subplots(len(methods), 3, figsize=(12, 3.4 * len(methods) + 0.5), squeeze=False, constrained_layout=True)
         scale = plt.cm.ScalarMappable(norm=plt.Normalize(0, top), cmap="inferno")
         scale.set_array([])

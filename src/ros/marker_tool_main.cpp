@@ -56,8 +56,9 @@ private:
         double best = 1e9, x = 0, y = 0, z = 0;
         for (size_t i = 0; i + 2 < mesh.rest_nodes.size(); i += 3) {
             const float *node = &mesh.rest_nodes[i];
-            double aside = std::fabs(node[0] - 0.5 * (low[0] + high[0])) + std::fabs(node[2] - 0.5 * (low[2] + high[2]));
-            double cost = node[1] + aside;
+            double aside = std::fabs(node[0] - 0.5 * (low[0] + high[0]));
+            double along = std::fabs(node[2] - 0.5 * (low[2] + high[2]));
+            double cost = node[1] + aside + along;
             if (cost >= best) continue;
             best = cost;
             x = node[0], y = node[1] + 0.002, z = node[2]; /* 2 mm inside */

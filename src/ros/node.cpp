@@ -15,7 +15,8 @@ struct Node::Parts {
     Parts(ros::NodeHandle handle, ros::NodeHandle private_handle)
         : parameters(parameters_of(private_handle)), frames(std::make_shared<tf2_ros::Buffer>()), listener(*frames),
           state(handle, parameters.tissue_frame), live(private_handle, parameters), tools(handle, parameters, frames),
-          mesh_output(handle, parameters, &live, &snapshots), volume_output(handle, parameters, &live, &snapshots, &mesh_output),
+          mesh_output(handle, parameters, &live, &snapshots),
+          volume_output(handle, parameters, &live, &snapshots, &mesh_output),
           simulation(handle, parameters, &state, &live, &tools, &snapshots),
           services(handle, parameters, &state, &live, &simulation, &mesh_output, &volume_output, frames),
           diagnostics(handle, private_handle, parameters, &state, &simulation, &tools)

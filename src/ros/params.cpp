@@ -108,7 +108,7 @@ void check_tool_name(const std::string &name)
     bool good = !name.empty() && name.size() < sizeof(pliant_tool::name) &&
                 std::isalpha(static_cast<unsigned char>(name[0])) &&
                 std::all_of(name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) || c == '_'; });
-    if (!good) refuse("~tools: \"" + name + "\" is no name of a tool: at most 47 letters, digits and _, a letter first");
+    if (!good) refuse("~tools: \"" + name + "\" is no name of a tool: 47 letters, digits and _, a letter first");
 }
 
 void read_tools(XmlRpcValue &value, Parameters *out)

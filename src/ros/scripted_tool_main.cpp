@@ -62,7 +62,7 @@ bool read(ros::NodeHandle handle, const ros::NodeHandle &own, Player *player)
     for (uint32_t i = 0; i < player->path.num_tools; ++i) {
         const pliant_path_tool &tool = player->path.tools[i];
         if (tool.drive == PLIANT_DRIVE_FORCE) {
-            ROS_FATAL("%s: tool %s is driven by force, which poses cannot play; spring or rigid", file.c_str(), tool.name);
+            ROS_FATAL("%s: tool %s is driven by force, which poses cannot play", file.c_str(), tool.name);
             return false;
         }
         player->senders.emplace_back(new ToolSender(handle, tool.name, frame));

@@ -143,7 +143,8 @@ void Simulation::run()
         do_boundary_work();
         if (!current_ || Clock::now() < next) continue;
         Clock::time_point start = Clock::now();
-        auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(current_->model->scene.solver.step));
+        std::chrono::duration<double> step_time(current_->model->scene.solver.step);
+        auto period = std::chrono::duration_cast<Clock::duration>(step_time);
         ros::Time now = ros::Time::now();
         watch_clock(now);
         apply_live();
@@ -176,7 +177,8 @@ void Simulation::apply_live()
 {
     LiveSettings settings = live_->get();
     pliant_data_limits(data_.get(), settings.iterations, settings.tolerance);
-    if (!std::equal(settings.gravity, settings.gravity + 3, data_->gravity)) pliant_data_gravity(data_.get(), settings.gravity);
+    if (!std::equal(settings.gravity, settings.gravity + 3, data_->gravity))
+        pliant_data_gravity(data_.get(), settings.gravity);
     for (int tool = 0; tool < data_->num_tools; ++tool) {
         data_->tools[tool].stiffness = settings.stiffness;
         data_->tools[tool].damping = settings.damping;
@@ -189,7 +191,8 @@ void Simulation::apply_tools(const ros::Time &now)
         int tool = static_cast<int>(i);
         ToolSample &sample = samples_[i];
         sample = tools_->sample(i, now);
-        if (!sample.present || pliant_tool_pose(data_.get(), tool, sample.in_tissue.translation, sample.in_tissue.rotation) < 0) {
+        const Rigid &tip = sample.in_tissue;
+        if (!sample.present || pliant_tool_pose(data_.get(), tool, tip.translation, tip.rotation) < 0) {
             if (data_->tools[tool].present) pliant_tool_lost(data_.get(), tool);
             was_open_[i] = false;
             continue;

@@ -19,11 +19,12 @@ VolumeOutput::VolumeOutput(ros::NodeHandle handle, const Parameters &parameters,
     : frame_(parameters.tissue_frame), live_(live), snapshots_(snapshots), mesh_output_(mesh_output)
 {
     uint32_t room = snapshots_->keeps_all() ? REPLAY_QUEUE : LIVE_QUEUE;
-    volume_ = handle.advertise<Volume>("volume", room, [this](const ros::SingleSubscriberPublisher &) { whole_wanted_ = true; });
-    static const char *const planes[] = {"axial", "coronal", "sagittal"};
+    volume_ = handle.advertise<Volume>("volume", room,
+                                       [this](const ros::SingleSubscriberPublisher &) { whole_wanted_ = true; });
+    static const char *const topics[] = {"volume/slice/axial", "volume/slice/coronal", "volume/slice/sagittal"};
     for (int plane = 0; plane < 3; ++plane)
-        slices_[plane] = handle.advertise<sensor_msgs::Image>(std::string("volume/slice/") + planes[plane], 1,
-                                                              [this](const ros::SingleSubscriberPublisher &) { slices_fresh_ = true; });
+        slices_[plane] = handle.advertise<sensor_msgs::Image>(
+            topics[plane], 1, [this](const ros::SingleSubscriberPublisher &) { slices_fresh_ = true; });
     thread_ = std::thread(&VolumeOutput::run, this);
 }
 
@@ -31,6 +32,9 @@ VolumeOutput::~VolumeOutput()
 {
     stopping_ = true;
     thread_.join();
+    /* before what their callbacks write */
+    volume_.shutdown();
+    for (ros::Publisher &slice : slices_) slice.shutdown();
 }
 
 bool VolumeOutput::slice_wanted() const

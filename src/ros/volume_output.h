@@ -23,7 +23,7 @@ public:
                  MeshOutput *mesh_output);
     ~VolumeOutput();
 
-    /* Show the volume that subscribers see, and the positions that made it, to a function; false when there is none now. */
+    /* Show the volume that subscribers see, and the positions that made it, to a function; false: there is none now. */
     bool look(const std::function<void(const pliant_volume &, const Snapshot &)> &function);
 
 private:

@@ -34,6 +34,7 @@ static const char help[] =
     "  --points N          most points to pull at, where neither is given\n"
     "  --pull X,Y,Z        where a pulled point ends, from where it was [m] (default: 0.004,-0.029,0.006)\n"
     "  --frames N          of a pull (default: 30)\n"
+    "  --repeats N         runs of the same; the quickest of each frame is told, for a machine that does other work too\n"
     "  --twice N           most tetrahedra of the mesh of twice the resolution, which is solved too (0: never)\n"
     "  --no-warp           no deformed volume: no times and errors of it\n"
     "\n"
@@ -48,7 +49,7 @@ static const char help[] =
 
 enum { OK = 0, FAILED = 1, USAGE = 2 };
 enum { SCAN = 256, OUT, SET, SWEEP, LEFT_OUT, STABILITY, CASE, CASES, STEPS, QUICK, FULL, METHODS, RATIOS, BUDGETS, VARY, AT, LABELS, POINTS,
-       PULL, FRAMES, TWICE, NO_WARP, NO_PICTURES, QUIET, HELP };
+       PULL, FRAMES, REPEATS, TWICE, NO_WARP, NO_PICTURES, QUIET, HELP };
 
 static const struct option options[] = {
     {"scan", required_argument, NULL, SCAN},       {"out", required_argument, NULL, OUT},
@@ -61,6 +62,7 @@ static const struct option options[] = {
     {"vary", required_argument, NULL, VARY},       {"at", required_argument, NULL, AT},
     {"labels", required_argument, NULL, LABELS},   {"points", required_argument, NULL, POINTS},
     {"pull", required_argument, NULL, PULL},       {"frames", required_argument, NULL, FRAMES},
+    {"repeats", required_argument, NULL, REPEATS},
     {"twice", required_argument, NULL, TWICE},     {"no-warp", no_argument, NULL, NO_WARP},
     {"no-pictures", no_argument, NULL, NO_PICTURES}, {"quiet", no_argument, NULL, QUIET},
     {"help", no_argument, NULL, HELP},             {NULL, 0, NULL, 0},
@@ -227,6 +229,10 @@ static bool read_one(int code, report_arguments *out)
     case FRAMES:
         good = read_number("--frames", optarg, 1, 1e4, &number);
         sweep->frames = (int32_t)number;
+        break;
+    case REPEATS:
+        good = read_number("--repeats", optarg, 1, 1000, &number);
+        sweep->repeats = (int32_t)number;
         break;
     case TWICE: good = read_number("--twice", optarg, 0, 1e12, &sweep->twice_limit); break;
     case NO_WARP: sweep->warp = false; break;
