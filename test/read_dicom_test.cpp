@@ -249,24 +249,18 @@ TEST(DicomSharedData, Jpeg2000Abdomen)
     EXPECT_EQ(low, -1024);
     EXPECT_EQ(high, 1839);
 
-    /* the labels, drawn on the same scan, lie on the same grid seen from the other end of y; liver (5) and spleen
-     * (1) are soft tissue there and nowhere else */
+    /* the labels, drawn on the same scan, lie on the same grid seen from the other end of y; liver (5) is soft tissue
+     * there */
     pliant_labels labels = {};
     ASSERT_EQ(pliant_labels_read((path + "_labels.nii.gz").c_str(), 0, &labels), PLIANT_OK) << pliant_last_error();
+    EXPECT_FALSE(pliant_geometry_equal(&labels.geometry, &scan->geometry));
+    ASSERT_EQ(pliant_labels_reorder(&labels, &scan->geometry), PLIANT_OK) << pliant_last_error();
     double sum = 0, count = 0;
-    for (int k = 0; k < 20; k++)
-        for (int j = 0; j < 512; j++)
-            for (int i = 0; i < 512; i++) {
-                size_t n = size_t(i) + 512 * (size_t(j) + 512 * size_t(k));
-                if (labels.voxels[n] != 5) continue;
-                const double index[3] = {double(i), double(j), double(k)};
-                double point[3], at[3];
-                pliant_geometry_to_world(&labels.geometry, index, point);
-                pliant_geometry_to_index(&scan->geometry, point, at);
-                for (double x : at) ASSERT_NEAR(x, std::round(x), 1e-4);
-                sum += scan.at(int(std::lround(at[0])), int(std::lround(at[1])), int(std::lround(at[2])));
-                count++;
-            }
+    for (size_t n = 0; n < pliant_geometry_voxels(&scan->geometry); n++) {
+        if (labels.voxels[n] != 5) continue;
+        sum += static_cast<int16_t *>(scan->voxels)[n];
+        count++;
+    }
     pliant_labels_free(&labels);
     ASSERT_GT(count, 10000);
     EXPECT_GT(sum / count, 30) << "liver [HU]";

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <vector>
@@ -141,6 +142,60 @@ TEST(Resample, LabelsStayLabels)
     pliant_labels_free(&labels);
     pliant_labels_free(&coarse);
     pliant_labels_free(&fine);
+}
+
+/* every order and direction of the axes, an oblique grid: each voxel keeps its place in the world and its value */
+TEST(Reorder, LabelsFollowTheAxesOfTheScan)
+{
+    const double c = std::cos(0.3), s = std::sin(0.3);
+    const pliant_geometry grid = {{6, 5, 8}, {0.1, -0.2, 0.3}, {0.001, 0.002, 0.003}, {c, -s, 0, s, c, 0, 0, 0, 1}};
+    const int orders[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
+    for (const int *order : orders)
+        for (int flips = 0; flips < 8; flips++) {
+            pliant_geometry turned = grid;
+            double corner[3] = {0, 0, 0};
+            for (int a = 0; a < 3; a++) {
+                int sign = flips >> a & 1 ? -1 : 1, d = order[a];
+                turned.size[a] = grid.size[d];
+                turned.spacing[a] = grid.spacing[d];
+                for (int row = 0; row < 3; row++) turned.direction[3 * row + a] = sign * grid.direction[3 * row + d];
+                if (sign < 0) corner[d] = grid.size[d] - 1;
+            }
+            pliant_geometry_to_world(&grid, corner, turned.origin);
+            pliant_labels labels;
+            ASSERT_EQ(pliant_labels_create(&turned, &labels), PLIANT_OK);
+            auto place = [&](const pliant_geometry &geometry, size_t n) { /* the voxel's number in the grid of the scan */
+                size_t w = size_t(geometry.size[0]), h = size_t(geometry.size[1]);
+                const double index[3] = {double(n % w), double(n / w % h), double(n / w / h)};
+                double point[3], at[3];
+                pliant_geometry_to_world(&geometry, index, point);
+                pliant_geometry_to_index(&grid, point, at);
+                return uint16_t(std::lround(at[0]) + 6 * (std::lround(at[1]) + 5 * std::lround(at[2])));
+            };
+            for (size_t n = 0; n < 240; n++) labels.voxels[n] = place(turned, n);
+            ASSERT_EQ(pliant_labels_reorder(&labels, &grid), PLIANT_OK) << pliant_last_error();
+            EXPECT_TRUE(pliant_geometry_equal(&labels.geometry, &grid));
+            for (size_t n = 0; n < 240; n++) ASSERT_EQ(labels.voxels[n], n);
+            pliant_labels_free(&labels);
+        }
+}
+
+TEST(Reorder, OtherGridsAndMissingMemoryChangeNothing)
+{
+    pliant_geometry grid = flipped(), turned = grid, other = grid;
+    other.origin[1] += 0.5 * grid.spacing[1];
+    pliant_geometry_to_world(&grid, std::array<double, 3>{grid.size[0] - 1.0, 0, 0}.data(), turned.origin);
+    for (int row = 0; row < 3; row++) turned.direction[3 * row] *= -1;
+    pliant_labels labels;
+    ASSERT_EQ(pliant_labels_create(&turned, &labels), PLIANT_OK);
+    EXPECT_EQ(pliant_labels_reorder(&labels, &other), PLIANT_ERROR_ARGUMENT);
+    size_t in_use = pliant_memory_in_use();
+    pliant_memory_fail_after(0);
+    EXPECT_EQ(pliant_labels_reorder(&labels, &grid), PLIANT_ERROR_MEMORY);
+    pliant_memory_fail_after(-1);
+    EXPECT_EQ(pliant_memory_in_use(), in_use);
+    EXPECT_TRUE(pliant_geometry_equal(&labels.geometry, &turned));
+    pliant_labels_free(&labels);
 }
 
 TEST(Resample, RefusesEmptySizesAndSurvivesMissingMemory)

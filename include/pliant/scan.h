@@ -72,6 +72,10 @@ pliant_status pliant_volume_read(const char *path, const char *series, size_t me
 /** Read a label map; values must be integers in 0..65535. */
 pliant_status pliant_labels_read(const char *path, size_t memory_limit, pliant_labels *out);
 
+/** Put labels on a grid that is theirs but for the order and the direction of its axes (a DICOM scan with labels drawn in
+ *  a program that turned them); no value changes. Errors (labels untouched): ARGUMENT (other grids), MEMORY. */
+pliant_status pliant_labels_reorder(pliant_labels *labels, const pliant_geometry *grid);
+
 /** Write by the ending of path (.nii, .nii.gz, .nrrd, .mha), millimetres and values as others expect them: UINT8
  *  and INT16 stay what they are, slope and intercept are applied otherwise. The file is complete or not there; one
  *  that was there before is replaced at the end. Errors: ARGUMENT (ending), FILE, FORMAT (too long for NIfTI), MEMORY. */

@@ -32,12 +32,10 @@ static pliant_status read_scan(const pliant_scene *scene, const char *path, plia
     pliant_status status = pliant_volume_read(path, scene->scan.series, 0, scan);
     if (status == PLIANT_OK && scene->material.labels[0]) {
         status = pliant_labels_read(scene->material.labels, 0, labels);
-        if (status == PLIANT_OK && !pliant_geometry_equal(&scan->geometry, &labels->geometry))
-            status = pliant_fail(PLIANT_ERROR_FORMAT,
-                                 "material/labels: %s (%d x %d x %d) does not lie on the grid of the scan %s (%d x %d x %d): size, origin, "
-                                 "spacing and axes must agree",
-                                 scene->material.labels, labels->geometry.size[0], labels->geometry.size[1], labels->geometry.size[2], path,
-                                 scan->geometry.size[0], scan->geometry.size[1], scan->geometry.size[2]);
+        if (status == PLIANT_OK) status = pliant_labels_reorder(labels, &scan->geometry);
+        if (status == PLIANT_ERROR_ARGUMENT)
+            status = pliant_fail(PLIANT_ERROR_FORMAT, "material/labels: %s and the scan %s: %s", scene->material.labels, path,
+                                 pliant_last_error());
     }
     return status;
 }
