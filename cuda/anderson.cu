@@ -1,7 +1,7 @@
 #include "anderson.h"
 #include "check.h"
 
-enum { THREADS = 256 };
+enum { THREADS = 256, MOST_REFUSED = 12, MOST_SLOW = 10 };
 
 static __device__ __forceinline__ int target_of(const gpu_state &state) { return state.iterations == 0 ? state.now : 1 - state.now; }
 
@@ -76,9 +76,9 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
                 if (step.tools[t].spring) row_of[rows++] = 3 * t + d;
             }
         state.step = step;
-        state.done = state.iterations = state.rejected = state.refused = 0;
+        state.done = state.iterations = state.rejected = state.accepted = 0;
         state.remember = -1;
-        state.propose = 0;
+        state.propose = PLAN_NOTHING;
         state.before = INFINITY;
         if (step.forget) state.num_history = state.next_history = 0;
         state.rows = rows;
@@ -98,23 +98,24 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
     __syncthreads();
     bool regular = invert_rows(rows, a);
     if (thread == 0) state.singular = !regular;
-    for (int m = thread; m < rows * rows; m += THREADS) state.inverse[m] = a[m / rows][rows + m % rows];
+    for (int m = thread; m < rows * rows; m += THREADS) iteration.d_history->inverse[m] = a[m / rows][rows + m % rows];
 }
 
 /* ---- after the preconditioner */
 
-/* dl = S^-1 (e - W step0), a warp a tool; and W' dl on the pull */
-static __global__ void __launch_bounds__(THREADS) spring_kernel(gpu_iteration iteration)
+enum { NODES = 64 }; /* threads of a block, one a node */
+
+/* What the springs of all tools do: every block finds dl for itself, and the part of W' dl that falls on its nodes. */
+struct spring_share {
+    double right[GPU_ROWS], force[GPU_ROWS], pull[NODES][3];
+};
+
+/* dl = S^-1 (e - W step0), a warp a tool */
+static __device__ void find_spring_forces(const gpu_iteration &iteration, const gpu_state &state, int target, spring_share &share)
 {
-    __shared__ double right[GPU_ROWS];
-    gpu_state &state = *iteration.d_state;
-    if (state.done) return;
-    const int thread = (int)threadIdx.x, warp = thread / 32, lane = thread % 32, target = target_of(state), rows = state.rows;
-    double *force = state.step_force[target];
-    if (thread < GPU_ROWS) force[thread] = 0;
-    if (rows == 0) return;
-    if (3 * warp < rows) {
-        const int t = state.row_of[3 * warp] / 3;
+    const int thread = (int)threadIdx.x, lane = thread % 32, rows = state.rows;
+    for (int row = thread / 32 * 3; row < rows; row += NODES / 32 * 3) {
+        const int t = state.row_of[row] / 3;
         const gpu_tool &tool = state.step.tools[t];
         double moved[3] = {0, 0, 0}; /* W (x + step0) */
         for (int h = lane; h < tool.count; h += 32) {
@@ -127,51 +128,74 @@ static __global__ void __launch_bounds__(THREADS) spring_kernel(gpu_iteration it
         }
         for (int d = 0; d < 3; d++) {
             double y = tool.origin[d] + warp_sum(moved[d]);
-            if (lane == 0) right[3 * warp + d] = tool.target[d] - y - tool.compliance * state.force[target][3 * t + d];
+            if (lane == 0) share.right[row + d] = tool.target[d] - y - tool.compliance * state.force[target][3 * t + d];
         }
     }
     __syncthreads();
     if (thread < rows) {
         double sum = 0;
-        for (int c = 0; c < rows; c++) sum += state.inverse[rows * thread + c] * right[c];
-        force[state.row_of[thread]] = sum;
+        for (int c = 0; c < rows; c++) sum += iteration.d_history->inverse[rows * thread + c] * share.right[c];
+        share.force[state.row_of[thread]] = sum;
     }
     __syncthreads();
-    for (int row = 0; row < rows; row += 3) { /* after each other: tools may share nodes */
+}
+
+/* tools after each other: they may share nodes */
+static __device__ void find_spring_pull(const gpu_state &state, int first_node, spring_share &share)
+{
+    for (int row = 0; row < state.rows; row += 3) {
         const gpu_tool &tool = state.step.tools[state.row_of[row] / 3];
-        const double *f = force + state.row_of[row];
-        for (int h = thread; h < tool.count; h += THREADS) {
+        const double *f = share.force + state.row_of[row];
+        for (int h = (int)threadIdx.x; h < tool.count; h += NODES) {
+            const int local = tool.d_unknown[h] - first_node;
+            if (local < 0 || local >= NODES) continue;
             const double *block = tool.d_block + 9 * (size_t)h;
-            double *at = iteration.d_pull[target] + 3 * (size_t)tool.d_unknown[h];
-            for (int c = 0; c < 3; c++) at[c] += block[c] * f[0] + block[3 + c] * f[1] + block[6 + c] * f[2];
+            for (int c = 0; c < 3; c++) share.pull[local][c] += block[c] * f[0] + block[3 + c] * f[1] + block[6 + c] * f[2];
         }
         __syncthreads();
     }
 }
 
-/* step = T left + Z dl, and the products of it: with its own pull, crosswise with the present iterate's, secants' with its pull;
- * the largest nodal residual. One thread a node. */
-static __global__ void __launch_bounds__(THREADS) complete_kernel(gpu_iteration iteration, int gather_blocks)
+/* step = T left + Z dl at one node; pull += W' dl */
+static __device__ void finish_node(const gpu_iteration &iteration, const gpu_state &state, const spring_share &share, int target, size_t node,
+                                   double *step, double *pull)
 {
-    __shared__ double sums[THREADS / 32][DOT_SUMS];
-    const gpu_state &state = *iteration.d_state;
+    const size_t n = 3 * (size_t)iteration.num_free, i = 3 * node;
+    turned_left(iteration, node, step);
+    for (int row = 0; row < state.rows; row++) {
+        int at = state.row_of[row];
+        const double *z = state.step.tools[at / 3].d_response + n * (size_t)(at % 3) + i;
+        for (int d = 0; d < 3; d++) step[d] += share.force[at] * z[d];
+    }
+    for (int d = 0; d < 3; d++) {
+        pull[d] = iteration.d_pull[target][i + d] + share.pull[threadIdx.x][d];
+        if (state.rows > 0) iteration.d_pull[target][i + d] = pull[d];
+        iteration.d_step[target][i + d] = step[d];
+    }
+}
+
+/* The step complete, and its products: with its own pull, crosswise with the present iterate's, secants' with its pull; the
+ * largest nodal residual. One thread a node. */
+static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration iteration, int gather_blocks)
+{
+    __shared__ spring_share share;
+    __shared__ double sums[NODES / 32][DOT_SUMS];
+    gpu_state &state = *iteration.d_state;
     if (state.done) return;
     const int thread = (int)threadIdx.x, warp = thread / 32, lane = thread % 32, target = target_of(state), now = state.now;
-    const int node = (int)(blockIdx.x * THREADS) + thread, num_sums = 4 + state.num_history;
+    const int node = (int)(blockIdx.x * NODES) + thread, num_sums = 4 + state.num_history;
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * (size_t)node;
     const bool there = node < iteration.num_free;
+    for (int d = 0; d < 3; d++) share.pull[thread][d] = 0;
+    if (thread < GPU_ROWS) share.force[thread] = 0;
+    __syncthreads();
+    find_spring_forces(iteration, state, target, share);
+    find_spring_pull(state, node - thread, share);
+    if (blockIdx.x == 0 && thread < GPU_ROWS) state.step_force[target][thread] = share.force[thread];
     double step[3] = {0, 0, 0}, pull[3] = {0, 0, 0}, own = 0, by_now = 0, of_now = 0;
     if (there) {
-        turned_left(iteration, (size_t)node, step);
-        for (int row = 0; row < state.rows; row++) {
-            int at = state.row_of[row];
-            const double *z = state.step.tools[at / 3].d_response + n * (size_t)(at % 3) + i;
-            double f = state.step_force[target][at];
-            for (int d = 0; d < 3; d++) step[d] += f * z[d];
-        }
+        finish_node(iteration, state, share, target, (size_t)node, step, pull);
         for (int d = 0; d < 3; d++) {
-            pull[d] = iteration.d_pull[target][i + d];
-            iteration.d_step[target][i + d] = step[d];
             own += step[d] * pull[d];
             if (now == target) continue;
             by_now += step[d] * iteration.d_pull[now][i + d];
@@ -200,7 +224,7 @@ static __global__ void __launch_bounds__(THREADS) complete_kernel(gpu_iteration 
     __syncthreads();
     if (thread >= num_sums) return;
     double sum = sums[0][thread];
-    for (int w = 1; w < THREADS / 32; w++) sum = thread == 3 ? fmax(sum, sums[w][thread]) : sum + sums[w][thread];
+    for (int w = 1; w < NODES / 32; w++) sum = thread == 3 ? fmax(sum, sums[w][thread]) : sum + sums[w][thread];
     iteration.d_sums[GATHER_SUMS * gather_blocks + DOT_SUMS * (size_t)blockIdx.x + thread] = sum;
 }
 
@@ -209,8 +233,8 @@ static __global__ void __launch_bounds__(THREADS) complete_kernel(gpu_iteration 
 struct decision {
     gpu_state state;
     double sums[DOT_SUMS], work[GATHER_SUMS];
-    double gram[GPU_HISTORY][GPU_HISTORY], scale[GPU_HISTORY];
-    int plan; /* 0: nothing, 1: another trial, 2: the present iterate moves on unseen */
+    double new_row[GPU_HISTORY], gram[GPU_HISTORY][GPU_HISTORY], scale[GPU_HISTORY];
+    int plan; /* PLAN_... */
     bool mixes;
 };
 
@@ -244,25 +268,99 @@ static __device__ void add_up(const gpu_iteration &iteration, int gather_blocks,
     }
 }
 
-/* what the refused or the accepted trial taught */
-static __device__ void remember(gpu_state &state, const double *sums, bool accepted)
+/* What the refused or the accepted trial taught; its row of products to new_row. */
+static __device__ void remember(decision &now, bool accepted)
 {
-    const int now = state.now, trial = 1 - now, place = state.next_history, depth = state.step.depth;
-    const double *along_trial = sums + 4;
-    for (int a = 0; a < state.num_history; a++)
-        if (a != place) state.gram[a][place] = state.gram[place][a] = along_trial[a] - state.along[a];
-    const double own = sums[0], by_now = sums[1], of_now = sums[2];
-    state.gram[place][place] = own - by_now - of_now + state.energy;
+    gpu_state &state = now.state;
+    const int place = state.next_history, depth = state.step.depth;
+    const double *along_trial = now.sums + 4;
+    for (int a = 0; a < state.num_history; a++) now.new_row[a] = along_trial[a] - state.along[a];
+    const double own = now.sums[0], by_now = now.sums[1], of_now = now.sums[2];
+    now.new_row[place] = own - by_now - of_now + state.energy;
     if (accepted)
         for (int a = 0; a < state.num_history; a++) state.along[a] = along_trial[a];
     state.along[place] = accepted ? own - of_now : by_now - state.energy;
-    for (int r = 0; r < GPU_ROWS; r++) {
-        state.history_force[place][r] = state.force[trial][r] - state.force[now][r];
-        state.history_step_force[place][r] = state.step_force[trial][r] - state.step_force[now][r];
-    }
     state.remember = place;
     state.next_history = (place + 1) % depth;
     if (state.num_history < depth) state.num_history++;
+}
+
+/* the first evaluation of a step; true: the state that was left in the last one is to be looked at, too */
+static __device__ bool judge_first(decision &now)
+{
+    const double too_high = 2;
+    gpu_state &state = now.state;
+    state.energy = now.sums[0];
+    for (int a = 0; a < state.num_history; a++) state.along[a] = now.sums[4 + a];
+    bool suspect = state.ahead && !(state.merit[state.now] < too_high * state.first_merit);
+    state.ahead = 0;
+    state.first_merit = state.merit[state.now];
+    return suspect;
+}
+
+/* the better of the present state and the one that was left */
+static __device__ void judge_left(decision &now)
+{
+    gpu_state &state = now.state;
+    const int left = 1 - state.now;
+    if (!(state.merit[left] < state.merit[state.now])) return;
+    state.now = left;
+    state.energy = now.sums[0];
+    state.num_history = state.next_history = 0;
+    state.first_merit = state.merit[left];
+}
+
+/* the body at rest, where nothing led on from the present state */
+static __device__ void judge_rest(decision &now)
+{
+    gpu_state &state = now.state;
+    const int rest = 1 - state.now;
+    if (!(state.merit[rest] < state.merit[state.now])) return;
+    state.now = rest;
+    state.num_history = state.next_history = 0;
+}
+
+static __device__ void judge_trial(decision &now)
+{
+    gpu_state &state = now.state;
+    const int old = state.now, trial = 1 - old;
+    bool accepted = state.merit[trial] < state.merit[old];
+    if ((accepted || state.refused < 2) && state.step.depth > 0 && isfinite(state.merit[trial])) remember(now, accepted);
+    if (accepted) {
+        state.before = state.merit[old];
+        state.energy = now.sums[0];
+        state.now = trial;
+        state.refused = 0;
+        state.accepted = 1;
+    } else {
+        state.refused++;
+        state.rejected++;
+    }
+}
+
+/* No more trials. false: the body at rest is to be looked at, too (start_from_rest of the CPU). */
+static __device__ bool finish(gpu_state &state)
+{
+    const double slow = 0.9;
+    const int steps = state.iterations - 1;
+    state.rate = steps > 0 && state.first_merit > 0 ? pow(state.merit[state.now] / state.first_merit, 1.0 / steps) : 0;
+    state.slow = state.rate > slow ? state.slow + 1 : 0;
+    if (state.accepted) state.refused = 0;
+    const bool stuck = state.refused >= MOST_REFUSED || state.slow == MOST_SLOW;
+    if (stuck) state.refused = state.slow = 0;
+    state.done = !stuck;
+    return !stuck;
+}
+
+static __device__ void find_merit(decision &now)
+{
+    gpu_state &state = now.state;
+    const int target = target_of(state);
+    state.scale[target] = fmax(sqrt(fmax(fabs(now.work[0]), fabs(now.work[1]))), state.step.smallest_scale);
+    double energy = now.sums[0] + spring_energy(state, state.step_force[target], state.step_force[target]);
+    bool sound = isfinite(state.scale[target]) && isfinite(energy) && !state.singular;
+    state.merit[target] = sound ? sqrt(fmax(energy, 0.0)) : INFINITY;
+    state.residual_force[target] = now.sums[3];
 }
 
 /* accept or refuse; whether to go on, and how */
@@ -270,55 +368,65 @@ static __device__ void judge(decision &now)
 {
     const double went_well = 0.5; /* merit over the merit before */
     gpu_state &state = now.state;
-    const double *sums = now.sums;
-    const int old = state.now, target = target_of(state);
-    state.scale[target] = fmax(sqrt(fmax(fabs(now.work[0]), fabs(now.work[1]))), state.step.smallest_scale);
-    double energy = sums[0] + spring_energy(state, state.step_force[target], state.step_force[target]);
-    bool sound = isfinite(state.scale[target]) && isfinite(energy) && !state.singular;
-    state.merit[target] = sound ? sqrt(fmax(energy, 0.0)) : INFINITY;
-    state.residual_force[target] = sums[3];
-    state.old_now = old;
+    find_merit(now);
+    state.old_now = state.now;
     state.remember = -1;
-    if (state.iterations == 0) {
-        state.energy = sums[0];
-        for (int a = 0; a < state.num_history; a++) state.along[a] = sums[4 + a];
-    } else {
-        bool accepted = state.merit[target] < state.merit[old];
-        if ((accepted || state.refused < 2) && state.step.depth > 0 && isfinite(state.merit[target])) remember(state, sums, accepted);
-        if (accepted) {
-            state.before = state.merit[old];
-            state.energy = sums[0];
-            state.now = target;
-            state.refused = 0;
-        } else {
-            state.refused++;
-            state.rejected++;
-        }
-    }
+    state.damping = 1;
+    now.mixes = false;
+    now.plan = PLAN_NOTHING;
+    const int looked_at = state.propose;
+    bool look_back = false;
+    if (state.iterations == 0) look_back = judge_first(now);
+    else if (looked_at == PLAN_LEFT) judge_left(now);
+    else if (looked_at == PLAN_REST) judge_rest(now);
+    else judge_trial(now);
     state.iterations++;
+    if (look_back) {
+        now.plan = PLAN_LEFT;
+        return;
+    }
+    if (looked_at == PLAN_REST) {
+        state.done = 1;
+        return;
+    }
     const double merit = state.merit[state.now];
     bool far = merit > state.step.tolerance * state.scale[state.now];
-    if (far && state.iterations < state.step.max_iterations && state.refused < 12) {
+    if (far && state.iterations < state.step.max_iterations && state.refused < MOST_REFUSED) {
         if (state.refused == 2) state.num_history = state.next_history = 0;
-        now.plan = 1;
+        now.plan = PLAN_TRIAL;
         now.mixes = state.refused < 2 && state.num_history > 0;
         state.damping = state.refused < 3 ? 1 : ldexp(1.0, 2 - state.refused);
         return;
     }
-    state.done = 1;
-    now.plan = far && state.refused == 0 && isfinite(merit) && merit < went_well * state.before ? 2 : 0;
-    now.mixes = now.plan == 2 && state.num_history > 0;
-    state.damping = 1;
+    const bool went_on = state.refused == 0;
+    if (!finish(state)) {
+        now.plan = PLAN_REST;
+        return;
+    }
+    state.ahead = far && went_on && isfinite(merit) && merit < went_well * state.before;
+    now.plan = state.ahead ? PLAN_LAST : PLAN_NOTHING;
+    now.mixes = state.ahead && state.num_history > 0;
+}
+
+/* the secant's part in the history, as remember() planned it */
+static __device__ void keep_secant(const gpu_state &state, const double *new_row, gpu_history &history)
+{
+    const int place = state.remember, thread = (int)threadIdx.x, from = state.old_now, to = 1 - from;
+    if (thread < GPU_ROWS) {
+        history.force[place][thread] = state.force[to][thread] - state.force[from][thread];
+        history.step_force[place][thread] = state.step_force[to][thread] - state.step_force[from][thread];
+    }
+    if (thread < state.num_history) history.gram[thread][place] = history.gram[place][thread] = new_row[thread];
 }
 
 /* The weights that make the step smallest in the energy norm: the normal equations, scaled to a unit diagonal. */
-static __device__ void fill_equations(decision &now)
+static __device__ void fill_equations(decision &now, const gpu_history &history)
 {
     gpu_state &state = now.state;
     const int m = state.num_history, thread = (int)threadIdx.x;
     for (int n = thread; n < m * m; n += THREADS)
-        now.gram[n / m][n % m] = state.gram[n / m][n % m] + spring_energy(state, state.history_step_force[n / m], state.history_step_force[n % m]);
-    if (thread < m) state.weights[thread] = state.along[thread] + spring_energy(state, state.history_step_force[thread], state.step_force[state.now]);
+        now.gram[n / m][n % m] = history.gram[n / m][n % m] + spring_energy(state, history.step_force[n / m], history.step_force[n % m]);
+    if (thread < m) state.weights[thread] = state.along[thread] + spring_energy(state, history.step_force[thread], state.step_force[state.now]);
     __syncthreads();
     if (thread < m) now.scale[thread] = now.gram[thread][thread] > 0 ? 1 / sqrt(now.gram[thread][thread]) : 0;
     __syncthreads();
@@ -361,11 +469,16 @@ static __device__ bool solve_equations(decision &now)
 }
 
 /* a tool's force in the iterate to come */
-static __device__ void plan_force(gpu_state &state, int what, int row)
+static __device__ void plan_force(gpu_state &state, const gpu_history &history, int what, int row)
 {
+    if (what == PLAN_LEFT || what == PLAN_REST) {
+        state.force[1 - state.now][row] = what == PLAN_LEFT ? state.left_force[row] : 0;
+        return;
+    }
+    if (what == PLAN_LAST) state.left_force[row] = state.force[state.now][row];
     double step = state.step_force[state.now][row];
-    for (int a = 0; a < state.num_weights; a++) step -= state.weights[a] * (state.history_force[a][row] + state.history_step_force[a][row]);
-    state.force[what == 2 ? state.now : 1 - state.now][row] = state.force[state.now][row] + state.damping * step;
+    for (int a = 0; a < state.num_weights; a++) step -= state.weights[a] * (history.force[a][row] + history.step_force[a][row]);
+    state.force[what == PLAN_LAST ? state.now : 1 - state.now][row] = state.force[state.now][row] + state.damping * step;
 }
 
 static __device__ void copy_state(const gpu_state &from, gpu_state &to)
@@ -383,7 +496,7 @@ static __global__ void __launch_bounds__(THREADS) decide_kernel(gpu_iteration it
     __syncthreads();
     if (was_done) {
         if (thread == 0) {
-            iteration.d_state->propose = 0;
+            iteration.d_state->propose = PLAN_NOTHING;
             iteration.d_state->remember = -1;
         }
         return;
@@ -394,7 +507,10 @@ static __global__ void __launch_bounds__(THREADS) decide_kernel(gpu_iteration it
     __syncthreads();
     if (thread == 0) judge(now);
     __syncthreads();
-    if (now.mixes) fill_equations(now);
+    gpu_history &history = *iteration.d_history;
+    if (now.state.remember >= 0) keep_secant(now.state, now.new_row, history);
+    __syncthreads();
+    if (now.mixes) fill_equations(now, history);
     if (thread < 32) {
         bool mixed = now.mixes && solve_equations(now);
         if (thread == 0) {
@@ -402,7 +518,7 @@ static __global__ void __launch_bounds__(THREADS) decide_kernel(gpu_iteration it
             now.state.num_weights = mixed ? now.state.num_history : 0;
         }
         __syncwarp();
-        if (now.plan != 0 && thread < GPU_ROWS) plan_force(now.state, now.plan, thread);
+        if (now.plan != PLAN_NOTHING && thread < GPU_ROWS) plan_force(now.state, history, now.plan, thread);
     }
     __syncthreads();
     copy_state(now.state, *iteration.d_state);
@@ -414,7 +530,7 @@ static __global__ void __launch_bounds__(THREADS) propose_kernel(gpu_iteration i
     const gpu_state &state = *iteration.d_state;
     const int thread = (int)(blockIdx.x * THREADS + threadIdx.x);
     const size_t n = 3 * (size_t)iteration.num_free, i = (size_t)thread;
-    if (i >= n || (state.propose == 0 && state.remember < 0)) return;
+    if (i >= n || (state.propose == PLAN_NOTHING && state.remember < 0)) return;
     const size_t x = 3 * (size_t)iteration.d_node_of_free[thread / 3] + (size_t)(thread % 3);
     if (state.remember >= 0) {
         const int from = state.old_now, to = 1 - from;
@@ -423,19 +539,25 @@ static __global__ void __launch_bounds__(THREADS) propose_kernel(gpu_iteration i
         iteration.d_secant_step[place] = iteration.d_step[to][i] - iteration.d_step[from][i];
         iteration.d_secant_pull[place] = iteration.d_pull[to][i] - iteration.d_pull[from][i];
     }
-    if (state.propose == 0) return;
+    if (state.propose == PLAN_NOTHING) return;
     const int now = state.now;
+    if (state.propose == PLAN_LEFT || state.propose == PLAN_REST) {
+        iteration.d_x[1 - now][x] = state.propose == PLAN_LEFT ? iteration.d_left_x[x] : iteration.d_rest[x];
+        return;
+    }
     double step = iteration.d_step[now][i];
     for (int a = 0; a < state.num_weights; a++) {
         const size_t place = n * (size_t)a + i;
         step -= state.weights[a] * (iteration.d_secant_x[place] + iteration.d_secant_step[place]);
     }
-    iteration.d_x[state.propose == 2 ? now : 1 - now][x] = iteration.d_x[now][x] + state.damping * step;
+    const double from = iteration.d_x[now][x];
+    if (state.propose == PLAN_LAST) iteration.d_left_x[x] = from;
+    iteration.d_x[state.propose == PLAN_LAST ? now : 1 - now][x] = from + state.damping * step;
 }
 
 /* ---- launches */
 
-extern "C" int pliant_cuda_dot_blocks(const gpu_iteration *iteration) { return (iteration->num_free + THREADS - 1) / THREADS; }
+extern "C" int pliant_cuda_dot_blocks(const gpu_iteration *iteration) { return (iteration->num_free + NODES - 1) / NODES; }
 
 extern "C" pliant_status pliant_cuda_begin(const gpu_iteration *iteration, const gpu_step *step, cudaStream_t stream)
 {
@@ -443,15 +565,9 @@ extern "C" pliant_status pliant_cuda_begin(const gpu_iteration *iteration, const
     return CUDA_LAUNCHED("begin_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_springs(const gpu_iteration *iteration, cudaStream_t stream)
-{
-    spring_kernel<<<1, THREADS, 0, stream>>>(*iteration);
-    return CUDA_LAUNCHED("spring_kernel");
-}
-
 extern "C" pliant_status pliant_cuda_complete(const gpu_iteration *iteration, int gather_blocks, cudaStream_t stream)
 {
-    complete_kernel<<<(unsigned)pliant_cuda_dot_blocks(iteration), THREADS, 0, stream>>>(*iteration, gather_blocks);
+    complete_kernel<<<(unsigned)pliant_cuda_dot_blocks(iteration), NODES, 0, stream>>>(*iteration, gather_blocks);
     return CUDA_LAUNCHED("complete_kernel");
 }
 

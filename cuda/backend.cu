@@ -80,7 +80,7 @@ static pliant_status fill(const pliant_model *model, const pliant_data *data, cu
     if (!state->arriving) return pliant_fail_memory("the simulation state");
     state->page_locked[0] = lock_pages(state->arriving, count * sizeof *state->arriving);
     state->page_locked[1] = lock_pages(data->positions, count * sizeof *data->positions);
-    return pliant_cuda_solver_create(data->solver, state->device, state->stream, &state->solver);
+    return pliant_cuda_solver_create(data->solver, model->scene.solver.preconditioner, state->device, state->stream, &state->solver);
 }
 
 static pliant_status create(const pliant_model *model, pliant_data *data)

@@ -2,7 +2,7 @@
 #include "forces.h"
 #include "rotation.cuh"
 
-enum { ELEMENT_THREADS = 128, GATHER_THREADS = 128, NODES = GATHER_THREADS / 4 };
+enum { ELEMENT_THREADS = 64, GATHER_THREADS = 128, NODES = GATHER_THREADS / 4 };
 
 /* the iterate that an evaluation is about */
 static __device__ __forceinline__ int target_of(const gpu_state &state) { return state.iterations == 0 ? state.now : 1 - state.now; }
@@ -150,14 +150,16 @@ static __global__ void __launch_bounds__(ELEMENT_THREADS) force_kernel(gpu_syste
 /* four threads a node: three components, and one that rests */
 static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_system system, gpu_iteration iteration)
 {
-    __shared__ double sums[2][GATHER_THREADS];
+    __shared__ double sums[GATHER_SUMS][GATHER_THREADS];
     const gpu_state &state = *iteration.d_state;
     if (state.done) return;
     const int target = target_of(state), thread = (int)threadIdx.x, d = thread % 4, n = (int)blockIdx.x * NODES + thread / 4;
     double pull = 0, work = 0, elastic = 0;
     if (n < system.num_free && d < 3) {
         double sum = 0;
-        for (int c = system.d_corner_start[n]; c < system.d_corner_start[n + 1]; c++) sum += iteration.d_element_force[4 * (size_t)system.d_corner[c] + d];
+        const int end = system.d_corner_start[n + 1];
+#pragma unroll 4
+        for (int c = system.d_corner_start[n]; c < end; c++) sum += iteration.d_element_force[4 * (size_t)system.d_corner[c] + d];
         const size_t i = 3 * (size_t)n + d, x = 3 * (size_t)system.d_node_of_free[n] + d;
         double load = iteration.d_load[i] + iteration.d_extra[i], u = iteration.d_x[target][x] - system.d_rest[x];
         work = u * load;
@@ -177,8 +179,9 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
     for (int half = GATHER_THREADS / 2; half > 0; half /= 2) {
         __syncthreads();
         if (thread < half)
-            for (int s = 0; s < 2; s++) sums[s][thread] += sums[s][thread + half];
+            for (int s = 0; s < GATHER_SUMS; s++) sums[s][thread] += sums[s][thread + half];
     }
+    __syncthreads();
     if (thread < GATHER_SUMS) iteration.d_sums[GATHER_SUMS * blockIdx.x + thread] = sums[thread][0];
 }
 

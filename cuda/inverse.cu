@@ -1,7 +1,6 @@
 #include "check.h"
 #include "core/fail.h"
 #include "inverse.h"
-#include "pliant/memory.h"
 
 #include <cstring>
 
@@ -180,9 +179,8 @@ static pliant_status sweep_all(const workspace &work, int sweeps, cudaStream_t s
     return PLIANT_OK;
 }
 
-static pliant_status invert(const pliant_system *system, const double *h_values, cudaStream_t stream, workspace *work, gpu_inverse *out)
+static pliant_status invert(const pliant_pattern *pattern, const double *h_values, cudaStream_t stream, workspace *work, gpu_inverse *out)
 {
-    const pliant_pattern *pattern = &system->pattern;
     const int padded = out->tiles * TILE, sweeps = padded / SWEEP;
     const size_t count = SWEEP_TILE * triangle((size_t)sweeps, 0), panel = (size_t)SWEEP_TILE * (size_t)sweeps;
     CUDA_TRY(allocate(count, &work->d_sweep));
@@ -216,27 +214,18 @@ extern "C" size_t pliant_cuda_inverse_room(int32_t size, size_t *kept)
     return *kept + triangle(padded / SWEEP, 0) * SWEEP_TILE * sizeof(double) + 2 * padded * SWEEP * sizeof(double);
 }
 
-extern "C" pliant_status pliant_cuda_inverse_create(const pliant_system *system, cudaStream_t stream, gpu_inverse *out)
+extern "C" pliant_status pliant_cuda_inverse_create(const pliant_pattern *pattern, const double *h_values, cudaStream_t stream, gpu_inverse *out)
 {
     gpu_inverse made = {};
     workspace work = {};
-    made.size = 3 * system->num_free;
+    made.size = 3 * pattern->num_columns;
     made.tiles = pliant_cuda_inverse_padded(made.size) / TILE;
-    double *h_values = static_cast<double *>(pliant_calloc((size_t)system->pattern.num_values, sizeof(double)));
-    double(*h_rotations)[9][LANES] = reinterpret_cast<double(*)[9][LANES]>(pliant_calloc((size_t)system->num_blocks, 9 * LANES * sizeof(double)));
-    pliant_status status = h_values && h_rotations ? PLIANT_OK : pliant_fail_memory("the stiffness matrix");
-    if (status == PLIANT_OK) {
-        pliant_system_rotations(system, system->mesh->rest, h_rotations);
-        pliant_system_assemble(system, h_rotations, h_values);
-        const size_t tiles = (size_t)made.tiles;
-        status = pliant_cuda_allocate(triangle(tiles, 0) * TILE * TILE * sizeof(float), "the inverse", reinterpret_cast<void **>(&made.d_tiles));
-        if (status == PLIANT_OK)
-            status = pliant_cuda_allocate(tiles * tiles * TILE * sizeof(float), "the inverse", reinterpret_cast<void **>(&made.d_parts));
-        if (status == PLIANT_OK) status = invert(system, h_values, stream, &work, &made);
-    }
+    const size_t tiles = (size_t)made.tiles;
+    pliant_status status = pliant_cuda_allocate(triangle(tiles, 0) * TILE * TILE * sizeof(float), "the inverse", reinterpret_cast<void **>(&made.d_tiles));
+    if (status == PLIANT_OK)
+        status = pliant_cuda_allocate(tiles * tiles * TILE * sizeof(float), "the inverse", reinterpret_cast<void **>(&made.d_parts));
+    if (status == PLIANT_OK) status = invert(pattern, h_values, stream, &work, &made);
     workspace_free(&work);
-    pliant_free(h_values);
-    pliant_free(h_rotations);
     if (status != PLIANT_OK) {
         pliant_cuda_inverse_free(&made);
         return status;
@@ -285,17 +274,17 @@ static __device__ __forceinline__ float sum_rows(float *p, int lane)
 }
 
 /* One block a tile: its rows give to the unknowns of its row, and, below the diagonal, its columns to those of its column. */
-static __global__ void __launch_bounds__(THREADS) product_kernel(gpu_inverse inverse, gpu_iteration iteration)
+static __global__ void __launch_bounds__(THREADS) product_kernel(gpu_inverse inverse, const int *d_skip, const float *__restrict__ d_right)
 {
     enum { WARPS = THREADS / 32, ROWS = TILE / WARPS };
     __shared__ float4 columns[WARPS][32];
-    if (iteration.d_state->done) return;
+    if (d_skip && *d_skip) return;
     int i, j;
     tile_of((int)blockIdx.x, &i, &j);
     const int warp = (int)threadIdx.x / 32, lane = (int)threadIdx.x % 32, padded = inverse.tiles * TILE;
     const float4 *tile = reinterpret_cast<const float4 *>(inverse.d_tiles + (size_t)TILE * TILE * blockIdx.x) + warp * ROWS * (TILE / 4) + lane;
-    const float4 x = reinterpret_cast<const float4 *>(iteration.d_right + TILE * j)[lane];
-    const float own = iteration.d_right[TILE * i + warp * ROWS + lane % ROWS];
+    const float4 x = reinterpret_cast<const float4 *>(d_right + TILE * j)[lane];
+    const float own = d_right[TILE * i + warp * ROWS + lane % ROWS];
     float sums[ROWS];
     float4 column = make_float4(0, 0, 0, 0);
 #pragma unroll
@@ -321,10 +310,10 @@ static __global__ void __launch_bounds__(THREADS) product_kernel(gpu_inverse inv
 
 enum { SUM_ROWS = 32, SUM_GROUPS = THREADS / SUM_ROWS };
 
-static __global__ void __launch_bounds__(THREADS) sum_kernel(gpu_inverse inverse, gpu_iteration iteration)
+static __global__ void __launch_bounds__(THREADS) sum_kernel(gpu_inverse inverse, const int *d_skip, float *__restrict__ d_left)
 {
     __shared__ float sums[SUM_GROUPS][SUM_ROWS];
-    if (iteration.d_state->done) return;
+    if (d_skip && *d_skip) return;
     const int row = (int)threadIdx.x % SUM_ROWS, group = (int)threadIdx.x / SUM_ROWS, n = (int)blockIdx.x * SUM_ROWS + row;
     const size_t padded = (size_t)inverse.tiles * TILE;
     float sum = 0;
@@ -334,14 +323,14 @@ static __global__ void __launch_bounds__(THREADS) sum_kernel(gpu_inverse inverse
     __syncthreads();
     if (group != 0) return;
     for (int g = 1; g < SUM_GROUPS; g++) sum += sums[g][row];
-    iteration.d_left[n] = sum;
+    d_left[n] = sum;
 }
 
-extern "C" pliant_status pliant_cuda_inverse_apply(const gpu_inverse *inverse, const gpu_iteration *iteration, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_inverse_apply(const gpu_inverse *inverse, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream)
 {
-    product_kernel<<<(unsigned)triangle((size_t)inverse->tiles, 0), THREADS, 0, stream>>>(*inverse, *iteration);
+    product_kernel<<<(unsigned)triangle((size_t)inverse->tiles, 0), THREADS, 0, stream>>>(*inverse, d_skip, d_right);
     CUDA_TRY(CUDA_LAUNCHED("product_kernel"));
-    sum_kernel<<<(unsigned)(inverse->tiles * TILE / SUM_ROWS), THREADS, 0, stream>>>(*inverse, *iteration);
+    sum_kernel<<<(unsigned)(inverse->tiles * TILE / SUM_ROWS), THREADS, 0, stream>>>(*inverse, d_skip, d_left);
     return CUDA_LAUNCHED("sum_kernel");
 }
 

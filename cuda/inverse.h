@@ -1,4 +1,4 @@
-/* The preconditioner of small systems: the inverse of the matrix at rest, dense, in float, applied as one matrix-vector
+/* The preconditioner of small systems, and of the coarsest level of large ones: the inverse of the matrix, dense, in float, applied as one matrix-vector
  * product. Only the lower triangle of tiles is kept, and read once. The inversion is done in double, by symmetric sweeps. */
 #ifndef PLIANT_CUDA_INVERSE_H
 #define PLIANT_CUDA_INVERSE_H
@@ -21,12 +21,12 @@ typedef struct gpu_inverse {
 int32_t pliant_cuda_inverse_padded(int32_t size);
 /* Bytes that making it takes at most, and that it keeps. */
 size_t pliant_cuda_inverse_room(int32_t size, size_t *kept);
-/* Errors: MEMORY, NUMERIC (not positive definite), UNAVAILABLE. */
-pliant_status pliant_cuda_inverse_create(const pliant_system *system, cudaStream_t stream, gpu_inverse *out);
+/* h_values: of the pattern (pliant_system_assemble). Errors: MEMORY, NUMERIC (not positive definite), UNAVAILABLE. */
+pliant_status pliant_cuda_inverse_create(const pliant_pattern *pattern, const double *h_values, cudaStream_t stream, gpu_inverse *out);
 void pliant_cuda_inverse_free(gpu_inverse *inverse);
 
-/* d_left = inverse * d_right, both padded, the padding of d_right 0; nothing when the state is done. */
-pliant_status pliant_cuda_inverse_apply(const gpu_inverse *inverse, const gpu_iteration *iteration, cudaStream_t stream);
+/* d_left = inverse * d_right, both padded, the padding of d_right 0. d_skip: Nullable; nothing is done where it is not 0. */
+pliant_status pliant_cuda_inverse_apply(const gpu_inverse *inverse, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream);
 /* Z = T inverse T' W' for one tool's W, with T the turn at each node: d_response (3 x size). */
 pliant_status pliant_cuda_inverse_response(const gpu_inverse *inverse, const gpu_iteration *iteration, const gpu_tool *tool, double *d_response,
                                            cudaStream_t stream);

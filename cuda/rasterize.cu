@@ -1,154 +1,110 @@
+/* The voxels of a brick, by one block: who owns each, then its value. */
 #include "check.h"
 #include "raster_math.cuh"
 #include "rasterize.h"
 
-/* ---- set up tetrahedra, list them by brick */
-
-template <class Visit> static __device__ void visit_bricks(const gpu_raster &raster, const gpu_tet &tet, Visit visit)
-{
-    if (tet.kind == RASTER_NOTHING) return;
-    int low[3], high[3], at[3];
-    for (int d = 0; d < 3; d++) {
-        low[d] = tet.low[d] / BRICK;
-        high[d] = tet.high[d] / BRICK;
-    }
-    const int across = raster.grid.bricks[0], down = raster.grid.bricks[1];
-    if (gpu_in_mask(tet)) {
-        for (unsigned long long left = tet.bricks; left; left &= left - 1) {
-            int bit = __ffsll((long long)left) - 1;
-            visit(low[0] + (bit & 3) + across * (low[1] + (bit >> 2 & 3) + down * (low[2] + (bit >> 4))));
-        }
-        return;
-    }
-    for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
-        for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
-            for (at[0] = low[0]; at[0] <= high[0]; at[0]++)
-                if (gpu_cuts(tet, at)) visit(at[0] + across * (at[1] + down * at[2]));
-}
-
-/* Every tetrahedron is listed in every brick that it touches, since one that stays may share a brick with one that moves;
- * bricks are dirty where one that moves was or is. */
-static __global__ void __launch_bounds__(128) cull_kernel(gpu_raster raster, const double *__restrict__ d_positions, bool all)
-{
-    int t = (int)(blockIdx.x * blockDim.x + threadIdx.x);
-    if (t >= raster.num_tets) return;
-    int4 nodes = reinterpret_cast<const int4 *>(raster.d_tets)[t];
-    int fixed[4][3];
-    gpu_fix(raster.grid, d_positions + 3 * (size_t)nodes.x, fixed[0]);
-    gpu_fix(raster.grid, d_positions + 3 * (size_t)nodes.y, fixed[1]);
-    gpu_fix(raster.grid, d_positions + 3 * (size_t)nodes.z, fixed[2]);
-    gpu_fix(raster.grid, d_positions + 3 * (size_t)nodes.w, fixed[3]);
-    int *last = raster.d_fixed + 12 * (size_t)t;
-    bool moved = all;
-    for (int v = 0; v < 4; v++)
-        for (int d = 0; d < 3; d++) moved = moved || last[3 * v + d] != fixed[v][d];
-    gpu_tet *stored = static_cast<gpu_tet *>(raster.d_setup) + t;
-    auto add = [&](int brick) {
-        int place = atomicAdd(raster.d_count + brick, 1); /* any order: the lowest index wins all the same */
-        if (place < raster.capacity) raster.d_list[(size_t)brick * raster.capacity + place] = t;
-    };
-    if (!moved) {
-        visit_bricks(raster, *stored, add);
-        return;
-    }
-    if (!all) visit_bricks(raster, *stored, [&](int brick) { raster.d_dirty[brick] = 1; });
-    double rest[4][3];
-    const int node[4] = {nodes.x, nodes.y, nodes.z, nodes.w};
-    for (int v = 0; v < 4; v++)
-        for (int d = 0; d < 3; d++) {
-            rest[v][d] = raster.d_rest[3 * (size_t)node[v] + d];
-            last[3 * v + d] = fixed[v][d];
-        }
-    gpu_tet tet;
-    gpu_make_tet(raster.grid, raster.source_size, fixed, rest, tet);
-    *stored = tet;
-    visit_bricks(raster, tet, [&](int brick) {
-        raster.d_dirty[brick] = 1;
-        add(brick);
-    });
-}
-
-/* ---- voxels */
-
 enum {
     THREADS = 256,
+    WARPS = THREADS / 32,
     CHUNK = THREADS / 4,  /* tetrahedra whose planes are in shared memory at a time */
     MOST = 254,           /* candidates that a byte can name */
-    NOBODY = 255
+    NOBODY = 255,
+    ROW_STEP = BRICK + 1, /* rows of owners lie so far apart that rows of a warp do not share memory banks */
+    QUEUE = BRICK_ROWS + 32
 };
 
-struct slot { float origin[3], step_i[3], step_j[3], step_k[3]; };
+struct alignas(16) slot { float origin[3], i_x, step_j[3], i_y, step_k[3], i_z; }; /* steps along i: i_x, i_y, i_z */
 
 struct limits { /* relative to the brick's base voxel */
     float low[3], high[3], last[3];
 };
 
+struct bound { float at, step_j, step_k; }; /* of a row's voxels, by one plane; a little too wide */
+
 struct brick_state {
     union {
-        gpu_plane planes[CHUNK][4]; /* rising ones from the front, others from the back */
+        struct {
+            gpu_plane planes[CHUNK][4]; /* rising ones from the front, others from the back */
+            bound bounds[CHUNK][4];
+        };
         slot slots[MOST];
     };
     unsigned char rising[CHUNK], others[CHUNK], low[CHUNK][3], high[CHUNK][3];
+    unsigned short reciprocal[CHUNK]; /* of the rows of a box along j, in parts of 4096, rounded up */
+    unsigned short queue[WARPS][QUEUE]; /* rows that a candidate may hold voxels of: 256 place in the chunk + 16 k + j */
     int id[MOST];
-    unsigned char used[MOST + 2], copies[MOST + 2];
-    alignas(16) unsigned char owner[BRICK_VOXELS];
-    int first;      /* lowest index among the owners */
+    unsigned char copies[MOST + 2];
+    alignas(16) unsigned owner[BRICK_ROWS * ROW_STEP]; /* 256 index + place among the candidates: the least wins */
+    unsigned first; /* the least of them */
+    int next;       /* candidate to be taken by a warp */
     int base[3];
-    long long base_index;
+    unsigned base_index;
     limits limit;
     int inner;
 };
 
-/* floor of a number below 2^22 in size, as a float and as an integer, without the slow conversions */
-static __device__ __forceinline__ float floor_small(float value, int *whole)
-{
-    const float shift = 12582912.0f;
-    float shifted = __fadd_rd(value, shift);
-    *whole = __float_as_int(shifted) - __float_as_int(shift);
-    return shifted - shift;
-}
+/* ---- values */
 
-template <bool INNER> static __device__ __forceinline__ float split(float at, const limits &limit, int d, int *whole)
+/* added to numbers below 2^22 in size, rounded down, it leaves their floor in the low bits */
+static const float floor_shift = 12582912.0f;
+#define FLOOR_BITS 0x4b400000u
+
+template <bool INNER> static __device__ __forceinline__ float split(float at, const limits &limit, int d, unsigned *bits)
 {
-    if (INNER) return at - floor_small(at, whole);
-    at = at > limit.low[d] ? at : limit.low[d];
-    at = at < limit.high[d] ? at : limit.high[d];
-    float below = floor_small(at, whole);
-    if (below > limit.last[d]) {
-        below = limit.last[d];
-        *whole = (int)below;
+    if (!INNER) {
+        at = at > limit.low[d] ? at : limit.low[d];
+        at = at < limit.high[d] ? at : limit.high[d];
     }
+    float shifted = __fadd_rd(at, floor_shift), below = shifted - floor_shift;
+    if (!INNER && below > limit.last[d]) {
+        below = limit.last[d];
+        shifted = below + floor_shift;
+    }
+    *bits = (unsigned)__float_as_int(shifted);
     return at - below;
 }
 
 static __device__ __forceinline__ float between(float a, float b, float t) { return a + t * (b - a); }
 
-/* whole numbers along x, as on the CPU (src/warp/sample.h) */
-static __device__ __forceinline__ float weigh(unsigned pair, int weight)
+/* Along x between the two voxels of a pair, with a weight of 14 bits: on the CPU whole numbers in parts of 2^14
+ * (src/warp/sample.h) are rounded to float once, which is what a fused multiply-add does. 16 bits under the exponent of 2^23
+ * are a float; offset takes that and the bias off again. */
+static __device__ __forceinline__ float weigh(unsigned pair, float weight, float offset)
 {
-    int left = (short)(pair & 0xffff), right = (int)pair >> 16;
-    return (float)((left << 14) + (right - left) * weight);
+    float left = __int_as_float((int)__byte_perm(pair, 0x4b000000u, 0x7410)), right = __int_as_float((int)__byte_perm(pair, 0x4b000000u, 0x7432));
+    return fmaf(right - left, weight, left - offset);
 }
 
 template <class Voxel> struct sampler {
-    template <bool INNER>
-    static __device__ __forceinline__ Voxel sample(const gpu_raster &raster, const limits &limit, long long base, const float *at, bool)
+    /* base: index of the base voxel, less what FLOOR_BITS add to the index */
+    static __device__ __forceinline__ unsigned base_of(const gpu_raster &raster, unsigned base_index)
     {
-        int i, j, k;
+        return base_index - FLOOR_BITS * (1 + (unsigned)raster.source_step[1] + (unsigned)raster.source_step[2]);
+    }
+
+    template <bool INNER>
+    static __device__ __forceinline__ Voxel sample(const gpu_raster &raster, const limits &limit, unsigned base, const float *at, bool)
+    {
+        const float offset = sizeof(Voxel) == 2 ? 8421376.0f : 8388608.0f;
+        const unsigned step_j = (unsigned)raster.source_step[1], step_k = (unsigned)raster.source_step[2];
+        unsigned i, j, k;
         float x = split<INNER>(at[0], limit, 0, &i), y = split<INNER>(at[1], limit, 1, &j), z = split<INNER>(at[2], limit, 2, &k);
-        const unsigned *corner = static_cast<const unsigned *>(raster.d_source) + base + (i + j * raster.source_step[1] + k * raster.source_step[2]);
-        unsigned p00 = __ldg(corner), p10 = __ldg(corner + raster.source_step[1]);
-        corner += raster.source_step[2];
-        unsigned p01 = __ldg(corner), p11 = __ldg(corner + raster.source_step[1]);
-        int weight = __float2int_rn(x * 16384.0f);
-        float low = between(weigh(p00, weight), weigh(p10, weight), y), high = between(weigh(p01, weight), weigh(p11, weight), y);
-        return (Voxel)__float2int_rn(between(low, high, z) * (1.0f / 16384.0f));
+        const unsigned place = base + i + j * step_j + k * step_k;
+        const unsigned *source = static_cast<const unsigned *>(raster.d_source);
+        unsigned p00 = __ldg(source + place), p10 = __ldg(source + step_j + place);
+        unsigned p01 = __ldg(source + step_k + place), p11 = __ldg(source + step_j + step_k + place);
+        float weight = (x + 768.0f) - 768.0f; /* to 14 bits */
+        float low = between(weigh(p00, weight, offset), weigh(p10, weight, offset), y);
+        float high = between(weigh(p01, weight, offset), weigh(p11, weight, offset), y);
+        return (Voxel)__float_as_int(between(low, high, z) + floor_shift); /* the low bits are the nearest whole number */
     }
 };
 
 template <> struct sampler<float> {
+    static __device__ __forceinline__ unsigned base_of(const gpu_raster &, unsigned base_index) { return base_index; }
+
     template <bool INNER>
-    static __device__ __forceinline__ float sample(const gpu_raster &raster, const limits &limit, long long base, const float *at, bool copy)
+    static __device__ __forceinline__ float sample(const gpu_raster &raster, const limits &limit, unsigned base, const float *at, bool copy)
     {
         const float *source = static_cast<const float *>(raster.d_source) + base;
         const int *step = raster.source_step;
@@ -178,8 +134,11 @@ static __device__ __forceinline__ uint8_t background_of(const gpu_raster &raster
 static __device__ __forceinline__ int16_t background_of(const gpu_raster &raster, int16_t) { return raster.background.background.i16; }
 static __device__ __forceinline__ float background_of(const gpu_raster &raster, float) { return raster.background.background.f32; }
 
+/* ---- owners */
+
 /* Planes of up to CHUNK candidates, four threads each. */
-static __device__ void load_planes(const gpu_raster &raster, const int *list, int first, int count, const int *origin, brick_state &brick)
+static __device__ __forceinline__ void load_planes(const gpu_raster &raster, const int *list, int first, int count, const int *origin,
+                                                   brick_state &brick)
 {
     int c = (int)threadIdx.x / 4, v = (int)threadIdx.x % 4, lane = (int)threadIdx.x % 32;
     bool there = first + c < count;
@@ -191,12 +150,20 @@ static __device__ void load_planes(const gpu_raster &raster, const int *list, in
     unsigned others = __ballot_sync(0xffffffff, side == PLANE_OTHER) >> (lane & ~3) & 15;
     unsigned empty = __ballot_sync(0xffffffff, side == PLANE_EMPTY) >> (lane & ~3) & 15;
     if (!there) return;
-    if (side == PLANE_RISING) brick.planes[c][__popc(rising & ((1u << v) - 1))] = plane;
-    if (side == PLANE_OTHER) brick.planes[c][3 - __popc(others & ((1u << v) - 1))] = plane;
+    if (side == PLANE_RISING || side == PLANE_OTHER) {
+        const int place = side == PLANE_RISING ? __popc(rising & ((1u << v) - 1)) : 3 - __popc(others & ((1u << v) - 1));
+        const float sign = side == PLANE_RISING ? -1 : 1, factor = sign * (float)plane.factor;
+        bound wide = {factor * (float)plane.value, factor * (float)plane.step_j, factor * (float)plane.step_k};
+        wide.at += sign * 1e-6f * (fabsf(wide.at) + BRICK * (fabsf(wide.step_j) + fabsf(wide.step_k)));
+        brick.planes[c][place] = plane;
+        brick.bounds[c][place] = wide;
+    }
     if (v < 3) { /* a tetrahedron that has no voxel here gets a box without any */
-        int low = tet->low[v] - origin[v], high = tet->high[v] - origin[v];
-        brick.low[c][v] = (unsigned char)(empty ? BRICK : low > 0 ? low : 0);
-        brick.high[c][v] = (unsigned char)(high < BRICK - 1 ? high : BRICK - 1);
+        int low = max(tet->low[v] - origin[v], 0), high = min(tet->high[v] - origin[v], BRICK - 1);
+        bool none = empty || low > high;
+        brick.low[c][v] = (unsigned char)(none ? 1 : low);
+        brick.high[c][v] = (unsigned char)(none ? 0 : high);
+        if (v == 1) brick.reciprocal[c] = (unsigned short)(none ? 0 : __float2int_rz(4096.0f / (float)(high - low + 1)) + 1);
     } else {
         brick.rising[c] = (unsigned char)__popc(rising);
         brick.others[c] = (unsigned char)__popc(others);
@@ -204,128 +171,162 @@ static __device__ void load_planes(const gpu_raster &raster, const int *list, in
     }
 }
 
-/* Whether a candidate may own a voxel in rows [j, j + 8) x [k, k + 4): by its box, and by each plane where it is largest. */
-static __device__ bool may_own(const brick_state &brick, int c, int j, int k)
+/* Voxels of row (j, k) that a candidate holds, first to last. Sums are of whole numbers and a half and exact where the plane
+ * cuts the brick, fused or not. */
+static __device__ __forceinline__ void row_interval(const brick_state &brick, int c, int j, int k, int *first, int *last)
 {
-    if (brick.low[c][0] > brick.high[c][0] || brick.low[c][1] > j + 7 || brick.high[c][1] < j || brick.low[c][2] > k + 3 || brick.high[c][2] < k)
-        return false;
-    bool may = true;
-    for (int p = 0; p < 4; p++) {
-        bool rising = p < brick.rising[c];
-        if (!rising && p < 4 - brick.others[c]) continue;
-        const gpu_plane &plane = brick.planes[c][p];
-        double most = plane.value + plane.step_j * (plane.step_j > 0 ? j + 7 : j) + plane.step_k * (plane.step_k > 0 ? k + 3 : k);
-        may = may && most * plane.factor >= (rising ? -(BRICK - 1) : 0);
-    }
-    return may;
-}
-
-/* Voxels of row (j, k) that a candidate holds, a bit each. */
-static __device__ __forceinline__ unsigned row_mask(const brick_state &brick, int c, int j, int k)
-{
-    if (j < brick.low[c][1] || j > brick.high[c][1] || k < brick.low[c][2] || k > brick.high[c][2]) return 0;
     double rise = -(double)brick.low[c][0], fall = brick.high[c][0];
-    for (int p = 0; p < brick.rising[c]; p++) {
+    const int rising = brick.rising[c], others = brick.others[c];
+#pragma unroll 1
+    for (int p = 0; p < rising; p++) {
         const gpu_plane &plane = brick.planes[c][p];
-        double t = (plane.value + plane.step_j * j + plane.step_k * k) * plane.factor;
+        double t = fma(plane.step_k, (double)k, fma(plane.step_j, (double)j, plane.value)) * plane.factor;
         rise = t < rise ? t : rise;
     }
-    for (int p = 3; p > 3 - brick.others[c]; p--) {
+#pragma unroll 1
+    for (int p = 3; p > 3 - others; p--) {
         const gpu_plane &plane = brick.planes[c][p];
-        double t = (plane.value + plane.step_j * j + plane.step_k * k) * plane.factor;
+        double t = fma(plane.step_k, (double)k, fma(plane.step_j, (double)j, plane.value)) * plane.factor;
         fall = t < fall ? t : fall;
     }
-    int first = rise < -BRICK ? BRICK : -__double2int_rd(rise), last = fall < -1 ? -1 : __double2int_rd(fall);
-    return (0xffffu << first) & (0xffffu >> (BRICK - 1 - last));
+    *first = rise < -BRICK ? BRICK : -__double2int_rd(rise);
+    *last = fall < -1 ? -1 : __double2int_rd(fall);
 }
 
-/* four bytes of all ones or zeros from four bits */
-static __device__ __forceinline__ unsigned spread(unsigned bits) { return ((bits & 15) * 0x00204081u & 0x01010101u) * 255u; }
-
-/* Owners of all voxels, into brick.owner: one thread a row, a warp 8 x 4 rows. The lowest index wins, whatever the order. */
-static __device__ void find_owners(const gpu_raster &raster, const int *list, int count, const int *origin, brick_state &brick)
+/* Whether a candidate may hold a voxel of row (j, k): in float, and in doubt, yes. */
+static __device__ __forceinline__ bool may_hold(const brick_state &brick, int c, int j, int k)
 {
-    const int warp = (int)threadIdx.x / 32, lane = (int)threadIdx.x % 32;
-    const int warp_j = warp % 2 * 8, warp_k = warp / 2 * 4, j = warp_j + lane % 8, k = warp_k + lane / 8;
-    unsigned owner[4] = {~0u, ~0u, ~0u, ~0u}, owned = 0;
+    float low = brick.low[c][0], high = brick.high[c][0];
+    const int rising = brick.rising[c], others = brick.others[c];
+#pragma unroll 1
+    for (int p = 0; p < rising; p++) {
+        const bound &by = brick.bounds[c][p];
+        low = fmaxf(low, fmaf(by.step_k, (float)k, fmaf(by.step_j, (float)j, by.at)));
+    }
+#pragma unroll 1
+    for (int p = 3; p > 3 - others; p--) {
+        const bound &by = brick.bounds[c][p];
+        high = fminf(high, fmaf(by.step_k, (float)k, fmaf(by.step_j, (float)j, by.at)));
+    }
+    return floorf(high) >= low;
+}
+
+/* A row of the queue: its voxels, exactly. The least key of this thread. */
+static __device__ __forceinline__ unsigned claim(brick_state &brick, int first, unsigned row, unsigned least)
+{
+    const int c = (int)(row >> 8), k = (int)(row >> 4 & 15), j = (int)(row & 15);
+    const unsigned key = (unsigned)brick.id[first + c] << 8 | (unsigned)(first + c);
+    int i, last;
+    row_interval(brick, c, j, k, &i, &last);
+    if (i <= last) least = min(least, key);
+    unsigned *owner = brick.owner + ROW_STEP * (BRICK * k + j);
+    for (; i <= last; i++) atomicMin(owner + i, key);
+    return least;
+}
+
+/* Warps take candidates; rows of their boxes that hold voxels in all likelihood are looked at 32 at a time. */
+static __device__ __forceinline__ unsigned claim_all(brick_state &brick, int first, int here)
+{
+    const int lane = (int)threadIdx.x % 32;
+    unsigned short *queue = brick.queue[threadIdx.x / 32];
+    unsigned least = ~0u;
+    int waiting = 0;
+    for (;;) {
+        int c = 0;
+        if (lane == 0) c = atomicAdd(&brick.next, 1);
+        c = __shfl_sync(0xffffffff, c, 0);
+        if (c >= here) break;
+        const int low_j = brick.low[c][1], low_k = brick.low[c][2], across = brick.high[c][1] - low_j + 1, down = brick.high[c][2] - low_k + 1;
+        const int rows = brick.low[c][0] <= brick.high[c][0] ? across * down : 0, reciprocal = brick.reciprocal[c]; /* across may be 0 */
+        for (int begin = 0; begin < rows; begin += 32) {
+            const int row = begin + lane, down_row = row * reciprocal >> 12; /* row / across, below 256 */
+            const int k = low_k + down_row, j = low_j + row - down_row * across;
+            const bool keep = row < rows && may_hold(brick, c, j, k);
+            const unsigned kept = __ballot_sync(0xffffffff, keep);
+            if (keep) queue[waiting + __popc(kept & ((1u << lane) - 1))] = (unsigned short)(c << 8 | k << 4 | j);
+            waiting += __popc(kept);
+        }
+        __syncwarp();
+        for (; waiting >= 32; waiting -= 32) least = claim(brick, first, queue[waiting - 32 + lane], least);
+        __syncwarp();
+    }
+    if (lane < waiting) least = claim(brick, first, queue[lane], least);
+    return least;
+}
+
+/* Owners of all voxels, into brick.owner. The lowest index wins, whatever the order. */
+static __device__ __forceinline__ void find_owners(const gpu_raster &raster, const int *list, int count, const int *origin, brick_state &brick)
+{
+    unsigned least = ~0u;
+    for (int n = (int)threadIdx.x; n < BRICK_ROWS * ROW_STEP / 4; n += THREADS) reinterpret_cast<uint4 *>(brick.owner)[n] = make_uint4(~0u, ~0u, ~0u, ~0u);
     for (int first = 0; first < count; first += CHUNK) {
         __syncthreads();
         load_planes(raster, list, first, count, origin, brick);
+        if (threadIdx.x == 0) brick.next = 0;
         __syncthreads();
-        int here = count - first < CHUNK ? count - first : CHUNK;
-        for (int part = 0; part < here; part += 32) {
-            unsigned left = __ballot_sync(0xffffffff, part + lane < here && may_own(brick, part + lane, warp_j, warp_k));
-            for (; left; left &= left - 1) {
-                int c = part + __ffs((int)left) - 1, name = first + c;
-                unsigned mask = row_mask(brick, c, j, k), fresh = mask & ~owned;
-                for (unsigned clash = mask & owned; clash; clash &= clash - 1) { /* on a shared face, or folded over */
-                    int i = __ffs((int)clash) - 1;
-                    if (brick.id[name] < brick.id[owner[i / 4] >> 8 * (i % 4) & 255]) fresh |= 1u << i;
-                }
-                if (!fresh) continue;
-                owned |= fresh;
-                brick.used[name] = 1;
-                for (int w = 0; w < 4; w++) {
-                    unsigned bytes = spread(fresh >> 4 * w);
-                    owner[w] = (owner[w] & ~bytes) | (bytes & (unsigned)name * 0x01010101u);
-                }
-            }
-        }
+        least = min(least, claim_all(brick, first, count - first < CHUNK ? count - first : CHUNK));
     }
-    *reinterpret_cast<uint4 *>(brick.owner + BRICK * (BRICK * k + j)) = make_uint4(owner[0], owner[1], owner[2], owner[3]);
+    for (int half = 16; half > 0; half /= 2) least = min(least, __shfl_xor_sync(0xffffffff, least, half));
+    if (threadIdx.x % 32 == 0 && least != ~0u) atomicMin(&brick.first, least);
 }
 
-/* The source voxel that maps are relative to: where the first owner has the middle of the brick. */
-static __device__ void choose_base(const gpu_raster &raster, const gpu_tet &tet, const int *origin, brick_state &brick)
+/* The source voxel that maps are relative to: where the first owner has the middle of the brick. One thread an axis. */
+static __device__ void choose_base(const gpu_raster &raster, const gpu_tet &tet, const int *origin, int d, brick_state &brick)
 {
-    brick.base_index = 0;
-    for (int d = 0; d < 3; d++) {
-        int size = raster.source_size[d], base = gpu_base(tet, origin, d, size), end = size - 1;
-        brick.base[d] = base;
-        brick.limit.low[d] = (float)-base;
-        brick.limit.high[d] = (float)(end - base);
-        brick.limit.last[d] = (float)((end > 0 ? end - 1 : 0) - base);
-        brick.base_index += (long long)base * raster.source_step[d];
-    }
+    const int size = raster.source_size[d], base = gpu_base(tet, origin, d, size), end = size - 1;
+    brick.base[d] = base;
+    brick.limit.low[d] = (float)-base;
+    brick.limit.high[d] = (float)(end - base);
+    brick.limit.last[d] = (float)((end > 0 ? end - 1 : 0) - base);
+    atomicAdd(&brick.base_index, (unsigned)base * (unsigned)raster.source_step[d]);
 }
 
-static __device__ void fill_slot(const gpu_tet &tet, const int *origin, const int *base, slot &out)
+static __device__ __forceinline__ void fill_slot(const gpu_tet &tet, const int *origin, const int *base, slot &out)
 {
     for (int d = 0; d < 3; d++) {
-        out.origin[d] = gpu_slot_origin(tet, origin, d, base[d]);
-        out.step_i[d] = (float)tet.map[0][d];
-        out.step_j[d] = (float)tet.map[1][d];
-        out.step_k[d] = (float)tet.map[2][d];
+        out.origin[d] = gpu_slot_origin(tet.map[d], origin, base[d]);
+        out.step_j[d] = (float)tet.map[d][1];
+        out.step_k[d] = (float)tet.map[d][2];
     }
+    out.i_x = (float)tet.map[0][0];
+    out.i_y = (float)tet.map[1][0];
+    out.i_z = (float)tet.map[2][0];
 }
 
 static __device__ __forceinline__ void source_point(const slot &map, float i, float j, float k, float *at)
 {
-    for (int d = 0; d < 3; d++) at[d] = map.origin[d] + j * map.step_j[d] + k * map.step_k[d] + i * map.step_i[d];
+    at[0] = map.origin[0] + j * map.step_j[0] + k * map.step_k[0] + i * map.i_x;
+    at[1] = map.origin[1] + j * map.step_j[1] + k * map.step_k[1] + i * map.i_y;
+    at[2] = map.origin[2] + j * map.step_j[2] + k * map.step_k[2] + i * map.i_z;
 }
 
 /* Two rows a warp and slice, 16 slices. */
-template <class Voxel, bool INNER> static __device__ void write_brick(const gpu_raster &raster, const int *origin, const brick_state &brick)
+template <class Voxel, bool INNER> static __device__ __forceinline__ void write_brick(const gpu_raster &raster, const int *origin, const brick_state &brick)
 {
     const int *size = raster.grid.target.size;
     const int i = (int)threadIdx.x % BRICK, j = (int)threadIdx.x / BRICK;
     if (origin[0] + i >= size[0] || origin[1] + j >= size[1]) return;
-    int slices = size[2] - origin[2] < BRICK ? size[2] - origin[2] : BRICK;
-    size_t slice_step = (size_t)size[0] * (size_t)size[1];
+    const int slices = size[2] - origin[2] < BRICK ? size[2] - origin[2] : BRICK;
+    const size_t slice_step = (size_t)size[0] * (size_t)size[1];
     Voxel *out = static_cast<Voxel *>(raster.d_volume) + (origin[0] + i) + (size_t)size[0] * (size_t)(origin[1] + j) + slice_step * (size_t)origin[2];
-    const long long base = brick.base_index;
-#pragma unroll 4
+    const unsigned *owner = brick.owner + ROW_STEP * j + i;
+    const unsigned base = sampler<Voxel>::base_of(raster, brick.base_index);
+#pragma unroll 2
     for (int k = 0; k < slices; k++) {
-        int name = brick.owner[BRICK * (BRICK * k + j) + i];
+        const int name = (int)(owner[ROW_STEP * BRICK * k] & 255);
         Voxel value = background_of(raster, Voxel());
         if (name != NOBODY) {
             float at[3];
             source_point(brick.slots[name], (float)i, (float)j, (float)k, at);
-            value = sampler<Voxel>::template sample<INNER>(raster, brick.limit, base, at, brick.copies[name] != 0);
+            value = sampler<Voxel>::template sample<INNER>(raster, brick.limit, base, at, sizeof(Voxel) == 4 && brick.copies[name] != 0);
         }
-        out[slice_step * (size_t)k] = value;
+        *out = value;
+        out += slice_step;
     }
 }
+
+/* ---- a brick with more candidates than a byte can name: far smaller tetrahedra than bricks, or many pressed together. Each
+ * voxel asks them all, first for the base and then for its value: slow and rare. */
 
 static __device__ bool holds(const gpu_tet &tet, const int *at)
 {
@@ -333,25 +334,24 @@ static __device__ bool holds(const gpu_tet &tet, const int *at)
         if (at[d] < tet.low[d] || at[d] > tet.high[d]) return false;
     for (int v = 0; v < 4; v++) {
         long long value = tet.value[v];
-        for (int d = 0; d < 3; d++) value += (long long)tet.normal[d][v] * at[d];
+        for (int d = 0; d < 3; d++) value += (long long)tet.planes[v].normal[d] * at[d];
         if (value < 0) return false;
     }
     return true;
 }
 
-static __device__ int find_owner(const gpu_raster &raster, const int *list, int count, const int *at)
+static __device__ unsigned find_owner(const gpu_raster &raster, const int *list, int count, const int *at)
 {
-    int owner = INT32_MAX;
+    unsigned owner = ~0u;
     for (int c = 0; c < count; c++) {
-        int id = list[c];
+        unsigned id = (unsigned)list[c];
         if (id < owner && holds(static_cast<const gpu_tet *>(raster.d_setup)[id], at)) owner = id;
     }
     return owner;
 }
 
-/* A brick with more candidates than a byte can name: far smaller tetrahedra than bricks, or many pressed together. Each
- * voxel asks them all, first for the base and then for its value: slow and rare. */
-template <class Voxel> static __device__ void crowded_brick(const gpu_raster &raster, const int *list, int count, const int *origin, brick_state &brick)
+template <class Voxel>
+static __device__ __forceinline__ void crowded_brick(const gpu_raster &raster, const int *list, int count, const int *origin, brick_state &brick)
 {
     const gpu_tet *tets = static_cast<const gpu_tet *>(raster.d_setup);
     const int *size = raster.grid.target.size;
@@ -360,32 +360,34 @@ template <class Voxel> static __device__ void crowded_brick(const gpu_raster &ra
             int local[3] = {n % BRICK, n / BRICK % BRICK, n / BRICK_ROWS}, at[3];
             for (int d = 0; d < 3; d++) at[d] = origin[d] + local[d];
             if (at[0] >= size[0] || at[1] >= size[1] || at[2] >= size[2]) continue;
-            int owner = find_owner(raster, list, count, at);
+            unsigned owner = find_owner(raster, list, count, at);
             if (pass == 0) {
-                if (owner != INT32_MAX) atomicMin(&brick.first, owner);
+                if (owner != ~0u) atomicMin(&brick.first, owner);
                 continue;
             }
             Voxel value = background_of(raster, Voxel());
-            if (owner != INT32_MAX) {
+            if (owner != ~0u) {
                 slot map;
                 float point[3];
                 fill_slot(tets[owner], origin, brick.base, map);
                 source_point(map, (float)local[0], (float)local[1], (float)local[2], point);
-                value = sampler<Voxel>::template sample<false>(raster, brick.limit, brick.base_index, point, tets[owner].kind == RASTER_COPY);
+                value = sampler<Voxel>::template sample<false>(raster, brick.limit, sampler<Voxel>::base_of(raster, brick.base_index), point,
+                                                               tets[owner].kind == RASTER_COPY);
             }
             static_cast<Voxel *>(raster.d_volume)[at[0] + (size_t)size[0] * ((size_t)at[1] + (size_t)size[1] * (size_t)at[2])] = value;
         }
         __syncthreads();
-        if (pass == 0 && threadIdx.x == 0 && brick.first != INT32_MAX) choose_base(raster, tets[brick.first], origin, brick);
+        if (pass == 0 && threadIdx.x < 3 && brick.first != ~0u) choose_base(raster, tets[brick.first], origin, (int)threadIdx.x, brick);
         __syncthreads();
     }
 }
 
 /* One block a brick. */
-template <class Voxel> static __global__ void __launch_bounds__(THREADS, 4) raster_kernel(gpu_raster raster)
+template <class Voxel> static __global__ void __launch_bounds__(THREADS, 5) raster_kernel(gpu_raster raster)
 {
     __shared__ brick_state brick;
-    const int b = (int)blockIdx.x, thread = (int)threadIdx.x;
+    const int origin[3] = {(int)blockIdx.x * BRICK, (int)blockIdx.y * BRICK, (int)blockIdx.z * BRICK};
+    const int b = (int)(blockIdx.x + gridDim.x * (blockIdx.y + gridDim.y * blockIdx.z)), thread = (int)threadIdx.x;
     const int dirty = raster.d_dirty[b], count = raster.d_count[b];
     __syncthreads(); /* all have read them */
     if (thread == 0) {
@@ -393,12 +395,11 @@ template <class Voxel> static __global__ void __launch_bounds__(THREADS, 4) rast
         raster.d_dirty[b] = 0;
         raster.d_count[b] = 0;
         if (count > *raster.d_longest) atomicMax(raster.d_longest, count);
-        brick.first = INT32_MAX;
+        brick.first = ~0u;
+        brick.base_index = 0;
         brick.inner = 1;
     }
     if (!dirty || count > raster.capacity) return;
-    const int across = raster.grid.bricks[0], down = raster.grid.bricks[1];
-    const int origin[3] = {b % across * BRICK, b / across % down * BRICK, b / across / down * BRICK};
     const int *list = raster.d_list + (size_t)b * raster.capacity;
     const gpu_tet *tets = static_cast<const gpu_tet *>(raster.d_setup);
     if (count > MOST) {
@@ -406,15 +407,11 @@ template <class Voxel> static __global__ void __launch_bounds__(THREADS, 4) rast
         crowded_brick<Voxel>(raster, list, count, origin, brick);
         return;
     }
-    if (thread < MOST) brick.used[thread] = 0;
     find_owners(raster, list, count, origin, brick);
     __syncthreads();
-    const bool owns = thread < count && brick.used[thread];
-    if (owns) atomicMin(&brick.first, brick.id[thread]);
+    if (thread < 3 && brick.first != ~0u) choose_base(raster, tets[brick.first >> 8], origin, thread, brick);
     __syncthreads();
-    if (owns && brick.first == brick.id[thread]) choose_base(raster, tets[brick.first], origin, brick);
-    __syncthreads();
-    if (owns) {
+    if (thread < count && brick.first != ~0u) {
         const gpu_tet &tet = tets[brick.id[thread]];
         fill_slot(tet, origin, brick.base, brick.slots[thread]);
         brick.copies[thread] = tet.kind == RASTER_COPY;
@@ -433,7 +430,8 @@ static __global__ void pair_kernel(const Voxel *__restrict__ d_voxels, unsigned 
     long long n = (long long)blockIdx.x * blockDim.x + threadIdx.x;
     if (n >= count) return;
     long long right = across > 1 && n + 1 < count ? n + 1 : n;
-    d_pairs[n] = (unsigned)(unsigned short)(short)d_voxels[n] | (unsigned)(unsigned short)(short)d_voxels[right] << 16;
+    const unsigned bias = sizeof(Voxel) == 2 ? 0x8000 : 0; /* none is negative then */
+    d_pairs[n] = (((unsigned)d_voxels[n] + bias) & 0xffff) | ((unsigned)d_voxels[right] + bias) << 16;
 }
 
 template <class Voxel> static __global__ void clear_kernel(gpu_raster raster, long long count)
@@ -441,8 +439,6 @@ template <class Voxel> static __global__ void clear_kernel(gpu_raster raster, lo
     for (long long n = (long long)blockIdx.x * blockDim.x + threadIdx.x; n < count; n += (long long)gridDim.x * blockDim.x)
         static_cast<Voxel *>(raster.d_volume)[n] = background_of(raster, Voxel());
 }
-
-extern "C" size_t pliant_cuda_setup_bytes(void) { return sizeof(gpu_tet); }
 
 extern "C" pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, void *d_source, int64_t count, cudaStream_t stream)
 {
@@ -471,16 +467,9 @@ extern "C" pliant_status pliant_cuda_clear_volume(const gpu_raster *raster, cuda
     return CUDA_LAUNCHED("clear_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_cull(const gpu_raster *raster, const double *d_positions, bool all, cudaStream_t stream)
-{
-    if (all) CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_dirty, 1, (size_t)raster->num_bricks, stream)));
-    cull_kernel<<<(unsigned)((raster->num_tets + 127) / 128), 128, 0, stream>>>(*raster, d_positions, all);
-    return CUDA_LAUNCHED("cull_kernel");
-}
-
 extern "C" pliant_status pliant_cuda_rasterize(const gpu_raster *raster, cudaStream_t stream)
 {
-    unsigned blocks = (unsigned)raster->num_bricks;
+    const dim3 blocks((unsigned)raster->grid.bricks[0], (unsigned)raster->grid.bricks[1], (unsigned)raster->grid.bricks[2]);
     switch (raster->encoding) {
     case PLIANT_UINT8: raster_kernel<uint8_t><<<blocks, THREADS, 0, stream>>>(*raster); break;
     case PLIANT_INT16: raster_kernel<int16_t><<<blocks, THREADS, 0, stream>>>(*raster); break;

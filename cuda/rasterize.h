@@ -16,7 +16,8 @@ typedef struct gpu_raster {
     raster_grid grid;
     pliant_encoding encoding;
     int32_t source_size[3], source_step[3];
-    /* 8 and 16 bit voxels: 32 bits each, the voxel in the low half and its right neighbour in the high one; else floats */
+    /* 8 and 16 bit voxels: 32 bits each, the voxel in the low half and its right neighbour in the high one, 16 bit voxels plus
+     * 2^15 so that none is negative; else floats */
     const void *d_source;
     raster_source background;        /* only its background is used */
     int32_t num_tets, num_bricks;

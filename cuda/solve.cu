@@ -3,11 +3,12 @@
 #include "core/fail.h"
 #include "device.h"
 #include "forces.h"
-#include "inverse.h"
 #include "pliant/memory.h"
+#include "preconditioner.h"
 #include "solve.h"
 #include "upsample.h"
 
+#include <cmath>
 #include <cstddef>
 #include <cstring>
 
@@ -17,7 +18,7 @@ struct pliant_cuda_solver {
     int device;
     cudaStream_t stream; /* borrowed */
     gpu_system system;
-    gpu_inverse inverse;
+    gpu_preconditioner preconditioner;
     gpu_iteration iteration;
     int gather_blocks;
     cudaGraphExec_t evaluation;
@@ -34,8 +35,8 @@ struct pliant_cuda_solver {
     size_t bytes;
 };
 
-/* evaluations of a step beyond which the preconditioner is turned along with the tissue before the next one */
-static const int32_t many_iterations = 5;
+/* merit after over before an evaluation above which the preconditioner is turned along with the tissue (refresh.c) */
+static const double served_badly = 0.4;
 
 static pliant_status allocate(pliant_cuda_solver *gpu, size_t bytes, void **d_out)
 {
@@ -56,10 +57,13 @@ static pliant_status allocate_iteration(pliant_cuda_solver *gpu, const pliant_so
     it->num_free = gpu->system.num_free;
     it->num_nodes = gpu->system.num_nodes;
     it->d_node_of_free = gpu->system.d_node_of_free;
+    it->d_rest = gpu->system.d_rest;
     it->depth = solver->depth;
     const size_t history = n * (size_t)(it->depth > 0 ? it->depth : 1);
     const size_t padded = (size_t)pliant_cuda_inverse_padded((int32_t)n) * sizeof(float);
     CUDA_TRY(allocate(gpu, sizeof(gpu_state), reinterpret_cast<void **>(&it->d_state)));
+    CUDA_TRY(allocate(gpu, sizeof(gpu_history), reinterpret_cast<void **>(&it->d_history)));
+    CUDA_TRY(allocate(gpu, nodes, &it->d_left_x));
     for (int b = 0; b < 2; b++) {
         CUDA_TRY(allocate(gpu, nodes, &it->d_x[b]));
         CUDA_TRY(allocate(gpu, n, &it->d_step[b]));
@@ -89,14 +93,13 @@ static pliant_status enqueue_evaluation(const pliant_cuda_solver *gpu)
     const gpu_iteration *it = &gpu->iteration;
     CUDA_TRY(pliant_cuda_forces(&gpu->system, it, gpu->stream));
     CUDA_TRY(pliant_cuda_gather(&gpu->system, it, gpu->stream));
-    CUDA_TRY(pliant_cuda_inverse_apply(&gpu->inverse, it, gpu->stream));
-    CUDA_TRY(pliant_cuda_springs(it, gpu->stream));
+    CUDA_TRY(pliant_cuda_precondition(&gpu->preconditioner, it, gpu->stream));
     CUDA_TRY(pliant_cuda_complete(it, gpu->gather_blocks, gpu->stream));
     CUDA_TRY(pliant_cuda_decide(it, gpu->gather_blocks, gpu->stream));
     return pliant_cuda_propose(it, gpu->stream);
 }
 
-/* one evaluation as a graph: eight kernels for the price of one launch */
+/* one evaluation as a graph: all its kernels for the price of one launch */
 static pliant_status record_evaluation(pliant_cuda_solver *gpu)
 {
     cudaGraph_t graph = nullptr;
@@ -108,30 +111,28 @@ static pliant_status record_evaluation(pliant_cuda_solver *gpu)
     return status;
 }
 
-static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
+static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_preconditioner_choice choice)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     CUDA_TRY(pliant_cuda_system_create(solver->system, gpu->stream, &gpu->system));
-    CUDA_TRY(pliant_cuda_inverse_create(solver->system, gpu->stream, &gpu->inverse));
+    CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, choice, gpu->stream, &gpu->preconditioner));
     CUDA_TRY(allocate_iteration(gpu, solver));
     CUDA_TRY(record_evaluation(gpu));
     return pliant_cuda_solver_restart(gpu, solver);
 }
 
-extern "C" pliant_status pliant_cuda_solver_create(const pliant_solver *solver, int device, cudaStream_t stream, pliant_cuda_solver **out)
+extern "C" pliant_status pliant_cuda_solver_create(const pliant_solver *solver, pliant_preconditioner_choice choice, int device, cudaStream_t stream, pliant_cuda_solver **out)
 {
     pliant_cuda_solver *gpu = static_cast<pliant_cuda_solver *>(pliant_calloc(1, sizeof *gpu));
     if (!gpu) return pliant_fail_memory("the solver");
     gpu->device = device;
     gpu->stream = stream;
-    pliant_status status = fill(gpu, solver);
+    pliant_status status = fill(gpu, solver, choice);
     if (status != PLIANT_OK) {
         pliant_cuda_solver_free(gpu);
         return status;
     }
-    size_t kept;
-    pliant_cuda_inverse_room(gpu->inverse.size, &kept);
-    gpu->bytes += kept;
+    gpu->bytes += gpu->preconditioner.bytes;
     *out = gpu;
     return PLIANT_OK;
 }
@@ -141,7 +142,7 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     if (!gpu) return;
     if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
     gpu_iteration *it = &gpu->iteration;
-    void *blocks[] = {it->d_state, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_pull[0], it->d_pull[1], it->d_load, it->d_extra,
+    void *blocks[] = {it->d_state, it->d_history, it->d_left_x, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_pull[0], it->d_pull[1], it->d_load, it->d_extra,
                       it->d_secant_x, it->d_secant_step, it->d_secant_pull, it->d_element_force, it->d_turn, it->d_right, it->d_left,
                       it->d_sums, gpu->d_fine, gpu->d_solved};
     for (void *block : blocks) pliant_cuda_release(block);
@@ -152,7 +153,7 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     }
     pliant_cuda_release_host(gpu->h_state);
     pliant_cuda_release_host(gpu->h_solved);
-    pliant_cuda_inverse_free(&gpu->inverse);
+    pliant_cuda_preconditioner_free(&gpu->preconditioner);
     pliant_cuda_system_free(&gpu->system);
     pliant_free(gpu);
 }
@@ -221,7 +222,7 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
         memcpy(tool->target, handle->target, sizeof tool->target);
         memcpy(tool->origin, handle->origin, sizeof tool->origin);
         if (handle->response_of == gpu->serial) continue;
-        CUDA_TRY(pliant_cuda_inverse_response(&gpu->inverse, &gpu->iteration, tool, arrays->d_response, gpu->stream));
+        CUDA_TRY(pliant_cuda_respond(&gpu->preconditioner, &gpu->iteration, tool, arrays->d_response, gpu->stream));
         handle->response_of = gpu->serial;
     }
     /* nodes that were held before keep no force */
@@ -246,9 +247,10 @@ static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, 
 static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
 {
     CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
+    const int32_t most = step->max_iterations + 2; /* one to look back at what the last step left, one at the body at rest */
     int32_t ahead = gpu->last_iterations; /* a step takes about as many as the last one; those too many do nothing */
-    for (int32_t spent = 0; spent < step->max_iterations; ahead = 1) {
-        for (int32_t n = 0; n < ahead && spent < step->max_iterations; n++, spent++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream)));
+    for (int32_t spent = 0; spent < most; ahead = 1) {
+        for (int32_t n = 0; n < ahead && spent < most; n++, spent++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream)));
         CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows), cudaMemcpyDeviceToHost, gpu->stream)));
         CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
         if (gpu->h_state->done) return PLIANT_OK;
@@ -279,7 +281,7 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     statistics->rejected += (uint64_t)state->rejected;
     statistics->residual = state->merit[now] / state->scale[now];
     statistics->residual_force = state->residual_force[now];
-    gpu->turn_due = gpu->turn_due || state->iterations > many_iterations || statistics->residual > solver->tolerance;
+    gpu->turn_due = gpu->turn_due || state->rate > served_badly;
     return statistics->residual > solver->tolerance ? PLIANT_NOT_CONVERGED : PLIANT_OK;
 }
 

@@ -14,7 +14,7 @@ extern "C" {
 typedef struct pliant_cuda_solver pliant_cuda_solver;
 
 /* From the present state of the host's solver. Errors: MEMORY, NUMERIC, UNAVAILABLE; the message has figures. */
-pliant_status pliant_cuda_solver_create(const pliant_solver *solver, int device, cudaStream_t stream, pliant_cuda_solver **out);
+pliant_status pliant_cuda_solver_create(const pliant_solver *solver, pliant_preconditioner_choice choice, int device, cudaStream_t stream, pliant_cuda_solver **out);
 void pliant_cuda_solver_free(pliant_cuda_solver *gpu); /* Nullable */
 /* Take the host's state again (after a reset). */
 pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver);

@@ -14,6 +14,10 @@ extern "C" {
 enum { GATHER_SUMS = 2, DOT_SUMS = 4 + PLIANT_MAX_HISTORY };
 enum { GPU_ROWS = PLIANT_MAX_ROWS, GPU_HISTORY = PLIANT_MAX_HISTORY, GPU_TOOLS = PLIANT_MAX_TOOLS };
 
+/* What becomes of x after an evaluation: the step is done; the next trial; the present one takes its step unseen; the trial is
+ * what was left so in the last step, or the body at rest. */
+enum { PLAN_NOTHING, PLAN_TRIAL, PLAN_LAST, PLAN_LEFT, PLAN_REST };
+
 /* What a tool does to the unknowns in this step (struct pliant_handle). Pointers are of the device. */
 typedef struct gpu_tool {
     int32_t active, spring, count;
@@ -36,32 +40,45 @@ typedef struct gpu_state {
     int32_t now;               /* buffer of the present iterate */
     int32_t done, iterations, rejected;
     double merit[2], scale[2], residual_force[2], force[2][GPU_ROWS];
+    double first_merit;        /* that this step began with */
+    double rate;               /* merit after over before an evaluation, mean of this step; 0: there was nothing to do */
     /* springs: rows of S = c I + W Z, only those of tools with springs */
     int32_t rows, row_of[GPU_ROWS]; /* 3 tool + axis */
     int32_t singular;
-    double inverse[GPU_ROWS * GPU_ROWS];
     double step_force[2][GPU_ROWS];
     /* Anderson */
-    int32_t num_history, next_history, refused;
+    int32_t num_history, next_history;
+    int32_t refused;           /* trials refused since the last accepted one, from step to step where none is accepted */
+    int32_t accepted;          /* a trial of this step was */
+    int32_t slow;              /* steps in a row that hardly lowered the merit */
+    int32_t ahead;             /* the present x is one step beyond what was evaluated; what was is in d_left_x and left_force */
+    double left_force[GPU_ROWS];
     double before;             /* merit of the iterate before the present one */
     double energy;             /* step . pull of the present iterate, without springs */
     double along[GPU_HISTORY]; /* secants' step . pull of the present iterate */
-    double gram[GPU_HISTORY][GPU_HISTORY]; /* secants' step . secants' pull */
-    double history_force[GPU_HISTORY][GPU_ROWS], history_step_force[GPU_HISTORY][GPU_ROWS];
     /* what the next proposal does */
     int32_t remember;          /* place for the secant of trial and old present; -1: none */
     int32_t old_now;           /* buffer that was present when the trial was made */
-    int32_t propose;           /* 0: nothing, 1: the next trial, 2: the present one, a last time */
+    int32_t propose;           /* PLAN_... */
     int32_t num_weights;
     double weights[GPU_HISTORY], damping;
 } gpu_state;
+
+/* What goes with it and is too much to be copied in every decision. */
+typedef struct gpu_history {
+    double inverse[GPU_ROWS * GPU_ROWS];   /* of S, its leading rows x rows */
+    double gram[GPU_HISTORY][GPU_HISTORY]; /* secants' step . secants' pull */
+    double force[GPU_HISTORY][GPU_ROWS], step_force[GPU_HISTORY][GPU_ROWS]; /* secants' of the tools */
+} gpu_history;
 
 /* Arrays of the iteration. Pointers are of the device; n = 3 num_free. */
 typedef struct gpu_iteration {
     int32_t num_free, num_nodes, depth;
     const int32_t *d_node_of_free; /* (num_free) */
+    const double *d_rest;      /* (3 num_nodes) */
     gpu_state *d_state;
-    double *d_x[2];            /* (3 num_nodes) */
+    gpu_history *d_history;
+    double *d_x[2], *d_left_x; /* (3 num_nodes) */
     double *d_step[2], *d_pull[2]; /* (n) */
     double *d_load, *d_extra;  /* (n) gravity; the tools' forces */
     double *d_secant_x, *d_secant_step, *d_secant_pull; /* (depth x n) */

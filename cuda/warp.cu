@@ -24,6 +24,8 @@ struct pliant_cuda_warp {
     size_t volume_bytes;
 };
 
+/* 32 bits count bytes of the scan, and 24 bits of an owner's key tetrahedra */
+static const int most_voxels = 1 << 30, most_tets = 1 << 24;
 /* candidates of a brick at first: more than any but the most crowded bricks have */
 static const int32_t first_capacity = 192;
 
@@ -45,8 +47,9 @@ static pliant_status upload_source(pliant_cuda_warp *gpu)
 {
     const raster_source *source = gpu->parts.source;
     void *d_voxels = nullptr, *d_source = nullptr;
-    if (source->count > INT32_MAX)
-        return pliant_fail(PLIANT_ERROR_MEMORY, "a scan of %lld voxels is too large for the GPU's warp: at most %d", (long long)source->count, INT32_MAX);
+    if (source->count >= most_voxels || gpu->raster.num_tets >= most_tets)
+        return pliant_fail(PLIANT_ERROR_MEMORY, "%lld voxels and %d tetrahedra are too many for the GPU's warp: it takes fewer than %d and %d",
+                           (long long)source->count, gpu->raster.num_tets, most_voxels, most_tets);
     CUDA_TRY(pliant_cuda_allocate((size_t)source->count * sizeof(uint32_t), "the scan", &d_source));
     gpu->raster.d_source = d_source;
     CUDA_TRY(pliant_cuda_upload(source->voxels, (size_t)source->count * pliant_encoding_size(source->encoding), "the scan", gpu->stream, &d_voxels));

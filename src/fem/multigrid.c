@@ -250,6 +250,15 @@ pliant_status pliant_multigrid_copy(pliant_multigrid *to, const pliant_multigrid
     return pliant_factor_numeric(to->factor, to->values);
 }
 
+void pliant_multigrid_level(const pliant_multigrid *multigrid, int level, const float **blocks, const float **inverse, double *largest)
+{
+    *blocks = multigrid->level[level].blocks;
+    *inverse = multigrid->level[level].inverse;
+    *largest = multigrid->level[level].largest;
+}
+
+const double *pliant_multigrid_coarsest(const pliant_multigrid *multigrid) { return multigrid->values; }
+
 /* ---- the cycle */
 
 /* Chebyshev iteration for A x = right on [share, 1] of the spectrum of D^-1 A (Saad, Iterative Methods, 12.3) */

@@ -307,6 +307,24 @@ TEST(CudaRun, SameInputSameBits)
     }
 }
 
+// every kernel of a step, in little time: for compute-sanitizer
+TEST(CudaRun, EveryKernelOnce)
+{
+    NEEDS_GPU();
+    for (const Case &c : {cases[1], cases[3], cases[7]}) {
+        Body body(size, box, three, inclusions);
+        prepare(body, c, PLIANT_CUDA);
+        body.scene.solver.iterations = 3;
+        body.scene.solver.refresh_interval = 1;
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_data_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
+        for (int s = 1; s <= 4; s++) step(body, c, s, 4);
+        pliant_warp_volume(body.data->warp);
+        EXPECT_STREQ(pliant_data_backend(body.data), "cuda") << pliant_last_error();
+        EXPECT_GT(farthest(body.data->positions, body.model->fine.rest, body.model->fine.num_nodes), 0.002);
+    }
+}
+
 TEST(CudaRun, ManyStepsDoNotDrift)
 {
     NEEDS_GPU();

@@ -1,0 +1,300 @@
+#include "check.h"
+#include "core/fail.h"
+#include "fem/hierarchy.h"
+#include "multigrid.h"
+#include "pliant/memory.h"
+
+enum { THREADS = 128, LANES_PER_NODE = 8, NODES = THREADS / LANES_PER_NODE };
+
+/* Chebyshev steps on the upper part of the spectrum, two before and two after, as on the CPU */
+static const double spectrum_share = 0.12;
+
+struct chebyshev { float first, again, fresh; }; /* step = first D^-1 r; then step = again step + fresh D^-1 r */
+
+/* Numbers of one level; pointers are of the device. */
+struct grid_level {
+    int num_free, num_coarse;
+    int *d_row_start, *d_column;    /* full rows of 3 x 3 blocks */
+    float *d_blocks;                /* (entries x 9) */
+    float *d_inverse;               /* (num_free x 9) inverted diagonal blocks */
+    int *d_to, *d_from_start, *d_from;
+    float *d_weight;                /* (num_free x 4) */
+    float *d_x[2], *d_step, *d_residual, *d_right; /* (3 num_free), padded as the dense level needs it */
+    chebyshev smoother;
+};
+
+struct gpu_multigrid {
+    int num_levels; /* the last is dense */
+    grid_level level[PLIANT_MAX_LEVELS];
+    gpu_inverse inverse;
+    size_t bytes;
+};
+
+/* ---- building */
+
+template <class T> static pliant_status upload(gpu_multigrid *multigrid, const T *h_from, size_t count, cudaStream_t stream, T **d_out)
+{
+    void *block;
+    CUDA_TRY(pliant_cuda_upload(h_from, count * sizeof(T), "the multigrid", stream, &block));
+    *d_out = static_cast<T *>(block);
+    multigrid->bytes += count * sizeof(T);
+    return PLIANT_OK;
+}
+
+static pliant_status room(gpu_multigrid *multigrid, size_t count, cudaStream_t stream, float **d_out)
+{
+    void *block;
+    CUDA_TRY(pliant_cuda_allocate(count * sizeof(float), "the multigrid", &block));
+    *d_out = static_cast<float *>(block);
+    multigrid->bytes += count * sizeof(float);
+    return CUDA_CALL(cudaMemsetAsync(block, 0, count * sizeof(float), stream));
+}
+
+static pliant_status upload_weights(gpu_multigrid *multigrid, const double *h_from, size_t count, cudaStream_t stream, float **d_out)
+{
+    float *h_weights = static_cast<float *>(pliant_calloc(count, sizeof *h_weights));
+    if (!h_weights) return pliant_fail_memory("the multigrid");
+    for (size_t n = 0; n < count; n++) h_weights[n] = (float)h_from[n];
+    pliant_status status = upload(multigrid, h_weights, count, stream, d_out);
+    pliant_free(h_weights);
+    return status;
+}
+
+/* Chebyshev iteration on [share, 1] of the spectrum of D^-1 A (Saad, Iterative Methods, 12.3), two steps */
+static chebyshev coefficients(double largest)
+{
+    const double low = spectrum_share * largest, centre = 0.5 * (largest + low), half = 0.5 * (largest - low);
+    const double sigma = centre / half, rho = 1 / sigma, next = 1 / (2 * sigma - rho);
+    return {(float)(1 / centre), (float)(next * rho), (float)(2 * next / half)};
+}
+
+static pliant_status fill_level(gpu_multigrid *multigrid, const pliant_grid_level *grid, const pliant_multigrid *numbers, int l, cudaStream_t stream)
+{
+    grid_level *level = multigrid->level + l;
+    const size_t n = (size_t)grid->system.num_free, entries = (size_t)grid->row_start[n], coarse = (size_t)grid[1].system.num_free;
+    const float *h_blocks, *h_inverse;
+    double largest;
+    pliant_multigrid_level(numbers, l, &h_blocks, &h_inverse, &largest);
+    level->num_free = grid->system.num_free;
+    level->num_coarse = grid[1].system.num_free;
+    level->smoother = coefficients(largest);
+    CUDA_TRY(upload(multigrid, grid->row_start, n + 1, stream, &level->d_row_start));
+    CUDA_TRY(upload(multigrid, grid->column, entries, stream, &level->d_column));
+    CUDA_TRY(upload(multigrid, h_blocks, 9 * entries, stream, &level->d_blocks));
+    CUDA_TRY(upload(multigrid, h_inverse, 9 * n, stream, &level->d_inverse));
+    CUDA_TRY(upload(multigrid, grid->to, 4 * n, stream, &level->d_to));
+    CUDA_TRY(upload_weights(multigrid, grid->weight, 4 * n, stream, &level->d_weight));
+    CUDA_TRY(upload(multigrid, grid->from_start, coarse + 1, stream, &level->d_from_start));
+    CUDA_TRY(upload(multigrid, grid->from, (size_t)grid->from_start[coarse], stream, &level->d_from));
+    for (float *&d_x : level->d_x) CUDA_TRY(room(multigrid, 3 * n, stream, &d_x));
+    CUDA_TRY(room(multigrid, 3 * n, stream, &level->d_step));
+    CUDA_TRY(room(multigrid, 3 * n, stream, &level->d_residual));
+    return room(multigrid, 3 * n, stream, &level->d_right);
+}
+
+static pliant_status fill(gpu_multigrid *multigrid, const pliant_hierarchy *hierarchy, const pliant_multigrid *numbers, cudaStream_t stream)
+{
+    const int last = hierarchy->num_levels - 1;
+    multigrid->num_levels = hierarchy->num_levels;
+    for (int l = 0; l < last; l++) CUDA_TRY(fill_level(multigrid, hierarchy->level + l, numbers, l, stream));
+    const pliant_pattern *pattern = &hierarchy->level[last].system.pattern;
+    const size_t padded = (size_t)pliant_cuda_inverse_padded(3 * pattern->num_columns);
+    size_t kept;
+    CUDA_TRY(pliant_cuda_inverse_create(pattern, pliant_multigrid_coarsest(numbers), stream, &multigrid->inverse));
+    pliant_cuda_inverse_room(multigrid->inverse.size, &kept);
+    multigrid->bytes += kept;
+    CUDA_TRY(room(multigrid, padded, stream, &multigrid->level[last].d_right));
+    return room(multigrid, padded, stream, &multigrid->level[last].d_x[0]);
+}
+
+/* the numbers at rest, from the CPU's */
+static pliant_status fill_at_rest(gpu_multigrid *multigrid, const pliant_system *system, const pliant_hierarchy *hierarchy, cudaStream_t stream)
+{
+    pliant_multigrid *numbers = nullptr;
+    double(*h_rotations)[9][LANES] = reinterpret_cast<double(*)[9][LANES]>(pliant_calloc((size_t)system->num_blocks, 9 * LANES * sizeof(double)));
+    pliant_status status = h_rotations ? pliant_multigrid_create(hierarchy, system->num_threads, &numbers) : pliant_fail_memory("the multigrid");
+    if (status == PLIANT_OK) {
+        pliant_system_rotations(system, system->mesh->rest, h_rotations);
+        status = pliant_multigrid_numeric(numbers, h_rotations);
+    }
+    if (status == PLIANT_OK) status = fill(multigrid, hierarchy, numbers, stream);
+    pliant_multigrid_free(numbers);
+    pliant_free(h_rotations);
+    return status;
+}
+
+extern "C" pliant_status pliant_cuda_multigrid_create(const pliant_system *system, int32_t largest, cudaStream_t stream, gpu_multigrid **out)
+{
+    pliant_hierarchy *hierarchy = nullptr;
+    CUDA_TRY(pliant_hierarchy_create(system, largest, &hierarchy));
+    *out = nullptr;
+    if (!hierarchy) return PLIANT_OK;
+    gpu_multigrid *multigrid = nullptr;
+    pliant_status status = PLIANT_OK;
+    if (hierarchy->level[hierarchy->num_levels - 1].system.num_free <= largest) {
+        multigrid = static_cast<gpu_multigrid *>(pliant_calloc(1, sizeof *multigrid));
+        status = multigrid ? fill_at_rest(multigrid, system, hierarchy, stream) : pliant_fail_memory("the multigrid");
+    }
+    pliant_hierarchy_free(hierarchy);
+    if (status != PLIANT_OK) {
+        pliant_cuda_multigrid_free(multigrid);
+        return status;
+    }
+    *out = multigrid;
+    return PLIANT_OK;
+}
+
+extern "C" void pliant_cuda_multigrid_free(gpu_multigrid *multigrid)
+{
+    if (!multigrid) return;
+    for (grid_level &level : multigrid->level) {
+        void *blocks[] = {level.d_row_start, level.d_column, level.d_blocks, level.d_inverse, level.d_to, level.d_from_start, level.d_from,
+                          level.d_weight, level.d_x[0], level.d_x[1], level.d_step, level.d_residual, level.d_right};
+        for (void *block : blocks) pliant_cuda_release(block);
+    }
+    pliant_cuda_inverse_free(&multigrid->inverse);
+    pliant_free(multigrid);
+}
+
+extern "C" size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid) { return multigrid->bytes; }
+
+/* ---- the cycle. Eight threads a node: they share out the blocks of its row. */
+
+struct vector3 { float x, y, z; };
+
+static __device__ __forceinline__ vector3 load3(const float *from, int node) { return {from[3 * node], from[3 * node + 1], from[3 * node + 2]}; }
+static __device__ __forceinline__ void store3(float *to, int node, const vector3 &v)
+{
+    to[3 * node] = v.x;
+    to[3 * node + 1] = v.y;
+    to[3 * node + 2] = v.z;
+}
+static __device__ __forceinline__ vector3 times(const float *a, const vector3 &v)
+{
+    return {a[0] * v.x + a[1] * v.y + a[2] * v.z, a[3] * v.x + a[4] * v.y + a[5] * v.z, a[6] * v.x + a[7] * v.y + a[8] * v.z};
+}
+
+/* right - A x at one node; all eight threads get it */
+static __device__ __forceinline__ vector3 residual_at(const grid_level &level, const float *right, const float *x, int node, bool there)
+{
+    vector3 sum = {0, 0, 0};
+    if (there) {
+        const int end = level.d_row_start[node + 1];
+        for (int e = level.d_row_start[node] + (int)threadIdx.x % LANES_PER_NODE; e < end; e += LANES_PER_NODE) {
+            vector3 part = times(level.d_blocks + 9 * (size_t)e, load3(x, level.d_column[e]));
+            sum.x += part.x;
+            sum.y += part.y;
+            sum.z += part.z;
+        }
+    }
+    for (int half = LANES_PER_NODE / 2; half > 0; half /= 2) {
+        sum.x += __shfl_xor_sync(0xffffffff, sum.x, half);
+        sum.y += __shfl_xor_sync(0xffffffff, sum.y, half);
+        sum.z += __shfl_xor_sync(0xffffffff, sum.z, half);
+    }
+    if (!there) return sum;
+    vector3 r = load3(right, node);
+    return {r.x - sum.x, r.y - sum.y, r.z - sum.z};
+}
+
+/* from zero: step = first D^-1 right, x = step */
+static __global__ void __launch_bounds__(THREADS) begin_smooth_kernel(grid_level level, const int *d_skip, const float *d_right, float *d_x)
+{
+    const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
+    if ((d_skip && *d_skip) || node >= level.num_free) return;
+    vector3 step = times(level.d_inverse + 9 * (size_t)node, load3(d_right, node));
+    step = {level.smoother.first * step.x, level.smoother.first * step.y, level.smoother.first * step.z};
+    store3(level.d_step, node, step);
+    store3(d_x, node, step);
+}
+
+/* step = again step + fresh D^-1 (right - A x), x' = x + step */
+static __global__ void __launch_bounds__(THREADS)
+    smooth_kernel(grid_level level, const int *d_skip, const float *d_right, const float *d_x, float *d_next, float again, float fresh)
+{
+    if (d_skip && *d_skip) return;
+    const int node = (int)(blockIdx.x * NODES + threadIdx.x / LANES_PER_NODE);
+    const bool there = node < level.num_free;
+    vector3 residual = residual_at(level, d_right, d_x, node, there);
+    if (!there || threadIdx.x % LANES_PER_NODE != 0) return;
+    vector3 step = times(level.d_inverse + 9 * (size_t)node, residual), x = load3(d_x, node);
+    vector3 before = again != 0 ? load3(level.d_step, node) : vector3{0, 0, 0};
+    step = {again * before.x + fresh * step.x, again * before.y + fresh * step.y, again * before.z + fresh * step.z};
+    store3(level.d_step, node, step);
+    store3(d_next, node, {x.x + step.x, x.y + step.y, x.z + step.z});
+}
+
+static __global__ void __launch_bounds__(THREADS) residual_kernel(grid_level level, const int *d_skip, const float *d_right, const float *d_x)
+{
+    if (d_skip && *d_skip) return;
+    const int node = (int)(blockIdx.x * NODES + threadIdx.x / LANES_PER_NODE);
+    const bool there = node < level.num_free;
+    vector3 residual = residual_at(level, d_right, d_x, node, there);
+    if (there && threadIdx.x % LANES_PER_NODE == 0) store3(level.d_residual, node, residual);
+}
+
+/* eight threads a coarse node */
+static __global__ void __launch_bounds__(THREADS) restrict_kernel(grid_level level, const int *d_skip, float *d_coarse)
+{
+    if (d_skip && *d_skip) return;
+    const int node = (int)(blockIdx.x * NODES + threadIdx.x / LANES_PER_NODE);
+    const bool there = node < level.num_coarse;
+    vector3 sum = {0, 0, 0};
+    if (there) {
+        const int end = level.d_from_start[node + 1];
+        for (int e = level.d_from_start[node] + (int)threadIdx.x % LANES_PER_NODE; e < end; e += LANES_PER_NODE) {
+            const int from = level.d_from[e];
+            const float weight = level.d_weight[from];
+            vector3 r = load3(level.d_residual, from / 4);
+            sum = {sum.x + weight * r.x, sum.y + weight * r.y, sum.z + weight * r.z};
+        }
+    }
+    for (int half = LANES_PER_NODE / 2; half > 0; half /= 2) {
+        sum.x += __shfl_xor_sync(0xffffffff, sum.x, half);
+        sum.y += __shfl_xor_sync(0xffffffff, sum.y, half);
+        sum.z += __shfl_xor_sync(0xffffffff, sum.z, half);
+    }
+    if (there && threadIdx.x % LANES_PER_NODE == 0) store3(d_coarse, node, sum);
+}
+
+static __global__ void __launch_bounds__(THREADS) correct_kernel(grid_level level, const int *d_skip, const float *d_coarse, float *d_x)
+{
+    const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
+    if ((d_skip && *d_skip) || node >= level.num_free) return;
+    vector3 x = load3(d_x, node);
+    for (int v = 0; v < 4; v++) {
+        const float weight = level.d_weight[4 * (size_t)node + v];
+        if (weight == 0) continue;
+        vector3 by = load3(d_coarse, level.d_to[4 * (size_t)node + v]);
+        x = {x.x + weight * by.x, x.y + weight * by.y, x.z + weight * by.z};
+    }
+    store3(d_x, node, x);
+}
+
+static unsigned blocks_for(int nodes, int a_block) { return (unsigned)((nodes + a_block - 1) / a_block); }
+
+/* d_right of this level to d_out */
+static pliant_status cycle(const gpu_multigrid *multigrid, int l, const int32_t *d_skip, const float *d_right, float *d_out, cudaStream_t stream)
+{
+    if (l == multigrid->num_levels - 1) return pliant_cuda_inverse_apply(&multigrid->inverse, d_skip, d_right, d_out, stream);
+    const grid_level &level = multigrid->level[l], &coarse = multigrid->level[l + 1];
+    const chebyshev &smoother = level.smoother;
+    const unsigned light = blocks_for(level.num_free, THREADS), heavy = blocks_for(level.num_free, NODES);
+    begin_smooth_kernel<<<light, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[0]);
+    smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[0], level.d_x[1], smoother.again, smoother.fresh);
+    residual_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[1]);
+    restrict_kernel<<<blocks_for(level.num_coarse, NODES), THREADS, 0, stream>>>(level, d_skip, coarse.d_right);
+    CUDA_TRY(CUDA_LAUNCHED("restrict_kernel"));
+    CUDA_TRY(cycle(multigrid, l + 1, d_skip, coarse.d_right, coarse.d_x[0], stream));
+    correct_kernel<<<light, THREADS, 0, stream>>>(level, d_skip, coarse.d_x[0], level.d_x[1]);
+    float *d_last = l == 0 ? d_out : level.d_x[0];
+    float *d_between = level.d_residual; /* not in use any more */
+    smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[1], d_between, 0, smoother.first);
+    smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, d_between, d_last, smoother.again, smoother.fresh);
+    return CUDA_LAUNCHED("smooth_kernel");
+}
+
+extern "C" pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multigrid, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream)
+{
+    return cycle(multigrid, 0, d_skip, d_right, d_left, stream);
+}

@@ -1,0 +1,101 @@
+#include "check.h"
+#include "core/fail.h"
+#include "pliant/memory.h"
+#include "preconditioner.h"
+
+#include <cstring>
+
+enum { THREADS = 128 };
+
+/* Free nodes up to which the dense inverse is quicker than a V-cycle, and that the dense level of a V-cycle may have; up to
+ * which an inverse may be asked for explicitly (its double-precision making takes 9 bytes x unknowns^2 and more). */
+enum { LARGEST_DENSE = 2000, COARSEST = 1600, LARGEST_ASKED = 16000 };
+
+static pliant_status create_inverse(const pliant_system *system, cudaStream_t stream, gpu_preconditioner *out)
+{
+    double *h_values = static_cast<double *>(pliant_calloc((size_t)system->pattern.num_values, sizeof(double)));
+    double(*h_rotations)[9][LANES] = reinterpret_cast<double(*)[9][LANES]>(pliant_calloc((size_t)system->num_blocks, 9 * LANES * sizeof(double)));
+    pliant_status status = h_values && h_rotations ? PLIANT_OK : pliant_fail_memory("the stiffness matrix");
+    if (status == PLIANT_OK) {
+        pliant_system_rotations(system, system->mesh->rest, h_rotations);
+        pliant_system_assemble(system, h_rotations, h_values);
+        status = pliant_cuda_inverse_create(&system->pattern, h_values, stream, &out->inverse);
+        pliant_cuda_inverse_room(3 * system->num_free, &out->bytes);
+    }
+    pliant_free(h_values);
+    pliant_free(h_rotations);
+    return status;
+}
+
+extern "C" pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, cudaStream_t stream,
+                                                           gpu_preconditioner *out)
+{
+    memset(out, 0, sizeof *out);
+    if (choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > LARGEST_DENSE)) {
+        CUDA_TRY(pliant_cuda_multigrid_create(system, COARSEST, stream, &out->multigrid));
+        if (out->multigrid) {
+            out->bytes = pliant_cuda_multigrid_bytes(out->multigrid);
+            return PLIANT_OK;
+        }
+        pliant_log(PLIANT_LOG_INFO, "this lattice cannot be coarsened enough for multigrid on the GPU; its matrix is inverted");
+    }
+    if (system->num_free > LARGEST_ASKED) {
+        size_t kept, most = pliant_cuda_inverse_room(3 * system->num_free, &kept);
+        return pliant_fail(PLIANT_ERROR_MEMORY, "a dense inverse for %d nodes would take %.1f GB of the GPU while it is made; at most %d nodes, or cells "
+                                                "that can be halved for multigrid", system->num_free, 1e-9 * (double)most, LARGEST_ASKED);
+    }
+    return create_inverse(system, stream, out);
+}
+
+extern "C" void pliant_cuda_preconditioner_free(gpu_preconditioner *preconditioner)
+{
+    pliant_cuda_inverse_free(&preconditioner->inverse);
+    pliant_cuda_multigrid_free(preconditioner->multigrid);
+    memset(preconditioner, 0, sizeof *preconditioner);
+}
+
+static pliant_status apply(const gpu_preconditioner *preconditioner, const int32_t *d_skip, const gpu_iteration *iteration, cudaStream_t stream)
+{
+    if (preconditioner->multigrid) return pliant_cuda_multigrid_apply(preconditioner->multigrid, d_skip, iteration->d_right, iteration->d_left, stream);
+    return pliant_cuda_inverse_apply(&preconditioner->inverse, d_skip, iteration->d_right, iteration->d_left, stream);
+}
+
+extern "C" pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, cudaStream_t stream)
+{
+    return apply(preconditioner, &iteration->d_state->done, iteration, stream);
+}
+
+/* right = T' W' e_d, on a vector of zeros */
+static __global__ void __launch_bounds__(THREADS) hold_kernel(gpu_iteration iteration, gpu_tool tool, int d)
+{
+    const int h = (int)(blockIdx.x * THREADS + threadIdx.x);
+    if (h >= tool.count) return;
+    const int node = tool.d_unknown[h];
+    const double *turn = iteration.d_turn + 9 * (size_t)node, *block = tool.d_block + 9 * (size_t)h + 3 * d;
+    for (int c = 0; c < 3; c++) iteration.d_right[3 * (size_t)node + c] = (float)(turn[c] * block[0] + turn[3 + c] * block[1] + turn[6 + c] * block[2]);
+}
+
+static __global__ void __launch_bounds__(THREADS) turn_left_kernel(gpu_iteration iteration, double *d_out)
+{
+    const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
+    if (node >= iteration.num_free) return;
+    const double *turn = iteration.d_turn + 9 * (size_t)node;
+    const float *left = iteration.d_left + 3 * (size_t)node;
+    for (int r = 0; r < 3; r++) d_out[3 * (size_t)node + r] = turn[3 * r] * left[0] + turn[3 * r + 1] * left[1] + turn[3 * r + 2] * left[2];
+}
+
+extern "C" pliant_status pliant_cuda_respond(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, const gpu_tool *tool,
+                                             double *d_response, cudaStream_t stream)
+{
+    if (!preconditioner->multigrid) return pliant_cuda_inverse_response(&preconditioner->inverse, iteration, tool, d_response, stream);
+    const size_t n = 3 * (size_t)iteration->num_free;
+    for (int d = 0; d < 3; d++) {
+        CUDA_TRY(CUDA_CALL(cudaMemsetAsync(iteration->d_right, 0, n * sizeof(float), stream)));
+        hold_kernel<<<(unsigned)((tool->count + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*iteration, *tool, d);
+        CUDA_TRY(CUDA_LAUNCHED("hold_kernel"));
+        CUDA_TRY(apply(preconditioner, NULL, iteration, stream));
+        turn_left_kernel<<<(unsigned)((iteration->num_free + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*iteration, d_response + n * (size_t)d);
+        CUDA_TRY(CUDA_LAUNCHED("turn_left_kernel"));
+    }
+    return PLIANT_OK;
+}

@@ -1,0 +1,30 @@
+/* What stands for the inverse of the stiffness matrix at rest, turned along with the tissue at each node. */
+#ifndef PLIANT_CUDA_PRECONDITIONER_H
+#define PLIANT_CUDA_PRECONDITIONER_H
+
+#include "multigrid.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct gpu_preconditioner {
+    gpu_inverse inverse;
+    gpu_multigrid *multigrid; /* NULL: the inverse */
+    size_t bytes;
+} gpu_preconditioner;
+
+/* auto: whatever is quicker for so many nodes. Errors: MEMORY (with figures), NUMERIC, UNAVAILABLE. */
+pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, cudaStream_t stream,
+                                                gpu_preconditioner *out);
+void pliant_cuda_preconditioner_free(gpu_preconditioner *preconditioner);
+/* d_left = M d_right of the iteration; nothing when the state is done. */
+pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, cudaStream_t stream);
+/* Z = T M T' W' for one tool's W, with T the turn at each node: d_response (3 x 3 num_free). Takes d_right and d_left. */
+pliant_status pliant_cuda_respond(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, const gpu_tool *tool, double *d_response,
+                                  cudaStream_t stream);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
