@@ -44,9 +44,9 @@ void PullTool::onInitialize()
     setDescription("Left button: take hold of the visible tissue and pull it; the wheel moves it towards you or away. "
                    "Alt: turn the view.");
     namespace_ = new rviz::StringProperty("Namespace", "", "Of the tissue's topics and services; empty: as rviz's own.",
-                                          getPropertyContainer());
+                                          getPropertyContainer(), SLOT(connect_topics()), this);
     tool_name_ = new rviz::StringProperty("Tool", "mouse", "Name of the tool that the mouse is; the node must know it.",
-                                          getPropertyContainer());
+                                          getPropertyContainer(), SLOT(connect_topics()), this);
     threshold_ = new rviz::FloatProperty("Threshold", -300,
                                          "Value of the surface that is picked where no volume display is shown (CT: Hounsfield).",
                                          getPropertyContainer());
@@ -69,16 +69,31 @@ std::string PullTool::topic(const std::string &name) const
     return space.empty() ? name : space + "/" + name;
 }
 
+// The first tool of a configuration is active before its properties are read.
+void PullTool::connect_topics()
+{
+    if (!active_) return;
+    connected_ = false;
+    try {
+        ros::NodeHandle handle;
+        robot_.connect(topic(tool_name_->getStdString()), context_->getFixedFrame().toStdString());
+        contact_ = handle.subscribe(topic(tool_name_->getStdString() + "/contact"), 1, &PullTool::receive_contact, this);
+        connected_ = true;
+    } catch (const ros::Exception &error) {
+        setStatus(QString("No such topics: ") + error.what());
+    }
+}
+
 void PullTool::activate()
 {
-    ros::NodeHandle handle;
-    robot_.connect(topic(tool_name_->getStdString()), context_->getFixedFrame().toStdString());
-    contact_ = handle.subscribe(topic(tool_name_->getStdString() + "/contact"), 1, &PullTool::receive_contact, this);
+    active_ = true;
+    connect_topics();
     setStatus("Take hold of the tissue with the left button.");
 }
 
 void PullTool::deactivate()
 {
+    active_ = false;
     let_go();
     contact_.shutdown();
 }
@@ -173,9 +188,8 @@ void PullTool::drag(rviz::ViewportMouseEvent &event)
 
 int PullTool::processMouseEvent(rviz::ViewportMouseEvent &event)
 {
-    if (event.leftDown() && !event.alt() && !robot_.holding() && !question_) {
-        Ogre::Ray ray = ray_of(event);
-        ask(ray);
+    if (event.leftDown() && !event.alt() && !robot_.holding() && !question_ && connected_) {
+        ask(ray_of(event));
         return Render;
     }
     if (event.leftUp() && (robot_.holding() || question_)) {

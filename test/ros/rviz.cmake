@@ -7,15 +7,8 @@ foreach(name rviz_image_test rviz_slices_test rviz_transfer_test rviz_mesh_test)
   set_tests_properties(${name} PROPERTIES TIMEOUT 120)
 endforeach()
 
-# The drag moves a real mouse over a real window while a node simulates: on a machine that is busy or without free displays it
-# waits in vain. It runs where it is asked for.
-option(PLIANT_TEST_DRAG "test the pull tool by dragging in rviz under Xvfb" OFF)
-set(rviz_scripts rviz_pictures_test)
-if(PLIANT_TEST_DRAG)
-  list(APPEND rviz_scripts rviz_pull_test)
-endif()
 # 77: skipped, with the reason
-foreach(name ${rviz_scripts})
+foreach(name rviz_pictures_test rviz_pull_test)
   add_test(NAME ${name} COMMAND ${CMAKE_COMMAND} -E env PLIANT_SETUP=${CATKIN_DEVEL_PREFIX}/setup.bash
                                 ${CMAKE_CURRENT_LIST_DIR}/rviz_run ${CMAKE_CURRENT_LIST_DIR}/${name}.py)
   set_tests_properties(${name} PROPERTIES TIMEOUT 400 SKIP_RETURN_CODE 77 RUN_SERIAL TRUE ENVIRONMENT PYTHONDONTWRITEBYTECODE=1)

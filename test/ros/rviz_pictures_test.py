@@ -419,7 +419,7 @@ class Pictures(unittest.TestCase):
             while time.time() < end and not any(reason in line for line in self.log):
                 time.sleep(0.05)
             self.assertTrue(any(reason in line for line in self.log), "%s: %s" % (change.__name__, self.log))
-            self.assertTrue(self.stage.alive())
+            self.stage.check_alive()
         self.assertIsNone(self.bright(self.stage.picture(), 0, 2)[0], "nothing of it is drawn")
         self.publish("broken/volume", broken(lambda m: None))
         self.stage.wait_for(lambda p: self.bright(p, 0, 2)[0] is not None, what="a good volume after the bad ones")

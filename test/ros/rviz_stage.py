@@ -1,12 +1,14 @@
 """A stage for tests of the rviz displays: a ROS master, a virtual screen, rviz with software rendering, pictures of it.
 
-Everything runs on free ports and is ended with the stage. Nothing here needs a graphics card or a person.
+Everything runs on free ports and is ended with the stage, or with this process. Nothing here needs a graphics card or a person.
 """
+import atexit
 import os
 import shutil
 import signal
 import socket
 import subprocess
+import sys
 import tempfile
 import time
 
@@ -22,6 +24,15 @@ def missing():
     return [name for name in NEEDED if shutil.which(name) is None]
 
 
+def program(name):
+    """One of the package, where roslaunch finds it. rosrun looks into no build folder that lies in the source tree."""
+    import roslib.packages
+    found = roslib.packages.find_node("pliant", name)
+    if not found:
+        raise RuntimeError("the package pliant has no program %s: is the setup.bash of its build sourced?" % name)
+    return found[0]
+
+
 def free_port():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -29,11 +40,11 @@ def free_port():
 
 
 def config(displays, view, fixed_frame="tissue", background="0; 0; 0", tools="", rate=30):
-    """An rviz configuration without panels: displays and tools are YAML blocks, view a dictionary."""
+    """An rviz configuration without panels: displays and tools are YAML blocks, view a dictionary. The first tool is active."""
     def indent(text, by):
         return "".join(" " * by + line + "\n" for line in text.strip("\n").splitlines())
     view_text = "".join("      %s: %s\n" % item for item in view.items())
-    tool_text = "    - Class: rviz/Interact\n      Hide Inactive Objects: false\n" + indent(tools, 4)
+    tool_text = indent(tools, 4) + "    - Class: rviz/Interact\n      Hide Inactive Objects: false\n"
     return ("Panels: []\nVisualization Manager:\n  Class: \"\"\n  Displays:\n" + indent(displays, 4) +
             "  Enabled: true\n  Global Options:\n    Background Color: %s\n    Default Light: true\n" % background +
             "    Fixed Frame: %s\n    Frame Rate: %d\n  Name: root\n  Tools:\n" % (fixed_frame, rate) + tool_text +
@@ -76,17 +87,19 @@ class Stage:
     def __init__(self, configuration, width=480, height=400, plugin_path=None):
         self.configuration = configuration % (width, height)
         self.width, self.height = width, height
-        self.processes = []
+        self.processes = {}
         self.folder = tempfile.mkdtemp(prefix="pliant_rviz_")
         self.plugin_path = plugin_path
 
     def __enter__(self):
-        try:
-            self._start()
-        except Exception:
-            self.__exit__(None, None, None)
-            raise
+        # also when a test fails before it has begun, or takes too long and is told to end
+        atexit.register(self.close)
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+        self._start()
         return self
+
+    def __exit__(self, *_):
+        self.close()
 
     def _start(self):
         port = free_port()
@@ -106,7 +119,7 @@ class Stage:
         with os.fdopen(reader) as answer:
             self.display = ":" + answer.readline().strip()
         if self.display == ":":
-            raise RuntimeError("no virtual screen: " + self.log("screen"))
+            raise RuntimeError("no virtual screen\n" + self.logs())
         os.environ["DISPLAY"] = self.display
         runtime = os.path.join(self.folder, "runtime")
         os.mkdir(runtime, 0o700)
@@ -115,21 +128,27 @@ class Stage:
         path = os.path.join(self.folder, "test.rviz")
         with open(path, "w") as out:
             out.write(self.configuration)
-        self.rviz = self.start(["rviz", "-d", path, "--disable-anti-aliasing"], "rviz")
+        self.start(["rviz", "-d", path, "--disable-anti-aliasing"], "rviz")
 
     def start(self, command, name, pass_fds=()):
         out = open(os.path.join(self.folder, name + ".log"), "wb")
         process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, start_new_session=True, pass_fds=pass_fds)
         out.close()
-        self.processes.append(process)
-        return process
+        self.processes[name] = process
 
-    def log(self, name):
-        with open(os.path.join(self.folder, name + ".log"), errors="replace") as text:
-            return text.read()
+    def logs(self):
+        """The ends of what the processes have said."""
+        text = ""
+        for name in self.processes:
+            with open(os.path.join(self.folder, name + ".log"), errors="replace") as log:
+                text += "--- %s\n%s\n" % (name, log.read()[-1500:])
+        return text
 
-    def alive(self):
-        return self.rviz.poll() is None
+    def check_alive(self):
+        """Raises with the logs where a process of the stage has ended."""
+        for name, process in self.processes.items():
+            if process.poll() is not None:
+                raise RuntimeError("%s ended with code %d\n%s" % (name, process.returncode, self.logs()))
 
     def window(self):
         """Window of the 3-D view: (x, y, width, height) on the screen; None while it is not there."""
@@ -160,23 +179,31 @@ class Stage:
                            timeout=60)
         return image
 
-    def wait_for(self, check, seconds=30, what="the picture"):
-        """Take pictures until check(picture) is true; the last picture either way is in self.last."""
+    def wait(self, check, seconds=60, what="what was asked for"):
+        """Waits until check() is true; its answer."""
         end = time.time() + seconds
-        while time.time() < end:
-            if not self.alive():
-                raise RuntimeError("rviz died: " + self.log("rviz")[-2000:])
+        while True:
+            self.check_alive()
+            answer = check()
+            if answer:
+                return answer
+            if time.time() > end:
+                raise AssertionError("waited %g s in vain for %s\n%s" % (seconds, what, self.logs()))
+            time.sleep(0.05)
+
+    def wait_for(self, check, seconds=60, what="the picture"):
+        """Takes pictures until check(picture) is true; that picture."""
+        def look():
             self.last = self.picture()
-            if check(self.last):
-                return self.last
-            time.sleep(0.2)
-        raise AssertionError("waited %g s in vain for %s\n%s" % (seconds, what, self.log("rviz")[-1500:]))
+            return check(self.last)
+        self.wait(look, seconds, what)
+        return self.last
 
     def mouse(self, *command):
         subprocess.run(["xdotool"] + [str(part) for part in command], check=True, timeout=30)
 
-    def __exit__(self, *_):
-        for process in reversed(self.processes):
+    def close(self):
+        for process in reversed(list(self.processes.values())):
             if process.poll() is None:
                 os.killpg(process.pid, signal.SIGTERM)
                 try:
@@ -184,4 +211,5 @@ class Stage:
                 except subprocess.TimeoutExpired:
                     os.killpg(process.pid, signal.SIGKILL)
                     process.wait()
+        self.processes = {}
         shutil.rmtree(self.folder, ignore_errors=True)
