@@ -1,5 +1,5 @@
 #include "deform_arguments.h"
-
+#include "command_line.h"
 #include "options_table.h"
 
 #include <getopt.h>
@@ -56,24 +56,6 @@ static bool read_count(const char *name, const char *text, long *out)
     return true;
 }
 
-/* "group/name=value" */
-static bool set_option(pliant_scene *scene, const char *text)
-{
-    char name[128];
-    const char *equals = strchr(text, '=');
-    if (!equals || (size_t)(equals - text) >= sizeof name) {
-        fprintf(stderr, "--set %s: OPTION=VALUE is wanted\n", text);
-        return false;
-    }
-    memcpy(name, text, (size_t)(equals - text));
-    name[equals - text] = '\0';
-    if (pliant_scene_set(scene, name, equals + 1) < 0) {
-        fprintf(stderr, "--set %s: %s\n", text, pliant_last_error());
-        return false;
-    }
-    return true;
-}
-
 /* The scene file comes first and --set changes what it says, wherever they stand on the command line. */
 static bool read_scene(int argc, char **argv, deform_arguments *out, int *exit_code)
 {
@@ -89,7 +71,7 @@ static bool read_scene(int argc, char **argv, deform_arguments *out, int *exit_c
     }
     optind = 1;
     for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
-        if (code == SET && !set_option(&out->scene, optarg)) return false;
+        if (code == SET && !command_line_set(&out->scene, optarg)) return false;
     if (pliant_scene_check(&out->scene) < 0) {
         fprintf(stderr, "%s\n", pliant_last_error());
         return false;

@@ -1,5 +1,6 @@
 /* pliant_deform: a scan, a scene and a tool path in; deformed volumes, node positions and timings out. */
 #define _POSIX_C_SOURCE 200809L
+#include "command_line.h"
 #include "console.h"
 #include "core/fail.h"
 #include "deform_arguments.h"
@@ -10,7 +11,6 @@
 #include <errno.h>
 #include <math.h>
 #include <string.h>
-#include <sys/stat.h>
 
 enum { MOST_SETTLING_STEPS = 200 };
 
@@ -24,22 +24,6 @@ typedef struct deform_run {
     pliant_data *data;
     step_times times;
 } deform_run;
-
-static pliant_status make_folder(const char *folder)
-{
-    char path[4096];
-    size_t length = strlen(folder);
-    if (length >= sizeof path) return pliant_fail(PLIANT_ERROR_FILE, "%s: the name is too long", folder);
-    memcpy(path, folder, length + 1);
-    for (size_t n = 1; n <= length; ++n) {
-        if (path[n] != '/' && path[n] != '\0') continue;
-        char kept = path[n];
-        path[n] = '\0';
-        if (mkdir(path, 0777) != 0 && errno != EEXIST) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
-        path[n] = kept;
-    }
-    return PLIANT_OK;
-}
 
 static pliant_status write_nodes(const char *path, const pliant_model *model, const double *positions)
 {
@@ -163,7 +147,7 @@ static pliant_status prepare(deform_run *run)
 {
     const deform_arguments *arguments = run->arguments;
     double start = pliant_seconds();
-    pliant_status status = make_folder(arguments->folder);
+    pliant_status status = command_line_folder(arguments->folder);
     if (status >= 0 && arguments->tools) status = pliant_path_read(arguments->tools, &run->path);
     if (status >= 0)
         status = pliant_inputs_read(&arguments->scene, arguments->scan, &run->scan, &run->labels, &run->materials);

@@ -1,4 +1,5 @@
 #include "report_arguments.h"
+#include "command_line.h"
 
 #include <getopt.h>
 #include <stdio.h>
@@ -132,16 +133,6 @@ static bool read_vary(const char *text, pliant_sweep *out)
     }
 }
 
-static bool set_option(pliant_scene *scene, const char *text)
-{
-    char name[128];
-    const char *equals = strchr(text, '=');
-    if (!equals || (size_t)(equals - text) >= sizeof name) return wrong("--set", text, "OPTION=VALUE is wanted");
-    memcpy(name, text, (size_t)(equals - text));
-    name[equals - text] = '\0';
-    return pliant_scene_set(scene, name, equals + 1) >= 0 || wrong("--set", text, pliant_last_error());
-}
-
 static void set_full(report_arguments *out)
 {
     static const int32_t budgets[] = {1, 2, 3, 4, 6, 12, 0};
@@ -172,7 +163,7 @@ static bool read_scene(int argc, char **argv, report_arguments *out, int *exit_c
     }
     optind = 1;
     for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
-        if (code == SET && !set_option(&out->scene, optarg)) return false;
+        if (code == SET && !command_line_set(&out->scene, optarg)) return false;
     pliant_sweep_defaults(&out->scene, &out->sweep);
     pliant_stability_defaults(&out->stability);
     out->num_points = 1;

@@ -1,15 +1,14 @@
 /* pliant_report: accuracy against run time on the user's own scan, stability, and what each stage costs. */
 #define _POSIX_C_SOURCE 200809L
+#include "command_line.h"
 #include "console.h"
 #include "core/fail.h"
 #include "pliant/pliant.h"
 #include "report_arguments.h"
 #include "report_plot.h"
 
-#include <errno.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/stat.h>
 
 enum { OK = 0, FAILED = 1, STOPPED = 130 };
 
@@ -31,22 +30,6 @@ static void print_warning(pliant_log_level level, const char *message, void *use
     if (level < PLIANT_LOG_WARNING) return;
     console_progress_end();
     fprintf(stderr, "%s: %s\n", level == PLIANT_LOG_WARNING ? "warning" : "error", message);
-}
-
-static pliant_status make_folder(const char *folder)
-{
-    char path[4096];
-    size_t length = strlen(folder);
-    if (length >= sizeof path) return pliant_fail(PLIANT_ERROR_FILE, "%s: the name is too long", folder);
-    memcpy(path, folder, length + 1);
-    for (size_t n = 1; n <= length; ++n) {
-        if (path[n] != '/' && path[n] != '\0') continue;
-        char kept = path[n];
-        path[n] = '\0';
-        if (mkdir(path, 0777) != 0 && errno != EEXIST) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
-        path[n] = kept;
-    }
-    return PLIANT_OK;
 }
 
 static pliant_status read_inputs(report_program *program)
@@ -131,7 +114,7 @@ static void print_stability(const pliant_results *table)
 static pliant_status run(report_program *program)
 {
     report_arguments *arguments = program->arguments;
-    pliant_status status = make_folder(arguments->folder);
+    pliant_status status = command_line_folder(arguments->folder);
     if (status >= 0) status = pliant_report_open(arguments->folder, &program->tables);
     if (status >= 0) status = read_inputs(program);
     if (status < 0) return status;

@@ -1,0 +1,42 @@
+#define _POSIX_C_SOURCE 200809L
+#include "command_line.h"
+
+#include "core/fail.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+
+bool command_line_set(pliant_scene *scene, const char *text)
+{
+    char name[128];
+    const char *equals = strchr(text, '=');
+    if (!equals || (size_t)(equals - text) >= sizeof name) {
+        fprintf(stderr, "--set %s: OPTION=VALUE is wanted\n", text);
+        return false;
+    }
+    memcpy(name, text, (size_t)(equals - text));
+    name[equals - text] = '\0';
+    if (pliant_scene_set(scene, name, equals + 1) < 0) {
+        fprintf(stderr, "--set %s: %s\n", text, pliant_last_error());
+        return false;
+    }
+    return true;
+}
+
+pliant_status command_line_folder(const char *folder)
+{
+    char path[4096];
+    size_t length = strlen(folder);
+    if (length >= sizeof path) return pliant_fail(PLIANT_ERROR_FILE, "%s: the name is too long", folder);
+    memcpy(path, folder, length + 1);
+    for (size_t n = 1; n <= length; ++n) {
+        if (path[n] != '/' && path[n] != '\0') continue;
+        char kept = path[n];
+        path[n] = '\0';
+        if (mkdir(path, 0777) != 0 && errno != EEXIST) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
+        path[n] = kept;
+    }
+    return PLIANT_OK;
+}
