@@ -68,6 +68,8 @@ typedef struct pliant_statistics {
 typedef struct pliant_backend pliant_backend; /**< functions of a step's stages (src/backend) */
 typedef struct pliant_solver pliant_solver; /**< iteration history, factors, the background factorizer (src/fem) */
 
+typedef struct pliant_tled pliant_tled; /**< displacements, increments, sub-steps of explicit dynamics (src/fem) */
+
 typedef struct pliant_data {
     /* BACKEND */
     const pliant_backend *backend; /**< who runs the stages from solve on: as the scene's solver/backend says, or the CPU after a
@@ -79,7 +81,8 @@ typedef struct pliant_data {
     int32_t num_tools;
     double gravity[3];        /**< LPS [m/s^2]; from the scene at first, changed by pliant_data_gravity */
     /* SOLVE */
-    pliant_solver *solver;
+    pliant_solver *solver;    /**< NULL: solver/kind tled */
+    pliant_tled *tled;        /**< Nullable: solver/kind tled */
     /* UPSAMPLE */
     double *positions;        /**< (fine.num_nodes x 3) LPS [m]; written by every step */
     /* WARP */
@@ -113,7 +116,19 @@ pliant_status pliant_data_limits(pliant_data *data, int iterations, double toler
  *  @param positions (fine.num_nodes x 3) LPS [m] */
 pliant_status pliant_data_set_positions(const pliant_model *model, pliant_data *data, const double *positions);
 
-/** One quasi-static step: interact, solve, upsample, warp. NOT_CONVERGED keeps the best state reached so far;
+/** What explicit dynamics works with (solver/kind tled). */
+typedef struct pliant_dynamics {
+    double edge_bound;        /**< largest stable step by [C] 1: edge over speed of sound [s] */
+    double eigenvalue_bound;  /**< by the largest eigenvalue of an element [s]; the smaller of the two is the bound */
+    double time_step;         /**< of a sub-step [s]; 1 for dynamic relaxation, whose time is none */
+    int32_t substeps;         /**< in a step; of dynamic relaxation: at most */
+    double kinetic_energy;    /**< half a sub-step ago [J]; 0 for dynamic relaxation */
+    double strain_energy;     /**< [J]; of the elastic law, whatever has relaxed */
+} pliant_dynamics;
+/** Errors: ARGUMENT (another solver/kind). */
+pliant_status pliant_data_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out);
+
+/** One step of the scene: interact, solve, upsample, warp; quasi-static, but for tled with inertia. NOT_CONVERGED keeps the best state reached so far;
  *  NUMERIC and MEMORY keep the state before the step. Positions are never NaN. */
 pliant_status pliant_step(const pliant_model *model, pliant_data *data);
 

@@ -30,6 +30,8 @@ const char *pliant_build_stage_name(int stage);
 
 typedef struct pliant_system pliant_system; /**< what is solved: elements, fixed nodes, matrix pattern, first factor (src/fem) */
 
+typedef struct pliant_tled_system pliant_tled_system; /**< the same for explicit dynamics: gradients, masses, gather lists (src/fem) */
+
 typedef struct pliant_model {
     pliant_scene scene;
     const pliant_volume *scan;        /**< borrowed; outlives the model */
@@ -46,8 +48,9 @@ typedef struct pliant_model {
     int32_t num_triangles;
     int32_t num_held_pieces;          /**< pieces that nothing fixed holds: kept where they are */
     /* FEM */
-    pliant_system *system;
-    double condition_estimate;        /**< of the stiffness matrix, 1-norm (CHOLMOD's rcond inverted) */
+    pliant_system *system;            /**< of tled: threads and meshes only */
+    pliant_tled_system *tled;         /**< Nullable: solver/kind tled */
+    double condition_estimate;        /**< of the stiffness matrix, 1-norm (CHOLMOD's rcond inverted); 0: not known */
 
     /* STATISTICS */
     double build_seconds[PLIANT_NUM_BUILD_STAGES];

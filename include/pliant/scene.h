@@ -19,7 +19,12 @@ extern "C" {
 #define PLIANT_PRECONDITIONER_LIST(X) X(PLIANT_PRECONDITIONER_AUTO, auto) X(PLIANT_DIRECT, direct) X(PLIANT_MULTIGRID, multigrid)
 #define PLIANT_SCALAR_LIST(X)                                                                     \
     X(PLIANT_SCALAR_NONE, none) X(PLIANT_SCALAR_VON_MISES, von_mises)                             \
-    X(PLIANT_SCALAR_STRAIN_ENERGY, strain_energy) X(PLIANT_SCALAR_VOLUME_RATIO, volume_ratio)
+    X(PLIANT_SCALAR_STRAIN_ENERGY, strain_energy) X(PLIANT_SCALAR_VOLUME_RATIO, volume_ratio)     \
+    X(PLIANT_SCALAR_PRINCIPAL_STRESS, principal_stress) X(PLIANT_SCALAR_MASS_CHANGE, mass_change)
+#define PLIANT_SOLVER_LIST(X) X(PLIANT_COROTATIONAL, corotational) X(PLIANT_TLED, tled)
+#define PLIANT_LAW_LIST(X)                                                                        \
+    X(PLIANT_LAW_NEO_HOOKEAN, neo_hookean) X(PLIANT_LAW_COMPRESSIBLE, compressible)               \
+    X(PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, saint_venant_kirchhoff)
 
 #define PLIANT_CHOICE_ENUM(name, yaml) name,
 typedef enum pliant_method { PLIANT_METHOD_LIST(PLIANT_CHOICE_ENUM) } pliant_method;
@@ -27,6 +32,8 @@ typedef enum pliant_touch { PLIANT_TOUCH_LIST(PLIANT_CHOICE_ENUM) } pliant_touch
 typedef enum pliant_backend_choice { PLIANT_BACKEND_LIST(PLIANT_CHOICE_ENUM) } pliant_backend_choice;
 typedef enum pliant_preconditioner_choice { PLIANT_PRECONDITIONER_LIST(PLIANT_CHOICE_ENUM) } pliant_preconditioner_choice;
 typedef enum pliant_scalar { PLIANT_SCALAR_LIST(PLIANT_CHOICE_ENUM) } pliant_scalar;
+typedef enum pliant_solver_kind { PLIANT_SOLVER_LIST(PLIANT_CHOICE_ENUM) } pliant_solver_kind;
+typedef enum pliant_law { PLIANT_LAW_LIST(PLIANT_CHOICE_ENUM) } pliant_law;
 #undef PLIANT_CHOICE_ENUM
 
 /** C types of the kinds of option. INT3 and REAL3 take one default and one range for all three numbers. */
@@ -41,6 +48,8 @@ typedef enum pliant_scalar { PLIANT_SCALAR_LIST(PLIANT_CHOICE_ENUM) } pliant_sca
 #define PLIANT_DECLARE_BACKEND(name) pliant_backend_choice name;
 #define PLIANT_DECLARE_PRECONDITIONER(name) pliant_preconditioner_choice name;
 #define PLIANT_DECLARE_SCALAR(name) pliant_scalar name;
+#define PLIANT_DECLARE_SOLVER(name) pliant_solver_kind name;
+#define PLIANT_DECLARE_LAW(name) pliant_law name;
 
 /* X(kind, name, default, low, high, unit, text) for every group; strings have no range */
 #define PLIANT_SCENE_SCAN(X)                                                                                           \
@@ -59,6 +68,7 @@ typedef enum pliant_scalar { PLIANT_SCALAR_LIST(PLIANT_CHOICE_ENUM) } pliant_sca
     X(TOUCH, touch, PLIANT_TOUCH_OVERLAP, 0, 0, "", "schur: fine tetrahedra that overlap the coarse one, or share a face with it too") \
     X(REAL3, gravity, 0.0, -1e4, 1e4, "m/s^2", "acceleration in scan axes (LPS)")
 #define PLIANT_SCENE_SOLVER(X)                                                                                         \
+    X(SOLVER, kind, PLIANT_COROTATIONAL, 0, 0, "", "corotational: quasi-static, linear in turned frames; tled: explicit dynamics, nonlinear, on the fine mesh") \
     X(BACKEND, backend, PLIANT_AUTO, 0, 0, "", "auto, cpu or cuda")                                                   \
     X(INT, threads, 0, 0, 1024, "", "0: as many as the machine has cores")                                            \
     X(REAL, step, 0.02, 1e-5, 1.0, "s", "time between two steps")                                                     \
@@ -68,6 +78,22 @@ typedef enum pliant_scalar { PLIANT_SCALAR_LIST(PLIANT_CHOICE_ENUM) } pliant_sca
     X(PRECONDITIONER, preconditioner, PLIANT_PRECONDITIONER_AUTO, 0, 0, "", "direct (a factor), multigrid (a V-cycle), or auto: by the number of nodes") \
     X(INT, refresh_interval, 5, 0, 100000, "steps", "a new factor is started at most this often; 0: never")           \
     X(INT, refresh_delay, 0, 0, 100000, "steps", "a new factor is put to use this long after its start, ready or waited for, so that results do not depend on timing; 0: from its operation count, at 2 Gflop/s")
+#define PLIANT_SCENE_TLED(X)                                                                                           \
+    X(LAW, law, PLIANT_LAW_NEO_HOOKEAN, 0, 0, "", "strain energy: neo_hookean as in [C] 10, compressible (isochoric and volumetric parts), saint_venant_kirchhoff") \
+    X(REAL, damping, 5.0, 0.0, 1e6, "1/s", "damping in proportion to mass; 0: none")                                  \
+    X(REAL, safety, 0.9, 0.01, 10.0, "", "time step over the largest stable one at rest")                             \
+    X(BOOL, nodal_pressure, false, 0, 1, "", "average nodal pressure, against locking of nearly incompressible tissue") \
+    X(REAL3, prony_share, 0.0, 0.0, 1.0, "", "viscoelastic: parts of the shear modulus that relax; together less than 1") \
+    X(REAL3, prony_time, 1.0, 1e-6, 1e6, "s", "and the times that they take")                                         \
+    X(BOOL, quasi_static, false, 0, 1, "", "no inertia: dynamic relaxation to rest")                                  \
+    X(INT, relaxation_steps, 300, 1, 1000000, "", "quasi_static: most of its steps in one step of the scene")
+#define PLIANT_SCENE_GROUND(X)                                                                                         \
+    X(REAL3, normal, 0.0, -1e6, 1e6, "", "tled: the tissue stays on this side of a plane; 0 0 0: no plane")           \
+    X(REAL3, point, 0.0, -1e3, 1e3, "m", "of the plane, LPS")                                                         \
+    X(REAL3, box_low, -1e3, -1e3, 1e3, "m", "tled: the tissue stays in a box, LPS")                                   \
+    X(REAL3, box_high, 1e3, -1e3, 1e3, "m", "its other corner")                                                       \
+    X(REAL, friction, 0.3, 0.0, 100.0, "", "Coulomb's coefficient on plane and box")                                  \
+    X(REAL, restitution, 0.0, 0.0, 1.0, "", "normal speed of a node after it hits them over that before")
 #define PLIANT_SCENE_GRASP(X)                                                                                          \
     X(REAL, stiffness, 1000.0, 1e-3, 1e12, "N/m", "spring between a grasping tool and the tissue")                    \
     X(REAL, damping, 0.0, 0.0, 1e9, "N s/m", "damper beside the spring")                                              \
@@ -76,15 +102,15 @@ typedef enum pliant_scalar { PLIANT_SCALAR_LIST(PLIANT_CHOICE_ENUM) } pliant_sca
     X(REAL, margin, 0.03, 0.0, 10.0, "m", "room around the tissue that the deformed volume has")                     \
     X(REAL, rate, 10.0, 0.0, 1000.0, "Hz", "most deformed volumes a second")
 #define PLIANT_SCENE_OUTPUT(X)                                                                                         \
-    X(SCALAR, scalar, PLIANT_SCALAR_NONE, 0, 0, "", "number per node on mesh/state: none, von_mises [Pa], strain_energy [J/m^3], volume_ratio") \
+    X(SCALAR, scalar, PLIANT_SCALAR_NONE, 0, 0, "", "number per node on mesh/state: none, von_mises [Pa], strain_energy [J/m^3], volume_ratio, principal_stress (largest) [Pa], mass_change (rest volume over volume ratio, [C] 13) [m^3]") \
     X(REAL, mesh_rate, 30.0, 0.0, 1000.0, "Hz", "most mesh states a second")                                          \
     X(REAL, slice_rate, 15.0, 0.0, 1000.0, "Hz", "most slices a second")
 
 /* G(group, list) */
 #define PLIANT_SCENE_GROUPS(G)                                                                                         \
     G(scan, PLIANT_SCENE_SCAN) G(material, PLIANT_SCENE_MATERIAL) G(mesh, PLIANT_SCENE_MESH)                           \
-    G(model, PLIANT_SCENE_MODEL) G(solver, PLIANT_SCENE_SOLVER) G(grasp, PLIANT_SCENE_GRASP)                           \
-    G(warp, PLIANT_SCENE_WARP) G(output, PLIANT_SCENE_OUTPUT)
+    G(model, PLIANT_SCENE_MODEL) G(solver, PLIANT_SCENE_SOLVER) G(tled, PLIANT_SCENE_TLED)                             \
+    G(ground, PLIANT_SCENE_GROUND) G(grasp, PLIANT_SCENE_GRASP) G(warp, PLIANT_SCENE_WARP) G(output, PLIANT_SCENE_OUTPUT)
 
 enum { PLIANT_MAX_FIXED = 32 };
 /** Nodes inside an axis-parallel box do not move. [m], LPS. */

@@ -46,6 +46,7 @@ struct pliant_backend {
 };
 
 extern const pliant_backend pliant_cpu_backend;
+extern const pliant_backend pliant_tled_backend; /* explicit dynamics on the CPU */
 
 /* text: what the GPU is called, or why there is none. Errors: UNAVAILABLE, with the reason, when the one asked for cannot be
  * used. */

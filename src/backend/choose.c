@@ -25,6 +25,11 @@ pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data
 {
     const pliant_backend_choice choice = model->scene.solver.backend;
     char text[PLIANT_BACKEND_TEXT];
+    if (data->tled) {
+        data->backend = &pliant_tled_backend;
+        if (choice != PLIANT_CUDA) return PLIANT_OK;
+        return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "solver/backend: tled has no kernels for cuda; auto or cpu would run on the CPU");
+    }
     pliant_status status = pliant_backend_choose(choice, text, &data->backend);
     if (status != PLIANT_OK) return status;
     status = data->backend->create(model, data);
@@ -44,7 +49,7 @@ pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data
 
 bool pliant_backend_leave(const pliant_model *model, pliant_data *data, pliant_status status)
 {
-    if (data->backend == &pliant_cpu_backend || (status != PLIANT_ERROR_UNAVAILABLE && status != PLIANT_ERROR_MEMORY)) return false;
+    if (data->backend == &pliant_cpu_backend || data->backend == &pliant_tled_backend || (status != PLIANT_ERROR_UNAVAILABLE && status != PLIANT_ERROR_MEMORY)) return false;
     pliant_log(PLIANT_LOG_WARNING, "backend: %s; the CPU goes on from the last good state", pliant_last_error());
     data->backend->bring(model, data);
     data->backend->free(data);

@@ -1,6 +1,7 @@
 /* From a scan and a scene to the constant model, stage by stage. */
 #include "core/fail.h"
 #include "fem/system.h"
+#include "fem/tled.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -192,6 +193,7 @@ static pliant_status fix(builder *build)
             build->coarse_fixed[n] = node >= 0 && model->fine_fixed[node];
         }
     }
+    if (model->scene.solver.kind == PLIANT_TLED && pliant_tled_stands(&model->scene)) return PLIANT_OK;
     pliant_status status = pliant_mesh_hold(fine, model->fine_fixed, build->loose, &model->num_held_pieces);
     if (status != PLIANT_OK) return status;
     if (model->num_held_pieces > 0) {
@@ -216,6 +218,7 @@ static pliant_status homogenize(builder *build)
     system->fine = &model->fine;
     system->mesh = is_coarse(model) ? &model->coarse : &model->fine;
     system->num_threads = model->scene.solver.threads > 0 ? model->scene.solver.threads : omp_get_max_threads();
+    if (model->scene.solver.kind == PLIANT_TLED) return pliant_tled_system_create(model, &model->tled);
     if (!is_coarse(model)) return pliant_system_elements(system, model->fine_material);
     if (model->scene.model.method == PLIANT_COARSE) {
         pliant_status status = pliant_system_elements(system, build->coarse_material);
@@ -249,6 +252,7 @@ static pliant_status gravity_mass(pliant_model *model)
 static pliant_status analyze(builder *build)
 {
     pliant_model *model = build->model;
+    if (model->tled) return PLIANT_OK; /* no matrix */
     pliant_status status = pliant_system_unknowns(model->system, is_coarse(model) ? build->coarse_fixed : model->fine_fixed);
     if (status == PLIANT_OK) status = gravity_mass(model);
     if (status != PLIANT_OK) return status;
@@ -258,6 +262,7 @@ static pliant_status analyze(builder *build)
 static pliant_status factorize(builder *build)
 {
     pliant_system *system = build->model->system;
+    if (build->model->tled) return PLIANT_OK;
     double (*rotations)[9][LANES] = pliant_calloc((size_t)system->num_blocks, sizeof *rotations);
     if (!rotations) return pliant_fail_memory("the stiffness matrix");
     pliant_system_rotations(system, system->mesh->rest, rotations);
@@ -292,6 +297,8 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
                                  const pliant_material_table *materials, pliant_progress progress, pliant_model **out)
 {
     pliant_status status = pliant_scene_check(scene);
+    if (status == PLIANT_OK && scene->solver.kind == PLIANT_TLED && scene->model.method != PLIANT_FINE)
+        status = pliant_fail(PLIANT_ERROR_SCENE, "solver/kind: tled works on the fine mesh; set model/method to fine");
     if (status == PLIANT_OK) status = pliant_material_table_check(materials);
     if (status != PLIANT_OK) return status;
     pliant_model *model = pliant_calloc(1, sizeof *model);
@@ -319,6 +326,7 @@ void pliant_model_free(pliant_model *model)
 {
     if (!model) return;
     pliant_system_free(model->system);
+    pliant_tled_system_free(model->tled);
     pliant_material_table_free(&model->materials);
     pliant_free(model->material_of_voxel);
     pliant_mesh_free(&model->fine);

@@ -13,12 +13,15 @@ static const char *const touch_names[] = {PLIANT_TOUCH_LIST(CHOICE_NAME) NULL};
 static const char *const backend_names[] = {PLIANT_BACKEND_LIST(CHOICE_NAME) NULL};
 static const char *const preconditioner_names[] = {PLIANT_PRECONDITIONER_LIST(CHOICE_NAME) NULL};
 static const char *const scalar_names[] = {PLIANT_SCALAR_LIST(CHOICE_NAME) NULL};
+static const char *const solver_names[] = {PLIANT_SOLVER_LIST(CHOICE_NAME) NULL};
+static const char *const law_names[] = {PLIANT_LAW_LIST(CHOICE_NAME) NULL};
 #undef CHOICE_NAME
 
 /* a choice is read and written through an int */
 _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == sizeof(int) &&
                    sizeof(pliant_backend_choice) == sizeof(int) &&
-                   sizeof(pliant_preconditioner_choice) == sizeof(int) && sizeof(pliant_scalar) == sizeof(int),
+                   sizeof(pliant_preconditioner_choice) == sizeof(int) && sizeof(pliant_scalar) == sizeof(int) &&
+                   sizeof(pliant_solver_kind) == sizeof(int) && sizeof(pliant_law) == sizeof(int),
                "choices have the size of an int");
 
 /* kind, default as a number, default as a string, names of the choices */
@@ -33,6 +36,8 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define KIND_BACKEND(value) PLIANT_OPTION_CHOICE, value, NULL, backend_names
 #define KIND_PRECONDITIONER(value) PLIANT_OPTION_CHOICE, value, NULL, preconditioner_names
 #define KIND_SCALAR(value) PLIANT_OPTION_CHOICE, value, NULL, scalar_names
+#define KIND_SOLVER(value) PLIANT_OPTION_CHOICE, value, NULL, solver_names
+#define KIND_LAW(value) PLIANT_OPTION_CHOICE, value, NULL, law_names
 
 /* one row of a group's list as an entry of the table; the second step lets KIND_ spread into its four values */
 #define ROW(group, kind, name, value, low, high, unit, text) \
@@ -47,16 +52,18 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define MESH_ROW(...) ROW(mesh, __VA_ARGS__)
 #define MODEL_ROW(...) ROW(model, __VA_ARGS__)
 #define SOLVER_ROW(...) ROW(solver, __VA_ARGS__)
+#define TLED_ROW(...) ROW(tled, __VA_ARGS__)
+#define GROUND_ROW(...) ROW(ground, __VA_ARGS__)
 #define GRASP_ROW(...) ROW(grasp, __VA_ARGS__)
 #define WARP_ROW(...) ROW(warp, __VA_ARGS__)
 #define OUTPUT_ROW(...) ROW(output, __VA_ARGS__)
 
 static const pliant_option table[] = {
     PLIANT_SCENE_SCAN(SCAN_ROW) PLIANT_SCENE_MATERIAL(MATERIAL_ROW) PLIANT_SCENE_MESH(MESH_ROW)
-    PLIANT_SCENE_MODEL(MODEL_ROW) PLIANT_SCENE_SOLVER(SOLVER_ROW) PLIANT_SCENE_GRASP(GRASP_ROW)
-    PLIANT_SCENE_WARP(WARP_ROW) PLIANT_SCENE_OUTPUT(OUTPUT_ROW)
+    PLIANT_SCENE_MODEL(MODEL_ROW) PLIANT_SCENE_SOLVER(SOLVER_ROW) PLIANT_SCENE_TLED(TLED_ROW)
+    PLIANT_SCENE_GROUND(GROUND_ROW) PLIANT_SCENE_GRASP(GRASP_ROW) PLIANT_SCENE_WARP(WARP_ROW) PLIANT_SCENE_OUTPUT(OUTPUT_ROW)
 };
-enum { NUM_OPTIONS = sizeof table / sizeof *table, TEXT_SIZE = 64 };
+enum { NUM_OPTIONS = sizeof table / sizeof *table, TEXT_SIZE = 128 };
 
 /* one entry for every option of every group, so that a new group cannot be forgotten above */
 #define COUNT_OPTION(kind, name, value, low, high, unit, text) +1

@@ -2,6 +2,7 @@
 #include "backend/backend.h"
 #include "core/fail.h"
 #include "fem/solver.h"
+#include "fem/tled.h"
 #include "interact/tool.h"
 
 #include <math.h>
@@ -23,6 +24,12 @@ pliant_status pliant_data_set_positions(const pliant_model *model, pliant_data *
     pliant_solver *solver = data->solver;
     for (int32_t n = 0; n < 3 * model->fine.num_nodes; n++)
         if (!isfinite(positions[n])) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the position of node %d is not finite", n / 3);
+    if (data->tled) {
+        pliant_tled_set_positions(data->tled, positions);
+        memcpy(data->positions, positions, 3 * (size_t)model->fine.num_nodes * sizeof *positions);
+        for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
+        return pliant_backend_restart(model, data);
+    }
     for (int32_t f = 0; f < system->num_free; f++) {
         int32_t node = system->node_of_free[f], fine = fine_node_of(model, node);
         if (fine >= 0) memcpy(solver->now.x + 3 * node, positions + 3 * fine, 3 * sizeof *positions);

@@ -2,6 +2,7 @@
 #include "backend/backend.h"
 #include "core/fail.h"
 #include "fem/solver.h"
+#include "fem/tled.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
 
@@ -24,7 +25,9 @@ pliant_status pliant_data_create(const pliant_model *model, pliant_data **out)
     if (!data) return pliant_fail_memory("the simulation state");
     size_t before = pliant_memory_in_use();
     data->positions = pliant_calloc((size_t)model->fine.num_nodes, 3 * sizeof *data->positions);
-    pliant_status status = data->positions ? pliant_solver_create(model, &data->solver) : pliant_fail_memory("the simulation state");
+    pliant_status status = !data->positions ? pliant_fail_memory("the simulation state")
+                           : model->tled    ? pliant_tled_create(model, &data->tled)
+                                            : pliant_solver_create(model, &data->solver);
     if (status != PLIANT_OK) {
         pliant_data_free(data);
         return status;
@@ -47,6 +50,7 @@ void pliant_data_free(pliant_data *data)
     if (data->backend_state) data->backend->free(data);
     for (int t = 0; t < data->num_tools; t++) pliant_tool_forget(data->tools + t);
     pliant_solver_free(data->solver);
+    pliant_tled_free(data->tled);
     pliant_warp_free(data->warp);
     pliant_free(data->positions);
     pliant_free(data);
@@ -54,8 +58,9 @@ void pliant_data_free(pliant_data *data)
 
 pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
 {
-    pliant_status status = pliant_solver_reset(data->solver);
+    pliant_status status = data->tled ? PLIANT_OK : pliant_solver_reset(data->solver);
     if (status != PLIANT_OK) return status;
+    if (data->tled) pliant_tled_reset(data->tled);
     for (int t = 0; t < data->num_tools; t++) pliant_tool_forget(data->tools + t);
     memcpy(data->positions, model->fine.rest, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
     memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
@@ -92,6 +97,10 @@ pliant_status pliant_data_gravity(pliant_data *data, const double gravity[3])
 
 static pliant_status interact(const pliant_model *model, pliant_data *data)
 {
+    if (data->tled) {
+        pliant_tled_interact(data->tled, data->gravity, data->tools, data->num_tools);
+        return PLIANT_OK;
+    }
     pliant_solver_gravity(data->solver, data->gravity);
     for (int t = 0; t < data->num_tools; t++) {
         if (data->tools[t].holding && !data->tools[t].attached) data->backend->bring(model, data); /* it begins from the present state */

@@ -1,5 +1,6 @@
 #include "core/fail.h"
 #include "fem/solver.h"
+#include "fem/tled.h"
 #include "pliant/data.h"
 
 #include <math.h>
@@ -9,6 +10,10 @@ pliant_status pliant_data_limits(pliant_data *data, int iterations, double toler
     if (iterations < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a step needs at least 1 iteration, not %d", iterations);
     if (!(tolerance > 0) || !isfinite(tolerance))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the tolerance of a step must be above 0, not %g", tolerance);
+    if (data->tled) {
+        pliant_tled_limits(data->tled, iterations, tolerance);
+        return PLIANT_OK;
+    }
     data->solver->max_iterations = iterations;
     data->solver->tolerance = tolerance;
     return PLIANT_OK;

@@ -231,5 +231,5 @@ void pliant_tool_report(pliant_data *data, int index)
     pliant_tool *tool = data->tools + index;
     if (!tool->holding) return;
     find_held_point(data, tool);
-    memcpy(tool->force, data->solver->handles[index].force, sizeof tool->force);
+    if (data->solver) memcpy(tool->force, data->solver->handles[index].force, sizeof tool->force);
 }

@@ -1,0 +1,60 @@
+/* The stages of explicit dynamics on the CPU. */
+#include "fem/tled.h"
+
+#include "backend/backend.h"
+#include "core/fail.h"
+#include "interact/tool.h"
+
+#include <stdio.h>
+
+static bool probe(char *text, size_t size)
+{
+    snprintf(text, size, "cpu");
+    return true;
+}
+
+static pliant_status create(const pliant_model *model, pliant_data *data)
+{
+    (void)model, (void)data;
+    return PLIANT_OK;
+}
+
+static void destroy(pliant_data *data) { (void)data; }
+
+static void bring(const pliant_model *model, pliant_data *data) { (void)model, (void)data; }
+
+static pliant_status solve(const pliant_model *model, pliant_data *data)
+{
+    (void)model;
+    return pliant_tled_step(data->tled, data->tools, data->num_tools, &data->statistics);
+}
+
+static pliant_status upsample(const pliant_model *model, pliant_data *data)
+{
+    for (int32_t n = 0; n < 3 * model->fine.num_nodes; n++) data->positions[n] = model->fine.rest[n] + data->tled->u[n];
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
+    return PLIANT_OK;
+}
+
+static pliant_status warp(const pliant_model *model, pliant_data *data)
+{
+    (void)model;
+    return data->warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
+}
+
+const pliant_backend pliant_tled_backend = {
+    .name = "cpu", .probe = probe, .create = create, .free = destroy, .restart = create, .bring = bring,
+    .solve = solve, .upsample = upsample, .warp = warp,
+};
+
+pliant_status pliant_data_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out)
+{
+    if (!data->tled) return pliant_fail(PLIANT_ERROR_ARGUMENT, "solver/kind is not tled: there is no dynamics");
+    const pliant_tled_system *system = model->tled;
+    pliant_dynamics told = {.edge_bound = system->edge_bound, .eigenvalue_bound = system->eigenvalue_bound,
+                            .time_step = data->tled->time_step, .substeps = data->tled->substeps};
+    pliant_tled_energies(data->tled, model->fine_material, &told.kinetic_energy, &told.strain_energy);
+    if (system->quasi_static) told.kinetic_energy = 0;
+    *out = told;
+    return PLIANT_OK;
+}
