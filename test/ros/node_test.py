@@ -20,7 +20,7 @@ from sensor_msgs.msg import Image
 from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
-from node_client import NAMESPACE, Latest, Node, Tool, WholeVolume, wait_for  # noqa: E402
+from node_client import NAMESPACE, TIMEOUT, Latest, Node, Tool, WholeVolume, wait_for  # noqa: E402
 
 ORIGIN = numpy.array([0.5, 0.25, 1.0])  # tissue in world, as in node.test
 
@@ -96,9 +96,16 @@ class NodeTest(unittest.TestCase):
         point = self.node.front()
         self.tool.appear(to_frame(point))
         wait_for(lambda: self.node.contact.fresh().touching, "the tool to touch")
-        self.tool.closed = True
-        wait_for(lambda: self.node.contact.fresh().grasped, "the tool to take hold")
-        return point
+        # on a busy machine the tool may be away for a moment just as it closes: then it opens and closes again
+        for attempt in range(3):
+            self.tool.closed = True
+            try:
+                wait_for(lambda: self.node.contact.fresh().grasped, "the tool to take hold", TIMEOUT / 3)
+                return point
+            except AssertionError:
+                self.tool.closed = False
+                time.sleep(0.2)
+        raise AssertionError("the tool closed three times and took no hold")
 
     def pull(self, to_frame=lambda point: point, distance=0.02):
         """Forwards, which is -y."""
@@ -186,7 +193,7 @@ class NodeTest(unittest.TestCase):
 
     def test_stale_pose_means_no_tool(self):
         def stale():
-            return rospy.Time.now() - rospy.Duration(0.5)
+            return rospy.Time.now() - rospy.Duration(3)
         self.assert_lost(lambda: setattr(self.tool, "stamp", stale), "a stale pose")
 
     def test_silence_means_no_tool(self):
