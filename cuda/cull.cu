@@ -5,28 +5,49 @@
 
 enum { THREADS = 128 };
 
-/* each of the four threads takes its share of the bricks that a tetrahedron touches */
-template <class Visit> static __device__ void visit_bricks(const gpu_raster &raster, const gpu_tet &tet, Visit visit)
+/* Bricks of a mask that are a thread's: those of even or odd place along i and along j, so that all four threads have some. */
+static __device__ __forceinline__ unsigned long long own_bricks(unsigned long long bricks, int v)
 {
-    if (tet.kind == RASTER_NOTHING) return;
+    static_assert(MASK_EDGE == 4, "a row of the mask has 4 bits, a slice 16");
+    return bricks & 0x0505050505050505ull << ((v & 1) + MASK_EDGE * (v >> 1));
+}
+
+/* what of a tetrahedron says which bricks it touches */
+struct footprint { unsigned long long bricks; short low[3], high[3]; unsigned char kind; };
+
+/* each of the four threads takes its share of the bricks, two at a time */
+template <class Visit>
+static __device__ __forceinline__ void visit_bricks(const gpu_raster &raster, const gpu_tet &tet, const footprint &foot, Visit visit)
+{
+    if (foot.kind == RASTER_NOTHING) return;
     const int across = raster.grid.bricks[0], down = raster.grid.bricks[1], v = (int)threadIdx.x % 4;
-    int low[3], high[3], at[3];
+    int low[3], high[3], at[3], number = 0;
     for (int d = 0; d < 3; d++) {
-        low[d] = tet.low[d] / BRICK;
-        high[d] = tet.high[d] / BRICK;
+        low[d] = foot.low[d] / BRICK;
+        high[d] = foot.high[d] / BRICK;
     }
-    int number = 0;
-    if (gpu_in_mask(tet.low, tet.high)) {
-        for (unsigned long long left = tet.bricks; left; left &= left - 1) {
-            int bit = __ffsll((long long)left) - 1;
-            if (number++ % 4 == v) visit(low[0] + (bit & 3) + across * (low[1] + (bit >> 2 & 3) + down * (low[2] + (bit >> 4))));
+    if (gpu_in_mask(foot.low, foot.high)) {
+        const int first = low[0] + across * (low[1] + down * low[2]);
+        for (unsigned long long left = own_bricks(foot.bricks, v); left; left &= left - 1) {
+            int brick[2];
+            for (int n = 0; n < 2; n++) {
+                const int bit = __ffsll((long long)left) - 1;
+                brick[n] = left ? first + (bit & 3) + across * ((bit >> 2 & 3) + down * (bit >> 4)) : -1;
+                if (n == 0) left &= left - 1;
+            }
+            visit(brick[0], brick[1]);
         }
         return;
     }
     for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
         for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
             for (at[0] = low[0]; at[0] <= high[0]; at[0]++)
-                if (number++ % 4 == v && gpu_cuts(tet, at)) visit(at[0] + across * (at[1] + down * at[2]));
+                if (number++ % 4 == v && gpu_cuts(tet, at)) visit(at[0] + across * (at[1] + down * at[2]), -1);
+}
+
+static __device__ __forceinline__ void list_in(const gpu_raster &raster, int t, int brick, int place)
+{
+    if (brick >= 0 && place < raster.capacity) raster.d_list[(size_t)brick * raster.capacity + place] = t;
 }
 
 /* its box in voxels inside the target; false when that is empty (find_box) */
@@ -49,43 +70,45 @@ static __device__ __forceinline__ bool find_box(const raster_grid &grid, const i
 }
 
 /* pliant_raster_tet. own_rest: of its own node. All four threads come here together. */
-static __device__ __forceinline__ void set_up(const gpu_raster &raster, const int fixed[4][3], const double *own_rest, bool keep, gpu_tet &out)
+static __device__ __forceinline__ void set_up(const gpu_raster &raster, const int fixed[4][3], const double *own_rest, bool keep, gpu_tet &out,
+                                              footprint &foot)
 {
     const raster_grid &grid = raster.grid;
     const int v = (int)threadIdx.x % 4, axis = v < 3 ? v : 0;
     long long normal[3];
-    short low[3], high[3];
     const double volume = gpu_normals(fixed, v, normal);
-    const bool drawn = (grid.mirrored ? volume < 0 : volume > 0) & find_box(grid, fixed, low, high);
-    double rest[4], map[4], rounded[4];
+    const bool drawn = (grid.mirrored ? volume < 0 : volume > 0) & find_box(grid, fixed, foot.low, foot.high);
+    double rest[4], map[4], rounded[4], exact[3];
+    for (int d = 0; d < 3; d++) exact[d] = (double)normal[d]; /* below 2^53 */
     for (int n = 0; n < 4; n++) {
         double x = of_thread(own_rest[0], n), y = of_thread(own_rest[1], n), z = of_thread(own_rest[2], n);
         rest[n] = axis == 0 ? x : axis == 1 ? y : z;
     }
-    gpu_map(grid, fixed, rest, normal, volume, map);
+    gpu_map(grid, fixed, rest, exact, volume, map);
     const bool whole = all_of_four(gpu_is_whole(grid, raster.source_size[axis], fixed, rest, map, rounded));
     for (int c = 0; c < 4; c++) map[c] = whole ? rounded[c] : map[c];
     const bool inner = all_of_four(gpu_stays_inside(raster.source_size[axis], rest, map));
     gpu_tet::plane plane;
     for (int d = 0; d < 3; d++) {
         if (grid.mirrored) normal[d] = -normal[d];
-        plane.normal[d] = (double)normal[d];
+        plane.normal[d] = grid.mirrored ? -exact[d] : exact[d];
     }
     int point[3];
     for (int d = 0; d < 3; d++) point[d] = v == 0 ? fixed[1][d] : fixed[0][d];
     const long long value = gpu_plane_value(grid, normal, point);
     long long near = value;
-    for (int d = 0; d < 3; d++) near += normal[d] * (low[d] / BRICK * BRICK);
+    for (int d = 0; d < 3; d++) near += normal[d] * (foot.low[d] / BRICK * BRICK);
     plane.near = (double)near;
-    const unsigned long long bricks = and_of_four(drawn ? gpu_find_bricks(low, high, plane) : 0);
+    foot.bricks = and_of_four(drawn ? gpu_find_bricks(foot.low, foot.high, plane) : 0);
+    foot.kind = !drawn ? RASTER_NOTHING : whole ? RASTER_COPY : RASTER_SAMPLE;
     if (!keep) return;
     if (v == 0) {
-        out.kind = !drawn ? RASTER_NOTHING : whole ? RASTER_COPY : RASTER_SAMPLE;
+        out.kind = foot.kind;
         out.inner = inner;
-        out.bricks = bricks;
+        out.bricks = foot.bricks;
         for (int d = 0; d < 3; d++) {
-            out.low[d] = low[d];
-            out.high[d] = high[d];
+            out.low[d] = foot.low[d];
+            out.high[d] = foot.high[d];
         }
     }
     if (!drawn) return;
@@ -104,34 +127,48 @@ static __global__ void __launch_bounds__(THREADS, 4) cull_kernel(gpu_raster rast
     const bool there = own < raster.num_tets;
     const int t = there ? own : raster.num_tets - 1; /* the last threads go along, since all talk to each other */
     const size_t node = (size_t)raster.d_tets[4 * (size_t)t + v];
+    gpu_tet *stored = static_cast<gpu_tet *>(raster.d_setup) + t;
+    footprint foot = {0, {0, 0, 0}, {0, 0, 0}, RASTER_NOTHING};
+    if (!all) {
+        foot.bricks = stored->bricks;
+        foot.kind = stored->kind;
+        for (int d = 0; d < 3; d++) {
+            foot.low[d] = stored->low[d];
+            foot.high[d] = stored->high[d];
+        }
+    }
     int mine[3], fixed[4][3], *last = raster.d_fixed + 12 * (size_t)t + 3 * v;
-    gpu_fix(raster.grid, d_positions + 3 * node, mine);
+    double rest[3];
+    for (int d = 0; d < 3; d++) rest[d] = raster.d_rest[3 * node + d];
+    gpu_fix(raster.grid, raster.reciprocal, d_positions + 3 * node, mine);
     bool still = !all;
     for (int d = 0; d < 3; d++) {
         still = still && last[d] == mine[d];
         for (int n = 0; n < 4; n++) fixed[n][d] = of_thread(mine[d], n);
     }
     still = all_of_four(still);
-    gpu_tet *stored = static_cast<gpu_tet *>(raster.d_setup) + t;
-    auto dirty = [&](int brick) { raster.d_dirty[brick] = 1; };
-    auto add = [&](int brick) {
-        int place = atomicAdd(raster.d_count + brick, 1); /* any order: the lowest index wins all the same */
-        if (place < raster.capacity) raster.d_list[(size_t)brick * raster.capacity + place] = t;
-    };
-    if (there && !still && !all) visit_bricks(raster, *stored, dirty);
+    if (there && !still)
+        visit_bricks(raster, *stored, foot, [&](int one, int other) {
+            raster.d_dirty[one] = 1;
+            if (other >= 0) raster.d_dirty[other] = 1;
+        });
     __syncwarp();
     if (__any_sync(0xffffffff, there && !still)) { /* setting up one that stayed gives what it was */
-        double rest[3];
-        for (int d = 0; d < 3; d++) rest[d] = raster.d_rest[3 * node + d];
         if (there)
             for (int d = 0; d < 3; d++) last[d] = mine[d];
-        set_up(raster, fixed, rest, there, *stored);
+        set_up(raster, fixed, rest, there, *stored, foot);
         __syncwarp();
     }
     if (!there) return;
-    visit_bricks(raster, *stored, [&](int brick) {
-        if (!still) dirty(brick);
-        add(brick);
+    visit_bricks(raster, *stored, foot, [&](int one, int other) {
+        if (!still) {
+            raster.d_dirty[one] = 1;
+            if (other >= 0) raster.d_dirty[other] = 1;
+        }
+        /* any order: the lowest index wins all the same */
+        const int place = atomicAdd(raster.d_count + one, 1), other_place = other >= 0 ? atomicAdd(raster.d_count + other, 1) : 0;
+        list_in(raster, t, one, place);
+        list_in(raster, t, other, other_place);
     });
 }
 

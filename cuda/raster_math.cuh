@@ -42,13 +42,23 @@ static __device__ __forceinline__ unsigned long long and_of_four(unsigned long l
 
 /* ---- pliant_raster_fix, its own node */
 
-static __device__ __forceinline__ void gpu_fix(const raster_grid &grid, const double *position, int *fixed)
+/* a / b, from 1 / b rounded to nearest: the second correction makes the quotient that of a division (Markstein, IBM Journal of
+ * Research and Development 34, 1990), but for numbers so large that no volume has them */
+static __device__ __forceinline__ double gpu_divide(double a, double b, double reciprocal)
+{
+    double q = a * reciprocal;
+    if (!(fabs(q) < 1e200)) return a / b;
+    q = fma(fma(-q, b, a), reciprocal, q);
+    return fma(fma(-q, b, a), reciprocal, q);
+}
+
+static __device__ __forceinline__ void gpu_fix(const raster_grid &grid, const double *reciprocal, const double *position, int *fixed)
 {
     double offset[3];
     for (int d = 0; d < 3; d++) offset[d] = position[d] - grid.target.origin[d];
     for (int d = 0; d < 3; d++) {
         const double *axis = grid.target.direction + d;
-        double index = (axis[0] * offset[0] + axis[3] * offset[1] + axis[6] * offset[2]) / grid.target.spacing[d];
+        double index = gpu_divide(axis[0] * offset[0] + axis[3] * offset[1] + axis[6] * offset[2], grid.target.spacing[d], reciprocal[d]);
         double inside = index > grid.low[d] ? index : grid.low[d];
         inside = inside < grid.high[d] ? inside : grid.high[d];
         fixed[d] = __double2int_rn(inside * grid.scale);
@@ -105,14 +115,14 @@ static __device__ __forceinline__ double raster_step(const raster_grid &grid) { 
 
 /* One axis of the map from target to source, before rounding; every thread runs it, threads 0 to 2 have an axis.
  * Barycentric coordinate of node n: normal[n] . (scale * voxel - node 0) / volume. */
-static __device__ __forceinline__ void gpu_map(const raster_grid &grid, const int fixed[4][3], const double *rest, const long long *normal,
+static __device__ __forceinline__ void gpu_map(const raster_grid &grid, const int fixed[4][3], const double *rest, const double *normal,
                                                double volume, double *map)
 {
     const double unit = grid.scale / volume, step = raster_step(grid);
     map[3] = rest[0];
     for (int c = 0; c < 3; c++) {
         double sum = 0;
-        for (int n = 1; n < 4; n++) sum += (rest[n] - rest[0]) * (double)of_thread(normal[c], n);
+        for (int n = 1; n < 4; n++) sum += (rest[n] - rest[0]) * of_thread(normal[c], n);
         map[c] = sum * unit;
         map[3] -= map[c] * (fixed[0][c] * step);
     }
@@ -197,8 +207,9 @@ static __device__ __forceinline__ unsigned long long gpu_find_bricks(const short
 struct gpu_plane { double value, step_j, step_k, factor; };
 enum { PLANE_EMPTY, PLANE_RISING, PLANE_OTHER, PLANE_WHOLE };
 
-/* Whether it leaves nothing, part or all of the brick is found in float; in doubt, part. */
-static __device__ __forceinline__ int gpu_find_plane(const gpu_tet &tet, int v, const int *origin, gpu_plane &out)
+/* Whether it leaves nothing, part or all of a box of voxels in the brick (low to high, from the brick's origin) is found in
+ * float; in doubt, part. */
+static __device__ __forceinline__ int gpu_find_plane(const gpu_tet &tet, int v, const int *origin, const int *low, const int *high, gpu_plane &out)
 {
     const gpu_tet::plane plane = tet.planes[v];
     double value = plane.near;
@@ -212,10 +223,10 @@ static __device__ __forceinline__ int gpu_find_plane(const gpu_tet &tet, int v, 
     out = {value + 0.5, plane.normal[1], plane.normal[2], tet.factor[v]};
     float most = (float)value, least = most, size = fabsf(most);
     for (int d = 0; d < 3; d++) {
-        float n = (float)plane.normal[d] * (BRICK - 1);
-        most += fmaxf(n, 0);
-        least += fminf(n, 0);
-        size += fabsf(n);
+        const float n = (float)plane.normal[d], first = n * (float)low[d], last = n * (float)high[d];
+        most += fmaxf(first, last);
+        least += fminf(first, last);
+        size += fabsf(n) * BRICK;
     }
     const float doubt = 1e-6f * size;
     return most < -doubt ? PLANE_EMPTY : least > doubt ? PLANE_WHOLE : plane.normal[0] > 0 ? PLANE_RISING : PLANE_OTHER;

@@ -24,7 +24,7 @@ struct pliant_cuda_warp {
     size_t volume_bytes;
 };
 
-/* 32 bits count bytes of the scan, and 24 bits of an owner's key tetrahedra */
+/* 32 bits count voxels of the scan with room for sums, and 24 bits of an owner's key tetrahedra */
 static const int most_voxels = 1 << 30, most_tets = 1 << 24;
 /* candidates of a brick at first: more than any but the most crowded bricks have */
 static const int32_t first_capacity = 192;
@@ -42,18 +42,18 @@ template <class T> static pliant_status upload(const T *h_from, size_t count, cu
     return PLIANT_OK;
 }
 
-/* 8 and 16 bit voxels take 32 bits each there: with their right neighbours */
 static pliant_status upload_source(pliant_cuda_warp *gpu)
 {
     const raster_source *source = gpu->parts.source;
     void *d_voxels = nullptr, *d_source = nullptr;
+    const size_t bytes = (size_t)source->count * sizeof *gpu->raster.d_source;
     if (source->count >= most_voxels || gpu->raster.num_tets >= most_tets)
         return pliant_fail(PLIANT_ERROR_MEMORY, "%lld voxels and %d tetrahedra are too many for the GPU's warp: it takes fewer than %d and %d",
                            (long long)source->count, gpu->raster.num_tets, most_voxels, most_tets);
-    CUDA_TRY(pliant_cuda_allocate((size_t)source->count * sizeof(uint32_t), "the scan", &d_source));
-    gpu->raster.d_source = d_source;
+    CUDA_TRY(pliant_cuda_allocate(bytes, "the scan", &d_source));
+    gpu->raster.d_source = static_cast<float2 *>(d_source);
     CUDA_TRY(pliant_cuda_upload(source->voxels, (size_t)source->count * pliant_encoding_size(source->encoding), "the scan", gpu->stream, &d_voxels));
-    pliant_status status = pliant_cuda_prepare_source(&gpu->raster, d_voxels, d_source, source->count, gpu->stream);
+    pliant_status status = pliant_cuda_prepare_source(&gpu->raster, d_voxels, static_cast<float2 *>(d_source), source->count, gpu->stream);
     if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(gpu->stream));
     pliant_cuda_release(d_voxels);
     return status;
@@ -79,6 +79,7 @@ static pliant_status fill(pliant_cuda_warp *gpu)
     CUDA_TRY(allocate(1, &raster->d_longest));
     CUDA_TRY(allocate(bricks * (size_t)raster->capacity, &raster->d_list));
     CUDA_TRY(allocate(3 * nodes, &gpu->d_positions));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_list, 0, bricks * (size_t)raster->capacity * sizeof *raster->d_list, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_count, 0, bricks * sizeof *raster->d_count, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_fixed, 0, 12 * tets * sizeof *raster->d_fixed, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_longest, 0, sizeof *raster->d_longest, gpu->stream)));
@@ -108,6 +109,7 @@ extern "C" pliant_status pliant_cuda_warp_create(const pliant_warp_parts *parts,
     for (int d = 0; d < 3; d++) {
         raster->source_size[d] = parts->source->size[d];
         raster->source_step[d] = (int32_t)parts->source->step[d];
+        raster->reciprocal[d] = 1 / parts->grid->target.spacing[d];
     }
     gpu->stale = static_cast<uint8_t *>(pliant_calloc((size_t)parts->grid->bricks[2], 1));
     pliant_status status = gpu->stale ? fill(gpu) : pliant_fail_memory("the warp");
@@ -168,6 +170,7 @@ static pliant_status lengthen(pliant_cuda_warp *gpu, const double *d_positions, 
     pliant_cuda_release(raster->d_list);
     raster->d_list = d_list;
     raster->capacity = capacity;
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(d_list, 0, (size_t)raster->num_bricks * (size_t)capacity * sizeof *d_list, stream)));
     CUDA_TRY(pliant_cuda_warp_enqueue(gpu, d_positions, stream));
     return CUDA_CALL(cudaStreamSynchronize(stream));
 }

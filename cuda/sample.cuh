@@ -1,0 +1,80 @@
+/* The value of a voxel, from the map of its owner: the operations of src/warp/sample_portable.c in their order. (This is
+ * compiled without fused multiply-adds; the one that is written down rounds an exact product and sum once, as there.) */
+#ifndef PLIANT_CUDA_SAMPLE_CUH
+#define PLIANT_CUDA_SAMPLE_CUH
+
+#include "raster_math.cuh"
+#include "rasterize.h"
+
+/* raster_slot; steps along i: i_x, i_y, i_z */
+struct alignas(16) slot { float origin[3], i_x, step_j[3], i_y, step_k[3], i_z; };
+
+struct limits { float low[3], high[3], last[3]; }; /* relative to the brick's base voxel */
+
+/* added to numbers below 2^22 in size, rounded down, it leaves their floor in the low bits */
+static const float floor_shift = 12582912.0f;
+#define FLOOR_BITS 0x4b400000u
+
+static __device__ __forceinline__ float between(float a, float b, float t) { return a + t * (b - a); }
+
+static __device__ __forceinline__ void source_point(const slot &map, float i, float j, float k, float *at)
+{
+    at[0] = map.origin[0] + j * map.step_j[0] + k * map.step_k[0] + i * map.i_x;
+    at[1] = map.origin[1] + j * map.step_j[1] + k * map.step_k[1] + i * map.i_y;
+    at[2] = map.origin[2] + j * map.step_j[2] + k * map.step_k[2] + i * map.i_z;
+}
+
+template <bool INNER> static __device__ __forceinline__ float split(float at, const limits &limit, int d, unsigned *bits)
+{
+    if (!INNER) at = fminf(fmaxf(at, limit.low[d]), limit.high[d]);
+    float shifted = __fadd_rd(at, floor_shift);
+    if (!INNER) shifted = fminf(shifted, limit.last[d] + floor_shift);
+    *bits = (unsigned)__float_as_int(shifted);
+    return at - (shifted - floor_shift);
+}
+
+/* d_source has each voxel and what its right neighbour has more. */
+template <class Voxel> struct sampler {
+    static __device__ __forceinline__ float along(float2 voxel, float weight) { return fmaf(voxel.y, weight, voxel.x); }
+    static __device__ __forceinline__ float weight(float x) { return (x + 768.0f) - 768.0f; } /* to 14 bits, as on the CPU */
+    /* its low bits are the nearest whole number */
+    static __device__ __forceinline__ Voxel voxel(float value) { return (Voxel)__float_as_int(value + floor_shift); }
+    static const bool copies = false; /* a sample at a voxel is the voxel */
+};
+
+template <> struct sampler<float> {
+    static __device__ __forceinline__ float along(float2 voxel, float weight) { return voxel.x + weight * voxel.y; }
+    static __device__ __forceinline__ float weight(float x) { return x; }
+    static __device__ __forceinline__ float voxel(float value) { return value; }
+    static const bool copies = true; /* -0.0f and what is not a number stay what they are */
+};
+
+/* base: flat index of the brick's base voxel. copy: the map takes voxels to voxels. */
+template <class Voxel, bool INNER>
+static __device__ __forceinline__ Voxel sample(const gpu_raster &raster, const limits &limit, unsigned base, const float *at, bool copy)
+{
+    typedef sampler<Voxel> how;
+    const unsigned step_j = (unsigned)raster.source_step[1], step_k = (unsigned)raster.source_step[2];
+    base -= FLOOR_BITS * (1 + step_j + step_k);
+    unsigned i, j, k;
+    const float x = split<INNER>(at[0], limit, 0, &i), y = split<INNER>(at[1], limit, 1, &j), z = split<INNER>(at[2], limit, 2, &k);
+    const unsigned place = base + i + j * step_j + k * step_k;
+    const float2 *source = raster.d_source;
+    if (how::copies && copy) {
+        /* a voxel's centre exactly: beyond the last cell's left corner it is the right one */
+        const unsigned right = x != 0, below = y != 0, behind = z != 0;
+        return how::voxel(__ldg(source + (place + right + below * step_j + behind * step_k)).x);
+    }
+    const float2 c00 = __ldg(source + place), c10 = __ldg(source + (place + step_j));
+    const float2 c01 = __ldg(source + (place + step_k)), c11 = __ldg(source + (place + step_j + step_k));
+    const float w = how::weight(x);
+    const float low = between(how::along(c00, w), how::along(c10, w), y);
+    const float high = between(how::along(c01, w), how::along(c11, w), y);
+    return how::voxel(between(low, high, z));
+}
+
+static __device__ __forceinline__ uint8_t background_of(const gpu_raster &raster, uint8_t) { return raster.background.background.u8; }
+static __device__ __forceinline__ int16_t background_of(const gpu_raster &raster, int16_t) { return raster.background.background.i16; }
+static __device__ __forceinline__ float background_of(const gpu_raster &raster, float) { return raster.background.background.f32; }
+
+#endif
