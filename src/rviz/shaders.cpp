@@ -43,7 +43,7 @@ void main()
         vec3 gradient = 0.5 * vec3(a + b - c - d, a - b + c - d, a - b - c + d) / spacing;
         float steepness = length(gradient);
         /* an even region has no surface to shade */
-        float surface = shading * clamp(steepness * abs(spacing.x) * window.x * 2.0, 0.0, 1.0);
+        float surface = shading * clamp(steepness * abs(spacing.x) * window.x * 4.0, 0.0, 1.0);
         float light = abs(dot(gradient, towards)) / max(steepness, 1e-12);
         float shine = pow(light, 24.0) * 0.25 * surface;
         colour.rgb = colour.rgb * mix(1.0, 0.35 + 0.75 * light, surface) + colour.a * shine;

@@ -33,6 +33,8 @@ static const size_t UPLOAD_BYTES = size_t(32) << 20;
 static const float STILL_AFTER = 0.4f;
 // [s]
 static const float ASK_EVERY = 2;
+// a frame while something moves takes no longer, with as few slices as this if need be [s]
+static const double FRAME_TIME = 0.1, FEWEST_SLICES = 32;
 
 VolumeDisplay::VolumeDisplay() { make_properties(); }
 
@@ -66,7 +68,8 @@ void VolumeDisplay::make_properties()
     shading_->setMin(0);
     shading_->setMax(1);
     slices_ = new rviz::IntProperty("Slices", 256, "Slices over the volume's diagonal when nothing moves.", this, SLOT(change_look()));
-    slices_moving_ = new rviz::IntProperty("Slices While Moving", 96, "Slices while the view or the tissue moves.", this,
+    slices_moving_ = new rviz::IntProperty("Slices While Moving", 96, "Most slices while the view or the tissue moves; fewer where "
+                                           "they take longer than 0.1 s.", this,
                                            SLOT(change_look()));
     for (rviz::IntProperty *count : {slices_, slices_moving_}) {
         count->setMin(8);
@@ -282,13 +285,11 @@ void VolumeDisplay::upload()
     }
     size_t left = UPLOAD_BYTES;
     Box box;
-    bool any = false;
     while (left > 0 && received_.image.next_change(left, box)) {
         visual_->upload(received_.image, box);
         left -= std::min(left, box.voxels() * size_t(received_.image.bits() / 8));
-        any = true;
+        uploaded_ = true;
     }
-    if (any || look_changed_) visual_->find_visible(received_.image);
 }
 
 // A whole volume is sent to whoever subscribes: that mends what was lost.
@@ -308,10 +309,14 @@ bool VolumeDisplay::place()
     {
         std::lock_guard<std::mutex> guard(received_.lock);
         frame = received_.frame;
+        Ogre::Vector3 old_position = volume_position_;
+        Ogre::Quaternion old_orientation = volume_orientation_;
         volume_position_ = Ogre::Vector3(float(received_.position[0]), float(received_.position[1]), float(received_.position[2]));
         const std::array<double, 4> &q = received_.orientation;
         volume_orientation_ = Ogre::Quaternion(float(q[3]), float(q[0]), float(q[1]), float(q[2]));
         volume_orientation_.normalise();
+        // the clip plane is of the frame, the look's of the volume
+        if (volume_position_ != old_position || volume_orientation_ != old_orientation) look_changed_ = true;
     }
     Ogre::Vector3 position;
     Ogre::Quaternion orientation;
@@ -328,7 +333,7 @@ bool VolumeDisplay::place()
     return true;
 }
 
-void VolumeDisplay::set_look(bool moving)
+void VolumeDisplay::set_look(unsigned slices)
 {
     Look look;
     look.isosurface = mode_->getOptionInt() == ISOSURFACE;
@@ -339,7 +344,7 @@ void VolumeDisplay::set_look(bool moving)
     look.shading = shading_->getFloat();
     look.surface = surface_->getFloat();
     look.surface_colour = surface_colour_->getOgreColor();
-    look.slices = unsigned(std::max(8, moving ? std::min(slices_moving_->getInt(), slices_->getInt()) : slices_->getInt()));
+    look.slices = slices;
     if (clip_box_->getBool())
         for (int d = 0; d < 3; d++) {
             look.clip_low[d] = box_low_->getVector()[d];
@@ -365,24 +370,40 @@ bool VolumeDisplay::is_moving()
     return still_for_ < STILL_AFTER;
 }
 
+// Fewer where the last frame took too long, more where it did not.
+unsigned VolumeDisplay::slices_while_moving(float wall_dt)
+{
+    double most = std::min(slices_moving_->getInt(), slices_->getInt());
+    if (moving_slices_ == 0) moving_slices_ = most;
+    if (drawn_moving_ && wall_dt > FRAME_TIME) moving_slices_ *= std::max(0.5, FRAME_TIME / wall_dt);
+    if (drawn_moving_ && wall_dt < 0.6 * FRAME_TIME) moving_slices_ *= 1.1;
+    moving_slices_ = std::min(std::max(moving_slices_, FEWEST_SLICES), most);
+    return unsigned(moving_slices_);
+}
+
 void VolumeDisplay::update(float wall_dt, float)
 {
     if (!visual_ || !context_->getViewManager()->getCurrent()) return;
     still_for_ += wall_dt;
-    bool moving = is_moving();
-    if (window_wanted_) take_window();
-    bool placed = visual_->has_texture() && place();
-    if (look_changed_ || moving != drawn_moving_) set_look(moving);
-    drawn_moving_ = moving;
     upload();
-    if (look_changed_) {
-        set_look(moving);
-        show_bar();
-    }
-    look_changed_ = window_wanted_;
+    if (window_wanted_) take_window();
+    bool moving = is_moving(), placed = visual_->has_texture() && place();
+    unsigned slices = moving ? slices_while_moving(wall_dt) : unsigned(slices_->getInt());
+    drawn_moving_ = moving;
+    if (look_changed_ || slices != visual_->look().slices) set_look(slices);
+    if (look_changed_) show_bar();
+    if (look_changed_ || uploaded_) find_visible();
+    look_changed_ = uploaded_ = false;
     if (placed) visual_->draw(context_->getViewManager()->getCurrent()->getCamera());
     report();
     ask_for_whole(wall_dt);
+}
+
+void VolumeDisplay::find_visible()
+{
+    if (!visual_->has_texture()) return;
+    std::lock_guard<std::mutex> guard(received_.lock);
+    visual_->find_visible(received_.image);
 }
 
 void VolumeDisplay::show_bar()

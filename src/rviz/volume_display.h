@@ -64,12 +64,14 @@ private:
     void receive(const pliant::Volume::ConstPtr &message); // in rviz's other thread
     void take_window();
     void upload();
+    void find_visible();
     bool place();
     void ask_for_whole(float wall_dt);
     void show_bar();
     void report();
     bool is_moving();
-    void set_look(bool moving);
+    unsigned slices_while_moving(float wall_dt);
+    void set_look(unsigned slices);
 
     // what the receiving thread leaves for update()
     struct Received {
@@ -89,10 +91,11 @@ private:
     std::unique_ptr<VolumeVisual> visual_;
     std::unique_ptr<ColourBar> bar_;
     std::string texture_error_, logged_;
-    bool look_changed_ = true, window_wanted_ = false, loading_ = false, whole_wanted_ = false;
+    bool look_changed_ = true, window_wanted_ = false, loading_ = false, whole_wanted_ = false, uploaded_ = false;
     bool drawn_moving_ = false;
-    Ogre::Vector3 camera_position_, volume_position_;
-    Ogre::Quaternion camera_orientation_, volume_orientation_;
+    double moving_slices_ = 0; // as many as this machine draws in time
+    Ogre::Vector3 camera_position_ = Ogre::Vector3::ZERO, volume_position_ = Ogre::Vector3::ZERO;
+    Ogre::Quaternion camera_orientation_, volume_orientation_; // identity
     float still_for_ = 0, since_asked_ = 0; // [s]
 
     rviz::RosTopicProperty *topic_;

@@ -233,7 +233,8 @@ class Pictures(unittest.TestCase):
         self.marker(10, at + [-0.03, 0, 0.10], [0.03, 0.03, 0.01], [0, 1, 0])  # in front
         self.marker(11, at + [0.03, 0, -0.10], [0.03, 0.03, 0.01], [0, 0, 1])  # behind
         self.marker(12, at + [0.0, 0.085, -0.10], [0.02, 0.04, 0.01], [0, 0, 1])  # behind, and half beside
-        self.stage.wait_for(lambda p: self.grey(p, at) > 150 and self.colour(p, at + [-0.03, 0, 0])[1] > 100, what="volume and marker")
+        self.stage.wait_for(lambda p: self.grey(p, at) > 150 and self.colour(p, at + [-0.03, 0, 0])[0] < 40 and
+                            self.colour(p, at + [0, 0.095, 0])[2] > 100, what="the volume, a marker in front of it and one beside")
         picture = self.stage.picture()
         front, behind, beside = (self.colour(picture, at + offset) for offset in ([-0.03, 0, 0], [0.03, 0, 0], [0, 0.095, 0]))
         self.assertGreater(front[1], 100)
