@@ -244,6 +244,15 @@ static void set_limits(pliant_tled *tled)
     }
 }
 
+/* What would move every node by a hundredth of half an edge in its first step: where fixed nodes are moved, there is no other load. */
+static void set_smallest_load(pliant_tled *tled)
+{
+    double mass = 0;
+    for (int32_t n = 0; n < tled->system->mesh->num_nodes; n++)
+        if (tled->system->inverse_mass[n] > 0) mass += 1 / tled->system->inverse_mass[n];
+    tled->smallest_load = tled->system->quasi_static ? mass * pow(0.05 * tled->reach, 2) : 0;
+}
+
 pliant_status pliant_tled_create(const pliant_model *model, pliant_tled **out)
 {
     const pliant_tled_system *system = model->tled;
@@ -274,6 +283,7 @@ pliant_status pliant_tled_create(const pliant_model *model, pliant_tled **out)
         return status;
     }
     set_limits(tled);
+    set_smallest_load(tled);
     pliant_tled_reset(tled);
     *out = tled;
     return PLIANT_OK;

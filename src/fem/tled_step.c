@@ -103,9 +103,9 @@ static void total_of(const pliant_tled *tled, int32_t chunks, double out[PLIANT_
 
 typedef struct frame_result { int32_t steps; double residual, largest; bool settled; } frame_result;
 
-static double relative(const double total[PLIANT_NUM_SUMS], double tool_load)
+static double relative(const pliant_tled *tled, const double total[PLIANT_NUM_SUMS], double tool_load)
 {
-    double load = total[PLIANT_SUM_LOAD] + tool_load;
+    double load = fmax(total[PLIANT_SUM_LOAD] + tool_load, tled->smallest_load);
     return load > 0 ? sqrt(total[PLIANT_SUM_RESIDUAL] / load) : 0;
 }
 
@@ -153,7 +153,7 @@ static frame_result run(pliant_tled *tled, pliant_tool *tools, int num_tools, bo
         }
         total_of(tled, chunks, total);
         result.steps++;
-        result.residual = relative(total, *tool_load);
+        result.residual = relative(tled, total, *tool_load);
         result.largest = total[PLIANT_SUM_LARGEST];
         if (!(result.largest <= (still ? INFINITY : 1))) break;
         result.settled = still && result.residual <= tled->tolerance;
