@@ -86,7 +86,7 @@ struct pliant_tled {
     double target[PLIANT_MAX_TOOLS][3];     /* where held points are pulled to now [m] */
     double kept_target[PLIANT_MAX_TOOLS][3];
     double quotient[2];                     /* dynamic relaxation: sums of Rayleigh's quotient over the last steps */
-    double smallest_load;                   /* dynamic relaxation: the residual is taken of this at least; as PLIANT_SUM_LOAD */
+    double smallest_load;                   /* dynamic relaxation: what the residual is taken of where there is no load; as PLIANT_SUM_LOAD */
     double reach;                           /* longest way of a held point in a sub-step [m] */
 
     /* WORK */

@@ -105,7 +105,9 @@ typedef struct frame_result { int32_t steps; double residual, largest; bool sett
 
 static double relative(const pliant_tled *tled, const double total[PLIANT_NUM_SUMS], double tool_load)
 {
-    double load = fmax(total[PLIANT_SUM_LOAD] + tool_load, tled->smallest_load);
+    const double noise = 1e-8; /* of a tool that holds without pulling */
+    double load = total[PLIANT_SUM_LOAD] + tool_load;
+    load = load > 0 ? fmax(load, noise * tled->smallest_load) : tled->smallest_load;
     return load > 0 ? sqrt(total[PLIANT_SUM_RESIDUAL] / load) : 0;
 }
 
