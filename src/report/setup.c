@@ -1,4 +1,5 @@
 /* What makes figures comparable, in eight characters. */
+#include "core/fail.h"
 #include "report/rows.h"
 
 #include <stdio.h>
@@ -23,6 +24,12 @@ static uint64_t add_materials(uint64_t hash, const pliant_material_table *table)
         hash = add(hash, material->labels, material->num_labels * sizeof *material->labels);
     }
     return hash;
+}
+
+pliant_status report_check_scene(const pliant_scene *scene)
+{
+    if (scene->solver.kind == PLIANT_COROTATIONAL) return PLIANT_OK;
+    return pliant_fail(PLIANT_ERROR_SCENE, "solver/kind: a report compares methods of the corotational solver; set it to corotational");
 }
 
 void pliant_report_setup(const pliant_report_input *input, const pliant_sweep *sweep, char out[9])

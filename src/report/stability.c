@@ -322,6 +322,7 @@ pliant_status pliant_stability_run(const pliant_report_input *input, const plian
         status = block_create_default(&block);
         context.input = &block.input;
     }
+    if (status >= 0) status = report_check_scene(context.input->scene);
     if (status >= 0) pliant_report_setup(context.input, NULL, context.setup);
     for (int c = 0; status >= 0 && c < NUM_CASES; c++) {
         if (options->only && strcmp(options->only, cases[c].name) != 0) continue;

@@ -380,6 +380,7 @@ pliant_status pliant_sweep_run(const pliant_report_input *input, const pliant_sw
                                pliant_report_tables *tables, pliant_progress progress)
 {
     pliant_status status = check(sweep);
+    if (status >= 0) status = report_check_scene(input->scene);
     if (status < 0) return status;
     sweep_state *state = pliant_calloc(1, sizeof *state);
     if (!state) return pliant_fail_memory("a sweep");
