@@ -62,7 +62,7 @@ def frames(arguments, moving):
         for slices in arguments.slices:
             stage = open_stage(arguments, slices, size)
             if moving:
-                tool = Tool()
+                tool = Tool(HOLD)
                 stage.wait(tool.grasp, 60, "the grasp")
             settled = time.time() + 2
             while time.time() < settled:
@@ -87,9 +87,9 @@ def frames(arguments, moving):
 
 
 class Tool:
-    """A tool at the point to hold that sends its pose and jaw."""
+    """A tool that sends its pose and jaw; it takes hold where it starts."""
 
-    def __init__(self):
+    def __init__(self, start):
         import rospy
         from geometry_msgs.msg import PoseStamped
         from pliant.msg import ContactState
@@ -102,7 +102,7 @@ class Tool:
         self.poses = rospy.Publisher("tissue/grasper/measured_cp", PoseStamped, queue_size=1, tcp_nodelay=True)
         self.jaws = rospy.Publisher("tissue/grasper/jaw/measured_js", JointState, queue_size=1, tcp_nodelay=True)
         self.contact = rospy.Subscriber("tissue/grasper/contact", ContactState, lambda m: setattr(self, "grasped", m.grasped))
-        self.began = time.time()
+        self.start, self.began = start, time.time()
 
     def send(self, place):
         now = self.rospy.Time.now()
@@ -116,14 +116,14 @@ class Tool:
     def grasp(self):
         """To be called until it has hold of the tissue."""
         self.closed = time.time() > self.began + 2
-        self.send(HOLD)
+        self.send(self.start)
         return self.grasped
 
 
 def delay(arguments):
     """The tool jumps by 5 mm; from the pose that says so to the first picture with other pixels around it."""
     stage = open_stage(arguments, arguments.slices[0], arguments.size[0])
-    tool = Tool()
+    tool = Tool(HOLD)
     stage.wait(tool.grasp, 60, "the grasp")
     place, times = HOLD, []
     hold_until = time.time() + 3
