@@ -24,6 +24,7 @@
 #include "pliant/status.h"
 #include "pliant/memory.h"
 #include "pliant/scan.h"
+#include "pliant/segment.h"
 #include "pliant/material.h"
 #include "pliant/mesh.h"
 #include "pliant/scene.h"

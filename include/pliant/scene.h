@@ -25,6 +25,7 @@ extern "C" {
 #define PLIANT_LAW_LIST(X)                                                                        \
     X(PLIANT_LAW_NEO_HOOKEAN, neo_hookean) X(PLIANT_LAW_COMPRESSIBLE, compressible)               \
     X(PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, saint_venant_kirchhoff)
+#define PLIANT_SEGMENT_LIST(X) X(PLIANT_SEGMENT_NONE, none) X(PLIANT_SEGMENT_GMM, gmm)
 
 #define PLIANT_CHOICE_ENUM(name, yaml) name,
 typedef enum pliant_method { PLIANT_METHOD_LIST(PLIANT_CHOICE_ENUM) } pliant_method;
@@ -34,6 +35,7 @@ typedef enum pliant_preconditioner_choice { PLIANT_PRECONDITIONER_LIST(PLIANT_CH
 typedef enum pliant_scalar { PLIANT_SCALAR_LIST(PLIANT_CHOICE_ENUM) } pliant_scalar;
 typedef enum pliant_solver_kind { PLIANT_SOLVER_LIST(PLIANT_CHOICE_ENUM) } pliant_solver_kind;
 typedef enum pliant_law { PLIANT_LAW_LIST(PLIANT_CHOICE_ENUM) } pliant_law;
+typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pliant_segment_kind;
 #undef PLIANT_CHOICE_ENUM
 
 /** C types of the kinds of option. INT3 and REAL3 take one default and one range for all three numbers. */
@@ -49,12 +51,19 @@ typedef enum pliant_law { PLIANT_LAW_LIST(PLIANT_CHOICE_ENUM) } pliant_law;
 #define PLIANT_DECLARE_PRECONDITIONER(name) pliant_preconditioner_choice name;
 #define PLIANT_DECLARE_SCALAR(name) pliant_scalar name;
 #define PLIANT_DECLARE_SOLVER(name) pliant_solver_kind name;
+#define PLIANT_DECLARE_SEGMENT(name) pliant_segment_kind name;
 #define PLIANT_DECLARE_LAW(name) pliant_law name;
 
 /* X(kind, name, default, low, high, unit, text) for every group; strings have no range */
 #define PLIANT_SCENE_SCAN(X)                                                                                           \
     X(STRING, series, "", 0, 0, "", "DICOM SeriesInstanceUID, or its unique ending, where a folder holds several")     \
     X(INT3, resample, 0, 0, 4096, "voxels", "resample the scan to this many voxels; 0 keeps an axis as it is")
+#define PLIANT_SCENE_SEGMENT(X)                                                                                        \
+    X(SEGMENT, kind, PLIANT_SEGMENT_NONE, 0, 0, "", "gmm: labels by a Gaussian mixture ([C] 4.1) instead of a label map; pliant_segment shows them") \
+    X(INT, classes, 0, 0, 16, "", "of the mixture; 0: by BIC")                                                        \
+    X(INT, most_classes, 12, 1, 16, "", "that BIC may choose")                                                        \
+    X(REAL, coherence, 1.0, 0.0, 100.0, "", "what a neighbour in the same class weighs; 0: voxels stand alone")       \
+    X(REAL, smallest, 1e-6, 0.0, 1.0, "m^3", "pieces below this volume join their neighbours")
 #define PLIANT_SCENE_MATERIAL(X)                                                                                       \
     X(STRING, file, "", 0, 0, "", "material table (YAML), relative to the scene file; empty: the built-in one")       \
     X(STRING, labels, "", 0, 0, "", "label map on the scan's grid; empty: intensity ranges only")                     \
@@ -108,7 +117,7 @@ typedef enum pliant_law { PLIANT_LAW_LIST(PLIANT_CHOICE_ENUM) } pliant_law;
 
 /* G(group, list) */
 #define PLIANT_SCENE_GROUPS(G)                                                                                         \
-    G(scan, PLIANT_SCENE_SCAN) G(material, PLIANT_SCENE_MATERIAL) G(mesh, PLIANT_SCENE_MESH)                           \
+    G(scan, PLIANT_SCENE_SCAN) G(segment, PLIANT_SCENE_SEGMENT) G(material, PLIANT_SCENE_MATERIAL) G(mesh, PLIANT_SCENE_MESH)                           \
     G(model, PLIANT_SCENE_MODEL) G(solver, PLIANT_SCENE_SOLVER) G(tled, PLIANT_SCENE_TLED)                             \
     G(ground, PLIANT_SCENE_GROUND) G(grasp, PLIANT_SCENE_GRASP) G(warp, PLIANT_SCENE_WARP) G(output, PLIANT_SCENE_OUTPUT)
 

@@ -1,7 +1,9 @@
 /* From paths to what a model is built of. */
 #include "core/fail.h"
 #include "pliant/model.h"
+#include "pliant/segment.h"
 
+#include <omp.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -63,6 +65,36 @@ static pliant_status resample(const pliant_scene *scene, pliant_volume *scan, pl
     return PLIANT_OK;
 }
 
+/* Labels that the table names have their material; all others go by intensity. */
+static void drop_unnamed(const pliant_material_table *table, pliant_labels *labels)
+{
+    for (size_t v = 0; v < pliant_geometry_voxels(&labels->geometry); v++) {
+        bool named = false;
+        for (uint32_t m = 0; !named && m < table->num_materials; m++)
+            for (uint32_t l = 0; !named && l < table->materials[m].num_labels; l++) named = table->materials[m].labels[l] == labels->voxels[v];
+        if (!named) labels->voxels[v] = 0;
+    }
+}
+
+static pliant_status segment(const pliant_scene *scene, const pliant_volume *scan, const pliant_material_table *table, pliant_labels *labels)
+{
+    if (scene->material.labels[0])
+        return pliant_fail(PLIANT_ERROR_SCENE, "segment/kind: gmm makes labels, but material/labels names a label map: one of them is enough");
+    pliant_segment_options options = {.classes = scene->segment.classes, .most_classes = scene->segment.most_classes,
+                                      .coherence = scene->segment.coherence, .smallest = scene->segment.smallest,
+                                      .num_threads = scene->solver.threads > 0 ? scene->solver.threads : omp_get_max_threads()};
+    pliant_segmentation found;
+    pliant_status status = pliant_segment(scan, &options, &found);
+    if (status != PLIANT_OK) return status;
+    pliant_log(PLIANT_LOG_INFO, "segmentation: %d classes, %d pieces", found.num_classes, found.num_pieces);
+    drop_unnamed(table, &found.labels);
+    pliant_labels_free(labels);
+    *labels = found.labels;
+    found.labels.voxels = NULL;
+    pliant_segmentation_free(&found);
+    return PLIANT_OK;
+}
+
 pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_path, pliant_volume *scan, pliant_labels *labels,
                                  pliant_material_table *materials)
 {
@@ -76,6 +108,7 @@ pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_pat
         status = phantom ? make_phantom(scene, scan_path, &volume, names_labels(&table) ? &map : NULL)
                          : read_scan(scene, scan_path, &volume, &map);
     if (status == PLIANT_OK && !phantom) status = resample(scene, &volume, &map);
+    if (status == PLIANT_OK && scene->segment.kind == PLIANT_SEGMENT_GMM) status = segment(scene, &volume, &table, &map);
     if (status != PLIANT_OK) {
         pliant_volume_free(&volume);
         pliant_labels_free(&map);

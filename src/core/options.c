@@ -14,6 +14,7 @@ static const char *const backend_names[] = {PLIANT_BACKEND_LIST(CHOICE_NAME) NUL
 static const char *const preconditioner_names[] = {PLIANT_PRECONDITIONER_LIST(CHOICE_NAME) NULL};
 static const char *const scalar_names[] = {PLIANT_SCALAR_LIST(CHOICE_NAME) NULL};
 static const char *const solver_names[] = {PLIANT_SOLVER_LIST(CHOICE_NAME) NULL};
+static const char *const segment_names[] = {PLIANT_SEGMENT_LIST(CHOICE_NAME) NULL};
 static const char *const law_names[] = {PLIANT_LAW_LIST(CHOICE_NAME) NULL};
 #undef CHOICE_NAME
 
@@ -21,7 +22,8 @@ static const char *const law_names[] = {PLIANT_LAW_LIST(CHOICE_NAME) NULL};
 _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == sizeof(int) &&
                    sizeof(pliant_backend_choice) == sizeof(int) &&
                    sizeof(pliant_preconditioner_choice) == sizeof(int) && sizeof(pliant_scalar) == sizeof(int) &&
-                   sizeof(pliant_solver_kind) == sizeof(int) && sizeof(pliant_law) == sizeof(int),
+                   sizeof(pliant_solver_kind) == sizeof(int) && sizeof(pliant_law) == sizeof(int) &&
+                   sizeof(pliant_segment_kind) == sizeof(int),
                "choices have the size of an int");
 
 /* kind, default as a number, default as a string, names of the choices */
@@ -37,6 +39,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define KIND_PRECONDITIONER(value) PLIANT_OPTION_CHOICE, value, NULL, preconditioner_names
 #define KIND_SCALAR(value) PLIANT_OPTION_CHOICE, value, NULL, scalar_names
 #define KIND_SOLVER(value) PLIANT_OPTION_CHOICE, value, NULL, solver_names
+#define KIND_SEGMENT(value) PLIANT_OPTION_CHOICE, value, NULL, segment_names
 #define KIND_LAW(value) PLIANT_OPTION_CHOICE, value, NULL, law_names
 
 /* one row of a group's list as an entry of the table; the second step lets KIND_ spread into its four values */
@@ -48,6 +51,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
      .offset = offsetof(pliant_scene, group_.name_), .value = value_, .low = low_, .high = high_, .names = names_},
 
 #define SCAN_ROW(...) ROW(scan, __VA_ARGS__)
+#define SEGMENT_ROW(...) ROW(segment, __VA_ARGS__)
 #define MATERIAL_ROW(...) ROW(material, __VA_ARGS__)
 #define MESH_ROW(...) ROW(mesh, __VA_ARGS__)
 #define MODEL_ROW(...) ROW(model, __VA_ARGS__)
@@ -59,7 +63,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define OUTPUT_ROW(...) ROW(output, __VA_ARGS__)
 
 static const pliant_option table[] = {
-    PLIANT_SCENE_SCAN(SCAN_ROW) PLIANT_SCENE_MATERIAL(MATERIAL_ROW) PLIANT_SCENE_MESH(MESH_ROW)
+    PLIANT_SCENE_SCAN(SCAN_ROW) PLIANT_SCENE_SEGMENT(SEGMENT_ROW) PLIANT_SCENE_MATERIAL(MATERIAL_ROW) PLIANT_SCENE_MESH(MESH_ROW)
     PLIANT_SCENE_MODEL(MODEL_ROW) PLIANT_SCENE_SOLVER(SOLVER_ROW) PLIANT_SCENE_TLED(TLED_ROW)
     PLIANT_SCENE_GROUND(GROUND_ROW) PLIANT_SCENE_GRASP(GRASP_ROW) PLIANT_SCENE_WARP(WARP_ROW) PLIANT_SCENE_OUTPUT(OUTPUT_ROW)
 };

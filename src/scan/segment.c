@@ -1,0 +1,310 @@
+/* From values to labelled pieces: histogram, mixture, neighbours that agree, pieces. */
+#include "scan/segment.h"
+
+#include "core/fail.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { SWEEPS = 8, FINE_BINS = 1 << 16 };
+
+static pliant_status check(const pliant_volume *scan, const pliant_segment_options *options)
+{
+    size_t voxels = pliant_geometry_voxels(&scan->geometry);
+    if (!scan->voxels || voxels == 0 || voxels > INT32_MAX)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: a volume of 1 to %d voxels is wanted", INT32_MAX);
+    if (options->classes < 0 || options->classes > PLIANT_MAX_CLASSES || options->most_classes < 1 ||
+        options->most_classes > PLIANT_MAX_CLASSES)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: 1 to %d classes are possible, not %d (0: chosen, at most %d)",
+                           PLIANT_MAX_CLASSES, options->classes, options->most_classes);
+    if (!(options->coherence >= 0) || !isfinite(options->coherence) || !(options->smallest >= 0) || options->num_threads < 1)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: coherence and smallest piece must not be negative; threads at least 1");
+    return PLIANT_OK;
+}
+
+/* Bins over what lies between the outermost thousandths of the values, so that a few extreme ones do not widen them. */
+static pliant_status range_of(const pliant_volume *scan, int num_threads, double *low, double *high)
+{
+    ptrdiff_t voxels = (ptrdiff_t)pliant_geometry_voxels(&scan->geometry);
+    double least = INFINITY, most = -INFINITY;
+    bool finite = true;
+#pragma omp parallel for num_threads(num_threads) reduction(min : least) reduction(max : most) reduction(&& : finite)
+    for (ptrdiff_t v = 0; v < voxels; v++) {
+        double value = pliant_volume_value(scan, (size_t)v);
+        finite = finite && isfinite(value);
+        least = fmin(least, value);
+        most = fmax(most, value);
+    }
+    if (!finite) return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: %s holds values that are not finite", scan->id);
+    uint32_t *count = pliant_calloc(FINE_BINS, sizeof *count);
+    if (!count) return pliant_fail_memory("the histogram");
+    double scale = most > least ? (FINE_BINS - 1) / (most - least) : 0;
+    for (ptrdiff_t v = 0; v < voxels; v++) count[(int32_t)((pliant_volume_value(scan, (size_t)v) - least) * scale)]++;
+    int32_t first = 0, last = FINE_BINS - 1;
+    double outside = 1e-3 * (double)voxels;
+    for (double sum = 0; first < last && (sum += count[first]) <= outside; first++) {}
+    for (double sum = 0; last > first && (sum += count[last]) <= outside; last--) {}
+    pliant_free(count);
+    *low = scale > 0 ? least + first / scale : least;
+    *high = scale > 0 ? least + (last + 1) / scale : least + 1;
+    return PLIANT_OK;
+}
+
+static uint16_t bin_of(const segment_histogram *histogram, double value)
+{
+    return (uint16_t)fmin(fmax((value - histogram->low) / histogram->width, 0), SEGMENT_BINS - 1);
+}
+
+/* Standard deviation of the noise: of the differences between neighbours along i, those of most are noise alone (Gaussian: the median of
+ * their sizes is 0.6745 sqrt 2 deviations). */
+static double noise_of(const segment_histogram *histogram, const uint16_t *bins, ptrdiff_t voxels)
+{
+    int64_t count[SEGMENT_BINS] = {0}, total = 0, sum = 0;
+    for (ptrdiff_t v = 1; v < voxels; v++) {
+        /* what lies beyond the bins, as padding and much of the air does, tells nothing */
+        if (bins[v] == 0 || bins[v - 1] == 0) continue;
+        count[abs(bins[v] - bins[v - 1])]++;
+        total++;
+    }
+    int median = 0;
+    for (; median + 1 < SEGMENT_BINS && 2 * (sum += count[median]) < total; median++) {}
+    return fmax(median, 0.5) * histogram->width / (0.6745 * 1.41421356);
+}
+
+/* Sigma filter (Lee 1983): the mean of those of the 27 voxels around that differ by no more than noise does, which sharpens the peaks of
+ * the histogram and keeps edges. Voxels most of whose neighbours are not like them lie on an edge, between two tissues, or in a texture as
+ * bone has: they count less. */
+static const double edge_part = 0.25;
+static void smooth(const pliant_volume *scan, int num_threads, segment_histogram *histogram, const uint16_t *raw, uint16_t *bins,
+                   uint8_t *counted)
+{
+    const int32_t *size = scan->geometry.size;
+    const int reach = (int)ceil(2.5 * histogram->noise / histogram->width), least = 18;
+#pragma omp parallel for num_threads(num_threads) schedule(static)
+    for (int32_t k = 0; k < size[2]; k++)
+        for (int32_t j = 0; j < size[1]; j++)
+            for (int32_t i = 0; i < size[0]; i++) {
+                ptrdiff_t v = i + (ptrdiff_t)size[0] * (j + (ptrdiff_t)size[1] * k);
+                int own = raw[v], sum = 0, alike = 0;
+                int32_t low[3] = {i > 0 ? -1 : 0, j > 0 ? -1 : 0, k > 0 ? -1 : 0};
+                int32_t high[3] = {i + 1 < size[0], j + 1 < size[1], k + 1 < size[2]};
+                for (int32_t c = low[2]; c <= high[2]; c++)
+                    for (int32_t b = low[1]; b <= high[1]; b++)
+                        for (int32_t a = low[0]; a <= high[0]; a++) {
+                            int other = raw[v + a + (ptrdiff_t)size[0] * (b + (ptrdiff_t)size[1] * c)];
+                            int near = abs(other - own) <= reach;
+                            sum += near ? other : 0;
+                            alike += near;
+                        }
+                bins[v] = (uint16_t)((2 * sum + alike) / (2 * alike));
+                counted[v] = alike >= least;
+            }
+    memset(histogram->count, 0, sizeof histogram->count);
+    histogram->total = 0;
+    ptrdiff_t voxels = (ptrdiff_t)pliant_geometry_voxels(&scan->geometry);
+    for (ptrdiff_t v = 0; v < voxels; v++) {
+        double part = counted[v] ? 1 : edge_part;
+        histogram->count[bins[v]] += part;
+        histogram->total += part;
+    }
+}
+
+/* stored integers span at least a bin each: bins narrower than a step of the values would stay empty in between */
+static pliant_status count_values(const pliant_volume *scan, int num_threads, segment_histogram *histogram, uint16_t *bins)
+{
+    double low = 0, high = 1;
+    pliant_status status = range_of(scan, num_threads, &low, &high);
+    if (status != PLIANT_OK) return status;
+    double step = scan->encoding == PLIANT_FLOAT32 ? 0 : fabs(scan->slope), width = (high - low) / SEGMENT_BINS;
+    histogram->width = step > 0 ? step * fmax(ceil(width / step - 1e-9), 1) : width;
+    histogram->low = step > 0 ? low - 0.5 * step : low;
+    ptrdiff_t voxels = (ptrdiff_t)pliant_geometry_voxels(&scan->geometry);
+    uint16_t *raw = pliant_calloc((size_t)voxels, sizeof *raw);
+    uint8_t *counted = pliant_calloc((size_t)voxels, 1);
+    if (raw && counted) {
+#pragma omp parallel for num_threads(num_threads)
+        for (ptrdiff_t v = 0; v < voxels; v++) raw[v] = bin_of(histogram, pliant_volume_value(scan, (size_t)v));
+        histogram->noise = noise_of(histogram, raw, voxels);
+        smooth(scan, num_threads, histogram, raw, bins, counted);
+    } else {
+        status = pliant_fail_memory("the segmentation");
+    }
+    pliant_free(raw);
+    pliant_free(counted);
+    return status;
+}
+
+static void most_likely(const uint16_t *bins, ptrdiff_t voxels, const float *logs, int count, int num_threads, uint8_t *classes)
+{
+    uint8_t of_bin[SEGMENT_BINS];
+    for (int bin = 0; bin < SEGMENT_BINS; bin++) {
+        int best = 0;
+        for (int k = 1; k < count; k++)
+            if (logs[bin * PLIANT_MAX_CLASSES + k] > logs[bin * PLIANT_MAX_CLASSES + best]) best = k;
+        of_bin[bin] = (uint8_t)best;
+    }
+#pragma omp parallel for num_threads(num_threads)
+    for (ptrdiff_t v = 0; v < voxels; v++) classes[v] = of_bin[bins[v]];
+}
+
+typedef struct field {
+    const int32_t *size;
+    const uint16_t *bins;
+    const float *logs;
+    int count;
+    float coherence;
+    uint8_t *classes;
+} field;
+
+/* One voxel's best class given its six neighbours; true when it changed. */
+static bool improve(const field *f, int32_t i, int32_t j, int32_t k)
+{
+    const int32_t row = f->size[0], slice = f->size[0] * f->size[1];
+    const size_t v = (size_t)i + (size_t)row * (size_t)j + (size_t)slice * (size_t)k;
+    uint8_t *c = f->classes + v, around[6];
+    int num = 0;
+    if (i > 0) around[num++] = c[-1];
+    if (i + 1 < f->size[0]) around[num++] = c[1];
+    if (j > 0) around[num++] = c[-row];
+    if (j + 1 < f->size[1]) around[num++] = c[row];
+    if (k > 0) around[num++] = c[-slice];
+    if (k + 1 < f->size[2]) around[num++] = c[slice];
+    bool alike = true;
+    for (int n = 0; n < num; n++) alike = alike && around[n] == *c;
+    const float *logs = f->logs + f->bins[v] * PLIANT_MAX_CLASSES;
+    float score[PLIANT_MAX_CLASSES] = {0};
+    if (alike) { /* nothing else gains from the neighbours: only a class that is better by all six can win */
+        float own = logs[*c] + (float)num * f->coherence;
+        int best = *c;
+        for (int n = 0; n < f->count; n++)
+            if (logs[n] > own) own = logs[best = n];
+        if (best == *c) return false;
+        *c = (uint8_t)best;
+        return true;
+    }
+    for (int n = 0; n < f->count; n++) score[n] = logs[n];
+    for (int n = 0; n < num; n++) score[around[n]] += f->coherence;
+    int best = *c;
+    for (int n = 0; n < f->count; n++)
+        if (score[n] > score[best]) best = n;
+    if (best == *c) return false;
+    *c = (uint8_t)best;
+    return true;
+}
+
+/* Iterated conditional modes (Besag 1986) of a Potts field, on one colour of a chessboard after the other: the voxels of a colour do
+ * not see each other, so their order does not matter. */
+static void agree(const field *f, int num_threads)
+{
+    for (int sweep = 0; sweep < SWEEPS; sweep++) {
+        int64_t changed = 0;
+        for (int colour = 0; colour < 2; colour++) {
+#pragma omp parallel for num_threads(num_threads) reduction(+ : changed) schedule(static)
+            for (int32_t k = 0; k < f->size[2]; k++)
+                for (int32_t j = 0; j < f->size[1]; j++)
+                    for (int32_t i = (j + k + colour) & 1; i < f->size[0]; i += 2) changed += improve(f, i, j, k);
+        }
+        if (changed == 0) break;
+    }
+}
+
+typedef struct tally { int32_t piece, voxels; double sum, at[3]; uint8_t class_index; } tally;
+
+static int by_size(const void *a, const void *b)
+{
+    const tally *x = a, *y = b;
+    if (x->voxels != y->voxels) return x->voxels < y->voxels ? 1 : -1;
+    return (x->piece > y->piece) - (x->piece < y->piece);
+}
+
+/* Pieces by size, their means; the label of every voxel. */
+static pliant_status tell(const pliant_volume *scan, const uint8_t *classes, const int32_t *piece, int32_t count, pliant_segmentation *out)
+{
+    if (count > UINT16_MAX)
+        return pliant_fail(PLIANT_ERROR_FORMAT, "segmentation: %d pieces are more than %d labels can name; take a larger smallest piece", count,
+                           UINT16_MAX);
+    const pliant_geometry *geometry = &scan->geometry;
+    tally *tallies = pliant_calloc((size_t)count, sizeof *tallies);
+    uint16_t *label = pliant_calloc((size_t)count, sizeof *label);
+    out->pieces = pliant_calloc((size_t)count, sizeof *out->pieces);
+    pliant_status status = tallies && label && out->pieces ? pliant_labels_create(geometry, &out->labels) : pliant_fail_memory("the pieces");
+    if (status != PLIANT_OK) goto done;
+    size_t v = 0;
+    for (int32_t k = 0; k < geometry->size[2]; k++)
+        for (int32_t j = 0; j < geometry->size[1]; j++)
+            for (int32_t i = 0; i < geometry->size[0]; i++, v++) {
+                tally *one = tallies + piece[v];
+                one->voxels++;
+                one->class_index = classes[v];
+                one->sum += pliant_volume_value(scan, v);
+                one->at[0] += i;
+                one->at[1] += j;
+                one->at[2] += k;
+            }
+    for (int32_t p = 0; p < count; p++) tallies[p].piece = p;
+    qsort(tallies, (size_t)count, sizeof *tallies, by_size);
+    double voxel = geometry->spacing[0] * geometry->spacing[1] * geometry->spacing[2];
+    for (int32_t p = 0; p < count; p++) {
+        const tally *one = tallies + p;
+        pliant_segment_piece *told = out->pieces + p;
+        double index[3] = {one->at[0] / one->voxels, one->at[1] / one->voxels, one->at[2] / one->voxels};
+        *told = (pliant_segment_piece){.class_index = one->class_index, .mean = one->sum / one->voxels, .volume = one->voxels * voxel};
+        pliant_geometry_to_world(geometry, index, told->centre);
+        label[one->piece] = (uint16_t)(p + 1);
+    }
+    for (v = 0; v < pliant_geometry_voxels(geometry); v++) out->labels.voxels[v] = label[piece[v]];
+    out->num_pieces = count;
+done:
+    pliant_free(tallies);
+    pliant_free(label);
+    return status;
+}
+
+pliant_status pliant_segment(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out)
+{
+    pliant_status status = check(scan, options);
+    if (status != PLIANT_OK) return status;
+    const int32_t *size = scan->geometry.size;
+    size_t voxels = pliant_geometry_voxels(&scan->geometry);
+    pliant_segmentation made = {0};
+    int32_t count = 0, *piece = NULL;
+    segment_histogram *histogram = pliant_calloc(1, sizeof *histogram);
+    float *logs = pliant_calloc(SEGMENT_BINS, PLIANT_MAX_CLASSES * sizeof *logs);
+    uint16_t *bins = pliant_calloc(voxels, sizeof *bins);
+    uint8_t *classes = pliant_calloc(voxels, 1);
+    status = histogram && logs && bins && classes ? count_values(scan, options->num_threads, histogram, bins)
+                                                  : pliant_fail_memory("the segmentation");
+    if (status != PLIANT_OK) goto done;
+    made.num_classes = segment_fit(histogram, options, made.classes, &made.criterion);
+    segment_log_densities(histogram, made.classes, made.num_classes, logs);
+    most_likely(bins, (ptrdiff_t)voxels, logs, made.num_classes, options->num_threads, classes);
+    field f = {size, bins, logs, made.num_classes, (float)options->coherence, classes};
+    agree(&f, options->num_threads);
+    pliant_free(bins);
+    bins = NULL;
+    piece = pliant_calloc(voxels, sizeof *piece);
+    status = piece ? segment_connect(size, classes, piece, &count) : pliant_fail_memory("the pieces");
+    double least = options->smallest / (scan->geometry.spacing[0] * scan->geometry.spacing[1] * scan->geometry.spacing[2]);
+    if (status == PLIANT_OK) status = segment_absorb(size, piece, count, least, classes);
+    if (status == PLIANT_OK) status = segment_connect(size, classes, piece, &count);
+    if (status == PLIANT_OK) status = tell(scan, classes, piece, count, &made);
+done:
+    pliant_free(histogram);
+    pliant_free(logs);
+    pliant_free(bins);
+    pliant_free(classes);
+    pliant_free(piece);
+    if (status == PLIANT_OK) *out = made;
+    else pliant_segmentation_free(&made);
+    return status;
+}
+
+void pliant_segmentation_free(pliant_segmentation *segmentation)
+{
+    if (!segmentation) return;
+    pliant_labels_free(&segmentation->labels);
+    pliant_free(segmentation->pieces);
+    memset(segmentation, 0, sizeof *segmentation);
+}

@@ -1,0 +1,150 @@
+/* A mixture of Gaussians on a histogram, in the log domain (Dempster, Laird and Rubin 1977). */
+#include "scan/segment.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { TRIAL_PASSES = 30, FINAL_PASSES = 200 };
+
+/* Neighbouring voxels are alike: the scanner's resolution and the noise's reach span a few voxels along each axis, so a volume holds about
+ * so many voxels for each independent one. Without this BIC would always take the largest number. */
+static const double voxels_a_sample = 64;
+
+static double value_of(const segment_histogram *histogram, int bin) { return histogram->low + (bin + 0.5) * histogram->width; }
+
+static double log_density(const pliant_segment_class *c, double value)
+{
+    double apart = (value - c->mean) / c->deviation;
+    return log(c->weight) - log(c->deviation) - 0.91893853320467274178 /* log(2 pi) / 2 */ - 0.5 * apart * apart;
+}
+
+/* log of the sum of exponentials, and each one's part of it */
+static double responsibilities(const pliant_segment_class *classes, int count, double value, double *part)
+{
+    double largest = -INFINITY, sum = 0;
+    for (int k = 0; k < count; k++) {
+        part[k] = classes[k].weight > 0 ? log_density(classes + k, value) : -INFINITY;
+        largest = fmax(largest, part[k]);
+    }
+    for (int k = 0; k < count; k++) sum += part[k] = exp(part[k] - largest);
+    for (int k = 0; k < count; k++) part[k] /= sum;
+    return largest + log(sum);
+}
+
+/* Passes until the mean log likelihood of a voxel stands still; returns it. */
+static double maximize(const segment_histogram *histogram, pliant_segment_class *classes, int count, int passes)
+{
+    /* no class is narrower than what bins and noise can tell, or a spike (padding) would make the likelihood infinite and air would be taken
+     * apart; none is wider than tissue is, or one would take what lies between all others */
+    const double narrowest = fmax(1.5 * histogram->width, 0.5 * histogram->noise), widest = 0.04 * SEGMENT_BINS * histogram->width;
+    double likelihood = -INFINITY;
+    for (int pass = 0; pass < passes; pass++) {
+        double sums[PLIANT_MAX_CLASSES][3], part[PLIANT_MAX_CLASSES], now = 0;
+        memset(sums, 0, sizeof sums);
+        for (int bin = 0; bin < SEGMENT_BINS; bin++) {
+            if (histogram->count[bin] == 0) continue;
+            double value = value_of(histogram, bin);
+            now += histogram->count[bin] * responsibilities(classes, count, value, part);
+            for (int k = 0; k < count; k++) {
+                double share = histogram->count[bin] * part[k], apart = value - classes[k].mean;
+                sums[k][0] += share;
+                sums[k][1] += share * apart;
+                sums[k][2] += share * apart * apart;
+            }
+        }
+        for (int k = 0; k < count; k++) {
+            classes[k].weight = sums[k][0] / histogram->total;
+            if (!(sums[k][0] > 0)) continue;
+            double shift = sums[k][1] / sums[k][0];
+            classes[k].mean += shift;
+            classes[k].deviation = fmin(fmax(sqrt(fmax(sums[k][2] / sums[k][0] - shift * shift, 0)), narrowest), widest);
+        }
+        now /= histogram->total;
+        if (now - likelihood < 1e-7) return now;
+        likelihood = now;
+    }
+    return likelihood;
+}
+
+/* a class as two, side by side */
+static void split(pliant_segment_class *classes, int count, int which)
+{
+    pliant_segment_class *one = classes + which, *other = classes + count;
+    *other = *one;
+    one->weight = other->weight = 0.5 * one->weight;
+    one->mean -= 0.8 * one->deviation;
+    other->mean += 0.8 * other->deviation;
+    one->deviation = other->deviation = 0.6 * one->deviation;
+}
+
+static double criterion_of(const segment_histogram *histogram, double likelihood, int count)
+{
+    double samples = fmax(histogram->total / voxels_a_sample, 2);
+    return -2 * likelihood * samples + (3 * count - 1) * log(samples);
+}
+
+static void sort(pliant_segment_class *classes, int count)
+{
+    for (int i = 1; i < count; i++)
+        for (int k = i; k > 0 && classes[k].mean < classes[k - 1].mean; k--) {
+            pliant_segment_class swap = classes[k];
+            classes[k] = classes[k - 1];
+            classes[k - 1] = swap;
+        }
+}
+
+/* four bins in one of them: a quarter of the work for what need not be exact */
+static void coarsen(const segment_histogram *histogram, segment_histogram *out)
+{
+    *out = *histogram;
+    memset(out->count, 0, sizeof out->count);
+    for (int bin = 0; bin < SEGMENT_BINS; bin++) out->count[bin / 4 * 4 + 1 + (bin / 4 & 1)] += histogram->count[bin];
+}
+
+/* the best of all splits, on the coarse histogram, to the end on the fine one; returns its likelihood */
+static double grow(const segment_histogram *histogram, const segment_histogram *coarse, pliant_segment_class *classes, int count)
+{
+    pliant_segment_class best[PLIANT_MAX_CLASSES];
+    double highest = -INFINITY;
+    for (int which = 0; which < count; which++) {
+        pliant_segment_class trial[PLIANT_MAX_CLASSES];
+        memcpy(trial, classes, sizeof trial);
+        split(trial, count, which);
+        double likelihood = maximize(coarse, trial, count + 1, TRIAL_PASSES);
+        if (likelihood <= highest) continue;
+        highest = likelihood;
+        memcpy(best, trial, sizeof best);
+    }
+    memcpy(classes, best, sizeof best);
+    return maximize(histogram, classes, count + 1, FINAL_PASSES);
+}
+
+int segment_fit(const segment_histogram *histogram, const pliant_segment_options *options, pliant_segment_class *out, double *criterion)
+{
+    pliant_segment_class classes[PLIANT_MAX_CLASSES] = {{.weight = 1, .mean = value_of(histogram, SEGMENT_BINS / 2),
+                                                         .deviation = 0.25 * SEGMENT_BINS * histogram->width}};
+    int most = options->classes > 0 ? options->classes : options->most_classes, best = 1;
+    segment_histogram coarse;
+    coarsen(histogram, &coarse);
+    double likelihood = maximize(histogram, classes, 1, FINAL_PASSES);
+    *criterion = criterion_of(histogram, likelihood, 1);
+    memcpy(out, classes, sizeof classes);
+    for (int count = 2; count <= most; count++) {
+        likelihood = grow(histogram, &coarse, classes, count - 1);
+        double now = criterion_of(histogram, likelihood, count);
+        if (options->classes == 0 && now >= *criterion) continue;
+        *criterion = now;
+        best = count;
+        memcpy(out, classes, sizeof classes);
+    }
+    sort(out, best);
+    return best;
+}
+
+void segment_log_densities(const segment_histogram *histogram, const pliant_segment_class *classes, int count, float *out)
+{
+    for (int bin = 0; bin < SEGMENT_BINS; bin++)
+        for (int k = 0; k < PLIANT_MAX_CLASSES; k++)
+            out[bin * PLIANT_MAX_CLASSES + k] =
+                k < count && classes[k].weight > 0 ? (float)log_density(classes + k, value_of(histogram, bin)) : -1e30f;
+}
