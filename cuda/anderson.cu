@@ -225,7 +225,7 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
     if (thread >= num_sums) return;
     double sum = sums[0][thread];
     for (int w = 1; w < NODES / 32; w++) sum = thread == 3 ? fmax(sum, sums[w][thread]) : sum + sums[w][thread];
-    iteration.d_sums[GATHER_SUMS * gather_blocks + DOT_SUMS * (size_t)blockIdx.x + thread] = sum;
+    iteration.d_sums[GATHER_SUMS * gather_blocks + (size_t)gridDim.x * (size_t)thread + blockIdx.x] = sum;
 }
 
 /* ---- decisions: one block, on a copy of the state in shared memory */
@@ -256,10 +256,12 @@ static __device__ void add_up(const gpu_iteration &iteration, int gather_blocks,
     for (int s = (int)threadIdx.x / 32; s < DOT_SUMS + GATHER_SUMS; s += THREADS / 32) {
         double sum = 0;
         if (s >= DOT_SUMS) {
-            for (int b = lane; b < gather_blocks; b += 32) sum += iteration.d_sums[GATHER_SUMS * b + s - DOT_SUMS];
+#pragma unroll 8
+            for (int b = lane; b < gather_blocks; b += 32) sum += iteration.d_sums[gather_blocks * (s - DOT_SUMS) + b];
         } else if (s < 4 + now.state.num_history) {
+#pragma unroll 8
             for (int b = lane; b < dot_blocks; b += 32) {
-                double part = dots[(size_t)DOT_SUMS * b + s];
+                double part = dots[(size_t)dot_blocks * s + b];
                 sum = s == 3 ? fmax(sum, part) : sum + part;
             }
         }

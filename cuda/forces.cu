@@ -182,7 +182,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
             for (int s = 0; s < GATHER_SUMS; s++) sums[s][thread] += sums[s][thread + half];
     }
     __syncthreads();
-    if (thread < GATHER_SUMS) iteration.d_sums[GATHER_SUMS * blockIdx.x + thread] = sums[thread][0];
+    if (thread < GATHER_SUMS) iteration.d_sums[gridDim.x * (unsigned)thread + blockIdx.x] = sums[thread][0];
 }
 
 static __global__ void __launch_bounds__(GATHER_THREADS) rotation_kernel(gpu_system system, gpu_iteration iteration)

@@ -13,9 +13,8 @@ enum {
     CHUNK = THREADS / 4,  /* tetrahedra whose planes are in shared memory at a time */
     MOST = 254,           /* candidates that a byte can name */
     NOBODY = 255,
-    ROW_STEP = BRICK + 1, /* rows of owners lie so far apart that rows of a warp do not share memory banks */
-    QUEUE = 64,
-    HALVES = 2            /* a thread takes every second row of a slice */
+    DOUBTFUL = 512,       /* rows kept for the exact way; where there are more, all are looked at again */
+    ROW_STEP = BRICK + 1  /* rows of owners lie so far apart that rows of a warp do not share memory banks */
 };
 
 /* Along i, row (j, k) is cut by a plane at = at + j step_j + k step_k, or a little before where it begins what is held, a
@@ -38,8 +37,9 @@ struct brick_state {
         slot slots[MOST];
     };
     extent box[CHUNK];
-    unsigned short start[CHUNK + 1]; /* slices of the candidates before */
-    unsigned queue[WARPS][QUEUE];    /* rows that a candidate may hold voxels of */
+    float2 corner[CHUNK][5];         /* along j and k; the fifth spares banks */
+    unsigned short start[WARPS][CHUNK + 1]; /* slices of the candidates before; each warp counts for itself */
+    unsigned short doubtful[DOUBTFUL]; /* rows that only the exact way can tell: 256 place in the chunk + 16 k + j */
     int id[MOST + 2];
     unsigned char copies[MOST + 2];
     alignas(16) unsigned owner[BRICK_ROWS * ROW_STEP]; /* 256 index + place among the candidates: the least wins */
@@ -48,7 +48,7 @@ struct brick_state {
     int base[3];
     unsigned base_index;
     limits limit;
-    int inner;
+    int inner, num_doubtful;
 };
 
 static const float far_away = 1e30f;
@@ -90,6 +90,11 @@ static __device__ __forceinline__ void load_planes(const gpu_raster &raster, con
     const unsigned empty = __ballot_sync(0xffffffff, side == PLANE_EMPTY) >> (lane & ~3) & 15;
     const int num_rising = __popc(rising), num_others = __popc(others);
     float doubt = 0;
+    if (there) {
+        const int *corner = raster.d_fixed + 12 * (size_t)brick.id[first + c] + 3 * v;
+        const float step = 1 / (float)raster.grid.scale; /* a power of two */
+        brick.corner[c][v] = make_float2((float)corner[1] * step - (float)origin[1], (float)corner[2] * step - (float)origin[2]);
+    }
     if (side == PLANE_RISING || side == PLANE_OTHER) {
         const int before = __popc((side == PLANE_RISING ? rising : others) & ((1u << v) - 1));
         const cut by = cut_of(plane, side == PLANE_RISING);
@@ -114,10 +119,10 @@ static __device__ __forceinline__ void load_planes(const gpu_raster &raster, con
     brick.box[c] = box;
 }
 
-/* Slices of the candidates of the chunk, numbered through; by one warp. */
-static __device__ __forceinline__ void number_slices(brick_state &brick)
+/* Slices of the candidates of the chunk, numbered through; by each warp for itself. */
+static __device__ __forceinline__ void number_slices(const brick_state &brick, unsigned short *start)
 {
-    const int lane = (int)threadIdx.x;
+    const int lane = (int)threadIdx.x % 32;
     int own[2], sum = 0;
     for (int n = 0; n < 2; n++) {
         own[n] = brick.box[2 * lane + n].high[2] - brick.box[2 * lane + n].low[2] + 1;
@@ -128,9 +133,10 @@ static __device__ __forceinline__ void number_slices(brick_state &brick)
         int other = __shfl_up_sync(0xffffffff, before, step);
         if (lane >= step) before += other;
     }
-    brick.start[2 * lane] = (unsigned short)(before - sum);
-    brick.start[2 * lane + 1] = (unsigned short)(before - own[1]);
-    if (lane == 31) brick.start[CHUNK] = (unsigned short)before;
+    start[2 * lane] = (unsigned short)(before - sum);
+    start[2 * lane + 1] = (unsigned short)(before - own[1]);
+    if (lane == 31) start[CHUNK] = (unsigned short)before;
+    __syncwarp();
 }
 
 struct interval { int first, last; }; /* voxels of a row */
@@ -154,86 +160,125 @@ static __device__ __noinline__ interval exact_interval(const brick_state &brick,
     return {rise < -BRICK ? BRICK : -__double2int_rd(rise), fall < -1 ? -1 : __double2int_rd(fall)};
 }
 
-/* ---- the queue: place in the chunk << 17 | k << 13 | j << 9 | first << 5 | last << 1 | whether only the exact way can tell */
-
-/* The least key of this thread. */
-static __device__ __forceinline__ unsigned claim(brick_state &brick, int first, unsigned row, unsigned least)
+/* The same in float; in doubt too much, and not sure. */
+static __device__ __forceinline__ interval quick_interval(const brick_state &brick, int c, float j, float k, bool *sure)
 {
-    const int c = (int)(row >> 17), k = (int)(row >> 13 & 15), j = (int)(row >> 9 & 15);
-    const unsigned key = (unsigned)brick.id[first + c] << 8 | (unsigned)(first + c);
-    interval held = {(int)(row >> 5 & 15), (int)(row >> 1 & 15)};
-    if (row & 1) held = exact_interval(brick, c, j, k);
-    if (held.first <= held.last) least = min(least, key);
-    unsigned *owner = brick.owner + ROW_STEP * (BRICK * k + j);
-    for (int i = held.first; i <= held.last; i++) atomicMin(owner + i, key);
-    return least;
-}
-
-/* Where cuts begin and end the rows of one slice. */
-struct slice_cuts { float at[CUTS], step[CUTS], twice_doubt, low, high; };
-
-static __device__ __forceinline__ slice_cuts cuts_of_slice(const brick_state &brick, int c, int k, const extent &box)
-{
-    slice_cuts out;
+    float at[CUTS], doubt = 0;
 #pragma unroll
     for (int p = 0; p < CUTS; p++) {
         const cut by = brick.cuts[c][p];
-        out.at[p] = fmaf(by.step_k, (float)k, by.at);
-        out.step[p] = by.step_j;
-        if (p == 0) out.twice_doubt = 2 * by.doubt;
+        at[p] = fmaf(by.step_k, k, fmaf(by.step_j, j, by.at));
+        if (p == 0) doubt = 2 * by.doubt;
     }
-    out.low = floor_shift + (float)box.low[0];
-    out.high = floor_shift + (float)box.high[0];
+    const extent box = brick.box[c];
+    const float low = floor_shift + (float)box.low[0], high = floor_shift + (float)box.high[0];
+    const float begin = fmaxf(fmaxf(at[0], at[1]), at[2]), end = fminf(fminf(at[3], at[4]), at[5]);
+    const float first = fmaxf(__fadd_ru(begin, floor_shift), low), last = fminf(__fadd_rd(end, floor_shift), high);
+    *sure = first > last || (first == fmaxf(__fadd_ru(begin + doubt, floor_shift), low) && last == fminf(__fadd_rd(end - doubt, floor_shift), high));
+    if (first > last) return {0, -1};
+    return {__float_as_int(first) & 15, __float_as_int(last) & 15};
+}
+
+/* Rows of a slice that a tetrahedron may touch: between the points where its edges go through. Never too few. */
+static __device__ __forceinline__ void rows_of_slice(const float2 *corner, float k, float *first, float *last)
+{
+    const float slack = 1e-3f; /* far above rounding */
+    float away[4];
+    for (int v = 0; v < 4; v++) away[v] = k - corner[v].y;
+    *first = far_away;
+    *last = -far_away;
+#pragma unroll
+    for (int a = 0; a < 3; a++)
+#pragma unroll
+        for (int b = a + 1; b < 4; b++) {
+            if (away[a] * away[b] > slack) continue;
+            const float at = fmaf(corner[b].x - corner[a].x, __saturatef(__fdividef(away[a], corner[b].y - corner[a].y)), corner[a].x);
+            *first = fminf(*first, at);
+            *last = fmaxf(*last, at);
+        }
+    *first -= slack;
+    *last += slack;
+}
+
+/* The least of the key and what there was, when there is anything to claim. */
+static __device__ __forceinline__ unsigned claim(brick_state &brick, int first, int c, int j, int k, const interval &held, unsigned least)
+{
+    const unsigned key = (unsigned)brick.id[first + c] << 8 | (unsigned)(first + c);
+    unsigned *row = brick.owner + ROW_STEP * (BRICK * k + j);
+    for (int i = held.first; i <= held.last; i++) atomicMin(row + i, key);
+    return held.first <= held.last ? min(least, key) : least;
+}
+
+struct slice_rows { int c, k, first, count; };
+
+/* Rows of the chunk's slice number `slice` that its tetrahedron may touch. */
+static __device__ __forceinline__ slice_rows rows_of(const brick_state &brick, const unsigned short *start, int slice, int end)
+{
+    slice_rows out = {0, 0, 0, 0};
+#pragma unroll
+    for (int half = CHUNK / 2; half > 0; half /= 2)
+        if (start[out.c + half] <= slice) out.c += half;
+    if (slice >= end) return out;
+    const extent box = brick.box[out.c];
+    out.k = box.low[2] + slice - start[out.c];
+    float first, last;
+    rows_of_slice(brick.corner[out.c], (float)out.k, &first, &last);
+    first = fmaxf(ceilf(first), (float)box.low[1]);
+    last = fminf(floorf(last), (float)box.high[1]);
+    out.first = (int)first;
+    out.count = last < first ? 0 : (int)(last - first) + 1;
     return out;
 }
 
-/* What row j may hold, in doubt too much, as an entry of the queue; false: nothing. */
-static __device__ __forceinline__ bool look_at(const slice_cuts &by, float j, unsigned *entry)
+/* Each warp takes its share of the slices, and of those their rows, 32 at a time. EXACT: doubtful rows are claimed at once; else they are
+ * noted down. The least key of this thread. */
+template <bool EXACT> static __device__ __forceinline__ unsigned claim_all(brick_state &brick, int first)
 {
-    float at[CUTS];
-#pragma unroll
-    for (int p = 0; p < CUTS; p++) at[p] = fmaf(by.step[p], j, by.at[p]);
-    const float begin = fmaxf(fmaxf(at[0], at[1]), at[2]), end = fminf(fminf(at[3], at[4]), at[5]);
-    const float first = fmaxf(__fadd_ru(begin, floor_shift), by.low), last = fminf(__fadd_rd(end, floor_shift), by.high);
-    const bool sure = first == fmaxf(__fadd_ru(begin + by.twice_doubt, floor_shift), by.low) &&
-                      last == fminf(__fadd_rd(end - by.twice_doubt, floor_shift), by.high);
-    *entry = ((unsigned)__float_as_int(first) & 15) << 5 | ((unsigned)__float_as_int(last) & 15) << 1 | !sure;
-    return first <= last;
-}
-
-/* Threads take slices of candidates and look at their rows; those that hold voxels in all likelihood are claimed 32 at a time. */
-static __device__ __forceinline__ unsigned claim_all(brick_state &brick, int first)
-{
-    const int lane = (int)threadIdx.x % 32, slices = HALVES * brick.start[CHUNK];
-    unsigned *queue = brick.queue[threadIdx.x / 32];
+    const int lane = (int)threadIdx.x % 32, warp = (int)threadIdx.x / 32;
+    const unsigned short *start = brick.start[warp];
+    const int slices = start[CHUNK], rounds = (slices + THREADS - 1) / THREADS, all = WARPS * rounds;
+    const int share = all > 0 ? (slices + all - 1) / all : 0; /* of a warp in a round: at most 32 */
     unsigned least = ~0u;
-    int waiting = 0;
-    for (int begin = (int)threadIdx.x - lane; begin < slices; begin += THREADS) {
-        const int slice = (begin + lane) / HALVES;
-        int c = 0;
+    for (int begin = warp * share; begin < slices; begin += WARPS * share) {
+        const slice_rows own = rows_of(brick, start, begin + lane, min(begin + share, slices));
+        int end = own.count;
+        for (int step = 1; step < 32; step *= 2) {
+            const int other = __shfl_up_sync(0xffffffff, end, step);
+            if (lane >= step) end += other;
+        }
+        const int packed = own.c << 8 | own.k << 4 | own.first, before = end - own.count, rows = __shfl_sync(0xffffffff, end, 31);
+        for (int row = lane; row - lane < rows; row += 32) {
+            int from = 0; /* the lane whose slice has this row */
 #pragma unroll
-        for (int half = CHUNK / 2; half > 0; half /= 2)
-            if (brick.start[c + half] <= slice) c += half;
-        const extent box = brick.box[c];
-        const int k = box.low[2] + slice - brick.start[c];
-        const slice_cuts by = cuts_of_slice(brick, c, k, box);
-        const int last = begin + lane < slices ? box.high[1] : -1;
-        for (int j = box.low[1] + lane % HALVES; __any_sync(0xffffffff, j <= last); j += HALVES) {
-            unsigned entry;
-            const bool keep = look_at(by, (float)j, &entry) && j <= last;
-            const unsigned kept = __ballot_sync(0xffffffff, keep);
-            if (keep) queue[waiting + __popc(kept & ((1u << lane) - 1))] = (unsigned)(c << 17 | k << 13 | j << 9) | entry;
-            waiting += __popc(kept);
-            if (waiting < 32) continue;
+            for (int half = 16; half > 0; half /= 2)
+                if (__shfl_sync(0xffffffff, before, from + half) <= row) from += half;
+            const int name = __shfl_sync(0xffffffff, packed, from), c = name >> 8, k = name >> 4 & 15;
+            const int j = (name & 15) + row - __shfl_sync(0xffffffff, before, from);
+            if (row < rows) {
+                bool sure;
+                interval held = quick_interval(brick, c, (float)j, (float)k, &sure);
+                if (EXACT && !sure) held = exact_interval(brick, c, j, k);
+                if (EXACT || sure) {
+                    least = claim(brick, first, c, j, k, held, least);
+                } else {
+                    const int place = atomicAdd(&brick.num_doubtful, 1);
+                    if (place < DOUBTFUL) brick.doubtful[place] = (unsigned short)(c << 8 | k << 4 | j);
+                }
+            }
             __syncwarp();
-            waiting -= 32;
-            const unsigned row = queue[waiting + lane];
-            __syncwarp();
-            least = claim(brick, first, row, least);
         }
     }
-    __syncwarp();
-    if (lane < waiting) least = claim(brick, first, queue[lane], least);
+    return least;
+}
+
+static __device__ __forceinline__ unsigned claim_doubtful(brick_state &brick, int first)
+{
+    unsigned least = ~0u;
+    if (brick.num_doubtful > DOUBTFUL) return claim_all<true>(brick, first);
+    for (int n = (int)threadIdx.x; n < brick.num_doubtful; n += THREADS) {
+        const int row = brick.doubtful[n], c = row >> 8, k = row >> 4 & 15, j = row & 15;
+        least = claim(brick, first, c, j, k, exact_interval(brick, c, j, k), least);
+    }
     return least;
 }
 
@@ -244,10 +289,12 @@ static __device__ __forceinline__ void find_owners(const gpu_raster &raster, con
     for (int first = 0; first < count; first += CHUNK) {
         __syncthreads();
         load_planes(raster, where, first, count, origin, brick);
+        if (threadIdx.x == 0) brick.num_doubtful = 0;
         __syncthreads();
-        if (threadIdx.x < 32) number_slices(brick);
+        number_slices(brick, brick.start[threadIdx.x / 32]);
+        least = min(least, claim_all<false>(brick, first));
         __syncthreads();
-        least = min(least, claim_all(brick, first));
+        if (brick.num_doubtful > 0) least = min(least, claim_doubtful(brick, first));
     }
     for (int half = 16; half > 0; half /= 2) least = min(least, __shfl_xor_sync(0xffffffff, least, half));
     if (threadIdx.x % 32 == 0 && least != ~0u) atomicMin(&brick.first, least);

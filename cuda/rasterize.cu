@@ -2,6 +2,12 @@
 #include "check.h"
 #include "owners.cuh"
 
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ < 800
+enum { BLOCKS = 4 }; /* of a multiprocessor at a time: as many threads as it takes, and registers that few values miss */
+#else
+enum { BLOCKS = 5 };
+#endif
+
 /* The source voxel that maps are relative to: where the first owner has the middle of the brick. One thread an axis. */
 static __device__ void choose_base(const gpu_raster &raster, const gpu_tet &tet, const int *origin, int d, brick_state &brick)
 {
@@ -77,8 +83,7 @@ static __device__ __forceinline__ void write_part(const gpu_raster &raster, cons
     else write_voxels<Voxel, false, SIZE>(raster, where, origin, brick);
 }
 
-/* ---- a brick with more candidates in an eighth of it than a byte can name: far smaller tetrahedra than bricks, or many
- * pressed together. Each voxel asks them all, first for the base and then for its value: slow and rare. */
+/* ---- bricks with more candidates than a byte can name: by eighths; where one of those has too many, by voxel */
 
 static __device__ bool holds(const gpu_tet &tet, const int *at)
 {
@@ -102,8 +107,9 @@ static __device__ unsigned find_owner(const gpu_raster &raster, const int *list,
     return owner;
 }
 
+/* Each voxel asks all candidates, first for the base and then for its value: slow, where many are pressed together. */
 template <class Voxel>
-static __device__ __forceinline__ void crowded_brick(const gpu_raster &raster, const int *list, int count, const int *origin, brick_state &brick)
+static __device__ __forceinline__ void draw_by_voxel(const gpu_raster &raster, const int *list, int count, const int *origin, brick_state &brick)
 {
     const gpu_tet *tets = static_cast<const gpu_tet *>(raster.d_setup);
     const int *size = raster.grid.target.size;
@@ -138,7 +144,7 @@ static __device__ __forceinline__ part eighth(int n)
     return {{(n & 1) * (BRICK / 2), (n >> 1 & 1) * (BRICK / 2), (n >> 2) * (BRICK / 2)}, BRICK / 2};
 }
 
-/* A brick with more candidates than a byte can name, by its eighths. false: one of those has too many as well. */
+/* A brick by its eighths. false: one of those has too many candidates as well. */
 template <class Voxel>
 static __device__ __forceinline__ bool draw_eighths(const gpu_raster &raster, const int *list, int count, const int *origin, brick_state &brick)
 {
@@ -156,38 +162,56 @@ static __device__ __forceinline__ bool draw_eighths(const gpu_raster &raster, co
     return true;
 }
 
-/* One block a brick. */
-template <class Voxel> static __global__ void __launch_bounds__(THREADS, 5) raster_kernel(gpu_raster raster)
+static __device__ __forceinline__ void clear_brick(brick_state &brick)
+{
+    if (threadIdx.x == 0) {
+        brick.first = ~0u;
+        brick.base_index = 0;
+    }
+    for (int n = (int)threadIdx.x; n < BRICK_ROWS * ROW_STEP / 4; n += THREADS) reinterpret_cast<uint4 *>(brick.owner)[n] = make_uint4(~0u, ~0u, ~0u, ~0u);
+}
+
+/* One block a brick. leave: bricks with more candidates than a byte can name keep their count, for crowded_kernel. */
+template <class Voxel> static __global__ void __launch_bounds__(THREADS, BLOCKS) raster_kernel(gpu_raster raster, bool leave)
 {
     __shared__ brick_state brick;
     const int origin[3] = {(int)blockIdx.x * BRICK, (int)blockIdx.y * BRICK, (int)blockIdx.z * BRICK};
     const int b = (int)(blockIdx.x + gridDim.x * (blockIdx.y + gridDim.y * blockIdx.z)), thread = (int)threadIdx.x;
     const int *list = raster.d_list + (size_t)b * raster.capacity;
     const int dirty = raster.d_dirty[b], count = raster.d_count[b], id = thread < raster.capacity ? list[thread] : 0;
+    const bool crowded = count > MOST, left = leave && crowded && dirty && count <= raster.capacity;
     __syncthreads(); /* all have read them */
     if (thread == 0) {
         raster.d_changed[b] = (uint8_t)dirty;
         raster.d_dirty[b] = 0;
-        raster.d_count[b] = 0;
+        if (!left) raster.d_count[b] = 0;
         if (count > *raster.d_longest) atomicMax(raster.d_longest, count);
-        brick.first = ~0u;
-        brick.base_index = 0;
     }
-    if (!dirty || count > raster.capacity) return;
-    for (int n = thread; n < BRICK_ROWS * ROW_STEP / 4; n += THREADS) reinterpret_cast<uint4 *>(brick.owner)[n] = make_uint4(~0u, ~0u, ~0u, ~0u);
-    const part whole = {{0, 0, 0}, BRICK};
-    if (count > MOST) {
-        __syncthreads();
-        if (draw_eighths<Voxel>(raster, list, count, origin, brick)) return;
-        __syncthreads();
-        if (thread == 0) brick.first = ~0u;
-        __syncthreads();
-        crowded_brick<Voxel>(raster, list, count, origin, brick);
-        return;
-    }
+    if (!dirty || crowded) return;
+    clear_brick(brick);
     if (thread < count) brick.id[thread] = id;
+    const part whole = {{0, 0, 0}, BRICK};
     find_owners(raster, whole, count, origin, brick);
     write_part<Voxel, BRICK>(raster, whole, count, true, origin, brick);
+}
+
+/* After raster_kernel: the bricks that still have a count. */
+template <class Voxel> static __global__ void __launch_bounds__(THREADS) crowded_kernel(gpu_raster raster)
+{
+    __shared__ brick_state brick;
+    const int origin[3] = {(int)blockIdx.x * BRICK, (int)blockIdx.y * BRICK, (int)blockIdx.z * BRICK};
+    const int b = (int)(blockIdx.x + gridDim.x * (blockIdx.y + gridDim.y * blockIdx.z)), count = raster.d_count[b];
+    if (count == 0) return;
+    __syncthreads();
+    if (threadIdx.x == 0) raster.d_count[b] = 0;
+    clear_brick(brick);
+    __syncthreads();
+    const int *list = raster.d_list + (size_t)b * raster.capacity;
+    if (draw_eighths<Voxel>(raster, list, count, origin, brick)) return;
+    __syncthreads();
+    clear_brick(brick);
+    __syncthreads();
+    draw_by_voxel<Voxel>(raster, list, count, origin, brick);
 }
 
 /* ---- source and volume */
@@ -235,13 +259,23 @@ extern "C" pliant_status pliant_cuda_clear_volume(const gpu_raster *raster, cuda
     return CUDA_LAUNCHED("clear_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_rasterize(const gpu_raster *raster, cudaStream_t stream)
+template <class Voxel> static pliant_status draw(const gpu_raster &raster, bool crowded, cudaStream_t stream)
 {
-    const dim3 blocks((unsigned)raster->grid.bricks[0], (unsigned)raster->grid.bricks[1], (unsigned)raster->grid.bricks[2]);
+    const dim3 blocks((unsigned)raster.grid.bricks[0], (unsigned)raster.grid.bricks[1], (unsigned)raster.grid.bricks[2]);
+    raster_kernel<Voxel><<<blocks, THREADS, 0, stream>>>(raster, crowded);
+    CUDA_TRY(CUDA_LAUNCHED("raster_kernel"));
+    if (!crowded) return PLIANT_OK;
+    crowded_kernel<Voxel><<<blocks, THREADS, 0, stream>>>(raster);
+    return CUDA_LAUNCHED("crowded_kernel");
+}
+
+extern "C" int32_t pliant_cuda_longest_usual(void) { return MOST; }
+
+extern "C" pliant_status pliant_cuda_rasterize(const gpu_raster *raster, bool crowded, cudaStream_t stream)
+{
     switch (raster->encoding) {
-    case PLIANT_UINT8: raster_kernel<uint8_t><<<blocks, THREADS, 0, stream>>>(*raster); break;
-    case PLIANT_INT16: raster_kernel<int16_t><<<blocks, THREADS, 0, stream>>>(*raster); break;
-    case PLIANT_FLOAT32: raster_kernel<float><<<blocks, THREADS, 0, stream>>>(*raster); break;
+    case PLIANT_UINT8: return draw<uint8_t>(*raster, crowded, stream);
+    case PLIANT_INT16: return draw<int16_t>(*raster, crowded, stream);
+    default: return draw<float>(*raster, crowded, stream);
     }
-    return CUDA_LAUNCHED("raster_kernel");
 }

@@ -28,7 +28,8 @@ typedef struct gpu_raster {
     int32_t *d_list;                 /* (num_bricks x capacity), in no order */
     int32_t capacity;
     uint8_t *d_dirty, *d_changed;    /* (num_bricks); dirty is 0 between updates */
-    int32_t *d_longest;              /* longest list of the update: above capacity, lists were cut off and must be made again */
+    int32_t *d_longest;              /* longest list of the update: above capacity, lists were cut off and must be made again;
+                                      * never goes down */
     void *d_volume;
 } gpu_raster;
 
@@ -38,9 +39,11 @@ size_t pliant_cuda_setup_bytes(void); /* of one tetrahedron in d_setup */
 pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, float2 *d_source, int64_t count, cudaStream_t stream);
 /* The background everywhere. */
 pliant_status pliant_cuda_clear_volume(const gpu_raster *raster, cudaStream_t stream);
-/* Two kernels. all: every brick is drawn, whatever was there. d_positions: (num_nodes x 3) [m]. */
+/* all: every brick is drawn, whatever was there. d_positions: (num_nodes x 3) [m]. */
 pliant_status pliant_cuda_cull(const gpu_raster *raster, const double *d_positions, bool all, cudaStream_t stream);
-pliant_status pliant_cuda_rasterize(const gpu_raster *raster, cudaStream_t stream);
+/* Bricks with more candidates than pliant_cuda_longest_usual() are drawn with crowded only, by another kernel. */
+pliant_status pliant_cuda_rasterize(const gpu_raster *raster, bool crowded, cudaStream_t stream);
+int32_t pliant_cuda_longest_usual(void);
 
 #ifdef __cplusplus
 }

@@ -85,7 +85,7 @@ typedef struct gpu_iteration {
     double *d_element_force;   /* (num_tets x 4 x 4), three numbers and a gap */
     double *d_turn;            /* (num_free x 9) rotation of the preconditioner at each node */
     float *d_right, *d_left;   /* (n, padded) what the preconditioner takes and gives */
-    double *d_sums;            /* GATHER_SUMS of each block of the gather, then DOT_SUMS of each block of the dot products */
+    double *d_sums;            /* (GATHER_SUMS x blocks of the gather), then (DOT_SUMS x blocks of the dot products) */
 } gpu_iteration;
 
 #ifdef __cplusplus

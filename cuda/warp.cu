@@ -20,6 +20,7 @@ struct pliant_cuda_warp {
     int32_t *h_longest;        /* page-locked */
     uint8_t *stale;            /* (slabs of bricks along k) to be fetched */
     bool drawn;
+    bool crowded;              /* there was a brick that the usual kernel cannot draw */
     bool page_locked;          /* the host's volume was made so */
     size_t volume_bytes;
 };
@@ -146,7 +147,7 @@ static pliant_status draw(pliant_cuda_warp *gpu, const double *d_positions, bool
     CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[BEGUN], stream)));
     CUDA_TRY(pliant_cuda_cull(raster, d_positions, all, stream));
     CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[CULLED], stream)));
-    CUDA_TRY(pliant_cuda_rasterize(raster, stream));
+    CUDA_TRY(pliant_cuda_rasterize(raster, gpu->crowded, stream));
     CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[DRAWN], stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_changed, raster->d_changed, (size_t)raster->num_bricks, cudaMemcpyDeviceToHost, stream)));
     return CUDA_CALL(cudaMemcpyAsync(gpu->h_longest, raster->d_longest, sizeof *gpu->h_longest, cudaMemcpyDeviceToHost, stream));
@@ -159,18 +160,24 @@ extern "C" pliant_status pliant_cuda_warp_enqueue(pliant_cuda_warp *gpu, const d
     return PLIANT_OK;
 }
 
-/* bricks that more tetrahedra touch than the lists hold were left as they were */
-static pliant_status lengthen(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
+static pliant_status lengthen(gpu_raster *raster, int32_t longest, cudaStream_t stream)
 {
-    gpu_raster *raster = &gpu->raster;
-    const int32_t capacity = *gpu->h_longest + *gpu->h_longest / 4;
+    const int32_t capacity = longest + longest / 4;
+    const size_t count = (size_t)raster->num_bricks * (size_t)capacity;
     int32_t *d_list;
-    gpu->drawn = false; /* should this fail, all is to be drawn anew */
-    CUDA_TRY(allocate((size_t)raster->num_bricks * (size_t)capacity, &d_list));
+    CUDA_TRY(allocate(count, &d_list));
     pliant_cuda_release(raster->d_list);
     raster->d_list = d_list;
     raster->capacity = capacity;
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(d_list, 0, (size_t)raster->num_bricks * (size_t)capacity * sizeof *d_list, stream)));
+    return CUDA_CALL(cudaMemsetAsync(d_list, 0, count * sizeof *d_list, stream));
+}
+
+/* bricks that more tetrahedra touch than the lists hold, or than the usual kernel can draw, were left as they were */
+static pliant_status draw_again(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
+{
+    gpu->drawn = false; /* should this fail, all is to be drawn anew */
+    gpu->crowded = *gpu->h_longest > pliant_cuda_longest_usual();
+    if (*gpu->h_longest > gpu->raster.capacity) CUDA_TRY(lengthen(&gpu->raster, *gpu->h_longest, stream));
     CUDA_TRY(pliant_cuda_warp_enqueue(gpu, d_positions, stream));
     return CUDA_CALL(cudaStreamSynchronize(stream));
 }
@@ -178,7 +185,8 @@ static pliant_status lengthen(pliant_cuda_warp *gpu, const double *d_positions, 
 extern "C" pliant_status pliant_cuda_warp_finish(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
 {
     const int32_t *bricks = gpu->raster.grid.bricks;
-    if (*gpu->h_longest > gpu->raster.capacity) CUDA_TRY(lengthen(gpu, d_positions, stream));
+    if (*gpu->h_longest > gpu->raster.capacity || (!gpu->crowded && *gpu->h_longest > pliant_cuda_longest_usual()))
+        CUDA_TRY(draw_again(gpu, d_positions, stream));
     float cull = 0, rasterize = 0;
     CUDA_TRY(CUDA_CALL(cudaEventElapsedTime(&cull, gpu->marks[BEGUN], gpu->marks[CULLED])));
     CUDA_TRY(CUDA_CALL(cudaEventElapsedTime(&rasterize, gpu->marks[CULLED], gpu->marks[DRAWN])));

@@ -4,6 +4,9 @@
 #include "pliant/memory.h"
 
 #include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
 #include <random>
 #include <string>
 
@@ -355,6 +358,105 @@ TEST(CudaRun, ManyStepsDoNotDrift)
     ASSERT_EQ(pliant_tool_pose(cpu.data, 0, tip, nullptr), PLIANT_OK);
     ASSERT_EQ(pliant_step(cpu.model, cpu.data), PLIANT_OK);
     EXPECT_LT(farthest(cpu, gpu), 1e-5 * box[0]);
+}
+
+/* ---- a real scan */
+
+std::string real_scan()
+{
+    const char *named = std::getenv("PLIANT_TEST_SCAN");
+    std::string path = named && *named ? named : std::string(PLIANT_TEST_DATA) + "/abdomen/ct.nii.gz";
+    return std::ifstream(path) ? path : "";
+}
+
+struct RealBody {
+    pliant_model *model = nullptr;
+    pliant_data *data = nullptr;
+    RealBody(const pliant_scene &scene, const pliant_volume &scan, const pliant_material_table &materials)
+    {
+        EXPECT_EQ(pliant_model_build(&scene, &scan, nullptr, &materials, {nullptr, nullptr}, &model), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_data_warp(model, data, &scan.geometry), PLIANT_OK) << pliant_last_error();
+    }
+    ~RealBody()
+    {
+        pliant_data_free(data);
+        pliant_model_free(model);
+    }
+    // soft tissue 2 cm behind the front
+    bool grasp(double tip[3])
+    {
+        const pliant_geometry &geometry = model->scan->geometry;
+        const double index[3] = {0.6 * geometry.size[0], 0.5 * geometry.size[1], 0.6 * geometry.size[2]};
+        double middle[3], barycentric[4];
+        pliant_geometry_to_world(&geometry, index, middle);
+        for (int s = 0; s < 500; s++) {
+            const double point[3] = {middle[0], middle[1] - 0.25 + 0.001 * s, middle[2]};
+            int32_t tet = pliant_mesh_locate(&model->fine, point, barycentric), tool;
+            if (tet < 0 || model->fine_material[tet].tissue < 0.9 || model->fine_material[tet].mu < 500) continue;
+            for (int d = 0; d < 3; d++) tip[d] = point[d] + (d == 1 ? 0.02 : 0);
+            return pliant_tool_add(model, data, "tool", &tool) == PLIANT_OK && pliant_tool_pose(data, tool, tip, nullptr) == PLIANT_OK &&
+                   pliant_tool_grasp(model, data, tool, nullptr) == PLIANT_OK;
+        }
+        return false;
+    }
+};
+
+size_t different_voxels(const pliant_volume *a, const pliant_volume *b)
+{
+    const size_t bytes = pliant_encoding_size(a->encoding), count = pliant_geometry_voxels(&a->geometry);
+    size_t different = 0;
+    for (size_t v = 0; v < count; v++)
+        different += std::memcmp(static_cast<char *>(a->voxels) + bytes * v, static_cast<char *>(b->voxels) + bytes * v, bytes) != 0;
+    return different;
+}
+
+// each backend on its own: positions meet; volumes too, but where positions that differ in their last digits fall on both sides
+// of a rounding or of a face
+TEST(CudaRun, ARealScanMeetsTheCpu)
+{
+    NEEDS_GPU();
+    const std::string path = real_scan();
+    if (path.empty()) GTEST_SKIP() << "there is no scan to test on (PLIANT_TEST_SCAN names one)";
+    pliant_scene scene;
+    pliant_volume scan{};
+    pliant_labels labels{};
+    pliant_material_table materials{};
+    pliant_scene_defaults(&scene);
+    scene.mesh.ratio = 2;
+    scene.solver.iterations = 300;
+    scene.solver.tolerance = 1e-8;
+    ASSERT_EQ(pliant_inputs_read(&scene, path.c_str(), &scan, &labels, &materials), PLIANT_OK) << pliant_last_error();
+    for (pliant_preconditioner_choice preconditioner : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
+        scene.solver.preconditioner = preconditioner;
+        scene.solver.backend = PLIANT_CPU;
+        RealBody cpu(scene, scan, materials);
+        scene.solver.backend = PLIANT_CUDA;
+        RealBody gpu(scene, scan, materials);
+        double tip[3], worst = 0, extent = 0;
+        ASSERT_TRUE(cpu.grasp(tip) && gpu.grasp(tip)) << pliant_last_error();
+        for (int d = 0; d < 3; d++) extent = std::fmax(extent, scan.geometry.size[d] * scan.geometry.spacing[d]);
+        for (int s = 1; s <= 8; s++) {
+            const double to[3] = {tip[0] + 0.0005 * s, tip[1] - 0.002 * s, tip[2] + 0.001 * s};
+            for (RealBody *body : {&cpu, &gpu}) {
+                ASSERT_EQ(pliant_tool_pose(body->data, 0, to, nullptr), PLIANT_OK);
+                ASSERT_EQ(pliant_step(body->model, body->data), PLIANT_OK) << pliant_last_error();
+            }
+            worst = std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->fine.num_nodes));
+        }
+        ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda");
+        EXPECT_LT(worst, 1e-5 * extent);
+        EXPECT_GT(farthest(gpu.data->positions, gpu.model->fine.rest, gpu.model->fine.num_nodes), 0.005);
+        const size_t voxels = pliant_geometry_voxels(&scan.geometry);
+        const size_t own = different_voxels(pliant_warp_volume(cpu.data->warp), pliant_warp_volume(gpu.data->warp));
+        EXPECT_LT(own, voxels / 1000);
+        ASSERT_EQ(pliant_warp_update(cpu.data->warp, gpu.data->positions), PLIANT_OK);
+        EXPECT_EQ(different_voxels(pliant_warp_volume(cpu.data->warp), pliant_warp_volume(gpu.data->warp)), 0u) << "same positions";
+        std::printf("positions differ by %.1e of the body, %zu of %zu voxels differ; with the same positions none\n", worst / extent, own, voxels);
+    }
+    pliant_material_table_free(&materials);
+    pliant_labels_free(&labels);
+    pliant_volume_free(&scan);
 }
 
 /* ---- failures */
