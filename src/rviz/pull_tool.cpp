@@ -154,7 +154,7 @@ void PullTool::take_answer()
         return;
     }
     picked_ = tip_ = held_ = Ogre::Vector3(float(answer.point.x), float(answer.point.y), float(answer.point.z));
-    knows_held_ = false;
+    knows_held_ = gripped_ = false;
     robot_.connect(topic(tool_name_->getStdString()), context_->getFixedFrame().toStdString());
     robot_.grasp({{picked_.x, picked_.y, picked_.z}});
     setStatus(QString("Pulling tetrahedron %1, value %2.").arg(answer.tetrahedron).arg(double(answer.intensity), 0, 'f', 0));
@@ -208,6 +208,11 @@ void PullTool::receive_contact(const pliant::ContactState::ConstPtr &message)
 {
     if (!robot_.holding()) return;
     robot_.hear(message->present, message->grasped);
+    if (gripped_ && !message->grasped) {
+        let_go();
+        setStatus("The grip was lost: the node did not hear from the tool in time (~tool_max_age).");
+    }
+    gripped_ = message->grasped;
     if (!message->grasped) return;
     Ogre::Vector3 position;
     Ogre::Quaternion orientation;

@@ -70,7 +70,7 @@ private:
     MouseRobot robot_;
     ros::Subscriber contact_;
     Ogre::Vector3 picked_, tip_, held_, view_direction_;
-    bool knows_held_ = false, active_ = false, connected_ = false;
+    bool knows_held_ = false, gripped_ = false, active_ = false, connected_ = false;
 
     Ogre::ManualObject *mark_ = nullptr; // a line from the held point to the tip, and a disc there; over everything
     Ogre::MaterialPtr mark_material_;
