@@ -4,6 +4,8 @@
  *  Lattice cell (a, b, c) has flat index a + cells[0] * (b + cells[1] * c); lattice node likewise with one more
  *  node along each axis. Tetrahedron `slot` 0 of a cell is the central one, 1 to 4 the corners.
  *  Tetrahedra are positively oriented in world space: det(x1 - x0, x2 - x0, x3 - x0) > 0.
+ *
+ *  An octree's mesh has its nodes on the lattice of its smallest cells; its larger leaves span several of them.
  */
 #ifndef PLIANT_MESH_H
 #define PLIANT_MESH_H
@@ -23,14 +25,28 @@ typedef struct pliant_mesh {
     double *rest;              /**< (num_nodes x 3) [m], LPS */
     int32_t *tets;             /**< (num_tets x 4) nodes */
     int32_t *lattice_of_node;  /**< (num_nodes) flat lattice node */
-    int32_t *lattice_of_tet;   /**< (num_tets) 5 * flat cell + slot */
-    int32_t *tet_of_lattice;   /**< (5 * cells) tetrahedron or -1 */
+    int32_t *lattice_of_tet;   /**< (num_tets) 5 * flat cell + slot; NULL: octree */
+    int32_t *tet_of_lattice;   /**< (5 * cells) tetrahedron or -1; NULL: octree */
     int32_t *node_of_lattice;  /**< (lattice nodes) node or -1 */
+    int32_t num_leaves;        /**< octree: 0 otherwise */
+    int32_t *leaf_of_cell;     /**< octree: (cells) */
+    int32_t *leaf_start;       /**< octree: (num_leaves + 1) first tetrahedron of every leaf; a leaf may have none */
 } pliant_mesh;
 
 /** Mesh over the box of a volume (voxel edges, not centres).
  *  @param keep Nullable: (5 * cells) nonzero for lattice tetrahedra to keep. Errors: ARGUMENT, MEMORY. */
 pliant_status pliant_mesh_grid(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *keep, pliant_mesh *out);
+
+/** Adaptive mesh ([C] 4.2, algorithm 1): cubes are split into eight until at least `purity` of their voxels are of one material, or `depth`
+ *  times. Leaves that share a face or an edge differ by at most one level; a leaf with smaller neighbours is cut from its centre, all
+ *  others into five tetrahedra, so that every inner face belongs to exactly two. Tetrahedra take the material of their leaf; those of the
+ *  smallest leaves their own.
+ *  @param roots     cells along each axis before any is split
+ *  @param keep_air  keep leaves and tetrahedra without tissue
+ *  @param materials out, (num_tets), freed with pliant_free. Errors: ARGUMENT, SCENE (no tissue, too many cells), MEMORY. */
+pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t roots[3], int32_t depth, double purity, bool keep_air,
+                                 const uint8_t *material_of_voxel, const pliant_material_table *table, pliant_mesh *out,
+                                 pliant_tet_material **materials);
 void pliant_mesh_free(pliant_mesh *mesh);
 
 /** The four lattice corners (0 or 1 along each axis, bit d) of a slot, before orientation. */

@@ -25,6 +25,7 @@ extern "C" {
 #define PLIANT_LAW_LIST(X)                                                                        \
     X(PLIANT_LAW_NEO_HOOKEAN, neo_hookean) X(PLIANT_LAW_COMPRESSIBLE, compressible)               \
     X(PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, saint_venant_kirchhoff)
+#define PLIANT_MESH_LIST(X) X(PLIANT_LATTICE, lattice) X(PLIANT_OCTREE, octree)
 #define PLIANT_SEGMENT_LIST(X) X(PLIANT_SEGMENT_NONE, none) X(PLIANT_SEGMENT_GMM, gmm)
 
 #define PLIANT_CHOICE_ENUM(name, yaml) name,
@@ -35,6 +36,7 @@ typedef enum pliant_preconditioner_choice { PLIANT_PRECONDITIONER_LIST(PLIANT_CH
 typedef enum pliant_scalar { PLIANT_SCALAR_LIST(PLIANT_CHOICE_ENUM) } pliant_scalar;
 typedef enum pliant_solver_kind { PLIANT_SOLVER_LIST(PLIANT_CHOICE_ENUM) } pliant_solver_kind;
 typedef enum pliant_law { PLIANT_LAW_LIST(PLIANT_CHOICE_ENUM) } pliant_law;
+typedef enum pliant_mesh_kind { PLIANT_MESH_LIST(PLIANT_CHOICE_ENUM) } pliant_mesh_kind;
 typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pliant_segment_kind;
 #undef PLIANT_CHOICE_ENUM
 
@@ -51,6 +53,7 @@ typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pli
 #define PLIANT_DECLARE_PRECONDITIONER(name) pliant_preconditioner_choice name;
 #define PLIANT_DECLARE_SCALAR(name) pliant_scalar name;
 #define PLIANT_DECLARE_SOLVER(name) pliant_solver_kind name;
+#define PLIANT_DECLARE_MESH(name) pliant_mesh_kind name;
 #define PLIANT_DECLARE_SEGMENT(name) pliant_segment_kind name;
 #define PLIANT_DECLARE_LAW(name) pliant_law name;
 
@@ -69,8 +72,11 @@ typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pli
     X(STRING, labels, "", 0, 0, "", "label map on the scan's grid; empty: intensity ranges only")                     \
     X(BOOL, deformable_bone, false, 0, 1, "", "bone deforms instead of being fixed")
 #define PLIANT_SCENE_MESH(X)                                                                                           \
+    X(MESH, kind, PLIANT_LATTICE, 0, 0, "", "lattice: cubes of one size; octree: smaller ones where materials meet ([C] 4.2), method fine") \
     X(INT3, coarse_cells, 7, 1, 256, "cells", "coarse cubes along i, j, k")                                           \
     X(INT, ratio, 2, 1, 8, "", "fine cubes along each edge of a coarse one")                                          \
+    X(INT, depth, 2, 0, 6, "", "octree: how often a coarse cube may be halved")                                       \
+    X(REAL, purity, 0.95, 0.0, 1.0, "", "octree: a cube is split unless this part of its voxels is of one material")  \
     X(BOOL, keep_air, false, 0, 1, "", "keep tetrahedra that hold no tissue")
 #define PLIANT_SCENE_MODEL(X)                                                                                          \
     X(METHOD, method, PLIANT_FINE, 0, 0, "", "what is solved: fine, coarse, schur or averaged")                       \

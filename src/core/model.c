@@ -48,6 +48,12 @@ static pliant_status mesh(builder *build)
     const pliant_geometry *geometry = &model->scan->geometry;
     const int32_t *coarse_cells = model->scene.mesh.coarse_cells;
     int32_t ratio = model->scene.mesh.ratio, cells[3] = {coarse_cells[0] * ratio, coarse_cells[1] * ratio, coarse_cells[2] * ratio};
+    if (model->scene.mesh.kind == PLIANT_OCTREE) {
+        pliant_status made = pliant_mesh_octree(geometry, coarse_cells, model->scene.mesh.depth, model->scene.mesh.purity,
+                                                model->scene.mesh.keep_air, model->material_of_voxel, &model->materials, &model->fine,
+                                                &model->fine_material);
+        return made == PLIANT_OK ? pliant_mesh_surface(&model->fine, &model->triangles, &model->num_triangles) : made;
+    }
     if ((double)cells[0] * cells[1] * cells[2] > 4e7)
         return pliant_fail(PLIANT_ERROR_SCENE, "mesh/coarse_cells times mesh/ratio make %d x %d x %d fine cells: at most 4e7", cells[0],
                            cells[1], cells[2]);
@@ -81,13 +87,14 @@ static pliant_status integrate(builder *build)
 {
     pliant_model *model = build->model;
     const pliant_mesh *fine = &model->fine;
-    model->fine_material = pliant_calloc((size_t)fine->num_tets, sizeof *model->fine_material);
+    bool octree = model->scene.mesh.kind == PLIANT_OCTREE; /* its leaves have materials already */
+    if (!octree) model->fine_material = pliant_calloc((size_t)fine->num_tets, sizeof *model->fine_material);
     model->node_mass = pliant_calloc((size_t)fine->num_nodes, sizeof *model->node_mass);
     if (!model->fine_material || !model->node_mass) return pliant_fail_memory("the materials of the mesh");
     for (int32_t t = 0; t < fine->num_tets; t++) {
         const int32_t *nodes = fine->tets + 4 * t;
         double gradients[12];
-        model->fine_material[t] = build->lattice_material[fine->lattice_of_tet[t]];
+        if (!octree) model->fine_material[t] = build->lattice_material[fine->lattice_of_tet[t]];
         double volume = pliant_tet_gradients(fine->rest + 3 * nodes[0], fine->rest + 3 * nodes[1], fine->rest + 3 * nodes[2],
                                              fine->rest + 3 * nodes[3], gradients);
         for (int v = 0; v < 4; v++) model->node_mass[nodes[v]] += 0.25 * volume * model->fine_material[t].density;
@@ -171,28 +178,63 @@ static pliant_status hold_coarse(builder *build)
     return status;
 }
 
+/* Coarse nodes that are fixed fine ones, those of loose pieces among them. Homogenized elements know of fixed nodes inside
+ * (hold_homogenized), others do not. */
+static pliant_status fix_coarse(builder *build)
+{
+    const pliant_model *model = build->model;
+    const pliant_mesh *fine = &model->fine, *coarse = &model->coarse;
+    int32_t nx = coarse->cells[0] + 1, ny = coarse->cells[1] + 1, ratio = model->scene.mesh.ratio;
+    build->coarse_fixed = pliant_calloc((size_t)coarse->num_nodes, 1);
+    if (!build->coarse_fixed) return pliant_fail_memory("the fixed nodes");
+    for (int32_t n = 0; n < coarse->num_nodes; n++) {
+        int32_t at = coarse->lattice_of_node[n], i = at % nx * ratio, j = at / nx % ny * ratio, k = at / nx / ny * ratio;
+        int32_t node = fine->node_of_lattice[i + (fine->cells[0] + 1) * (j + (fine->cells[1] + 1) * k)];
+        build->coarse_fixed[n] = node >= 0 && model->fine_fixed[node];
+    }
+    return model->scene.model.method == PLIANT_COARSE ? hold_coarse(build) : PLIANT_OK;
+}
+
+/* A homogenized element that holds fixed fine nodes holds its corners. What hangs on fewer than three nodes is held where
+ * it is, as on the fine mesh. */
+static pliant_status hold_homogenized(builder *build)
+{
+    const pliant_mesh *coarse = &build->model->coarse;
+    const uint8_t *grounded = build->model->system->grounded;
+    uint8_t *held = pliant_calloc((size_t)coarse->num_nodes, 1), *stands = pliant_calloc((size_t)coarse->num_nodes, 1);
+    uint8_t *loose = pliant_calloc((size_t)coarse->num_tets, 1);
+    int32_t pieces = 0;
+    pliant_status status = held && stands && loose ? PLIANT_OK : pliant_fail_memory("the fixed nodes");
+    if (status == PLIANT_OK) {
+        memcpy(stands, build->coarse_fixed, (size_t)coarse->num_nodes);
+        for (int32_t v = 0; v < 4 * coarse->num_tets; v++)
+            if (grounded[v / 4]) stands[coarse->tets[v]] = 1;
+        memcpy(held, stands, (size_t)coarse->num_nodes);
+        status = pliant_mesh_hold(coarse, held, loose, &pieces);
+    }
+    for (int32_t n = 0; status == PLIANT_OK && n < coarse->num_nodes; n++)
+        if (held[n] && !stands[n]) build->coarse_fixed[n] = 1;
+    if (status == PLIANT_OK && pieces > 0)
+        pliant_log(PLIANT_LOG_WARNING, "%d pieces of the coarse mesh hang on fewer than three nodes; they are held where they are", pieces);
+    pliant_free(held);
+    pliant_free(stands);
+    pliant_free(loose);
+    return status;
+}
+
 /* Loose pieces keep their place in the picture, but carry nothing: their stiffness is taken down to this part. */
 static const double loose_stiffness = 1e-6;
 
 static pliant_status fix(builder *build)
 {
     pliant_model *model = build->model;
-    const pliant_mesh *fine = &model->fine, *coarse = &model->coarse;
+    const pliant_mesh *fine = &model->fine;
     model->fine_fixed = pliant_calloc((size_t)fine->num_nodes, 1);
     build->loose = pliant_calloc((size_t)fine->num_tets, 1);
     if (!model->fine_fixed || !build->loose) return pliant_fail_memory("the fixed nodes");
     bool by_material = !model->scene.material.deformable_bone;
     for (int32_t n = 0; n < fine->num_nodes; n++)
         model->fine_fixed[n] = (by_material && in_fixed_material(model, fine->rest + 3 * n)) || in_fixed_region(&model->scene, fine->rest + 3 * n);
-    if (is_coarse(model)) {
-        build->coarse_fixed = pliant_calloc((size_t)coarse->num_nodes, 1);
-        if (!build->coarse_fixed) return pliant_fail_memory("the fixed nodes");
-        for (int32_t n = 0; n < coarse->num_nodes; n++) {
-            int32_t at = coarse->lattice_of_node[n], nx = coarse->cells[0] + 1, ny = coarse->cells[1] + 1, r = model->scene.mesh.ratio;
-            int32_t node = fine->node_of_lattice[at % nx * r + (fine->cells[0] + 1) * (at / nx % ny * r + (fine->cells[1] + 1) * (at / nx / ny * r))];
-            build->coarse_fixed[n] = node >= 0 && model->fine_fixed[node];
-        }
-    }
     if (model->scene.solver.kind == PLIANT_TLED && pliant_tled_stands(&model->scene)) return PLIANT_OK;
     pliant_status status = pliant_mesh_hold(fine, model->fine_fixed, build->loose, &model->num_held_pieces);
     if (status != PLIANT_OK) return status;
@@ -207,8 +249,7 @@ static pliant_status fix(builder *build)
         pliant_log(PLIANT_LOG_WARNING, "%d pieces (%d of %d tetrahedra) hang on nothing that is fixed; they are held where they are",
                    model->num_held_pieces, count, fine->num_tets);
     }
-    if (model->scene.model.method != PLIANT_COARSE) return PLIANT_OK;
-    return hold_coarse(build);
+    return is_coarse(model) ? fix_coarse(build) : PLIANT_OK;
 }
 
 static pliant_status homogenize(builder *build)
@@ -229,8 +270,9 @@ static pliant_status homogenize(builder *build)
     pliant_status status = pliant_system_elements(system, none);
     pliant_free(none);
     if (status != PLIANT_OK) return status;
-    return pliant_homogenize(system, &model->scene, &model->fine, model->fine_fixed, model->fine_material, build->coarse_of_fine,
-                             build->progress);
+    status = pliant_homogenize(system, &model->scene, &model->fine, model->fine_fixed, model->fine_material, build->coarse_of_fine,
+                               build->progress);
+    return status == PLIANT_OK ? hold_homogenized(build) : status;
 }
 
 /* M_j = sum of m_i N_ij over the fine nodes, [H] 10 */
@@ -256,7 +298,9 @@ static pliant_status analyze(builder *build)
     pliant_status status = pliant_system_unknowns(model->system, is_coarse(model) ? build->coarse_fixed : model->fine_fixed);
     if (status == PLIANT_OK) status = gravity_mass(model);
     if (status != PLIANT_OK) return status;
-    return pliant_preconditioner_create(model->system, model->scene.solver.preconditioner, &model->system->preconditioner);
+    /* the V-cycle's meshes nest by lattice */
+    pliant_preconditioner_choice choice = model->scene.mesh.kind == PLIANT_OCTREE ? PLIANT_DIRECT : model->scene.solver.preconditioner;
+    return pliant_preconditioner_create(model->system, choice, &model->system->preconditioner);
 }
 
 static pliant_status factorize(builder *build)
@@ -299,6 +343,10 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
     pliant_status status = pliant_scene_check(scene);
     if (status == PLIANT_OK && scene->solver.kind == PLIANT_TLED && scene->model.method != PLIANT_FINE)
         status = pliant_fail(PLIANT_ERROR_SCENE, "solver/kind: tled works on the fine mesh; set model/method to fine");
+    if (status == PLIANT_OK && scene->mesh.kind == PLIANT_OCTREE &&
+        (scene->model.method != PLIANT_FINE || scene->solver.preconditioner == PLIANT_MULTIGRID))
+        status = pliant_fail(PLIANT_ERROR_SCENE, "mesh/kind: an octree has no coarse mesh: set model/method to fine and solver/preconditioner to "
+                                                 "auto or direct");
     if (status == PLIANT_OK) status = pliant_material_table_check(materials);
     if (status != PLIANT_OK) return status;
     pliant_model *model = pliant_calloc(1, sizeof *model);

@@ -14,6 +14,7 @@ static const char *const backend_names[] = {PLIANT_BACKEND_LIST(CHOICE_NAME) NUL
 static const char *const preconditioner_names[] = {PLIANT_PRECONDITIONER_LIST(CHOICE_NAME) NULL};
 static const char *const scalar_names[] = {PLIANT_SCALAR_LIST(CHOICE_NAME) NULL};
 static const char *const solver_names[] = {PLIANT_SOLVER_LIST(CHOICE_NAME) NULL};
+static const char *const mesh_names[] = {PLIANT_MESH_LIST(CHOICE_NAME) NULL};
 static const char *const segment_names[] = {PLIANT_SEGMENT_LIST(CHOICE_NAME) NULL};
 static const char *const law_names[] = {PLIANT_LAW_LIST(CHOICE_NAME) NULL};
 #undef CHOICE_NAME
@@ -23,7 +24,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
                    sizeof(pliant_backend_choice) == sizeof(int) &&
                    sizeof(pliant_preconditioner_choice) == sizeof(int) && sizeof(pliant_scalar) == sizeof(int) &&
                    sizeof(pliant_solver_kind) == sizeof(int) && sizeof(pliant_law) == sizeof(int) &&
-                   sizeof(pliant_segment_kind) == sizeof(int),
+                   sizeof(pliant_mesh_kind) == sizeof(int) && sizeof(pliant_segment_kind) == sizeof(int),
                "choices have the size of an int");
 
 /* kind, default as a number, default as a string, names of the choices */
@@ -39,6 +40,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define KIND_PRECONDITIONER(value) PLIANT_OPTION_CHOICE, value, NULL, preconditioner_names
 #define KIND_SCALAR(value) PLIANT_OPTION_CHOICE, value, NULL, scalar_names
 #define KIND_SOLVER(value) PLIANT_OPTION_CHOICE, value, NULL, solver_names
+#define KIND_MESH(value) PLIANT_OPTION_CHOICE, value, NULL, mesh_names
 #define KIND_SEGMENT(value) PLIANT_OPTION_CHOICE, value, NULL, segment_names
 #define KIND_LAW(value) PLIANT_OPTION_CHOICE, value, NULL, law_names
 

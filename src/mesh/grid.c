@@ -189,5 +189,7 @@ void pliant_mesh_free(pliant_mesh *mesh)
     pliant_free(mesh->lattice_of_tet);
     pliant_free(mesh->tet_of_lattice);
     pliant_free(mesh->node_of_lattice);
+    pliant_free(mesh->leaf_of_cell);
+    pliant_free(mesh->leaf_start);
     memset(mesh, 0, sizeof *mesh);
 }

@@ -49,6 +49,12 @@ int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], doubl
         local[d] = along[d] - cell[d];
     }
     int32_t flat = cell[0] + mesh->cells[0] * (cell[1] + mesh->cells[1] * cell[2]);
+    if (mesh->num_leaves > 0) {
+        int32_t leaf = mesh->leaf_of_cell[flat];
+        for (int32_t t = mesh->leaf_start[leaf]; t < mesh->leaf_start[leaf + 1]; t++)
+            if (barycentric_of(mesh, mesh->rest, t, world, barycentric)) return t;
+        return -1;
+    }
     int slot = pliant_mesh_slot_of((cell[0] + cell[1] + cell[2]) & 1, local);
     int32_t tet = mesh->tet_of_lattice[5 * flat + slot];
     if (tet >= 0) {

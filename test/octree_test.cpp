@@ -1,0 +1,295 @@
+// The octree's mesh over random label fields: faces shared by two, volumes, orientation, quality, balance; where points and materials are.
+#include "mesh/octree.h"
+#include "pipeline/body.h"
+
+#include <algorithm>
+#include <array>
+#include <map>
+#include <random>
+
+namespace {
+
+struct Field {
+    pliant_geometry geometry{};
+    std::vector<uint8_t> material;
+    std::vector<pliant_material> records;
+    pliant_material_table table{};
+    pliant_mesh mesh{};
+    pliant_tet_material *materials = nullptr;
+
+    Field(std::array<int, 3> size, bool left_handed = false)
+    {
+        for (int d = 0; d < 3; d++) {
+            geometry.size[d] = size[static_cast<size_t>(d)];
+            geometry.spacing[d] = 0.001 * (d + 1);
+            geometry.direction[4 * d] = d == 2 && left_handed ? -1 : 1;
+        }
+        material.assign(static_cast<size_t>(size[0] * size[1] * size[2]), 1);
+        for (int m = 0; m < 4; m++) {
+            pliant_material record{};
+            record.young_modulus = 1000 * (m + 1);
+            record.poisson_ratio = 0.3;
+            record.density = 900 + 100 * m;
+            record.empty = m == 0;
+            records.push_back(record);
+        }
+        table.materials = records.data();
+        table.num_materials = 4;
+    }
+    ~Field()
+    {
+        pliant_mesh_free(&mesh);
+        pliant_free(materials);
+    }
+    pliant_status build(std::array<int32_t, 3> roots, int depth, double purity = 1, bool keep_air = false)
+    {
+        pliant_mesh_free(&mesh);
+        pliant_free(materials);
+        materials = nullptr;
+        return pliant_mesh_octree(&geometry, roots.data(), depth, purity, keep_air, material.data(), &table, &mesh, &materials);
+    }
+    // some balls of random materials, some single voxels
+    void scatter(unsigned seed)
+    {
+        std::mt19937 random(seed);
+        const int32_t *s = geometry.size;
+        for (int ball = 0; ball < 5; ball++) {
+            int at[3], radius = 1 + static_cast<int>(random() % 6), which = static_cast<int>(random() % 4);
+            for (int d = 0; d < 3; d++) at[d] = static_cast<int>(random() % static_cast<unsigned>(s[d]));
+            for (int v = 0; v < s[0] * s[1] * s[2]; v++) {
+                int x = v % s[0] - at[0], y = v / s[0] % s[1] - at[1], z = v / s[0] / s[1] - at[2];
+                if (x * x + y * y + z * z < radius * radius) material[static_cast<size_t>(v)] = static_cast<uint8_t>(which);
+            }
+        }
+        for (int voxel = 0; voxel < 3; voxel++) material[random() % material.size()] = static_cast<uint8_t>(random() % 4);
+    }
+};
+
+double volume_of(const pliant_mesh &mesh, int32_t t)
+{
+    const int32_t *n = mesh.tets + 4 * t;
+    double g[12];
+    return pliant_tet_gradients(mesh.rest + 3 * n[0], mesh.rest + 3 * n[1], mesh.rest + 3 * n[2], mesh.rest + 3 * n[3], g);
+}
+
+// 1 for a regular one: 12 (3 V)^(2/3) over the sum of squared edges (Liu and Joe 1994)
+double quality_of(const pliant_mesh &mesh, int32_t t)
+{
+    const int32_t *n = mesh.tets + 4 * t;
+    double sum = 0;
+    for (int a = 0; a < 4; a++)
+        for (int b = 0; b < a; b++)
+            for (int d = 0; d < 3; d++) sum += std::pow(mesh.rest[3 * n[a] + d] - mesh.rest[3 * n[b] + d], 2);
+    return 12 * std::pow(3 * volume_of(mesh, t), 2.0 / 3) / sum;
+}
+
+using Face = std::array<int32_t, 3>;
+
+// what faces there are, and of how many tetrahedra
+std::map<Face, int> faces_of(const pliant_mesh &mesh)
+{
+    std::map<Face, int> faces;
+    for (int32_t t = 0; t < mesh.num_tets; t++)
+        for (int c = 0; c < 4; c++) {
+            Face face;
+            for (int v = 0, n = 0; v < 4; v++)
+                if (v != c) face[static_cast<size_t>(n++)] = mesh.tets[4 * t + v];
+            std::sort(face.begin(), face.end());
+            faces[face]++;
+        }
+    return faces;
+}
+
+TEST(Octree, IsConformingOverRandomFields)
+{
+    for (unsigned seed = 0; seed < 24; seed++) {
+        Field field({32, 24, 16}, seed % 2 == 1);
+        for (int d = 0; d < 3; d++) field.geometry.spacing[d] = 0.001; // cubes
+        field.scatter(seed);
+        int depth = 1 + static_cast<int>(seed % 3);
+        std::array<int32_t, 3> roots{4, 3, 2};
+        ASSERT_EQ(field.build(roots, depth, 1, true), PLIANT_OK) << pliant_last_error();
+        // every face inside belongs to two, and those of one lie on the box: nothing hangs
+        double volume = 0, box = 0.032 * 0.024 * 0.016, worst = 1;
+        const double low[3] = {-0.0005, -0.0005, seed % 2 ? -0.0155 : -0.0005}, high[3] = {0.0315, 0.0235, seed % 2 ? 0.0005 : 0.0155};
+        for (int32_t t = 0; t < field.mesh.num_tets; t++) {
+            ASSERT_GT(volume_of(field.mesh, t), 0);
+            volume += volume_of(field.mesh, t);
+            worst = std::fmin(worst, quality_of(field.mesh, t));
+        }
+        EXPECT_NEAR(volume, box, 1e-12 * box);
+        EXPECT_GT(worst, 0.45) << seed;
+        for (const auto &face : faces_of(field.mesh)) {
+            ASSERT_LE(face.second, 2);
+            if (face.second == 2) continue;
+            bool outside = false;
+            for (int d = 0; d < 3; d++) {
+                bool lower = true, upper = true;
+                for (int32_t n : face.first) {
+                    lower = lower && std::fabs(field.mesh.rest[3 * n + d] - low[d]) < 1e-9;
+                    upper = upper && std::fabs(field.mesh.rest[3 * n + d] - high[d]) < 1e-9;
+                }
+                outside = outside || lower || upper;
+            }
+            ASSERT_TRUE(outside) << "seed " << seed << ": a face inside belongs to one tetrahedron only";
+        }
+    }
+}
+
+TEST(Octree, WithoutAirNothingOverlapsAndTheSurfaceIsClosed)
+{
+    for (unsigned seed = 100; seed < 112; seed++) {
+        Field field({32, 24, 16});
+        field.scatter(seed);
+        ASSERT_EQ(field.build({4, 3, 2}, 2), PLIANT_OK) << pliant_last_error();
+        // a node that hangs on an edge or face of another tetrahedron would make edges of the surface that are not shared by an even number
+        std::map<std::array<int32_t, 2>, int> edges;
+        for (const auto &face : faces_of(field.mesh)) {
+            ASSERT_LE(face.second, 2);
+            if (face.second == 2) continue;
+            for (int e = 0; e < 3; e++) {
+                int32_t a = face.first[static_cast<size_t>(e)], b = face.first[static_cast<size_t>((e + 1) % 3)];
+                edges[{std::min(a, b), std::max(a, b)}]++;
+            }
+        }
+        for (const auto &edge : edges) ASSERT_EQ(edge.second % 2, 0) << seed;
+        for (int32_t t = 0; t < field.mesh.num_tets; t++) ASSERT_GT(volume_of(field.mesh, t), 0);
+    }
+}
+
+TEST(Octree, NeighboursDifferByOneLevelAtMost)
+{
+    Field field({64, 64, 64});
+    field.material[32 + 64 * (32 + 64 * 32)] = 2; // one voxel in the middle
+    const int32_t roots[3] = {2, 2, 2};
+    pliant_octree tree{};
+    ASSERT_EQ(pliant_octree_create(roots, 5, 1, &field.geometry, field.material.data(), &tree), PLIANT_OK);
+    int smallest = 0;
+    for (int32_t leaf = 0; leaf < tree.num_leaves; leaf++) smallest += tree.level[leaf] == 5;
+    EXPECT_EQ(smallest, 8); // the voxel's cell and its seven brothers
+    const int32_t *cells = tree.cells[5];
+    for (int32_t c = 0; c < cells[2]; c++)
+        for (int32_t b = 0; b < cells[1]; b++)
+            for (int32_t a = 0; a < cells[0]; a++)
+                for (int n = 0; n < 27; n++) {
+                    int32_t step[3] = {n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1}, at[3] = {a, b, c}, beside[3];
+                    bool inside = true;
+                    for (int d = 0; d < 3; d++) {
+                        beside[d] = at[d] + step[d];
+                        inside = inside && beside[d] >= 0 && beside[d] < cells[d];
+                    }
+                    if (!inside || (step[0] && step[1] && step[2])) continue;
+                    int own = tree.level[tree.leaf_of_cell[pliant_octree_flat(&tree, 5, at)]];
+                    int other = tree.level[tree.leaf_of_cell[pliant_octree_flat(&tree, 5, beside)]];
+                    ASSERT_LE(std::abs(own - other), 1);
+                }
+    pliant_octree_free(&tree);
+}
+
+TEST(Octree, DepthZeroIsTheLattice)
+{
+    Field field({20, 15, 10});
+    field.scatter(5);
+    const int32_t cells[3] = {5, 4, 3};
+    ASSERT_EQ(field.build({5, 4, 3}, 0, 1, true), PLIANT_OK);
+    pliant_mesh lattice{};
+    ASSERT_EQ(pliant_mesh_grid(&field.geometry, cells, nullptr, &lattice), PLIANT_OK);
+    ASSERT_EQ(field.mesh.num_tets, lattice.num_tets);
+    ASSERT_EQ(field.mesh.num_nodes, lattice.num_nodes);
+    EXPECT_TRUE(std::equal(lattice.tets, lattice.tets + 4 * lattice.num_tets, field.mesh.tets));
+    EXPECT_TRUE(std::equal(lattice.rest, lattice.rest + 3 * lattice.num_nodes, field.mesh.rest));
+    pliant_mesh_free(&lattice);
+}
+
+TEST(Octree, LeavesHoldTheirMaterialAndPointsTheirLeaf)
+{
+    Field field({32, 32, 32});
+    for (int v = 0; v < 32 * 32 * 32; v++) field.material[static_cast<size_t>(v)] = v % 32 < 8 ? 2 : v % 32 < 21 ? 3 : 1;
+    ASSERT_EQ(field.build({4, 4, 4}, 2), PLIANT_OK);
+    std::mt19937 random(1);
+    std::uniform_real_distribution<double> part(0, 1);
+    int found[4] = {0, 0, 0, 0};
+    for (int n = 0; n < 2000; n++) {
+        double point[3], weights[4], sum = 0;
+        for (int d = 0; d < 3; d++) point[d] = 0.001 * (d + 1) * (32 * part(random) - 0.5);
+        int32_t tet = pliant_mesh_locate(&field.mesh, point, weights);
+        ASSERT_GE(tet, 0);
+        for (int d = 0; d < 3; d++) {
+            sum = 0;
+            for (int v = 0; v < 4; v++) sum += weights[v] * field.mesh.rest[3 * field.mesh.tets[4 * tet + v] + d];
+            EXPECT_NEAR(sum, point[d], 1e-12);
+        }
+        int voxel = static_cast<int>(point[0] / 0.001 + 0.5), expected = voxel < 8 ? 2 : voxel < 21 ? 3 : 1;
+        if (voxel == 20 || voxel == 21) continue; // the boundary cuts a smallest cell
+        EXPECT_EQ(field.materials[tet].material, expected);
+        EXPECT_NEAR(field.materials[tet].density, 900 + 100 * expected, 1e-9);
+        found[expected]++;
+    }
+    EXPECT_GT(found[1] * found[2] * found[3], 0);
+}
+
+TEST(Octree, RefusesAndRunsOutOfMemoryCleanly)
+{
+    Field field({16, 16, 16});
+    field.scatter(9);
+    EXPECT_EQ(field.build({4, 4, 4}, 7), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(field.build({0, 4, 4}, 1), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(field.build({256, 256, 256}, 2), PLIANT_ERROR_SCENE);
+    size_t held = pliant_memory_in_use();
+    for (int calls = 0;; calls++) {
+        ASSERT_LT(calls, 100);
+        pliant_memory_fail_after(calls);
+        pliant_status status = field.build({4, 4, 4}, 2);
+        pliant_memory_fail_after(-1);
+        if (status == PLIANT_OK) break;
+        ASSERT_EQ(status, PLIANT_ERROR_MEMORY);
+        ASSERT_EQ(pliant_memory_in_use(), held) << calls;
+    }
+    std::fill(field.material.begin(), field.material.end(), 0);
+    EXPECT_EQ(field.build({4, 4, 4}, 2), PLIANT_ERROR_SCENE);
+}
+
+// the whole pipeline on it: a patch test, both solvers
+TEST(Octree, BendsLikeTheLatticeOfItsSmallestCells)
+{
+    const int size[3] = {16, 16, 32};
+    const double box[3] = {0.04, 0.04, 0.08};
+    double deflection[3];
+    for (int way = 0; way < 3; way++) {
+        Body body(size, box, {{5e3, 0.3, 1000, false}, {2e4, 0.3, 1000, false}}, [](int i, int, int k) { return i < 6 && k < 10; });
+        body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+        body.scene.model.gravity[0] = 1;
+        body.scene.solver.iterations = 20;
+        if (way == 0) {
+            body.cells(8, 8, 16, 1);
+        } else {
+            body.cells(2, 2, 4, 1);
+            body.scene.mesh.kind = PLIANT_OCTREE;
+            body.scene.mesh.depth = 2;
+        }
+        if (way == 2) {
+            body.scene.solver.kind = PLIANT_TLED;
+            body.scene.tled.quasi_static = true;
+            body.scene.tled.relaxation_steps = 4000;
+            body.scene.solver.tolerance = 1e-3;
+        } else {
+            body.scene.solver.tolerance = 1e-6;
+        }
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(body.settle(), PLIANT_OK) << body.data->statistics.residual;
+        double weights[4];
+        const double tip[3] = {0.0201, 0.0202, 0.0799};
+        int32_t tet = pliant_mesh_locate(&body.model->fine, tip, weights);
+        ASSERT_GE(tet, 0);
+        deflection[way] = -tip[0];
+        for (int v = 0; v < 4; v++) deflection[way] += weights[v] * body.data->positions[3 * body.model->fine.tets[4 * tet + v]];
+    }
+    EXPECT_NEAR(deflection[1], deflection[0], 0.25 * deflection[0]); // large cells bend less
+    EXPECT_NEAR(deflection[2], deflection[1], 0.05 * deflection[1]); // another strain energy
+    Body body(size, box, {{5e3, 0.3, 1000, false}});
+    body.scene.mesh.kind = PLIANT_OCTREE;
+    body.scene.model.method = PLIANT_AVERAGED;
+    EXPECT_EQ(body.build(), PLIANT_ERROR_SCENE);
+}
+
+} // namespace
