@@ -102,7 +102,7 @@ TEST(scene, an_empty_one_is_the_defaults)
 
 TEST(scene, errors_name_file_line_field_value_and_range)
 {
-    refused("mesh:\n  ratoi: 2\n", PLIANT_ERROR_FORMAT, {"line 2", "ratoi", "mesh", "coarse_cells, ratio, keep_air"});
+    refused("mesh:\n  ratoi: 2\n", PLIANT_ERROR_FORMAT, {"line 2", "ratoi", "mesh", "coarse_cells, ratio, depth, purity, keep_air"});
     refused("solver: {}\nmash: {}\n", PLIANT_ERROR_FORMAT, {"line 2", "mash", "mesh", "fixed"});
     refused("mesh:\n  # ratio: 1\n  ratio: 9\n", PLIANT_ERROR_SCENE, {"line 3", "mesh/ratio", "'9'", "1 .. 8"});
     refused("mesh: {ratio: 2.5}\n", PLIANT_ERROR_SCENE, {"line 1", "mesh/ratio", "2.5"});
