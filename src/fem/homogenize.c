@@ -154,6 +154,17 @@ static bool averaged_stiffness(pliant_submesh *submesh, int32_t tet, double out[
     return true;
 }
 
+/* Fragments of a submesh that touch at an edge or a corner alone move without force: then the averages do not determine its
+ * shape, and what comes out is rounding. A stiffness that is not positive semidefinite tells. */
+static bool is_semidefinite(const double k[144])
+{
+    double shifted[144], trace = 0;
+    for (int i = 0; i < 12; i++) trace += k[13 * i];
+    memcpy(shifted, k, sizeof shifted);
+    for (int i = 0; i < 12; i++) shifted[13 * i] += 1e-7 * trace;
+    return isfinite(trace) && pliant_dense_cholesky(12, shifted);
+}
+
 /* Schur complement on the corners, [H] 3, and shape functions [H] 6: shape (num_nodes x 36), 3 x 12 a node. Fixed nodes are
  * removed from the problem and their shape functions are zero ([H] 4.2). */
 static bool schur_stiffness(pliant_submesh *submesh, int32_t tet, double out[144], double *shape)
@@ -280,13 +291,28 @@ static pliant_status homogenize_one(homogenization *work, pliant_submesh *submes
         return pliant_fail(PLIANT_ERROR_NUMERIC, "schur: the submesh of coarse tetrahedron %d cannot be condensed on its corners; "
                                                  "use averaged", tet);
     }
-    if (!fixed && averaged_stiffness(submesh, tet, out)) return PLIANT_OK;
+    if (!fixed && averaged_stiffness(submesh, tet, out) && is_semidefinite(out)) return PLIANT_OK;
     galerkin_stiffness(submesh, tet, out);
     if (!fixed) {
 #pragma omp atomic
         work->galerkin++;
     }
     return PLIANT_OK;
+}
+
+/* The corners of a grounded element may move in ways that its free fine nodes do not feel: there it stays, by this part of
+ * the mean stiffness. */
+static const double ground_stiffness = 1e-4;
+
+static void ground(pliant_system *system)
+{
+    double sum = 0;
+    int32_t count = system->mesh->num_tets;
+    for (size_t c = 0; c < (size_t)count; c++)
+        for (int i = 0; i < 12; i++) sum += system->stiffness[144 * c + 13 * i];
+    double share = ground_stiffness * sum / (12.0 * count);
+    for (size_t c = 0; c < (size_t)count; c++)
+        for (int i = 0; system->grounded[c] && i < 12; i++) system->stiffness[144 * c + 13 * i] += share;
 }
 
 static pliant_status homogenize_all(homogenization *work, const uint8_t *fine_fixed, const pliant_tet_material *material,
@@ -343,6 +369,7 @@ pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene
     }
     homogenization work = {.system = system, .lists = &lists, .shapes = shapes};
     if ((status = homogenize_all(&work, fine_fixed, fine_material, progress)) != PLIANT_OK) goto done;
+    if (!schur) ground(system);
     if (work.galerkin > 0)
         pliant_log(PLIANT_LOG_INFO, "homogenize: %d of %zu coarse tetrahedra hold loose fragments and follow their corners linearly",
                    work.galerkin, count);
