@@ -138,11 +138,15 @@ void MeshDisplay::unsubscribe()
 void MeshDisplay::reset()
 {
     Display::reset();
+    bool subscribed = topology_subscriber_;
+    unsubscribe();
     mesh_.clear();
     dropped_ = states_ = 0;
     range_known_ = changed_ = false;
     if (object_) object_->clear();
     if (bar_) bar_->set_visible(false);
+    // rviz resets its displays when time jumps back: the topology is sent to new subscribers only
+    if (subscribed) subscribe();
 }
 
 void MeshDisplay::receive_topology(const pliant::MeshTopology::ConstPtr &message)

@@ -141,6 +141,7 @@ void VolumeDisplay::change_topic()
 void VolumeDisplay::subscribe()
 {
     if (!isEnabled() || topic_->getTopicStd().empty()) return;
+    whole_wanted_ = false;
     try {
         // boxes must not be lost: the queue is long, they are small; a whole volume replaces all
         subscriber_ = threaded_nh_.subscribe(topic_->getTopicStd(), 32, &VolumeDisplay::receive, this,
@@ -156,15 +157,22 @@ void VolumeDisplay::unsubscribe() { subscriber_.shutdown(); }
 void VolumeDisplay::reset()
 {
     Display::reset();
-    std::lock_guard<std::mutex> guard(received_.lock);
-    received_.image = VolumeImage();
-    received_.starts = received_.changed = false;
-    received_.error.clear();
-    received_.warning.clear();
-    received_.messages = received_.refused = received_.lost = 0;
+    bool subscribed = subscriber_;
+    // without the lock: it waits for receive()
+    unsubscribe();
+    {
+        std::lock_guard<std::mutex> guard(received_.lock);
+        received_.image = VolumeImage();
+        received_.starts = received_.changed = received_.waits = false;
+        received_.error.clear();
+        received_.warning.clear();
+        received_.messages = received_.refused = received_.lost = 0;
+    }
     texture_error_.clear();
     if (visual_) visual_->clear();
     if (bar_) bar_->set_visible(false);
+    // rviz resets its displays when time jumps back: what is shown comes anew, even if nothing moves
+    if (subscribed) subscribe();
 }
 
 static VolumeView view_of(const pliant::Volume &message)
@@ -207,11 +215,13 @@ void VolumeDisplay::receive(const pliant::Volume::ConstPtr &message)
     VolumeImage::Result result = to.image.put(view, to.limits);
     if (result == VolumeImage::WAITS) {
         to.warning = "waiting for a whole volume: boxes only so far";
+        to.waits = true;
         return;
     }
     to.lost = whole ? 0 : gap ? to.lost + message->sequence - to.sequence - 1 : to.lost;
     to.warning = to.lost ? std::to_string(to.lost) + " messages lost: parts are old until the next whole volume" : "";
     to.error.clear();
+    to.waits = false;
     to.sequence = message->sequence;
     to.frame = message->header.frame_id;
     to.position = view.position;
@@ -297,7 +307,6 @@ void VolumeDisplay::ask_for_whole(float wall_dt)
 {
     since_asked_ += wall_dt;
     if (!whole_wanted_ || since_asked_ < ASK_EVERY) return;
-    whole_wanted_ = false;
     since_asked_ = 0;
     unsubscribe();
     subscribe();
@@ -427,7 +436,7 @@ void VolumeDisplay::report()
     std::lock_guard<std::mutex> guard(received_.lock);
     if (!received_.changed) return;
     received_.changed = false;
-    whole_wanted_ = whole_wanted_ || received_.lost > 0;
+    whole_wanted_ = whole_wanted_ || received_.waits || received_.lost > 0;
     if (!received_.error.empty()) {
         // said once in the log too: the panel with the status may be closed
         if (received_.error != logged_) ROS_WARN_STREAM("volume display: " << received_.error);

@@ -78,7 +78,7 @@ private:
         std::mutex lock;
         TextureLimits limits;
         VolumeImage image;
-        bool starts = false, changed = false;
+        bool starts = false, changed = false, waits = false; // for a whole volume
         std::string frame, error, warning;
         std::array<double, 3> position, spacing;
         std::array<double, 4> orientation;

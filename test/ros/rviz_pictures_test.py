@@ -324,6 +324,9 @@ class Pictures(unittest.TestCase):
         while len(connected) < 2 and time.time() < end:
             time.sleep(0.05)
         self.assertEqual(len(connected), 2, "the display subscribed anew")
+        # a reset (rviz does it when time jumps back, too) forgets everything: it must be sent again. The button is at the lower left.
+        self.stage.mouse("mousemove", 33, self.stage.height - 14, "click", 1)
+        self.stage.wait(lambda: len(connected) == 3, what="the display that subscribes after a reset")
 
     def test_an_oblique_volume_lands_where_its_mesh_lands(self):
         size, spacing, flipped = numpy.array([30, 20, 16]), numpy.array([0.004, 0.006, 0.005]), True
