@@ -8,6 +8,7 @@
       time from the pose of a tool to a picture that it has changed
 """
 import argparse
+import multiprocessing
 import os
 import sys
 import time
@@ -56,34 +57,43 @@ def seconds_used(stage, name):
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
+def measure(arguments, size, slices, moving):
+    stage = open_stage(arguments, slices, size)
+    try:
+        tool = Tool(HOLD) if moving else None
+        if moving:
+            stage.wait(tool.grasp, 60, "the grasp")
+
+        def pass_time(seconds):
+            start = time.time()
+            while time.time() < start + seconds:
+                if moving:
+                    tool.send(HOLD + WAY * 0.5 * (1 - numpy.cos(numpy.pi * (time.time() - start))))
+                time.sleep(0.01)
+        pass_time(2)
+        rates = os.path.join(stage.folder, "fps")
+        seen = os.path.getsize(rates)
+        start, rviz, node = time.time(), seconds_used(stage, "rviz"), seconds_used(stage, "node")
+        pass_time(arguments.seconds)
+        took = time.time() - start
+        with open(rates) as lines:
+            lines.seek(seen)
+            rate = numpy.mean([float(x) for x in lines.read().split()])
+        print("%-12s %-10s %6d %9.1f %8.0f%% %8.0f%%" %
+              (size, arguments.rendering, slices, rate, 100 * (seconds_used(stage, "rviz") - rviz) / took,
+               100 * (seconds_used(stage, "node") - node) / took), flush=True)
+    finally:
+        stage.close()
+
+
 def frames(arguments, moving):
-    print("%-12s %-10s %6s %9s %9s %9s" % ("volume", "rendering", "slices", "frames/s", "rviz CPU", "node CPU"))
+    print("%-12s %-10s %6s %9s %9s %9s" % ("volume", "rendering", "slices", "frames/s", "rviz CPU", "node CPU"), flush=True)
     for size in arguments.size:
         for slices in arguments.slices:
-            stage = open_stage(arguments, slices, size)
-            if moving:
-                tool = Tool(HOLD)
-                stage.wait(tool.grasp, 60, "the grasp")
-            settled = time.time() + 2
-            while time.time() < settled:
-                if moving:
-                    tool.send(HOLD)
-                time.sleep(0.01)
-            rates = os.path.join(stage.folder, "fps")
-            seen = os.path.getsize(rates)
-            start, rviz, node = time.time(), seconds_used(stage, "rviz"), seconds_used(stage, "node")
-            while time.time() < start + arguments.seconds:
-                if moving:
-                    tool.send(HOLD + WAY * 0.5 * (1 - numpy.cos(2 * numpy.pi * (time.time() - start) / 2)))
-                time.sleep(0.01)
-            took = time.time() - start
-            with open(rates) as lines:
-                lines.seek(seen)
-                rate = numpy.mean([float(x) for x in lines.read().split()])
-            print("%-12s %-10s %6d %9.1f %8.0f%% %8.0f%%" %
-                  (size, arguments.rendering, slices, rate, 100 * (seconds_used(stage, "rviz") - rviz) / took,
-                   100 * (seconds_used(stage, "node") - node) / took), flush=True)
-            stage.close()
+            # each in a process of its own: there is one ROS node in a process
+            run = multiprocessing.Process(target=measure, args=(arguments, size, slices, moving))
+            run.start()
+            run.join()
 
 
 class Tool:
@@ -121,7 +131,7 @@ class Tool:
 
 
 def delay(arguments):
-    """The tool jumps by 5 mm; from the pose that says so to the first picture with other pixels around it."""
+    """The tool jumps by 30 mm, a spring after it the tissue; from the pose that says so to the first picture with other pixels around it."""
     stage = open_stage(arguments, arguments.slices[0], arguments.size[0])
     tool = Tool(HOLD)
     stage.wait(tool.grasp, 60, "the grasp")
