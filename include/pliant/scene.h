@@ -26,6 +26,7 @@ extern "C" {
     X(PLIANT_LAW_NEO_HOOKEAN, neo_hookean) X(PLIANT_LAW_COMPRESSIBLE, compressible)               \
     X(PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, saint_venant_kirchhoff)
 #define PLIANT_MESH_LIST(X) X(PLIANT_LATTICE, lattice) X(PLIANT_OCTREE, octree)
+#define PLIANT_WARP_LIST(X) X(PLIANT_RASTERIZE, rasterize) X(PLIANT_FIT, fit)
 #define PLIANT_SEGMENT_LIST(X) X(PLIANT_SEGMENT_NONE, none) X(PLIANT_SEGMENT_GMM, gmm)
 
 #define PLIANT_CHOICE_ENUM(name, yaml) name,
@@ -37,6 +38,7 @@ typedef enum pliant_scalar { PLIANT_SCALAR_LIST(PLIANT_CHOICE_ENUM) } pliant_sca
 typedef enum pliant_solver_kind { PLIANT_SOLVER_LIST(PLIANT_CHOICE_ENUM) } pliant_solver_kind;
 typedef enum pliant_law { PLIANT_LAW_LIST(PLIANT_CHOICE_ENUM) } pliant_law;
 typedef enum pliant_mesh_kind { PLIANT_MESH_LIST(PLIANT_CHOICE_ENUM) } pliant_mesh_kind;
+typedef enum pliant_warp_kind { PLIANT_WARP_LIST(PLIANT_CHOICE_ENUM) } pliant_warp_kind;
 typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pliant_segment_kind;
 #undef PLIANT_CHOICE_ENUM
 
@@ -54,6 +56,7 @@ typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pli
 #define PLIANT_DECLARE_SCALAR(name) pliant_scalar name;
 #define PLIANT_DECLARE_SOLVER(name) pliant_solver_kind name;
 #define PLIANT_DECLARE_MESH(name) pliant_mesh_kind name;
+#define PLIANT_DECLARE_WARP(name) pliant_warp_kind name;
 #define PLIANT_DECLARE_SEGMENT(name) pliant_segment_kind name;
 #define PLIANT_DECLARE_LAW(name) pliant_law name;
 
@@ -114,6 +117,8 @@ typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pli
     X(REAL, damping, 0.0, 0.0, 1e9, "N s/m", "damper beside the spring")                                              \
     X(REAL, radius, 0.006, 0.0, 1.0, "m", "the grasped blob; 0: a point")
 #define PLIANT_SCENE_WARP(X)                                                                                           \
+    X(WARP, kind, PLIANT_RASTERIZE, 0, 0, "", "rasterize: tetrahedra, exact on them; fit: a smooth map through the nodes ([C] 12), on the CPU") \
+    X(INT, fit_step, 4, 1, 64, "voxels", "fit: distance of the points that are fitted; linear in between")            \
     X(REAL, margin, 0.03, 0.0, 10.0, "m", "room around the tissue that the deformed volume has")                     \
     X(REAL, rate, 10.0, 0.0, 1000.0, "Hz", "most deformed volumes a second")
 #define PLIANT_SCENE_OUTPUT(X)                                                                                         \

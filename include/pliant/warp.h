@@ -38,6 +38,11 @@ void pliant_warp_free(pliant_warp *warp); /**< Nullable */
  *  Errors (as it was before): UNAVAILABLE, MEMORY (with figures). */
 pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choice);
 
+/** From now on the inverse map is not that of tetrahedra but a smooth fit through the nodes ([C] 5.3): moving least squares of second order
+ *  with a Gaussian kernel, every `step` voxels of the target and trilinear in between. Voxels whose rest position no tissue holds get the
+ *  background. On the CPU; every update redoes all. Errors (as it was before): ARGUMENT (step below 1), MEMORY. */
+pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step);
+
 /** Redo what the new positions change. Non-finite positions are refused (ARGUMENT) and change nothing.
  *  A tetrahedron that is inverted or flat draws nothing.
  *  @param positions (num_nodes x 3) LPS [m] */
@@ -50,7 +55,7 @@ const pliant_volume *pliant_warp_volume(const pliant_warp *warp);
 /** Bricks along i, j, k, and for every brick whether a voxel of it may have changed in the last update. */
 void pliant_warp_bricks(const pliant_warp *warp, int32_t count[3], const uint8_t **changed);
 
-/** Seconds of the last update, by stage: cull (boxes, change detection, lists), rasterize. */
+/** Seconds of the last update, by stage: cull (boxes, change detection, lists), rasterize; of a fit: the map, the voxels. */
 void pliant_warp_seconds(const pliant_warp *warp, double *cull, double *rasterize);
 
 #ifdef __cplusplus

@@ -15,6 +15,7 @@ static const char *const preconditioner_names[] = {PLIANT_PRECONDITIONER_LIST(CH
 static const char *const scalar_names[] = {PLIANT_SCALAR_LIST(CHOICE_NAME) NULL};
 static const char *const solver_names[] = {PLIANT_SOLVER_LIST(CHOICE_NAME) NULL};
 static const char *const mesh_names[] = {PLIANT_MESH_LIST(CHOICE_NAME) NULL};
+static const char *const warp_names[] = {PLIANT_WARP_LIST(CHOICE_NAME) NULL};
 static const char *const segment_names[] = {PLIANT_SEGMENT_LIST(CHOICE_NAME) NULL};
 static const char *const law_names[] = {PLIANT_LAW_LIST(CHOICE_NAME) NULL};
 #undef CHOICE_NAME
@@ -24,7 +25,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
                    sizeof(pliant_backend_choice) == sizeof(int) &&
                    sizeof(pliant_preconditioner_choice) == sizeof(int) && sizeof(pliant_scalar) == sizeof(int) &&
                    sizeof(pliant_solver_kind) == sizeof(int) && sizeof(pliant_law) == sizeof(int) &&
-                   sizeof(pliant_mesh_kind) == sizeof(int) && sizeof(pliant_segment_kind) == sizeof(int),
+                   sizeof(pliant_mesh_kind) == sizeof(int) && sizeof(pliant_warp_kind) == sizeof(int) && sizeof(pliant_segment_kind) == sizeof(int),
                "choices have the size of an int");
 
 /* kind, default as a number, default as a string, names of the choices */
@@ -41,6 +42,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define KIND_SCALAR(value) PLIANT_OPTION_CHOICE, value, NULL, scalar_names
 #define KIND_SOLVER(value) PLIANT_OPTION_CHOICE, value, NULL, solver_names
 #define KIND_MESH(value) PLIANT_OPTION_CHOICE, value, NULL, mesh_names
+#define KIND_WARP(value) PLIANT_OPTION_CHOICE, value, NULL, warp_names
 #define KIND_SEGMENT(value) PLIANT_OPTION_CHOICE, value, NULL, segment_names
 #define KIND_LAW(value) PLIANT_OPTION_CHOICE, value, NULL, law_names
 
@@ -142,6 +144,15 @@ static const char *range_of(const pliant_option *option)
     return pliant_scene_options(&count)[option - table].range;
 }
 
+/* "'2.5' is not a whole number in 1 .. 8 cells" */
+static const char *not_in_range(const pliant_option *option, const char *word, char *reason, size_t size)
+{
+    bool integer = option->kind == PLIANT_OPTION_INT || option->kind == PLIANT_OPTION_INT3;
+    snprintf(reason, size, "'%.80s' is not %s%s%s%s", word, integer ? "a whole number in " : "in ", range_of(option), option->unit[0] ? " " : "",
+             option->unit);
+    return reason;
+}
+
 /* Bytes of the option's value. */
 static size_t size_of(const pliant_option *option)
 {
@@ -190,8 +201,7 @@ static const char *read_word(const pliant_option *option, const char *word, int 
         break;
     }
     if (good) return NULL;
-    snprintf(reason, size, "'%.80s' is not in %s", word, range_of(option));
-    return reason;
+    return not_in_range(option, word, reason, size);
 }
 
 const char *pliant_option_read(const pliant_option *option, const char *const *words, int number, pliant_scene *scene,
@@ -230,8 +240,9 @@ const char *pliant_option_check(const pliant_option *option, const pliant_scene 
             bool integer = option->kind == PLIANT_OPTION_INT || option->kind == PLIANT_OPTION_INT3;
             value = integer ? ((const int32_t *)place)[k] : ((const double *)place)[k];
             if (!(value >= option->low && value <= option->high)) {
-                snprintf(reason, size, "%g is not in %s", value, range_of(option));
-                return reason;
+                char word[32];
+                snprintf(word, sizeof word, "%g", value);
+                return not_in_range(option, word, reason, size);
             }
         }
         return NULL;

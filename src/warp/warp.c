@@ -2,6 +2,7 @@
 #include "backend/backend.h"
 #include "core/fail.h"
 #include "pliant/memory.h"
+#include "warp/fit.h"
 #include "warp/raster.h"
 
 #include <math.h>
@@ -10,6 +11,7 @@
 
 struct pliant_warp {
     const pliant_mesh *mesh;
+    pliant_geometry scan;
     raster_grid grid;
     raster_source source;
     raster_kernels kernels;
@@ -29,6 +31,7 @@ struct pliant_warp {
     size_t capacity;
     raster_brick *scratch;   /* (num_threads) */
     double seconds[2];       /* cull, rasterize */
+    pliant_fit *fit;         /* NULL: rasterize */
     const pliant_backend *backend; /* NULL: the CPU */
     void *accelerated;       /* its object */
 };
@@ -38,6 +41,7 @@ void pliant_warp_free(pliant_warp *warp)
     if (!warp) return;
     if (warp->accelerated) warp->backend->warp_free(warp->accelerated);
     pliant_volume_free(&warp->volume);
+    pliant_fit_free(warp->fit);
     void *blocks[] = {warp->rest, warp->fixed, warp->next, warp->moved, warp->tets, warp->changed, warp->dirty,
                       warp->dirty_bricks, warp->end, warp->candidates, warp->scratch};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
@@ -123,6 +127,7 @@ pliant_status pliant_warp_create(const pliant_volume *scan, const pliant_mesh *m
     warp->volume.background = scan->background;
     memcpy(warp->volume.id, scan->id, sizeof warp->volume.id);
     warp->mesh = mesh;
+    warp->scan = scan->geometry;
     warp->num_threads = num_threads;
     warp->source = source_of(scan);
     if (!pliant_warp_use(warp, RASTER_AVX512) && !pliant_warp_use(warp, RASTER_AVX2))
@@ -304,6 +309,15 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
         if (warp->backend->warp_update(warp->accelerated, positions) == PLIANT_OK) return PLIANT_OK;
         pliant_warp_leave(warp);
     }
+    if (warp->fit) {
+        pliant_status status = pliant_fit_map(warp->fit, positions);
+        if (status != PLIANT_OK) return status;
+        double mapped = pliant_seconds();
+        pliant_fit_draw(warp->fit, &warp->source, warp->grid.bricks, warp->volume.voxels, warp->changed);
+        warp->seconds[0] = mapped - start;
+        warp->seconds[1] = pliant_seconds() - mapped;
+        return PLIANT_OK;
+    }
     if (fix_nodes(warp, positions) == 0) {
         memset(warp->changed, 0, (size_t)warp->num_bricks);
         warp->seconds[0] = pliant_seconds() - start;
@@ -328,6 +342,18 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
     warp->drawn = true;
     warp->seconds[0] = culled - start;
     warp->seconds[1] = pliant_seconds() - culled;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step)
+{
+    pliant_fit *fit = NULL;
+    pliant_status status = pliant_fit_create(warp->mesh, &warp->scan, warp->rest, &warp->volume.geometry, step, warp->num_threads, &fit);
+    if (status != PLIANT_OK) return status;
+    if (warp->accelerated) warp->backend->warp_free(warp->accelerated);
+    warp->accelerated = NULL;
+    pliant_fit_free(warp->fit);
+    warp->fit = fit;
     return PLIANT_OK;
 }
 

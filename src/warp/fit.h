@@ -1,0 +1,34 @@
+/* Warp by fitting ([C] 5.3): a smooth inverse map through the nodes instead of one affine map a tetrahedron. */
+#ifndef PLIANT_WARP_FIT_H
+#define PLIANT_WARP_FIT_H
+
+#include "warp/raster.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pliant_fit pliant_fit;
+
+/* Moving least squares ([C] 12): at a point p of the target the rest positions X of the nodes around it, as a polynomial of second order of
+ * where they are now, x, weighted by a Gaussian of |x - p|; its value at p is where p was at rest. Any map that is a polynomial of second
+ * order is met exactly.
+ *  @param rest (num_nodes x 3) continuous index in the scan; borrowed
+ *  @param step voxels of the target between two fits along each axis; trilinear in between
+ *  Errors: ARGUMENT, MEMORY. */
+pliant_status pliant_fit_create(const pliant_mesh *mesh, const pliant_geometry *scan, const double *rest, const pliant_geometry *target,
+                                int32_t step, int num_threads, pliant_fit **out);
+void pliant_fit_free(pliant_fit *fit); /* Nullable */
+
+/* The map for these positions (num_nodes x 3, LPS). Errors: MEMORY (the map is as it was). */
+pliant_status pliant_fit_map(pliant_fit *fit, const double *positions);
+/* Where a point of the target (continuous index) was: index in the scan; false: too far from any node. */
+bool pliant_fit_at(const pliant_fit *fit, const double target[3], double scan[3]);
+/* Voxels of the target from the map; changed (bricks): 1 where a voxel is another than before, else 0. */
+void pliant_fit_draw(const pliant_fit *fit, const raster_source *source, const int32_t bricks[3], void *voxels, uint8_t *changed);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
