@@ -111,15 +111,15 @@ static pliant_status fill(gpu_multigrid *multigrid, const pliant_hierarchy *hier
 static pliant_status fill_at_rest(gpu_multigrid *multigrid, const pliant_system *system, const pliant_hierarchy *hierarchy, cudaStream_t stream)
 {
     pliant_multigrid *numbers = nullptr;
-    double(*h_rotations)[9][LANES] = reinterpret_cast<double(*)[9][LANES]>(pliant_calloc((size_t)system->num_blocks, 9 * LANES * sizeof(double)));
-    pliant_status status = h_rotations ? pliant_multigrid_create(hierarchy, system->num_threads, &numbers) : pliant_fail_memory("the multigrid");
+    pliant_tangent *h_tangents = static_cast<pliant_tangent *>(pliant_calloc((size_t)system->num_blocks, sizeof(pliant_tangent)));
+    pliant_status status = h_tangents ? pliant_multigrid_create(hierarchy, system->num_threads, &numbers) : pliant_fail_memory("the multigrid");
     if (status == PLIANT_OK) {
-        pliant_system_rotations(system, system->mesh->rest, h_rotations);
-        status = pliant_multigrid_numeric(numbers, h_rotations);
+        pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, h_tangents);
+        status = pliant_multigrid_numeric(numbers, h_tangents);
     }
     if (status == PLIANT_OK) status = fill(multigrid, hierarchy, numbers, stream);
     pliant_multigrid_free(numbers);
-    pliant_free(h_rotations);
+    pliant_free(h_tangents);
     return status;
 }
 

@@ -14,16 +14,16 @@ enum { LARGEST_DENSE = 2000, COARSEST = 1600, LARGEST_ASKED = 16000 };
 static pliant_status create_inverse(const pliant_system *system, cudaStream_t stream, gpu_preconditioner *out)
 {
     double *h_values = static_cast<double *>(pliant_calloc((size_t)system->pattern.num_values, sizeof(double)));
-    double(*h_rotations)[9][LANES] = reinterpret_cast<double(*)[9][LANES]>(pliant_calloc((size_t)system->num_blocks, 9 * LANES * sizeof(double)));
-    pliant_status status = h_values && h_rotations ? PLIANT_OK : pliant_fail_memory("the stiffness matrix");
+    pliant_tangent *h_tangents = static_cast<pliant_tangent *>(pliant_calloc((size_t)system->num_blocks, sizeof(pliant_tangent)));
+    pliant_status status = h_values && h_tangents ? PLIANT_OK : pliant_fail_memory("the stiffness matrix");
     if (status == PLIANT_OK) {
-        pliant_system_rotations(system, system->mesh->rest, h_rotations);
-        pliant_system_assemble(system, h_rotations, h_values);
+        pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, h_tangents);
+        pliant_system_assemble(system, h_tangents, h_values);
         status = pliant_cuda_inverse_create(&system->pattern, h_values, stream, &out->inverse);
         pliant_cuda_inverse_room(3 * system->num_free, &out->bytes);
     }
     pliant_free(h_values);
-    pliant_free(h_rotations);
+    pliant_free(h_tangents);
     return status;
 }
 

@@ -95,7 +95,7 @@ typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pli
     X(INT, history, 6, 0, 20, "", "Anderson depth; 0: plain iterations")                                              \
     X(PRECONDITIONER, preconditioner, PLIANT_PRECONDITIONER_AUTO, 0, 0, "", "direct (a factor), multigrid (a V-cycle), or auto: by the number of nodes") \
     X(INT, refresh_interval, 5, 0, 100000, "steps", "a new factor is started at most this often; 0: never")           \
-    X(INT, refresh_delay, 0, 0, 100000, "steps", "a new factor is put to use this long after its start, ready or waited for, so that results do not depend on timing; 0: from its operation count, at 2 Gflop/s")
+    X(INT, refresh_delay, 0, 0, 100000, "steps", "a new factor is put to use this long after its start, ready or waited for, so that results do not depend on timing; 0: from its operation count, at 10 Gflop/s")
 #define PLIANT_SCENE_TLED(X)                                                                                           \
     X(LAW, law, PLIANT_LAW_NEO_HOOKEAN, 0, 0, "", "strain energy: neo_hookean as in [C] 10, compressible (isochoric and volumetric parts), saint_venant_kirchhoff") \
     X(REAL, damping, 5.0, 0.0, 1e6, "1/s", "damping in proportion to mass; 0: none")                                  \

@@ -307,13 +307,13 @@ static pliant_status factorize(builder *build)
 {
     pliant_system *system = build->model->system;
     if (build->model->tled) return PLIANT_OK;
-    double (*rotations)[9][LANES] = pliant_calloc((size_t)system->num_blocks, sizeof *rotations);
-    if (!rotations) return pliant_fail_memory("the stiffness matrix");
-    pliant_system_rotations(system, system->mesh->rest, rotations);
+    pliant_tangent *tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents);
+    if (!tangents) return pliant_fail_memory("the stiffness matrix");
+    pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, tangents);
     system->mean_diagonal = pliant_system_mean_diagonal(system);
-    pliant_status status = pliant_preconditioner_numeric(system->preconditioner, rotations);
+    pliant_status status = pliant_preconditioner_numeric(system->preconditioner, tangents);
     if (status == PLIANT_OK) build->model->condition_estimate = pliant_preconditioner_condition(system->preconditioner);
-    pliant_free(rotations);
+    pliant_free(tangents);
     return status;
 }
 

@@ -2,6 +2,7 @@
 #include "fem/system.h"
 #include "pliant/memory.h"
 
+#include <math.h>
 #include <string.h>
 
 pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material)
@@ -156,14 +157,69 @@ void pliant_system_element_forces(const pliant_system *system, const double *pos
     }
 }
 
-void pliant_system_rotations(const pliant_system *system, const double *positions, double (*rotations)[9][LANES])
+/* Twists of the isotropic energy mu |F - R|^2 + lambda / 2 tr(R'F - I)^2, whose gradient the forces are: turning an element by
+ * a small w out of its R, while its stretch S = R'F stays, costs  w' D w  with
+ *     D = R (2 mu I + 2 (lambda tr(S - I) - 2 mu) (tr(S) I - S)^-1) R'
+ * beyond the warped stiffness R K R' (twist modes of Smith, de Goes, Kim 2019, Analytic eigensystems, 4.2). */
+static void twist_of(const double f[9], const double r[9], double lambda, double mu, pliant_twist part, double out[6])
+{
+    const double least = 0.2; /* eigenvalues of tr(S) I - S, sums of two stretches, are kept above: only flat elements go below */
+    double s[9], m[6], values[3], vectors[9], d[6], trace, norm = 0;
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) s[3 * a + b] = r[a] * f[b] + r[3 + a] * f[3 + b] + r[6 + a] * f[6 + b];
+    trace = s[0] + s[4] + s[8];
+    m[0] = trace - s[0], m[1] = trace - s[4], m[2] = trace - s[8];
+    m[3] = -0.5 * (s[5] + s[7]), m[4] = -0.5 * (s[2] + s[6]), m[5] = -0.5 * (s[1] + s[3]);
+    double factor = 2 * (lambda * (trace - 3) - 2 * mu);
+    double cofactor[6] = {m[1] * m[2] - m[3] * m[3], m[0] * m[2] - m[4] * m[4], m[0] * m[1] - m[5] * m[5],
+                          m[4] * m[5] - m[0] * m[3], m[3] * m[5] - m[1] * m[4], m[3] * m[4] - m[2] * m[5]};
+    double determinant = m[0] * cofactor[0] + m[5] * cofactor[5] + m[4] * cofactor[4];
+    for (int k = 0; k < 6; k++) norm += (k < 3 ? 1 : 2) * cofactor[k] * cofactor[k];
+    bool regular = trace > 0 && cofactor[0] > 0 && determinant > 0 && norm * least * least < determinant * determinant;
+    if (regular && part == PLIANT_TWIST_EXACT) {
+        for (int k = 0; k < 6; k++) d[k] = (k < 3 ? 2 * mu : 0) + factor * cofactor[k] / determinant;
+    } else {
+        const double full[9] = {m[0], m[5], m[4], m[5], m[1], m[3], m[4], m[3], m[2]};
+        pliant_symmetric_eigen(full, values, vectors);
+        memset(d, 0, sizeof d);
+        for (int k = 0; k < 3; k++) {
+            double c = 2 * mu + factor / fmax(values[k], least);
+            if (part == PLIANT_TWIST_POSITIVE) c = fmax(c, 0);
+            const double v[3] = {vectors[k], vectors[3 + k], vectors[6 + k]};
+            d[0] += c * v[0] * v[0], d[1] += c * v[1] * v[1], d[2] += c * v[2] * v[2];
+            d[3] += c * v[1] * v[2], d[4] += c * v[0] * v[2], d[5] += c * v[0] * v[1];
+        }
+    }
+    /* R D R' */
+    static const int row[6] = {0, 1, 2, 1, 0, 0}, column[6] = {0, 1, 2, 2, 2, 1};
+    for (int k = 0; k < 6; k++) {
+        const double *p = r + 3 * row[k], *q = r + 3 * column[k];
+        out[k] = p[0] * (d[0] * q[0] + d[5] * q[1] + d[4] * q[2]) + p[1] * (d[5] * q[0] + d[1] * q[1] + d[3] * q[2]) +
+                 p[2] * (d[4] * q[0] + d[3] * q[1] + d[2] * q[2]);
+    }
+}
+
+void pliant_system_tangents(const pliant_system *system, const double *positions, pliant_twist twist, pliant_tangent *tangents)
 {
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t block = 0; block < system->num_blocks; block++) {
-        double x[12][LANES];
+        pliant_tangent *out = tangents + block;
+        double x[12][LANES], f[9][LANES];
         load_corners(system, positions, block, x);
-        block_rotations(x, system->gradients[block], rotations[block]);
-        ground(system, block, rotations[block]);
+        block_rotations(x, system->gradients[block], out->rotation);
+        ground(system, block, out->rotation);
+        memset(out->twist, 0, sizeof out->twist);
+        if (system->stiffness) continue;
+        deformation_of(x, system->gradients[block], f);
+        for (int l = 0; l < LANES; l++) {
+            double one[9], r[9], d[6];
+            for (int m = 0; m < 9; m++) {
+                one[m] = f[m][l];
+                r[m] = out->rotation[m][l];
+            }
+            twist_of(one, r, system->lame[block][0][l], system->lame[block][1][l], twist, d);
+            for (int m = 0; m < 6; m++) out->twist[m][l] = d[m];
+        }
     }
 }
 

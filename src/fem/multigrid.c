@@ -16,7 +16,7 @@ static const double spectrum_share = 0.12, spectrum_margin = 1.1;
 typedef struct level_values {
     pliant_system system;       /* view of the hierarchy's, with this one's stiffness and threads */
     double *stiffness;          /* (num_tets x 144) Galerkin products; levels below the finest */
-    double (*rotations)[9][LANES]; /* identity, for those */
+    pliant_tangent *tangents;   /* unturned, for those */
     float *blocks;              /* (row entries x 9) */
     float *inverse;             /* (num_free x 9) inverted diagonal blocks */
     double largest;             /* eigenvalue of inverse times matrix */
@@ -38,11 +38,11 @@ static pliant_status level_create(const pliant_grid_level *grid, bool finest, bo
     bool good = (level->x = pliant_calloc(n, sizeof *level->x)) && (level->right = pliant_calloc(n, sizeof *level->right));
     if (!finest) {
         good = good && (level->stiffness = pliant_calloc(tets, 144 * sizeof *level->stiffness)) &&
-               (level->rotations = pliant_calloc((size_t)grid->system.num_blocks, sizeof *level->rotations));
+               (level->tangents = pliant_calloc((size_t)grid->system.num_blocks, sizeof *level->tangents));
         level->system.stiffness = level->stiffness;
         for (int32_t b = 0; good && b < grid->system.num_blocks; b++)
             for (int m = 0; m < 9; m += 4)
-                for (int l = 0; l < LANES; l++) level->rotations[b][m][l] = 1;
+                for (int l = 0; l < LANES; l++) level->tangents[b].rotation[m][l] = 1;
     }
     if (!coarsest)
         good = good && (level->blocks = pliant_calloc((size_t)grid->row_start[grid->system.num_free], 9 * sizeof *level->blocks)) &&
@@ -78,7 +78,7 @@ void pliant_multigrid_free(pliant_multigrid *multigrid)
     for (int l = 0; l < multigrid->hierarchy->num_levels; l++) {
         level_values *level = multigrid->level + l;
         pliant_free(level->stiffness);
-        pliant_free(level->rotations);
+        pliant_free(level->tangents);
         pliant_free(level->blocks);
         pliant_free(level->inverse);
         pliant_free(level->x);
@@ -93,26 +93,8 @@ void pliant_multigrid_free(pliant_multigrid *multigrid)
 
 /* ---- the matrices */
 
-/* 12 x 12 of one element of a level, turned */
-static void element_of(const level_values *level, double (*rotations)[9][LANES], int32_t tet, double out[144])
-{
-    const pliant_system *system = &level->system;
-    if (system->stiffness) {
-        memcpy(out, system->stiffness + 144 * (size_t)tet, 144 * sizeof *out);
-        return;
-    }
-    int32_t block = tet / LANES, lane = tet % LANES;
-    double turned[12];
-    for (int v = 0; v < 4; v++)
-        for (int r = 0; r < 3; r++) {
-            turned[3 * v + r] = 0;
-            for (int c = 0; c < 3; c++) turned[3 * v + r] += rotations[block][3 * r + c][lane] * system->gradients[block][3 * v + c][lane];
-        }
-    pliant_element_stiffness(turned, system->lame[block][0][lane], system->lame[block][1][lane], out);
-}
-
 /* P' K P over the children of one coarse tetrahedron; rows of fixed nodes are zero */
-static void galerkin(const pliant_grid_level *grid, const level_values *fine, double (*rotations)[9][LANES], const pliant_mesh *coarse,
+static void galerkin(const pliant_grid_level *grid, const level_values *fine, const pliant_tangent *tangents, const pliant_mesh *coarse,
                      int32_t tet, double out[144])
 {
     const pliant_system *system = &fine->system;
@@ -120,7 +102,7 @@ static void galerkin(const pliant_grid_level *grid, const level_values *fine, do
     for (int32_t c = grid->child_start[tet]; c < grid->child_start[tet + 1]; c++) {
         int32_t child = grid->child[c];
         double k[144], share[4][4];
-        element_of(fine, rotations, child, k);
+        pliant_system_element(system, tangents, child, k);
         for (int v = 0; v < 4; v++) {
             int32_t node = system->mesh->tets[4 * child + v];
             memset(share[v], 0, sizeof share[v]);
@@ -149,14 +131,14 @@ static void invert(const double m[9], float out[9])
     for (int n = 0; n < 9; n++) out[n] = determinant > 0 ? (float)(c[n] / determinant) : 0;
 }
 
-static void fill_rows(const pliant_grid_level *grid, level_values *level, double (*rotations)[9][LANES])
+static void fill_rows(const pliant_grid_level *grid, level_values *level, const pliant_tangent *tangents)
 {
     const pliant_pattern *pattern = &level->system.pattern;
 #pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
     for (int32_t column = 0; column < pattern->num_columns; column++)
         for (int32_t b = pattern->start[column]; b < pattern->start[column + 1]; b++) {
             double block[9];
-            pliant_system_assemble_block(&level->system, rotations, b, block);
+            pliant_system_assemble_block(&level->system, tangents, b, block);
             float *here = level->blocks + 9 * (size_t)grid->place[2 * b];
             for (int m = 0; m < 9; m++) here[m] = (float)block[m];
             if (grid->place[2 * b + 1] < 0) {
@@ -218,21 +200,21 @@ static void find_largest(const pliant_grid_level *grid, level_values *level)
     level->largest *= spectrum_margin;
 }
 
-pliant_status pliant_multigrid_numeric(pliant_multigrid *multigrid, double (*rotations)[9][LANES])
+pliant_status pliant_multigrid_numeric(pliant_multigrid *multigrid, const pliant_tangent *tangents)
 {
     const pliant_hierarchy *hierarchy = multigrid->hierarchy;
     int last = hierarchy->num_levels - 1;
     for (int l = 0; l < last; l++) {
         const pliant_grid_level *grid = hierarchy->level + l;
         level_values *fine = multigrid->level + l, *coarse = fine + 1;
-        double (*turns)[9][LANES] = l == 0 ? rotations : fine->rotations;
+        const pliant_tangent *at = l == 0 ? tangents : fine->tangents;
 #pragma omp parallel for schedule(static) num_threads(fine->system.num_threads)
         for (int32_t tet = 0; tet < coarse->system.mesh->num_tets; tet++)
-            galerkin(grid, fine, turns, coarse->system.mesh, tet, coarse->stiffness + 144 * (size_t)tet);
-        fill_rows(grid, fine, turns);
+            galerkin(grid, fine, at, coarse->system.mesh, tet, coarse->stiffness + 144 * (size_t)tet);
+        fill_rows(grid, fine, at);
         find_largest(grid, fine);
     }
-    pliant_system_assemble(&multigrid->level[last].system, multigrid->level[last].rotations, multigrid->values);
+    pliant_system_assemble(&multigrid->level[last].system, multigrid->level[last].tangents, multigrid->values);
     return pliant_factor_numeric(multigrid->factor, multigrid->values);
 }
 

@@ -24,8 +24,8 @@ double pliant_hierarchy_operations(const pliant_hierarchy *hierarchy); /* of a r
 
 pliant_status pliant_multigrid_create(const pliant_hierarchy *hierarchy, int num_threads, pliant_multigrid **out);
 void pliant_multigrid_free(pliant_multigrid *multigrid);
-/* Matrices of all levels at these rotations of the finest. Errors: NUMERIC, MEMORY. */
-pliant_status pliant_multigrid_numeric(pliant_multigrid *multigrid, double (*rotations)[9][LANES]);
+/* Matrices of all levels at these tangents of the finest. Errors: NUMERIC, MEMORY. */
+pliant_status pliant_multigrid_numeric(pliant_multigrid *multigrid, const pliant_tangent *tangents);
 /* the numbers of another one of the same hierarchy */
 pliant_status pliant_multigrid_copy(pliant_multigrid *to, const pliant_multigrid *from);
 /* out = M^-1 right, (3 num_free). */

@@ -115,22 +115,32 @@ pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed
     return status;
 }
 
-/* what one element adds to one block: R K_ab R', for isotropic elements with the rotated gradients R g */
-static void add_term(const pliant_system *system, double (*rotations)[9][LANES], int32_t term, double block[9])
+/* What one element adds to one block: R K_ab R', for isotropic elements with the rotated gradients h = R g, and the twist's
+ * share 1/2 [h_a]x' D [h_b]x: a change of position du_b turns the element by h_b x du_b / 2, against D (elements.c). */
+static void add_term(const pliant_system *system, const pliant_tangent *tangents, int32_t element, int a, int b, double block[9])
 {
-    int32_t element = term / 16, a = term / 4 % 4, b = term % 4, lane = element % LANES;
+    const pliant_tangent *tangent = tangents + element / LANES;
+    int32_t lane = element % LANES;
     double r[9];
-    for (int m = 0; m < 9; m++) r[m] = rotations[element / LANES][m][lane];
+    for (int m = 0; m < 9; m++) r[m] = tangent->rotation[m][lane];
     if (!system->stiffness) {
-        double (*g)[LANES] = system->gradients[element / LANES], ha[3], hb[3];
+        double (*g)[LANES] = system->gradients[element / LANES], h[3], k[3], d[6];
         double lambda = system->lame[element / LANES][0][lane], mu = system->lame[element / LANES][1][lane];
-        for (int d = 0; d < 3; d++) {
-            ha[d] = r[3 * d] * g[3 * a][lane] + r[3 * d + 1] * g[3 * a + 1][lane] + r[3 * d + 2] * g[3 * a + 2][lane];
-            hb[d] = r[3 * d] * g[3 * b][lane] + r[3 * d + 1] * g[3 * b + 1][lane] + r[3 * d + 2] * g[3 * b + 2][lane];
+        for (int i = 0; i < 3; i++) {
+            h[i] = r[3 * i] * g[3 * a][lane] + r[3 * i + 1] * g[3 * a + 1][lane] + r[3 * i + 2] * g[3 * a + 2][lane];
+            k[i] = r[3 * i] * g[3 * b][lane] + r[3 * i + 1] * g[3 * b + 1][lane] + r[3 * i + 2] * g[3 * b + 2][lane];
         }
-        double dot = mu * (ha[0] * hb[0] + ha[1] * hb[1] + ha[2] * hb[2]);
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++) block[3 * i + j] += lambda * ha[i] * hb[j] + mu * hb[i] * ha[j] + (i == j ? dot : 0);
+        for (int m = 0; m < 6; m++) d[m] = 0.5 * tangent->twist[m][lane];
+        double dot = mu * (h[0] * k[0] + h[1] * k[1] + h[2] * k[2]);
+        /* columns of D [k]x */
+        double t[9] = {d[5] * k[2] - d[4] * k[1], d[4] * k[0] - d[0] * k[2], d[0] * k[1] - d[5] * k[0],
+                       d[1] * k[2] - d[3] * k[1], d[3] * k[0] - d[5] * k[2], d[5] * k[1] - d[1] * k[0],
+                       d[3] * k[2] - d[2] * k[1], d[2] * k[0] - d[4] * k[2], d[4] * k[1] - d[3] * k[0]};
+        for (int j = 0; j < 3; j++) {
+            /* -[h]x times that */
+            double twist[3] = {h[2] * t[3 + j] - h[1] * t[6 + j], h[0] * t[6 + j] - h[2] * t[j], h[1] * t[j] - h[0] * t[3 + j]};
+            for (int i = 0; i < 3; i++) block[3 * i + j] += lambda * h[i] * k[j] + mu * k[i] * h[j] + (i == j ? dot : 0) + twist[i];
+        }
         return;
     }
     double left[9];
@@ -142,14 +152,27 @@ static void add_term(const pliant_system *system, double (*rotations)[9][LANES],
             block[3 * i + j] += left[3 * i] * r[3 * j] + left[3 * i + 1] * r[3 * j + 1] + left[3 * i + 2] * r[3 * j + 2];
 }
 
-void pliant_system_assemble_block(const pliant_system *system, double (*rotations)[9][LANES], int32_t index, double block[9])
+void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t tet, double stiffness[144])
+{
+    for (int a = 0; a < 4; a++)
+        for (int b = 0; b < 4; b++) {
+            double block[9] = {0};
+            add_term(system, tangents, tet, a, b, block);
+            for (int m = 0; m < 9; m++) stiffness[12 * (3 * a + m / 3) + 3 * b + m % 3] = block[m];
+        }
+}
+
+void pliant_system_assemble_block(const pliant_system *system, const pliant_tangent *tangents, int32_t index, double block[9])
 {
     const pliant_pattern *pattern = &system->pattern;
     memset(block, 0, 9 * sizeof *block);
-    for (int32_t t = pattern->term_start[index]; t < pattern->term_start[index + 1]; t++) add_term(system, rotations, pattern->term[t], block);
+    for (int32_t t = pattern->term_start[index]; t < pattern->term_start[index + 1]; t++) {
+        int32_t term = pattern->term[t];
+        add_term(system, tangents, term / 16, term / 4 % 4, term % 4, block);
+    }
 }
 
-void pliant_system_assemble(const pliant_system *system, double (*rotations)[9][LANES], double *values)
+void pliant_system_assemble(const pliant_system *system, const pliant_tangent *tangents, double *values)
 {
     const pliant_pattern *pattern = &system->pattern;
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
@@ -162,7 +185,7 @@ void pliant_system_assemble(const pliant_system *system, double (*rotations)[9][
         out[2] = out[1] + 3 * height - 1;
         for (int32_t n = 0; n < height; n++) {
             double block[9];
-            pliant_system_assemble_block(system, rotations, first + n, block);
+            pliant_system_assemble_block(system, tangents, first + n, block);
             for (int c = 0; c < 3; c++)
                 for (int r = n == 0 ? c : 0; r < 3; r++) *out[c]++ = block[3 * r + c];
         }

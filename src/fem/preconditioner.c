@@ -71,10 +71,10 @@ pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, i
     return PLIANT_OK;
 }
 
-pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, double (*rotations)[9][LANES])
+pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents)
 {
-    if (preconditioner->multigrid) return pliant_multigrid_numeric(preconditioner->multigrid, rotations);
-    pliant_system_assemble(&preconditioner->system, rotations, preconditioner->values);
+    if (preconditioner->multigrid) return pliant_multigrid_numeric(preconditioner->multigrid, tangents);
+    pliant_system_assemble(&preconditioner->system, tangents, preconditioner->values);
     return pliant_factor_numeric(preconditioner->factor, preconditioner->values);
 }
 

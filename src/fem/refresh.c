@@ -16,15 +16,19 @@ struct pliant_refresh {
     pliant_system system;       /* a copy of the constant system, one thread */
     pliant_preconditioner *preconditioner; /* the one being made */
     double *x;                  /* (3 num_nodes) */
-    double (*rotations)[9][LANES];
+    pliant_tangent *tangents;
     pliant_status status;
 };
 
 static void *make_factor(void *argument)
 {
     pliant_refresh *refresh = argument;
-    pliant_system_rotations(&refresh->system, refresh->x, refresh->rotations);
-    refresh->status = pliant_preconditioner_numeric(refresh->preconditioner, refresh->rotations);
+    /* the exact tangent where it is positive definite, as it is near a state that lasts */
+    for (int twist = PLIANT_TWIST_EXACT; twist <= PLIANT_TWIST_POSITIVE; twist++) {
+        pliant_system_tangents(&refresh->system, refresh->x, (pliant_twist)twist, refresh->tangents);
+        refresh->status = pliant_preconditioner_numeric(refresh->preconditioner, refresh->tangents);
+        if (refresh->status != PLIANT_ERROR_NUMERIC) break;
+    }
     return NULL;
 }
 
@@ -36,8 +40,8 @@ static pliant_status refresh_create(pliant_solver *solver)
     refresh->system = *system;
     refresh->system.num_threads = 1;
     refresh->x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *refresh->x);
-    refresh->rotations = pliant_calloc((size_t)system->num_blocks, sizeof *refresh->rotations);
-    pliant_status status = refresh->x && refresh->rotations ? PLIANT_OK : pliant_fail_memory("the background factorization");
+    refresh->tangents = pliant_calloc((size_t)system->num_blocks, sizeof *refresh->tangents);
+    pliant_status status = refresh->x && refresh->tangents ? PLIANT_OK : pliant_fail_memory("the background factorization");
     if (status == PLIANT_OK) status = pliant_preconditioner_clone(system->preconditioner, 1, &refresh->preconditioner);
     if (status != PLIANT_OK) pliant_refresh_free(solver);
     return status;
@@ -76,7 +80,7 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
     uint64_t step = statistics->step;
     if (refresh->running && step >= refresh->started + (uint64_t)solver->refresh_delay) deliver(solver, statistics);
     /* a good factor brings every evaluation's merit down to a fraction; a new one costs the history */
-    const double served_badly = 0.4;
+    const double served_badly = 0.15;
     refresh->wanted = refresh->wanted || solver->rate > served_badly;
     bool due = step >= refresh->started + (uint64_t)solver->refresh_interval;
     if (refresh->running || !due || !refresh->wanted) return PLIANT_OK;
@@ -96,7 +100,7 @@ void pliant_refresh_free(pliant_solver *solver)
     join(refresh);
     pliant_preconditioner_free(refresh->preconditioner);
     pliant_free(refresh->x);
-    pliant_free(refresh->rotations);
+    pliant_free(refresh->tangents);
     pliant_free(refresh);
     solver->refresh = NULL;
 }

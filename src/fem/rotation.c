@@ -36,6 +36,14 @@ static void symmetric_eigen(double a[9], double vectors[9])
     }
 }
 
+void pliant_symmetric_eigen(const double matrix[9], double values[3], double vectors[9])
+{
+    double a[9];
+    memcpy(a, matrix, sizeof a);
+    symmetric_eigen(a, vectors);
+    for (int k = 0; k < 3; k++) values[k] = a[4 * k];
+}
+
 static void column(const double m[9], int c, double out[3])
 {
     for (int r = 0; r < 3; r++) out[r] = m[3 * r + c];

@@ -17,10 +17,15 @@ enum { LANES = 8 };
 #endif
 
 #ifdef __cplusplus
-extern "C"
+extern "C" {
 #endif
+/* Eigenvalues, and eigenvectors in columns, of a symmetric matrix. */
+void pliant_symmetric_eigen(const double matrix[9], double values[3], double vectors[9]);
 /* One matrix, any state. deformation, rotation: 9, row-major. */
 void pliant_rotation_signed_svd(const double deformation[9], double rotation[9]);
+#ifdef __cplusplus
+}
+#endif
 
 /* LANES matrices: Newton's iteration X <- (s X + X^-T / s) / 2 (Higham 1986) with determinant scaling, and the signed
  * SVD for lanes that are flat or inverted. */

@@ -35,12 +35,12 @@ static pliant_status history_create(pliant_solver *solver)
     return PLIANT_OK;
 }
 
-/* Steps that a factorization may take: its operations at a rate that any machine of today has to spare, so that the answer is
- * the same everywhere and the step does not wait for it. */
+/* Steps that a factorization may take: its operations at a rate that a core of today has, so that the answer is the same
+ * everywhere and the step seldom waits for it. The later a factor comes, the less it fits (test/bench/bench_budget). */
 static int32_t refresh_delay(const pliant_system *system, double step)
 {
-    const double rate = 2e9;
-    return 2 + (int32_t)fmin(ceil(pliant_preconditioner_operations(system->preconditioner) / rate / step), 99998);
+    const double rate = 1e10;
+    return 1 + (int32_t)fmin(ceil(pliant_preconditioner_operations(system->preconditioner) / rate / step), 99998);
 }
 
 pliant_status pliant_solver_create(const pliant_model *model, pliant_solver **out)

@@ -39,6 +39,15 @@ typedef struct pliant_upsample {
     const uint8_t *still;     /* Nullable: (fine nodes) fixed ones stay where they are */
 } pliant_upsample;
 
+/* What the stiffness of a block of elements follows from at one state. */
+typedef struct pliant_tangent {
+    double rotation[9][LANES];
+    double twist[6][LANES];   /* what turning an element on costs against its stress; xx yy zz yz xz xy [N m] */
+} pliant_tangent;
+
+/* Which of the twists' stiffness is taken: all, or what is positive in every element, so that the sum is positive too. */
+typedef enum pliant_twist { PLIANT_TWIST_EXACT, PLIANT_TWIST_POSITIVE } pliant_twist;
+
 struct pliant_system {
     const pliant_mesh *mesh;  /* the solved one */
     const pliant_mesh *fine;
@@ -75,16 +84,18 @@ void pliant_element_stiffness(const double gradients[12], double volume_lambda, 
 void pliant_system_element_forces(const pliant_system *system, const double *positions, double (*forces)[12][LANES]);
 /* Sum over elements on the free nodes, in a fixed order: out (num_free x 3) [N]. */
 void pliant_system_gather(const pliant_system *system, double (*forces)[12][LANES], double *out);
-/* Rotations of every element, (num_blocks x 9 x LANES). */
-void pliant_system_rotations(const pliant_system *system, const double *positions, double (*rotations)[9][LANES]);
+/* (num_blocks) at these positions. */
+void pliant_system_tangents(const pliant_system *system, const double *positions, pliant_twist twist, pliant_tangent *tangents);
 
 /* ---- pattern.c */
 /* Number free nodes (fixed: (num_nodes)), gather lists and pattern. */
 pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed);
-/* Warped stiffness at given rotations (num_blocks x 9 x LANES): values (pattern.num_values), lower triangle by columns. */
-void pliant_system_assemble(const pliant_system *system, double (*rotations)[9][LANES], double *values);
+/* Stiffness at given tangents (num_blocks): values (pattern.num_values), lower triangle by columns. */
+void pliant_system_assemble(const pliant_system *system, const pliant_tangent *tangents, double *values);
 /* one 3 x 3 block of it, by its place in the pattern */
-void pliant_system_assemble_block(const pliant_system *system, double (*rotations)[9][LANES], int32_t index, double block[9]);
+void pliant_system_assemble_block(const pliant_system *system, const pliant_tangent *tangents, int32_t index, double block[9]);
+/* one 12 x 12 of it: an element's */
+void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t tet, double stiffness[144]);
 /* mean of the matrix's diagonal; turning the elements does not change it [N/m] */
 double pliant_system_mean_diagonal(const pliant_system *system);
 
@@ -119,8 +130,8 @@ void pliant_factor_free(pliant_factor *factor);
 pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, pliant_preconditioner **out);
 /* the same analysis and numbers, for another thread */
 pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads, pliant_preconditioner **out);
-/* at these rotations (num_blocks x 9 x LANES). Errors: NUMERIC, MEMORY; the old numbers are gone then. */
-pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, double (*rotations)[9][LANES]);
+/* at these tangents (num_blocks). Errors: NUMERIC, MEMORY; the old numbers are gone then. */
+pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents);
 /* right, out: (columns x 3 num_free); may be the same. */
 pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner, int32_t columns, const double *right, double *out);
 double pliant_preconditioner_condition(pliant_preconditioner *preconditioner); /* 0: not known */

@@ -205,10 +205,10 @@ TEST(Patch, AssembledMatrixIsWarpedStiffness)
         double a[9], b[3] = {0, 0, 0};
         for (int m = 0; m < 9; m++) a[m] = turn(m / 3, m % 3);
         std::vector<double> x = affine(mesh, a, b);
-        std::vector<double> rotations(9 * LANES * static_cast<size_t>(system->num_blocks)), values(system->pattern.num_values);
-        auto frames = reinterpret_cast<double (*)[9][LANES]>(rotations.data());
-        pliant_system_rotations(system, x.data(), frames);
-        pliant_system_assemble(system, frames, values.data());
+        std::vector<pliant_tangent> tangents(static_cast<size_t>(system->num_blocks));
+        std::vector<double> values(system->pattern.num_values);
+        pliant_system_tangents(system, x.data(), PLIANT_TWIST_EXACT, tangents.data()); // turned, unstrained: no twist
+        pliant_system_assemble(system, tangents.data(), values.data());
         int n = 3 * system->num_free;
         Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(n, n);
         int64_t at = 0;
@@ -239,6 +239,49 @@ TEST(Patch, AssembledMatrixIsWarpedStiffness)
         }
         EXPECT_LT((matrix - expected).norm(), 1e-10 * expected.norm()) << "method " << method;
     }
+}
+
+// K = d f / d x at a state with strains of some tens of per cent; what is positive of it is positive in every element.
+TEST(Patch, TangentIsTheDerivativeOfTheForce)
+{
+    Body body(size, box, one);
+    body.cells(2, 2, 2, 2);
+    body.fix_plane(0, 0, 0, 0, 0, 1);
+    ASSERT_EQ(body.build(), PLIANT_OK);
+    const pliant_system *system = body.model->system;
+    const pliant_mesh &mesh = *system->mesh;
+    std::vector<double> x(mesh.rest, mesh.rest + 3 * mesh.num_nodes);
+    for (size_t i = 0; i < x.size(); i++) x[i] += 0.15 * mesh.cell_size[0] * std::sin(12.9898 * static_cast<double>(i));
+    std::vector<pliant_tangent> exact(static_cast<size_t>(system->num_blocks)), positive = exact;
+    pliant_system_tangents(system, x.data(), PLIANT_TWIST_EXACT, exact.data());
+    pliant_system_tangents(system, x.data(), PLIANT_TWIST_POSITIVE, positive.data());
+    std::vector<double> room(12 * LANES * static_cast<size_t>(system->num_blocks));
+    auto forces = reinterpret_cast<double (*)[12][LANES]>(room.data());
+    int indefinite = 0;
+    for (int32_t t = 0; t < mesh.num_tets; t += 7) {
+        Eigen::Matrix<double, 12, 12, Eigen::RowMajor> k, p, difference;
+        pliant_system_element(system, exact.data(), t, k.data());
+        pliant_system_element(system, positive.data(), t, p.data());
+        const double h = 1e-6 * mesh.cell_size[0];
+        for (int c = 0; c < 12; c++) {
+            std::vector<double> moved = x;
+            double &at = moved[3 * static_cast<size_t>(mesh.tets[4 * t + c / 3]) + static_cast<size_t>(c % 3)];
+            double from = at;
+            for (int side : {1, -1}) {
+                at = from + side * h;
+                pliant_system_element_forces(system, moved.data(), forces);
+                for (int r = 0; r < 12; r++) {
+                    double f = forces[t / LANES][r][t % LANES];
+                    difference(r, c) = side > 0 ? f : (difference(r, c) - f) / (2 * h);
+                }
+            }
+        }
+        EXPECT_LT((k - difference).norm(), 1e-6 * k.norm()) << "element " << t;
+        Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> of_k(k), of_p(p);
+        EXPECT_GT(of_p.eigenvalues().minCoeff(), -1e-10 * p.norm()) << "element " << t;
+        indefinite += of_k.eigenvalues().minCoeff() < -1e-3 * k.norm();
+    }
+    EXPECT_GT(indefinite, 0); // or the two kinds would not have been told apart
 }
 
 } // namespace
