@@ -97,6 +97,24 @@ TEST_F(Path, RefusesWrongFilesWithFileLineAndField)
     refuses("tools:\n  - name: ''\n    grasp: [0, 0, 0]\n" + motion, "name: must have 1 to 47 characters");
 }
 
+TEST_F(Path, TurnsGravity)
+{
+    double g[3];
+    ASSERT_EQ(read("gravity: [{time: 0, acceleration: [0, 0, -9]}, {time: 2, acceleration: [0, 9, 0]}]\n"), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(path_.num_tools, 0u);
+    EXPECT_EQ(pliant_path_end(&path_), 2);
+    ASSERT_TRUE(pliant_path_gravity(&path_, 1, g));
+    EXPECT_NEAR(g[1], 4.5, 1e-12);
+    EXPECT_NEAR(g[2], -4.5, 1e-12);
+    ASSERT_TRUE(pliant_path_gravity(&path_, 7, g));
+    EXPECT_EQ(g[1], 9);
+    ASSERT_EQ(read(two_tools), PLIANT_OK);
+    EXPECT_FALSE(pliant_path_gravity(&path_, 1, g));
+    pliant_path_free(&path_);
+    refuses("gravity: [{time: 1, acceleration: [0, 0, 1]}, {time: 1, acceleration: [0, 0, 1]}]\n", "line 1: gravity/time: 1 s");
+    refuses("{}\n", "is empty");
+}
+
 TEST_F(Path, NamesAFileThatIsNotThere)
 {
     EXPECT_EQ(pliant_path_read("/nonexistent/path.yaml", &path_), PLIANT_ERROR_FILE);

@@ -7,7 +7,8 @@
  *             grasp: [x, y, z]         # rest point that it holds [m], LPS
  *             motion: [{time: 0, offset: [0, 0, 0]}, {time: 1, offset: [0, -0.03, 0]}]
  *  Offsets are from the grasped point [m]; for drive: force they are forces [N]. Linear in between, held at the end.
- *  A tool lets go after its optional `release` time.
+ *  A tool lets go after its optional `release` time. Gravity may turn too, beside tools or alone:
+ *      gravity: [{time: 0, acceleration: [0, 0, -9.81]}, {time: 2, acceleration: [0, 9.81, 0]}]       [m/s^2]
  */
 #ifndef PLIANT_PATH_H
 #define PLIANT_PATH_H
@@ -30,6 +31,8 @@ typedef struct pliant_path_tool {
 typedef struct pliant_path {
     pliant_path_tool *tools;
     uint32_t num_tools;
+    pliant_path_key *gravity; /**< Nullable: that of the scene; offset is the acceleration */
+    uint32_t num_gravity;
 } pliant_path;
 
 /** Errors name file, field and line: FILE, FORMAT, MEMORY. Free with pliant_path_free. */
@@ -37,7 +40,9 @@ pliant_status pliant_path_read(const char *path, pliant_path *out);
 void pliant_path_free(pliant_path *path);
 /** Offset at a time, and whether the tool still holds. */
 bool pliant_path_at(const pliant_path_tool *tool, double time, double offset[3]);
-/** Last time of any tool [s]. */
+/** Gravity at a time; false: the path says nothing of it. */
+bool pliant_path_gravity(const pliant_path *path, double time, double gravity[3]);
+/** Last time of any tool and of gravity [s]. */
 double pliant_path_end(const pliant_path *path);
 
 #ifdef __cplusplus

@@ -26,6 +26,8 @@ typedef struct text_tool {
 typedef struct text_path {
     text_tool *tools;
     uint32_t num_tools;
+    text_key *gravity;
+    uint32_t num_gravity;
 } text_path;
 
 static const cyaml_schema_value_t word = {CYAML_VALUE_STRING(CYAML_FLAG_POINTER, char, 0, CYAML_UNLIMITED)};
@@ -35,6 +37,12 @@ static const cyaml_schema_field_t key_fields[] = {
     CYAML_FIELD_END,
 };
 static const cyaml_schema_value_t key_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_key, key_fields)};
+static const cyaml_schema_field_t gravity_fields[] = {
+    CYAML_FIELD_STRING_PTR("time", CYAML_FLAG_POINTER, text_key, time, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_SEQUENCE_FIXED("acceleration", CYAML_FLAG_POINTER, text_key, offset, &word, 3),
+    CYAML_FIELD_END,
+};
+static const cyaml_schema_value_t gravity_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_key, gravity_fields)};
 static const cyaml_schema_field_t tool_fields[] = {
     CYAML_FIELD_STRING_PTR("name", CYAML_FLAG_POINTER, text_tool, name, 0, CYAML_UNLIMITED),
     CYAML_FIELD_STRING_PTR("drive", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, drive, 0, CYAML_UNLIMITED),
@@ -45,7 +53,10 @@ static const cyaml_schema_field_t tool_fields[] = {
 };
 static const cyaml_schema_value_t tool_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_tool, tool_fields)};
 static const cyaml_schema_field_t path_fields[] = {
-    CYAML_FIELD_SEQUENCE_COUNT("tools", CYAML_FLAG_POINTER, text_path, tools, num_tools, &tool_value, 1, PLIANT_MAX_TOOLS),
+    CYAML_FIELD_SEQUENCE_COUNT("tools", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, tools, num_tools, &tool_value, 1,
+                               PLIANT_MAX_TOOLS),
+    CYAML_FIELD_SEQUENCE_COUNT("gravity", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, gravity, num_gravity, &gravity_value, 1,
+                               MOST_KEYS),
     CYAML_FIELD_END,
 };
 static const cyaml_schema_value_t path_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_POINTER, text_path, path_fields)};
@@ -70,6 +81,24 @@ static bool read_drive(const char *text, pliant_drive *out, char reason[REASON_S
     return false;
 }
 
+/* field: "motion/time" and so on. false without a reason: out of memory */
+static bool read_keys(const text_key *text, uint32_t count, const char *time, const char *value, pliant_path_key **out, char reason[REASON_SIZE])
+{
+    pliant_path_key *keys = *out = pliant_calloc(count, sizeof *keys);
+    if (!keys) return false;
+    for (uint32_t k = 0; k < count; ++k) {
+        pliant_path_key *key = &keys[k];
+        if (!read_number(time, text[k].time, &key->time, reason)) return false;
+        for (int d = 0; d < 3; ++d)
+            if (!read_number(value, text[k].offset[d], &key->offset[d], reason)) return false;
+        if (key->time < 0.0 || (k > 0 && key->time <= key[-1].time)) {
+            snprintf(reason, REASON_SIZE, "%s: %g s must be at least 0 and more than the one before", time, key->time);
+            return false;
+        }
+    }
+    return true;
+}
+
 static bool read_tool(const text_tool *text, pliant_path_tool *out, char reason[REASON_SIZE])
 {
     if (!*text->name || strlen(text->name) >= sizeof out->name) {
@@ -85,20 +114,8 @@ static bool read_tool(const text_tool *text, pliant_path_tool *out, char reason[
         snprintf(reason, REASON_SIZE, "release: %g s must be more than 0", out->release);
         return false;
     }
-    out->motion = pliant_calloc(text->num_motion, sizeof *out->motion);
-    if (!out->motion) return false;
     out->num_motion = text->num_motion;
-    for (uint32_t k = 0; k < text->num_motion; ++k) {
-        pliant_path_key *key = &out->motion[k];
-        if (!read_number("motion/time", text->motion[k].time, &key->time, reason)) return false;
-        for (int d = 0; d < 3; ++d)
-            if (!read_number("motion/offset", text->motion[k].offset[d], &key->offset[d], reason)) return false;
-        if (key->time < 0.0 || (k > 0 && key->time <= key[-1].time)) {
-            snprintf(reason, REASON_SIZE, "motion/time: %g s must be at least 0 and more than the one before", key->time);
-            return false;
-        }
-    }
-    return true;
+    return read_keys(text->motion, text->num_motion, "motion/time", "motion/offset", &out->motion, reason);
 }
 
 static pliant_status convert(const text_path *text, const char *yaml, const char *name, pliant_path *out)
@@ -117,24 +134,30 @@ static pliant_status convert(const text_path *text, const char *yaml, const char
         return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: tool %u '%.48s': %s", name,
                            pliant_yaml_line(yaml, "name", (int)n, 1), n + 1, text->tools[n].name, reason);
     }
-    return PLIANT_OK;
+    char reason[REASON_SIZE] = "";
+    out->num_gravity = text->num_gravity;
+    if (text->num_gravity == 0 ||
+        read_keys(text->gravity, text->num_gravity, "gravity/time", "gravity/acceleration", &out->gravity, reason))
+        return PLIANT_OK;
+    if (!reason[0]) return pliant_fail_memory("a tool path");
+    return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: %s", name, pliant_yaml_line(yaml, "gravity", 0, 1), reason);
 }
 
 pliant_status pliant_path_read(const char *path, pliant_path *out)
 {
     char *yaml = NULL;
     void *document = NULL;
-    pliant_path result = {NULL, 0};
+    pliant_path result = {.tools = NULL};
     pliant_status status = pliant_text_read(path, &yaml);
     if (status == PLIANT_OK) status = pliant_yaml_load(yaml, path, &path_value, &document);
     if (status != PLIANT_OK) goto end;
     const text_path *text = document;
-    if (!text) {
-        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is empty; a list named tools is needed", path);
+    if (!text || text->num_tools + text->num_gravity == 0) {
+        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is empty; a list named tools is needed, or gravity", path);
         goto end;
     }
-    result.tools = pliant_calloc(text->num_tools, sizeof *result.tools);
-    if (!result.tools) {
+    if (text->num_tools > 0) result.tools = pliant_calloc(text->num_tools, sizeof *result.tools);
+    if (text->num_tools > 0 && !result.tools) {
         status = pliant_fail_memory("a tool path");
         goto end;
     }
@@ -142,7 +165,7 @@ pliant_status pliant_path_read(const char *path, pliant_path *out)
     status = convert(text, yaml, path, &result);
     if (status == PLIANT_OK) {
         *out = result;
-        result = (pliant_path){NULL, 0};
+        result = (pliant_path){.tools = NULL};
     }
 end:
     pliant_path_free(&result);
@@ -156,27 +179,37 @@ void pliant_path_free(pliant_path *path)
     if (!path) return;
     for (uint32_t n = 0; n < path->num_tools; ++n) pliant_free(path->tools[n].motion);
     pliant_free(path->tools);
-    path->tools = NULL;
-    path->num_tools = 0;
+    pliant_free(path->gravity);
+    memset(path, 0, sizeof *path);
 }
 
-bool pliant_path_at(const pliant_path_tool *tool, double time, double offset[3])
+static void between(const pliant_path_key *key, uint32_t count, double time, double offset[3])
 {
-    const pliant_path_key *key = tool->motion;
     uint32_t after = 0;
-    while (after < tool->num_motion && key[after].time <= time) ++after;
+    while (after < count && key[after].time <= time) ++after;
     uint32_t before = after > 0 ? after - 1 : 0;
-    if (after == tool->num_motion) after = before;
+    if (after == count) after = before;
     double span = key[after].time - key[before].time;
     double part = span > 0.0 ? (time - key[before].time) / span : 0.0;
     for (int d = 0; d < 3; ++d)
         offset[d] = key[before].offset[d] + part * (key[after].offset[d] - key[before].offset[d]);
+}
+
+bool pliant_path_gravity(const pliant_path *path, double time, double gravity[3])
+{
+    if (path->num_gravity > 0) between(path->gravity, path->num_gravity, time, gravity);
+    return path->num_gravity > 0;
+}
+
+bool pliant_path_at(const pliant_path_tool *tool, double time, double offset[3])
+{
+    between(tool->motion, tool->num_motion, time, offset);
     return tool->release <= 0.0 || time < tool->release;
 }
 
 double pliant_path_end(const pliant_path *path)
 {
-    double end = 0.0;
+    double end = path->num_gravity > 0 ? path->gravity[path->num_gravity - 1].time : 0.0;
     for (uint32_t n = 0; n < path->num_tools; ++n) {
         const pliant_path_tool *tool = &path->tools[n];
         if (tool->num_motion > 0) end = fmax(end, tool->motion[tool->num_motion - 1].time);

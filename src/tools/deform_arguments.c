@@ -15,7 +15,7 @@ static const char help[] =
     "  SCENE              scene file (YAML); without one every option has its default\n"
     "  --scan PATH        DICOM folder, NIfTI, NRRD or MetaImage file; phantom or phantom:IxJxK for the built-in\n"
     "                     scan (default: phantom)\n"
-    "  --tools FILE       tool path (YAML); without one only gravity acts\n"
+    "  --tools FILE       tool path (YAML), which may turn gravity too; without one only the scene's gravity acts\n"
     "  --out DIR          folder for the results; made if it is missing\n"
     "  --set OPTION=VALUE change a scene option, e.g. --set mesh/ratio=3; may be repeated\n"
     "  --steps N          steps to do (default: to the end of the tool path and until the solver has converged)\n"

@@ -122,7 +122,9 @@ static pliant_status step_through(deform_run *run)
     long last = asked ? asked : moving + MOST_SETTLING_STEPS;
     pliant_status stepped = PLIANT_OK;
     for (long step = 1; step <= last && !console_stop_asked(); ++step) {
+        double gravity[3];
         pliant_status status = move_tools(run, (double)step * dt);
+        if (status >= 0 && pliant_path_gravity(&run->path, (double)step * dt, gravity)) status = pliant_data_gravity(run->data, gravity);
         if (status < 0) return status;
         double start = pliant_seconds();
         stepped = pliant_step(run->model, run->data);
