@@ -9,9 +9,9 @@
 
 enum { LANES = 8 };
 
-/* Vector code for the machine at hand, chosen when the program starts. */
+/* Vector code for the machine at hand, chosen when the program starts. Machines that fuse products and sums round otherwise. */
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__)
-#define PLIANT_VECTORIZED __attribute__((target_clones("avx2", "default"), optimize("O3")))
+#define PLIANT_VECTORIZED __attribute__((target_clones("avx512f", "avx2", "default"), optimize("O3")))
 #else
 #define PLIANT_VECTORIZED
 #endif
@@ -43,7 +43,7 @@ static inline __attribute__((always_inline)) void pliant_rotations(double deform
         regular[l] = determinant - 1e-4 * norm * sqrt(norm);
     }
     double change = 1;
-    for (int pass = 0; pass < 12 && change > 1e-20; pass++) {
+    for (int pass = 0; pass < 12 && change > 1e-15; pass++) {
         double step[LANES];
         for (int l = 0; l < LANES; l++) {
             double c0 = x[4][l] * x[8][l] - x[5][l] * x[7][l], c1 = x[5][l] * x[6][l] - x[3][l] * x[8][l];
