@@ -38,7 +38,7 @@ struct brick_state {
     };
     extent box[CHUNK];
     float2 corner[CHUNK][5];         /* along j and k; the fifth spares banks */
-    unsigned short start[WARPS][CHUNK + 1]; /* slices of the candidates before; each warp counts for itself */
+    unsigned short start[CHUNK + 1]; /* slices of the candidates before */
     unsigned short doubtful[DOUBTFUL]; /* rows that only the exact way can tell: 256 place in the chunk + 16 k + j */
     int id[MOST + 2];
     unsigned char copies[MOST + 2];
@@ -119,10 +119,10 @@ static __device__ __forceinline__ void load_planes(const gpu_raster &raster, con
     brick.box[c] = box;
 }
 
-/* Slices of the candidates of the chunk, numbered through; by each warp for itself. */
-static __device__ __forceinline__ void number_slices(const brick_state &brick, unsigned short *start)
+/* Slices of the candidates of the chunk, numbered through; by one warp. */
+static __device__ __forceinline__ void number_slices(brick_state &brick)
 {
-    const int lane = (int)threadIdx.x % 32;
+    const int lane = (int)threadIdx.x;
     int own[2], sum = 0;
     for (int n = 0; n < 2; n++) {
         own[n] = brick.box[2 * lane + n].high[2] - brick.box[2 * lane + n].low[2] + 1;
@@ -133,10 +133,9 @@ static __device__ __forceinline__ void number_slices(const brick_state &brick, u
         int other = __shfl_up_sync(0xffffffff, before, step);
         if (lane >= step) before += other;
     }
-    start[2 * lane] = (unsigned short)(before - sum);
-    start[2 * lane + 1] = (unsigned short)(before - own[1]);
-    if (lane == 31) start[CHUNK] = (unsigned short)before;
-    __syncwarp();
+    brick.start[2 * lane] = (unsigned short)(before - sum);
+    brick.start[2 * lane + 1] = (unsigned short)(before - own[1]);
+    if (lane == 31) brick.start[CHUNK] = (unsigned short)before;
 }
 
 struct interval { int first, last; }; /* voxels of a row */
@@ -212,15 +211,15 @@ static __device__ __forceinline__ unsigned claim(brick_state &brick, int first, 
 struct slice_rows { int c, k, first, count; };
 
 /* Rows of the chunk's slice number `slice` that its tetrahedron may touch. */
-static __device__ __forceinline__ slice_rows rows_of(const brick_state &brick, const unsigned short *start, int slice, int end)
+static __device__ __forceinline__ slice_rows rows_of(const brick_state &brick, int slice)
 {
     slice_rows out = {0, 0, 0, 0};
 #pragma unroll
     for (int half = CHUNK / 2; half > 0; half /= 2)
-        if (start[out.c + half] <= slice) out.c += half;
-    if (slice >= end) return out;
+        if (brick.start[out.c + half] <= slice) out.c += half;
+    if (slice >= brick.start[CHUNK]) return out;
     const extent box = brick.box[out.c];
-    out.k = box.low[2] + slice - start[out.c];
+    out.k = box.low[2] + slice - brick.start[out.c];
     float first, last;
     rows_of_slice(brick.corner[out.c], (float)out.k, &first, &last);
     first = fmaxf(ceilf(first), (float)box.low[1]);
@@ -230,17 +229,14 @@ static __device__ __forceinline__ slice_rows rows_of(const brick_state &brick, c
     return out;
 }
 
-/* Each warp takes its share of the slices, and of those their rows, 32 at a time. EXACT: doubtful rows are claimed at once; else they are
+/* A warp takes 32 slices at a time, and then their rows, 32 at a time. EXACT: doubtful rows are claimed at once; else they are
  * noted down. The least key of this thread. */
 template <bool EXACT> static __device__ __forceinline__ unsigned claim_all(brick_state &brick, int first)
 {
-    const int lane = (int)threadIdx.x % 32, warp = (int)threadIdx.x / 32;
-    const unsigned short *start = brick.start[warp];
-    const int slices = start[CHUNK], rounds = (slices + THREADS - 1) / THREADS, all = WARPS * rounds;
-    const int share = all > 0 ? (slices + all - 1) / all : 0; /* of a warp in a round: at most 32 */
+    const int lane = (int)threadIdx.x % 32, slices = brick.start[CHUNK];
     unsigned least = ~0u;
-    for (int begin = warp * share; begin < slices; begin += WARPS * share) {
-        const slice_rows own = rows_of(brick, start, begin + lane, min(begin + share, slices));
+    for (int begin = (int)threadIdx.x - lane; begin < slices; begin += THREADS) {
+        const slice_rows own = rows_of(brick, begin + lane);
         int end = own.count;
         for (int step = 1; step < 32; step *= 2) {
             const int other = __shfl_up_sync(0xffffffff, end, step);
@@ -289,9 +285,10 @@ static __device__ __forceinline__ void find_owners(const gpu_raster &raster, con
     for (int first = 0; first < count; first += CHUNK) {
         __syncthreads();
         load_planes(raster, where, first, count, origin, brick);
+        __syncthreads();
+        if (threadIdx.x < 32) number_slices(brick);
         if (threadIdx.x == 0) brick.num_doubtful = 0;
         __syncthreads();
-        number_slices(brick, brick.start[threadIdx.x / 32]);
         least = min(least, claim_all<false>(brick, first));
         __syncthreads();
         if (brick.num_doubtful > 0) least = min(least, claim_doubtful(brick, first));
