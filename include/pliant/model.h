@@ -70,6 +70,9 @@ void pliant_model_free(pliant_model *model); /**< Nullable */
  *  Free scan, labels and materials. Errors: as of the readers. */
 pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_path, pliant_volume *scan, pliant_labels *labels,
                                  pliant_material_table *materials);
+/** The same with a table that is there already, in place of the scene's material/file. Free scan and labels. */
+pliant_status pliant_scan_inputs_read(const pliant_scene *scene, const pliant_material_table *materials, const char *scan_path,
+                                      pliant_volume *scan, pliant_labels *labels);
 
 #ifdef __cplusplus
 }

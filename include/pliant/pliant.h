@@ -23,6 +23,7 @@
 
 #include "pliant/status.h"
 #include "pliant/memory.h"
+#include "pliant/open.h"
 #include "pliant/scan.h"
 #include "pliant/segment.h"
 #include "pliant/material.h"

@@ -95,28 +95,37 @@ static pliant_status segment(const pliant_scene *scene, const pliant_volume *sca
     return PLIANT_OK;
 }
 
-pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_path, pliant_volume *scan, pliant_labels *labels,
-                                 pliant_material_table *materials)
+pliant_status pliant_scan_inputs_read(const pliant_scene *scene, const pliant_material_table *materials, const char *scan_path,
+                                      pliant_volume *scan, pliant_labels *labels)
 {
     pliant_volume volume = {0};
     pliant_labels map = {0};
-    pliant_material_table table = {0};
     bool phantom = strcmp(scan_path, "phantom") == 0 || strncmp(scan_path, "phantom:", 8) == 0;
-    pliant_status status = scene->material.file[0] ? pliant_material_table_read(scene->material.file, &table)
-                                                   : pliant_material_table_default(&table);
-    if (status == PLIANT_OK)
-        status = phantom ? make_phantom(scene, scan_path, &volume, names_labels(&table) ? &map : NULL)
-                         : read_scan(scene, scan_path, &volume, &map);
+    pliant_status status = phantom ? make_phantom(scene, scan_path, &volume, names_labels(materials) ? &map : NULL)
+                                   : read_scan(scene, scan_path, &volume, &map);
     if (status == PLIANT_OK && !phantom) status = resample(scene, &volume, &map);
-    if (status == PLIANT_OK && scene->segment.kind == PLIANT_SEGMENT_GMM) status = segment(scene, &volume, &table, &map);
+    if (status == PLIANT_OK && scene->segment.kind == PLIANT_SEGMENT_GMM) status = segment(scene, &volume, materials, &map);
     if (status != PLIANT_OK) {
         pliant_volume_free(&volume);
         pliant_labels_free(&map);
-        pliant_material_table_free(&table);
         return status;
     }
     *scan = volume;
     *labels = map;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_path, pliant_volume *scan, pliant_labels *labels,
+                                 pliant_material_table *materials)
+{
+    pliant_material_table table = {0};
+    pliant_status status = scene->material.file[0] ? pliant_material_table_read(scene->material.file, &table)
+                                                   : pliant_material_table_default(&table);
+    if (status == PLIANT_OK) status = pliant_scan_inputs_read(scene, &table, scan_path, scan, labels);
+    if (status != PLIANT_OK) {
+        pliant_material_table_free(&table);
+        return status;
+    }
     *materials = table;
     return PLIANT_OK;
 }

@@ -1,6 +1,7 @@
 #include "core/yaml.h"
 
 #include "core/fail.h"
+#include "core/open.h"
 #include "pliant/memory.h"
 
 #include <ctype.h>
@@ -26,7 +27,10 @@ pliant_status pliant_text_read(const char *path, char **out)
     pliant_status status = PLIANT_OK;
     char *text = NULL;
     size_t size = 0, room = 4096;
-    FILE *file = fopen(path, "rb");
+    pliant_opening opening;
+    FILE *file = pliant_opening_begin(path, &opening) ? fopen(opening.name, "rb") : NULL;
+    pliant_opening_end(&opening);
+    if (opening.refused) return pliant_fail(PLIANT_ERROR_FILE, "%s: may not be read: %s", path, opening.refused);
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be opened: %s", path, strerror(errno));
     do {
         char *larger = pliant_resize(text, room + 1, 1);

@@ -80,8 +80,12 @@ private:
     size_t inflate_some(unsigned char *buffer, size_t wanted);
 };
 
+/* Every file is opened, and its size asked, by these. They fail when it may not be read (pliant/open.h). */
+std::ifstream open_file(const std::string &path); /* may not be good: not there */
 uint64_t file_size(const std::string &path);
 bool is_folder(const std::string &path);
+/* Names in a folder, in the order of the alphabet, hidden ones left out. */
+std::vector<std::string> names_in(const std::string &folder);
 /* First bytes of a file, fewer if it is shorter. */
 std::string file_start(const std::string &path, size_t bytes);
 std::string folder_of(const std::string &path); /* with the slash; "" when there is none */

@@ -1,10 +1,8 @@
 /* A DICOM folder: which files are images, to which series they belong, which series is meant. */
 #include "scan/read_dicom.h"
 
-#include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <dirent.h>
 #include <map>
 
 namespace pliant_read {
@@ -128,18 +126,13 @@ bool read_slice(const std::string &path, dicom_slice *slice)
 
 std::vector<std::string> files_in(const std::string &folder, bool *has_folders)
 {
-    DIR *directory = opendir(folder.c_str());
-    if (!directory) fail(PLIANT_ERROR_FILE, "%s: the folder cannot be read: %s", folder.c_str(), strerror(errno));
     std::vector<std::string> files;
     *has_folders = false;
-    while (const dirent *entry = readdir(directory)) {
-        if (entry->d_name[0] == '.') continue;
-        std::string path = folder + (ends_with(folder, "/") ? "" : "/") + entry->d_name;
+    for (const std::string &name : names_in(folder)) {
+        std::string path = folder + (ends_with(folder, "/") ? "" : "/") + name;
         if (is_folder(path)) *has_folders = true;
         else files.push_back(path);
     }
-    closedir(directory);
-    std::sort(files.begin(), files.end()); /* the order of a folder differs between machines */
     return files;
 }
 

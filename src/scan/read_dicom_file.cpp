@@ -25,7 +25,7 @@ struct element {
 
 class walker {
 public:
-    walker(const std::string &path, dicom_file *out) : path_(path), file_(path, std::ios::binary), size_(file_size(path)), out_(out)
+    walker(const std::string &path, dicom_file *out) : path_(path), file_(open_file(path)), size_(file_size(path)), out_(out)
     {
         if (!file_) fail(PLIANT_ERROR_FILE, "%s: cannot be opened: %s", path.c_str(), strerror(errno));
     }

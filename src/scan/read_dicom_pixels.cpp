@@ -23,7 +23,7 @@ namespace {
 std::string file_part(const std::string &path, const dicom_file::part &part)
 {
     std::string bytes(static_cast<size_t>(part.length), '\0');
-    std::ifstream file(path, std::ios::binary);
+    std::ifstream file = open_file(path);
     file.seekg(static_cast<std::streamoff>(part.offset));
     file.read(&bytes[0], static_cast<std::streamsize>(part.length));
     if (!file) fail(PLIANT_ERROR_FILE, "%s: its pixels cannot be read", path.c_str());

@@ -1,6 +1,8 @@
 /* Files, compressed or not, and what all formats check alike. */
 #include "scan/read.h"
 
+#include "core/open.h"
+
 #include <algorithm>
 #include <cctype>
 #include <cerrno>
@@ -8,6 +10,7 @@
 #include <cstdarg>
 #include <cstdio>
 #include <cstring>
+#include <dirent.h>
 #include <locale>
 #include <sstream>
 #include <sys/stat.h>
@@ -25,22 +28,68 @@ void fail(pliant_status status, const char *format, ...)
     throw failure{status, text};
 }
 
+namespace {
+
+/* What may be read, as long as it lives. */
+class opening {
+public:
+    explicit opening(const std::string &path) : there_(pliant_opening_begin(path.c_str(), &opening_))
+    {
+        if (opening_.refused) fail(PLIANT_ERROR_FILE, "%s: may not be read: %s", path.c_str(), opening_.refused);
+    }
+    ~opening() { pliant_opening_end(&opening_); }
+    opening(const opening &) = delete;
+    opening &operator=(const opening &) = delete;
+    /* Null: not there, errno says why */
+    const char *name() const { return there_ ? opening_.name : nullptr; }
+
+private:
+    pliant_opening opening_;
+    bool there_;
+};
+
+} // namespace
+
+std::ifstream open_file(const std::string &path)
+{
+    opening open(path);
+    std::ifstream file;
+    if (open.name()) file.open(open.name(), std::ios::binary);
+    else file.setstate(std::ios::failbit);
+    return file;
+}
+
 uint64_t file_size(const std::string &path)
 {
     struct stat status;
-    if (stat(path.c_str(), &status) != 0) fail(PLIANT_ERROR_FILE, "%s: %s", path.c_str(), strerror(errno));
+    opening open(path);
+    if (!open.name() || stat(open.name(), &status) != 0) fail(PLIANT_ERROR_FILE, "%s: %s", path.c_str(), strerror(errno));
     return static_cast<uint64_t>(status.st_size);
 }
 
 bool is_folder(const std::string &path)
 {
     struct stat status;
-    return stat(path.c_str(), &status) == 0 && S_ISDIR(status.st_mode);
+    opening open(path);
+    return open.name() && stat(open.name(), &status) == 0 && S_ISDIR(status.st_mode);
+}
+
+std::vector<std::string> names_in(const std::string &folder)
+{
+    opening open(folder);
+    DIR *directory = open.name() ? opendir(open.name()) : nullptr;
+    if (!directory) fail(PLIANT_ERROR_FILE, "%s: the folder cannot be read: %s", folder.c_str(), strerror(errno));
+    std::vector<std::string> names;
+    while (const dirent *entry = readdir(directory))
+        if (entry->d_name[0] != '.') names.push_back(entry->d_name);
+    closedir(directory);
+    std::sort(names.begin(), names.end()); /* the order of a folder differs between machines */
+    return names;
 }
 
 std::string file_start(const std::string &path, size_t bytes)
 {
-    std::ifstream file(path, std::ios::binary);
+    std::ifstream file = open_file(path);
     if (!file) fail(PLIANT_ERROR_FILE, "%s: cannot be opened: %s", path.c_str(), strerror(errno));
     std::string start(bytes, '\0');
     file.read(&start[0], static_cast<std::streamsize>(bytes));
@@ -97,7 +146,7 @@ struct byte_stream::inflater {
     ~inflater() { inflateEnd(&stream); }
 };
 
-byte_stream::byte_stream(const std::string &path, uint64_t offset, packing how) : path_(path), file_(path, std::ios::binary)
+byte_stream::byte_stream(const std::string &path, uint64_t offset, packing how) : path_(path), file_(open_file(path))
 {
     if (!file_) fail(PLIANT_ERROR_FILE, "%s: cannot be opened: %s", path.c_str(), strerror(errno));
     file_.seekg(static_cast<std::streamoff>(offset));

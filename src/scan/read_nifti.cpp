@@ -217,7 +217,7 @@ std::string image_file(const std::string &path)
     if (ends_with(lower_case(base), ".gz")) base.resize(base.size() - 3);
     base.resize(base.size() - 4);
     for (const char *ending : {".img", ".img.gz", ".IMG", ".IMG.gz"})
-        if (std::ifstream(base + ending)) return base + ending;
+        if (open_file(base + ending)) return base + ending;
     fail(PLIANT_ERROR_FILE, "%s: its voxels should be in %s.img or %s.img.gz, neither is there", path.c_str(), base.c_str(), base.c_str());
 }
 

@@ -216,7 +216,7 @@ public:
 double gzip_length(const std::string &path, double file_bytes)
 {
     std::string tail(4, '\0');
-    std::ifstream file(path, std::ios::binary);
+    std::ifstream file = open_file(path);
     if (file_bytes < 18 || !file.seekg(-4, std::ios::end).read(&tail[0], 4)) return 0.0;
     double length = 0.0;
     for (size_t n = 4; n-- > 0;) length = 256.0 * length + static_cast<unsigned char>(tail[n]);
@@ -225,7 +225,7 @@ double gzip_length(const std::string &path, double file_bytes)
 
 uint64_t after_lines(const std::string &path, uint64_t offset, double lines)
 {
-    std::ifstream file(path, std::ios::binary);
+    std::ifstream file = open_file(path);
     file.seekg(static_cast<std::streamoff>(offset));
     for (; lines > 0 && file; lines--) file.ignore(std::numeric_limits<std::streamsize>::max(), '\n');
     if (!file.good()) fail(PLIANT_ERROR_FORMAT, "%s: truncated: fewer lines than line skip says", path.c_str());
