@@ -21,14 +21,15 @@ std::string host_name()
 
 } // namespace
 
-Diagnostics::Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, const Parameters &parameters,
-                         State *state, Simulation *simulation, Tools *tools)
-    : parameters_(parameters), state_(state), simulation_(simulation), tools_(tools),
+Diagnostics::Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation,
+                         Tools *tools, const MeshOutput *mesh_output, const VolumeOutput *volume_output)
+    : state_(state), simulation_(simulation), tools_(tools), mesh_output_(mesh_output), volume_output_(volume_output),
       updater_(handle, private_handle, private_handle.getNamespace())
 {
     updater_.setHardwareID(host_name());
     updater_.add("solver", this, &Diagnostics::solver);
     updater_.add("backend", this, &Diagnostics::backend);
+    updater_.add("output", this, &Diagnostics::output);
     for (size_t i = 0; i < tools->size(); ++i)
         updater_.add("tool " + tools->name(i),
                      [this, i](diagnostic_updater::DiagnosticStatusWrapper &status) { tool(i, status); });
@@ -49,7 +50,7 @@ void Diagnostics::solver(diagnostic_updater::DiagnosticStatusWrapper &status)
     uint8_t state = state_->state();
     bool failed = state == SimState::FAULT;
     if (!health.is_loaded) status.summary(DiagnosticStatus::WARN, failed ? "nothing could be loaded" : "loading");
-    else if (failed) status.summary(DiagnosticStatus::ERROR, "the last step failed; the state before it is kept");
+    else if (failed) status.summary(DiagnosticStatus::ERROR, "the last step failed; see the topic state");
     else if (health.is_paused) status.summary(DiagnosticStatus::OK, "paused");
     else if (health.inverted > 0) status.summary(DiagnosticStatus::WARN, "tetrahedra are turned inside out");
     else if (missed > 0) status.summary(DiagnosticStatus::WARN, "deadlines missed in the last second");
@@ -80,16 +81,23 @@ void Diagnostics::tool(size_t index, diagnostic_updater::DiagnosticStatusWrapper
 
 void Diagnostics::backend(diagnostic_updater::DiagnosticStatusWrapper &status)
 {
-    /* the one there is */
-    status.summary(DiagnosticStatus::OK, "cpu");
-    status.add("threads", parameters_.scene.solver.threads ? std::to_string(parameters_.scene.solver.threads) : "all");
+    const char *name = simulation_->health().backend;
+    status.summary(DiagnosticStatus::OK, name ? name : "nothing is loaded");
     status.add("memory in use [MB]", 1e-6 * pliant_memory_in_use());
     status.add("peak [MB]", 1e-6 * pliant_memory_peak());
     if (std::shared_ptr<const Loaded> loaded = simulation_->loaded()) {
+        status.add("threads", threads_of(loaded->model->scene));
         status.add("scan", loaded->scan->volume.id);
         status.add("nodes", loaded->model->fine.num_nodes);
         status.add("tetrahedra", loaded->model->fine.num_tets);
     }
+}
+
+void Diagnostics::output(diagnostic_updater::DiagnosticStatusWrapper &status)
+{
+    status.summary(DiagnosticStatus::OK, "what is wanted is published");
+    for (const std::string &problem : {mesh_output_->problem(), volume_output_->problem()})
+        if (!problem.empty()) status.mergeSummary(DiagnosticStatus::ERROR, problem);
 }
 
 } // namespace pliant_ros

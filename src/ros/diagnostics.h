@@ -1,8 +1,9 @@
-/* /diagnostics, once a second: the solver, each tool, the backend. */
+/* /diagnostics, once a second: the solver, each tool, the backend, what is published. */
 #ifndef PLIANT_ROS_DIAGNOSTICS_H
 #define PLIANT_ROS_DIAGNOSTICS_H
 
 #include "simulation.h"
+#include "volume_output.h"
 
 #include <diagnostic_updater/diagnostic_updater.h>
 
@@ -10,8 +11,8 @@ namespace pliant_ros {
 
 class Diagnostics {
 public:
-    Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, const Parameters &parameters, State *state,
-                Simulation *simulation, Tools *tools);
+    Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation, Tools *tools,
+                const MeshOutput *mesh_output, const VolumeOutput *volume_output);
 
 private:
     void update();
@@ -19,10 +20,13 @@ private:
     void tool(size_t index, diagnostic_updater::DiagnosticStatusWrapper &status);
     void backend(diagnostic_updater::DiagnosticStatusWrapper &status);
 
-    const Parameters parameters_;
+    void output(diagnostic_updater::DiagnosticStatusWrapper &status);
+
     State *state_;
     Simulation *simulation_;
     Tools *tools_;
+    const MeshOutput *mesh_output_;
+    const VolumeOutput *volume_output_;
     diagnostic_updater::Updater updater_;
     std::vector<ToolHealth> tool_health_;
     uint64_t missed_before_ = 0;

@@ -1,6 +1,7 @@
 #include "loaded.h"
 
 #include <algorithm>
+#include <thread>
 
 namespace pliant_ros {
 
@@ -38,7 +39,10 @@ Scan::~Scan()
 std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::string &path, Materials *materials)
 {
     auto scan = std::make_shared<Scan>();
-    check(pliant_inputs_read(&scene, path.c_str(), &scan->volume, &scan->labels, &materials->table));
+    if (materials->table.num_materials > 0)
+        check(pliant_scan_inputs_read(&scene, &materials->table, path.c_str(), &scan->volume, &scan->labels));
+    else
+        check(pliant_inputs_read(&scene, path.c_str(), &scan->volume, &scan->labels, &materials->table));
     size_t voxels = pliant_geometry_voxels(&scan->volume.geometry);
     scan->low = scan->high = pliant_volume_value(&scan->volume, 0);
     for (size_t i = 1; i < voxels; ++i) {
@@ -59,6 +63,12 @@ std::shared_ptr<Loaded> build(const pliant_scene &scene, std::shared_ptr<const S
     const pliant_labels *labels = loaded->scan->labels.voxels ? &loaded->scan->labels : nullptr;
     check(pliant_model_build(&scene, &loaded->scan->volume, labels, &materials, progress, &loaded->model));
     return loaded;
+}
+
+int threads_of(const pliant_scene &scene)
+{
+    if (scene.solver.threads > 0) return scene.solver.threads;
+    return static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
 }
 
 Data create_data(const pliant_model &model)

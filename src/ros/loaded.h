@@ -44,7 +44,10 @@ struct Loaded {
     ~Loaded() { pliant_model_free(model); }
 };
 
-/* Throw Failure. */
+/* Of a scene: as many as it says, or as the machine has cores. */
+int threads_of(const pliant_scene &scene);
+
+/* Throw Failure. Materials that are empty are read as the scene says; others are used as they are. */
 std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::string &path, Materials *materials);
 std::shared_ptr<Loaded> build(const pliant_scene &scene, std::shared_ptr<const Scan> scan,
                               const pliant_material_table &materials, uint32_t revision, pliant_progress progress);

@@ -66,11 +66,19 @@ void MeshOutput::run()
         bool wanted = is_wanted();
         reader.want(wanted);
         if (!wanted) {
+            problem_.set("");
             std::this_thread::sleep_for(std::chrono::milliseconds(POLL_MILLISECONDS));
             continue;
         }
         std::shared_ptr<const Snapshot> snapshot = reader.wait(std::chrono::milliseconds(POLL_MILLISECONDS));
-        if (snapshot) publish(*snapshot);
+        if (!snapshot) continue;
+        try {
+            publish(*snapshot);
+            problem_.set("");
+        } catch (const std::exception &failed) {
+            problem_.set(std::string("no mesh: ") + failed.what());
+            ROS_ERROR_THROTTLE(5, "no mesh: %s", failed.what());
+        }
     }
 }
 

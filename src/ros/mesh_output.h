@@ -3,6 +3,7 @@
 #define PLIANT_ROS_MESH_OUTPUT_H
 
 #include "live.h"
+#include "problem.h"
 #include "snapshot.h"
 
 #include <ros/node_handle.h>
@@ -23,6 +24,7 @@ public:
     /* The state of this very step, whatever its rate: its volume is about to be shown, and whoever records states must
        be able to make the same one. Once a step; any thread. */
     void publish_state(const Snapshot &snapshot);
+    std::string problem() const { return problem_.get(); }
 
 private:
     void run();
@@ -42,6 +44,7 @@ private:
     uint64_t state_step_ = 0;
     Rate state_rate_, marker_rate_, points_rate_;
     std::atomic<bool> stopping_{false};
+    Problem problem_;
     std::thread thread_;
 };
 

@@ -19,7 +19,7 @@ struct Node::Parts {
           volume_output(handle, parameters, &live, &snapshots, &mesh_output),
           simulation(handle, parameters, &state, &live, &tools, &snapshots),
           services(handle, parameters, &state, &live, &simulation, &mesh_output, &volume_output, frames),
-          diagnostics(handle, private_handle, parameters, &state, &simulation, &tools)
+          diagnostics(handle, private_handle, &state, &simulation, &tools, &mesh_output, &volume_output)
     {
         if (parameters.parent_frame.empty()) return;
         geometry_msgs::TransformStamped transform = tissue_transform(parameters);

@@ -24,6 +24,23 @@ std::string size_text(const pliant_model &model)
 
 } // namespace
 
+void Recomputed::take(const RecomputeHomogenization::Request &request)
+{
+    const uint32_t most = std::numeric_limits<int32_t>::max();
+    if (!request.method.empty()) method = request.method;
+    for (int d = 0; d < 3; ++d)
+        if (request.coarse_cells[d] > 0) coarse_cells[d] = static_cast<int32_t>(std::min(request.coarse_cells[d], most));
+    if (request.ratio > 0) ratio = static_cast<int32_t>(std::min(request.ratio, most));
+}
+
+void Recomputed::apply(pliant_scene *scene) const
+{
+    if (!method.empty()) check(pliant_scene_set(scene, "model/method", method.c_str()));
+    for (int d = 0; d < 3; ++d)
+        if (coarse_cells[d] > 0) scene->mesh.coarse_cells[d] = coarse_cells[d];
+    if (ratio > 0) scene->mesh.ratio = ratio;
+}
+
 Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live,
                    Simulation *simulation, MeshOutput *mesh_output, VolumeOutput *volume_output,
                    std::shared_ptr<const tf2_ros::Buffer> frames)
@@ -74,7 +91,7 @@ bool Services::exclusively(const std::string &name, std::string *message, const 
     } catch (const std::exception &failed) {
         *message = name + ": " + failed.what();
     }
-    state_->end(*message);
+    state_->end(good, *message);
     if (good) ROS_INFO("%s", message->c_str());
     else ROS_ERROR("%s", message->c_str());
     return good;
@@ -89,6 +106,7 @@ std::shared_ptr<const Loaded> Services::current() const
 
 void Services::put_in(const std::shared_ptr<Loaded> &next)
 {
+    check_target(*next);
     next->revision = revision_ + 1;
     simulation_->swap(next);
     ++revision_;
@@ -121,8 +139,11 @@ bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &respons
     response.success = exclusively("load_scan", &response.message, [&] {
         std::string path = is_phantom(request.path) ? request.path : allowed(request.path);
         std::string labels = request.labels.empty() ? "" : allowed(request.labels);
+        Materials materials;
+        if (materials_.table.num_materials > 0) check(pliant_material_table_copy(&materials_.table, &materials.table));
         pliant_scene scene = parameters_.scene;
         live_->apply(&scene);
+        recomputed_.apply(&scene);
         check(pliant_scene_set(&scene, "material/labels", labels.c_str()));
         for (const std::string &option : request.options) {
             size_t sign = option.find('=');
@@ -130,11 +151,12 @@ bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &respons
                 throw Failure(PLIANT_ERROR_ARGUMENT, option + ": options are group/name=value");
             std::string name = option.substr(0, sign), value = option.substr(sign + 1);
             /* these name files, too */
-            if (name == "material/file" || name == "material/labels") value = allowed(value);
+            if (name == "material/file" || name == "material/labels") value = value.empty() ? "" : allowed(value);
+            if (name == "material/file") pliant_material_table_free(&materials.table);
             check(pliant_scene_set(&scene, name.c_str(), value.c_str()));
         }
         check(pliant_scene_check(&scene));
-        Materials materials;
+        ConfinedReads confined(parameters_.scan_root, parameters_.scene.material.file);
         std::shared_ptr<const Scan> scan = read_scan(scene, path, &materials);
         std::shared_ptr<Loaded> next = build(scene, scan, materials.table, 0, progress());
         put_in(next);
@@ -154,22 +176,26 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
         std::shared_ptr<const Loaded> old = current();
         pliant_scene scene = old->model->scene;
         live_->apply(&scene);
-        if (!request.method.empty()) check(pliant_scene_set(&scene, "model/method", request.method.c_str()));
-        const int32_t most = std::numeric_limits<int32_t>::max();
-        for (int d = 0; d < 3; ++d)
-            if (request.coarse_cells[d] > 0)
-                scene.mesh.coarse_cells[d] = static_cast<int32_t>(std::min<uint32_t>(request.coarse_cells[d], most));
-        if (request.ratio > 0) scene.mesh.ratio = static_cast<int32_t>(std::min<uint32_t>(request.ratio, most));
+        Recomputed asked;
+        asked.take(request);
+        asked.apply(&scene);
         check(pliant_scene_check(&scene));
         std::shared_ptr<Loaded> next = build(scene, old->scan, old->model->materials, 0, progress(request.probe));
+        std::string note;
         if (request.probe) {
-            ProbeError error = probe(*next, progress());
-            response.error_max = static_cast<float>(error.max);
-            response.error_rms = static_cast<float>(error.rms);
+            try {
+                ProbeError error = probe(*next, progress());
+                response.error_max = static_cast<float>(error.max);
+                response.error_rms = static_cast<float>(error.rms);
+            } catch (const Failure &failure) { /* the model is good for smaller loads than the probe's */
+                if (failure.status != PLIANT_NOT_CONVERGED) throw;
+                note = "; " + std::string(failure.what()) + ", so that no error is told";
+            }
         }
         put_in(next);
+        recomputed_.take(request);
         response.condition_estimate = static_cast<float>(next->model->condition_estimate);
-        return "recomputed: " + size_text(*next->model);
+        return "recomputed: " + size_text(*next->model) + note;
     });
     response.seconds = seconds_since(start);
     return true;
@@ -186,7 +212,8 @@ bool Services::set_materials(SetMaterials::Request &request, SetMaterials::Respo
         pliant_scene scene = old->model->scene;
         live_->apply(&scene);
         put_in(build(scene, old->scan, materials.table, 0, progress()));
-        return std::to_string(materials.table.num_materials) + " materials are in use";
+        std::swap(materials_.table, materials.table);
+        return std::to_string(materials_.table.num_materials) + " materials are in use";
     });
     response.seconds = seconds_since(start);
     return true;

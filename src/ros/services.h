@@ -25,6 +25,16 @@ using pliant::RecomputeHomogenization;
 using pliant::SaveVolume;
 using pliant::SetMaterials;
 
+/* What recompute_homogenization has set so far: a load keeps it. Empty and 0: as the scene says. */
+struct Recomputed {
+    std::string method;
+    int32_t coarse_cells[3] = {0, 0, 0}, ratio = 0;
+
+    void take(const RecomputeHomogenization::Request &request);
+    /* Throws Failure for an unknown method. */
+    void apply(pliant_scene *scene) const;
+};
+
 /* Long calls run on a queue of their own, one at a time, beside the simulation; a second one is refused. The one that
    builds a model swaps it in at a step boundary, or fails and leaves everything as it was. */
 class Services {
@@ -60,6 +70,8 @@ private:
     std::shared_ptr<const tf2_ros::Buffer> frames_;
     std::atomic<bool> stopping_{false};
     double progress_scale_ = 1;
+    Recomputed recomputed_;
+    Materials materials_; /* as set_materials set them; empty: as the scene says */
     uint32_t revision_ = 0; /* of the last model that was put in */
     ros::CallbackQueue queue_;
     std::vector<ros::ServiceServer> servers_;

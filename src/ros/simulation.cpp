@@ -85,6 +85,7 @@ void Simulation::swap(std::shared_ptr<Loaded> next)
         health_ = StepHealth();
         health_.is_loaded = true;
         health_.is_paused = paused_;
+        health_.backend = pliant_data_backend(data_.get());
     });
     state_->set(paused_ ? SimState::PAUSED : SimState::READY, "");
     data.reset(); /* before its model, which `next` holds */
@@ -145,15 +146,38 @@ void Simulation::run()
         Clock::time_point start = Clock::now();
         std::chrono::duration<double> step_time(current_->model->scene.solver.step);
         auto period = std::chrono::duration_cast<Clock::duration>(step_time);
-        ros::Time now = ros::Time::now();
-        watch_clock(now);
-        apply_live();
-        apply_tools(now);
-        if (!paused_) step();
-        show(now);
-        publish(now);
-        measure(std::chrono::duration<double>(Clock::now() - start).count());
+        try {
+            turn(start);
+            broke_ = false;
+        } catch (const std::exception &failed) {
+            broke_ = true;
+            report_failure(failed);
+        }
         next = std::max(next + period, Clock::now()); /* a missed deadline is not caught up with */
+    }
+}
+
+/* all that is done for one step */
+void Simulation::turn(Clock::time_point start)
+{
+    ros::Time now = ros::Time::now();
+    watch_clock(now);
+    apply_live();
+    apply_tools(now);
+    if (!paused_) step();
+    show(now);
+    publish(now);
+    measure(std::chrono::duration<double>(Clock::now() - start).count());
+}
+
+/* Out of memory, say: told, and the next step tries again. */
+void Simulation::report_failure(const std::exception &failed)
+{
+    try {
+        state_->set(SimState::FAULT, failed.what());
+        ROS_ERROR_THROTTLE(5, "a step broke off: %s", failed.what());
+    } catch (const std::exception &) {
+        /* no memory even for that; the state stays as it was told last */
     }
 }
 
@@ -161,7 +185,7 @@ void Simulation::run()
 void Simulation::watch_clock(const ros::Time &now)
 {
     if (now < last_time_) {
-        ROS_WARN("time went back by %.3f s: tools are forgotten", (last_time_ - now).toSec());
+        ROS_WARN("time went back by %.3f s: tools are forgotten", seconds_between(now, last_time_));
         tools_->clear();
         let_go();
     }
@@ -208,7 +232,7 @@ void Simulation::step()
 {
     pliant_status status = pliant_step(current_->model, data_.get());
     if (status < 0) state_->set(SimState::FAULT, pliant_last_error());
-    else state_->set(SimState::RUNNING, "");
+    else if (!broke_) state_->set(SimState::RUNNING, ""); /* after a turn that broke off, only once one is whole */
 }
 
 void Simulation::show(const ros::Time &now)
@@ -270,6 +294,7 @@ void Simulation::measure(double seconds)
     if (count_inverted) health_.inverted = inverted;
     health_.residual = statistics.residual;
     health_.bytes = statistics.bytes;
+    health_.backend = pliant_data_backend(data_.get());
     durations_.emplace_back(now, seconds);
     while (now - durations_.front().first > std::chrono::seconds(1)) durations_.pop_front();
 }

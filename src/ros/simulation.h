@@ -24,6 +24,7 @@ struct StepHealth {
     int32_t iterations, inverted;
     double residual;
     size_t bytes;
+    const char *backend; /* who runs the steps: cpu or cuda; NULL: nothing is loaded */
 };
 
 class Simulation {
@@ -45,6 +46,8 @@ public:
 
 private:
     void run();
+    void turn(Clock::time_point start);
+    void report_failure(const std::exception &failed);
     /* Run by the simulation between two steps; returns when done. */
     void at_boundary(std::function<void()> work);
     void do_boundary_work();
@@ -71,7 +74,7 @@ private:
     /* the simulation's own; others reach them by at_boundary */
     std::shared_ptr<Loaded> current_;
     Data data_;
-    bool paused_ = false;
+    bool paused_ = false, broke_ = false; /* broke: the turn before this one */
     std::vector<ToolSample> samples_;
     std::vector<bool> was_open_; /* the jaw, at the step before */
     ros::Time last_time_;

@@ -22,9 +22,10 @@ void State::publish()
 void State::set(uint8_t state, const std::string &message)
 {
     std::lock_guard<std::mutex> hold(lock_);
-    bool same = current_.state == state && (current_.message == message || current_.is_busy);
+    const std::string &shown = current_.is_busy ? current_.message : message.empty() ? failure_ : message;
+    bool same = current_.state == state && current_.message == shown;
     current_.state = state;
-    if (!current_.is_busy) current_.message = message;
+    if (!same) current_.message = std::string(shown);
     if (!same) publish();
 }
 
@@ -54,9 +55,10 @@ void State::progress(double fraction, const std::string &stage)
     publish();
 }
 
-void State::end(const std::string &message)
+void State::end(bool good, const std::string &message)
 {
     std::lock_guard<std::mutex> hold(lock_);
+    failure_ = good ? "" : message;
     current_.is_busy = false;
     current_.progress = 0;
     current_.message = message;

@@ -22,8 +22,8 @@ public:
     /* Long work beside it: false when some runs already, and then *message says which. */
     bool begin(const std::string &work, std::string *message);
     void progress(double fraction, const std::string &stage);
-    /* Message: how it ended. */
-    void end(const std::string &message);
+    /* Message: how it ended. That of a failure stays, wherever set() has nothing to say, until some work succeeds. */
+    void end(bool good, const std::string &message);
 
     uint8_t state() const;
 
@@ -33,7 +33,7 @@ private:
     mutable std::mutex lock_;
     ros::Publisher publisher_;
     SimState current_;
-    std::string work_;
+    std::string work_, failure_;
 };
 
 } // namespace pliant_ros

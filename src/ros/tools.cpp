@@ -70,7 +70,7 @@ void Tools::take_jaw(Tool *tool, const sensor_msgs::JointState &message)
 
 bool Tools::is_fresh(const ros::Time &stamp, const ros::Time &now) const
 {
-    return std::fabs((now - stamp).toSec()) <= max_age_;
+    return std::fabs(seconds_between(stamp, now)) <= max_age_;
 }
 
 /* The newest pose into the tissue frame, by its own stamp. Its transform may come a little later than the pose: until
@@ -84,7 +84,7 @@ void Tools::transform(Tool *tool)
             geometry_msgs::TransformStamped found =
                 frames_->lookupTransform(tissue_frame_, tool->header.frame_id, tool->header.stamp);
             if (!rigid_from_message(found.transform, &tissue_from_frame, &tool->why)) return;
-        } catch (const tf2::TransformException &missing) {
+        } catch (const std::exception &missing) { /* tf2's own, or of a stamp that it cannot calculate with */
             tool->why = missing.what();
             return;
         }
@@ -111,7 +111,7 @@ ToolSample Tools::sample(size_t index, const ros::Time &now)
     update_jaw(tool, now);
     bool fresh = tool->has_last && is_fresh(tool->last_stamp, now);
     if (tool->has_last && !fresh)
-        tool->why = "the newest usable pose is " + milliseconds((now - tool->last_stamp).toSec()) + " old, more than " +
+        tool->why = "the newest usable pose is " + milliseconds(seconds_between(tool->last_stamp, now)) + " old, more than " +
                     milliseconds(max_age_);
     tool->present = fresh;
     ToolSample out;
@@ -174,7 +174,7 @@ std::vector<ToolHealth> Tools::health(const ros::Time &now)
         ToolHealth health;
         health.name = tool.parameters.name;
         health.rate = elapsed > 0 ? (tool.received - tool.counted) / elapsed : 0;
-        health.age = tool.has_pose ? (now - tool.header.stamp).toSec() : std::numeric_limits<double>::infinity();
+        health.age = tool.has_pose ? seconds_between(tool.header.stamp, now) : std::numeric_limits<double>::infinity();
         health.present = tool.present;
         health.why = tool.present ? "" : tool.why;
         tool.counted = tool.received;

@@ -15,6 +15,13 @@ namespace pliant_ros {
 
 enum Jaw { JAW_UNKNOWN, JAW_OPEN, JAW_CLOSED };
 
+/* [s] Unlike a difference of ros::Time, for any two stamps: those of messages are whatever the sender wrote. */
+inline double seconds_between(const ros::Time &early, const ros::Time &late)
+{
+    int64_t whole = static_cast<int64_t>(late.sec) - early.sec, nanoseconds = static_cast<int64_t>(late.nsec) - early.nsec;
+    return static_cast<double>(whole) + 1e-9 * static_cast<double>(nanoseconds);
+}
+
 /* A tool at the time of a step. */
 struct ToolSample {
     bool present;

@@ -50,15 +50,21 @@ void VolumeOutput::run()
         reader.want(wanted);
         if (!wanted) {
             drop(); /* what nobody looks at holds no memory */
+            problem_.set("");
             std::this_thread::sleep_for(std::chrono::milliseconds(POLL_MILLISECONDS));
             continue;
         }
         std::shared_ptr<const Snapshot> snapshot = reader.wait(std::chrono::milliseconds(POLL_MILLISECONDS));
         try {
-            if (snapshot) publish(snapshot);
-            else publish_again();
+            if (!snapshot) {
+                publish_again();
+                continue;
+            }
+            publish(snapshot);
+            problem_.set("");
         } catch (const std::exception &failed) {
             drop();
+            problem_.set(std::string("no deformed volume: ") + failed.what());
             ROS_ERROR_THROTTLE(5, "no deformed volume: %s", failed.what());
         }
     }

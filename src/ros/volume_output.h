@@ -25,6 +25,7 @@ public:
 
     /* Show the volume that subscribers see, and the positions that made it, to a function; false: there is none now. */
     bool look(const std::function<void(const pliant_volume &, const Snapshot &)> &function);
+    std::string problem() const { return problem_.get(); }
 
 private:
     void run();
@@ -49,6 +50,7 @@ private:
     std::shared_ptr<const Snapshot> shown_now_;
     double shown_[3] = {-1, -1, -1}; /* where the slices published last lie */
     uint64_t sequence_ = 0;
+    Problem problem_;
     std::thread thread_;
 };
 

@@ -2,19 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <thread>
 
 namespace pliant_ros {
 
 namespace {
 
 const size_t max_target_voxels = size_t(1) << 31;
-
-int threads_of(const pliant_scene &scene)
-{
-    if (scene.solver.threads > 0) return scene.solver.threads;
-    return static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
-}
 
 struct WorldBox {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -57,6 +50,13 @@ pliant_geometry target_of(const Loaded &loaded, const std::vector<double> &posit
 }
 
 } // namespace
+
+void check_target(const Loaded &loaded)
+{
+    const pliant_mesh &mesh = loaded.model->fine;
+    std::vector<double> rest(mesh.rest, mesh.rest + 3 * static_cast<size_t>(mesh.num_nodes));
+    target_of(loaded, rest, loaded.model->scene.warp.margin);
+}
 
 Warped::Warped(std::shared_ptr<const Loaded> loaded, const std::vector<double> &positions, double margin)
     : loaded_(std::move(loaded)), margin_(margin)

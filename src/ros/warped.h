@@ -10,6 +10,9 @@
 
 namespace pliant_ros {
 
+/* Throws Failure when the deformed volume of this model, at rest, would be too large for any machine. */
+void check_target(const Loaded &loaded);
+
 /* A warp and the model that it borrows from. */
 class Warped {
 public:

@@ -1,10 +1,13 @@
 #include "confine.h"
 
+#include "pliant/pliant.h"
+
 #include <gtest/gtest.h>
 #include <stdlib.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <cstring>
 #include <fstream>
 
 namespace {
@@ -74,29 +77,170 @@ TEST_F(Confine, RefusesLinksToOutside)
     EXPECT_EQ(resolved, root + "/scan.nii");
 }
 
-TEST_F(Confine, RefusesASeriesWithALinkToOutside)
+/* Scans that would be read, were it not for where their data lie. */
+class ConfinedReadsTest : public Confine {
+protected:
+    void SetUp() override
+    {
+        Confine::SetUp();
+        const std::string voxels(2 * 4 * 4 * 4, '\1');
+        write(base + "/secret.raw", voxels);
+        write(root + "/scan.raw", voxels);
+    }
+    /* under the confinement, and without: a case that cannot be read at all would show nothing */
+    bool reads(const std::string &name)
+    {
+        pliant_volume volume{};
+        pliant_status status;
+        {
+            pliant_ros::ConfinedReads confined(root, "");
+            status = pliant_volume_read((root + "/" + name).c_str(), nullptr, 0, &volume);
+            why = status == PLIANT_OK ? "" : pliant_last_error();
+        }
+        pliant_volume_free(&volume);
+        return status == PLIANT_OK;
+    }
+    bool reads_freely(const std::string &name)
+    {
+        pliant_volume volume{};
+        bool good = pliant_volume_read((root + "/" + name).c_str(), nullptr, 0, &volume) == PLIANT_OK;
+        pliant_volume_free(&volume);
+        return good;
+    }
+    void expect_refused(const std::string &name)
+    {
+        EXPECT_TRUE(reads_freely(name)) << name << ": " << pliant_last_error();
+        EXPECT_FALSE(reads(name)) << name;
+        EXPECT_NE(why.find("outside"), std::string::npos) << why;
+    }
+    std::string secret() const { return base + "/secret.raw"; }
+
+    const std::string nrrd = "NRRD0004\ntype: short\ndimension: 3\nspace: left-posterior-superior\nsizes: 4 4 4\n"
+                             "space directions: (5,0,0) (0,5,0) (0,0,5)\nencoding: raw\nendian: little\n"
+                             "space origin: (0,0,0)\n";
+    const std::string meta = "ObjectType = Image\nNDims = 3\nDimSize = 4 4 4\nElementSpacing = 5 5 5\n"
+                             "ElementType = MET_SHORT\n";
+};
+
+TEST_F(ConfinedReadsTest, DataFilesOfNrrdHeaders)
 {
-    ASSERT_EQ(mkdir((root + "/series").c_str(), 0755), 0);
-    write(root + "/series/1.dcm", "");
-    EXPECT_TRUE(may_read("series")) << why;
-    ASSERT_EQ(symlink((base + "/secret.nii").c_str(), (root + "/series/2.dcm").c_str()), 0);
-    EXPECT_FALSE(may_read("series"));
+    write(root + "/good.nhdr", nrrd + "data file: scan.raw\n\n");
+    EXPECT_TRUE(reads("good.nhdr")) << why;
+    write(root + "/whole.nhdr", nrrd + "data file: " + secret() + "\n\n");
+    write(root + "/dots.nhdr", nrrd + "data file: ../secret.raw\n\n");
+    write(root + "/by_content.dat", nrrd + "data file: " + secret() + "\n\n");
+    write(root + "/blanks.nhdr", nrrd + "da tafile: " + secret() + "\n\n");
+    write(root + "/long_line.nhdr", nrrd + "#" + std::string(5000, 'x') + "\ndata file: " + secret() + "\n\n");
+    for (const char *name : {"whole.nhdr", "dots.nhdr", "by_content.dat", "blanks.nhdr", "long_line.nhdr"})
+        expect_refused(name);
+    /* of several files none is ever read; nor is their line anything in the data */
+    write(root + "/list.nhdr", nrrd + "data file: LIST\n" + secret() + "\n");
+    write(root + "/pattern.nhdr", nrrd + "data file: " + base + "/secret%d.raw 1 2 1\n\n");
+    EXPECT_FALSE(reads("list.nhdr"));
+    EXPECT_FALSE(reads("pattern.nhdr"));
 }
 
-TEST_F(Confine, RefusesHeadersThatPointOutside)
+TEST_F(ConfinedReadsTest, DataFilesOfMetaImageHeaders)
 {
-    write(root + "/a.mhd", "NDims = 3\nElementDataFile = ../secret.nii\n");
-    EXPECT_FALSE(may_read("a.mhd"));
-    write(root + "/b.mhd", "NDims = 3\nElementDataFile = scan.nii\n");
-    EXPECT_TRUE(may_read("b.mhd")) << why;
-    write(root + "/c.mhd", "NDims = 3\nElementDataFile = LIST\nscan.nii\n" + base + "/secret.nii\n");
-    EXPECT_FALSE(may_read("c.mhd"));
-    write(root + "/d.nhdr", "NRRD0004\ntype: short\ndata file: ../secret.nii\n");
-    EXPECT_FALSE(may_read("d.nhdr"));
-    write(root + "/e.nrrd", "NRRD0004\ntype: short\n\ndata file: ../secret.nii\n");
-    EXPECT_TRUE(may_read("e.nrrd")) << "the line belongs to the data";
-    write(root + "/f.mha", "NDims = 3\nElementDataFile = LOCAL\nElementDataFile = ../secret.nii\n");
-    EXPECT_TRUE(may_read("f.mha")) << "the line belongs to the data";
+    write(root + "/good.mhd", meta + "ElementDataFile = scan.raw\n");
+    EXPECT_TRUE(reads("good.mhd")) << why;
+    std::string lines;
+    for (int line = 0; line < 5000; ++line) lines += "C" + std::to_string(line) + " = 1\n";
+    const std::string data = "ElementDataFile = " + secret() + "\n";
+    write(root + "/whole.mhd", meta + data);
+    write(root + "/long_line.mhd", "Comment = " + std::string(5000, 'x') + "\n" + meta + data);
+    write(root + "/many_lines.mhd", lines + meta + data);
+    for (const char *name : {"whole.mhd", "long_line.mhd", "many_lines.mhd"}) expect_refused(name);
+    write(root + "/list.mhd", meta + "ElementDataFile = LIST\n" + secret() + "\n");
+    EXPECT_FALSE(reads("list.mhd"));
+}
+
+TEST_F(ConfinedReadsTest, LinksThatAHeaderNames)
+{
+    ASSERT_EQ(symlink(secret().c_str(), (root + "/link.raw").c_str()), 0);
+    ASSERT_EQ(symlink(base.c_str(), (root + "/up").c_str()), 0);
+    write(root + "/file.mhd", meta + "ElementDataFile = link.raw\n");
+    write(root + "/folder.mhd", meta + "ElementDataFile = up/secret.raw\n");
+    expect_refused("file.mhd");
+    expect_refused("folder.mhd");
+}
+
+TEST_F(ConfinedReadsTest, TheImageOfANiftiPair)
+{
+    /* NIfTI-1 (nifti1.h): 348 bytes, sizeof_hdr, dim, datatype and bitpix (16-bit integers), pixdim, magic of a pair */
+    std::string header(348, '\0');
+    auto put = [&](size_t at, auto value) { std::memcpy(&header[at], &value, sizeof value); };
+    put(0, int32_t(348));
+    const int16_t dim[8] = {3, 4, 4, 4, 1, 1, 1, 1};
+    std::memcpy(&header[40], dim, sizeof dim);
+    put(70, int16_t(4));
+    put(72, int16_t(16));
+    for (size_t n = 0; n < 8; ++n) put(76 + 4 * n, 1.0f);
+    std::memcpy(&header[344], "ni1", 4);
+    write(root + "/pair.hdr", header);
+    ASSERT_EQ(symlink(secret().c_str(), (root + "/pair.img").c_str()), 0);
+    expect_refused("pair.hdr");
+    ASSERT_EQ(unlink((root + "/pair.img").c_str()), 0);
+    ASSERT_EQ(rename((root + "/scan.raw").c_str(), (root + "/pair.img").c_str()), 0);
+    EXPECT_TRUE(reads("pair.hdr")) << why;
+}
+
+TEST_F(ConfinedReadsTest, LinksInAFolderOfImages)
+{
+    ASSERT_EQ(mkdir((root + "/series").c_str(), 0755), 0);
+    write(root + "/series/1.dcm", "no DICOM");
+    EXPECT_FALSE(reads("series"));
+    EXPECT_EQ(why.find("outside"), std::string::npos) << why;
+    ASSERT_EQ(symlink(secret().c_str(), (root + "/series/2.dcm").c_str()), 0);
+    EXPECT_FALSE(reads("series"));
+    EXPECT_NE(why.find("outside"), std::string::npos) << why;
+    EXPECT_FALSE(reads(".."));
+    EXPECT_NE(why.find("outside"), std::string::npos) << why;
+}
+
+TEST_F(ConfinedReadsTest, WhatIsNotThereOutsideIsRefusedLikeWhatIs)
+{
+    write(root + "/there.mhd", meta + "ElementDataFile = " + secret() + "\n");
+    write(root + "/not_there.mhd", meta + "ElementDataFile = " + base + "/nothing/of/that.raw\n");
+    write(root + "/folder.mhd", meta + "ElementDataFile = " + base + "\n");
+    for (const char *name : {"there.mhd", "not_there.mhd", "folder.mhd"}) {
+        EXPECT_FALSE(reads(name));
+        EXPECT_NE(why.find("outside"), std::string::npos) << why;
+    }
+    write(root + "/missing.mhd", meta + "ElementDataFile = missing.raw\n");
+    EXPECT_FALSE(reads("missing.mhd"));
+    EXPECT_NE(why.find("No such file"), std::string::npos) << why;
+}
+
+TEST_F(ConfinedReadsTest, TablesAndScenesToo)
+{
+    const std::string table = base + "/table.yaml";
+    write(table, "materials:\n  - {name: a, young_modulus: 1000.0, poisson_ratio: 0.4, density: 1000.0, labels: [1]}\n");
+    pliant_material_table read{};
+    ASSERT_EQ(pliant_material_table_read(table.c_str(), &read), PLIANT_OK) << pliant_last_error();
+    pliant_material_table_free(&read);
+    {
+        pliant_ros::ConfinedReads confined(root, "");
+        EXPECT_EQ(pliant_material_table_read(table.c_str(), &read), PLIANT_ERROR_FILE);
+        pliant_scene scene;
+        EXPECT_EQ(pliant_scene_read(table.c_str(), &scene), PLIANT_ERROR_FILE);
+        {
+            pliant_ros::ConfinedReads with_one_more(root, table);
+            EXPECT_EQ(pliant_material_table_read(table.c_str(), &read), PLIANT_OK) << pliant_last_error();
+            pliant_material_table_free(&read);
+        }
+        EXPECT_EQ(pliant_material_table_read(table.c_str(), &read), PLIANT_ERROR_FILE) << "the check before is back";
+    }
+    EXPECT_EQ(pliant_material_table_read(table.c_str(), &read), PLIANT_OK) << "and no check at last";
+    pliant_material_table_free(&read);
+}
+
+TEST_F(ConfinedReadsTest, WithoutARootNothingIsRead)
+{
+    write(root + "/good.mhd", meta + "ElementDataFile = scan.raw\n");
+    pliant_volume volume{};
+    pliant_ros::ConfinedReads confined("", "");
+    EXPECT_EQ(pliant_volume_read((root + "/good.mhd").c_str(), nullptr, 0, &volume), PLIANT_ERROR_FILE);
 }
 
 TEST_F(Confine, MissingFilesAreNamed)

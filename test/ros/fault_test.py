@@ -1,19 +1,22 @@
 #!/usr/bin/env python3
-"""What goes wrong at the start: a scan that is missing can be mended by load_scan, a wrong parameter ends the node."""
+"""What goes wrong: a scan that is missing can be mended by load_scan, a wrong parameter ends the node, odd stamps and
+scans that cannot be shown do no harm, and who comes late is told what failed."""
 import os
 import subprocess
 import sys
+import time
 import unittest
 
 import roslib.packages
 import rospy
 import rostest
+from diagnostic_msgs.msg import DiagnosticArray
 from pliant.msg import SimState
-from pliant.srv import LoadScan, RecomputeHomogenization
+from pliant.srv import LoadScan, RecomputeHomogenization, SetMaterials
 from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
-from node_client import NAMESPACE, Node, wait_for  # noqa: E402
+from node_client import NAMESPACE, Latest, Node, Tool, wait_for  # noqa: E402
 
 
 def call(name, kind, *arguments):
@@ -21,13 +24,36 @@ def call(name, kind, *arguments):
     return rospy.ServiceProxy(NAMESPACE + name, kind)(*arguments)
 
 
+def load(path, *options):
+    return call("load_scan", LoadScan, path, "", options)
+
+
+def recompute(method, cells):
+    return call("recompute_homogenization", RecomputeHomogenization, method, cells, 0, False)
+
+
+SMALL = "phantom:48x32x40"
+
+
 class FaultTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("fault_test")
+        cls.node = Node()
 
-    def test_missing_scan_is_a_fault_that_load_scan_mends(self):
-        node = Node()
+    def load_small(self):
+        answer = load(SMALL, "mesh/coarse_cells=5 5 5")
+        self.assertTrue(answer.success, answer.message)
+        self.node.wait_until_running()
+
+    def assert_goes_on(self):
+        step = self.node.mesh.fresh().step
+        wait_for(lambda: self.node.mesh.fresh().step > step, "further steps")
+        self.assertEqual(self.node.state.message.state, SimState.RUNNING)
+
+    # by the alphabet the first one: nothing has been loaded yet
+    def test_a_missing_scan_is_a_fault_that_load_scan_mends(self):
+        node = self.node
         wait_for(lambda: node.state.message and node.state.message.state == SimState.FAULT, "FAULT")
         wait_for(lambda: not node.state.message.is_busy, "the state to be idle")
         self.assertIn("/nowhere/scan.nii.gz", node.state.message.message)
@@ -36,10 +62,83 @@ class FaultTest(unittest.TestCase):
                        call("load_scan", LoadScan, "/etc/passwd", "", [])):
             self.assertFalse(answer.success)
             self.assertTrue(answer.message)
-        answer = call("load_scan", LoadScan, "phantom:48x32x40", "", ["mesh/coarse_cells=5 5 5"])
-        self.assertTrue(answer.success, answer.message)
-        node.wait_until_running()
+        self.load_small()
         self.assertLess(node.displacement(), 1e-6)
+
+    def test_stamps_out_of_all_bounds_mean_no_tool(self):
+        self.load_small()
+        tool = Tool("grasper", "tissue")
+        self.addCleanup(tool.reset)
+        tool.position, tool.is_on = list(self.node.front()), True
+        half = 1 << 31  # seconds; a ros::Duration holds less
+        for stamp in (lambda: rospy.Time((rospy.Time.now().secs + half) % (2 * half), 999999999),
+                      lambda: rospy.Time((rospy.Time.now().secs + half + 2) % (2 * half), 999999999),
+                      lambda: rospy.Time(2 * half - 1, 999999999), lambda: rospy.Time(0, 1)):
+            tool.stamp = stamp
+            time.sleep(0.7)  # diagnostics, once a second, tell the age
+            self.assertFalse(self.node.contact.fresh().present)
+            self.assert_goes_on()
+        wait_for(lambda: tool.pose.get_num_connections(), "the node to listen still")
+
+    def test_the_state_tells_why_a_load_failed_until_one_succeeds(self):
+        self.load_small()
+        self.assertFalse(load("none.nii.gz").success)
+        self.assert_goes_on()
+        late = Latest("state", SimState)
+        wait_for(lambda: late.message, "the latched state")
+        late.close()
+        self.assertEqual(late.message.state, SimState.RUNNING)
+        self.assertIn("load_scan", late.message.message)
+        self.load_small()
+        wait_for(lambda: self.node.state.message.message == "", "the message to go")
+
+    def test_a_volume_too_large_to_be_made_is_refused(self):
+        self.load_small()
+        answer = load(SMALL, "mesh/coarse_cells=5 5 5", "warp/margin=10")
+        self.assertFalse(answer.success)
+        self.assertRegex(answer.message, "[0-9]{4} x [0-9]{4} x [0-9]{4}")
+        self.assert_goes_on()
+
+    def test_what_was_recomputed_and_the_materials_are_kept(self):
+        def loaded(*options):
+            stamp = self.node.info.message.header.stamp
+            answer = load(SMALL, *options)
+            self.assertTrue(answer.success, answer.message)
+            wait_for(lambda: self.node.info.message.header.stamp != stamp, "scan_info")
+            info = self.node.info.message
+            return info.method, info.coarse_tetrahedra, list(info.material_names)
+        self.load_small()
+        answer = recompute("averaged", (5, 4, 5))
+        self.assertTrue(answer.success, answer.message)
+        answer = call("set_materials", SetMaterials, "materials:\n  - {name: air, young_modulus: 10, poisson_ratio: 0, "
+                      "density: 1.2, empty: true, range: [-1.0e+9, -900]}\n  - {name: jelly, young_modulus: 3000, "
+                      "poisson_ratio: 0.4, density: 1000, range: [-900, 200]}\n  - {name: stone, young_modulus: 1.0e+6, "
+                      "poisson_ratio: 0.3, density: 1000, fixed: true, range: [200, 1.0e+9]}\n")
+        self.assertTrue(answer.success, answer.message)
+        names = ["air", "jelly", "stone"]
+        kept = loaded()
+        self.assertEqual((kept[0], kept[2]), ("averaged", names))
+        other = loaded("model/method=coarse", "mesh/coarse_cells=5 5 5", "material/file=")
+        self.assertEqual(other[0], "coarse")
+        self.assertGreater(other[1], kept[1])
+        self.assertNotIn("jelly", other[2])
+        self.assertEqual(loaded(), kept)
+
+    def test_diagnostics_name_the_backend(self):
+        self.load_small()
+        found = {}
+
+        def take(message):
+            for status in message.status:
+                found[status.name.split(": ")[-1]] = status
+        subscriber = rospy.Subscriber("/diagnostics", DiagnosticArray, take)
+        wait_for(lambda: "backend" in found and found["backend"].message in ("cpu", "cuda") and
+                 any(value.key == "threads" for value in found["backend"].values), "the backend")
+        values = {value.key: value.value for value in found["backend"].values}
+        self.assertEqual(values["threads"], "1")
+        self.assertEqual(values["scan"], self.node.info.message.scan_id)
+        self.assertEqual(found["output"].level, 0)
+        subscriber.unregister()
 
     def start(self, name, value):
         rospy.set_param("/wrong/sim", {})
