@@ -57,6 +57,8 @@ typedef struct pliant_statistics {
     double seconds[PLIANT_NUM_STEP_STAGES];
     int32_t iterations;         /**< of the last step */
     double residual;            /**< energy norm of the residual force over that of the load, last step */
+    double error;               /**< [m] how far a node may still be from where the step would converge to: the largest
+                                 *   correction of the last iteration; 0: not known (explicit dynamics, GPU) */
     double residual_force;      /**< largest nodal residual force [N] */
     uint64_t not_converged;     /**< steps that ended above the tolerance */
     uint64_t rejected;          /**< Anderson steps refused by the safeguard */

@@ -352,7 +352,14 @@ static pliant_status start_from_rest(pliant_solver *solver, pliant_statistics *s
     return status;
 }
 
-/* Iterate until the merit is small or the iterations are spent; every accepted iterate has a lower merit than the last.
+/* whether one more evaluation as long as those so far would end within the budget */
+static bool time_left(const pliant_solver *solver, double start, int32_t evaluations)
+{
+    double spent = solver->budget > 0 ? pliant_seconds() - start : 0;
+    return spent + spent / evaluations <= solver->budget;
+}
+
+/* Iterate until the merit is small or the iterations or the time are spent; every accepted iterate has a lower merit than the last.
  * After a refusal: once more with what the refused state taught, then the plain step, then ever shorter ones, into the next
  * step where this one ends first. */
 static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistics)
@@ -363,9 +370,10 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
     bool accepted = false;
     double before = INFINITY;
     double weights[PLIANT_MAX_HISTORY];
+    double start = pliant_seconds();
     pliant_status status = begin(solver, statistics);
     while (status == PLIANT_OK && solver->now.merit > solver->tolerance * solver->now.scale &&
-           statistics->iterations < solver->max_iterations && refused < MOST_REFUSED) {
+           statistics->iterations < solver->max_iterations && refused < MOST_REFUSED && time_left(solver, start, statistics->iterations)) {
         if (refused == 2) pliant_solver_forget(solver);
         bool mixed = refused < 2 && mix(solver, &solver->now, weights);
         double damping = refused < 3 ? 1 : ldexp(1, 2 - refused);
@@ -396,6 +404,22 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
     return status;
 }
 
+/* The largest correction of a node by the last iteration: made blindly, or known and not made. */
+static double last_correction(const pliant_solver *solver)
+{
+    double largest = 0;
+    for (int32_t f = 0; f < solver->system->num_free; f++) {
+        size_t node = 3 * (size_t)solver->system->node_of_free[f];
+        double squares = 0;
+        for (size_t d = 0; d < 3; d++) {
+            double by = solver->ahead ? solver->now.x[node + d] - solver->left_x[node + d] : solver->now.step[3 * (size_t)f + d];
+            squares += by * by;
+        }
+        largest = fmax(largest, squares);
+    }
+    return sqrt(largest);
+}
+
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics)
 {
     pliant_status status = pliant_refresh_step(solver, statistics);
@@ -407,6 +431,7 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, solver->now.force + 3 * t, 3 * sizeof(double));
     if (!isfinite(solver->now.merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, "the load is not finite or too large for double precision");
     statistics->residual = solver->now.merit / solver->now.scale;
+    statistics->error = last_correction(solver);
     statistics->residual_force = 0;
     for (int32_t f = 0; f < solver->system->num_free; f++) {
         const double *r = solver->now.pull + 3 * f;

@@ -58,6 +58,7 @@ struct pliant_solver {
     const pliant_system *system;
     int32_t max_iterations, depth, refresh_interval, refresh_delay;
     double tolerance, smallest_scale;
+    double budget;              /* of the iterations of a step [s]; 0: none */
 
     pliant_preconditioner *preconditioner; /* in use; below, "factor" means it */
     uint64_t factor_serial;     /* counts from 1 */

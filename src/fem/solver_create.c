@@ -52,6 +52,7 @@ pliant_status pliant_solver_create(const pliant_model *model, pliant_solver **ou
     solver->max_iterations = model->scene.solver.iterations;
     solver->depth = model->scene.solver.history;
     solver->tolerance = model->scene.solver.tolerance;
+    solver->budget = 1e-3 * model->scene.solver.budget_ms;
     solver->refresh_interval = model->scene.solver.refresh_interval;
     solver->refresh_delay = model->scene.solver.refresh_delay > 0 ? model->scene.solver.refresh_delay
                                                                    : refresh_delay(system, model->scene.solver.step);

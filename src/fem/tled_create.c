@@ -282,6 +282,10 @@ pliant_status pliant_tled_create(const pliant_model *model, pliant_tled **out)
         pliant_tled_free(tled);
         return status;
     }
+    if (!system->quasi_static)
+        pliant_log(PLIANT_LOG_INFO, "tled: at rest steps of %.3g s (edge over speed of sound, [C] 1) and %.3g s (largest eigenvalue) are stable; "
+                                    "%d sub-steps of %.3g s in a step",
+                   system->edge_bound, system->eigenvalue_bound, tled->substeps, tled->time_step);
     set_limits(tled);
     set_smallest_load(tled);
     pliant_tled_reset(tled);

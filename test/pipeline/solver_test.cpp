@@ -120,6 +120,45 @@ TEST(Solver, SaysWhenItDoesNotConverge)
     EXPECT_EQ(body.data->statistics.not_converged, 1u);
 }
 
+// Nothing fits into a budget of a nanosecond but the evaluation that every step begins with.
+TEST(Solver, KeepsToItsTime)
+{
+    for (double budget : {1e-6, 1e6}) {
+        Body body(size, box, two, stripes);
+        prepare(body);
+        body.scene.solver.budget_ms = budget;
+        body.scene.solver.tolerance = 1e-10;
+        ASSERT_EQ(body.build(), PLIANT_OK);
+        pull(body, 1, 0.02);
+        EXPECT_EQ(body.data->statistics.iterations, budget < 1 ? 1 : 6);
+    }
+}
+
+// The error told has the size of the true one: against the same pull solved to a tight tolerance.
+TEST(Solver, TellsItsError)
+{
+    Body exact(size, box, two, stripes);
+    prepare(exact);
+    exact.scene.solver.iterations = 200;
+    exact.scene.solver.tolerance = 1e-10;
+    ASSERT_EQ(exact.build(), PLIANT_OK);
+    std::vector<double> settled = pull(exact, 10, 0.03);
+    EXPECT_LT(exact.data->statistics.error, 1e-9);
+    for (int iterations : {2, 4, 6}) {
+        Body body(size, box, two, stripes);
+        prepare(body);
+        body.scene.solver.iterations = iterations;
+        body.scene.solver.tolerance = 1e-10;
+        ASSERT_EQ(body.build(), PLIANT_OK);
+        std::vector<double> x = pull(body, 10, 0.03);
+        double error = 0;
+        for (size_t n = 0; n < x.size(); n += 3)
+            error = std::fmax(error, std::hypot(std::hypot(x[n] - settled[n], x[n + 1] - settled[n + 1]), x[n + 2] - settled[n + 2]));
+        EXPECT_LT(error, 10 * body.data->statistics.error) << iterations;
+        EXPECT_GT(error, 0.1 * body.data->statistics.error) << iterations;
+    }
+}
+
 TEST(Solver, ExtremesStayFiniteAndComeBack)
 {
     for (double along : {1.2, -0.5, 12.0}) { // ten times the body; through itself; a hundred times

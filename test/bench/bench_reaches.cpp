@@ -1,0 +1,119 @@
+// What the fine solution reaches within a time a frame, and coarse models without it, on the abdomen of the test data at
+// 256 x 160 x 122, coarse cells 7 x 7 x 7, against what is asked for. Runs some minutes; needs a machine with nothing else to do.
+//
+//   bench_reaches [DATA-FOLDER [ratio ...]]     default: the folder of the tests, ratios 2 and 4
+#include "frames.h"
+
+namespace {
+
+const double liver[3] = {-0.057, -0.255, 0.392}; // its front
+
+struct Inputs {
+    pliant_scene scene;
+    pliant_volume scan{};
+    pliant_labels labels{};
+    pliant_material_table materials{};
+};
+
+pliant_model *build(Inputs &inputs, int iterations, double tolerance, double budget)
+{
+    inputs.scene.solver.iterations = iterations;
+    inputs.scene.solver.tolerance = tolerance;
+    inputs.scene.solver.budget_ms = budget;
+    if (budget > 0) inputs.scene.solver.step = 2.5e-3 * budget; // the solver has its part of a frame
+    pliant_model *model = nullptr;
+    check(pliant_model_build(&inputs.scene, &inputs.scan, &inputs.labels, &inputs.materials, {nullptr, nullptr}, &model));
+    return model;
+}
+
+std::vector<Frames> references(Inputs &inputs, int kinds)
+{
+    std::vector<Frames> out;
+    pliant_model *exact = build(inputs, 1000, 1e-7, 0);
+    std::printf("%d fine tetrahedra, %d nodes\n", exact->fine.num_tets, exact->fine.num_nodes);
+    for (int kind = 0; kind < kinds; kind++) {
+        out.push_back(run(exact, liver, Kind(kind), kind == FORCE ? &out[DISPLACEMENT] : nullptr, false));
+        if (quantile(out.back().residual, 1) > 2e-7) std::printf("  %s: solved to %.1e only\n", kind_names[kind], quantile(out.back().residual, 1));
+    }
+    pliant_model_free(exact);
+    return out;
+}
+
+void line(const pliant_model *model, int kind, const std::vector<Frames> &exact, double reach, bool paced, std::vector<double> *ratios)
+{
+    Frames stopped = run(model, liver, Kind(kind), &exact[DISPLACEMENT], paced);
+    Errors errors = print_errors(kind_names[kind], model, stopped, exact[size_t(kind)]);
+    std::printf("   reach %g %%: %s\n", reach, errors.worst <= reach ? "met" : "NOT MET");
+    std::fflush(stdout);
+    if (ratios) ratios->insert(ratios->end(), errors.ratio.begin(), errors.ratio.end());
+}
+
+void fine(Inputs &inputs, const std::vector<Frames> &exact, double budget, double pulls, double gravity, std::vector<double> *ratios)
+{
+    inputs.scene.model.method = PLIANT_FINE;
+    pliant_model *model = build(inputs, 1000, 1e-6, budget);
+    std::printf("fine, %g ms of solver a frame\n", budget);
+    for (size_t kind = 0; kind < exact.size(); kind++) line(model, int(kind), exact, kind == GRAVITY ? gravity : pulls, true, ratios);
+    pliant_model_free(model);
+}
+
+void coarse(Inputs &inputs, const std::vector<Frames> &exact)
+{
+    const pliant_method methods[] = {PLIANT_COARSE, PLIANT_SCHUR, PLIANT_AVERAGED};
+    const char *const names[] = {"coarse", "schur", "averaged"};
+    for (int m = 0; m < 3; m++) {
+        inputs.scene.model.method = methods[m];
+        pliant_model *model = build(inputs, 100, 1e-4, 0);
+        std::printf("%s\n", names[m]);
+        for (int kind : {DISPLACEMENT, FORCE}) line(model, kind, exact, 5, false, nullptr);
+        pliant_model_free(model);
+    }
+    inputs.scene.model.method = PLIANT_FINE;
+}
+
+void let_bone_deform(Inputs &inputs, bool deform)
+{
+    for (int32_t m = 0; m < int32_t(inputs.materials.num_materials); m++)
+        if (std::strcmp(inputs.materials.materials[m].name, "bone") == 0) inputs.materials.materials[m].fixed = !deform;
+}
+
+} // namespace
+
+int main(int argc, char **argv)
+{
+    const std::string folder = argc > 1 ? argv[1] : PLIANT_TEST_DATA, labels = folder + "/abdomen/labels_totalseg_fast.nii.gz";
+    std::vector<int> ratios;
+    for (int a = 2; a < argc; a++) ratios.push_back(std::atoi(argv[a]));
+    if (ratios.empty()) ratios = {2, 4};
+    Inputs inputs;
+    pliant_scene_defaults(&inputs.scene);
+    check(pliant_scene_set(&inputs.scene, "scan/resample", "256 160 122"));
+    check(pliant_scene_set(&inputs.scene, "material/file", PLIANT_SOURCE_DIR "/test/bench/abdomen.yaml"));
+    check(pliant_scene_set(&inputs.scene, "material/labels", labels.c_str()));
+    check(pliant_inputs_read(&inputs.scene, (folder + "/abdomen/ct.nii.gz").c_str(), &inputs.scan, &inputs.labels, &inputs.materials));
+    inputs.scene.mesh.keep_air = true;
+    inputs.scene.grasp.radius = 0.012;
+    inputs.scene.solver.backend = PLIANT_CPU;
+    std::vector<double> told;
+    for (int ratio : ratios) {
+        inputs.scene.mesh.ratio = ratio;
+        const bool large = ratio > 2;
+        std::printf("ratio %d, bone fixed\n", ratio);
+        std::vector<Frames> exact = references(inputs, NUM_KINDS);
+        fine(inputs, exact, large ? 40 : 8, large ? 3 : 1, large ? 3 : 1, &told);
+        if (large) fine(inputs, exact, 80, 1, 3, &told);
+        coarse(inputs, exact);
+        std::printf("ratio %d, spine fixed, other bone deforms (1e7 Pa)\n", ratio);
+        let_bone_deform(inputs, true);
+        fine(inputs, references(inputs, GRAVITY), large ? 80 : 16, large ? 5 : 3, 0, &told);
+        let_bone_deform(inputs, false);
+    }
+    double within = 0;
+    for (double r : told) within += (r >= 0.5 && r <= 2) / double(told.size());
+    std::printf("error told over true error: 5, 25, 50, 75, 95 %%: %.2f %.2f %.2f %.2f %.2f; within a factor of 2: %.0f %% of %zu frames\n",
+                quantile(told, 0.05), quantile(told, 0.25), quantile(told, 0.5), quantile(told, 0.75), quantile(told, 0.95), 100 * within, told.size());
+    pliant_material_table_free(&inputs.materials);
+    pliant_labels_free(&inputs.labels);
+    pliant_volume_free(&inputs.scan);
+    return 0;
+}

@@ -1,0 +1,134 @@
+// What bench_budget and bench_reaches share: thirty frames of a pull or sixty of gravity that turns over, and their errors
+// against the same frames solved tightly, over all nodes of the fine mesh, in % of the final largest displacement.
+#ifndef PLIANT_BENCH_FRAMES_H
+#define PLIANT_BENCH_FRAMES_H
+
+#include "pliant/pliant.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <string>
+#include <thread>
+#include <vector>
+
+enum Kind { DISPLACEMENT, FORCE, GRAVITY, NUM_KINDS };
+static const char *const kind_names[] = {"displacement", "force", "gravity"};
+
+struct Frames {
+    std::vector<std::vector<double>> positions, force;
+    std::vector<double> solve, residual, told; // told: the error that the step tells [m]
+    double iterations = 0;
+};
+
+struct Errors {
+    double worst = 0;          // [%]
+    std::vector<double> ratio; // told over true, where the true one is above a micrometre
+};
+
+inline void check(pliant_status status)
+{
+    if (status >= 0) return;
+    std::fprintf(stderr, "%s\n", pliant_last_error());
+    std::exit(1);
+}
+
+// up for 15 frames, then sideways: 1 mm a frame
+inline void offset_at(int frame, double out[3])
+{
+    out[0] = 0.001 * std::max(frame - 15, 0);
+    out[1] = -0.001 * std::min(frame, 15);
+    out[2] = 0;
+}
+
+// paced: frames begin solver/step apart, as in a running simulation, so that the background has its time
+inline Frames run(const pliant_model *model, const double at[3], Kind kind, const Frames *driving, bool paced)
+{
+    pliant_data *data = nullptr;
+    check(pliant_data_create(model, &data));
+    int tool = -1, count = kind == GRAVITY ? 60 : 30;
+    double from[3];
+    Frames out;
+    auto begin = std::chrono::steady_clock::now();
+    auto pace = [&] {
+        begin += std::chrono::microseconds(static_cast<int64_t>(1e6 * model->scene.solver.step));
+        if (paced) std::this_thread::sleep_until(begin);
+        begin = std::max(begin, std::chrono::steady_clock::now() - std::chrono::milliseconds(1));
+    };
+    if (kind == GRAVITY) { // it hangs at rest before it is turned
+        const double down[3] = {0, 9.81, 0};
+        check(pliant_data_gravity(data, down));
+        for (int s = 0; s < 100; s++) {
+            check(pliant_step(model, data));
+            if (s >= 60) pace();
+        }
+    } else {
+        check(pliant_tool_add(model, data, "bench", &tool));
+        check(pliant_tool_grasp(model, data, tool, at));
+        std::memcpy(from, data->tools[tool].tip, sizeof from);
+    }
+    for (int f = 1; f <= count; f++) {
+        pace();
+        if (kind == GRAVITY) { // turned through 180 degrees, from lying on the back (+y)
+            double angle = M_PI * f / count, g[3] = {9.81 * std::sin(angle), 9.81 * std::cos(angle), 0};
+            check(pliant_data_gravity(data, g));
+        } else {
+            double move[3], tip[3];
+            offset_at(f, move);
+            for (int d = 0; d < 3; d++) tip[d] = from[d] + move[d];
+            check(pliant_tool_pose(data, tool, tip, nullptr));
+            check(pliant_tool_drive(data, tool, kind == FORCE ? PLIANT_DRIVE_FORCE : PLIANT_DRIVE_RIGID,
+                                    kind == FORCE ? driving->force[f - 1].data() : nullptr));
+        }
+        check(pliant_step(model, data));
+        out.solve.push_back(data->statistics.seconds[PLIANT_STEP_solve]);
+        out.residual.push_back(data->statistics.residual);
+        out.told.push_back(data->statistics.error);
+        out.iterations += double(data->statistics.iterations) / count;
+        out.positions.emplace_back(data->positions, data->positions + 3 * size_t(model->fine.num_nodes));
+        if (kind != GRAVITY) out.force.emplace_back(data->tools[tool].force, data->tools[tool].force + 3);
+    }
+    pliant_data_free(data);
+    return out;
+}
+
+inline double largest_apart(const double *a, const double *b, size_t nodes)
+{
+    double most = 0;
+    for (size_t n = 0; n < 3 * nodes; n += 3)
+        most = std::max(most, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
+    return most;
+}
+
+inline double quantile(std::vector<double> values, double share)
+{
+    if (values.empty()) return NAN;
+    std::sort(values.begin(), values.end());
+    return values[size_t(share * double(values.size() - 1))];
+}
+
+inline Errors errors_of(const pliant_model *model, const Frames &run, const Frames &exact)
+{
+    size_t nodes = size_t(model->fine.num_nodes);
+    double whole = largest_apart(exact.positions.back().data(), model->fine.rest, nodes);
+    Errors out;
+    for (size_t f = 0; f < exact.positions.size(); f++) {
+        double error = largest_apart(run.positions[f].data(), exact.positions[f].data(), nodes);
+        out.worst = std::max(out.worst, 100 * error / whole);
+        if (error > 1e-6) out.ratio.push_back(run.told[f] / error);
+    }
+    return out;
+}
+
+inline Errors print_errors(const char *name, const pliant_model *model, const Frames &run, const Frames &exact)
+{
+    Errors errors = errors_of(model, run, exact);
+    std::printf("  %-14s worst frame %7.3f %%   solve median %6.2f ms, worst %6.2f ms   iterations %4.1f   residual at most %.1e", name,
+                errors.worst, 1e3 * quantile(run.solve, 0.5), 1e3 * quantile(run.solve, 1), run.iterations, quantile(run.residual, 1));
+    return errors;
+}
+
+#endif
