@@ -44,7 +44,7 @@ pliant_status pliant_scene_set(pliant_scene *scene, const char *path, const char
         number = split(text, words);
     }
     if (pliant_option_read(option, words, number, scene, reason, sizeof reason))
-        return pliant_fail(PLIANT_ERROR_SCENE, "%s: %s %s", path, reason, option->unit);
+        return pliant_fail(PLIANT_ERROR_SCENE, "%s: %s", path, reason);
     return PLIANT_OK;
 }
 
@@ -92,7 +92,6 @@ pliant_status pliant_scene_check(const pliant_scene *scene)
     const pliant_option *options = pliant_option_table(&count);
     for (size_t i = 0; i < count; ++i)
         if (pliant_option_check(&options[i], scene, reason, sizeof reason))
-            return pliant_fail(PLIANT_ERROR_SCENE, "%s/%s: %s %s", options[i].group, options[i].name, reason,
-                               options[i].unit);
+            return pliant_fail(PLIANT_ERROR_SCENE, "%s/%s: %s", options[i].group, options[i].name, reason);
     return check_fixed(scene);
 }

@@ -1,6 +1,8 @@
 /* Reading a scan or a label map: which format, does it fit in memory, voxels, conversion. The C boundary. */
 #include "scan/read.h"
 
+#include "core/free_memory.h"
+
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -10,39 +12,11 @@ namespace {
 
 using namespace pliant_read;
 
-/* Bytes of a line "name:  12345 kB" in /proc/meminfo; -1 when it is not there. */
-double meminfo_bytes(const char *name)
-{
-    std::ifstream file("/proc/meminfo");
-    for (std::string word; file >> word;) {
-        double kilobytes;
-        if (word == name && file >> kilobytes) return 1024.0 * kilobytes;
-    }
-    return -1.0;
-}
-
-double number_in_file(const char *path)
-{
-    std::ifstream file(path);
-    double number;
-    return file >> number ? number : -1.0; /* also for the word "max" */
-}
-
-/* What the machine, and the container where there is one, have free. [bytes] */
-double free_memory()
-{
-    double available = meminfo_bytes("MemAvailable:");
-    if (available < 0.0) available = HUGE_VAL;
-    double limit = number_in_file("/sys/fs/cgroup/memory.max"), used = number_in_file("/sys/fs/cgroup/memory.current");
-    if (limit >= 0.0 && used >= 0.0) available = std::min(available, std::max(limit - used, 0.0));
-    return available;
-}
-
 void check_memory(const std::string &path, const image_header &header, bool labels, size_t memory_limit)
 {
     double per_voxel = static_cast<double>(component_size(header.type));
     double needed = voxel_count(header.geometry) * (per_voxel + conversion_bytes(header, labels));
-    double most = memory_limit ? static_cast<double>(memory_limit) : free_memory();
+    double most = memory_limit ? static_cast<double>(memory_limit) : pliant_free_memory();
     if (needed > most || needed > static_cast<double>(SIZE_MAX / 2))
         fail(PLIANT_ERROR_MEMORY, "%s: %d x %d x %d voxels need %.0f MB to be read, %s %.0f MB: resample or crop it first", path.c_str(),
              header.geometry.size[0], header.geometry.size[1], header.geometry.size[2], needed / 1e6,

@@ -1,10 +1,12 @@
 #include "pliant/scan.h"
 
 #include "core/fail.h"
+#include "core/free_memory.h"
 #include "pliant/memory.h"
 
 #include <float.h>
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 size_t pliant_geometry_voxels(const pliant_geometry *geometry)
@@ -104,7 +106,11 @@ pliant_status pliant_volume_create(const pliant_geometry *geometry, pliant_encod
     if (pliant_encoding_size(encoding) == 0)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "volume: %d is not an encoding", (int)encoding);
 
-    void *voxels = pliant_calloc(pliant_geometry_voxels(geometry), pliant_encoding_size(encoding));
+    size_t count = pliant_geometry_voxels(geometry), size = pliant_encoding_size(encoding);
+    char what[80];
+    snprintf(what, sizeof what, "a volume of %d x %d x %d voxels", geometry->size[0], geometry->size[1], geometry->size[2]);
+    if ((status = pliant_memory_suffices((double)count * (double)size, what)) != PLIANT_OK) return status;
+    void *voxels = pliant_calloc(count, size);
     if (!voxels) return pliant_fail_memory("the voxels of a volume");
     pliant_volume volume = {.geometry = *geometry, .encoding = encoding, .slope = 1.0f, .voxels = voxels};
     *out = volume;
@@ -123,7 +129,11 @@ pliant_status pliant_labels_create(const pliant_geometry *geometry, pliant_label
     pliant_status status = check_geometry(geometry);
     if (status != PLIANT_OK) return status;
 
-    uint16_t *voxels = pliant_calloc(pliant_geometry_voxels(geometry), sizeof *voxels);
+    size_t count = pliant_geometry_voxels(geometry);
+    char what[80];
+    snprintf(what, sizeof what, "a label map of %d x %d x %d voxels", geometry->size[0], geometry->size[1], geometry->size[2]);
+    if ((status = pliant_memory_suffices((double)count * sizeof(uint16_t), what)) != PLIANT_OK) return status;
+    uint16_t *voxels = pliant_calloc(count, sizeof *voxels);
     if (!voxels) return pliant_fail_memory("the voxels of a label map");
     pliant_labels labels = {.geometry = *geometry, .voxels = voxels};
     *out = labels;
