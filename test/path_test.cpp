@@ -145,7 +145,11 @@ TEST_F(Path, SurvivesEveryFailingAllocation)
 
 TEST_F(Path, DemonstrationPathsAreReadable)
 {
-    EXPECT_EQ(pliant_path_read(PLIANT_SOURCE_DIR "/launch/scenes/demo_pull.yaml", &path_), PLIANT_OK) << pliant_last_error();
+    for (const char *name : {"demo_pull", "breast_turn"}) {
+        std::string file = std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml";
+        EXPECT_EQ(pliant_path_read(file.c_str(), &path_), PLIANT_OK) << pliant_last_error();
+        pliant_path_free(&path_);
+    }
 }
 
 } // namespace

@@ -266,7 +266,7 @@ TEST(scene, a_decimal_comma_in_the_locale_changes_nothing)
 
 TEST(scene, every_scene_that_is_shipped_is_good)
 {
-    for (const char *name : {"demo", "abdomen_ct", "abdomen_labels", "paper_256", "paper_524"}) {
+    for (const char *name : {"demo", "abdomen_ct", "abdomen_labels", "paper_256", "paper_524", "hang", "fall", "breast"}) {
         pliant_scene scene;
         std::string path = std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml";
         ASSERT_EQ(pliant_scene_read(path.c_str(), &scene), PLIANT_OK) << pliant_last_error();

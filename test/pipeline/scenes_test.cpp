@@ -1,0 +1,84 @@
+// The demonstration scenes of explicit dynamics, on a small phantom: the liver hangs, and falls.
+#include "pliant/pliant.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+namespace {
+
+struct SceneRun {
+    pliant_scene scene;
+    pliant_volume scan{};
+    pliant_labels labels{};
+    pliant_material_table table{};
+    pliant_model *model = nullptr;
+    pliant_data *data = nullptr;
+
+    explicit SceneRun(const std::string &name)
+    {
+        EXPECT_EQ(pliant_scene_read((std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml").c_str(), &scene), PLIANT_OK)
+            << pliant_last_error();
+        scene.mesh.coarse_cells[0] = 8;
+        scene.mesh.coarse_cells[1] = scene.mesh.coarse_cells[2] = 6;
+    }
+    ~SceneRun()
+    {
+        pliant_data_free(data);
+        pliant_model_free(model);
+        pliant_material_table_free(&table);
+        pliant_labels_free(&labels);
+        pliant_volume_free(&scan);
+    }
+    pliant_status build()
+    {
+        pliant_status status = pliant_inputs_read(&scene, "phantom:64x48x48", &scan, &labels, &table);
+        if (status == PLIANT_OK) status = pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model);
+        return status == PLIANT_OK ? pliant_data_create(model, &data) : status;
+    }
+    // lowest z, and mean z by mass [m]
+    void heights(double *lowest, double *mean) const
+    {
+        double mass = 0;
+        *lowest = INFINITY;
+        *mean = 0;
+        for (int32_t n = 0; n < model->fine.num_nodes; n++) {
+            *lowest = std::min(*lowest, data->positions[3 * n + 2]);
+            *mean += model->node_mass[n] * data->positions[3 * n + 2];
+            mass += model->node_mass[n];
+        }
+        *mean /= mass;
+    }
+};
+
+TEST(Scenes, TheLiverHangs)
+{
+    SceneRun run("hang");
+    ASSERT_EQ(run.build(), PLIANT_OK) << pliant_last_error();
+    double lowest[2], mean[2];
+    run.heights(&lowest[0], &mean[0]);
+    for (int s = 0; s < 25; s++) ASSERT_EQ(pliant_step(run.model, run.data), PLIANT_OK) << pliant_last_error();
+    run.heights(&lowest[1], &mean[1]);
+    EXPECT_LT(mean[1], mean[0] - 0.002);
+    EXPECT_GT(mean[1], mean[0] - 0.08);
+}
+
+TEST(Scenes, TheLiverFallsOnThePlane)
+{
+    SceneRun run("fall");
+    ASSERT_EQ(run.build(), PLIANT_OK) << pliant_last_error();
+    double lowest[2], mean[2];
+    run.heights(&lowest[0], &mean[0]);
+    double way = lowest[0] + 0.05, before = 0.9 * std::sqrt(2 * way / 9.81), t = 0;
+    for (; t < before; t += run.scene.solver.step) ASSERT_EQ(pliant_step(run.model, run.data), PLIANT_OK) << pliant_last_error();
+    run.heights(&lowest[1], &mean[1]);
+    EXPECT_NEAR(mean[0] - mean[1], 0.5 * 9.81 * t * t, 0.1 * 0.5 * 9.81 * t * t); // the scene damps a little
+    for (int s = 0; s < 20; s++) ASSERT_EQ(pliant_step(run.model, run.data), PLIANT_OK) << pliant_last_error();
+    run.heights(&lowest[1], &mean[1]);
+    EXPECT_NEAR(lowest[1], -0.05, 1e-9);
+    EXPECT_GT(mean[1], -0.05 + 0.005);
+}
+
+} // namespace
