@@ -4,6 +4,10 @@ set(package_dir share/pliant/cmake)
 if(PLIANT_WITH_ROS)
   if(NOT PLIANT_MSGS_ONLY)
     export(EXPORT pliant-targets NAMESPACE pliant:: FILE ${CATKIN_DEVEL_PREFIX}/share/pliant/cmake/pliant-targets.cmake)
+    # the core alone, for who has no packages of ROS: those that pliantConfig.cmake of catkin looks for
+    file(WRITE ${PROJECT_BINARY_DIR}/pliant_coreConfig.cmake
+         "include(\${CMAKE_CURRENT_LIST_DIR}/../../pliant/cmake/pliant-targets.cmake)\n")
+    install(FILES ${PROJECT_BINARY_DIR}/pliant_coreConfig.cmake DESTINATION share/pliant_core/cmake)
     # where package.xml names them, in the source tree as installed
     install(FILES src/ros/nodelets.xml DESTINATION ${CATKIN_PACKAGE_SHARE_DESTINATION}/src/ros)
     if(PLIANT_WITH_RVIZ)
