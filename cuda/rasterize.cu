@@ -216,15 +216,20 @@ template <class Voxel> static __global__ void __launch_bounds__(THREADS) crowded
 
 /* ---- source and volume */
 
-/* each voxel and what its right neighbour has more */
+static __device__ __forceinline__ float2 in_source(float voxel, float right) { return make_float2(voxel, right - voxel); }
+static __device__ __forceinline__ unsigned in_source(uint8_t voxel, uint8_t right) { return (unsigned)voxel | (unsigned)right << 16; }
+static __device__ __forceinline__ unsigned in_source(int16_t voxel, int16_t right)
+{
+    return (((unsigned)voxel + 0x8000) & 0xffff) | ((unsigned)right + 0x8000) << 16;
+}
+
 template <class Voxel>
-static __global__ void source_kernel(const Voxel *__restrict__ d_voxels, float2 *__restrict__ d_source, long long count, int across)
+static __global__ void source_kernel(const Voxel *__restrict__ d_voxels, typename sampler<Voxel>::source *__restrict__ d_source, long long count, int across)
 {
     long long n = (long long)blockIdx.x * blockDim.x + threadIdx.x;
     if (n >= count) return;
     const long long right = across > 1 && n + 1 < count ? n + 1 : n;
-    const float value = (float)d_voxels[n];
-    d_source[n] = make_float2(value, (float)d_voxels[right] - value);
+    d_source[n] = in_source(d_voxels[n], d_voxels[right]);
 }
 
 template <class Voxel> static __global__ void clear_kernel(gpu_raster raster, long long count)
@@ -233,12 +238,18 @@ template <class Voxel> static __global__ void clear_kernel(gpu_raster raster, lo
         static_cast<Voxel *>(raster.d_volume)[n] = background_of(raster, Voxel());
 }
 
-template <class Voxel> static void prepare(const gpu_raster &raster, const void *d_voxels, float2 *d_source, long long count, cudaStream_t stream)
+template <class Voxel> static void prepare(const gpu_raster &raster, const void *d_voxels, void *d_source, long long count, cudaStream_t stream)
 {
-    source_kernel<<<(unsigned)((count + 255) / 256), 256, 0, stream>>>(static_cast<const Voxel *>(d_voxels), d_source, count, raster.source_size[0]);
+    source_kernel<Voxel><<<(unsigned)((count + 255) / 256), 256, 0, stream>>>(
+        static_cast<const Voxel *>(d_voxels), static_cast<typename sampler<Voxel>::source *>(d_source), count, raster.source_size[0]);
 }
 
-extern "C" pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, float2 *d_source, int64_t count, cudaStream_t stream)
+extern "C" size_t pliant_cuda_source_bytes(pliant_encoding encoding)
+{
+    return encoding == PLIANT_FLOAT32 ? sizeof(sampler<float>::source) : sizeof(sampler<int16_t>::source);
+}
+
+extern "C" pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, void *d_source, int64_t count, cudaStream_t stream)
 {
     switch (raster->encoding) {
     case PLIANT_UINT8: prepare<uint8_t>(*raster, d_voxels, d_source, count, stream); break;

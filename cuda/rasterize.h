@@ -17,7 +17,9 @@ typedef struct gpu_raster {
     double reciprocal[3];            /* of the target's spacing */
     pliant_encoding encoding;
     int32_t source_size[3], source_step[3];
-    const float2 *d_source;          /* (voxels of the scan) each, and what its right neighbour has more */
+    const void *d_source;            /* (voxels of the scan): 8 and 16 bit ones as 32 bits, the voxel in the low half and its right
+                                      * neighbour in the high one, 16 bit ones plus 2^15 so that none is negative; floats as two,
+                                      * the voxel and what its right neighbour has more */
     raster_source background;        /* only its background is used */
     int32_t num_tets, num_bricks;
     const int32_t *d_tets;           /* (num_tets x 4) */
@@ -33,10 +35,11 @@ typedef struct gpu_raster {
     void *d_volume;
 } gpu_raster;
 
+size_t pliant_cuda_source_bytes(pliant_encoding encoding); /* of one voxel in d_source */
 size_t pliant_cuda_setup_bytes(void); /* of one tetrahedron in d_setup */
 
 /* d_voxels (count, in the encoding of the scan) to d_source. */
-pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, float2 *d_source, int64_t count, cudaStream_t stream);
+pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, void *d_source, int64_t count, cudaStream_t stream);
 /* The background everywhere. */
 pliant_status pliant_cuda_clear_volume(const gpu_raster *raster, cudaStream_t stream);
 /* all: every brick is drawn, whatever was there. d_positions: (num_nodes x 3) [m]. */

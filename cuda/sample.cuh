@@ -33,19 +33,30 @@ template <bool INNER> static __device__ __forceinline__ float split(float at, co
     return at - (shifted - floor_shift);
 }
 
-/* d_source has each voxel and what its right neighbour has more. */
+/* What lies at a place of d_source, and its value between the voxel there and its right neighbour. 8 and 16 bit voxels are there
+ * in pairs; with their 16 bits under the exponent of 2^23 they are floats, and offset takes that and the bias off again. */
 template <class Voxel> struct sampler {
-    static __device__ __forceinline__ float along(float2 voxel, float weight) { return fmaf(voxel.y, weight, voxel.x); }
+    typedef unsigned source;
+    static __device__ __forceinline__ float along(unsigned pair, float weight)
+    {
+        const float offset = sizeof(Voxel) == 2 ? 8421376.0f : 8388608.0f;
+        const float left = __int_as_float((int)__byte_perm(pair, 0x4b000000u, 0x7410)), right = __int_as_float((int)__byte_perm(pair, 0x4b000000u, 0x7432));
+        return fmaf(right - left, weight, left - offset);
+    }
     static __device__ __forceinline__ float weight(float x) { return (x + 768.0f) - 768.0f; } /* to 14 bits, as on the CPU */
     /* its low bits are the nearest whole number */
     static __device__ __forceinline__ Voxel voxel(float value) { return (Voxel)__float_as_int(value + floor_shift); }
+    static __device__ __forceinline__ Voxel copied(unsigned) { return 0; }
     static const bool copies = false; /* a sample at a voxel is the voxel */
 };
 
+/* each voxel and what its right neighbour has more */
 template <> struct sampler<float> {
+    typedef float2 source;
     static __device__ __forceinline__ float along(float2 voxel, float weight) { return voxel.x + weight * voxel.y; }
     static __device__ __forceinline__ float weight(float x) { return x; }
     static __device__ __forceinline__ float voxel(float value) { return value; }
+    static __device__ __forceinline__ float copied(float2 voxel) { return voxel.x; }
     static const bool copies = true; /* -0.0f and what is not a number stay what they are */
 };
 
@@ -59,14 +70,14 @@ static __device__ __forceinline__ Voxel sample(const gpu_raster &raster, const l
     unsigned i, j, k;
     const float x = split<INNER>(at[0], limit, 0, &i), y = split<INNER>(at[1], limit, 1, &j), z = split<INNER>(at[2], limit, 2, &k);
     const unsigned place = base + i + j * step_j + k * step_k;
-    const float2 *source = raster.d_source;
+    const typename how::source *source = static_cast<const typename how::source *>(raster.d_source);
     if (how::copies && copy) {
         /* a voxel's centre exactly: beyond the last cell's left corner it is the right one */
         const unsigned right = x != 0, below = y != 0, behind = z != 0;
-        return how::voxel(__ldg(source + (place + right + below * step_j + behind * step_k)).x);
+        return how::copied(__ldg(source + (place + right + below * step_j + behind * step_k)));
     }
-    const float2 c00 = __ldg(source + place), c10 = __ldg(source + (place + step_j));
-    const float2 c01 = __ldg(source + (place + step_k)), c11 = __ldg(source + (place + step_j + step_k));
+    const typename how::source c00 = __ldg(source + place), c10 = __ldg(source + (place + step_j));
+    const typename how::source c01 = __ldg(source + (place + step_k)), c11 = __ldg(source + (place + step_j + step_k));
     const float w = how::weight(x);
     const float low = between(how::along(c00, w), how::along(c10, w), y);
     const float high = between(how::along(c01, w), how::along(c11, w), y);

@@ -47,14 +47,14 @@ static pliant_status upload_source(pliant_cuda_warp *gpu)
 {
     const raster_source *source = gpu->parts.source;
     void *d_voxels = nullptr, *d_source = nullptr;
-    const size_t bytes = (size_t)source->count * sizeof *gpu->raster.d_source;
+    const size_t bytes = (size_t)source->count * pliant_cuda_source_bytes(source->encoding);
     if (source->count >= most_voxels || gpu->raster.num_tets >= most_tets)
         return pliant_fail(PLIANT_ERROR_MEMORY, "%lld voxels and %d tetrahedra are too many for the GPU's warp: it takes fewer than %d and %d",
                            (long long)source->count, gpu->raster.num_tets, most_voxels, most_tets);
     CUDA_TRY(pliant_cuda_allocate(bytes, "the scan", &d_source));
-    gpu->raster.d_source = static_cast<float2 *>(d_source);
+    gpu->raster.d_source = d_source;
     CUDA_TRY(pliant_cuda_upload(source->voxels, (size_t)source->count * pliant_encoding_size(source->encoding), "the scan", gpu->stream, &d_voxels));
-    pliant_status status = pliant_cuda_prepare_source(&gpu->raster, d_voxels, static_cast<float2 *>(d_source), source->count, gpu->stream);
+    pliant_status status = pliant_cuda_prepare_source(&gpu->raster, d_voxels, d_source, source->count, gpu->stream);
     if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(gpu->stream));
     pliant_cuda_release(d_voxels);
     return status;

@@ -10,10 +10,16 @@
 #include <random>
 #include <string>
 
+#include <glob.h>
+
 #ifdef PLIANT_WITH_CUDA
 extern "C" void pliant_cuda_fail_after(int64_t calls);
+extern "C" pliant_status pliant_cuda_allocate(size_t bytes, const char *what, void **out);
+extern "C" void pliant_cuda_release(void *d_block);
 #else
 static void pliant_cuda_fail_after(int64_t) {}
+static pliant_status pliant_cuda_allocate(size_t, const char *, void **) { return PLIANT_ERROR_UNAVAILABLE; }
+static void pliant_cuda_release(void *) {}
 #endif
 
 namespace {
@@ -519,6 +525,55 @@ TEST(CudaFailure, AskedForExplicitlyItIsAnError)
         pliant_cuda_fail_after(-1);
         EXPECT_EQ(pliant_memory_in_use(), before) << "call " << calls;
     }
+}
+
+// another program has all of the GPU's memory: a volume that does not fit is refused with figures, or drawn by the CPU
+TEST(CudaFailure, AFullGpuIsToldWithFigures)
+{
+    NEEDS_GPU();
+    const int32_t cells[3] = {4, 4, 4};
+    pliant_geometry geometry = geometry_of(128, 128, 128);
+    Warps warps(PLIANT_INT16, geometry, cells, geometry);
+    warps.update_and_compare(warps.rest(), "before");
+    std::vector<void *> taken;
+    void *block;
+    for (size_t bytes = size_t(1) << 36; bytes > 1 << 20; bytes /= 2)
+        while (pliant_cuda_allocate(bytes, "a test", &block) == PLIANT_OK) taken.push_back(block);
+    pliant_warp *other = nullptr;
+    ASSERT_EQ(pliant_warp_create(&warps.scan, &warps.mesh, &geometry, 2, &other), PLIANT_OK);
+    EXPECT_EQ(pliant_warp_backend(other, PLIANT_CUDA), PLIANT_ERROR_MEMORY);
+    EXPECT_NE(std::string(pliant_last_error()).find("MB are wanted"), std::string::npos) << pliant_last_error();
+    EXPECT_EQ(pliant_warp_backend(other, PLIANT_AUTO), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(pliant_warp_accelerated(other), nullptr);
+    warps.update_and_compare(warps.wave(0.004, 0, 1), "what was made before goes on");
+    for (void *each : taken) pliant_cuda_release(each);
+    pliant_warp_free(other);
+}
+
+// every launch, copy and fill is on a stream that was passed in: one on the default stream would wait for all others
+TEST(CudaSources, NothingIsOnTheDefaultStream)
+{
+    glob_t files;
+    if (glob((std::string(PLIANT_SOURCE_DIR) + "/cuda/*.cu").c_str(), 0, nullptr, &files) != 0) GTEST_SKIP() << "the sources are not here";
+    int launches = 0;
+    for (size_t f = 0; f < files.gl_pathc; f++) {
+        SCOPED_TRACE(files.gl_pathv[f]);
+        std::ifstream in(files.gl_pathv[f]);
+        const std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+        for (const char *call : {"cudaMemcpy(", "cudaMemset(", "cudaDeviceSynchronize", "cudaMemcpyToSymbol(", "cudaStreamLegacy", "cudaStreamPerThread"})
+            EXPECT_EQ(text.find(call), std::string::npos) << call;
+        for (size_t at = text.find("<<<"); at != std::string::npos; at = text.find("<<<", at + 1), launches++) {
+            const std::string launch = text.substr(at, text.find(">>>", at) - at);
+            EXPECT_NE(launch.find("stream"), std::string::npos) << launch;
+        }
+        for (const char *call : {"cudaMemcpyAsync(", "cudaMemsetAsync("})
+            for (size_t at = text.find(call); at != std::string::npos; at = text.find(call, at + 1)) {
+                const std::string arguments = text.substr(at, text.find(';', at) - at);
+                EXPECT_NE(arguments.find("stream"), std::string::npos) << arguments;
+            }
+    }
+    globfree(&files);
+    EXPECT_GT(launches, 20);
 }
 
 TEST(CudaFailure, WithoutAGpuTheReasonIsTold)
