@@ -286,7 +286,7 @@ void VolumeDisplay::upload()
         }
         received_.starts = false;
         window_wanted_ = window_wanted_ || automatic_->getBool();
-        look_changed_ = true;
+        look_changed_ = is_new_ = true;
     }
     if (!visual_->has_texture()) return;
     if (received_.changed) {
@@ -403,9 +403,22 @@ void VolumeDisplay::update(float wall_dt, float)
     if (look_changed_) show_bar();
     if (look_changed_ || uploaded_) find_visible();
     look_changed_ = uploaded_ = false;
+    if (placed && is_new_) turn_view_to_it();
     if (placed) visual_->draw(context_->getViewManager()->getCurrent()->getCamera());
     report();
     ask_for_whole(wall_dt);
+}
+
+// Scanners put their origin anywhere: a volume that just came, with its middle at the edge of the view or outside, is brought
+// into it.
+void VolumeDisplay::turn_view_to_it()
+{
+    is_new_ = false;
+    rviz::ViewController *view = context_->getViewManager()->getCurrent();
+    const Ogre::Camera *camera = view->getCamera();
+    Ogre::Vector3 seen = camera->getViewMatrix() * visual_->middle();
+    Ogre::Vector3 place = camera->getProjectionMatrix() * seen; // -1..1 is in view
+    if (seen.z > 0 || std::max(std::fabs(place.x), std::fabs(place.y)) > 0.8f) view->lookAt(visual_->middle());
 }
 
 void VolumeDisplay::find_visible()

@@ -65,6 +65,7 @@ private:
     void take_window();
     void upload();
     void find_visible();
+    void turn_view_to_it();
     bool place();
     void ask_for_whole(float wall_dt);
     void show_bar();
@@ -91,7 +92,7 @@ private:
     std::unique_ptr<VolumeVisual> visual_;
     std::unique_ptr<ColourBar> bar_;
     std::string texture_error_, logged_;
-    bool look_changed_ = true, window_wanted_ = false, loading_ = false, whole_wanted_ = false, uploaded_ = false;
+    bool look_changed_ = true, window_wanted_ = false, loading_ = false, whole_wanted_ = false, uploaded_ = false, is_new_ = false;
     bool drawn_moving_ = false;
     double moving_slices_ = 0; // as many as this machine draws in time
     Ogre::Vector3 camera_position_ = Ogre::Vector3::ZERO, volume_position_ = Ogre::Vector3::ZERO;

@@ -151,6 +151,13 @@ double VolumeVisual::diagonal() const
     return std::sqrt(sum);
 }
 
+Ogre::Vector3 VolumeVisual::middle() const
+{
+    Ogre::Vector3 half;
+    for (int d = 0; d < 3; d++) half[d] = float(0.5 * sign_[d] * spacing_[d] * (full_size_[d] - 1.0));
+    return node_->_getDerivedPosition() + node_->_getDerivedOrientation() * half;
+}
+
 // in the volume's axes; an outermost texel reaches to the edge of its voxel, an inner one to its centre
 Bounds VolumeVisual::bounds_of(const Box &texels) const
 {

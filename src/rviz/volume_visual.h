@@ -74,6 +74,7 @@ public:
 
     size_t slices_drawn() const { return slices_drawn_; }
     double diagonal() const; // of the whole volume [m]
+    Ogre::Vector3 middle() const; // of it, in the fixed frame
 
 private:
     void make_table();
