@@ -1,4 +1,5 @@
 #include "core/fail.h"
+#include "fem/panels.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 
@@ -13,6 +14,7 @@ struct pliant_factor {
     int32_t size;          /* scalar unknowns */
     int *column_start, *row; /* (size + 1), (values): the pattern in CHOLMOD's form, int indices */
     cholmod_dense *solution, *workspace, *workspace_sparse;
+    pliant_panels panels;  /* the numbers again, where the factor is supernodal; empty: CHOLMOD solves */
 };
 
 /* CHOLMOD calls BLAS, from the stepping and from the factoring thread at once. OpenBLAS built for one thread is not safe
@@ -127,6 +129,24 @@ pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor
     return PLIANT_OK;
 }
 
+static pliant_supernodes supernodes_of(const pliant_factor *factor)
+{
+    const cholmod_factor *l = factor->cholesky;
+    return (pliant_supernodes){.count = (int32_t)l->nsuper, .first = l->super, .row_start = l->pi, .value_start = l->px, .row = l->s,
+                               .permutation = l->Perm, .value = l->x};
+}
+
+/* to single precision; nothing to do where CHOLMOD made no supernodes */
+static pliant_status fill_panels(pliant_factor *factor)
+{
+    if (!factor->cholesky->is_super || !factor->cholesky->x) return PLIANT_OK;
+    pliant_status status = factor->panels.value ? PLIANT_OK : pliant_panels_create(factor->cholesky->xsize, factor->size, &factor->panels);
+    if (status != PLIANT_OK) return status;
+    pliant_supernodes supernodes = supernodes_of(factor);
+    pliant_panels_fill(&factor->panels, &supernodes);
+    return PLIANT_OK;
+}
+
 pliant_status pliant_factor_clone(const pliant_factor *source, pliant_factor **out)
 {
     size_t values = (size_t)source->column_start[source->size];
@@ -136,6 +156,7 @@ pliant_status pliant_factor_clone(const pliant_factor *source, pliant_factor **o
     memcpy(factor->row, source->row, values * sizeof *factor->row);
     factor->cholesky = cholmod_copy_factor(source->cholesky, &factor->common);
     pliant_status status = from_cholmod(factor, "copy of the symbolic factorization");
+    if (status == PLIANT_OK) status = fill_panels(factor);
     if (status != PLIANT_OK) {
         pliant_factor_free(factor);
         return status;
@@ -150,11 +171,20 @@ pliant_status pliant_factor_numeric(pliant_factor *factor, double *values)
     enter_blas();
     cholmod_factorize(&view, factor->cholesky, &factor->common);
     leave_blas();
-    return from_cholmod(factor, "factorization");
+    pliant_status status = from_cholmod(factor, "factorization");
+    return status == PLIANT_OK ? fill_panels(factor) : status;
 }
 
 pliant_status pliant_factor_solve(pliant_factor *factor, int32_t columns, const double *right, double *out)
 {
+    if (factor->panels.value) {
+        pliant_supernodes supernodes = supernodes_of(factor);
+        for (int32_t c = 0; c < columns; c++) {
+            size_t at = (size_t)c * (size_t)factor->size;
+            pliant_panels_solve(&factor->panels, &supernodes, factor->size, right + at, out + at);
+        }
+        return PLIANT_OK;
+    }
     cholmod_dense b;
     memset(&b, 0, sizeof b);
     b.nrow = b.d = (size_t)factor->size;
@@ -192,5 +222,6 @@ void pliant_factor_free(pliant_factor *factor)
     cholmod_finish(&factor->common);
     pliant_free(factor->column_start);
     pliant_free(factor->row);
+    pliant_panels_free(&factor->panels);
     pliant_free(factor);
 }
