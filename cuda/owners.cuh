@@ -17,8 +17,8 @@ enum {
     ROW_STEP = BRICK + 1  /* rows of owners lie so far apart that rows of a warp do not share memory banks */
 };
 
-/* Along i, row (j, k) is cut by a plane at = at + j step_j + k step_k, or a little before where it begins what is held, a
- * little behind where it ends that. */
+/* Along i, row (j, k) is cut by a plane at = at + j step_j + k step_k, with j and k counted from the middle of the brick, or a
+ * little before where it begins what is held, a little behind where it ends that. */
 struct alignas(16) cut { float at, step_j, step_k, doubt; };
 enum { BEGINS = 0, ENDS = 3, CUTS = 6, CUT_STEP = 7 }; /* three that begin a row and three that end it; the step spares banks */
 
@@ -59,11 +59,13 @@ static const float no_idea = 1e9f;
 /* The cut of a plane that may leave part of the brick, and the doubt that is in it. One along the rows is made steep. */
 static __device__ __forceinline__ cut cut_of(const gpu_plane &plane, bool rising)
 {
-    const float size = BRICK * (fabsf((float)plane.step_j) + fabsf((float)plane.step_k)), steep = 1e4f / size;
+    const double half = 0.5 * (BRICK - 1), steep = 1e4 / (BRICK * (fabs(plane.step_j) + fabs(plane.step_k)));
     const bool crosses = plane.factor < BRICK;
-    const float factor = (rising ? -1.0f : 1.0f) * (crosses ? (float)plane.factor : steep);
-    cut out = {factor * (float)plane.value, factor * (float)plane.step_j, factor * (float)plane.step_k, 0};
-    const float doubt = 2e-6f * (fabsf(out.at) + BRICK * (fabsf(out.step_j) + fabsf(out.step_k)));
+    const double factor = (rising ? -1.0 : 1.0) * (crosses ? plane.factor : steep);
+    const double middle = plane.value + half * (plane.step_j + plane.step_k);
+    cut out = {(float)(factor * middle), (float)(factor * plane.step_j), (float)(factor * plane.step_k), 0};
+    /* three numbers and two sums, each rounded by 2^-24 of at most this, once more for what is added here */
+    const float doubt = 3e-7f * (fabsf(out.at) + 0.5f * BRICK * (fabsf(out.step_j) + fabsf(out.step_k))) + 2e-6f;
     out.at += (rising ? -1.0f : 1.0f) * (crosses ? doubt : doubt + BRICK);
     out.doubt = crosses ? doubt : no_idea;
     return out;
@@ -162,18 +164,20 @@ static __device__ __noinline__ interval exact_interval(const brick_state &brick,
 /* The same in float; in doubt too much, and not sure. */
 static __device__ __forceinline__ interval quick_interval(const brick_state &brick, int c, float j, float k, bool *sure)
 {
+    const float half = 0.5f * (BRICK - 1);
     float at[CUTS], doubt = 0;
 #pragma unroll
     for (int p = 0; p < CUTS; p++) {
         const cut by = brick.cuts[c][p];
-        at[p] = fmaf(by.step_k, k, fmaf(by.step_j, j, by.at));
+        at[p] = fmaf(by.step_k, k - half, fmaf(by.step_j, j - half, by.at));
         if (p == 0) doubt = 2 * by.doubt;
     }
     const extent box = brick.box[c];
     const float low = floor_shift + (float)box.low[0], high = floor_shift + (float)box.high[0];
     const float begin = fmaxf(fmaxf(at[0], at[1]), at[2]), end = fminf(fminf(at[3], at[4]), at[5]);
     const float first = fmaxf(__fadd_ru(begin, floor_shift), low), last = fminf(__fadd_rd(end, floor_shift), high);
-    *sure = first > last || (first == fmaxf(__fadd_ru(begin + doubt, floor_shift), low) && last == fminf(__fadd_rd(end - doubt, floor_shift), high));
+    *sure = first > last || (first == fmaxf(__fadd_ru(begin + doubt, floor_shift), low) &&
+                             last == fminf(__fadd_rd(end - doubt, floor_shift), high));
     if (first > last) return {0, -1};
     return {__float_as_int(first) & 15, __float_as_int(last) & 15};
 }
@@ -279,7 +283,8 @@ static __device__ __forceinline__ unsigned claim_doubtful(brick_state &brick, in
 }
 
 /* Owners of all voxels of a part, from the candidates in brick.id, into brick.owner. The lowest index wins, whatever the order. */
-static __device__ __forceinline__ void find_owners(const gpu_raster &raster, const part &where, int count, const int *origin, brick_state &brick)
+static __device__ __forceinline__ void find_owners(const gpu_raster &raster, const part &where, int count, const int *origin,
+                                                   brick_state &brick)
 {
     unsigned least = ~0u;
     for (int first = 0; first < count; first += CHUNK) {

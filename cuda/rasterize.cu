@@ -42,7 +42,8 @@ static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, co
     int k = where.low[2] + (int)threadIdx.x / (SIZE * SIZE);
     const int end = min(where.low[2] + SIZE, size[2] - origin[2]);
     const size_t slice_step = (size_t)size[0] * (size_t)size[1];
-    Voxel *out = static_cast<Voxel *>(raster.d_volume) + (origin[0] + i) + (size_t)size[0] * (size_t)(origin[1] + j) + slice_step * (size_t)(origin[2] + k);
+    Voxel *out = static_cast<Voxel *>(raster.d_volume) + (origin[0] + i) + (size_t)size[0] * (size_t)(origin[1] + j) +
+                 slice_step * (size_t)(origin[2] + k);
     const unsigned *owner = brick.owner + ROW_STEP * j + i;
 #pragma unroll 2
     for (; k < end; k += SLICES) {
@@ -60,7 +61,8 @@ static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, co
 
 /* Values of a part whose owners are known. choose: the base is not yet known. */
 template <class Voxel, int SIZE>
-static __device__ __forceinline__ void write_part(const gpu_raster &raster, const part &where, int count, bool choose, const int *origin, brick_state &brick)
+static __device__ __forceinline__ void write_part(const gpu_raster &raster, const part &where, int count, bool choose, const int *origin,
+                                                  brick_state &brick)
 {
     const gpu_tet *tets = static_cast<const gpu_tet *>(raster.d_setup);
     const int thread = (int)threadIdx.x;
@@ -109,7 +111,8 @@ static __device__ unsigned find_owner(const gpu_raster &raster, const int *list,
 
 /* Each voxel asks all candidates, first for the base and then for its value: slow, where many are pressed together. */
 template <class Voxel>
-static __device__ __forceinline__ void draw_by_voxel(const gpu_raster &raster, const int *list, int count, const int *origin, brick_state &brick)
+static __device__ __forceinline__ void draw_by_voxel(const gpu_raster &raster, const int *list, int count, const int *origin,
+                                                     brick_state &brick)
 {
     const gpu_tet *tets = static_cast<const gpu_tet *>(raster.d_setup);
     const int *size = raster.grid.target.size;
@@ -146,7 +149,8 @@ static __device__ __forceinline__ part eighth(int n)
 
 /* A brick by its eighths. false: one of those has too many candidates as well. */
 template <class Voxel>
-static __device__ __forceinline__ bool draw_eighths(const gpu_raster &raster, const int *list, int count, const int *origin, brick_state &brick)
+static __device__ __forceinline__ bool draw_eighths(const gpu_raster &raster, const int *list, int count, const int *origin,
+                                                    brick_state &brick)
 {
     for (int n = 0; n < 8; n++) {
         const int selected = select(raster, eighth(n), list, count, origin, brick);
@@ -168,7 +172,8 @@ static __device__ __forceinline__ void clear_brick(brick_state &brick)
         brick.first = ~0u;
         brick.base_index = 0;
     }
-    for (int n = (int)threadIdx.x; n < BRICK_ROWS * ROW_STEP / 4; n += THREADS) reinterpret_cast<uint4 *>(brick.owner)[n] = make_uint4(~0u, ~0u, ~0u, ~0u);
+    for (int n = (int)threadIdx.x; n < BRICK_ROWS * ROW_STEP / 4; n += THREADS)
+        reinterpret_cast<uint4 *>(brick.owner)[n] = make_uint4(~0u, ~0u, ~0u, ~0u);
 }
 
 /* One block a brick. leave: bricks with more candidates than a byte can name keep their count, for crowded_kernel. */
@@ -224,7 +229,8 @@ static __device__ __forceinline__ unsigned in_source(int16_t voxel, int16_t righ
 }
 
 template <class Voxel>
-static __global__ void source_kernel(const Voxel *__restrict__ d_voxels, typename sampler<Voxel>::source *__restrict__ d_source, long long count, int across)
+static __global__ void source_kernel(const Voxel *__restrict__ d_voxels, typename sampler<Voxel>::source *__restrict__ d_source,
+                                     long long count, int across)
 {
     long long n = (long long)blockIdx.x * blockDim.x + threadIdx.x;
     if (n >= count) return;
