@@ -101,6 +101,9 @@ pliant_status pliant_scan_inputs_read(const pliant_scene *scene, const pliant_ma
     pliant_volume volume = {0};
     pliant_labels map = {0};
     bool phantom = strcmp(scan_path, "phantom") == 0 || strncmp(scan_path, "phantom:", 8) == 0;
+    if (phantom && scene->material.labels[0])
+        return pliant_fail(PLIANT_ERROR_SCENE, "material/labels: %s: the phantom brings its own label map; leave the option empty",
+                           scene->material.labels);
     pliant_status status = phantom ? make_phantom(scene, scan_path, &volume, names_labels(materials) ? &map : NULL)
                                    : read_scan(scene, scan_path, &volume, &map);
     if (status == PLIANT_OK && !phantom) status = resample(scene, &volume, &map);

@@ -89,15 +89,21 @@ ProbeError probe(const Loaded &loaded, pliant_progress progress)
     Pull pull = choose_pull(*fine->model);
     std::vector<double> reference = solve(*fine->model, pull, progress, 0.5, "fine model");
     std::vector<double> found = solve(*loaded.model, pull, progress, 0.75, "homogenized model");
+    /* schur keeps more tetrahedra than the fine model, so that nodes are paired by their place in the lattice */
+    const pliant_mesh &mesh = fine->model->fine, &other = loaded.model->fine;
     double largest = 0, error = 0, sum = 0;
-    for (size_t node = 0; node < reference.size(); node += 3) {
-        double squared = squared_distance(&reference[node], &found[node]);
-        largest = std::max(largest, squared_distance(&reference[node], &fine->model->fine.rest[node]));
+    int32_t pairs = 0;
+    for (int32_t node = 0; node < mesh.num_nodes; ++node) {
+        int32_t same = other.node_of_lattice[mesh.lattice_of_node[node]];
+        if (same < 0) continue;
+        double squared = squared_distance(&reference[3 * static_cast<size_t>(node)], &found[3 * static_cast<size_t>(same)]);
+        largest = std::max(largest, squared_distance(&reference[3 * static_cast<size_t>(node)], &mesh.rest[3 * node]));
         error = std::max(error, squared);
         sum += squared;
+        ++pairs;
     }
     if (!(largest > 0)) throw Failure(PLIANT_ERROR_NUMERIC, "the probe load moves nothing");
-    return ProbeError{std::sqrt(error / largest), std::sqrt(sum / (reference.size() / 3) / largest)};
+    return ProbeError{std::sqrt(error / largest), std::sqrt(sum / pairs / largest)};
 }
 
 } // namespace pliant_ros
