@@ -15,7 +15,8 @@
  *  - Functions return pliant_status (status.h); on failure their outputs are untouched.
  *  - double where something is factorized, float where it is streamed.
  *  - The same input, backend and number of threads give the same bits.
- *  - [H] is the paper on heterogeneous volume deformation (homogenized corotational FEM).
+ *  - [H] is the paper on heterogeneous volume deformation (homogenized corotational FEM), [C] the one on volumetric image manipulation
+ *    for patient-specific deformation and cutting (V-GMM, octree proxy, TLED, fitting).
  *  - A model may be shared by threads; a data belongs to one at a time.
  */
 #ifndef PLIANT_PLIANT_H
