@@ -89,6 +89,8 @@ pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner,
     return PLIANT_OK;
 }
 
+bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner) { return !preconditioner->multigrid; }
+
 double pliant_preconditioner_condition(pliant_preconditioner *preconditioner)
 {
     return preconditioner->factor ? pliant_factor_condition(preconditioner->factor) : 0;

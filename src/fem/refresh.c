@@ -23,8 +23,9 @@ struct pliant_refresh {
 static void *make_factor(void *argument)
 {
     pliant_refresh *refresh = argument;
-    /* the exact tangent where it is positive definite, as it is near a state that lasts */
-    for (int twist = PLIANT_TWIST_EXACT; twist <= PLIANT_TWIST_POSITIVE; twist++) {
+    /* the exact tangent where it is found to be positive definite, as it is near a state that lasts */
+    int first = pliant_preconditioner_refuses(refresh->preconditioner) ? PLIANT_TWIST_EXACT : PLIANT_TWIST_POSITIVE;
+    for (int twist = first; twist <= PLIANT_TWIST_POSITIVE; twist++) {
         pliant_system_tangents(&refresh->system, refresh->x, (pliant_twist)twist, refresh->tangents);
         refresh->status = pliant_preconditioner_numeric(refresh->preconditioner, refresh->tangents);
         if (refresh->status != PLIANT_ERROR_NUMERIC) break;

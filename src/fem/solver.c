@@ -209,7 +209,8 @@ static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
     if (status != PLIANT_OK) return status;
     if (!step_springs(solver, at)) return PLIANT_OK;
     double energy = dot(n, at->step, at->pull) + spring_energy(solver, at->step_force, at->step_force);
-    if (isfinite(energy)) at->merit = sqrt(fmax(energy, 0));
+    /* far below zero: what stands for K0^-1 is not positive here; no measure */
+    if (isfinite(energy) && energy > -1e-10 * at->scale * at->scale) at->merit = sqrt(fmax(energy, 0));
     return PLIANT_OK;
 }
 

@@ -134,6 +134,8 @@ pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, i
 pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents);
 /* right, out: (columns x 3 num_free); may be the same. */
 pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner, int32_t columns, const double *right, double *out);
+/* whether a matrix that is not positive definite is refused; a multigrid does not see it */
+bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner);
 double pliant_preconditioner_condition(pliant_preconditioner *preconditioner); /* 0: not known */
 double pliant_preconditioner_operations(const pliant_preconditioner *preconditioner); /* of a refresh */
 size_t pliant_preconditioner_bytes(const pliant_preconditioner *preconditioner); /* beyond pliant_memory_in_use */
