@@ -70,8 +70,8 @@ static __device__ __forceinline__ bool find_box(const raster_grid &grid, const i
 }
 
 /* pliant_raster_tet. own_rest: of its own node. All four threads come here together. */
-static __device__ __forceinline__ void set_up(const gpu_raster &raster, const int fixed[4][3], const double *own_rest, bool keep, gpu_tet &out,
-                                              footprint &foot)
+static __device__ __forceinline__ void set_up(const gpu_raster &raster, const int fixed[4][3], const double *own_rest, bool keep,
+                                              gpu_tet &out, footprint &foot)
 {
     const raster_grid &grid = raster.grid;
     const int v = (int)threadIdx.x % 4, axis = v < 3 ? v : 0;

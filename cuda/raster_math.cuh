@@ -209,7 +209,8 @@ enum { PLANE_EMPTY, PLANE_RISING, PLANE_OTHER, PLANE_WHOLE };
 
 /* Whether it leaves nothing, part or all of a box of voxels in the brick (low to high, from the brick's origin) is found in
  * float; in doubt, part. */
-static __device__ __forceinline__ int gpu_find_plane(const gpu_tet &tet, int v, const int *origin, const int *low, const int *high, gpu_plane &out)
+static __device__ __forceinline__ int gpu_find_plane(const gpu_tet &tet, int v, const int *origin, const int *low, const int *high,
+                                                     gpu_plane &out)
 {
     const gpu_tet::plane plane = tet.planes[v];
     double value = plane.near;

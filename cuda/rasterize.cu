@@ -244,7 +244,8 @@ template <class Voxel> static __global__ void clear_kernel(gpu_raster raster, lo
         static_cast<Voxel *>(raster.d_volume)[n] = background_of(raster, Voxel());
 }
 
-template <class Voxel> static void prepare(const gpu_raster &raster, const void *d_voxels, void *d_source, long long count, cudaStream_t stream)
+template <class Voxel>
+static void prepare(const gpu_raster &raster, const void *d_voxels, void *d_source, long long count, cudaStream_t stream)
 {
     source_kernel<Voxel><<<(unsigned)((count + 255) / 256), 256, 0, stream>>>(
         static_cast<const Voxel *>(d_voxels), static_cast<typename sampler<Voxel>::source *>(d_source), count, raster.source_size[0]);
@@ -255,7 +256,8 @@ extern "C" size_t pliant_cuda_source_bytes(pliant_encoding encoding)
     return encoding == PLIANT_FLOAT32 ? sizeof(sampler<float>::source) : sizeof(sampler<int16_t>::source);
 }
 
-extern "C" pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, void *d_source, int64_t count, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, void *d_source, int64_t count,
+                                                    cudaStream_t stream)
 {
     switch (raster->encoding) {
     case PLIANT_UINT8: prepare<uint8_t>(*raster, d_voxels, d_source, count, stream); break;

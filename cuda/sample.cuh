@@ -40,7 +40,8 @@ template <class Voxel> struct sampler {
     static __device__ __forceinline__ float along(unsigned pair, float weight)
     {
         const float offset = sizeof(Voxel) == 2 ? 8421376.0f : 8388608.0f;
-        const float left = __int_as_float((int)__byte_perm(pair, 0x4b000000u, 0x7410)), right = __int_as_float((int)__byte_perm(pair, 0x4b000000u, 0x7432));
+        const float left = __int_as_float((int)__byte_perm(pair, 0x4b000000u, 0x7410));
+        const float right = __int_as_float((int)__byte_perm(pair, 0x4b000000u, 0x7432));
         return fmaf(right - left, weight, left - offset);
     }
     static __device__ __forceinline__ float weight(float x) { return (x + 768.0f) - 768.0f; } /* to 14 bits, as on the CPU */
