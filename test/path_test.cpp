@@ -108,6 +108,7 @@ TEST_F(Path, TurnsGravity)
     EXPECT_NEAR(g[2], -4.5, 1e-12);
     ASSERT_TRUE(pliant_path_gravity(&path_, 7, g));
     EXPECT_EQ(g[1], 9);
+    pliant_path_free(&path_);
     ASSERT_EQ(read(two_tools), PLIANT_OK);
     EXPECT_FALSE(pliant_path_gravity(&path_, 1, g));
     pliant_path_free(&path_);
