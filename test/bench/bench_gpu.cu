@@ -1,6 +1,6 @@
 // The GPU's times beside the limits of the same card, measured in the same run.
 //
-//   bench_gpu warp                 rasterization alone, for the sizes of the paper and 512^3
+//   bench_gpu warp [SIZE [RUNS]]   rasterization alone, for the sizes of the paper and 512^3, or one of the three
 //   bench_gpu run SCENE SCAN [FRAMES [group/name=value ...]]
 //                                  whole frames: a tool pulls 1 mm a frame, with a turn; error and time for each budget
 //
@@ -319,13 +319,15 @@ int main(int count, char **arguments)
 {
     if (count >= 2 && std::strcmp(arguments[1], "warp") == 0) {
         const int32_t sizes[3][3] = {{256, 160, 122}, {524, 176, 144}, {512, 512, 512}}, cells[3][3] = {{14, 14, 14}, {36, 18, 18}, {58, 58, 58}};
-        for (int n = 0; n < 3; n++) bench_warp(sizes[n], cells[n], n == 2 ? 60 : 300);
+        const int only = count > 2 ? std::atoi(arguments[2]) : -1, runs = count > 3 ? std::max(10, std::atoi(arguments[3])) : 300;
+        for (int n = 0; n < 3; n++)
+            if (only < 0 || n == only) bench_warp(sizes[n], cells[n], n == 2 ? std::min(runs, 60) : runs);
         return 0;
     }
     if (count >= 4 && std::strcmp(arguments[1], "run") == 0) {
         bench_run(arguments[2], arguments[3], count > 4 ? std::atoi(arguments[4]) : 60, arguments + 5, std::max(0, count - 5));
         return 0;
     }
-    std::fprintf(stderr, "usage: bench_gpu warp | bench_gpu run SCENE SCAN [FRAMES [group/name=value ...]]\n");
+    std::fprintf(stderr, "usage: bench_gpu warp [SIZE [RUNS]] | bench_gpu run SCENE SCAN [FRAMES [group/name=value ...]]\n");
     return 2;
 }
