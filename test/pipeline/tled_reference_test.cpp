@@ -122,10 +122,10 @@ TEST(Reference, TruthCubeBeadsLieWhereTheyWereMeasured)
     const double edge = 0.08, strains[4] = {0, 0.05, 0.125, 0.1825}, most[4] = {0, 0.6e-3, 0.8e-3, 1e-3}; // positions are read off voxels of 0.6 mm
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();
     for (const Bead &bead : beads) centre += bead.at[0] / 343;
-    const int size[3] = {12, 12, 12};
+    const int size[3] = {8, 8, 8};
     const double box[3] = {edge, edge, edge};
     Body body(size, box, {{15.3e3, 0.499, 980, false}});
-    body.cells(12, 12, 12, 1);
+    body.cells(8, 8, 8, 1);
     body.fix_plane(0, 0, 1e-6, 0, 0, 1);
     body.fix_plane(0, 0, edge - 1e-6, 0, 0, -1);
     body.scene.solver.kind = PLIANT_TLED;
