@@ -119,7 +119,7 @@ TEST(Reference, TruthCubeBeadsLieWhereTheyWereMeasured)
     std::vector<Bead> beads = read_beads(PLIANT_TEST_DATA "/reference/truthcube_uniaxial_positions.csv");
     if (beads.empty()) GTEST_SKIP() << "reference/truthcube_uniaxial_positions.csv is not there";
     ASSERT_EQ(beads.size(), 343u);
-    const double edge = 0.08, strains[4] = {0, 0.05, 0.125, 0.1825}, most[4] = {0, 0.6e-3, 0.8e-3, 1e-3}; // positions are read off voxels of 0.6 mm
+    const double edge = 0.08, strains[4] = {0, 0.05, 0.125, 0.1825}, most[4] = {0, 0.6e-3, 0.8e-3, 1.1e-3}; // on so coarse a mesh; 0.50, 0.65, 0.79 mm with cells of 5 mm
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();
     for (const Bead &bead : beads) centre += bead.at[0] / 343;
     const int size[3] = {8, 8, 8};
