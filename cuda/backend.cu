@@ -170,7 +170,11 @@ static pliant_status warp_create(const pliant_warp_parts *parts, void **out)
 static void warp_free(void *object) { pliant_cuda_warp_free(static_cast<pliant_cuda_warp *>(object)); }
 static pliant_status warp_update(void *object, const double *positions) { return pliant_cuda_warp_update(static_cast<pliant_cuda_warp *>(object), positions); }
 static pliant_status warp_fetch(void *object) { return pliant_cuda_warp_fetch(static_cast<pliant_cuda_warp *>(object)); }
+static pliant_status warp_cross(void *object, const march_ray *ray, int64_t first, march_crossing *out)
+{
+    return pliant_cuda_warp_cross(static_cast<pliant_cuda_warp *>(object), ray, first, out);
+}
 
 extern "C" const pliant_backend pliant_cuda_backend;
 const pliant_backend pliant_cuda_backend = {"cuda", probe,    create,      destroy,   restart,     bring,     solve,
-                                            upsample, warp, warp_create, warp_free, warp_update, warp_fetch};
+                                            upsample, warp, warp_create, warp_free, warp_update, warp_fetch,  warp_cross};

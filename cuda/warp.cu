@@ -1,6 +1,7 @@
 #include "check.h"
 #include "core/fail.h"
 #include "device.h"
+#include "pick.h"
 #include "pliant/memory.h"
 #include "rasterize.h"
 #include "warp.h"
@@ -18,6 +19,7 @@ struct pliant_cuda_warp {
     cudaEvent_t marks[NUM_MARKS];
     uint8_t *h_changed;        /* (num_bricks), page-locked */
     int32_t *h_longest;        /* page-locked */
+    march_crossing *d_crossing, *h_crossing; /* of a pick; page-locked */
     uint8_t *stale;            /* (slabs of bricks along k) to be fetched */
     bool drawn;
     bool crowded;              /* there was a brick that the usual kernel cannot draw */
@@ -80,13 +82,16 @@ static pliant_status fill(pliant_cuda_warp *gpu)
     CUDA_TRY(allocate(1, &raster->d_longest));
     CUDA_TRY(allocate(bricks * (size_t)raster->capacity, &raster->d_list));
     CUDA_TRY(allocate(3 * nodes, &gpu->d_positions));
+    CUDA_TRY(allocate(1, &gpu->d_crossing));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_list, 0, bricks * (size_t)raster->capacity * sizeof *raster->d_list, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_count, 0, bricks * sizeof *raster->d_count, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_fixed, 0, 12 * tets * sizeof *raster->d_fixed, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_longest, 0, sizeof *raster->d_longest, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->d_crossing, 0, sizeof *gpu->d_crossing, gpu->stream)));
     CUDA_TRY(pliant_cuda_clear_volume(raster, gpu->stream));
     CUDA_TRY(pliant_cuda_allocate_host(bricks, "the deformed volume", reinterpret_cast<void **>(&gpu->h_changed)));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof *gpu->h_longest, "the deformed volume", reinterpret_cast<void **>(&gpu->h_longest)));
+    CUDA_TRY(pliant_cuda_allocate_host(sizeof *gpu->h_crossing, "the pick", reinterpret_cast<void **>(&gpu->h_crossing)));
     /* copies to memory that cannot be page-locked are slower, no more */
     gpu->page_locked = cudaHostRegister(parts->volume->voxels, gpu->volume_bytes, cudaHostRegisterDefault) == cudaSuccess;
     cudaGetLastError();
@@ -131,10 +136,11 @@ extern "C" void pliant_cuda_warp_free(pliant_cuda_warp *gpu)
         if (mark) cudaEventDestroy(mark);
     gpu_raster *raster = &gpu->raster;
     const void *blocks[] = {raster->d_source, raster->d_volume, raster->d_tets, raster->d_rest, raster->d_fixed, raster->d_setup, raster->d_count,
-                            raster->d_list, raster->d_dirty, raster->d_changed, raster->d_longest, gpu->d_positions};
+                            raster->d_list, raster->d_dirty, raster->d_changed, raster->d_longest, gpu->d_positions, gpu->d_crossing};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
     pliant_cuda_release_host(gpu->h_changed);
     pliant_cuda_release_host(gpu->h_longest);
+    pliant_cuda_release_host(gpu->h_crossing);
     if (gpu->stream) cudaStreamDestroy(gpu->stream);
     cudaGetLastError();
     pliant_free(gpu->stale);
@@ -229,5 +235,17 @@ extern "C" pliant_status pliant_cuda_warp_fetch(pliant_cuda_warp *gpu)
     if (!any) return PLIANT_OK;
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
     memset(gpu->stale, 0, (size_t)slabs);
+    return PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_warp_cross(pliant_cuda_warp *gpu, const march_ray *ray, int64_t first, march_crossing *out)
+{
+    const pliant_volume *volume = gpu->parts.volume;
+    const march_voxels voxels = {gpu->raster.d_volume, volume->encoding, volume->slope, volume->intercept};
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    CUDA_TRY(pliant_cuda_cross(&voxels, ray, first, gpu->d_crossing, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_crossing, gpu->d_crossing, sizeof *gpu->h_crossing, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+    *out = *gpu->h_crossing;
     return PLIANT_OK;
 }

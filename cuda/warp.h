@@ -23,6 +23,8 @@ pliant_status pliant_cuda_warp_finish(pliant_cuda_warp *gpu, const double *d_pos
 /* All of it, from positions of the host. */
 pliant_status pliant_cuda_warp_update(pliant_cuda_warp *gpu, const double *positions);
 pliant_status pliant_cuda_warp_fetch(pliant_cuda_warp *gpu);
+/* The first crossing of a ray at this sample or after it, in the volume as it is on the GPU. */
+pliant_status pliant_cuda_warp_cross(pliant_cuda_warp *gpu, const march_ray *ray, int64_t first, march_crossing *out);
 
 #ifdef __cplusplus
 }

@@ -273,4 +273,33 @@ TEST(Pick, FarAwayRaysEnd)
     }
 }
 
+// what a warp has drawn is picked in as any volume is
+TEST(Pick, InAWarpAsInItsVolume)
+{
+    Ball ball(STRAIGHT, EVEN, 0.025);
+    pliant_warp *warp = nullptr;
+    ASSERT_EQ(pliant_warp_create(&ball.volume, &ball.mesh, &ball.volume.geometry, 2, &warp), PLIANT_OK) << pliant_last_error();
+    std::vector<double> positions(ball.mesh.rest, ball.mesh.rest + 3 * ball.mesh.num_nodes);
+    for (size_t n = 0; n < positions.size(); n++) positions[n] += 0.002 * std::sin(40 * positions[n] + double(n % 3));
+    ASSERT_EQ(pliant_warp_update(warp, positions.data()), PLIANT_OK);
+    int hits = 0;
+    for (int n = 0; n < 40; n++) {
+        const double aim[3] = {ball.centre[0] + 0.04 * std::sin(1.3 * n), ball.centre[1], ball.centre[2]};
+        const pliant_ray ray = ball.ray_from(0.3 * std::cos(n), 0.3 * std::sin(n), 0.1, aim);
+        pliant_picked there{}, here{};
+        ASSERT_EQ(pliant_pick_warped(warp, positions.data(), &ray, 0.0, &there), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_pick(pliant_warp_volume(warp), &ball.mesh, positions.data(), &ray, 0.0, &here), PLIANT_OK);
+        EXPECT_EQ(there.hit, here.hit);
+        EXPECT_EQ(there.distance, here.distance);
+        EXPECT_EQ(there.tetrahedron, here.tetrahedron);
+        hits += there.hit;
+    }
+    EXPECT_GT(hits, 10);
+    EXPECT_LT(hits, 40);
+    const pliant_ray still{};
+    pliant_picked picked{};
+    EXPECT_EQ(pliant_pick_warped(warp, positions.data(), &still, 0.0, &picked), PLIANT_ERROR_ARGUMENT);
+    pliant_warp_free(warp);
+}
+
 } // namespace

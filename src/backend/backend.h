@@ -43,6 +43,8 @@ struct pliant_backend {
     void (*warp_free)(void *warp);
     pliant_status (*warp_update)(void *warp, const double *positions);
     pliant_status (*warp_fetch)(void *warp); /* the volume to the host, where it changed since the last time */
+    /* pliant_warp_cross in the volume of the last update; NULL: the volume is fetched, and the CPU's */
+    pliant_status (*warp_cross)(void *warp, const march_ray *ray, int64_t first, march_crossing *out);
 };
 
 extern const pliant_backend pliant_cpu_backend;

@@ -1,52 +1,15 @@
 /* A ray marched through the deformed volume to its isosurface ([H] 3.2). */
 #include "core/fail.h"
+#include "interact/march.h"
 #include "pliant/pick.h"
-
-#include <math.h>
+#include "warp/raster.h"
 
 /* the surface of the tissue and the isosurface may lie this many voxels apart: the volume is interpolated across it */
 static const double skin = 2.0;
 
-/* the ray in continuous voxel indices: index(t) = start + t * step, t in metres along the ray */
-typedef struct march {
-    const pliant_volume *volume;
-    double start[3], step[3];
-    double enter, leave; /* part of the ray inside the volume's box and within near and far [m] */
-    double stride;       /* half a voxel [m] */
-} march;
-
-static double stored_at(const pliant_volume *volume, int32_t i, int32_t j, int32_t k)
-{
-    const int32_t *size = volume->geometry.size;
-    size_t index = (size_t)i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k);
-    return pliant_volume_value(volume, index);
-}
-
-/* trilinear; beyond the centres of the outermost voxels their values go on */
-static double value_at(const march *ray, double t)
-{
-    const int32_t *size = ray->volume->geometry.size;
-    int32_t low[3], high[3];
-    double part[3];
-    for (int d = 0; d < 3; d++) {
-        double index = fmin(fmax(ray->start[d] + t * ray->step[d], 0.0), size[d] - 1.0);
-        low[d] = (int32_t)index;
-        high[d] = low[d] + 1 < size[d] ? low[d] + 1 : low[d];
-        part[d] = index - low[d];
-    }
-    double value = 0;
-    for (int corner = 0; corner < 8; corner++) {
-        int a = corner & 1, b = corner >> 1 & 1, c = corner >> 2;
-        double weight = (a ? part[0] : 1 - part[0]) * (b ? part[1] : 1 - part[1]) * (c ? part[2] : 1 - part[2]);
-        if (weight > 0)
-            value += weight * stored_at(ray->volume, a ? high[0] : low[0], b ? high[1] : low[1], c ? high[2] : low[2]);
-    }
-    return value;
-}
-
 /* clip the ray against the box of the voxels' edges; false: it passes by */
 static bool enter_box(const pliant_geometry *geometry, const double origin[3], const double unit[3], double near, double far,
-                      march *ray)
+                      march_ray *ray)
 {
     double tip[3], ahead[3];
     for (int d = 0; d < 3; d++) tip[d] = origin[d] + unit[d];
@@ -68,24 +31,17 @@ static bool enter_box(const pliant_geometry *geometry, const double origin[3], c
         ray->leave = fmin(ray->leave, fmax(a, b));
     }
     ray->stride = 0.5 / sqrt(voxels_a_metre);
+    /* the box's diagonal is shorter than the sum of its edges; from too far away rounding makes it longer */
+    ray->most = 2;
+    for (int d = 0; d < 3; d++) {
+        ray->size[d] = geometry->size[d];
+        ray->most += 2 * (int64_t)geometry->size[d];
+    }
     return ray->enter <= ray->leave;
 }
 
-/* below the threshold at `low`, not below at `high`: where it is crossed */
-static double refine(const march *ray, double threshold, double low, double high)
-{
-    double enough = 2e-4 * ray->stride;
-    while (high - low > enough) {
-        double middle = 0.5 * (low + high);
-        if (!(middle > low && middle < high)) break;
-        if (value_at(ray, middle) >= threshold) high = middle;
-        else low = middle;
-    }
-    return high;
-}
-
 /* the tissue at a point of the isosurface, or up to two voxels behind it */
-static int32_t tissue_at(const march *ray, const pliant_mesh *mesh, const double *positions, const double origin[3],
+static int32_t tissue_at(const march_ray *ray, const pliant_mesh *mesh, const double *positions, const double origin[3],
                          const double unit[3], double t, double barycentric[4])
 {
     for (double behind = 0; behind <= 2 * skin; behind += 1) {
@@ -97,16 +53,38 @@ static int32_t tissue_at(const march *ray, const pliant_mesh *mesh, const double
     return -1;
 }
 
-static void fill(const march *ray, const pliant_mesh *mesh, const double origin[3], const double unit[3], double t, int32_t tet,
+static void fill(const pliant_mesh *mesh, const double origin[3], const double unit[3], const march_crossing *at, int32_t tet,
                  const double barycentric[4], pliant_picked *out)
 {
-    pliant_picked picked = {.hit = true, .distance = t, .tetrahedron = tet, .intensity = (float)value_at(ray, t)};
-    for (int d = 0; d < 3; d++) picked.point[d] = origin[d] + t * unit[d];
+    pliant_picked picked = {.hit = true, .distance = at->t, .tetrahedron = tet, .intensity = at->value};
+    for (int d = 0; d < 3; d++) picked.point[d] = origin[d] + at->t * unit[d];
     for (int v = 0; v < 4; v++) {
         picked.barycentric[v] = barycentric[v];
         for (int d = 0; d < 3; d++) picked.rest[d] += barycentric[v] * mesh->rest[3 * mesh->tets[4 * tet + v] + d];
     }
     *out = picked;
+}
+
+/* Where the volume is: with the warp that draws it, perhaps on a GPU, or (then a warp is not looked at) here. */
+typedef struct place {
+    const pliant_warp *warp;
+    const pliant_volume *volume;
+} place;
+
+/* The first crossing at this sample or after it; the sample before it counts as above, where there is one. */
+static march_crossing next_crossing(place *in, const march_ray *ray, int64_t first)
+{
+    march_crossing found = {.sample = -1};
+    if (!in->volume && pliant_warp_cross(in->warp, ray, first, &found)) return found;
+    if (!in->volume) in->volume = pliant_warp_volume(in->warp);
+    const march_voxels voxels = {in->volume->voxels, in->volume->encoding, in->volume->slope, in->volume->intercept};
+    bool was_above = first > 0;
+    for (int64_t n = first; march_has(ray, n); n++) {
+        bool above = march_above(&voxels, ray, march_at(ray, n));
+        if (above && !was_above) return march_refine(&voxels, ray, n);
+        was_above = above;
+    }
+    return found;
 }
 
 static bool ray_is_sound(const pliant_ray *ray, double threshold)
@@ -116,8 +94,8 @@ static bool ray_is_sound(const pliant_ray *ray, double threshold)
     return finite;
 }
 
-pliant_status pliant_pick(const pliant_volume *volume, const pliant_mesh *mesh, const double *positions, const pliant_ray *given,
-                          double threshold, pliant_picked *out)
+static pliant_status pick(place in, const pliant_geometry *geometry, const pliant_mesh *mesh, const double *positions,
+                          const pliant_ray *given, double threshold, pliant_picked *out)
 {
     if (!ray_is_sound(given, threshold))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "pick: the ray's origin, direction, near and far, and the threshold must be finite");
@@ -128,28 +106,29 @@ pliant_status pliant_pick(const pliant_volume *volume, const pliant_mesh *mesh, 
     double unit[3], barycentric[4];
     for (int d = 0; d < 3; d++) unit[d] = given->direction[d] / length;
 
-    march ray = {.volume = volume};
+    march_ray ray = {.threshold = threshold};
     *out = (pliant_picked){.hit = false};
-    if (!enter_box(&volume->geometry, given->origin, unit, given->near, given->far, &ray)) return PLIANT_OK;
-    /* a NaN is below every threshold: comparisons with it are false */
-    bool was_above = false;
-    double last = ray.enter;
-    /* the box's diagonal is shorter than the sum of its edges; from too far away rounding makes it longer */
-    const int32_t *size = volume->geometry.size;
-    int64_t most = 2 * ((int64_t)size[0] + size[1] + size[2]) + 2;
-    for (int64_t n = 0; (last < ray.leave || n == 0) && n <= most; n++) {
-        double t = fmin(ray.enter + (double)n * ray.stride, ray.leave);
-        bool above = value_at(&ray, t) >= threshold;
-        if (above && !was_above) {
-            double surface = n == 0 ? t : refine(&ray, threshold, last, t);
-            int32_t tet = tissue_at(&ray, mesh, positions, given->origin, unit, surface, barycentric);
-            if (tet >= 0) {
-                fill(&ray, mesh, given->origin, unit, surface, tet, barycentric, out);
-                return PLIANT_OK;
-            }
+    if (!enter_box(geometry, given->origin, unit, given->near, given->far, &ray)) return PLIANT_OK;
+    march_crossing at = next_crossing(&in, &ray, 0);
+    while (at.sample >= 0) {
+        int32_t tet = tissue_at(&ray, mesh, positions, given->origin, unit, at.t, barycentric);
+        if (tet >= 0) {
+            fill(mesh, given->origin, unit, &at, tet, barycentric, out);
+            return PLIANT_OK;
         }
-        was_above = above;
-        last = t;
+        at = next_crossing(&in, &ray, at.sample + 1);
     }
     return PLIANT_OK;
+}
+
+pliant_status pliant_pick(const pliant_volume *volume, const pliant_mesh *mesh, const double *positions, const pliant_ray *ray,
+                          double threshold, pliant_picked *out)
+{
+    return pick((place){.volume = volume}, &volume->geometry, mesh, positions, ray, threshold, out);
+}
+
+pliant_status pliant_pick_warped(const pliant_warp *warp, const double *positions, const pliant_ray *ray, double threshold,
+                                 pliant_picked *out)
+{
+    return pick((place){.warp = warp}, pliant_warp_geometry(warp), pliant_warp_mesh(warp), positions, ray, threshold, out);
 }

@@ -13,6 +13,7 @@
 #ifndef PLIANT_WARP_RASTER_H
 #define PLIANT_WARP_RASTER_H
 
+#include "interact/march.h"
 #include "pliant/warp.h"
 
 #include <stdalign.h>
@@ -150,6 +151,13 @@ void pliant_raster_brick(const raster_grid *grid, const raster_source *source, c
 /* warp.c, for backends: their object, NULL when the CPU does the updates; and the end of that, when it failed */
 void *pliant_warp_accelerated(const pliant_warp *warp);
 void pliant_warp_leave(pliant_warp *warp);
+
+/* warp.c, for picks: the fine mesh and the target, which stay what they are */
+const pliant_mesh *pliant_warp_mesh(const pliant_warp *warp);
+const pliant_geometry *pliant_warp_geometry(const pliant_warp *warp);
+/* The first crossing at this sample or after it, found where the volume was drawn; the sample before it counts as above. false:
+ * the volume is on the host, or its backend could not say. */
+bool pliant_warp_cross(const pliant_warp *warp, const march_ray *ray, int64_t first, march_crossing *out);
 
 /* warp.c, for tests: other inner loops from now on; false when they cannot be used here */
 typedef enum raster_set { RASTER_PORTABLE, RASTER_AVX2, RASTER_AVX512 } raster_set;

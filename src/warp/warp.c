@@ -398,6 +398,17 @@ const pliant_volume *pliant_warp_volume(const pliant_warp *warp)
     return &warp->volume;
 }
 
+const pliant_mesh *pliant_warp_mesh(const pliant_warp *warp) { return warp->mesh; }
+const pliant_geometry *pliant_warp_geometry(const pliant_warp *warp) { return &warp->volume.geometry; }
+
+bool pliant_warp_cross(const pliant_warp *warp, const march_ray *ray, int64_t first, march_crossing *out)
+{
+    if (!warp->accelerated || !warp->backend->warp_cross) return false;
+    if (warp->backend->warp_cross(warp->accelerated, ray, first, out) == PLIANT_OK) return true;
+    pliant_log(PLIANT_LOG_WARNING, "the CPU picks: %s", pliant_last_error());
+    return false;
+}
+
 void pliant_warp_bricks(const pliant_warp *warp, int32_t count[3], const uint8_t **changed)
 {
     memcpy(count, warp->grid.bricks, sizeof warp->grid.bricks);

@@ -132,6 +132,25 @@ void displacement(const double x[3], const double extent[3], double amount, doub
     out[2] = 0.015 * amount * std::cos(a + 0.1) * std::sin(b);
 }
 
+// a ray from corner to corner that meets nothing: with the volume on the GPU, and with it on the host
+void bench_pick(const pliant_warp *warp, const pliant_mesh *mesh, const double *positions, const double extent[3], int runs)
+{
+    pliant_ray ray = {};
+    for (int d = 0; d < 3; d++) ray.origin[d] = -0.1 * extent[d], ray.direction[d] = extent[d];
+    const pliant_volume *volume = pliant_warp_volume(warp);
+    std::vector<double> there, here;
+    for (int run = 0; run < runs; run++) {
+        pliant_picked picked;
+        double start = pliant_seconds();
+        must(pliant_pick_warped(warp, positions, &ray, 5000, &picked));
+        double middle = pliant_seconds();
+        must(pliant_pick(volume, mesh, positions, &ray, 5000, &picked));
+        here.push_back(1e3 * (pliant_seconds() - middle));
+        there.push_back(1e3 * (middle - start));
+    }
+    std::printf("    a ray from corner to corner: GPU %7.4f, CPU %7.4f ms\n", median(there), median(here));
+}
+
 void bench_warp(const int32_t size[3], const int32_t cells[3], int runs)
 {
     pliant_volume scan = {};
@@ -172,6 +191,7 @@ void bench_warp(const int32_t size[3], const int32_t cells[3], int runs)
     std::printf("%4d x %3d x %3d, %7d tetrahedra: cull %7.4f  rasterize %7.4f  both %7.4f ms | texture %7.4f ms: x %5.2f, both x %5.2f | to the host %6.3f, bare copy %6.3f ms\n",
                 size[0], size[1], size[2], mesh.num_tets, median(cull), median(rasterize), median(both), limit.sample, median(rasterize) / limit.sample,
                 median(both) / limit.sample, median(fetch), limit.copy);
+    bench_pick(warp, &mesh, states[(runs + 4) % 2].data(), extent, runs);
     pliant_warp_free(warp);
     pliant_mesh_free(&mesh);
     pliant_volume_free(&scan);

@@ -1,6 +1,7 @@
 // The CUDA backend against the CPU's, stage by stage and as a whole; what happens when the GPU fails. Skipped without a GPU.
 #include "backend/backend.h"
 #include "body.h"
+#include "cuda_warps.h"
 #include "pliant/memory.h"
 
 #include <algorithm>
@@ -12,93 +13,9 @@
 
 #include <glob.h>
 
-#ifdef PLIANT_WITH_CUDA
-extern "C" void pliant_cuda_fail_after(int64_t calls);
-extern "C" pliant_status pliant_cuda_allocate(size_t bytes, const char *what, void **out);
-extern "C" void pliant_cuda_release(void *d_block);
-#else
-static void pliant_cuda_fail_after(int64_t) {}
-static pliant_status pliant_cuda_allocate(size_t, const char *, void **) { return PLIANT_ERROR_UNAVAILABLE; }
-static void pliant_cuda_release(void *) {}
-#endif
-
 namespace {
 
-bool there_is_a_gpu()
-{
-    const pliant_backend *backend = nullptr;
-    char text[PLIANT_BACKEND_TEXT];
-    return pliant_backend_choose(PLIANT_AUTO, text, &backend) == PLIANT_OK && backend != &pliant_cpu_backend;
-}
-
-#define NEEDS_GPU() \
-    if (!there_is_a_gpu()) GTEST_SKIP() << "no GPU can be used"
-
 /* ---- the warp */
-
-struct Warps {
-    pliant_volume scan{};
-    pliant_mesh mesh{};
-    pliant_warp *cpu = nullptr, *gpu = nullptr;
-
-    Warps(pliant_encoding encoding, const pliant_geometry &geometry, const int32_t cells[3], const pliant_geometry &target)
-    {
-        EXPECT_EQ(pliant_volume_create(&geometry, encoding, &scan), PLIANT_OK);
-        scan.background = encoding == PLIANT_UINT8 ? 3 : -1024;
-        std::mt19937 random(7);
-        for (size_t v = 0; v < pliant_geometry_voxels(&geometry); v++) {
-            if (encoding == PLIANT_UINT8) static_cast<uint8_t *>(scan.voxels)[v] = static_cast<uint8_t>(random());
-            if (encoding == PLIANT_INT16) static_cast<int16_t *>(scan.voxels)[v] = static_cast<int16_t>(random());
-            if (encoding == PLIANT_FLOAT32) static_cast<float *>(scan.voxels)[v] = v % 17 ? static_cast<float>(random()) * 1e-6f - 2e3f : -0.0f;
-        }
-        EXPECT_EQ(pliant_mesh_grid(&geometry, cells, nullptr, &mesh), PLIANT_OK);
-        EXPECT_EQ(pliant_warp_create(&scan, &mesh, &target, 2, &cpu), PLIANT_OK) << pliant_last_error();
-        EXPECT_EQ(pliant_warp_create(&scan, &mesh, &target, 2, &gpu), PLIANT_OK);
-        EXPECT_EQ(pliant_warp_backend(gpu, PLIANT_CUDA), PLIANT_OK) << pliant_last_error();
-    }
-    ~Warps()
-    {
-        pliant_warp_free(cpu);
-        pliant_warp_free(gpu);
-        pliant_mesh_free(&mesh);
-        pliant_volume_free(&scan);
-    }
-    std::vector<double> rest() const { return {mesh.rest, mesh.rest + 3 * mesh.num_nodes}; }
-    // a smooth wave, and noise; amounts in metres
-    std::vector<double> wave(double amount, double noise, unsigned seed) const
-    {
-        std::vector<double> x = rest();
-        std::mt19937 random(seed);
-        std::uniform_real_distribution<double> uniform(-noise, noise);
-        for (size_t n = 0; n < x.size(); n += 3) {
-            double a = 70 * x[n] + seed, b = 60 * x[n + 1], c = 50 * x[n + 2];
-            double by[3] = {std::sin(b + c), std::cos(a - c), std::sin(a + 0.5 * b)};
-            for (size_t d = 0; d < 3; d++) x[n + d] += amount * by[d] + uniform(random);
-        }
-        return x;
-    }
-    void update_and_compare(const std::vector<double> &x, const char *what)
-    {
-        ASSERT_EQ(pliant_warp_update(cpu, x.data()), PLIANT_OK) << what;
-        ASSERT_EQ(pliant_warp_update(gpu, x.data()), PLIANT_OK) << what;
-        ASSERT_NE(pliant_warp_accelerated(gpu), nullptr) << what;
-        const pliant_volume *a = pliant_warp_volume(cpu), *b = pliant_warp_volume(gpu);
-        size_t bytes = pliant_encoding_size(scan.encoding), different = 0, voxels = pliant_geometry_voxels(&a->geometry);
-        for (size_t v = 0; v < voxels; v++)
-            different += std::memcmp(static_cast<char *>(a->voxels) + bytes * v, static_cast<char *>(b->voxels) + bytes * v, bytes) != 0;
-        EXPECT_EQ(different, 0u) << what << ", of " << voxels << " voxels";
-        int32_t count[3];
-        const uint8_t *here, *there;
-        pliant_warp_bricks(cpu, count, &here);
-        pliant_warp_bricks(gpu, count, &there);
-        EXPECT_EQ(std::memcmp(here, there, static_cast<size_t>(count[0]) * count[1] * count[2]), 0) << what << ": changed bricks";
-    }
-};
-
-pliant_geometry geometry_of(int i, int j, int k)
-{
-    return {{i, j, k}, {-0.02, 0.03, 0.1}, {0.001, 0.0015, 0.002}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-}
 
 TEST(CudaWarp, EqualsTheCpuBitForBit)
 {
@@ -159,6 +76,98 @@ TEST(CudaWarp, CrowdedBricksEqualToo)
     std::vector<double> x = warps.rest();
     for (size_t n = 0; n < x.size(); n++) x[n] = warps.mesh.corner[n % 3] + 0.2 * (x[n] - warps.mesh.corner[n % 3]);
     warps.update_and_compare(x, "all pressed together");
+}
+
+/* ---- picks */
+
+bool equal(const pliant_picked &a, const pliant_picked &b)
+{
+    return a.hit == b.hit && a.distance == b.distance && a.intensity == b.intensity && a.tetrahedron == b.tetrahedron &&
+           std::memcmp(a.point, b.point, sizeof a.point) == 0 && std::memcmp(a.rest, b.rest, sizeof a.rest) == 0;
+}
+
+// from all sides and from inside, at the body, past it and cut short; positions: where the tissue is looked for
+void compare_picks(const Warps &warps, const std::vector<double> &positions, int rays, int *hits, int *misses, int *at_once)
+{
+    const pliant_volume *volume = pliant_warp_volume(warps.cpu);
+    const pliant_geometry &geometry = volume->geometry;
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> uniform(-0.7, 0.7);
+    for (int n = 0; n < rays; n++) {
+        pliant_ray ray{};
+        const double away = n % 4 == 0 ? 0.5 : 3;
+        double from[3], to[3], origin[3], target[3];
+        for (int d = 0; d < 3; d++) {
+            from[d] = (0.5 + away * uniform(random)) * geometry.size[d];
+            to[d] = (0.5 + uniform(random)) * geometry.size[d];
+        }
+        pliant_geometry_to_world(&geometry, from, origin);
+        pliant_geometry_to_world(&geometry, to, target);
+        for (int d = 0; d < 3; d++) ray.origin[d] = origin[d], ray.direction[d] = target[d] - origin[d];
+        if (n % 5 == 0) ray.near = 0.02, ray.far = 0.2;
+        for (double threshold : {-300.0, 100.0}) {
+            pliant_picked here{}, there{};
+            ASSERT_EQ(pliant_pick(volume, &warps.mesh, positions.data(), &ray, threshold, &here), PLIANT_OK);
+            ASSERT_EQ(pliant_pick_warped(warps.gpu, positions.data(), &ray, threshold, &there), PLIANT_OK);
+            EXPECT_TRUE(equal(here, there)) << "ray " << n << " above " << threshold << ": " << here.distance << " and " << there.distance;
+            ++*(!here.hit ? misses : here.distance > ray.near ? hits : at_once);
+        }
+    }
+}
+
+TEST(CudaPick, EqualsTheCpuBitForBit)
+{
+    NEEDS_GPU();
+    const int32_t cells[3] = {4, 4, 4}, voxels[3] = {48, 40, 36};
+    pliant_volume phantom{};
+    ASSERT_EQ(pliant_phantom(voxels, 1, &phantom, nullptr), PLIANT_OK) << pliant_last_error();
+    pliant_geometry large = phantom.geometry;
+    for (int d = 0; d < 3; d++) large.size[d] += 9;
+    Warps body(phantom.encoding, phantom.geometry, cells, large), bytes(PLIANT_UINT8, geometry_of(31, 30, 29), cells, geometry_of(31, 30, 29)),
+        floats(PLIANT_FLOAT32, geometry_of(31, 30, 29), cells, geometry_of(31, 30, 29));
+    std::memcpy(body.scan.voxels, phantom.voxels, pliant_geometry_voxels(&phantom.geometry) * pliant_encoding_size(phantom.encoding));
+    ASSERT_EQ(pliant_warp_backend(body.gpu, PLIANT_CPU), PLIANT_OK);
+    ASSERT_EQ(pliant_warp_backend(body.gpu, PLIANT_CUDA), PLIANT_OK); // takes the scan anew
+    for (Warps *warps : {&body, &bytes, &floats}) {
+        int hits = 0, misses = 0, at_once = 0;
+        for (const std::vector<double> &x : {warps->rest(), warps->wave(0.004, 0.0005, 4)}) {
+            warps->update_and_compare(x, "the volume");
+            compare_picks(*warps, x, warps == &body ? 150 : 40, &hits, &misses, &at_once);
+            std::vector<double> elsewhere = x; // crossings without tissue are passed over
+            for (size_t n = 0; n < x.size(); n += 3) elsewhere[n] += 0.5 * warps->scan.geometry.size[0] * warps->scan.geometry.spacing[0];
+            compare_picks(*warps, elsewhere, 40, &hits, &misses, &at_once);
+        }
+        EXPECT_GT(hits, 20);
+        EXPECT_GT(misses, 20);
+        EXPECT_GT(at_once, 5);
+    }
+    pliant_volume_free(&phantom);
+}
+
+// four calls of the CUDA runtime for a ray with one crossing or none: where one fails, the CPU picks the same
+TEST(CudaPick, TheCpuGoesOn)
+{
+    NEEDS_GPU();
+    const int32_t cells[3] = {4, 4, 4};
+    const pliant_geometry geometry = geometry_of(31, 30, 29);
+    Warps warps(PLIANT_INT16, geometry, cells, geometry);
+    const pliant_ray ray = {{-0.1, 0.05, 0.12}, {1, 0, 0.1}, 0, 0};
+    for (int calls = 0; calls <= 4; calls++) {
+        const std::vector<double> x = warps.wave(0.002, 0, static_cast<unsigned>(calls));
+        ASSERT_EQ(pliant_warp_update(warps.cpu, x.data()), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_update(warps.gpu, x.data()), PLIANT_OK);
+        const march_ray along = {{31, 30, 29}, {0, 15, 14}, {1000, 0, 0}, 0, 0.03, 0.0005, 100, 200};
+        march_crossing found{};
+        EXPECT_FALSE(pliant_warp_cross(warps.cpu, &along, 0, &found));
+        pliant_cuda_fail_after(calls);
+        EXPECT_EQ(pliant_warp_cross(warps.gpu, &along, 0, &found), calls == 4) << calls;
+        pliant_picked here{}, there{};
+        pliant_cuda_fail_after(calls);
+        ASSERT_EQ(pliant_pick_warped(warps.gpu, x.data(), &ray, 100, &there), PLIANT_OK) << calls;
+        pliant_cuda_fail_after(-1);
+        ASSERT_EQ(pliant_pick(pliant_warp_volume(warps.cpu), &warps.mesh, x.data(), &ray, 100, &here), PLIANT_OK);
+        EXPECT_TRUE(here.hit && equal(here, there)) << calls;
+    }
 }
 
 /* ---- whole runs */

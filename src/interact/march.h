@@ -1,0 +1,101 @@
+/* A ray through the voxels of a volume, sample by sample, to where it crosses a threshold ([H] 3.2). The same operations on
+ * the CPU (pick.c) and on a GPU (cuda/pick.cu), in the same order, so that both find the same crossings. */
+#ifndef PLIANT_INTERACT_MARCH_H
+#define PLIANT_INTERACT_MARCH_H
+
+#include "pliant/scan.h"
+
+#include <math.h>
+
+#ifdef __CUDACC__
+#define MARCH_INLINE static __host__ __device__ inline
+#else
+#define MARCH_INLINE static inline
+#endif
+
+/* In continuous voxel indices: index(t) = start + t * step, t in metres along the ray. */
+typedef struct march_ray {
+    int32_t size[3];       /* of the volume */
+    double start[3], step[3];
+    double enter, leave;   /* part of the ray inside the volume's box and within near and far [m] */
+    double stride;         /* half a voxel [m] */
+    double threshold;
+    int64_t most;          /* no sample after this one */
+} march_ray;
+
+/* Where a volume's voxels are and what they mean (pliant_volume). */
+typedef struct march_voxels {
+    const void *voxels;    /* of the host or of a GPU */
+    pliant_encoding encoding;
+    float slope, intercept;
+} march_voxels;
+
+typedef struct march_crossing {
+    int64_t sample;        /* the first one not below the threshold; -1: the ray has no crossing, and nothing else is set */
+    double t;              /* of the crossing [m] */
+    float value;           /* of the volume there */
+} march_crossing;
+
+/* as pliant_volume_value */
+MARCH_INLINE float march_stored(const march_voxels *from, size_t index)
+{
+    float stored = 0.0f;
+    switch (from->encoding) {
+    case PLIANT_UINT8: stored = ((const uint8_t *)from->voxels)[index]; break;
+    case PLIANT_INT16: stored = ((const int16_t *)from->voxels)[index]; break;
+    case PLIANT_FLOAT32: stored = ((const float *)from->voxels)[index]; break;
+    }
+    return from->slope * stored + from->intercept;
+}
+
+/* trilinear; beyond the centres of the outermost voxels their values go on */
+MARCH_INLINE double march_value(const march_voxels *from, const march_ray *ray, double t)
+{
+    int32_t low[3], high[3];
+    double part[3];
+    for (int d = 0; d < 3; d++) {
+        double index = fmin(fmax(ray->start[d] + t * ray->step[d], 0.0), ray->size[d] - 1.0);
+        low[d] = (int32_t)index;
+        high[d] = low[d] + 1 < ray->size[d] ? low[d] + 1 : low[d];
+        part[d] = index - low[d];
+    }
+    double value = 0;
+    for (int corner = 0; corner < 8; corner++) {
+        int a = corner & 1, b = corner >> 1 & 1, c = corner >> 2;
+        double weight = (a ? part[0] : 1 - part[0]) * (b ? part[1] : 1 - part[1]) * (c ? part[2] : 1 - part[2]);
+        size_t j = (size_t)(b ? high[1] : low[1]), k = (size_t)(c ? high[2] : low[2]);
+        size_t index = (size_t)(a ? high[0] : low[0]) + (size_t)ray->size[0] * (j + (size_t)ray->size[1] * k);
+        if (weight > 0) value += weight * march_stored(from, index);
+    }
+    return value;
+}
+
+MARCH_INLINE double march_at(const march_ray *ray, int64_t sample) { return fmin(ray->enter + (double)sample * ray->stride, ray->leave); }
+
+/* the last sample is the first at the ray's end; there is always one */
+MARCH_INLINE bool march_has(const march_ray *ray, int64_t sample)
+{
+    return sample == 0 || (sample <= ray->most && march_at(ray, sample - 1) < ray->leave);
+}
+
+/* a NaN is below every threshold: comparisons with it are false */
+MARCH_INLINE bool march_above(const march_voxels *from, const march_ray *ray, double t) { return march_value(from, ray, t) >= ray->threshold; }
+
+/* the crossing between a sample that is not below the threshold and the one before it, which is */
+MARCH_INLINE march_crossing march_refine(const march_voxels *from, const march_ray *ray, int64_t sample)
+{
+    double high = march_at(ray, sample), low = sample > 0 ? march_at(ray, sample - 1) : high, enough = 2e-4 * ray->stride;
+    while (high - low > enough) {
+        double middle = 0.5 * (low + high);
+        if (!(middle > low && middle < high)) break;
+        if (march_above(from, ray, middle)) high = middle;
+        else low = middle;
+    }
+    march_crossing crossing;
+    crossing.sample = sample;
+    crossing.t = high;
+    crossing.value = (float)march_value(from, ray, high);
+    return crossing;
+}
+
+#endif

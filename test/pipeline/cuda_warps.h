@@ -1,0 +1,100 @@
+// For tests of the CUDA backend: whether there is a GPU, and the same warp on the CPU and on the GPU.
+#ifndef PLIANT_TEST_CUDA_WARPS_H
+#define PLIANT_TEST_CUDA_WARPS_H
+
+#include "backend/backend.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <random>
+#include <vector>
+
+#ifdef PLIANT_WITH_CUDA
+extern "C" void pliant_cuda_fail_after(int64_t calls);
+extern "C" pliant_status pliant_cuda_allocate(size_t bytes, const char *what, void **out);
+extern "C" void pliant_cuda_release(void *d_block);
+#else
+static void pliant_cuda_fail_after(int64_t) {}
+static pliant_status pliant_cuda_allocate(size_t, const char *, void **) { return PLIANT_ERROR_UNAVAILABLE; }
+static void pliant_cuda_release(void *) {}
+#endif
+
+inline bool there_is_a_gpu()
+{
+    const pliant_backend *backend = nullptr;
+    char text[PLIANT_BACKEND_TEXT];
+    return pliant_backend_choose(PLIANT_AUTO, text, &backend) == PLIANT_OK && backend != &pliant_cpu_backend;
+}
+
+#define NEEDS_GPU() \
+    if (!there_is_a_gpu()) GTEST_SKIP() << "no GPU can be used"
+
+struct Warps {
+    pliant_volume scan{};
+    pliant_mesh mesh{};
+    pliant_warp *cpu = nullptr, *gpu = nullptr;
+
+    Warps(pliant_encoding encoding, const pliant_geometry &geometry, const int32_t cells[3], const pliant_geometry &target)
+    {
+        EXPECT_EQ(pliant_volume_create(&geometry, encoding, &scan), PLIANT_OK);
+        scan.background = encoding == PLIANT_UINT8 ? 3 : -1024;
+        scan.slope = encoding == PLIANT_UINT8 ? 7.3f : 1;
+        scan.intercept = encoding == PLIANT_UINT8 ? -1000 : 0;
+        std::mt19937 random(7);
+        for (size_t v = 0; v < pliant_geometry_voxels(&geometry); v++) {
+            if (encoding == PLIANT_UINT8) static_cast<uint8_t *>(scan.voxels)[v] = static_cast<uint8_t>(random());
+            if (encoding == PLIANT_INT16) static_cast<int16_t *>(scan.voxels)[v] = static_cast<int16_t>(random());
+            if (encoding == PLIANT_FLOAT32) static_cast<float *>(scan.voxels)[v] = v % 17 ? static_cast<float>(random()) * 1e-6f - 2e3f : -0.0f;
+        }
+        EXPECT_EQ(pliant_mesh_grid(&geometry, cells, nullptr, &mesh), PLIANT_OK);
+        EXPECT_EQ(pliant_warp_create(&scan, &mesh, &target, 2, &cpu), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_warp_create(&scan, &mesh, &target, 2, &gpu), PLIANT_OK);
+        EXPECT_EQ(pliant_warp_backend(gpu, PLIANT_CUDA), PLIANT_OK) << pliant_last_error();
+    }
+    ~Warps()
+    {
+        pliant_warp_free(cpu);
+        pliant_warp_free(gpu);
+        pliant_mesh_free(&mesh);
+        pliant_volume_free(&scan);
+    }
+    std::vector<double> rest() const { return {mesh.rest, mesh.rest + 3 * mesh.num_nodes}; }
+    // a smooth wave, and noise; amounts in metres
+    std::vector<double> wave(double amount, double noise, unsigned seed) const
+    {
+        std::vector<double> x = rest();
+        std::mt19937 random(seed);
+        std::uniform_real_distribution<double> uniform(-noise, noise);
+        for (size_t n = 0; n < x.size(); n += 3) {
+            double a = 70 * x[n] + seed, b = 60 * x[n + 1], c = 50 * x[n + 2];
+            double by[3] = {std::sin(b + c), std::cos(a - c), std::sin(a + 0.5 * b)};
+            for (size_t d = 0; d < 3; d++) x[n + d] += amount * by[d] + uniform(random);
+        }
+        return x;
+    }
+    void update_and_compare(const std::vector<double> &x, const char *what)
+    {
+        ASSERT_EQ(pliant_warp_update(cpu, x.data()), PLIANT_OK) << what;
+        ASSERT_EQ(pliant_warp_update(gpu, x.data()), PLIANT_OK) << what;
+        ASSERT_NE(pliant_warp_accelerated(gpu), nullptr) << what;
+        const pliant_volume *a = pliant_warp_volume(cpu), *b = pliant_warp_volume(gpu);
+        size_t bytes = pliant_encoding_size(scan.encoding), different = 0, voxels = pliant_geometry_voxels(&a->geometry);
+        for (size_t v = 0; v < voxels; v++)
+            different += std::memcmp(static_cast<char *>(a->voxels) + bytes * v, static_cast<char *>(b->voxels) + bytes * v, bytes) != 0;
+        EXPECT_EQ(different, 0u) << what << ", of " << voxels << " voxels";
+        int32_t count[3];
+        const uint8_t *here, *there;
+        pliant_warp_bricks(cpu, count, &here);
+        pliant_warp_bricks(gpu, count, &there);
+        EXPECT_EQ(std::memcmp(here, there, static_cast<size_t>(count[0]) * count[1] * count[2]), 0) << what << ": changed bricks";
+    }
+};
+
+inline pliant_geometry geometry_of(int i, int j, int k)
+{
+    return {{i, j, k}, {-0.02, 0.03, 0.1}, {0.001, 0.0015, 0.002}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+}
+
+#endif
