@@ -353,7 +353,11 @@ class NodeTest(unittest.TestCase):
                 self.assertIn("converge", answer.message)
             else:
                 self.assertLessEqual(answer.error_rms, answer.error_max)
-                self.assertLess(answer.error_max, {"fine": 1e-2, "schur": 3}.get(method, 1))
+                if method == "fine":
+                    self.assertLess(answer.error_max, 1e-2)
+                else:  # beside the tool a coarse model may be off by more than the pull, over the body it may not
+                    self.assertGreater(answer.error_max, 0)
+                    self.assertLess(answer.error_rms, 0.25)
             self.assert_goes_on()
         self.pull()
 
