@@ -63,7 +63,12 @@ Warped::Warped(std::shared_ptr<const Loaded> loaded, const std::vector<double> &
 {
     const pliant_model &model = *loaded_->model;
     pliant_geometry target = target_of(*loaded_, positions, margin);
-    check(pliant_warp_create(&loaded_->scan->volume, &model.fine, &target, threads_of(model.scene), &warp_));
+    const pliant_scene &scene = model.scene;
+    check(pliant_warp_create(&loaded_->scan->volume, &model.fine, &target, threads_of(scene), &warp_));
+    pliant_status status = scene.warp.kind == PLIANT_FIT ? pliant_warp_fit(warp_, scene.warp.fit_step)
+                                                         : pliant_warp_backend(warp_, scene.solver.backend);
+    if (status < 0) pliant_warp_free(warp_);
+    check(status);
 }
 
 bool Warped::fits(const std::vector<double> &positions) const
