@@ -1,6 +1,6 @@
 // Error of the coarse methods against the fine solution, and time and memory of building and stepping, on a real scan.
 //
-//   bench_methods SCENE SCAN [LABELS-TO-PULL-AT ...]      e.g. bench_methods spine.yaml ct.nii.gz 5 20 2
+//   bench_methods SCENE SCAN [LABELS-TO-PULL-AT ...]      e.g. bench_methods test/bench/spine.yaml ct.nii.gz 5 20 2
 //
 // For each label: its front (the most anterior voxel near its centroid) is pulled 3 cm forward and a little up over 30 steps,
 // once with the held point prescribed (displacement), once with the force that the fine solution took (force).
