@@ -1,4 +1,5 @@
 // The program pliant_deform as a user meets it: exit codes, messages, and what it writes.
+#include "program.h"
 #include "pliant/scan.h"
 
 #include <cmath>
@@ -15,26 +16,9 @@
 
 namespace {
 
-class Deform : public testing::Test {
+class Deform : public Program {
 protected:
-    void SetUp() override { ASSERT_NE(mkdtemp(folder_), nullptr); }
-    void TearDown() override { EXPECT_EQ(std::system(("rm -r " + std::string(folder_)).c_str()), 0); }
-    std::string in(const std::string &name) const { return std::string(folder_) + "/" + name; }
-    // Exit code; what went to stdout and stderr is kept.
-    int run(const std::string &arguments)
-    {
-        int code = std::system((PLIANT_DEFORM " " + arguments + " > " + in("out") + " 2> " + in("err")).c_str());
-        out_ = text(in("out"));
-        err_ = text(in("err"));
-        return WIFEXITED(code) ? WEXITSTATUS(code) : -1;
-    }
-    static std::string text(const std::string &path)
-    {
-        std::ifstream file(path);
-        std::stringstream all;
-        all << file.rdbuf();
-        return all.str();
-    }
+    Deform() : Program(PLIANT_DEFORM) {}
     static std::vector<std::vector<std::string>> table(const std::string &path)
     {
         std::vector<std::vector<std::string>> rows;
@@ -45,8 +29,6 @@ protected:
         }
         return rows;
     }
-    char folder_[32] = "/tmp/pliant_deform_XXXXXX";
-    std::string out_, err_;
     const std::string small_ = "--scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' ";
 };
 

@@ -1,4 +1,6 @@
 // The program pliant_report as a user meets it.
+#include "program.h"
+
 #include <csignal>
 #include <cstdlib>
 #include <fstream>
@@ -10,28 +12,10 @@
 
 namespace {
 
-class Report : public testing::Test {
+class Report : public Program {
 protected:
-    void SetUp() override { ASSERT_NE(mkdtemp(folder_), nullptr); }
-    void TearDown() override { EXPECT_EQ(std::system(("rm -r " + std::string(folder_)).c_str()), 0); }
-    std::string in(const std::string &name) const { return std::string(folder_) + "/" + name; }
-    int run(const std::string &arguments)
-    {
-        int code = std::system((PLIANT_REPORT_PROGRAM " " + arguments + " > " + in("out") + " 2> " + in("err")).c_str());
-        out_ = text(in("out"));
-        err_ = text(in("err"));
-        return WIFEXITED(code) ? WEXITSTATUS(code) : -1;
-    }
-    static std::string text(const std::string &path)
-    {
-        std::ifstream file(path);
-        std::stringstream all;
-        all << file.rdbuf();
-        return all.str();
-    }
+    Report() : Program(PLIANT_REPORT_PROGRAM) {}
     int python(const std::string &program) { return std::system(("cd " + in("result") + " && python3 -c '" + program + "'").c_str()); }
-    char folder_[32] = "/tmp/pliant_report_XXXXXX";
-    std::string out_, err_;
     const std::string small_ = "--scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set solver/threads=1 --twice 0 --methods fine,averaged --budgets 2,0 --frames 3 ";
 };
 

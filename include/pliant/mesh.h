@@ -60,6 +60,9 @@ int pliant_mesh_slot_of(int parity, const double local[3]);
  *  `ratio` along each axis. */
 int32_t pliant_lattice_coarse_of(const int32_t cells[3], int32_t ratio, int32_t lattice_tet);
 
+/** The node of a finer mesh at the place of a node of a coarser one whose lattice it refines; -1 when it has none there. */
+int32_t pliant_mesh_node_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node);
+
 /** Tetrahedron that holds a world point at rest, and its barycentric coordinates; -1 when no tissue is there. */
 int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], double barycentric[4]);
 

@@ -24,12 +24,13 @@ typedef struct pliant_warp_parts {
 
 struct pliant_backend {
     const char *name;
+    bool on_host; /* keeps no state of its own: nothing to bring or to free, and none to fall back on when it fails */
     /* Whether it can be used here. text: the device's name, or the reason why not. Says nothing itself. */
     bool (*probe)(char *text, size_t size);
 
     /* STATE of a data, from its host state. Errors: MEMORY, NUMERIC, UNAVAILABLE. */
     pliant_status (*create)(const pliant_model *model, pliant_data *data);
-    void (*free)(pliant_data *data);
+    void (*free)(pliant_data *data); /* NULL on the host, as is bring */
     pliant_status (*restart)(const pliant_model *model, pliant_data *data); /* the host's state was changed: take it */
     void (*bring)(const pliant_model *model, pliant_data *data); /* the state of the last step to the host's solver */
 
@@ -49,6 +50,10 @@ struct pliant_backend {
 
 extern const pliant_backend pliant_cpu_backend;
 extern const pliant_backend pliant_tled_backend; /* explicit dynamics on the CPU */
+/* what the two share */
+bool pliant_cpu_probe(char *text, size_t size);
+pliant_status pliant_cpu_nothing(const pliant_model *model, pliant_data *data);
+pliant_status pliant_cpu_warp(const pliant_model *model, pliant_data *data);
 
 /* text: what the GPU is called, or why there is none. Errors: UNAVAILABLE, with the reason, when the one asked for cannot be
  * used. */

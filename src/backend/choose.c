@@ -49,7 +49,7 @@ pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data
 
 bool pliant_backend_leave(const pliant_model *model, pliant_data *data, pliant_status status)
 {
-    if (data->backend == &pliant_cpu_backend || data->backend == &pliant_tled_backend || (status != PLIANT_ERROR_UNAVAILABLE && status != PLIANT_ERROR_MEMORY)) return false;
+    if (data->backend->on_host || (status != PLIANT_ERROR_UNAVAILABLE && status != PLIANT_ERROR_MEMORY)) return false;
     pliant_log(PLIANT_LOG_WARNING, "backend: %s; the CPU goes on from the last good state", pliant_last_error());
     data->backend->bring(model, data);
     data->backend->free(data);

@@ -5,21 +5,17 @@
 
 #include <stdio.h>
 
-static bool probe(char *text, size_t size)
+bool pliant_cpu_probe(char *text, size_t size)
 {
     snprintf(text, size, "cpu");
     return true;
 }
 
-static pliant_status create(const pliant_model *model, pliant_data *data)
+pliant_status pliant_cpu_nothing(const pliant_model *model, pliant_data *data)
 {
     (void)model, (void)data;
     return PLIANT_OK;
 }
-
-static void destroy(pliant_data *data) { (void)data; }
-
-static void bring(const pliant_model *model, pliant_data *data) { (void)model, (void)data; }
 
 static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
@@ -34,13 +30,13 @@ static pliant_status upsample(const pliant_model *model, pliant_data *data)
     return PLIANT_OK;
 }
 
-static pliant_status warp(const pliant_model *model, pliant_data *data)
+pliant_status pliant_cpu_warp(const pliant_model *model, pliant_data *data)
 {
     (void)model;
     return data->warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
 }
 
 const pliant_backend pliant_cpu_backend = {
-    .name = "cpu", .probe = probe, .create = create, .free = destroy, .restart = create, .bring = bring,
-    .solve = solve, .upsample = upsample, .warp = warp,
+    .name = "cpu", .on_host = true, .probe = pliant_cpu_probe, .create = pliant_cpu_nothing, .restart = pliant_cpu_nothing,
+    .solve = solve, .upsample = upsample, .warp = pliant_cpu_warp,
 };

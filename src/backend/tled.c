@@ -5,24 +5,6 @@
 #include "core/fail.h"
 #include "interact/tool.h"
 
-#include <stdio.h>
-
-static bool probe(char *text, size_t size)
-{
-    snprintf(text, size, "cpu");
-    return true;
-}
-
-static pliant_status create(const pliant_model *model, pliant_data *data)
-{
-    (void)model, (void)data;
-    return PLIANT_OK;
-}
-
-static void destroy(pliant_data *data) { (void)data; }
-
-static void bring(const pliant_model *model, pliant_data *data) { (void)model, (void)data; }
-
 static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     (void)model;
@@ -36,15 +18,9 @@ static pliant_status upsample(const pliant_model *model, pliant_data *data)
     return PLIANT_OK;
 }
 
-static pliant_status warp(const pliant_model *model, pliant_data *data)
-{
-    (void)model;
-    return data->warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
-}
-
 const pliant_backend pliant_tled_backend = {
-    .name = "cpu", .probe = probe, .create = create, .free = destroy, .restart = create, .bring = bring,
-    .solve = solve, .upsample = upsample, .warp = warp,
+    .name = "cpu", .on_host = true, .probe = pliant_cpu_probe, .create = pliant_cpu_nothing, .restart = pliant_cpu_nothing,
+    .solve = solve, .upsample = upsample, .warp = pliant_cpu_warp,
 };
 
 pliant_status pliant_data_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out)

@@ -68,12 +68,13 @@ static pliant_status resample(const pliant_scene *scene, pliant_volume *scan, pl
 /* Labels that the table names have their material; all others go by intensity. */
 static void drop_unnamed(const pliant_material_table *table, pliant_labels *labels)
 {
-    for (size_t v = 0; v < pliant_geometry_voxels(&labels->geometry); v++) {
-        bool named = false;
-        for (uint32_t m = 0; !named && m < table->num_materials; m++)
-            for (uint32_t l = 0; !named && l < table->materials[m].num_labels; l++) named = table->materials[m].labels[l] == labels->voxels[v];
-        if (!named) labels->voxels[v] = 0;
-    }
+    bool named[UINT16_MAX + 1] = {false};
+    for (uint32_t m = 0; m < table->num_materials; m++)
+        for (uint32_t l = 0; l < table->materials[m].num_labels; l++)
+            if (table->materials[m].labels[l] <= UINT16_MAX) named[table->materials[m].labels[l]] = true;
+    size_t voxels = pliant_geometry_voxels(&labels->geometry);
+    for (size_t v = 0; v < voxels; v++)
+        if (!named[labels->voxels[v]]) labels->voxels[v] = 0;
 }
 
 static pliant_status segment(const pliant_scene *scene, const pliant_volume *scan, const pliant_material_table *table, pliant_labels *labels)

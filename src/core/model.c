@@ -184,12 +184,10 @@ static pliant_status fix_coarse(builder *build)
 {
     const pliant_model *model = build->model;
     const pliant_mesh *fine = &model->fine, *coarse = &model->coarse;
-    int32_t nx = coarse->cells[0] + 1, ny = coarse->cells[1] + 1, ratio = model->scene.mesh.ratio;
     build->coarse_fixed = pliant_calloc((size_t)coarse->num_nodes, 1);
     if (!build->coarse_fixed) return pliant_fail_memory("the fixed nodes");
     for (int32_t n = 0; n < coarse->num_nodes; n++) {
-        int32_t at = coarse->lattice_of_node[n], i = at % nx * ratio, j = at / nx % ny * ratio, k = at / nx / ny * ratio;
-        int32_t node = fine->node_of_lattice[i + (fine->cells[0] + 1) * (j + (fine->cells[1] + 1) * k)];
+        int32_t node = pliant_mesh_node_in(fine, coarse, n);
         build->coarse_fixed[n] = node >= 0 && model->fine_fixed[node];
     }
     return model->scene.model.method == PLIANT_COARSE ? hold_coarse(build) : PLIANT_OK;

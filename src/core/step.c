@@ -77,7 +77,7 @@ pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, con
         pliant_status status = pliant_warp_create(model->scan, &model->fine, target, model->system->num_threads, &warp);
         if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp, model->scene.warp.fit_step);
         /* a step's stages hand over on the GPU */
-        else if (status == PLIANT_OK && data->backend->warp_create) status = pliant_warp_backend(warp, model->scene.solver.backend);
+        else if (status == PLIANT_OK && !data->backend->on_host) status = pliant_warp_backend(warp, model->scene.solver.backend);
         if (status != PLIANT_OK) {
             pliant_warp_free(warp);
             return status;
@@ -104,7 +104,8 @@ static pliant_status interact(const pliant_model *model, pliant_data *data)
     }
     pliant_solver_gravity(data->solver, data->gravity);
     for (int t = 0; t < data->num_tools; t++) {
-        if (data->tools[t].holding && !data->tools[t].attached) data->backend->bring(model, data); /* it begins from the present state */
+        bool begins = data->tools[t].holding && !data->tools[t].attached; /* from the present state */
+        if (begins && !data->backend->on_host) data->backend->bring(model, data);
         pliant_status status = pliant_tool_interact(model, data, t);
         if (status != PLIANT_OK) return status;
     }

@@ -94,7 +94,7 @@ ProbeError probe(const Loaded &loaded, pliant_progress progress)
     double largest = 0, error = 0, sum = 0;
     int32_t pairs = 0;
     for (int32_t node = 0; node < mesh.num_nodes; ++node) {
-        int32_t same = other.node_of_lattice[mesh.lattice_of_node[node]];
+        int32_t same = pliant_mesh_node_in(&other, &mesh, node);
         if (same < 0) continue;
         double squared = squared_distance(&reference[3 * static_cast<size_t>(node)], &found[3 * static_cast<size_t>(same)]);
         largest = std::max(largest, squared_distance(&reference[3 * static_cast<size_t>(node)], &mesh.rest[3 * node]));

@@ -1,0 +1,41 @@
+// A command-line program as a user meets it: exit code, what it prints, what it writes into a folder of its own.
+#ifndef PLIANT_TEST_PROGRAM_H
+#define PLIANT_TEST_PROGRAM_H
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <sstream>
+#include <string>
+
+#include <sys/wait.h>
+#include <unistd.h>
+
+class Program : public testing::Test {
+protected:
+    explicit Program(const char *program) : program_(program) {}
+    void SetUp() override { ASSERT_NE(mkdtemp(folder_), nullptr); }
+    void TearDown() override { EXPECT_EQ(std::system(("rm -r " + std::string(folder_)).c_str()), 0); }
+    std::string in(const std::string &name) const { return std::string(folder_) + "/" + name; }
+    // Exit code; what went to stdout and stderr is kept.
+    int run(const std::string &arguments)
+    {
+        int code = std::system((program_ + " " + arguments + " > " + in("out") + " 2> " + in("err")).c_str());
+        out_ = text(in("out"));
+        err_ = text(in("err"));
+        return WIFEXITED(code) ? WEXITSTATUS(code) : -1;
+    }
+    static std::string text(const std::string &path)
+    {
+        std::ifstream file(path);
+        std::stringstream all;
+        all << file.rdbuf();
+        return all.str();
+    }
+    const std::string program_;
+    char folder_[32] = "/tmp/pliant_program_XXXXXX";
+    std::string out_, err_;
+};
+
+#endif
