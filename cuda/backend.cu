@@ -176,5 +176,5 @@ static pliant_status warp_cross(void *object, const march_ray *ray, int64_t firs
 }
 
 extern "C" const pliant_backend pliant_cuda_backend;
-const pliant_backend pliant_cuda_backend = {"cuda", false,    probe,       create,      destroy,   restart,     bring,     solve,
+const pliant_backend pliant_cuda_backend = {"cuda", &pliant_corotational, false, probe,       create,      destroy,   restart,     bring,     solve,
                                             upsample, warp, warp_create, warp_free, warp_update, warp_fetch,  warp_cross};

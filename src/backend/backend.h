@@ -22,17 +22,30 @@ typedef struct pliant_warp_parts {
     double *seconds;             /* cull, rasterize */
 } pliant_warp_parts;
 
+/* What a kind of solver (solver/kind) does on the host, whoever runs its steps. */
+typedef struct pliant_host_solver {
+    pliant_status (*create)(const pliant_model *model, pliant_data *data); /* its state in data, at rest. Errors: MEMORY, SCENE */
+    pliant_status (*reset)(pliant_data *data);                             /* to rest. Errors: MEMORY (nothing changed) */
+    pliant_status (*interact)(const pliant_model *model, pliant_data *data); /* the first stage of a step: what the tools pull at */
+    void (*set_positions)(const pliant_model *model, pliant_data *data, const double *positions); /* data's own positions too */
+    void (*limits)(pliant_data *data, int iterations, double tolerance);
+    void (*left)(pliant_data *data); /* another backend failed: what it made is not to be used. Nullable */
+    const pliant_backend *cpu, *cuda; /* who can run its steps; cuda is NULL in a build without */
+} pliant_host_solver;
+extern const pliant_host_solver pliant_corotational, pliant_explicit;
+
 struct pliant_backend {
     const char *name;
+    const pliant_host_solver *kind;
     bool on_host; /* keeps no state of its own: nothing to bring or to free, and none to fall back on when it fails */
     /* Whether it can be used here. text: the device's name, or the reason why not. Says nothing itself. */
     bool (*probe)(char *text, size_t size);
 
     /* STATE of a data, from its host state. Errors: MEMORY, NUMERIC, UNAVAILABLE. */
     pliant_status (*create)(const pliant_model *model, pliant_data *data);
-    void (*free)(pliant_data *data); /* NULL on the host, as is bring */
+    void (*free)(pliant_data *data); /* NULL on the host */
     pliant_status (*restart)(const pliant_model *model, pliant_data *data); /* the host's state was changed: take it */
-    void (*bring)(const pliant_model *model, pliant_data *data); /* the state of the last step to the host's solver */
+    void (*bring)(const pliant_model *model, pliant_data *data); /* the state of the last step to the host's solver; NULL: it is there */
 
     /* STAGES, each from the state that the one before left */
     pliant_status (*solve)(const pliant_model *model, pliant_data *data);
@@ -54,6 +67,17 @@ extern const pliant_backend pliant_tled_backend; /* explicit dynamics on the CPU
 bool pliant_cpu_probe(char *text, size_t size);
 pliant_status pliant_cpu_nothing(const pliant_model *model, pliant_data *data);
 pliant_status pliant_cpu_warp(const pliant_model *model, pliant_data *data);
+/* explicit dynamics: positions from the displacements, what is told of the tools */
+pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data);
+
+#ifdef PLIANT_WITH_CUDA
+extern const pliant_backend pliant_cuda_backend, pliant_cuda_tled_backend;
+#define PLIANT_ON_GPU(backend) &(backend)
+#else
+#define PLIANT_ON_GPU(backend) NULL
+#endif
+
+const pliant_host_solver *pliant_host_solver_of(const pliant_model *model);
 
 /* text: what the GPU is called, or why there is none. Errors: UNAVAILABLE, with the reason, when the one asked for cannot be
  * used. */

@@ -1,9 +1,10 @@
-/* The stages on the CPU. */
+/* The corotational solver's stages on the CPU, and what its other backends leave to the host. */
 #include "backend/backend.h"
 #include "fem/solver.h"
 #include "interact/tool.h"
 
 #include <stdio.h>
+#include <string.h>
 
 bool pliant_cpu_probe(char *text, size_t size)
 {
@@ -36,7 +37,53 @@ pliant_status pliant_cpu_warp(const pliant_model *model, pliant_data *data)
     return data->warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
 }
 
+static pliant_status create(const pliant_model *model, pliant_data *data) { return pliant_solver_create(model, &data->solver); }
+static pliant_status reset(pliant_data *data) { return pliant_solver_reset(data->solver); }
+
+static pliant_status interact(const pliant_model *model, pliant_data *data)
+{
+    pliant_solver_gravity(data->solver, data->gravity);
+    for (int t = 0; t < data->num_tools; t++) {
+        bool begins = data->tools[t].holding && !data->tools[t].attached; /* from the present state */
+        if (begins && data->backend->bring) data->backend->bring(model, data);
+        pliant_status status = pliant_tool_interact(model, data, t);
+        if (status != PLIANT_OK) return status;
+    }
+    return PLIANT_OK;
+}
+
+static void set_positions(const pliant_model *model, pliant_data *data, const double *positions)
+{
+    const pliant_system *system = model->system;
+    pliant_solver *solver = data->solver;
+    for (int32_t f = 0; f < system->num_free; f++) {
+        int32_t node = system->node_of_free[f], fine = pliant_mesh_node_in(&model->fine, system->mesh, node);
+        if (fine >= 0) memcpy(solver->now.x + 3 * node, positions + 3 * fine, 3 * sizeof *positions);
+    }
+    pliant_solver_forget(solver);
+    solver->ahead = false;
+    solver->refused = solver->slow = 0;
+    pliant_upsample_positions(system, solver->now.x, data->positions);
+}
+
+static void limits(pliant_data *data, int iterations, double tolerance)
+{
+    data->solver->max_iterations = iterations;
+    data->solver->tolerance = tolerance;
+}
+
+static void left(pliant_data *data)
+{
+    pliant_solver_forget(data->solver);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) data->solver->handles[t].response_of = 0;
+}
+
+const pliant_host_solver pliant_corotational = {
+    .create = create, .reset = reset, .interact = interact, .set_positions = set_positions, .limits = limits, .left = left,
+    .cpu = &pliant_cpu_backend, .cuda = PLIANT_ON_GPU(pliant_cuda_backend),
+};
+
 const pliant_backend pliant_cpu_backend = {
-    .name = "cpu", .on_host = true, .probe = pliant_cpu_probe, .create = pliant_cpu_nothing, .restart = pliant_cpu_nothing,
-    .solve = solve, .upsample = upsample, .warp = pliant_cpu_warp,
+    .name = "cpu", .kind = &pliant_corotational, .on_host = true, .probe = pliant_cpu_probe, .create = pliant_cpu_nothing,
+    .restart = pliant_cpu_nothing, .solve = solve, .upsample = upsample, .warp = pliant_cpu_warp,
 };

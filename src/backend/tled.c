@@ -1,9 +1,11 @@
-/* The stages of explicit dynamics on the CPU. */
+/* The stages of explicit dynamics on the CPU, and what its other backends leave to the host. */
 #include "fem/tled.h"
 
 #include "backend/backend.h"
 #include "core/fail.h"
 #include "interact/tool.h"
+
+#include <string.h>
 
 static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
@@ -11,16 +13,44 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
     return pliant_tled_step(data->tled, data->tools, data->num_tools, &data->statistics);
 }
 
-static pliant_status upsample(const pliant_model *model, pliant_data *data)
+pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data)
 {
     for (int32_t n = 0; n < 3 * model->fine.num_nodes; n++) data->positions[n] = model->fine.rest[n] + data->tled->u[n];
     for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
     return PLIANT_OK;
 }
 
+static pliant_status create(const pliant_model *model, pliant_data *data) { return pliant_tled_create(model, &data->tled); }
+
+static pliant_status reset(pliant_data *data)
+{
+    pliant_tled_reset(data->tled);
+    return PLIANT_OK;
+}
+
+static pliant_status interact(const pliant_model *model, pliant_data *data)
+{
+    (void)model;
+    pliant_tled_interact(data->tled, data->gravity, data->tools, data->num_tools);
+    return PLIANT_OK;
+}
+
+static void set_positions(const pliant_model *model, pliant_data *data, const double *positions)
+{
+    pliant_tled_set_positions(data->tled, positions);
+    memcpy(data->positions, positions, 3 * (size_t)model->fine.num_nodes * sizeof *positions);
+}
+
+static void limits(pliant_data *data, int iterations, double tolerance) { pliant_tled_limits(data->tled, iterations, tolerance); }
+
+const pliant_host_solver pliant_explicit = {
+    .create = create, .reset = reset, .interact = interact, .set_positions = set_positions, .limits = limits,
+    .cpu = &pliant_tled_backend, .cuda = NULL,
+};
+
 const pliant_backend pliant_tled_backend = {
-    .name = "cpu", .on_host = true, .probe = pliant_cpu_probe, .create = pliant_cpu_nothing, .restart = pliant_cpu_nothing,
-    .solve = solve, .upsample = upsample, .warp = pliant_cpu_warp,
+    .name = "cpu", .kind = &pliant_explicit, .on_host = true, .probe = pliant_cpu_probe, .create = pliant_cpu_nothing,
+    .restart = pliant_cpu_nothing, .solve = solve, .upsample = pliant_tled_upsample, .warp = pliant_cpu_warp,
 };
 
 pliant_status pliant_data_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out)

@@ -25,9 +25,7 @@ pliant_status pliant_data_create(const pliant_model *model, pliant_data **out)
     if (!data) return pliant_fail_memory("the simulation state");
     size_t before = pliant_memory_in_use();
     data->positions = pliant_calloc((size_t)model->fine.num_nodes, 3 * sizeof *data->positions);
-    pliant_status status = !data->positions ? pliant_fail_memory("the simulation state")
-                           : model->tled    ? pliant_tled_create(model, &data->tled)
-                                            : pliant_solver_create(model, &data->solver);
+    pliant_status status = data->positions ? pliant_host_solver_of(model)->create(model, data) : pliant_fail_memory("the simulation state");
     if (status != PLIANT_OK) {
         pliant_data_free(data);
         return status;
@@ -58,9 +56,8 @@ void pliant_data_free(pliant_data *data)
 
 pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
 {
-    pliant_status status = data->tled ? PLIANT_OK : pliant_solver_reset(data->solver);
+    pliant_status status = data->backend->kind->reset(data);
     if (status != PLIANT_OK) return status;
-    if (data->tled) pliant_tled_reset(data->tled);
     for (int t = 0; t < data->num_tools; t++) pliant_tool_forget(data->tools + t);
     memcpy(data->positions, model->fine.rest, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
     memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
@@ -96,28 +93,12 @@ pliant_status pliant_data_gravity(pliant_data *data, const double gravity[3])
     return PLIANT_OK;
 }
 
-static pliant_status interact(const pliant_model *model, pliant_data *data)
-{
-    if (data->tled) {
-        pliant_tled_interact(data->tled, data->gravity, data->tools, data->num_tools);
-        return PLIANT_OK;
-    }
-    pliant_solver_gravity(data->solver, data->gravity);
-    for (int t = 0; t < data->num_tools; t++) {
-        bool begins = data->tools[t].holding && !data->tools[t].attached; /* from the present state */
-        if (begins && !data->backend->on_host) data->backend->bring(model, data);
-        pliant_status status = pliant_tool_interact(model, data, t);
-        if (status != PLIANT_OK) return status;
-    }
-    return PLIANT_OK;
-}
-
 pliant_status pliant_step(const pliant_model *model, pliant_data *data)
 {
     pliant_status caveat = PLIANT_OK;
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; stage++) {
         const pliant_backend *backend = data->backend;
-        pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {interact, backend->solve, backend->upsample, backend->warp};
+        pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {backend->kind->interact, backend->solve, backend->upsample, backend->warp};
         _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
         double start = pliant_seconds();
         pliant_status status = stages[stage](model, data);

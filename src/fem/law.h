@@ -23,17 +23,24 @@ extern "C" {
 
 #define PLIANT_SMALLEST_RATIO 0.3
 
+/* the CPU's loops and the GPU's kernels compile the same lines */
+#ifdef __CUDACC__
+#define PLIANT_ELEMENT static __device__ __forceinline__
+#else
+#define PLIANT_ELEMENT static inline __attribute__((always_inline))
+#endif
+
 /* For a floating type: the terms of the stress. `shear` is b without what resists a change of volume, `volume` what does, so
  * b = shear + volume; volume is linear in the modulus that pliant_law_modulus names, for pressures at nodes. */
 #define PLIANT_DEFINE_LAW_TERMS(real, name)                                                                                      \
-    static inline __attribute__((always_inline)) real name##_reciprocal(real ratio)                                             \
+    PLIANT_ELEMENT real name##_reciprocal(real ratio)                                                                            \
     {                                                                                                                            \
         const real least = (real)PLIANT_SMALLEST_RATIO;                                                                          \
         real below = (2 * least - ratio) / (least * least), kept = ratio > least ? ratio : least;                                \
         return ratio > least ? 1 / kept : below;                                                                                 \
     }                                                                                                                            \
     /* J^(-1/3) by Newton's method from below: from the tangents of its inverse at 1 and at 8 */                                 \
-    static inline __attribute__((always_inline)) real name##_root(real ratio)                                                   \
+    PLIANT_ELEMENT real name##_root(real ratio)                                                                                  \
     {                                                                                                                            \
         real y = 3 / (2 + ratio), far = 12 / (16 + ratio);                                                                       \
         y = y > far ? y : far;                                                                                                   \
@@ -41,7 +48,7 @@ extern "C" {
         return y;                                                                                                                \
     }                                                                                                                            \
     /* J^(-2/3) and its derivative */                                                                                            \
-    static inline __attribute__((always_inline)) void name##_power(real ratio, real *power, real *slope)                        \
+    PLIANT_ELEMENT void name##_power(real ratio, real *power, real *slope)                                                       \
     {                                                                                                                            \
         const real least = (real)PLIANT_SMALLEST_RATIO;                                                                          \
         real kept = ratio > least ? ratio : least, root = name##_root(kept);                                                     \
@@ -49,13 +56,13 @@ extern "C" {
         *power = root * root + (ratio > least ? 0 : *slope * (ratio - least));                                                   \
     }                                                                                                                            \
     /* what resists a change of volume, for a modulus of 1 */                                                                    \
-    static inline __attribute__((always_inline)) real name##_volume(pliant_law law, real change)                                \
+    PLIANT_ELEMENT real name##_volume(pliant_law law, real change)                                                               \
     {                                                                                                                            \
         if (law != PLIANT_LAW_COMPRESSIBLE) return change;                                                                       \
         return (real)0.5 * (1 + change - name##_reciprocal(1 + change));                                                         \
     }                                                                                                                            \
     /* trace: I1 - 3; change: J - 1 */                                                                                           \
-    static inline __attribute__((always_inline)) void name##_terms(pliant_law law, real mu, real trace, real change, real *a,   \
+    PLIANT_ELEMENT void name##_terms(pliant_law law, real mu, real trace, real change, real *a,                                  \
                                                                    real *shear)                                                  \
     {                                                                                                                            \
         const real least = (real)PLIANT_SMALLEST_RATIO;                                                                          \

@@ -1,7 +1,5 @@
+#include "backend/backend.h"
 #include "core/fail.h"
-#include "fem/solver.h"
-#include "fem/tled.h"
-#include "pliant/data.h"
 
 #include <math.h>
 
@@ -10,11 +8,6 @@ pliant_status pliant_data_limits(pliant_data *data, int iterations, double toler
     if (iterations < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a step needs at least 1 iteration, not %d", iterations);
     if (!(tolerance > 0) || !isfinite(tolerance))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the tolerance of a step must be above 0, not %g", tolerance);
-    if (data->tled) {
-        pliant_tled_limits(data->tled, iterations, tolerance);
-        return PLIANT_OK;
-    }
-    data->solver->max_iterations = iterations;
-    data->solver->tolerance = tolerance;
+    data->backend->kind->limits(data, iterations, tolerance);
     return PLIANT_OK;
 }

@@ -81,7 +81,7 @@ struct pliant_tled {
     double *u, *d;                          /* (num_nodes x 3) displacement and its last increment [m] */
     float (*memory)[6 * PLIANT_PRONY_TERMS][LANES]; /* Prony: overstress that has relaxed, rest volume times second
                                                      * Piola-Kirchhoff [N m]; NULL: elastic */
-    double *kept_u, *kept_d;                /* at the start of the frame */
+    double *kept_u, *kept_d;                /* at the start of the frame; a backend's arrivals */
     float (*kept_memory)[6 * PLIANT_PRONY_TERMS][LANES];
     double target[PLIANT_MAX_TOOLS][3];     /* where held points are pulled to now [m] */
     double kept_target[PLIANT_MAX_TOOLS][3];
@@ -120,6 +120,15 @@ void pliant_tled_pressures(pliant_tled *tled);
 /* One frame: sub-steps, or dynamic relaxation. NUMERIC keeps the state before it. */
 void pliant_tled_set_positions(pliant_tled *tled, const double *positions); /* at rest there; fixed nodes stay */
 pliant_status pliant_tled_step(pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_statistics *statistics);
+
+/* What came of a frame's sub-steps. sound: no node moved faster than sound; otherwise the state is the one before. */
+typedef struct pliant_tled_frame { int32_t steps; double residual; bool sound, settled; } pliant_tled_frame;
+/* Runs a frame: u, d, memory, target and quotient go from one frame to the next; forces of sub-steps are added to the tools'. On an error
+ * the state is the one before. */
+typedef pliant_status (*pliant_tled_runner)(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_tled_frame *out);
+/* pliant_tled_step with another runner than the CPU's; its errors are handed on. */
+pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_tled *tled, pliant_tool *tools, int num_tools,
+                                  pliant_statistics *statistics);
 
 /* ---- tled_tools.c */
 /* The tools' forces on the nodes that they hold, after a step that knew nothing of them: u, d and acceleration are put right; forces are

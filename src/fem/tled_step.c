@@ -101,8 +101,6 @@ static void total_of(const pliant_tled *tled, int32_t chunks, double out[PLIANT_
     }
 }
 
-typedef struct frame_result { int32_t steps; double residual, largest; bool settled; } frame_result;
-
 static double relative(const pliant_tled *tled, const double total[PLIANT_NUM_SUMS], double tool_load)
 {
     const double noise = 1e-8; /* of a tool that holds without pulling */
@@ -125,13 +123,13 @@ static double lowest_frequency(const pliant_tled *tled, int32_t chunks, double q
 }
 
 /* All threads run this; what they decide on is the same for all. */
-static frame_result run(pliant_tled *tled, pliant_tool *tools, int num_tools, bool held, double *tool_load)
+static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tools, bool held, double *tool_load)
 {
     const pliant_tled_system *system = tled->system;
     const int32_t chunks = (system->mesh->num_nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK;
     const bool still = system->quasi_static;
     scheme rule = scheme_of(tled->time_step, system->damping);
-    frame_result result = {0};
+    pliant_tled_frame result = {.sound = true};
     double total[PLIANT_NUM_SUMS], quotient[2] = {tled->quotient[0], tled->quotient[1]};
     while (result.steps < tled->substeps && !result.settled) {
         if (system->nodal_pressure) pliant_tled_pressures(tled);
@@ -156,8 +154,8 @@ static frame_result run(pliant_tled *tled, pliant_tool *tools, int num_tools, bo
         total_of(tled, chunks, total);
         result.steps++;
         result.residual = relative(tled, total, *tool_load);
-        result.largest = total[PLIANT_SUM_LARGEST];
-        if (!(result.largest <= (still ? INFINITY : 1))) break;
+        result.sound = total[PLIANT_SUM_LARGEST] <= (still ? INFINITY : 1);
+        if (!result.sound) break;
         result.settled = still && result.residual <= tled->tolerance;
     }
 #pragma omp barrier /* all have read the one of the frame before */
@@ -186,24 +184,21 @@ void pliant_tled_set_positions(pliant_tled *tled, const double *positions)
     }
 }
 
-static frame_result run_frame(pliant_tled *tled, pliant_tool *tools, int num_tools)
+static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_tled_frame *out)
 {
+    (void)with;
     bool held = false;
     double tool_load = 0;
-    frame_result result = {0};
-    for (int t = 0; t < num_tools; t++) {
-        held = held || tools[t].holding;
-        memset(tools[t].force, 0, sizeof tools[t].force);
-    }
+    for (int t = 0; t < num_tools; t++) held = held || tools[t].holding;
+    keep(tled, false);
 #pragma omp parallel num_threads(tled->system->num_threads)
     {
-        frame_result mine = run(tled, tools, num_tools, held, &tool_load);
+        pliant_tled_frame mine = run(tled, tools, num_tools, held, &tool_load);
 #pragma omp master
-        result = mine;
+        *out = mine;
     }
-    for (int t = 0; t < num_tools && !tled->system->quasi_static; t++)
-        for (int k = 0; k < 3; k++) tools[t].force[k] /= result.steps;
-    return result;
+    if (!out->sound) keep(tled, true);
+    return PLIANT_OK;
 }
 
 static void halve(pliant_tled *tled)
@@ -213,29 +208,46 @@ static void halve(pliant_tled *tled)
     for (int32_t n = 0; n < 3 * tled->system->mesh->num_nodes; n++) tled->d[n] *= 0.5;
 }
 
-pliant_status pliant_tled_step(pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_statistics *statistics)
+static pliant_status diverged(const pliant_tled *tled, int32_t steps)
+{
+    const pliant_tled_system *system = tled->system;
+    return pliant_fail(PLIANT_ERROR_NUMERIC,
+                       "tled diverged in sub-step %d of %d: a node moved faster than sound. Time step %.3g s; at rest at most %.3g s is "
+                       "stable (tled/safety %g). The state before the step is kept",
+                       steps, tled->substeps, tled->time_step, fmin(system->edge_bound, system->eigenvalue_bound), system->safety);
+}
+
+pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_tled *tled, pliant_tool *tools, int num_tools,
+                                  pliant_statistics *statistics)
 {
     const pliant_tled_system *system = tled->system;
     double kept_forces[PLIANT_MAX_TOOLS][3];
+    pliant_status status = PLIANT_OK;
     for (int t = 0; t < num_tools; t++) memcpy(kept_forces[t], tools[t].force, sizeof kept_forces[t]);
-    keep(tled, false);
-    for (int halvings = 0;; halvings++) {
-        frame_result result = run_frame(tled, tools, num_tools);
-        bool sound = result.largest <= (system->quasi_static ? INFINITY : 1);
-        statistics->iterations = result.steps;
-        if (sound) {
-            statistics->residual = result.residual;
-            return !system->quasi_static || result.settled ? PLIANT_OK : PLIANT_NOT_CONVERGED;
+    for (int halvings = 0; status == PLIANT_OK; halvings++) {
+        pliant_tled_frame frame = {0};
+        for (int t = 0; t < num_tools; t++) memset(tools[t].force, 0, sizeof tools[t].force);
+        status = runner(with, tled, tools, num_tools, &frame);
+        if (status != PLIANT_OK) break;
+        statistics->iterations = frame.steps;
+        if (frame.sound) {
+            statistics->residual = frame.residual;
+            for (int t = 0; t < num_tools && !system->quasi_static; t++)
+                for (int k = 0; k < 3; k++) tools[t].force[k] /= frame.steps;
+            return !system->quasi_static || frame.settled ? PLIANT_OK : PLIANT_NOT_CONVERGED;
         }
-        keep(tled, true);
-        for (int t = 0; t < num_tools; t++) memcpy(tools[t].force, kept_forces[t], sizeof kept_forces[t]);
-        double bound = fmin(system->edge_bound, system->eigenvalue_bound);
-        if (system->quasi_static || tled->time_step > bound || halvings == MOST_HALVINGS)
-            return pliant_fail(PLIANT_ERROR_NUMERIC,
-                               "tled diverged in sub-step %d of %d: a node moved faster than sound. Time step %.3g s; at rest at most %.3g s is "
-                               "stable (tled/safety %g). The state before the step is kept",
-                               result.steps, tled->substeps, tled->time_step, bound, system->safety);
-        halve(tled);
-        pliant_log(PLIANT_LOG_WARNING, "tled: a node moved faster than sound; from now on sub-steps of %.3g s", tled->time_step);
+        if (system->quasi_static || tled->time_step > fmin(system->edge_bound, system->eigenvalue_bound) || halvings == MOST_HALVINGS) {
+            status = diverged(tled, frame.steps);
+        } else {
+            halve(tled);
+            pliant_log(PLIANT_LOG_WARNING, "tled: a node moved faster than sound; from now on sub-steps of %.3g s", tled->time_step);
+        }
     }
+    for (int t = 0; t < num_tools; t++) memcpy(tools[t].force, kept_forces[t], sizeof kept_forces[t]);
+    return status;
+}
+
+pliant_status pliant_tled_step(pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_statistics *statistics)
+{
+    return pliant_tled_step_by(run_frame, NULL, tled, tools, num_tools, statistics);
 }
