@@ -38,4 +38,15 @@ TEST(Dense, GaussSolvesWithPivoting)
     EXPECT_FALSE(pliant_dense_solve(3, zero.data(), 1, b.data()));
 }
 
+TEST(Dense, EigenvectorsOfSymmetricMatrices)
+{
+    for (int n : {1, 6, 24}) {
+        Matrix half = Matrix::Random(n, n), a = half + half.transpose(), copy = a, vectors(n, n);
+        Eigen::VectorXd values(n);
+        pliant_dense_symmetric_eigen(n, copy.data(), values.data(), vectors.data());
+        EXPECT_LT((vectors.transpose() * vectors - Matrix::Identity(n, n)).norm(), 1e-12 * n);
+        EXPECT_LT((a * vectors - vectors * Matrix(values.asDiagonal())).norm(), 1e-12 * n * a.norm());
+    }
+}
+
 } // namespace

@@ -13,7 +13,8 @@ extern "C" {
 
 /** name in C, name in YAML */
 #define PLIANT_METHOD_LIST(X) \
-    X(PLIANT_FINE, fine) X(PLIANT_COARSE, coarse) X(PLIANT_SCHUR, schur) X(PLIANT_AVERAGED, averaged)
+    X(PLIANT_FINE, fine) X(PLIANT_COARSE, coarse) X(PLIANT_SCHUR, schur) X(PLIANT_AVERAGED, averaged) \
+    X(PLIANT_CALIBRATED, calibrated)
 #define PLIANT_TOUCH_LIST(X) X(PLIANT_TOUCH_OVERLAP, overlap) X(PLIANT_TOUCH_FACE, face)
 #define PLIANT_BACKEND_LIST(X) X(PLIANT_AUTO, auto) X(PLIANT_CPU, cpu) X(PLIANT_CUDA, cuda)
 #define PLIANT_PRECONDITIONER_LIST(X) X(PLIANT_PRECONDITIONER_AUTO, auto) X(PLIANT_DIRECT, direct) X(PLIANT_MULTIGRID, multigrid)
@@ -82,7 +83,7 @@ typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pli
     X(REAL, purity, 0.95, 0.0, 1.0, "", "octree: a cube is split unless this part of its voxels is of one material")  \
     X(BOOL, keep_air, false, 0, 1, "", "keep tetrahedra that hold no tissue")
 #define PLIANT_SCENE_MODEL(X)                                                                                          \
-    X(METHOD, method, PLIANT_FINE, 0, 0, "", "what is solved: fine, coarse, schur or averaged")                       \
+    X(METHOD, method, PLIANT_FINE, 0, 0, "", "what is solved: the fine mesh, or a coarse one by one of these methods") \
     X(TOUCH, touch, PLIANT_TOUCH_OVERLAP, 0, 0, "", "schur: fine tetrahedra that overlap the coarse one, or share a face with it too") \
     X(REAL3, gravity, 0.0, -1e4, 1e4, "m/s^2", "acceleration in scan axes (LPS)")
 #define PLIANT_SCENE_SOLVER(X)                                                                                         \

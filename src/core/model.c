@@ -30,6 +30,12 @@ typedef struct builder {
     uint8_t *coarse_fixed;                 /* (coarse.num_nodes) */
 } builder;
 
+/* condensed on the corners of every coarse tetrahedron, which must all be there */
+static bool needs_corners(const pliant_model *model)
+{
+    return model->scene.model.method == PLIANT_SCHUR || model->scene.model.method == PLIANT_CALIBRATED;
+}
+
 static bool is_coarse(const pliant_model *model) { return model->scene.model.method != PLIANT_FINE; }
 
 static pliant_status classify(builder *build)
@@ -71,7 +77,7 @@ static pliant_status mesh(builder *build)
         keep[t] = model->scene.mesh.keep_air || build->lattice_material[t].tissue > 0;
         if (keep[t]) keep_coarse[pliant_lattice_coarse_of(coarse_cells, ratio, (int32_t)t)] = 1;
     }
-    if (model->scene.model.method == PLIANT_SCHUR)
+    if (needs_corners(model))
         for (size_t t = 0; t < fine_count; t++) keep[t] = keep_coarse[pliant_lattice_coarse_of(coarse_cells, ratio, (int32_t)t)];
     status = pliant_mesh_grid(geometry, cells, keep, &model->fine);
     if (status == PLIANT_OK && is_coarse(model)) status = pliant_mesh_grid(geometry, coarse_cells, keep_coarse, &model->coarse);

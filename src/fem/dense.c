@@ -77,3 +77,39 @@ bool pliant_dense_solve(int32_t n, double *a, int32_t columns, double *right)
         }
     return true;
 }
+
+/* columns (or with step n: rows) p and q turned by an angle */
+static void turn(int32_t n, double *a, int32_t p, int32_t q, int32_t step, int32_t stride, double cosine, double sine)
+{
+    for (int32_t i = 0; i < n; i++) {
+        double *x = a + (int64_t)i * stride + (int64_t)p * step, *y = a + (int64_t)i * stride + (int64_t)q * step;
+        double old = *x;
+        *x = cosine * old - sine * *y;
+        *y = sine * old + cosine * *y;
+    }
+}
+
+/* cyclic Jacobi (Golub and Van Loan, 8.5) */
+void pliant_dense_symmetric_eigen(int32_t n, double *a, double *values, double *vectors)
+{
+    for (int32_t m = 0; m < n * n; m++) vectors[m] = m % (n + 1) == 0;
+    for (int sweep = 0; sweep < 60; sweep++) {
+        double off = 0, whole = 0;
+        for (int32_t m = 0; m < n * n; m++) {
+            whole += a[m] * a[m];
+            off += m % (n + 1) == 0 ? 0 : a[m] * a[m];
+        }
+        if (!(off > 1e-32 * whole)) break;
+        for (int32_t p = 0; p < n; p++)
+            for (int32_t q = p + 1; q < n; q++) {
+                double apart = a[p * n + q];
+                if (apart == 0) continue;
+                double tau = (a[q * n + q] - a[p * n + p]) / (2 * apart);
+                double tangent = (tau < 0 ? -1 : 1) / (fabs(tau) + hypot(1, tau)), cosine = 1 / hypot(1, tangent);
+                turn(n, a, p, q, 1, n, cosine, cosine * tangent);
+                turn(n, a, p, q, n, 1, cosine, cosine * tangent);
+                turn(n, vectors, p, q, 1, n, cosine, cosine * tangent);
+            }
+    }
+    for (int32_t i = 0; i < n; i++) values[i] = a[i * n + i];
+}

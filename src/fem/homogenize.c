@@ -1,11 +1,13 @@
 /* A 12 x 12 stiffness for every coarse tetrahedron from its fine submesh.
  *
  * schur:    [H] 1 to 7, as written. Too soft, and fails the patch test: point loads carry the element (NUMERICS 1).
+ * calibrated: the same, brought to the right stiffness of homogeneous material (calibrate.c).
  * averaged: the submesh is held by the averages of its gradient and displacement instead (NUMERICS 2): passes the patch
  *           test and stays bounded as the fine mesh is refined.
  * A coarse tetrahedron whose submesh holds fixed fine nodes is grounded: it keeps R = I, since without its rigid null space
  * corotation would be wrong (NUMERICS 1 and 7.1). */
 #include "core/fail.h"
+#include "fem/calibrate.h"
 #include "fem/dense.h"
 #include "fem/submesh.h"
 #include "pliant/memory.h"
@@ -214,6 +216,35 @@ static bool schur_stiffness(pliant_submesh *submesh, int32_t tet, double out[144
     return good;
 }
 
+/* The reference that a submesh is calibrated on: Young's modulus 1, the mean Poisson's ratio of its tissue. */
+static pliant_tet_material reference_of(const pliant_submesh *submesh)
+{
+    double total = 0, nu = 0;
+    for (int32_t t = 0; t < submesh->num_tets; t++) {
+        const pliant_tet_material *material = submesh->material + submesh->tets[t];
+        double weight = material->tissue + 1e-3; /* tetrahedra of a submesh hardly differ in volume; air as in average_rows */
+        total += weight;
+        nu += weight * material->lambda / (2 * (material->lambda + material->mu));
+    }
+    nu /= total;
+    return (pliant_tet_material){.lambda = nu / ((1 + nu) * (1 - 2 * nu)), .mu = 0.5 / (1 + nu)};
+}
+
+/* K' = V B' (S C S) B from the condensed K and the condensed stiffness of the reference */
+static bool calibrated_stiffness(pliant_submesh *submesh, int32_t tet, double out[144])
+{
+    double condensed[144], of_reference[144], gradients[12], *shape = submesh->work + 36 * (size_t)submesh->num_nodes;
+    pliant_tet_material reference = reference_of(submesh);
+    if (!schur_stiffness(submesh, tet, condensed, shape)) return false;
+    pliant_submesh_assemble(submesh, &reference);
+    bool good = schur_stiffness(submesh, tet, of_reference, shape);
+    pliant_submesh_assemble(submesh, NULL);
+    const double *rest = submesh->coarse->rest;
+    const int32_t *nodes = submesh->coarse->tets + 4 * tet;
+    double volume = pliant_tet_gradients(rest + 3 * nodes[0], rest + 3 * nodes[1], rest + 3 * nodes[2], rest + 3 * nodes[3], gradients);
+    return good && pliant_calibrate(gradients, volume, &reference, condensed, of_reference, out);
+}
+
 /* shape functions of one coarse tetrahedron, kept until they are sorted by node */
 typedef struct shape_list {
     int32_t count;
@@ -273,7 +304,8 @@ static pliant_status sort_shapes(pliant_system *system, const shape_list *lists)
 typedef struct homogenization {
     pliant_system *system;
     const pliant_submesh_lists *lists;
-    shape_list *shapes; /* Nullable: averaged */
+    shape_list *shapes; /* Nullable: calibrated, averaged */
+    bool calibrated;
     int32_t galerkin;   /* coarse tetrahedra whose submesh falls apart: linear interpolation instead */
 } homogenization;
 
@@ -291,7 +323,8 @@ static pliant_status homogenize_one(homogenization *work, pliant_submesh *submes
         return pliant_fail(PLIANT_ERROR_NUMERIC, "schur: the submesh of coarse tetrahedron %d cannot be condensed on its corners; "
                                                  "use averaged", tet);
     }
-    if (!fixed && averaged_stiffness(submesh, tet, out) && is_semidefinite(out)) return PLIANT_OK;
+    bool made = !fixed && (work->calibrated ? calibrated_stiffness(submesh, tet, out) : averaged_stiffness(submesh, tet, out));
+    if (made && is_semidefinite(out)) return PLIANT_OK;
     galerkin_stiffness(submesh, tet, out);
     if (!fixed) {
 #pragma omp atomic
@@ -367,7 +400,7 @@ pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene
         status = pliant_fail_memory("the homogenized stiffness");
         goto done;
     }
-    homogenization work = {.system = system, .lists = &lists, .shapes = shapes};
+    homogenization work = {.system = system, .lists = &lists, .shapes = shapes, .calibrated = scene->model.method == PLIANT_CALIBRATED};
     if ((status = homogenize_all(&work, fine_fixed, fine_material, progress)) != PLIANT_OK) goto done;
     if (!schur) ground(system);
     if (work.galerkin > 0)

@@ -133,22 +133,28 @@ pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, con
             submesh->node[submesh->num_nodes++] = node;
         }
     pliant_status status = make_room(submesh);
-    if (status != PLIANT_OK) return status;
+    if (status == PLIANT_OK) pliant_submesh_assemble(submesh, NULL);
+    return status;
+}
+
+void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material *everywhere)
+{
+    const pliant_mesh *fine = submesh->fine;
     size_t size = 3 * (size_t)submesh->num_nodes;
     memset(submesh->stiffness, 0, size * size * sizeof *submesh->stiffness);
-    for (int32_t t = 0; t < num_tets; t++) {
-        const int32_t *nodes = fine->tets + 4 * tets[t];
+    for (int32_t t = 0; t < submesh->num_tets; t++) {
+        const int32_t *nodes = fine->tets + 4 * submesh->tets[t];
+        const pliant_tet_material *material = everywhere ? everywhere : submesh->material + submesh->tets[t];
         double gradients[12], element[144];
         double volume = pliant_tet_gradients(fine->rest + 3 * nodes[0], fine->rest + 3 * nodes[1], fine->rest + 3 * nodes[2],
                                              fine->rest + 3 * nodes[3], gradients);
-        pliant_element_stiffness(gradients, volume * submesh->material[tets[t]].lambda, volume * submesh->material[tets[t]].mu, element);
+        pliant_element_stiffness(gradients, volume * material->lambda, volume * material->mu, element);
         for (int a = 0; a < 12; a++)
             for (int b = 0; b < 12; b++) {
                 size_t row = 3 * (size_t)submesh->local_of[nodes[a / 3]] + (size_t)(a % 3);
                 submesh->stiffness[size * row + 3 * (size_t)submesh->local_of[nodes[b / 3]] + (size_t)(b % 3)] += element[12 * a + b];
             }
     }
-    return PLIANT_OK;
 }
 
 bool pliant_submesh_has_fixed(const pliant_submesh *submesh)

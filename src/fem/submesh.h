@@ -41,6 +41,8 @@ void pliant_submesh_free(pliant_submesh *submesh);
 
 /* Nodes and stiffness of one coarse tetrahedron's list. Errors: MEMORY. */
 pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, const int32_t *tets);
+/* The stiffness again, of one material everywhere; NULL: of its own. */
+void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material *everywhere);
 bool pliant_submesh_has_fixed(const pliant_submesh *submesh);
 
 #ifdef __cplusplus

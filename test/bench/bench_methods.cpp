@@ -157,10 +157,11 @@ int main(int argc, char **argv)
     scene.solver.iterations = 100;
     scene.solver.tolerance = 1e-4;
     scene.grasp.radius = 0.012;
-    const pliant_method methods[] = {PLIANT_FINE, PLIANT_COARSE, PLIANT_SCHUR, PLIANT_SCHUR, PLIANT_AVERAGED};
-    const char *names[] = {"fine", "coarse", "schur overlap", "schur face", "averaged"};
+    const pliant_method methods[] = {PLIANT_FINE, PLIANT_COARSE, PLIANT_SCHUR, PLIANT_SCHUR, PLIANT_CALIBRATED, PLIANT_AVERAGED};
+    const char *names[] = {"fine", "coarse", "schur overlap", "schur face", "calibrated", "averaged"};
+    const size_t count = sizeof methods / sizeof *methods;
     std::vector<pliant_model *> models;
-    for (int m = 0; m < 5; m++) {
+    for (size_t m = 0; m < count; m++) {
         scene.model.method = methods[m];
         scene.model.touch = m == 3 ? PLIANT_TOUCH_FACE : PLIANT_TOUCH_OVERLAP;
         pliant_model *model = nullptr;
@@ -177,7 +178,7 @@ int main(int argc, char **argv)
         std::printf("label %s, pulled at (%.3f %.3f %.3f) m\n", argv[a], at[0], at[1], at[2]);
         Run fine = run(models[0], at, PLIANT_DRIVE_RIGID, nullptr), by_force = run(models[0], at, PLIANT_DRIVE_FORCE, fine.force);
         compare("fine by force", models[0], by_force, fine);
-        for (int m = 0; m < 5; m++) {
+        for (size_t m = 0; m < count; m++) {
             if (models[m]->fine.num_nodes != models[0]->fine.num_nodes) {
                 std::printf("%s keeps other nodes: compare with mesh/keep_air\n", names[m]);
                 continue;

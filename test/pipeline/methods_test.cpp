@@ -5,7 +5,7 @@
 
 namespace {
 
-const pliant_method methods[] = {PLIANT_FINE, PLIANT_COARSE, PLIANT_SCHUR, PLIANT_AVERAGED};
+const pliant_method methods[] = {PLIANT_FINE, PLIANT_COARSE, PLIANT_SCHUR, PLIANT_AVERAGED, PLIANT_CALIBRATED};
 
 // 0: air, 1: tissue, 2: bone; patches of 3^3 voxels drawn by a hash, the lower third solid
 int speckle(int i, int j, int k, unsigned seed)

@@ -50,6 +50,7 @@ TEST(Patch, ConstantStrainIsInEquilibrium)
     EXPECT_LT(patch_error(PLIANT_FINE), 1e-10);
     EXPECT_LT(patch_error(PLIANT_COARSE), 1e-10);
     EXPECT_LT(patch_error(PLIANT_AVERAGED), 1e-8);
+    EXPECT_LT(patch_error(PLIANT_CALIBRATED), 1e-8);
 }
 
 // Energy that coarse elements store under a constant strain over the exact V (mu e:e + lambda tr(e)^2 / 2).
@@ -84,12 +85,14 @@ void energy_ratio(pliant_method method, pliant_touch touch, double *low, double 
 
 // A patch under a constant strain must store exactly its energy. The paper's condensation carries an element by point loads;
 // it cannot (NUMERICS 1), and by how much is reported.
-TEST(Patch, AveragedStoresTheExactEnergyAndSchurDoesNot)
+TEST(Patch, AveragedAndCalibratedStoreTheExactEnergyAndSchurDoesNot)
 {
     double low, high;
-    energy_ratio(PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, &low, &high);
-    EXPECT_NEAR(low, 1, 1e-8);
-    EXPECT_NEAR(high, 1, 1e-8);
+    for (pliant_method method : {PLIANT_AVERAGED, PLIANT_CALIBRATED}) {
+        energy_ratio(method, PLIANT_TOUCH_OVERLAP, &low, &high);
+        EXPECT_NEAR(low, 1, 1e-8) << "method " << method;
+        EXPECT_NEAR(high, 1, 1e-8) << "method " << method;
+    }
     energy_ratio(PLIANT_SCHUR, PLIANT_TOUCH_OVERLAP, &low, &high);
     std::printf("schur, touch overlap: stores %.1f to %.1f %% of the exact energy\n", 100 * low, 100 * high);
     EXPECT_LT(high, 0.9);
@@ -100,7 +103,7 @@ TEST(Patch, AveragedStoresTheExactEnergyAndSchurDoesNot)
 
 TEST(Patch, RigidMotionCostsNoForce)
 {
-    for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR}) {
+    for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_CALIBRATED}) {
         Body body(size, box, one);
         body.scene.model.method = method;
         body.cells(3, 3, 3, 2);
@@ -128,7 +131,7 @@ TEST(Patch, StiffnessIsSemidefiniteWithSixZeroModes)
     std::vector<int> materials(24 * 24 * 24);
     for (int &m : materials) m = static_cast<int>(random() % 3);
     const std::vector<Material> mixed = {{4000, 0.45, 950, false}, {30000, 0.4, 1060, false}, {300000, 0.3, 1100, false}};
-    for (pliant_method method : {PLIANT_AVERAGED, PLIANT_SCHUR}) {
+    for (pliant_method method : {PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_CALIBRATED}) {
         Body body(size, box, mixed, [&](int i, int j, int k) { return materials[i / 3 + 24 * (j / 3 + 24 * (k / 3))]; });
         body.scene.model.method = method;
         body.cells(2, 2, 2, 3);
@@ -149,14 +152,14 @@ TEST(Patch, StiffnessIsSemidefiniteWithSixZeroModes)
     }
 }
 
-TEST(Patch, HomogeneousAveragedIsCoarse)
+void homogeneous_is_coarse(pliant_method method)
 {
-    Body averaged(size, box, one);
-    averaged.scene.model.method = PLIANT_AVERAGED;
-    averaged.cells(3, 3, 3, 4);
-    averaged.fix_plane(0, 0, 0, 0, 0, 1);
-    ASSERT_EQ(averaged.build(), PLIANT_OK) << pliant_last_error();
-    const pliant_system *system = averaged.model->system;
+    Body body(size, box, one);
+    body.scene.model.method = method;
+    body.cells(3, 3, 3, 4);
+    body.fix_plane(0, 0, 0, 0, 0, 1);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    const pliant_system *system = body.model->system;
     double lambda = 5000 * 0.4 / (1.4 * 0.2), mu = 5000 / 2.8;
     int checked = 0;
     for (int32_t t = 0; t < system->mesh->num_tets; t++) {
@@ -171,6 +174,9 @@ TEST(Patch, HomogeneousAveragedIsCoarse)
     }
     EXPECT_GT(checked, 20);
 }
+
+TEST(Patch, HomogeneousAveragedIsCoarse) { homogeneous_is_coarse(PLIANT_AVERAGED); }
+TEST(Patch, HomogeneousCalibratedIsCoarse) { homogeneous_is_coarse(PLIANT_CALIBRATED); }
 
 // Unit right-angled tetrahedron, by hand: with g0 = (-1,-1,-1), g1 = e_x, g2 = e_y, g3 = e_z and V = 1/6,
 // K(1x,1x) = V (lambda + 2 mu), K(1x,2y) = V lambda, K(1y,2x) = V mu, K(1y,1y) = V mu, K(0x,0x) = V (lambda + 4 mu).
