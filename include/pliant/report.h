@@ -76,12 +76,15 @@ pliant_status pliant_volume_plane(const pliant_volume *volume, int axis, const d
 typedef struct pliant_results pliant_results;
 
 /** Open a CSV table, or go on with the one that is there.
+ *  @param path    Nullable: in memory only
  *  @param columns (num_columns) names; the first num_keys of them make the key of a row
  *  Errors: FILE, FORMAT (the file has other columns), MEMORY. */
 pliant_status pliant_results_open(const char *path, const char *const *columns, int num_columns, int num_keys, pliant_results **out);
+/** The whole table as a CSV file, over what is there. Errors: FILE. */
+pliant_status pliant_results_write(const pliant_results *results, const char *path);
 /** Whether a row with this key (num_keys texts) is there. */
 bool pliant_results_has(const pliant_results *results, const char *const *key);
-/** Add a row (num_columns texts); it is on disk when this returns. Errors: FILE, MEMORY. */
+/** Add a row (num_columns texts); it is on disk, for a table of a file, when this returns. Errors: FILE, MEMORY. */
 pliant_status pliant_results_add(pliant_results *results, const char *const *cells);
 size_t pliant_results_rows(const pliant_results *results);
 int pliant_results_columns(const pliant_results *results);
@@ -125,14 +128,18 @@ typedef struct pliant_sweep {
     int32_t num_values;
     pliant_pull_point points[PLIANT_MAX_PULLS];
     int32_t num_points;
+    uint32_t cases;           /**< of pulls by displacement, by force and by a spring (bits 0 to 2), and gravity that turns (bit 3) */
     double pull[3];           /**< where a pulled point ends, from where it was [m] */
     int32_t frames;           /**< of a pull; twice as many for gravity */
     double twice_limit;       /**< most fine tetrahedra of the mesh of twice the resolution that is still solved; 0: never */
+    double reference_tolerance; /**< to which the references are solved; ten times that on the mesh of twice the resolution */
+    double most_ms;           /**< of a median frame: larger budgets are left out when a run takes longer or converges; 0: none is */
     int32_t repeats;          /**< runs of the same; the quickest of each frame is told, for machines that do other work too */
+    bool paced;               /**< frames begin solver/step apart, as in a running simulation, not one at the end of the other */
     bool warp;                /**< the deformed volume is made in every frame and its time is told */
 } pliant_sweep;
 
-/** All methods, the scene's ratio, a few budgets, one point to pull at, 3 cm in 30 frames. The points are left to
+/** All methods and cases, the scene's ratio, a few budgets, one point to pull at, 3 cm in 30 frames. The points are left to
  *  pliant_pull_points. */
 void pliant_sweep_defaults(const pliant_scene *scene, pliant_sweep *out);
 
@@ -145,10 +152,13 @@ typedef struct pliant_report_tables {
     pliant_results *slices;    /**< the same in slices: names of .npy files */
     pliant_results *stages;    /**< what was left out */
     pliant_results *stability;
+    pliant_results *choice;    /**< what pliant_choose took */
 } pliant_report_tables;
 
-/** Opens folder/sweep.csv and so on. Errors: FILE, FORMAT, MEMORY. */
+/** Opens folder/sweep.csv and so on. @param folder Nullable: in memory only. Errors: FILE, FORMAT, MEMORY. */
 pliant_status pliant_report_open(const char *folder, pliant_report_tables *out);
+/** The tables as they are to folder/sweep.csv and so on, over what is there. Errors: FILE. */
+pliant_status pliant_report_write(const char *folder, const pliant_report_tables *tables);
 void pliant_report_close(pliant_report_tables *tables);
 
 /** folder/report.json: machine, threads, backend, version, and the rows of this setup. Errors: FILE. */
@@ -162,6 +172,32 @@ void pliant_report_setup(const pliant_report_input *input, const pliant_sweep *s
  *  Errors: as of building and stepping; CANCELLED (rows done so far are kept). */
 pliant_status pliant_sweep_run(const pliant_report_input *input, const pliant_sweep *sweep, const char *folder,
                                pliant_report_tables *tables, pliant_progress progress);
+
+/* ---- CHOICE: the settings that a scene's budget allows (choice.c) */
+
+enum { PLIANT_CHOICE_TEXT = 256 };
+typedef struct pliant_choice {
+    pliant_scene scene;          /**< with the settings that were taken; the scene's own when none were */
+    bool made;                   /**< false: the scene does not ask for it, or nothing could be measured */
+    char options[PLIANT_CHOICE_TEXT]; /**< what was taken: "model/method=fine mesh/coarse_cells=7,7,7 ...", each good for --set */
+    double error;                /**< the one of the three that choose/measure names */
+    double max, p95, rms;        /**< measured on the probe load, worst frame: over the body, as a fraction of the largest displacement */
+    double seconds;              /**< median step of the probe load, without the deformed volume [s] */
+    bool within_budget;          /**< false: nothing was, and this is the quickest */
+    int32_t reference_tetrahedra; /**< of the fine mesh that errors are against */
+    int32_t tried, dropped;      /**< methods and meshes; those that could not be measured */
+} pliant_choice;
+
+/** Try methods, cells, ratios and iterations on a probe load, as far as the scene's group `choose` lets them vary, and take the
+ *  most accurate ones whose step keeps to choose/budget_ms. The probe load: a point of the body's front is pulled forward by 1 cm
+ *  in ten frames, once by displacement, once by the force which that took. Errors are against the fine solution on a mesh of twice
+ *  the scene's resolution where the mesh may vary and that is not too large, else on the scene's own. Times are medians over
+ *  frames that begin solver/step apart; errors within 5 % of each other count as equal, and the quicker settings are taken. What cannot be built or does not
+ *  converge is dropped; when nothing can be measured, the scene's own settings are told, with a warning in the log.
+ *  A scene without choose/budget_ms costs nothing.
+ *  @param tables Nullable: rows of what was tried (sweep, frames, builds) and taken (choice) are added
+ *  Errors: SCENE (no lattice, or explicit dynamics), MEMORY, CANCELLED. */
+pliant_status pliant_choose(const pliant_report_input *input, pliant_report_tables *tables, pliant_progress progress, pliant_choice *out);
 
 /** Time and memory of the scene as it is, without each of its stages in turn, and without all of them.
  *  Errors: as of building and stepping; CANCELLED. */

@@ -29,6 +29,7 @@ extern "C" {
 #define PLIANT_MESH_LIST(X) X(PLIANT_LATTICE, lattice) X(PLIANT_OCTREE, octree)
 #define PLIANT_WARP_LIST(X) X(PLIANT_RASTERIZE, rasterize) X(PLIANT_FIT, fit)
 #define PLIANT_SEGMENT_LIST(X) X(PLIANT_SEGMENT_NONE, none) X(PLIANT_SEGMENT_GMM, gmm)
+#define PLIANT_MEASURE_LIST(X) X(PLIANT_MEASURE_MAX, max) X(PLIANT_MEASURE_P95, p95) X(PLIANT_MEASURE_RMS, rms)
 
 #define PLIANT_CHOICE_ENUM(name, yaml) name,
 typedef enum pliant_method { PLIANT_METHOD_LIST(PLIANT_CHOICE_ENUM) } pliant_method;
@@ -41,6 +42,7 @@ typedef enum pliant_law { PLIANT_LAW_LIST(PLIANT_CHOICE_ENUM) } pliant_law;
 typedef enum pliant_mesh_kind { PLIANT_MESH_LIST(PLIANT_CHOICE_ENUM) } pliant_mesh_kind;
 typedef enum pliant_warp_kind { PLIANT_WARP_LIST(PLIANT_CHOICE_ENUM) } pliant_warp_kind;
 typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pliant_segment_kind;
+typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_measure;
 #undef PLIANT_CHOICE_ENUM
 
 /** C types of the kinds of option. INT3 and REAL3 take one default and one range for all three numbers. */
@@ -59,6 +61,7 @@ typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pli
 #define PLIANT_DECLARE_MESH(name) pliant_mesh_kind name;
 #define PLIANT_DECLARE_WARP(name) pliant_warp_kind name;
 #define PLIANT_DECLARE_SEGMENT(name) pliant_segment_kind name;
+#define PLIANT_DECLARE_MEASURE(name) pliant_measure name;
 #define PLIANT_DECLARE_LAW(name) pliant_law name;
 
 /* X(kind, name, default, low, high, unit, text) for every group; strings have no range */
@@ -81,7 +84,7 @@ typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pli
     X(INT, ratio, 2, 1, 8, "", "fine cubes along each edge of a coarse one")                                          \
     X(INT, depth, 2, 0, 6, "", "octree: how often a coarse cube may be halved")                                       \
     X(REAL, purity, 0.95, 0.0, 1.0, "", "octree: a cube is split unless this part of its voxels is of one material")  \
-    X(BOOL, keep_air, false, 0, 1, "", "keep tetrahedra that hold no tissue, as a filler that neither turns nor tears")
+    X(BOOL, keep_air, false, 0, 1, "", "keep tetrahedra that hold no tissue")
 #define PLIANT_SCENE_MODEL(X)                                                                                          \
     X(METHOD, method, PLIANT_FINE, 0, 0, "", "what is solved: the fine mesh, or a coarse one by one of these methods") \
     X(TOUCH, touch, PLIANT_TOUCH_OVERLAP, 0, 0, "", "schur: fine tetrahedra that overlap the coarse one, or share a face with it too") \
@@ -98,6 +101,15 @@ typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pli
     X(PRECONDITIONER, preconditioner, PLIANT_PRECONDITIONER_AUTO, 0, 0, "", "direct (a factor), multigrid (a V-cycle), or auto: by the number of nodes") \
     X(INT, refresh_interval, 5, 0, 100000, "steps", "a new factor is started at most this often; 0: never")           \
     X(INT, refresh_delay, 0, 0, 100000, "steps", "a new factor is put to use this long after its start, ready or waited for, so that results do not depend on timing; 0: from its operation count, at 10 Gflop/s")
+#define PLIANT_SCENE_CHOOSE(X)                                                                                         \
+    X(REAL, budget_ms, 0.0, 0.0, 1e6, "ms", "time of a step without the volume: at load, settings are tried on a pull, and the most accurate ones within it are taken; 0: the scene's own are") \
+    X(REAL, max_error, 0.0, 0.0, 1.0, "", "warn when the error of what was taken is above this part of the largest displacement; 0: never") \
+    X(MEASURE, measure, PLIANT_MEASURE_P95, 0, 0, "", "of the error over the body: largest, 95th percentile, root mean square; the largest is the tool's own more than a mesh's") \
+    X(BOOL, method, true, 0, 1, "", "model/method and touch may vary")                                                \
+    X(BOOL, coarse_cells, true, 0, 1, "", "mesh/coarse_cells may vary")                                               \
+    X(BOOL, ratio, true, 0, 1, "", "mesh/ratio may vary")                                                             \
+    X(BOOL, iterations, true, 0, 1, "", "solver/iterations may vary")                                                 \
+    X(REAL, seconds, 60.0, 0.0, 1e5, "s", "time for trying; what was not tried by then is left out")
 #define PLIANT_SCENE_TLED(X)                                                                                           \
     X(LAW, law, PLIANT_LAW_NEO_HOOKEAN, 0, 0, "", "strain energy: neo_hookean as in [C] 10, compressible (isochoric and volumetric parts), saint_venant_kirchhoff") \
     X(REAL, damping, 5.0, 0.0, 1e6, "1/s", "damping in proportion to mass; 0: none")                                  \
@@ -131,7 +143,7 @@ typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pli
 /* G(group, list) */
 #define PLIANT_SCENE_GROUPS(G)                                                                                         \
     G(scan, PLIANT_SCENE_SCAN) G(segment, PLIANT_SCENE_SEGMENT) G(material, PLIANT_SCENE_MATERIAL) G(mesh, PLIANT_SCENE_MESH)                           \
-    G(model, PLIANT_SCENE_MODEL) G(solver, PLIANT_SCENE_SOLVER) G(tled, PLIANT_SCENE_TLED)                             \
+    G(model, PLIANT_SCENE_MODEL) G(solver, PLIANT_SCENE_SOLVER) G(choose, PLIANT_SCENE_CHOOSE) G(tled, PLIANT_SCENE_TLED)                             \
     G(ground, PLIANT_SCENE_GROUND) G(grasp, PLIANT_SCENE_GRASP) G(warp, PLIANT_SCENE_WARP) G(output, PLIANT_SCENE_OUTPUT)
 
 enum { PLIANT_MAX_FIXED = 32 };

@@ -18,6 +18,7 @@ static const char *const mesh_names[] = {PLIANT_MESH_LIST(CHOICE_NAME) NULL};
 static const char *const warp_names[] = {PLIANT_WARP_LIST(CHOICE_NAME) NULL};
 static const char *const segment_names[] = {PLIANT_SEGMENT_LIST(CHOICE_NAME) NULL};
 static const char *const law_names[] = {PLIANT_LAW_LIST(CHOICE_NAME) NULL};
+static const char *const measure_names[] = {PLIANT_MEASURE_LIST(CHOICE_NAME) NULL};
 #undef CHOICE_NAME
 
 /* a choice is read and written through an int */
@@ -25,7 +26,8 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
                    sizeof(pliant_backend_choice) == sizeof(int) &&
                    sizeof(pliant_preconditioner_choice) == sizeof(int) && sizeof(pliant_scalar) == sizeof(int) &&
                    sizeof(pliant_solver_kind) == sizeof(int) && sizeof(pliant_law) == sizeof(int) &&
-                   sizeof(pliant_mesh_kind) == sizeof(int) && sizeof(pliant_warp_kind) == sizeof(int) && sizeof(pliant_segment_kind) == sizeof(int),
+                   sizeof(pliant_mesh_kind) == sizeof(int) && sizeof(pliant_warp_kind) == sizeof(int) && sizeof(pliant_segment_kind) == sizeof(int) &&
+                   sizeof(pliant_measure) == sizeof(int),
                "choices have the size of an int");
 
 /* kind, default as a number, default as a string, names of the choices */
@@ -44,6 +46,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define KIND_MESH(value) PLIANT_OPTION_CHOICE, value, NULL, mesh_names
 #define KIND_WARP(value) PLIANT_OPTION_CHOICE, value, NULL, warp_names
 #define KIND_SEGMENT(value) PLIANT_OPTION_CHOICE, value, NULL, segment_names
+#define KIND_MEASURE(value) PLIANT_OPTION_CHOICE, value, NULL, measure_names
 #define KIND_LAW(value) PLIANT_OPTION_CHOICE, value, NULL, law_names
 
 /* one row of a group's list as an entry of the table; the second step lets KIND_ spread into its four values */
@@ -60,6 +63,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define MESH_ROW(...) ROW(mesh, __VA_ARGS__)
 #define MODEL_ROW(...) ROW(model, __VA_ARGS__)
 #define SOLVER_ROW(...) ROW(solver, __VA_ARGS__)
+#define CHOOSE_ROW(...) ROW(choose, __VA_ARGS__)
 #define TLED_ROW(...) ROW(tled, __VA_ARGS__)
 #define GROUND_ROW(...) ROW(ground, __VA_ARGS__)
 #define GRASP_ROW(...) ROW(grasp, __VA_ARGS__)
@@ -68,7 +72,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 
 static const pliant_option table[] = {
     PLIANT_SCENE_SCAN(SCAN_ROW) PLIANT_SCENE_SEGMENT(SEGMENT_ROW) PLIANT_SCENE_MATERIAL(MATERIAL_ROW) PLIANT_SCENE_MESH(MESH_ROW)
-    PLIANT_SCENE_MODEL(MODEL_ROW) PLIANT_SCENE_SOLVER(SOLVER_ROW) PLIANT_SCENE_TLED(TLED_ROW)
+    PLIANT_SCENE_MODEL(MODEL_ROW) PLIANT_SCENE_SOLVER(SOLVER_ROW) PLIANT_SCENE_CHOOSE(CHOOSE_ROW) PLIANT_SCENE_TLED(TLED_ROW)
     PLIANT_SCENE_GROUND(GROUND_ROW) PLIANT_SCENE_GRASP(GRASP_ROW) PLIANT_SCENE_WARP(WARP_ROW) PLIANT_SCENE_OUTPUT(OUTPUT_ROW)
 };
 enum { NUM_OPTIONS = sizeof table / sizeof *table, TEXT_SIZE = 128 };

@@ -1,3 +1,4 @@
+#define _POSIX_C_SOURCE 200809L
 #include "report/cases.h"
 
 #include "core/fail.h"
@@ -6,6 +7,7 @@
 
 #include <math.h>
 #include <string.h>
+#include <time.h>
 
 enum { MOST_ITERATIONS = 100, SETTLING_STEPS = 60, SETTLING_ITERATIONS = 20 };
 static const double standard_gravity = 9.80665;
@@ -79,21 +81,19 @@ static pliant_status settle(const pliant_model *model, pliant_data *data, double
     return status;
 }
 
-/* the state that the frames start from: held by a tool, or at rest under gravity */
+/* the state that the frames start from: at rest under gravity, held by a tool */
 static pliant_status begin(const pliant_model *model, const report_case *load, report_limits limits, pliant_data *data, double from[3])
 {
-    pliant_status status;
-    if (load->kind != CASE_gravity) {
+    pliant_status status = load->kind == CASE_gravity ? load_frame(load, data, from, 0) : PLIANT_OK;
+    const double *gravity = data->gravity;
+    if (status >= 0 && (gravity[0] != 0 || gravity[1] != 0 || gravity[2] != 0)) status = settle(model, data, fmin(limits.tolerance, 1e-5));
+    if (status >= 0 && load->kind != CASE_gravity) {
         int tool;
         status = pliant_tool_add(model, data, "report", &tool);
         if (status >= 0) status = pliant_tool_pose(data, tool, load->rest, NULL);
         if (status >= 0) status = pliant_tool_grasp(model, data, tool, load->rest);
-        if (status >= 0) status = set_limits(data, limits);
-        memcpy(from, data->tools[tool].tip, 3 * sizeof *from);
-        return status;
+        if (status >= 0) memcpy(from, data->tools[tool].tip, 3 * sizeof *from);
     }
-    status = load_frame(load, data, from, 0);
-    if (status >= 0) status = settle(model, data, fmin(limits.tolerance, 1e-5));
     return status < 0 ? status : set_limits(data, limits);
 }
 
@@ -104,6 +104,14 @@ static pliant_status step_frame(const pliant_model *model, pliant_data *data, re
     if (!limits.tight || status != PLIANT_NOT_CONVERGED) return status;
     status = settle(model, data, limits.tolerance);
     return status < 0 ? status : set_limits(data, limits);
+}
+
+static void sleep_until(double end)
+{
+    double left = end - pliant_seconds();
+    if (!(left > 0)) return;
+    struct timespec time = {.tv_sec = (time_t)left, .tv_nsec = (long)(1e9 * (left - floor(left)))};
+    nanosleep(&time, NULL);
 }
 
 static pliant_status run_create(int32_t frames, int32_t points, report_run *run)
@@ -127,7 +135,9 @@ pliant_status report_case_run(const pliant_model *model, const report_case *load
     if (status >= 0) status = pliant_data_create(model, &run.data);
     if (status >= 0 && target) status = pliant_data_warp(model, run.data, target);
     if (status >= 0) status = begin(model, load, limits, run.data, from);
-    for (int32_t f = 0; status >= 0 && f < load->frames; f++) {
+    double start = pliant_seconds();
+    for (int32_t f = 0; status >= 0 && f < load->frames; f++, start = fmax(start + limits.period, pliant_seconds() - limits.period)) {
+        sleep_until(start);
         if (!pliant_report_progress(limits.progress, (double)f / load->frames, report_case_name(load->kind))) {
             status = pliant_fail(PLIANT_ERROR_CANCELLED, "the run was stopped");
             break;

@@ -29,6 +29,7 @@ typedef struct report_case {
 typedef struct report_limits {
     int32_t iterations; /* of a step; 0: until the tolerance is met */
     double tolerance;
+    double period;      /* frames begin this far apart, as in a running simulation, so that the background has its time; 0: at once [s] */
     bool tight;         /* a frame goes on until the tolerance is met, whatever it takes: for references */
     pliant_progress progress; /* asked in every frame whether to go on; its fraction is of the run */
 } report_limits;

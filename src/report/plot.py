@@ -80,7 +80,16 @@ def worst_of_points(rows, column):
     return {key: (float(np.median([t for t, _ in values])), max(e for _, e in values)) for key, values in groups.items()}
 
 
-def draw_tradeoff(folder, rows, column, against, name):
+def mark_choice(axis, choice, entries):
+    """The budget, and what was taken within it."""
+    axis.axvline(number(choice, "budget_ms"), color="grey", linewidth=1, linestyle=":", zorder=0)
+    method = method_of(choice)
+    taken = [point for key, point in entries.items() if key[:2] == (method, choice["ratio"]) and int(key[2]) <= int(choice["budget"])]
+    if taken:
+        axis.plot(*taken[-1], "*", markersize=20, markerfacecolor="none", color="black")
+
+
+def draw_tradeoff(folder, rows, column, against, name, choice=None):
     cases = [case for case in CASES if any(row["case"] == case and math.isfinite(number(row, column)) for row in rows)]
     if not cases:
         return
@@ -115,15 +124,20 @@ def draw_tradeoff(folder, rows, column, against, name):
         if front:
             axis.step([t for t, _ in front], [e for _, e in front], where="post", color="black", linewidth=1, linestyle="--", zorder=0)
             axis.plot([t for t, _ in front], [e for _, e in front], "o", markersize=12, markerfacecolor="none", color="black")
+        if choice:
+            mark_choice(axis, choice, entries)
         axis.set_title(case)
         label_log(axis.xaxis, "time per frame, without the volume: median [ms]", axis.get_xlim())
-        label_log(axis.yaxis, "largest error, worst frame\n[% of the largest displacement]", axis.get_ylim())
+        which = {"max": "largest error", "p95": "95th percentile of the error", "rms": "rms error"}[column.split("_")[-2]]
+        label_log(axis.yaxis, which + ", worst frame\n[% of the largest displacement]", axis.get_ylim())
         axis.grid(True, which="both", alpha=0.25)
     for axis in list(axes.flat)[len(cases):]:
         axis.set_visible(False)
     handles = [plt.Line2D([], [], marker="o", linestyle="", color=colour[m], label=m) for m in methods]
     handles += [plt.Line2D([], [], marker=marker[r], linestyle="", color="grey", label="ratio " + r) for r in ratios]
     handles.append(plt.Line2D([], [], marker="o", linestyle="--", markerfacecolor="none", markersize=10, color="black", label="Pareto front"))
+    if choice:
+        handles.append(plt.Line2D([], [], marker="*", linestyle=":", markerfacecolor="none", markersize=14, color="black", label="taken, budget"))
     figure.legend(handles=handles, loc="lower center", ncol=3 * columns, fontsize=9)
     figure.suptitle("Error against %s\n(numbers: iterations a step; ∞: until converged)" % against, fontsize=11)
     figure.tight_layout(rect=(0, 0.06 + 0.04 / lines, 1, 1 - 0.07 / lines))
@@ -260,7 +274,10 @@ def main():
     sweep = read(folder, "sweep")
     setup = sys.argv[2] if len(sys.argv) > 2 else (sweep[-1]["setup"] if sweep else "")
     sweep = [row for row in sweep if row["setup"] == setup]
-    draw_tradeoff(folder, sweep, "max_percent", "the fine solution at the same resolution", "tradeoff.png")
+    choice = (read(folder, "choice", setup) or [None])[0]
+    against = "on %s tetrahedra" % choice["reference_tetrahedra"] if choice else "at the same resolution"
+    column = (choice["measure"] if choice else "max") + "_percent"
+    draw_tradeoff(folder, sweep, column, "the fine solution " + against, "tradeoff.png", choice)
     draw_tradeoff(folder, sweep, "twice_max_percent", "the fine solution at twice the resolution", "tradeoff_twice.png")
     draw_histograms(folder, read(folder, "histogram", setup))
     draw_slices(folder, read(folder, "slices", setup))

@@ -182,8 +182,16 @@ static void write_row(FILE *file, int width, const char *const *cells)
 
 static pliant_status flush(pliant_results *results)
 {
+    if (!results->file) return PLIANT_OK;
     bool failed = ferror(results->file) || fflush(results->file) != 0;
     return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s: %s", results->path, strerror(errno)) : PLIANT_OK;
+}
+
+static void write_rows(const pliant_results *results, FILE *file)
+{
+    write_row(file, results->num_columns, (const char *const *)results->columns);
+    for (size_t row = 0; row < results->rows; row++)
+        write_row(file, results->num_columns, (const char *const *)results->cells + row * (size_t)results->num_columns);
 }
 
 static pliant_status open_file(pliant_results *results)
@@ -201,9 +209,7 @@ static pliant_status open_file(pliant_results *results)
         if (!shorter) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", results->path, strerror(errno));
         fclose(results->file);
         results->file = shorter;
-        write_row(results->file, results->num_columns, (const char *const *)results->columns);
-        for (size_t row = 0; row < results->rows; row++)
-            write_row(results->file, results->num_columns, (const char *const *)results->cells + row * (size_t)results->num_columns);
+        write_rows(results, results->file);
     } else if (whole == 0) {
         write_row(results->file, results->num_columns, (const char *const *)results->columns);
     }
@@ -213,16 +219,16 @@ static pliant_status open_file(pliant_results *results)
 pliant_status pliant_results_open(const char *path, const char *const *columns, int num_columns, int num_keys, pliant_results **out)
 {
     if (num_columns < 1 || num_keys < 1 || num_keys > num_columns)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: a table needs columns, and a key among them", path);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: a table needs columns, and a key among them", path ? path : "in memory");
     pliant_results *results = pliant_calloc(1, sizeof *results);
     if (!results) return pliant_fail_memory("a table of results");
     results->num_columns = num_columns;
     results->num_keys = num_keys;
-    results->path = copy_text(path);
+    results->path = copy_text(path ? path : "");
     results->columns = pliant_calloc((size_t)num_columns, sizeof *results->columns);
     bool room = results->path && results->columns;
     for (int c = 0; room && c < num_columns; c++) room = (results->columns[c] = copy_text(columns[c])) != NULL;
-    pliant_status status = room ? open_file(results) : pliant_fail_memory("a table of results");
+    pliant_status status = !room ? pliant_fail_memory("a table of results") : path ? open_file(results) : PLIANT_OK;
     if (status != PLIANT_OK) {
         pliant_results_close(results);
         return status;
@@ -248,8 +254,18 @@ pliant_status pliant_results_add(pliant_results *results, const char *const *cel
 {
     pliant_status status = keep_row(results, cells);
     if (status != PLIANT_OK) return status;
-    write_row(results->file, results->num_columns, cells);
+    if (results->file) write_row(results->file, results->num_columns, cells);
     return flush(results);
+}
+
+pliant_status pliant_results_write(const pliant_results *results, const char *path)
+{
+    FILE *file = fopen(path, "w");
+    if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
+    write_rows(results, file);
+    bool failed = ferror(file);
+    failed |= fclose(file) != 0;
+    return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s was not written whole: %s", path, strerror(errno)) : PLIANT_OK;
 }
 
 size_t pliant_results_rows(const pliant_results *results) { return results->rows; }

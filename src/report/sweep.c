@@ -6,9 +6,9 @@
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
-static const double reference_tolerance = 1e-6, twice_tolerance = 1e-5;
 
 #define NAME(name, yaml) #yaml,
 static const char *const method_names[] = {PLIANT_METHOD_LIST(NAME)};
@@ -25,25 +25,20 @@ void pliant_sweep_defaults(const pliant_scene *scene, pliant_sweep *out)
     for (size_t b = 0; b < sizeof budgets / sizeof *budgets; b++) out->iterations[out->num_iterations++] = budgets[b];
     const double pull[3] = {0.004, -0.029, 0.006}; /* 3 cm, forward and a little up and aside, so that no axis is special */
     memcpy(out->pull, pull, sizeof pull);
+    out->cases = (1u << NUM_CASES) - 1;
     out->frames = 30;
     out->repeats = 1;
+    out->reference_tolerance = 1e-6;
     out->twice_limit = 1.5e5;
     out->warp = true;
 }
-
-typedef struct sweep_state {
-    sweep_ground ground;
-    pliant_progress progress;
-    char setup[9];
-    char variant[112];
-    char doing[160];
-    int done, total;
-} sweep_state;
 
 static pliant_status check(const pliant_sweep *sweep)
 {
     if (!sweep->methods || sweep->num_ratios < 1 || sweep->num_iterations < 1 || sweep->frames < 1)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "a sweep needs a method, a ratio, a budget and a frame");
+    if (sweep->cases >> CASE_force & 1 && !(sweep->cases >> CASE_displacement & 1))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a sweep of forces needs the displacement too: it says how large they are");
     for (int r = 0; r < sweep->num_ratios; r++)
         if (sweep->ratios[r] < 1 || sweep->ratios[r] > 8) return pliant_fail(PLIANT_ERROR_ARGUMENT, "ratio %d: 1 to 8 is wanted", sweep->ratios[r]);
     for (int b = 0; b < sweep->num_iterations; b++)
@@ -141,18 +136,20 @@ static pliant_status build(sweep_state *state, const pliant_scene *scene, pliant
 
 /* ---- the ground: what is solved tightly first */
 
-static void list_cases(sweep_ground *ground)
+void sweep_list_cases(sweep_ground *ground)
 {
     const pliant_sweep *sweep = ground->sweep;
     ground->num_cases = 0;
     for (int p = 0; p < sweep->num_points; p++)
         for (int kind = 0; kind < CASE_gravity; kind++) {
+            if (!(sweep->cases >> kind & 1)) continue;
             report_case *load = ground->cases + ground->num_cases;
             *load = (report_case){.kind = (report_case_kind)kind, .frames = sweep->frames};
             memcpy(load->rest, sweep->points[p].rest, sizeof load->rest);
             memcpy(load->pull, sweep->pull, sizeof load->pull);
             ground->point_names[ground->num_cases++] = sweep->points[p].name;
         }
+    if (!(sweep->cases >> CASE_gravity & 1)) return;
     ground->cases[ground->num_cases] = (report_case){.kind = CASE_gravity, .frames = 2 * sweep->frames};
     ground->point_names[ground->num_cases++] = "";
 }
@@ -162,7 +159,7 @@ static pliant_status solve_reference(sweep_state *state, pliant_model *model, co
 {
     const sweep_ground *ground = &state->ground;
     pliant_backend_choice backend = model->scene.solver.backend;
-    report_limits limits = {0, tolerance, true, {pass_progress, state}};
+    report_limits limits = {.tolerance = tolerance, .tight = true, .progress = {pass_progress, state}};
     model->scene.solver.backend = PLIANT_CPU; /* the one that all others are measured against */
     pliant_status status = report_case_run(model, ground->cases + index, limits, points, NULL, &out->run);
     model->scene.solver.backend = backend;
@@ -195,8 +192,8 @@ static pliant_status solve_same(sweep_state *state, const uint8_t *missing)
         bool needed = missing[c] || (load->kind == CASE_displacement && missing[c + 1]);
         if (!needed) continue;
         if (load->kind == CASE_force) memcpy(load->force, ground->same[c - 1].run.force, sizeof load->force);
-        status = begin(state, "ratio %d: reference, %s %s", ground->scene.mesh.ratio, report_case_name(load->kind), ground->point_names[c]);
-        if (status >= 0) status = solve_reference(state, ground->fine, &points, c, reference_tolerance, true, ground->same + c);
+        status = begin(state, "ratio %d: reference, %s %s", ground->reference.mesh.ratio, report_case_name(load->kind), ground->point_names[c]);
+        if (status >= 0) status = solve_reference(state, ground->fine, &points, c, ground->sweep->reference_tolerance, true, ground->same + c);
     }
     pliant_points_free(&points);
     return status;
@@ -219,16 +216,16 @@ static pliant_status solve_twice(sweep_state *state, const uint8_t *missing)
         if (!missing[c]) continue;
         status = begin(state, "ratio %d: twice the resolution, %s %s", ground->scene.mesh.ratio,
                                report_case_name(ground->cases[c].kind), ground->point_names[c]);
-        if (status >= 0) status = solve_reference(state, model, &ground->twice_points, c, twice_tolerance, false, ground->twice + c);
+        if (status >= 0) status = solve_reference(state, model, &ground->twice_points, c, 10 * ground->sweep->reference_tolerance, false, ground->twice + c);
     }
     pliant_model_free(model);
     return status;
 }
 
-static pliant_status prepare(sweep_state *state, const uint8_t *missing)
+pliant_status sweep_prepare(sweep_state *state, const uint8_t *missing)
 {
     sweep_ground *ground = &state->ground;
-    pliant_scene scene = ground->scene;
+    pliant_scene scene = ground->reference;
     double low[3], high[3];
     scene.model.method = PLIANT_FINE;
     pliant_status status = begin(state, "ratio %d: building the reference", scene.mesh.ratio);
@@ -242,7 +239,7 @@ static pliant_status prepare(sweep_state *state, const uint8_t *missing)
     return status;
 }
 
-static void free_ground(sweep_ground *ground)
+void sweep_free_ground(sweep_ground *ground)
 {
     for (int c = 0; c < MOST_CASES; c++) {
         report_run_free(&ground->same[c].run);
@@ -284,13 +281,14 @@ static pliant_status run_one(sweep_state *state, const pliant_model *model, cons
 {
     const sweep_ground *ground = &state->ground;
     const pliant_sweep *sweep = ground->sweep;
-    report_limits limits = {sweep->iterations[budget], ground->scene.solver.tolerance, false, {pass_progress, state}};
+    report_limits limits = {sweep->iterations[budget], ground->scene.solver.tolerance, sweep->paced ? ground->scene.solver.step : 0, false,
+                            {pass_progress, state}};
     report_run run = {0};
     const pliant_geometry *target = sweep->warp ? &ground->target : NULL;
     pliant_status status = report_case_run(model, ground->cases + index, limits, points, target, &run);
     for (int32_t n = 1; status >= 0 && n < sweep->repeats; n++) status = repeat(model, ground->cases + index, limits, points, target, &run);
     if (status < 0) report_run_free(&run);
-    if (status == PLIANT_ERROR_MEMORY || status == PLIANT_ERROR_CANCELLED) return status;
+    if (status == PLIANT_ERROR_CANCELLED) return status;
     if (status < 0) { /* the run ends here, the sweep goes on */
         row_text(row, pliant_status_text(status));
         row_text(row, pliant_last_error());
@@ -302,7 +300,23 @@ static pliant_status run_one(sweep_state *state, const pliant_model *model, cons
     return status;
 }
 
-static pliant_status run_model(sweep_state *state, int method, int touch)
+static bool same_mesh(const pliant_scene *a, const pliant_scene *b)
+{
+    return memcmp(&a->mesh, &b->mesh, sizeof a->mesh) == 0; /* its padding is zero: scenes are made by pliant_scene_defaults */
+}
+
+/* The last run took longer than what is looked for, or every frame of it met the tolerance: more iterations are of no use. */
+static bool enough(const sweep_ground *ground)
+{
+    const pliant_results *table = ground->tables->sweep;
+    size_t row = pliant_results_rows(table) - 1;
+    if (!(ground->sweep->most_ms > 0)) return false;
+    const char *status = pliant_results_cell(table, row, pliant_results_column(table, "status"));
+    const char *time = pliant_results_cell(table, row, pliant_results_column(table, "solver_median_ms"));
+    return strcmp(status, "ok") == 0 || !time[0] || strtod(time, NULL) > ground->sweep->most_ms;
+}
+
+pliant_status sweep_run_model(sweep_state *state, int method, int touch)
 {
     sweep_ground *ground = &state->ground;
     report_row row;
@@ -316,10 +330,11 @@ static pliant_status run_model(sweep_state *state, int method, int touch)
     const char *touch_name = method == PLIANT_SCHUR ? touch_names[touch] : "";
     pliant_status status = begin(state, "ratio %d: building %s %s", scene.mesh.ratio, method_names[method], touch_name);
     if (status < 0) return status;
-    if (method != PLIANT_FINE) status = build(state, &scene, &model, &peak);
-    const pliant_model *used = method == PLIANT_FINE ? ground->fine : model;
+    bool own = method != PLIANT_FINE || !same_mesh(&scene, &ground->reference);
+    if (own) status = build(state, &scene, &model, &peak);
+    const pliant_model *used = own ? model : ground->fine;
     model_key(state, method, touch, &row);
-    if (status == PLIANT_ERROR_CANCELLED || status == PLIANT_ERROR_MEMORY) return status;
+    if (status == PLIANT_ERROR_CANCELLED) return status;
     if (status < 0) { /* this method cannot be had here; the others may */
         state->done += ground->num_cases * ground->sweep->num_iterations;
         return sweep_tell_build(NULL, pliant_last_error(), 0, &row, ground->tables->builds);
@@ -334,6 +349,7 @@ static pliant_status run_model(sweep_state *state, int method, int touch)
                                    report_case_name(ground->cases[c].kind), ground->point_names[c], row.room + row.start[MODEL_KEYS]);
             if (status >= 0) status = run_one(state, used, &points, c, b, &row);
             state->done++;
+            if (status >= 0 && enough(ground)) break;
         }
     pliant_points_free(&points);
     pliant_model_free(model);
@@ -344,12 +360,12 @@ static pliant_status run_model(sweep_state *state, int method, int touch)
 static pliant_status run_ground(sweep_state *state)
 {
     uint8_t missing[MOST_CASES] = {0};
-    list_cases(&state->ground);
+    sweep_list_cases(&state->ground);
     if (each_missing(state, missing) == 0) return PLIANT_OK;
-    pliant_status status = prepare(state, missing);
+    pliant_status status = sweep_prepare(state, missing);
     for (int m = 0; status >= 0 && m < NUM_METHODS; m++)
-        for (int t = 0; status >= 0 && (state->ground.sweep->methods >> m & 1) && t < num_touches(m); t++) status = run_model(state, m, t);
-    free_ground(&state->ground);
+        for (int t = 0; status >= 0 && (state->ground.sweep->methods >> m & 1) && t < num_touches(m); t++) status = sweep_run_model(state, m, t);
+    sweep_free_ground(&state->ground);
     return status;
 }
 
@@ -368,8 +384,9 @@ static pliant_status each_ground(sweep_state *state, bool counting)
                 status = pliant_scene_set(&state->ground.scene, sweep->option, sweep->values[v]);
                 if (status < 0) break;
             }
+            state->ground.reference = state->ground.scene;
             if (counting) {
-                list_cases(&state->ground);
+                sweep_list_cases(&state->ground);
                 state->total += each_missing(state, NULL);
             } else status = run_ground(state);
         }

@@ -19,13 +19,14 @@ typedef struct sweep_reference {
     double largest;  /* over the frames [m] */
 } sweep_reference;
 
-/* Everything that the runs of one ratio (and variant) share. */
+/* What runs are measured against, and what they have in common. */
 typedef struct sweep_ground {
     const pliant_report_input *input;
     const pliant_sweep *sweep;
-    const char *folder;
+    const char *folder;          /* Nullable without the deformed volume */
     pliant_report_tables *tables;
-    pliant_scene scene;          /* with the ratio and the varied option */
+    pliant_scene scene;          /* of the runs: with the ratio and the varied option */
+    pliant_scene reference;      /* whose fine mesh is the reference's */
     pliant_geometry target;      /* of the deformed volume */
     report_case cases[MOST_CASES];
     const char *point_names[MOST_CASES];
@@ -48,6 +49,26 @@ typedef struct sweep_told {
     const report_run *run;
     bool voxels;                 /* per-voxel error too */
 } sweep_told;
+
+/* A sweep under way. */
+typedef struct sweep_state {
+    sweep_ground ground;
+    pliant_progress progress;
+    char setup[9];
+    char variant[112];
+    char doing[160];
+    int done, total;
+} sweep_state;
+
+/* Load cases of the sweep into the ground. */
+void sweep_list_cases(sweep_ground *ground);
+/* Build the reference and solve it tightly for the cases that are missing: (cases). Free with sweep_free_ground, also after
+ * a failure. */
+pliant_status sweep_prepare(sweep_state *state, const uint8_t *missing);
+void sweep_free_ground(sweep_ground *ground);
+/* Build ground.scene with this method and run every case and budget of it that is not in the tables yet. What this model or
+ * one of its runs cannot do goes to the tables. Errors: MEMORY, CANCELLED, FILE. */
+pliant_status sweep_run_model(sweep_state *state, int method, int touch);
 
 /* Rows of the frames, the voxels and the sweep, in that order: the last one says that the run is done.
  * @param key row with the RUN_KEYS cells of the run; cells are added */

@@ -39,15 +39,18 @@ static const char *const stage_columns[] = {
 static const char *const stability_columns[] = {
     "setup", "case", "parameter", "method", "verdict", "message", "steps", "steps_to_rest", "iterations", "seconds", "residual",
     "largest_mm", "off_rest_mm", "inverted_most", "inverted_end", "not_converged", "refused_steps", "growth_bytes", "figure"};
+static const char *const choice_columns[] = {
+    MODEL_COLUMNS, "budget", "options", "budget_ms", "max_error_percent", "measure", "max_percent", "p95_percent", "rms_percent", "step_ms", "within_budget",
+    "reference_tetrahedra", "tried", "seconds"};
 
 #define COLUMNS(list) list, (int)(sizeof(list) / sizeof *(list))
 
-enum { NUM_TABLES = 7 };
+enum { NUM_TABLES = 8 };
 
 static void list_tables(pliant_report_tables *tables, pliant_results **out[NUM_TABLES])
 {
     pliant_results **const list[NUM_TABLES] = {&tables->sweep,  &tables->frames, &tables->builds,   &tables->histogram,
-                                               &tables->slices, &tables->stages, &tables->stability};
+                                               &tables->slices, &tables->stages, &tables->stability, &tables->choice};
     memcpy(out, list, sizeof list);
 }
 
@@ -59,7 +62,7 @@ static const struct {
     {"sweep", COLUMNS(sweep_columns), RUN_KEYS},     {"frames", COLUMNS(frame_columns), RUN_KEYS + 1},
     {"builds", COLUMNS(build_columns), MODEL_KEYS},  {"histogram", COLUMNS(histogram_columns), RUN_KEYS + 1},
     {"slices", COLUMNS(slice_columns), RUN_KEYS + 1}, {"stages", COLUMNS(stage_columns), 2},
-    {"stability", COLUMNS(stability_columns), 4},
+    {"stability", COLUMNS(stability_columns), 4}, {"choice", COLUMNS(choice_columns), 1},
 };
 
 pliant_status pliant_report_open(const char *folder, pliant_report_tables *out)
@@ -70,9 +73,9 @@ pliant_status pliant_report_open(const char *folder, pliant_report_tables *out)
     pliant_status status = PLIANT_OK;
     list_tables(&tables, list);
     for (int t = 0; status == PLIANT_OK && t < NUM_TABLES; t++) {
-        if (snprintf(path, sizeof path, "%s/%s.csv", folder, kinds[t].name) >= (int)sizeof path)
+        if (folder && snprintf(path, sizeof path, "%s/%s.csv", folder, kinds[t].name) >= (int)sizeof path)
             status = pliant_fail(PLIANT_ERROR_FILE, "%s: the name is too long", folder);
-        else status = pliant_results_open(path, kinds[t].columns, kinds[t].num_columns, kinds[t].num_keys, list[t]);
+        else status = pliant_results_open(folder ? path : NULL, kinds[t].columns, kinds[t].num_columns, kinds[t].num_keys, list[t]);
     }
     if (status != PLIANT_OK) {
         pliant_report_close(&tables);
@@ -80,6 +83,21 @@ pliant_status pliant_report_open(const char *folder, pliant_report_tables *out)
     }
     *out = tables;
     return PLIANT_OK;
+}
+
+pliant_status pliant_report_write(const char *folder, const pliant_report_tables *tables)
+{
+    pliant_report_tables all = *tables;
+    pliant_results **list[NUM_TABLES];
+    char path[4096];
+    pliant_status status = PLIANT_OK;
+    list_tables(&all, list);
+    for (int t = 0; status == PLIANT_OK && t < NUM_TABLES; t++) {
+        if (snprintf(path, sizeof path, "%s/%s.csv", folder, kinds[t].name) >= (int)sizeof path)
+            status = pliant_fail(PLIANT_ERROR_FILE, "%s: the name is too long", folder);
+        else if (pliant_results_rows(*list[t]) > 0) status = pliant_results_write(*list[t], path);
+    }
+    return status;
 }
 
 void pliant_report_close(pliant_report_tables *tables)

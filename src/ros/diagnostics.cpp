@@ -90,6 +90,10 @@ void Diagnostics::backend(diagnostic_updater::DiagnosticStatusWrapper &status)
         status.add("scan", loaded->scan->volume.id);
         status.add("nodes", loaded->model->fine.num_nodes);
         status.add("tetrahedra", loaded->model->fine.num_tets);
+        if (loaded->choice.made) {
+            status.add("chosen", loaded->choice.options);
+            status.add("error of that on the probe load [%]", 100 * loaded->choice.error);
+        }
     }
 }
 

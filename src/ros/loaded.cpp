@@ -62,7 +62,59 @@ std::shared_ptr<Loaded> build(const pliant_scene &scene, std::shared_ptr<const S
     loaded->revision = revision;
     const pliant_labels *labels = loaded->scan->labels.voxels ? &loaded->scan->labels : nullptr;
     check(pliant_model_build(&scene, &loaded->scan->volume, labels, &materials, progress, &loaded->model));
+    loaded->asked = scene;
     return loaded;
+}
+
+namespace {
+
+/* part of a bar */
+struct Part {
+    pliant_progress whole;
+    double from, to;
+
+    pliant_progress progress()
+    {
+        return pliant_progress{[](double fraction, const char *stage, void *user) {
+                                   const Part *part = static_cast<Part *>(user);
+                                   double at = part->from + fraction * (part->to - part->from);
+                                   return !part->whole.function || part->whole.function(at, stage, part->whole.user);
+                               },
+                               this};
+    }
+};
+
+pliant_choice choose(const pliant_scene &scene, const Scan &scan, const pliant_material_table &materials,
+                     pliant_progress progress)
+{
+    pliant_choice choice;
+    pliant_report_input input{&scene, &scan.volume, scan.labels.voxels ? &scan.labels : nullptr, &materials};
+    check(pliant_choose(&input, nullptr, progress, &choice));
+    return choice;
+}
+
+} // namespace
+
+std::shared_ptr<Loaded> build_chosen(const pliant_scene &scene, std::shared_ptr<const Scan> scan,
+                                     const pliant_material_table &materials, pliant_progress progress)
+{
+    const double chosen = scene.choose.budget_ms > 0 ? 0.9 : 0; /* of the whole work */
+    Part first{progress, 0, chosen}, last{progress, chosen, 1};
+    pliant_choice choice = choose(scene, *scan, materials, first.progress());
+    std::shared_ptr<Loaded> loaded = build(choice.scene, std::move(scan), materials, 0, last.progress());
+    loaded->asked = scene;
+    loaded->choice = choice;
+    return loaded;
+}
+
+pliant_choice measure(const pliant_scene &scene, const Scan &scan, const pliant_material_table &materials,
+                      pliant_progress progress)
+{
+    pliant_scene fixed = scene;
+    fixed.choose.budget_ms = 1e6; /* any time will do */
+    fixed.choose.max_error = 0;
+    fixed.choose.method = fixed.choose.coarse_cells = fixed.choose.ratio = fixed.choose.iterations = false;
+    return choose(fixed, scan, materials, progress);
 }
 
 int threads_of(const pliant_scene &scene)

@@ -38,6 +38,8 @@ struct Scan {
 struct Loaded {
     std::shared_ptr<const Scan> scan;
     pliant_model *model = nullptr; /* constant once built */
+    pliant_scene asked{};          /* that it was built for; the model's own has the settings that were chosen */
+    pliant_choice choice{};        /* made: its settings were chosen */
     uint32_t revision = 0;
     Loaded() = default;
     Loaded(const Loaded &) = delete;
@@ -51,6 +53,13 @@ int threads_of(const pliant_scene &scene);
 std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::string &path, Materials *materials);
 std::shared_ptr<Loaded> build(const pliant_scene &scene, std::shared_ptr<const Scan> scan,
                               const pliant_material_table &materials, uint32_t revision, pliant_progress progress);
+
+/* The same, with the settings that the scene's group `choose` asks for. */
+std::shared_ptr<Loaded> build_chosen(const pliant_scene &scene, std::shared_ptr<const Scan> scan,
+                                     const pliant_material_table &materials, pliant_progress progress);
+/* The error of a scene's settings as they are, on the probe load of a choice; made false: it could not be measured. */
+pliant_choice measure(const pliant_scene &scene, const Scan &scan, const pliant_material_table &materials,
+                      pliant_progress progress);
 
 struct DataDeleter {
     void operator()(pliant_data *data) const { pliant_data_free(data); }

@@ -1,7 +1,6 @@
 #include "services.h"
 
 #include "confine.h"
-#include "probe.h"
 
 #include <cmath>
 #include <limits>
@@ -36,8 +35,14 @@ void Recomputed::take(const RecomputeHomogenization::Request &request)
 void Recomputed::apply(pliant_scene *scene) const
 {
     if (!method.empty()) check(pliant_scene_set(scene, "model/method", method.c_str()));
+    /* what somebody named is not chosen any more */
+    if (!method.empty()) scene->choose.method = false;
+    if (ratio > 0) scene->choose.ratio = false;
     for (int d = 0; d < 3; ++d)
-        if (coarse_cells[d] > 0) scene->mesh.coarse_cells[d] = coarse_cells[d];
+        if (coarse_cells[d] > 0) {
+            scene->mesh.coarse_cells[d] = coarse_cells[d];
+            scene->choose.coarse_cells = false;
+        }
     if (ratio > 0) scene->mesh.ratio = ratio;
 }
 
@@ -68,12 +73,13 @@ Services::~Services()
     servers_.clear();
 }
 
-pliant_progress Services::progress(bool half)
+pliant_progress Services::progress(double from, double to)
 {
-    progress_scale_ = half ? 0.5 : 1;
+    progress_from_ = from;
+    progress_to_ = to;
     return pliant_progress{[](double fraction, const char *stage, void *user) {
                                Services *self = static_cast<Services *>(user);
-                               self->state_->progress(self->progress_scale_ * fraction, stage);
+                               self->state_->progress(self->progress_from_ + (self->progress_to_ - self->progress_from_) * fraction, stage);
                                return !self->stopping_;
                            },
                            this};
@@ -108,8 +114,10 @@ void Services::put_in(const std::shared_ptr<Loaded> &next)
 {
     check_target(*next);
     next->revision = revision_ + 1;
+    if (next->choice.made) live_->assign(next->model->scene);
     simulation_->swap(next);
     ++revision_;
+    state_->chose(next->choice);
     mesh_output_->publish_model(*next);
 }
 
@@ -119,7 +127,7 @@ void Services::load_first()
     bool good = exclusively("loading " + parameters_.scan, &message, [this] {
         Materials materials;
         std::shared_ptr<const Scan> scan = read_scan(parameters_.scene, parameters_.scan, &materials);
-        std::shared_ptr<Loaded> next = build(parameters_.scene, scan, materials.table, 0, progress());
+        std::shared_ptr<Loaded> next = build_chosen(parameters_.scene, scan, materials.table, progress());
         put_in(next);
         return "loaded " + parameters_.scan + ": " + size_text(*next->model);
     });
@@ -158,9 +166,9 @@ bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &respons
         check(pliant_scene_check(&scene));
         ConfinedReads confined(parameters_.scan_root, parameters_.scene.material.file);
         std::shared_ptr<const Scan> scan = read_scan(scene, path, &materials);
-        std::shared_ptr<Loaded> next = build(scene, scan, materials.table, 0, progress());
-        put_in(next);
+        std::shared_ptr<Loaded> next = build_chosen(scene, scan, materials.table, progress());
         live_->assign(scene);
+        put_in(next);
         response.scan_id = scan->volume.id;
         return "loaded " + request.path + ": " + size_text(*next->model);
     });
@@ -172,26 +180,27 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
 {
     double start = pliant_seconds();
     response.error_max = response.error_rms = std::numeric_limits<float>::quiet_NaN();
+    choice_message(pliant_choice{}, &response);
     response.success = exclusively("recompute_homogenization", &response.message, [&] {
         std::shared_ptr<const Loaded> old = current();
-        pliant_scene scene = old->model->scene;
+        pliant_scene scene = old->asked;
         live_->apply(&scene);
         Recomputed asked;
         asked.take(request);
         asked.apply(&scene);
         check(pliant_scene_check(&scene));
-        std::shared_ptr<Loaded> next = build(scene, old->scan, old->model->materials, 0, progress(request.probe));
+        std::shared_ptr<Loaded> next = build_chosen(scene, old->scan, old->model->materials, progress(0, request.probe ? 0.2 : 1));
+        pliant_choice measured = next->choice;
         std::string note;
-        if (request.probe) {
-            try {
-                ProbeError error = probe(*next, progress());
-                response.error_max = static_cast<float>(error.max);
-                response.error_rms = static_cast<float>(error.rms);
-            } catch (const Failure &failure) { /* the model is good for smaller loads than the probe's */
-                if (failure.status != PLIANT_NOT_CONVERGED) throw;
-                note = "; " + std::string(failure.what()) + ", so that no error is told";
-            }
+        if (request.probe && !measured.made) {
+            measured = measure(next->model->scene, *old->scan, old->model->materials, progress(0.2, 1));
+            if (!measured.made) note = "; no error could be measured";
         }
+        if (measured.made) {
+            response.error_max = static_cast<float>(measured.max);
+            response.error_rms = static_cast<float>(measured.rms);
+        }
+        choice_message(next->choice, &response);
         put_in(next);
         recomputed_.take(request);
         response.condition_estimate = static_cast<float>(next->model->condition_estimate);
@@ -209,9 +218,9 @@ bool Services::set_materials(SetMaterials::Request &request, SetMaterials::Respo
         Materials materials;
         check(pliant_material_table_parse(request.yaml.c_str(), "the request", &materials.table));
         check(pliant_material_table_check(&materials.table));
-        pliant_scene scene = old->model->scene;
+        pliant_scene scene = old->asked;
         live_->apply(&scene);
-        put_in(build(scene, old->scan, materials.table, 0, progress()));
+        put_in(build_chosen(scene, old->scan, materials.table, progress()));
         std::swap(materials_.table, materials.table);
         return std::to_string(materials_.table.num_materials) + " materials are in use";
     });

@@ -58,8 +58,8 @@ private:
     std::string allowed(const std::string &path) const;
     void put_in(const std::shared_ptr<Loaded> &next);
     std::shared_ptr<const Loaded> current() const;
-    /* half: the first half of the bar only */
-    pliant_progress progress(bool half = false);
+    /* a part of the bar */
+    pliant_progress progress(double from = 0, double to = 1);
 
     const Parameters parameters_;
     State *state_;
@@ -69,7 +69,7 @@ private:
     VolumeOutput *volume_output_;
     std::shared_ptr<const tf2_ros::Buffer> frames_;
     std::atomic<bool> stopping_{false};
-    double progress_scale_ = 1;
+    double progress_from_ = 0, progress_to_ = 1;
     Recomputed recomputed_;
     Materials materials_; /* as set_materials set them; empty: as the scene says */
     uint32_t revision_ = 0; /* of the last model that was put in */

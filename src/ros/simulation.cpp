@@ -275,6 +275,7 @@ void Simulation::publish_timing(const ros::Time &now)
     message.solve_p50 = static_cast<float>(health.p50);
     message.solve_p99 = static_cast<float>(health.p99);
     message.missed_deadlines = health.missed;
+    choice_message(current_->choice, &message);
     message.inverted = static_cast<uint32_t>(pliant_mesh_inverted(&current_->model->fine, data_->positions));
     timing_.publish(message);
 }

@@ -1,5 +1,7 @@
 #include "state.h"
 
+#include "pliant/ros/convert.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -10,6 +12,7 @@ State::State(ros::NodeHandle handle, const std::string &frame)
     publisher_ = handle.advertise<SimState>("state", 10, true);
     current_.header.frame_id = frame;
     current_.state = SimState::LOADING;
+    choice_message(pliant_choice{}, &current_);
     publish();
 }
 
@@ -62,6 +65,13 @@ void State::end(bool good, const std::string &message)
     current_.is_busy = false;
     current_.progress = 0;
     current_.message = message;
+    publish();
+}
+
+void State::chose(const pliant_choice &choice)
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    choice_message(choice, &current_);
     publish();
 }
 

@@ -2,6 +2,8 @@
 #ifndef PLIANT_ROS_STATE_H
 #define PLIANT_ROS_STATE_H
 
+#include "pliant/report.h"
+
 #include <pliant/SimState.h>
 #include <ros/node_handle.h>
 
@@ -24,6 +26,9 @@ public:
     void progress(double fraction, const std::string &stage);
     /* Message: how it ended. That of a failure stays, wherever set() has nothing to say, until some work succeeds. */
     void end(bool good, const std::string &message);
+
+    /* What was chosen for the model that was put in last. */
+    void chose(const pliant_choice &choice);
 
     uint8_t state() const;
 

@@ -29,6 +29,8 @@ static const char help[] =
     "Results in DIR: deformed.nii.gz (the scan's values, deformed), nodes.csv (rest and deformed positions in metres,\n"
     "LPS), steps.csv (iterations, residual and seconds per stage, a row a step), tools.csv (force and held point of\n"
     "every tool), build.csv (seconds and bytes of every stage of the build).\n"
+    "Where the scene has choose/budget_ms, DIR/choice holds what was tried: CSV and JSON as of pliant_report, and its\n"
+    "picture with --pictures.\n"
     "With --every N also deformed_NNNNNN.nii.gz and nodes_NNNNNN.csv. Tables of times and memory go to stdout.\n"
     "\n"
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C (what was done so far is written).\n";

@@ -1,5 +1,6 @@
 /* pliant_deform: a scan, a scene and a tool path in; deformed volumes, node positions and timings out. */
 #define _POSIX_C_SOURCE 200809L
+#include "choice_output.h"
 #include "command_line.h"
 #include "console.h"
 #include "core/fail.h"
@@ -149,6 +150,7 @@ static pliant_status prepare(deform_run *run)
 {
     const deform_arguments *arguments = run->arguments;
     double start = pliant_seconds();
+    pliant_choice choice;
     pliant_status status = command_line_folder(arguments->folder);
     if (status >= 0 && arguments->tools) status = pliant_path_read(arguments->tools, &run->path);
     if (status >= 0)
@@ -157,8 +159,10 @@ static pliant_status prepare(deform_run *run)
     const int32_t *size = run->scan.geometry.size;
     printf("%s: %d x %d x %d voxels, read in %.2f s\n", run->scan.id, (int)size[0], (int)size[1], (int)size[2],
            pliant_seconds() - start);
-    status = pliant_model_build(&arguments->scene, &run->scan, run->labels.voxels ? &run->labels : NULL, &run->materials,
-                                console_progress(), &run->model);
+    pliant_report_input input = {&arguments->scene, &run->scan, run->labels.voxels ? &run->labels : NULL, &run->materials};
+    status = choice_output(&input, arguments->folder, arguments->pictures, &choice);
+    if (status < 0) return status;
+    status = pliant_model_build(&choice.scene, input.scan, input.labels, input.materials, console_progress(), &run->model);
     console_progress_end();
     if (status < 0) return status;
     timing_print_build(run->model, stdout);

@@ -1,5 +1,6 @@
 /* pliant_report: accuracy against run time on the user's own scan, stability, and what each stage costs. */
 #define _POSIX_C_SOURCE 200809L
+#include "choice_output.h"
 #include "command_line.h"
 #include "console.h"
 #include "core/fail.h"
@@ -118,7 +119,11 @@ static pliant_status run(report_program *program)
     if (status >= 0) status = pliant_report_open(arguments->folder, &program->tables);
     if (status >= 0) status = read_inputs(program);
     if (status < 0) return status;
-    if (arguments->do_sweep) status = pliant_sweep_run(&program->input, &arguments->sweep, arguments->folder, &program->tables, console_progress());
+    if (arguments->do_sweep) { /* what a load of this scene would take */
+        pliant_choice choice;
+        status = choice_output(&program->input, arguments->folder, arguments->pictures, &choice);
+    }
+    if (status >= 0 && arguments->do_sweep) status = pliant_sweep_run(&program->input, &arguments->sweep, arguments->folder, &program->tables, console_progress());
     if (status >= 0 && arguments->do_left_out)
         status = pliant_left_out_run(&program->input, &arguments->sweep, &program->tables, console_progress());
     console_progress_end();

@@ -349,17 +349,39 @@ class NodeTest(unittest.TestCase):
             wait_for(lambda: self.node.topology.message.revision == revision, "the next revision")
             self.assertGreater(answer.seconds, 0)
             self.assertGreater(answer.condition_estimate, 1)
-            if method == "schur" and math.isnan(answer.error_max):
-                self.assertIn("converge", answer.message)
-            else:
-                self.assertLessEqual(answer.error_rms, answer.error_max)
-                if method == "fine":
-                    self.assertLess(answer.error_max, 1e-2)
-                else:  # beside the tool a coarse model may be off by more than the pull, over the body it may not
-                    self.assertGreater(answer.error_max, 0)
-                    self.assertLess(answer.error_rms, 0.25)
+            self.assertLessEqual(answer.error_rms, answer.error_max)
+            self.assertEqual(answer.choice, "", "nothing is chosen unless the scene asks for it")
+            if method == "fine":
+                self.assertLess(answer.error_max, 1e-2)
+            elif method != "schur":  # beside the tool a coarse model may be off by more than the pull, over the body it may not
+                self.assertGreater(answer.error_max, 0)
+                self.assertLess(answer.error_rms, 0.25)
             self.assert_goes_on()
         self.pull()
+
+    def test_a_budget_chooses_the_settings(self):
+        timing = Latest("timing", StepTiming)
+        self.assertEqual(self.node.state.message.choice, "")
+        self.assertTrue(math.isnan(self.node.state.message.choice_error))
+        options = ["mesh/coarse_cells=4 4 4", "solver/step=0.01", "choose/budget_ms=1000", "choose/ratio=false", "choose/coarse_cells=false"]
+        answer = load("phantom:48x40x40", options=options)
+        self.assertTrue(answer.success, answer.message)
+        state = wait_for(lambda: self.node.state.message if self.node.state.message.choice else None, "the choice in state")
+        self.assertIn("model/method=fine mesh/coarse_cells=4,4,4 mesh/ratio=2", state.choice)
+        self.assertGreater(state.choice_seconds, 0)
+        self.assertLess(state.choice_error, 0.05)
+        told = wait_for(lambda: timing.message if timing.fresh().choice else None, "the choice in timing")
+        self.assertEqual((told.choice, told.choice_error), (state.choice, state.choice_error))
+        timing.close()
+        # what is named is not chosen any more; what was chosen before is no wish of the user's
+        answer = recompute(method="coarse")
+        self.assertTrue(answer.success, answer.message)
+        self.assertIn("model/method=coarse", answer.choice)
+        self.assertGreater(answer.choice_error, state.choice_error)
+        self.assertGreaterEqual(answer.error_max, answer.choice_error)
+        wait_for(lambda: self.node.state.message.choice == answer.choice, "the other choice in state")
+        self.assertTrue(recompute(method="fine").success)  # a load keeps it: the scene's own again
+        self.assert_goes_on()
 
     def test_load_the_phantom(self):
         revision = self.node.topology.message.revision

@@ -25,6 +25,7 @@
 #include <visualization_msgs/Marker.h>
 #include <visualization_msgs/MarkerArray.h>
 
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -95,6 +96,16 @@ void contact_message(const pliant_tool &tool, double clearance, ContactState *ou
 /** Stages, seconds and counters of the last step. Header, percentiles, missed_deadlines and inverted are the
  *  caller's. */
 void timing_message(const pliant_statistics &statistics, StepTiming *out);
+
+/** What was chosen, for every message that has the fields choice, choice_error and choice_seconds: empty and NaN when
+ *  nothing was. */
+template <class Message> void choice_message(const pliant_choice &choice, Message *out)
+{
+    const float none = std::numeric_limits<float>::quiet_NaN();
+    out->choice = choice.options;
+    out->choice_error = choice.made ? static_cast<float>(choice.error) : none;
+    out->choice_seconds = choice.made ? static_cast<float>(choice.seconds) : none;
+}
 
 /** A ray into tissue axes, and what it met back into those of the caller. */
 pliant_ray ray_from_message(const Pick::Request &request, const Rigid &tissue_from_frame);

@@ -1,0 +1,231 @@
+// Settings chosen by measurement, on a tiny body whose steps take no time.
+#include "pipeline/body.h"
+
+#include "pliant/memory.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <map>
+#include <string>
+
+namespace {
+
+const int size[3] = {12, 12, 12};
+const double box[3] = {0.12, 0.12, 0.12};
+
+class Choice : public testing::Test {
+protected:
+    Choice() : body(size, box, {{5e3, 0.45, 1000, false}, {5e4, 0.45, 1000, false}, {10, 0, 1, true}},
+                    [](int i, int j, int k) { return j < 2 ? 2 : i < 8 && j < 8 && k < 8 ? 1 : 0; })
+    {
+        body.cells(2, 2, 2, 2);
+        body.scene.solver.threads = 1;
+        body.scene.solver.iterations = 6;
+        body.scene.solver.tolerance = 1e-4;
+        body.scene.solver.step = 1e-4; // nobody waits for the next frame
+        body.scene.solver.backend = PLIANT_CPU;
+        body.scene.choose.budget_ms = 1e6;
+        body.fix_plane(0, 0.11, 0, 0, -1, 0);
+        input = {&body.scene, &body.scan, nullptr, &body.table};
+    }
+    void SetUp() override { ASSERT_EQ(pliant_report_open(nullptr, &tables), PLIANT_OK) << pliant_last_error(); }
+    void TearDown() override
+    {
+        pliant_set_log(nullptr, nullptr);
+        pliant_report_close(&tables);
+    }
+    pliant_status choose(pliant_progress progress = {nullptr, nullptr}) { return pliant_choose(&input, &tables, progress, &choice); }
+    void vary(bool method, bool cells, bool ratio, bool iterations)
+    {
+        body.scene.choose.method = method;
+        body.scene.choose.coarse_cells = cells;
+        body.scene.choose.ratio = ratio;
+        body.scene.choose.iterations = iterations;
+    }
+    void listen()
+    {
+        pliant_set_log([](pliant_log_level level, const char *message, void *user) {
+            if (level == PLIANT_LOG_WARNING) *static_cast<std::string *>(user) += std::string(message) + "\n";
+        }, &warnings);
+    }
+    std::string cell(size_t row, const char *column) const
+    {
+        return pliant_results_cell(tables.sweep, row, pliant_results_column(tables.sweep, column));
+    }
+    // p95 of every method, mesh and budget that was tried: the worse of its cases, where both were run [%]
+    std::map<std::string, double> errors() const
+    {
+        std::map<std::string, std::map<std::string, double>> found;
+        for (size_t r = 0; r < pliant_results_rows(tables.sweep); r++) {
+            std::string key;
+            for (const char *column : {"method", "touch", "ratio", "variant", "budget"}) key += cell(r, column) + "|";
+            found[key][cell(r, "case")] = std::atof(cell(r, "p95_percent").c_str());
+        }
+        std::map<std::string, double> out;
+        for (const auto &each : found)
+            if (each.second.size() == 2) out[each.first] = std::max(each.second.at("displacement"), each.second.at("force"));
+        return out;
+    }
+
+    Body body;
+    pliant_report_input input;
+    pliant_report_tables tables{};
+    pliant_choice choice{};
+    std::string warnings;
+};
+
+TEST_F(Choice, CostsNothingWhereTheSceneDoesNotAsk)
+{
+    body.scene.choose.budget_ms = 0;
+    pliant_memory_reset_peak();
+    size_t before = pliant_memory_peak();
+    ASSERT_EQ(choose(), PLIANT_OK);
+    EXPECT_EQ(pliant_memory_peak(), before);
+    EXPECT_FALSE(choice.made);
+    EXPECT_STREQ(choice.options, "");
+    EXPECT_EQ(std::memcmp(&choice.scene, &body.scene, sizeof body.scene), 0);
+}
+
+TEST_F(Choice, TakesTheMostAccurateOfAllThatWasTried)
+{
+    ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
+    ASSERT_TRUE(choice.made);
+    EXPECT_TRUE(choice.within_budget);
+    EXPECT_GE(choice.tried, 15);
+    std::map<std::string, double> all = errors();
+    double least = INFINITY, most = 0;
+    for (const auto &each : all) {
+        least = std::fmin(least, each.second);
+        most = std::fmax(most, each.second);
+    }
+    EXPECT_GT(most, 10 * least);
+    EXPECT_LE(100 * choice.error, 1.05 * least + 1e-6);
+    EXPECT_EQ(choice.error, choice.p95);
+    EXPECT_LE(choice.rms, choice.max);
+    // nothing is as near to the fine solution on the finest mesh as itself
+    EXPECT_EQ(choice.scene.model.method, PLIANT_FINE);
+    EXPECT_EQ(choice.scene.mesh.ratio, 4);
+    EXPECT_GT(choice.reference_tetrahedra, 5 * 4 * 4 * 4);
+    EXPECT_NE(std::string(choice.options).find("model/method=fine mesh/coarse_cells=2,2,2 mesh/ratio=4 solver/iterations="), std::string::npos);
+
+    // told in the tables, and its options make its scene
+    ASSERT_EQ(pliant_results_rows(tables.choice), 1u);
+    EXPECT_STREQ(pliant_results_cell(tables.choice, 0, pliant_results_column(tables.choice, "options")), choice.options);
+    pliant_scene scene = body.scene;
+    std::string options = std::string(choice.options) + " ";
+    for (size_t at = 0, end; (end = options.find(' ', at)) != std::string::npos; at = end + 1) {
+        size_t equals = options.find('=', at);
+        ASSERT_EQ(pliant_scene_set(&scene, options.substr(at, equals - at).c_str(), options.substr(equals + 1, end - equals - 1).c_str()), PLIANT_OK);
+    }
+    EXPECT_EQ(std::memcmp(&scene, &choice.scene, sizeof scene), 0);
+}
+
+TEST_F(Choice, LeavesAsItIsWhatMayNotVary)
+{
+    vary(false, false, false, false);
+    ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(choice.tried, 1);
+    EXPECT_EQ(std::memcmp(&choice.scene, &body.scene, sizeof body.scene), 0);
+    EXPECT_LT(choice.max, 0.02) << "against the fine solution on its own mesh";
+    EXPECT_LE(choice.reference_tetrahedra, 5 * 4 * 4 * 4);
+
+    body.scene.model.method = PLIANT_COARSE;
+    vary(false, true, false, true);
+    pliant_report_close(&tables);
+    ASSERT_EQ(pliant_report_open(nullptr, &tables), PLIANT_OK);
+    ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(choice.tried, 2);
+    EXPECT_EQ(choice.scene.model.method, PLIANT_COARSE);
+    EXPECT_EQ(choice.scene.mesh.ratio, 2);
+    EXPECT_EQ(choice.scene.mesh.coarse_cells[0], 4);
+}
+
+TEST_F(Choice, TheSceneChoosesByTheMeasureThatItNames)
+{
+    vary(false, false, false, true);
+    body.scene.choose.measure = PLIANT_MEASURE_MAX;
+    ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(choice.error, choice.max);
+    EXPECT_GT(choice.max, choice.p95);
+}
+
+TEST_F(Choice, WarnsWithBothFiguresWhenNothingWillDo)
+{
+    vary(true, false, false, true);
+    body.scene.choose.max_error = 1e-9;
+    listen();
+    ASSERT_EQ(choose(), PLIANT_OK);
+    ASSERT_TRUE(choice.made);
+    EXPECT_NE(warnings.find("choose/max_error: nothing within 1e+06 ms is as accurate as 1e-07 %; the best has an error of"), std::string::npos)
+        << warnings;
+
+    body.scene.choose.budget_ms = 1e-6;
+    warnings.clear();
+    pliant_choice quickest;
+    ASSERT_EQ(pliant_choose(&input, nullptr, {nullptr, nullptr}, &quickest), PLIANT_OK);
+    ASSERT_TRUE(quickest.made);
+    EXPECT_FALSE(quickest.within_budget);
+    EXPECT_GT(quickest.error, choice.error);
+    EXPECT_EQ(quickest.scene.solver.iterations, 1);
+    EXPECT_NE(warnings.find("choose/budget_ms: nothing that was tried keeps to 1e-06 ms"), std::string::npos) << warnings;
+}
+
+TEST_F(Choice, ALoadThatIsCancelledChoosesNothing)
+{
+    size_t before = pliant_memory_in_use();
+    struct { int calls; } count = {0};
+    auto stop = [](double fraction, const char *stage, void *user) {
+        EXPECT_GE(fraction, 0);
+        EXPECT_LE(fraction, 1);
+        EXPECT_EQ(std::string(stage).find("choosing settings"), 0u);
+        return ++static_cast<decltype(count) *>(user)->calls < 100;
+    };
+    choice.tried = -7;
+    EXPECT_EQ(pliant_choose(&input, nullptr, {stop, &count}, &choice), PLIANT_ERROR_CANCELLED);
+    EXPECT_EQ(choice.tried, -7);
+    EXPECT_EQ(count.calls, 100);
+    EXPECT_EQ(pliant_memory_in_use(), before);
+}
+
+TEST_F(Choice, WithoutTimeTheScenesOwnSettingsStay)
+{
+    body.scene.choose.seconds = 0;
+    listen();
+    ASSERT_EQ(choose(), PLIANT_OK);
+    EXPECT_FALSE(choice.made);
+    EXPECT_EQ(std::memcmp(&choice.scene, &body.scene, sizeof body.scene), 0);
+    EXPECT_NE(warnings.find("choose/seconds were over"), std::string::npos) << warnings;
+}
+
+TEST_F(Choice, RefusesWhatItCannotMeasure)
+{
+    body.scene.solver.kind = PLIANT_TLED;
+    EXPECT_EQ(choose(), PLIANT_ERROR_SCENE);
+    EXPECT_NE(std::string(pliant_last_error()).find("choose/budget_ms"), std::string::npos);
+    body.scene.solver.kind = PLIANT_COROTATIONAL;
+    body.scene.mesh.kind = PLIANT_OCTREE;
+    EXPECT_EQ(choose(), PLIANT_ERROR_SCENE);
+}
+
+TEST_F(Choice, AFailingAllocationDropsACandidateOrTheChoiceButNotTheLoad)
+{
+    vary(true, false, false, false);
+    size_t before = pliant_memory_in_use();
+    int made = 0, dropped = 0;
+    for (int64_t n = 0; n < 20000; n = n * 5 / 4 + 1) {
+        pliant_choice tried{};
+        pliant_memory_fail_after(n);
+        pliant_status status = pliant_choose(&input, nullptr, {nullptr, nullptr}, &tried);
+        pliant_memory_fail_after(-1);
+        ASSERT_EQ(pliant_memory_in_use(), before) << n;
+        if (status == PLIANT_ERROR_MEMORY) continue; // not even room for the tables
+        ASSERT_EQ(status, PLIANT_OK) << n << ": " << pliant_last_error();
+        ASSERT_EQ(pliant_scene_check(&tried.scene), PLIANT_OK) << n;
+        made += tried.made;
+        dropped += tried.made && tried.dropped > 0;
+    }
+    EXPECT_GT(made, 3);
+    EXPECT_GT(dropped, 0);
+}
+
+} // namespace
