@@ -6,6 +6,7 @@
  *  Tetrahedra are positively oriented in world space: det(x1 - x0, x2 - x0, x3 - x0) > 0.
  *
  *  An octree's mesh has its nodes on the lattice of its smallest cells; its larger leaves span several of them.
+ *  Nodes that were moved onto bone are still called by the place on the lattice that they had.
  */
 #ifndef PLIANT_MESH_H
 #define PLIANT_MESH_H
@@ -31,6 +32,8 @@ typedef struct pliant_mesh {
     int32_t num_leaves;        /**< octree: 0 otherwise */
     int32_t *leaf_of_cell;     /**< octree: (cells) */
     int32_t *leaf_start;       /**< octree: (num_leaves + 1) first tetrahedron of every leaf; a leaf may have none */
+    int32_t num_moved;         /**< nodes that pliant_mesh_bone moved */
+    uint8_t *place_of_node;    /**< (num_nodes) pliant_bone_place; NULL: pliant_mesh_bone was not asked */
 } pliant_mesh;
 
 /** Mesh over the box of a volume (voxel edges, not centres).
@@ -47,6 +50,23 @@ pliant_status pliant_mesh_grid(const pliant_geometry *geometry, const int32_t ce
 pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t roots[3], int32_t depth, double purity, bool keep_air,
                                  const uint8_t *material_of_voxel, const pliant_material_table *table, pliant_mesh *out,
                                  pliant_tet_material **materials);
+
+/** Where a node is, seen from what is fixed. */
+typedef enum pliant_bone_place { PLIANT_BONE_OUTSIDE, PLIANT_BONE_INSIDE, PLIANT_BONE_SURFACE } pliant_bone_place;
+/** Least quality of a tetrahedron with a moved node, in a lattice of cubes: volume over that of a regular one with the same root mean
+ *  square edge. A lattice's own are 1 and 0.77. */
+#define PLIANT_BONE_QUALITY 0.25
+
+/** Move nodes near the surface of what is fixed (bone) onto it ([H] 4.2), the box and the tetrahedra's connections kept; writes rest,
+ *  num_moved and place_of_node. @param fixed_voxel (voxels) 1: does not move. Errors: MEMORY, FORMAT. */
+pliant_status pliant_mesh_bone(const pliant_geometry *geometry, const uint8_t *fixed_voxel, pliant_mesh *mesh);
+
+/** The materials of tetrahedra with a node on the surface, anew: every voxel counts in the one that holds its centre.
+ *  @param leave_out_fixed fixed voxels do not count where a corner lies outside of what is fixed: a sliver of bone would stiffen all of it
+ *  @param out (num_tets), others stay. Errors: MEMORY. */
+pliant_status pliant_mesh_integrate_moved(const pliant_mesh *mesh, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
+                                          bool leave_out_fixed, const pliant_material_table *table, pliant_tet_material *out);
+
 void pliant_mesh_free(pliant_mesh *mesh);
 
 /** The four lattice corners (0 or 1 along each axis, bit d) of a slot, before orientation. */

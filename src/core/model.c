@@ -1,10 +1,10 @@
 /* From a scan and a scene to the constant model, stage by stage. */
 #include "core/fail.h"
+#include "core/fixed.h"
 #include "fem/system.h"
 #include "fem/tled.h"
 #include "pliant/memory.h"
 
-#include <math.h>
 #include <omp.h>
 #include <string.h>
 
@@ -48,17 +48,15 @@ static pliant_status classify(builder *build)
 
 /* Keep fine tetrahedra with tissue. The paper's condensation needs every corner of a coarse tetrahedron in its submesh, so it
  * keeps all that lie in a coarse tetrahedron with tissue. */
-static pliant_status mesh(builder *build)
+static pliant_status cut_up(builder *build)
 {
     pliant_model *model = build->model;
     const pliant_geometry *geometry = &model->scan->geometry;
     const int32_t *coarse_cells = model->scene.mesh.coarse_cells;
     int32_t ratio = model->scene.mesh.ratio, cells[3] = {coarse_cells[0] * ratio, coarse_cells[1] * ratio, coarse_cells[2] * ratio};
     if (model->scene.mesh.kind == PLIANT_OCTREE) {
-        pliant_status made = pliant_mesh_octree(geometry, coarse_cells, model->scene.mesh.depth, model->scene.mesh.purity,
-                                                model->scene.mesh.keep_air, model->material_of_voxel, &model->materials, &model->fine,
-                                                &model->fine_material);
-        return made == PLIANT_OK ? pliant_mesh_surface(&model->fine, &model->triangles, &model->num_triangles) : made;
+        return pliant_mesh_octree(geometry, coarse_cells, model->scene.mesh.depth, model->scene.mesh.purity, model->scene.mesh.keep_air,
+                                  model->material_of_voxel, &model->materials, &model->fine, &model->fine_material);
     }
     if ((double)cells[0] * cells[1] * cells[2] > 4e7)
         return pliant_fail(PLIANT_ERROR_SCENE, "mesh/coarse_cells times mesh/ratio make %d x %d x %d fine cells: at most 4e7", cells[0],
@@ -81,11 +79,18 @@ static pliant_status mesh(builder *build)
         for (size_t t = 0; t < fine_count; t++) keep[t] = keep_coarse[pliant_lattice_coarse_of(coarse_cells, ratio, (int32_t)t)];
     status = pliant_mesh_grid(geometry, cells, keep, &model->fine);
     if (status == PLIANT_OK && is_coarse(model)) status = pliant_mesh_grid(geometry, coarse_cells, keep_coarse, &model->coarse);
-    if (status == PLIANT_OK) status = pliant_mesh_surface(&model->fine, &model->triangles, &model->num_triangles);
 done:
     pliant_free(keep);
     pliant_free(keep_coarse);
     return status;
+}
+
+static pliant_status mesh(builder *build)
+{
+    pliant_model *model = build->model;
+    pliant_status status = cut_up(build);
+    if (status == PLIANT_OK && model->scene.mesh.bone_surface) status = pliant_fixed_surface(model);
+    return status == PLIANT_OK ? pliant_mesh_surface(&model->fine, &model->triangles, &model->num_triangles) : status;
 }
 
 /* materials of the kept tetrahedra, nodal masses ([H] 2.1: a fourth of the mass to each node) */
@@ -97,10 +102,15 @@ static pliant_status integrate(builder *build)
     if (!octree) model->fine_material = pliant_calloc((size_t)fine->num_tets, sizeof *model->fine_material);
     model->node_mass = pliant_calloc((size_t)fine->num_nodes, sizeof *model->node_mass);
     if (!model->fine_material || !model->node_mass) return pliant_fail_memory("the materials of the mesh");
+    for (int32_t t = 0; !octree && t < fine->num_tets; t++) model->fine_material[t] = build->lattice_material[fine->lattice_of_tet[t]];
+    if (fine->num_moved > 0) {
+        pliant_status status = pliant_mesh_integrate_moved(fine, &model->scan->geometry, model->material_of_voxel,
+                                                           !model->scene.material.deformable_bone, &model->materials, model->fine_material);
+        if (status != PLIANT_OK) return status;
+    }
     for (int32_t t = 0; t < fine->num_tets; t++) {
         const int32_t *nodes = fine->tets + 4 * t;
         double gradients[12];
-        if (!octree) model->fine_material[t] = build->lattice_material[fine->lattice_of_tet[t]];
         double volume = pliant_tet_gradients(fine->rest + 3 * nodes[0], fine->rest + 3 * nodes[1], fine->rest + 3 * nodes[2],
                                              fine->rest + 3 * nodes[3], gradients);
         for (int v = 0; v < 4; v++) model->node_mass[nodes[v]] += 0.25 * volume * model->fine_material[t].density;
@@ -121,42 +131,6 @@ static pliant_status integrate(builder *build)
     for (int32_t t = 0; status == PLIANT_OK && t < coarse->num_tets; t++) build->coarse_material[t] = all[coarse->lattice_of_tet[t]];
     pliant_free(all);
     return status;
-}
-
-/* a node is in a material when at least half of the eight voxels around it are */
-static bool in_fixed_material(const pliant_model *model, const double world[3])
-{
-    const pliant_geometry *geometry = &model->scan->geometry;
-    double index[3];
-    pliant_geometry_to_index(geometry, world, index);
-    int count = 0;
-    for (int corner = 0; corner < 8; corner++) {
-        size_t at[3];
-        for (int d = 0; d < 3; d++) {
-            double i = floor(index[d] + 1e-6) + (corner >> d & 1);
-            at[d] = (size_t)fmin(fmax(i, 0), geometry->size[d] - 1);
-        }
-        uint8_t material = model->material_of_voxel[at[0] + (size_t)geometry->size[0] * (at[1] + (size_t)geometry->size[1] * at[2])];
-        count += model->materials.materials[material].fixed;
-    }
-    return count >= 4;
-}
-
-static bool in_fixed_region(const pliant_scene *scene, const double x[3])
-{
-    for (uint32_t b = 0; b < scene->fixed.num_boxes; b++) {
-        const pliant_fixed_box *box = scene->fixed.boxes + b;
-        if (x[0] >= box->low[0] && x[1] >= box->low[1] && x[2] >= box->low[2] && x[0] <= box->high[0] && x[1] <= box->high[1] &&
-            x[2] <= box->high[2])
-            return true;
-    }
-    for (uint32_t p = 0; p < scene->fixed.num_planes; p++) {
-        const pliant_fixed_plane *plane = scene->fixed.planes + p;
-        double side = 0;
-        for (int d = 0; d < 3; d++) side += plane->normal[d] * (x[d] - plane->point[d]);
-        if (side <= 0) return true;
-    }
-    return false;
 }
 
 /* Standard FEM on the coarse mesh can be held by its own nodes only. Where too few of them lie in what is fixed, those
@@ -236,9 +210,7 @@ static pliant_status fix(builder *build)
     model->fine_fixed = pliant_calloc((size_t)fine->num_nodes, 1);
     build->loose = pliant_calloc((size_t)fine->num_tets, 1);
     if (!model->fine_fixed || !build->loose) return pliant_fail_memory("the fixed nodes");
-    bool by_material = !model->scene.material.deformable_bone;
-    for (int32_t n = 0; n < fine->num_nodes; n++)
-        model->fine_fixed[n] = (by_material && in_fixed_material(model, fine->rest + 3 * n)) || in_fixed_region(&model->scene, fine->rest + 3 * n);
+    for (int32_t n = 0; n < fine->num_nodes; n++) model->fine_fixed[n] = pliant_fixed_node(model, n);
     if (model->scene.solver.kind == PLIANT_TLED && pliant_tled_stands(&model->scene)) return PLIANT_OK;
     pliant_status status = pliant_mesh_hold(fine, model->fine_fixed, build->loose, &model->num_held_pieces);
     if (status != PLIANT_OK) return status;

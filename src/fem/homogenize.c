@@ -175,13 +175,8 @@ static bool schur_stiffness(pliant_submesh *submesh, int32_t tet, double out[144
     int32_t *slot = submesh->slot; /* place among the inner nodes, or -1 */
     double *kff = submesh->square, *kfc = submesh->work;
     for (int v = 0; v < 4; v++) {
-        int32_t coarse_node = submesh->coarse->tets[4 * tet + v];
-        corner[v] = -1;
-        for (int32_t n = 0; n < submesh->num_nodes; n++) {
-            const double *x = submesh->fine->rest + 3 * submesh->node[n], *y = submesh->coarse->rest + 3 * coarse_node;
-            double apart = fabs(x[0] - y[0]) + fabs(x[1] - y[1]) + fabs(x[2] - y[2]);
-            if (apart < 1e-6 * submesh->fine->cell_size[0]) corner[v] = n;
-        }
+        int32_t node = pliant_mesh_node_in(submesh->fine, submesh->coarse, submesh->coarse->tets[4 * tet + v]);
+        corner[v] = node < 0 ? -1 : submesh->local_of[node];
         if (corner[v] < 0) return false;
     }
     for (int32_t n = 0; n < submesh->num_nodes; n++) {

@@ -198,5 +198,6 @@ void pliant_mesh_free(pliant_mesh *mesh)
     pliant_free(mesh->node_of_lattice);
     pliant_free(mesh->leaf_of_cell);
     pliant_free(mesh->leaf_start);
+    pliant_free(mesh->place_of_node);
     memset(mesh, 0, sizeof *mesh);
 }

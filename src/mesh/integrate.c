@@ -115,3 +115,92 @@ done:
     for (int d = 0; d < 3; d++) axis_free(maps + d);
     return status;
 }
+
+/* Tetrahedra with a node on bone, numbered; which cells hold them. */
+typedef struct touched {
+    int32_t count;
+    int32_t *number; /* (num_tets) or -1 */
+    uint8_t *cell;   /* (cells) */
+} touched;
+
+static pliant_status touch(const pliant_mesh *mesh, touched *out)
+{
+    size_t cells = (size_t)mesh->cells[0] * (size_t)mesh->cells[1] * (size_t)mesh->cells[2];
+    out->number = pliant_calloc((size_t)mesh->num_tets, sizeof *out->number);
+    out->cell = pliant_calloc(cells, 1);
+    uint8_t *leaf = mesh->num_leaves > 0 ? pliant_calloc((size_t)mesh->num_leaves, 1) : NULL;
+    if (!out->number || !out->cell || (mesh->num_leaves > 0 && !leaf)) {
+        pliant_free(leaf);
+        return pliant_fail_memory("the tetrahedra on bone");
+    }
+    int32_t at = 0; /* leaf */
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        bool surface = false;
+        for (int v = 0; v < 4; v++) surface = surface || mesh->place_of_node[mesh->tets[4 * t + v]] == PLIANT_BONE_SURFACE;
+        out->number[t] = surface ? out->count++ : -1;
+        while (leaf && t >= mesh->leaf_start[at + 1]) at++;
+        if (surface && leaf) leaf[at] = 1;
+        if (surface && !leaf) out->cell[mesh->lattice_of_tet[t] / 5] = 1;
+    }
+    for (size_t c = 0; leaf && c < cells; c++) out->cell[c] = leaf[mesh->leaf_of_cell[c]];
+    pliant_free(leaf);
+    return PLIANT_OK;
+}
+
+/* voxels of a cell, by material, to the tetrahedra that hold their centres */
+static void count_moved(const pliant_mesh *mesh, const pliant_geometry *geometry, const axis_map maps[3], const int32_t cell[3],
+                        const uint8_t *material_of_voxel, const int32_t *number, uint32_t num_materials, uint32_t *count)
+{
+    for (int32_t k = maps[2].first[cell[2]]; k < maps[2].first[cell[2] + 1]; k++)
+        for (int32_t j = maps[1].first[cell[1]]; j < maps[1].first[cell[1] + 1]; j++)
+            for (int32_t i = maps[0].first[cell[0]]; i < maps[0].first[cell[0] + 1]; i++) {
+                double world[3], weights[4];
+                pliant_geometry_to_world(geometry, (const double[3]){i, j, k}, world);
+                int32_t tet = pliant_mesh_locate(mesh, world, weights);
+                if (tet < 0 || number[tet] < 0) continue;
+                size_t voxel = (size_t)i + (size_t)geometry->size[0] * ((size_t)j + (size_t)geometry->size[1] * (size_t)k);
+                uint32_t *one = count + (size_t)number[tet] * num_materials + material_of_voxel[voxel];
+#pragma omp atomic
+                (*one)++;
+            }
+}
+
+pliant_status pliant_mesh_integrate_moved(const pliant_mesh *mesh, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
+                                          bool leave_out_fixed, const pliant_material_table *table, pliant_tet_material *out)
+{
+    axis_map maps[3] = {{0}};
+    touched beside = {0};
+    uint32_t *count = NULL;
+    pliant_status status = touch(mesh, &beside);
+    for (int d = 0; d < 3 && status == PLIANT_OK; d++) status = axis_create(geometry->size[d], mesh->cells[d], maps + d);
+    if (status != PLIANT_OK || beside.count == 0) goto done;
+    if (!(count = pliant_calloc((size_t)beside.count * table->num_materials, sizeof *count))) {
+        status = pliant_fail_memory("the tetrahedra on bone");
+        goto done;
+    }
+    int32_t num_cells = mesh->cells[0] * mesh->cells[1] * mesh->cells[2];
+#pragma omp parallel for schedule(dynamic, 16)
+    for (int32_t flat = 0; flat < num_cells; flat++) {
+        int32_t cell[3] = {flat % mesh->cells[0], flat / mesh->cells[0] % mesh->cells[1], flat / mesh->cells[0] / mesh->cells[1]};
+        if (beside.cell[flat]) count_moved(mesh, geometry, maps, cell, material_of_voxel, beside.number, table->num_materials, count);
+    }
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        if (beside.number[t] < 0) continue;
+        uint32_t *own = count + (size_t)beside.number[t] * table->num_materials, moving = 0, all = 0;
+        bool outside = false;
+        for (int v = 0; v < 4; v++) outside = outside || mesh->place_of_node[mesh->tets[4 * t + v]] == PLIANT_BONE_OUTSIDE;
+        for (uint32_t m = 0; m < table->num_materials; m++) {
+            all += own[m];
+            moving += table->materials[m].fixed ? 0 : own[m];
+        }
+        for (uint32_t m = 0; outside && leave_out_fixed && moving > 0 && m < table->num_materials; m++)
+            if (table->materials[m].fixed) own[m] = 0;
+        if (all > 0) mean_of(table, own, out + t); /* smaller than a voxel: what the lattice's tetrahedron holds */
+    }
+done:
+    for (int d = 0; d < 3; d++) axis_free(maps + d);
+    pliant_free(beside.number);
+    pliant_free(beside.cell);
+    pliant_free(count);
+    return status;
+}

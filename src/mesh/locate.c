@@ -34,6 +34,33 @@ void pliant_mesh_barycentric(const pliant_mesh *mesh, int32_t tet, const double 
     coordinates_in(mesh, mesh->rest, tet, world, barycentric);
 }
 
+static int32_t locate_in_cell(const pliant_mesh *mesh, int32_t cell, const double world[3], double barycentric[4])
+{
+    if (mesh->num_leaves > 0) {
+        int32_t leaf = mesh->leaf_of_cell[cell];
+        for (int32_t t = mesh->leaf_start[leaf]; t < mesh->leaf_start[leaf + 1]; t++)
+            if (barycentric_of(mesh, mesh->rest, t, world, barycentric)) return t;
+        return -1;
+    }
+    for (int slot = 0; slot < 5; slot++) {
+        int32_t tet = mesh->tet_of_lattice[5 * cell + slot];
+        if (tet >= 0 && barycentric_of(mesh, mesh->rest, tet, world, barycentric)) return tet;
+    }
+    return -1;
+}
+
+/* Tetrahedra with moved nodes reach into the cells around their own, and no further. */
+static int32_t locate_beside(const pliant_mesh *mesh, const int32_t cell[3], const double world[3], double barycentric[4])
+{
+    for (int n = 0; n < 27; n++) {
+        int32_t at[3] = {cell[0] + n % 3 - 1, cell[1] + n / 3 % 3 - 1, cell[2] + n / 9 - 1};
+        if (at[0] < 0 || at[1] < 0 || at[2] < 0 || at[0] >= mesh->cells[0] || at[1] >= mesh->cells[1] || at[2] >= mesh->cells[2]) continue;
+        int32_t tet = locate_in_cell(mesh, at[0] + mesh->cells[0] * (at[1] + mesh->cells[1] * at[2]), world, barycentric);
+        if (tet >= 0) return tet;
+    }
+    return -1;
+}
+
 int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], double barycentric[4])
 {
     double along[3], local[3];
@@ -49,12 +76,11 @@ int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], doubl
         local[d] = along[d] - cell[d];
     }
     int32_t flat = cell[0] + mesh->cells[0] * (cell[1] + mesh->cells[1] * cell[2]);
-    if (mesh->num_leaves > 0) {
-        int32_t leaf = mesh->leaf_of_cell[flat];
-        for (int32_t t = mesh->leaf_start[leaf]; t < mesh->leaf_start[leaf + 1]; t++)
-            if (barycentric_of(mesh, mesh->rest, t, world, barycentric)) return t;
-        return -1;
+    if (mesh->num_moved > 0) {
+        int32_t own = locate_in_cell(mesh, flat, world, barycentric);
+        return own >= 0 ? own : locate_beside(mesh, cell, world, barycentric);
     }
+    if (mesh->num_leaves > 0) return locate_in_cell(mesh, flat, world, barycentric);
     int slot = pliant_mesh_slot_of((cell[0] + cell[1] + cell[2]) & 1, local);
     int32_t tet = mesh->tet_of_lattice[5 * flat + slot];
     if (tet >= 0) {
@@ -62,11 +88,7 @@ int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], doubl
         return tet;
     }
     /* the owner holds no tissue, but the point may lie on its face with one that does */
-    for (slot = 0; slot < 5; slot++) {
-        tet = mesh->tet_of_lattice[5 * flat + slot];
-        if (tet >= 0 && barycentric_of(mesh, mesh->rest, tet, world, barycentric)) return tet;
-    }
-    return -1;
+    return locate_in_cell(mesh, flat, world, barycentric);
 }
 
 int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const double *positions, const double world[3], double barycentric[4])

@@ -45,7 +45,10 @@ static int32_t node_at(const pliant_mesh *mesh, const double point[3])
         if (!(fabs(along - nearest) < 1e-6) || nearest < 0 || nearest > mesh->cells[d]) return -1;
         at[d] = (int32_t)nearest;
     }
-    return mesh->node_of_lattice[at[0] + (mesh->cells[0] + 1) * (at[1] + (mesh->cells[1] + 1) * at[2])];
+    int32_t node = mesh->node_of_lattice[at[0] + (mesh->cells[0] + 1) * (at[1] + (mesh->cells[1] + 1) * at[2])];
+    for (int d = 0; node >= 0 && d < 3; d++) /* it may have been moved onto bone */
+        if (!(fabs(mesh->rest[3 * node + d] - point[d]) < 1e-6 * mesh->cell_size[d])) return -1;
+    return node;
 }
 
 pliant_status pliant_points_create(const pliant_mesh *mesh, int32_t count, const double *rest, pliant_points *out)
