@@ -24,28 +24,6 @@ struct cuda_data {
 
 static cuda_data *state_of(const pliant_data *data) { return static_cast<cuda_data *>(data->backend_state); }
 
-static bool probe(char *text, size_t size)
-{
-    pliant_cuda_device device;
-    char reason[200];
-    if (!pliant_cuda_probe(&device, reason, sizeof reason)) {
-        snprintf(text, size, "%s", reason);
-        return false;
-    }
-    snprintf(text, size, "%s, compute capability %d.%d, %.1f of %.1f GB free", device.name, device.major, device.minor,
-             1e-9 * (double)device.free_bytes, 1e-9 * (double)device.total_bytes);
-    return true;
-}
-
-static pliant_status current_device(int *out)
-{
-    pliant_cuda_device device;
-    char reason[200];
-    if (!pliant_cuda_probe(&device, reason, sizeof reason)) return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "no GPU can be used: %s", reason);
-    *out = device.index;
-    return PLIANT_OK;
-}
-
 static bool lock_pages(void *block, size_t bytes)
 {
     bool locked = cudaHostRegister(block, bytes, cudaHostRegisterDefault) == cudaSuccess;
@@ -73,7 +51,7 @@ static void destroy(pliant_data *data)
 static pliant_status fill(const pliant_model *model, const pliant_data *data, cuda_data *state)
 {
     const size_t count = 3 * (size_t)model->fine.num_nodes;
-    CUDA_TRY(current_device(&state->device));
+    CUDA_TRY(pliant_cuda_current_device(&state->device));
     CUDA_TRY(CUDA_CALL(cudaStreamCreateWithFlags(&state->stream, cudaStreamNonBlocking)));
     state->first_positions = data->positions;
     state->arriving = static_cast<double *>(pliant_calloc(count, sizeof *state->arriving));
@@ -161,7 +139,7 @@ static pliant_status warp_create(const pliant_warp_parts *parts, void **out)
 {
     int device;
     pliant_cuda_warp *made;
-    CUDA_TRY(current_device(&device));
+    CUDA_TRY(pliant_cuda_current_device(&device));
     CUDA_TRY(pliant_cuda_warp_create(parts, device, &made));
     *out = made;
     return PLIANT_OK;
@@ -175,6 +153,5 @@ static pliant_status warp_cross(void *object, const march_ray *ray, int64_t firs
     return pliant_cuda_warp_cross(static_cast<pliant_cuda_warp *>(object), ray, first, out);
 }
 
-extern "C" const pliant_backend pliant_cuda_backend;
-const pliant_backend pliant_cuda_backend = {"cuda", &pliant_corotational, false, probe,       create,      destroy,   restart,     bring,     solve,
+const pliant_backend pliant_cuda_backend = {"cuda", &pliant_corotational, false, pliant_cuda_text,      create,      destroy,   restart,     bring,     solve,
                                             upsample, warp, warp_create, warp_free, warp_update, warp_fetch,  warp_cross};

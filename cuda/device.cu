@@ -138,5 +138,27 @@ extern "C" bool pliant_cuda_probe(pliant_cuda_device *out, char *reason, size_t 
     return true;
 }
 
+extern "C" bool pliant_cuda_text(char *text, size_t size)
+{
+    pliant_cuda_device device;
+    char reason[200];
+    if (!pliant_cuda_probe(&device, reason, sizeof reason)) {
+        snprintf(text, size, "%s", reason);
+        return false;
+    }
+    snprintf(text, size, "%s, compute capability %d.%d, %.1f of %.1f GB free", device.name, device.major, device.minor,
+             1e-9 * (double)device.free_bytes, 1e-9 * (double)device.total_bytes);
+    return true;
+}
+
+extern "C" pliant_status pliant_cuda_current_device(int *out)
+{
+    pliant_cuda_device device;
+    char reason[200];
+    if (!pliant_cuda_probe(&device, reason, sizeof reason)) return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "no GPU can be used: %s", reason);
+    *out = device.index;
+    return PLIANT_OK;
+}
+
 extern "C" void pliant_cuda_section_begin(const char *name) { nvtxRangePushA(name); }
 extern "C" void pliant_cuda_section_end(void) { nvtxRangePop(); }

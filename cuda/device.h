@@ -20,6 +20,11 @@ typedef struct pliant_cuda_device {
  * driver, no device, no code for it), when there is none. */
 bool pliant_cuda_probe(pliant_cuda_device *out, char *reason, size_t reason_size);
 
+/* The same as a backend's probe, with what it is in text. */
+bool pliant_cuda_text(char *text, size_t size);
+/* Its index. Errors: UNAVAILABLE. */
+pliant_status pliant_cuda_current_device(int *out);
+
 /* Sections of a profile (NVTX); names are those of the stages. */
 void pliant_cuda_section_begin(const char *name);
 void pliant_cuda_section_end(void);

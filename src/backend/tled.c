@@ -45,7 +45,7 @@ static void limits(pliant_data *data, int iterations, double tolerance) { pliant
 
 const pliant_host_solver pliant_explicit = {
     .create = create, .reset = reset, .interact = interact, .set_positions = set_positions, .limits = limits,
-    .cpu = &pliant_tled_backend, .cuda = NULL,
+    .cpu = &pliant_tled_backend, .cuda = PLIANT_ON_GPU(pliant_cuda_tled_backend),
 };
 
 const pliant_backend pliant_tled_backend = {

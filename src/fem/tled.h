@@ -105,6 +105,8 @@ void pliant_tled_system_free(pliant_tled_system *system); /* Nullable */
 pliant_status pliant_tled_create(const pliant_model *model, pliant_tled **out);
 void pliant_tled_free(pliant_tled *tled); /* Nullable */
 void pliant_tled_reset(pliant_tled *tled);
+/* At rest where it is: dynamic relaxation begins anew. */
+void pliant_tled_calm(pliant_tled *tled);
 /* Largest eigenvalue of B'DB of an isotropic tetrahedron, over its volume [N/m^4], from its gradients (4 x 3). */
 double pliant_element_largest_eigenvalue(const double gradients[12], double lambda, double mu);
 
@@ -120,6 +122,12 @@ void pliant_tled_pressures(pliant_tled *tled);
 /* One frame: sub-steps, or dynamic relaxation. NUMERIC keeps the state before it. */
 void pliant_tled_set_positions(pliant_tled *tled, const double *positions); /* at rest there; fixed nodes stay */
 pliant_status pliant_tled_step(pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_statistics *statistics);
+
+/* d+ = A (R - F) + kept d. A = factor / M. */
+typedef struct pliant_tled_scheme { double factor, kept; } pliant_tled_scheme;
+pliant_tled_scheme pliant_tled_scheme_of(double dt, double alpha);
+/* The residual that is told, from PLIANT_SUM_RESIDUAL and PLIANT_SUM_LOAD with that of the tools. */
+double pliant_tled_relative(const pliant_tled *tled, double residual, double load);
 
 /* What came of a frame's sub-steps. sound: no node moved faster than sound; otherwise the state is the one before. */
 typedef struct pliant_tled_frame { int32_t steps; double residual; bool sound, settled; } pliant_tled_frame;

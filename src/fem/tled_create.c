@@ -297,8 +297,15 @@ void pliant_tled_reset(pliant_tled *tled)
 {
     size_t nodes = (size_t)tled->system->mesh->num_nodes;
     memset(tled->u, 0, 3 * nodes * sizeof *tled->u);
-    memset(tled->d, 0, 3 * nodes * sizeof *tled->d);
     if (tled->memory) memset(tled->memory, 0, (size_t)tled->system->num_blocks * sizeof *tled->memory);
+    pliant_tled_calm(tled);
+}
+
+void pliant_tled_calm(pliant_tled *tled)
+{
+    size_t nodes = (size_t)tled->system->mesh->num_nodes;
+    memset(tled->d, 0, 3 * nodes * sizeof *tled->d);
+    if (tled->own) memset(tled->own, 0, 3 * nodes * sizeof *tled->own); /* it may hold what is not a number */
     memset(tled->quotient, 0, sizeof tled->quotient);
 }
 

@@ -7,13 +7,10 @@
 
 enum { MOST_HALVINGS = 3 };
 
-/* d+ = A (R - F) + kept d. A = factor / M. */
-typedef struct scheme { double factor, kept; } scheme;
-
-static scheme scheme_of(double dt, double alpha)
+pliant_tled_scheme pliant_tled_scheme_of(double dt, double alpha)
 {
     double inertia = 1 / (dt * dt), drag = alpha / (2 * dt);
-    return (scheme){.factor = 1 / (inertia + drag), .kept = (inertia - drag) / (inertia + drag)};
+    return (pliant_tled_scheme){.factor = 1 / (inertia + drag), .kept = (inertia - drag) / (inertia + drag)};
 }
 
 static int32_t end_of(const pliant_tled *tled, int32_t chunk)
@@ -52,7 +49,7 @@ static void accelerate(pliant_tled *tled, int32_t chunk)
     tled->sums[chunk][PLIANT_SUM_INERTIA] = inertia;
 }
 
-static void advance(pliant_tled *tled, scheme rule, int32_t chunk)
+static void advance(pliant_tled *tled, pliant_tled_scheme rule, int32_t chunk)
 {
     for (int32_t n = 3 * chunk * PLIANT_CHUNK; n < 3 * end_of(tled, chunk); n++) {
         tled->d[n] = rule.factor * tled->acceleration[n] + rule.kept * tled->d[n];
@@ -61,7 +58,7 @@ static void advance(pliant_tled *tled, scheme rule, int32_t chunk)
 }
 
 /* After all forces: walls and sums. */
-static void settle(pliant_tled *tled, scheme rule, int32_t chunk)
+static void settle(pliant_tled *tled, pliant_tled_scheme rule, int32_t chunk)
 {
     const pliant_tled_system *system = tled->system;
     int32_t first = chunk * PLIANT_CHUNK, end = end_of(tled, chunk);
@@ -101,12 +98,11 @@ static void total_of(const pliant_tled *tled, int32_t chunks, double out[PLIANT_
     }
 }
 
-static double relative(const pliant_tled *tled, const double total[PLIANT_NUM_SUMS], double tool_load)
+double pliant_tled_relative(const pliant_tled *tled, double residual, double load)
 {
     const double noise = 1e-8; /* of a tool that holds without pulling */
-    double load = total[PLIANT_SUM_LOAD] + tool_load;
     load = load > 0 ? fmax(load, noise * tled->smallest_load) : tled->smallest_load;
-    return load > 0 ? sqrt(total[PLIANT_SUM_RESIDUAL] / load) : 0;
+    return load > 0 ? sqrt(residual / load) : 0;
 }
 
 /* Dynamic relaxation: the lowest frequency that still takes part, by Rayleigh's quotient of the last increments, is damped critically
@@ -128,7 +124,7 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
     const pliant_tled_system *system = tled->system;
     const int32_t chunks = (system->mesh->num_nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK;
     const bool still = system->quasi_static;
-    scheme rule = scheme_of(tled->time_step, system->damping);
+    pliant_tled_scheme rule = pliant_tled_scheme_of(tled->time_step, system->damping);
     pliant_tled_frame result = {.sound = true};
     double total[PLIANT_NUM_SUMS], quotient[2] = {tled->quotient[0], tled->quotient[1]};
     while (result.steps < tled->substeps && !result.settled) {
@@ -137,7 +133,7 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
         if (still) {
 #pragma omp for schedule(static)
             for (int32_t chunk = 0; chunk < chunks; chunk++) accelerate(tled, chunk);
-            rule = scheme_of(1, 2 * lowest_frequency(tled, chunks, quotient));
+            rule = pliant_tled_scheme_of(1, 2 * lowest_frequency(tled, chunks, quotient));
         }
 #pragma omp for schedule(static)
         for (int32_t chunk = 0; chunk < chunks; chunk++) {
@@ -153,7 +149,7 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
         }
         total_of(tled, chunks, total);
         result.steps++;
-        result.residual = relative(tled, total, *tool_load);
+        result.residual = pliant_tled_relative(tled, total[PLIANT_SUM_RESIDUAL], total[PLIANT_SUM_LOAD] + *tool_load);
         result.sound = total[PLIANT_SUM_LARGEST] <= (still ? INFINITY : 1);
         if (!result.sound) break;
         result.settled = still && result.residual <= tled->tolerance;
@@ -236,6 +232,7 @@ pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_
                 for (int k = 0; k < 3; k++) tools[t].force[k] /= frame.steps;
             return !system->quasi_static || frame.settled ? PLIANT_OK : PLIANT_NOT_CONVERGED;
         }
+        if (system->quasi_static) pliant_tled_calm(tled);
         if (system->quasi_static || tled->time_step > fmin(system->edge_bound, system->eigenvalue_bound) || halvings == MOST_HALVINGS) {
             status = diverged(tled, frame.steps);
         } else {

@@ -1,0 +1,485 @@
+#include "tled.h"
+
+#include "check.h"
+#include "core/fail.h"
+#include "pliant/memory.h"
+#include "tled_state.h"
+
+#include <algorithm>
+#include <climits>
+#include <cstring>
+
+/* sub-steps of a graph: the longer, the longer it takes to be made; dynamic relaxation is looked at so often */
+static const int32_t longest_graph = 256, relaxation_graph = 32;
+
+struct held_nodes { int32_t *held, *node; double *weight; int32_t capacity; };
+
+struct exchange { gpu_frame frame; gpu_outcome outcome; };
+
+struct pliant_cuda_tled {
+    const pliant_tled_system *system;
+    int device;
+    cudaStream_t stream;
+    gpu_tled gpu;
+    exchange *h_exchange, *d_exchange; /* page-locked */
+    held_nodes h_held;                 /* page-locked; what was sent last */
+    int32_t sent_held, sent_total;     /* of h_held */
+    int32_t d_capacity;                /* of d_held_node, d_tool_node, d_tool_weight */
+    cudaGraphExec_t graph;
+    int32_t graph_steps;               /* 0: there is none */
+    bool repeated, pulled;             /* it counts what it did; it has kernels for tools */
+    bool stale;                        /* the host's state is to be sent */
+    void *locked[6];                   /* blocks of the host that are page-locked by this */
+};
+
+/* ---- create */
+
+static pliant_status allocate(size_t bytes, void **d_out) { return pliant_cuda_allocate(bytes, "the dynamics", d_out); }
+
+template <class T> static pliant_status allocate(pliant_cuda_tled *gpu, size_t count, T **d_out)
+{
+    CUDA_TRY(allocate(count * sizeof(T), reinterpret_cast<void **>(d_out)));
+    return CUDA_CALL(cudaMemsetAsync(*d_out, 0, count * sizeof(T), gpu->stream));
+}
+
+template <class T> static pliant_status upload(pliant_cuda_tled *gpu, const T *h_from, size_t count, const T **d_out)
+{
+    void *block;
+    CUDA_TRY(pliant_cuda_upload(h_from, count * sizeof(T), "the dynamics", gpu->stream, &block));
+    *d_out = static_cast<const T *>(block);
+    return PLIANT_OK;
+}
+
+/* Nodes in runs whose corners fill a block; corners by their place in the groups. group has room for num_nodes + 1. */
+static pliant_status make_groups(const pliant_tled_system *system, int32_t *group, int32_t *count)
+{
+    const int32_t nodes = system->mesh->num_nodes, *start = system->corner_start;
+    *count = 0;
+    for (int32_t n = 0; n < nodes;) {
+        if (start[n + 1] - start[n] > GPU_CORNERS)
+            return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU's tled takes nodes of at most %d tetrahedra; node %d has %d", (int)GPU_CORNERS, n,
+                               start[n + 1] - start[n]);
+        const int32_t first = n;
+        group[(*count)++] = first;
+        while (n < nodes && n - first < GPU_GROUP_NODES && start[n + 1] - start[first] <= GPU_CORNERS) n++;
+    }
+    group[*count] = nodes;
+    return PLIANT_OK;
+}
+
+static void sort_corners(const pliant_tled_system *system, const int32_t *group, int32_t count, int32_t *corner)
+{
+    for (int32_t g = 0; g < count; g++)
+        for (int32_t slot = 0; slot < GPU_CORNERS; slot++) {
+            const int32_t c = system->corner_start[group[g]] + slot, place = c < system->corner_start[group[g + 1]] ? system->corner[c] : -1;
+            const int32_t tet = place / (12 * LANES) * LANES + place % LANES, v = place / (3 * LANES) % 4;
+            corner[(size_t)g * GPU_CORNERS + (size_t)slot] = place < 0 ? -1 : 4 * tet + v;
+        }
+}
+
+static pliant_status upload_groups(pliant_cuda_tled *gpu)
+{
+    const pliant_tled_system *system = gpu->system;
+    const size_t nodes = (size_t)system->mesh->num_nodes;
+    int32_t *group = static_cast<int32_t *>(pliant_calloc(nodes + 1, sizeof *group)), *corner = NULL, count = 0;
+    pliant_status status = group ? make_groups(system, group, &count) : pliant_fail_memory("the groups of nodes");
+    if (status == PLIANT_OK) {
+        corner = static_cast<int32_t *>(pliant_calloc((size_t)count, GPU_CORNERS * sizeof *corner));
+        if (corner) sort_corners(system, group, count, corner);
+        else status = pliant_fail_memory("the corners by node");
+    }
+    gpu->gpu.num_groups = count;
+    if (status == PLIANT_OK) status = upload(gpu, group, (size_t)count + 1, &gpu->gpu.d_group);
+    if (status == PLIANT_OK) status = upload(gpu, corner, (size_t)count * GPU_CORNERS, &gpu->gpu.d_corner);
+    if (status == PLIANT_OK) status = upload(gpu, system->corner_start, nodes + 1, &gpu->gpu.d_corner_start);
+    pliant_free(group);
+    pliant_free(corner);
+    return status;
+}
+
+static pliant_status upload_elements(pliant_cuda_tled *gpu, const pliant_tled *tled)
+{
+    const pliant_tled_system *system = gpu->system;
+    const size_t nodes = (size_t)system->mesh->num_nodes, count = (size_t)system->mesh->num_tets;
+    gpu_tet *tets = static_cast<gpu_tet *>(pliant_calloc(count, sizeof *tets));
+    gpu_node *records = static_cast<gpu_node *>(pliant_calloc(nodes, sizeof *records));
+    for (size_t t = 0; tets && t < count; t++) {
+        const size_t block = t / LANES, lane = t % LANES;
+        for (int v = 0; v < 4; v++) tets[t].node[v] = system->nodes[block][v][lane];
+        for (int m = 0; m < 9; m++) tets[t].gradient[m] = system->gradients[block][m][lane];
+        tets[t].shear = system->moduli[block][0][lane];
+        tets[t].bulk = system->moduli[block][1][lane];
+        tets[t].volume = system->moduli[block][2][lane];
+    }
+    for (size_t n = 0; records && n < nodes; n++) {
+        records[n].inverse_mass = system->inverse_mass[n];
+        records[n].mass = system->node_mass[n];
+        records[n].limit = tled->limit[n];
+    }
+    const gpu_node *d_nodes = NULL;
+    pliant_status status = tets && records ? upload(gpu, tets, count, &gpu->gpu.d_tets) : pliant_fail_memory("the elements");
+    if (status == PLIANT_OK) status = upload(gpu, records, nodes, &d_nodes);
+    gpu->gpu.d_nodes = const_cast<gpu_node *>(d_nodes);
+    pliant_free(tets);
+    pliant_free(records);
+    return status;
+}
+
+static pliant_status allocate_state(pliant_cuda_tled *gpu)
+{
+    gpu_tled *it = &gpu->gpu;
+    const size_t nodes = (size_t)it->num_nodes, memory = 8 * (size_t)it->num_prony * (size_t)it->num_tets;
+    const size_t blocks = (size_t)std::max(it->num_groups, (it->num_nodes + GPU_CORNERS - 1) / GPU_CORNERS);
+    for (int b = 0; b < 2; b++) {
+        CUDA_TRY(allocate(gpu, 4 * nodes, &it->d_u[b]));
+        if (it->viscous) CUDA_TRY(allocate(gpu, memory, &it->d_memory[b]));
+    }
+    CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_d));
+    CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_acceleration));
+    if (it->still) CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_own));
+    if (it->nodal) CUDA_TRY(allocate(gpu, nodes, &it->d_pressure));
+    CUDA_TRY(allocate(gpu, blocks * PLIANT_NUM_SUMS, &it->d_sums));
+    CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_positions));
+    CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_packed_u));
+    if (it->viscous) CUDA_TRY(allocate(gpu, (size_t)gpu->system->num_blocks * 6 * PLIANT_PRONY_TERMS * LANES, &it->d_packed_memory));
+    CUDA_TRY(allocate(gpu, 1, &gpu->d_exchange));
+    it->d_frame = &gpu->d_exchange->frame;
+    it->d_outcome = &gpu->d_exchange->outcome;
+    return pliant_cuda_allocate_host(sizeof *gpu->h_exchange, "the dynamics", reinterpret_cast<void **>(&gpu->h_exchange));
+}
+
+/* copies to memory that cannot be page-locked are slower, no more */
+static void lock_pages(pliant_cuda_tled *gpu, const pliant_tled *tled)
+{
+    const size_t nodes = 3 * (size_t)gpu->gpu.num_nodes * sizeof(double), memory = (size_t)gpu->system->num_blocks * sizeof *tled->memory;
+    void *const blocks[6] = {tled->u, tled->d, tled->kept_u, tled->kept_d, tled->memory, tled->kept_memory};
+    for (int b = 0; b < 6; b++)
+        if (blocks[b] && cudaHostRegister(blocks[b], b < 4 ? nodes : memory, cudaHostRegisterDefault) == cudaSuccess) gpu->locked[b] = blocks[b];
+    cudaGetLastError();
+}
+
+static pliant_status fill(pliant_cuda_tled *gpu, const pliant_tled *tled)
+{
+    const pliant_tled_system *system = gpu->system;
+    gpu_tled *it = &gpu->gpu;
+    const size_t nodes = (size_t)system->mesh->num_nodes;
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithFlags(&gpu->stream, cudaStreamNonBlocking)));
+    it->law = system->law;
+    it->viscous = system->num_prony > 0;
+    it->nodal = system->nodal_pressure;
+    it->still = system->quasi_static;
+    it->num_nodes = system->mesh->num_nodes;
+    it->num_tets = system->mesh->num_tets;
+    it->num_prony = system->num_prony;
+    it->num_walls = system->num_walls;
+    memcpy(it->walls, system->walls, sizeof it->walls);
+    it->friction = system->friction;
+    it->restitution = system->restitution;
+    CUDA_TRY(upload_groups(gpu));
+    CUDA_TRY(upload_elements(gpu, tled));
+    CUDA_TRY(upload(gpu, system->mesh->rest, 3 * nodes, &it->d_rest));
+    if (it->nodal) {
+        CUDA_TRY(upload(gpu, system->node_modulus, nodes, &it->d_node_modulus));
+        CUDA_TRY(upload(gpu, system->node_volume, nodes, &it->d_node_volume));
+    }
+    CUDA_TRY(allocate_state(gpu));
+    lock_pages(gpu, tled);
+    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+}
+
+extern "C" pliant_status pliant_cuda_tled_create(pliant_tled *tled, int device, pliant_cuda_tled **out)
+{
+    pliant_cuda_tled *gpu = static_cast<pliant_cuda_tled *>(pliant_calloc(1, sizeof *gpu));
+    if (!gpu) return pliant_fail_memory("the dynamics");
+    gpu->system = tled->system;
+    gpu->device = device;
+    gpu->stale = true;
+    pliant_status status = fill(gpu, tled);
+    if (status != PLIANT_OK) {
+        pliant_cuda_tled_free(gpu);
+        return status;
+    }
+    *out = gpu;
+    return PLIANT_OK;
+}
+
+static void free_held(held_nodes *held)
+{
+    pliant_cuda_release_host(held->held);
+    pliant_cuda_release_host(held->node);
+    pliant_cuda_release_host(held->weight);
+    *held = {};
+}
+
+static void release_held(gpu_tled *it)
+{
+    pliant_cuda_release(it->d_held_node);
+    pliant_cuda_release(it->d_tool_node);
+    pliant_cuda_release(it->d_tool_weight);
+    it->d_held_node = it->d_tool_node = NULL;
+    it->d_tool_weight = NULL;
+}
+
+extern "C" void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
+{
+    if (!gpu) return;
+    cudaSetDevice(gpu->device);
+    if (gpu->stream) cudaStreamSynchronize(gpu->stream);
+    for (void *block : gpu->locked)
+        if (block) cudaHostUnregister(block);
+    gpu_tled *it = &gpu->gpu;
+    const void *blocks[] = {it->d_group, it->d_corner_start, it->d_corner, it->d_tets, it->d_nodes, it->d_rest, it->d_node_modulus,
+                            it->d_node_volume, it->d_pressure, it->d_u[0], it->d_u[1], it->d_d, it->d_acceleration, it->d_own, it->d_memory[0],
+                            it->d_memory[1], it->d_sums, it->d_positions, it->d_packed_u, it->d_packed_memory, gpu->d_exchange};
+    for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
+    release_held(it);
+    free_held(&gpu->h_held);
+    pliant_cuda_release_host(gpu->h_exchange);
+    if (gpu->graph) cudaGraphExecDestroy(gpu->graph);
+    if (gpu->stream) cudaStreamDestroy(gpu->stream);
+    cudaGetLastError();
+    pliant_free(gpu);
+}
+
+extern "C" void pliant_cuda_tled_restart(pliant_cuda_tled *gpu) { gpu->stale = true; }
+extern "C" const double *pliant_cuda_tled_positions(const pliant_cuda_tled *gpu) { return gpu->gpu.d_positions; }
+extern "C" cudaStream_t pliant_cuda_tled_stream(const pliant_cuda_tled *gpu) { return gpu->stream; }
+
+/* ---- a frame */
+
+static pliant_status send_state(pliant_cuda_tled *gpu, const pliant_tled *tled)
+{
+    const gpu_tled *it = &gpu->gpu;
+    const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double), memory = (size_t)gpu->system->num_blocks * sizeof *tled->memory;
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_packed_u, tled->u, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_d, tled->d, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    if (it->viscous) CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_packed_memory, tled->memory, memory, cudaMemcpyHostToDevice, gpu->stream)));
+    if (it->still) CUDA_TRY(CUDA_CALL(cudaMemsetAsync(it->d_own, 0, bytes, gpu->stream)));
+    CUDA_TRY(pliant_cuda_tled_unpack(it, gpu->stream));
+    gpu->stale = false;
+    return PLIANT_OK;
+}
+
+static pliant_status make_room(pliant_cuda_tled *gpu, int32_t count)
+{
+    if (count <= gpu->h_held.capacity) return PLIANT_OK;
+    const int32_t capacity = count + count / 2;
+    const size_t indices = (size_t)capacity * sizeof(int32_t), weights = (size_t)capacity * sizeof(double);
+    held_nodes *held = &gpu->h_held;
+    gpu_tled *it = &gpu->gpu;
+    free_held(held);
+    release_held(it);
+    gpu->sent_total = gpu->sent_held = -1;
+    CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", reinterpret_cast<void **>(&held->held)));
+    CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", reinterpret_cast<void **>(&held->node)));
+    CUDA_TRY(pliant_cuda_allocate_host(weights, "the held nodes", reinterpret_cast<void **>(&held->weight)));
+    CUDA_TRY(allocate(indices, reinterpret_cast<void **>(&it->d_held_node)));
+    CUDA_TRY(allocate(indices, reinterpret_cast<void **>(&it->d_tool_node)));
+    CUDA_TRY(allocate(weights, reinterpret_cast<void **>(&it->d_tool_weight)));
+    held->capacity = capacity;
+    gpu->graph_steps = 0; /* it has the old places */
+    return PLIANT_OK;
+}
+
+/* The nodes that tools hold, where they are others than in the last frame; each tool's place among them to the frame. */
+static pliant_status send_holds(pliant_cuda_tled *gpu, const pliant_tool *tools, int num_tools, gpu_frame *frame)
+{
+    int32_t total = 0;
+    held_nodes *held = &gpu->h_held;
+    for (int t = 0; t < num_tools; t++) total += tools[t].holding ? tools[t].num_held : 0;
+    CUDA_TRY(make_room(gpu, total));
+    bool same = total == gpu->sent_total;
+    int32_t at = 0;
+    for (int t = 0; t < num_tools; t++) {
+        if (!tools[t].holding) continue;
+        const size_t count = (size_t)tools[t].num_held;
+        frame->tools[t].first = at;
+        frame->tools[t].count = tools[t].num_held;
+        same = same && memcmp(held->node + at, tools[t].held, count * sizeof *held->node) == 0 &&
+               memcmp(held->weight + at, tools[t].weight, count * sizeof *held->weight) == 0;
+        memcpy(held->node + at, tools[t].held, count * sizeof *held->node);
+        memcpy(held->weight + at, tools[t].weight, count * sizeof *held->weight);
+        at += tools[t].num_held;
+    }
+    if (!same) {
+        const size_t indices = (size_t)total * sizeof *held->node;
+        if (total > 0) memcpy(held->held, held->node, indices);
+        std::sort(held->held, held->held + total);
+        gpu->sent_held = (int32_t)(std::unique(held->held, held->held + total) - held->held);
+        gpu->sent_total = -1; /* until it is there */
+        if (total > 0) {
+            CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_held_node, held->held, indices, cudaMemcpyHostToDevice, gpu->stream)));
+            CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_node, held->node, indices, cudaMemcpyHostToDevice, gpu->stream)));
+            CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_weight, held->weight, (size_t)total * sizeof *held->weight, cudaMemcpyHostToDevice, gpu->stream)));
+        }
+        CUDA_TRY(pliant_cuda_tled_hold(&gpu->gpu, gpu->sent_held, gpu->stream));
+        gpu->sent_total = total;
+    }
+    frame->num_held = gpu->sent_held;
+    return PLIANT_OK;
+}
+
+/* sum of weight times weight over mass of the nodes that two tools share */
+static double answer_between(const pliant_tled_system *system, const pliant_tool *a, const pliant_tool *b)
+{
+    double sum = 0;
+    for (int32_t i = 0, j = 0; i < a->num_held && j < b->num_held;) {
+        if (a->held[i] < b->held[j]) i++;
+        else if (a->held[i] > b->held[j]) j++;
+        else {
+            sum += a->weight[i] * b->weight[j] * system->inverse_mass[a->held[i]];
+            i++, j++;
+        }
+    }
+    return sum;
+}
+
+static void set_tools(const pliant_cuda_tled *gpu, const pliant_tool *tools, int num_tools, gpu_frame *frame)
+{
+    frame->num_tools = num_tools;
+    for (int t = 0; t < num_tools; t++) {
+        const pliant_tool *tool = tools + t;
+        gpu_hold *hold = frame->tools + t;
+        if (!tool->holding) continue;
+        hold->active = 1;
+        hold->drive = tool->drive;
+        for (int d = 0; d < 3; d++) hold->goal[d] = tool->tip[d] - tool->grip[d];
+        memcpy(hold->driving_force, tool->driving_force, sizeof hold->driving_force);
+        hold->stiffness = tool->stiffness;
+        hold->damping = tool->damping;
+        for (int s = 0; s <= t; s++)
+            if (tools[s].holding) frame->answer[t][s] = answer_between(gpu->system, tool, tools + s);
+        hold->load_share = frame->answer[t][t];
+    }
+}
+
+static void set_frame(const pliant_tled *tled, gpu_frame *frame)
+{
+    const pliant_tled_system *system = tled->system;
+    const pliant_tled_scheme rule = pliant_tled_scheme_of(tled->time_step, system->damping);
+    memcpy(frame->gravity, tled->gravity, sizeof frame->gravity);
+    frame->time_step = tled->time_step;
+    frame->reach = tled->reach;
+    frame->factor = rule.factor;
+    frame->kept = rule.kept;
+    frame->tolerance = tled->tolerance;
+    frame->smallest_load = tled->smallest_load;
+    frame->substeps = tled->substeps;
+    for (int term = 0; term < system->num_prony; term++) {
+        const float dt = (float)tled->time_step;
+        frame->prony_part[term] = dt / ((float)system->prony_time[term] + dt);
+        frame->prony_share[term] = (float)system->prony_share[term];
+    }
+}
+
+static pliant_status enqueue_substeps(const pliant_cuda_tled *gpu, int32_t count, bool repeated, bool pulled)
+{
+    for (int32_t number = 0; number < count; number++) CUDA_TRY(pliant_cuda_tled_substep(&gpu->gpu, number, pulled, gpu->stream));
+    return repeated ? pliant_cuda_tled_bump(&gpu->gpu, count, gpu->stream) : PLIANT_OK;
+}
+
+/* so many sub-steps as a graph: all their kernels for the price of one launch */
+static pliant_status record(pliant_cuda_tled *gpu, int32_t count, bool repeated)
+{
+    const bool pulled = gpu->sent_held > 0;
+    if (count == gpu->graph_steps && repeated == gpu->repeated && pulled == gpu->pulled) return PLIANT_OK;
+    cudaGraph_t graph = nullptr;
+    if (gpu->graph) cudaGraphExecDestroy(gpu->graph);
+    gpu->graph = nullptr;
+    gpu->graph_steps = 0;
+    CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
+    pliant_status status = enqueue_substeps(gpu, count, repeated, pulled), ended = CUDA_CALL(cudaStreamEndCapture(gpu->stream, &graph));
+    if (status == PLIANT_OK) status = ended;
+    if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphInstantiateWithFlags(&gpu->graph, graph, 0));
+    if (graph) cudaGraphDestroy(graph);
+    if (status != PLIANT_OK) return status;
+    gpu->graph_steps = count;
+    gpu->repeated = repeated;
+    gpu->pulled = pulled;
+    return PLIANT_OK;
+}
+
+static pliant_status bring_outcome(pliant_cuda_tled *gpu)
+{
+    return CUDA_CALL(cudaMemcpyAsync(&gpu->h_exchange->outcome, gpu->gpu.d_outcome, sizeof gpu->h_exchange->outcome, cudaMemcpyDeviceToHost, gpu->stream));
+}
+
+/* Displacements change places in every sub-step, so graphs that follow each other have an even number of them. */
+static pliant_status enqueue_frame(pliant_cuda_tled *gpu, const pliant_tled *tled)
+{
+    const int32_t repeats = (tled->substeps + longest_graph - 1) / longest_graph, length = (tled->substeps + repeats - 1) / repeats;
+    CUDA_TRY(record(gpu, repeats > 1 ? length + length % 2 : length, repeats > 1));
+    for (int32_t r = 0; r < repeats; r++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->graph, gpu->stream)));
+    return PLIANT_OK;
+}
+
+static pliant_status relax(pliant_cuda_tled *gpu, const pliant_tled *tled)
+{
+    const gpu_outcome *outcome = &gpu->h_exchange->outcome;
+    CUDA_TRY(record(gpu, relaxation_graph, true));
+    for (int32_t done = 0; done < tled->substeps; done += relaxation_graph) {
+        CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->graph, gpu->stream)));
+        CUDA_TRY(bring_outcome(gpu));
+        CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+        if (outcome->settled || outcome->unsound < INT32_MAX) break;
+    }
+    return PLIANT_OK;
+}
+
+/* The end of a frame: what the host keeps arrives beside the old state, which it takes the place of only when it is whole and sound. */
+static pliant_status bring(pliant_cuda_tled *gpu, pliant_tled *tled)
+{
+    const gpu_tled *it = &gpu->gpu;
+    const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double), memory = (size_t)gpu->system->num_blocks * sizeof *tled->memory;
+    CUDA_TRY(pliant_cuda_tled_finish(it, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_u, it->d_packed_u, bytes, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_d, it->d_d, bytes, cudaMemcpyDeviceToHost, gpu->stream)));
+    if (it->viscous) CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_memory, it->d_packed_memory, memory, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(bring_outcome(gpu));
+    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+}
+
+static void take(const gpu_outcome *outcome, pliant_tled *tled, pliant_tool *tools, int num_tools)
+{
+    std::swap(tled->u, tled->kept_u);
+    std::swap(tled->d, tled->kept_d);
+    std::swap(tled->memory, tled->kept_memory);
+    memcpy(tled->target, outcome->target, sizeof tled->target);
+    memcpy(tled->quotient, outcome->quotient, sizeof tled->quotient);
+    for (int t = 0; t < num_tools; t++)
+        for (int d = 0; d < 3; d++) tools[t].force[d] += outcome->force[t][d];
+}
+
+extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_tled_frame *out)
+{
+    pliant_cuda_tled *gpu = static_cast<pliant_cuda_tled *>(with);
+    gpu_frame *frame = &gpu->h_exchange->frame;
+    gpu_outcome *outcome = &gpu->h_exchange->outcome;
+    const bool still = gpu->gpu.still;
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    if (gpu->stale) CUDA_TRY(send_state(gpu, tled));
+    gpu->stale = true; /* until this frame is whole and sound */
+    memset(gpu->h_exchange, 0, sizeof *gpu->h_exchange);
+    memcpy(outcome->target, tled->target, sizeof outcome->target);
+    memcpy(outcome->quotient, tled->quotient, sizeof outcome->quotient);
+    outcome->unsound = INT32_MAX;
+    set_frame(tled, frame);
+    set_tools(gpu, tools, num_tools, frame);
+    CUDA_TRY(send_holds(gpu, tools, num_tools, frame));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_exchange, gpu->h_exchange, sizeof *gpu->h_exchange, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(still ? relax(gpu, tled) : enqueue_frame(gpu, tled));
+    CUDA_TRY(bring(gpu, tled));
+    out->sound = outcome->unsound == INT32_MAX;
+    out->steps = still ? outcome->steps : tled->substeps;
+    if (!out->sound) {
+        out->steps = outcome->unsound + 1;
+        return PLIANT_OK;
+    }
+    out->settled = outcome->settled != 0;
+    out->residual = still ? outcome->residual
+                          : pliant_tled_relative(tled, outcome->sums[PLIANT_SUM_RESIDUAL], outcome->sums[PLIANT_SUM_LOAD] + outcome->tool_load);
+    take(outcome, tled, tools, num_tools);
+    gpu->stale = false;
+    return PLIANT_OK;
+}

@@ -1,0 +1,61 @@
+/* The table of explicit dynamics on the GPU. */
+#include "backend/backend.h"
+#include "check.h"
+#include "device.h"
+#include "tled.h"
+#include "warp.h"
+
+static pliant_cuda_tled *state_of(const pliant_data *data) { return static_cast<pliant_cuda_tled *>(data->backend_state); }
+
+static void destroy(pliant_data *data)
+{
+    pliant_cuda_tled_free(state_of(data));
+    data->backend_state = NULL;
+}
+
+static pliant_status create(const pliant_model *, pliant_data *data)
+{
+    int device;
+    pliant_cuda_tled *made;
+    CUDA_TRY(pliant_cuda_current_device(&device));
+    CUDA_TRY(pliant_cuda_tled_create(data->tled, device, &made));
+    data->backend_state = made;
+    return PLIANT_OK;
+}
+
+static pliant_status restart(const pliant_model *, pliant_data *data)
+{
+    pliant_cuda_tled_restart(state_of(data));
+    return PLIANT_OK;
+}
+
+static pliant_status solve(const pliant_model *, pliant_data *data)
+{
+    pliant_cuda_section_begin("solve");
+    pliant_status status = pliant_tled_step_by(pliant_cuda_tled_run, state_of(data), data->tled, data->tools, data->num_tools, &data->statistics);
+    pliant_cuda_section_end();
+    return status;
+}
+
+/* from the positions that are on the GPU, where the warp is there too */
+static pliant_status draw(const pliant_data *data)
+{
+    pliant_cuda_warp *on_gpu = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
+    if (!on_gpu) return data->warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
+    const double *d_positions = pliant_cuda_tled_positions(state_of(data));
+    cudaStream_t stream = pliant_cuda_tled_stream(state_of(data));
+    CUDA_TRY(pliant_cuda_warp_enqueue(on_gpu, d_positions, stream));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
+    return pliant_cuda_warp_finish(on_gpu, d_positions, stream);
+}
+
+static pliant_status warp(const pliant_model *, pliant_data *data)
+{
+    pliant_cuda_section_begin("warp");
+    pliant_status status = draw(data);
+    pliant_cuda_section_end();
+    return status;
+}
+
+const pliant_backend pliant_cuda_tled_backend = {"cuda", &pliant_explicit, false, pliant_cuda_text,    create, destroy, restart, NULL,
+                                                 solve,  pliant_tled_upsample,    warp,  NULL, NULL, NULL, NULL, NULL};

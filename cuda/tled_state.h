@@ -1,0 +1,108 @@
+/* Explicit dynamics on the GPU: what src/fem/tled.h keeps, laid out for one kernel a sub-step.
+ *
+ * Every corner of an element has a thread, which works out the whole element and keeps the force on its own corner; corners lie
+ * sorted by node, so a block sums the forces on its nodes in shared memory, in the CPU's order, and moves them. That is four times the
+ * arithmetic and half of the launches and of the memory traffic of forces that are written and gathered. Neighbours read displacements
+ * while others are moved, so there are two of them, which change places in every sub-step.
+ *
+ * Elements are in single precision as on the CPU; displacements, sums over a node's corners and everything of tools and walls are in
+ * double, so that a displacement of centimetres keeps the digits of increments of nanometres. */
+#ifndef PLIANT_CUDA_TLED_STATE_H
+#define PLIANT_CUDA_TLED_STATE_H
+
+#include "fem/tled.h"
+
+#include <cuda_runtime_api.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* A group is a run of nodes whose corners fill a block of threads at most. */
+enum { GPU_CORNERS = 256 /* threads of a block */, GPU_GROUP_NODES = 96 };
+
+/* An element as one thread reads it; the moduli come times the rest volume. */
+typedef struct gpu_tet {
+    int32_t node[4];
+    float gradient[9];         /* of corners 1 to 3 [1/m] */
+    float shear, bulk;         /* [N m] */
+    float volume;              /* [m^3] */
+} gpu_tet;
+
+/* A node as one thread reads it. */
+typedef struct gpu_node { double inverse_mass, mass, limit, held; /* held: 1 by a tool, else 0 */ } gpu_node;
+
+/* What a tool does in a frame: struct pliant_tool. */
+typedef struct gpu_hold {
+    int32_t active, drive, first, count; /* of d_tool_node, d_tool_weight */
+    double goal[3], driving_force[3], stiffness, damping;
+    double load_share;         /* sum of squared weights over masses */
+} gpu_hold;
+
+/* What the host says at the beginning of a frame. */
+typedef struct gpu_frame {
+    double gravity[3], time_step, reach;
+    double factor, kept;       /* d+ = factor / M (R - F) + kept d; of dynamic relaxation worked out in every sub-step */
+    float prony_part[PLIANT_PRONY_TERMS], prony_share[PLIANT_PRONY_TERMS];
+    double tolerance, smallest_load; /* of dynamic relaxation */
+    int32_t substeps, num_tools, num_held; /* num_held: of d_held_node */
+    gpu_hold tools[PLIANT_MAX_TOOLS];
+    double answer[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS]; /* sums of weight times weight over mass of nodes that two tools share */
+} gpu_frame;
+
+/* What a frame makes of it, and what goes from frame to frame. */
+typedef struct gpu_outcome {
+    double target[PLIANT_MAX_TOOLS][3], force[PLIANT_MAX_TOOLS][3], quotient[2];
+    double factor, kept;       /* dynamic relaxation: of this sub-step */
+    double tool_load, sums[PLIANT_NUM_SUMS], residual;
+    int32_t base;              /* sub-steps before the present graph */
+    int32_t steps;
+    int32_t unsound;           /* first sub-step in which a node moved faster than sound; INT32_MAX: none */
+    int32_t settled;
+    uint32_t arrived;          /* blocks of a kernel that are done */
+} gpu_outcome;
+
+/* Arrays. Pointers are of the device. */
+typedef struct gpu_tled {
+    pliant_law law;
+    bool viscous, nodal, still;
+    int32_t num_nodes, num_tets, num_groups, num_prony;
+    const int32_t *d_group;    /* (num_groups + 1) first node of a group */
+    const int32_t *d_corner_start; /* (num_nodes + 1) */
+    const int32_t *d_corner;   /* (num_groups x GPU_CORNERS) 4 tetrahedron + corner, of a node ascending; -1: none */
+    const gpu_tet *d_tets;
+    gpu_node *d_nodes;
+    const double *d_rest;      /* (num_nodes x 3) */
+    const float *d_node_modulus, *d_node_volume; /* nodal pressure, as is d_pressure */
+    float *d_pressure;
+    double *d_u[2];            /* (num_nodes x 4), three numbers and a gap */
+    double *d_d, *d_acceleration, *d_own; /* (num_nodes x 3); acceleration of held nodes only, but for dynamic relaxation */
+    float *d_memory[2];        /* (num_prony x num_tets x 8), six numbers and a gap */
+    double *d_sums;            /* (blocks x PLIANT_NUM_SUMS) */
+    gpu_frame *d_frame;
+    gpu_outcome *d_outcome;
+    int32_t *d_held_node, *d_tool_node; /* nodes that any tool holds, ascending; each tool's */
+    double *d_tool_weight;
+    double *d_positions, *d_packed_u; /* (num_nodes x 3) what others are given */
+    float *d_packed_memory;    /* as the host's */
+    int32_t num_walls;
+    pliant_wall walls[PLIANT_MAX_WALLS];
+    double friction, restitution;
+} gpu_tled;
+
+/* ---- tled_step.cu: enqueue */
+/* The sub-step with this number in its graph; whether it is one of the frame is seen there. pulled: tools hold nodes. */
+pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t number, bool pulled, cudaStream_t stream);
+/* Later graphs of this frame have done so many sub-steps before. */
+pliant_status pliant_cuda_tled_bump(const gpu_tled *tled, int32_t steps, cudaStream_t stream);
+/* Sums of the last sub-step; state to where a frame begins, and as the host has it. */
+pliant_status pliant_cuda_tled_finish(const gpu_tled *tled, cudaStream_t stream);
+/* The host's state (d_packed_u, d_packed_memory) to where a frame begins. */
+pliant_status pliant_cuda_tled_unpack(const gpu_tled *tled, cudaStream_t stream);
+/* Nodes of d_held_node and no others are held. */
+pliant_status pliant_cuda_tled_hold(const gpu_tled *tled, int32_t num_held, cudaStream_t stream);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,361 @@
+/* The kernels of a sub-step. */
+#include "check.h"
+#include "tled_forces.cuh"
+#include "tled_tools.cuh"
+
+#include <climits>
+
+/* Whether there is nothing to do: the frame has no such sub-step, or dynamic relaxation has come to its end. What this sub-step itself
+ * finds is not seen, so that all blocks say the same. */
+static __device__ __forceinline__ bool is_idle(const gpu_tled &tled, int32_t step)
+{
+    const gpu_outcome *outcome = tled.d_outcome;
+    return step >= tled.d_frame->substeps || (tled.still && (outcome->settled || outcome->unsound < step));
+}
+
+/* Sums of three numbers of a group's nodes, in a tree; node threads are the first GPU_GROUP_NODES. To d_sums by the first thread. */
+static __device__ void add_up(double *d_sums, const int slot[3], double a, double b, double c, double (*scratch)[3])
+{
+    const int lane = (int)threadIdx.x % 32, warp = (int)threadIdx.x / 32;
+    double value[3] = {a, b, c};
+    if (threadIdx.x < GPU_GROUP_NODES)
+        for (int s = 0; s < 3; s++) {
+            for (int step = 16; step > 0; step /= 2) value[s] += __shfl_xor_sync(0xffffffffu, value[s], step);
+            if (lane == 0) scratch[warp][s] = value[s];
+        }
+    __syncthreads();
+    if (threadIdx.x < 3) {
+        double sum = 0;
+        for (int w = 0; w < GPU_GROUP_NODES / 32; w++) sum += scratch[w][threadIdx.x];
+        d_sums[(size_t)blockIdx.x * PLIANT_NUM_SUMS + slot[threadIdx.x]] = sum;
+    }
+}
+
+/* of one number of all blocks, by all threads of one */
+static __device__ double total_of(const double *d_sums, int32_t blocks, int slot, double *scratch)
+{
+    double sum = 0;
+    for (int32_t b = (int32_t)threadIdx.x; b < blocks; b += GPU_CORNERS) sum += __ldcg(d_sums + (size_t)b * PLIANT_NUM_SUMS + slot);
+    return block_sum(sum, scratch);
+}
+
+/* Dynamic relaxation: how much to damp, from the lowest frequency that still takes part (src/fem/tled_step.c). */
+static __device__ void choose_damping(const gpu_tled &tled, double *scratch)
+{
+    gpu_outcome *outcome = tled.d_outcome;
+    const double load = total_of(tled.d_sums, tled.num_groups, PLIANT_SUM_LOAD, scratch);
+    const double inertia = total_of(tled.d_sums, tled.num_groups, PLIANT_SUM_INERTIA, scratch);
+    const double stiffness = total_of(tled.d_sums, tled.num_groups, PLIANT_SUM_STIFFNESS, scratch);
+    if (threadIdx.x != 0) return;
+    const double forget = 0.95, most = 1.8;
+    outcome->quotient[0] = forget * outcome->quotient[0] + stiffness;
+    outcome->quotient[1] = forget * outcome->quotient[1] + inertia;
+    const double square = outcome->quotient[1] > 0 ? outcome->quotient[0] / outcome->quotient[1] : 0;
+    const double frequency = sqrt(fmin(fmax(square, 0.0), most * most));
+    outcome->sums[PLIANT_SUM_LOAD] = load;
+    outcome->factor = 1 / (1 + frequency);
+    outcome->kept = (1 - frequency) / (1 + frequency);
+}
+
+/* What a node's thread needs, asked for before the forces are there. */
+struct node_state { gpu_node node; double u[3], d[3], gravity[3], factor, kept; int32_t n, begin, end; };
+
+static __device__ __forceinline__ node_state load_node(const gpu_tled &tled, int32_t first, int32_t n, const double *d_u)
+{
+    node_state out;
+    const int32_t start = tled.d_corner_start[first];
+    const double2 *from = reinterpret_cast<const double2 *>(tled.d_nodes + n), *at = reinterpret_cast<const double2 *>(d_u + 4 * (size_t)n);
+    const double2 masses = from[0], others = from[1], xy = at[0];
+    out.node.inverse_mass = masses.x, out.node.mass = masses.y, out.node.limit = others.x, out.node.held = others.y;
+    out.u[0] = xy.x, out.u[1] = xy.y, out.u[2] = at[1].x;
+    for (int k = 0; k < 3; k++) {
+        out.d[k] = tled.d_d[3 * (size_t)n + k];
+        out.gravity[k] = tled.d_frame->gravity[k];
+    }
+    out.factor = tled.d_frame->factor;
+    out.kept = tled.d_frame->kept;
+    out.n = n;
+    out.begin = tled.d_corner_start[n] - start;
+    out.end = tled.d_corner_start[n + 1] - start;
+    return out;
+}
+
+static __device__ __forceinline__ void store_u(double *d_u, int32_t n, const double u[3])
+{
+    double2 *to = reinterpret_cast<double2 *>(d_u + 4 * (size_t)n);
+    to[0] = make_double2(u[0], u[1]);
+    to[1].x = u[2];
+}
+
+/* A node that moves, by central differences: from its acceleration to where it is next. Parts of the residual and load come back. */
+static __device__ __forceinline__ void move_node(const gpu_tled &tled, int32_t step, node_state &state, double acceleration[3], double *d_u, double *residual)
+{
+    for (int k = 0; k < 3; k++) {
+        state.d[k] = state.factor * acceleration[k] + state.kept * state.d[k];
+        state.u[k] += state.d[k];
+    }
+    if (state.node.held != 0) {
+        for (int k = 0; k < 3; k++) tled.d_acceleration[3 * (size_t)state.n + k] = acceleration[k];
+    } else if (!(settle(tled, state.n, state.node, state.factor, state.u, state.d, acceleration, residual) <= 1)) {
+        atomicMin(&tled.d_outcome->unsound, step);
+    }
+    for (int k = 0; k < 3; k++) tled.d_d[3 * (size_t)state.n + k] = state.d[k];
+    store_u(d_u, state.n, state.u);
+}
+
+/* Dynamic relaxation: the acceleration is kept, and what tells how much to damp. */
+static __device__ __forceinline__ void keep_node(const gpu_tled &tled, const node_state &state, const double acceleration[3], double *stiffness, double *inertia)
+{
+    for (int k = 0; k < 3; k++) {
+        const size_t at = 3 * (size_t)state.n + k;
+        *stiffness += state.d[k] * (tled.d_own[at] - acceleration[k]) / state.node.inverse_mass;
+        *inertia += state.d[k] * state.d[k] / state.node.inverse_mass;
+        tled.d_own[at] = tled.d_acceleration[at] = acceleration[k];
+    }
+}
+
+template <int LAW, bool VISCOUS, bool NODAL>
+__global__ void __launch_bounds__(GPU_CORNERS) substep_kernel(const gpu_tled tled, int32_t number)
+{
+    __shared__ float force[3][GPU_CORNERS];
+    __shared__ double scratch[GPU_GROUP_NODES / 32][3], more_scratch[GPU_CORNERS / 32];
+    const int32_t step = tled.d_outcome->base + number, corner = tled.d_corner[(size_t)blockIdx.x * GPU_CORNERS + threadIdx.x];
+    const int32_t first = tled.d_group[blockIdx.x], count = tled.d_group[blockIdx.x + 1] - first;
+    const int from = tled.still ? 0 : number & 1;
+    if ((VISCOUS || tled.still) && is_idle(tled, step)) return;
+    const bool mine = (int32_t)threadIdx.x < count;
+    const int32_t substeps = tled.d_frame->substeps;
+    node_state state = {};
+    if (mine) state = load_node(tled, first, first + (int32_t)threadIdx.x, tled.d_u[from]);
+    if (corner >= 0) {
+        float out[3];
+        corner_force<LAW, VISCOUS, NODAL>(tled, from, number & 1, corner, out);
+        for (int k = 0; k < 3; k++) force[k][threadIdx.x] = out[k];
+    }
+    __syncthreads();
+    if (step >= substeps) return; /* only here, so that nothing before waits to know */
+    double load = 0, residual = 0, stiffness = 0, inertia = 0;
+    double *d_u = tled.d_u[1 - from];
+    if (mine && state.node.inverse_mass != 0) {
+        double sum[3] = {0, 0, 0};
+        for (int32_t c = state.begin; c < state.end; c++)
+            for (int k = 0; k < 3; k++) sum[k] += force[k][c];
+        for (int k = 0; k < 3; k++) {
+            const double weight = state.node.mass * state.gravity[k];
+            sum[k] = state.node.inverse_mass * (weight - sum[k]);
+            load += state.node.inverse_mass * weight * weight;
+        }
+        if (tled.still) keep_node(tled, state, sum, &stiffness, &inertia);
+        else move_node(tled, step, state, sum, d_u, &residual);
+    } else if (mine && !tled.still) {
+        store_u(d_u, state.n, state.u);
+    }
+    if (tled.still) {
+        const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_STIFFNESS, PLIANT_SUM_INERTIA};
+        add_up(tled.d_sums, slots, load, stiffness, inertia, scratch);
+        if (is_last_block(tled.d_outcome)) choose_damping(tled, more_scratch);
+        return;
+    }
+    if (step == substeps - 1) {
+        const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_RESIDUAL, PLIANT_SUM_LARGEST};
+        add_up(tled.d_sums, slots, load, residual, 0, scratch);
+    }
+}
+
+/* The tools, after all nodes were moved; one block. */
+__global__ void __launch_bounds__(GPU_CORNERS) pull_kernel(const gpu_tled tled, int32_t number)
+{
+    __shared__ gpu_tool_work work;
+    const int32_t step = tled.d_outcome->base + number, left = tled.d_frame->substeps - step;
+    if (left <= 0) return;
+    double residual;
+    if (!(pull_and_settle(tled, tled.d_frame->factor, left, tled.d_u[1 - (number & 1)], &work, &residual) <= 1)) atomicMin(&tled.d_outcome->unsound, step);
+    if (threadIdx.x == 0) tled.d_outcome->sums[PLIANT_SUM_RESIDUAL] = residual;
+}
+
+/* Dynamic relaxation, after the forces: all nodes, then those that tools hold; then whether it has settled. */
+__global__ void __launch_bounds__(GPU_CORNERS) relax_kernel(const gpu_tled tled, int32_t number)
+{
+    __shared__ gpu_tool_work work;
+    gpu_outcome *outcome = tled.d_outcome;
+    const int32_t step = outcome->base + number, n = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x);
+    if (is_idle(tled, step)) return;
+    const double factor = outcome->factor, kept = outcome->kept;
+    double residual = 0, held_residual = 0, over = 0;
+    if (n < tled.num_nodes && tled.d_nodes[n].inverse_mass != 0) {
+        const gpu_node node = tled.d_nodes[n];
+        double u[3], d[3], acceleration[3];
+        for (int k = 0; k < 3; k++) {
+            const size_t at = 3 * (size_t)n + k;
+            acceleration[k] = tled.d_acceleration[at];
+            d[k] = factor * acceleration[k] + kept * tled.d_d[at];
+            u[k] = tled.d_u[0][4 * (size_t)n + k] + d[k];
+        }
+        if (node.held == 0) over = settle(tled, n, node, factor, u, d, acceleration, &residual);
+        for (int k = 0; k < 3; k++) tled.d_d[3 * (size_t)n + k] = d[k];
+        store_u(tled.d_u[0], n, u);
+    }
+    residual = block_sum(residual, work.scratch);
+    if (threadIdx.x == 0) tled.d_sums[(size_t)blockIdx.x * PLIANT_NUM_SUMS + PLIANT_SUM_RESIDUAL] = residual;
+    if (over != over) atomicMin(&outcome->unsound, step);
+    if (!is_last_block(outcome)) return;
+    const gpu_frame *frame = tled.d_frame;
+    if (frame->num_held > 0) {
+        over = pull_and_settle(tled, factor, 1, tled.d_u[0], &work, &held_residual);
+        if (over != over) atomicMin(&outcome->unsound, step);
+    }
+    const double total = total_of(tled.d_sums, (int32_t)gridDim.x, PLIANT_SUM_RESIDUAL, work.scratch) + held_residual;
+    __syncthreads();
+    if (threadIdx.x != 0) return;
+    const double noise = 1e-8; /* as in src/fem/tled_step.c */
+    double load = outcome->sums[PLIANT_SUM_LOAD] + (frame->num_held > 0 ? outcome->tool_load : 0);
+    load = load > 0 ? fmax(load, noise * frame->smallest_load) : frame->smallest_load;
+    outcome->residual = load > 0 ? sqrt(total / load) : 0;
+    outcome->steps = step + 1;
+    outcome->settled = outcome->residual <= frame->tolerance && atomicAdd(&outcome->unsound, 0) > step;
+}
+
+/* Average nodal pressure: pliant_tled_pressures. */
+__global__ void __launch_bounds__(GPU_CORNERS) pressure_kernel(const gpu_tled tled, int32_t number)
+{
+    __shared__ float change[GPU_CORNERS];
+    const int32_t corner = tled.d_corner[(size_t)blockIdx.x * GPU_CORNERS + threadIdx.x];
+    const int32_t first = tled.d_group[blockIdx.x], n = first + (int32_t)threadIdx.x;
+    if (corner >= 0) {
+        const gpu_tet tet = load_tet(tled.d_tets, corner >> 2);
+        float h[9], cofactor[9];
+        load_gradient(tled.d_u[tled.still ? 0 : number & 1], tet, h);
+        change[threadIdx.x] = tet.volume * pliant_change_of(h, cofactor);
+    }
+    __syncthreads();
+    if (n >= tled.d_group[blockIdx.x + 1]) return;
+    const int32_t start = tled.d_corner_start[first];
+    double sum = 0;
+    for (int32_t c = tled.d_corner_start[n] - start; c < tled.d_corner_start[n + 1] - start; c++) sum += change[c];
+    const float mean = (float)(0.25 * sum) * tled.d_node_volume[n];
+    tled.d_pressure[n] = tled.d_node_modulus[n] * pliant_law_float_volume(tled.law, mean);
+}
+
+__global__ void bump_kernel(gpu_outcome *outcome, int32_t steps) { outcome->base += steps; }
+
+/* where the host keeps a number of an element's memory */
+static __device__ size_t host_place(int32_t tet, int term, int m)
+{
+    return ((size_t)(tet / LANES) * 6 * PLIANT_PRONY_TERMS + 6 * (size_t)term + (size_t)m) * LANES + (size_t)(tet % LANES);
+}
+
+__global__ void finish_kernel(const gpu_tled tled)
+{
+    __shared__ double scratch[GPU_CORNERS / 32];
+    gpu_outcome *outcome = tled.d_outcome;
+    const int32_t steps = tled.still ? outcome->steps : tled.d_frame->substeps, threads = (int32_t)(gridDim.x * blockDim.x);
+    const int from = tled.still ? 0 : steps & 1, from_memory = steps & 1;
+    for (int32_t n = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); n < tled.num_nodes; n += threads)
+        for (int k = 0; k < 3; k++) {
+            const double u = tled.d_u[from][4 * (size_t)n + k];
+            tled.d_u[0][4 * (size_t)n + k] = u;
+            tled.d_packed_u[3 * (size_t)n + k] = u;
+            tled.d_positions[3 * (size_t)n + k] = tled.d_rest[3 * (size_t)n + k] + u;
+        }
+    for (int32_t t = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); tled.viscous && t < tled.num_tets; t += threads)
+        for (int term = 0; term < tled.num_prony; term++)
+            for (int m = 0; m < 6; m++) {
+                const size_t place = 8 * ((size_t)term * (size_t)tled.num_tets + (size_t)t) + (size_t)m;
+                const float y = tled.d_memory[from_memory][place];
+                tled.d_memory[0][place] = y;
+                tled.d_packed_memory[host_place(t, term, m)] = y;
+            }
+    if (tled.still || blockIdx.x > 0) return;
+    const double load = total_of(tled.d_sums, tled.num_groups, PLIANT_SUM_LOAD, scratch);
+    const double residual = total_of(tled.d_sums, tled.num_groups, PLIANT_SUM_RESIDUAL, scratch);
+    if (threadIdx.x != 0) return;
+    outcome->sums[PLIANT_SUM_LOAD] = load;
+    outcome->sums[PLIANT_SUM_RESIDUAL] += residual;
+}
+
+__global__ void unpack_kernel(const gpu_tled tled)
+{
+    const int32_t threads = (int32_t)(gridDim.x * blockDim.x);
+    for (int32_t n = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); n < tled.num_nodes; n += threads) {
+        double *d_u = tled.d_u[0] + 4 * (size_t)n;
+        for (int k = 0; k < 3; k++) d_u[k] = tled.d_packed_u[3 * (size_t)n + k];
+    }
+    for (int32_t t = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); tled.viscous && t < tled.num_tets; t += threads)
+        for (int term = 0; term < tled.num_prony; term++)
+            for (int m = 0; m < 6; m++)
+                tled.d_memory[0][8 * ((size_t)term * (size_t)tled.num_tets + (size_t)t) + (size_t)m] = tled.d_packed_memory[host_place(t, term, m)];
+}
+
+__global__ void release_kernel(gpu_node *d_nodes, int32_t num_nodes)
+{
+    const int32_t n = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x);
+    if (n < num_nodes) d_nodes[n].held = 0;
+}
+
+__global__ void hold_kernel(gpu_node *d_nodes, const int32_t *d_held_node, int32_t num_held)
+{
+    const int32_t h = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x);
+    if (h < num_held) d_nodes[d_held_node[h]].held = 1;
+}
+
+/* ---- launches */
+
+static unsigned blocks_for(int32_t count) { return (unsigned)((count + GPU_CORNERS - 1) / GPU_CORNERS); }
+
+template <int LAW> static void launch(const gpu_tled *tled, int32_t number, cudaStream_t stream)
+{
+    const unsigned groups = (unsigned)tled->num_groups;
+    const bool nodal = tled->nodal && LAW != PLIANT_LAW_SAINT_VENANT_KIRCHHOFF;
+    if (tled->viscous && nodal) substep_kernel<LAW, true, LAW != PLIANT_LAW_SAINT_VENANT_KIRCHHOFF><<<groups, GPU_CORNERS, 0, stream>>>(*tled, number);
+    else if (tled->viscous) substep_kernel<LAW, true, false><<<groups, GPU_CORNERS, 0, stream>>>(*tled, number);
+    else if (nodal) substep_kernel<LAW, false, LAW != PLIANT_LAW_SAINT_VENANT_KIRCHHOFF><<<groups, GPU_CORNERS, 0, stream>>>(*tled, number);
+    else substep_kernel<LAW, false, false><<<groups, GPU_CORNERS, 0, stream>>>(*tled, number);
+}
+
+extern "C" pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t number, bool pulled, cudaStream_t stream)
+{
+    if (tled->nodal) {
+        pressure_kernel<<<(unsigned)tled->num_groups, GPU_CORNERS, 0, stream>>>(*tled, number);
+        CUDA_TRY(CUDA_LAUNCHED("the nodal pressures"));
+    }
+    switch (tled->law) {
+    case PLIANT_LAW_NEO_HOOKEAN: launch<PLIANT_LAW_NEO_HOOKEAN>(tled, number, stream); break;
+    case PLIANT_LAW_COMPRESSIBLE: launch<PLIANT_LAW_COMPRESSIBLE>(tled, number, stream); break;
+    default: launch<PLIANT_LAW_SAINT_VENANT_KIRCHHOFF>(tled, number, stream); break;
+    }
+    CUDA_TRY(CUDA_LAUNCHED("a sub-step"));
+    if (!tled->still && pulled) {
+        pull_kernel<<<1, GPU_CORNERS, 0, stream>>>(*tled, number);
+        return CUDA_LAUNCHED("the tools");
+    }
+    if (!tled->still) return PLIANT_OK;
+    relax_kernel<<<blocks_for(tled->num_nodes), GPU_CORNERS, 0, stream>>>(*tled, number);
+    return CUDA_LAUNCHED("dynamic relaxation");
+}
+
+extern "C" pliant_status pliant_cuda_tled_bump(const gpu_tled *tled, int32_t steps, cudaStream_t stream)
+{
+    bump_kernel<<<1, 1, 0, stream>>>(tled->d_outcome, steps);
+    return CUDA_LAUNCHED("the count of sub-steps");
+}
+
+extern "C" pliant_status pliant_cuda_tled_finish(const gpu_tled *tled, cudaStream_t stream)
+{
+    finish_kernel<<<blocks_for(tled->viscous ? tled->num_tets : tled->num_nodes), GPU_CORNERS, 0, stream>>>(*tled);
+    return CUDA_LAUNCHED("the end of a frame");
+}
+
+extern "C" pliant_status pliant_cuda_tled_unpack(const gpu_tled *tled, cudaStream_t stream)
+{
+    unpack_kernel<<<blocks_for(tled->viscous ? tled->num_tets : tled->num_nodes), GPU_CORNERS, 0, stream>>>(*tled);
+    return CUDA_LAUNCHED("the state of the dynamics");
+}
+
+extern "C" pliant_status pliant_cuda_tled_hold(const gpu_tled *tled, int32_t num_held, cudaStream_t stream)
+{
+    release_kernel<<<blocks_for(tled->num_nodes), GPU_CORNERS, 0, stream>>>(tled->d_nodes, tled->num_nodes);
+    CUDA_TRY(CUDA_LAUNCHED("the held nodes"));
+    if (num_held == 0) return PLIANT_OK;
+    hold_kernel<<<blocks_for(num_held), GPU_CORNERS, 0, stream>>>(tled->d_nodes, tled->d_held_node, num_held);
+    return CUDA_LAUNCHED("the held nodes");
+}

@@ -1,0 +1,257 @@
+/* What touches the tissue in a sub-step, as in src/fem/tled_tools.c: walls, node by node; tools, by one block when all nodes are moved. */
+#ifndef PLIANT_CUDA_TLED_TOOLS_CUH
+#define PLIANT_CUDA_TLED_TOOLS_CUH
+
+#include "tled_state.h"
+
+/* Sum over a block, in a tree: the same for all threads. scratch: (GPU_CORNERS / 32). */
+static __device__ double block_sum(double value, double *scratch)
+{
+    const int warp = (int)threadIdx.x / 32, lane = (int)threadIdx.x % 32;
+    for (int step = 16; step > 0; step /= 2) value += __shfl_xor_sync(0xffffffffu, value, step);
+    __syncthreads();
+    if (lane == 0) scratch[warp] = value;
+    __syncthreads();
+    value = 0;
+    for (int w = 0; w < GPU_CORNERS / 32; w++) value += scratch[w];
+    return value;
+}
+
+/* Whether this block is the last one of the kernel to come here; it sees what the others wrote, past its own cache. */
+static __device__ bool is_last_block(gpu_outcome *outcome)
+{
+    __shared__ bool last;
+    __threadfence();
+    __syncthreads();
+    if (threadIdx.x == 0) {
+        last = atomicAdd(&outcome->arrived, 1u) == gridDim.x - 1;
+        if (last) outcome->arrived = 0;
+    }
+    __syncthreads();
+    if (last) __threadfence();
+    return last;
+}
+
+/* pliant_tled_collide for one node, on registers */
+static __device__ __forceinline__ void collide(const gpu_tled &tled, const double rest[3], double factor, double u[3], double d[3], double acceleration[3])
+{
+    for (int w = 0; w < tled.num_walls; w++) {
+        const pliant_wall &wall = tled.walls[w];
+        double depth = wall.offset, normal = 0, slide = 0, along[3];
+        for (int k = 0; k < 3; k++) {
+            depth -= wall.normal[k] * (rest[k] + u[k]);
+            normal += wall.normal[k] * d[k];
+        }
+        if (depth <= 0) continue;
+        for (int k = 0; k < 3; k++) {
+            along[k] = d[k] - normal * wall.normal[k];
+            slide += along[k] * along[k];
+        }
+        slide = sqrt(slide);
+        const double kept = slide > 0 ? fmax(0.0, 1 - tled.friction * depth / slide) : 0;
+        const double back = normal < 0 ? -tled.restitution * normal : normal;
+        for (int k = 0; k < 3; k++) {
+            const double moved = depth * wall.normal[k] - (1 - kept) * along[k];
+            u[k] += moved;
+            acceleration[k] += moved / factor;
+            d[k] = kept * along[k] + back * wall.normal[k];
+        }
+    }
+}
+
+/* After all forces on a node that is not fixed: walls, and how far over what is sound it moved (squared); its part of the residual. */
+static __device__ __forceinline__ double settle(const gpu_tled &tled, int32_t n, const gpu_node &node, double factor, double u[3], double d[3],
+                                                double acceleration[3], double *residual)
+{
+    if (tled.num_walls > 0) collide(tled, tled.d_rest + 3 * (size_t)n, factor, u, d, acceleration);
+    double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+    if (tled.still && square > node.limit) {
+        const double part = sqrt(node.limit / square);
+        for (int k = 0; k < 3; k++) {
+            u[k] -= (1 - part) * d[k];
+            d[k] *= part;
+        }
+        square = node.limit;
+    }
+    *residual = (acceleration[0] * acceleration[0] + acceleration[1] * acceleration[1] + acceleration[2] * acceleration[2]) / node.inverse_mass;
+    return square / node.limit;
+}
+
+/* ---- tools, by all threads of one block */
+
+typedef struct gpu_tool_work {
+    double tile[6][GPU_CORNERS], point[6]; /* held point now, and before this sub-step */
+    double matrix[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS], force[PLIANT_MAX_TOOLS][3];
+    int32_t pulls[PLIANT_MAX_TOOLS]; /* tools that pull at a point */
+    double scratch[GPU_CORNERS / 32];
+    gpu_frame frame;           /* a copy: what is asked for one after the other comes at once */
+} gpu_tool_work;
+
+/* to point: in the order of the nodes, as on the CPU */
+static __device__ void held_point(const gpu_tled &tled, const gpu_hold &hold, const double *d_u, gpu_tool_work *work)
+{
+    double sum = 0;
+    for (int32_t first = 0; first < hold.count; first += GPU_CORNERS) {
+        const int32_t h = first + (int32_t)threadIdx.x, end = min(hold.count - first, (int32_t)GPU_CORNERS);
+        if (h < hold.count) {
+            const size_t node = (size_t)tled.d_tool_node[hold.first + h];
+            const double weight = tled.d_tool_weight[hold.first + h];
+            for (int k = 0; k < 3; k++) {
+                const double at = tled.d_rest[3 * node + k] + __ldcg(d_u + 4 * node + k);
+                work->tile[k][threadIdx.x] = weight * at;
+                work->tile[3 + k][threadIdx.x] = weight * (at - __ldcg(tled.d_d + 3 * node + k));
+            }
+        }
+        __syncthreads();
+        if (threadIdx.x < 6)
+            for (int32_t m = 0; m < end; m++) sum += work->tile[threadIdx.x][m];
+        __syncthreads();
+    }
+    if (threadIdx.x < 6) work->point[threadIdx.x] = sum;
+    __syncthreads();
+}
+
+static __device__ void push(const gpu_tled &tled, const gpu_hold &hold, const double force[3], double factor, double *d_u)
+{
+    for (int32_t h = (int32_t)threadIdx.x; h < hold.count; h += GPU_CORNERS) {
+        const size_t node = (size_t)tled.d_tool_node[hold.first + h];
+        const double answer = tled.d_nodes[node].inverse_mass * tled.d_tool_weight[hold.first + h];
+        for (int k = 0; k < 3; k++) {
+            const double by = factor * answer * force[k];
+            double *d_d = tled.d_d + 3 * node + k, *d_at = d_u + 4 * node + k, *d_acceleration = tled.d_acceleration + 3 * node + k;
+            *d_at = __ldcg(d_at) + by;
+            *d_d = __ldcg(d_d) + by;
+            *d_acceleration = __ldcg(d_acceleration) + answer * force[k];
+        }
+    }
+    __syncthreads();
+}
+
+static __device__ void approach(double target[3], const double goal[3], int32_t parts, double longest)
+{
+    double apart[3], length = 0;
+    for (int k = 0; k < 3; k++) {
+        apart[k] = goal[k] - target[k];
+        length += apart[k] * apart[k];
+    }
+    length = sqrt(length) / parts;
+    const double part = (length > longest ? longest / length : 1) / parts;
+    for (int k = 0; k < 3; k++) target[k] += part * apart[k];
+}
+
+/* by Cholesky, in place; a tool that cannot move anything gets none */
+static __device__ void solve_forces(int count, double (*matrix)[PLIANT_MAX_TOOLS], double (*force)[3])
+{
+    double largest = 0;
+    for (int i = 0; i < count; i++) largest = fmax(largest, matrix[i][i]);
+    for (int i = 0; i < count; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = matrix[i][j];
+            for (int k = 0; k < j; k++) sum -= matrix[i][k] * matrix[j][k];
+            if (j < i) matrix[i][j] = matrix[j][j] > 0 ? sum / matrix[j][j] : 0;
+            else matrix[i][i] = sum > 1e-12 * largest ? sqrt(sum) : 0;
+        }
+    for (int d = 0; d < 3; d++) {
+        for (int i = 0; i < count; i++) {
+            for (int k = 0; k < i; k++) force[i][d] -= matrix[i][k] * force[k][d];
+            force[i][d] = matrix[i][i] > 0 ? force[i][d] / matrix[i][i] : 0;
+        }
+        for (int i = count - 1; i >= 0; i--) {
+            for (int k = i + 1; k < count; k++) force[i][d] -= matrix[k][i] * force[k][d];
+            force[i][d] = matrix[i][i] > 0 ? force[i][d] / matrix[i][i] : 0;
+        }
+    }
+}
+
+/* by one thread: row i of the tools' equations from its held point */
+static __device__ void set_row(const gpu_tled &tled, const gpu_hold &hold, double factor, int32_t parts, int i, gpu_tool_work *work)
+{
+    const gpu_frame *frame = &work->frame;
+    const int32_t tool = work->pulls[i];
+    double *target = tled.d_outcome->target[tool];
+    const double old[3] = {target[0], target[1], target[2]};
+    approach(target, hold.goal, parts, frame->reach);
+    const bool spring = hold.drive == PLIANT_DRIVE_SPRING;
+    const double damper = spring && !tled.still ? hold.damping / frame->time_step : 0, whole = hold.stiffness + damper;
+    for (int k = 0; k < 3; k++) {
+        const double towards = spring ? (hold.stiffness * target[k] + damper * (target[k] - old[k] + work->point[3 + k])) / whole : target[k];
+        work->force[i][k] = towards - work->point[k];
+    }
+    for (int j = 0; j <= i; j++) work->matrix[i][j] = factor * frame->answer[tool][work->pulls[j]];
+    work->matrix[i][i] += spring ? 1 / whole : 0;
+}
+
+/* by one thread: summed over a frame's motion; of dynamic relaxation only the last counts */
+static __device__ void add_force(const gpu_tled &tled, int32_t tool, const gpu_hold &hold, const double force[3], double *load)
+{
+    double *sum = tled.d_outcome->force[tool];
+    for (int k = 0; k < 3; k++) sum[k] = (tled.still ? 0 : sum[k]) + force[k];
+    *load += hold.load_share * (force[0] * force[0] + force[1] * force[1] + force[2] * force[2]);
+}
+
+/* pliant_tled_pull, and its load to the outcome */
+static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, double *d_u, gpu_tool_work *work)
+{
+    const gpu_frame *frame = &work->frame;
+    int count = 0;
+    double load = 0;
+    for (int32_t t = 0; t < frame->num_tools; t++) {
+        const gpu_hold &hold = frame->tools[t];
+        if (!hold.active) continue;
+        if (hold.drive == PLIANT_DRIVE_FORCE) {
+            push(tled, hold, hold.driving_force, factor, d_u);
+            if (threadIdx.x == 0) add_force(tled, t, hold, hold.driving_force, &load);
+        } else {
+            if (threadIdx.x == 0) work->pulls[count] = t;
+            count++;
+        }
+    }
+    __syncthreads();
+    for (int i = 0; i < count; i++) {
+        held_point(tled, frame->tools[work->pulls[i]], d_u, work);
+        if (threadIdx.x == 0) set_row(tled, frame->tools[work->pulls[i]], factor, parts, i, work);
+        __syncthreads();
+    }
+    if (threadIdx.x == 0) solve_forces(count, work->matrix, work->force);
+    __syncthreads();
+    for (int i = 0; i < count; i++) {
+        const int32_t t = work->pulls[i];
+        push(tled, frame->tools[t], work->force[i], factor, d_u);
+        if (threadIdx.x == 0) add_force(tled, t, frame->tools[t], work->force[i], &load);
+    }
+    if (threadIdx.x == 0) tled.d_outcome->tool_load = load;
+}
+
+/* What moves held nodes after all others: the tools, then walls and limits as for any node. Their part of the residual to *residual, of
+ * all threads; how far over what is sound the farthest of them moved comes back from each thread for its own. */
+static __device__ __forceinline__ double pull_and_settle(const gpu_tled &tled, double factor, int32_t parts, double *d_u, gpu_tool_work *work, double *residual)
+{
+    double largest = 0, sum = 0;
+    const double *from = reinterpret_cast<const double *>(tled.d_frame);
+    for (size_t m = threadIdx.x; m < sizeof(gpu_frame) / sizeof *from; m += GPU_CORNERS) reinterpret_cast<double *>(&work->frame)[m] = from[m];
+    __syncthreads();
+    pull(tled, factor, parts, d_u, work);
+    __syncthreads();
+    for (int32_t h = (int32_t)threadIdx.x; h < work->frame.num_held; h += GPU_CORNERS) {
+        const int32_t n = tled.d_held_node[h];
+        const gpu_node node = tled.d_nodes[n];
+        if (node.inverse_mass == 0) continue;
+        double u[3], d[3], acceleration[3], mine;
+        for (int k = 0; k < 3; k++) {
+            u[k] = __ldcg(d_u + 4 * (size_t)n + k);
+            d[k] = __ldcg(tled.d_d + 3 * (size_t)n + k);
+            acceleration[k] = __ldcg(tled.d_acceleration + 3 * (size_t)n + k);
+        }
+        const double over = settle(tled, n, node, factor, u, d, acceleration, &mine);
+        largest = over > largest || over != over ? over : largest;
+        sum += mine;
+        for (int k = 0; k < 3; k++) {
+            d_u[4 * (size_t)n + k] = u[k];
+            tled.d_d[3 * (size_t)n + k] = d[k];
+        }
+    }
+    *residual = block_sum(sum, work->scratch);
+    return largest;
+}
+
+#endif
