@@ -19,7 +19,7 @@ extern "C" {
 #endif
 
 /* A group is a run of nodes whose corners fill a block of threads at most. */
-enum { GPU_CORNERS = 256 /* threads of a block */, GPU_GROUP_NODES = 96 };
+enum { GPU_CORNERS = 256 /* threads of a block */, GPU_GROUP_NODES = 10 * (GPU_CORNERS / 32) };
 
 /* An element as one thread reads it; the moduli come times the rest volume. */
 typedef struct gpu_tet {

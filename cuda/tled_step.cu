@@ -13,22 +13,20 @@ static __device__ __forceinline__ bool is_idle(const gpu_tled &tled, int32_t ste
     return step >= tled.d_frame->substeps || (tled.still && (outcome->settled || outcome->unsound < step));
 }
 
-/* Sums of three numbers of a group's nodes, in a tree; node threads are the first GPU_GROUP_NODES. To d_sums by the first thread. */
-static __device__ void add_up(double *d_sums, const int slot[3], double a, double b, double c, double (*scratch)[3])
+/* Sums of three numbers of all threads, in a tree; to d_sums. scratch: (3 x warps). */
+static __device__ void add_up(double *d_sums, const int slot[3], const double numbers[3], double (*scratch)[GPU_CORNERS / 32])
 {
     const int lane = (int)threadIdx.x % 32, warp = (int)threadIdx.x / 32;
-    double value[3] = {a, b, c};
-    if (threadIdx.x < GPU_GROUP_NODES)
-        for (int s = 0; s < 3; s++) {
-            for (int step = 16; step > 0; step /= 2) value[s] += __shfl_xor_sync(0xffffffffu, value[s], step);
-            if (lane == 0) scratch[warp][s] = value[s];
-        }
-    __syncthreads();
-    if (threadIdx.x < 3) {
-        double sum = 0;
-        for (int w = 0; w < GPU_GROUP_NODES / 32; w++) sum += scratch[w][threadIdx.x];
-        d_sums[(size_t)blockIdx.x * PLIANT_NUM_SUMS + slot[threadIdx.x]] = sum;
+    for (int s = 0; s < 3; s++) {
+        double value = numbers[s];
+        for (int step = 16; step > 0; step /= 2) value += __shfl_xor_sync(0xffffffffu, value, step);
+        if (lane == 0) scratch[s][warp] = value;
     }
+    __syncthreads();
+    if (threadIdx.x >= 3) return;
+    double sum = 0;
+    for (int w = 0; w < GPU_CORNERS / 32; w++) sum += scratch[threadIdx.x][w];
+    d_sums[(size_t)blockIdx.x * PLIANT_NUM_SUMS + slot[threadIdx.x]] = sum;
 }
 
 /* of one number of all blocks, by all threads of one */
@@ -57,76 +55,97 @@ static __device__ void choose_damping(const gpu_tled &tled, double *scratch)
     outcome->kept = (1 - frequency) / (1 + frequency);
 }
 
-/* What a node's thread needs, asked for before the forces are there. */
-struct node_state { gpu_node node; double u[3], d[3], gravity[3], factor, kept; int32_t n, begin, end; };
+/* Three threads move a node, one for each component; ten nodes a warp. What they need is asked for before the forces are there. */
+struct component {
+    bool moves;                /* it is there, and not fixed */
+    int32_t n, begin, end;     /* node; its corners in the group */
+    int k;
+    gpu_node node;
+    double u, d, gravity, factor, kept;
+};
 
-static __device__ __forceinline__ node_state load_node(const gpu_tled &tled, int32_t first, int32_t n, const double *d_u)
+static __device__ __forceinline__ component load_component(const gpu_tled &tled, int32_t first, int32_t count, const double *d_u, double *d_next)
 {
-    node_state out;
+    component out = {};
+    const int lane = (int)threadIdx.x % 32;
+    const int32_t j = (int32_t)threadIdx.x / 32 * 10 + lane / 3;
+    if (lane >= 30 || j >= count) return out;
+    out.n = first + j;
+    out.k = lane % 3;
     const int32_t start = tled.d_corner_start[first];
-    const double2 *from = reinterpret_cast<const double2 *>(tled.d_nodes + n), *at = reinterpret_cast<const double2 *>(d_u + 4 * (size_t)n);
-    const double2 masses = from[0], others = from[1], xy = at[0];
+    const double2 *from = reinterpret_cast<const double2 *>(tled.d_nodes + out.n);
+    const double2 masses = from[0], others = from[1];
     out.node.inverse_mass = masses.x, out.node.mass = masses.y, out.node.limit = others.x, out.node.held = others.y;
-    out.u[0] = xy.x, out.u[1] = xy.y, out.u[2] = at[1].x;
-    for (int k = 0; k < 3; k++) {
-        out.d[k] = tled.d_d[3 * (size_t)n + k];
-        out.gravity[k] = tled.d_frame->gravity[k];
-    }
+    out.moves = masses.x != 0;
+    out.u = d_u[4 * (size_t)out.n + out.k];
+    if (!out.moves && !tled.still) d_next[4 * (size_t)out.n + out.k] = out.u;
+    out.d = tled.d_d[3 * (size_t)out.n + out.k];
+    out.gravity = tled.d_frame->gravity[out.k];
     out.factor = tled.d_frame->factor;
     out.kept = tled.d_frame->kept;
-    out.n = n;
-    out.begin = tled.d_corner_start[n] - start;
-    out.end = tled.d_corner_start[n + 1] - start;
+    out.begin = tled.d_corner_start[out.n] - start;
+    out.end = tled.d_corner_start[out.n + 1] - start;
     return out;
 }
 
-static __device__ __forceinline__ void store_u(double *d_u, int32_t n, const double u[3])
+/* a component's fellow components, from the threads beside it: by all threads of a warp */
+static __device__ __forceinline__ void share(double mine, int k, double all[3])
 {
-    double2 *to = reinterpret_cast<double2 *>(d_u + 4 * (size_t)n);
-    to[0] = make_double2(u[0], u[1]);
-    to[1].x = u[2];
+    const int base = (int)threadIdx.x % 32 - k;
+    for (int m = 0; m < 3; m++) all[m] = __shfl_sync(0xffffffffu, mine, base + m);
 }
 
-/* A node that moves, by central differences: from its acceleration to where it is next. Parts of the residual and load come back. */
-static __device__ __forceinline__ void move_node(const gpu_tled &tled, int32_t step, node_state &state, double acceleration[3], double *d_u, double *residual)
+/* an index that is known only while running would put the array into slow memory */
+static __device__ __forceinline__ double pick(const double all[3], int k) { return k == 0 ? all[0] : k == 1 ? all[1] : all[2]; }
+
+/* A node that moves, by central differences: from its acceleration to where it is next. By all threads of a warp; returns the component of
+ * the acceleration by all forces. */
+static __device__ __forceinline__ double move_component(const gpu_tled &tled, int32_t step, component at, double acceleration, double *d_next)
 {
-    for (int k = 0; k < 3; k++) {
-        state.d[k] = state.factor * acceleration[k] + state.kept * state.d[k];
-        state.u[k] += state.d[k];
+    double u[3], d[3], a[3];
+    at.d = at.factor * acceleration + at.kept * at.d;
+    at.u += at.d;
+    if (tled.num_walls > 0) {
+        share(at.u, at.k, u);
+        share(at.d, at.k, d);
+        share(acceleration, at.k, a);
+        if (at.moves && at.node.held == 0) {
+            collide(tled, tled.d_rest + 3 * (size_t)at.n, at.factor, u, d, a);
+            at.u = pick(u, at.k);
+            at.d = pick(d, at.k);
+            acceleration = pick(a, at.k);
+        }
     }
-    if (state.node.held != 0) {
-        for (int k = 0; k < 3; k++) tled.d_acceleration[3 * (size_t)state.n + k] = acceleration[k];
-    } else if (!(settle(tled, state.n, state.node, state.factor, state.u, state.d, acceleration, residual) <= 1)) {
-        atomicMin(&tled.d_outcome->unsound, step);
-    }
-    for (int k = 0; k < 3; k++) tled.d_d[3 * (size_t)state.n + k] = state.d[k];
-    store_u(d_u, state.n, state.u);
+    share(at.d, at.k, d);
+    if (!at.moves) return 0;
+    if (at.node.held != 0) tled.d_acceleration[3 * (size_t)at.n + at.k] = acceleration;
+    else if (at.k == 0 && !(d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= at.node.limit)) atomicMin(&tled.d_outcome->unsound, step);
+    tled.d_d[3 * (size_t)at.n + at.k] = at.d;
+    d_next[4 * (size_t)at.n + at.k] = at.u;
+    return acceleration;
 }
 
-/* Dynamic relaxation: the acceleration is kept, and what tells how much to damp. */
-static __device__ __forceinline__ void keep_node(const gpu_tled &tled, const node_state &state, const double acceleration[3], double *stiffness, double *inertia)
+/* Dynamic relaxation: the acceleration is kept, and what tells how much to damp: sums of load, stiffness, inertia. */
+static __device__ __forceinline__ void keep_component(const gpu_tled &tled, const component &at, double acceleration, double sums[3])
 {
-    for (int k = 0; k < 3; k++) {
-        const size_t at = 3 * (size_t)state.n + k;
-        *stiffness += state.d[k] * (tled.d_own[at] - acceleration[k]) / state.node.inverse_mass;
-        *inertia += state.d[k] * state.d[k] / state.node.inverse_mass;
-        tled.d_own[at] = tled.d_acceleration[at] = acceleration[k];
-    }
+    if (!at.moves) return;
+    const size_t place = 3 * (size_t)at.n + at.k;
+    sums[1] = at.d * (tled.d_own[place] - acceleration) / at.node.inverse_mass;
+    sums[2] = at.d * at.d / at.node.inverse_mass;
+    tled.d_own[place] = tled.d_acceleration[place] = acceleration;
 }
 
-template <int LAW, bool VISCOUS, bool NODAL>
-__global__ void __launch_bounds__(GPU_CORNERS) substep_kernel(const gpu_tled tled, int32_t number)
+template <int LAW, bool VISCOUS, bool NODAL> __global__ void __launch_bounds__(GPU_CORNERS) substep_kernel(const gpu_tled tled, int32_t number)
 {
-    __shared__ float force[3][GPU_CORNERS];
-    __shared__ double scratch[GPU_GROUP_NODES / 32][3], more_scratch[GPU_CORNERS / 32];
+    __shared__ float force[3][GPU_CORNERS + 11]; /* so that components lie in different banks */
+    __shared__ double scratch[3][GPU_CORNERS / 32];
     const int32_t step = tled.d_outcome->base + number, corner = tled.d_corner[(size_t)blockIdx.x * GPU_CORNERS + threadIdx.x];
     const int32_t first = tled.d_group[blockIdx.x], count = tled.d_group[blockIdx.x + 1] - first;
     const int from = tled.still ? 0 : number & 1;
     if ((VISCOUS || tled.still) && is_idle(tled, step)) return;
-    const bool mine = (int32_t)threadIdx.x < count;
+    double *d_next = tled.d_u[1 - from];
     const int32_t substeps = tled.d_frame->substeps;
-    node_state state = {};
-    if (mine) state = load_node(tled, first, first + (int32_t)threadIdx.x, tled.d_u[from]);
+    const component at = load_component(tled, first, count, tled.d_u[from], d_next);
     if (corner >= 0) {
         float out[3];
         corner_force<LAW, VISCOUS, NODAL>(tled, from, number & 1, corner, out);
@@ -134,32 +153,22 @@ __global__ void __launch_bounds__(GPU_CORNERS) substep_kernel(const gpu_tled tle
     }
     __syncthreads();
     if (step >= substeps) return; /* only here, so that nothing before waits to know */
-    double load = 0, residual = 0, stiffness = 0, inertia = 0;
-    double *d_u = tled.d_u[1 - from];
-    if (mine && state.node.inverse_mass != 0) {
-        double sum[3] = {0, 0, 0};
-        for (int32_t c = state.begin; c < state.end; c++)
-            for (int k = 0; k < 3; k++) sum[k] += force[k][c];
-        for (int k = 0; k < 3; k++) {
-            const double weight = state.node.mass * state.gravity[k];
-            sum[k] = state.node.inverse_mass * (weight - sum[k]);
-            load += state.node.inverse_mass * weight * weight;
-        }
-        if (tled.still) keep_node(tled, state, sum, &stiffness, &inertia);
-        else move_node(tled, step, state, sum, d_u, &residual);
-    } else if (mine && !tled.still) {
-        store_u(d_u, state.n, state.u);
-    }
+    double sum = 0;
+    for (int32_t c = at.begin; c < at.end; c++) sum += force[at.k][c];
+    const double weight = at.node.mass * at.gravity;
+    double acceleration = at.node.inverse_mass * (weight - sum), sums[3] = {at.node.inverse_mass * weight * weight, 0, 0};
     if (tled.still) {
         const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_STIFFNESS, PLIANT_SUM_INERTIA};
-        add_up(tled.d_sums, slots, load, stiffness, inertia, scratch);
-        if (is_last_block(tled.d_outcome)) choose_damping(tled, more_scratch);
+        keep_component(tled, at, acceleration, sums);
+        add_up(tled.d_sums, slots, sums, scratch);
+        if (is_last_block(tled.d_outcome)) choose_damping(tled, scratch[0]);
         return;
     }
-    if (step == substeps - 1) {
-        const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_RESIDUAL, PLIANT_SUM_LARGEST};
-        add_up(tled.d_sums, slots, load, residual, 0, scratch);
-    }
+    acceleration = move_component(tled, step, at, acceleration, d_next);
+    if (step < substeps - 1) return;
+    const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_RESIDUAL, PLIANT_SUM_LARGEST};
+    if (at.moves && at.node.held == 0) sums[1] = acceleration * acceleration / at.node.inverse_mass;
+    add_up(tled.d_sums, slots, sums, scratch);
 }
 
 /* The tools, after all nodes were moved; one block. */
@@ -169,8 +178,15 @@ __global__ void __launch_bounds__(GPU_CORNERS) pull_kernel(const gpu_tled tled, 
     const int32_t step = tled.d_outcome->base + number, left = tled.d_frame->substeps - step;
     if (left <= 0) return;
     double residual;
-    if (!(pull_and_settle(tled, tled.d_frame->factor, left, tled.d_u[1 - (number & 1)], &work, &residual) <= 1)) atomicMin(&tled.d_outcome->unsound, step);
+    if (pull_and_settle(tled, tled.d_frame->factor, left, tled.d_u[1 - (number & 1)], &work, &residual)) atomicMin(&tled.d_outcome->unsound, step);
     if (threadIdx.x == 0) tled.d_outcome->sums[PLIANT_SUM_RESIDUAL] = residual;
+}
+
+static __device__ __forceinline__ void store_u(double *d_u, int32_t n, const double u[3])
+{
+    double2 *to = reinterpret_cast<double2 *>(d_u + 4 * (size_t)n);
+    to[0] = make_double2(u[0], u[1]);
+    to[1].x = u[2];
 }
 
 /* Dynamic relaxation, after the forces: all nodes, then those that tools hold; then whether it has settled. */
@@ -181,7 +197,8 @@ __global__ void __launch_bounds__(GPU_CORNERS) relax_kernel(const gpu_tled tled,
     const int32_t step = outcome->base + number, n = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x);
     if (is_idle(tled, step)) return;
     const double factor = outcome->factor, kept = outcome->kept;
-    double residual = 0, held_residual = 0, over = 0;
+    double residual = 0, held_residual = 0;
+    bool unsound = false;
     if (n < tled.num_nodes && tled.d_nodes[n].inverse_mass != 0) {
         const gpu_node node = tled.d_nodes[n];
         double u[3], d[3], acceleration[3];
@@ -191,18 +208,17 @@ __global__ void __launch_bounds__(GPU_CORNERS) relax_kernel(const gpu_tled tled,
             d[k] = factor * acceleration[k] + kept * tled.d_d[at];
             u[k] = tled.d_u[0][4 * (size_t)n + k] + d[k];
         }
-        if (node.held == 0) over = settle(tled, n, node, factor, u, d, acceleration, &residual);
+        if (node.held == 0) unsound = settle(tled, n, node, factor, u, d, acceleration, &residual);
         for (int k = 0; k < 3; k++) tled.d_d[3 * (size_t)n + k] = d[k];
         store_u(tled.d_u[0], n, u);
     }
     residual = block_sum(residual, work.scratch);
     if (threadIdx.x == 0) tled.d_sums[(size_t)blockIdx.x * PLIANT_NUM_SUMS + PLIANT_SUM_RESIDUAL] = residual;
-    if (over != over) atomicMin(&outcome->unsound, step);
+    if (unsound) atomicMin(&outcome->unsound, step);
     if (!is_last_block(outcome)) return;
     const gpu_frame *frame = tled.d_frame;
     if (frame->num_held > 0) {
-        over = pull_and_settle(tled, factor, 1, tled.d_u[0], &work, &held_residual);
-        if (over != over) atomicMin(&outcome->unsound, step);
+        if (pull_and_settle(tled, factor, 1, tled.d_u[0], &work, &held_residual)) atomicMin(&outcome->unsound, step);
     }
     const double total = total_of(tled.d_sums, (int32_t)gridDim.x, PLIANT_SUM_RESIDUAL, work.scratch) + held_residual;
     __syncthreads();

@@ -59,22 +59,21 @@ static __device__ __forceinline__ void collide(const gpu_tled &tled, const doubl
     }
 }
 
-/* After all forces on a node that is not fixed: walls, and how far over what is sound it moved (squared); its part of the residual. */
-static __device__ __forceinline__ double settle(const gpu_tled &tled, int32_t n, const gpu_node &node, double factor, double u[3], double d[3],
+/* After all forces on a node that is not fixed: walls; its part of the residual; whether it moved faster than sound. */
+static __device__ __forceinline__ bool settle(const gpu_tled &tled, int32_t n, const gpu_node &node, double factor, double u[3], double d[3],
                                                 double acceleration[3], double *residual)
 {
     if (tled.num_walls > 0) collide(tled, tled.d_rest + 3 * (size_t)n, factor, u, d, acceleration);
-    double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+    const double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
     if (tled.still && square > node.limit) {
         const double part = sqrt(node.limit / square);
         for (int k = 0; k < 3; k++) {
             u[k] -= (1 - part) * d[k];
             d[k] *= part;
         }
-        square = node.limit;
     }
     *residual = (acceleration[0] * acceleration[0] + acceleration[1] * acceleration[1] + acceleration[2] * acceleration[2]) / node.inverse_mass;
-    return square / node.limit;
+    return tled.still ? square != square : !(square <= node.limit);
 }
 
 /* ---- tools, by all threads of one block */
@@ -222,11 +221,12 @@ static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, 
     if (threadIdx.x == 0) tled.d_outcome->tool_load = load;
 }
 
-/* What moves held nodes after all others: the tools, then walls and limits as for any node. Their part of the residual to *residual, of
- * all threads; how far over what is sound the farthest of them moved comes back from each thread for its own. */
-static __device__ __forceinline__ double pull_and_settle(const gpu_tled &tled, double factor, int32_t parts, double *d_u, gpu_tool_work *work, double *residual)
+/* What moves held nodes after all others: the tools, then walls and limits as for any node. Their part of the residual; each thread tells
+ * whether one of its own moved faster than sound. */
+static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, double factor, int32_t parts, double *d_u, gpu_tool_work *work, double *residual)
 {
-    double largest = 0, sum = 0;
+    double sum = 0;
+    bool unsound = false;
     const double *from = reinterpret_cast<const double *>(tled.d_frame);
     for (size_t m = threadIdx.x; m < sizeof(gpu_frame) / sizeof *from; m += GPU_CORNERS) reinterpret_cast<double *>(&work->frame)[m] = from[m];
     __syncthreads();
@@ -242,8 +242,7 @@ static __device__ __forceinline__ double pull_and_settle(const gpu_tled &tled, d
             d[k] = __ldcg(tled.d_d + 3 * (size_t)n + k);
             acceleration[k] = __ldcg(tled.d_acceleration + 3 * (size_t)n + k);
         }
-        const double over = settle(tled, n, node, factor, u, d, acceleration, &mine);
-        largest = over > largest || over != over ? over : largest;
+        unsound |= settle(tled, n, node, factor, u, d, acceleration, &mine);
         sum += mine;
         for (int k = 0; k < 3; k++) {
             d_u[4 * (size_t)n + k] = u[k];
@@ -251,7 +250,7 @@ static __device__ __forceinline__ double pull_and_settle(const gpu_tled &tled, d
         }
     }
     *residual = block_sum(sum, work->scratch);
-    return largest;
+    return unsound;
 }
 
 #endif

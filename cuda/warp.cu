@@ -1,6 +1,7 @@
 #include "check.h"
 #include "core/fail.h"
 #include "device.h"
+#include "fit.h"
 #include "pick.h"
 #include "pliant/memory.h"
 #include "rasterize.h"
@@ -15,6 +16,7 @@ struct pliant_cuda_warp {
     int device;
     cudaStream_t stream;       /* its own: updates from the host, copies to it */
     gpu_raster raster;
+    pliant_cuda_fit *fit;      /* NULL: rasterize */
     double *d_positions;       /* (num_nodes x 3) of updates from the host */
     cudaEvent_t marks[NUM_MARKS];
     uint8_t *h_changed;        /* (num_bricks), page-locked */
@@ -62,30 +64,39 @@ static pliant_status upload_source(pliant_cuda_warp *gpu)
     return status;
 }
 
-static pliant_status fill(pliant_cuda_warp *gpu)
+/* what rasterization needs, where there is no fit */
+static pliant_status fill_raster(pliant_cuda_warp *gpu)
 {
     const pliant_warp_parts *parts = &gpu->parts;
     gpu_raster *raster = &gpu->raster;
     const size_t tets = (size_t)parts->mesh->num_tets, nodes = (size_t)parts->mesh->num_nodes, bricks = (size_t)raster->num_bricks;
-    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
-    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithFlags(&gpu->stream, cudaStreamNonBlocking)));
-    for (cudaEvent_t &mark : gpu->marks) CUDA_TRY(CUDA_CALL(cudaEventCreate(&mark)));
     CUDA_TRY(upload_source(gpu));
-    CUDA_TRY(pliant_cuda_allocate(gpu->volume_bytes, "the deformed volume", &raster->d_volume));
     CUDA_TRY(upload(parts->mesh->tets, 4 * tets, gpu->stream, &raster->d_tets));
     CUDA_TRY(upload(parts->rest, 3 * nodes, gpu->stream, &raster->d_rest));
     CUDA_TRY(allocate(12 * tets, &raster->d_fixed));
     CUDA_TRY(pliant_cuda_allocate(tets * pliant_cuda_setup_bytes(), "the mesh to draw", &raster->d_setup));
     CUDA_TRY(allocate(bricks, &raster->d_count));
     CUDA_TRY(allocate(bricks, &raster->d_dirty));
-    CUDA_TRY(allocate(bricks, &raster->d_changed));
-    CUDA_TRY(allocate(1, &raster->d_longest));
     CUDA_TRY(allocate(bricks * (size_t)raster->capacity, &raster->d_list));
-    CUDA_TRY(allocate(3 * nodes, &gpu->d_positions));
-    CUDA_TRY(allocate(1, &gpu->d_crossing));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_list, 0, bricks * (size_t)raster->capacity * sizeof *raster->d_list, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_count, 0, bricks * sizeof *raster->d_count, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_fixed, 0, 12 * tets * sizeof *raster->d_fixed, gpu->stream)));
+    return CUDA_CALL(cudaMemsetAsync(raster->d_fixed, 0, 12 * tets * sizeof *raster->d_fixed, gpu->stream));
+}
+
+static pliant_status fill(pliant_cuda_warp *gpu)
+{
+    const pliant_warp_parts *parts = &gpu->parts;
+    gpu_raster *raster = &gpu->raster;
+    const size_t nodes = (size_t)parts->mesh->num_nodes, bricks = (size_t)raster->num_bricks;
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithFlags(&gpu->stream, cudaStreamNonBlocking)));
+    for (cudaEvent_t &mark : gpu->marks) CUDA_TRY(CUDA_CALL(cudaEventCreate(&mark)));
+    CUDA_TRY(parts->fit ? pliant_cuda_fit_create(parts->fit, parts->source, gpu->stream, &gpu->fit) : fill_raster(gpu));
+    CUDA_TRY(pliant_cuda_allocate(gpu->volume_bytes, "the deformed volume", &raster->d_volume));
+    CUDA_TRY(allocate(bricks, &raster->d_changed));
+    CUDA_TRY(allocate(1, &raster->d_longest));
+    CUDA_TRY(allocate(3 * nodes, &gpu->d_positions));
+    CUDA_TRY(allocate(1, &gpu->d_crossing));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_longest, 0, sizeof *raster->d_longest, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->d_crossing, 0, sizeof *gpu->d_crossing, gpu->stream)));
     CUDA_TRY(pliant_cuda_clear_volume(raster, gpu->stream));
@@ -138,6 +149,7 @@ extern "C" void pliant_cuda_warp_free(pliant_cuda_warp *gpu)
     const void *blocks[] = {raster->d_source, raster->d_volume, raster->d_tets, raster->d_rest, raster->d_fixed, raster->d_setup, raster->d_count,
                             raster->d_list, raster->d_dirty, raster->d_changed, raster->d_longest, gpu->d_positions, gpu->d_crossing};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
+    pliant_cuda_fit_free(gpu->fit);
     pliant_cuda_release_host(gpu->h_changed);
     pliant_cuda_release_host(gpu->h_longest);
     pliant_cuda_release_host(gpu->h_crossing);
@@ -151,9 +163,10 @@ static pliant_status draw(pliant_cuda_warp *gpu, const double *d_positions, bool
 {
     const gpu_raster *raster = &gpu->raster;
     CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[BEGUN], stream)));
-    CUDA_TRY(pliant_cuda_cull(raster, d_positions, all, stream));
+    CUDA_TRY(gpu->fit ? pliant_cuda_fit_map(gpu->fit, d_positions, stream) : pliant_cuda_cull(raster, d_positions, all, stream));
     CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[CULLED], stream)));
-    CUDA_TRY(pliant_cuda_rasterize(raster, gpu->crowded, stream));
+    CUDA_TRY(gpu->fit ? pliant_cuda_fit_draw(gpu->fit, raster->grid.bricks, raster->d_volume, raster->d_changed, stream)
+                      : pliant_cuda_rasterize(raster, gpu->crowded, stream));
     CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[DRAWN], stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_changed, raster->d_changed, (size_t)raster->num_bricks, cudaMemcpyDeviceToHost, stream)));
     return CUDA_CALL(cudaMemcpyAsync(gpu->h_longest, raster->d_longest, sizeof *gpu->h_longest, cudaMemcpyDeviceToHost, stream));

@@ -5,7 +5,7 @@
 #define PLIANT_BACKEND_BACKEND_H
 
 #include "pliant/data.h"
-#include "warp/raster.h"
+#include "warp/fit.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -20,6 +20,7 @@ typedef struct pliant_warp_parts {
     pliant_volume *volume;       /* of the host; what the warp's owner sees */
     uint8_t *changed;            /* (bricks) of the last update */
     double *seconds;             /* cull, rasterize */
+    const fit_view *fit;         /* NULL: rasterize */
 } pliant_warp_parts;
 
 /* What a kind of solver (solver/kind) does on the host, whoever runs its steps. */

@@ -74,7 +74,7 @@ pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, con
         pliant_status status = pliant_warp_create(model->scan, &model->fine, target, model->system->num_threads, &warp);
         if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp, model->scene.warp.fit_step);
         /* a step's stages hand over on the GPU */
-        else if (status == PLIANT_OK && !data->backend->on_host) status = pliant_warp_backend(warp, model->scene.solver.backend);
+        if (status == PLIANT_OK && !data->backend->on_host) status = pliant_warp_backend(warp, model->scene.solver.backend);
         if (status != PLIANT_OK) {
             pliant_warp_free(warp);
             return status;

@@ -65,8 +65,8 @@ Warped::Warped(std::shared_ptr<const Loaded> loaded, const std::vector<double> &
     pliant_geometry target = target_of(*loaded_, positions, margin);
     const pliant_scene &scene = model.scene;
     check(pliant_warp_create(&loaded_->scan->volume, &model.fine, &target, threads_of(scene), &warp_));
-    pliant_status status = scene.warp.kind == PLIANT_FIT ? pliant_warp_fit(warp_, scene.warp.fit_step)
-                                                         : pliant_warp_backend(warp_, scene.solver.backend);
+    pliant_status status = scene.warp.kind == PLIANT_FIT ? pliant_warp_fit(warp_, scene.warp.fit_step) : PLIANT_OK;
+    if (status == PLIANT_OK) status = pliant_warp_backend(warp_, scene.solver.backend);
     if (status < 0) pliant_warp_free(warp_);
     check(status);
 }

@@ -2,7 +2,7 @@
 #ifndef PLIANT_WARP_FIT_H
 #define PLIANT_WARP_FIT_H
 
-#include "warp/raster.h"
+#include "warp/fit_point.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -24,6 +24,8 @@ void pliant_fit_free(pliant_fit *fit); /* Nullable */
 pliant_status pliant_fit_map(pliant_fit *fit, const double *positions);
 /* Where a point of the target (continuous index) was: index in the scan; false: too far from any node. */
 bool pliant_fit_at(const pliant_fit *fit, const double target[3], double scan[3]);
+/* For backends: what it works with, on the host. */
+const fit_view *pliant_fit_parts(const pliant_fit *fit);
 /* Voxels of the target from the map; changed (bricks): 1 where a voxel is another than before, else 0. */
 void pliant_fit_draw(const pliant_fit *fit, const raster_source *source, const int32_t bricks[3], void *voxels, uint8_t *changed);
 

@@ -366,7 +366,7 @@ pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choic
     if (status != PLIANT_OK) return status;
     if (backend->warp_create) {
         pliant_warp_parts parts = {warp->mesh,    &warp->grid,   &warp->source, warp->rest,
-                                   &warp->volume, warp->changed, warp->seconds};
+                                   &warp->volume, warp->changed, warp->seconds, warp->fit ? pliant_fit_parts(warp->fit) : NULL};
         status = backend->warp_create(&parts, &accelerated);
         if (status != PLIANT_OK && choice != PLIANT_AUTO) return status;
         if (status != PLIANT_OK)

@@ -1,0 +1,26 @@
+/* The fit (src/warp/fit.h) on the GPU: the same bits as the CPU's for the same positions. */
+#ifndef PLIANT_CUDA_FIT_H
+#define PLIANT_CUDA_FIT_H
+
+#include "warp/fit.h"
+
+#include <cuda_runtime_api.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pliant_cuda_fit pliant_cuda_fit;
+
+/* parts, source: of the host, copied. Errors: MEMORY (with figures), UNAVAILABLE. */
+pliant_status pliant_cuda_fit_create(const fit_view *parts, const raster_source *source, cudaStream_t stream, pliant_cuda_fit **out);
+void pliant_cuda_fit_free(pliant_cuda_fit *fit); /* Nullable */
+/* Enqueue the map for positions on the GPU (num_nodes x 3). */
+pliant_status pliant_cuda_fit_map(const pliant_cuda_fit *fit, const double *d_positions, cudaStream_t stream);
+/* Enqueue the voxels of all bricks from the map; d_changed (bricks): 1 where a voxel is another than before, else 0. */
+pliant_status pliant_cuda_fit_draw(const pliant_cuda_fit *fit, const int32_t bricks[3], void *d_volume, uint8_t *d_changed, cudaStream_t stream);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

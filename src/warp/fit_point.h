@@ -1,0 +1,265 @@
+/* One point of the fit and one voxel drawn by it: the same lines for the CPU and for kernels. In double: the normal equations have a
+ * condition of 1e4 and more, of which single precision would leave tenths of a voxel. Without fused operations, and with an exponential
+ * of its own, both give the same bits. */
+#ifndef PLIANT_WARP_FIT_POINT_H
+#define PLIANT_WARP_FIT_POINT_H
+
+#include "warp/raster.h"
+
+#include <math.h>
+#include <string.h>
+
+#ifdef __CUDACC__
+#define FIT_INLINE static __device__ __forceinline__
+#define FIT_UNROLL _Pragma("unroll")
+#else
+#define FIT_INLINE static inline __attribute__((always_inline))
+#define FIT_UNROLL
+#endif
+
+enum { FIT_TERMS = 10, FIT_LINEAR = 4, FIT_ENOUGH = 16 /* nodes, for the 10 terms */, FIT_ATTEMPTS = 2 };
+
+/* Gaussian of one mean edge's width, cut off where it is 2 %; the support of a regular point then holds some 60 nodes */
+#define FIT_EDGES_OF_DEVIATION 0.9
+#define FIT_CUT_OFF 2.8
+#define FIT_MOST_BINS 128.0 /* along an axis: a node that flew away makes them wider, not more */
+
+/* What a fit works with; pointers are of where it runs. */
+typedef struct fit_view {
+    pliant_geometry target;
+    int32_t scan_size[3], step, size[3]; /* size: of the lattice of fits */
+    double deviation;         /* [m] */
+    int32_t num_nodes;
+    const double *rest;       /* (num_nodes x 3) index in the scan */
+    float *map;               /* (lattice x 3) index in the scan; NaN where no node is near */
+    uint8_t *tissue;          /* (scan voxels) 1: the mesh holds it */
+    /* NODES by bins, in metres along the target's axes */
+    double low[3], width;
+    int32_t bins[3];
+    int32_t *bin_start, *bin_node;
+    double *at;               /* (num_nodes x 3) */
+} fit_view;
+
+FIT_INLINE int32_t fit_bin_of(const fit_view *fit, int d, double at)
+{
+    double bin = (at - fit->low[d]) / fit->width;
+    return bin < 0 ? 0 : bin >= fit->bins[d] ? fit->bins[d] - 1 : (int32_t)bin;
+}
+
+FIT_INLINE size_t fit_flat_bin(const fit_view *fit, const double at[3])
+{
+    return (size_t)fit_bin_of(fit, 0, at[0]) +
+           (size_t)fit->bins[0] * ((size_t)fit_bin_of(fit, 1, at[1]) + (size_t)fit->bins[1] * (size_t)fit_bin_of(fit, 2, at[2]));
+}
+
+/* A node along the target's axes [m]; pliant_geometry_to_index times the spacing. */
+FIT_INLINE void fit_node_at(const pliant_geometry *target, const double position[3], double at[3])
+{
+    double offset[3];
+    for (int d = 0; d < 3; d++) offset[d] = position[d] - target->origin[d];
+    for (int d = 0; d < 3; d++) {
+        const double *axis = target->direction + d;
+        at[d] = (axis[0] * offset[0] + axis[3] * offset[1] + axis[6] * offset[2]) / target->spacing[d] * target->spacing[d];
+    }
+}
+
+/* Bins from the box of the nodes; returns how many. */
+FIT_INLINE int32_t fit_set_bins(fit_view *fit, const double low[3], const double high[3])
+{
+    double count = 1;
+    fit->width = FIT_CUT_OFF * fit->deviation;
+    for (int d = 0; d < 3; d++) {
+        fit->low[d] = low[d];
+        fit->width = fmax(fit->width, (high[d] - low[d]) / FIT_MOST_BINS);
+    }
+    for (int d = 0; d < 3; d++) {
+        fit->bins[d] = (int32_t)((high[d] - low[d]) / fit->width) + 1;
+        count *= fit->bins[d];
+    }
+    return (int32_t)count;
+}
+
+/* exp(-square / 2) for squares to FIT_CUT_OFF^2: 2^-k times Taylor's series of what is left, to 1e-11 */
+FIT_INLINE double fit_gaussian(double square)
+{
+    const double half = 0.5 * square;
+    const int k = (int)(half * 1.4426950408889634 + 0.5);
+    const double r = k * 0.693147180369123816490 + k * 1.90821492927058770002e-10 - half;
+    const double part[10] = {0, 1, 1.0 / 2, 1.0 / 3, 1.0 / 4, 1.0 / 5, 1.0 / 6, 1.0 / 7, 1.0 / 8, 1.0 / 9};
+    double sum = 1;
+    FIT_UNROLL for (int n = 9; n > 0; n--) sum = 1 + sum * (r * part[n]);
+    return sum / (double)(1 << k);
+}
+
+typedef struct normal_equations {
+    double matrix[FIT_TERMS][FIT_TERMS], right[FIT_TERMS][3];
+    int32_t nodes;
+} normal_equations;
+
+FIT_INLINE void fit_add_node(const double *value, const double apart[3], double weight, normal_equations *out)
+{
+    const double x = apart[0], y = apart[1], z = apart[2];
+    const double term[FIT_TERMS] = {1, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z};
+    FIT_UNROLL for (int r = 0; r < FIT_TERMS; r++) {
+        double weighted = weight * term[r];
+        FIT_UNROLL for (int c = 0; c <= r; c++) out->matrix[r][c] += weighted * term[c];
+        FIT_UNROLL for (int d = 0; d < 3; d++) out->right[r][d] += weighted * value[d];
+    }
+    out->nodes++;
+}
+
+FIT_INLINE void fit_gather(const fit_view *fit, const double p[3], double deviation, normal_equations *out)
+{
+    const double reach = FIT_CUT_OFF * deviation;
+    int32_t first[3], last[3];
+    memset(out, 0, sizeof *out);
+    for (int d = 0; d < 3; d++) {
+        if (p[d] + reach < fit->low[d] || p[d] - reach > fit->low[d] + fit->bins[d] * fit->width) return;
+        first[d] = fit_bin_of(fit, d, p[d] - reach);
+        last[d] = fit_bin_of(fit, d, p[d] + reach);
+    }
+    for (int32_t c = first[2]; c <= last[2]; c++)
+        for (int32_t b = first[1]; b <= last[1]; b++) {
+            size_t row = (size_t)fit->bins[0] * ((size_t)b + (size_t)fit->bins[1] * (size_t)c);
+            for (int32_t s = fit->bin_start[row + (size_t)first[0]]; s < fit->bin_start[row + (size_t)last[0] + 1]; s++) {
+                const size_t node = (size_t)fit->bin_node[s];
+                const double *at = fit->at + 3 * node;
+                double apart[3] = {(at[0] - p[0]) / deviation, (at[1] - p[1]) / deviation, (at[2] - p[2]) / deviation};
+                double square = apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2];
+                if (square < FIT_CUT_OFF * FIT_CUT_OFF) fit_add_node(fit->rest + 3 * node, apart, fit_gaussian(square), out);
+            }
+        }
+}
+
+/* Value of the fitted polynomial at its origin, by Cholesky of the leading `terms`; false: the nodes do not determine so many. */
+FIT_INLINE bool fit_solve(const normal_equations *equations, const int terms, double out[3])
+{
+    double l[FIT_TERMS][FIT_TERMS], y[FIT_TERMS][3];
+    FIT_UNROLL for (int r = 0; r < terms; r++)
+        FIT_UNROLL for (int c = 0; c <= r; c++) {
+            double sum = equations->matrix[r][c];
+            FIT_UNROLL for (int k = 0; k < c; k++) sum -= l[r][k] * l[c][k];
+            if (c < r) l[r][c] = sum / l[c][c];
+            else if (!(sum > 1e-6 * equations->matrix[r][r])) return false;
+            else l[r][r] = sqrt(sum);
+        }
+    FIT_UNROLL for (int d = 0; d < 3; d++) {
+        FIT_UNROLL for (int r = 0; r < terms; r++) {
+            y[r][d] = equations->right[r][d];
+            FIT_UNROLL for (int k = 0; k < r; k++) y[r][d] -= l[r][k] * y[k][d];
+            y[r][d] /= l[r][r];
+        }
+        FIT_UNROLL for (int r = terms - 1; r >= 0; r--) {
+            FIT_UNROLL for (int k = r + 1; k < terms; k++) y[r][d] -= l[k][r] * y[k][d];
+            y[r][d] /= l[r][r];
+        }
+        out[d] = y[0][d];
+    }
+    return true;
+}
+
+/* Where few nodes are near, at larger cells and beside the tissue, the kernel is widened once. */
+FIT_INLINE void fit_point(const fit_view *fit, const int32_t lattice[3], float out[3])
+{
+    normal_equations equations;
+    double deviation = fit->deviation, value[3], p[3];
+    for (int d = 0; d < 3; d++) p[d] = (double)lattice[d] * fit->step * fit->target.spacing[d];
+    for (int attempt = 0; attempt < FIT_ATTEMPTS; attempt++, deviation *= 2) {
+        fit_gather(fit, p, deviation, &equations);
+        if (equations.nodes >= FIT_ENOUGH && fit_solve(&equations, FIT_TERMS, value)) {
+            for (int d = 0; d < 3; d++) out[d] = (float)value[d];
+            return;
+        }
+    }
+    bool some = equations.nodes >= FIT_LINEAR && fit_solve(&equations, FIT_LINEAR, value);
+    for (int d = 0; d < 3; d++) out[d] = some ? (float)value[d] : NAN;
+}
+
+/* pliant_fit_at */
+FIT_INLINE bool fit_map_at(const fit_view *fit, const double target[3], double scan[3])
+{
+    int32_t low[3];
+    double part[3];
+    for (int d = 0; d < 3; d++) {
+        double at = fmin(fmax(target[d] / fit->step, 0.0), (double)(fit->size[d] - 1));
+        low[d] = fit->size[d] > 1 ? (int32_t)fmin(floor(at), (double)(fit->size[d] - 2)) : 0;
+        part[d] = at - low[d];
+        scan[d] = 0;
+    }
+    FIT_UNROLL for (int corner = 0; corner < 8; corner++) {
+        double weight = 1;
+        size_t flat = 0;
+        FIT_UNROLL for (int d = 2; d >= 0; d--) {
+            int upper = corner >> d & 1;
+            weight *= upper ? part[d] : 1 - part[d];
+            flat = flat * (size_t)fit->size[d] + (size_t)(low[d] + upper);
+        }
+        if (weight == 0) continue;
+        for (int d = 0; d < 3; d++) scan[d] += weight * fit->map[3 * flat + (size_t)d];
+    }
+    return scan[0] == scan[0];
+}
+
+/* the scan's value at an index inside it, trilinear, in its own type */
+FIT_INLINE double fit_sample(const raster_source *source, const double index[3])
+{
+    ptrdiff_t at = 0;
+    double part[3], value = 0;
+    for (int d = 0; d < 3; d++) {
+        double inside = fmin(fmax(index[d], 0.0), (double)(source->size[d] - 1));
+        int32_t low = source->size[d] > 1 ? (int32_t)fmin(floor(inside), (double)(source->size[d] - 2)) : 0;
+        part[d] = inside - low;
+        at += low * source->step[d];
+    }
+    FIT_UNROLL for (int corner = 0; corner < 8; corner++) {
+        ptrdiff_t place = at;
+        double weight = 1;
+        FIT_UNROLL for (int d = 0; d < 3; d++) {
+            place += corner >> d & 1 ? source->step[d] : 0;
+            weight *= corner >> d & 1 ? part[d] : 1 - part[d];
+        }
+        switch (source->encoding) {
+        case PLIANT_UINT8: value += weight * ((const uint8_t *)source->voxels)[place]; break;
+        case PLIANT_INT16: value += weight * ((const int16_t *)source->voxels)[place]; break;
+        case PLIANT_FLOAT32: value += weight * (double)((const float *)source->voxels)[place]; break;
+        }
+    }
+    return value;
+}
+
+FIT_INLINE bool fit_in_tissue(const fit_view *fit, const double index[3])
+{
+    size_t at[3];
+    for (int d = 0; d < 3; d++) {
+        double nearest = floor(index[d] + 0.5);
+        if (!(nearest >= 0 && nearest < fit->scan_size[d])) return false;
+        at[d] = (size_t)nearest;
+    }
+    return fit->tissue[at[0] + (size_t)fit->scan_size[0] * (at[1] + (size_t)fit->scan_size[1] * at[2])];
+}
+
+/* one voxel; true when it is another than before */
+FIT_INLINE bool fit_draw_voxel(const fit_view *fit, const raster_source *source, const double target[3], void *voxels, size_t v)
+{
+    double index[3];
+    bool inside = fit_map_at(fit, target, index) && fit_in_tissue(fit, index);
+    double value = inside ? fit_sample(source, index) : 0;
+    if (source->encoding == PLIANT_UINT8) {
+        uint8_t now = inside ? (uint8_t)lrint(value) : source->background.u8, *voxel = (uint8_t *)voxels + v;
+        bool other = *voxel != now;
+        *voxel = now;
+        return other;
+    }
+    if (source->encoding == PLIANT_INT16) {
+        int16_t now = inside ? (int16_t)lrint(value) : source->background.i16, *voxel = (int16_t *)voxels + v;
+        bool other = *voxel != now;
+        *voxel = now;
+        return other;
+    }
+    float now = inside ? (float)value : source->background.f32, *voxel = (float *)voxels + v;
+    bool other = *voxel != now;
+    *voxel = now;
+    return other;
+}
+
+#endif

@@ -1,0 +1,116 @@
+// The fit on the GPU: the CPU's voxels, bit for bit. Skipped without a GPU.
+#include "body.h"
+#include "cuda_warps.h"
+
+#include <string>
+
+namespace {
+
+struct Fits : Warps {
+    Fits(pliant_encoding encoding, const pliant_geometry &geometry, const int32_t cells[3], const pliant_geometry &target, int32_t step)
+        : Warps(encoding, geometry, cells, target)
+    {
+        EXPECT_EQ(pliant_warp_fit(cpu, step), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_warp_fit(gpu, step), PLIANT_OK);
+        EXPECT_EQ(pliant_warp_backend(gpu, PLIANT_CUDA), PLIANT_OK) << pliant_last_error();
+    }
+};
+
+TEST(CudaFit, EqualsTheCpuBitForBit)
+{
+    NEEDS_GPU();
+    for (pliant_encoding encoding : {PLIANT_UINT8, PLIANT_INT16, PLIANT_FLOAT32})
+        for (int32_t step : {1, 4, 7}) {
+            SCOPED_TRACE(encoding);
+            SCOPED_TRACE(step);
+            const int32_t cells[3] = {6, 5, 4};
+            pliant_geometry geometry = geometry_of(45, 37, 30);
+            Fits fits(encoding, geometry, cells, geometry, step);
+            fits.update_and_compare(fits.rest(), "at rest");
+            fits.update_and_compare(fits.wave(0.003, 0, 1), "wave");
+            fits.update_and_compare(fits.wave(0.003, 0, 1), "nothing moved");
+            fits.update_and_compare(fits.wave(0.02, 0.01, 3), "folded over");
+            std::vector<double> x = fits.rest();
+            x[3 * 40] += 3;
+            fits.update_and_compare(x, "one node flew away");
+            for (size_t n = 0; n < x.size(); n++) x[n] = fits.mesh.corner[n % 3];
+            fits.update_and_compare(x, "all in one point");
+            fits.update_and_compare(fits.rest(), "at rest again");
+        }
+}
+
+TEST(CudaFit, OtherTargetsEqualToo)
+{
+    NEEDS_GPU();
+    const int32_t cells[3] = {5, 4, 4};
+    pliant_geometry geometry = geometry_of(40, 36, 33), oblique = geometry, large = geometry, flat = geometry_of(40, 36, 1);
+    const double c = std::cos(0.4), s = std::sin(0.4);
+    const double turned[9] = {c, -s, 0, s, c, 0, 0, 0, 1};
+    std::memcpy(oblique.direction, turned, sizeof turned);
+    for (int d = 0; d < 3; d++) {
+        oblique.spacing[d] *= 0.7;
+        large.size[d] += 17;
+        large.origin[d] -= 8 * large.spacing[d];
+    }
+    int number = 0;
+    for (const pliant_geometry &target : {oblique, large, flat}) {
+        SCOPED_TRACE(number++);
+        Fits fits(PLIANT_INT16, geometry, cells, target, 3);
+        fits.update_and_compare(fits.rest(), "at rest");
+        fits.update_and_compare(fits.wave(0.005, 0.0005, 4), "wave");
+    }
+}
+
+// in a scene, after explicit dynamics: positions do not leave the GPU
+TEST(CudaFit, AStepDrawsIt)
+{
+    NEEDS_GPU();
+    for (pliant_solver_kind kind : {PLIANT_TLED, PLIANT_COROTATIONAL}) {
+        const int size[3] = {16, 16, 32};
+        const double box[3] = {0.04, 0.04, 0.08};
+        Body body(size, box, {{5e3, 0.3, 1000, false}, {2e4, 0.3, 1000, false}}, [](int i, int, int k) { return i < 6 && k < 10; });
+        body.cells(4, 4, 8, 1);
+        body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+        body.scene.model.gravity[0] = 3;
+        body.scene.solver.kind = kind;
+        body.scene.solver.backend = PLIANT_CUDA;
+        body.scene.warp.kind = PLIANT_FIT;
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_data_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
+        for (int s = 0; s < 5; s++) ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+        ASSERT_STREQ(pliant_data_backend(body.data), "cuda");
+        pliant_warp *warp = nullptr;
+        ASSERT_EQ(pliant_warp_create(&body.scan, &body.model->fine, &body.scan.geometry, 2, &warp), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_fit(warp, body.scene.warp.fit_step), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_update(warp, body.data->positions), PLIANT_OK);
+        EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(body.data->warp)->voxels, 16 * 16 * 32), 0);
+        pliant_warp_free(warp);
+    }
+}
+
+// every call of the CUDA runtime fails once: the CPU draws the same
+TEST(CudaFit, TheCpuGoesOn)
+{
+    NEEDS_GPU();
+    const int32_t cells[3] = {3, 3, 3};
+    const pliant_geometry geometry = geometry_of(20, 18, 17);
+    Fits fits(PLIANT_INT16, geometry, cells, geometry, 4);
+    int left = 0;
+    for (int calls = 0, failed = 1; failed; calls++) {
+        pliant_cuda_fail_after(-1);
+        ASSERT_EQ(pliant_warp_fit(fits.gpu, 4), PLIANT_OK);
+        pliant_cuda_fail_after(calls);
+        ASSERT_EQ(pliant_warp_backend(fits.gpu, PLIANT_AUTO), PLIANT_OK) << pliant_last_error();
+        const std::vector<double> x = fits.wave(0.002, 0, static_cast<unsigned>(calls));
+        ASSERT_EQ(pliant_warp_update(fits.gpu, x.data()), PLIANT_OK) << "call " << calls;
+        pliant_cuda_fail_after(-1);
+        ASSERT_EQ(pliant_warp_update(fits.cpu, x.data()), PLIANT_OK);
+        failed = !pliant_warp_accelerated(fits.gpu);
+        left += failed;
+        const size_t bytes = pliant_geometry_voxels(&geometry) * sizeof(int16_t);
+        EXPECT_EQ(std::memcmp(pliant_warp_volume(fits.cpu)->voxels, pliant_warp_volume(fits.gpu)->voxels, bytes), 0) << "call " << calls;
+    }
+    EXPECT_GT(left, 20);
+}
+
+} // namespace
