@@ -5,6 +5,19 @@
 #include <math.h>
 #include <string.h>
 
+/* Elements of nothing but empty material only fill the space that tissue moves through. Squeezed flat they would turn over at
+ * once, and corotated ones have many states of rest then: iterations end in none of them. With R = I there is one. */
+static pliant_status fill(pliant_system *system, const pliant_tet_material *material)
+{
+    int32_t count = 0;
+    for (int32_t t = 0; t < system->mesh->num_tets; t++) count += !(material[t].tissue > 0) && material[t].mu > 0;
+    if (count == 0) return PLIANT_OK;
+    system->grounded = pliant_calloc((size_t)system->num_blocks * LANES, sizeof *system->grounded);
+    if (!system->grounded) return pliant_fail_memory("the elements");
+    for (int32_t t = 0; t < system->mesh->num_tets; t++) system->grounded[t] = !(material[t].tissue > 0) && material[t].mu > 0;
+    return PLIANT_OK;
+}
+
 pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material)
 {
     const pliant_mesh *mesh = system->mesh;
@@ -12,6 +25,8 @@ pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_mat
     system->gradients = pliant_calloc((size_t)system->num_blocks, sizeof *system->gradients);
     system->lame = pliant_calloc((size_t)system->num_blocks, sizeof *system->lame);
     if (!system->gradients || !system->lame) return pliant_fail_memory("the elements");
+    pliant_status status = fill(system, material);
+    if (status != PLIANT_OK) return status;
 #pragma omp parallel for num_threads(system->num_threads)
     for (int32_t e = 0; e < system->num_blocks * LANES; e++) {
         int32_t block = e / LANES, lane = e % LANES;
@@ -64,13 +79,27 @@ static inline __attribute__((always_inline)) void deformation_of(double x[12][LA
                                   (x[9 + r][l] - x[r][l]) * g[9 + c][l];
 }
 
+/* R = I where an element says so */
+static void ground(const uint8_t grounded[LANES], double rotations[9][LANES])
+{
+    for (int l = 0; l < LANES; l++)
+        for (int m = 0; grounded[l] && m < 9; m++) rotations[m][l] = m % 4 == 0;
+}
+
+static const uint8_t *grounded_of(const pliant_system *system, int32_t block)
+{
+    return system->grounded ? system->grounded + LANES * (size_t)block : NULL;
+}
+
 /* f_v = V P g_v with P = R (2 mu e + lambda tr(e) I) and e = sym(R' F) - I: the same as R K (R' x - X), without K.
  * It is the force that holds the element in this state; the element pulls back with its opposite. */
-PLIANT_VECTORIZED static void isotropic_forces(double x[12][LANES], double g[12][LANES], double lame[2][LANES], double out[12][LANES])
+PLIANT_VECTORIZED static void isotropic_forces(double x[12][LANES], double g[12][LANES], double lame[2][LANES], const uint8_t *grounded,
+                                                double out[12][LANES])
 {
     double f[9][LANES], r[9][LANES], p[9][LANES];
     deformation_of(x, g, f);
     pliant_rotations(f, r);
+    if (grounded) ground(grounded, r);
     for (int l = 0; l < LANES; l++) {
         double s[9];
         for (int a = 0; a < 3; a++)
@@ -94,16 +123,6 @@ PLIANT_VECTORIZED static void block_rotations(double x[12][LANES], double g[12][
     double f[9][LANES];
     deformation_of(x, g, f);
     pliant_rotations(f, out);
-}
-
-static void ground(const pliant_system *system, int32_t block, double rotations[9][LANES])
-{
-    if (!system->grounded) return;
-    for (int l = 0; l < LANES; l++) {
-        int32_t tet = block * LANES + l;
-        if (tet >= system->mesh->num_tets || !system->grounded[tet]) continue;
-        for (int m = 0; m < 9; m++) rotations[m][l] = m % 4 == 0;
-    }
 }
 
 /* f = R K (R' x - X), [H] 2.2 */
@@ -145,14 +164,15 @@ void pliant_system_element_forces(const pliant_system *system, const double *pos
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t block = 0; block < system->num_blocks; block++) {
         double x[12][LANES];
+        const uint8_t *grounded = grounded_of(system, block);
         load_corners(system, positions, block, x);
         if (!system->stiffness) {
-            isotropic_forces(x, system->gradients[block], system->lame[block], forces[block]);
+            isotropic_forces(x, system->gradients[block], system->lame[block], grounded, forces[block]);
             continue;
         }
         double rotations[9][LANES];
         block_rotations(x, system->gradients[block], rotations);
-        ground(system, block, rotations);
+        if (grounded) ground(grounded, rotations);
         homogenized_forces(system, block, x, rotations, forces[block]);
     }
 }
@@ -207,7 +227,8 @@ void pliant_system_tangents(const pliant_system *system, const double *positions
         double x[12][LANES], f[9][LANES];
         load_corners(system, positions, block, x);
         block_rotations(x, system->gradients[block], out->rotation);
-        ground(system, block, out->rotation);
+        const uint8_t *grounded = grounded_of(system, block);
+        if (grounded) ground(grounded, out->rotation);
         memset(out->twist, 0, sizeof out->twist);
         if (system->stiffness) continue;
         deformation_of(x, system->gradients[block], f);
@@ -218,7 +239,7 @@ void pliant_system_tangents(const pliant_system *system, const double *positions
                 r[m] = out->rotation[m][l];
             }
             twist_of(one, r, system->lame[block][0][l], system->lame[block][1][l], twist, d);
-            for (int m = 0; m < 6; m++) out->twist[m][l] = d[m];
+            for (int m = 0; m < 6; m++) out->twist[m][l] = grounded && grounded[l] ? 0 : d[m];
         }
     }
 }

@@ -389,7 +389,7 @@ pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene
                                                schur ? scene->model.touch : PLIANT_TOUCH_OVERLAP, &lists);
     if (status != PLIANT_OK) goto done;
     system->stiffness = pliant_calloc(count, 144 * sizeof *system->stiffness);
-    system->grounded = pliant_calloc(count, sizeof *system->grounded);
+    system->grounded = pliant_calloc((size_t)system->num_blocks * LANES, sizeof *system->grounded);
     if (schur) shapes = pliant_calloc(count, sizeof *shapes);
     if (!system->stiffness || !system->grounded || (schur && !shapes)) {
         status = pliant_fail_memory("the homogenized stiffness");

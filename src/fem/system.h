@@ -58,7 +58,7 @@ struct pliant_system {
     double (*gradients)[12][LANES]; /* (num_blocks) [1/m] */
     double (*lame)[2][LANES];       /* (num_blocks) volume * lambda, volume * mu [N m]; isotropic elements */
     double *stiffness;              /* (num_tets x 144) homogenized [N/m]; NULL: isotropic */
-    uint8_t *grounded;              /* (num_tets) keeps R = I; NULL: none */
+    uint8_t *grounded;              /* (num_blocks x LANES) keeps R = I: what holds fixed fine nodes, and what is empty; NULL: none */
 
     /* UNKNOWNS */
     int32_t num_free;

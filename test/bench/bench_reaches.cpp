@@ -29,7 +29,7 @@ pliant_model *build(Inputs &inputs, int iterations, double tolerance, double bud
 std::vector<Frames> references(Inputs &inputs, int kinds)
 {
     std::vector<Frames> out;
-    pliant_model *exact = build(inputs, 1000, 1e-7, 0);
+    pliant_model *exact = build(inputs, 50, 1e-7, 0); // many steps: factors are refreshed between them
     std::printf("%d fine tetrahedra, %d nodes\n", exact->fine.num_tets, exact->fine.num_nodes);
     for (int kind = 0; kind < kinds; kind++) {
         out.push_back(run(exact, liver, Kind(kind), kind == FORCE ? &out[DISPLACEMENT] : nullptr, false));

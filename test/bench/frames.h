@@ -44,7 +44,8 @@ inline void offset_at(int frame, double out[3])
     out[2] = 0;
 }
 
-// paced: frames begin solver/step apart, as in a running simulation, so that the background has its time
+// paced: frames begin solver/step apart, as in a running simulation, so that the background has its time, and each is one step;
+// otherwise a frame is stepped until it is solved, forty times at most
 inline Frames run(const pliant_model *model, const double at[3], Kind kind, const Frames *driving, bool paced)
 {
     pliant_data *data = nullptr;
@@ -53,6 +54,11 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
     double from[3];
     Frames out;
     auto begin = std::chrono::steady_clock::now();
+    auto step = [&] {
+        pliant_status status = PLIANT_NOT_CONVERGED;
+        for (int left = paced ? 1 : 40; left > 0 && status == PLIANT_NOT_CONVERGED; left--) status = pliant_step(model, data);
+        check(status);
+    };
     auto pace = [&] {
         begin += std::chrono::microseconds(static_cast<int64_t>(1e6 * model->scene.solver.step));
         if (paced) std::this_thread::sleep_until(begin);
@@ -61,8 +67,9 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
     if (kind == GRAVITY) { // it hangs at rest before it is turned
         const double down[3] = {0, 9.81, 0};
         check(pliant_data_gravity(data, down));
-        for (int s = 0; s < 100; s++) {
-            check(pliant_step(model, data));
+        pliant_status status = PLIANT_NOT_CONVERGED;
+        for (int s = 0; s < 100 && (paced || status == PLIANT_NOT_CONVERGED); s++) {
+            check(status = pliant_step(model, data));
             if (s >= 60) pace();
         }
     } else {
@@ -83,7 +90,7 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
             check(pliant_tool_drive(data, tool, kind == FORCE ? PLIANT_DRIVE_FORCE : PLIANT_DRIVE_RIGID,
                                     kind == FORCE ? driving->force[f - 1].data() : nullptr));
         }
-        check(pliant_step(model, data));
+        step();
         out.solve.push_back(data->statistics.seconds[PLIANT_STEP_solve]);
         out.residual.push_back(data->statistics.residual);
         out.told.push_back(data->statistics.error);
