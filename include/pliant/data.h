@@ -12,7 +12,7 @@ extern "C" {
 #endif
 
 /** Stages of a step, in order. */
-#define PLIANT_STEP_STAGE_LIST(X) X(interact) X(solve) X(upsample) X(warp)
+#define PLIANT_STEP_STAGE_LIST(X) X(interact) X(solve) X(upsample) X(patch) X(warp)
 typedef enum pliant_step_stage {
 #define PLIANT_STAGE_ENUM(name) PLIANT_STEP_##name,
     PLIANT_STEP_STAGE_LIST(PLIANT_STAGE_ENUM)
@@ -41,6 +41,7 @@ typedef struct pliant_tool {
     double stiffness, damping, radius; /**< from the scene, may be set per tool [N/m, N s/m, m] */
     /* HOLD, written by grasp and release */
     bool holding;
+    uint64_t hold;         /**< how many times it has taken hold */
     int32_t num_held;      /**< fine nodes that share the force ([H] 11: barycentric weights over the blob) */
     int32_t *held;         /**< (num_held), ascending */
     double *weight;        /**< (num_held), sum 1 */
@@ -60,6 +61,10 @@ typedef struct pliant_statistics {
     double error;               /**< [m] how far a node may still be from where the step would converge to: the largest
                                  *   correction of the last iteration; 0: not known (explicit dynamics, GPU) */
     double residual_force;      /**< largest nodal residual force [N] */
+    int32_t patched;            /**< tools that pull at a patch (model/patch), last step */
+    int32_t patch_iterations;   /**< of the patch, last step */
+    double patch_residual;      /**< as residual, of the patch */
+    double patch_moved;         /**< [m] the farthest that a patch has moved a node from where the coarse model has it */
     uint64_t not_converged;     /**< steps that ended above the tolerance */
     uint64_t rejected;          /**< Anderson steps refused by the safeguard */
     uint64_t failed;            /**< steps that broke down and were undone */
@@ -69,6 +74,8 @@ typedef struct pliant_statistics {
 
 typedef struct pliant_backend pliant_backend; /**< functions of a step's stages (src/backend) */
 typedef struct pliant_solver pliant_solver; /**< iteration history, factors, the background factorizer (src/fem) */
+
+typedef struct pliant_patch pliant_patch; /**< local fine solutions around holds (src/fem) */
 
 typedef struct pliant_tled pliant_tled; /**< displacements, increments, sub-steps of explicit dynamics (src/fem) */
 
@@ -85,7 +92,9 @@ typedef struct pliant_data {
     /* SOLVE */
     pliant_solver *solver;    /**< NULL: solver/kind tled */
     pliant_tled *tled;        /**< Nullable: solver/kind tled */
-    /* UPSAMPLE */
+    /* PATCH */
+    pliant_patch *patch;      /**< Nullable: model/patch */
+    /* UPSAMPLE, PATCH */
     double *positions;        /**< (fine.num_nodes x 3) LPS [m]; written by every step */
     /* WARP */
     pliant_warp *warp;        /**< Nullable: only when pliant_data_warp asked for it */

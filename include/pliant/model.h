@@ -49,6 +49,7 @@ typedef struct pliant_model {
     int32_t num_held_pieces;          /**< pieces that nothing fixed holds: kept where they are */
     /* FEM */
     pliant_system *system;            /**< of tled: threads and meshes only */
+    pliant_system *fine_system;       /**< Nullable: model/patch; the fine mesh, solved only when a tool takes hold */
     pliant_tled_system *tled;         /**< Nullable: solver/kind tled */
     double condition_estimate;        /**< of the stiffness matrix, 1-norm (CHOLMOD's rcond inverted); 0: not known */
 

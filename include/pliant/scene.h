@@ -89,6 +89,8 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
 #define PLIANT_SCENE_MODEL(X)                                                                                          \
     X(METHOD, method, PLIANT_FINE, 0, 0, "", "what is solved: the fine mesh, or a coarse one by one of these methods") \
     X(TOUCH, touch, PLIANT_TOUCH_OVERLAP, 0, 0, "", "schur: fine tetrahedra that overlap the coarse one, or share a face with it too") \
+    X(REAL, patch, 0.0, 0.0, 1.0, "m", "coarse methods: fine nodes within this distance of what a tool holds are solved on their own, those around them by the fine mesh's response (CPU); 0: not") \
+    X(INT, patch_delay, 0, 0, 100000, "steps", "a patch is put to use this long after a tool has taken hold, ready or waited for; 0: from its operation count, at 2 Gflop/s") \
     X(REAL3, gravity, 0.0, -1e4, 1e4, "m/s^2", "acceleration in scan axes (LPS)")
 #define PLIANT_SCENE_SOLVER(X)                                                                                         \
     X(SOLVER, kind, PLIANT_COROTATIONAL, 0, 0, "", "corotational: quasi-static, linear in turned frames; tled: explicit dynamics, nonlinear, on the fine mesh") \

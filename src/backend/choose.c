@@ -5,10 +5,11 @@
 
 const pliant_host_solver *pliant_host_solver_of(const pliant_model *model) { return model->tled ? &pliant_explicit : &pliant_corotational; }
 
-static pliant_status choose(const pliant_host_solver *kind, pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT], const pliant_backend **out)
+/* patched: the scene asks for patches, which have no kernels */
+static pliant_status choose(const pliant_host_solver *kind, bool patched, pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT], const pliant_backend **out)
 {
-    snprintf(text, PLIANT_BACKEND_TEXT, "this build has no CUDA backend");
-    bool usable = choice != PLIANT_CPU && kind->cuda && kind->cuda->probe(text, PLIANT_BACKEND_TEXT);
+    snprintf(text, PLIANT_BACKEND_TEXT, "%s", patched ? "model/patch runs on the CPU only" : "this build has no CUDA backend");
+    bool usable = choice != PLIANT_CPU && !patched && kind->cuda && kind->cuda->probe(text, PLIANT_BACKEND_TEXT);
     if (!usable && choice == PLIANT_CUDA)
         return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "solver/backend: cuda cannot be used: %s; auto or cpu would run on the CPU", text);
     *out = usable ? kind->cuda : kind->cpu;
@@ -17,7 +18,7 @@ static pliant_status choose(const pliant_host_solver *kind, pliant_backend_choic
 
 pliant_status pliant_backend_choose(pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT], const pliant_backend **out)
 {
-    return choose(&pliant_corotational, choice, text, out);
+    return choose(&pliant_corotational, false, choice, text, out);
 }
 
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data)
@@ -25,7 +26,7 @@ pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data
     const pliant_host_solver *kind = pliant_host_solver_of(model);
     const pliant_backend_choice choice = model->scene.solver.backend;
     char text[PLIANT_BACKEND_TEXT];
-    pliant_status status = choose(kind, choice, text, &data->backend);
+    pliant_status status = choose(kind, data->patch != NULL, choice, text, &data->backend);
     if (status != PLIANT_OK) return status;
     status = data->backend->create(model, data);
     if (data->backend == kind->cpu) {

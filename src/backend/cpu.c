@@ -1,6 +1,6 @@
 /* The corotational solver's stages on the CPU, and what its other backends leave to the host. */
 #include "backend/backend.h"
-#include "fem/solver.h"
+#include "fem/patch.h"
 #include "interact/tool.h"
 
 #include <stdio.h>
@@ -37,17 +37,28 @@ pliant_status pliant_cpu_warp(const pliant_model *model, pliant_data *data)
     return data->warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
 }
 
-static pliant_status create(const pliant_model *model, pliant_data *data) { return pliant_solver_create(model, &data->solver); }
-static pliant_status reset(pliant_data *data) { return pliant_solver_reset(data->solver); }
+static pliant_status create(const pliant_model *model, pliant_data *data)
+{
+    pliant_status status = pliant_solver_create(&model->scene, model->system, &data->solver);
+    return status == PLIANT_OK && model->fine_system ? pliant_patch_create(model, &data->patch) : status;
+}
+
+static pliant_status reset(pliant_data *data)
+{
+    pliant_status status = pliant_solver_reset(data->solver);
+    if (status == PLIANT_OK && data->patch) pliant_patch_reset(data->patch);
+    return status;
+}
 
 static pliant_status interact(const pliant_model *model, pliant_data *data)
 {
+    pliant_status status = data->patch ? pliant_patch_begin(model, data) : PLIANT_OK;
+    if (status != PLIANT_OK) return status;
     pliant_solver_gravity(data->solver, data->gravity);
     for (int t = 0; t < data->num_tools; t++) {
         bool begins = data->tools[t].holding && !data->tools[t].attached; /* from the present state */
         if (begins && data->backend->bring) data->backend->bring(model, data);
-        pliant_status status = pliant_tool_interact(model, data, t);
-        if (status != PLIANT_OK) return status;
+        if ((status = pliant_tool_interact(model, data, t)) != PLIANT_OK) return status;
     }
     return PLIANT_OK;
 }
@@ -64,6 +75,7 @@ static void set_positions(const pliant_model *model, pliant_data *data, const do
     solver->ahead = false;
     solver->refused = solver->slow = 0;
     pliant_upsample_positions(system, solver->now.x, data->positions);
+    if (data->patch) pliant_patch_flatten(data->patch);
 }
 
 static void limits(pliant_data *data, int iterations, double tolerance)

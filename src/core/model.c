@@ -1,7 +1,7 @@
 /* From a scan and a scene to the constant model, stage by stage. */
 #include "core/fail.h"
 #include "core/fixed.h"
-#include "fem/system.h"
+#include "fem/patch.h"
 #include "fem/tled.h"
 #include "pliant/memory.h"
 
@@ -290,6 +290,7 @@ static pliant_status factorize(builder *build)
     pliant_status status = pliant_preconditioner_numeric(system->preconditioner, tangents);
     if (status == PLIANT_OK) build->model->condition_estimate = pliant_preconditioner_condition(system->preconditioner);
     pliant_free(tangents);
+    if (status == PLIANT_OK && pliant_patch_asked(&build->model->scene)) status = pliant_patch_system(build->model, &build->model->fine_system);
     return status;
 }
 
@@ -350,6 +351,7 @@ void pliant_model_free(pliant_model *model)
 {
     if (!model) return;
     pliant_system_free(model->system);
+    pliant_system_free(model->fine_system);
     pliant_tled_system_free(model->tled);
     pliant_material_table_free(&model->materials);
     pliant_free(model->material_of_voxel);

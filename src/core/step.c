@@ -1,7 +1,7 @@
 /* The mutable data, and the step. */
 #include "backend/backend.h"
 #include "core/fail.h"
-#include "fem/solver.h"
+#include "fem/patch.h"
 #include "fem/tled.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
@@ -47,6 +47,7 @@ void pliant_data_free(pliant_data *data)
     if (!data) return;
     if (data->backend_state) data->backend->free(data);
     for (int t = 0; t < data->num_tools; t++) pliant_tool_forget(data->tools + t);
+    pliant_patch_free(data->patch);
     pliant_solver_free(data->solver);
     pliant_tled_free(data->tled);
     pliant_warp_free(data->warp);
@@ -93,12 +94,15 @@ pliant_status pliant_data_gravity(pliant_data *data, const double gravity[3])
     return PLIANT_OK;
 }
 
+/* whoever runs the other stages: only the CPU does where there is one */
+static pliant_status patch(const pliant_model *model, pliant_data *data) { return data->patch ? pliant_patch_step(model, data) : PLIANT_OK; }
+
 pliant_status pliant_step(const pliant_model *model, pliant_data *data)
 {
     pliant_status caveat = PLIANT_OK;
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; stage++) {
         const pliant_backend *backend = data->backend;
-        pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {backend->kind->interact, backend->solve, backend->upsample, backend->warp};
+        pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {backend->kind->interact, backend->solve, backend->upsample, patch, backend->warp};
         _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
         double start = pliant_seconds();
         pliant_status status = stages[stage](model, data);

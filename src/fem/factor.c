@@ -210,6 +210,8 @@ double pliant_factor_condition(pliant_factor *factor)
 
 double pliant_factor_operations(const pliant_factor *factor) { return factor->common.fl; }
 
+double pliant_factor_values(const pliant_factor *factor) { return factor->common.lnz; }
+
 size_t pliant_factor_bytes(const pliant_factor *factor) { return factor ? factor->common.memory_inuse : 0; }
 
 void pliant_factor_free(pliant_factor *factor)

@@ -1,5 +1,6 @@
 #include "core/fail.h"
 #include "fem/multigrid.h"
+#include "fem/space.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 
@@ -15,6 +16,7 @@ struct pliant_preconditioner {
     pliant_hierarchy *hierarchy; /* owned by the first, borrowed by clones */
     bool owns_hierarchy;
     pliant_multigrid *multigrid;
+    pliant_space *space;       /* borrowed */
 };
 
 static pliant_status create_direct(pliant_preconditioner *preconditioner)
@@ -48,10 +50,21 @@ pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_p
     return PLIANT_OK;
 }
 
+pliant_status pliant_preconditioner_within(pliant_space *space, const pliant_system *system, pliant_preconditioner **out)
+{
+    pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
+    if (!preconditioner) return pliant_fail_memory("the preconditioner");
+    preconditioner->system = *system;
+    preconditioner->space = space;
+    *out = preconditioner;
+    return PLIANT_OK;
+}
+
 pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads, pliant_preconditioner **out)
 {
     pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
     if (!preconditioner) return pliant_fail_memory("a second preconditioner");
+    preconditioner->space = source->space;
     preconditioner->system = source->system;
     preconditioner->system.num_threads = num_threads;
     preconditioner->hierarchy = source->hierarchy;
@@ -59,7 +72,7 @@ pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, i
     if (source->multigrid) {
         status = pliant_multigrid_create(source->hierarchy, num_threads, &preconditioner->multigrid);
         if (status == PLIANT_OK) status = pliant_multigrid_copy(preconditioner->multigrid, source->multigrid);
-    } else {
+    } else if (source->factor) {
         preconditioner->values = pliant_calloc((size_t)source->system.pattern.num_values, sizeof *preconditioner->values);
         status = preconditioner->values ? pliant_factor_clone(source->factor, &preconditioner->factor) : pliant_fail_memory("the stiffness matrix");
     }
@@ -73,6 +86,7 @@ pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, i
 
 pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents)
 {
+    if (preconditioner->space) return PLIANT_OK;
     if (preconditioner->multigrid) return pliant_multigrid_numeric(preconditioner->multigrid, tangents);
     pliant_system_assemble(&preconditioner->system, tangents, preconditioner->values);
     return pliant_factor_numeric(preconditioner->factor, preconditioner->values);
@@ -80,10 +94,13 @@ pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditione
 
 pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner, int32_t columns, const double *right, double *out)
 {
-    if (!preconditioner->multigrid) return pliant_factor_solve(preconditioner->factor, columns, right, out);
+    if (preconditioner->factor) return pliant_factor_solve(preconditioner->factor, columns, right, out);
     size_t n = 3 * (size_t)preconditioner->system.num_free;
     for (int32_t c = 0; c < columns; c++) {
-        pliant_status status = pliant_multigrid_solve(preconditioner->multigrid, right + n * (size_t)c, out + n * (size_t)c);
+        const double *from = right + n * (size_t)c;
+        double *to = out + n * (size_t)c;
+        pliant_status status = preconditioner->space ? pliant_space_solve(preconditioner->space, from, to)
+                                                     : pliant_multigrid_solve(preconditioner->multigrid, from, to);
         if (status != PLIANT_OK) return status;
     }
     return PLIANT_OK;
@@ -98,7 +115,15 @@ double pliant_preconditioner_condition(pliant_preconditioner *preconditioner)
 
 double pliant_preconditioner_operations(const pliant_preconditioner *preconditioner)
 {
+    if (preconditioner->space) return 0;
     return preconditioner->factor ? pliant_factor_operations(preconditioner->factor) : pliant_hierarchy_operations(preconditioner->hierarchy);
+}
+
+/* A factor: a product and a sum a number, forwards and back. A V-cycle: some twelve products with the matrix, eight times. */
+double pliant_preconditioner_solve_operations(const pliant_preconditioner *preconditioner)
+{
+    if (preconditioner->factor) return 4 * pliant_factor_values(preconditioner->factor);
+    return 8 * 12 * 4 * (double)preconditioner->system.pattern.num_values;
 }
 
 size_t pliant_preconditioner_bytes(const pliant_preconditioner *preconditioner)

@@ -1,5 +1,6 @@
 #include "core/fail.h"
 #include "fem/dense.h"
+#include "fem/space.h"
 #include "fem/solver.h"
 #include "pliant/memory.h"
 
@@ -190,6 +191,7 @@ static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
     size_t n = unknowns(solver);
     pliant_system_element_forces(system, at->x, solver->element_forces);
     pliant_system_gather(system, solver->element_forces, at->step);
+    if (system->space) pliant_space_far_forces(system->space, at->x, at->step);
     for (size_t i = 0; i < n; i++) at->pull[i] = solver->load[i];
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         if (solver->handles[t].active)

@@ -83,7 +83,8 @@ struct pliant_solver {
     double *dense_weights;      /* (9 num_free) room to build W */
 };
 
-pliant_status pliant_solver_create(const pliant_model *model, pliant_solver **out);
+/* Limits and intervals as the scene says. Both are borrowed. */
+pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
 void pliant_solver_free(pliant_solver *solver);
 /* At rest, on the factor at rest, nothing held. Errors: MEMORY. */
 pliant_status pliant_solver_reset(pliant_solver *solver);

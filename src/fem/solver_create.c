@@ -43,19 +43,18 @@ static int32_t refresh_delay(const pliant_system *system, double step)
     return 1 + (int32_t)fmin(ceil(pliant_preconditioner_operations(system->preconditioner) / rate / step), 99998);
 }
 
-pliant_status pliant_solver_create(const pliant_model *model, pliant_solver **out)
+pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out)
 {
-    const pliant_system *system = model->system;
     pliant_solver *solver = pliant_calloc(1, sizeof *solver);
     if (!solver) return pliant_fail_memory("the solver");
     solver->system = system;
-    solver->max_iterations = model->scene.solver.iterations;
-    solver->depth = model->scene.solver.history;
-    solver->tolerance = model->scene.solver.tolerance;
-    solver->budget = 1e-3 * model->scene.solver.budget_ms;
-    solver->refresh_interval = model->scene.solver.refresh_interval;
-    solver->refresh_delay = model->scene.solver.refresh_delay > 0 ? model->scene.solver.refresh_delay
-                                                                   : refresh_delay(system, model->scene.solver.step);
+    solver->max_iterations = scene->solver.iterations;
+    solver->depth = scene->solver.history;
+    solver->tolerance = scene->solver.tolerance;
+    solver->budget = 1e-3 * scene->solver.budget_ms;
+    solver->refresh_interval = scene->solver.refresh_interval;
+    solver->refresh_delay = scene->solver.refresh_delay > 0 ? scene->solver.refresh_delay
+                                                                   : refresh_delay(system, scene->solver.step);
     double length = 0;
     for (int d = 0; d < 3; d++) length = fmax(length, system->mesh->cells[d] * system->mesh->cell_size[d]);
     /* moving one node by a thousandth of the body: below that, the tolerance is taken of this instead of the load */

@@ -14,6 +14,7 @@ extern "C" {
 
 typedef struct pliant_factor pliant_factor;
 typedef struct pliant_preconditioner pliant_preconditioner;
+typedef struct pliant_space pliant_space;
 
 /* Lower triangle of the node-by-node matrix, in compressed columns of 3 x 3 blocks, each column's diagonal first. */
 typedef struct pliant_pattern {
@@ -72,6 +73,7 @@ struct pliant_system {
     double mean_diagonal;     /* of that matrix [N/m] */
 
     pliant_upsample *upsample; /* Nullable */
+    pliant_space *space;      /* Nullable: of a patch (space.h): what lies beyond its elements pulls, too */
     double *gravity_mass;     /* (num_free x 9) M_j of [H] 10 [kg] */
 };
 
@@ -122,12 +124,16 @@ pliant_status pliant_factor_solve(pliant_factor *factor, int32_t columns, const 
 double pliant_factor_condition(pliant_factor *factor);
 /* Floating-point operations of a numeric factorization, as the analysis counted them; 0 for clones. */
 double pliant_factor_operations(const pliant_factor *factor);
+/* Numbers in it, as the analysis counted them; 0 for clones. */
+double pliant_factor_values(const pliant_factor *factor);
 size_t pliant_factor_bytes(const pliant_factor *factor);
 void pliant_factor_free(pliant_factor *factor);
 
 /* ---- preconditioner.c: what stands for the inverse of the stiffness matrix at one state: a factor, or a multigrid cycle.
  * Symmetric, positive definite, fixed between refreshes. One belongs to one thread at a time. */
 pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, pliant_preconditioner **out);
+/* within a space (space.h), at the state that it was made for; borrowed */
+pliant_status pliant_preconditioner_within(pliant_space *space, const pliant_system *system, pliant_preconditioner **out);
 /* the same analysis and numbers, for another thread */
 pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads, pliant_preconditioner **out);
 /* at these tangents (num_blocks). Errors: NUMERIC, MEMORY; the old numbers are gone then. */
@@ -138,6 +144,7 @@ pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner,
 bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner);
 double pliant_preconditioner_condition(pliant_preconditioner *preconditioner); /* 0: not known */
 double pliant_preconditioner_operations(const pliant_preconditioner *preconditioner); /* of a refresh */
+double pliant_preconditioner_solve_operations(const pliant_preconditioner *preconditioner); /* to bring a residual down to 1e-4 */
 size_t pliant_preconditioner_bytes(const pliant_preconditioner *preconditioner); /* beyond pliant_memory_in_use */
 void pliant_preconditioner_free(pliant_preconditioner *preconditioner);
 

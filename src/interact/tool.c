@@ -1,7 +1,7 @@
 /* Tools: where they are, what they hold, how they pull. [H] 3.2, equation 11: a force at a point of the volume is spread over
  * the nodes by the weights that interpolate its displacement. A blob is a set of such points. */
 #include "core/fail.h"
-#include "fem/solver.h"
+#include "fem/patch.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
 
@@ -184,6 +184,7 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
     for (int d = 0; d < 3; d++) tool->grip[d] = tool->tip[d] - tool->held_point[d];
     memcpy(tool->last_target, tool->held_point, sizeof tool->last_target);
     tool->holding = true;
+    tool->hold++;
     return PLIANT_OK;
 }
 
@@ -204,21 +205,22 @@ static void aim(const pliant_tool *tool, double step, pliant_handle *handle)
 pliant_status pliant_tool_interact(const pliant_model *model, pliant_data *data, int index)
 {
     pliant_tool *tool = data->tools + index;
-    pliant_handle *handle = data->solver->handles + index;
+    pliant_solver *solver = pliant_patch_solver(data, index);
+    pliant_handle *handle = solver->handles + index;
     if (!tool->holding) {
-        if (handle->active) pliant_solver_release(data->solver, index);
+        if (handle->active) pliant_solver_release(solver, index);
         return PLIANT_OK;
     }
     /* weights through homogenized shape functions turn with the elements: they are taken anew every step */
-    bool turning = model->system->upsample && model->system->upsample->start;
-    if (!tool->attached && handle->active) pliant_solver_release(data->solver, index); /* another hold than before */
+    bool turning = solver == data->solver && model->system->upsample && model->system->upsample->start;
+    if (!tool->attached && handle->active) pliant_solver_release(solver, index); /* another hold than before */
     if (!tool->attached || turning) {
-        pliant_status status = pliant_solver_hold(data->solver, index, tool->num_held, tool->held, tool->weight, data->positions);
+        pliant_status status = pliant_patch_hold(data, index);
         if (status != PLIANT_OK) return status;
         tool->attached = true;
     }
     bool by_force = tool->drive == PLIANT_DRIVE_FORCE;
-    if (handle->by_force != by_force) pliant_solver_forget(data->solver);
+    if (handle->by_force != by_force) pliant_solver_forget(solver);
     handle->by_force = by_force;
     if (by_force) memcpy(handle->force, tool->driving_force, sizeof handle->force);
     else aim(tool, model->scene.solver.step, handle);
@@ -231,5 +233,5 @@ void pliant_tool_report(pliant_data *data, int index)
     pliant_tool *tool = data->tools + index;
     if (!tool->holding) return;
     find_held_point(data, tool);
-    if (data->solver) memcpy(tool->force, data->solver->handles[index].force, sizeof tool->force);
+    if (data->solver) memcpy(tool->force, pliant_patch_solver(data, index)->handles[index].force, sizeof tool->force);
 }

@@ -59,16 +59,17 @@ void fine(Inputs &inputs, const std::vector<Frames> &exact, double budget, doubl
 
 void coarse(Inputs &inputs, const std::vector<Frames> &exact)
 {
-    const pliant_method methods[] = {PLIANT_COARSE, PLIANT_SCHUR, PLIANT_AVERAGED};
-    const char *const names[] = {"coarse", "schur", "averaged"};
-    for (int m = 0; m < 3; m++) {
-        inputs.scene.model.method = methods[m];
-        pliant_model *model = build(inputs, 100, 1e-4, 0);
-        std::printf("%s\n", names[m]);
-        for (int kind : {DISPLACEMENT, FORCE}) line(model, kind, exact, 5, false, nullptr);
-        pliant_model_free(model);
-    }
+    for (double patch : {0.0, 0.05})
+        for (const char *method : {"coarse", "schur", "averaged", "calibrated"}) {
+            check(pliant_scene_set(&inputs.scene, "model/method", method));
+            inputs.scene.model.patch = patch;
+            pliant_model *model = build(inputs, patch > 0 ? 6 : 100, patch > 0 ? 1e-3 : 1e-4, 0);
+            std::printf("%s, patch %g m\n", method, patch);
+            for (int kind : {DISPLACEMENT, FORCE}) line(model, kind, exact, 5, patch > 0, nullptr);
+            pliant_model_free(model);
+        }
     inputs.scene.model.method = PLIANT_FINE;
+    inputs.scene.model.patch = 0;
 }
 
 void let_bone_deform(Inputs &inputs, bool deform)

@@ -22,6 +22,7 @@ struct Frames {
     std::vector<std::vector<double>> positions, force;
     std::vector<double> solve, residual, told; // told: the error that the step tells [m]
     double iterations = 0;
+    int waited = 0; // steps until the patch was there
 };
 
 struct Errors {
@@ -76,6 +77,8 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
         check(pliant_tool_add(model, data, "bench", &tool));
         check(pliant_tool_grasp(model, data, tool, at));
         std::memcpy(from, data->tools[tool].tip, sizeof from);
+        // a patch is made while the tool holds still
+        for (; model->fine_system && data->statistics.patched == 0 && out.waited < 100000; out.waited++) step();
     }
     for (int f = 1; f <= count; f++) {
         pace();
@@ -91,10 +94,10 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
                                     kind == FORCE ? driving->force[f - 1].data() : nullptr));
         }
         step();
-        out.solve.push_back(data->statistics.seconds[PLIANT_STEP_solve]);
-        out.residual.push_back(data->statistics.residual);
+        out.solve.push_back(data->statistics.seconds[PLIANT_STEP_solve] + data->statistics.seconds[PLIANT_STEP_patch]);
+        out.residual.push_back(std::max(data->statistics.residual, data->statistics.patch_residual));
         out.told.push_back(data->statistics.error);
-        out.iterations += double(data->statistics.iterations) / count;
+        out.iterations += double(data->statistics.iterations + data->statistics.patch_iterations) / count;
         out.positions.emplace_back(data->positions, data->positions + 3 * size_t(model->fine.num_nodes));
         if (kind != GRAVITY) out.force.emplace_back(data->tools[tool].force, data->tools[tool].force + 3);
     }

@@ -1,0 +1,406 @@
+#include "fem/patch.h"
+
+#include "core/fail.h"
+#include "fem/space.h"
+#include "interact/tool.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <string.h>
+
+/* A hold: whose, and the response to it. */
+typedef struct patch_hold {
+    uint64_t hold;            /* pliant_tool.hold; 0: none */
+    pliant_foothold foothold;
+} patch_hold;
+
+/* What is being made in the background. */
+typedef struct patch_job {
+    pthread_t thread;
+    bool running, in_thread;
+    uint64_t due;             /* step */
+    double *x;                /* (3 fine nodes) the state */
+    patch_hold holds[PLIANT_MAX_TOOLS]; /* footholds' modes: known ones borrowed from the patch, others made here */
+    bool made[PLIANT_MAX_TOOLS];
+    pliant_space *space;
+    pliant_solver *solver;
+    pliant_status status;
+    char message[256];
+} patch_job;
+
+struct pliant_patch {
+    const pliant_model *model;
+    pliant_preconditioner *preconditioner; /* of the fine system, this one's own; made with the first patch */
+    int32_t delay;            /* steps */
+    patch_job job;
+    patch_hold holds[PLIANT_MAX_TOOLS]; /* whose responses are known */
+    bool serves[PLIANT_MAX_TOOLS];      /* the space in use is for this hold, too */
+    uint64_t refused[PLIANT_MAX_TOOLS]; /* holds that no patch could be made for */
+    pliant_space *space;      /* Nullable */
+    uint64_t made_for[PLIANT_MAX_TOOLS]; /* holds that it was made for */
+    pliant_solver *solver;    /* of it */
+    double (*element_forces)[12][LANES]; /* room for the base's */
+};
+
+bool pliant_patch_asked(const pliant_scene *scene) { return scene->model.patch > 0 && scene->model.method != PLIANT_FINE; }
+
+pliant_status pliant_patch_system(const pliant_model *model, pliant_system **out)
+{
+    pliant_system *system = pliant_calloc(1, sizeof *system);
+    pliant_tangent *tangents = NULL;
+    if (!system) return pliant_fail_memory("the fine mesh of patches");
+    system->mesh = system->fine = &model->fine;
+    system->num_threads = model->system->num_threads;
+    pliant_status status = pliant_system_elements(system, model->fine_material);
+    if (status == PLIANT_OK) status = pliant_system_unknowns(system, model->fine_fixed);
+    if (status == PLIANT_OK) status = pliant_preconditioner_create(system, model->scene.solver.preconditioner, &system->preconditioner);
+    if (status == PLIANT_OK && !(tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents)))
+        status = pliant_fail_memory("the fine mesh of patches");
+    if (status == PLIANT_OK) {
+        pliant_system_tangents(system, model->fine.rest, PLIANT_TWIST_EXACT, tangents);
+        status = pliant_preconditioner_numeric(system->preconditioner, tangents);
+    }
+    pliant_free(tangents);
+    if (status != PLIANT_OK) {
+        pliant_system_free(system);
+        return status;
+    }
+    *out = system;
+    return PLIANT_OK;
+}
+
+/* Steps that a tool's response may take: its operations at a rate that a core of today has, so that the answer is the same
+ * everywhere and the step seldom waits. */
+static int32_t delay_of(const pliant_model *model)
+{
+    const double rate = 2e9;
+    if (model->scene.model.patch_delay > 0) return model->scene.model.patch_delay;
+    double operations = PLIANT_RESPONSE_MODES * pliant_preconditioner_solve_operations(model->fine_system->preconditioner);
+    return 1 + (int32_t)fmin(ceil(operations / rate / model->scene.solver.step), 99998);
+}
+
+pliant_status pliant_patch_create(const pliant_model *model, pliant_patch **out)
+{
+    pliant_patch *patch = pliant_calloc(1, sizeof *patch);
+    if (!patch) return pliant_fail_memory("the patches");
+    patch->model = model;
+    patch->delay = delay_of(model);
+    *out = patch;
+    return PLIANT_OK;
+}
+
+/* ---- holds */
+
+static void hold_free(patch_hold *hold)
+{
+    pliant_free(hold->foothold.nodes);
+    pliant_free(hold->foothold.weights);
+    pliant_free(hold->foothold.modes);
+    memset(hold, 0, sizeof *hold);
+}
+
+/* nodes and weights of a tool, without its response */
+static pliant_status hold_copy(const pliant_tool *tool, patch_hold *out)
+{
+    pliant_foothold foothold = {.count = tool->num_held};
+    foothold.nodes = pliant_calloc((size_t)tool->num_held, sizeof *foothold.nodes);
+    foothold.weights = pliant_calloc((size_t)tool->num_held, sizeof *foothold.weights);
+    if (!foothold.nodes || !foothold.weights) {
+        pliant_free(foothold.nodes);
+        pliant_free(foothold.weights);
+        return pliant_fail_memory("a patch");
+    }
+    memcpy(foothold.nodes, tool->held, (size_t)tool->num_held * sizeof *foothold.nodes);
+    memcpy(foothold.weights, tool->weight, (size_t)tool->num_held * sizeof *foothold.weights);
+    *out = (patch_hold){.hold = tool->hold, .foothold = foothold};
+    return PLIANT_OK;
+}
+
+static bool still_held(const pliant_data *data, int tool, uint64_t hold)
+{
+    return hold != 0 && tool < data->num_tools && data->tools[tool].holding && data->tools[tool].hold == hold;
+}
+
+static void space_drop(pliant_patch *patch)
+{
+    pliant_solver_free(patch->solver);
+    pliant_space_free(patch->space);
+    pliant_free(patch->element_forces);
+    patch->solver = NULL;
+    patch->space = NULL;
+    patch->element_forces = NULL;
+    memset(patch->serves, 0, sizeof patch->serves);
+    memset(patch->made_for, 0, sizeof patch->made_for);
+}
+
+/* ---- in the background */
+
+static pliant_status make_space(pliant_patch *patch)
+{
+    patch_job *job = &patch->job;
+    const pliant_model *model = patch->model;
+    const pliant_system *fine = model->fine_system;
+    pliant_linearized linearized = {0};
+    pliant_foothold footholds[PLIANT_MAX_TOOLS];
+    int32_t count = 0;
+    pliant_status status = patch->preconditioner ? PLIANT_OK : pliant_preconditioner_clone(fine->preconditioner, 1, &patch->preconditioner);
+    if (status == PLIANT_OK) status = pliant_linearized_create(fine, job->x, &linearized);
+    for (int t = 0; t < PLIANT_MAX_TOOLS && status == PLIANT_OK; t++) {
+        pliant_foothold *foothold = &job->holds[t].foothold;
+        if (!job->holds[t].hold) continue;
+        if (job->made[t]) {
+            foothold->modes = pliant_calloc((size_t)fine->num_free, 3 * PLIANT_RESPONSE_MODES * sizeof *foothold->modes);
+            status = foothold->modes ? pliant_response_modes(&linearized, patch->preconditioner, foothold->count, foothold->nodes,
+                                                             foothold->weights, foothold->modes)
+                                     : pliant_fail_memory("a patch");
+        }
+        footholds[count++] = *foothold;
+    }
+    if (status == PLIANT_OK)
+        status = pliant_space_create(fine, &linearized, model->fine_material, model->fine_fixed, model->scene.model.patch, count, footholds,
+                                     model->system->num_threads, &job->space);
+    if (status == PLIANT_OK) status = pliant_solver_create(&model->scene, &job->space->system, &job->solver);
+    if (status == PLIANT_OK) job->solver->refresh_interval = 0; /* the space is of one state */
+    pliant_linearized_free(&linearized);
+    return status;
+}
+
+static void *run_job(void *argument)
+{
+    pliant_patch *patch = argument;
+    patch->job.status = make_space(patch);
+    if (patch->job.status != PLIANT_OK) snprintf(patch->job.message, sizeof patch->job.message, "%s", pliant_last_error());
+    return NULL;
+}
+
+static void job_clear(pliant_patch *patch)
+{
+    patch_job *job = &patch->job;
+    if (job->running && job->in_thread) pthread_join(job->thread, NULL);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        if (job->made[t]) hold_free(job->holds + t);
+    pliant_solver_free(job->solver);
+    pliant_space_free(job->space);
+    pliant_free(job->x);
+    memset(job, 0, sizeof *job);
+}
+
+void pliant_patch_reset(pliant_patch *patch)
+{
+    job_clear(patch);
+    space_drop(patch);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) hold_free(patch->holds + t);
+    memset(patch->refused, 0, sizeof patch->refused);
+}
+
+void pliant_patch_free(pliant_patch *patch)
+{
+    if (!patch) return;
+    pliant_patch_reset(patch);
+    pliant_preconditioner_free(patch->preconditioner);
+    pliant_free(patch);
+}
+
+/* ---- starting and delivering */
+
+static pliant_status start(pliant_patch *patch, pliant_data *data)
+{
+    patch_job *job = &patch->job;
+    size_t bytes = 3 * (size_t)patch->model->fine.num_nodes * sizeof *job->x;
+    pliant_status status = PLIANT_OK;
+    for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
+        const pliant_tool *tool = data->tools + t;
+        if (!tool->holding || patch->refused[t] == tool->hold) continue;
+        job->made[t] = patch->holds[t].hold != tool->hold;
+        if (job->made[t]) status = hold_copy(tool, job->holds + t);
+        else job->holds[t] = patch->holds[t];
+    }
+    if (status == PLIANT_OK && !(job->x = pliant_calloc(bytes, 1))) status = pliant_fail_memory("a patch");
+    if (status != PLIANT_OK) {
+        job_clear(patch);
+        return status;
+    }
+    memcpy(job->x, data->positions, bytes);
+    job->due = data->statistics.step + (uint64_t)patch->delay;
+    job->running = true;
+    job->in_thread = pthread_create(&job->thread, NULL, run_job, patch) == 0;
+    if (!job->in_thread) run_job(patch);
+    return PLIANT_OK;
+}
+
+static void near_positions(const pliant_space *space, const double *fine, double *out)
+{
+    for (int32_t v = 0; v < space->mesh.num_nodes; v++) memcpy(out + 3 * v, fine + 3 * space->fine_node[v], 3 * sizeof *out);
+}
+
+/* The new space takes over where the old one was, if it holds all that the old one did; else it begins at the base. */
+static void take_over(pliant_patch *patch, const pliant_data *data)
+{
+    patch_job *job = &patch->job;
+    bool goes_on = patch->space != NULL;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) goes_on = goes_on && (!patch->made_for[t] || job->holds[t].hold == patch->made_for[t]);
+    if (goes_on) near_positions(job->space, data->positions, job->solver->now.x);
+    space_drop(patch);
+    patch->space = job->space;
+    patch->solver = job->solver;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) patch->made_for[t] = job->holds[t].hold;
+    job->space = NULL;
+    job->solver = NULL;
+}
+
+static pliant_status deliver(pliant_patch *patch, pliant_data *data)
+{
+    patch_job *job = &patch->job;
+    if (job->in_thread) pthread_join(job->thread, NULL);
+    job->in_thread = false;
+    bool wanted = false;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) wanted = wanted || still_held(data, t, job->holds[t].hold);
+    double (*element_forces)[12][LANES] = NULL;
+    if (job->status == PLIANT_OK && wanted) {
+        element_forces = pliant_calloc((size_t)job->space->system.num_blocks, sizeof *element_forces);
+        if (!element_forces) return pliant_fail_memory("a patch"); /* delivered in the next step */
+        take_over(patch, data);
+        patch->element_forces = element_forces;
+    } else if (wanted) {
+        pliant_log(PLIANT_LOG_WARNING, "no patch could be made; the tools pull at the coarse model: %s", job->message);
+    }
+    for (int t = 0; t < data->num_tools; t++) {
+        if (!job->holds[t].hold) continue;
+        if (job->status != PLIANT_OK) {
+            patch->refused[t] = job->holds[t].hold;
+            continue;
+        }
+        if (job->made[t]) {
+            hold_free(patch->holds + t);
+            patch->holds[t] = job->holds[t];
+            job->made[t] = false;
+        }
+        patch->serves[t] = patch->space && still_held(data, t, patch->holds[t].hold);
+        if (!patch->serves[t]) continue;
+        pliant_solver_release(data->solver, t); /* the coarse model is rid of it */
+        data->tools[t].attached = false;
+    }
+    job->running = false;
+    job_clear(patch);
+    return PLIANT_OK;
+}
+
+pliant_status pliant_patch_begin(const pliant_model *model, pliant_data *data)
+{
+    pliant_patch *patch = data->patch;
+    (void)model;
+    if (patch->job.running && data->statistics.step >= patch->job.due) {
+        pliant_status status = deliver(patch, data);
+        if (status != PLIANT_OK) return status;
+    }
+    bool used = false, wanted = false;
+    for (int t = 0; t < data->num_tools; t++) {
+        bool held = still_held(data, t, patch->holds[t].hold);
+        if (patch->serves[t] && !held) { /* the others go on in the same space */
+            pliant_solver_release(patch->solver, t);
+            patch->serves[t] = false;
+        }
+        if (!held && !patch->job.running) hold_free(patch->holds + t);
+        used = used || patch->serves[t];
+        wanted = wanted || (data->tools[t].holding && !patch->serves[t] && patch->refused[t] != data->tools[t].hold);
+    }
+    if (patch->space && !used) space_drop(patch);
+    return wanted && !patch->job.running ? start(patch, data) : PLIANT_OK;
+}
+
+/* ---- tools */
+
+static bool serves(const pliant_data *data, int tool)
+{
+    const pliant_patch *patch = data->patch;
+    return patch && patch->space && patch->serves[tool] && still_held(data, tool, patch->holds[tool].hold);
+}
+
+pliant_solver *pliant_patch_solver(const pliant_data *data, int tool) { return serves(data, tool) ? data->patch->solver : data->solver; }
+
+pliant_status pliant_patch_hold(pliant_data *data, int index)
+{
+    const pliant_tool *tool = data->tools + index;
+    if (!serves(data, index)) return pliant_solver_hold(data->solver, index, tool->num_held, tool->held, tool->weight, data->positions);
+    pliant_patch *patch = data->patch;
+    int32_t *nodes = pliant_calloc((size_t)tool->num_held, sizeof *nodes);
+    if (!nodes) return pliant_fail_memory("a tool's hold");
+    for (int32_t h = 0; h < tool->num_held; h++) nodes[h] = patch->space->near_node[tool->held[h]];
+    pliant_status status = pliant_solver_hold(patch->solver, index, tool->num_held, nodes, tool->weight, patch->solver->now.x);
+    pliant_free(nodes);
+    if (status == PLIANT_OK) memcpy(patch->solver->handles[index].force, tool->force, sizeof tool->force);
+    return status;
+}
+
+/* ---- the stage */
+
+static void move(const pliant_space *space, const double *by, double *x)
+{
+    for (int32_t i = 0; i < 3 * space->mesh.num_nodes; i++) x[i] += by[i] - space->mesh.rest[i];
+}
+
+/* The coarse model moved: the patch moves with it, and its load is what holds the fine elements there. */
+static void follow(pliant_patch *patch, const double *base)
+{
+    pliant_space *space = patch->space;
+    pliant_solver *solver = patch->solver;
+    size_t bytes = 3 * (size_t)space->mesh.num_nodes * sizeof *base;
+    near_positions(space, base, solver->trial.x); /* overwritten by the next trial */
+    if (solver->loaded && memcmp(solver->trial.x, space->mesh.rest, bytes) == 0) return;
+    move(space, solver->trial.x, solver->now.x);
+    if (solver->ahead) move(space, solver->trial.x, solver->left_x);
+    memcpy(space->mesh.rest, solver->trial.x, bytes);
+    pliant_system_element_forces(&space->system, space->mesh.rest, patch->element_forces);
+    pliant_system_gather(&space->system, patch->element_forces, solver->load);
+    solver->loaded = true;
+}
+
+/* largest distance between two states */
+static double largest_apart(int32_t nodes, const double *a, const double *b)
+{
+    double most = 0;
+    for (int32_t n = 0; n < nodes; n++) {
+        double squares = 0;
+        for (int d = 0; d < 3; d++) squares += (a[3 * n + d] - b[3 * n + d]) * (a[3 * n + d] - b[3 * n + d]);
+        most = fmax(most, squares);
+    }
+    return sqrt(most);
+}
+
+pliant_status pliant_patch_step(const pliant_model *model, pliant_data *data)
+{
+    pliant_patch *patch = data->patch;
+    pliant_statistics *statistics = &data->statistics, own = {.step = data->statistics.step};
+    statistics->patched = statistics->patch_iterations = 0;
+    statistics->patch_residual = statistics->patch_moved = 0;
+    if (!patch || !patch->space) return PLIANT_OK;
+    pliant_space *space = patch->space;
+    pliant_solver *solver = patch->solver;
+    solver->max_iterations = data->solver->max_iterations;
+    solver->tolerance = data->solver->tolerance;
+    if (data->solver->budget > 0) solver->budget = fmax(data->solver->budget - statistics->seconds[PLIANT_STEP_solve], 1e-9);
+    follow(patch, data->positions);
+    pliant_status status = pliant_solver_step(solver, &own);
+    pliant_space_positions(space, model->fine_system, data->positions, solver->now.x, data->positions);
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
+    if (status < 0) return status;
+    for (int t = 0; t < data->num_tools; t++) statistics->patched += serves(data, t);
+    statistics->patch_iterations = own.iterations;
+    statistics->patch_residual = own.residual;
+    statistics->patch_moved = largest_apart(space->mesh.num_nodes, solver->now.x, space->mesh.rest);
+    statistics->residual_force = fmax(statistics->residual_force, own.residual_force);
+    statistics->error = fmax(statistics->error, own.error);
+    statistics->rejected += own.rejected;
+    return status;
+}
+
+void pliant_patch_flatten(pliant_patch *patch)
+{
+    if (!patch->space) return;
+    memcpy(patch->solver->now.x, patch->space->mesh.rest, 3 * (size_t)patch->space->mesh.num_nodes * sizeof *patch->space->mesh.rest);
+    pliant_solver_forget(patch->solver);
+    patch->solver->ahead = false;
+    patch->solver->refused = patch->solver->slow = 0;
+}

@@ -1,0 +1,396 @@
+#include "fem/space.h"
+
+#include "core/fail.h"
+#include "fem/dense.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+static double dot(size_t n, const double *a, const double *b)
+{
+    double sum = 0;
+    for (size_t i = 0; i < n; i++) sum += a[i] * b[i];
+    return sum;
+}
+
+/* ---- in a step */
+
+pliant_status pliant_space_solve(pliant_space *space, const double *right, double *out)
+{
+    size_t n = 3 * (size_t)space->system.num_free, own = 3 * (size_t)space->num_own;
+    double *q = space->amplitude, *a = space->part;
+    for (int32_t f = 0; f < space->num_own; f++) memcpy(a + 3 * f, right + 3 * space->own[f], 3 * sizeof *a);
+    for (int32_t m = 0; m < space->num_modes; m++)
+        q[m] = dot(n, space->modes + n * (size_t)m, right) - dot(own, space->answers + own * (size_t)m, a);
+    if (space->num_modes > 0) pliant_dense_cholesky_solve(space->num_modes, space->schur, 1, q);
+    if (own > 0) {
+        pliant_status status = pliant_factor_solve(space->factor, 1, a, a);
+        if (status != PLIANT_OK) return status;
+    }
+    memset(out, 0, n * sizeof *out);
+    for (int32_t m = 0; m < space->num_modes; m++) {
+        for (size_t i = 0; i < n; i++) out[i] += q[m] * space->modes[n * (size_t)m + i];
+        for (size_t i = 0; i < own; i++) a[i] -= q[m] * space->answers[own * (size_t)m + i];
+    }
+    for (int32_t f = 0; f < space->num_own; f++)
+        for (int d = 0; d < 3; d++) out[3 * space->own[f] + d] += a[3 * f + d];
+    return PLIANT_OK;
+}
+
+/* q = M' (x - base) */
+static void amplitudes(pliant_space *space, const double *x)
+{
+    size_t n = 3 * (size_t)space->system.num_free;
+    for (int32_t m = 0; m < space->num_modes; m++) {
+        const double *mode = space->outer + n * (size_t)m;
+        double sum = 0;
+        for (int32_t f = 0; f < space->system.num_free; f++) {
+            size_t at = 3 * (size_t)space->system.node_of_free[f];
+            for (size_t d = 0; d < 3; d++) sum += mode[3 * (size_t)f + d] * (x[at + d] - space->mesh.rest[at + d]);
+        }
+        space->amplitude[m] = sum;
+    }
+}
+
+void pliant_space_far_forces(pliant_space *space, const double *x, double *forces)
+{
+    size_t n = 3 * (size_t)space->system.num_free;
+    amplitudes(space, x);
+    for (int32_t k = 0; k < space->num_modes; k++) {
+        double force = dot((size_t)space->num_modes, space->far + k * space->num_modes, space->amplitude);
+        for (size_t i = 0; i < n; i++) forces[i] += force * space->outer[n * (size_t)k + i];
+    }
+}
+
+void pliant_space_positions(pliant_space *space, const pliant_system *fine, const double *base, const double *x, double *out)
+{
+    size_t n = 3 * (size_t)fine->num_free;
+    amplitudes(space, x);
+    if (out != base) memcpy(out, base, 3 * (size_t)fine->mesh->num_nodes * sizeof *out);
+    for (int32_t m = 0; m < space->num_modes; m++)
+        for (int32_t f = 0; f < fine->num_free; f++)
+            for (int d = 0; d < 3; d++)
+                out[3 * fine->node_of_free[f] + d] += space->amplitude[m] * space->whole[n * (size_t)m + 3 * (size_t)f + (size_t)d];
+    for (int32_t v = 0; v < space->mesh.num_nodes; v++) memcpy(out + 3 * space->fine_node[v], x + 3 * v, 3 * sizeof *out);
+}
+
+/* ---- making it */
+
+/* what is needed only while it is made */
+typedef struct space_builder {
+    const pliant_system *fine;
+    pliant_linearized *linearized;
+    pliant_space *space;
+    double *centres;               /* (num_footholds x 3) at rest */
+    uint8_t *near_tet;             /* (fine tetrahedra) */
+    pliant_tet_material *material; /* (near tetrahedra) */
+    uint8_t *still;                /* (near nodes) */
+    uint8_t *is_own;               /* (near unknowns) */
+    pliant_linearized near;        /* the near part around the same state */
+    double *near_x;                /* (near nodes x 3) */
+    pliant_tangent *tangents;
+    double *image;                 /* Q: (num_modes x 3 near unknowns) */
+} space_builder;
+
+static bool within(const space_builder *build, int32_t num_centres, const double *rest, double radius)
+{
+    for (int32_t c = 0; c < num_centres; c++) {
+        double squares = 0;
+        for (int d = 0; d < 3; d++) squares += pow(rest[d] - build->centres[3 * c + d], 2);
+        if (squares <= radius * radius) return true;
+    }
+    return false;
+}
+
+/* nodes and tetrahedra within twice the radius; a tetrahedron is when one of its corners is, or is held */
+static pliant_status near_mesh(space_builder *build, const pliant_tet_material *material, double radius, int32_t num_footholds,
+                               const pliant_foothold *footholds)
+{
+    const pliant_mesh *fine = build->fine->mesh;
+    pliant_space *space = build->space;
+    pliant_mesh *mesh = &space->mesh;
+    uint8_t *close = pliant_calloc((size_t)fine->num_nodes, 1);
+    build->centres = pliant_calloc((size_t)num_footholds, 3 * sizeof *build->centres);
+    build->near_tet = pliant_calloc((size_t)fine->num_tets, 1);
+    space->near_node = pliant_calloc((size_t)fine->num_nodes, sizeof *space->near_node);
+    pliant_status status = PLIANT_ERROR_MEMORY;
+    if (!close || !build->centres || !build->near_tet || !space->near_node) goto done;
+    for (int32_t t = 0; t < num_footholds; t++)
+        for (int32_t h = 0; h < footholds[t].count; h++) {
+            close[footholds[t].nodes[h]] = 1;
+            for (int d = 0; d < 3; d++) build->centres[3 * t + d] += footholds[t].weights[h] * fine->rest[3 * footholds[t].nodes[h] + d];
+        }
+    for (int32_t n = 0; n < fine->num_nodes; n++) close[n] = close[n] || within(build, num_footholds, fine->rest + 3 * n, 2 * radius);
+    for (int32_t v = 0; v < 4 * fine->num_tets; v++) build->near_tet[v / 4] |= close[fine->tets[v]];
+    for (int32_t v = 0; v < 4 * fine->num_tets; v++)
+        if (build->near_tet[v / 4]) space->near_node[fine->tets[v]] = 1;
+    for (int32_t t = 0; t < fine->num_tets; t++) mesh->num_tets += build->near_tet[t];
+    for (int32_t n = 0; n < fine->num_nodes; n++) space->near_node[n] = space->near_node[n] ? mesh->num_nodes++ : -1;
+    memcpy(mesh->cells, fine->cells, sizeof mesh->cells);
+    memcpy(mesh->cell_size, fine->cell_size, sizeof mesh->cell_size);
+    mesh->rest = pliant_calloc((size_t)mesh->num_nodes, 3 * sizeof *mesh->rest);
+    mesh->tets = pliant_calloc((size_t)mesh->num_tets, 4 * sizeof *mesh->tets);
+    space->fine_node = pliant_calloc((size_t)mesh->num_nodes, sizeof *space->fine_node);
+    build->material = pliant_calloc((size_t)mesh->num_tets, sizeof *build->material);
+    if (!mesh->rest || !mesh->tets || !space->fine_node || !build->material) goto done;
+    for (int32_t n = 0; n < fine->num_nodes; n++) {
+        if (space->near_node[n] < 0) continue;
+        space->fine_node[space->near_node[n]] = n;
+        memcpy(mesh->rest + 3 * space->near_node[n], fine->rest + 3 * n, 3 * sizeof *mesh->rest);
+    }
+    int32_t next = 0;
+    for (int32_t t = 0; t < fine->num_tets; t++) {
+        if (!build->near_tet[t]) continue;
+        for (int v = 0; v < 4; v++) mesh->tets[4 * next + v] = space->near_node[fine->tets[4 * t + v]];
+        build->material[next++] = material[t];
+    }
+    status = PLIANT_OK;
+done:
+    pliant_free(close);
+    return status == PLIANT_OK ? PLIANT_OK : pliant_fail_memory("a patch");
+}
+
+static pliant_status near_system(space_builder *build, const uint8_t *fixed)
+{
+    pliant_space *space = build->space;
+    pliant_system *system = &space->system;
+    system->mesh = system->fine = &space->mesh;
+    system->num_threads = 1;
+    build->still = pliant_calloc((size_t)space->mesh.num_nodes, 1);
+    build->near_x = pliant_calloc((size_t)space->mesh.num_nodes, 3 * sizeof *build->near_x);
+    if (!build->still || !build->near_x) return pliant_fail_memory("a patch");
+    for (int32_t n = 0; n < space->mesh.num_nodes; n++) {
+        build->still[n] = fixed[space->fine_node[n]];
+        memcpy(build->near_x + 3 * n, build->linearized->x + 3 * space->fine_node[n], 3 * sizeof *build->near_x);
+    }
+    pliant_status status = pliant_system_elements(system, build->material);
+    if (status == PLIANT_OK) status = pliant_system_unknowns(system, build->still);
+    if (status == PLIANT_OK) status = pliant_linearized_create(system, build->near_x, &build->near);
+    if (status != PLIANT_OK) return status;
+    system->mean_diagonal = pliant_system_mean_diagonal(system);
+    build->tangents = pliant_calloc((size_t)system->num_blocks, sizeof *build->tangents);
+    return build->tangents ? PLIANT_OK : pliant_fail_memory("a patch");
+}
+
+/* The factor of K_pp, at the exact tangent where that is positive definite. */
+static pliant_status own_factor(space_builder *build, int32_t num_centres, double radius)
+{
+    pliant_space *space = build->space;
+    const pliant_system *system = &space->system;
+    build->is_own = pliant_calloc((size_t)system->num_free, 1);
+    space->own = pliant_calloc((size_t)system->num_free, sizeof *space->own);
+    if (!build->is_own || !space->own) return pliant_fail_memory("a patch");
+    for (int32_t f = 0; f < system->num_free; f++) {
+        int32_t node = system->node_of_free[f];
+        build->is_own[f] = within(build, num_centres, space->mesh.rest + 3 * node, radius);
+        if (build->is_own[f]) space->own[space->num_own++] = f;
+        else build->still[node] = 1;
+    }
+    pliant_system_tangents(system, build->near_x, PLIANT_TWIST_EXACT, build->tangents);
+    if (space->num_own == 0) return PLIANT_OK;
+    pliant_system inner = {.mesh = system->mesh, .fine = system->fine, .num_threads = 1, .num_blocks = system->num_blocks,
+                           .gradients = system->gradients, .lame = system->lame};
+    double *values = NULL;
+    pliant_status status = pliant_system_unknowns(&inner, build->still);
+    if (status == PLIANT_OK) status = pliant_factor_analyze(&inner.pattern, &space->factor);
+    if (status == PLIANT_OK && !(values = pliant_calloc((size_t)inner.pattern.num_values, sizeof *values))) status = pliant_fail_memory("a patch");
+    for (int twist = PLIANT_TWIST_EXACT; status == PLIANT_OK && twist <= PLIANT_TWIST_POSITIVE; twist++) {
+        if (twist != PLIANT_TWIST_EXACT) pliant_system_tangents(system, build->near_x, (pliant_twist)twist, build->tangents);
+        pliant_system_assemble(&inner, build->tangents, values);
+        status = pliant_factor_numeric(space->factor, values);
+        if (status != PLIANT_ERROR_NUMERIC || twist == PLIANT_TWIST_POSITIVE) break;
+        status = PLIANT_OK;
+    }
+    pliant_free(values);
+    inner.gradients = NULL; /* the system's */
+    inner.lame = NULL;
+    pliant_system_clear(&inner);
+    return status;
+}
+
+/* The footholds' modes, made orthonormal on the near part's nodes that are not the patch's own (Gram and Schmidt, twice); those
+ * that are combinations of others there are left out. */
+static pliant_status orthonormal_modes(space_builder *build, int32_t num_footholds, const pliant_foothold *footholds)
+{
+    const double dependent = 1e-6;
+    pliant_space *space = build->space;
+    size_t n = 3 * (size_t)space->system.num_free, all = 3 * (size_t)build->fine->num_free;
+    size_t most = PLIANT_RESPONSE_MODES * (size_t)num_footholds;
+    space->modes = pliant_calloc(n * most, sizeof *space->modes);
+    space->outer = pliant_calloc(n * most, sizeof *space->outer);
+    space->whole = pliant_calloc(all * most, sizeof *space->whole);
+    if (!space->modes || !space->outer || !space->whole) return pliant_fail_memory("a patch");
+    for (size_t k = 0; k < most; k++) {
+        double *mode = space->modes + n * (size_t)space->num_modes, *outer = space->outer + n * (size_t)space->num_modes;
+        double *whole = space->whole + all * (size_t)space->num_modes;
+        memcpy(whole, footholds[k / PLIANT_RESPONSE_MODES].modes + all * (k % PLIANT_RESPONSE_MODES), all * sizeof *whole);
+        for (int32_t f = 0; f < space->system.num_free; f++) {
+            size_t from = 3 * (size_t)build->fine->free_of_node[space->fine_node[space->system.node_of_free[f]]];
+            memcpy(mode + 3 * f, whole + from, 3 * sizeof *mode);
+            for (int d = 0; d < 3; d++) outer[3 * f + d] = build->is_own[f] ? 0 : mode[3 * f + d];
+        }
+        double size = sqrt(dot(n, outer, outer));
+        for (int pass = 0; pass < 2; pass++)
+            for (int32_t m = 0; m < space->num_modes; m++) {
+                double along = dot(n, space->outer + n * (size_t)m, outer);
+                for (size_t i = 0; i < n; i++) {
+                    mode[i] -= along * space->modes[n * (size_t)m + i];
+                    outer[i] -= along * space->outer[n * (size_t)m + i];
+                }
+                for (size_t i = 0; i < all; i++) whole[i] -= along * space->whole[all * (size_t)m + i];
+            }
+        double left = sqrt(dot(n, outer, outer));
+        if (!isfinite(left)) return pliant_fail(PLIANT_ERROR_NUMERIC, "the response of the fine mesh is not finite");
+        if (!(left > dependent * size)) continue;
+        for (size_t i = 0; i < n; i++) {
+            mode[i] /= left;
+            outer[i] /= left;
+        }
+        for (size_t i = 0; i < all; i++) whole[i] /= left;
+        space->num_modes++;
+    }
+    return PLIANT_OK;
+}
+
+/* A = E' (K - K_near) E */
+static pliant_status far_stiffness(space_builder *build)
+{
+    pliant_space *space = build->space;
+    size_t n = 3 * (size_t)space->system.num_free, all = 3 * (size_t)build->fine->num_free, count = (size_t)space->num_modes;
+    space->far = pliant_calloc(count * count, sizeof *space->far);
+    double *room = pliant_calloc(all, sizeof *room), *product = pliant_calloc(all, sizeof *product);
+    pliant_status status = space->far && room && product ? PLIANT_OK : pliant_fail_memory("a patch");
+    for (size_t l = 0; status == PLIANT_OK && l < count; l++) {
+        pliant_linearized_product(build->linearized, space->whole + all * l, room, product);
+        for (size_t k = 0; k < count; k++) space->far[k * count + l] = dot(all, space->whole + all * k, product);
+        pliant_linearized_product(&build->near, space->modes + n * l, room, product);
+        for (size_t k = 0; k < count; k++) space->far[k * count + l] -= dot(n, space->modes + n * k, product);
+    }
+    for (size_t k = 0; status == PLIANT_OK && k < count; k++)
+        for (size_t l = 0; l < k; l++) space->far[k * count + l] = space->far[l * count + k] = 0.5 * (space->far[k * count + l] + space->far[l * count + k]);
+    pliant_free(room);
+    pliant_free(product);
+    return status;
+}
+
+/* Q = K_near E + M A */
+static pliant_status images(space_builder *build)
+{
+    pliant_space *space = build->space;
+    const pliant_system *system = &space->system;
+    size_t n = 3 * (size_t)system->num_free;
+    build->image = pliant_calloc(n * (size_t)space->num_modes, sizeof *build->image);
+    if (!build->image) return pliant_fail_memory("a patch");
+    for (int32_t t = 0; t < space->mesh.num_tets; t++) {
+        double stiffness[144];
+        pliant_system_element(system, build->tangents, t, stiffness);
+        for (int32_t m = 0; m < space->num_modes; m++)
+            for (int i = 0; i < 12; i++) {
+                int32_t row = system->free_of_node[space->mesh.tets[4 * t + i / 3]];
+                for (int j = 0; row >= 0 && j < 12; j++) {
+                    int32_t column = system->free_of_node[space->mesh.tets[4 * t + j / 3]];
+                    if (column >= 0)
+                        build->image[n * (size_t)m + 3 * (size_t)row + (size_t)(i % 3)] +=
+                            stiffness[12 * i + j] * space->modes[n * (size_t)m + 3 * (size_t)column + (size_t)(j % 3)];
+                }
+            }
+    }
+    for (int32_t m = 0; m < space->num_modes; m++)
+        for (int32_t k = 0; k < space->num_modes; k++)
+            for (size_t i = 0; i < n; i++) build->image[n * (size_t)m + i] += space->far[k * space->num_modes + m] * space->outer[n * (size_t)k + i];
+    return PLIANT_OK;
+}
+
+static pliant_status reduce(space_builder *build)
+{
+    pliant_space *space = build->space;
+    size_t n = 3 * (size_t)space->system.num_free, own = 3 * (size_t)space->num_own, count = (size_t)space->num_modes;
+    if (own > 0 && !(space->part = pliant_calloc(own, sizeof *space->part))) return pliant_fail_memory("a patch");
+    if (count == 0) return PLIANT_OK;
+    pliant_status status = far_stiffness(build);
+    if (status == PLIANT_OK) status = images(build);
+    if (status != PLIANT_OK) return status;
+    space->amplitude = pliant_calloc(count, sizeof *space->amplitude);
+    space->schur = pliant_calloc(count * count, sizeof *space->schur);
+    if (own > 0) space->answers = pliant_calloc(own * count, sizeof *space->answers);
+    if (!space->amplitude || !space->schur || (own > 0 && !space->answers)) return pliant_fail_memory("a patch");
+    for (size_t m = 0; m < count; m++)
+        for (int32_t f = 0; f < space->num_own; f++)
+            memcpy(space->answers + own * m + 3 * f, build->image + n * m + 3 * space->own[f], 3 * sizeof(double));
+    for (size_t m = 0; m < count && own > 0 && status == PLIANT_OK; m++) {
+        memcpy(space->part, space->answers + own * m, own * sizeof *space->part);
+        status = pliant_factor_solve(space->factor, 1, space->part, space->part);
+        for (size_t k = 0; k < count; k++) space->schur[k * count + m] = -dot(own, space->answers + own * k, space->part);
+        /* the rows above are still those of Q for the columns to come: the answers are put in place below */
+    }
+    for (size_t m = 0; m < count && own > 0 && status == PLIANT_OK; m++)
+        status = pliant_factor_solve(space->factor, 1, space->answers + own * m, space->answers + own * m);
+    if (status != PLIANT_OK) return status;
+    for (size_t k = 0; k < count; k++)
+        for (size_t m = 0; m <= k; m++) {
+            double whole = 0.5 * (dot(n, space->modes + n * k, build->image + n * m) + dot(n, space->modes + n * m, build->image + n * k));
+            space->schur[k * count + m] = 0.5 * (space->schur[k * count + m] + space->schur[m * count + k]) + whole;
+        }
+    if (pliant_dense_cholesky((int32_t)count, space->schur)) return PLIANT_OK;
+    return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness around the hold is not positive definite");
+}
+
+static void builder_clear(space_builder *build)
+{
+    pliant_free(build->centres);
+    pliant_free(build->near_tet);
+    pliant_free(build->material);
+    pliant_free(build->still);
+    pliant_free(build->is_own);
+    pliant_free(build->near_x);
+    pliant_free(build->tangents);
+    pliant_free(build->image);
+    pliant_linearized_free(&build->near);
+}
+
+pliant_status pliant_space_create(const pliant_system *fine, pliant_linearized *linearized, const pliant_tet_material *material,
+                                  const uint8_t *fixed, double radius, int32_t num_footholds, const pliant_foothold *footholds,
+                                  int num_threads, pliant_space **out)
+{
+    pliant_space *space = pliant_calloc(1, sizeof *space);
+    if (!space) return pliant_fail_memory("a patch");
+    space_builder build = {.fine = fine, .linearized = linearized, .space = space};
+    pliant_status status = near_mesh(&build, material, radius, num_footholds, footholds);
+    if (status == PLIANT_OK) status = near_system(&build, fixed);
+    if (status == PLIANT_OK) status = own_factor(&build, num_footholds, radius);
+    if (status == PLIANT_OK) status = orthonormal_modes(&build, num_footholds, footholds);
+    if (status == PLIANT_OK) status = reduce(&build);
+    space->system.num_threads = num_threads;
+    space->system.space = space;
+    if (status == PLIANT_OK) status = pliant_preconditioner_within(space, &space->system, &space->system.preconditioner);
+    builder_clear(&build);
+    if (status != PLIANT_OK) {
+        pliant_space_free(space);
+        return status;
+    }
+    *out = space;
+    return PLIANT_OK;
+}
+
+size_t pliant_space_bytes(const pliant_space *space) { return pliant_factor_bytes(space->factor); }
+
+void pliant_space_free(pliant_space *space)
+{
+    if (!space) return;
+    pliant_system_clear(&space->system);
+    pliant_mesh_free(&space->mesh);
+    pliant_factor_free(space->factor);
+    pliant_free(space->fine_node);
+    pliant_free(space->near_node);
+    pliant_free(space->own);
+    pliant_free(space->modes);
+    pliant_free(space->outer);
+    pliant_free(space->whole);
+    pliant_free(space->far);
+    pliant_free(space->answers);
+    pliant_free(space->schur);
+    pliant_free(space->amplitude);
+    pliant_free(space->part);
+    pliant_free(space);
+}

@@ -1,0 +1,73 @@
+/* Where a patch's solution is looked for, on the fine mesh around what tools hold, relative to where the coarse model has it:
+ *
+ *   own      nodes within the patch's radius of a tool's hold: they move freely;
+ *   modes    all nodes: a few fields that are the fine mesh's answer to forces on the holds (response.h).
+ *
+ * u = a + E q, a on the patch's own nodes. Galerkin: only the projections of the forces on these count. Elements within twice
+ * the radius are corotational (the near part, a mesh of its own); beyond, the body answers linearly, by the reduced stiffness
+ * A = E' K_far E. E is orthonormal on the near part's nodes that are not the patch's own: there a is zero, so that q = M'u with
+ * M = E on those rows and zero elsewhere, and what lies beyond pulls with M A q.
+ *
+ * What stands for the inverse stiffness is that of the space: with own rows p,
+ *     K_pp a + Q_p q = r_p,   Q_p' a + E'Q q = E'r,   Q = (K_near + M A M') E
+ * by a factor of K_pp and the Schur complement on q. */
+#ifndef PLIANT_FEM_SPACE_H
+#define PLIANT_FEM_SPACE_H
+
+#include "fem/response.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct pliant_space {
+    pliant_mesh mesh;         /* the near part; rest is where the coarse model has the nodes now: displacements count from there */
+    pliant_system system;     /* of it; its preconditioner is this space's */
+    int32_t *fine_node;       /* (mesh.num_nodes) */
+    int32_t *near_node;       /* (fine nodes) or -1 */
+    int32_t num_own;
+    int32_t *own;             /* (num_own) unknowns of the system */
+    pliant_factor *factor;    /* of K_pp */
+    int32_t num_modes;
+    double *modes;            /* E: (num_modes x 3 system.num_free) */
+    double *outer;            /* M: the same, own rows zero */
+    double *whole;            /* E on the fine mesh: (num_modes x 3 fine free nodes) */
+    double *far;              /* A: (num_modes x num_modes) [N/m] */
+    double *answers;          /* K_pp^-1 Q_p: (num_modes x 3 num_own) */
+    double *schur;            /* (num_modes x num_modes) Cholesky factor */
+    double *amplitude, *part; /* (num_modes), (3 num_own) room */
+};
+
+/* Where tools hold. */
+typedef struct pliant_foothold {
+    int32_t count;
+    int32_t *nodes;           /* (count) fine nodes */
+    double *weights;          /* (count) sum 1 */
+    double *modes;            /* (9 x 3 fine free nodes), pliant_response_modes */
+} pliant_foothold;
+
+/* Errors: MEMORY, NUMERIC, SCENE (nothing around the holds can move).
+ * @param fine        the system of the fine mesh
+ * @param linearized  around the state that the stiffness is taken at
+ * @param material    (fine tetrahedra)
+ * @param fixed       (fine nodes)
+ * @param radius      of the patch, at rest [m]
+ * @param num_threads of steps */
+pliant_status pliant_space_create(const pliant_system *fine, pliant_linearized *linearized, const pliant_tet_material *material,
+                                  const uint8_t *fixed, double radius, int32_t num_footholds, const pliant_foothold *footholds,
+                                  int num_threads, pliant_space **out);
+void pliant_space_free(pliant_space *space); /* Nullable */
+size_t pliant_space_bytes(const pliant_space *space); /* beyond pliant_memory_in_use */
+
+/* out = (the space's stiffness)^-1 right, (3 system.num_free); may be the same. Errors: MEMORY. */
+pliant_status pliant_space_solve(pliant_space *space, const double *right, double *out);
+/* Add what lies beyond: x (3 mesh.num_nodes), forces (3 system.num_free) [N]. */
+void pliant_space_far_forces(pliant_space *space, const double *x, double *forces);
+/* Fine positions: base (3 fine nodes) and the displacement that x stands for. base and out may be the same. */
+void pliant_space_positions(pliant_space *space, const pliant_system *fine, const double *base, const double *x, double *out);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
