@@ -113,6 +113,9 @@ void timing_print(const step_times *times, const pliant_model *model, const plia
             (double)times->iterations / (double)times->num_steps, statistics->residual,
             (unsigned long long)statistics->not_converged, (unsigned long long)statistics->failed,
             (int)pliant_mesh_inverted(&model->fine, data->positions));
+    if (statistics->patched > 0)
+        fprintf(file, "patch: %d tools, %d iterations, residual %.2g, moves nodes by up to %.3g mm\n", (int)statistics->patched,
+                (int)statistics->patch_iterations, statistics->patch_residual, 1e3 * statistics->patch_moved);
 }
 
 void timing_print_build(const pliant_model *model, FILE *file)

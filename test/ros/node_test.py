@@ -266,7 +266,7 @@ class NodeTest(unittest.TestCase):
     def test_rates_and_timing(self):
         timing = Latest("timing", StepTiming)
         message = timing.fresh()
-        self.assertEqual(list(message.stage), ["interact", "solve", "upsample", "warp"])
+        self.assertEqual(list(message.stage), ["interact", "solve", "upsample", "patch", "warp"])
         self.assertEqual(len(message.seconds), 4)
         self.assertEqual(message.failed, 0)
         count, start = self.node.mesh.count, time.time()

@@ -1,0 +1,277 @@
+// Patches around what tools hold (model/patch), against the fine solution.
+#include "body.h"
+
+#include "pliant/memory.h"
+
+#include <string>
+
+namespace {
+
+const double side = 0.2;
+const double top[3] = {0.11, 0.1, 0.19}, beside[3] = {0.19, 0.06, 0.12};
+
+class Patched {
+public:
+    const int size[3] = {24, 24, 24};
+    const double box[3] = {side, side, side};
+    Body body{size, box, {{4000, 0.45, 1000, false}, {30000, 0.3, 1000, false}}, [](int i, int j, int k) { return (i / 6 + j / 5 + k / 7) % 2; }};
+
+    explicit Patched(pliant_method method, double patch, int ratio = 2)
+    {
+        body.fix_plane(0, 0, 0, 0, 0, 1);
+        body.cells(4, 4, 4, ratio);
+        body.scene.model.method = method;
+        body.scene.model.patch = patch;
+        body.scene.grasp.radius = 0.012;
+        EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    }
+    int take(const char *name, const double at[3])
+    {
+        int tool = -1;
+        EXPECT_EQ(pliant_tool_add(body.model, body.data, name, &tool), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, at), PLIANT_OK) << pliant_last_error();
+        return tool;
+    }
+    // until as many tools pull at the patch
+    void wait(int tools)
+    {
+        for (int s = 0; body.scene.model.patch > 0 && body.data->statistics.patched != tools && s < 50; s++) ASSERT_GE(pliant_step(body.model, body.data), 0);
+        if (body.scene.model.patch > 0) ASSERT_EQ(body.data->statistics.patched, tools);
+    }
+    void pull(int tool, const double from[3], double x, double y, double z)
+    {
+        const double tip[3] = {from[0] + x, from[1] + y, from[2] + z};
+        ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+    }
+    std::vector<double> positions() const { return {body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes}; }
+    std::vector<double> rest() const { return {body.model->fine.rest, body.model->fine.rest + 3 * body.model->fine.num_nodes}; }
+};
+
+double apart(const std::vector<double> &a, const std::vector<double> &b)
+{
+    EXPECT_EQ(a.size(), b.size());
+    double most = 0;
+    for (size_t n = 0; n < a.size(); n += 3) most = std::fmax(most, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
+    return most;
+}
+
+// pulled by a vector, solved; the force in Newton as well
+std::vector<double> pulled(Patched &patched, const double by[3], double force[3])
+{
+    int tool = patched.take("tool", top);
+    double from[3];
+    std::memcpy(from, patched.body.data->tools[tool].tip, sizeof from);
+    patched.wait(1);
+    for (int s = 1; s <= 10; s++) {
+        patched.pull(tool, from, by[0] * s / 10, by[1] * s / 10, by[2] * s / 10);
+        EXPECT_GE(pliant_step(patched.body.model, patched.body.data), 0) << pliant_last_error();
+    }
+    EXPECT_EQ(patched.body.settle(), PLIANT_OK);
+    std::memcpy(force, patched.body.data->tools[tool].force, 3 * sizeof *force);
+    return patched.positions();
+}
+
+TEST(GrabPatch, SmallPullsAreTheFineSolutionWhateverTheMethod)
+{
+    const double by[3] = {1e-5, -2e-5, 3e-5};
+    double force[3], found[3];
+    Patched fine(PLIANT_FINE, 0);
+    const std::vector<double> exact = pulled(fine, by, force);
+    const double moved = apart(exact, fine.rest());
+    for (pliant_method method : {PLIANT_COARSE, PLIANT_SCHUR, PLIANT_AVERAGED, PLIANT_CALIBRATED}) {
+        Patched patched(method, 0.04), bare(method, 0);
+        EXPECT_LT(apart(pulled(patched, by, found), exact), 2e-3 * moved) << method;
+        for (int d = 0; d < 3; d++) EXPECT_NEAR(found[d], force[d], 2e-3 * std::fabs(force[2])) << method;
+        EXPECT_GT(apart(pulled(bare, by, found), exact), 0.1 * moved) << method;
+        EXPECT_GT(patched.body.data->statistics.patch_iterations, 0);
+        EXPECT_LE(patched.body.data->statistics.patch_residual, patched.body.scene.solver.tolerance);
+        EXPECT_NEAR(patched.body.data->statistics.patch_moved, moved, 0.01 * moved);
+    }
+}
+
+TEST(GrabPatch, LargePullsAreNearTheFineSolution)
+{
+    const double by[3] = {0.012, -0.015, 0.025};
+    double force[3], found[3];
+    Patched fine(PLIANT_FINE, 0), patched(PLIANT_AVERAGED, 0.05);
+    const std::vector<double> exact = pulled(fine, by, force), near = pulled(patched, by, found);
+    EXPECT_LT(apart(near, exact), 0.05 * apart(exact, fine.rest()));
+    for (int d = 0; d < 3; d++) EXPECT_NEAR(found[d], force[d], 0.05 * std::fabs(force[2]));
+    // the same by that force
+    Patched by_force(PLIANT_AVERAGED, 0.05);
+    int tool = by_force.take("tool", top);
+    by_force.wait(1);
+    ASSERT_EQ(pliant_tool_drive(by_force.body.data, tool, PLIANT_DRIVE_FORCE, found), PLIANT_OK);
+    EXPECT_EQ(by_force.body.settle(), PLIANT_OK);
+    EXPECT_LT(apart(by_force.positions(), near), 1e-4 * apart(near, patched.rest()));
+}
+
+TEST(GrabPatch, NothingHeldIsTheSameBits)
+{
+    Patched with(PLIANT_AVERAGED, 0.04), without(PLIANT_AVERAGED, 0);
+    const double gravity[3] = {1, 2, -5};
+    for (Patched *each : {&with, &without}) {
+        ASSERT_EQ(pliant_data_gravity(each->body.data, gravity), PLIANT_OK);
+        for (int s = 0; s < 6; s++) ASSERT_GE(pliant_step(each->body.model, each->body.data), 0);
+    }
+    EXPECT_EQ(with.positions(), without.positions());
+    EXPECT_EQ(with.body.data->statistics.patched, 0);
+}
+
+TEST(GrabPatch, HoldingStillMovesNothingAndLettingGoFreesAll)
+{
+    Patched patched(PLIANT_AVERAGED, 0.04);
+    const double gravity[3] = {1, 2, -5};
+    ASSERT_EQ(pliant_data_gravity(patched.body.data, gravity), PLIANT_OK);
+    ASSERT_EQ(patched.body.settle(), PLIANT_OK);
+    ASSERT_EQ(pliant_step(patched.body.model, patched.body.data), PLIANT_OK);
+    const std::vector<double> before = patched.positions();
+    for (int round = 0; round < 2; round++) {
+        size_t bytes = pliant_memory_in_use();
+        int tool = patched.take("tool", round ? beside : top);
+        double from[3];
+        std::memcpy(from, patched.body.data->tools[tool].tip, sizeof from);
+        patched.wait(1);
+        EXPECT_LT(apart(patched.positions(), before), 1e-8);
+        patched.pull(tool, from, 0.01, 0, 0.01);
+        ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
+        EXPECT_GT(apart(patched.positions(), before), 0.01);
+        pliant_tool_release(patched.body.data, tool);
+        for (int s = 0; s < 3; s++) ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
+        EXPECT_LT(apart(patched.positions(), before), 1e-8);
+        EXPECT_EQ(patched.body.data->statistics.patched, 0);
+        if (round > 0) EXPECT_LE(pliant_memory_in_use(), bytes); // what the first one made stays: the factor for responses
+    }
+    ASSERT_EQ(pliant_data_reset(patched.body.model, patched.body.data), PLIANT_OK);
+    EXPECT_EQ(patched.positions(), patched.rest());
+}
+
+TEST(GrabPatch, SeveralToolsOneAfterTheOther)
+{
+    std::vector<std::vector<double>> states[2];
+    for (pliant_method method : {PLIANT_FINE, PLIANT_AVERAGED}) {
+        Patched run(method, 0.04);
+        double from[3], from_beside[3];
+        int first = run.take("first", top);
+        std::memcpy(from, run.body.data->tools[first].tip, sizeof from);
+        if (method != PLIANT_FINE) run.wait(1);
+        run.pull(first, from, 1e-4, 0, 2e-4);
+        ASSERT_EQ(run.body.settle(), PLIANT_OK);
+        states[method == PLIANT_FINE].push_back(run.positions());
+        int second = run.take("second", beside); // while the first one pulls
+        std::memcpy(from_beside, run.body.data->tools[second].tip, sizeof from_beside);
+        if (method != PLIANT_FINE) run.wait(2);
+        run.pull(second, from_beside, 2e-4, 1e-4, 0);
+        ASSERT_EQ(run.body.settle(), PLIANT_OK);
+        states[method == PLIANT_FINE].push_back(run.positions());
+        pliant_tool_release(run.body.data, first);
+        ASSERT_GE(pliant_step(run.body.model, run.body.data), 0);
+        ASSERT_EQ(run.body.settle(), PLIANT_OK);
+        states[method == PLIANT_FINE].push_back(run.positions());
+        if (method != PLIANT_FINE) EXPECT_EQ(run.body.data->statistics.patched, 1);
+        first = run.take("first", top); // again: the second one goes on
+        if (method != PLIANT_FINE) run.wait(2);
+        ASSERT_EQ(run.body.settle(), PLIANT_OK);
+        states[method == PLIANT_FINE].push_back(run.positions());
+        if (method != PLIANT_FINE) continue;
+        for (const std::vector<double> &state : states[1]) EXPECT_GT(apart(state, run.rest()), 1e-4);
+    }
+    for (size_t s = 0; s < states[0].size(); s++) EXPECT_LT(apart(states[0][s], states[1][s]), 0.02 * 2.5e-4) << s;
+}
+
+TEST(GrabPatch, TheSameBitsWithAnyNumberOfThreads)
+{
+    std::vector<double> ends[2];
+    for (int run = 0; run < 2; run++) {
+        Patched patched(PLIANT_COARSE, 0.04);
+        patched.body.scene.solver.threads = run ? 1 : 2;
+        patched.body.scene.solver.iterations = 4;
+        ASSERT_EQ(patched.body.build(), PLIANT_OK);
+        int tool = patched.take("tool", top);
+        for (int s = 1; s <= 12; s++) { // pulled before the patch is there, and after
+            patched.pull(tool, top, 0, 0.001 * s, 0.002 * s);
+            ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
+        }
+        EXPECT_EQ(patched.body.data->statistics.patched, 1);
+        ends[run] = patched.positions();
+    }
+    EXPECT_EQ(ends[0], ends[1]);
+}
+
+TEST(GrabPatch, ExtremePullsEndAndComeBack)
+{
+    Patched patched(PLIANT_AVERAGED, 0.04);
+    int tool = patched.take("tool", top);
+    double from[3];
+    std::memcpy(from, patched.body.data->tools[tool].tip, sizeof from);
+    patched.wait(1);
+    ASSERT_EQ(pliant_data_limits(patched.body.data, 6, 1e-3), PLIANT_OK);
+    for (double far : {0.3, 2.0, -2.0})
+        for (int s = 0; s < 5; s++) {
+            patched.pull(tool, from, far, 0.3 * far, far);
+            ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0) << pliant_last_error();
+            for (double x : patched.positions()) ASSERT_TRUE(std::isfinite(x));
+        }
+    patched.pull(tool, from, 0, 0, 0);
+    EXPECT_EQ(patched.body.settle(200), PLIANT_OK);
+    EXPECT_LT(apart(patched.positions(), patched.rest()), 1e-3 * side);
+}
+
+TEST(GrabPatch, RunsOnTheCpuOnly)
+{
+    Patched patched(PLIANT_AVERAGED, 0.04);
+    patched.body.scene.solver.backend = PLIANT_CUDA;
+    EXPECT_EQ(patched.body.build(), PLIANT_ERROR_UNAVAILABLE);
+    EXPECT_NE(std::string(pliant_last_error()).find("model/patch"), std::string::npos) << pliant_last_error();
+    patched.body.scene.solver.backend = PLIANT_AUTO;
+    ASSERT_EQ(patched.body.build(), PLIANT_OK) << pliant_last_error();
+    EXPECT_STREQ(pliant_data_backend(patched.body.data), "cpu");
+}
+
+TEST(GrabPatch, SurvivesEveryFailureOfAllocation)
+{
+    const int size[3] = {8, 8, 8};
+    const double box[3] = {side, side, side};
+    Body body(size, box, {{4000, 0.45, 1000, false}});
+    body.fix_plane(0, 0, 0, 0, 0, 1);
+    body.cells(2, 2, 2, 2);
+    body.scene.model.method = PLIANT_AVERAGED;
+    body.scene.model.patch = 0.05;
+    body.scene.solver.iterations = 6;
+    body.scene.solver.tolerance = 1e-3;
+    body.scene.solver.refresh_interval = 0;
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    size_t before = pliant_memory_in_use();
+    int failed = 0, refused = 0;
+    bool whole = false;
+    for (int64_t calls = 0; calls < 2000 && !whole; calls++) {
+        pliant_data *data = nullptr;
+        int tool;
+        ASSERT_EQ(pliant_data_create(body.model, &data), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_add(body.model, data, "tool", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(body.model, data, tool, top), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_drive(data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+        const double tip[3] = {top[0], top[1], top[2] + 0.01};
+        ASSERT_EQ(pliant_tool_pose(data, tool, tip, nullptr), PLIANT_OK);
+        pliant_memory_fail_after(calls);
+        int errors = 0;
+        for (int s = 0; s < 8; s++) {
+            pliant_status status = pliant_step(body.model, data);
+            ASSERT_TRUE(status >= 0 || status == PLIANT_ERROR_MEMORY) << pliant_last_error();
+            errors += status < 0;
+            for (int32_t n = 0; n < 3 * body.model->fine.num_nodes; n++) ASSERT_TRUE(std::isfinite(data->positions[n]));
+        }
+        pliant_memory_fail_after(-1);
+        failed += errors > 0;
+        refused += errors == 0 && data->statistics.patched == 0;
+        whole = errors == 0 && data->statistics.patched == 1;
+        pliant_data_free(data);
+        ASSERT_EQ(pliant_memory_in_use(), before) << calls;
+    }
+    EXPECT_TRUE(whole);
+    EXPECT_GT(failed, 5);
+    EXPECT_GT(refused, 20);
+}
+
+} // namespace

@@ -1,0 +1,177 @@
+// The fine mesh's response to a footprint's force, and the space made of it.
+#include "pipeline/body.h"
+
+#include "fem/patch.h"
+#include "fem/space.h"
+
+namespace {
+
+const double side = 0.2;
+
+struct Response : testing::Test {
+    const int size[3] = {16, 16, 16};
+    const double box[3] = {side, side, side};
+    Body body{size, box, {{4000, 0.45, 1000, false}, {60000, 0.3, 1000, false}}, [](int i, int j, int k) { return (i / 4 + j / 5 + k / 3) % 2; }};
+    const pliant_system *fine = nullptr;
+    size_t unknowns = 0;
+    std::vector<int32_t> nodes;
+    std::vector<double> weights;
+
+    void SetUp() override
+    {
+        body.fix_plane(0, 0, 0, 0, 0, 1);
+        body.cells(4, 4, 4, 2);
+        body.scene.model.method = PLIANT_AVERAGED;
+        body.scene.model.patch = 0.04;
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        fine = body.model->fine_system;
+        unknowns = 3 * static_cast<size_t>(fine->num_free);
+        int tool;
+        const double at[3] = {0.1, 0.1, 0.19};
+        body.scene.grasp.radius = 0.03;
+        ASSERT_EQ(pliant_tool_add(body.model, body.data, "tool", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, at), PLIANT_OK) << pliant_last_error();
+        nodes.assign(body.data->tools[0].held, body.data->tools[0].held + body.data->tools[0].num_held);
+        weights.assign(body.data->tools[0].weight, body.data->tools[0].weight + body.data->tools[0].num_held);
+    }
+
+    std::vector<double> modes_at(const std::vector<double> &x) const
+    {
+        std::vector<double> out(PLIANT_RESPONSE_MODES * unknowns);
+        pliant_linearized linearized{};
+        EXPECT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
+        EXPECT_EQ(pliant_response_modes(&linearized, fine->preconditioner, static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), out.data()),
+                  PLIANT_OK);
+        pliant_linearized_free(&linearized);
+        return out;
+    }
+    std::vector<double> rest() const { return {body.model->fine.rest, body.model->fine.rest + 3 * body.model->fine.num_nodes}; }
+};
+
+double norm(const std::vector<double> &v)
+{
+    double sum = 0;
+    for (double x : v) sum += x * x;
+    return std::sqrt(sum);
+}
+
+// forces at  z l t + 1/2 psi l l t^2  are those of the load, but for the third order of t
+TEST_F(Response, BalancesTheLoadToSecondOrder)
+{
+    const std::vector<double> x = rest(), modes = modes_at(x);
+    const double l[3] = {0.6, -0.3, 0.7};
+    pliant_linearized linearized{};
+    ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
+    double left[2];
+    for (int half = 0; half < 2; half++) {
+        double t = half ? 0.5 : 1;
+        std::vector<double> u(unknowns), forces(unknowns);
+        for (size_t i = 0; i < unknowns; i++) {
+            size_t next = 3;
+            for (int a = 0; a < 3; a++) {
+                u[i] += t * l[a] * modes[unknowns * a + i];
+                for (int b = a; b < 3; b++) u[i] += (a == b ? 0.5 : 1) * t * t * l[a] * l[b] * modes[unknowns * next++ + i];
+            }
+        }
+        pliant_linearized_forces(&linearized, u.data(), forces.data());
+        for (size_t h = 0; h < nodes.size(); h++)
+            for (int d = 0; d < 3; d++) forces[3 * static_cast<size_t>(fine->free_of_node[nodes[h]]) + d] -= t * l[d] * weights[h];
+        left[half] = norm(forces);
+    }
+    pliant_linearized_free(&linearized);
+    EXPECT_LT(left[0], 0.05); // of a load of 1 N
+    EXPECT_NEAR(left[0] / left[1], 8, 1);
+}
+
+// the same at a body that was turned as a whole: the response turns with it
+TEST_F(Response, TurnsWithTheBody)
+{
+    const double angle = 0.3, c = std::cos(angle), s = std::sin(angle);
+    const double turn[9] = {c, -s, 0, s, c, 0, 0, 0, 1}, shift[3] = {0.02, -0.01, 0.005};
+    const std::vector<double> before = modes_at(rest()), after = modes_at(affine(body.model->fine, turn, shift));
+    // z of the turned body for e_0 is turned z for turn' e_0 = (c, -s, 0)
+    std::vector<double> expected(unknowns), difference(unknowns);
+    for (size_t f = 0; f < unknowns; f += 3)
+        for (size_t r = 0; r < 3; r++) {
+            for (size_t k = 0; k < 3; k++)
+                expected[f + r] += turn[3 * r + k] * (c * before[f + k] - s * before[unknowns + f + k]);
+            difference[f + r] = after[f + r] - expected[f + r];
+        }
+    EXPECT_LT(norm(difference), 1e-3 * norm(expected));
+}
+
+TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
+{
+    const std::vector<double> x = rest();
+    std::vector<double> modes = modes_at(x);
+    pliant_foothold foothold{static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), modes.data()};
+    pliant_linearized linearized{};
+    pliant_space *space = nullptr;
+    ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
+    ASSERT_EQ(pliant_space_create(fine, &linearized, body.model->fine_material, body.model->fine_fixed, 0.04, 1, &foothold, 2, &space), PLIANT_OK)
+        << pliant_last_error();
+    EXPECT_EQ(space->num_modes, PLIANT_RESPONSE_MODES);
+    EXPECT_GT(space->num_own, 10);
+    EXPECT_LT(space->mesh.num_tets, body.model->fine.num_tets);
+    const size_t n = 3 * static_cast<size_t>(space->system.num_free);
+    auto dot = [](size_t count, const double *a, const double *b) {
+        double sum = 0;
+        for (size_t i = 0; i < count; i++) sum += a[i] * b[i];
+        return sum;
+    };
+    // a small displacement E q: forces of the near part and of what lies beyond, projected, are those of the whole mesh
+    std::vector<double> near(x.size()), small(3 * static_cast<size_t>(space->mesh.num_nodes)), forces(n), whole(unknowns), product(unknowns), room(unknowns);
+    for (int m = 0; m < space->num_modes; m++)
+        for (size_t i = 0; i < unknowns; i++) whole[i] += (m % 2 ? -1 : 1) * 1e-7 * space->whole[unknowns * m + i];
+    pliant_linearized_product(&linearized, whole.data(), room.data(), product.data());
+    std::vector<double> blocks(12 * LANES * static_cast<size_t>(space->system.num_blocks));
+    std::memcpy(small.data(), space->mesh.rest, small.size() * sizeof(double));
+    for (size_t f = 0; f < n / 3; f++)
+        for (int d = 0; d < 3; d++) {
+            size_t at = 3 * static_cast<size_t>(space->system.node_of_free[f]) + d;
+            for (int m = 0; m < space->num_modes; m++) small[at] += (m % 2 ? -1 : 1) * 1e-7 * space->modes[n * m + 3 * f + d];
+        }
+    auto element_forces = reinterpret_cast<double (*)[12][LANES]>(blocks.data());
+    pliant_system_element_forces(&space->system, small.data(), element_forces);
+    pliant_system_gather(&space->system, element_forces, forces.data());
+    pliant_space_far_forces(space, small.data(), forces.data());
+    for (int m = 0; m < space->num_modes; m++) {
+        double expected = dot(unknowns, space->whole + unknowns * m, product.data());
+        EXPECT_NEAR(dot(n, space->modes + n * m, forces.data()), expected, 1e-4 * std::fabs(expected)) << m;
+    }
+    // the fine positions of such a state are those of the modes on the whole mesh
+    pliant_space_positions(space, fine, x.data(), small.data(), near.data());
+    double apart = 0;
+    for (size_t f = 0; f < unknowns / 3; f++)
+        for (int d = 0; d < 3; d++) {
+            size_t at = 3 * static_cast<size_t>(fine->node_of_free[f]) + d;
+            apart = std::fmax(apart, std::fabs(near[at] - x[at] - whole[3 * f + d]));
+        }
+    EXPECT_LT(apart, 1e-12);
+    // what stands for the inverse is symmetric, and positive
+    std::vector<double> a(n), b(n), inverse_a(n), inverse_b(n);
+    for (size_t i = 0; i < n; i++) {
+        a[i] = std::sin(0.7 * double(i));
+        b[i] = std::cos(0.3 * double(i * i % 101));
+    }
+    ASSERT_EQ(pliant_space_solve(space, a.data(), inverse_a.data()), PLIANT_OK);
+    ASSERT_EQ(pliant_space_solve(space, b.data(), inverse_b.data()), PLIANT_OK);
+    EXPECT_NEAR(dot(n, a.data(), inverse_b.data()), dot(n, b.data(), inverse_a.data()), 1e-6 * std::fabs(dot(n, a.data(), inverse_a.data())));
+    EXPECT_GT(dot(n, a.data(), inverse_a.data()), 0);
+    // the response to the footprint's force is in the space
+    std::vector<double> load(n), answer(n);
+    for (size_t h = 0; h < nodes.size(); h++) load[3 * static_cast<size_t>(space->system.free_of_node[space->near_node[nodes[h]]]) + 2] += weights[h];
+    ASSERT_EQ(pliant_space_solve(space, load.data(), answer.data()), PLIANT_OK);
+    double off = 0, most = 0;
+    for (size_t f = 0; f < n / 3; f++)
+        for (int d = 0; d < 3; d++) {
+            double z = modes[2 * unknowns + 3 * static_cast<size_t>(fine->free_of_node[space->fine_node[space->system.node_of_free[f]]]) + d];
+            off = std::fmax(off, std::fabs(answer[3 * f + d] - z));
+            most = std::fmax(most, std::fabs(z));
+        }
+    EXPECT_LT(off, 1e-3 * most);
+    pliant_space_free(space);
+    pliant_linearized_free(&linearized);
+}
+
+} // namespace
