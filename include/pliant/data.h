@@ -56,14 +56,15 @@ typedef struct pliant_tool {
 typedef struct pliant_statistics {
     uint64_t step;              /**< steps done */
     double seconds[PLIANT_NUM_STEP_STAGES];
-    int32_t iterations;         /**< of the last step */
-    double residual;            /**< energy norm of the residual force over that of the load, last step */
+    int32_t iterations;         /**< of the last step, those of a patch among them */
+    double residual;            /**< energy norm of the residual force over that of the load, last step; of a patch where that is larger */
     double error;               /**< [m] how far a node may still be from where the step would converge to: the largest
                                  *   correction of the last iteration; 0: not known (explicit dynamics, GPU) */
     double residual_force;      /**< largest nodal residual force [N] */
     int32_t patched;            /**< tools that pull at a patch (model/patch), last step */
+    int32_t patch_waiting;      /**< tools whose patch is still being made */
     int32_t patch_iterations;   /**< of the patch, last step */
-    double patch_residual;      /**< as residual, of the patch */
+    double patch_residual;      /**< as residual, of the patch alone */
     double patch_moved;         /**< [m] the farthest that a patch has moved a node from where the coarse model has it */
     uint64_t not_converged;     /**< steps that ended above the tolerance */
     uint64_t rejected;          /**< Anderson steps refused by the safeguard */

@@ -10,6 +10,8 @@
 #include <stdio.h>
 #include <string.h>
 
+enum { LARGEST_DIRECT = 40000 }; /* free nodes; a factor of some 300 MB */
+
 /* A hold: whose, and the response to it. */
 typedef struct patch_hold {
     uint64_t hold;            /* pliant_tool.hold; 0: none */
@@ -55,7 +57,10 @@ pliant_status pliant_patch_system(const pliant_model *model, pliant_system **out
     system->num_threads = model->system->num_threads;
     pliant_status status = pliant_system_elements(system, model->fine_material);
     if (status == PLIANT_OK) status = pliant_system_unknowns(system, model->fine_fixed);
-    if (status == PLIANT_OK) status = pliant_preconditioner_create(system, model->scene.solver.preconditioner, &system->preconditioner);
+    /* nine solves with one matrix: a factor pays for longer than in a solver, which makes it anew */
+    pliant_preconditioner_choice choice = model->scene.solver.preconditioner;
+    if (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free <= LARGEST_DIRECT) choice = PLIANT_DIRECT;
+    if (status == PLIANT_OK) status = pliant_preconditioner_create(system, choice, &system->preconditioner);
     if (status == PLIANT_OK && !(tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents)))
         status = pliant_fail_memory("the fine mesh of patches");
     if (status == PLIANT_OK) {
@@ -287,6 +292,12 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
     return PLIANT_OK;
 }
 
+static bool waits(const pliant_data *data, int tool)
+{
+    const pliant_patch *patch = data->patch;
+    return data->tools[tool].holding && !patch->serves[tool] && patch->refused[tool] != data->tools[tool].hold;
+}
+
 pliant_status pliant_patch_begin(const pliant_model *model, pliant_data *data)
 {
     pliant_patch *patch = data->patch;
@@ -304,7 +315,7 @@ pliant_status pliant_patch_begin(const pliant_model *model, pliant_data *data)
         }
         if (!held && !patch->job.running) hold_free(patch->holds + t);
         used = used || patch->serves[t];
-        wanted = wanted || (data->tools[t].holding && !patch->serves[t] && patch->refused[t] != data->tools[t].hold);
+        wanted = wanted || waits(data, t);
     }
     if (patch->space && !used) space_drop(patch);
     return wanted && !patch->job.running ? start(patch, data) : PLIANT_OK;
@@ -373,9 +384,10 @@ pliant_status pliant_patch_step(const pliant_model *model, pliant_data *data)
 {
     pliant_patch *patch = data->patch;
     pliant_statistics *statistics = &data->statistics, own = {.step = data->statistics.step};
-    statistics->patched = statistics->patch_iterations = 0;
+    statistics->patched = statistics->patch_waiting = statistics->patch_iterations = 0;
     statistics->patch_residual = statistics->patch_moved = 0;
-    if (!patch || !patch->space) return PLIANT_OK;
+    for (int t = 0; t < data->num_tools; t++) statistics->patch_waiting += waits(data, t);
+    if (!patch->space) return PLIANT_OK;
     pliant_space *space = patch->space;
     pliant_solver *solver = patch->solver;
     solver->max_iterations = data->solver->max_iterations;
@@ -390,6 +402,8 @@ pliant_status pliant_patch_step(const pliant_model *model, pliant_data *data)
     statistics->patch_iterations = own.iterations;
     statistics->patch_residual = own.residual;
     statistics->patch_moved = largest_apart(space->mesh.num_nodes, solver->now.x, space->mesh.rest);
+    statistics->iterations += own.iterations;
+    statistics->residual = fmax(statistics->residual, own.residual);
     statistics->residual_force = fmax(statistics->residual_force, own.residual_force);
     statistics->error = fmax(statistics->error, own.error);
     statistics->rejected += own.rejected;

@@ -81,6 +81,16 @@ static pliant_status settle(const pliant_model *model, pliant_data *data, double
     return status;
 }
 
+/* It is made while the tool holds still. */
+static pliant_status await_patch(const pliant_model *model, pliant_data *data)
+{
+    pliant_status status = PLIANT_OK;
+    if (model->fine_system) do {
+            status = pliant_step(model, data);
+        } while (status >= 0 && data->statistics.patch_waiting > 0);
+    return status;
+}
+
 /* the state that the frames start from: at rest under gravity, held by a tool */
 static pliant_status begin(const pliant_model *model, const report_case *load, report_limits limits, pliant_data *data, double from[3])
 {
@@ -93,6 +103,7 @@ static pliant_status begin(const pliant_model *model, const report_case *load, r
         if (status >= 0) status = pliant_tool_pose(data, tool, load->rest, NULL);
         if (status >= 0) status = pliant_tool_grasp(model, data, tool, load->rest);
         if (status >= 0) memcpy(from, data->tools[tool].tip, 3 * sizeof *from);
+        if (status >= 0) status = await_patch(model, data);
     }
     return status < 0 ? status : set_limits(data, limits);
 }

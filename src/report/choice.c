@@ -16,6 +16,7 @@ static const struct choice_method {
     const char *option, *value;
 } methods[] = {
     {PLIANT_FINE, PLIANT_TOUCH_OVERLAP, "", ""},
+    {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, "model/patch", "0.05"},
     {PLIANT_CALIBRATED, PLIANT_TOUCH_OVERLAP, "", ""},
     {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, "", ""},
     {PLIANT_COARSE, PLIANT_TOUCH_OVERLAP, "", ""},

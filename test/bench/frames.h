@@ -78,7 +78,9 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
         check(pliant_tool_grasp(model, data, tool, at));
         std::memcpy(from, data->tools[tool].tip, sizeof from);
         // a patch is made while the tool holds still
-        for (; model->fine_system && data->statistics.patched == 0 && out.waited < 100000; out.waited++) step();
+        if (model->fine_system)
+            do step();
+            while (out.waited++, data->statistics.patch_waiting > 0);
     }
     for (int f = 1; f <= count; f++) {
         pace();
@@ -95,9 +97,9 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
         }
         step();
         out.solve.push_back(data->statistics.seconds[PLIANT_STEP_solve] + data->statistics.seconds[PLIANT_STEP_patch]);
-        out.residual.push_back(std::max(data->statistics.residual, data->statistics.patch_residual));
+        out.residual.push_back(data->statistics.residual);
         out.told.push_back(data->statistics.error);
-        out.iterations += double(data->statistics.iterations + data->statistics.patch_iterations) / count;
+        out.iterations += double(data->statistics.iterations) / count;
         out.positions.emplace_back(data->positions, data->positions + 3 * size_t(model->fine.num_nodes));
         if (kind != GRAVITY) out.force.emplace_back(data->tools[tool].force, data->tools[tool].force + 3);
     }
