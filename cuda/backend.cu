@@ -6,6 +6,7 @@
 #include "fem/solver.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
+#include "segment.h"
 #include "solve.h"
 #include "warp.h"
 
@@ -154,4 +155,4 @@ static pliant_status warp_cross(void *object, const march_ray *ray, int64_t firs
 }
 
 const pliant_backend pliant_cuda_backend = {"cuda", &pliant_corotational, false, pliant_cuda_text,      create,      destroy,   restart,     bring,     solve,
-                                            upsample, warp, warp_create, warp_free, warp_update, warp_fetch,  warp_cross};
+                                            upsample, warp, warp_create, warp_free, warp_update, warp_fetch,  warp_cross, pliant_cuda_segment};

@@ -4,7 +4,7 @@
 #include "core/fail.h"
 #include "pliant/memory.h"
 
-enum { SORT_THREADS = 1024, MAP_THREADS = 64, DRAW_THREADS = BRICK * BRICK };
+enum { SORT_THREADS = 1024, MAP_THREADS = 32, DRAW_THREADS = BRICK * BRICK };
 
 struct pliant_cuda_fit {
     fit_view *d_view;          /* pointers in it are of the device */
@@ -97,6 +97,8 @@ __global__ void __launch_bounds__(SORT_THREADS) sort_kernel(fit_view *d_view, co
             for (; place > start[b] && sorted[place - 1] > node; place--) sorted[place] = sorted[place - 1];
             sorted[place] = node;
         }
+    __syncthreads();
+    for (int32_t place = (int32_t)threadIdx.x; place < nodes; place += SORT_THREADS) fit_set_place(d_view, place);
 }
 
 __global__ void __launch_bounds__(MAP_THREADS) map_kernel(const fit_view *d_view)
@@ -151,6 +153,7 @@ static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const ras
     CUDA_TRY(upload(parts->tissue, scan, stream, &view->tissue));
     CUDA_TRY(allocate(3 * points, &view->map));
     CUDA_TRY(allocate(3 * nodes, &view->at));
+    CUDA_TRY(allocate(6 * nodes, &view->sorted));
     CUDA_TRY(allocate(nodes, &view->bin_node));
     CUDA_TRY(allocate(most_bins + 1, &view->bin_start));
     CUDA_TRY(allocate(most_bins, &fit->d_cursor));
@@ -166,7 +169,7 @@ extern "C" pliant_status pliant_cuda_fit_create(const fit_view *parts, const ras
     fit->view = *parts;
     fit->source = *source;
     fit_view *view = &fit->view;
-    view->rest = view->at = NULL;
+    view->rest = view->at = view->sorted = NULL;
     view->map = NULL;
     view->tissue = NULL;
     view->bin_start = view->bin_node = NULL;
@@ -183,7 +186,7 @@ extern "C" void pliant_cuda_fit_free(pliant_cuda_fit *fit)
 {
     if (!fit) return;
     const fit_view *view = &fit->view;
-    const void *blocks[] = {view->rest, view->tissue, view->map, view->at, view->bin_node, view->bin_start, fit->d_cursor, fit->d_voxels, fit->d_view};
+    const void *blocks[] = {view->rest, view->tissue, view->map, view->at, view->sorted, view->bin_node, view->bin_start, fit->d_cursor, fit->d_voxels, fit->d_view};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
     pliant_free(fit);
 }

@@ -58,4 +58,4 @@ static pliant_status warp(const pliant_model *, pliant_data *data)
 }
 
 const pliant_backend pliant_cuda_tled_backend = {"cuda", &pliant_explicit, false, pliant_cuda_text,    create, destroy, restart, NULL,
-                                                 solve,  pliant_tled_upsample,    warp,  NULL, NULL, NULL, NULL, NULL};
+                                                 solve,  pliant_tled_upsample,    warp,  NULL, NULL, NULL, NULL, NULL, NULL};

@@ -13,19 +13,19 @@ static __device__ __forceinline__ gpu_tet load_tet(const gpu_tet *d_tets, int32_
     return out.tet;
 }
 
-/* H = sum over corners 1 to 3 of (u_v - u_0) g_v', differences in double */
+/* H = sum over corners 1 to 3 of (u_v - u_0) g_v', differences in double. Nothing writes to d_u while this runs. */
 static __device__ __forceinline__ void load_gradient(const double *d_u, const gpu_tet &tet, float h[9])
 {
     const double2 *first = reinterpret_cast<const double2 *>(d_u + 4 * (size_t)tet.node[0]);
-    const double2 xy = first[0];
-    const double z = first[1].x;
+    const double2 xy = __ldg(first);
+    const double z = __ldg(&first[1].x);
     float apart[9];
     for (int v = 0; v < 3; v++) {
         const double2 *at = reinterpret_cast<const double2 *>(d_u + 4 * (size_t)tet.node[v + 1]);
-        const double2 at_xy = at[0];
+        const double2 at_xy = __ldg(at);
         apart[3 * v] = (float)(at_xy.x - xy.x);
         apart[3 * v + 1] = (float)(at_xy.y - xy.y);
-        apart[3 * v + 2] = (float)(at[1].x - z);
+        apart[3 * v + 2] = (float)(__ldg(&at[1].x) - z);
     }
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
@@ -53,9 +53,8 @@ static __device__ __forceinline__ void relax(const gpu_tled &tled, int from, int
 }
 
 template <int LAW, bool VISCOUS, bool NODAL>
-static __device__ __forceinline__ void corner_force(const gpu_tled &tled, int from, int from_memory, int32_t corner, float out[3])
+static __device__ __forceinline__ void corner_force(const gpu_tled &tled, int from, int from_memory, int32_t corner, const gpu_tet &tet, float out[3])
 {
-    const gpu_tet tet = load_tet(tled.d_tets, corner >> 2);
     const int v = corner & 3;
     float h[9], p[9], cofactor[9], volume[9], pressure = 0;
     load_gradient(tled.d_u[from], tet, h);

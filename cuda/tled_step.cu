@@ -143,12 +143,14 @@ template <int LAW, bool VISCOUS, bool NODAL> __global__ void __launch_bounds__(G
     const int32_t first = tled.d_group[blockIdx.x], count = tled.d_group[blockIdx.x + 1] - first;
     const int from = tled.still ? 0 : number & 1;
     if ((VISCOUS || tled.still) && is_idle(tled, step)) return;
+    gpu_tet tet;
+    if (corner >= 0) tet = load_tet(tled.d_tets, corner >> 2); /* first, since the most follows from it */
     double *d_next = tled.d_u[1 - from];
     const int32_t substeps = tled.d_frame->substeps;
     const component at = load_component(tled, first, count, tled.d_u[from], d_next);
     if (corner >= 0) {
         float out[3];
-        corner_force<LAW, VISCOUS, NODAL>(tled, from, number & 1, corner, out);
+        corner_force<LAW, VISCOUS, NODAL>(tled, from, number & 1, corner, tet, out);
         for (int k = 0; k < 3; k++) force[k][threadIdx.x] = out[k];
     }
     __syncthreads();

@@ -8,6 +8,7 @@
 #define PLIANT_SEGMENT_H
 
 #include "pliant/scan.h"
+#include "pliant/scene.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -21,6 +22,7 @@ typedef struct pliant_segment_options {
     double coherence;     /**< what one of six neighbours in the same class weighs [log probability]; 0: voxels stand alone */
     double smallest;      /**< pieces below this volume join their neighbours [m^3] */
     int num_threads;
+    pliant_backend_choice backend; /**< auto: a GPU if one can be used; it gives the CPU's labels */
 } pliant_segment_options;
 
 /** Class of the mixture, by ascending mean. */
@@ -45,7 +47,7 @@ typedef struct pliant_segmentation {
 } pliant_segmentation;
 
 /** Free with pliant_segmentation_free. The same volume and options give the same result whatever the number of threads.
- *  Errors: ARGUMENT (options, a value that is not finite), MEMORY, FORMAT (more than 65535 pieces: take a larger smallest piece). */
+ *  Errors: ARGUMENT (options, a value that is not finite), UNAVAILABLE (a GPU that was asked for), MEMORY, FORMAT (more than 65535 pieces: take a larger smallest piece). */
 pliant_status pliant_segment(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out);
 void pliant_segmentation_free(pliant_segmentation *segmentation); /**< Nullable; leaves the struct zeroed */
 

@@ -5,6 +5,7 @@
 #define PLIANT_BACKEND_BACKEND_H
 
 #include "pliant/data.h"
+#include "pliant/segment.h"
 #include "warp/fit.h"
 
 #ifdef __cplusplus
@@ -60,6 +61,9 @@ struct pliant_backend {
     pliant_status (*warp_fetch)(void *warp); /* the volume to the host, where it changed since the last time */
     /* pliant_warp_cross in the volume of the last update; NULL: the volume is fetched, and the CPU's */
     pliant_status (*warp_cross)(void *warp, const march_ray *ray, int64_t first, march_crossing *out);
+
+    /* pliant_segment, of checked arguments, out zeroed; NULL: the CPU's. What it leaves in out on an error is freed by the caller. */
+    pliant_status (*segment)(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out);
 };
 
 extern const pliant_backend pliant_cpu_backend;

@@ -83,7 +83,8 @@ static pliant_status segment(const pliant_scene *scene, const pliant_volume *sca
         return pliant_fail(PLIANT_ERROR_SCENE, "segment/kind: gmm makes labels, but material/labels names a label map: one of them is enough");
     pliant_segment_options options = {.classes = scene->segment.classes, .most_classes = scene->segment.most_classes,
                                       .coherence = scene->segment.coherence, .smallest = scene->segment.smallest,
-                                      .num_threads = scene->solver.threads > 0 ? scene->solver.threads : omp_get_max_threads()};
+                                      .num_threads = scene->solver.threads > 0 ? scene->solver.threads : omp_get_max_threads(),
+                                      .backend = scene->solver.backend};
     pliant_segmentation found;
     pliant_status status = pliant_segment(scan, &options, &found);
     if (status != PLIANT_OK) return status;

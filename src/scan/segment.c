@@ -1,14 +1,13 @@
 /* From values to labelled pieces: histogram, mixture, neighbours that agree, pieces. */
 #include "scan/segment.h"
 
+#include "backend/backend.h"
 #include "core/fail.h"
 #include "pliant/memory.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-
-enum { SWEEPS = 8, FINE_BINS = 1 << 16 };
 
 static pliant_status check(const pliant_volume *scan, const pliant_segment_options *options)
 {
@@ -24,8 +23,21 @@ static pliant_status check(const pliant_volume *scan, const pliant_segment_optio
     return PLIANT_OK;
 }
 
-/* Bins over what lies between the outermost thousandths of the values, so that a few extreme ones do not widen them. */
-static pliant_status range_of(const pliant_volume *scan, int num_threads, double *low, double *high)
+/* Bins over what lies between the outermost thousandths of the values, so that a few extreme ones do not widen them. Stored integers span
+ * at least a bin each: bins narrower than a step of the values would stay empty in between. */
+void segment_set_bins(const pliant_volume *scan, double least, double most, const uint32_t *count, segment_histogram *histogram)
+{
+    const double scale = most > least ? (SEGMENT_FINE_BINS - 1) / (most - least) : 0, outside = 1e-3 * (double)pliant_geometry_voxels(&scan->geometry);
+    int32_t first = 0, last = SEGMENT_FINE_BINS - 1;
+    for (double sum = 0; first < last && (sum += count[first]) <= outside; first++) {}
+    for (double sum = 0; last > first && (sum += count[last]) <= outside; last--) {}
+    double low = scale > 0 ? least + first / scale : least, high = scale > 0 ? least + (last + 1) / scale : least + 1;
+    double step = scan->encoding == PLIANT_FLOAT32 ? 0 : fabs(scan->slope), width = (high - low) / SEGMENT_BINS;
+    histogram->width = step > 0 ? step * fmax(ceil(width / step - 1e-9), 1) : width;
+    histogram->low = step > 0 ? low - 0.5 * step : low;
+}
+
+static pliant_status find_bins(const pliant_volume *scan, int num_threads, segment_histogram *histogram)
 {
     ptrdiff_t voxels = (ptrdiff_t)pliant_geometry_voxels(&scan->geometry);
     double least = INFINITY, most = -INFINITY;
@@ -38,17 +50,12 @@ static pliant_status range_of(const pliant_volume *scan, int num_threads, double
         most = fmax(most, value);
     }
     if (!finite) return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: %s holds values that are not finite", scan->id);
-    uint32_t *count = pliant_calloc(FINE_BINS, sizeof *count);
+    uint32_t *count = pliant_calloc(SEGMENT_FINE_BINS, sizeof *count);
     if (!count) return pliant_fail_memory("the histogram");
-    double scale = most > least ? (FINE_BINS - 1) / (most - least) : 0;
+    double scale = most > least ? (SEGMENT_FINE_BINS - 1) / (most - least) : 0;
     for (ptrdiff_t v = 0; v < voxels; v++) count[(int32_t)((pliant_volume_value(scan, (size_t)v) - least) * scale)]++;
-    int32_t first = 0, last = FINE_BINS - 1;
-    double outside = 1e-3 * (double)voxels;
-    for (double sum = 0; first < last && (sum += count[first]) <= outside; first++) {}
-    for (double sum = 0; last > first && (sum += count[last]) <= outside; last--) {}
+    segment_set_bins(scan, least, most, count, histogram);
     pliant_free(count);
-    *low = scale > 0 ? least + first / scale : least;
-    *high = scale > 0 ? least + (last + 1) / scale : least + 1;
     return PLIANT_OK;
 }
 
@@ -59,18 +66,24 @@ static uint16_t bin_of(const segment_histogram *histogram, double value)
 
 /* Standard deviation of the noise: of the differences between neighbours along i, those of most are noise alone (Gaussian: the median of
  * their sizes is 0.6745 sqrt 2 deviations). */
-static double noise_of(const segment_histogram *histogram, const uint16_t *bins, ptrdiff_t voxels)
+void segment_set_noise(const int64_t count[SEGMENT_BINS], segment_histogram *histogram)
 {
-    int64_t count[SEGMENT_BINS] = {0}, total = 0, sum = 0;
-    for (ptrdiff_t v = 1; v < voxels; v++) {
-        /* what lies beyond the bins, as padding and much of the air does, tells nothing */
-        if (bins[v] == 0 || bins[v - 1] == 0) continue;
-        count[abs(bins[v] - bins[v - 1])]++;
-        total++;
-    }
+    int64_t total = 0, sum = 0;
     int median = 0;
+    for (int bin = 0; bin < SEGMENT_BINS; bin++) total += count[bin];
     for (; median + 1 < SEGMENT_BINS && 2 * (sum += count[median]) < total; median++) {}
-    return fmax(median, 0.5) * histogram->width / (0.6745 * 1.41421356);
+    histogram->noise = fmax(median, 0.5) * histogram->width / (0.6745 * 1.41421356);
+}
+
+int segment_reach(const segment_histogram *histogram) { return (int)ceil(2.5 * histogram->noise / histogram->width); }
+
+static void find_noise(segment_histogram *histogram, const uint16_t *bins, ptrdiff_t voxels)
+{
+    int64_t count[SEGMENT_BINS] = {0};
+    /* what lies beyond the bins, as padding and much of the air does, tells nothing */
+    for (ptrdiff_t v = 1; v < voxels; v++)
+        if (bins[v] != 0 && bins[v - 1] != 0) count[abs(bins[v] - bins[v - 1])]++;
+    segment_set_noise(count, histogram);
 }
 
 /* Sigma filter (Lee 1983): the mean of those of the 27 voxels around that differ by no more than noise does, which sharpens the peaks of
@@ -81,7 +94,7 @@ static void smooth(const pliant_volume *scan, int num_threads, segment_histogram
                    uint8_t *counted)
 {
     const int32_t *size = scan->geometry.size;
-    const int reach = (int)ceil(2.5 * histogram->noise / histogram->width), least = 18;
+    const int reach = segment_reach(histogram);
 #pragma omp parallel for num_threads(num_threads) schedule(static)
     for (int32_t k = 0; k < size[2]; k++)
         for (int32_t j = 0; j < size[1]; j++)
@@ -99,7 +112,7 @@ static void smooth(const pliant_volume *scan, int num_threads, segment_histogram
                             alike += near;
                         }
                 bins[v] = (uint16_t)((2 * sum + alike) / (2 * alike));
-                counted[v] = alike >= least;
+                counted[v] = alike >= SEGMENT_ALIKE;
             }
     memset(histogram->count, 0, sizeof histogram->count);
     histogram->total = 0;
@@ -111,22 +124,17 @@ static void smooth(const pliant_volume *scan, int num_threads, segment_histogram
     }
 }
 
-/* stored integers span at least a bin each: bins narrower than a step of the values would stay empty in between */
 static pliant_status count_values(const pliant_volume *scan, int num_threads, segment_histogram *histogram, uint16_t *bins)
 {
-    double low = 0, high = 1;
-    pliant_status status = range_of(scan, num_threads, &low, &high);
+    pliant_status status = find_bins(scan, num_threads, histogram);
     if (status != PLIANT_OK) return status;
-    double step = scan->encoding == PLIANT_FLOAT32 ? 0 : fabs(scan->slope), width = (high - low) / SEGMENT_BINS;
-    histogram->width = step > 0 ? step * fmax(ceil(width / step - 1e-9), 1) : width;
-    histogram->low = step > 0 ? low - 0.5 * step : low;
     ptrdiff_t voxels = (ptrdiff_t)pliant_geometry_voxels(&scan->geometry);
     uint16_t *raw = pliant_calloc((size_t)voxels, sizeof *raw);
     uint8_t *counted = pliant_calloc((size_t)voxels, 1);
     if (raw && counted) {
 #pragma omp parallel for num_threads(num_threads)
         for (ptrdiff_t v = 0; v < voxels; v++) raw[v] = bin_of(histogram, pliant_volume_value(scan, (size_t)v));
-        histogram->noise = noise_of(histogram, raw, voxels);
+        find_noise(histogram, raw, voxels);
         smooth(scan, num_threads, histogram, raw, bins, counted);
     } else {
         status = pliant_fail_memory("the segmentation");
@@ -198,7 +206,7 @@ static bool improve(const field *f, int32_t i, int32_t j, int32_t k)
  * not see each other, so their order does not matter. */
 static void agree(const field *f, int num_threads)
 {
-    for (int sweep = 0; sweep < SWEEPS; sweep++) {
+    for (int sweep = 0; sweep < SEGMENT_SWEEPS; sweep++) {
         int64_t changed = 0;
         for (int colour = 0; colour < 2; colour++) {
 #pragma omp parallel for num_threads(num_threads) reduction(+ : changed) schedule(static)
@@ -210,32 +218,49 @@ static void agree(const field *f, int num_threads)
     }
 }
 
-typedef struct tally { int32_t piece, voxels; double sum, at[3]; uint8_t class_index; } tally;
-
 static int by_size(const void *a, const void *b)
 {
-    const tally *x = a, *y = b;
+    const segment_tally *x = a, *y = b;
     if (x->voxels != y->voxels) return x->voxels < y->voxels ? 1 : -1;
     return (x->piece > y->piece) - (x->piece < y->piece);
+}
+
+pliant_status segment_name(const pliant_geometry *geometry, segment_tally *tallies, int32_t count, uint16_t *label, pliant_segmentation *out)
+{
+    if (count > UINT16_MAX)
+        return pliant_fail(PLIANT_ERROR_FORMAT, "segmentation: %d pieces are more than %d labels can name; take a larger smallest piece", count,
+                           UINT16_MAX);
+    pliant_status status = (out->pieces = pliant_calloc((size_t)count, sizeof *out->pieces)) ? pliant_labels_create(geometry, &out->labels)
+                                                                                             : pliant_fail_memory("the pieces");
+    if (status != PLIANT_OK) return status;
+    qsort(tallies, (size_t)count, sizeof *tallies, by_size);
+    double voxel = geometry->spacing[0] * geometry->spacing[1] * geometry->spacing[2];
+    for (int32_t p = 0; p < count; p++) {
+        const segment_tally *one = tallies + p;
+        pliant_segment_piece *told = out->pieces + p;
+        double index[3] = {one->at[0] / one->voxels, one->at[1] / one->voxels, one->at[2] / one->voxels};
+        *told = (pliant_segment_piece){.class_index = one->class_index, .mean = one->sum / one->voxels, .volume = one->voxels * voxel};
+        pliant_geometry_to_world(geometry, index, told->centre);
+        label[one->piece] = (uint16_t)(p + 1);
+    }
+    out->num_pieces = count;
+    return PLIANT_OK;
 }
 
 /* Pieces by size, their means; the label of every voxel. */
 static pliant_status tell(const pliant_volume *scan, const uint8_t *classes, const int32_t *piece, int32_t count, pliant_segmentation *out)
 {
-    if (count > UINT16_MAX)
-        return pliant_fail(PLIANT_ERROR_FORMAT, "segmentation: %d pieces are more than %d labels can name; take a larger smallest piece", count,
-                           UINT16_MAX);
     const pliant_geometry *geometry = &scan->geometry;
-    tally *tallies = pliant_calloc((size_t)count, sizeof *tallies);
+    segment_tally *tallies = pliant_calloc((size_t)count, sizeof *tallies);
     uint16_t *label = pliant_calloc((size_t)count, sizeof *label);
-    out->pieces = pliant_calloc((size_t)count, sizeof *out->pieces);
-    pliant_status status = tallies && label && out->pieces ? pliant_labels_create(geometry, &out->labels) : pliant_fail_memory("the pieces");
+    pliant_status status = tallies && label ? PLIANT_OK : pliant_fail_memory("the pieces");
     if (status != PLIANT_OK) goto done;
     size_t v = 0;
     for (int32_t k = 0; k < geometry->size[2]; k++)
         for (int32_t j = 0; j < geometry->size[1]; j++)
             for (int32_t i = 0; i < geometry->size[0]; i++, v++) {
-                tally *one = tallies + piece[v];
+                segment_tally *one = tallies + piece[v];
+                one->piece = piece[v];
                 one->voxels++;
                 one->class_index = classes[v];
                 one->sum += pliant_volume_value(scan, v);
@@ -243,41 +268,30 @@ static pliant_status tell(const pliant_volume *scan, const uint8_t *classes, con
                 one->at[1] += j;
                 one->at[2] += k;
             }
-    for (int32_t p = 0; p < count; p++) tallies[p].piece = p;
-    qsort(tallies, (size_t)count, sizeof *tallies, by_size);
-    double voxel = geometry->spacing[0] * geometry->spacing[1] * geometry->spacing[2];
-    for (int32_t p = 0; p < count; p++) {
-        const tally *one = tallies + p;
-        pliant_segment_piece *told = out->pieces + p;
-        double index[3] = {one->at[0] / one->voxels, one->at[1] / one->voxels, one->at[2] / one->voxels};
-        *told = (pliant_segment_piece){.class_index = one->class_index, .mean = one->sum / one->voxels, .volume = one->voxels * voxel};
-        pliant_geometry_to_world(geometry, index, told->centre);
-        label[one->piece] = (uint16_t)(p + 1);
-    }
-    for (v = 0; v < pliant_geometry_voxels(geometry); v++) out->labels.voxels[v] = label[piece[v]];
-    out->num_pieces = count;
+    status = segment_name(geometry, tallies, count, label, out);
+    for (v = 0; status == PLIANT_OK && v < pliant_geometry_voxels(geometry); v++) out->labels.voxels[v] = label[piece[v]];
 done:
     pliant_free(tallies);
     pliant_free(label);
     return status;
 }
 
-pliant_status pliant_segment(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out)
+static pliant_status segment_on_cpu(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out)
 {
-    pliant_status status = check(scan, options);
-    if (status != PLIANT_OK) return status;
     const int32_t *size = scan->geometry.size;
     size_t voxels = pliant_geometry_voxels(&scan->geometry);
     pliant_segmentation made = {0};
     int32_t count = 0, *piece = NULL;
     segment_histogram *histogram = pliant_calloc(1, sizeof *histogram);
+    segment_fits *fits = pliant_calloc(1, sizeof *fits);
     float *logs = pliant_calloc(SEGMENT_BINS, PLIANT_MAX_CLASSES * sizeof *logs);
     uint16_t *bins = pliant_calloc(voxels, sizeof *bins);
     uint8_t *classes = pliant_calloc(voxels, 1);
-    status = histogram && logs && bins && classes ? count_values(scan, options->num_threads, histogram, bins)
+    pliant_status status = histogram && fits && logs && bins && classes ? count_values(scan, options->num_threads, histogram, bins)
                                                   : pliant_fail_memory("the segmentation");
     if (status != PLIANT_OK) goto done;
-    made.num_classes = segment_fit(histogram, options, made.classes, &made.criterion);
+    segment_fit(histogram, segment_most_classes(options), fits);
+    made.num_classes = segment_best(histogram, options, fits, made.classes, &made.criterion);
     segment_log_densities(histogram, made.classes, made.num_classes, logs);
     most_likely(bins, (ptrdiff_t)voxels, logs, made.num_classes, options->num_threads, classes);
     field f = {size, bins, logs, made.num_classes, (float)options->coherence, classes};
@@ -292,6 +306,7 @@ pliant_status pliant_segment(const pliant_volume *scan, const pliant_segment_opt
     if (status == PLIANT_OK) status = tell(scan, classes, piece, count, &made);
 done:
     pliant_free(histogram);
+    pliant_free(fits);
     pliant_free(logs);
     pliant_free(bins);
     pliant_free(classes);
@@ -299,6 +314,26 @@ done:
     if (status == PLIANT_OK) *out = made;
     else pliant_segmentation_free(&made);
     return status;
+}
+
+pliant_status pliant_segment(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out)
+{
+    const pliant_backend *backend;
+    char text[PLIANT_BACKEND_TEXT];
+    pliant_status status = check(scan, options);
+    if (status == PLIANT_OK) status = pliant_backend_choose(options->backend, text, &backend);
+    if (status != PLIANT_OK) return status;
+    if (!backend->segment) return segment_on_cpu(scan, options, out);
+    pliant_segmentation made = {0};
+    status = backend->segment(scan, options, &made);
+    if (status == PLIANT_OK) {
+        *out = made;
+        return PLIANT_OK;
+    }
+    pliant_segmentation_free(&made);
+    if (options->backend == PLIANT_CUDA || (status != PLIANT_ERROR_UNAVAILABLE && status != PLIANT_ERROR_MEMORY)) return status;
+    pliant_log(PLIANT_LOG_WARNING, "the CPU segments: %s", pliant_last_error());
+    return segment_on_cpu(scan, options, out);
 }
 
 void pliant_segmentation_free(pliant_segmentation *segmentation)

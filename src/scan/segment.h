@@ -18,10 +18,33 @@ typedef struct segment_histogram {
     double noise;               /* standard deviation of the values' noise */
 } segment_histogram;
 
+/* A mixture of each number of classes, [number - 1]; likelihood: mean log of a voxel's. */
+typedef struct segment_fits {
+    pliant_segment_class classes[PLIANT_MAX_CLASSES][PLIANT_MAX_CLASSES];
+    double likelihood[PLIANT_MAX_CLASSES];
+} segment_fits;
+
+/* A piece, counted. value: of the voxels, with slope and intercept; at: of their indices. */
+typedef struct segment_tally { int32_t piece, voxels; double sum, at[3]; uint8_t class_index; } segment_tally;
+
+/* ---- segment.c: what does not depend on who goes through the voxels */
+enum { SEGMENT_FINE_BINS = 1 << 16, SEGMENT_SWEEPS = 8, SEGMENT_ALIKE = 18 /* of 27 */ };
+/* The bins, from the values' range and their counts over SEGMENT_FINE_BINS bins of it. */
+void segment_set_bins(const pliant_volume *scan, double least, double most, const uint32_t *count, segment_histogram *histogram);
+/* From counts of the differences between neighbours along i, neither in the first bin. */
+void segment_set_noise(const int64_t count[SEGMENT_BINS], segment_histogram *histogram);
+/* How many bins values may differ by noise alone. */
+int segment_reach(const segment_histogram *histogram);
+/* Labels of pieces by size, their means. tallies (count) are sorted; label: out, (count). Errors: FORMAT, MEMORY. */
+pliant_status segment_name(const pliant_geometry *geometry, segment_tally *tallies, int32_t count, uint16_t *label, pliant_segmentation *out);
+
 /* ---- segment_mixture.c */
-/* Fit by expectation and maximization, from one class up: of each number the best split of the one before. out has room for
- * PLIANT_MAX_CLASSES, ascending means; returns how many. */
-int segment_fit(const segment_histogram *histogram, const pliant_segment_options *options, pliant_segment_class *out, double *criterion);
+/* Fit by expectation and maximization, from one class up to `most`: of each number the best split of the one before. */
+void segment_fit(const segment_histogram *histogram, int most, segment_fits *out);
+/* The one that the options ask for, or that of the best BIC. out has room for PLIANT_MAX_CLASSES, ascending means; returns how many. */
+int segment_best(const segment_histogram *histogram, const pliant_segment_options *options, const segment_fits *fits, pliant_segment_class *out,
+                 double *criterion);
+int segment_most_classes(const pliant_segment_options *options);
 /* log of weight times density at every bin: (SEGMENT_BINS x PLIANT_MAX_CLASSES) */
 void segment_log_densities(const segment_histogram *histogram, const pliant_segment_class *classes, int count, float *out);
 

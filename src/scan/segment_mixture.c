@@ -119,24 +119,31 @@ static double grow(const segment_histogram *histogram, const segment_histogram *
     return maximize(histogram, classes, count + 1, FINAL_PASSES);
 }
 
-int segment_fit(const segment_histogram *histogram, const pliant_segment_options *options, pliant_segment_class *out, double *criterion)
+void segment_fit(const segment_histogram *histogram, int most, segment_fits *out)
 {
     pliant_segment_class classes[PLIANT_MAX_CLASSES] = {{.weight = 1, .mean = value_of(histogram, SEGMENT_BINS / 2),
                                                          .deviation = 0.25 * SEGMENT_BINS * histogram->width}};
-    int most = options->classes > 0 ? options->classes : options->most_classes, best = 1;
     segment_histogram coarse;
     coarsen(histogram, &coarse);
-    double likelihood = maximize(histogram, classes, 1, FINAL_PASSES);
-    *criterion = criterion_of(histogram, likelihood, 1);
-    memcpy(out, classes, sizeof classes);
-    for (int count = 2; count <= most; count++) {
-        likelihood = grow(histogram, &coarse, classes, count - 1);
-        double now = criterion_of(histogram, likelihood, count);
-        if (options->classes == 0 && now >= *criterion) continue;
+    for (int count = 1; count <= most; count++) {
+        out->likelihood[count - 1] = count == 1 ? maximize(histogram, classes, 1, FINAL_PASSES) : grow(histogram, &coarse, classes, count - 1);
+        memcpy(out->classes[count - 1], classes, sizeof classes);
+    }
+}
+
+int segment_most_classes(const pliant_segment_options *options) { return options->classes > 0 ? options->classes : options->most_classes; }
+
+int segment_best(const segment_histogram *histogram, const pliant_segment_options *options, const segment_fits *fits, pliant_segment_class *out,
+                 double *criterion)
+{
+    int best = 0;
+    for (int count = 1; count <= segment_most_classes(options); count++) {
+        double now = criterion_of(histogram, fits->likelihood[count - 1], count);
+        if (best > 0 && options->classes == 0 && now >= *criterion) continue;
         *criterion = now;
         best = count;
-        memcpy(out, classes, sizeof classes);
     }
+    memcpy(out, fits->classes[best - 1], sizeof fits->classes[best - 1]);
     sort(out, best);
     return best;
 }

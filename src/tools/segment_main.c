@@ -185,7 +185,7 @@ int main(int argc, char **argv)
     arguments.scene.segment.kind = PLIANT_SEGMENT_NONE;
     pliant_status status = pliant_inputs_read(scene, arguments.scan, &scan, &labels, &materials);
     pliant_segment_options options = {scene->segment.classes, scene->segment.most_classes, scene->segment.coherence, scene->segment.smallest,
-                                      scene->solver.threads > 0 ? scene->solver.threads : 2};
+                                      scene->solver.threads > 0 ? scene->solver.threads : 2, scene->solver.backend};
     double start = pliant_seconds();
     if (status >= 0) status = pliant_segment(&scan, &options, &found);
     if (status >= 0) print(&found, pliant_seconds() - start);

@@ -60,7 +60,8 @@ pliant_status pliant_fit_create(const pliant_mesh *mesh, const pliant_geometry *
     view->tissue = pliant_calloc(pliant_geometry_voxels(scan), 1);
     view->at = pliant_calloc((size_t)mesh->num_nodes, 3 * sizeof *view->at);
     view->bin_node = pliant_calloc((size_t)mesh->num_nodes, sizeof *view->bin_node);
-    if (!view->map || !view->tissue || !view->at || !view->bin_node) {
+    view->sorted = pliant_calloc((size_t)mesh->num_nodes, 6 * sizeof *view->sorted);
+    if (!view->map || !view->tissue || !view->at || !view->sorted || !view->bin_node) {
         pliant_fit_free(fit);
         return pliant_fail_memory("the fit");
     }
@@ -76,6 +77,7 @@ void pliant_fit_free(pliant_fit *fit)
     pliant_free(view->map);
     pliant_free(view->tissue);
     pliant_free(view->at);
+    pliant_free(view->sorted);
     pliant_free(view->bin_node);
     pliant_free(view->bin_start);
     pliant_free(fit);
@@ -111,6 +113,7 @@ static bool sort_nodes(pliant_fit *fit, const double *positions)
     for (int32_t n = nodes - 1; n >= 0; n--) view->bin_node[--start[fit_flat_bin(view, view->at + 3 * (size_t)n) + 1]] = n;
     for (int32_t b = 0; b < count; b++) start[b] = start[b + 1];
     start[count] = nodes;
+    for (int32_t place = 0; place < nodes; place++) fit_set_place(view, place);
     return true;
 }
 

@@ -38,6 +38,7 @@ typedef struct fit_view {
     int32_t bins[3];
     int32_t *bin_start, *bin_node;
     double *at;               /* (num_nodes x 3) */
+    double *sorted;           /* (num_nodes x 6) by bins: where a node is, and rest */
 } fit_view;
 
 FIT_INLINE int32_t fit_bin_of(const fit_view *fit, int d, double at)
@@ -60,6 +61,16 @@ FIT_INLINE void fit_node_at(const pliant_geometry *target, const double position
     for (int d = 0; d < 3; d++) {
         const double *axis = target->direction + d;
         at[d] = (axis[0] * offset[0] + axis[3] * offset[1] + axis[6] * offset[2]) / target->spacing[d] * target->spacing[d];
+    }
+}
+
+/* what a place in the bins holds */
+FIT_INLINE void fit_set_place(const fit_view *fit, int32_t place)
+{
+    const size_t node = (size_t)fit->bin_node[place];
+    for (int d = 0; d < 3; d++) {
+        fit->sorted[6 * (size_t)place + (size_t)d] = fit->at[3 * node + (size_t)d];
+        fit->sorted[6 * (size_t)place + 3 + (size_t)d] = fit->rest[3 * node + (size_t)d];
     }
 }
 
@@ -110,7 +121,7 @@ FIT_INLINE void fit_add_node(const double *value, const double apart[3], double 
 
 FIT_INLINE void fit_gather(const fit_view *fit, const double p[3], double deviation, normal_equations *out)
 {
-    const double reach = FIT_CUT_OFF * deviation;
+    const double reach = FIT_CUT_OFF * deviation, inverse = 1 / deviation;
     int32_t first[3], last[3];
     memset(out, 0, sizeof *out);
     for (int d = 0; d < 3; d++) {
@@ -122,11 +133,10 @@ FIT_INLINE void fit_gather(const fit_view *fit, const double p[3], double deviat
         for (int32_t b = first[1]; b <= last[1]; b++) {
             size_t row = (size_t)fit->bins[0] * ((size_t)b + (size_t)fit->bins[1] * (size_t)c);
             for (int32_t s = fit->bin_start[row + (size_t)first[0]]; s < fit->bin_start[row + (size_t)last[0] + 1]; s++) {
-                const size_t node = (size_t)fit->bin_node[s];
-                const double *at = fit->at + 3 * node;
-                double apart[3] = {(at[0] - p[0]) / deviation, (at[1] - p[1]) / deviation, (at[2] - p[2]) / deviation};
+                const double *at = fit->sorted + 6 * (size_t)s;
+                double apart[3] = {(at[0] - p[0]) * inverse, (at[1] - p[1]) * inverse, (at[2] - p[2]) * inverse};
                 double square = apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2];
-                if (square < FIT_CUT_OFF * FIT_CUT_OFF) fit_add_node(fit->rest + 3 * node, apart, fit_gaussian(square), out);
+                if (square < FIT_CUT_OFF * FIT_CUT_OFF) fit_add_node(at + 3, apart, fit_gaussian(square), out);
             }
         }
 }
