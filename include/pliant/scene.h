@@ -14,7 +14,7 @@ extern "C" {
 /** name in C, name in YAML */
 #define PLIANT_METHOD_LIST(X) \
     X(PLIANT_FINE, fine) X(PLIANT_COARSE, coarse) X(PLIANT_SCHUR, schur) X(PLIANT_AVERAGED, averaged) \
-    X(PLIANT_CALIBRATED, calibrated)
+    X(PLIANT_CALIBRATED, calibrated) X(PLIANT_LOD, lod)
 #define PLIANT_TOUCH_LIST(X) X(PLIANT_TOUCH_OVERLAP, overlap) X(PLIANT_TOUCH_FACE, face)
 #define PLIANT_BACKEND_LIST(X) X(PLIANT_AUTO, auto) X(PLIANT_CPU, cpu) X(PLIANT_CUDA, cuda)
 #define PLIANT_PRECONDITIONER_LIST(X) X(PLIANT_PRECONDITIONER_AUTO, auto) X(PLIANT_DIRECT, direct) X(PLIANT_MULTIGRID, multigrid)
@@ -91,6 +91,9 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     X(TOUCH, touch, PLIANT_TOUCH_OVERLAP, 0, 0, "", "schur: fine tetrahedra that overlap the coarse one, or share a face with it too") \
     X(REAL, patch, 0.0, 0.0, 1.0, "m", "coarse methods: fine nodes within this distance of what a tool holds are solved on their own, those around them by the fine mesh's response (CPU); 0: not") \
     X(INT, patch_delay, 0, 0, 100000, "steps", "a patch is put to use this long after a tool has taken hold, ready or waited for; 0: from its operation count, at 2 Gflop/s") \
+    X(INT, lod_layers, 1, 1, 3, "cubes", "lod: how far its shape functions reach beyond a coarse cube")                \
+    X(REAL, lod_seconds, 300.0, 0.0, 1e6, "s", "lod: what preparing it may take, estimated beforehand; beyond it the model is refused") \
+    X(REAL, lod_memory, 4096.0, 0.0, 1e6, "MiB", "lod: what it may hold, likewise")                                   \
     X(REAL3, gravity, 0.0, -1e4, 1e4, "m/s^2", "acceleration in scan axes (LPS)")
 #define PLIANT_SCENE_SOLVER(X)                                                                                         \
     X(SOLVER, kind, PLIANT_COROTATIONAL, 0, 0, "", "corotational: quasi-static, linear in turned frames; tled: explicit dynamics, nonlinear, on the fine mesh") \

@@ -1,6 +1,7 @@
 /* From a scan and a scene to the constant model, stage by stage. */
 #include "core/fail.h"
 #include "core/fixed.h"
+#include "fem/lod.h"
 #include "fem/patch.h"
 #include "fem/tled.h"
 #include "pliant/memory.h"
@@ -241,6 +242,12 @@ static pliant_status homogenize(builder *build)
         pliant_status status = pliant_system_elements(system, build->coarse_material);
         return status == PLIANT_OK ? pliant_upsample_linear(system, build->coarse_of_fine) : status;
     }
+    if (model->scene.model.method == PLIANT_LOD) {
+        pliant_status status = pliant_lod_ground(system, model->fine_fixed, build->coarse_fixed, build->coarse_of_fine);
+        if (status == PLIANT_OK) status = hold_homogenized(build);
+        if (status != PLIANT_OK) return status;
+        return pliant_lod(system, &model->scene, model->fine_fixed, build->coarse_fixed, model->fine_material, build->progress);
+    }
     pliant_tet_material *none = pliant_calloc((size_t)model->coarse.num_tets, sizeof *none); /* geometry only */
     if (!none) return pliant_fail_memory("the coarse elements");
     pliant_status status = pliant_system_elements(system, none);
@@ -274,8 +281,9 @@ static pliant_status analyze(builder *build)
     pliant_status status = pliant_system_unknowns(model->system, is_coarse(model) ? build->coarse_fixed : model->fine_fixed);
     if (status == PLIANT_OK) status = gravity_mass(model);
     if (status != PLIANT_OK) return status;
-    /* the V-cycle's meshes nest by lattice */
-    pliant_preconditioner_choice choice = model->scene.mesh.kind == PLIANT_OCTREE ? PLIANT_DIRECT : model->scene.solver.preconditioner;
+    /* the V-cycle's meshes nest by lattice, and its matrices are of tetrahedra */
+    bool direct = model->scene.mesh.kind == PLIANT_OCTREE || model->scene.model.method == PLIANT_LOD;
+    pliant_preconditioner_choice choice = direct ? PLIANT_DIRECT : model->scene.solver.preconditioner;
     return pliant_preconditioner_create(model->system, choice, &model->system->preconditioner);
 }
 
@@ -324,6 +332,8 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
         (scene->model.method != PLIANT_FINE || scene->solver.preconditioner == PLIANT_MULTIGRID))
         status = pliant_fail(PLIANT_ERROR_SCENE, "mesh/kind: an octree has no coarse mesh: set model/method to fine and solver/preconditioner to "
                                                  "auto or direct");
+    if (status == PLIANT_OK && scene->model.method == PLIANT_LOD && scene->solver.preconditioner == PLIANT_MULTIGRID)
+        status = pliant_fail(PLIANT_ERROR_SCENE, "solver/preconditioner: lod's matrix is factored; set auto or direct");
     if (status == PLIANT_OK) status = pliant_material_table_check(materials);
     if (status != PLIANT_OK) return status;
     pliant_model *model = pliant_calloc(1, sizeof *model);

@@ -78,6 +78,36 @@ bool pliant_dense_solve(int32_t n, double *a, int32_t columns, double *right)
     return true;
 }
 
+/* Cholesky with complete pivoting (Higham, Accuracy and Stability, 10.3); what is left of the diagonal is kept in the last row */
+int32_t pliant_dense_root(int32_t n, const double *a, double *root)
+{
+    const double rounding = 1e-13;
+    double *left = root + (int64_t)(n - 1) * n, most = 0;
+    for (int32_t i = 0; i < n; i++) most = fmax(most, left[i] = a[(int64_t)i * (n + 1)]);
+    for (int32_t rank = 0; rank < n; rank++) {
+        int32_t pivot = 0;
+        for (int32_t i = 1; i < n; i++)
+            if (left[i] > left[pivot]) pivot = i;
+        if (!(left[pivot] > rounding * most)) return rank;
+        double *row = root + (int64_t)rank * n, scale = sqrt(left[pivot]);
+        if (rank + 1 == n) { /* over what was left: one column alone, and it is this row */
+            for (int32_t i = 0; i < n; i++) row[i] = i == pivot ? scale : 0;
+            return n;
+        }
+        for (int32_t i = 0; i < n; i++) row[i] = i < pivot ? a[(int64_t)pivot * n + i] : a[(int64_t)i * n + pivot];
+        for (int32_t m = 0; m < rank; m++) {
+            const double *before = root + (int64_t)m * n;
+            for (int32_t i = 0; i < n; i++) row[i] -= before[pivot] * before[i];
+        }
+        for (int32_t i = 0; i < n; i++) {
+            row[i] /= scale;
+            left[i] -= row[i] * row[i];
+        }
+        left[pivot] = 0;
+    }
+    return n;
+}
+
 /* columns (or with step n: rows) p and q turned by an angle */
 static void turn(int32_t n, double *a, int32_t p, int32_t q, int32_t step, int32_t stride, double cosine, double sine)
 {

@@ -161,6 +161,10 @@ static void homogenized_forces(const pliant_system *system, int32_t block, doubl
 
 void pliant_system_element_forces(const pliant_system *system, const double *positions, double (*forces)[12][LANES])
 {
+    if (system->macros) {
+        pliant_macro_forces(system, positions, (double *)forces);
+        return;
+    }
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t block = 0; block < system->num_blocks; block++) {
         double x[12][LANES];
@@ -221,6 +225,10 @@ static void twist_of(const double f[9], const double r[9], double lambda, double
 
 void pliant_system_tangents(const pliant_system *system, const double *positions, pliant_twist twist, pliant_tangent *tangents)
 {
+    if (system->macros) {
+        pliant_macro_tangents(system, positions, tangents);
+        return;
+    }
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t block = 0; block < system->num_blocks; block++) {
         pliant_tangent *out = tangents + block;
@@ -246,10 +254,13 @@ void pliant_system_tangents(const pliant_system *system, const double *positions
 
 void pliant_system_gather(const pliant_system *system, double (*forces)[12][LANES], double *out)
 {
+    const double *of_macros = system->macros ? (const double *)forces : NULL;
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t n = 0; n < system->num_free; n++) {
         double sum[3] = {0, 0, 0};
-        for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++) {
+        for (int32_t c = system->corner_start[n]; of_macros && c < system->corner_start[n + 1]; c++)
+            for (int d = 0; d < 3; d++) sum[d] += of_macros[3 * (size_t)system->corner[c] + (size_t)d];
+        for (int32_t c = system->corner_start[n]; !of_macros && c < system->corner_start[n + 1]; c++) {
             int32_t element = system->corner[c] / 4, corner = system->corner[c] % 4;
             for (int d = 0; d < 3; d++) sum[d] += forces[element / LANES][3 * corner + d][element % LANES];
         }
@@ -272,6 +283,7 @@ void pliant_system_clear(pliant_system *system)
     pliant_free(system->pattern.term_start);
     pliant_free(system->pattern.term);
     pliant_free(system->gravity_mass);
+    pliant_macros_free(system->macros);
     pliant_upsample_free(system->upsample);
     pliant_preconditioner_free(system->preconditioner);
     memset(system, 0, sizeof *system);

@@ -12,6 +12,7 @@ struct pliant_factor {
     cholmod_common common; /* one a factor: factors are used by different threads */
     cholmod_factor *cholesky;
     int32_t size;          /* scalar unknowns */
+    bool in_double;        /* no panels */
     int *column_start, *row; /* (size + 1), (values): the pattern in CHOLMOD's form, int indices */
     cholmod_dense *solution, *workspace, *workspace_sparse;
     pliant_panels panels;  /* the numbers again, where the factor is supernodal; empty: CHOLMOD solves */
@@ -129,6 +130,8 @@ pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor
     return PLIANT_OK;
 }
 
+void pliant_factor_in_double(pliant_factor *factor) { factor->in_double = true; }
+
 static pliant_supernodes supernodes_of(const pliant_factor *factor)
 {
     const cholmod_factor *l = factor->cholesky;
@@ -139,7 +142,7 @@ static pliant_supernodes supernodes_of(const pliant_factor *factor)
 /* to single precision; nothing to do where CHOLMOD made no supernodes */
 static pliant_status fill_panels(pliant_factor *factor)
 {
-    if (!factor->cholesky->is_super || !factor->cholesky->x) return PLIANT_OK;
+    if (factor->in_double || !factor->cholesky->is_super || !factor->cholesky->x) return PLIANT_OK;
     pliant_status status = factor->panels.value ? PLIANT_OK : pliant_panels_create(factor->cholesky->xsize, factor->size, &factor->panels);
     if (status != PLIANT_OK) return status;
     pliant_supernodes supernodes = supernodes_of(factor);

@@ -94,6 +94,7 @@ static pliant_status fill_pattern(pliant_pattern *pattern, const pair *pairs, in
 pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed)
 {
     pliant_status status = number_free(system, fixed);
+    if (status == PLIANT_OK && system->macros) return pliant_macro_unknowns(system);
     if (status == PLIANT_OK) status = list_corners(system);
     if (status != PLIANT_OK) return status;
     size_t most = 10 * (size_t)system->mesh->num_tets;
@@ -174,6 +175,10 @@ void pliant_system_assemble_block(const pliant_system *system, const pliant_tang
 
 void pliant_system_assemble(const pliant_system *system, const pliant_tangent *tangents, double *values)
 {
+    if (system->macros) {
+        pliant_macro_assemble(system, tangents, values);
+        return;
+    }
     const pliant_pattern *pattern = &system->pattern;
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t column = 0; column < pattern->num_columns; column++) {
@@ -194,6 +199,7 @@ void pliant_system_assemble(const pliant_system *system, const pliant_tangent *t
 
 double pliant_system_mean_diagonal(const pliant_system *system)
 {
+    if (system->macros) return pliant_macro_mean_diagonal(system);
     double sum = 0;
     for (int32_t f = 0; f < system->num_free; f++)
         for (int32_t c = system->corner_start[f]; c < system->corner_start[f + 1]; c++) {

@@ -22,7 +22,7 @@ typedef struct pliant_pattern {
     int32_t num_blocks;
     int32_t *start;           /* (num_columns + 1) */
     int32_t *row;             /* (num_blocks) ascending in each column */
-    int32_t *term_start;      /* (num_blocks + 1) */
+    int32_t *term_start;      /* (num_blocks + 1); NULL, as term: of macro-elements */
     int32_t *term;            /* 16 * element + 4 * (corner of the row) + (corner of the column) */
     int64_t num_values;       /* of the scalar lower triangle */
 } pliant_pattern;
@@ -39,6 +39,33 @@ typedef struct pliant_upsample {
     double *entry_shape;      /* (entries x 36) N, 3 x 12, row-major */
     const uint8_t *still;     /* Nullable: (fine nodes) fixed ones stay where they are */
 } pliant_upsample;
+
+/* Elements with as many corners as they need (NUMERICS 4): one a cube of the solved lattice that holds tissue, on all nodes that
+ * move its fine nodes. Its frame turns by R, fitted to the cube's own nodes: F = sum of x_v g_v'. A corner at x, X at rest, has in it
+ *     q = R'(x - c) - (X - C), c and C the means of the cube's own nodes; or q = R'(x - X) where it is held: it moves fine nodes
+ * against something fixed, from where it stood.
+ * Forces are R K q with K = root' root; the fine nodes that follow the cube go to c + R (X_f - C + N q), where it is grounded to
+ * X_f + N q. */
+typedef struct pliant_macros {
+    int32_t count;
+    int32_t *start;           /* (count + 1) into the corners */
+    int32_t *node;            /* (corners) solved node */
+    uint8_t *held;            /* (corners) */
+    uint8_t *grounded;        /* (count) keeps R = I; every corner is held */
+    int32_t *own;             /* (count x 8) the cube's own nodes, or -1 */
+    double *gradient;         /* (count x 8 x 3) g [1/m] */
+    int32_t *rank;            /* (count) rows of root */
+    float **root;             /* (count) (rank x 3 corners) [sqrt(N/m)], single: what is read most in a step */
+    int32_t *cube_of_corner;  /* (corners) with the unknowns */
+    int32_t *fine_start;      /* (count + 1) into the fine nodes */
+    int32_t *fine;            /* (fine nodes that are not fixed) by the cube that they follow */
+    int32_t *cube_of_fine;    /* (fine nodes) that cube, or -1 */
+    int32_t **entry_start;    /* (count) (its fine nodes + 1) into the entries of the cube */
+    uint16_t **entry_corner;  /* (count) (entries) corner of the cube */
+    float **entry_shape;      /* (count) (entries x 9) N, 3 x 3 */
+} pliant_macros;
+
+enum { PLIANT_MAX_LAYERS = 3, PLIANT_MAX_CORNERS = 2 * (2 * PLIANT_MAX_LAYERS + 2) * (2 * PLIANT_MAX_LAYERS + 2) * (2 * PLIANT_MAX_LAYERS + 2) };
 
 /* What the stiffness of a block of elements follows from at one state. */
 typedef struct pliant_tangent {
@@ -60,13 +87,14 @@ struct pliant_system {
     double (*lame)[2][LANES];       /* (num_blocks) volume * lambda, volume * mu [N m]; isotropic elements */
     double *stiffness;              /* (num_tets x 144) homogenized [N/m]; NULL: isotropic */
     uint8_t *grounded;              /* (num_blocks x LANES) keeps R = I: what holds fixed fine nodes, and what is empty; NULL: none */
+    pliant_macros *macros;          /* Nullable: in place of all these; num_blocks is then what their forces and rotations fit in */
 
     /* UNKNOWNS */
     int32_t num_free;
     int32_t *free_of_node;    /* (num_nodes) or -1 */
     int32_t *node_of_free;    /* (num_free) */
     int32_t *corner_start;    /* (num_free + 1) */
-    int32_t *corner;          /* 4 * element + corner: which element forces a node gathers, ascending */
+    int32_t *corner;          /* 4 * element + corner, or corner of the macro-elements: which forces a node gathers, ascending */
 
     pliant_pattern pattern;
     pliant_preconditioner *preconditioner; /* at rest; shared, never changed */
@@ -101,12 +129,25 @@ void pliant_system_element(const pliant_system *system, const pliant_tangent *ta
 /* mean of the matrix's diagonal; turning the elements does not change it [N/m] */
 double pliant_system_mean_diagonal(const pliant_system *system);
 
+/* ---- macro.c: the same of macro-elements; forces (corners x 3) */
+void pliant_macro_forces(const pliant_system *system, const double *positions, double *forces);
+void pliant_macro_tangents(const pliant_system *system, const double *positions, pliant_tangent *tangents);
+pliant_status pliant_macro_unknowns(pliant_system *system); /* free nodes are numbered already */
+void pliant_macro_assemble(const pliant_system *system, const pliant_tangent *tangents, double *values);
+double pliant_macro_mean_diagonal(const pliant_system *system);
+void pliant_macro_positions(const pliant_system *system, const double *solved, double *fine);
+/* a fine node's, added with this weight: dense (num_free x 9) */
+void pliant_macro_weights(const pliant_system *system, const double *solved, int32_t fine_node, double weight, double *dense);
+void pliant_macros_free(pliant_macros *macros); /* Nullable */
+
 /* ---- homogenize.c */
 pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed,
                                 const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress);
 
 /* ---- upsample.c */
 pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine);
+/* whether weights turn with the tissue, so that they change from step to step */
+bool pliant_upsample_turns(const pliant_system *system);
 void pliant_upsample_positions(const pliant_system *system, const double *solved, double *fine);
 /* Fine weights (sparse: nodes, weights) to 3 x 3 blocks on the unknowns, [H] 11: dense (num_free x 9), zeroed by the caller. */
 void pliant_upsample_weights(const pliant_system *system, const double *solved, int32_t count, const int32_t *nodes, const double *weights,
@@ -115,6 +156,8 @@ void pliant_upsample_free(pliant_upsample *upsample);
 
 /* ---- factor.c: CHOLMOD behind a few lines. One factor belongs to one thread at a time. */
 pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor **out);
+/* solves in double precision from now on; takes effect with the next numbers */
+void pliant_factor_in_double(pliant_factor *factor);
 /* the same symbolic analysis, nothing numeric */
 pliant_status pliant_factor_clone(const pliant_factor *factor, pliant_factor **out);
 /* Errors: NUMERIC (not positive definite), MEMORY; the old numbers are gone then. */

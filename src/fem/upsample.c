@@ -76,10 +76,16 @@ static void shaped_position(const pliant_system *system, const double *solved, i
     for (int d = 0; d < 3; d++) out[d] = rotation[3 * d] * local[0] + rotation[3 * d + 1] * local[1] + rotation[3 * d + 2] * local[2] + c[d];
 }
 
+bool pliant_upsample_turns(const pliant_system *system) { return system->macros || (system->upsample && system->upsample->start); }
+
 void pliant_upsample_positions(const pliant_system *system, const double *solved, double *fine)
 {
     const pliant_upsample *upsample = system->upsample;
     size_t count = (size_t)system->fine->num_nodes;
+    if (system->macros) {
+        pliant_macro_positions(system, solved, fine);
+        return;
+    }
     if (!upsample) {
         memcpy(fine, solved, 3 * count * sizeof *fine);
         return;
@@ -121,7 +127,9 @@ void pliant_upsample_weights(const pliant_system *system, const double *solved, 
     const pliant_upsample *upsample = system->upsample;
     for (int32_t h = 0; h < count; h++) {
         int32_t n = nodes[h];
-        if (!upsample) {
+        if (system->macros) {
+            pliant_macro_weights(system, solved, n, weights[h], dense);
+        } else if (!upsample) {
             add_block(system, n, weights[h], NULL, dense);
         } else if (upsample->still && upsample->still[n]) {
             continue;

@@ -212,7 +212,7 @@ pliant_status pliant_tool_interact(const pliant_model *model, pliant_data *data,
         return PLIANT_OK;
     }
     /* weights through homogenized shape functions turn with the elements: they are taken anew every step */
-    bool turning = solver == data->solver && model->system->upsample && model->system->upsample->start;
+    bool turning = solver == data->solver && pliant_upsample_turns(model->system);
     if (!tool->attached && handle->active) pliant_solver_release(solver, index); /* another hold than before */
     if (!tool->attached || turning) {
         pliant_status status = pliant_patch_hold(data, index);

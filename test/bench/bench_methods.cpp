@@ -1,13 +1,15 @@
 // Error of the coarse methods against the fine solution, and time and memory of building and stepping, on a real scan.
 //
-//   bench_methods SCENE SCAN [LABELS-TO-PULL-AT ...]      e.g. bench_methods test/bench/spine.yaml ct.nii.gz 5 20 2
+//   bench_methods SCENE SCAN [METHOD ...] [gravity] [LABELS-TO-PULL-AT ...]      e.g. bench_methods test/bench/spine.yaml ct.nii.gz 5 20 2
 //
+// Methods named (schur_face: with touch face) are compared with fine, without names all of them. gravity: 9.81 m/s^2 along y.
 // For each label: its front (the most anterior voxel near its centroid) is pulled 3 cm forward and a little up over 30 steps,
 // once with the held point prescribed (displacement), once with the force that the fine solution took (force).
 // Errors are of the last step, over all nodes of the fine mesh, in % of the largest displacement of the fine solution.
 #include "pliant/pliant.h"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -23,7 +25,7 @@ const double pull[3] = {0.004, -0.029, 0.006}; // 3 cm
 struct Run {
     std::vector<double> positions;
     double force[3];
-    std::vector<double> solve, frame;
+    std::vector<double> solve, upsample, frame;
     double iterations;
     int unconverged;
 };
@@ -35,34 +37,42 @@ void check(pliant_status status)
     std::exit(1);
 }
 
-Run run(const pliant_model *model, const double at[3], pliant_drive drive, const double *force)
+// at: what the tool holds; NULL: no tool, gravity grows instead
+Run run(const pliant_model *model, const double *at, pliant_drive drive, const double *force)
 {
     pliant_data *data = nullptr;
     check(pliant_data_create(model, &data));
-    int tool;
-    check(pliant_tool_add(model, data, "bench", &tool));
-    check(pliant_tool_grasp(model, data, tool, at));
-    double from[3];
-    std::memcpy(from, data->tools[tool].tip, sizeof from);
+    int tool = -1;
+    double from[3] = {0, 0, 0};
+    if (at) {
+        check(pliant_tool_add(model, data, "bench", &tool));
+        check(pliant_tool_grasp(model, data, tool, at));
+        std::memcpy(from, data->tools[tool].tip, sizeof from);
+    }
     Run out{};
     for (int s = 1; s <= steps; s++) {
-        double tip[3], part[3] = {0, 0, 0};
+        double tip[3], part[3] = {0, 0, 0}, gravity[3] = {0, 9.81 * s / steps, 0};
         for (int d = 0; d < 3; d++) {
             tip[d] = from[d] + pull[d] * s / steps;
             if (force) part[d] = force[d] * s / steps;
         }
-        check(pliant_tool_drive(data, tool, drive, part));
-        check(pliant_tool_pose(data, tool, tip, nullptr));
+        if (at) {
+            check(pliant_tool_drive(data, tool, drive, part));
+            check(pliant_tool_pose(data, tool, tip, nullptr));
+        } else {
+            check(pliant_data_gravity(data, gravity));
+        }
         double start = pliant_seconds();
         pliant_status status = pliant_step(model, data);
         check(status);
         out.unconverged += status == PLIANT_NOT_CONVERGED;
         out.frame.push_back(pliant_seconds() - start);
         out.solve.push_back(data->statistics.seconds[PLIANT_STEP_solve]);
+        out.upsample.push_back(data->statistics.seconds[PLIANT_STEP_upsample]);
         out.iterations += double(data->statistics.iterations) / steps;
     }
     out.positions.assign(data->positions, data->positions + 3 * size_t(model->fine.num_nodes));
-    std::memcpy(out.force, data->tools[tool].force, sizeof out.force);
+    if (at) std::memcpy(out.force, data->tools[tool].force, sizeof out.force);
     pliant_data_free(data);
     return out;
 }
@@ -118,9 +128,9 @@ void compare(const char *name, const pliant_model *model, const Run &run, const 
         most = std::max(most, std::sqrt(e));
         squares += e / double(nodes);
     }
-    std::printf("%-26s max %6.1f %%  rms %6.2f %%  (largest %.1f mm)  |F| %6.2f N  solve %6.2f ms  %4.1f iterations  %d unconverged\n", name,
+    std::printf("%-26s max %6.1f %%  rms %6.2f %%  (largest %.1f mm)  |F| %6.2f N  solve %6.2f ms, upsample %5.2f ms  %4.1f iterations  %d unconverged\n", name,
                 100 * most / largest, 100 * std::sqrt(squares) / largest, 1e3 * largest,
-                std::sqrt(run.force[0] * run.force[0] + run.force[1] * run.force[1] + run.force[2] * run.force[2]), 1e3 * median(run.solve),
+                std::sqrt(run.force[0] * run.force[0] + run.force[1] * run.force[1] + run.force[2] * run.force[2]), 1e3 * median(run.solve), 1e3 * median(run.upsample),
                 run.iterations, run.unconverged);
 }
 
@@ -133,7 +143,9 @@ void report_build(const char *name, const pliant_model *model)
         std::printf(" %s %.0f ms", pliant_build_stage_name(s), 1e3 * model->build_seconds[s]);
         seconds += model->build_seconds[s];
     }
-    std::printf(", all %.2f s; peak %.0f MB\n", seconds, double(pliant_memory_peak()) / 1e6);
+    size_t held = 0;
+    for (size_t bytes : model->build_bytes) held += bytes;
+    std::printf(", all %.2f s; holds %.0f MiB, peak of the process %.0f MiB\n", seconds, double(held) / 1048576, double(pliant_memory_peak()) / 1048576);
 }
 
 } // namespace
@@ -141,7 +153,7 @@ void report_build(const char *name, const pliant_model *model)
 int main(int argc, char **argv)
 {
     if (argc < 4) {
-        std::fprintf(stderr, "usage: bench_methods SCENE SCAN LABEL...\n");
+        std::fprintf(stderr, "usage: bench_methods SCENE SCAN [METHOD...] [gravity] [LABEL...]\n");
         return 2;
     }
     pliant_scene scene;
@@ -157,37 +169,55 @@ int main(int argc, char **argv)
     scene.solver.iterations = 100;
     scene.solver.tolerance = 1e-4;
     scene.grasp.radius = 0.012;
-    const pliant_method methods[] = {PLIANT_FINE, PLIANT_COARSE, PLIANT_SCHUR, PLIANT_SCHUR, PLIANT_CALIBRATED, PLIANT_AVERAGED};
-    const char *names[] = {"fine", "coarse", "schur overlap", "schur face", "calibrated", "averaged"};
-    const size_t count = sizeof methods / sizeof *methods;
-    std::vector<pliant_model *> models;
-    for (size_t m = 0; m < count; m++) {
-        scene.model.method = methods[m];
-        scene.model.touch = m == 3 ? PLIANT_TOUCH_FACE : PLIANT_TOUCH_OVERLAP;
-        pliant_model *model = nullptr;
-        check(pliant_model_build(&scene, &scan, &labels, &materials, {nullptr, nullptr}, &model));
-        report_build(names[m], model);
-        models.push_back(model);
+    struct {
+        const char *name;
+        pliant_method method;
+        pliant_touch touch;
+        bool wanted;
+        pliant_model *model;
+    } methods[] = {{"fine", PLIANT_FINE, PLIANT_TOUCH_OVERLAP, true, nullptr},          {"coarse", PLIANT_COARSE, PLIANT_TOUCH_OVERLAP, false, nullptr},
+                   {"schur", PLIANT_SCHUR, PLIANT_TOUCH_OVERLAP, false, nullptr},       {"schur_face", PLIANT_SCHUR, PLIANT_TOUCH_FACE, false, nullptr},
+                   {"calibrated", PLIANT_CALIBRATED, PLIANT_TOUCH_OVERLAP, false, nullptr}, {"averaged", PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, false, nullptr},
+                   {"lod", PLIANT_LOD, PLIANT_TOUCH_OVERLAP, false, nullptr}};
+    bool named = false;
+    for (auto &m : methods)
+        for (int a = 3; a < argc; a++)
+            if (std::strcmp(argv[a], m.name) == 0) named = m.wanted = true;
+    for (auto &m : methods) {
+        if (named && !m.wanted) continue;
+        scene.model.method = m.method;
+        scene.model.touch = m.touch;
+        check(pliant_model_build(&scene, &scan, &labels, &materials, {nullptr, nullptr}, &m.model));
+        report_build(m.name, m.model);
     }
+    const pliant_model *exact = methods[0].model;
     for (int a = 3; a < argc; a++) {
         double at[3];
-        if (!front_of(labels, std::atoi(argv[a]), at)) {
+        const bool gravity = std::strcmp(argv[a], "gravity") == 0;
+        if (!gravity && !std::isdigit(argv[a][0])) continue;
+        if (!gravity && !front_of(labels, std::atoi(argv[a]), at)) {
             std::printf("label %s does not occur\n", argv[a]);
             continue;
         }
-        std::printf("label %s, pulled at (%.3f %.3f %.3f) m\n", argv[a], at[0], at[1], at[2]);
-        Run fine = run(models[0], at, PLIANT_DRIVE_RIGID, nullptr), by_force = run(models[0], at, PLIANT_DRIVE_FORCE, fine.force);
-        compare("fine by force", models[0], by_force, fine);
-        for (size_t m = 0; m < count; m++) {
-            if (models[m]->fine.num_nodes != models[0]->fine.num_nodes) {
-                std::printf("%s keeps other nodes: compare with mesh/keep_air\n", names[m]);
+        if (gravity) std::printf("gravity\n");
+        else std::printf("label %s, pulled at (%.3f %.3f %.3f) m\n", argv[a], at[0], at[1], at[2]);
+        Run fine = run(exact, gravity ? nullptr : at, PLIANT_DRIVE_RIGID, nullptr);
+        Run by_force = gravity ? fine : run(exact, at, PLIANT_DRIVE_FORCE, fine.force);
+        for (const auto &m : methods) {
+            if (!m.model) continue;
+            if (m.model->fine.num_nodes != exact->fine.num_nodes) {
+                std::printf("%s keeps other nodes: compare with mesh/keep_air\n", m.name);
                 continue;
             }
-            compare((std::string(names[m]) + ", displacement").c_str(), models[m], run(models[m], at, PLIANT_DRIVE_RIGID, nullptr), fine);
-            compare((std::string(names[m]) + ", force").c_str(), models[m], run(models[m], at, PLIANT_DRIVE_FORCE, fine.force), by_force);
+            if (gravity) {
+                compare(m.name, m.model, run(m.model, nullptr, PLIANT_DRIVE_RIGID, nullptr), fine);
+                continue;
+            }
+            compare((std::string(m.name) + ", displacement").c_str(), m.model, run(m.model, at, PLIANT_DRIVE_RIGID, nullptr), fine);
+            compare((std::string(m.name) + ", force").c_str(), m.model, run(m.model, at, PLIANT_DRIVE_FORCE, fine.force), by_force);
         }
     }
-    for (pliant_model *model : models) pliant_model_free(model);
+    for (const auto &m : methods) pliant_model_free(m.model);
     pliant_material_table_free(&materials);
     pliant_labels_free(&labels);
     pliant_volume_free(&scan);
