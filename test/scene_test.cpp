@@ -114,7 +114,7 @@ TEST(scene, errors_name_file_line_field_value_and_range)
     refused("mesh:\n  coarse_cells: [7, 7, 0]\n", PLIANT_ERROR_SCENE,
             {"line 2", "mesh/coarse_cells", "'0'", "1 .. 256"});
     refused("mesh:\n  keep_air: perhaps\n", PLIANT_ERROR_SCENE, {"line 2", "mesh/keep_air", "perhaps", "true | false"});
-    refused("model:\n  method: exact\n", PLIANT_ERROR_SCENE, {"line 2", "exact", "fine | coarse | schur | averaged | calibrated"});
+    refused("model:\n  method: exact\n", PLIANT_ERROR_SCENE, {"line 2", "exact", "fine | coarse | schur | averaged | calibrated | lod"});
     refused("model:\n  gravity: [0, 0, nan]\n", PLIANT_ERROR_SCENE, {"line 2", "model/gravity", "nan"});
     refused("model:\n  gravity: [0, 0, 1e5]\n", PLIANT_ERROR_SCENE, {"line 2", "100000", "-10000 .. 10000"});
     refused("solver:\n  tolerance: 0\n", PLIANT_ERROR_SCENE, {"line 2", "solver/tolerance", "1e-12 .. 1"});

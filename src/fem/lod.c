@@ -201,13 +201,14 @@ static pliant_status assemble_fine(lod_builder *lod)
 
 /* ---- what it takes */
 
-/* Measured on cubes full of tissue (test/bench/bench_methods): nested dissection in space needs nodes^2 operations for a factor and
- * nodes^(4/3) numbers in it; columns are solved for one by one */
-static double seconds_of(double nodes, double means, int32_t threads)
+/* One core of an AVX-512 server needs about this for a corrector: ordering; the factor, whose operations grow as nodes^2 in space
+ * (nested dissection) and whose numbers as nodes^(4/3); a solve for every column; and for the macro-element N'(K_C N). */
+static const double factor_numbers = 110;
+
+static double seconds_of(double nodes, double means, double own)
 {
-    const double rate = 4e9;
-    double entries = 60 * pow(nodes, 4.0 / 3), factor = 900 * nodes * nodes, solves = (24 + 3 * means) * 4 * entries;
-    return (factor + solves + 18 * means * means * nodes) / rate / threads;
+    double columns = 24 + 3 * means, numbers = pow(nodes, 4.0 / 3);
+    return 3.5e-5 * nodes + 60 * nodes * nodes / 1.5e10 + 1.2e-8 * columns * numbers + 1e-9 * own * columns * columns;
 }
 
 typedef struct lod_cost { double seconds, mib; } lod_cost;
@@ -221,10 +222,11 @@ static lod_cost cost_of(const lod_builder *lod, int32_t ratio, int32_t layers)
     lod_cost cost = {0, 0};
     for (int32_t cube = 0; cube < lod->count; cube++) {
         double nodes = lod->patch_nodes[cube] * finer * wider, means = lod->patch_means[cube] * more_means, columns = 3 * means;
-        double own = 3 * pow(ratio + 1, 3), rank = fmin(own, columns);
-        cost.seconds += seconds_of(nodes, means, threads);
-        cost.mib += 4 * (72 * nodes + rank * columns + 9 * own / 3 * means);
-        largest = fmax(largest, 8 * ((24 + 3 * means) * 3 * nodes * 3 + 60 * pow(nodes, 4.0 / 3) * 2));
+        double own = 3 * pow(ratio + 1, 3);
+        cost.seconds += seconds_of(nodes, means, own) / threads;
+        /* corrector, root, entries; in the making: K^-1 [G, Phi] three times and the factor */
+        cost.mib += 4 * (72 * nodes + fmin(own, columns) * columns + 3 * own * means);
+        largest = fmax(largest, 8 * (3 * (24 + columns) * 3 * nodes + factor_numbers * pow(nodes, 4.0 / 3)));
     }
     cost.mib = (cost.mib + largest * threads) / 1048576;
     return cost;

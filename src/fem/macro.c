@@ -242,20 +242,21 @@ void pliant_macro_assemble(const pliant_system *system, const pliant_tangent *ta
             add_column(system, tangents, column, system->corner[e], values);
 }
 
+/* the trace of a diagonal block: of a cube that has the node twice, with what is between the two */
 double pliant_macro_mean_diagonal(const pliant_system *system)
 {
     const pliant_macros *macros = system->macros;
     double sum = 0;
     for (int32_t f = 0; f < system->num_free; f++)
-        for (int32_t e = system->corner_start[f]; e < system->corner_start[f + 1]; e++) {
-            int32_t cube = macros->cube_of_corner[system->corner[e]];
-            int32_t n = 3 * (macros->start[cube + 1] - macros->start[cube]), corner = system->corner[e] - macros->start[cube];
-            for (int32_t m = 0; m < macros->rank[cube]; m++)
-                for (int d = 0; d < 3; d++) {
-                    double entry = macros->root[cube][(size_t)m * (size_t)n + (size_t)(3 * corner + d)];
-                    sum += entry * entry;
-                }
-        }
+        for (int32_t e = system->corner_start[f]; e < system->corner_start[f + 1]; e++)
+            for (int32_t g = system->corner_start[f]; g < system->corner_start[f + 1]; g++) {
+                int32_t a = system->corner[e], b = system->corner[g], cube = macros->cube_of_corner[a], begin = macros->start[cube];
+                if (macros->cube_of_corner[b] != cube) continue;
+                size_t n = 3 * (size_t)(macros->start[cube + 1] - begin);
+                for (size_t m = 0; m < (size_t)macros->rank[cube]; m++)
+                    for (size_t d = 0; d < 3; d++)
+                        sum += (double)macros->root[cube][m * n + 3 * (size_t)(a - begin) + d] * macros->root[cube][m * n + 3 * (size_t)(b - begin) + d];
+            }
     return sum / (3.0 * system->num_free);
 }
 

@@ -108,6 +108,9 @@ public:
         std::vector<double> forces(12 * LANES * static_cast<size_t>(system->num_blocks)), out(positions.size());
         auto blocks = reinterpret_cast<double (*)[12][LANES]>(forces.data());
         pliant_system_element_forces(system, positions.data(), blocks);
+        for (int32_t c = 0; system->macros && c < system->macros->start[system->macros->count]; c++)
+            for (int d = 0; d < 3; d++) out[3 * system->macros->node[c] + d] += forces[3 * static_cast<size_t>(c) + d];
+        if (system->macros) return out;
         for (int32_t t = 0; t < system->mesh->num_tets; t++)
             for (int m = 0; m < 12; m++) out[3 * system->mesh->tets[4 * t + m / 3] + m % 3] += blocks[t / LANES][m][t % LANES];
         return out;

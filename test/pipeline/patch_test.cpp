@@ -103,7 +103,7 @@ TEST(Patch, AveragedAndCalibratedStoreTheExactEnergyAndSchurDoesNot)
 
 TEST(Patch, RigidMotionCostsNoForce)
 {
-    for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_CALIBRATED}) {
+    for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_CALIBRATED, PLIANT_LOD}) {
         Body body(size, box, one);
         body.scene.model.method = method;
         body.cells(3, 3, 3, 2);

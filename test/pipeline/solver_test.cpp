@@ -46,7 +46,7 @@ TEST(Solver, RestNeedsOneEvaluation)
 
 TEST(Solver, SameInputSameBits)
 {
-    for (pliant_method method : {PLIANT_FINE, PLIANT_AVERAGED, PLIANT_SCHUR}) {
+    for (pliant_method method : {PLIANT_FINE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_LOD}) {
         std::vector<double> results[3];
         for (int run = 0; run < 3; run++) {
             Body body(size, box, two, stripes);

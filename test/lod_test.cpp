@@ -1,0 +1,253 @@
+// Localized orthogonal decomposition: its matrix, how its error falls with the reach of its shape functions, its limits.
+#include "pipeline/body.h"
+
+#include <Eigen/Dense>
+
+#include <algorithm>
+#include <string>
+
+namespace {
+
+const int size[3] = {24, 24, 24};
+const double box[3] = {0.12, 0.12, 0.12};
+const std::vector<Material> three = {{4000, 0.45, 950, false}, {30000, 0.4, 1060, false}, {300000, 0.3, 1100, false}};
+
+int patches(int i, int j, int k) { return (i / 4 * 7 + j / 4 * 5 + k / 4 * 3) % 3; }
+
+void prepare(Body &body, pliant_method method, int cells, int ratio, int layers)
+{
+    body.scene.model.method = method;
+    body.scene.model.lod_layers = layers;
+    body.cells(cells, cells, cells, ratio);
+    body.fix_plane(0, 0, 0, 0, 0, 1);
+}
+
+// a block between the coarse nodes that does not move
+void fix_inclusion(Body &body) { body.scene.fixed.boxes[body.scene.fixed.num_boxes++] = {{0.013, 0.033, 0.053}, {0.047, 0.067, 0.087}}; }
+
+std::vector<double> shaken(const pliant_mesh &mesh, double by)
+{
+    std::vector<double> x(mesh.rest, mesh.rest + 3 * mesh.num_nodes);
+    for (size_t i = 0; i < x.size(); i++) x[i] += by * std::sin(12.9898 * static_cast<double>(i));
+    return x;
+}
+
+double apart(const std::vector<double> &a, const std::vector<double> &b)
+{
+    double squares = 0;
+    for (size_t i = 0; i < a.size(); i++) squares += (a[i] - b[i]) * (a[i] - b[i]);
+    return std::sqrt(squares);
+}
+
+// With one fine cube in a coarse one there is nothing to correct: the macro-elements are the tetrahedra, five at a time, up to the single
+// precision that they are kept in.
+TEST(Lod, OfRatioOneIsTheFineMesh)
+{
+    Body fine(size, box, three, patches), lod(size, box, three, patches);
+    prepare(fine, PLIANT_FINE, 4, 1, 1);
+    prepare(lod, PLIANT_LOD, 4, 1, 1);
+    ASSERT_EQ(fine.build(), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(lod.build(), PLIANT_OK) << pliant_last_error();
+    std::vector<double> x = shaken(fine.model->fine, 1e-8), expected = fine.elastic_force(x), found = lod.elastic_force(x);
+    std::vector<double> none(expected.size());
+    EXPECT_LT(apart(expected, found), 1e-6 * apart(expected, none));
+}
+
+// The assembled matrix is the derivative of the gathered forces at rest, with something fixed between the coarse nodes too.
+TEST(Lod, MatrixIsTheDerivativeOfTheForce)
+{
+    Body body(size, box, three, patches);
+    prepare(body, PLIANT_LOD, 3, 2, 1);
+    fix_inclusion(body);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    const pliant_system *system = body.model->system;
+    const pliant_mesh &mesh = *system->mesh;
+    int grounded = 0, held = 0;
+    for (int32_t c = 0; c < system->macros->count; c++) grounded += system->macros->grounded[c];
+    for (int32_t c = 0; c < system->macros->start[system->macros->count]; c++) held += system->macros->held[c];
+    EXPECT_GT(grounded, 0);
+    EXPECT_LT(grounded, system->macros->count);
+    EXPECT_GT(held, 0);
+    const pliant_pattern &pattern = system->pattern;
+    std::vector<pliant_tangent> tangents(static_cast<size_t>(system->num_blocks));
+    std::vector<double> values(pattern.num_values);
+    pliant_system_tangents(system, mesh.rest, PLIANT_TWIST_EXACT, tangents.data());
+    pliant_system_assemble(system, tangents.data(), values.data());
+    int n = 3 * system->num_free;
+    Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(n, n), difference(n, n);
+    int64_t at = 0;
+    for (int32_t column = 0; column < pattern.num_columns; column++)
+        for (int c = 0; c < 3; c++)
+            for (int32_t block = pattern.start[column]; block < pattern.start[column + 1]; block++)
+                for (int r = 0; r < 3; r++) {
+                    int row = 3 * pattern.row[block] + r, col = 3 * column + c;
+                    if (row >= col) matrix(row, col) = matrix(col, row) = values[at++];
+                }
+    ASSERT_EQ(at, pattern.num_values);
+    const double h = 1e-5 * mesh.cell_size[0];
+    for (int c = 0; c < n; c++) {
+        std::vector<double> forward(mesh.rest, mesh.rest + 3 * mesh.num_nodes), back = forward;
+        forward[3 * system->node_of_free[c / 3] + c % 3] += h;
+        back[3 * system->node_of_free[c / 3] + c % 3] -= h;
+        std::vector<double> f = body.elastic_force(forward), g = body.elastic_force(back);
+        for (int r = 0; r < n; r++) {
+            int32_t i = 3 * system->node_of_free[r / 3] + r % 3;
+            difference(r, c) = (f[i] - g[i]) / (2 * h);
+        }
+    }
+    EXPECT_LT((matrix - difference).norm(), 1e-6 * matrix.norm());
+    EXPECT_GT(Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(matrix).eigenvalues().minCoeff(), 0);
+    double sum = 0;
+    for (int c = 0; c < n; c++) sum += matrix(c, c) / n;
+    EXPECT_NEAR(system->mean_diagonal, sum, 1e-9 * sum);
+}
+
+// Nothing fixed nearby: a body that turns as a whole, however far, feels nothing, and the fine nodes turn with it.
+TEST(Lod, TurnsFreely)
+{
+    Body body(size, box, three, patches);
+    prepare(body, PLIANT_LOD, 4, 2, 1);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    Eigen::Matrix<double, 3, 3, Eigen::RowMajor> turn = Eigen::AngleAxisd(3.1, Eigen::Vector3d(2, -1, 1).normalized()).toRotationMatrix();
+    const double b[3] = {5, -3, 2}, stretch[9] = {1.01, 0, 0, 0, 1, 0, 0, 0, 1};
+    const pliant_mesh &fine = body.model->fine;
+    std::vector<double> coarse = affine(*body.model->system->mesh, turn.data(), b), up(3 * fine.num_nodes), expected = affine(fine, turn.data(), b);
+    EXPECT_LT(largest(body.elastic_force(coarse)), 1e-9 * largest(body.elastic_force(affine(*body.model->system->mesh, stretch, b))));
+    pliant_upsample_positions(body.model->system, coarse.data(), up.data());
+    for (int32_t n = 0; n < 3 * fine.num_nodes; n++)
+        if (!body.model->fine_fixed[n / 3]) ASSERT_NEAR(up[n], expected[n], 1e-9);
+}
+
+std::vector<double> under_gravity(Body &body)
+{
+    body.scene.model.gravity[0] = 0.2;
+    body.scene.model.gravity[2] = -0.5;
+    EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(body.settle(), PLIANT_OK);
+    return {body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes};
+}
+
+// rms error against the fine mesh over its rms displacement
+double gravity_error(pliant_method method, int layers, bool inclusion, const std::vector<double> &fine)
+{
+    Body body(size, box, three, patches);
+    prepare(body, method, 4, 2, layers);
+    if (inclusion) fix_inclusion(body);
+    std::vector<double> found = under_gravity(body), rest(body.model->fine.rest, body.model->fine.rest + fine.size());
+    return apart(found, fine) / apart(rest, fine);
+}
+
+// The weights of the means are masses, so that gravity does no work on what the shape functions leave out: what remains is that they end
+// after so many cubes, and their tails fall off exponentially.
+TEST(Lod, ErrorFallsWithTheReach)
+{
+    for (bool inclusion : {false, true}) {
+        Body fine(size, box, three, patches);
+        prepare(fine, PLIANT_FINE, 4, 2, 1);
+        if (inclusion) fix_inclusion(fine);
+        std::vector<double> exact = under_gravity(fine);
+        double coarse = gravity_error(PLIANT_COARSE, 1, inclusion, exact), averaged = gravity_error(PLIANT_AVERAGED, 1, inclusion, exact);
+        double one = gravity_error(PLIANT_LOD, 1, inclusion, exact), two = gravity_error(PLIANT_LOD, 2, inclusion, exact);
+        std::printf("%s: coarse %.1f %%, averaged %.1f %%, lod %.2f %%, %.2f %% with 1, 2 layers\n", inclusion ? "inclusion" : "plane",
+                    100 * coarse, 100 * averaged, 100 * one, 100 * two);
+        EXPECT_LT(one, 0.25 * coarse);
+        EXPECT_LT(one, 0.5 * averaged);
+        EXPECT_LT(two, 0.3 * one);
+    }
+}
+
+// Homogeneous material under a constant strain needs no corrector: those of the cubes around a node cancel, but for their tails. Seen
+// where no shape function reaches the boundary: at the node in the middle.
+TEST(Lod, PatchTestHoldsUpToTheTails)
+{
+    Body body(size, box, {{5000, 0.4, 1000, false}});
+    prepare(body, PLIANT_LOD, 6, 2, 1);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    const pliant_mesh &mesh = *body.model->system->mesh;
+    const double a[9] = {1.1, 0.03, -0.02, 0.03, 0.93, 0.05, -0.02, 0.05, 1.04}, b[3] = {0.01, 0.02, -0.01};
+    std::vector<double> force = body.elastic_force(affine(mesh, a, b));
+    int32_t middle = mesh.node_of_lattice[3 + 7 * (3 + 7 * 3)];
+    double inside = std::hypot(std::hypot(force[3 * middle], force[3 * middle + 1]), force[3 * middle + 2]) / largest(force);
+    std::printf("patch test: %.3f %% of the largest force\n", 100 * inside);
+    EXPECT_LT(inside, 0.01);
+}
+
+TEST(Lod, RefusesBeyondItsLimits)
+{
+    Body body(size, box, three, patches);
+    prepare(body, PLIANT_LOD, 4, 3, 2);
+    body.scene.model.lod_seconds = 1;
+    size_t before = pliant_memory_in_use();
+    ASSERT_EQ(body.build(), PLIANT_ERROR_SCENE);
+    EXPECT_NE(std::string(pliant_last_error()).find("model/lod_seconds"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("model/lod_layers 1 would fit"), std::string::npos) << pliant_last_error();
+    body.scene.model.lod_seconds = 1000;
+    body.scene.model.lod_memory = 1;
+    ASSERT_EQ(body.build(), PLIANT_ERROR_SCENE);
+    EXPECT_NE(std::string(pliant_last_error()).find("would fit"), std::string::npos) << pliant_last_error();
+    body.scene.model.lod_memory = 4096;
+    body.scene.solver.preconditioner = PLIANT_MULTIGRID;
+    ASSERT_EQ(body.build(), PLIANT_ERROR_SCENE);
+    EXPECT_EQ(pliant_memory_in_use(), before);
+}
+
+// what was named in the refusal fits
+TEST(Lod, WhatItNamesFits)
+{
+    Body body(size, box, three, patches);
+    prepare(body, PLIANT_LOD, 4, 4, 1);
+    body.scene.model.lod_memory = 64;
+    ASSERT_EQ(body.build(), PLIANT_ERROR_SCENE);
+    std::string message = pliant_last_error();
+    size_t at = message.find("mesh/ratio ");
+    ASSERT_NE(at, std::string::npos) << message;
+    body.scene.mesh.ratio = std::stoi(message.substr(at + 11));
+    pliant_memory_reset_peak();
+    size_t before = pliant_memory_in_use();
+    EXPECT_EQ(body.build(), PLIANT_OK) << message << "; then " << pliant_last_error();
+    EXPECT_LT(static_cast<double>(pliant_memory_peak() - before), 2 * 64 * 1048576.0);
+}
+
+bool seven_times(double, const char *stage, void *user)
+{
+    int *calls = static_cast<int *>(user);
+    if (std::string(stage) == "homogenize") ++*calls;
+    return *calls < 7;
+}
+
+TEST(Lod, IsCancelled)
+{
+    Body body(size, box, three, patches);
+    prepare(body, PLIANT_LOD, 4, 2, 1);
+    int calls = 0;
+    pliant_model *model = nullptr;
+    EXPECT_EQ(pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, {seven_times, &calls}, &model), PLIANT_ERROR_CANCELLED);
+    EXPECT_GE(calls, 7);
+    EXPECT_LT(calls, 16); // those at work end what they began
+    EXPECT_EQ(model, nullptr);
+}
+
+TEST(Lod, FailingAllocationsNeverLeak)
+{
+    Body body(size, box, three, patches);
+    prepare(body, PLIANT_LOD, 2, 2, 1);
+    body.scene.solver.threads = 1;
+    fix_inclusion(body);
+    size_t before = pliant_memory_in_use();
+    int failures = 0;
+    for (int n = 0;; n += 1 + n / 60) {
+        pliant_model *model = nullptr;
+        pliant_memory_fail_after(n);
+        pliant_status status = pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, {nullptr, nullptr}, &model);
+        pliant_memory_fail_after(-1);
+        pliant_model_free(model);
+        ASSERT_EQ(pliant_memory_in_use(), before) << "allocation " << n;
+        if (status >= 0) break;
+        ASSERT_EQ(status, PLIANT_ERROR_MEMORY) << "allocation " << n << ": " << pliant_last_error();
+        failures++;
+        ASSERT_LT(n, 20000);
+    }
+    EXPECT_GT(failures, 80);
+}
+
+} // namespace
