@@ -254,13 +254,14 @@ void pliant_system_tangents(const pliant_system *system, const double *positions
 
 void pliant_system_gather(const pliant_system *system, double (*forces)[12][LANES], double *out)
 {
-    const double *of_macros = system->macros ? (const double *)forces : NULL;
+    if (system->macros) {
+        pliant_macro_gather(system, (const double *)forces, out);
+        return;
+    }
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t n = 0; n < system->num_free; n++) {
         double sum[3] = {0, 0, 0};
-        for (int32_t c = system->corner_start[n]; of_macros && c < system->corner_start[n + 1]; c++)
-            for (int d = 0; d < 3; d++) sum[d] += of_macros[3 * (size_t)system->corner[c] + (size_t)d];
-        for (int32_t c = system->corner_start[n]; !of_macros && c < system->corner_start[n + 1]; c++) {
+        for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++) {
             int32_t element = system->corner[c] / 4, corner = system->corner[c] % 4;
             for (int d = 0; d < 3; d++) sum[d] += forces[element / LANES][3 * corner + d][element % LANES];
         }

@@ -82,6 +82,17 @@ void pliant_macro_forces(const pliant_system *system, const double *positions, d
     }
 }
 
+void pliant_macro_gather(const pliant_system *system, const double *forces, double *out)
+{
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t n = 0; n < system->num_free; n++) {
+        double sum[3] = {0, 0, 0};
+        for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++)
+            for (int d = 0; d < 3; d++) sum[d] += forces[3 * (size_t)system->corner[c] + (size_t)d];
+        memcpy(out + 3 * n, sum, sizeof sum);
+    }
+}
+
 void pliant_macro_tangents(const pliant_system *system, const double *positions, pliant_tangent *tangents)
 {
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
@@ -240,6 +251,17 @@ void pliant_macro_assemble(const pliant_system *system, const pliant_tangent *ta
     for (int32_t column = 0; column < system->num_free; column++)
         for (int32_t e = system->corner_start[column]; e < system->corner_start[column + 1]; e++)
             add_column(system, tangents, column, system->corner[e], values);
+}
+
+double pliant_macro_operations(const pliant_system *system)
+{
+    const pliant_macros *macros = system->macros;
+    double sum = 0;
+    for (int32_t cube = 0; cube < macros->count; cube++) {
+        double n = 3.0 * (macros->start[cube + 1] - macros->start[cube]);
+        sum += 2 * macros->rank[cube] * n * n;
+    }
+    return sum;
 }
 
 /* the trace of a diagonal block: of a cube that has the node twice, with what is between the two */

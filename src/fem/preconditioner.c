@@ -116,7 +116,8 @@ double pliant_preconditioner_condition(pliant_preconditioner *preconditioner)
 double pliant_preconditioner_operations(const pliant_preconditioner *preconditioner)
 {
     if (preconditioner->space) return 0;
-    return preconditioner->factor ? pliant_factor_operations(preconditioner->factor) : pliant_hierarchy_operations(preconditioner->hierarchy);
+    if (preconditioner->hierarchy) return pliant_hierarchy_operations(preconditioner->hierarchy);
+    return pliant_factor_operations(preconditioner->factor) + (preconditioner->system.macros ? pliant_macro_operations(&preconditioner->system) : 0);
 }
 
 /* A factor: a product and a sum a number, forwards and back. A V-cycle: some twelve products with the matrix, eight times. */

@@ -131,9 +131,11 @@ double pliant_system_mean_diagonal(const pliant_system *system);
 
 /* ---- macro.c: the same of macro-elements; forces (corners x 3) */
 void pliant_macro_forces(const pliant_system *system, const double *positions, double *forces);
+void pliant_macro_gather(const pliant_system *system, const double *forces, double *out);
 void pliant_macro_tangents(const pliant_system *system, const double *positions, pliant_tangent *tangents);
 pliant_status pliant_macro_unknowns(pliant_system *system); /* free nodes are numbered already */
 void pliant_macro_assemble(const pliant_system *system, const pliant_tangent *tangents, double *values);
+double pliant_macro_operations(const pliant_system *system); /* of that */
 double pliant_macro_mean_diagonal(const pliant_system *system);
 void pliant_macro_positions(const pliant_system *system, const double *solved, double *fine);
 /* a fine node's, added with this weight: dense (num_free x 9) */
