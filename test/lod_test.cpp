@@ -188,6 +188,9 @@ TEST(Lod, RefusesBeyondItsLimits)
     body.scene.model.lod_memory = 4096;
     body.scene.solver.preconditioner = PLIANT_MULTIGRID;
     ASSERT_EQ(body.build(), PLIANT_ERROR_SCENE);
+    body.scene.solver.preconditioner = PLIANT_PRECONDITIONER_AUTO;
+    body.scene.mesh.bone_surface = true;
+    ASSERT_EQ(body.build(), PLIANT_ERROR_SCENE);
     EXPECT_EQ(pliant_memory_in_use(), before);
 }
 

@@ -334,6 +334,9 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
                                                  "auto or direct");
     if (status == PLIANT_OK && scene->model.method == PLIANT_LOD && scene->solver.preconditioner == PLIANT_MULTIGRID)
         status = pliant_fail(PLIANT_ERROR_SCENE, "solver/preconditioner: lod's matrix is factored; set auto or direct");
+    if (status == PLIANT_OK && scene->model.method == PLIANT_LOD && scene->mesh.bone_surface)
+        status = pliant_fail(PLIANT_ERROR_SCENE, "mesh/bone_surface: lod interpolates within the cubes of the lattice, which no node may leave; set "
+                                                 "it to false, or model/method to another one");
     if (status == PLIANT_OK) status = pliant_material_table_check(materials);
     if (status != PLIANT_OK) return status;
     pliant_model *model = pliant_calloc(1, sizeof *model);
