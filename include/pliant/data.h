@@ -58,8 +58,9 @@ typedef struct pliant_statistics {
     double seconds[PLIANT_NUM_STEP_STAGES];
     int32_t iterations;         /**< of the last step, those of a patch among them */
     double residual;            /**< energy norm of the residual force over that of the load, last step; of a patch where that is larger */
-    double error;               /**< [m] how far a node may still be from where the step would converge to: the largest
-                                 *   correction of the last iteration; 0: not known (explicit dynamics, GPU) */
+    double error;               /**< [m] how far a node may still be from where the step would converge to, foreseen from the last
+                                 *   evaluation; 0: not known (explicit dynamics, GPU) */
+    double error_before;        /**< [m] the same of the step before, in hindsight: more certain; 0: not known, or the first step */
     double residual_force;      /**< largest nodal residual force [N] */
     int32_t patched;            /**< tools that pull at a patch (model/patch), last step */
     int32_t patch_waiting;      /**< tools whose patch is still being made */

@@ -111,7 +111,7 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     X(REAL, budget_ms, 0.0, 0.0, 1e6, "ms", "time of a step without the volume: at load, settings are tried on a pull, and the most accurate ones within it are taken; 0: the scene's own are") \
     X(REAL, max_error, 0.0, 0.0, 1.0, "", "warn when the error of what was taken is above this part of the largest displacement; 0: never") \
     X(MEASURE, measure, PLIANT_MEASURE_P95, 0, 0, "", "of the error over the body: largest, 95th percentile, root mean square; the largest is the tool's own more than a mesh's") \
-    X(BOOL, method, true, 0, 1, "", "model/method and touch may vary")                                                \
+    X(BOOL, method, true, 0, 1, "", "model/method, touch and patch may vary")                                                \
     X(BOOL, coarse_cells, true, 0, 1, "", "mesh/coarse_cells may vary")                                               \
     X(BOOL, ratio, true, 0, 1, "", "mesh/ratio may vary")                                                             \
     X(BOOL, iterations, true, 0, 1, "", "solver/iterations may vary")                                                 \

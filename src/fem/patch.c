@@ -406,6 +406,7 @@ pliant_status pliant_patch_step(const pliant_model *model, pliant_data *data)
     statistics->residual = fmax(statistics->residual, own.residual);
     statistics->residual_force = fmax(statistics->residual_force, own.residual_force);
     statistics->error = fmax(statistics->error, own.error);
+    statistics->error_before = fmax(statistics->error_before, own.error_before);
     statistics->rejected += own.rejected;
     return status;
 }

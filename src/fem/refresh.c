@@ -66,7 +66,9 @@ static void deliver(pliant_solver *solver, pliant_statistics *statistics)
     solver->preconditioner = refresh->preconditioner;
     refresh->preconditioner = old;
     solver->factor_serial++;
+    bool kept = solver->hindsight.kept; /* a state stays what it is */
     pliant_solver_forget(solver); /* steps of the history belong to the old factor */
+    solver->hindsight.kept = kept;
     statistics->factors++;
 }
 

@@ -31,7 +31,7 @@ static void apply_rows(const pliant_handle *handle, const double *v, double out[
 }
 
 /* v += W' f */
-static void apply_columns(const pliant_handle *handle, const double force[3], double *v)
+void pliant_handle_pull(const pliant_handle *handle, const double force[3], double *v)
 {
     for (int32_t h = 0; h < handle->count; h++) {
         const double *block = handle->block + 9 * h;
@@ -123,7 +123,7 @@ static pliant_status update_responses(pliant_solver *solver)
         memset(handle->response, 0, 3 * n * sizeof *handle->response);
         for (int d = 0; d < 3; d++) {
             double unit[3] = {d == 0, d == 1, d == 2};
-            apply_columns(handle, unit, handle->response + n * (size_t)d);
+            pliant_handle_pull(handle, unit, handle->response + n * (size_t)d);
         }
         pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 3, handle->response, handle->response);
         if (status != PLIANT_OK) return status;
@@ -132,15 +132,13 @@ static pliant_status update_responses(pliant_solver *solver)
     return PLIANT_OK;
 }
 
-static bool springs(const pliant_handle *handle) { return handle->active && !handle->by_force && handle->count > 0; }
-
 /* dl = S^-1 (e - W g0), and the step with it: g = g0 + Z dl, K0 g = r + W' dl */
-static bool step_springs(pliant_solver *solver, pliant_iterate *at)
+bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at)
 {
     const pliant_handle *list[PLIANT_MAX_TOOLS];
     int index[PLIANT_MAX_TOOLS], count = 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        if (springs(solver->handles + t)) {
+        if (pliant_handle_is_spring(solver->handles + t)) {
             index[count] = t;
             list[count++] = solver->handles + t;
         }
@@ -165,7 +163,7 @@ static bool step_springs(pliant_solver *solver, pliant_iterate *at)
     if (!pliant_dense_solve(rows, s, 1, right)) return false;
     for (int a = 0; a < count; a++) {
         memcpy(at->step_force + 3 * index[a], right + 3 * a, 3 * sizeof *right);
-        apply_columns(list[a], right + 3 * a, at->pull);
+        pliant_handle_pull(list[a], right + 3 * a, at->pull);
         for (int d = 0; d < 3; d++) {
             const double *z = list[a]->response + n * (size_t)d;
             for (size_t i = 0; i < n; i++) at->step[i] += right[3 * a + d] * z[i];
@@ -179,7 +177,7 @@ static double spring_energy(const pliant_solver *solver, const double *a, const 
 {
     double sum = 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        if (springs(solver->handles + t))
+        if (pliant_handle_is_spring(solver->handles + t))
             for (int d = 0; d < 3; d++) sum += solver->handles[t].compliance * a[3 * t + d] * b[3 * t + d];
     return sum;
 }
@@ -195,7 +193,7 @@ static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
     for (size_t i = 0; i < n; i++) at->pull[i] = solver->load[i];
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         if (solver->handles[t].active)
-            apply_columns(solver->handles + t, solver->handles[t].by_force ? solver->handles[t].force : at->force + 3 * t, at->pull);
+            pliant_handle_pull(solver->handles + t, solver->handles[t].by_force ? solver->handles[t].force : at->force + 3 * t, at->pull);
     double work = 0, elastic = 0;
     for (int32_t f = 0; f < system->num_free; f++)
         for (int d = 0; d < 3; d++) {
@@ -209,7 +207,7 @@ static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
     if (!isfinite(at->scale)) return PLIANT_OK; /* not a state: never accepted */
     pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, at->pull, at->step);
     if (status != PLIANT_OK) return status;
-    if (!step_springs(solver, at)) return PLIANT_OK;
+    if (!pliant_solver_step_tools(solver, at)) return PLIANT_OK;
     double energy = dot(n, at->step, at->pull) + spring_energy(solver, at->step_force, at->step_force);
     /* far below zero: what stands for K0^-1 is not positive here; no measure */
     if (isfinite(energy) && energy > -1e-10 * at->scale * at->scale) at->merit = sqrt(fmax(energy, 0));
@@ -234,12 +232,18 @@ static void remember(pliant_solver *solver, const pliant_iterate *from, const pl
         secant->force[r] = to->force[r] - from->force[r];
         secant->step_force[r] = to->step_force[r] - from->step_force[r];
     }
-    solver->next_history = (solver->next_history + 1) % solver->depth;
     if (solver->num_history < solver->depth) solver->num_history++;
+    int32_t now = solver->next_history;
+    for (int32_t other = 0; other < solver->num_history; other++) {
+        int32_t high = other > now ? other : now, low = other > now ? now : other;
+        const pliant_secant *a = solver->history + high, *b = solver->history + low;
+        double product = dot(unknowns(solver), a->step, b->pull) + spring_energy(solver, a->step_force, b->step_force);
+        solver->gram[high * PLIANT_MAX_HISTORY + low] = solver->gram[low * PLIANT_MAX_HISTORY + high] = product;
+    }
+    solver->next_history = (now + 1) % solver->depth;
 }
 
-/* weights that make the step smallest in the energy norm: min |dx - sum w_i (secant of dx)_i|_K0; false: none */
-static bool mix(const pliant_solver *solver, const pliant_iterate *at, double weights[PLIANT_MAX_HISTORY])
+bool pliant_solver_mix(const pliant_solver *solver, const pliant_iterate *at, double noise, double weights[PLIANT_MAX_HISTORY])
 {
     int32_t m = solver->num_history;
     size_t n = unknowns(solver);
@@ -248,10 +252,7 @@ static bool mix(const pliant_solver *solver, const pliant_iterate *at, double we
     for (int32_t a = 0; a < m; a++) {
         const pliant_secant *sa = solver->history + a;
         weights[a] = dot(n, sa->step, at->pull) + spring_energy(solver, sa->step_force, at->step_force);
-        for (int32_t b = 0; b <= a; b++) {
-            const pliant_secant *sb = solver->history + b;
-            gram[a * m + b] = gram[b * m + a] = dot(n, sa->step, sb->pull) + spring_energy(solver, sa->step_force, sb->step_force);
-        }
+        for (int32_t b = 0; b < m; b++) gram[a * m + b] = solver->gram[a * PLIANT_MAX_HISTORY + b];
     }
     /* secants differ in size by orders: scale to a unit diagonal, then a little regularization */
     double scale[PLIANT_MAX_HISTORY];
@@ -264,7 +265,7 @@ static bool mix(const pliant_solver *solver, const pliant_iterate *at, double we
         weights[a] *= scale[a];
         for (int32_t b = 0; b < m; b++) gram[a * m + b] *= scale[a] * scale[b];
     }
-    for (int32_t a = 0; a < m; a++) gram[a * m + a] = 1 + 1e-10;
+    for (int32_t a = 0; a < m; a++) gram[a * m + a] = 1 + noise * noise;
     if (!pliant_dense_cholesky(m, gram)) return false;
     pliant_dense_cholesky_solve(m, gram, 1, weights);
     for (int32_t a = 0; a < m; a++) weights[a] *= scale[a];
@@ -308,7 +309,7 @@ static void last_step(pliant_solver *solver)
     memcpy(solver->left_force, solver->now.force, sizeof solver->left_force);
     solver->ahead = true;
     double weights[PLIANT_MAX_HISTORY];
-    bool mixed = mix(solver, &solver->now, weights);
+    bool mixed = pliant_solver_mix(solver, &solver->now, 1e-5, weights);
     propose(solver, &solver->now, mixed ? weights : NULL, 1, &solver->trial);
     double *swap = solver->now.x;
     solver->now.x = solver->trial.x;
@@ -323,6 +324,7 @@ static pliant_status begin(pliant_solver *solver, pliant_statistics *statistics)
     const double too_high = 2;
     pliant_status status = evaluate(solver, &solver->now);
     statistics->iterations = 1;
+    if (status == PLIANT_OK) status = pliant_hindsight_look(solver);
     bool suspect = solver->ahead && !(solver->now.merit < too_high * solver->first_merit);
     solver->ahead = false;
     if (status == PLIANT_OK && suspect) {
@@ -378,7 +380,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
     while (status == PLIANT_OK && solver->now.merit > solver->tolerance * solver->now.scale &&
            statistics->iterations < solver->max_iterations && refused < MOST_REFUSED && time_left(solver, start, statistics->iterations)) {
         if (refused == 2) pliant_solver_forget(solver);
-        bool mixed = refused < 2 && mix(solver, &solver->now, weights);
+        bool mixed = refused < 2 && pliant_solver_mix(solver, &solver->now, 1e-5, weights);
         double damping = refused < 3 ? 1 : ldexp(1, 2 - refused);
         propose(solver, &solver->now, mixed ? weights : NULL, damping, &solver->trial);
         status = evaluate(solver, &solver->trial);
@@ -388,6 +390,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
             remember(solver, &solver->now, &solver->trial);
             before = solver->now.merit;
             swap_iterates(solver);
+            if (accepted) pliant_estimate_learn(solver, solver->now.merit / before);
             refused = 0;
             accepted = true;
         } else {
@@ -407,22 +410,6 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
     return status;
 }
 
-/* The largest correction of a node by the last iteration: made blindly, or known and not made. */
-static double last_correction(const pliant_solver *solver)
-{
-    double largest = 0;
-    for (int32_t f = 0; f < solver->system->num_free; f++) {
-        size_t node = 3 * (size_t)solver->system->node_of_free[f];
-        double squares = 0;
-        for (size_t d = 0; d < 3; d++) {
-            double by = solver->ahead ? solver->now.x[node + d] - solver->left_x[node + d] : solver->now.step[3 * (size_t)f + d];
-            squares += by * by;
-        }
-        largest = fmax(largest, squares);
-    }
-    return sqrt(largest);
-}
-
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics)
 {
     pliant_status status = pliant_refresh_step(solver, statistics);
@@ -434,7 +421,9 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, solver->now.force + 3 * t, 3 * sizeof(double));
     if (!isfinite(solver->now.merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, "the load is not finite or too large for double precision");
     statistics->residual = solver->now.merit / solver->now.scale;
-    statistics->error = last_correction(solver);
+    statistics->error_before = pliant_hindsight_tell(solver);
+    statistics->error = solver->foreseen = pliant_estimate_now(solver);
+    pliant_hindsight_keep(solver);
     statistics->residual_force = 0;
     for (int32_t f = 0; f < solver->system->num_free; f++) {
         const double *r = solver->now.pull + 3 * f;

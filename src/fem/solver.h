@@ -54,6 +54,15 @@ typedef struct pliant_secant { /* differences of two iterates */
     double force[PLIANT_MAX_ROWS], step_force[PLIANT_MAX_ROWS];
 } pliant_secant;
 
+/* The state that the last step ended with, as the first evaluation of the next one sees it (estimate.c). */
+typedef struct pliant_hindsight {
+    bool kept;                  /* there is one, and nothing but the loads has changed since */
+    bool seen;                  /* this step has evaluated it */
+    pliant_iterate at;          /* its step, pull and step_force; x and force are not used */
+    double *load;               /* (3 num_free) that it was solved for [N] */
+    double force[PLIANT_MAX_ROWS], target[PLIANT_MAX_ROWS]; /* of the tools */
+} pliant_hindsight;
+
 struct pliant_solver {
     const pliant_system *system;
     int32_t max_iterations, depth, refresh_interval, refresh_delay;
@@ -76,6 +85,10 @@ struct pliant_solver {
     double *left_x, left_force[PLIANT_MAX_ROWS]; /* and this is what was (3 num_nodes) */
     pliant_secant history[PLIANT_MAX_HISTORY];
     int32_t num_history, next_history;
+    double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY]; /* energy products of the secants' steps */
+    double log_contraction;     /* of the merit by an evaluation, smoothed over steps: what is left of an error */
+    double foreseen;            /* error of the last step, as it told at once [m] */
+    pliant_hindsight hindsight;
     int32_t refused;            /* trials refused since the last accepted one, when the last step accepted none */
     int32_t slow;               /* steps in a row that hardly lowered the merit */
     uint64_t forgotten;         /* times that the history was dropped, for backends that keep their own */
@@ -99,11 +112,35 @@ void pliant_solver_release(pliant_solver *solver, int tool);
 static inline void pliant_solver_forget(pliant_solver *solver)
 {
     solver->num_history = solver->next_history = 0;
+    solver->hindsight.kept = false;
     solver->forgotten++;
 }
 
 /* One step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old one. */
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics);
+
+static inline bool pliant_handle_is_spring(const pliant_handle *handle) { return handle->active && !handle->by_force && handle->count > 0; }
+/* v += W' f */
+void pliant_handle_pull(const pliant_handle *handle, const double force[3], double *v);
+/* dl = S^-1 (e - W g0), and the step with it: g = g0 + Z dl, K0 g = r + W' dl. false: S is singular */
+bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at);
+/* Weights that make the step smallest in the energy norm: min |dx - sum w_i (secant of dx)_i|_K0; false: none.
+ * noise: of a secant, relative */
+bool pliant_solver_mix(const pliant_solver *solver, const pliant_iterate *at, double noise, double weights[PLIANT_MAX_HISTORY]);
+
+/* ---- estimate.c: how far nodes still are from where a step would converge to [m] */
+pliant_status pliant_hindsight_create(pliant_solver *solver);
+void pliant_hindsight_free(pliant_solver *solver);
+/* An accepted iterate lowered the merit to this part. */
+void pliant_estimate_learn(pliant_solver *solver, double ratio);
+/* Of the step that ends, from its last evaluation. */
+double pliant_estimate_now(const pliant_solver *solver);
+/* At the first evaluation of a step: what the state, unchanged since the step before ended, lacked for that step's loads. */
+pliant_status pliant_hindsight_look(pliant_solver *solver);
+/* Of the step before, now that this step's secants are known, or as it was foreseen. 0: there was none */
+double pliant_hindsight_tell(const pliant_solver *solver);
+/* The step ends. */
+void pliant_hindsight_keep(pliant_solver *solver);
 
 /* ---- refresh.c */
 /* Start and deliver factors at fixed steps. Errors of the factorization keep the old factor. */

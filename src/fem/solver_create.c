@@ -67,6 +67,7 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
     if (status == PLIANT_OK) status = iterate_create(system, &solver->now);
     if (status == PLIANT_OK) status = iterate_create(system, &solver->trial);
     if (status == PLIANT_OK) status = history_create(solver);
+    if (status == PLIANT_OK) status = pliant_hindsight_create(solver);
     if (status == PLIANT_OK) status = pliant_solver_reset(solver);
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
@@ -91,6 +92,8 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     solver->ahead = false;
     solver->refused = solver->slow = 0;
     solver->first_merit = solver->rate = 0;
+    solver->log_contraction = log(0.3);
+    solver->foreseen = 0;
     pliant_solver_forget(solver);
     memcpy(solver->now.x, solver->system->mesh->rest, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
     memset(solver->now.force, 0, sizeof solver->now.force);
@@ -117,6 +120,7 @@ void pliant_solver_free(pliant_solver *solver)
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
     iterate_free(&solver->now);
     iterate_free(&solver->trial);
+    pliant_hindsight_free(solver);
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
         pliant_free(solver->history[h].x);
         pliant_free(solver->history[h].step);

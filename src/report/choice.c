@@ -127,7 +127,7 @@ static int list_candidates(const pliant_scene *scene, int32_t finest, choice_can
         for (int m = 0; m < num_meshes; m++) {
             bool fine = methods[n].method == PLIANT_FINE, same = methods[n].method == own.method && methods[n].touch == own.touch;
             choice_mesh mesh = meshes[m];
-            if (!scene->choose.method && !same) continue;
+            if (!scene->choose.method && (!same || methods[n].option[0])) continue;
             if (same && !methods[n].option[0] && mesh.cells_factor == 1 && mesh.ratio == scene->mesh.ratio) continue;
             /* cells mean nothing to the fine method, and a coarse mesh as fine as the fine one means nothing to the others */
             if (fine && mesh.cells_factor > 1 && is_listed(meshes, num_meshes, 1, mesh.cells_factor * mesh.ratio)) continue;

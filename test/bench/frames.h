@@ -20,14 +20,15 @@ static const char *const kind_names[] = {"displacement", "force", "gravity"};
 
 struct Frames {
     std::vector<std::vector<double>> positions, force;
-    std::vector<double> solve, residual, told; // told: the error that the step tells [m]
+    std::vector<double> solve, residual;
+    std::vector<double> told, before; // the error that a step tells of itself, and the next step of it [m]; the last has none
     double iterations = 0;
     int waited = 0; // steps until the patch was there
 };
 
 struct Errors {
     double worst = 0;          // [%]
-    std::vector<double> ratio; // told over true, where the true one is above a micrometre
+    std::vector<double> ratio, before; // told over true, where the true one is above a micrometre; in hindsight
 };
 
 inline void check(pliant_status status)
@@ -99,6 +100,7 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
         out.solve.push_back(data->statistics.seconds[PLIANT_STEP_solve] + data->statistics.seconds[PLIANT_STEP_patch]);
         out.residual.push_back(data->statistics.residual);
         out.told.push_back(data->statistics.error);
+        if (f > 1) out.before.push_back(data->statistics.error_before);
         out.iterations += double(data->statistics.iterations) / count;
         out.positions.emplace_back(data->positions, data->positions + 3 * size_t(model->fine.num_nodes));
         if (kind != GRAVITY) out.force.emplace_back(data->tools[tool].force, data->tools[tool].force + 3);
@@ -130,7 +132,9 @@ inline Errors errors_of(const pliant_model *model, const Frames &run, const Fram
     for (size_t f = 0; f < exact.positions.size(); f++) {
         double error = largest_apart(run.positions[f].data(), exact.positions[f].data(), nodes);
         out.worst = std::max(out.worst, 100 * error / whole);
-        if (error > 1e-6) out.ratio.push_back(run.told[f] / error);
+        if (error <= 1e-6) continue;
+        out.ratio.push_back(run.told[f] / error);
+        if (f < run.before.size() && run.before[f] > 0) out.before.push_back(run.before[f] / error);
     }
     return out;
 }

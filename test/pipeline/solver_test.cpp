@@ -200,6 +200,76 @@ TEST(Solver, TellsItsError)
     }
 }
 
+enum Load { MOVED, SPRUNG, FORCED, HEAVIER };
+
+// thirty frames of one load that grows: positions after each, and what each step tells of the one before
+struct Frames {
+    std::vector<std::vector<double>> positions;
+    std::vector<double> before;
+};
+
+Frames frames(Body &body, Load load, bool settled)
+{
+    Frames out;
+    int tool = 0;
+    const double point[3] = {0.06, 0.06, 0.11};
+    if (load != HEAVIER) {
+        EXPECT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_pose(body.data, tool, point, nullptr), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
+    }
+    for (int f = 1; f <= 30; f++) {
+        const double part = f / 30.0, tip[3] = {0.06 + 0.01 * part, 0.06, 0.11 + 0.03 * part};
+        const double force[3] = {2 * part, 0, 4 * part}, gravity[3] = {0, 15 * part, -10 * part};
+        if (load == HEAVIER) {
+            EXPECT_EQ(pliant_data_gravity(body.data, gravity), PLIANT_OK);
+        } else {
+            const pliant_drive drives[] = {PLIANT_DRIVE_RIGID, PLIANT_DRIVE_SPRING, PLIANT_DRIVE_FORCE};
+            EXPECT_EQ(pliant_tool_drive(body.data, tool, drives[load], force), PLIANT_OK);
+            EXPECT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        }
+        EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+        if (settled) EXPECT_EQ(body.settle(), PLIANT_OK);
+        out.before.push_back(body.data->statistics.error_before);
+        out.positions.emplace_back(body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes);
+    }
+    return out;
+}
+
+// What a state lacked is judged by the step after it, for the loads that it was solved for.
+TEST(Solver, KnowsInHindsightHowGoodTheStepBeforeWas)
+{
+    for (Load load : {MOVED, SPRUNG, FORCED, HEAVIER}) {
+        Body exact(size, box, two, stripes), body(size, box, two, stripes);
+        for (Body *each : {&exact, &body}) {
+            prepare(*each);
+            each->scene.solver.iterations = each == &exact ? 50 : 3;
+            each->scene.solver.tolerance = 1e-10;
+            ASSERT_EQ(each->build(), PLIANT_OK);
+        }
+        Frames right = frames(exact, load, true), stopped = frames(body, load, false);
+        EXPECT_EQ(stopped.before[0], 0) << "there is no step before the first";
+        int counted = 0, within = 0;
+        for (size_t f = 0; f + 1 < stopped.positions.size(); f++) {
+            double error = 0;
+            const std::vector<double> &x = stopped.positions[f], &y = right.positions[f];
+            for (size_t n = 0; n < x.size(); n += 3)
+                error = std::fmax(error, std::hypot(std::hypot(x[n] - y[n], x[n + 1] - y[n + 1]), x[n + 2] - y[n + 2]));
+            if (error < 1e-7) continue; // nothing is left to judge
+            double ratio = stopped.before[f + 1] / error;
+            counted++;
+            within += ratio > 0.5 && ratio < 2;
+            EXPECT_GT(ratio, 0.1) << "load " << load << ", frame " << f;
+            EXPECT_LT(ratio, 10) << "load " << load << ", frame " << f;
+        }
+        EXPECT_GT(counted, 10) << "load " << load;
+        EXPECT_GT(within, 0.7 * counted) << "load " << load << ": " << within << " of " << counted;
+        EXPECT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
+        EXPECT_GE(pliant_step(body.model, body.data), 0);
+        EXPECT_EQ(body.data->statistics.error_before, 0) << "a reset has no step before it";
+    }
+}
+
 TEST(Solver, ExtremesStayFiniteAndComeBack)
 {
     for (double along : {1.2, -0.5, 12.0}) { // ten times the body; through itself; a hundred times
