@@ -64,14 +64,14 @@ std::string name_of(const testing::TestParamInfo<const char *> &info) { return i
 INSTANTIATE_TEST_SUITE_P(Cases, Stability,
                          testing::Values("contrast", "poisson", "anisotropic", "thin", "empty", "single_tetrahedron", "pieces", "pull",
                                          "teleport", "gravity", "spring", "half_turn", "not_finite", "flat", "inverted", "scrambled", "plane",
-                                         "point", "long_run"),
+                                         "point", "long_run", "time_step", "energy"),
                          name_of);
 
 TEST_F(Stability, EveryCaseIsTested)
 {
     int count = 0;
     while (pliant_stability_case(count)) count++;
-    EXPECT_EQ(count, 19);
+    EXPECT_EQ(count, 21);
 }
 
 TEST_F(Stability, CollapsedBodiesComeBackToRest)
@@ -83,6 +83,33 @@ TEST_F(Stability, CollapsedBodiesComeBackToRest)
         EXPECT_LT(std::atof(cell(r, "off_rest_mm").c_str()), 1);
         EXPECT_GT(std::atoi(cell(r, "inverted_most").c_str()) + std::atoi(cell(r, "steps").c_str()), 1);
     }
+}
+
+TEST_F(Stability, ExplicitDynamicsIsTriedByRelaxation)
+{
+    pliant_scene scene;
+    pliant_scene_defaults(&scene);
+    scene.solver.kind = PLIANT_TLED;
+    options.scene = &scene;
+    options.settle_steps = 40;
+    for (const char *name : {"contrast", "pull", "not_finite", "single_tetrahedron"}) EXPECT_NE(run(name), PLIANT_VERDICT_BROKEN) << name;
+    for (size_t r = 0; r < pliant_results_rows(tables.stability); r++) {
+        EXPECT_EQ(cell(r, "method"), "fine");
+        EXPECT_EQ(cell(r, "growth_bytes"), "0");
+        if (cell(r, "parameter") == "0.1 x the body, rigid" || cell(r, "parameter") == "1") EXPECT_EQ(cell(r, "verdict"), "converged");
+    }
+}
+
+TEST_F(Stability, TheTimeStepHasABoundAndEnergyIsKept)
+{
+    options.long_steps = 20000;
+    run("time_step");
+    run("energy");
+    ASSERT_EQ(pliant_results_rows(tables.stability), 3u);
+    EXPECT_EQ(cell(0, "verdict"), "converged");
+    EXPECT_EQ(cell(1, "verdict"), "refused");
+    EXPECT_NE(cell(1, "message").find("faster than sound"), std::string::npos);
+    EXPECT_EQ(cell(2, "verdict"), "converged") << cell(2, "message");
 }
 
 TEST_F(Stability, EmptyScansAreRefusedWithAMessage)

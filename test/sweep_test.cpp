@@ -131,6 +131,66 @@ TEST_F(Sweep, WhatIsLeftOutIsMeasuredOneByOne)
     EXPECT_LT(value(rows - 1, frame), value(0, frame));
 }
 
+TEST_F(Sweep, ExplicitDynamicsComesToTheCorotationalAnswerWhereStrainsAreSmall)
+{
+    body.scene.solver.kind = PLIANT_TLED;
+    pliant_pull_point at = sweep.points[0];
+    pliant_sweep_defaults(&body.scene, &sweep);
+    EXPECT_EQ(sweep.methods, 1u << PLIANT_FINE);
+    sweep.points[sweep.num_points++] = at;
+    sweep.frames = 3;
+    sweep.num_iterations = 0;
+    sweep.iterations[sweep.num_iterations++] = 20;
+    sweep.iterations[sweep.num_iterations++] = 0;
+    sweep.twice_limit = 0;
+    sweep.warp = false;
+    ASSERT_EQ(run(), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_results_rows(tables.sweep), 8u);
+    for (size_t r = 0; r < 6; r += 2) { // the pulls, by their budgets
+        EXPECT_EQ(number(r, "iterations_mean"), 20);
+        EXPECT_GT(number(r + 1, "iterations_mean"), 20);
+        EXPECT_LT(number(r + 1, "max_percent"), 3) << r;
+        EXPECT_LT(number(r + 1, "rms_percent"), 1) << r;
+        EXPECT_LT(number(r + 1, "rms_mm"), number(r, "rms_mm"));
+    }
+    ASSERT_EQ(pliant_left_out_run(&input, &sweep, &tables, {nullptr, nullptr}), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(pliant_results_rows(tables.stages), 8u);
+    ASSERT_EQ(pliant_dynamics_run(&input, &sweep, &tables, {nullptr, nullptr}), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_results_rows(tables.dynamics), 1u);
+    auto told = [&](const char *name) { return std::atof(pliant_results_cell(tables.dynamics, 0, pliant_results_column(tables.dynamics, name))); };
+    EXPECT_NEAR(told("steps_a_frame") * told("time_step_us"), 1e6 * body.scene.solver.step, 1);
+    EXPECT_LE(told("time_step_us"), 0.9 * std::fmin(told("edge_bound_us"), told("eigenvalue_bound_us")) + 1e-3);
+    EXPECT_LT(told("energy_drift_percent"), 0.1);
+    EXPECT_GT(told("energy_drift_percent"), 0); // single precision is not that good
+
+    body.scene.ground.normal[1] = -1;
+    EXPECT_EQ(run(), PLIANT_ERROR_SCENE);
+    EXPECT_NE(std::string(pliant_last_error()).find("ground"), std::string::npos) << pliant_last_error();
+    body.scene.solver.kind = PLIANT_COROTATIONAL;
+    EXPECT_EQ(pliant_dynamics_run(&input, &sweep, &tables, {nullptr, nullptr}), PLIANT_ERROR_SCENE);
+}
+
+TEST_F(Sweep, AnOctreeIsMeasuredAgainstOneOfTwiceTheCells)
+{
+    body.scene.mesh.kind = PLIANT_OCTREE;
+    body.scene.mesh.depth = 1;
+    pliant_pull_point at = sweep.points[0];
+    pliant_sweep_defaults(&body.scene, &sweep);
+    sweep.points[sweep.num_points++] = at;
+    for (double &p : sweep.pull) p /= 10;
+    sweep.frames = 2;
+    sweep.num_iterations = 1;
+    sweep.iterations[0] = 0;
+    sweep.cases = 1; // displacement
+    body.scene.warp.kind = PLIANT_FIT; // whose voxels are not compared
+    ASSERT_EQ(run(), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_results_rows(tables.sweep), 1u);
+    EXPECT_GT(number(0, "twice_tetrahedra"), 1.5 * number(0, "fine_tetrahedra"));
+    EXPECT_GT(number(0, "twice_rms_mm"), number(0, "rms_mm"));
+    EXPECT_STREQ(cell(0, "voxels"), "");
+    EXPECT_GT(number(0, "warp_median_ms"), 0);
+}
+
 TEST_F(Sweep, VariesOneMoreOption)
 {
     sweep.methods = 1u << PLIANT_FINE;

@@ -153,6 +153,7 @@ typedef struct pliant_report_tables {
     pliant_results *stages;    /**< what was left out */
     pliant_results *stability;
     pliant_results *choice;    /**< what pliant_choose took */
+    pliant_results *dynamics;  /**< a row per setup: time steps and energy of explicit dynamics */
 } pliant_report_tables;
 
 /** Opens folder/sweep.csv and so on. @param folder Nullable: in memory only. Errors: FILE, FORMAT, MEMORY. */
@@ -204,6 +205,11 @@ pliant_status pliant_choose(const pliant_report_input *input, pliant_report_tabl
 pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
                                   pliant_progress progress);
 
+/** Explicit dynamics as the scene has it, through a pull that is let go: bounds of its time step, steps a frame, times, and without damping
+ *  the drift of its energy. What the core refuses is a row. Errors: SCENE (another solver/kind), ARGUMENT (no point), CANCELLED, FILE, MEMORY. */
+pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
+                                  pliant_progress progress);
+
 /* ---- STABILITY */
 
 typedef enum pliant_verdict {
@@ -219,6 +225,7 @@ typedef struct pliant_stability {
     const char *only;      /**< Nullable: the one case to run */
     int64_t long_steps;    /**< of the long run */
     int32_t settle_steps;  /**< most steps that a body may take to come to rest */
+    const pliant_scene *scene; /**< Nullable; with solver/kind tled: its options are those of every trial, by dynamic relaxation */
 } pliant_stability;
 void pliant_stability_defaults(pliant_stability *out);
 

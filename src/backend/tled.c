@@ -59,8 +59,11 @@ pliant_status pliant_data_dynamics(const pliant_model *model, const pliant_data 
     const pliant_tled_system *system = model->tled;
     pliant_dynamics told = {.edge_bound = system->edge_bound, .eigenvalue_bound = system->eigenvalue_bound,
                             .time_step = data->tled->time_step, .substeps = data->tled->substeps};
-    pliant_tled_energies(data->tled, model->fine_material, &told.kinetic_energy, &told.strain_energy);
-    if (system->quasi_static) told.kinetic_energy = 0;
+    pliant_tled_energies(data->tled, model->fine_material, &told.kinetic_energy, &told.strain_energy, &told.kept_energy);
+    if (system->quasi_static) {
+        told.kinetic_energy = 0;
+        told.kept_energy = told.strain_energy;
+    }
     *out = told;
     return PLIANT_OK;
 }

@@ -151,8 +151,9 @@ void pliant_tled_collide(pliant_tled *tled, double factor, int32_t first, int32_
 void pliant_tled_interact(pliant_tled *tled, const double gravity[3], pliant_tool *tools, int num_tools);
 
 /* ---- tled_energy.c */
-/* Kinetic energy, of half a step ago, and strain energy [J], in double; of elastic tissue without nodal pressure. */
-void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *material, double *kinetic, double *strain);
+/* Kinetic energy, of half a step ago, strain energy, and what central differences keep of both [J], in double; of elastic tissue without
+ * nodal pressure. */
+void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *material, double *kinetic, double *strain, double *kept);
 
 #ifdef __cplusplus
 }

@@ -190,8 +190,6 @@ pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant
     double whole[2], own[2];
     pliant_model *model = NULL;
     if (sweep->num_points < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "what was left out needs a point to pull at");
-    pliant_status status = report_check_scene(input->scene);
-    if (status < 0) return status;
     pliant_report_setup(input, sweep, setup);
     for (int n = 0; n < NUM_CONFIGURATIONS; n++) {
         key(setup, n, &row);
@@ -199,7 +197,7 @@ pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant
     }
     if (!missing) return PLIANT_OK;
     stage_times *best = pliant_calloc(NUM_CONFIGURATIONS, sizeof *best);
-    status = best ? PLIANT_OK : pliant_fail_memory("the times of the stages");
+    pliant_status status = best ? PLIANT_OK : pliant_fail_memory("the times of the stages");
     if (status >= 0) status = pliant_model_build(input->scene, input->scan, input->labels, input->materials, progress, &model);
     if (status >= 0) status = measure(model, sweep, best, progress);
     for (int n = 0; status >= 0 && n < NUM_CONFIGURATIONS; n++) {

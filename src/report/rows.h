@@ -34,9 +34,6 @@ pliant_status row_add(const report_row *row, pliant_results *results);
 /* A row of the sweep has a key of RUN_KEYS cells, of a model MODEL_KEYS. */
 enum { MODEL_KEYS = 5, RUN_KEYS = 8 };
 
-/* Reports compare what the corotational solver can do. Errors: SCENE. */
-pliant_status report_check_scene(const pliant_scene *scene);
-
 /* The smallest of `count` sorted values that a part of them does not exceed. */
 double report_quantile(const double *sorted, int32_t count, double part);
 void report_sort(double *values, int32_t count);

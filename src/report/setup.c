@@ -26,12 +26,6 @@ static uint64_t add_materials(uint64_t hash, const pliant_material_table *table)
     return hash;
 }
 
-pliant_status report_check_scene(const pliant_scene *scene)
-{
-    if (scene->solver.kind == PLIANT_COROTATIONAL) return PLIANT_OK;
-    return pliant_fail(PLIANT_ERROR_SCENE, "solver/kind: a report compares methods of the corotational solver; set it to corotational");
-}
-
 void pliant_report_setup(const pliant_report_input *input, const pliant_sweep *sweep, char out[9])
 {
     pliant_scene scene = *input->scene; /* its padding is zero: it was made by pliant_scene_defaults */

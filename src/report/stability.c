@@ -246,11 +246,22 @@ static pliant_status tell(stability_trial *trial)
     return row_add(row, trial->context->tables->stability);
 }
 
+/* Trials of explicit dynamics are by dynamic relaxation: bodies that come to rest. Cases about its time step have bodies of their own. */
+static void as_asked(const stability_context *context, pliant_scene *scene)
+{
+    const pliant_scene *asked = context->options->scene;
+    if (!asked || asked->solver.kind != PLIANT_TLED || context->dynamic) return;
+    scene->solver.kind = PLIANT_TLED;
+    scene->tled = asked->tled;
+    scene->tled.quasi_static = true;
+}
+
 static pliant_status try_method(stability_trial *trial, stability_treatment treatment, const void *argument)
 {
     const pliant_report_input *input = trial->input;
     pliant_scene scene = *input->scene;
     scene.model.method = trial->method;
+    as_asked(trial->context, &scene);
     trial->start = pliant_seconds();
     trial->bytes_before = pliant_memory_in_use();
     trial->steps_to_rest = -2;
@@ -279,7 +290,8 @@ pliant_status stability_try(stability_context *context, const char *parameter, c
                             stability_treatment treatment, const void *argument)
 {
     for (int m = 0; m < NUM_METHODS; m++) {
-        if (!(context->options->methods >> m & 1)) continue;
+        bool tled = context->dynamic || (context->options->scene && context->options->scene->solver.kind == PLIANT_TLED);
+        if (!(context->options->methods >> m & 1) || (tled && m != PLIANT_FINE)) continue;
         stability_trial *trial = pliant_calloc(1, sizeof *trial);
         if (!trial) return pliant_fail_memory("a trial");
         pliant_status status = PLIANT_OK;
@@ -322,7 +334,7 @@ pliant_status pliant_stability_run(const pliant_report_input *input, const plian
         status = block_create_default(&block);
         context.input = &block.input;
     }
-    if (status >= 0) status = report_check_scene(context.input->scene);
+    if (status >= 0 && !input) as_asked(&context, &block.scene); /* another setup */
     if (status >= 0) pliant_report_setup(context.input, NULL, context.setup);
     for (int c = 0; status >= 0 && c < NUM_CASES; c++) {
         if (options->only && strcmp(options->only, cases[c].name) != 0) continue;

@@ -37,6 +37,7 @@ typedef struct stability_context {
     char setup[9];
     const char *name;                 /* of the case */
     int index, count;                 /* of cases, for the progress */
+    bool dynamic;                     /* the case's body says how it is solved */
 } stability_context;
 
 typedef struct stability_trial {
@@ -88,7 +89,8 @@ pliant_status trial_workout(stability_trial *trial, const void *argument);
 /* ---- cases, in files of their own */
 #define STABILITY_CASE_LIST(X)                                                                                         \
     X(contrast) X(poisson) X(anisotropic) X(thin) X(empty) X(single_tetrahedron) X(pieces) X(pull) X(teleport)        \
-    X(gravity) X(spring) X(half_turn) X(not_finite) X(flat) X(inverted) X(scrambled) X(plane) X(point) X(long_run)
+    X(gravity) X(spring) X(half_turn) X(not_finite) X(flat) X(inverted) X(scrambled) X(plane) X(point) X(long_run)     \
+    X(time_step) X(energy)
 #define STABILITY_DECLARE(name) pliant_status stability_##name(stability_context *context);
 STABILITY_CASE_LIST(STABILITY_DECLARE)
 #undef STABILITY_DECLARE

@@ -43,14 +43,20 @@ static const char *const choice_columns[] = {
     MODEL_COLUMNS, "budget", "options", "budget_ms", "max_error_percent", "measure", "max_percent", "p95_percent", "rms_percent", "step_ms", "within_budget",
     "reference_tetrahedra", "tried", "seconds"};
 
+static const char *const dynamics_columns[] = {
+    "setup", "status", "message", "fine_tetrahedra", "fine_nodes", "law", "backend", "threads", "edge_bound_us", "eigenvalue_bound_us",
+    "time_step_us", "steps_a_frame", "frames", "frame_median_ms", "frame_p99_ms", "step_median_ms", "tetrahedra_steps_per_s",
+    "energy_drift_percent"};
+
 #define COLUMNS(list) list, (int)(sizeof(list) / sizeof *(list))
 
-enum { NUM_TABLES = 8 };
+enum { NUM_TABLES = 9 };
 
 static void list_tables(pliant_report_tables *tables, pliant_results **out[NUM_TABLES])
 {
     pliant_results **const list[NUM_TABLES] = {&tables->sweep,  &tables->frames, &tables->builds,   &tables->histogram,
-                                               &tables->slices, &tables->stages, &tables->stability, &tables->choice};
+                                               &tables->slices, &tables->stages, &tables->stability, &tables->choice,
+                                               &tables->dynamics};
     memcpy(out, list, sizeof list);
 }
 
@@ -63,6 +69,7 @@ static const struct {
     {"builds", COLUMNS(build_columns), MODEL_KEYS},  {"histogram", COLUMNS(histogram_columns), RUN_KEYS + 1},
     {"slices", COLUMNS(slice_columns), RUN_KEYS + 1}, {"stages", COLUMNS(stage_columns), 2},
     {"stability", COLUMNS(stability_columns), 4}, {"choice", COLUMNS(choice_columns), 1},
+    {"dynamics", COLUMNS(dynamics_columns), 1},
 };
 
 pliant_status pliant_report_open(const char *folder, pliant_report_tables *out)

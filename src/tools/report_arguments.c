@@ -33,7 +33,8 @@ static const char help[] =
     "  --at X,Y,Z          pull here [m, LPS]; may be repeated\n"
     "  --labels 5,20       pull at the fronts of these labels\n"
     "  --points N          most points to pull at, where neither is given\n"
-    "  --pull X,Y,Z        where a pulled point ends, from where it was [m] (default: 0.004,-0.029,0.006)\n"
+    "  --pull X,Y,Z        where a pulled point ends, from where it was [m] (default: 0.004,-0.029,0.006;\n"
+    "                      a hundredth of it for solver/kind tled)\n"
     "  --frames N          of a pull (default: 30)\n"
     "  --repeats N         runs of the same; the quickest of each frame is told, for a machine that does other work too\n"
     "  --twice N           most tetrahedra of the mesh of twice the resolution, which is solved too (0: never)\n"
@@ -44,7 +45,7 @@ static const char help[] =
     "  --help              print this and end\n"
     "\n"
     "Results in DIR: sweep.csv (a row a run), frames.csv, builds.csv, histogram.csv, slices.csv, stages.csv,\n"
-    "stability.csv, report.json (all of it, with machine, threads, backend and version), plot.py and its pictures.\n"
+    "dynamics.csv (of tled), stability.csv, report.json (all of it, with machine, threads, backend and version), plot.py and its pictures.\n"
     "\n"
     "Exit codes: 0 done, 1 failed or a stability case was broken, 2 wrong usage, 130 stopped by Ctrl-C (what was done is kept).\n";
 

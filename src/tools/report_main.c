@@ -59,10 +59,11 @@ static pliant_status read_inputs(report_program *program)
 
 static pliant_status run_stability(report_program *program)
 {
-    const report_arguments *arguments = program->arguments;
+    report_arguments *arguments = program->arguments;
     const pliant_report_input *input = arguments->scan && arguments->stability_on_scan ? &program->input : NULL;
     /* refusals are what is looked for: they go to the table, not to the screen */
     pliant_set_log(NULL, NULL);
+    arguments->stability.scene = &arguments->scene;
     pliant_status status = pliant_stability_run(input, &arguments->stability, &program->tables, console_progress(), &program->worst);
     pliant_set_log(print_warning, NULL);
     console_progress_end();
@@ -99,6 +100,18 @@ static void print_stages(const pliant_results *table, const char *setup)
                    cell(table, r, "held_mb"), cell(table, r, "saved_mb"));
 }
 
+static void print_dynamics(const pliant_results *table, const char *setup)
+{
+    static const char *const names[] = {"message", "fine_tetrahedra", "edge_bound_us", "eigenvalue_bound_us", "time_step_us", "steps_a_frame",
+                                        "step_median_ms", "frame_median_ms", "tetrahedra_steps_per_s", "energy_drift_percent"};
+    for (size_t r = 0; r < pliant_results_rows(table); r++) {
+        if (strcmp(pliant_results_cell(table, r, 0), setup) != 0) continue;
+        printf("\nexplicit dynamics\n");
+        for (size_t n = 0; n < sizeof names / sizeof *names; n++)
+            if (cell(table, r, names[n])[0]) printf("  %-24s %s\n", names[n], cell(table, r, names[n]));
+    }
+}
+
 static void print_stability(const pliant_results *table)
 {
     int counts[PLIANT_VERDICT_BROKEN + 1] = {0};
@@ -119,16 +132,22 @@ static pliant_status run(report_program *program)
     if (status >= 0) status = pliant_report_open(arguments->folder, &program->tables);
     if (status >= 0) status = read_inputs(program);
     if (status < 0) return status;
-    if (arguments->do_sweep) { /* what a load of this scene would take */
+    bool choosable = arguments->scene.solver.kind == PLIANT_COROTATIONAL && arguments->scene.mesh.kind == PLIANT_LATTICE;
+    if (arguments->do_sweep && choosable) { /* what a load of this scene would take */
         pliant_choice choice;
         status = choice_output(&program->input, arguments->folder, arguments->pictures, &choice);
     }
-    if (status >= 0 && arguments->do_sweep) status = pliant_sweep_run(&program->input, &arguments->sweep, arguments->folder, &program->tables, console_progress());
+    if (status >= 0 && arguments->do_sweep)
+        status = pliant_sweep_run(&program->input, &arguments->sweep, arguments->folder, &program->tables, console_progress());
+    pliant_status swept = status; /* what cannot be swept (tled on a ground plane) can be reported on otherwise */
+    if (status == PLIANT_ERROR_SCENE) status = PLIANT_OK;
     if (status >= 0 && arguments->do_left_out)
         status = pliant_left_out_run(&program->input, &arguments->sweep, &program->tables, console_progress());
+    if (status >= 0 && arguments->scene.solver.kind == PLIANT_TLED && (arguments->do_sweep || arguments->do_left_out))
+        status = pliant_dynamics_run(&program->input, &arguments->sweep, &program->tables, console_progress());
     console_progress_end();
     if (status >= 0 && arguments->do_stability) status = run_stability(program);
-    return status;
+    return status < 0 ? status : swept;
 }
 
 static pliant_status finish(report_program *program)
@@ -137,6 +156,7 @@ static pliant_status finish(report_program *program)
     bool drawn = false;
     if (arguments->do_sweep && arguments->scan) print_sweep(program->tables.sweep, program->setup);
     if (arguments->do_left_out && arguments->scan) print_stages(program->tables.stages, program->setup);
+    if (arguments->scan) print_dynamics(program->tables.dynamics, program->setup);
     if (arguments->do_stability) print_stability(program->tables.stability);
     pliant_status status = pliant_report_json(arguments->folder, program->setup, &arguments->scene, &program->tables);
     fflush(stdout);
@@ -155,7 +175,7 @@ int main(int argc, char **argv)
     pliant_set_log(print_warning, NULL);
     pliant_status status = run(&program);
     bool stopped = console_stop_asked();
-    if (program.tables.sweep && (status >= 0 || stopped)) {
+    if (program.tables.sweep && (status >= 0 || status == PLIANT_ERROR_SCENE || stopped)) {
         pliant_status finished = finish(&program);
         if (status >= 0) status = finished;
     }
