@@ -13,36 +13,56 @@ static __device__ __forceinline__ unsigned long long own_bricks(unsigned long lo
 }
 
 /* what of a tetrahedron says which bricks it touches */
-struct footprint { unsigned long long bricks; short low[3], high[3]; unsigned char kind; };
+struct footprint { unsigned long long bricks; gpu_box box; };
+
+/* those of one that spans more bricks than the mask has, found by its planes */
+template <class Visit>
+static __device__ __forceinline__ void visit_many(const gpu_raster &raster, int t, const int *low, const int *high, Visit visit)
+{
+    const int v = (int)threadIdx.x % 4;
+    exact_plane planes[4];
+    for (int p = 0; p < 4; p++) planes[p] = gpu_exact_plane(corners_of(raster), t, p);
+    int at[3], number = 0;
+    for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
+        for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
+            for (at[0] = low[0]; at[0] <= high[0]; at[0]++) {
+                if (number++ % 4 != v) continue;
+                int begin[3], end[3];
+                for (int d = 0; d < 3; d++) {
+                    begin[d] = BRICK * at[d];
+                    end[d] = begin[d] + BRICK - 1;
+                }
+                bool cuts = true; /* pliant_raster_cuts */
+                for (int p = 0; p < 4; p++) cuts = cuts && gpu_most_in(planes[p], begin, end) >= 0;
+                if (cuts) visit(at[0] + raster.grid.bricks[0] * (at[1] + raster.grid.bricks[1] * at[2]), -1);
+            }
+}
 
 /* each of the four threads takes its share of the bricks, two at a time */
 template <class Visit>
-static __device__ __forceinline__ void visit_bricks(const gpu_raster &raster, const gpu_tet &tet, const footprint &foot, Visit visit)
+static __device__ __forceinline__ void visit_bricks(const gpu_raster &raster, int t, const footprint &foot, Visit visit)
 {
-    if (foot.kind == RASTER_NOTHING) return;
+    if (foot.box.kind == RASTER_NOTHING) return;
     const int across = raster.grid.bricks[0], down = raster.grid.bricks[1], v = (int)threadIdx.x % 4;
-    int low[3], high[3], at[3], number = 0;
+    int low[3], high[3];
     for (int d = 0; d < 3; d++) {
-        low[d] = foot.low[d] / BRICK;
-        high[d] = foot.high[d] / BRICK;
+        low[d] = foot.box.low[d] / BRICK;
+        high[d] = foot.box.high[d] / BRICK;
     }
-    if (gpu_in_mask(foot.low, foot.high)) {
-        const int first = low[0] + across * (low[1] + down * low[2]);
-        for (unsigned long long left = own_bricks(foot.bricks, v); left; left &= left - 1) {
-            int brick[2];
-            for (int n = 0; n < 2; n++) {
-                const int bit = __ffsll((long long)left) - 1;
-                brick[n] = left ? first + (bit & 3) + across * ((bit >> 2 & 3) + down * (bit >> 4)) : -1;
-                if (n == 0) left &= left - 1;
-            }
-            visit(brick[0], brick[1]);
-        }
+    if (!gpu_in_mask(foot.box.low, foot.box.high)) {
+        visit_many(raster, t, low, high, visit);
         return;
     }
-    for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
-        for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
-            for (at[0] = low[0]; at[0] <= high[0]; at[0]++)
-                if (number++ % 4 == v && gpu_cuts(tet, at)) visit(at[0] + across * (at[1] + down * at[2]), -1);
+    const int first = low[0] + across * (low[1] + down * low[2]);
+    for (unsigned long long left = own_bricks(foot.bricks, v); left; left &= left - 1) {
+        int brick[2];
+        for (int n = 0; n < 2; n++) {
+            const int bit = __ffsll((long long)left) - 1;
+            brick[n] = left ? first + (bit & 3) + across * ((bit >> 2 & 3) + down * (bit >> 4)) : -1;
+            if (n == 0) left &= left - 1;
+        }
+        visit(brick[0], brick[1]);
+    }
 }
 
 static __device__ __forceinline__ void list_in(const gpu_raster &raster, int t, int brick, int place)
@@ -69,15 +89,15 @@ static __device__ __forceinline__ bool find_box(const raster_grid &grid, const i
     return any;
 }
 
-/* pliant_raster_tet. own_rest: of its own node. All four threads come here together. */
-static __device__ __forceinline__ void set_up(const gpu_raster &raster, const int fixed[4][3], const double *own_rest, bool keep,
-                                              gpu_tet &out, footprint &foot)
+/* pliant_raster_tet. own_rest: of its own node; out: NULL where there is none. All four threads come here together. */
+static __device__ __forceinline__ void set_up(const gpu_raster &raster, const int fixed[4][3], const double *own_rest, gpu_tet *out, footprint &foot)
 {
     const raster_grid &grid = raster.grid;
     const int v = (int)threadIdx.x % 4, axis = v < 3 ? v : 0;
     long long normal[3];
     const double volume = gpu_normals(fixed, v, normal);
-    const bool drawn = (grid.mirrored ? volume < 0 : volume > 0) & find_box(grid, fixed, foot.low, foot.high);
+    gpu_box &box = foot.box;
+    const bool drawn = (grid.mirrored ? volume < 0 : volume > 0) & find_box(grid, fixed, box.low, box.high);
     double rest[4], map[4], rounded[4], exact[3];
     for (int d = 0; d < 3; d++) exact[d] = (double)normal[d]; /* below 2^53 */
     for (int n = 0; n < 4; n++) {
@@ -87,36 +107,29 @@ static __device__ __forceinline__ void set_up(const gpu_raster &raster, const in
     gpu_map(grid, fixed, rest, exact, volume, map);
     const bool whole = all_of_four(gpu_is_whole(grid, raster.source_size[axis], fixed, rest, map, rounded));
     for (int c = 0; c < 4; c++) map[c] = whole ? rounded[c] : map[c];
-    const bool inner = all_of_four(gpu_stays_inside(raster.source_size[axis], rest, map));
-    gpu_tet::plane plane;
+    box.inner = all_of_four(gpu_stays_inside(raster.source_size[axis], rest, map));
+    box.kind = !drawn ? RASTER_NOTHING : whole ? RASTER_COPY : RASTER_SAMPLE;
+    int point[3], middle[3];
     for (int d = 0; d < 3; d++) {
         if (grid.mirrored) normal[d] = -normal[d];
-        plane.normal[d] = grid.mirrored ? -exact[d] : exact[d];
+        exact[d] = grid.mirrored ? -exact[d] : exact[d];
+        point[d] = v == 0 ? fixed[1][d] : fixed[0][d];
+        middle[d] = box.middle(d);
     }
-    int point[3];
-    for (int d = 0; d < 3; d++) point[d] = v == 0 ? fixed[1][d] : fixed[0][d];
-    const long long value = gpu_plane_value(grid, normal, point);
+    const long long value = gpu_plane_value(grid.fraction_bits, normal, point);
     long long near = value;
-    for (int d = 0; d < 3; d++) near += normal[d] * (foot.low[d] / BRICK * BRICK);
-    plane.near = (double)near;
-    foot.bricks = and_of_four(drawn ? gpu_find_bricks(foot.low, foot.high, plane) : 0);
-    foot.kind = !drawn ? RASTER_NOTHING : whole ? RASTER_COPY : RASTER_SAMPLE;
-    if (!keep) return;
-    if (v == 0) {
-        out.kind = foot.kind;
-        out.inner = inner;
-        out.bricks = foot.bricks;
-        for (int d = 0; d < 3; d++) {
-            out.low[d] = foot.low[d];
-            out.high[d] = foot.high[d];
-        }
+    for (int d = 0; d < 3; d++) near += normal[d] * (box.low[d] / BRICK * BRICK);
+    foot.bricks = and_of_four(drawn ? gpu_find_bricks(box.low, box.high, exact, (double)near) : 0);
+    gpu_tet *bounds = drawn ? out : NULL;
+    const unsigned begins = set_rows(normal, value, middle, v, bounds), lows = set_slices(grid, fixed, begins, middle, v, bounds);
+    box.row_begins = (unsigned char)__popc(begins);
+    box.slice_begins = (unsigned char)__popc(lows);
+    if (out && v == 0) {
+        out->box = box;
+        out->bricks = foot.bricks;
     }
-    if (!drawn) return;
-    out.planes[v] = plane;
-    out.factor[v] = normal[0] != 0 ? 1 / fabs(plane.normal[0]) : 4 * BRICK;
-    out.value[v] = value;
-    if (v < 3)
-        for (int c = 0; c < 4; c++) out.map[v][c] = map[c];
+    if (bounds && v < 3)
+        for (int c = 0; c < 4; c++) bounds->map[v][c] = map[c];
 }
 
 /* Four threads a tetrahedron. Every one is listed in every brick that it touches, since one that stays may share a brick with
@@ -128,14 +141,10 @@ static __global__ void __launch_bounds__(THREADS, 4) cull_kernel(gpu_raster rast
     const int t = there ? own : raster.num_tets - 1; /* the last threads go along, since all talk to each other */
     const size_t node = (size_t)raster.d_tets[4 * (size_t)t + v];
     gpu_tet *stored = static_cast<gpu_tet *>(raster.d_setup) + t;
-    footprint foot = {0, {0, 0, 0}, {0, 0, 0}, RASTER_NOTHING};
+    footprint foot = {};
     if (!all) {
         foot.bricks = stored->bricks;
-        foot.kind = stored->kind;
-        for (int d = 0; d < 3; d++) {
-            foot.low[d] = stored->low[d];
-            foot.high[d] = stored->high[d];
-        }
+        foot.box = stored->box;
     }
     int mine[3], fixed[4][3], *last = raster.d_fixed + 12 * (size_t)t + 3 * v;
     double rest[3];
@@ -148,7 +157,7 @@ static __global__ void __launch_bounds__(THREADS, 4) cull_kernel(gpu_raster rast
     }
     still = all_of_four(still);
     if (there && !still)
-        visit_bricks(raster, *stored, foot, [&](int one, int other) {
+        visit_bricks(raster, t, foot, [&](int one, int other) {
             raster.d_dirty[one] = 1;
             if (other >= 0) raster.d_dirty[other] = 1;
         });
@@ -156,11 +165,11 @@ static __global__ void __launch_bounds__(THREADS, 4) cull_kernel(gpu_raster rast
     if (__any_sync(0xffffffff, there && !still)) { /* setting up one that stayed gives what it was */
         if (there)
             for (int d = 0; d < 3; d++) last[d] = mine[d];
-        set_up(raster, fixed, rest, there, *stored, foot);
+        set_up(raster, fixed, rest, there ? stored : NULL, foot);
         __syncwarp();
     }
     if (!there) return;
-    visit_bricks(raster, *stored, foot, [&](int one, int other) {
+    visit_bricks(raster, t, foot, [&](int one, int other) {
         if (!still) {
             raster.d_dirty[one] = 1;
             if (other >= 0) raster.d_dirty[other] = 1;

@@ -5,22 +5,31 @@
 #ifndef PLIANT_CUDA_RASTER_MATH_CUH
 #define PLIANT_CUDA_RASTER_MATH_CUH
 
-#include "warp/raster.h"
+#include "rasterize.h"
 
-/* raster_tet of the CPU, by thread of the four */
+/* Where it is: its first and last voxel along each axis, inside the target; and how many of its bounds begin something. */
+struct alignas(16) gpu_box {
+    short low[3], high[3];
+    unsigned char kind, inner, row_begins, slice_begins;
+
+    /* the voxel that bounds are counted from */
+    __device__ __forceinline__ int middle(int d) const { return (low[d] + high[d]) >> 1; }
+};
+
+/* raster_tet of the CPU. Bounds tell all but what rounding could decide: that, its corners tell (exact_plane).
+ *
+ * Row (j, k) begins along i at the greatest at + j step_j + k step_k of its first row_begins planes, and ends at the least of the
+ * others. Slice k begins along j, seen along i, at the greatest edge + k edge_step of the first slice_begins edges of its outline,
+ * and ends at the least of the others. */
 struct alignas(16) gpu_tet {
-    struct plane {
-        double normal[3];    /* inward, per voxel along i, j, k; integers */
-        double near;         /* value at the first voxel of the brick where the tetrahedron's box begins; exact where it is in
-                              * the mask of bricks */
-    } planes[4];
-    double factor[4];        /* 1 / |normal along i|; where that is 0, enough to leave the row on either side */
-    long long value[4];      /* of the planes at target voxel (0, 0, 0) */
+    double at[4], step_j[4], step_k[4];
+    float edge[4], edge_step[4];
+    gpu_box box;
     double map[3][4];        /* source index along an axis = map[0] i + map[1] j + map[2] k + map[3] */
     unsigned long long bricks;
-    short low[3], high[3];
-    unsigned char kind, inner;
 };
+
+static const float far_away = 1e30f; /* a bound that bounds nothing */
 
 /* ---- the four threads of a tetrahedron */
 
@@ -79,14 +88,51 @@ static __device__ __forceinline__ double gpu_six_volumes(const int *edge, const 
 }
 
 /* plane_value */
-static __device__ __forceinline__ long long gpu_plane_value(const raster_grid &grid, const long long *normal, const int *point)
+static __device__ __forceinline__ long long gpu_plane_value(int fraction_bits, const long long *normal, const int *point)
 {
     long long whole = 0, fraction = 0;
     for (int d = 0; d < 3; d++) {
-        whole += normal[d] * (point[d] >> grid.fraction_bits);
-        fraction += normal[d] * (point[d] & ((1 << grid.fraction_bits) - 1));
+        whole += normal[d] * (point[d] >> fraction_bits);
+        fraction += normal[d] * (point[d] & ((1 << fraction_bits) - 1));
     }
-    return -whole + (-fraction >> grid.fraction_bits);
+    return -whole + (-fraction >> fraction_bits);
+}
+
+/* All corners in fixed point, and what they mean. */
+struct gpu_corners { const int *d_fixed; int fraction_bits; bool mirrored; };
+
+static __device__ __forceinline__ gpu_corners corners_of(const gpu_raster &raster)
+{
+    return {raster.d_fixed, raster.grid.fraction_bits, raster.grid.mirrored};
+}
+
+/* A plane of a tetrahedron, found anew from its corners: that of the three nodes other than v. */
+struct exact_plane {
+    long long normal[3], value; /* inward, per voxel along i, j, k; at target voxel (0, 0, 0) */
+
+    __device__ __forceinline__ long long at(int i, int j, int k) const { return value + normal[0] * i + normal[1] * j + normal[2] * k; }
+};
+
+static __device__ __forceinline__ exact_plane gpu_exact_plane(const gpu_corners &corners, int id, int v)
+{
+    const int *fixed = corners.d_fixed + 12 * (size_t)id;
+    const int *from = fixed + (v == 0 ? 3 : 0), *one = fixed + (v == 1 ? 6 : v == 3 ? 3 : 9), *other = fixed + (v == 1 ? 9 : v == 3 || v == 0 ? 6 : 3);
+    exact_plane out;
+    for (int d = 0; d < 3; d++) {
+        const int a = (d + 1) % 3, b = (d + 2) % 3;
+        const long long n = (long long)(one[a] - from[a]) * (other[b] - from[b]) - (long long)(one[b] - from[b]) * (other[a] - from[a]);
+        out.normal[d] = corners.mirrored ? -n : n;
+    }
+    out.value = gpu_plane_value(corners.fraction_bits, out.normal, from);
+    return out;
+}
+
+/* most_in, over the voxels of a box */
+static __device__ __forceinline__ long long gpu_most_in(const exact_plane &plane, const int *low, const int *high)
+{
+    long long most = plane.value;
+    for (int d = 0; d < 3; d++) most += plane.normal[d] * (plane.normal[d] > 0 ? high[d] : low[d]);
+    return most;
 }
 
 /* Inward normals, before the mirrored target's turn, and the volume. Plane v is that of the other three nodes; its normal is
@@ -155,22 +201,64 @@ static __device__ __forceinline__ bool gpu_stays_inside(int source_size, const d
     return inside;
 }
 
-/* ---- bricks */
+/* ---- bounds */
 
-/* pliant_raster_cuts */
-static __device__ bool gpu_cuts(const gpu_tet &tet, const int *brick)
+static __device__ __forceinline__ unsigned ballot_of_four(bool value)
 {
-    bool cuts = true;
-    for (int v = 0; v < 4; v++) {
-        long long most = tet.value[v];
-        for (int d = 0; d < 3; d++) {
-            long long n = (long long)tet.planes[v].normal[d];
-            most += n * (brick[d] * BRICK) + (n > 0 ? n * (BRICK - 1) : 0);
-        }
-        cuts = cuts && most >= 0;
-    }
-    return cuts;
+    return __ballot_sync(0xffffffff, value) >> (threadIdx.x & 28) & 15;
 }
+
+/* Its place among the four where those with the flag come first. */
+static __device__ __forceinline__ int place_among(unsigned flags, int v)
+{
+    const unsigned before = (1u << v) - 1;
+    return flags >> v & 1 ? __popc(flags & before) : __popc(flags) + __popc(~flags & before);
+}
+
+static __device__ __forceinline__ int gpu_pick(const int fixed[4][3], int node, int d)
+{
+    return node == 0 ? fixed[0][d] : node == 1 ? fixed[1][d] : node == 2 ? fixed[2][d] : fixed[3][d];
+}
+
+/* Where plane v begins or ends rows. One along the rows bounds nothing here, and leaves no row without doubt. */
+static __device__ __forceinline__ unsigned set_rows(const long long *normal, long long value, const int *middle, int v, gpu_tet *out)
+{
+    const unsigned begins = ballot_of_four(normal[0] > 0);
+    if (!out) return begins;
+    const int place = place_among(begins, v);
+    for (int d = 0; d < 3; d++) value += normal[d] * middle[d];
+    const double factor = normal[0] != 0 ? -1 / (double)normal[0] : 0;
+    out->at[place] = normal[0] != 0 ? ((double)value + 0.5) * factor : far_away;
+    out->step_j[place] = (double)normal[1] * factor;
+    out->step_k[place] = (double)normal[2] * factor;
+    return begins;
+}
+
+/* Where an edge of the outline begins or ends slices. It is seen where a plane that begins rows meets one that does not: thread v
+ * takes its own plane and one of the other kind, so that every such pair has a thread. An edge along j bounds nothing. */
+static __device__ __forceinline__ unsigned set_slices(const raster_grid &grid, const int fixed[4][3], unsigned begins, const int *middle, int v,
+                                                      gpu_tet *out)
+{
+    const unsigned ends = 15 & ~begins;
+    const bool own = begins >> v & 1;
+    const int first_begin = __ffs((int)begins) - 1, last_begin = 31 - __clz((int)begins), first_end = __ffs((int)ends) - 1, last_end = 31 - __clz((int)ends);
+    const int p = own ? v : v == first_end ? last_begin : first_begin, q = !own ? v : v == first_begin ? first_end : last_end;
+    const unsigned nodes = 15 & ~(1u << (p & 3) | 1u << (q & 3)); /* of the edge; p and q are no planes where nothing is drawn */
+    const int one = __ffs((int)nodes) - 1, two = 31 - __clz((int)nodes);
+    const int j = gpu_pick(fixed, one, 1), k = gpu_pick(fixed, one, 2), along_j = gpu_pick(fixed, two, 1) - j, along_k = gpu_pick(fixed, two, 2) - k;
+    /* node q is on the plane that begins rows, and not on the edge: the tetrahedron lies on its side */
+    const long long side = (long long)(gpu_pick(fixed, q & 3, 1) - j) * along_k - (long long)(gpu_pick(fixed, q & 3, 2) - k) * along_j;
+    const bool low = along_k == 0 || (along_k > 0) == (side > 0);
+    const unsigned lows = ballot_of_four(low);
+    if (!out) return lows;
+    const int place = place_among(lows, v);
+    const double step = along_k != 0 ? (double)along_j / along_k : 0, unit = raster_step(grid);
+    out->edge[place] = along_k != 0 ? (float)((j * unit - middle[1]) - step * (k * unit - middle[2])) : -far_away;
+    out->edge_step[place] = (float)step;
+    return lows;
+}
+
+/* ---- bricks */
 
 static __device__ __forceinline__ bool gpu_in_mask(const short *low, const short *high)
 {
@@ -179,22 +267,23 @@ static __device__ __forceinline__ bool gpu_in_mask(const short *low, const short
     return in;
 }
 
-/* find_bricks by one plane; values at the corners of bricks in the mask are exact in double */
-static __device__ __forceinline__ unsigned long long gpu_find_bricks(const short *low, const short *high, const gpu_tet::plane &plane)
+/* find_bricks by one plane; near: its value at the first voxel of the first brick. Values at the corners of bricks in the mask are
+ * exact in double. */
+static __device__ __forceinline__ unsigned long long gpu_find_bricks(const short *low, const short *high, const double *normal, double near)
 {
     unsigned long long bricks = 0;
     if (!gpu_in_mask(low, high)) return bricks;
     int count[3];
-    double corner = plane.near;
+    double corner = near;
     for (int d = 0; d < 3; d++) {
         count[d] = high[d] / BRICK - low[d] / BRICK + 1;
-        corner += plane.normal[d] > 0 ? plane.normal[d] * (BRICK - 1) : 0;
+        corner += normal[d] > 0 ? normal[d] * (BRICK - 1) : 0;
     }
-    for (int k = 0; k < count[2]; k++, corner += BRICK * plane.normal[2]) {
+    for (int k = 0; k < count[2]; k++, corner += BRICK * normal[2]) {
         double row = corner;
-        for (int j = 0; j < count[1]; j++, row += BRICK * plane.normal[1]) {
+        for (int j = 0; j < count[1]; j++, row += BRICK * normal[1]) {
             double at = row;
-            for (int i = 0; i < count[0]; i++, at += BRICK * plane.normal[0])
+            for (int i = 0; i < count[0]; i++, at += BRICK * normal[0])
                 if (at >= 0) bricks |= 1ull << (i + MASK_EDGE * (j + MASK_EDGE * k));
         }
     }
@@ -202,36 +291,6 @@ static __device__ __forceinline__ unsigned long long gpu_find_bricks(const short
 }
 
 /* ---- in a brick */
-
-/* A plane of a tetrahedron relative to a brick: owner_plane. */
-struct gpu_plane { double value, step_j, step_k, factor; };
-enum { PLANE_EMPTY, PLANE_RISING, PLANE_OTHER, PLANE_WHOLE };
-
-/* Whether it leaves nothing, part or all of a box of voxels in the brick (low to high, from the brick's origin) is found in
- * float; in doubt, part. */
-static __device__ __forceinline__ int gpu_find_plane(const gpu_tet &tet, int v, const int *origin, const int *low, const int *high,
-                                                     gpu_plane &out)
-{
-    const gpu_tet::plane plane = tet.planes[v];
-    double value = plane.near;
-    if (gpu_in_mask(tet.low, tet.high)) {
-        for (int d = 0; d < 3; d++) value += plane.normal[d] * (origin[d] - tet.low[d] / BRICK * BRICK);
-    } else {
-        long long exact = tet.value[v];
-        for (int d = 0; d < 3; d++) exact += (long long)plane.normal[d] * origin[d];
-        value = (double)exact; /* rounded only where it is far from 0 and its sign is all that counts */
-    }
-    out = {value + 0.5, plane.normal[1], plane.normal[2], tet.factor[v]};
-    float most = (float)value, least = most, size = fabsf(most);
-    for (int d = 0; d < 3; d++) {
-        const float n = (float)plane.normal[d], first = n * (float)low[d], last = n * (float)high[d];
-        most += fmaxf(first, last);
-        least += fminf(first, last);
-        size += fabsf(n) * BRICK;
-    }
-    const float doubt = 1e-6f * size;
-    return most < -doubt ? PLANE_EMPTY : least > doubt ? PLANE_WHOLE : plane.normal[0] > 0 ? PLANE_RISING : PLANE_OTHER;
-}
 
 /* owner_choose_base, along one axis */
 static __device__ __forceinline__ int gpu_base(const gpu_tet &tet, const int *origin, int d, int source_size)

@@ -44,7 +44,7 @@ static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, co
     const size_t slice_step = (size_t)size[0] * (size_t)size[1];
     Voxel *out = static_cast<Voxel *>(raster.d_volume) + (origin[0] + i) + (size_t)size[0] * (size_t)(origin[1] + j) +
                  slice_step * (size_t)(origin[2] + k);
-    const unsigned *owner = brick.owner + ROW_STEP * j + i;
+    const unsigned *owner = brick.owner + ROW_STEP * j + i, place = first_place(raster, brick.base_index);
 #pragma unroll 2
     for (; k < end; k += SLICES) {
         const int name = (int)(owner[ROW_STEP * BRICK * k] & 255);
@@ -52,7 +52,7 @@ static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, co
         if (name != NOBODY) {
             float at[3];
             source_point(brick.slots[name], (float)i, (float)j, (float)k, at);
-            value = sample<Voxel, INNER>(raster, brick.limit, brick.base_index, at, sampler<Voxel>::copies && brick.copies[name] != 0);
+            value = sample<Voxel, INNER>(raster, brick.limit, place, at, sampler<Voxel>::copies && brick.copies[name] != 0);
         }
         *out = value;
         out += SLICES * slice_step;
@@ -64,21 +64,20 @@ template <class Voxel, int SIZE>
 static __device__ __forceinline__ void write_part(const gpu_raster &raster, const part &where, int count, bool choose, const int *origin,
                                                   brick_state &brick)
 {
-    const gpu_tet *tets = static_cast<const gpu_tet *>(raster.d_setup);
     const int thread = (int)threadIdx.x;
     if (thread == 0) brick.inner = 1;
     __syncthreads();
     const bool drawn = brick.first != ~0u, own = thread < count && drawn;
     double map[3][4]; /* on its way while the base is chosen */
     if (own)
-        for (int m = 0; m < 12; m++) map[m / 4][m % 4] = tets[brick.id[thread]].map[m / 4][m % 4];
-    if (choose && thread < 3 && drawn) choose_base(raster, tets[brick.first >> 8], origin, thread, brick);
+        for (int m = 0; m < 12; m++) map[m / 4][m % 4] = tet_of(raster, brick.id[thread]).map[m / 4][m % 4];
+    if (choose && thread < 3 && drawn) choose_base(raster, tet_of(raster, (int)(brick.first >> 8)), origin, thread, brick);
     __syncthreads();
     if (own) {
-        const gpu_tet &tet = tets[brick.id[thread]];
+        const gpu_box box = tet_of(raster, brick.id[thread]).box;
         fill_slot(map, origin, brick.base, brick.slots[thread]);
-        brick.copies[thread] = tet.kind == RASTER_COPY;
-        if (!tet.inner) brick.inner = 0;
+        brick.copies[thread] = box.kind == RASTER_COPY;
+        if (!box.inner) brick.inner = 0;
     }
     __syncthreads();
     if (brick.inner) write_voxels<Voxel, true, SIZE>(raster, where, origin, brick);
@@ -87,58 +86,32 @@ static __device__ __forceinline__ void write_part(const gpu_raster &raster, cons
 
 /* ---- bricks with more candidates than a byte can name: by eighths; where one of those has too many, by voxel */
 
-static __device__ bool holds(const gpu_tet &tet, const int *at)
-{
-    for (int d = 0; d < 3; d++)
-        if (at[d] < tet.low[d] || at[d] > tet.high[d]) return false;
-    for (int v = 0; v < 4; v++) {
-        long long value = tet.value[v];
-        for (int d = 0; d < 3; d++) value += (long long)tet.planes[v].normal[d] * at[d];
-        if (value < 0) return false;
-    }
-    return true;
-}
-
-static __device__ unsigned find_owner(const gpu_raster &raster, const int *list, int count, const int *at)
-{
-    unsigned owner = ~0u;
-    for (int c = 0; c < count; c++) {
-        unsigned id = (unsigned)list[c];
-        if (id < owner && holds(static_cast<const gpu_tet *>(raster.d_setup)[id], at)) owner = id;
-    }
-    return owner;
-}
-
-/* Each voxel asks all candidates, first for the base and then for its value: slow, where many are pressed together. */
+/* Each voxel by itself: its owner, from a list of any length, then its value. */
 template <class Voxel>
 static __device__ __forceinline__ void draw_by_voxel(const gpu_raster &raster, const int *list, int count, const int *origin,
                                                      brick_state &brick)
 {
-    const gpu_tet *tets = static_cast<const gpu_tet *>(raster.d_setup);
     const int *size = raster.grid.target.size;
-    for (int pass = 0; pass < 2; pass++) {
-        for (int n = (int)threadIdx.x; n < BRICK_VOXELS; n += THREADS) {
-            int local[3] = {n % BRICK, n / BRICK % BRICK, n / BRICK_ROWS}, at[3];
-            for (int d = 0; d < 3; d++) at[d] = origin[d] + local[d];
-            if (at[0] >= size[0] || at[1] >= size[1] || at[2] >= size[2]) continue;
-            unsigned owner = find_owner(raster, list, count, at);
-            if (pass == 0) {
-                if (owner != ~0u) atomicMin(&brick.first, owner);
-                continue;
-            }
-            Voxel value = background_of(raster, Voxel());
-            if (owner != ~0u) {
-                slot map;
-                float point[3];
-                fill_slot(tets[owner].map, origin, brick.base, map);
-                source_point(map, (float)local[0], (float)local[1], (float)local[2], point);
-                value = sample<Voxel, false>(raster, brick.limit, brick.base_index, point, tets[owner].kind == RASTER_COPY);
-            }
-            static_cast<Voxel *>(raster.d_volume)[at[0] + (size_t)size[0] * ((size_t)at[1] + (size_t)size[1] * (size_t)at[2])] = value;
+    find_owners_by_voxel(raster, list, count, origin, brick);
+    __syncthreads();
+    if (threadIdx.x < 3 && brick.first != ~0u) choose_base(raster, tet_of(raster, (int)(brick.first >> 8)), origin, (int)threadIdx.x, brick);
+    __syncthreads();
+    for (int n = (int)threadIdx.x; n < BRICK_VOXELS; n += THREADS) {
+        const int local[3] = {n % BRICK, n / BRICK % BRICK, n / BRICK_ROWS};
+        int at[3];
+        for (int d = 0; d < 3; d++) at[d] = origin[d] + local[d];
+        if (at[0] >= size[0] || at[1] >= size[1] || at[2] >= size[2]) continue;
+        const unsigned owner = brick.owner[ROW_STEP * (n / BRICK) + local[0]];
+        Voxel value = background_of(raster, Voxel());
+        if (owner != ~0u) {
+            const gpu_tet &tet = tet_of(raster, (int)(owner >> 8));
+            slot map;
+            float point[3];
+            fill_slot(tet.map, origin, brick.base, map);
+            source_point(map, (float)local[0], (float)local[1], (float)local[2], point);
+            value = sample<Voxel, false>(raster, brick.limit, first_place(raster, brick.base_index), point, tet.box.kind == RASTER_COPY);
         }
-        __syncthreads();
-        if (pass == 0 && threadIdx.x < 3 && brick.first != ~0u) choose_base(raster, tets[brick.first], origin, (int)threadIdx.x, brick);
-        __syncthreads();
+        static_cast<Voxel *>(raster.d_volume)[at[0] + (size_t)size[0] * ((size_t)at[1] + (size_t)size[1] * (size_t)at[2])] = value;
     }
 }
 

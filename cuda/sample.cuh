@@ -61,13 +61,18 @@ template <> struct sampler<float> {
     static const bool copies = true; /* -0.0f and what is not a number stay what they are */
 };
 
-/* base: flat index of the brick's base voxel. copy: the map takes voxels to voxels. */
+/* of a cell whose corner is the base voxel: what lies there, less the bits that split() leaves in its whole numbers */
+static __device__ __forceinline__ unsigned first_place(const gpu_raster &raster, unsigned base_index)
+{
+    return base_index - FLOOR_BITS * (1 + (unsigned)raster.source_step[1] + (unsigned)raster.source_step[2]);
+}
+
+/* base: first_place of the brick's base voxel. copy: the map takes voxels to voxels. */
 template <class Voxel, bool INNER>
 static __device__ __forceinline__ Voxel sample(const gpu_raster &raster, const limits &limit, unsigned base, const float *at, bool copy)
 {
     typedef sampler<Voxel> how;
     const unsigned step_j = (unsigned)raster.source_step[1], step_k = (unsigned)raster.source_step[2];
-    base -= FLOOR_BITS * (1 + step_j + step_k);
     unsigned i, j, k;
     const float x = split<INNER>(at[0], limit, 0, &i), y = split<INNER>(at[1], limit, 1, &j), z = split<INNER>(at[2], limit, 2, &k);
     const unsigned place = base + i + j * step_j + k * step_k;
