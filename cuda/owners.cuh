@@ -33,10 +33,10 @@ struct brick_state {
             unsigned short queue[QUEUE], doubtful[DOUBTFUL]; /* rows: 256 place in the chunk + 16 k + j */
         };
         exact_plane planes[CHUNK][4];
-        slot slots[MOST];
+        slot slots[NOBODY + 1];
     };
-    int id[MOST + 2];
-    unsigned char copies[MOST + 2];
+    int id[MOST];
+    unsigned char copies[NOBODY + 1];
     alignas(16) unsigned owner[BRICK_ROWS * ROW_STEP]; /* 256 index + place among the candidates: the least wins */
     unsigned first; /* the least of them */
     int counts[WARPS];

@@ -31,31 +31,57 @@ static __device__ __forceinline__ void fill_slot(const double (*map)[4], const i
     out.i_z = (float)map[2][0];
 }
 
-/* The voxels of a part: neighbours along i by neighbouring threads, one slice after the other. */
+/* What nobody holds is fetched from the scan's first voxel, so that all threads do the same. */
+static __device__ __forceinline__ void fill_nobody(const limits &limit, slot &out)
+{
+    for (int d = 0; d < 3; d++) {
+        out.origin[d] = limit.low[d];
+        out.step_j[d] = out.step_k[d] = 0;
+    }
+    out.i_x = out.i_y = out.i_z = 0;
+}
+
+/* The voxels of a part: neighbours along i by neighbouring threads, two slices at a time so that one waits with the other. */
 template <class Voxel, bool INNER, int SIZE>
 static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, const part &where, const int *origin, const brick_state &brick)
 {
-    enum { SLICES = THREADS / (SIZE * SIZE) }; /* at a time */
+    enum { SLICES = THREADS / (SIZE * SIZE) }; /* of all threads together */
     const int *size = raster.grid.target.size;
     const int i = where.low[0] + (int)threadIdx.x % SIZE, j = where.low[1] + (int)threadIdx.x / SIZE % SIZE;
     if (origin[0] + i >= size[0] || origin[1] + j >= size[1]) return;
     int k = where.low[2] + (int)threadIdx.x / (SIZE * SIZE);
     const int end = min(where.low[2] + SIZE, size[2] - origin[2]);
-    const size_t slice_step = (size_t)size[0] * (size_t)size[1];
-    Voxel *out = static_cast<Voxel *>(raster.d_volume) + (origin[0] + i) + (size_t)size[0] * (size_t)(origin[1] + j) +
-                 slice_step * (size_t)(origin[2] + k);
+    const size_t slice_step = SLICES * (size_t)size[0] * (size_t)size[1];
+    Voxel *out = static_cast<Voxel *>(raster.d_volume) + (origin[0] + i) + (size_t)size[0] * ((size_t)(origin[1] + j) + (size_t)size[1] * (size_t)(origin[2] + k));
     const unsigned *owner = brick.owner + ROW_STEP * j + i, place = first_place(raster, brick.base_index);
-#pragma unroll 2
-    for (; k < end; k += SLICES) {
-        const int name = (int)(owner[ROW_STEP * BRICK * k] & 255);
-        Voxel value = background_of(raster, Voxel());
-        if (name != NOBODY) {
+#pragma unroll 1
+    for (; k < end; k += 2 * SLICES, out += 2 * slice_step) {
+        int name[2];
+        cell<Voxel> cells[2];
+#pragma unroll
+        for (int n = 0; n < 2; n++) {
             float at[3];
-            source_point(brick.slots[name], (float)i, (float)j, (float)k, at);
-            value = sample<Voxel, INNER>(raster, brick.limit, place, at, sampler<Voxel>::copies && brick.copies[name] != 0);
+            name[n] = (int)(owner[ROW_STEP * BRICK * (k + n * SLICES)] & 255);
+            source_point(brick.slots[name[n]], (float)i, (float)j, (float)(k + n * SLICES), at);
+            cells[n] = fetch<Voxel, INNER>(raster, brick.limit, place, at, sampler<Voxel>::copies && brick.copies[name[n]] != 0);
         }
-        *out = value;
-        out += SLICES * slice_step;
+#pragma unroll
+        for (int n = 0; n < 2; n++) {
+            const Voxel value = name[n] != NOBODY ? value_in(cells[n]) : background_of(raster, Voxel());
+            if (k + n * SLICES < end) out[n * slice_step] = value;
+        }
+    }
+}
+
+/* The background in a brick that nobody holds a voxel of. */
+template <class Voxel, int SIZE>
+static __device__ __forceinline__ void clear_voxels(const gpu_raster &raster, const part &where, const int *origin)
+{
+    const int *size = raster.grid.target.size;
+    for (int n = (int)threadIdx.x; n < SIZE * SIZE * SIZE; n += THREADS) {
+        const int i = origin[0] + where.low[0] + n % SIZE, j = origin[1] + where.low[1] + n / SIZE % SIZE, k = origin[2] + where.low[2] + n / (SIZE * SIZE);
+        if (i < size[0] && j < size[1] && k < size[2])
+            static_cast<Voxel *>(raster.d_volume)[i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k)] = background_of(raster, Voxel());
     }
 }
 
@@ -67,17 +93,24 @@ static __device__ __forceinline__ void write_part(const gpu_raster &raster, cons
     const int thread = (int)threadIdx.x;
     if (thread == 0) brick.inner = 1;
     __syncthreads();
-    const bool drawn = brick.first != ~0u, own = thread < count && drawn;
+    if (brick.first == ~0u) {
+        clear_voxels<Voxel, SIZE>(raster, where, origin);
+        return;
+    }
+    const bool own = thread < count;
     double map[3][4]; /* on its way while the base is chosen */
     if (own)
         for (int m = 0; m < 12; m++) map[m / 4][m % 4] = tet_of(raster, brick.id[thread]).map[m / 4][m % 4];
-    if (choose && thread < 3 && drawn) choose_base(raster, tet_of(raster, (int)(brick.first >> 8)), origin, thread, brick);
+    if (choose && thread < 3) choose_base(raster, tet_of(raster, (int)(brick.first >> 8)), origin, thread, brick);
     __syncthreads();
     if (own) {
         const gpu_box box = tet_of(raster, brick.id[thread]).box;
         fill_slot(map, origin, brick.base, brick.slots[thread]);
         brick.copies[thread] = box.kind == RASTER_COPY;
         if (!box.inner) brick.inner = 0;
+    } else if (thread == NOBODY) {
+        fill_nobody(brick.limit, brick.slots[NOBODY]);
+        brick.copies[NOBODY] = 0;
     }
     __syncthreads();
     if (brick.inner) write_voxels<Voxel, true, SIZE>(raster, where, origin, brick);
@@ -109,7 +142,7 @@ static __device__ __forceinline__ void draw_by_voxel(const gpu_raster &raster, c
             float point[3];
             fill_slot(tet.map, origin, brick.base, map);
             source_point(map, (float)local[0], (float)local[1], (float)local[2], point);
-            value = sample<Voxel, false>(raster, brick.limit, first_place(raster, brick.base_index), point, tet.box.kind == RASTER_COPY);
+            value = value_in(fetch<Voxel, false>(raster, brick.limit, first_place(raster, brick.base_index), point, tet.box.kind == RASTER_COPY));
         }
         static_cast<Voxel *>(raster.d_volume)[at[0] + (size_t)size[0] * ((size_t)at[1] + (size_t)size[1] * (size_t)at[2])] = value;
     }

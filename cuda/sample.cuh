@@ -67,27 +67,45 @@ static __device__ __forceinline__ unsigned first_place(const gpu_raster &raster,
     return base_index - FLOOR_BITS * (1 + (unsigned)raster.source_step[1] + (unsigned)raster.source_step[2]);
 }
 
+/* The cell that a place of the scan lies in: what is at its corners, and where in it. */
+template <class Voxel> struct cell {
+    typename sampler<Voxel>::source c00, c10, c01, c11; /* its left corners: (y, z), (y + 1, z), (y, z + 1), (y + 1, z + 1) */
+    float x, y, z;
+    bool copied; /* c00 is the value */
+};
+
 /* base: first_place of the brick's base voxel. copy: the map takes voxels to voxels. */
 template <class Voxel, bool INNER>
-static __device__ __forceinline__ Voxel sample(const gpu_raster &raster, const limits &limit, unsigned base, const float *at, bool copy)
+static __device__ __forceinline__ cell<Voxel> fetch(const gpu_raster &raster, const limits &limit, unsigned base, const float *at, bool copy)
 {
     typedef sampler<Voxel> how;
     const unsigned step_j = (unsigned)raster.source_step[1], step_k = (unsigned)raster.source_step[2];
     unsigned i, j, k;
-    const float x = split<INNER>(at[0], limit, 0, &i), y = split<INNER>(at[1], limit, 1, &j), z = split<INNER>(at[2], limit, 2, &k);
-    const unsigned place = base + i + j * step_j + k * step_k;
+    cell<Voxel> out;
+    out.x = split<INNER>(at[0], limit, 0, &i);
+    out.y = split<INNER>(at[1], limit, 1, &j);
+    out.z = split<INNER>(at[2], limit, 2, &k);
+    out.copied = how::copies && copy;
+    unsigned place = base + i + j * step_j + k * step_k;
+    /* a voxel's centre exactly: beyond the last cell's left corner it is the right one */
+    if (out.copied) place += (out.x != 0 ? 1 : 0) + (out.y != 0 ? step_j : 0) + (out.z != 0 ? step_k : 0);
     const typename how::source *source = static_cast<const typename how::source *>(raster.d_source);
-    if (how::copies && copy) {
-        /* a voxel's centre exactly: beyond the last cell's left corner it is the right one */
-        const unsigned right = x != 0, below = y != 0, behind = z != 0;
-        return how::copied(__ldg(source + (place + right + below * step_j + behind * step_k)));
-    }
-    const typename how::source c00 = __ldg(source + place), c10 = __ldg(source + (place + step_j));
-    const typename how::source c01 = __ldg(source + (place + step_k)), c11 = __ldg(source + (place + step_j + step_k));
-    const float w = how::weight(x);
-    const float low = between(how::along(c00, w), how::along(c10, w), y);
-    const float high = between(how::along(c01, w), how::along(c11, w), y);
-    return how::voxel(between(low, high, z));
+    out.c00 = __ldg(source + place);
+    if (out.copied) return out;
+    out.c10 = __ldg(source + (place + step_j));
+    out.c01 = __ldg(source + (place + step_k));
+    out.c11 = __ldg(source + (place + step_j + step_k));
+    return out;
+}
+
+template <class Voxel> static __device__ __forceinline__ Voxel value_in(const cell<Voxel> &from)
+{
+    typedef sampler<Voxel> how;
+    if (from.copied) return how::copied(from.c00);
+    const float w = how::weight(from.x);
+    const float low = between(how::along(from.c00, w), how::along(from.c10, w), from.y);
+    const float high = between(how::along(from.c01, w), how::along(from.c11, w), from.y);
+    return how::voxel(between(low, high, from.z));
 }
 
 static __device__ __forceinline__ uint8_t background_of(const gpu_raster &raster, uint8_t) { return raster.background.background.u8; }
