@@ -67,23 +67,22 @@ static const float middle_row = 0.5f * (BRICK - 1);
 static __device__ __forceinline__ float shifted(int whole) { return __int_as_float((int)(FLOOR_BITS + (unsigned)whole)); }
 static __device__ __forceinline__ int unshifted(float value) { return __float_as_int(value) - (int)FLOOR_BITS; }
 
-static __device__ __forceinline__ void claim(brick_state &brick, unsigned row, int first, int count, unsigned key)
+/* Voxels of a row for the one who holds them, when there are any. */
+struct interval { int first, count; unsigned row, key; };
+
+/* Whole warps come here together. Who has a lower index may have them as well, and keeps them. */
+static __device__ __forceinline__ unsigned claim(brick_state &brick, const interval &own, unsigned least)
 {
-    unsigned *voxel = brick.owner + ROW_STEP * (row & 255) + first;
-#pragma unroll 1
-    for (; count >= 4; count -= 4, voxel += 4)
-        for (int i = 0; i < 4; i++) atomicMin(voxel + i, key);
-    if (count & 2) {
-        atomicMin(voxel, key);
-        atomicMin(voxel + 1, key);
-        voxel += 2;
-    }
-    if (count & 1) atomicMin(voxel, key);
+    unsigned *voxel = brick.owner + ROW_STEP * (own.row & 255) + own.first;
+    for (int left = own.count; __any_sync(0xffffffff, left > 0); left -= 4, voxel += 4)
+#pragma unroll
+        for (int i = 0; i < 4; i++)
+            if (left > i) atomicMin(voxel + i, own.key);
+    return own.count > 0 ? min(least, own.key) : least;
 }
 
-/* The voxels of a row of the queue, for the one who holds them; the least of the key and what there was, when there are any. In
- * doubt it is noted down. */
-static __device__ __forceinline__ unsigned claim_row(brick_state &brick, unsigned row, unsigned least)
+/* What a candidate holds of a row of the queue. In doubt that is noted down, and nothing so far. */
+static __device__ __forceinline__ interval find_interval(brick_state &brick, unsigned row)
 {
     const int c = (int)(row >> 8);
     const float4 start = *reinterpret_cast<const float4 *>(brick.at[c]), step_j = *reinterpret_cast<const float4 *>(brick.step_j[c]),
@@ -94,17 +93,27 @@ static __device__ __forceinline__ unsigned claim_row(brick_state &brick, unsigne
                          fmaf(step_k.z, k, fmaf(step_j.z, j, start.z)), fmaf(step_k.w, k, fmaf(step_j.w, j, start.w))};
     const float begin = last_begin(at, by.row_begins), end = first_end(at, by.row_begins), low = shifted(by.low), high = shifted(by.high);
     const float first = fmaxf(__fadd_ru(begin, floor_shift), low), last = fminf(__fadd_rd(end, floor_shift), high);
-    if (first > last) return least;
-    if (first != fmaxf(__fadd_ru(begin + by.doubt, floor_shift), low) || last != fminf(__fadd_rd(end - by.doubt, floor_shift), high)) {
+    interval out = {unshifted(first), first > last ? 0 : unshifted(last) - unshifted(first) + 1, row, by.key};
+    const bool sure = first == fmaxf(__fadd_ru(begin + by.doubt, floor_shift), low) && last == fminf(__fadd_rd(end - by.doubt, floor_shift), high);
+    if (out.count > 0 && !sure) {
         const int place = atomicAdd(&brick.num_doubtful, 1);
         if (place < DOUBTFUL) brick.doubtful[place] = (unsigned short)row;
-        return least;
+        out.count = 0;
     }
-    claim(brick, row, unshifted(first), unshifted(last) - unshifted(first) + 1, by.key);
-    return min(least, by.key);
+    return out;
 }
 
-/* The same in whole numbers, four threads a row and one a plane (owners.h has the reasons). */
+static __device__ __forceinline__ unsigned claim_all(brick_state &brick, int rows, unsigned least)
+{
+    for (int n = (int)threadIdx.x; n - (int)threadIdx.x % 32 < rows; n += THREADS) {
+        interval own = {0, 0, 0, 0};
+        if (n < rows) own = find_interval(brick, brick.queue[n]);
+        least = claim(brick, own, least);
+    }
+    return least;
+}
+
+/* Rows in doubt, in whole numbers: four threads a row and one a plane (owners.h has the reasons). */
 static __device__ __forceinline__ unsigned claim_exactly(const gpu_raster &raster, brick_state &brick, int rows, const int *origin, unsigned least)
 {
     const bool all = brick.num_doubtful > DOUBTFUL;
@@ -123,11 +132,8 @@ static __device__ __forceinline__ unsigned claim_exactly(const gpu_raster &raste
             fall = fmin(fall, __shfl_xor_sync(0xffffffff, fall, step));
         }
         const int first = max(rise < -BRICK ? BRICK : -__double2int_rd(rise), by.low), last = min(fall < -1 ? -1 : __double2int_rd(fall), by.high);
-        if (v == 0 && n < count && first <= last) {
-            claim(brick, row, first, last - first + 1, by.key);
-            least = min(least, by.key);
-        }
-        __syncwarp();
+        const interval own = {first, v == 0 && n < count ? last - first + 1 : 0, row, by.key};
+        least = claim(brick, own, least);
     }
     return least;
 }
@@ -224,34 +230,38 @@ static __device__ __forceinline__ void fill_queue(const found &own, int window, 
     }
 }
 
-/* Owners of all voxels of a part, from the candidates in brick.id, into brick.owner. The lowest index wins, whatever the order. */
+static __device__ __forceinline__ void keep_first(brick_state &brick, unsigned least)
+{
+    for (int half = 16; half > 0; half /= 2) least = min(least, __shfl_xor_sync(0xffffffff, least, half));
+    if (threadIdx.x % 32 == 0 && least != ~0u) atomicMin(&brick.first, least);
+}
+
+/* Owners of all voxels of a part, from the candidates in brick.id, into brick.owner. The lowest index wins, whatever the order. All
+ * threads leave it together. */
 static __device__ __forceinline__ void find_owners(const gpu_raster &raster, const part &where, int count, const int *origin,
                                                    brick_state &brick)
 {
-    unsigned least = ~0u;
     int chunk = 0;
     if (threadIdx.x == 0) brick.num_rows[0] = 0;
     for (int begin = 0; begin < count; begin += CHUNK, chunk ^= 1) {
         __syncthreads();
         const found own = take_candidate(raster, where, begin, count, origin, brick, &brick.num_rows[chunk]);
-        for (int window = 0;; window += QUEUE) {
+        for (int window = 0, left = 1; left > 0; window += QUEUE) {
             fill_queue(own, window, brick);
             if (threadIdx.x == 0) brick.num_doubtful = 0;
             __syncthreads();
-            const int left = brick.num_rows[chunk] - window, rows = min(left, (int)QUEUE);
+            left = brick.num_rows[chunk] - window;
+            const int rows = min(left, (int)QUEUE);
+            left -= rows;
             if (threadIdx.x == 0) brick.num_rows[chunk ^ 1] = 0;
-            for (int n = (int)threadIdx.x; n - (int)threadIdx.x % 32 < rows; n += THREADS) {
-                if (n < rows) least = claim_row(brick, brick.queue[n], least);
-                __syncwarp(); /* together again */
+            keep_first(brick, claim_all(brick, rows, ~0u));
+            __syncthreads();
+            if (brick.num_doubtful > 0) {
+                keep_first(brick, claim_exactly(raster, brick, rows, origin, ~0u));
+                __syncthreads();
             }
-            __syncthreads();
-            if (brick.num_doubtful > 0) least = claim_exactly(raster, brick, rows, origin, least);
-            if (left <= QUEUE) break;
-            __syncthreads();
         }
     }
-    for (int half = 16; half > 0; half /= 2) least = min(least, __shfl_xor_sync(0xffffffff, least, half));
-    if (threadIdx.x % 32 == 0 && least != ~0u) atomicMin(&brick.first, least);
 }
 
 /* Of a list, those that may hold a voxel of the part, to brick.id in the order of the list. How many; all threads get it. */
@@ -316,6 +326,7 @@ static __device__ void find_owners_by_voxel(const gpu_raster &raster, const int 
         }
     }
     if (least != ~0u) atomicMin(&brick.first, least);
+    __syncthreads();
 }
 
 #endif

@@ -41,11 +41,11 @@ static __device__ __forceinline__ void fill_nobody(const limits &limit, slot &ou
     out.i_x = out.i_y = out.i_z = 0;
 }
 
-/* The voxels of a part: neighbours along i by neighbouring threads, two slices at a time so that one waits with the other. */
+/* The voxels of a part: neighbours along i by neighbouring threads, some on their way at a time. */
 template <class Voxel, bool INNER, int SIZE>
 static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, const part &where, const int *origin, const brick_state &brick)
 {
-    enum { SLICES = THREADS / (SIZE * SIZE) }; /* of all threads together */
+    enum { SLICES = THREADS / (SIZE * SIZE), AT_ONCE = 2 }; /* slices of all threads together; voxels of one */
     const int *size = raster.grid.target.size;
     const int i = where.low[0] + (int)threadIdx.x % SIZE, j = where.low[1] + (int)threadIdx.x / SIZE % SIZE;
     if (origin[0] + i >= size[0] || origin[1] + j >= size[1]) return;
@@ -55,18 +55,18 @@ static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, co
     Voxel *out = static_cast<Voxel *>(raster.d_volume) + (origin[0] + i) + (size_t)size[0] * ((size_t)(origin[1] + j) + (size_t)size[1] * (size_t)(origin[2] + k));
     const unsigned *owner = brick.owner + ROW_STEP * j + i, place = first_place(raster, brick.base_index);
 #pragma unroll 1
-    for (; k < end; k += 2 * SLICES, out += 2 * slice_step) {
-        int name[2];
-        cell<Voxel> cells[2];
+    for (; k < end; k += AT_ONCE * SLICES, out += AT_ONCE * slice_step) {
+        int name[AT_ONCE];
+        cell<Voxel> cells[AT_ONCE];
 #pragma unroll
-        for (int n = 0; n < 2; n++) {
+        for (int n = 0; n < AT_ONCE; n++) {
             float at[3];
             name[n] = (int)(owner[ROW_STEP * BRICK * (k + n * SLICES)] & 255);
             source_point(brick.slots[name[n]], (float)i, (float)j, (float)(k + n * SLICES), at);
             cells[n] = fetch<Voxel, INNER>(raster, brick.limit, place, at, sampler<Voxel>::copies && brick.copies[name[n]] != 0);
         }
 #pragma unroll
-        for (int n = 0; n < 2; n++) {
+        for (int n = 0; n < AT_ONCE; n++) {
             const Voxel value = name[n] != NOBODY ? value_in(cells[n]) : background_of(raster, Voxel());
             if (k + n * SLICES < end) out[n * slice_step] = value;
         }
@@ -85,14 +85,12 @@ static __device__ __forceinline__ void clear_voxels(const gpu_raster &raster, co
     }
 }
 
-/* Values of a part whose owners are known. choose: the base is not yet known. */
+/* Values of a part whose owners are known, from there on by all threads. choose: the base is not yet known; brick.inner is 1. */
 template <class Voxel, int SIZE>
 static __device__ __forceinline__ void write_part(const gpu_raster &raster, const part &where, int count, bool choose, const int *origin,
                                                   brick_state &brick)
 {
     const int thread = (int)threadIdx.x;
-    if (thread == 0) brick.inner = 1;
-    __syncthreads();
     if (brick.first == ~0u) {
         clear_voxels<Voxel, SIZE>(raster, where, origin);
         return;
@@ -126,7 +124,6 @@ static __device__ __forceinline__ void draw_by_voxel(const gpu_raster &raster, c
 {
     const int *size = raster.grid.target.size;
     find_owners_by_voxel(raster, list, count, origin, brick);
-    __syncthreads();
     if (threadIdx.x < 3 && brick.first != ~0u) choose_base(raster, tet_of(raster, (int)(brick.first >> 8)), origin, (int)threadIdx.x, brick);
     __syncthreads();
     for (int n = (int)threadIdx.x; n < BRICK_VOXELS; n += THREADS) {
@@ -162,9 +159,9 @@ static __device__ __forceinline__ bool draw_eighths(const gpu_raster &raster, co
         const int selected = select(raster, eighth(n), list, count, origin, brick);
         if (selected > MOST) return false;
         find_owners(raster, eighth(n), selected, origin, brick);
-        __syncthreads();
     }
     for (int n = 0; n < 8; n++) {
+        if (threadIdx.x == 0) brick.inner = 1;
         const int selected = select(raster, eighth(n), list, count, origin, brick);
         write_part<Voxel, BRICK / 2>(raster, eighth(n), selected, n == 0, origin, brick);
         __syncthreads();
@@ -177,6 +174,7 @@ static __device__ __forceinline__ void clear_brick(brick_state &brick)
     if (threadIdx.x == 0) {
         brick.first = ~0u;
         brick.base_index = 0;
+        brick.inner = 1;
     }
     for (int n = (int)threadIdx.x; n < BRICK_ROWS * ROW_STEP / 4; n += THREADS)
         reinterpret_cast<uint4 *>(brick.owner)[n] = make_uint4(~0u, ~0u, ~0u, ~0u);
@@ -190,20 +188,24 @@ template <class Voxel> static __global__ void __launch_bounds__(THREADS, BLOCKS)
     const int b = (int)(blockIdx.x + gridDim.x * (blockIdx.y + gridDim.y * blockIdx.z)), thread = (int)threadIdx.x;
     const int *list = raster.d_list + (size_t)b * raster.capacity;
     const int dirty = raster.d_dirty[b], count = raster.d_count[b], id = thread < raster.capacity ? list[thread] : 0;
-    const bool crowded = count > MOST, left = leave && crowded && dirty && count <= raster.capacity;
-    __syncthreads(); /* all have read them */
+    const bool drawn = dirty && count <= MOST, left = leave && dirty && count > MOST && count <= raster.capacity;
+    const part whole = {{0, 0, 0}, BRICK};
+    if (drawn && count > 0) {
+        clear_brick(brick);
+        if (thread < count) brick.id[thread] = id;
+        find_owners(raster, whole, count, origin, brick);
+    } else {
+        __syncthreads(); /* all have read them */
+    }
     if (thread == 0) {
         raster.d_changed[b] = (uint8_t)dirty;
         raster.d_dirty[b] = 0;
         if (!left) raster.d_count[b] = 0;
         if (count > *raster.d_longest) atomicMax(raster.d_longest, count);
     }
-    if (!dirty || crowded) return;
-    clear_brick(brick);
-    if (thread < count) brick.id[thread] = id;
-    const part whole = {{0, 0, 0}, BRICK};
-    find_owners(raster, whole, count, origin, brick);
-    write_part<Voxel, BRICK>(raster, whole, count, true, origin, brick);
+    if (!drawn) return;
+    if (count > 0) write_part<Voxel, BRICK>(raster, whole, count, true, origin, brick);
+    else clear_voxels<Voxel, BRICK>(raster, whole, origin);
 }
 
 /* After raster_kernel: the bricks that still have a count. */
