@@ -116,7 +116,8 @@ struct exact_plane {
 static __device__ __forceinline__ exact_plane gpu_exact_plane(const gpu_corners &corners, int id, int v)
 {
     const int *fixed = corners.d_fixed + 12 * (size_t)id;
-    const int *from = fixed + (v == 0 ? 3 : 0), *one = fixed + (v == 1 ? 6 : v == 3 ? 3 : 9), *other = fixed + (v == 1 ? 9 : v == 3 || v == 0 ? 6 : 3);
+    const int *from = fixed + (v == 0 ? 3 : 0), *one = fixed + (v == 1 ? 6 : v == 3 ? 3 : 9);
+    const int *other = fixed + (v == 1 ? 9 : v == 2 ? 3 : 6);
     exact_plane out;
     for (int d = 0; d < 3; d++) {
         const int a = (d + 1) % 3, b = (d + 2) % 3;
@@ -241,7 +242,8 @@ static __device__ __forceinline__ unsigned set_slices(const raster_grid &grid, c
 {
     const unsigned ends = 15 & ~begins;
     const bool own = begins >> v & 1;
-    const int first_begin = __ffs((int)begins) - 1, last_begin = 31 - __clz((int)begins), first_end = __ffs((int)ends) - 1, last_end = 31 - __clz((int)ends);
+    const int first_begin = __ffs((int)begins) - 1, last_begin = 31 - __clz((int)begins);
+    const int first_end = __ffs((int)ends) - 1, last_end = 31 - __clz((int)ends);
     const int p = own ? v : v == first_end ? last_begin : first_begin, q = !own ? v : v == first_begin ? first_end : last_end;
     const unsigned nodes = 15 & ~(1u << (p & 3) | 1u << (q & 3)); /* of the edge; p and q are no planes where nothing is drawn */
     const int one = __ffs((int)nodes) - 1, two = 31 - __clz((int)nodes);

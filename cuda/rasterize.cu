@@ -52,7 +52,8 @@ static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, co
     int k = where.low[2] + (int)threadIdx.x / (SIZE * SIZE);
     const int end = min(where.low[2] + SIZE, size[2] - origin[2]);
     const size_t slice_step = SLICES * (size_t)size[0] * (size_t)size[1];
-    Voxel *out = static_cast<Voxel *>(raster.d_volume) + (origin[0] + i) + (size_t)size[0] * ((size_t)(origin[1] + j) + (size_t)size[1] * (size_t)(origin[2] + k));
+    Voxel *out = static_cast<Voxel *>(raster.d_volume) + (origin[0] + i) +
+                 (size_t)size[0] * ((size_t)(origin[1] + j) + (size_t)size[1] * (size_t)(origin[2] + k));
     const unsigned *owner = brick.owner + ROW_STEP * j + i, place = first_place(raster, brick.base_index);
 #pragma unroll 1
     for (; k < end; k += AT_ONCE * SLICES, out += AT_ONCE * slice_step) {
@@ -79,9 +80,10 @@ static __device__ __forceinline__ void clear_voxels(const gpu_raster &raster, co
 {
     const int *size = raster.grid.target.size;
     for (int n = (int)threadIdx.x; n < SIZE * SIZE * SIZE; n += THREADS) {
-        const int i = origin[0] + where.low[0] + n % SIZE, j = origin[1] + where.low[1] + n / SIZE % SIZE, k = origin[2] + where.low[2] + n / (SIZE * SIZE);
-        if (i < size[0] && j < size[1] && k < size[2])
-            static_cast<Voxel *>(raster.d_volume)[i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k)] = background_of(raster, Voxel());
+        const int i = origin[0] + where.low[0] + n % SIZE, j = origin[1] + where.low[1] + n / SIZE % SIZE;
+        const int k = origin[2] + where.low[2] + n / (SIZE * SIZE);
+        if (i >= size[0] || j >= size[1] || k >= size[2]) continue;
+        static_cast<Voxel *>(raster.d_volume)[i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k)] = background_of(raster, Voxel());
     }
 }
 

@@ -67,6 +67,10 @@ static __device__ __forceinline__ unsigned first_place(const gpu_raster &raster,
     return base_index - FLOOR_BITS * (1 + (unsigned)raster.source_step[1] + (unsigned)raster.source_step[2]);
 }
 
+/* Plain loads, from a copy of the scan: the filter of texture units has weights of 9 bits, and unfiltered fetches from a texture take
+ * longer. 5 M voxels on an H100, with the same maps and the same bits: these loads 0.024 ms, two gathers from layers 0.027, eight
+ * fetches from three dimensions 0.051. */
+
 /* The cell that a place of the scan lies in: what is at its corners, and where in it. */
 template <class Voxel> struct cell {
     typename sampler<Voxel>::source c00, c10, c01, c11; /* its left corners: (y, z), (y + 1, z), (y, z + 1), (y + 1, z + 1) */

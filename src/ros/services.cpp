@@ -254,15 +254,12 @@ bool Services::pick(Pick::Request &request, Pick::Response &response)
             throw Failure(PLIANT_ERROR_ARGUMENT, why);
         pliant_ray ray = ray_from_message(request, to_tissue);
         pliant_picked picked{};
-        auto find = [&](const pliant_volume &volume, const Snapshot &now) {
-            const pliant_mesh &mesh = now.loaded->model->fine;
-            check(pliant_pick(&volume, &mesh, now.positions.data(), &ray, request.threshold, &picked));
-        };
+        auto find = [&](const Warped &warped, const Snapshot &now) { picked = warped.pick(now.positions, ray, request.threshold); };
         if (!volume_output_->look(find)) {
             Snapshot now = simulation_->snapshot();
             Warped warped(now.loaded, now.positions, now.loaded->model->scene.warp.margin);
             warped.update(now.positions);
-            find(warped.volume(), now);
+            find(warped, now);
         }
         pick_message(picked, inverse(to_tissue), &response);
     } catch (const std::exception &failed) {

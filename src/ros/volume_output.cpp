@@ -77,10 +77,10 @@ void VolumeOutput::drop()
     shown_now_.reset();
 }
 
-bool VolumeOutput::look(const std::function<void(const pliant_volume &, const Snapshot &)> &function)
+bool VolumeOutput::look(const std::function<void(const Warped &, const Snapshot &)> &function)
 {
     std::lock_guard<std::mutex> hold(lock_);
-    if (warped_ && shown_now_) function(warped_->volume(), *shown_now_);
+    if (warped_ && shown_now_) function(*warped_, *shown_now_);
     return warped_ && shown_now_;
 }
 
@@ -120,7 +120,7 @@ void VolumeOutput::publish_again()
 
 Box VolumeOutput::whole_box() const
 {
-    const int32_t *size = warped_->volume().geometry.size;
+    const int32_t *size = warped_->target().size;
     return Box{{0, 0, 0}, {uint32_t(size[0]), uint32_t(size[1]), uint32_t(size[2])}};
 }
 

@@ -23,8 +23,8 @@ public:
                  MeshOutput *mesh_output);
     ~VolumeOutput();
 
-    /* Show the volume that subscribers see, and the positions that made it, to a function; false: there is none now. */
-    bool look(const std::function<void(const pliant_volume &, const Snapshot &)> &function);
+    /* Show what draws the volume that subscribers see, and the positions that made it, to a function; false: there is none now. */
+    bool look(const std::function<void(const Warped &, const Snapshot &)> &function);
     std::string problem() const { return problem_.get(); }
 
 private:

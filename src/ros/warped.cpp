@@ -62,9 +62,9 @@ Warped::Warped(std::shared_ptr<const Loaded> loaded, const std::vector<double> &
     : loaded_(std::move(loaded)), margin_(margin)
 {
     const pliant_model &model = *loaded_->model;
-    pliant_geometry target = target_of(*loaded_, positions, margin);
+    target_ = target_of(*loaded_, positions, margin);
     const pliant_scene &scene = model.scene;
-    check(pliant_warp_create(&loaded_->scan->volume, &model.fine, &target, threads_of(scene), &warp_));
+    check(pliant_warp_create(&loaded_->scan->volume, &model.fine, &target_, threads_of(scene), &warp_));
     pliant_status status = scene.warp.kind == PLIANT_FIT ? pliant_warp_fit(warp_, scene.warp.fit_step) : PLIANT_OK;
     if (status == PLIANT_OK) status = pliant_warp_backend(warp_, scene.solver.backend);
     if (status < 0) pliant_warp_free(warp_);
@@ -75,7 +75,7 @@ bool Warped::fits(const std::vector<double> &positions) const
 {
     /* targets differ by whole voxels, or not at all */
     pliant_geometry target = target_of(*loaded_, positions, margin_);
-    return pliant_geometry_equal(&target, &volume().geometry);
+    return pliant_geometry_equal(&target, &target_);
 }
 
 void Warped::update(const std::vector<double> &positions) { check(pliant_warp_update(warp_, positions.data())); }
@@ -85,7 +85,14 @@ std::vector<Box> Warped::changed() const
     int32_t count[3];
     const uint8_t *changed;
     pliant_warp_bricks(warp_, count, &changed);
-    return changed_boxes(count, changed, volume().geometry.size);
+    return changed_boxes(count, changed, target_.size);
+}
+
+pliant_picked Warped::pick(const std::vector<double> &positions, const pliant_ray &ray, double threshold) const
+{
+    pliant_picked picked{};
+    check(pliant_pick_warped(warp_, positions.data(), &ray, threshold, &picked));
+    return picked;
 }
 
 } // namespace pliant_ros

@@ -26,12 +26,17 @@ public:
     bool fits(const std::vector<double> &positions) const;
     void update(const std::vector<double> &positions);
     const Loaded *loaded() const { return loaded_.get(); }
+    const pliant_geometry &target() const { return target_; }
+    /* Of the last update; from a GPU it comes now, so that two threads must not ask at a time. */
     const pliant_volume &volume() const { return *pliant_warp_volume(warp_); }
+    /* In what the last update drew, where it drew it. positions: of that update. Throws Failure. */
+    pliant_picked pick(const std::vector<double> &positions, const pliant_ray &ray, double threshold) const;
     std::vector<Box> changed() const;
 
 private:
     std::shared_ptr<const Loaded> loaded_;
     pliant_warp *warp_ = nullptr;
+    pliant_geometry target_;
     double margin_;
 };
 
