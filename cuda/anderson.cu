@@ -2,6 +2,7 @@
 #include "check.h"
 
 enum { THREADS = 256, MOST_REFUSED = 12, MOST_SLOW = 10 };
+enum { DECIDERS = 32 * (DOT_SUMS + GATHER_SUMS) }; /* a warp a sum */
 
 static __device__ __forceinline__ int target_of(const gpu_state &state) { return state.iterations == 0 ? state.now : 1 - state.now; }
 
@@ -253,21 +254,20 @@ static __device__ void add_up(const gpu_iteration &iteration, int gather_blocks,
 {
     const int lane = (int)threadIdx.x % 32;
     const double *dots = iteration.d_sums + GATHER_SUMS * gather_blocks;
-    for (int s = (int)threadIdx.x / 32; s < DOT_SUMS + GATHER_SUMS; s += THREADS / 32) {
-        double sum = 0;
-        if (s >= DOT_SUMS) {
-#pragma unroll 8
-            for (int b = lane; b < gather_blocks; b += 32) sum += iteration.d_sums[gather_blocks * (s - DOT_SUMS) + b];
-        } else if (s < 4 + now.state.num_history) {
-#pragma unroll 8
-            for (int b = lane; b < dot_blocks; b += 32) {
-                double part = dots[(size_t)dot_blocks * s + b];
-                sum = s == 3 ? fmax(sum, part) : sum + part;
-            }
+    const int s = (int)threadIdx.x / 32;
+    double sum = 0;
+    if (s >= DOT_SUMS) {
+#pragma unroll 16
+        for (int b = lane; b < gather_blocks; b += 32) sum += iteration.d_sums[gather_blocks * (s - DOT_SUMS) + b];
+    } else if (s < 4 + now.state.num_history) {
+#pragma unroll 16
+        for (int b = lane; b < dot_blocks; b += 32) {
+            double part = dots[(size_t)dot_blocks * s + b];
+            sum = s == 3 ? fmax(sum, part) : sum + part;
         }
-        sum = s == 3 ? warp_largest(sum) : warp_sum(sum);
-        if (lane == 0) *(s < DOT_SUMS ? now.sums + s : now.work + s - DOT_SUMS) = sum;
     }
+    sum = s == 3 ? warp_largest(sum) : warp_sum(sum);
+    if (lane == 0) *(s < DOT_SUMS ? now.sums + s : now.work + s - DOT_SUMS) = sum;
 }
 
 /* What the refused or the accepted trial taught; its row of products to new_row. */
@@ -426,13 +426,13 @@ static __device__ void fill_equations(decision &now, const gpu_history &history)
 {
     gpu_state &state = now.state;
     const int m = state.num_history, thread = (int)threadIdx.x;
-    for (int n = thread; n < m * m; n += THREADS)
+    for (int n = thread; n < m * m; n += DECIDERS)
         now.gram[n / m][n % m] = history.gram[n / m][n % m] + spring_energy(state, history.step_force[n / m], history.step_force[n % m]);
     if (thread < m) state.weights[thread] = state.along[thread] + spring_energy(state, history.step_force[thread], state.step_force[state.now]);
     __syncthreads();
     if (thread < m) now.scale[thread] = now.gram[thread][thread] > 0 ? 1 / sqrt(now.gram[thread][thread]) : 0;
     __syncthreads();
-    for (int n = thread; n < m * m; n += THREADS)
+    for (int n = thread; n < m * m; n += DECIDERS)
         now.gram[n / m][n % m] = n / m == n % m ? 1 + 1e-10 : now.gram[n / m][n % m] * now.scale[n / m] * now.scale[n % m];
     if (thread < m) state.weights[thread] *= now.scale[thread];
     __syncthreads();
@@ -486,11 +486,11 @@ static __device__ void plan_force(gpu_state &state, const gpu_history &history, 
 static __device__ void copy_state(const gpu_state &from, gpu_state &to)
 {
     static_assert(sizeof(gpu_state) % sizeof(double) == 0, "copied as doubles");
-    for (int n = (int)threadIdx.x; n < (int)(sizeof(gpu_state) / sizeof(double)); n += THREADS)
+    for (int n = (int)threadIdx.x; n < (int)(sizeof(gpu_state) / sizeof(double)); n += DECIDERS)
         reinterpret_cast<double *>(&to)[n] = reinterpret_cast<const double *>(&from)[n];
 }
 
-static __global__ void __launch_bounds__(THREADS) decide_kernel(gpu_iteration iteration, int gather_blocks, int dot_blocks)
+static __global__ void __launch_bounds__(DECIDERS) decide_kernel(gpu_iteration iteration, int gather_blocks, int dot_blocks)
 {
     __shared__ decision now;
     const int thread = (int)threadIdx.x;
@@ -575,7 +575,7 @@ extern "C" pliant_status pliant_cuda_complete(const gpu_iteration *iteration, in
 
 extern "C" pliant_status pliant_cuda_decide(const gpu_iteration *iteration, int gather_blocks, cudaStream_t stream)
 {
-    decide_kernel<<<1, THREADS, 0, stream>>>(*iteration, gather_blocks, pliant_cuda_dot_blocks(iteration));
+    decide_kernel<<<1, DECIDERS, 0, stream>>>(*iteration, gather_blocks, pliant_cuda_dot_blocks(iteration));
     return CUDA_LAUNCHED("decide_kernel");
 }
 
