@@ -336,7 +336,7 @@ TEST(CudaRun, EveryKernelOnce)
         body.scene.solver.refresh_interval = 1;
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_data_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
-        for (int s = 1; s <= 4; s++) step(body, c, s, 4);
+        for (int s = 1; s <= 2; s++) step(body, c, s, 2);
         pliant_warp_volume(body.data->warp);
         EXPECT_STREQ(pliant_data_backend(body.data), "cuda") << pliant_last_error();
         EXPECT_GT(farthest(body.data->positions, body.model->fine.rest, body.model->fine.num_nodes), 0.002);
