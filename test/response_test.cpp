@@ -104,11 +104,13 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
 {
     const std::vector<double> x = rest();
     std::vector<double> modes = modes_at(x);
-    pliant_foothold foothold{static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), modes.data()};
+    pliant_foothold foothold{static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), {0.1, 0.1, 0.19}};
+    const double *const block = modes.data();
     pliant_linearized linearized{};
     pliant_space *space = nullptr;
     ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
-    ASSERT_EQ(pliant_space_create(fine, &linearized, body.model->fine_material, body.model->fine_fixed, 0.04, 1, &foothold, 2, &space), PLIANT_OK)
+    ASSERT_EQ(pliant_space_create(fine, &linearized, body.model->fine_material, body.model->fine_fixed, 0.04, 1, &foothold, 1, &block, 2, &space),
+              PLIANT_OK)
         << pliant_last_error();
     EXPECT_EQ(space->num_modes, PLIANT_RESPONSE_MODES);
     EXPECT_GT(space->num_own, 10);

@@ -2,23 +2,13 @@
 
 #include <math.h>
 
-static inline double dot(int32_t n, const double *a, const double *b)
-{
-    double sum[4] = {0, 0, 0, 0};
-    int32_t i = 0;
-    for (; i + 4 <= n; i += 4)
-        for (int l = 0; l < 4; l++) sum[l] += a[i + l] * b[i + l];
-    for (; i < n; i++) sum[0] += a[i] * b[i];
-    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
-}
-
 /* row by row (Golub and Van Loan, 4.2): every inner product runs along two rows */
 bool pliant_dense_cholesky(int32_t n, double *a)
 {
     for (int32_t i = 0; i < n; i++) {
         double *row = a + (int64_t)i * n;
-        for (int32_t j = 0; j < i; j++) row[j] = (row[j] - dot(j, row, a + (int64_t)j * n)) / a[(int64_t)j * n + j];
-        double pivot = row[i] - dot(i, row, row);
+        for (int32_t j = 0; j < i; j++) row[j] = (row[j] - pliant_dot((size_t)j, row, a + (int64_t)j * n)) / a[(int64_t)j * n + j];
+        double pivot = row[i] - pliant_dot((size_t)i, row, row);
         if (!(pivot > 1e-14 * row[i]) || !(row[i] > 0)) return false;
         row[i] = sqrt(pivot);
     }

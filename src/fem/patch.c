@@ -12,11 +12,15 @@
 
 enum { LARGEST_DIRECT = 40000 }; /* free nodes; a factor of some 300 MB */
 
-/* A hold: whose, and the response to it. */
+/* A hold: whose, and where. */
 typedef struct patch_hold {
     uint64_t hold;            /* pliant_tool.hold; 0: none */
     pliant_foothold foothold;
 } patch_hold;
+
+/* The responses to them: of a hold alone at [t][t], of two together at [t][u], t < u (response.h). NULL: not known, or too far
+ * from each other to matter. */
+typedef double *patch_blocks[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS];
 
 /* What is being made in the background. */
 typedef struct patch_job {
@@ -24,8 +28,10 @@ typedef struct patch_job {
     bool running, in_thread;
     uint64_t due;             /* step */
     double *x;                /* (3 fine nodes) the state */
-    patch_hold holds[PLIANT_MAX_TOOLS]; /* footholds' modes: known ones borrowed from the patch, others made here */
-    bool made[PLIANT_MAX_TOOLS];
+    patch_hold holds[PLIANT_MAX_TOOLS]; /* known ones borrowed from the patch, others copied here */
+    bool copied[PLIANT_MAX_TOOLS];
+    patch_blocks blocks;      /* likewise */
+    bool wanted[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS]; /* made here */
     pliant_space *space;
     pliant_solver *solver;
     pliant_status status;
@@ -35,9 +41,10 @@ typedef struct patch_job {
 struct pliant_patch {
     const pliant_model *model;
     pliant_preconditioner *preconditioner; /* of the fine system, this one's own; made with the first patch */
-    int32_t delay;            /* steps */
+    double block_steps;       /* that a block may take */
     patch_job job;
     patch_hold holds[PLIANT_MAX_TOOLS]; /* whose responses are known */
+    patch_blocks blocks;
     bool serves[PLIANT_MAX_TOOLS];      /* the space in use is for this hold, too */
     uint64_t refused[PLIANT_MAX_TOOLS]; /* holds that no patch could be made for */
     pliant_space *space;      /* Nullable */
@@ -76,14 +83,18 @@ pliant_status pliant_patch_system(const pliant_model *model, pliant_system **out
     return PLIANT_OK;
 }
 
-/* Steps that a tool's response may take: its operations at a rate that a core of today has, so that the answer is the same
+/* Steps that a block of responses may take: its operations at a rate that a core of today has, so that the answer is the same
  * everywhere and the step seldom waits. */
-static int32_t delay_of(const pliant_model *model)
+static double steps_of(const pliant_model *model)
 {
     const double rate = 2e9;
-    if (model->scene.model.patch_delay > 0) return model->scene.model.patch_delay;
-    double operations = PLIANT_RESPONSE_MODES * pliant_preconditioner_solve_operations(model->fine_system->preconditioner);
-    return 1 + (int32_t)fmin(ceil(operations / rate / model->scene.solver.step), 99998);
+    return PLIANT_RESPONSE_MODES * pliant_preconditioner_solve_operations(model->fine_system->preconditioner) / rate / model->scene.solver.step;
+}
+
+static int32_t delay_of(const pliant_patch *patch, int blocks)
+{
+    int32_t asked = patch->model->scene.model.patch_delay;
+    return asked > 0 ? asked : 1 + (int32_t)fmin(ceil(blocks * patch->block_steps), 99998);
 }
 
 pliant_status pliant_patch_create(const pliant_model *model, pliant_patch **out)
@@ -91,7 +102,7 @@ pliant_status pliant_patch_create(const pliant_model *model, pliant_patch **out)
     pliant_patch *patch = pliant_calloc(1, sizeof *patch);
     if (!patch) return pliant_fail_memory("the patches");
     patch->model = model;
-    patch->delay = delay_of(model);
+    patch->block_steps = steps_of(model);
     *out = patch;
     return PLIANT_OK;
 }
@@ -102,12 +113,21 @@ static void hold_free(patch_hold *hold)
 {
     pliant_free(hold->foothold.nodes);
     pliant_free(hold->foothold.weights);
-    pliant_free(hold->foothold.modes);
     memset(hold, 0, sizeof *hold);
 }
 
-/* nodes and weights of a tool, without its response */
-static pliant_status hold_copy(const pliant_tool *tool, patch_hold *out)
+/* a hold and all responses that it is part of */
+static void forget_hold(pliant_patch *patch, int tool)
+{
+    hold_free(patch->holds + tool);
+    for (int u = 0; u < PLIANT_MAX_TOOLS; u++) {
+        double **block = tool < u ? &patch->blocks[tool][u] : &patch->blocks[u][tool];
+        pliant_free(*block);
+        *block = NULL;
+    }
+}
+
+static pliant_status hold_copy(const pliant_mesh *fine, const pliant_tool *tool, patch_hold *out)
 {
     pliant_foothold foothold = {.count = tool->num_held};
     foothold.nodes = pliant_calloc((size_t)tool->num_held, sizeof *foothold.nodes);
@@ -119,6 +139,8 @@ static pliant_status hold_copy(const pliant_tool *tool, patch_hold *out)
     }
     memcpy(foothold.nodes, tool->held, (size_t)tool->num_held * sizeof *foothold.nodes);
     memcpy(foothold.weights, tool->weight, (size_t)tool->num_held * sizeof *foothold.weights);
+    for (int32_t h = 0; h < tool->num_held; h++)
+        for (int d = 0; d < 3; d++) foothold.centre[d] += tool->weight[h] * fine->rest[3 * tool->held[h] + d];
     *out = (patch_hold){.hold = tool->hold, .foothold = foothold};
     return PLIANT_OK;
 }
@@ -142,30 +164,48 @@ static void space_drop(pliant_patch *patch)
 
 /* ---- in the background */
 
+static pliant_status make_block(pliant_patch *patch, pliant_linearized *linearized, int t, int u)
+{
+    patch_job *job = &patch->job;
+    const pliant_foothold *foothold = &job->holds[t].foothold;
+    double *block = pliant_calloc((size_t)linearized->system.num_free, 3 * PLIANT_RESPONSE_MODES * sizeof *block);
+    if (!block) return pliant_fail_memory("a patch");
+    job->blocks[t][u] = block;
+    if (t != u) return pliant_response_crossed(linearized, patch->preconditioner, job->blocks[t][t], job->blocks[u][u], block);
+    return pliant_response_modes(linearized, patch->preconditioner, foothold->count, foothold->nodes, foothold->weights, block);
+}
+
+/* of single holds first: those of two are made of them */
+static pliant_status make_blocks(pliant_patch *patch, pliant_linearized *linearized)
+{
+    pliant_status status = PLIANT_OK;
+    for (int apart = 0; apart < PLIANT_MAX_TOOLS; apart++)
+        for (int t = 0; t + apart < PLIANT_MAX_TOOLS && status == PLIANT_OK; t++)
+            if (patch->job.wanted[t][t + apart]) status = make_block(patch, linearized, t, t + apart);
+    return status;
+}
+
 static pliant_status make_space(pliant_patch *patch)
 {
+    enum { MOST_BLOCKS = PLIANT_MAX_TOOLS * (PLIANT_MAX_TOOLS + 1) / 2 };
     patch_job *job = &patch->job;
     const pliant_model *model = patch->model;
     const pliant_system *fine = model->fine_system;
     pliant_linearized linearized = {0};
     pliant_foothold footholds[PLIANT_MAX_TOOLS];
-    int32_t count = 0;
+    const double *blocks[MOST_BLOCKS];
+    int32_t count = 0, num_blocks = 0;
     pliant_status status = patch->preconditioner ? PLIANT_OK : pliant_preconditioner_clone(fine->preconditioner, 1, &patch->preconditioner);
     if (status == PLIANT_OK) status = pliant_linearized_create(fine, job->x, &linearized);
-    for (int t = 0; t < PLIANT_MAX_TOOLS && status == PLIANT_OK; t++) {
-        pliant_foothold *foothold = &job->holds[t].foothold;
-        if (!job->holds[t].hold) continue;
-        if (job->made[t]) {
-            foothold->modes = pliant_calloc((size_t)fine->num_free, 3 * PLIANT_RESPONSE_MODES * sizeof *foothold->modes);
-            status = foothold->modes ? pliant_response_modes(&linearized, patch->preconditioner, foothold->count, foothold->nodes,
-                                                             foothold->weights, foothold->modes)
-                                     : pliant_fail_memory("a patch");
-        }
-        footholds[count++] = *foothold;
+    if (status == PLIANT_OK) status = make_blocks(patch, &linearized);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        if (job->holds[t].hold) footholds[count++] = job->holds[t].foothold;
+        for (int u = t; u < PLIANT_MAX_TOOLS; u++)
+            if (job->blocks[t][u]) blocks[num_blocks++] = job->blocks[t][u];
     }
     if (status == PLIANT_OK)
         status = pliant_space_create(fine, &linearized, model->fine_material, model->fine_fixed, model->scene.model.patch, count, footholds,
-                                     model->system->num_threads, &job->space);
+                                     num_blocks, blocks, model->system->num_threads, &job->space);
     if (status == PLIANT_OK) status = pliant_solver_create(&model->scene, &job->space->system, &job->solver);
     if (status == PLIANT_OK) job->solver->refresh_interval = 0; /* the space is of one state */
     pliant_linearized_free(&linearized);
@@ -184,8 +224,11 @@ static void job_clear(pliant_patch *patch)
 {
     patch_job *job = &patch->job;
     if (job->running && job->in_thread) pthread_join(job->thread, NULL);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        if (job->made[t]) hold_free(job->holds + t);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        if (job->copied[t]) hold_free(job->holds + t);
+        for (int u = t; u < PLIANT_MAX_TOOLS; u++)
+            if (job->wanted[t][u]) pliant_free(job->blocks[t][u]);
+    }
     pliant_solver_free(job->solver);
     pliant_space_free(job->space);
     pliant_free(job->x);
@@ -196,7 +239,7 @@ void pliant_patch_reset(pliant_patch *patch)
 {
     job_clear(patch);
     space_drop(patch);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) hold_free(patch->holds + t);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) forget_hold(patch, t);
     memset(patch->refused, 0, sizeof patch->refused);
 }
 
@@ -210,6 +253,29 @@ void pliant_patch_free(pliant_patch *patch)
 
 /* ---- starting and delivering */
 
+/* what two tools do together matters where their near parts touch */
+static bool touch(const patch_hold *a, const patch_hold *b, double radius)
+{
+    double squares = 0;
+    for (int d = 0; d < 3; d++) squares += pow(a->foothold.centre[d] - b->foothold.centre[d], 2);
+    return squares <= 16 * radius * radius;
+}
+
+/* which responses are missing, and how many */
+static int list_wanted(pliant_patch *patch)
+{
+    patch_job *job = &patch->job;
+    int count = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        for (int u = t; u < PLIANT_MAX_TOOLS; u++) {
+            if (!job->holds[t].hold || !job->holds[u].hold || !touch(job->holds + t, job->holds + u, patch->model->scene.model.patch)) continue;
+            if (!job->copied[t] && !job->copied[u]) job->blocks[t][u] = patch->blocks[t][u];
+            job->wanted[t][u] = !job->blocks[t][u];
+            count += job->wanted[t][u];
+        }
+    return count;
+}
+
 static pliant_status start(pliant_patch *patch, pliant_data *data)
 {
     patch_job *job = &patch->job;
@@ -218,8 +284,8 @@ static pliant_status start(pliant_patch *patch, pliant_data *data)
     for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
         const pliant_tool *tool = data->tools + t;
         if (!tool->holding || patch->refused[t] == tool->hold) continue;
-        job->made[t] = patch->holds[t].hold != tool->hold;
-        if (job->made[t]) status = hold_copy(tool, job->holds + t);
+        job->copied[t] = patch->holds[t].hold != tool->hold;
+        if (job->copied[t]) status = hold_copy(&patch->model->fine, tool, job->holds + t);
         else job->holds[t] = patch->holds[t];
     }
     if (status == PLIANT_OK && !(job->x = pliant_calloc(bytes, 1))) status = pliant_fail_memory("a patch");
@@ -228,7 +294,7 @@ static pliant_status start(pliant_patch *patch, pliant_data *data)
         return status;
     }
     memcpy(job->x, data->positions, bytes);
-    job->due = data->statistics.step + (uint64_t)patch->delay;
+    job->due = data->statistics.step + (uint64_t)delay_of(patch, list_wanted(patch));
     job->running = true;
     job->in_thread = pthread_create(&job->thread, NULL, run_job, patch) == 0;
     if (!job->in_thread) run_job(patch);
@@ -277,16 +343,22 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
             patch->refused[t] = job->holds[t].hold;
             continue;
         }
-        if (job->made[t]) {
-            hold_free(patch->holds + t);
+        if (job->copied[t]) {
+            forget_hold(patch, t);
             patch->holds[t] = job->holds[t];
-            job->made[t] = false;
+            job->copied[t] = false;
         }
         patch->serves[t] = patch->space && still_held(data, t, patch->holds[t].hold);
         if (!patch->serves[t]) continue;
         pliant_solver_release(data->solver, t); /* the coarse model is rid of it */
         data->tools[t].attached = false;
     }
+    for (int t = 0; job->status == PLIANT_OK && t < PLIANT_MAX_TOOLS; t++)
+        for (int u = t; u < PLIANT_MAX_TOOLS; u++) {
+            if (!job->wanted[t][u]) continue;
+            patch->blocks[t][u] = job->blocks[t][u];
+            job->wanted[t][u] = false;
+        }
     job->running = false;
     job_clear(patch);
     return PLIANT_OK;
@@ -313,7 +385,7 @@ pliant_status pliant_patch_begin(const pliant_model *model, pliant_data *data)
             pliant_solver_release(patch->solver, t);
             patch->serves[t] = false;
         }
-        if (!held && !patch->job.running) hold_free(patch->holds + t);
+        if (!held && !patch->job.running) forget_hold(patch, t);
         used = used || patch->serves[t];
         wanted = wanted || waits(data, t);
     }

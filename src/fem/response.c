@@ -1,17 +1,11 @@
 #include "fem/response.h"
 
 #include "core/fail.h"
+#include "fem/dense.h"
 #include "pliant/memory.h"
 
 #include <math.h>
 #include <string.h>
-
-static double dot(size_t n, const double *a, const double *b)
-{
-    double sum = 0;
-    for (size_t i = 0; i < n; i++) sum += a[i] * b[i];
-    return sum;
-}
 
 static double largest(size_t n, const double *v)
 {
@@ -86,16 +80,16 @@ static pliant_status solve(pliant_linearized *linearized, pliant_preconditioner 
     double *r = work, *z = r + n, *p = z + n, *q = p + n, *room = q + n;
     memcpy(r, right, n * sizeof *r);
     memset(v, 0, n * sizeof *v);
-    double size = sqrt(dot(n, r, r)), first = 0, before = 0;
+    double size = sqrt(pliant_dot(n, r, r)), first = 0, before = 0;
     for (int k = 0; k < MOST && size > 0; k++) {
         pliant_status status = pliant_preconditioner_solve(preconditioner, 1, r, z);
         if (status != PLIANT_OK) return status;
-        double now = dot(n, r, z);
+        double now = pliant_dot(n, r, z);
         if (k == 0) first = now;
         if (!(now > tolerance * tolerance * first)) break;
         for (size_t i = 0; i < n; i++) p[i] = z[i] + (k > 0 ? now / before * p[i] : 0);
         pliant_linearized_product(linearized, p, room, q);
-        double curvature = dot(n, p, q);
+        double curvature = pliant_dot(n, p, q);
         if (!(curvature > 0)) {
             if (k == 0) memcpy(v, z, n * sizeof *v);
             break;
@@ -105,7 +99,7 @@ static pliant_status solve(pliant_linearized *linearized, pliant_preconditioner 
             r[i] -= now / curvature * q[i];
         }
         before = now;
-        if (sqrt(dot(n, r, r)) < direct * size) break;
+        if (sqrt(pliant_dot(n, r, r)) < direct * size) break;
     }
     return PLIANT_OK;
 }
@@ -123,32 +117,68 @@ static void second_derivative(pliant_linearized *linearized, const double *a, co
     }
 }
 
+typedef struct solve_room {
+    double *work, *right; /* (5 x n), (n) */
+} solve_room;
+
+static pliant_status room_create(size_t n, solve_room *out)
+{
+    out->work = pliant_calloc(n, 5 * sizeof *out->work);
+    out->right = pliant_calloc(n, sizeof *out->right);
+    return out->work && out->right ? PLIANT_OK : pliant_fail_memory("the response of the fine mesh");
+}
+
+static void room_free(solve_room *room)
+{
+    pliant_free(room->work);
+    pliant_free(room->right);
+}
+
+/* -K^-1 f''(a, b), whose largest displacements are at most `most` */
+static pliant_status derivative(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const solve_room *room, const double *a,
+                                const double *b, double most, double *out)
+{
+    size_t n = 3 * (size_t)linearized->system.num_free;
+    memset(room->right, 0, n * sizeof *room->right);
+    if (most > 0) second_derivative(linearized, a, b, step_of(&linearized->system, 0.01) / most, room->work, room->work + n, room->right);
+    for (size_t m = 0; m < n; m++) room->right[m] = -room->right[m];
+    return solve(linearized, preconditioner, room->right, room->work, out);
+}
+
 pliant_status pliant_response_modes(pliant_linearized *linearized, pliant_preconditioner *preconditioner, int32_t count,
                                     const int32_t *nodes, const double *weights, double *modes)
 {
     const pliant_system *system = &linearized->system;
-    size_t n = 3 * (size_t)system->num_free;
-    double *work = pliant_calloc(n, 5 * sizeof *work), *right = pliant_calloc(n, sizeof *right), most = 0;
-    pliant_status status = work && right ? PLIANT_OK : pliant_fail_memory("the response of the fine mesh");
+    size_t n = 3 * (size_t)system->num_free, next = 3;
+    solve_room room = {0};
+    double most = 0;
+    pliant_status status = room_create(n, &room);
     for (int d = 0; d < 3 && status == PLIANT_OK; d++) {
-        memset(right, 0, n * sizeof *right);
+        memset(room.right, 0, n * sizeof *room.right);
         for (int32_t h = 0; h < count; h++) {
             int32_t unknown = system->free_of_node[nodes[h]];
-            if (unknown >= 0) right[3 * unknown + d] += weights[h];
+            if (unknown >= 0) room.right[3 * unknown + d] += weights[h];
         }
-        status = solve(linearized, preconditioner, right, work, modes + n * (size_t)d);
+        status = solve(linearized, preconditioner, room.right, room.work, modes + n * (size_t)d);
         most = fmax(most, largest(n, modes + n * (size_t)d));
     }
-    double step = most > 0 ? step_of(system, 0.01) / most : 0;
-    size_t next = 3;
     for (size_t i = 0; i < 3; i++)
-        for (size_t j = i; j < 3 && status == PLIANT_OK; j++) {
-            memset(right, 0, n * sizeof *right);
-            if (step > 0) second_derivative(linearized, modes + n * i, modes + n * j, step, work, work + n, right);
-            for (size_t m = 0; m < n; m++) right[m] = -right[m];
-            status = solve(linearized, preconditioner, right, work, modes + n * next++);
-        }
-    pliant_free(work);
-    pliant_free(right);
+        for (size_t j = i; j < 3 && status == PLIANT_OK; j++)
+            status = derivative(linearized, preconditioner, &room, modes + n * i, modes + n * j, most, modes + n * next++);
+    room_free(&room);
+    return status;
+}
+
+pliant_status pliant_response_crossed(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const double *first,
+                                      const double *second, double *out)
+{
+    size_t n = 3 * (size_t)linearized->system.num_free;
+    solve_room room = {0};
+    double most = fmax(largest(3 * n, first), largest(3 * n, second));
+    pliant_status status = room_create(n, &room);
+    for (size_t i = 0; i < 3; i++)
+        for (size_t j = 0; j < 3 && status == PLIANT_OK; j++)
+            status = derivative(linearized, preconditioner, &room, first + n * i, second + n * j, most, out + n * (3 * i + j));
+    room_free(&room);
     return status;
 }

@@ -34,6 +34,10 @@ void pliant_linearized_product(pliant_linearized *linearized, const double *v, d
 pliant_status pliant_response_modes(pliant_linearized *linearized, pliant_preconditioner *preconditioner, int32_t count,
                                     const int32_t *nodes, const double *weights, double *modes);
 
+/* -K^-1 f''(z_i, z_j), z_i of one footprint's modes and z_j of another's: what two tools do together. out (9 x 3 num_free). */
+pliant_status pliant_response_crossed(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const double *first,
+                                      const double *second, double *out);
+
 #ifdef __cplusplus
 }
 #endif

@@ -7,16 +7,6 @@
 #include <math.h>
 #include <string.h>
 
-static double dot(size_t n, const double *a, const double *b)
-{
-    double sum[4] = {0, 0, 0, 0};
-    size_t i = 0;
-    for (; i + 4 <= n; i += 4)
-        for (int l = 0; l < 4; l++) sum[l] += a[i + l] * b[i + l];
-    for (; i < n; i++) sum[0] += a[i] * b[i];
-    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
-}
-
 static size_t unknowns(const pliant_solver *solver) { return 3 * (size_t)solver->system->num_free; }
 
 /* ---- tools: rows of W */
@@ -208,7 +198,7 @@ static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
     pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, at->pull, at->step);
     if (status != PLIANT_OK) return status;
     if (!pliant_solver_step_tools(solver, at)) return PLIANT_OK;
-    double energy = dot(n, at->step, at->pull) + spring_energy(solver, at->step_force, at->step_force);
+    double energy = pliant_dot(n, at->step, at->pull) + spring_energy(solver, at->step_force, at->step_force);
     /* far below zero: what stands for K0^-1 is not positive here; no measure */
     if (isfinite(energy) && energy > -1e-10 * at->scale * at->scale) at->merit = sqrt(fmax(energy, 0));
     return PLIANT_OK;
@@ -237,7 +227,7 @@ static void remember(pliant_solver *solver, const pliant_iterate *from, const pl
     for (int32_t other = 0; other < solver->num_history; other++) {
         int32_t high = other > now ? other : now, low = other > now ? now : other;
         const pliant_secant *a = solver->history + high, *b = solver->history + low;
-        double product = dot(unknowns(solver), a->step, b->pull) + spring_energy(solver, a->step_force, b->step_force);
+        double product = pliant_dot(unknowns(solver), a->step, b->pull) + spring_energy(solver, a->step_force, b->step_force);
         solver->gram[high * PLIANT_MAX_HISTORY + low] = solver->gram[low * PLIANT_MAX_HISTORY + high] = product;
     }
     solver->next_history = (now + 1) % solver->depth;
@@ -251,7 +241,7 @@ bool pliant_solver_mix(const pliant_solver *solver, const pliant_iterate *at, do
     if (m == 0) return false;
     for (int32_t a = 0; a < m; a++) {
         const pliant_secant *sa = solver->history + a;
-        weights[a] = dot(n, sa->step, at->pull) + spring_energy(solver, sa->step_force, at->step_force);
+        weights[a] = pliant_dot(n, sa->step, at->pull) + spring_energy(solver, sa->step_force, at->step_force);
         for (int32_t b = 0; b < m; b++) gram[a * m + b] = solver->gram[a * PLIANT_MAX_HISTORY + b];
     }
     /* secants differ in size by orders: scale to a unit diagonal, then a little regularization */

@@ -7,13 +7,6 @@
 #include <math.h>
 #include <string.h>
 
-static double dot(size_t n, const double *a, const double *b)
-{
-    double sum = 0;
-    for (size_t i = 0; i < n; i++) sum += a[i] * b[i];
-    return sum;
-}
-
 /* ---- in a step */
 
 pliant_status pliant_space_solve(pliant_space *space, const double *right, double *out)
@@ -22,7 +15,7 @@ pliant_status pliant_space_solve(pliant_space *space, const double *right, doubl
     double *q = space->amplitude, *a = space->part;
     for (int32_t f = 0; f < space->num_own; f++) memcpy(a + 3 * f, right + 3 * space->own[f], 3 * sizeof *a);
     for (int32_t m = 0; m < space->num_modes; m++)
-        q[m] = dot(n, space->modes + n * (size_t)m, right) - dot(own, space->answers + own * (size_t)m, a);
+        q[m] = pliant_dot(n, space->modes + n * (size_t)m, right) - pliant_dot(own, space->answers + own * (size_t)m, a);
     if (space->num_modes > 0) pliant_dense_cholesky_solve(space->num_modes, space->schur, 1, q);
     if (own > 0) {
         pliant_status status = pliant_factor_solve(space->factor, 1, a, a);
@@ -58,7 +51,7 @@ void pliant_space_far_forces(pliant_space *space, const double *x, double *force
     size_t n = 3 * (size_t)space->system.num_free;
     amplitudes(space, x);
     for (int32_t k = 0; k < space->num_modes; k++) {
-        double force = dot((size_t)space->num_modes, space->far + k * space->num_modes, space->amplitude);
+        double force = pliant_dot((size_t)space->num_modes, space->far + k * space->num_modes, space->amplitude);
         for (size_t i = 0; i < n; i++) forces[i] += force * space->outer[n * (size_t)k + i];
     }
 }
@@ -68,10 +61,13 @@ void pliant_space_positions(pliant_space *space, const pliant_system *fine, cons
     size_t n = 3 * (size_t)fine->num_free;
     amplitudes(space, x);
     if (out != base) memcpy(out, base, 3 * (size_t)fine->mesh->num_nodes * sizeof *out);
-    for (int32_t m = 0; m < space->num_modes; m++)
-        for (int32_t f = 0; f < fine->num_free; f++)
-            for (int d = 0; d < 3; d++)
-                out[3 * fine->node_of_free[f] + d] += space->amplitude[m] * space->whole[n * (size_t)m + 3 * (size_t)f + (size_t)d];
+#pragma omp parallel for schedule(static) num_threads(space->system.num_threads)
+    for (int32_t f = 0; f < fine->num_free; f++) {
+        double by[3] = {0, 0, 0};
+        for (int32_t m = 0; m < space->num_modes; m++)
+            for (int d = 0; d < 3; d++) by[d] += space->amplitude[m] * space->whole[n * (size_t)m + 3 * (size_t)f + (size_t)d];
+        for (int d = 0; d < 3; d++) out[3 * fine->node_of_free[f] + d] += by[d];
+    }
     for (int32_t v = 0; v < space->mesh.num_nodes; v++) memcpy(out + 3 * space->fine_node[v], x + 3 * v, 3 * sizeof *out);
 }
 
@@ -82,7 +78,8 @@ typedef struct space_builder {
     const pliant_system *fine;
     pliant_linearized *linearized;
     pliant_space *space;
-    double *centres;               /* (num_footholds x 3) at rest */
+    int32_t num_footholds;
+    const pliant_foothold *footholds;
     uint8_t *near_tet;             /* (fine tetrahedra) */
     pliant_tet_material *material; /* (near tetrahedra) */
     uint8_t *still;                /* (near nodes) */
@@ -93,35 +90,30 @@ typedef struct space_builder {
     double *image;                 /* Q: (num_modes x 3 near unknowns) */
 } space_builder;
 
-static bool within(const space_builder *build, int32_t num_centres, const double *rest, double radius)
+static bool within(const space_builder *build, const double *rest, double radius)
 {
-    for (int32_t c = 0; c < num_centres; c++) {
+    for (int32_t t = 0; t < build->num_footholds; t++) {
         double squares = 0;
-        for (int d = 0; d < 3; d++) squares += pow(rest[d] - build->centres[3 * c + d], 2);
+        for (int d = 0; d < 3; d++) squares += pow(rest[d] - build->footholds[t].centre[d], 2);
         if (squares <= radius * radius) return true;
     }
     return false;
 }
 
 /* nodes and tetrahedra within twice the radius; a tetrahedron is when one of its corners is, or is held */
-static pliant_status near_mesh(space_builder *build, const pliant_tet_material *material, double radius, int32_t num_footholds,
-                               const pliant_foothold *footholds)
+static pliant_status near_mesh(space_builder *build, const pliant_tet_material *material, double radius)
 {
     const pliant_mesh *fine = build->fine->mesh;
     pliant_space *space = build->space;
     pliant_mesh *mesh = &space->mesh;
     uint8_t *close = pliant_calloc((size_t)fine->num_nodes, 1);
-    build->centres = pliant_calloc((size_t)num_footholds, 3 * sizeof *build->centres);
     build->near_tet = pliant_calloc((size_t)fine->num_tets, 1);
     space->near_node = pliant_calloc((size_t)fine->num_nodes, sizeof *space->near_node);
     pliant_status status = PLIANT_ERROR_MEMORY;
-    if (!close || !build->centres || !build->near_tet || !space->near_node) goto done;
-    for (int32_t t = 0; t < num_footholds; t++)
-        for (int32_t h = 0; h < footholds[t].count; h++) {
-            close[footholds[t].nodes[h]] = 1;
-            for (int d = 0; d < 3; d++) build->centres[3 * t + d] += footholds[t].weights[h] * fine->rest[3 * footholds[t].nodes[h] + d];
-        }
-    for (int32_t n = 0; n < fine->num_nodes; n++) close[n] = close[n] || within(build, num_footholds, fine->rest + 3 * n, 2 * radius);
+    if (!close || !build->near_tet || !space->near_node) goto done;
+    for (int32_t t = 0; t < build->num_footholds; t++)
+        for (int32_t h = 0; h < build->footholds[t].count; h++) close[build->footholds[t].nodes[h]] = 1;
+    for (int32_t n = 0; n < fine->num_nodes; n++) close[n] = close[n] || within(build, fine->rest + 3 * n, 2 * radius);
     for (int32_t v = 0; v < 4 * fine->num_tets; v++) build->near_tet[v / 4] |= close[fine->tets[v]];
     for (int32_t v = 0; v < 4 * fine->num_tets; v++)
         if (build->near_tet[v / 4]) space->near_node[fine->tets[v]] = 1;
@@ -174,7 +166,7 @@ static pliant_status near_system(space_builder *build, const uint8_t *fixed)
 }
 
 /* The factor of K_pp, at the exact tangent where that is positive definite. */
-static pliant_status own_factor(space_builder *build, int32_t num_centres, double radius)
+static pliant_status own_factor(space_builder *build, double radius)
 {
     pliant_space *space = build->space;
     const pliant_system *system = &space->system;
@@ -183,7 +175,7 @@ static pliant_status own_factor(space_builder *build, int32_t num_centres, doubl
     if (!build->is_own || !space->own) return pliant_fail_memory("a patch");
     for (int32_t f = 0; f < system->num_free; f++) {
         int32_t node = system->node_of_free[f];
-        build->is_own[f] = within(build, num_centres, space->mesh.rest + 3 * node, radius);
+        build->is_own[f] = within(build, space->mesh.rest + 3 * node, radius);
         if (build->is_own[f]) space->own[space->num_own++] = f;
         else build->still[node] = 1;
     }
@@ -209,14 +201,14 @@ static pliant_status own_factor(space_builder *build, int32_t num_centres, doubl
     return status;
 }
 
-/* The footholds' modes, made orthonormal on the near part's nodes that are not the patch's own (Gram and Schmidt, twice); those
+/* The modes, made orthonormal on the near part's nodes that are not the patch's own (Gram and Schmidt, twice); those
  * that are combinations of others there are left out. */
-static pliant_status orthonormal_modes(space_builder *build, int32_t num_footholds, const pliant_foothold *footholds)
+static pliant_status orthonormal_modes(space_builder *build, int32_t num_blocks, const double *const *blocks)
 {
     const double dependent = 1e-6;
     pliant_space *space = build->space;
     size_t n = 3 * (size_t)space->system.num_free, all = 3 * (size_t)build->fine->num_free;
-    size_t most = PLIANT_RESPONSE_MODES * (size_t)num_footholds;
+    size_t most = PLIANT_RESPONSE_MODES * (size_t)num_blocks;
     space->modes = pliant_calloc(n * most, sizeof *space->modes);
     space->outer = pliant_calloc(n * most, sizeof *space->outer);
     space->whole = pliant_calloc(all * most, sizeof *space->whole);
@@ -224,23 +216,23 @@ static pliant_status orthonormal_modes(space_builder *build, int32_t num_foothol
     for (size_t k = 0; k < most; k++) {
         double *mode = space->modes + n * (size_t)space->num_modes, *outer = space->outer + n * (size_t)space->num_modes;
         double *whole = space->whole + all * (size_t)space->num_modes;
-        memcpy(whole, footholds[k / PLIANT_RESPONSE_MODES].modes + all * (k % PLIANT_RESPONSE_MODES), all * sizeof *whole);
+        memcpy(whole, blocks[k / PLIANT_RESPONSE_MODES] + all * (k % PLIANT_RESPONSE_MODES), all * sizeof *whole);
         for (int32_t f = 0; f < space->system.num_free; f++) {
             size_t from = 3 * (size_t)build->fine->free_of_node[space->fine_node[space->system.node_of_free[f]]];
             memcpy(mode + 3 * f, whole + from, 3 * sizeof *mode);
             for (int d = 0; d < 3; d++) outer[3 * f + d] = build->is_own[f] ? 0 : mode[3 * f + d];
         }
-        double size = sqrt(dot(n, outer, outer));
+        double size = sqrt(pliant_dot(n, outer, outer));
         for (int pass = 0; pass < 2; pass++)
             for (int32_t m = 0; m < space->num_modes; m++) {
-                double along = dot(n, space->outer + n * (size_t)m, outer);
+                double along = pliant_dot(n, space->outer + n * (size_t)m, outer);
                 for (size_t i = 0; i < n; i++) {
                     mode[i] -= along * space->modes[n * (size_t)m + i];
                     outer[i] -= along * space->outer[n * (size_t)m + i];
                 }
                 for (size_t i = 0; i < all; i++) whole[i] -= along * space->whole[all * (size_t)m + i];
             }
-        double left = sqrt(dot(n, outer, outer));
+        double left = sqrt(pliant_dot(n, outer, outer));
         if (!isfinite(left)) return pliant_fail(PLIANT_ERROR_NUMERIC, "the response of the fine mesh is not finite");
         if (!(left > dependent * size)) continue;
         for (size_t i = 0; i < n; i++) {
@@ -263,9 +255,9 @@ static pliant_status far_stiffness(space_builder *build)
     pliant_status status = space->far && room && product ? PLIANT_OK : pliant_fail_memory("a patch");
     for (size_t l = 0; status == PLIANT_OK && l < count; l++) {
         pliant_linearized_product(build->linearized, space->whole + all * l, room, product);
-        for (size_t k = 0; k < count; k++) space->far[k * count + l] = dot(all, space->whole + all * k, product);
+        for (size_t k = 0; k < count; k++) space->far[k * count + l] = pliant_dot(all, space->whole + all * k, product);
         pliant_linearized_product(&build->near, space->modes + n * l, room, product);
-        for (size_t k = 0; k < count; k++) space->far[k * count + l] -= dot(n, space->modes + n * k, product);
+        for (size_t k = 0; k < count; k++) space->far[k * count + l] -= pliant_dot(n, space->modes + n * k, product);
     }
     for (size_t k = 0; status == PLIANT_OK && k < count; k++)
         for (size_t l = 0; l < k; l++) space->far[k * count + l] = space->far[l * count + k] = 0.5 * (space->far[k * count + l] + space->far[l * count + k]);
@@ -321,7 +313,7 @@ static pliant_status reduce(space_builder *build)
     for (size_t m = 0; m < count && own > 0 && status == PLIANT_OK; m++) {
         memcpy(space->part, space->answers + own * m, own * sizeof *space->part);
         status = pliant_factor_solve(space->factor, 1, space->part, space->part);
-        for (size_t k = 0; k < count; k++) space->schur[k * count + m] = -dot(own, space->answers + own * k, space->part);
+        for (size_t k = 0; k < count; k++) space->schur[k * count + m] = -pliant_dot(own, space->answers + own * k, space->part);
         /* the rows above are still those of Q for the columns to come: the answers are put in place below */
     }
     for (size_t m = 0; m < count && own > 0 && status == PLIANT_OK; m++)
@@ -329,7 +321,7 @@ static pliant_status reduce(space_builder *build)
     if (status != PLIANT_OK) return status;
     for (size_t k = 0; k < count; k++)
         for (size_t m = 0; m <= k; m++) {
-            double whole = 0.5 * (dot(n, space->modes + n * k, build->image + n * m) + dot(n, space->modes + n * m, build->image + n * k));
+            double whole = 0.5 * (pliant_dot(n, space->modes + n * k, build->image + n * m) + pliant_dot(n, space->modes + n * m, build->image + n * k));
             space->schur[k * count + m] = 0.5 * (space->schur[k * count + m] + space->schur[m * count + k]) + whole;
         }
     if (pliant_dense_cholesky((int32_t)count, space->schur)) return PLIANT_OK;
@@ -338,7 +330,6 @@ static pliant_status reduce(space_builder *build)
 
 static void builder_clear(space_builder *build)
 {
-    pliant_free(build->centres);
     pliant_free(build->near_tet);
     pliant_free(build->material);
     pliant_free(build->still);
@@ -351,15 +342,15 @@ static void builder_clear(space_builder *build)
 
 pliant_status pliant_space_create(const pliant_system *fine, pliant_linearized *linearized, const pliant_tet_material *material,
                                   const uint8_t *fixed, double radius, int32_t num_footholds, const pliant_foothold *footholds,
-                                  int num_threads, pliant_space **out)
+                                  int32_t num_blocks, const double *const *blocks, int num_threads, pliant_space **out)
 {
     pliant_space *space = pliant_calloc(1, sizeof *space);
     if (!space) return pliant_fail_memory("a patch");
-    space_builder build = {.fine = fine, .linearized = linearized, .space = space};
-    pliant_status status = near_mesh(&build, material, radius, num_footholds, footholds);
+    space_builder build = {.fine = fine, .linearized = linearized, .space = space, .num_footholds = num_footholds, .footholds = footholds};
+    pliant_status status = near_mesh(&build, material, radius);
     if (status == PLIANT_OK) status = near_system(&build, fixed);
-    if (status == PLIANT_OK) status = own_factor(&build, num_footholds, radius);
-    if (status == PLIANT_OK) status = orthonormal_modes(&build, num_footholds, footholds);
+    if (status == PLIANT_OK) status = own_factor(&build, radius);
+    if (status == PLIANT_OK) status = orthonormal_modes(&build, num_blocks, blocks);
     if (status == PLIANT_OK) status = reduce(&build);
     space->system.num_threads = num_threads;
     space->system.space = space;

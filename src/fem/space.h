@@ -43,7 +43,7 @@ typedef struct pliant_foothold {
     int32_t count;
     int32_t *nodes;           /* (count) fine nodes */
     double *weights;          /* (count) sum 1 */
-    double *modes;            /* (9 x 3 fine free nodes), pliant_response_modes */
+    double centre[3];         /* at rest */
 } pliant_foothold;
 
 /* Errors: MEMORY, NUMERIC, SCENE (nothing around the holds can move).
@@ -52,10 +52,11 @@ typedef struct pliant_foothold {
  * @param material    (fine tetrahedra)
  * @param fixed       (fine nodes)
  * @param radius      of the patch, at rest [m]
+ * @param blocks      (num_blocks) of nine modes (9 x 3 fine free nodes), response.h
  * @param num_threads of steps */
 pliant_status pliant_space_create(const pliant_system *fine, pliant_linearized *linearized, const pliant_tet_material *material,
                                   const uint8_t *fixed, double radius, int32_t num_footholds, const pliant_foothold *footholds,
-                                  int num_threads, pliant_space **out);
+                                  int32_t num_blocks, const double *const *blocks, int num_threads, pliant_space **out);
 void pliant_space_free(pliant_space *space); /* Nullable */
 size_t pliant_space_bytes(const pliant_space *space); /* beyond pliant_memory_in_use */
 
