@@ -207,7 +207,6 @@ static pliant_status make_space(pliant_patch *patch)
         status = pliant_space_create(fine, &linearized, model->fine_material, model->fine_fixed, model->scene.model.patch, count, footholds,
                                      num_blocks, blocks, model->system->num_threads, &job->space);
     if (status == PLIANT_OK) status = pliant_solver_create(&model->scene, &job->space->system, &job->solver);
-    if (status == PLIANT_OK) job->solver->refresh_interval = 0; /* the space is of one state */
     pliant_linearized_free(&linearized);
     return status;
 }
@@ -480,6 +479,7 @@ pliant_status pliant_patch_step(const pliant_model *model, pliant_data *data)
     statistics->error = fmax(statistics->error, own.error);
     statistics->error_before = fmax(statistics->error_before, own.error_before);
     statistics->rejected += own.rejected;
+    statistics->factors += own.factors;
     return status;
 }
 

@@ -16,7 +16,8 @@ struct pliant_preconditioner {
     pliant_hierarchy *hierarchy; /* owned by the first, borrowed by clones */
     bool owns_hierarchy;
     pliant_multigrid *multigrid;
-    pliant_space *space;       /* borrowed */
+    const pliant_space *space; /* borrowed */
+    pliant_reduction *reduction; /* of it */
 };
 
 static pliant_status create_direct(pliant_preconditioner *preconditioner)
@@ -50,12 +51,17 @@ pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_p
     return PLIANT_OK;
 }
 
-pliant_status pliant_preconditioner_within(pliant_space *space, const pliant_system *system, pliant_preconditioner **out)
+pliant_status pliant_preconditioner_within(const pliant_space *space, const pliant_system *system, pliant_preconditioner **out)
 {
     pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
     if (!preconditioner) return pliant_fail_memory("the preconditioner");
     preconditioner->system = *system;
     preconditioner->space = space;
+    pliant_status status = pliant_reduction_create(space, NULL, &preconditioner->reduction);
+    if (status != PLIANT_OK) {
+        pliant_preconditioner_free(preconditioner);
+        return status;
+    }
     *out = preconditioner;
     return PLIANT_OK;
 }
@@ -69,10 +75,12 @@ pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, i
     preconditioner->system.num_threads = num_threads;
     preconditioner->hierarchy = source->hierarchy;
     pliant_status status = PLIANT_OK;
-    if (source->multigrid) {
+    if (source->space) {
+        status = pliant_reduction_create(source->space, source->reduction, &preconditioner->reduction);
+    } else if (source->multigrid) {
         status = pliant_multigrid_create(source->hierarchy, num_threads, &preconditioner->multigrid);
         if (status == PLIANT_OK) status = pliant_multigrid_copy(preconditioner->multigrid, source->multigrid);
-    } else if (source->factor) {
+    } else {
         preconditioner->values = pliant_calloc((size_t)source->system.pattern.num_values, sizeof *preconditioner->values);
         status = preconditioner->values ? pliant_factor_clone(source->factor, &preconditioner->factor) : pliant_fail_memory("the stiffness matrix");
     }
@@ -86,7 +94,7 @@ pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, i
 
 pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents)
 {
-    if (preconditioner->space) return PLIANT_OK;
+    if (preconditioner->space) return pliant_reduction_numeric(preconditioner->space, tangents, preconditioner->reduction);
     if (preconditioner->multigrid) return pliant_multigrid_numeric(preconditioner->multigrid, tangents);
     pliant_system_assemble(&preconditioner->system, tangents, preconditioner->values);
     return pliant_factor_numeric(preconditioner->factor, preconditioner->values);
@@ -99,7 +107,7 @@ pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner,
     for (int32_t c = 0; c < columns; c++) {
         const double *from = right + n * (size_t)c;
         double *to = out + n * (size_t)c;
-        pliant_status status = preconditioner->space ? pliant_space_solve(preconditioner->space, from, to)
+        pliant_status status = preconditioner->space ? pliant_reduction_solve(preconditioner->space, preconditioner->reduction, from, to)
                                                      : pliant_multigrid_solve(preconditioner->multigrid, from, to);
         if (status != PLIANT_OK) return status;
     }
@@ -115,7 +123,7 @@ double pliant_preconditioner_condition(pliant_preconditioner *preconditioner)
 
 double pliant_preconditioner_operations(const pliant_preconditioner *preconditioner)
 {
-    if (preconditioner->space) return 0;
+    if (preconditioner->space) return pliant_reduction_operations(preconditioner->space);
     if (preconditioner->hierarchy) return pliant_hierarchy_operations(preconditioner->hierarchy);
     return pliant_factor_operations(preconditioner->factor) + (preconditioner->system.macros ? pliant_macro_operations(&preconditioner->system) : 0);
 }
@@ -138,6 +146,7 @@ void pliant_preconditioner_free(pliant_preconditioner *preconditioner)
     pliant_factor_free(preconditioner->factor);
     pliant_free(preconditioner->values);
     pliant_multigrid_free(preconditioner->multigrid);
+    pliant_reduction_free(preconditioner->reduction);
     if (preconditioner->owns_hierarchy) pliant_hierarchy_free(preconditioner->hierarchy);
     pliant_free(preconditioner);
 }

@@ -9,28 +9,6 @@
 
 /* ---- in a step */
 
-pliant_status pliant_space_solve(pliant_space *space, const double *right, double *out)
-{
-    size_t n = 3 * (size_t)space->system.num_free, own = 3 * (size_t)space->num_own;
-    double *q = space->amplitude, *a = space->part;
-    for (int32_t f = 0; f < space->num_own; f++) memcpy(a + 3 * f, right + 3 * space->own[f], 3 * sizeof *a);
-    for (int32_t m = 0; m < space->num_modes; m++)
-        q[m] = pliant_dot(n, space->modes + n * (size_t)m, right) - pliant_dot(own, space->answers + own * (size_t)m, a);
-    if (space->num_modes > 0) pliant_dense_cholesky_solve(space->num_modes, space->schur, 1, q);
-    if (own > 0) {
-        pliant_status status = pliant_factor_solve(space->factor, 1, a, a);
-        if (status != PLIANT_OK) return status;
-    }
-    memset(out, 0, n * sizeof *out);
-    for (int32_t m = 0; m < space->num_modes; m++) {
-        for (size_t i = 0; i < n; i++) out[i] += q[m] * space->modes[n * (size_t)m + i];
-        for (size_t i = 0; i < own; i++) a[i] -= q[m] * space->answers[own * (size_t)m + i];
-    }
-    for (int32_t f = 0; f < space->num_own; f++)
-        for (int d = 0; d < 3; d++) out[3 * space->own[f] + d] += a[3 * f + d];
-    return PLIANT_OK;
-}
-
 /* q = M' (x - base) */
 static void amplitudes(pliant_space *space, const double *x)
 {
@@ -87,7 +65,6 @@ typedef struct space_builder {
     pliant_linearized near;        /* the near part around the same state */
     double *near_x;                /* (near nodes x 3) */
     pliant_tangent *tangents;
-    double *image;                 /* Q: (num_modes x 3 near unknowns) */
 } space_builder;
 
 static bool within(const space_builder *build, const double *rest, double radius)
@@ -165,8 +142,7 @@ static pliant_status near_system(space_builder *build, const uint8_t *fixed)
     return build->tangents ? PLIANT_OK : pliant_fail_memory("a patch");
 }
 
-/* The factor of K_pp, at the exact tangent where that is positive definite. */
-static pliant_status own_factor(space_builder *build, double radius)
+static pliant_status own_nodes(space_builder *build, double radius)
 {
     pliant_space *space = build->space;
     const pliant_system *system = &space->system;
@@ -179,26 +155,11 @@ static pliant_status own_factor(space_builder *build, double radius)
         if (build->is_own[f]) space->own[space->num_own++] = f;
         else build->still[node] = 1;
     }
-    pliant_system_tangents(system, build->near_x, PLIANT_TWIST_EXACT, build->tangents);
     if (space->num_own == 0) return PLIANT_OK;
-    pliant_system inner = {.mesh = system->mesh, .fine = system->fine, .num_threads = 1, .num_blocks = system->num_blocks,
-                           .gradients = system->gradients, .lame = system->lame};
-    double *values = NULL;
-    pliant_status status = pliant_system_unknowns(&inner, build->still);
-    if (status == PLIANT_OK) status = pliant_factor_analyze(&inner.pattern, &space->factor);
-    if (status == PLIANT_OK && !(values = pliant_calloc((size_t)inner.pattern.num_values, sizeof *values))) status = pliant_fail_memory("a patch");
-    for (int twist = PLIANT_TWIST_EXACT; status == PLIANT_OK && twist <= PLIANT_TWIST_POSITIVE; twist++) {
-        if (twist != PLIANT_TWIST_EXACT) pliant_system_tangents(system, build->near_x, (pliant_twist)twist, build->tangents);
-        pliant_system_assemble(&inner, build->tangents, values);
-        status = pliant_factor_numeric(space->factor, values);
-        if (status != PLIANT_ERROR_NUMERIC || twist == PLIANT_TWIST_POSITIVE) break;
-        status = PLIANT_OK;
-    }
-    pliant_free(values);
-    inner.gradients = NULL; /* the system's */
-    inner.lame = NULL;
-    pliant_system_clear(&inner);
-    return status;
+    space->inner = (pliant_system){.mesh = system->mesh, .fine = system->fine, .num_threads = 1, .num_blocks = system->num_blocks,
+                                   .gradients = system->gradients, .lame = system->lame};
+    pliant_status status = pliant_system_unknowns(&space->inner, build->still);
+    return status == PLIANT_OK ? pliant_factor_analyze(&space->inner.pattern, &space->analyzed) : status;
 }
 
 /* The modes, made orthonormal on the near part's nodes that are not the patch's own (Gram and Schmidt, twice); those
@@ -250,9 +211,11 @@ static pliant_status far_stiffness(space_builder *build)
 {
     pliant_space *space = build->space;
     size_t n = 3 * (size_t)space->system.num_free, all = 3 * (size_t)build->fine->num_free, count = (size_t)space->num_modes;
+    if (count == 0) return PLIANT_OK;
     space->far = pliant_calloc(count * count, sizeof *space->far);
+    space->amplitude = pliant_calloc(count, sizeof *space->amplitude);
     double *room = pliant_calloc(all, sizeof *room), *product = pliant_calloc(all, sizeof *product);
-    pliant_status status = space->far && room && product ? PLIANT_OK : pliant_fail_memory("a patch");
+    pliant_status status = space->far && space->amplitude && room && product ? PLIANT_OK : pliant_fail_memory("a patch");
     for (size_t l = 0; status == PLIANT_OK && l < count; l++) {
         pliant_linearized_product(build->linearized, space->whole + all * l, room, product);
         for (size_t k = 0; k < count; k++) space->far[k * count + l] = pliant_dot(all, space->whole + all * k, product);
@@ -266,66 +229,18 @@ static pliant_status far_stiffness(space_builder *build)
     return status;
 }
 
-/* Q = K_near E + M A */
-static pliant_status images(space_builder *build)
+/* the first numbers, at the exact tangent where that is positive definite */
+static pliant_status first_numbers(space_builder *build)
 {
-    pliant_space *space = build->space;
-    const pliant_system *system = &space->system;
-    size_t n = 3 * (size_t)system->num_free;
-    build->image = pliant_calloc(n * (size_t)space->num_modes, sizeof *build->image);
-    if (!build->image) return pliant_fail_memory("a patch");
-    for (int32_t t = 0; t < space->mesh.num_tets; t++) {
-        double stiffness[144];
-        pliant_system_element(system, build->tangents, t, stiffness);
-        for (int32_t m = 0; m < space->num_modes; m++)
-            for (int i = 0; i < 12; i++) {
-                int32_t row = system->free_of_node[space->mesh.tets[4 * t + i / 3]];
-                for (int j = 0; row >= 0 && j < 12; j++) {
-                    int32_t column = system->free_of_node[space->mesh.tets[4 * t + j / 3]];
-                    if (column >= 0)
-                        build->image[n * (size_t)m + 3 * (size_t)row + (size_t)(i % 3)] +=
-                            stiffness[12 * i + j] * space->modes[n * (size_t)m + 3 * (size_t)column + (size_t)(j % 3)];
-                }
-            }
-    }
-    for (int32_t m = 0; m < space->num_modes; m++)
-        for (int32_t k = 0; k < space->num_modes; k++)
-            for (size_t i = 0; i < n; i++) build->image[n * (size_t)m + i] += space->far[k * space->num_modes + m] * space->outer[n * (size_t)k + i];
-    return PLIANT_OK;
-}
-
-static pliant_status reduce(space_builder *build)
-{
-    pliant_space *space = build->space;
-    size_t n = 3 * (size_t)space->system.num_free, own = 3 * (size_t)space->num_own, count = (size_t)space->num_modes;
-    if (own > 0 && !(space->part = pliant_calloc(own, sizeof *space->part))) return pliant_fail_memory("a patch");
-    if (count == 0) return PLIANT_OK;
-    pliant_status status = far_stiffness(build);
-    if (status == PLIANT_OK) status = images(build);
+    pliant_system *system = &build->space->system;
+    pliant_status status = pliant_preconditioner_within(build->space, system, &system->preconditioner);
     if (status != PLIANT_OK) return status;
-    space->amplitude = pliant_calloc(count, sizeof *space->amplitude);
-    space->schur = pliant_calloc(count * count, sizeof *space->schur);
-    if (own > 0) space->answers = pliant_calloc(own * count, sizeof *space->answers);
-    if (!space->amplitude || !space->schur || (own > 0 && !space->answers)) return pliant_fail_memory("a patch");
-    for (size_t m = 0; m < count; m++)
-        for (int32_t f = 0; f < space->num_own; f++)
-            memcpy(space->answers + own * m + 3 * f, build->image + n * m + 3 * space->own[f], 3 * sizeof(double));
-    for (size_t m = 0; m < count && own > 0 && status == PLIANT_OK; m++) {
-        memcpy(space->part, space->answers + own * m, own * sizeof *space->part);
-        status = pliant_factor_solve(space->factor, 1, space->part, space->part);
-        for (size_t k = 0; k < count; k++) space->schur[k * count + m] = -pliant_dot(own, space->answers + own * k, space->part);
-        /* the rows above are still those of Q for the columns to come: the answers are put in place below */
+    for (int twist = PLIANT_TWIST_EXACT; twist <= PLIANT_TWIST_POSITIVE; twist++) {
+        pliant_system_tangents(system, build->near_x, (pliant_twist)twist, build->tangents);
+        status = pliant_preconditioner_numeric(system->preconditioner, build->tangents);
+        if (status != PLIANT_ERROR_NUMERIC) break;
     }
-    for (size_t m = 0; m < count && own > 0 && status == PLIANT_OK; m++)
-        status = pliant_factor_solve(space->factor, 1, space->answers + own * m, space->answers + own * m);
-    if (status != PLIANT_OK) return status;
-    for (size_t k = 0; k < count; k++)
-        for (size_t m = 0; m <= k; m++) {
-            double whole = 0.5 * (pliant_dot(n, space->modes + n * k, build->image + n * m) + pliant_dot(n, space->modes + n * m, build->image + n * k));
-            space->schur[k * count + m] = 0.5 * (space->schur[k * count + m] + space->schur[m * count + k]) + whole;
-        }
-    if (pliant_dense_cholesky((int32_t)count, space->schur)) return PLIANT_OK;
-    return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness around the hold is not positive definite");
+    return status;
 }
 
 static void builder_clear(space_builder *build)
@@ -336,7 +251,6 @@ static void builder_clear(space_builder *build)
     pliant_free(build->is_own);
     pliant_free(build->near_x);
     pliant_free(build->tangents);
-    pliant_free(build->image);
     pliant_linearized_free(&build->near);
 }
 
@@ -349,12 +263,12 @@ pliant_status pliant_space_create(const pliant_system *fine, pliant_linearized *
     space_builder build = {.fine = fine, .linearized = linearized, .space = space, .num_footholds = num_footholds, .footholds = footholds};
     pliant_status status = near_mesh(&build, material, radius);
     if (status == PLIANT_OK) status = near_system(&build, fixed);
-    if (status == PLIANT_OK) status = own_factor(&build, radius);
+    if (status == PLIANT_OK) status = own_nodes(&build, radius);
     if (status == PLIANT_OK) status = orthonormal_modes(&build, num_blocks, blocks);
-    if (status == PLIANT_OK) status = reduce(&build);
+    if (status == PLIANT_OK) status = far_stiffness(&build);
+    if (status == PLIANT_OK) status = first_numbers(&build);
     space->system.num_threads = num_threads;
     space->system.space = space;
-    if (status == PLIANT_OK) status = pliant_preconditioner_within(space, &space->system, &space->system.preconditioner);
     builder_clear(&build);
     if (status != PLIANT_OK) {
         pliant_space_free(space);
@@ -364,14 +278,15 @@ pliant_status pliant_space_create(const pliant_system *fine, pliant_linearized *
     return PLIANT_OK;
 }
 
-size_t pliant_space_bytes(const pliant_space *space) { return pliant_factor_bytes(space->factor); }
-
 void pliant_space_free(pliant_space *space)
 {
     if (!space) return;
+    space->inner.gradients = NULL; /* the system's */
+    space->inner.lame = NULL;
+    pliant_system_clear(&space->inner);
     pliant_system_clear(&space->system);
     pliant_mesh_free(&space->mesh);
-    pliant_factor_free(space->factor);
+    pliant_factor_free(space->analyzed);
     pliant_free(space->fine_node);
     pliant_free(space->near_node);
     pliant_free(space->own);
@@ -379,9 +294,6 @@ void pliant_space_free(pliant_space *space)
     pliant_free(space->outer);
     pliant_free(space->whole);
     pliant_free(space->far);
-    pliant_free(space->answers);
-    pliant_free(space->schur);
     pliant_free(space->amplitude);
-    pliant_free(space->part);
     pliant_free(space);
 }

@@ -10,7 +10,8 @@
  *
  * What stands for the inverse stiffness is that of the space: with own rows p,
  *     K_pp a + Q_p q = r_p,   Q_p' a + E'Q q = E'r,   Q = (K_near + M A M') E
- * by a factor of K_pp and the Schur complement on q. */
+ * by a factor of K_pp and the Schur complement on q: the reduction, of K_near at one state, made anew as any factor is
+ * (refresh.c). */
 #ifndef PLIANT_FEM_SPACE_H
 #define PLIANT_FEM_SPACE_H
 
@@ -27,16 +28,25 @@ struct pliant_space {
     int32_t *near_node;       /* (fine nodes) or -1 */
     int32_t num_own;
     int32_t *own;             /* (num_own) unknowns of the system */
-    pliant_factor *factor;    /* of K_pp */
+    pliant_system inner;      /* the near elements with the own nodes as unknowns */
+    pliant_factor *analyzed;  /* of K_pp, symbolic; NULL: no own nodes */
     int32_t num_modes;
     double *modes;            /* E: (num_modes x 3 system.num_free) */
     double *outer;            /* M: the same, own rows zero */
     double *whole;            /* E on the fine mesh: (num_modes x 3 fine free nodes) */
     double *far;              /* A: (num_modes x num_modes) [N/m] */
+    double *amplitude;        /* (num_modes) room */
+};
+
+/* The numbers of one state. Used by one thread at a time. */
+typedef struct pliant_reduction {
+    pliant_factor *factor;    /* of K_pp */
+    double *values;           /* (inner.pattern.num_values) room */
+    double *image;            /* Q: (num_modes x 3 system.num_free) room */
     double *answers;          /* K_pp^-1 Q_p: (num_modes x 3 num_own) */
     double *schur;            /* (num_modes x num_modes) Cholesky factor */
     double *amplitude, *part; /* (num_modes), (3 num_own) room */
-};
+} pliant_reduction;
 
 /* Where tools hold. */
 typedef struct pliant_foothold {
@@ -58,10 +68,15 @@ pliant_status pliant_space_create(const pliant_system *fine, pliant_linearized *
                                   const uint8_t *fixed, double radius, int32_t num_footholds, const pliant_foothold *footholds,
                                   int32_t num_blocks, const double *const *blocks, int num_threads, pliant_space **out);
 void pliant_space_free(pliant_space *space); /* Nullable */
-size_t pliant_space_bytes(const pliant_space *space); /* beyond pliant_memory_in_use */
 
+/* Without numbers, or with those of another. Errors: MEMORY. */
+pliant_status pliant_reduction_create(const pliant_space *space, const pliant_reduction *from, pliant_reduction **out);
+void pliant_reduction_free(pliant_reduction *reduction); /* Nullable */
+/* At these tangents of the near elements. Errors: NUMERIC, MEMORY; the old numbers are gone then. */
+pliant_status pliant_reduction_numeric(const pliant_space *space, const pliant_tangent *tangents, pliant_reduction *reduction);
+double pliant_reduction_operations(const pliant_space *space); /* of that */
 /* out = (the space's stiffness)^-1 right, (3 system.num_free); may be the same. Errors: MEMORY. */
-pliant_status pliant_space_solve(pliant_space *space, const double *right, double *out);
+pliant_status pliant_reduction_solve(const pliant_space *space, pliant_reduction *reduction, const double *right, double *out);
 /* Add what lies beyond: x (3 mesh.num_nodes), forces (3 system.num_free) [N]. */
 void pliant_space_far_forces(pliant_space *space, const double *x, double *forces);
 /* Fine positions: base (3 fine nodes) and the displacement that x stands for. base and out may be the same. */

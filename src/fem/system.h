@@ -177,8 +177,8 @@ void pliant_factor_free(pliant_factor *factor);
 /* ---- preconditioner.c: what stands for the inverse of the stiffness matrix at one state: a factor, or a multigrid cycle.
  * Symmetric, positive definite, fixed between refreshes. One belongs to one thread at a time. */
 pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, pliant_preconditioner **out);
-/* within a space (space.h), at the state that it was made for; borrowed */
-pliant_status pliant_preconditioner_within(pliant_space *space, const pliant_system *system, pliant_preconditioner **out);
+/* within a space (space.h), which is borrowed; without numbers */
+pliant_status pliant_preconditioner_within(const pliant_space *space, const pliant_system *system, pliant_preconditioner **out);
 /* the same analysis and numbers, for another thread */
 pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads, pliant_preconditioner **out);
 /* at these tangents (num_blocks). Errors: NUMERIC, MEMORY; the old numbers are gone then. */
