@@ -50,53 +50,6 @@ template <class T> static pliant_status upload(pliant_cuda_tled *gpu, const T *h
     return PLIANT_OK;
 }
 
-/* Nodes in runs whose corners fill a block; corners by their place in the groups. group has room for num_nodes + 1. */
-static pliant_status make_groups(const pliant_tled_system *system, int32_t *group, int32_t *count)
-{
-    const int32_t nodes = system->mesh->num_nodes, *start = system->corner_start;
-    *count = 0;
-    for (int32_t n = 0; n < nodes;) {
-        if (start[n + 1] - start[n] > GPU_CORNERS)
-            return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU's tled takes nodes of at most %d tetrahedra; node %d has %d", (int)GPU_CORNERS, n,
-                               start[n + 1] - start[n]);
-        const int32_t first = n;
-        group[(*count)++] = first;
-        while (n < nodes && n - first < GPU_GROUP_NODES && start[n + 1] - start[first] <= GPU_CORNERS) n++;
-    }
-    group[*count] = nodes;
-    return PLIANT_OK;
-}
-
-static void sort_corners(const pliant_tled_system *system, const int32_t *group, int32_t count, int32_t *corner)
-{
-    for (int32_t g = 0; g < count; g++)
-        for (int32_t slot = 0; slot < GPU_CORNERS; slot++) {
-            const int32_t c = system->corner_start[group[g]] + slot, place = c < system->corner_start[group[g + 1]] ? system->corner[c] : -1;
-            const int32_t tet = place / (12 * LANES) * LANES + place % LANES, v = place / (3 * LANES) % 4;
-            corner[(size_t)g * GPU_CORNERS + (size_t)slot] = place < 0 ? -1 : 4 * tet + v;
-        }
-}
-
-static pliant_status upload_groups(pliant_cuda_tled *gpu)
-{
-    const pliant_tled_system *system = gpu->system;
-    const size_t nodes = (size_t)system->mesh->num_nodes;
-    int32_t *group = static_cast<int32_t *>(pliant_calloc(nodes + 1, sizeof *group)), *corner = NULL, count = 0;
-    pliant_status status = group ? make_groups(system, group, &count) : pliant_fail_memory("the groups of nodes");
-    if (status == PLIANT_OK) {
-        corner = static_cast<int32_t *>(pliant_calloc((size_t)count, GPU_CORNERS * sizeof *corner));
-        if (corner) sort_corners(system, group, count, corner);
-        else status = pliant_fail_memory("the corners by node");
-    }
-    gpu->gpu.num_groups = count;
-    if (status == PLIANT_OK) status = upload(gpu, group, (size_t)count + 1, &gpu->gpu.d_group);
-    if (status == PLIANT_OK) status = upload(gpu, corner, (size_t)count * GPU_CORNERS, &gpu->gpu.d_corner);
-    if (status == PLIANT_OK) status = upload(gpu, system->corner_start, nodes + 1, &gpu->gpu.d_corner_start);
-    pliant_free(group);
-    pliant_free(corner);
-    return status;
-}
-
 static pliant_status upload_elements(pliant_cuda_tled *gpu, const pliant_tled *tled)
 {
     const pliant_tled_system *system = gpu->system;
@@ -129,7 +82,7 @@ static pliant_status allocate_state(pliant_cuda_tled *gpu)
 {
     gpu_tled *it = &gpu->gpu;
     const size_t nodes = (size_t)it->num_nodes, memory = 8 * (size_t)it->num_prony * (size_t)it->num_tets;
-    const size_t blocks = (size_t)std::max(it->num_groups, (it->num_nodes + GPU_CORNERS - 1) / GPU_CORNERS);
+    const size_t blocks = (size_t)std::max(it->num_groups, (it->num_nodes + GPU_THREADS - 1) / GPU_THREADS);
     for (int b = 0; b < 2; b++) {
         CUDA_TRY(allocate(gpu, 4 * nodes, &it->d_u[b]));
         if (it->viscous) CUDA_TRY(allocate(gpu, memory, &it->d_memory[b]));
@@ -176,7 +129,7 @@ static pliant_status fill(pliant_cuda_tled *gpu, const pliant_tled *tled)
     memcpy(it->walls, system->walls, sizeof it->walls);
     it->friction = system->friction;
     it->restitution = system->restitution;
-    CUDA_TRY(upload_groups(gpu));
+    CUDA_TRY(pliant_cuda_tled_groups(system, it, gpu->stream));
     CUDA_TRY(upload_elements(gpu, tled));
     CUDA_TRY(upload(gpu, system->mesh->rest, 3 * nodes, &it->d_rest));
     if (it->nodal) {
@@ -229,7 +182,7 @@ extern "C" void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
     for (void *block : gpu->locked)
         if (block) cudaHostUnregister(block);
     gpu_tled *it = &gpu->gpu;
-    const void *blocks[] = {it->d_group, it->d_corner_start, it->d_corner, it->d_tets, it->d_nodes, it->d_rest, it->d_node_modulus,
+    const void *blocks[] = {it->d_group, it->d_order, it->d_element, it->d_corner_start, it->d_corner, it->d_tets, it->d_nodes, it->d_rest, it->d_node_modulus,
                             it->d_node_volume, it->d_pressure, it->d_u[0], it->d_u[1], it->d_d, it->d_acceleration, it->d_own, it->d_memory[0],
                             it->d_memory[1], it->d_sums, it->d_positions, it->d_packed_u, it->d_packed_memory, gpu->d_exchange};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));

@@ -1,4 +1,4 @@
-/* One element's force on one of its corners: the lines of src/fem/stress.h around those of src/fem/tled_elements.c. */
+/* One element's forces on its corners: the lines of src/fem/stress.h around those of src/fem/tled_elements.c. */
 #ifndef PLIANT_CUDA_TLED_FORCES_CUH
 #define PLIANT_CUDA_TLED_FORCES_CUH
 
@@ -32,7 +32,7 @@ static __device__ __forceinline__ void load_gradient(const double *d_u, const gp
             h[3 * r + c] = apart[r] * tet.gradient[c] + apart[3 + r] * tet.gradient[3 + c] + apart[6 + r] * tet.gradient[6 + c];
 }
 
-/* What has relaxed after this sub-step; the thread of corner 0 keeps it, the others of the element only work it out. */
+/* What has relaxed after this sub-step; one of the element's groups keeps it, the others only work it out. */
 static __device__ __forceinline__ void relax(const gpu_tled &tled, int from, int32_t tet, bool keeps, const float h[9], const float cofactor[9], float p[9])
 {
     float s[6], relaxed[6] = {0, 0, 0, 0, 0, 0};
@@ -53,9 +53,9 @@ static __device__ __forceinline__ void relax(const gpu_tled &tled, int from, int
 }
 
 template <int LAW, bool VISCOUS, bool NODAL>
-static __device__ __forceinline__ void corner_force(const gpu_tled &tled, int from, int from_memory, int32_t corner, const gpu_tet &tet, float out[3])
+static __device__ __forceinline__ void element_forces(const gpu_tled &tled, int from, int from_memory, int32_t element, const gpu_tet &tet,
+                                                      float (*out)[GPU_THREADS])
 {
-    const int v = corner & 3;
     float h[9], p[9], cofactor[9], volume[9], pressure = 0;
     load_gradient(tled.d_u[from], tet, h);
     if (NODAL) {
@@ -75,12 +75,15 @@ static __device__ __forceinline__ void corner_force(const gpu_tled &tled, int fr
         if (NODAL) factor = pressure;
         for (int m = 0; m < 9; m++) volume[m] = factor * cofactor[m];
     }
-    if (VISCOUS) relax(tled, from_memory, corner >> 2, v == 0, h, cofactor, p);
+    if (VISCOUS) relax(tled, from_memory, element >> 1, element & 1, h, cofactor, p);
     for (int r = 0; r < 3; r++) {
         const float x = p[3 * r] + volume[3 * r], y = p[3 * r + 1] + volume[3 * r + 1], z = p[3 * r + 2] + volume[3 * r + 2];
         const float *g = tet.gradient;
         const float first = x * g[0] + y * g[1] + z * g[2], second = x * g[3] + y * g[4] + z * g[5], third = x * g[6] + y * g[7] + z * g[8];
-        out[r] = v == 0 ? -(first + second + third) : v == 1 ? first : v == 2 ? second : third;
+        out[r][threadIdx.x] = -(first + second + third);
+        out[3 + r][threadIdx.x] = first;
+        out[6 + r][threadIdx.x] = second;
+        out[9 + r][threadIdx.x] = third;
     }
 }
 

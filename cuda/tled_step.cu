@@ -14,7 +14,7 @@ static __device__ __forceinline__ bool is_idle(const gpu_tled &tled, int32_t ste
 }
 
 /* Sums of three numbers of all threads, in a tree; to d_sums. scratch: (3 x warps). */
-static __device__ void add_up(double *d_sums, const int slot[3], const double numbers[3], double (*scratch)[GPU_CORNERS / 32])
+static __device__ void add_up(double *d_sums, const int slot[3], const double numbers[3], double (*scratch)[GPU_THREADS / 32])
 {
     const int lane = (int)threadIdx.x % 32, warp = (int)threadIdx.x / 32;
     for (int s = 0; s < 3; s++) {
@@ -25,7 +25,7 @@ static __device__ void add_up(double *d_sums, const int slot[3], const double nu
     __syncthreads();
     if (threadIdx.x >= 3) return;
     double sum = 0;
-    for (int w = 0; w < GPU_CORNERS / 32; w++) sum += scratch[threadIdx.x][w];
+    for (int w = 0; w < GPU_THREADS / 32; w++) sum += scratch[threadIdx.x][w];
     d_sums[(size_t)blockIdx.x * PLIANT_NUM_SUMS + slot[threadIdx.x]] = sum;
 }
 
@@ -33,7 +33,7 @@ static __device__ void add_up(double *d_sums, const int slot[3], const double nu
 static __device__ double total_of(const double *d_sums, int32_t blocks, int slot, double *scratch)
 {
     double sum = 0;
-    for (int32_t b = (int32_t)threadIdx.x; b < blocks; b += GPU_CORNERS) sum += __ldcg(d_sums + (size_t)b * PLIANT_NUM_SUMS + slot);
+    for (int32_t b = (int32_t)threadIdx.x; b < blocks; b += GPU_THREADS) sum += __ldcg(d_sums + (size_t)b * PLIANT_NUM_SUMS + slot);
     return block_sum(sum, scratch);
 }
 
@@ -58,7 +58,7 @@ static __device__ void choose_damping(const gpu_tled &tled, double *scratch)
 /* Three threads move a node, one for each component; ten nodes a warp. What they need is asked for before the forces are there. */
 struct component {
     bool moves;                /* it is there, and not fixed */
-    int32_t n, begin, end;     /* node; its corners in the group */
+    int32_t n, begin, end;     /* node; its corners in d_corner */
     int k;
     gpu_node node;
     double u, d, gravity, factor, kept;
@@ -70,9 +70,10 @@ static __device__ __forceinline__ component load_component(const gpu_tled &tled,
     const int lane = (int)threadIdx.x % 32;
     const int32_t j = (int32_t)threadIdx.x / 32 * 10 + lane / 3;
     if (lane >= 30 || j >= count) return out;
-    out.n = first + j;
+    out.n = tled.d_order[first + j];
     out.k = lane % 3;
-    const int32_t start = tled.d_corner_start[first];
+    out.begin = tled.d_corner_start[first + j];
+    out.end = tled.d_corner_start[first + j + 1];
     const double2 *from = reinterpret_cast<const double2 *>(tled.d_nodes + out.n);
     const double2 masses = from[0], others = from[1];
     out.node.inverse_mass = masses.x, out.node.mass = masses.y, out.node.limit = others.x, out.node.held = others.y;
@@ -83,8 +84,6 @@ static __device__ __forceinline__ component load_component(const gpu_tled &tled,
     out.gravity = tled.d_frame->gravity[out.k];
     out.factor = tled.d_frame->factor;
     out.kept = tled.d_frame->kept;
-    out.begin = tled.d_corner_start[out.n] - start;
-    out.end = tled.d_corner_start[out.n + 1] - start;
     return out;
 }
 
@@ -135,28 +134,27 @@ static __device__ __forceinline__ void keep_component(const gpu_tled &tled, cons
     tled.d_own[place] = tled.d_acceleration[place] = acceleration;
 }
 
-template <int LAW, bool VISCOUS, bool NODAL> __global__ void __launch_bounds__(GPU_CORNERS) substep_kernel(const gpu_tled tled, int32_t number)
+template <int LAW, bool VISCOUS, bool NODAL> __global__ void __launch_bounds__(GPU_THREADS) substep_kernel(const gpu_tled tled, int32_t number)
 {
-    __shared__ float force[3][GPU_CORNERS + 11]; /* so that components lie in different banks */
-    __shared__ double scratch[3][GPU_CORNERS / 32];
-    const int32_t step = tled.d_outcome->base + number, corner = tled.d_corner[(size_t)blockIdx.x * GPU_CORNERS + threadIdx.x];
+    __shared__ float force[12][GPU_THREADS];
+    __shared__ double scratch[3][GPU_THREADS / 32];
+    const int32_t step = tled.d_outcome->base + number, element = tled.d_element[(size_t)blockIdx.x * GPU_THREADS + threadIdx.x];
     const int32_t first = tled.d_group[blockIdx.x], count = tled.d_group[blockIdx.x + 1] - first;
     const int from = tled.still ? 0 : number & 1;
     if ((VISCOUS || tled.still) && is_idle(tled, step)) return;
     gpu_tet tet;
-    if (corner >= 0) tet = load_tet(tled.d_tets, corner >> 2); /* first, since the most follows from it */
+    if (element >= 0) tet = load_tet(tled.d_tets, element >> 1); /* first, since the most follows from it */
     double *d_next = tled.d_u[1 - from];
     const int32_t substeps = tled.d_frame->substeps;
     const component at = load_component(tled, first, count, tled.d_u[from], d_next);
-    if (corner >= 0) {
-        float out[3];
-        corner_force<LAW, VISCOUS, NODAL>(tled, from, number & 1, corner, tet, out);
-        for (int k = 0; k < 3; k++) force[k][threadIdx.x] = out[k];
-    }
+    if (element >= 0) element_forces<LAW, VISCOUS, NODAL>(tled, from, number & 1, element, tet, force);
     __syncthreads();
     if (step >= substeps) return; /* only here, so that nothing before waits to know */
     double sum = 0;
-    for (int32_t c = at.begin; c < at.end; c++) sum += force[at.k][c];
+    for (int32_t c = at.begin; c < at.end; c++) {
+        const int32_t place = __ldg(tled.d_corner + c);
+        sum += force[place / GPU_THREADS * 3 + at.k][place % GPU_THREADS];
+    }
     const double weight = at.node.mass * at.gravity;
     double acceleration = at.node.inverse_mass * (weight - sum), sums[3] = {at.node.inverse_mass * weight * weight, 0, 0};
     if (tled.still) {
@@ -174,7 +172,7 @@ template <int LAW, bool VISCOUS, bool NODAL> __global__ void __launch_bounds__(G
 }
 
 /* The tools, after all nodes were moved; one block. */
-__global__ void __launch_bounds__(GPU_CORNERS) pull_kernel(const gpu_tled tled, int32_t number)
+__global__ void __launch_bounds__(GPU_THREADS) pull_kernel(const gpu_tled tled, int32_t number)
 {
     __shared__ gpu_tool_work work;
     const int32_t step = tled.d_outcome->base + number, left = tled.d_frame->substeps - step;
@@ -192,7 +190,7 @@ static __device__ __forceinline__ void store_u(double *d_u, int32_t n, const dou
 }
 
 /* Dynamic relaxation, after the forces: all nodes, then those that tools hold; then whether it has settled. */
-__global__ void __launch_bounds__(GPU_CORNERS) relax_kernel(const gpu_tled tled, int32_t number)
+__global__ void __launch_bounds__(GPU_THREADS) relax_kernel(const gpu_tled tled, int32_t number)
 {
     __shared__ gpu_tool_work work;
     gpu_outcome *outcome = tled.d_outcome;
@@ -234,22 +232,22 @@ __global__ void __launch_bounds__(GPU_CORNERS) relax_kernel(const gpu_tled tled,
 }
 
 /* Average nodal pressure: pliant_tled_pressures. */
-__global__ void __launch_bounds__(GPU_CORNERS) pressure_kernel(const gpu_tled tled, int32_t number)
+__global__ void __launch_bounds__(GPU_THREADS) pressure_kernel(const gpu_tled tled, int32_t number)
 {
-    __shared__ float change[GPU_CORNERS];
-    const int32_t corner = tled.d_corner[(size_t)blockIdx.x * GPU_CORNERS + threadIdx.x];
-    const int32_t first = tled.d_group[blockIdx.x], n = first + (int32_t)threadIdx.x;
-    if (corner >= 0) {
-        const gpu_tet tet = load_tet(tled.d_tets, corner >> 2);
+    __shared__ float change[GPU_THREADS];
+    const int32_t element = tled.d_element[(size_t)blockIdx.x * GPU_THREADS + threadIdx.x], first = tled.d_group[blockIdx.x];
+    if (element >= 0) {
+        const gpu_tet tet = load_tet(tled.d_tets, element >> 1);
         float h[9], cofactor[9];
         load_gradient(tled.d_u[tled.still ? 0 : number & 1], tet, h);
         change[threadIdx.x] = tet.volume * pliant_change_of(h, cofactor);
     }
     __syncthreads();
-    if (n >= tled.d_group[blockIdx.x + 1]) return;
-    const int32_t start = tled.d_corner_start[first];
+    const int32_t j = first + (int32_t)threadIdx.x;
+    if (j >= tled.d_group[blockIdx.x + 1]) return;
+    const int32_t n = tled.d_order[j];
     double sum = 0;
-    for (int32_t c = tled.d_corner_start[n] - start; c < tled.d_corner_start[n + 1] - start; c++) sum += change[c];
+    for (int32_t c = tled.d_corner_start[j]; c < tled.d_corner_start[j + 1]; c++) sum += change[__ldg(tled.d_corner + c) % GPU_THREADS];
     const float mean = (float)(0.25 * sum) * tled.d_node_volume[n];
     tled.d_pressure[n] = tled.d_node_modulus[n] * pliant_law_float_volume(tled.law, mean);
 }
@@ -264,7 +262,7 @@ static __device__ size_t host_place(int32_t tet, int term, int m)
 
 __global__ void finish_kernel(const gpu_tled tled)
 {
-    __shared__ double scratch[GPU_CORNERS / 32];
+    __shared__ double scratch[GPU_THREADS / 32];
     gpu_outcome *outcome = tled.d_outcome;
     const int32_t steps = tled.still ? outcome->steps : tled.d_frame->substeps, threads = (int32_t)(gridDim.x * blockDim.x);
     const int from = tled.still ? 0 : steps & 1, from_memory = steps & 1;
@@ -318,22 +316,22 @@ __global__ void hold_kernel(gpu_node *d_nodes, const int32_t *d_held_node, int32
 
 /* ---- launches */
 
-static unsigned blocks_for(int32_t count) { return (unsigned)((count + GPU_CORNERS - 1) / GPU_CORNERS); }
+static unsigned blocks_for(int32_t count) { return (unsigned)((count + GPU_THREADS - 1) / GPU_THREADS); }
 
 template <int LAW> static void launch(const gpu_tled *tled, int32_t number, cudaStream_t stream)
 {
     const unsigned groups = (unsigned)tled->num_groups;
     const bool nodal = tled->nodal && LAW != PLIANT_LAW_SAINT_VENANT_KIRCHHOFF;
-    if (tled->viscous && nodal) substep_kernel<LAW, true, LAW != PLIANT_LAW_SAINT_VENANT_KIRCHHOFF><<<groups, GPU_CORNERS, 0, stream>>>(*tled, number);
-    else if (tled->viscous) substep_kernel<LAW, true, false><<<groups, GPU_CORNERS, 0, stream>>>(*tled, number);
-    else if (nodal) substep_kernel<LAW, false, LAW != PLIANT_LAW_SAINT_VENANT_KIRCHHOFF><<<groups, GPU_CORNERS, 0, stream>>>(*tled, number);
-    else substep_kernel<LAW, false, false><<<groups, GPU_CORNERS, 0, stream>>>(*tled, number);
+    if (tled->viscous && nodal) substep_kernel<LAW, true, LAW != PLIANT_LAW_SAINT_VENANT_KIRCHHOFF><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
+    else if (tled->viscous) substep_kernel<LAW, true, false><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
+    else if (nodal) substep_kernel<LAW, false, LAW != PLIANT_LAW_SAINT_VENANT_KIRCHHOFF><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
+    else substep_kernel<LAW, false, false><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
 }
 
 extern "C" pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t number, bool pulled, cudaStream_t stream)
 {
     if (tled->nodal) {
-        pressure_kernel<<<(unsigned)tled->num_groups, GPU_CORNERS, 0, stream>>>(*tled, number);
+        pressure_kernel<<<(unsigned)tled->num_groups, GPU_THREADS, 0, stream>>>(*tled, number);
         CUDA_TRY(CUDA_LAUNCHED("the nodal pressures"));
     }
     switch (tled->law) {
@@ -343,11 +341,11 @@ extern "C" pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t 
     }
     CUDA_TRY(CUDA_LAUNCHED("a sub-step"));
     if (!tled->still && pulled) {
-        pull_kernel<<<1, GPU_CORNERS, 0, stream>>>(*tled, number);
+        pull_kernel<<<1, GPU_THREADS, 0, stream>>>(*tled, number);
         return CUDA_LAUNCHED("the tools");
     }
     if (!tled->still) return PLIANT_OK;
-    relax_kernel<<<blocks_for(tled->num_nodes), GPU_CORNERS, 0, stream>>>(*tled, number);
+    relax_kernel<<<blocks_for(tled->num_nodes), GPU_THREADS, 0, stream>>>(*tled, number);
     return CUDA_LAUNCHED("dynamic relaxation");
 }
 
@@ -359,21 +357,21 @@ extern "C" pliant_status pliant_cuda_tled_bump(const gpu_tled *tled, int32_t ste
 
 extern "C" pliant_status pliant_cuda_tled_finish(const gpu_tled *tled, cudaStream_t stream)
 {
-    finish_kernel<<<blocks_for(tled->viscous ? tled->num_tets : tled->num_nodes), GPU_CORNERS, 0, stream>>>(*tled);
+    finish_kernel<<<blocks_for(tled->viscous ? tled->num_tets : tled->num_nodes), GPU_THREADS, 0, stream>>>(*tled);
     return CUDA_LAUNCHED("the end of a frame");
 }
 
 extern "C" pliant_status pliant_cuda_tled_unpack(const gpu_tled *tled, cudaStream_t stream)
 {
-    unpack_kernel<<<blocks_for(tled->viscous ? tled->num_tets : tled->num_nodes), GPU_CORNERS, 0, stream>>>(*tled);
+    unpack_kernel<<<blocks_for(tled->viscous ? tled->num_tets : tled->num_nodes), GPU_THREADS, 0, stream>>>(*tled);
     return CUDA_LAUNCHED("the state of the dynamics");
 }
 
 extern "C" pliant_status pliant_cuda_tled_hold(const gpu_tled *tled, int32_t num_held, cudaStream_t stream)
 {
-    release_kernel<<<blocks_for(tled->num_nodes), GPU_CORNERS, 0, stream>>>(tled->d_nodes, tled->num_nodes);
+    release_kernel<<<blocks_for(tled->num_nodes), GPU_THREADS, 0, stream>>>(tled->d_nodes, tled->num_nodes);
     CUDA_TRY(CUDA_LAUNCHED("the held nodes"));
     if (num_held == 0) return PLIANT_OK;
-    hold_kernel<<<blocks_for(num_held), GPU_CORNERS, 0, stream>>>(tled->d_nodes, tled->d_held_node, num_held);
+    hold_kernel<<<blocks_for(num_held), GPU_THREADS, 0, stream>>>(tled->d_nodes, tled->d_held_node, num_held);
     return CUDA_LAUNCHED("the held nodes");
 }

@@ -4,7 +4,7 @@
 
 #include "tled_state.h"
 
-/* Sum over a block, in a tree: the same for all threads. scratch: (GPU_CORNERS / 32). */
+/* Sum over a block, in a tree: the same for all threads. scratch: (GPU_THREADS / 32). */
 static __device__ double block_sum(double value, double *scratch)
 {
     const int warp = (int)threadIdx.x / 32, lane = (int)threadIdx.x % 32;
@@ -13,7 +13,7 @@ static __device__ double block_sum(double value, double *scratch)
     if (lane == 0) scratch[warp] = value;
     __syncthreads();
     value = 0;
-    for (int w = 0; w < GPU_CORNERS / 32; w++) value += scratch[w];
+    for (int w = 0; w < GPU_THREADS / 32; w++) value += scratch[w];
     return value;
 }
 
@@ -79,10 +79,10 @@ static __device__ __forceinline__ bool settle(const gpu_tled &tled, int32_t n, c
 /* ---- tools, by all threads of one block */
 
 typedef struct gpu_tool_work {
-    double tile[6][GPU_CORNERS], point[6]; /* held point now, and before this sub-step */
+    double tile[6][GPU_THREADS], point[6]; /* held point now, and before this sub-step */
     double matrix[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS], force[PLIANT_MAX_TOOLS][3];
     int32_t pulls[PLIANT_MAX_TOOLS]; /* tools that pull at a point */
-    double scratch[GPU_CORNERS / 32];
+    double scratch[GPU_THREADS / 32];
     gpu_frame frame;           /* a copy: what is asked for one after the other comes at once */
 } gpu_tool_work;
 
@@ -90,8 +90,8 @@ typedef struct gpu_tool_work {
 static __device__ void held_point(const gpu_tled &tled, const gpu_hold &hold, const double *d_u, gpu_tool_work *work)
 {
     double sum = 0;
-    for (int32_t first = 0; first < hold.count; first += GPU_CORNERS) {
-        const int32_t h = first + (int32_t)threadIdx.x, end = min(hold.count - first, (int32_t)GPU_CORNERS);
+    for (int32_t first = 0; first < hold.count; first += GPU_THREADS) {
+        const int32_t h = first + (int32_t)threadIdx.x, end = min(hold.count - first, (int32_t)GPU_THREADS);
         if (h < hold.count) {
             const size_t node = (size_t)tled.d_tool_node[hold.first + h];
             const double weight = tled.d_tool_weight[hold.first + h];
@@ -112,7 +112,7 @@ static __device__ void held_point(const gpu_tled &tled, const gpu_hold &hold, co
 
 static __device__ void push(const gpu_tled &tled, const gpu_hold &hold, const double force[3], double factor, double *d_u)
 {
-    for (int32_t h = (int32_t)threadIdx.x; h < hold.count; h += GPU_CORNERS) {
+    for (int32_t h = (int32_t)threadIdx.x; h < hold.count; h += GPU_THREADS) {
         const size_t node = (size_t)tled.d_tool_node[hold.first + h];
         const double answer = tled.d_nodes[node].inverse_mass * tled.d_tool_weight[hold.first + h];
         for (int k = 0; k < 3; k++) {
@@ -228,11 +228,11 @@ static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, dou
     double sum = 0;
     bool unsound = false;
     const double *from = reinterpret_cast<const double *>(tled.d_frame);
-    for (size_t m = threadIdx.x; m < sizeof(gpu_frame) / sizeof *from; m += GPU_CORNERS) reinterpret_cast<double *>(&work->frame)[m] = from[m];
+    for (size_t m = threadIdx.x; m < sizeof(gpu_frame) / sizeof *from; m += GPU_THREADS) reinterpret_cast<double *>(&work->frame)[m] = from[m];
     __syncthreads();
     pull(tled, factor, parts, d_u, work);
     __syncthreads();
-    for (int32_t h = (int32_t)threadIdx.x; h < work->frame.num_held; h += GPU_CORNERS) {
+    for (int32_t h = (int32_t)threadIdx.x; h < work->frame.num_held; h += GPU_THREADS) {
         const int32_t n = tled.d_held_node[h];
         const gpu_node node = tled.d_nodes[n];
         if (node.inverse_mass == 0) continue;
