@@ -111,7 +111,8 @@ TEST(Lod, TurnsFreely)
     Eigen::Matrix<double, 3, 3, Eigen::RowMajor> turn = Eigen::AngleAxisd(3.1, Eigen::Vector3d(2, -1, 1).normalized()).toRotationMatrix();
     const double b[3] = {5, -3, 2}, stretch[9] = {1.01, 0, 0, 0, 1, 0, 0, 0, 1};
     const pliant_mesh &fine = body.model->fine;
-    std::vector<double> coarse = affine(*body.model->system->mesh, turn.data(), b), up(3 * fine.num_nodes), expected = affine(fine, turn.data(), b);
+    std::vector<double> coarse = affine(*body.model->system->mesh, turn.data(), b), expected = affine(fine, turn.data(), b);
+    std::vector<double> up(3 * fine.num_nodes);
     EXPECT_LT(largest(body.elastic_force(coarse)), 1e-9 * largest(body.elastic_force(affine(*body.model->system->mesh, stretch, b))));
     pliant_upsample_positions(body.model->system, coarse.data(), up.data());
     for (int32_t n = 0; n < 3 * fine.num_nodes; n++)

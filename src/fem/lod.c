@@ -7,12 +7,20 @@
 #include <stdio.h>
 #include <string.h>
 
+static void place_of(const int32_t cells[3], int32_t cell, int32_t out[3])
+{
+    out[0] = cell % cells[0];
+    out[1] = cell / cells[0] % cells[1];
+    out[2] = cell / cells[0] / cells[1];
+}
+
 /* ---- what the parts ask for */
 
 void lod_patch(const lod_builder *lod, int32_t cube, int32_t low[3], int32_t high[3])
 {
     const int32_t *cells = lod->system->mesh->cells;
-    int32_t cell = lod->cell[cube], at[3] = {cell % cells[0], cell / cells[0] % cells[1], cell / cells[0] / cells[1]};
+    int32_t at[3];
+    place_of(cells, lod->cell[cube], at);
     for (int d = 0; d < 3; d++) {
         low[d] = at[d] > lod->layers ? at[d] - lod->layers : 0;
         high[d] = at[d] + lod->layers < cells[d] ? at[d] + lod->layers : cells[d] - 1;
@@ -73,7 +81,8 @@ void lod_room_free(lod_room *room)
 
 /* ---- grounded cubes */
 
-pliant_status pliant_lod_ground(pliant_system *system, const uint8_t *fine_fixed, const uint8_t *coarse_fixed, const int32_t *coarse_of_fine)
+pliant_status pliant_lod_ground(pliant_system *system, const uint8_t *fine_fixed, const uint8_t *coarse_fixed,
+                                const int32_t *coarse_of_fine)
 {
     const pliant_mesh *fine = system->fine, *coarse = system->mesh;
     pliant_status status = pliant_upsample_linear(system, coarse_of_fine);
@@ -114,8 +123,9 @@ static void find_own(lod_builder *lod)
     memset(lod->own, 0xff, 8 * (size_t)lod->count * sizeof *lod->own);
     for (int32_t v = 0; v < 4 * coarse->num_tets; v++) {
         int32_t cell = coarse->lattice_of_tet[v / 4] / 5, node = coarse->tets[v], at = coarse->lattice_of_node[node];
-        int32_t cube = lod->cube_of_cell[cell], i = at % nx - cell % coarse->cells[0], j = at / nx % ny - cell / coarse->cells[0] % coarse->cells[1];
-        int32_t k = at / nx / ny - cell / coarse->cells[0] / coarse->cells[1];
+        int32_t cube = lod->cube_of_cell[cell], of_cell[3];
+        place_of(coarse->cells, cell, of_cell);
+        int32_t i = at % nx - of_cell[0], j = at / nx % ny - of_cell[1], k = at / nx / ny - of_cell[2];
         lod->own[8 * cube + i + 2 * j + 4 * k] = node;
         lod->grounded[cube] |= lod->system->grounded[v / 4];
     }
@@ -131,7 +141,8 @@ static pliant_status list_cubes(lod_builder *lod)
     for (int32_t t = 0; t < fine->num_tets; t++) lod->cube_of_cell[cell_of_tet(lod, t)]++;
     for (int32_t c = 0; c < cells; c++) lod->count += lod->cube_of_cell[c] > 0;
     size_t count = (size_t)lod->count;
-    bool good = (lod->cell = pliant_calloc(count, sizeof *lod->cell)) && (lod->tet_start = pliant_calloc(count + 2, sizeof *lod->tet_start)) &&
+    bool good = (lod->cell = pliant_calloc(count, sizeof *lod->cell)) &&
+                (lod->tet_start = pliant_calloc(count + 2, sizeof *lod->tet_start)) &&
                 (lod->own = pliant_calloc(count, 8 * sizeof *lod->own)) && (lod->grounded = pliant_calloc(count, sizeof *lod->grounded)) &&
                 (lod->patch_nodes = pliant_calloc(count, sizeof *lod->patch_nodes)) &&
                 (lod->patch_means = pliant_calloc(count, sizeof *lod->patch_means)) &&
@@ -153,20 +164,22 @@ static pliant_status list_cubes(lod_builder *lod)
 static pliant_status measure_fine(lod_builder *lod)
 {
     const pliant_mesh *fine = lod->system->fine, *coarse = lod->system->mesh;
+    const double massless = 1e-3; /* what has no mass counts a little all the same [kg/m^3] */
     size_t count = (size_t)fine->num_nodes;
-    lod->volume = pliant_calloc(count, sizeof *lod->volume);
+    lod->mass = pliant_calloc(count, sizeof *lod->mass);
     lod->reach = pliant_calloc(count, 6 * sizeof *lod->reach);
-    if (!lod->volume || !lod->reach) return pliant_fail_memory("the fine nodes");
+    if (!lod->mass || !lod->reach) return pliant_fail_memory("the fine nodes");
     for (size_t n = 0; n < count; n++) memset(lod->reach + 6 * n, 0xff, 3);
     for (int32_t t = 0; t < fine->num_tets; t++) {
         const int32_t *nodes = fine->tets + 4 * t;
         double gradients[12];
         double volume = pliant_tet_gradients(fine->rest + 3 * nodes[0], fine->rest + 3 * nodes[1], fine->rest + 3 * nodes[2],
                                              fine->rest + 3 * nodes[3], gradients);
-        int32_t cell = cell_of_tet(lod, t), at[3] = {cell % coarse->cells[0], cell / coarse->cells[0] % coarse->cells[1], cell / coarse->cells[0] / coarse->cells[1]};
+        int32_t at[3];
+        place_of(coarse->cells, cell_of_tet(lod, t), at);
         for (int v = 0; v < 4; v++) {
             uint8_t *reach = lod->reach + 6 * (size_t)nodes[v];
-            lod->volume[nodes[v]] += 0.25 * volume * lod->material[t].density;
+            lod->mass[nodes[v]] += 0.25 * volume * (lod->material[t].density + massless);
             for (int d = 0; d < 3; d++) { /* at most 256 cells along an axis */
                 if (at[d] < reach[d]) reach[d] = (uint8_t)at[d];
                 if (at[d] > reach[3 + d]) reach[3 + d] = (uint8_t)at[d];
@@ -251,8 +264,8 @@ static pliant_status check_cost(const lod_builder *lod, const pliant_scene *scen
         for (int32_t ratio = 1; ratio < lod->ratio; ratio++)
             if (fits(cost_of(lod, ratio, lod->layers), scene)) snprintf(instead, sizeof instead, "mesh/ratio %d", ratio);
     }
-    return pliant_fail(PLIANT_ERROR_SCENE, "lod: preparing %d cubes would take about %.0f s and %.0f MiB, model/lod_seconds and model/lod_memory "
-                                           "allow %g and %g; %s would fit", lod->count, ceil(cost.seconds), ceil(cost.mib),
+    return pliant_fail(PLIANT_ERROR_SCENE, "lod: preparing %d cubes would take about %.0f s and %.0f MiB, model/lod_seconds and "
+                                           "model/lod_memory allow %g and %g; %s would fit", lod->count, ceil(cost.seconds), ceil(cost.mib),
                        scene->model.lod_seconds, scene->model.lod_memory, instead);
 }
 
@@ -298,7 +311,7 @@ static void builder_free(lod_builder *lod)
         pliant_free(lod->correctors[cube].value);
     }
     void *blocks[] = {lod->cell, lod->cube_of_cell, lod->tet_start, lod->tets, lod->own, lod->grounded, lod->patch_nodes, lod->patch_means,
-                      lod->values, lod->volume, lod->reach, lod->correctors};
+                      lod->values, lod->mass, lod->reach, lod->correctors};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_system_clear(&lod->whole);
 }

@@ -3,8 +3,8 @@
  * P: linear interpolation of the coarse nodes. For each coarse cube C and the 24 columns of its nodes, the corrector
  *     Q_C = argmin  a(Q, Q) / 2 - a_C(P, Q)
  * over fields that are zero on fixed fine nodes and outside of the cubes within k of C, and whose weighted means
- * sum_i m_i lambda_j(x_i) Q_i vanish for every free coarse node j (m_i: volume of the fine node). Then N = P - sum of Q_C, and a
- * cube's macro-element is K = (N|_C)' K_C (N|_C) on the nodes of the cubes within k.
+ * sum_i m_i lambda_j(x_i) Q_i vanish for every free coarse node j (m_i: mass of the fine node, so that gravity does no work on
+ * them). Then N = P - sum of Q_C, and a cube's macro-element is K = (N|_C)' K_C (N|_C) on the nodes of the cubes within k.
  *
  * A cube with a fixed fine node that leans on a free coarse one is grounded: its P is zero on fixed nodes, so that N is, and it
  * keeps R = I (NUMERICS 7.1). Other cubes feel its corrector by how far its nodes have moved from rest. */
@@ -40,7 +40,7 @@ typedef struct lod_builder {
     /* the fine mesh */
     pliant_system whole;   /* its free nodes, pattern; elements only while that is assembled */
     double *values;        /* its matrix at rest, by whole.pattern */
-    double *volume;        /* (fine nodes) a fourth of the tetrahedra around [m^3] */
+    double *mass;          /* (fine nodes) a fourth of the tetrahedra around [kg] */
     double support;        /* stiffness that keeps corners of grounded cubes that move nothing in place [N/m] */
     uint8_t *reach;        /* (fine nodes x 6) lowest and highest coarse cell of the tetrahedra around, by axis */
     lod_corrector *correctors; /* (count) */
@@ -77,7 +77,8 @@ pliant_status lod_macro(lod_builder *lod, lod_room *room, int32_t cube);
 
 /* ---- lod.c */
 /* system->upsample (P), and system->grounded by the tetrahedra of the coarse mesh. Errors: MEMORY. */
-pliant_status pliant_lod_ground(pliant_system *system, const uint8_t *fine_fixed, const uint8_t *coarse_fixed, const int32_t *coarse_of_fine);
+pliant_status pliant_lod_ground(pliant_system *system, const uint8_t *fine_fixed, const uint8_t *coarse_fixed,
+                                const int32_t *coarse_of_fine);
 /* After that: system->macros. Errors: SCENE (beyond the scene's limits), MEMORY, NUMERIC, CANCELLED. */
 pliant_status pliant_lod(pliant_system *system, const pliant_scene *scene, const uint8_t *fine_fixed, const uint8_t *coarse_fixed,
                          const pliant_tet_material *material, pliant_progress progress);

@@ -14,7 +14,7 @@ typedef struct patch_problem {
     int32_t *node;             /* (count) in the numbering of lod->whole, ascending */
     int32_t *mean;             /* (num_means) coarse nodes */
     int32_t *lean;             /* (count x 4) the means that a node counts in, or -1 */
-    double *weight;            /* (count x 4) m_i lambda_j(x_i) [m^3] */
+    double *weight;            /* (count x 4) m_i lambda_j(x_i) [kg] */
     pliant_pattern pattern;    /* of the patch */
     double *values;
     double *z;                 /* ((24 + 3 num_means) x 3 count): K^-1 [G, Phi] */
@@ -23,7 +23,8 @@ typedef struct patch_problem {
 
 static void patch_free(patch_problem *patch)
 {
-    void *blocks[] = {patch->node, patch->mean, patch->lean, patch->weight, patch->pattern.start, patch->pattern.row, patch->values, patch->z, patch->s, patch->t};
+    void *blocks[] = {patch->node, patch->mean, patch->lean, patch->weight, patch->pattern.start, patch->pattern.row,
+                      patch->values, patch->z, patch->s, patch->t};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -61,7 +62,7 @@ static void find_means(const lod_builder *lod, lod_room *room, patch_problem *pa
                 patch->mean[patch->num_means++] = nodes[v];
             }
             patch->lean[4 * i + v] = room->slot[nodes[v]];
-            patch->weight[4 * i + v] = weights[v] * lod->volume[fine_node];
+            patch->weight[4 * i + v] = weights[v] * lod->mass[fine_node];
         }
     }
 }
@@ -147,8 +148,8 @@ static void load_of_cube(const lod_builder *lod, const lod_room *room, int32_t c
         const int32_t *tet = fine->tets + 4 * lod->tets[t];
         const pliant_tet_material *material = lod->material + lod->tets[t];
         double gradients[12], k[144];
-        double volume = pliant_tet_gradients(fine->rest + 3 * tet[0], fine->rest + 3 * tet[1], fine->rest + 3 * tet[2], fine->rest + 3 * tet[3],
-                                             gradients);
+        double volume = pliant_tet_gradients(fine->rest + 3 * tet[0], fine->rest + 3 * tet[1], fine->rest + 3 * tet[2],
+                                             fine->rest + 3 * tet[3], gradients);
         pliant_element_stiffness(gradients, volume * material->lambda, volume * material->mu, k);
         for (int b = 0; b < 4; b++) {
             int32_t nodes[4];

@@ -40,9 +40,7 @@ static void fit_frame(const pliant_mesh *mesh, const int32_t own[8], double grad
     for (int v = 0; v < 8; v++)
         for (int d = 0; d < 3 && own[v] >= 0; d++) centre[d] += mesh->rest[3 * own[v] + d] / count;
     for (int v = 0; v < 8; v++)
-        for (int d = 0; d < 3; d++) {
-            gradient[3 * v + d] = own[v] >= 0 ? mesh->rest[3 * own[v] + d] - centre[d] : 0;
-        }
+        for (int d = 0; d < 3; d++) gradient[3 * v + d] = own[v] >= 0 ? mesh->rest[3 * own[v] + d] - centre[d] : 0;
     for (int v = 0; v < 8; v++)
         for (int m = 0; m < 9; m++) moment[m] += gradient[3 * v + m / 3] * gradient[3 * v + m % 3];
     pliant_dense_cholesky(3, moment); /* a coarse tetrahedron at least: it spans space */
@@ -77,7 +75,8 @@ static pliant_status allocate(const lod_builder *lod, pliant_macros *macros)
                 (macros->grounded = pliant_calloc(count, sizeof *macros->grounded)) &&
                 (macros->own = pliant_calloc(count, 8 * sizeof *macros->own)) &&
                 (macros->gradient = pliant_calloc(count, 24 * sizeof *macros->gradient)) &&
-                (macros->rank = pliant_calloc(count, sizeof *macros->rank)) && (macros->root = pliant_calloc(count, sizeof *macros->root)) &&
+                (macros->rank = pliant_calloc(count, sizeof *macros->rank)) &&
+                (macros->root = pliant_calloc(count, sizeof *macros->root)) &&
                 (macros->fine_start = pliant_calloc(count + 1, sizeof *macros->fine_start)) &&
                 (macros->fine = pliant_calloc(fine, sizeof *macros->fine)) &&
                 (macros->cube_of_fine = pliant_calloc(fine, sizeof *macros->cube_of_fine)) &&
@@ -253,8 +252,10 @@ static pliant_status keep_shape(const lod_builder *lod, const lod_room *room, in
     const int32_t *nodes = macros->fine + macros->fine_start[cube];
     if (count == 0) return PLIANT_OK;
     if (!(macros->entry_start[cube] = pliant_calloc(count + 1, sizeof **macros->entry_start))) return pliant_fail_memory("a macro-element");
+    if (columns == 0) return PLIANT_OK;
     for (size_t i = 0; i < count; i++) {
-        for (size_t c = 0; c < (size_t)work->num_corners; c++) total += counts(work->shape + 3 * columns * (size_t)room->local[nodes[i]], columns, c);
+        const double *shape = work->shape + 3 * columns * (size_t)room->local[nodes[i]];
+        for (size_t c = 0; c < (size_t)work->num_corners; c++) total += counts(shape, columns, c);
         macros->entry_start[cube][i + 1] = (int32_t)total;
     }
     if (total == 0) return PLIANT_OK;

@@ -274,10 +274,10 @@ double pliant_macro_mean_diagonal(const pliant_system *system)
             for (int32_t g = system->corner_start[f]; g < system->corner_start[f + 1]; g++) {
                 int32_t a = system->corner[e], b = system->corner[g], cube = macros->cube_of_corner[a], begin = macros->start[cube];
                 if (macros->cube_of_corner[b] != cube) continue;
-                size_t n = 3 * (size_t)(macros->start[cube + 1] - begin);
-                for (size_t m = 0; m < (size_t)macros->rank[cube]; m++)
-                    for (size_t d = 0; d < 3; d++)
-                        sum += (double)macros->root[cube][m * n + 3 * (size_t)(a - begin) + d] * macros->root[cube][m * n + 3 * (size_t)(b - begin) + d];
+                size_t n = 3 * (size_t)(macros->start[cube + 1] - begin), at = 3 * (size_t)(a - begin), other = 3 * (size_t)(b - begin);
+                const float *row = macros->root[cube];
+                for (int32_t m = 0; m < macros->rank[cube]; m++, row += n)
+                    for (size_t d = 0; d < 3; d++) sum += (double)row[at + d] * row[other + d];
             }
     return sum / (3.0 * system->num_free);
 }

@@ -135,8 +135,8 @@ void compare(const char *name, const pliant_model *model, const Run &run, const 
             count[all]++;
         }
     }
-    std::printf("%-26s body max %6.1f %%  rms %6.2f %%; all max %6.1f %%  rms %6.2f %%  (largest %.1f mm)  |F| %6.2f N  solve %6.2f ms, upsample %5.2f ms  "
-                "%4.1f iterations  %d unconverged\n",
+    std::printf("%-26s body max %6.1f %%  rms %6.2f %%; all max %6.1f %%  rms %6.2f %%  (largest %.1f mm)  |F| %6.2f N  "
+                "solve %6.2f ms, upsample %5.2f ms  %4.1f iterations  %d unconverged\n",
                 name, 100 * most[0] / largest, 100 * std::sqrt(squares[0] / double(count[0])) / largest, 100 * most[1] / largest,
                 100 * std::sqrt(squares[1] / double(count[1])) / largest, 1e3 * largest,
                 std::sqrt(run.force[0] * run.force[0] + run.force[1] * run.force[1] + run.force[2] * run.force[2]), 1e3 * median(run.solve),
@@ -154,7 +154,8 @@ void report_build(const char *name, const pliant_model *model)
     }
     size_t held = 0;
     for (size_t bytes : model->build_bytes) held += bytes;
-    std::printf(", all %.2f s; holds %.0f MiB, peak of the process %.0f MiB\n", seconds, double(held) / 1048576, double(pliant_memory_peak()) / 1048576);
+    std::printf(", all %.2f s; holds %.0f MiB, peak of the process %.0f MiB\n", seconds, double(held) / 1048576,
+                double(pliant_memory_peak()) / 1048576);
 }
 
 } // namespace
@@ -184,9 +185,12 @@ int main(int argc, char **argv)
         pliant_touch touch;
         bool wanted;
         pliant_model *model;
-    } methods[] = {{"fine", PLIANT_FINE, PLIANT_TOUCH_OVERLAP, true, nullptr},          {"coarse", PLIANT_COARSE, PLIANT_TOUCH_OVERLAP, false, nullptr},
-                   {"schur", PLIANT_SCHUR, PLIANT_TOUCH_OVERLAP, false, nullptr},       {"schur_face", PLIANT_SCHUR, PLIANT_TOUCH_FACE, false, nullptr},
-                   {"calibrated", PLIANT_CALIBRATED, PLIANT_TOUCH_OVERLAP, false, nullptr}, {"averaged", PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, false, nullptr},
+    } methods[] = {{"fine", PLIANT_FINE, PLIANT_TOUCH_OVERLAP, true, nullptr},
+                   {"coarse", PLIANT_COARSE, PLIANT_TOUCH_OVERLAP, false, nullptr},
+                   {"schur", PLIANT_SCHUR, PLIANT_TOUCH_OVERLAP, false, nullptr},
+                   {"schur_face", PLIANT_SCHUR, PLIANT_TOUCH_FACE, false, nullptr},
+                   {"calibrated", PLIANT_CALIBRATED, PLIANT_TOUCH_OVERLAP, false, nullptr},
+                   {"averaged", PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, false, nullptr},
                    {"lod", PLIANT_LOD, PLIANT_TOUCH_OVERLAP, false, nullptr}};
     bool named = false;
     for (auto &m : methods)
