@@ -6,7 +6,8 @@
 const pliant_host_solver *pliant_host_solver_of(const pliant_model *model) { return model->tled ? &pliant_explicit : &pliant_corotational; }
 
 /* patched: the scene asks for patches, which have no kernels */
-static pliant_status choose(const pliant_host_solver *kind, bool patched, pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT], const pliant_backend **out)
+static pliant_status choose(const pliant_host_solver *kind, bool patched, pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT],
+                            const pliant_backend **out)
 {
     snprintf(text, PLIANT_BACKEND_TEXT, "%s", patched ? "model/patch runs on the CPU only" : "this build has no CUDA backend");
     bool usable = choice != PLIANT_CPU && !patched && kind->cuda && kind->cuda->probe(text, PLIANT_BACKEND_TEXT);

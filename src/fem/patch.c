@@ -88,7 +88,8 @@ pliant_status pliant_patch_system(const pliant_model *model, pliant_system **out
 static double steps_of(const pliant_model *model)
 {
     const double rate = 2e9;
-    return PLIANT_RESPONSE_MODES * pliant_preconditioner_solve_operations(model->fine_system->preconditioner) / rate / model->scene.solver.step;
+    double operations = PLIANT_RESPONSE_MODES * pliant_preconditioner_solve_operations(model->fine_system->preconditioner);
+    return operations / rate / model->scene.solver.step;
 }
 
 static int32_t delay_of(const pliant_patch *patch, int blocks)
@@ -267,7 +268,8 @@ static int list_wanted(pliant_patch *patch)
     int count = 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++) {
-            if (!job->holds[t].hold || !job->holds[u].hold || !touch(job->holds + t, job->holds + u, patch->model->scene.model.patch)) continue;
+            if (!job->holds[t].hold || !job->holds[u].hold) continue;
+            if (!touch(job->holds + t, job->holds + u, patch->model->scene.model.patch)) continue;
             if (!job->copied[t] && !job->copied[u]) job->blocks[t][u] = patch->blocks[t][u];
             job->wanted[t][u] = !job->blocks[t][u];
             count += job->wanted[t][u];

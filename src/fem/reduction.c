@@ -71,8 +71,10 @@ static void images(const pliant_space *space, const pliant_tangent *tangents, do
         }
     }
     for (int32_t m = 0; m < space->num_modes; m++)
-        for (int32_t k = 0; k < space->num_modes; k++)
-            for (size_t i = 0; i < n; i++) image[n * (size_t)m + i] += space->far[k * space->num_modes + m] * space->outer[n * (size_t)k + i];
+        for (int32_t k = 0; k < space->num_modes; k++) {
+            double far = space->far[k * space->num_modes + m];
+            for (size_t i = 0; i < n; i++) image[n * (size_t)m + i] += far * space->outer[n * (size_t)k + i];
+        }
 }
 
 /* S = E'Q - Q_p' K_pp^-1 Q_p */
@@ -83,15 +85,18 @@ static pliant_status schur_complement(const pliant_space *space, pliant_reductio
     memset(schur, 0, count * count * sizeof *schur);
     for (size_t m = 0; m < count && own > 0; m++) {
         double *answer = reduction->answers + own * m;
-        for (int32_t f = 0; f < space->num_own; f++) memcpy(answer + 3 * f, reduction->image + n * m + 3 * space->own[f], 3 * sizeof *answer);
+        const double *image = reduction->image + n * m;
+        for (int32_t f = 0; f < space->num_own; f++) memcpy(answer + 3 * f, image + 3 * space->own[f], 3 * sizeof *answer);
         pliant_status status = pliant_factor_solve(reduction->factor, 1, answer, answer);
         if (status != PLIANT_OK) return status;
         for (size_t k = 0; k < count; k++)
-            for (int32_t f = 0; f < space->num_own; f++) schur[k * count + m] -= pliant_dot(3, reduction->image + n * k + 3 * space->own[f], answer + 3 * f);
+            for (int32_t f = 0; f < space->num_own; f++)
+                schur[k * count + m] -= pliant_dot(3, reduction->image + n * k + 3 * space->own[f], answer + 3 * f);
     }
     for (size_t k = 0; k < count; k++)
         for (size_t m = 0; m <= k; m++) {
-            double whole = 0.5 * (pliant_dot(n, space->modes + n * k, reduction->image + n * m) + pliant_dot(n, space->modes + n * m, reduction->image + n * k));
+            double whole = 0.5 * (pliant_dot(n, space->modes + n * k, reduction->image + n * m) +
+                                  pliant_dot(n, space->modes + n * m, reduction->image + n * k));
             schur[k * count + m] = 0.5 * (schur[k * count + m] + schur[m * count + k]) + whole;
         }
     if (count == 0 || pliant_dense_cholesky((int32_t)count, schur)) return PLIANT_OK;
@@ -111,9 +116,9 @@ pliant_status pliant_reduction_numeric(const pliant_space *space, const pliant_t
 
 double pliant_reduction_operations(const pliant_space *space)
 {
-    double elements = 2.0 * 144 * space->num_modes * space->mesh.num_tets, products = 12.0 * space->num_modes * space->num_modes * space->system.num_free;
-    double factor = space->analyzed ? pliant_factor_operations(space->analyzed) + 4 * pliant_factor_values(space->analyzed) * space->num_modes : 0;
-    return elements + products + factor;
+    double modes = space->num_modes, operations = 288 * modes * space->mesh.num_tets + 12 * modes * modes * space->system.num_free;
+    if (!space->analyzed) return operations;
+    return operations + pliant_factor_operations(space->analyzed) + 4 * modes * pliant_factor_values(space->analyzed);
 }
 
 pliant_status pliant_reduction_solve(const pliant_space *space, pliant_reduction *reduction, const double *right, double *out)

@@ -72,7 +72,8 @@ void pliant_linearized_product(pliant_linearized *linearized, const double *v, d
 
 /* K v = right by preconditioned conjugate gradients (Golub and Van Loan, 11.5.2). A direction without stiffness ends it: the
  * state need not be one of equilibrium. work: (5 x n) */
-static pliant_status solve(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const double *right, double *work, double *v)
+static pliant_status solve(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const double *right, double *work,
+                           double *v)
 {
     enum { MOST = 60 };
     const double tolerance = 1e-4, direct = 1e-6;
@@ -105,7 +106,8 @@ static pliant_status solve(pliant_linearized *linearized, pliant_preconditioner 
 }
 
 /* f''(a, b) by the central difference; u, forces: (n) room */
-static void second_derivative(pliant_linearized *linearized, const double *a, const double *b, double step, double *u, double *forces, double *out)
+static void second_derivative(pliant_linearized *linearized, const double *a, const double *b, double step, double *u,
+                              double *forces, double *out)
 {
     static const double signs[4][3] = {{1, 1, 1}, {1, -1, -1}, {-1, 1, -1}, {-1, -1, 1}};
     size_t n = 3 * (size_t)linearized->system.num_free;
@@ -135,8 +137,8 @@ static void room_free(solve_room *room)
 }
 
 /* -K^-1 f''(a, b), whose largest displacements are at most `most` */
-static pliant_status derivative(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const solve_room *room, const double *a,
-                                const double *b, double most, double *out)
+static pliant_status derivative(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const solve_room *room,
+                                const double *a, const double *b, double most, double *out)
 {
     size_t n = 3 * (size_t)linearized->system.num_free;
     memset(room->right, 0, n * sizeof *room->right);

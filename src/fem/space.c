@@ -223,7 +223,10 @@ static pliant_status far_stiffness(space_builder *build)
         for (size_t k = 0; k < count; k++) space->far[k * count + l] -= pliant_dot(n, space->modes + n * k, product);
     }
     for (size_t k = 0; status == PLIANT_OK && k < count; k++)
-        for (size_t l = 0; l < k; l++) space->far[k * count + l] = space->far[l * count + k] = 0.5 * (space->far[k * count + l] + space->far[l * count + k]);
+        for (size_t l = 0; l < k; l++) {
+            double mean = 0.5 * (space->far[k * count + l] + space->far[l * count + k]);
+            space->far[k * count + l] = space->far[l * count + k] = mean;
+        }
     pliant_free(room);
     pliant_free(product);
     return status;
