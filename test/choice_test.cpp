@@ -212,7 +212,7 @@ TEST_F(Choice, AFailingAllocationDropsACandidateOrTheChoiceButNotTheLoad)
     vary(true, false, false, false);
     size_t before = pliant_memory_in_use();
     int made = 0, dropped = 0;
-    for (int64_t n = 0; n < 20000; n = n * 5 / 4 + 1) {
+    for (int64_t n = 0; n < 20000; n = n * 3 / 2 + 1) {
         pliant_choice tried{};
         pliant_memory_fail_after(n);
         pliant_status status = pliant_choose(&input, nullptr, {nullptr, nullptr}, &tried);

@@ -20,6 +20,7 @@ static const struct choice_method {
     {PLIANT_CALIBRATED, PLIANT_TOUCH_OVERLAP, "", ""},
     {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, "", ""},
     {PLIANT_COARSE, PLIANT_TOUCH_OVERLAP, "", ""},
+    {PLIANT_LOD, PLIANT_TOUCH_OVERLAP, "", ""},
     {PLIANT_SCHUR, PLIANT_TOUCH_OVERLAP, "", ""},
     {PLIANT_SCHUR, PLIANT_TOUCH_FACE, "", ""},
 };
