@@ -47,6 +47,7 @@ struct pliant_patch {
     patch_blocks blocks;
     bool serves[PLIANT_MAX_TOOLS];      /* the space in use is for this hold, too */
     uint64_t refused[PLIANT_MAX_TOOLS]; /* holds that no patch could be made for */
+    uint64_t refused_until[PLIANT_MAX_TOOLS]; /* step */
     pliant_space *space;      /* Nullable */
     uint64_t made_for[PLIANT_MAX_TOOLS]; /* holds that it was made for */
     pliant_solver *solver;    /* of it */
@@ -151,8 +152,16 @@ static bool still_held(const pliant_data *data, int tool, uint64_t hold)
     return hold != 0 && tool < data->num_tools && data->tools[tool].holding && data->tools[tool].hold == hold;
 }
 
-static void space_drop(pliant_patch *patch)
+static bool is_refused(const pliant_patch *patch, const pliant_data *data, int tool)
 {
+    return patch->refused[tool] == data->tools[tool].hold && data->statistics.step < patch->refused_until[tool];
+}
+
+/* Tools that pulled at it have no hold until they are attached anew, to whatever is there then. */
+static void space_drop(pliant_patch *patch, pliant_data *data)
+{
+    for (int t = 0; data && t < data->num_tools; t++)
+        if (patch->serves[t]) data->tools[t].attached = false;
     pliant_solver_free(patch->solver);
     pliant_space_free(patch->space);
     pliant_free(patch->element_forces);
@@ -238,7 +247,7 @@ static void job_clear(pliant_patch *patch)
 void pliant_patch_reset(pliant_patch *patch)
 {
     job_clear(patch);
-    space_drop(patch);
+    space_drop(patch, NULL);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) forget_hold(patch, t);
     memset(patch->refused, 0, sizeof patch->refused);
 }
@@ -284,7 +293,7 @@ static pliant_status start(pliant_patch *patch, pliant_data *data)
     pliant_status status = PLIANT_OK;
     for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
         const pliant_tool *tool = data->tools + t;
-        if (!tool->holding || patch->refused[t] == tool->hold) continue;
+        if (!tool->holding || is_refused(patch, data, t)) continue;
         job->copied[t] = patch->holds[t].hold != tool->hold;
         if (job->copied[t]) status = hold_copy(&patch->model->fine, tool, job->holds + t);
         else job->holds[t] = patch->holds[t];
@@ -307,19 +316,35 @@ static void near_positions(const pliant_space *space, const double *fine, double
     for (int32_t v = 0; v < space->mesh.num_nodes; v++) memcpy(out + 3 * v, fine + 3 * space->fine_node[v], 3 * sizeof *out);
 }
 
-/* The new space takes over where the old one was, if it holds all that the old one did; else it begins at the base. */
-static void take_over(pliant_patch *patch, const pliant_data *data)
+/* The new space takes over where the old one was, if it holds all that the old one still does; else it begins at the base.
+ * What it takes over is a displacement from the base, as far as the new space has it. */
+static void take_over(pliant_patch *patch, pliant_data *data)
 {
     patch_job *job = &patch->job;
     bool goes_on = patch->space != NULL;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) goes_on = goes_on && (!patch->made_for[t] || job->holds[t].hold == patch->made_for[t]);
-    if (goes_on) near_positions(job->space, data->positions, job->solver->now.x);
-    space_drop(patch);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        goes_on = goes_on && (!still_held(data, t, patch->made_for[t]) || job->holds[t].hold == patch->made_for[t]);
+    if (goes_on) {
+        double *base = job->x; /* the job is done with it */
+        pliant_upsample_positions(patch->model->system, data->solver->now.x, base);
+        near_positions(job->space, base, job->space->mesh.rest);
+        near_positions(job->space, data->positions, job->solver->now.x);
+        pliant_space_project(job->space, job->solver->now.x);
+    }
+    space_drop(patch, data);
     patch->space = job->space;
     patch->solver = job->solver;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) patch->made_for[t] = job->holds[t].hold;
     job->space = NULL;
     job->solver = NULL;
+}
+
+/* The hold goes on at the coarse model. For want of memory it is tried again, much later. */
+static void refuse(pliant_patch *patch, const pliant_data *data, int tool)
+{
+    const uint64_t later = 1000;
+    patch->refused[tool] = patch->job.holds[tool].hold;
+    patch->refused_until[tool] = patch->job.status == PLIANT_ERROR_MEMORY ? data->statistics.step + later : UINT64_MAX;
 }
 
 static pliant_status deliver(pliant_patch *patch, pliant_data *data)
@@ -341,7 +366,7 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) {
         if (!job->holds[t].hold) continue;
         if (job->status != PLIANT_OK) {
-            patch->refused[t] = job->holds[t].hold;
+            if (!patch->serves[t]) refuse(patch, data, t); /* others keep what they have */
             continue;
         }
         if (job->copied[t]) {
@@ -368,7 +393,7 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
 static bool waits(const pliant_data *data, int tool)
 {
     const pliant_patch *patch = data->patch;
-    return data->tools[tool].holding && !patch->serves[tool] && patch->refused[tool] != data->tools[tool].hold;
+    return data->tools[tool].holding && !patch->serves[tool] && !is_refused(patch, data, tool);
 }
 
 pliant_status pliant_patch_begin(const pliant_model *model, pliant_data *data)
@@ -390,7 +415,7 @@ pliant_status pliant_patch_begin(const pliant_model *model, pliant_data *data)
         used = used || patch->serves[t];
         wanted = wanted || waits(data, t);
     }
-    if (patch->space && !used) space_drop(patch);
+    if (patch->space && !used) space_drop(patch, data);
     return wanted && !patch->job.running ? start(patch, data) : PLIANT_OK;
 }
 

@@ -49,6 +49,25 @@ void pliant_space_positions(pliant_space *space, const pliant_system *fine, cons
     for (int32_t v = 0; v < space->mesh.num_nodes; v++) memcpy(out + 3 * space->fine_node[v], x + 3 * v, 3 * sizeof *out);
 }
 
+void pliant_space_project(pliant_space *space, double *x)
+{
+    size_t n = 3 * (size_t)space->system.num_free;
+    int32_t own = 0;
+    amplitudes(space, x);
+    for (int32_t f = 0; f < space->system.num_free; f++) {
+        if (own < space->num_own && space->own[own] == f) {
+            own++;
+            continue;
+        }
+        size_t at = 3 * (size_t)space->system.node_of_free[f];
+        for (size_t d = 0; d < 3; d++) {
+            double by = 0;
+            for (int32_t m = 0; m < space->num_modes; m++) by += space->amplitude[m] * space->outer[n * (size_t)m + 3 * (size_t)f + d];
+            x[at + d] = space->mesh.rest[at + d] + by;
+        }
+    }
+}
+
 /* ---- making it */
 
 /* what is needed only while it is made */

@@ -79,6 +79,8 @@ double pliant_reduction_operations(const pliant_space *space); /* of that */
 pliant_status pliant_reduction_solve(const pliant_space *space, pliant_reduction *reduction, const double *right, double *out);
 /* Add what lies beyond: x (3 mesh.num_nodes), forces (3 system.num_free) [N]. */
 void pliant_space_far_forces(pliant_space *space, const double *x, double *forces);
+/* Positions x (3 mesh.num_nodes) become the nearest ones within the space: u = a + E q. */
+void pliant_space_project(pliant_space *space, double *x);
 /* Fine positions: base (3 fine nodes) and the displacement that x stands for. base and out may be the same. */
 void pliant_space_positions(pliant_space *space, const pliant_system *fine, const double *base, const double *x, double *out);
 

@@ -151,6 +151,105 @@ TEST(GrabPatch, HoldingStillMovesNothingAndLettingGoFreesAll)
     EXPECT_EQ(patched.positions(), patched.rest());
 }
 
+TEST(GrabPatch, HoldingStillMovesNothingWhoeverComesOrGoes)
+{
+    Patched patched(PLIANT_AVERAGED, 0.04);
+    const double gravity[3] = {0, -0.5, 0};
+    ASSERT_EQ(pliant_data_gravity(patched.body.data, gravity), PLIANT_OK);
+    ASSERT_EQ(patched.body.settle(), PLIANT_OK);
+    const std::vector<double> before = patched.positions();
+    ASSERT_GT(apart(before, patched.rest()), 1e-3);
+    patched.take("first", top);
+    patched.wait(1);
+    int second = patched.take("second", beside);
+    patched.wait(2);
+    ASSERT_EQ(patched.body.settle(), PLIANT_OK);
+    EXPECT_LT(apart(patched.positions(), before), 1e-8);
+    pliant_tool_release(patched.body.data, second);
+    ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
+    second = patched.take("second", beside);
+    patched.wait(2);
+    ASSERT_EQ(patched.body.settle(), PLIANT_OK);
+    EXPECT_LT(apart(patched.positions(), before), 1e-8);
+}
+
+TEST(GrabPatch, AnotherToolComingBackDoesNotLetGoOfThePull)
+{
+    Patched patched(PLIANT_AVERAGED, 0.04);
+    int first = patched.take("first", top), second = patched.take("second", beside);
+    double from[3];
+    std::memcpy(from, patched.body.data->tools[first].tip, sizeof from);
+    patched.wait(2);
+    for (int s = 1; s <= 10; s++) {
+        patched.pull(first, from, 0, 0, 0.002 * s);
+        ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
+    }
+    ASSERT_EQ(patched.body.settle(), PLIANT_OK);
+    pliant_tool_release(patched.body.data, second);
+    ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
+    ASSERT_EQ(patched.body.settle(), PLIANT_OK);
+    const std::vector<double> before = patched.positions();
+    patched.take("second", beside); // holds what is there
+    ASSERT_EQ(pliant_data_limits(patched.body.data, 2, 1e-3), PLIANT_OK);
+    patched.wait(2);
+    EXPECT_LT(apart(patched.positions(), before), 0.02 * 0.02);
+}
+
+TEST(GrabPatch, AFailedPatchTakesNothingFromThoseThereAre)
+{
+    const int size[3] = {8, 8, 8};
+    const double box[3] = {side, side, side};
+    Body body(size, box, {{4000, 0.45, 1000, false}});
+    body.fix_plane(0, 0, 0, 0, 0, 1);
+    body.cells(2, 2, 2, 2);
+    body.scene.model.method = PLIANT_AVERAGED;
+    body.scene.model.patch = 0.05;
+    body.scene.solver.tolerance = 1e-6;
+    body.scene.solver.refresh_interval = 0;
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    int refused = 0;
+    for (int64_t calls = 8; calls < 60; calls += 4) {
+        pliant_data *data = nullptr;
+        int first, second;
+        ASSERT_EQ(pliant_data_create(body.model, &data), PLIANT_OK);
+        auto steps = [&](int count) {
+            for (int s = 0; s < count; s++) ASSERT_GE(pliant_step(body.model, data), 0) << pliant_last_error();
+        };
+        ASSERT_EQ(pliant_tool_add(body.model, data, "first", &first), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(body.model, data, first, top), PLIANT_OK);
+        double tip[3];
+        std::memcpy(tip, data->tools[first].tip, sizeof tip);
+        for (int s = 0; s < 20 && data->statistics.patched != 1; s++) steps(1);
+        ASSERT_EQ(pliant_tool_drive(data, first, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+        tip[2] += 0.005;
+        ASSERT_EQ(pliant_tool_pose(data, first, tip, nullptr), PLIANT_OK);
+        steps(3);
+        const double force = data->tools[first].force[2];
+        ASSERT_GT(force, 0.01);
+        ASSERT_EQ(pliant_tool_add(body.model, data, "second", &second), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(body.model, data, second, beside), PLIANT_OK);
+        pliant_memory_fail_after(calls);
+        bool began = pliant_step(body.model, data) >= 0;
+        for (int s = 0; began && s < 5 && data->statistics.patch_waiting > 0; s++) began = pliant_step(body.model, data) >= 0;
+        pliant_memory_fail_after(-1);
+        if (began && data->statistics.patched == 1) { // no patch for the second one: both go on, the second by the coarse model
+            refused++;
+            steps(5);
+            EXPECT_EQ(data->statistics.patch_waiting, 0) << calls;
+            EXPECT_NEAR(data->tools[first].force[2], force, 0.2 * force) << calls;
+            pliant_tool_release(data, second);
+            steps(1);
+            ASSERT_EQ(pliant_tool_grasp(body.model, data, second, beside), PLIANT_OK);
+            for (int s = 0; s < 20 && data->statistics.patched != 2; s++) steps(1);
+            EXPECT_EQ(data->statistics.patched, 2) << calls;
+            EXPECT_NEAR(data->tools[first].force[2], force, 0.2 * force) << calls;
+            EXPECT_NEAR(data->tools[first].held_point[2], tip[2] - data->tools[first].grip[2], 1e-5) << calls;
+        }
+        pliant_data_free(data);
+    }
+    EXPECT_GT(refused, 3);
+}
+
 TEST(GrabPatch, SeveralToolsOneAfterTheOther)
 {
     std::vector<std::vector<double>> states[2];
