@@ -60,7 +60,9 @@ typedef struct pliant_statistics {
     double residual;            /**< energy norm of the residual force over that of the load, last step; of a patch where that is larger */
     double error;               /**< [m] how far a node may still be from where the step would converge to, foreseen from the last
                                  *   evaluation; 0: not known (explicit dynamics, GPU) */
-    double error_before;        /**< [m] the same of the step before, in hindsight: more certain; 0: not known, or the first step */
+    double error_before;        /**< [m] the same of the step before, in hindsight: more certain, but as it was foreseen where gravity
+                                 *   or a given force has changed and solver/budget_ms or a V-cycle leaves no time; 0: not known, or
+                                 *   the first step */
     double residual_force;      /**< largest nodal residual force [N] */
     int32_t patched;            /**< tools that pull at a patch (model/patch), last step */
     int32_t patch_waiting;      /**< tools whose patch is still being made */

@@ -78,7 +78,7 @@ double pliant_estimate_now(const pliant_solver *solver)
     return solver->ahead ? last_move(solver) * sqrt(c) / (1 - c) : largest_move(solver, &solver->now) / (1 - c);
 }
 
-/* Back to the loads of then: the step anew where they were others. known: false where that would cost a V-cycle */
+/* Back to the loads of then: the step anew where they were others. known: false where that would cost too much */
 static pliant_status add_loads(pliant_solver *solver, bool *known)
 {
     const size_t n = 3 * (size_t)solver->system->num_free;
@@ -86,7 +86,8 @@ static pliant_status add_loads(pliant_solver *solver, bool *known)
     bool same = memcmp(hindsight->load, solver->load, n * sizeof *solver->load) == 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         same = same && !(solver->handles[t].by_force && memcmp(hindsight->force + 3 * t, solver->handles[t].force, 3 * sizeof(double)) != 0);
-    *known = same || pliant_preconditioner_refuses(solver->preconditioner); /* a factor, not a V-cycle */
+    /* a factor, not a V-cycle; and no time that the step was given for getting better */
+    *known = same || (pliant_preconditioner_refuses(solver->preconditioner) && !(solver->budget > 0));
     if (same || !*known) return PLIANT_OK;
     for (size_t i = 0; i < n; i++) hindsight->at.pull[i] += hindsight->load[i] - solver->load[i];
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
