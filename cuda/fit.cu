@@ -83,7 +83,8 @@ __global__ void __launch_bounds__(SORT_THREADS) sort_kernel(fit_view *d_view, co
     int32_t *start = d_view->bin_start, *sorted = d_view->bin_node;
     for (int32_t b = (int32_t)threadIdx.x; b <= count; b += SORT_THREADS) start[b] = 0;
     __syncthreads();
-    for (int32_t n = (int32_t)threadIdx.x; n < nodes; n += SORT_THREADS) atomicAdd(start + fit_flat_bin(d_view, d_view->at + 3 * (size_t)n) + 1, 1);
+    for (int32_t n = (int32_t)threadIdx.x; n < nodes; n += SORT_THREADS)
+        atomicAdd(start + fit_flat_bin(d_view, d_view->at + 3 * (size_t)n) + 1, 1);
     __syncthreads();
     add_starts(start, d_cursor, count, sums);
     if (threadIdx.x == 0) start[count] = nodes;
@@ -144,7 +145,7 @@ static size_t lattice_points(const fit_view *view) { return (size_t)view->size[0
 
 static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const raster_source *source, cudaStream_t stream)
 {
-    const size_t nodes = (size_t)parts->num_nodes, most_bins = ((size_t)FIT_MOST_BINS + 2) * ((size_t)FIT_MOST_BINS + 2) * ((size_t)FIT_MOST_BINS + 2);
+    const size_t edge = (size_t)FIT_MOST_BINS + 2, nodes = (size_t)parts->num_nodes, most_bins = edge * edge * edge;
     const size_t points = lattice_points(parts), scan = (size_t)parts->scan_size[0] * (size_t)parts->scan_size[1] * (size_t)parts->scan_size[2];
     double *d_rest;
     fit_view *view = &fit->view;
@@ -186,7 +187,8 @@ extern "C" void pliant_cuda_fit_free(pliant_cuda_fit *fit)
 {
     if (!fit) return;
     const fit_view *view = &fit->view;
-    const void *blocks[] = {view->rest, view->tissue, view->map, view->at, view->sorted, view->bin_node, view->bin_start, fit->d_cursor, fit->d_voxels, fit->d_view};
+    const void *blocks[] = {view->rest, view->tissue, view->map, view->at, view->sorted, view->bin_node, view->bin_start,
+                            fit->d_cursor, fit->d_voxels, fit->d_view};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
     pliant_free(fit);
 }

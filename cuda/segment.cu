@@ -132,7 +132,7 @@ static pliant_status piece_count(segmenting *work, int32_t *out)
     return fetch(work, out, gpu->d_block_count + (gpu->voxels + (int64_t)SEGMENT_NUMBERED - 1) / SEGMENT_NUMBERED, sizeof *out);
 }
 
-/* The deepest specks are reached last: of those that are thicker, classes change only on the copy that the CPU makes. */
+/* Pieces, and the small ones' voxels to their neighbours'; where a key was too short for some, all of them by the CPU instead. */
 static pliant_status absorb(segmenting *work, const pliant_volume *scan, const pliant_segment_options *options, int32_t *count)
 {
     const gpu_segment *gpu = &work->gpu;

@@ -12,8 +12,10 @@
 /* sub-steps of a graph: the longer, the longer it takes to be made; dynamic relaxation is looked at so often */
 static const int32_t longest_graph = 256, relaxation_graph = 32;
 
+/* nodes that any tool holds, ascending; each tool's; room for so many here and on the GPU */
 struct held_nodes { int32_t *held, *node; double *weight; int32_t capacity; };
 
+/* what goes up at the beginning of a frame; the outcome comes down at its end */
 struct exchange { gpu_frame frame; gpu_outcome outcome; };
 
 struct pliant_cuda_tled {
@@ -24,7 +26,6 @@ struct pliant_cuda_tled {
     exchange *h_exchange, *d_exchange; /* page-locked */
     held_nodes h_held;                 /* page-locked; what was sent last */
     int32_t sent_held, sent_total;     /* of h_held */
-    int32_t d_capacity;                /* of d_held_node, d_tool_node, d_tool_weight */
     cudaGraphExec_t graph;
     int32_t graph_steps;               /* 0: there is none */
     bool repeated, pulled;             /* it counts what it did; it has kernels for tools */
@@ -264,7 +265,8 @@ static pliant_status send_holds(pliant_cuda_tled *gpu, const pliant_tool *tools,
         if (total > 0) {
             CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_held_node, held->held, indices, cudaMemcpyHostToDevice, gpu->stream)));
             CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_node, held->node, indices, cudaMemcpyHostToDevice, gpu->stream)));
-            CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_weight, held->weight, (size_t)total * sizeof *held->weight, cudaMemcpyHostToDevice, gpu->stream)));
+            const size_t weights = (size_t)total * sizeof *held->weight;
+            CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_weight, held->weight, weights, cudaMemcpyHostToDevice, gpu->stream)));
         }
         CUDA_TRY(pliant_cuda_tled_hold(&gpu->gpu, gpu->sent_held, gpu->stream));
         gpu->sent_total = total;
