@@ -52,7 +52,7 @@ static pliant_status reset(pliant_data *data)
 
 static pliant_status interact(const pliant_model *model, pliant_data *data)
 {
-    pliant_status status = data->patch ? pliant_patch_begin(model, data) : PLIANT_OK;
+    pliant_status status = data->patch ? pliant_patch_begin(data) : PLIANT_OK;
     if (status != PLIANT_OK) return status;
     pliant_solver_gravity(data->solver, data->gravity);
     for (int t = 0; t < data->num_tools; t++) {

@@ -38,6 +38,13 @@ typedef struct patch_job {
     char message[256];
 } patch_job;
 
+/* What a step with a space needs besides. */
+typedef struct patch_room {
+    double (*element_forces)[12][LANES]; /* of the near elements at the base */
+    double *positions, *coarse;          /* (3 fine nodes), (3 coarse nodes) before the step, to undo it */
+    double force[PLIANT_MAX_ROWS];       /* of the tools, likewise */
+} patch_room;
+
 struct pliant_patch {
     const pliant_model *model;
     pliant_preconditioner *preconditioner; /* of the fine system, this one's own; made with the first patch */
@@ -51,7 +58,7 @@ struct pliant_patch {
     pliant_space *space;      /* Nullable */
     uint64_t made_for[PLIANT_MAX_TOOLS]; /* holds that it was made for */
     pliant_solver *solver;    /* of it */
-    double (*element_forces)[12][LANES]; /* room for the base's */
+    patch_room room;
 };
 
 bool pliant_patch_asked(const pliant_scene *scene) { return scene->model.patch > 0 && scene->model.method != PLIANT_FINE; }
@@ -157,6 +164,22 @@ static bool is_refused(const pliant_patch *patch, const pliant_data *data, int t
     return patch->refused[tool] == data->tools[tool].hold && data->statistics.step < patch->refused_until[tool];
 }
 
+static pliant_status room_create(const pliant_model *model, const pliant_space *space, patch_room *out)
+{
+    out->element_forces = pliant_calloc((size_t)space->system.num_blocks, sizeof *out->element_forces);
+    out->positions = pliant_calloc((size_t)model->fine.num_nodes, 3 * sizeof *out->positions);
+    out->coarse = pliant_calloc((size_t)model->system->mesh->num_nodes, 3 * sizeof *out->coarse);
+    return out->element_forces && out->positions && out->coarse ? PLIANT_OK : pliant_fail_memory("a patch");
+}
+
+static void room_free(patch_room *room)
+{
+    pliant_free(room->element_forces);
+    pliant_free(room->positions);
+    pliant_free(room->coarse);
+    memset(room, 0, sizeof *room);
+}
+
 /* Tools that pulled at it have no hold until they are attached anew, to whatever is there then. */
 static void space_drop(pliant_patch *patch, pliant_data *data)
 {
@@ -164,10 +187,9 @@ static void space_drop(pliant_patch *patch, pliant_data *data)
         if (patch->serves[t]) data->tools[t].attached = false;
     pliant_solver_free(patch->solver);
     pliant_space_free(patch->space);
-    pliant_free(patch->element_forces);
+    room_free(&patch->room);
     patch->solver = NULL;
     patch->space = NULL;
-    patch->element_forces = NULL;
     memset(patch->serves, 0, sizeof patch->serves);
     memset(patch->made_for, 0, sizeof patch->made_for);
 }
@@ -316,21 +338,23 @@ static void near_positions(const pliant_space *space, const double *fine, double
     for (int32_t v = 0; v < space->mesh.num_nodes; v++) memcpy(out + 3 * v, fine + 3 * space->fine_node[v], 3 * sizeof *out);
 }
 
-/* The new space takes over where the old one was, if it holds all that the old one still does; else it begins at the base.
- * What it takes over is a displacement from the base, as far as the new space has it. */
+/* The displacement from the coarse model's base to these positions, as far as the space has it. room: (3 fine nodes) */
+static void start_at(const pliant_model *model, const pliant_data *data, pliant_space *space, double *room, double *x)
+{
+    pliant_upsample_positions(model->system, data->solver->now.x, room);
+    near_positions(space, room, space->mesh.rest);
+    near_positions(space, data->positions, x);
+    pliant_space_project(space, x);
+}
+
+/* The new space takes over where the old one was, if it holds all that the old one still does; else it begins at the base. */
 static void take_over(pliant_patch *patch, pliant_data *data)
 {
     patch_job *job = &patch->job;
     bool goes_on = patch->space != NULL;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         goes_on = goes_on && (!still_held(data, t, patch->made_for[t]) || job->holds[t].hold == patch->made_for[t]);
-    if (goes_on) {
-        double *base = job->x; /* the job is done with it */
-        pliant_upsample_positions(patch->model->system, data->solver->now.x, base);
-        near_positions(job->space, base, job->space->mesh.rest);
-        near_positions(job->space, data->positions, job->solver->now.x);
-        pliant_space_project(job->space, job->solver->now.x);
-    }
+    if (goes_on) start_at(patch->model, data, job->space, job->x, job->solver->now.x); /* the job is done with its x */
     space_drop(patch, data);
     patch->space = job->space;
     patch->solver = job->solver;
@@ -354,12 +378,15 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
     job->in_thread = false;
     bool wanted = false;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) wanted = wanted || still_held(data, t, job->holds[t].hold);
-    double (*element_forces)[12][LANES] = NULL;
     if (job->status == PLIANT_OK && wanted) {
-        element_forces = pliant_calloc((size_t)job->space->system.num_blocks, sizeof *element_forces);
-        if (!element_forces) return pliant_fail_memory("a patch"); /* delivered in the next step */
+        patch_room room = {0};
+        pliant_status status = room_create(patch->model, job->space, &room);
+        if (status != PLIANT_OK) {
+            room_free(&room);
+            return status; /* delivered in the next step */
+        }
         take_over(patch, data);
-        patch->element_forces = element_forces;
+        patch->room = room;
     } else if (wanted) {
         pliant_log(PLIANT_LOG_WARNING, "no patch could be made; the tools pull at the coarse model: %s", job->message);
     }
@@ -396,10 +423,18 @@ static bool waits(const pliant_data *data, int tool)
     return data->tools[tool].holding && !patch->serves[tool] && !is_refused(patch, data, tool);
 }
 
-pliant_status pliant_patch_begin(const pliant_model *model, pliant_data *data)
+/* what pliant_patch_step goes back to when it fails */
+static void keep(pliant_patch *patch, const pliant_data *data)
+{
+    const pliant_model *model = patch->model;
+    memcpy(patch->room.positions, data->positions, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
+    memcpy(patch->room.coarse, data->solver->now.x, 3 * (size_t)model->system->mesh->num_nodes * sizeof *data->solver->now.x);
+    for (int t = 0; t < data->num_tools; t++) memcpy(patch->room.force + 3 * t, data->tools[t].force, sizeof data->tools[t].force);
+}
+
+pliant_status pliant_patch_begin(pliant_data *data)
 {
     pliant_patch *patch = data->patch;
-    (void)model;
     if (patch->job.running && data->statistics.step >= patch->job.due) {
         pliant_status status = deliver(patch, data);
         if (status != PLIANT_OK) return status;
@@ -416,6 +451,7 @@ pliant_status pliant_patch_begin(const pliant_model *model, pliant_data *data)
         wanted = wanted || waits(data, t);
     }
     if (patch->space && !used) space_drop(patch, data);
+    if (patch->space) keep(patch, data);
     return wanted && !patch->job.running ? start(patch, data) : PLIANT_OK;
 }
 
@@ -461,8 +497,8 @@ static void follow(pliant_patch *patch, const double *base)
     move(space, solver->trial.x, solver->now.x);
     if (solver->ahead) move(space, solver->trial.x, solver->left_x);
     memcpy(space->mesh.rest, solver->trial.x, bytes);
-    pliant_system_element_forces(&space->system, space->mesh.rest, patch->element_forces);
-    pliant_system_gather(&space->system, patch->element_forces, solver->load);
+    pliant_system_element_forces(&space->system, space->mesh.rest, patch->room.element_forces);
+    pliant_system_gather(&space->system, patch->room.element_forces, solver->load);
     solver->loaded = true;
 }
 
@@ -476,6 +512,30 @@ static double largest_apart(int32_t nodes, const double *a, const double *b)
         most = fmax(most, squares);
     }
     return sqrt(most);
+}
+
+static void restart(pliant_solver *solver)
+{
+    pliant_solver_forget(solver);
+    solver->ahead = false;
+    solver->refused = solver->slow = 0;
+}
+
+/* The coarse model and the patch are where they were before this step. */
+static void undo(pliant_patch *patch, pliant_data *data)
+{
+    const pliant_model *model = patch->model;
+    patch_room *room = &patch->room;
+    memcpy(data->positions, room->positions, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
+    memcpy(data->solver->now.x, room->coarse, 3 * (size_t)model->system->mesh->num_nodes * sizeof *room->coarse);
+    start_at(model, data, patch->space, room->positions, patch->solver->now.x);
+    patch->solver->loaded = false; /* the load is of the base */
+    restart(data->solver);
+    restart(patch->solver);
+    for (int t = 0; t < data->num_tools; t++) {
+        memcpy(pliant_patch_solver(data, t)->handles[t].force, room->force + 3 * t, sizeof data->tools[t].force);
+        pliant_tool_report(data, t);
+    }
 }
 
 pliant_status pliant_patch_step(const pliant_model *model, pliant_data *data)
@@ -493,9 +553,12 @@ pliant_status pliant_patch_step(const pliant_model *model, pliant_data *data)
     if (data->solver->budget > 0) solver->budget = fmax(data->solver->budget - statistics->seconds[PLIANT_STEP_solve], 1e-9);
     follow(patch, data->positions);
     pliant_status status = pliant_solver_step(solver, &own);
+    if (status < 0) {
+        undo(patch, data);
+        return status;
+    }
     pliant_space_positions(space, model->fine_system, data->positions, solver->now.x, data->positions);
     for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
-    if (status < 0) return status;
     for (int t = 0; t < data->num_tools; t++) statistics->patched += serves(data, t);
     statistics->patch_iterations = own.iterations;
     statistics->patch_residual = own.residual;
@@ -514,7 +577,5 @@ void pliant_patch_flatten(pliant_patch *patch)
 {
     if (!patch->space) return;
     memcpy(patch->solver->now.x, patch->space->mesh.rest, 3 * (size_t)patch->space->mesh.num_nodes * sizeof *patch->space->mesh.rest);
-    pliant_solver_forget(patch->solver);
-    patch->solver->ahead = false;
-    patch->solver->refused = patch->solver->slow = 0;
+    restart(patch->solver);
 }

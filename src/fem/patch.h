@@ -29,13 +29,13 @@ void pliant_patch_reset(pliant_patch *patch);
 
 /* Before the tools interact: deliver what is due, start what is new, free what nothing holds. data->positions: of the last step.
  * Errors: MEMORY; the state is as before. */
-pliant_status pliant_patch_begin(const pliant_model *model, pliant_data *data);
+pliant_status pliant_patch_begin(pliant_data *data);
 /* The solver that a tool pulls at. */
 pliant_solver *pliant_patch_solver(const pliant_data *data, int tool);
 /* As pliant_solver_hold, of the solver that pliant_patch_solver says. */
 pliant_status pliant_patch_hold(pliant_data *data, int tool);
 /* The stage: data->positions are the coarse model's fine nodes, and become those of the patch. NOT_CONVERGED, NUMERIC, MEMORY as
- * pliant_solver_step. */
+ * pliant_solver_step; where it fails, the coarse model's part of the step is undone, too. */
 pliant_status pliant_patch_step(const pliant_model *model, pliant_data *data);
 /* The displacement is dropped: the nodes are where the coarse model has them. */
 void pliant_patch_flatten(pliant_patch *patch);

@@ -190,7 +190,7 @@ TEST(GrabPatch, AnotherToolComingBackDoesNotLetGoOfThePull)
     ASSERT_EQ(patched.body.settle(), PLIANT_OK);
     const std::vector<double> before = patched.positions();
     patched.take("second", beside); // holds what is there
-    ASSERT_EQ(pliant_data_limits(patched.body.data, 2, 1e-3), PLIANT_OK);
+    ASSERT_EQ(pliant_data_limits(patched.body.data, 1, 1e-3), PLIANT_OK); // an evaluation leads nowhere by itself
     patched.wait(2);
     EXPECT_LT(apart(patched.positions(), before), 0.02 * 0.02);
 }
@@ -248,6 +248,39 @@ TEST(GrabPatch, AFailedPatchTakesNothingFromThoseThereAre)
         pliant_data_free(data);
     }
     EXPECT_GT(refused, 3);
+}
+
+TEST(GrabPatch, AFailedStepIsUndone)
+{
+    Patched patched(PLIANT_AVERAGED, 0.04), smooth(PLIANT_AVERAGED, 0.04);
+    std::vector<double> ends[2];
+    for (Patched *each : {&patched, &smooth}) {
+        pliant_data *data = each->body.data;
+        int tool = each->take("tool", top);
+        const double pull[3] = {0, 0, 0.1}, more[3] = {0.05, 0, 0.15}, far_too_much[3] = {1e300, 0, 1e300}, gravity[3] = {0.2, 0, -0.3};
+        each->wait(1);
+        ASSERT_EQ(pliant_tool_drive(data, tool, PLIANT_DRIVE_FORCE, pull), PLIANT_OK);
+        ASSERT_EQ(each->body.settle(), PLIANT_OK);
+        ASSERT_EQ(pliant_data_gravity(data, gravity), PLIANT_OK); // the coarse model has something to do as well
+        if (each == &patched) {
+            const std::vector<double> before = each->positions(), held(data->tools[tool].held_point, data->tools[tool].held_point + 3);
+            const size_t coarse = 3 * static_cast<size_t>(data->solver->system->mesh->num_nodes);
+            const std::vector<double> solved(data->solver->now.x, data->solver->now.x + coarse);
+            ASSERT_EQ(pliant_tool_drive(data, tool, PLIANT_DRIVE_FORCE, far_too_much), PLIANT_OK);
+            for (int s = 0; s < 2; s++) {
+                ASSERT_EQ(pliant_step(each->body.model, data), PLIANT_ERROR_NUMERIC);
+                EXPECT_EQ(each->positions(), before);
+                EXPECT_EQ(std::vector<double>(data->solver->now.x, data->solver->now.x + coarse), solved);
+                EXPECT_EQ(std::vector<double>(data->tools[tool].held_point, data->tools[tool].held_point + 3), held);
+                EXPECT_EQ(data->tools[tool].force[2], pull[2]);
+            }
+            EXPECT_EQ(data->statistics.failed, 2);
+        }
+        ASSERT_EQ(pliant_tool_drive(data, tool, PLIANT_DRIVE_FORCE, more), PLIANT_OK);
+        ASSERT_EQ(each->body.settle(), PLIANT_OK) << pliant_last_error();
+        ends[each == &smooth] = each->positions();
+    }
+    EXPECT_LT(apart(ends[0], ends[1]), 1e-8);
 }
 
 TEST(GrabPatch, SeveralToolsOneAfterTheOther)
