@@ -106,8 +106,13 @@ static cudaError_t try_device(int index)
     return error;
 }
 
+/* Of the probe before: a simulation and the volume that it draws work on each other's memory, so that all stay on one device as long
+ * as it works. */
+static std::atomic<int> chosen{-1};
+
 extern "C" bool pliant_cuda_probe(pliant_cuda_device *out, char *reason, size_t reason_size)
 {
+    const int before = chosen;
     int count = 0;
     cudaError_t error = pliant_cuda_fails_now() ? cudaErrorNoDevice : cudaGetDeviceCount(&count);
     pliant_cuda_device best = {};
@@ -127,13 +132,14 @@ extern "C" bool pliant_cuda_probe(pliant_cuda_device *out, char *reason, size_t 
         device.major = properties.major;
         device.minor = properties.minor;
         device.multiprocessors = properties.multiProcessorCount;
-        if (best.index < 0 || device.free_bytes > best.free_bytes) best = device;
+        if (best.index < 0 || index == before || (best.index != before && device.free_bytes > best.free_bytes)) best = device;
     }
     cudaGetLastError();
     if (best.index < 0 || cudaSetDevice(best.index) != cudaSuccess) {
         snprintf(reason, reason_size, "%s", error != cudaSuccess ? cudaGetErrorString(error) : "there is no device");
         return false;
     }
+    chosen = best.index;
     *out = best;
     return true;
 }
