@@ -140,6 +140,27 @@ TEST_F(Choice, LeavesAsItIsWhatMayNotVary)
     EXPECT_EQ(choice.scene.mesh.coarse_cells[0], 4);
 }
 
+TEST_F(Choice, AScenesOwnPatchIsNotEverybodys)
+{
+    body.scene.model.method = PLIANT_AVERAGED;
+    body.scene.model.patch = 0.05;
+    vary(false, false, false, false);
+    ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(choice.tried, 1);
+    EXPECT_EQ(std::memcmp(&choice.scene, &body.scene, sizeof body.scene), 0);
+    const double patched = choice.max;
+
+    vary(true, false, false, false);
+    ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(choice.scene.model.method, PLIANT_FINE);
+    EXPECT_EQ(choice.scene.model.patch, 0);
+    body.scene.model.patch = 0;
+    body.scene.model.method = PLIANT_AVERAGED;
+    vary(false, false, false, false);
+    ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
+    EXPECT_GT(choice.max, 1.5 * patched);
+}
+
 TEST_F(Choice, TheSceneChoosesByTheMeasureThatItNames)
 {
     vary(false, false, false, true);

@@ -5,12 +5,19 @@
 
 const pliant_host_solver *pliant_host_solver_of(const pliant_model *model) { return model->tled ? &pliant_explicit : &pliant_corotational; }
 
-/* patched: the scene asks for patches, which have no kernels */
-static pliant_status choose(const pliant_host_solver *kind, bool patched, pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT],
-                            const pliant_backend **out)
+/* what the scene asks for that has no kernels, or NULL */
+static const char *without_kernels(const pliant_model *model, const pliant_data *data)
 {
-    snprintf(text, PLIANT_BACKEND_TEXT, "%s", patched ? "model/patch runs on the CPU only" : "this build has no CUDA backend");
-    bool usable = choice != PLIANT_CPU && !patched && kind->cuda && kind->cuda->probe(text, PLIANT_BACKEND_TEXT);
+    if (data->patch) return "model/patch runs on the CPU only";
+    return model->scene.model.method == PLIANT_LOD ? "model/method lod runs on the CPU only" : NULL;
+}
+
+/* why_not: without_kernels */
+static pliant_status choose(const pliant_host_solver *kind, const char *why_not, pliant_backend_choice choice,
+                            char text[PLIANT_BACKEND_TEXT], const pliant_backend **out)
+{
+    snprintf(text, PLIANT_BACKEND_TEXT, "%s", why_not ? why_not : "this build has no CUDA backend");
+    bool usable = choice != PLIANT_CPU && !why_not && kind->cuda && kind->cuda->probe(text, PLIANT_BACKEND_TEXT);
     if (!usable && choice == PLIANT_CUDA)
         return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "solver/backend: cuda cannot be used: %s; auto or cpu would run on the CPU", text);
     *out = usable ? kind->cuda : kind->cpu;
@@ -19,7 +26,7 @@ static pliant_status choose(const pliant_host_solver *kind, bool patched, pliant
 
 pliant_status pliant_backend_choose(pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT], const pliant_backend **out)
 {
-    return choose(&pliant_corotational, false, choice, text, out);
+    return choose(&pliant_corotational, NULL, choice, text, out);
 }
 
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data)
@@ -27,7 +34,7 @@ pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data
     const pliant_host_solver *kind = pliant_host_solver_of(model);
     const pliant_backend_choice choice = model->scene.solver.backend;
     char text[PLIANT_BACKEND_TEXT];
-    pliant_status status = choose(kind, data->patch != NULL, choice, text, &data->backend);
+    pliant_status status = choose(kind, without_kernels(model, data), choice, text, &data->backend);
     if (status != PLIANT_OK) return status;
     status = data->backend->create(model, data);
     if (data->backend == kind->cpu) {

@@ -69,7 +69,7 @@ static pliant_status load_frame(const report_case *load, pliant_data *data, cons
 }
 
 /* Until a step ends below the tolerance, with a factor that is never older than one step: nearly Newton's method. */
-static pliant_status settle(const pliant_model *model, pliant_data *data, double tolerance)
+static pliant_status settle(const pliant_model *model, pliant_data *data, double tolerance, pliant_progress progress)
 {
     pliant_solver *solver = data->solver;
     if (!solver) { /* tled, by dynamic relaxation */
@@ -82,6 +82,7 @@ static pliant_status settle(const pliant_model *model, pliant_data *data, double
     for (int s = 0; status >= 0 && s < SETTLING_STEPS; s++) {
         status = pliant_step(model, data);
         if (status == PLIANT_OK) break;
+        if (!pliant_report_progress(progress, (double)s / SETTLING_STEPS, "settling")) status = pliant_fail(PLIANT_ERROR_CANCELLED, "the run was stopped");
     }
     solver->refresh_interval = interval;
     solver->refresh_delay = delay;
@@ -89,12 +90,13 @@ static pliant_status settle(const pliant_model *model, pliant_data *data, double
 }
 
 /* It is made while the tool holds still. */
-static pliant_status await_patch(const pliant_model *model, pliant_data *data)
+static pliant_status await_patch(const pliant_model *model, pliant_progress progress, pliant_data *data)
 {
-    pliant_status status = PLIANT_OK;
-    if (model->fine_system) do {
-            status = pliant_step(model, data);
-        } while (status >= 0 && data->statistics.patch_waiting > 0);
+    pliant_status status = model->fine_system ? pliant_step(model, data) : PLIANT_OK;
+    while (status >= 0 && data->statistics.patch_waiting > 0) {
+        if (!pliant_report_progress(progress, 0, "a patch")) return pliant_fail(PLIANT_ERROR_CANCELLED, "the run was stopped");
+        status = pliant_step(model, data);
+    }
     return status;
 }
 
@@ -103,14 +105,14 @@ static pliant_status begin(const pliant_model *model, const report_case *load, r
 {
     pliant_status status = load->kind == CASE_gravity ? load_frame(load, data, from, 0) : PLIANT_OK;
     const double *gravity = data->gravity;
-    if (status >= 0 && (gravity[0] != 0 || gravity[1] != 0 || gravity[2] != 0)) status = settle(model, data, fmin(limits.tolerance, 1e-5));
+    if (status >= 0 && (gravity[0] != 0 || gravity[1] != 0 || gravity[2] != 0)) status = settle(model, data, fmin(limits.tolerance, 1e-5), limits.progress);
     if (status >= 0 && load->kind != CASE_gravity) {
         int tool;
         status = pliant_tool_add(model, data, "report", &tool);
         if (status >= 0) status = pliant_tool_pose(data, tool, load->rest, NULL);
         if (status >= 0) status = pliant_tool_grasp(model, data, tool, load->rest);
         if (status >= 0) memcpy(from, data->tools[tool].tip, 3 * sizeof *from);
-        if (status >= 0) status = await_patch(model, data);
+        if (status >= 0) status = await_patch(model, limits.progress, data);
     }
     return status < 0 ? status : set_limits(data, limits);
 }
@@ -120,7 +122,7 @@ static pliant_status step_frame(const pliant_model *model, pliant_data *data, re
 {
     pliant_status status = pliant_step(model, data);
     if (!limits.tight || status != PLIANT_NOT_CONVERGED) return status;
-    status = settle(model, data, limits.tolerance);
+    status = settle(model, data, limits.tolerance, limits.progress);
     return status < 0 ? status : set_limits(data, limits);
 }
 

@@ -9,27 +9,27 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* What may stand for the scene's method, most accurate first: a line each. option, value: one more of the scene's options. */
+/* What may stand for the scene's method, most accurate first: a line each. */
 static const struct choice_method {
     pliant_method method;
     pliant_touch touch;
-    const char *option, *value;
+    double patch; /* model/patch [m] */
 } methods[] = {
-    {PLIANT_FINE, PLIANT_TOUCH_OVERLAP, "", ""},
-    {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, "model/patch", "0.05"},
-    {PLIANT_CALIBRATED, PLIANT_TOUCH_OVERLAP, "", ""},
-    {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, "", ""},
-    {PLIANT_COARSE, PLIANT_TOUCH_OVERLAP, "", ""},
-    {PLIANT_LOD, PLIANT_TOUCH_OVERLAP, "", ""},
-    {PLIANT_SCHUR, PLIANT_TOUCH_OVERLAP, "", ""},
-    {PLIANT_SCHUR, PLIANT_TOUCH_FACE, "", ""},
+    {PLIANT_FINE, PLIANT_TOUCH_OVERLAP, 0},
+    {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, 0.05},
+    {PLIANT_CALIBRATED, PLIANT_TOUCH_OVERLAP, 0},
+    {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, 0},
+    {PLIANT_COARSE, PLIANT_TOUCH_OVERLAP, 0},
+    {PLIANT_LOD, PLIANT_TOUCH_OVERLAP, 0},
+    {PLIANT_SCHUR, PLIANT_TOUCH_OVERLAP, 0},
+    {PLIANT_SCHUR, PLIANT_TOUCH_FACE, 0},
 };
 static const int32_t budgets[] = {1, 2, 3, 4, 6, 8, 12, 18, 30};
 enum { NUM_METHODS = sizeof methods / sizeof *methods, NUM_BUDGETS = sizeof budgets / sizeof *budgets };
 #define COUNT(name, yaml) +1
 enum { NUM_MEASURES = 0 PLIANT_MEASURE_LIST(COUNT) };
 #undef COUNT
-enum { MOST_MESHES = 10, MOST_CANDIDATES = NUM_METHODS * MOST_MESHES + 1, VARIANT_TEXT = sizeof((sweep_state *)NULL)->variant };
+enum { MOST_MESHES = 10, MOST_CANDIDATES = (NUM_METHODS + 1) * MOST_MESHES, VARIANT_TEXT = sizeof((sweep_state *)NULL)->variant };
 /* the probe load */
 enum { FRAMES = 10, CASES = 1 << CASE_displacement | 1 << CASE_force };
 static const double reference_tolerance = 1e-4;
@@ -116,25 +116,33 @@ static bool is_listed(const choice_mesh *meshes, int count, int32_t factor, int3
     return false;
 }
 
-/* The scene's own settings first, so that they are known whatever becomes of the others. */
+static bool same_method(const struct choice_method *a, const struct choice_method *b)
+{
+    return a->method == b->method && a->touch == b->touch && a->patch == b->patch;
+}
+
+/* The scene's own settings first, so that they are known whatever becomes of the others; then its method on other meshes. */
 static int list_candidates(const pliant_scene *scene, int32_t finest, choice_candidate *out)
 {
     choice_mesh meshes[MOST_MESHES];
     int num_meshes = list_meshes(scene, finest, meshes), count = 0;
-    bool touches = scene->model.method == PLIANT_SCHUR;
-    const struct choice_method own = {scene->model.method, touches ? scene->model.touch : PLIANT_TOUCH_OVERLAP, "", ""};
+    const pliant_method method = scene->model.method;
+    const struct choice_method own = {method, method == PLIANT_SCHUR ? scene->model.touch : PLIANT_TOUCH_OVERLAP,
+                                      scene->model.patch}; /* which means nothing to fine */
     out[count++] = (choice_candidate){own, {1, scene->mesh.ratio}};
-    for (int n = 0; n < NUM_METHODS; n++)
+    for (int n = -1; n < (scene->choose.method ? NUM_METHODS : 0); n++) {
+        const struct choice_method *by = n < 0 ? &own : methods + n;
+        if (n >= 0 && same_method(by, &own)) continue;
         for (int m = 0; m < num_meshes; m++) {
-            bool fine = methods[n].method == PLIANT_FINE, same = methods[n].method == own.method && methods[n].touch == own.touch;
+            bool fine = by->method == PLIANT_FINE;
             choice_mesh mesh = meshes[m];
-            if (!scene->choose.method && (!same || methods[n].option[0])) continue;
-            if (same && !methods[n].option[0] && mesh.cells_factor == 1 && mesh.ratio == scene->mesh.ratio) continue;
+            if (n < 0 && mesh.cells_factor == 1 && mesh.ratio == scene->mesh.ratio) continue;
             /* cells mean nothing to the fine method, and a coarse mesh as fine as the fine one means nothing to the others */
             if (fine && mesh.cells_factor > 1 && is_listed(meshes, num_meshes, 1, mesh.cells_factor * mesh.ratio)) continue;
             if (!fine && mesh.ratio == 1 && scene->choose.ratio) continue;
-            out[count++] = (choice_candidate){methods[n], mesh};
+            out[count++] = (choice_candidate){*by, mesh};
         }
+    }
     return count;
 }
 
@@ -143,9 +151,10 @@ static pliant_status candidate_scene(const pliant_scene *scene, const choice_can
     *out = *scene;
     out->model.method = candidate->by.method;
     out->model.touch = candidate->by.touch;
+    out->model.patch = candidate->by.patch;
     out->mesh.ratio = candidate->mesh.ratio;
     for (int d = 0; d < 3; d++) out->mesh.coarse_cells[d] *= candidate->mesh.cells_factor;
-    return candidate->by.option[0] ? pliant_scene_set(out, candidate->by.option, candidate->by.value) : PLIANT_OK;
+    return pliant_scene_check(out);
 }
 
 /* ---- trying it */
@@ -173,9 +182,10 @@ static const char *describe(const choice_candidate *candidate, const pliant_scen
     const char *touch = touch_name(by);
     int32_t factor = candidate->mesh.cells_factor;
     const int32_t *cells = scene->mesh.coarse_cells;
-    snprintf(out, PLIANT_CHOICE_TEXT, "model/method=%s%s%s mesh/coarse_cells=%d,%d,%d mesh/ratio=%d%s%s%s%s", method_names[by->method],
-             touch[0] ? " model/touch=" : "", touch, factor * cells[0], factor * cells[1], factor * cells[2], candidate->mesh.ratio,
-             by->option[0] ? " " : "", by->option, by->option[0] ? "=" : "", by->value);
+    snprintf(out, PLIANT_CHOICE_TEXT, "model/method=%s%s%s mesh/coarse_cells=%d,%d,%d mesh/ratio=%d", method_names[by->method],
+             touch[0] ? " model/touch=" : "", touch, factor * cells[0], factor * cells[1], factor * cells[2], candidate->mesh.ratio);
+    size_t used = strlen(out);
+    if (by->patch != scene->model.patch) snprintf(out + used, PLIANT_CHOICE_TEXT - used, " model/patch=%g", by->patch);
     return out;
 }
 
@@ -189,7 +199,7 @@ static void name_variant(const choice_candidate *candidate, const pliant_scene *
     out[0] = '\0';
     if (factor > 1)
         used = snprintf(out, VARIANT_TEXT, "mesh/coarse_cells=%d,%d,%d", factor * cells[0], factor * cells[1], factor * cells[2]);
-    if (by->option[0]) snprintf(out + used, (size_t)(VARIANT_TEXT - used), "%s%s=%s", used ? " " : "", by->option, by->value);
+    if (by->patch != scene->model.patch) snprintf(out + used, (size_t)(VARIANT_TEXT - used), "%smodel/patch=%g", used ? " " : "", by->patch);
 }
 
 /* The rows from `first` on are of this candidate: case by case, budgets ascending. A case that converged needs no larger budget. */
@@ -218,8 +228,8 @@ static void gather(choice_state *state, size_t first)
         }
         if (cases < state->sweep.ground.num_cases) continue;
         /* one more iteration that was not needed is no point of its own */
-        const choice_point *last = state->points + state->num_points - 1;
-        if (any && memcmp(last->error, point.error, sizeof point.error) == 0 && last->seconds == point.seconds) continue;
+        const choice_point *last = any ? state->points + state->num_points - 1 : NULL;
+        if (last && memcmp(last->error, point.error, sizeof point.error) == 0 && last->seconds == point.seconds) continue;
         any = true;
         state->points[state->num_points++] = point;
     }
@@ -248,7 +258,9 @@ static pliant_status try_candidate(choice_state *state)
     int from = state->num_points;
     pliant_status status = candidate_scene(ground->input->scene, candidate, &ground->scene);
     if (status < 0) return status;
-    ground->scene.solver.backend = ground->reference.solver.backend;
+    /* neither patches nor lod have kernels: where the scene leaves it open, they are tried on the CPU */
+    bool on_host = (candidate->by.patch > 0 || candidate->by.method == PLIANT_LOD) && ground->scene.solver.backend == PLIANT_AUTO;
+    ground->scene.solver.backend = on_host ? PLIANT_CPU : ground->reference.solver.backend;
     name_variant(candidate, ground->input->scene, state->sweep.variant);
     status = sweep_run_model(&state->sweep, candidate->by.method, candidate->by.touch);
     if (status == PLIANT_ERROR_CANCELLED && state->cancelled) return status;

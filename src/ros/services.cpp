@@ -110,12 +110,12 @@ std::shared_ptr<const Loaded> Services::current() const
     return loaded;
 }
 
-void Services::put_in(const std::shared_ptr<Loaded> &next)
+void Services::put_in(const std::shared_ptr<Loaded> &next, bool takes_live)
 {
     check_target(*next);
     next->revision = revision_ + 1;
-    if (next->choice.made) live_->assign(next->model->scene);
     simulation_->swap(next);
+    if (takes_live || next->choice.made) live_->assign(next->model->scene);
     ++revision_;
     state_->chose(next->choice);
     mesh_output_->publish_model(*next);
@@ -167,8 +167,7 @@ bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &respons
         ConfinedReads confined(parameters_.scan_root, parameters_.scene.material.file);
         std::shared_ptr<const Scan> scan = read_scan(scene, path, &materials);
         std::shared_ptr<Loaded> next = build_chosen(scene, scan, materials.table, progress());
-        live_->assign(scene);
-        put_in(next);
+        put_in(next, true);
         response.scan_id = scan->volume.id;
         return "loaded " + request.path + ": " + size_text(*next->model);
     });
@@ -193,8 +192,13 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
         pliant_choice measured = next->choice;
         std::string note;
         if (request.probe && !measured.made) {
-            measured = measure(next->model->scene, *old->scan, old->model->materials, progress(0.2, 1));
-            if (!measured.made) note = "; no error could be measured";
+            try {
+                measured = measure(next->model->scene, *old->scan, old->model->materials, progress(0.2, 1));
+                if (!measured.made) note = "; no error could be measured";
+            } catch (const Failure &failure) { /* the model is good for what needs no measuring */
+                if (failure.status == PLIANT_ERROR_CANCELLED) throw;
+                note = "; no error could be measured: " + std::string(failure.what());
+            }
         }
         if (measured.made) {
             response.error_max = static_cast<float>(measured.max);

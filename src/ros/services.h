@@ -56,7 +56,7 @@ private:
     bool pause(std_srvs::SetBool::Request &request, std_srvs::SetBool::Response &response);
 
     std::string allowed(const std::string &path) const;
-    void put_in(const std::shared_ptr<Loaded> &next);
+    void put_in(const std::shared_ptr<Loaded> &next, bool takes_live = false); /* the options that may change while running, too */
     std::shared_ptr<const Loaded> current() const;
     /* a part of the bar */
     pliant_progress progress(double from = 0, double to = 1);
