@@ -3,6 +3,7 @@
 
 #include "fem/patch.h"
 #include "fem/space.h"
+#include "pliant/memory.h"
 
 namespace {
 
@@ -154,6 +155,27 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
             apart = std::fmax(apart, std::fabs(near[at] - x[at] - whole[3 * f + d]));
         }
     EXPECT_LT(apart, 1e-12);
+    // a state of the space stays what it is; any other becomes one, which then stays
+    std::vector<double> state = small, other = small;
+    pliant_space_project(space, state.data());
+    for (size_t i = 0; i < small.size(); i++) EXPECT_NEAR(state[i], small[i], 1e-15) << i;
+    for (size_t i = 0; i < other.size(); i++) other[i] += 1e-3 * std::sin(0.7 * double(i));
+    const std::vector<double> rough = other;
+    pliant_space_project(space, other.data());
+    state = other;
+    pliant_space_project(space, state.data());
+    double moved = 0, again = 0;
+    for (size_t i = 0; i < state.size(); i++) {
+        moved = std::fmax(moved, std::fabs(other[i] - rough[i]));
+        again = std::fmax(again, std::fabs(state[i] - other[i]));
+    }
+    EXPECT_GT(moved, 1e-4);
+    EXPECT_LT(again, 1e-14);
+    for (int32_t o = 0; o < space->num_own; o++)
+        for (int d = 0; d < 3; d++) {
+            size_t at = 3 * static_cast<size_t>(space->system.node_of_free[space->own[o]]) + d;
+            EXPECT_EQ(other[at], rough[at]);
+        }
     // what stands for the inverse is symmetric, and positive
     std::vector<double> a(n), b(n), inverse_a(n), inverse_b(n);
     for (size_t i = 0; i < n; i++) {
@@ -180,6 +202,33 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
         }
     EXPECT_LT(off, 1e-3 * most);
     pliant_space_free(space);
+    pliant_linearized_free(&linearized);
+}
+
+TEST_F(Response, EndsWhenItIsNoLongerWanted)
+{
+    const std::vector<double> x = rest();
+    std::vector<double> modes = modes_at(x), out(modes.size());
+    const double *const block = modes.data();
+    pliant_foothold foothold{static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), {0.1, 0.1, 0.19}};
+    pliant_linearized linearized{};
+    ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
+    int left = 0;
+    linearized.progress = {[](double, const char *, void *calls) { return --*static_cast<int *>(calls) >= 0; }, &left};
+    const size_t bytes = pliant_memory_in_use();
+    for (int calls : {0, 1, 7}) {
+        pliant_space *space = nullptr;
+        left = calls;
+        EXPECT_EQ(pliant_response_modes(&linearized, fine->preconditioner, static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), out.data()),
+                  PLIANT_ERROR_CANCELLED);
+        left = calls;
+        EXPECT_EQ(pliant_response_crossed(&linearized, fine->preconditioner, modes.data(), modes.data(), out.data()), PLIANT_ERROR_CANCELLED);
+        left = calls;
+        EXPECT_EQ(pliant_space_create(fine, &linearized, body.model->fine_material, body.model->fine_fixed, 0.04, 1, &foothold, 1, &block, 2, &space),
+                  PLIANT_ERROR_CANCELLED);
+        EXPECT_EQ(space, nullptr);
+        EXPECT_EQ(pliant_memory_in_use(), bytes);
+    }
     pliant_linearized_free(&linearized);
 }
 

@@ -1,12 +1,14 @@
 #include "fem/patch.h"
 
 #include "core/fail.h"
+#include "core/free_memory.h"
 #include "fem/space.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
 
 #include <math.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -48,8 +50,8 @@ typedef struct patch_room {
 struct pliant_patch {
     const pliant_model *model;
     pliant_preconditioner *preconditioner; /* of the fine system, this one's own; made with the first patch */
-    double block_steps;       /* that a block may take */
     patch_job job;
+    atomic_bool stop;         /* the job is no longer wanted */
     patch_hold holds[PLIANT_MAX_TOOLS]; /* whose responses are known */
     patch_blocks blocks;
     bool serves[PLIANT_MAX_TOOLS];      /* the space in use is for this hold, too */
@@ -91,19 +93,16 @@ pliant_status pliant_patch_system(const pliant_model *model, pliant_system **out
     return PLIANT_OK;
 }
 
-/* Steps that a block of responses may take: its operations at a rate that a core of today has, so that the answer is the same
- * everywhere and the step seldom waits. */
-static double steps_of(const pliant_model *model)
+/* Steps that a patch may take, of so many blocks of responses, some of which are still to be made: its operations at a rate that a
+ * core of today has, so that the answer is the same everywhere and the step seldom waits. */
+static int32_t delay_of(const pliant_patch *patch, int missing, int all)
 {
     const double rate = 2e9;
-    double operations = PLIANT_RESPONSE_MODES * pliant_preconditioner_solve_operations(model->fine_system->preconditioner);
-    return operations / rate / model->scene.solver.step;
-}
-
-static int32_t delay_of(const pliant_patch *patch, int blocks)
-{
-    int32_t asked = patch->model->scene.model.patch_delay;
-    return asked > 0 ? asked : 1 + (int32_t)fmin(ceil(blocks * patch->block_steps), 99998);
+    const pliant_model *model = patch->model;
+    const pliant_system *fine = model->fine_system;
+    if (model->scene.model.patch_delay > 0) return model->scene.model.patch_delay;
+    double operations = missing * pliant_response_operations(fine, fine->preconditioner) + pliant_space_operations(fine, all);
+    return 1 + (int32_t)fmin(ceil(operations / rate / model->scene.solver.step), 99998);
 }
 
 pliant_status pliant_patch_create(const pliant_model *model, pliant_patch **out)
@@ -111,7 +110,7 @@ pliant_status pliant_patch_create(const pliant_model *model, pliant_patch **out)
     pliant_patch *patch = pliant_calloc(1, sizeof *patch);
     if (!patch) return pliant_fail_memory("the patches");
     patch->model = model;
-    patch->block_steps = steps_of(model);
+    atomic_init(&patch->stop, false);
     *out = patch;
     return PLIANT_OK;
 }
@@ -217,6 +216,27 @@ static pliant_status make_blocks(pliant_patch *patch, pliant_linearized *lineari
     return status;
 }
 
+static bool still_wanted(double fraction, const char *stage, void *user)
+{
+    const pliant_patch *patch = user;
+    (void)fraction, (void)stage;
+    return !atomic_load(&patch->stop);
+}
+
+/* The responses that are missing, and all of them once more in the space. */
+static pliant_status check_memory(const pliant_patch *patch)
+{
+    const double share = 0.5;
+    const patch_job *job = &patch->job;
+    int32_t blocks = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        for (int u = t; u < PLIANT_MAX_TOOLS; u++) blocks += 2 * job->wanted[t][u] + (job->blocks[t][u] != NULL);
+    double bytes = pliant_space_bytes(patch->model->fine_system, blocks), available = pliant_free_memory();
+    if (bytes <= share * available) return PLIANT_OK;
+    return pliant_fail(PLIANT_ERROR_MEMORY, "a patch around these holds needs %.0f MB, more than half of the %.0f MB that the machine has free",
+                       bytes / 1e6, available / 1e6);
+}
+
 static pliant_status make_space(pliant_patch *patch)
 {
     enum { MOST_BLOCKS = PLIANT_MAX_TOOLS * (PLIANT_MAX_TOOLS + 1) / 2 };
@@ -227,8 +247,10 @@ static pliant_status make_space(pliant_patch *patch)
     pliant_foothold footholds[PLIANT_MAX_TOOLS];
     const double *blocks[MOST_BLOCKS];
     int32_t count = 0, num_blocks = 0;
-    pliant_status status = patch->preconditioner ? PLIANT_OK : pliant_preconditioner_clone(fine->preconditioner, 1, &patch->preconditioner);
+    pliant_status status = check_memory(patch);
+    if (status == PLIANT_OK && !patch->preconditioner) status = pliant_preconditioner_clone(fine->preconditioner, 1, &patch->preconditioner);
     if (status == PLIANT_OK) status = pliant_linearized_create(fine, job->x, &linearized);
+    linearized.progress = (pliant_progress){still_wanted, patch};
     if (status == PLIANT_OK) status = make_blocks(patch, &linearized);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         if (job->holds[t].hold) footholds[count++] = job->holds[t].foothold;
@@ -254,6 +276,7 @@ static void *run_job(void *argument)
 static void job_clear(pliant_patch *patch)
 {
     patch_job *job = &patch->job;
+    atomic_store(&patch->stop, true);
     if (job->running && job->in_thread) pthread_join(job->thread, NULL);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         if (job->copied[t]) hold_free(job->holds + t);
@@ -292,20 +315,21 @@ static bool touch(const patch_hold *a, const patch_hold *b, double radius)
     return squares <= 16 * radius * radius;
 }
 
-/* which responses are missing, and how many */
-static int list_wanted(pliant_patch *patch)
+/* Which responses are missing. Returns the steps that the patch is due in. */
+static int32_t list_wanted(pliant_patch *patch)
 {
     patch_job *job = &patch->job;
-    int count = 0;
+    int missing = 0, all = 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++) {
             if (!job->holds[t].hold || !job->holds[u].hold) continue;
             if (!touch(job->holds + t, job->holds + u, patch->model->scene.model.patch)) continue;
             if (!job->copied[t] && !job->copied[u]) job->blocks[t][u] = patch->blocks[t][u];
             job->wanted[t][u] = !job->blocks[t][u];
-            count += job->wanted[t][u];
+            missing += job->wanted[t][u];
+            all++;
         }
-    return count;
+    return delay_of(patch, missing, all);
 }
 
 static pliant_status start(pliant_patch *patch, pliant_data *data)
@@ -326,8 +350,9 @@ static pliant_status start(pliant_patch *patch, pliant_data *data)
         return status;
     }
     memcpy(job->x, data->positions, bytes);
-    job->due = data->statistics.step + (uint64_t)delay_of(patch, list_wanted(patch));
+    job->due = data->statistics.step + (uint64_t)list_wanted(patch);
     job->running = true;
+    atomic_store(&patch->stop, false);
     job->in_thread = pthread_create(&job->thread, NULL, run_job, patch) == 0;
     if (!job->in_thread) run_job(patch);
     return PLIANT_OK;

@@ -35,6 +35,12 @@ void pliant_linearized_free(pliant_linearized *linearized)
     memset(linearized, 0, sizeof *linearized);
 }
 
+pliant_status pliant_linearized_go_on(const pliant_linearized *linearized)
+{
+    if (pliant_report_progress(linearized->progress, 0, "patch")) return PLIANT_OK;
+    return pliant_fail(PLIANT_ERROR_CANCELLED, "the response of the fine mesh is no longer wanted");
+}
+
 void pliant_linearized_forces(pliant_linearized *linearized, const double *u, double *out)
 {
     const pliant_system *system = &linearized->system;
@@ -83,7 +89,8 @@ static pliant_status solve(pliant_linearized *linearized, pliant_preconditioner 
     memset(v, 0, n * sizeof *v);
     double size = sqrt(pliant_dot(n, r, r)), first = 0, before = 0;
     for (int k = 0; k < MOST && size > 0; k++) {
-        pliant_status status = pliant_preconditioner_solve(preconditioner, 1, r, z);
+        pliant_status status = pliant_linearized_go_on(linearized);
+        if (status == PLIANT_OK) status = pliant_preconditioner_solve(preconditioner, 1, r, z);
         if (status != PLIANT_OK) return status;
         double now = pliant_dot(n, r, z);
         if (k == 0) first = now;
@@ -183,4 +190,20 @@ pliant_status pliant_response_crossed(pliant_linearized *linearized, pliant_prec
             status = derivative(linearized, preconditioner, &room, first + n * i, second + n * j, most, out + n * (3 * i + j));
     room_free(&room);
     return status;
+}
+
+double pliant_response_force_operations(const pliant_system *system)
+{
+    const double one = 150; /* turning an element, its stiffness, and back, LANES at a time: what it takes of a scalar rate */
+    return one * system->mesh->num_tets;
+}
+
+double pliant_response_operations(const pliant_system *system, const pliant_preconditioner *preconditioner)
+{
+    /* products in a solve of a deformed body, by its factor at rest; a multigrid's count has as many cycles already */
+    bool direct = pliant_preconditioner_refuses(preconditioner);
+    const double usual = direct ? 5 : 8;
+    double forces = pliant_response_force_operations(system);
+    double solve = pliant_preconditioner_solve_operations(preconditioner) * (direct ? usual : 1);
+    return PLIANT_RESPONSE_MODES * (solve + usual * 2 * forces + 4 * forces);
 }

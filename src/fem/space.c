@@ -194,6 +194,8 @@ static pliant_status orthonormal_modes(space_builder *build, int32_t num_blocks,
     space->whole = pliant_calloc(all * most, sizeof *space->whole);
     if (!space->modes || !space->outer || !space->whole) return pliant_fail_memory("a patch");
     for (size_t k = 0; k < most; k++) {
+        pliant_status status = pliant_linearized_go_on(build->linearized);
+        if (status != PLIANT_OK) return status;
         double *mode = space->modes + n * (size_t)space->num_modes, *outer = space->outer + n * (size_t)space->num_modes;
         double *whole = space->whole + all * (size_t)space->num_modes;
         memcpy(whole, blocks[k / PLIANT_RESPONSE_MODES] + all * (k % PLIANT_RESPONSE_MODES), all * sizeof *whole);
@@ -236,6 +238,7 @@ static pliant_status far_stiffness(space_builder *build)
     double *room = pliant_calloc(all, sizeof *room), *product = pliant_calloc(all, sizeof *product);
     pliant_status status = space->far && space->amplitude && room && product ? PLIANT_OK : pliant_fail_memory("a patch");
     for (size_t l = 0; status == PLIANT_OK && l < count; l++) {
+        if ((status = pliant_linearized_go_on(build->linearized)) != PLIANT_OK) break;
         pliant_linearized_product(build->linearized, space->whole + all * l, room, product);
         for (size_t k = 0; k < count; k++) space->far[k * count + l] = pliant_dot(all, space->whole + all * k, product);
         pliant_linearized_product(&build->near, space->modes + n * l, room, product);
@@ -298,6 +301,18 @@ pliant_status pliant_space_create(const pliant_system *fine, pliant_linearized *
     }
     *out = space;
     return PLIANT_OK;
+}
+
+double pliant_space_operations(const pliant_system *fine, int32_t num_blocks)
+{
+    double modes = (double)PLIANT_RESPONSE_MODES * num_blocks;
+    /* a product a mode, and for every two modes: a scalar product and, twice, a difference */
+    return 2 * modes * pliant_response_force_operations(fine) + 4 * modes * modes * 3 * fine->num_free;
+}
+
+double pliant_space_bytes(const pliant_system *fine, int32_t num_blocks)
+{
+    return (double)PLIANT_RESPONSE_MODES * num_blocks * 3 * fine->num_free * (double)sizeof(double);
 }
 
 void pliant_space_free(pliant_space *space)

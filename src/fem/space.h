@@ -56,7 +56,7 @@ typedef struct pliant_foothold {
     double centre[3];         /* at rest */
 } pliant_foothold;
 
-/* Errors: MEMORY, NUMERIC, SCENE (nothing around the holds can move).
+/* Errors: MEMORY, NUMERIC, SCENE (nothing around the holds can move), CANCELLED.
  * @param fine        the system of the fine mesh
  * @param linearized  around the state that the stiffness is taken at
  * @param material    (fine tetrahedra)
@@ -68,6 +68,9 @@ pliant_status pliant_space_create(const pliant_system *fine, pliant_linearized *
                                   const uint8_t *fixed, double radius, int32_t num_footholds, const pliant_foothold *footholds,
                                   int32_t num_blocks, const double *const *blocks, int num_threads, pliant_space **out);
 void pliant_space_free(pliant_space *space); /* Nullable */
+/* Floating-point operations of making one, but for its first numbers; bytes of its fields on the fine mesh. */
+double pliant_space_operations(const pliant_system *fine, int32_t num_blocks);
+double pliant_space_bytes(const pliant_system *fine, int32_t num_blocks);
 
 /* Without numbers, or with those of another. Errors: MEMORY. */
 pliant_status pliant_reduction_create(const pliant_space *space, const pliant_reduction *from, pliant_reduction **out);

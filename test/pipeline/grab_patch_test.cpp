@@ -283,6 +283,31 @@ TEST(GrabPatch, AFailedStepIsUndone)
     EXPECT_LT(apart(ends[0], ends[1]), 1e-8);
 }
 
+TEST(GrabPatch, LettingGoOfAllDoesNotWaitForThePatch)
+{
+    Patched patched(PLIANT_AVERAGED, 0.04);
+    patched.body.scene.model.patch_delay = 100000; // never due here
+    ASSERT_EQ(patched.body.build(), PLIANT_OK);
+    const std::vector<double> before = patched.positions();
+    size_t bytes = 0;
+    for (int round = 0; round < 20; round++) { // a job is stopped wherever it is
+        patched.take("tool", round % 2 ? top : beside);
+        for (int s = 0; s < 1 + round % 3; s++) ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
+        EXPECT_EQ(patched.body.data->statistics.patch_waiting, 1);
+        ASSERT_EQ(pliant_data_reset(patched.body.model, patched.body.data), PLIANT_OK);
+        EXPECT_EQ(patched.positions(), before);
+        if (round == 9) bytes = pliant_memory_in_use();
+    }
+    EXPECT_LE(pliant_memory_in_use(), bytes);
+    patched.body.scene.model.patch_delay = 0;
+    ASSERT_EQ(patched.body.build(), PLIANT_OK);
+    patched.take("tool", top);
+    ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
+    ASSERT_EQ(pliant_data_reset(patched.body.model, patched.body.data), PLIANT_OK);
+    patched.take("tool", top); // a stop is not for the next one
+    patched.wait(1);
+}
+
 TEST(GrabPatch, SeveralToolsOneAfterTheOther)
 {
     std::vector<std::vector<double>> states[2];
