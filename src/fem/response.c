@@ -37,8 +37,7 @@ void pliant_linearized_free(pliant_linearized *linearized)
 
 pliant_status pliant_linearized_go_on(const pliant_linearized *linearized)
 {
-    if (pliant_report_progress(linearized->progress, 0, "patch")) return PLIANT_OK;
-    return pliant_fail(PLIANT_ERROR_CANCELLED, "the response of the fine mesh is no longer wanted");
+    return pliant_report_progress(linearized->progress, 0, "patch") ? PLIANT_OK : PLIANT_ERROR_CANCELLED;
 }
 
 void pliant_linearized_forces(pliant_linearized *linearized, const double *u, double *out)

@@ -22,7 +22,7 @@ typedef struct pliant_linearized {
 /* Errors: MEMORY. */
 pliant_status pliant_linearized_create(const pliant_system *system, const double *x, pliant_linearized *out);
 void pliant_linearized_free(pliant_linearized *linearized);
-/* Errors: CANCELLED. */
+/* Errors: CANCELLED, without a message: whoever cancelled needs none. */
 pliant_status pliant_linearized_go_on(const pliant_linearized *linearized);
 /* Elastic forces at x + u; u, out: (3 num_free). */
 void pliant_linearized_forces(pliant_linearized *linearized, const double *u, double *out);

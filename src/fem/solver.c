@@ -188,8 +188,9 @@ static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
     for (int32_t f = 0; f < system->num_free; f++)
         for (int d = 0; d < 3; d++) {
             double u = at->x[3 * system->node_of_free[f] + d] - system->mesh->rest[3 * system->node_of_free[f] + d];
-            work += u * at->pull[3 * f + d];
-            elastic += u * at->step[3 * f + d];
+            double base = system->space ? solver->load[3 * f + d] : 0; /* holds a patch where it does not move: not its tools' work */
+            work += u * (at->pull[3 * f + d] - base);
+            elastic += u * (at->step[3 * f + d] - base);
         }
     at->scale = fmax(sqrt(fmax(fabs(work), fabs(elastic))), solver->smallest_scale);
     for (size_t i = 0; i < n; i++) at->pull[i] -= at->step[i];

@@ -308,6 +308,29 @@ TEST(GrabPatch, LettingGoOfAllDoesNotWaitForThePatch)
     patched.wait(1);
 }
 
+// the tolerance is of the tools' work, whatever weight the body carries
+TEST(GrabPatch, GravityDoesNotLoosenTheTolerance)
+{
+    double residual[2];
+    for (int heavy = 0; heavy < 2; heavy++) {
+        Patched patched(PLIANT_AVERAGED, 0.04);
+        const double gravity[3] = {0, -2.0 * heavy, 0};
+        ASSERT_EQ(pliant_data_gravity(patched.body.data, gravity), PLIANT_OK);
+        ASSERT_EQ(patched.body.settle(), PLIANT_OK);
+        int tool = patched.take("tool", top);
+        double from[3];
+        std::memcpy(from, patched.body.data->tools[tool].tip, sizeof from);
+        patched.wait(1);
+        ASSERT_EQ(patched.body.settle(), PLIANT_OK);
+        ASSERT_EQ(pliant_data_limits(patched.body.data, 3, 1e-9), PLIANT_OK);
+        patched.pull(tool, from, 0, -1e-3, 0);
+        ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
+        residual[heavy] = patched.body.data->statistics.patch_residual;
+    }
+    EXPECT_GT(residual[0], 1e-9); // far above rounding
+    EXPECT_NEAR(residual[1], residual[0], 0.2 * residual[0]); // counting the weight as well: 0.6 of it
+}
+
 TEST(GrabPatch, SeveralToolsOneAfterTheOther)
 {
     std::vector<std::vector<double>> states[2];
