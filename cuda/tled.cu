@@ -225,6 +225,7 @@ static pliant_status make_room(pliant_cuda_tled *gpu, int32_t count)
     free_held(held);
     release_held(it);
     gpu->sent_total = gpu->sent_held = -1;
+    gpu->graph_steps = 0; /* it has the old places */
     CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", reinterpret_cast<void **>(&held->held)));
     CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", reinterpret_cast<void **>(&held->node)));
     CUDA_TRY(pliant_cuda_allocate_host(weights, "the held nodes", reinterpret_cast<void **>(&held->weight)));
@@ -232,7 +233,6 @@ static pliant_status make_room(pliant_cuda_tled *gpu, int32_t count)
     CUDA_TRY(allocate(indices, reinterpret_cast<void **>(&it->d_tool_node)));
     CUDA_TRY(allocate(weights, reinterpret_cast<void **>(&it->d_tool_weight)));
     held->capacity = capacity;
-    gpu->graph_steps = 0; /* it has the old places */
     return PLIANT_OK;
 }
 

@@ -152,6 +152,32 @@ TEST(Fit, DrawsTheScanAtRestAndBackgroundBesideIt)
     pliant_warp_free(warp);
 }
 
+// The fits are those of the nodes that stayed, at any distance of the one that flew away.
+TEST(Fit, ANodeThatFlewAwayIsOutOfReach)
+{
+    Fixture body(24, 6);
+    std::vector<double> rest = body.rest_index(), positions(body.mesh.rest, body.mesh.rest + rest.size());
+    std::vector<float> first;
+    for (double away : {1.0, -1e6, 1e300, -1e308}) {
+        pliant_fit *fit = nullptr;
+        ASSERT_EQ(pliant_fit_create(&body.mesh, &body.scan.geometry, rest.data(), &body.scan.geometry, 2, 2, &fit), PLIANT_OK);
+        for (int d = 0; d < 3; d++) positions[d] = d == 1 ? -away : away;
+        ASSERT_EQ(pliant_fit_map(fit, positions.data()), PLIANT_OK);
+        std::vector<float> map;
+        for (int v = 0; v < 24 * 24 * 24; v++) {
+            const double at[3] = {1.0 * (v % 24), 1.0 * (v / 24 % 24), 1.0 * (v / 576)};
+            double found[3];
+            ASSERT_TRUE(pliant_fit_at(fit, at, found)) << v;
+            map.insert(map.end(), found, found + 3);
+        }
+        if (first.empty()) first = map;
+        float apart = 0; // bins lie elsewhere, so sums run in another order
+        for (size_t i = 0; i < map.size(); i++) apart = std::max(apart, std::fabs(map[i] - first[i]));
+        EXPECT_LT(apart, 1e-6F) << away;
+        pliant_fit_free(fit);
+    }
+}
+
 TEST(Fit, ASceneAsksForIt)
 {
     const int size[3] = {16, 16, 32};

@@ -22,7 +22,7 @@ enum { FIT_TERMS = 10, FIT_LINEAR = 4, FIT_ENOUGH = 16 /* nodes, for the 10 term
 /* Gaussian of one mean edge's width, cut off where it is 2 %; the support of a regular point then holds some 60 nodes */
 #define FIT_EDGES_OF_DEVIATION 0.9
 #define FIT_CUT_OFF 2.8
-#define FIT_MOST_BINS 128.0 /* along an axis: a node that flew away makes them wider, not more */
+#define FIT_MOST_BINS 128.0 /* along an axis */
 
 /* What a fit works with; pointers are of where it runs. */
 typedef struct fit_view {
@@ -44,7 +44,7 @@ typedef struct fit_view {
 FIT_INLINE int32_t fit_bin_of(const fit_view *fit, int d, double at)
 {
     double bin = (at - fit->low[d]) / fit->width;
-    return bin < 0 ? 0 : bin >= fit->bins[d] ? fit->bins[d] - 1 : (int32_t)bin;
+    return !(bin >= 0) ? 0 : bin >= fit->bins[d] ? fit->bins[d] - 1 : (int32_t)bin;
 }
 
 FIT_INLINE size_t fit_flat_bin(const fit_view *fit, const double at[3])
@@ -74,17 +74,21 @@ FIT_INLINE void fit_set_place(const fit_view *fit, int32_t place)
     }
 }
 
-/* Bins from the box of the nodes; returns how many. */
+/* Bins from the box of the nodes, as far as the target reaches with its widest kernel: what flew away is in the outermost ones, where
+ * nothing asks for it. Returns how many. */
 FIT_INLINE int32_t fit_set_bins(fit_view *fit, const double low[3], const double high[3])
 {
-    double count = 1;
+    const double reach = FIT_CUT_OFF * fit->deviation * (1 << (FIT_ATTEMPTS - 1));
+    double count = 1, length[3];
     fit->width = FIT_CUT_OFF * fit->deviation;
     for (int d = 0; d < 3; d++) {
-        fit->low[d] = low[d];
-        fit->width = fmax(fit->width, (high[d] - low[d]) / FIT_MOST_BINS);
+        const double end = fit->target.size[d] * fit->target.spacing[d] + reach;
+        fit->low[d] = fmin(fmax(low[d], -reach), end);
+        length[d] = fmax(fmin(high[d], end) - fit->low[d], 0);
+        fit->width = fmax(fit->width, length[d] / FIT_MOST_BINS);
     }
     for (int d = 0; d < 3; d++) {
-        fit->bins[d] = (int32_t)((high[d] - low[d]) / fit->width) + 1;
+        fit->bins[d] = (int32_t)(length[d] / fit->width) + 1;
         count *= fit->bins[d];
     }
     return (int32_t)count;
