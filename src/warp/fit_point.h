@@ -84,7 +84,7 @@ FIT_INLINE int32_t fit_set_bins(fit_view *fit, const double low[3], const double
     for (int d = 0; d < 3; d++) {
         const double end = fit->target.size[d] * fit->target.spacing[d] + reach;
         fit->low[d] = fmin(fmax(low[d], -reach), end);
-        length[d] = fmax(fmin(high[d], end) - fit->low[d], 0);
+        length[d] = fmax(fmin(high[d], end) - fit->low[d], 0.0);
         fit->width = fmax(fit->width, length[d] / FIT_MOST_BINS);
     }
     for (int d = 0; d < 3; d++) {
