@@ -101,7 +101,7 @@ static int32_t delay_of(const pliant_patch *patch, int missing, int all)
     const pliant_model *model = patch->model;
     const pliant_system *fine = model->fine_system;
     if (model->scene.model.patch_delay > 0) return model->scene.model.patch_delay;
-    double operations = missing * pliant_response_operations(fine, fine->preconditioner) + pliant_space_operations(fine, all);
+    double operations = missing * pliant_response_operations(fine, fine->preconditioner, patch->job.x) + pliant_space_operations(fine, all);
     return 1 + (int32_t)fmin(ceil(operations / rate / model->scene.solver.step), 99998);
 }
 

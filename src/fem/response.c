@@ -197,11 +197,14 @@ double pliant_response_force_operations(const pliant_system *system)
     return one * system->mesh->num_tets;
 }
 
-double pliant_response_operations(const pliant_system *system, const pliant_preconditioner *preconditioner)
+double pliant_response_operations(const pliant_system *system, const pliant_preconditioner *preconditioner, const double *positions)
 {
-    /* products in a solve of a deformed body, by its factor at rest; a multigrid's count has as many cycles already */
-    bool direct = pliant_preconditioner_refuses(preconditioner);
-    const double usual = direct ? 5 : 8;
+    /* products in a solve by the factor at rest, which is exact there; a multigrid's count has as many cycles already */
+    const double moved = 1e-4; /* of a cell */
+    bool direct = pliant_preconditioner_refuses(preconditioner), rests = true;
+    for (int32_t v = 0; v < 3 * system->mesh->num_nodes && rests; v++)
+        rests = fabs(positions[v] - system->mesh->rest[v]) <= moved * system->mesh->cell_size[0];
+    const double usual = !direct ? 8 : rests ? 1 : 5;
     double forces = pliant_response_force_operations(system);
     double solve = pliant_preconditioner_solve_operations(preconditioner) * (direct ? usual : 1);
     return PLIANT_RESPONSE_MODES * (solve + usual * 2 * forces + 4 * forces);

@@ -41,10 +41,10 @@ pliant_status pliant_response_modes(pliant_linearized *linearized, pliant_precon
 pliant_status pliant_response_crossed(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const double *first,
                                       const double *second, double *out);
 
-/* Floating-point operations: elastic forces of the whole mesh; nine modes of either kind, with as many products in a solve as are
- * usual. */
+/* Floating-point operations: elastic forces of the whole mesh; nine modes of either kind at these positions (num_nodes x 3), with
+ * as many products in a solve as are usual there. */
 double pliant_response_force_operations(const pliant_system *system);
-double pliant_response_operations(const pliant_system *system, const pliant_preconditioner *preconditioner);
+double pliant_response_operations(const pliant_system *system, const pliant_preconditioner *preconditioner, const double *positions);
 
 #ifdef __cplusplus
 }
