@@ -56,6 +56,15 @@ void pliant_element_stiffness(const double g[12], double volume_lambda, double v
         }
 }
 
+void pliant_tet_stiffness(const pliant_mesh *mesh, int32_t tet, const pliant_tet_material *material, double stiffness[144])
+{
+    const int32_t *nodes = mesh->tets + 4 * tet;
+    double gradients[12];
+    double volume = pliant_tet_gradients(mesh->rest + 3 * nodes[0], mesh->rest + 3 * nodes[1], mesh->rest + 3 * nodes[2],
+                                         mesh->rest + 3 * nodes[3], gradients);
+    pliant_element_stiffness(gradients, volume * material->lambda, volume * material->mu, stiffness);
+}
+
 /* corner positions of a block of elements: x (12 x LANES) */
 static inline void load_corners(const pliant_system *system, const double *positions, int32_t block, double x[12][LANES])
 {

@@ -146,11 +146,8 @@ static void load_of_cube(const lod_builder *lod, const lod_room *room, int32_t c
     size_t size = 3 * (size_t)patch->count;
     for (int32_t t = lod->tet_start[cube]; t < lod->tet_start[cube + 1]; t++) {
         const int32_t *tet = fine->tets + 4 * lod->tets[t];
-        const pliant_tet_material *material = lod->material + lod->tets[t];
-        double gradients[12], k[144];
-        double volume = pliant_tet_gradients(fine->rest + 3 * tet[0], fine->rest + 3 * tet[1], fine->rest + 3 * tet[2],
-                                             fine->rest + 3 * tet[3], gradients);
-        pliant_element_stiffness(gradients, volume * material->lambda, volume * material->mu, k);
+        double k[144];
+        pliant_tet_stiffness(fine, lod->tets[t], lod->material + lod->tets[t], k);
         for (int b = 0; b < 4; b++) {
             int32_t nodes[4];
             double weights[4];

@@ -203,11 +203,8 @@ static void fill_force(const lod_builder *lod, const lod_room *room, int32_t cub
     size_t columns = 3 * (size_t)work->num_corners;
     for (int32_t t = lod->tet_start[cube]; t < lod->tet_start[cube + 1]; t++) {
         const int32_t *nodes = fine->tets + 4 * lod->tets[t];
-        const pliant_tet_material *material = lod->material + lod->tets[t];
-        double gradients[12], k[144];
-        double volume = pliant_tet_gradients(fine->rest + 3 * nodes[0], fine->rest + 3 * nodes[1], fine->rest + 3 * nodes[2],
-                                             fine->rest + 3 * nodes[3], gradients);
-        pliant_element_stiffness(gradients, volume * material->lambda, volume * material->mu, k);
+        double k[144];
+        pliant_tet_stiffness(fine, lod->tets[t], lod->material + lod->tets[t], k);
         for (int a = 0; a < 12; a++)
             for (int b = 0; b < 12; b++) {
                 double *to = work->force + columns * (3 * (size_t)room->local[nodes[a / 3]] + (size_t)(a % 3));

@@ -145,10 +145,8 @@ void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material 
     for (int32_t t = 0; t < submesh->num_tets; t++) {
         const int32_t *nodes = fine->tets + 4 * submesh->tets[t];
         const pliant_tet_material *material = everywhere ? everywhere : submesh->material + submesh->tets[t];
-        double gradients[12], element[144];
-        double volume = pliant_tet_gradients(fine->rest + 3 * nodes[0], fine->rest + 3 * nodes[1], fine->rest + 3 * nodes[2],
-                                             fine->rest + 3 * nodes[3], gradients);
-        pliant_element_stiffness(gradients, volume * material->lambda, volume * material->mu, element);
+        double element[144];
+        pliant_tet_stiffness(fine, submesh->tets[t], material, element);
         for (int a = 0; a < 12; a++)
             for (int b = 0; b < 12; b++) {
                 size_t row = 3 * (size_t)submesh->local_of[nodes[a / 3]] + (size_t)(a % 3);

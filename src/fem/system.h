@@ -110,6 +110,8 @@ struct pliant_system {
 pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material);
 /* 12 x 12 of one: K = V B' E B, as lambda g_i g_j' + mu g_j g_i' + mu (g_i . g_j) I per 3 x 3 block. */
 void pliant_element_stiffness(const double gradients[12], double volume_lambda, double volume_mu, double stiffness[144]);
+/* the same of a tetrahedron of a mesh, at rest */
+void pliant_tet_stiffness(const pliant_mesh *mesh, int32_t tet, const pliant_tet_material *material, double stiffness[144]);
 /* Elastic force of every element at positions (num_nodes x 3): forces (num_blocks x 12 x LANES). */
 void pliant_system_element_forces(const pliant_system *system, const double *positions, double (*forces)[12][LANES]);
 /* Sum over elements on the free nodes, in a fixed order: out (num_free x 3) [N]. */
