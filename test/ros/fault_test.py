@@ -12,24 +12,11 @@ import rospy
 import rostest
 from diagnostic_msgs.msg import DiagnosticArray
 from pliant.msg import SimState
-from pliant.srv import LoadScan, RecomputeHomogenization, SetMaterials
+from pliant.srv import LoadScan, RecomputeHomogenization
 from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
-from node_client import NAMESPACE, Latest, Node, Tool, wait_for  # noqa: E402
-
-
-def call(name, kind, *arguments):
-    rospy.wait_for_service(NAMESPACE + name, 30)
-    return rospy.ServiceProxy(NAMESPACE + name, kind)(*arguments)
-
-
-def load(path, *options):
-    return call("load_scan", LoadScan, path, "", options)
-
-
-def recompute(method, cells):
-    return call("recompute_homogenization", RecomputeHomogenization, method, cells, 0, False)
+from node_client import Latest, Node, Tool, call, wait_for  # noqa: E402
 
 
 SMALL = "phantom:48x32x40"
@@ -42,9 +29,8 @@ class FaultTest(unittest.TestCase):
         cls.node = Node()
 
     def load_small(self):
-        answer = load(SMALL, "mesh/coarse_cells=5 5 5")
+        answer = self.node.load(SMALL, options=["mesh/coarse_cells=5 5 5"])
         self.assertTrue(answer.success, answer.message)
-        self.node.wait_until_running()
 
     def assert_goes_on(self):
         step = self.node.mesh.fresh().step
@@ -82,7 +68,7 @@ class FaultTest(unittest.TestCase):
 
     def test_the_state_tells_why_a_load_failed_until_one_succeeds(self):
         self.load_small()
-        self.assertFalse(load("none.nii.gz").success)
+        self.assertFalse(self.node.load("none.nii.gz").success)
         self.assert_goes_on()
         late = Latest("state", SimState)
         wait_for(lambda: late.message, "the latched state")
@@ -94,23 +80,21 @@ class FaultTest(unittest.TestCase):
 
     def test_a_volume_too_large_to_be_made_is_refused(self):
         self.load_small()
-        answer = load(SMALL, "mesh/coarse_cells=5 5 5", "warp/margin=10")
+        answer = self.node.load(SMALL, options=["mesh/coarse_cells=5 5 5", "warp/margin=10"])
         self.assertFalse(answer.success)
         self.assertRegex(answer.message, "[0-9]{4} x [0-9]{4} x [0-9]{4}")
         self.assert_goes_on()
 
     def test_what_was_recomputed_and_the_materials_are_kept(self):
         def loaded(*options):
-            stamp = self.node.info.message.header.stamp
-            answer = load(SMALL, *options)
+            answer = self.node.load(SMALL, options=options)
             self.assertTrue(answer.success, answer.message)
-            wait_for(lambda: self.node.info.message.header.stamp != stamp, "scan_info")
             info = self.node.info.message
             return info.method, info.coarse_tetrahedra, list(info.material_names)
         self.load_small()
-        answer = recompute("averaged", (5, 4, 5))
+        answer = self.node.recompute("averaged", (5, 4, 5))
         self.assertTrue(answer.success, answer.message)
-        answer = call("set_materials", SetMaterials, "materials:\n  - {name: air, young_modulus: 10, poisson_ratio: 0, "
+        answer = self.node.set_materials("materials:\n  - {name: air, young_modulus: 10, poisson_ratio: 0, "
                       "density: 1.2, empty: true, range: [-1.0e+9, -900]}\n  - {name: jelly, young_modulus: 3000, "
                       "poisson_ratio: 0.4, density: 1000, range: [-900, 200]}\n  - {name: stone, young_modulus: 1.0e+6, "
                       "poisson_ratio: 0.3, density: 1000, fixed: true, range: [200, 1.0e+9]}\n")

@@ -6,6 +6,7 @@ import numpy
 import rospy
 from geometry_msgs.msg import PoseStamped
 from pliant.msg import ContactState, MeshState, MeshTopology, ScanInfo, SimState, Volume
+from pliant.srv import LoadScan, RecomputeHomogenization, SetMaterials
 from sensor_msgs.msg import JointState
 
 NAMESPACE = "/tissue/"
@@ -23,6 +24,11 @@ def wait_for(condition, what, timeout=TIMEOUT):
     raise AssertionError("waited %g s in vain for %s" % (timeout, what))
 
 
+def call(name, kind, *arguments):
+    rospy.wait_for_service(NAMESPACE + name, 30)
+    return rospy.ServiceProxy(NAMESPACE + name, kind)(*arguments)
+
+
 class Latest:
     """The newest message of a topic, and how many there were."""
 
@@ -34,6 +40,11 @@ class Latest:
     def take(self, message):
         self.message = message
         self.count += 1
+
+    def since(self, start):
+        """The newest message, once it is one that was made at the time of start or later."""
+        return wait_for(lambda: self.message if self.message and self.message.header.stamp >= start else None,
+                        "what is newer on " + self.topic)
 
     def fresh(self, timeout=TIMEOUT):
         """The second message from now: the first may have been under way already."""
@@ -132,6 +143,26 @@ class Node:
         wait_for(lambda: self.state.message and self.state.message.state == SimState.RUNNING and
                  not self.state.message.is_busy, "the simulation to run", 60)
         wait_for(lambda: self.topology.message, "the topology")
+
+    def asked(self, name, kind, *arguments):
+        """The answer of a call that puts in another model. Its scan_info and topology are here then, and it runs: what
+        is told of a model goes another way than the answer, and may come after it."""
+        start = rospy.Time.now()
+        answer = call(name, kind, *arguments)
+        if answer.success:
+            self.info.since(start)
+            self.topology.since(start)
+            self.wait_until_running()
+        return answer
+
+    def load(self, path, labels="", options=()):
+        return self.asked("load_scan", LoadScan, path, labels, list(options))
+
+    def recompute(self, method="", cells=(0, 0, 0), ratio=0, probe=False):
+        return self.asked("recompute_homogenization", RecomputeHomogenization, method, list(cells), ratio, probe)
+
+    def set_materials(self, yaml):
+        return self.asked("set_materials", SetMaterials, yaml)
 
     def rest(self):
         return numpy.array(self.topology.message.rest_nodes).reshape(-1, 3)
