@@ -275,21 +275,6 @@ static pliant_status send_holds(pliant_cuda_tled *gpu, const pliant_tool *tools,
     return PLIANT_OK;
 }
 
-/* sum of weight times weight over mass of the nodes that two tools share */
-static double answer_between(const pliant_tled_system *system, const pliant_tool *a, const pliant_tool *b)
-{
-    double sum = 0;
-    for (int32_t i = 0, j = 0; i < a->num_held && j < b->num_held;) {
-        if (a->held[i] < b->held[j]) i++;
-        else if (a->held[i] > b->held[j]) j++;
-        else {
-            sum += a->weight[i] * b->weight[j] * system->inverse_mass[a->held[i]];
-            i++, j++;
-        }
-    }
-    return sum;
-}
-
 static void set_tools(const pliant_cuda_tled *gpu, const pliant_tool *tools, int num_tools, gpu_frame *frame)
 {
     frame->num_tools = num_tools;
@@ -304,7 +289,7 @@ static void set_tools(const pliant_cuda_tled *gpu, const pliant_tool *tools, int
         hold->stiffness = tool->stiffness;
         hold->damping = tool->damping;
         for (int s = 0; s <= t; s++)
-            if (tools[s].holding) frame->answer[t][s] = answer_between(gpu->system, tool, tools + s);
+            if (tools[s].holding) frame->answer[t][s] = pliant_tled_answer(gpu->system, tool, tools + s);
         hold->load_share = frame->answer[t][t];
     }
 }

@@ -37,7 +37,7 @@ static __device__ double total_of(const double *d_sums, int32_t blocks, int slot
     return block_sum(sum, scratch);
 }
 
-/* Dynamic relaxation: how much to damp, from the lowest frequency that still takes part (src/fem/tled_step.c). */
+/* Dynamic relaxation: how much to damp. */
 static __device__ void choose_damping(const gpu_tled &tled, double *scratch)
 {
     gpu_outcome *outcome = tled.d_outcome;
@@ -45,11 +45,7 @@ static __device__ void choose_damping(const gpu_tled &tled, double *scratch)
     const double inertia = total_of(tled.d_sums, tled.num_groups, PLIANT_SUM_INERTIA, scratch);
     const double stiffness = total_of(tled.d_sums, tled.num_groups, PLIANT_SUM_STIFFNESS, scratch);
     if (threadIdx.x != 0) return;
-    const double forget = 0.95, most = 1.8;
-    outcome->quotient[0] = forget * outcome->quotient[0] + stiffness;
-    outcome->quotient[1] = forget * outcome->quotient[1] + inertia;
-    const double square = outcome->quotient[1] > 0 ? outcome->quotient[0] / outcome->quotient[1] : 0;
-    const double frequency = sqrt(fmin(fmax(square, 0.0), most * most));
+    const double frequency = pliant_substep_frequency(outcome->quotient, stiffness, inertia);
     outcome->sums[PLIANT_SUM_LOAD] = load;
     outcome->factor = 1 / (1 + frequency);
     outcome->kept = (1 - frequency) / (1 + frequency);
@@ -223,10 +219,8 @@ __global__ void __launch_bounds__(GPU_THREADS) relax_kernel(const gpu_tled tled,
     const double total = total_of(tled.d_sums, (int32_t)gridDim.x, PLIANT_SUM_RESIDUAL, work.scratch) + held_residual;
     __syncthreads();
     if (threadIdx.x != 0) return;
-    const double noise = 1e-8; /* as in src/fem/tled_step.c */
-    double load = outcome->sums[PLIANT_SUM_LOAD] + (frame->num_held > 0 ? outcome->tool_load : 0);
-    load = load > 0 ? fmax(load, noise * frame->smallest_load) : frame->smallest_load;
-    outcome->residual = load > 0 ? sqrt(total / load) : 0;
+    const double load = outcome->sums[PLIANT_SUM_LOAD] + (frame->num_held > 0 ? outcome->tool_load : 0);
+    outcome->residual = pliant_substep_relative(frame->smallest_load, total, load);
     outcome->steps = step + 1;
     outcome->settled = outcome->residual <= frame->tolerance && atomicAdd(&outcome->unsound, 0) > step;
 }

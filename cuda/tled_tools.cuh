@@ -35,28 +35,7 @@ static __device__ bool is_last_block(gpu_outcome *outcome)
 /* pliant_tled_collide for one node, on registers */
 static __device__ __forceinline__ void collide(const gpu_tled &tled, const double rest[3], double factor, double u[3], double d[3], double acceleration[3])
 {
-    for (int w = 0; w < tled.num_walls; w++) {
-        const pliant_wall &wall = tled.walls[w];
-        double depth = wall.offset, normal = 0, slide = 0, along[3];
-        for (int k = 0; k < 3; k++) {
-            depth -= wall.normal[k] * (rest[k] + u[k]);
-            normal += wall.normal[k] * d[k];
-        }
-        if (depth <= 0) continue;
-        for (int k = 0; k < 3; k++) {
-            along[k] = d[k] - normal * wall.normal[k];
-            slide += along[k] * along[k];
-        }
-        slide = sqrt(slide);
-        const double kept = slide > 0 ? fmax(0.0, 1 - tled.friction * depth / slide) : 0;
-        const double back = normal < 0 ? -tled.restitution * normal : normal;
-        for (int k = 0; k < 3; k++) {
-            const double moved = depth * wall.normal[k] - (1 - kept) * along[k];
-            u[k] += moved;
-            acceleration[k] += moved / factor;
-            d[k] = kept * along[k] + back * wall.normal[k];
-        }
-    }
+    pliant_substep_collide(tled.walls, tled.num_walls, tled.friction, tled.restitution, rest, factor, u, d, acceleration);
 }
 
 /* After all forces on a node that is not fixed: walls; its part of the residual; whether it moved faster than sound. */
@@ -65,13 +44,7 @@ static __device__ __forceinline__ bool settle(const gpu_tled &tled, int32_t n, c
 {
     if (tled.num_walls > 0) collide(tled, tled.d_rest + 3 * (size_t)n, factor, u, d, acceleration);
     const double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-    if (tled.still && square > node.limit) {
-        const double part = sqrt(node.limit / square);
-        for (int k = 0; k < 3; k++) {
-            u[k] -= (1 - part) * d[k];
-            d[k] *= part;
-        }
-    }
+    if (tled.still && square > node.limit) pliant_substep_shorten(node.limit, square, u, d);
     *residual = (acceleration[0] * acceleration[0] + acceleration[1] * acceleration[1] + acceleration[2] * acceleration[2]) / node.inverse_mass;
     return tled.still ? square != square : !(square <= node.limit);
 }
@@ -126,42 +99,6 @@ static __device__ void push(const gpu_tled &tled, const gpu_hold &hold, const do
     __syncthreads();
 }
 
-static __device__ void approach(double target[3], const double goal[3], int32_t parts, double longest)
-{
-    double apart[3], length = 0;
-    for (int k = 0; k < 3; k++) {
-        apart[k] = goal[k] - target[k];
-        length += apart[k] * apart[k];
-    }
-    length = sqrt(length) / parts;
-    const double part = (length > longest ? longest / length : 1) / parts;
-    for (int k = 0; k < 3; k++) target[k] += part * apart[k];
-}
-
-/* by Cholesky, in place; a tool that cannot move anything gets none */
-static __device__ void solve_forces(int count, double (*matrix)[PLIANT_MAX_TOOLS], double (*force)[3])
-{
-    double largest = 0;
-    for (int i = 0; i < count; i++) largest = fmax(largest, matrix[i][i]);
-    for (int i = 0; i < count; i++)
-        for (int j = 0; j <= i; j++) {
-            double sum = matrix[i][j];
-            for (int k = 0; k < j; k++) sum -= matrix[i][k] * matrix[j][k];
-            if (j < i) matrix[i][j] = matrix[j][j] > 0 ? sum / matrix[j][j] : 0;
-            else matrix[i][i] = sum > 1e-12 * largest ? sqrt(sum) : 0;
-        }
-    for (int d = 0; d < 3; d++) {
-        for (int i = 0; i < count; i++) {
-            for (int k = 0; k < i; k++) force[i][d] -= matrix[i][k] * force[k][d];
-            force[i][d] = matrix[i][i] > 0 ? force[i][d] / matrix[i][i] : 0;
-        }
-        for (int i = count - 1; i >= 0; i--) {
-            for (int k = i + 1; k < count; k++) force[i][d] -= matrix[k][i] * force[k][d];
-            force[i][d] = matrix[i][i] > 0 ? force[i][d] / matrix[i][i] : 0;
-        }
-    }
-}
-
 /* by one thread: row i of the tools' equations from its held point */
 static __device__ void set_row(const gpu_tled &tled, const gpu_hold &hold, double factor, int32_t parts, int i, gpu_tool_work *work)
 {
@@ -169,15 +106,12 @@ static __device__ void set_row(const gpu_tled &tled, const gpu_hold &hold, doubl
     const int32_t tool = work->pulls[i];
     double *target = tled.d_outcome->target[tool];
     const double old[3] = {target[0], target[1], target[2]};
-    approach(target, hold.goal, parts, frame->reach);
+    pliant_substep_approach(target, hold.goal, parts, frame->reach);
     const bool spring = hold.drive == PLIANT_DRIVE_SPRING;
-    const double damper = spring && !tled.still ? hold.damping / frame->time_step : 0, whole = hold.stiffness + damper;
-    for (int k = 0; k < 3; k++) {
-        const double towards = spring ? (hold.stiffness * target[k] + damper * (target[k] - old[k] + work->point[3 + k])) / whole : target[k];
-        work->force[i][k] = towards - work->point[k];
-    }
+    const double damper = spring && !tled.still ? hold.damping / frame->time_step : 0;
+    const double compliance = pliant_substep_gap(spring, hold.stiffness, damper, target, old, work->point, work->point + 3, work->force[i]);
     for (int j = 0; j <= i; j++) work->matrix[i][j] = factor * frame->answer[tool][work->pulls[j]];
-    work->matrix[i][i] += spring ? 1 / whole : 0;
+    work->matrix[i][i] += compliance;
 }
 
 /* by one thread: summed over a frame's motion; of dynamic relaxation only the last counts */
@@ -211,7 +145,7 @@ static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, 
         if (threadIdx.x == 0) set_row(tled, frame->tools[work->pulls[i]], factor, parts, i, work);
         __syncthreads();
     }
-    if (threadIdx.x == 0) solve_forces(count, work->matrix, work->force);
+    if (threadIdx.x == 0) pliant_substep_forces(count, work->matrix, work->force);
     __syncthreads();
     for (int i = 0; i < count; i++) {
         const int32_t t = work->pulls[i];

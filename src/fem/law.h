@@ -15,6 +15,7 @@
 #ifndef PLIANT_FEM_LAW_H
 #define PLIANT_FEM_LAW_H
 
+#include "core/inline.h"
 #include "pliant/scene.h"
 
 #ifdef __cplusplus
@@ -23,24 +24,17 @@ extern "C" {
 
 #define PLIANT_SMALLEST_RATIO 0.3
 
-/* the CPU's loops and the GPU's kernels compile the same lines */
-#ifdef __CUDACC__
-#define PLIANT_ELEMENT static __device__ __forceinline__
-#else
-#define PLIANT_ELEMENT static inline __attribute__((always_inline))
-#endif
-
 /* For a floating type: the terms of the stress. `shear` is b without what resists a change of volume, `volume` what does, so
  * b = shear + volume; volume is linear in the modulus that pliant_law_modulus names, for pressures at nodes. */
 #define PLIANT_DEFINE_LAW_TERMS(real, name)                                                                                      \
-    PLIANT_ELEMENT real name##_reciprocal(real ratio)                                                                            \
+    PLIANT_INLINE real name##_reciprocal(real ratio)                                                                             \
     {                                                                                                                            \
         const real least = (real)PLIANT_SMALLEST_RATIO;                                                                          \
         real below = (2 * least - ratio) / (least * least), kept = ratio > least ? ratio : least;                                \
         return ratio > least ? 1 / kept : below;                                                                                 \
     }                                                                                                                            \
     /* J^(-1/3) by Newton's method from below: from the tangents of its inverse at 1 and at 8 */                                 \
-    PLIANT_ELEMENT real name##_root(real ratio)                                                                                  \
+    PLIANT_INLINE real name##_root(real ratio)                                                                                   \
     {                                                                                                                            \
         real y = 3 / (2 + ratio), far = 12 / (16 + ratio);                                                                       \
         y = y > far ? y : far;                                                                                                   \
@@ -48,7 +42,7 @@ extern "C" {
         return y;                                                                                                                \
     }                                                                                                                            \
     /* J^(-2/3) and its derivative */                                                                                            \
-    PLIANT_ELEMENT void name##_power(real ratio, real *power, real *slope)                                                       \
+    PLIANT_INLINE void name##_power(real ratio, real *power, real *slope)                                                        \
     {                                                                                                                            \
         const real least = (real)PLIANT_SMALLEST_RATIO;                                                                          \
         real kept = ratio > least ? ratio : least, root = name##_root(kept);                                                     \
@@ -56,13 +50,13 @@ extern "C" {
         *power = root * root + (ratio > least ? 0 : *slope * (ratio - least));                                                   \
     }                                                                                                                            \
     /* what resists a change of volume, for a modulus of 1 */                                                                    \
-    PLIANT_ELEMENT real name##_volume(pliant_law law, real change)                                                               \
+    PLIANT_INLINE real name##_volume(pliant_law law, real change)                                                                \
     {                                                                                                                            \
         if (law != PLIANT_LAW_COMPRESSIBLE) return change;                                                                       \
         return (real)0.5 * (1 + change - name##_reciprocal(1 + change));                                                         \
     }                                                                                                                            \
     /* trace: I1 - 3; change: J - 1 */                                                                                           \
-    PLIANT_ELEMENT void name##_terms(pliant_law law, real mu, real trace, real change, real *a,                                  \
+    PLIANT_INLINE void name##_terms(pliant_law law, real mu, real trace, real change, real *a,                                   \
                                                                    real *shear)                                                  \
     {                                                                                                                            \
         const real least = (real)PLIANT_SMALLEST_RATIO;                                                                          \

@@ -6,7 +6,7 @@
 #include "fem/law.h"
 
 /* Cofactors of H, and J - 1 without the loss of digits of det F - 1 */
-PLIANT_ELEMENT float pliant_change_of(const float h[9], float cofactor[9])
+PLIANT_INLINE float pliant_change_of(const float h[9], float cofactor[9])
 {
     cofactor[0] = h[4] * h[8] - h[5] * h[7];
     cofactor[1] = h[5] * h[6] - h[3] * h[8];
@@ -22,7 +22,7 @@ PLIANT_ELEMENT float pliant_change_of(const float h[9], float cofactor[9])
 }
 
 /* shear part of the stress in p and the volume part's factor of cof F; cof F in cofactor. Rest volume included. */
-PLIANT_ELEMENT float pliant_neo_hookean_stress(pliant_law law, const float h[9], float mu, float modulus, float cofactor[9], float p[9])
+PLIANT_INLINE float pliant_neo_hookean_stress(pliant_law law, const float h[9], float mu, float modulus, float cofactor[9], float p[9])
 {
     float squares = 0, trace = h[0] + h[4] + h[8], change = pliant_change_of(h, cofactor), a, shear;
     for (int m = 0; m < 9; m++) squares += h[m] * h[m];
@@ -37,7 +37,7 @@ PLIANT_ELEMENT float pliant_neo_hookean_stress(pliant_law law, const float h[9],
     return modulus * pliant_law_float_volume(law, change);
 }
 
-PLIANT_ELEMENT void pliant_saint_venant_kirchhoff_stress(const float h[9], float mu, float lambda, float p[9], float volume[9])
+PLIANT_INLINE void pliant_saint_venant_kirchhoff_stress(const float h[9], float mu, float lambda, float p[9], float volume[9])
 {
     float e[9];
     for (int r = 0; r < 3; r++)
@@ -53,10 +53,10 @@ PLIANT_ELEMENT void pliant_saint_venant_kirchhoff_stress(const float h[9], float
 
 /* Prony series, implicit in time (Taylor et al. 2009): what has relaxed, Y_i, goes towards its share of the instantaneous stress,
  * Y_i+ = (tau_i Y_i + dt share_i S) / (tau_i + dt) = Y_i + part (share_i S - Y_i), and S - sum of Y_i is felt. S: of the shear part. */
-PLIANT_ELEMENT float pliant_prony_part(float dt, float tau) { return dt / (tau + dt); }
+PLIANT_INLINE float pliant_prony_part(float dt, float tau) { return dt / (tau + dt); }
 
 /* S = F^-1 P: xx yy zz xy xz yz */
-PLIANT_ELEMENT void pliant_stress_at_rest(const float h[9], const float cofactor[9], const float p[9], float s[6])
+PLIANT_INLINE void pliant_stress_at_rest(const float h[9], const float cofactor[9], const float p[9], float s[6])
 {
     const float inverse = pliant_law_float_reciprocal((1 + h[0]) * cofactor[0] + h[1] * cofactor[1] + h[2] * cofactor[2]);
     s[0] = (cofactor[0] * p[0] + cofactor[3] * p[3] + cofactor[6] * p[6]) * inverse;
@@ -68,7 +68,7 @@ PLIANT_ELEMENT void pliant_stress_at_rest(const float h[9], const float cofactor
 }
 
 /* P less F times what has relaxed */
-PLIANT_ELEMENT void pliant_take_off(const float h[9], const float relaxed[6], float p[9])
+PLIANT_INLINE void pliant_take_off(const float h[9], const float relaxed[6], float p[9])
 {
     const float y[9] = {relaxed[0], relaxed[3], relaxed[4], relaxed[3], relaxed[1], relaxed[5], relaxed[4], relaxed[5], relaxed[2]};
     for (int r = 0; r < 3; r++)

@@ -17,6 +17,7 @@
 
 #include "fem/law.h"
 #include "fem/rotation.h"
+#include "fem/substep.h"
 #include "pliant/data.h"
 
 #ifdef __cplusplus
@@ -30,9 +31,6 @@ enum { PLIANT_PRONY_TERMS = 3, PLIANT_MAX_WALLS = 7, PLIANT_CHUNK = 256 /* nodes
 typedef enum pliant_tled_sum {
     PLIANT_SUM_RESIDUAL, PLIANT_SUM_LOAD, PLIANT_SUM_INERTIA, PLIANT_SUM_STIFFNESS, PLIANT_SUM_LARGEST, PLIANT_NUM_SUMS
 } pliant_tled_sum;
-
-/* The tissue stays where normal . x >= offset. */
-typedef struct pliant_wall { double normal[3], offset; } pliant_wall;
 
 /* What stays constant while stepping. */
 struct pliant_tled_system {
@@ -144,6 +142,8 @@ pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_
  *  @param factor A over the inverse mass [s^2]
  *  @param parts  sub-steps that are left to bring the held points to the tips, this one too */
 double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, double factor, int32_t parts);
+/* How far a unit force at what b holds takes the point that a holds, over the factor of pliant_tled_pull [1/kg]. */
+double pliant_tled_answer(const pliant_tled_system *system, const pliant_tool *a, const pliant_tool *b);
 /* Nodes behind walls are put back on them. */
 void pliant_tled_collide(pliant_tled *tled, double factor, int32_t first, int32_t end);
 

@@ -70,12 +70,8 @@ static void settle(pliant_tled *tled, pliant_tled_scheme rule, int32_t chunk)
         double *d = tled->d + 3 * (size_t)n, *u = tled->u + 3 * (size_t)n;
         const double *a = tled->acceleration + 3 * (size_t)n;
         double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-        if (system->quasi_static && square > tled->limit[n]) { /* a pseudo-time has no speed that must be kept */
-            double part = sqrt(tled->limit[n] / square);
-            for (int k = 0; k < 3; k++) {
-                u[k] -= (1 - part) * d[k];
-                d[k] *= part;
-            }
+        if (system->quasi_static && square > tled->limit[n]) {
+            pliant_substep_shorten(tled->limit[n], square, u, d);
             square = tled->limit[n];
         }
         residual += (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]) / inverse;
@@ -100,22 +96,14 @@ static void total_of(const pliant_tled *tled, int32_t chunks, double out[PLIANT_
 
 double pliant_tled_relative(const pliant_tled *tled, double residual, double load)
 {
-    const double noise = 1e-8; /* of a tool that holds without pulling */
-    load = load > 0 ? fmax(load, noise * tled->smallest_load) : tled->smallest_load;
-    return load > 0 ? sqrt(residual / load) : 0;
+    return pliant_substep_relative(tled->smallest_load, residual, load);
 }
 
-/* Dynamic relaxation: the lowest frequency that still takes part, by Rayleigh's quotient of the last increments, is damped critically
- * (Underwood 1983). Over some of them, so that what rounding does to the forces, of either sign, falls out. */
 static double lowest_frequency(const pliant_tled *tled, int32_t chunks, double quotient[2])
 {
     double total[PLIANT_NUM_SUMS];
-    const double forget = 0.95, most = 1.8; /* of the critical 2 */
     total_of(tled, chunks, total);
-    quotient[0] = forget * quotient[0] + total[PLIANT_SUM_STIFFNESS];
-    quotient[1] = forget * quotient[1] + total[PLIANT_SUM_INERTIA];
-    double square = quotient[1] > 0 ? quotient[0] / quotient[1] : 0;
-    return sqrt(fmin(fmax(square, 0), most * most));
+    return pliant_substep_frequency(quotient, total[PLIANT_SUM_STIFFNESS], total[PLIANT_SUM_INERTIA]);
 }
 
 /* All threads run this; what they decide on is the same for all. */

@@ -3,15 +3,10 @@
 #ifndef PLIANT_INTERACT_MARCH_H
 #define PLIANT_INTERACT_MARCH_H
 
+#include "core/inline.h"
 #include "pliant/scan.h"
 
 #include <math.h>
-
-#ifdef __CUDACC__
-#define MARCH_INLINE static __host__ __device__ inline
-#else
-#define MARCH_INLINE static inline
-#endif
 
 /* In continuous voxel indices: index(t) = start + t * step, t in metres along the ray. */
 typedef struct march_ray {
@@ -37,7 +32,7 @@ typedef struct march_crossing {
 } march_crossing;
 
 /* as pliant_volume_value */
-MARCH_INLINE float march_stored(const march_voxels *from, size_t index)
+PLIANT_INLINE float march_stored(const march_voxels *from, size_t index)
 {
     float stored = 0.0f;
     switch (from->encoding) {
@@ -49,7 +44,7 @@ MARCH_INLINE float march_stored(const march_voxels *from, size_t index)
 }
 
 /* trilinear; beyond the centres of the outermost voxels their values go on */
-MARCH_INLINE double march_value(const march_voxels *from, const march_ray *ray, double t)
+PLIANT_INLINE double march_value(const march_voxels *from, const march_ray *ray, double t)
 {
     int32_t low[3], high[3];
     double part[3];
@@ -70,19 +65,22 @@ MARCH_INLINE double march_value(const march_voxels *from, const march_ray *ray, 
     return value;
 }
 
-MARCH_INLINE double march_at(const march_ray *ray, int64_t sample) { return fmin(ray->enter + (double)sample * ray->stride, ray->leave); }
+PLIANT_INLINE double march_at(const march_ray *ray, int64_t sample) { return fmin(ray->enter + (double)sample * ray->stride, ray->leave); }
 
 /* the last sample is the first at the ray's end; there is always one */
-MARCH_INLINE bool march_has(const march_ray *ray, int64_t sample)
+PLIANT_INLINE bool march_has(const march_ray *ray, int64_t sample)
 {
     return sample == 0 || (sample <= ray->most && march_at(ray, sample - 1) < ray->leave);
 }
 
 /* a NaN is below every threshold: comparisons with it are false */
-MARCH_INLINE bool march_above(const march_voxels *from, const march_ray *ray, double t) { return march_value(from, ray, t) >= ray->threshold; }
+PLIANT_INLINE bool march_above(const march_voxels *from, const march_ray *ray, double t)
+{
+    return march_value(from, ray, t) >= ray->threshold;
+}
 
 /* the crossing between a sample that is not below the threshold and the one before it, which is */
-MARCH_INLINE march_crossing march_refine(const march_voxels *from, const march_ray *ray, int64_t sample)
+PLIANT_INLINE march_crossing march_refine(const march_voxels *from, const march_ray *ray, int64_t sample)
 {
     double high = march_at(ray, sample), low = sample > 0 ? march_at(ray, sample - 1) : high, enough = 2e-4 * ray->stride;
     while (high - low > enough) {

@@ -4,16 +4,15 @@
 #ifndef PLIANT_WARP_FIT_POINT_H
 #define PLIANT_WARP_FIT_POINT_H
 
+#include "core/inline.h"
 #include "warp/raster.h"
 
 #include <math.h>
 #include <string.h>
 
 #ifdef __CUDACC__
-#define FIT_INLINE static __device__ __forceinline__
 #define FIT_UNROLL _Pragma("unroll")
 #else
-#define FIT_INLINE static inline __attribute__((always_inline))
 #define FIT_UNROLL
 #endif
 
@@ -41,20 +40,20 @@ typedef struct fit_view {
     double *sorted;           /* (num_nodes x 6) by bins: where a node is, and rest */
 } fit_view;
 
-FIT_INLINE int32_t fit_bin_of(const fit_view *fit, int d, double at)
+PLIANT_INLINE int32_t fit_bin_of(const fit_view *fit, int d, double at)
 {
     double bin = (at - fit->low[d]) / fit->width;
     return !(bin >= 0) ? 0 : bin >= fit->bins[d] ? fit->bins[d] - 1 : (int32_t)bin;
 }
 
-FIT_INLINE size_t fit_flat_bin(const fit_view *fit, const double at[3])
+PLIANT_INLINE size_t fit_flat_bin(const fit_view *fit, const double at[3])
 {
     return (size_t)fit_bin_of(fit, 0, at[0]) +
            (size_t)fit->bins[0] * ((size_t)fit_bin_of(fit, 1, at[1]) + (size_t)fit->bins[1] * (size_t)fit_bin_of(fit, 2, at[2]));
 }
 
 /* A node along the target's axes [m]; pliant_geometry_to_index times the spacing. */
-FIT_INLINE void fit_node_at(const pliant_geometry *target, const double position[3], double at[3])
+PLIANT_INLINE void fit_node_at(const pliant_geometry *target, const double position[3], double at[3])
 {
     double offset[3];
     for (int d = 0; d < 3; d++) offset[d] = position[d] - target->origin[d];
@@ -65,7 +64,7 @@ FIT_INLINE void fit_node_at(const pliant_geometry *target, const double position
 }
 
 /* what a place in the bins holds */
-FIT_INLINE void fit_set_place(const fit_view *fit, int32_t place)
+PLIANT_INLINE void fit_set_place(const fit_view *fit, int32_t place)
 {
     const size_t node = (size_t)fit->bin_node[place];
     for (int d = 0; d < 3; d++) {
@@ -76,7 +75,7 @@ FIT_INLINE void fit_set_place(const fit_view *fit, int32_t place)
 
 /* Bins from the box of the nodes, as far as the target reaches with its widest kernel: what flew away is in the outermost ones, where
  * nothing asks for it. Returns how many. */
-FIT_INLINE int32_t fit_set_bins(fit_view *fit, const double low[3], const double high[3])
+PLIANT_INLINE int32_t fit_set_bins(fit_view *fit, const double low[3], const double high[3])
 {
     const double reach = FIT_CUT_OFF * fit->deviation * (1 << (FIT_ATTEMPTS - 1));
     double count = 1, length[3];
@@ -95,7 +94,7 @@ FIT_INLINE int32_t fit_set_bins(fit_view *fit, const double low[3], const double
 }
 
 /* exp(-square / 2) for squares to FIT_CUT_OFF^2: 2^-k times Taylor's series of what is left, to 1e-11 */
-FIT_INLINE double fit_gaussian(double square)
+PLIANT_INLINE double fit_gaussian(double square)
 {
     const double half = 0.5 * square;
     const int k = (int)(half * 1.4426950408889634 + 0.5);
@@ -111,7 +110,7 @@ typedef struct normal_equations {
     int32_t nodes;
 } normal_equations;
 
-FIT_INLINE void fit_add_node(const double *value, const double apart[3], double weight, normal_equations *out)
+PLIANT_INLINE void fit_add_node(const double *value, const double apart[3], double weight, normal_equations *out)
 {
     const double x = apart[0], y = apart[1], z = apart[2];
     const double term[FIT_TERMS] = {1, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z};
@@ -123,7 +122,7 @@ FIT_INLINE void fit_add_node(const double *value, const double apart[3], double 
     out->nodes++;
 }
 
-FIT_INLINE void fit_gather(const fit_view *fit, const double p[3], double deviation, normal_equations *out)
+PLIANT_INLINE void fit_gather(const fit_view *fit, const double p[3], double deviation, normal_equations *out)
 {
     const double reach = FIT_CUT_OFF * deviation, inverse = 1 / deviation;
     int32_t first[3], last[3];
@@ -146,7 +145,7 @@ FIT_INLINE void fit_gather(const fit_view *fit, const double p[3], double deviat
 }
 
 /* Value of the fitted polynomial at its origin, by Cholesky of the leading `terms`; false: the nodes do not determine so many. */
-FIT_INLINE bool fit_solve(const normal_equations *equations, const int terms, double out[3])
+PLIANT_INLINE bool fit_solve(const normal_equations *equations, const int terms, double out[3])
 {
     double l[FIT_TERMS][FIT_TERMS], y[FIT_TERMS][3];
     FIT_UNROLL for (int r = 0; r < terms; r++)
@@ -173,7 +172,7 @@ FIT_INLINE bool fit_solve(const normal_equations *equations, const int terms, do
 }
 
 /* Where few nodes are near, at larger cells and beside the tissue, the kernel is widened once. */
-FIT_INLINE void fit_point(const fit_view *fit, const int32_t lattice[3], float out[3])
+PLIANT_INLINE void fit_point(const fit_view *fit, const int32_t lattice[3], float out[3])
 {
     normal_equations equations;
     double deviation = fit->deviation, value[3], p[3];
@@ -190,7 +189,7 @@ FIT_INLINE void fit_point(const fit_view *fit, const int32_t lattice[3], float o
 }
 
 /* pliant_fit_at */
-FIT_INLINE bool fit_map_at(const fit_view *fit, const double target[3], double scan[3])
+PLIANT_INLINE bool fit_map_at(const fit_view *fit, const double target[3], double scan[3])
 {
     int32_t low[3];
     double part[3];
@@ -215,7 +214,7 @@ FIT_INLINE bool fit_map_at(const fit_view *fit, const double target[3], double s
 }
 
 /* the scan's value at an index inside it, trilinear, in its own type */
-FIT_INLINE double fit_sample(const raster_source *source, const double index[3])
+PLIANT_INLINE double fit_sample(const raster_source *source, const double index[3])
 {
     ptrdiff_t at = 0;
     double part[3], value = 0;
@@ -241,7 +240,7 @@ FIT_INLINE double fit_sample(const raster_source *source, const double index[3])
     return value;
 }
 
-FIT_INLINE bool fit_in_tissue(const fit_view *fit, const double index[3])
+PLIANT_INLINE bool fit_in_tissue(const fit_view *fit, const double index[3])
 {
     size_t at[3];
     for (int d = 0; d < 3; d++) {
@@ -253,7 +252,7 @@ FIT_INLINE bool fit_in_tissue(const fit_view *fit, const double index[3])
 }
 
 /* one voxel; true when it is another than before */
-FIT_INLINE bool fit_draw_voxel(const fit_view *fit, const raster_source *source, const double target[3], void *voxels, size_t v)
+PLIANT_INLINE bool fit_draw_voxel(const fit_view *fit, const raster_source *source, const double target[3], void *voxels, size_t v)
 {
     double index[3];
     bool inside = fit_map_at(fit, target, index) && fit_in_tissue(fit, index);
