@@ -1,12 +1,12 @@
 /* From a scan and a scene to the constant model, stage by stage. */
 #include "core/fail.h"
 #include "core/fixed.h"
+#include "core/threads.h"
 #include "fem/lod.h"
 #include "fem/patch.h"
 #include "fem/tled.h"
 #include "pliant/memory.h"
 
-#include <omp.h>
 #include <string.h>
 
 const char *pliant_build_stage_name(int stage)
@@ -235,7 +235,7 @@ static pliant_status homogenize(builder *build)
     pliant_system *system = model->system;
     system->fine = &model->fine;
     system->mesh = is_coarse(model) ? &model->coarse : &model->fine;
-    system->num_threads = model->scene.solver.threads > 0 ? model->scene.solver.threads : omp_get_max_threads();
+    system->num_threads = pliant_threads_of(&model->scene);
     if (model->scene.solver.kind == PLIANT_TLED) return pliant_tled_system_create(model, &model->tled);
     if (!is_coarse(model)) return pliant_system_elements(system, model->fine_material);
     if (model->scene.model.method == PLIANT_COARSE) {
@@ -346,7 +346,9 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
     model->scan = scan;
     model->system = pliant_calloc(1, sizeof *model->system);
     status = model->system ? pliant_material_table_copy(materials, &model->materials) : pliant_fail_memory("the model");
+    int threads = pliant_threads_begin(scene);
     if (status == PLIANT_OK) status = run_stages(&build);
+    pliant_threads_end(threads);
     pliant_free(build.lattice_material);
     pliant_free(build.coarse_material);
     pliant_free(build.coarse_of_fine);

@@ -7,13 +7,13 @@
  * A coarse tetrahedron whose submesh holds fixed fine nodes is grounded: it keeps R = I, since without its rigid null space
  * corotation would be wrong (NUMERICS 1 and 7.1). */
 #include "core/fail.h"
+#include "core/threads.h"
 #include "fem/calibrate.h"
 #include "fem/dense.h"
 #include "fem/submesh.h"
 #include "pliant/memory.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <string.h>
 
 static void symmetrize(double k[144])
@@ -347,35 +347,21 @@ static pliant_status homogenize_all(homogenization *work, const uint8_t *fine_fi
                                     pliant_progress progress)
 {
     pliant_system *system = work->system;
-    pliant_status worst = PLIANT_OK;
-    char message[512] = "";
-    int32_t done = 0, count = system->mesh->num_tets;
+    pliant_work all = {.what = "homogenization", .stage = "homogenize", .progress = progress, .end = 1, .count = system->mesh->num_tets,
+                       .interval = 64};
 #pragma omp parallel num_threads(system->num_threads)
     {
         pliant_submesh *submesh = NULL;
         pliant_status status = pliant_submesh_create(system->fine, system->mesh, fine_fixed, material, work->lists->largest, &submesh);
 #pragma omp for schedule(dynamic, 8)
-        for (int32_t tet = 0; tet < count; tet++) {
+        for (int32_t tet = 0; tet < all.count; tet++) {
             if (status == PLIANT_OK) status = homogenize_one(work, submesh, tet);
-            if (status != PLIANT_OK) continue;
-            int32_t now;
-#pragma omp atomic capture
-            now = ++done;
-            if (now % 64 == 0) {
-#pragma omp critical(pliant_homogenize_progress)
-                if (!pliant_report_progress(progress, (double)now / count, "homogenize")) status = PLIANT_ERROR_CANCELLED;
-            }
+            if (status == PLIANT_OK) status = pliant_work_done(&all);
         }
         pliant_submesh_free(submesh);
-#pragma omp critical(pliant_homogenize_status)
-        if (status < worst) {
-            worst = status;
-            snprintf(message, sizeof message, "%s", pliant_last_error());
-        }
+        pliant_work_leave(&all, status);
     }
-    /* the message belongs to the thread that found the error: hand it on */
-    if (worst == PLIANT_ERROR_CANCELLED) return pliant_fail(worst, "homogenization was cancelled");
-    return worst == PLIANT_OK ? PLIANT_OK : pliant_fail(worst, "%s", message);
+    return pliant_work_outcome(&all);
 }
 
 pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed,

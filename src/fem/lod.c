@@ -1,6 +1,7 @@
 #include "fem/lod.h"
 
 #include "core/fail.h"
+#include "core/threads.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -275,9 +276,8 @@ typedef pliant_status (*lod_work)(lod_builder *lod, lod_room *room, int32_t cube
 
 static pliant_status for_every_cube(lod_builder *lod, lod_work work, pliant_progress progress, double begin, double end)
 {
-    pliant_status worst = PLIANT_OK;
-    char message[512] = "";
-    int32_t done = 0;
+    pliant_work all = {.what = "homogenization", .stage = "homogenize", .progress = progress, .begin = begin, .end = end,
+                       .count = lod->count, .interval = 1};
 #pragma omp parallel num_threads(lod->system->num_threads)
     {
         lod_room room = {0};
@@ -285,23 +285,12 @@ static pliant_status for_every_cube(lod_builder *lod, lod_work work, pliant_prog
 #pragma omp for schedule(dynamic, 1)
         for (int32_t cube = 0; cube < lod->count; cube++) {
             if (status == PLIANT_OK) status = work(lod, &room, cube);
-            if (status != PLIANT_OK) continue;
-            int32_t now;
-#pragma omp atomic capture
-            now = ++done;
-#pragma omp critical(pliant_lod_progress)
-            if (!pliant_report_progress(progress, begin + (end - begin) * now / lod->count, "homogenize")) status = PLIANT_ERROR_CANCELLED;
+            if (status == PLIANT_OK) status = pliant_work_done(&all);
         }
         lod_room_free(&room);
-#pragma omp critical(pliant_lod_status)
-        if (status < worst) {
-            worst = status;
-            snprintf(message, sizeof message, "%s", pliant_last_error());
-        }
+        pliant_work_leave(&all, status);
     }
-    /* the message belongs to the thread that found the error: hand it on */
-    if (worst == PLIANT_ERROR_CANCELLED) return pliant_fail(worst, "homogenization was cancelled");
-    return worst == PLIANT_OK ? PLIANT_OK : pliant_fail(worst, "%s", message);
+    return pliant_work_outcome(&all);
 }
 
 static void builder_free(lod_builder *lod)

@@ -1,10 +1,10 @@
 /* What TLED computes once: gradients, moduli, masses, gather lists, the largest stable time step. */
 #include "core/fail.h"
+#include "core/threads.h"
 #include "fem/tled.h"
 #include "pliant/memory.h"
 
 #include <math.h>
-#include <omp.h>
 #include <string.h>
 
 /* The element's K / V has the eigenvalues of  lambda tr(A)^2 + 2 mu |sym A|^2  over  tr(A H^-1 A'), A = sum u_v g_v', because the shortest
@@ -56,7 +56,7 @@ static pliant_status set_options(pliant_tled_system *system, const pliant_scene 
 {
     double shares = 0;
     system->law = scene->tled.law;
-    system->num_threads = scene->solver.threads > 0 ? scene->solver.threads : omp_get_max_threads();
+    system->num_threads = pliant_threads_of(scene);
     system->nodal_pressure = scene->tled.nodal_pressure;
     system->quasi_static = scene->tled.quasi_static;
     system->damping = scene->tled.damping;

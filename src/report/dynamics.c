@@ -1,10 +1,10 @@
 /* What explicit dynamics costs on a scene, and how well it keeps energy. */
 #include "core/fail.h"
+#include "core/threads.h"
 #include "pliant/memory.h"
 #include "report/rows.h"
 
 #include <math.h>
-#include <omp.h>
 #include <string.h>
 
 /* Pulled in the first half of the frames, then let go.
@@ -78,7 +78,7 @@ static pliant_status tell(const pliant_model *model, const pliant_data *data, co
     row_integer(row, model->fine.num_nodes);
     row_text(row, laws[model->scene.tled.law]);
     row_text(row, pliant_data_backend(data));
-    row_integer(row, model->scene.solver.threads > 0 ? model->scene.solver.threads : omp_get_max_threads());
+    row_integer(row, pliant_threads_of(&model->scene));
     row_number(row, 1e6 * dynamics.edge_bound);
     row_number(row, 1e6 * dynamics.eigenvalue_bound);
     row_number(row, 1e6 * dynamics.time_step);

@@ -1,5 +1,6 @@
 /* Where a scan is pulled at when nobody says: fronts of organs, or of the body. Front is anterior (-y in LPS). */
 #include "core/fail.h"
+#include "core/threads.h"
 #include "pliant/memory.h"
 #include "report/rows.h"
 
@@ -151,7 +152,10 @@ int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, 
     int found = 0;
     if (!materials) return 0;
     front_voxels kind = {.geometry = &input->scan->geometry, .materials = materials};
-    if (pliant_material_classify(input->materials, input->scan, input->labels, materials) < 0) goto done;
+    int threads = pliant_threads_begin(input->scene);
+    pliant_status status = pliant_material_classify(input->materials, input->scan, input->labels, materials);
+    pliant_threads_end(threads);
+    if (status < 0) goto done;
     if (num_labels > 0) {
         if (!input->labels) goto done;
         kind.labels = input->labels->voxels;

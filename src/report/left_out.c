@@ -1,10 +1,10 @@
 /* What a scene does not name costs nothing: time and memory with everything, without each part, without all. */
 #include "core/fail.h"
+#include "core/threads.h"
 #include "pliant/memory.h"
 #include "report/cases.h"
 #include "report/rows.h"
 
-#include <omp.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -123,7 +123,7 @@ static void tell(stage_times *times, const pliant_scene *scene, const double who
     row_text(row, "");
     row_integer(row, STEPS);
     row_text(row, times->backend);
-    row_integer(row, scene->solver.threads > 0 ? scene->solver.threads : omp_get_max_threads());
+    row_integer(row, pliant_threads_of(scene));
     row_number(row, median(times->step));
     row_number(row, 1e3 * report_quantile(times->step, STEPS, 0.99));
     for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++) row_number(row, median(times->stages[s]));

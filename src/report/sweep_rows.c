@@ -1,11 +1,11 @@
 /* Rows of the tables from runs. */
 #include "core/fail.h"
+#include "core/threads.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 #include "report/sweep.h"
 
 #include <math.h>
-#include <omp.h>
 #include <string.h>
 
 static const double mm = 1e3, ms = 1e3, mb = 1e-6, percent = 100;
@@ -139,8 +139,6 @@ static pliant_status add_twice(const sweep_told *told, report_row *row)
     return status;
 }
 
-static int threads_of(const pliant_scene *scene) { return scene->solver.threads > 0 ? scene->solver.threads : omp_get_max_threads(); }
-
 static double held_by(const pliant_model *model, double *seconds)
 {
     double bytes = 0;
@@ -170,7 +168,7 @@ pliant_status sweep_tell(const sweep_told *told, report_row *row)
     row_integer(row, told->model->fine.num_tets);
     row_integer(row, told->model->system->mesh->num_tets);
     row_text(row, pliant_data_backend(run->data));
-    row_integer(row, threads_of(&ground->scene));
+    row_integer(row, pliant_threads_of(&ground->scene));
     row_number(row, seconds);
     row_number(row, mb * held);
     row_number(row, mb * (double)run->bytes);
@@ -207,7 +205,7 @@ pliant_status sweep_tell_build(const pliant_model *model, const char *message, s
         row_integer(row, model->coarse.num_tets);
         row_integer(row, model->num_held_pieces);
         row_number(row, model->condition_estimate);
-        row_integer(row, threads_of(&model->scene));
+        row_integer(row, pliant_threads_of(&model->scene));
         row_number(row, seconds);
         row_number(row, mb * held);
         row_number(row, mb * (double)peak);

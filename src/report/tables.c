@@ -1,10 +1,10 @@
 /* The tables of a report: their columns, their files, the JSON of all. */
 #define _POSIX_C_SOURCE 200809L
 #include "core/fail.h"
+#include "core/threads.h"
 #include "report/rows.h"
 
 #include <errno.h>
-#include <omp.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/utsname.h>
@@ -154,7 +154,7 @@ static void write_machine(FILE *file, const pliant_scene *scene)
         PLIANT_BACKEND_LIST(BACKEND_NAME)
 #undef BACKEND_NAME
     };
-    fprintf(file, "\"threads\": %d,\n\"backend_asked_for\": \"%s\"", scene->solver.threads > 0 ? (int)scene->solver.threads : omp_get_max_threads(),
+    fprintf(file, "\"threads\": %d,\n\"backend_asked_for\": \"%s\"", pliant_threads_of(scene),
             backends[scene->solver.backend]);
 }
 

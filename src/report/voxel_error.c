@@ -1,5 +1,6 @@
 /* Error in the warped image, voxel by voxel (figure 2 of [H]). */
 #include "core/fail.h"
+#include "core/threads.h"
 #include "pliant/memory.h"
 #include "pliant/report.h"
 
@@ -112,8 +113,9 @@ pliant_status pliant_error_voxels(const pliant_model *model, const double *posit
     voxel_job job = {model, positions, reference_mesh, reference, target, voxels, drawn};
     /* slabs, so that the lowest tetrahedron wins however many threads there are */
     enum { SLAB = 8 };
+    const int threads = pliant_threads_of(&model->scene);
     int32_t slabs = (target->size[2] + SLAB - 1) / SLAB;
-#pragma omp parallel for schedule(dynamic)
+#pragma omp parallel for schedule(dynamic) num_threads(threads)
     for (int32_t s = 0; s < slabs; s++)
         for (int32_t t = 0; t < mesh->num_tets; t++)
             if (model->fine_material[t].tissue > 0) draw(&job, t, SLAB * s, SLAB * (s + 1) < target->size[2] ? SLAB * (s + 1) : target->size[2]);
