@@ -112,6 +112,28 @@ static pliant_factor *factor_new(int32_t size, size_t values)
     return NULL;
 }
 
+static pthread_mutex_t metis_lock = PTHREAD_MUTEX_INITIALIZER;
+
+/* The better one of two orderings, as CHOLMOD chooses: minimum degree, and where that fills in much, METIS. METIS draws from C's
+ * rand() and sets signal handlers of the process: two at a time would make other orderings from run to run, and leave its handlers. */
+static pliant_status order(pliant_factor *factor)
+{
+    const double operations = 500, fill = 5; /* a number of the factor, a number of the matrix */
+    cholmod_sparse view = view_of(factor, NULL);
+    cholmod_common *common = &factor->common;
+    common->nmethods = 1;
+    common->method[0].ordering = CHOLMOD_AMD;
+    factor->cholesky = cholmod_analyze(&view, common);
+    common->nmethods = 0; /* the default: both */
+    if (common->status == CHOLMOD_OK && common->fl >= operations * common->lnz && common->lnz >= fill * common->anz) {
+        cholmod_free_factor(&factor->cholesky, common);
+        pthread_mutex_lock(&metis_lock);
+        factor->cholesky = cholmod_analyze(&view, common);
+        pthread_mutex_unlock(&metis_lock);
+    }
+    return from_cholmod(factor, "symbolic factorization");
+}
+
 pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor **out)
 {
     if (pattern->num_values > INT32_MAX)
@@ -119,9 +141,7 @@ pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor
     pliant_factor *factor = factor_new(3 * pattern->num_columns, (size_t)pattern->num_values);
     if (!factor) return pliant_fail_memory("the factor");
     scalar_pattern(pattern, factor->column_start, factor->row);
-    cholmod_sparse view = view_of(factor, NULL);
-    factor->cholesky = cholmod_analyze(&view, &factor->common);
-    pliant_status status = from_cholmod(factor, "symbolic factorization");
+    pliant_status status = order(factor);
     if (status != PLIANT_OK) {
         pliant_factor_free(factor);
         return status;
