@@ -76,6 +76,7 @@ void Simulation::swap(std::shared_ptr<Loaded> next)
         check(pliant_tool_add(next->model, data.get(), tools_->name(tool).c_str(), &index));
     }
     at_boundary([&] {
+        state_->set(paused_ ? SimState::PAUSED : SimState::READY, "");
         current_.swap(next);
         data_.swap(data);
         std::fill(was_open_.begin(), was_open_.end(), false); /* a closed jaw must open before it grasps again */
@@ -87,7 +88,6 @@ void Simulation::swap(std::shared_ptr<Loaded> next)
         health_.is_paused = paused_;
         health_.backend = pliant_data_backend(data_.get());
     });
-    state_->set(paused_ ? SimState::PAUSED : SimState::READY, "");
     data.reset(); /* before its model, which `next` holds */
 }
 

@@ -107,7 +107,7 @@ void VolumeOutput::publish(const std::shared_ptr<const Snapshot> &newest)
         if (whole) boxes.assign(1, whole_box());
         if (volume_.getNumSubscribers() > 0) publish_boxes(snapshot, boxes);
     }
-    publish_slices(snapshot.stamp, settings, changed);
+    publish_slices(shown_now_->stamp, settings, changed);
 }
 
 void VolumeOutput::publish_again()
