@@ -1,8 +1,13 @@
-"""What the tests of the node share: the latest message of a topic, a tool that moves, a volume out of boxes."""
+"""What the tests of the node share: the latest message of a topic, a tool that moves, a volume out of boxes. What went
+another way, or is older than what it is to tell of, may come at any time: they wait for its stamp or identity."""
+import gzip
+import struct
 import threading
 import time
+import xmlrpc.client
 
 import numpy
+import rosgraph
 import rospy
 from geometry_msgs.msg import PoseStamped
 from pliant.msg import ContactState, MeshState, MeshTopology, ScanInfo, SimState, Volume
@@ -14,11 +19,11 @@ TIMEOUT = 30.0  # seconds that anything may take on a busy machine
 
 
 def wait_for(condition, what, timeout=TIMEOUT):
-    """Poll until condition() is true or not None; its value."""
+    """Poll until condition() is true, or an array; its value."""
     end = time.time() + timeout
     while time.time() < end and not rospy.is_shutdown():
         value = condition()
-        if value is not None and value is not False:
+        if isinstance(value, numpy.ndarray) or value:
             return value
         time.sleep(0.02)
     raise AssertionError("waited %g s in vain for %s" % (timeout, what))
@@ -29,28 +34,43 @@ def call(name, kind, *arguments):
     return rospy.ServiceProxy(NAMESPACE + name, kind)(*arguments)
 
 
+def is_sent(node, topic, reader):
+    """Whether a node has a connection for a topic of its own to a reader, by the node's word."""
+    address = rosgraph.Master("/node_client").lookupNode(NAMESPACE + node)
+    code, text, connections = xmlrpc.client.ServerProxy(address).getBusInfo("/node_client")
+    assert code == 1, text
+    return any(to == reader and way == "o" and name == NAMESPACE + topic for _, to, way, _, name, *_ in connections)
+
+
+def nifti_voxels(path):
+    """Of 16 bits, (slices, rows, columns)."""
+    with gzip.open(path) as file:
+        data = file.read()
+    size = struct.unpack_from("<8h", data, 40)[1:4]
+    offset = int(struct.unpack_from("<f", data, 108)[0])
+    assert struct.unpack_from("<h", data, 70)[0] == 4, "int16"
+    return numpy.frombuffer(data, dtype="<i2", offset=offset).reshape(tuple(reversed(size)))
+
+
 class Latest:
-    """The newest message of a topic, and how many there were."""
+    """The newest message of a topic."""
 
     def __init__(self, topic, kind):
-        self.message, self.count = None, 0
-        self.topic = topic
-        self.subscriber = rospy.Subscriber(NAMESPACE + topic, kind, self.take, queue_size=1, buff_size=1 << 26)
+        self.message, self.topic = None, topic
+        name = topic if topic.startswith("/") else NAMESPACE + topic
+        self.subscriber = rospy.Subscriber(name, kind, self.take, queue_size=1, buff_size=1 << 26)
 
     def take(self, message):
         self.message = message
-        self.count += 1
 
     def since(self, start):
         """The newest message, once it is one that was made at the time of start or later."""
         return wait_for(lambda: self.message if self.message and self.message.header.stamp >= start else None,
                         "what is newer on " + self.topic)
 
-    def fresh(self, timeout=TIMEOUT):
-        """The second message from now: the first may have been under way already."""
-        count = self.count
-        wait_for(lambda: self.count >= count + 2, "fresh messages on " + self.topic, timeout)
-        return self.message
+    def fresh(self):
+        """The newest message, once it is one that was made from now on: older ones may have been under way."""
+        return self.since(rospy.Time.now())
 
     def close(self):
         self.subscriber.unregister()
@@ -75,10 +95,25 @@ class Tool:
             time.sleep(0.01)
 
     def appear(self, position):
-        """With an open jaw, and seen so by the node: a jaw takes hold as it closes."""
+        """With an open jaw."""
         self.position, self.closed, self.is_on = list(position), False, True
         wait_for(lambda: self.pose.get_num_connections() and self.jaw.get_num_connections(), "the node to listen")
-        time.sleep(0.2)
+
+    def take_hold(self, contact):
+        """Close, until contact says that it holds. A jaw takes hold as it closes, where the node has seen it open; nothing
+        tells that it has, and on a busy machine the tool may be away for a moment: then it opens for longer, and closes again."""
+        open_for = 0.2
+        while True:
+            self.closed = False
+            time.sleep(open_for)
+            self.closed = True
+            try:
+                wait_for(lambda: contact.fresh().grasped, "the tool to take hold", 5 * open_for)
+                return
+            except AssertionError:
+                if open_for > TIMEOUT / 10:
+                    raise
+            open_for *= 2
 
     def send(self):
         pose, jaw = PoseStamped(), JointState()
@@ -99,34 +134,50 @@ class Tool:
 
 
 class WholeVolume:
-    """Boxes put into the volume received before."""
+    """Boxes put into the volume received before. Who falls behind misses some, and asks for the whole by subscribing anew."""
 
     def __init__(self):
-        self.voxels, self.header_of_last, self.sequences, self.gaps = None, None, [], 0
         self.lock = threading.Lock()
-        self.subscriber = rospy.Subscriber(NAMESPACE + "volume", Volume, self.take, queue_size=32, buff_size=1 << 27)
+        self.subscribe()
+
+    def subscribe(self):
+        self.voxels, self.sequence, self.since_whole, self.is_lost = None, None, 0, False
+        self.subscriber = rospy.Subscriber(NAMESPACE + "volume", Volume, self.take, buff_size=1 << 27)
 
     def take(self, message):
         types = {Volume.UINT8: numpy.uint8, Volume.INT16: numpy.int16, Volume.FLOAT32: numpy.float32}
         size = tuple(reversed(message.size))
         box = numpy.frombuffer(message.data, dtype=types[message.encoding]).reshape(size)
         with self.lock:
-            if self.sequences and message.sequence != self.sequences[-1] + 1:
-                self.gaps += 1
-            self.sequences.append(message.sequence)
-            self.header_of_last = message
+            self.is_lost = self.is_lost or self.sequence not in (None, message.sequence - 1)
+            self.sequence = message.sequence
             if message.size == message.full_size:
-                self.voxels = box.copy()
+                self.voxels, self.since_whole = box.copy(), 0
             elif self.voxels is not None:
                 i, j, k = message.offset
                 self.voxels[k:k + size[0], j:j + size[1], i:i + size[2]] = box
+                self.since_whole += 1
 
     def copy(self):
+        """None before the first one."""
         with self.lock:
-            return None if self.voxels is None else self.voxels.copy()
+            if not self.is_lost:
+                return None if self.voxels is None else self.voxels.copy()
+        self.close()
+        self.subscribe()
+        return None
+
+    def when(self, condition, what):
+        """The first copy that condition is true of."""
+        def look():
+            voxels = self.copy()
+            return voxels if voxels is not None and condition(voxels) else None
+        return wait_for(look, what)
 
     def close(self):
+        """And wait until the node knows."""
         self.subscriber.unregister()
+        wait_for(lambda: not is_sent("sim", "volume", rospy.get_name()), "the node to see that nobody looks")
 
 
 class Node:
@@ -139,10 +190,20 @@ class Node:
         self.mesh = Latest("mesh/state", MeshState)
         self.contact = Latest("grasper/contact", ContactState)
 
-    def wait_until_running(self):
-        wait_for(lambda: self.state.message and self.state.message.state == SimState.RUNNING and
-                 not self.state.message.is_busy, "the simulation to run", 60)
-        wait_for(lambda: self.topology.message, "the topology")
+    def wait_until_running(self, start=rospy.Time(0)):
+        """By what is told of the state and of a model at the time of start or later."""
+        def runs():
+            state = self.state.message
+            return state and state.header.stamp >= start and state.state == SimState.RUNNING and not state.is_busy
+        wait_for(runs, "the simulation to run", 60)
+        self.info.since(start)
+        self.topology.since(start)
+
+    def goes_on(self):
+        """Steps are made from now on, and none fails."""
+        step = self.mesh.fresh().step
+        wait_for(lambda: self.mesh.fresh().step > step, "further steps")
+        wait_for(lambda: self.state.message.state == SimState.RUNNING, "RUNNING")
 
     def asked(self, name, kind, *arguments):
         """The answer of a call that puts in another model. Its scan_info and topology are here then, and it runs: what
@@ -150,9 +211,7 @@ class Node:
         start = rospy.Time.now()
         answer = call(name, kind, *arguments)
         if answer.success:
-            self.info.since(start)
-            self.topology.since(start)
-            self.wait_until_running()
+            self.wait_until_running(start)
         return answer
 
     def load(self, path, labels="", options=()):
