@@ -140,9 +140,7 @@ class Pictures(unittest.TestCase):
     def publish(cls, topic, message):
         if topic not in cls.publishers:
             cls.publishers[topic] = rospy.Publisher(topic, type(message), queue_size=10, latch=True)
-            end = time.time() + 10
-            while cls.publishers[topic].get_num_connections() == 0 and time.time() < end:
-                time.sleep(0.02)
+            cls.stage.wait(lambda: cls.publishers[topic].get_num_connections() > 0, what="a reader of " + topic)
         cls.publishers[topic].publish(message)
 
     @classmethod
@@ -221,9 +219,7 @@ class Pictures(unittest.TestCase):
         x = numpy.array([-0.06 + 29.5 * 0.002, -0.06 + 49.5 * 0.002])
         y = numpy.array([-0.04 + 9.5 * 0.003, -0.04 + 19.5 * 0.003])
         low, high = [0.05 - y[1], -0.02 + x[0]], [0.05 - y[0], -0.02 + x[1]]
-        picture = self.stage.wait_for(lambda p: self.bright(p, 0, 0)[0] is not None, what="the box")
-        time.sleep(1)
-        self.assert_box(self.stage.picture(), 0, 0, low, high)
+        self.stage.agrees(lambda picture: self.assert_box(picture, 0, 0, low, high))
 
     def test_opaque_objects_hide_and_are_hidden(self):
         voxels = numpy.zeros((20, 32, 32), numpy.uint8)
@@ -233,15 +229,15 @@ class Pictures(unittest.TestCase):
         self.marker(10, at + [-0.03, 0, 0.10], [0.03, 0.03, 0.01], [0, 1, 0])  # in front
         self.marker(11, at + [0.03, 0, -0.10], [0.03, 0.03, 0.01], [0, 0, 1])  # behind
         self.marker(12, at + [0.0, 0.085, -0.10], [0.02, 0.04, 0.01], [0, 0, 1])  # behind, and half beside
-        self.stage.wait_for(lambda p: self.grey(p, at) > 150 and self.colour(p, at + [-0.03, 0, 0])[0] < 40 and
-                            self.colour(p, at + [0, 0.095, 0])[2] > 100, what="the volume, a marker in front of it and one beside")
-        picture = self.stage.picture()
-        front, behind, beside = (self.colour(picture, at + offset) for offset in ([-0.03, 0, 0], [0.03, 0, 0], [0, 0.095, 0]))
-        self.assertGreater(front[1], 100)
-        self.assertLess(max(front[0], front[2]), 40, "the marker in front hides the volume")
-        self.assertGreater(behind.min(), 150, "the volume hides the marker behind it")
-        self.assertGreater(beside[2], 100, "beside the volume the marker is seen")
-        self.assertLess(beside[0], 40)
+
+        def check(picture):
+            front, behind, beside = (self.colour(picture, at + offset) for offset in ([-0.03, 0, 0], [0.03, 0, 0], [0, 0.095, 0]))
+            self.assertGreater(front[1], 100)
+            self.assertLess(max(front[0], front[2]), 40, "the marker in front hides the volume")
+            self.assertGreater(behind.min(), 150, "the volume hides the marker behind it")
+            self.assertGreater(beside[2], 100, "beside the volume the marker is seen")
+            self.assertLess(beside[0], 40)
+        self.stage.agrees(check)
 
     def test_a_marker_inside_shows_through_what_is_transparent(self):
         # 1 % of the window: half of the light passes through the upper half of it
@@ -250,13 +246,14 @@ class Pictures(unittest.TestCase):
         self.publish("thin/volume", volume(voxels, [0.005] * 3, at + [-0.08, -0.08, -0.05]))
         self.marker(13, at, [0.03, 0.03, 0.01], [1, 0, 0])
         self.marker(16, at + [0.09, 0, 0], [0.015, 0.03, 0.01], [1, 0, 0])  # beside it
-        self.stage.wait_for(lambda p: self.colour(p, at)[0] > 60 and self.colour(p, at + [0.09, 0, 0])[0] > 60, what="the markers")
-        time.sleep(1)
-        picture = self.stage.picture()
-        inside, beside = self.colour(picture, at), self.colour(picture, at + [0.09, 0, 0])
-        # 50 mm of it, in pieces of 1/256 of its diagonal of 247 mm, each of which lets 99 % through
-        self.assertAlmostEqual(inside[0] / beside[0], 0.99 ** (0.05 / (0.247 / 256)), delta=0.06)
-        self.assertLess(inside[1], 20)
+
+        def check(picture):
+            inside, beside = self.colour(picture, at), self.colour(picture, at + [0.09, 0, 0])
+            self.assertGreater(min(inside[0], beside[0]), 60, "the markers")
+            # 50 mm of it, in pieces of 1/256 of its diagonal of 247 mm, each of which lets 99 % through
+            self.assertAlmostEqual(inside[0] / beside[0], 0.99 ** (0.05 / (0.247 / 256)), delta=0.06)
+            self.assertLess(inside[1], 20)
+        self.stage.agrees(check)
 
     def test_the_clip_plane_cuts(self):
         voxels = numpy.full((10, 30, 30), 255, numpy.int16)
@@ -264,18 +261,14 @@ class Pictures(unittest.TestCase):
         # the plane is x = 20 mm in the volume's frame
         self.transform("clip_frame", at, [0, 0, 0, 1])
         self.publish("clipped/volume", volume(voxels, [0.005] * 3, [-0.075, -0.075, 0], frame="clip_frame"))
-        self.stage.wait_for(lambda p: self.bright(p, 3, 0)[0] is not None, what="the clipped volume")
-        time.sleep(1)
         half = 0.0025  # the volume reaches half a voxel beyond its outermost centres
-        self.assert_box(self.stage.picture(), 3, 0, at[:2] + [0.02, -0.075 - half], at[:2] + [0.07 + half, 0.07 + half])
+        self.stage.agrees(lambda picture: self.assert_box(picture, 3, 0, at[:2] + [0.02, -0.075 - half], at[:2] + [0.07 + half, 0.07 + half]))
 
     def test_the_clip_box_cuts(self):
         voxels = numpy.full((10, 30, 30), 255, numpy.uint8)
         at = spot(3, 1)
         self.publish("boxed/volume", volume(voxels, [0.005] * 3, at + [-0.0725, -0.0725, 0]))
-        self.stage.wait_for(lambda p: self.bright(p, 3, 1)[0] is not None, what="the clipped volume")
-        time.sleep(1)
-        self.assert_box(self.stage.picture(), 3, 1, at[:2] + [-0.075, 0], at[:2] + [0.075, 0.075])
+        self.stage.agrees(lambda picture: self.assert_box(picture, 3, 1, at[:2] + [-0.075, 0], at[:2] + [0.075, 0.075]))
 
     def test_one_brick_changes_only_its_region(self):
         voxels = numpy.zeros((32, 48, 48), numpy.int16)
@@ -284,24 +277,25 @@ class Pictures(unittest.TestCase):
         origin = at + [-0.12, -0.12, -0.05]
         self.publish("bricks/volume", volume(voxels, [spacing] * 3, origin))
         self.stage.wait_for(lambda p: self.grey(p, at) > 20, what="the volume")
-        time.sleep(1.5)
-        before = self.stage.picture().astype(int)
+        before = self.stage.still().astype(int)
         brick = numpy.full((16, 16, 16), 255, numpy.int16)
         self.publish("bricks/volume", volume(brick, [spacing] * 3, origin, sequence=2, offset=[16, 16, 16], full=[48, 48, 32]))
         middle = origin + numpy.array([23.5, 23.5, 0]) * spacing
-        self.stage.wait_for(lambda p: self.grey(p, middle) > 200, what="the changed brick")
-        time.sleep(1.5)
         x, y, width, height = self.stage.window()  # without the bar that tells the frame rate
-        differs = abs(self.stage.picture().astype(int) - before).max(axis=2)
-        changed = numpy.argwhere(differs[y:y + height, x:x + width] > 3) + [y, x]
         # interpolation reaches one voxel beyond the brick's own
         corners = numpy.array([self.pixel(origin + spacing * numpy.array([15.0, 15.0, 0])),
                                self.pixel(origin + spacing * numpy.array([32.0, 32.0, 0]))])
-        self.assertGreaterEqual(changed[:, 1].min(), corners[:, 0].min() - 1.5)
-        self.assertLessEqual(changed[:, 1].max(), corners[:, 0].max() + 1.5)
-        self.assertGreaterEqual(changed[:, 0].min(), corners[:, 1].min() - 1.5)
-        self.assertLessEqual(changed[:, 0].max(), corners[:, 1].max() + 1.5)
-        self.assertGreater(len(changed), 0.8 * (16 * spacing * self.scale) ** 2)
+
+        def check(picture):
+            self.assertGreater(self.grey(picture, middle), 200)
+            differs = abs(picture.astype(int) - before).max(axis=2)
+            changed = numpy.argwhere(differs[y:y + height, x:x + width] > 3) + [y, x]
+            self.assertGreaterEqual(changed[:, 1].min(), corners[:, 0].min() - 1.5)
+            self.assertLessEqual(changed[:, 1].max(), corners[:, 0].max() + 1.5)
+            self.assertGreaterEqual(changed[:, 0].min(), corners[:, 1].min() - 1.5)
+            self.assertLessEqual(changed[:, 0].max(), corners[:, 1].max() + 1.5)
+            self.assertGreater(len(changed), 0.8 * (16 * spacing * self.scale) ** 2)
+        self.stage.agrees(check)
 
     def test_a_lost_box_is_asked_for(self):
         """After a gap in the sequence the display subscribes anew, and is sent a whole volume."""
@@ -312,18 +306,13 @@ class Pictures(unittest.TestCase):
                 connected.append(time.time())
         publisher = rospy.Publisher("lossy/volume", Volume, subscriber_listener=Listener(), queue_size=10)
         voxels, origin = numpy.zeros((8, 8, 8), numpy.uint8), [0, 0, 0]
-        end = time.time() + 10
-        while not connected and time.time() < end:
-            time.sleep(0.05)
+        self.stage.wait(lambda: connected, what="the display that subscribes")
         publisher.publish(volume(voxels, [0.002] * 3, origin))
         publisher.publish(volume(voxels, [0.002] * 3, origin, sequence=2))
         time.sleep(4)
         self.assertEqual(len(connected), 1, "nothing was lost")
         publisher.publish(volume(voxels[:2, :2, :2], [0.002] * 3, origin, sequence=4, offset=[1, 1, 1], full=[8, 8, 8]))
-        end = time.time() + 10
-        while len(connected) < 2 and time.time() < end:
-            time.sleep(0.05)
-        self.assertEqual(len(connected), 2, "the display subscribed anew")
+        self.stage.wait(lambda: len(connected) == 2, what="the display that subscribes anew")
         # a reset (rviz does it when time jumps back, too) forgets everything: it must be sent again. The button is at the lower left.
         self.stage.mouse("mousemove", 33, self.stage.height - 14, "click", 1)
         self.stage.wait(lambda: len(connected) == 3, what="the display that subscribes after a reset")
@@ -354,19 +343,22 @@ class Pictures(unittest.TestCase):
         stray = MeshState(revision=2)
         stray.header.frame_id = "aside"
         stray.nodes = nodes.ravel() + 0.1
-        self.stage.wait_for(lambda p: self.bright(p, 1, 1)[0] is not None and self.bright(p, 1, 2)[0] is not None, what="both")
+
+        def check(picture):
+            of_volume, mask = self.bright(picture, 1, 1, above=15)
+            of_mesh, mesh_mask = self.bright(picture, 1, 2, above=15)
+            self.assertFalse(of_volume is None or of_mesh is None, "both are seen")
+            corners = nodes[:, :2]
+            numpy.testing.assert_allclose(of_volume, [corners.min(axis=0), corners.max(axis=0)], atol=2 / self.scale)
+            numpy.testing.assert_allclose(of_mesh - [0, Y_STEP], of_volume, atol=2 / self.scale)
+            # and pixel by pixel, but for the rim
+            height, width = min(mask.shape[0], mesh_mask.shape[0]), min(mask.shape[1], mesh_mask.shape[1])
+            differ = (mask[:height, :width] != mesh_mask[:height, :width]).sum()
+            self.assertLess(differ, 0.06 * mesh_mask.sum())
+        self.stage.agrees(check)
         self.publish("mesh/state", stray)
         time.sleep(1.5)
-        picture = self.stage.picture()
-        of_volume, mask = self.bright(picture, 1, 1, above=15)
-        of_mesh, mesh_mask = self.bright(picture, 1, 2, above=15)
-        corners = nodes[:, :2]
-        numpy.testing.assert_allclose(of_volume, [corners.min(axis=0), corners.max(axis=0)], atol=2 / self.scale)
-        numpy.testing.assert_allclose(of_mesh - [0, Y_STEP], of_volume, atol=2 / self.scale)
-        # and pixel by pixel, but for the rim
-        height, width = min(mask.shape[0], mesh_mask.shape[0]), min(mask.shape[1], mesh_mask.shape[1])
-        differ = (mask[:height, :width] != mesh_mask[:height, :width]).sum()
-        self.assertLess(differ, 0.06 * mesh_mask.sum())
+        self.stage.agrees(check)
 
     def test_the_isosurface_is_where_the_value_is(self):
         k, j, i = numpy.mgrid[0:40, 0:40, 0:40]
@@ -377,17 +369,17 @@ class Pictures(unittest.TestCase):
         # a marker that pokes out of the top, and one that lies inside
         self.marker(14, at + [0.01, 0, radius - 0.005], [0.015, 0.015, 0.03], [0, 1, 0])
         self.marker(15, at + [-0.02, 0, 0], [0.02, 0.02, 0.02], [0, 0, 1])
-        self.stage.wait_for(lambda p: self.bright(p, 2, 1)[0] is not None and self.colour(p, at + [0.01, 0, 0])[1] > 80, what="the ball")
-        time.sleep(1)
-        picture = self.stage.picture()
         low, high = self.pixel(at - [0.19, 0.19, 0]), self.pixel(at + [0.19, 0.19, 0])
         x0, x1, y0, y1 = int(low[0]), int(high[0]), int(high[1]), int(low[1])
-        ball = picture[y0:y1, x0:x1].max(axis=2) > 20
-        area = ball.sum() / self.scale ** 2
-        self.assertAlmostEqual(area, numpy.pi * radius ** 2, delta=0.03 * numpy.pi * radius ** 2)
-        poking, inside = self.colour(picture, at + [0.01, 0, 0]), self.colour(picture, at + [-0.02, 0, 0])
-        self.assertGreater(poking[1], poking[0] + 60, "what pokes out is seen")
-        self.assertGreater(inside[0], inside[2], "what is inside is hidden by the surface")
+
+        def check(picture):
+            ball = picture[y0:y1, x0:x1].max(axis=2) > 20
+            area = ball.sum() / self.scale ** 2
+            self.assertAlmostEqual(area, numpy.pi * radius ** 2, delta=0.03 * numpy.pi * radius ** 2)
+            poking, inside = self.colour(picture, at + [0.01, 0, 0]), self.colour(picture, at + [-0.02, 0, 0])
+            self.assertGreater(poking[1], poking[0] + 60, "what pokes out is seen")
+            self.assertGreater(inside[0], inside[2], "what is inside is hidden by the surface")
+        self.stage.agrees(check)
 
     def test_malformed_volumes_are_refused_with_a_reason(self):
         at = spot(0, 2)
@@ -413,17 +405,15 @@ class Pictures(unittest.TestCase):
         cases = [(set_size, "does not match the data"), (cut_data, "does not match the data"), (no_data, "does not match the data"),
                  (zero_spacing, "spacing"), (nan_spacing, "spacing"), (nan_pose, "pose"), (zero_quaternion, "quaternion"),
                  (encoding, "unknown encoding 9"), (outside, "leaves the volume"), (huge, "does not match the data"), (empty, "empty")]
-        for change, reason in cases:
-            # the log tells each new reason once: one of another kind comes before
-            self.publish("broken/volume", broken(encoding if change is not encoding else nan_pose))
-            time.sleep(0.2)
+        def tells(reason):
+            self.stage.wait(lambda: any(reason in line for line in self.log), what="the reason: " + reason)
+        for number, (change, reason) in enumerate(cases):
+            # the log tells each new reason once: one that was never there comes before
+            self.publish("broken/volume", broken(lambda m: setattr(m, "encoding", 100 + number)))
+            tells("unknown encoding %d" % (100 + number))
             del self.log[:]
             self.publish("broken/volume", broken(change))
-            end = time.time() + 10
-            while time.time() < end and not any(reason in line for line in self.log):
-                time.sleep(0.05)
-            self.assertTrue(any(reason in line for line in self.log), "%s: %s" % (change.__name__, self.log))
-            self.stage.check_alive()
+            tells(reason)
         self.assertIsNone(self.bright(self.stage.picture(), 0, 2)[0], "nothing of it is drawn")
         self.publish("broken/volume", broken(lambda m: None))
         self.stage.wait_for(lambda p: self.bright(p, 0, 2)[0] is not None, what="a good volume after the bad ones")
@@ -433,10 +423,8 @@ class Pictures(unittest.TestCase):
         voxels = numpy.zeros((size, size, size), numpy.int16)  # 4 MiB, one is allowed
         voxels[:, 32:96, 32:64] = 255
         self.publish("large/volume", volume(voxels, [0.001] * 3, at - 0.064))
-        self.stage.wait_for(lambda p: self.bright(p, 3, 2)[0] is not None, what="the large volume")
-        time.sleep(1)
         # every second voxel: edges to one of them
-        self.assert_box(self.stage.picture(), 3, 2, at[:2] + [-0.0325, -0.0325], at[:2] + [-0.0005, 0.0315], pixels=2.5)
+        self.stage.agrees(lambda picture: self.assert_box(picture, 3, 2, at[:2] + [-0.0325, -0.0325], at[:2] + [-0.0005, 0.0315], pixels=2.5))
 
     def test_a_marker_inside_gets_the_mouse(self):
         at = spot(2, 2)
@@ -458,15 +446,16 @@ class Pictures(unittest.TestCase):
         server.applyChanges()
         self.stage.wait_for(lambda p: self.grey(p, at) > 200, what="the volume around the marker")
         x, y = numpy.round(self.pixel(at)).astype(int)
-        end = time.time() + 30
-        while time.time() < end and InteractiveMarkerFeedback.BUTTON_CLICK not in got:
+
+        def clicked():
             self.stage.mouse("mousemove", x - 3, y)
             time.sleep(0.3)
             self.stage.mouse("mousemove", x, y)
             time.sleep(0.5)
             self.stage.mouse("click", 1)
             time.sleep(0.5)
-        self.assertIn(InteractiveMarkerFeedback.BUTTON_CLICK, got)
+            return InteractiveMarkerFeedback.BUTTON_CLICK in got
+        self.stage.wait(clicked, what="the click on the marker")
 
 
 if __name__ == "__main__":

@@ -205,6 +205,37 @@ class Stage:
         self.wait(look, seconds, what)
         return self.last
 
+    def agrees(self, check, seconds=60):
+        """Takes pictures until one passes check(picture); what check raised of the last one, if none does."""
+        def passes(picture):
+            try:
+                check(picture)
+            except AssertionError as error:
+                self.disagreement = error
+                return False
+            return True
+        self.disagreement = None
+        try:
+            self.wait_for(passes, seconds)
+        except AssertionError:
+            raise self.disagreement
+
+    def still(self, seconds=60):
+        """A picture that stays: nothing more is drawn for a second."""
+        seen = []
+
+        def stays(picture):
+            now = time.time()
+            if not seen or not numpy.array_equal(self.view(seen[0]), self.view(picture)):
+                seen[:] = picture, now
+            return now - seen[1] > 1
+        return self.wait_for(stays, seconds, "a picture that stays")
+
+    def view(self, picture):
+        """The part without the bar that tells the frame rate."""
+        x, y, width, height = self.window()
+        return picture[y:y + height, x:x + width]
+
     def mouse(self, *command):
         subprocess.run(["xdotool"] + [str(part) for part in command], check=True, timeout=30)
 
