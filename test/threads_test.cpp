@@ -25,7 +25,10 @@ struct Block : Body {
     explicit Block(int threads)
         : Body(std::array<int, 3>{20, 16, 18}.data(), std::array<double, 3>{0.05, 0.04, 0.045}.data(),
                {{5e3, 0.45, 1000, false}, {2e4, 0.3, 1100, false}, {1e6, 0.3, 1500, false}},
-               [](int i, int j, int k) { return (i - 9) * (i - 9) + (j - 7) * (j - 7) + (k - 8) * (k - 8) < 20 ? 2 : (i + 2 * j + 3 * k) / 7 % 2; })
+               [](int i, int j, int k) {
+                   const bool core = (i - 9) * (i - 9) + (j - 7) * (j - 7) + (k - 8) * (k - 8) < 20;
+                   return core ? 2 : (i + 2 * j + 3 * k) / 7 % 2;
+               })
     {
         scene.solver.threads = threads;
         table.materials[2].fixed = true;

@@ -98,8 +98,8 @@ PLIANT_INLINE void pliant_substep_forces(int count, double (*matrix)[PLIANT_MAX_
 
 /* A node behind a wall is put back on it; its way along the wall is cut short by friction, in proportion to how far it was pushed
  * (Coulomb), and its normal speed is turned around in part. factor: A over the inverse mass [s^2] */
-PLIANT_INLINE void pliant_substep_collide(const pliant_wall *walls, int num_walls, double friction, double restitution, const double rest[3],
-                                          double factor, double u[3], double d[3], double acceleration[3])
+PLIANT_INLINE void pliant_substep_collide(const pliant_wall *walls, int num_walls, double friction, double restitution,
+                                          const double rest[3], double factor, double u[3], double d[3], double acceleration[3])
 {
     for (int w = 0; w < num_walls; w++) {
         const pliant_wall *wall = walls + w;
