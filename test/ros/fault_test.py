@@ -120,7 +120,8 @@ class FaultTest(unittest.TestCase):
 
         def told():
             found = self.diagnosed()
-            return found if found and found["backend"][1].get("scan") == self.node.info.message.scan_id else None
+            scan = found.get("backend", (None, {}))[1].get("scan")
+            return found if scan == self.node.info.message.scan_id else None
         found = wait_for(told, "diagnostics of the scan that is loaded")
         backend, values = found["backend"]
         self.assertIn(backend.message, ("cpu", "cuda"))
