@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <csignal>
 #include <cstdlib>
 #include <fstream>
 #include <sstream>
@@ -25,6 +26,27 @@ protected:
         out_ = text(in("out"));
         err_ = text(in("err"));
         return WIFEXITED(code) ? WEXITSTATUS(code) : -1;
+    }
+    // Starts it, and interrupts it (Ctrl-C) once it is ready: its exit code, also where it ends before.
+    template <class Ready> int interrupt(const std::string &arguments, const Ready &ready)
+    {
+        const std::string command = "exec " + program_ + " " + arguments + " > " + in("out") + " 2> " + in("err");
+        pid_t child = fork();
+        if (child == 0) {
+            execl("/bin/sh", "sh", "-c", command.c_str(), static_cast<char *>(nullptr));
+            _exit(127);
+        }
+        int state = 0;
+        pid_t ended = 0;
+        while (ended == 0 && !ready()) {
+            usleep(20000);
+            ended = waitpid(child, &state, WNOHANG);
+        }
+        if (ended == 0) {
+            kill(child, SIGINT);
+            ended = waitpid(child, &state, 0);
+        }
+        return ended == child && WIFEXITED(state) ? WEXITSTATUS(state) : -1;
     }
     static std::string text(const std::string &path)
     {
