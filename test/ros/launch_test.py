@@ -23,8 +23,10 @@ MORE = {"tissue.launch": [["rviz:=true"], ["arm:=PSM1"], ["nodelet:=true"], ["rv
 
 
 def load(path, arguments):
-    loader = roslaunch.xmlloader.XmlLoader()
-    return roslaunch.config.load_config_default([(path, arguments)], None, loader=loader, assign_machines=False)
+    """As roslaunch does, but without the core's own file, which starts two programs each time."""
+    config = roslaunch.config.ROSLaunchConfig()
+    roslaunch.xmlloader.XmlLoader().load(path, config, argv=arguments, verbose=False)
+    return config
 
 
 def declared(path):
