@@ -205,6 +205,37 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
     pliant_linearized_free(&linearized);
 }
 
+// what is foretold of a patch, before it is made, is enough for the numbers of one that holds most of the body, and not far too much
+TEST_F(Response, WhatASpaceTakesIsForetold)
+{
+    const double radius = 0.15;
+    const std::vector<double> x = rest(), modes = modes_at(x);
+    const double *const block = modes.data();
+    pliant_foothold foothold{static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), {0.1, 0.1, 0.19}};
+    pliant_linearized linearized{};
+    pliant_space *space = nullptr;
+    ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
+    ASSERT_EQ(pliant_space_create(fine, &linearized, body.model->fine_material, body.model->fine_fixed, radius, 1, &foothold, 1, &block, 2, &space),
+              PLIANT_OK)
+        << pliant_last_error();
+    pliant_space_size size = pliant_space_measure(fine, radius, 1, &foothold, 1), none = size;
+    EXPECT_EQ(size.own, space->num_own);
+    EXPECT_LE(size.near, space->system.num_free);
+    EXPECT_GT(size.near, 2 * size.own / 3);
+    none.own = none.near = 0;
+    const double foretold = pliant_space_operations(fine, size) - pliant_space_operations(fine, none);
+    const double blas = 5, done = pliant_reduction_operations(space) - (1 - 1 / blas) * pliant_factor_operations(space->analyzed);
+    EXPECT_GT(foretold, done);
+    EXPECT_LT(foretold, 10 * done);
+    const double bytes = pliant_space_bytes(fine, size) - pliant_space_bytes(fine, none);
+    const double held = 3.0 * (sizeof(double) + sizeof(float)) * pliant_factor_values(space->analyzed);
+    EXPECT_GT(bytes, held);
+    EXPECT_LT(bytes, 3 * held);
+    std::printf("operations %g of %g, bytes %g of %g\n", done, foretold, held, bytes);
+    pliant_space_free(space);
+    pliant_linearized_free(&linearized);
+}
+
 TEST_F(Response, EndsWhenItIsNoLongerWanted)
 {
     const std::vector<double> x = rest();

@@ -93,6 +93,21 @@ pliant_status pliant_patch_system(const pliant_model *model, pliant_system **out
     return PLIANT_OK;
 }
 
+static int32_t list_footholds(const patch_job *job, pliant_foothold out[PLIANT_MAX_TOOLS])
+{
+    int32_t count = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        if (job->holds[t].hold) out[count++] = job->holds[t].foothold;
+    return count;
+}
+
+static pliant_space_size size_of(const pliant_patch *patch, int32_t blocks)
+{
+    pliant_foothold footholds[PLIANT_MAX_TOOLS];
+    int32_t count = list_footholds(&patch->job, footholds);
+    return pliant_space_measure(patch->model->fine_system, patch->model->scene.model.patch, count, footholds, blocks);
+}
+
 /* Steps that a patch may take, of so many blocks of responses, some of which are still to be made: its operations at a rate that a
  * core of today has, so that the answer is the same everywhere and the step seldom waits. */
 static int32_t delay_of(const pliant_patch *patch, int missing, int all)
@@ -101,7 +116,8 @@ static int32_t delay_of(const pliant_patch *patch, int missing, int all)
     const pliant_model *model = patch->model;
     const pliant_system *fine = model->fine_system;
     if (model->scene.model.patch_delay > 0) return model->scene.model.patch_delay;
-    double operations = missing * pliant_response_operations(fine, fine->preconditioner, patch->job.x) + pliant_space_operations(fine, all);
+    double operations = pliant_space_operations(fine, size_of(patch, all));
+    if (missing > 0) operations += missing * pliant_response_operations(fine, fine->preconditioner, patch->job.x);
     return 1 + (int32_t)fmin(ceil(operations / rate / model->scene.solver.step), 99998);
 }
 
@@ -223,7 +239,7 @@ static bool still_wanted(double fraction, const char *stage, void *user)
     return !atomic_load(&patch->stop);
 }
 
-/* The responses that are missing, and all of them once more in the space. */
+/* The responses that are missing, all of them once more in the space, and its factors. */
 static pliant_status check_memory(const pliant_patch *patch)
 {
     const double share = 0.5;
@@ -231,7 +247,7 @@ static pliant_status check_memory(const pliant_patch *patch)
     int32_t blocks = 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++) blocks += 2 * job->wanted[t][u] + (job->blocks[t][u] != NULL);
-    double bytes = pliant_space_bytes(patch->model->fine_system, blocks), available = pliant_free_memory();
+    double bytes = pliant_space_bytes(patch->model->fine_system, size_of(patch, blocks)), available = pliant_free_memory();
     if (bytes <= share * available) return PLIANT_OK;
     return pliant_fail(PLIANT_ERROR_MEMORY, "a patch around these holds needs %.0f MB, more than half of the %.0f MB that the machine has free",
                        bytes / 1e6, available / 1e6);
@@ -246,17 +262,15 @@ static pliant_status make_space(pliant_patch *patch)
     pliant_linearized linearized = {0};
     pliant_foothold footholds[PLIANT_MAX_TOOLS];
     const double *blocks[MOST_BLOCKS];
-    int32_t count = 0, num_blocks = 0;
+    int32_t count = list_footholds(job, footholds), num_blocks = 0;
     pliant_status status = check_memory(patch);
     if (status == PLIANT_OK && !patch->preconditioner) status = pliant_preconditioner_clone(fine->preconditioner, 1, &patch->preconditioner);
     if (status == PLIANT_OK) status = pliant_linearized_create(fine, job->x, &linearized);
     linearized.progress = (pliant_progress){still_wanted, patch};
     if (status == PLIANT_OK) status = make_blocks(patch, &linearized);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        if (job->holds[t].hold) footholds[count++] = job->holds[t].foothold;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++)
             if (job->blocks[t][u]) blocks[num_blocks++] = job->blocks[t][u];
-    }
     if (status == PLIANT_OK)
         status = pliant_space_create(fine, &linearized, model->fine_material, model->fine_fixed, model->scene.model.patch, count, footholds,
                                      num_blocks, blocks, model->system->num_threads, &job->space);
@@ -396,14 +410,20 @@ static void refuse(pliant_patch *patch, const pliant_data *data, int tool)
     patch->refused_until[tool] = patch->job.status == PLIANT_ERROR_MEMORY ? data->statistics.step + later : UINT64_MAX;
 }
 
+/* one that no hold is left of */
+static bool is_abandoned(const pliant_patch *patch, const pliant_data *data)
+{
+    bool held = false;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) held = held || still_held(data, t, patch->job.holds[t].hold);
+    return patch->job.running && !held;
+}
+
 static pliant_status deliver(pliant_patch *patch, pliant_data *data)
 {
     patch_job *job = &patch->job;
     if (job->in_thread) pthread_join(job->thread, NULL);
     job->in_thread = false;
-    bool wanted = false;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) wanted = wanted || still_held(data, t, job->holds[t].hold);
-    if (job->status == PLIANT_OK && wanted) {
+    if (job->status == PLIANT_OK) {
         patch_room room = {0};
         pliant_status status = room_create(patch->model, job->space, &room);
         if (status != PLIANT_OK) {
@@ -412,7 +432,7 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
         }
         take_over(patch, data);
         patch->room = room;
-    } else if (wanted) {
+    } else {
         pliant_log(PLIANT_LOG_WARNING, "no patch could be made; the tools pull at the coarse model: %s", job->message);
     }
     for (int t = 0; t < data->num_tools; t++) {
@@ -460,7 +480,9 @@ static void keep(pliant_patch *patch, const pliant_data *data)
 pliant_status pliant_patch_begin(pliant_data *data)
 {
     pliant_patch *patch = data->patch;
-    if (patch->job.running && data->statistics.step >= patch->job.due) {
+    bool abandoned = is_abandoned(patch, data);
+    if (abandoned) atomic_store(&patch->stop, true); /* it ends by itself; nobody waits for that */
+    else if (patch->job.running && data->statistics.step >= patch->job.due) {
         pliant_status status = deliver(patch, data);
         if (status != PLIANT_OK) return status;
     }
@@ -477,6 +499,7 @@ pliant_status pliant_patch_begin(pliant_data *data)
     }
     if (patch->space && !used) space_drop(patch, data);
     if (patch->space) keep(patch, data);
+    if (abandoned && (wanted || data->statistics.step >= patch->job.due)) job_clear(patch);
     return wanted && !patch->job.running ? start(patch, data) : PLIANT_OK;
 }
 

@@ -86,11 +86,11 @@ typedef struct space_builder {
     pliant_tangent *tangents;
 } space_builder;
 
-static bool within(const space_builder *build, const double *rest, double radius)
+static bool within(int32_t num_footholds, const pliant_foothold *footholds, const double *rest, double radius)
 {
-    for (int32_t t = 0; t < build->num_footholds; t++) {
+    for (int32_t t = 0; t < num_footholds; t++) {
         double squares = 0;
-        for (int d = 0; d < 3; d++) squares += pow(rest[d] - build->footholds[t].centre[d], 2);
+        for (int d = 0; d < 3; d++) squares += pow(rest[d] - footholds[t].centre[d], 2);
         if (squares <= radius * radius) return true;
     }
     return false;
@@ -109,7 +109,7 @@ static pliant_status near_mesh(space_builder *build, const pliant_tet_material *
     if (!close || !build->near_tet || !space->near_node) goto done;
     for (int32_t t = 0; t < build->num_footholds; t++)
         for (int32_t h = 0; h < build->footholds[t].count; h++) close[build->footholds[t].nodes[h]] = 1;
-    for (int32_t n = 0; n < fine->num_nodes; n++) close[n] = close[n] || within(build, fine->rest + 3 * n, 2 * radius);
+    for (int32_t n = 0; n < fine->num_nodes; n++) close[n] = close[n] || within(build->num_footholds, build->footholds, fine->rest + 3 * n, 2 * radius);
     for (int32_t v = 0; v < 4 * fine->num_tets; v++) build->near_tet[v / 4] |= close[fine->tets[v]];
     for (int32_t v = 0; v < 4 * fine->num_tets; v++)
         if (build->near_tet[v / 4]) space->near_node[fine->tets[v]] = 1;
@@ -170,7 +170,7 @@ static pliant_status own_nodes(space_builder *build, double radius)
     if (!build->is_own || !space->own) return pliant_fail_memory("a patch");
     for (int32_t f = 0; f < system->num_free; f++) {
         int32_t node = system->node_of_free[f];
-        build->is_own[f] = within(build, space->mesh.rest + 3 * node, radius);
+        build->is_own[f] = within(build->num_footholds, build->footholds, space->mesh.rest + 3 * node, radius);
         if (build->is_own[f]) space->own[space->num_own++] = f;
         else build->still[node] = 1;
     }
@@ -303,16 +303,42 @@ pliant_status pliant_space_create(const pliant_system *fine, pliant_linearized *
     return PLIANT_OK;
 }
 
-double pliant_space_operations(const pliant_system *fine, int32_t num_blocks)
+pliant_space_size pliant_space_measure(const pliant_system *fine, double radius, int32_t num_footholds, const pliant_foothold *footholds,
+                                       int32_t num_blocks)
 {
-    double modes = (double)PLIANT_RESPONSE_MODES * num_blocks;
-    /* a product a mode, and for every two modes: a scalar product and, twice, a difference */
-    return 2 * modes * pliant_response_force_operations(fine) + 4 * modes * modes * 3 * fine->num_free;
+    pliant_space_size size = {.blocks = num_blocks};
+    for (int32_t f = 0; f < fine->num_free; f++) {
+        const double *rest = fine->mesh->rest + 3 * fine->node_of_free[f];
+        size.near += within(num_footholds, footholds, rest, 2 * radius);
+        size.own += within(num_footholds, footholds, rest, radius);
+    }
+    return size;
 }
 
-double pliant_space_bytes(const pliant_system *fine, int32_t num_blocks)
+/* Numbers in a factor of K_pp, as its nodes^(4/3) (nested dissection), and what its ordering and its numbers take: of a factor of
+ * tissue in all directions, an upper bound for others. Those of BLAS come faster than others. */
+static double factor_numbers(pliant_space_size size) { return 45 * pow(size.own, 4.0 / 3); }
+
+static double factor_operations(pliant_space_size size)
 {
-    return (double)PLIANT_RESPONSE_MODES * num_blocks * 3 * fine->num_free * (double)sizeof(double);
+    const double ordering = 7e4, of_blas = 0.2;
+    return ordering * size.own + of_blas * 70 * pow(size.own, 2);
+}
+
+double pliant_space_operations(const pliant_system *fine, pliant_space_size size)
+{
+    double modes = (double)PLIANT_RESPONSE_MODES * size.blocks;
+    /* a product a mode, and for every two modes: a scalar product and, twice, a difference; then the reduction (reduction.c) */
+    double fields = 2 * modes * pliant_response_force_operations(fine) + 4 * modes * modes * 3 * fine->num_free;
+    double images = (288.0 * fine->mesh->num_tets / fine->num_free + 12 * modes) * modes * size.near;
+    return fields + images + factor_operations(size) + 4 * modes * factor_numbers(size);
+}
+
+double pliant_space_bytes(const pliant_system *fine, pliant_space_size size)
+{
+    const double factors = 3; /* the space's own, one in use, one in the making; in double and single precision */
+    double fields = (double)PLIANT_RESPONSE_MODES * size.blocks * 3 * fine->num_free * (double)sizeof(double);
+    return fields + factors * factor_numbers(size) * (double)(sizeof(double) + sizeof(float));
 }
 
 void pliant_space_free(pliant_space *space)

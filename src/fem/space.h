@@ -68,9 +68,17 @@ pliant_status pliant_space_create(const pliant_system *fine, pliant_linearized *
                                   const uint8_t *fixed, double radius, int32_t num_footholds, const pliant_foothold *footholds,
                                   int32_t num_blocks, const double *const *blocks, int num_threads, pliant_space **out);
 void pliant_space_free(pliant_space *space); /* Nullable */
-/* Floating-point operations of making one, but for its first numbers; bytes of its fields on the fine mesh. */
-double pliant_space_operations(const pliant_system *fine, int32_t num_blocks);
-double pliant_space_bytes(const pliant_system *fine, int32_t num_blocks);
+
+/* What one takes, before it is made. */
+typedef struct pliant_space_size {
+    int32_t own, near;        /* free fine nodes within the radius of a hold, and within twice of it */
+    int32_t blocks;           /* of nine modes */
+} pliant_space_size;
+pliant_space_size pliant_space_measure(const pliant_system *fine, double radius, int32_t num_footholds, const pliant_foothold *footholds,
+                                       int32_t num_blocks);
+/* Floating-point operations of making it, with its first numbers; bytes of its fields on the fine mesh and of its factors. */
+double pliant_space_operations(const pliant_system *fine, pliant_space_size size);
+double pliant_space_bytes(const pliant_system *fine, pliant_space_size size);
 
 /* Without numbers, or with those of another. Errors: MEMORY. */
 pliant_status pliant_reduction_create(const pliant_space *space, const pliant_reduction *from, pliant_reduction **out);

@@ -308,6 +308,45 @@ TEST(GrabPatch, LettingGoOfAllDoesNotWaitForThePatch)
     patched.wait(1);
 }
 
+// a patch that no hold is left of is given up at once, so that the next hold's is made at once
+TEST(GrabPatch, AHoldDoesNotWaitForThePatchOfOneThatLetGo)
+{
+    const uint64_t delay = 20;
+    Patched patched(PLIANT_AVERAGED, 0.04);
+    patched.body.scene.model.patch_delay = delay;
+    ASSERT_EQ(patched.body.build(), PLIANT_OK);
+    const pliant_statistics *statistics = &patched.body.data->statistics;
+    auto steps = [&](int count) {
+        for (int s = 0; s < count; s++) ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0) << pliant_last_error();
+    };
+    int tool = patched.take("tool", top);
+    steps(2);
+    pliant_tool_release(patched.body.data, tool);
+    steps(1);
+    EXPECT_EQ(statistics->patch_waiting, 0);
+    patched.take("tool", beside);
+    const uint64_t taken = statistics->step;
+    while (statistics->patched == 0 && statistics->step < 3 * delay) steps(1);
+    EXPECT_EQ(statistics->step, taken + delay + 1);
+    // nor does one of two tools that goes on
+    int other = patched.take("other", top);
+    steps(1);
+    pliant_tool_release(patched.body.data, tool);
+    const uint64_t left = statistics->step;
+    while (statistics->patch_waiting == 1 && statistics->step < left + 2 * delay) steps(1);
+    EXPECT_EQ(statistics->step, left + delay);
+    EXPECT_EQ(statistics->patched, 1);
+    // and without any hold it is gone when it would have been there
+    pliant_tool_release(patched.body.data, other);
+    steps(1);
+    const size_t bytes = pliant_memory_in_use();
+    patched.take("tool", beside);
+    steps(1);
+    pliant_tool_release(patched.body.data, tool);
+    steps(int(delay) + 1);
+    EXPECT_EQ(pliant_memory_in_use(), bytes);
+}
+
 // the tolerance is of the tools' work, whatever weight the body carries
 TEST(GrabPatch, GravityDoesNotLoosenTheTolerance)
 {
