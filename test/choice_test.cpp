@@ -4,9 +4,11 @@
 #include "pliant/memory.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cstdlib>
 #include <map>
 #include <string>
+#include <thread>
 
 namespace {
 
@@ -206,6 +208,37 @@ TEST_F(Choice, ALoadThatIsCancelledChoosesNothing)
     EXPECT_EQ(choice.tried, -7);
     EXPECT_EQ(count.calls, 100);
     EXPECT_EQ(pliant_memory_in_use(), before);
+}
+
+// whoever is asked once more after saying no, for another thread, is not taken to have changed his mind
+TEST_F(Choice, SayingNoOnceIsEnough)
+{
+    vary(false, false, false, false);
+    body.scene.model.method = PLIANT_LOD; // every cube asks
+    body.cells(3, 3, 3, 2);
+    body.scene.solver.threads = 2;
+    struct { int calls; } asked = {0};
+    auto stop = [](double, const char *stage, void *user) {
+        if (std::string(stage).find("building lod") == std::string::npos) return true;
+        std::this_thread::sleep_for(std::chrono::milliseconds(3)); // the other thread waits to ask
+        return ++static_cast<decltype(asked) *>(user)->calls != 9;
+    };
+    EXPECT_EQ(pliant_choose(&input, nullptr, {stop, &asked}, &choice), PLIANT_ERROR_CANCELLED);
+    EXPECT_EQ(asked.calls, 9);
+}
+
+// which means nothing to the fine method: there is one of it on every mesh
+TEST_F(Choice, AFineScenesPatchIsNoOtherMethod)
+{
+    vary(true, false, false, false);
+    body.scene.solver.iterations = 1;
+    ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
+    const int tried = choice.tried;
+    body.scene.model.patch = 0.05;
+    pliant_report_close(&tables);
+    ASSERT_EQ(pliant_report_open(nullptr, &tables), PLIANT_OK);
+    ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(choice.tried, tried);
 }
 
 TEST_F(Choice, WithoutTimeTheScenesOwnSettingsStay)

@@ -1,6 +1,7 @@
 /* The settings of a scene by measurement: what is tried on a pull, and which of it is the most accurate within the budget. */
 #include "backend/backend.h"
 #include "core/fail.h"
+#include "fem/patch.h"
 #include "pliant/memory.h"
 #include "report/sweep.h"
 
@@ -118,7 +119,8 @@ static bool is_listed(const choice_mesh *meshes, int count, int32_t factor, int3
 
 static bool same_method(const struct choice_method *a, const struct choice_method *b)
 {
-    return a->method == b->method && a->touch == b->touch && a->patch == b->patch;
+    bool patched = a->method != PLIANT_FINE; /* to which a patch means nothing */
+    return a->method == b->method && a->touch == b->touch && (!patched || a->patch == b->patch);
 }
 
 /* The scene's own settings first, so that they are known whatever becomes of the others; then its method on other meshes. */
@@ -127,8 +129,7 @@ static int list_candidates(const pliant_scene *scene, int32_t finest, choice_can
     choice_mesh meshes[MOST_MESHES];
     int num_meshes = list_meshes(scene, finest, meshes), count = 0;
     const pliant_method method = scene->model.method;
-    const struct choice_method own = {method, method == PLIANT_SCHUR ? scene->model.touch : PLIANT_TOUCH_OVERLAP,
-                                      scene->model.patch}; /* which means nothing to fine */
+    const struct choice_method own = {method, method == PLIANT_SCHUR ? scene->model.touch : PLIANT_TOUCH_OVERLAP, scene->model.patch};
     out[count++] = (choice_candidate){own, {1, scene->mesh.ratio}};
     for (int n = -1; n < (scene->choose.method ? NUM_METHODS : 0); n++) {
         const struct choice_method *by = n < 0 ? &own : methods + n;
@@ -166,7 +167,8 @@ static bool pass_progress(double fraction, const char *stage, void *user)
     (void)fraction;
     state->late = state->late || pliant_seconds() > state->end;
     snprintf(text, sizeof text, "choosing settings, %s", stage);
-    state->cancelled = !pliant_report_progress(state->progress, (double)state->index / (state->count + 1), text);
+    /* several threads may ask, and the caller may say it once */
+    state->cancelled = state->cancelled || !pliant_report_progress(state->progress, (double)state->index / (state->count + 1), text);
     return !state->cancelled && !state->late;
 }
 
@@ -259,7 +261,7 @@ static pliant_status try_candidate(choice_state *state)
     pliant_status status = candidate_scene(ground->input->scene, candidate, &ground->scene);
     if (status < 0) return status;
     /* neither patches nor lod have kernels: where the scene leaves it open, they are tried on the CPU */
-    bool on_host = (candidate->by.patch > 0 || candidate->by.method == PLIANT_LOD) && ground->scene.solver.backend == PLIANT_AUTO;
+    bool on_host = (pliant_patch_asked(&ground->scene) || candidate->by.method == PLIANT_LOD) && ground->scene.solver.backend == PLIANT_AUTO;
     ground->scene.solver.backend = on_host ? PLIANT_CPU : ground->reference.solver.backend;
     name_variant(candidate, ground->input->scene, state->sweep.variant);
     status = sweep_run_model(&state->sweep, candidate->by.method, candidate->by.touch);
