@@ -154,5 +154,5 @@ static pliant_status warp_cross(void *object, const march_ray *ray, int64_t firs
     return pliant_cuda_warp_cross(static_cast<pliant_cuda_warp *>(object), ray, first, out);
 }
 
-const pliant_backend pliant_cuda_backend = {"cuda", &pliant_corotational, false, pliant_cuda_text,      create,      destroy,   restart,     bring,     solve,
-                                            upsample, warp, warp_create, warp_free, warp_update, warp_fetch,  warp_cross, pliant_cuda_segment};
+const pliant_backend pliant_cuda_backend = {"cuda",   &pliant_corotational, false, false,       pliant_cuda_text, create,      destroy,    restart,        bring,
+                                            solve,    upsample,             warp,  warp_create, warp_free,        warp_update, warp_fetch, warp_cross, pliant_cuda_segment};

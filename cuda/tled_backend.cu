@@ -57,5 +57,5 @@ static pliant_status warp(const pliant_model *, pliant_data *data)
     return status;
 }
 
-const pliant_backend pliant_cuda_tled_backend = {"cuda", &pliant_explicit, false, pliant_cuda_text,    create, destroy, restart, NULL,
-                                                 solve,  pliant_tled_upsample,    warp,  NULL, NULL, NULL, NULL, NULL, NULL};
+const pliant_backend pliant_cuda_tled_backend = {"cuda", &pliant_explicit,    false, true, pliant_cuda_text, create, destroy, restart, NULL,
+                                                 solve,  pliant_tled_upsample, warp,  NULL, NULL,             NULL,   NULL,    NULL,    NULL};

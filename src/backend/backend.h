@@ -40,6 +40,7 @@ struct pliant_backend {
     const char *name;
     const pliant_host_solver *kind;
     bool on_host; /* keeps no state of its own: nothing to bring or to free, and none to fall back on when it fails */
+    bool solves_on_host; /* what a solve leads to is the host's as soon as it ends: when a later stage fails, it is not done again */
     /* Whether it can be used here. text: the device's name, or the reason why not. Says nothing itself. */
     bool (*probe)(char *text, size_t size);
 

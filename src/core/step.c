@@ -107,8 +107,9 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
         double start = pliant_seconds();
         pliant_status status = stages[stage](model, data);
         data->statistics.seconds[stage] = pliant_seconds() - start;
-        if (status < 0 && pliant_backend_leave(model, data, status)) {
-            stage = PLIANT_STEP_solve - 1; /* again, by the CPU */
+        /* the first stage is the host's own */
+        if (status < 0 && stage > PLIANT_STEP_interact && pliant_backend_leave(model, data, status)) {
+            stage = backend->solves_on_host ? stage - 1 : PLIANT_STEP_solve - 1; /* again, by the CPU */
             continue;
         }
         if (status < 0) {

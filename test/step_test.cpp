@@ -1,0 +1,98 @@
+// The step: what becomes of a failure, by whose fault it is.
+#include "pipeline/body.h"
+
+#include "backend/backend.h"
+#include "pliant/memory.h"
+
+namespace {
+
+const int size[3] = {6, 6, 6};
+const double box[3] = {0.12, 0.12, 0.12}, top[3] = {0.05, 0.06, 0.11};
+
+// a backend that keeps state of its own, as a GPU does
+bool lost;
+pliant_backend other()
+{
+    pliant_backend backend = pliant_cpu_backend;
+    backend.name = "other";
+    backend.on_host = false;
+    backend.free = [](pliant_data *) {};
+    backend.solve = [](const pliant_model *model, pliant_data *data) { return lost ? PLIANT_ERROR_UNAVAILABLE : pliant_cpu_backend.solve(model, data); };
+    return backend;
+}
+
+struct Step : testing::Test {
+    Body body{size, box, {{4000, 0.45, 1000, false}}};
+    const pliant_backend backend = other();
+    int tool = -1;
+
+    void SetUp() override
+    {
+        body.fix_plane(0, 0, 0, 0, 0, 1);
+        body.cells(3, 3, 3, 1);
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        body.data->backend = &backend;
+        lost = false;
+        ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_add(body.model, body.data, "tool", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, top), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+        const double tip[3] = {top[0], top[1], top[2] + 0.01};
+        ASSERT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+    }
+    void TearDown() override { pliant_memory_fail_after(-1); }
+};
+
+// the hold of a tool is the host's: without memory for it the step fails, and nobody else is to blame
+TEST_F(Step, WithoutMemoryForAHoldTheBackendStays)
+{
+    const uint64_t before = body.data->statistics.step;
+    pliant_memory_fail_after(0);
+    EXPECT_EQ(pliant_step(body.model, body.data), PLIANT_ERROR_MEMORY);
+    pliant_memory_fail_after(-1);
+    EXPECT_STREQ(pliant_data_backend(body.data), "other");
+    EXPECT_EQ(body.data->statistics.step, before);
+    EXPECT_EQ(body.data->statistics.failed, 1u);
+    EXPECT_EQ(body.settle(), PLIANT_OK) << pliant_last_error();
+    EXPECT_STREQ(pliant_data_backend(body.data), "other");
+    EXPECT_GT(body.data->tools[tool].force[2], 0.01);
+}
+
+TEST_F(Step, WhereTheBackendIsLostTheCpuGoesOn)
+{
+    lost = true;
+    EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+    EXPECT_STREQ(pliant_data_backend(body.data), "cpu");
+    EXPECT_EQ(body.settle(), PLIANT_OK) << pliant_last_error();
+    EXPECT_GT(body.data->tools[tool].force[2], 0.01);
+}
+
+// dynamics that are there already are not done twice when what comes after them fails
+TEST(StepOfDynamics, AFailedPictureIsNoSecondFrame)
+{
+    static bool fails;
+    pliant_backend backend = pliant_tled_backend;
+    backend.on_host = false;
+    backend.solves_on_host = true;
+    backend.free = [](pliant_data *) {};
+    backend.warp = [](const pliant_model *, pliant_data *) { return fails ? PLIANT_ERROR_UNAVAILABLE : PLIANT_OK; };
+    std::vector<double> ends[2];
+    for (int failing = 0; failing < 2; failing++) {
+        Body body(size, box, {{4000, 0.45, 1000, false}});
+        body.fix_plane(0, 0, 0, 0, 0, 1);
+        body.cells(3, 3, 3, 1);
+        body.scene.solver.kind = PLIANT_TLED;
+        body.scene.model.gravity[1] = 9.81;
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        body.data->backend = &backend;
+        for (int s = 0; s < 4; s++) {
+            fails = failing && s == 2;
+            ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK) << pliant_last_error();
+        }
+        EXPECT_EQ(body.data->backend == &backend, !failing);
+        ends[failing] = {body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes};
+    }
+    EXPECT_EQ(ends[0], ends[1]);
+}
+
+} // namespace
