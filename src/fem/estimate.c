@@ -89,7 +89,12 @@ static pliant_status add_loads(pliant_solver *solver, bool *known)
     /* a factor, not a V-cycle; and no time that the step was given for getting better */
     *known = same || (pliant_preconditioner_refuses(solver->preconditioner) && !(solver->budget > 0));
     if (same || !*known) return PLIANT_OK;
-    for (size_t i = 0; i < n; i++) hindsight->at.pull[i] += hindsight->load[i] - solver->load[i];
+    for (int32_t f = 0; f < solver->system->num_free; f++) {
+        double change[3];
+        for (int d = 0; d < 3; d++) change[d] = hindsight->load[3 * f + d] - solver->load[3 * f + d];
+        pliant_turn_into(solver->turn, f, change);
+        for (int d = 0; d < 3; d++) hindsight->at.pull[3 * f + d] += change[d];
+    }
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         const pliant_handle *handle = solver->handles + t;
         double change[3];

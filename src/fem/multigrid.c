@@ -91,6 +91,11 @@ void pliant_multigrid_free(pliant_multigrid *multigrid)
     pliant_free(multigrid);
 }
 
+void pliant_multigrid_threads(pliant_multigrid *multigrid, int num_threads)
+{
+    for (int l = 0; l < multigrid->hierarchy->num_levels; l++) multigrid->level[l].system.num_threads = num_threads;
+}
+
 /* ---- the matrices */
 
 /* P' K P over the children of one coarse tetrahedron; rows of fixed nodes are zero */
@@ -253,6 +258,7 @@ static void smooth(const pliant_grid_level *grid, level_values *level, const dou
     else apply(grid, level, right, level->x, level->residual);
     scaled_step(level, 0, 1 / centre, level->residual, level->step);
     for (int pass = 0;; pass++) {
+#pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
         for (size_t i = 0; i < n; i++) level->x[i] = (from_zero && pass == 0 ? 0 : level->x[i]) + level->step[i];
         if (pass + 1 == SMOOTHING_STEPS) return;
         apply(grid, level, right, level->x, level->residual);

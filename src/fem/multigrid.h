@@ -24,6 +24,7 @@ double pliant_hierarchy_operations(const pliant_hierarchy *hierarchy); /* of a r
 
 pliant_status pliant_multigrid_create(const pliant_hierarchy *hierarchy, int num_threads, pliant_multigrid **out);
 void pliant_multigrid_free(pliant_multigrid *multigrid);
+void pliant_multigrid_threads(pliant_multigrid *multigrid, int num_threads); /* from now on */
 /* Matrices of all levels at these tangents of the finest. Errors: NUMERIC, MEMORY. */
 pliant_status pliant_multigrid_numeric(pliant_multigrid *multigrid, const pliant_tangent *tangents);
 /* the numbers of another one of the same hierarchy */

@@ -92,6 +92,12 @@ pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, i
     return PLIANT_OK;
 }
 
+void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int num_threads)
+{
+    preconditioner->system.num_threads = num_threads;
+    if (preconditioner->multigrid) pliant_multigrid_threads(preconditioner->multigrid, num_threads);
+}
+
 pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents)
 {
     if (preconditioner->space) return pliant_reduction_numeric(preconditioner->space, tangents, preconditioner->reduction);
@@ -128,11 +134,17 @@ double pliant_preconditioner_operations(const pliant_preconditioner *preconditio
     return pliant_factor_operations(preconditioner->factor) + (preconditioner->system.macros ? pliant_macro_operations(&preconditioner->system) : 0);
 }
 
-/* A factor: a product and a sum a number, forwards and back. A V-cycle: some twelve products with the matrix, eight times. */
-double pliant_preconditioner_solve_operations(const pliant_preconditioner *preconditioner)
+/* A factor: a product and a sum a number, forwards and back. A V-cycle: some twelve products with the matrix. */
+double pliant_preconditioner_apply_operations(const pliant_preconditioner *preconditioner)
 {
     if (preconditioner->factor) return 4 * pliant_factor_values(preconditioner->factor);
-    return 8 * 12 * 4 * (double)preconditioner->system.pattern.num_values;
+    return 12 * 4 * (double)preconditioner->system.pattern.num_values;
+}
+
+double pliant_preconditioner_solve_operations(const pliant_preconditioner *preconditioner)
+{
+    const int cycles = preconditioner->factor ? 1 : 8;
+    return cycles * pliant_preconditioner_apply_operations(preconditioner);
 }
 
 size_t pliant_preconditioner_bytes(const pliant_preconditioner *preconditioner)

@@ -9,26 +9,45 @@
 
 static size_t unknowns(const pliant_solver *solver) { return 3 * (size_t)solver->system->num_free; }
 
+/* Fewer nodes than this are sooner done by one thread. */
+enum { NODES_FOR_THREADS = 4096, PRODUCT_PARTS = 32 };
+
+/* a . b over the unknowns, in parts that do not depend on the number of threads */
+double pliant_solver_product(const pliant_solver *solver, const double *a, const double *b)
+{
+    const size_t n = unknowns(solver);
+    if (solver->system->num_free < NODES_FOR_THREADS) return pliant_dot(n, a, b);
+    double parts[PRODUCT_PARTS], sum = 0;
+#pragma omp parallel for schedule(static) num_threads(solver->system->num_threads)
+    for (int p = 0; p < PRODUCT_PARTS; p++) {
+        size_t from = n * (size_t)p / PRODUCT_PARTS, to = n * (size_t)(p + 1) / PRODUCT_PARTS;
+        parts[p] = pliant_dot(to - from, a + from, b + from);
+    }
+    for (int p = 0; p < PRODUCT_PARTS; p++) sum += parts[p];
+    return sum;
+}
+
 /* ---- tools: rows of W */
 
-/* out += W v, v on the unknowns */
+/* out += W v, v in the nodes' own axes */
 static void apply_rows(const pliant_handle *handle, const double *v, double out[3])
 {
     for (int32_t h = 0; h < handle->count; h++) {
-        const double *block = handle->block + 9 * h, *at = v + 3 * handle->unknown[h];
+        const double *block = handle->turned + 9 * h, *at = v + 3 * handle->unknown[h];
         for (int r = 0; r < 3; r++) out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
     }
 }
 
-/* v += W' f */
-void pliant_handle_pull(const pliant_handle *handle, const double force[3], double *v)
+static void pull_by(const pliant_handle *handle, const double *blocks, const double force[3], double *v)
 {
     for (int32_t h = 0; h < handle->count; h++) {
-        const double *block = handle->block + 9 * h;
+        const double *block = blocks + 9 * h;
         double *at = v + 3 * handle->unknown[h];
         for (int c = 0; c < 3; c++) at[c] += block[c] * force[0] + block[3 + c] * force[1] + block[6 + c] * force[2];
     }
 }
+
+void pliant_handle_pull(const pliant_handle *handle, const double force[3], double *v) { pull_by(handle, handle->turned, force, v); }
 
 /* y = origin + W x, x over all nodes of the solved mesh */
 static void held_point(const pliant_solver *solver, const pliant_handle *handle, const double *x, double out[3])
@@ -45,9 +64,21 @@ void pliant_solver_release(pliant_solver *solver, int tool)
     pliant_handle *handle = solver->handles + tool;
     pliant_free(handle->unknown);
     pliant_free(handle->block);
+    pliant_free(handle->turned);
     pliant_free(handle->response);
     memset(handle, 0, sizeof *handle);
     pliant_solver_forget(solver);
+}
+
+void pliant_solver_turned(pliant_solver *solver)
+{
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        pliant_handle *handle = solver->handles + t;
+        if (handle->count == 0) continue;
+        memcpy(handle->turned, handle->block, 9 * (size_t)handle->count * sizeof *handle->block);
+        for (int32_t row = 0; row < 3 * handle->count; row++)
+            pliant_turn_into(solver->turn, handle->unknown[row / 3], handle->turned + 3 * row);
+    }
 }
 
 pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes, const double *weights,
@@ -66,14 +97,16 @@ pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count,
                 break;
             }
     handle.unknown = NULL;
-    handle.block = handle.response = NULL;
+    handle.block = handle.turned = handle.response = NULL;
     if (handle.count > 0) {
         handle.unknown = pliant_calloc((size_t)handle.count, sizeof *handle.unknown);
         handle.block = pliant_calloc((size_t)handle.count, 9 * sizeof *handle.block);
+        handle.turned = pliant_calloc((size_t)handle.count, 9 * sizeof *handle.turned);
         handle.response = pliant_calloc(3 * unknowns(solver), sizeof *handle.response);
-        if (!handle.unknown || !handle.block || !handle.response) {
+        if (!handle.unknown || !handle.block || !handle.turned || !handle.response) {
             pliant_free(handle.unknown);
             pliant_free(handle.block);
+            pliant_free(handle.turned);
             pliant_free(handle.response);
             return pliant_fail_memory("a tool's hold");
         }
@@ -89,6 +122,7 @@ pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count,
     bool was_active = old->active;
     pliant_free(old->unknown);
     pliant_free(old->block);
+    pliant_free(old->turned);
     pliant_free(old->response);
     *old = handle;
     old->active = true;
@@ -100,6 +134,7 @@ pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count,
     memset(old->origin, 0, sizeof old->origin);
     held_point(solver, old, solver->now.x, moved);
     for (int d = 0; d < 3; d++) old->origin[d] = y[d] - moved[d];
+    pliant_solver_turned(solver);
     pliant_solver_forget(solver);
     return PLIANT_OK;
 }
@@ -183,7 +218,8 @@ static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
     for (size_t i = 0; i < n; i++) at->pull[i] = solver->load[i];
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         if (solver->handles[t].active)
-            pliant_handle_pull(solver->handles + t, solver->handles[t].by_force ? solver->handles[t].force : at->force + 3 * t, at->pull);
+            pull_by(solver->handles + t, solver->handles[t].block, solver->handles[t].by_force ? solver->handles[t].force : at->force + 3 * t,
+                    at->pull);
     double work = 0, elastic = 0;
     for (int32_t f = 0; f < system->num_free; f++)
         for (int d = 0; d < 3; d++) {
@@ -193,13 +229,17 @@ static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
             elastic += u * (at->step[3 * f + d] - base);
         }
     at->scale = fmax(sqrt(fmax(fabs(work), fabs(elastic))), solver->smallest_scale);
-    for (size_t i = 0; i < n; i++) at->pull[i] -= at->step[i];
+#pragma omp parallel for schedule(static) num_threads(system->num_threads) if (system->num_free >= NODES_FOR_THREADS)
+    for (int32_t f = 0; f < system->num_free; f++) {
+        for (int d = 0; d < 3; d++) at->pull[3 * f + d] -= at->step[3 * f + d];
+        pliant_turn_into(solver->turn, f, at->pull + 3 * f);
+    }
     at->merit = INFINITY;
     if (!isfinite(at->scale)) return PLIANT_OK; /* not a state: never accepted */
     pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, at->pull, at->step);
     if (status != PLIANT_OK) return status;
     if (!pliant_solver_step_tools(solver, at)) return PLIANT_OK;
-    double energy = pliant_dot(n, at->step, at->pull) + spring_energy(solver, at->step_force, at->step_force);
+    double energy = pliant_solver_product(solver, at->step, at->pull) + spring_energy(solver, at->step_force, at->step_force);
     /* far below zero: what stands for K0^-1 is not positive here; no measure */
     if (isfinite(energy) && energy > -1e-10 * at->scale * at->scale) at->merit = sqrt(fmax(energy, 0));
     return PLIANT_OK;
@@ -211,14 +251,18 @@ static void remember(pliant_solver *solver, const pliant_iterate *from, const pl
 {
     if (solver->depth == 0 || !isfinite(to->merit)) return;
     pliant_secant *secant = solver->history + solver->next_history;
-    const int32_t *node = solver->system->node_of_free;
-    for (int32_t f = 0; f < solver->system->num_free; f++)
+    const pliant_system *system = solver->system;
+    const int32_t *node = system->node_of_free;
+#pragma omp parallel for schedule(static) num_threads(system->num_threads) if (system->num_free >= NODES_FOR_THREADS)
+    for (int32_t f = 0; f < system->num_free; f++) {
         for (int d = 0; d < 3; d++) {
             size_t i = 3 * (size_t)f + (size_t)d, x = 3 * (size_t)node[f] + (size_t)d;
             secant->x[i] = to->x[x] - from->x[x];
             secant->step[i] = to->step[i] - from->step[i];
             secant->pull[i] = to->pull[i] - from->pull[i];
         }
+        pliant_turn_into(solver->turn, f, secant->x + 3 * f);
+    }
     for (int r = 0; r < PLIANT_MAX_ROWS; r++) {
         secant->force[r] = to->force[r] - from->force[r];
         secant->step_force[r] = to->step_force[r] - from->step_force[r];
@@ -228,7 +272,7 @@ static void remember(pliant_solver *solver, const pliant_iterate *from, const pl
     for (int32_t other = 0; other < solver->num_history; other++) {
         int32_t high = other > now ? other : now, low = other > now ? now : other;
         const pliant_secant *a = solver->history + high, *b = solver->history + low;
-        double product = pliant_dot(unknowns(solver), a->step, b->pull) + spring_energy(solver, a->step_force, b->step_force);
+        double product = pliant_solver_product(solver, a->step, b->pull) + spring_energy(solver, a->step_force, b->step_force);
         solver->gram[high * PLIANT_MAX_HISTORY + low] = solver->gram[low * PLIANT_MAX_HISTORY + high] = product;
     }
     solver->next_history = (now + 1) % solver->depth;
@@ -237,12 +281,11 @@ static void remember(pliant_solver *solver, const pliant_iterate *from, const pl
 bool pliant_solver_mix(const pliant_solver *solver, const pliant_iterate *at, double noise, double weights[PLIANT_MAX_HISTORY])
 {
     int32_t m = solver->num_history;
-    size_t n = unknowns(solver);
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY], trace = 0;
     if (m == 0) return false;
     for (int32_t a = 0; a < m; a++) {
         const pliant_secant *sa = solver->history + a;
-        weights[a] = pliant_dot(n, sa->step, at->pull) + spring_energy(solver, sa->step_force, at->step_force);
+        weights[a] = pliant_solver_product(solver, sa->step, at->pull) + spring_energy(solver, sa->step_force, at->step_force);
         for (int32_t b = 0; b < m; b++) gram[a * m + b] = solver->gram[a * PLIANT_MAX_HISTORY + b];
     }
     /* secants differ in size by orders: scale to a unit diagonal, then a little regularization */
@@ -269,13 +312,17 @@ static void propose(pliant_solver *solver, const pliant_iterate *at, const doubl
     const pliant_system *system = solver->system;
     int32_t m = weights ? solver->num_history : 0;
     memcpy(trial->x, at->x, 3 * (size_t)system->mesh->num_nodes * sizeof *trial->x);
-    for (int32_t f = 0; f < system->num_free; f++)
+#pragma omp parallel for schedule(static) num_threads(system->num_threads) if (system->num_free >= NODES_FOR_THREADS)
+    for (int32_t f = 0; f < system->num_free; f++) {
+        double step[3];
         for (int d = 0; d < 3; d++) {
             size_t i = 3 * (size_t)f + (size_t)d;
-            double step = at->step[i];
-            for (int32_t a = 0; a < m; a++) step -= weights[a] * (solver->history[a].x[i] + solver->history[a].step[i]);
-            trial->x[3 * system->node_of_free[f] + d] += damping * step;
+            step[d] = at->step[i];
+            for (int32_t a = 0; a < m; a++) step[d] -= weights[a] * (solver->history[a].x[i] + solver->history[a].step[i]);
         }
+        pliant_turn_out(solver->turn, f, step);
+        for (int d = 0; d < 3; d++) trial->x[3 * system->node_of_free[f] + d] += damping * step[d];
+    }
     for (int r = 0; r < PLIANT_MAX_ROWS; r++) {
         double step = at->step_force[r];
         for (int32_t a = 0; a < m; a++) step -= weights[a] * (solver->history[a].force[r] + solver->history[a].step_force[r]);
@@ -401,9 +448,23 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
     return status;
 }
 
+/* The axes follow the tissue. Responses to springs hold for the axes that they were found in: those wait for the next factor. */
+static void turn_on(pliant_solver *solver)
+{
+    bool follows = solver->turn != NULL;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        const pliant_handle *handle = solver->handles + t;
+        if (pliant_handle_is_spring(handle) && handle->response_of == solver->factor_serial) follows = false;
+    }
+    if (!follows) return;
+    pliant_turn_to(solver->system, solver->now.x, solver->element_forces, solver->turn);
+    pliant_solver_turned(solver);
+}
+
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics)
 {
     pliant_status status = pliant_refresh_step(solver, statistics);
+    if (status == PLIANT_OK) turn_on(solver);
     if (status == PLIANT_OK) status = update_responses(solver);
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->now.force + 3 * t, solver->handles[t].force, 3 * sizeof(double));

@@ -8,11 +8,13 @@
  * displacement control. The pair (x, l) is stepped together:
  *     K0 dx - W' dl = r,   W dx + c dl = e,   r = load + W' l - f_int(x),   e = target - y - c l
  * by the Schur complement  S = c I + W Z,  Z = K0^-1 W'  (three columns a tool; Woodbury, NUMERICS 5).
- * The merit is the energy norm of that step,  dx' K0 dx + c dl' dl,  and K0 dx = r + W' dl costs nothing. */
+ * The merit is the energy norm of that step,  dx' K0 dx + c dl' dl,  and K0 dx = r + W' dl costs nothing.
+ * Steps, pulls and secants are vectors in the nodes' own axes (turn.h); positions, loads and forces are not. */
 #ifndef PLIANT_FEM_SOLVER_H
 #define PLIANT_FEM_SOLVER_H
 
 #include "fem/system.h"
+#include "fem/turn.h"
 #include "pliant/data.h"
 
 #ifdef __cplusplus
@@ -29,6 +31,7 @@ typedef struct pliant_handle {
     int32_t count;         /* of the unknown nodes that W names */
     int32_t *unknown;      /* (count) */
     double *block;         /* (count x 9) dy/dx */
+    double *turned;        /* (count x 9) the same, x in the nodes' own axes; block itself where nothing turns */
     double origin[3];      /* y = origin + W x */
     double *response;      /* Z: (3 x 3 num_free), column by column */
     uint64_t response_of;  /* factor that Z belongs to; 0: none */
@@ -65,12 +68,14 @@ typedef struct pliant_hindsight {
 
 struct pliant_solver {
     const pliant_system *system;
-    int32_t max_iterations, depth, refresh_interval, refresh_delay;
+    int32_t max_iterations, depth, refresh_interval;
+    int32_t refresh_delay, convert_delay; /* steps until a factor is there, and then until the history fits it */
     double tolerance, smallest_scale;
     double budget;              /* of the iterations of a step [s]; 0: none */
 
     pliant_preconditioner *preconditioner; /* in use; below, "factor" means it */
     uint64_t factor_serial;     /* counts from 1 */
+    pliant_turn *turn;          /* Nullable: the axes that it is used in */
     pliant_refresh *refresh;    /* Nullable */
 
     double *load;               /* (3 num_free) gravity [N] */
@@ -96,6 +101,10 @@ struct pliant_solver {
     double *dense_weights;      /* (9 num_free) room to build W */
 };
 
+/* (count) of the arrays; the first may be left with some when there is no memory. Errors: MEMORY. */
+pliant_status pliant_secants_create(const pliant_system *system, int32_t count, pliant_secant *secants);
+void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY]);
+
 /* Limits and intervals as the scene says. Both are borrowed. */
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
 void pliant_solver_free(pliant_solver *solver);
@@ -107,6 +116,8 @@ void pliant_solver_gravity(pliant_solver *solver, const double gravity[3]);
 pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes, const double *weights,
                                  const double *fine_positions);
 void pliant_solver_release(pliant_solver *solver, int tool);
+/* The axes have turned: what the tools keep in them. */
+void pliant_solver_turned(pliant_solver *solver);
 
 /* Drop the history: what it compares no longer holds. */
 static inline void pliant_solver_forget(pliant_solver *solver)
@@ -119,8 +130,10 @@ static inline void pliant_solver_forget(pliant_solver *solver)
 /* One step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old one. */
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics);
 
+/* a . b over the unknowns; the same for any number of threads */
+double pliant_solver_product(const pliant_solver *solver, const double *a, const double *b);
 static inline bool pliant_handle_is_spring(const pliant_handle *handle) { return handle->active && !handle->by_force && handle->count > 0; }
-/* v += W' f */
+/* v += W' f, v in the nodes' own axes */
 void pliant_handle_pull(const pliant_handle *handle, const double force[3], double *v);
 /* dl = S^-1 (e - W g0), and the step with it: g = g0 + Z dl, K0 g = r + W' dl. false: S is singular */
 bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at);

@@ -22,11 +22,11 @@ static void iterate_free(pliant_iterate *iterate)
     pliant_free(iterate->pull);
 }
 
-static pliant_status history_create(pliant_solver *solver)
+pliant_status pliant_secants_create(const pliant_system *system, int32_t count, pliant_secant *secants)
 {
-    size_t n = 3 * (size_t)solver->system->num_free;
-    for (int32_t h = 0; h < solver->depth; h++) {
-        pliant_secant *secant = solver->history + h;
+    size_t n = 3 * (size_t)system->num_free;
+    for (int32_t h = 0; h < count; h++) {
+        pliant_secant *secant = secants + h;
         secant->x = pliant_calloc(n, sizeof *secant->x);
         secant->step = pliant_calloc(n, sizeof *secant->step);
         secant->pull = pliant_calloc(n, sizeof *secant->pull);
@@ -35,12 +35,31 @@ static pliant_status history_create(pliant_solver *solver)
     return PLIANT_OK;
 }
 
-/* Steps that a factorization may take: its operations at a rate that a core of today has, so that the answer is the same
+void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY])
+{
+    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
+        pliant_free(secants[h].x);
+        pliant_free(secants[h].step);
+        pliant_free(secants[h].pull);
+    }
+}
+
+/* Steps that work in the background may take: its operations at a rate that a core of today has, so that the answer is the same
  * everywhere and the step seldom waits for it. The later a factor comes, the less it fits (test/bench/bench_budget). */
-static int32_t refresh_delay(const pliant_system *system, double step)
+static int32_t steps_for(double operations, double step)
 {
     const double rate = 1e10;
-    return 1 + (int32_t)fmin(ceil(pliant_preconditioner_operations(system->preconditioner) / rate / step), 99998);
+    return (int32_t)fmin(ceil(operations / rate / step), 99998);
+}
+
+static void set_delays(const pliant_scene *scene, pliant_solver *solver)
+{
+    const pliant_preconditioner *preconditioner = solver->system->preconditioner;
+    solver->refresh_delay = scene->solver.refresh_delay;
+    solver->convert_delay = 1;
+    if (solver->refresh_delay > 0) return;
+    solver->refresh_delay = 1 + steps_for(pliant_preconditioner_operations(preconditioner), scene->solver.step);
+    solver->convert_delay += steps_for(solver->depth * pliant_preconditioner_apply_operations(preconditioner), scene->solver.step) - 1;
 }
 
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out)
@@ -53,8 +72,7 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
     solver->tolerance = scene->solver.tolerance;
     solver->budget = 1e-3 * scene->solver.budget_ms;
     solver->refresh_interval = scene->solver.refresh_interval;
-    solver->refresh_delay = scene->solver.refresh_delay > 0 ? scene->solver.refresh_delay
-                                                                   : refresh_delay(system, scene->solver.step);
+    set_delays(scene, solver);
     double length = 0;
     for (int d = 0; d < 3; d++) length = fmax(length, system->mesh->cells[d] * system->mesh->cell_size[d]);
     /* moving one node by a thousandth of the body: below that, the tolerance is taken of this instead of the load */
@@ -66,8 +84,9 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
     pliant_status status = solver->load && solver->dense_weights && solver->left_x && solver->element_forces ? PLIANT_OK : pliant_fail_memory("the solver");
     if (status == PLIANT_OK) status = iterate_create(system, &solver->now);
     if (status == PLIANT_OK) status = iterate_create(system, &solver->trial);
-    if (status == PLIANT_OK) status = history_create(solver);
+    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->depth, solver->history);
     if (status == PLIANT_OK) status = pliant_hindsight_create(solver);
+    if (status == PLIANT_OK) status = pliant_turn_create(system, &solver->turn);
     if (status == PLIANT_OK) status = pliant_solver_reset(solver);
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
@@ -89,6 +108,7 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     pliant_refresh_free(solver);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
     solver->factor_serial = 1;
+    pliant_turn_from(solver->system, solver->system->mesh->rest, solver->turn);
     solver->ahead = false;
     solver->refused = solver->slow = 0;
     solver->first_merit = solver->rate = 0;
@@ -121,11 +141,8 @@ void pliant_solver_free(pliant_solver *solver)
     iterate_free(&solver->now);
     iterate_free(&solver->trial);
     pliant_hindsight_free(solver);
-    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
-        pliant_free(solver->history[h].x);
-        pliant_free(solver->history[h].step);
-        pliant_free(solver->history[h].pull);
-    }
+    pliant_turn_free(solver->turn);
+    pliant_secants_free(solver->history);
     pliant_free(solver->load);
     pliant_free(solver->dense_weights);
     pliant_free(solver->left_x);

@@ -183,6 +183,7 @@ pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_p
 pliant_status pliant_preconditioner_within(const pliant_space *space, const pliant_system *system, pliant_preconditioner **out);
 /* the same analysis and numbers, for another thread */
 pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads, pliant_preconditioner **out);
+void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int num_threads); /* from now on */
 /* at these tangents (num_blocks). Errors: NUMERIC, MEMORY; the old numbers are gone then. */
 pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents);
 /* right, out: (columns x 3 num_free); may be the same. */
@@ -191,6 +192,7 @@ pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner,
 bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner);
 double pliant_preconditioner_condition(pliant_preconditioner *preconditioner); /* 0: not known */
 double pliant_preconditioner_operations(const pliant_preconditioner *preconditioner); /* of a refresh */
+double pliant_preconditioner_apply_operations(const pliant_preconditioner *preconditioner); /* to apply it once */
 double pliant_preconditioner_solve_operations(const pliant_preconditioner *preconditioner); /* to bring a residual down to 1e-4 */
 size_t pliant_preconditioner_bytes(const pliant_preconditioner *preconditioner); /* beyond pliant_memory_in_use */
 void pliant_preconditioner_free(pliant_preconditioner *preconditioner);
