@@ -165,9 +165,10 @@ static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *sta
         refresh->converting = false;
         return;
     }
-    bool springs = false;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) springs = springs || pliant_handle_is_spring(solver->handles + t);
-    if (refresh->converting || springs || solver->num_history == 0) {
+    /* what led to a refusal is better forgotten */
+    bool useless = solver->num_history == 0 || solver->stumbled;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) useless = useless || pliant_handle_is_spring(solver->handles + t);
+    if (refresh->converting || useless) {
         put_in(solver, statistics);
         return;
     }

@@ -395,6 +395,27 @@ static pliant_status start_from_rest(pliant_solver *solver, pliant_statistics *s
     return status;
 }
 
+/* Whether the potential energy still falls where a plain step has led to. Springs have no part in it: where there are some, no. */
+static bool energy_falls(const pliant_solver *solver)
+{
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        if (pliant_handle_is_spring(solver->handles + t)) return false;
+    return isfinite(solver->trial.merit) && pliant_solver_product(solver, solver->now.step, solver->trial.pull) > 0;
+}
+
+/* The merit has a minimum here that is no equilibrium: beside a state that the tissue leaves, as it snaps over. Its energy falls on:
+ * the longest step that it fell along is taken, though the merit rises. */
+static pliant_status go_down(pliant_solver *solver, pliant_statistics *statistics)
+{
+    propose(solver, &solver->now, NULL, solver->escape, &solver->trial);
+    pliant_status status = evaluate(solver, &solver->trial);
+    statistics->iterations++;
+    solver->escape = 0;
+    if (status == PLIANT_OK) swap_iterates(solver);
+    pliant_solver_forget(solver);
+    return status;
+}
+
 /* whether one more evaluation as long as those so far would end within the budget */
 static bool time_left(const pliant_solver *solver, double start, int32_t evaluations)
 {
@@ -411,6 +432,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
     enum { MOST_REFUSED = 12, MOST_SLOW = 10 };
     int refused = solver->refused;
     bool accepted = false;
+    solver->stumbled = false;
     double before = INFINITY;
     double weights[PLIANT_MAX_HISTORY];
     double start = pliant_seconds();
@@ -430,11 +452,18 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
             swap_iterates(solver);
             if (accepted) pliant_estimate_learn(solver, solver->now.merit / before);
             refused = 0;
+            solver->escape = 0;
             accepted = true;
         } else {
             if (refused < 2) remember(solver, &solver->now, &solver->trial);
+            else if (energy_falls(solver)) solver->escape = fmax(solver->escape, damping);
             refused++;
+            solver->stumbled = true;
             statistics->rejected++;
+        }
+        if (refused == MOST_REFUSED && solver->escape > 0) {
+            status = go_down(solver, statistics);
+            refused = 0;
         }
     }
     int steps = statistics->iterations - 1;

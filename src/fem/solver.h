@@ -86,6 +86,7 @@ struct pliant_solver {
     pliant_iterate now, trial;
     double first_merit;         /* that the last frame began with */
     double rate;                /* merit after over before an evaluation, last frame's mean; 0: there was nothing to do */
+    bool stumbled;              /* a trial of the last step was refused */
     bool ahead;                 /* now.x is one step beyond what was evaluated */
     double *left_x, left_force[PLIANT_MAX_ROWS]; /* and this is what was (3 num_nodes) */
     pliant_secant history[PLIANT_MAX_HISTORY];
@@ -95,6 +96,7 @@ struct pliant_solver {
     double foreseen;            /* error of the last step, as it told at once [m] */
     pliant_hindsight hindsight;
     int32_t refused;            /* trials refused since the last accepted one, when the last step accepted none */
+    double escape;              /* longest of their plain steps along which the potential energy fell; 0: none */
     int32_t slow;               /* steps in a row that hardly lowered the merit */
     uint64_t forgotten;         /* times that the history was dropped, for backends that keep their own */
     double (*element_forces)[12][LANES];

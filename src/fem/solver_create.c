@@ -109,8 +109,9 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
     solver->factor_serial = 1;
     pliant_turn_from(solver->system, solver->system->mesh->rest, solver->turn);
-    solver->ahead = false;
+    solver->ahead = solver->stumbled = false;
     solver->refused = solver->slow = 0;
+    solver->escape = 0;
     solver->first_merit = solver->rate = 0;
     solver->log_contraction = log(0.3);
     solver->foreseen = 0;

@@ -9,6 +9,10 @@
 
 #include "fem/system.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 typedef struct pliant_turn {
     bool turned;             /* false: Q = I everywhere */
     double *rotation;        /* (num_free x 9) Q */
@@ -39,4 +43,7 @@ static inline void pliant_turn_out(const pliant_turn *turn, int32_t node, double
     for (int d = 0; d < 3; d++) v[d] = q[3 * d] * x + q[3 * d + 1] * y + q[3 * d + 2] * z;
 }
 
+#ifdef __cplusplus
+}
+#endif
 #endif

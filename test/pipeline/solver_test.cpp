@@ -243,7 +243,7 @@ TEST(Solver, KnowsInHindsightHowGoodTheStepBeforeWas)
         Body exact(size, box, two, stripes), body(size, box, two, stripes);
         for (Body *each : {&exact, &body}) {
             prepare(*each);
-            each->scene.solver.iterations = each == &exact ? 50 : 3;
+            each->scene.solver.iterations = each == &exact ? 50 : 2;
             each->scene.solver.tolerance = 1e-10;
             ASSERT_EQ(each->build(), PLIANT_OK);
         }
@@ -255,7 +255,7 @@ TEST(Solver, KnowsInHindsightHowGoodTheStepBeforeWas)
             const std::vector<double> &x = stopped.positions[f], &y = right.positions[f];
             for (size_t n = 0; n < x.size(); n += 3)
                 error = std::fmax(error, std::hypot(std::hypot(x[n] - y[n], x[n + 1] - y[n + 1]), x[n + 2] - y[n + 2]));
-            if (error < 1e-7) continue; // nothing is left to judge
+            if (error < 1e-8) continue; // nothing is left to judge
             double ratio = stopped.before[f + 1] / error;
             counted++;
             within += ratio > 0.5 && ratio < 2;

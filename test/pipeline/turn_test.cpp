@@ -1,0 +1,106 @@
+// The axes that a preconditioner is used in: they find the rotation of what was stretched before, and a factor of the body at
+// rest solves a bar that has bent far over.
+#include "body.h"
+
+#include <array>
+
+namespace {
+
+const int size[3] = {24, 8, 8};
+const double box[3] = {0.24, 0.08, 0.08};
+
+// about z, then x
+std::array<double, 9> rotation(double a, double b)
+{
+    double c = std::cos(a), s = std::sin(a), d = std::cos(b), t = std::sin(b);
+    return {{c, -s, 0, d * s, d * c, -t, t * s, t * c, d}};
+}
+
+struct Room {
+    std::vector<double> numbers;
+    explicit Room(const pliant_system *system) : numbers(12 * LANES * static_cast<size_t>(system->num_blocks)) {}
+    double (*get())[12][LANES] { return reinterpret_cast<double (*)[12][LANES]>(numbers.data()); }
+};
+
+TEST(Turn, FindsTheRotationWhateverTheStretchBefore)
+{
+    Body body(size, box, {{5000, 0.45, 1000, false}, {10, 0.3, 1, true}}, [](int, int, int k) { return k >= 6; });
+    body.cells(6, 2, 2, 2);
+    body.scene.mesh.keep_air = true;
+    body.fix_plane(0.001, 0, 0, 1, 0, 0);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    const pliant_system *system = body.model->system;
+    const double stretch[9] = {1.6, 0.3, 0.1, 0, 0.7, -0.2, 0.1, 0, 1.2}, shift[3] = {0.1, -0.2, 0.3}, none[3] = {0, 0, 0};
+    const std::array<double, 9> q = rotation(1.1, -0.7);
+    std::vector<double> before = affine(body.model->fine, stretch, none), now(before.size());
+    for (size_t n = 0; n < before.size(); n += 3)
+        for (int r = 0; r < 3; r++) now[n + r] = q[3 * r] * before[n] + q[3 * r + 1] * before[n + 1] + q[3 * r + 2] * before[n + 2] + shift[r];
+    pliant_turn *turn;
+    ASSERT_EQ(pliant_turn_create(system, &turn), PLIANT_OK);
+    ASSERT_NE(turn, nullptr);
+    Room room(system);
+    pliant_turn_from(system, before.data(), turn);
+    EXPECT_FALSE(turn->turned);
+    pliant_turn_to(system, now.data(), room.get(), turn);
+    int tissue = 0, air = 0;
+    for (int32_t f = 0; f < system->num_free; f++) {
+        double height = system->mesh->rest[3 * system->node_of_free[f] + 2];
+        if (height > 0.055 && height < 0.065) continue; // between the two
+        bool empty = height > 0.06;
+        (empty ? air : tissue)++;
+        double v[3] = {1, 2, 3}, back[3];
+        pliant_turn_out(turn, f, v);
+        for (int r = 0; r < 3; r++)
+            EXPECT_NEAR(v[r], empty ? r + 1 : q[3 * r] + 2 * q[3 * r + 1] + 3 * q[3 * r + 2], 1e-12) << "what is empty keeps its axes";
+        std::memcpy(back, v, sizeof back);
+        pliant_turn_into(turn, f, back);
+        for (int r = 0; r < 3; r++) EXPECT_NEAR(back[r], r + 1, 1e-12);
+    }
+    EXPECT_GT(tissue, 100);
+    EXPECT_GT(air, 20);
+    pliant_turn_free(turn);
+}
+
+// largest error of the end of a bar that hangs down from a wall by its weight, after so many evaluations in one step a frame
+double error_of_bending(bool turning, pliant_preconditioner_choice choice)
+{
+    double worst = 0;
+    std::vector<double> right;
+    for (bool exact : {true, false}) {
+        Body body(size, box, {{40000, 0.3, 1000, false}});
+        body.cells(6, 2, 2, 2);
+        body.scene.solver.preconditioner = choice;
+        body.scene.solver.iterations = exact ? 200 : 4;
+        body.scene.solver.tolerance = 1e-10;
+        body.scene.solver.refresh_interval = exact ? 5 : 0;
+        body.fix_plane(0.001, 0, 0, 1, 0, 0);
+        EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        if (!turning) {
+            pliant_turn_free(body.data->solver->turn);
+            body.data->solver->turn = nullptr;
+        }
+        std::vector<double> found;
+        for (int f = 1; f <= 20; f++) {
+            const double gravity[3] = {0, 0, -9.81 * f / 20};
+            EXPECT_EQ(pliant_data_gravity(body.data, gravity), PLIANT_OK);
+            if (exact) EXPECT_EQ(body.settle(), PLIANT_OK);
+            else EXPECT_GE(pliant_step(body.model, body.data), 0);
+            found.insert(found.end(), body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes);
+        }
+        for (size_t n = 0; !exact && n < found.size(); n++) worst = std::fmax(worst, std::fabs(found[n] - right[n]));
+        right = found;
+    }
+    return worst;
+}
+
+TEST(Turn, TheFactorAtRestSolvesWhatHasBentOver)
+{
+    for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
+        double with = error_of_bending(true, choice), without = error_of_bending(false, choice);
+        std::printf("multigrid %d: error with turning axes %.3g mm, without %.3g mm\n", choice == PLIANT_MULTIGRID, 1e3 * with, 1e3 * without);
+        EXPECT_LT(with, 0.3 * without);
+        EXPECT_LT(with, 1e-3);
+    }
+}
+
+} // namespace
