@@ -2,17 +2,12 @@
 #ifndef PLIANT_CUDA_SEGMENT_VALUE_CUH
 #define PLIANT_CUDA_SEGMENT_VALUE_CUH
 
+#include "scan/stored.h"
 #include "segment.h"
 
 static __device__ __forceinline__ float value_of(const gpu_segment &segment, int32_t v)
 {
-    float stored = 0;
-    switch (segment.encoding) {
-    case PLIANT_UINT8: stored = static_cast<const uint8_t *>(segment.d_source)[v]; break;
-    case PLIANT_INT16: stored = static_cast<const int16_t *>(segment.d_source)[v]; break;
-    case PLIANT_FLOAT32: stored = static_cast<const float *>(segment.d_source)[v]; break;
-    }
-    return segment.slope * stored + segment.intercept;
+    return pliant_stored_value(segment.d_source, segment.encoding, segment.slope, segment.intercept, (size_t)v);
 }
 
 enum { SEGMENT_THREADS = 256, SEGMENT_BLOCKS = 1024 }; /* kernels that walk over all voxels or rows */

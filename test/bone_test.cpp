@@ -98,9 +98,8 @@ struct Bone {
 
 double volume_of(const pliant_mesh &mesh, int32_t t)
 {
-    const int32_t *n = mesh.tets + 4 * t;
     double g[12];
-    return pliant_tet_gradients(mesh.rest + 3 * n[0], mesh.rest + 3 * n[1], mesh.rest + 3 * n[2], mesh.rest + 3 * n[3], g);
+    return pliant_mesh_gradients(&mesh, t, g);
 }
 
 // by the cells' own volume, so that edges are in units of cells (cells are cubes here)
@@ -108,7 +107,7 @@ void shape_of(const pliant_mesh &mesh, int32_t t, double *quality, double angles
 {
     const int32_t *n = mesh.tets + 4 * t;
     double g[12], sum = 0;
-    double volume = pliant_tet_gradients(mesh.rest + 3 * n[0], mesh.rest + 3 * n[1], mesh.rest + 3 * n[2], mesh.rest + 3 * n[3], g);
+    double volume = pliant_mesh_gradients(&mesh, t, g);
     for (int a = 0; a < 4; a++)
         for (int b = 0; b < a; b++) {
             double dot = 0, length[2] = {0, 0};

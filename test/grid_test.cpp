@@ -30,9 +30,8 @@ pliant_geometry geometry_of(bool flipped)
 
 double volume_of(const pliant_mesh &mesh, int32_t t)
 {
-    const int32_t *n = mesh.tets + 4 * t;
     double g[12];
-    return pliant_tet_gradients(mesh.rest + 3 * n[0], mesh.rest + 3 * n[1], mesh.rest + 3 * n[2], mesh.rest + 3 * n[3], g);
+    return pliant_mesh_gradients(&mesh, t, g);
 }
 
 class Grid : public testing::TestWithParam<bool> {
@@ -107,7 +106,7 @@ TEST_P(Grid, NestsAtEveryRatio)
             ASSERT_GE(holder, 0);
             const int32_t *n = coarse.tets + 4 * holder;
             double g[12];
-            pliant_tet_gradients(coarse.rest + 3 * n[0], coarse.rest + 3 * n[1], coarse.rest + 3 * n[2], coarse.rest + 3 * n[3], g);
+            pliant_mesh_gradients(&coarse, holder, g);
             for (int v = 0; v < 4; v++)
                 for (int c = 0; c < 4; c++) {
                     double share = c == 0;

@@ -67,9 +67,8 @@ struct Field {
 
 double volume_of(const pliant_mesh &mesh, int32_t t)
 {
-    const int32_t *n = mesh.tets + 4 * t;
     double g[12];
-    return pliant_tet_gradients(mesh.rest + 3 * n[0], mesh.rest + 3 * n[1], mesh.rest + 3 * n[2], mesh.rest + 3 * n[3], g);
+    return pliant_mesh_gradients(&mesh, t, g);
 }
 
 // 1 for a regular one: 12 (3 V)^(2/3) over the sum of squared edges (Liu and Joe 1994)

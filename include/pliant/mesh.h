@@ -115,6 +115,8 @@ pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, 
 
 /** Volume [m^3] of a tetrahedron (signed) and gradients [1/m] of its shape functions, (4 x 3). */
 double pliant_tet_gradients(const double *x0, const double *x1, const double *x2, const double *x3, double gradients[12]);
+/** Of a tetrahedron of a mesh at rest. */
+double pliant_mesh_gradients(const pliant_mesh *mesh, int32_t tet, double gradients[12]);
 
 #ifdef __cplusplus
 }

@@ -112,8 +112,7 @@ static pliant_status integrate(builder *build)
     for (int32_t t = 0; t < fine->num_tets; t++) {
         const int32_t *nodes = fine->tets + 4 * t;
         double gradients[12];
-        double volume = pliant_tet_gradients(fine->rest + 3 * nodes[0], fine->rest + 3 * nodes[1], fine->rest + 3 * nodes[2],
-                                             fine->rest + 3 * nodes[3], gradients);
+        double volume = pliant_mesh_gradients(fine, t, gradients);
         for (int v = 0; v < 4; v++) model->node_mass[nodes[v]] += 0.25 * volume * model->fine_material[t].density;
     }
     if (!is_coarse(model)) return PLIANT_OK;

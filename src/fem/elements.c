@@ -32,10 +32,8 @@ pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_mat
         int32_t block = e / LANES, lane = e % LANES;
         /* padding: the last element again, without stiffness */
         int32_t tet = e < mesh->num_tets ? e : mesh->num_tets - 1;
-        const int32_t *nodes = mesh->tets + 4 * tet;
         double gradients[12];
-        double volume = pliant_tet_gradients(mesh->rest + 3 * nodes[0], mesh->rest + 3 * nodes[1], mesh->rest + 3 * nodes[2],
-                                             mesh->rest + 3 * nodes[3], gradients);
+        double volume = pliant_mesh_gradients(mesh, tet, gradients);
         for (int m = 0; m < 12; m++) system->gradients[block][m][lane] = gradients[m];
         if (tet != e) continue;
         system->lame[block][0][lane] = volume * material[tet].lambda;
@@ -58,10 +56,8 @@ void pliant_element_stiffness(const double g[12], double volume_lambda, double v
 
 void pliant_tet_stiffness(const pliant_mesh *mesh, int32_t tet, const pliant_tet_material *material, double stiffness[144])
 {
-    const int32_t *nodes = mesh->tets + 4 * tet;
     double gradients[12];
-    double volume = pliant_tet_gradients(mesh->rest + 3 * nodes[0], mesh->rest + 3 * nodes[1], mesh->rest + 3 * nodes[2],
-                                         mesh->rest + 3 * nodes[3], gradients);
+    double volume = pliant_mesh_gradients(mesh, tet, gradients);
     pliant_element_stiffness(gradients, volume * material->lambda, volume * material->mu, stiffness);
 }
 

@@ -52,8 +52,7 @@ static void average_rows(const pliant_submesh *submesh, int32_t tet, double *phi
     for (int32_t t = 0; t < submesh->num_tets; t++) {
         const int32_t *nodes = fine->tets + 4 * submesh->tets[t];
         double g[12];
-        double volume = pliant_tet_gradients(fine->rest + 3 * nodes[0], fine->rest + 3 * nodes[1], fine->rest + 3 * nodes[2],
-                                             fine->rest + 3 * nodes[3], g);
+        double volume = pliant_mesh_gradients(fine, submesh->tets[t], g);
         /* weight: volume times body fraction, so that air next to tissue does not set the average (NUMERICS 2) */
         double weight = volume * (submesh->material[submesh->tets[t]].tissue + 1e-3);
         total += weight;
@@ -70,7 +69,7 @@ static void average_rows(const pliant_submesh *submesh, int32_t tet, double *phi
     for (int d = 0; d < 3; d++) centre[d] /= total;
     const int32_t *nodes = coarse->tets + 4 * tet;
     double g[12];
-    pliant_tet_gradients(coarse->rest + 3 * nodes[0], coarse->rest + 3 * nodes[1], coarse->rest + 3 * nodes[2], coarse->rest + 3 * nodes[3], g);
+    pliant_mesh_gradients(coarse, tet, g);
     memset(a, 0, 144 * sizeof *a);
     for (int v = 0; v < 4; v++) {
         double share = v == 0;
@@ -234,9 +233,7 @@ static bool calibrated_stiffness(pliant_submesh *submesh, int32_t tet, double ou
     pliant_submesh_assemble(submesh, &reference);
     bool good = schur_stiffness(submesh, tet, of_reference, shape);
     pliant_submesh_assemble(submesh, NULL);
-    const double *rest = submesh->coarse->rest;
-    const int32_t *nodes = submesh->coarse->tets + 4 * tet;
-    double volume = pliant_tet_gradients(rest + 3 * nodes[0], rest + 3 * nodes[1], rest + 3 * nodes[2], rest + 3 * nodes[3], gradients);
+    double volume = pliant_mesh_gradients(submesh->coarse, tet, gradients);
     return good && pliant_calibrate(gradients, volume, &reference, condensed, of_reference, out);
 }
 

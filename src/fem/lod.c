@@ -174,8 +174,7 @@ static pliant_status measure_fine(lod_builder *lod)
     for (int32_t t = 0; t < fine->num_tets; t++) {
         const int32_t *nodes = fine->tets + 4 * t;
         double gradients[12];
-        double volume = pliant_tet_gradients(fine->rest + 3 * nodes[0], fine->rest + 3 * nodes[1], fine->rest + 3 * nodes[2],
-                                             fine->rest + 3 * nodes[3], gradients);
+        double volume = pliant_mesh_gradients(fine, t, gradients);
         int32_t at[3];
         place_of(coarse->cells, cell_of_tet(lod, t), at);
         for (int v = 0; v < 4; v++) {

@@ -1,5 +1,6 @@
 /* Numbers for people to look at: stress, energy, volume of the fine tetrahedra, brought to the nodes. */
 #include "core/fail.h"
+#include "core/matrix.h"
 #include "fem/law.h"
 #include "fem/rotation.h"
 #include "pliant/data.h"
@@ -8,18 +9,12 @@
 #include <math.h>
 #include <string.h>
 
-static double determinant_of(const double f[9])
-{
-    return f[0] * (f[4] * f[8] - f[5] * f[7]) - f[1] * (f[3] * f[8] - f[5] * f[6]) + f[2] * (f[3] * f[7] - f[4] * f[6]);
-}
-
 /* rest volume, and F = sum of x_v g_v' */
 static double deformation_of(const pliant_mesh *mesh, const double *positions, int32_t tet, double f[9])
 {
     const int32_t *nodes = mesh->tets + 4 * tet;
     double g[12];
-    double volume = pliant_tet_gradients(mesh->rest + 3 * nodes[0], mesh->rest + 3 * nodes[1], mesh->rest + 3 * nodes[2],
-                                         mesh->rest + 3 * nodes[3], g);
+    double volume = pliant_mesh_gradients(mesh, tet, g);
     memset(f, 0, 9 * sizeof *f);
     for (int v = 1; v < 4; v++)
         for (int r = 0; r < 3; r++)
@@ -63,8 +58,8 @@ static double mass_change(double volume, double ratio)
 static double measure(const pliant_scene *scene, const double f[9], double volume, const pliant_tet_material *material, pliant_scalar scalar)
 {
     double stress[6], values[3], energy;
-    if (scalar == PLIANT_SCALAR_VOLUME_RATIO) return determinant_of(f);
-    if (scalar == PLIANT_SCALAR_MASS_CHANGE) return mass_change(volume, determinant_of(f));
+    if (scalar == PLIANT_SCALAR_VOLUME_RATIO) return pliant_determinant(f);
+    if (scalar == PLIANT_SCALAR_MASS_CHANGE) return mass_change(volume, pliant_determinant(f));
     if (scene->solver.kind == PLIANT_TLED) {
         energy = pliant_law_response(scene->tled.law, material->lambda, material->mu, f, NULL);
         pliant_law_cauchy(scene->tled.law, material->lambda, material->mu, f, stress);
@@ -101,7 +96,7 @@ int32_t pliant_mesh_inverted(const pliant_mesh *mesh, const double *positions)
     for (int32_t t = 0; t < mesh->num_tets; t++) {
         double f[9];
         deformation_of(mesh, positions, t, f);
-        count += !(determinant_of(f) > 0);
+        count += !(pliant_determinant(f) > 0);
     }
     return count;
 }

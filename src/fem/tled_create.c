@@ -133,8 +133,7 @@ static void fill_elements(pliant_tled_system *system, const pliant_tet_material 
         int32_t block = e / LANES, lane = e % LANES, tet = e < mesh->num_tets ? e : mesh->num_tets - 1;
         const int32_t *nodes = mesh->tets + 4 * tet;
         double g[12];
-        double volume = pliant_tet_gradients(mesh->rest + 3 * nodes[0], mesh->rest + 3 * nodes[1], mesh->rest + 3 * nodes[2],
-                                             mesh->rest + 3 * nodes[3], g);
+        double volume = pliant_mesh_gradients(mesh, tet, g);
         for (int m = 0; m < 9; m++) system->gradients[block][m][lane] = (float)g[3 + m];
         for (int v = 0; v < 4; v++) system->nodes[block][v][lane] = nodes[v];
         if (tet != e) continue;

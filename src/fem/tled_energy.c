@@ -29,8 +29,7 @@ void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *ma
     for (int32_t t = 0; t < mesh->num_tets; t++) {
         const int32_t *nodes = mesh->tets + 4 * (size_t)t;
         double g[12], f[2][9], stress[2][9];
-        double volume = pliant_tet_gradients(mesh->rest + 3 * nodes[0], mesh->rest + 3 * nodes[1], mesh->rest + 3 * nodes[2],
-                                             mesh->rest + 3 * nodes[3], g);
+        double volume = pliant_mesh_gradients(mesh, t, g);
         for (int back = 0; back < 2; back++) {
             deformation_of(tled, nodes, g, back, f[back]);
             *(back ? &before : strain) += volume * pliant_law_response(system->law, material[t].lambda, material[t].mu, f[back], stress[back]);

@@ -3,8 +3,7 @@
 #ifndef PLIANT_INTERACT_MARCH_H
 #define PLIANT_INTERACT_MARCH_H
 
-#include "core/inline.h"
-#include "pliant/scan.h"
+#include "scan/stored.h"
 
 #include <math.h>
 
@@ -31,16 +30,9 @@ typedef struct march_crossing {
     float value;           /* of the volume there */
 } march_crossing;
 
-/* as pliant_volume_value */
 PLIANT_INLINE float march_stored(const march_voxels *from, size_t index)
 {
-    float stored = 0.0f;
-    switch (from->encoding) {
-    case PLIANT_UINT8: stored = ((const uint8_t *)from->voxels)[index]; break;
-    case PLIANT_INT16: stored = ((const int16_t *)from->voxels)[index]; break;
-    case PLIANT_FLOAT32: stored = ((const float *)from->voxels)[index]; break;
-    }
-    return from->slope * stored + from->intercept;
+    return pliant_stored_value(from->voxels, from->encoding, from->slope, from->intercept, index);
 }
 
 /* trilinear; beyond the centres of the outermost voxels their values go on */

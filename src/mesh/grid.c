@@ -5,6 +5,7 @@
 #include "pliant/mesh.h"
 
 #include "core/fail.h"
+#include "core/matrix.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -81,6 +82,13 @@ double pliant_tet_gradients(const double *x0, const double *x1, const double *x2
     return determinant / 6;
 }
 
+double pliant_mesh_gradients(const pliant_mesh *mesh, int32_t tet, double gradients[12])
+{
+    const int32_t *nodes = mesh->tets + 4 * (size_t)tet;
+    const double *rest = mesh->rest;
+    return pliant_tet_gradients(rest + 3 * nodes[0], rest + 3 * nodes[1], rest + 3 * nodes[2], rest + 3 * nodes[3], gradients);
+}
+
 static void node_position(const pliant_mesh *mesh, const int32_t at[3], double world[3])
 {
     double along[3];
@@ -88,11 +96,6 @@ static void node_position(const pliant_mesh *mesh, const int32_t at[3], double w
     for (int r = 0; r < 3; r++)
         world[r] = mesh->corner[r] + mesh->direction[3 * r] * along[0] + mesh->direction[3 * r + 1] * along[1] +
                    mesh->direction[3 * r + 2] * along[2];
-}
-
-static double determinant_of(const double m[9])
-{
-    return m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
 }
 
 /* Nodes of a lattice tetrahedron in the order that makes its volume positive. The determinant of the corner bits is
@@ -106,7 +109,7 @@ static void oriented_nodes(const pliant_mesh *mesh, int32_t lattice_tet, bool fl
     double edges[9];
     for (int e = 0; e < 3; e++)
         for (int d = 0; d < 3; d++) edges[3 * e + d] = (corners[e + 1] >> d & 1) - (corners[0] >> d & 1);
-    if ((determinant_of(edges) < 0) != flipped) {
+    if ((pliant_determinant(edges) < 0) != flipped) {
         int swap = corners[2];
         corners[2] = corners[3];
         corners[3] = swap;
@@ -131,7 +134,7 @@ static pliant_status number_tets(pliant_mesh *mesh, const uint8_t *keep, int32_t
 /* nodes are numbered in lattice order, so that numbering does not depend on which tetrahedra are kept first */
 static pliant_status number_nodes(pliant_mesh *mesh, int32_t lattice_tets, int32_t lattice_nodes)
 {
-    bool flipped = determinant_of(mesh->direction) < 0;
+    bool flipped = pliant_determinant(mesh->direction) < 0;
     for (int32_t t = 0; t < lattice_tets; t++) {
         int32_t tet = mesh->tet_of_lattice[t];
         if (tet < 0) continue;

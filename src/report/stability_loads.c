@@ -22,6 +22,19 @@ static pliant_status move_to(stability_trial *trial, const double from[3], const
     return status < 0 ? status : trial_step(trial);
 }
 
+/* a treatment by each of these numbers */
+static pliant_status try_each(stability_context *context, const double *numbers, size_t count, const char *unit,
+                              stability_treatment treatment)
+{
+    pliant_status status = PLIANT_OK;
+    for (size_t n = 0; status >= 0 && n < count; n++) {
+        char text[32];
+        snprintf(text, sizeof text, "%g %s", numbers[n], unit);
+        status = stability_try(context, text, context->input, treatment, numbers + n);
+    }
+    return status;
+}
+
 /* ---- pull: to a multiple of the body's size in 30 steps, and let go */
 
 typedef struct pull_argument { double sizes; pliant_drive drive; } pull_argument;
@@ -94,13 +107,7 @@ static pliant_status heavy(stability_trial *trial, const void *argument)
 pliant_status stability_gravity(stability_context *context)
 {
     static const double sizes[] = {1, 10, 100};
-    pliant_status status = PLIANT_OK;
-    for (size_t s = 0; status >= 0 && s < sizeof sizes / sizeof *sizes; s++) {
-        char text[32];
-        snprintf(text, sizeof text, "%g g", sizes[s]);
-        status = stability_try(context, text, context->input, heavy, sizes + s);
-    }
-    return status;
+    return try_each(context, sizes, sizeof sizes / sizeof *sizes, "g", heavy);
 }
 
 /* ---- springs of any stiffness, moved by a tenth of the body at once */
@@ -122,13 +129,7 @@ static pliant_status spring(stability_trial *trial, const void *argument)
 pliant_status stability_spring(stability_context *context)
 {
     static const double stiffness[] = {1e-3, 1, 1e3, 1e6, 1e9};
-    pliant_status status = PLIANT_OK;
-    for (size_t s = 0; status >= 0 && s < sizeof stiffness / sizeof *stiffness; s++) {
-        char text[32];
-        snprintf(text, sizeof text, "%g N/m", stiffness[s]);
-        status = stability_try(context, text, context->input, spring, stiffness + s);
-    }
-    return status;
+    return try_each(context, stiffness, sizeof stiffness / sizeof *stiffness, "N/m", spring);
 }
 
 /* ---- the free end turned by 180 degrees in one step, by three tools */

@@ -3,6 +3,7 @@
 #include "core/fail.h"
 #include "core/free_memory.h"
 #include "pliant/memory.h"
+#include "scan/stored.h"
 
 #include <float.h>
 #include <math.h>
@@ -149,11 +150,5 @@ void pliant_labels_free(pliant_labels *labels)
 
 float pliant_volume_value(const pliant_volume *volume, size_t index)
 {
-    float stored = 0.0f;
-    switch (volume->encoding) {
-    case PLIANT_UINT8: stored = ((const uint8_t *)volume->voxels)[index]; break;
-    case PLIANT_INT16: stored = ((const int16_t *)volume->voxels)[index]; break;
-    case PLIANT_FLOAT32: stored = ((const float *)volume->voxels)[index]; break;
-    }
-    return volume->slope * stored + volume->intercept;
+    return pliant_stored_value(volume->voxels, volume->encoding, volume->slope, volume->intercept, index);
 }

@@ -8,7 +8,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-bool command_line_set(pliant_scene *scene, const char *text)
+static bool change(pliant_scene *scene, const char *text)
 {
     char name[128];
     const char *equals = strchr(text, '=');
@@ -23,6 +23,26 @@ bool command_line_set(pliant_scene *scene, const char *text)
         return false;
     }
     return true;
+}
+
+bool command_line_scene(int argc, char **argv, const struct option *options, int set, pliant_scene *scene, int *exit_code)
+{
+    *exit_code = EXIT_USAGE;
+    if (argc - optind > 1) {
+        fprintf(stderr, "%s: one scene is enough\n", argv[optind + 1]);
+        return false;
+    }
+    if (argc - optind == 1 && pliant_scene_read(argv[optind], scene) < 0) {
+        fprintf(stderr, "%s\n", pliant_last_error());
+        *exit_code = EXIT_FAILED;
+        return false;
+    }
+    optind = 1;
+    for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
+        if (code == set && !change(scene, optarg)) return false;
+    if (pliant_scene_check(scene) >= 0) return true;
+    fprintf(stderr, "%s\n", pliant_last_error());
+    return false;
 }
 
 pliant_status command_line_folder(const char *folder)

@@ -2,7 +2,6 @@
 #include "command_line.h"
 #include "options_table.h"
 
-#include <getopt.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -58,29 +57,6 @@ static bool read_count(const char *name, const char *text, long *out)
     return true;
 }
 
-/* The scene file comes first and --set changes what it says, wherever they stand on the command line. */
-static bool read_scene(int argc, char **argv, deform_arguments *out, int *exit_code)
-{
-    *exit_code = EXIT_USAGE;
-    if (argc - optind > 1) {
-        fprintf(stderr, "%s: one scene is enough\n", argv[optind + 1]);
-        return false;
-    }
-    if (argc - optind == 1 && pliant_scene_read(argv[optind], &out->scene) < 0) {
-        fprintf(stderr, "%s\n", pliant_last_error());
-        *exit_code = EXIT_FAILED;
-        return false;
-    }
-    optind = 1;
-    for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
-        if (code == SET && !command_line_set(&out->scene, optarg)) return false;
-    if (pliant_scene_check(&out->scene) < 0) {
-        fprintf(stderr, "%s\n", pliant_last_error());
-        return false;
-    }
-    return true;
-}
-
 bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *exit_code)
 {
     memset(out, 0, sizeof *out);
@@ -121,5 +97,5 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
         fputs("--pictures needs the volume: leave --no-volume out\n", stderr);
         return false;
     }
-    return read_scene(argc, argv, out, exit_code);
+    return command_line_scene(argc, argv, options, SET, &out->scene, exit_code);
 }

@@ -8,7 +8,6 @@
 extern "C" {
 #endif
 
-enum { EXIT_OK = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_STOPPED = 130 };
 
 typedef struct deform_arguments {
     pliant_scene scene;    /* of the scene file and --set */

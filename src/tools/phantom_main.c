@@ -1,8 +1,8 @@
 /* pliant_phantom: the built-in scan and its label map as files. */
+#include "command_line.h"
 #include "console.h"
 #include "pliant/pliant.h"
 
-#include <getopt.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -51,7 +51,7 @@ static bool read_arguments(int argc, char **argv, phantom_arguments *out, int *e
         {NULL, 0, NULL, 0},
     };
     bool good = true;
-    *exit_code = 2;
+    *exit_code = EXIT_USAGE;
     for (int code; good && (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
         switch (code) {
         case 'z': good = read_size(optarg, out->size); break;
@@ -61,11 +61,11 @@ static bool read_arguments(int argc, char **argv, phantom_arguments *out, int *e
         case 't':
             for (int label = 0; label <= UINT16_MAX; ++label)
                 if (*pliant_phantom_label_name(label)) printf("%3d %s\n", label, pliant_phantom_label_name(label));
-            *exit_code = 0;
+            *exit_code = EXIT_OK;
             return false;
         case 'h':
             fputs(help, stdout);
-            *exit_code = 0;
+            *exit_code = EXIT_OK;
             return false;
         default: good = false;
         }
@@ -87,5 +87,5 @@ int main(int argc, char **argv)
     if (status >= 0 && arguments.labels) status = pliant_labels_write(arguments.labels, &labels);
     pliant_labels_free(&labels);
     pliant_volume_free(&scan);
-    return status < 0 ? 1 : 0;
+    return status < 0 ? EXIT_FAILED : EXIT_OK;
 }

@@ -1,7 +1,6 @@
 #include "report_arguments.h"
 #include "command_line.h"
 
-#include <getopt.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -49,7 +48,6 @@ static const char help[] =
     "\n"
     "Exit codes: 0 done, 1 failed or a stability case was broken, 2 wrong usage, 130 stopped by Ctrl-C (what was done is kept).\n";
 
-enum { OK = 0, FAILED = 1, USAGE = 2 };
 enum { SCAN = 256, OUT, SET, SWEEP, LEFT_OUT, STABILITY, CASE, CASES, STEPS, QUICK, FULL, METHODS, RATIOS, BUDGETS, VARY, AT, LABELS, POINTS,
        PULL, FRAMES, REPEATS, TWICE, NO_WARP, NO_PICTURES, QUIET, HELP };
 
@@ -151,20 +149,12 @@ static void set_full(report_arguments *out)
 static bool read_scene(int argc, char **argv, report_arguments *out, int *exit_code)
 {
     bool full = false;
-    *exit_code = USAGE;
+    *exit_code = EXIT_USAGE;
     for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;) {
         if (code == '?') return false;
         if (code == FULL || code == QUICK) full = code == FULL;
     }
-    if (argc - optind > 1) return wrong(argv[optind + 1], "", "one scene is enough");
-    if (argc - optind == 1 && pliant_scene_read(argv[optind], &out->scene) < 0) {
-        fprintf(stderr, "%s\n", pliant_last_error());
-        *exit_code = FAILED;
-        return false;
-    }
-    optind = 1;
-    for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
-        if (code == SET && !command_line_set(&out->scene, optarg)) return false;
+    if (!command_line_scene(argc, argv, options, SET, &out->scene, exit_code)) return false;
     pliant_sweep_defaults(&out->scene, &out->sweep);
     pliant_stability_defaults(&out->stability);
     out->num_points = 1;
@@ -249,7 +239,7 @@ bool report_arguments_read(int argc, char **argv, report_arguments *out, int *ex
     memset(out, 0, sizeof *out);
     pliant_scene_defaults(&out->scene);
     out->pictures = true;
-    *exit_code = OK;
+    *exit_code = EXIT_OK;
     argc = drop_ros(argc, argv);
     for (int a = 1; a < argc; a++) {
         if (strcmp(argv[a], "--help") == 0) return fputs(help, stdout), false;
@@ -263,7 +253,5 @@ bool report_arguments_read(int argc, char **argv, report_arguments *out, int *ex
     if (!out->do_sweep && !out->do_left_out && !out->do_stability) out->do_sweep = out->do_left_out = out->do_stability = true;
     if (!out->folder) return wrong("--out", "DIR", "is missing; pliant_report --help tells more");
     if (!out->scan && (out->do_sweep || out->do_left_out)) return wrong("--scan", "PATH", "is missing: only --stability needs no scan");
-    if (pliant_scene_check(&out->scene) >= 0) return true;
-    fprintf(stderr, "%s\n", pliant_last_error());
-    return false;
+    return true;
 }

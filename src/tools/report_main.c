@@ -11,7 +11,6 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { OK = 0, FAILED = 1, STOPPED = 130 };
 
 typedef struct report_program {
     report_arguments *arguments;
@@ -183,6 +182,6 @@ int main(int argc, char **argv)
     pliant_material_table_free(&program.materials);
     pliant_labels_free(&program.labels);
     pliant_volume_free(&program.scan);
-    if (stopped) return STOPPED;
-    return status < 0 || program.worst == PLIANT_VERDICT_BROKEN ? FAILED : OK;
+    if (stopped) return EXIT_STOPPED;
+    return status < 0 || program.worst == PLIANT_VERDICT_BROKEN ? EXIT_FAILED : EXIT_OK;
 }

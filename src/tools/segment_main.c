@@ -1,16 +1,16 @@
 /* pliant_segment: the labels that segment/kind gmm finds in a scan, as a map, a table and pictures, to pick targets from. */
 #define _POSIX_C_SOURCE 200809L
+#include "command_line.h"
 #include "console.h"
 #include "core/fail.h"
+#include "core/threads.h"
 #include "picture.h"
 #include "pliant/pliant.h"
 
 #include <errno.h>
-#include <getopt.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/stat.h>
 
 enum { MOST_SHOWN = 30 };
 
@@ -35,57 +35,31 @@ typedef struct segment_arguments {
     const char *scan, *folder;
 } segment_arguments;
 
-static bool set_option(pliant_scene *scene, const char *text)
-{
-    char name[128];
-    const char *equals = strchr(text, '=');
-    if (!equals || (size_t)(equals - text) >= sizeof name) return false;
-    memcpy(name, text, (size_t)(equals - text));
-    name[equals - text] = '\0';
-    if (pliant_scene_set(scene, name, equals + 1) >= 0) return true;
-    fprintf(stderr, "--set %s: %s\n", text, pliant_last_error());
-    return false;
-}
-
-/* True: go on; false: end with *exit_code. The scene file comes first, whatever the order. */
+/* True: go on; false: end with *exit_code. */
 static bool read_arguments(int argc, char **argv, segment_arguments *out, int *exit_code)
 {
     static const struct option options[] = {
         {"scan", required_argument, NULL, 'c'}, {"out", required_argument, NULL, 'o'}, {"set", required_argument, NULL, 's'},
         {"help", no_argument, NULL, 'h'},       {NULL, 0, NULL, 0},
     };
-    const char *changes[64];
-    int count = 0;
     bool good = true;
-    *exit_code = 2;
+    *exit_code = EXIT_USAGE;
     out->scan = "phantom";
     pliant_scene_defaults(&out->scene);
     for (int code; good && (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
         switch (code) {
         case 'c': out->scan = optarg; break;
         case 'o': out->folder = optarg; break;
-        case 's':
-            good = count < 64;
-            if (good) changes[count++] = optarg;
-            break;
+        case 's': break;
         case 'h':
             fputs(help, stdout);
-            *exit_code = 0;
+            *exit_code = EXIT_OK;
             return false;
         default: good = false;
         }
-    if (!good || !out->folder || argc - optind > 1) {
-        fputs(help, stderr);
-        return false;
-    }
-    if (argc - optind == 1 && pliant_scene_read(argv[optind], &out->scene) < 0) {
-        fprintf(stderr, "%s\n", pliant_last_error());
-        *exit_code = 1;
-        return false;
-    }
-    for (int n = 0; n < count; n++)
-        if (!set_option(&out->scene, changes[n])) return false;
-    return true;
+    if (good && out->folder) return command_line_scene(argc, argv, options, 's', &out->scene, exit_code);
+    fputs(help, stderr);
+    return false;
 }
 
 static pliant_status write_table(const char *folder, const pliant_segmentation *found)
@@ -154,9 +128,9 @@ static pliant_status write_results(const char *folder, const pliant_volume *scan
 {
     static const plane planes[] = {{"axial", 0, 1}, {"coronal", 0, 2}, {"sagittal", 1, 2}};
     char path[4096];
-    if (mkdir(folder, 0777) != 0 && errno != EEXIST) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", folder, strerror(errno));
+    pliant_status status = command_line_folder(folder);
     snprintf(path, sizeof path, "%s/labels.nii.gz", folder);
-    pliant_status status = pliant_labels_write(path, &found->labels);
+    if (status >= 0) status = pliant_labels_write(path, &found->labels);
     if (status >= 0) status = write_table(folder, found);
     for (int p = 0; status >= 0 && p < 3; p++) status = draw_plane(folder, planes[p], scan, &found->labels);
     return status;
@@ -185,7 +159,7 @@ int main(int argc, char **argv)
     arguments.scene.segment.kind = PLIANT_SEGMENT_NONE;
     pliant_status status = pliant_inputs_read(scene, arguments.scan, &scan, &labels, &materials);
     pliant_segment_options options = {scene->segment.classes, scene->segment.most_classes, scene->segment.coherence, scene->segment.smallest,
-                                      scene->solver.threads > 0 ? scene->solver.threads : 2, scene->solver.backend};
+                                      pliant_threads_of(scene), scene->solver.backend};
     double start = pliant_seconds();
     if (status >= 0) status = pliant_segment(&scan, &options, &found);
     if (status >= 0) print(&found, pliant_seconds() - start);
@@ -195,5 +169,5 @@ int main(int argc, char **argv)
     pliant_material_table_free(&materials);
     pliant_labels_free(&labels);
     pliant_volume_free(&scan);
-    return status < 0 ? 1 : 0;
+    return status < 0 ? EXIT_FAILED : EXIT_OK;
 }

@@ -1,4 +1,5 @@
 /* Target grid in fixed point, and what rasterizing needs of each tetrahedron (raster.h says why integers). */
+#include "core/matrix.h"
 #include "warp/raster.h"
 
 #include <math.h>
@@ -7,11 +8,6 @@
 /* how far from whole voxels a map may be and still copy them [voxels]; far below what a picture shows, far above the
  * rounding of positions in metres (about 1e-12 voxel) */
 static const double copy_tolerance = 1e-4;
-
-static double determinant(const double m[9])
-{
-    return m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
-}
 
 /* the longest edge of the mesh at rest along each axis [target voxels] */
 static void longest_edges(const pliant_geometry *target, const pliant_mesh *mesh, double longest[3])
@@ -33,7 +29,7 @@ static void longest_edges(const pliant_geometry *target, const pliant_mesh *mesh
 
 bool pliant_raster_grid(const pliant_geometry *target, const pliant_mesh *mesh, raster_grid *out)
 {
-    raster_grid grid = {.target = *target, .mirrored = determinant(target->direction) < 0};
+    raster_grid grid = {.target = *target, .mirrored = pliant_determinant(target->direction) < 0};
     double longest[3], span = 0;
     longest_edges(target, mesh, longest);
     for (int d = 0; d < 3; d++) {

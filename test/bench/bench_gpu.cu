@@ -6,6 +6,7 @@
 //
 // Limits: identity sampling of a 3-D texture into a volume of the same size, and the copy of that to page-locked memory.
 #include "backend/backend.h"
+#include "displacement.h"
 #include "pliant/pliant.h"
 
 #include <cuda_runtime.h>
@@ -121,16 +122,6 @@ limits measure_limits(const int32_t size[3], int runs)
 }
 
 /* ---- rasterization alone */
-
-// smooth, up to 3 cm, over a box of the given extent; amount in [0, 1]
-void displacement(const double x[3], const double extent[3], double amount, double out[3])
-{
-    const double pi = 3.14159265358979;
-    double a = pi * x[0] / extent[0], b = pi * x[1] / extent[1], c = pi * x[2] / extent[2];
-    out[0] = 0.02 * amount * std::sin(b + 0.3) * std::cos(0.5 * c);
-    out[1] = 0.02 * amount * std::sin(a) * std::cos(c - 0.2);
-    out[2] = 0.015 * amount * std::cos(a + 0.1) * std::sin(b);
-}
 
 // a ray from corner to corner that meets nothing: with the volume on the GPU, and with it on the host
 void bench_pick(const pliant_warp *warp, const pliant_mesh *mesh, const double *positions, const double extent[3], int runs)

@@ -8,6 +8,7 @@
 // The gap to the warp is who owns a voxel (a third of the time), where it comes from, and the blending.
 //
 // Columns: wall time by stage, and the time all threads have run (CPU), each also as a fraction of ITK's.
+#include "displacement.h"
 #include "pliant/memory.h"
 #include "pliant/warp.h"
 
@@ -60,16 +61,6 @@ void must(pliant_status status)
     if (status >= 0) return;
     std::fprintf(stderr, "warp_bench: %s\n", pliant_last_error());
     std::exit(1);
-}
-
-// smooth, up to 3 cm, over a box of the given extent; amount in [0, 1]
-void displacement(const double x[3], const double extent[3], double amount, double out[3])
-{
-    const double pi = 3.14159265358979;
-    double a = pi * x[0] / extent[0], b = pi * x[1] / extent[1], c = pi * x[2] / extent[2];
-    out[0] = 0.02 * amount * std::sin(b + 0.3) * std::cos(0.5 * c);
-    out[1] = 0.02 * amount * std::sin(a) * std::cos(c - 0.2);
-    out[2] = 0.015 * amount * std::cos(a + 0.1) * std::sin(b);
 }
 
 struct setup {

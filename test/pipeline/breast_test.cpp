@@ -1,5 +1,6 @@
 // A breast from prone to supine ([H] 4.2), as a user runs it: the scene and the path that are shipped, on a scan made here and, where it is
 // there, on the public mesh.
+#include "core/matrix.h"
 #include "fem/law.h"
 #include "fem/rotation.h"
 #include "pliant/pliant.h"
@@ -120,11 +121,6 @@ struct Nodes {
 
 using Options = std::map<std::string, std::string>;
 
-double determinant(const double f[9])
-{
-    return f[0] * (f[4] * f[8] - f[5] * f[7]) - f[1] * (f[3] * f[8] - f[5] * f[6]) + f[2] * (f[3] * f[7] - f[4] * f[6]);
-}
-
 class Breast : public Program {
 protected:
     Breast() : Program(PLIANT_DEFORM) {}
@@ -148,7 +144,8 @@ protected:
     // the nodes at the end; everything else lies in the folder of this name
     Nodes deform(const std::string &name, const Options &options, const std::string &more)
     {
-        std::string line = scene_ + " --quiet --scan " + path_ + " --set 'mesh/coarse_cells=" + cells_ + "' --out " + in(name) + " " + more;
+        std::string line = scene_ + " --quiet --set solver/threads=1 --set 'mesh/coarse_cells=" + cells_ + "' --scan " + path_ + " --out " +
+                           in(name) + " " + more;
         for (const auto &option : options) line += " --set '" + option.first + "=" + option.second + "'";
         EXPECT_EQ(run(line), 0) << err_;
         return nodes(name + "/nodes.csv");
@@ -189,9 +186,7 @@ protected:
     void deformation(const Nodes &nodes, int32_t tet, double f[9], double gradients[12], double *volume) const
     {
         const int32_t *corners = model_->fine.tets + 4 * tet;
-        const double *rest = model_->fine.rest;
-        *volume = pliant_tet_gradients(rest + 3 * corners[0], rest + 3 * corners[1], rest + 3 * corners[2], rest + 3 * corners[3],
-                                       gradients);
+        *volume = pliant_mesh_gradients(&model_->fine, tet, gradients);
         for (int m = 0; m < 9; m++) f[m] = m % 4 == 0;
         for (int v = 0; v < 4; v++)
             for (int r = 0; r < 3; r++)
@@ -234,7 +229,7 @@ void Breast::expect_volume(const Nodes &nodes, double gravity) const
         const double allowed = material.density * std::fabs(gravity) * height / (material.lambda + 2.0 / 3 * material.mu);
         double f[9], gradients[12], volume;
         deformation(nodes, t, f, gradients, &volume);
-        const double ratio = determinant(f);
+        const double ratio = pliant_determinant(f);
         ASSERT_GT(ratio, 0.5) << t;
         if (material.tissue < 1) continue;
         change += volume * (ratio - 1);
