@@ -3,6 +3,7 @@
 #include "check.h"
 #include "core/fail.h"
 #include "pliant/memory.h"
+#include "scan.cuh"
 
 enum { SORT_THREADS = 1024, MAP_THREADS = 32, DRAW_THREADS = BRICK * BRICK };
 
@@ -58,15 +59,7 @@ static __device__ void add_starts(int32_t *start, int32_t *cursor, int32_t count
     const int32_t length = (count + SORT_THREADS - 1) / SORT_THREADS, first = (int32_t)threadIdx.x * length, end = min(first + length, count);
     int32_t sum = 0;
     for (int32_t b = first; b < end; b++) sum += start[b + 1];
-    scratch[threadIdx.x] = sum;
-    __syncthreads();
-    for (int step = 1; step < SORT_THREADS; step *= 2) {
-        const int32_t before = (int)threadIdx.x >= step ? scratch[threadIdx.x - step] : 0;
-        __syncthreads();
-        scratch[threadIdx.x] += before;
-        __syncthreads();
-    }
-    int32_t begin = scratch[threadIdx.x] - sum;
+    int32_t begin = sum_before<SORT_THREADS>(sum, scratch);
     for (int32_t b = first; b < end; b++) {
         cursor[b] = begin;
         begin += start[b + 1];

@@ -1,5 +1,6 @@
 /* Neighbours that agree, connected pieces, specks, and what is told of the pieces. */
 #include "check.h"
+#include "scan.cuh"
 #include "segment_value.cuh"
 
 /* ---- classes */
@@ -122,15 +123,7 @@ __global__ void __launch_bounds__(1024) scan_kernel(int32_t *d_count, int32_t bl
     const int32_t length = (blocks + 1023) / 1024, first = min((int32_t)threadIdx.x * length, blocks), end = min(first + length, blocks);
     int32_t sum = 0;
     for (int32_t b = first; b < end; b++) sum += d_count[b];
-    sums[threadIdx.x] = sum;
-    __syncthreads();
-    for (int step = 1; step < 1024; step *= 2) {
-        const int32_t before = (int)threadIdx.x >= step ? sums[threadIdx.x - step] : 0;
-        __syncthreads();
-        sums[threadIdx.x] += before;
-        __syncthreads();
-    }
-    int32_t before = sums[threadIdx.x] - sum;
+    int32_t before = sum_before<1024>(sum, sums);
     for (int32_t b = first; b < end; b++) {
         const int32_t count = d_count[b];
         d_count[b] = before;

@@ -10,12 +10,6 @@
 #include <math.h>
 #include <string.h>
 
-#ifdef __CUDACC__
-#define FIT_UNROLL _Pragma("unroll")
-#else
-#define FIT_UNROLL
-#endif
-
 enum { FIT_TERMS = 10, FIT_LINEAR = 4, FIT_ENOUGH = 16 /* nodes, for the 10 terms */, FIT_ATTEMPTS = 2 };
 
 /* Gaussian of one mean edge's width, cut off where it is 2 %; the support of a regular point then holds some 60 nodes */
@@ -101,7 +95,7 @@ PLIANT_INLINE double fit_gaussian(double square)
     const double r = k * 0.693147180369123816490 + k * 1.90821492927058770002e-10 - half;
     const double part[10] = {0, 1, 1.0 / 2, 1.0 / 3, 1.0 / 4, 1.0 / 5, 1.0 / 6, 1.0 / 7, 1.0 / 8, 1.0 / 9};
     double sum = 1;
-    FIT_UNROLL for (int n = 9; n > 0; n--) sum = 1 + sum * (r * part[n]);
+    PLIANT_UNROLL for (int n = 9; n > 0; n--) sum = 1 + sum * (r * part[n]);
     return sum / (double)(1 << k);
 }
 
@@ -114,10 +108,10 @@ PLIANT_INLINE void fit_add_node(const double *value, const double apart[3], doub
 {
     const double x = apart[0], y = apart[1], z = apart[2];
     const double term[FIT_TERMS] = {1, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z};
-    FIT_UNROLL for (int r = 0; r < FIT_TERMS; r++) {
+    PLIANT_UNROLL for (int r = 0; r < FIT_TERMS; r++) {
         double weighted = weight * term[r];
-        FIT_UNROLL for (int c = 0; c <= r; c++) out->matrix[r][c] += weighted * term[c];
-        FIT_UNROLL for (int d = 0; d < 3; d++) out->right[r][d] += weighted * value[d];
+        PLIANT_UNROLL for (int c = 0; c <= r; c++) out->matrix[r][c] += weighted * term[c];
+        PLIANT_UNROLL for (int d = 0; d < 3; d++) out->right[r][d] += weighted * value[d];
     }
     out->nodes++;
 }
@@ -148,22 +142,22 @@ PLIANT_INLINE void fit_gather(const fit_view *fit, const double p[3], double dev
 PLIANT_INLINE bool fit_solve(const normal_equations *equations, const int terms, double out[3])
 {
     double l[FIT_TERMS][FIT_TERMS], y[FIT_TERMS][3];
-    FIT_UNROLL for (int r = 0; r < terms; r++)
-        FIT_UNROLL for (int c = 0; c <= r; c++) {
+    PLIANT_UNROLL for (int r = 0; r < terms; r++)
+        PLIANT_UNROLL for (int c = 0; c <= r; c++) {
             double sum = equations->matrix[r][c];
-            FIT_UNROLL for (int k = 0; k < c; k++) sum -= l[r][k] * l[c][k];
+            PLIANT_UNROLL for (int k = 0; k < c; k++) sum -= l[r][k] * l[c][k];
             if (c < r) l[r][c] = sum / l[c][c];
             else if (!(sum > 1e-6 * equations->matrix[r][r])) return false;
             else l[r][r] = sqrt(sum);
         }
-    FIT_UNROLL for (int d = 0; d < 3; d++) {
-        FIT_UNROLL for (int r = 0; r < terms; r++) {
+    PLIANT_UNROLL for (int d = 0; d < 3; d++) {
+        PLIANT_UNROLL for (int r = 0; r < terms; r++) {
             y[r][d] = equations->right[r][d];
-            FIT_UNROLL for (int k = 0; k < r; k++) y[r][d] -= l[r][k] * y[k][d];
+            PLIANT_UNROLL for (int k = 0; k < r; k++) y[r][d] -= l[r][k] * y[k][d];
             y[r][d] /= l[r][r];
         }
-        FIT_UNROLL for (int r = terms - 1; r >= 0; r--) {
-            FIT_UNROLL for (int k = r + 1; k < terms; k++) y[r][d] -= l[k][r] * y[k][d];
+        PLIANT_UNROLL for (int r = terms - 1; r >= 0; r--) {
+            PLIANT_UNROLL for (int k = r + 1; k < terms; k++) y[r][d] -= l[k][r] * y[k][d];
             y[r][d] /= l[r][r];
         }
         out[d] = y[0][d];
@@ -199,10 +193,10 @@ PLIANT_INLINE bool fit_map_at(const fit_view *fit, const double target[3], doubl
         part[d] = at - low[d];
         scan[d] = 0;
     }
-    FIT_UNROLL for (int corner = 0; corner < 8; corner++) {
+    PLIANT_UNROLL for (int corner = 0; corner < 8; corner++) {
         double weight = 1;
         size_t flat = 0;
-        FIT_UNROLL for (int d = 2; d >= 0; d--) {
+        PLIANT_UNROLL for (int d = 2; d >= 0; d--) {
             int upper = corner >> d & 1;
             weight *= upper ? part[d] : 1 - part[d];
             flat = flat * (size_t)fit->size[d] + (size_t)(low[d] + upper);
@@ -224,10 +218,10 @@ PLIANT_INLINE double fit_sample(const raster_source *source, const double index[
         part[d] = inside - low;
         at += low * source->step[d];
     }
-    FIT_UNROLL for (int corner = 0; corner < 8; corner++) {
+    PLIANT_UNROLL for (int corner = 0; corner < 8; corner++) {
         ptrdiff_t place = at;
         double weight = 1;
-        FIT_UNROLL for (int d = 0; d < 3; d++) {
+        PLIANT_UNROLL for (int d = 0; d < 3; d++) {
             place += corner >> d & 1 ? source->step[d] : 0;
             weight *= corner >> d & 1 ? part[d] : 1 - part[d];
         }
