@@ -1,6 +1,6 @@
 #include "bag_arguments.h"
 
-#include "deform_arguments.h" /* the exit codes */
+#include "command_line.h" /* the exit codes */
 #include "pliant/status.h"
 
 #include <algorithm>

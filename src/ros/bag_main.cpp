@@ -3,8 +3,8 @@
 #include "recorded.h"
 #include "warped.h"
 
+#include "command_line.h" /* the exit codes */
 #include "console.h"
-#include "deform_arguments.h" /* the exit codes */
 
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
