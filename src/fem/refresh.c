@@ -27,7 +27,6 @@ struct pliant_refresh {
     bool converting;
     pliant_turn *turn;          /* Nullable; axes of the new factor */
     double *now;                /* (3 num_nodes) that they are turned to */
-    double (*element_turns)[12][LANES];
     int32_t num_history, next_history;
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY];
@@ -52,7 +51,7 @@ static void *convert_history(void *argument)
 {
     pliant_refresh *refresh = argument;
     const int32_t num_free = refresh->system.num_free, m = refresh->num_history;
-    pliant_turn_to(&refresh->system, refresh->now, refresh->element_turns, refresh->turn);
+    pliant_turn_to(&refresh->system, refresh->now, refresh->turn);
     for (int32_t h = 0; h < m && refresh->status == PLIANT_OK; h++) {
         pliant_secant *secant = refresh->history + h;
         for (int32_t f = 0; f < num_free; f++) {
@@ -79,8 +78,7 @@ static pliant_status refresh_create(pliant_solver *solver)
     refresh->x = pliant_calloc(nodes, 3 * sizeof *refresh->x);
     refresh->now = pliant_calloc(nodes, 3 * sizeof *refresh->now);
     refresh->tangents = pliant_calloc((size_t)system->num_blocks, sizeof *refresh->tangents);
-    refresh->element_turns = pliant_calloc((size_t)system->num_blocks, sizeof *refresh->element_turns);
-    bool good = refresh->x && refresh->now && refresh->tangents && refresh->element_turns;
+    bool good = refresh->x && refresh->now && refresh->tangents;
     pliant_status status = good ? PLIANT_OK : pliant_fail_memory("the background factorization");
     if (status == PLIANT_OK) status = pliant_turn_create(system, &refresh->turn);
     if (status == PLIANT_OK) status = pliant_secants_create(system, solver->depth, refresh->history);
@@ -211,7 +209,6 @@ void pliant_refresh_free(pliant_solver *solver)
     pliant_free(refresh->x);
     pliant_free(refresh->now);
     pliant_free(refresh->tangents);
-    pliant_free(refresh->element_turns);
     pliant_free(refresh);
     solver->refresh = NULL;
 }

@@ -208,32 +208,50 @@ static double spring_energy(const pliant_solver *solver, const double *a, const 
 }
 
 /* ---- one evaluation: forces, a solve, the merit of the state */
+
+/* From loads and tools' forces in pull and elastic forces in step: what is left of them, in the nodes' own axes, and the scale. */
+static void find_pull(const pliant_solver *solver, pliant_iterate *at)
+{
+    const pliant_system *system = solver->system;
+    const int parts = system->num_free < NODES_FOR_THREADS ? 1 : PRODUCT_PARTS;
+    double work[PRODUCT_PARTS], elastic[PRODUCT_PARTS];
+#pragma omp parallel for schedule(static) num_threads(system->num_threads) if (parts > 1)
+    for (int p = 0; p < parts; p++) {
+        work[p] = elastic[p] = 0;
+        const int32_t to = (int32_t)((int64_t)system->num_free * (p + 1) / parts);
+        for (int32_t f = (int32_t)((int64_t)system->num_free * p / parts); f < to; f++) {
+            const size_t node = 3 * (size_t)system->node_of_free[f];
+            for (int d = 0; d < 3; d++) {
+                double u = at->x[node + (size_t)d] - system->mesh->rest[node + (size_t)d];
+                double base = system->space ? solver->load[3 * f + d] : 0; /* holds a patch where it does not move: not its tools' work */
+                work[p] += u * (at->pull[3 * f + d] - base);
+                elastic[p] += u * (at->step[3 * f + d] - base);
+                at->pull[3 * f + d] -= at->step[3 * f + d];
+            }
+            pliant_turn_into(solver->turn, f, at->pull + 3 * f);
+        }
+    }
+    for (int p = 1; p < parts; p++) {
+        work[0] += work[p];
+        elastic[0] += elastic[p];
+    }
+    at->scale = fmax(sqrt(fmax(fabs(work[0]), fabs(elastic[0]))), solver->smallest_scale);
+}
+
 static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
 {
     const pliant_system *system = solver->system;
     size_t n = unknowns(solver);
+    solver->evaluations++;
     pliant_system_element_forces(system, at->x, solver->element_forces);
     pliant_system_gather(system, solver->element_forces, at->step);
     if (system->space) pliant_space_far_forces(system->space, at->x, at->step);
-    for (size_t i = 0; i < n; i++) at->pull[i] = solver->load[i];
+    memcpy(at->pull, solver->load, n * sizeof *at->pull);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         if (solver->handles[t].active)
             pull_by(solver->handles + t, solver->handles[t].block, solver->handles[t].by_force ? solver->handles[t].force : at->force + 3 * t,
                     at->pull);
-    double work = 0, elastic = 0;
-    for (int32_t f = 0; f < system->num_free; f++)
-        for (int d = 0; d < 3; d++) {
-            double u = at->x[3 * system->node_of_free[f] + d] - system->mesh->rest[3 * system->node_of_free[f] + d];
-            double base = system->space ? solver->load[3 * f + d] : 0; /* holds a patch where it does not move: not its tools' work */
-            work += u * (at->pull[3 * f + d] - base);
-            elastic += u * (at->step[3 * f + d] - base);
-        }
-    at->scale = fmax(sqrt(fmax(fabs(work), fabs(elastic))), solver->smallest_scale);
-#pragma omp parallel for schedule(static) num_threads(system->num_threads) if (system->num_free >= NODES_FOR_THREADS)
-    for (int32_t f = 0; f < system->num_free; f++) {
-        for (int d = 0; d < 3; d++) at->pull[3 * f + d] -= at->step[3 * f + d];
-        pliant_turn_into(solver->turn, f, at->pull + 3 * f);
-    }
+    find_pull(solver, at);
     at->merit = INFINITY;
     if (!isfinite(at->scale)) return PLIANT_OK; /* not a state: never accepted */
     pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, at->pull, at->step);
@@ -477,16 +495,19 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
     return status;
 }
 
-/* The axes follow the tissue. Responses to springs hold for the axes that they were found in: those wait for the next factor. */
+/* The axes follow the tissue, after so many evaluations that it costs little beside them. Responses to springs hold for the axes
+ * that they were found in: those wait for the next factor. */
 static void turn_on(pliant_solver *solver)
 {
-    bool follows = solver->turn != NULL;
+    enum { EVALUATIONS = 2 };
+    bool follows = solver->turn && (!solver->turn->turned || solver->evaluations >= EVALUATIONS);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         const pliant_handle *handle = solver->handles + t;
         if (pliant_handle_is_spring(handle) && handle->response_of == solver->factor_serial) follows = false;
     }
     if (!follows) return;
-    pliant_turn_to(solver->system, solver->now.x, solver->element_forces, solver->turn);
+    solver->evaluations = 0;
+    pliant_turn_to(solver->system, solver->now.x, solver->turn);
     pliant_solver_turned(solver);
 }
 

@@ -112,6 +112,7 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     solver->ahead = solver->stumbled = false;
     solver->refused = solver->slow = 0;
     solver->escape = 0;
+    solver->evaluations = 0;
     solver->first_merit = solver->rate = 0;
     solver->log_contraction = log(0.3);
     solver->foreseen = 0;

