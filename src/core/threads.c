@@ -2,8 +2,12 @@
 
 #include "core/fail.h"
 
+#include <errno.h>
 #include <omp.h>
+#include <pthread.h>
+#include <sched.h>
 #include <stdio.h>
+#include <sys/resource.h>
 
 int pliant_threads_of(const pliant_scene *scene) { return scene->solver.threads > 0 ? scene->solver.threads : omp_get_max_threads(); }
 
@@ -15,6 +19,18 @@ int pliant_threads_begin(const pliant_scene *scene)
 }
 
 void pliant_threads_end(int before) { omp_set_num_threads(before); }
+
+void pliant_threads_step_back(void)
+{
+#ifdef __linux__
+    const int nicer = 10;
+    const struct sched_param none = {0};
+    pthread_setschedparam(pthread_self(), SCHED_OTHER, &none); /* out of a real-time class, where the caller is in one */
+    errno = 0;
+    int before = getpriority(PRIO_PROCESS, 0); /* of the calling thread alone, on Linux */
+    if (before != -1 || errno == 0) setpriority(PRIO_PROCESS, 0, before + nicer < 19 ? before + nicer : 19);
+#endif
+}
 
 pliant_status pliant_work_done(pliant_work *work)
 {

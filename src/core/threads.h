@@ -17,6 +17,9 @@ int pliant_threads_of(const pliant_scene *scene);
 int pliant_threads_begin(const pliant_scene *scene);
 void pliant_threads_end(int before);
 
+/* By a thread that works ahead of a step: from now on it lets those go first that the step waits for. */
+void pliant_threads_step_back(void);
+
 /* Pieces of work that threads take one after the other: how many are done, and the worst that any thread met. */
 typedef struct pliant_work {
     const char *what;          /* for the message of a cancelled one */

@@ -1,6 +1,7 @@
 #include "fem/patch.h"
 
 #include "core/fail.h"
+#include "core/threads.h"
 #include "core/free_memory.h"
 #include "fem/space.h"
 #include "interact/tool.h"
@@ -279,11 +280,16 @@ static pliant_status make_space(pliant_patch *patch)
     return status;
 }
 
-static void *run_job(void *argument)
+static void run_job(pliant_patch *patch)
 {
-    pliant_patch *patch = argument;
     patch->job.status = make_space(patch);
     if (patch->job.status != PLIANT_OK) snprintf(patch->job.message, sizeof patch->job.message, "%s", pliant_last_error());
+}
+
+static void *in_background(void *argument)
+{
+    pliant_threads_step_back();
+    run_job(argument);
     return NULL;
 }
 
@@ -367,7 +373,7 @@ static pliant_status start(pliant_patch *patch, pliant_data *data)
     job->due = data->statistics.step + (uint64_t)list_wanted(patch);
     job->running = true;
     atomic_store(&patch->stop, false);
-    job->in_thread = pthread_create(&job->thread, NULL, run_job, patch) == 0;
+    job->in_thread = pthread_create(&job->thread, NULL, in_background, patch) == 0;
     if (!job->in_thread) run_job(patch);
     return PLIANT_OK;
 }

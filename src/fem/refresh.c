@@ -4,6 +4,7 @@
  * Steps of the history belong to the factor that made them. They are made anew in the background, too, where no spring's
  * response goes into them: a second stay in the thread, on the secants that the solver has when the factor is there. */
 #include "core/fail.h"
+#include "core/threads.h"
 #include "fem/dense.h"
 #include "fem/solver.h"
 #include "pliant/memory.h"
@@ -14,6 +15,7 @@
 struct pliant_refresh {
     pthread_t thread;
     bool running;
+    void (*work)(pliant_refresh *);
     bool in_thread;             /* false: no thread could be had, the work was done at once */
     uint64_t started, due;      /* steps */
     bool wanted;                /* the factor at hand has served badly since the last start */
@@ -33,9 +35,8 @@ struct pliant_refresh {
     uint64_t forgotten;         /* the solver's when it was copied */
 };
 
-static void *make_factor(void *argument)
+static void make_factor(pliant_refresh *refresh)
 {
-    pliant_refresh *refresh = argument;
     /* the exact tangent where it is found to be positive definite, as it is near a state that lasts */
     int first = pliant_preconditioner_refuses(refresh->preconditioner) ? PLIANT_TWIST_EXACT : PLIANT_TWIST_POSITIVE;
     for (int twist = first; twist <= PLIANT_TWIST_POSITIVE; twist++) {
@@ -44,12 +45,10 @@ static void *make_factor(void *argument)
         if (refresh->status != PLIANT_ERROR_NUMERIC) break;
     }
     pliant_turn_from(&refresh->system, refresh->x, refresh->turn);
-    return NULL;
 }
 
-static void *convert_history(void *argument)
+static void convert_history(pliant_refresh *refresh)
 {
-    pliant_refresh *refresh = argument;
     const int32_t num_free = refresh->system.num_free, m = refresh->num_history;
     pliant_turn_to(&refresh->system, refresh->now, refresh->turn);
     for (int32_t h = 0; h < m && refresh->status == PLIANT_OK; h++) {
@@ -64,7 +63,6 @@ static void *convert_history(void *argument)
         for (int32_t b = 0; b <= a; b++)
             refresh->gram[a * PLIANT_MAX_HISTORY + b] = refresh->gram[b * PLIANT_MAX_HISTORY + a] =
                 pliant_dot(3 * (size_t)num_free, refresh->history[a].step, refresh->history[b].pull);
-    return NULL;
 }
 
 static pliant_status refresh_create(pliant_solver *solver)
@@ -87,12 +85,21 @@ static pliant_status refresh_create(pliant_solver *solver)
     return status;
 }
 
-static void start(pliant_refresh *refresh, void *(*work)(void *), uint64_t due)
+static void *in_background(void *argument)
 {
+    pliant_refresh *refresh = argument;
+    pliant_threads_step_back();
+    refresh->work(refresh);
+    return NULL;
+}
+
+static void start(pliant_refresh *refresh, void (*work)(pliant_refresh *), uint64_t due)
+{
+    refresh->work = work;
     refresh->due = due;
     refresh->status = PLIANT_OK;
     refresh->running = true;
-    refresh->in_thread = pthread_create(&refresh->thread, NULL, work, refresh) == 0;
+    refresh->in_thread = pthread_create(&refresh->thread, NULL, in_background, refresh) == 0;
     if (!refresh->in_thread) work(refresh);
 }
 
