@@ -29,7 +29,7 @@ struct pliant_refresh {
     bool converting;
     pliant_turn *turn;          /* Nullable; axes of the new factor */
     double *now;                /* (3 num_nodes) that they are turned to */
-    int32_t num_history, next_history;
+    int32_t num_history;
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY];
     uint64_t forgotten;         /* the solver's when it was copied */
@@ -79,7 +79,7 @@ static pliant_status refresh_create(pliant_solver *solver)
     bool good = refresh->x && refresh->now && refresh->tangents;
     pliant_status status = good ? PLIANT_OK : pliant_fail_memory("the background factorization");
     if (status == PLIANT_OK) status = pliant_turn_create(system, &refresh->turn);
-    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->depth, refresh->history);
+    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->room, refresh->history);
     if (status == PLIANT_OK) status = pliant_preconditioner_clone(system->preconditioner, 1, &refresh->preconditioner);
     if (status != PLIANT_OK) pliant_refresh_free(solver);
     return status;
@@ -115,11 +115,11 @@ static void copy_history(const pliant_solver *solver, pliant_refresh *refresh)
     const int32_t num_free = solver->system->num_free;
     const size_t bytes = 3 * (size_t)num_free * sizeof(double);
     refresh->num_history = solver->num_history;
-    refresh->next_history = solver->next_history;
     refresh->forgotten = solver->forgotten;
     for (int32_t h = 0; h < solver->num_history; h++) {
         const pliant_secant *from = solver->history + h;
         pliant_secant *to = refresh->history + h;
+        to->born = from->born;
         memcpy(to->x, from->x, bytes);
         memcpy(to->pull, from->pull, bytes);
         memcpy(to->force, from->force, sizeof to->force);
@@ -158,7 +158,6 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
     }
     memcpy(solver->gram, refresh->gram, sizeof solver->gram);
     solver->num_history = refresh->num_history;
-    solver->next_history = refresh->next_history;
 }
 
 static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *statistics)

@@ -265,10 +265,37 @@ static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
 
 /* ---- Anderson */
 
+int32_t pliant_solver_depth(const pliant_solver *solver, int32_t evaluations)
+{
+    if (solver->depth == 0) return 0;
+    int32_t wanted = evaluations >= PLIANT_MAX_HISTORY ? PLIANT_MAX_HISTORY : (3 * evaluations + 1) / 2;
+    wanted = wanted > solver->depth ? wanted : solver->depth;
+    return wanted < PLIANT_MAX_HISTORY ? wanted : PLIANT_MAX_HISTORY;
+}
+
+/* the last one takes its place */
+static void forget_oldest(pliant_solver *solver)
+{
+    int32_t oldest = 0, last = --solver->num_history;
+    for (int32_t h = 1; h <= last; h++)
+        if (solver->history[h].born < solver->history[oldest].born) oldest = h;
+    pliant_secant secant = solver->history[oldest];
+    solver->history[oldest] = solver->history[last];
+    solver->history[last] = secant;
+    double *gram = solver->gram, own = gram[last * PLIANT_MAX_HISTORY + last];
+    for (int32_t h = 0; h < last; h++)
+        gram[oldest * PLIANT_MAX_HISTORY + h] = gram[h * PLIANT_MAX_HISTORY + oldest] = gram[last * PLIANT_MAX_HISTORY + h];
+    gram[oldest * PLIANT_MAX_HISTORY + oldest] = own;
+}
+
 static void remember(pliant_solver *solver, const pliant_iterate *from, const pliant_iterate *to)
 {
     if (solver->depth == 0 || !isfinite(to->merit)) return;
-    pliant_secant *secant = solver->history + solver->next_history;
+    const int32_t wanted = pliant_solver_depth(solver, solver->last_evaluations), depth = wanted < solver->room ? wanted : solver->room;
+    while (solver->num_history >= depth) forget_oldest(solver);
+    const int32_t now = solver->num_history++;
+    pliant_secant *secant = solver->history + now;
+    secant->born = ++solver->num_secants;
     const pliant_system *system = solver->system;
     const int32_t *node = system->node_of_free;
 #pragma omp parallel for schedule(static) num_threads(system->num_threads) if (system->num_free >= NODES_FOR_THREADS)
@@ -285,15 +312,11 @@ static void remember(pliant_solver *solver, const pliant_iterate *from, const pl
         secant->force[r] = to->force[r] - from->force[r];
         secant->step_force[r] = to->step_force[r] - from->step_force[r];
     }
-    if (solver->num_history < solver->depth) solver->num_history++;
-    int32_t now = solver->next_history;
-    for (int32_t other = 0; other < solver->num_history; other++) {
-        int32_t high = other > now ? other : now, low = other > now ? now : other;
-        const pliant_secant *a = solver->history + high, *b = solver->history + low;
-        double product = pliant_solver_product(solver, a->step, b->pull) + spring_energy(solver, a->step_force, b->step_force);
-        solver->gram[high * PLIANT_MAX_HISTORY + low] = solver->gram[low * PLIANT_MAX_HISTORY + high] = product;
+    for (int32_t h = 0; h <= now; h++) {
+        const pliant_secant *other = solver->history + h;
+        double product = pliant_solver_product(solver, secant->step, other->pull) + spring_energy(solver, secant->step_force, other->step_force);
+        solver->gram[now * PLIANT_MAX_HISTORY + h] = solver->gram[h * PLIANT_MAX_HISTORY + now] = product;
     }
-    solver->next_history = (now + 1) % solver->depth;
 }
 
 bool pliant_solver_mix(const pliant_solver *solver, const pliant_iterate *at, double noise, double weights[PLIANT_MAX_HISTORY])
@@ -484,6 +507,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
             refused = 0;
         }
     }
+    solver->last_evaluations = statistics->iterations;
     int steps = statistics->iterations - 1;
     solver->rate = steps > 0 && solver->first_merit > 0 ? pow(solver->now.merit / solver->first_merit, 1.0 / steps) : 0;
     solver->refused = accepted ? 0 : refused;

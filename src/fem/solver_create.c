@@ -59,7 +59,7 @@ static void set_delays(const pliant_scene *scene, pliant_solver *solver)
     solver->convert_delay = 1;
     if (solver->refresh_delay > 0) return;
     solver->refresh_delay = 1 + steps_for(pliant_preconditioner_operations(preconditioner), scene->solver.step);
-    solver->convert_delay += steps_for(solver->depth * pliant_preconditioner_apply_operations(preconditioner), scene->solver.step) - 1;
+    solver->convert_delay += steps_for(solver->room * pliant_preconditioner_apply_operations(preconditioner), scene->solver.step) - 1;
 }
 
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out)
@@ -69,6 +69,7 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
     solver->system = system;
     solver->max_iterations = scene->solver.iterations;
     solver->depth = scene->solver.history;
+    solver->room = pliant_solver_depth(solver, solver->max_iterations);
     solver->tolerance = scene->solver.tolerance;
     solver->budget = 1e-3 * scene->solver.budget_ms;
     solver->refresh_interval = scene->solver.refresh_interval;
@@ -84,7 +85,7 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
     pliant_status status = solver->load && solver->dense_weights && solver->left_x && solver->element_forces ? PLIANT_OK : pliant_fail_memory("the solver");
     if (status == PLIANT_OK) status = iterate_create(system, &solver->now);
     if (status == PLIANT_OK) status = iterate_create(system, &solver->trial);
-    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->depth, solver->history);
+    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->room, solver->history);
     if (status == PLIANT_OK) status = pliant_hindsight_create(solver);
     if (status == PLIANT_OK) status = pliant_turn_create(system, &solver->turn);
     if (status == PLIANT_OK) status = pliant_solver_reset(solver);
@@ -112,7 +113,7 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     solver->ahead = solver->stumbled = false;
     solver->refused = solver->slow = 0;
     solver->escape = 0;
-    solver->evaluations = 0;
+    solver->evaluations = solver->last_evaluations = 0;
     solver->first_merit = solver->rate = 0;
     solver->log_contraction = log(0.3);
     solver->foreseen = 0;
