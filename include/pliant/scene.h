@@ -106,7 +106,7 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     X(INT, history, 6, 0, 20, "", "Anderson depth; more where a step makes more evaluations; 0: plain iterations")    \
     X(PRECONDITIONER, preconditioner, PLIANT_PRECONDITIONER_AUTO, 0, 0, "", "direct (a factor), multigrid (a V-cycle), or auto: by the number of nodes") \
     X(INT, refresh_interval, 5, 0, 100000, "steps", "a new factor is started at most this often; 0: never")           \
-    X(INT, refresh_delay, 0, 0, 100000, "steps", "a new factor is put to use this long after its start, ready or waited for, so that results do not depend on timing; 0: from its operation count, at 10 Gflop/s")
+    X(INT, refresh_delay, 0, 0, 100000, "steps", "a new factor is put to use this long after its start, ready or waited for, so that results do not depend on timing; 0: from its operation count, at 5 Gflop/s")
 #define PLIANT_SCENE_CHOOSE(X)                                                                                         \
     X(REAL, budget_ms, 0.0, 0.0, 1e6, "ms", "time of a step without the volume: at load, settings are tried on a pull, and the most accurate ones within it are taken; 0: the scene's own are") \
     X(REAL, max_error, 0.0, 0.0, 1.0, "", "warn when the error of what was taken is above this part of the largest displacement; 0: never") \

@@ -23,7 +23,7 @@ void pliant_threads_end(int before) { omp_set_num_threads(before); }
 void pliant_threads_step_back(void)
 {
 #ifdef __linux__
-    const int nicer = 10;
+    const int nicer = 5; /* more, and a busy machine would make steps wait for it */
     const struct sched_param none = {0};
     pthread_setschedparam(pthread_self(), SCHED_OTHER, &none); /* out of a real-time class, where the caller is in one */
     errno = 0;

@@ -332,7 +332,7 @@ bool pliant_solver_mix(const pliant_solver *solver, const pliant_iterate *at, do
     /* secants differ in size by orders: scale to a unit diagonal, then a little regularization */
     double scale[PLIANT_MAX_HISTORY];
     for (int32_t a = 0; a < m; a++) {
-        scale[a] = gram[a * m + a] > 0 ? 1 / sqrt(gram[a * m + a]) : 0;
+        scale[a] = gram[a * m + a] > 0 && gram[a * m + a] <= solver->largest_secant ? 1 / sqrt(gram[a * m + a]) : 0;
         trace += scale[a] > 0;
     }
     if (trace == 0) return false;
@@ -465,24 +465,28 @@ static bool time_left(const pliant_solver *solver, double start, int32_t evaluat
 }
 
 /* Iterate until the merit is small or the iterations or the time are spent; every accepted iterate has a lower merit than the last.
- * After a refusal: once more with what the refused state taught, then the plain step, then ever shorter ones, into the next
- * step where this one ends first. */
+ * After a refusal: once more with what the refused state taught; then without secants that are far larger than what is left, of which
+ * they are not true enough, though they will be of the next step; then the plain step, then ever shorter ones, into the next step
+ * where this one ends first. */
 static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistics)
 {
     const double went_well = 0.5, slow = 0.9; /* merit over the merit before */
+    const double still_true = 30;             /* secants up to so many times the merit */
     enum { MOST_REFUSED = 12, MOST_SLOW = 10 };
     int refused = solver->refused;
     bool accepted = false;
     solver->stumbled = false;
+    solver->largest_secant = INFINITY;
     double before = INFINITY;
     double weights[PLIANT_MAX_HISTORY];
     double start = pliant_seconds();
     pliant_status status = begin(solver, statistics);
     while (status == PLIANT_OK && solver->now.merit > solver->tolerance * solver->now.scale &&
            statistics->iterations < solver->max_iterations && refused < MOST_REFUSED && time_left(solver, start, statistics->iterations)) {
-        if (refused == 2) pliant_solver_forget(solver);
-        bool mixed = refused < 2 && pliant_solver_mix(solver, &solver->now, 1e-5, weights);
-        double damping = refused < 3 ? 1 : ldexp(1, 2 - refused);
+        if (refused == 2) solver->largest_secant = pow(still_true * solver->now.merit, 2);
+        if (refused == 3) pliant_solver_forget(solver);
+        bool mixed = refused < 3 && pliant_solver_mix(solver, &solver->now, 1e-5, weights);
+        double damping = refused < 4 ? 1 : ldexp(1, 3 - refused);
         propose(solver, &solver->now, mixed ? weights : NULL, damping, &solver->trial);
         status = evaluate(solver, &solver->trial);
         statistics->iterations++;
@@ -496,7 +500,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
             solver->escape = 0;
             accepted = true;
         } else {
-            if (refused < 2) remember(solver, &solver->now, &solver->trial);
+            if (refused < 3) remember(solver, &solver->now, &solver->trial);
             else if (energy_falls(solver)) solver->escape = fmax(solver->escape, damping);
             refused++;
             solver->stumbled = true;

@@ -48,7 +48,7 @@ void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY])
  * everywhere and the step seldom waits for it. The later a factor comes, the less it fits (test/bench/bench_budget). */
 static int32_t steps_for(double operations, double step)
 {
-    const double rate = 1e10;
+    const double rate = 5e9;
     return (int32_t)fmin(ceil(operations / rate / step), 99998);
 }
 
@@ -113,6 +113,7 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     solver->ahead = solver->stumbled = false;
     solver->refused = solver->slow = 0;
     solver->escape = 0;
+    solver->largest_secant = INFINITY;
     solver->evaluations = solver->last_evaluations = 0;
     solver->first_merit = solver->rate = 0;
     solver->log_contraction = log(0.3);
