@@ -474,7 +474,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
     const double still_true = 30;             /* secants up to so many times the merit */
     enum { MOST_REFUSED = 12, MOST_SLOW = 10 };
     int refused = solver->refused;
-    bool accepted = false;
+    bool accepted = false, limited = false;
     solver->stumbled = false;
     solver->largest_secant = INFINITY;
     double before = INFINITY;
@@ -483,10 +483,13 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
     pliant_status status = begin(solver, statistics);
     while (status == PLIANT_OK && solver->now.merit > solver->tolerance * solver->now.scale &&
            statistics->iterations < solver->max_iterations && refused < MOST_REFUSED && time_left(solver, start, statistics->iterations)) {
-        if (refused == 2) solver->largest_secant = pow(still_true * solver->now.merit, 2);
-        if (refused == 3) pliant_solver_forget(solver);
-        bool mixed = refused < 3 && pliant_solver_mix(solver, &solver->now, 1e-5, weights);
-        double damping = refused < 4 ? 1 : ldexp(1, 3 - refused);
+        /* around a patch the merit may be lost altogether: straight to the plain step there */
+        bool by_small = refused == 2 && !limited && isfinite(solver->now.merit) && !solver->system->space;
+        if (by_small) solver->largest_secant = pow(still_true * solver->now.merit, 2);
+        bool mixed = (refused < 2 || by_small) && pliant_solver_mix(solver, &solver->now, 1e-5, weights);
+        limited = by_small;
+        if (refused == 2 && !mixed) pliant_solver_forget(solver);
+        double damping = refused < 3 ? 1 : ldexp(1, 2 - refused);
         propose(solver, &solver->now, mixed ? weights : NULL, damping, &solver->trial);
         status = evaluate(solver, &solver->trial);
         statistics->iterations++;
@@ -500,9 +503,9 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
             solver->escape = 0;
             accepted = true;
         } else {
-            if (refused < 3) remember(solver, &solver->now, &solver->trial);
+            if (refused < 2 || mixed) remember(solver, &solver->now, &solver->trial);
             else if (energy_falls(solver)) solver->escape = fmax(solver->escape, damping);
-            refused++;
+            refused += !(by_small && mixed);
             solver->stumbled = true;
             statistics->rejected++;
         }
