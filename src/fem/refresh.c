@@ -143,6 +143,7 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
     pliant_turn *axes = solver->turn;
     solver->turn = refresh->turn;
     refresh->turn = axes;
+    pliant_solver_turned(solver);
     solver->factor_serial++;
     statistics->factors++;
     bool converted = refresh->converting && refresh->forgotten == solver->forgotten;
