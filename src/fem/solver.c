@@ -445,15 +445,18 @@ static bool energy_falls(const pliant_solver *solver)
 }
 
 /* The merit has a minimum here that is no equilibrium: beside a state that the tissue leaves, as it snaps over. Its energy falls on:
- * the longest step that it fell along is taken, though the merit rises. */
-static pliant_status go_down(pliant_solver *solver, pliant_statistics *statistics)
+ * the longest step that it fell along is taken, though the merit rises. One that was found steps ago, for other loads or tools,
+ * may no longer lead down: it is left. */
+static pliant_status go_down(pliant_solver *solver, pliant_statistics *statistics, int *refused)
 {
     propose(solver, &solver->now, NULL, solver->escape, &solver->trial);
     pliant_status status = evaluate(solver, &solver->trial);
     statistics->iterations++;
     solver->escape = 0;
-    if (status == PLIANT_OK) swap_iterates(solver);
+    if (status != PLIANT_OK || !energy_falls(solver)) return status;
+    swap_iterates(solver);
     pliant_solver_forget(solver);
+    *refused = 0;
     return status;
 }
 
@@ -474,7 +477,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
     const double still_true = 30;             /* secants up to so many times the merit */
     enum { MOST_REFUSED = 12, MOST_SLOW = 10 };
     int refused = solver->refused;
-    bool accepted = false, limited = false;
+    bool accepted = false, limited = solver->limited;
     solver->stumbled = false;
     solver->largest_secant = INFINITY;
     double before = INFINITY;
@@ -509,15 +512,13 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
             solver->stumbled = true;
             statistics->rejected++;
         }
-        if (refused == MOST_REFUSED && solver->escape > 0) {
-            status = go_down(solver, statistics);
-            refused = 0;
-        }
+        if (refused == MOST_REFUSED && solver->escape > 0) status = go_down(solver, statistics, &refused);
     }
     solver->last_evaluations = statistics->iterations;
     int steps = statistics->iterations - 1;
     solver->rate = steps > 0 && solver->first_merit > 0 ? pow(solver->now.merit / solver->first_merit, 1.0 / steps) : 0;
     solver->refused = accepted ? 0 : refused;
+    solver->limited = limited;
     solver->slow = solver->rate > slow ? solver->slow + 1 : 0;
     if (status == PLIANT_OK && (solver->refused == MOST_REFUSED || solver->slow == MOST_SLOW)) return start_from_rest(solver, statistics);
     if (status == PLIANT_OK && solver->now.merit > solver->tolerance * solver->now.scale && refused == 0 &&
@@ -527,7 +528,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
 }
 
 /* The axes follow the tissue, after so many evaluations that it costs little beside them. Responses to springs hold for the axes
- * that they were found in: those wait for the next factor. */
+ * that they were found in: those wait for the next factor. Of tools that pull by force for now, they are found anew. */
 static void turn_on(pliant_solver *solver)
 {
     enum { EVALUATIONS = 2 };
@@ -540,6 +541,7 @@ static void turn_on(pliant_solver *solver)
     solver->evaluations = 0;
     pliant_turn_to(solver->system, solver->now.x, solver->turn);
     pliant_solver_turned(solver);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) solver->handles[t].response_of = 0;
 }
 
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics)

@@ -102,6 +102,7 @@ struct pliant_solver {
     double foreseen;            /* error of the last step, as it told at once [m] */
     pliant_hindsight hindsight;
     int32_t refused;            /* trials refused since the last accepted one, when the last step accepted none */
+    bool limited;               /* the last of them was without large secants */
     double largest_secant;      /* square of the energy norm of a secant's step above which it is not used [J] */
     double escape;              /* longest of their plain steps along which the potential energy fell; 0: none */
     int32_t slow;               /* steps in a row that hardly lowered the merit */

@@ -110,7 +110,7 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
     solver->factor_serial = 1;
     pliant_turn_from(solver->system, solver->system->mesh->rest, solver->turn);
-    solver->ahead = solver->stumbled = false;
+    solver->ahead = solver->stumbled = solver->limited = false;
     solver->refused = solver->slow = 0;
     solver->escape = 0;
     solver->largest_secant = INFINITY;

@@ -105,6 +105,50 @@ TEST(Solver, AirSqueezedFlatLetsGo)
     EXPECT_LT(apart, 0.1 * moved); // the air is stretched to several times its length, and carries a part
 }
 
+// A bar far too soft for its weight refuses much. With one trial a step, refusals go on through the steps to plain and to ever
+// shorter ones: none is tried again and again.
+TEST(Solver, RefusalsGoOnFromStepToStep)
+{
+    const int bar_size[3] = {24, 8, 8};
+    const double bar[3] = {0.24, 0.08, 0.08}, gravity[3] = {-3, 0, -9.81};
+    Body body(bar_size, bar, {{300, 0.45, 1000, false}});
+    body.cells(6, 2, 2, 2);
+    body.scene.solver.iterations = 2;
+    body.scene.solver.tolerance = 1e-3;
+    body.fix_plane(0.001, 0, 0, 1, 0, 0);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_data_gravity(body.data, gravity), PLIANT_OK);
+    int most = 0;
+    for (int f = 0, same = 0, before = 0; f < 40; f++) {
+        ASSERT_GE(pliant_step(body.model, body.data), 0);
+        const int refused = body.data->solver->refused;
+        same = refused > 0 && refused == before ? same + 1 : 0;
+        most = std::max(most, same);
+        before = refused;
+    }
+    EXPECT_LE(most, 1); // without large secants is a trial of its own
+}
+
+// A long step that led down may lead nowhere when its turn comes, under other loads.
+TEST(Solver, AStepThatNoLongerLeadsDownIsLeft)
+{
+    const double gravity[3] = {3, 0, -9.81};
+    Body body(size, box, two, stripes);
+    prepare(body);
+    body.scene.solver.iterations = 100;
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_data_gravity(body.data, gravity), PLIANT_OK);
+    ASSERT_EQ(body.settle(), PLIANT_OK);
+    body.data->solver->tolerance = 0; // down to rounding, where every trial is refused sooner or later
+    const uint64_t rejected = body.data->statistics.rejected;
+    for (int f = 0; f < 3; f++) {
+        body.data->solver->escape = 1e200; // no state at all
+        ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+        EXPECT_LT(body.data->statistics.residual, 1e-6);
+    }
+    EXPECT_GE(body.data->statistics.rejected, rejected + 12);
+}
+
 // Large enough for CHOLMOD to call BLAS, from the step and from the background at once: a BLAS that is not safe for that changes
 // results from run to run.
 TEST(Solver, SameBitsWhileAFactorIsMade)

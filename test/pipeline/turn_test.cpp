@@ -96,4 +96,39 @@ TEST(Turn, TheFactorAtRestSolvesWhatHasBentOver)
     }
 }
 
+// What a spring's response was found in turns on while its tool pulls by a given force; then it is a spring again.
+TEST(Turn, ASpringThatComesBackIsFoundInTheAxesOfNow)
+{
+    Body body(size, box, {{40000, 0.3, 1000, false}});
+    body.cells(6, 2, 2, 2);
+    body.scene.solver.refresh_interval = 0;
+    body.scene.solver.iterations = 20;
+    body.fix_plane(0.001, 0, 0, 1, 0, 0);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    int tool;
+    const double end[3] = {0.23, 0.04, 0.04}, none[3] = {0, 0, 0}, down[3] = {0, 0, -9.81};
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_pose(body.data, tool, end, nullptr), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, end), PLIANT_OK) << pliant_last_error();
+    ASSERT_GE(pliant_step(body.model, body.data), 0);
+    ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_FORCE, none), PLIANT_OK);
+    ASSERT_EQ(pliant_data_gravity(body.data, down), PLIANT_OK);
+    for (int s = 0; s < 30; s++) ASSERT_GE(pliant_step(body.model, body.data), 0);
+    ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_SPRING, none), PLIANT_OK);
+    ASSERT_GE(pliant_step(body.model, body.data), 0);
+    pliant_solver *solver = body.data->solver;
+    const pliant_handle *handle = solver->handles + tool;
+    const size_t n = 3 * static_cast<size_t>(body.model->system->num_free);
+    std::vector<double> right(n), response(n);
+    for (int d = 0; d < 3; d++) {
+        const double unit[3] = {d == 0 ? 1. : 0, d == 1 ? 1. : 0, d == 2 ? 1. : 0};
+        std::fill(right.begin(), right.end(), 0);
+        pliant_handle_pull(handle, unit, right.data());
+        ASSERT_EQ(pliant_preconditioner_solve(solver->preconditioner, 1, right.data(), response.data()), PLIANT_OK);
+        const double most = largest(response);
+        for (size_t i = 0; i < n; i++) response[i] -= handle->response[n * d + i];
+        EXPECT_LT(largest(response), 1e-9 * most);
+    }
+}
+
 } // namespace
