@@ -79,7 +79,7 @@ struct pliant_solver {
     pliant_preconditioner *preconditioner; /* in use; below, "factor" means it */
     uint64_t factor_serial;     /* counts from 1 */
     pliant_turn *turn;          /* Nullable: the axes that it is used in */
-    int32_t evaluations;        /* since they turned */
+    int64_t evaluations;        /* since they turned */
     pliant_refresh *refresh;    /* Nullable */
 
     double *load;               /* (3 num_free) gravity [N] */
