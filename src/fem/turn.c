@@ -1,6 +1,7 @@
 #include "fem/turn.h"
 
 #include "core/fail.h"
+#include "fem/deformation.h"
 #include "pliant/memory.h"
 
 #include <string.h>
@@ -33,41 +34,34 @@ void pliant_turn_free(pliant_turn *turn)
 }
 
 /* F of a block of elements. What keeps R = I counts as not turned: I. */
-static inline __attribute__((always_inline)) void deformations(const pliant_system *system, int32_t block, const double *positions, float f[9][LANES])
+static inline __attribute__((always_inline)) void deformations(const pliant_system *system, int32_t block, const double *positions, double f[9][LANES])
 {
-    double (*g)[LANES] = system->gradients[block], x[9][LANES];
-    for (int l = 0; l < LANES; l++) {
-        int32_t tet = block * LANES + l < system->mesh->num_tets ? block * LANES + l : system->mesh->num_tets - 1;
-        const int32_t *nodes = system->mesh->tets + 4 * (size_t)tet;
-        for (int v = 1; v < 4; v++)
-            for (int d = 0; d < 3; d++) x[3 * v - 3 + d][l] = positions[3 * nodes[v] + d] - positions[3 * nodes[0] + d];
-    }
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++)
-            for (int l = 0; l < LANES; l++)
-                f[3 * r + c][l] = (float)(x[r][l] * g[3 + c][l] + x[3 + r][l] * g[6 + c][l] + x[6 + r][l] * g[9 + c][l]);
-    const uint8_t *grounded = system->grounded ? system->grounded + LANES * (size_t)block : NULL;
-    for (int l = 0; grounded && l < LANES; l++)
-        for (int m = 0; grounded[l] && m < 9; m++) f[m][l] = m % 4 == 0;
+    double x[12][LANES];
+    load_corners(system, positions, block, x);
+    deformation_of(x, system->gradients[block], f);
+    const uint8_t *grounded = grounded_of(system, block);
+    if (grounded) ground(grounded, f);
 }
 
 PLIANT_VECTORIZED static void keep_before(const pliant_system *system, int32_t block, const double *positions, float before[9][LANES])
 {
-    deformations(system, block, positions, before);
+    double f[9][LANES];
+    deformations(system, block, positions, f);
     for (int m = 0; m < 9; m++)
-        for (int l = 0; l < LANES; l++) before[m][l] *= (float)system->lame[block][1][l];
+        for (int l = 0; l < LANES; l++) before[m][l] = (float)(system->lame[block][1][l] * f[m][l]);
 }
 
 /* For F = Q F0 the rotation of F F0' is Q, whatever the stretch F0 was. */
 PLIANT_VECTORIZED static void multiply(const pliant_system *system, int32_t block, const double *positions, float before[9][LANES],
                                        float product[LANES][9])
 {
-    float f[9][LANES];
+    double f[9][LANES];
     deformations(system, block, positions, f);
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
             for (int l = 0; l < LANES; l++)
-                product[l][3 * r + c] = f[3 * r][l] * before[3 * c][l] + f[3 * r + 1][l] * before[3 * c + 1][l] + f[3 * r + 2][l] * before[3 * c + 2][l];
+                product[l][3 * r + c] = (float)(f[3 * r][l] * before[3 * c][l] + f[3 * r + 1][l] * before[3 * c + 1][l] +
+                                                f[3 * r + 2][l] * before[3 * c + 2][l]);
 }
 
 void pliant_turn_from(const pliant_system *system, const double *positions, pliant_turn *turn)

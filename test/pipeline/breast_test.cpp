@@ -194,6 +194,16 @@ protected:
     }
     void expect_held_by_the_wall(const Nodes &nodes) const;
     void expect_volume(const Nodes &nodes, double gravity) const;
+    // it hangs to the front, and sinks to the back
+    void expect_turned(const Nodes &prone, const Nodes &supine) const
+    {
+        for (const Nodes *each : {&prone, &supine}) {
+            expect_held_by_the_wall(*each);
+            expect_volume(*each, each == &prone ? -9.81 : 9.81);
+        }
+        EXPECT_LT(way_back(prone), -1e-3);
+        EXPECT_GT(way_back(supine), 1e-3);
+    }
 
     const char *const cells_ = "8 5 5";
     const std::string scene_ = PLIANT_SOURCE_DIR "/launch/scenes/breast.yaml";
@@ -261,14 +271,8 @@ TEST_F(Breast, TurnsFromProneToSupine)
     write_dome(in("dome.nii.gz"));
     look_at(in("dome.nii.gz"));
     const Nodes supine = deform("turned", {}, "--every 100 --pictures --tools " + turn(1)), prone = nodes("turned/nodes_000100.csv");
-    expect_held_by_the_wall(prone);
-    expect_held_by_the_wall(supine);
-    expect_volume(prone, -9.81);
-    expect_volume(supine, 9.81);
+    expect_turned(prone, supine);
     EXPECT_NE(out_.find("inverted now 0"), std::string::npos) << out_;
-    // it hangs to the front, and sinks to the back
-    EXPECT_LT(way_back(prone), -1e-3);
-    EXPECT_GT(way_back(supine), 1e-3);
     // and so does what is drawn of it, to a part of a voxel
     const std::vector<std::pair<const char *, const Nodes *>> drawings{
         {"turned/deformed_000100.nii.gz", &prone}, {"turned/deformed.nii.gz", &supine}};
@@ -334,12 +338,7 @@ TEST_F(Breast, ThePublicMeshTurns)
     ASSERT_EQ(std::system((PLIANT_SOURCE_DIR "/launch/breast_scan.py " + mesh + " " + in("breast.nii.gz") + " 4").c_str()), 0);
     look_at(in("breast.nii.gz"));
     const Nodes supine = deform("turned", {}, "--no-volume --every 50 --tools " + turn(2)), prone = nodes("turned/nodes_000050.csv");
-    expect_held_by_the_wall(prone);
-    expect_held_by_the_wall(supine);
-    expect_volume(prone, -9.81);
-    expect_volume(supine, 9.81);
-    EXPECT_LT(way_back(prone), -1e-3);
-    EXPECT_GT(way_back(supine), 1e-3);
+    expect_turned(prone, supine);
 }
 
 } // namespace

@@ -3,6 +3,7 @@
 
 #include "pliant/memory.h"
 
+#include <array>
 #include <string>
 
 namespace {
@@ -195,15 +196,20 @@ TEST(GrabPatch, AnotherToolComingBackDoesNotLetGoOfThePull)
     EXPECT_LT(apart(patched.positions(), before), 0.02 * 0.02);
 }
 
+// a cube of two coarse cells a side, with a patch
+struct Small : Body {
+    Small() : Body(std::array<int, 3>{{8, 8, 8}}.data(), std::array<double, 3>{{side, side, side}}.data(), {{4000, 0.45, 1000, false}})
+    {
+        fix_plane(0, 0, 0, 0, 0, 1);
+        cells(2, 2, 2, 2);
+        scene.model.method = PLIANT_AVERAGED;
+        scene.model.patch = 0.05;
+    }
+};
+
 TEST(GrabPatch, AFailedPatchTakesNothingFromThoseThereAre)
 {
-    const int size[3] = {8, 8, 8};
-    const double box[3] = {side, side, side};
-    Body body(size, box, {{4000, 0.45, 1000, false}});
-    body.fix_plane(0, 0, 0, 0, 0, 1);
-    body.cells(2, 2, 2, 2);
-    body.scene.model.method = PLIANT_AVERAGED;
-    body.scene.model.patch = 0.05;
+    Small body;
     body.scene.solver.tolerance = 1e-6;
     body.scene.solver.refresh_interval = 0;
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
@@ -454,13 +460,7 @@ TEST(GrabPatch, RunsOnTheCpuOnly)
 
 TEST(GrabPatch, SurvivesEveryFailureOfAllocation)
 {
-    const int size[3] = {8, 8, 8};
-    const double box[3] = {side, side, side};
-    Body body(size, box, {{4000, 0.45, 1000, false}});
-    body.fix_plane(0, 0, 0, 0, 0, 1);
-    body.cells(2, 2, 2, 2);
-    body.scene.model.method = PLIANT_AVERAGED;
-    body.scene.model.patch = 0.05;
+    Small body;
     body.scene.solver.iterations = 6;
     body.scene.solver.tolerance = 1e-3;
     body.scene.solver.refresh_interval = 0;
