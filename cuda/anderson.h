@@ -1,4 +1,4 @@
-/* Safeguarded Anderson acceleration decided on the GPU: the rules of src/fem/solver.c, step by step. */
+/* Safeguarded Anderson acceleration decided on the GPU: the rules of src/fem/quasistatic/solver.c, step by step. */
 #ifndef PLIANT_CUDA_ANDERSON_H
 #define PLIANT_CUDA_ANDERSON_H
 

@@ -1,9 +1,9 @@
 /* The table of the CUDA backend: the host's side of each stage. */
 #include "backend/backend.h"
 #include "check.h"
-#include "core/fail.h"
+#include "base/fail.h"
 #include "device.h"
-#include "fem/solver.h"
+#include "fem/quasistatic/solver.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
 #include "segment.h"

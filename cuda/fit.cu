@@ -1,7 +1,7 @@
 #include "fit.h"
 
 #include "check.h"
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "scan.cuh"
 

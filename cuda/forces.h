@@ -1,4 +1,4 @@
-/* Corotated elastic forces and the residual (src/fem/elements.c, evaluate of src/fem/solver.c). */
+/* Corotated elastic forces and the residual (src/fem/element/elements.c, evaluate of src/fem/quasistatic/solver.c). */
 #ifndef PLIANT_CUDA_FORCES_H
 #define PLIANT_CUDA_FORCES_H
 

@@ -1,5 +1,5 @@
 #include "check.h"
-#include "core/fail.h"
+#include "base/fail.h"
 #include "inverse.h"
 
 #include <cstring>
@@ -20,7 +20,7 @@ static __device__ void put(double *tiles, int row, int column, double value)
     if (i == j) tile[SWEEP * c + r] = value;
 }
 
-/* one thread a block of the pattern (src/fem/pattern.c says how the numbers lie) */
+/* one thread a block of the pattern (src/fem/linear/pattern.c says how the numbers lie) */
 static __global__ void scatter_kernel(sparse matrix, double *tiles)
 {
     int b = (int)(blockIdx.x * blockDim.x + threadIdx.x);

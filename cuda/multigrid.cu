@@ -1,6 +1,6 @@
 #include "check.h"
-#include "core/fail.h"
-#include "fem/hierarchy.h"
+#include "base/fail.h"
+#include "fem/linear/hierarchy.h"
 #include "multigrid.h"
 #include "pliant/memory.h"
 

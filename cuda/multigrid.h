@@ -1,4 +1,4 @@
-/* The preconditioner of large systems: one V-cycle (src/fem/multigrid.c), in float, down to a level whose inverse is dense. */
+/* The preconditioner of large systems: one V-cycle (src/fem/linear/multigrid.c), in float, down to a level whose inverse is dense. */
 #ifndef PLIANT_CUDA_MULTIGRID_H
 #define PLIANT_CUDA_MULTIGRID_H
 

@@ -1,9 +1,9 @@
-/* The rotation nearest to a deformation gradient, as src/fem/rotation.h finds it. Row-major 3 x 3. */
+/* The rotation nearest to a deformation gradient, as src/fem/element/rotation.h finds it. Row-major 3 x 3. */
 #ifndef PLIANT_CUDA_ROTATION_CUH
 #define PLIANT_CUDA_ROTATION_CUH
 
-#include "core/matrix.h"
-#include "fem/signed_svd.h"
+#include "base/matrix.h"
+#include "fem/element/signed_svd.h"
 
 /* Any state; seldom called, and too large to be anywhere else than by itself. */
 static __device__ __noinline__ void rotation_signed_svd(const double *deformation, double *rotation) { pliant_signed_svd(deformation, rotation); }

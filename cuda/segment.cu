@@ -1,7 +1,7 @@
 #include "segment.h"
 
 #include "check.h"
-#include "core/fail.h"
+#include "base/fail.h"
 #include "device.h"
 #include "pliant/memory.h"
 

@@ -1,7 +1,7 @@
 /* The mixture, as in src/scan/segment_mixture.c: one block for each trial, four bins a thread, sums in a tree; the host looks only when all
  * numbers of classes are done. */
 #include "check.h"
-#include "core/fail.h"
+#include "base/fail.h"
 #include "segment.h"
 
 #include <cmath>

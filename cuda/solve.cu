@@ -1,6 +1,6 @@
 #include "anderson.h"
 #include "check.h"
-#include "core/fail.h"
+#include "base/fail.h"
 #include "device.h"
 #include "forces.h"
 #include "pliant/memory.h"

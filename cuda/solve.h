@@ -3,7 +3,7 @@
 #ifndef PLIANT_CUDA_SOLVE_H
 #define PLIANT_CUDA_SOLVE_H
 
-#include "fem/solver.h"
+#include "fem/quasistatic/solver.h"
 
 #include <cuda_runtime_api.h>
 

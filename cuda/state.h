@@ -1,9 +1,9 @@
-/* The solver's state on the GPU: what src/fem/solver.c keeps, laid out for kernels that decide by themselves, so that the host
+/* The solver's state on the GPU: what src/fem/quasistatic/solver.c keeps, laid out for kernels that decide by themselves, so that the host
  * looks only when a step is done. Iterate `now` and the trial are buffers 0 and 1 and change places. */
 #ifndef PLIANT_CUDA_STATE_H
 #define PLIANT_CUDA_STATE_H
 
-#include "fem/solver.h"
+#include "fem/quasistatic/solver.h"
 
 #include <cuda_runtime_api.h>
 

@@ -1,7 +1,7 @@
 #include "tled.h"
 
 #include "check.h"
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "tled_state.h"
 

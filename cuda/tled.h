@@ -3,7 +3,7 @@
 #ifndef PLIANT_CUDA_TLED_H
 #define PLIANT_CUDA_TLED_H
 
-#include "fem/tled.h"
+#include "fem/dynamics/tled.h"
 
 #include <cuda_runtime_api.h>
 

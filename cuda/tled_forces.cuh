@@ -1,8 +1,8 @@
-/* One element's forces on its corners: the lines of src/fem/stress.h around those of src/fem/tled_elements.c. */
+/* One element's forces on its corners: the lines of src/fem/element/stress.h around those of src/fem/dynamics/tled_elements.c. */
 #ifndef PLIANT_CUDA_TLED_FORCES_CUH
 #define PLIANT_CUDA_TLED_FORCES_CUH
 
-#include "fem/stress.h"
+#include "fem/element/stress.h"
 #include "tled_state.h"
 
 static __device__ __forceinline__ gpu_tet load_tet(const gpu_tet *d_tets, int32_t tet)

@@ -1,6 +1,6 @@
 /* Groups of nodes that lie together, and the elements that touch them. */
 #include "check.h"
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "tled_state.h"
 

@@ -1,4 +1,4 @@
-/* Explicit dynamics on the GPU: what src/fem/tled.h keeps, laid out for one kernel a sub-step.
+/* Explicit dynamics on the GPU: what src/fem/dynamics/tled.h keeps, laid out for one kernel a sub-step.
  *
  * A block has a group of nodes that lie together, and a thread for every element that touches one of them. It keeps the forces in shared
  * memory, sums those on its nodes in the CPU's order, and moves them. Elements between groups are worked out by each: twice the
@@ -11,7 +11,7 @@
 #ifndef PLIANT_CUDA_TLED_STATE_H
 #define PLIANT_CUDA_TLED_STATE_H
 
-#include "fem/tled.h"
+#include "fem/dynamics/tled.h"
 
 #include <cuda_runtime_api.h>
 

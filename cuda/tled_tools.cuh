@@ -1,4 +1,4 @@
-/* What touches the tissue in a sub-step, as in src/fem/tled_tools.c: walls, node by node; tools, by one block when all nodes are moved. */
+/* What touches the tissue in a sub-step, as in src/fem/dynamics/tled_tools.c: walls, node by node; tools, by one block when all nodes are moved. */
 #ifndef PLIANT_CUDA_TLED_TOOLS_CUH
 #define PLIANT_CUDA_TLED_TOOLS_CUH
 

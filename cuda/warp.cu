@@ -1,5 +1,5 @@
 #include "check.h"
-#include "core/fail.h"
+#include "base/fail.h"
 #include "device.h"
 #include "fit.h"
 #include "pick.h"

@@ -1,4 +1,4 @@
-#include "fem/dense.h"
+#include "fem/linear/dense.h"
 
 #include <Eigen/Dense>
 #include <gtest/gtest.h>

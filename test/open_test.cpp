@@ -1,5 +1,5 @@
 // What a thread may read is asked of its check, by the real path of the very file.
-#include "core/open.h"
+#include "base/open.h"
 #include "pliant/pliant.h"
 
 #include <cstdio>

@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 
 extern "C" {
-#include "fem/panels.h"
+#include "fem/linear/panels.h"
 #include "pliant/memory.h"
 }
 

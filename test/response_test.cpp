@@ -1,8 +1,8 @@
 // The fine mesh's response to a footprint's force, and the space made of it.
 #include "pipeline/body.h"
 
-#include "fem/patch.h"
-#include "fem/space.h"
+#include "fem/patch/patch.h"
+#include "fem/patch/space.h"
 #include "pliant/memory.h"
 
 namespace {

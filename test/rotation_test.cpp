@@ -1,4 +1,4 @@
-#include "fem/rotation.h"
+#include "fem/element/rotation.h"
 
 #include <Eigen/Dense>
 #include <gtest/gtest.h>

@@ -1,7 +1,7 @@
 // Loops run on as many threads as the scene says, which changes no bit of a model; what a thread met is handed on.
-#include "core/threads.h"
+#include "base/threads.h"
 
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pipeline/body.h"
 
 #include <array>

@@ -1,5 +1,5 @@
 // Explicit dynamics against closed forms: stresses, energy, waves, falling, stability, viscosity, tools.
-#include "fem/tled.h"
+#include "fem/dynamics/tled.h"
 #include "pipeline/body.h"
 
 #include <Eigen/Dense>

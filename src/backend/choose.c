@@ -1,5 +1,5 @@
 #include "backend/backend.h"
-#include "core/fail.h"
+#include "base/fail.h"
 
 #include <stdio.h>
 

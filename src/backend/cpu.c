@@ -1,6 +1,6 @@
 /* The corotational solver's stages on the CPU, and what its other backends leave to the host. */
 #include "backend/backend.h"
-#include "fem/patch.h"
+#include "fem/patch/patch.h"
 #include "interact/tool.h"
 
 #include <stdio.h>

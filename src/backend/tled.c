@@ -1,8 +1,8 @@
 /* The stages of explicit dynamics on the CPU, and what its other backends leave to the host. */
-#include "fem/tled.h"
+#include "fem/dynamics/tled.h"
 
 #include "backend/backend.h"
-#include "core/fail.h"
+#include "base/fail.h"
 #include "interact/tool.h"
 
 #include <string.h>

@@ -9,7 +9,7 @@ if(PLIANT_WITH_ROS)
          "include(\${CMAKE_CURRENT_LIST_DIR}/../../pliant/cmake/pliant-targets.cmake)\n")
     install(FILES ${PROJECT_BINARY_DIR}/pliant_coreConfig.cmake DESTINATION share/pliant_core/cmake)
     # where package.xml names them, in the source tree as installed
-    install(FILES src/ros/nodelets.xml DESTINATION ${CATKIN_PACKAGE_SHARE_DESTINATION}/src/ros)
+    install(FILES src/ros/node/nodelets.xml DESTINATION ${CATKIN_PACKAGE_SHARE_DESTINATION}/src/ros/node)
     if(PLIANT_WITH_RVIZ)
       install(FILES src/rviz/plugins.xml DESTINATION ${CATKIN_PACKAGE_SHARE_DESTINATION}/src/rviz)
     endif()

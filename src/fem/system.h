@@ -5,7 +5,7 @@
 #ifndef PLIANT_FEM_SYSTEM_H
 #define PLIANT_FEM_SYSTEM_H
 
-#include "fem/rotation.h"
+#include "fem/element/rotation.h"
 #include "pliant/model.h"
 
 #ifdef __cplusplus

@@ -1,7 +1,7 @@
 #include "pliant/path.h"
 
-#include "core/fail.h"
-#include "core/yaml.h"
+#include "base/fail.h"
+#include "scene/yaml.h"
 #include "pliant/memory.h"
 
 #include <math.h>

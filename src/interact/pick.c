@@ -1,5 +1,5 @@
 /* A ray marched through the deformed volume to its isosurface ([H] 3.2). */
-#include "core/fail.h"
+#include "base/fail.h"
 #include "interact/march.h"
 #include "pliant/pick.h"
 #include "warp/raster.h"

@@ -1,7 +1,7 @@
 /* Tools: where they are, what they hold, how they pull. [H] 3.2, equation 11: a force at a point of the volume is spread over
  * the nodes by the weights that interpolate its displacement. A blob is a set of such points. */
-#include "core/fail.h"
-#include "fem/patch.h"
+#include "base/fail.h"
+#include "fem/patch/patch.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
 

@@ -1,6 +1,6 @@
 #include "pliant/material.h"
 
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 
 #include <math.h>

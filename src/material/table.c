@@ -1,7 +1,7 @@
 #include "pliant/material.h"
 
-#include "core/fail.h"
-#include "core/yaml.h"
+#include "base/fail.h"
+#include "scene/yaml.h"
 #include "material/default_table.h"
 #include "pliant/memory.h"
 

@@ -7,7 +7,7 @@
  * stays as it is, and is counted.) Nodes of the scan's box slide in its sides; those beside tetrahedra that were left out stay.
  *
  * All lengths are in units of cells along the axes of the scan, in which the lattice is made of unit cubes. */
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/mesh.h"
 

@@ -1,5 +1,5 @@
 /* Faces of a tetrahedral mesh: who is across, what is outside, which pieces hang together and on what they rest. */
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/mesh.h"
 

@@ -4,8 +4,8 @@
  * from the same corner nests exactly (NUMERICS 1). */
 #include "pliant/mesh.h"
 
-#include "core/fail.h"
-#include "core/matrix.h"
+#include "base/fail.h"
+#include "base/matrix.h"
 #include "pliant/memory.h"
 
 #include <math.h>

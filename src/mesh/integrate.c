@@ -4,7 +4,7 @@
  * [H] writes Ke = v Be' (sum Ei) Be with v the volume of a voxel. That equals V Be' (mean Ei) Be when the voxels' volumes
  * sum to that of the tetrahedron; on a real grid they do so only nearly, and the patch test then fails by that much. So
  * the mean is kept here, and the element takes its own exact volume. */
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/mesh.h"
 

@@ -1,7 +1,7 @@
 /* Which cubes are split: by what lies in them, and so that neighbours differ by one level at most. */
 #include "mesh/octree.h"
 
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 
 #include <string.h>

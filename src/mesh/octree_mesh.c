@@ -6,7 +6,7 @@
  * middle, to which the pieces of its edges are joined; all others are cut along the same diagonal as those of five. Every face is cut by
  * what lies on it alone, so both sides cut it alike: of four smaller faces the diagonals meet in the middle, where coordinates in units
  * of the smaller leaf add up to an even number too, and with neighbours across edges balanced none of them is divided further. */
-#include "core/fail.h"
+#include "base/fail.h"
 #include "mesh/octree.h"
 #include "pliant/memory.h"
 

@@ -1,8 +1,8 @@
 #define _POSIX_C_SOURCE 200809L
 #include "report/cases.h"
 
-#include "core/fail.h"
-#include "fem/solver.h"
+#include "base/fail.h"
+#include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
 
 #include <math.h>

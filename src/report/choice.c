@@ -1,7 +1,7 @@
 /* The settings of a scene by measurement: what is tried on a pull, and which of it is the most accurate within the budget. */
 #include "backend/backend.h"
-#include "core/fail.h"
-#include "fem/patch.h"
+#include "base/fail.h"
+#include "fem/patch/patch.h"
 #include "pliant/memory.h"
 #include "report/sweep.h"
 

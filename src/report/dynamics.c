@@ -1,6 +1,6 @@
 /* What explicit dynamics costs on a scene, and how well it keeps energy. */
-#include "core/fail.h"
-#include "core/threads.h"
+#include "base/fail.h"
+#include "base/threads.h"
 #include "pliant/memory.h"
 #include "report/rows.h"
 

@@ -1,5 +1,5 @@
 /* Distances between two solutions, and what they amount to. */
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/report.h"
 

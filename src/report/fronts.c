@@ -1,6 +1,6 @@
 /* Where a scan is pulled at when nobody says: fronts of organs, or of the body. Front is anterior (-y in LPS). */
-#include "core/fail.h"
-#include "core/threads.h"
+#include "base/fail.h"
+#include "base/threads.h"
 #include "pliant/memory.h"
 #include "report/rows.h"
 

@@ -1,6 +1,6 @@
 /* What a scene does not name costs nothing: time and memory with everything, without each part, without all. */
-#include "core/fail.h"
-#include "core/threads.h"
+#include "base/fail.h"
+#include "base/threads.h"
 #include "pliant/memory.h"
 #include "report/cases.h"
 #include "report/rows.h"

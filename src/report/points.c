@@ -1,5 +1,5 @@
 /* The same tissue in different meshes. */
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/report.h"
 

@@ -1,6 +1,6 @@
 /* Tables of figures as CSV (RFC 4180), a row at a time, so that a run that was stopped can go on. */
 #define _POSIX_C_SOURCE 200809L
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/report.h"
 

@@ -1,6 +1,6 @@
 #include "report/rows.h"
 
-#include "core/fail.h"
+#include "base/fail.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,5 +1,5 @@
 /* What makes figures comparable, in eight characters. */
-#include "core/fail.h"
+#include "base/fail.h"
 #include "report/rows.h"
 
 #include <stdio.h>

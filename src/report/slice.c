@@ -1,5 +1,5 @@
 /* Slices as they are looked at, and as files that Python reads. */
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "report/rows.h"
 

@@ -1,6 +1,6 @@
 #include "report/stability.h"
 
-#include "core/fail.h"
+#include "base/fail.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 

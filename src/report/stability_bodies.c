@@ -1,5 +1,5 @@
 /* Bodies for trials, and the cases that are about bodies. */
-#include "core/fail.h"
+#include "base/fail.h"
 #include "report/stability.h"
 
 #include <stdio.h>

@@ -1,6 +1,6 @@
 /* Cases about explicit dynamics: its time step, and the energy that it should keep. */
-#include "core/fail.h"
-#include "fem/tled.h"
+#include "base/fail.h"
+#include "fem/dynamics/tled.h"
 #include "pliant/memory.h"
 #include "report/stability.h"
 

@@ -1,5 +1,5 @@
 /* Cases that are about loads: on the user's own scan where there is one. */
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "report/stability.h"
 

@@ -1,5 +1,5 @@
 /* Cases that start from an impossible shape and let go; and the long run. */
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "report/stability.h"
 

@@ -1,6 +1,6 @@
 /* Error against run time: every method, ratio, variant and budget through the same load cases. */
-#include "core/fail.h"
-#include "fem/tled.h"
+#include "base/fail.h"
+#include "fem/dynamics/tled.h"
 #include "pliant/memory.h"
 #include "report/sweep.h"
 

@@ -1,6 +1,6 @@
 /* Rows of the tables from runs. */
-#include "core/fail.h"
-#include "core/threads.h"
+#include "base/fail.h"
+#include "base/threads.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 #include "report/sweep.h"

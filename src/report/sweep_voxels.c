@@ -1,5 +1,5 @@
 /* Per-voxel error of a run's last frame: histogram and slices. */
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "report/sweep.h"
 

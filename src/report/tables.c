@@ -1,7 +1,7 @@
 /* The tables of a report: their columns, their files, the JSON of all. */
 #define _POSIX_C_SOURCE 200809L
-#include "core/fail.h"
-#include "core/threads.h"
+#include "base/fail.h"
+#include "base/threads.h"
 #include "report/rows.h"
 
 #include <errno.h>

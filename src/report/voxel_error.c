@@ -1,6 +1,6 @@
 /* Error in the warped image, voxel by voxel (figure 2 of [H]). */
-#include "core/fail.h"
-#include "core/threads.h"
+#include "base/fail.h"
+#include "base/threads.h"
 #include "pliant/memory.h"
 #include "pliant/report.h"
 

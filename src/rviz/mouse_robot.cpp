@@ -1,6 +1,6 @@
 #include "rviz/mouse_robot.h"
 
-#include "ros/tool_sender.h"
+#include "ros/programs/tool_sender.h"
 
 #include <ros/ros.h>
 

@@ -1,4 +1,4 @@
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "scan/phantom_anatomy.h"
 

@@ -1,7 +1,7 @@
 /* Reading a scan or a label map: which format, does it fit in memory, voxels, conversion. The C boundary. */
 #include "scan/read.h"
 
-#include "core/free_memory.h"
+#include "base/free_memory.h"
 
 #include <algorithm>
 #include <cmath>

@@ -4,7 +4,7 @@
 #ifndef PLIANT_SCAN_READ_H
 #define PLIANT_SCAN_READ_H
 
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/scan.h"
 

@@ -1,7 +1,7 @@
 /* Files, compressed or not, and what all formats check alike. */
 #include "scan/read.h"
 
-#include "core/open.h"
+#include "base/open.h"
 
 #include <algorithm>
 #include <cctype>

@@ -1,7 +1,7 @@
 /* The same grid, walked along other axes: programs that draw labels often turn the axes of the scan around. */
 #include "pliant/scan.h"
 
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 
 #include <math.h>

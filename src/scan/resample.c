@@ -2,7 +2,7 @@
  * and weights are tabulated per axis. */
 #include "pliant/scan.h"
 
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 
 #include <math.h>

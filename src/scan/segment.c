@@ -2,7 +2,7 @@
 #include "scan/segment.h"
 
 #include "backend/backend.h"
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 
 #include <math.h>

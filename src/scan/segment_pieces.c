@@ -1,5 +1,5 @@
 /* Connected pieces of one class, and specks that join their neighbours. */
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "scan/segment.h"
 

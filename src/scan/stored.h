@@ -2,7 +2,7 @@
 #ifndef PLIANT_SCAN_STORED_H
 #define PLIANT_SCAN_STORED_H
 
-#include "core/inline.h"
+#include "base/inline.h"
 #include "pliant/scan.h"
 
 PLIANT_INLINE float pliant_stored_value(const void *voxels, pliant_encoding encoding, float slope, float intercept, size_t index)

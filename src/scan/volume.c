@@ -1,7 +1,7 @@
 #include "pliant/scan.h"
 
-#include "core/fail.h"
-#include "core/free_memory.h"
+#include "base/fail.h"
+#include "base/free_memory.h"
 #include "pliant/memory.h"
 #include "scan/stored.h"
 

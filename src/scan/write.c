@@ -1,7 +1,7 @@
 /* Writing volumes and label maps: into a file beside the target, which is renamed when it is complete. */
 #include "pliant/scan.h"
 
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 
 #include <errno.h>

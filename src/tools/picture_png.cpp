@@ -1,5 +1,5 @@
 // PNG files by ITK; the one file of the programs that sees its headers.
-#include "core/fail.h"
+#include "base/fail.h"
 #include "picture.h"
 
 #include <cstring>

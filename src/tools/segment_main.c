@@ -2,8 +2,8 @@
 #define _POSIX_C_SOURCE 200809L
 #include "command_line.h"
 #include "console.h"
-#include "core/fail.h"
-#include "core/threads.h"
+#include "base/fail.h"
+#include "base/threads.h"
 #include "picture.h"
 #include "pliant/pliant.h"
 

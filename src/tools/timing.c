@@ -1,7 +1,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include "timing.h"
 
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 
 #include <errno.h>

@@ -1,6 +1,6 @@
 #include "warp/fit.h"
 
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "warp/fit_point.h"
 

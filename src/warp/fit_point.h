@@ -4,7 +4,7 @@
 #ifndef PLIANT_WARP_FIT_POINT_H
 #define PLIANT_WARP_FIT_POINT_H
 
-#include "core/inline.h"
+#include "base/inline.h"
 #include "warp/raster.h"
 
 #include <math.h>

@@ -1,5 +1,5 @@
 /* Target grid in fixed point, and what rasterizing needs of each tetrahedron (raster.h says why integers). */
-#include "core/matrix.h"
+#include "base/matrix.h"
 #include "warp/raster.h"
 
 #include <math.h>

@@ -1,7 +1,7 @@
 /* The target grid of a warp. */
 #include "pliant/warp.h"
 
-#include "core/fail.h"
+#include "base/fail.h"
 
 #include <math.h>
 

@@ -1,6 +1,6 @@
 /* The deformed volume from update to update: what moved, which bricks that touches, and redoing those. */
 #include "backend/backend.h"
-#include "core/fail.h"
+#include "base/fail.h"
 #include "pliant/memory.h"
 #include "warp/fit.h"
 #include "warp/raster.h"

@@ -2,7 +2,7 @@
 #ifndef PLIANT_TEST_BODY_H
 #define PLIANT_TEST_BODY_H
 
-#include "fem/solver.h"
+#include "fem/quasistatic/solver.h"
 #include "pliant/pliant.h"
 
 #include <gtest/gtest.h>

@@ -1,8 +1,8 @@
 // A breast from prone to supine ([H] 4.2), as a user runs it: the scene and the path that are shipped, on a scan made here and, where it is
 // there, on the public mesh.
-#include "core/matrix.h"
-#include "fem/law.h"
-#include "fem/rotation.h"
+#include "base/matrix.h"
+#include "fem/element/law.h"
+#include "fem/element/rotation.h"
 #include "pliant/pliant.h"
 #include "program.h"
 

@@ -2,7 +2,7 @@
 #include "backend/backend.h"
 #include "body.h"
 #include "cuda_warps.h"
-#include "fem/tled.h"
+#include "fem/dynamics/tled.h"
 #include "pliant/memory.h"
 
 #include <array>

@@ -1,6 +1,6 @@
 // Explicit dynamics against results of others: Cook's membrane, and the measured Truth Cube.
 #include "body.h"
-#include "fem/tled.h"
+#include "fem/dynamics/tled.h"
 
 #include <Eigen/Dense>
 #include <cstdio>

@@ -1,4 +1,4 @@
-#include "confine.h"
+#include "ros/node/confine.h"
 
 #include "pliant/pliant.h"
 

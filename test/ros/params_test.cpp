@@ -1,4 +1,4 @@
-#include "params.h"
+#include "ros/node/params.h"
 
 #include <gtest/gtest.h>
 

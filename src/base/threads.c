@@ -1,0 +1,62 @@
+#include "base/threads.h"
+
+#include "base/fail.h"
+
+#include <errno.h>
+#include <omp.h>
+#include <pthread.h>
+#include <sched.h>
+#include <stdio.h>
+#include <sys/resource.h>
+
+int pliant_threads_of(const pliant_scene *scene) { return scene->solver.threads > 0 ? scene->solver.threads : omp_get_max_threads(); }
+
+int pliant_threads_begin(const pliant_scene *scene)
+{
+    int before = omp_get_max_threads();
+    omp_set_num_threads(pliant_threads_of(scene));
+    return before;
+}
+
+void pliant_threads_end(int before) { omp_set_num_threads(before); }
+
+void pliant_threads_step_back(void)
+{
+#ifdef __linux__
+    const int nicer = 5; /* more, and a busy machine would make steps wait for it */
+    const struct sched_param none = {0};
+    pthread_setschedparam(pthread_self(), SCHED_OTHER, &none); /* out of a real-time class, where the caller is in one */
+    errno = 0;
+    int before = getpriority(PRIO_PROCESS, 0); /* of the calling thread alone, on Linux */
+    if (before != -1 || errno == 0) setpriority(PRIO_PROCESS, 0, before + nicer < 19 ? before + nicer : 19);
+#endif
+}
+
+pliant_status pliant_work_done(pliant_work *work)
+{
+    int32_t now;
+    bool wanted = true;
+#pragma omp atomic capture
+    now = ++work->done;
+    if (now % work->interval == 0) {
+#pragma omp critical(pliant_work_progress)
+        wanted = pliant_report_progress(work->progress, work->begin + (work->end - work->begin) * now / work->count, work->stage);
+    }
+    return wanted ? PLIANT_OK : PLIANT_ERROR_CANCELLED;
+}
+
+void pliant_work_leave(pliant_work *work, pliant_status status)
+{
+#pragma omp critical(pliant_work_worst)
+    if (status < work->worst) {
+        work->worst = status;
+        snprintf(work->message, sizeof work->message, "%s", pliant_last_error());
+    }
+}
+
+pliant_status pliant_work_outcome(const pliant_work *work)
+{
+    if (work->worst == PLIANT_OK) return PLIANT_OK;
+    if (work->worst == PLIANT_ERROR_CANCELLED) return pliant_fail(work->worst, "%s was cancelled", work->what);
+    return pliant_fail(work->worst, "%s", work->message);
+}

@@ -1,0 +1,276 @@
+/* The corrector of one cube: a fine problem on the cubes around, with the means held. */
+#include "base/fail.h"
+#include "fem/linear/dense.h"
+#include "fem/coarse/lod.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { COLUMNS = 24 };
+
+typedef struct patch_problem {
+    int32_t count, num_means;  /* free fine nodes, constrained coarse ones */
+    int32_t *node;             /* (count) in the numbering of lod->whole, ascending */
+    int32_t *mean;             /* (num_means) coarse nodes */
+    int32_t *lean;             /* (count x 4) the means that a node counts in, or -1 */
+    double *weight;            /* (count x 4) m_i lambda_j(x_i) [kg] */
+    pliant_pattern pattern;    /* of the patch */
+    double *values;
+    double *z;                 /* ((24 + 3 num_means) x 3 count): K^-1 [G, Phi] */
+    double *s, *t;             /* (3 num_means x 3 num_means), (3 num_means x 24) */
+} patch_problem;
+
+static void patch_free(patch_problem *patch)
+{
+    void *blocks[] = {patch->node, patch->mean, patch->lean, patch->weight, patch->pattern.start, patch->pattern.row,
+                      patch->values, patch->z, patch->s, patch->t};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+}
+
+/* fine nodes in the box of the patch that are free and have no tetrahedron outside */
+static void find_nodes(const lod_builder *lod, lod_room *room, const int32_t low[3], const int32_t side[3], patch_problem *patch)
+{
+    const pliant_mesh *fine = lod->system->fine;
+    int32_t r = lod->ratio;
+    for (int32_t at = 0; at < side[0] * side[1] * side[2]; at++) {
+        int32_t i = low[0] * r + at % side[0], j = low[1] * r + at / side[0] % side[1], k = low[2] * r + at / side[0] / side[1];
+        int32_t n = fine->node_of_lattice[i + (fine->cells[0] + 1) * (j + (fine->cells[1] + 1) * k)];
+        if (n < 0 || lod->whole.free_of_node[n] < 0) continue;
+        const uint8_t *reach = lod->reach + 6 * (size_t)n;
+        bool inside = true;
+        for (int d = 0; d < 3; d++) inside = inside && reach[d] >= low[d] && (reach[3 + d] + 1 - low[d]) * r < side[d];
+        if (!inside) continue;
+        room->local[lod->whole.free_of_node[n]] = patch->count;
+        patch->node[patch->count++] = lod->whole.free_of_node[n];
+    }
+}
+
+/* the free coarse nodes that those lean on */
+static void find_means(const lod_builder *lod, lod_room *room, patch_problem *patch)
+{
+    for (int32_t i = 0; i < patch->count; i++) {
+        int32_t fine_node = lod->whole.node_of_free[patch->node[i]], nodes[4];
+        double weights[4];
+        int leans = lod_interpolation(lod, fine_node, nodes, weights);
+        for (int v = 0; v < 4; v++) {
+            bool counts = v < leans && !lod->coarse_fixed[nodes[v]];
+            patch->lean[4 * i + v] = -1;
+            if (!counts) continue;
+            if (room->slot[nodes[v]] < 0) {
+                room->slot[nodes[v]] = patch->num_means;
+                patch->mean[patch->num_means++] = nodes[v];
+            }
+            patch->lean[4 * i + v] = room->slot[nodes[v]];
+            patch->weight[4 * i + v] = weights[v] * lod->mass[fine_node];
+        }
+    }
+}
+
+static void leave(lod_room *room, const patch_problem *patch)
+{
+    for (int32_t i = 0; i < patch->count; i++) room->local[patch->node[i]] = -1;
+    for (int32_t j = 0; j < patch->num_means; j++) room->slot[patch->mean[j]] = -1;
+}
+
+static pliant_status number(const lod_builder *lod, lod_room *room, int32_t cube, patch_problem *patch)
+{
+    int32_t low[3], high[3], side[3];
+    size_t most = 1, means = 1;
+    lod_patch(lod, cube, low, high);
+    for (int d = 0; d < 3; d++) {
+        side[d] = (high[d] - low[d] + 1) * lod->ratio + 1;
+        most *= (size_t)side[d];
+        means *= (size_t)(high[d] - low[d] + 2);
+    }
+    patch->node = pliant_calloc(most, sizeof *patch->node);
+    patch->mean = pliant_calloc(means, sizeof *patch->mean);
+    patch->lean = pliant_calloc(most, 4 * sizeof *patch->lean);
+    patch->weight = pliant_calloc(most, 4 * sizeof *patch->weight);
+    if (!patch->node || !patch->mean || !patch->lean || !patch->weight) return pliant_fail_memory("a corrector");
+    find_nodes(lod, room, low, side, patch);
+    find_means(lod, room, patch);
+    return PLIANT_OK;
+}
+
+/* where the scalar columns 3j, 3j+1, 3j+2 of a pattern begin */
+static void columns_of(const pliant_pattern *pattern, double *values, int32_t column, double *out[3])
+{
+    int32_t first = pattern->start[column], height = pattern->start[column + 1] - first;
+    out[0] = values + 9 * (int64_t)first - 3 * (int64_t)column;
+    out[1] = out[0] + 3 * height;
+    out[2] = out[1] + 3 * height - 1;
+}
+
+/* the part of the whole matrix that belongs to the patch; a little is added to the diagonal, for pieces that the patch cuts off
+ * at an edge */
+static pliant_status take_matrix(const lod_builder *lod, const lod_room *room, patch_problem *patch)
+{
+    const double supported = 1e-10;
+    const pliant_pattern *whole = &lod->whole.pattern;
+    pliant_pattern *own = &patch->pattern;
+    own->num_columns = patch->count;
+    own->start = pliant_calloc((size_t)patch->count + 1, sizeof *own->start);
+    if (!own->start) return pliant_fail_memory("a corrector");
+    for (int32_t c = 0; c < patch->count; c++) {
+        own->start[c + 1] = own->start[c];
+        for (int32_t b = whole->start[patch->node[c]]; b < whole->start[patch->node[c] + 1]; b++)
+            own->start[c + 1] += room->local[whole->row[b]] >= 0;
+    }
+    own->num_blocks = own->start[patch->count];
+    own->num_values = 9 * (int64_t)own->num_blocks - 3 * (int64_t)patch->count;
+    own->row = pliant_calloc((size_t)own->num_blocks, sizeof *own->row);
+    patch->values = pliant_calloc((size_t)own->num_values, sizeof *patch->values);
+    if (!own->row || !patch->values) return pliant_fail_memory("a corrector");
+    for (int32_t c = 0; c < patch->count; c++) {
+        int32_t column = patch->node[c], next = own->start[c];
+        double *from[3], *to[3];
+        columns_of(whole, lod->values, column, from);
+        columns_of(own, patch->values, c, to);
+        for (int32_t b = whole->start[column]; b < whole->start[column + 1]; b++) {
+            int32_t row = room->local[whole->row[b]], in = b - whole->start[column], out = next - own->start[c];
+            if (row < 0) continue;
+            own->row[next++] = row;
+            for (int d = 0; d < 3; d++)
+                for (int e = in == 0 ? d : 0; e < 3; e++) to[d][3 * out + e - d] = from[d][3 * in + e - d];
+        }
+        for (int d = 0; d < 3; d++) to[d][0] *= 1 + supported;
+    }
+    return PLIANT_OK;
+}
+
+/* K_C P, by column of the cube's corners: g (24 x 3 count) */
+static void load_of_cube(const lod_builder *lod, const lod_room *room, int32_t cube, const patch_problem *patch, double *g)
+{
+    const pliant_mesh *fine = lod->system->fine;
+    size_t size = 3 * (size_t)patch->count;
+    for (int32_t t = lod->tet_start[cube]; t < lod->tet_start[cube + 1]; t++) {
+        const int32_t *tet = fine->tets + 4 * lod->tets[t];
+        double k[144];
+        pliant_tet_stiffness(fine, lod->tets[t], lod->material + lod->tets[t], k);
+        for (int b = 0; b < 4; b++) {
+            int32_t nodes[4];
+            double weights[4];
+            if (lod->grounded[cube] && lod->fine_fixed[tet[b]]) continue;
+            int leans = lod_interpolation(lod, tet[b], nodes, weights);
+            for (int v = 0; v < leans; v++) {
+                int corner = lod_corner(lod, cube, nodes[v]);
+                for (int a = 0; a < 4; a++) {
+                    int32_t unknown = lod->whole.free_of_node[tet[a]];
+                    if (unknown < 0 || room->local[unknown] < 0) continue;
+                    for (int e = 0; e < 3; e++)
+                        for (int d = 0; d < 3; d++)
+                            g[size * (size_t)(3 * corner + e) + 3 * (size_t)room->local[unknown] + (size_t)d] +=
+                                weights[v] * k[12 * (3 * a + d) + 3 * b + e];
+                }
+            }
+        }
+    }
+}
+
+/* Phi, by column of the means: (3 num_means x 3 count) */
+static void fill_means(const patch_problem *patch, double *phi)
+{
+    size_t size = 3 * (size_t)patch->count;
+    for (int32_t i = 0; i < 4 * patch->count; i++)
+        for (int32_t d = 0; d < 3 && patch->lean[i] >= 0; d++)
+            phi[size * (size_t)(3 * patch->lean[i] + d) + (size_t)(3 * (i / 4) + d)] = patch->weight[i];
+}
+
+/* out (3 num_means x columns) = Phi' of columns (columns x 3 count) */
+static void take_means(const patch_problem *patch, int32_t columns, const double *from, double *out)
+{
+    for (int32_t c = 0; c < columns; c++, from += 3 * (size_t)patch->count)
+        for (int32_t i = 0; i < 4 * patch->count; i++)
+            for (int32_t d = 0; d < 3 && patch->lean[i] >= 0; d++)
+                out[(size_t)(3 * patch->lean[i] + d) * (size_t)columns + (size_t)c] += patch->weight[i] * from[3 * (i / 4) + d];
+}
+
+/* Q = Z_G - Z_Phi (Phi' Z_Phi)^-1 Phi' Z_G, in place of Z_G. Means that depend on each other on what little of the patch is free
+ * leave that matrix singular: a little is added to its scaled diagonal. */
+static pliant_status hold_means(patch_problem *patch)
+{
+    const double relaxed = 1e-10;
+    int32_t m = 3 * patch->num_means;
+    size_t size = 3 * (size_t)patch->count;
+    if (m == 0) return PLIANT_OK;
+    double *z_phi = patch->z + COLUMNS * size, *scale;
+    patch->s = pliant_calloc((size_t)m * (size_t)m, sizeof *patch->s);
+    patch->t = pliant_calloc((size_t)m, (COLUMNS + 1) * sizeof *patch->t);
+    if (!patch->s || !patch->t) return pliant_fail_memory("a corrector");
+    scale = patch->t + COLUMNS * (size_t)m;
+    take_means(patch, m, z_phi, patch->s);
+    take_means(patch, COLUMNS, patch->z, patch->t);
+    for (int32_t i = 0; i < m; i++) scale[i] = 1 / sqrt(patch->s[(size_t)i * (size_t)(m + 1)]);
+    for (int32_t i = 0; i < m; i++) {
+        for (int32_t j = 0; j < m; j++) patch->s[(size_t)i * (size_t)m + (size_t)j] *= scale[i] * scale[j];
+        patch->s[(size_t)i * (size_t)(m + 1)] = 1 + relaxed;
+        for (int c = 0; c < COLUMNS; c++) patch->t[COLUMNS * i + c] *= scale[i];
+    }
+    if (!pliant_dense_cholesky(m, patch->s))
+        return pliant_fail(PLIANT_ERROR_NUMERIC, "lod: the means of a corrector cannot be held; the stiffness contrast is beyond double "
+                                                 "precision");
+    pliant_dense_cholesky_solve(m, patch->s, COLUMNS, patch->t);
+    for (int c = 0; c < COLUMNS; c++)
+        for (int32_t i = 0; i < m; i++) {
+            double x = patch->t[COLUMNS * i + c] * scale[i], *to = patch->z + (size_t)c * size;
+            const double *from = z_phi + (size_t)i * size;
+            for (size_t n = 0; n < size; n++) to[n] -= x * from[n];
+        }
+    return PLIANT_OK;
+}
+
+static pliant_status solve(const lod_builder *lod, const lod_room *room, int32_t cube, patch_problem *patch)
+{
+    size_t size = 3 * (size_t)patch->count;
+    int32_t columns = COLUMNS + 3 * patch->num_means;
+    pliant_factor *factor = NULL;
+    pliant_status status = take_matrix(lod, room, patch);
+    if (status != PLIANT_OK) return status;
+    if (!(patch->z = pliant_calloc((size_t)columns, size * sizeof *patch->z))) return pliant_fail_memory("a corrector");
+    load_of_cube(lod, room, cube, patch, patch->z);
+    fill_means(patch, patch->z + COLUMNS * size);
+    status = pliant_factor_analyze(&patch->pattern, &factor);
+    if (status == PLIANT_OK) {
+        pliant_factor_in_double(factor);
+        status = pliant_factor_numeric(factor, patch->values);
+    }
+    if (status == PLIANT_OK) status = pliant_factor_solve(factor, columns, patch->z, patch->z);
+    pliant_factor_free(factor);
+    return status == PLIANT_OK ? hold_means(patch) : status;
+}
+
+static pliant_status keep(const lod_builder *lod, const patch_problem *patch, lod_corrector *out)
+{
+    size_t size = 3 * (size_t)patch->count;
+    out->node = pliant_calloc((size_t)patch->count, sizeof *out->node);
+    out->value = pliant_calloc(size, COLUMNS * sizeof *out->value);
+    if (!out->node || !out->value) return pliant_fail_memory("a corrector");
+    out->count = patch->count;
+    for (int32_t i = 0; i < patch->count; i++) out->node[i] = lod->whole.node_of_free[patch->node[i]];
+    for (size_t i = 0; i < size; i++)
+        for (size_t c = 0; c < COLUMNS; c++) out->value[COLUMNS * i + c] = (float)patch->z[size * c + i];
+    return PLIANT_OK;
+}
+
+pliant_status lod_correct(lod_builder *lod, lod_room *room, int32_t cube)
+{
+    patch_problem patch = {0};
+    pliant_status status = number(lod, room, cube, &patch);
+    if (status == PLIANT_OK && patch.count > 0) status = solve(lod, room, cube, &patch);
+    if (status == PLIANT_OK && patch.count > 0) status = keep(lod, &patch, lod->correctors + cube);
+    leave(room, &patch);
+    patch_free(&patch);
+    return status;
+}
+
+pliant_status lod_size(lod_builder *lod, lod_room *room, int32_t cube)
+{
+    patch_problem patch = {0};
+    pliant_status status = number(lod, room, cube, &patch);
+    lod->patch_nodes[cube] = patch.count;
+    lod->patch_means[cube] = patch.num_means;
+    leave(room, &patch);
+    patch_free(&patch);
+    return status;
+}

@@ -1,0 +1,305 @@
+/* Macro-elements from the correctors: which corners a cube has, what its fine nodes take from them, its matrix. */
+#include "base/fail.h"
+#include "fem/linear/dense.h"
+#include "fem/coarse/lod.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+/* one corner after the other, each once: the nodes of the cubes within k, as they count (fem/system.h). Leaves
+ * their places in the room's slots. */
+static int32_t list_corners(const lod_builder *lod, lod_room *room, int32_t cube, int32_t *node, uint8_t *held)
+{
+    int32_t near[PLIANT_MAX_NEAR], count = 0;
+    int cubes = lod_near(lod, cube, near);
+    for (int c = 0; c < cubes; c++) {
+        bool holds = lod->grounded[cube] || lod->grounded[near[c]];
+        for (int v = 0; v < 8; v++) {
+            int32_t own = lod->own[8 * near[c] + v];
+            if (own < 0 || (holds && lod->coarse_fixed[own]) || room->slot[2 * own + holds] >= 0) continue;
+            room->slot[2 * own + holds] = count;
+            node[count] = own;
+            held[count++] = holds;
+        }
+    }
+    return count;
+}
+
+static void leave_corners(lod_room *room, int32_t count, const int32_t *node, const uint8_t *held)
+{
+    for (int32_t c = 0; c < count; c++) room->slot[2 * node[c] + held[c]] = -1;
+}
+
+/* F = sum of x_v g_v' is the least-squares fit to the cube's nodes: g_v = (sum of Y Y')^-1 Y_v, Y = X - C */
+static void fit_frame(const pliant_mesh *mesh, const int32_t own[8], double gradient[24])
+{
+    double centre[3] = {0, 0, 0}, moment[9] = {0};
+    int count = 0;
+    for (int v = 0; v < 8; v++) count += own[v] >= 0;
+    for (int v = 0; v < 8; v++)
+        for (int d = 0; d < 3 && own[v] >= 0; d++) centre[d] += mesh->rest[3 * own[v] + d] / count;
+    for (int v = 0; v < 8; v++)
+        for (int d = 0; d < 3; d++) gradient[3 * v + d] = own[v] >= 0 ? mesh->rest[3 * own[v] + d] - centre[d] : 0;
+    for (int v = 0; v < 8; v++)
+        for (int m = 0; m < 9; m++) moment[m] += gradient[3 * v + m / 3] * gradient[3 * v + m % 3];
+    pliant_dense_cholesky(3, moment); /* a coarse tetrahedron at least: it spans space */
+    for (int v = 0; v < 8; v++) pliant_dense_cholesky_solve(3, moment, 1, gradient + 3 * v);
+}
+
+/* every fine node that moves follows the first cube that has it */
+static void list_followers(const lod_builder *lod, pliant_macros *macros)
+{
+    const pliant_mesh *fine = lod->system->fine;
+    memset(macros->cube_of_fine, 0xff, (size_t)fine->num_nodes * sizeof *macros->cube_of_fine);
+    for (int32_t cube = 0; cube < lod->count; cube++)
+        for (int32_t v = 4 * lod->tet_start[cube]; v < 4 * lod->tet_start[cube + 1]; v++) {
+            int32_t node = fine->tets[4 * lod->tets[v / 4] + v % 4];
+            if (macros->cube_of_fine[node] >= 0 || lod->fine_fixed[node]) continue;
+            macros->cube_of_fine[node] = cube;
+            macros->fine_start[cube + 1]++;
+        }
+    for (int32_t cube = 0; cube < lod->count; cube++) macros->fine_start[cube + 1] += macros->fine_start[cube];
+    for (int32_t node = fine->num_nodes - 1; node >= 0; node--) { /* from the back, so that starts end where they belong */
+        int32_t cube = macros->cube_of_fine[node];
+        if (cube >= 0) macros->fine[--macros->fine_start[cube + 1]] = node;
+    }
+    for (int32_t cube = 0; cube < lod->count; cube++) macros->fine_start[cube] = macros->fine_start[cube + 1];
+    macros->fine_start[lod->count] = lod->whole.num_free;
+}
+
+static pliant_status allocate(const lod_builder *lod, pliant_macros *macros)
+{
+    size_t count = (size_t)lod->count, fine = (size_t)lod->system->fine->num_nodes;
+    bool good = (macros->start = pliant_calloc(count + 1, sizeof *macros->start)) &&
+                (macros->grounded = pliant_calloc(count, sizeof *macros->grounded)) &&
+                (macros->own = pliant_calloc(count, 8 * sizeof *macros->own)) &&
+                (macros->gradient = pliant_calloc(count, 24 * sizeof *macros->gradient)) &&
+                (macros->rank = pliant_calloc(count, sizeof *macros->rank)) &&
+                (macros->root = pliant_calloc(count, sizeof *macros->root)) &&
+                (macros->fine_start = pliant_calloc(count + 1, sizeof *macros->fine_start)) &&
+                (macros->fine = pliant_calloc(fine, sizeof *macros->fine)) &&
+                (macros->cube_of_fine = pliant_calloc(fine, sizeof *macros->cube_of_fine)) &&
+                (macros->entry_start = pliant_calloc(count, sizeof *macros->entry_start)) &&
+                (macros->entry_corner = pliant_calloc(count, sizeof *macros->entry_corner)) &&
+                (macros->entry_shape = pliant_calloc(count, sizeof *macros->entry_shape));
+    return good ? PLIANT_OK : pliant_fail_memory("the macro-elements");
+}
+
+pliant_status lod_macros_create(lod_builder *lod)
+{
+    pliant_system *system = lod->system;
+    pliant_macros *macros = system->macros = pliant_calloc(1, sizeof *macros);
+    if (!macros) return pliant_fail_memory("the macro-elements");
+    lod_room room = {0};
+    int32_t node[PLIANT_MAX_CORNERS];
+    uint8_t held[PLIANT_MAX_CORNERS];
+    macros->count = lod->count;
+    pliant_status status = allocate(lod, macros);
+    if (status == PLIANT_OK) status = lod_room_create(lod, &room);
+    for (int pass = 0; pass < 2 && status == PLIANT_OK; pass++) {
+        int32_t total = 0;
+        for (int32_t cube = 0; cube < lod->count; cube++) {
+            int32_t count = list_corners(lod, &room, cube, node, held);
+            leave_corners(&room, count, node, held);
+            macros->start[cube] = total;
+            if (pass == 1) {
+                memcpy(macros->node + total, node, (size_t)count * sizeof *node);
+                memcpy(macros->held + total, held, (size_t)count * sizeof *held);
+            }
+            total += count;
+        }
+        macros->start[lod->count] = total;
+        if (pass == 1) break;
+        macros->node = pliant_calloc((size_t)total, sizeof *macros->node);
+        macros->held = pliant_calloc((size_t)total, sizeof *macros->held);
+        if (!macros->node || !macros->held) status = pliant_fail_memory("the macro-elements");
+    }
+    lod_room_free(&room);
+    if (status != PLIANT_OK) return status;
+    memcpy(macros->grounded, lod->grounded, (size_t)lod->count * sizeof *macros->grounded);
+    memcpy(macros->own, lod->own, 8 * (size_t)lod->count * sizeof *macros->own);
+    for (int32_t cube = 0; cube < lod->count; cube++) fit_frame(system->mesh, macros->own + 8 * cube, macros->gradient + 24 * cube);
+    list_followers(lod, macros);
+    int32_t of_forces = (3 * macros->start[lod->count] + 12 * LANES - 1) / (12 * LANES), of_frames = (lod->count + LANES - 1) / LANES;
+    system->num_blocks = of_forces > of_frames ? of_forces : of_frames;
+    return PLIANT_OK;
+}
+
+/* ---- one cube */
+
+typedef struct cube_work {
+    int32_t num_corners, num_nodes; /* columns are 3 num_corners, rows 3 num_nodes */
+    int32_t *node;      /* (num_nodes) fine */
+    double *shape;      /* (rows x columns) N */
+    double *force;      /* (rows x columns) K_C N */
+    double *matrix;     /* (columns x columns) */
+    double *root;       /* (columns x columns) */
+} cube_work;
+
+static void work_free(cube_work *work)
+{
+    void *blocks[] = {work->node, work->shape, work->force, work->matrix, work->root};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+}
+
+static pliant_status work_create(const lod_builder *lod, lod_room *room, int32_t cube, cube_work *work)
+{
+    const pliant_macros *macros = lod->system->macros;
+    work->num_corners = macros->start[cube + 1] - macros->start[cube];
+    int32_t most = 4 * (lod->tet_start[cube + 1] - lod->tet_start[cube]);
+    if (!(work->node = pliant_calloc((size_t)most, sizeof *work->node))) return pliant_fail_memory("a macro-element");
+    for (int32_t v = 4 * lod->tet_start[cube]; v < 4 * lod->tet_start[cube + 1]; v++) {
+        int32_t node = lod->system->fine->tets[4 * lod->tets[v / 4] + v % 4];
+        if (room->local[node] >= 0) continue;
+        room->local[node] = work->num_nodes;
+        work->node[work->num_nodes++] = node;
+    }
+    size_t rows = 3 * (size_t)work->num_nodes, columns = 3 * (size_t)work->num_corners;
+    if (columns == 0) return PLIANT_OK; /* grounded on fixed nodes alone */
+    bool good = (work->shape = pliant_calloc(rows, columns * sizeof *work->shape)) &&
+                (work->force = pliant_calloc(rows, columns * sizeof *work->force)) &&
+                (work->matrix = pliant_calloc(columns, columns * sizeof *work->matrix)) &&
+                (work->root = pliant_calloc(columns, columns * sizeof *work->root));
+    return good ? PLIANT_OK : pliant_fail_memory("a macro-element");
+}
+
+/* N = P - sum of Q over the cubes within k */
+static void fill_shape(const lod_builder *lod, const lod_room *room, int32_t cube, cube_work *work)
+{
+    size_t columns = 3 * (size_t)work->num_corners;
+    bool grounded = lod->grounded[cube];
+    for (int32_t i = 0; i < work->num_nodes; i++) {
+        int32_t nodes[4];
+        double weights[4];
+        if (grounded && lod->fine_fixed[work->node[i]]) continue;
+        int leans = lod_interpolation(lod, work->node[i], nodes, weights);
+        for (int v = 0; v < leans; v++) {
+            int32_t corner = room->slot[2 * nodes[v] + grounded];
+            for (size_t d = 0; d < 3 && corner >= 0; d++) work->shape[(3 * (size_t)i + d) * columns + 3 * (size_t)corner + d] += weights[v];
+        }
+    }
+    int32_t near[PLIANT_MAX_NEAR];
+    int cubes = lod_near(lod, cube, near);
+    for (int c = 0; c < cubes; c++) {
+        const lod_corrector *corrector = lod->correctors + near[c];
+        bool held = grounded || lod->grounded[near[c]];
+        for (int32_t i = 0; i < corrector->count; i++) {
+            int32_t row = room->local[corrector->node[i]];
+            for (int32_t v = 0; v < 8 && row >= 0; v++) {
+                int32_t own = lod->own[8 * near[c] + v], corner = own < 0 ? -1 : room->slot[2 * own + held];
+                for (size_t m = 0; m < 9 && corner >= 0; m++)
+                    work->shape[(3 * (size_t)row + m / 3) * columns + 3 * (size_t)corner + m % 3] -=
+                        corrector->value[24 * (3 * (size_t)i + m / 3) + 3 * (size_t)v + m % 3];
+            }
+        }
+    }
+}
+
+/* K_C N */
+static void fill_force(const lod_builder *lod, const lod_room *room, int32_t cube, cube_work *work)
+{
+    const pliant_mesh *fine = lod->system->fine;
+    size_t columns = 3 * (size_t)work->num_corners;
+    for (int32_t t = lod->tet_start[cube]; t < lod->tet_start[cube + 1]; t++) {
+        const int32_t *nodes = fine->tets + 4 * lod->tets[t];
+        double k[144];
+        pliant_tet_stiffness(fine, lod->tets[t], lod->material + lod->tets[t], k);
+        for (int a = 0; a < 12; a++)
+            for (int b = 0; b < 12; b++) {
+                double *to = work->force + columns * (3 * (size_t)room->local[nodes[a / 3]] + (size_t)(a % 3));
+                const double *from = work->shape + columns * (3 * (size_t)room->local[nodes[b / 3]] + (size_t)(b % 3));
+                for (size_t c = 0; c < columns; c++) to[c] += k[12 * a + b] * from[c];
+            }
+    }
+}
+
+/* N' K_C N, lower triangle; corners of grounded cubes may move what is fixed alone, and would be left without stiffness */
+static void fill_matrix(const lod_builder *lod, int32_t cube, cube_work *work)
+{
+    size_t columns = 3 * (size_t)work->num_corners;
+    for (size_t row = 0; row < 3 * (size_t)work->num_nodes; row++) {
+        const double *n = work->shape + columns * row, *f = work->force + columns * row;
+        for (size_t i = 0; i < columns; i++) {
+            if (n[i] == 0) continue;
+            double *to = work->matrix + columns * i;
+            for (size_t j = 0; j <= i; j++) to[j] += n[i] * f[j];
+        }
+    }
+    for (size_t i = 0; i < columns; i++) {
+        int32_t node = lod->system->macros->node[lod->system->macros->start[cube] + (int32_t)(i / 3)];
+        if (lod->grounded[cube] && lod_corner(lod, cube, node) >= 0) work->matrix[(columns + 1) * i] += lod->support;
+    }
+}
+
+/* blocks of N below this part move nothing that can be seen; of an upsampled displacement, not of the matrix (NUMERICS 4) */
+static const double smallest_shape = 1e-4;
+
+static bool counts(const double *shape, size_t columns, size_t corner)
+{
+    double most = 0;
+    for (size_t m = 0; m < 9; m++) most = fmax(most, fabs(shape[m / 3 * columns + 3 * corner + m % 3]));
+    return most > smallest_shape;
+}
+
+static pliant_status keep_shape(const lod_builder *lod, const lod_room *room, int32_t cube, const cube_work *work)
+{
+    pliant_macros *macros = lod->system->macros;
+    size_t columns = 3 * (size_t)work->num_corners, total = 0, count = (size_t)(macros->fine_start[cube + 1] - macros->fine_start[cube]);
+    const int32_t *nodes = macros->fine + macros->fine_start[cube];
+    if (count == 0) return PLIANT_OK;
+    if (!(macros->entry_start[cube] = pliant_calloc(count + 1, sizeof **macros->entry_start))) return pliant_fail_memory("a macro-element");
+    if (columns == 0) return PLIANT_OK;
+    for (size_t i = 0; i < count; i++) {
+        const double *shape = work->shape + 3 * columns * (size_t)room->local[nodes[i]];
+        for (size_t c = 0; c < (size_t)work->num_corners; c++) total += counts(shape, columns, c);
+        macros->entry_start[cube][i + 1] = (int32_t)total;
+    }
+    if (total == 0) return PLIANT_OK;
+    macros->entry_corner[cube] = pliant_calloc(total, sizeof **macros->entry_corner);
+    macros->entry_shape[cube] = pliant_calloc(total, 9 * sizeof **macros->entry_shape);
+    if (!macros->entry_corner[cube] || !macros->entry_shape[cube]) return pliant_fail_memory("a macro-element");
+    size_t at = 0;
+    for (size_t i = 0; i < count; i++) {
+        const double *shape = work->shape + 3 * columns * (size_t)room->local[nodes[i]];
+        for (size_t c = 0; c < (size_t)work->num_corners; c++) {
+            if (!counts(shape, columns, c)) continue;
+            macros->entry_corner[cube][at] = (uint16_t)c;
+            for (size_t m = 0; m < 9; m++) macros->entry_shape[cube][9 * at + m] = (float)shape[m / 3 * columns + 3 * c + m % 3];
+            at++;
+        }
+    }
+    return PLIANT_OK;
+}
+
+static pliant_status keep_root(const lod_builder *lod, int32_t cube, cube_work *work)
+{
+    pliant_macros *macros = lod->system->macros;
+    int32_t columns = 3 * work->num_corners, rank = pliant_dense_root(columns, work->matrix, work->root);
+    if (rank == 0) return PLIANT_OK;
+    size_t count = (size_t)rank * (size_t)columns;
+    if (!(macros->root[cube] = pliant_calloc(count, sizeof **macros->root))) return pliant_fail_memory("a macro-element");
+    for (size_t m = 0; m < count; m++) macros->root[cube][m] = (float)work->root[m];
+    macros->rank[cube] = rank;
+    return PLIANT_OK;
+}
+
+pliant_status lod_macro(lod_builder *lod, lod_room *room, int32_t cube)
+{
+    cube_work work = {0};
+    const pliant_macros *macros = lod->system->macros;
+    int32_t first = macros->start[cube];
+    pliant_status status = work_create(lod, room, cube, &work);
+    if (status == PLIANT_OK && work.num_corners > 0) {
+        for (int32_t c = 0; c < work.num_corners; c++) room->slot[2 * macros->node[first + c] + macros->held[first + c]] = c;
+        fill_shape(lod, room, cube, &work);
+        fill_force(lod, room, cube, &work);
+        fill_matrix(lod, cube, &work);
+        leave_corners(room, work.num_corners, macros->node + first, macros->held + first);
+        status = keep_root(lod, cube, &work);
+    }
+    if (status == PLIANT_OK) status = keep_shape(lod, room, cube, &work);
+    for (int32_t i = 0; i < work.num_nodes; i++) room->local[work.node[i]] = -1;
+    work_free(&work);
+    return status;
+}

@@ -1,0 +1,363 @@
+/* Macro-elements while stepping: forces, rotations, the matrix, and how the fine nodes follow. */
+#include "base/fail.h"
+#include "fem/system.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* a cube at one state */
+typedef struct cube_frame {
+    double rotation[9], centre[3], rest_centre[3];
+} cube_frame;
+
+static void frame_of(const pliant_system *system, const double *x, int32_t cube, cube_frame *out)
+{
+    const pliant_macros *macros = system->macros;
+    const int32_t *own = macros->own + 8 * (size_t)cube;
+    const double *gradient = macros->gradient + 24 * (size_t)cube, *rest = system->mesh->rest;
+    double f[9] = {0};
+    int count = 0;
+    memset(out, 0, sizeof *out);
+    for (int v = 0; v < 8; v++) count += own[v] >= 0;
+    for (int v = 0; v < 8; v++)
+        for (int r = 0; r < 3 && own[v] >= 0; r++) {
+            out->centre[r] += x[3 * own[v] + r] / count;
+            out->rest_centre[r] += rest[3 * own[v] + r] / count;
+        }
+    for (int v = 0; v < 8; v++)
+        for (int r = 0; r < 3 && own[v] >= 0; r++)
+            for (int c = 0; c < 3; c++) f[3 * r + c] += (x[3 * own[v] + r] - out->centre[r]) * gradient[3 * v + c];
+    if (macros->grounded[cube])
+        for (int m = 0; m < 9; m += 4) out->rotation[m] = 1;
+    else
+        pliant_rotation_signed_svd(f, out->rotation);
+}
+
+/* q of every corner of a cube */
+static void corners_in_frame(const pliant_system *system, const double *x, int32_t cube, const cube_frame *frame, double *q)
+{
+    const pliant_macros *macros = system->macros;
+    const double *r = frame->rotation;
+    for (int32_t c = macros->start[cube]; c < macros->start[cube + 1]; c++, q += 3) {
+        const double *at = x + 3 * macros->node[c], *rest = system->mesh->rest + 3 * macros->node[c];
+        bool held = macros->held[c];
+        double y[3];
+        for (int d = 0; d < 3; d++) y[d] = at[d] - (held ? rest[d] : frame->centre[d]);
+        for (int d = 0; d < 3; d++)
+            q[d] = r[d] * y[0] + r[3 + d] * y[1] + r[6 + d] * y[2] - (held ? 0 : rest[d] - frame->rest_centre[d]);
+    }
+}
+
+/* f = root' (root q), n numbers; every row is read once */
+PLIANT_VECTORIZED static void apply_root(int32_t rank, int32_t n, const float *root, const double *q, double *f)
+{
+    for (int32_t i = 0; i < n; i++) f[i] = 0;
+    for (int32_t m = 0; m < rank; m++, root += n) {
+        double sum[LANES] = {0}, whole = 0;
+        int32_t i = 0;
+        for (; i + LANES <= n; i += LANES)
+            for (int l = 0; l < LANES; l++) sum[l] += (double)root[i + l] * q[i + l];
+        for (int l = 0; l < LANES; l++) whole += sum[l];
+        for (; i < n; i++) whole += (double)root[i] * q[i];
+        for (i = 0; i < n; i++) f[i] += (double)root[i] * whole;
+    }
+}
+
+void pliant_macro_forces(const pliant_system *system, const double *positions, double *forces)
+{
+    const pliant_macros *macros = system->macros;
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t cube = 0; cube < macros->count; cube++) {
+        double q[3 * PLIANT_MAX_CORNERS], f[3 * PLIANT_MAX_CORNERS], *out = forces + 3 * (size_t)macros->start[cube];
+        int32_t n = 3 * (macros->start[cube + 1] - macros->start[cube]);
+        cube_frame frame;
+        frame_of(system, positions, cube, &frame);
+        corners_in_frame(system, positions, cube, &frame, q);
+        apply_root(macros->rank[cube], n, macros->root[cube], q, f);
+        const double *r = frame.rotation;
+        for (int32_t i = 0; i < n; i += 3)
+            for (int d = 0; d < 3; d++) out[i + d] = r[3 * d] * f[i] + r[3 * d + 1] * f[i + 1] + r[3 * d + 2] * f[i + 2];
+    }
+}
+
+void pliant_macro_gather(const pliant_system *system, const double *forces, double *out)
+{
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t n = 0; n < system->num_free; n++) {
+        double sum[3] = {0, 0, 0};
+        for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++)
+            for (int d = 0; d < 3; d++) sum[d] += forces[3 * (size_t)system->corner[c] + (size_t)d];
+        memcpy(out + 3 * n, sum, sizeof sum);
+    }
+}
+
+void pliant_macro_tangents(const pliant_system *system, const double *positions, pliant_tangent *tangents)
+{
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t cube = 0; cube < system->macros->count; cube++) {
+        cube_frame frame;
+        frame_of(system, positions, cube, &frame);
+        for (int m = 0; m < 9; m++) tangents[cube / LANES].rotation[m][cube % LANES] = frame.rotation[m];
+    }
+}
+
+/* ---- the matrix */
+
+static pliant_status list_corners(pliant_system *system)
+{
+    const pliant_macros *macros = system->macros;
+    int32_t corners = macros->start[macros->count];
+    system->corner_start = pliant_calloc((size_t)system->num_free + 2, sizeof *system->corner_start);
+    system->corner = pliant_calloc((size_t)corners, sizeof *system->corner);
+    if (!system->corner_start || !system->corner) return pliant_fail_memory("the unknowns");
+    int32_t *start = system->corner_start;
+    for (int pass = 0; pass < 2; pass++) {
+        for (int32_t c = 0; c < corners; c++) {
+            int32_t n = system->free_of_node[macros->node[c]];
+            if (n < 0) continue;
+            if (pass == 0) start[n + 2]++;
+            else system->corner[start[n + 1]++] = c;
+        }
+        for (int32_t n = 0; pass == 0 && n < system->num_free; n++) start[n + 2] += start[n + 1];
+    }
+    return PLIANT_OK;
+}
+
+static int ascending(const void *a, const void *b)
+{
+    int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
+    return (x > y) - (x < y);
+}
+
+/* unknowns from column on that share a cube with it, ascending: rows, room for num_free; seen: which column looked last */
+static int32_t rows_of(const pliant_system *system, const int32_t *cube_of_corner, int32_t column, int32_t *seen, int32_t *rows)
+{
+    const pliant_macros *macros = system->macros;
+    int32_t count = 0;
+    for (int32_t e = system->corner_start[column]; e < system->corner_start[column + 1]; e++) {
+        int32_t cube = cube_of_corner[system->corner[e]];
+        for (int32_t c = macros->start[cube]; c < macros->start[cube + 1]; c++) {
+            int32_t row = system->free_of_node[macros->node[c]];
+            if (row < column || seen[row] == column + 1) continue;
+            seen[row] = column + 1;
+            rows[count++] = row;
+        }
+    }
+    qsort(rows, (size_t)count, sizeof *rows, ascending);
+    return count;
+}
+
+static int32_t *cubes_of_corners(const pliant_macros *macros)
+{
+    int32_t *cubes = pliant_calloc((size_t)macros->start[macros->count], sizeof *cubes);
+    for (int32_t cube = 0; cubes && cube < macros->count; cube++)
+        for (int32_t c = macros->start[cube]; c < macros->start[cube + 1]; c++) cubes[c] = cube;
+    return cubes;
+}
+
+pliant_status pliant_macro_unknowns(pliant_system *system)
+{
+    pliant_pattern *pattern = &system->pattern;
+    pliant_status status = list_corners(system);
+    if (status != PLIANT_OK) return status;
+    size_t free_nodes = (size_t)system->num_free;
+    int32_t *cubes = system->macros->cube_of_corner = cubes_of_corners(system->macros);
+    int32_t *seen = pliant_calloc(free_nodes, sizeof *seen), *rows = pliant_calloc(free_nodes, sizeof *rows);
+    pattern->num_columns = system->num_free;
+    pattern->start = pliant_calloc(free_nodes + 1, sizeof *pattern->start);
+    bool good = cubes && seen && rows && pattern->start;
+    for (int pass = 0; pass < 2 && good; pass++) {
+        int64_t count = 0;
+        memset(seen, 0, free_nodes * sizeof *seen);
+        for (int32_t column = 0; column < system->num_free; column++) {
+            int32_t height = rows_of(system, cubes, column, seen, rows);
+            if (pass == 1) memcpy(pattern->row + count, rows, (size_t)height * sizeof *rows);
+            count += height;
+            if (9 * count > INT32_MAX) {
+                status = pliant_fail(PLIANT_ERROR_SCENE, "lod: the matrix has too many entries for a direct factorization; use fewer "
+                                                         "mesh/coarse_cells or model/lod_layers");
+                goto done;
+            }
+            pattern->start[column + 1] = (int32_t)count;
+        }
+        pattern->num_blocks = (int32_t)count;
+        pattern->num_values = 9 * count - 3 * (int64_t)system->num_free;
+        if (pass == 0) good = (pattern->row = pliant_calloc((size_t)count, sizeof *pattern->row)) != NULL;
+    }
+    if (!good) status = pliant_fail_memory("the pattern of the matrix");
+done:
+    pliant_free(seen);
+    pliant_free(rows);
+    return status;
+}
+
+/* column block of root' root for one corner: out (3 x n) */
+PLIANT_VECTORIZED static void root_column(int32_t rank, int32_t n, const float *root, int32_t corner, double *out)
+{
+    for (int32_t i = 0; i < 3 * n; i++) out[i] = 0;
+    for (int32_t m = 0; m < rank; m++, root += n)
+        for (int d = 0; d < 3; d++) {
+            double factor = root[3 * corner + d];
+            for (int32_t i = 0; i < n; i++) out[(int64_t)d * n + i] += factor * (double)root[i];
+        }
+}
+
+/* R block R', block (3 x 3) at (a, b) of a column block */
+static void turned_block(const double r[9], const double *column, int32_t n, int32_t corner, double out[9])
+{
+    double left[9];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            const double *k = column + (int64_t)j * n + 3 * corner;
+            left[3 * i + j] = r[3 * i] * k[0] + r[3 * i + 1] * k[1] + r[3 * i + 2] * k[2];
+        }
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            out[3 * i + j] = left[3 * i] * r[3 * j] + left[3 * i + 1] * r[3 * j + 1] + left[3 * i + 2] * r[3 * j + 2];
+}
+
+/* what one corner adds to its column of the matrix */
+static void add_column(const pliant_system *system, const pliant_tangent *tangents, int32_t column, int32_t corner, double *values)
+{
+    const pliant_macros *macros = system->macros;
+    const pliant_pattern *pattern = &system->pattern;
+    int32_t cube = macros->cube_of_corner[corner], begin = macros->start[cube], n = 3 * (macros->start[cube + 1] - begin);
+    int32_t first = pattern->start[column], height = pattern->start[column + 1] - first;
+    double k[9 * PLIANT_MAX_CORNERS], r[9];
+    double *out[3]; /* scalar columns 3j, 3j+1, 3j+2 hold 3h, 3h-1, 3h-2 numbers */
+    out[0] = values + 9 * (int64_t)first - 3 * (int64_t)column;
+    out[1] = out[0] + 3 * height - 1;
+    out[2] = out[1] + 3 * height - 2;
+    for (int m = 0; m < 9; m++) r[m] = tangents[cube / LANES].rotation[m][cube % LANES];
+    root_column(macros->rank[cube], n, macros->root[cube], corner - begin, k);
+    for (int32_t a = 0; a < n / 3; a++) {
+        int32_t row = system->free_of_node[macros->node[begin + a]];
+        if (row < column) continue;
+        const int32_t *found = bsearch(&row, pattern->row + first, (size_t)height, sizeof *found, ascending);
+        int32_t place = 3 * (int32_t)(found - (pattern->row + first));
+        double block[9];
+        turned_block(r, k, n, a, block);
+        for (int c = 0; c < 3; c++)
+            for (int d = place == 0 ? c : 0; d < 3; d++) out[c][place + d] += block[3 * d + c];
+    }
+}
+
+void pliant_macro_assemble(const pliant_system *system, const pliant_tangent *tangents, double *values)
+{
+    memset(values, 0, (size_t)system->pattern.num_values * sizeof *values);
+#pragma omp parallel for schedule(dynamic, 4) num_threads(system->num_threads)
+    for (int32_t column = 0; column < system->num_free; column++)
+        for (int32_t e = system->corner_start[column]; e < system->corner_start[column + 1]; e++)
+            add_column(system, tangents, column, system->corner[e], values);
+}
+
+double pliant_macro_operations(const pliant_system *system)
+{
+    const pliant_macros *macros = system->macros;
+    double sum = 0;
+    for (int32_t cube = 0; cube < macros->count; cube++) {
+        double n = 3.0 * (macros->start[cube + 1] - macros->start[cube]);
+        sum += 2 * macros->rank[cube] * n * n;
+    }
+    return sum;
+}
+
+/* the trace of a diagonal block: of a cube that has the node twice, with what is between the two */
+double pliant_macro_mean_diagonal(const pliant_system *system)
+{
+    const pliant_macros *macros = system->macros;
+    double sum = 0;
+    for (int32_t f = 0; f < system->num_free; f++)
+        for (int32_t e = system->corner_start[f]; e < system->corner_start[f + 1]; e++)
+            for (int32_t g = system->corner_start[f]; g < system->corner_start[f + 1]; g++) {
+                int32_t a = system->corner[e], b = system->corner[g], cube = macros->cube_of_corner[a], begin = macros->start[cube];
+                if (macros->cube_of_corner[b] != cube) continue;
+                size_t n = 3 * (size_t)(macros->start[cube + 1] - begin), at = 3 * (size_t)(a - begin), other = 3 * (size_t)(b - begin);
+                const float *row = macros->root[cube];
+                for (int32_t m = 0; m < macros->rank[cube]; m++, row += n)
+                    for (size_t d = 0; d < 3; d++) sum += (double)row[at + d] * row[other + d];
+            }
+    return sum / (3.0 * system->num_free);
+}
+
+/* ---- the fine nodes */
+
+/* N q of one fine node of a cube */
+static void shaped(const pliant_macros *macros, int32_t cube, int32_t index, const double *q, double out[3])
+{
+    memset(out, 0, 3 * sizeof *out);
+    for (int32_t e = macros->entry_start[cube][index]; e < macros->entry_start[cube][index + 1]; e++) {
+        const float *n = macros->entry_shape[cube] + 9 * (size_t)e;
+        const double *at = q + 3 * macros->entry_corner[cube][e];
+        for (int d = 0; d < 3; d++) out[d] += n[3 * d] * at[0] + n[3 * d + 1] * at[1] + n[3 * d + 2] * at[2];
+    }
+}
+
+void pliant_macro_positions(const pliant_system *system, const double *solved, double *fine)
+{
+    const pliant_macros *macros = system->macros;
+    memcpy(fine, system->fine->rest, 3 * (size_t)system->fine->num_nodes * sizeof *fine);
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t cube = 0; cube < macros->count; cube++) {
+        double q[3 * PLIANT_MAX_CORNERS];
+        cube_frame frame;
+        frame_of(system, solved, cube, &frame);
+        corners_in_frame(system, solved, cube, &frame, q);
+        for (int32_t i = macros->fine_start[cube]; i < macros->fine_start[cube + 1]; i++) {
+            double *x = fine + 3 * macros->fine[i], *r = frame.rotation, w[3];
+            shaped(macros, cube, i - macros->fine_start[cube], q, w);
+            /* displacements, so that it is at rest exactly where the corners are: (c - C) + (R - I)(X - C) + R N q */
+            double y[3] = {x[0] - frame.rest_centre[0], x[1] - frame.rest_centre[1], x[2] - frame.rest_centre[2]};
+            for (int d = 0; d < 3; d++) {
+                double u = r[3 * d] * w[0] + r[3 * d + 1] * w[1] + r[3 * d + 2] * w[2];
+                if (!macros->grounded[cube])
+                    u += frame.centre[d] - frame.rest_centre[d] + (r[3 * d] * y[0] + r[3 * d + 1] * y[1] + r[3 * d + 2] * y[2] - y[d]);
+                x[d] += u;
+            }
+        }
+    }
+}
+
+/* dx_f/dx_c with the rotation kept: R N_c R', and, since the N of corners that are not held sum to the identity, nothing for c */
+void pliant_macro_weights(const pliant_system *system, const double *solved, int32_t fine_node, double weight, double *dense)
+{
+    const pliant_macros *macros = system->macros;
+    int32_t cube = macros->cube_of_fine[fine_node];
+    if (cube < 0) return;
+    const int32_t *first = macros->fine + macros->fine_start[cube];
+    size_t count = (size_t)(macros->fine_start[cube + 1] - macros->fine_start[cube]);
+    const int32_t *found = bsearch(&fine_node, first, count, sizeof *found, ascending);
+    int32_t index = (int32_t)(found - first);
+    cube_frame frame;
+    frame_of(system, solved, cube, &frame);
+    const double *r = frame.rotation;
+    for (int32_t e = macros->entry_start[cube][index]; e < macros->entry_start[cube][index + 1]; e++) {
+        int32_t unknown = system->free_of_node[macros->node[macros->start[cube] + macros->entry_corner[cube][e]]];
+        const float *n = macros->entry_shape[cube] + 9 * (size_t)e;
+        for (int i = 0; i < 3 && unknown >= 0; i++)
+            for (int j = 0; j < 3; j++) {
+                double turned = 0;
+                for (int k = 0; k < 3; k++)
+                    for (int l = 0; l < 3; l++) turned += r[3 * i + k] * n[3 * k + l] * r[3 * j + l];
+                dense[9 * (size_t)unknown + (size_t)(3 * i + j)] += weight * turned;
+            }
+    }
+}
+
+void pliant_macros_free(pliant_macros *macros)
+{
+    if (!macros) return;
+    for (int32_t cube = 0; cube < macros->count; cube++) {
+        if (macros->root) pliant_free(macros->root[cube]);
+        if (macros->entry_start) pliant_free(macros->entry_start[cube]);
+        if (macros->entry_corner) pliant_free(macros->entry_corner[cube]);
+        if (macros->entry_shape) pliant_free(macros->entry_shape[cube]);
+    }
+    void *blocks[] = {macros->start, macros->node, macros->held, macros->grounded, macros->own, macros->gradient, macros->rank,
+                      macros->root, macros->fine_start, macros->fine, macros->cube_of_fine, macros->entry_start, macros->entry_corner,
+                      macros->entry_shape, macros->cube_of_corner};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    pliant_free(macros);
+}

@@ -1,0 +1,163 @@
+#include "base/fail.h"
+#include "fem/coarse/submesh.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+void pliant_submesh_lists_free(pliant_submesh_lists *lists)
+{
+    pliant_free(lists->start);
+    pliant_free(lists->tets);
+    memset(lists, 0, sizeof *lists);
+}
+
+/* the coarse tetrahedra that fine tetrahedron t belongs to: its own, and with `neighbours` those across its faces */
+static int owners_of(const int32_t *coarse_of_fine, const int32_t *neighbours, int32_t t, int32_t owners[5])
+{
+    int count = 0;
+    owners[count++] = coarse_of_fine[t];
+    for (int c = 0; neighbours && c < 4; c++) {
+        int32_t across = neighbours[4 * t + c];
+        if (across < 0) continue;
+        bool known = false;
+        for (int o = 0; o < count; o++) known = known || owners[o] == coarse_of_fine[across];
+        if (!known) owners[count++] = coarse_of_fine[across];
+    }
+    return count;
+}
+
+pliant_status pliant_submesh_list(const pliant_mesh *fine, const int32_t *coarse_of_fine, int32_t num_coarse, pliant_touch touch,
+                                  pliant_submesh_lists *out)
+{
+    pliant_status status = PLIANT_OK;
+    pliant_submesh_lists lists = {0};
+    int32_t *neighbours = NULL, owners[5], total = 0;
+    if (touch == PLIANT_TOUCH_FACE) {
+        neighbours = pliant_calloc((size_t)fine->num_tets, 4 * sizeof *neighbours);
+        if (!neighbours) {
+            status = pliant_fail_memory("the submeshes");
+            goto done;
+        }
+        if ((status = pliant_mesh_neighbours(fine, neighbours)) != PLIANT_OK) goto done;
+    }
+    lists.start = pliant_calloc((size_t)num_coarse + 2, sizeof *lists.start);
+    if (!lists.start) {
+        status = pliant_fail_memory("the submeshes");
+        goto done;
+    }
+    for (int32_t t = 0; t < fine->num_tets; t++) {
+        int count = owners_of(coarse_of_fine, neighbours, t, owners);
+        total += count;
+        for (int o = 0; o < count; o++) lists.start[owners[o] + 2]++;
+    }
+    for (int32_t c = 0; c < num_coarse; c++) {
+        if (lists.start[c + 2] > lists.largest) lists.largest = lists.start[c + 2];
+        lists.start[c + 2] += lists.start[c + 1];
+    }
+    if (!(lists.tets = pliant_calloc((size_t)total, sizeof *lists.tets))) {
+        status = pliant_fail_memory("the submeshes");
+        goto done;
+    }
+    for (int32_t t = 0; t < fine->num_tets; t++) {
+        int count = owners_of(coarse_of_fine, neighbours, t, owners);
+        for (int o = 0; o < count; o++) lists.tets[lists.start[owners[o] + 1]++] = t;
+    }
+    *out = lists;
+    memset(&lists, 0, sizeof lists);
+done:
+    pliant_free(neighbours);
+    pliant_submesh_lists_free(&lists);
+    return status;
+}
+
+pliant_status pliant_submesh_create(const pliant_mesh *fine, const pliant_mesh *coarse, const uint8_t *fixed,
+                                    const pliant_tet_material *material, int32_t most_tets, pliant_submesh **out)
+{
+    pliant_submesh *submesh = pliant_calloc(1, sizeof *submesh);
+    if (!submesh) return pliant_fail_memory("a submesh");
+    int32_t most = 4 * most_tets < fine->num_nodes ? 4 * most_tets : fine->num_nodes;
+    submesh->fine = fine;
+    submesh->coarse = coarse;
+    submesh->fixed = fixed;
+    submesh->material = material;
+    submesh->node = pliant_calloc((size_t)most, sizeof *submesh->node);
+    submesh->local_of = pliant_calloc((size_t)fine->num_nodes, sizeof *submesh->local_of);
+    submesh->slot = pliant_calloc((size_t)most, sizeof *submesh->slot);
+    if (!submesh->node || !submesh->local_of || !submesh->slot) {
+        pliant_submesh_free(submesh);
+        return pliant_fail_memory("a submesh");
+    }
+    memset(submesh->local_of, 0xff, (size_t)fine->num_nodes * sizeof *submesh->local_of);
+    *out = submesh;
+    return PLIANT_OK;
+}
+
+void pliant_submesh_free(pliant_submesh *submesh)
+{
+    if (!submesh) return;
+    pliant_free(submesh->node);
+    pliant_free(submesh->local_of);
+    pliant_free(submesh->slot);
+    pliant_free(submesh->stiffness);
+    pliant_free(submesh->work);
+    pliant_free(submesh->square);
+    pliant_free(submesh);
+}
+
+static pliant_status make_room(pliant_submesh *submesh)
+{
+    if (submesh->num_nodes <= submesh->room) return PLIANT_OK;
+    size_t size = 3 * (size_t)submesh->num_nodes;
+    pliant_free(submesh->stiffness);
+    pliant_free(submesh->work);
+    pliant_free(submesh->square);
+    submesh->stiffness = pliant_calloc(size * size, sizeof *submesh->stiffness);
+    submesh->work = pliant_calloc(size * 32, sizeof *submesh->work);
+    submesh->square = pliant_calloc(size * size, sizeof *submesh->square);
+    submesh->room = submesh->stiffness && submesh->work && submesh->square ? submesh->num_nodes : 0;
+    return submesh->room ? PLIANT_OK : pliant_fail_memory("a submesh");
+}
+
+pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, const int32_t *tets)
+{
+    const pliant_mesh *fine = submesh->fine;
+    for (int32_t n = 0; n < submesh->num_nodes; n++) submesh->local_of[submesh->node[n]] = -1;
+    submesh->num_nodes = 0;
+    submesh->num_tets = num_tets;
+    submesh->tets = tets;
+    for (int32_t t = 0; t < num_tets; t++)
+        for (int v = 0; v < 4; v++) {
+            int32_t node = fine->tets[4 * tets[t] + v];
+            if (submesh->local_of[node] >= 0) continue;
+            submesh->local_of[node] = submesh->num_nodes;
+            submesh->node[submesh->num_nodes++] = node;
+        }
+    pliant_status status = make_room(submesh);
+    if (status == PLIANT_OK) pliant_submesh_assemble(submesh, NULL);
+    return status;
+}
+
+void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material *everywhere)
+{
+    const pliant_mesh *fine = submesh->fine;
+    size_t size = 3 * (size_t)submesh->num_nodes;
+    memset(submesh->stiffness, 0, size * size * sizeof *submesh->stiffness);
+    for (int32_t t = 0; t < submesh->num_tets; t++) {
+        const int32_t *nodes = fine->tets + 4 * submesh->tets[t];
+        const pliant_tet_material *material = everywhere ? everywhere : submesh->material + submesh->tets[t];
+        double element[144];
+        pliant_tet_stiffness(fine, submesh->tets[t], material, element);
+        for (int a = 0; a < 12; a++)
+            for (int b = 0; b < 12; b++) {
+                size_t row = 3 * (size_t)submesh->local_of[nodes[a / 3]] + (size_t)(a % 3);
+                submesh->stiffness[size * row + 3 * (size_t)submesh->local_of[nodes[b / 3]] + (size_t)(b % 3)] += element[12 * a + b];
+            }
+    }
+}
+
+bool pliant_submesh_has_fixed(const pliant_submesh *submesh)
+{
+    for (int32_t n = 0; n < submesh->num_nodes; n++)
+        if (submesh->fixed[submesh->node[n]]) return true;
+    return false;
+}

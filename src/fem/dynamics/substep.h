@@ -1,0 +1,142 @@
+/* Arithmetic of a sub-step of explicit dynamics that the CPU and kernels share: what damps relaxation, what tools and walls do. */
+#ifndef PLIANT_FEM_DYNAMICS_SUBSTEP_H
+#define PLIANT_FEM_DYNAMICS_SUBSTEP_H
+
+#include "base/inline.h"
+#include "pliant/data.h"
+
+#include <math.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* The tissue stays where normal . x >= offset. */
+typedef struct pliant_wall { double normal[3], offset; } pliant_wall;
+
+/* ---- sums over the nodes */
+
+/* The residual over the load, from sums of squares; without a load over the smallest one. */
+PLIANT_INLINE double pliant_substep_relative(double smallest_load, double residual, double load)
+{
+    const double noise = 1e-8; /* of a tool that holds without pulling */
+    load = load > 0 ? fmax(load, noise * smallest_load) : smallest_load;
+    return load > 0 ? sqrt(residual / load) : 0;
+}
+
+/* Dynamic relaxation: the lowest frequency that still takes part, by Rayleigh's quotient of the last increments, is damped critically
+ * (Underwood 1983). Over some of them, so that what rounding does to the forces, of either sign, falls out. */
+PLIANT_INLINE double pliant_substep_frequency(double quotient[2], double stiffness, double inertia)
+{
+    const double forget = 0.95, most = 1.8; /* of the critical 2 */
+    quotient[0] = forget * quotient[0] + stiffness;
+    quotient[1] = forget * quotient[1] + inertia;
+    const double square = quotient[1] > 0 ? quotient[0] / quotient[1] : 0;
+    return sqrt(fmin(fmax(square, 0.0), most * most));
+}
+
+/* ---- tools */
+
+/* One of so many parts of the way to the tip, or as much of it as elements can follow. */
+PLIANT_INLINE void pliant_substep_approach(double target[3], const double goal[3], int32_t parts, double longest)
+{
+    double apart[3], length = 0;
+    for (int k = 0; k < 3; k++) {
+        apart[k] = goal[k] - target[k];
+        length += apart[k] * apart[k];
+    }
+    length = sqrt(length) / parts;
+    const double part = (length > longest ? longest / length : 1) / parts;
+    for (int k = 0; k < 3; k++) target[k] += part * apart[k];
+}
+
+/* A spring of compliance c (0: rigid) pulls with  c l = target - y+  at where the point will be, y+ = y + sum of the answers: stable
+ * for any stiffness. A damper b beside it over a step h is a stiffer spring towards another target, as in the corotational solver.
+ *  @param damper   b / h [N/m]
+ *  @param old      the target before this sub-step
+ *  @param now      the held point; before: where it was before this sub-step
+ *  @param gap      out: target - y
+ *  @return c [m/N] */
+PLIANT_INLINE double pliant_substep_gap(bool spring, double stiffness, double damper, const double target[3], const double old[3],
+                                        const double now[3], const double before[3], double gap[3])
+{
+    const double whole = stiffness + damper;
+    for (int k = 0; k < 3; k++) {
+        const double towards = spring ? (stiffness * target[k] + damper * (target[k] - old[k] + before[k])) / whole : target[k];
+        gap[k] = towards - now[k];
+    }
+    return spring ? 1 / whole : 0;
+}
+
+/* Solve for the tools' forces by Cholesky, in place, from the lower triangle; a tool that cannot move anything (all it holds is fixed)
+ * gets none. */
+PLIANT_INLINE void pliant_substep_forces(int count, double (*matrix)[PLIANT_MAX_TOOLS], double (*force)[3])
+{
+    double largest = 0;
+    for (int i = 0; i < count; i++) largest = fmax(largest, matrix[i][i]);
+    for (int i = 0; i < count; i++) {
+        for (int j = 0; j <= i; j++) {
+            double sum = matrix[i][j];
+            for (int k = 0; k < j; k++) sum -= matrix[i][k] * matrix[j][k];
+            if (j < i) matrix[i][j] = matrix[j][j] > 0 ? sum / matrix[j][j] : 0;
+            else matrix[i][i] = sum > 1e-12 * largest ? sqrt(sum) : 0;
+        }
+    }
+    for (int d = 0; d < 3; d++) {
+        for (int i = 0; i < count; i++) {
+            for (int k = 0; k < i; k++) force[i][d] -= matrix[i][k] * force[k][d];
+            force[i][d] = matrix[i][i] > 0 ? force[i][d] / matrix[i][i] : 0;
+        }
+        for (int i = count - 1; i >= 0; i--) {
+            for (int k = i + 1; k < count; k++) force[i][d] -= matrix[k][i] * force[k][d];
+            force[i][d] = matrix[i][i] > 0 ? force[i][d] / matrix[i][i] : 0;
+        }
+    }
+}
+
+/* ---- walls and limits */
+
+/* A node behind a wall is put back on it; its way along the wall is cut short by friction, in proportion to how far it was pushed
+ * (Coulomb), and its normal speed is turned around in part. factor: A over the inverse mass [s^2] */
+PLIANT_INLINE void pliant_substep_collide(const pliant_wall *walls, int num_walls, double friction, double restitution,
+                                          const double rest[3], double factor, double u[3], double d[3], double acceleration[3])
+{
+    for (int w = 0; w < num_walls; w++) {
+        const pliant_wall *wall = walls + w;
+        double depth = wall->offset, normal = 0, slide = 0, along[3];
+        for (int k = 0; k < 3; k++) {
+            depth -= wall->normal[k] * (rest[k] + u[k]);
+            normal += wall->normal[k] * d[k];
+        }
+        if (depth <= 0) continue;
+        for (int k = 0; k < 3; k++) {
+            along[k] = d[k] - normal * wall->normal[k];
+            slide += along[k] * along[k];
+        }
+        slide = sqrt(slide);
+        const double kept = slide > 0 ? fmax(0.0, 1 - friction * depth / slide) : 0;
+        const double back = normal < 0 ? -restitution * normal : normal;
+        for (int k = 0; k < 3; k++) {
+            const double moved = depth * wall->normal[k] - (1 - kept) * along[k];
+            u[k] += moved;
+            acceleration[k] += moved / factor;
+            d[k] = kept * along[k] + back * wall->normal[k];
+        }
+    }
+}
+
+/* Dynamic relaxation: a pseudo-time has no speed that must be kept, so that an increment is cut to what is sound; limit: squared. */
+PLIANT_INLINE void pliant_substep_shorten(double limit, double square, double u[3], double d[3])
+{
+    const double part = sqrt(limit / square);
+    for (int k = 0; k < 3; k++) {
+        u[k] -= (1 - part) * d[k];
+        d[k] *= part;
+    }
+}
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

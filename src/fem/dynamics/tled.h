@@ -1,0 +1,162 @@
+/* Total Lagrangian explicit dynamics on the fine mesh ([C] 4.3 and 5.1; Miller et al. 2007).
+ *
+ * Central differences with lumped mass M and damping D = alpha M:
+ *     M (u+ - 2 u + u-) / dt^2 + D (u+ - u-) / (2 dt) = R - F(u)
+ *     u+ = A (R - F) + B u + C u-,   A = 1 / (D / (2 dt) + M / dt^2),   B = 2 M A / dt^2,   C = D A / (2 dt) - B / 2
+ * ([C] 8 and 9; the last form of C is printed there with D / dt, which does not follow from the form before it.) Since B + C = 1, the
+ * same is written by increments, which round less:  d+ = A (R - F) - C d,  u+ = u + d+,  d = u - u-.
+ *
+ * Shape functions are those of a tetrahedron with constant strain: the gradients are g_v, F = I + sum u_v g_v'. ([C] 4 prints the
+ * shape functions of a brick that was collapsed to four corners; their gradients vary inside the element.)
+ *
+ * Elements are taken LANES at a time in single precision; each writes the forces on its corners to its own place, and every node
+ * then sums its corners in ascending order. No atomics: the same bits whatever the number of threads. Single precision leaves 1e-7 of
+ * the volume modulus in the pressures. */
+#ifndef PLIANT_FEM_DYNAMICS_TLED_H
+#define PLIANT_FEM_DYNAMICS_TLED_H
+
+#include "fem/element/law.h"
+#include "fem/element/rotation.h"
+#include "fem/dynamics/substep.h"
+#include "pliant/data.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { PLIANT_PRONY_TERMS = 3, PLIANT_MAX_WALLS = 7, PLIANT_CHUNK = 256 /* nodes whose sums are formed together */ };
+
+/* Sums over the nodes of a chunk after a step, products weighted by mass: squares of residual and load; of dynamic relaxation the last
+ * increment's product with itself and with the change of force that it made; and the largest increment, squared, over what is sound. */
+typedef enum pliant_tled_sum {
+    PLIANT_SUM_RESIDUAL, PLIANT_SUM_LOAD, PLIANT_SUM_INERTIA, PLIANT_SUM_STIFFNESS, PLIANT_SUM_LARGEST, PLIANT_NUM_SUMS
+} pliant_tled_sum;
+
+/* What stays constant while stepping. */
+struct pliant_tled_system {
+    const pliant_mesh *mesh;
+    pliant_law law;
+    int num_threads;
+    bool nodal_pressure, quasi_static;
+    double damping, safety;                 /* [1/s], - */
+    double prony_share[PLIANT_PRONY_TERMS], prony_time[PLIANT_PRONY_TERMS]; /* shares > 0 first */
+    int num_prony;
+    pliant_wall walls[PLIANT_MAX_WALLS];
+    int num_walls;
+    double friction, restitution;
+
+    /* ELEMENTS, in blocks of LANES, lane innermost; the last block is padded with elements that carry nothing */
+    int32_t num_blocks;
+    float (*gradients)[9][LANES];           /* of corners 1 to 3 [1/m]; that of corner 0 is minus their sum */
+    float (*moduli)[3][LANES];              /* rest volume times mu, times the volume modulus [N m]; rest volume [m^3] */
+    int32_t (*nodes)[4][LANES];
+
+    /* NODES */
+    int32_t *corner_start;                  /* (num_nodes + 1) */
+    int32_t *corner;                        /* where a corner's force lies in the element forces, ascending; its y and z LANES and
+                                             * 2 LANES further */
+    double *inverse_mass;                   /* (num_nodes) [1/kg]; 0: fixed. quasi_static: of the mass that gives every element the
+                                             * same critical step, for steps of 1 */
+    double *node_mass;                      /* (num_nodes) [kg], borrowed: weight */
+    float *node_modulus;                    /* (num_nodes) volume modulus for nodal pressure [Pa]; NULL: off */
+    float *node_volume;                     /* (num_nodes) reciprocal of a fourth of the volume around the node [1/m^3] */
+
+    /* BOUNDS of the time step at rest [s] */
+    double edge_bound;                      /* [C] 1: shortest edge over the speed of sound, smallest over elements */
+    double eigenvalue_bound;                /* 2 over the largest frequency of any element */
+};
+
+struct pliant_tled {
+    const pliant_tled_system *system;
+    double frame;                           /* time of a step of the scene [s] */
+    int32_t relaxation_steps;
+    double tolerance;
+    int32_t substeps;                       /* per frame */
+    double time_step;                       /* [s] */
+    double gravity[3];
+
+    /* STATE */
+    double *u, *d;                          /* (num_nodes x 3) displacement and its last increment [m] */
+    float (*memory)[6 * PLIANT_PRONY_TERMS][LANES]; /* Prony: overstress that has relaxed, rest volume times second
+                                                     * Piola-Kirchhoff [N m]; NULL: elastic */
+    double *kept_u, *kept_d;                /* at the start of the frame; a backend's arrivals */
+    float (*kept_memory)[6 * PLIANT_PRONY_TERMS][LANES];
+    double target[PLIANT_MAX_TOOLS][3];     /* where held points are pulled to now [m] */
+    double kept_target[PLIANT_MAX_TOOLS][3];
+    double quotient[2];                     /* dynamic relaxation: sums of Rayleigh's quotient over the last steps */
+    double smallest_load;                   /* dynamic relaxation: what the residual is taken of where there is no load; as PLIANT_SUM_LOAD */
+    double reach;                           /* longest way of a held point in a sub-step [m] */
+
+    /* WORK */
+    double *acceleration;                   /* (num_nodes x 3) by all forces of this step [m/s^2] */
+    double *own;                            /* (num_nodes x 3) by R - F alone, of this and the last step; dynamic relaxation only */
+    float *forces;                          /* (num_blocks x 12 x LANES) of elements on their corners */
+    float (*change)[LANES];                 /* (num_blocks) J - 1, nodal pressure only */
+    float *pressure;                        /* (num_nodes) */
+    double (*sums)[PLIANT_NUM_SUMS];        /* (chunks) by pliant_tled_sum */
+    double *limit;                          /* (num_nodes) largest sound increment of a step [m], squared */
+};
+
+/* ---- tled_create.c */
+pliant_status pliant_tled_system_create(const pliant_model *model, pliant_tled_system **out);
+void pliant_tled_system_free(pliant_tled_system *system); /* Nullable */
+pliant_status pliant_tled_create(const pliant_model *model, pliant_tled **out);
+void pliant_tled_free(pliant_tled *tled); /* Nullable */
+void pliant_tled_reset(pliant_tled *tled);
+/* At rest where it is: dynamic relaxation begins anew. */
+void pliant_tled_calm(pliant_tled *tled);
+/* Largest eigenvalue of B'DB of an isotropic tetrahedron, over its volume [N/m^4], from its gradients (4 x 3). */
+double pliant_element_largest_eigenvalue(const double gradients[12], double lambda, double mu);
+
+/* Whether something keeps what is not fixed from falling for ever. */
+bool pliant_tled_stands(const pliant_scene *scene);
+void pliant_tled_limits(pliant_tled *tled, int32_t steps, double tolerance);
+
+/* ---- tled_elements.c: to be called by all threads of a parallel region, or by one outside of any */
+void pliant_tled_element_forces(pliant_tled *tled, double time_step);
+void pliant_tled_pressures(pliant_tled *tled);
+
+/* ---- tled_step.c */
+/* One frame: sub-steps, or dynamic relaxation. NUMERIC keeps the state before it. */
+void pliant_tled_set_positions(pliant_tled *tled, const double *positions); /* at rest there; fixed nodes stay */
+pliant_status pliant_tled_step(pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_statistics *statistics);
+
+/* d+ = A (R - F) + kept d. A = factor / M. */
+typedef struct pliant_tled_scheme { double factor, kept; } pliant_tled_scheme;
+pliant_tled_scheme pliant_tled_scheme_of(double dt, double alpha);
+/* The residual that is told, from PLIANT_SUM_RESIDUAL and PLIANT_SUM_LOAD with that of the tools. */
+double pliant_tled_relative(const pliant_tled *tled, double residual, double load);
+
+/* What came of a frame's sub-steps. sound: no node moved faster than sound; otherwise the state is the one before. */
+typedef struct pliant_tled_frame { int32_t steps; double residual; bool sound, settled; } pliant_tled_frame;
+/* Runs a frame: u, d, memory, target and quotient go from one frame to the next; forces of sub-steps are added to the tools'. On an error
+ * the state is the one before. */
+typedef pliant_status (*pliant_tled_runner)(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_tled_frame *out);
+/* pliant_tled_step with another runner than the CPU's; its errors are handed on. */
+pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_tled *tled, pliant_tool *tools, int num_tools,
+                                  pliant_statistics *statistics);
+
+/* ---- tled_tools.c */
+/* The tools' forces on the nodes that they hold, after a step that knew nothing of them: u, d and acceleration are put right; forces are
+ * added to those of the tools. Returns their load, as PLIANT_SUM_LOAD.
+ *  @param factor A over the inverse mass [s^2]
+ *  @param parts  sub-steps that are left to bring the held points to the tips, this one too */
+double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, double factor, int32_t parts);
+/* How far a unit force at what b holds takes the point that a holds, over the factor of pliant_tled_pull [1/kg]. */
+double pliant_tled_answer(const pliant_tled_system *system, const pliant_tool *a, const pliant_tool *b);
+/* Nodes behind walls are put back on them. */
+void pliant_tled_collide(pliant_tled *tled, double factor, int32_t first, int32_t end);
+
+/* Before a frame: a tool that took hold pulls from where the tissue is. */
+void pliant_tled_interact(pliant_tled *tled, const double gravity[3], pliant_tool *tools, int num_tools);
+
+/* ---- tled_energy.c */
+/* Kinetic energy, of half a step ago, strain energy, and what central differences keep of both [J], in double; of elastic tissue without
+ * nodal pressure. */
+void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *material, double *kinetic, double *strain, double *kept);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,331 @@
+/* What TLED computes once: gradients, moduli, masses, gather lists, the largest stable time step. */
+#include "base/fail.h"
+#include "base/threads.h"
+#include "fem/dynamics/tled.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+/* The element's K / V has the eigenvalues of  lambda tr(A)^2 + 2 mu |sym A|^2  over  tr(A H^-1 A'), A = sum u_v g_v', because the shortest
+ * u with a given A is u_v = A H^-1 g_v, with H = sum g_v g_v'. In the axes of H, eigenvalues h, the diagonal of A is apart from its rest:
+ * the 3 x 3 matrix lambda sqrt(h_i h_j) + 2 mu h_i delta_ij, and mu (h_i + h_j) for each pair of sides. */
+double pliant_element_largest_eigenvalue(const double g[12], double lambda, double mu)
+{
+    double gram[6] = {0}, h[3], values[3];
+    for (int v = 0; v < 4; v++) {
+        const double *x = g + 3 * v;
+        double term[6] = {x[0] * x[0], x[1] * x[1], x[2] * x[2], x[0] * x[1], x[0] * x[2], x[1] * x[2]};
+        for (int m = 0; m < 6; m++) gram[m] += term[m];
+    }
+    pliant_symmetric_eigenvalues(gram, h);
+    double diagonal[6];
+    for (int d = 0; d < 3; d++) diagonal[d] = (lambda + 2 * mu) * h[d];
+    diagonal[3] = lambda * sqrt(h[0] * h[1]);
+    diagonal[4] = lambda * sqrt(h[0] * h[2]);
+    diagonal[5] = lambda * sqrt(h[1] * h[2]);
+    pliant_symmetric_eigenvalues(diagonal, values);
+    return fmax(values[2], mu * (h[1] + h[2]));
+}
+
+static void set_walls(pliant_tled_system *system, const pliant_scene *scene)
+{
+    const double *normal = scene->ground.normal;
+    double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    if (length > 0) {
+        pliant_wall *wall = system->walls + system->num_walls++;
+        for (int d = 0; d < 3; d++) {
+            wall->normal[d] = normal[d] / length;
+            wall->offset += wall->normal[d] * scene->ground.point[d];
+        }
+    }
+    const double nowhere = 1e3; /* the options' own limits */
+    for (int d = 0; d < 3; d++)
+        for (int side = 0; side < 2; side++) {
+            double at = side ? scene->ground.box_high[d] : scene->ground.box_low[d];
+            if (fabs(at) >= nowhere) continue;
+            pliant_wall *wall = system->walls + system->num_walls++;
+            wall->normal[d] = side ? -1 : 1;
+            wall->offset = wall->normal[d] * at;
+        }
+    system->friction = scene->ground.friction;
+    system->restitution = scene->ground.restitution;
+}
+
+static pliant_status set_options(pliant_tled_system *system, const pliant_scene *scene)
+{
+    double shares = 0;
+    system->law = scene->tled.law;
+    system->num_threads = pliant_threads_of(scene);
+    system->nodal_pressure = scene->tled.nodal_pressure;
+    system->quasi_static = scene->tled.quasi_static;
+    system->damping = scene->tled.damping;
+    system->safety = scene->tled.safety;
+    for (int d = 0; d < 3; d++) {
+        if (scene->tled.prony_share[d] > 0) {
+            system->prony_share[system->num_prony] = scene->tled.prony_share[d];
+            system->prony_time[system->num_prony++] = scene->tled.prony_time[d];
+        }
+        shares += scene->tled.prony_share[d];
+    }
+    if (shares >= 1) return pliant_fail(PLIANT_ERROR_SCENE, "tled/prony_share: the parts that relax add up to %g; less than 1 must", shares);
+    if (system->nodal_pressure && system->law == PLIANT_LAW_SAINT_VENANT_KIRCHHOFF)
+        return pliant_fail(PLIANT_ERROR_SCENE, "tled/nodal_pressure: saint_venant_kirchhoff has no pressure of its own; take another law");
+    set_walls(system, scene);
+    return PLIANT_OK;
+}
+
+static pliant_status allocate(pliant_tled_system *system)
+{
+    size_t nodes = (size_t)system->mesh->num_nodes, blocks = (size_t)system->num_blocks;
+    system->gradients = pliant_calloc(blocks, sizeof *system->gradients);
+    system->moduli = pliant_calloc(blocks, sizeof *system->moduli);
+    system->nodes = pliant_calloc(blocks, sizeof *system->nodes);
+    system->corner_start = pliant_calloc(nodes + 1, sizeof *system->corner_start);
+    system->corner = pliant_calloc((size_t)system->mesh->num_tets, 4 * sizeof *system->corner);
+    system->inverse_mass = pliant_calloc(nodes, sizeof *system->inverse_mass);
+    if (system->nodal_pressure) {
+        system->node_modulus = pliant_calloc(nodes, sizeof *system->node_modulus);
+        system->node_volume = pliant_calloc(nodes, sizeof *system->node_volume);
+        if (!system->node_modulus || !system->node_volume) return pliant_fail_memory("the nodal pressures");
+    }
+    return system->gradients && system->moduli && system->nodes && system->corner_start && system->corner && system->inverse_mass
+               ? PLIANT_OK
+               : pliant_fail_memory("the elements");
+}
+
+static void gather_lists(pliant_tled_system *system)
+{
+    const pliant_mesh *mesh = system->mesh;
+    int32_t *start = system->corner_start;
+    for (int32_t v = 0; v < 4 * mesh->num_tets; v++) start[mesh->tets[v] + 1]++;
+    for (int32_t n = 0; n < mesh->num_nodes; n++) start[n + 1] += start[n];
+    /* places first ascend from start[n]; afterwards start[n] has moved to where n + 1 begins */
+    for (int32_t v = 0; v < 4 * mesh->num_tets; v++) {
+        int32_t tet = v / 4, place = 12 * LANES * (tet / LANES) + 3 * LANES * (v % 4) + tet % LANES;
+        system->corner[start[mesh->tets[v]]++] = place;
+    }
+    for (int32_t n = mesh->num_nodes; n > 0; n--) start[n] = start[n - 1];
+    start[0] = 0;
+}
+
+/* Shortest edge [m]. */
+static double shortest_edge(const pliant_mesh *mesh, const int32_t *nodes)
+{
+    double least = INFINITY;
+    for (int a = 0; a < 4; a++)
+        for (int b = 0; b < a; b++) {
+            double sum = 0;
+            for (int d = 0; d < 3; d++) sum += pow(mesh->rest[3 * nodes[a] + d] - mesh->rest[3 * nodes[b] + d], 2);
+            least = fmin(least, sqrt(sum));
+        }
+    return least;
+}
+
+/* Elements, the bounds, and in pseudo_mass (num_nodes) what an element's largest eigenvalue asks of its corners' mass for a critical step
+ * of 1: a fourth of its largest eigenvalue, since no frequency of the whole is above the largest of its elements (Irons and Treharne 1972). */
+static void fill_elements(pliant_tled_system *system, const pliant_tet_material *material, const uint8_t *fixed, double *pseudo_mass,
+                          double *compliance)
+{
+    const pliant_mesh *mesh = system->mesh;
+    system->edge_bound = system->eigenvalue_bound = INFINITY;
+    for (int32_t e = 0; e < system->num_blocks * LANES; e++) {
+        int32_t block = e / LANES, lane = e % LANES, tet = e < mesh->num_tets ? e : mesh->num_tets - 1;
+        const int32_t *nodes = mesh->tets + 4 * tet;
+        double g[12];
+        double volume = pliant_mesh_gradients(mesh, tet, g);
+        for (int m = 0; m < 9; m++) system->gradients[block][m][lane] = (float)g[3 + m];
+        for (int v = 0; v < 4; v++) system->nodes[block][v][lane] = nodes[v];
+        if (tet != e) continue;
+        double lambda = material[tet].lambda, mu = material[tet].mu, modulus = pliant_law_modulus(system->law, lambda, mu);
+        system->moduli[block][0][lane] = (float)(volume * mu);
+        system->moduli[block][1][lane] = (float)(volume * modulus);
+        system->moduli[block][2][lane] = (float)volume;
+        double largest = pliant_element_largest_eigenvalue(g, lambda, mu);
+        for (int v = 0; v < 4; v++) {
+            pseudo_mass[nodes[v]] += 0.25 * volume * largest;
+            compliance[2 * nodes[v]] += 0.25 * volume;
+            compliance[2 * nodes[v] + 1] += 0.25 * volume / modulus;
+        }
+        if (fixed[nodes[0]] && fixed[nodes[1]] && fixed[nodes[2]] && fixed[nodes[3]]) continue;
+        /* [C] 1 with rho c^2 = E (1 - nu) / ((1 + nu) (1 - 2 nu)) = lambda + 2 mu */
+        double density = material[tet].density;
+        system->edge_bound = fmin(system->edge_bound, shortest_edge(mesh, nodes) * sqrt(density / (lambda + 2 * mu)));
+        /* frequency^2 = largest eigenvalue of K over a mass of rho V / 4 at each corner; the bound is 2 over it */
+        system->eigenvalue_bound = fmin(system->eigenvalue_bound, sqrt(density / largest));
+    }
+}
+
+pliant_status pliant_tled_system_create(const pliant_model *model, pliant_tled_system **out)
+{
+    const pliant_mesh *mesh = &model->fine;
+    size_t nodes = (size_t)mesh->num_nodes;
+    pliant_tled_system *system = pliant_calloc(1, sizeof *system);
+    double *pseudo_mass = pliant_calloc(nodes, sizeof *pseudo_mass), *compliance = pliant_calloc(nodes, 2 * sizeof *compliance);
+    pliant_status status = system && pseudo_mass && compliance ? PLIANT_OK : pliant_fail_memory("the elements");
+    if (status != PLIANT_OK) goto failed;
+    system->mesh = mesh;
+    system->num_blocks = (mesh->num_tets + LANES - 1) / LANES;
+    if ((status = set_options(system, &model->scene)) != PLIANT_OK) goto failed;
+    if ((double)system->num_blocks * 12 * LANES > INT32_MAX) {
+        status = pliant_fail(PLIANT_ERROR_SCENE, "%d tetrahedra are more than tled can number", mesh->num_tets);
+        goto failed;
+    }
+    if ((status = allocate(system)) != PLIANT_OK) goto failed;
+    system->node_mass = model->node_mass;
+    fill_elements(system, model->fine_material, model->fine_fixed, pseudo_mass, compliance);
+    gather_lists(system);
+    for (size_t n = 0; n < nodes; n++) {
+        double mass = system->quasi_static ? pseudo_mass[n] / (system->safety * system->safety) : model->node_mass[n];
+        if (!model->fine_fixed[n] && mass > 0) system->inverse_mass[n] = 1 / mass;
+        if (!system->nodal_pressure) continue;
+        /* the harmonic mean: no stiffer than the elements, so that their bound of the time step holds (Cauchy and Schwarz) */
+        system->node_volume[n] = (float)(1 / compliance[2 * n]);
+        system->node_modulus[n] = (float)(compliance[2 * n] / compliance[2 * n + 1]);
+    }
+    pliant_free(pseudo_mass);
+    pliant_free(compliance);
+    *out = system;
+    return PLIANT_OK;
+failed:
+    pliant_free(pseudo_mass);
+    pliant_free(compliance);
+    pliant_tled_system_free(system);
+    return status;
+}
+
+void pliant_tled_system_free(pliant_tled_system *system)
+{
+    if (!system) return;
+    void *blocks[] = {system->gradients, system->moduli,       system->nodes,        system->corner_start,
+                      system->corner,    system->inverse_mass, system->node_modulus, system->node_volume};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    pliant_free(system);
+}
+
+static pliant_status allocate_state(pliant_tled *tled)
+{
+    const pliant_tled_system *system = tled->system;
+    size_t nodes = (size_t)system->mesh->num_nodes, blocks = (size_t)system->num_blocks;
+    tled->u = pliant_calloc(nodes, 3 * sizeof *tled->u);
+    tled->d = pliant_calloc(nodes, 3 * sizeof *tled->d);
+    tled->kept_u = pliant_calloc(nodes, 3 * sizeof *tled->kept_u);
+    tled->kept_d = pliant_calloc(nodes, 3 * sizeof *tled->kept_d);
+    tled->acceleration = pliant_calloc(nodes, 3 * sizeof *tled->acceleration);
+    tled->forces = pliant_calloc(blocks, 12 * LANES * sizeof *tled->forces);
+    tled->sums = pliant_calloc((nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK, sizeof *tled->sums);
+    tled->limit = pliant_calloc(nodes, sizeof *tled->limit);
+    bool good = tled->u && tled->d && tled->kept_u && tled->kept_d && tled->acceleration && tled->forces && tled->sums && tled->limit;
+    if (good && system->quasi_static) good = (tled->own = pliant_calloc(nodes, 3 * sizeof *tled->own)) != NULL;
+    if (good && system->num_prony > 0) {
+        tled->memory = pliant_calloc(blocks, sizeof *tled->memory);
+        tled->kept_memory = pliant_calloc(blocks, sizeof *tled->kept_memory);
+        good = tled->memory && tled->kept_memory;
+    }
+    if (good && system->nodal_pressure) {
+        tled->change = pliant_calloc(blocks, sizeof *tled->change);
+        tled->pressure = pliant_calloc(nodes, sizeof *tled->pressure);
+        good = tled->change && tled->pressure;
+    }
+    return good ? PLIANT_OK : pliant_fail_memory("the state of the dynamics");
+}
+
+/* Nothing that moves soundly goes further in a step than half of the shortest edge beside it: that would be as fast as sound. */
+static void set_limits(pliant_tled *tled)
+{
+    const pliant_mesh *mesh = tled->system->mesh;
+    tled->reach = INFINITY;
+    for (int32_t n = 0; n < mesh->num_nodes; n++) tled->limit[n] = INFINITY;
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        double edge = 0.5 * shortest_edge(mesh, mesh->tets + 4 * t);
+        tled->reach = fmin(tled->reach, 0.2 * edge);
+        for (int v = 0; v < 4; v++) tled->limit[mesh->tets[4 * t + v]] = fmin(tled->limit[mesh->tets[4 * t + v]], edge * edge);
+    }
+}
+
+/* What would move every node by a hundredth of half an edge in its first step: where fixed nodes are moved, there is no other load. */
+static void set_smallest_load(pliant_tled *tled)
+{
+    double mass = 0;
+    for (int32_t n = 0; n < tled->system->mesh->num_nodes; n++)
+        if (tled->system->inverse_mass[n] > 0) mass += 1 / tled->system->inverse_mass[n];
+    tled->smallest_load = tled->system->quasi_static ? mass * pow(0.05 * tled->reach, 2) : 0;
+}
+
+pliant_status pliant_tled_create(const pliant_model *model, pliant_tled **out)
+{
+    const pliant_tled_system *system = model->tled;
+    const double most = 1e5;
+    pliant_tled *tled = pliant_calloc(1, sizeof *tled);
+    if (!tled) return pliant_fail_memory("the state of the dynamics");
+    tled->system = system;
+    tled->frame = model->scene.solver.step;
+    tled->relaxation_steps = model->scene.tled.relaxation_steps;
+    tled->tolerance = model->scene.solver.tolerance;
+    pliant_status status = PLIANT_OK;
+    double count = ceil(tled->frame / (system->safety * fmin(system->edge_bound, system->eigenvalue_bound)) - 1e-9);
+    if (system->quasi_static) {
+        tled->substeps = tled->relaxation_steps;
+        tled->time_step = 1;
+    } else if (!(count <= most)) {
+        status = pliant_fail(PLIANT_ERROR_SCENE,
+                             "tled: the stiffest or lightest element allows steps of %.3g s, so solver/step (%g s) would take %.3g of them, more "
+                             "than %.0f: fix bone, take a coarser mesh, or tled/quasi_static",
+                             fmin(system->edge_bound, system->eigenvalue_bound), tled->frame, count, most);
+    } else {
+        tled->substeps = (int32_t)fmax(count, 1);
+        tled->time_step = tled->frame / tled->substeps;
+    }
+    if (status == PLIANT_OK) status = allocate_state(tled);
+    if (status != PLIANT_OK) {
+        pliant_tled_free(tled);
+        return status;
+    }
+    if (!system->quasi_static)
+        pliant_log(PLIANT_LOG_INFO, "tled: at rest steps of %.3g s (edge over speed of sound, [C] 1) and %.3g s (largest eigenvalue) are stable; "
+                                    "%d sub-steps of %.3g s in a step",
+                   system->edge_bound, system->eigenvalue_bound, tled->substeps, tled->time_step);
+    set_limits(tled);
+    set_smallest_load(tled);
+    pliant_tled_reset(tled);
+    *out = tled;
+    return PLIANT_OK;
+}
+
+void pliant_tled_reset(pliant_tled *tled)
+{
+    size_t nodes = (size_t)tled->system->mesh->num_nodes;
+    memset(tled->u, 0, 3 * nodes * sizeof *tled->u);
+    if (tled->memory) memset(tled->memory, 0, (size_t)tled->system->num_blocks * sizeof *tled->memory);
+    pliant_tled_calm(tled);
+}
+
+void pliant_tled_calm(pliant_tled *tled)
+{
+    size_t nodes = (size_t)tled->system->mesh->num_nodes;
+    memset(tled->d, 0, 3 * nodes * sizeof *tled->d);
+    if (tled->own) memset(tled->own, 0, 3 * nodes * sizeof *tled->own); /* it may hold what is not a number */
+    memset(tled->quotient, 0, sizeof tled->quotient);
+}
+
+bool pliant_tled_stands(const pliant_scene *scene)
+{
+    pliant_tled_system trial = {0};
+    set_walls(&trial, scene);
+    return trial.num_walls > 0;
+}
+
+void pliant_tled_limits(pliant_tled *tled, int32_t steps, double tolerance)
+{
+    tled->tolerance = tolerance;
+    if (tled->system->quasi_static) tled->substeps = steps;
+}
+
+void pliant_tled_free(pliant_tled *tled)
+{
+    if (!tled) return;
+    void *blocks[] = {tled->u,    tled->d,           tled->memory, tled->kept_u,   tled->kept_d, tled->kept_memory,
+                      tled->forces, tled->change, tled->pressure, tled->sums,   tled->limit, tled->acceleration, tled->own};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    pliant_free(tled);
+}

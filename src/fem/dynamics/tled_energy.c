@@ -1,0 +1,40 @@
+/* Energies of the whole body, in double, for checks and reports. */
+#include "fem/dynamics/tled.h"
+
+/* @param back how many increments ago: 0 or 1 */
+static void deformation_of(const pliant_tled *tled, const int32_t nodes[4], const double g[12], double back, double f[9])
+{
+    for (int m = 0; m < 9; m++) f[m] = m % 4 == 0;
+    for (int v = 0; v < 4; v++)
+        for (int r = 0; r < 3; r++) {
+            double u = tled->u[3 * nodes[v] + r] - back * tled->d[3 * nodes[v] + r];
+            for (int c = 0; c < 3; c++) f[3 * r + c] += u * g[3 * v + c];
+        }
+}
+
+/* Central differences keep 1/2 v M v + 1/2 u- K u of a linear body, v half way between. With energies W and forces F of both ends,
+ * 1/2 u- K u = (W- + W) / 2 - d (F - F-) / 4, and d F is the sum of V P : (F - F-) over elements. */
+void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *material, double *kinetic, double *strain, double *kept)
+{
+    const pliant_tled_system *system = tled->system;
+    const pliant_mesh *mesh = system->mesh;
+    double before = 0, work = 0;
+    *kinetic = *strain = 0;
+    for (int32_t n = 0; n < mesh->num_nodes; n++) {
+        if (system->inverse_mass[n] == 0) continue;
+        const double *d = tled->d + 3 * (size_t)n;
+        double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+        *kinetic += 0.5 * square / (system->inverse_mass[n] * tled->time_step * tled->time_step);
+    }
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        const int32_t *nodes = mesh->tets + 4 * (size_t)t;
+        double g[12], f[2][9], stress[2][9];
+        double volume = pliant_mesh_gradients(mesh, t, g);
+        for (int back = 0; back < 2; back++) {
+            deformation_of(tled, nodes, g, back, f[back]);
+            *(back ? &before : strain) += volume * pliant_law_response(system->law, material[t].lambda, material[t].mu, f[back], stress[back]);
+        }
+        for (int m = 0; m < 9; m++) work += volume * (stress[0][m] - stress[1][m]) * (f[0][m] - f[1][m]);
+    }
+    *kept = *kinetic + 0.5 * (*strain + before) - 0.25 * work;
+}

@@ -1,0 +1,238 @@
+/* A frame of TLED: sub-steps of central differences, or dynamic relaxation. */
+#include "base/fail.h"
+#include "fem/dynamics/tled.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { MOST_HALVINGS = 3 };
+
+pliant_tled_scheme pliant_tled_scheme_of(double dt, double alpha)
+{
+    double inertia = 1 / (dt * dt), drag = alpha / (2 * dt);
+    return (pliant_tled_scheme){.factor = 1 / (inertia + drag), .kept = (inertia - drag) / (inertia + drag)};
+}
+
+static int32_t end_of(const pliant_tled *tled, int32_t chunk)
+{
+    int32_t nodes = tled->system->mesh->num_nodes;
+    return (chunk + 1) * PLIANT_CHUNK < nodes ? (chunk + 1) * PLIANT_CHUNK : nodes;
+}
+
+/* Accelerations of a chunk's nodes from their elements' forces, and gravity. */
+static void accelerate(pliant_tled *tled, int32_t chunk)
+{
+    const pliant_tled_system *system = tled->system;
+    double load = 0, inertia = 0, stiffness = 0;
+    for (int32_t n = chunk * PLIANT_CHUNK; n < end_of(tled, chunk); n++) {
+        double inverse = system->inverse_mass[n], sum[3] = {0, 0, 0};
+        if (inverse == 0) continue;
+        for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++) {
+            const float *force = tled->forces + system->corner[c];
+            sum[0] += force[0];
+            sum[1] += force[LANES];
+            sum[2] += force[2 * LANES];
+        }
+        for (int k = 0; k < 3; k++) {
+            size_t at = 3 * (size_t)n + (size_t)k;
+            double weight = system->node_mass[n] * tled->gravity[k], acceleration = inverse * (weight - sum[k]);
+            tled->acceleration[at] = acceleration;
+            load += inverse * weight * weight;
+            if (!tled->own) continue;
+            stiffness += tled->d[at] * (tled->own[at] - acceleration) / inverse;
+            inertia += tled->d[at] * tled->d[at] / inverse;
+            tled->own[at] = acceleration;
+        }
+    }
+    tled->sums[chunk][PLIANT_SUM_LOAD] = load;
+    tled->sums[chunk][PLIANT_SUM_STIFFNESS] = stiffness;
+    tled->sums[chunk][PLIANT_SUM_INERTIA] = inertia;
+}
+
+static void advance(pliant_tled *tled, pliant_tled_scheme rule, int32_t chunk)
+{
+    for (int32_t n = 3 * chunk * PLIANT_CHUNK; n < 3 * end_of(tled, chunk); n++) {
+        tled->d[n] = rule.factor * tled->acceleration[n] + rule.kept * tled->d[n];
+        tled->u[n] += tled->d[n];
+    }
+}
+
+/* After all forces: walls and sums. */
+static void settle(pliant_tled *tled, pliant_tled_scheme rule, int32_t chunk)
+{
+    const pliant_tled_system *system = tled->system;
+    int32_t first = chunk * PLIANT_CHUNK, end = end_of(tled, chunk);
+    double residual = 0, largest = 0;
+    if (system->num_walls > 0) pliant_tled_collide(tled, rule.factor, first, end);
+    for (int32_t n = first; n < end; n++) {
+        double inverse = system->inverse_mass[n];
+        if (inverse == 0) continue;
+        double *d = tled->d + 3 * (size_t)n, *u = tled->u + 3 * (size_t)n;
+        const double *a = tled->acceleration + 3 * (size_t)n;
+        double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+        if (system->quasi_static && square > tled->limit[n]) {
+            pliant_substep_shorten(tled->limit[n], square, u, d);
+            square = tled->limit[n];
+        }
+        residual += (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]) / inverse;
+        /* not a number stays the largest */
+        double over = square / tled->limit[n];
+        largest = over > largest || over != over ? over : largest;
+    }
+    tled->sums[chunk][PLIANT_SUM_RESIDUAL] = residual;
+    tled->sums[chunk][PLIANT_SUM_LARGEST] = largest;
+}
+
+static void total_of(const pliant_tled *tled, int32_t chunks, double out[PLIANT_NUM_SUMS])
+{
+    memset(out, 0, PLIANT_NUM_SUMS * sizeof *out);
+    for (int32_t c = 0; c < chunks; c++) {
+        const double *sum = tled->sums[c];
+        for (int s = 0; s < PLIANT_SUM_LARGEST; s++) out[s] += sum[s];
+        double over = sum[PLIANT_SUM_LARGEST];
+        out[PLIANT_SUM_LARGEST] = over > out[PLIANT_SUM_LARGEST] || over != over ? over : out[PLIANT_SUM_LARGEST];
+    }
+}
+
+double pliant_tled_relative(const pliant_tled *tled, double residual, double load)
+{
+    return pliant_substep_relative(tled->smallest_load, residual, load);
+}
+
+static double lowest_frequency(const pliant_tled *tled, int32_t chunks, double quotient[2])
+{
+    double total[PLIANT_NUM_SUMS];
+    total_of(tled, chunks, total);
+    return pliant_substep_frequency(quotient, total[PLIANT_SUM_STIFFNESS], total[PLIANT_SUM_INERTIA]);
+}
+
+/* All threads run this; what they decide on is the same for all. */
+static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tools, bool held, double *tool_load)
+{
+    const pliant_tled_system *system = tled->system;
+    const int32_t chunks = (system->mesh->num_nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK;
+    const bool still = system->quasi_static;
+    pliant_tled_scheme rule = pliant_tled_scheme_of(tled->time_step, system->damping);
+    pliant_tled_frame result = {.sound = true};
+    double total[PLIANT_NUM_SUMS], quotient[2] = {tled->quotient[0], tled->quotient[1]};
+    while (result.steps < tled->substeps && !result.settled) {
+        if (system->nodal_pressure) pliant_tled_pressures(tled);
+        pliant_tled_element_forces(tled, tled->time_step);
+        if (still) {
+#pragma omp for schedule(static)
+            for (int32_t chunk = 0; chunk < chunks; chunk++) accelerate(tled, chunk);
+            rule = pliant_tled_scheme_of(1, 2 * lowest_frequency(tled, chunks, quotient));
+        }
+#pragma omp for schedule(static)
+        for (int32_t chunk = 0; chunk < chunks; chunk++) {
+            if (!still) accelerate(tled, chunk);
+            advance(tled, rule, chunk);
+            if (!held) settle(tled, rule, chunk);
+        }
+        if (held) {
+#pragma omp single
+            *tool_load = pliant_tled_pull(tled, tools, num_tools, rule.factor, still ? 1 : tled->substeps - result.steps);
+#pragma omp for schedule(static)
+            for (int32_t chunk = 0; chunk < chunks; chunk++) settle(tled, rule, chunk);
+        }
+        total_of(tled, chunks, total);
+        result.steps++;
+        result.residual = pliant_tled_relative(tled, total[PLIANT_SUM_RESIDUAL], total[PLIANT_SUM_LOAD] + *tool_load);
+        result.sound = total[PLIANT_SUM_LARGEST] <= (still ? INFINITY : 1);
+        if (!result.sound) break;
+        result.settled = still && result.residual <= tled->tolerance;
+    }
+#pragma omp barrier /* all have read the one of the frame before */
+#pragma omp master
+    memcpy(tled->quotient, quotient, sizeof quotient);
+    return result;
+}
+
+static void keep(pliant_tled *tled, bool back)
+{
+    size_t nodes = 3 * (size_t)tled->system->mesh->num_nodes, blocks = (size_t)tled->system->num_blocks;
+    memcpy(back ? tled->u : tled->kept_u, back ? tled->kept_u : tled->u, nodes * sizeof *tled->u);
+    memcpy(back ? tled->d : tled->kept_d, back ? tled->kept_d : tled->d, nodes * sizeof *tled->d);
+    memcpy(back ? tled->target : tled->kept_target, back ? tled->kept_target : tled->target, sizeof tled->target);
+    if (tled->memory)
+        memcpy(back ? tled->memory : tled->kept_memory, back ? tled->kept_memory : tled->memory, blocks * sizeof *tled->memory);
+}
+
+void pliant_tled_set_positions(pliant_tled *tled, const double *positions)
+{
+    const pliant_tled_system *system = tled->system;
+    for (int32_t n = 0; n < 3 * system->mesh->num_nodes; n++) {
+        if (system->inverse_mass[n / 3] == 0) continue;
+        tled->u[n] = positions[n] - system->mesh->rest[n];
+        tled->d[n] = 0;
+    }
+}
+
+static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_tled_frame *out)
+{
+    (void)with;
+    bool held = false;
+    double tool_load = 0;
+    for (int t = 0; t < num_tools; t++) held = held || tools[t].holding;
+    keep(tled, false);
+#pragma omp parallel num_threads(tled->system->num_threads)
+    {
+        pliant_tled_frame mine = run(tled, tools, num_tools, held, &tool_load);
+#pragma omp master
+        *out = mine;
+    }
+    if (!out->sound) keep(tled, true);
+    return PLIANT_OK;
+}
+
+static void halve(pliant_tled *tled)
+{
+    tled->substeps *= 2;
+    tled->time_step *= 0.5;
+    for (int32_t n = 0; n < 3 * tled->system->mesh->num_nodes; n++) tled->d[n] *= 0.5;
+}
+
+static pliant_status diverged(const pliant_tled *tled, int32_t steps)
+{
+    const pliant_tled_system *system = tled->system;
+    return pliant_fail(PLIANT_ERROR_NUMERIC,
+                       "tled diverged in sub-step %d of %d: a node moved faster than sound. Time step %.3g s; at rest at most %.3g s is "
+                       "stable (tled/safety %g). The state before the step is kept",
+                       steps, tled->substeps, tled->time_step, fmin(system->edge_bound, system->eigenvalue_bound), system->safety);
+}
+
+pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_tled *tled, pliant_tool *tools, int num_tools,
+                                  pliant_statistics *statistics)
+{
+    const pliant_tled_system *system = tled->system;
+    double kept_forces[PLIANT_MAX_TOOLS][3];
+    pliant_status status = PLIANT_OK;
+    for (int t = 0; t < num_tools; t++) memcpy(kept_forces[t], tools[t].force, sizeof kept_forces[t]);
+    for (int halvings = 0; status == PLIANT_OK; halvings++) {
+        pliant_tled_frame frame = {0};
+        for (int t = 0; t < num_tools; t++) memset(tools[t].force, 0, sizeof tools[t].force);
+        status = runner(with, tled, tools, num_tools, &frame);
+        if (status != PLIANT_OK) break;
+        statistics->iterations = frame.steps;
+        if (frame.sound) {
+            statistics->residual = frame.residual;
+            for (int t = 0; t < num_tools && !system->quasi_static; t++)
+                for (int k = 0; k < 3; k++) tools[t].force[k] /= frame.steps;
+            return !system->quasi_static || frame.settled ? PLIANT_OK : PLIANT_NOT_CONVERGED;
+        }
+        if (system->quasi_static) pliant_tled_calm(tled);
+        if (system->quasi_static || tled->time_step > fmin(system->edge_bound, system->eigenvalue_bound) || halvings == MOST_HALVINGS) {
+            status = diverged(tled, frame.steps);
+        } else {
+            halve(tled);
+            pliant_log(PLIANT_LOG_WARNING, "tled: a node moved faster than sound; from now on sub-steps of %.3g s", tled->time_step);
+        }
+    }
+    for (int t = 0; t < num_tools; t++) memcpy(tools[t].force, kept_forces[t], sizeof kept_forces[t]);
+    return status;
+}
+
+pliant_status pliant_tled_step(pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_statistics *statistics)
+{
+    return pliant_tled_step_by(run_frame, NULL, tled, tools, num_tools, statistics);
+}

@@ -1,0 +1,120 @@
+/* What touches the tissue in a sub-step: tools that hold it, walls that it rests on. */
+#include "fem/dynamics/tled.h"
+
+#include <string.h>
+
+/* one that pulls at a point */
+typedef struct pull { pliant_tool *tool; int index; } pull;
+
+static void held_point(const pliant_tled *tled, const pliant_tool *tool, const double *shift, double sign, double out[3])
+{
+    const double *rest = tled->system->mesh->rest;
+    memset(out, 0, 3 * sizeof *out);
+    for (int32_t h = 0; h < tool->num_held; h++)
+        for (int d = 0; d < 3; d++) {
+            size_t at = 3 * (size_t)tool->held[h] + (size_t)d;
+            out[d] += tool->weight[h] * (rest[at] + tled->u[at] + (shift ? sign * shift[at] : 0));
+        }
+}
+
+void pliant_tled_interact(pliant_tled *tled, const double gravity[3], pliant_tool *tools, int num_tools)
+{
+    memcpy(tled->gravity, gravity, sizeof tled->gravity);
+    for (int t = 0; t < num_tools; t++) {
+        if (!tools[t].holding || tools[t].attached) continue;
+        held_point(tled, tools + t, NULL, 0, tled->target[t]);
+        tools[t].attached = true;
+    }
+}
+
+static void push(pliant_tled *tled, const pliant_tool *tool, const double force[3], double factor)
+{
+    for (int32_t h = 0; h < tool->num_held; h++) {
+        size_t node = (size_t)tool->held[h];
+        double answer = tled->system->inverse_mass[node] * tool->weight[h];
+        for (int d = 0; d < 3; d++) {
+            tled->u[3 * node + (size_t)d] += factor * answer * force[d];
+            tled->d[3 * node + (size_t)d] += factor * answer * force[d];
+            tled->acceleration[3 * node + (size_t)d] += answer * force[d];
+        }
+    }
+}
+
+/* summed over a frame's motion, of which the mean is told; of dynamic relaxation only the last counts */
+static void add_force(const pliant_tled *tled, pliant_tool *tool, const double force[3])
+{
+    for (int d = 0; d < 3; d++) tool->force[d] = (tled->system->quasi_static ? 0 : tool->force[d]) + force[d];
+}
+
+static double load_of(const pliant_tled *tled, const pliant_tool *tool, const double force[3])
+{
+    double sum = 0;
+    for (int32_t h = 0; h < tool->num_held; h++) sum += tled->system->inverse_mass[tool->held[h]] * tool->weight[h] * tool->weight[h];
+    return sum * (force[0] * force[0] + force[1] * force[1] + force[2] * force[2]);
+}
+
+double pliant_tled_answer(const pliant_tled_system *system, const pliant_tool *a, const pliant_tool *b)
+{
+    double sum = 0;
+    for (int32_t i = 0, j = 0; i < a->num_held && j < b->num_held;) {
+        if (a->held[i] < b->held[j]) i++;
+        else if (a->held[i] > b->held[j]) j++;
+        else {
+            sum += a->weight[i] * b->weight[j] * system->inverse_mass[a->held[i]];
+            i++, j++;
+        }
+    }
+    return sum;
+}
+
+double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, double factor, int32_t parts)
+{
+    double load = 0;
+    pull pulls[PLIANT_MAX_TOOLS];
+    double matrix[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS], force[PLIANT_MAX_TOOLS][3];
+    int count = 0;
+    for (int t = 0; t < num_tools; t++) {
+        pliant_tool *tool = tools + t;
+        if (!tool->holding) continue;
+        if (tool->drive == PLIANT_DRIVE_FORCE) {
+            push(tled, tool, tool->driving_force, factor);
+            load += load_of(tled, tool, tool->driving_force);
+            add_force(tled, tool, tool->driving_force);
+            continue;
+        }
+        pull *one = &pulls[count++];
+        *one = (pull){.tool = tool, .index = t};
+    }
+    for (int i = 0; i < count; i++) {
+        pliant_tool *tool = pulls[i].tool;
+        double goal[3], now[3], before[3], old_target[3], *target = tled->target[pulls[i].index];
+        for (int d = 0; d < 3; d++) goal[d] = tool->tip[d] - tool->grip[d];
+        memcpy(old_target, target, sizeof old_target);
+        pliant_substep_approach(target, goal, parts, tled->reach);
+        held_point(tled, tool, NULL, 0, now);
+        held_point(tled, tool, tled->d, -1, before);
+        bool spring = tool->drive == PLIANT_DRIVE_SPRING;
+        double damper = spring && !tled->system->quasi_static ? tool->damping / tled->time_step : 0;
+        double compliance = pliant_substep_gap(spring, tool->stiffness, damper, target, old_target, now, before, force[i]);
+        for (int j = 0; j <= i; j++) matrix[i][j] = factor * pliant_tled_answer(tled->system, tool, pulls[j].tool);
+        matrix[i][i] += compliance;
+    }
+    pliant_substep_forces(count, matrix, force);
+    for (int i = 0; i < count; i++) {
+        push(tled, pulls[i].tool, force[i], factor);
+        load += load_of(tled, pulls[i].tool, force[i]);
+        add_force(tled, pulls[i].tool, force[i]);
+    }
+    return load;
+}
+
+void pliant_tled_collide(pliant_tled *tled, double factor, int32_t first, int32_t end)
+{
+    const pliant_tled_system *system = tled->system;
+    for (int32_t n = first; n < end; n++) {
+        if (system->inverse_mass[n] == 0) continue;
+        size_t at = 3 * (size_t)n;
+        pliant_substep_collide(system->walls, system->num_walls, system->friction, system->restitution, system->mesh->rest + at, factor,
+                               tled->u + at, tled->d + at, tled->acceleration + at);
+    }
+}

@@ -1,0 +1,269 @@
+#include "base/fail.h"
+#include "fem/element/deformation.h"
+#include "fem/system.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Elements of nothing but empty material only fill the space that tissue moves through. Squeezed flat they would turn over at
+ * once, and corotated ones have many states of rest then: iterations end in none of them. With R = I there is one. */
+static pliant_status fill(pliant_system *system, const pliant_tet_material *material)
+{
+    int32_t count = 0;
+    for (int32_t t = 0; t < system->mesh->num_tets; t++) count += !(material[t].tissue > 0) && material[t].mu > 0;
+    if (count == 0) return PLIANT_OK;
+    system->grounded = pliant_calloc((size_t)system->num_blocks * LANES, sizeof *system->grounded);
+    if (!system->grounded) return pliant_fail_memory("the elements");
+    for (int32_t t = 0; t < system->mesh->num_tets; t++) system->grounded[t] = !(material[t].tissue > 0) && material[t].mu > 0;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material)
+{
+    const pliant_mesh *mesh = system->mesh;
+    system->num_blocks = (mesh->num_tets + LANES - 1) / LANES;
+    system->gradients = pliant_calloc((size_t)system->num_blocks, sizeof *system->gradients);
+    system->lame = pliant_calloc((size_t)system->num_blocks, sizeof *system->lame);
+    if (!system->gradients || !system->lame) return pliant_fail_memory("the elements");
+    pliant_status status = fill(system, material);
+    if (status != PLIANT_OK) return status;
+#pragma omp parallel for num_threads(system->num_threads)
+    for (int32_t e = 0; e < system->num_blocks * LANES; e++) {
+        int32_t block = e / LANES, lane = e % LANES;
+        /* padding: the last element again, without stiffness */
+        int32_t tet = e < mesh->num_tets ? e : mesh->num_tets - 1;
+        double gradients[12];
+        double volume = pliant_mesh_gradients(mesh, tet, gradients);
+        for (int m = 0; m < 12; m++) system->gradients[block][m][lane] = gradients[m];
+        if (tet != e) continue;
+        system->lame[block][0][lane] = volume * material[tet].lambda;
+        system->lame[block][1][lane] = volume * material[tet].mu;
+    }
+    return PLIANT_OK;
+}
+
+void pliant_element_stiffness(const double g[12], double volume_lambda, double volume_mu, double stiffness[144])
+{
+    for (int a = 0; a < 4; a++)
+        for (int b = 0; b < 4; b++) {
+            double dot = g[3 * a] * g[3 * b] + g[3 * a + 1] * g[3 * b + 1] + g[3 * a + 2] * g[3 * b + 2];
+            for (int r = 0; r < 3; r++)
+                for (int c = 0; c < 3; c++)
+                    stiffness[12 * (3 * a + r) + 3 * b + c] = volume_lambda * g[3 * a + r] * g[3 * b + c] +
+                                                              volume_mu * (g[3 * a + c] * g[3 * b + r] + (r == c ? dot : 0));
+        }
+}
+
+void pliant_tet_stiffness(const pliant_mesh *mesh, int32_t tet, const pliant_tet_material *material, double stiffness[144])
+{
+    double gradients[12];
+    double volume = pliant_mesh_gradients(mesh, tet, gradients);
+    pliant_element_stiffness(gradients, volume * material->lambda, volume * material->mu, stiffness);
+}
+
+/* f_v = V P g_v with P = R (2 mu e + lambda tr(e) I) and e = sym(R' F) - I: the same as R K (R' x - X), without K.
+ * It is the force that holds the element in this state; the element pulls back with its opposite. */
+PLIANT_VECTORIZED static void isotropic_forces(double x[12][LANES], double g[12][LANES], double lame[2][LANES], const uint8_t *grounded,
+                                                double out[12][LANES])
+{
+    double f[9][LANES], r[9][LANES], p[9][LANES];
+    deformation_of(x, g, f);
+    pliant_rotations(f, r);
+    if (grounded) ground(grounded, r);
+    for (int l = 0; l < LANES; l++) {
+        double s[9];
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) s[3 * a + b] = r[a][l] * f[b][l] + r[3 + a][l] * f[3 + b][l] + r[6 + a][l] * f[6 + b][l];
+        double e00 = s[0] - 1, e11 = s[4] - 1, e22 = s[8] - 1;
+        double e01 = 0.5 * (s[1] + s[3]), e02 = 0.5 * (s[2] + s[6]), e12 = 0.5 * (s[5] + s[7]);
+        double pressure = lame[0][l] * (e00 + e11 + e22), twice = 2 * lame[1][l];
+        double t[9] = {twice * e00 + pressure, twice * e01, twice * e02, twice * e01, twice * e11 + pressure, twice * e12,
+                       twice * e02, twice * e12, twice * e22 + pressure};
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) p[3 * a + b][l] = r[3 * a][l] * t[b] + r[3 * a + 1][l] * t[3 + b] + r[3 * a + 2][l] * t[6 + b];
+    }
+    for (int v = 0; v < 4; v++)
+        for (int a = 0; a < 3; a++)
+            for (int l = 0; l < LANES; l++)
+                out[3 * v + a][l] = p[3 * a][l] * g[3 * v][l] + p[3 * a + 1][l] * g[3 * v + 1][l] + p[3 * a + 2][l] * g[3 * v + 2][l];
+}
+
+PLIANT_VECTORIZED static void block_rotations(double x[12][LANES], double g[12][LANES], double out[9][LANES])
+{
+    double f[9][LANES];
+    deformation_of(x, g, f);
+    pliant_rotations(f, out);
+}
+
+/* f = R K (R' x - X), [H] 2.2 */
+static void homogenized_forces(const pliant_system *system, int32_t block, double x[12][LANES], double rotations[9][LANES],
+                               double out[12][LANES])
+{
+    for (int l = 0; l < LANES; l++) {
+        int32_t tet = block * LANES + l;
+        if (tet >= system->mesh->num_tets) {
+            for (int m = 0; m < 12; m++) out[m][l] = 0;
+            continue;
+        }
+        const double *stiffness = system->stiffness + 144 * (size_t)tet;
+        const int32_t *nodes = system->mesh->tets + 4 * tet;
+        double r[9], u[12];
+        for (int m = 0; m < 9; m++) r[m] = rotations[m][l];
+        bool grounded = system->grounded && system->grounded[tet];
+        for (int v = 0; v < 4; v++) {
+            /* relative to corner 0, so that a large translation costs no digits; a grounded element does feel it */
+            double y[3];
+            const double *rest = system->mesh->rest + 3 * nodes[v], *rest0 = system->mesh->rest + 3 * nodes[0];
+            for (int d = 0; d < 3; d++) y[d] = grounded ? x[3 * v + d][l] : x[3 * v + d][l] - x[d][l];
+            for (int d = 0; d < 3; d++)
+                u[3 * v + d] = r[d] * y[0] + r[3 + d] * y[1] + r[6 + d] * y[2] - (grounded ? rest[d] : rest[d] - rest0[d]);
+        }
+        double f[12];
+        for (int a = 0; a < 12; a++) {
+            f[a] = 0;
+            for (int b = 0; b < 12; b++) f[a] += stiffness[12 * a + b] * u[b];
+        }
+        for (int v = 0; v < 4; v++)
+            for (int d = 0; d < 3; d++)
+                out[3 * v + d][l] = r[3 * d] * f[3 * v] + r[3 * d + 1] * f[3 * v + 1] + r[3 * d + 2] * f[3 * v + 2];
+    }
+}
+
+void pliant_system_element_forces(const pliant_system *system, const double *positions, double (*forces)[12][LANES])
+{
+    if (system->macros) {
+        pliant_macro_forces(system, positions, (double *)forces);
+        return;
+    }
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t block = 0; block < system->num_blocks; block++) {
+        double x[12][LANES];
+        const uint8_t *grounded = grounded_of(system, block);
+        load_corners(system, positions, block, x);
+        if (!system->stiffness) {
+            isotropic_forces(x, system->gradients[block], system->lame[block], grounded, forces[block]);
+            continue;
+        }
+        double rotations[9][LANES];
+        block_rotations(x, system->gradients[block], rotations);
+        if (grounded) ground(grounded, rotations);
+        homogenized_forces(system, block, x, rotations, forces[block]);
+    }
+}
+
+/* Twists of the isotropic energy mu |F - R|^2 + lambda / 2 tr(R'F - I)^2, whose gradient the forces are: turning an element by
+ * a small w out of its R, while its stretch S = R'F stays, costs  w' D w  with
+ *     D = R (2 mu I + 2 (lambda tr(S - I) - 2 mu) (tr(S) I - S)^-1) R'
+ * beyond the warped stiffness R K R' (twist modes of Smith, de Goes, Kim 2019, Analytic eigensystems, 4.2). */
+static void twist_of(const double f[9], const double r[9], double lambda, double mu, pliant_twist part, double out[6])
+{
+    const double least = 0.2; /* eigenvalues of tr(S) I - S, sums of two stretches, are kept above: only flat elements go below */
+    double s[9], m[6], values[3], vectors[9], d[6], trace, norm = 0;
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) s[3 * a + b] = r[a] * f[b] + r[3 + a] * f[3 + b] + r[6 + a] * f[6 + b];
+    trace = s[0] + s[4] + s[8];
+    m[0] = trace - s[0], m[1] = trace - s[4], m[2] = trace - s[8];
+    m[3] = -0.5 * (s[5] + s[7]), m[4] = -0.5 * (s[2] + s[6]), m[5] = -0.5 * (s[1] + s[3]);
+    double factor = 2 * (lambda * (trace - 3) - 2 * mu);
+    double cofactor[6] = {m[1] * m[2] - m[3] * m[3], m[0] * m[2] - m[4] * m[4], m[0] * m[1] - m[5] * m[5],
+                          m[4] * m[5] - m[0] * m[3], m[3] * m[5] - m[1] * m[4], m[3] * m[4] - m[2] * m[5]};
+    double determinant = m[0] * cofactor[0] + m[5] * cofactor[5] + m[4] * cofactor[4];
+    for (int k = 0; k < 6; k++) norm += (k < 3 ? 1 : 2) * cofactor[k] * cofactor[k];
+    bool regular = trace > 0 && cofactor[0] > 0 && determinant > 0 && norm * least * least < determinant * determinant;
+    if (regular && part == PLIANT_TWIST_EXACT) {
+        for (int k = 0; k < 6; k++) d[k] = (k < 3 ? 2 * mu : 0) + factor * cofactor[k] / determinant;
+    } else {
+        const double full[9] = {m[0], m[5], m[4], m[5], m[1], m[3], m[4], m[3], m[2]};
+        pliant_symmetric_eigen(full, values, vectors);
+        memset(d, 0, sizeof d);
+        for (int k = 0; k < 3; k++) {
+            double c = 2 * mu + factor / fmax(values[k], least);
+            if (part == PLIANT_TWIST_POSITIVE) c = fmax(c, 0);
+            const double v[3] = {vectors[k], vectors[3 + k], vectors[6 + k]};
+            d[0] += c * v[0] * v[0], d[1] += c * v[1] * v[1], d[2] += c * v[2] * v[2];
+            d[3] += c * v[1] * v[2], d[4] += c * v[0] * v[2], d[5] += c * v[0] * v[1];
+        }
+    }
+    /* R D R' */
+    static const int row[6] = {0, 1, 2, 1, 0, 0}, column[6] = {0, 1, 2, 2, 2, 1};
+    for (int k = 0; k < 6; k++) {
+        const double *p = r + 3 * row[k], *q = r + 3 * column[k];
+        out[k] = p[0] * (d[0] * q[0] + d[5] * q[1] + d[4] * q[2]) + p[1] * (d[5] * q[0] + d[1] * q[1] + d[3] * q[2]) +
+                 p[2] * (d[4] * q[0] + d[3] * q[1] + d[2] * q[2]);
+    }
+}
+
+void pliant_system_tangents(const pliant_system *system, const double *positions, pliant_twist twist, pliant_tangent *tangents)
+{
+    if (system->macros) {
+        pliant_macro_tangents(system, positions, tangents);
+        return;
+    }
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t block = 0; block < system->num_blocks; block++) {
+        pliant_tangent *out = tangents + block;
+        double x[12][LANES], f[9][LANES];
+        load_corners(system, positions, block, x);
+        block_rotations(x, system->gradients[block], out->rotation);
+        const uint8_t *grounded = grounded_of(system, block);
+        if (grounded) ground(grounded, out->rotation);
+        memset(out->twist, 0, sizeof out->twist);
+        if (system->stiffness) continue;
+        deformation_of(x, system->gradients[block], f);
+        for (int l = 0; l < LANES; l++) {
+            double one[9], r[9], d[6];
+            for (int m = 0; m < 9; m++) {
+                one[m] = f[m][l];
+                r[m] = out->rotation[m][l];
+            }
+            twist_of(one, r, system->lame[block][0][l], system->lame[block][1][l], twist, d);
+            for (int m = 0; m < 6; m++) out->twist[m][l] = grounded && grounded[l] ? 0 : d[m];
+        }
+    }
+}
+
+void pliant_system_gather(const pliant_system *system, double (*forces)[12][LANES], double *out)
+{
+    if (system->macros) {
+        pliant_macro_gather(system, (const double *)forces, out);
+        return;
+    }
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t n = 0; n < system->num_free; n++) {
+        double sum[3] = {0, 0, 0};
+        for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++) {
+            int32_t element = system->corner[c] / 4, corner = system->corner[c] % 4;
+            for (int d = 0; d < 3; d++) sum[d] += forces[element / LANES][3 * corner + d][element % LANES];
+        }
+        memcpy(out + 3 * n, sum, sizeof sum);
+    }
+}
+
+void pliant_system_clear(pliant_system *system)
+{
+    pliant_free(system->gradients);
+    pliant_free(system->lame);
+    pliant_free(system->stiffness);
+    pliant_free(system->grounded);
+    pliant_free(system->free_of_node);
+    pliant_free(system->node_of_free);
+    pliant_free(system->corner_start);
+    pliant_free(system->corner);
+    pliant_free(system->pattern.start);
+    pliant_free(system->pattern.row);
+    pliant_free(system->pattern.term_start);
+    pliant_free(system->pattern.term);
+    pliant_free(system->gravity_mass);
+    pliant_macros_free(system->macros);
+    pliant_upsample_free(system->upsample);
+    pliant_preconditioner_free(system->preconditioner);
+    memset(system, 0, sizeof *system);
+}
+
+void pliant_system_free(pliant_system *system)
+{
+    if (!system) return;
+    pliant_system_clear(system);
+    pliant_free(system);
+}

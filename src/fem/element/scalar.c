@@ -1,0 +1,102 @@
+/* Numbers for people to look at: stress, energy, volume of the fine tetrahedra, brought to the nodes. */
+#include "base/fail.h"
+#include "base/matrix.h"
+#include "fem/element/law.h"
+#include "fem/element/rotation.h"
+#include "pliant/data.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+/* rest volume, and F = sum of x_v g_v' */
+static double deformation_of(const pliant_mesh *mesh, const double *positions, int32_t tet, double f[9])
+{
+    const int32_t *nodes = mesh->tets + 4 * tet;
+    double g[12];
+    double volume = pliant_mesh_gradients(mesh, tet, g);
+    memset(f, 0, 9 * sizeof *f);
+    for (int v = 1; v < 4; v++)
+        for (int r = 0; r < 3; r++)
+            for (int c = 0; c < 3; c++) f[3 * r + c] += (positions[3 * nodes[v] + r] - positions[3 * nodes[0] + r]) * g[3 * v + c];
+    return volume;
+}
+
+/* corotational: strain e = sym(R'F) - I, stress 2 mu e + lambda tr(e) I in the element's frame, energy density e : s / 2; nothing of what
+ * is asked for depends on the frame */
+static double corotational(const double f[9], const pliant_tet_material *material, double stress[6])
+{
+    double r[9], s[9], e[6];
+    pliant_rotation_signed_svd(f, r);
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) s[3 * a + b] = r[a] * f[b] + r[3 + a] * f[3 + b] + r[6 + a] * f[6 + b];
+    for (int d = 0; d < 3; d++) e[d] = s[4 * d] - 1;
+    e[3] = 0.5 * (s[1] + s[3]);
+    e[4] = 0.5 * (s[2] + s[6]);
+    e[5] = 0.5 * (s[5] + s[7]);
+    double trace = e[0] + e[1] + e[2], shear = e[3] * e[3] + e[4] * e[4] + e[5] * e[5];
+    for (int m = 0; m < 6; m++) stress[m] = 2 * material->mu * e[m] + (m < 3 ? material->lambda * trace : 0);
+    return material->mu * (e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + 2 * shear) + 0.5 * material->lambda * trace * trace;
+}
+
+/* sqrt(3/2 dev : dev) */
+static double von_mises(const double stress[6])
+{
+    double mean = (stress[0] + stress[1] + stress[2]) / 3, sum = 0;
+    for (int m = 0; m < 3; m++) sum += pow(stress[m] - mean, 2) + 2 * stress[3 + m] * stress[3 + m];
+    return sqrt(1.5 * sum);
+}
+
+/* [C] 13, M = V / J, calls this a mass change ratio. With the volume of now for V it would be the rest volume, always; so it is read with
+ * the rest volume: density over that at rest, times the rest volume. */
+static double mass_change(double volume, double ratio)
+{
+    const double least = 1e-3; /* flat and inverted elements have none */
+    return volume / fmax(ratio, least);
+}
+
+static double measure(const pliant_scene *scene, const double f[9], double volume, const pliant_tet_material *material, pliant_scalar scalar)
+{
+    double stress[6], values[3], energy;
+    if (scalar == PLIANT_SCALAR_VOLUME_RATIO) return pliant_determinant(f);
+    if (scalar == PLIANT_SCALAR_MASS_CHANGE) return mass_change(volume, pliant_determinant(f));
+    if (scene->solver.kind == PLIANT_TLED) {
+        energy = pliant_law_response(scene->tled.law, material->lambda, material->mu, f, NULL);
+        pliant_law_cauchy(scene->tled.law, material->lambda, material->mu, f, stress);
+    } else {
+        energy = corotational(f, material, stress);
+    }
+    if (scalar == PLIANT_SCALAR_STRAIN_ENERGY) return energy;
+    if (scalar == PLIANT_SCALAR_VON_MISES) return von_mises(stress);
+    pliant_symmetric_eigenvalues(stress, values);
+    return values[2];
+}
+
+pliant_status pliant_data_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out)
+{
+    const pliant_mesh *mesh = &model->fine;
+    double *sum = pliant_calloc((size_t)mesh->num_nodes, 2 * sizeof *sum);
+    if (!sum) return pliant_fail_memory("the scalar");
+    for (int32_t t = 0; t < mesh->num_tets && scalar != PLIANT_SCALAR_NONE; t++) {
+        double f[9], volume = deformation_of(mesh, positions, t, f);
+        double value = measure(&model->scene, f, volume, model->fine_material + t, scalar);
+        for (int v = 0; v < 4; v++) {
+            sum[2 * mesh->tets[4 * t + v]] += volume * value;
+            sum[2 * mesh->tets[4 * t + v] + 1] += volume;
+        }
+    }
+    for (int32_t n = 0; n < mesh->num_nodes; n++) out[n] = sum[2 * n + 1] > 0 ? (float)(sum[2 * n] / sum[2 * n + 1]) : 0;
+    pliant_free(sum);
+    return PLIANT_OK;
+}
+
+int32_t pliant_mesh_inverted(const pliant_mesh *mesh, const double *positions)
+{
+    int32_t count = 0;
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        double f[9];
+        deformation_of(mesh, positions, t, f);
+        count += !(pliant_determinant(f) > 0);
+    }
+    return count;
+}

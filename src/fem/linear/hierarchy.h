@@ -1,0 +1,30 @@
+/* Inside a hierarchy: for hierarchy.c, which makes it, and multigrid.c, which uses it. */
+#ifndef PLIANT_FEM_LINEAR_HIERARCHY_H
+#define PLIANT_FEM_LINEAR_HIERARCHY_H
+
+#include "fem/linear/multigrid.h"
+
+enum { PLIANT_MAX_LEVELS = 8 };
+
+typedef struct pliant_grid_level {
+    pliant_system system;   /* level 0: a view of the model's; else owned, without elements: Galerkin products fill them in */
+    pliant_mesh mesh;       /* owned; empty at level 0 */
+    /* to the next coarser level; absent at the last */
+    int32_t *parent;        /* (num_tets) coarse tetrahedron */
+    int32_t *child_start, *child; /* the other way round */
+    int32_t *to;            /* (num_free x 4) coarse unknown or -1 */
+    double *weight;         /* (num_free x 4) barycentric */
+    int32_t *from_start, *from; /* by coarse unknown: 4 * fine unknown + corner */
+    /* the matrix by full rows of 3 x 3 blocks */
+    int32_t *row_start;     /* (num_free + 1) */
+    int32_t *column;
+    int32_t *place;         /* (pattern.num_blocks x 2) where a block and its transpose stand; -1: on the diagonal */
+} pliant_grid_level;
+
+struct pliant_hierarchy {
+    int num_levels;
+    pliant_grid_level level[PLIANT_MAX_LEVELS];
+    pliant_factor *factor;  /* symbolic, of the coarsest */
+};
+
+#endif

@@ -1,0 +1,312 @@
+#include "fem/linear/multigrid.h"
+
+#include "base/fail.h"
+#include "fem/linear/hierarchy.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Chebyshev steps before and after, and the part of the spectrum that they damp (test/bench/bench_budget: three and a tenth
+ * need the fewest evaluations for the time) */
+enum { SMOOTHING_STEPS = 2, POWER_STEPS = 12 };
+static const double spectrum_share = 0.12, spectrum_margin = 1.1;
+
+/* numbers of one level */
+typedef struct level_values {
+    pliant_system system;       /* view of the hierarchy's, with this one's stiffness and threads */
+    double *stiffness;          /* (num_tets x 144) Galerkin products; levels below the finest */
+    pliant_tangent *tangents;   /* unturned, for those */
+    float *blocks;              /* (row entries x 9) */
+    float *inverse;             /* (num_free x 9) inverted diagonal blocks */
+    double largest;             /* eigenvalue of inverse times matrix */
+    double *x, *right, *residual, *step; /* (3 num_free) */
+} level_values;
+
+struct pliant_multigrid {
+    const pliant_hierarchy *hierarchy;
+    level_values level[PLIANT_MAX_LEVELS];
+    pliant_factor *factor;
+    double *values;             /* of the coarsest matrix */
+};
+
+static pliant_status level_create(const pliant_grid_level *grid, bool finest, bool coarsest, int num_threads, level_values *level)
+{
+    size_t n = 3 * (size_t)grid->system.num_free, tets = (size_t)grid->system.mesh->num_tets;
+    level->system = grid->system;
+    level->system.num_threads = num_threads;
+    bool good = (level->x = pliant_calloc(n, sizeof *level->x)) && (level->right = pliant_calloc(n, sizeof *level->right));
+    if (!finest) {
+        good = good && (level->stiffness = pliant_calloc(tets, 144 * sizeof *level->stiffness)) &&
+               (level->tangents = pliant_calloc((size_t)grid->system.num_blocks, sizeof *level->tangents));
+        level->system.stiffness = level->stiffness;
+        for (int32_t b = 0; good && b < grid->system.num_blocks; b++)
+            for (int m = 0; m < 9; m += 4)
+                for (int l = 0; l < LANES; l++) level->tangents[b].rotation[m][l] = 1;
+    }
+    if (!coarsest)
+        good = good && (level->blocks = pliant_calloc((size_t)grid->row_start[grid->system.num_free], 9 * sizeof *level->blocks)) &&
+               (level->inverse = pliant_calloc((size_t)grid->system.num_free, 9 * sizeof *level->inverse)) &&
+               (level->residual = pliant_calloc(n, sizeof *level->residual)) && (level->step = pliant_calloc(n, sizeof *level->step));
+    return good ? PLIANT_OK : pliant_fail_memory("the multigrid");
+}
+
+pliant_status pliant_multigrid_create(const pliant_hierarchy *hierarchy, int num_threads, pliant_multigrid **out)
+{
+    pliant_multigrid *multigrid = pliant_calloc(1, sizeof *multigrid);
+    if (!multigrid) return pliant_fail_memory("the multigrid");
+    multigrid->hierarchy = hierarchy;
+    int last = hierarchy->num_levels - 1;
+    pliant_status status = PLIANT_OK;
+    for (int l = 0; l <= last && status == PLIANT_OK; l++)
+        status = level_create(hierarchy->level + l, l == 0, l == last, num_threads, multigrid->level + l);
+    if (status == PLIANT_OK) {
+        multigrid->values = pliant_calloc((size_t)hierarchy->level[last].system.pattern.num_values, sizeof *multigrid->values);
+        status = multigrid->values ? pliant_factor_clone(hierarchy->factor, &multigrid->factor) : pliant_fail_memory("the multigrid");
+    }
+    if (status != PLIANT_OK) {
+        pliant_multigrid_free(multigrid);
+        return status;
+    }
+    *out = multigrid;
+    return PLIANT_OK;
+}
+
+void pliant_multigrid_free(pliant_multigrid *multigrid)
+{
+    if (!multigrid) return;
+    for (int l = 0; l < multigrid->hierarchy->num_levels; l++) {
+        level_values *level = multigrid->level + l;
+        pliant_free(level->stiffness);
+        pliant_free(level->tangents);
+        pliant_free(level->blocks);
+        pliant_free(level->inverse);
+        pliant_free(level->x);
+        pliant_free(level->right);
+        pliant_free(level->residual);
+        pliant_free(level->step);
+    }
+    pliant_factor_free(multigrid->factor);
+    pliant_free(multigrid->values);
+    pliant_free(multigrid);
+}
+
+void pliant_multigrid_threads(pliant_multigrid *multigrid, int num_threads)
+{
+    for (int l = 0; l < multigrid->hierarchy->num_levels; l++) multigrid->level[l].system.num_threads = num_threads;
+}
+
+/* ---- the matrices */
+
+/* P' K P over the children of one coarse tetrahedron; rows of fixed nodes are zero */
+static void galerkin(const pliant_grid_level *grid, const level_values *fine, const pliant_tangent *tangents, const pliant_mesh *coarse,
+                     int32_t tet, double out[144])
+{
+    const pliant_system *system = &fine->system;
+    memset(out, 0, 144 * sizeof *out);
+    for (int32_t c = grid->child_start[tet]; c < grid->child_start[tet + 1]; c++) {
+        int32_t child = grid->child[c];
+        double k[144], share[4][4];
+        pliant_system_element(system, tangents, child, k);
+        for (int v = 0; v < 4; v++) {
+            int32_t node = system->mesh->tets[4 * child + v];
+            memset(share[v], 0, sizeof share[v]);
+            if (system->free_of_node[node] >= 0) pliant_mesh_barycentric(coarse, tet, system->mesh->rest + 3 * node, share[v]);
+        }
+        for (int v = 0; v < 4; v++)
+            for (int a = 0; a < 4; a++) {
+                if (fabs(share[v][a]) < 1e-9) continue;
+                for (int u = 0; u < 4; u++)
+                    for (int b = 0; b < 4; b++) {
+                        double weight = share[v][a] * share[u][b];
+                        if (weight == 0) continue;
+                        for (int r = 0; r < 3; r++)
+                            for (int s = 0; s < 3; s++) out[12 * (3 * a + r) + 3 * b + s] += weight * k[12 * (3 * v + r) + 3 * u + s];
+                    }
+            }
+    }
+}
+
+static void invert(const double m[9], float out[9])
+{
+    double c[9] = {m[4] * m[8] - m[5] * m[7], m[2] * m[7] - m[1] * m[8], m[1] * m[5] - m[2] * m[4],
+                   m[5] * m[6] - m[3] * m[8], m[0] * m[8] - m[2] * m[6], m[2] * m[3] - m[0] * m[5],
+                   m[3] * m[7] - m[4] * m[6], m[1] * m[6] - m[0] * m[7], m[0] * m[4] - m[1] * m[3]};
+    double determinant = m[0] * c[0] + m[1] * c[3] + m[2] * c[6];
+    for (int n = 0; n < 9; n++) out[n] = determinant > 0 ? (float)(c[n] / determinant) : 0;
+}
+
+static void fill_rows(const pliant_grid_level *grid, level_values *level, const pliant_tangent *tangents)
+{
+    const pliant_pattern *pattern = &level->system.pattern;
+#pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
+    for (int32_t column = 0; column < pattern->num_columns; column++)
+        for (int32_t b = pattern->start[column]; b < pattern->start[column + 1]; b++) {
+            double block[9];
+            pliant_system_assemble_block(&level->system, tangents, b, block);
+            float *here = level->blocks + 9 * (size_t)grid->place[2 * b];
+            for (int m = 0; m < 9; m++) here[m] = (float)block[m];
+            if (grid->place[2 * b + 1] < 0) {
+                invert(block, level->inverse + 9 * (size_t)column);
+                continue;
+            }
+            float *there = level->blocks + 9 * (size_t)grid->place[2 * b + 1];
+            for (int m = 0; m < 9; m++) there[m] = (float)block[3 * (m % 3) + m / 3];
+        }
+}
+
+/* out = right - A x, or A x without right */
+static void apply(const pliant_grid_level *grid, const level_values *level, const double *right, const double *x, double *out)
+{
+#pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
+    for (int32_t row = 0; row < level->system.num_free; row++) {
+        double sum[3] = {0, 0, 0};
+        for (int32_t e = grid->row_start[row]; e < grid->row_start[row + 1]; e++) {
+            const float *a = level->blocks + 9 * (size_t)e;
+            const double *v = x + 3 * grid->column[e];
+            for (int r = 0; r < 3; r++) sum[r] += a[3 * r] * v[0] + a[3 * r + 1] * v[1] + a[3 * r + 2] * v[2];
+        }
+        for (int r = 0; r < 3; r++) out[3 * row + r] = right ? right[3 * row + r] - sum[r] : sum[r];
+    }
+}
+
+/* step = a * step + b * D^-1 residual */
+static void scaled_step(const level_values *level, double a, double b, const double *residual, double *step)
+{
+#pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
+    for (int32_t row = 0; row < level->system.num_free; row++) {
+        const float *inverse = level->inverse + 9 * (size_t)row;
+        const double *r = residual + 3 * row;
+        for (int d = 0; d < 3; d++)
+            step[3 * row + d] = a * step[3 * row + d] + b * (inverse[3 * d] * r[0] + inverse[3 * d + 1] * r[1] + inverse[3 * d + 2] * r[2]);
+    }
+}
+
+/* power iteration from a fixed start that is far from smooth; the margin covers what it has not found yet */
+static void find_largest(const pliant_grid_level *grid, level_values *level)
+{
+    size_t n = 3 * (size_t)level->system.num_free;
+    uint32_t seed = 12345;
+    for (size_t i = 0; i < n; i++) {
+        seed = seed * 1664525u + 1013904223u;
+        level->step[i] = (double)(seed >> 8) / (1 << 24) - 0.5;
+    }
+    level->largest = 1;
+    for (int pass = 0; pass < POWER_STEPS; pass++) {
+        double before = 0, after = 0;
+        for (size_t i = 0; i < n; i++) before += level->step[i] * level->step[i];
+        double scale = before > 0 ? 1 / sqrt(before) : 0;
+        for (size_t i = 0; i < n; i++) level->x[i] = scale * level->step[i];
+        apply(grid, level, NULL, level->x, level->residual);
+        scaled_step(level, 0, 1, level->residual, level->step);
+        for (size_t i = 0; i < n; i++) after += level->step[i] * level->step[i];
+        level->largest = sqrt(after);
+    }
+    level->largest *= spectrum_margin;
+}
+
+pliant_status pliant_multigrid_numeric(pliant_multigrid *multigrid, const pliant_tangent *tangents)
+{
+    const pliant_hierarchy *hierarchy = multigrid->hierarchy;
+    int last = hierarchy->num_levels - 1;
+    for (int l = 0; l < last; l++) {
+        const pliant_grid_level *grid = hierarchy->level + l;
+        level_values *fine = multigrid->level + l, *coarse = fine + 1;
+        const pliant_tangent *at = l == 0 ? tangents : fine->tangents;
+#pragma omp parallel for schedule(static) num_threads(fine->system.num_threads)
+        for (int32_t tet = 0; tet < coarse->system.mesh->num_tets; tet++)
+            galerkin(grid, fine, at, coarse->system.mesh, tet, coarse->stiffness + 144 * (size_t)tet);
+        fill_rows(grid, fine, at);
+        find_largest(grid, fine);
+    }
+    pliant_system_assemble(&multigrid->level[last].system, multigrid->level[last].tangents, multigrid->values);
+    return pliant_factor_numeric(multigrid->factor, multigrid->values);
+}
+
+pliant_status pliant_multigrid_copy(pliant_multigrid *to, const pliant_multigrid *from)
+{
+    const pliant_hierarchy *hierarchy = to->hierarchy;
+    for (int l = 0; l + 1 < hierarchy->num_levels; l++) {
+        const pliant_grid_level *grid = hierarchy->level + l;
+        size_t n = (size_t)grid->system.num_free;
+        memcpy(to->level[l].blocks, from->level[l].blocks, 9 * (size_t)grid->row_start[n] * sizeof(float));
+        memcpy(to->level[l].inverse, from->level[l].inverse, 9 * n * sizeof(float));
+        to->level[l].largest = from->level[l].largest;
+    }
+    memcpy(to->values, from->values, (size_t)hierarchy->level[hierarchy->num_levels - 1].system.pattern.num_values * sizeof *to->values);
+    return pliant_factor_numeric(to->factor, to->values);
+}
+
+void pliant_multigrid_level(const pliant_multigrid *multigrid, int level, const float **blocks, const float **inverse, double *largest)
+{
+    *blocks = multigrid->level[level].blocks;
+    *inverse = multigrid->level[level].inverse;
+    *largest = multigrid->level[level].largest;
+}
+
+const double *pliant_multigrid_coarsest(const pliant_multigrid *multigrid) { return multigrid->values; }
+
+/* ---- the cycle */
+
+/* Chebyshev iteration for A x = right on [share, 1] of the spectrum of D^-1 A (Saad, Iterative Methods, 12.3) */
+static void smooth(const pliant_grid_level *grid, level_values *level, const double *right, bool from_zero)
+{
+    size_t n = 3 * (size_t)level->system.num_free;
+    double high = level->largest, low = spectrum_share * high, centre = 0.5 * (high + low), half = 0.5 * (high - low);
+    double sigma = centre / half, rho = 1 / sigma;
+    if (from_zero) memcpy(level->residual, right, n * sizeof *right);
+    else apply(grid, level, right, level->x, level->residual);
+    scaled_step(level, 0, 1 / centre, level->residual, level->step);
+    for (int pass = 0;; pass++) {
+#pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
+        for (size_t i = 0; i < n; i++) level->x[i] = (from_zero && pass == 0 ? 0 : level->x[i]) + level->step[i];
+        if (pass + 1 == SMOOTHING_STEPS) return;
+        apply(grid, level, right, level->x, level->residual);
+        double next = 1 / (2 * sigma - rho);
+        scaled_step(level, next * rho, 2 * next / half, level->residual, level->step);
+        rho = next;
+    }
+}
+
+static void restrict_residual(const pliant_grid_level *grid, const level_values *fine, level_values *coarse)
+{
+#pragma omp parallel for schedule(static) num_threads(fine->system.num_threads)
+    for (int32_t c = 0; c < coarse->system.num_free; c++) {
+        double sum[3] = {0, 0, 0};
+        for (int32_t e = grid->from_start[c]; e < grid->from_start[c + 1]; e++)
+            for (int d = 0; d < 3; d++) sum[d] += grid->weight[grid->from[e]] * fine->residual[3 * (grid->from[e] / 4) + d];
+        memcpy(coarse->right + 3 * c, sum, sizeof sum);
+    }
+}
+
+static void add_correction(const pliant_grid_level *grid, level_values *fine, const level_values *coarse)
+{
+#pragma omp parallel for schedule(static) num_threads(fine->system.num_threads)
+    for (int32_t f = 0; f < fine->system.num_free; f++)
+        for (int v = 0; v < 4; v++) {
+            if (grid->weight[4 * f + v] == 0) continue;
+            for (int d = 0; d < 3; d++) fine->x[3 * f + d] += grid->weight[4 * f + v] * coarse->x[3 * grid->to[4 * f + v] + d];
+        }
+}
+
+static pliant_status cycle(pliant_multigrid *multigrid, int l, const double *right)
+{
+    const pliant_grid_level *grid = multigrid->hierarchy->level + l;
+    level_values *level = multigrid->level + l;
+    if (l == multigrid->hierarchy->num_levels - 1) return pliant_factor_solve(multigrid->factor, 1, right, level->x);
+    smooth(grid, level, right, true);
+    apply(grid, level, right, level->x, level->residual);
+    restrict_residual(grid, level, level + 1);
+    pliant_status status = cycle(multigrid, l + 1, level[1].right);
+    if (status != PLIANT_OK) return status;
+    add_correction(grid, level, level + 1);
+    smooth(grid, level, right, false);
+    return PLIANT_OK;
+}
+
+pliant_status pliant_multigrid_solve(pliant_multigrid *multigrid, const double *right, double *out)
+{
+    pliant_status status = cycle(multigrid, 0, right);
+    if (status == PLIANT_OK) memcpy(out, multigrid->level[0].x, 3 * (size_t)multigrid->level[0].system.num_free * sizeof *out);
+    return status;
+}

@@ -1,0 +1,105 @@
+#include "fem/linear/panels.h"
+
+#include "base/fail.h"
+#include "fem/element/rotation.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+pliant_status pliant_panels_create(size_t num_values, int32_t size, pliant_panels *out)
+{
+    pliant_panels panels = {.num_values = num_values};
+    panels.value = pliant_calloc(num_values, sizeof *panels.value);
+    panels.x = pliant_calloc((size_t)size, sizeof *panels.x);
+    panels.column = pliant_calloc((size_t)size, sizeof *panels.column);
+    if (!panels.value || !panels.x || !panels.column) {
+        pliant_panels_free(&panels);
+        return pliant_fail_memory("the factor in single precision");
+    }
+    *out = panels;
+    return PLIANT_OK;
+}
+
+void pliant_panels_free(pliant_panels *panels)
+{
+    pliant_free(panels->value);
+    pliant_free(panels->x);
+    pliant_free(panels->column);
+    memset(panels, 0, sizeof *panels);
+}
+
+void pliant_panels_fill(pliant_panels *panels, const pliant_supernodes *from)
+{
+    for (size_t i = 0; i < panels->num_values; i++) panels->value[i] = (float)from->value[i];
+    for (int32_t s = 0; s < from->count; s++) {
+        int columns = from->first[s + 1] - from->first[s], rows = from->row_start[s + 1] - from->row_start[s];
+        for (int c = 0; c < columns; c++) {
+            size_t at = (size_t)from->value_start[s] + (size_t)c * (size_t)(rows + 1);
+            panels->value[at] = (float)(1 / from->value[at]);
+        }
+    }
+}
+
+/* y -= a l */
+static inline __attribute__((always_inline)) void subtract(int count, double a, const float *l, double *y)
+{
+    for (int i = 0; i < count; i++) y[i] -= a * (double)l[i];
+}
+
+static inline __attribute__((always_inline)) double product(int count, const float *l, const double *y)
+{
+    double sum[LANES] = {0}, rest = 0;
+    int i = 0;
+    for (; i + LANES <= count; i += LANES)
+        for (int k = 0; k < LANES; k++) sum[k] += (double)l[i + k] * y[i + k];
+    for (; i < count; i++) rest += (double)l[i] * y[i];
+    for (int k = 0; k < LANES; k++) rest += sum[k];
+    return rest;
+}
+
+/* y: the supernode's own unknowns, then the rows below: L y_own = y_own, y_below -= L_below y_own; four columns at a time below */
+PLIANT_VECTORIZED static void forward(int columns, int rows, const float *panel, double *y)
+{
+    for (int c = 0; c < columns; c++) {
+        const float *l = panel + (size_t)c * (size_t)rows;
+        y[c] *= (double)l[c];
+        subtract(columns - c - 1, y[c], l + c + 1, y + c + 1);
+    }
+    int c = 0;
+    for (; c + 4 <= columns; c += 4) {
+        const float *l0 = panel + (size_t)c * (size_t)rows, *l1 = l0 + rows, *l2 = l1 + rows, *l3 = l2 + rows;
+        double a0 = y[c], a1 = y[c + 1], a2 = y[c + 2], a3 = y[c + 3];
+        for (int i = columns; i < rows; i++) y[i] -= a0 * (double)l0[i] + a1 * (double)l1[i] + a2 * (double)l2[i] + a3 * (double)l3[i];
+    }
+    for (; c < columns; c++) subtract(rows - columns, y[c], panel + (size_t)c * (size_t)rows + columns, y + columns);
+}
+
+/* L' y_own = y_own - L_below' y_below */
+PLIANT_VECTORIZED static void backward(int columns, int rows, const float *panel, double *y)
+{
+    for (int c = columns - 1; c >= 0; c--) {
+        const float *l = panel + (size_t)c * (size_t)rows;
+        y[c] = (y[c] - product(rows - c - 1, l + c + 1, y + c + 1)) * (double)l[c];
+    }
+}
+
+void pliant_panels_solve(pliant_panels *panels, const pliant_supernodes *of, int32_t size, const double *right, double *out)
+{
+    double *x = panels->x, *y = panels->column;
+    for (int32_t i = 0; i < size; i++) x[i] = right[of->permutation[i]];
+    for (int32_t s = 0; s < of->count; s++) {
+        int columns = of->first[s + 1] - of->first[s], rows = of->row_start[s + 1] - of->row_start[s];
+        const int *row = of->row + of->row_start[s];
+        for (int i = 0; i < rows; i++) y[i] = x[row[i]];
+        forward(columns, rows, panels->value + of->value_start[s], y);
+        for (int i = 0; i < rows; i++) x[row[i]] = y[i];
+    }
+    for (int32_t s = of->count - 1; s >= 0; s--) {
+        int columns = of->first[s + 1] - of->first[s], rows = of->row_start[s + 1] - of->row_start[s];
+        const int *row = of->row + of->row_start[s];
+        for (int i = 0; i < rows; i++) y[i] = x[row[i]];
+        backward(columns, rows, panels->value + of->value_start[s], y);
+        for (int i = 0; i < columns; i++) x[row[i]] = y[i];
+    }
+    for (int32_t i = 0; i < size; i++) out[of->permutation[i]] = x[i];
+}

@@ -1,0 +1,164 @@
+#include "base/fail.h"
+#include "fem/linear/multigrid.h"
+#include "fem/patch/space.h"
+#include "fem/system.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+/* Above this many free nodes a V-cycle is cheaper than the two triangular solves (test/bench/bench_budget). */
+enum { LARGEST_DIRECT = 8000, COARSEST = 4000 };
+
+struct pliant_preconditioner {
+    pliant_system system;      /* a view of the constant system, with this one's number of threads */
+    pliant_factor *factor;     /* direct */
+    double *values;            /* (pattern.num_values) room for the matrix; direct */
+    pliant_hierarchy *hierarchy; /* owned by the first, borrowed by clones */
+    bool owns_hierarchy;
+    pliant_multigrid *multigrid;
+    const pliant_space *space; /* borrowed */
+    pliant_reduction *reduction; /* of it */
+};
+
+static pliant_status create_direct(pliant_preconditioner *preconditioner)
+{
+    const pliant_pattern *pattern = &preconditioner->system.pattern;
+    preconditioner->values = pliant_calloc((size_t)pattern->num_values, sizeof *preconditioner->values);
+    return preconditioner->values ? pliant_factor_analyze(pattern, &preconditioner->factor) : pliant_fail_memory("the stiffness matrix");
+}
+
+pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, pliant_preconditioner **out)
+{
+    pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
+    if (!preconditioner) return pliant_fail_memory("the preconditioner");
+    preconditioner->system = *system;
+    pliant_status status = PLIANT_OK;
+    bool layered = choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > LARGEST_DIRECT);
+    if (layered) {
+        status = pliant_hierarchy_create(system, COARSEST, &preconditioner->hierarchy);
+        preconditioner->owns_hierarchy = true;
+        if (status == PLIANT_OK && !preconditioner->hierarchy)
+            pliant_log(PLIANT_LOG_INFO, "this lattice cannot be coarsened for multigrid; it is factored");
+        if (status == PLIANT_OK && preconditioner->hierarchy)
+            status = pliant_multigrid_create(preconditioner->hierarchy, system->num_threads, &preconditioner->multigrid);
+    }
+    if (status == PLIANT_OK && !preconditioner->hierarchy) status = create_direct(preconditioner);
+    if (status != PLIANT_OK) {
+        pliant_preconditioner_free(preconditioner);
+        return status;
+    }
+    *out = preconditioner;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_preconditioner_within(const pliant_space *space, const pliant_system *system, pliant_preconditioner **out)
+{
+    pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
+    if (!preconditioner) return pliant_fail_memory("the preconditioner");
+    preconditioner->system = *system;
+    preconditioner->space = space;
+    pliant_status status = pliant_reduction_create(space, NULL, &preconditioner->reduction);
+    if (status != PLIANT_OK) {
+        pliant_preconditioner_free(preconditioner);
+        return status;
+    }
+    *out = preconditioner;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads, pliant_preconditioner **out)
+{
+    pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
+    if (!preconditioner) return pliant_fail_memory("a second preconditioner");
+    preconditioner->space = source->space;
+    preconditioner->system = source->system;
+    preconditioner->system.num_threads = num_threads;
+    preconditioner->hierarchy = source->hierarchy;
+    pliant_status status = PLIANT_OK;
+    if (source->space) {
+        status = pliant_reduction_create(source->space, source->reduction, &preconditioner->reduction);
+    } else if (source->multigrid) {
+        status = pliant_multigrid_create(source->hierarchy, num_threads, &preconditioner->multigrid);
+        if (status == PLIANT_OK) status = pliant_multigrid_copy(preconditioner->multigrid, source->multigrid);
+    } else {
+        preconditioner->values = pliant_calloc((size_t)source->system.pattern.num_values, sizeof *preconditioner->values);
+        status = preconditioner->values ? pliant_factor_clone(source->factor, &preconditioner->factor) : pliant_fail_memory("the stiffness matrix");
+    }
+    if (status != PLIANT_OK) {
+        pliant_preconditioner_free(preconditioner);
+        return status;
+    }
+    *out = preconditioner;
+    return PLIANT_OK;
+}
+
+void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int num_threads)
+{
+    preconditioner->system.num_threads = num_threads;
+    if (preconditioner->multigrid) pliant_multigrid_threads(preconditioner->multigrid, num_threads);
+}
+
+pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents)
+{
+    if (preconditioner->space) return pliant_reduction_numeric(preconditioner->space, tangents, preconditioner->reduction);
+    if (preconditioner->multigrid) return pliant_multigrid_numeric(preconditioner->multigrid, tangents);
+    pliant_system_assemble(&preconditioner->system, tangents, preconditioner->values);
+    return pliant_factor_numeric(preconditioner->factor, preconditioner->values);
+}
+
+pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner, int32_t columns, const double *right, double *out)
+{
+    if (preconditioner->factor) return pliant_factor_solve(preconditioner->factor, columns, right, out);
+    size_t n = 3 * (size_t)preconditioner->system.num_free;
+    for (int32_t c = 0; c < columns; c++) {
+        const double *from = right + n * (size_t)c;
+        double *to = out + n * (size_t)c;
+        pliant_status status = preconditioner->space ? pliant_reduction_solve(preconditioner->space, preconditioner->reduction, from, to)
+                                                     : pliant_multigrid_solve(preconditioner->multigrid, from, to);
+        if (status != PLIANT_OK) return status;
+    }
+    return PLIANT_OK;
+}
+
+bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner) { return !preconditioner->multigrid; }
+
+double pliant_preconditioner_condition(pliant_preconditioner *preconditioner)
+{
+    return preconditioner->factor ? pliant_factor_condition(preconditioner->factor) : 0;
+}
+
+double pliant_preconditioner_operations(const pliant_preconditioner *preconditioner)
+{
+    if (preconditioner->space) return pliant_reduction_operations(preconditioner->space);
+    if (preconditioner->hierarchy) return pliant_hierarchy_operations(preconditioner->hierarchy);
+    return pliant_factor_operations(preconditioner->factor) + (preconditioner->system.macros ? pliant_macro_operations(&preconditioner->system) : 0);
+}
+
+/* A factor: a product and a sum a number, forwards and back. A V-cycle: some twelve products with the matrix. */
+double pliant_preconditioner_apply_operations(const pliant_preconditioner *preconditioner)
+{
+    if (preconditioner->factor) return 4 * pliant_factor_values(preconditioner->factor);
+    return 12 * 4 * (double)preconditioner->system.pattern.num_values;
+}
+
+double pliant_preconditioner_solve_operations(const pliant_preconditioner *preconditioner)
+{
+    const int cycles = preconditioner->factor ? 1 : 8;
+    return cycles * pliant_preconditioner_apply_operations(preconditioner);
+}
+
+size_t pliant_preconditioner_bytes(const pliant_preconditioner *preconditioner)
+{
+    return preconditioner && preconditioner->factor ? pliant_factor_bytes(preconditioner->factor) : 0;
+}
+
+void pliant_preconditioner_free(pliant_preconditioner *preconditioner)
+{
+    if (!preconditioner) return;
+    pliant_factor_free(preconditioner->factor);
+    pliant_free(preconditioner->values);
+    pliant_multigrid_free(preconditioner->multigrid);
+    pliant_reduction_free(preconditioner->reduction);
+    if (preconditioner->owns_hierarchy) pliant_hierarchy_free(preconditioner->hierarchy);
+    pliant_free(preconditioner);
+}

@@ -1,0 +1,47 @@
+/* Patches: a local fine solution around what the tools hold, on top of a coarse model, which sees no point force (NUMERICS 3).
+ *
+ * When a tool takes hold, the fine mesh's response to it is computed in the background, and the space (space.h) made of that and
+ * of the nodes around all holds. It is put to use a fixed number of steps later, whether the other thread was fast or not; from
+ * then on these tools pull at the patch, no longer at the coarse model. Until then, and where a patch cannot be made, they pull
+ * at the coarse model.
+ *
+ * The patch's displacement is relative to where the coarse model has the fine nodes (base): elastic forces at the base are a
+ * constant load, so that a tool that does not pull changes nothing, and the coarse model's loads stay its own. */
+#ifndef PLIANT_FEM_PATCH_PATCH_H
+#define PLIANT_FEM_PATCH_PATCH_H
+
+#include "fem/quasistatic/solver.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Whether a scene asks for patches: model/patch above 0, and a coarse method. */
+bool pliant_patch_asked(const pliant_scene *scene);
+
+/* The fine mesh with its stiffness at rest, which responses are computed with. Errors: MEMORY, NUMERIC, SCENE. */
+pliant_status pliant_patch_system(const pliant_model *model, pliant_system **out);
+
+pliant_status pliant_patch_create(const pliant_model *model, pliant_patch **out);
+void pliant_patch_free(pliant_patch *patch); /* Nullable */
+/* Nothing held, nothing moved. */
+void pliant_patch_reset(pliant_patch *patch);
+
+/* Before the tools interact: deliver what is due, start what is new, free what nothing holds. data->positions: of the last step.
+ * Errors: MEMORY; the state is as before. */
+pliant_status pliant_patch_begin(pliant_data *data);
+/* The solver that a tool pulls at. */
+pliant_solver *pliant_patch_solver(const pliant_data *data, int tool);
+/* As pliant_solver_hold, of the solver that pliant_patch_solver says. */
+pliant_status pliant_patch_hold(pliant_data *data, int tool);
+/* The stage: data->positions are the coarse model's fine nodes, and become those of the patch. NOT_CONVERGED, NUMERIC, MEMORY as
+ * pliant_solver_step; where it fails, the coarse model's part of the step is undone, too. */
+pliant_status pliant_patch_step(const pliant_model *model, pliant_data *data);
+/* The displacement is dropped: the nodes are where the coarse model has them. */
+void pliant_patch_flatten(pliant_patch *patch);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

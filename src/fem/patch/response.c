@@ -1,0 +1,211 @@
+#include "fem/patch/response.h"
+
+#include "base/fail.h"
+#include "fem/linear/dense.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+static double largest(size_t n, const double *v)
+{
+    double most = 0;
+    for (size_t i = 0; i < n; i++) most = fmax(most, fabs(v[i]));
+    return most;
+}
+
+pliant_status pliant_linearized_create(const pliant_system *system, const double *x, pliant_linearized *out)
+{
+    pliant_linearized linearized = {.system = *system, .x = x};
+    linearized.system.num_threads = 1;
+    linearized.at = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *linearized.at);
+    linearized.element_forces = pliant_calloc((size_t)system->num_blocks, sizeof *linearized.element_forces);
+    if (!linearized.at || !linearized.element_forces) {
+        pliant_linearized_free(&linearized);
+        return pliant_fail_memory("the response of the fine mesh");
+    }
+    *out = linearized;
+    return PLIANT_OK;
+}
+
+void pliant_linearized_free(pliant_linearized *linearized)
+{
+    pliant_free(linearized->at);
+    pliant_free(linearized->element_forces);
+    memset(linearized, 0, sizeof *linearized);
+}
+
+pliant_status pliant_linearized_go_on(const pliant_linearized *linearized)
+{
+    return pliant_report_progress(linearized->progress, 0, "patch") ? PLIANT_OK : PLIANT_ERROR_CANCELLED;
+}
+
+void pliant_linearized_forces(pliant_linearized *linearized, const double *u, double *out)
+{
+    const pliant_system *system = &linearized->system;
+    memcpy(linearized->at, linearized->x, 3 * (size_t)system->mesh->num_nodes * sizeof *linearized->at);
+    for (int32_t f = 0; f < system->num_free; f++)
+        for (int d = 0; d < 3; d++) linearized->at[3 * system->node_of_free[f] + d] += u[3 * f + d];
+    pliant_system_element_forces(system, linearized->at, linearized->element_forces);
+    pliant_system_gather(system, linearized->element_forces, out);
+}
+
+/* the largest displacement of a difference quotient, in smallest edges of a cell */
+static double step_of(const pliant_system *system, double share)
+{
+    const double *size = system->mesh->cell_size;
+    return share * fmin(size[0], fmin(size[1], size[2]));
+}
+
+/* By the central difference: exact to the square of the step, and no matrix is held. */
+void pliant_linearized_product(pliant_linearized *linearized, const double *v, double *room, double *out)
+{
+    size_t n = 3 * (size_t)linearized->system.num_free;
+    double most = largest(n, v);
+    if (!(most > 0)) {
+        memset(out, 0, n * sizeof *out);
+        return;
+    }
+    double step = step_of(&linearized->system, 1e-5) / most;
+    for (size_t i = 0; i < n; i++) room[i] = step * v[i];
+    pliant_linearized_forces(linearized, room, out);
+    for (size_t i = 0; i < n; i++) room[i] = -step * v[i];
+    double *minus = room; /* the displacement is read before the forces are written */
+    pliant_linearized_forces(linearized, room, minus);
+    for (size_t i = 0; i < n; i++) out[i] = (out[i] - minus[i]) / (2 * step);
+}
+
+/* K v = right by preconditioned conjugate gradients (Golub and Van Loan, 11.5.2). A direction without stiffness ends it: the
+ * state need not be one of equilibrium. work: (5 x n) */
+static pliant_status solve(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const double *right, double *work,
+                           double *v)
+{
+    enum { MOST = 60 };
+    const double tolerance = 1e-4, direct = 1e-6;
+    size_t n = 3 * (size_t)linearized->system.num_free;
+    double *r = work, *z = r + n, *p = z + n, *q = p + n, *room = q + n;
+    memcpy(r, right, n * sizeof *r);
+    memset(v, 0, n * sizeof *v);
+    double size = sqrt(pliant_dot(n, r, r)), first = 0, before = 0;
+    for (int k = 0; k < MOST && size > 0; k++) {
+        pliant_status status = pliant_linearized_go_on(linearized);
+        if (status == PLIANT_OK) status = pliant_preconditioner_solve(preconditioner, 1, r, z);
+        if (status != PLIANT_OK) return status;
+        double now = pliant_dot(n, r, z);
+        if (k == 0) first = now;
+        if (!(now > tolerance * tolerance * first)) break;
+        for (size_t i = 0; i < n; i++) p[i] = z[i] + (k > 0 ? now / before * p[i] : 0);
+        pliant_linearized_product(linearized, p, room, q);
+        double curvature = pliant_dot(n, p, q);
+        if (!(curvature > 0)) {
+            if (k == 0) memcpy(v, z, n * sizeof *v);
+            break;
+        }
+        for (size_t i = 0; i < n; i++) {
+            v[i] += now / curvature * p[i];
+            r[i] -= now / curvature * q[i];
+        }
+        before = now;
+        if (sqrt(pliant_dot(n, r, r)) < direct * size) break;
+    }
+    return PLIANT_OK;
+}
+
+/* f''(a, b) by the central difference; u, forces: (n) room */
+static void second_derivative(pliant_linearized *linearized, const double *a, const double *b, double step, double *u,
+                              double *forces, double *out)
+{
+    static const double signs[4][3] = {{1, 1, 1}, {1, -1, -1}, {-1, 1, -1}, {-1, -1, 1}};
+    size_t n = 3 * (size_t)linearized->system.num_free;
+    memset(out, 0, n * sizeof *out);
+    for (int s = 0; s < 4; s++) {
+        for (size_t i = 0; i < n; i++) u[i] = step * (signs[s][0] * a[i] + signs[s][1] * b[i]);
+        pliant_linearized_forces(linearized, u, forces);
+        for (size_t i = 0; i < n; i++) out[i] += signs[s][2] * forces[i] / (4 * step * step);
+    }
+}
+
+typedef struct solve_room {
+    double *work, *right; /* (5 x n), (n) */
+} solve_room;
+
+static pliant_status room_create(size_t n, solve_room *out)
+{
+    out->work = pliant_calloc(n, 5 * sizeof *out->work);
+    out->right = pliant_calloc(n, sizeof *out->right);
+    return out->work && out->right ? PLIANT_OK : pliant_fail_memory("the response of the fine mesh");
+}
+
+static void room_free(solve_room *room)
+{
+    pliant_free(room->work);
+    pliant_free(room->right);
+}
+
+/* -K^-1 f''(a, b), whose largest displacements are at most `most` */
+static pliant_status derivative(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const solve_room *room,
+                                const double *a, const double *b, double most, double *out)
+{
+    size_t n = 3 * (size_t)linearized->system.num_free;
+    memset(room->right, 0, n * sizeof *room->right);
+    if (most > 0) second_derivative(linearized, a, b, step_of(&linearized->system, 0.01) / most, room->work, room->work + n, room->right);
+    for (size_t m = 0; m < n; m++) room->right[m] = -room->right[m];
+    return solve(linearized, preconditioner, room->right, room->work, out);
+}
+
+pliant_status pliant_response_modes(pliant_linearized *linearized, pliant_preconditioner *preconditioner, int32_t count,
+                                    const int32_t *nodes, const double *weights, double *modes)
+{
+    const pliant_system *system = &linearized->system;
+    size_t n = 3 * (size_t)system->num_free, next = 3;
+    solve_room room = {0};
+    double most = 0;
+    pliant_status status = room_create(n, &room);
+    for (int d = 0; d < 3 && status == PLIANT_OK; d++) {
+        memset(room.right, 0, n * sizeof *room.right);
+        for (int32_t h = 0; h < count; h++) {
+            int32_t unknown = system->free_of_node[nodes[h]];
+            if (unknown >= 0) room.right[3 * unknown + d] += weights[h];
+        }
+        status = solve(linearized, preconditioner, room.right, room.work, modes + n * (size_t)d);
+        most = fmax(most, largest(n, modes + n * (size_t)d));
+    }
+    for (size_t i = 0; i < 3; i++)
+        for (size_t j = i; j < 3 && status == PLIANT_OK; j++)
+            status = derivative(linearized, preconditioner, &room, modes + n * i, modes + n * j, most, modes + n * next++);
+    room_free(&room);
+    return status;
+}
+
+pliant_status pliant_response_crossed(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const double *first,
+                                      const double *second, double *out)
+{
+    size_t n = 3 * (size_t)linearized->system.num_free;
+    solve_room room = {0};
+    double most = fmax(largest(3 * n, first), largest(3 * n, second));
+    pliant_status status = room_create(n, &room);
+    for (size_t i = 0; i < 3; i++)
+        for (size_t j = 0; j < 3 && status == PLIANT_OK; j++)
+            status = derivative(linearized, preconditioner, &room, first + n * i, second + n * j, most, out + n * (3 * i + j));
+    room_free(&room);
+    return status;
+}
+
+double pliant_response_force_operations(const pliant_system *system)
+{
+    const double one = 150; /* turning an element, its stiffness, and back, LANES at a time: what it takes of a scalar rate */
+    return one * system->mesh->num_tets;
+}
+
+double pliant_response_operations(const pliant_system *system, const pliant_preconditioner *preconditioner, const double *positions)
+{
+    /* products in a solve by the factor at rest, which is exact there; a multigrid's count has as many cycles already */
+    const double moved = 1e-4; /* of a cell */
+    bool direct = pliant_preconditioner_refuses(preconditioner), rests = true;
+    for (int32_t v = 0; v < 3 * system->mesh->num_nodes && rests; v++)
+        rests = fabs(positions[v] - system->mesh->rest[v]) <= moved * system->mesh->cell_size[0];
+    const double usual = !direct ? 8 : rests ? 1 : 5;
+    double forces = pliant_response_force_operations(system);
+    double solve = pliant_preconditioner_solve_operations(preconditioner) * (direct ? usual : 1);
+    return PLIANT_RESPONSE_MODES * (solve + usual * 2 * forces + 4 * forces);
+}

@@ -1,0 +1,183 @@
+/* The quasi-static solve: find x with f_int(x) = load + sum of the tools' forces.
+ *
+ * Fixed-point steps on a frozen factor K0 of the warped stiffness, accelerated by Anderson (type II, in the energy norm of
+ * K0), accepted only when they lower the merit, with K0 refreshed in the background at fixed steps, so that the same input
+ * gives the same bits (NUMERICS 5, 7.4, 7.6).
+ *
+ * A tool that holds the tissue by a spring of compliance c adds a force l at y = W x with  c l = target - y;  c = 0 is
+ * displacement control. The pair (x, l) is stepped together:
+ *     K0 dx - W' dl = r,   W dx + c dl = e,   r = load + W' l - f_int(x),   e = target - y - c l
+ * by the Schur complement  S = c I + W Z,  Z = K0^-1 W'  (three columns a tool; Woodbury, NUMERICS 5).
+ * The merit is the energy norm of that step,  dx' K0 dx + c dl' dl,  and K0 dx = r + W' dl costs nothing.
+ * Steps, pulls and secants are vectors in the nodes' own axes (turn.h); positions, loads and forces are not. */
+#ifndef PLIANT_FEM_QUASISTATIC_SOLVER_H
+#define PLIANT_FEM_QUASISTATIC_SOLVER_H
+
+#include "fem/system.h"
+#include "fem/quasistatic/turn.h"
+#include "pliant/data.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* What one tool does to the unknowns. */
+typedef struct pliant_handle {
+    bool active;
+    bool by_force;         /* a given force, no spring */
+    double force[3];       /* on the tissue: given, or the unknown l [N] */
+    double compliance;     /* c [m/N] */
+    double target[3];      /* [m] */
+    int32_t count;         /* of the unknown nodes that W names */
+    int32_t *unknown;      /* (count) */
+    double *block;         /* (count x 9) dy/dx */
+    double *turned;        /* (count x 9) the same, x in the nodes' own axes; block itself where nothing turns */
+    double origin[3];      /* y = origin + W x */
+    double *response;      /* Z: (3 x 3 num_free), column by column */
+    uint64_t response_of;  /* factor that Z belongs to; 0: none */
+} pliant_handle;
+
+typedef struct pliant_refresh pliant_refresh; /* the background factorizer, refresh.c */
+
+enum { PLIANT_MAX_HISTORY = 20, PLIANT_MAX_ROWS = 3 * PLIANT_MAX_TOOLS };
+
+/* A state and what is known about it. */
+typedef struct pliant_iterate {
+    double *x;             /* (3 num_nodes) positions of the solved mesh, fixed nodes too */
+    double force[PLIANT_MAX_ROWS];
+    double *step;          /* (3 num_free) dx */
+    double *pull;          /* (3 num_free) K0 dx */
+    double step_force[PLIANT_MAX_ROWS]; /* dl */
+    double merit;          /* energy norm of the step [sqrt(J)] */
+    double scale;          /* the same of the load: sqrt of its work */
+} pliant_iterate;
+
+typedef struct pliant_secant { /* differences of two iterates */
+    uint64_t born;         /* counts the secants */
+    double *x, *step, *pull;
+    double force[PLIANT_MAX_ROWS], step_force[PLIANT_MAX_ROWS];
+} pliant_secant;
+
+/* The state that the last step ended with, as the first evaluation of the next one sees it (estimate.c). */
+typedef struct pliant_hindsight {
+    bool kept;                  /* there is one, and nothing but the loads has changed since */
+    bool seen;                  /* this step has evaluated it */
+    pliant_iterate at;          /* its step, pull and step_force; x and force are not used */
+    double *load;               /* (3 num_free) that it was solved for [N] */
+    double force[PLIANT_MAX_ROWS], target[PLIANT_MAX_ROWS]; /* of the tools */
+} pliant_hindsight;
+
+struct pliant_solver {
+    const pliant_system *system;
+    int32_t max_iterations, refresh_interval;
+    int32_t depth;              /* secants that are kept; more, up to room, where a step makes more evaluations than that */
+    int32_t room;
+    int32_t refresh_delay, convert_delay; /* steps until a factor is there, and then until the history fits it */
+    double tolerance, smallest_scale;
+    double budget;              /* of the iterations of a step [s]; 0: none */
+
+    pliant_preconditioner *preconditioner; /* in use; below, "factor" means it */
+    uint64_t factor_serial;     /* counts from 1 */
+    pliant_turn *turn;          /* Nullable: the axes that it is used in */
+    int64_t evaluations;        /* since they turned */
+    pliant_refresh *refresh;    /* Nullable */
+
+    double *load;               /* (3 num_free) gravity [N] */
+    double gravity[3];          /* that it is of [m/s^2] */
+    bool loaded;
+    pliant_handle handles[PLIANT_MAX_TOOLS];
+
+    pliant_iterate now, trial;
+    double first_merit;         /* that the last frame began with */
+    double rate;                /* merit after over before an evaluation, last frame's mean; 0: there was nothing to do */
+    bool stumbled;              /* a trial of the last step was refused */
+    bool ahead;                 /* now.x is one step beyond what was evaluated */
+    double *left_x, left_force[PLIANT_MAX_ROWS]; /* and this is what was (3 num_nodes) */
+    pliant_secant history[PLIANT_MAX_HISTORY];
+    int32_t num_history;
+    uint64_t num_secants;       /* that there ever were */
+    int32_t last_evaluations;   /* of the step before */
+    double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY]; /* energy products of the secants' steps */
+    double log_contraction;     /* of the merit by an evaluation, smoothed over steps: what is left of an error */
+    double foreseen;            /* error of the last step, as it told at once [m] */
+    pliant_hindsight hindsight;
+    int32_t refused;            /* trials refused since the last accepted one, when the last step accepted none */
+    bool limited;               /* the last of them was without large secants */
+    double largest_secant;      /* square of the energy norm of a secant's step above which it is not used [J] */
+    double escape;              /* longest of their plain steps along which the potential energy fell; 0: none */
+    int32_t slow;               /* steps in a row that hardly lowered the merit */
+    uint64_t forgotten;         /* times that the history was dropped, for backends that keep their own */
+    double (*element_forces)[12][LANES];
+    double *dense_weights;      /* (9 num_free) room to build W */
+};
+
+/* (count) of the arrays; the first may be left with some when there is no memory. Errors: MEMORY. */
+pliant_status pliant_secants_create(const pliant_system *system, int32_t count, pliant_secant *secants);
+void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY]);
+
+/* Limits and intervals as the scene says. Both are borrowed. */
+pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
+void pliant_solver_free(pliant_solver *solver);
+/* At rest, on the factor at rest, nothing held. Errors: MEMORY. */
+pliant_status pliant_solver_reset(pliant_solver *solver);
+
+void pliant_solver_gravity(pliant_solver *solver, const double gravity[3]);
+/* Point the handle at fine nodes with weights (sum 1); positions of the fine nodes say where y is now. Errors: MEMORY. */
+pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes, const double *weights,
+                                 const double *fine_positions);
+void pliant_solver_release(pliant_solver *solver, int tool);
+/* The axes have turned: what the tools keep in them. */
+void pliant_solver_turned(pliant_solver *solver);
+
+/* Secants worth keeping: those of a step and a half, of so many evaluations each, and no fewer than the scene asks for. Less does not
+ * span what a step learns, more reaches back to where the tissue was another. (110 k tetrahedra, gravity that turns: of 8 evaluations a step
+ * 6 secants leave 1 to 3 % of error, 10 to 14 0.1 %, 18 up to 1.5 %; of 4, 6 leave 1 %, 9 2 %.) */
+int32_t pliant_solver_depth(const pliant_solver *solver, int32_t evaluations);
+
+/* Drop the history: what it compares no longer holds. */
+static inline void pliant_solver_forget(pliant_solver *solver)
+{
+    solver->num_history = 0;
+    solver->hindsight.kept = false;
+    solver->forgotten++;
+}
+
+/* One step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old one. */
+pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics);
+
+/* a . b over the unknowns; the same for any number of threads */
+double pliant_solver_product(const pliant_solver *solver, const double *a, const double *b);
+static inline bool pliant_handle_is_spring(const pliant_handle *handle) { return handle->active && !handle->by_force && handle->count > 0; }
+/* v += W' f, v in the nodes' own axes */
+void pliant_handle_pull(const pliant_handle *handle, const double force[3], double *v);
+/* dl = S^-1 (e - W g0), and the step with it: g = g0 + Z dl, K0 g = r + W' dl. false: S is singular */
+bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at);
+/* Weights that make the step smallest in the energy norm: min |dx - sum w_i (secant of dx)_i|_K0; false: none.
+ * noise: of a secant, relative */
+bool pliant_solver_mix(const pliant_solver *solver, const pliant_iterate *at, double noise, double weights[PLIANT_MAX_HISTORY]);
+
+/* ---- estimate.c: how far nodes still are from where a step would converge to [m] */
+pliant_status pliant_hindsight_create(pliant_solver *solver);
+void pliant_hindsight_free(pliant_solver *solver);
+/* An accepted iterate lowered the merit to this part. */
+void pliant_estimate_learn(pliant_solver *solver, double ratio);
+/* Of the step that ends, from its last evaluation. */
+double pliant_estimate_now(const pliant_solver *solver);
+/* At the first evaluation of a step: what the state, unchanged since the step before ended, lacked for that step's loads. */
+pliant_status pliant_hindsight_look(pliant_solver *solver);
+/* Of the step before, now that this step's secants are known, or as it was foreseen. 0: there was none */
+double pliant_hindsight_tell(const pliant_solver *solver);
+/* The step ends. */
+void pliant_hindsight_keep(pliant_solver *solver);
+
+/* ---- refresh.c */
+/* Start and deliver factors at fixed steps. Errors of the factorization keep the old factor. */
+pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *statistics);
+void pliant_refresh_free(pliant_solver *solver);
+size_t pliant_refresh_bytes(const pliant_solver *solver);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,156 @@
+/* Making and unmaking a solver, its load. */
+#include "base/fail.h"
+#include "fem/quasistatic/solver.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+static pliant_status iterate_create(const pliant_system *system, pliant_iterate *iterate)
+{
+    size_t n = 3 * (size_t)system->num_free;
+    iterate->x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *iterate->x);
+    iterate->step = pliant_calloc(n, sizeof *iterate->step);
+    iterate->pull = pliant_calloc(n, sizeof *iterate->pull);
+    return iterate->x && iterate->step && iterate->pull ? PLIANT_OK : pliant_fail_memory("the solver");
+}
+
+static void iterate_free(pliant_iterate *iterate)
+{
+    pliant_free(iterate->x);
+    pliant_free(iterate->step);
+    pliant_free(iterate->pull);
+}
+
+pliant_status pliant_secants_create(const pliant_system *system, int32_t count, pliant_secant *secants)
+{
+    size_t n = 3 * (size_t)system->num_free;
+    for (int32_t h = 0; h < count; h++) {
+        pliant_secant *secant = secants + h;
+        secant->x = pliant_calloc(n, sizeof *secant->x);
+        secant->step = pliant_calloc(n, sizeof *secant->step);
+        secant->pull = pliant_calloc(n, sizeof *secant->pull);
+        if (!secant->x || !secant->step || !secant->pull) return pliant_fail_memory("the solver's history");
+    }
+    return PLIANT_OK;
+}
+
+void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY])
+{
+    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
+        pliant_free(secants[h].x);
+        pliant_free(secants[h].step);
+        pliant_free(secants[h].pull);
+    }
+}
+
+/* Steps that work in the background may take: its operations at a rate that a core of today has, so that the answer is the same
+ * everywhere and the step seldom waits for it. The later a factor comes, the less it fits (test/bench/bench_budget). */
+static int32_t steps_for(double operations, double step)
+{
+    const double rate = 5e9;
+    return (int32_t)fmin(ceil(operations / rate / step), 99998);
+}
+
+static void set_delays(const pliant_scene *scene, pliant_solver *solver)
+{
+    const pliant_preconditioner *preconditioner = solver->system->preconditioner;
+    solver->refresh_delay = scene->solver.refresh_delay;
+    solver->convert_delay = 1;
+    if (solver->refresh_delay > 0) return;
+    solver->refresh_delay = 1 + steps_for(pliant_preconditioner_operations(preconditioner), scene->solver.step);
+    solver->convert_delay += steps_for(solver->room * pliant_preconditioner_apply_operations(preconditioner), scene->solver.step) - 1;
+}
+
+pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out)
+{
+    pliant_solver *solver = pliant_calloc(1, sizeof *solver);
+    if (!solver) return pliant_fail_memory("the solver");
+    solver->system = system;
+    solver->max_iterations = scene->solver.iterations;
+    solver->depth = scene->solver.history;
+    solver->room = pliant_solver_depth(solver, solver->max_iterations);
+    solver->tolerance = scene->solver.tolerance;
+    solver->budget = 1e-3 * scene->solver.budget_ms;
+    solver->refresh_interval = scene->solver.refresh_interval;
+    set_delays(scene, solver);
+    double length = 0;
+    for (int d = 0; d < 3; d++) length = fmax(length, system->mesh->cells[d] * system->mesh->cell_size[d]);
+    /* moving one node by a thousandth of the body: below that, the tolerance is taken of this instead of the load */
+    solver->smallest_scale = 1e-3 * length * sqrt(system->mean_diagonal);
+    solver->load = pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
+    solver->dense_weights = pliant_calloc((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
+    solver->left_x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->left_x);
+    solver->element_forces = pliant_calloc((size_t)system->num_blocks, sizeof *solver->element_forces);
+    pliant_status status = solver->load && solver->dense_weights && solver->left_x && solver->element_forces ? PLIANT_OK : pliant_fail_memory("the solver");
+    if (status == PLIANT_OK) status = iterate_create(system, &solver->now);
+    if (status == PLIANT_OK) status = iterate_create(system, &solver->trial);
+    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->room, solver->history);
+    if (status == PLIANT_OK) status = pliant_hindsight_create(solver);
+    if (status == PLIANT_OK) status = pliant_turn_create(system, &solver->turn);
+    if (status == PLIANT_OK) status = pliant_solver_reset(solver);
+    if (status != PLIANT_OK) {
+        pliant_solver_free(solver);
+        return status;
+    }
+    *out = solver;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_solver_reset(pliant_solver *solver)
+{
+    if (!solver->preconditioner || solver->factor_serial > 1) {
+        pliant_preconditioner *preconditioner;
+        pliant_status status = pliant_preconditioner_clone(solver->system->preconditioner, solver->system->num_threads, &preconditioner);
+        if (status != PLIANT_OK) return status;
+        pliant_preconditioner_free(solver->preconditioner);
+        solver->preconditioner = preconditioner;
+    }
+    pliant_refresh_free(solver);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
+    solver->factor_serial = 1;
+    pliant_turn_from(solver->system, solver->system->mesh->rest, solver->turn);
+    solver->ahead = solver->stumbled = solver->limited = false;
+    solver->refused = solver->slow = 0;
+    solver->escape = 0;
+    solver->largest_secant = INFINITY;
+    solver->evaluations = solver->last_evaluations = 0;
+    solver->first_merit = solver->rate = 0;
+    solver->log_contraction = log(0.3);
+    solver->foreseen = 0;
+    pliant_solver_forget(solver);
+    memcpy(solver->now.x, solver->system->mesh->rest, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
+    memset(solver->now.force, 0, sizeof solver->now.force);
+    return PLIANT_OK;
+}
+
+/* F_j = M_j' g, [H] 9 and 10 */
+void pliant_solver_gravity(pliant_solver *solver, const double gravity[3])
+{
+    if (solver->loaded && memcmp(solver->gravity, gravity, sizeof solver->gravity) == 0) return;
+    memcpy(solver->gravity, gravity, sizeof solver->gravity);
+    solver->loaded = true;
+    for (int32_t f = 0; f < solver->system->num_free; f++)
+        for (int d = 0; d < 3; d++) {
+            const double *mass = solver->system->gravity_mass + 9 * (size_t)f;
+            solver->load[3 * f + d] = mass[d] * gravity[0] + mass[3 + d] * gravity[1] + mass[6 + d] * gravity[2];
+        }
+}
+
+void pliant_solver_free(pliant_solver *solver)
+{
+    if (!solver) return;
+    pliant_refresh_free(solver);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
+    iterate_free(&solver->now);
+    iterate_free(&solver->trial);
+    pliant_hindsight_free(solver);
+    pliant_turn_free(solver->turn);
+    pliant_secants_free(solver->history);
+    pliant_free(solver->load);
+    pliant_free(solver->dense_weights);
+    pliant_free(solver->left_x);
+    pliant_free(solver->element_forces);
+    pliant_preconditioner_free(solver->preconditioner);
+    pliant_free(solver);
+}

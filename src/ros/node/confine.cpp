@@ -1,0 +1,112 @@
+#include "ros/node/confine.h"
+
+#include <stdlib.h>
+#include <sys/stat.h>
+
+#include <cerrno>
+#include <cstring>
+#include <memory>
+
+namespace pliant_ros {
+
+namespace {
+
+bool real(const std::string &path, std::string *out)
+{
+    std::unique_ptr<char, decltype(&free)> resolved(realpath(path.c_str(), nullptr), &free);
+    if (resolved) *out = resolved.get();
+    return static_cast<bool>(resolved);
+}
+
+bool is_inside(const std::string &root, const std::string &path)
+{
+    return path == root || root == "/" || path.compare(0, root.size() + 1, root + "/") == 0;
+}
+
+std::string folder_of(const std::string &path)
+{
+    size_t slash = path.rfind('/');
+    return slash == std::string::npos ? "." : slash == 0 ? "/" : path.substr(0, slash);
+}
+
+std::string joined(const std::string &folder, const std::string &path)
+{
+    return !path.empty() && path[0] == '/' ? path : folder + "/" + path;
+}
+
+bool real_root(const std::string &root, std::string *out, std::string *why)
+{
+    if (root.empty()) *why = "no folder is set from which callers may name files";
+    else if (!real(root, out)) *why = root + ": " + std::strerror(errno);
+    else return true;
+    return false;
+}
+
+} // namespace
+
+bool confine_existing(const std::string &root, const std::string &path, std::string *resolved, std::string *why)
+{
+    std::string top, found;
+    if (!real_root(root, &top, why)) return false;
+    if (path.empty()) {
+        *why = "no file is named";
+        return false;
+    }
+    if (!real(joined(top, path), &found)) {
+        *why = path + ": " + std::strerror(errno);
+        return false;
+    }
+    if (!is_inside(top, found)) {
+        *why = path + " is outside " + top;
+        return false;
+    }
+    *resolved = found;
+    return true;
+}
+
+bool confine_new(const std::string &root, const std::string &path, std::string *resolved, std::string *why)
+{
+    std::string top, folder;
+    if (!real_root(root, &top, why)) return false;
+    std::string whole = joined(top, path);
+    size_t slash = whole.rfind('/');
+    std::string name = whole.substr(slash + 1);
+    if (path.empty() || name.empty() || name == "." || name == "..") {
+        *why = "\"" + path + "\" names no file";
+        return false;
+    }
+    if (!real(folder_of(whole), &folder)) {
+        *why = folder_of(whole) + ": " + std::strerror(errno);
+        return false;
+    }
+    if (!is_inside(top, folder)) {
+        *why = path + " is outside " + top;
+        return false;
+    }
+    std::string target = folder + "/" + name;
+    struct stat status;
+    if (lstat(target.c_str(), &status) == 0 && !S_ISREG(status.st_mode)) {
+        *why = target + " is there and not a plain file";
+        return false;
+    }
+    *resolved = target;
+    return true;
+}
+
+ConfinedReads::ConfinedReads(const std::string &root, const std::string &also)
+{
+    if (!root.empty()) real(root, &root_);
+    if (!also.empty()) real(also, &also_);
+    before_ = pliant_set_open_check(pliant_open_check{
+        [](const char *path, void *user) { return static_cast<ConfinedReads *>(user)->ask(path); }, this});
+}
+
+ConfinedReads::~ConfinedReads() { pliant_set_open_check(before_); }
+
+const char *ConfinedReads::ask(const char *path) const
+{
+    bool allowed = (!root_.empty() && is_inside(root_, path)) || (!also_.empty() && also_ == path);
+    return allowed ? nullptr : "it is outside the folder from which callers may name files";
+}
+
+} // namespace pliant_ros

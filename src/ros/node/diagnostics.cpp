@@ -1,0 +1,107 @@
+#include "ros/node/diagnostics.h"
+
+#include <unistd.h>
+
+#include <cmath>
+
+namespace pliant_ros {
+
+namespace {
+
+using diagnostic_msgs::DiagnosticStatus;
+
+const double slow_tool = 100; /* poses a second below which forces feel rough [Hz] */
+
+std::string host_name()
+{
+    char name[256] = "";
+    gethostname(name, sizeof name - 1);
+    return name;
+}
+
+} // namespace
+
+Diagnostics::Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation,
+                         Tools *tools, const MeshOutput *mesh_output, const VolumeOutput *volume_output)
+    : state_(state), simulation_(simulation), tools_(tools), mesh_output_(mesh_output), volume_output_(volume_output),
+      updater_(handle, private_handle, private_handle.getNamespace())
+{
+    updater_.setHardwareID(host_name());
+    updater_.add("solver", this, &Diagnostics::solver);
+    updater_.add("backend", this, &Diagnostics::backend);
+    updater_.add("output", this, &Diagnostics::output);
+    for (size_t i = 0; i < tools->size(); ++i)
+        updater_.add("tool " + tools->name(i),
+                     [this, i](diagnostic_updater::DiagnosticStatusWrapper &status) { tool(i, status); });
+    timer_ = handle.createWallTimer(ros::WallDuration(1), [this](const ros::WallTimerEvent &) { update(); });
+}
+
+void Diagnostics::update()
+{
+    tool_health_ = tools_->health(ros::Time::now());
+    updater_.force_update();
+}
+
+void Diagnostics::solver(diagnostic_updater::DiagnosticStatusWrapper &status)
+{
+    StepHealth health = simulation_->health();
+    uint64_t missed = health.missed >= missed_before_ ? health.missed - missed_before_ : health.missed;
+    missed_before_ = health.missed;
+    uint8_t state = state_->state();
+    bool failed = state == SimState::FAULT;
+    if (!health.is_loaded) status.summary(DiagnosticStatus::WARN, failed ? "nothing could be loaded" : "loading");
+    else if (failed) status.summary(DiagnosticStatus::ERROR, "the last step failed; see the topic state");
+    else if (health.is_paused) status.summary(DiagnosticStatus::OK, "paused");
+    else if (health.inverted > 0) status.summary(DiagnosticStatus::WARN, "tetrahedra are turned inside out");
+    else if (missed > 0) status.summary(DiagnosticStatus::WARN, "deadlines missed in the last second");
+    else status.summary(DiagnosticStatus::OK, "running");
+    status.add("steps in the last second", health.rate);
+    status.add("wanted period [ms]", 1e3 * health.period);
+    status.add("p50 [ms]", 1e3 * health.p50);
+    status.add("p99 [ms]", 1e3 * health.p99);
+    status.add("missed deadlines in the last second", missed);
+    status.add("missed deadlines", health.missed);
+    status.add("inverted elements", health.inverted);
+    status.add("iterations", health.iterations);
+    status.add("residual", health.residual);
+    status.add("steps not converged", health.not_converged);
+    status.add("steps failed", health.failed);
+}
+
+void Diagnostics::tool(size_t index, diagnostic_updater::DiagnosticStatusWrapper &status)
+{
+    if (index >= tool_health_.size()) return;
+    const ToolHealth &tool = tool_health_[index];
+    if (!tool.present) status.summary(DiagnosticStatus::WARN, "no tool: " + tool.why);
+    else if (tool.rate < slow_tool) status.summary(DiagnosticStatus::OK, "slow: a robot sends 100 poses a second");
+    else status.summary(DiagnosticStatus::OK, "tracked");
+    status.add("rate [Hz]", tool.rate);
+    status.add("age [ms]", std::isfinite(tool.age) ? std::to_string(1e3 * tool.age) : "no pose");
+}
+
+void Diagnostics::backend(diagnostic_updater::DiagnosticStatusWrapper &status)
+{
+    const char *name = simulation_->health().backend;
+    status.summary(DiagnosticStatus::OK, name ? name : "nothing is loaded");
+    status.add("memory in use [MB]", 1e-6 * pliant_memory_in_use());
+    status.add("peak [MB]", 1e-6 * pliant_memory_peak());
+    if (std::shared_ptr<const Loaded> loaded = simulation_->loaded()) {
+        status.add("threads", threads_of(loaded->model->scene));
+        status.add("scan", loaded->scan->volume.id);
+        status.add("nodes", loaded->model->fine.num_nodes);
+        status.add("tetrahedra", loaded->model->fine.num_tets);
+        if (loaded->choice.made) {
+            status.add("chosen", loaded->choice.options);
+            status.add("error of that on the probe load [%]", 100 * loaded->choice.error);
+        }
+    }
+}
+
+void Diagnostics::output(diagnostic_updater::DiagnosticStatusWrapper &status)
+{
+    status.summary(DiagnosticStatus::OK, "what is wanted is published");
+    for (const std::string &problem : {mesh_output_->problem(), volume_output_->problem()})
+        if (!problem.empty()) status.mergeSummary(DiagnosticStatus::ERROR, problem);
+}
+
+} // namespace pliant_ros

@@ -1,0 +1,38 @@
+/* /diagnostics, once a second: the solver, each tool, the backend, what is published. */
+#ifndef PLIANT_ROS_NODE_DIAGNOSTICS_H
+#define PLIANT_ROS_NODE_DIAGNOSTICS_H
+
+#include "ros/sim/simulation.h"
+#include "ros/output/volume_output.h"
+
+#include <diagnostic_updater/diagnostic_updater.h>
+
+namespace pliant_ros {
+
+class Diagnostics {
+public:
+    Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation, Tools *tools,
+                const MeshOutput *mesh_output, const VolumeOutput *volume_output);
+
+private:
+    void update();
+    void solver(diagnostic_updater::DiagnosticStatusWrapper &status);
+    void tool(size_t index, diagnostic_updater::DiagnosticStatusWrapper &status);
+    void backend(diagnostic_updater::DiagnosticStatusWrapper &status);
+
+    void output(diagnostic_updater::DiagnosticStatusWrapper &status);
+
+    State *state_;
+    Simulation *simulation_;
+    Tools *tools_;
+    const MeshOutput *mesh_output_;
+    const VolumeOutput *volume_output_;
+    diagnostic_updater::Updater updater_;
+    std::vector<ToolHealth> tool_health_;
+    uint64_t missed_before_ = 0;
+    ros::WallTimer timer_;
+};
+
+} // namespace pliant_ros
+
+#endif

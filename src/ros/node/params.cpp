@@ -1,0 +1,265 @@
+#include "ros/node/params.h"
+
+#include <XmlRpcException.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <stdexcept>
+
+namespace pliant_ros {
+
+namespace {
+
+using XmlRpc::XmlRpcValue;
+
+const char *const node_names[] = {"scene",        "scan",          "scan/path",     "scan_root",   "output_root",
+                                  "parent_frame", "tissue_frame",  "tissue_pose",   "tools",       "tool_max_age",
+                                  "jaw_close",    "jaw_release",   "slice/axial",   "slice/coronal",
+                                  "slice/sagittal"};
+
+[[noreturn]] void refuse(const std::string &message) { throw std::invalid_argument(message); }
+
+bool is_number(const XmlRpcValue &value)
+{
+    return value.getType() == XmlRpcValue::TypeDouble || value.getType() == XmlRpcValue::TypeInt;
+}
+
+double number(const std::string &name, XmlRpcValue &value, double low, double high)
+{
+    if (!is_number(value)) refuse("~" + name + " must be a number");
+    double x = value.getType() == XmlRpcValue::TypeInt ? static_cast<int>(value) : static_cast<double>(value);
+    if (!(x >= low && x <= high))
+        refuse("~" + name + " is " + std::to_string(x) + "; it must be from " + std::to_string(low) + " to " +
+               std::to_string(high));
+    return x;
+}
+
+std::string text(const std::string &name, XmlRpcValue &value)
+{
+    if (value.getType() != XmlRpcValue::TypeString) refuse("~" + name + " must be text");
+    return value;
+}
+
+/* as pliant_scene_set reads it */
+std::string option_text(const std::string &name, XmlRpcValue &value)
+{
+    char digits[40];
+    switch (value.getType()) {
+    case XmlRpcValue::TypeBoolean: return static_cast<bool>(value) ? "true" : "false";
+    case XmlRpcValue::TypeInt: return std::to_string(static_cast<int>(value));
+    case XmlRpcValue::TypeDouble:
+        std::snprintf(digits, sizeof digits, "%.17g", static_cast<double>(value));
+        return digits;
+    case XmlRpcValue::TypeString: return value;
+    case XmlRpcValue::TypeArray: {
+        std::string list;
+        for (int i = 0; i < value.size(); ++i) {
+            if (!is_number(value[i])) refuse("~" + name + " must be a list of numbers");
+            list += (i ? " " : "") + option_text(name, value[i]);
+        }
+        return list;
+    }
+    default: refuse("~" + name + " has a type that no option has");
+    }
+}
+
+size_t edit_distance(const std::string &a, const std::string &b)
+{
+    std::vector<size_t> row(b.size() + 1);
+    for (size_t j = 0; j <= b.size(); ++j) row[j] = j;
+    for (size_t i = 1; i <= a.size(); ++i) {
+        size_t diagonal = row[0];
+        row[0] = i;
+        for (size_t j = 1; j <= b.size(); ++j) {
+            size_t above = row[j];
+            row[j] = std::min({above + 1, row[j - 1] + 1, diagonal + (a[i - 1] != b[j - 1])});
+            diagonal = above;
+        }
+    }
+    return row[b.size()];
+}
+
+std::string nearest(const std::string &name)
+{
+    std::vector<std::string> known(std::begin(node_names), std::end(node_names));
+    size_t count;
+    const pliant_option_info *options = pliant_scene_options(&count);
+    for (size_t i = 0; i < count; ++i) known.push_back(std::string(options[i].group) + "/" + options[i].name);
+    return *std::min_element(known.begin(), known.end(), [&](const std::string &a, const std::string &b) {
+        return edit_distance(name, a) < edit_distance(name, b);
+    });
+}
+
+bool is_option(const std::string &name)
+{
+    size_t count;
+    const pliant_option_info *options = pliant_scene_options(&count);
+    return std::any_of(options, options + count, [&](const pliant_option_info &option) {
+        return name == std::string(option.group) + "/" + option.name;
+    });
+}
+
+/* a graph resource name without slashes, which becomes part of topic names */
+void check_tool_name(const std::string &name)
+{
+    bool good = !name.empty() && name.size() < sizeof(pliant_tool::name) &&
+                std::isalpha(static_cast<unsigned char>(name[0])) &&
+                std::all_of(name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) || c == '_'; });
+    if (!good) refuse("~tools: \"" + name + "\" is no name of a tool: 47 letters, digits and _, a letter first");
+}
+
+void read_tools(XmlRpcValue &value, Parameters *out)
+{
+    std::vector<std::string> names;
+    if (value.getType() == XmlRpcValue::TypeString) {
+        /* "PSM1 PSM2", as a launch argument can give it */
+        std::string all = value, name;
+        for (char c : all + " ") {
+            if (c != ' ' && c != ',') name += c;
+            else if (!name.empty()) names.push_back(name), name.clear();
+        }
+    } else if (value.getType() == XmlRpcValue::TypeArray) {
+        for (int i = 0; i < value.size(); ++i) names.push_back(text("tools", value[i]));
+    } else refuse("~tools must be a list of names");
+    if (names.size() > PLIANT_MAX_TOOLS) refuse("~tools: at most " + std::to_string(PLIANT_MAX_TOOLS) + " tools");
+    out->tools.clear();
+    for (const std::string &name : names) {
+        check_tool_name(name);
+        for (const ToolParameters &other : out->tools)
+            if (other.name == name) refuse("~tools: " + name + " is named twice");
+        out->tools.push_back(ToolParameters{name, true});
+    }
+}
+
+void read_tool(const std::string &name, XmlRpcValue &value, Parameters *out)
+{
+    for (ToolParameters &tool : out->tools) {
+        if (tool.name != name) continue;
+        if (value.getType() != XmlRpcValue::TypeStruct) refuse("~tool/" + name + " must hold mode");
+        for (auto &entry : value) {
+            std::string path = "tool/" + name + "/" + entry.first;
+            if (entry.first != "mode") refuse("~" + path + " is unknown; did you mean ~tool/" + name + "/mode?");
+            std::string mode = text(path, entry.second);
+            if (mode != "probe" && mode != "grasp") refuse("~" + path + " is " + mode + "; it must be probe or grasp");
+            tool.grasps = mode == "grasp";
+        }
+        return;
+    }
+    refuse("~tool/" + name + ": no tool of this name is in ~tools");
+}
+
+/* "x y z qx qy qz qw" or a list of the seven */
+Rigid read_pose(const std::string &name, XmlRpcValue &value)
+{
+    std::string list = option_text(name, value);
+    double n[7];
+    int end = 0;
+    bool good = std::sscanf(list.c_str(), "%lf %lf %lf %lf %lf %lf %lf %n", &n[0], &n[1], &n[2], &n[3], &n[4], &n[5],
+                            &n[6], &end) == 7 &&
+                static_cast<size_t>(end) == list.size();
+    geometry_msgs::Pose pose;
+    Rigid out;
+    std::string why = "it must be seven numbers: x y z qx qy qz qw";
+    if (good) {
+        pose.position.x = n[0], pose.position.y = n[1], pose.position.z = n[2];
+        pose.orientation.x = n[3], pose.orientation.y = n[4], pose.orientation.z = n[5], pose.orientation.w = n[6];
+        good = rigid_from_message(pose, &out, &why);
+    }
+    if (!good) refuse("~" + name + ": " + why);
+    return out;
+}
+
+bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters *out)
+{
+    static const char *const planes[] = {"slice/axial", "slice/coronal", "slice/sagittal"};
+    /* ~scan is a path, or the group of the scan's options */
+    bool is_group = value.getType() == XmlRpcValue::TypeStruct;
+    if ((name == "scan" && !is_group) || name == "scan/path") out->scan = text(name, value);
+    else if (name == "scan_root") out->scan_root = text(name, value);
+    else if (name == "output_root") out->output_root = text(name, value);
+    else if (name == "parent_frame") out->parent_frame = text(name, value);
+    else if (name == "tissue_frame") out->tissue_frame = text(name, value);
+    else if (name == "tissue_pose") out->tissue_pose = read_pose(name, value);
+    else if (name == "tool_max_age") out->tool_max_age = number(name, value, 1e-3, 10);
+    else if (name == "jaw_close") out->jaw_close = number(name, value, -M_PI, M_PI);
+    else if (name == "jaw_release") out->jaw_release = number(name, value, -M_PI, M_PI);
+    else if (name == "scene" || name == "tools") return true; /* read before all others */
+    else {
+        for (int plane = 0; plane < 3; ++plane)
+            if (name == planes[plane]) {
+                out->slice[plane] = number(name, value, 0, 1);
+                return true;
+            }
+        return false;
+    }
+    return true;
+}
+
+void read_one(const std::string &name, XmlRpcValue &value, Parameters *out)
+{
+    if (read_node_parameter(name, value, out)) return;
+    if (value.getType() == XmlRpcValue::TypeStruct && !is_option(name) && name.find('/') == std::string::npos) {
+        for (auto &entry : value) {
+            if (name == "tool") read_tool(entry.first, entry.second, out);
+            else read_one(name + "/" + entry.first, entry.second, out);
+        }
+        return;
+    }
+    if (!is_option(name)) refuse("~" + name + " is unknown; did you mean ~" + nearest(name) + "?");
+    if (pliant_scene_set(&out->scene, name.c_str(), option_text(name, value).c_str()) < 0)
+        refuse("~" + name + ": " + pliant_last_error());
+}
+
+void set_defaults(Parameters *out)
+{
+    pliant_scene_defaults(&out->scene);
+    out->scan = "phantom";
+    out->tissue_frame = "tissue";
+    out->tissue_pose = identity();
+    out->tool_max_age = 0.05;
+    out->jaw_close = 0.05;
+    out->jaw_release = 0.20;
+    std::fill(out->slice, out->slice + 3, 0.5);
+}
+
+void check_frames(const Parameters &parameters)
+{
+    for (const std::string *frame : {&parameters.tissue_frame, &parameters.parent_frame})
+        if (!frame->empty() && (*frame)[0] == '/') refuse("frame " + *frame + ": tf2 wants no leading slash");
+    if (parameters.tissue_frame.empty()) refuse("~tissue_frame is empty");
+    if (parameters.parent_frame == parameters.tissue_frame) refuse("~parent_frame and ~tissue_frame are the same");
+}
+
+} // namespace
+
+bool read_parameters(XmlRpcValue tree, Parameters *out, std::string *why)
+{
+    try {
+        Parameters read;
+        set_defaults(&read);
+        if (tree.getType() == XmlRpcValue::TypeStruct) {
+            if (tree.hasMember("scene")) {
+                std::string file = text("scene", tree["scene"]);
+                if (!file.empty() && pliant_scene_read(file.c_str(), &read.scene) < 0)
+                    refuse(std::string("~scene: ") + pliant_last_error());
+            }
+            if (tree.hasMember("tools")) read_tools(tree["tools"], &read);
+            for (auto &entry : tree) read_one(entry.first, entry.second, &read);
+        }
+        if (pliant_scene_check(&read.scene) < 0) refuse(pliant_last_error());
+        if (!(read.jaw_close < read.jaw_release)) refuse("~jaw_close must be less than ~jaw_release");
+        check_frames(read);
+        *out = read;
+        return true;
+    } catch (const std::invalid_argument &refused) {
+        *why = refused.what();
+    } catch (const XmlRpc::XmlRpcException &broken) {
+        *why = "parameters: " + broken.getMessage();
+    }
+    return false;
+}
+
+} // namespace pliant_ros

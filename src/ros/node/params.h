@@ -1,0 +1,40 @@
+/* What the node is told at its start: private ROS parameters over a scene file over the defaults. */
+#ifndef PLIANT_ROS_NODE_PARAMS_H
+#define PLIANT_ROS_NODE_PARAMS_H
+
+#include "pliant/ros/convert.h"
+
+#include <XmlRpcValue.h>
+
+#include <string>
+#include <vector>
+
+namespace pliant_ros {
+
+struct ToolParameters {
+    std::string name;
+    bool grasps;      /* mode grasp; false: probe, it only feels */
+};
+
+struct Parameters {
+    pliant_scene scene;
+    std::string scan;                       /* as of pliant_inputs_read */
+    std::string scan_root, output_root;     /* empty: services may name no file */
+    std::string parent_frame, tissue_frame; /* parent empty: no transform is published */
+    Rigid tissue_pose;                      /* of the tissue frame in the parent */
+    std::vector<ToolParameters> tools;
+    double tool_max_age;                    /* [s] */
+    double jaw_close, jaw_release;          /* [rad] */
+    double slice[3];                        /* axial, coronal, sagittal: fraction of the volume's box */
+};
+
+/* From the tree of private parameters (a struct, or invalid for none). Every option of a scene is a parameter of its
+   path, solver/iterations; beside them: scene (file), scan or scan/path, scan_root, output_root, parent_frame,
+   tissue_frame, tissue_pose, tools, tool/<name>/mode, tool_max_age, jaw_close, jaw_release, slice/{axial,coronal,
+   sagittal}. Anything else is an error that names the nearest known one.
+   The tree is not changed; XmlRpcValue has no constant access. */
+bool read_parameters(XmlRpc::XmlRpcValue tree, Parameters *out, std::string *why);
+
+} // namespace pliant_ros
+
+#endif

@@ -1,0 +1,31 @@
+/* What keeps a thread from its work now: it says so itself, and diagnostics tell. */
+#ifndef PLIANT_ROS_NODE_PROBLEM_H
+#define PLIANT_ROS_NODE_PROBLEM_H
+
+#include <mutex>
+#include <string>
+
+namespace pliant_ros {
+
+class Problem {
+public:
+    /* Empty: none. */
+    void set(const std::string &text)
+    {
+        std::lock_guard<std::mutex> hold(lock_);
+        text_ = text;
+    }
+    std::string get() const
+    {
+        std::lock_guard<std::mutex> hold(lock_);
+        return text_;
+    }
+
+private:
+    mutable std::mutex lock_;
+    std::string text_;
+};
+
+} // namespace pliant_ros
+
+#endif

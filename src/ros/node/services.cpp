@@ -1,0 +1,299 @@
+#include "ros/node/services.h"
+
+#include "ros/node/confine.h"
+
+#include <cmath>
+#include <limits>
+
+namespace pliant_ros {
+
+namespace {
+
+/* the one that works, and one that refuses meanwhile and resets or pauses */
+enum { SERVICE_THREADS = 2 };
+
+float seconds_since(double start) { return static_cast<float>(pliant_seconds() - start); }
+
+bool is_phantom(const std::string &path) { return path == "phantom" || path.compare(0, 8, "phantom:") == 0; }
+
+std::string size_text(const pliant_model &model)
+{
+    return std::to_string(model.fine.num_nodes) + " nodes, " + std::to_string(model.fine.num_tets) + " tetrahedra";
+}
+
+} // namespace
+
+void Recomputed::take(const RecomputeHomogenization::Request &request)
+{
+    const uint32_t most = std::numeric_limits<int32_t>::max();
+    if (!request.method.empty()) method = request.method;
+    for (int d = 0; d < 3; ++d)
+        if (request.coarse_cells[d] > 0) coarse_cells[d] = static_cast<int32_t>(std::min(request.coarse_cells[d], most));
+    if (request.ratio > 0) ratio = static_cast<int32_t>(std::min(request.ratio, most));
+}
+
+void Recomputed::apply(pliant_scene *scene) const
+{
+    if (!method.empty()) check(pliant_scene_set(scene, "model/method", method.c_str()));
+    /* what somebody named is not chosen any more */
+    if (!method.empty()) scene->choose.method = false;
+    if (ratio > 0) scene->choose.ratio = false;
+    for (int d = 0; d < 3; ++d)
+        if (coarse_cells[d] > 0) {
+            scene->mesh.coarse_cells[d] = coarse_cells[d];
+            scene->choose.coarse_cells = false;
+        }
+    if (ratio > 0) scene->mesh.ratio = ratio;
+}
+
+Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live,
+                   Simulation *simulation, MeshOutput *mesh_output, VolumeOutput *volume_output,
+                   std::shared_ptr<const tf2_ros::Buffer> frames)
+    : parameters_(parameters), state_(state), live_(live), simulation_(simulation), mesh_output_(mesh_output),
+      volume_output_(volume_output), frames_(std::move(frames))
+{
+    handle.setCallbackQueue(&queue_);
+    servers_.push_back(handle.advertiseService("load_scan", &Services::load_scan, this));
+    servers_.push_back(handle.advertiseService("recompute_homogenization", &Services::recompute, this));
+    servers_.push_back(handle.advertiseService("set_materials", &Services::set_materials, this));
+    servers_.push_back(handle.advertiseService("save_volume", &Services::save_volume, this));
+    servers_.push_back(handle.advertiseService("pick", &Services::pick, this));
+    servers_.push_back(handle.advertiseService("reset", &Services::reset, this));
+    servers_.push_back(handle.advertiseService("pause", &Services::pause, this));
+    spinner_.reset(new ros::AsyncSpinner(SERVICE_THREADS, &queue_));
+    spinner_->start();
+    first_ = std::thread(&Services::load_first, this);
+}
+
+Services::~Services()
+{
+    stopping_ = true;
+    first_.join();
+    spinner_->stop();
+    servers_.clear();
+}
+
+pliant_progress Services::progress(double from, double to)
+{
+    progress_from_ = from;
+    progress_to_ = to;
+    return pliant_progress{[](double fraction, const char *stage, void *user) {
+                               Services *self = static_cast<Services *>(user);
+                               self->state_->progress(self->progress_from_ + (self->progress_to_ - self->progress_from_) * fraction, stage);
+                               return !self->stopping_;
+                           },
+                           this};
+}
+
+bool Services::exclusively(const std::string &name, std::string *message, const std::function<std::string()> &work)
+{
+    if (!state_->begin(name, message)) return false;
+    bool good = false;
+    try {
+        *message = work();
+        good = true;
+    } catch (const std::bad_alloc &) {
+        *message = name + ": out of memory";
+    } catch (const std::exception &failed) {
+        *message = name + ": " + failed.what();
+    }
+    state_->end(good, *message);
+    if (good) ROS_INFO("%s", message->c_str());
+    else ROS_ERROR("%s", message->c_str());
+    return good;
+}
+
+std::shared_ptr<const Loaded> Services::current() const
+{
+    std::shared_ptr<const Loaded> loaded = simulation_->loaded();
+    if (!loaded) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded yet; load_scan comes first");
+    return loaded;
+}
+
+void Services::put_in(const std::shared_ptr<Loaded> &next, bool takes_live)
+{
+    check_target(*next);
+    next->revision = revision_ + 1;
+    simulation_->swap(next);
+    if (takes_live || next->choice.made) live_->assign(next->model->scene);
+    ++revision_;
+    state_->chose(next->choice);
+    mesh_output_->publish_model(*next);
+}
+
+void Services::load_first()
+{
+    std::string message;
+    bool good = exclusively("loading " + parameters_.scan, &message, [this] {
+        Materials materials;
+        std::shared_ptr<const Scan> scan = read_scan(parameters_.scene, parameters_.scan, &materials);
+        std::shared_ptr<Loaded> next = build_chosen(parameters_.scene, scan, materials.table, progress());
+        put_in(next);
+        return "loaded " + parameters_.scan + ": " + size_text(*next->model);
+    });
+    if (!good) state_->set(SimState::FAULT, message);
+}
+
+std::string Services::allowed(const std::string &path) const
+{
+    std::string resolved, why;
+    if (!confine_existing(parameters_.scan_root, path, &resolved, &why)) throw Failure(PLIANT_ERROR_ARGUMENT, why);
+    return resolved;
+}
+
+bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &response)
+{
+    double start = pliant_seconds();
+    response.success = exclusively("load_scan", &response.message, [&] {
+        std::string path = is_phantom(request.path) ? request.path : allowed(request.path);
+        std::string labels = request.labels.empty() ? "" : allowed(request.labels);
+        Materials materials;
+        if (materials_.table.num_materials > 0) check(pliant_material_table_copy(&materials_.table, &materials.table));
+        pliant_scene scene = parameters_.scene;
+        live_->apply(&scene);
+        recomputed_.apply(&scene);
+        check(pliant_scene_set(&scene, "material/labels", labels.c_str()));
+        for (const std::string &option : request.options) {
+            size_t sign = option.find('=');
+            if (sign == std::string::npos)
+                throw Failure(PLIANT_ERROR_ARGUMENT, option + ": options are group/name=value");
+            std::string name = option.substr(0, sign), value = option.substr(sign + 1);
+            /* these name files, too */
+            if (name == "material/file" || name == "material/labels") value = value.empty() ? "" : allowed(value);
+            if (name == "material/file") pliant_material_table_free(&materials.table);
+            check(pliant_scene_set(&scene, name.c_str(), value.c_str()));
+        }
+        check(pliant_scene_check(&scene));
+        ConfinedReads confined(parameters_.scan_root, parameters_.scene.material.file);
+        std::shared_ptr<const Scan> scan = read_scan(scene, path, &materials);
+        std::shared_ptr<Loaded> next = build_chosen(scene, scan, materials.table, progress());
+        put_in(next, true);
+        response.scan_id = scan->volume.id;
+        return "loaded " + request.path + ": " + size_text(*next->model);
+    });
+    response.seconds = seconds_since(start);
+    return true;
+}
+
+bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHomogenization::Response &response)
+{
+    double start = pliant_seconds();
+    response.error_max = response.error_rms = std::numeric_limits<float>::quiet_NaN();
+    choice_message(pliant_choice{}, &response);
+    response.success = exclusively("recompute_homogenization", &response.message, [&] {
+        std::shared_ptr<const Loaded> old = current();
+        pliant_scene scene = old->asked;
+        live_->apply(&scene);
+        Recomputed asked;
+        asked.take(request);
+        asked.apply(&scene);
+        check(pliant_scene_check(&scene));
+        std::shared_ptr<Loaded> next = build_chosen(scene, old->scan, old->model->materials, progress(0, request.probe ? 0.2 : 1));
+        pliant_choice measured = next->choice;
+        std::string note;
+        if (request.probe && !measured.made) {
+            try {
+                measured = measure(next->model->scene, *old->scan, old->model->materials, progress(0.2, 1));
+                if (!measured.made) note = "; no error could be measured";
+            } catch (const Failure &failure) { /* the model is good for what needs no measuring */
+                if (failure.status == PLIANT_ERROR_CANCELLED) throw;
+                note = "; no error could be measured: " + std::string(failure.what());
+            }
+        }
+        if (measured.made) {
+            response.error_max = static_cast<float>(measured.max);
+            response.error_rms = static_cast<float>(measured.rms);
+        }
+        choice_message(next->choice, &response);
+        put_in(next);
+        recomputed_.take(request);
+        response.condition_estimate = static_cast<float>(next->model->condition_estimate);
+        return "recomputed: " + size_text(*next->model) + note;
+    });
+    response.seconds = seconds_since(start);
+    return true;
+}
+
+bool Services::set_materials(SetMaterials::Request &request, SetMaterials::Response &response)
+{
+    double start = pliant_seconds();
+    response.success = exclusively("set_materials", &response.message, [&] {
+        std::shared_ptr<const Loaded> old = current();
+        Materials materials;
+        check(pliant_material_table_parse(request.yaml.c_str(), "the request", &materials.table));
+        check(pliant_material_table_check(&materials.table));
+        pliant_scene scene = old->asked;
+        live_->apply(&scene);
+        put_in(build_chosen(scene, old->scan, materials.table, progress()));
+        std::swap(materials_.table, materials.table);
+        return std::to_string(materials_.table.num_materials) + " materials are in use";
+    });
+    response.seconds = seconds_since(start);
+    return true;
+}
+
+bool Services::save_volume(SaveVolume::Request &request, SaveVolume::Response &response)
+{
+    response.success = exclusively("save_volume", &response.message, [&] {
+        std::string path, why;
+        if (!confine_new(parameters_.output_root, request.path, &path, &why)) throw Failure(PLIANT_ERROR_ARGUMENT, why);
+        Snapshot now = simulation_->snapshot();
+        Warped warped(now.loaded, now.positions, now.loaded->model->scene.warp.margin);
+        warped.update(now.positions);
+        check(pliant_volume_write(path.c_str(), &warped.volume()));
+        return "wrote " + path;
+    });
+    return true;
+}
+
+/* In the volume that is shown, or else in one made for this. */
+bool Services::pick(Pick::Request &request, Pick::Response &response)
+{
+    try {
+        Rigid to_tissue = identity();
+        std::string why;
+        if (request.header.frame_id != parameters_.tissue_frame &&
+            !rigid_from_message(frames_->lookupTransform(parameters_.tissue_frame, request.header.frame_id,
+                                                         request.header.stamp).transform, &to_tissue, &why))
+            throw Failure(PLIANT_ERROR_ARGUMENT, why);
+        pliant_ray ray = ray_from_message(request, to_tissue);
+        pliant_picked picked{};
+        auto find = [&](const Warped &warped, const Snapshot &now) { picked = warped.pick(now.positions, ray, request.threshold); };
+        if (!volume_output_->look(find)) {
+            Snapshot now = simulation_->snapshot();
+            Warped warped(now.loaded, now.positions, now.loaded->model->scene.warp.margin);
+            warped.update(now.positions);
+            find(warped, now);
+        }
+        pick_message(picked, inverse(to_tissue), &response);
+    } catch (const std::exception &failed) {
+        response.message = failed.what();
+    }
+    return true;
+}
+
+bool Services::reset(std_srvs::Trigger::Request &, std_srvs::Trigger::Response &response)
+{
+    try {
+        simulation_->reset();
+        response.success = true;
+        response.message = "at rest";
+    } catch (const std::exception &failed) {
+        response.message = failed.what();
+    }
+    return true;
+}
+
+bool Services::pause(std_srvs::SetBool::Request &request, std_srvs::SetBool::Response &response)
+{
+    try {
+        simulation_->pause(request.data);
+        response.success = true;
+        response.message = request.data ? "paused" : "running";
+    } catch (const std::exception &failed) {
+        response.message = failed.what();
+    }
+    return true;
+}
+
+} // namespace pliant_ros

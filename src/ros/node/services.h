@@ -1,0 +1,84 @@
+/* What can be asked of the running node. */
+#ifndef PLIANT_ROS_NODE_SERVICES_H
+#define PLIANT_ROS_NODE_SERVICES_H
+
+#include "ros/output/mesh_output.h"
+#include "ros/sim/simulation.h"
+#include "ros/output/volume_output.h"
+
+#include <pliant/LoadScan.h>
+#include <pliant/Pick.h>
+#include <pliant/RecomputeHomogenization.h>
+#include <pliant/SaveVolume.h>
+#include <pliant/SetMaterials.h>
+#include <ros/callback_queue.h>
+#include <ros/spinner.h>
+#include <std_srvs/SetBool.h>
+#include <std_srvs/Trigger.h>
+
+#include <atomic>
+
+namespace pliant_ros {
+
+using pliant::LoadScan;
+using pliant::RecomputeHomogenization;
+using pliant::SaveVolume;
+using pliant::SetMaterials;
+
+/* What recompute_homogenization has set so far: a load keeps it. Empty and 0: as the scene says. */
+struct Recomputed {
+    std::string method;
+    int32_t coarse_cells[3] = {0, 0, 0}, ratio = 0;
+
+    void take(const RecomputeHomogenization::Request &request);
+    /* Throws Failure for an unknown method. */
+    void apply(pliant_scene *scene) const;
+};
+
+/* Long calls run on a queue of their own, one at a time, beside the simulation; a second one is refused. The one that
+   builds a model swaps it in at a step boundary, or fails and leaves everything as it was. */
+class Services {
+public:
+    Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Simulation *simulation,
+             MeshOutput *mesh_output, VolumeOutput *volume_output, std::shared_ptr<const tf2_ros::Buffer> frames);
+    ~Services();
+
+private:
+    /* Run work unless other work runs; what it throws becomes *message. */
+    bool exclusively(const std::string &name, std::string *message, const std::function<std::string()> &work);
+    void load_first();
+    bool load_scan(LoadScan::Request &request, LoadScan::Response &response);
+    bool recompute(RecomputeHomogenization::Request &request, RecomputeHomogenization::Response &response);
+    bool set_materials(SetMaterials::Request &request, SetMaterials::Response &response);
+    bool save_volume(SaveVolume::Request &request, SaveVolume::Response &response);
+    bool pick(Pick::Request &request, Pick::Response &response);
+    bool reset(std_srvs::Trigger::Request &request, std_srvs::Trigger::Response &response);
+    bool pause(std_srvs::SetBool::Request &request, std_srvs::SetBool::Response &response);
+
+    std::string allowed(const std::string &path) const;
+    void put_in(const std::shared_ptr<Loaded> &next, bool takes_live = false); /* the options that may change while running, too */
+    std::shared_ptr<const Loaded> current() const;
+    /* a part of the bar */
+    pliant_progress progress(double from = 0, double to = 1);
+
+    const Parameters parameters_;
+    State *state_;
+    Live *live_;
+    Simulation *simulation_;
+    MeshOutput *mesh_output_;
+    VolumeOutput *volume_output_;
+    std::shared_ptr<const tf2_ros::Buffer> frames_;
+    std::atomic<bool> stopping_{false};
+    double progress_from_ = 0, progress_to_ = 1;
+    Recomputed recomputed_;
+    Materials materials_; /* as set_materials set them; empty: as the scene says */
+    uint32_t revision_ = 0; /* of the last model that was put in */
+    ros::CallbackQueue queue_;
+    std::vector<ros::ServiceServer> servers_;
+    std::unique_ptr<ros::AsyncSpinner> spinner_;
+    std::thread first_;
+};
+
+} // namespace pliant_ros
+
+#endif

@@ -1,0 +1,23 @@
+/* What every node of Pliant does at its start. */
+#ifndef PLIANT_ROS_NODE_START_H
+#define PLIANT_ROS_NODE_START_H
+
+#include "ros/node/params.h"
+
+#include <geometry_msgs/TransformStamped.h>
+#include <ros/node_handle.h>
+
+namespace pliant_ros {
+
+/* Log lines of the library go to rosconsole; one line a second of the same text at most. */
+void log_to_rosconsole();
+
+/* Throws std::runtime_error with a message for a person. */
+Parameters parameters_of(const ros::NodeHandle &private_handle);
+
+/* The tissue in its parent frame, now. */
+geometry_msgs::TransformStamped tissue_transform(const Parameters &parameters);
+
+} // namespace pliant_ros
+
+#endif

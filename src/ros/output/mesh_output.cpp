@@ -1,0 +1,143 @@
+#include "ros/output/mesh_output.h"
+
+namespace pliant_ros {
+
+namespace {
+
+enum {
+    VIEW_RATE = 10 /* marker and points [Hz] */,
+    POLL_MILLISECONDS = 100,
+    STATE_QUEUE = 64 /* a recorder that is held up for a second misses none */
+};
+
+} // namespace
+
+MeshOutput::MeshOutput(ros::NodeHandle handle, const Parameters &parameters, Live *live, Snapshots *snapshots)
+    : frame_(parameters.tissue_frame), live_(live), snapshots_(snapshots)
+{
+    scan_info_ = handle.advertise<ScanInfo>("scan_info", 1, true);
+    topology_ = handle.advertise<MeshTopology>("mesh/topology", 1, true);
+    state_ = handle.advertise<MeshState>("mesh/state", STATE_QUEUE);
+    marker_ = handle.advertise<visualization_msgs::Marker>("mesh/marker", 1);
+    points_ = handle.advertise<sensor_msgs::PointCloud2>("mesh/points", 1);
+    thread_ = std::thread(&MeshOutput::run, this);
+}
+
+MeshOutput::~MeshOutput()
+{
+    stopping_ = true;
+    thread_.join();
+}
+
+std_msgs::Header MeshOutput::header(const ros::Time &stamp) const
+{
+    std_msgs::Header out;
+    out.stamp = stamp;
+    out.frame_id = frame_;
+    return out;
+}
+
+void MeshOutput::publish_model(const Loaded &loaded)
+{
+    std_msgs::Header now = header(ros::Time::now());
+    auto info = boost::make_shared<ScanInfo>();
+    info->header = now;
+    info->scan_id = loaded.scan->volume.id;
+    scan_info_message(*loaded.model, loaded.scan->low, loaded.scan->high, info.get());
+    scan_info_.publish(info);
+    auto topology = boost::make_shared<MeshTopology>();
+    topology->header = now;
+    topology->scan_id = loaded.scan->volume.id;
+    topology->scan_checksum = loaded.scan->checksum;
+    topology->revision = loaded.revision;
+    topology_message(*loaded.model, topology.get());
+    topology_.publish(topology);
+}
+
+bool MeshOutput::is_wanted() const
+{
+    return state_.getNumSubscribers() > 0 || marker_.getNumSubscribers() > 0 || points_.getNumSubscribers() > 0;
+}
+
+void MeshOutput::run()
+{
+    Snapshots::Reader reader(snapshots_);
+    while (!stopping_) {
+        bool wanted = is_wanted();
+        reader.want(wanted);
+        if (!wanted) {
+            problem_.set("");
+            std::this_thread::sleep_for(std::chrono::milliseconds(POLL_MILLISECONDS));
+            continue;
+        }
+        std::shared_ptr<const Snapshot> snapshot = reader.wait(std::chrono::milliseconds(POLL_MILLISECONDS));
+        if (!snapshot) continue;
+        try {
+            publish(*snapshot);
+            problem_.set("");
+        } catch (const std::exception &failed) {
+            problem_.set(std::string("no mesh: ") + failed.what());
+            ROS_ERROR_THROTTLE(5, "no mesh: %s", failed.what());
+        }
+    }
+}
+
+boost::shared_ptr<MeshState> MeshOutput::state_of(const Snapshot &snapshot) const
+{
+    auto state = boost::make_shared<MeshState>();
+    state->header = header(snapshot.stamp);
+    state->revision = snapshot.revision;
+    state->step = snapshot.step;
+    mesh_state_message(*snapshot.loaded->model, snapshot.positions.data(), state.get());
+    return state;
+}
+
+bool MeshOutput::is_published(const Snapshot &snapshot) const
+{
+    return state_stamp_ == snapshot.stamp && state_step_ == snapshot.step;
+}
+
+void MeshOutput::send_state(const Snapshot &snapshot, const boost::shared_ptr<MeshState> &state)
+{
+    state_stamp_ = snapshot.stamp;
+    state_step_ = snapshot.step;
+    state_.publish(state);
+}
+
+void MeshOutput::publish_state(const Snapshot &snapshot)
+{
+    if (state_.getNumSubscribers() == 0) return;
+    std::lock_guard<std::mutex> hold(lock_);
+    if (is_published(snapshot)) return;
+    state_rate_.spend(live_->get().mesh_rate);
+    send_state(snapshot, state_of(snapshot));
+}
+
+void MeshOutput::publish(const Snapshot &snapshot)
+{
+    bool marker_due = marker_.getNumSubscribers() > 0 && marker_rate_.due(VIEW_RATE);
+    bool points_due = points_.getNumSubscribers() > 0 && points_rate_.due(VIEW_RATE);
+    std::unique_lock<std::mutex> hold(lock_);
+    bool state_due =
+        state_.getNumSubscribers() > 0 && !is_published(snapshot) && state_rate_.due(live_->get().mesh_rate);
+    if (!state_due && !marker_due && !points_due) return;
+    boost::shared_ptr<MeshState> state = state_of(snapshot);
+    if (state_due) send_state(snapshot, state);
+    hold.unlock();
+    const pliant_model &model = *snapshot.loaded->model;
+    const double *positions = snapshot.positions.data();
+    if (marker_due) {
+        auto marker = boost::make_shared<visualization_msgs::Marker>();
+        marker->header = state->header;
+        marker_message(model, positions, state->scalar, marker.get());
+        marker_.publish(marker);
+    }
+    if (points_due) {
+        auto points = boost::make_shared<sensor_msgs::PointCloud2>();
+        points->header = state->header;
+        points_message(model, positions, state->scalar, points.get());
+        points_.publish(points);
+    }
+}
+
+} // namespace pliant_ros

@@ -1,0 +1,53 @@
+/* The mesh as messages: topology and scan_info on load, states and stock-rviz views while somebody subscribes. */
+#ifndef PLIANT_ROS_OUTPUT_MESH_OUTPUT_H
+#define PLIANT_ROS_OUTPUT_MESH_OUTPUT_H
+
+#include "ros/sim/live.h"
+#include "ros/node/problem.h"
+#include "ros/sim/snapshot.h"
+
+#include <ros/node_handle.h>
+
+#include <atomic>
+#include <mutex>
+#include <thread>
+
+namespace pliant_ros {
+
+class MeshOutput {
+public:
+    MeshOutput(ros::NodeHandle handle, const Parameters &parameters, Live *live, Snapshots *snapshots);
+    ~MeshOutput();
+
+    /* Latched: scan_info and mesh/topology of a model that was just put in. */
+    void publish_model(const Loaded &loaded);
+    /* The state of this very step, whatever its rate: its volume is about to be shown, and whoever records states must
+       be able to make the same one. Once a step; any thread. */
+    void publish_state(const Snapshot &snapshot);
+    std::string problem() const { return problem_.get(); }
+
+private:
+    void run();
+    bool is_wanted() const;
+    void publish(const Snapshot &snapshot);
+    bool is_published(const Snapshot &snapshot) const;
+    void send_state(const Snapshot &snapshot, const boost::shared_ptr<MeshState> &state);
+    boost::shared_ptr<MeshState> state_of(const Snapshot &snapshot) const;
+    std_msgs::Header header(const ros::Time &stamp) const;
+
+    const std::string frame_;
+    Live *live_;
+    Snapshots *snapshots_;
+    ros::Publisher scan_info_, topology_, state_, marker_, points_;
+    std::mutex lock_; /* of the states */
+    ros::Time state_stamp_;
+    uint64_t state_step_ = 0;
+    Rate state_rate_, marker_rate_, points_rate_;
+    std::atomic<bool> stopping_{false};
+    Problem problem_;
+    std::thread thread_;
+};
+
+} // namespace pliant_ros
+
+#endif

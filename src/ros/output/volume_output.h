@@ -1,0 +1,59 @@
+/* The deformed volume and its slices, made in a thread of their own and only while somebody subscribes. */
+#ifndef PLIANT_ROS_OUTPUT_VOLUME_OUTPUT_H
+#define PLIANT_ROS_OUTPUT_VOLUME_OUTPUT_H
+
+#include "ros/sim/live.h"
+#include "ros/output/mesh_output.h"
+#include "ros/output/warped.h"
+
+#include <ros/node_handle.h>
+
+#include <atomic>
+#include <functional>
+#include <mutex>
+#include <thread>
+
+namespace pliant_ros {
+
+class VolumeOutput {
+public:
+    /* Of every snapshot where all are kept, else of some, at the rate of the live settings.
+       mesh_output Nullable: it publishes the state of every volume that is shown. */
+    VolumeOutput(ros::NodeHandle handle, const Parameters &parameters, Live *live, Snapshots *snapshots,
+                 MeshOutput *mesh_output);
+    ~VolumeOutput();
+
+    /* Show what draws the volume that subscribers see, and the positions that made it, to a function; false: there is none now. */
+    bool look(const std::function<void(const Warped &, const Snapshot &)> &function);
+    std::string problem() const { return problem_.get(); }
+
+private:
+    void run();
+    bool slice_wanted() const;
+    void drop();
+    void publish(const std::shared_ptr<const Snapshot> &snapshot);
+    /* What is still wanted of the last one, while no other comes. */
+    void publish_again();
+    Box whole_box() const;
+    void publish_boxes(const Snapshot &snapshot, const std::vector<Box> &boxes);
+    void publish_slices(const ros::Time &stamp, const LiveSettings &settings, bool is_new);
+
+    const std::string frame_;
+    Live *live_;
+    Snapshots *snapshots_;
+    MeshOutput *mesh_output_;
+    ros::Publisher volume_, slices_[3];
+    std::atomic<bool> whole_wanted_{false}, slices_fresh_{false}, stopping_{false};
+    Rate warp_rate_, slice_rate_;
+    std::mutex lock_; /* of the warp, and of what made it */
+    std::unique_ptr<Warped> warped_;
+    std::shared_ptr<const Snapshot> shown_now_;
+    double shown_[3] = {-1, -1, -1}; /* where the slices published last lie */
+    uint64_t sequence_ = 0;
+    Problem problem_;
+    std::thread thread_;
+};
+
+} // namespace pliant_ros
+
+#endif

@@ -1,0 +1,45 @@
+/* A deformed volume in memory, and the grid that it lies on. */
+#ifndef PLIANT_ROS_OUTPUT_WARPED_H
+#define PLIANT_ROS_OUTPUT_WARPED_H
+
+#include "ros/sim/loaded.h"
+#include "pliant/ros/convert.h"
+
+#include <memory>
+#include <vector>
+
+namespace pliant_ros {
+
+/* Throws Failure when the deformed volume of this model, at rest, would be too large for any machine. */
+void check_target(const Loaded &loaded);
+
+/* A warp and the model that it borrows from. */
+class Warped {
+public:
+    /* Target: the scan's grid, grown to hold the mesh at rest and a margin [m] around it; where nodes lie outside, a
+       side is grown by further margins. It follows from the positions alone, so that a replay gets the grid that was
+       live. Without a margin it stays the scan's grid, and tissue that leaves it is cut off. Throws Failure. */
+    Warped(std::shared_ptr<const Loaded> loaded, const std::vector<double> &positions, double margin);
+    ~Warped() { pliant_warp_free(warp_); }
+    Warped(const Warped &) = delete;
+    /* False when these positions have another target grid: make another. Throws Failure. */
+    bool fits(const std::vector<double> &positions) const;
+    void update(const std::vector<double> &positions);
+    const Loaded *loaded() const { return loaded_.get(); }
+    const pliant_geometry &target() const { return target_; }
+    /* Of the last update; from a GPU it comes now, so that two threads must not ask at a time. */
+    const pliant_volume &volume() const { return *pliant_warp_volume(warp_); }
+    /* In what the last update drew, where it drew it. positions: of that update. Throws Failure. */
+    pliant_picked pick(const std::vector<double> &positions, const pliant_ray &ray, double threshold) const;
+    std::vector<Box> changed() const;
+
+private:
+    std::shared_ptr<const Loaded> loaded_;
+    pliant_warp *warp_ = nullptr;
+    pliant_geometry target_;
+    double margin_;
+};
+
+} // namespace pliant_ros
+
+#endif

@@ -1,0 +1,42 @@
+/* What a robot would send for one tool, CRTK names: measured_cp and jaw/measured_js. */
+#ifndef PLIANT_ROS_PROGRAMS_TOOL_SENDER_H
+#define PLIANT_ROS_PROGRAMS_TOOL_SENDER_H
+
+#include <geometry_msgs/PoseStamped.h>
+#include <ros/node_handle.h>
+#include <sensor_msgs/JointState.h>
+
+#include <string>
+
+namespace pliant_ros {
+
+class ToolSender {
+public:
+    ToolSender(ros::NodeHandle handle, const std::string &tool, const std::string &frame) : frame_(frame)
+    {
+        pose_ = handle.advertise<geometry_msgs::PoseStamped>(tool + "/measured_cp", 1);
+        jaw_ = handle.advertise<sensor_msgs::JointState>(tool + "/jaw/measured_js", 1);
+    }
+
+    void send(const geometry_msgs::Pose &tip, bool closed, const ros::Time &stamp)
+    {
+        geometry_msgs::PoseStamped pose;
+        pose.header.stamp = stamp;
+        pose.header.frame_id = frame_;
+        pose.pose = tip;
+        pose_.publish(pose);
+        sensor_msgs::JointState jaw;
+        jaw.header = pose.header;
+        jaw.name.push_back("jaw");
+        jaw.position.push_back(closed ? 0.0 : 0.5); /* [rad] */
+        jaw_.publish(jaw);
+    }
+
+private:
+    std::string frame_;
+    ros::Publisher pose_, jaw_;
+};
+
+} // namespace pliant_ros
+
+#endif

@@ -1,0 +1,139 @@
+#include "ros/record/bag_arguments.h"
+
+#include "command_line.h" /* the exit codes */
+#include "pliant/status.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <getopt.h>
+
+namespace pliant_ros {
+
+namespace {
+
+const char help[] =
+    "Usage: pliant_bag BAG [--scene FILE] --scan PATH --at TIMES | --every SECONDS --out DIR [options]\n"
+    "\n"
+    "Writes the deformed volume at chosen times of a bag that record.launch made, to the bit what was shown live.\n"
+    "\n"
+    "  BAG                the recording; of a session in several bags, any of them\n"
+    "  --scan PATH        the scan of the recording: DICOM folder, NIfTI, NRRD or MetaImage file; phantom or\n"
+    "                     phantom:IxJxK for the built-in scan\n"
+    "  --scene FILE       scene file (YAML) of the recording; without one every option has its default\n"
+    "  --set OPTION=VALUE change a scene option, e.g. --set material/labels=labels.nii.gz; may be repeated\n"
+    "  --at TIMES         seconds since the start of the bag, as rosbag play --start counts: 1.0 or 1.0,2.5\n"
+    "  --every SECONDS    from the first state of the bag to its end\n"
+    "  --out DIR          folder for the volumes; made if it is missing\n"
+    "  --ns NAME          namespace that was recorded (default: tissue)\n"
+    "  --quiet            no progress, warnings and errors only\n"
+    "  --help             print this and end\n"
+    "\n"
+    "Every volume is that of the newest state recorded by its time: DIR/deformed_SSSS.SSS.nii.gz, named by that time.\n"
+    "\n"
+    "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C (what was written so far stays).\n";
+
+enum { SCAN = 256, SCENE, SET, AT, EVERY, OUT, NAME, QUIET, HELP };
+
+const struct option options[] = {
+    {"scan", required_argument, nullptr, SCAN},   {"scene", required_argument, nullptr, SCENE},
+    {"set", required_argument, nullptr, SET},     {"at", required_argument, nullptr, AT},
+    {"every", required_argument, nullptr, EVERY}, {"out", required_argument, nullptr, OUT},
+    {"ns", required_argument, nullptr, NAME},     {"quiet", no_argument, nullptr, QUIET},
+    {"help", no_argument, nullptr, HELP},         {nullptr, 0, nullptr, 0},
+};
+
+bool refuse(const std::string &message)
+{
+    std::fprintf(stderr, "%s; pliant_bag --help tells more\n", message.c_str());
+    return false;
+}
+
+bool read_times(const std::string &text, std::vector<double> *out)
+{
+    const char *rest = text.c_str();
+    do {
+        char *end;
+        double time = std::strtod(rest, &end);
+        if (end == rest || !std::isfinite(time) || time < 0 || (*end != ',' && *end != '\0')) return false;
+        out->push_back(time);
+        rest = *end ? end + 1 : end;
+    } while (*rest);
+    std::sort(out->begin(), out->end());
+    return text.back() != ',';
+}
+
+/* "group/name=value" */
+bool set_option(const std::string &text, pliant_scene *scene)
+{
+    size_t sign = text.find('=');
+    if (sign == std::string::npos) return refuse("--set " + text + ": OPTION=VALUE is wanted");
+    if (pliant_scene_set(scene, text.substr(0, sign).c_str(), text.substr(sign + 1).c_str()) < 0)
+        return refuse("--set " + text + ": " + pliant_last_error());
+    return true;
+}
+
+/* The scene file comes first and --set changes what it says, wherever they stand on the command line. */
+bool read_scene(const std::string &file, const std::vector<std::string> &sets, pliant_scene *out, int *exit_code)
+{
+    pliant_scene_defaults(out);
+    if (!file.empty() && pliant_scene_read(file.c_str(), out) < 0) {
+        std::fprintf(stderr, "%s\n", pliant_last_error());
+        *exit_code = EXIT_FAILED;
+        return false;
+    }
+    for (const std::string &set : sets)
+        if (!set_option(set, out)) return false;
+    return pliant_scene_check(out) >= 0 || refuse(pliant_last_error());
+}
+
+bool is_complete(const BagArguments &arguments)
+{
+    if (arguments.bag.empty()) return refuse("the name of a bag is missing");
+    if (arguments.scan.empty()) return refuse("--scan PATH is missing: a bag holds no voxels");
+    if (arguments.folder.empty()) return refuse("--out DIR is missing");
+    if (arguments.times.empty() == (arguments.every == 0)) return refuse("one of --at and --every is wanted");
+    return true;
+}
+
+} // namespace
+
+bool read_bag_arguments(int argc, char **argv, BagArguments *out, int *exit_code)
+{
+    BagArguments read;
+    std::string scene;
+    std::vector<std::string> sets;
+    *exit_code = EXIT_USAGE;
+    for (int code; (code = getopt_long(argc, argv, "", options, nullptr)) != -1;)
+        switch (code) {
+        case SCAN: read.scan = optarg; break;
+        case SCENE: scene = optarg; break;
+        case SET: sets.push_back(optarg); break;
+        case AT:
+            if (!read_times(optarg, &read.times))
+                return refuse(std::string("--at ") + optarg + ": seconds are wanted, as 1.0,2.5");
+            break;
+        case EVERY:
+            if (!read_times(optarg, &read.times) || read.times.size() != 1 || !(read.times[0] > 0))
+                return refuse(std::string("--every ") + optarg + ": seconds above 0 are wanted, and no --at");
+            read.every = read.times[0];
+            read.times.clear();
+            break;
+        case OUT: read.folder = optarg; break;
+        case NAME: read.name = optarg; break;
+        case QUIET: read.quiet = true; break;
+        case HELP:
+            std::fputs(help, stdout);
+            *exit_code = EXIT_OK;
+            return false;
+        default: std::fputs("pliant_bag --help tells more\n", stderr); return false;
+        }
+    if (argc - optind > 1) return refuse(std::string(argv[optind + 1]) + ": one bag is enough");
+    if (optind < argc) read.bag = argv[optind];
+    if (!is_complete(read) || !read_scene(scene, sets, &read.scene, exit_code)) return false;
+    *out = read;
+    return true;
+}
+
+} // namespace pliant_ros

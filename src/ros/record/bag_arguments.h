@@ -1,0 +1,25 @@
+/* The command line of pliant_bag. */
+#ifndef PLIANT_ROS_RECORD_BAG_ARGUMENTS_H
+#define PLIANT_ROS_RECORD_BAG_ARGUMENTS_H
+
+#include "pliant/scene.h"
+
+#include <string>
+#include <vector>
+
+namespace pliant_ros {
+
+struct BagArguments {
+    pliant_scene scene;
+    std::string bag, scan, folder, name = "tissue"; /* name: the namespace that was recorded */
+    std::vector<double> times;                      /* since the start of the bag [s], ascending; or */
+    double every = 0;                               /* [s]; 0: times */
+    bool quiet = false;
+};
+
+/* True: go on. False: end now with *exit_code (help, or wrong usage told on stderr). */
+bool read_bag_arguments(int argc, char **argv, BagArguments *out, int *exit_code);
+
+} // namespace pliant_ros
+
+#endif

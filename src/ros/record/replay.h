@@ -1,0 +1,55 @@
+/* The deformed volumes of a recording: every mesh/state that a bag plays is warped again, none left out. */
+#ifndef PLIANT_ROS_RECORD_REPLAY_H
+#define PLIANT_ROS_RECORD_REPLAY_H
+
+#include "ros/output/mesh_output.h"
+#include "ros/record/recorded.h"
+#include "ros/output/volume_output.h"
+
+#include <tf2_ros/static_transform_broadcaster.h>
+
+#include <deque>
+#include <map>
+
+namespace pliant_ros {
+
+/* Takes mesh/topology and mesh/state as a bag plays them, publishes volume and its slices with the stamps of the
+   states, and scan_info of the scan here. Parameters as the node's. A topology that is not the model's is refused, and
+   so are the states of its revision. */
+class Replay {
+public:
+    /* Loads the scan, and returns when that is done. Throws std::runtime_error with a message for a person.
+       player: node name of a `rosbag play --pause` to set going then, or empty. */
+    Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std::string &player);
+    ~Replay();
+
+private:
+    struct Pending {
+        pliant::MeshStateConstPtr state;
+        Clock::time_point arrival;
+    };
+
+    void load();
+    void start_player(const std::string &name);
+    void take_topology(const pliant::MeshTopologyConstPtr &topology);
+    void take_state(const pliant::MeshStateConstPtr &state);
+    /* Topics overtake each other: states wait for their topology, for a while. */
+    void work_off();
+    void show(const MeshState &state);
+
+    const Parameters parameters_;
+    tf2_ros::StaticTransformBroadcaster broadcaster_;
+    ros::Subscriber topologies_, states_;
+    std::shared_ptr<const Loaded> loaded_;
+    std::map<uint32_t, bool> is_ours_; /* by revision */
+    std::deque<Pending> pending_;
+    uint64_t shown_ = 0, dropped_ = 0;
+    Snapshots snapshots_{true};
+    Live live_;
+    ros::Publisher scan_info_;
+    VolumeOutput volume_output_;
+};
+
+} // namespace pliant_ros
+
+#endif

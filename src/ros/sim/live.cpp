@@ -1,0 +1,194 @@
+#include "ros/sim/live.h"
+
+#include <dynamic_reconfigure/ConfigDescription.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace pliant_ros {
+
+namespace {
+
+/* One number of the settings. Option NULL: not of a scene but of the node. */
+struct Entry {
+    const char *name;
+    const char *option;
+    double *(*real)(LiveSettings *);
+    int32_t *(*whole)(LiveSettings *);
+    const char *text; /* where the option does not say it all */
+};
+
+const Entry entries[] = {
+    {"gravity_x", "model/gravity", [](LiveSettings *s) { return &s->gravity[0]; }, nullptr, nullptr},
+    {"gravity_y", "model/gravity", [](LiveSettings *s) { return &s->gravity[1]; }, nullptr, nullptr},
+    {"gravity_z", "model/gravity", [](LiveSettings *s) { return &s->gravity[2]; }, nullptr, nullptr},
+    {"grasp_stiffness", "grasp/stiffness", [](LiveSettings *s) { return &s->stiffness; }, nullptr, nullptr},
+    {"grasp_damping", "grasp/damping", [](LiveSettings *s) { return &s->damping; }, nullptr, nullptr},
+    {"solver_iterations", "solver/iterations", nullptr, [](LiveSettings *s) { return &s->iterations; }, nullptr},
+    {"solver_tolerance", "solver/tolerance", [](LiveSettings *s) { return &s->tolerance; }, nullptr, nullptr},
+    {"warp_rate", "warp/rate", [](LiveSettings *s) { return &s->warp_rate; }, nullptr, nullptr},
+    {"mesh_rate", "output/mesh_rate", [](LiveSettings *s) { return &s->mesh_rate; }, nullptr, nullptr},
+    {"slice_rate", "output/slice_rate", [](LiveSettings *s) { return &s->slice_rate; }, nullptr, nullptr},
+    {"slice_axial", nullptr, [](LiveSettings *s) { return &s->slice[AXIAL]; }, nullptr,
+     "where the axial slice lies: 0 at the feet, 1 at the head"},
+    {"slice_coronal", nullptr, [](LiveSettings *s) { return &s->slice[CORONAL]; }, nullptr,
+     "where the coronal slice lies: 0 in front, 1 at the back"},
+    {"slice_sagittal", nullptr, [](LiveSettings *s) { return &s->slice[SAGITTAL]; }, nullptr,
+     "where the sagittal slice lies: 0 at the right, 1 at the left of the patient"},
+};
+
+struct Range {
+    const char *option, *unit, *text;
+    double low, high;
+};
+
+/* of every option of the groups above; only those of numbers mean something */
+const Range ranges[] = {
+#define MODEL_RANGE(kind, name, value, low, high, unit, text) {"model/" #name, unit, text, low, high},
+#define SOLVER_RANGE(kind, name, value, low, high, unit, text) {"solver/" #name, unit, text, low, high},
+#define GRASP_RANGE(kind, name, value, low, high, unit, text) {"grasp/" #name, unit, text, low, high},
+#define WARP_RANGE(kind, name, value, low, high, unit, text) {"warp/" #name, unit, text, low, high},
+#define OUTPUT_RANGE(kind, name, value, low, high, unit, text) {"output/" #name, unit, text, low, high},
+    PLIANT_SCENE_MODEL(MODEL_RANGE) PLIANT_SCENE_SOLVER(SOLVER_RANGE) PLIANT_SCENE_GRASP(GRASP_RANGE)
+    PLIANT_SCENE_WARP(WARP_RANGE) PLIANT_SCENE_OUTPUT(OUTPUT_RANGE)
+    {nullptr, "", "", 0, 1} /* the node's own fractions */
+};
+
+const Range &range_of(const Entry &entry)
+{
+    return *std::find_if(std::begin(ranges), std::end(ranges) - 1, [&](const Range &range) {
+        return entry.option && std::string(entry.option) == range.option;
+    });
+}
+
+double value_of(const Entry &entry, LiveSettings settings)
+{
+    return entry.real ? *entry.real(&settings) : *entry.whole(&settings);
+}
+
+void set_value(const Entry &entry, double value, LiveSettings *settings)
+{
+    const Range &range = range_of(entry);
+    if (!std::isfinite(value)) return;
+    value = std::min(std::max(value, range.low), range.high);
+    if (entry.real) *entry.real(settings) = value;
+    else *entry.whole(settings) = static_cast<int32_t>(value);
+}
+
+void append(const Entry &entry, double value, dynamic_reconfigure::Config *config)
+{
+    if (entry.real) {
+        config->doubles.emplace_back();
+        config->doubles.back().name = entry.name;
+        config->doubles.back().value = value;
+    } else {
+        config->ints.emplace_back();
+        config->ints.back().name = entry.name;
+        config->ints.back().value = static_cast<int32_t>(value);
+    }
+}
+
+void append_group(dynamic_reconfigure::Config *config)
+{
+    config->groups.emplace_back();
+    config->groups.back().name = "Default";
+    config->groups.back().state = true;
+}
+
+dynamic_reconfigure::ConfigDescription describe(const LiveSettings &settings)
+{
+    dynamic_reconfigure::ConfigDescription out;
+    out.groups.emplace_back();
+    out.groups.back().name = "Default";
+    for (const Entry &entry : entries) {
+        const Range &range = range_of(entry);
+        dynamic_reconfigure::ParamDescription parameter;
+        parameter.name = entry.name;
+        parameter.type = entry.real ? "double" : "int";
+        parameter.description = entry.text ? entry.text : range.text;
+        if (*range.unit) parameter.description += std::string(" [") + range.unit + "]";
+        out.groups.back().parameters.push_back(parameter);
+        append(entry, range.low, &out.min);
+        append(entry, range.high, &out.max);
+        append(entry, value_of(entry, settings), &out.dflt);
+    }
+    for (dynamic_reconfigure::Config *config : {&out.min, &out.max, &out.dflt}) append_group(config);
+    return out;
+}
+
+dynamic_reconfigure::Config config_of(const LiveSettings &settings)
+{
+    dynamic_reconfigure::Config out;
+    for (const Entry &entry : entries) append(entry, value_of(entry, settings), &out);
+    append_group(&out);
+    return out;
+}
+
+void take(const pliant_scene &scene, LiveSettings *out)
+{
+    std::copy(scene.model.gravity, scene.model.gravity + 3, out->gravity);
+    out->stiffness = scene.grasp.stiffness;
+    out->damping = scene.grasp.damping;
+    out->iterations = scene.solver.iterations;
+    out->tolerance = scene.solver.tolerance;
+    out->warp_rate = scene.warp.rate;
+    out->mesh_rate = scene.output.mesh_rate;
+    out->slice_rate = scene.output.slice_rate;
+}
+
+} // namespace
+
+Live::Live(ros::NodeHandle handle, const Parameters &parameters)
+{
+    take(parameters.scene, &settings_);
+    std::copy(parameters.slice, parameters.slice + 3, settings_.slice);
+    descriptions_ = handle.advertise<dynamic_reconfigure::ConfigDescription>("parameter_descriptions", 1, true);
+    updates_ = handle.advertise<dynamic_reconfigure::Config>("parameter_updates", 1, true);
+    descriptions_.publish(describe(settings_));
+    publish();
+    service_ = handle.advertiseService("set_parameters", &Live::serve, this);
+}
+
+bool Live::serve(Reconfigure::Request &request, Reconfigure::Response &response)
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    for (const Entry &entry : entries) {
+        for (const auto &number : request.config.doubles)
+            if (number.name == entry.name) set_value(entry, number.value, &settings_);
+        for (const auto &number : request.config.ints)
+            if (number.name == entry.name) set_value(entry, number.value, &settings_);
+    }
+    response.config = config_of(settings_);
+    publish();
+    return true;
+}
+
+void Live::publish() { updates_.publish(config_of(settings_)); }
+
+LiveSettings Live::get() const
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    return settings_;
+}
+
+void Live::assign(const pliant_scene &scene)
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    take(scene, &settings_);
+    publish();
+}
+
+void Live::apply(pliant_scene *scene) const
+{
+    LiveSettings settings = get();
+    std::copy(settings.gravity, settings.gravity + 3, scene->model.gravity);
+    scene->grasp.stiffness = settings.stiffness;
+    scene->grasp.damping = settings.damping;
+    scene->solver.iterations = settings.iterations;
+    scene->solver.tolerance = settings.tolerance;
+    scene->warp.rate = settings.warp_rate;
+    scene->output.mesh_rate = settings.mesh_rate;
+    scene->output.slice_rate = settings.slice_rate;
+}
+
+} // namespace pliant_ros

@@ -1,0 +1,49 @@
+/* What may change while the simulation runs, by dynamic_reconfigure. Names, ranges and descriptions come from the
+   scene's own list of options, at run time: no second list in a .cfg file can drift from it. */
+#ifndef PLIANT_ROS_SIM_LIVE_H
+#define PLIANT_ROS_SIM_LIVE_H
+
+#include "ros/node/params.h"
+
+#include <dynamic_reconfigure/Reconfigure.h>
+#include <ros/node_handle.h>
+
+#include <mutex>
+
+namespace pliant_ros {
+
+using dynamic_reconfigure::Reconfigure;
+
+struct LiveSettings {
+    double gravity[3];            /* LPS [m/s^2] */
+    double stiffness, damping;    /* of a grasp [N/m, N s/m] */
+    int32_t iterations;
+    double tolerance;
+    double warp_rate, mesh_rate, slice_rate; /* [Hz] */
+    double slice[3];              /* axial, coronal, sagittal: fraction */
+};
+
+class Live {
+public:
+    /* handle: private to the node. */
+    Live(ros::NodeHandle handle, const Parameters &parameters);
+
+    LiveSettings get() const;
+    /* What another scene says of these; slices stay. */
+    void assign(const pliant_scene &scene);
+    /* Into a scene that is to be built. */
+    void apply(pliant_scene *scene) const;
+
+private:
+    bool serve(Reconfigure::Request &request, Reconfigure::Response &response);
+    void publish();
+
+    mutable std::mutex lock_;
+    LiveSettings settings_;
+    ros::Publisher descriptions_, updates_;
+    ros::ServiceServer service_;
+};
+
+} // namespace pliant_ros
+
+#endif

@@ -1,0 +1,133 @@
+#include "ros/sim/loaded.h"
+
+#include <algorithm>
+#include <thread>
+
+namespace pliant_ros {
+
+void check(pliant_status status)
+{
+    if (status >= 0) return;
+    std::string message = pliant_last_error();
+    throw Failure(status, message.empty() ? pliant_status_text(status) : message);
+}
+
+namespace {
+
+uint64_t hash(uint64_t start, const void *data, size_t bytes)
+{
+    const uint8_t *byte = static_cast<const uint8_t *>(data);
+    for (size_t i = 0; i < bytes; ++i) start = (start ^ byte[i]) * 0x100000001b3u;
+    return start;
+}
+
+uint64_t checksum(const pliant_volume &volume)
+{
+    const int32_t *size = volume.geometry.size, head[4] = {size[0], size[1], size[2], volume.encoding};
+    size_t bytes = pliant_geometry_voxels(&volume.geometry) * pliant_encoding_size(volume.encoding);
+    return hash(hash(0xcbf29ce484222325u, head, sizeof head), volume.voxels, bytes);
+}
+
+} // namespace
+
+Scan::~Scan()
+{
+    pliant_volume_free(&volume);
+    pliant_labels_free(&labels);
+}
+
+std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::string &path, Materials *materials)
+{
+    auto scan = std::make_shared<Scan>();
+    if (materials->table.num_materials > 0)
+        check(pliant_scan_inputs_read(&scene, &materials->table, path.c_str(), &scan->volume, &scan->labels));
+    else
+        check(pliant_inputs_read(&scene, path.c_str(), &scan->volume, &scan->labels, &materials->table));
+    size_t voxels = pliant_geometry_voxels(&scan->volume.geometry);
+    scan->low = scan->high = pliant_volume_value(&scan->volume, 0);
+    for (size_t i = 1; i < voxels; ++i) {
+        float value = pliant_volume_value(&scan->volume, i);
+        scan->low = std::min(scan->low, value);
+        scan->high = std::max(scan->high, value);
+    }
+    scan->checksum = checksum(scan->volume);
+    return scan;
+}
+
+std::shared_ptr<Loaded> build(const pliant_scene &scene, std::shared_ptr<const Scan> scan,
+                              const pliant_material_table &materials, uint32_t revision, pliant_progress progress)
+{
+    auto loaded = std::make_shared<Loaded>();
+    loaded->scan = std::move(scan);
+    loaded->revision = revision;
+    const pliant_labels *labels = loaded->scan->labels.voxels ? &loaded->scan->labels : nullptr;
+    check(pliant_model_build(&scene, &loaded->scan->volume, labels, &materials, progress, &loaded->model));
+    loaded->asked = scene;
+    return loaded;
+}
+
+namespace {
+
+/* part of a bar */
+struct Part {
+    pliant_progress whole;
+    double from, to;
+
+    pliant_progress progress()
+    {
+        return pliant_progress{[](double fraction, const char *stage, void *user) {
+                                   const Part *part = static_cast<Part *>(user);
+                                   double at = part->from + fraction * (part->to - part->from);
+                                   return !part->whole.function || part->whole.function(at, stage, part->whole.user);
+                               },
+                               this};
+    }
+};
+
+pliant_choice choose(const pliant_scene &scene, const Scan &scan, const pliant_material_table &materials,
+                     pliant_progress progress)
+{
+    pliant_choice choice;
+    pliant_report_input input{&scene, &scan.volume, scan.labels.voxels ? &scan.labels : nullptr, &materials};
+    check(pliant_choose(&input, nullptr, progress, &choice));
+    return choice;
+}
+
+} // namespace
+
+std::shared_ptr<Loaded> build_chosen(const pliant_scene &scene, std::shared_ptr<const Scan> scan,
+                                     const pliant_material_table &materials, pliant_progress progress)
+{
+    const double chosen = scene.choose.budget_ms > 0 ? 0.9 : 0; /* of the whole work */
+    Part first{progress, 0, chosen}, last{progress, chosen, 1};
+    pliant_choice choice = choose(scene, *scan, materials, first.progress());
+    std::shared_ptr<Loaded> loaded = build(choice.scene, std::move(scan), materials, 0, last.progress());
+    loaded->asked = scene;
+    loaded->choice = choice;
+    return loaded;
+}
+
+pliant_choice measure(const pliant_scene &scene, const Scan &scan, const pliant_material_table &materials,
+                      pliant_progress progress)
+{
+    pliant_scene fixed = scene;
+    fixed.choose.budget_ms = 1e6; /* any time will do */
+    fixed.choose.max_error = 0;
+    fixed.choose.method = fixed.choose.coarse_cells = fixed.choose.ratio = fixed.choose.iterations = false;
+    return choose(fixed, scan, materials, progress);
+}
+
+int threads_of(const pliant_scene &scene)
+{
+    if (scene.solver.threads > 0) return scene.solver.threads;
+    return static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+}
+
+Data create_data(const pliant_model &model)
+{
+    pliant_data *data = nullptr;
+    check(pliant_data_create(&model, &data));
+    return Data(data);
+}
+
+} // namespace pliant_ros

@@ -1,0 +1,318 @@
+#include "ros/sim/simulation.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace pliant_ros {
+
+namespace {
+
+enum { TIMING_RATE = 10 /* [Hz] */ };
+
+const double no_force[3] = {0, 0, 0};
+
+/* of sorted values */
+double percentile(const std::vector<double> &sorted, double fraction)
+{
+    if (sorted.empty()) return 0;
+    size_t index = static_cast<size_t>(std::ceil(fraction * sorted.size()));
+    return sorted[std::min(std::max<size_t>(index, 1), sorted.size()) - 1];
+}
+
+} // namespace
+
+Simulation::Simulation(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Tools *tools,
+                       Snapshots *snapshots)
+    : frame_(parameters.tissue_frame), state_(state), live_(live), tools_(tools), snapshots_(snapshots),
+      samples_(tools->size()), was_open_(tools->size(), false)
+{
+    timing_ = handle.advertise<StepTiming>("timing", 1);
+    thread_ = std::thread(&Simulation::run, this);
+}
+
+Simulation::~Simulation()
+{
+    {
+        std::lock_guard<std::mutex> hold(lock_);
+        stopping_ = true;
+    }
+    work_there_.notify_all();
+    thread_.join();
+}
+
+void Simulation::at_boundary(std::function<void()> work)
+{
+    std::future<void> done;
+    {
+        std::lock_guard<std::mutex> hold(lock_);
+        if (stopping_) throw Failure(PLIANT_ERROR_CANCELLED, "the node is shutting down");
+        work_.emplace_back(std::move(work));
+        done = work_.back().get_future();
+    }
+    work_there_.notify_all();
+    try {
+        done.get();
+    } catch (const std::future_error &) {
+        throw Failure(PLIANT_ERROR_CANCELLED, "the node is shutting down");
+    }
+}
+
+void Simulation::do_boundary_work()
+{
+    std::deque<std::packaged_task<void()>> work;
+    {
+        std::lock_guard<std::mutex> hold(lock_);
+        work.swap(work_);
+    }
+    for (auto &task : work) task();
+}
+
+void Simulation::swap(std::shared_ptr<Loaded> next)
+{
+    Data data = create_data(*next->model);
+    for (size_t tool = 0; tool < tools_->size(); ++tool) {
+        int index;
+        check(pliant_tool_add(next->model, data.get(), tools_->name(tool).c_str(), &index));
+    }
+    at_boundary([&] {
+        state_->set(paused_ ? SimState::PAUSED : SimState::READY, "");
+        current_.swap(next);
+        data_.swap(data);
+        std::fill(was_open_.begin(), was_open_.end(), false); /* a closed jaw must open before it grasps again */
+        std::lock_guard<std::mutex> hold(lock_);
+        shown_ = current_;
+        durations_.clear();
+        health_ = StepHealth();
+        health_.is_loaded = true;
+        health_.is_paused = paused_;
+        health_.backend = pliant_data_backend(data_.get());
+    });
+    data.reset(); /* before its model, which `next` holds */
+}
+
+std::shared_ptr<const Loaded> Simulation::loaded() const
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    return shown_;
+}
+
+Snapshot Simulation::snapshot()
+{
+    Snapshot out;
+    at_boundary([&] {
+        if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
+        take(last_time_, &out);
+    });
+    return out;
+}
+
+void Simulation::reset()
+{
+    at_boundary([&] {
+        if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
+        check(pliant_data_reset(current_->model, data_.get()));
+        std::fill(was_open_.begin(), was_open_.end(), false);
+    });
+}
+
+void Simulation::pause(bool paused)
+{
+    at_boundary([&] {
+        if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
+        paused_ = paused;
+        state_->set(paused ? SimState::PAUSED : SimState::RUNNING, "");
+        std::lock_guard<std::mutex> hold(lock_);
+        health_.is_paused = paused;
+    });
+}
+
+void Simulation::run()
+{
+    Clock::time_point next = Clock::now();
+    for (;;) {
+        {
+            /* without a model there is nothing to do but wait for one */
+            std::unique_lock<std::mutex> hold(lock_);
+            if (!current_) work_there_.wait(hold, [this] { return stopping_ || !work_.empty(); });
+            else work_there_.wait_until(hold, next, [this] { return stopping_ || !work_.empty(); });
+            if (stopping_) {
+                work_.clear();
+                return;
+            }
+        }
+        do_boundary_work();
+        if (!current_ || Clock::now() < next) continue;
+        Clock::time_point start = Clock::now();
+        std::chrono::duration<double> step_time(current_->model->scene.solver.step);
+        auto period = std::chrono::duration_cast<Clock::duration>(step_time);
+        try {
+            turn(start);
+            broke_ = false;
+        } catch (const std::exception &failed) {
+            broke_ = true;
+            report_failure(failed);
+        }
+        next = std::max(next + period, Clock::now()); /* a missed deadline is not caught up with */
+    }
+}
+
+/* all that is done for one step */
+void Simulation::turn(Clock::time_point start)
+{
+    ros::Time now = ros::Time::now();
+    watch_clock(now);
+    apply_live();
+    apply_tools(now);
+    if (!paused_) step();
+    show(now);
+    publish(now);
+    measure(std::chrono::duration<double>(Clock::now() - start).count());
+}
+
+/* Out of memory, say: told, and the next step tries again. */
+void Simulation::report_failure(const std::exception &failed)
+{
+    try {
+        state_->set(SimState::FAULT, failed.what());
+        ROS_ERROR_THROTTLE(5, "a step broke off: %s", failed.what());
+    } catch (const std::exception &) {
+        /* no memory even for that; the state stays as it was told last */
+    }
+}
+
+/* A jump back (a bag that starts anew, a simulator reset) makes every stamp so far meaningless. */
+void Simulation::watch_clock(const ros::Time &now)
+{
+    if (now < last_time_) {
+        ROS_WARN("time went back by %.3f s: tools are forgotten", seconds_between(now, last_time_));
+        tools_->clear();
+        let_go();
+    }
+    last_time_ = now;
+}
+
+void Simulation::let_go()
+{
+    for (int tool = 0; tool < data_->num_tools; ++tool) pliant_tool_lost(data_.get(), tool);
+}
+
+void Simulation::apply_live()
+{
+    LiveSettings settings = live_->get();
+    pliant_data_limits(data_.get(), settings.iterations, settings.tolerance);
+    if (!std::equal(settings.gravity, settings.gravity + 3, data_->gravity))
+        pliant_data_gravity(data_.get(), settings.gravity);
+    for (int tool = 0; tool < data_->num_tools; ++tool) {
+        data_->tools[tool].stiffness = settings.stiffness;
+        data_->tools[tool].damping = settings.damping;
+    }
+}
+
+void Simulation::apply_tools(const ros::Time &now)
+{
+    for (size_t i = 0; i < samples_.size(); ++i) {
+        int tool = static_cast<int>(i);
+        ToolSample &sample = samples_[i];
+        sample = tools_->sample(i, now);
+        const Rigid &tip = sample.in_tissue;
+        if (!sample.present || pliant_tool_pose(data_.get(), tool, tip.translation, tip.rotation) < 0) {
+            if (data_->tools[tool].present) pliant_tool_lost(data_.get(), tool);
+            was_open_[i] = false;
+            continue;
+        }
+        /* a jaw takes hold as it closes; one that comes closed pushes past the tissue */
+        if (sample.jaw == JAW_CLOSED && was_open_[i]) pliant_tool_grasp(current_->model, data_.get(), tool, nullptr);
+        if (sample.jaw != JAW_CLOSED && data_->tools[tool].holding) pliant_tool_release(data_.get(), tool);
+        was_open_[i] = sample.jaw == JAW_OPEN;
+    }
+}
+
+void Simulation::step()
+{
+    pliant_status status = pliant_step(current_->model, data_.get());
+    if (status < 0) state_->set(SimState::FAULT, pliant_last_error());
+    else if (!broke_) state_->set(SimState::RUNNING, ""); /* after a turn that broke off, only once one is whole */
+}
+
+void Simulation::show(const ros::Time &now)
+{
+    if (!snapshots_->wanted()) return;
+    auto snapshot = std::make_shared<Snapshot>();
+    take(now, snapshot.get());
+    snapshots_->put(snapshot);
+}
+
+void Simulation::take(const ros::Time &now, Snapshot *out) const
+{
+    out->loaded = current_;
+    out->revision = current_->revision;
+    out->step = data_->statistics.step;
+    out->stamp = now;
+    out->positions.resize(3 * static_cast<size_t>(current_->model->fine.num_nodes));
+    for (size_t i = 0; i < out->positions.size(); ++i) out->positions[i] = static_cast<float>(data_->positions[i]);
+}
+
+void Simulation::publish(const ros::Time &now)
+{
+    bool acts = !paused_ && state_->state() == SimState::RUNNING;
+    for (size_t i = 0; i < samples_.size(); ++i) {
+        const pliant_tool &tool = data_->tools[i];
+        tools_->publish_force(i, samples_[i], acts && tool.holding ? tool.force : no_force, now);
+        tools_->publish_contact(i, *current_->model, *data_, now);
+    }
+    publish_timing(now);
+}
+
+void Simulation::publish_timing(const ros::Time &now)
+{
+    if (timing_.getNumSubscribers() == 0 || !timing_rate_.due(TIMING_RATE)) return;
+    StepHealth health = measured();
+    StepTiming message;
+    message.header.stamp = now;
+    message.header.frame_id = frame_;
+    timing_message(data_->statistics, &message);
+    message.solve_p50 = static_cast<float>(health.p50);
+    message.solve_p99 = static_cast<float>(health.p99);
+    message.missed_deadlines = health.missed;
+    choice_message(current_->choice, &message);
+    message.inverted = static_cast<uint32_t>(pliant_mesh_inverted(&current_->model->fine, data_->positions));
+    timing_.publish(message);
+}
+
+void Simulation::measure(double seconds)
+{
+    Clock::time_point now = Clock::now();
+    bool count_inverted = inverted_rate_.due(1);
+    int32_t inverted = count_inverted ? pliant_mesh_inverted(&current_->model->fine, data_->positions) : 0;
+    std::lock_guard<std::mutex> hold(lock_);
+    const pliant_statistics &statistics = data_->statistics;
+    health_.period = current_->model->scene.solver.step;
+    health_.missed += seconds > health_.period;
+    health_.failed = statistics.failed;
+    health_.not_converged = statistics.not_converged;
+    health_.iterations = statistics.iterations;
+    if (count_inverted) health_.inverted = inverted;
+    health_.residual = statistics.residual;
+    health_.bytes = statistics.bytes;
+    health_.backend = pliant_data_backend(data_.get());
+    durations_.emplace_back(now, seconds);
+    while (now - durations_.front().first > std::chrono::seconds(1)) durations_.pop_front();
+}
+
+StepHealth Simulation::measured() const
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    StepHealth out = health_;
+    std::vector<double> sorted;
+    for (const auto &each : durations_) sorted.push_back(each.second);
+    std::sort(sorted.begin(), sorted.end());
+    out.p50 = percentile(sorted, 0.50);
+    out.p99 = percentile(sorted, 0.99);
+    out.rate = static_cast<double>(sorted.size());
+    return out;
+}
+
+StepHealth Simulation::health() const { return measured(); }
+
+} // namespace pliant_ros

@@ -1,0 +1,94 @@
+/* The thread that steps: tools in, forces out, at the rate of the scene. */
+#ifndef PLIANT_ROS_SIM_SIMULATION_H
+#define PLIANT_ROS_SIM_SIMULATION_H
+
+#include "ros/sim/live.h"
+#include "ros/sim/loaded.h"
+#include "ros/sim/snapshot.h"
+#include "ros/node/state.h"
+#include "ros/sim/tools.h"
+
+#include <deque>
+#include <functional>
+#include <future>
+#include <thread>
+
+namespace pliant_ros {
+
+/* For diagnostics, over the last second. */
+struct StepHealth {
+    bool is_loaded, is_paused;
+    double rate, p50, p99, period; /* steps a second; of whole steps [s]; wanted between two [s] */
+    uint64_t missed;               /* steps that took longer than their period, since the start */
+    uint64_t failed, not_converged;
+    int32_t iterations, inverted;
+    double residual;
+    size_t bytes;
+    const char *backend; /* who runs the steps: cpu or cuda; NULL: nothing is loaded */
+};
+
+class Simulation {
+public:
+    Simulation(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Tools *tools,
+               Snapshots *snapshots);
+    ~Simulation();
+
+    /* Put another model in at the next step boundary, at rest and with the same tools. The old one stays until then,
+       and is freed by the calling thread. Throws Failure, and then nothing changed. */
+    void swap(std::shared_ptr<Loaded> next);
+    /* Empty before the first swap. */
+    std::shared_ptr<const Loaded> loaded() const;
+    /* Positions now. Throws Failure when nothing is loaded. */
+    Snapshot snapshot();
+    void reset();
+    void pause(bool paused);
+    StepHealth health() const;
+
+private:
+    void run();
+    void turn(Clock::time_point start);
+    void report_failure(const std::exception &failed);
+    /* Run by the simulation between two steps; returns when done. */
+    void at_boundary(std::function<void()> work);
+    void do_boundary_work();
+    void watch_clock(const ros::Time &now);
+    void apply_live();
+    void apply_tools(const ros::Time &now);
+    void step();
+    void show(const ros::Time &now);
+    void take(const ros::Time &now, Snapshot *out) const;
+    void let_go();
+    void publish(const ros::Time &now);
+    void publish_timing(const ros::Time &now);
+    void measure(double seconds);
+    StepHealth measured() const;
+
+    const std::string frame_;
+    State *state_;
+    Live *live_;
+    Tools *tools_;
+    Snapshots *snapshots_;
+    ros::Publisher timing_;
+    Rate timing_rate_, inverted_rate_;
+
+    /* the simulation's own; others reach them by at_boundary */
+    std::shared_ptr<Loaded> current_;
+    Data data_;
+    bool paused_ = false, broke_ = false; /* broke: the turn before this one */
+    std::vector<ToolSample> samples_;
+    std::vector<bool> was_open_; /* the jaw, at the step before */
+    ros::Time last_time_;
+
+    mutable std::mutex lock_; /* of what follows */
+    std::condition_variable work_there_;
+    std::deque<std::packaged_task<void()>> work_;
+    std::shared_ptr<const Loaded> shown_;
+    std::deque<std::pair<Clock::time_point, double>> durations_;
+    StepHealth health_{};
+    bool stopping_ = false;
+    std::thread thread_;
+};
+
+} // namespace pliant_ros
+
+#endif

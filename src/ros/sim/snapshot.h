@@ -1,0 +1,126 @@
+/* The positions after a step, handed from the simulation to whoever shows them. */
+#ifndef PLIANT_ROS_SIM_SNAPSHOT_H
+#define PLIANT_ROS_SIM_SNAPSHOT_H
+
+#include "ros/sim/loaded.h"
+
+#include <ros/time.h>
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <deque>
+#include <mutex>
+#include <vector>
+
+namespace pliant_ros {
+
+using Clock = std::chrono::steady_clock;
+
+/* True at most `rate` times a second, on average; never for 0. */
+class Rate {
+public:
+    bool due(double rate)
+    {
+        if (!(rate > 0) || Clock::now() < next_) return false;
+        spend(rate);
+        return true;
+    }
+    /* Once was done, due or not; for 0 that counts for nothing. */
+    void spend(double rate)
+    {
+        if (!(rate > 0)) return;
+        auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1 / rate));
+        /* from the time it was due, so that a step that is a little late does not halve the rate */
+        next_ = std::max(next_ + period, Clock::now());
+    }
+
+private:
+    Clock::time_point next_{};
+};
+
+struct Snapshot {
+    std::shared_ptr<const Loaded> loaded;
+    std::vector<double> positions; /* (fine.num_nodes x 3) LPS [m], rounded to float, as a MeshState carries them */
+    uint32_t revision;             /* of the mesh/topology that they belong to */
+    uint64_t step;
+    ros::Time stamp;
+};
+
+class Snapshots {
+public:
+    /* A reader says whether it wants any; without readers the simulation makes none. */
+    class Reader {
+    public:
+        explicit Reader(Snapshots *all) : all_(all) {}
+        ~Reader() { want(false); }
+        void want(bool wanted);
+        /* The newest one not yet seen by this reader, or, where all are kept, the next one; empty after the timeout. */
+        std::shared_ptr<const Snapshot> wait(std::chrono::milliseconds timeout);
+
+    private:
+        Snapshots *all_;
+        bool wanted_ = false;
+        uint64_t seen_ = 0;
+    };
+
+    /* keeps_all: its one reader gets every snapshot, in order, first the one that was newest before it wanted any. */
+    explicit Snapshots(bool keeps_all = false) : keeps_all_(keeps_all) {}
+    bool keeps_all() const { return keeps_all_; }
+    bool wanted() const { return readers_ > 0; }
+    void put(std::shared_ptr<const Snapshot> snapshot);
+
+private:
+    const bool keeps_all_;
+    std::atomic<int> readers_{0};
+    std::mutex lock_;
+    std::deque<std::shared_ptr<const Snapshot>> kept_;
+    std::condition_variable fresh_;
+    std::shared_ptr<const Snapshot> newest_;
+    uint64_t count_ = 0;
+};
+
+inline void Snapshots::put(std::shared_ptr<const Snapshot> snapshot)
+{
+    {
+        std::lock_guard<std::mutex> hold(lock_);
+        if (keeps_all_ && wanted()) kept_.push_back(snapshot);
+        newest_.swap(snapshot); /* the old one is freed without the lock */
+        ++count_;
+    }
+    fresh_.notify_all();
+}
+
+inline void Snapshots::Reader::want(bool wanted)
+{
+    if (wanted == wanted_) return;
+    wanted_ = wanted;
+    all_->readers_ += wanted ? 1 : -1;
+    std::lock_guard<std::mutex> hold(all_->lock_);
+    if (all_->keeps_all_) {
+        all_->kept_.clear();
+        if (wanted && all_->newest_) all_->kept_.push_back(all_->newest_);
+    } else if (wanted) {
+        seen_ = all_->count_; /* an old one would show the past */
+    } else if (all_->readers_ == 0) {
+        all_->newest_.reset();
+    }
+}
+
+inline std::shared_ptr<const Snapshot> Snapshots::Reader::wait(std::chrono::milliseconds timeout)
+{
+    std::unique_lock<std::mutex> hold(all_->lock_);
+    if (all_->keeps_all_) {
+        if (!all_->fresh_.wait_for(hold, timeout, [this] { return !all_->kept_.empty(); })) return nullptr;
+        std::shared_ptr<const Snapshot> next = std::move(all_->kept_.front());
+        all_->kept_.pop_front();
+        return next;
+    }
+    if (!all_->fresh_.wait_for(hold, timeout, [this] { return all_->count_ > seen_; })) return nullptr;
+    seen_ = all_->count_;
+    return all_->newest_;
+}
+
+} // namespace pliant_ros
+
+#endif

@@ -1,0 +1,187 @@
+#include "ros/sim/tools.h"
+
+#include <cmath>
+#include <limits>
+
+namespace pliant_ros {
+
+namespace {
+
+enum { CONTACT_RATE = 30 }; /* [Hz] */
+
+std::string milliseconds(double seconds) { return std::to_string(std::lround(1e3 * seconds)) + " ms"; }
+
+} // namespace
+
+Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<const tf2_ros::Buffer> frames)
+    : tissue_frame_(parameters.tissue_frame), max_age_(parameters.tool_max_age), jaw_close_(parameters.jaw_close),
+      jaw_release_(parameters.jaw_release), frames_(std::move(frames))
+{
+    ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
+    for (const ToolParameters &each : parameters.tools) {
+        tools_.emplace_back(new Tool);
+        Tool *tool = tools_.back().get();
+        tool->parameters = each;
+        tool->last_frame = tissue_frame_;
+        tool->counted_at = ros::WallTime::now();
+        tool->force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/measured_cf", 1);
+        tool->contact_out = handle.advertise<ContactState>(each.name + "/contact", 1);
+        tool->marker_out = handle.advertise<visualization_msgs::MarkerArray>(each.name + "/marker", 1);
+        tool->pose_in = handle.subscribe<geometry_msgs::PoseStamped>(
+            each.name + "/measured_cp", 1,
+            [this, tool](const geometry_msgs::PoseStampedConstPtr &message) { take_pose(tool, *message); },
+            ros::VoidConstPtr(), hints);
+        if (!each.grasps) continue;
+        tool->jaw_in = handle.subscribe<sensor_msgs::JointState>(
+            each.name + "/jaw/measured_js", 1,
+            [this, tool](const sensor_msgs::JointStateConstPtr &message) { take_jaw(tool, *message); },
+            ros::VoidConstPtr(), hints);
+    }
+}
+
+void Tools::take_pose(Tool *tool, const geometry_msgs::PoseStamped &message)
+{
+    Rigid pose;
+    std::string why;
+    bool good = tool_pose_from_message(message, &pose, &why);
+    std::lock_guard<std::mutex> hold(tool->lock);
+    ++tool->received;
+    tool->has_pose = good;
+    tool->why = why;
+    if (!good) {
+        tool->has_last = false; /* an invalid pose says that the tool is gone, not that it stays */
+        return;
+    }
+    tool->pose = pose;
+    tool->header = message.header;
+    if (tool->header.frame_id[0] == '/') tool->header.frame_id.erase(0, 1); /* tf of old */
+}
+
+void Tools::take_jaw(Tool *tool, const sensor_msgs::JointState &message)
+{
+    double angle = 0;
+    std::string why;
+    bool good = jaw_from_message(message, &angle, &why);
+    std::lock_guard<std::mutex> hold(tool->lock);
+    tool->has_jaw = good;
+    tool->jaw = angle;
+    tool->jaw_stamp = message.header.stamp;
+}
+
+bool Tools::is_fresh(const ros::Time &stamp, const ros::Time &now) const
+{
+    return std::fabs(seconds_between(stamp, now)) <= max_age_;
+}
+
+/* The newest pose into the tissue frame, by its own stamp. Its transform may come a little later than the pose: until
+   then the one before stays in use, for as long as it is fresh. */
+void Tools::transform(Tool *tool)
+{
+    if (!tool->has_pose || (tool->has_last && tool->last_stamp == tool->header.stamp)) return;
+    Rigid tissue_from_frame = identity();
+    if (tool->header.frame_id != tissue_frame_) {
+        try {
+            geometry_msgs::TransformStamped found =
+                frames_->lookupTransform(tissue_frame_, tool->header.frame_id, tool->header.stamp);
+            if (!rigid_from_message(found.transform, &tissue_from_frame, &tool->why)) return;
+        } catch (const std::exception &missing) { /* tf2's own, or of a stamp that it cannot calculate with */
+            tool->why = missing.what();
+            return;
+        }
+    }
+    tool->has_last = true;
+    tool->last_stamp = tool->header.stamp;
+    tool->last_frame = tool->header.frame_id;
+    tool->last_in_tissue = multiply(tissue_from_frame, tool->pose);
+    tool->last_tissue_in_frame = inverse(tissue_from_frame);
+}
+
+void Tools::update_jaw(Tool *tool, const ros::Time &now)
+{
+    if (!tool->has_jaw || !is_fresh(tool->jaw_stamp, now)) tool->state = JAW_UNKNOWN;
+    else if (tool->jaw < jaw_close_) tool->state = JAW_CLOSED;
+    else if (tool->jaw > jaw_release_) tool->state = JAW_OPEN;
+}
+
+ToolSample Tools::sample(size_t index, const ros::Time &now)
+{
+    Tool *tool = tools_[index].get();
+    std::lock_guard<std::mutex> hold(tool->lock);
+    transform(tool);
+    update_jaw(tool, now);
+    bool fresh = tool->has_last && is_fresh(tool->last_stamp, now);
+    if (tool->has_last && !fresh)
+        tool->why = "the newest usable pose is " + milliseconds(seconds_between(tool->last_stamp, now)) + " old, more than " +
+                    milliseconds(max_age_);
+    tool->present = fresh;
+    ToolSample out;
+    out.present = fresh;
+    out.in_tissue = fresh ? tool->last_in_tissue : identity();
+    out.jaw = tool->state;
+    Rigid turn = tool->has_last ? tool->last_tissue_in_frame : identity();
+    std::copy(turn.rotation, turn.rotation + 4, out.frame_from_tissue);
+    out.frame = tool->last_frame;
+    return out;
+}
+
+void Tools::clear()
+{
+    for (auto &tool : tools_) {
+        std::lock_guard<std::mutex> hold(tool->lock);
+        tool->has_pose = tool->has_last = tool->has_jaw = tool->present = false;
+        tool->state = JAW_UNKNOWN;
+        tool->why = "time jumped";
+    }
+}
+
+void Tools::publish_force(size_t index, const ToolSample &sample, const double force[3], const ros::Time &now)
+{
+    Tool &tool = *tools_[index];
+    if (tool.force_out.getNumSubscribers() == 0) return;
+    geometry_msgs::WrenchStamped message;
+    message.header.stamp = now;
+    message.header.frame_id = sample.frame;
+    wrench_message(force, sample.frame_from_tissue, &message);
+    tool.force_out.publish(message);
+}
+
+void Tools::publish_contact(size_t index, const pliant_model &model, const pliant_data &data, const ros::Time &now)
+{
+    Tool &tool = *tools_[index];
+    bool contact_due = tool.contact_out.getNumSubscribers() > 0 && tool.contact_rate.due(CONTACT_RATE);
+    bool marker_due = tool.marker_out.getNumSubscribers() > 0 && tool.marker_rate.due(CONTACT_RATE);
+    if (!contact_due && !marker_due) return;
+    double clearance = pliant_tool_clearance(&model, &data, static_cast<int>(index));
+    ContactState contact;
+    contact.header.stamp = now;
+    contact.header.frame_id = tissue_frame_;
+    contact_message(data.tools[index], clearance, &contact);
+    if (contact_due) tool.contact_out.publish(contact);
+    if (!marker_due) return;
+    visualization_msgs::MarkerArray markers;
+    tool_markers_message(data.tools[index], clearance, contact.header, &markers);
+    tool.marker_out.publish(markers);
+}
+
+std::vector<ToolHealth> Tools::health(const ros::Time &now)
+{
+    std::vector<ToolHealth> all;
+    ros::WallTime wall = ros::WallTime::now();
+    for (auto &each : tools_) {
+        Tool &tool = *each;
+        std::lock_guard<std::mutex> hold(tool.lock);
+        double elapsed = (wall - tool.counted_at).toSec();
+        ToolHealth health;
+        health.name = tool.parameters.name;
+        health.rate = elapsed > 0 ? (tool.received - tool.counted) / elapsed : 0;
+        health.age = tool.has_pose ? seconds_between(tool.header.stamp, now) : std::numeric_limits<double>::infinity();
+        health.present = tool.present;
+        health.why = tool.present ? "" : tool.why;
+        tool.counted = tool.received;
+        tool.counted_at = wall;
+        all.push_back(health);
+    }
+    return all;
+}
+
+} // namespace pliant_ros

@@ -1,0 +1,105 @@
+/* The tools as they come in from ROS, and what goes back to them. */
+#ifndef PLIANT_ROS_SIM_TOOLS_H
+#define PLIANT_ROS_SIM_TOOLS_H
+
+#include "ros/node/params.h"
+#include "ros/sim/snapshot.h"
+
+#include <ros/node_handle.h>
+#include <tf2_ros/buffer.h>
+
+#include <memory>
+#include <mutex>
+
+namespace pliant_ros {
+
+enum Jaw { JAW_UNKNOWN, JAW_OPEN, JAW_CLOSED };
+
+/* [s] Unlike a difference of ros::Time, for any two stamps: those of messages are whatever the sender wrote. */
+inline double seconds_between(const ros::Time &early, const ros::Time &late)
+{
+    int64_t whole = static_cast<int64_t>(late.sec) - early.sec, nanoseconds = static_cast<int64_t>(late.nsec) - early.nsec;
+    return static_cast<double>(whole) + 1e-9 * static_cast<double>(nanoseconds);
+}
+
+/* A tool at the time of a step. */
+struct ToolSample {
+    bool present;
+    Rigid in_tissue;             /* pose of the tip in the tissue frame */
+    Jaw jaw;                     /* with hysteresis; unknown for a probe, and when no valid and fresh jaw is there */
+    double frame_from_tissue[4]; /* quaternion, into the axes that the pose came in */
+    std::string frame;           /* of the pose; the tissue frame before the first one */
+};
+
+/* For diagnostics. */
+struct ToolHealth {
+    std::string name;
+    double rate;     /* poses a second, over the time since the last call */
+    double age;      /* of the newest pose [s]; infinite: none yet */
+    bool present;
+    std::string why; /* not present: the reason */
+};
+
+class Tools {
+public:
+    Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<const tf2_ros::Buffer> frames);
+
+    size_t size() const { return tools_.size(); }
+    const std::string &name(size_t tool) const { return tools_[tool]->parameters.name; }
+
+    /* The tool now: absent when its pose is invalid, has no transform into the tissue frame, or its stamp is more than
+       tool_max_age from now. Called by the simulation only. */
+    ToolSample sample(size_t tool, const ros::Time &now);
+    /* Forget all poses and jaws: time jumped. */
+    void clear();
+
+    void publish_force(size_t tool, const ToolSample &sample, const double force[3], const ros::Time &now);
+    /* Contact and markers, at most 30 a second. */
+    void publish_contact(size_t tool, const pliant_model &model, const pliant_data &data, const ros::Time &now);
+
+    std::vector<ToolHealth> health(const ros::Time &now);
+
+private:
+    struct Tool {
+        ToolParameters parameters;
+        ros::Publisher force_out, contact_out, marker_out;
+        Rate contact_rate, marker_rate;
+
+        std::mutex lock;
+        /* written by callbacks */
+        bool has_pose = false;
+        std_msgs::Header header;
+        Rigid pose;
+        bool has_jaw = false;
+        ros::Time jaw_stamp;
+        double jaw = 0;
+        uint64_t received = 0;
+        std::string why = "no pose yet";
+        /* written by sample */
+        bool has_last = false, present = false;
+        Jaw state = JAW_UNKNOWN;
+        ros::Time last_stamp;
+        Rigid last_in_tissue, last_tissue_in_frame;
+        std::string last_frame;
+        /* written by health */
+        uint64_t counted = 0;
+        ros::WallTime counted_at;
+        /* last: they go first, and with them the callbacks that write the above */
+        ros::Subscriber pose_in, jaw_in;
+    };
+
+    void take_pose(Tool *tool, const geometry_msgs::PoseStamped &message);
+    void take_jaw(Tool *tool, const sensor_msgs::JointState &message);
+    void transform(Tool *tool);
+    void update_jaw(Tool *tool, const ros::Time &now);
+    bool is_fresh(const ros::Time &stamp, const ros::Time &now) const;
+
+    const std::string tissue_frame_;
+    const double max_age_, jaw_close_, jaw_release_;
+    std::shared_ptr<const tf2_ros::Buffer> frames_;
+    std::vector<std::unique_ptr<Tool>> tools_;
+};
+
+} // namespace pliant_ros
+
+#endif

@@ -1,0 +1,268 @@
+#include "scene/options.h"
+
+#include "scene/yaml.h"
+
+#include <math.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <string.h>
+
+#define CHOICE_NAME(name, yaml) #yaml,
+static const char *const method_names[] = {PLIANT_METHOD_LIST(CHOICE_NAME) NULL};
+static const char *const touch_names[] = {PLIANT_TOUCH_LIST(CHOICE_NAME) NULL};
+static const char *const backend_names[] = {PLIANT_BACKEND_LIST(CHOICE_NAME) NULL};
+static const char *const preconditioner_names[] = {PLIANT_PRECONDITIONER_LIST(CHOICE_NAME) NULL};
+static const char *const scalar_names[] = {PLIANT_SCALAR_LIST(CHOICE_NAME) NULL};
+static const char *const solver_names[] = {PLIANT_SOLVER_LIST(CHOICE_NAME) NULL};
+static const char *const mesh_names[] = {PLIANT_MESH_LIST(CHOICE_NAME) NULL};
+static const char *const warp_names[] = {PLIANT_WARP_LIST(CHOICE_NAME) NULL};
+static const char *const segment_names[] = {PLIANT_SEGMENT_LIST(CHOICE_NAME) NULL};
+static const char *const law_names[] = {PLIANT_LAW_LIST(CHOICE_NAME) NULL};
+static const char *const measure_names[] = {PLIANT_MEASURE_LIST(CHOICE_NAME) NULL};
+#undef CHOICE_NAME
+
+/* a choice is read and written through an int */
+_Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == sizeof(int) &&
+                   sizeof(pliant_backend_choice) == sizeof(int) &&
+                   sizeof(pliant_preconditioner_choice) == sizeof(int) && sizeof(pliant_scalar) == sizeof(int) &&
+                   sizeof(pliant_solver_kind) == sizeof(int) && sizeof(pliant_law) == sizeof(int) &&
+                   sizeof(pliant_mesh_kind) == sizeof(int) && sizeof(pliant_warp_kind) == sizeof(int) && sizeof(pliant_segment_kind) == sizeof(int) &&
+                   sizeof(pliant_measure) == sizeof(int),
+               "choices have the size of an int");
+
+/* kind, default as a number, default as a string, names of the choices */
+#define KIND_BOOL(value) PLIANT_OPTION_BOOL, value, NULL, NULL
+#define KIND_INT(value) PLIANT_OPTION_INT, value, NULL, NULL
+#define KIND_INT3(value) PLIANT_OPTION_INT3, value, NULL, NULL
+#define KIND_REAL(value) PLIANT_OPTION_REAL, value, NULL, NULL
+#define KIND_REAL3(value) PLIANT_OPTION_REAL3, value, NULL, NULL
+#define KIND_STRING(value) PLIANT_OPTION_STRING, 0, value, NULL
+#define KIND_METHOD(value) PLIANT_OPTION_CHOICE, value, NULL, method_names
+#define KIND_TOUCH(value) PLIANT_OPTION_CHOICE, value, NULL, touch_names
+#define KIND_BACKEND(value) PLIANT_OPTION_CHOICE, value, NULL, backend_names
+#define KIND_PRECONDITIONER(value) PLIANT_OPTION_CHOICE, value, NULL, preconditioner_names
+#define KIND_SCALAR(value) PLIANT_OPTION_CHOICE, value, NULL, scalar_names
+#define KIND_SOLVER(value) PLIANT_OPTION_CHOICE, value, NULL, solver_names
+#define KIND_MESH(value) PLIANT_OPTION_CHOICE, value, NULL, mesh_names
+#define KIND_WARP(value) PLIANT_OPTION_CHOICE, value, NULL, warp_names
+#define KIND_SEGMENT(value) PLIANT_OPTION_CHOICE, value, NULL, segment_names
+#define KIND_MEASURE(value) PLIANT_OPTION_CHOICE, value, NULL, measure_names
+#define KIND_LAW(value) PLIANT_OPTION_CHOICE, value, NULL, law_names
+
+/* one row of a group's list as an entry of the table; the second step lets KIND_ spread into its four values */
+#define ROW(group, kind, name, value, low, high, unit, text) \
+    ENTRY(group, name, low, high, unit, text, KIND_##kind(value))
+#define ENTRY(...) ENTRY_OF(__VA_ARGS__)
+#define ENTRY_OF(group_, name_, low_, high_, unit_, text_, kind_, value_, string_, names_)                       \
+    {.group = #group_, .name = #name_, .unit = unit_, .text = text_, .string_value = string_, .kind = kind_,     \
+     .offset = offsetof(pliant_scene, group_.name_), .value = value_, .low = low_, .high = high_, .names = names_},
+
+#define SCAN_ROW(...) ROW(scan, __VA_ARGS__)
+#define SEGMENT_ROW(...) ROW(segment, __VA_ARGS__)
+#define MATERIAL_ROW(...) ROW(material, __VA_ARGS__)
+#define MESH_ROW(...) ROW(mesh, __VA_ARGS__)
+#define MODEL_ROW(...) ROW(model, __VA_ARGS__)
+#define SOLVER_ROW(...) ROW(solver, __VA_ARGS__)
+#define CHOOSE_ROW(...) ROW(choose, __VA_ARGS__)
+#define TLED_ROW(...) ROW(tled, __VA_ARGS__)
+#define GROUND_ROW(...) ROW(ground, __VA_ARGS__)
+#define GRASP_ROW(...) ROW(grasp, __VA_ARGS__)
+#define WARP_ROW(...) ROW(warp, __VA_ARGS__)
+#define OUTPUT_ROW(...) ROW(output, __VA_ARGS__)
+
+static const pliant_option table[] = {
+    PLIANT_SCENE_SCAN(SCAN_ROW) PLIANT_SCENE_SEGMENT(SEGMENT_ROW) PLIANT_SCENE_MATERIAL(MATERIAL_ROW) PLIANT_SCENE_MESH(MESH_ROW)
+    PLIANT_SCENE_MODEL(MODEL_ROW) PLIANT_SCENE_SOLVER(SOLVER_ROW) PLIANT_SCENE_CHOOSE(CHOOSE_ROW) PLIANT_SCENE_TLED(TLED_ROW)
+    PLIANT_SCENE_GROUND(GROUND_ROW) PLIANT_SCENE_GRASP(GRASP_ROW) PLIANT_SCENE_WARP(WARP_ROW) PLIANT_SCENE_OUTPUT(OUTPUT_ROW)
+};
+enum { NUM_OPTIONS = sizeof table / sizeof *table, TEXT_SIZE = 128 };
+
+/* one entry for every option of every group, so that a new group cannot be forgotten above */
+#define COUNT_OPTION(kind, name, value, low, high, unit, text) +1
+#define COUNT_GROUP(group, list) list(COUNT_OPTION)
+_Static_assert((int)NUM_OPTIONS == 0 PLIANT_SCENE_GROUPS(COUNT_GROUP), "a group of the scene is not in the table");
+
+static pliant_option_info infos[NUM_OPTIONS];
+static char default_texts[NUM_OPTIONS][TEXT_SIZE], range_texts[NUM_OPTIONS][TEXT_SIZE];
+static pthread_once_t described = PTHREAD_ONCE_INIT;
+
+static int words_of(const pliant_option *option)
+{
+    return option->kind == PLIANT_OPTION_INT3 || option->kind == PLIANT_OPTION_REAL3 ? 3 : 1;
+}
+
+static void describe(void)
+{
+    static const char *const kinds[] = {"bool", "int", "int3", "real", "real3", "string", "choice"};
+    for (int i = 0; i < NUM_OPTIONS; ++i) {
+        const pliant_option *o = &table[i];
+        char *value = default_texts[i], *range = range_texts[i];
+        switch (o->kind) {
+        case PLIANT_OPTION_BOOL:
+            snprintf(value, TEXT_SIZE, "%s", o->value != 0.0 ? "true" : "false");
+            snprintf(range, TEXT_SIZE, "true | false");
+            break;
+        case PLIANT_OPTION_STRING: snprintf(value, TEXT_SIZE, "%s", o->string_value); break;
+        case PLIANT_OPTION_CHOICE:
+            snprintf(value, TEXT_SIZE, "%s", o->names[(int)o->value]);
+            for (int k = 0; o->names[k]; ++k)
+                snprintf(range + strlen(range), TEXT_SIZE - strlen(range), "%s%s", k ? " | " : "", o->names[k]);
+            break;
+        default:
+            if (words_of(o) == 3) snprintf(value, TEXT_SIZE, "%g %g %g", o->value, o->value, o->value);
+            else snprintf(value, TEXT_SIZE, "%g", o->value);
+            snprintf(range, TEXT_SIZE, "%g .. %g", o->low, o->high);
+        }
+        infos[i] =
+            (pliant_option_info){o->group, o->name, kinds[o->kind], value, range, o->unit, o->text, o->low, o->high};
+    }
+}
+
+const pliant_option_info *pliant_scene_options(size_t *count)
+{
+    pthread_once(&described, describe);
+    *count = NUM_OPTIONS;
+    return infos;
+}
+
+const pliant_option *pliant_option_table(size_t *count)
+{
+    *count = NUM_OPTIONS;
+    return table;
+}
+
+const pliant_option *pliant_option_find(const char *path)
+{
+    for (int i = 0; i < NUM_OPTIONS; ++i) {
+        size_t group = strlen(table[i].group);
+        if (strncmp(path, table[i].group, group) == 0 && path[group] == '/' &&
+            strcmp(path + group + 1, table[i].name) == 0)
+            return &table[i];
+    }
+    return NULL;
+}
+
+static const char *range_of(const pliant_option *option)
+{
+    size_t count;
+    return pliant_scene_options(&count)[option - table].range;
+}
+
+/* "'2.5' is not a whole number in 1 .. 8 cells" */
+static const char *not_in_range(const pliant_option *option, const char *word, char *reason, size_t size)
+{
+    bool integer = option->kind == PLIANT_OPTION_INT || option->kind == PLIANT_OPTION_INT3;
+    snprintf(reason, size, "'%.80s' is not %s%s%s%s", word, integer ? "a whole number in " : "in ", range_of(option), option->unit[0] ? " " : "",
+             option->unit);
+    return reason;
+}
+
+/* Bytes of the option's value. */
+static size_t size_of(const pliant_option *option)
+{
+    switch (option->kind) {
+    case PLIANT_OPTION_BOOL: return sizeof(bool);
+    case PLIANT_OPTION_INT: return sizeof(int32_t);
+    case PLIANT_OPTION_INT3: return 3 * sizeof(int32_t);
+    case PLIANT_OPTION_REAL: return sizeof(double);
+    case PLIANT_OPTION_REAL3: return 3 * sizeof(double);
+    case PLIANT_OPTION_STRING: return sizeof((pliant_scene *)NULL)->scan.series;
+    case PLIANT_OPTION_CHOICE: return sizeof(int);
+    }
+    return 0;
+}
+
+/* One word into place k of the option's value at `place`. */
+static const char *read_word(const pliant_option *option, const char *word, int k, void *place, char *reason,
+                             size_t size)
+{
+    int64_t whole;
+    bool good = false;
+    switch (option->kind) {
+    case PLIANT_OPTION_BOOL: good = pliant_parse_bool(word, place); break;
+    case PLIANT_OPTION_INT:
+    case PLIANT_OPTION_INT3:
+        good = pliant_parse_integer(word, &whole) && whole >= (int64_t)option->low && whole <= (int64_t)option->high;
+        if (good) ((int32_t *)place)[k] = (int32_t)whole;
+        break;
+    case PLIANT_OPTION_REAL:
+    case PLIANT_OPTION_REAL3: good = pliant_parse_real(word, (double *)place + k); break;
+    case PLIANT_OPTION_STRING:
+        good = strlen(word) < size_of(option);
+        if (!good) {
+            snprintf(reason, size, "longer than %zu characters", size_of(option) - 1);
+            return reason;
+        }
+        memset(place, 0, size_of(option));
+        memcpy(place, word, strlen(word));
+        break;
+    case PLIANT_OPTION_CHOICE:
+        for (int n = 0; option->names[n]; ++n)
+            if (strcmp(word, option->names[n]) == 0) {
+                *(int *)place = n;
+                good = true;
+            }
+        break;
+    }
+    if (good) return NULL;
+    return not_in_range(option, word, reason, size);
+}
+
+const char *pliant_option_read(const pliant_option *option, const char *const *words, int number, pliant_scene *scene,
+                               char *reason, size_t size)
+{
+    /* on a copy of the scene's value, so that two good words before a bad one change nothing */
+    pliant_scene trial = *scene;
+    if (number != words_of(option)) {
+        snprintf(reason, size, words_of(option) == 3 ? "three values are needed" : "one value is needed");
+        return reason;
+    }
+    for (int k = 0; k < number; ++k)
+        if (read_word(option, words[k], k, (char *)&trial + option->offset, reason, size)) return reason;
+    if (pliant_option_check(option, &trial, reason, size)) return reason;
+    memcpy((char *)scene + option->offset, (char *)&trial + option->offset, size_of(option));
+    return NULL;
+}
+
+const char *pliant_option_check(const pliant_option *option, const pliant_scene *scene, char *reason, size_t size)
+{
+    const void *place = (const char *)scene + option->offset;
+    double value = 0;
+    switch (option->kind) {
+    case PLIANT_OPTION_BOOL: return NULL;
+    case PLIANT_OPTION_STRING:
+        if (memchr(place, 0, size_of(option))) return NULL;
+        snprintf(reason, size, "has no end");
+        return reason;
+    case PLIANT_OPTION_CHOICE:
+        for (int n = 0; option->names[n]; ++n)
+            if (n == *(const int *)place) return NULL;
+        snprintf(reason, size, "%d is not one of %s", *(const int *)place, range_of(option));
+        return reason;
+    default:
+        for (int k = 0; k < words_of(option); ++k) {
+            bool integer = option->kind == PLIANT_OPTION_INT || option->kind == PLIANT_OPTION_INT3;
+            value = integer ? ((const int32_t *)place)[k] : ((const double *)place)[k];
+            if (!(value >= option->low && value <= option->high)) {
+                char word[32];
+                snprintf(word, sizeof word, "%g", value);
+                return not_in_range(option, word, reason, size);
+            }
+        }
+        return NULL;
+    }
+}
+
+void pliant_option_set_default(const pliant_option *option, pliant_scene *scene)
+{
+    void *place = (char *)scene + option->offset;
+    for (int k = 0; k < words_of(option); ++k) switch (option->kind) {
+        case PLIANT_OPTION_BOOL: *(bool *)place = option->value != 0.0; break;
+        case PLIANT_OPTION_INT:
+        case PLIANT_OPTION_INT3: ((int32_t *)place)[k] = (int32_t)option->value; break;
+        case PLIANT_OPTION_REAL:
+        case PLIANT_OPTION_REAL3: ((double *)place)[k] = option->value; break;
+        case PLIANT_OPTION_STRING: strcpy(place, option->string_value); break;
+        case PLIANT_OPTION_CHOICE: *(int *)place = (int)option->value; break;
+        }
+}

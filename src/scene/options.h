@@ -1,0 +1,44 @@
+/* The options of a scene as a table: where each one lies in the struct, and how it is read and checked. */
+#ifndef PLIANT_SCENE_OPTIONS_H
+#define PLIANT_SCENE_OPTIONS_H
+
+#include "pliant/scene.h"
+
+typedef enum pliant_option_kind {
+    PLIANT_OPTION_BOOL,
+    PLIANT_OPTION_INT,
+    PLIANT_OPTION_INT3,
+    PLIANT_OPTION_REAL,
+    PLIANT_OPTION_REAL3,
+    PLIANT_OPTION_STRING,
+    PLIANT_OPTION_CHOICE
+} pliant_option_kind;
+
+typedef struct pliant_option {
+    const char *group, *name, *unit, *text, *string_value;
+    pliant_option_kind kind;
+    size_t offset;             /* in pliant_scene */
+    double value, low, high;   /* default and range of numbers; default of bool and choice */
+    const char *const *names;  /* of a choice, NULL at the end */
+} pliant_option;
+
+const pliant_option *pliant_option_table(size_t *count);
+
+/* The option of a path "group/name", NULL when there is none. */
+const pliant_option *pliant_option_find(const char *path);
+
+/* Read `number` words into the option's place in the scene, which stays as it was on failure.
+   Returns NULL, or why not (at most size characters, in reason). */
+const char *pliant_option_read(const pliant_option *option, const char *const *words, int number, pliant_scene *scene,
+                               char *reason, size_t size);
+
+/* NULL, or what is wrong with the option's value in the scene. */
+const char *pliant_option_check(const pliant_option *option, const pliant_scene *scene, char *reason, size_t size);
+
+/* NULL, or what is wrong with a fixed region. */
+const char *pliant_fixed_box_check(const pliant_fixed_box *box, char *reason, size_t size);
+const char *pliant_fixed_plane_check(const pliant_fixed_plane *plane, char *reason, size_t size);
+
+void pliant_option_set_default(const pliant_option *option, pliant_scene *scene);
+
+#endif

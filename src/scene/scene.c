@@ -1,0 +1,97 @@
+#include "pliant/scene.h"
+
+#include "base/fail.h"
+#include "scene/options.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { REASON_SIZE = 320 };
+
+void pliant_scene_defaults(pliant_scene *scene)
+{
+    size_t count;
+    const pliant_option *options = pliant_option_table(&count);
+    memset(scene, 0, sizeof *scene);
+    for (size_t i = 0; i < count; ++i) pliant_option_set_default(&options[i], scene);
+}
+
+/* Cut "[7, 7, 7]" or "7 7 7" into its words, in place. Returns how many there are; only three are kept. */
+static int split(char *text, const char *words[3])
+{
+    static const char between[] = " ,\t[]";
+    int number = 0;
+    for (char *c = text; *(c += strspn(c, between));) {
+        if (number < 3) words[number] = c;
+        ++number;
+        c += strcspn(c, between);
+        if (*c) *c++ = 0;
+    }
+    return number;
+}
+
+pliant_status pliant_scene_set(pliant_scene *scene, const char *path, const char *value)
+{
+    char text[256], reason[REASON_SIZE];
+    const char *words[3] = {value, "", ""};
+    int number = 1;
+    const pliant_option *option = pliant_option_find(path);
+    if (!option) return pliant_fail(PLIANT_ERROR_SCENE, "%s: is no option of a scene", path);
+    if (option->kind == PLIANT_OPTION_INT3 || option->kind == PLIANT_OPTION_REAL3) {
+        if (strlen(value) >= sizeof text) return pliant_fail(PLIANT_ERROR_SCENE, "%s: three values are needed", path);
+        strcpy(text, value);
+        number = split(text, words);
+    }
+    if (pliant_option_read(option, words, number, scene, reason, sizeof reason))
+        return pliant_fail(PLIANT_ERROR_SCENE, "%s: %s", path, reason);
+    return PLIANT_OK;
+}
+
+const char *pliant_fixed_box_check(const pliant_fixed_box *box, char *reason, size_t size)
+{
+    for (int d = 0; d < 3; ++d) {
+        if (isfinite(box->low[d]) && isfinite(box->high[d]) && box->low[d] < box->high[d]) continue;
+        snprintf(reason, size, "axis %d: low %g must be less than high %g", d, box->low[d], box->high[d]);
+        return reason;
+    }
+    return NULL;
+}
+
+const char *pliant_fixed_plane_check(const pliant_fixed_plane *plane, char *reason, size_t size)
+{
+    double length = 0, point = 0;
+    for (int d = 0; d < 3; ++d) {
+        length += plane->normal[d] * plane->normal[d];
+        point += fabs(plane->point[d]);
+    }
+    if (length > 0 && isfinite(length) && isfinite(point)) return NULL;
+    snprintf(reason, size, "normal [%g, %g, %g] must not be zero, and it and the point finite", plane->normal[0],
+             plane->normal[1], plane->normal[2]);
+    return reason;
+}
+
+static pliant_status check_fixed(const pliant_scene *scene)
+{
+    char reason[REASON_SIZE];
+    if (scene->fixed.num_boxes > PLIANT_MAX_FIXED || scene->fixed.num_planes > PLIANT_MAX_FIXED)
+        return pliant_fail(PLIANT_ERROR_SCENE, "fixed: more than %d boxes or planes", PLIANT_MAX_FIXED);
+    for (uint32_t i = 0; i < scene->fixed.num_boxes; ++i)
+        if (pliant_fixed_box_check(&scene->fixed.boxes[i], reason, sizeof reason))
+            return pliant_fail(PLIANT_ERROR_SCENE, "fixed/boxes: number %u: %s", i + 1, reason);
+    for (uint32_t i = 0; i < scene->fixed.num_planes; ++i)
+        if (pliant_fixed_plane_check(&scene->fixed.planes[i], reason, sizeof reason))
+            return pliant_fail(PLIANT_ERROR_SCENE, "fixed/planes: number %u: %s", i + 1, reason);
+    return PLIANT_OK;
+}
+
+pliant_status pliant_scene_check(const pliant_scene *scene)
+{
+    size_t count;
+    char reason[REASON_SIZE];
+    const pliant_option *options = pliant_option_table(&count);
+    for (size_t i = 0; i < count; ++i)
+        if (pliant_option_check(&options[i], scene, reason, sizeof reason))
+            return pliant_fail(PLIANT_ERROR_SCENE, "%s/%s: %s", options[i].group, options[i].name, reason);
+    return check_fixed(scene);
+}

@@ -1,0 +1,379 @@
+/* From a scan and a scene to the constant model, stage by stage. */
+#include "base/fail.h"
+#include "sim/fixed.h"
+#include "base/threads.h"
+#include "fem/coarse/lod.h"
+#include "fem/patch/patch.h"
+#include "fem/dynamics/tled.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+const char *pliant_build_stage_name(int stage)
+{
+    static const char *const names[] = {
+#define STAGE_NAME(name) #name,
+        PLIANT_BUILD_STAGE_LIST(STAGE_NAME)
+#undef STAGE_NAME
+    };
+    return stage >= 0 && stage < PLIANT_NUM_BUILD_STAGES ? names[stage] : "";
+}
+
+/* What is needed only while building. */
+typedef struct builder {
+    pliant_model *model;
+    const pliant_labels *labels;
+    pliant_progress progress;
+    pliant_tet_material *lattice_material; /* (5 * fine cells) */
+    pliant_tet_material *coarse_material;  /* (coarse.num_tets), coarse method */
+    int32_t *coarse_of_fine;               /* (fine.num_tets) */
+    uint8_t *loose;                        /* (fine.num_tets) */
+    uint8_t *coarse_fixed;                 /* (coarse.num_nodes) */
+} builder;
+
+/* condensed on the corners of every coarse tetrahedron, which must all be there */
+static bool needs_corners(const pliant_model *model)
+{
+    return model->scene.model.method == PLIANT_SCHUR || model->scene.model.method == PLIANT_CALIBRATED;
+}
+
+static bool is_coarse(const pliant_model *model) { return model->scene.model.method != PLIANT_FINE; }
+
+static pliant_status classify(builder *build)
+{
+    pliant_model *model = build->model;
+    model->material_of_voxel = pliant_calloc(pliant_geometry_voxels(&model->scan->geometry), 1);
+    if (!model->material_of_voxel) return pliant_fail_memory("the material of every voxel");
+    return pliant_material_classify(&model->materials, model->scan, build->labels, model->material_of_voxel);
+}
+
+/* Keep fine tetrahedra with tissue. The paper's condensation needs every corner of a coarse tetrahedron in its submesh, so it
+ * keeps all that lie in a coarse tetrahedron with tissue. */
+static pliant_status cut_up(builder *build)
+{
+    pliant_model *model = build->model;
+    const pliant_geometry *geometry = &model->scan->geometry;
+    const int32_t *coarse_cells = model->scene.mesh.coarse_cells;
+    int32_t ratio = model->scene.mesh.ratio, cells[3] = {coarse_cells[0] * ratio, coarse_cells[1] * ratio, coarse_cells[2] * ratio};
+    if (model->scene.mesh.kind == PLIANT_OCTREE) {
+        return pliant_mesh_octree(geometry, coarse_cells, model->scene.mesh.depth, model->scene.mesh.purity, model->scene.mesh.keep_air,
+                                  model->material_of_voxel, &model->materials, &model->fine, &model->fine_material);
+    }
+    if ((double)cells[0] * cells[1] * cells[2] > 4e7)
+        return pliant_fail(PLIANT_ERROR_SCENE, "mesh/coarse_cells times mesh/ratio make %d x %d x %d fine cells: at most 4e7", cells[0],
+                           cells[1], cells[2]);
+    size_t fine_count = 5 * (size_t)cells[0] * cells[1] * cells[2], coarse_count = fine_count / ((size_t)ratio * ratio * ratio);
+    uint8_t *keep = pliant_calloc(fine_count, 1), *keep_coarse = pliant_calloc(coarse_count, 1);
+    build->lattice_material = pliant_calloc(fine_count, sizeof *build->lattice_material);
+    pliant_status status = PLIANT_OK;
+    if (!keep || !keep_coarse || !build->lattice_material) {
+        status = pliant_fail_memory("the lattice");
+        goto done;
+    }
+    status = pliant_lattice_integrate(geometry, cells, model->material_of_voxel, &model->materials, build->lattice_material);
+    if (status != PLIANT_OK) goto done;
+    for (size_t t = 0; t < fine_count; t++) {
+        keep[t] = model->scene.mesh.keep_air || build->lattice_material[t].tissue > 0;
+        if (keep[t]) keep_coarse[pliant_lattice_coarse_of(coarse_cells, ratio, (int32_t)t)] = 1;
+    }
+    if (needs_corners(model))
+        for (size_t t = 0; t < fine_count; t++) keep[t] = keep_coarse[pliant_lattice_coarse_of(coarse_cells, ratio, (int32_t)t)];
+    status = pliant_mesh_grid(geometry, cells, keep, &model->fine);
+    if (status == PLIANT_OK && is_coarse(model)) status = pliant_mesh_grid(geometry, coarse_cells, keep_coarse, &model->coarse);
+done:
+    pliant_free(keep);
+    pliant_free(keep_coarse);
+    return status;
+}
+
+static pliant_status mesh(builder *build)
+{
+    pliant_model *model = build->model;
+    pliant_status status = cut_up(build);
+    if (status == PLIANT_OK && model->scene.mesh.bone_surface) status = pliant_fixed_surface(model);
+    return status == PLIANT_OK ? pliant_mesh_surface(&model->fine, &model->triangles, &model->num_triangles) : status;
+}
+
+/* materials of the kept tetrahedra, nodal masses ([H] 2.1: a fourth of the mass to each node) */
+static pliant_status integrate(builder *build)
+{
+    pliant_model *model = build->model;
+    const pliant_mesh *fine = &model->fine;
+    bool octree = model->scene.mesh.kind == PLIANT_OCTREE; /* its leaves have materials already */
+    if (!octree) model->fine_material = pliant_calloc((size_t)fine->num_tets, sizeof *model->fine_material);
+    model->node_mass = pliant_calloc((size_t)fine->num_nodes, sizeof *model->node_mass);
+    if (!model->fine_material || !model->node_mass) return pliant_fail_memory("the materials of the mesh");
+    for (int32_t t = 0; !octree && t < fine->num_tets; t++) model->fine_material[t] = build->lattice_material[fine->lattice_of_tet[t]];
+    if (fine->num_moved > 0) {
+        pliant_status status = pliant_mesh_integrate_moved(fine, &model->scan->geometry, model->material_of_voxel,
+                                                           !model->scene.material.deformable_bone, &model->materials, model->fine_material);
+        if (status != PLIANT_OK) return status;
+    }
+    for (int32_t t = 0; t < fine->num_tets; t++) {
+        const int32_t *nodes = fine->tets + 4 * t;
+        double gradients[12];
+        double volume = pliant_mesh_gradients(fine, t, gradients);
+        for (int v = 0; v < 4; v++) model->node_mass[nodes[v]] += 0.25 * volume * model->fine_material[t].density;
+    }
+    if (!is_coarse(model)) return PLIANT_OK;
+    const pliant_mesh *coarse = &model->coarse;
+    build->coarse_of_fine = pliant_calloc((size_t)fine->num_tets, sizeof *build->coarse_of_fine);
+    if (!build->coarse_of_fine) return pliant_fail_memory("the nesting of the meshes");
+    for (int32_t t = 0; t < fine->num_tets; t++)
+        build->coarse_of_fine[t] = coarse->tet_of_lattice[pliant_lattice_coarse_of(coarse->cells, model->scene.mesh.ratio, fine->lattice_of_tet[t])];
+    if (model->scene.model.method != PLIANT_COARSE) return PLIANT_OK;
+    size_t lattice = 5 * (size_t)coarse->cells[0] * coarse->cells[1] * coarse->cells[2];
+    pliant_tet_material *all = pliant_calloc(lattice, sizeof *all);
+    build->coarse_material = pliant_calloc((size_t)coarse->num_tets, sizeof *build->coarse_material);
+    pliant_status status = all && build->coarse_material ? PLIANT_OK : pliant_fail_memory("the materials of the coarse mesh");
+    if (status == PLIANT_OK)
+        status = pliant_lattice_integrate(&model->scan->geometry, coarse->cells, model->material_of_voxel, &model->materials, all);
+    for (int32_t t = 0; status == PLIANT_OK && t < coarse->num_tets; t++) build->coarse_material[t] = all[coarse->lattice_of_tet[t]];
+    pliant_free(all);
+    return status;
+}
+
+/* Standard FEM on the coarse mesh can be held by its own nodes only. Where too few of them lie in what is fixed, those
+ * nearest to fixed fine nodes are taken. */
+static pliant_status hold_coarse(builder *build)
+{
+    const pliant_model *model = build->model;
+    const pliant_mesh *fine = &model->fine, *coarse = &model->coarse;
+    uint8_t *loose = pliant_calloc((size_t)coarse->num_tets, 1);
+    int32_t pieces = 0, ratio = model->scene.mesh.ratio;
+    if (!loose) return pliant_fail_memory("the fixed nodes");
+    pliant_status status = pliant_mesh_hold(coarse, build->coarse_fixed, loose, &pieces);
+    if (status == PLIANT_ERROR_SCENE) {
+        for (int32_t n = 0; n < fine->num_nodes; n++) {
+            if (!model->fine_fixed[n]) continue;
+            int32_t at = fine->lattice_of_node[n], nx = fine->cells[0] + 1, ny = fine->cells[1] + 1;
+            int32_t i = (at % nx + ratio / 2) / ratio, j = (at / nx % ny + ratio / 2) / ratio, k = (at / nx / ny + ratio / 2) / ratio;
+            int32_t node = coarse->node_of_lattice[i + (coarse->cells[0] + 1) * (j + (coarse->cells[1] + 1) * k)];
+            if (node >= 0) build->coarse_fixed[node] = 1;
+        }
+        pliant_log(PLIANT_LOG_WARNING, "coarse: fewer than three of its nodes lie in what is fixed; the nearest ones are fixed instead");
+        status = pliant_mesh_hold(coarse, build->coarse_fixed, loose, &pieces);
+    }
+    pliant_free(loose);
+    return status;
+}
+
+/* Coarse nodes that are fixed fine ones, those of loose pieces among them. Homogenized elements know of fixed nodes inside
+ * (hold_homogenized), others do not. */
+static pliant_status fix_coarse(builder *build)
+{
+    const pliant_model *model = build->model;
+    const pliant_mesh *fine = &model->fine, *coarse = &model->coarse;
+    build->coarse_fixed = pliant_calloc((size_t)coarse->num_nodes, 1);
+    if (!build->coarse_fixed) return pliant_fail_memory("the fixed nodes");
+    for (int32_t n = 0; n < coarse->num_nodes; n++) {
+        int32_t node = pliant_mesh_node_in(fine, coarse, n);
+        build->coarse_fixed[n] = node >= 0 && model->fine_fixed[node];
+    }
+    return model->scene.model.method == PLIANT_COARSE ? hold_coarse(build) : PLIANT_OK;
+}
+
+/* A homogenized element that holds fixed fine nodes holds its corners. What hangs on fewer than three nodes is held where
+ * it is, as on the fine mesh. */
+static pliant_status hold_homogenized(builder *build)
+{
+    const pliant_mesh *coarse = &build->model->coarse;
+    const uint8_t *grounded = build->model->system->grounded;
+    uint8_t *held = pliant_calloc((size_t)coarse->num_nodes, 1), *stands = pliant_calloc((size_t)coarse->num_nodes, 1);
+    uint8_t *loose = pliant_calloc((size_t)coarse->num_tets, 1);
+    int32_t pieces = 0;
+    pliant_status status = held && stands && loose ? PLIANT_OK : pliant_fail_memory("the fixed nodes");
+    if (status == PLIANT_OK) {
+        memcpy(stands, build->coarse_fixed, (size_t)coarse->num_nodes);
+        for (int32_t v = 0; v < 4 * coarse->num_tets; v++)
+            if (grounded[v / 4]) stands[coarse->tets[v]] = 1;
+        memcpy(held, stands, (size_t)coarse->num_nodes);
+        status = pliant_mesh_hold(coarse, held, loose, &pieces);
+    }
+    for (int32_t n = 0; status == PLIANT_OK && n < coarse->num_nodes; n++)
+        if (held[n] && !stands[n]) build->coarse_fixed[n] = 1;
+    if (status == PLIANT_OK && pieces > 0)
+        pliant_log(PLIANT_LOG_WARNING, "%d pieces of the coarse mesh hang on fewer than three nodes; they are held where they are", pieces);
+    pliant_free(held);
+    pliant_free(stands);
+    pliant_free(loose);
+    return status;
+}
+
+/* Loose pieces keep their place in the picture, but carry nothing: their stiffness is taken down to this part. */
+static const double loose_stiffness = 1e-6;
+
+static pliant_status fix(builder *build)
+{
+    pliant_model *model = build->model;
+    const pliant_mesh *fine = &model->fine;
+    model->fine_fixed = pliant_calloc((size_t)fine->num_nodes, 1);
+    build->loose = pliant_calloc((size_t)fine->num_tets, 1);
+    if (!model->fine_fixed || !build->loose) return pliant_fail_memory("the fixed nodes");
+    for (int32_t n = 0; n < fine->num_nodes; n++) model->fine_fixed[n] = pliant_fixed_node(model, n);
+    if (model->scene.solver.kind == PLIANT_TLED && pliant_tled_stands(&model->scene)) return PLIANT_OK;
+    pliant_status status = pliant_mesh_hold(fine, model->fine_fixed, build->loose, &model->num_held_pieces);
+    if (status != PLIANT_OK) return status;
+    if (model->num_held_pieces > 0) {
+        int32_t count = 0;
+        for (int32_t t = 0; t < fine->num_tets; t++) {
+            count += build->loose[t];
+            if (!build->loose[t]) continue;
+            model->fine_material[t].lambda *= loose_stiffness;
+            model->fine_material[t].mu *= loose_stiffness;
+        }
+        pliant_log(PLIANT_LOG_WARNING, "%d pieces (%d of %d tetrahedra) hang on nothing that is fixed; they are held where they are",
+                   model->num_held_pieces, count, fine->num_tets);
+    }
+    return is_coarse(model) ? fix_coarse(build) : PLIANT_OK;
+}
+
+static pliant_status homogenize(builder *build)
+{
+    pliant_model *model = build->model;
+    pliant_system *system = model->system;
+    system->fine = &model->fine;
+    system->mesh = is_coarse(model) ? &model->coarse : &model->fine;
+    system->num_threads = pliant_threads_of(&model->scene);
+    if (model->scene.solver.kind == PLIANT_TLED) return pliant_tled_system_create(model, &model->tled);
+    if (!is_coarse(model)) return pliant_system_elements(system, model->fine_material);
+    if (model->scene.model.method == PLIANT_COARSE) {
+        pliant_status status = pliant_system_elements(system, build->coarse_material);
+        return status == PLIANT_OK ? pliant_upsample_linear(system, build->coarse_of_fine) : status;
+    }
+    if (model->scene.model.method == PLIANT_LOD) {
+        pliant_status status = pliant_lod_ground(system, model->fine_fixed, build->coarse_fixed, build->coarse_of_fine);
+        if (status == PLIANT_OK) status = hold_homogenized(build);
+        if (status != PLIANT_OK) return status;
+        return pliant_lod(system, &model->scene, model->fine_fixed, build->coarse_fixed, model->fine_material, build->progress);
+    }
+    pliant_tet_material *none = pliant_calloc((size_t)model->coarse.num_tets, sizeof *none); /* geometry only */
+    if (!none) return pliant_fail_memory("the coarse elements");
+    pliant_status status = pliant_system_elements(system, none);
+    pliant_free(none);
+    if (status != PLIANT_OK) return status;
+    status = pliant_homogenize(system, &model->scene, &model->fine, model->fine_fixed, model->fine_material, build->coarse_of_fine,
+                               build->progress);
+    return status == PLIANT_OK ? hold_homogenized(build) : status;
+}
+
+/* M_j = sum of m_i N_ij over the fine nodes, [H] 10 */
+static pliant_status gravity_mass(pliant_model *model)
+{
+    pliant_system *system = model->system;
+    int32_t count = model->fine.num_nodes, *nodes = pliant_calloc((size_t)count, sizeof *nodes);
+    system->gravity_mass = pliant_calloc((size_t)system->num_free, 9 * sizeof *system->gravity_mass);
+    if (!nodes || !system->gravity_mass) {
+        pliant_free(nodes);
+        return pliant_fail_memory("the gravity-mass matrices");
+    }
+    for (int32_t n = 0; n < count; n++) nodes[n] = n;
+    pliant_upsample_weights(system, system->mesh->rest, count, nodes, model->node_mass, system->gravity_mass);
+    pliant_free(nodes);
+    return PLIANT_OK;
+}
+
+static pliant_status analyze(builder *build)
+{
+    pliant_model *model = build->model;
+    if (model->tled) return PLIANT_OK; /* no matrix */
+    pliant_status status = pliant_system_unknowns(model->system, is_coarse(model) ? build->coarse_fixed : model->fine_fixed);
+    if (status == PLIANT_OK) status = gravity_mass(model);
+    if (status != PLIANT_OK) return status;
+    /* the V-cycle's meshes nest by lattice, and its matrices are of tetrahedra */
+    bool direct = model->scene.mesh.kind == PLIANT_OCTREE || model->scene.model.method == PLIANT_LOD;
+    pliant_preconditioner_choice choice = direct ? PLIANT_DIRECT : model->scene.solver.preconditioner;
+    return pliant_preconditioner_create(model->system, choice, &model->system->preconditioner);
+}
+
+static pliant_status factorize(builder *build)
+{
+    pliant_system *system = build->model->system;
+    if (build->model->tled) return PLIANT_OK;
+    pliant_tangent *tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents);
+    if (!tangents) return pliant_fail_memory("the stiffness matrix");
+    pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, tangents);
+    system->mean_diagonal = pliant_system_mean_diagonal(system);
+    pliant_status status = pliant_preconditioner_numeric(system->preconditioner, tangents);
+    if (status == PLIANT_OK) build->model->condition_estimate = pliant_preconditioner_condition(system->preconditioner);
+    pliant_free(tangents);
+    if (status == PLIANT_OK && pliant_patch_asked(&build->model->scene)) status = pliant_patch_system(build->model, &build->model->fine_system);
+    return status;
+}
+
+static pliant_status run_stages(builder *build)
+{
+    static pliant_status (*const stages[])(builder *) = {classify, mesh, integrate, fix, homogenize, analyze, factorize};
+    _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_BUILD_STAGES, "one function a stage, in order");
+    pliant_model *model = build->model;
+    for (int stage = 0; stage < PLIANT_NUM_BUILD_STAGES; stage++) {
+        if (!pliant_report_progress(build->progress, (double)stage / PLIANT_NUM_BUILD_STAGES, pliant_build_stage_name(stage)))
+            return pliant_fail(PLIANT_ERROR_CANCELLED, "building the model was cancelled");
+        double start = pliant_seconds();
+        size_t before = pliant_memory_in_use() + pliant_preconditioner_bytes(model->system->preconditioner);
+        pliant_status status = stages[stage](build);
+        if (status != PLIANT_OK) return status;
+        size_t after = pliant_memory_in_use() + pliant_preconditioner_bytes(model->system->preconditioner);
+        model->build_seconds[stage] = pliant_seconds() - start;
+        model->build_bytes[stage] = after > before ? after - before : 0;
+    }
+    pliant_report_progress(build->progress, 1, "ready");
+    return PLIANT_OK;
+}
+
+pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume *scan, const pliant_labels *labels,
+                                 const pliant_material_table *materials, pliant_progress progress, pliant_model **out)
+{
+    pliant_status status = pliant_scene_check(scene);
+    if (status == PLIANT_OK && scene->solver.kind == PLIANT_TLED && scene->model.method != PLIANT_FINE)
+        status = pliant_fail(PLIANT_ERROR_SCENE, "solver/kind: tled works on the fine mesh; set model/method to fine");
+    if (status == PLIANT_OK && scene->mesh.kind == PLIANT_OCTREE &&
+        (scene->model.method != PLIANT_FINE || scene->solver.preconditioner == PLIANT_MULTIGRID))
+        status = pliant_fail(PLIANT_ERROR_SCENE, "mesh/kind: an octree has no coarse mesh: set model/method to fine and solver/preconditioner to "
+                                                 "auto or direct");
+    if (status == PLIANT_OK && scene->model.method == PLIANT_LOD && scene->solver.preconditioner == PLIANT_MULTIGRID)
+        status = pliant_fail(PLIANT_ERROR_SCENE, "solver/preconditioner: lod's matrix is factored; set auto or direct");
+    if (status == PLIANT_OK && scene->model.method == PLIANT_LOD && scene->mesh.bone_surface)
+        status = pliant_fail(PLIANT_ERROR_SCENE, "mesh/bone_surface: lod interpolates within the cubes of the lattice, which no node may leave; set "
+                                                 "it to false, or model/method to another one");
+    if (status == PLIANT_OK) status = pliant_material_table_check(materials);
+    if (status != PLIANT_OK) return status;
+    pliant_model *model = pliant_calloc(1, sizeof *model);
+    if (!model) return pliant_fail_memory("the model");
+    builder build = {.model = model, .labels = labels, .progress = progress};
+    model->scene = *scene;
+    model->scan = scan;
+    model->system = pliant_calloc(1, sizeof *model->system);
+    status = model->system ? pliant_material_table_copy(materials, &model->materials) : pliant_fail_memory("the model");
+    int threads = pliant_threads_begin(scene);
+    if (status == PLIANT_OK) status = run_stages(&build);
+    pliant_threads_end(threads);
+    pliant_free(build.lattice_material);
+    pliant_free(build.coarse_material);
+    pliant_free(build.coarse_of_fine);
+    pliant_free(build.loose);
+    pliant_free(build.coarse_fixed);
+    if (status != PLIANT_OK) {
+        pliant_model_free(model);
+        return status;
+    }
+    *out = model;
+    return PLIANT_OK;
+}
+
+void pliant_model_free(pliant_model *model)
+{
+    if (!model) return;
+    pliant_system_free(model->system);
+    pliant_system_free(model->fine_system);
+    pliant_tled_system_free(model->tled);
+    pliant_material_table_free(&model->materials);
+    pliant_free(model->material_of_voxel);
+    pliant_mesh_free(&model->fine);
+    pliant_mesh_free(&model->coarse);
+    pliant_free(model->fine_material);
+    pliant_free(model->node_mass);
+    pliant_free(model->fine_fixed);
+    pliant_free(model->triangles);
+    pliant_free(model);
+}

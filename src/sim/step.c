@@ -1,0 +1,124 @@
+/* The mutable data, and the step. */
+#include "backend/backend.h"
+#include "base/fail.h"
+#include "fem/patch/patch.h"
+#include "fem/dynamics/tled.h"
+#include "interact/tool.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+const char *pliant_step_stage_name(int stage)
+{
+    static const char *const names[] = {
+#define STAGE_NAME(name) #name,
+        PLIANT_STEP_STAGE_LIST(STAGE_NAME)
+#undef STAGE_NAME
+    };
+    return stage >= 0 && stage < PLIANT_NUM_STEP_STAGES ? names[stage] : "";
+}
+
+pliant_status pliant_data_create(const pliant_model *model, pliant_data **out)
+{
+    pliant_data *data = pliant_calloc(1, sizeof *data);
+    if (!data) return pliant_fail_memory("the simulation state");
+    size_t before = pliant_memory_in_use();
+    data->positions = pliant_calloc((size_t)model->fine.num_nodes, 3 * sizeof *data->positions);
+    pliant_status status = data->positions ? pliant_host_solver_of(model)->create(model, data) : pliant_fail_memory("the simulation state");
+    if (status != PLIANT_OK) {
+        pliant_data_free(data);
+        return status;
+    }
+    memcpy(data->positions, model->fine.rest, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
+    memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
+    status = pliant_backend_create(model, data);
+    if (status != PLIANT_OK) {
+        pliant_data_free(data);
+        return status;
+    }
+    data->statistics.bytes = pliant_memory_in_use() - before;
+    *out = data;
+    return PLIANT_OK;
+}
+
+void pliant_data_free(pliant_data *data)
+{
+    if (!data) return;
+    if (data->backend_state) data->backend->free(data);
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_forget(data->tools + t);
+    pliant_patch_free(data->patch);
+    pliant_solver_free(data->solver);
+    pliant_tled_free(data->tled);
+    pliant_warp_free(data->warp);
+    pliant_free(data->positions);
+    pliant_free(data);
+}
+
+pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
+{
+    pliant_status status = data->backend->kind->reset(data);
+    if (status != PLIANT_OK) return status;
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_forget(data->tools + t);
+    memcpy(data->positions, model->fine.rest, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
+    memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
+    size_t bytes = data->statistics.bytes;
+    memset(&data->statistics, 0, sizeof data->statistics);
+    data->statistics.bytes = bytes;
+    return pliant_backend_restart(model, data);
+}
+
+pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target)
+{
+    pliant_warp *warp = NULL;
+    if (target) {
+        pliant_status status = pliant_warp_create(model->scan, &model->fine, target, model->system->num_threads, &warp);
+        if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp, model->scene.warp.fit_step);
+        /* a step's stages hand over on the GPU */
+        if (status == PLIANT_OK && !data->backend->on_host) status = pliant_warp_backend(warp, model->scene.solver.backend);
+        if (status != PLIANT_OK) {
+            pliant_warp_free(warp);
+            return status;
+        }
+    }
+    pliant_warp_free(data->warp);
+    data->warp = warp;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_data_gravity(pliant_data *data, const double gravity[3])
+{
+    for (int d = 0; d < 3; d++)
+        if (!isfinite(gravity[d])) return pliant_fail(PLIANT_ERROR_ARGUMENT, "gravity must be finite");
+    memcpy(data->gravity, gravity, sizeof data->gravity);
+    return PLIANT_OK;
+}
+
+/* whoever runs the other stages: only the CPU does where there is one */
+static pliant_status patch(const pliant_model *model, pliant_data *data) { return data->patch ? pliant_patch_step(model, data) : PLIANT_OK; }
+
+pliant_status pliant_step(const pliant_model *model, pliant_data *data)
+{
+    pliant_status caveat = PLIANT_OK;
+    for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; stage++) {
+        const pliant_backend *backend = data->backend;
+        pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {backend->kind->interact, backend->solve, backend->upsample, patch, backend->warp};
+        _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
+        double start = pliant_seconds();
+        pliant_status status = stages[stage](model, data);
+        data->statistics.seconds[stage] = pliant_seconds() - start;
+        /* the first stage is the host's own */
+        if (status < 0 && stage > PLIANT_STEP_interact && pliant_backend_leave(model, data, status)) {
+            stage = backend->solves_on_host ? stage - 1 : PLIANT_STEP_solve - 1; /* again, by the CPU */
+            continue;
+        }
+        if (status < 0) {
+            data->statistics.failed++;
+            return status;
+        }
+        if (status > 0) caveat = status;
+    }
+    data->statistics.step++;
+    data->statistics.not_converged += caveat == PLIANT_NOT_CONVERGED;
+    return caveat;
+}
