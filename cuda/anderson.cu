@@ -1,5 +1,6 @@
 #include "anderson.h"
 #include "check.h"
+#include "fem/quasistatic/anderson.h"
 
 enum { THREADS = 256, MOST_REFUSED = 12, MOST_SLOW = 10 };
 enum { DECIDERS = 32 * (DOT_SUMS + GATHER_SUMS) }; /* a warp a sum */
@@ -360,8 +361,7 @@ static __device__ void find_merit(decision &now)
     const int target = target_of(state);
     state.scale[target] = fmax(sqrt(fmax(fabs(now.work[0]), fabs(now.work[1]))), state.step.smallest_scale);
     double energy = now.sums[0] + spring_energy(state, state.step_force[target], state.step_force[target]);
-    bool sound = isfinite(state.scale[target]) && isfinite(energy) && !state.singular;
-    state.merit[target] = sound ? sqrt(fmax(energy, 0.0)) : INFINITY;
+    state.merit[target] = state.singular ? INFINITY : pliant_anderson_merit(energy, state.scale[target]);
     state.residual_force[target] = now.sums[3];
 }
 

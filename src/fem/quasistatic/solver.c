@@ -1,6 +1,7 @@
 #include "base/fail.h"
 #include "fem/linear/dense.h"
 #include "fem/patch/space.h"
+#include "fem/quasistatic/anderson.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
 
@@ -257,9 +258,8 @@ static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
     pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, at->pull, at->step);
     if (status != PLIANT_OK) return status;
     if (!pliant_solver_step_tools(solver, at)) return PLIANT_OK;
-    double energy = pliant_solver_product(solver, at->step, at->pull) + spring_energy(solver, at->step_force, at->step_force);
-    /* far below zero: what stands for K0^-1 is not positive here; no measure */
-    if (isfinite(energy) && energy > -1e-10 * at->scale * at->scale) at->merit = sqrt(fmax(energy, 0));
+    const double energy = pliant_solver_product(solver, at->step, at->pull) + spring_energy(solver, at->step_force, at->step_force);
+    at->merit = pliant_anderson_merit(energy, at->scale);
     return PLIANT_OK;
 }
 
@@ -378,34 +378,59 @@ static void swap_iterates(pliant_solver *solver)
     solver->trial = swap;
 }
 
-/* The step at the last iterate is known already: take it without looking where it leads, if the one before went well. It
- * costs nothing, and the next frame's first evaluation looks; what it left is kept until then. The merit that is reported
- * stays that of the last evaluation. */
-static void last_step(pliant_solver *solver)
+/* The trial after so many refusals, from the present iterate: once more with what the refused state taught; then without secants that
+ * are far larger than what is left, of which they are not true enough, though they will be of the next step; then the plain step; then
+ * ever shorter ones. */
+typedef struct pliant_trial_kind {
+    bool mixed, limited; /* with secants; with those alone that are not too large */
+    double damping;
+} pliant_trial_kind;
+
+static pliant_trial_kind propose_after(pliant_solver *solver, int refused, bool limited)
+{
+    const double still_true = 30; /* secants up to so many times the merit */
+    double weights[PLIANT_MAX_HISTORY];
+    /* around a patch the merit may be lost altogether: straight to the plain step there */
+    pliant_trial_kind kind = {.limited = refused == 2 && !limited && isfinite(solver->now.merit) && !solver->system->space,
+                              .damping = refused < 3 ? 1 : ldexp(1, 2 - refused)};
+    if (kind.limited) solver->largest_secant = pow(still_true * solver->now.merit, 2);
+    kind.mixed = (refused < 2 || kind.limited) && pliant_solver_mix(solver, &solver->now, 1e-5, weights);
+    if (refused == 2 && !kind.mixed) pliant_solver_forget(solver);
+    propose(solver, &solver->now, kind.mixed ? weights : NULL, kind.damping, &solver->trial);
+    return kind;
+}
+
+/* The step at the last iterate is known already: take it without looking where it leads, if the one before went well, or if the frame
+ * would not move otherwise. It costs nothing, and the next frame's first evaluation looks; what it left is kept until then. The merit
+ * that is reported stays that of the last evaluation. */
+static void last_step(pliant_solver *solver, bool accepted)
 {
     size_t bytes = 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->left_x;
     memcpy(solver->left_x, solver->now.x, bytes);
     memcpy(solver->left_force, solver->now.force, sizeof solver->left_force);
     solver->ahead = true;
-    double weights[PLIANT_MAX_HISTORY];
-    bool mixed = pliant_solver_mix(solver, &solver->now, 1e-5, weights);
-    propose(solver, &solver->now, mixed ? weights : NULL, 1, &solver->trial);
+    pliant_trial_kind kind = propose_after(solver, solver->refused, solver->limited);
+    /* where it turns out to lead nowhere, these have been tried */
+    if (!accepted && (solver->refused > 0 || !kind.mixed)) {
+        solver->limited = true;
+        solver->refused = kind.mixed ? 2 : solver->refused < 3 ? 3 : solver->refused + 1;
+    }
     double *swap = solver->now.x;
     solver->now.x = solver->trial.x;
     solver->trial.x = swap;
     memcpy(solver->now.force, solver->trial.force, sizeof solver->now.force);
 }
 
-/* The first evaluation of a frame. If the step before was taken blindly and the merit is far above what frames begin with,
- * look at the state that it left, too, and keep the better one. */
+/* The first evaluation of a frame. If the step before was taken blindly and the merit is far above that of the last frame that was
+ * found to begin well, look at the state that it left, too, and keep the better one. */
 static pliant_status begin(pliant_solver *solver, pliant_statistics *statistics)
 {
     const double too_high = 2;
     pliant_status status = evaluate(solver, &solver->now);
     statistics->iterations = 1;
     if (status == PLIANT_OK) status = pliant_hindsight_look(solver);
-    bool suspect = solver->ahead && !(solver->now.merit < too_high * solver->first_merit);
-    solver->ahead = false;
+    bool went_on = solver->ahead;
+    const bool suspect = went_on && !(solver->now.merit < too_high * solver->sound_merit);
     if (status == PLIANT_OK && suspect) {
         memcpy(solver->trial.x, solver->left_x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->left_x);
         memcpy(solver->trial.force, solver->left_force, sizeof solver->left_force);
@@ -414,9 +439,16 @@ static pliant_status begin(pliant_solver *solver, pliant_statistics *statistics)
         if (status == PLIANT_OK && solver->trial.merit < solver->now.merit) {
             swap_iterates(solver);
             pliant_solver_forget(solver);
+            went_on = false;
         }
     }
+    if (went_on) { /* what was tried after refusals was good */
+        solver->refused = 0;
+        solver->limited = false;
+    }
     solver->first_merit = solver->now.merit;
+    if (suspect || !solver->ahead || solver->now.merit < solver->sound_merit) solver->sound_merit = solver->now.merit;
+    solver->ahead = false;
     return status;
 }
 
@@ -463,37 +495,28 @@ static pliant_status go_down(pliant_solver *solver, pliant_statistics *statistic
 /* whether one more evaluation as long as those so far would end within the budget */
 static bool time_left(const pliant_solver *solver, double start, int32_t evaluations)
 {
-    double spent = solver->budget > 0 ? pliant_seconds() - start : 0;
+    double spent = solver->budget > 0 ? solver->clock(solver->clock_user) - start : 0;
     return spent + spent / evaluations <= solver->budget;
 }
 
 /* Iterate until the merit is small or the iterations or the time are spent; every accepted iterate has a lower merit than the last.
- * After a refusal: once more with what the refused state taught; then without secants that are far larger than what is left, of which
- * they are not true enough, though they will be of the next step; then the plain step, then ever shorter ones, into the next step
- * where this one ends first. */
+ * Refusals go on into the next step where this one ends first. */
 static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistics)
 {
     const double went_well = 0.5, slow = 0.9; /* merit over the merit before */
-    const double still_true = 30;             /* secants up to so many times the merit */
     enum { MOST_REFUSED = 12, MOST_SLOW = 10 };
-    int refused = solver->refused;
-    bool accepted = false, limited = solver->limited;
+    bool accepted = false;
     solver->stumbled = false;
     solver->largest_secant = INFINITY;
     double before = INFINITY;
-    double weights[PLIANT_MAX_HISTORY];
-    double start = pliant_seconds();
+    double start = solver->clock(solver->clock_user);
     pliant_status status = begin(solver, statistics);
+    int refused = solver->refused;
+    bool limited = solver->limited;
     while (status == PLIANT_OK && solver->now.merit > solver->tolerance * solver->now.scale &&
            statistics->iterations < solver->max_iterations && refused < MOST_REFUSED && time_left(solver, start, statistics->iterations)) {
-        /* around a patch the merit may be lost altogether: straight to the plain step there */
-        bool by_small = refused == 2 && !limited && isfinite(solver->now.merit) && !solver->system->space;
-        if (by_small) solver->largest_secant = pow(still_true * solver->now.merit, 2);
-        bool mixed = (refused < 2 || by_small) && pliant_solver_mix(solver, &solver->now, 1e-5, weights);
-        limited = by_small;
-        if (refused == 2 && !mixed) pliant_solver_forget(solver);
-        double damping = refused < 3 ? 1 : ldexp(1, 2 - refused);
-        propose(solver, &solver->now, mixed ? weights : NULL, damping, &solver->trial);
+        const pliant_trial_kind kind = propose_after(solver, refused, limited);
+        limited = kind.limited;
         status = evaluate(solver, &solver->trial);
         statistics->iterations++;
         if (status != PLIANT_OK) break;
@@ -506,9 +529,9 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
             solver->escape = 0;
             accepted = true;
         } else {
-            if (refused < 2 || mixed) remember(solver, &solver->now, &solver->trial);
-            else if (energy_falls(solver)) solver->escape = fmax(solver->escape, damping);
-            refused += !(by_small && mixed);
+            if (refused < 2 || kind.mixed) remember(solver, &solver->now, &solver->trial);
+            else if (energy_falls(solver)) solver->escape = fmax(solver->escape, kind.damping);
+            refused += !(kind.limited && kind.mixed);
             solver->stumbled = true;
             statistics->rejected++;
         }
@@ -520,10 +543,10 @@ static pliant_status iterate(pliant_solver *solver, pliant_statistics *statistic
     solver->refused = accepted ? 0 : refused;
     solver->limited = limited;
     solver->slow = solver->rate > slow ? solver->slow + 1 : 0;
-    if (status == PLIANT_OK && (solver->refused == MOST_REFUSED || solver->slow == MOST_SLOW)) return start_from_rest(solver, statistics);
-    if (status == PLIANT_OK && solver->now.merit > solver->tolerance * solver->now.scale && refused == 0 &&
-        solver->now.merit < went_well * before)
-        last_step(solver);
+    if (status == PLIANT_OK && (solver->refused >= MOST_REFUSED || solver->slow == MOST_SLOW)) return start_from_rest(solver, statistics);
+    const bool far = isfinite(solver->now.merit) && solver->now.merit > solver->tolerance * solver->now.scale;
+    if (status == PLIANT_OK && far && (accepted ? refused == 0 && solver->now.merit < went_well * before : refused < MOST_REFUSED))
+        last_step(solver, accepted);
     return status;
 }
 

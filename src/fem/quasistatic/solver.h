@@ -75,6 +75,8 @@ struct pliant_solver {
     int32_t refresh_delay, convert_delay; /* steps until a factor is there, and then until the history fits it */
     double tolerance, smallest_scale;
     double budget;              /* of the iterations of a step [s]; 0: none */
+    double (*clock)(void *user); /* that it is measured by: the machine's, or a test's [s] */
+    void *clock_user;
 
     pliant_preconditioner *preconditioner; /* in use; below, "factor" means it */
     uint64_t factor_serial;     /* counts from 1 */
@@ -89,6 +91,7 @@ struct pliant_solver {
 
     pliant_iterate now, trial;
     double first_merit;         /* that the last frame began with */
+    double sound_merit;         /* the same of the last one that was compared with the state before a blind step, or followed none */
     double rate;                /* merit after over before an evaluation, last frame's mean; 0: there was nothing to do */
     bool stumbled;              /* a trial of the last step was refused */
     bool ahead;                 /* now.x is one step beyond what was evaluated */

@@ -62,6 +62,12 @@ static void set_delays(const pliant_scene *scene, pliant_solver *solver)
     solver->convert_delay += steps_for(solver->room * pliant_preconditioner_apply_operations(preconditioner), scene->solver.step) - 1;
 }
 
+static double wall_clock(void *user)
+{
+    (void)user;
+    return pliant_seconds();
+}
+
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out)
 {
     pliant_solver *solver = pliant_calloc(1, sizeof *solver);
@@ -72,6 +78,7 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
     solver->room = pliant_solver_depth(solver, solver->max_iterations);
     solver->tolerance = scene->solver.tolerance;
     solver->budget = 1e-3 * scene->solver.budget_ms;
+    solver->clock = wall_clock;
     solver->refresh_interval = scene->solver.refresh_interval;
     set_delays(scene, solver);
     double length = 0;
@@ -115,7 +122,7 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     solver->escape = 0;
     solver->largest_secant = INFINITY;
     solver->evaluations = solver->last_evaluations = 0;
-    solver->first_merit = solver->rate = 0;
+    solver->first_merit = solver->sound_merit = solver->rate = 0;
     solver->log_contraction = log(0.3);
     solver->foreseen = 0;
     pliant_solver_forget(solver);
