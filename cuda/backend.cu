@@ -51,7 +51,7 @@ static void destroy(pliant_data *data)
 
 static pliant_status fill(const pliant_model *model, const pliant_data *data, cuda_data *state)
 {
-    const size_t count = 3 * (size_t)model->fine.num_nodes;
+    const size_t count = 3 * (size_t)data->body->fine.num_nodes;
     CUDA_TRY(pliant_cuda_current_device(&state->device));
     CUDA_TRY(CUDA_CALL(cudaStreamCreateWithFlags(&state->stream, cudaStreamNonBlocking)));
     state->first_positions = data->positions;
@@ -82,8 +82,8 @@ static pliant_status restart(const pliant_model *model, pliant_data *data)
 /* of a coarse mesh it was brought when the step ended */
 static void bring(const pliant_model *model, pliant_data *data)
 {
-    if (model->system->mesh == &model->fine)
-        memcpy(data->solver->now.x, data->positions, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
+    if (model->system->mesh == &data->body->fine)
+        memcpy(data->solver->now.x, data->positions, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
 }
 
 static pliant_status solve(const pliant_model *model, pliant_data *data)
@@ -98,7 +98,7 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
 static pliant_status enqueue_upsample(const pliant_model *model, cuda_data *state)
 {
     CUDA_TRY(pliant_cuda_solver_upsample(state->solver, &state->d_positions));
-    const size_t bytes = 3 * (size_t)model->fine.num_nodes * sizeof *state->arriving;
+    const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->arriving;
     return CUDA_CALL(cudaMemcpyAsync(state->arriving, state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
 }
 

@@ -326,7 +326,7 @@ TEST(Bone, PatchTestAndNoHoleInTheVolume)
     body.cells(4, 4, 4, 2);
     body.scene.mesh.bone_surface = true;
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-    const pliant_mesh &mesh = body.model->fine;
+    const pliant_mesh &mesh = body.model->body->fine;
     ASSERT_GT(mesh.num_moved, 30);
     const double a[9] = {1.01, 0.02, 0, 0, 0.99, -0.01, 0.005, 0, 1.02}, b[3] = {0, 0, 0};
     std::vector<double> x = affine(mesh, a, b), force = body.elastic_force(x);
@@ -392,7 +392,7 @@ struct Scene {
         EXPECT_EQ(status, PLIANT_OK);
         pliant_points found{};
         std::vector<double> out(points.size());
-        EXPECT_EQ(pliant_points_create(&model->fine, static_cast<int32_t>(points.size() / 3), points.data(), &found), PLIANT_OK);
+        EXPECT_EQ(pliant_points_create(&model->body->fine, static_cast<int32_t>(points.size() / 3), points.data(), &found), PLIANT_OK);
         pliant_points_move(&found, data->positions, out.data());
         for (size_t p = 0; p < held.size(); p++) held[p] = held[p] && found.found[p];
         pliant_points_free(&found);
@@ -411,8 +411,8 @@ TEST(Bone, MakesThePhantomMoreAccurateAtTheSameCount)
     phantom.scene.mesh.ratio = 6;
     pliant_model *fine = phantom.build();
     std::vector<double> points;
-    for (int32_t n = 0; n < fine->fine.num_nodes; n++)
-        if (!fine->fine_fixed[n]) points.insert(points.end(), fine->fine.rest + 3 * n, fine->fine.rest + 3 * n + 3);
+    for (int32_t n = 0; n < fine->body->fine.num_nodes; n++)
+        if (!fine->body->fine_fixed[n]) points.insert(points.end(), fine->body->fine.rest + 3 * n, fine->body->fine.rest + 3 * n + 3);
     pliant_model_free(fine);
     std::vector<uint8_t> held(points.size() / 3, 1);
     std::vector<double> reference = phantom.settle(points, held), x[4];
@@ -454,13 +454,13 @@ TEST(Bone, EveryMethodTakesIt)
         ASSERT_NE(model, nullptr);
         pliant_data *data = nullptr;
         ASSERT_EQ(pliant_data_create(model, &data), PLIANT_OK);
-        EXPECT_GT(model->fine.num_moved, 0);
+        EXPECT_GT(model->body->fine.num_moved, 0);
         for (int step = 0; step < 3; step++) ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
         double moved = 0;
-        for (int32_t n = 0; n < model->fine.num_nodes; n++)
+        for (int32_t n = 0; n < model->body->fine.num_nodes; n++)
             for (int d = 0; d < 3; d++) {
-                double u = std::fabs(data->positions[3 * n + d] - model->fine.rest[3 * n + d]);
-                if (model->fine.place_of_node[n] == PLIANT_BONE_SURFACE && one.method != PLIANT_COARSE) ASSERT_EQ(u, 0);
+                double u = std::fabs(data->positions[3 * n + d] - model->body->fine.rest[3 * n + d]);
+                if (model->body->fine.place_of_node[n] == PLIANT_BONE_SURFACE && one.method != PLIANT_COARSE) ASSERT_EQ(u, 0);
                 moved = std::max(moved, u);
             }
         EXPECT_GT(moved, 1e-6);
@@ -481,12 +481,12 @@ TEST(Bone, OfACt)
     ct.scene.mesh.bone_surface = true;
     pliant_model *model = ct.build();
     ASSERT_NE(model, nullptr);
-    for (int32_t t = 0; t < model->fine.num_tets; t++) ASSERT_GT(volume_of(model->fine, t), 0);
+    for (int32_t t = 0; t < model->body->fine.num_tets; t++) ASSERT_GT(volume_of(model->body->fine, t), 0);
     int surface = 0, off = 0;
-    for (int32_t n = 0; n < model->fine.num_nodes; n++) {
-        if (model->fine.place_of_node[n] != PLIANT_BONE_SURFACE) continue;
+    for (int32_t n = 0; n < model->body->fine.num_nodes; n++) {
+        if (model->body->fine.place_of_node[n] != PLIANT_BONE_SURFACE) continue;
         double index[3];
-        pliant_geometry_to_index(&ct.scan.geometry, model->fine.rest + 3 * n, index);
+        pliant_geometry_to_index(&ct.scan.geometry, model->body->fine.rest + 3 * n, index);
         bool any[2] = {false, false};
         for (int corner = 0; corner < 8; corner++) {
             size_t v = 0;
@@ -498,7 +498,7 @@ TEST(Bone, OfACt)
         }
         surface++;
         off += !any[0] || !any[1];
-        ASSERT_TRUE(model->fine_fixed[n]);
+        ASSERT_TRUE(model->body->fine_fixed[n]);
     }
     EXPECT_GT(surface, 500);
     EXPECT_EQ(off, 0);

@@ -89,9 +89,9 @@ TEST(VoxelError, ShiftBetweenTwoSolutionsIsTheErrorOfEveryVoxelOfTissue)
     body.fix_plane(1e-9, 0, 0, 1, 0, 0);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     const double unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, none[3] = {0, 0, 0}, shift[3] = {0.003, -0.004, 0.012};
-    auto here = affine(body.model->fine, unit, none), there = affine(body.model->fine, unit, shift);
+    auto here = affine(body.model->body->fine, unit, none), there = affine(body.model->body->fine, unit, shift);
     pliant_volume error{};
-    ASSERT_EQ(pliant_error_voxels(body.model, here.data(), &body.model->fine, there.data(), &body.scan.geometry, &error), PLIANT_OK);
+    ASSERT_EQ(pliant_error_voxels(body.model, here.data(), &body.model->body->fine, there.data(), &body.scan.geometry, &error), PLIANT_OK);
     auto *voxels = static_cast<float *>(error.voxels);
     auto *stored = static_cast<uint8_t *>(body.scan.voxels);
     for (int v = 0; v < 12 * 12 * 12; v++) {
@@ -110,9 +110,9 @@ TEST(VoxelError, IsTakenAtTheTissueThatAVoxelShows)
     body.fix_plane(1e-9, 0, 0, 1, 0, 0);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     const double unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, stretch[9] = {1, 0, 0, 0, 1.1, 0, 0, 0, 1}, none[3] = {0, 0, 0}, shift[3] = {0.02, 0, 0};
-    auto here = affine(body.model->fine, unit, shift), there = affine(body.model->fine, stretch, none);
+    auto here = affine(body.model->body->fine, unit, shift), there = affine(body.model->body->fine, stretch, none);
     pliant_volume error{};
-    ASSERT_EQ(pliant_error_voxels(body.model, here.data(), &body.model->fine, there.data(), &body.scan.geometry, &error), PLIANT_OK);
+    ASSERT_EQ(pliant_error_voxels(body.model, here.data(), &body.model->body->fine, there.data(), &body.scan.geometry, &error), PLIANT_OK);
     auto *voxels = static_cast<float *>(error.voxels);
     for (int j = 0; j < 12; j++) {
         double y = 0.01 * (j + 0.5);

@@ -48,7 +48,7 @@ TEST(Lod, OfRatioOneIsTheFineMesh)
     prepare(lod, PLIANT_LOD, 4, 1, 1);
     ASSERT_EQ(fine.build(), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(lod.build(), PLIANT_OK) << pliant_last_error();
-    std::vector<double> x = shaken(fine.model->fine, 1e-8), expected = fine.elastic_force(x), found = lod.elastic_force(x);
+    std::vector<double> x = shaken(fine.model->body->fine, 1e-8), expected = fine.elastic_force(x), found = lod.elastic_force(x);
     std::vector<double> none(expected.size());
     EXPECT_LT(apart(expected, found), 1e-6 * apart(expected, none));
 }
@@ -110,13 +110,13 @@ TEST(Lod, TurnsFreely)
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     Eigen::Matrix<double, 3, 3, Eigen::RowMajor> turn = Eigen::AngleAxisd(3.1, Eigen::Vector3d(2, -1, 1).normalized()).toRotationMatrix();
     const double b[3] = {5, -3, 2}, stretch[9] = {1.01, 0, 0, 0, 1, 0, 0, 0, 1};
-    const pliant_mesh &fine = body.model->fine;
+    const pliant_mesh &fine = body.model->body->fine;
     std::vector<double> coarse = affine(*body.model->system->mesh, turn.data(), b), expected = affine(fine, turn.data(), b);
     std::vector<double> up(3 * fine.num_nodes);
     EXPECT_LT(largest(body.elastic_force(coarse)), 1e-9 * largest(body.elastic_force(affine(*body.model->system->mesh, stretch, b))));
     pliant_upsample_positions(body.model->system, coarse.data(), up.data());
     for (int32_t n = 0; n < 3 * fine.num_nodes; n++)
-        if (!body.model->fine_fixed[n / 3]) ASSERT_NEAR(up[n], expected[n], 1e-9);
+        if (!body.model->body->fine_fixed[n / 3]) ASSERT_NEAR(up[n], expected[n], 1e-9);
 }
 
 std::vector<double> under_gravity(Body &body)
@@ -125,7 +125,7 @@ std::vector<double> under_gravity(Body &body)
     body.scene.model.gravity[2] = -0.5;
     EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(body.settle(), PLIANT_OK);
-    return {body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes};
+    return {body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes};
 }
 
 // rms error against the fine mesh over its rms displacement
@@ -134,7 +134,7 @@ double gravity_error(pliant_method method, int layers, bool inclusion, const std
     Body body(size, box, three, patches);
     prepare(body, method, 4, 2, layers);
     if (inclusion) fix_inclusion(body);
-    std::vector<double> found = under_gravity(body), rest(body.model->fine.rest, body.model->fine.rest + fine.size());
+    std::vector<double> found = under_gravity(body), rest(body.model->body->fine.rest, body.model->body->fine.rest + fine.size());
     return apart(found, fine) / apart(rest, fine);
 }
 

@@ -103,7 +103,7 @@ std::vector<double> pulled(Body &body)
         EXPECT_GE(pliant_step(body.model, body.data), 0);
     }
     EXPECT_EQ(body.settle(), PLIANT_OK);
-    return std::vector<double>(body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes);
+    return std::vector<double>(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
 }
 
 TEST(Multigrid, SameAnswerAsDirect)

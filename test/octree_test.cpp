@@ -278,10 +278,10 @@ TEST(Octree, BendsLikeTheLatticeOfItsSmallestCells)
         ASSERT_EQ(body.settle(), PLIANT_OK) << body.data->statistics.residual;
         double weights[4];
         const double tip[3] = {0.0201, 0.0202, 0.0799};
-        int32_t tet = pliant_mesh_locate(&body.model->fine, tip, weights);
+        int32_t tet = pliant_mesh_locate(&body.model->body->fine, tip, weights);
         ASSERT_GE(tet, 0);
         deflection[way] = -tip[0];
-        for (int v = 0; v < 4; v++) deflection[way] += weights[v] * body.data->positions[3 * body.model->fine.tets[4 * tet + v]];
+        for (int v = 0; v < 4; v++) deflection[way] += weights[v] * body.data->positions[3 * body.model->body->fine.tets[4 * tet + v]];
     }
     EXPECT_NEAR(deflection[1], deflection[0], 0.25 * deflection[0]); // large cells bend less
     EXPECT_NEAR(deflection[2], deflection[1], 0.05 * deflection[1]); // another strain energy

@@ -35,9 +35,9 @@ TEST(Points, FollowAnAffineFieldInNestedAndOtherMeshes)
         ASSERT_EQ(pliant_body_points(body.model, &count, &rest), PLIANT_OK);
         EXPECT_EQ(count, 7 * 7 * 7);
         pliant_points points{};
-        ASSERT_EQ(pliant_points_create(&other.model->fine, count, rest, &points), PLIANT_OK);
+        ASSERT_EQ(pliant_points_create(&other.model->body->fine, count, rest, &points), PLIANT_OK);
         EXPECT_EQ(points.num_found, count);
-        std::vector<double> moved(3 * static_cast<size_t>(count)), positions = affine(other.model->fine, field, shift);
+        std::vector<double> moved(3 * static_cast<size_t>(count)), positions = affine(other.model->body->fine, field, shift);
         pliant_points_move(&points, positions.data(), moved.data());
         expect_field(std::vector<double>(rest, rest + 3 * count), points, moved);
         pliant_points_free(&points);
@@ -53,16 +53,16 @@ TEST(Points, WhatAMeshDoesNotHoldIsNotFound)
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     const double rest[9] = {0.03, 0.033, 0.07, 0.11, 0.05, 0.05, -1, 0, 0};
     pliant_points points{};
-    ASSERT_EQ(pliant_points_create(&body.model->fine, 3, rest, &points), PLIANT_OK);
+    ASSERT_EQ(pliant_points_create(&body.model->body->fine, 3, rest, &points), PLIANT_OK);
     EXPECT_EQ(points.num_found, 1);
     EXPECT_EQ(points.found[0], 1);
     EXPECT_EQ(points.found[1], 0);
     std::vector<double> moved(9);
-    pliant_points_move(&points, body.model->fine.rest, moved.data());
+    pliant_points_move(&points, body.model->body->fine.rest, moved.data());
     EXPECT_NEAR(moved[1], 0.033, 1e-15);
     EXPECT_EQ(moved[3], 0);
     pliant_points_free(&points);
-    EXPECT_EQ(pliant_points_create(&body.model->fine, 0, rest, &points), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_points_create(&body.model->body->fine, 0, rest, &points), PLIANT_ERROR_ARGUMENT);
 }
 
 } // namespace

@@ -48,7 +48,7 @@ struct Response : testing::Test {
         pliant_linearized_free(&linearized);
         return out;
     }
-    std::vector<double> rest() const { return {body.model->fine.rest, body.model->fine.rest + 3 * body.model->fine.num_nodes}; }
+    std::vector<double> rest() const { return {body.model->body->fine.rest, body.model->body->fine.rest + 3 * body.model->body->fine.num_nodes}; }
 };
 
 double norm(const std::vector<double> &v)
@@ -91,7 +91,7 @@ TEST_F(Response, TurnsWithTheBody)
 {
     const double angle = 0.3, c = std::cos(angle), s = std::sin(angle);
     const double turn[9] = {c, -s, 0, s, c, 0, 0, 0, 1}, shift[3] = {0.02, -0.01, 0.005};
-    const std::vector<double> before = modes_at(rest()), after = modes_at(affine(body.model->fine, turn, shift));
+    const std::vector<double> before = modes_at(rest()), after = modes_at(affine(body.model->body->fine, turn, shift));
     // z of the turned body for e_0 is turned z for turn' e_0 = (c, -s, 0)
     std::vector<double> expected(unknowns), difference(unknowns);
     for (size_t f = 0; f < unknowns; f += 3)
@@ -112,13 +112,13 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
     pliant_linearized linearized{};
     pliant_space *space = nullptr;
     ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
-    ASSERT_EQ(pliant_space_create(fine, &linearized, body.model->fine_material, body.model->fine_fixed, 0.04, 1, &foothold, 1, &block, 2,
+    ASSERT_EQ(pliant_space_create(fine, &linearized, body.model->body->fine_material, body.model->body->fine_fixed, 0.04, 1, &foothold, 1, &block, 2,
                                   &space),
               PLIANT_OK)
         << pliant_last_error();
     EXPECT_EQ(space->num_modes, PLIANT_RESPONSE_MODES);
     EXPECT_GT(space->num_own, 10);
-    EXPECT_LT(space->mesh.num_tets, body.model->fine.num_tets);
+    EXPECT_LT(space->mesh.num_tets, body.model->body->fine.num_tets);
     const size_t n = 3 * static_cast<size_t>(space->system.num_free);
     auto dot = [](size_t count, const double *a, const double *b) {
         double sum = 0;
@@ -215,7 +215,7 @@ TEST_F(Response, WhatASpaceTakesIsForetold)
     pliant_linearized linearized{};
     pliant_space *space = nullptr;
     ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
-    ASSERT_EQ(pliant_space_create(fine, &linearized, body.model->fine_material, body.model->fine_fixed, radius, 1, &foothold, 1, &block, 2, &space),
+    ASSERT_EQ(pliant_space_create(fine, &linearized, body.model->body->fine_material, body.model->body->fine_fixed, radius, 1, &foothold, 1, &block, 2, &space),
               PLIANT_OK)
         << pliant_last_error();
     pliant_space_size size = pliant_space_measure(fine, radius, 1, &foothold, 1), none = size;
@@ -255,7 +255,7 @@ TEST_F(Response, EndsWhenItIsNoLongerWanted)
         left = calls;
         EXPECT_EQ(pliant_response_crossed(&linearized, fine->preconditioner, modes.data(), modes.data(), out.data()), PLIANT_ERROR_CANCELLED);
         left = calls;
-        EXPECT_EQ(pliant_space_create(fine, &linearized, body.model->fine_material, body.model->fine_fixed, 0.04, 1, &foothold, 1, &block, 2, &space),
+        EXPECT_EQ(pliant_space_create(fine, &linearized, body.model->body->fine_material, body.model->body->fine_fixed, 0.04, 1, &foothold, 1, &block, 2, &space),
                   PLIANT_ERROR_CANCELLED);
         EXPECT_EQ(space, nullptr);
         EXPECT_EQ(pliant_memory_in_use(), bytes);

@@ -90,7 +90,7 @@ TEST(StepOfDynamics, AFailedPictureIsNoSecondFrame)
             ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK) << pliant_last_error();
         }
         EXPECT_EQ(body.data->backend == &backend, !failing);
-        ends[failing] = {body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes};
+        ends[failing] = {body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes};
     }
     EXPECT_EQ(ends[0], ends[1]);
 }

@@ -86,15 +86,15 @@ TEST(Threads, AModelIsBuiltByTheScenesNumberAndIsTheSame)
                     << pliant_last_error();
                 EXPECT_EQ(asked.threads, std::set<int>{threads});
                 EXPECT_EQ(omp_get_max_threads(), before);
-                EXPECT_GT(model->fine.num_moved, 0);
-                std::vector<double> now(model->fine.rest, model->fine.rest + 3 * model->fine.num_nodes);
-                for (int32_t t = 0; t < model->fine.num_tets; t++) {
-                    const pliant_tet_material &one = model->fine_material[t];
+                EXPECT_GT(model->body->fine.num_moved, 0);
+                std::vector<double> now(model->body->fine.rest, model->body->fine.rest + 3 * model->body->fine.num_nodes);
+                for (int32_t t = 0; t < model->body->fine.num_tets; t++) {
+                    const pliant_tet_material &one = model->body->fine_material[t];
                     now.insert(now.end(), {one.lambda, one.mu, one.density, one.tissue});
                 }
                 now.insert(now.end(), model->material_of_voxel, model->material_of_voxel + pliant_geometry_voxels(&block.scan.geometry));
                 const double *stiffness = model->system->stiffness;
-                if (stiffness) now.insert(now.end(), stiffness, stiffness + 144 * model->coarse.num_tets);
+                if (stiffness) now.insert(now.end(), stiffness, stiffness + 144 * model->body->coarse.num_tets);
                 pliant_model_free(model);
                 if (threads == 1) first = now;
                 EXPECT_TRUE(first == now) << threads << " threads";

@@ -47,7 +47,7 @@ std::vector<double> nodal_forces(const Body &body)
 
 void put(const Body &body, const Matrix &f)
 {
-    const pliant_mesh &mesh = body.model->fine;
+    const pliant_mesh &mesh = body.model->body->fine;
     for (int32_t n = 0; n < mesh.num_nodes; n++) {
         Eigen::Map<Eigen::Vector3d> u(body.data->tled->u + 3 * n);
         u = (f - Matrix::Identity()) * Eigen::Map<const Eigen::Vector3d>(mesh.rest + 3 * n);
@@ -104,7 +104,7 @@ void check_faces(const Body &body, const Matrix &f, const Matrix &stress, double
 {
     put(body, f);
     std::vector<double> force = nodal_forces(body);
-    const pliant_mesh &mesh = body.model->fine;
+    const pliant_mesh &mesh = body.model->body->fine;
     Matrix moment = Matrix::Zero();
     double scale = f.norm() * stress.norm();
     for (int32_t n = 0; n < mesh.num_nodes; n++) {
@@ -168,8 +168,8 @@ TEST(Tled, ScalarsAreThoseOfTheLaw)
     Bar bar(2, 2, 0.02, {5e3, 0.3, 1000, false});
     ASSERT_EQ(bar.build(), PLIANT_OK);
     const double stretch = 1.2, a[9] = {1, 0, 0, 0, 1, 0, 0, 0, stretch}, b[3] = {0, 0, 0};
-    std::vector<double> x = affine(bar.model->fine, a, b);
-    std::vector<float> out(static_cast<size_t>(bar.model->fine.num_nodes));
+    std::vector<double> x = affine(bar.model->body->fine, a, b);
+    std::vector<float> out(static_cast<size_t>(bar.model->body->fine.num_nodes));
     Moduli m = moduli(5e3, 0.3);
     // [C] 10: S = mu (1 - 1 / l^2) + lambda l (l - 1) / l^2 along, lambda l (l - 1) across; Cauchy F S F' / J
     double across = m.lambda * (stretch - 1), along = m.mu * (stretch - 1 / stretch) + m.lambda * (stretch - 1);
@@ -209,7 +209,7 @@ double discrete_energy(Bar &bar)
 {
     pliant_tled *tled = bar.data->tled;
     pliant_dynamics now, before;
-    const int32_t count = 3 * bar.model->fine.num_nodes;
+    const int32_t count = 3 * bar.model->body->fine.num_nodes;
     pliant_data_dynamics(bar.model, bar.data, &now);
     std::vector<double> force = nodal_forces(bar);
     for (int32_t n = 0; n < count; n++) tled->u[n] -= tled->d[n];
@@ -226,8 +226,8 @@ double swing(Bar &bar, double seconds)
     double largest = 0;
     for (double t = 0; t < seconds; t += bar.scene.solver.step) {
         EXPECT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
-        for (int32_t n = 0; n < 3 * bar.model->fine.num_nodes; n++)
-            largest = std::fmax(largest, std::fabs(bar.data->positions[n] - bar.model->fine.rest[n]));
+        for (int32_t n = 0; n < 3 * bar.model->body->fine.num_nodes; n++)
+            largest = std::fmax(largest, std::fabs(bar.data->positions[n] - bar.model->body->fine.rest[n]));
     }
     return largest;
 }
@@ -239,8 +239,8 @@ TEST(Tled, KeepsItsEnergyOverAHundredThousandSteps)
     bar.scene.tled.safety = 0.25; // what is kept exactly is another energy, dt^2 away: 0.35 % at 0.9
     ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
     pliant_tled *tled = bar.data->tled;
-    for (int32_t n = 0; n < bar.model->fine.num_nodes; n++) { // pushed aside, by up to 1 mm
-        double part = bar.model->fine.rest[3 * n + 2] / 0.08;
+    for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++) { // pushed aside, by up to 1 mm
+        double part = bar.model->body->fine.rest[3 * n + 2] / 0.08;
         tled->u[3 * n] = 0.001 * part * part;
     }
     double first = 0, drift = 0;
@@ -281,7 +281,7 @@ TEST(Tled, AWaveRunsAlongABarAtTheSpeedOfSound)
     for (int n = 0; n < 4; n++) {
         held.held[n] = n;
         held.weight[n] = 0.25;
-        ASSERT_NEAR(bar.model->fine.rest[3 * n + 2], 0, 1e-9);
+        ASSERT_NEAR(bar.model->body->fine.rest[3 * n + 2], 0, 1e-9);
     }
     ASSERT_EQ(pliant_tool_drive(bar.data, tool, PLIANT_DRIVE_FORCE, push), PLIANT_OK);
     // behind the front everything moves at v = sigma / (rho c); the middle has half of it when the front is there
@@ -290,8 +290,8 @@ TEST(Tled, AWaveRunsAlongABarAtTheSpeedOfSound)
         ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
         for (int station = 0; station < 2; station++) { // 0.05 and 0.2 m from the hammer
             double sum = 0, place = station ? 0.2 : 0.05;
-            for (int32_t n = 0; n < bar.model->fine.num_nodes; n++)
-                if (std::fabs(bar.model->fine.rest[3 * n + 2] - place) < 1e-6) sum += 0.25 * (bar.data->positions[3 * n + 2] - place);
+            for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++)
+                if (std::fabs(bar.model->body->fine.rest[3 * n + 2] - place) < 1e-6) sum += 0.25 * (bar.data->positions[3 * n + 2] - place);
             double rate = (sum - last[station]) / bar.scene.solver.step;
             last[station] = sum;
             if (rate > 0.5 * speed && arrival[station] == 0) arrival[station] = t;
@@ -314,9 +314,9 @@ TEST(Tled, FallsFreelyAndBouncesOffThePlane)
     double landing = std::sqrt(2 * drop / g), t = 0;
     auto mean_height = [&] {
         double sum = 0, mass = 0;
-        for (int32_t n = 0; n < bar.model->fine.num_nodes; n++) {
-            sum += bar.model->node_mass[n] * bar.data->positions[3 * n + 2];
-            mass += bar.model->node_mass[n];
+        for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++) {
+            sum += bar.model->body->node_mass[n] * bar.data->positions[3 * n + 2];
+            mass += bar.model->body->node_mass[n];
         }
         return sum / mass - 0.5 * length;
     };
@@ -334,7 +334,7 @@ TEST(Tled, FallsFreelyAndBouncesOffThePlane)
     EXPECT_NEAR(-drop - deepest, 0.5 * length * g * landing / sound, 0.3 * 0.5 * length * g * landing / sound);
     EXPECT_GT(top, -0.1 * drop);
     EXPECT_LT(top, 1e-4);
-    for (int32_t n = 0; n < bar.model->fine.num_nodes; n++) EXPECT_GT(bar.data->positions[3 * n + 2], -drop - 1e-9);
+    for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++) EXPECT_GT(bar.data->positions[3 * n + 2], -drop - 1e-9);
 }
 
 TEST(Tled, BoxKeepsTissueInside)
@@ -350,7 +350,7 @@ TEST(Tled, BoxKeepsTissueInside)
     ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
     for (int s = 0; s < 50; s++) {
         ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
-        for (int32_t n = 0; n < 3 * bar.model->fine.num_nodes; n++) {
+        for (int32_t n = 0; n < 3 * bar.model->body->fine.num_nodes; n++) {
             ASSERT_GT(bar.data->positions[n], -0.01 - 1e-9);
             ASSERT_LT(bar.data->positions[n], 0.05 + 1e-9);
         }
@@ -377,10 +377,10 @@ TEST(Tled, StableBelowTheBoundAndCaughtAboveIt)
             EXPECT_LT(swing(bar, 100 * bar.scene.solver.step), 0.05);
             continue;
         }
-        std::vector<double> before(bar.data->positions, bar.data->positions + 3 * bar.model->fine.num_nodes);
+        std::vector<double> before(bar.data->positions, bar.data->positions + 3 * bar.model->body->fine.num_nodes);
         pliant_status status = PLIANT_OK;
         for (int s = 0; s < 3 && status == PLIANT_OK; s++) {
-            before.assign(bar.data->positions, bar.data->positions + 3 * bar.model->fine.num_nodes);
+            before.assign(bar.data->positions, bar.data->positions + 3 * bar.model->body->fine.num_nodes);
             status = pliant_step(bar.model, bar.data);
         }
         EXPECT_EQ(status, PLIANT_ERROR_NUMERIC);
@@ -406,8 +406,8 @@ TEST(Tled, SmallStrainsGiveTheCorotationalAnswer)
     ASSERT_EQ(quiet.settle(), PLIANT_OK) << quiet.data->statistics.residual;
     ASSERT_EQ(corotational.settle(), PLIANT_OK);
     double most = 0, apart = 0;
-    for (int32_t n = 0; n < 3 * quiet.model->fine.num_nodes; n++) {
-        most = std::fmax(most, std::fabs(corotational.data->positions[n] - corotational.model->fine.rest[n]));
+    for (int32_t n = 0; n < 3 * quiet.model->body->fine.num_nodes; n++) {
+        most = std::fmax(most, std::fabs(corotational.data->positions[n] - corotational.model->body->fine.rest[n]));
         apart = std::fmax(apart, std::fabs(corotational.data->positions[n] - quiet.data->positions[n]));
     }
     EXPECT_LT(apart, 2e-3 * most);
@@ -430,8 +430,8 @@ TEST(Tled, ShearStressRelaxesAsThePronySeriesSays)
         std::vector<double> force = nodal_forces(bar);
         if (s % 100) continue;
         double t = s * dt, part = 1 - 0.4 * (1 - std::exp(-t / 0.05)) - 0.2 * (1 - std::exp(-t / 0.5)), sum = 0;
-        for (int32_t n = 0; n < bar.model->fine.num_nodes; n++)
-            if (bar.model->fine.rest[3 * n + 2] > 0.02 - 1e-6) sum += force[3 * n];
+        for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++)
+            if (bar.model->body->fine.rest[3 * n + 2] > 0.02 - 1e-6) sum += force[3 * n];
         EXPECT_NEAR(sum, part * mu * 0.01 * 0.02 * 0.02, 0.01 * mu * 0.01 * 0.02 * 0.02) << t;
     }
 }
@@ -447,8 +447,8 @@ double deflection(double poisson, bool nodal)
     EXPECT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(bar.settle(30), PLIANT_OK) << bar.data->statistics.residual;
     double sum = 0;
-    for (int32_t n = 0; n < bar.model->fine.num_nodes; n++)
-        if (bar.model->fine.rest[3 * n + 2] > 0.08 - 1e-6) sum += (bar.data->positions[3 * n] - bar.model->fine.rest[3 * n]) / 16;
+    for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++)
+        if (bar.model->body->fine.rest[3 * n + 2] > 0.08 - 1e-6) sum += (bar.data->positions[3 * n] - bar.model->body->fine.rest[3 * n]) / 16;
     return sum;
 }
 
@@ -504,7 +504,7 @@ TEST(Tled, TheSameBitsWhateverTheNumberOfThreads)
         bar.scene.tled.prony_share[0] = 0.3;
         ASSERT_EQ(bar.build(), PLIANT_OK);
         for (int s = 0; s < 3; s++) ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
-        std::vector<double> now(bar.data->positions, bar.data->positions + 3 * bar.model->fine.num_nodes);
+        std::vector<double> now(bar.data->positions, bar.data->positions + 3 * bar.model->body->fine.num_nodes);
         if (threads == 1) first = now;
         EXPECT_TRUE(first == now) << threads;
     }
@@ -520,7 +520,7 @@ TEST(Tled, ResetGivesTheSameRunAgainAndFailingMemoryLeaksNothing)
     std::vector<double> runs[2];
     for (auto &run : runs) {
         for (int s = 0; s < 3; s++) ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK);
-        run.assign(bar.data->positions, bar.data->positions + 3 * bar.model->fine.num_nodes);
+        run.assign(bar.data->positions, bar.data->positions + 3 * bar.model->body->fine.num_nodes);
         ASSERT_EQ(pliant_data_reset(bar.model, bar.data), PLIANT_OK);
     }
     EXPECT_TRUE(runs[0] == runs[1]);

@@ -84,6 +84,8 @@ typedef struct pliant_patch pliant_patch; /**< local fine solutions around holds
 typedef struct pliant_tled pliant_tled; /**< displacements, increments, sub-steps of explicit dynamics (src/fem) */
 
 typedef struct pliant_data {
+    /* BODY */
+    const pliant_body *body;  /**< what is true now; at first, and after a reset, the model's */
     /* BACKEND */
     const pliant_backend *backend; /**< who runs the stages from solve on: as the scene's solver/backend says, or the CPU after a
                                     *   GPU failed */
@@ -99,7 +101,7 @@ typedef struct pliant_data {
     /* PATCH */
     pliant_patch *patch;      /**< Nullable: model/patch */
     /* UPSAMPLE, PATCH */
-    double *positions;        /**< (fine.num_nodes x 3) LPS [m]; written by every step */
+    double *positions;        /**< (body->fine.num_nodes x 3) LPS [m]; written by every step */
     /* WARP */
     pliant_warp *warp;        /**< Nullable: only when pliant_data_warp asked for it */
 
@@ -128,7 +130,7 @@ pliant_status pliant_data_limits(pliant_data *data, int iterations, double toler
 
 /** Put the body where it is said to be, however unlikely; the next step goes on from there. Of a coarse model only the
  *  positions at coarse nodes count; fixed nodes stay. Errors: ARGUMENT (not finite; nothing is changed).
- *  @param positions (fine.num_nodes x 3) LPS [m] */
+ *  @param positions (body->fine.num_nodes x 3) LPS [m] */
 pliant_status pliant_data_set_positions(const pliant_model *model, pliant_data *data, const double *positions);
 
 /** What explicit dynamics works with (solver/kind tled). */
@@ -169,7 +171,7 @@ double pliant_tool_clearance(const pliant_model *model, const pliant_data *data,
 /** Fine tetrahedra that are turned inside out at these positions. */
 int32_t pliant_mesh_inverted(const pliant_mesh *mesh, const double *positions);
 
-/** A number per fine node (volume-weighted mean of its tetrahedra). @param out (fine.num_nodes) */
+/** A number per fine node (volume-weighted mean of its tetrahedra). @param out (body->fine.num_nodes) */
 pliant_status pliant_data_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out);
 
 #ifdef __cplusplus

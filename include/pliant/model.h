@@ -11,7 +11,7 @@
 #ifndef PLIANT_MODEL_H
 #define PLIANT_MODEL_H
 
-#include "pliant/mesh.h"
+#include "pliant/body.h"
 #include "pliant/scene.h"
 
 #ifdef __cplusplus
@@ -39,14 +39,8 @@ typedef struct pliant_model {
 
     /* MATERIAL */
     uint8_t *material_of_voxel;       /**< (voxels) */
-    /* MESH */
-    pliant_mesh fine, coarse;         /**< coarse is empty for the fine method */
-    pliant_tet_material *fine_material; /**< (fine.num_tets) */
-    double *node_mass;                /**< (fine.num_nodes) [kg] */
-    uint8_t *fine_fixed;              /**< (fine.num_nodes) 1: does not move */
-    int32_t *triangles;               /**< (num_triangles x 3) surface of the fine mesh, outwards */
-    int32_t num_triangles;
-    int32_t num_held_pieces;          /**< pieces that nothing fixed holds: kept where they are */
+    /* BODY */
+    pliant_body *body;                /**< at load; a simulation's own may be a later one (data.h) */
     /* FEM */
     pliant_system *system;            /**< of tled: threads and meshes only */
     pliant_system *fine_system;       /**< Nullable: model/patch; the fine mesh, solved only when a tool takes hold */

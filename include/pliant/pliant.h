@@ -29,6 +29,7 @@
 #include "pliant/segment.h"
 #include "pliant/material.h"
 #include "pliant/mesh.h"
+#include "pliant/body.h"
 #include "pliant/scene.h"
 #include "pliant/model.h"
 #include "pliant/warp.h"

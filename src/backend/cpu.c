@@ -68,7 +68,7 @@ static void set_positions(const pliant_model *model, pliant_data *data, const do
     const pliant_system *system = model->system;
     pliant_solver *solver = data->solver;
     for (int32_t f = 0; f < system->num_free; f++) {
-        int32_t node = system->node_of_free[f], fine = pliant_mesh_node_in(&model->fine, system->mesh, node);
+        int32_t node = system->node_of_free[f], fine = pliant_mesh_node_in(&data->body->fine, system->mesh, node);
         if (fine >= 0) memcpy(solver->now.x + 3 * node, positions + 3 * fine, 3 * sizeof *positions);
     }
     pliant_solver_forget(solver);

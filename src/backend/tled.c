@@ -15,7 +15,8 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
 
 pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data)
 {
-    for (int32_t n = 0; n < 3 * model->fine.num_nodes; n++) data->positions[n] = model->fine.rest[n] + data->tled->u[n];
+    (void)model;
+    for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++) data->positions[n] = data->body->fine.rest[n] + data->tled->u[n];
     for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
     return PLIANT_OK;
 }
@@ -38,7 +39,8 @@ static pliant_status interact(const pliant_model *model, pliant_data *data)
 static void set_positions(const pliant_model *model, pliant_data *data, const double *positions)
 {
     pliant_tled_set_positions(data->tled, positions);
-    memcpy(data->positions, positions, 3 * (size_t)model->fine.num_nodes * sizeof *positions);
+    (void)model;
+    memcpy(data->positions, positions, 3 * (size_t)data->body->fine.num_nodes * sizeof *positions);
 }
 
 static void limits(pliant_data *data, int iterations, double tolerance) { pliant_tled_limits(data->tled, iterations, tolerance); }
@@ -59,7 +61,7 @@ pliant_status pliant_data_dynamics(const pliant_model *model, const pliant_data 
     const pliant_tled_system *system = model->tled;
     pliant_dynamics told = {.edge_bound = system->edge_bound, .eigenvalue_bound = system->eigenvalue_bound,
                             .time_step = data->tled->time_step, .substeps = data->tled->substeps};
-    pliant_tled_energies(data->tled, model->fine_material, &told.kinetic_energy, &told.strain_energy, &told.kept_energy);
+    pliant_tled_energies(data->tled, data->body->fine_material, &told.kinetic_energy, &told.strain_energy, &told.kept_energy);
     if (system->quasi_static) {
         told.kinetic_energy = 0;
         told.kept_energy = told.strain_energy;

@@ -48,14 +48,15 @@ static double squared_distance(const double p[3], const double *a, const double 
 
 double pliant_tool_clearance(const pliant_model *model, const pliant_data *data, int tool)
 {
+    (void)model;
     if (tool < 0 || tool >= data->num_tools || !data->tools[tool].present) return INFINITY;
     const double *tip = data->tools[tool].tip;
     double nearest = INFINITY, barycentric[4];
-    for (int32_t t = 0; t < model->num_triangles; t++) {
-        const int32_t *nodes = model->triangles + 3 * t;
+    for (int32_t t = 0; t < data->body->num_triangles; t++) {
+        const int32_t *nodes = data->body->triangles + 3 * t;
         nearest = fmin(nearest, squared_distance(tip, data->positions + 3 * nodes[0], data->positions + 3 * nodes[1],
                                                  data->positions + 3 * nodes[2]));
     }
-    bool inside = pliant_mesh_locate_deformed(&model->fine, data->positions, tip, barycentric) >= 0;
+    bool inside = pliant_mesh_locate_deformed(&data->body->fine, data->positions, tip, barycentric) >= 0;
     return inside ? -sqrt(nearest) : sqrt(nearest);
 }

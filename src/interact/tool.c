@@ -151,10 +151,11 @@ static void find_held_point(const pliant_data *data, pliant_tool *tool)
 
 pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, int index, const double rest[3])
 {
+    (void)model;
     pliant_status status = check_tool(data, index);
     if (status != PLIANT_OK) return status;
     pliant_tool *tool = data->tools + index;
-    const pliant_mesh *mesh = &model->fine;
+    const pliant_mesh *mesh = &data->body->fine;
     double centre[3], barycentric[4];
     if (rest) {
         if (!finite3(rest)) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: the point to grasp is not finite", tool->name);

@@ -36,9 +36,9 @@ void report_box(const pliant_model *model, double low[3], double high[3])
     for (int d = 0; d < 3; d++) {
         low[d] = INFINITY;
         high[d] = -INFINITY;
-        for (int32_t n = 0; n < model->fine.num_nodes; n++) {
-            low[d] = fmin(low[d], model->fine.rest[3 * n + d] - margin);
-            high[d] = fmax(high[d], model->fine.rest[3 * n + d] + margin);
+        for (int32_t n = 0; n < model->body->fine.num_nodes; n++) {
+            low[d] = fmin(low[d], model->body->fine.rest[3 * n + d] - margin);
+            high[d] = fmax(high[d], model->body->fine.rest[3 * n + d] + margin);
         }
     }
 }

@@ -305,7 +305,7 @@ static pliant_status try_all(choice_state *state)
     pliant_status status = PLIANT_OK;
     state->count = list_candidates(ground->input->scene, ground->reference.mesh.ratio, state->candidates);
     pliant_log(PLIANT_LOG_INFO, "choose: error (%s) and time of a step on a pull at %s, against the fine solution on %d tetrahedra",
-               measure_names[ground->input->scene->choose.measure], ground->point_names[0], ground->fine->fine.num_tets);
+               measure_names[ground->input->scene->choose.measure], ground->point_names[0], ground->fine->body->fine.num_tets);
     for (state->index = 0; status >= 0 && !state->late && state->index < state->count; state->index++) status = try_candidate(state);
     if (status >= 0 && state->late)
         pliant_log(PLIANT_LOG_WARNING, "choose: %d of %d candidates were tried in choose/seconds: %g", state->index, state->count,
@@ -384,7 +384,7 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
     const pliant_scene *scene = state->sweep.ground.input->scene;
     const choice_point *point = best_point(state, 1e-3 * scene->choose.budget_ms);
     pliant_choice choice = {.made = true, .within_budget = point != NULL, .tried = state->index, .dropped = state->dropped,
-                            .reference_tetrahedra = state->sweep.ground.fine->fine.num_tets};
+                            .reference_tetrahedra = state->sweep.ground.fine->body->fine.num_tets};
     if (!point) point = quickest_point(state);
     if (!point) return pliant_fail(PLIANT_ERROR_NUMERIC, "choose: nothing that was tried could be measured");
     pliant_status status = candidate_scene(scene, &point->candidate, &choice.scene);

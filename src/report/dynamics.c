@@ -74,8 +74,8 @@ static pliant_status tell(const pliant_model *model, const pliant_data *data, co
     double frame = report_quantile(seconds, frames, 0.5);
     row_text(row, "ok");
     row_text(row, "");
-    row_integer(row, model->fine.num_tets);
-    row_integer(row, model->fine.num_nodes);
+    row_integer(row, model->body->fine.num_tets);
+    row_integer(row, model->body->fine.num_nodes);
     row_text(row, laws[model->scene.tled.law]);
     row_text(row, pliant_data_backend(data));
     row_integer(row, pliant_threads_of(&model->scene));
@@ -87,7 +87,7 @@ static pliant_status tell(const pliant_model *model, const pliant_data *data, co
     row_number(row, 1e3 * frame);
     row_number(row, 1e3 * report_quantile(seconds, frames, 0.99));
     row_number(row, 1e3 * frame / dynamics.substeps);
-    row_number(row, model->fine.num_tets * (double)dynamics.substeps / frame);
+    row_number(row, model->body->fine.num_tets * (double)dynamics.substeps / frame);
     row_number(row, 100 * drift);
     return PLIANT_OK;
 }

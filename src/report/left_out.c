@@ -89,7 +89,7 @@ static pliant_status run_parts(pliant_model *model, const pliant_sweep *sweep, c
     if (status >= 0 && has(parts, BIT_warp)) status = pliant_data_warp(model, data, target);
     if (status >= 0 && has(parts, BIT_gravity)) status = pliant_data_gravity(data, down);
     if (status >= 0 && has(parts, BIT_scalar)) {
-        scalar = pliant_calloc((size_t)model->fine.num_nodes, sizeof *scalar);
+        scalar = pliant_calloc((size_t)model->body->fine.num_nodes, sizeof *scalar);
         if (!scalar) status = pliant_fail_memory("a number per node");
     }
     memcpy(at, sweep->points[0].rest, sizeof at);

@@ -7,13 +7,13 @@
 
 pliant_status pliant_body_points(const pliant_model *model, int32_t *count, double **rest)
 {
-    const pliant_mesh *fine = &model->fine;
+    const pliant_mesh *fine = &model->body->fine;
     uint8_t *body = pliant_calloc((size_t)fine->num_nodes, 1);
     double *points = NULL;
     int32_t number = 0;
     if (!body) return pliant_fail_memory("the points of the body");
     for (int32_t t = 0; t < fine->num_tets; t++)
-        if (model->fine_material[t].tissue > 0)
+        if (model->body->fine_material[t].tissue > 0)
             for (int v = 0; v < 4; v++) body[fine->tets[4 * t + v]] = 1;
     for (int32_t n = 0; n < fine->num_nodes; n++) number += body[n];
     pliant_status status = number > 0 ? PLIANT_OK : pliant_fail(PLIANT_ERROR_SCENE, "the body holds no tissue: nothing can be compared");

@@ -40,7 +40,7 @@ void pliant_stability_defaults(pliant_stability *out)
 
 static bool finite_positions(const stability_trial *trial)
 {
-    for (int32_t i = 0; i < 3 * trial->model->fine.num_nodes; i++)
+    for (int32_t i = 0; i < 3 * trial->model->body->fine.num_nodes; i++)
         if (!isfinite(trial->data->positions[i])) return false;
     return true;
 }
@@ -48,7 +48,7 @@ static bool finite_positions(const stability_trial *trial)
 /* largest distance from rest [m] */
 static double off_rest(const stability_trial *trial)
 {
-    const pliant_mesh *fine = &trial->model->fine;
+    const pliant_mesh *fine = &trial->model->body->fine;
     double most = 0;
     for (int32_t n = 0; n < fine->num_nodes; n++) {
         double squares = 0;
@@ -83,7 +83,7 @@ static bool goes_on(stability_trial *trial)
 pliant_status trial_step(stability_trial *trial)
 {
     if (trial->steps % 32 == 0 && !goes_on(trial)) return PLIANT_ERROR_CANCELLED;
-    size_t size = 3 * (size_t)trial->model->fine.num_nodes * sizeof *trial->kept;
+    size_t size = 3 * (size_t)trial->model->body->fine.num_nodes * sizeof *trial->kept;
     memcpy(trial->kept, trial->data->positions, size);
     pliant_status status = trial_called(trial, pliant_step(trial->model, trial->data));
     trial->steps++;
@@ -97,7 +97,7 @@ pliant_status trial_step(stability_trial *trial)
         trial->broken = true;
         snprintf(trial->message, sizeof trial->message, "the state before step %lld was not kept", (long long)trial->steps);
     }
-    int32_t inverted = pliant_mesh_inverted(&trial->model->fine, trial->data->positions);
+    int32_t inverted = pliant_mesh_inverted(&trial->model->body->fine, trial->data->positions);
     if (inverted > trial->inverted_most) trial->inverted_most = inverted;
     trial->largest = fmax(trial->largest, off_rest(trial));
     return status;
@@ -132,12 +132,12 @@ pliant_status trial_let_go(stability_trial *trial)
 pliant_status trial_grasp(stability_trial *trial, pliant_drive drive, double from[3])
 {
     const pliant_model *model = trial->model;
-    const pliant_mesh *fine = &model->fine;
+    const pliant_mesh *fine = &model->body->fine;
     double centre[3] = {0, 0, 0}, farthest = -1, weight = 0;
     int32_t best = -1;
     int tool;
     for (int32_t n = 0; n < fine->num_nodes; n++) {
-        if (!model->fine_fixed[n]) continue;
+        if (!model->body->fine_fixed[n]) continue;
         for (int d = 0; d < 3; d++) centre[d] += fine->rest[3 * n + d];
         weight++;
     }
@@ -145,7 +145,7 @@ pliant_status trial_grasp(stability_trial *trial, pliant_drive drive, double fro
     for (int32_t n = 0; n < fine->num_nodes; n++) {
         double squares = 0;
         for (int d = 0; d < 3; d++) squares += pow(fine->rest[3 * n + d] - centre[d], 2);
-        if (model->fine_fixed[n] || squares <= farthest) continue;
+        if (model->body->fine_fixed[n] || squares <= farthest) continue;
         farthest = squares;
         best = n;
     }
@@ -190,7 +190,7 @@ static pliant_verdict judge(stability_trial *trial, int64_t growth)
     }
     if (trial->broken) return PLIANT_VERDICT_BROKEN;
     if (trial->last < 0) return PLIANT_VERDICT_REFUSED;
-    int32_t inverted = trial->data ? pliant_mesh_inverted(&trial->model->fine, trial->data->positions) : 0;
+    int32_t inverted = trial->data ? pliant_mesh_inverted(&trial->model->body->fine, trial->data->positions) : 0;
     if (trial->unsettled || trial->last > 0) {
         snprintf(text, sizeof text, "%s; residual %.2g after %lld steps, %d inverted", pliant_status_text(PLIANT_NOT_CONVERGED),
                  trial->data->statistics.residual, (long long)trial->steps, inverted);
@@ -221,7 +221,7 @@ static pliant_status tell(stability_trial *trial)
     const pliant_data *data = trial->data;
     bool ran = data && trial->steps > 0;
     double residual = ran ? data->statistics.residual : NAN, off = data ? 1e3 * off_rest(trial) : NAN;
-    int32_t inverted = data ? pliant_mesh_inverted(&trial->model->fine, data->positions) : 0;
+    int32_t inverted = data ? pliant_mesh_inverted(&trial->model->body->fine, data->positions) : 0;
     int64_t unconverged = data ? (int64_t)data->statistics.not_converged : 0;
     pliant_verdict verdict = judge(trial, 0);
     free_trial(trial);
@@ -268,7 +268,7 @@ static pliant_status try_method(stability_trial *trial, stability_treatment trea
     pliant_progress silent = {NULL, NULL};
     pliant_status status = trial_called(trial, pliant_model_build(&scene, input->scan, input->labels, input->materials, silent, &trial->model));
     if (status < 0) return tell(trial);
-    const pliant_mesh *fine = &trial->model->fine;
+    const pliant_mesh *fine = &trial->model->body->fine;
     for (int d = 0; d < 3; d++) {
         double low = INFINITY, high = -INFINITY;
         for (int32_t n = 0; n < fine->num_nodes; n++) {

@@ -83,7 +83,7 @@ pliant_status stability_time_step(stability_context *context)
 static pliant_status keep_energy(stability_trial *trial, const void *argument)
 {
     const double most_drift = 1e-3;
-    const pliant_mesh *fine = &trial->model->fine;
+    const pliant_mesh *fine = &trial->model->body->fine;
     pliant_dynamics dynamics;
     double first = 0, drift = 0, *positions = pliant_calloc((size_t)fine->num_nodes, 3 * sizeof *positions);
     (void)argument;

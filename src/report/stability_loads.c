@@ -136,7 +136,7 @@ pliant_status stability_spring(stability_context *context)
 
 static pliant_status twist(stability_trial *trial, const void *argument)
 {
-    const pliant_mesh *fine = &trial->model->fine;
+    const pliant_mesh *fine = &trial->model->body->fine;
     double middle[3] = {0, 0, 0}, low[3], high[3];
     (void)argument;
     for (int d = 0; d < 3; d++) {
@@ -172,7 +172,7 @@ static pliant_status twist(stability_trial *trial, const void *argument)
 /* every free node turned about the body's axis, and let go */
 static pliant_status turned(stability_trial *trial, const void *argument)
 {
-    const pliant_mesh *fine = &trial->model->fine;
+    const pliant_mesh *fine = &trial->model->body->fine;
     double *positions = pliant_calloc((size_t)fine->num_nodes, 3 * sizeof *positions), middle[3] = {0, 0, 0};
     (void)argument;
     if (!positions) return trial_called(trial, pliant_fail_memory("a turned state"));

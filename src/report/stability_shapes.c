@@ -13,7 +13,7 @@ typedef struct shape { void (*make)(const pliant_model *model, double part, doub
 static pliant_status start_from(stability_trial *trial, const void *argument)
 {
     const shape *from = argument;
-    const pliant_mesh *fine = &trial->model->fine;
+    const pliant_mesh *fine = &trial->model->body->fine;
     double *positions = pliant_calloc((size_t)fine->num_nodes, 3 * sizeof *positions);
     if (!positions) return trial_called(trial, pliant_fail_memory("a shape"));
     memcpy(positions, fine->rest, 3 * (size_t)fine->num_nodes * sizeof *positions);
@@ -29,10 +29,10 @@ static pliant_status start_from(stability_trial *trial, const void *argument)
 /* The tetrahedron that is worst off when one node of it is moved: the one in the middle with a free node. */
 static void find_middle(const pliant_model *model, int32_t *tet, int *corner)
 {
-    const pliant_mesh *fine = &model->fine;
+    const pliant_mesh *fine = &model->body->fine;
     for (int32_t n = 0; n < 4 * fine->num_tets; n++) {
         int32_t at = (n + 2 * fine->num_tets) % (4 * fine->num_tets);
-        if (model->fine_fixed[fine->tets[at]]) continue;
+        if (model->body->fine_fixed[fine->tets[at]]) continue;
         *tet = at / 4;
         *corner = at % 4;
         return;
@@ -45,10 +45,10 @@ static void squash(const pliant_model *model, double part, double *positions)
     int32_t tet = 0;
     int corner = 0;
     find_middle(model, &tet, &corner);
-    const int32_t *nodes = model->fine.tets + 4 * tet;
+    const int32_t *nodes = model->body->fine.tets + 4 * tet;
     double opposite[3] = {0, 0, 0};
     for (int v = 0; v < 4; v++)
-        for (int d = 0; v != corner && d < 3; d++) opposite[d] += model->fine.rest[3 * nodes[v] + d] / 3;
+        for (int d = 0; v != corner && d < 3; d++) opposite[d] += model->body->fine.rest[3 * nodes[v] + d] / 3;
     for (int d = 0; d < 3; d++) {
         double *x = positions + 3 * nodes[corner] + d;
         *x += part * (opposite[d] - *x);
@@ -57,7 +57,7 @@ static void squash(const pliant_model *model, double part, double *positions)
 
 static void scramble(const pliant_model *model, double part, double *positions)
 {
-    const pliant_mesh *fine = &model->fine;
+    const pliant_mesh *fine = &model->body->fine;
     uint64_t state = 11;
     double low[3], high[3];
     for (int d = 0; d < 3; d++) {
@@ -77,7 +77,7 @@ static void scramble(const pliant_model *model, double part, double *positions)
 /* Every node to the middle along the first `part` axes, from z on: 1 a plane, 3 a point. */
 static void collapse(const pliant_model *model, double part, double *positions)
 {
-    const pliant_mesh *fine = &model->fine;
+    const pliant_mesh *fine = &model->body->fine;
     double middle[3] = {0, 0, 0};
     for (int32_t i = 0; i < 3 * fine->num_nodes; i++) middle[i % 3] += fine->rest[i] / fine->num_nodes;
     for (int32_t i = 0; i < 3 * fine->num_nodes; i++)
@@ -87,7 +87,7 @@ static void collapse(const pliant_model *model, double part, double *positions)
 /* Mirrored in the middle plane across x, `part` sizes away. */
 static void mirror(const pliant_model *model, double part, double *positions)
 {
-    const pliant_mesh *fine = &model->fine;
+    const pliant_mesh *fine = &model->body->fine;
     double middle = 0;
     for (int32_t n = 0; n < fine->num_nodes; n++) middle += fine->rest[3 * n] / fine->num_nodes;
     for (int32_t n = 0; n < fine->num_nodes; n++) positions[3 * n] = middle - part * (fine->rest[3 * n] - middle);
@@ -150,7 +150,7 @@ static double farthest(const double *a, const double *b, int32_t count)
 static pliant_status go_round(stability_trial *trial, const void *argument)
 {
     int64_t steps = *(const int64_t *)argument;
-    int32_t count = 3 * trial->model->fine.num_nodes;
+    int32_t count = 3 * trial->model->body->fine.num_nodes;
     double from[3], *first = pliant_calloc((size_t)count, sizeof *first), drift = 0;
     size_t bytes = 0;
     if (!first) return trial_called(trial, pliant_fail_memory("the first round"));

@@ -167,7 +167,7 @@ static pliant_status solve_reference(sweep_state *state, pliant_model *model, co
     pliant_status status = report_case_run(model, ground->cases + index, limits, points, NULL, &out->run);
     model->scene.solver.backend = backend;
     if (status < 0) return status;
-    size_t nodes = 3 * (size_t)model->fine.num_nodes;
+    size_t nodes = 3 * (size_t)model->body->fine.num_nodes;
     if (keep_last) out->last = pliant_calloc(nodes, sizeof *out->last);
     if (keep_last && !out->last) return pliant_fail_memory("a reference solution");
     if (keep_last) memcpy(out->last, out->run.data->positions, nodes * sizeof *out->last);
@@ -189,7 +189,7 @@ static pliant_status solve_same(sweep_state *state, const uint8_t *missing)
 {
     sweep_ground *ground = &state->ground;
     pliant_points points = {0};
-    pliant_status status = pliant_points_create(&ground->fine->fine, ground->count, ground->rest, &points);
+    pliant_status status = pliant_points_create(&ground->fine->body->fine, ground->count, ground->rest, &points);
     for (int c = 0; status >= 0 && c < ground->num_cases; c++) {
         report_case *load = ground->cases + c;
         bool needed = missing[c] || (load->kind == CASE_displacement && missing[c + 1]);
@@ -212,11 +212,11 @@ static pliant_status solve_twice(sweep_state *state, const uint8_t *missing)
     if (scene.mesh.kind == PLIANT_LATTICE) scene.mesh.ratio *= 2;
     scene.model.method = PLIANT_FINE;
     scene.solver.kind = PLIANT_COROTATIONAL;
-    if (8.0 * ground->fine->fine.num_tets > ground->sweep->twice_limit || pliant_scene_check(&scene) < 0) return PLIANT_OK;
+    if (8.0 * ground->fine->body->fine.num_tets > ground->sweep->twice_limit || pliant_scene_check(&scene) < 0) return PLIANT_OK;
     pliant_status status = begin(state, "ratio %d: building the mesh of twice the resolution", ground->scene.mesh.ratio);
     if (status >= 0) status = build(state, &scene, &model, &peak);
-    if (status >= 0) status = pliant_points_create(&model->fine, ground->count, ground->rest, &ground->twice_points);
-    if (status >= 0) ground->twice_tets = model->fine.num_tets;
+    if (status >= 0) status = pliant_points_create(&model->body->fine, ground->count, ground->rest, &ground->twice_points);
+    if (status >= 0) ground->twice_tets = model->body->fine.num_tets;
     for (int c = 0; status >= 0 && c < ground->num_cases; c++) {
         if (!missing[c]) continue;
         status = begin(state, "ratio %d: twice the resolution, %s %s", ground->scene.mesh.ratio,
@@ -347,7 +347,7 @@ pliant_status sweep_run_model(sweep_state *state, int method, int touch)
         return sweep_tell_build(NULL, pliant_last_error(), 0, &row, ground->tables->builds);
     }
     status = sweep_tell_build(used, NULL, peak, &row, ground->tables->builds);
-    if (status >= 0) status = pliant_points_create(&used->fine, ground->count, ground->rest, &points);
+    if (status >= 0) status = pliant_points_create(&used->body->fine, ground->count, ground->rest, &points);
     for (int c = 0; status >= 0 && c < ground->num_cases; c++)
         for (int b = 0; status >= 0 && b < ground->sweep->num_iterations; b++) {
             run_key(ground, c, b, &row);

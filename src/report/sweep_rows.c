@@ -165,7 +165,7 @@ pliant_status sweep_tell(const sweep_told *told, report_row *row)
     row_text(row, run->statistics.not_converged > 0 ? "not converged" : "ok");
     row_text(row, "");
     row_integer(row, run->frames);
-    row_integer(row, told->model->fine.num_tets);
+    row_integer(row, told->model->body->fine.num_tets);
     row_integer(row, told->model->system->mesh->num_tets);
     row_text(row, pliant_data_backend(run->data));
     row_integer(row, pliant_threads_of(&ground->scene));
@@ -200,10 +200,10 @@ pliant_status sweep_tell_build(const pliant_model *model, const char *message, s
     row_text(row, message ? message : "");
     if (!message) {
         double seconds, held = held_by(model, &seconds);
-        row_integer(row, model->fine.num_tets);
-        row_integer(row, model->fine.num_nodes);
-        row_integer(row, model->coarse.num_tets);
-        row_integer(row, model->num_held_pieces);
+        row_integer(row, model->body->fine.num_tets);
+        row_integer(row, model->body->fine.num_nodes);
+        row_integer(row, model->body->coarse.num_tets);
+        row_integer(row, model->body->num_held_pieces);
         row_number(row, model->condition_estimate);
         row_integer(row, pliant_threads_of(&model->scene));
         row_number(row, seconds);

@@ -104,7 +104,7 @@ pliant_status sweep_tell_voxels(const sweep_told *told, report_row *key, pliant_
     pliant_volume error;
     *summary = (pliant_error){.worst = -1};
     if (!told->run->data->warp) return PLIANT_OK;
-    pliant_status status = pliant_error_voxels(told->model, told->run->data->positions, &ground->fine->fine, ground->same[told->index].last,
+    pliant_status status = pliant_error_voxels(told->model, told->run->data->positions, &ground->fine->body->fine, ground->same[told->index].last,
                                                &ground->target, &error);
     if (status < 0) return status;
     status = tell_histogram(told, &error, key, summary);

@@ -49,7 +49,7 @@ static float distance(const voxel_job *job, const int32_t nodes[4], const double
     for (int v = 0; v < 4; v++)
         for (int d = 0; d < 3; d++) {
             here[d] += weight[v] * job->positions[3 * nodes[v] + d];
-            rest[d] += weight[v] * job->model->fine.rest[3 * nodes[v] + d];
+            rest[d] += weight[v] * job->model->body->fine.rest[3 * nodes[v] + d];
         }
     if (!is_tissue(job->model, rest) || !reference_place(job, rest, there)) return -1;
     for (int d = 0; d < 3; d++) apart += (here[d] - there[d]) * (here[d] - there[d]);
@@ -59,7 +59,7 @@ static float distance(const voxel_job *job, const int32_t nodes[4], const double
 /* one tetrahedron's voxels in the slices k0 <= k < k1 */
 static void draw(const voxel_job *job, int32_t tet, int32_t k0, int32_t k1)
 {
-    const pliant_mesh *mesh = &job->model->fine;
+    const pliant_mesh *mesh = &job->model->body->fine;
     const int32_t *nodes = mesh->tets + 4 * tet, *size = job->target->size;
     double corner[4][3], low[3], high[3], gradients[12];
     for (int v = 0; v < 4; v++) {
@@ -98,7 +98,7 @@ static void draw(const voxel_job *job, int32_t tet, int32_t k0, int32_t k1)
 pliant_status pliant_error_voxels(const pliant_model *model, const double *positions, const pliant_mesh *reference_mesh,
                                   const double *reference, const pliant_geometry *target, pliant_volume *out)
 {
-    const pliant_mesh *mesh = &model->fine;
+    const pliant_mesh *mesh = &model->body->fine;
     pliant_volume volume = {0};
     uint8_t *drawn = pliant_calloc(pliant_geometry_voxels(target), 1);
     pliant_status status = drawn ? PLIANT_OK : pliant_fail_memory("the errors of the voxels");
@@ -118,7 +118,7 @@ pliant_status pliant_error_voxels(const pliant_model *model, const double *posit
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
     for (int32_t s = 0; s < slabs; s++)
         for (int32_t t = 0; t < mesh->num_tets; t++)
-            if (model->fine_material[t].tissue > 0) draw(&job, t, SLAB * s, SLAB * (s + 1) < target->size[2] ? SLAB * (s + 1) : target->size[2]);
+            if (model->body->fine_material[t].tissue > 0) draw(&job, t, SLAB * s, SLAB * (s + 1) < target->size[2] ? SLAB * (s + 1) : target->size[2]);
     *out = volume;
 done:
     pliant_free(drawn);

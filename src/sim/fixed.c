@@ -43,8 +43,8 @@ static bool in_fixed_region(const pliant_scene *scene, const double x[3])
 
 bool pliant_fixed_node(const pliant_model *model, int32_t node)
 {
-    const double *x = model->fine.rest + 3 * node;
-    if (model->fine.place_of_node) return model->fine.place_of_node[node] != PLIANT_BONE_OUTSIDE || in_fixed_region(&model->scene, x);
+    const double *x = model->body->fine.rest + 3 * node;
+    if (model->body->fine.place_of_node) return model->body->fine.place_of_node[node] != PLIANT_BONE_OUTSIDE || in_fixed_region(&model->scene, x);
     return (!model->scene.material.deformable_bone && in_fixed_material(model, x)) || in_fixed_region(&model->scene, x);
 }
 
@@ -63,7 +63,7 @@ pliant_status pliant_fixed_surface(pliant_model *model)
         pliant_geometry_to_world(geometry, index, world);
         fixed[v] = in_fixed_region(&model->scene, world);
     }
-    pliant_status status = pliant_mesh_bone(geometry, fixed, &model->fine);
+    pliant_status status = pliant_mesh_bone(geometry, fixed, &model->body->fine);
     pliant_free(fixed);
     return status;
 }

@@ -25,10 +25,7 @@ typedef struct builder {
     const pliant_labels *labels;
     pliant_progress progress;
     pliant_tet_material *lattice_material; /* (5 * fine cells) */
-    pliant_tet_material *coarse_material;  /* (coarse.num_tets), coarse method */
-    int32_t *coarse_of_fine;               /* (fine.num_tets) */
     uint8_t *loose;                        /* (fine.num_tets) */
-    uint8_t *coarse_fixed;                 /* (coarse.num_nodes) */
 } builder;
 
 /* condensed on the corners of every coarse tetrahedron, which must all be there */
@@ -52,12 +49,13 @@ static pliant_status classify(builder *build)
 static pliant_status cut_up(builder *build)
 {
     pliant_model *model = build->model;
+    pliant_body *body = model->body;
     const pliant_geometry *geometry = &model->scan->geometry;
     const int32_t *coarse_cells = model->scene.mesh.coarse_cells;
     int32_t ratio = model->scene.mesh.ratio, cells[3] = {coarse_cells[0] * ratio, coarse_cells[1] * ratio, coarse_cells[2] * ratio};
     if (model->scene.mesh.kind == PLIANT_OCTREE) {
         return pliant_mesh_octree(geometry, coarse_cells, model->scene.mesh.depth, model->scene.mesh.purity, model->scene.mesh.keep_air,
-                                  model->material_of_voxel, &model->materials, &model->fine, &model->fine_material);
+                                  model->material_of_voxel, &model->materials, &body->fine, &body->fine_material);
     }
     if ((double)cells[0] * cells[1] * cells[2] > 4e7)
         return pliant_fail(PLIANT_ERROR_SCENE, "mesh/coarse_cells times mesh/ratio make %d x %d x %d fine cells: at most 4e7", cells[0],
@@ -78,8 +76,8 @@ static pliant_status cut_up(builder *build)
     }
     if (needs_corners(model))
         for (size_t t = 0; t < fine_count; t++) keep[t] = keep_coarse[pliant_lattice_coarse_of(coarse_cells, ratio, (int32_t)t)];
-    status = pliant_mesh_grid(geometry, cells, keep, &model->fine);
-    if (status == PLIANT_OK && is_coarse(model)) status = pliant_mesh_grid(geometry, coarse_cells, keep_coarse, &model->coarse);
+    status = pliant_mesh_grid(geometry, cells, keep, &body->fine);
+    if (status == PLIANT_OK && is_coarse(model)) status = pliant_mesh_grid(geometry, coarse_cells, keep_coarse, &body->coarse);
 done:
     pliant_free(keep);
     pliant_free(keep_coarse);
@@ -89,46 +87,48 @@ done:
 static pliant_status mesh(builder *build)
 {
     pliant_model *model = build->model;
+    pliant_body *body = model->body;
     pliant_status status = cut_up(build);
     if (status == PLIANT_OK && model->scene.mesh.bone_surface) status = pliant_fixed_surface(model);
-    return status == PLIANT_OK ? pliant_mesh_surface(&model->fine, &model->triangles, &model->num_triangles) : status;
+    return status == PLIANT_OK ? pliant_mesh_surface(&body->fine, &body->triangles, &body->num_triangles) : status;
 }
 
 /* materials of the kept tetrahedra, nodal masses ([H] 2.1: a fourth of the mass to each node) */
 static pliant_status integrate(builder *build)
 {
     pliant_model *model = build->model;
-    const pliant_mesh *fine = &model->fine;
+    pliant_body *body = model->body;
+    const pliant_mesh *fine = &body->fine;
     bool octree = model->scene.mesh.kind == PLIANT_OCTREE; /* its leaves have materials already */
-    if (!octree) model->fine_material = pliant_calloc((size_t)fine->num_tets, sizeof *model->fine_material);
-    model->node_mass = pliant_calloc((size_t)fine->num_nodes, sizeof *model->node_mass);
-    if (!model->fine_material || !model->node_mass) return pliant_fail_memory("the materials of the mesh");
-    for (int32_t t = 0; !octree && t < fine->num_tets; t++) model->fine_material[t] = build->lattice_material[fine->lattice_of_tet[t]];
+    if (!octree) body->fine_material = pliant_calloc((size_t)fine->num_tets, sizeof *body->fine_material);
+    body->node_mass = pliant_calloc((size_t)fine->num_nodes, sizeof *body->node_mass);
+    if (!body->fine_material || !body->node_mass) return pliant_fail_memory("the materials of the mesh");
+    for (int32_t t = 0; !octree && t < fine->num_tets; t++) body->fine_material[t] = build->lattice_material[fine->lattice_of_tet[t]];
     if (fine->num_moved > 0) {
         pliant_status status = pliant_mesh_integrate_moved(fine, &model->scan->geometry, model->material_of_voxel,
-                                                           !model->scene.material.deformable_bone, &model->materials, model->fine_material);
+                                                           !model->scene.material.deformable_bone, &model->materials, body->fine_material);
         if (status != PLIANT_OK) return status;
     }
     for (int32_t t = 0; t < fine->num_tets; t++) {
         const int32_t *nodes = fine->tets + 4 * t;
         double gradients[12];
         double volume = pliant_mesh_gradients(fine, t, gradients);
-        for (int v = 0; v < 4; v++) model->node_mass[nodes[v]] += 0.25 * volume * model->fine_material[t].density;
+        for (int v = 0; v < 4; v++) body->node_mass[nodes[v]] += 0.25 * volume * body->fine_material[t].density;
     }
     if (!is_coarse(model)) return PLIANT_OK;
-    const pliant_mesh *coarse = &model->coarse;
-    build->coarse_of_fine = pliant_calloc((size_t)fine->num_tets, sizeof *build->coarse_of_fine);
-    if (!build->coarse_of_fine) return pliant_fail_memory("the nesting of the meshes");
+    const pliant_mesh *coarse = &body->coarse;
+    body->coarse_of_fine = pliant_calloc((size_t)fine->num_tets, sizeof *body->coarse_of_fine);
+    if (!body->coarse_of_fine) return pliant_fail_memory("the nesting of the meshes");
     for (int32_t t = 0; t < fine->num_tets; t++)
-        build->coarse_of_fine[t] = coarse->tet_of_lattice[pliant_lattice_coarse_of(coarse->cells, model->scene.mesh.ratio, fine->lattice_of_tet[t])];
+        body->coarse_of_fine[t] = coarse->tet_of_lattice[pliant_lattice_coarse_of(coarse->cells, model->scene.mesh.ratio, fine->lattice_of_tet[t])];
     if (model->scene.model.method != PLIANT_COARSE) return PLIANT_OK;
     size_t lattice = 5 * (size_t)coarse->cells[0] * coarse->cells[1] * coarse->cells[2];
     pliant_tet_material *all = pliant_calloc(lattice, sizeof *all);
-    build->coarse_material = pliant_calloc((size_t)coarse->num_tets, sizeof *build->coarse_material);
-    pliant_status status = all && build->coarse_material ? PLIANT_OK : pliant_fail_memory("the materials of the coarse mesh");
+    body->coarse_material = pliant_calloc((size_t)coarse->num_tets, sizeof *body->coarse_material);
+    pliant_status status = all && body->coarse_material ? PLIANT_OK : pliant_fail_memory("the materials of the coarse mesh");
     if (status == PLIANT_OK)
         status = pliant_lattice_integrate(&model->scan->geometry, coarse->cells, model->material_of_voxel, &model->materials, all);
-    for (int32_t t = 0; status == PLIANT_OK && t < coarse->num_tets; t++) build->coarse_material[t] = all[coarse->lattice_of_tet[t]];
+    for (int32_t t = 0; status == PLIANT_OK && t < coarse->num_tets; t++) body->coarse_material[t] = all[coarse->lattice_of_tet[t]];
     pliant_free(all);
     return status;
 }
@@ -138,21 +138,22 @@ static pliant_status integrate(builder *build)
 static pliant_status hold_coarse(builder *build)
 {
     const pliant_model *model = build->model;
-    const pliant_mesh *fine = &model->fine, *coarse = &model->coarse;
+    pliant_body *body = model->body;
+    const pliant_mesh *fine = &body->fine, *coarse = &body->coarse;
     uint8_t *loose = pliant_calloc((size_t)coarse->num_tets, 1);
     int32_t pieces = 0, ratio = model->scene.mesh.ratio;
     if (!loose) return pliant_fail_memory("the fixed nodes");
-    pliant_status status = pliant_mesh_hold(coarse, build->coarse_fixed, loose, &pieces);
+    pliant_status status = pliant_mesh_hold(coarse, body->coarse_fixed, loose, &pieces);
     if (status == PLIANT_ERROR_SCENE) {
         for (int32_t n = 0; n < fine->num_nodes; n++) {
-            if (!model->fine_fixed[n]) continue;
+            if (!body->fine_fixed[n]) continue;
             int32_t at = fine->lattice_of_node[n], nx = fine->cells[0] + 1, ny = fine->cells[1] + 1;
             int32_t i = (at % nx + ratio / 2) / ratio, j = (at / nx % ny + ratio / 2) / ratio, k = (at / nx / ny + ratio / 2) / ratio;
             int32_t node = coarse->node_of_lattice[i + (coarse->cells[0] + 1) * (j + (coarse->cells[1] + 1) * k)];
-            if (node >= 0) build->coarse_fixed[node] = 1;
+            if (node >= 0) body->coarse_fixed[node] = 1;
         }
         pliant_log(PLIANT_LOG_WARNING, "coarse: fewer than three of its nodes lie in what is fixed; the nearest ones are fixed instead");
-        status = pliant_mesh_hold(coarse, build->coarse_fixed, loose, &pieces);
+        status = pliant_mesh_hold(coarse, body->coarse_fixed, loose, &pieces);
     }
     pliant_free(loose);
     return status;
@@ -163,12 +164,13 @@ static pliant_status hold_coarse(builder *build)
 static pliant_status fix_coarse(builder *build)
 {
     const pliant_model *model = build->model;
-    const pliant_mesh *fine = &model->fine, *coarse = &model->coarse;
-    build->coarse_fixed = pliant_calloc((size_t)coarse->num_nodes, 1);
-    if (!build->coarse_fixed) return pliant_fail_memory("the fixed nodes");
+    pliant_body *body = model->body;
+    const pliant_mesh *fine = &body->fine, *coarse = &body->coarse;
+    body->coarse_fixed = pliant_calloc((size_t)coarse->num_nodes, 1);
+    if (!body->coarse_fixed) return pliant_fail_memory("the fixed nodes");
     for (int32_t n = 0; n < coarse->num_nodes; n++) {
         int32_t node = pliant_mesh_node_in(fine, coarse, n);
-        build->coarse_fixed[n] = node >= 0 && model->fine_fixed[node];
+        body->coarse_fixed[n] = node >= 0 && body->fine_fixed[node];
     }
     return model->scene.model.method == PLIANT_COARSE ? hold_coarse(build) : PLIANT_OK;
 }
@@ -177,21 +179,22 @@ static pliant_status fix_coarse(builder *build)
  * it is, as on the fine mesh. */
 static pliant_status hold_homogenized(builder *build)
 {
-    const pliant_mesh *coarse = &build->model->coarse;
+    pliant_body *body = build->model->body;
+    const pliant_mesh *coarse = &body->coarse;
     const uint8_t *grounded = build->model->system->grounded;
     uint8_t *held = pliant_calloc((size_t)coarse->num_nodes, 1), *stands = pliant_calloc((size_t)coarse->num_nodes, 1);
     uint8_t *loose = pliant_calloc((size_t)coarse->num_tets, 1);
     int32_t pieces = 0;
     pliant_status status = held && stands && loose ? PLIANT_OK : pliant_fail_memory("the fixed nodes");
     if (status == PLIANT_OK) {
-        memcpy(stands, build->coarse_fixed, (size_t)coarse->num_nodes);
+        memcpy(stands, body->coarse_fixed, (size_t)coarse->num_nodes);
         for (int32_t v = 0; v < 4 * coarse->num_tets; v++)
             if (grounded[v / 4]) stands[coarse->tets[v]] = 1;
         memcpy(held, stands, (size_t)coarse->num_nodes);
         status = pliant_mesh_hold(coarse, held, loose, &pieces);
     }
     for (int32_t n = 0; status == PLIANT_OK && n < coarse->num_nodes; n++)
-        if (held[n] && !stands[n]) build->coarse_fixed[n] = 1;
+        if (held[n] && !stands[n]) body->coarse_fixed[n] = 1;
     if (status == PLIANT_OK && pieces > 0)
         pliant_log(PLIANT_LOG_WARNING, "%d pieces of the coarse mesh hang on fewer than three nodes; they are held where they are", pieces);
     pliant_free(held);
@@ -206,24 +209,25 @@ static const double loose_stiffness = 1e-6;
 static pliant_status fix(builder *build)
 {
     pliant_model *model = build->model;
-    const pliant_mesh *fine = &model->fine;
-    model->fine_fixed = pliant_calloc((size_t)fine->num_nodes, 1);
+    pliant_body *body = model->body;
+    const pliant_mesh *fine = &body->fine;
+    body->fine_fixed = pliant_calloc((size_t)fine->num_nodes, 1);
     build->loose = pliant_calloc((size_t)fine->num_tets, 1);
-    if (!model->fine_fixed || !build->loose) return pliant_fail_memory("the fixed nodes");
-    for (int32_t n = 0; n < fine->num_nodes; n++) model->fine_fixed[n] = pliant_fixed_node(model, n);
+    if (!body->fine_fixed || !build->loose) return pliant_fail_memory("the fixed nodes");
+    for (int32_t n = 0; n < fine->num_nodes; n++) body->fine_fixed[n] = pliant_fixed_node(model, n);
     if (model->scene.solver.kind == PLIANT_TLED && pliant_tled_stands(&model->scene)) return PLIANT_OK;
-    pliant_status status = pliant_mesh_hold(fine, model->fine_fixed, build->loose, &model->num_held_pieces);
+    pliant_status status = pliant_mesh_hold(fine, body->fine_fixed, build->loose, &body->num_held_pieces);
     if (status != PLIANT_OK) return status;
-    if (model->num_held_pieces > 0) {
+    if (body->num_held_pieces > 0) {
         int32_t count = 0;
         for (int32_t t = 0; t < fine->num_tets; t++) {
             count += build->loose[t];
             if (!build->loose[t]) continue;
-            model->fine_material[t].lambda *= loose_stiffness;
-            model->fine_material[t].mu *= loose_stiffness;
+            body->fine_material[t].lambda *= loose_stiffness;
+            body->fine_material[t].mu *= loose_stiffness;
         }
         pliant_log(PLIANT_LOG_WARNING, "%d pieces (%d of %d tetrahedra) hang on nothing that is fixed; they are held where they are",
-                   model->num_held_pieces, count, fine->num_tets);
+                   body->num_held_pieces, count, fine->num_tets);
     }
     return is_coarse(model) ? fix_coarse(build) : PLIANT_OK;
 }
@@ -231,28 +235,29 @@ static pliant_status fix(builder *build)
 static pliant_status homogenize(builder *build)
 {
     pliant_model *model = build->model;
+    pliant_body *body = model->body;
     pliant_system *system = model->system;
-    system->fine = &model->fine;
-    system->mesh = is_coarse(model) ? &model->coarse : &model->fine;
+    system->fine = &body->fine;
+    system->mesh = is_coarse(model) ? &body->coarse : &body->fine;
     system->num_threads = pliant_threads_of(&model->scene);
     if (model->scene.solver.kind == PLIANT_TLED) return pliant_tled_system_create(model, &model->tled);
-    if (!is_coarse(model)) return pliant_system_elements(system, model->fine_material);
+    if (!is_coarse(model)) return pliant_system_elements(system, body->fine_material);
     if (model->scene.model.method == PLIANT_COARSE) {
-        pliant_status status = pliant_system_elements(system, build->coarse_material);
-        return status == PLIANT_OK ? pliant_upsample_linear(system, build->coarse_of_fine) : status;
+        pliant_status status = pliant_system_elements(system, body->coarse_material);
+        return status == PLIANT_OK ? pliant_upsample_linear(system, body->coarse_of_fine) : status;
     }
     if (model->scene.model.method == PLIANT_LOD) {
-        pliant_status status = pliant_lod_ground(system, model->fine_fixed, build->coarse_fixed, build->coarse_of_fine);
+        pliant_status status = pliant_lod_ground(system, body->fine_fixed, body->coarse_fixed, body->coarse_of_fine);
         if (status == PLIANT_OK) status = hold_homogenized(build);
         if (status != PLIANT_OK) return status;
-        return pliant_lod(system, &model->scene, model->fine_fixed, build->coarse_fixed, model->fine_material, build->progress);
+        return pliant_lod(system, &model->scene, body->fine_fixed, body->coarse_fixed, body->fine_material, build->progress);
     }
-    pliant_tet_material *none = pliant_calloc((size_t)model->coarse.num_tets, sizeof *none); /* geometry only */
+    pliant_tet_material *none = pliant_calloc((size_t)body->coarse.num_tets, sizeof *none); /* geometry only */
     if (!none) return pliant_fail_memory("the coarse elements");
     pliant_status status = pliant_system_elements(system, none);
     pliant_free(none);
     if (status != PLIANT_OK) return status;
-    status = pliant_homogenize(system, &model->scene, &model->fine, model->fine_fixed, model->fine_material, build->coarse_of_fine,
+    status = pliant_homogenize(system, &model->scene, &body->fine, body->fine_fixed, body->fine_material, body->coarse_of_fine,
                                build->progress);
     return status == PLIANT_OK ? hold_homogenized(build) : status;
 }
@@ -260,15 +265,16 @@ static pliant_status homogenize(builder *build)
 /* M_j = sum of m_i N_ij over the fine nodes, [H] 10 */
 static pliant_status gravity_mass(pliant_model *model)
 {
+    const pliant_body *body = model->body;
     pliant_system *system = model->system;
-    int32_t count = model->fine.num_nodes, *nodes = pliant_calloc((size_t)count, sizeof *nodes);
+    int32_t count = body->fine.num_nodes, *nodes = pliant_calloc((size_t)count, sizeof *nodes);
     system->gravity_mass = pliant_calloc((size_t)system->num_free, 9 * sizeof *system->gravity_mass);
     if (!nodes || !system->gravity_mass) {
         pliant_free(nodes);
         return pliant_fail_memory("the gravity-mass matrices");
     }
     for (int32_t n = 0; n < count; n++) nodes[n] = n;
-    pliant_upsample_weights(system, system->mesh->rest, count, nodes, model->node_mass, system->gravity_mass);
+    pliant_upsample_weights(system, system->mesh->rest, count, nodes, body->node_mass, system->gravity_mass);
     pliant_free(nodes);
     return PLIANT_OK;
 }
@@ -276,8 +282,9 @@ static pliant_status gravity_mass(pliant_model *model)
 static pliant_status analyze(builder *build)
 {
     pliant_model *model = build->model;
+    pliant_body *body = model->body;
     if (model->tled) return PLIANT_OK; /* no matrix */
-    pliant_status status = pliant_system_unknowns(model->system, is_coarse(model) ? build->coarse_fixed : model->fine_fixed);
+    pliant_status status = pliant_system_unknowns(model->system, is_coarse(model) ? body->coarse_fixed : body->fine_fixed);
     if (status == PLIANT_OK) status = gravity_mass(model);
     if (status != PLIANT_OK) return status;
     /* the V-cycle's meshes nest by lattice, and its matrices are of tetrahedra */
@@ -344,15 +351,13 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
     model->scene = *scene;
     model->scan = scan;
     model->system = pliant_calloc(1, sizeof *model->system);
-    status = model->system ? pliant_material_table_copy(materials, &model->materials) : pliant_fail_memory("the model");
+    status = pliant_body_create(1, &model->body);
+    if (status == PLIANT_OK) status = model->system ? pliant_material_table_copy(materials, &model->materials) : pliant_fail_memory("the model");
     int threads = pliant_threads_begin(scene);
     if (status == PLIANT_OK) status = run_stages(&build);
     pliant_threads_end(threads);
     pliant_free(build.lattice_material);
-    pliant_free(build.coarse_material);
-    pliant_free(build.coarse_of_fine);
     pliant_free(build.loose);
-    pliant_free(build.coarse_fixed);
     if (status != PLIANT_OK) {
         pliant_model_free(model);
         return status;
@@ -369,11 +374,6 @@ void pliant_model_free(pliant_model *model)
     pliant_tled_system_free(model->tled);
     pliant_material_table_free(&model->materials);
     pliant_free(model->material_of_voxel);
-    pliant_mesh_free(&model->fine);
-    pliant_mesh_free(&model->coarse);
-    pliant_free(model->fine_material);
-    pliant_free(model->node_mass);
-    pliant_free(model->fine_fixed);
-    pliant_free(model->triangles);
+    pliant_body_release(model->body);
     pliant_free(model);
 }

@@ -7,7 +7,7 @@
 
 pliant_status pliant_data_set_positions(const pliant_model *model, pliant_data *data, const double *positions)
 {
-    for (int32_t n = 0; n < 3 * model->fine.num_nodes; n++)
+    for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++)
         if (!isfinite(positions[n])) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the position of node %d is not finite", n / 3);
     data->backend->kind->set_positions(model, data, positions);
     for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);

@@ -24,13 +24,14 @@ pliant_status pliant_data_create(const pliant_model *model, pliant_data **out)
     pliant_data *data = pliant_calloc(1, sizeof *data);
     if (!data) return pliant_fail_memory("the simulation state");
     size_t before = pliant_memory_in_use();
-    data->positions = pliant_calloc((size_t)model->fine.num_nodes, 3 * sizeof *data->positions);
+    data->body = pliant_body_retain(model->body);
+    data->positions = pliant_calloc((size_t)data->body->fine.num_nodes, 3 * sizeof *data->positions);
     pliant_status status = data->positions ? pliant_host_solver_of(model)->create(model, data) : pliant_fail_memory("the simulation state");
     if (status != PLIANT_OK) {
         pliant_data_free(data);
         return status;
     }
-    memcpy(data->positions, model->fine.rest, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
+    memcpy(data->positions, data->body->fine.rest, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
     memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
     status = pliant_backend_create(model, data);
     if (status != PLIANT_OK) {
@@ -51,6 +52,7 @@ void pliant_data_free(pliant_data *data)
     pliant_solver_free(data->solver);
     pliant_tled_free(data->tled);
     pliant_warp_free(data->warp);
+    pliant_body_release(data->body);
     pliant_free(data->positions);
     pliant_free(data);
 }
@@ -60,7 +62,7 @@ pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
     pliant_status status = data->backend->kind->reset(data);
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < data->num_tools; t++) pliant_tool_forget(data->tools + t);
-    memcpy(data->positions, model->fine.rest, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
+    memcpy(data->positions, data->body->fine.rest, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
     memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
     size_t bytes = data->statistics.bytes;
     memset(&data->statistics, 0, sizeof data->statistics);
@@ -72,7 +74,7 @@ pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, con
 {
     pliant_warp *warp = NULL;
     if (target) {
-        pliant_status status = pliant_warp_create(model->scan, &model->fine, target, model->system->num_threads, &warp);
+        pliant_status status = pliant_warp_create(model->scan, &data->body->fine, target, model->system->num_threads, &warp);
         if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp, model->scene.warp.fit_step);
         /* a step's stages hand over on the GPU */
         if (status == PLIANT_OK && !data->backend->on_host) status = pliant_warp_backend(warp, model->scene.solver.backend);

@@ -31,8 +31,8 @@ static pliant_status write_nodes(const char *path, const pliant_model *model, co
     FILE *file = fopen(path, "w");
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
     fputs("rest_x_m,rest_y_m,rest_z_m,x_m,y_m,z_m\n", file);
-    for (int32_t node = 0; node < model->fine.num_nodes; ++node) {
-        const double *rest = model->fine.rest + 3 * node, *now = positions + 3 * node;
+    for (int32_t node = 0; node < model->body->fine.num_nodes; ++node) {
+        const double *rest = model->body->fine.rest + 3 * node, *now = positions + 3 * node;
         fprintf(file, "%.9g,%.9g,%.9g,%.9g,%.9g,%.9g\n", rest[0], rest[1], rest[2], now[0], now[1], now[2]);
     }
     int failed = ferror(file) | fclose(file);
@@ -68,7 +68,7 @@ static double farthest_pull(const pliant_path *path)
  * tool takes it if that is more. */
 static pliant_status ask_for_volume(deform_run *run)
 {
-    const pliant_mesh *mesh = &run->model->fine;
+    const pliant_mesh *mesh = &run->model->body->fine;
     double room = fmax(run->model->scene.warp.margin, farthest_pull(&run->path));
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
     pliant_geometry target;

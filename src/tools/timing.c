@@ -112,7 +112,7 @@ void timing_print(const step_times *times, const pliant_model *model, const plia
     fprintf(file, "iterations a step %.1f, last residual %.2g, not converged %llu, failed %llu, inverted now %d\n",
             (double)times->iterations / (double)times->num_steps, statistics->residual,
             (unsigned long long)statistics->not_converged, (unsigned long long)statistics->failed,
-            (int)pliant_mesh_inverted(&model->fine, data->positions));
+            (int)pliant_mesh_inverted(&model->body->fine, data->positions));
     if (statistics->patched > 0)
         fprintf(file, "patch: %d tools, %d iterations, residual %.2g, moves nodes by up to %.3g mm\n", (int)statistics->patched,
                 (int)statistics->patch_iterations, statistics->patch_residual, 1e3 * statistics->patch_moved);
@@ -129,8 +129,8 @@ void timing_print_build(const pliant_model *model, FILE *file)
         mebibytes += held;
     }
     fprintf(file, "%-12s %10.3f %10.1f\n", "all", seconds, mebibytes);
-    fprintf(file, "%d fine tetrahedra, %d nodes; %d coarse tetrahedra\n", (int)model->fine.num_tets,
-            (int)model->fine.num_nodes, (int)model->coarse.num_tets);
+    fprintf(file, "%d fine tetrahedra, %d nodes; %d coarse tetrahedra\n", (int)model->body->fine.num_tets,
+            (int)model->body->fine.num_nodes, (int)model->body->coarse.num_tets);
 }
 
 void timing_print_memory(FILE *file)

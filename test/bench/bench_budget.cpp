@@ -31,7 +31,7 @@ int main(int argc, char **argv)
         return model;
     };
     pliant_model *exact = build(1000, 1e-7);
-    std::printf("%d fine tetrahedra, %d nodes\n", exact->fine.num_tets, exact->fine.num_nodes);
+    std::printf("%d fine tetrahedra, %d nodes\n", exact->body->fine.num_tets, exact->body->fine.num_nodes);
     std::vector<Frames> references;
     for (int kind = 0; kind < NUM_KINDS; kind++)
         references.push_back(run(exact, at, Kind(kind), kind == FORCE ? &references[DISPLACEMENT] : nullptr, false));

@@ -200,8 +200,8 @@ bool find_front(const pliant_model *model, double out[3])
     pliant_geometry_to_world(geometry, index, out);
     for (int s = 0; s < 500; s++) {
         double point[3] = {out[0], out[1] - 0.25 + 0.001 * s, out[2]}, barycentric[4];
-        int32_t tet = pliant_mesh_locate(&model->fine, point, barycentric);
-        if (tet < 0 || model->fine_material[tet].tissue < 0.9 || model->fine_material[tet].mu < 500) continue;
+        int32_t tet = pliant_mesh_locate(&model->body->fine, point, barycentric);
+        if (tet < 0 || model->body->fine_material[tet].tissue < 0.9 || model->body->fine_material[tet].mu < 500) continue;
         out[1] = point[1] + 0.02;
         return true;
     }
@@ -234,11 +234,11 @@ Run run(const pliant_model *model, pliant_data *data, const double at[3], pliant
         out.solve.push_back(1e3 * data->statistics.seconds[PLIANT_STEP_solve]);
         out.iterations += double(data->statistics.iterations) / frames;
         out.unconverged += status == PLIANT_NOT_CONVERGED;
-        out.positions.emplace_back(data->positions, data->positions + 3 * size_t(model->fine.num_nodes));
+        out.positions.emplace_back(data->positions, data->positions + 3 * size_t(model->body->fine.num_nodes));
     }
     for (size_t n = 0; n < out.positions.back().size(); n += 3) {
         double u = 0;
-        for (size_t d = 0; d < 3; d++) u += std::pow(out.positions.back()[n + d] - model->fine.rest[n + d], 2);
+        for (size_t d = 0; d < 3; d++) u += std::pow(out.positions.back()[n + d] - model->body->fine.rest[n + d], 2);
         out.largest = std::max(out.largest, std::sqrt(u));
     }
     if (std::string(pliant_data_backend(data)) != "cuda") std::printf("NOT ON THE GPU\n");
@@ -291,8 +291,8 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
         pliant_data *data = nullptr;
         pliant_status status = pliant_data_create(model, &data);
         std::printf("%s, %s, %s: %d x %d x %d voxels, %d tetrahedra, %d nodes; model %.2f s, state on the GPU %.2f s\n", scene_path, scan_path,
-                    choice == PLIANT_DIRECT ? "direct" : "multigrid", scan.geometry.size[0], scan.geometry.size[1], scan.geometry.size[2], model->fine.num_tets,
-                    model->fine.num_nodes, built - start, pliant_seconds() - built);
+                    choice == PLIANT_DIRECT ? "direct" : "multigrid", scan.geometry.size[0], scan.geometry.size[1], scan.geometry.size[2], model->body->fine.num_tets,
+                    model->body->fine.num_nodes, built - start, pliant_seconds() - built);
         if (status != PLIANT_OK) {
             std::printf("  %s\n", pliant_last_error());
             pliant_model_free(model);

@@ -72,7 +72,7 @@ Run run(const pliant_model *model, const double *at, pliant_drive drive, const d
         out.upsample.push_back(data->statistics.seconds[PLIANT_STEP_upsample]);
         out.iterations += double(data->statistics.iterations) / steps;
     }
-    out.positions.assign(data->positions, data->positions + 3 * size_t(model->fine.num_nodes));
+    out.positions.assign(data->positions, data->positions + 3 * size_t(model->body->fine.num_nodes));
     if (at) std::memcpy(out.force, data->tools[tool].force, sizeof out.force);
     pliant_data_free(data);
     return out;
@@ -120,12 +120,12 @@ void compare(const char *name, const pliant_model *model, const Run &run, const 
     size_t nodes = fine.positions.size() / 3, count[2] = {0, 0};
     double largest = 0, most[2] = {0, 0}, squares[2] = {0, 0};
     std::vector<char> body(nodes, 0);
-    for (int32_t v = 0; v < 4 * model->fine.num_tets; v++)
-        if (model->fine_material[v / 4].tissue >= 0.5) body[size_t(model->fine.tets[v])] = 1;
+    for (int32_t v = 0; v < 4 * model->body->fine.num_tets; v++)
+        if (model->body->fine_material[v / 4].tissue >= 0.5) body[size_t(model->body->fine.tets[v])] = 1;
     for (size_t n = 0; n < nodes; n++) {
         double u = 0, e = 0;
         for (size_t d = 0; d < 3; d++) {
-            u += std::pow(fine.positions[3 * n + d] - model->fine.rest[3 * n + d], 2);
+            u += std::pow(fine.positions[3 * n + d] - model->body->fine.rest[3 * n + d], 2);
             e += std::pow(fine.positions[3 * n + d] - run.positions[3 * n + d], 2);
         }
         largest = std::max(largest, std::sqrt(u));
@@ -146,8 +146,8 @@ void compare(const char *name, const pliant_model *model, const Run &run, const 
 void report_build(const char *name, const pliant_model *model)
 {
     double seconds = 0;
-    std::printf("%s: %d nodes, %d fine and %d coarse tetrahedra, %d held pieces, condition %.1e; build", name, model->fine.num_nodes,
-                model->fine.num_tets, model->coarse.num_tets, model->num_held_pieces, model->condition_estimate);
+    std::printf("%s: %d nodes, %d fine and %d coarse tetrahedra, %d held pieces, condition %.1e; build", name, model->body->fine.num_nodes,
+                model->body->fine.num_tets, model->body->coarse.num_tets, model->body->num_held_pieces, model->condition_estimate);
     for (int s = 0; s < PLIANT_NUM_BUILD_STAGES; s++) {
         std::printf(" %s %.0f ms", pliant_build_stage_name(s), 1e3 * model->build_seconds[s]);
         seconds += model->build_seconds[s];
@@ -218,7 +218,7 @@ int main(int argc, char **argv)
         Run by_force = gravity ? fine : run(exact, at, PLIANT_DRIVE_FORCE, fine.force);
         for (const auto &m : methods) {
             if (!m.model) continue;
-            if (m.model->fine.num_nodes != exact->fine.num_nodes) {
+            if (m.model->body->fine.num_nodes != exact->body->fine.num_nodes) {
                 std::printf("%s keeps other nodes: compare with mesh/keep_air\n", m.name);
                 continue;
             }

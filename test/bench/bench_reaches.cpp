@@ -30,7 +30,7 @@ std::vector<Frames> references(Inputs &inputs, int kinds)
 {
     std::vector<Frames> out;
     pliant_model *exact = build(inputs, 50, 1e-7, 0); // many steps: factors are refreshed between them
-    std::printf("%d fine tetrahedra, %d nodes\n", exact->fine.num_tets, exact->fine.num_nodes);
+    std::printf("%d fine tetrahedra, %d nodes\n", exact->body->fine.num_tets, exact->body->fine.num_nodes);
     for (int kind = 0; kind < kinds; kind++) {
         out.push_back(run(exact, liver, Kind(kind), kind == FORCE ? &out[DISPLACEMENT] : nullptr, false));
         if (quantile(out.back().residual, 1) > 2e-7) std::printf("  %s: solved to %.1e only\n", kind_names[kind], quantile(out.back().residual, 1));

@@ -57,7 +57,7 @@ double seconds_a_step(const Choice &choice, const Setting &setting, double budge
         must(pliant_tool_add(body.model, body.data, "pull", &tool));
         must(pliant_tool_grasp(body.model, body.data, tool, at));
     }
-    *tets = body.model->fine.num_tets;
+    *tets = body.model->body->fine.num_tets;
     double best = INFINITY, start = pliant_seconds();
     while (pliant_seconds() - start < budget) {
         must(pliant_step(body.model, body.data));

@@ -102,7 +102,7 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
         out.told.push_back(data->statistics.error);
         if (f > 1) out.before.push_back(data->statistics.error_before);
         out.iterations += double(data->statistics.iterations) / count;
-        out.positions.emplace_back(data->positions, data->positions + 3 * size_t(model->fine.num_nodes));
+        out.positions.emplace_back(data->positions, data->positions + 3 * size_t(model->body->fine.num_nodes));
         if (kind != GRAVITY) out.force.emplace_back(data->tools[tool].force, data->tools[tool].force + 3);
     }
     pliant_data_free(data);
@@ -126,8 +126,8 @@ inline double quantile(std::vector<double> values, double share)
 
 inline Errors errors_of(const pliant_model *model, const Frames &run, const Frames &exact)
 {
-    size_t nodes = size_t(model->fine.num_nodes);
-    double whole = largest_apart(exact.positions.back().data(), model->fine.rest, nodes);
+    size_t nodes = size_t(model->body->fine.num_nodes);
+    double whole = largest_apart(exact.positions.back().data(), model->body->fine.rest, nodes);
     Errors out;
     for (size_t f = 0; f < exact.positions.size(); f++) {
         double error = largest_apart(run.positions[f].data(), exact.positions[f].data(), nodes);

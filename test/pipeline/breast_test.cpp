@@ -153,8 +153,8 @@ protected:
     Nodes nodes(const std::string &name) const
     {
         Nodes out(in(name));
-        EXPECT_EQ(out.count(), static_cast<size_t>(model_->fine.num_nodes)) << name;
-        for (size_t n = 0; n < out.rest.size(); n++) EXPECT_NEAR(out.rest[n], model_->fine.rest[n], 1e-8);
+        EXPECT_EQ(out.count(), static_cast<size_t>(model_->body->fine.num_nodes)) << name;
+        for (size_t n = 0; n < out.rest.size(); n++) EXPECT_NEAR(out.rest[n], model_->body->fine.rest[n], 1e-8);
         return out;
     }
     // the shipped path, faster
@@ -177,16 +177,16 @@ protected:
     {
         double sum = 0, mass = 0;
         for (size_t n = 0; n < nodes.count(); n++) {
-            mass += model_->node_mass[n];
-            sum += model_->node_mass[n] * nodes.moved(n, 1);
+            mass += model_->body->node_mass[n];
+            sum += model_->body->node_mass[n] * nodes.moved(n, 1);
         }
         return sum / mass;
     }
     // of a tetrahedron: deformation gradient; gradients of the shape functions; volume at rest
     void deformation(const Nodes &nodes, int32_t tet, double f[9], double gradients[12], double *volume) const
     {
-        const int32_t *corners = model_->fine.tets + 4 * tet;
-        *volume = pliant_mesh_gradients(&model_->fine, tet, gradients);
+        const int32_t *corners = model_->body->fine.tets + 4 * tet;
+        *volume = pliant_mesh_gradients(&model_->body->fine, tet, gradients);
         for (int m = 0; m < 9; m++) f[m] = m % 4 == 0;
         for (int v = 0; v < 4; v++)
             for (int r = 0; r < 3; r++)
@@ -234,8 +234,8 @@ void Breast::expect_volume(const Nodes &nodes, double gravity) const
 {
     double change = 0, most = 0, height = 0;
     for (size_t n = 0; n < nodes.count(); n++) height = std::fmax(height, wall - nodes.rest[3 * n + 1]);
-    for (int32_t t = 0; t < model_->fine.num_tets; t++) {
-        const pliant_tet_material &material = model_->fine_material[t];
+    for (int32_t t = 0; t < model_->body->fine.num_tets; t++) {
+        const pliant_tet_material &material = model_->body->fine_material[t];
         const double allowed = material.density * std::fabs(gravity) * height / (material.lambda + 2.0 / 3 * material.mu);
         double f[9], gradients[12], volume;
         deformation(nodes, t, f, gradients, &volume);
@@ -244,7 +244,7 @@ void Breast::expect_volume(const Nodes &nodes, double gravity) const
         if (material.tissue < 1) continue;
         change += volume * (ratio - 1);
         most += volume * allowed;
-        if (wall - nodes.rest[3 * model_->fine.tets[4 * t] + 1] > 0.2 * height) EXPECT_LT(std::fabs(ratio - 1), allowed) << t;
+        if (wall - nodes.rest[3 * model_->body->fine.tets[4 * t] + 1] > 0.2 * height) EXPECT_LT(std::fabs(ratio - 1), allowed) << t;
     }
     EXPECT_GT(gravity > 0 ? -change : change, 0.1 * most);
     EXPECT_LT(std::fabs(change), most);
@@ -310,17 +310,17 @@ TEST_F(Breast, ForcesAreInBalance)
                                    "--no-volume --steps 1");
         auto allowed = [&](int32_t n) { return std::fmin(still.rest[3 * n + 1] - wall, 0); };
         double energy = 0, work = 0, inside = 0, outside = 0;
-        for (int32_t t = 0; t < model_->fine.num_tets; t++) {
-            const pliant_tet_material &material = model_->fine_material[t];
+        for (int32_t t = 0; t < model_->body->fine.num_tets; t++) {
+            const pliant_tet_material &material = model_->body->fine_material[t];
             double f[9], gradients[12], stress[9], volume;
             deformation(still, t, f, gradients, &volume);
             energy += volume * pliant_law_response(PLIANT_LAW_NEO_HOOKEAN, material.lambda, material.mu, f, stress);
             for (int v = 0; v < 4; v++)
-                for (int d = 0; d < 3; d++) inside += volume * stress[3 + d] * allowed(model_->fine.tets[4 * t + v]) * gradients[3 * v + d];
+                for (int d = 0; d < 3; d++) inside += volume * stress[3 + d] * allowed(model_->body->fine.tets[4 * t + v]) * gradients[3 * v + d];
         }
-        for (int32_t n = 0; n < model_->fine.num_nodes; n++) {
-            work += model_->node_mass[n] * gravity[g] * still.moved(n, 1);
-            outside += model_->node_mass[n] * gravity[g] * allowed(n);
+        for (int32_t n = 0; n < model_->body->fine.num_nodes; n++) {
+            work += model_->body->node_mass[n] * gravity[g] * still.moved(n, 1);
+            outside += model_->body->node_mass[n] * gravity[g] * allowed(n);
         }
         EXPECT_NEAR(inside / outside, 1, 1e-4);
         if (g > 0) EXPECT_NEAR(energy / work, 0.5, 0.002);

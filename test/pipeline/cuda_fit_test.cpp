@@ -80,7 +80,7 @@ TEST(CudaFit, AStepDrawsIt)
         for (int s = 0; s < 5; s++) ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
         ASSERT_STREQ(pliant_data_backend(body.data), "cuda");
         pliant_warp *warp = nullptr;
-        ASSERT_EQ(pliant_warp_create(&body.scan, &body.model->fine, &body.scan.geometry, 2, &warp), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_create(&body.scan, &body.model->body->fine, &body.scan.geometry, 2, &warp), PLIANT_OK);
         ASSERT_EQ(pliant_warp_fit(warp, body.scene.warp.fit_step), PLIANT_OK);
         ASSERT_EQ(pliant_warp_update(warp, body.data->positions), PLIANT_OK);
         EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(body.data->warp)->voxels, 16 * 16 * 32), 0);

@@ -223,7 +223,7 @@ double farthest(const double *a, const double *b, int32_t nodes)
     return most;
 }
 
-double farthest(const Body &a, const Body &b) { return farthest(a.data->positions, b.data->positions, a.model->fine.num_nodes); }
+double farthest(const Body &a, const Body &b) { return farthest(a.data->positions, b.data->positions, a.model->body->fine.num_nodes); }
 
 const Case cases[] = {
     {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT},     {PLIANT_FINE, PLIANT_DRIVE_RIGID, 9.81, 0, 2, PLIANT_DIRECT},
@@ -259,11 +259,11 @@ TEST(CudaRun, MeetsTheCpu)
         }
         EXPECT_LT(least_converged, 1e-7);
         EXPECT_LT(worst, 1e-5 * box[0]);
-        EXPECT_GT(farthest(gpu.data->positions, gpu.model->fine.rest, gpu.model->fine.num_nodes), 0.002);
+        EXPECT_GT(farthest(gpu.data->positions, gpu.model->body->fine.rest, gpu.model->body->fine.num_nodes), 0.002);
         RecordProperty(("worst_" + std::to_string(number)).c_str(), std::to_string(worst / box[0]).c_str());
         // the volume that the stages handed over on the GPU is that of the same positions on the CPU
         pliant_warp *warp = nullptr;
-        ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->body->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
         ASSERT_EQ(pliant_warp_update(warp, gpu.data->positions), PLIANT_OK);
         EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(gpu.data->warp)->voxels, 24 * 24 * 24), 0);
         pliant_warp_free(warp);
@@ -290,7 +290,7 @@ TEST(CudaRun, OneEvaluationMeetsTheCpu)
         pliant_turn_free(cpu.data->solver->turn);
         cpu.data->solver->turn = nullptr;
         for (int round = 0; round < 3; round++) {
-            std::vector<double> x(cpu.model->fine.rest, cpu.model->fine.rest + 3 * cpu.model->fine.num_nodes);
+            std::vector<double> x(cpu.model->body->fine.rest, cpu.model->body->fine.rest + 3 * cpu.model->body->fine.num_nodes);
             for (double &at : x) at += round * uniform(random);
             for (Body *body : {&cpu, &gpu}) {
                 ASSERT_EQ(pliant_data_set_positions(body->model, body->data, x.data()), PLIANT_OK);
@@ -321,7 +321,7 @@ TEST(CudaRun, SameInputSameBits)
                 ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
             }
             for (int s = 1; s <= 30; s++) step(body, c, s, 30);
-            result.assign(body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes);
+            result.assign(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
         }
         EXPECT_EQ(results[0], results[1]);
         EXPECT_EQ(results[0], results[2]);
@@ -342,7 +342,7 @@ TEST(CudaRun, EveryKernelOnce)
         for (int s = 1; s <= 2; s++) step(body, c, s, 2);
         pliant_warp_volume(body.data->warp);
         EXPECT_STREQ(pliant_data_backend(body.data), "cuda") << pliant_last_error();
-        EXPECT_GT(farthest(body.data->positions, body.model->fine.rest, body.model->fine.num_nodes), 0.002);
+        EXPECT_GT(farthest(body.data->positions, body.model->body->fine.rest, body.model->body->fine.num_nodes), 0.002);
     }
 }
 
@@ -410,8 +410,8 @@ struct RealBody {
         pliant_geometry_to_world(&geometry, index, middle);
         for (int s = 0; s < 500; s++) {
             const double point[3] = {middle[0], middle[1] - 0.25 + 0.001 * s, middle[2]};
-            int32_t tet = pliant_mesh_locate(&model->fine, point, barycentric), tool;
-            if (tet < 0 || model->fine_material[tet].tissue < 0.9 || model->fine_material[tet].mu < 500) continue;
+            int32_t tet = pliant_mesh_locate(&model->body->fine, point, barycentric), tool;
+            if (tet < 0 || model->body->fine_material[tet].tissue < 0.9 || model->body->fine_material[tet].mu < 500) continue;
             for (int d = 0; d < 3; d++) tip[d] = point[d] + (d == 1 ? 0.02 : 0);
             return pliant_tool_add(model, data, "tool", &tool) == PLIANT_OK && pliant_tool_pose(data, tool, tip, nullptr) == PLIANT_OK &&
                    pliant_tool_grasp(model, data, tool, nullptr) == PLIANT_OK;
@@ -460,11 +460,11 @@ TEST(CudaRun, ARealScanMeetsTheCpu)
                 ASSERT_EQ(pliant_tool_pose(body->data, 0, to, nullptr), PLIANT_OK);
                 ASSERT_EQ(pliant_step(body->model, body->data), PLIANT_OK) << pliant_last_error();
             }
-            worst = std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->fine.num_nodes));
+            worst = std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
         }
         ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda");
         EXPECT_LT(worst, 1e-5 * extent);
-        EXPECT_GT(farthest(gpu.data->positions, gpu.model->fine.rest, gpu.model->fine.num_nodes), 0.005);
+        EXPECT_GT(farthest(gpu.data->positions, gpu.model->body->fine.rest, gpu.model->body->fine.num_nodes), 0.005);
         const size_t voxels = pliant_geometry_voxels(&scan.geometry);
         const size_t own = different_voxels(pliant_warp_volume(cpu.data->warp), pliant_warp_volume(gpu.data->warp));
         EXPECT_LT(own, voxels / 1000);
@@ -507,7 +507,7 @@ TEST(CudaFailure, TheCpuGoesOn)
         pliant_cuda_fail_after(-1);
         if (!failed) { // the last call was beyond all of them, or the volume was not fetched
             pliant_warp *warp = nullptr;
-            ASSERT_EQ(pliant_warp_create(&body.scan, &body.model->fine, &body.scan.geometry, 2, &warp), PLIANT_OK);
+            ASSERT_EQ(pliant_warp_create(&body.scan, &body.model->body->fine, &body.scan.geometry, 2, &warp), PLIANT_OK);
             ASSERT_EQ(pliant_warp_update(warp, body.data->positions), PLIANT_OK);
             if (std::memcmp(pliant_warp_volume(warp)->voxels, volume->voxels, 24 * 24 * 24) != 0) failed = true;
             pliant_warp_free(warp);

@@ -92,7 +92,7 @@ struct Cube : Body {
         }
         ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
     }
-    std::vector<double> positions() const { return {data->positions, data->positions + 3 * model->fine.num_nodes}; }
+    std::vector<double> positions() const { return {data->positions, data->positions + 3 * model->body->fine.num_nodes}; }
 };
 
 double apart(const std::vector<double> &a, const double *b)
@@ -126,7 +126,7 @@ TEST(CudaTled, MeetsTheCpu)
                     forces_apart = std::fmax(forces_apart, std::fabs(cpu.data->tools[t].force[d] - gpu.data->tools[t].force[d]));
                 }
         }
-        const double moved = apart(cpu.positions(), cpu.model->fine.rest);
+        const double moved = apart(cpu.positions(), cpu.model->body->fine.rest);
         EXPECT_GT(moved, 0.002);
         EXPECT_LT(worst, c.bound * moved);
         EXPECT_LT(forces_apart, 10 * c.bound * force + 1e-12);
@@ -137,7 +137,7 @@ TEST(CudaTled, MeetsTheCpu)
         EXPECT_EQ(here.substeps, there.substeps);
         EXPECT_NEAR(here.strain_energy, there.strain_energy, 100 * c.bound * here.strain_energy);
         pliant_warp *warp = nullptr;
-        ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->body->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
         ASSERT_EQ(pliant_warp_update(warp, gpu.data->positions), PLIANT_OK);
         EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(gpu.data->warp)->voxels, pliant_geometry_voxels(&gpu.scan.geometry)), 0);
         pliant_warp_free(warp);
@@ -192,15 +192,15 @@ TEST(CudaTled, ThePhantomMeetsTheCpu)
             ASSERT_EQ(pliant_data_create(model[b], &data[b]), PLIANT_OK) << pliant_last_error();
         }
         ASSERT_STREQ(pliant_data_backend(data[1]), "cuda");
-        const int32_t nodes = 3 * model[0]->fine.num_nodes, tets = model[0]->fine.num_tets;
+        const int32_t nodes = 3 * model[0]->body->fine.num_nodes, tets = model[0]->body->fine.num_tets;
         int32_t front = 0; // the foremost node
         for (int32_t n = 0; n < nodes / 3; n++)
-            if (model[0]->fine.rest[3 * n + 1] < model[0]->fine.rest[3 * front + 1]) front = n;
+            if (model[0]->body->fine.rest[3 * n + 1] < model[0]->body->fine.rest[3 * front + 1]) front = n;
         for (int s = 0; s < 12; s++)
             for (int b = 0; b < 2; b++) {
                 int tool;
                 double tip[3];
-                std::memcpy(tip, model[b]->fine.rest + 3 * front, sizeof tip);
+                std::memcpy(tip, model[b]->body->fine.rest + 3 * front, sizeof tip);
                 if (run == 2 && s == 0) {
                     ASSERT_EQ(pliant_tool_add(model[b], data[b], "pull", &tool), PLIANT_OK);
                     data[b]->tools[tool].radius = 0.03;
@@ -215,7 +215,7 @@ TEST(CudaTled, ThePhantomMeetsTheCpu)
             }
         for (int32_t n = 0; n < nodes; n++) {
             worst = std::fmax(worst, std::fabs(data[0]->positions[n] - data[1]->positions[n]));
-            moved = std::fmax(moved, std::fabs(data[0]->positions[n] - model[0]->fine.rest[n]));
+            moved = std::fmax(moved, std::fabs(data[0]->positions[n] - model[0]->body->fine.rest[n]));
         }
         EXPECT_GT(moved, 0.005);
         EXPECT_LT(worst, (run == 1 ? 1e-3 : 1e-4) * moved);
@@ -265,7 +265,7 @@ TEST(CudaTled, LongFramesAreShortOnes)
     for (int s = 0; s < 111; s++) many.step(s);
     EXPECT_EQ(one.positions(), many.positions());
     EXPECT_EQ(one.data->statistics.iterations, 777);
-    EXPECT_GT(apart(one.positions(), one.model->fine.rest), 1e-3);
+    EXPECT_GT(apart(one.positions(), one.model->body->fine.rest), 1e-3);
 }
 
 TEST(CudaTled, DivergenceIsCaughtAndTheStateKept)
@@ -304,7 +304,7 @@ TEST(CudaTled, PositionsFromOutsideAreTaken)
             ASSERT_EQ(body->build(), PLIANT_OK);
             for (int s = 1; s <= 2; s++) body->step(s);
             std::vector<double> x = body->positions();
-            for (size_t n = 0; n < x.size(); n += 3) x[n] += 0.02 * (0.08 - body->model->fine.rest[n + 2]);
+            for (size_t n = 0; n < x.size(); n += 3) x[n] += 0.02 * (0.08 - body->model->body->fine.rest[n + 2]);
             ASSERT_EQ(pliant_data_set_positions(body->model, body->data, x.data()), PLIANT_OK);
             for (int s = 3; s <= 5; s++) body->step(s);
         }

@@ -48,8 +48,8 @@ public:
         ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
         ASSERT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
     }
-    std::vector<double> positions() const { return {body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes}; }
-    std::vector<double> rest() const { return {body.model->fine.rest, body.model->fine.rest + 3 * body.model->fine.num_nodes}; }
+    std::vector<double> positions() const { return {body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes}; }
+    std::vector<double> rest() const { return {body.model->body->fine.rest, body.model->body->fine.rest + 3 * body.model->body->fine.num_nodes}; }
 };
 
 double apart(const std::vector<double> &a, const std::vector<double> &b)
@@ -483,7 +483,7 @@ TEST(GrabPatch, SurvivesEveryFailureOfAllocation)
             pliant_status status = pliant_step(body.model, data);
             ASSERT_TRUE(status >= 0 || status == PLIANT_ERROR_MEMORY) << pliant_last_error();
             errors += status < 0;
-            for (int32_t n = 0; n < 3 * body.model->fine.num_nodes; n++) ASSERT_TRUE(std::isfinite(data->positions[n]));
+            for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++) ASSERT_TRUE(std::isfinite(data->positions[n]));
         }
         pliant_memory_fail_after(-1);
         failed += errors > 0;

@@ -25,7 +25,7 @@ void step_under_gravity(Body &body)
         ASSERT_EQ(body.build(), PLIANT_OK) << "method " << method << ": " << pliant_last_error();
         pliant_status status = pliant_step(body.model, body.data);
         EXPECT_TRUE(status == PLIANT_OK || status == PLIANT_NOT_CONVERGED) << "method " << method << ": " << pliant_last_error();
-        for (int32_t n = 0; n < 3 * body.model->fine.num_nodes; n++)
+        for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++)
             ASSERT_TRUE(std::isfinite(body.data->positions[n])) << "method " << method;
     }
 }

@@ -17,11 +17,11 @@ struct Output : testing::Test {
         body.fix_plane(0, 0, 0, 0, 0, 1);
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         const double b[3] = {0.1, -0.2, 0.3};
-        moved = affine(body.model->fine, a, b);
+        moved = affine(body.model->body->fine, a, b);
     }
     std::vector<float> scalar(pliant_scalar which)
     {
-        std::vector<float> out(body.model->fine.num_nodes);
+        std::vector<float> out(body.model->body->fine.num_nodes);
         EXPECT_EQ(pliant_data_scalar(body.model, moved.data(), which, out.data()), PLIANT_OK);
         return out;
     }
@@ -38,14 +38,14 @@ TEST_F(Output, UniaxialStrainUnderATurn)
     for (float v : scalar(PLIANT_SCALAR_VON_MISES)) EXPECT_NEAR(v, 2 * mu * s, 1e-3);
     for (float v : scalar(PLIANT_SCALAR_STRAIN_ENERGY)) EXPECT_NEAR(v, 0.5 * (lambda + 2 * mu) * s * s, 1e-4);
     for (float v : scalar(PLIANT_SCALAR_VOLUME_RATIO)) EXPECT_NEAR(v, 1 + s, 1e-6);
-    EXPECT_EQ(pliant_mesh_inverted(&body.model->fine, moved.data()), 0);
+    EXPECT_EQ(pliant_mesh_inverted(&body.model->body->fine, moved.data()), 0);
 }
 
 TEST_F(Output, InvertedElementsAreCounted)
 {
     const double mirror[9] = {1, 0, 0, 0, 1, 0, 0, 0, -1};
     build(mirror);
-    EXPECT_EQ(pliant_mesh_inverted(&body.model->fine, moved.data()), body.model->fine.num_tets);
+    EXPECT_EQ(pliant_mesh_inverted(&body.model->body->fine, moved.data()), body.model->body->fine.num_tets);
 }
 
 TEST_F(Output, ClearanceOfABox)
@@ -86,9 +86,9 @@ TEST_F(Output, UpsamplingKeepsRigidMotion)
         coarse.cells(3, 3, 3, 3);
         coarse.fix_plane(0, 0, 0, 0, 0, 1);
         ASSERT_EQ(coarse.build(), PLIANT_OK);
-        const pliant_mesh &fine = coarse.model->fine;
+        const pliant_mesh &fine = coarse.model->body->fine;
         std::vector<double> up(3 * fine.num_nodes), expected = affine(fine, a.data(), b);
-        pliant_upsample_positions(coarse.model->system, affine(coarse.model->coarse, a.data(), b).data(), up.data());
+        pliant_upsample_positions(coarse.model->system, affine(coarse.model->body->coarse, a.data(), b).data(), up.data());
         for (int32_t n = 0; n < fine.num_nodes; n++)
             if (fine.rest[3 * n + 2] > 0.03) // grounded elements do not turn
                 for (int d = 0; d < 3; d++) EXPECT_NEAR(up[3 * n + d], expected[3 * n + d], 1e-9) << "method " << method;

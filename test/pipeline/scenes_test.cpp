@@ -44,10 +44,10 @@ struct SceneRun {
         double mass = 0;
         *lowest = INFINITY;
         *mean = 0;
-        for (int32_t n = 0; n < model->fine.num_nodes; n++) {
+        for (int32_t n = 0; n < model->body->fine.num_nodes; n++) {
             *lowest = std::min(*lowest, data->positions[3 * n + 2]);
-            *mean += model->node_mass[n] * data->positions[3 * n + 2];
-            mass += model->node_mass[n];
+            *mean += model->body->node_mass[n] * data->positions[3 * n + 2];
+            mass += model->body->node_mass[n];
         }
         *mean /= mass;
     }

@@ -31,7 +31,7 @@ std::vector<double> pull(Body &body, int steps, double along)
         EXPECT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
         EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
     }
-    return std::vector<double>(body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes);
+    return std::vector<double>(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
 }
 
 TEST(Solver, RestNeedsOneEvaluation)
@@ -41,7 +41,7 @@ TEST(Solver, RestNeedsOneEvaluation)
     ASSERT_EQ(body.build(), PLIANT_OK);
     ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK);
     EXPECT_EQ(body.data->statistics.iterations, 1);
-    for (int32_t n = 0; n < 3 * body.model->fine.num_nodes; n++) EXPECT_EQ(body.data->positions[n], body.model->fine.rest[n]);
+    for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++) EXPECT_EQ(body.data->positions[n], body.model->body->fine.rest[n]);
 }
 
 TEST(Solver, SameInputSameBits)
@@ -84,10 +84,10 @@ TEST(Solver, AirSqueezedFlatLetsGo)
             const double angle = M_PI * turn / 6, gravity[3] = {0, 9.81 * std::sin(angle), 9.81 * std::cos(angle)};
             ASSERT_EQ(pliant_data_gravity(body.data, gravity), PLIANT_OK);
             EXPECT_EQ(body.settle(40), PLIANT_OK) << "air " << air << ", turn " << turn << ", residual " << body.data->statistics.residual;
-            if (air) turned_over = std::max(turned_over, pliant_mesh_inverted(&body.model->fine, body.data->positions));
+            if (air) turned_over = std::max(turned_over, pliant_mesh_inverted(&body.model->body->fine, body.data->positions));
             std::vector<double> now;
-            for (int32_t n = 0; n < body.model->fine.num_nodes; n++) {
-                double height = body.model->fine.rest[3 * n + 2];
+            for (int32_t n = 0; n < body.model->body->fine.num_nodes; n++) {
+                double height = body.model->body->fine.rest[3 * n + 2];
                 if (height > 0.039 && height < 0.081) now.insert(now.end(), body.data->positions + 3 * n, body.data->positions + 3 * n + 3);
             }
             bars[air].push_back(now);
@@ -182,7 +182,7 @@ TEST(Solver, StepsMeetTheSettledState)
     double worst = 0, largest = 0;
     for (size_t n = 0; n < a.size(); n++) {
         worst = std::fmax(worst, std::fabs(a[n] - b[n]));
-        largest = std::fmax(largest, std::fabs(b[n] - exact.model->fine.rest[n]));
+        largest = std::fmax(largest, std::fabs(b[n] - exact.model->body->fine.rest[n]));
     }
     EXPECT_GT(largest, 0.01);
     EXPECT_LT(worst, 0.01 * largest);
@@ -275,7 +275,7 @@ Frames frames(Body &body, Load load, bool settled)
         EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
         if (settled) EXPECT_EQ(body.settle(), PLIANT_OK);
         out.before.push_back(body.data->statistics.error_before);
-        out.positions.emplace_back(body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes);
+        out.positions.emplace_back(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
     }
     return out;
 }
@@ -328,8 +328,8 @@ TEST(Solver, ExtremesStayFiniteAndComeBack)
         while (status != PLIANT_OK && steps++ < 200) ASSERT_GE(status = pliant_step(body.model, body.data), 0) << pliant_last_error();
         EXPECT_EQ(status, PLIANT_OK) << "after a pull of " << along << " m, residual " << body.data->statistics.residual;
         double worst = 0;
-        for (int32_t n = 0; n < 3 * body.model->fine.num_nodes; n++)
-            worst = std::fmax(worst, std::fabs(body.data->positions[n] - body.model->fine.rest[n]));
+        for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++)
+            worst = std::fmax(worst, std::fabs(body.data->positions[n] - body.model->body->fine.rest[n]));
         EXPECT_LT(worst, 1e-3) << "after a pull of " << along << " m in " << steps << " steps";
     }
 }
@@ -346,10 +346,10 @@ TEST(Solver, RefusesWhatIsNotANumber)
     EXPECT_EQ(pliant_data_gravity(body.data, bad), PLIANT_ERROR_ARGUMENT);
     EXPECT_EQ(pliant_tool_grasp(body.model, body.data, 0, bad), PLIANT_ERROR_ARGUMENT);
     EXPECT_TRUE(body.data->tools[0].holding) << "a refused grasp keeps the old one";
-    std::vector<double> before(body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes);
+    std::vector<double> before(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
     ASSERT_EQ(pliant_tool_pose(body.data, 0, far, nullptr), PLIANT_OK);
     EXPECT_LT(pliant_step(body.model, body.data), 0);
-    EXPECT_EQ(before, std::vector<double>(body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes));
+    EXPECT_EQ(before, std::vector<double>(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes));
     const double near[3] = {0.06, 0.06, 0.115};
     ASSERT_EQ(pliant_tool_pose(body.data, 0, near, nullptr), PLIANT_OK);
     EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
@@ -387,7 +387,7 @@ TEST(Solver, SeveralToolsAndGravity)
     pliant_tool_release(body.data, b);
     ASSERT_EQ(pliant_data_gravity(body.data, body.model->scene.model.gravity), PLIANT_OK);
     ASSERT_EQ(body.settle(), PLIANT_OK);
-    for (int32_t n = 0; n < 3 * body.model->fine.num_nodes; n++) EXPECT_NEAR(body.data->positions[n], body.model->fine.rest[n], 1e-5);
+    for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++) EXPECT_NEAR(body.data->positions[n], body.model->body->fine.rest[n], 1e-5);
 }
 
 TEST(Solver, FailingAllocationsNeverLeak)

@@ -16,8 +16,8 @@ TEST(Theory, BarUnderItsOwnWeight)
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(body.settle(), PLIANT_OK);
     double worst = 0, tip = 1000 * 0.981 * 0.01 / (2 * 20000);
-    for (int32_t n = 0; n < body.model->fine.num_nodes; n++) {
-        const double *x = body.model->fine.rest + 3 * n;
+    for (int32_t n = 0; n < body.model->body->fine.num_nodes; n++) {
+        const double *x = body.model->body->fine.rest + 3 * n;
         double u = 1000 * 0.981 * (0.1 * x[2] - 0.5 * x[2] * x[2]) / 20000;
         worst = std::fmax(worst, std::fabs(body.data->positions[3 * n + 2] - x[2] - u));
     }
@@ -39,9 +39,9 @@ double cantilever(int across, double *theory)
     double a = box[1], length = box[0], sum = 0;
     *theory = rho * g * a * a * std::pow(length, 4) / (8 * young * a * a * a * a / 12) + rho * g * length * length / (2 * (5.0 / 6) * young / 2);
     int count = 0;
-    for (int32_t n = 0; n < body.model->fine.num_nodes; n++)
-        if (body.model->fine.rest[3 * n] > length - 1e-9) {
-            sum += body.model->fine.rest[3 * n + 2] - body.data->positions[3 * n + 2];
+    for (int32_t n = 0; n < body.model->body->fine.num_nodes; n++)
+        if (body.model->body->fine.rest[3 * n] > length - 1e-9) {
+            sum += body.model->body->fine.rest[3 * n + 2] - body.data->positions[3 * n + 2];
             count++;
         }
     return sum / count;
@@ -118,7 +118,7 @@ TEST(Theory, ToolForceBalancesTheSupport)
         // and letting go brings it back
         pliant_tool_release(body.data, tool);
         ASSERT_EQ(settle(), PLIANT_OK);
-        for (int32_t n = 0; n < 3 * body.model->fine.num_nodes; n++) ASSERT_NEAR(body.data->positions[n], body.model->fine.rest[n], 1e-6);
+        for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++) ASSERT_NEAR(body.data->positions[n], body.model->body->fine.rest[n], 1e-6);
     }
 }
 
@@ -135,10 +135,10 @@ TEST(Theory, GravityEnergyOfTheFineMeshIsPreserved)
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         const pliant_system *system = body.model->system;
         auto energy = [&](const std::vector<double> &solved) {
-            std::vector<double> fine(3 * static_cast<size_t>(body.model->fine.num_nodes));
+            std::vector<double> fine(3 * static_cast<size_t>(body.model->body->fine.num_nodes));
             pliant_upsample_positions(system, solved.data(), fine.data());
             double sum = 0;
-            for (size_t n = 0; n < fine.size(); n++) sum -= body.model->node_mass[n / 3] * g[n % 3] * fine[n];
+            for (size_t n = 0; n < fine.size(); n++) sum -= body.model->body->node_mass[n / 3] * g[n % 3] * fine[n];
             return sum;
         };
         pliant_solver_gravity(body.data->solver, g);
@@ -168,7 +168,7 @@ TEST(Theory, NodalMassesSumToTheBody)
     body.fix_plane(0, 0, 0, 0, 0, 1);
     ASSERT_EQ(body.build(), PLIANT_OK);
     double mass = 0;
-    for (int32_t n = 0; n < body.model->fine.num_nodes; n++) mass += body.model->node_mass[n];
+    for (int32_t n = 0; n < body.model->body->fine.num_nodes; n++) mass += body.model->body->node_mass[n];
     EXPECT_NEAR(mass, 1350 * 0.001, 1e-9);
 }
 

@@ -44,8 +44,8 @@ Rise cook(int n, bool plane_strain)
     body.scene.tled.quasi_static = true;
     body.scene.tled.relaxation_steps = 1;
     EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-    double *rest = body.model->fine.rest;
-    int32_t nodes = body.model->fine.num_nodes, corner = -1, middle = -1;
+    double *rest = body.model->body->fine.rest;
+    int32_t nodes = body.model->body->fine.num_nodes, corner = -1, middle = -1;
     std::vector<int32_t> right, held;
     std::vector<double> share;
     for (int32_t v = 0; v < nodes; v++) {
@@ -151,14 +151,14 @@ TEST(Reference, TruthCubeBeadsLieWhereTheyWereMeasured)
     body.scene.tled.relaxation_steps = 400;
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     pliant_tled *tled = body.data->tled;
-    const pliant_mesh &mesh = body.model->fine;
+    const pliant_mesh &mesh = body.model->body->fine;
     for (int state = 1; state < 4; state++) {
         for (int part = 1; part <= 4; part++) {
             double strain = strains[state - 1] + 0.25 * part * (strains[state] - strains[state - 1]);
             for (int32_t n = 0; n < mesh.num_nodes; n++) // all of it at once, then the fixed faces stay and the inner nodes settle
                 tled->u[3 * n + 2] += (edge - mesh.rest[3 * n + 2]) * 0.25 * (strains[state] - strains[state - 1]);
             for (int32_t n = 0; n < mesh.num_nodes; n++)
-                if (body.model->fine_fixed[n]) tled->u[3 * n + 2] = mesh.rest[3 * n + 2] > 0.04 ? 0 : strain * edge;
+                if (body.model->body->fine_fixed[n]) tled->u[3 * n + 2] = mesh.rest[3 * n + 2] > 0.04 ? 0 : strain * edge;
             ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
         }
         Eigen::MatrixXd rigid(3 * 343, 6); // small shifts and rotations

@@ -26,7 +26,7 @@ TEST(Turn, FindsTheRotationWhateverTheStretchBefore)
     const pliant_system *system = body.model->system;
     const double stretch[9] = {1.6, 0.3, 0.1, 0, 0.7, -0.2, 0.1, 0, 1.2}, shift[3] = {0.1, -0.2, 0.3}, none[3] = {0, 0, 0};
     const std::array<double, 9> q = rotation(1.1, -0.7);
-    std::vector<double> before = affine(body.model->fine, stretch, none), now(before.size());
+    std::vector<double> before = affine(body.model->body->fine, stretch, none), now(before.size());
     for (size_t n = 0; n < before.size(); n += 3)
         for (int r = 0; r < 3; r++) now[n + r] = q[3 * r] * before[n] + q[3 * r + 1] * before[n + 1] + q[3 * r + 2] * before[n + 2] + shift[r];
     pliant_turn *turn;
@@ -78,7 +78,7 @@ double error_of_bending(bool turning, pliant_preconditioner_choice choice)
             EXPECT_EQ(pliant_data_gravity(body.data, gravity), PLIANT_OK);
             if (exact) EXPECT_EQ(body.settle(), PLIANT_OK);
             else EXPECT_GE(pliant_step(body.model, body.data), 0);
-            found.insert(found.end(), body.data->positions, body.data->positions + 3 * body.model->fine.num_nodes);
+            found.insert(found.end(), body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
         }
         for (size_t n = 0; !exact && n < found.size(); n++) worst = std::fmax(worst, std::fabs(found[n] - right[n]));
         right = found;

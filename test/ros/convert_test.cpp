@@ -298,18 +298,20 @@ class ConvertModel : public ::testing::Test {
 protected:
     void SetUp() override
     {
-        model.fine.num_nodes = 4;
-        model.fine.num_tets = 1;
-        model.fine.rest = rest;
-        model.fine.tets = tets;
-        model.triangles = triangles;
-        model.num_triangles = 4;
-        model.fine_material = &material;
+        body.fine.num_nodes = 4;
+        body.fine.num_tets = 1;
+        body.fine.rest = rest;
+        body.fine.tets = tets;
+        body.triangles = triangles;
+        body.num_triangles = 4;
+        body.fine_material = &material;
+        model.body = &body;
         material.material = 7;
     }
     double rest[12] = {0, 0, 0, 0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1};
     int32_t tets[4] = {0, 1, 2, 3}, triangles[12] = {0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3};
     pliant_tet_material material{};
+    pliant_body body{};
     pliant_model model{};
 };
 

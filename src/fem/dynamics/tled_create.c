@@ -158,7 +158,7 @@ static void fill_elements(pliant_tled_system *system, const pliant_tet_material 
 
 pliant_status pliant_tled_system_create(const pliant_model *model, pliant_tled_system **out)
 {
-    const pliant_mesh *mesh = &model->fine;
+    const pliant_mesh *mesh = &model->body->fine;
     size_t nodes = (size_t)mesh->num_nodes;
     pliant_tled_system *system = pliant_calloc(1, sizeof *system);
     double *pseudo_mass = pliant_calloc(nodes, sizeof *pseudo_mass), *compliance = pliant_calloc(nodes, 2 * sizeof *compliance);
@@ -172,12 +172,12 @@ pliant_status pliant_tled_system_create(const pliant_model *model, pliant_tled_s
         goto failed;
     }
     if ((status = allocate(system)) != PLIANT_OK) goto failed;
-    system->node_mass = model->node_mass;
-    fill_elements(system, model->fine_material, model->fine_fixed, pseudo_mass, compliance);
+    system->node_mass = model->body->node_mass;
+    fill_elements(system, model->body->fine_material, model->body->fine_fixed, pseudo_mass, compliance);
     gather_lists(system);
     for (size_t n = 0; n < nodes; n++) {
-        double mass = system->quasi_static ? pseudo_mass[n] / (system->safety * system->safety) : model->node_mass[n];
-        if (!model->fine_fixed[n] && mass > 0) system->inverse_mass[n] = 1 / mass;
+        double mass = system->quasi_static ? pseudo_mass[n] / (system->safety * system->safety) : model->body->node_mass[n];
+        if (!model->body->fine_fixed[n] && mass > 0) system->inverse_mass[n] = 1 / mass;
         if (!system->nodal_pressure) continue;
         /* the harmonic mean: no stiffer than the elements, so that their bound of the time step holds (Cauchy and Schwarz) */
         system->node_volume[n] = (float)(1 / compliance[2 * n]);

@@ -71,10 +71,10 @@ pliant_status pliant_patch_system(const pliant_model *model, pliant_system **out
     pliant_system *system = pliant_calloc(1, sizeof *system);
     pliant_tangent *tangents = NULL;
     if (!system) return pliant_fail_memory("the fine mesh of patches");
-    system->mesh = system->fine = &model->fine;
+    system->mesh = system->fine = &model->body->fine;
     system->num_threads = model->system->num_threads;
-    pliant_status status = pliant_system_elements(system, model->fine_material);
-    if (status == PLIANT_OK) status = pliant_system_unknowns(system, model->fine_fixed);
+    pliant_status status = pliant_system_elements(system, model->body->fine_material);
+    if (status == PLIANT_OK) status = pliant_system_unknowns(system, model->body->fine_fixed);
     /* nine solves with one matrix: a factor pays for longer than in a solver, which makes it anew */
     pliant_preconditioner_choice choice = model->scene.solver.preconditioner;
     if (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free <= LARGEST_DIRECT) choice = PLIANT_DIRECT;
@@ -82,7 +82,7 @@ pliant_status pliant_patch_system(const pliant_model *model, pliant_system **out
     if (status == PLIANT_OK && !(tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents)))
         status = pliant_fail_memory("the fine mesh of patches");
     if (status == PLIANT_OK) {
-        pliant_system_tangents(system, model->fine.rest, PLIANT_TWIST_EXACT, tangents);
+        pliant_system_tangents(system, model->body->fine.rest, PLIANT_TWIST_EXACT, tangents);
         status = pliant_preconditioner_numeric(system->preconditioner, tangents);
     }
     pliant_free(tangents);
@@ -183,7 +183,7 @@ static bool is_refused(const pliant_patch *patch, const pliant_data *data, int t
 static pliant_status room_create(const pliant_model *model, const pliant_space *space, patch_room *out)
 {
     out->element_forces = pliant_calloc((size_t)space->system.num_blocks, sizeof *out->element_forces);
-    out->positions = pliant_calloc((size_t)model->fine.num_nodes, 3 * sizeof *out->positions);
+    out->positions = pliant_calloc((size_t)model->body->fine.num_nodes, 3 * sizeof *out->positions);
     out->coarse = pliant_calloc((size_t)model->system->mesh->num_nodes, 3 * sizeof *out->coarse);
     return out->element_forces && out->positions && out->coarse ? PLIANT_OK : pliant_fail_memory("a patch");
 }
@@ -273,7 +273,7 @@ static pliant_status make_space(pliant_patch *patch)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++)
             if (job->blocks[t][u]) blocks[num_blocks++] = job->blocks[t][u];
     if (status == PLIANT_OK)
-        status = pliant_space_create(fine, &linearized, model->fine_material, model->fine_fixed, model->scene.model.patch, count, footholds,
+        status = pliant_space_create(fine, &linearized, model->body->fine_material, model->body->fine_fixed, model->scene.model.patch, count, footholds,
                                      num_blocks, blocks, model->system->num_threads, &job->space);
     if (status == PLIANT_OK) status = pliant_solver_create(&model->scene, &job->space->system, &job->solver);
     pliant_linearized_free(&linearized);
@@ -355,13 +355,13 @@ static int32_t list_wanted(pliant_patch *patch)
 static pliant_status start(pliant_patch *patch, pliant_data *data)
 {
     patch_job *job = &patch->job;
-    size_t bytes = 3 * (size_t)patch->model->fine.num_nodes * sizeof *job->x;
+    size_t bytes = 3 * (size_t)patch->model->body->fine.num_nodes * sizeof *job->x;
     pliant_status status = PLIANT_OK;
     for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
         const pliant_tool *tool = data->tools + t;
         if (!tool->holding || is_refused(patch, data, t)) continue;
         job->copied[t] = patch->holds[t].hold != tool->hold;
-        if (job->copied[t]) status = hold_copy(&patch->model->fine, tool, job->holds + t);
+        if (job->copied[t]) status = hold_copy(&patch->model->body->fine, tool, job->holds + t);
         else job->holds[t] = patch->holds[t];
     }
     if (status == PLIANT_OK && !(job->x = pliant_calloc(bytes, 1))) status = pliant_fail_memory("a patch");
@@ -478,7 +478,7 @@ static bool waits(const pliant_data *data, int tool)
 static void keep(pliant_patch *patch, const pliant_data *data)
 {
     const pliant_model *model = patch->model;
-    memcpy(patch->room.positions, data->positions, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
+    memcpy(patch->room.positions, data->positions, 3 * (size_t)model->body->fine.num_nodes * sizeof *data->positions);
     memcpy(patch->room.coarse, data->solver->now.x, 3 * (size_t)model->system->mesh->num_nodes * sizeof *data->solver->now.x);
     for (int t = 0; t < data->num_tools; t++) memcpy(patch->room.force + 3 * t, data->tools[t].force, sizeof data->tools[t].force);
 }
@@ -580,7 +580,7 @@ static void undo(pliant_patch *patch, pliant_data *data)
 {
     const pliant_model *model = patch->model;
     patch_room *room = &patch->room;
-    memcpy(data->positions, room->positions, 3 * (size_t)model->fine.num_nodes * sizeof *data->positions);
+    memcpy(data->positions, room->positions, 3 * (size_t)model->body->fine.num_nodes * sizeof *data->positions);
     memcpy(data->solver->now.x, room->coarse, 3 * (size_t)model->system->mesh->num_nodes * sizeof *room->coarse);
     start_at(model, data, patch->space, room->positions, patch->solver->now.x);
     patch->solver->loaded = false; /* the load is of the base */

@@ -228,9 +228,9 @@ void scan_info_message(const pliant_model &model, float low, float high, ScanInf
     out->low = low;
     out->high = high;
     name_of(method_names, model.scene.model.method, &out->method);
-    out->fine_tetrahedra = static_cast<uint32_t>(model.fine.num_tets);
-    out->coarse_tetrahedra = static_cast<uint32_t>(model.coarse.num_tets);
-    out->nodes = static_cast<uint32_t>(model.fine.num_nodes);
+    out->fine_tetrahedra = static_cast<uint32_t>(model.body->fine.num_tets);
+    out->coarse_tetrahedra = static_cast<uint32_t>(model.body->coarse.num_tets);
+    out->nodes = static_cast<uint32_t>(model.body->fine.num_nodes);
     out->material_names.clear();
     for (uint32_t i = 0; i < model.materials.num_materials; ++i)
         out->material_names.push_back(model.materials.materials[i].name);
@@ -242,20 +242,20 @@ void scan_info_message(const pliant_model &model, float low, float high, ScanInf
 
 void topology_message(const pliant_model &model, MeshTopology *out)
 {
-    const pliant_mesh &mesh = model.fine;
+    const pliant_mesh &mesh = model.body->fine;
     size_t nodes = static_cast<size_t>(mesh.num_nodes), tets = static_cast<size_t>(mesh.num_tets);
     append_floats(mesh.rest, 3 * nodes, &out->rest_nodes);
     out->rest_parent.resize(nodes);
     for (size_t i = 0; i < nodes; ++i) out->rest_parent[i] = static_cast<uint32_t>(i);
     out->tetrahedra.assign(mesh.tets, mesh.tets + 4 * tets);
-    out->triangles.assign(model.triangles, model.triangles + 3 * static_cast<size_t>(model.num_triangles));
+    out->triangles.assign(model.body->triangles, model.body->triangles + 3 * static_cast<size_t>(model.body->num_triangles));
     out->material.resize(tets);
-    for (size_t i = 0; i < tets; ++i) out->material[i] = model.fine_material[i].material;
+    for (size_t i = 0; i < tets; ++i) out->material[i] = model.body->fine_material[i].material;
 }
 
 pliant_status mesh_state_message(const pliant_model &model, const double *positions, MeshState *out)
 {
-    size_t nodes = static_cast<size_t>(model.fine.num_nodes);
+    size_t nodes = static_cast<size_t>(model.body->fine.num_nodes);
     append_floats(positions, 3 * nodes, &out->nodes);
     pliant_scalar scalar = model.scene.output.scalar;
     out->scalar.clear();

@@ -88,8 +88,8 @@ void Diagnostics::backend(diagnostic_updater::DiagnosticStatusWrapper &status)
     if (std::shared_ptr<const Loaded> loaded = simulation_->loaded()) {
         status.add("threads", threads_of(loaded->model->scene));
         status.add("scan", loaded->scan->volume.id);
-        status.add("nodes", loaded->model->fine.num_nodes);
-        status.add("tetrahedra", loaded->model->fine.num_tets);
+        status.add("nodes", loaded->model->body->fine.num_nodes);
+        status.add("tetrahedra", loaded->model->body->fine.num_tets);
         if (loaded->choice.made) {
             status.add("chosen", loaded->choice.options);
             status.add("error of that on the probe load [%]", 100 * loaded->choice.error);

@@ -18,7 +18,7 @@ bool is_phantom(const std::string &path) { return path == "phantom" || path.comp
 
 std::string size_text(const pliant_model &model)
 {
-    return std::to_string(model.fine.num_nodes) + " nodes, " + std::to_string(model.fine.num_tets) + " tetrahedra";
+    return std::to_string(model.body->fine.num_nodes) + " nodes, " + std::to_string(model.body->fine.num_tets) + " tetrahedra";
 }
 
 } // namespace

@@ -249,7 +249,7 @@ void Simulation::take(const ros::Time &now, Snapshot *out) const
     out->revision = current_->revision;
     out->step = data_->statistics.step;
     out->stamp = now;
-    out->positions.resize(3 * static_cast<size_t>(current_->model->fine.num_nodes));
+    out->positions.resize(3 * static_cast<size_t>(current_->model->body->fine.num_nodes));
     for (size_t i = 0; i < out->positions.size(); ++i) out->positions[i] = static_cast<float>(data_->positions[i]);
 }
 
@@ -276,7 +276,7 @@ void Simulation::publish_timing(const ros::Time &now)
     message.solve_p99 = static_cast<float>(health.p99);
     message.missed_deadlines = health.missed;
     choice_message(current_->choice, &message);
-    message.inverted = static_cast<uint32_t>(pliant_mesh_inverted(&current_->model->fine, data_->positions));
+    message.inverted = static_cast<uint32_t>(pliant_mesh_inverted(&current_->model->body->fine, data_->positions));
     timing_.publish(message);
 }
 
@@ -284,7 +284,7 @@ void Simulation::measure(double seconds)
 {
     Clock::time_point now = Clock::now();
     bool count_inverted = inverted_rate_.due(1);
-    int32_t inverted = count_inverted ? pliant_mesh_inverted(&current_->model->fine, data_->positions) : 0;
+    int32_t inverted = count_inverted ? pliant_mesh_inverted(&current_->model->body->fine, data_->positions) : 0;
     std::lock_guard<std::mutex> hold(lock_);
     const pliant_statistics &statistics = data_->statistics;
     health_.period = current_->model->scene.solver.step;

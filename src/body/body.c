@@ -1,0 +1,119 @@
+#include "pliant/body.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <stdatomic.h>
+#include <string.h>
+
+struct pliant_body_holders {
+    atomic_int count;
+};
+
+static void free_body(pliant_body *body)
+{
+    pliant_mesh_free(&body->fine);
+    pliant_mesh_free(&body->coarse);
+    pliant_free(body->node_parent);
+    pliant_free(body->tet_parent);
+    pliant_free(body->coarse_node_parent);
+    pliant_free(body->coarse_tet_parent);
+    pliant_free(body->coarse_of_fine);
+    pliant_free(body->triangles);
+    pliant_free(body->fine_material);
+    pliant_free(body->coarse_material);
+    pliant_free(body->node_mass);
+    pliant_free(body->fine_fixed);
+    pliant_free(body->coarse_fixed);
+    pliant_free(body->changes.touched);
+    pliant_free(body->changes.touched_coarse);
+    pliant_free(body->holders);
+    pliant_free(body);
+}
+
+pliant_status pliant_body_create(uint64_t revision, pliant_body **out)
+{
+    pliant_body *body = pliant_calloc(1, sizeof *body);
+    if (!body) return pliant_fail_memory("the body");
+    body->holders = pliant_calloc(1, sizeof *body->holders);
+    if (!body->holders) {
+        pliant_free(body);
+        return pliant_fail_memory("the body");
+    }
+    atomic_init(&body->holders->count, 1);
+    body->revision = revision;
+    *out = body;
+    return PLIANT_OK;
+}
+
+const pliant_body *pliant_body_retain(const pliant_body *body)
+{
+    atomic_fetch_add_explicit(&body->holders->count, 1, memory_order_relaxed);
+    return body;
+}
+
+void pliant_body_release(const pliant_body *body)
+{
+    if (body && atomic_fetch_sub_explicit(&body->holders->count, 1, memory_order_acq_rel) == 1) free_body((pliant_body *)body);
+}
+
+/* *to: a copy of count elements; NULL stays NULL. false: no memory */
+static bool copy(const void *from, size_t count, size_t size, void *to)
+{
+    if (!from) return true;
+    void *made = pliant_calloc(count > 0 ? count : 1, size);
+    if (!made) return false;
+    memcpy(made, from, count * size);
+    memcpy(to, &made, sizeof made);
+    return true;
+}
+
+static bool copy_mesh(const pliant_mesh *from, pliant_mesh *to)
+{
+    *to = *from; /* the sizes */
+    to->rest = NULL;
+    to->tets = to->lattice_of_node = to->lattice_of_tet = to->tet_of_lattice = to->node_of_lattice = to->leaf_of_cell = to->leaf_start = NULL;
+    to->place_of_node = NULL;
+    const size_t nodes = (size_t)from->num_nodes, tets = (size_t)from->num_tets;
+    const size_t cells = (size_t)from->cells[0] * (size_t)from->cells[1] * (size_t)from->cells[2];
+    const size_t lattice_nodes = ((size_t)from->cells[0] + 1) * ((size_t)from->cells[1] + 1) * ((size_t)from->cells[2] + 1);
+    return copy(from->rest, nodes, 3 * sizeof *from->rest, &to->rest) && copy(from->tets, tets, 4 * sizeof *from->tets, &to->tets) &&
+           copy(from->lattice_of_node, nodes, sizeof *from->lattice_of_node, &to->lattice_of_node) &&
+           copy(from->lattice_of_tet, tets, sizeof *from->lattice_of_tet, &to->lattice_of_tet) &&
+           copy(from->tet_of_lattice, 5 * cells, sizeof *from->tet_of_lattice, &to->tet_of_lattice) &&
+           copy(from->node_of_lattice, lattice_nodes, sizeof *from->node_of_lattice, &to->node_of_lattice) &&
+           copy(from->leaf_of_cell, cells, sizeof *from->leaf_of_cell, &to->leaf_of_cell) &&
+           copy(from->leaf_start, (size_t)from->num_leaves + 1, sizeof *from->leaf_start, &to->leaf_start) &&
+           copy(from->place_of_node, nodes, sizeof *from->place_of_node, &to->place_of_node);
+}
+
+pliant_status pliant_body_next(const pliant_body *body, pliant_body **out)
+{
+    pliant_body *next = NULL;
+    pliant_status status = pliant_body_create(body->revision + 1, &next);
+    if (status != PLIANT_OK) return status;
+    const size_t nodes = (size_t)body->fine.num_nodes, tets = (size_t)body->fine.num_tets;
+    const size_t coarse_nodes = (size_t)body->coarse.num_nodes, coarse_tets = (size_t)body->coarse.num_tets;
+    next->num_triangles = body->num_triangles;
+    next->num_held_pieces = body->num_held_pieces;
+    next->changes = (pliant_body_changes){.since = body->revision, .nodes_before = body->fine.num_nodes, .tets_before = body->fine.num_tets,
+                                          .coarse_nodes_before = body->coarse.num_nodes, .coarse_tets_before = body->coarse.num_tets};
+    bool good = copy_mesh(&body->fine, &next->fine) && copy_mesh(&body->coarse, &next->coarse) &&
+                copy(body->node_parent, nodes, sizeof *body->node_parent, &next->node_parent) &&
+                copy(body->tet_parent, tets, sizeof *body->tet_parent, &next->tet_parent) &&
+                copy(body->coarse_node_parent, coarse_nodes, sizeof *body->coarse_node_parent, &next->coarse_node_parent) &&
+                copy(body->coarse_tet_parent, coarse_tets, sizeof *body->coarse_tet_parent, &next->coarse_tet_parent) &&
+                copy(body->coarse_of_fine, tets, sizeof *body->coarse_of_fine, &next->coarse_of_fine) &&
+                copy(body->triangles, (size_t)body->num_triangles, 3 * sizeof *body->triangles, &next->triangles) &&
+                copy(body->fine_material, tets, sizeof *body->fine_material, &next->fine_material) &&
+                copy(body->coarse_material, coarse_tets, sizeof *body->coarse_material, &next->coarse_material) &&
+                copy(body->node_mass, nodes, sizeof *body->node_mass, &next->node_mass) &&
+                copy(body->fine_fixed, nodes, sizeof *body->fine_fixed, &next->fine_fixed) &&
+                copy(body->coarse_fixed, coarse_nodes, sizeof *body->coarse_fixed, &next->coarse_fixed);
+    if (!good) {
+        pliant_body_release(next);
+        return pliant_fail_memory("the next body");
+    }
+    *out = next;
+    return PLIANT_OK;
+}
