@@ -6,7 +6,6 @@
 #include "fem/quasistatic/solver.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
-#include "segment.h"
 #include "solve.h"
 #include "warp.h"
 
@@ -136,23 +135,20 @@ static pliant_status warp(const pliant_model *model, pliant_data *data)
     return status;
 }
 
-static pliant_status warp_create(const pliant_warp_parts *parts, void **out)
+/* by name: C++14 has no designated initializers */
+static constexpr pliant_backend table()
 {
-    int device;
-    pliant_cuda_warp *made;
-    CUDA_TRY(pliant_cuda_current_device(&device));
-    CUDA_TRY(pliant_cuda_warp_create(parts, device, &made));
-    *out = made;
-    return PLIANT_OK;
+    pliant_backend made{};
+    made.name = "cuda";
+    made.kind = &pliant_corotational;
+    made.probe = pliant_cuda_text;
+    made.create = create;
+    made.free = destroy;
+    made.restart = restart;
+    made.bring = bring;
+    made.solve = solve;
+    made.upsample = upsample;
+    made.warp = warp;
+    return made;
 }
-
-static void warp_free(void *object) { pliant_cuda_warp_free(static_cast<pliant_cuda_warp *>(object)); }
-static pliant_status warp_update(void *object, const double *positions) { return pliant_cuda_warp_update(static_cast<pliant_cuda_warp *>(object), positions); }
-static pliant_status warp_fetch(void *object) { return pliant_cuda_warp_fetch(static_cast<pliant_cuda_warp *>(object)); }
-static pliant_status warp_cross(void *object, const march_ray *ray, int64_t first, march_crossing *out)
-{
-    return pliant_cuda_warp_cross(static_cast<pliant_cuda_warp *>(object), ray, first, out);
-}
-
-const pliant_backend pliant_cuda_backend = {"cuda",   &pliant_corotational, false, false,       pliant_cuda_text, create,      destroy,    restart,        bring,
-                                            solve,    upsample,             warp,  warp_create, warp_free,        warp_update, warp_fetch, warp_cross, pliant_cuda_segment};
+const pliant_backend pliant_cuda_backend = table();

@@ -1,9 +1,9 @@
 /* A ray through the deformed volume where the GPU has drawn it, to its first crossing of a threshold. The crossing equals the
- * CPU's, bit for bit (src/interact/march.h has the operations). */
+ * CPU's, bit for bit (src/scan/march.h has the operations). */
 #ifndef PLIANT_CUDA_PICK_H
 #define PLIANT_CUDA_PICK_H
 
-#include "interact/march.h"
+#include "scan/march.h"
 
 #include <cuda_runtime_api.h>
 

@@ -197,7 +197,7 @@ static pliant_status run(segmenting *work, const pliant_volume *scan, const plia
     return tell(work, scan, count, out);
 }
 
-extern "C" pliant_status pliant_cuda_segment(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out)
+static pliant_status segment(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out)
 {
     segmenting *work = static_cast<segmenting *>(pliant_calloc(1, sizeof *work));
     if (!work) return pliant_fail_memory("the segmentation");
@@ -213,3 +213,13 @@ extern "C" pliant_status pliant_cuda_segment(const pliant_volume *scan, const pl
     pliant_free(work);
     return status;
 }
+
+/* by name: C++14 has no designated initializers */
+static constexpr pliant_segment_device table()
+{
+    pliant_segment_device made{};
+    made.probe = pliant_cuda_text;
+    made.segment = segment;
+    return made;
+}
+const pliant_segment_device pliant_cuda_segment_device = table();

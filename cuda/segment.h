@@ -1,5 +1,6 @@
 /* Segmentation on the GPU (src/scan/segment.c): bins, sigma filter, neighbours that agree, pieces and specks give what the CPU's give,
- * number for number; the mixture is summed in another order, in a fixed tree, so its classes agree to some 1e-12. */
+ * number for number; the mixture is summed in another order, in a fixed tree, so its classes agree to some 1e-12. Its entry is
+ * pliant_cuda_segment_device (scan/segment.h). */
 #ifndef PLIANT_CUDA_SEGMENT_H
 #define PLIANT_CUDA_SEGMENT_H
 
@@ -56,9 +57,6 @@ pliant_status pliant_cuda_segment_wait(const gpu_segment *segment, double least,
 pliant_status pliant_cuda_segment_absorb(const gpu_segment *segment, cudaStream_t stream);
 pliant_status pliant_cuda_segment_tally(const gpu_segment *segment, double quantum, gpu_tally *d_tallies, int32_t count, cudaStream_t stream);
 pliant_status pliant_cuda_segment_label(const gpu_segment *segment, const uint16_t *d_label, cudaStream_t stream);
-
-/* ---- segment.cu: the whole, as a backend's entry */
-pliant_status pliant_cuda_segment(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out);
 
 #ifdef __cplusplus
 }

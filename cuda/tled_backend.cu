@@ -57,5 +57,20 @@ static pliant_status warp(const pliant_model *, pliant_data *data)
     return status;
 }
 
-const pliant_backend pliant_cuda_tled_backend = {"cuda", &pliant_explicit,    false, true, pliant_cuda_text, create, destroy, restart, NULL,
-                                                 solve,  pliant_tled_upsample, warp,  NULL, NULL,             NULL,   NULL,    NULL,    NULL};
+/* by name: C++14 has no designated initializers */
+static constexpr pliant_backend table()
+{
+    pliant_backend made{};
+    made.name = "cuda";
+    made.kind = &pliant_explicit;
+    made.solves_on_host = true;
+    made.probe = pliant_cuda_text;
+    made.create = create;
+    made.free = destroy;
+    made.restart = restart;
+    made.solve = solve;
+    made.upsample = pliant_tled_upsample;
+    made.warp = warp;
+    return made;
+}
+const pliant_backend pliant_cuda_tled_backend = table();

@@ -262,3 +262,37 @@ extern "C" pliant_status pliant_cuda_warp_cross(pliant_cuda_warp *gpu, const mar
     *out = *gpu->h_crossing;
     return PLIANT_OK;
 }
+
+/* ---- the table */
+
+static pliant_status create_object(const pliant_warp_parts *parts, void **object)
+{
+    int device;
+    pliant_cuda_warp *made;
+    CUDA_TRY(pliant_cuda_current_device(&device));
+    CUDA_TRY(pliant_cuda_warp_create(parts, device, &made));
+    *object = made;
+    return PLIANT_OK;
+}
+
+static void free_object(void *object) { pliant_cuda_warp_free(static_cast<pliant_cuda_warp *>(object)); }
+static pliant_status update_object(void *object, const double *positions) { return pliant_cuda_warp_update(static_cast<pliant_cuda_warp *>(object), positions); }
+static pliant_status fetch_object(void *object) { return pliant_cuda_warp_fetch(static_cast<pliant_cuda_warp *>(object)); }
+static pliant_status cross_object(void *object, const march_ray *ray, int64_t first, march_crossing *out)
+{
+    return pliant_cuda_warp_cross(static_cast<pliant_cuda_warp *>(object), ray, first, out);
+}
+
+/* by name: C++14 has no designated initializers */
+static constexpr pliant_warp_device table()
+{
+    pliant_warp_device made{};
+    made.probe = pliant_cuda_text;
+    made.create = create_object;
+    made.free = free_object;
+    made.update = update_object;
+    made.fetch = fetch_object;
+    made.cross = cross_object;
+    return made;
+}
+const pliant_warp_device pliant_cuda_warp_device = table();

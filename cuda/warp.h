@@ -2,7 +2,7 @@
 #ifndef PLIANT_CUDA_WARP_H
 #define PLIANT_CUDA_WARP_H
 
-#include "backend/backend.h"
+#include "warp/device.h"
 
 #include <cuda_runtime_api.h>
 

@@ -1,28 +1,15 @@
 /* Who runs the stages of a step: one table of functions a backend. The CPU is always there, and what the others are compared
  * with. State stays where the backend keeps it; what the host needs comes back in every step: fine positions, the tools'
- * forces, statistics. */
+ * forces, statistics. Drawing and segmenting on their own have tables of their own (warp/device.h, scan/segment.h). */
 #ifndef PLIANT_BACKEND_BACKEND_H
 #define PLIANT_BACKEND_BACKEND_H
 
 #include "pliant/data.h"
-#include "pliant/segment.h"
-#include "warp/fit.h"
+#include "scene/gpu_choice.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-/* What another backend needs to know of a warp. All is borrowed and outlives its object. */
-typedef struct pliant_warp_parts {
-    const pliant_mesh *mesh;
-    const raster_grid *grid;
-    const raster_source *source;
-    const double *rest;          /* (num_nodes x 3) continuous index in the scan */
-    pliant_volume *volume;       /* of the host; what the warp's owner sees */
-    uint8_t *changed;            /* (bricks) of the last update */
-    double *seconds;             /* cull, rasterize */
-    const fit_view *fit;         /* NULL: rasterize */
-} pliant_warp_parts;
 
 /* What a kind of solver (solver/kind) does on the host, whoever runs its steps. */
 typedef struct pliant_host_solver {
@@ -41,8 +28,7 @@ struct pliant_backend {
     const pliant_host_solver *kind;
     bool on_host; /* keeps no state of its own: nothing to bring or to free, and none to fall back on when it fails */
     bool solves_on_host; /* what a solve leads to is the host's as soon as it ends: when a later stage fails, it is not done again */
-    /* Whether it can be used here. text: the device's name, or the reason why not. Says nothing itself. */
-    bool (*probe)(char *text, size_t size);
+    pliant_probe probe;
 
     /* STATE of a data, from its host state. Errors: MEMORY, NUMERIC, UNAVAILABLE. */
     pliant_status (*create)(const pliant_model *model, pliant_data *data);
@@ -54,17 +40,6 @@ struct pliant_backend {
     pliant_status (*solve)(const pliant_model *model, pliant_data *data);
     pliant_status (*upsample)(const pliant_model *model, pliant_data *data);
     pliant_status (*warp)(const pliant_model *model, pliant_data *data);
-
-    /* WARP on its own; NULL: the CPU's */
-    pliant_status (*warp_create)(const pliant_warp_parts *parts, void **out);
-    void (*warp_free)(void *warp);
-    pliant_status (*warp_update)(void *warp, const double *positions);
-    pliant_status (*warp_fetch)(void *warp); /* the volume to the host, where it changed since the last time */
-    /* pliant_warp_cross in the volume of the last update; NULL: the volume is fetched, and the CPU's */
-    pliant_status (*warp_cross)(void *warp, const march_ray *ray, int64_t first, march_crossing *out);
-
-    /* pliant_segment, of checked arguments, out zeroed; NULL: the CPU's. What it leaves in out on an error is freed by the caller. */
-    pliant_status (*segment)(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out);
 };
 
 extern const pliant_backend pliant_cpu_backend;
@@ -78,16 +53,12 @@ pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data)
 
 #ifdef PLIANT_WITH_CUDA
 extern const pliant_backend pliant_cuda_backend, pliant_cuda_tled_backend;
-#define PLIANT_ON_GPU(backend) &(backend)
-#else
-#define PLIANT_ON_GPU(backend) NULL
 #endif
 
 const pliant_host_solver *pliant_host_solver_of(const pliant_model *model);
 
 /* text: what the GPU is called, or why there is none. Errors: UNAVAILABLE, with the reason, when the one asked for cannot be
  * used. */
-enum { PLIANT_BACKEND_TEXT = 256 };
 pliant_status pliant_backend_choose(pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT], const pliant_backend **out);
 /* For a data that was just made. A line in the log says which it is; with auto also why not a GPU. */
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data);

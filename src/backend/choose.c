@@ -1,7 +1,6 @@
 #include "backend/backend.h"
 #include "base/fail.h"
-
-#include <stdio.h>
+#include "warp/device.h"
 
 const pliant_host_solver *pliant_host_solver_of(const pliant_model *model) { return model->tled ? &pliant_explicit : &pliant_corotational; }
 
@@ -16,12 +15,10 @@ static const char *without_kernels(const pliant_model *model, const pliant_data 
 static pliant_status choose(const pliant_host_solver *kind, const char *why_not, pliant_backend_choice choice,
                             char text[PLIANT_BACKEND_TEXT], const pliant_backend **out)
 {
-    snprintf(text, PLIANT_BACKEND_TEXT, "%s", why_not ? why_not : "this build has no CUDA backend");
-    bool usable = choice != PLIANT_CPU && !why_not && kind->cuda && kind->cuda->probe(text, PLIANT_BACKEND_TEXT);
-    if (!usable && choice == PLIANT_CUDA)
-        return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "solver/backend: cuda cannot be used: %s; auto or cpu would run on the CPU", text);
-    *out = usable ? kind->cuda : kind->cpu;
-    return PLIANT_OK;
+    bool use;
+    pliant_status status = pliant_gpu_choose(choice, why_not, kind->cuda ? kind->cuda->probe : NULL, text, &use);
+    if (status == PLIANT_OK) *out = use ? kind->cuda : kind->cpu;
+    return status;
 }
 
 pliant_status pliant_backend_choose(pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT], const pliant_backend **out)

@@ -1,6 +1,6 @@
 /* A ray marched through the deformed volume to its isosurface ([H] 3.2). */
 #include "base/fail.h"
-#include "interact/march.h"
+#include "scan/march.h"
 #include "pliant/pick.h"
 #include "warp/raster.h"
 

@@ -1,7 +1,6 @@
 /* From values to labelled pieces: histogram, mixture, neighbours that agree, pieces. */
 #include "scan/segment.h"
 
-#include "backend/backend.h"
 #include "base/fail.h"
 #include "pliant/memory.h"
 
@@ -318,14 +317,15 @@ done:
 
 pliant_status pliant_segment(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out)
 {
-    const pliant_backend *backend;
+    const pliant_segment_device *device = PLIANT_ON_GPU(pliant_cuda_segment_device);
     char text[PLIANT_BACKEND_TEXT];
+    bool use;
     pliant_status status = check(scan, options);
-    if (status == PLIANT_OK) status = pliant_backend_choose(options->backend, text, &backend);
+    if (status == PLIANT_OK) status = pliant_gpu_choose(options->backend, NULL, device ? device->probe : NULL, text, &use);
     if (status != PLIANT_OK) return status;
-    if (!backend->segment) return segment_on_cpu(scan, options, out);
+    if (!use) return segment_on_cpu(scan, options, out);
     pliant_segmentation made = {0};
-    status = backend->segment(scan, options, &made);
+    status = device->segment(scan, options, &made);
     if (status == PLIANT_OK) {
         *out = made;
         return PLIANT_OK;

@@ -3,6 +3,7 @@
 #define PLIANT_SCAN_SEGMENT_H
 
 #include "pliant/segment.h"
+#include "scene/gpu_choice.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -37,6 +38,16 @@ void segment_set_noise(const int64_t count[SEGMENT_BINS], segment_histogram *his
 int segment_reach(const segment_histogram *histogram);
 /* Labels of pieces by size, their means. tallies (count) are sorted; label: out, (count). Errors: FORMAT, MEMORY. */
 pliant_status segment_name(const pliant_geometry *geometry, segment_tally *tallies, int32_t count, uint16_t *label, pliant_segmentation *out);
+
+/* Who segments in place of the CPU. */
+typedef struct pliant_segment_device {
+    pliant_probe probe;
+    /* pliant_segment, of checked arguments, out zeroed. What it leaves in out on an error is freed by the caller. */
+    pliant_status (*segment)(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out);
+} pliant_segment_device;
+#ifdef PLIANT_WITH_CUDA
+extern const pliant_segment_device pliant_cuda_segment_device;
+#endif
 
 /* ---- segment_mixture.c */
 /* Fit by expectation and maximization, from one class up to `most`: of each number the best split of the one before. */

@@ -13,7 +13,7 @@
 #ifndef PLIANT_WARP_RASTER_H
 #define PLIANT_WARP_RASTER_H
 
-#include "interact/march.h"
+#include "scan/march.h"
 #include "pliant/warp.h"
 
 #include <stdalign.h>
@@ -147,10 +147,6 @@ static inline int32_t raster_lowest_bit(uint64_t bits)
 void pliant_raster_brick(const raster_grid *grid, const raster_source *source, const raster_kernels *kernels,
                          const raster_tet *tets, const int32_t *candidates, size_t num_candidates,
                          const int32_t brick[3], raster_brick *scratch, void *out);
-
-/* warp.c, for backends: their object, NULL when the CPU does the updates; and the end of that, when it failed */
-void *pliant_warp_accelerated(const pliant_warp *warp);
-void pliant_warp_leave(pliant_warp *warp);
 
 /* warp.c, for picks: the fine mesh and the target, which stay what they are */
 const pliant_mesh *pliant_warp_mesh(const pliant_warp *warp);

@@ -1,7 +1,7 @@
 /* The deformed volume from update to update: what moved, which bricks that touches, and redoing those. */
-#include "backend/backend.h"
 #include "base/fail.h"
 #include "pliant/memory.h"
+#include "warp/device.h"
 #include "warp/fit.h"
 #include "warp/raster.h"
 
@@ -32,14 +32,14 @@ struct pliant_warp {
     raster_brick *scratch;   /* (num_threads) */
     double seconds[2];       /* cull, rasterize */
     pliant_fit *fit;         /* NULL: rasterize */
-    const pliant_backend *backend; /* NULL: the CPU */
-    void *accelerated;       /* its object */
+    const pliant_warp_device *device; /* of the object */
+    void *accelerated;       /* its object; NULL: the CPU draws */
 };
 
 void pliant_warp_free(pliant_warp *warp)
 {
     if (!warp) return;
-    if (warp->accelerated) warp->backend->warp_free(warp->accelerated);
+    if (warp->accelerated) warp->device->free(warp->accelerated);
     pliant_volume_free(&warp->volume);
     pliant_fit_free(warp->fit);
     void *blocks[] = {warp->rest, warp->fixed, warp->next, warp->moved, warp->tets, warp->changed, warp->dirty,
@@ -306,7 +306,7 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
             return pliant_fail(PLIANT_ERROR_ARGUMENT,
                                "the position of node %d is not finite; the deformed volume stays as it is", v / 3);
     if (warp->accelerated) {
-        if (warp->backend->warp_update(warp->accelerated, positions) == PLIANT_OK) return PLIANT_OK;
+        if (warp->device->update(warp->accelerated, positions) == PLIANT_OK) return PLIANT_OK;
         pliant_warp_leave(warp);
     }
     if (warp->fit) {
@@ -350,7 +350,7 @@ pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step)
     pliant_fit *fit = NULL;
     pliant_status status = pliant_fit_create(warp->mesh, &warp->scan, warp->rest, &warp->volume.geometry, step, warp->num_threads, &fit);
     if (status != PLIANT_OK) return status;
-    if (warp->accelerated) warp->backend->warp_free(warp->accelerated);
+    if (warp->accelerated) warp->device->free(warp->accelerated);
     warp->accelerated = NULL;
     pliant_fit_free(warp->fit);
     warp->fit = fit;
@@ -359,21 +359,22 @@ pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step)
 
 pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choice)
 {
-    const pliant_backend *backend;
+    const pliant_warp_device *device = PLIANT_ON_GPU(pliant_cuda_warp_device);
     char text[PLIANT_BACKEND_TEXT];
     void *accelerated = NULL;
-    pliant_status status = pliant_backend_choose(choice, text, &backend);
+    bool use;
+    pliant_status status = pliant_gpu_choose(choice, NULL, device ? device->probe : NULL, text, &use);
     if (status != PLIANT_OK) return status;
-    if (backend->warp_create) {
+    if (use) {
         pliant_warp_parts parts = {warp->mesh,    &warp->grid,   &warp->source, warp->rest,
                                    &warp->volume, warp->changed, warp->seconds, warp->fit ? pliant_fit_parts(warp->fit) : NULL};
-        status = backend->warp_create(&parts, &accelerated);
+        status = device->create(&parts, &accelerated);
         if (status != PLIANT_OK && choice != PLIANT_AUTO) return status;
         if (status != PLIANT_OK)
             pliant_log(PLIANT_LOG_WARNING, "the deformed volume is drawn by the CPU: %s", pliant_last_error());
     }
-    if (warp->accelerated) warp->backend->warp_free(warp->accelerated);
-    warp->backend = backend;
+    if (warp->accelerated) warp->device->free(warp->accelerated);
+    warp->device = device;
     warp->accelerated = accelerated;
     warp->drawn = false;
     return PLIANT_OK;
@@ -385,7 +386,7 @@ void pliant_warp_leave(pliant_warp *warp)
 {
     if (!warp->accelerated) return;
     pliant_log(PLIANT_LOG_WARNING, "the deformed volume is drawn by the CPU from now on: %s", pliant_last_error());
-    warp->backend->warp_free(warp->accelerated);
+    warp->device->free(warp->accelerated);
     warp->accelerated = NULL;
     warp->drawn = false;
 }
@@ -393,7 +394,7 @@ void pliant_warp_leave(pliant_warp *warp)
 const pliant_volume *pliant_warp_volume(const pliant_warp *warp)
 {
     /* what cannot be had from a GPU that is lost stays as it was fetched last; the next update draws everything anew */
-    if (warp->accelerated && warp->backend->warp_fetch(warp->accelerated) != PLIANT_OK)
+    if (warp->accelerated && warp->device->fetch(warp->accelerated) != PLIANT_OK)
         pliant_log(PLIANT_LOG_WARNING, "the deformed volume is an older one: %s", pliant_last_error());
     return &warp->volume;
 }
@@ -403,8 +404,8 @@ const pliant_geometry *pliant_warp_geometry(const pliant_warp *warp) { return &w
 
 bool pliant_warp_cross(const pliant_warp *warp, const march_ray *ray, int64_t first, march_crossing *out)
 {
-    if (!warp->accelerated || !warp->backend->warp_cross) return false;
-    if (warp->backend->warp_cross(warp->accelerated, ray, first, out) == PLIANT_OK) return true;
+    if (!warp->accelerated || !warp->device->cross) return false;
+    if (warp->device->cross(warp->accelerated, ray, first, out) == PLIANT_OK) return true;
     pliant_log(PLIANT_LOG_WARNING, "the CPU picks: %s", pliant_last_error());
     return false;
 }

@@ -3,6 +3,7 @@
 #define PLIANT_TEST_CUDA_WARPS_H
 
 #include "backend/backend.h"
+#include "warp/device.h"
 
 #include <gtest/gtest.h>
 

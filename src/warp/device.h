@@ -1,0 +1,47 @@
+/* Who draws a deformed volume in place of the CPU, and what a step on that device needs of a warp. */
+#ifndef PLIANT_WARP_DEVICE_H
+#define PLIANT_WARP_DEVICE_H
+
+#include "scan/march.h"
+#include "scene/gpu_choice.h"
+#include "warp/fit.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* What a device needs to know of a warp. All is borrowed and outlives its object. */
+typedef struct pliant_warp_parts {
+    const pliant_mesh *mesh;
+    const raster_grid *grid;
+    const raster_source *source;
+    const double *rest;          /* (num_nodes x 3) continuous index in the scan */
+    pliant_volume *volume;       /* of the host; what the warp's owner sees */
+    uint8_t *changed;            /* (bricks) of the last update */
+    double *seconds;             /* cull, rasterize */
+    const fit_view *fit;         /* NULL: rasterize */
+} pliant_warp_parts;
+
+/* Its functions; object: what create made. Errors: MEMORY, UNAVAILABLE. */
+typedef struct pliant_warp_device {
+    pliant_probe probe;
+    pliant_status (*create)(const pliant_warp_parts *parts, void **object);
+    void (*free)(void *object);
+    pliant_status (*update)(void *object, const double *positions);
+    pliant_status (*fetch)(void *object); /* the volume to the host, where it changed since the last time */
+    /* pliant_warp_cross in the volume of the last update; NULL: the volume is fetched, and the CPU's */
+    pliant_status (*cross)(void *object, const march_ray *ray, int64_t first, march_crossing *out);
+} pliant_warp_device;
+
+#ifdef PLIANT_WITH_CUDA
+extern const pliant_warp_device pliant_cuda_warp_device;
+#endif
+
+/* The device's object, NULL when the CPU does the updates; and the end of that, when it failed. */
+void *pliant_warp_accelerated(const pliant_warp *warp);
+void pliant_warp_leave(pliant_warp *warp);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

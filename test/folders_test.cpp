@@ -1,0 +1,62 @@
+// Folders of the core do not include each other in circles: each of those named here can be read without what is built on it.
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <glob.h>
+#include <map>
+#include <set>
+#include <string>
+
+namespace {
+
+using Graph = std::map<std::string, std::map<std::string, std::string>>; // folder -> folder -> an include that leads there
+
+void add_folder(const std::string &root, const std::string &folder, Graph &graph)
+{
+    for (const char *ending : {"/*.c", "/*.h"}) {
+        glob_t files{};
+        if (glob((root + folder + ending).c_str(), 0, nullptr, &files) == 0)
+            for (size_t f = 0; f < files.gl_pathc; f++) {
+                std::ifstream file(files.gl_pathv[f]);
+                for (std::string line; std::getline(file, line);) {
+                    const std::string begin = "#include \"";
+                    size_t slash = line.rfind('/');
+                    if (line.compare(0, begin.size(), begin) != 0 || slash == std::string::npos) continue;
+                    std::string to = line.substr(begin.size(), slash - begin.size());
+                    if (to != folder && to != "pliant") graph[folder][to] = files.gl_pathv[f] + (": " + line);
+                }
+            }
+        globfree(&files);
+    }
+}
+
+// the includes from one folder to another, or "" where there is no way
+std::string way(const Graph &graph, const std::string &from, const std::string &to, std::set<std::string> &seen)
+{
+    if (!seen.insert(from).second || !graph.count(from)) return "";
+    for (const auto &edge : graph.at(from)) {
+        std::string rest = edge.first == to ? edge.second : way(graph, edge.first, to, seen);
+        if (!rest.empty()) return edge.first == to ? rest : edge.second + "\n" + rest;
+    }
+    return "";
+}
+
+TEST(Folders, IncludeEachOtherInNoCircle)
+{
+    const std::string root = PLIANT_SOURCE_DIR "/src/";
+    Graph graph;
+    for (const char *pattern : {"*", "fem/*"}) {
+        glob_t folders{};
+        ASSERT_EQ(glob((root + pattern).c_str(), GLOB_ONLYDIR, nullptr, &folders), 0);
+        for (size_t f = 0; f < folders.gl_pathc; f++) add_folder(root, std::string(folders.gl_pathv[f]).substr(root.size()), graph);
+        globfree(&folders);
+    }
+    EXPECT_GT(graph.size(), 10u);
+    for (const char *folder : {"base", "scene", "scan", "material", "mesh", "warp", "backend", "sim", "report"}) {
+        EXPECT_TRUE(graph.count(folder)) << folder;
+        std::set<std::string> seen;
+        EXPECT_EQ(way(graph, folder, folder, seen), "") << folder;
+    }
+}
+
+} // namespace
