@@ -13,6 +13,7 @@ using Graph = std::map<std::string, std::map<std::string, std::string>>; // fold
 
 void add_folder(const std::string &root, const std::string &folder, Graph &graph)
 {
+    graph[folder]; // also one that includes no other
     for (const char *ending : {"/*.c", "/*.h"}) {
         glob_t files{};
         if (glob((root + folder + ending).c_str(), 0, nullptr, &files) == 0)
