@@ -1,4 +1,5 @@
 #include "check.h"
+#include "fem/coarse/shaped.h"
 #include "rotation.cuh"
 #include "upsample.h"
 
@@ -25,41 +26,25 @@ static __global__ void __launch_bounds__(THREADS) linear_kernel(gpu_system syste
     for (int d = 0; d < 3; d++) d_fine[3 * (size_t)n + d] = sum[d] + system.d_fine_rest[3 * (size_t)n + d];
 }
 
-/* frame_of */
-static __device__ void frame_of(const gpu_system &system, const double *x, const int *node, int tet, double *rotation, double *centre, double *rest_centre)
-{
-    double f[9] = {};
-    for (int d = 0; d < 3; d++) centre[d] = rest_centre[d] = 0;
-    for (int v = 0; v < 4; v++)
-        for (int r = 0; r < 3; r++) {
-            double at = x[3 * node[v] + r];
-            centre[r] += 0.25 * at;
-            rest_centre[r] += 0.25 * system.d_rest[3 * node[v] + r];
-            for (int c = 0; c < 3; c++) f[3 * r + c] += (at - x[3 * node[0] + r]) * system.d_gradients[(size_t)(3 * v + c) * system.num_tets + tet];
-        }
-    if (system.d_grounded && system.d_grounded[tet])
-        for (int m = 0; m < 9; m++) rotation[m] = m % 4 == 0;
-    else
-        rotation_of(f, rotation);
-}
-
-/* R (N u_c + X_f - C) + c, with u_c = R' (x_c - c) - (X_c - C). [H] 4, 5, 7 */
-static __device__ void shaped_position(const gpu_system &system, const double *x, int tet, const double *shape, const double *rest, double *out)
+static __device__ void shaped_position(const gpu_system &system, const double *d_x, int tet, const double *shape, const double *rest, double *out)
 {
     int4 nodes = reinterpret_cast<const int4 *>(system.d_tets)[tet];
     const int node[4] = {nodes.x, nodes.y, nodes.z, nodes.w};
-    double rotation[9], c[3], big_c[3], u[12], local[3];
-    frame_of(system, x, node, tet, rotation, c, big_c);
+    double x[12], corner[12], gradients[12], f[9];
     for (int v = 0; v < 4; v++)
         for (int d = 0; d < 3; d++) {
-            u[3 * v + d] = -(system.d_rest[3 * node[v] + d] - big_c[d]);
-            for (int r = 0; r < 3; r++) u[3 * v + d] += rotation[3 * r + d] * (x[3 * node[v] + r] - c[r]);
+            x[3 * v + d] = d_x[3 * node[v] + d];
+            corner[3 * v + d] = system.d_rest[3 * node[v] + d];
+            gradients[3 * v + d] = system.d_gradients[(size_t)(3 * v + d) * system.num_tets + tet];
         }
-    for (int d = 0; d < 3; d++) {
-        local[d] = rest[d] - big_c[d];
-        for (int m = 0; m < 12; m++) local[d] += shape[12 * d + m] * u[m];
+    pliant_shaped_frame frame;
+    if (system.d_grounded && system.d_grounded[tet]) {
+        pliant_shaped_ground(&frame);
+    } else {
+        pliant_shaped_place(x, corner, gradients, f, &frame);
+        rotation_of(f, frame.rotation);
     }
-    for (int d = 0; d < 3; d++) out[d] = rotation[3 * d] * local[0] + rotation[3 * d + 1] * local[1] + rotation[3 * d + 2] * local[2] + c[d];
+    pliant_shaped_position(&frame, x, corner, shape, rest, out);
 }
 
 static __global__ void __launch_bounds__(THREADS) shaped_kernel(gpu_system system, gpu_iteration iteration, double *d_fine)

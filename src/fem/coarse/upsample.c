@@ -1,5 +1,6 @@
 /* From solved nodes to fine nodes, and forces the other way by the same weights ([H] 2.3 and 3). */
 #include "base/fail.h"
+#include "fem/coarse/shaped.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 
@@ -34,46 +35,28 @@ pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coars
     return PLIANT_OK;
 }
 
-static void frame_of(const pliant_system *system, const double *solved, int32_t tet, double rotation[9], double centre[3],
-                     double rest_centre[3])
+typedef struct tet_frame {
+    double x[12], rest[12];
+    pliant_shaped_frame frame;
+} tet_frame;
+
+static void frame_of(const pliant_system *system, const double *solved, int32_t tet, tet_frame *out)
 {
     const pliant_mesh *mesh = system->mesh;
     const int32_t *nodes = mesh->tets + 4 * tet;
-    double f[9] = {0};
-    memset(centre, 0, 3 * sizeof *centre);
-    memset(rest_centre, 0, 3 * sizeof *rest_centre);
+    double gradients[12], f[9];
     for (int v = 0; v < 4; v++)
-        for (int r = 0; r < 3; r++) {
-            double x = solved[3 * nodes[v] + r];
-            centre[r] += 0.25 * x;
-            rest_centre[r] += 0.25 * mesh->rest[3 * nodes[v] + r];
-            for (int c = 0; c < 3; c++) f[3 * r + c] += (x - solved[3 * nodes[0] + r]) * system->gradients[tet / LANES][3 * v + c][tet % LANES];
-        }
-    if (system->grounded && system->grounded[tet])
-        for (int m = 0; m < 9; m++) rotation[m] = m % 4 == 0;
-    else
-        pliant_rotation_signed_svd(f, rotation);
-}
-
-/* One entry: R (N u_c + X_f - C) + c, with u_c = R' (x_c - c) - (X_c - C). [H] 4, 5, 7 */
-static void shaped_position(const pliant_system *system, const double *solved, int32_t tet, const double *shape, const double *rest,
-                            double out[3])
-{
-    const pliant_mesh *mesh = system->mesh;
-    double rotation[9], c[3], big_c[3], u[12], local[3];
-    frame_of(system, solved, tet, rotation, c, big_c);
-    for (int v = 0; v < 4; v++) {
-        int32_t node = mesh->tets[4 * tet + v];
         for (int d = 0; d < 3; d++) {
-            u[3 * v + d] = -(mesh->rest[3 * node + d] - big_c[d]);
-            for (int r = 0; r < 3; r++) u[3 * v + d] += rotation[3 * r + d] * (solved[3 * node + r] - c[r]);
+            out->x[3 * v + d] = solved[3 * nodes[v] + d];
+            out->rest[3 * v + d] = mesh->rest[3 * nodes[v] + d];
+            gradients[3 * v + d] = system->gradients[tet / LANES][3 * v + d][tet % LANES];
         }
+    if (system->grounded && system->grounded[tet]) {
+        pliant_shaped_ground(&out->frame);
+        return;
     }
-    for (int d = 0; d < 3; d++) {
-        local[d] = rest[d] - big_c[d];
-        for (int m = 0; m < 12; m++) local[d] += shape[12 * d + m] * u[m];
-    }
-    for (int d = 0; d < 3; d++) out[d] = rotation[3 * d] * local[0] + rotation[3 * d + 1] * local[1] + rotation[3 * d + 2] * local[2] + c[d];
+    pliant_shaped_place(out->x, out->rest, gradients, f, &out->frame);
+    pliant_rotation_signed_svd(f, out->frame.rotation);
 }
 
 bool pliant_upsample_turns(const pliant_system *system) { return system->macros || (system->upsample && system->upsample->start); }
@@ -105,7 +88,9 @@ void pliant_upsample_positions(const pliant_system *system, const double *solved
         } else {
             for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) {
                 double x[3];
-                shaped_position(system, solved, upsample->entry_tet[e], upsample->entry_shape + 36 * (size_t)e, rest, x);
+                tet_frame tet;
+                frame_of(system, solved, upsample->entry_tet[e], &tet);
+                pliant_shaped_position(&tet.frame, tet.x, tet.rest, upsample->entry_shape + 36 * (size_t)e, rest, x);
                 for (int d = 0; d < 3; d++) sum[d] += upsample->entry_share[e] * (x[d] - rest[d]);
             }
             for (int d = 0; d < 3; d++) sum[d] += rest[d];
@@ -140,15 +125,11 @@ void pliant_upsample_weights(const pliant_system *system, const double *solved, 
             for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) {
                 int32_t tet = upsample->entry_tet[e];
                 const double *shape = upsample->entry_shape + 36 * (size_t)e;
-                double rotation[9], c[3], big_c[3];
-                frame_of(system, solved, tet, rotation, c, big_c);
+                tet_frame frame;
+                frame_of(system, solved, tet, &frame);
                 for (int v = 0; v < 4; v++) {
-                    double turned[9] = {0}; /* R N_v R' */
-                    for (int i = 0; i < 3; i++)
-                        for (int j = 0; j < 3; j++)
-                            for (int k = 0; k < 3; k++)
-                                for (int l = 0; l < 3; l++)
-                                    turned[3 * i + j] += rotation[3 * i + k] * shape[12 * k + 3 * v + l] * rotation[3 * j + l];
+                    double turned[9];
+                    pliant_shaped_weight(frame.frame.rotation, shape, v, turned);
                     add_block(system, system->mesh->tets[4 * tet + v], weights[h] * upsample->entry_share[e], turned, dense);
                 }
             }
