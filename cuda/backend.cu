@@ -94,8 +94,9 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
     return status;
 }
 
-static pliant_status enqueue_upsample(const pliant_model *model, cuda_data *state)
+static pliant_status enqueue_upsample(const pliant_data *data)
 {
+    cuda_data *state = state_of(data);
     CUDA_TRY(pliant_cuda_solver_upsample(state->solver, &state->d_positions));
     const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->arriving;
     return CUDA_CALL(cudaMemcpyAsync(state->arriving, state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
@@ -103,8 +104,9 @@ static pliant_status enqueue_upsample(const pliant_model *model, cuda_data *stat
 
 static pliant_status upsample(const pliant_model *model, pliant_data *data)
 {
+    (void)model;
     pliant_cuda_section_begin("upsample");
-    pliant_status status = enqueue_upsample(model, state_of(data));
+    pliant_status status = enqueue_upsample(data);
     pliant_cuda_section_end();
     return status;
 }
