@@ -70,7 +70,7 @@ public:
         pliant_labels_free(&labels);
         pliant_volume_free(&scan);
     }
-    std::vector<double> positions() const { return std::vector<double>(data->positions, data->positions + 3 * model->fine.num_nodes); }
+    std::vector<double> positions() const { return std::vector<double>(data->positions, data->positions + 3 * data->body->fine.num_nodes); }
     // one step, or as many as it takes
     std::vector<double> solve(bool exact)
     {
