@@ -107,16 +107,38 @@ TEST_F(Picture, MarksTheHeldPoint)
     EXPECT_EQ(colour("axial", 1, (0.024 + 0.011) / 0.048, (0.024 - 0.011) / 0.048), "ffc800");
 }
 
-TEST_F(Picture, WindowIsSoftTissueForCtAndTheRangeForOthers)
+TEST_F(Picture, WindowIsSoftTissueForCtAndPercentilesForOthers)
 {
     double low, high;
-    picture_window(&before_, &low, &high);
+    int16_t *voxels = static_cast<int16_t *>(before_.voxels);
+    ASSERT_EQ(picture_window(&before_, &low, &high), PLIANT_OK);
     EXPECT_EQ(low, -160);
     EXPECT_EQ(high, 240);
-    for (int n = 0; n < 24 * 24 * 24; ++n) static_cast<int16_t *>(before_.voxels)[n] = static_cast<int16_t>(n % 700);
-    picture_window(&before_, &low, &high);
-    EXPECT_EQ(low, 0);
-    EXPECT_EQ(high, 699);
+    for (int n = 0; n < 24 * 24 * 24; ++n) voxels[n] = static_cast<int16_t>(n % 700);
+    for (int n = 0; n < 60; ++n) voxels[n] = 30000; // a few bright vessels
+    before_.modality = PLIANT_MODALITY_MR;
+    ASSERT_EQ(picture_window(&before_, &low, &high), PLIANT_OK);
+    EXPECT_NEAR(low, 7, 1);
+    EXPECT_NEAR(high, 697, 3);
+    voxels[0] = -2000; // phase and filtered images go below zero, too
+    ASSERT_EQ(picture_window(&before_, &low, &high), PLIANT_OK);
+    EXPECT_NEAR(high, 697, 3);
+    before_.modality = PLIANT_MODALITY_CT;
+    ASSERT_EQ(picture_window(&before_, &low, &high), PLIANT_OK);
+    EXPECT_EQ(high, 240);
+}
+
+TEST_F(Picture, WindowShowsAFewVoxelsThatDiffer)
+{
+    double low, high;
+    int16_t *voxels = static_cast<int16_t *>(before_.voxels);
+    for (int n = 0; n < 24 * 24 * 24; ++n) voxels[n] = 5;
+    ASSERT_EQ(picture_window(&before_, &low, &high), PLIANT_OK);
+    EXPECT_GT(high, low);
+    voxels[77] = 9;
+    ASSERT_EQ(picture_window(&before_, &low, &high), PLIANT_OK);
+    EXPECT_EQ(low, 5);
+    EXPECT_EQ(high, 9);
 }
 
 TEST_F(Picture, NamesAFolderThatIsNotThere)

@@ -89,6 +89,19 @@ TEST(Dicom, SlopeAndIntercept)
     for (int n = 0; n < 3; n++) EXPECT_EQ(apart.at(1, 0, n), (n + 1) * (1024 + n) - 10 * n);
 }
 
+TEST(Dicom, TellsTheModality)
+{
+    const struct { const char *word; pliant_modality modality; } cases[] = {
+        {"CT", PLIANT_MODALITY_CT}, {"MR", PLIANT_MODALITY_MR}, {"PT", PLIANT_MODALITY_OTHER}, {"OT", PLIANT_MODALITY_UNKNOWN}, {"", PLIANT_MODALITY_UNKNOWN}};
+    for (const auto &one : cases) {
+        temporary_folder folder;
+        save_series(folder, 2, [&](int, dicom_file *file) { file->modality = one.word; });
+        volume_holder scan;
+        ASSERT_EQ(pliant_volume_read(folder.path().c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(scan->modality, one.modality) << one.word;
+    }
+}
+
 TEST(Dicom, SeveralSeriesAreListedAndOneMayBeNamed)
 {
     temporary_folder folder;

@@ -33,6 +33,37 @@ std::string nrrd(const std::string &sizes = "4 3 2", const std::string &directio
 
 /* --- what must be read --- */
 
+TEST(Modality, IsWhatTheHeaderTells)
+{
+    temporary_folder folder;
+    const struct { const char *descrip; pliant_modality modality; } niftis[] = {
+        {"", PLIANT_MODALITY_UNKNOWN}, {"FSL5.0", PLIANT_MODALITY_UNKNOWN}, {"TE=30;Time=121230.000;phase=1", PLIANT_MODALITY_MR},
+        {"TE=0;Time=121230.000", PLIANT_MODALITY_UNKNOWN}, {"3T 3D GR TR=2300ms/TE=2.98ms/FA=9deg", PLIANT_MODALITY_MR}, {"TE=", PLIANT_MODALITY_UNKNOWN}};
+    for (const auto &one : niftis) {
+        nifti_file file;
+        file.descrip = one.descrip;
+        save(folder / "scan.nii", file.bytes());
+        volume_holder scan;
+        ASSERT_EQ(pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(scan->modality, one.modality) << one.descrip;
+    }
+    const struct { const char *name; std::string bytes; pliant_modality modality; } texts[] = {
+        {"a.mha", metaimage("Modality = MET_MOD_MR\n"), PLIANT_MODALITY_MR}, {"b.mha", metaimage("Modality = MET_MOD_CT\n"), PLIANT_MODALITY_CT},
+        {"c.mha", metaimage("Modality = MET_MOD_OTHER\n"), PLIANT_MODALITY_UNKNOWN}, {"d.mha", metaimage("Modality = MET_MOD_US\n"), PLIANT_MODALITY_OTHER},
+        {"e.mha", metaimage(), PLIANT_MODALITY_UNKNOWN}, {"a.nrrd", nrrd(), PLIANT_MODALITY_UNKNOWN},
+        {"b.nrrd", nrrd("4 3 2", "(1,0,0) (0,2,0) (0,0,3)", "modality:=DWMRI\n"), PLIANT_MODALITY_MR},
+        {"c.nrrd", nrrd("4 3 2", "(1,0,0) (0,2,0) (0,0,3)", "DICOM_0008_0060:=CT\n"), PLIANT_MODALITY_CT}};
+    for (const auto &one : texts) {
+        save(folder / one.name, one.bytes);
+        volume_holder scan, smaller;
+        ASSERT_EQ(pliant_volume_read((folder / one.name).c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(scan->modality, one.modality) << one.name;
+        const int32_t size[3] = {2, 2, 2};
+        ASSERT_EQ(pliant_volume_resample(&scan.volume, size, &smaller), PLIANT_OK);
+        EXPECT_EQ(smaller->modality, one.modality) << one.name;
+    }
+}
+
 TEST(Nifti, ConvertsRasMillimetresToLpsMetres)
 {
     temporary_folder folder;

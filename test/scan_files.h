@@ -82,6 +82,7 @@ struct nifti_file {
     std::vector<float> pixdim = {1, 1, 1, 1, 1, 1, 1, 1};
     float vox_offset = 352, slope = 1, intercept = 0;
     char units = 2;
+    std::string descrip;
     std::vector<float> quatern_and_offset = {0, 0, 0, 0, 0, 0};
     std::vector<float> srow = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     std::string data = std::string(4 * 3 * 2 * 2, '\0');
@@ -95,6 +96,7 @@ struct nifti_file {
         put(&header, 76, pixdim);
         put(&header, 108, std::vector<float>{vox_offset, slope, intercept});
         header[123] = units;
+        header.replace(148, descrip.size(), descrip);
         put(&header, 252, std::vector<int16_t>{qform_code, sform_code});
         put(&header, 256, quatern_and_offset);
         put(&header, 280, srow);
@@ -111,7 +113,7 @@ struct nifti_file {
 struct dicom_file {
     std::string series = "1.2.3.1", description = "abdomen", instance = "1.2.3.4.1";
     std::string position = "-10\\-20\\30", orientation = "1\\0\\0\\0\\1\\0", spacing = "0.5\\0.75";
-    std::string slope = "1", intercept = "-1024", photometric = "MONOCHROME2", frames;
+    std::string slope = "1", intercept = "-1024", photometric = "MONOCHROME2", frames, modality = "CT";
     uint16_t rows = 3, columns = 4, samples = 1, is_signed = 0;
     std::vector<uint16_t> pixels = std::vector<uint16_t>(12, 1000);
 
@@ -119,7 +121,7 @@ struct dicom_file {
     {
         std::string meta = element(2, 0x10, "UI", "1.2.840.10008.1.2.1");
         std::string out = std::string(128, '\0') + "DICM" + element(2, 0, "UL", bytes_of(std::vector<uint32_t>{uint32_t(meta.size())})) + meta;
-        out += element(8, 0x16, "UI", "1.2.840.10008.5.1.4.1.1.2") + element(8, 0x18, "UI", instance) + element(8, 0x60, "CS", "CT") +
+        out += element(8, 0x16, "UI", "1.2.840.10008.5.1.4.1.1.2") + element(8, 0x18, "UI", instance) + element(8, 0x60, "CS", modality) +
                element(8, 0x103e, "LO", description) + element(0x18, 0x50, "DS", "7.0") + element(0x20, 0xe, "UI", series);
         if (!position.empty()) out += element(0x20, 0x32, "DS", position);
         out += element(0x20, 0x37, "DS", orientation) + element(0x28, 2, "US", number(samples)) + element(0x28, 4, "CS", photometric);

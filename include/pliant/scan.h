@@ -24,11 +24,20 @@ typedef struct pliant_geometry {
     double direction[9]; /**< row-major, columns are the axes */
 } pliant_geometry;
 
+/** What the header of a file says that its values are. */
+typedef enum pliant_modality {
+    PLIANT_MODALITY_UNKNOWN, /**< nothing */
+    PLIANT_MODALITY_CT,      /**< Hounsfield units */
+    PLIANT_MODALITY_MR,
+    PLIANT_MODALITY_OTHER    /**< something else: PET, ultrasound */
+} pliant_modality;
+
 typedef struct pliant_volume {
     pliant_geometry geometry;
     pliant_encoding encoding;
     float slope, intercept; /**< value = slope * stored + intercept; CT: Hounsfield units */
     float background;       /**< stored value outside the scan (CT: air) */
+    pliant_modality modality; /**< DICOM Modality, NRRD and MetaImage fields of that name, an echo time in NIfTI's descrip */
     void *voxels;           /**< owned; pliant_volume_free */
     char id[128];           /**< name for people and messages: file name or "phantom" */
 } pliant_volume;
@@ -58,6 +67,11 @@ void pliant_labels_free(pliant_labels *labels);
 
 /** Value (slope and intercept applied) of the voxel at a flat index. */
 float pliant_volume_value(const pliant_volume *volume, size_t index);
+
+/** Values of which so many per cent are smaller; of a large volume from a million voxels. Errors: MEMORY.
+ *  @param percent (count) 0 .. 100
+ *  @param value   (count) out */
+pliant_status pliant_volume_percentiles(const pliant_volume *volume, int count, const double *percent, double *value);
 
 /** Read a scan: a folder with a DICOM series (one image a file; compressed ones through ITK's GDCM), or a file:
  *  NIfTI-1 or 2 (.nii, .nii.gz, .hdr with its .img), NRRD (.nrrd, .nhdr; raw or gzip), MetaImage (.mha, .mhd).

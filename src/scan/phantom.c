@@ -168,6 +168,7 @@ pliant_status pliant_phantom(const int32_t size[3], uint32_t seed, pliant_volume
     draw(anatomy, &geometry, seed, rows, volume.voxels, map.voxels);
     volume.slope = 1;
     volume.background = -1000;
+    volume.modality = PLIANT_MODALITY_CT;
     strcpy(volume.id, "phantom");
     *scan = volume;
     volume.voxels = NULL;

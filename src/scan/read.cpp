@@ -75,6 +75,7 @@ pliant_volume read_volume(const std::string &path, const char *series, size_t me
     volume.encoding = converted.encoding;
     volume.slope = 1.0f;
     volume.background = converted.background;
+    volume.modality = source->header.modality;
     volume.voxels = converted.voxels;
     set_id(path, volume.id, sizeof volume.id);
     return volume;

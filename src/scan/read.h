@@ -32,6 +32,7 @@ struct image_header {
     component type = component::none; /* of the voxels that read() gives */
     bool whole_numbers = false;       /* the file stores integers, whatever type read() gives */
     double slope = 1.0, intercept = 0.0; /* value = slope * stored + intercept */
+    pliant_modality modality = PLIANT_MODALITY_UNKNOWN;
 };
 
 /* A file or folder whose header has been read and checked. */
@@ -42,6 +43,9 @@ public:
     /* Every voxel, i fastest, as header.type in the byte order of this machine. */
     virtual void read(void *voxels) = 0;
 };
+
+/* By a word of a header: "CT", "MR", "PT"; words that say nothing ("OT", other) are unknown. */
+pliant_modality modality_of(const std::string &word);
 
 /* What a header says about the grid; millimetres, LPS. */
 struct grid {

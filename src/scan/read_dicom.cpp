@@ -14,6 +14,7 @@ enum : uint32_t {
     MEDIA_CLASS = 0x00020002,
     CLASS = 0x00080016,
     INSTANCE = 0x00080018,
+    MODALITY = 0x00080060,
     SERIES_DESCRIPTION = 0x0008103e,
     SERIES = 0x0020000e,
     POSITION = 0x00200032,
@@ -109,6 +110,7 @@ bool read_slice(const std::string &path, dicom_slice *slice)
     slice->series = file.text(SERIES);
     slice->description = file.text(SERIES_DESCRIPTION);
     slice->instance = file.text(INSTANCE);
+    slice->modality = modality_of(file.text(MODALITY));
     try {
         slice->frames = static_cast<int>(std::fmin(number_of(path, file, FRAMES, "NumberOfFrames", 1), 1e6));
         slice->position = numbers_of(path, file, POSITION, 3, "ImagePositionPatient");

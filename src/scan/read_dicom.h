@@ -45,6 +45,7 @@ void read_dicom_pixels(const std::string &path, const dicom_pixels &pixels, void
 struct dicom_slice {
     std::string path, name;                    /* name: of the file, for messages */
     std::string series, description, instance; /* UIDs of series and image, SeriesDescription */
+    pliant_modality modality = PLIANT_MODALITY_UNKNOWN;
     int frames = 1;
     dicom_pixels pixels;
     std::vector<double> position;              /* 3, LPS [mm]; empty when missing */

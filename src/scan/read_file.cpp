@@ -224,6 +224,15 @@ void byte_stream::finish()
         fail(PLIANT_ERROR_FORMAT, "%s: truncated: the compressed data end before their checksum", path_.c_str());
 }
 
+pliant_modality modality_of(const std::string &word)
+{
+    std::string name = lower_case(trimmed(word));
+    if (name.compare(0, 8, "met_mod_") == 0) name.erase(0, 8);
+    if (name.empty() || name == "ot" || name == "other" || name == "unknown") return PLIANT_MODALITY_UNKNOWN;
+    if (name == "ct") return PLIANT_MODALITY_CT;
+    return name.find("mr") != std::string::npos ? PLIANT_MODALITY_MR : PLIANT_MODALITY_OTHER; /* dwmri, too */
+}
+
 /* --- checks --- */
 
 void check_data_fits(const std::string &path, double bytes, double bytes_in_file, bool compressed)

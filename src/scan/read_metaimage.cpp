@@ -165,6 +165,7 @@ std::unique_ptr<image_source> open_metaimage(const std::string &path)
     source->header.type = component_of(header);
     source->header.whole_numbers = component_is_integer(source->header.type);
     source->header.geometry = checked_geometry(path, read_grid(header));
+    source->header.modality = modality_of(header.text({"Modality"}));
     source->header.slope = header.number({"ElementToIntensityFunctionSlope"}, 1.0);
     source->header.intercept = header.number({"ElementToIntensityFunctionOffset"}, 0.0);
     if (!std::isfinite(source->header.slope) || !std::isfinite(source->header.intercept) || source->header.slope == 0.0)

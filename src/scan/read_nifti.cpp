@@ -15,10 +15,10 @@ enum { SIZE_1 = 348, SIZE_2 = 540 };
 
 /* Where the fields of the two versions lie; [byte] */
 struct layout {
-    size_t dim, datatype, pixdim, vox_offset, scl_slope, scl_inter, xyzt_units, qform_code, sform_code, quatern, qoffset, srow;
+    size_t dim, datatype, pixdim, vox_offset, scl_slope, scl_inter, xyzt_units, qform_code, sform_code, quatern, qoffset, srow, descrip;
 };
-const layout layout_1 = {40, 70, 76, 108, 112, 116, 123, 252, 254, 256, 268, 280};
-const layout layout_2 = {16, 12, 104, 168, 176, 184, 500, 344, 348, 352, 376, 400};
+const layout layout_1 = {40, 70, 76, 108, 112, 116, 123, 252, 254, 256, 268, 280, 148};
+const layout layout_2 = {16, 12, 104, 168, 176, 184, 500, 344, 348, 352, 376, 400, 240};
 
 /* Header bytes with their version and byte order. */
 class fields {
@@ -45,6 +45,7 @@ public:
     {
         return version_ == 1 ? static_cast<double>(get<float>(at().vox_offset)) : static_cast<double>(get<int64_t>(at().vox_offset));
     }
+    std::string descrip() const { return bytes_.substr(at().descrip, 80); }
     int length_unit() const { return (version_ == 1 ? bytes_[at().xyzt_units] : get<int32_t>(at().xyzt_units)) & 7; }
 
 private:
@@ -109,6 +110,17 @@ component component_of(const std::string &path, int datatype)
         fail(PLIANT_ERROR_FORMAT, "%s: NIfTI datatype %d is not supported; integers of 8 to 64 bits and reals of 32 or 64 bits are",
              path.c_str(), datatype);
     }
+}
+
+/* NIfTI has no field for it. Who converts DICOM leaves the echo time of an MR in the description: "TE=30;Time=..." (0 for CT),
+ * "3T 3D GR TR=2300ms/TE=2.98ms". */
+pliant_modality modality_in(const std::string &descrip)
+{
+    size_t echo = descrip.find("TE=");
+    if (echo == std::string::npos) return PLIANT_MODALITY_UNKNOWN;
+    std::vector<double> time;
+    std::string digits = descrip.substr(echo + 3, descrip.find_first_not_of("0123456789.", echo + 3) - echo - 3);
+    return parse_numbers(digits, ' ', &time) && time.size() == 1 && time[0] > 0.0 ? PLIANT_MODALITY_MR : PLIANT_MODALITY_UNKNOWN;
 }
 
 /* Columns of a RAS matrix [mm] as spacing, direction and origin in LPS. */
@@ -292,6 +304,7 @@ std::unique_ptr<image_source> open_nifti(const std::string &path)
         source->header.slope = slope;
         source->header.intercept = intercept;
     }
+    source->header.modality = modality_in(header.descrip());
     double data_bytes = voxel_count(source->header.geometry) * static_cast<double>(component_size(type));
     check_data_fits(data_path, data_bytes + offset, static_cast<double>(file_size(data_path)), compressed);
     return std::unique_ptr<image_source>(source.release());

@@ -15,6 +15,7 @@ namespace {
 struct text_header {
     std::string path;
     std::map<std::string, std::string> fields; /* by name in lower case, blanks left out: "space origin" is "spaceorigin" */
+    std::string modality;                      /* of a "key:=value" line, as diffusion images and Slicer write it */
     uint64_t bytes = 0;                        /* where attached data begin */
 
     std::string text(const std::string &name) const
@@ -62,8 +63,14 @@ text_header read_header(const std::string &path)
         at = whole_line ? end + 1 : bytes.size();
         header.bytes = at;
         if (line.empty() && whole_line) return header;
-        size_t colon = line.find(": ");
-        if (line[0] == '#' || colon == std::string::npos) continue; /* comments, and "key:=value" of whoever wrote it */
+        size_t colon = line.find(": "), pair = line.find(":=");
+        if (line[0] == '#') continue;
+        if (pair != std::string::npos) { /* "key:=value" of whoever wrote it */
+            std::string key = lower_case(line.substr(0, pair));
+            if (key == "modality" || key == "dicom_0008_0060") header.modality = line.substr(pair + 2);
+            continue;
+        }
+        if (colon == std::string::npos) continue;
         std::string name;
         for (char c : lower_case(line.substr(0, colon)))
             if (c != ' ') name += c;
@@ -271,6 +278,7 @@ std::unique_ptr<image_source> open_nrrd(const std::string &path)
     source->header.type = component_of(header);
     source->header.whole_numbers = component_is_integer(source->header.type);
     source->header.geometry = checked_geometry(path, read_grid(header));
+    source->header.modality = modality_of(header.modality);
     size_t size = component_size(source->header.type);
     std::string endian = lower_case(header.text("endian"));
     if (size > 1 && endian != "little" && endian != "big")

@@ -156,6 +156,7 @@ public:
         header.slope = first.slope;
         header.intercept = first.intercept;
         header.whole_numbers = true;
+        header.modality = slices_.front().modality;
         for (const dicom_slice &slice : slices_) {
             const dicom_pixels &one = slice.pixels;
             if (one.type() != first.type() || one.slope != first.slope || one.intercept != first.intercept) alike_ = false;

@@ -127,6 +127,7 @@ pliant_status pliant_volume_resample(const pliant_volume *volume, const int32_t 
     result.slope = volume->slope;
     result.intercept = volume->intercept;
     result.background = volume->background;
+    result.modality = volume->modality;
     memcpy(result.id, volume->id, sizeof result.id);
     *out = result;
     memset(&result, 0, sizeof result);

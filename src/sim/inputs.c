@@ -128,11 +128,18 @@ pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_pat
     pliant_material_table table = {0};
     pliant_status status = scene->material.file[0] ? pliant_material_table_read(scene->material.file, &table)
                                                    : pliant_material_table_default(&table);
-    if (status == PLIANT_OK) status = pliant_scan_inputs_read(scene, &table, scan_path, scan, labels);
+    pliant_volume volume = {0};
+    pliant_labels map = {0};
+    if (status == PLIANT_OK) status = pliant_scan_inputs_read(scene, &table, scan_path, &volume, &map);
+    if (status == PLIANT_OK && !scene->material.file[0]) status = pliant_material_default_check(&volume);
     if (status != PLIANT_OK) {
+        pliant_volume_free(&volume);
+        pliant_labels_free(&map);
         pliant_material_table_free(&table);
         return status;
     }
+    *scan = volume;
+    *labels = map;
     *materials = table;
     return PLIANT_OK;
 }

@@ -178,7 +178,8 @@ static pliant_status write_pictures(const deform_run *run)
 {
     const pliant_geometry *geometry = &run->scan.geometry;
     picture_view view;
-    picture_window(&run->scan, &view.low, &view.high);
+    pliant_status status = picture_window(&run->scan, &view.low, &view.high);
+    if (status < 0) return status;
     double centre[3];
     for (int d = 0; d < 3; ++d) centre[d] = 0.5 * (geometry->size[d] - 1);
     pliant_geometry_to_world(geometry, centre, view.before_point);

@@ -135,18 +135,18 @@ static void draw(const panel_frame *frame, const pliant_volume *before, const pl
     draw_cross(frame, view->after_point, 1, rgb);
 }
 
-void picture_window(const pliant_volume *scan, double *low, double *high)
+pliant_status picture_window(const pliant_volume *scan, double *low, double *high)
 {
-    size_t voxels = pliant_geometry_voxels(&scan->geometry);
-    double smallest = INFINITY, largest = -INFINITY;
-    for (size_t n = 0; n < voxels; ++n) {
-        double value = pliant_volume_value(scan, n);
-        smallest = fmin(smallest, value);
-        largest = fmax(largest, value);
-    }
-    bool is_ct = smallest < -500.0;
-    *low = is_ct ? -160.0 : smallest;
-    *high = is_ct ? 240.0 : fmax(largest, smallest + 1.0);
+    const double percent[4] = {0.0, 1.0, 99.0, 100.0};
+    double value[4];
+    pliant_status status = pliant_volume_percentiles(scan, 4, percent, value);
+    if (status < 0) return status;
+    bool is_ct = scan->modality == PLIANT_MODALITY_CT || (scan->modality == PLIANT_MODALITY_UNKNOWN && value[0] < -500.0);
+    bool narrow = !(value[2] > value[1]); /* nearly all of one value: a few bright voxels */
+    *low = is_ct ? -160.0 : value[narrow ? 0 : 1];
+    *high = is_ct ? 240.0 : value[narrow ? 3 : 2];
+    if (!(*high > *low)) *high = *low + 1.0;
+    return PLIANT_OK;
 }
 
 pliant_status picture_write(const char *folder, const pliant_volume *before, const pliant_volume *after,

@@ -13,8 +13,9 @@ typedef struct picture_view {
     double low, high;                       /* values that are shown black and white */
 } picture_view;
 
-/* What suits the scan: a soft-tissue window for CT (anything below -500 is air), else its whole range. */
-void picture_window(const pliant_volume *scan, double *low, double *high);
+/* What suits the scan: a soft-tissue window for CT (where the header does not tell, anything below -500 is air), else from the 1st
+ * percentile to the 99th, so that a few bright vessels do not darken all else. Errors: MEMORY. */
+pliant_status picture_window(const pliant_volume *scan, double *low, double *high);
 
 /* folder/axial.png, coronal.png, sagittal.png: before, after and difference side by side. In the difference red is
  * brighter than before, blue darker. Errors: FILE, MEMORY. */

@@ -99,7 +99,8 @@ static pliant_status draw_plane(const char *folder, plane view, const pliant_vol
     int normal = 3 - view.right - view.down;
     double low, high, aspect = g->spacing[view.down] / g->spacing[view.right];
     int32_t scale = wide < 300 ? 2 : 1, width = scale * wide, height = (int32_t)ceil(scale * tall * aspect);
-    picture_window(scan, &low, &high);
+    pliant_status status = picture_window(scan, &low, &high);
+    if (status < 0) return status;
     uint8_t *rgb = pliant_calloc((size_t)(2 * width) * (size_t)height, 3);
     if (!rgb) return pliant_fail_memory("a picture");
     for (int32_t y = 0; y < height; y++)
@@ -119,7 +120,7 @@ static pliant_status draw_plane(const char *folder, plane view, const pliant_vol
         }
     char path[4096];
     snprintf(path, sizeof path, "%s/%s.png", folder, view.name);
-    pliant_status status = picture_png(path, rgb, 2 * width, height);
+    status = picture_png(path, rgb, 2 * width, height);
     pliant_free(rgb);
     return status;
 }
@@ -157,7 +158,8 @@ int main(int argc, char **argv)
     console_start(PLIANT_LOG_INFO);
     const pliant_scene *scene = &arguments.scene;
     arguments.scene.segment.kind = PLIANT_SEGMENT_NONE;
-    pliant_status status = pliant_inputs_read(scene, arguments.scan, &scan, &labels, &materials);
+    pliant_status status = pliant_material_table_default(&materials); /* not looked at: any scan will do */
+    if (status >= 0) status = pliant_scan_inputs_read(scene, &materials, arguments.scan, &scan, &labels);
     pliant_segment_options options = {scene->segment.classes, scene->segment.most_classes, scene->segment.coherence, scene->segment.smallest,
                                       pliant_threads_of(scene), scene->solver.backend};
     double start = pliant_seconds();

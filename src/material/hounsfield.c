@@ -1,0 +1,61 @@
+/* Whether a scan's values are the Hounsfield units that the built-in material table is written in. */
+#include "base/fail.h"
+#include "pliant/material.h"
+
+#include <math.h>
+
+enum { PERCENTILES = 101 };
+
+/* Between air and tissue: the threshold that divides the percentiles into the two groups that lie farthest apart, weighed by their
+ * sizes (N. Otsu, A threshold selection method from gray-level histograms, 1979). */
+static double air_threshold(const double value[PERCENTILES])
+{
+    double all = 0, below = 0, best = -1, threshold = value[0];
+    for (int n = 0; n < PERCENTILES; n++) all += value[n];
+    for (int n = 1; n < PERCENTILES; n++) {
+        below += value[n - 1];
+        double apart = (all - below) / (PERCENTILES - n) - below / n, variance = (double)n * (PERCENTILES - n) * apart * apart;
+        if (!(variance > best)) continue;
+        best = variance;
+        threshold = 0.5 * (value[n - 1] + value[n]);
+    }
+    return threshold;
+}
+
+/* Fat, lung and the air around a body lie below this [HU], in the built-in table as in every CT. */
+static const double darkest_soft_tissue = -20;
+static const double least_part = 1e-3;
+
+static pliant_status ask_for_table(const pliant_volume *scan, const char *reason)
+{
+    double percent[PERCENTILES], value[PERCENTILES];
+    for (int n = 0; n < PERCENTILES; n++) percent[n] = n;
+    pliant_status status = pliant_volume_percentiles(scan, PERCENTILES, percent, value);
+    if (status != PLIANT_OK) return status;
+    double air = air_threshold(value);
+    return pliant_fail(PLIANT_ERROR_MATERIAL,
+                       "%s: %s, and the built-in materials are ranges of Hounsfield units (CT). Name a table for it: material: {file: mine.yaml}, "
+                       "with ranges of its own intensities (1st to 99th percentile: %.4g to %.4g) such as\n"
+                       "materials:\n"
+                       "  - {name: air, young_modulus: 10, poisson_ratio: 0, density: 1.2, empty: true, range: [-1e9, %.4g]}\n"
+                       "  - {name: tissue, young_modulus: 5000, poisson_ratio: 0.45, density: 1050, range: [%.4g, 1e9]}\n"
+                       "or with the labels of a label map (material/labels). Fixed regions of the scene stand for bone (fixed: boxes, planes). "
+                       "pliant_segment shows what intensities its tissues have. If these are Hounsfield units all the same, name "
+                       "launch/materials/abdomen_ct.yaml",
+                       scan->id[0] ? scan->id : "the scan", reason, value[1], value[PERCENTILES - 2], air, air);
+}
+
+pliant_status pliant_material_default_check(const pliant_volume *scan)
+{
+    switch (scan->modality) {
+    case PLIANT_MODALITY_CT: return PLIANT_OK;
+    case PLIANT_MODALITY_MR: return ask_for_table(scan, "its header says MR");
+    case PLIANT_MODALITY_OTHER: return ask_for_table(scan, "its header names another modality than CT");
+    case PLIANT_MODALITY_UNKNOWN: break;
+    }
+    ptrdiff_t voxels = (ptrdiff_t)pliant_geometry_voxels(&scan->geometry), dark = 0;
+#pragma omp parallel for schedule(static) reduction(+ : dark)
+    for (ptrdiff_t v = 0; v < voxels; v++) dark += pliant_volume_value(scan, (size_t)v) < darkest_soft_tissue;
+    if ((double)dark >= least_part * (double)voxels) return PLIANT_OK;
+    return ask_for_table(scan, "its header does not say CT, and fewer than one voxel in a thousand is below -20, as air and fat are");
+}
