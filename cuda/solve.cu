@@ -275,7 +275,7 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     CUDA_TRY(run(gpu, &step));
     const gpu_state *state = gpu->h_state;
     const int now = state->now;
-    if (!isfinite(state->merit[now])) return pliant_fail(PLIANT_ERROR_NUMERIC, "the load is not finite or too large for double precision");
+    if (!isfinite(state->merit[now])) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, state->force[now] + 3 * t, sizeof solver->handles[t].force);
     statistics->iterations = gpu->last_iterations = state->iterations;
     statistics->rejected += (uint64_t)state->rejected;

@@ -2,6 +2,7 @@
 #include "program.h"
 #include "pliant/scan.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -117,6 +118,54 @@ TEST_F(Deform, StopsOnRequestWithWhatWasDone)
     EXPECT_EQ(interrupt(small_ + "--steps 1000000 --out " + in("stopped"), steps), 130) << text(in("err"));
     EXPECT_GT(table(in("stopped/nodes.csv")).size(), 100u);
     EXPECT_EQ(access(in("stopped/deformed.nii.gz").c_str(), R_OK), 0);
+}
+
+// what schur does under gravity is said when it is loaded, and what came of it at the end
+TEST_F(Deform, WarnsOfSteepLoadsAndOfStepsThatDidNotConverge)
+{
+    const std::string hung = small_ + "--set 'model/gravity=0 9.81 0' --no-volume --steps 3 --out " + in("hung");
+    ASSERT_EQ(run(hung + " --quiet --set solver/iterations=1 --set model/method=schur"), 0) << err_;
+    for (const char *words : {"warning: model/method: schur is far too soft for model/gravity", "10 to 15 times", "of 3 steps did not converge",
+                              "elements were turned inside out in", "averaged is not"})
+        EXPECT_NE(err_.find(words), std::string::npos) << words << "\n" << err_;
+    EXPECT_EQ(table(in("hung/steps.csv"))[0].back(), "inverted");
+    EXPECT_GT(std::stoi(table(in("hung/steps.csv")).back().back()), 0);
+    ASSERT_EQ(run(hung + " --quiet --set solver/iterations=100 --set model/method=averaged"), 0) << err_;
+    EXPECT_EQ(err_, "");
+    ASSERT_EQ(run(hung + " --quiet --set solver/iterations=1 --set solver/tolerance=1e-9"), 0) << err_;
+    EXPECT_NE(err_.find("3 of 3 steps did not converge, nor did the last one"), std::string::npos) << err_;
+    EXPECT_NE(err_.find("solver/iterations"), std::string::npos) << err_;
+}
+
+// gravity that a tool path turns on
+TEST_F(Deform, WarnsOfSchurWhereThePathHasGravity)
+{
+    std::ofstream(in("turn.yaml")) << "gravity: [{time: 0, acceleration: [0, 0, 0]}, {time: 0.02, acceleration: [0, 9.81, 0]}]\n";
+    const std::string turned = small_ + "--quiet --no-volume --steps 1 --tools " + in("turn.yaml") + " --out " + in("turned");
+    ASSERT_EQ(run(turned + " --set model/method=schur"), 0) << err_;
+    EXPECT_NE(err_.find("schur is far too soft"), std::string::npos) << err_;
+    ASSERT_EQ(run(turned + " --set model/method=averaged"), 0) << err_;
+    EXPECT_EQ(err_.find("schur"), std::string::npos) << err_;
+}
+
+// a scan that is no CT: the refusal says what to write, and with that it runs and shows something
+TEST_F(Deform, AsksForATableOfAnMr)
+{
+    const int32_t size[3] = {40, 32, 32};
+    pliant_volume scan{};
+    ASSERT_EQ(pliant_phantom(size, 1, &scan, nullptr), PLIANT_OK);
+    auto *voxels = static_cast<int16_t *>(scan.voxels);
+    for (size_t v = 0; v < pliant_geometry_voxels(&scan.geometry); ++v) voxels[v] = static_cast<int16_t>(std::max(voxels[v] + 300, 3));
+    ASSERT_EQ(pliant_volume_write(in("mr.nii").c_str(), &scan), PLIANT_OK);
+    pliant_volume_free(&scan);
+    EXPECT_EQ(run("--scan " + in("mr.nii") + " --out " + in("mr")), 1);
+    EXPECT_NE(err_.find("mr.nii: its header does not say CT"), std::string::npos) << err_;
+    const size_t begin = err_.find("materials:\n"), end = err_.find("or with the labels");
+    ASSERT_NE(begin, std::string::npos) << err_;
+    std::ofstream(in("mine.yaml")) << err_.substr(begin, end - begin);
+    std::ofstream(in("mr.yaml")) << "material: {file: mine.yaml}\nmesh: {coarse_cells: [4, 4, 4], ratio: 1}\n"
+                                    "fixed: {planes: [{point: [0, 0.08, 0], normal: [0, -1, 0]}]}\n";
+    EXPECT_EQ(run(in("mr.yaml") + " --quiet --steps 2 --pictures --scan " + in("mr.nii") + " --out " + in("mr")), 0) << err_;
 }
 
 } // namespace

@@ -46,7 +46,7 @@ const char two_tools[] = "tools:\n"
                          "    drive: force\n"
                          "    grasp: [0, 0, 0]\n"
                          "    motion:\n"
-                         "      - {time: 0, offset: [1, 2, 3]}\n";
+                         "      - {time: 0, force: [1, 2, 3]}\n";
 
 TEST_F(Path, HoldsWhatTheFileSays)
 {
@@ -95,6 +95,34 @@ TEST_F(Path, RefusesWrongFilesWithFileLineAndField)
     refuses(start + "    motion: [{time: 1, offset: [0, 0, 0]}, {time: 1, offset: [0, 0, 0]}]\n", "motion/time: 1 s");
     refuses(start + motion + "  - name: a\n    grasp: [0, 0, 0]\n" + motion, "line 5: tool 2 'a': name: another tool");
     refuses("tools:\n  - name: ''\n    grasp: [0, 0, 0]\n" + motion, "name: must have 1 to 47 characters");
+}
+
+TEST_F(Path, ForcesAreNewtonsAndOffsetsMetres)
+{
+    const std::string start = "tools:\n  - name: a\n    grasp: [0, 0, 0]\n", force = "    drive: force\n";
+    refuses(start + force + "    motion: [{time: 0.5, offset: [0, -0.03, 0]}]\n",
+            "line 2: tool 1 'a': motion: drive: force needs a force [N] at every time, as in {time: 0.5, force: [0, -5, 0]}, in place of offset");
+    refuses(start + force + "    motion: [{time: 0, force: [0, 0, 0]}, {time: 1}]\n", "{time: 1, force: [0, -5, 0]}");
+    refuses(start + force + "    motion: [{time: 0, force: [0, 0, 0], offset: [0, 0, 0]}]\n", "motion/offset: a tool of drive: force has a force alone");
+    refuses(start + "    motion: [{time: 0, force: [0, 0, 0]}]\n", "motion/force: only a tool of drive: force has one");
+    refuses(start + "    motion: [{time: 0}]\n", "motion: an offset [m] is missing");
+    refuses(start + force + "    motion: [{time: 0, force: [0, x, 0]}]\n", "motion/force: 'x' is not a number");
+
+    static std::string said;
+    pliant_set_log([](pliant_log_level level, const char *message, void *) { if (level == PLIANT_LOG_WARNING) said = message; }, nullptr);
+    const struct { std::string motion; std::vector<std::string> words; } cases[] = {
+        {force + "    motion: [{time: 0, force: [0, 0, 0]}, {time: 1, force: [0, -0.03, 0]}]\n", {name_, "tool a", "0.03 N", "newtons"}},
+        {"    motion: [{time: 0, offset: [0, 0, 0]}, {time: 1, offset: [0, -30, 0]}]\n", {name_, "tool a", "30 m", "millimetres"}},
+        {force + "    motion: [{time: 0, force: [0, 0, 0]}, {time: 1, force: [0, -3, 0]}]\n", {}},
+        {"    motion: [{time: 0, offset: [0, 0, 0]}, {time: 1, offset: [0, -0.03, 0]}]\n", {}}};
+    for (const auto &one : cases) {
+        said.clear();
+        EXPECT_EQ(read(start + one.motion), PLIANT_OK) << pliant_last_error();
+        pliant_path_free(&path_);
+        EXPECT_EQ(said.empty(), one.words.empty()) << said;
+        for (const std::string &word : one.words) EXPECT_NE(said.find(word), std::string::npos) << said;
+    }
+    pliant_set_log(nullptr, nullptr);
 }
 
 TEST_F(Path, TurnsGravity)

@@ -112,8 +112,8 @@ TEST(Dicom, SeveralSeriesAreListedAndOneMayBeNamed)
         file->intercept = "0";
     });
     expect_refused(folder.path(), PLIANT_ERROR_FORMAT,
-                   {folder.path(), "2 series", "1.2.3.1  \"abdomen\"  4 images of 4 x 3", "1.2.3.22  \"thorax\"  2 images"});
-    expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"no series ends with \"9.9\"", "1.2.3.22"}, "9.9");
+                   {folder.path(), "2 series", "scan/series=UID", "1.2.3.1  \"abdomen\"  4 images of 4 x 3", "1.2.3.22  \"thorax\"  2 images"});
+    expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"scan/series: no series ends with \"9.9\"", "1.2.3.22"}, "9.9");
     for (const char *name : {"1.2.3.22", ".22", "3.22"}) {
         volume_holder scan;
         ASSERT_EQ(pliant_volume_read(folder.path().c_str(), name, 0, &scan), PLIANT_OK) << pliant_last_error();

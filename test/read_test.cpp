@@ -138,6 +138,38 @@ TEST(Nifti, ShearedSformFallsBackToTheQform)
     expect_refused(folder / "sheared.nii", PLIANT_ERROR_FORMAT, {"sheared.nii", "orthonormal"});
 }
 
+TEST(Nifti, AnSformThatCannotBeFollowedIsTold)
+{
+    temporary_folder folder;
+    static std::string said;
+    pliant_set_log([](pliant_log_level level, const char *message, void *) { if (level == PLIANT_LOG_WARNING) said = message; }, nullptr);
+    const struct { std::vector<float> srow; const char *word; } cases[] = {
+        {{1, 0.2f, 0, 5, 0, 1, 0, 5, 0, 0, 1, 5}, "sheared"},
+        {{0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}, "singular"},
+        {{1, 0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0}, "singular"},
+        {{1, 0, 0, 0, 0, NOT_A_NUMBER, 0, 0, 0, 0, 1, 0}, "singular"},
+        {{1, 0, 0, 0, 0, 1, 0, NOT_A_NUMBER, 0, 0, 1, 0}, "singular"},
+        {{1, 0, 0, 5, 0, 1, 0, 5, 0, 0, 1, 5}, ""}};
+    for (const auto &one : cases) {
+        nifti_file file;
+        file.qform_code = 1;
+        file.srow = one.srow;
+        save(folder / "scan.nii", file.bytes());
+        volume_holder scan;
+        said.clear();
+        ASSERT_EQ(pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(scan->geometry.origin[0], *one.word ? 0 : -0.005) << "of the qform, or of the sform";
+        EXPECT_EQ(said.empty(), !*one.word) << said;
+        for (const char *word : {one.word, *one.word ? "qform is taken" : "", *one.word ? "scan.nii" : ""})
+            EXPECT_NE(said.find(word), std::string::npos) << said;
+        if (std::string(one.word) != "singular") continue;
+        file.qform_code = 0;
+        save(folder / "alone.nii", file.bytes());
+        expect_refused(folder / "alone.nii", PLIANT_ERROR_FORMAT, {"alone.nii", "sform", "singular"});
+    }
+    pliant_set_log(nullptr, nullptr);
+}
+
 TEST(Nifti, FarFromTheOriginIsAValidSform)
 {
     /* ITK 5 refuses this one: "No orthonormal definition found" */

@@ -4,11 +4,15 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <limits>
 #include <locale.h>
 #include <string>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 namespace {
 
@@ -43,6 +47,35 @@ void refused(const std::string &yaml, pliant_status status, std::initializer_lis
     EXPECT_EQ(memcmp(&scene, &before, sizeof scene), 0) << "output written on failure";
     expect_words(pliant_last_error(), {"s.yaml"});
     expect_words(pliant_last_error(), words);
+}
+
+/* Read to the limit and no further, whatever pretends to be a scene. */
+TEST(SceneFile, ThatNeverEndsIsRefused)
+{
+    pliant_scene scene;
+    size_t in_use = pliant_memory_in_use();
+    EXPECT_EQ(pliant_scene_read("/dev/zero", &scene), PLIANT_ERROR_FORMAT);
+    EXPECT_NE(std::string(pliant_last_error()).find("/dev/zero: does not end within 64 MiB"), std::string::npos) << pliant_last_error();
+    char folder[] = "/tmp/pliant_scene_XXXXXX";
+    ASSERT_NE(mkdtemp(folder), nullptr);
+    const std::string huge = std::string(folder) + "/huge.yaml", pipe = std::string(folder) + "/pipe.yaml";
+    std::ofstream(huge).seekp(3LL << 30).put('\n'); /* takes no room on disk */
+    EXPECT_EQ(pliant_scene_read(huge.c_str(), &scene), PLIANT_ERROR_FORMAT);
+    EXPECT_NE(std::string(pliant_last_error()).find("does not end within"), std::string::npos) << pliant_last_error();
+    ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+    pid_t writer = fork();
+    if (writer == 0) {
+        execlp("sh", "sh", "-c", ("exec yes '# nothing' > " + pipe).c_str(), static_cast<char *>(nullptr));
+        _exit(127);
+    }
+    EXPECT_EQ(pliant_scene_read(pipe.c_str(), &scene), PLIANT_ERROR_FORMAT);
+    EXPECT_NE(std::string(pliant_last_error()).find("does not end within"), std::string::npos) << pliant_last_error();
+    waitpid(writer, nullptr, 0); /* it ends: nobody reads */
+    EXPECT_LT(pliant_memory_peak() - in_use, 150u << 20);
+    EXPECT_EQ(pliant_memory_in_use(), in_use);
+    unlink(huge.c_str());
+    unlink(pipe.c_str());
+    rmdir(folder);
 }
 
 } // namespace

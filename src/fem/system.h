@@ -8,6 +8,11 @@
 #include "fem/element/rotation.h"
 #include "pliant/model.h"
 
+/* What a step says whose merit is not finite: everything that is checked one by one has been finite before. */
+#define PLIANT_LOAD_NOT_FINITE \
+    "the load is not finite, or too large for double precision: look at model/gravity, density in the material table, grasp/stiffness, and the forces " \
+    "and offsets of the tools"
+
 #ifdef __cplusplus
 extern "C" {
 #endif

@@ -13,7 +13,7 @@ enum { MOST_KEYS = 1000000, REASON_SIZE = 256 };
 /* The document as it stands, before its numbers are read. */
 typedef struct text_key {
     char *time;
-    char **offset;
+    char **offset, **force, **acceleration; /* one of them */
 } text_key;
 
 typedef struct text_tool {
@@ -33,13 +33,14 @@ typedef struct text_path {
 static const cyaml_schema_value_t word = {CYAML_VALUE_STRING(CYAML_FLAG_POINTER, char, 0, CYAML_UNLIMITED)};
 static const cyaml_schema_field_t key_fields[] = {
     CYAML_FIELD_STRING_PTR("time", CYAML_FLAG_POINTER, text_key, time, 0, CYAML_UNLIMITED),
-    CYAML_FIELD_SEQUENCE_FIXED("offset", CYAML_FLAG_POINTER, text_key, offset, &word, 3),
+    CYAML_FIELD_SEQUENCE_FIXED("offset", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_key, offset, &word, 3),
+    CYAML_FIELD_SEQUENCE_FIXED("force", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_key, force, &word, 3),
     CYAML_FIELD_END,
 };
 static const cyaml_schema_value_t key_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_key, key_fields)};
 static const cyaml_schema_field_t gravity_fields[] = {
     CYAML_FIELD_STRING_PTR("time", CYAML_FLAG_POINTER, text_key, time, 0, CYAML_UNLIMITED),
-    CYAML_FIELD_SEQUENCE_FIXED("acceleration", CYAML_FLAG_POINTER, text_key, offset, &word, 3),
+    CYAML_FIELD_SEQUENCE_FIXED("acceleration", CYAML_FLAG_POINTER, text_key, acceleration, &word, 3),
     CYAML_FIELD_END,
 };
 static const cyaml_schema_value_t gravity_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_key, gravity_fields)};
@@ -81,22 +82,56 @@ static bool read_drive(const char *text, pliant_drive *out, char reason[REASON_S
     return false;
 }
 
-/* field: "motion/time" and so on. false without a reason: out of memory */
-static bool read_keys(const text_key *text, uint32_t count, const char *time, const char *value, pliant_path_key **out, char reason[REASON_SIZE])
+/* The words of one kind of value. Gives their name, and in *words the three of them; NULL and a reason where there is another. */
+static const char *value_of(const text_key *key, bool gravity, bool by_force, char ***words, char reason[REASON_SIZE])
 {
+    *words = gravity ? key->acceleration : by_force ? key->force : key->offset;
+    if (gravity) return "gravity/acceleration";
+    if (by_force && !key->force)
+        snprintf(reason, REASON_SIZE, "motion: drive: force needs a force [N] at every time, as in {time: %.32s, force: [0, -5, 0]}%s", key->time,
+                 key->offset ? ", in place of offset" : "");
+    else if (!by_force && key->force)
+        snprintf(reason, REASON_SIZE, "motion/force: only a tool of drive: force has one; others have an offset [m]");
+    else if (by_force && key->offset)
+        snprintf(reason, REASON_SIZE, "motion/offset: a tool of drive: force has a force alone");
+    else if (!by_force && !key->offset)
+        snprintf(reason, REASON_SIZE, "motion: an offset [m] is missing, as in {time: %.32s, offset: [0, -0.03, 0]}", key->time);
+    else return by_force ? "motion/force" : "motion/offset";
+    return NULL;
+}
+
+/* false without a reason: out of memory */
+static bool read_keys(const text_key *text, uint32_t count, bool gravity, bool by_force, pliant_path_key **out, char reason[REASON_SIZE])
+{
+    const char *time = gravity ? "gravity/time" : "motion/time";
     pliant_path_key *keys = *out = pliant_calloc(count, sizeof *keys);
     if (!keys) return false;
     for (uint32_t k = 0; k < count; ++k) {
         pliant_path_key *key = &keys[k];
+        char **words;
         if (!read_number(time, text[k].time, &key->time, reason)) return false;
+        const char *name = value_of(&text[k], gravity, by_force, &words, reason);
         for (int d = 0; d < 3; ++d)
-            if (!read_number(value, text[k].offset[d], &key->offset[d], reason)) return false;
+            if (!name || !read_number(name, words[d], &key->value[d], reason)) return false;
         if (key->time < 0.0 || (k > 0 && key->time <= key[-1].time)) {
             snprintf(reason, REASON_SIZE, "%s: %g s must be at least 0 and more than the one before", time, key->time);
             return false;
         }
     }
     return true;
+}
+
+/* Numbers that are right by themselves and look like another unit. Forces that move tissue are newtons, ways centimetres. */
+static void hint_at_units(const char *file, const pliant_path_tool *tool)
+{
+    double largest = 0.0;
+    for (uint32_t k = 0; k < tool->num_motion; ++k)
+        for (int d = 0; d < 3; ++d) largest = fmax(largest, fabs(tool->motion[k].value[d]));
+    if (tool->drive == PLIANT_DRIVE_FORCE && largest > 0.0 && largest < 0.1)
+        pliant_log(PLIANT_LOG_WARNING, "%s: tool %s pulls with at most %g N: forces are in newtons; was a way in metres meant (drive: rigid or spring, "
+                   "with offset)?", file, tool->name, largest);
+    if (tool->drive != PLIANT_DRIVE_FORCE && largest >= 1.0)
+        pliant_log(PLIANT_LOG_WARNING, "%s: tool %s goes %g m far: offsets are in metres; were millimetres meant?", file, tool->name, largest);
 }
 
 static bool read_tool(const text_tool *text, pliant_path_tool *out, char reason[REASON_SIZE])
@@ -115,7 +150,7 @@ static bool read_tool(const text_tool *text, pliant_path_tool *out, char reason[
         return false;
     }
     out->num_motion = text->num_motion;
-    return read_keys(text->motion, text->num_motion, "motion/time", "motion/offset", &out->motion, reason);
+    return read_keys(text->motion, text->num_motion, false, out->drive == PLIANT_DRIVE_FORCE, &out->motion, reason);
 }
 
 static pliant_status convert(const text_path *text, const char *yaml, const char *name, pliant_path *out)
@@ -137,7 +172,7 @@ static pliant_status convert(const text_path *text, const char *yaml, const char
     char reason[REASON_SIZE] = "";
     out->num_gravity = text->num_gravity;
     if (text->num_gravity == 0 ||
-        read_keys(text->gravity, text->num_gravity, "gravity/time", "gravity/acceleration", &out->gravity, reason))
+        read_keys(text->gravity, text->num_gravity, true, false, &out->gravity, reason))
         return PLIANT_OK;
     if (!reason[0]) return pliant_fail_memory("a tool path");
     return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: %s", name, pliant_yaml_line(yaml, "gravity", 0, 1), reason);
@@ -164,6 +199,7 @@ pliant_status pliant_path_read(const char *path, pliant_path *out)
     result.num_tools = text->num_tools;
     status = convert(text, yaml, path, &result);
     if (status == PLIANT_OK) {
+        for (uint32_t n = 0; n < result.num_tools; ++n) hint_at_units(path, &result.tools[n]);
         *out = result;
         result = (pliant_path){.tools = NULL};
     }
@@ -183,7 +219,7 @@ void pliant_path_free(pliant_path *path)
     memset(path, 0, sizeof *path);
 }
 
-static void between(const pliant_path_key *key, uint32_t count, double time, double offset[3])
+static void between(const pliant_path_key *key, uint32_t count, double time, double value[3])
 {
     uint32_t after = 0;
     while (after < count && key[after].time <= time) ++after;
@@ -192,7 +228,7 @@ static void between(const pliant_path_key *key, uint32_t count, double time, dou
     double span = key[after].time - key[before].time;
     double part = span > 0.0 ? (time - key[before].time) / span : 0.0;
     for (int d = 0; d < 3; ++d)
-        offset[d] = key[before].offset[d] + part * (key[after].offset[d] - key[before].offset[d]);
+        value[d] = key[before].value[d] + part * (key[after].value[d] - key[before].value[d]);
 }
 
 bool pliant_path_gravity(const pliant_path *path, double time, double gravity[3])
@@ -201,9 +237,9 @@ bool pliant_path_gravity(const pliant_path *path, double time, double gravity[3]
     return path->num_gravity > 0;
 }
 
-bool pliant_path_at(const pliant_path_tool *tool, double time, double offset[3])
+bool pliant_path_at(const pliant_path_tool *tool, double time, double value[3])
 {
-    between(tool->motion, tool->num_motion, time, offset);
+    between(tool->motion, tool->num_motion, time, value);
     return tool->release <= 0.0 || time < tool->release;
 }
 

@@ -24,6 +24,9 @@ pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, cons
             *index = t;
             return PLIANT_OK;
         }
+    if (strlen(name) >= sizeof data->tools->name)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %.20s...: its name has %zu characters, at most %zu are possible", name, strlen(name),
+                           sizeof data->tools->name - 1);
     if (data->num_tools == PLIANT_MAX_TOOLS)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "no room for tool %s: there are %d already", name, PLIANT_MAX_TOOLS);
     pliant_tool *tool = data->tools + data->num_tools;
@@ -149,6 +152,38 @@ static void find_held_point(const pliant_data *data, pliant_tool *tool)
         for (int d = 0; d < 3; d++) tool->held_point[d] += tool->weight[h] * data->positions[3 * tool->held[h] + d];
 }
 
+/* Nothing to hold at a point: where the tissue is, and whether millimetres were meant. */
+static pliant_status fail_no_tissue(const pliant_mesh *mesh, const char *name, const double at[3])
+{
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    for (int32_t n = 0; n < 3 * mesh->num_nodes; n++) {
+        low[n % 3] = fmin(low[n % 3], mesh->rest[n]);
+        high[n % 3] = fmax(high[n % 3], mesh->rest[n]);
+    }
+    bool far = false, inside_as_mm = true;
+    for (int d = 0; d < 3; d++) {
+        far = far || fabs(at[d]) >= 1;
+        inside_as_mm = inside_as_mm && 1e-3 * at[d] >= low[d] && 1e-3 * at[d] <= high[d];
+    }
+    return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: there is no tissue at (%.4f %.4f %.4f) m; at rest it lies between (%.4f %.4f %.4f) and "
+                       "(%.4f %.4f %.4f) m%s", name, at[0], at[1], at[2], low[0], low[1], low[2], high[0], high[1], high[2],
+                       far && inside_as_mm ? ": the point seems to be in millimetres, metres are needed" : "");
+}
+
+/* Bone that is taken hold of does not come along, and forces grow without end: who pulls should know. */
+static void tell_what_is_fixed(const pliant_model *model, const pliant_tool *tool)
+{
+    double fixed = 0;
+    for (int32_t h = 0; h < tool->num_held; h++)
+        if (model->fine_fixed[tool->held[h]]) fixed += tool->weight[h];
+    if (fixed < 0.25) return;
+    const double *at = tool->held_point;
+    char part[24] = "nothing but";
+    if (fixed < 0.999) snprintf(part, sizeof part, "to %.0f %%", 100 * fixed);
+    pliant_log(PLIANT_LOG_WARNING, "tool %s holds %s what is fixed (bone, or a region in the scene's fixed) at (%.4f %.4f %.4f) m: what is fixed stays where "
+               "it is; grasp soft tissue, or set material/deformable_bone", tool->name, part, at[0], at[1], at[2]);
+}
+
 pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, int index, const double rest[3])
 {
     (void)model;
@@ -163,8 +198,7 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
     } else {
         if (!tool->present) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no pose: it cannot grasp", tool->name);
         int32_t tet = pliant_mesh_locate_deformed(mesh, data->positions, tool->tip, barycentric);
-        if (tet < 0) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: there is no tissue at its tip (%.4f %.4f %.4f m)", tool->name,
-                                        tool->tip[0], tool->tip[1], tool->tip[2]);
+        if (tet < 0) return fail_no_tissue(mesh, tool->name, tool->tip);
         memset(centre, 0, sizeof centre);
         for (int v = 0; v < 4; v++)
             for (int d = 0; d < 3; d++) centre[d] += barycentric[v] * mesh->rest[3 * mesh->tets[4 * tet + v] + d];
@@ -173,8 +207,7 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
     if (!weights) return pliant_fail_memory("a tool's hold");
     bool there = tool->radius > 0 ? blob_weights(mesh, centre, tool->radius, weights) > 0 : add_point(mesh, centre, weights);
     status = there ? keep_weights(mesh, weights, tool)
-                   : pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: there is no tissue at (%.4f %.4f %.4f m)", tool->name, centre[0], centre[1],
-                                 centre[2]);
+                   : fail_no_tissue(mesh, tool->name, centre);
     pliant_free(weights);
     if (status != PLIANT_OK) return status;
     find_held_point(data, tool);
@@ -186,6 +219,7 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
     memcpy(tool->last_target, tool->held_point, sizeof tool->last_target);
     tool->holding = true;
     tool->hold++;
+    tell_what_is_fixed(model, tool);
     return PLIANT_OK;
 }
 

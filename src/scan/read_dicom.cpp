@@ -175,7 +175,7 @@ const std::vector<dicom_slice> &chosen(const std::string &folder, const series_m
 {
     if (!wanted || !*wanted) {
         if (series.size() > 1)
-            fail(PLIANT_ERROR_FORMAT, "%s: holds %zu series; name one by its UID or the end of it:%s", folder.c_str(), series.size(),
+            fail(PLIANT_ERROR_FORMAT, "%s: holds %zu series; name one in the scene as scan/series (--set scan/series=UID), by its UID or the end of it:%s", folder.c_str(), series.size(),
                  listed(series).c_str());
         return series.begin()->second;
     }
@@ -189,7 +189,7 @@ const std::vector<dicom_slice> &chosen(const std::string &folder, const series_m
             matches++;
         }
     if (matches != 1)
-        fail(PLIANT_ERROR_FORMAT, "%s: %s series ends with \"%.100s\"; there are:%s", folder.c_str(), matches ? "more than one" : "no", wanted,
+        fail(PLIANT_ERROR_FORMAT, "%s: scan/series: %s series ends with \"%.100s\"; there are:%s", folder.c_str(), matches ? "more than one" : "no", wanted,
              listed(series).c_str());
     return *found;
 }

@@ -139,6 +139,16 @@ void from_affine(const double affine[12], grid *grid)
     grid->origin[2] = affine[11];
 }
 
+/* No three axes that span space: a column of zeros, two that are parallel, numbers that are not finite. */
+bool is_singular(const double affine[12])
+{
+    double lengths = 1.0;
+    for (int d = 0; d < 3; d++) lengths *= std::sqrt(affine[d] * affine[d] + affine[4 + d] * affine[4 + d] + affine[8 + d] * affine[8 + d]);
+    double determinant = affine[0] * (affine[5] * affine[10] - affine[6] * affine[9]) - affine[1] * (affine[4] * affine[10] - affine[6] * affine[8]) +
+                         affine[2] * (affine[4] * affine[9] - affine[5] * affine[8]);
+    return !(std::fabs(determinant) > 1e-3 * lengths) || !std::isfinite(affine[3] + affine[7] + affine[11]);
+}
+
 bool is_sheared(const grid &grid)
 {
     const double *d = grid.direction;
@@ -178,7 +188,8 @@ void affine_from_qform(const std::string &path, const fields &header, double uni
     }
 }
 
-/* The sform where it is one of right angles, else the qform, else pixdim alone (the standard's methods 3, 2, 1). */
+/* The sform where it is one of right angles, else the qform, else pixdim alone (the standard's methods 3, 2, 1; where a header has
+ * both it leaves the choice to who reads, and both describe the same voxels). */
 void read_grid(const std::string &path, const fields &header, grid *grid)
 {
     const layout &at = header.at();
@@ -201,8 +212,14 @@ void read_grid(const std::string &path, const fields &header, grid *grid)
     bool has_sform = header.code(at.sform_code) > 0, has_qform = header.code(at.qform_code) > 0;
     if (has_sform) {
         affine_from_sform(header, unit, affine);
+        bool singular = is_singular(affine);
+        if (singular && !has_qform)
+            fail(PLIANT_ERROR_FORMAT, "%s: the sform (srow_x, srow_y, srow_z) is singular: its axes do not span space, and there is no qform", path.c_str());
         from_affine(affine, grid);
-        bool sheared = is_sheared(*grid);
+        bool sheared = singular || is_sheared(*grid);
+        if (sheared && has_qform)
+            pliant_log(PLIANT_LOG_WARNING, "%s: the sform (srow_x, srow_y, srow_z) is %s, which no grid with right angles can follow; the qform is taken "
+                       "instead, so positions may differ from what other programs show", path.c_str(), singular ? "singular" : "sheared");
         if (!has_qform || !sheared) {
             for (int d = 0; d < 3 && !sheared; d++) /* sheared: refused below, with the other grids */
                 if (std::fabs(grid->spacing[d] - pixdim[d]) > 0.01 * pixdim[d])

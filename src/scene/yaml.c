@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MESSAGE_SIZE = 512, PATH_DEPTH = 8, KEY_SIZE = 64 };
+enum { MESSAGE_SIZE = 512, PATH_DEPTH = 8, KEY_SIZE = 64, MOST_TEXT = 64 << 20 };
 
 /* What libcyaml says about one failure: the first line is the reason, the others tell where, innermost first. */
 typedef struct complaint {
@@ -41,8 +41,10 @@ pliant_status pliant_text_read(const char *path, char **out)
         text = larger;
         size += fread(text + size, 1, room - size, file);
         room *= 2;
-    } while (size == room / 2);
-    if (ferror(file)) {
+    } while (size == room / 2 && size < MOST_TEXT);
+    if (size >= MOST_TEXT) {
+        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: does not end within %d MiB: no text file of options, materials or tool paths", path, MOST_TEXT >> 20);
+    } else if (ferror(file)) {
         status = pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be read: %s", path, strerror(errno));
     } else if (memchr(text, 0, size)) {
         status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is not a text file (it holds zero bytes)", path);

@@ -7,7 +7,8 @@
 
 #include <cyaml/cyaml.h>
 
-/* The whole of a text file, with a 0 at its end. Free with pliant_free. Errors: FILE, MEMORY. */
+/* The whole of a text file, with a 0 at its end. Free with pliant_free. Errors: FILE, FORMAT (not text, or longer than 64 MiB),
+   MEMORY. */
 pliant_status pliant_text_read(const char *path, char **text);
 
 /* A document by its schema, whose top level is a CYAML_FLAG_POINTER mapping. *out is NULL for an empty document.

@@ -328,6 +328,13 @@ static pliant_status run_stages(builder *build)
     return PLIANT_OK;
 }
 
+void pliant_schur_warning(const pliant_scene *scene, const double gravity[3])
+{
+    if (scene->model.method != PLIANT_SCHUR || (gravity[0] == 0 && gravity[1] == 0 && gravity[2] == 0)) return;
+    pliant_log(PLIANT_LOG_WARNING, "model/method: schur is far too soft for model/gravity: tissue sags 10 to 15 times as far as on the fine mesh (an "
+               "abdominal CT, 9.81 m/s^2), tears and turns inside out, and steps do not converge; averaged or calibrated are meant for it");
+}
+
 pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume *scan, const pliant_labels *labels,
                                  const pliant_material_table *materials, pliant_progress progress, pliant_model **out)
 {
@@ -345,6 +352,7 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
                                                  "it to false, or model/method to another one");
     if (status == PLIANT_OK) status = pliant_material_table_check(materials);
     if (status != PLIANT_OK) return status;
+    pliant_schur_warning(scene, scene->model.gravity);
     pliant_model *model = pliant_calloc(1, sizeof *model);
     if (!model) return pliant_fail_memory("the model");
     builder build = {.model = model, .labels = labels, .progress = progress};

@@ -58,7 +58,7 @@ static double farthest_pull(const pliant_path *path)
     double farthest = 0.0;
     for (uint32_t n = 0; n < path->num_tools; ++n)
         for (uint32_t k = 0; path->tools[n].drive != PLIANT_DRIVE_FORCE && k < path->tools[n].num_motion; ++k) {
-            const double *offset = path->tools[n].motion[k].offset;
+            const double *offset = path->tools[n].motion[k].value;
             farthest = fmax(farthest, sqrt(offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]));
         }
     return farthest;
@@ -100,15 +100,15 @@ static pliant_status move_tools(deform_run *run, double time)
 {
     for (uint32_t n = 0; n < run->path.num_tools; ++n) {
         const pliant_path_tool *tool = &run->path.tools[n];
-        double offset[3], tip[3];
+        double value[3], tip[3];
         pliant_status status;
-        if (!pliant_path_at(tool, time, offset)) {
+        if (!pliant_path_at(tool, time, value)) {
             pliant_tool_release(run->data, (int)n);
             continue;
         }
-        for (int d = 0; d < 3; ++d) tip[d] = tool->grasp[d] + offset[d];
+        for (int d = 0; d < 3; ++d) tip[d] = tool->grasp[d] + value[d];
         if (tool->drive == PLIANT_DRIVE_FORCE)
-            status = pliant_tool_drive(run->data, (int)n, tool->drive, offset);
+            status = pliant_tool_drive(run->data, (int)n, tool->drive, value);
         else
             status = pliant_tool_pose(run->data, (int)n, tip, NULL);
         if (status < 0) return status;
@@ -129,7 +129,7 @@ static pliant_status step_through(deform_run *run)
         if (status < 0) return status;
         double start = pliant_seconds();
         stepped = pliant_step(run->model, run->data);
-        status = timing_add(&run->times, run->data, stepped, pliant_seconds() - start);
+        status = timing_add(&run->times, run->model, run->data, stepped, pliant_seconds() - start);
         if (stepped < 0) return stepped;
         if (status < 0) return status;
         if (run->arguments->every && step % run->arguments->every == 0) {
@@ -140,9 +140,6 @@ static pliant_status step_through(deform_run *run)
         if (!asked && step > moving && stepped == PLIANT_OK) break;
     }
     console_progress_end();
-    if (stepped == PLIANT_NOT_CONVERGED)
-        pliant_log(PLIANT_LOG_WARNING, "the last step did not converge: residual %.2g, tolerance %.2g",
-                   run->data->statistics.residual, run->model->scene.solver.tolerance);
     return PLIANT_OK;
 }
 
@@ -169,6 +166,12 @@ static pliant_status prepare(deform_run *run)
     status = timing_write_build(arguments->folder, run->model);
     if (status >= 0) status = pliant_data_create(run->model, &run->data);
     if (status >= 0 && arguments->volume) status = ask_for_volume(run);
+    for (uint32_t k = 0; status >= 0 && k < run->path.num_gravity; ++k) {
+        const double *gravity = run->path.gravity[k].value;
+        if (gravity[0] == 0.0 && gravity[1] == 0.0 && gravity[2] == 0.0) continue;
+        pliant_schur_warning(&run->model->scene, gravity);
+        break;
+    }
     if (status >= 0) status = grasp(run);
     if (status >= 0) status = timing_start(arguments->folder, &run->times);
     return status;
@@ -196,6 +199,7 @@ static pliant_status finish(deform_run *run)
     if (status >= 0 && run->arguments->pictures) status = write_pictures(run);
     timing_print(&run->times, run->model, run->data, stdout);
     timing_print_memory(stdout);
+    timing_warn(&run->times, run->model, run->data);
     printf("results in %s\n", run->arguments->folder);
     return status;
 }

@@ -36,7 +36,7 @@ pliant_status timing_start(const char *folder, step_times *out)
     }
     fputs("step,status,iterations,residual,residual_force_n", times.steps);
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage) fprintf(times.steps, ",%s_s", pliant_step_stage_name(stage));
-    fputs(",step_s\n", times.steps);
+    fputs(",step_s,inverted\n", times.steps);
     fputs("step,tool,force_x_n,force_y_n,force_z_n,held_x_m,held_y_m,held_z_m\n", times.tools);
     *out = times;
     return PLIANT_OK;
@@ -53,19 +53,24 @@ static bool make_room(step_times *times)
     return true;
 }
 
-pliant_status timing_add(step_times *times, const pliant_data *data, pliant_status status, double seconds)
+pliant_status timing_add(step_times *times, const pliant_model *model, const pliant_data *data, pliant_status status, double seconds)
 {
     const pliant_statistics *statistics = &data->statistics;
+    const int32_t inverted = pliant_mesh_inverted(&model->fine, data->positions);
     if (!make_room(times)) return pliant_fail_memory("the times of the steps");
     double *row = times->seconds + COLUMNS * times->num_steps++;
     memcpy(row, statistics->seconds, sizeof statistics->seconds);
     row[PLIANT_NUM_STEP_STAGES] = seconds;
     times->iterations += (uint64_t)statistics->iterations;
+    times->last_converged = status != PLIANT_NOT_CONVERGED;
+    if (status == PLIANT_NOT_CONVERGED && statistics->residual > times->worst_residual) times->worst_residual = statistics->residual;
+    times->inverted_steps += inverted > 0;
+    if (inverted > times->most_inverted) times->most_inverted = inverted;
 
     fprintf(times->steps, "%zu,%d,%d,%.6g,%.6g", times->num_steps, (int)status, (int)statistics->iterations,
             statistics->residual, statistics->residual_force);
     for (int column = 0; column < COLUMNS; ++column) fprintf(times->steps, ",%.6g", row[column]);
-    fputc('\n', times->steps);
+    fprintf(times->steps, ",%d\n", (int)inverted);
     for (int n = 0; n < data->num_tools; ++n) {
         const pliant_tool *tool = &data->tools[n];
         if (!tool->holding) continue;
@@ -116,6 +121,23 @@ void timing_print(const step_times *times, const pliant_model *model, const plia
     if (statistics->patched > 0)
         fprintf(file, "patch: %d tools, %d iterations, residual %.2g, moves nodes by up to %.3g mm\n", (int)statistics->patched,
                 (int)statistics->patch_iterations, statistics->patch_residual, 1e3 * statistics->patch_moved);
+}
+
+void timing_warn(const step_times *times, const pliant_model *model, const pliant_data *data)
+{
+    const pliant_statistics *statistics = &data->statistics;
+    const pliant_scene *scene = &model->scene;
+    bool schur = scene->model.method == PLIANT_SCHUR;
+    if (statistics->not_converged > 0)
+        pliant_log(PLIANT_LOG_WARNING, "%llu of %zu steps did not converge%s: residuals up to %.2g, solver/tolerance is %.2g; %s",
+                   (unsigned long long)statistics->not_converged, times->num_steps, times->last_converged ? " (the last one did)" : ", nor did the last one",
+                   times->worst_residual, scene->solver.tolerance,
+                   schur ? "schur may be too soft for the load: averaged is not" : "more of solver/iterations or a smaller solver/step bring them closer");
+    if (times->most_inverted > 0)
+        pliant_log(PLIANT_LOG_WARNING, "elements were turned inside out in %zu of %zu steps, up to %d of %d at once, %d at the end: what lies there is not to be "
+                   "relied on; %s", times->inverted_steps, times->num_steps, (int)times->most_inverted, (int)model->fine.num_tets,
+                   (int)pliant_mesh_inverted(&model->fine, data->positions),
+                   schur ? "schur may be too soft for the load: averaged is not" : "the load may be more than the tissue can take, or come in fewer steps than it needs");
 }
 
 void timing_print_build(const pliant_model *model, FILE *file)

@@ -16,19 +16,26 @@ typedef struct step_times {
     double *seconds;     /* (num_steps x (PLIANT_NUM_STEP_STAGES + 1)), the last column is the whole step */
     size_t num_steps, capacity;
     uint64_t iterations;
+    bool last_converged;
+    double worst_residual;     /* of a step that did not converge */
+    size_t inverted_steps;     /* steps with inverted elements, and the most that one had */
+    int32_t most_inverted;
 } step_times;
 
 /* folder/steps.csv and tools.csv with their first lines. Errors: FILE. */
 pliant_status timing_start(const char *folder, step_times *out);
 
 /* Rows for the step that data has just done. Errors: FILE, MEMORY. */
-pliant_status timing_add(step_times *times, const pliant_data *data, pliant_status status, double seconds);
+pliant_status timing_add(step_times *times, const pliant_model *model, const pliant_data *data, pliant_status status, double seconds);
 
 /* Errors: FILE, when the rows did not reach the disk. */
 pliant_status timing_end(step_times *times);
 
 /* Mean, median and largest time of every stage, and how the steps ended. */
 void timing_print(const step_times *times, const pliant_model *model, const pliant_data *data, FILE *file);
+
+/* Warnings for the log where results are not to be relied on: steps that did not converge, elements that are inverted. */
+void timing_warn(const step_times *times, const pliant_model *model, const pliant_data *data);
 
 /* The table of the build: seconds and bytes of every stage; the largest memory that the process had. */
 void timing_print_build(const pliant_model *model, FILE *file);

@@ -577,7 +577,7 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     status = iterate(solver, statistics);
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, solver->now.force + 3 * t, 3 * sizeof(double));
-    if (!isfinite(solver->now.merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, "the load is not finite or too large for double precision");
+    if (!isfinite(solver->now.merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
     statistics->residual = solver->now.merit / solver->now.scale;
     statistics->error_before = pliant_hindsight_tell(solver);
     statistics->error = solver->foreseen = pliant_estimate_now(solver);

@@ -1,0 +1,88 @@
+// Tools: what they are called, what they find where they take hold, and what is said about it.
+#include "pipeline/body.h"
+
+#include "pliant/memory.h"
+
+#include <string>
+
+namespace {
+
+const int size[3] = {6, 6, 6};
+const double box[3] = {0.12, 0.12, 0.12};
+
+struct Tool : testing::Test {
+    Body body{size, box, {{4000, 0.45, 1000, false}}};
+    static std::string said;
+    int tool = -1;
+
+    void SetUp() override
+    {
+        body.fix_plane(0, 0, 0.041, 0, 0, 1);
+        body.cells(6, 6, 6, 1);
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        said.clear();
+        pliant_set_log([](pliant_log_level level, const char *message, void *) { if (level == PLIANT_LOG_WARNING) said = message; }, nullptr);
+    }
+    void TearDown() override { pliant_set_log(nullptr, nullptr); }
+    pliant_status grasp(double x, double y, double z)
+    {
+        const double rest[3] = {x, y, z};
+        return pliant_tool_grasp(body.model, body.data, tool, rest);
+    }
+};
+std::string Tool::said;
+
+TEST_F(Tool, ANameThatIsTooLongIsRefusedAndNotAddedAgain)
+{
+    const std::string longest(47, 'n'), longer(48, 'n');
+    int first = -1, again = -1;
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, longest.c_str(), &first), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, longest.c_str(), &again), PLIANT_OK);
+    EXPECT_EQ(first, again);
+    EXPECT_EQ(pliant_tool_add(body.model, body.data, longer.c_str(), &again), PLIANT_ERROR_ARGUMENT);
+    EXPECT_NE(std::string(pliant_last_error()).find("48 characters, at most 47"), std::string::npos) << pliant_last_error();
+    EXPECT_EQ(body.data->num_tools, 1);
+}
+
+TEST_F(Tool, GraspingWhatIsFixedSaysSo)
+{
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
+    ASSERT_EQ(grasp(0.05, 0.06, 0.09), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(said, "");
+    ASSERT_EQ(grasp(0.05, 0.06, 0.02), PLIANT_OK) << pliant_last_error();
+    EXPECT_NE(said.find("tool hook holds nothing but what is fixed"), std::string::npos) << said;
+    EXPECT_NE(said.find("(0.0500 0.0600 0.0200) m"), std::string::npos) << said;
+    body.data->tools[tool].radius = 0;
+    ASSERT_EQ(grasp(0.05, 0.06, 0.05), PLIANT_OK) << pliant_last_error();
+    EXPECT_NE(said.find("tool hook holds to 50 % what is fixed"), std::string::npos) << said;
+}
+
+TEST_F(Tool, WhereThereIsNoTissueItSaysWhereThereIs)
+{
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
+    EXPECT_EQ(grasp(0.2, 0.06, 0.02), PLIANT_ERROR_ARGUMENT);
+    std::string message = pliant_last_error();
+    EXPECT_NE(message.find("tool hook: there is no tissue at (0.2000 0.0600 0.0200) m"), std::string::npos) << message;
+    EXPECT_NE(message.find("between (0.0000 0.0000 0.0000) and (0.1200 0.1200 0.1200) m"), std::string::npos) << message;
+    EXPECT_EQ(message.find("millimetres"), std::string::npos) << message;
+    EXPECT_EQ(grasp(50, 60, 90), PLIANT_ERROR_ARGUMENT);
+    EXPECT_NE(std::string(pliant_last_error()).find("seems to be in millimetres"), std::string::npos) << pliant_last_error();
+    const double tip[3] = {50, 60, 90};
+    ASSERT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, nullptr), PLIANT_ERROR_ARGUMENT);
+    EXPECT_NE(std::string(pliant_last_error()).find("seems to be in millimetres"), std::string::npos) << pliant_last_error();
+    EXPECT_FALSE(body.data->tools[tool].holding);
+}
+
+TEST_F(Tool, ALoadBeyondDoublePrecisionNamesWhatMayBeWrong)
+{
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
+    ASSERT_EQ(grasp(0.05, 0.06, 0.09), PLIANT_OK) << pliant_last_error();
+    const double force[3] = {0, 0, 1e200};
+    ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_FORCE, force), PLIANT_OK);
+    EXPECT_EQ(pliant_step(body.model, body.data), PLIANT_ERROR_NUMERIC);
+    const std::string message = pliant_last_error();
+    for (const char *word : {"model/gravity", "material table", "grasp/stiffness", "forces"}) EXPECT_NE(message.find(word), std::string::npos) << message;
+}
+
+} // namespace
