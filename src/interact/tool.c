@@ -171,11 +171,11 @@ static pliant_status fail_no_tissue(const pliant_mesh *mesh, const char *name, c
 }
 
 /* Bone that is taken hold of does not come along, and forces grow without end: who pulls should know. */
-static void tell_what_is_fixed(const pliant_model *model, const pliant_tool *tool)
+static void tell_what_is_fixed(const pliant_data *data, const pliant_tool *tool)
 {
     double fixed = 0;
     for (int32_t h = 0; h < tool->num_held; h++)
-        if (model->fine_fixed[tool->held[h]]) fixed += tool->weight[h];
+        if (data->body->fine_fixed[tool->held[h]]) fixed += tool->weight[h];
     if (fixed < 0.25) return;
     const double *at = tool->held_point;
     char part[24] = "nothing but";
@@ -219,7 +219,7 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
     memcpy(tool->last_target, tool->held_point, sizeof tool->last_target);
     tool->holding = true;
     tool->hold++;
-    tell_what_is_fixed(model, tool);
+    tell_what_is_fixed(data, tool);
     return PLIANT_OK;
 }
 

@@ -129,7 +129,7 @@ static pliant_status step_through(deform_run *run)
         if (status < 0) return status;
         double start = pliant_seconds();
         stepped = pliant_step(run->model, run->data);
-        status = timing_add(&run->times, run->model, run->data, stepped, pliant_seconds() - start);
+        status = timing_add(&run->times, run->data, stepped, pliant_seconds() - start);
         if (stepped < 0) return stepped;
         if (status < 0) return status;
         if (run->arguments->every && step % run->arguments->every == 0) {

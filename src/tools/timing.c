@@ -53,10 +53,10 @@ static bool make_room(step_times *times)
     return true;
 }
 
-pliant_status timing_add(step_times *times, const pliant_model *model, const pliant_data *data, pliant_status status, double seconds)
+pliant_status timing_add(step_times *times, const pliant_data *data, pliant_status status, double seconds)
 {
     const pliant_statistics *statistics = &data->statistics;
-    const int32_t inverted = pliant_mesh_inverted(&model->fine, data->positions);
+    const int32_t inverted = pliant_mesh_inverted(&data->body->fine, data->positions);
     if (!make_room(times)) return pliant_fail_memory("the times of the steps");
     double *row = times->seconds + COLUMNS * times->num_steps++;
     memcpy(row, statistics->seconds, sizeof statistics->seconds);
@@ -117,7 +117,7 @@ void timing_print(const step_times *times, const pliant_model *model, const plia
     fprintf(file, "iterations a step %.1f, last residual %.2g, not converged %llu, failed %llu, inverted now %d\n",
             (double)times->iterations / (double)times->num_steps, statistics->residual,
             (unsigned long long)statistics->not_converged, (unsigned long long)statistics->failed,
-            (int)pliant_mesh_inverted(&model->body->fine, data->positions));
+            (int)pliant_mesh_inverted(&data->body->fine, data->positions));
     if (statistics->patched > 0)
         fprintf(file, "patch: %d tools, %d iterations, residual %.2g, moves nodes by up to %.3g mm\n", (int)statistics->patched,
                 (int)statistics->patch_iterations, statistics->patch_residual, 1e3 * statistics->patch_moved);
@@ -135,8 +135,8 @@ void timing_warn(const step_times *times, const pliant_model *model, const plian
                    schur ? "schur may be too soft for the load: averaged is not" : "more of solver/iterations or a smaller solver/step bring them closer");
     if (times->most_inverted > 0)
         pliant_log(PLIANT_LOG_WARNING, "elements were turned inside out in %zu of %zu steps, up to %d of %d at once, %d at the end: what lies there is not to be "
-                   "relied on; %s", times->inverted_steps, times->num_steps, (int)times->most_inverted, (int)model->fine.num_tets,
-                   (int)pliant_mesh_inverted(&model->fine, data->positions),
+                   "relied on; %s", times->inverted_steps, times->num_steps, (int)times->most_inverted, (int)data->body->fine.num_tets,
+                   (int)pliant_mesh_inverted(&data->body->fine, data->positions),
                    schur ? "schur may be too soft for the load: averaged is not" : "the load may be more than the tissue can take, or come in fewer steps than it needs");
 }
 

@@ -26,7 +26,7 @@ typedef struct step_times {
 pliant_status timing_start(const char *folder, step_times *out);
 
 /* Rows for the step that data has just done. Errors: FILE, MEMORY. */
-pliant_status timing_add(step_times *times, const pliant_model *model, const pliant_data *data, pliant_status status, double seconds);
+pliant_status timing_add(step_times *times, const pliant_data *data, pliant_status status, double seconds);
 
 /* Errors: FILE, when the rows did not reach the disk. */
 pliant_status timing_end(step_times *times);
