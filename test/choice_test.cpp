@@ -2,12 +2,16 @@
 #include "pipeline/body.h"
 
 #include "pliant/memory.h"
+#include "report/choice.h"
 
 #include <algorithm>
 #include <chrono>
+#include <csignal>
 #include <cstdlib>
+#include <ctime>
 #include <map>
 #include <string>
+#include <sys/time.h>
 #include <thread>
 
 namespace {
@@ -146,11 +150,12 @@ TEST_F(Choice, AScenesOwnPatchIsNotEverybodys)
 {
     body.scene.model.method = PLIANT_AVERAGED;
     body.scene.model.patch = 0.05;
+    body.scene.choose.measure = PLIANT_MEASURE_MAX;
     vary(false, false, false, false);
     ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(choice.tried, 1);
     EXPECT_EQ(std::memcmp(&choice.scene, &body.scene, sizeof body.scene), 0);
-    const double patched = choice.max;
+    const double patched = choice.later;
 
     vary(true, false, false, false);
     ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
@@ -161,6 +166,152 @@ TEST_F(Choice, AScenesOwnPatchIsNotEverybodys)
     vary(false, false, false, false);
     ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
     EXPECT_GT(choice.max, 1.5 * patched);
+}
+
+// until the patch is there, the tool pulls at the coarse model
+TEST_F(Choice, ThePullBeforeAPatchIsThereCounts)
+{
+    vary(false, false, false, false);
+    body.scene.model.method = PLIANT_AVERAGED;
+    ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
+    const double without = choice.p95;
+    EXPECT_EQ(choice.later, choice.error);
+
+    body.scene.model.patch = 0.05;
+    body.scene.model.patch_delay = 40;
+    body.scene.choose.max_error = 0.9 * without;
+    listen();
+    pliant_report_close(&tables);
+    ASSERT_EQ(pliant_report_open(nullptr, &tables), PLIANT_OK);
+    ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
+    EXPECT_NEAR(choice.p95, without, 1e-3 * without);
+    EXPECT_LT(choice.later, 0.6 * without);
+    EXPECT_NE(warnings.find("before its patch is there"), std::string::npos) << warnings;
+    EXPECT_NE(warnings.find("% later on"), std::string::npos) << warnings;
+}
+
+// what the tissue does under the scene's gravity from the first frame on, with no more iterations than the settings have
+TEST_F(Choice, GravityIsMeasuredAsItIsSeen)
+{
+    vary(false, false, false, false);
+    const double gravity[3] = {0, 9.81, 15};
+    std::memcpy(body.scene.model.gravity, gravity, sizeof gravity);
+    body.scene.solver.iterations = 1;
+    ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
+
+    ASSERT_EQ(body.build(), PLIANT_OK);
+    ASSERT_EQ(pliant_data_limits(body.data, 200, 1e-8), PLIANT_OK);
+    ASSERT_EQ(body.settle(), PLIANT_OK);
+    const pliant_mesh &mesh = body.model->fine;
+    std::vector<double> rest(body.data->positions, body.data->positions + 3 * mesh.num_nodes);
+    ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
+    ASSERT_EQ(pliant_data_limits(body.data, 1, body.scene.solver.tolerance), PLIANT_OK);
+    double worst = 0;
+    for (int frame = 0; frame < 10; frame++) {
+        ASSERT_GE(pliant_step(body.model, body.data), 0);
+        pliant_error error;
+        ASSERT_EQ(pliant_error_between(mesh.num_nodes, nullptr, mesh.rest, rest.data(), body.data->positions, &error), PLIANT_OK);
+        worst = std::fmax(worst, error.max / error.largest);
+    }
+    ASSERT_GT(worst, 0.02);
+    EXPECT_NEAR(choice.max, worst, 0.02 * worst);
+    EXPECT_LT(choice.later, choice.error);
+}
+
+TEST_F(Choice, ItsOwnTimeLimitIsNoError)
+{
+    std::string errors;
+    pliant_set_log([](pliant_log_level level, const char *message, void *user) {
+        if (level == PLIANT_LOG_ERROR) *static_cast<std::string *>(user) += std::string(message) + "\n";
+    }, &errors);
+    for (int last : {25, 150}) { // before anything is known of the first candidate, and when its points are
+        struct { int frames, last; } seen = {0, last};
+        auto wait = [](double, const char *stage, void *user) { // until time is up, in the middle of a run
+            auto *frame = static_cast<decltype(seen) *>(user);
+            if (std::string(stage).find("budget") != std::string::npos && ++frame->frames == frame->last)
+                std::this_thread::sleep_for(std::chrono::seconds(10));
+            return true;
+        };
+        body.scene.choose.seconds = 10;
+        pliant_choice taken;
+        ASSERT_EQ(pliant_choose(&input, nullptr, {wait, &seen}, &taken), PLIANT_OK);
+        ASSERT_GE(seen.frames, last);
+        EXPECT_EQ(taken.made, last > 100);
+        EXPECT_EQ(errors, "");
+    }
+}
+
+// a machine that does other work: whenever the program has run for a moment, it stands still for ten times as long
+TEST_F(Choice, WhatOtherProgramsTakeIsNoTimeOfAStep)
+{
+    vary(false, false, false, false);
+    body.cells(4, 4, 4, 2);
+    ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
+    const double quiet = choice.seconds;
+    pliant_report_close(&tables);
+    ASSERT_EQ(pliant_report_open(nullptr, &tables), PLIANT_OK);
+
+    struct sigaction stand_still{}, before{};
+    stand_still.sa_flags = SA_RESTART;
+    stand_still.sa_handler = [](int) {
+        const timespec rest = {0, 2000000};
+        nanosleep(&rest, nullptr);
+        const itimerval again = {{0, 0}, {0, 200}};
+        setitimer(ITIMER_REAL, &again, nullptr);
+    };
+    ASSERT_EQ(sigaction(SIGALRM, &stand_still, &before), 0);
+    raise(SIGALRM);
+    const pliant_status status = choose();
+    const itimerval never{};
+    setitimer(ITIMER_REAL, &never, nullptr);
+    sigaction(SIGALRM, &before, nullptr);
+    ASSERT_EQ(status, PLIANT_OK) << pliant_last_error();
+    ASSERT_TRUE(choice.made);
+    EXPECT_LT(choice.seconds, 4 * quiet);
+}
+
+// ---- which of the points is taken
+
+choice_point point_of(double error, double later, double milliseconds, double evaluations, int32_t tetrahedra)
+{
+    choice_point point{};
+    point.candidate.by.method = PLIANT_FINE;
+    for (int m = 0; m < NUM_MEASURES; m++) {
+        point.error[m] = error;
+        point.later[m] = later;
+    }
+    point.seconds = 1e-3 * milliseconds;
+    point.evaluations = evaluations;
+    point.solved_tetrahedra = point.fine_tetrahedra = tetrahedra;
+    point.on_host = true;
+    return point;
+}
+
+TEST(ChoiceOfPoints, NothingIsTakenThatLessWorkBetters)
+{
+    // the second does less than the first and is better, but something else took its time
+    const choice_point points[] = {point_of(0.58, 0.58, 6, 30, 5000), point_of(0.004, 0.004, 40, 2, 4000), point_of(0.001, 0.001, 50, 31, 4000)};
+    EXPECT_EQ(choice_best(points, 3, PLIANT_MEASURE_P95, 8e-3), points + 1);
+    EXPECT_DOUBLE_EQ(choice_seconds(points, 3, points + 1), 6e-3);
+    EXPECT_DOUBLE_EQ(choice_seconds(points, 3, points + 2), 50e-3) << "one evaluation more";
+    // but not where it may well be slower: more evaluations on the smaller mesh, a patch, the GPU
+    choice_point others[] = {points[0], point_of(0.004, 0.004, 40, 31, 4000), point_of(0.003, 0.003, 40, 2, 4000), point_of(0.002, 0.002, 40, 2, 4000)};
+    others[2].candidate.by = {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, 0.05};
+    others[3].on_host = false;
+    EXPECT_EQ(choice_best(others, 4, PLIANT_MEASURE_P95, 8e-3), others);
+    EXPECT_EQ(choice_quickest(others, 4), others);
+}
+
+TEST(ChoiceOfPoints, TheWorstFrameFirstThenWhatComesLaterThenTime)
+{
+    const choice_point patched = point_of(0.40, 0.03, 5, 3, 1000), coarse = point_of(0.30, 0.30, 1, 3, 500), fine = point_of(0.02, 0.02, 20, 2, 9000);
+    const choice_point all[] = {patched, coarse, fine};
+    EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 0.1), all + 2);
+    EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 0.01), all) << "worst frames are alike";
+    EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 2e-3), all + 1);
+    EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 1e-4), nullptr);
+    const choice_point same[] = {point_of(0.1, 0.1, 9, 4, 10), point_of(0.1, 0.103, 8, 3, 10), point_of(0.1, 0.11, 7, 2, 10)};
+    EXPECT_EQ(choice_best(same, 3, PLIANT_MEASURE_MAX, 1), same + 1);
 }
 
 TEST_F(Choice, TheSceneChoosesByTheMeasureThatItNames)
@@ -181,6 +332,7 @@ TEST_F(Choice, WarnsWithBothFiguresWhenNothingWillDo)
     ASSERT_TRUE(choice.made);
     EXPECT_NE(warnings.find("choose/max_error: nothing within 1e+06 ms is as accurate as 1e-07 %; the best has an error of"), std::string::npos)
         << warnings;
+    EXPECT_NE(warnings.find("(in a pull)"), std::string::npos) << warnings;
 
     body.scene.choose.budget_ms = 1e-6;
     warnings.clear();

@@ -128,13 +128,18 @@ typedef struct pliant_sweep {
     int32_t num_values;
     pliant_pull_point points[PLIANT_MAX_PULLS];
     int32_t num_points;
-    uint32_t cases;           /**< of pulls by displacement, by force and by a spring (bits 0 to 2), and gravity that turns (bit 3) */
+    uint32_t cases;           /**< of pulls by displacement, by force and by a spring (bits 0 to 2), gravity that turns (bit 3), and the
+                               *   scene's own gravity, from rest, where it has one (bit 4) */
     double pull[3];           /**< where a pulled point ends, from where it was [m] */
     int32_t frames;           /**< of a pull; twice as many for gravity */
     double twice_limit;       /**< most fine tetrahedra of the mesh of twice the resolution that is still solved; 0: never */
     double reference_tolerance; /**< to which the references are solved; ten times that on the mesh of twice the resolution */
     double most_ms;           /**< of a median frame: larger budgets are left out when a run takes longer or converges; 0: none is */
     int32_t repeats;          /**< runs of the same; the quickest of each frame is told, for machines that do other work too */
+    bool before_patch;        /**< where a scene asks for patches, pulls are run once more from when the tool takes hold: rows of a variant
+                               *   of their own. Else they begin when the patch is there */
+    bool own_time;            /**< CPU: times are those that the thread that steps ran, so that what other programs take does not count;
+                               *   else the clock's. Runs are repeated only where there were some */
     bool paced;               /**< frames begin solver/step apart, as in a running simulation, not one at the end of the other */
     bool warp;                /**< the deformed volume is made in every frame and its time is told */
 } pliant_sweep;
@@ -183,6 +188,7 @@ typedef struct pliant_choice {
     char options[PLIANT_CHOICE_TEXT]; /**< what was taken: "model/method=fine mesh/coarse_cells=7,7,7 ...", each good for --set */
     double error;                /**< the one of the three that choose/measure names */
     double max, p95, rms;        /**< measured on the probe load, worst frame: over the body, as a fraction of the largest displacement */
+    double later;                /**< as error, from when a hold has its patch and the tissue has sagged under the scene's gravity */
     double seconds;              /**< median step of the probe load, without the deformed volume [s] */
     bool within_budget;          /**< false: nothing was, and this is the quickest */
     int32_t reference_tetrahedra; /**< of the fine mesh that errors are against */
@@ -191,10 +197,12 @@ typedef struct pliant_choice {
 
 /** Try methods, cells, ratios and iterations on a probe load, as far as the scene's group `choose` lets them vary, and take the
  *  most accurate ones whose step keeps to choose/budget_ms. The probe load: a point of the body's front is pulled forward by 1 cm
- *  in ten frames, once by displacement, once by the force which that took. Errors are against the fine solution on a mesh of twice
- *  the scene's resolution where the mesh may vary and that is not too large, else on the scene's own. Times are medians over
- *  frames that begin solver/step apart; errors within 5 % of each other count as equal, and the quicker settings are taken. What cannot be built or does not
- *  converge is dropped; when nothing can be measured, the scene's own settings are told, with a warning in the log.
+ *  in ten frames, once by displacement, once by the force which that took; with a patch both from when the tool takes hold, and again
+ *  when its patch is there. Where the scene has gravity, the first ten frames after a load, too. Errors are against the fine solution on a mesh of twice
+ *  the scene's resolution where the mesh may vary and that is not too large, else on the scene's own. The largest error of a frame
+ *  counts; where those are within a factor of two of the least, the one from when patches are there and the tissue has sagged; within
+ *  5 % of that the quicker settings are taken. Times are medians over frames that begin solver/step apart, on the CPU those that
+ *  the thread ran, and what does less work than another takes no longer. What cannot be built or does not converge is dropped; when nothing can be measured, the scene's own settings are told, with a warning in the log.
  *  A scene without choose/budget_ms costs nothing.
  *  @param tables Nullable: rows of what was tried (sweep, frames, builds) and taken (choice) are added
  *  Errors: SCENE (no lattice, or explicit dynamics), MEMORY, CANCELLED. */

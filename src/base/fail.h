@@ -14,7 +14,7 @@ extern "C" {
 #define PLIANT_PRINTF(a, b)
 #endif
 
-/* keep the message, log it as an error, return the status */
+/* keep the message, log it as an error (CANCELLED: for debugging), return the status */
 pliant_status pliant_fail(pliant_status status, const char *format, ...) PLIANT_PRINTF(2, 3);
 
 /* PLIANT_ERROR_MEMORY, naming what was wanted */

@@ -51,7 +51,7 @@ pliant_status pliant_fail(pliant_status status, const char *format, ...)
     vsnprintf(message, sizeof message, format, arguments);
     va_end(arguments);
     memcpy(last_error, message, sizeof message);
-    send(PLIANT_LOG_ERROR, message);
+    send(status == PLIANT_ERROR_CANCELLED ? PLIANT_LOG_DEBUG : PLIANT_LOG_ERROR, message); /* whoever cancelled knows of it */
     return status;
 }
 

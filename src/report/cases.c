@@ -52,6 +52,7 @@ static pliant_status set_limits(pliant_data *data, report_limits limits)
 /* part: 0 at the start, 1 at the end */
 static pliant_status load_frame(const report_case *load, pliant_data *data, const double from[3], double part)
 {
+    if (load->kind == CASE_sag) return PLIANT_OK; /* the data has it from the scene */
     if (load->kind == CASE_gravity) {
         double angle = part * 3.14159265358979323846;
         double gravity[3] = {0, standard_gravity * cos(angle), standard_gravity * sin(angle)};
@@ -105,14 +106,15 @@ static pliant_status begin(const pliant_model *model, const report_case *load, r
 {
     pliant_status status = load->kind == CASE_gravity ? load_frame(load, data, from, 0) : PLIANT_OK;
     const double *gravity = data->gravity;
+    if (load->kind == CASE_sag) return set_limits(data, limits);
     if (status >= 0 && (gravity[0] != 0 || gravity[1] != 0 || gravity[2] != 0)) status = settle(model, data, fmin(limits.tolerance, 1e-5), limits.progress);
-    if (status >= 0 && load->kind != CASE_gravity) {
+    if (status >= 0 && report_case_pulls(load->kind)) {
         int tool;
         status = pliant_tool_add(model, data, "report", &tool);
         if (status >= 0) status = pliant_tool_pose(data, tool, load->rest, NULL);
         if (status >= 0) status = pliant_tool_grasp(model, data, tool, load->rest);
         if (status >= 0) memcpy(from, data->tools[tool].tip, 3 * sizeof *from);
-        if (status >= 0) status = await_patch(model, limits.progress, data);
+        if (status >= 0 && !limits.before_patch) status = await_patch(model, limits.progress, data);
     }
     return status < 0 ? status : set_limits(data, limits);
 }
@@ -134,6 +136,14 @@ static void sleep_until(double end)
     nanosleep(&time, NULL);
 }
 
+/* that this thread has run [s] */
+static double thread_seconds(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
 static pliant_status run_create(int32_t frames, int32_t points, report_run *run)
 {
     run->frames = frames;
@@ -149,7 +159,7 @@ pliant_status report_case_run(const pliant_model *model, const report_case *load
                               const pliant_geometry *target, report_run *out)
 {
     report_run run = {0};
-    double from[3] = {0, 0, 0};
+    double from[3] = {0, 0, 0}, clocked = 0;
     pliant_status status = run_create(load->frames, points->count, &run);
     size_t before = pliant_memory_in_use();
     if (status >= 0) status = pliant_data_create(model, &run.data);
@@ -163,10 +173,16 @@ pliant_status report_case_run(const pliant_model *model, const report_case *load
             break;
         }
         status = load_frame(load, run.data, from, (f + 1.0) / load->frames);
+        double clock = pliant_seconds(), ran = thread_seconds();
         if (status >= 0) status = step_frame(model, run.data, limits);
         if (status < 0) break;
+        clock = pliant_seconds() - clock;
+        ran = thread_seconds() - ran;
+        clocked += clock;
+        run.own_share += ran;
+        double share = limits.own_time && clock > ran && strcmp(pliant_data_backend(run.data), "cpu") == 0 ? ran / clock : 1;
         const pliant_statistics *statistics = &run.data->statistics;
-        for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++) run.seconds[s * load->frames + f] = statistics->seconds[s];
+        for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++) run.seconds[s * load->frames + f] = share * statistics->seconds[s];
         run.residual[f] = statistics->residual;
         run.iterations[f] = statistics->iterations;
         pliant_points_move(points, run.data->positions, run.positions + 3 * (size_t)f * (size_t)points->count);
@@ -176,7 +192,8 @@ pliant_status report_case_run(const pliant_model *model, const report_case *load
         return status;
     }
     run.statistics = run.data->statistics;
-    if (load->kind != CASE_gravity) {
+    run.own_share /= clocked;
+    if (report_case_pulls(load->kind)) {
         memcpy(run.force, run.data->tools[0].force, sizeof run.force);
         memcpy(run.held_point, run.data->tools[0].held_point, sizeof run.held_point);
     }

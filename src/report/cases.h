@@ -9,8 +9,8 @@ extern "C" {
 #endif
 
 /* displacement: the held point is moved; force: the force that the fine solution took, growing; grasp: a spring is moved;
- * gravity: 1 g turned from posterior through superior to anterior */
-#define REPORT_CASE_LIST(X) X(displacement) X(force) X(grasp) X(gravity)
+ * gravity: 1 g turned from posterior through superior to anterior; sag: from rest, the scene's gravity acts from the first frame on */
+#define REPORT_CASE_LIST(X) X(displacement) X(force) X(grasp) X(gravity) X(sag)
 typedef enum report_case_kind {
 #define REPORT_CASE_ENUM(name) CASE_##name,
     REPORT_CASE_LIST(REPORT_CASE_ENUM)
@@ -18,11 +18,12 @@ typedef enum report_case_kind {
     NUM_CASES
 } report_case_kind;
 const char *report_case_name(report_case_kind kind);
+static inline bool report_case_pulls(report_case_kind kind) { return kind < CASE_gravity; }
 
 typedef struct report_case {
     report_case_kind kind;
     int32_t frames;
-    double rest[3], pull[3]; /* not for gravity [m] */
+    double rest[3], pull[3]; /* of a pull [m] */
     double force[3];         /* force: at the end [N] */
 } report_case;
 
@@ -31,6 +32,8 @@ typedef struct report_limits {
     double tolerance;
     double period;      /* frames begin this far apart, as in a running simulation, so that the background has its time; 0: at once [s] */
     bool tight;         /* a frame goes on until the tolerance is met, whatever it takes: for references */
+    bool before_patch;  /* the pull begins when the tool takes hold; else when its patch is there */
+    bool own_time;      /* CPU: the time that the thread that steps ran, not the clock's: other programs take none of it */
     pliant_progress progress; /* asked in every frame whether to go on; its fraction is of the run */
 } report_limits;
 
@@ -38,6 +41,7 @@ typedef struct report_run {
     int32_t frames, points;
     double *positions; /* (frames x points x 3) of the points */
     double *seconds;   /* (PLIANT_NUM_STEP_STAGES x frames) */
+    double own_share;  /* of the frames' time that the thread that steps ran, and did not wait or give way to others */
     double *residual;  /* (frames) */
     int32_t *iterations;
     pliant_statistics statistics; /* at the end */

@@ -20,7 +20,7 @@ import matplotlib.pyplot as plt
 import matplotlib.ticker
 import numpy as np
 
-CASES = ["displacement", "force", "grasp", "gravity"]
+CASES = ["displacement", "force", "grasp", "gravity", "sag"]
 HIGHEST = 1000  # percent that are still drawn
 VERDICTS = {"converged": "#8fc98f", "refused": "#9db8dd", "degraded": "#f0cf7a", "broken": "#e07a7a"}
 

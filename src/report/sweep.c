@@ -1,6 +1,7 @@
 /* Error against run time: every method, ratio, variant and budget through the same load cases. */
 #include "base/fail.h"
 #include "fem/dynamics/tled.h"
+#include "fem/patch/patch.h"
 #include "pliant/memory.h"
 #include "report/sweep.h"
 
@@ -51,14 +52,16 @@ static pliant_status check(const pliant_sweep *sweep)
 
 /* ---- keys */
 
-static void model_key(const sweep_state *state, int method, int touch, report_row *row)
+static void model_key(const sweep_state *state, int method, int touch, bool before_patch, report_row *row)
 {
+    char variant[sizeof state->variant + sizeof SWEEP_BEFORE_PATCH + 1];
+    snprintf(variant, sizeof variant, "%s%s%s", state->variant, before_patch && state->variant[0] ? " " : "", before_patch ? SWEEP_BEFORE_PATCH : "");
     row_clear(row);
     row_text(row, state->setup);
     row_integer(row, state->ground.scene.mesh.ratio);
     row_text(row, method_names[method]);
     row_text(row, method == PLIANT_SCHUR ? touch_names[touch] : "");
-    row_text(row, state->variant);
+    row_text(row, variant);
 }
 
 /* @param row with MODEL_KEYS cells */
@@ -79,7 +82,7 @@ static int count_missing(const sweep_state *state, int method, int touch, uint8_
     const sweep_ground *ground = &state->ground;
     report_row row;
     int count = 0;
-    model_key(state, method, touch, &row);
+    model_key(state, method, touch, false, &row);
     size_t rows = pliant_results_rows(ground->tables->builds);
     int status = pliant_results_column(ground->tables->builds, "status");
     bool built = row_known(&row, ground->tables->builds);
@@ -144,7 +147,7 @@ void sweep_list_cases(sweep_ground *ground)
     const pliant_sweep *sweep = ground->sweep;
     ground->num_cases = 0;
     for (int p = 0; p < sweep->num_points; p++)
-        for (int kind = 0; kind < CASE_gravity; kind++) {
+        for (int kind = 0; report_case_pulls((report_case_kind)kind); kind++) {
             if (!(sweep->cases >> kind & 1)) continue;
             report_case *load = ground->cases + ground->num_cases;
             *load = (report_case){.kind = (report_case_kind)kind, .frames = sweep->frames};
@@ -152,9 +155,13 @@ void sweep_list_cases(sweep_ground *ground)
             memcpy(load->pull, sweep->pull, sizeof load->pull);
             ground->point_names[ground->num_cases++] = sweep->points[p].name;
         }
-    if (!(sweep->cases >> CASE_gravity & 1)) return;
-    ground->cases[ground->num_cases] = (report_case){.kind = CASE_gravity, .frames = 2 * sweep->frames};
-    ground->point_names[ground->num_cases++] = "";
+    const double *gravity = ground->input->scene->model.gravity;
+    const bool wanted[NUM_CASES] = {[CASE_gravity] = true, [CASE_sag] = gravity[0] != 0 || gravity[1] != 0 || gravity[2] != 0};
+    for (int kind = CASE_gravity; kind < NUM_CASES; kind++) {
+        if (!wanted[kind] || !(sweep->cases >> kind & 1)) continue;
+        ground->cases[ground->num_cases] = (report_case){.kind = (report_case_kind)kind, .frames = (kind == CASE_gravity ? 2 : 1) * sweep->frames};
+        ground->point_names[ground->num_cases++] = "";
+    }
 }
 
 static pliant_status solve_reference(sweep_state *state, pliant_model *model, const pliant_points *points, int index,
@@ -282,16 +289,22 @@ static pliant_status repeat(const pliant_model *model, const report_case *load, 
     return status;
 }
 
-static pliant_status run_one(sweep_state *state, const pliant_model *model, const pliant_points *points, int index, int budget, report_row *row)
+/* Of the time of frames: where a thread ran for less, the machine does other work. */
+static const double quiet = 0.8;
+
+static pliant_status run_one(sweep_state *state, const pliant_model *model, const pliant_points *points, int index, int budget,
+                             bool before_patch, report_row *row)
 {
     const sweep_ground *ground = &state->ground;
     const pliant_sweep *sweep = ground->sweep;
-    report_limits limits = {sweep->iterations[budget], ground->scene.solver.tolerance, sweep->paced ? ground->scene.solver.step : 0, false,
-                            {pass_progress, state}};
+    report_limits limits = {.iterations = sweep->iterations[budget], .tolerance = ground->scene.solver.tolerance,
+                            .period = sweep->paced ? ground->scene.solver.step : 0, .before_patch = before_patch, .own_time = sweep->own_time,
+                            .progress = {pass_progress, state}};
     report_run run = {0};
     const pliant_geometry *target = sweep->warp ? &ground->target : NULL;
     pliant_status status = report_case_run(model, ground->cases + index, limits, points, target, &run);
-    for (int32_t n = 1; status >= 0 && n < sweep->repeats; n++) status = repeat(model, ground->cases + index, limits, points, target, &run);
+    bool again = !sweep->own_time || run.own_share < quiet; /* what others cost the caches counts even then */
+    for (int32_t n = 1; status >= 0 && again && n < sweep->repeats; n++) status = repeat(model, ground->cases + index, limits, points, target, &run);
     if (status < 0) report_run_free(&run);
     if (status == PLIANT_ERROR_CANCELLED) return status;
     if (status < 0) { /* the run ends here, the sweep goes on */
@@ -323,6 +336,34 @@ static bool enough(const sweep_ground *ground)
     return strcmp(status, "ok") == 0 || !time[0] || strtod(time, NULL) > ground->sweep->most_ms;
 }
 
+bool sweep_runs_before_patch(const sweep_ground *ground, report_case_kind kind)
+{
+    return ground->sweep->before_patch && pliant_patch_asked(&ground->scene) && report_case_pulls(kind);
+}
+
+/* Every case and budget that is not in the table. */
+static pliant_status run_cases(sweep_state *state, const pliant_model *model, const pliant_points *points, int method, int touch, bool before_patch)
+{
+    const sweep_ground *ground = &state->ground;
+    const char *touch_name = method == PLIANT_SCHUR ? touch_names[touch] : "";
+    pliant_status status = PLIANT_OK;
+    report_row row;
+    model_key(state, method, touch, before_patch, &row);
+    for (int c = 0; status >= 0 && c < ground->num_cases; c++) {
+        if (before_patch && !sweep_runs_before_patch(ground, ground->cases[c].kind)) continue;
+        for (int b = 0; status >= 0 && b < ground->sweep->num_iterations; b++) {
+            run_key(ground, c, b, &row);
+            if (row_known(&row, ground->tables->sweep)) continue;
+            status = begin(state, "ratio %d: %s %s, %s %s, budget %s", ground->scene.mesh.ratio, method_names[method], touch_name,
+                           report_case_name(ground->cases[c].kind), ground->point_names[c], row.room + row.start[MODEL_KEYS]);
+            if (status >= 0) status = run_one(state, model, points, c, b, before_patch, &row);
+            state->done++;
+            if (status >= 0 && enough(ground)) break;
+        }
+    }
+    return status;
+}
+
 pliant_status sweep_run_model(sweep_state *state, int method, int touch)
 {
     sweep_ground *ground = &state->ground;
@@ -331,16 +372,16 @@ pliant_status sweep_run_model(sweep_state *state, int method, int touch)
     pliant_points points = {0};
     size_t peak = ground->fine_peak;
     if (count_missing(state, method, touch, NULL) == 0) return PLIANT_OK;
-    pliant_scene scene = ground->scene;
-    scene.model.method = (pliant_method)method;
-    scene.model.touch = (pliant_touch)touch;
+    ground->scene.model.method = (pliant_method)method;
+    ground->scene.model.touch = (pliant_touch)touch;
+    const pliant_scene scene = ground->scene;
     const char *touch_name = method == PLIANT_SCHUR ? touch_names[touch] : "";
     pliant_status status = begin(state, "ratio %d: building %s %s", scene.mesh.ratio, method_names[method], touch_name);
     if (status < 0) return status;
     bool own = method != PLIANT_FINE || scene.solver.kind != ground->reference.solver.kind || !same_mesh(&scene, &ground->reference);
     if (own) status = build(state, &scene, &model, &peak);
     const pliant_model *used = own ? model : ground->fine;
-    model_key(state, method, touch, &row);
+    model_key(state, method, touch, false, &row);
     if (status == PLIANT_ERROR_CANCELLED) return status;
     if (status < 0) { /* this method cannot be had here; the others may */
         state->done += ground->num_cases * ground->sweep->num_iterations;
@@ -348,16 +389,8 @@ pliant_status sweep_run_model(sweep_state *state, int method, int touch)
     }
     status = sweep_tell_build(used, NULL, peak, &row, ground->tables->builds);
     if (status >= 0) status = pliant_points_create(&used->body->fine, ground->count, ground->rest, &points);
-    for (int c = 0; status >= 0 && c < ground->num_cases; c++)
-        for (int b = 0; status >= 0 && b < ground->sweep->num_iterations; b++) {
-            run_key(ground, c, b, &row);
-            if (row_known(&row, ground->tables->sweep)) continue;
-            status = begin(state, "ratio %d: %s %s, %s %s, budget %s", scene.mesh.ratio, method_names[method], touch_name,
-                                   report_case_name(ground->cases[c].kind), ground->point_names[c], row.room + row.start[MODEL_KEYS]);
-            if (status >= 0) status = run_one(state, used, &points, c, b, &row);
-            state->done++;
-            if (status >= 0 && enough(ground)) break;
-        }
+    if (status >= 0) status = run_cases(state, used, &points, method, touch, false);
+    if (status >= 0) status = run_cases(state, used, &points, method, touch, true);
     pliant_points_free(&points);
     pliant_model_free(model);
     return status;

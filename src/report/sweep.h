@@ -9,7 +9,10 @@
 extern "C" {
 #endif
 
-enum { MOST_CASES = 3 * PLIANT_MAX_PULLS + 1 };
+enum { MOST_CASES = 3 * PLIANT_MAX_PULLS + 2 };
+
+/* Ends the variant of rows whose pull began before the patch was there. */
+#define SWEEP_BEFORE_PATCH "before its patch"
 
 /* A case on a mesh, solved tightly. */
 typedef struct sweep_reference {
@@ -59,6 +62,9 @@ typedef struct sweep_state {
     char doing[160];
     int done, total;
 } sweep_state;
+
+/* Whether runs of ground.scene are made before its patch is there, too. */
+bool sweep_runs_before_patch(const sweep_ground *ground, report_case_kind kind);
 
 /* Load cases of the sweep into the ground. */
 void sweep_list_cases(sweep_ground *ground);

@@ -62,7 +62,7 @@ static void cut_point(const sweep_told *told, const pliant_geometry *geometry, d
     const double *last = told->run->positions + 3 * (size_t)(told->run->frames - 1) * (size_t)told->run->points;
     double index[3];
     memcpy(out, told->run->held_point, 3 * sizeof *out);
-    if (told->ground->cases[told->index].kind == CASE_gravity)
+    if (!report_case_pulls(told->ground->cases[told->index].kind))
         for (int32_t p = 0; p < 3 * told->run->points; p++) out[p % 3] += last[p] / told->run->points;
     pliant_geometry_to_index(geometry, out, index);
     for (int d = 0; d < 3; d++) index[d] = fmin(fmax(index[d], 0), geometry->size[d] - 1);

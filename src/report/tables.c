@@ -40,7 +40,8 @@ static const char *const stability_columns[] = {
     "setup", "case", "parameter", "method", "verdict", "message", "steps", "steps_to_rest", "iterations", "seconds", "residual",
     "largest_mm", "off_rest_mm", "inverted_most", "inverted_end", "not_converged", "refused_steps", "growth_bytes", "figure"};
 static const char *const choice_columns[] = {
-    MODEL_COLUMNS, "budget", "options", "budget_ms", "max_error_percent", "measure", "max_percent", "p95_percent", "rms_percent", "step_ms", "within_budget",
+    MODEL_COLUMNS, "budget", "options", "budget_ms", "max_error_percent", "measure", "max_percent", "p95_percent", "rms_percent", "worst", "later_percent",
+    "step_ms", "within_budget",
     "reference_tetrahedra", "tried", "seconds"};
 
 static const char *const dynamics_columns[] = {

@@ -1,0 +1,147 @@
+/* What became known of the settings that were tried, and which of them is taken. */
+#include "report/choice.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double alike_at_worst = 2; /* worst frames within this factor count as equal */
+static const double alike = 1.05;       /* and so do errors later on within this one */
+
+#define COLUMN(name, yaml) #yaml "_percent",
+static const char *const error_columns[NUM_MEASURES] = {PLIANT_MEASURE_LIST(COLUMN)}; /* of a sweep */
+#undef COLUMN
+#define COLUMN(name, yaml) "final_" #yaml "_mm",
+static const char *const final_columns[NUM_MEASURES] = {PLIANT_MEASURE_LIST(COLUMN)};
+#undef COLUMN
+
+const char *choice_phase_text(choice_phase phase)
+{
+    static const char *const texts[] = {
+#define PHASE_TEXT(name, text) text,
+        CHOICE_PHASE_LIST(PHASE_TEXT)
+#undef PHASE_TEXT
+    };
+    return texts[phase];
+}
+
+/* ---- from rows */
+
+static const char *cell(const pliant_results *table, size_t row, const char *column)
+{
+    return pliant_results_cell(table, row, pliant_results_column(table, column));
+}
+
+static double number(const pliant_results *table, size_t row, const char *column) { return strtod(cell(table, row, column), NULL); }
+
+static bool is_before_patch(const pliant_results *table, size_t row) { return strstr(cell(table, row, "variant"), SWEEP_BEFORE_PATCH) != NULL; }
+
+/* The last row of a case whose budget is this one, or a smaller one that it converged with; SIZE_MAX: there is none. */
+static size_t find_row(const pliant_results *table, size_t first, const char *name, bool before_patch, int32_t iterations)
+{
+    size_t found = SIZE_MAX;
+    for (size_t r = first; r < pliant_results_rows(table); r++) {
+        int32_t budget = (int32_t)strtol(cell(table, r, "budget"), NULL, 10);
+        bool converged = strcmp(cell(table, r, "status"), "ok") == 0;
+        if (budget != iterations && !(converged && budget < iterations)) continue;
+        if (is_before_patch(table, r) == before_patch && strcmp(cell(table, r, "case"), name) == 0 && cell(table, r, "max_percent")[0]) found = r;
+    }
+    return found;
+}
+
+static void add_row(const pliant_results *table, size_t row, choice_phase phase, choice_point *point)
+{
+    for (int m = 0; m < NUM_MEASURES; m++) {
+        double worst = 0.01 * number(table, row, error_columns[m]), later = worst;
+        if (phase == CHOICE_PHASE_sag) later = number(table, row, final_columns[m]) / number(table, row, "largest_mm");
+        if (phase != CHOICE_PHASE_hold) point->later[m] = fmax(point->later[m], later);
+        if (worst > point->error[m]) point->worst[m] = phase;
+        point->error[m] = fmax(point->error[m], worst);
+    }
+    if (phase == CHOICE_PHASE_hold) return; /* a step is to be quick enough with its patch */
+    point->seconds = fmax(point->seconds, 1e-3 * number(table, row, "solver_median_ms"));
+    point->evaluations = fmax(point->evaluations, number(table, row, "iterations_mean"));
+    point->solved_tetrahedra = (int32_t)number(table, row, "solved_tetrahedra");
+    point->fine_tetrahedra = (int32_t)number(table, row, "fine_tetrahedra");
+    point->on_host = strcmp(cell(table, row, "backend"), "cpu") == 0;
+}
+
+/* false: a case is missing */
+static bool gather_point(const sweep_ground *ground, size_t first, choice_point *point)
+{
+    const pliant_results *table = ground->tables->sweep;
+    for (int c = 0; c < ground->num_cases; c++) {
+        report_case_kind kind = ground->cases[c].kind;
+        bool patched = sweep_runs_before_patch(ground, kind);
+        for (int before = 0; before <= patched; before++) {
+            size_t row = find_row(table, first, report_case_name(kind), before, point->iterations);
+            if (row == SIZE_MAX) return false;
+            add_row(table, row, before ? CHOICE_PHASE_hold : kind == CASE_sag ? CHOICE_PHASE_sag : CHOICE_PHASE_pull, point);
+        }
+    }
+    return true;
+}
+
+int choice_gather(const sweep_ground *ground, const choice_candidate *candidate, size_t first, choice_point out[CHOICE_BUDGETS])
+{
+    int count = 0;
+    for (int b = 0; b < ground->sweep->num_iterations; b++) {
+        choice_point point = {.candidate = *candidate, .iterations = ground->sweep->iterations[b]};
+        if (!gather_point(ground, first, &point)) continue;
+        /* one more iteration that was not needed is no point of its own */
+        const choice_point *last = count > 0 ? out + count - 1 : NULL;
+        if (last && memcmp(last->error, point.error, sizeof point.error) == 0 && last->seconds == point.seconds) continue;
+        out[count++] = point;
+    }
+    return count;
+}
+
+/* ---- taking one */
+
+static bool is_patched(const choice_point *point) { return point->candidate.by.patch > 0 && point->candidate.by.method != PLIANT_FINE; }
+
+/* a does at least the work of b in a step: as many evaluations, as large meshes, and no patch or elements of lod that b has alone */
+static bool does_as_much(const choice_point *a, const choice_point *b)
+{
+    bool lod = b->candidate.by.method == PLIANT_LOD && a->candidate.by.method != PLIANT_LOD;
+    bool patch = is_patched(b) && !is_patched(a);
+    return !lod && !patch && a->on_host == b->on_host && a->evaluations >= b->evaluations &&
+           a->solved_tetrahedra >= b->solved_tetrahedra && a->fine_tetrahedra >= b->fine_tetrahedra;
+}
+
+double choice_seconds(const choice_point *points, int count, const choice_point *of)
+{
+    double least = of->seconds;
+    for (int p = 0; p < count; p++)
+        if (does_as_much(points + p, of)) least = fmin(least, points[p].seconds);
+    return least;
+}
+
+const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double most_seconds)
+{
+    const choice_point *best = NULL;
+    double least = INFINITY, least_later = INFINITY, best_seconds = INFINITY;
+    for (int p = 0; p < count; p++)
+        if (choice_seconds(points, count, points + p) <= most_seconds) least = fmin(least, points[p].error[measure]);
+    for (int pass = 0; pass < 2; pass++)
+        for (int p = 0; p < count; p++) {
+            const choice_point *point = points + p;
+            double seconds = choice_seconds(points, count, point), later = point->later[measure];
+            if (seconds > most_seconds || point->error[measure] > alike_at_worst * least) continue;
+            if (pass == 0) least_later = fmin(least_later, later);
+            else if (later > alike * least_later) continue;
+            else if (seconds < best_seconds || (seconds == best_seconds && point->error[measure] < best->error[measure])) {
+                best = point;
+                best_seconds = seconds;
+            }
+        }
+    return best;
+}
+
+const choice_point *choice_quickest(const choice_point *points, int count)
+{
+    const choice_point *best = count > 0 ? points : NULL;
+    for (int p = 1; p < count; p++)
+        if (choice_seconds(points, count, points + p) < choice_seconds(points, count, best)) best = points + p;
+    return best;
+}
