@@ -21,69 +21,16 @@ static __device__ __forceinline__ void load_corners(const gpu_system &system, co
     for (int m = 0; m < 12; m++) out.g[m] = system.d_gradients[(size_t)m * system.num_tets + t];
 }
 
-static __device__ __forceinline__ void deformation_of(const corners &c, double *f)
-{
-#pragma unroll
-    for (int r = 0; r < 3; r++)
-#pragma unroll
-        for (int d = 0; d < 3; d++)
-            f[3 * r + d] = (c.x[3 + r] - c.x[r]) * c.g[3 + d] + (c.x[6 + r] - c.x[r]) * c.g[6 + d] + (c.x[9 + r] - c.x[r]) * c.g[9 + d];
-}
-
-/* f_v = V P g_v with P = R (2 mu e + lambda tr(e) I), e = sym(R' F) - I */
-static __device__ __forceinline__ void isotropic_force(const gpu_system &system, int t, const corners &c, const double *f, const double *r,
-                                                       double *out)
-{
-    double lambda = system.d_lame[t], twice = 2 * system.d_lame[(size_t)system.num_tets + t], s[9], p[9];
-#pragma unroll
-    for (int a = 0; a < 3; a++)
-#pragma unroll
-        for (int b = 0; b < 3; b++) s[3 * a + b] = r[a] * f[b] + r[3 + a] * f[3 + b] + r[6 + a] * f[6 + b];
-    double e00 = s[0] - 1, e11 = s[4] - 1, e22 = s[8] - 1;
-    double e01 = 0.5 * (s[1] + s[3]), e02 = 0.5 * (s[2] + s[6]), e12 = 0.5 * (s[5] + s[7]);
-    double pressure = lambda * (e00 + e11 + e22);
-    const double e[9] = {twice * e00 + pressure, twice * e01, twice * e02, twice * e01, twice * e11 + pressure, twice * e12,
-                         twice * e02, twice * e12, twice * e22 + pressure};
-#pragma unroll
-    for (int a = 0; a < 3; a++)
-#pragma unroll
-        for (int b = 0; b < 3; b++) p[3 * a + b] = r[3 * a] * e[b] + r[3 * a + 1] * e[3 + b] + r[3 * a + 2] * e[6 + b];
-#pragma unroll
-    for (int v = 0; v < 4; v++)
-#pragma unroll
-        for (int a = 0; a < 3; a++) out[3 * v + a] = p[3 * a] * c.g[3 * v] + p[3 * a + 1] * c.g[3 * v + 1] + p[3 * a + 2] * c.g[3 * v + 2];
-}
-
-/* f = R K (R' x - X), [H] 2.2 */
-static __device__ __forceinline__ void homogenized_force(const gpu_system &system, int t, const corners &c, const double *r, bool grounded,
-                                                         double *out)
+static __device__ __forceinline__ void homogenized_force(const gpu_system &system, int t, const corners &c, const double *r, double *out)
 {
     int4 nodes = reinterpret_cast<const int4 *>(system.d_tets)[t];
     const int node[4] = {nodes.x, nodes.y, nodes.z, nodes.w};
-    double u[12], f[12];
-#pragma unroll
-    for (int v = 0; v < 4; v++) {
-        /* relative to corner 0, so that a large translation costs no digits; a grounded element does feel it */
-        double y[3];
-#pragma unroll
-        for (int d = 0; d < 3; d++) y[d] = grounded ? c.x[3 * v + d] : c.x[3 * v + d] - c.x[d];
-#pragma unroll
-        for (int d = 0; d < 3; d++) {
-            double rest = system.d_rest[3 * (size_t)node[v] + d];
-            if (!grounded) rest -= system.d_rest[3 * (size_t)node[0] + d];
-            u[3 * v + d] = r[d] * y[0] + r[3 + d] * y[1] + r[6 + d] * y[2] - rest;
-        }
-    }
-#pragma unroll
-    for (int a = 0; a < 12; a++) {
-        f[a] = 0;
-#pragma unroll
-        for (int b = 0; b < 12; b++) f[a] += system.d_stiffness[(size_t)(12 * a + b) * system.num_tets + t] * u[b];
-    }
+    double rest[12];
 #pragma unroll
     for (int v = 0; v < 4; v++)
 #pragma unroll
-        for (int d = 0; d < 3; d++) out[3 * v + d] = r[3 * d] * f[3 * v] + r[3 * d + 1] * f[3 * v + 1] + r[3 * d + 2] * f[3 * v + 2];
+        for (int d = 0; d < 3; d++) rest[3 * v + d] = system.d_rest[3 * (size_t)node[v] + d];
+    pliant_homogenized_force(system.d_stiffness + t, (size_t)system.num_tets, c.x, rest, r, system.d_grounded && system.d_grounded[t], out);
 }
 
 static __device__ __forceinline__ void element_rotation(const gpu_system &system, int t, const double *f, double *r)
@@ -133,12 +80,10 @@ static __global__ void __launch_bounds__(ELEMENT_THREADS) force_kernel(gpu_syste
     corners c;
     double f[9], r[9], force[12];
     load_corners(system, iteration.d_x[target_of(state)], t, c);
-    deformation_of(c, f);
+    pliant_deformation(c.x, c.g, f);
     element_rotation(system, t, f, r);
-    if (system.d_stiffness)
-        homogenized_force(system, t, c, r, system.d_grounded && system.d_grounded[t], force);
-    else
-        isotropic_force(system, t, c, f, r, force);
+    if (system.d_stiffness) homogenized_force(system, t, c, r, force);
+    else pliant_corotational_force(f, r, system.d_lame[t], system.d_lame[(size_t)system.num_tets + t], c.g, force);
     double2 *out = reinterpret_cast<double2 *>(iteration.d_element_force + 16 * (size_t)t);
 #pragma unroll
     for (int v = 0; v < 4; v++) {
@@ -192,7 +137,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) rotation_kernel(gpu_sys
     corners c;
     double f[9], r[9];
     load_corners(system, iteration.d_x[iteration.d_state->now], t, c);
-    deformation_of(c, f);
+    pliant_deformation(c.x, c.g, f);
     element_rotation(system, t, f, r);
     for (int m = 0; m < 9; m++) iteration.d_element_force[16 * (size_t)t + m] = r[m]; /* room that is not in use between steps */
 }

@@ -1,6 +1,7 @@
 /* From solved nodes to fine nodes, and forces the other way by the same weights ([H] 2.3 and 3). */
 #include "base/fail.h"
 #include "fem/coarse/shaped.h"
+#include "fem/element/rotation.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 

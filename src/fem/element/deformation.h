@@ -2,6 +2,7 @@
 #ifndef PLIANT_FEM_ELEMENT_DEFORMATION_H
 #define PLIANT_FEM_ELEMENT_DEFORMATION_H
 
+#include "fem/element/corotational.h"
 #include "fem/system.h"
 
 /* corner positions of a block of elements: x (12 x LANES) */
@@ -17,14 +18,14 @@ static inline void load_corners(const pliant_system *system, const double *posit
     }
 }
 
-/* F = sum over corners of x_v g_v' (any textbook on finite elements, e.g. Bonet and Wood, 9.2) */
 static inline __attribute__((always_inline)) void deformation_of(double x[12][LANES], double g[12][LANES], double f[9][LANES])
 {
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++)
-            for (int l = 0; l < LANES; l++)
-                f[3 * r + c][l] = (x[3 + r][l] - x[r][l]) * g[3 + c][l] + (x[6 + r][l] - x[r][l]) * g[6 + c][l] +
-                                  (x[9 + r][l] - x[r][l]) * g[9 + c][l];
+    for (int l = 0; l < LANES; l++) {
+        double corners[12], gradients[12], one[9];
+        for (int m = 0; m < 12; m++) corners[m] = x[m][l], gradients[m] = g[m][l];
+        pliant_deformation(corners, gradients, one);
+        for (int m = 0; m < 9; m++) f[m][l] = one[m];
+    }
 }
 
 /* R = I where an element says so */

@@ -1,5 +1,6 @@
 #include "base/fail.h"
 #include "fem/element/deformation.h"
+#include "fem/element/rotation.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 
@@ -62,31 +63,22 @@ void pliant_tet_stiffness(const pliant_mesh *mesh, int32_t tet, const pliant_tet
     pliant_element_stiffness(gradients, volume * material->lambda, volume * material->mu, stiffness);
 }
 
-/* f_v = V P g_v with P = R (2 mu e + lambda tr(e) I) and e = sym(R' F) - I: the same as R K (R' x - X), without K.
- * It is the force that holds the element in this state; the element pulls back with its opposite. */
+/* It is the force that holds the element in this state; the element pulls back with its opposite. */
 PLIANT_VECTORIZED static void isotropic_forces(double x[12][LANES], double g[12][LANES], double lame[2][LANES], const uint8_t *grounded,
                                                 double out[12][LANES])
 {
-    double f[9][LANES], r[9][LANES], p[9][LANES];
+    double f[9][LANES], r[9][LANES], forces[12][LANES]; /* local: what might overlap the inputs keeps the loop from becoming vector code */
     deformation_of(x, g, f);
     pliant_rotations(f, r);
     if (grounded) ground(grounded, r);
     for (int l = 0; l < LANES; l++) {
-        double s[9];
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++) s[3 * a + b] = r[a][l] * f[b][l] + r[3 + a][l] * f[3 + b][l] + r[6 + a][l] * f[6 + b][l];
-        double e00 = s[0] - 1, e11 = s[4] - 1, e22 = s[8] - 1;
-        double e01 = 0.5 * (s[1] + s[3]), e02 = 0.5 * (s[2] + s[6]), e12 = 0.5 * (s[5] + s[7]);
-        double pressure = lame[0][l] * (e00 + e11 + e22), twice = 2 * lame[1][l];
-        double t[9] = {twice * e00 + pressure, twice * e01, twice * e02, twice * e01, twice * e11 + pressure, twice * e12,
-                       twice * e02, twice * e12, twice * e22 + pressure};
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++) p[3 * a + b][l] = r[3 * a][l] * t[b] + r[3 * a + 1][l] * t[3 + b] + r[3 * a + 2][l] * t[6 + b];
+        double deformation[9], rotation[9], gradients[12], force[12];
+        for (int m = 0; m < 9; m++) deformation[m] = f[m][l], rotation[m] = r[m][l];
+        for (int m = 0; m < 12; m++) gradients[m] = g[m][l];
+        pliant_corotational_force(deformation, rotation, lame[0][l], lame[1][l], gradients, force);
+        for (int m = 0; m < 12; m++) forces[m][l] = force[m];
     }
-    for (int v = 0; v < 4; v++)
-        for (int a = 0; a < 3; a++)
-            for (int l = 0; l < LANES; l++)
-                out[3 * v + a][l] = p[3 * a][l] * g[3 * v][l] + p[3 * a + 1][l] * g[3 * v + 1][l] + p[3 * a + 2][l] * g[3 * v + 2][l];
+    memcpy(out, forces, sizeof forces);
 }
 
 PLIANT_VECTORIZED static void block_rotations(double x[12][LANES], double g[12][LANES], double out[9][LANES])
@@ -96,7 +88,6 @@ PLIANT_VECTORIZED static void block_rotations(double x[12][LANES], double g[12][
     pliant_rotations(f, out);
 }
 
-/* f = R K (R' x - X), [H] 2.2 */
 static void homogenized_forces(const pliant_system *system, int32_t block, double x[12][LANES], double rotations[9][LANES],
                                double out[12][LANES])
 {
@@ -106,27 +97,12 @@ static void homogenized_forces(const pliant_system *system, int32_t block, doubl
             for (int m = 0; m < 12; m++) out[m][l] = 0;
             continue;
         }
-        const double *stiffness = system->stiffness + 144 * (size_t)tet;
         const int32_t *nodes = system->mesh->tets + 4 * tet;
-        double r[9], u[12];
+        double r[9], corners[12], rest[12], f[12];
         for (int m = 0; m < 9; m++) r[m] = rotations[m][l];
-        bool grounded = system->grounded && system->grounded[tet];
-        for (int v = 0; v < 4; v++) {
-            /* relative to corner 0, so that a large translation costs no digits; a grounded element does feel it */
-            double y[3];
-            const double *rest = system->mesh->rest + 3 * nodes[v], *rest0 = system->mesh->rest + 3 * nodes[0];
-            for (int d = 0; d < 3; d++) y[d] = grounded ? x[3 * v + d][l] : x[3 * v + d][l] - x[d][l];
-            for (int d = 0; d < 3; d++)
-                u[3 * v + d] = r[d] * y[0] + r[3 + d] * y[1] + r[6 + d] * y[2] - (grounded ? rest[d] : rest[d] - rest0[d]);
-        }
-        double f[12];
-        for (int a = 0; a < 12; a++) {
-            f[a] = 0;
-            for (int b = 0; b < 12; b++) f[a] += stiffness[12 * a + b] * u[b];
-        }
-        for (int v = 0; v < 4; v++)
-            for (int d = 0; d < 3; d++)
-                out[3 * v + d][l] = r[3 * d] * f[3 * v] + r[3 * d + 1] * f[3 * v + 1] + r[3 * d + 2] * f[3 * v + 2];
+        for (int m = 0; m < 12; m++) corners[m] = x[m][l], rest[m] = system->mesh->rest[3 * nodes[m / 3] + m % 3];
+        pliant_homogenized_force(system->stiffness + 144 * (size_t)tet, 1, corners, rest, r, system->grounded && system->grounded[tet], f);
+        for (int m = 0; m < 12; m++) out[m][l] = f[m];
     }
 }
 

@@ -1,6 +1,5 @@
 /* Numbers for people to look at: stress, energy, volume of the fine tetrahedra, brought to the nodes. */
 #include "base/fail.h"
-#include "base/matrix.h"
 #include "fem/element/law.h"
 #include "fem/element/rotation.h"
 #include "pliant/data.h"
@@ -9,33 +8,23 @@
 #include <math.h>
 #include <string.h>
 
-/* rest volume, and F = sum of x_v g_v' */
+/* rest volume, and F */
 static double deformation_of(const pliant_mesh *mesh, const double *positions, int32_t tet, double f[9])
 {
-    const int32_t *nodes = mesh->tets + 4 * tet;
-    double g[12];
-    double volume = pliant_mesh_gradients(mesh, tet, g);
-    memset(f, 0, 9 * sizeof *f);
-    for (int v = 1; v < 4; v++)
-        for (int r = 0; r < 3; r++)
-            for (int c = 0; c < 3; c++) f[3 * r + c] += (positions[3 * nodes[v] + r] - positions[3 * nodes[0] + r]) * g[3 * v + c];
+    double gradients[12], x[12], volume = pliant_mesh_gradients(mesh, tet, gradients);
+    for (int v = 0; v < 4; v++) memcpy(x + 3 * v, positions + 3 * mesh->tets[4 * tet + v], 3 * sizeof *x);
+    pliant_deformation(x, gradients, f);
     return volume;
 }
 
-/* corotational: strain e = sym(R'F) - I, stress 2 mu e + lambda tr(e) I in the element's frame, energy density e : s / 2; nothing of what
- * is asked for depends on the frame */
+/* stress in the element's frame, energy density e : s / 2; nothing of what is asked for depends on the frame */
 static double corotational(const double f[9], const pliant_tet_material *material, double stress[6])
 {
-    double r[9], s[9], e[6];
+    double r[9], e[6];
     pliant_rotation_signed_svd(f, r);
-    for (int a = 0; a < 3; a++)
-        for (int b = 0; b < 3; b++) s[3 * a + b] = r[a] * f[b] + r[3 + a] * f[3 + b] + r[6 + a] * f[6 + b];
-    for (int d = 0; d < 3; d++) e[d] = s[4 * d] - 1;
-    e[3] = 0.5 * (s[1] + s[3]);
-    e[4] = 0.5 * (s[2] + s[6]);
-    e[5] = 0.5 * (s[5] + s[7]);
+    pliant_corotational_strain(f, r, e);
+    pliant_corotational_stress(e, material->lambda, material->mu, stress);
     double trace = e[0] + e[1] + e[2], shear = e[3] * e[3] + e[4] * e[4] + e[5] * e[5];
-    for (int m = 0; m < 6; m++) stress[m] = 2 * material->mu * e[m] + (m < 3 ? material->lambda * trace : 0);
     return material->mu * (e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + 2 * shear) + 0.5 * material->lambda * trace * trace;
 }
 

@@ -2,6 +2,7 @@
 
 #include "base/fail.h"
 #include "fem/element/deformation.h"
+#include "fem/element/rotation.h"
 #include "pliant/memory.h"
 
 #include <string.h>
