@@ -73,13 +73,15 @@ float pliant_volume_value(const pliant_volume *volume, size_t index);
  *  @param value   (count) out */
 pliant_status pliant_volume_percentiles(const pliant_volume *volume, int count, const double *percent, double *value);
 
-/** Read a scan: a folder with a DICOM series (one image a file; compressed ones through ITK's GDCM), or a file:
- *  NIfTI-1 or 2 (.nii, .nii.gz, .hdr with its .img), NRRD (.nrrd, .nhdr; raw or gzip), MetaImage (.mha, .mhd).
+/** Read a scan: a folder with a DICOM series (an image a file, or enhanced CT and MR and legacy converted ones of several frames;
+ *  compressed ones through ITK's GDCM), or a file: DICOM of several frames, NIfTI-1 or 2 (.nii, .nii.gz, .hdr with its .img), NRRD (.nrrd, .nhdr; raw or gzip), MetaImage (.mha, .mhd).
  *  @param series       Nullable: DICOM SeriesInstanceUID (or its unique ending) where a folder holds several
  *  @param memory_limit most bytes that reading may hold for voxels (those of the file and those of the volume where
  *                      they differ), checked from the header before any is allocated; 0: what the machine has free
  *  Integer data whose rescaled values fit are kept as UINT8 or INT16 with slope 1, all else is FLOAT32.
- *  Slice spacing comes from positions. Refused, with the file and the reason: what is truncated, not one regular 3-D
+ *  Slice spacing comes from positions. MONOCHROME1 is about the screen: Hounsfield units, activities and counts stay what they are;
+ *  intensities without a unit (MR) are turned round (smallest + largest - value), so that bright is much.
+ *  Refused, with the file and the reason: what is truncated, not one regular 3-D
  *  grid with right angles, of several values per voxel, not finite, or too large.
  *  Errors (old *out untouched): FILE, FORMAT, MEMORY, ARGUMENT (path NULL). */
 pliant_status pliant_volume_read(const char *path, const char *series, size_t memory_limit, pliant_volume *out);

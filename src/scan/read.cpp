@@ -25,7 +25,7 @@ void check_memory(const std::string &path, const image_header &header, bool labe
 
 std::unique_ptr<image_source> open_source(const std::string &path, const char *series)
 {
-    if (path.empty()) fail(PLIANT_ERROR_FILE, "no scan named: a DICOM folder, or a NIfTI, NRRD or MetaImage file is needed");
+    if (path.empty()) fail(PLIANT_ERROR_FILE, "no scan named: a DICOM folder, or a multi-frame DICOM, NIfTI, NRRD or MetaImage file is needed");
     uint64_t bytes = file_size(path); /* fails when it is not there */
     if (is_folder(path)) return open_dicom_folder(path, series);
     if (bytes == 0) fail(PLIANT_ERROR_FORMAT, "%s: is empty", path.c_str());
@@ -34,8 +34,8 @@ std::unique_ptr<image_source> open_source(const std::string &path, const char *s
     if (start.compare(0, 4, "NRRD") == 0 || ends_with(name, ".nrrd") || ends_with(name, ".nhdr")) return open_nrrd(path);
     if (ends_with(name, ".mha") || ends_with(name, ".mhd")) return open_metaimage(path);
     if (is_nifti(path)) return open_nifti(path);
-    if (is_dicom_file(path) || ends_with(name, ".dcm")) refuse_dicom_file(path);
-    fail(PLIANT_ERROR_FORMAT, "%s: not a scan: a folder with DICOM files, or a NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) or "
+    if (is_dicom_file(path) || ends_with(name, ".dcm")) return open_dicom_file(path);
+    fail(PLIANT_ERROR_FORMAT, "%s: not a scan: a folder with DICOM files, or a multi-frame DICOM (.dcm), NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) or "
          "MetaImage (.mha, .mhd) file is needed", path.c_str());
 }
 

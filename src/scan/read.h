@@ -110,7 +110,7 @@ std::unique_ptr<image_source> open_nifti(const std::string &path);
 std::unique_ptr<image_source> open_metaimage(const std::string &path);
 std::unique_ptr<image_source> open_nrrd(const std::string &path);
 std::unique_ptr<image_source> open_dicom_folder(const std::string &path, const char *series);
-[[noreturn]] void refuse_dicom_file(const std::string &path);
+std::unique_ptr<image_source> open_dicom_file(const std::string &path); /* of several frames */
 bool is_nifti(const std::string &path);
 bool is_dicom_file(const std::string &path);
 

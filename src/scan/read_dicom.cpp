@@ -1,4 +1,5 @@
-/* A DICOM folder: which files are images, to which series they belong, which series is meant. */
+/* A DICOM folder, or one multi-frame file: which files are images and which frames they hold, to which series they belong, which
+ * series is meant. */
 #include "scan/read_dicom.h"
 
 #include <cmath>
@@ -31,71 +32,100 @@ enum : uint32_t {
     PIXEL_REPRESENTATION = 0x00280103,
     INTERCEPT = 0x00281052,
     SLOPE = 0x00281053,
+    RESCALE_TYPE = 0x00281054,
     MODALITY_TABLE = 0x00283000
 };
 
-std::vector<double> numbers_of(const std::string &path, const dicom_file &file, uint32_t tag, size_t count, const char *name)
+/* Of a frame (from 0) by what its functional groups or the file say; empty when missing. */
+std::vector<double> numbers_of(const std::string &name, const dicom_file &file, size_t frame, uint32_t tag, size_t count, const char *what)
 {
-    std::string text = file.text(tag);
+    std::string text = file.text_of_frame(frame, tag);
     std::vector<double> numbers;
     if (text.empty()) return numbers;
     if (!parse_numbers(text, '\\', &numbers) || numbers.size() != count)
-        fail(PLIANT_ERROR_FORMAT, "%s: %s is \"%.80s\", %zu numbers are needed", path.c_str(), name, text.c_str(), count);
+        fail(PLIANT_ERROR_FORMAT, "%s: %s is \"%.80s\", %zu numbers are needed", name.c_str(), what, text.c_str(), count);
     return numbers;
 }
 
-double number_of(const std::string &path, const dicom_file &file, uint32_t tag, const char *name, double otherwise)
+double number_of(const std::string &name, const dicom_file &file, size_t frame, uint32_t tag, const char *what, double otherwise)
 {
-    std::vector<double> numbers = numbers_of(path, file, tag, 1, name);
+    std::vector<double> numbers = numbers_of(name, file, frame, tag, 1, what);
     return numbers.empty() ? otherwise : numbers[0];
 }
 
-/* How the numbers are stored; fails for colour, inverted and otherwise unusable images. */
-dicom_pixels pixels_of(const std::string &path, const dicom_file &file)
+/* How the numbers are stored, which is the same for all frames; fails for colour and otherwise unusable images. */
+dicom_pixels stored_pixels(const std::string &path, const dicom_file &file)
 {
     std::string colours = file.text(PHOTOMETRIC);
     dicom_pixels pixels;
     pixels.transfer_syntax = file.transfer_syntax;
     pixels.compressed = file.compressed;
-    pixels.part = file.pixels;
     pixels.rows = file.whole(ROWS, 0);
     pixels.columns = file.whole(COLUMNS, 0);
     pixels.bits_allocated = file.whole(BITS_ALLOCATED, 16);
     pixels.bits_stored = file.whole(BITS_STORED, pixels.bits_allocated);
     pixels.is_signed = file.whole(PIXEL_REPRESENTATION, 0) != 0;
-    pixels.slope = number_of(path, file, SLOPE, "RescaleSlope", 1.0);
-    pixels.intercept = number_of(path, file, INTERCEPT, "RescaleIntercept", 0.0);
 
     if (file.whole(SAMPLES, 1) != 1 || (!colours.empty() && colours.compare(0, 10, "MONOCHROME") != 0))
         fail(PLIANT_ERROR_FORMAT, "%s: a colour image (%s); one value per voxel is needed", path.c_str(), colours.c_str());
-    if (colours == "MONOCHROME1")
-        fail(PLIANT_ERROR_FORMAT, "%s: MONOCHROME1 (large values are dark) is not supported; MONOCHROME2 is", path.c_str());
     if (pixels.rows < 1 || pixels.columns < 1) fail(PLIANT_ERROR_FORMAT, "%s: Rows and Columns are missing or 0", path.c_str());
     if (pixels.type() == component::none || pixels.bits_stored < 1 || pixels.bits_stored > pixels.bits_allocated ||
         file.whole(HIGH_BIT, pixels.bits_stored - 1) != pixels.bits_stored - 1)
         fail(PLIANT_ERROR_FORMAT, "%s: %d bits stored in %d with HighBit %d is not supported; 8, 16 or 32 with HighBit one less are",
              path.c_str(), pixels.bits_stored, pixels.bits_allocated, file.whole(HIGH_BIT, pixels.bits_stored - 1));
-    if (pixels.slope == 0.0) fail(PLIANT_ERROR_FORMAT, "%s: RescaleSlope is 0", path.c_str());
     if (file.has(MODALITY_TABLE) && !file.has(SLOPE))
         fail(PLIANT_ERROR_FORMAT, "%s: values by a ModalityLUTSequence are not supported; RescaleSlope and RescaleIntercept are", path.c_str());
-
-    double needed = static_cast<double>(pixels.count() * component_size(pixels.type()));
-    if (!pixels.compressed && static_cast<double>(pixels.part.length) < needed)
-        fail(PLIANT_ERROR_FORMAT, "%s: truncated: %d x %d pixels of %d bits need %.0f bytes, PixelData has %.0f", path.c_str(), pixels.columns,
-             pixels.rows, pixels.bits_allocated, needed, static_cast<double>(pixels.part.length));
     return pixels;
+}
+
+/* MONOCHROME1 says that low values are shown bright. Values that have a unit (Hounsfield, activity, counts) mean the same for all
+ * that; others are intensities, of which bright is what a reader expects to be much. */
+bool is_turned_round(const dicom_file &file, size_t frame)
+{
+    std::string modality = file.text(MODALITY), unit = file.text_of_frame(frame, RESCALE_TYPE);
+    return file.text(PHOTOMETRIC) == "MONOCHROME1" && modality != "CT" && modality != "PT" && modality != "NM" && unit != "HU";
 }
 
 /* Objects that are images by their class must have pixels. */
 bool is_image_class(const std::string &uid)
 {
-    for (const char *one : {"2", "2.1", "4", "4.1", "20", "128", "130"}) /* CT, MR, nuclear, PET */
+    for (const char *one : {"2", "2.1", "2.2", "4", "4.1", "4.4", "20", "128", "128.1", "130"}) /* CT, MR, nuclear, PET */
         if (uid == std::string("1.2.840.10008.5.1.4.1.1.") + one) return true;
     return false;
 }
 
-/* False when the file is no DICOM image (a report, an index, a text file). */
-bool read_slice(const std::string &path, dicom_slice *slice)
+/* How many frames there are, by what the file says and by what it holds. */
+size_t frames_of(const std::string &path, const dicom_file &file)
+{
+    double told = number_of(path, file, SIZE_MAX, FRAMES, "NumberOfFrames", 1);
+    size_t grouped = file.frames.size();
+    if (!(told >= 1.0) || told != std::floor(told)) fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %g", path.c_str(), told);
+    if (grouped == 0 && told > 1.0)
+        fail(PLIANT_ERROR_FORMAT, "%s: %.0f frames in one DICOM file, and no functional groups that tell their places: export it as enhanced CT or MR, as a "
+             "series of single images, or as NIfTI", path.c_str(), told);
+    if (grouped > 0 && told != static_cast<double>(grouped))
+        fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %.0f, but its PerFrameFunctionalGroupsSequence has %zu items", path.c_str(), told, grouped);
+    return static_cast<size_t>(told);
+}
+
+/* What is the frame's own: where it lies, what its numbers mean, where they are. */
+void fill_slice(const dicom_file &file, size_t frame, const std::vector<dicom_file::part> &parts, dicom_slice *slice)
+{
+    const std::string place = folder_of(slice->path) + slice->name;
+    dicom_pixels &pixels = slice->pixels;
+    pixels.parts = parts;
+    pixels.slope = number_of(place, file, frame, SLOPE, "RescaleSlope", 1.0);
+    pixels.intercept = number_of(place, file, frame, INTERCEPT, "RescaleIntercept", 0.0);
+    if (pixels.slope == 0.0) fail(PLIANT_ERROR_FORMAT, "%s: RescaleSlope is 0", place.c_str());
+    slice->inverted = is_turned_round(file, frame);
+    slice->position = numbers_of(place, file, frame, POSITION, 3, "ImagePositionPatient");
+    slice->orientation = numbers_of(place, file, frame, ORIENTATION, 6, "ImageOrientationPatient");
+    slice->spacing = numbers_of(place, file, frame, PIXEL_SPACING, 2, "PixelSpacing");
+}
+
+/* The images of one file, behind those that are there: none when it is no DICOM image (a report, an index, a text file), one, or its
+ * frames. */
+bool read_slices(const std::string &path, std::vector<dicom_slice> *slices)
 {
     const char *const index_class = "1.2.840.10008.1.3.10"; /* DICOMDIR */
     dicom_file file;
@@ -105,23 +135,32 @@ bool read_slice(const std::string &path, dicom_slice *slice)
             fail(PLIANT_ERROR_FORMAT, "%s: truncated DICOM file: an image without PixelData", path.c_str());
         return false;
     }
-    slice->path = path;
-    slice->name = path.substr(folder_of(path).size());
-    slice->series = file.text(SERIES);
-    slice->description = file.text(SERIES_DESCRIPTION);
-    slice->instance = file.text(INSTANCE);
-    slice->modality = modality_of(file.text(MODALITY));
+    dicom_slice slice;
+    slice.path = path;
+    slice.name = path.substr(folder_of(path).size());
+    slice.series = file.text(SERIES);
+    slice.description = file.text(SERIES_DESCRIPTION);
+    slice.instance = file.text(INSTANCE);
+    slice.modality = modality_of(file.text(MODALITY));
+    const size_t before = slices->size();
     try {
-        slice->frames = static_cast<int>(std::fmin(number_of(path, file, FRAMES, "NumberOfFrames", 1), 1e6));
-        slice->position = numbers_of(path, file, POSITION, 3, "ImagePositionPatient");
-        slice->orientation = numbers_of(path, file, ORIENTATION, 6, "ImageOrientationPatient");
-        slice->spacing = numbers_of(path, file, PIXEL_SPACING, 2, "PixelSpacing");
-        slice->pixels = pixels_of(path, file);
-        if (slice->frames > 1)
-            fail(PLIANT_ERROR_FORMAT, "%s: %d frames in one DICOM file are not supported: export it as a series of single images, or as NIfTI",
-                 path.c_str(), slice->frames);
+        slice.pixels = stored_pixels(path, file);
+        const size_t frames = frames_of(path, file);
+        auto parts = parts_of_frames(path, file, frames, slice.pixels.count() * component_size(slice.pixels.type()));
+        for (size_t frame = 0; frame < frames; frame++) {
+            slices->push_back(slice);
+            dicom_slice &one = slices->back();
+            one.one_of_many = frames > 1;
+            if (one.one_of_many) {
+                one.name += " frame " + std::to_string(frame + 1);
+                one.instance += " frame " + std::to_string(frame + 1);
+            }
+            fill_slice(file, frame, parts[frame], &one);
+        }
     } catch (const failure &failure) {
-        slice->problem = failure.text;
+        slices->resize(before);
+        slice.problem = failure.text;
+        slices->push_back(slice);
     }
     return true;
 }
@@ -147,10 +186,10 @@ series_map read_folder(const std::string &folder)
     series_map series;
     size_t ignored = 0;
     for (const std::string &path : files) {
-        dicom_slice slice;
+        std::vector<dicom_slice> slices;
         if (file_size(path) == 0) fail(PLIANT_ERROR_FORMAT, "%s: is empty", path.c_str());
-        if (read_slice(path, &slice)) series[slice.series].push_back(slice);
-        else ignored++;
+        if (!read_slices(path, &slices)) ignored++;
+        for (dicom_slice &slice : slices) series[slice.series].push_back(std::move(slice));
     }
     if (series.empty())
         fail(PLIANT_ERROR_FORMAT, "%s: no DICOM image in this folder (%zu files, none of them one)%s", folder.c_str(), files.size(),
@@ -202,12 +241,13 @@ bool is_dicom_file(const std::string &path)
     return start.size() == 132 && start.compare(128, 4, "DICM") == 0;
 }
 
-void refuse_dicom_file(const std::string &path)
+std::unique_ptr<image_source> open_dicom_file(const std::string &path)
 {
-    dicom_slice slice;
-    if (!read_slice(path, &slice)) fail(PLIANT_ERROR_FORMAT, "%s: no DICOM image", path.c_str());
-    if (!slice.problem.empty()) fail(PLIANT_ERROR_FORMAT, "%s", slice.problem.c_str());
-    fail(PLIANT_ERROR_FORMAT, "%s: one DICOM slice is a 2-D image: name the folder that holds its series", path.c_str());
+    std::vector<dicom_slice> slices;
+    if (!read_slices(path, &slices)) fail(PLIANT_ERROR_FORMAT, "%s: no DICOM image", path.c_str());
+    if (!slices.front().problem.empty()) fail(PLIANT_ERROR_FORMAT, "%s", slices.front().problem.c_str());
+    if (slices.size() == 1) fail(PLIANT_ERROR_FORMAT, "%s: one DICOM slice is a 2-D image: name the folder that holds its series", path.c_str());
+    return open_series(path, std::move(slices));
 }
 
 std::unique_ptr<image_source> open_dicom_folder(const std::string &path, const char *series)

@@ -8,19 +8,27 @@
 
 namespace pliant_read {
 
-/* The top level of a DICOM file up to its pixels. Every length has been checked against the file. */
+/* The top level of a DICOM file up to its pixels, and what its functional groups say of each frame (PS3.3 C.7.6.16). Every
+ * length has been checked against the file. */
 struct dicom_file {
     struct part {
         uint64_t offset, length;
     };
+    using elements = std::map<uint32_t, std::string>; /* by group << 16 | element; long ones and sequences are empty */
     std::string transfer_syntax;
-    std::map<uint32_t, std::string> values; /* by group << 16 | element; long ones and sequences are empty */
+    elements values;
+    elements shared;              /* of all frames: places, spacing and scale, those of their functional groups that matter */
+    std::vector<elements> frames; /* and of each; empty where the file has no functional groups */
     bool has_pixels = false, compressed = false;
-    part pixels = {0, 0}; /* compressed: from the first item to the end of the last */
+    part pixels = {0, 0};         /* not compressed */
+    part offset_table = {0, 0};   /* compressed: of the frames, may be empty */
+    std::vector<part> fragments;  /* and the fragments behind it */
 
     bool has(uint32_t tag) const { return values.count(tag) != 0; }
     std::string text(uint32_t tag) const; /* trimmed; "" when missing */
     int whole(uint32_t tag, int otherwise) const; /* of a 16-bit element */
+    /* As text, of a frame (from 0): its own, or what all frames share, or the file's. */
+    std::string text_of_frame(size_t frame, uint32_t tag) const;
 };
 
 /* False when it is no DICOM file. Fails when it is truncated or damaged. */
@@ -30,7 +38,7 @@ bool read_dicom_file(const std::string &path, dicom_file *out);
 struct dicom_pixels {
     std::string transfer_syntax;
     bool compressed = false;
-    dicom_file::part part = {0, 0};
+    std::vector<dicom_file::part> parts; /* one; compressed: those that make up the image */
     int rows = 0, columns = 0, bits_allocated = 16, bits_stored = 16;
     bool is_signed = false;
     double slope = 1.0, intercept = 0.0;
@@ -39,14 +47,19 @@ struct dicom_pixels {
     component type() const;
 };
 
+/* The parts of each frame, by their count or by the table of offsets (PS3.5 A.4). Fails with FORMAT. */
+std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &path, const dicom_file &file, size_t frames, size_t frame_bytes);
+
 /* rows x columns numbers of type(), slope and intercept not applied. Fails with FORMAT. */
 void read_dicom_pixels(const std::string &path, const dicom_pixels &pixels, void *out);
 
+/* One image: a file, or a frame of one. */
 struct dicom_slice {
-    std::string path, name;                    /* name: of the file, for messages */
+    std::string path, name;                    /* of the file; for messages, with the frame */
     std::string series, description, instance; /* UIDs of series and image, SeriesDescription */
     pliant_modality modality = PLIANT_MODALITY_UNKNOWN;
-    int frames = 1;
+    bool inverted = false;                     /* low values are bright, and they have no unit that forbids turning them round */
+    bool one_of_many = false;                  /* a frame of a multi-frame file */
     dicom_pixels pixels;
     std::vector<double> position;              /* 3, LPS [mm]; empty when missing */
     std::vector<double> orientation;           /* 6: direction of rows, of columns */

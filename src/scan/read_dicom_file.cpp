@@ -15,8 +15,22 @@ enum : uint32_t {
     ITEM_END = 0xfffee00d,
     SEQUENCE_END = 0xfffee0dd,
     TRANSFER_SYNTAX = 0x00020010,
+    SHARED_GROUPS = 0x52009229,
+    FRAME_GROUPS = 0x52009230,
     PIXEL_DATA = 0x7fe00010
 };
+
+/* Of a functional group: the sequences in which they stand, and what is kept of them. */
+bool is_kept_group(uint32_t tag)
+{
+    return tag == 0x00209113 /* Plane Position */ || tag == 0x00209116 /* Plane Orientation */ || tag == 0x00289110 /* Pixel Measures */ ||
+           tag == 0x00289145 /* Pixel Value Transformation */;
+}
+bool is_kept_value(uint32_t tag)
+{
+    return tag == 0x00200032 /* ImagePositionPatient */ || tag == 0x00200037 /* ImageOrientationPatient */ || tag == 0x00280030 /* PixelSpacing */ ||
+           tag == 0x00281052 /* RescaleIntercept */ || tag == 0x00281053 /* RescaleSlope */ || tag == 0x00281054 /* RescaleType */;
+}
 
 struct element {
     uint32_t tag, length;
@@ -40,7 +54,7 @@ public:
         explicit_ = true;
         while (at_ < size_ && (peek_tag() >> 16) == 2) { /* the file meta group is explicit, whatever follows */
             element e = next_element();
-            store(e);
+            store(e, &out_->values);
             skip(e.length);
         }
         out_->transfer_syntax = out_->text(TRANSFER_SYNTAX);
@@ -51,10 +65,16 @@ public:
         explicit_ = out_->transfer_syntax != "1.2.840.10008.1.2";
         while (at_ < size_ && !out_->has_pixels) {
             element e = next_element();
+            bool with_type = explicit_ && std::strcmp(e.type, "UN") != 0; /* an unknown sequence is implicit inside */
             if (e.tag == PIXEL_DATA) pixels(e);
-            else if (e.length == UNDEFINED) sequence(1, explicit_ && std::strcmp(e.type, "UN") != 0);
+            else if (e.tag == FRAME_GROUPS) functional_groups(e, with_type, &out_->frames);
+            else if (e.tag == SHARED_GROUPS) {
+                std::vector<dicom_file::elements> groups;
+                functional_groups(e, with_type, &groups);
+                if (!groups.empty()) out_->shared = groups.front();
+            } else if (e.length == UNDEFINED) sequence(1, with_type);
             else {
-                store(e);
+                store(e, &out_->values);
                 skip(e.length);
             }
         }
@@ -67,6 +87,8 @@ private:
     uint64_t size_, at_ = 0;
     dicom_file *out_;
     bool explicit_ = true;
+    std::string window_; /* what was read last: headers are small and many */
+    uint64_t window_at_ = 0;
 
     [[noreturn]] void truncated() { fail(PLIANT_ERROR_FORMAT, "%s: truncated DICOM file", path_.c_str()); }
     [[noreturn]] void damaged(const char *what)
@@ -76,12 +98,16 @@ private:
 
     std::string bytes(uint64_t offset, uint64_t count)
     {
+        const uint64_t most = 1 << 16; /* nothing longer is asked for */
         if (count > size_ || offset > size_ - count) truncated();
-        std::string out(static_cast<size_t>(count), '\0');
-        file_.seekg(static_cast<std::streamoff>(offset));
-        file_.read(&out[0], static_cast<std::streamsize>(count));
-        if (!file_) truncated();
-        return out;
+        if (offset < window_at_ || offset + count > window_at_ + window_.size()) {
+            window_.resize(static_cast<size_t>(std::min(most, size_ - offset)));
+            window_at_ = offset;
+            file_.seekg(static_cast<std::streamoff>(offset));
+            file_.read(&window_[0], static_cast<std::streamsize>(window_.size()));
+            if (!file_) truncated();
+        }
+        return window_.substr(static_cast<size_t>(offset - window_at_), static_cast<size_t>(count));
     }
     static uint32_t number(const std::string &raw, size_t at, int count)
     {
@@ -138,11 +164,11 @@ private:
         at_ += length;
     }
 
-    void store(const element &e)
+    void store(const element &e, dicom_file::elements *out)
     {
         const uint32_t longest = 4096; /* beyond is nothing that matters here */
         if (e.length > size_ - at_) truncated();
-        out_->values[e.tag] = e.length <= longest ? bytes(at_, e.length) : "";
+        (*out)[e.tag] = e.length <= longest ? bytes(at_, e.length) : "";
     }
 
     /* Items until the end of a sequence whose length is not told. */
@@ -164,22 +190,74 @@ private:
         }
     }
 
+    /* Past the value of an element whose beginning has been read. */
+    void pass(const element &e, int depth, bool with_type)
+    {
+        if (e.length == UNDEFINED) sequence(depth + 1, with_type && std::strcmp(e.type, "UN") != 0);
+        else skip(e.length);
+    }
+
+    /* Where a value ends; the end of the file where that is told by a mark. */
+    uint64_t end_of(const element &e, uint64_t outer)
+    {
+        if (e.length == UNDEFINED) return outer;
+        if (e.length > outer - at_) damaged("an item that is longer than its sequence");
+        return at_ + e.length;
+    }
+
+    /* Shows every item of a sequence, then each of its elements, which visit passes. */
+    template <class Item, class Visit> void each(const element &sequence, uint64_t outer, bool with_type, Item begin_item, Visit visit)
+    {
+        const uint64_t end = end_of(sequence, outer);
+        while (at_ < end) {
+            element item = next_element(with_type);
+            if (item.tag == SEQUENCE_END && sequence.length == UNDEFINED) return;
+            if (item.tag != ITEM) damaged("something else than an item in a sequence");
+            const uint64_t item_end = end_of(item, end);
+            begin_item();
+            while (at_ < item_end) {
+                element e = next_element(with_type);
+                if (e.tag == ITEM_END && item.length == UNDEFINED) break;
+                visit(e, item_end);
+                if (at_ > item_end) damaged("an element that is longer than its item");
+            }
+        }
+        if (sequence.length == UNDEFINED) truncated();
+    }
+
+    void functional_groups(const element &e, bool with_type, std::vector<dicom_file::elements> *out)
+    {
+        const size_t most_frames = 100000;
+        auto another = [&] {
+            if (out->size() == most_frames) damaged("more than 100000 frames");
+            out->emplace_back();
+        };
+        auto value = [&](const element &one, uint64_t) {
+            if (one.length != UNDEFINED && is_kept_value(one.tag)) store(one, &out->back());
+            pass(one, 2, with_type);
+        };
+        auto group = [&](const element &one, uint64_t end) {
+            if (is_kept_group(one.tag)) each(one, end, with_type && std::strcmp(one.type, "UN") != 0, [] {}, value);
+            else pass(one, 1, with_type);
+        };
+        each(e, size_, with_type, another, group);
+    }
+
     void pixels(const element &e)
     {
         out_->has_pixels = true;
         out_->compressed = e.length == UNDEFINED;
-        out_->pixels.offset = at_;
-        if (out_->compressed) {
-            for (;;) {
-                element item = next_element(false);
-                if (item.tag == SEQUENCE_END) break;
-                if (item.tag != ITEM || item.length == UNDEFINED) damaged("something else than a fragment in compressed pixels");
-                skip(item.length);
-            }
-        } else {
-            skip(e.length);
+        out_->pixels = {at_, e.length};
+        if (!out_->compressed) return skip(e.length);
+        out_->pixels.length = 0;
+        for (bool table = true;; table = false) {
+            element item = next_element(false);
+            if (item.tag == SEQUENCE_END) return;
+            if (item.tag != ITEM || item.length == UNDEFINED) damaged("something else than a fragment in compressed pixels");
+            if (table) out_->offset_table = {at_, item.length};
+            else out_->fragments.push_back({at_, item.length});
+            skip(item.length);
         }
-        out_->pixels.length = at_ - out_->pixels.offset;
     }
 };
 
@@ -196,6 +274,16 @@ int dicom_file::whole(uint32_t tag, int otherwise) const
     auto found = values.find(tag);
     if (found == values.end() || found->second.size() < 2) return otherwise;
     return static_cast<unsigned char>(found->second[0]) | static_cast<unsigned char>(found->second[1]) << 8;
+}
+
+std::string dicom_file::text_of_frame(size_t frame, uint32_t tag) const
+{
+    if (frame < frames.size()) {
+        auto own = frames[frame].find(tag);
+        if (own != frames[frame].end()) return trimmed(own->second);
+    }
+    auto all = shared.find(tag);
+    return all == shared.end() ? text(tag) : trimmed(all->second);
 }
 
 bool read_dicom_file(const std::string &path, dicom_file *out)

@@ -1,4 +1,4 @@
-/* The numbers of one DICOM image: as they are in the file, or decompressed by the GDCM that ITK reads DICOM with. */
+/* The numbers of one DICOM image: as they are in the file, RLE, or decompressed by the GDCM that ITK reads DICOM with. */
 #include "scan/read_dicom.h"
 
 #include <gdcmImageReader.h>
@@ -117,22 +117,6 @@ std::string bare_file(const dicom_pixels &pixels, std::string image)
            item + little_endian(static_cast<uint32_t>(image.size()), 4) + image + std::string("\xfe\xff\xdd\xe0", 4) + little_endian(0, 4);
 }
 
-/* The fragments behind the table of offsets, joined: one compressed image. Their lengths have been checked. */
-std::string joined(const std::string &fragments)
-{
-    std::string image;
-    bool is_table = true;
-    for (size_t at = 0; at + 8 <= fragments.size();) {
-        size_t length = 0;
-        for (size_t n = 8; n-- > 4;) length = length << 8 | static_cast<unsigned char>(fragments[at + n]);
-        if (fragments[at] != '\xfe' || fragments[at + 2] != '\0') break; /* the end of the sequence */
-        if (!is_table) image += fragments.substr(at + 8, length);
-        is_table = false;
-        at += 8 + length;
-    }
-    return image;
-}
-
 /* A JPEG or JPEG-LS image with no other segments than its data need (ISO 10918-1 annex B), which are checked: GDCM
  * stops the process on headers that it does not expect, comments among them. */
 std::string bare_jpeg(const std::string &path, const dicom_pixels &pixels, const std::string &image)
@@ -174,10 +158,42 @@ bool is_jpeg(const std::string &transfer_syntax)
     return transfer_syntax.size() == jpeg.size() + 2 && transfer_syntax.compare(0, jpeg.size(), jpeg) == 0 && transfer_syntax[jpeg.size()] <= '8';
 }
 
+/* RLE (PS3.5 annex G): a segment for every byte of a number, the highest first; runs as in PackBits. Not by GDCM, which stops the
+ * process when a segment holds too little. */
+void decode_run_length(const std::string &path, const dicom_pixels &pixels, const std::string &coded, void *out)
+{
+    const size_t size = component_size(pixels.type()), head = 64;
+    auto word = [&](size_t at) {
+        size_t value = 0;
+        for (size_t n = 4; n-- > 0;) value = value << 8 | static_cast<unsigned char>(coded[at + n]);
+        return value;
+    };
+    bool good = coded.size() >= head && word(0) == size;
+    for (size_t segment = 0; good && segment < size; segment++) {
+        size_t at = word(4 + 4 * segment), end = segment + 1 < size ? word(8 + 4 * segment) : coded.size(), done = 0;
+        good = at >= head && at <= end && end <= coded.size();
+        unsigned char *to = static_cast<unsigned char *>(out) + (machine_is_big_endian() ? segment : size - 1 - segment);
+        while (good && done < pixels.count()) {
+            good = at + 1 < end;
+            if (!good) break;
+            const int control = static_cast<signed char>(coded[at++]);
+            if (control == -128) continue;
+            const bool repeated = control < 0;
+            const size_t length = static_cast<size_t>(repeated ? 1 - control : 1 + control);
+            good = length <= pixels.count() - done && (repeated || length <= end - at);
+            for (size_t n = 0; good && n < length; n++, done++) to[size * done] = static_cast<unsigned char>(coded[repeated ? at : at + n]);
+            at += repeated ? 1 : length;
+        }
+    }
+    if (!good) fail(PLIANT_ERROR_FORMAT, "%s: the compressed pixels are damaged: no RLE image of %d x %d numbers", path.c_str(), pixels.columns, pixels.rows);
+}
+
 void decompress(const std::string &path, const dicom_pixels &pixels, void *out)
 {
+    std::string coded;
+    for (const dicom_file::part &part : pixels.parts) coded += file_part(path, part);
+    if (pixels.transfer_syntax == "1.2.840.10008.1.2.5") return decode_run_length(path, pixels, coded, out);
     quiet_gdcm quiet;
-    std::string coded = joined(file_part(path, pixels.part));
     if (is_jpeg(pixels.transfer_syntax)) coded = bare_jpeg(path, pixels, coded);
     std::istringstream stream(bare_file(pixels, coded));
     gdcm::ImageReader reader;
@@ -197,12 +213,49 @@ void decompress(const std::string &path, const dicom_pixels &pixels, void *out)
 
 } // namespace
 
+std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &path, const dicom_file &file, size_t frames, size_t frame_bytes)
+{
+    std::vector<std::vector<dicom_file::part>> parts;
+    if (!file.compressed) {
+        double needed = static_cast<double>(frames) * static_cast<double>(frame_bytes);
+        if (static_cast<double>(file.pixels.length) < needed)
+            fail(PLIANT_ERROR_FORMAT, "%s: truncated: the pixels of %zu frame(s) need %.0f bytes, PixelData has %.0f", path.c_str(), frames, needed,
+                 static_cast<double>(file.pixels.length));
+        for (size_t f = 0; f < frames; f++) parts.push_back({{file.pixels.offset + f * frame_bytes, frame_bytes}});
+        return parts;
+    }
+    if (frames == 1) return {file.fragments};
+    if (file.fragments.size() == frames) {
+        for (const dicom_file::part &fragment : file.fragments) parts.push_back({fragment});
+        return parts;
+    }
+    if (file.offset_table.length != 4 * frames)
+        fail(PLIANT_ERROR_FORMAT, "%s: %zu frames in %zu compressed fragments, and no table of offsets that tells which are whose", path.c_str(), frames,
+             file.fragments.size());
+    const std::string table = file_part(path, file.offset_table);
+    const uint64_t first = file.offset_table.offset + file.offset_table.length, item_head = 8;
+    for (const dicom_file::part &fragment : file.fragments) {
+        size_t frame = parts.size();
+        uint64_t wanted = UINT64_MAX;
+        if (frame < frames) {
+            wanted = 0;
+            for (size_t n = 4; n-- > 0;) wanted = wanted << 8 | static_cast<unsigned char>(table[4 * frame + n]);
+        }
+        if (fragment.offset - item_head - first == wanted) parts.emplace_back();
+        if (parts.empty()) break;
+        parts.back().push_back(fragment);
+    }
+    if (parts.size() != frames)
+        fail(PLIANT_ERROR_FORMAT, "%s: the table of offsets of the compressed pixels does not meet %zu frames", path.c_str(), frames);
+    return parts;
+}
+
 void read_dicom_pixels(const std::string &path, const dicom_pixels &pixels, void *out)
 {
     if (pixels.compressed) {
         decompress(path, pixels, out);
     } else {
-        byte_stream stream(path, pixels.part.offset, byte_stream::packing::none);
+        byte_stream stream(path, pixels.parts.front().offset, byte_stream::packing::none);
         stream.read_exactly(out, pixels.count() * component_size(pixels.type()), "the pixel data");
     }
     clean(pixels, out);

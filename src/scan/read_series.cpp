@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <type_traits>
 
 namespace pliant_read {
 
@@ -26,7 +27,10 @@ void check_alike(const std::vector<dicom_slice> &slices)
 {
     const dicom_slice &first = slices.front();
     for (const dicom_slice &slice : slices) {
-        const char *path = slice.path.c_str();
+        if (slice.inverted != first.inverted)
+            fail(PLIANT_ERROR_FORMAT, "%s: some images of the series are MONOCHROME1, others MONOCHROME2", slice.path.c_str());
+        const std::string place = folder_of(slice.path) + slice.name;
+        const char *path = place.c_str();
         if (!slice.problem.empty()) fail(PLIANT_ERROR_FORMAT, "%s", slice.problem.c_str());
         if (slice.position.empty()) fail(PLIANT_ERROR_FORMAT, "%s: no ImagePositionPatient: the place of the slice is not known", path);
         if (slice.orientation.empty()) fail(PLIANT_ERROR_FORMAT, "%s: no ImageOrientationPatient", path);
@@ -52,7 +56,7 @@ void check_duplicates(const std::string &folder, const std::vector<dicom_slice> 
         if (b.along - a.along > 1e-3) continue;
         if (!a.instance.empty() && a.instance == b.instance)
             fail(PLIANT_ERROR_FORMAT, "%s: %s and %s are the same image twice", folder.c_str(), a.name.c_str(), b.name.c_str());
-        fail(PLIANT_ERROR_FORMAT, "%s: %s and %s are at the same place (%g mm along the stack): several time points or a duplicate; one 3-D volume is needed",
+        fail(PLIANT_ERROR_FORMAT, "%s: %s and %s are at the same place (%g mm along the stack): several time points, echoes or a duplicate; one 3-D volume is needed",
              folder.c_str(), a.name.c_str(), b.name.c_str(), a.along);
     }
 }
@@ -146,6 +150,29 @@ void rescale_any(const void *from, const dicom_pixels &pixels, double *to)
     }
 }
 
+/* value -> smallest + largest - value: bright and dark change places, the range stays. */
+template <class Number> void turn_round(void *values, size_t count)
+{
+    Number *v = static_cast<Number *>(values);
+    using wide = typename std::conditional<std::is_integral<Number>::value, int64_t, double>::type;
+    wide ends = static_cast<wide>(*std::min_element(v, v + count)) + static_cast<wide>(*std::max_element(v, v + count));
+    for (size_t n = 0; n < count; n++) v[n] = static_cast<Number>(ends - static_cast<wide>(v[n]));
+}
+
+void turn_round_any(component type, void *values, size_t count)
+{
+    switch (type) {
+    case component::uint8: return turn_round<uint8_t>(values, count);
+    case component::int8: return turn_round<int8_t>(values, count);
+    case component::uint16: return turn_round<uint16_t>(values, count);
+    case component::int16: return turn_round<int16_t>(values, count);
+    case component::uint32: return turn_round<uint32_t>(values, count);
+    case component::int32: return turn_round<int32_t>(values, count);
+    case component::float64: return turn_round<double>(values, count);
+    default: return;
+    }
+}
+
 /* Slices of one type and scale are kept as stored; others (PET, some MRI) are rescaled one by one as double. */
 class series_source : public image_source {
 public:
@@ -183,6 +210,10 @@ public:
             }
             to += pixels.count() * component_size(header.type);
         }
+        if (!slices_.front().inverted) return;
+        turn_round_any(header.type, voxels, pliant_geometry_voxels(&header.geometry));
+        pliant_log(PLIANT_LOG_INFO, "%s: MONOCHROME1, intensities without a unit: turned round (smallest + largest - value), so that bright is much",
+                   slices_.front().path.c_str());
     }
 
 private:

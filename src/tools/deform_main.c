@@ -197,7 +197,7 @@ static pliant_status finish(deform_run *run)
 {
     pliant_status status = write_results(run, 0);
     if (status >= 0 && run->arguments->pictures) status = write_pictures(run);
-    timing_print(&run->times, run->model, run->data, stdout);
+    timing_print(&run->times, run->data, stdout);
     timing_print_memory(stdout);
     timing_warn(&run->times, run->model, run->data);
     printf("results in %s\n", run->arguments->folder);

@@ -104,7 +104,7 @@ static void print_row(FILE *file, const char *name, const step_times *times, int
             1e3 * sorted[times->num_steps / 2], 1e3 * sorted[times->num_steps - 1]);
 }
 
-void timing_print(const step_times *times, const pliant_model *model, const pliant_data *data, FILE *file)
+void timing_print(const step_times *times, const pliant_data *data, FILE *file)
 {
     const pliant_statistics *statistics = &data->statistics;
     double *sorted = times->num_steps ? malloc(times->num_steps * sizeof *sorted) : NULL;

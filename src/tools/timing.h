@@ -32,7 +32,7 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
 pliant_status timing_end(step_times *times);
 
 /* Mean, median and largest time of every stage, and how the steps ended. */
-void timing_print(const step_times *times, const pliant_model *model, const pliant_data *data, FILE *file);
+void timing_print(const step_times *times, const pliant_data *data, FILE *file);
 
 /* Warnings for the log where results are not to be relied on: steps that did not converge, elements that are inverted. */
 void timing_warn(const step_times *times, const pliant_model *model, const pliant_data *data);
