@@ -58,8 +58,9 @@ typedef struct pliant_model {
  *  Errors: SCENE, MATERIAL, FORMAT, MEMORY, NUMERIC (not enough is fixed), CANCELLED. */
 pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume *scan, const pliant_labels *labels,
                                  const pliant_material_table *materials, pliant_progress progress, pliant_model **out);
-/** A warning to the log when the scene's method is schur and there is gravity, which it cannot carry; building asks for the scene's own. */
-void pliant_schur_warning(const pliant_scene *scene, const double gravity[3]);
+/** A warning to the log when the scene's method is a coarse one and there is gravity, which none of them carries well; building asks for
+ *  the scene's own. */
+void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3]);
 void pliant_model_free(pliant_model *model); /**< Nullable */
 
 /** Read, resample, label and tabulate what the scene names: the common way from paths to a model's inputs.

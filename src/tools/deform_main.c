@@ -169,7 +169,7 @@ static pliant_status prepare(deform_run *run)
     for (uint32_t k = 0; status >= 0 && k < run->path.num_gravity; ++k) {
         const double *gravity = run->path.gravity[k].value;
         if (gravity[0] == 0.0 && gravity[1] == 0.0 && gravity[2] == 0.0) continue;
-        pliant_schur_warning(&run->model->scene, gravity);
+        pliant_gravity_warning(&run->model->scene, gravity);
         break;
     }
     if (status >= 0) status = grasp(run);

@@ -1,0 +1,42 @@
+// What building a model says about what was asked for.
+#include "pipeline/body.h"
+
+#include <string>
+
+namespace {
+
+const int size[3] = {8, 8, 8};
+const double box[3] = {0.08, 0.08, 0.08};
+
+std::string warnings_of(pliant_method method, double gravity, double patch)
+{
+    Body body(size, box, {{5e3, 0.45, 1000, false}});
+    std::string said;
+    body.cells(2, 2, 2, 2);
+    body.fix_plane(0.001, 0, 0, 1, 0, 0);
+    body.scene.model.method = method;
+    body.scene.model.gravity[1] = gravity;
+    body.scene.model.patch = patch;
+    pliant_set_log([](pliant_log_level level, const char *message, void *user) {
+        if (level == PLIANT_LOG_WARNING) *static_cast<std::string *>(user) += std::string(message) + "\n";
+    }, &said);
+    EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    pliant_set_log(nullptr, nullptr);
+    return said;
+}
+
+TEST(Model, CoarseMethodsUnderGravitySayHowFarTheyAreOff)
+{
+    for (pliant_method method : {PLIANT_COARSE, PLIANT_CALIBRATED, PLIANT_AVERAGED, PLIANT_LOD}) {
+        std::string said = warnings_of(method, 9.81, 0);
+        EXPECT_NE(said.find("model/gravity"), std::string::npos) << method;
+        EXPECT_NE(said.find("38 to 60 %"), std::string::npos) << said;
+        EXPECT_NE(said.find("nothing mends that"), std::string::npos) << said;
+        EXPECT_EQ(warnings_of(method, 0, 0), "");
+    }
+    EXPECT_NE(warnings_of(PLIANT_AVERAGED, 9.81, 0.05).find("around a hold"), std::string::npos);
+    EXPECT_NE(warnings_of(PLIANT_SCHUR, 9.81, 0).find("10 to 15 times"), std::string::npos);
+    EXPECT_EQ(warnings_of(PLIANT_FINE, 9.81, 0), "");
+}
+
+} // namespace
