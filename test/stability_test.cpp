@@ -64,14 +64,15 @@ std::string name_of(const testing::TestParamInfo<const char *> &info) { return i
 INSTANTIATE_TEST_SUITE_P(Cases, Stability,
                          testing::Values("contrast", "poisson", "anisotropic", "thin", "empty", "single_tetrahedron", "pieces", "pull",
                                          "teleport", "gravity", "spring", "half_turn", "not_finite", "flat", "inverted", "scrambled", "plane",
-                                         "point", "long_run", "time_step", "energy"),
+                                         "point", "long_run", "time_step", "energy", "dynamic_teleport", "dynamic_not_finite", "dynamic_spring",
+                                         "dynamic_octree", "dynamic_bone_surface", "dynamic_fit"),
                          name_of);
 
 TEST_F(Stability, EveryCaseIsTested)
 {
     int count = 0;
     while (pliant_stability_case(count)) count++;
-    EXPECT_EQ(count, 21);
+    EXPECT_EQ(count, 27);
 }
 
 TEST_F(Stability, CollapsedBodiesComeBackToRest)
@@ -110,6 +111,23 @@ TEST_F(Stability, TheTimeStepHasABoundAndEnergyIsKept)
     EXPECT_EQ(cell(1, "verdict"), "refused");
     EXPECT_NE(cell(1, "message").find("faster than sound"), std::string::npos);
     EXPECT_EQ(cell(2, "verdict"), "converged") << cell(2, "message");
+}
+
+TEST_F(Stability, WhatHasInertiaComesToRestWhereItWas)
+{
+    for (const char *name : {"dynamic_teleport", "dynamic_spring", "dynamic_octree", "dynamic_bone_surface", "dynamic_fit"})
+        EXPECT_EQ(run(name), PLIANT_VERDICT_CONVERGED) << name;
+    for (size_t r = 0; r < pliant_results_rows(tables.stability); r++) {
+        EXPECT_EQ(cell(r, "method"), "fine");
+        EXPECT_EQ(cell(r, "message"), "") << cell(r, "case") << " " << cell(r, "parameter");
+        EXPECT_LT(std::atof(cell(r, "off_rest_mm").c_str()), 1) << cell(r, "case");
+        if (cell(r, "parameter") != "0.001 N/m") EXPECT_GT(std::atof(cell(r, "largest_mm").c_str()), 1) << cell(r, "case");
+        EXPECT_GT(std::atoi(cell(r, "iterations").c_str()), 10 * std::atoi(cell(r, "steps").c_str())) << "sub-steps";
+    }
+    EXPECT_EQ(run("dynamic_not_finite"), PLIANT_VERDICT_REFUSED);
+    const size_t last = pliant_results_rows(tables.stability) - 1;
+    EXPECT_EQ(cell(last, "figure"), "10 of 10 calls refused");
+    EXPECT_LT(std::atof(cell(last, "off_rest_mm").c_str()), 1);
 }
 
 TEST_F(Stability, EmptyScansAreRefusedWithAMessage)

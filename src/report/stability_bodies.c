@@ -1,75 +1,10 @@
-/* Bodies for trials, and the cases that are about bodies. */
-#include "base/fail.h"
-#include "report/stability.h"
+/* Cases that are about bodies. */
+#include "report/stability_cases.h"
 
 #include <stdio.h>
-#include <string.h>
-
-enum { SOFT, HARD, AIR, BONE };
-
-static int hard_core(const int32_t voxel[3], const int32_t size[3])
-{
-    for (int d = 0; d < 3; d++)
-        if (3 * voxel[d] < size[d] || 3 * voxel[d] >= 2 * size[d]) return SOFT;
-    return HARD;
-}
-
-static void set_material(pliant_material *material, const char *name, int value, double young, double density)
-{
-    snprintf(material->name, sizeof material->name, "%s", name);
-    material->young_modulus = young;
-    material->poisson_ratio = 0.45;
-    material->density = density;
-    material->num_range = 2;
-    material->range[0] = value - 0.5;
-    material->range[1] = value + 0.5;
-}
-
-pliant_status block_create(const int32_t size[3], const double box[3], block_paint paint, block_body *out)
-{
-    pliant_geometry geometry = {{0}, {0}, {0}, {0}};
-    memset(out, 0, sizeof *out);
-    for (int d = 0; d < 3; d++) {
-        geometry.size[d] = size[d];
-        geometry.spacing[d] = box[d] / size[d];
-        geometry.origin[d] = 0.5 * geometry.spacing[d];
-        geometry.direction[4 * d] = 1;
-    }
-    pliant_status status = pliant_volume_create(&geometry, PLIANT_UINT8, &out->scan);
-    if (status < 0) return status;
-    out->scan.slope = 1;
-    out->scan.background = AIR;
-    uint8_t *value = out->scan.voxels;
-    int32_t v[3];
-    for (v[2] = 0; v[2] < size[2]; v[2]++)
-        for (v[1] = 0; v[1] < size[1]; v[1]++)
-            for (v[0] = 0; v[0] < size[0]; v[0]++) *value++ = (uint8_t)(paint ? paint : hard_core)(v, size);
-    set_material(out->materials + SOFT, "soft", SOFT, 5e3, 1050);
-    set_material(out->materials + HARD, "hard", HARD, 5e5, 1050);
-    set_material(out->materials + AIR, "air", AIR, 10, 1.2);
-    set_material(out->materials + BONE, "bone", BONE, 1e7, 1330);
-    out->materials[AIR].empty = true;
-    out->materials[BONE].fixed = true;
-    out->table.materials = out->materials;
-    out->table.num_materials = 4;
-    pliant_scene_defaults(&out->scene);
-    for (int d = 0; d < 3; d++) out->scene.mesh.coarse_cells[d] = 3;
-    out->scene.mesh.ratio = 2;
-    out->scene.solver.threads = 1; /* small bodies: threads would only cost */
-    out->scene.fixed.num_planes = 1;
-    out->scene.fixed.planes[0] = (pliant_fixed_plane){{1e-9, 0, 0}, {1, 0, 0}};
-    out->input = (pliant_report_input){&out->scene, &out->scan, NULL, &out->table};
-    return PLIANT_OK;
-}
 
 static const int32_t default_size[3] = {12, 12, 12};
 static const double default_box[3] = {0.1, 0.1, 0.1};
-
-pliant_status block_create_default(block_body *out) { return block_create(default_size, default_box, NULL, out); }
-
-void block_free(block_body *body) { pliant_volume_free(&body->scan); }
-
-/* ---- cases */
 
 pliant_status stability_contrast(stability_context *context)
 {
@@ -80,9 +15,9 @@ pliant_status stability_contrast(stability_context *context)
         char text[32];
         snprintf(text, sizeof text, "%g", contrasts[c]);
         /* so soft that a billion times that is still in the range of materials, and so light that it carries itself */
-        body.materials[SOFT].young_modulus = 500;
-        body.materials[SOFT].density = body.materials[HARD].density = 100;
-        body.materials[HARD].young_modulus = contrasts[c] * body.materials[SOFT].young_modulus;
+        body.materials[BLOCK_SOFT].young_modulus = 500;
+        body.materials[BLOCK_SOFT].density = body.materials[BLOCK_HARD].density = 100;
+        body.materials[BLOCK_HARD].young_modulus = contrasts[c] * body.materials[BLOCK_SOFT].young_modulus;
         status = stability_try(context, text, &body.input, trial_workout, NULL);
     }
     block_free(&body);
@@ -97,7 +32,7 @@ pliant_status stability_poisson(stability_context *context)
     for (size_t r = 0; status >= 0 && r < sizeof ratios / sizeof *ratios; r++) {
         char text[32];
         snprintf(text, sizeof text, "%g", ratios[r]);
-        body.materials[SOFT].poisson_ratio = body.materials[HARD].poisson_ratio = ratios[r];
+        body.materials[BLOCK_SOFT].poisson_ratio = body.materials[BLOCK_HARD].poisson_ratio = ratios[r];
         status = stability_try(context, text, &body.input, trial_workout, NULL);
     }
     block_free(&body);
@@ -133,8 +68,8 @@ pliant_status stability_thin(stability_context *context)
     return status;
 }
 
-static int all_air(const int32_t voxel[3], const int32_t size[3]) { return (void)voxel, (void)size, AIR; }
-static int all_bone(const int32_t voxel[3], const int32_t size[3]) { return (void)voxel, (void)size, BONE; }
+static int all_air(const int32_t voxel[3], const int32_t size[3]) { return (void)voxel, (void)size, BLOCK_AIR; }
+static int all_bone(const int32_t voxel[3], const int32_t size[3]) { return (void)voxel, (void)size, BLOCK_BONE; }
 static int no_material(const int32_t voxel[3], const int32_t size[3]) { return (void)voxel, (void)size, 200; }
 
 pliant_status stability_empty(stability_context *context)
@@ -162,7 +97,7 @@ static int one_corner(const int32_t voxel[3], const int32_t size[3])
 {
     double local[3];
     for (int d = 0; d < 3; d++) local[d] = (voxel[d] + 0.5) / size[d];
-    return pliant_mesh_slot_of(0, local) == 1 ? SOFT : AIR;
+    return pliant_mesh_slot_of(0, local) == 1 ? BLOCK_SOFT : BLOCK_AIR;
 }
 
 pliant_status stability_single_tetrahedron(stability_context *context)
@@ -189,14 +124,14 @@ pliant_status stability_single_tetrahedron(stability_context *context)
 static int two_slabs(const int32_t voxel[3], const int32_t size[3])
 {
     int32_t sixth = 6 * voxel[0] / size[0];
-    return sixth < 2 || sixth > 3 ? SOFT : AIR;
+    return sixth < 2 || sixth > 3 ? BLOCK_SOFT : BLOCK_AIR;
 }
 
 /* two bars that share an edge of the lattice only: the second can turn about it */
 static int two_bars(const int32_t voxel[3], const int32_t size[3])
 {
     bool far_x = 2 * voxel[0] >= size[0], far_y = 2 * voxel[1] >= size[1];
-    return far_x == far_y ? SOFT : AIR;
+    return far_x == far_y ? BLOCK_SOFT : BLOCK_AIR;
 }
 
 pliant_status stability_pieces(stability_context *context)

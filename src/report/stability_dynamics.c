@@ -1,8 +1,8 @@
-/* Cases about explicit dynamics: its time step, and the energy that it should keep. */
+/* Cases about explicit dynamics: its time step, the energy that it should keep, and what inertia makes of loads and bodies. */
 #include "base/fail.h"
 #include "fem/dynamics/tled.h"
 #include "pliant/memory.h"
-#include "report/stability.h"
+#include "report/stability_cases.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -115,6 +115,116 @@ pliant_status stability_energy(stability_context *context)
     if (status >= 0) status = set_time_step(&body, 0.25, 20);
     if (status >= 0) status = stability_try(context, "bent and let go", &body.input, keep_energy, NULL);
     context->dynamic = false;
+    block_free(&body);
+    return status;
+}
+
+/* ---- loads and bodies with inertia: all come to rest where they were */
+
+/* With a hard core, bounds as the scene has them, damped so that the slowest swing is over within two seconds. */
+static void damp(block_body *body)
+{
+    body->scene.solver.kind = PLIANT_TLED;
+    body->scene.tled.damping = 20;
+}
+
+/* One block, the same treatment by each of the arguments. */
+static pliant_status try_block(stability_context *context, const char *const *names, size_t count, size_t size, const void *arguments,
+                               stability_treatment treatment)
+{
+    block_body body;
+    pliant_status status = block_create_default(&body);
+    damp(&body);
+    context->dynamic = true;
+    for (size_t n = 0; status >= 0 && n < count; n++)
+        status = stability_try(context, names[n], &body.input, treatment, (const char *)arguments + n * size);
+    context->dynamic = false;
+    block_free(&body);
+    return status;
+}
+
+pliant_status stability_dynamic_teleport(stability_context *context)
+{
+    static const char *const names[] = {"rigid", "spring"};
+    static const pliant_drive drives[] = {PLIANT_DRIVE_RIGID, PLIANT_DRIVE_SPRING};
+    return try_block(context, names, 2, sizeof *drives, drives, trial_teleport);
+}
+
+pliant_status stability_dynamic_not_finite(stability_context *context)
+{
+    static const char *const names[] = {"NaN, infinity, 1e200"};
+    return try_block(context, names, 1, 0, names, trial_not_finite);
+}
+
+pliant_status stability_dynamic_spring(stability_context *context)
+{
+    static const char *const names[] = {"0.001 N/m", "1000 N/m", "1e+09 N/m"};
+    static const double stiffness[] = {1e-3, 1e3, 1e9};
+    return try_block(context, names, 3, sizeof *stiffness, stiffness, trial_spring);
+}
+
+static pliant_status try_body(stability_context *context, const char *name, block_body *body, stability_treatment treatment)
+{
+    damp(body);
+    context->dynamic = true;
+    pliant_status status = stability_try(context, name, &body->input, treatment, NULL);
+    context->dynamic = false;
+    return status;
+}
+
+pliant_status stability_dynamic_octree(stability_context *context)
+{
+    block_body body;
+    pliant_status status = block_create_default(&body);
+    body.scene.mesh.kind = PLIANT_OCTREE;
+    body.scene.mesh.depth = 2;
+    if (status >= 0) status = try_body(context, "cells of three sizes", &body, trial_workout);
+    block_free(&body);
+    return status;
+}
+
+/* a ball of bone inside, which cuts cells wherever it likes */
+static int bone_ball(const int32_t voxel[3], const int32_t size[3])
+{
+    double squares = 0;
+    for (int d = 0; d < 3; d++) squares += pow((voxel[d] + 0.5) / size[d] - 0.45, 2);
+    return squares < 0.04 ? BLOCK_BONE : BLOCK_SOFT;
+}
+
+pliant_status stability_dynamic_bone_surface(stability_context *context)
+{
+    static const int32_t size[3] = {12, 12, 12};
+    static const double box[3] = {0.1, 0.1, 0.1};
+    block_body body;
+    pliant_status status = block_create(size, box, bone_ball, &body);
+    body.scene.mesh.bone_surface = true;
+    if (status >= 0) status = try_body(context, "around a ball of bone", &body, trial_workout);
+    block_free(&body);
+    return status;
+}
+
+/* The deformed volume is a smooth map's, of every frame; at rest it is the scan. */
+static pliant_status show(stability_trial *trial, const void *argument)
+{
+    const double most_wrong = 0.01;
+    const pliant_volume *scan = trial->input->scan;
+    pliant_status status = trial_called(trial, pliant_data_warp(trial->model, trial->data, &scan->geometry));
+    if (status >= 0) status = trial_workout(trial, argument);
+    if (status < 0 || trial->cancelled) return status;
+    const pliant_volume *shown = pliant_warp_volume(trial->data->warp);
+    size_t wrong = 0, count = pliant_geometry_voxels(&scan->geometry);
+    for (size_t v = 0; v < count; v++) wrong += ((const uint8_t *)scan->voxels)[v] != ((const uint8_t *)shown->voxels)[v];
+    snprintf(trial->figure, sizeof trial->figure, "%zu of %zu voxels are not the scan's at rest", wrong, count);
+    if ((double)wrong > most_wrong * (double)count) trial->wrong_rest = true;
+    return status;
+}
+
+pliant_status stability_dynamic_fit(stability_context *context)
+{
+    block_body body;
+    pliant_status status = block_create_default(&body);
+    body.scene.warp.kind = PLIANT_FIT;
+    if (status >= 0) status = try_body(context, "a volume in every frame", &body, show);
     block_free(&body);
     return status;
 }

@@ -1,7 +1,7 @@
 /* Cases that are about loads: on the user's own scan where there is one. */
 #include "base/fail.h"
 #include "pliant/memory.h"
-#include "report/stability.h"
+#include "report/stability_cases.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -70,7 +70,7 @@ pliant_status stability_pull(stability_context *context)
 
 /* ---- teleport: the grabbed point is somewhere else every step */
 
-static pliant_status teleport(stability_trial *trial, const void *argument)
+pliant_status trial_teleport(stability_trial *trial, const void *argument)
 {
     const pliant_drive *drive = argument;
     uint64_t random = 7;
@@ -87,8 +87,8 @@ static pliant_status teleport(stability_trial *trial, const void *argument)
 pliant_status stability_teleport(stability_context *context)
 {
     static const pliant_drive drives[] = {PLIANT_DRIVE_RIGID, PLIANT_DRIVE_SPRING};
-    pliant_status status = stability_try(context, "rigid", context->input, teleport, drives);
-    return status < 0 ? status : stability_try(context, "spring", context->input, teleport, drives + 1);
+    pliant_status status = stability_try(context, "rigid", context->input, trial_teleport, drives);
+    return status < 0 ? status : stability_try(context, "spring", context->input, trial_teleport, drives + 1);
 }
 
 /* ---- gravity, all at once */
@@ -112,7 +112,7 @@ pliant_status stability_gravity(stability_context *context)
 
 /* ---- springs of any stiffness, moved by a tenth of the body at once */
 
-static pliant_status spring(stability_trial *trial, const void *argument)
+pliant_status trial_spring(stability_trial *trial, const void *argument)
 {
     double from[3];
     pliant_status status = trial_grasp(trial, PLIANT_DRIVE_SPRING, from);
@@ -129,7 +129,7 @@ static pliant_status spring(stability_trial *trial, const void *argument)
 pliant_status stability_spring(stability_context *context)
 {
     static const double stiffness[] = {1e-3, 1, 1e3, 1e6, 1e9};
-    return try_each(context, stiffness, sizeof stiffness / sizeof *stiffness, "N/m", spring);
+    return try_each(context, stiffness, sizeof stiffness / sizeof *stiffness, "N/m", trial_spring);
 }
 
 /* ---- the free end turned by 180 degrees in one step, by three tools */
@@ -195,7 +195,7 @@ pliant_status stability_half_turn(stability_context *context)
 
 /* ---- what is not a number is refused, and the body does not notice */
 
-static pliant_status not_finite(stability_trial *trial, const void *argument)
+pliant_status trial_not_finite(stability_trial *trial, const void *argument)
 {
     static const double nothing[3] = {0, 0, 0};
     const double bad[2][3] = {{NAN, 0, 0}, {0, INFINITY, 0}};
@@ -221,4 +221,4 @@ static pliant_status not_finite(stability_trial *trial, const void *argument)
     return trial_let_go(trial);
 }
 
-pliant_status stability_not_finite(stability_context *context) { return stability_try(context, "NaN, infinity, 1e200", context->input, not_finite, NULL); }
+pliant_status stability_not_finite(stability_context *context) { return stability_try(context, "NaN, infinity, 1e200", context->input, trial_not_finite, NULL); }

@@ -1,7 +1,7 @@
 /* Cases that start from an impossible shape and let go; and the long run. */
 #include "base/fail.h"
 #include "pliant/memory.h"
-#include "report/stability.h"
+#include "report/stability_cases.h"
 
 #include <math.h>
 #include <stdio.h>

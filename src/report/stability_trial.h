@@ -1,6 +1,6 @@
 /* Trials that try to break the solver: a body, a method, a treatment, a verdict. */
-#ifndef PLIANT_REPORT_STABILITY_H
-#define PLIANT_REPORT_STABILITY_H
+#ifndef PLIANT_REPORT_STABILITY_TRIAL_H
+#define PLIANT_REPORT_STABILITY_TRIAL_H
 
 #include "pliant/report.h"
 #include "report/rows.h"
@@ -8,26 +8,6 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-/* ---- bodies (stability_bodies.c): a block of voxels, its first face along x fixed */
-
-typedef struct block_body {
-    pliant_scene scene;
-    pliant_volume scan;
-    pliant_material materials[4]; /* 0 soft, 1 hard, 2 air, 3 bone; a voxel's stored value is its material */
-    pliant_material_table table;
-    pliant_report_input input;    /* points into the above: a body is not copied */
-} block_body;
-
-typedef int (*block_paint)(const int32_t voxel[3], const int32_t size[3]);
-
-/* @param paint Nullable: a block of soft tissue with a hard core. The scene's mesh is 3 x 3 x 3 coarse cells of ratio 2. */
-pliant_status block_create(const int32_t size[3], const double box[3], block_paint paint, block_body *out);
-/* 12^3 voxels, 10 cm */
-pliant_status block_create_default(block_body *out);
-void block_free(block_body *body);
-
-/* ---- trials (stability.c) */
 
 typedef struct stability_context {
     const pliant_report_input *input; /* the body of cases that vary the load */
@@ -57,6 +37,8 @@ typedef struct stability_trial {
     int32_t inverted_most;
     int64_t refused;
     double largest;           /* displacement seen [m] */
+    double energy;            /* of explicit dynamics, the largest when it was settling [J] */
+    int32_t still;            /* frames in a row without motion */
     pliant_status last;       /* of the last step or call */
     bool broken, wrong_rest, unsettled;
     bool cancelled;           /* no verdict */
@@ -73,9 +55,12 @@ typedef pliant_status (*stability_treatment)(stability_trial *trial, const void 
 pliant_status stability_try(stability_context *context, const char *parameter, const pliant_report_input *input,
                             stability_treatment treatment, const void *argument);
 
+/* Trials of explicit dynamics are by dynamic relaxation: bodies that come to rest. Cases about inertia have bodies of their own. */
+void trial_as_asked(const stability_context *context, pliant_scene *scene);
+
 /* One step: checks that positions are finite and that a refusal keeps them. */
 pliant_status trial_step(stability_trial *trial);
-/* Steps until one ends below the tolerance, at most settle_steps; how many it took, or -1. */
+/* Steps until one ends below the tolerance, with inertia until nothing moves, at most settle_steps; how many it took, or -1. */
 int32_t trial_settle(stability_trial *trial);
 /* Tools let go, gravity off, settle; says whether the body is where it was at rest. */
 pliant_status trial_let_go(stability_trial *trial);
@@ -85,15 +70,6 @@ pliant_status trial_called(stability_trial *trial, pliant_status status);
 pliant_status trial_grasp(stability_trial *trial, pliant_drive drive, double from[3]);
 /* Gravity settles, a pull of a tenth of the body, let go. For cases about the body itself. */
 pliant_status trial_workout(stability_trial *trial, const void *argument);
-
-/* ---- cases, in files of their own */
-#define STABILITY_CASE_LIST(X)                                                                                         \
-    X(contrast) X(poisson) X(anisotropic) X(thin) X(empty) X(single_tetrahedron) X(pieces) X(pull) X(teleport)        \
-    X(gravity) X(spring) X(half_turn) X(not_finite) X(flat) X(inverted) X(scrambled) X(plane) X(point) X(long_run)     \
-    X(time_step) X(energy)
-#define STABILITY_DECLARE(name) pliant_status stability_##name(stability_context *context);
-STABILITY_CASE_LIST(STABILITY_DECLARE)
-#undef STABILITY_DECLARE
 
 #ifdef __cplusplus
 }
