@@ -54,11 +54,11 @@ TEST(Threads, LoopsInBetweenHaveTheScenesNumber)
     pliant_scene scene;
     pliant_scene_defaults(&scene);
     const int machine = omp_get_max_threads();
-    EXPECT_EQ(pliant_threads_of(&scene), machine);
+    EXPECT_EQ(pliant_threads_of(scene.solver.threads), machine);
     for (int wanted : {1, 3}) {
         scene.solver.threads = wanted;
-        EXPECT_EQ(pliant_threads_of(&scene), wanted);
-        const int before = pliant_threads_begin(&scene);
+        EXPECT_EQ(pliant_threads_of(scene.solver.threads), wanted);
+        const int before = pliant_threads_begin(scene.solver.threads);
         EXPECT_EQ(threads_of_a_region(), wanted);
         pliant_threads_end(before);
         EXPECT_EQ(omp_get_max_threads(), machine);

@@ -49,15 +49,15 @@ typedef struct pliant_body {
 } pliant_body;
 
 /** One more holder. @return body */
-const pliant_body *pliant_body_retain(const pliant_body *body);
+PLIANT_API const pliant_body *pliant_body_retain(const pliant_body *body);
 /** One holder less; the last one frees it. Nullable. */
-void pliant_body_release(const pliant_body *body);
+PLIANT_API void pliant_body_release(const pliant_body *body);
 
 /** An empty body of a revision, with one holder. Errors: MEMORY. */
-pliant_status pliant_body_create(uint64_t revision, pliant_body **out);
+PLIANT_API pliant_status pliant_body_create(uint64_t revision, pliant_body **out);
 /** The next body, with the topology of this one: everything copied, the revision one higher, nothing touched. Who makes it changes it
  *  before anybody else holds it. Errors: MEMORY. */
-pliant_status pliant_body_next(const pliant_body *body, pliant_body **out);
+PLIANT_API pliant_status pliant_body_next(const pliant_body *body, pliant_body **out);
 
 #ifdef __cplusplus
 }

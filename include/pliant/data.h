@@ -19,7 +19,7 @@ typedef enum pliant_step_stage {
 #undef PLIANT_STAGE_ENUM
     PLIANT_NUM_STEP_STAGES
 } pliant_step_stage;
-const char *pliant_step_stage_name(int stage);
+PLIANT_API const char *pliant_step_stage_name(int stage);
 
 enum { PLIANT_MAX_TOOLS = 8 };
 
@@ -109,29 +109,29 @@ typedef struct pliant_data {
 } pliant_data;
 
 /** At rest, no tools. Errors: MEMORY. */
-pliant_status pliant_data_create(const pliant_model *model, pliant_data **out);
-void pliant_data_free(pliant_data *data); /**< Nullable */
+PLIANT_API pliant_status pliant_data_create(const pliant_model *model, pliant_data **out);
+PLIANT_API void pliant_data_free(pliant_data *data); /**< Nullable */
 
 /** Back to rest: positions, holds, history, gravity, statistics. Tools keep their poses. Errors: MEMORY (nothing changed). */
-pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data);
+PLIANT_API pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data);
 
 /** Who runs the stages now: "cpu" or "cuda". */
-const char *pliant_data_backend(const pliant_data *data);
+PLIANT_API const char *pliant_data_backend(const pliant_data *data);
 
 /** Ask for the deformed volume after every step (or no longer: target NULL). Errors: ARGUMENT, MEMORY. */
-pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target);
+PLIANT_API pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target);
 
 /** A new direction or size of gravity, from the next step on. Errors: ARGUMENT (not finite). */
-pliant_status pliant_data_gravity(pliant_data *data, const double gravity[3]);
+PLIANT_API pliant_status pliant_data_gravity(pliant_data *data, const double gravity[3]);
 
 /** Other limits of a step than those of the scene (solver/iterations, solver/tolerance), from the next step on.
  *  Errors: ARGUMENT (iterations < 1, tolerance not above 0). */
-pliant_status pliant_data_limits(pliant_data *data, int iterations, double tolerance);
+PLIANT_API pliant_status pliant_data_limits(pliant_data *data, int iterations, double tolerance);
 
 /** Put the body where it is said to be, however unlikely; the next step goes on from there. Of a coarse model only the
  *  positions at coarse nodes count; fixed nodes stay. Errors: ARGUMENT (not finite; nothing is changed).
  *  @param positions (body->fine.num_nodes x 3) LPS [m] */
-pliant_status pliant_data_set_positions(const pliant_model *model, pliant_data *data, const double *positions);
+PLIANT_API pliant_status pliant_data_set_positions(const pliant_model *model, pliant_data *data, const double *positions);
 
 /** What explicit dynamics works with (solver/kind tled). */
 typedef struct pliant_dynamics {
@@ -145,34 +145,34 @@ typedef struct pliant_dynamics {
                                *   square of the time step [J]; the strain energy for dynamic relaxation */
 } pliant_dynamics;
 /** Errors: ARGUMENT (another solver/kind). */
-pliant_status pliant_data_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out);
+PLIANT_API pliant_status pliant_data_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out);
 
 /** One step of the scene: interact, solve, upsample, warp; quasi-static, but for tled with inertia. NOT_CONVERGED keeps the best state reached so far;
  *  NUMERIC and MEMORY keep the state before the step. Positions are never NaN. */
-pliant_status pliant_step(const pliant_model *model, pliant_data *data);
+PLIANT_API pliant_status pliant_step(const pliant_model *model, pliant_data *data);
 
 /** A tool of this name, added if there is room. *index stays valid. Errors: ARGUMENT (more than PLIANT_MAX_TOOLS). */
-pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, const char *name, int *index);
+PLIANT_API pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, const char *name, int *index);
 /** @param rotation Nullable: identity. Errors: ARGUMENT (not finite), the tool stays where it was. */
-pliant_status pliant_tool_pose(pliant_data *data, int tool, const double tip[3], const double rotation[4]);
+PLIANT_API pliant_status pliant_tool_pose(pliant_data *data, int tool, const double tip[3], const double rotation[4]);
 /** The tool is gone: it lets go. */
-void pliant_tool_lost(pliant_data *data, int tool);
+PLIANT_API void pliant_tool_lost(pliant_data *data, int tool);
 /** Take hold of the tissue around the tip, as it lies now. With a rest point, of that point of the scan instead.
  *  @param rest Nullable: LPS [m]
  *  Errors: ARGUMENT: no tissue there (the tool holds nothing). */
-pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, int tool, const double rest[3]);
-void pliant_tool_release(pliant_data *data, int tool);
+PLIANT_API pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, int tool, const double rest[3]);
+PLIANT_API void pliant_tool_release(pliant_data *data, int tool);
 /** Drive by force, rigidly or by the spring. @param force Nullable unless drive is FORCE [N] */
-pliant_status pliant_tool_drive(pliant_data *data, int tool, pliant_drive drive, const double force[3]);
+PLIANT_API pliant_status pliant_tool_drive(pliant_data *data, int tool, pliant_drive drive, const double force[3]);
 
 /** Distance from a tool's tip to the surface of the tissue [m], negative inside; +infinity when the tool is not present. */
-double pliant_tool_clearance(const pliant_model *model, const pliant_data *data, int tool);
+PLIANT_API double pliant_tool_clearance(const pliant_model *model, const pliant_data *data, int tool);
 
 /** Fine tetrahedra that are turned inside out at these positions. */
-int32_t pliant_mesh_inverted(const pliant_mesh *mesh, const double *positions);
+PLIANT_API int32_t pliant_mesh_inverted(const pliant_mesh *mesh, const double *positions);
 
 /** A number per fine node (volume-weighted mean of its tetrahedra). @param out (body->fine.num_nodes) */
-pliant_status pliant_data_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out);
+PLIANT_API pliant_status pliant_data_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out);
 
 #ifdef __cplusplus
 }

@@ -33,26 +33,26 @@ typedef struct pliant_material_table {
 
 /** Read a YAML table (launch/materials holds examples). Errors name file, field and line: FILE, FORMAT, MEMORY.
  *  Free with pliant_material_table_free. */
-pliant_status pliant_material_table_read(const char *path, pliant_material_table *out);
-pliant_status pliant_material_table_parse(const char *yaml, const char *name_for_messages, pliant_material_table *out);
+PLIANT_API pliant_status pliant_material_table_read(const char *path, pliant_material_table *out);
+PLIANT_API pliant_status pliant_material_table_parse(const char *yaml, const char *name_for_messages, pliant_material_table *out);
 /** The built-in table: launch/materials/abdomen_ct.yaml, compiled in. */
-pliant_status pliant_material_table_default(pliant_material_table *out);
+PLIANT_API pliant_status pliant_material_table_default(pliant_material_table *out);
 /** Whether the built-in table can be meant for a scan, that is, whether its values are Hounsfield units: the header says CT, or it says
  *  nothing and at least one voxel in a thousand is below -20 HU, as air, lung and fat are. Otherwise refused (MATERIAL), with a table to
  *  begin with in the message. pliant_inputs_read asks; who names a table, this one too, is not asked. */
-pliant_status pliant_material_default_check(const pliant_volume *scan);
-pliant_status pliant_material_table_copy(const pliant_material_table *table, pliant_material_table *out);
+PLIANT_API pliant_status pliant_material_default_check(const pliant_volume *scan);
+PLIANT_API pliant_status pliant_material_table_copy(const pliant_material_table *table, pliant_material_table *out);
 /** Ranges of numbers, overlapping intensity ranges, labels named twice. */
-pliant_status pliant_material_table_check(const pliant_material_table *table);
-void pliant_material_table_free(pliant_material_table *table);
+PLIANT_API pliant_status pliant_material_table_check(const pliant_material_table *table);
+PLIANT_API void pliant_material_table_free(pliant_material_table *table);
 
 /** The material of every voxel: by its label if it has one, else by its intensity range. A table that names
  *  labels but is given no label map falls back to its ranges.
  *  @param labels            Nullable; must lie on the grid of the scan
  *  @param material_of_voxel (voxels) out, index into the table
  *  Errors: MATERIAL (lists every label and intensity interval without a material), FORMAT (grids differ). */
-pliant_status pliant_material_classify(const pliant_material_table *table, const pliant_volume *scan,
-                                       const pliant_labels *labels, uint8_t *material_of_voxel);
+PLIANT_API pliant_status pliant_material_classify(const pliant_material_table *table, const pliant_volume *scan,
+                                                  const pliant_labels *labels, uint8_t *material_of_voxel);
 
 /** What a tetrahedron holds, summed over the voxels that it owns. */
 typedef struct pliant_tet_material {

@@ -5,6 +5,8 @@
 #ifndef PLIANT_MEMORY_H
 #define PLIANT_MEMORY_H
 
+#include "pliant/version.h"
+
 #include <stddef.h>
 #include <stdint.h>
 
@@ -14,21 +16,21 @@ extern "C" {
 
 /** count x size bytes, zeroed, 64-byte aligned. NULL when out of memory, on overflow, and for 0 bytes.
  *  Free with pliant_free. */
-void *pliant_calloc(size_t count, size_t size);
+PLIANT_API void *pliant_calloc(size_t count, size_t size);
 
 /** A larger or smaller copy of block; the added bytes are zero. NULL when out of memory (block is kept). */
-void *pliant_resize(void *block, size_t count, size_t size);
+PLIANT_API void *pliant_resize(void *block, size_t count, size_t size);
 
 /** Nullable. */
-void pliant_free(void *block);
+PLIANT_API void pliant_free(void *block);
 
 /** Bytes held now by pliant_calloc, and the largest value since the last reset of the peak. */
-size_t pliant_memory_in_use(void);
-size_t pliant_memory_peak(void);
-void pliant_memory_reset_peak(void);
+PLIANT_API size_t pliant_memory_in_use(void);
+PLIANT_API size_t pliant_memory_peak(void);
+PLIANT_API void pliant_memory_reset_peak(void);
 
 /** For tests: the allocation after the next `calls` ones fails, once. Negative: none fails (the default). */
-void pliant_memory_fail_after(int64_t calls);
+PLIANT_API void pliant_memory_fail_after(int64_t calls);
 
 #ifdef __cplusplus
 }

@@ -38,7 +38,7 @@ typedef struct pliant_mesh {
 
 /** Mesh over the box of a volume (voxel edges, not centres).
  *  @param keep Nullable: (5 * cells) nonzero for lattice tetrahedra to keep. Errors: ARGUMENT, MEMORY. */
-pliant_status pliant_mesh_grid(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *keep, pliant_mesh *out);
+PLIANT_API pliant_status pliant_mesh_grid(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *keep, pliant_mesh *out);
 
 /** Adaptive mesh ([C] 4.2, algorithm 1): cubes are split into eight until at least `purity` of their voxels are of one material, or `depth`
  *  times. Leaves that share a face or an edge differ by at most one level; a leaf with smaller neighbours is cut from its centre, all
@@ -47,9 +47,10 @@ pliant_status pliant_mesh_grid(const pliant_geometry *geometry, const int32_t ce
  *  @param roots     cells along each axis before any is split
  *  @param keep_air  keep leaves and tetrahedra without tissue
  *  @param materials out, (num_tets), freed with pliant_free. Errors: ARGUMENT, SCENE (no tissue, too many cells), MEMORY. */
-pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t roots[3], int32_t depth, double purity, bool keep_air,
-                                 const uint8_t *material_of_voxel, const pliant_material_table *table, pliant_mesh *out,
-                                 pliant_tet_material **materials);
+PLIANT_API pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t roots[3], int32_t depth,
+                                            double purity, bool keep_air, const uint8_t *material_of_voxel,
+                                            const pliant_material_table *table, pliant_mesh *out,
+                                            pliant_tet_material **materials);
 
 /** Where a node is, seen from what is fixed. */
 typedef enum pliant_bone_place { PLIANT_BONE_OUTSIDE, PLIANT_BONE_INSIDE, PLIANT_BONE_SURFACE } pliant_bone_place;
@@ -59,48 +60,50 @@ typedef enum pliant_bone_place { PLIANT_BONE_OUTSIDE, PLIANT_BONE_INSIDE, PLIANT
 
 /** Move nodes near the surface of what is fixed (bone) onto it ([H] 4.2), the box and the tetrahedra's connections kept; writes rest,
  *  num_moved and place_of_node. @param fixed_voxel (voxels) 1: does not move. Errors: MEMORY, FORMAT. */
-pliant_status pliant_mesh_bone(const pliant_geometry *geometry, const uint8_t *fixed_voxel, pliant_mesh *mesh);
+PLIANT_API pliant_status pliant_mesh_bone(const pliant_geometry *geometry, const uint8_t *fixed_voxel, pliant_mesh *mesh);
 
 /** The materials of tetrahedra with a node on the surface, anew: every voxel counts in the one that holds its centre.
  *  @param leave_out_fixed fixed voxels do not count where a corner lies outside of what is fixed: a sliver of bone would stiffen all of it
  *  @param out (num_tets), others stay. Errors: MEMORY. */
-pliant_status pliant_mesh_integrate_moved(const pliant_mesh *mesh, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
-                                          bool leave_out_fixed, const pliant_material_table *table, pliant_tet_material *out);
+PLIANT_API pliant_status pliant_mesh_integrate_moved(const pliant_mesh *mesh, const pliant_geometry *geometry,
+                                                     const uint8_t *material_of_voxel, bool leave_out_fixed,
+                                                     const pliant_material_table *table, pliant_tet_material *out);
 
-void pliant_mesh_free(pliant_mesh *mesh);
+PLIANT_API void pliant_mesh_free(pliant_mesh *mesh);
 
 /** The four lattice corners (0 or 1 along each axis, bit d) of a slot, before orientation. */
-void pliant_mesh_slot_corners(int parity, int slot, int corners[4]);
+PLIANT_API void pliant_mesh_slot_corners(int parity, int slot, int corners[4]);
 
 /** Slot of the tetrahedron that owns a point of a cell, from its coordinates in [0, 1] and the parity of the cell
  *  ((a + b + c) & 1). Ties go to the central one. */
-int pliant_mesh_slot_of(int parity, const double local[3]);
+PLIANT_API int pliant_mesh_slot_of(int parity, const double local[3]);
 
 /** The lattice tetrahedron of a coarse grid of `cells` that holds lattice tetrahedron `lattice_tet` of the grid refined by
  *  `ratio` along each axis. */
-int32_t pliant_lattice_coarse_of(const int32_t cells[3], int32_t ratio, int32_t lattice_tet);
+PLIANT_API int32_t pliant_lattice_coarse_of(const int32_t cells[3], int32_t ratio, int32_t lattice_tet);
 
 /** The node of a finer mesh at the place of a node of a coarser one whose lattice it refines; -1 when it has none there. */
-int32_t pliant_mesh_node_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node);
+PLIANT_API int32_t pliant_mesh_node_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node);
 
 /** Tetrahedron that holds a world point at rest, and its barycentric coordinates; -1 when no tissue is there. */
-int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], double barycentric[4]);
+PLIANT_API int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], double barycentric[4]);
 
 /** Barycentric coordinates of a world point in a tetrahedron at rest, inside it or not. */
-void pliant_mesh_barycentric(const pliant_mesh *mesh, int32_t tet, const double world[3], double barycentric[4]);
+PLIANT_API void pliant_mesh_barycentric(const pliant_mesh *mesh, int32_t tet, const double world[3], double barycentric[4]);
 
 /** Tetrahedron that holds a point of the deformed mesh; the lowest index wins on ties; -1 when none does.
  *  @param positions (num_nodes x 3) [m] */
-int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const double *positions, const double world[3], double barycentric[4]);
+PLIANT_API int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const double *positions, const double world[3],
+                                               double barycentric[4]);
 
 /** Sum of the voxels' materials over every tetrahedron of a lattice ([H] 2.1; each voxel counts in exactly one).
  *  @param out (5 * cells) by lattice tetrahedron. Errors: MEMORY. */
-pliant_status pliant_lattice_integrate(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *material_of_voxel,
-                                       const pliant_material_table *table, pliant_tet_material *out);
+PLIANT_API pliant_status pliant_lattice_integrate(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *material_of_voxel,
+                                                  const pliant_material_table *table, pliant_tet_material *out);
 
 /** The tetrahedron across each face, or -1: neighbours[4 * t + c] lies across the face opposite corner c.
  *  @param neighbours (num_tets x 4). Errors: MEMORY, FORMAT (a face with three tetrahedra). */
-pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbours);
+PLIANT_API pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbours);
 
 /** Hold what nothing holds: pieces (joined by faces) that do not rest on three fixed nodes that span a triangle, or on
  *  pieces that do, are loose: their nodes are fixed, but for those that they share with a piece that rests firmly.
@@ -108,15 +111,15 @@ pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbour
  *  @param loose (num_tets) out, 1: in a loose piece; it should carry no load
  *  @param pieces out, number of loose pieces
  *  Errors: SCENE when nothing holds the largest piece; MEMORY. */
-pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t *fixed, uint8_t *loose, int32_t *pieces);
+PLIANT_API pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t *fixed, uint8_t *loose, int32_t *pieces);
 
 /** Outer faces, oriented outwards. *triangles is (count x 3), freed with pliant_free. Errors: MEMORY, FORMAT. */
-pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, int32_t *count);
+PLIANT_API pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, int32_t *count);
 
 /** Volume [m^3] of a tetrahedron (signed) and gradients [1/m] of its shape functions, (4 x 3). */
-double pliant_tet_gradients(const double *x0, const double *x1, const double *x2, const double *x3, double gradients[12]);
+PLIANT_API double pliant_tet_gradients(const double *x0, const double *x1, const double *x2, const double *x3, double gradients[12]);
 /** Of a tetrahedron of a mesh at rest. */
-double pliant_mesh_gradients(const pliant_mesh *mesh, int32_t tet, double gradients[12]);
+PLIANT_API double pliant_mesh_gradients(const pliant_mesh *mesh, int32_t tet, double gradients[12]);
 
 #ifdef __cplusplus
 }

@@ -26,7 +26,7 @@ typedef enum pliant_build_stage {
 #undef PLIANT_STAGE_ENUM
     PLIANT_NUM_BUILD_STAGES
 } pliant_build_stage;
-const char *pliant_build_stage_name(int stage);
+PLIANT_API const char *pliant_build_stage_name(int stage);
 
 typedef struct pliant_system pliant_system; /**< what is solved: elements, fixed nodes, matrix pattern, first factor (src/fem) */
 
@@ -56,21 +56,21 @@ typedef struct pliant_model {
  *  @param labels    Nullable; used while building only
  *  @param materials copied
  *  Errors: SCENE, MATERIAL, FORMAT, MEMORY, NUMERIC (not enough is fixed), CANCELLED. */
-pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume *scan, const pliant_labels *labels,
-                                 const pliant_material_table *materials, pliant_progress progress, pliant_model **out);
+PLIANT_API pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume *scan, const pliant_labels *labels,
+                                            const pliant_material_table *materials, pliant_progress progress, pliant_model **out);
 /** A warning to the log when the scene's method is a coarse one and there is gravity, which none of them carries well; building asks for
  *  the scene's own. */
-void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3]);
-void pliant_model_free(pliant_model *model); /**< Nullable */
+PLIANT_API void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3]);
+PLIANT_API void pliant_model_free(pliant_model *model); /**< Nullable */
 
 /** Read, resample, label and tabulate what the scene names: the common way from paths to a model's inputs.
  *  @param scan_path "phantom", "phantom:256x160x122", or a path for pliant_volume_read
  *  Free scan, labels and materials. Errors: as of the readers. */
-pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_path, pliant_volume *scan, pliant_labels *labels,
-                                 pliant_material_table *materials);
+PLIANT_API pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_path, pliant_volume *scan, pliant_labels *labels,
+                                            pliant_material_table *materials);
 /** The same with a table that is there already, in place of the scene's material/file. Free scan and labels. */
-pliant_status pliant_scan_inputs_read(const pliant_scene *scene, const pliant_material_table *materials, const char *scan_path,
-                                      pliant_volume *scan, pliant_labels *labels);
+PLIANT_API pliant_status pliant_scan_inputs_read(const pliant_scene *scene, const pliant_material_table *materials, const char *scan_path,
+                                                 pliant_volume *scan, pliant_labels *labels);
 
 #ifdef __cplusplus
 }

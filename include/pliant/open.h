@@ -5,6 +5,8 @@
 #ifndef PLIANT_OPEN_H
 #define PLIANT_OPEN_H
 
+#include "pliant/version.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -25,7 +27,7 @@ typedef struct pliant_open_check {
  *  a file is held open between the question and the reading, so that nothing can be put in its place; this takes
  *  Linux's /proc, and without it everything is refused.
  *  @return the check that was set before. */
-pliant_open_check pliant_set_open_check(pliant_open_check check);
+PLIANT_API pliant_open_check pliant_set_open_check(pliant_open_check check);
 
 #ifdef __cplusplus
 }

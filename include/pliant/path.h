@@ -40,14 +40,14 @@ typedef struct pliant_path {
 } pliant_path;
 
 /** Errors name file, field and line: FILE, FORMAT, MEMORY. Free with pliant_path_free. */
-pliant_status pliant_path_read(const char *path, pliant_path *out);
-void pliant_path_free(pliant_path *path);
+PLIANT_API pliant_status pliant_path_read(const char *path, pliant_path *out);
+PLIANT_API void pliant_path_free(pliant_path *path);
 /** Offset, or force of a tool of drive: force, at a time, and whether the tool still holds. */
-bool pliant_path_at(const pliant_path_tool *tool, double time, double value[3]);
+PLIANT_API bool pliant_path_at(const pliant_path_tool *tool, double time, double value[3]);
 /** Gravity at a time; false: the path says nothing of it. */
-bool pliant_path_gravity(const pliant_path *path, double time, double gravity[3]);
+PLIANT_API bool pliant_path_gravity(const pliant_path *path, double time, double gravity[3]);
 /** Last time of any tool and of gravity [s]. */
-double pliant_path_end(const pliant_path *path);
+PLIANT_API double pliant_path_end(const pliant_path *path);
 
 #ifdef __cplusplus
 }

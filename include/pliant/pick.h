@@ -33,15 +33,15 @@ typedef struct pliant_picked {
  *  @param positions (mesh->num_nodes x 3) LPS [m]
  *  @param threshold value, slope and intercept applied
  *  Errors: ARGUMENT (a number of the ray or the threshold that is not finite, no direction). */
-pliant_status pliant_pick(const pliant_volume *volume, const pliant_mesh *mesh, const double *positions, const pliant_ray *ray,
-                          double threshold, pliant_picked *out);
+PLIANT_API pliant_status pliant_pick(const pliant_volume *volume, const pliant_mesh *mesh, const double *positions, const pliant_ray *ray,
+                                     double threshold, pliant_picked *out);
 
 /** The same in what a warp has drawn last. Where a GPU has drawn it the ray is followed there, and no volume comes to the host:
  *  the result is the same, bit for bit. Should the GPU fail, the volume is fetched and the CPU picks, with a line in the log.
  *  @param positions (num_nodes x 3) LPS [m], those of the warp's last update
  *  Errors: as pliant_pick. */
-pliant_status pliant_pick_warped(const pliant_warp *warp, const double *positions, const pliant_ray *ray, double threshold,
-                                 pliant_picked *out);
+PLIANT_API pliant_status pliant_pick_warped(const pliant_warp *warp, const double *positions, const pliant_ray *ray, double threshold,
+                                            pliant_picked *out);
 
 #ifdef __cplusplus
 }

@@ -22,7 +22,9 @@
 #ifndef PLIANT_PLIANT_H
 #define PLIANT_PLIANT_H
 
+#include "pliant/version.h"
 #include "pliant/status.h"
+#include "pliant/fail.h"
 #include "pliant/memory.h"
 #include "pliant/open.h"
 #include "pliant/scan.h"

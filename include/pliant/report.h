@@ -26,15 +26,15 @@ typedef struct pliant_points {
 
 /** Nodes of the fine mesh whose tetrahedra hold tissue, at rest: where errors are measured.
  *  @param rest (count x 3) LPS [m], out; free with pliant_free. Errors: MEMORY, SCENE (no tissue). */
-pliant_status pliant_body_points(const pliant_model *model, int32_t *count, double **rest);
+PLIANT_API pliant_status pliant_body_points(const pliant_model *model, int32_t *count, double **rest);
 
 /** Find points in a mesh: lattice nodes by their place, so that nested grids agree exactly, all others by barycentric
  *  coordinates. @param rest (count x 3) LPS [m]. Errors: ARGUMENT (count < 1), MEMORY. */
-pliant_status pliant_points_create(const pliant_mesh *mesh, int32_t count, const double *rest, pliant_points *out);
-void pliant_points_free(pliant_points *points); /**< Nullable; leaves the struct zeroed */
+PLIANT_API pliant_status pliant_points_create(const pliant_mesh *mesh, int32_t count, const double *rest, pliant_points *out);
+PLIANT_API void pliant_points_free(pliant_points *points); /**< Nullable; leaves the struct zeroed */
 /** Where the points are at these positions of the mesh; (0, 0, 0) for those that it does not hold.
  *  @param positions (nodes of the mesh x 3) [m]; @param out (count x 3) [m] */
-void pliant_points_move(const pliant_points *points, const double *positions, double *out);
+PLIANT_API void pliant_points_move(const pliant_points *points, const double *positions, double *out);
 
 /* ---- ERROR (error.c, voxel_error.c) */
 
@@ -48,8 +48,8 @@ typedef struct pliant_error {
 /** Distance between two solutions, point by point. p95 is the smallest value that 95 % of the points do not exceed.
  *  @param use Nullable: (count) nonzero for the points that count
  *  @param rest, reference, other (count x 3) LPS [m]. Errors: MEMORY, NUMERIC (a position is not finite). */
-pliant_status pliant_error_between(int32_t count, const uint8_t *use, const double *rest, const double *reference,
-                                   const double *other, pliant_error *out);
+PLIANT_API pliant_status pliant_error_between(int32_t count, const uint8_t *use, const double *rest, const double *reference,
+                                              const double *other, pliant_error *out);
 
 /** Error in the warped image, figure 2 of [H]: for every voxel of the deformed volume that shows tissue, the distance
  *  between the voxel and where the reference places the tissue that is seen there. Voxels without tissue are -1.
@@ -57,19 +57,20 @@ pliant_status pliant_error_between(int32_t count, const uint8_t *use, const doub
  *  @param model, positions  the solution that is shown
  *  @param reference_mesh, reference  the other one; tissue that it does not hold counts as none
  *  @param out FLOAT32 volume on the target grid [m]; free with pliant_volume_free. Errors: ARGUMENT, MEMORY. */
-pliant_status pliant_error_voxels(const pliant_model *model, const double *positions, const pliant_mesh *reference_mesh,
-                                  const double *reference, const pliant_geometry *target, pliant_volume *out);
+PLIANT_API pliant_status pliant_error_voxels(const pliant_model *model, const double *positions, const pliant_mesh *reference_mesh,
+                                             const double *reference, const pliant_geometry *target, pliant_volume *out);
 
 /** Count the voxels of an error volume. counts[b] holds b * width <= error < (b + 1) * width, the last bin the rest too.
  *  @param summary Nullable; its `largest` and `worst` are 0 and -1. Errors: ARGUMENT, MEMORY. */
-pliant_status pliant_error_histogram(const pliant_volume *error, int32_t bins, double width, uint64_t *counts, pliant_error *summary);
+PLIANT_API pliant_status pliant_error_histogram(const pliant_volume *error, int32_t bins, double width, uint64_t *counts,
+                                                pliant_error *summary);
 
 /** The slice through a point, as it is looked at: axis 2 axial (anterior up, patient left on the right), 1 coronal and
  *  0 sagittal (superior up). The voxel axes nearest to the anatomical ones are taken.
  *  @param size columns, rows; @param spacing of the same [m]
  *  @param out (rows x columns) values, slope and intercept applied; free with pliant_free. Errors: ARGUMENT, MEMORY. */
-pliant_status pliant_volume_plane(const pliant_volume *volume, int axis, const double world[3], int32_t size[2], double spacing[2],
-                                  float **out);
+PLIANT_API pliant_status pliant_volume_plane(const pliant_volume *volume, int axis, const double world[3], int32_t size[2],
+                                             double spacing[2], float **out);
 
 /* ---- RESULTS: tables that survive a stop (results.c) */
 
@@ -79,23 +80,24 @@ typedef struct pliant_results pliant_results;
  *  @param path    Nullable: in memory only
  *  @param columns (num_columns) names; the first num_keys of them make the key of a row
  *  Errors: FILE, FORMAT (the file has other columns), MEMORY. */
-pliant_status pliant_results_open(const char *path, const char *const *columns, int num_columns, int num_keys, pliant_results **out);
+PLIANT_API pliant_status pliant_results_open(const char *path, const char *const *columns, int num_columns, int num_keys,
+                                             pliant_results **out);
 /** The whole table as a CSV file, over what is there. Errors: FILE. */
-pliant_status pliant_results_write(const pliant_results *results, const char *path);
+PLIANT_API pliant_status pliant_results_write(const pliant_results *results, const char *path);
 /** Whether a row with this key (num_keys texts) is there. */
-bool pliant_results_has(const pliant_results *results, const char *const *key);
+PLIANT_API bool pliant_results_has(const pliant_results *results, const char *const *key);
 /** Add a row (num_columns texts); it is on disk, for a table of a file, when this returns. Errors: FILE, MEMORY. */
-pliant_status pliant_results_add(pliant_results *results, const char *const *cells);
-size_t pliant_results_rows(const pliant_results *results);
-int pliant_results_columns(const pliant_results *results);
+PLIANT_API pliant_status pliant_results_add(pliant_results *results, const char *const *cells);
+PLIANT_API size_t pliant_results_rows(const pliant_results *results);
+PLIANT_API int pliant_results_columns(const pliant_results *results);
 /** Index of a column; -1: there is none of this name. */
-int pliant_results_column(const pliant_results *results, const char *name);
-const char *pliant_results_cell(const pliant_results *results, size_t row, int column);
+PLIANT_API int pliant_results_column(const pliant_results *results, const char *name);
+PLIANT_API const char *pliant_results_cell(const pliant_results *results, size_t row, int column);
 /** The rows as a JSON array of objects; cells that are numbers become numbers, empty ones null.
  *  @param file  FILE* of stdio, not closed
  *  @param first Nullable: only rows whose first column is this. Errors: FILE. */
-pliant_status pliant_results_json(const pliant_results *results, const char *first, void *file);
-void pliant_results_close(pliant_results *results); /**< Nullable */
+PLIANT_API pliant_status pliant_results_json(const pliant_results *results, const char *first, void *file);
+PLIANT_API void pliant_results_close(pliant_results *results); /**< Nullable */
 
 /* ---- WHAT IS REPORTED ON */
 
@@ -117,7 +119,8 @@ typedef struct pliant_pull_point {
  *  not known), or of given labels; else front points of soft tissue under the skin, spread out, the middle one first.
  *  @param labels (num_labels) Nullable: label ids instead
  *  @return how many were found, at most `most` */
-int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, int num_labels, int most, pliant_pull_point *out);
+PLIANT_API int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, int num_labels, int most,
+                                  pliant_pull_point *out);
 
 typedef struct pliant_sweep {
     uint32_t methods; /**< bit m: pliant_method m */
@@ -146,7 +149,7 @@ typedef struct pliant_sweep {
 
 /** All methods and cases, the scene's ratio, a few budgets, one point to pull at, 3 cm in 30 frames. The points are left to
  *  pliant_pull_points. */
-void pliant_sweep_defaults(const pliant_scene *scene, pliant_sweep *out);
+PLIANT_API void pliant_sweep_defaults(const pliant_scene *scene, pliant_sweep *out);
 
 /** Tables of a report; each begins with a column `setup`: pliant_report_setup. */
 typedef struct pliant_report_tables {
@@ -162,22 +165,23 @@ typedef struct pliant_report_tables {
 } pliant_report_tables;
 
 /** Opens folder/sweep.csv and so on. @param folder Nullable: in memory only. Errors: FILE, FORMAT, MEMORY. */
-pliant_status pliant_report_open(const char *folder, pliant_report_tables *out);
+PLIANT_API pliant_status pliant_report_open(const char *folder, pliant_report_tables *out);
 /** The tables as they are to folder/sweep.csv and so on, over what is there. Errors: FILE. */
-pliant_status pliant_report_write(const char *folder, const pliant_report_tables *tables);
-void pliant_report_close(pliant_report_tables *tables);
+PLIANT_API pliant_status pliant_report_write(const char *folder, const pliant_report_tables *tables);
+PLIANT_API void pliant_report_close(pliant_report_tables *tables);
 
 /** folder/report.json: machine, threads, backend, version, and the rows of this setup. Errors: FILE. */
-pliant_status pliant_report_json(const char *folder, const char *setup, const pliant_scene *scene, const pliant_report_tables *tables);
+PLIANT_API pliant_status pliant_report_json(const char *folder, const char *setup, const pliant_scene *scene,
+                                            const pliant_report_tables *tables);
 
 /** Eight letters and digits that are the same only for the same scan, materials, scene (but method, ratio and iterations),
  *  pulls and version: rows of one setup are comparable. @param sweep Nullable */
-void pliant_report_setup(const pliant_report_input *input, const pliant_sweep *sweep, char out[9]);
+PLIANT_API void pliant_report_setup(const pliant_report_input *input, const pliant_sweep *sweep, char out[9]);
 
 /** Run what the sweep asks for and is not in the tables yet; slices of the per-voxel error go to folder as .npy.
  *  Errors: as of building and stepping; CANCELLED (rows done so far are kept). */
-pliant_status pliant_sweep_run(const pliant_report_input *input, const pliant_sweep *sweep, const char *folder,
-                               pliant_report_tables *tables, pliant_progress progress);
+PLIANT_API pliant_status pliant_sweep_run(const pliant_report_input *input, const pliant_sweep *sweep, const char *folder,
+                                          pliant_report_tables *tables, pliant_progress progress);
 
 /* ---- CHOICE: the settings that a scene's budget allows (choice.c) */
 
@@ -206,17 +210,18 @@ typedef struct pliant_choice {
  *  A scene without choose/budget_ms costs nothing.
  *  @param tables Nullable: rows of what was tried (sweep, frames, builds) and taken (choice) are added
  *  Errors: SCENE (no lattice, or explicit dynamics), MEMORY, CANCELLED. */
-pliant_status pliant_choose(const pliant_report_input *input, pliant_report_tables *tables, pliant_progress progress, pliant_choice *out);
+PLIANT_API pliant_status pliant_choose(const pliant_report_input *input, pliant_report_tables *tables,
+                                       pliant_progress progress, pliant_choice *out);
 
 /** Time and memory of the scene as it is, without each of its stages in turn, and without all of them.
  *  Errors: as of building and stepping; CANCELLED. */
-pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
-                                  pliant_progress progress);
+PLIANT_API pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
+                                             pliant_progress progress);
 
 /** Explicit dynamics as the scene has it, through a pull that is let go: bounds of its time step, steps a frame, times, and without damping
  *  the drift of its energy. What the core refuses is a row. Errors: SCENE (another solver/kind), ARGUMENT (no point), CANCELLED, FILE, MEMORY. */
-pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
-                                  pliant_progress progress);
+PLIANT_API pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
+                                             pliant_progress progress);
 
 /* ---- STABILITY */
 
@@ -226,7 +231,7 @@ typedef enum pliant_verdict {
     PLIANT_VERDICT_DEGRADED,  /**< went on with a caveat, told */
     PLIANT_VERDICT_BROKEN     /**< not finite, state lost, or memory lost: a defect */
 } pliant_verdict;
-const char *pliant_verdict_name(pliant_verdict verdict);
+PLIANT_API const char *pliant_verdict_name(pliant_verdict verdict);
 
 typedef struct pliant_stability {
     uint32_t methods;      /**< bit m: pliant_method m */
@@ -235,17 +240,17 @@ typedef struct pliant_stability {
     int32_t settle_steps;  /**< most steps that a body may take to come to rest */
     const pliant_scene *scene; /**< Nullable; with solver/kind tled: its options are those of every trial, by dynamic relaxation */
 } pliant_stability;
-void pliant_stability_defaults(pliant_stability *out);
+PLIANT_API void pliant_stability_defaults(pliant_stability *out);
 
 /** Names of the cases, in order; NULL after the last. */
-const char *pliant_stability_case(int index);
+PLIANT_API const char *pliant_stability_case(int index);
 
 /** Every case that is not in tables->stability yet. Cases that vary the load run on the input's body, all others on
  *  bodies of their own.
  *  @param input Nullable: a small block with a hard inclusion instead
  *  @param worst out, the worst verdict of this setup's rows. Errors: CANCELLED, FILE, MEMORY. */
-pliant_status pliant_stability_run(const pliant_report_input *input, const pliant_stability *options, pliant_report_tables *tables,
-                                   pliant_progress progress, pliant_verdict *worst);
+PLIANT_API pliant_status pliant_stability_run(const pliant_report_input *input, const pliant_stability *options,
+                                              pliant_report_tables *tables, pliant_progress progress, pliant_verdict *worst);
 
 #ifdef __cplusplus
 }

@@ -49,29 +49,29 @@ typedef struct pliant_labels {
 } pliant_labels;
 
 /** Voxels of a grid; 0 when a size is below 1 or they are too many to be counted. */
-size_t pliant_geometry_voxels(const pliant_geometry *geometry);
+PLIANT_API size_t pliant_geometry_voxels(const pliant_geometry *geometry);
 /** True when size, origin, spacing and direction agree (to 1e-4 of a voxel, and the rounding of an origin kept in
  *  single precision). */
-bool pliant_geometry_equal(const pliant_geometry *a, const pliant_geometry *b);
+PLIANT_API bool pliant_geometry_equal(const pliant_geometry *a, const pliant_geometry *b);
 /** Continuous index -> LPS [m], and back. */
-void pliant_geometry_to_world(const pliant_geometry *geometry, const double index[3], double world[3]);
-void pliant_geometry_to_index(const pliant_geometry *geometry, const double world[3], double index[3]);
+PLIANT_API void pliant_geometry_to_world(const pliant_geometry *geometry, const double index[3], double world[3]);
+PLIANT_API void pliant_geometry_to_index(const pliant_geometry *geometry, const double world[3], double index[3]);
 /** Bytes of one voxel. */
-size_t pliant_encoding_size(pliant_encoding encoding);
+PLIANT_API size_t pliant_encoding_size(pliant_encoding encoding);
 
 /** Zeroed voxels for a geometry. Errors: ARGUMENT (sizes, spacing, direction), MEMORY. */
-pliant_status pliant_volume_create(const pliant_geometry *geometry, pliant_encoding encoding, pliant_volume *out);
-void pliant_volume_free(pliant_volume *volume); /**< Nullable; leaves the struct zeroed */
-pliant_status pliant_labels_create(const pliant_geometry *geometry, pliant_labels *out);
-void pliant_labels_free(pliant_labels *labels);
+PLIANT_API pliant_status pliant_volume_create(const pliant_geometry *geometry, pliant_encoding encoding, pliant_volume *out);
+PLIANT_API void pliant_volume_free(pliant_volume *volume); /**< Nullable; leaves the struct zeroed */
+PLIANT_API pliant_status pliant_labels_create(const pliant_geometry *geometry, pliant_labels *out);
+PLIANT_API void pliant_labels_free(pliant_labels *labels);
 
 /** Value (slope and intercept applied) of the voxel at a flat index. */
-float pliant_volume_value(const pliant_volume *volume, size_t index);
+PLIANT_API float pliant_volume_value(const pliant_volume *volume, size_t index);
 
 /** Values of which so many per cent are smaller; of a large volume from a million voxels. Errors: MEMORY.
  *  @param percent (count) 0 .. 100
  *  @param value   (count) out */
-pliant_status pliant_volume_percentiles(const pliant_volume *volume, int count, const double *percent, double *value);
+PLIANT_API pliant_status pliant_volume_percentiles(const pliant_volume *volume, int count, const double *percent, double *value);
 
 /** Read a scan: a folder with a DICOM series (an image a file, or enhanced CT and MR and legacy converted ones of several frames;
  *  compressed ones through ITK's GDCM), or a file: DICOM of several frames, NIfTI-1 or 2 (.nii, .nii.gz, .hdr with its .img), NRRD (.nrrd, .nhdr; raw or gzip), MetaImage (.mha, .mhd).
@@ -84,24 +84,24 @@ pliant_status pliant_volume_percentiles(const pliant_volume *volume, int count, 
  *  Refused, with the file and the reason: what is truncated, not one regular 3-D
  *  grid with right angles, of several values per voxel, not finite, or too large.
  *  Errors (old *out untouched): FILE, FORMAT, MEMORY, ARGUMENT (path NULL). */
-pliant_status pliant_volume_read(const char *path, const char *series, size_t memory_limit, pliant_volume *out);
+PLIANT_API pliant_status pliant_volume_read(const char *path, const char *series, size_t memory_limit, pliant_volume *out);
 /** Read a label map; values must be integers in 0..65535. */
-pliant_status pliant_labels_read(const char *path, size_t memory_limit, pliant_labels *out);
+PLIANT_API pliant_status pliant_labels_read(const char *path, size_t memory_limit, pliant_labels *out);
 
 /** Put labels on a grid that is theirs but for the order and the direction of its axes (a DICOM scan with labels drawn in
  *  a program that turned them); no value changes. Errors (labels untouched): ARGUMENT (other grids), MEMORY. */
-pliant_status pliant_labels_reorder(pliant_labels *labels, const pliant_geometry *grid);
+PLIANT_API pliant_status pliant_labels_reorder(pliant_labels *labels, const pliant_geometry *grid);
 
 /** Write by the ending of path (.nii, .nii.gz, .nrrd, .mha), millimetres and values as others expect them: UINT8
  *  and INT16 stay what they are, slope and intercept are applied otherwise. The file is complete or not there; one
  *  that was there before is replaced at the end. Errors: ARGUMENT (ending), FILE, FORMAT (too long for NIfTI), MEMORY. */
-pliant_status pliant_volume_write(const char *path, const pliant_volume *volume);
-pliant_status pliant_labels_write(const char *path, const pliant_labels *labels);
+PLIANT_API pliant_status pliant_volume_write(const char *path, const pliant_volume *volume);
+PLIANT_API pliant_status pliant_labels_write(const char *path, const pliant_labels *labels);
 
 /** Same box, other voxel counts: trilinear in the scan's own type; nearest for labels.
  *  The new voxels cover the same box edge to edge, so spacing[d] = old size[d] * old spacing[d] / size[d]. */
-pliant_status pliant_volume_resample(const pliant_volume *volume, const int32_t size[3], pliant_volume *out);
-pliant_status pliant_labels_resample(const pliant_labels *labels, const int32_t size[3], pliant_labels *out);
+PLIANT_API pliant_status pliant_volume_resample(const pliant_volume *volume, const int32_t size[3], pliant_volume *out);
+PLIANT_API pliant_status pliant_labels_resample(const pliant_labels *labels, const int32_t size[3], pliant_labels *out);
 
 /** Label ids of the phantom. */
 #define PLIANT_PHANTOM_LIST(X)                                                                              \
@@ -114,9 +114,9 @@ pliant_status pliant_labels_resample(const pliant_labels *labels, const int32_t 
  *  @param size   voxels, each at least 16; the body is the same, the spacing follows
  *  @param seed   of the noise; the label map does not depend on it
  *  @param labels Nullable. Errors: ARGUMENT, MEMORY. */
-pliant_status pliant_phantom(const int32_t size[3], uint32_t seed, pliant_volume *scan, pliant_labels *labels);
+PLIANT_API pliant_status pliant_phantom(const int32_t size[3], uint32_t seed, pliant_volume *scan, pliant_labels *labels);
 /** Name of a phantom label ("" when there is none). */
-const char *pliant_phantom_label_name(int label);
+PLIANT_API const char *pliant_phantom_label_name(int label);
 
 #ifdef __cplusplus
 }

@@ -173,21 +173,21 @@ typedef struct pliant_scene {
 } pliant_scene;
 
 /** Every option at its default. */
-void pliant_scene_defaults(pliant_scene *scene);
+PLIANT_API void pliant_scene_defaults(pliant_scene *scene);
 
 /** Read a YAML scene over the defaults. Unknown keys are errors. Relative paths in it are made relative to its
  *  folder. Errors name file, field and line: FILE, FORMAT, SCENE. *out untouched on error. */
-pliant_status pliant_scene_read(const char *path, pliant_scene *out);
+PLIANT_API pliant_status pliant_scene_read(const char *path, pliant_scene *out);
 /** The same from text; base is the folder for relative paths (Nullable: the working folder). */
-pliant_status pliant_scene_parse(const char *yaml, const char *name_for_messages, const char *base, pliant_scene *out);
+PLIANT_API pliant_status pliant_scene_parse(const char *yaml, const char *name_for_messages, const char *base, pliant_scene *out);
 
 /** Set one option by its path, as ROS parameters and command lines do: "solver/iterations", "4";
  *  three numbers as "7 7 7" or "[7, 7, 7]". Errors: SCENE (unknown option, not a value, out of range); the scene is
  *  then unchanged. */
-pliant_status pliant_scene_set(pliant_scene *scene, const char *option, const char *value);
+PLIANT_API pliant_status pliant_scene_set(pliant_scene *scene, const char *option, const char *value);
 
 /** Every option is in its range. Errors: SCENE, naming the option, its value and its range. */
-pliant_status pliant_scene_check(const pliant_scene *scene);
+PLIANT_API pliant_status pliant_scene_check(const pliant_scene *scene);
 
 /** Every option, for tables and parameter loaders. Strings are static. */
 typedef struct pliant_option_info {
@@ -196,7 +196,7 @@ typedef struct pliant_option_info {
     const char *default_value, *range, *unit, *text;
     double low, high; /**< of int, int3, real and real3, inclusive */
 } pliant_option_info;
-const pliant_option_info *pliant_scene_options(size_t *count);
+PLIANT_API const pliant_option_info *pliant_scene_options(size_t *count);
 
 #ifdef __cplusplus
 }

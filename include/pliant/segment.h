@@ -21,7 +21,7 @@ typedef struct pliant_segment_options {
     int32_t most_classes; /**< that BIC may choose */
     double coherence;     /**< what one of six neighbours in the same class weighs [log probability]; 0: voxels stand alone */
     double smallest;      /**< pieces below this volume join their neighbours [m^3] */
-    int num_threads;
+    int num_threads;      /**< 0: as many as the machine has cores */
     pliant_backend_choice backend; /**< auto: a GPU if one can be used; it gives the CPU's labels */
 } pliant_segment_options;
 
@@ -48,8 +48,8 @@ typedef struct pliant_segmentation {
 
 /** Free with pliant_segmentation_free. The same volume and options give the same result whatever the number of threads.
  *  Errors: ARGUMENT (options, a value that is not finite), UNAVAILABLE (a GPU that was asked for), MEMORY, FORMAT (more than 65535 pieces: take a larger smallest piece). */
-pliant_status pliant_segment(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out);
-void pliant_segmentation_free(pliant_segmentation *segmentation); /**< Nullable; leaves the struct zeroed */
+PLIANT_API pliant_status pliant_segment(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out);
+PLIANT_API void pliant_segmentation_free(pliant_segmentation *segmentation); /**< Nullable; leaves the struct zeroed */
 
 #ifdef __cplusplus
 }

@@ -8,6 +8,8 @@
 #ifndef PLIANT_STATUS_H
 #define PLIANT_STATUS_H
 
+#include "pliant/version.h"
+
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -37,18 +39,18 @@ typedef enum pliant_status {
 } pliant_status;
 
 /** One line in English for a status. Never NULL. */
-const char *pliant_status_text(pliant_status status);
+PLIANT_API const char *pliant_status_text(pliant_status status);
 
 /** Message of the last failure in the calling thread ("" when none). It names the file, the field and what
  *  would be right. Valid until this thread's next failing call. */
-const char *pliant_last_error(void);
+PLIANT_API const char *pliant_last_error(void);
 
 typedef enum pliant_log_level { PLIANT_LOG_DEBUG, PLIANT_LOG_INFO, PLIANT_LOG_WARNING, PLIANT_LOG_ERROR } pliant_log_level;
 typedef void (*pliant_log_function)(pliant_log_level level, const char *message, void *user);
 
 /** The one log callback of the process. NULL (the default) drops messages. It may be called from any
  *  thread, one call at a time. */
-void pliant_set_log(pliant_log_function function, void *user);
+PLIANT_API void pliant_set_log(pliant_log_function function, void *user);
 
 /** Progress of long work. fraction is in [0, 1], stage a few words. Return false to cancel: the running
  *  call then ends with PLIANT_ERROR_CANCELLED and changes nothing. */
@@ -59,7 +61,7 @@ typedef struct pliant_progress {
 } pliant_progress;
 
 /** Monotonic wall clock. [s] */
-double pliant_seconds(void);
+PLIANT_API double pliant_seconds(void);
 
 #ifdef __cplusplus
 }

@@ -22,41 +22,41 @@ typedef struct pliant_warp pliant_warp; /**< owns the target volume and what is 
 
 /** Target grid: the scan's, grown by whole voxels so that it holds the box [low, high] in LPS [m] as well.
  *  low and high Nullable: the scan's grid itself. Errors: ARGUMENT when it would exceed max_voxels. */
-pliant_status pliant_warp_target(const pliant_geometry *scan, const double *low, const double *high, size_t max_voxels,
-                                 pliant_geometry *out);
+PLIANT_API pliant_status pliant_warp_target(const pliant_geometry *scan, const double *low, const double *high, size_t max_voxels,
+                                            pliant_geometry *out);
 
 /** @param scan   borrowed; must outlive the warp
  *  @param mesh   borrowed; fine mesh, must outlive the warp
  *  @param target any grid; its axes may differ from the scan's
  *  Errors: ARGUMENT, MEMORY. */
-pliant_status pliant_warp_create(const pliant_volume *scan, const pliant_mesh *mesh, const pliant_geometry *target,
-                                 int num_threads, pliant_warp **out);
-void pliant_warp_free(pliant_warp *warp); /**< Nullable */
+PLIANT_API pliant_status pliant_warp_create(const pliant_volume *scan, const pliant_mesh *mesh, const pliant_geometry *target,
+                                            int num_threads, pliant_warp **out);
+PLIANT_API void pliant_warp_free(pliant_warp *warp); /**< Nullable */
 
 /** Who does the updates from now on (the CPU at first): auto: a GPU if one can be used; cuda: a GPU, or an error. When a GPU
  *  fails later, the CPU goes on, with a line in the log. The next update redoes everything.
  *  Errors (as it was before): UNAVAILABLE, MEMORY (with figures). */
-pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choice);
+PLIANT_API pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choice);
 
 /** From now on the inverse map is not that of tetrahedra but a smooth fit through the nodes ([C] 5.3): moving least squares of second order
  *  with a Gaussian kernel, every `step` voxels of the target and trilinear in between. Voxels whose rest position no tissue holds get the
  *  background. Every update redoes all; on the CPU until pliant_warp_backend says who does it. Errors (as it was before): ARGUMENT (step below 1), MEMORY. */
-pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step);
+PLIANT_API pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step);
 
 /** Redo what the new positions change. Non-finite positions are refused (ARGUMENT) and change nothing.
  *  A tetrahedron that is inverted or flat draws nothing.
  *  @param positions (num_nodes x 3) LPS [m] */
-pliant_status pliant_warp_update(pliant_warp *warp, const double *positions);
+PLIANT_API pliant_status pliant_warp_update(pliant_warp *warp, const double *positions);
 
 /** The deformed volume: same encoding, slope, intercept and background as the scan. Valid until the next update. What a GPU
  *  has drawn is copied to the host now, where it changed since the last call. */
-const pliant_volume *pliant_warp_volume(const pliant_warp *warp);
+PLIANT_API const pliant_volume *pliant_warp_volume(const pliant_warp *warp);
 
 /** Bricks along i, j, k, and for every brick whether a voxel of it may have changed in the last update. */
-void pliant_warp_bricks(const pliant_warp *warp, int32_t count[3], const uint8_t **changed);
+PLIANT_API void pliant_warp_bricks(const pliant_warp *warp, int32_t count[3], const uint8_t **changed);
 
 /** Seconds of the last update, by stage: cull (boxes, change detection, lists), rasterize; of a fit: the map, the voxels. */
-void pliant_warp_seconds(const pliant_warp *warp, double *cull, double *rasterize);
+PLIANT_API void pliant_warp_seconds(const pliant_warp *warp, double *cull, double *rasterize);
 
 #ifdef __cplusplus
 }

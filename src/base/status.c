@@ -14,6 +14,8 @@ static pthread_mutex_t log_lock = PTHREAD_MUTEX_INITIALIZER;
 static pliant_log_function log_function;
 static void *log_user;
 
+const char *pliant_version(void) { return PLIANT_VERSION; }
+
 const char *pliant_status_text(pliant_status status)
 {
     switch (status) {

@@ -9,12 +9,12 @@
 #include <stdio.h>
 #include <sys/resource.h>
 
-int pliant_threads_of(const pliant_scene *scene) { return scene->solver.threads > 0 ? scene->solver.threads : omp_get_max_threads(); }
+int pliant_threads_of(int wanted) { return wanted > 0 ? wanted : omp_get_max_threads(); }
 
-int pliant_threads_begin(const pliant_scene *scene)
+int pliant_threads_begin(int wanted)
 {
     int before = omp_get_max_threads();
-    omp_set_num_threads(pliant_threads_of(scene));
+    omp_set_num_threads(pliant_threads_of(wanted));
     return before;
 }
 

@@ -1,20 +1,19 @@
-/* How many threads work on a scene, and what they met while they did. */
+/* How many threads work, and what they met while they did. */
 #ifndef PLIANT_BASE_THREADS_H
 #define PLIANT_BASE_THREADS_H
 
-#include "pliant/scene.h"
 #include "pliant/status.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-/* solver/threads, or as many as the machine has cores */
-int pliant_threads_of(const pliant_scene *scene);
+/* As many as are wanted; 0: as many as the machine has cores. */
+int pliant_threads_of(int wanted);
 
-/* Loops that are told of no number, as those over a scan's voxels, run on the scene's in between. Of the calling thread alone.
+/* Loops that are told of no number, as those over a scan's voxels, run on that many in between. Of the calling thread alone.
  * begin returns what end is to bring back. */
-int pliant_threads_begin(const pliant_scene *scene);
+int pliant_threads_begin(int wanted);
 void pliant_threads_end(int before);
 
 /* By a thread that works ahead of a step: from now on it lets those go first that the step waits for. */

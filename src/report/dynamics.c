@@ -78,7 +78,7 @@ static pliant_status tell(const pliant_model *model, const pliant_data *data, co
     row_integer(row, model->body->fine.num_nodes);
     row_text(row, laws[model->scene.tled.law]);
     row_text(row, pliant_data_backend(data));
-    row_integer(row, pliant_threads_of(&model->scene));
+    row_integer(row, pliant_threads_of(model->scene.solver.threads));
     row_number(row, 1e6 * dynamics.edge_bound);
     row_number(row, 1e6 * dynamics.eigenvalue_bound);
     row_number(row, 1e6 * dynamics.time_step);

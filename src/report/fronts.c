@@ -152,7 +152,7 @@ int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, 
     int found = 0;
     if (!materials) return 0;
     front_voxels kind = {.geometry = &input->scan->geometry, .materials = materials};
-    int threads = pliant_threads_begin(input->scene);
+    int threads = pliant_threads_begin(input->scene->solver.threads);
     pliant_status status = pliant_material_classify(input->materials, input->scan, input->labels, materials);
     pliant_threads_end(threads);
     if (status < 0) goto done;

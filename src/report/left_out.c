@@ -123,7 +123,7 @@ static void tell(stage_times *times, const pliant_scene *scene, const double who
     row_text(row, "");
     row_integer(row, STEPS);
     row_text(row, times->backend);
-    row_integer(row, pliant_threads_of(scene));
+    row_integer(row, pliant_threads_of(scene->solver.threads));
     row_number(row, median(times->step));
     row_number(row, 1e3 * report_quantile(times->step, STEPS, 0.99));
     for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++) row_number(row, median(times->stages[s]));

@@ -168,7 +168,7 @@ pliant_status sweep_tell(const sweep_told *told, report_row *row)
     row_integer(row, told->model->body->fine.num_tets);
     row_integer(row, told->model->system->mesh->num_tets);
     row_text(row, pliant_data_backend(run->data));
-    row_integer(row, pliant_threads_of(&ground->scene));
+    row_integer(row, pliant_threads_of(ground->scene.solver.threads));
     row_number(row, seconds);
     row_number(row, mb * held);
     row_number(row, mb * (double)run->bytes);
@@ -205,7 +205,7 @@ pliant_status sweep_tell_build(const pliant_model *model, const char *message, s
         row_integer(row, model->body->coarse.num_tets);
         row_integer(row, model->body->num_held_pieces);
         row_number(row, model->condition_estimate);
-        row_integer(row, pliant_threads_of(&model->scene));
+        row_integer(row, pliant_threads_of(model->scene.solver.threads));
         row_number(row, seconds);
         row_number(row, mb * held);
         row_number(row, mb * (double)peak);

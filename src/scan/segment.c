@@ -2,6 +2,7 @@
 #include "scan/segment.h"
 
 #include "base/fail.h"
+#include "base/threads.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -17,8 +18,8 @@ static pliant_status check(const pliant_volume *scan, const pliant_segment_optio
         options->most_classes > PLIANT_MAX_CLASSES)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: 1 to %d classes are possible, not %d (0: chosen, at most %d)",
                            PLIANT_MAX_CLASSES, options->classes, options->most_classes);
-    if (!(options->coherence >= 0) || !isfinite(options->coherence) || !(options->smallest >= 0) || options->num_threads < 1)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: coherence and smallest piece must not be negative; threads at least 1");
+    if (!(options->coherence >= 0) || !isfinite(options->coherence) || !(options->smallest >= 0) || options->num_threads < 0)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: coherence and smallest piece must not be negative, nor threads");
     return PLIANT_OK;
 }
 
@@ -315,12 +316,15 @@ done:
     return status;
 }
 
-pliant_status pliant_segment(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out)
+pliant_status pliant_segment(const pliant_volume *scan, const pliant_segment_options *wanted, pliant_segmentation *out)
 {
     const pliant_segment_device *device = PLIANT_ON_GPU(pliant_cuda_segment_device);
     char text[PLIANT_BACKEND_TEXT];
     bool use;
-    pliant_status status = check(scan, options);
+    pliant_segment_options with_threads = *wanted;
+    const pliant_segment_options *options = &with_threads;
+    with_threads.num_threads = pliant_threads_of(wanted->num_threads);
+    pliant_status status = check(scan, wanted);
     if (status == PLIANT_OK) status = pliant_gpu_choose(options->backend, NULL, device ? device->probe : NULL, text, &use);
     if (status != PLIANT_OK) return status;
     if (!use) return segment_on_cpu(scan, options, out);

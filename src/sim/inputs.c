@@ -83,7 +83,7 @@ static pliant_status segment(const pliant_scene *scene, const pliant_volume *sca
         return pliant_fail(PLIANT_ERROR_SCENE, "segment/kind: gmm makes labels, but material/labels names a label map: one of them is enough");
     pliant_segment_options options = {.classes = scene->segment.classes, .most_classes = scene->segment.most_classes,
                                       .coherence = scene->segment.coherence, .smallest = scene->segment.smallest,
-                                      .num_threads = pliant_threads_of(scene),
+                                      .num_threads = scene->solver.threads,
                                       .backend = scene->solver.backend};
     pliant_segmentation found;
     pliant_status status = pliant_segment(scan, &options, &found);
@@ -106,7 +106,7 @@ pliant_status pliant_scan_inputs_read(const pliant_scene *scene, const pliant_ma
     if (phantom && scene->material.labels[0])
         return pliant_fail(PLIANT_ERROR_SCENE, "material/labels: %s: the phantom brings its own label map; leave the option empty",
                            scene->material.labels);
-    int threads = pliant_threads_begin(scene);
+    int threads = pliant_threads_begin(scene->solver.threads);
     pliant_status status = phantom ? make_phantom(scene, scan_path, &volume, names_labels(materials) ? &map : NULL)
                                    : read_scan(scene, scan_path, &volume, &map);
     if (status == PLIANT_OK && !phantom) status = resample(scene, &volume, &map);

@@ -239,7 +239,7 @@ static pliant_status homogenize(builder *build)
     pliant_system *system = model->system;
     system->fine = &body->fine;
     system->mesh = is_coarse(model) ? &body->coarse : &body->fine;
-    system->num_threads = pliant_threads_of(&model->scene);
+    system->num_threads = pliant_threads_of(model->scene.solver.threads);
     if (model->scene.solver.kind == PLIANT_TLED) return pliant_tled_system_create(model, &model->tled);
     if (!is_coarse(model)) return pliant_system_elements(system, body->fine_material);
     if (model->scene.model.method == PLIANT_COARSE) {
@@ -370,7 +370,7 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
     model->system = pliant_calloc(1, sizeof *model->system);
     status = pliant_body_create(1, &model->body);
     if (status == PLIANT_OK) status = model->system ? pliant_material_table_copy(materials, &model->materials) : pliant_fail_memory("the model");
-    int threads = pliant_threads_begin(scene);
+    int threads = pliant_threads_begin(scene->solver.threads);
     if (status == PLIANT_OK) status = run_stages(&build);
     pliant_threads_end(threads);
     pliant_free(build.lattice_material);

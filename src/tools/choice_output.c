@@ -2,7 +2,7 @@
 
 #include "command_line.h"
 #include "console.h"
-#include "base/fail.h"
+#include "pliant/fail.h"
 #include "report_plot.h"
 
 #include <stdio.h>

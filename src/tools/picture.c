@@ -1,6 +1,6 @@
 #include "picture.h"
 
-#include "base/fail.h"
+#include "pliant/fail.h"
 #include "pliant/memory.h"
 
 #include <math.h>

@@ -1,5 +1,5 @@
 // PNG files by ITK; the one file of the programs that sees its headers.
-#include "base/fail.h"
+#include "pliant/fail.h"
 #include "picture.h"
 
 #include <cstring>

@@ -3,7 +3,7 @@
 #include "choice_output.h"
 #include "command_line.h"
 #include "console.h"
-#include "base/fail.h"
+#include "pliant/fail.h"
 #include "pliant/pliant.h"
 #include "report_arguments.h"
 #include "report_plot.h"

@@ -1,7 +1,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include "report_plot.h"
 
-#include "base/fail.h"
+#include "pliant/fail.h"
 
 #include <errno.h>
 #include <stdio.h>

@@ -2,8 +2,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include "command_line.h"
 #include "console.h"
-#include "base/fail.h"
-#include "base/threads.h"
+#include "pliant/fail.h"
 #include "picture.h"
 #include "pliant/pliant.h"
 
@@ -161,7 +160,7 @@ int main(int argc, char **argv)
     pliant_status status = pliant_material_table_default(&materials); /* not looked at: any scan will do */
     if (status >= 0) status = pliant_scan_inputs_read(scene, &materials, arguments.scan, &scan, &labels);
     pliant_segment_options options = {scene->segment.classes, scene->segment.most_classes, scene->segment.coherence, scene->segment.smallest,
-                                      pliant_threads_of(scene), scene->solver.backend};
+                                      scene->solver.threads, scene->solver.backend};
     double start = pliant_seconds();
     if (status >= 0) status = pliant_segment(&scan, &options, &found);
     if (status >= 0) print(&found, pliant_seconds() - start);

@@ -1,7 +1,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include "timing.h"
 
-#include "base/fail.h"
+#include "pliant/fail.h"
 #include "pliant/memory.h"
 
 #include <errno.h>

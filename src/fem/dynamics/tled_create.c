@@ -56,7 +56,7 @@ static pliant_status set_options(pliant_tled_system *system, const pliant_scene 
 {
     double shares = 0;
     system->law = scene->tled.law;
-    system->num_threads = pliant_threads_of(scene);
+    system->num_threads = pliant_threads_of(scene->solver.threads);
     system->nodal_pressure = scene->tled.nodal_pressure;
     system->quasi_static = scene->tled.quasi_static;
     system->damping = scene->tled.damping;
