@@ -170,6 +170,56 @@ TEST_F(Sweep, ExplicitDynamicsComesToTheCorotationalAnswerWhereStrainsAreSmall)
     EXPECT_EQ(pliant_dynamics_run(&input, &sweep, &tables, {nullptr, nullptr}), PLIANT_ERROR_SCENE);
 }
 
+// against the same pull by sub-steps of an eighth
+TEST_F(Sweep, TheErrorOfTimeIntegrationIsWhatMuchShorterSubStepsShow)
+{
+    body.scene.solver.kind = PLIANT_TLED;
+    body.scene.solver.step = 0.01;
+    body.scene.tled.damping = 20;
+    sweep.frames = 6;
+    ASSERT_EQ(pliant_dynamics_run(&input, &sweep, &tables, {nullptr, nullptr}), PLIANT_OK) << pliant_last_error();
+    auto told = [&](const char *name) { return std::atof(pliant_results_cell(tables.dynamics, 0, pliant_results_column(tables.dynamics, name))); };
+    ASSERT_GT(told("time_error_mm"), 0);
+
+    const double *at = sweep.points[0].rest;
+    const int substeps = static_cast<int>(told("steps_a_frame"));
+    std::vector<double> positions[2];
+    double largest = 0;
+    for (int finer = 0; finer < 2; finer++) {
+        body.scene.tled.safety = finer ? 0.9 / 8 : 0.9;
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        const pliant_mesh &mesh = body.data->body->fine;
+        pliant_dynamics dynamics;
+        ASSERT_EQ(pliant_data_dynamics(body.model, body.data, &dynamics), PLIANT_OK);
+        ASSERT_GE(dynamics.substeps, finer ? 7 * substeps : substeps);
+        int tool;
+        ASSERT_EQ(pliant_tool_add(body.model, body.data, "test", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_pose(body.data, tool, at, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, at), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+        const std::vector<double> from(body.data->tools[tool].tip, body.data->tools[tool].tip + 3);
+        for (int frame = 0; frame < 12; frame++) {
+            double tip[3];
+            for (int d = 0; d < 3; d++) tip[d] = from[d] + sweep.pull[d] * (frame + 1) / 6;
+            if (frame < 6) ASSERT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+            if (frame == 6) pliant_tool_lost(body.data, tool);
+            ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK);
+            positions[finer].insert(positions[finer].end(), body.data->positions, body.data->positions + 3 * mesh.num_nodes);
+        }
+        for (size_t i = 0; i < positions[finer].size(); i += 3) {
+            double moved = 0;
+            for (size_t d = 0; d < 3; d++) moved += std::pow(positions[finer][i + d] - mesh.rest[(i + d) % (3 * static_cast<size_t>(mesh.num_nodes))], 2);
+            largest = std::fmax(largest, std::sqrt(moved));
+        }
+    }
+    double error = 0;
+    for (size_t i = 0; i < positions[0].size(); i += 3) error = std::fmax(error, std::hypot(std::hypot(positions[0][i] - positions[1][i],
+        positions[0][i + 1] - positions[1][i + 1]), positions[0][i + 2] - positions[1][i + 2]));
+    EXPECT_GT(told("time_error_mm"), 0.5e3 * error);
+    EXPECT_LT(told("time_error_mm"), 2e3 * error);
+    EXPECT_NEAR(told("time_error_percent"), 0.1 * told("time_error_mm") / largest, 0.1 * told("time_error_percent"));
+}
+
 TEST_F(Sweep, AnOctreeIsMeasuredAgainstOneOfTwiceTheCells)
 {
     body.scene.mesh.kind = PLIANT_OCTREE;

@@ -218,8 +218,10 @@ PLIANT_API pliant_status pliant_choose(const pliant_report_input *input, pliant_
 PLIANT_API pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
                                              pliant_progress progress);
 
-/** Explicit dynamics as the scene has it, through a pull that is let go: bounds of its time step, steps a frame, times, and without damping
- *  the drift of its energy. What the core refuses is a row. Errors: SCENE (another solver/kind), ARGUMENT (no point), CANCELLED, FILE, MEMORY. */
+/** Explicit dynamics as the scene has it, through a pull that is let go: bounds of its time step, steps a frame, times; what its time
+ *  integration is off by, from the same run with half the sub-step (Richardson: 4/3 of how far the two are apart, worst node and frame);
+ *  and without damping the drift of its energy. What the core refuses is a row.
+ *  Errors: SCENE (another solver/kind), ARGUMENT (no point), CANCELLED, FILE, MEMORY. */
 PLIANT_API pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
                                              pliant_progress progress);
 

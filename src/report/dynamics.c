@@ -7,33 +7,66 @@
 #include <math.h>
 #include <string.h>
 
-/* Pulled in the first half of the frames, then let go.
- * @param seconds (frames) Nullable
- * @param drift   out, Nullable: largest change of the kept energy after letting go, over the energy [-] */
-static pliant_status pull_and_let_go(const pliant_model *model, const pliant_sweep *sweep, pliant_data *data, double *seconds, double *drift,
-                                     pliant_progress progress)
+/* One simulation that is pulled in the first half of its frames, then let go. */
+typedef struct pulled_run {
+    pliant_model *model;
+    pliant_data *data;
+    int tool;
+    double from[3];
+} pulled_run;
+
+static void pulled_free(pulled_run *run)
+{
+    pliant_data_free(run->data);
+    pliant_model_free(run->model);
+    *run = (pulled_run){0};
+}
+
+/* Free it also after a failure. */
+static pliant_status pulled_create(const pliant_report_input *input, const pliant_scene *scene, const pliant_sweep *sweep, pliant_progress progress,
+                                   pulled_run *run)
 {
     const double *at = sweep->points[0].rest;
-    double from[3], tip[3], first = 0;
-    int tool;
-    pliant_status status = pliant_tool_add(model, data, "report", &tool);
-    if (status >= 0) status = pliant_tool_pose(data, tool, at, NULL);
-    if (status >= 0) status = pliant_tool_grasp(model, data, tool, at);
-    if (status >= 0) status = pliant_tool_drive(data, tool, PLIANT_DRIVE_RIGID, NULL);
-    if (status >= 0) memcpy(from, data->tools[tool].tip, sizeof from);
-    if (drift) *drift = 0;
-    for (int32_t f = 0; status >= 0 && f < 2 * sweep->frames; f++) {
-        if (!pliant_report_progress(progress, 0.5 * f / sweep->frames, "explicit dynamics"))
-            return pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; what is done is kept");
-        if (f == sweep->frames) pliant_tool_lost(data, tool);
-        for (int d = 0; d < 3; d++) tip[d] = from[d] + sweep->pull[d] * (f + 1.0) / sweep->frames;
-        if (f < sweep->frames) status = pliant_tool_pose(data, tool, tip, NULL);
-        double start = pliant_seconds();
-        if (status >= 0) status = pliant_step(model, data);
-        if (seconds) seconds[f] = pliant_seconds() - start;
-        if (status < 0 || !drift || f < sweep->frames) continue;
+    *run = (pulled_run){0};
+    pliant_status status = pliant_model_build(scene, input->scan, input->labels, input->materials, progress, &run->model);
+    if (status >= 0) status = pliant_data_create(run->model, &run->data);
+    if (status >= 0) status = pliant_tool_add(run->model, run->data, "report", &run->tool);
+    if (status >= 0) status = pliant_tool_pose(run->data, run->tool, at, NULL);
+    if (status >= 0) status = pliant_tool_grasp(run->model, run->data, run->tool, at);
+    if (status >= 0) status = pliant_tool_drive(run->data, run->tool, PLIANT_DRIVE_RIGID, NULL);
+    if (status >= 0) memcpy(run->from, run->data->tools[run->tool].tip, sizeof run->from);
+    return status;
+}
+
+static int32_t frames_of(const pliant_sweep *sweep) { return 2 * sweep->frames; }
+
+/* @param seconds Nullable: that the step took */
+static pliant_status pulled_frame(pulled_run *run, const pliant_sweep *sweep, int32_t frame, double *seconds, pliant_progress progress)
+{
+    double tip[3];
+    pliant_status status = PLIANT_OK;
+    if (!pliant_report_progress(progress, (double)frame / frames_of(sweep), "explicit dynamics"))
+        return pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; what is done is kept");
+    if (frame == sweep->frames) pliant_tool_lost(run->data, run->tool);
+    for (int d = 0; d < 3; d++) tip[d] = run->from[d] + sweep->pull[d] * (frame + 1.0) / sweep->frames;
+    if (frame < sweep->frames) status = pliant_tool_pose(run->data, run->tool, tip, NULL);
+    double start = pliant_seconds();
+    if (status >= 0) status = pliant_step(run->model, run->data);
+    if (seconds) *seconds = pliant_seconds() - start;
+    return status;
+}
+
+/* Of frames of a scene that neither takes nor gives energy after letting go. @param drift out: the largest change over the energy [-] */
+static pliant_status run_drift(pulled_run *run, const pliant_sweep *sweep, double *drift, pliant_progress progress)
+{
+    pliant_status status = PLIANT_OK;
+    double first = 0;
+    *drift = 0;
+    for (int32_t f = 0; status >= 0 && f < frames_of(sweep); f++) {
         pliant_dynamics dynamics;
-        if ((status = pliant_data_dynamics(model, data, &dynamics)) < 0) break;
+        status = pulled_frame(run, sweep, f, NULL, progress);
+        if (status < 0 || f < sweep->frames) continue;
+        if ((status = pliant_data_dynamics(run->model, run->data, &dynamics)) < 0) break;
         if (f == sweep->frames) first = dynamics.kept_energy;
         else *drift = fmax(*drift, fabs(dynamics.kept_energy - first) / first);
     }
@@ -44,23 +77,63 @@ static pliant_status pull_and_let_go(const pliant_model *model, const pliant_swe
 static pliant_status measure_drift(const pliant_report_input *input, const pliant_sweep *sweep, double *drift, pliant_progress progress)
 {
     pliant_scene scene = *input->scene;
-    pliant_model *model = NULL;
-    pliant_data *data = NULL;
+    pulled_run run;
     scene.tled.quasi_static = scene.tled.nodal_pressure = false;
     scene.tled.damping = 0;
     memset(scene.tled.prony_share, 0, sizeof scene.tled.prony_share);
     memset(scene.model.gravity, 0, sizeof scene.model.gravity);
-    pliant_status status = pliant_model_build(&scene, input->scan, input->labels, input->materials, progress, &model);
-    if (status >= 0) status = pliant_data_create(model, &data);
-    if (status >= 0) status = pull_and_let_go(model, sweep, data, NULL, drift, progress);
-    pliant_data_free(data);
-    pliant_model_free(model);
+    pliant_status status = pulled_create(input, &scene, sweep, progress, &run);
+    if (status >= 0) status = run_drift(&run, sweep, drift, progress);
+    pulled_free(&run);
     return status;
 }
 
-static pliant_status tell(const pliant_model *model, const pliant_data *data, const pliant_sweep *sweep, double *seconds, double drift,
-                          report_row *row)
+/* What central differences are off by, from two runs side by side, the second with half the sub-step: they are of second order, so that
+ * the first one's error is 4/3 of how far they are apart (Richardson; Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I,
+ * II.4). */
+typedef struct time_error { double error, largest; } time_error; /* worst frame and node, largest displacement [m] */
+
+static void compare(const pulled_run *whole, const pulled_run *half, time_error *out)
 {
+    const pliant_mesh *mesh = &whole->data->body->fine;
+    for (int32_t n = 0; n < mesh->num_nodes; n++) {
+        double apart = 0, moved = 0;
+        for (int i = 3 * n; i < 3 * n + 3; i++) {
+            apart += pow(whole->data->positions[i] - half->data->positions[i], 2);
+            moved += pow(half->data->positions[i] - mesh->rest[i], 2);
+        }
+        out->error = fmax(out->error, 4.0 / 3 * sqrt(apart));
+        out->largest = fmax(out->largest, sqrt(moved));
+    }
+}
+
+static pliant_status measure_time_error(const pliant_report_input *input, const pliant_scene *asked, const pliant_sweep *sweep, time_error *out,
+                                        pliant_progress progress)
+{
+    pliant_scene scene = *asked;
+    pulled_run whole, half = {0};
+    pliant_dynamics dynamics;
+    *out = (time_error){0};
+    pliant_status status = pulled_create(input, asked, sweep, progress, &whole);
+    if (status >= 0) status = pliant_data_dynamics(whole.model, whole.data, &dynamics);
+    if (status >= 0) { /* exactly twice as many */
+        scene.tled.safety = 0.5 * dynamics.time_step / fmin(dynamics.edge_bound, dynamics.eigenvalue_bound);
+        status = pulled_create(input, &scene, sweep, progress, &half);
+    }
+    for (int32_t f = 0; status >= 0 && f < frames_of(sweep); f++) {
+        status = pulled_frame(&whole, sweep, f, NULL, progress);
+        if (status >= 0) status = pulled_frame(&half, sweep, f, NULL, progress);
+        if (status >= 0) compare(&whole, &half, out);
+    }
+    pulled_free(&whole);
+    pulled_free(&half);
+    return status;
+}
+
+static pliant_status tell(const pulled_run *run, const pliant_sweep *sweep, double *seconds, double drift, time_error time, report_row *row)
+{
+    const pliant_model *model = run->model;
+    const pliant_data *data = run->data;
     static const char *const laws[] = {
 #define LAW_NAME(name, yaml) #yaml,
         PLIANT_LAW_LIST(LAW_NAME)
@@ -69,7 +142,7 @@ static pliant_status tell(const pliant_model *model, const pliant_data *data, co
     pliant_dynamics dynamics;
     pliant_status status = pliant_data_dynamics(model, data, &dynamics);
     if (status < 0) return status;
-    int32_t frames = 2 * sweep->frames;
+    int32_t frames = frames_of(sweep);
     report_sort(seconds, frames);
     double frame = report_quantile(seconds, frames, 0.5);
     row_text(row, "ok");
@@ -89,6 +162,8 @@ static pliant_status tell(const pliant_model *model, const pliant_data *data, co
     row_number(row, 1e3 * frame / dynamics.substeps);
     row_number(row, model->body->fine.num_tets * (double)dynamics.substeps / frame);
     row_number(row, 100 * drift);
+    row_number(row, 1e3 * time.error);
+    row_number(row, 100 * time.error / time.largest);
     return PLIANT_OK;
 }
 
@@ -99,8 +174,8 @@ pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant
     char setup[9];
     double drift = NAN, *seconds = NULL;
     pliant_scene scene = *input->scene;
-    pliant_model *model = NULL;
-    pliant_data *data = NULL;
+    pulled_run run = {0};
+    time_error time;
     if (scene.solver.kind != PLIANT_TLED)
         return pliant_fail(PLIANT_ERROR_SCENE, "solver/kind: figures of explicit dynamics are those of tled, not of the corotational solver");
     if (sweep->num_points < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "figures of explicit dynamics need a point to pull at");
@@ -109,12 +184,12 @@ pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant
     row_text(&row, setup);
     if (row_known(&row, tables->dynamics)) return PLIANT_OK;
     scene.tled.quasi_static = false;
-    pliant_status status = pliant_model_build(&scene, input->scan, input->labels, input->materials, progress, &model);
-    if (status >= 0) status = pliant_data_create(model, &data);
-    if (status >= 0 && !(seconds = pliant_calloc(2 * (size_t)sweep->frames, sizeof *seconds))) status = pliant_fail_memory("the times of the frames");
-    if (status >= 0) status = pull_and_let_go(model, sweep, data, seconds, NULL, progress);
+    pliant_status status = pulled_create(input, &scene, sweep, progress, &run);
+    if (status >= 0 && !(seconds = pliant_calloc((size_t)frames_of(sweep), sizeof *seconds))) status = pliant_fail_memory("the times of the frames");
+    for (int32_t f = 0; status >= 0 && f < frames_of(sweep); f++) status = pulled_frame(&run, sweep, f, seconds + f, progress);
     if (status >= 0) status = measure_drift(input, sweep, &drift, progress);
-    if (status >= 0) status = tell(model, data, sweep, seconds, drift, &row);
+    if (status >= 0) status = measure_time_error(input, &scene, sweep, &time, progress);
+    if (status >= 0) status = tell(&run, sweep, seconds, drift, time, &row);
     if (status < 0 && status != PLIANT_ERROR_CANCELLED && status != PLIANT_ERROR_MEMORY) { /* a figure too: it cannot be had */
         row_text(&row, pliant_status_text(status));
         row_text(&row, pliant_last_error());
@@ -122,7 +197,6 @@ pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant
     }
     if (status >= 0) status = row_add(&row, tables->dynamics);
     pliant_free(seconds);
-    pliant_data_free(data);
-    pliant_model_free(model);
+    pulled_free(&run);
     return status;
 }

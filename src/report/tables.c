@@ -47,7 +47,7 @@ static const char *const choice_columns[] = {
 static const char *const dynamics_columns[] = {
     "setup", "status", "message", "fine_tetrahedra", "fine_nodes", "law", "backend", "threads", "edge_bound_us", "eigenvalue_bound_us",
     "time_step_us", "steps_a_frame", "frames", "frame_median_ms", "frame_p99_ms", "step_median_ms", "tetrahedra_steps_per_s",
-    "energy_drift_percent"};
+    "energy_drift_percent", "time_error_mm", "time_error_percent"};
 
 #define COLUMNS(list) list, (int)(sizeof(list) / sizeof *(list))
 

@@ -102,7 +102,8 @@ static void print_stages(const pliant_results *table, const char *setup)
 static void print_dynamics(const pliant_results *table, const char *setup)
 {
     static const char *const names[] = {"message", "fine_tetrahedra", "edge_bound_us", "eigenvalue_bound_us", "time_step_us", "steps_a_frame",
-                                        "step_median_ms", "frame_median_ms", "tetrahedra_steps_per_s", "energy_drift_percent"};
+                                        "step_median_ms", "frame_median_ms", "tetrahedra_steps_per_s", "energy_drift_percent",
+                                        "time_error_mm", "time_error_percent"};
     for (size_t r = 0; r < pliant_results_rows(table); r++) {
         if (strcmp(pliant_results_cell(table, r, 0), setup) != 0) continue;
         printf("\nexplicit dynamics\n");
