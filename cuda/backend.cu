@@ -81,7 +81,8 @@ static pliant_status restart(const pliant_model *model, pliant_data *data)
 /* of a coarse mesh it was brought when the step ended */
 static void bring(const pliant_model *model, pliant_data *data)
 {
-    if (model->system->mesh == &data->body->fine)
+    (void)model;
+    if (data->solver->system->mesh == data->solver->system->fine)
         memcpy(data->solver->now.x, data->positions, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
 }
 
@@ -112,7 +113,7 @@ static pliant_status upsample(const pliant_model *model, pliant_data *data)
 }
 
 /* the warp, and the end of the step: all that was asked for has arrived */
-static pliant_status finish(const pliant_model *model, pliant_data *data)
+static pliant_status finish(pliant_data *data)
 {
     cuda_data *state = state_of(data);
     pliant_cuda_warp *warp = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
@@ -124,7 +125,7 @@ static pliant_status finish(const pliant_model *model, pliant_data *data)
     double *arrived = state->arriving;
     state->arriving = data->positions;
     data->positions = arrived;
-    if (h_solved) memcpy(data->solver->now.x, h_solved, 3 * (size_t)model->system->mesh->num_nodes * sizeof *h_solved);
+    if (h_solved) memcpy(data->solver->now.x, h_solved, 3 * (size_t)data->solver->system->mesh->num_nodes * sizeof *h_solved);
     for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
     return data->warp && !warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
 }
@@ -132,7 +133,8 @@ static pliant_status finish(const pliant_model *model, pliant_data *data)
 static pliant_status warp(const pliant_model *model, pliant_data *data)
 {
     pliant_cuda_section_begin("warp");
-    pliant_status status = finish(model, data);
+    (void)model;
+    pliant_status status = finish(data);
     pliant_cuda_section_end();
     return status;
 }

@@ -23,7 +23,13 @@ typedef struct pliant_body_changes {
     int32_t *touched;          /**< (num_touched) ascending */
     int32_t num_touched_coarse;
     int32_t *touched_coarse;   /**< (num_touched_coarse) ascending; also those whose fine tetrahedra changed */
+    /* what appended ones are copies of, in the body before; NULL: none were appended */
+    int32_t *node_source, *tet_source;               /**< (those of now - those before) */
+    int32_t *coarse_node_source, *coarse_tet_source; /**< likewise */
 } pliant_body_changes;
+
+/** Whether a node moves: a piece that comes off stays where it was then, not where it was at rest. */
+typedef enum pliant_fixing { PLIANT_MOVES, PLIANT_FIXED_AT_REST, PLIANT_FIXED_WHERE_IT_WAS } pliant_fixing;
 
 typedef struct pliant_body {
     uint64_t revision;         /**< 1 at load; no two bodies of a simulation share one */
@@ -33,6 +39,7 @@ typedef struct pliant_body {
     int32_t *tet_parent;       /**< (fine.num_tets) likewise; NULL: likewise */
     int32_t *coarse_node_parent, *coarse_tet_parent; /**< likewise */
     int32_t *coarse_of_fine;   /**< (fine.num_tets) the coarse tetrahedron that holds it; NULL: no coarse mesh */
+    int32_t *fine_of_coarse;   /**< (coarse.num_nodes) the fine node at its place, of a tetrahedron within its own; -1: none; NULL: likewise */
     int32_t *triangles;        /**< (num_triangles x 3) surface of the fine mesh, outwards */
     int32_t num_triangles;
     /* MATERIAL */
@@ -40,9 +47,10 @@ typedef struct pliant_body {
     pliant_tet_material *coarse_material; /**< (coarse.num_tets) means over their voxels; NULL but for the coarse method */
     double *node_mass;         /**< (fine.num_nodes) [kg] */
     /* WHAT HOLDS IT */
-    uint8_t *fine_fixed;       /**< (fine.num_nodes) 1: does not move */
-    uint8_t *coarse_fixed;     /**< (coarse.num_nodes); NULL: no coarse mesh */
-    int32_t num_held_pieces;   /**< pieces that nothing fixed held at load: kept where they are */
+    uint8_t *fine_fixed;       /**< (fine.num_nodes) pliant_fixing */
+    uint8_t *coarse_fixed;     /**< (coarse.num_nodes) likewise; NULL: no coarse mesh */
+    int32_t num_held_pieces;   /**< pieces that nothing fixed holds: kept where they are */
+    bool falls;                /**< pieces that nothing holds are left to fall: explicit dynamics on a ground */
 
     pliant_body_changes changes;
     struct pliant_body_holders *holders; /**< how many there are (src/body) */
@@ -55,9 +63,39 @@ PLIANT_API void pliant_body_release(const pliant_body *body);
 
 /** An empty body of a revision, with one holder. Errors: MEMORY. */
 PLIANT_API pliant_status pliant_body_create(uint64_t revision, pliant_body **out);
-/** The next body, with the topology of this one: everything copied, the revision one higher, nothing touched. Who makes it changes it
- *  before anybody else holds it. Errors: MEMORY. */
-PLIANT_API pliant_status pliant_body_next(const pliant_body *body, pliant_body **out);
+/** The next body, with the topology of this one: everything copied, nothing touched. Who makes it changes it before anybody else
+ *  holds it. @param revision a simulation's last_revision + 1. Errors: MEMORY, ARGUMENT (not above this one's). */
+PLIANT_API pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, pliant_body **out);
+
+/** What a cut makes of the fine mesh. Elements keep their shape; a node's copies lie where it does. */
+typedef struct pliant_division {
+    int32_t num_tets;          /**< of the next body: those of the body before, and fragments of them that are appended */
+    const int32_t *tet_source; /**< (those appended) tetrahedron of the body before that each is a fragment of; NULL: none are appended */
+    const int32_t *corners;    /**< (num_tets x 4) node of every corner: the one of the body before, or a copy, numbered from there on.
+                                *   Every node keeps a corner at least */
+    const pliant_tet_material *material; /**< (num_tets) means over the whole tetrahedron of what is in the fragment; NULL: as before, no fragments */
+} pliant_division;
+/** The next body: nodes and fragments appended with their parents, masses, what is fixed, surface, and the coarse mesh divided likewise, where
+ *  fine tetrahedra of a coarse one no longer hang together. Pieces that nothing holds any more are held where they are, or fall.
+ *  Errors: MEMORY, ARGUMENT (not a division of this body), FORMAT (faces of three tetrahedra). */
+PLIANT_API pliant_status pliant_body_divide(const pliant_body *body, uint64_t revision, const pliant_division *division, pliant_body **out);
+
+/** A fourth of the mass of a tetrahedron to each of its nodes ([H] 2.1). @param mass (fine.num_nodes) out [kg] */
+PLIANT_API void pliant_body_masses(const pliant_body *body, double *mass);
+/** Of pieces that carry nothing, the stiffness is taken down to this part: they keep their place in the picture. */
+#define PLIANT_LOOSE_STIFFNESS 1e-6
+
+/** Whether nothing but the revision differs. */
+PLIANT_API bool pliant_body_same(const pliant_body *a, const pliant_body *b);
+
+/** Which node and tetrahedron of another body each one takes its state from: itself, or what it is a copy of. */
+typedef struct pliant_body_map {
+    int32_t *node, *tet;               /**< (of the body `to`) */
+    int32_t *coarse_node, *coarse_tet; /**< likewise; NULL: no coarse mesh */
+} pliant_body_map;
+/** Errors: MEMORY, ARGUMENT (bodies of different loads). */
+PLIANT_API pliant_status pliant_body_map_create(const pliant_body *from, const pliant_body *to, pliant_body_map *out);
+PLIANT_API void pliant_body_map_free(pliant_body_map *map);
 
 #ifdef __cplusplus
 }

@@ -48,6 +48,7 @@ typedef struct pliant_tool {
     bool attached;         /**< the solver knows of this hold */
     double last_target[3]; /**< where the held point was pulled to in the last step [m] */
     double grip[3];        /**< tip minus held point when it took hold; the tip pulls the held point to tip - grip [m] */
+    double grasped[3], grasped_radius; /**< the blob that it holds, at rest [m] */
     /* OUTPUT of the last step */
     double held_point[3];  /**< where the held point is [m] */
     double force[3];       /**< of the tool on the tissue [N] */
@@ -86,6 +87,8 @@ typedef struct pliant_tled pliant_tled; /**< displacements, increments, sub-step
 typedef struct pliant_data {
     /* BODY */
     const pliant_body *body;  /**< what is true now; at first, and after a reset, the model's */
+    const pliant_discretization *discretization; /**< of it, or of an earlier one of the same topology */
+    uint64_t last_revision;   /**< highest of a body so far: the next one takes one more */
     /* BACKEND */
     const pliant_backend *backend; /**< who runs the stages from solve on: as the scene's solver/backend says, or the CPU after a
                                     *   GPU failed */
@@ -114,6 +117,12 @@ PLIANT_API void pliant_data_free(pliant_data *data); /**< Nullable */
 
 /** Back to rest: positions, holds, history, gravity, statistics. Tools keep their poses. Errors: MEMORY (nothing changed). */
 PLIANT_API pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data);
+
+/** From now on another body is true: the next one, or one from before. What is derived from a body is made for it first, and only
+ *  then put to use: on an error everything goes on with the body before, bit for bit. Nodes keep their positions and velocities, copies
+ *  begin with those of what they are copies of; tools keep hold. A body of the same topology changes no bits of what follows. The warp's
+ *  object is another one afterwards. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (not of this simulation's mesh). */
+PLIANT_API pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data, const pliant_body *body);
 
 /** Who runs the stages now: "cpu" or "cuda". */
 PLIANT_API const char *pliant_data_backend(const pliant_data *data);

@@ -82,6 +82,9 @@ PLIANT_API int pliant_mesh_slot_of(int parity, const double local[3]);
  *  `ratio` along each axis. */
 PLIANT_API int32_t pliant_lattice_coarse_of(const int32_t cells[3], int32_t ratio, int32_t lattice_tet);
 
+/** The lattice node of a finer mesh at the place of a node of a coarser one whose lattice it refines. */
+PLIANT_API int32_t pliant_mesh_lattice_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node);
+
 /** The node of a finer mesh at the place of a node of a coarser one whose lattice it refines; -1 when it has none there. */
 PLIANT_API int32_t pliant_mesh_node_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node);
 
@@ -101,8 +104,9 @@ PLIANT_API int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const do
 PLIANT_API pliant_status pliant_lattice_integrate(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *material_of_voxel,
                                                   const pliant_material_table *table, pliant_tet_material *out);
 
-/** The tetrahedron across each face, or -1: neighbours[4 * t + c] lies across the face opposite corner c.
- *  @param neighbours (num_tets x 4). Errors: MEMORY, FORMAT (a face with three tetrahedra). */
+/** The tetrahedron across each face, or -1: neighbours[4 * t + c] lies across the face opposite corner c. Fragments of one tetrahedron of
+ *  the lattice may share a face: then it is the first of them.
+ *  @param neighbours (num_tets x 4). Errors: MEMORY, FORMAT (two others on one side of a face). */
 PLIANT_API pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbours);
 
 /** Hold what nothing holds: pieces (joined by faces) that do not rest on three fixed nodes that span a triangle, or on
@@ -110,8 +114,10 @@ PLIANT_API pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t
  *  @param fixed (num_nodes) in/out
  *  @param loose (num_tets) out, 1: in a loose piece; it should carry no load
  *  @param pieces out, number of loose pieces
- *  Errors: SCENE when nothing holds the largest piece; MEMORY. */
-PLIANT_API pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t *fixed, uint8_t *loose, int32_t *pieces);
+ *  @param how   nodes of loose pieces become this in fixed
+ *  @param whole refuse where nothing holds the largest piece
+ *  Errors: SCENE when refused; MEMORY. */
+PLIANT_API pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed, uint8_t *loose, int32_t *pieces);
 
 /** Outer faces, oriented outwards. *triangles is (count x 3), freed with pliant_free. Errors: MEMORY, FORMAT. */
 PLIANT_API pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, int32_t *count);

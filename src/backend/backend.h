@@ -64,6 +64,8 @@ pliant_status pliant_backend_choose(pliant_backend_choice choice, char text[PLIA
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data);
 /* The host's state was changed: the backend takes it, or the CPU goes on. Errors: none but those of neither. */
 pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *data);
+/* The host's state is of another body, and the backend's is freed: the backend makes its own anew, or the CPU goes on. */
+void pliant_backend_renew(const pliant_model *model, pliant_data *data);
 /* After a failure of the backend: the CPU goes on from the last good state. false: it was the CPU's own failure. */
 bool pliant_backend_leave(const pliant_model *model, pliant_data *data, pliant_status status);
 

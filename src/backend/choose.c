@@ -61,6 +61,14 @@ bool pliant_backend_leave(const pliant_model *model, pliant_data *data, pliant_s
     return true;
 }
 
+void pliant_backend_renew(const pliant_model *model, pliant_data *data)
+{
+    if (data->backend->on_host || data->backend->create(model, data) == PLIANT_OK) return;
+    pliant_log(PLIANT_LOG_WARNING, "backend: %s; the CPU goes on with the new body", pliant_last_error());
+    data->backend = data->backend->kind->cpu;
+    if (data->warp) pliant_warp_leave(data->warp);
+}
+
 pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = data->backend->restart(model, data);

@@ -26,7 +26,8 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
 
 static pliant_status upsample(const pliant_model *model, pliant_data *data)
 {
-    pliant_upsample_positions(model->system, data->solver->now.x, data->positions);
+    (void)model;
+    pliant_upsample_positions(data->solver->system, data->solver->now.x, data->positions);
     for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
     return PLIANT_OK;
 }
@@ -39,8 +40,9 @@ pliant_status pliant_cpu_warp(const pliant_model *model, pliant_data *data)
 
 static pliant_status create(const pliant_model *model, pliant_data *data)
 {
-    pliant_status status = pliant_solver_create(&model->scene, model->system, &data->solver);
-    return status == PLIANT_OK && model->fine_system ? pliant_patch_create(model, &data->patch) : status;
+    const pliant_discretization *discretization = data->discretization;
+    pliant_status status = pliant_solver_create(&model->scene, discretization->system, &data->solver);
+    return status == PLIANT_OK && discretization->fine_system ? pliant_patch_create(&model->scene, discretization, &data->patch) : status;
 }
 
 static pliant_status reset(pliant_data *data)
@@ -65,10 +67,11 @@ static pliant_status interact(const pliant_model *model, pliant_data *data)
 
 static void set_positions(const pliant_model *model, pliant_data *data, const double *positions)
 {
-    const pliant_system *system = model->system;
+    (void)model;
     pliant_solver *solver = data->solver;
+    const pliant_system *system = solver->system;
     for (int32_t f = 0; f < system->num_free; f++) {
-        int32_t node = system->node_of_free[f], fine = pliant_mesh_node_in(&data->body->fine, system->mesh, node);
+        int32_t node = system->node_of_free[f], fine = system->upsample ? data->body->fine_of_coarse[node] : node;
         if (fine >= 0) memcpy(solver->now.x + 3 * node, positions + 3 * fine, 3 * sizeof *positions);
     }
     pliant_solver_forget(solver);

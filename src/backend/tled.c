@@ -21,7 +21,7 @@ pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data)
     return PLIANT_OK;
 }
 
-static pliant_status create(const pliant_model *model, pliant_data *data) { return pliant_tled_create(model, &data->tled); }
+static pliant_status create(const pliant_model *model, pliant_data *data) { return pliant_tled_create(&model->scene, data->discretization->tled, &data->tled); }
 
 static pliant_status reset(pliant_data *data)
 {
@@ -57,8 +57,9 @@ const pliant_backend pliant_tled_backend = {
 
 pliant_status pliant_data_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out)
 {
+    (void)model;
     if (!data->tled) return pliant_fail(PLIANT_ERROR_ARGUMENT, "solver/kind is not tled: there is no dynamics");
-    const pliant_tled_system *system = model->tled;
+    const pliant_tled_system *system = data->tled->system;
     pliant_dynamics told = {.edge_bound = system->edge_bound, .eigenvalue_bound = system->eigenvalue_bound,
                             .time_step = data->tled->time_step, .substeps = data->tled->substeps};
     pliant_tled_energies(data->tled, data->body->fine_material, &told.kinetic_energy, &told.strain_energy, &told.kept_energy);

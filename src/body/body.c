@@ -19,6 +19,7 @@ static void free_body(pliant_body *body)
     pliant_free(body->coarse_node_parent);
     pliant_free(body->coarse_tet_parent);
     pliant_free(body->coarse_of_fine);
+    pliant_free(body->fine_of_coarse);
     pliant_free(body->triangles);
     pliant_free(body->fine_material);
     pliant_free(body->coarse_material);
@@ -27,6 +28,10 @@ static void free_body(pliant_body *body)
     pliant_free(body->coarse_fixed);
     pliant_free(body->changes.touched);
     pliant_free(body->changes.touched_coarse);
+    pliant_free(body->changes.node_source);
+    pliant_free(body->changes.tet_source);
+    pliant_free(body->changes.coarse_node_source);
+    pliant_free(body->changes.coarse_tet_source);
     pliant_free(body->holders);
     pliant_free(body);
 }
@@ -87,15 +92,19 @@ static bool copy_mesh(const pliant_mesh *from, pliant_mesh *to)
            copy(from->place_of_node, nodes, sizeof *from->place_of_node, &to->place_of_node);
 }
 
-pliant_status pliant_body_next(const pliant_body *body, pliant_body **out)
+pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, pliant_body **out)
 {
     pliant_body *next = NULL;
-    pliant_status status = pliant_body_create(body->revision + 1, &next);
+    if (revision <= body->revision)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the revision of a next body must be above %llu, not %llu", (unsigned long long)body->revision,
+                           (unsigned long long)revision);
+    pliant_status status = pliant_body_create(revision, &next);
     if (status != PLIANT_OK) return status;
     const size_t nodes = (size_t)body->fine.num_nodes, tets = (size_t)body->fine.num_tets;
     const size_t coarse_nodes = (size_t)body->coarse.num_nodes, coarse_tets = (size_t)body->coarse.num_tets;
     next->num_triangles = body->num_triangles;
     next->num_held_pieces = body->num_held_pieces;
+    next->falls = body->falls;
     next->changes = (pliant_body_changes){.since = body->revision, .nodes_before = body->fine.num_nodes, .tets_before = body->fine.num_tets,
                                           .coarse_nodes_before = body->coarse.num_nodes, .coarse_tets_before = body->coarse.num_tets};
     bool good = copy_mesh(&body->fine, &next->fine) && copy_mesh(&body->coarse, &next->coarse) &&
@@ -104,6 +113,7 @@ pliant_status pliant_body_next(const pliant_body *body, pliant_body **out)
                 copy(body->coarse_node_parent, coarse_nodes, sizeof *body->coarse_node_parent, &next->coarse_node_parent) &&
                 copy(body->coarse_tet_parent, coarse_tets, sizeof *body->coarse_tet_parent, &next->coarse_tet_parent) &&
                 copy(body->coarse_of_fine, tets, sizeof *body->coarse_of_fine, &next->coarse_of_fine) &&
+                copy(body->fine_of_coarse, coarse_nodes, sizeof *body->fine_of_coarse, &next->fine_of_coarse) &&
                 copy(body->triangles, (size_t)body->num_triangles, 3 * sizeof *body->triangles, &next->triangles) &&
                 copy(body->fine_material, tets, sizeof *body->fine_material, &next->fine_material) &&
                 copy(body->coarse_material, coarse_tets, sizeof *body->coarse_material, &next->coarse_material) &&

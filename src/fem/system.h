@@ -42,7 +42,7 @@ typedef struct pliant_upsample {
     int32_t *entry_tet;       /* (entries) coarse tetrahedron */
     double *entry_share;      /* (entries) inverse-distance weight, sum 1 a node */
     double *entry_shape;      /* (entries x 36) N, 3 x 12, row-major */
-    const uint8_t *still;     /* Nullable: (fine nodes) fixed ones stay where they are */
+    const uint8_t *still;     /* Nullable: (fine nodes) those that are PLIANT_FIXED_AT_REST stay there */
 } pliant_upsample;
 
 /* Elements with as many corners as they need (NUMERICS 4): one a cube of the solved lattice that holds tissue, on all nodes that

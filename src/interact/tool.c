@@ -119,39 +119,6 @@ static int blob_weights(const pliant_mesh *mesh, const double centre[3], double 
     return inside;
 }
 
-static pliant_status keep_weights(const pliant_mesh *mesh, const double *weights, pliant_tool *tool)
-{
-    int32_t count = 0, *held;
-    double total = 0, *weight;
-    for (int32_t n = 0; n < mesh->num_nodes; n++) {
-        count += weights[n] != 0;
-        total += weights[n];
-    }
-    held = pliant_calloc((size_t)count, sizeof *held);
-    weight = pliant_calloc((size_t)count, sizeof *weight);
-    if (!held || !weight) {
-        pliant_free(held);
-        pliant_free(weight);
-        return pliant_fail_memory("a tool's hold");
-    }
-    pliant_tool_forget(tool);
-    for (int32_t n = 0; n < mesh->num_nodes; n++)
-        if (weights[n] != 0) {
-            held[tool->num_held] = n;
-            weight[tool->num_held++] = weights[n] / total;
-        }
-    tool->held = held;
-    tool->weight = weight;
-    return PLIANT_OK;
-}
-
-static void find_held_point(const pliant_data *data, pliant_tool *tool)
-{
-    memset(tool->held_point, 0, sizeof tool->held_point);
-    for (int32_t h = 0; h < tool->num_held; h++)
-        for (int d = 0; d < 3; d++) tool->held_point[d] += tool->weight[h] * data->positions[3 * tool->held[h] + d];
-}
-
 /* Nothing to hold at a point: where the tissue is, and whether millimetres were meant. */
 static pliant_status fail_no_tissue(const pliant_mesh *mesh, const char *name, const double at[3])
 {
@@ -168,6 +135,59 @@ static pliant_status fail_no_tissue(const pliant_mesh *mesh, const char *name, c
     return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: there is no tissue at (%.4f %.4f %.4f) m; at rest it lies between (%.4f %.4f %.4f) and "
                        "(%.4f %.4f %.4f) m%s", name, at[0], at[1], at[2], low[0], low[1], low[2], high[0], high[1], high[2],
                        far && inside_as_mm ? ": the point seems to be in millimetres, metres are needed" : "");
+}
+
+/* the nodes that a blob leans on, ascending, and their shares */
+static pliant_status list_held(const pliant_mesh *mesh, const pliant_tool *tool, const double centre[3], double radius, int32_t *num_held,
+                               int32_t **nodes, double **shares)
+{
+    double *weights = pliant_calloc((size_t)mesh->num_nodes, sizeof *weights), total = 0;
+    if (!weights) return pliant_fail_memory("a tool's hold");
+    int32_t count = 0, *held = NULL;
+    double *weight = NULL;
+    pliant_status status = PLIANT_OK;
+    if (!(radius > 0 ? blob_weights(mesh, centre, radius, weights) > 0 : add_point(mesh, centre, weights)))
+        status = fail_no_tissue(mesh, tool->name, centre);
+    for (int32_t n = 0; n < mesh->num_nodes; n++) {
+        count += weights[n] != 0;
+        total += weights[n];
+    }
+    if (status == PLIANT_OK) {
+        held = pliant_calloc((size_t)count, sizeof *held);
+        weight = pliant_calloc((size_t)count, sizeof *weight);
+        if (!held || !weight) status = pliant_fail_memory("a tool's hold");
+    }
+    if (status == PLIANT_OK) {
+        *num_held = 0;
+        for (int32_t n = 0; n < mesh->num_nodes; n++) {
+            if (weights[n] == 0) continue;
+            held[*num_held] = n;
+            weight[(*num_held)++] = weights[n] / total;
+        }
+        *nodes = held;
+        *shares = weight;
+    } else {
+        pliant_free(held);
+        pliant_free(weight);
+    }
+    pliant_free(weights);
+    return status;
+}
+
+pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, const pliant_mesh *mesh)
+{
+    *tool = *from;
+    tool->held = NULL;
+    tool->weight = NULL;
+    tool->num_held = 0;
+    return from->holding ? list_held(mesh, from, from->grasped, from->grasped_radius, &tool->num_held, &tool->held, &tool->weight) : PLIANT_OK;
+}
+
+static void find_held_point(const pliant_data *data, pliant_tool *tool)
+{
+    memset(tool->held_point, 0, sizeof tool->held_point);
+    for (int32_t h = 0; h < tool->num_held; h++)
+        for (int d = 0; d < 3; d++) tool->held_point[d] += tool->weight[h] * data->positions[3 * tool->held[h] + d];
 }
 
 /* Bone that is taken hold of does not come along, and forces grow without end: who pulls should know. */
@@ -203,13 +223,15 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
         for (int v = 0; v < 4; v++)
             for (int d = 0; d < 3; d++) centre[d] += barycentric[v] * mesh->rest[3 * mesh->tets[4 * tet + v] + d];
     }
-    double *weights = pliant_calloc((size_t)mesh->num_nodes, sizeof *weights);
-    if (!weights) return pliant_fail_memory("a tool's hold");
-    bool there = tool->radius > 0 ? blob_weights(mesh, centre, tool->radius, weights) > 0 : add_point(mesh, centre, weights);
-    status = there ? keep_weights(mesh, weights, tool)
-                   : fail_no_tissue(mesh, tool->name, centre);
-    pliant_free(weights);
-    if (status != PLIANT_OK) return status;
+    int32_t *held = NULL, count;
+    double *weight = NULL;
+    if ((status = list_held(mesh, tool, centre, tool->radius, &count, &held, &weight)) != PLIANT_OK) return status;
+    pliant_tool_forget(tool);
+    tool->num_held = count;
+    tool->held = held;
+    tool->weight = weight;
+    memcpy(tool->grasped, centre, sizeof tool->grasped);
+    tool->grasped_radius = tool->radius;
     find_held_point(data, tool);
     if (!tool->present) {
         memcpy(tool->tip, tool->held_point, sizeof tool->tip);
@@ -247,7 +269,7 @@ pliant_status pliant_tool_interact(const pliant_model *model, pliant_data *data,
         return PLIANT_OK;
     }
     /* weights through homogenized shape functions turn with the elements: they are taken anew every step */
-    bool turning = solver == data->solver && pliant_upsample_turns(model->system);
+    bool turning = solver == data->solver && pliant_upsample_turns(solver->system);
     if (!tool->attached && handle->active) pliant_solver_release(solver, index); /* another hold than before */
     if (!tool->attached || turning) {
         pliant_status status = pliant_patch_hold(data, index);

@@ -21,43 +21,58 @@ static void sorted_face(const int32_t *nodes, int face, int32_t out[3])
             }
 }
 
-/* Faces are put in buckets by their smallest node; only a few share one, so pairs are found by comparing. */
+/* whether the corners of a face, seen from outside, run as its nodes ascend: of two tetrahedra with it, those of one do */
+static bool runs_up(const int32_t *nodes, int face)
+{
+    const int32_t a = nodes[face_corners[face][0]], b = nodes[face_corners[face][1]], c = nodes[face_corners[face][2]];
+    return (a < b && b < c) || (b < c && c < a) || (c < a && a < b);
+}
+
+static bool fragments_of_one(const pliant_mesh *mesh, int32_t a, int32_t b)
+{
+    return mesh->lattice_of_tet && mesh->lattice_of_tet[a] == mesh->lattice_of_tet[b];
+}
+
+/* Faces are put in buckets by their smallest node, in order; only a few share one, so that they are found by comparing. */
+static pliant_status pair_faces(const pliant_mesh *mesh, const int32_t *faces, int32_t count, int32_t *neighbours)
+{
+    int32_t key[3], other[3];
+    for (int32_t a = 0; a < count; a++) {
+        sorted_face(mesh->tets + 4 * (faces[a] / 4), faces[a] % 4, key);
+        bool up = runs_up(mesh->tets + 4 * (faces[a] / 4), faces[a] % 4);
+        for (int32_t b = 0; b < count; b++) {
+            sorted_face(mesh->tets + 4 * (faces[b] / 4), faces[b] % 4, other);
+            if (b == a || memcmp(key, other, sizeof key) != 0) continue;
+            if (up != runs_up(mesh->tets + 4 * (faces[b] / 4), faces[b] % 4)) {
+                if (neighbours[faces[a]] < 0) neighbours[faces[a]] = faces[b] / 4;
+            } else if (!fragments_of_one(mesh, faces[a] / 4, faces[b] / 4)) {
+                return pliant_fail(PLIANT_ERROR_FORMAT, "tetrahedra %d and %d are on one side of the face %d %d %d", faces[a] / 4, faces[b] / 4,
+                                   key[0], key[1], key[2]);
+            }
+        }
+    }
+    return PLIANT_OK;
+}
+
 pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbours)
 {
     int32_t num_faces = 4 * mesh->num_tets;
     int32_t *start = pliant_calloc((size_t)mesh->num_nodes + 2, sizeof *start);
     int32_t *faces = pliant_calloc((size_t)num_faces, sizeof *faces);
-    pliant_status status = PLIANT_OK;
-    if (!start || !faces) {
-        status = pliant_fail_memory("the faces of the mesh");
-        goto done;
-    }
-    int32_t key[3], other[3];
-    for (int32_t f = 0; f < num_faces; f++) {
+    pliant_status status = start && faces ? PLIANT_OK : pliant_fail_memory("the faces of the mesh");
+    int32_t key[3];
+    for (int32_t f = 0; status == PLIANT_OK && f < num_faces; f++) {
         sorted_face(mesh->tets + 4 * (f / 4), f % 4, key);
         start[key[0] + 2]++;
     }
-    for (int32_t n = 0; n < mesh->num_nodes; n++) start[n + 2] += start[n + 1];
-    for (int32_t f = 0; f < num_faces; f++) {
+    for (int32_t n = 0; status == PLIANT_OK && n < mesh->num_nodes; n++) start[n + 2] += start[n + 1];
+    for (int32_t f = 0; status == PLIANT_OK && f < num_faces; f++) {
         sorted_face(mesh->tets + 4 * (f / 4), f % 4, key);
         faces[start[key[0] + 1]++] = f;
     }
     memset(neighbours, 0xff, (size_t)num_faces * sizeof *neighbours);
     for (int32_t n = 0; n < mesh->num_nodes && status == PLIANT_OK; n++)
-        for (int32_t a = start[n]; a < start[n + 1]; a++) {
-            sorted_face(mesh->tets + 4 * (faces[a] / 4), faces[a] % 4, key);
-            for (int32_t b = a + 1; b < start[n + 1]; b++) {
-                sorted_face(mesh->tets + 4 * (faces[b] / 4), faces[b] % 4, other);
-                if (memcmp(key, other, sizeof key) != 0) continue;
-                if (neighbours[faces[a]] >= 0 || neighbours[faces[b]] >= 0) {
-                    status = pliant_fail(PLIANT_ERROR_FORMAT, "three tetrahedra share the face %d %d %d", key[0], key[1], key[2]);
-                    break;
-                }
-                neighbours[faces[a]] = faces[b] / 4;
-                neighbours[faces[b]] = faces[a] / 4;
-            }
-        }
-done:
+        status = pair_faces(mesh, faces + start[n], start[n + 1] - start[n], neighbours);
     pliant_free(start);
     pliant_free(faces);
     return status;
@@ -87,27 +102,24 @@ done:
     return status;
 }
 
-/* label every tetrahedron with its piece, by flooding across faces; returns the number of pieces */
-static int32_t label_pieces(const pliant_mesh *mesh, const int32_t *neighbours, int32_t *piece, int32_t *stack)
+static int32_t first_of(int32_t *piece, int32_t tet)
+{
+    while (piece[tet] != tet) tet = piece[tet] = piece[piece[tet]];
+    return tet;
+}
+
+/* Label every tetrahedron with its piece, joined across faces, in the order of their first ones; returns how many. */
+static int32_t label_pieces(const pliant_mesh *mesh, const int32_t *neighbours, int32_t *piece)
 {
     int32_t pieces = 0;
-    memset(piece, 0xff, (size_t)mesh->num_tets * sizeof *piece);
-    for (int32_t seed = 0; seed < mesh->num_tets; seed++) {
-        if (piece[seed] >= 0) continue;
-        int32_t top = 0;
-        stack[top++] = seed;
-        piece[seed] = pieces;
-        while (top > 0) {
-            int32_t tet = stack[--top];
-            for (int c = 0; c < 4; c++) {
-                int32_t next = neighbours[4 * tet + c];
-                if (next < 0 || piece[next] >= 0) continue;
-                piece[next] = pieces;
-                stack[top++] = next;
-            }
-        }
-        pieces++;
+    for (int32_t t = 0; t < mesh->num_tets; t++) piece[t] = t;
+    for (int32_t f = 0; f < 4 * mesh->num_tets; f++) {
+        if (neighbours[f] < 0) continue;
+        int32_t a = first_of(piece, f / 4), b = first_of(piece, neighbours[f]);
+        piece[a > b ? a : b] = a > b ? b : a;
     }
+    for (int32_t t = 0; t < mesh->num_tets; t++) piece[t] = first_of(piece, t);
+    for (int32_t t = 0; t < mesh->num_tets; t++) piece[t] = piece[t] == t ? pieces++ : piece[piece[t]];
     return pieces;
 }
 
@@ -153,20 +165,19 @@ static bool find_footing(const pliant_mesh *mesh, const int32_t *piece, uint8_t 
     return changed;
 }
 
-pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t *fixed, uint8_t *loose, int32_t *pieces)
+pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed, uint8_t *loose, int32_t *pieces)
 {
     size_t tets = (size_t)mesh->num_tets;
     int32_t *neighbours = pliant_calloc(tets, 4 * sizeof *neighbours), *piece = pliant_calloc(tets, sizeof *piece);
-    int32_t *stack = pliant_calloc(tets, sizeof *stack);
     uint8_t *firm_node = pliant_calloc((size_t)mesh->num_nodes, 1);
     footing *feet = NULL;
     pliant_status status = PLIANT_OK;
-    if (!neighbours || !piece || !stack || !firm_node) {
+    if (!neighbours || !piece || !firm_node) {
         status = pliant_fail_memory("the pieces of the mesh");
         goto done;
     }
     if ((status = pliant_mesh_neighbours(mesh, neighbours)) != PLIANT_OK) goto done;
-    int32_t count = label_pieces(mesh, neighbours, piece, stack), largest = 0, num_loose = 0;
+    int32_t count = label_pieces(mesh, neighbours, piece), largest = 0, num_loose = 0;
     if (!(feet = pliant_calloc((size_t)count, sizeof *feet))) {
         status = pliant_fail_memory("the pieces of the mesh");
         goto done;
@@ -178,7 +189,7 @@ pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t *fixed, uint8_t 
         if (feet[p].tets > feet[largest].tets) largest = p;
         num_loose += !feet[p].firm;
     }
-    if (!feet[largest].firm) {
+    if (whole && !feet[largest].firm) {
         status = pliant_fail(PLIANT_ERROR_SCENE,
                              "nothing holds the largest piece of tissue (%d of %d tetrahedra): it needs three fixed nodes that are not in a "
                              "line. Mark a material as fixed (bone), or add a box or plane under fixed: in the scene",
@@ -187,12 +198,11 @@ pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t *fixed, uint8_t 
     }
     for (int32_t t = 0; t < mesh->num_tets; t++) loose[t] = !feet[piece[t]].firm;
     for (int32_t v = 0; v < 4 * mesh->num_tets; v++)
-        if (loose[v / 4] && !firm_node[mesh->tets[v]]) fixed[mesh->tets[v]] = 1;
+        if (loose[v / 4] && !firm_node[mesh->tets[v]]) fixed[mesh->tets[v]] = how;
     *pieces = num_loose;
 done:
     pliant_free(neighbours);
     pliant_free(piece);
-    pliant_free(stack);
     pliant_free(firm_node);
     pliant_free(feet);
     return status;

@@ -36,11 +36,16 @@ int pliant_mesh_slot_of(int parity, const double local[3])
     return 0;
 }
 
-int32_t pliant_mesh_node_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node)
+int32_t pliant_mesh_lattice_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node)
 {
     int32_t at = coarse->lattice_of_node[node], nx = coarse->cells[0] + 1, ny = coarse->cells[1] + 1;
     int32_t ratio = fine->cells[0] / coarse->cells[0], i = at % nx * ratio, j = at / nx % ny * ratio, k = at / nx / ny * ratio;
-    return fine->node_of_lattice[i + (fine->cells[0] + 1) * (j + (fine->cells[1] + 1) * k)];
+    return i + (fine->cells[0] + 1) * (j + (fine->cells[1] + 1) * k);
+}
+
+int32_t pliant_mesh_node_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node)
+{
+    return fine->node_of_lattice[pliant_mesh_lattice_in(fine, coarse, node)];
 }
 
 /* by the centroid */

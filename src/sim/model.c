@@ -1,11 +1,11 @@
 /* From a scan and a scene to the constant model, stage by stage. */
 #include "base/fail.h"
-#include "sim/fixed.h"
 #include "base/threads.h"
-#include "fem/coarse/lod.h"
-#include "fem/patch/patch.h"
 #include "fem/dynamics/tled.h"
+#include "fem/system.h"
 #include "pliant/memory.h"
+#include "sim/discretization.h"
+#include "sim/fixed.h"
 
 #include <string.h>
 
@@ -26,6 +26,7 @@ typedef struct builder {
     pliant_progress progress;
     pliant_tet_material *lattice_material; /* (5 * fine cells) */
     uint8_t *loose;                        /* (fine.num_tets) */
+    pliant_discretizing discretizing;
 } builder;
 
 /* condensed on the corners of every coarse tetrahedron, which must all be there */
@@ -109,12 +110,7 @@ static pliant_status integrate(builder *build)
                                                            !model->scene.material.deformable_bone, &model->materials, body->fine_material);
         if (status != PLIANT_OK) return status;
     }
-    for (int32_t t = 0; t < fine->num_tets; t++) {
-        const int32_t *nodes = fine->tets + 4 * t;
-        double gradients[12];
-        double volume = pliant_mesh_gradients(fine, t, gradients);
-        for (int v = 0; v < 4; v++) body->node_mass[nodes[v]] += 0.25 * volume * body->fine_material[t].density;
-    }
+    pliant_body_masses(body, body->node_mass);
     if (!is_coarse(model)) return PLIANT_OK;
     const pliant_mesh *coarse = &body->coarse;
     body->coarse_of_fine = pliant_calloc((size_t)fine->num_tets, sizeof *body->coarse_of_fine);
@@ -143,7 +139,7 @@ static pliant_status hold_coarse(builder *build)
     uint8_t *loose = pliant_calloc((size_t)coarse->num_tets, 1);
     int32_t pieces = 0, ratio = model->scene.mesh.ratio;
     if (!loose) return pliant_fail_memory("the fixed nodes");
-    pliant_status status = pliant_mesh_hold(coarse, body->coarse_fixed, loose, &pieces);
+    pliant_status status = pliant_mesh_hold(coarse, PLIANT_FIXED_AT_REST, true, body->coarse_fixed, loose, &pieces);
     if (status == PLIANT_ERROR_SCENE) {
         for (int32_t n = 0; n < fine->num_nodes; n++) {
             if (!body->fine_fixed[n]) continue;
@@ -153,58 +149,28 @@ static pliant_status hold_coarse(builder *build)
             if (node >= 0) body->coarse_fixed[node] = 1;
         }
         pliant_log(PLIANT_LOG_WARNING, "coarse: fewer than three of its nodes lie in what is fixed; the nearest ones are fixed instead");
-        status = pliant_mesh_hold(coarse, body->coarse_fixed, loose, &pieces);
+        status = pliant_mesh_hold(coarse, PLIANT_FIXED_AT_REST, true, body->coarse_fixed, loose, &pieces);
     }
     pliant_free(loose);
     return status;
 }
 
 /* Coarse nodes that are fixed fine ones, those of loose pieces among them. Homogenized elements know of fixed nodes inside
- * (hold_homogenized), others do not. */
+ * (discretization.c), others do not. */
 static pliant_status fix_coarse(builder *build)
 {
     const pliant_model *model = build->model;
     pliant_body *body = model->body;
     const pliant_mesh *fine = &body->fine, *coarse = &body->coarse;
     body->coarse_fixed = pliant_calloc((size_t)coarse->num_nodes, 1);
-    if (!body->coarse_fixed) return pliant_fail_memory("the fixed nodes");
+    body->fine_of_coarse = pliant_calloc((size_t)coarse->num_nodes, sizeof *body->fine_of_coarse);
+    if (!body->coarse_fixed || !body->fine_of_coarse) return pliant_fail_memory("the fixed nodes");
     for (int32_t n = 0; n < coarse->num_nodes; n++) {
-        int32_t node = pliant_mesh_node_in(fine, coarse, n);
+        int32_t node = body->fine_of_coarse[n] = pliant_mesh_node_in(fine, coarse, n);
         body->coarse_fixed[n] = node >= 0 && body->fine_fixed[node];
     }
     return model->scene.model.method == PLIANT_COARSE ? hold_coarse(build) : PLIANT_OK;
 }
-
-/* A homogenized element that holds fixed fine nodes holds its corners. What hangs on fewer than three nodes is held where
- * it is, as on the fine mesh. */
-static pliant_status hold_homogenized(builder *build)
-{
-    pliant_body *body = build->model->body;
-    const pliant_mesh *coarse = &body->coarse;
-    const uint8_t *grounded = build->model->system->grounded;
-    uint8_t *held = pliant_calloc((size_t)coarse->num_nodes, 1), *stands = pliant_calloc((size_t)coarse->num_nodes, 1);
-    uint8_t *loose = pliant_calloc((size_t)coarse->num_tets, 1);
-    int32_t pieces = 0;
-    pliant_status status = held && stands && loose ? PLIANT_OK : pliant_fail_memory("the fixed nodes");
-    if (status == PLIANT_OK) {
-        memcpy(stands, body->coarse_fixed, (size_t)coarse->num_nodes);
-        for (int32_t v = 0; v < 4 * coarse->num_tets; v++)
-            if (grounded[v / 4]) stands[coarse->tets[v]] = 1;
-        memcpy(held, stands, (size_t)coarse->num_nodes);
-        status = pliant_mesh_hold(coarse, held, loose, &pieces);
-    }
-    for (int32_t n = 0; status == PLIANT_OK && n < coarse->num_nodes; n++)
-        if (held[n] && !stands[n]) body->coarse_fixed[n] = 1;
-    if (status == PLIANT_OK && pieces > 0)
-        pliant_log(PLIANT_LOG_WARNING, "%d pieces of the coarse mesh hang on fewer than three nodes; they are held where they are", pieces);
-    pliant_free(held);
-    pliant_free(stands);
-    pliant_free(loose);
-    return status;
-}
-
-/* Loose pieces keep their place in the picture, but carry nothing: their stiffness is taken down to this part. */
-static const double loose_stiffness = 1e-6;
 
 static pliant_status fix(builder *build)
 {
@@ -215,16 +181,17 @@ static pliant_status fix(builder *build)
     build->loose = pliant_calloc((size_t)fine->num_tets, 1);
     if (!body->fine_fixed || !build->loose) return pliant_fail_memory("the fixed nodes");
     for (int32_t n = 0; n < fine->num_nodes; n++) body->fine_fixed[n] = pliant_fixed_node(model, n);
-    if (model->scene.solver.kind == PLIANT_TLED && pliant_tled_stands(&model->scene)) return PLIANT_OK;
-    pliant_status status = pliant_mesh_hold(fine, body->fine_fixed, build->loose, &body->num_held_pieces);
+    body->falls = model->scene.solver.kind == PLIANT_TLED && pliant_tled_stands(&model->scene);
+    if (body->falls) return PLIANT_OK;
+    pliant_status status = pliant_mesh_hold(fine, PLIANT_FIXED_AT_REST, true, body->fine_fixed, build->loose, &body->num_held_pieces);
     if (status != PLIANT_OK) return status;
     if (body->num_held_pieces > 0) {
         int32_t count = 0;
         for (int32_t t = 0; t < fine->num_tets; t++) {
             count += build->loose[t];
             if (!build->loose[t]) continue;
-            body->fine_material[t].lambda *= loose_stiffness;
-            body->fine_material[t].mu *= loose_stiffness;
+            body->fine_material[t].lambda *= PLIANT_LOOSE_STIFFNESS;
+            body->fine_material[t].mu *= PLIANT_LOOSE_STIFFNESS;
         }
         pliant_log(PLIANT_LOG_WARNING, "%d pieces (%d of %d tetrahedra) hang on nothing that is fixed; they are held where they are",
                    body->num_held_pieces, count, fine->num_tets);
@@ -234,78 +201,28 @@ static pliant_status fix(builder *build)
 
 static pliant_status homogenize(builder *build)
 {
-    pliant_model *model = build->model;
-    pliant_body *body = model->body;
-    pliant_system *system = model->system;
-    system->fine = &body->fine;
-    system->mesh = is_coarse(model) ? &body->coarse : &body->fine;
-    system->num_threads = pliant_threads_of(model->scene.solver.threads);
-    if (model->scene.solver.kind == PLIANT_TLED) return pliant_tled_system_create(model, &model->tled);
-    if (!is_coarse(model)) return pliant_system_elements(system, body->fine_material);
-    if (model->scene.model.method == PLIANT_COARSE) {
-        pliant_status status = pliant_system_elements(system, body->coarse_material);
-        return status == PLIANT_OK ? pliant_upsample_linear(system, body->coarse_of_fine) : status;
-    }
-    if (model->scene.model.method == PLIANT_LOD) {
-        pliant_status status = pliant_lod_ground(system, body->fine_fixed, body->coarse_fixed, body->coarse_of_fine);
-        if (status == PLIANT_OK) status = hold_homogenized(build);
-        if (status != PLIANT_OK) return status;
-        return pliant_lod(system, &model->scene, body->fine_fixed, body->coarse_fixed, body->fine_material, build->progress);
-    }
-    pliant_tet_material *none = pliant_calloc((size_t)body->coarse.num_tets, sizeof *none); /* geometry only */
-    if (!none) return pliant_fail_memory("the coarse elements");
-    pliant_status status = pliant_system_elements(system, none);
-    pliant_free(none);
-    if (status != PLIANT_OK) return status;
-    status = pliant_homogenize(system, &model->scene, &body->fine, body->fine_fixed, body->fine_material, body->coarse_of_fine,
-                               build->progress);
-    return status == PLIANT_OK ? hold_homogenized(build) : status;
+    pliant_status status = pliant_discretizing_begin(&build->model->scene, build->model->body, build->progress, &build->discretizing);
+    return status == PLIANT_OK ? pliant_discretizing_homogenize(&build->discretizing) : status;
 }
+static pliant_status analyze(builder *build) { return pliant_discretizing_analyze(&build->discretizing); }
+static pliant_status factorize(builder *build) { return pliant_discretizing_factorize(&build->discretizing); }
 
-/* M_j = sum of m_i N_ij over the fine nodes, [H] 10 */
-static pliant_status gravity_mass(pliant_model *model)
+/* beyond what is counted */
+static size_t factor_bytes(const builder *build)
 {
-    const pliant_body *body = model->body;
-    pliant_system *system = model->system;
-    int32_t count = body->fine.num_nodes, *nodes = pliant_calloc((size_t)count, sizeof *nodes);
-    system->gravity_mass = pliant_calloc((size_t)system->num_free, 9 * sizeof *system->gravity_mass);
-    if (!nodes || !system->gravity_mass) {
-        pliant_free(nodes);
-        return pliant_fail_memory("the gravity-mass matrices");
-    }
-    for (int32_t n = 0; n < count; n++) nodes[n] = n;
-    pliant_upsample_weights(system, system->mesh->rest, count, nodes, body->node_mass, system->gravity_mass);
-    pliant_free(nodes);
-    return PLIANT_OK;
+    const pliant_discretization *made = build->discretizing.made;
+    return made && made->system ? pliant_preconditioner_bytes(made->system->preconditioner) : 0;
 }
 
-static pliant_status analyze(builder *build)
+static void hand_over(builder *build)
 {
     pliant_model *model = build->model;
-    pliant_body *body = model->body;
-    if (model->tled) return PLIANT_OK; /* no matrix */
-    pliant_status status = pliant_system_unknowns(model->system, is_coarse(model) ? body->coarse_fixed : body->fine_fixed);
-    if (status == PLIANT_OK) status = gravity_mass(model);
-    if (status != PLIANT_OK) return status;
-    /* the V-cycle's meshes nest by lattice, and its matrices are of tetrahedra */
-    bool direct = model->scene.mesh.kind == PLIANT_OCTREE || model->scene.model.method == PLIANT_LOD;
-    pliant_preconditioner_choice choice = direct ? PLIANT_DIRECT : model->scene.solver.preconditioner;
-    return pliant_preconditioner_create(model->system, choice, &model->system->preconditioner);
-}
-
-static pliant_status factorize(builder *build)
-{
-    pliant_system *system = build->model->system;
-    if (build->model->tled) return PLIANT_OK;
-    pliant_tangent *tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents);
-    if (!tangents) return pliant_fail_memory("the stiffness matrix");
-    pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, tangents);
-    system->mean_diagonal = pliant_system_mean_diagonal(system);
-    pliant_status status = pliant_preconditioner_numeric(system->preconditioner, tangents);
-    if (status == PLIANT_OK) build->model->condition_estimate = pliant_preconditioner_condition(system->preconditioner);
-    pliant_free(tangents);
-    if (status == PLIANT_OK && pliant_patch_asked(&build->model->scene)) status = pliant_patch_system(build->model, &build->model->fine_system);
-    return status;
+    const pliant_discretization *made = model->discretization = build->discretizing.made;
+    build->discretizing.made = NULL;
+    model->system = made->system;
+    model->fine_system = made->fine_system;
+    model->tled = made->tled;
+    model->condition_estimate = made->condition_estimate;
 }
 
 static pliant_status run_stages(builder *build)
@@ -317,13 +234,14 @@ static pliant_status run_stages(builder *build)
         if (!pliant_report_progress(build->progress, (double)stage / PLIANT_NUM_BUILD_STAGES, pliant_build_stage_name(stage)))
             return pliant_fail(PLIANT_ERROR_CANCELLED, "building the model was cancelled");
         double start = pliant_seconds();
-        size_t before = pliant_memory_in_use() + pliant_preconditioner_bytes(model->system->preconditioner);
+        size_t before = pliant_memory_in_use() + factor_bytes(build);
         pliant_status status = stages[stage](build);
         if (status != PLIANT_OK) return status;
-        size_t after = pliant_memory_in_use() + pliant_preconditioner_bytes(model->system->preconditioner);
+        size_t after = pliant_memory_in_use() + factor_bytes(build);
         model->build_seconds[stage] = pliant_seconds() - start;
         model->build_bytes[stage] = after > before ? after - before : 0;
     }
+    hand_over(build);
     pliant_report_progress(build->progress, 1, "ready");
     return PLIANT_OK;
 }
@@ -367,14 +285,14 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
     builder build = {.model = model, .labels = labels, .progress = progress};
     model->scene = *scene;
     model->scan = scan;
-    model->system = pliant_calloc(1, sizeof *model->system);
     status = pliant_body_create(1, &model->body);
-    if (status == PLIANT_OK) status = model->system ? pliant_material_table_copy(materials, &model->materials) : pliant_fail_memory("the model");
+    if (status == PLIANT_OK) status = pliant_material_table_copy(materials, &model->materials);
     int threads = pliant_threads_begin(scene->solver.threads);
     if (status == PLIANT_OK) status = run_stages(&build);
     pliant_threads_end(threads);
     pliant_free(build.lattice_material);
     pliant_free(build.loose);
+    pliant_discretizing_end(&build.discretizing);
     if (status != PLIANT_OK) {
         pliant_model_free(model);
         return status;
@@ -386,9 +304,7 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
 void pliant_model_free(pliant_model *model)
 {
     if (!model) return;
-    pliant_system_free(model->system);
-    pliant_system_free(model->fine_system);
-    pliant_tled_system_free(model->tled);
+    pliant_discretization_release(model->discretization);
     pliant_material_table_free(&model->materials);
     pliant_free(model->material_of_voxel);
     pliant_body_release(model->body);

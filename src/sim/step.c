@@ -5,6 +5,7 @@
 #include "fem/dynamics/tled.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
+#include "sim/discretization.h"
 
 #include <math.h>
 #include <string.h>
@@ -25,6 +26,8 @@ pliant_status pliant_data_create(const pliant_model *model, pliant_data **out)
     if (!data) return pliant_fail_memory("the simulation state");
     size_t before = pliant_memory_in_use();
     data->body = pliant_body_retain(model->body);
+    data->discretization = pliant_discretization_retain(model->discretization);
+    data->last_revision = data->body->revision;
     data->positions = pliant_calloc((size_t)data->body->fine.num_nodes, 3 * sizeof *data->positions);
     pliant_status status = data->positions ? pliant_host_solver_of(model)->create(model, data) : pliant_fail_memory("the simulation state");
     if (status != PLIANT_OK) {
@@ -52,6 +55,7 @@ void pliant_data_free(pliant_data *data)
     pliant_solver_free(data->solver);
     pliant_tled_free(data->tled);
     pliant_warp_free(data->warp);
+    pliant_discretization_release(data->discretization);
     pliant_body_release(data->body);
     pliant_free(data->positions);
     pliant_free(data);
@@ -59,7 +63,10 @@ void pliant_data_free(pliant_data *data)
 
 pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
 {
-    pliant_status status = data->backend->kind->reset(data);
+    /* of another topology the solver is made anew, and has nothing left to make */
+    pliant_status status = pliant_body_same(data->discretization->body, model->body) ? PLIANT_OK : pliant_data_set_body(model, data, model->body);
+    if (status == PLIANT_OK) status = data->backend->kind->reset(data);
+    if (status == PLIANT_OK) status = pliant_data_set_body(model, data, model->body);
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < data->num_tools; t++) pliant_tool_forget(data->tools + t);
     memcpy(data->positions, data->body->fine.rest, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
@@ -74,7 +81,7 @@ pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, con
 {
     pliant_warp *warp = NULL;
     if (target) {
-        pliant_status status = pliant_warp_create(model->scan, &data->body->fine, target, model->system->num_threads, &warp);
+        pliant_status status = pliant_warp_create(model->scan, &data->discretization->body->fine, target, data->discretization->system->num_threads, &warp);
         if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp, model->scene.warp.fit_step);
         /* a step's stages hand over on the GPU */
         if (status == PLIANT_OK && !data->backend->on_host) status = pliant_warp_backend(warp, model->scene.solver.backend);
@@ -97,7 +104,11 @@ pliant_status pliant_data_gravity(pliant_data *data, const double gravity[3])
 }
 
 /* whoever runs the other stages: only the CPU does where there is one */
-static pliant_status patch(const pliant_model *model, pliant_data *data) { return data->patch ? pliant_patch_step(model, data) : PLIANT_OK; }
+static pliant_status patch(const pliant_model *model, pliant_data *data)
+{
+    (void)model;
+    return data->patch ? pliant_patch_step(data) : PLIANT_OK;
+}
 
 pliant_status pliant_step(const pliant_model *model, pliant_data *data)
 {

@@ -37,6 +37,8 @@ typedef struct pliant_warp_device {
 extern const pliant_warp_device pliant_cuda_warp_device;
 #endif
 
+/* The voxels of another warp of the same scan and target, until the next update, which draws everything. */
+void pliant_warp_show(pliant_warp *warp, const pliant_warp *from);
 /* The device's object, NULL when the CPU does the updates; and the end of that, when it failed. */
 void *pliant_warp_accelerated(const pliant_warp *warp);
 void pliant_warp_leave(pliant_warp *warp);

@@ -399,6 +399,12 @@ const pliant_volume *pliant_warp_volume(const pliant_warp *warp)
     return &warp->volume;
 }
 
+void pliant_warp_show(pliant_warp *warp, const pliant_warp *from)
+{
+    const pliant_volume *shown = pliant_warp_volume(from);
+    memcpy(warp->volume.voxels, shown->voxels, pliant_geometry_voxels(&shown->geometry) * pliant_encoding_size(shown->encoding));
+}
+
 const pliant_mesh *pliant_warp_mesh(const pliant_warp *warp) { return warp->mesh; }
 const pliant_geometry *pliant_warp_geometry(const pliant_warp *warp) { return &warp->volume.geometry; }
 

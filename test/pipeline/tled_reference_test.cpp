@@ -13,12 +13,14 @@ namespace {
 // Rest positions were moved: everything that was made of them is made anew.
 void remake(Body &body)
 {
+    auto *made = const_cast<pliant_discretization *>(body.model->discretization);
     pliant_tled_free(body.data->tled);
-    pliant_tled_system_free(body.model->tled);
+    pliant_tled_system_free(made->tled);
     body.data->tled = nullptr;
-    body.model->tled = nullptr;
-    ASSERT_EQ(pliant_tled_system_create(body.model, &body.model->tled), PLIANT_OK) << pliant_last_error();
-    ASSERT_EQ(pliant_tled_create(body.model, &body.data->tled), PLIANT_OK) << pliant_last_error();
+    made->tled = nullptr;
+    ASSERT_EQ(pliant_tled_system_create(&body.scene, body.model->body, &made->tled), PLIANT_OK) << pliant_last_error();
+    body.model->tled = made->tled;
+    ASSERT_EQ(pliant_tled_create(&body.scene, made->tled, &body.data->tled), PLIANT_OK) << pliant_last_error();
 }
 
 // Cook's membrane as the deal.II code gallery has it (Pelteret and McBride 2016): corners (0, 0), (48, 44), (48, 60), (0, 44) mm, 1 mm thick,

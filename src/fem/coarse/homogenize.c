@@ -174,8 +174,7 @@ static bool schur_stiffness(pliant_submesh *submesh, int32_t tet, double out[144
     int32_t *slot = submesh->slot; /* place among the inner nodes, or -1 */
     double *kff = submesh->square, *kfc = submesh->work;
     for (int v = 0; v < 4; v++) {
-        int32_t node = pliant_mesh_node_in(submesh->fine, submesh->coarse, submesh->coarse->tets[4 * tet + v]);
-        corner[v] = node < 0 ? -1 : submesh->local_of[node];
+        corner[v] = pliant_submesh_corner(submesh, tet, v);
         if (corner[v] < 0) return false;
     }
     for (int32_t n = 0; n < submesh->num_nodes; n++) {

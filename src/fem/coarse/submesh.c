@@ -155,6 +155,15 @@ void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material 
     }
 }
 
+int32_t pliant_submesh_corner(const pliant_submesh *submesh, int32_t tet, int corner)
+{
+    /* where a cut has made copies, one of them: the first that is here */
+    int32_t at = pliant_mesh_lattice_in(submesh->fine, submesh->coarse, submesh->coarse->tets[4 * tet + corner]), found = -1;
+    for (int32_t n = 0; n < submesh->num_nodes; n++)
+        if (submesh->fine->lattice_of_node[submesh->node[n]] == at && (found < 0 || submesh->node[n] < submesh->node[found])) found = n;
+    return found;
+}
+
 bool pliant_submesh_has_fixed(const pliant_submesh *submesh)
 {
     for (int32_t n = 0; n < submesh->num_nodes; n++)

@@ -43,6 +43,8 @@ void pliant_submesh_free(pliant_submesh *submesh);
 pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, const int32_t *tets);
 /* The stiffness again, of one material everywhere; NULL: of its own. */
 void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material *everywhere);
+/* The node of it, by its number there, at a corner of the coarse tetrahedron; -1: none */
+int32_t pliant_submesh_corner(const pliant_submesh *submesh, int32_t tet, int corner);
 bool pliant_submesh_has_fixed(const pliant_submesh *submesh);
 
 #ifdef __cplusplus

@@ -78,7 +78,7 @@ void pliant_upsample_positions(const pliant_system *system, const double *solved
     for (size_t n = 0; n < count; n++) {
         const double *rest = system->fine->rest + 3 * n;
         double sum[3] = {0, 0, 0};
-        if (upsample->still && upsample->still[n]) {
+        if (upsample->still && upsample->still[n] == PLIANT_FIXED_AT_REST) {
             memcpy(sum, rest, sizeof sum);
         } else if (!upsample->start) {
             const int32_t *nodes = system->mesh->tets + 4 * upsample->coarse_tet[n];
@@ -117,7 +117,7 @@ void pliant_upsample_weights(const pliant_system *system, const double *solved, 
             pliant_macro_weights(system, solved, n, weights[h], dense);
         } else if (!upsample) {
             add_block(system, n, weights[h], NULL, dense);
-        } else if (upsample->still && upsample->still[n]) {
+        } else if (upsample->still && upsample->still[n] == PLIANT_FIXED_AT_REST) {
             continue;
         } else if (!upsample->start) {
             for (int v = 0; v < 4; v++)

@@ -98,15 +98,18 @@ struct pliant_tled {
 };
 
 /* ---- tled_create.c */
-pliant_status pliant_tled_system_create(const pliant_model *model, pliant_tled_system **out);
+pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_body *body, pliant_tled_system **out);
 void pliant_tled_system_free(pliant_tled_system *system); /* Nullable */
-pliant_status pliant_tled_create(const pliant_model *model, pliant_tled **out);
+pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_system *system, pliant_tled **out);
 void pliant_tled_free(pliant_tled *tled); /* Nullable */
 void pliant_tled_reset(pliant_tled *tled);
 /* At rest where it is: dynamic relaxation begins anew. */
 void pliant_tled_calm(pliant_tled *tled);
 /* Largest eigenvalue of B'DB of an isotropic tetrahedron, over its volume [N/m^4], from its gradients (4 x 3). */
 double pliant_element_largest_eigenvalue(const double gradients[12], double lambda, double mu);
+
+/* The state of one for the body before: displacements, velocities, what has relaxed, limits. Tools are not. */
+void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_body_map *map);
 
 /* Whether something keeps what is not fixed from falling for ever. */
 bool pliant_tled_stands(const pliant_scene *scene);

@@ -156,9 +156,9 @@ static void fill_elements(pliant_tled_system *system, const pliant_tet_material 
     }
 }
 
-pliant_status pliant_tled_system_create(const pliant_model *model, pliant_tled_system **out)
+pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_body *body, pliant_tled_system **out)
 {
-    const pliant_mesh *mesh = &model->body->fine;
+    const pliant_mesh *mesh = &body->fine;
     size_t nodes = (size_t)mesh->num_nodes;
     pliant_tled_system *system = pliant_calloc(1, sizeof *system);
     double *pseudo_mass = pliant_calloc(nodes, sizeof *pseudo_mass), *compliance = pliant_calloc(nodes, 2 * sizeof *compliance);
@@ -166,18 +166,18 @@ pliant_status pliant_tled_system_create(const pliant_model *model, pliant_tled_s
     if (status != PLIANT_OK) goto failed;
     system->mesh = mesh;
     system->num_blocks = (mesh->num_tets + LANES - 1) / LANES;
-    if ((status = set_options(system, &model->scene)) != PLIANT_OK) goto failed;
+    if ((status = set_options(system, scene)) != PLIANT_OK) goto failed;
     if ((double)system->num_blocks * 12 * LANES > INT32_MAX) {
         status = pliant_fail(PLIANT_ERROR_SCENE, "%d tetrahedra are more than tled can number", mesh->num_tets);
         goto failed;
     }
     if ((status = allocate(system)) != PLIANT_OK) goto failed;
-    system->node_mass = model->body->node_mass;
-    fill_elements(system, model->body->fine_material, model->body->fine_fixed, pseudo_mass, compliance);
+    system->node_mass = body->node_mass;
+    fill_elements(system, body->fine_material, body->fine_fixed, pseudo_mass, compliance);
     gather_lists(system);
     for (size_t n = 0; n < nodes; n++) {
-        double mass = system->quasi_static ? pseudo_mass[n] / (system->safety * system->safety) : model->body->node_mass[n];
-        if (!model->body->fine_fixed[n] && mass > 0) system->inverse_mass[n] = 1 / mass;
+        double mass = system->quasi_static ? pseudo_mass[n] / (system->safety * system->safety) : body->node_mass[n];
+        if (!body->fine_fixed[n] && mass > 0) system->inverse_mass[n] = 1 / mass;
         if (!system->nodal_pressure) continue;
         /* the harmonic mean: no stiffer than the elements, so that their bound of the time step holds (Cauchy and Schwarz) */
         system->node_volume[n] = (float)(1 / compliance[2 * n]);
@@ -252,16 +252,15 @@ static void set_smallest_load(pliant_tled *tled)
     tled->smallest_load = tled->system->quasi_static ? mass * pow(0.05 * tled->reach, 2) : 0;
 }
 
-pliant_status pliant_tled_create(const pliant_model *model, pliant_tled **out)
+pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_system *system, pliant_tled **out)
 {
-    const pliant_tled_system *system = model->tled;
     const double most = 1e5;
     pliant_tled *tled = pliant_calloc(1, sizeof *tled);
     if (!tled) return pliant_fail_memory("the state of the dynamics");
     tled->system = system;
-    tled->frame = model->scene.solver.step;
-    tled->relaxation_steps = model->scene.tled.relaxation_steps;
-    tled->tolerance = model->scene.solver.tolerance;
+    tled->frame = scene->solver.step;
+    tled->relaxation_steps = scene->tled.relaxation_steps;
+    tled->tolerance = scene->solver.tolerance;
     pliant_status status = PLIANT_OK;
     double count = ceil(tled->frame / (system->safety * fmin(system->edge_bound, system->eigenvalue_bound)) - 1e-9);
     if (system->quasi_static) {
@@ -306,6 +305,30 @@ void pliant_tled_calm(pliant_tled *tled)
     memset(tled->d, 0, 3 * nodes * sizeof *tled->d);
     if (tled->own) memset(tled->own, 0, 3 * nodes * sizeof *tled->own); /* it may hold what is not a number */
     memset(tled->quotient, 0, sizeof tled->quotient);
+}
+
+void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_body_map *map)
+{
+    const pliant_tled_system *system = tled->system;
+    tled->tolerance = from->tolerance;
+    if (system->quasi_static) {
+        tled->substeps = from->substeps;
+    } else if (from->time_step < tled->time_step) { /* it was halved */
+        tled->substeps = from->substeps;
+        tled->time_step = from->time_step;
+    }
+    memcpy(tled->target, from->target, sizeof tled->target);
+    const double faster = tled->time_step / from->time_step; /* increments are of a sub-step; those of relaxation are of none */
+    for (int32_t n = 0; n < system->mesh->num_nodes; n++) {
+        const bool moves = system->inverse_mass[n] > 0 && !system->quasi_static;
+        for (int d = 0; d < 3; d++) {
+            tled->u[3 * n + d] = from->u[3 * map->node[n] + d];
+            tled->d[3 * n + d] = moves ? faster * from->d[3 * map->node[n] + d] : 0;
+        }
+    }
+    for (int32_t t = 0; tled->memory && t < system->mesh->num_tets; t++)
+        for (int m = 0; m < 6 * PLIANT_PRONY_TERMS; m++)
+            tled->memory[t / LANES][m][t % LANES] = from->memory[map->tet[t] / LANES][m][map->tet[t] % LANES];
 }
 
 bool pliant_tled_stands(const pliant_scene *scene)

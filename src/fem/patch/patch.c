@@ -49,7 +49,8 @@ typedef struct patch_room {
 } patch_room;
 
 struct pliant_patch {
-    const pliant_model *model;
+    const pliant_scene *scene;
+    const pliant_discretization *discretization;
     pliant_preconditioner *preconditioner; /* of the fine system, this one's own; made with the first patch */
     patch_job job;
     atomic_bool stop;         /* the job is no longer wanted */
@@ -66,23 +67,23 @@ struct pliant_patch {
 
 bool pliant_patch_asked(const pliant_scene *scene) { return scene->model.patch > 0 && scene->model.method != PLIANT_FINE; }
 
-pliant_status pliant_patch_system(const pliant_model *model, pliant_system **out)
+pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *body, int num_threads, pliant_system **out)
 {
     pliant_system *system = pliant_calloc(1, sizeof *system);
     pliant_tangent *tangents = NULL;
     if (!system) return pliant_fail_memory("the fine mesh of patches");
-    system->mesh = system->fine = &model->body->fine;
-    system->num_threads = model->system->num_threads;
-    pliant_status status = pliant_system_elements(system, model->body->fine_material);
-    if (status == PLIANT_OK) status = pliant_system_unknowns(system, model->body->fine_fixed);
+    system->mesh = system->fine = &body->fine;
+    system->num_threads = num_threads;
+    pliant_status status = pliant_system_elements(system, body->fine_material);
+    if (status == PLIANT_OK) status = pliant_system_unknowns(system, body->fine_fixed);
     /* nine solves with one matrix: a factor pays for longer than in a solver, which makes it anew */
-    pliant_preconditioner_choice choice = model->scene.solver.preconditioner;
+    pliant_preconditioner_choice choice = scene->solver.preconditioner;
     if (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free <= LARGEST_DIRECT) choice = PLIANT_DIRECT;
     if (status == PLIANT_OK) status = pliant_preconditioner_create(system, choice, &system->preconditioner);
     if (status == PLIANT_OK && !(tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents)))
         status = pliant_fail_memory("the fine mesh of patches");
     if (status == PLIANT_OK) {
-        pliant_system_tangents(system, model->body->fine.rest, PLIANT_TWIST_EXACT, tangents);
+        pliant_system_tangents(system, body->fine.rest, PLIANT_TWIST_EXACT, tangents);
         status = pliant_preconditioner_numeric(system->preconditioner, tangents);
     }
     pliant_free(tangents);
@@ -106,7 +107,7 @@ static pliant_space_size size_of(const pliant_patch *patch, int32_t blocks)
 {
     pliant_foothold footholds[PLIANT_MAX_TOOLS];
     int32_t count = list_footholds(&patch->job, footholds);
-    return pliant_space_measure(patch->model->fine_system, patch->model->scene.model.patch, count, footholds, blocks);
+    return pliant_space_measure(patch->discretization->fine_system, patch->scene->model.patch, count, footholds, blocks);
 }
 
 /* Steps that a patch may take, of so many blocks of responses, some of which are still to be made: its operations at a rate that a
@@ -114,19 +115,20 @@ static pliant_space_size size_of(const pliant_patch *patch, int32_t blocks)
 static int32_t delay_of(const pliant_patch *patch, int missing, int all)
 {
     const double rate = 2e9;
-    const pliant_model *model = patch->model;
-    const pliant_system *fine = model->fine_system;
-    if (model->scene.model.patch_delay > 0) return model->scene.model.patch_delay;
+    const pliant_scene *scene = patch->scene;
+    const pliant_system *fine = patch->discretization->fine_system;
+    if (scene->model.patch_delay > 0) return scene->model.patch_delay;
     double operations = pliant_space_operations(fine, size_of(patch, all));
     if (missing > 0) operations += missing * pliant_response_operations(fine, fine->preconditioner, patch->job.x);
-    return 1 + (int32_t)fmin(ceil(operations / rate / model->scene.solver.step), 99998);
+    return 1 + (int32_t)fmin(ceil(operations / rate / scene->solver.step), 99998);
 }
 
-pliant_status pliant_patch_create(const pliant_model *model, pliant_patch **out)
+pliant_status pliant_patch_create(const pliant_scene *scene, const pliant_discretization *discretization, pliant_patch **out)
 {
     pliant_patch *patch = pliant_calloc(1, sizeof *patch);
     if (!patch) return pliant_fail_memory("the patches");
-    patch->model = model;
+    patch->scene = scene;
+    patch->discretization = discretization;
     atomic_init(&patch->stop, false);
     *out = patch;
     return PLIANT_OK;
@@ -180,11 +182,11 @@ static bool is_refused(const pliant_patch *patch, const pliant_data *data, int t
     return patch->refused[tool] == data->tools[tool].hold && data->statistics.step < patch->refused_until[tool];
 }
 
-static pliant_status room_create(const pliant_model *model, const pliant_space *space, patch_room *out)
+static pliant_status room_create(const pliant_discretization *discretization, const pliant_space *space, patch_room *out)
 {
     out->element_forces = pliant_calloc((size_t)space->system.num_blocks, sizeof *out->element_forces);
-    out->positions = pliant_calloc((size_t)model->body->fine.num_nodes, 3 * sizeof *out->positions);
-    out->coarse = pliant_calloc((size_t)model->system->mesh->num_nodes, 3 * sizeof *out->coarse);
+    out->positions = pliant_calloc((size_t)discretization->body->fine.num_nodes, 3 * sizeof *out->positions);
+    out->coarse = pliant_calloc((size_t)discretization->system->mesh->num_nodes, 3 * sizeof *out->coarse);
     return out->element_forces && out->positions && out->coarse ? PLIANT_OK : pliant_fail_memory("a patch");
 }
 
@@ -248,7 +250,7 @@ static pliant_status check_memory(const pliant_patch *patch)
     int32_t blocks = 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++) blocks += 2 * job->wanted[t][u] + (job->blocks[t][u] != NULL);
-    double bytes = pliant_space_bytes(patch->model->fine_system, size_of(patch, blocks)), available = pliant_free_memory();
+    double bytes = pliant_space_bytes(patch->discretization->fine_system, size_of(patch, blocks)), available = pliant_free_memory();
     if (bytes <= share * available) return PLIANT_OK;
     return pliant_fail(PLIANT_ERROR_MEMORY, "a patch around these holds needs %.0f MB, more than half of the %.0f MB that the machine has free",
                        bytes / 1e6, available / 1e6);
@@ -258,8 +260,8 @@ static pliant_status make_space(pliant_patch *patch)
 {
     enum { MOST_BLOCKS = PLIANT_MAX_TOOLS * (PLIANT_MAX_TOOLS + 1) / 2 };
     patch_job *job = &patch->job;
-    const pliant_model *model = patch->model;
-    const pliant_system *fine = model->fine_system;
+    const pliant_system *fine = patch->discretization->fine_system;
+    const pliant_body *body = patch->discretization->body;
     pliant_linearized linearized = {0};
     pliant_foothold footholds[PLIANT_MAX_TOOLS];
     const double *blocks[MOST_BLOCKS];
@@ -273,9 +275,9 @@ static pliant_status make_space(pliant_patch *patch)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++)
             if (job->blocks[t][u]) blocks[num_blocks++] = job->blocks[t][u];
     if (status == PLIANT_OK)
-        status = pliant_space_create(fine, &linearized, model->body->fine_material, model->body->fine_fixed, model->scene.model.patch, count, footholds,
-                                     num_blocks, blocks, model->system->num_threads, &job->space);
-    if (status == PLIANT_OK) status = pliant_solver_create(&model->scene, &job->space->system, &job->solver);
+        status = pliant_space_create(fine, &linearized, body->fine_material, body->fine_fixed, patch->scene->model.patch, count, footholds, num_blocks,
+                                     blocks, patch->discretization->system->num_threads, &job->space);
+    if (status == PLIANT_OK) status = pliant_solver_create(patch->scene, &job->space->system, &job->solver);
     pliant_linearized_free(&linearized);
     return status;
 }
@@ -343,7 +345,7 @@ static int32_t list_wanted(pliant_patch *patch)
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++) {
             if (!job->holds[t].hold || !job->holds[u].hold) continue;
-            if (!touch(job->holds + t, job->holds + u, patch->model->scene.model.patch)) continue;
+            if (!touch(job->holds + t, job->holds + u, patch->scene->model.patch)) continue;
             if (!job->copied[t] && !job->copied[u]) job->blocks[t][u] = patch->blocks[t][u];
             job->wanted[t][u] = !job->blocks[t][u];
             missing += job->wanted[t][u];
@@ -355,13 +357,13 @@ static int32_t list_wanted(pliant_patch *patch)
 static pliant_status start(pliant_patch *patch, pliant_data *data)
 {
     patch_job *job = &patch->job;
-    size_t bytes = 3 * (size_t)patch->model->body->fine.num_nodes * sizeof *job->x;
+    size_t bytes = 3 * (size_t)patch->discretization->body->fine.num_nodes * sizeof *job->x;
     pliant_status status = PLIANT_OK;
     for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
         const pliant_tool *tool = data->tools + t;
         if (!tool->holding || is_refused(patch, data, t)) continue;
         job->copied[t] = patch->holds[t].hold != tool->hold;
-        if (job->copied[t]) status = hold_copy(&patch->model->body->fine, tool, job->holds + t);
+        if (job->copied[t]) status = hold_copy(&patch->discretization->body->fine, tool, job->holds + t);
         else job->holds[t] = patch->holds[t];
     }
     if (status == PLIANT_OK && !(job->x = pliant_calloc(bytes, 1))) status = pliant_fail_memory("a patch");
@@ -384,9 +386,9 @@ static void near_positions(const pliant_space *space, const double *fine, double
 }
 
 /* The displacement from the coarse model's base to these positions, as far as the space has it. room: (3 fine nodes) */
-static void start_at(const pliant_model *model, const pliant_data *data, pliant_space *space, double *room, double *x)
+static void start_at(const pliant_data *data, pliant_space *space, double *room, double *x)
 {
-    pliant_upsample_positions(model->system, data->solver->now.x, room);
+    pliant_upsample_positions(data->solver->system, data->solver->now.x, room);
     near_positions(space, room, space->mesh.rest);
     near_positions(space, data->positions, x);
     pliant_space_project(space, x);
@@ -399,7 +401,7 @@ static void take_over(pliant_patch *patch, pliant_data *data)
     bool goes_on = patch->space != NULL;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         goes_on = goes_on && (!still_held(data, t, patch->made_for[t]) || job->holds[t].hold == patch->made_for[t]);
-    if (goes_on) start_at(patch->model, data, job->space, job->x, job->solver->now.x); /* the job is done with its x */
+    if (goes_on) start_at(data, job->space, job->x, job->solver->now.x); /* the job is done with its x */
     space_drop(patch, data);
     patch->space = job->space;
     patch->solver = job->solver;
@@ -431,7 +433,7 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
     job->in_thread = false;
     if (job->status == PLIANT_OK) {
         patch_room room = {0};
-        pliant_status status = room_create(patch->model, job->space, &room);
+        pliant_status status = room_create(patch->discretization, job->space, &room);
         if (status != PLIANT_OK) {
             room_free(&room);
             return status; /* delivered in the next step */
@@ -477,9 +479,9 @@ static bool waits(const pliant_data *data, int tool)
 /* what pliant_patch_step goes back to when it fails */
 static void keep(pliant_patch *patch, const pliant_data *data)
 {
-    const pliant_model *model = patch->model;
-    memcpy(patch->room.positions, data->positions, 3 * (size_t)model->body->fine.num_nodes * sizeof *data->positions);
-    memcpy(patch->room.coarse, data->solver->now.x, 3 * (size_t)model->system->mesh->num_nodes * sizeof *data->solver->now.x);
+    const pliant_discretization *discretization = patch->discretization;
+    memcpy(patch->room.positions, data->positions, 3 * (size_t)discretization->body->fine.num_nodes * sizeof *data->positions);
+    memcpy(patch->room.coarse, data->solver->now.x, 3 * (size_t)discretization->system->mesh->num_nodes * sizeof *data->solver->now.x);
     for (int t = 0; t < data->num_tools; t++) memcpy(patch->room.force + 3 * t, data->tools[t].force, sizeof data->tools[t].force);
 }
 
@@ -578,11 +580,11 @@ static void restart(pliant_solver *solver)
 /* The coarse model and the patch are where they were before this step. */
 static void undo(pliant_patch *patch, pliant_data *data)
 {
-    const pliant_model *model = patch->model;
+    const pliant_discretization *discretization = patch->discretization;
     patch_room *room = &patch->room;
-    memcpy(data->positions, room->positions, 3 * (size_t)model->body->fine.num_nodes * sizeof *data->positions);
-    memcpy(data->solver->now.x, room->coarse, 3 * (size_t)model->system->mesh->num_nodes * sizeof *room->coarse);
-    start_at(model, data, patch->space, room->positions, patch->solver->now.x);
+    memcpy(data->positions, room->positions, 3 * (size_t)discretization->body->fine.num_nodes * sizeof *data->positions);
+    memcpy(data->solver->now.x, room->coarse, 3 * (size_t)discretization->system->mesh->num_nodes * sizeof *room->coarse);
+    start_at(data, patch->space, room->positions, patch->solver->now.x);
     patch->solver->loaded = false; /* the load is of the base */
     restart(data->solver);
     restart(patch->solver);
@@ -592,7 +594,7 @@ static void undo(pliant_patch *patch, pliant_data *data)
     }
 }
 
-pliant_status pliant_patch_step(const pliant_model *model, pliant_data *data)
+pliant_status pliant_patch_step(pliant_data *data)
 {
     pliant_patch *patch = data->patch;
     pliant_statistics *statistics = &data->statistics, own = {.step = data->statistics.step};
@@ -611,7 +613,7 @@ pliant_status pliant_patch_step(const pliant_model *model, pliant_data *data)
         undo(patch, data);
         return status;
     }
-    pliant_space_positions(space, model->fine_system, data->positions, solver->now.x, data->positions);
+    pliant_space_positions(space, patch->discretization->fine_system, data->positions, solver->now.x, data->positions);
     for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
     for (int t = 0; t < data->num_tools; t++) statistics->patched += serves(data, t);
     statistics->patch_iterations = own.iterations;

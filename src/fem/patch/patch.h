@@ -20,9 +20,10 @@ extern "C" {
 bool pliant_patch_asked(const pliant_scene *scene);
 
 /* The fine mesh with its stiffness at rest, which responses are computed with. Errors: MEMORY, NUMERIC, SCENE. */
-pliant_status pliant_patch_system(const pliant_model *model, pliant_system **out);
+pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *body, int num_threads, pliant_system **out);
 
-pliant_status pliant_patch_create(const pliant_model *model, pliant_patch **out);
+/* Both are borrowed. */
+pliant_status pliant_patch_create(const pliant_scene *scene, const pliant_discretization *discretization, pliant_patch **out);
 void pliant_patch_free(pliant_patch *patch); /* Nullable */
 /* Nothing held, nothing moved. */
 void pliant_patch_reset(pliant_patch *patch);
@@ -36,7 +37,7 @@ pliant_solver *pliant_patch_solver(const pliant_data *data, int tool);
 pliant_status pliant_patch_hold(pliant_data *data, int tool);
 /* The stage: data->positions are the coarse model's fine nodes, and become those of the patch. NOT_CONVERGED, NUMERIC, MEMORY as
  * pliant_solver_step; where it fails, the coarse model's part of the step is undone, too. */
-pliant_status pliant_patch_step(const pliant_model *model, pliant_data *data);
+pliant_status pliant_patch_step(pliant_data *data);
 /* The displacement is dropped: the nodes are where the coarse model has them. */
 void pliant_patch_flatten(pliant_patch *patch);
 

@@ -159,6 +159,13 @@ bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at);
  * noise: of a secant, relative */
 bool pliant_solver_mix(const pliant_solver *solver, const pliant_iterate *at, double noise, double weights[PLIANT_MAX_HISTORY]);
 
+/* ---- adapt.c: what a solver of the next body, just made, takes over from the one before */
+/* Positions and limits. source: (nodes of the solved mesh) the node of the body before that each takes after */
+void pliant_solver_carry(pliant_solver *solver, const pliant_solver *from, const int32_t *source);
+/* A tool's hold, on fine nodes of the next body, and its force. Errors: MEMORY. */
+pliant_status pliant_solver_carry_hold(pliant_solver *solver, const pliant_solver *from, int tool, int32_t count, const int32_t *nodes,
+                                       const double *weights, const double *fine_positions, const double force[3]);
+
 /* ---- estimate.c: how far nodes still are from where a step would converge to [m] */
 pliant_status pliant_hindsight_create(pliant_solver *solver);
 void pliant_hindsight_free(pliant_solver *solver);

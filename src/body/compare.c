@@ -1,0 +1,85 @@
+/* Two bodies side by side: whether they differ, and what became of each part. */
+#include "base/fail.h"
+#include "pliant/body.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+static bool equal(const void *a, const void *b, size_t count, size_t size)
+{
+    if (!a || !b) return !a && !b;
+    return a == b || memcmp(a, b, count * size) == 0;
+}
+
+static bool same_mesh(const pliant_mesh *a, const pliant_mesh *b)
+{
+    if (a->num_nodes != b->num_nodes || a->num_tets != b->num_tets || memcmp(a->cells, b->cells, sizeof a->cells) != 0) return false;
+    size_t nodes = (size_t)a->num_nodes, tets = (size_t)a->num_tets;
+    return equal(a->rest, b->rest, nodes, 3 * sizeof *a->rest) && equal(a->tets, b->tets, tets, 4 * sizeof *a->tets) &&
+           equal(a->lattice_of_node, b->lattice_of_node, nodes, sizeof *a->lattice_of_node) &&
+           equal(a->lattice_of_tet, b->lattice_of_tet, tets, sizeof *a->lattice_of_tet);
+}
+
+bool pliant_body_same(const pliant_body *a, const pliant_body *b)
+{
+    if (a == b) return true;
+    if (!same_mesh(&a->fine, &b->fine) || !same_mesh(&a->coarse, &b->coarse) || a->num_triangles != b->num_triangles) return false;
+    size_t nodes = (size_t)a->fine.num_nodes, tets = (size_t)a->fine.num_tets;
+    size_t coarse_nodes = (size_t)a->coarse.num_nodes, coarse_tets = (size_t)a->coarse.num_tets;
+    return equal(a->coarse_of_fine, b->coarse_of_fine, tets, sizeof *a->coarse_of_fine) &&
+           equal(a->fine_of_coarse, b->fine_of_coarse, coarse_nodes, sizeof *a->fine_of_coarse) &&
+           equal(a->triangles, b->triangles, (size_t)a->num_triangles, 3 * sizeof *a->triangles) &&
+           equal(a->fine_material, b->fine_material, tets, sizeof *a->fine_material) &&
+           equal(a->coarse_material, b->coarse_material, coarse_tets, sizeof *a->coarse_material) &&
+           equal(a->node_mass, b->node_mass, nodes, sizeof *a->node_mass) && equal(a->fine_fixed, b->fine_fixed, nodes, sizeof *a->fine_fixed) &&
+           equal(a->coarse_fixed, b->coarse_fixed, coarse_nodes, sizeof *a->coarse_fixed);
+}
+
+/* the number at load; NULL parents: each its own */
+static int32_t parent_of(const int32_t *parent, int32_t index) { return parent ? parent[index] : index; }
+
+/* Numbers stay. What was appended since takes after its source where `to` is the next of `from`, else after what it was at load. */
+static pliant_status list_sources(int32_t count, int32_t before, const int32_t *from_parent, const int32_t *to_parent, const int32_t *source,
+                                  int32_t **out)
+{
+    int32_t *list = *out = pliant_calloc((size_t)count, sizeof *list);
+    if (!list) return pliant_fail_memory("what became of the body before");
+    for (int32_t i = 0; i < count; i++) {
+        bool kept = i < before && parent_of(from_parent, i) == parent_of(to_parent, i);
+        list[i] = kept ? i : source && i >= before ? source[i - before] : parent_of(to_parent, i);
+        if (list[i] < 0 || list[i] >= before) return pliant_fail(PLIANT_ERROR_ARGUMENT, "these two bodies are not of one mesh");
+    }
+    return PLIANT_OK;
+}
+
+pliant_status pliant_body_map_create(const pliant_body *from, const pliant_body *to, pliant_body_map *out)
+{
+    const pliant_body_changes *changes = &to->changes;
+    bool next = changes->since == from->revision;
+    pliant_body_map map = {0};
+    pliant_status status = list_sources(to->fine.num_nodes, from->fine.num_nodes, from->node_parent, to->node_parent,
+                                        next ? changes->node_source : NULL, &map.node);
+    if (status == PLIANT_OK)
+        status = list_sources(to->fine.num_tets, from->fine.num_tets, from->tet_parent, to->tet_parent, next ? changes->tet_source : NULL, &map.tet);
+    if (status == PLIANT_OK && to->coarse.num_nodes > 0)
+        status = list_sources(to->coarse.num_nodes, from->coarse.num_nodes, from->coarse_node_parent, to->coarse_node_parent,
+                              next ? changes->coarse_node_source : NULL, &map.coarse_node);
+    if (status == PLIANT_OK && to->coarse.num_nodes > 0)
+        status = list_sources(to->coarse.num_tets, from->coarse.num_tets, from->coarse_tet_parent, to->coarse_tet_parent,
+                              next ? changes->coarse_tet_source : NULL, &map.coarse_tet);
+    if (status != PLIANT_OK) {
+        pliant_body_map_free(&map);
+        return status;
+    }
+    *out = map;
+    return PLIANT_OK;
+}
+
+void pliant_body_map_free(pliant_body_map *map)
+{
+    pliant_free(map->node);
+    pliant_free(map->tet);
+    pliant_free(map->coarse_node);
+    pliant_free(map->coarse_tet);
+    memset(map, 0, sizeof *map);
+}

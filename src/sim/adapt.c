@@ -1,0 +1,180 @@
+/* From one body to another. Who keeps something that is derived from a body stands in the table at the end: all of it is prepared first, in
+ * a second pliant_data, from which nobody reads; then the two change places, which cannot fail; the old things go. */
+#include "backend/backend.h"
+#include "base/fail.h"
+#include "fem/dynamics/tled.h"
+#include "fem/quasistatic/solver.h"
+#include "interact/tool.h"
+#include "pliant/memory.h"
+#include "sim/discretization.h"
+#include "warp/device.h"
+#include "warp/raster.h"
+
+#include <string.h>
+
+typedef struct adaptation {
+    const pliant_model *model;
+    pliant_data *data, *made;
+    pliant_body_map map;
+} adaptation;
+
+/* ---- what is solved */
+
+static pliant_status prepare_discretization(const adaptation *work)
+{
+    const pliant_discretization *load = work->model->discretization;
+    if (!pliant_body_same(work->made->body, load->body))
+        return pliant_discretization_create(&work->model->scene, work->made->body, &work->made->discretization);
+    work->made->discretization = pliant_discretization_retain(load);
+    return PLIANT_OK;
+}
+
+static void swap_discretization(const adaptation *work)
+{
+    const pliant_discretization *old = work->data->discretization;
+    work->data->discretization = work->made->discretization;
+    work->made->discretization = old;
+}
+
+/* ---- the state of the solver, explicit dynamics and patches; patches begin anew */
+
+static pliant_status prepare_state(const adaptation *work)
+{
+    pliant_data *data = work->data, *made = work->made;
+    if (data->backend->bring) data->backend->bring(work->model, data);
+    pliant_status status = data->backend->kind->create(work->model, made);
+    if (status != PLIANT_OK) return status;
+    if (made->tled) pliant_tled_carry(made->tled, data->tled, &work->map);
+    if (made->solver) pliant_solver_carry(made->solver, data->solver, work->map.coarse_node ? work->map.coarse_node : work->map.node);
+    return PLIANT_OK;
+}
+
+static void swap_state(const adaptation *work)
+{
+    pliant_data *data = work->data, *made = work->made;
+    pliant_solver *solver = data->solver;
+    pliant_tled *tled = data->tled;
+    pliant_patch *patch = data->patch;
+    data->solver = made->solver;
+    data->tled = made->tled;
+    data->patch = made->patch;
+    made->solver = solver;
+    made->tled = tled;
+    made->patch = patch;
+}
+
+/* ---- positions */
+
+static pliant_status prepare_positions(const adaptation *work)
+{
+    int32_t nodes = work->made->body->fine.num_nodes;
+    double *positions = work->made->positions = pliant_calloc((size_t)nodes, 3 * sizeof *positions);
+    if (!positions) return pliant_fail_memory("the simulation state");
+    for (int32_t n = 0; n < nodes; n++) memcpy(positions + 3 * n, work->data->positions + 3 * work->map.node[n], 3 * sizeof *positions);
+    return PLIANT_OK;
+}
+
+static void swap_positions(const adaptation *work)
+{
+    double *positions = work->data->positions;
+    work->data->positions = work->made->positions;
+    work->made->positions = positions;
+}
+
+/* ---- tools' holds */
+
+static pliant_status prepare_tools(const adaptation *work)
+{
+    pliant_data *data = work->data, *made = work->made;
+    pliant_status status = PLIANT_OK;
+    for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
+        pliant_tool *tool = made->tools + t;
+        made->num_tools = t + 1; /* what is freed on an error */
+        status = pliant_tool_carry(tool, data->tools + t, &made->body->fine);
+        if (status == PLIANT_OK && made->solver && tool->holding && tool->attached)
+            status = pliant_solver_carry_hold(made->solver, data->solver, t, tool->num_held, tool->held, tool->weight, made->positions, tool->force);
+    }
+    return status;
+}
+
+static void swap_tools(const adaptation *work)
+{
+    for (int t = 0; t < work->data->num_tools; t++) {
+        pliant_tool tool = work->data->tools[t];
+        work->data->tools[t] = work->made->tools[t];
+        work->made->tools[t] = tool;
+    }
+}
+
+/* ---- the deformed volume: as it is until the next update, which draws all of it */
+
+static pliant_status prepare_warp(const adaptation *work)
+{
+    const pliant_warp *old = work->data->warp;
+    if (!old) return PLIANT_OK;
+    pliant_status status = pliant_data_warp(work->model, work->made, pliant_warp_geometry(old));
+    if (status == PLIANT_OK) pliant_warp_show(work->made->warp, old);
+    return status;
+}
+
+static void swap_warp(const adaptation *work)
+{
+    pliant_warp *warp = work->data->warp;
+    work->data->warp = work->made->warp;
+    work->made->warp = warp;
+}
+
+/* ---- the table */
+
+typedef struct adapter {
+    pliant_status (*prepare)(const adaptation *work); /* into made, from data, which stays as it is */
+    void (*swap)(const adaptation *work);             /* between the two */
+} adapter;
+
+/* each after what it is made of */
+static const adapter adapters[] = {
+    {prepare_discretization, swap_discretization}, {prepare_state, swap_state}, {prepare_positions, swap_positions},
+    {prepare_tools, swap_tools},                   {prepare_warp, swap_warp},
+};
+enum { NUM_ADAPTERS = sizeof adapters / sizeof *adapters };
+
+static void take_body(pliant_data *data, const pliant_body *body)
+{
+    const pliant_body *old = data->body;
+    data->body = pliant_body_retain(body);
+    pliant_body_release(old);
+    if (body->revision > data->last_revision) data->last_revision = body->revision;
+}
+
+static pliant_status prepare(adaptation *work)
+{
+    pliant_status status = pliant_body_map_create(work->data->discretization->body, work->made->body, &work->map);
+    for (int a = 0; a < NUM_ADAPTERS && status == PLIANT_OK; a++) status = adapters[a].prepare(work);
+    return status;
+}
+
+pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data, const pliant_body *body)
+{
+    if (pliant_body_same(body, data->discretization->body)) { /* what is derived points to that one's arrays, which it holds */
+        take_body(data, body);
+        return PLIANT_OK;
+    }
+    const size_t before = pliant_memory_in_use();
+    pliant_data *made = pliant_calloc(1, sizeof *made);
+    if (!made) return pliant_fail_memory("the simulation state");
+    adaptation work = {.model = model, .data = data, .made = made};
+    made->backend = data->backend;
+    made->body = pliant_body_retain(body);
+    pliant_status status = prepare(&work);
+    if (status == PLIANT_OK) {
+        if (data->backend_state) data->backend->free(data); /* it points to what goes */
+        for (int a = 0; a < NUM_ADAPTERS; a++) adapters[a].swap(&work);
+        take_body(data, body);
+    }
+    pliant_body_map_free(&work.map);
+    pliant_data_free(made);
+    if (status != PLIANT_OK) return status;
+    pliant_backend_renew(model, data);
+    data->statistics.bytes += pliant_memory_in_use() - before;
+    return PLIANT_OK;
+}

@@ -1,0 +1,191 @@
+#include "sim/discretization.h"
+
+#include "base/fail.h"
+#include "base/threads.h"
+#include "fem/coarse/lod.h"
+#include "fem/dynamics/tled.h"
+#include "fem/patch/patch.h"
+#include "pliant/memory.h"
+
+#include <stdatomic.h>
+#include <string.h>
+
+struct pliant_discretization_holders {
+    atomic_int count;
+};
+
+static void free_discretization(pliant_discretization *made)
+{
+    pliant_system_free(made->system);
+    pliant_system_free(made->fine_system);
+    pliant_tled_system_free(made->tled);
+    pliant_body_release(made->body);
+    pliant_free(made->holders);
+    pliant_free(made);
+}
+
+const pliant_discretization *pliant_discretization_retain(const pliant_discretization *discretization)
+{
+    atomic_fetch_add_explicit(&discretization->holders->count, 1, memory_order_relaxed);
+    return discretization;
+}
+
+void pliant_discretization_release(const pliant_discretization *discretization)
+{
+    if (discretization && atomic_fetch_sub_explicit(&discretization->holders->count, 1, memory_order_acq_rel) == 1)
+        free_discretization((pliant_discretization *)discretization);
+}
+
+static bool is_coarse(const pliant_scene *scene) { return scene->model.method != PLIANT_FINE; }
+
+pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_body *body, pliant_progress progress, pliant_discretizing *out)
+{
+    *out = (pliant_discretizing){.scene = scene, .progress = progress};
+    pliant_discretization *made = pliant_calloc(1, sizeof *made);
+    if (!made) return pliant_fail_memory("what is solved");
+    made->holders = pliant_calloc(1, sizeof *made->holders);
+    made->system = pliant_calloc(1, sizeof *made->system);
+    size_t coarse_nodes = (size_t)body->coarse.num_nodes;
+    if (body->coarse_fixed && (out->coarse_fixed = pliant_calloc(coarse_nodes, 1))) memcpy(out->coarse_fixed, body->coarse_fixed, coarse_nodes);
+    if (!made->holders || !made->system || (body->coarse_fixed && !out->coarse_fixed)) {
+        pliant_free(made->holders);
+        pliant_free(made->system);
+        pliant_free(made);
+        pliant_free(out->coarse_fixed);
+        out->coarse_fixed = NULL;
+        return pliant_fail_memory("what is solved");
+    }
+    atomic_init(&made->holders->count, 1);
+    made->body = pliant_body_retain(body);
+    made->system->fine = &body->fine;
+    made->system->mesh = is_coarse(scene) ? &body->coarse : &body->fine;
+    made->system->num_threads = pliant_threads_of(scene->solver.threads);
+    out->made = made;
+    return PLIANT_OK;
+}
+
+void pliant_discretizing_end(pliant_discretizing *work)
+{
+    pliant_free(work->coarse_fixed);
+    pliant_discretization_release(work->made);
+    memset(work, 0, sizeof *work);
+}
+
+/* A homogenized element that holds fixed fine nodes holds its corners. What hangs on fewer than three nodes is held where
+ * it is, as on the fine mesh. */
+static pliant_status hold_homogenized(pliant_discretizing *work)
+{
+    const pliant_mesh *coarse = &work->made->body->coarse;
+    const uint8_t *grounded = work->made->system->grounded;
+    uint8_t *held = pliant_calloc((size_t)coarse->num_nodes, 1), *stands = pliant_calloc((size_t)coarse->num_nodes, 1);
+    uint8_t *loose = pliant_calloc((size_t)coarse->num_tets, 1);
+    int32_t pieces = 0;
+    pliant_status status = held && stands && loose ? PLIANT_OK : pliant_fail_memory("the fixed nodes");
+    if (status == PLIANT_OK) {
+        memcpy(stands, work->coarse_fixed, (size_t)coarse->num_nodes);
+        for (int32_t v = 0; v < 4 * coarse->num_tets; v++)
+            if (grounded[v / 4]) stands[coarse->tets[v]] = 1;
+        memcpy(held, stands, (size_t)coarse->num_nodes);
+        bool whole = work->made->body->changes.since == 0; /* what comes off later stays where it is */
+        status = pliant_mesh_hold(coarse, PLIANT_FIXED_AT_REST, whole, held, loose, &pieces);
+    }
+    for (int32_t n = 0; status == PLIANT_OK && n < coarse->num_nodes; n++)
+        if (held[n] && !stands[n]) work->coarse_fixed[n] = 1;
+    if (status == PLIANT_OK && pieces > 0)
+        pliant_log(PLIANT_LOG_WARNING, "%d pieces of the coarse mesh hang on fewer than three nodes; they are held where they are", pieces);
+    pliant_free(held);
+    pliant_free(stands);
+    pliant_free(loose);
+    return status;
+}
+
+pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
+{
+    const pliant_scene *scene = work->scene;
+    const pliant_body *body = work->made->body;
+    pliant_system *system = work->made->system;
+    if (scene->solver.kind == PLIANT_TLED) return pliant_tled_system_create(scene, body, &work->made->tled);
+    if (!is_coarse(scene)) return pliant_system_elements(system, body->fine_material);
+    if (scene->model.method == PLIANT_COARSE) {
+        pliant_status status = pliant_system_elements(system, body->coarse_material);
+        return status == PLIANT_OK ? pliant_upsample_linear(system, body->coarse_of_fine) : status;
+    }
+    if (scene->model.method == PLIANT_LOD) {
+        if (body->node_parent || body->tet_parent)
+            return pliant_fail(PLIANT_ERROR_SCENE, "model/method: lod interpolates within whole cubes of the lattice, which cannot be divided; take "
+                                                   "averaged or another one");
+        pliant_status status = pliant_lod_ground(system, body->fine_fixed, work->coarse_fixed, body->coarse_of_fine);
+        if (status == PLIANT_OK) status = hold_homogenized(work);
+        if (status != PLIANT_OK) return status;
+        return pliant_lod(system, scene, body->fine_fixed, work->coarse_fixed, body->fine_material, work->progress);
+    }
+    pliant_tet_material *none = pliant_calloc((size_t)body->coarse.num_tets, sizeof *none); /* geometry only */
+    if (!none) return pliant_fail_memory("the coarse elements");
+    pliant_status status = pliant_system_elements(system, none);
+    pliant_free(none);
+    if (status != PLIANT_OK) return status;
+    status = pliant_homogenize(system, scene, &body->fine, body->fine_fixed, body->fine_material, body->coarse_of_fine, work->progress);
+    return status == PLIANT_OK ? hold_homogenized(work) : status;
+}
+
+/* M_j = sum of m_i N_ij over the fine nodes, [H] 10 */
+static pliant_status gravity_mass(pliant_discretization *made)
+{
+    const pliant_body *body = made->body;
+    pliant_system *system = made->system;
+    int32_t count = body->fine.num_nodes, *nodes = pliant_calloc((size_t)count, sizeof *nodes);
+    system->gravity_mass = pliant_calloc((size_t)system->num_free, 9 * sizeof *system->gravity_mass);
+    if (!nodes || !system->gravity_mass) {
+        pliant_free(nodes);
+        return pliant_fail_memory("the gravity-mass matrices");
+    }
+    for (int32_t n = 0; n < count; n++) nodes[n] = n;
+    pliant_upsample_weights(system, system->mesh->rest, count, nodes, body->node_mass, system->gravity_mass);
+    pliant_free(nodes);
+    return PLIANT_OK;
+}
+
+pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
+{
+    const pliant_scene *scene = work->scene;
+    pliant_system *system = work->made->system;
+    if (work->made->tled) return PLIANT_OK; /* no matrix */
+    pliant_status status = pliant_system_unknowns(system, is_coarse(scene) ? work->coarse_fixed : work->made->body->fine_fixed);
+    if (status == PLIANT_OK) status = gravity_mass(work->made);
+    if (status != PLIANT_OK) return status;
+    /* the V-cycle's meshes nest by lattice, and its matrices are of tetrahedra */
+    bool direct = scene->mesh.kind == PLIANT_OCTREE || scene->model.method == PLIANT_LOD;
+    return pliant_preconditioner_create(system, direct ? PLIANT_DIRECT : scene->solver.preconditioner, &system->preconditioner);
+}
+
+pliant_status pliant_discretizing_factorize(pliant_discretizing *work)
+{
+    pliant_discretization *made = work->made;
+    pliant_system *system = made->system;
+    if (made->tled) return PLIANT_OK;
+    pliant_tangent *tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents);
+    if (!tangents) return pliant_fail_memory("the stiffness matrix");
+    pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, tangents);
+    system->mean_diagonal = pliant_system_mean_diagonal(system);
+    pliant_status status = pliant_preconditioner_numeric(system->preconditioner, tangents);
+    if (status == PLIANT_OK) made->condition_estimate = pliant_preconditioner_condition(system->preconditioner);
+    pliant_free(tangents);
+    if (status == PLIANT_OK && pliant_patch_asked(work->scene))
+        status = pliant_patch_system(work->scene, made->body, system->num_threads, &made->fine_system);
+    return status;
+}
+
+pliant_status pliant_discretization_create(const pliant_scene *scene, const pliant_body *body, const pliant_discretization **out)
+{
+    static pliant_status (*const stages[])(pliant_discretizing *) = {pliant_discretizing_homogenize, pliant_discretizing_analyze,
+                                                                     pliant_discretizing_factorize};
+    pliant_discretizing work;
+    pliant_status status = pliant_discretizing_begin(scene, body, (pliant_progress){NULL, NULL}, &work);
+    for (size_t stage = 0; status == PLIANT_OK && stage < sizeof stages / sizeof *stages; stage++) status = stages[stage](&work);
+    if (status == PLIANT_OK) {
+        *out = work.made;
+        work.made = NULL;
+    }
+    pliant_discretizing_end(&work);
+    return status;
+}
