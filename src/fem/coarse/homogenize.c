@@ -155,15 +155,18 @@ static bool averaged_stiffness(pliant_submesh *submesh, int32_t tet, double out[
     return true;
 }
 
-/* Fragments of a submesh that touch at an edge or a corner alone move without force: then the averages do not determine its
- * shape, and what comes out is rounding. A stiffness that is not positive semidefinite tells. */
+/* Every 12 x 12 is checked where it is made: one that is not positive semidefinite, up to rounding, would let the solver run away. It
+ * cannot come from a positive semidefinite submesh but by rounding: fragments that touch at an edge or a corner alone move without force,
+ * and then neither the averages nor the corners determine their shape. */
 static bool is_semidefinite(const double k[144])
 {
     double shifted[144], trace = 0;
+    bool any = false; /* a submesh that is fixed as a whole has none */
     for (int i = 0; i < 12; i++) trace += k[13 * i];
+    for (int m = 0; m < 144; m++) any = any || k[m] != 0;
     memcpy(shifted, k, sizeof shifted);
     for (int i = 0; i < 12; i++) shifted[13 * i] += 1e-7 * trace;
-    return isfinite(trace) && pliant_dense_cholesky(12, shifted);
+    return !any || (isfinite(trace) && pliant_dense_cholesky(12, shifted));
 }
 
 /* Schur complement on the corners, [H] 3, and shape functions [H] 6: shape (num_nodes x 36), 3 x 12 a node. Fixed nodes are
@@ -310,13 +313,17 @@ static pliant_status homogenize_one(homogenization *work, pliant_submesh *submes
     work->system->grounded[tet] = fixed;
     if (work->shapes) {
         if ((status = keep_shapes(submesh, work->shapes + tet)) != PLIANT_OK) return status;
-        if (schur_stiffness(submesh, tet, out, work->shapes[tet].shape)) return PLIANT_OK;
-        return pliant_fail(PLIANT_ERROR_NUMERIC, "schur: the submesh of coarse tetrahedron %d cannot be condensed on its corners; "
-                                                 "use averaged", tet);
+        if (schur_stiffness(submesh, tet, out, work->shapes[tet].shape) && is_semidefinite(out)) return PLIANT_OK;
+        /* the shape functions would be as wrong: no other stiffness can stand in */
+        return pliant_fail(PLIANT_ERROR_NUMERIC, "schur: the submesh of coarse tetrahedron %d cannot be condensed on its corners to a "
+                                                 "positive semidefinite stiffness; use averaged", tet);
     }
     bool made = !fixed && (work->calibrated ? calibrated_stiffness(submesh, tet, out) : averaged_stiffness(submesh, tet, out));
     if (made && is_semidefinite(out)) return PLIANT_OK;
     galerkin_stiffness(submesh, tet, out);
+    if (!is_semidefinite(out))
+        return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness in coarse tetrahedron %d is not positive semidefinite; Young's moduli must "
+                                                 "be positive, and Poisson's ratios between -1 and 0.5", tet);
     if (!fixed) {
 #pragma omp atomic
         work->galerkin++;
