@@ -4,9 +4,6 @@
 
 enum { ELEMENT_THREADS = 64, GATHER_THREADS = 128, NODES = GATHER_THREADS / 4 };
 
-/* the iterate that an evaluation is about */
-static __device__ __forceinline__ int target_of(const gpu_state &state) { return state.iterations == 0 ? state.now : 1 - state.now; }
-
 struct corners { double x[12], g[12]; };
 
 static __device__ __forceinline__ void load_corners(const gpu_system &system, const double *x, int t, corners &out)
@@ -46,7 +43,7 @@ static __device__ __forceinline__ void element_rotation(const gpu_system &system
 /* the tools' forces on their nodes; tools after each other, since they may share nodes */
 static __device__ void spread_forces(const gpu_iteration &iteration, const gpu_state &state)
 {
-    const double *force = state.force[target_of(state)];
+    const double *force = state.force[gpu_target(&state)];
     for (int t = 0; t < GPU_TOOLS; t++) {
         const gpu_tool &tool = state.step.tools[t];
         if (!tool.active) continue;
@@ -67,6 +64,13 @@ static __device__ void spread_forces(const gpu_iteration &iteration, const gpu_s
     }
 }
 
+/* beside macro-elements */
+static __global__ void __launch_bounds__(ELEMENT_THREADS) spread_kernel(gpu_iteration iteration)
+{
+    const gpu_state &state = *iteration.d_state;
+    if (!state.done) spread_forces(iteration, state);
+}
+
 static __global__ void __launch_bounds__(ELEMENT_THREADS) force_kernel(gpu_system system, gpu_iteration iteration)
 {
     const gpu_state &state = *iteration.d_state;
@@ -79,7 +83,7 @@ static __global__ void __launch_bounds__(ELEMENT_THREADS) force_kernel(gpu_syste
     if (t >= system.num_tets) return;
     corners c;
     double f[9], r[9], force[12];
-    load_corners(system, iteration.d_x[target_of(state)], t, c);
+    load_corners(system, iteration.d_x[gpu_target(&state)], t, c);
     pliant_deformation(c.x, c.g, f);
     element_rotation(system, t, f, r);
     if (system.d_stiffness) homogenized_force(system, t, c, r, force);
@@ -98,7 +102,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
     __shared__ double sums[GATHER_SUMS][GATHER_THREADS];
     const gpu_state &state = *iteration.d_state;
     if (state.done) return;
-    const int target = target_of(state), thread = (int)threadIdx.x, d = thread % 4, n = (int)blockIdx.x * NODES + thread / 4;
+    const int target = gpu_target(&state), thread = (int)threadIdx.x, d = thread % 4, n = (int)blockIdx.x * NODES + thread / 4;
     double pull = 0, work = 0, elastic = 0;
     if (n < system.num_free && d < 3) {
         double sum = 0;
@@ -146,12 +150,13 @@ static __global__ void __launch_bounds__(GATHER_THREADS) turn_kernel(gpu_system 
 {
     int n = (int)(blockIdx.x * GATHER_THREADS + threadIdx.x);
     if (n >= system.num_free) return;
+    const bool isotropic = !system.d_stiffness && system.macros.count == 0;
     double mean[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, turn[9];
     if (!identity) {
         for (int m = 0; m < 9; m++) mean[m] = 0;
         for (int c = system.d_corner_start[n]; c < system.d_corner_start[n + 1]; c++) {
-            int t = system.d_corner[c] / 4;
-            double weight = system.d_stiffness ? 1 : system.d_lame[t] + system.d_lame[(size_t)system.num_tets + t];
+            const int corner = system.d_corner[c], t = system.macros.count > 0 ? system.macros.d_cube_of_corner[corner] : corner / 4;
+            const double weight = isotropic ? system.d_lame[t] + system.d_lame[(size_t)system.num_tets + t] : 1;
             for (int m = 0; m < 9; m++) mean[m] += weight * iteration.d_element_force[16 * (size_t)t + m];
         }
     }
@@ -165,6 +170,11 @@ extern "C" int pliant_cuda_gather_blocks(const gpu_system *system) { return (int
 
 extern "C" pliant_status pliant_cuda_forces(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
 {
+    if (system->macros.count > 0) {
+        CUDA_TRY(pliant_cuda_macro_forces(system, iteration, stream));
+        spread_kernel<<<1, ELEMENT_THREADS, 0, stream>>>(*iteration);
+        return CUDA_LAUNCHED("spread_kernel");
+    }
     force_kernel<<<blocks_for(system->num_tets, ELEMENT_THREADS) + 1, ELEMENT_THREADS, 0, stream>>>(*system, *iteration);
     return CUDA_LAUNCHED("force_kernel");
 }
@@ -177,7 +187,9 @@ extern "C" pliant_status pliant_cuda_gather(const gpu_system *system, const gpu_
 
 extern "C" pliant_status pliant_cuda_turn(const gpu_system *system, const gpu_iteration *iteration, bool identity, cudaStream_t stream)
 {
-    if (!identity) {
+    if (!identity && system->macros.count > 0) {
+        CUDA_TRY(pliant_cuda_macro_rotations(system, iteration, stream));
+    } else if (!identity) {
         rotation_kernel<<<blocks_for(system->num_tets, GATHER_THREADS), GATHER_THREADS, 0, stream>>>(*system, *iteration);
         CUDA_TRY(CUDA_LAUNCHED("rotation_kernel"));
     }

@@ -31,7 +31,8 @@ extern "C" pliant_status pliant_cuda_preconditioner_create(const pliant_system *
                                                            gpu_preconditioner *out)
 {
     memset(out, 0, sizeof *out);
-    if (choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > LARGEST_DENSE)) {
+    const bool layered = choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > LARGEST_DENSE);
+    if (layered && !system->macros) { /* macro-elements reach over cubes: their lattice has no coarser one */
         CUDA_TRY(pliant_cuda_multigrid_create(system, COARSEST, stream, &out->multigrid));
         if (out->multigrid) {
             out->bytes = pliant_cuda_multigrid_bytes(out->multigrid);

@@ -74,7 +74,10 @@ static pliant_status allocate_iteration(pliant_cuda_solver *gpu, const pliant_so
     CUDA_TRY(allocate(gpu, history, &it->d_secant_x));
     CUDA_TRY(allocate(gpu, history, &it->d_secant_step));
     CUDA_TRY(allocate(gpu, history, &it->d_secant_pull));
-    CUDA_TRY(allocate(gpu, 16 * (size_t)gpu->system.num_tets, &it->d_element_force));
+    const gpu_macros *macros = &gpu->system.macros;
+    const size_t of_corners = 4 * (size_t)macros->corners, of_frames = 16 * (size_t)macros->count;
+    const size_t forces = macros->count == 0 ? 16 * (size_t)gpu->system.num_tets : of_corners > of_frames ? of_corners : of_frames;
+    CUDA_TRY(allocate(gpu, forces, &it->d_element_force));
     CUDA_TRY(allocate(gpu, 3 * n, &it->d_turn));
     CUDA_TRY(allocate(gpu, padded, reinterpret_cast<void **>(&it->d_right)));
     CUDA_TRY(allocate(gpu, padded, reinterpret_cast<void **>(&it->d_left)));

@@ -82,11 +82,16 @@ typedef struct gpu_iteration {
     double *d_step[2], *d_pull[2]; /* (n) */
     double *d_load, *d_extra;  /* (n) gravity; the tools' forces */
     double *d_secant_x, *d_secant_step, *d_secant_pull; /* (depth x n) */
-    double *d_element_force;   /* (num_tets x 4 x 4), three numbers and a gap */
+    double *d_element_force;   /* (num_tets x 4 x 4), three numbers and a gap; or (corners of macro-elements x 4) */
     double *d_turn;            /* (num_free x 9) rotation of the preconditioner at each node */
     float *d_right, *d_left;   /* (n, padded) what the preconditioner takes and gives */
     double *d_sums;            /* (GATHER_SUMS x blocks of the gather), then (DOT_SUMS x blocks of the dot products) */
 } gpu_iteration;
+
+#ifdef __CUDACC__
+/* the iterate that an evaluation is about */
+static __device__ __forceinline__ int gpu_target(const gpu_state *state) { return state->iterations == 0 ? state->now : 1 - state->now; }
+#endif
 
 #ifdef __cplusplus
 }

@@ -48,20 +48,21 @@ static pliant_status fill(const pliant_system *system, cudaStream_t stream, gpu_
     const pliant_mesh *mesh = system->mesh;
     const size_t tets = (size_t)mesh->num_tets, nodes = (size_t)mesh->num_nodes, free_nodes = (size_t)system->num_free;
     const char *what = "the elements";
-    CUDA_TRY(upload(mesh->tets, 4 * tets, what, stream, &out->d_tets));
     CUDA_TRY(upload(mesh->rest, 3 * nodes, what, stream, &out->d_rest));
-    CUDA_TRY(upload_lanes<12>(system->gradients, mesh->num_tets, what, stream, &out->d_gradients));
-    if (system->lame) CUDA_TRY(upload_lanes<2>(system->lame, mesh->num_tets, what, stream, &out->d_lame));
-    CUDA_TRY(upload_stiffness(system, stream, &out->d_stiffness));
-    CUDA_TRY(upload(system->grounded, tets, what, stream, &out->d_grounded));
     CUDA_TRY(upload(system->node_of_free, free_nodes, what, stream, &out->d_node_of_free));
     CUDA_TRY(upload(system->corner_start, free_nodes + 1, what, stream, &out->d_corner_start));
     CUDA_TRY(upload(system->corner, (size_t)system->corner_start[free_nodes], what, stream, &out->d_corner));
     const pliant_upsample *upsample = system->upsample;
-    if (!upsample) return PLIANT_OK;
     const size_t fine = (size_t)system->fine->num_nodes;
+    if (upsample) CUDA_TRY(upload(system->fine->rest, 3 * fine, "the upsampling", stream, &out->d_fine_rest));
+    if (system->macros) return pliant_cuda_macros_create(system->macros, stream, &out->macros);
+    CUDA_TRY(upload(mesh->tets, 4 * tets, what, stream, &out->d_tets));
+    CUDA_TRY(upload_lanes<12>(system->gradients, mesh->num_tets, what, stream, &out->d_gradients));
+    if (system->lame) CUDA_TRY(upload_lanes<2>(system->lame, mesh->num_tets, what, stream, &out->d_lame));
+    CUDA_TRY(upload_stiffness(system, stream, &out->d_stiffness));
+    CUDA_TRY(upload(system->grounded, tets, what, stream, &out->d_grounded));
+    if (!upsample) return PLIANT_OK;
     what = "the upsampling";
-    CUDA_TRY(upload(system->fine->rest, 3 * fine, what, stream, &out->d_fine_rest));
     CUDA_TRY(upload(upsample->still, fine, what, stream, &out->d_still));
     if (!upsample->start) {
         CUDA_TRY(upload(upsample->coarse_tet, fine, what, stream, &out->d_coarse_tet));
@@ -97,5 +98,6 @@ extern "C" void pliant_cuda_system_free(gpu_system *system)
                       system->d_weights, system->d_entry_start, system->d_entry_tet, system->d_entry_share, system->d_entry_shape,
                       system->d_still};
     for (void *block : blocks) pliant_cuda_release(block);
+    pliant_cuda_macros_free(&system->macros);
     memset(system, 0, sizeof *system);
 }

@@ -2,7 +2,7 @@
 #ifndef PLIANT_CUDA_SYSTEM_H
 #define PLIANT_CUDA_SYSTEM_H
 
-#include "fem/system.h"
+#include "macro.h"
 
 #include <cuda_runtime_api.h>
 
@@ -28,6 +28,7 @@ typedef struct gpu_system {
     int32_t *d_entry_start, *d_entry_tet; /* NULL: linear */
     double *d_entry_share, *d_entry_shape;
     uint8_t *d_still;          /* Nullable */
+    gpu_macros macros;         /* in place of tetrahedra and upsampling */
 } gpu_system;
 
 pliant_status pliant_cuda_system_create(const pliant_system *system, cudaStream_t stream, gpu_system *out);

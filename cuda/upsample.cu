@@ -73,6 +73,7 @@ extern "C" pliant_status pliant_cuda_upsample(const gpu_system *system, const gp
     unsigned blocks = (unsigned)((system->num_fine + THREADS - 1) / THREADS);
     if (d_solved) CUDA_TRY(copy_present(iteration, 3 * system->num_nodes, d_solved, stream));
     if (!system->d_fine_rest) return copy_present(iteration, 3 * system->num_nodes, d_fine, stream);
+    if (system->macros.count > 0) return pliant_cuda_macro_positions(system, iteration, d_fine, stream);
     if (system->d_coarse_tet) linear_kernel<<<blocks, THREADS, 0, stream>>>(*system, *iteration, d_fine);
     else shaped_kernel<<<blocks, THREADS, 0, stream>>>(*system, *iteration, d_fine);
     return CUDA_LAUNCHED("upsample kernel");

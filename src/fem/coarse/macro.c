@@ -1,5 +1,6 @@
 /* Macro-elements while stepping: forces, rotations, the matrix, and how the fine nodes follow. */
 #include "base/fail.h"
+#include "fem/coarse/macro_element.h"
 #include "fem/element/rotation.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
@@ -8,47 +9,23 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* a cube at one state */
-typedef struct cube_frame {
-    double rotation[9], centre[3], rest_centre[3];
-} cube_frame;
-
-static void frame_of(const pliant_system *system, const double *x, int32_t cube, cube_frame *out)
+static void frame_of(const pliant_system *system, const double *x, int32_t cube, pliant_macro_frame *out)
 {
     const pliant_macros *macros = system->macros;
-    const int32_t *own = macros->own + 8 * (size_t)cube;
-    const double *gradient = macros->gradient + 24 * (size_t)cube, *rest = system->mesh->rest;
-    double f[9] = {0};
-    int count = 0;
-    memset(out, 0, sizeof *out);
-    for (int v = 0; v < 8; v++) count += own[v] >= 0;
-    for (int v = 0; v < 8; v++)
-        for (int r = 0; r < 3 && own[v] >= 0; r++) {
-            out->centre[r] += x[3 * own[v] + r] / count;
-            out->rest_centre[r] += rest[3 * own[v] + r] / count;
-        }
-    for (int v = 0; v < 8; v++)
-        for (int r = 0; r < 3 && own[v] >= 0; r++)
-            for (int c = 0; c < 3; c++) f[3 * r + c] += (x[3 * own[v] + r] - out->centre[r]) * gradient[3 * v + c];
+    double f[9];
+    pliant_macro_place(macros->own + 8 * (size_t)cube, macros->gradient + 24 * (size_t)cube, x, system->mesh->rest, f, out);
     if (macros->grounded[cube])
-        for (int m = 0; m < 9; m += 4) out->rotation[m] = 1;
+        for (int m = 0; m < 9; m++) out->rotation[m] = m % 4 == 0;
     else
         pliant_rotation_signed_svd(f, out->rotation);
 }
 
 /* q of every corner of a cube */
-static void corners_in_frame(const pliant_system *system, const double *x, int32_t cube, const cube_frame *frame, double *q)
+static void corners_in_frame(const pliant_system *system, const double *x, int32_t cube, const pliant_macro_frame *frame, double *q)
 {
     const pliant_macros *macros = system->macros;
-    const double *r = frame->rotation;
-    for (int32_t c = macros->start[cube]; c < macros->start[cube + 1]; c++, q += 3) {
-        const double *at = x + 3 * macros->node[c], *rest = system->mesh->rest + 3 * macros->node[c];
-        bool held = macros->held[c];
-        double y[3];
-        for (int d = 0; d < 3; d++) y[d] = at[d] - (held ? rest[d] : frame->centre[d]);
-        for (int d = 0; d < 3; d++)
-            q[d] = r[d] * y[0] + r[3 + d] * y[1] + r[6 + d] * y[2] - (held ? 0 : rest[d] - frame->rest_centre[d]);
-    }
+    for (int32_t c = macros->start[cube]; c < macros->start[cube + 1]; c++, q += 3)
+        pliant_macro_corner(frame, macros->held[c], x + 3 * macros->node[c], system->mesh->rest + 3 * macros->node[c], q);
 }
 
 /* f = root' (root q), n numbers; every row is read once */
@@ -73,13 +50,11 @@ void pliant_macro_forces(const pliant_system *system, const double *positions, d
     for (int32_t cube = 0; cube < macros->count; cube++) {
         double q[3 * PLIANT_MAX_CORNERS], f[3 * PLIANT_MAX_CORNERS], *out = forces + 3 * (size_t)macros->start[cube];
         int32_t n = 3 * (macros->start[cube + 1] - macros->start[cube]);
-        cube_frame frame;
+        pliant_macro_frame frame;
         frame_of(system, positions, cube, &frame);
         corners_in_frame(system, positions, cube, &frame, q);
         apply_root(macros->rank[cube], n, macros->root[cube], q, f);
-        const double *r = frame.rotation;
-        for (int32_t i = 0; i < n; i += 3)
-            for (int d = 0; d < 3; d++) out[i + d] = r[3 * d] * f[i] + r[3 * d + 1] * f[i + 1] + r[3 * d + 2] * f[i + 2];
+        for (int32_t i = 0; i < n; i += 3) pliant_macro_turn(frame.rotation, f + i, out + i);
     }
 }
 
@@ -98,7 +73,7 @@ void pliant_macro_tangents(const pliant_system *system, const double *positions,
 {
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t cube = 0; cube < system->macros->count; cube++) {
-        cube_frame frame;
+        pliant_macro_frame frame;
         frame_of(system, positions, cube, &frame);
         for (int m = 0; m < 9; m++) tangents[cube / LANES].rotation[m][cube % LANES] = frame.rotation[m];
     }
@@ -285,17 +260,6 @@ double pliant_macro_mean_diagonal(const pliant_system *system)
 
 /* ---- the fine nodes */
 
-/* N q of one fine node of a cube */
-static void shaped(const pliant_macros *macros, int32_t cube, int32_t index, const double *q, double out[3])
-{
-    memset(out, 0, 3 * sizeof *out);
-    for (int32_t e = macros->entry_start[cube][index]; e < macros->entry_start[cube][index + 1]; e++) {
-        const float *n = macros->entry_shape[cube] + 9 * (size_t)e;
-        const double *at = q + 3 * macros->entry_corner[cube][e];
-        for (int d = 0; d < 3; d++) out[d] += n[3 * d] * at[0] + n[3 * d + 1] * at[1] + n[3 * d + 2] * at[2];
-    }
-}
-
 void pliant_macro_positions(const pliant_system *system, const double *solved, double *fine)
 {
     const pliant_macros *macros = system->macros;
@@ -303,20 +267,14 @@ void pliant_macro_positions(const pliant_system *system, const double *solved, d
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t cube = 0; cube < macros->count; cube++) {
         double q[3 * PLIANT_MAX_CORNERS];
-        cube_frame frame;
+        pliant_macro_frame frame;
         frame_of(system, solved, cube, &frame);
         corners_in_frame(system, solved, cube, &frame, q);
         for (int32_t i = macros->fine_start[cube]; i < macros->fine_start[cube + 1]; i++) {
-            double *x = fine + 3 * macros->fine[i], *r = frame.rotation, w[3];
-            shaped(macros, cube, i - macros->fine_start[cube], q, w);
-            /* displacements, so that it is at rest exactly where the corners are: (c - C) + (R - I)(X - C) + R N q */
-            double y[3] = {x[0] - frame.rest_centre[0], x[1] - frame.rest_centre[1], x[2] - frame.rest_centre[2]};
-            for (int d = 0; d < 3; d++) {
-                double u = r[3 * d] * w[0] + r[3 * d + 1] * w[1] + r[3 * d + 2] * w[2];
-                if (!macros->grounded[cube])
-                    u += frame.centre[d] - frame.rest_centre[d] + (r[3 * d] * y[0] + r[3 * d + 1] * y[1] + r[3 * d + 2] * y[2] - y[d]);
-                x[d] += u;
-            }
+            const int32_t *entries = macros->entry_start[cube] + (i - macros->fine_start[cube]);
+            double w[3];
+            pliant_macro_shaped(entries[0], entries[1], macros->entry_corner[cube], macros->entry_shape[cube], q, w);
+            pliant_macro_follow(&frame, macros->grounded[cube], w, fine + 3 * macros->fine[i]);
         }
     }
 }
@@ -331,7 +289,7 @@ void pliant_macro_weights(const pliant_system *system, const double *solved, int
     size_t count = (size_t)(macros->fine_start[cube + 1] - macros->fine_start[cube]);
     const int32_t *found = bsearch(&fine_node, first, count, sizeof *found, ascending);
     int32_t index = (int32_t)(found - first);
-    cube_frame frame;
+    pliant_macro_frame frame;
     frame_of(system, solved, cube, &frame);
     const double *r = frame.rotation;
     for (int32_t e = macros->entry_start[cube][index]; e < macros->entry_start[cube][index + 1]; e++) {

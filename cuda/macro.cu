@@ -1,0 +1,209 @@
+#include "check.h"
+#include "base/fail.h"
+#include "fem/coarse/macro_element.h"
+#include "macro.h"
+#include "rotation.cuh"
+#include "state.h"
+#include "system.h"
+
+#include <cstring>
+#include <new>
+#include <vector>
+
+enum { THREADS = 256, WARP = 32 };
+
+/* ---- what they are made of */
+
+template <class T> static pliant_status upload(const T *h_from, size_t count, cudaStream_t stream, T **d_out)
+{
+    void *block;
+    if (count == 0) return PLIANT_OK;
+    CUDA_TRY(pliant_cuda_upload(h_from, count * sizeof(T), "the macro-elements", stream, &block));
+    *d_out = static_cast<T *>(block);
+    return PLIANT_OK;
+}
+
+static pliant_status upload_roots(const pliant_macros *macros, cudaStream_t stream, gpu_macros *out)
+{
+    std::vector<int64_t> start;
+    std::vector<float> root;
+    for (int32_t cube = 0; cube < macros->count; cube++) {
+        const int32_t unknowns = 3 * (macros->start[cube + 1] - macros->start[cube]), rank = macros->rank[cube];
+        start.push_back((int64_t)root.size());
+        root.insert(root.end(), macros->root[cube], macros->root[cube] + (size_t)rank * (size_t)unknowns);
+        if (unknowns > out->most_unknowns) out->most_unknowns = unknowns;
+        if (rank > out->most_rank) out->most_rank = rank;
+    }
+    CUDA_TRY(upload(start.data(), start.size(), stream, &out->d_root_start));
+    return upload(root.data(), root.size(), stream, &out->d_root);
+}
+
+static pliant_status upload_followers(const pliant_macros *macros, cudaStream_t stream, gpu_macros *out)
+{
+    std::vector<int32_t> start(1, 0);
+    std::vector<uint16_t> corner;
+    std::vector<float> shape;
+    for (int32_t cube = 0; cube < macros->count; cube++) {
+        const int32_t followers = macros->fine_start[cube + 1] - macros->fine_start[cube], before = start.back();
+        if (followers == 0) continue;
+        for (int32_t i = 1; i <= followers; i++) start.push_back(before + macros->entry_start[cube][i]);
+        const size_t entries = (size_t)macros->entry_start[cube][followers];
+        corner.insert(corner.end(), macros->entry_corner[cube], macros->entry_corner[cube] + entries);
+        shape.insert(shape.end(), macros->entry_shape[cube], macros->entry_shape[cube] + 9 * entries);
+    }
+    CUDA_TRY(upload(macros->fine_start, (size_t)macros->count + 1, stream, &out->d_fine_start));
+    CUDA_TRY(upload(macros->fine, (size_t)macros->fine_start[macros->count], stream, &out->d_fine));
+    CUDA_TRY(upload(start.data(), start.size(), stream, &out->d_entry_start));
+    CUDA_TRY(upload(corner.data(), corner.size(), stream, &out->d_entry_corner));
+    return upload(shape.data(), shape.size(), stream, &out->d_entry_shape);
+}
+
+static size_t shared_bytes(const gpu_macros *macros)
+{
+    return ((size_t)macros->most_unknowns + (size_t)macros->most_rank) * sizeof(double);
+}
+
+static __global__ void macro_force_kernel(gpu_system system, gpu_iteration iteration);
+
+extern "C" pliant_status pliant_cuda_macros_create(const pliant_macros *macros, cudaStream_t stream, gpu_macros *out)
+{
+    const size_t count = (size_t)macros->count, corners = (size_t)macros->start[count];
+    out->count = macros->count;
+    out->corners = macros->start[count];
+    CUDA_TRY(upload(macros->start, count + 1, stream, &out->d_start));
+    CUDA_TRY(upload(macros->node, corners, stream, &out->d_node));
+    CUDA_TRY(upload(macros->held, corners, stream, &out->d_held));
+    CUDA_TRY(upload(macros->grounded, count, stream, &out->d_grounded));
+    CUDA_TRY(upload(macros->own, 8 * count, stream, &out->d_own));
+    CUDA_TRY(upload(macros->gradient, 24 * count, stream, &out->d_gradient));
+    CUDA_TRY(upload(macros->rank, count, stream, &out->d_rank));
+    CUDA_TRY(upload(macros->cube_of_corner, corners, stream, &out->d_cube_of_corner));
+    try {
+        CUDA_TRY(upload_roots(macros, stream, out));
+        CUDA_TRY(upload_followers(macros, stream, out));
+    } catch (const std::bad_alloc &) {
+        return pliant_fail_memory("the macro-elements");
+    }
+    return CUDA_CALL(cudaFuncSetAttribute(macro_force_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)shared_bytes(out)));
+}
+
+extern "C" void pliant_cuda_macros_free(gpu_macros *macros)
+{
+    void *blocks[] = {macros->d_start, macros->d_node, macros->d_own, macros->d_rank, macros->d_cube_of_corner, macros->d_fine_start, macros->d_fine,
+                      macros->d_held, macros->d_grounded, macros->d_gradient, macros->d_root_start, macros->d_root, macros->d_entry_start,
+                      macros->d_entry_corner, macros->d_entry_shape};
+    for (void *block : blocks) pliant_cuda_release(block);
+    memset(macros, 0, sizeof *macros);
+}
+
+/* ---- one block of threads a cube */
+
+static __device__ void frame_of(const gpu_system &system, const double *x, int cube, pliant_macro_frame *out)
+{
+    const gpu_macros &macros = system.macros;
+    double f[9];
+    pliant_macro_place(macros.d_own + 8 * (size_t)cube, macros.d_gradient + 24 * (size_t)cube, x, system.d_rest, f, out);
+    if (macros.d_grounded[cube])
+        for (int m = 0; m < 9; m++) out->rotation[m] = m % 4 == 0;
+    else
+        rotation_of(f, out->rotation);
+}
+
+/* the frame, and q of every corner; all threads of the block */
+static __device__ void corners_in_frame(const gpu_system &system, const double *x, int cube, pliant_macro_frame *frame, double *q)
+{
+    const gpu_macros &macros = system.macros;
+    const int begin = macros.d_start[cube], count = macros.d_start[cube + 1] - begin;
+    if (threadIdx.x == 0) frame_of(system, x, cube, frame);
+    __syncthreads();
+    for (int c = (int)threadIdx.x; c < count; c += THREADS) {
+        const size_t node = 3 * (size_t)macros.d_node[begin + c];
+        pliant_macro_corner(frame, macros.d_held[begin + c], x + node, system.d_rest + node, q + 3 * c);
+    }
+    __syncthreads();
+}
+
+/* f = root' (root q): a warp a row, then a thread a column; sums in a fixed order */
+static __device__ void apply_root(const float *root, int rank, int n, double *q, double *row)
+{
+    const int lane = (int)threadIdx.x % WARP, warp = (int)threadIdx.x / WARP;
+    for (int m = warp; m < rank; m += THREADS / WARP) {
+        double sum = 0;
+        for (int i = lane; i < n; i += WARP) sum += (double)root[(size_t)m * n + i] * q[i];
+        for (int half = WARP / 2; half > 0; half /= 2) sum += __shfl_down_sync(0xffffffff, sum, half);
+        if (lane == 0) row[m] = sum;
+    }
+    __syncthreads();
+    for (int i = (int)threadIdx.x; i < n; i += THREADS) {
+        double sum = 0;
+        for (int m = 0; m < rank; m++) sum += (double)root[(size_t)m * n + i] * row[m];
+        q[i] = sum;
+    }
+    __syncthreads();
+}
+
+static __global__ void __launch_bounds__(THREADS) macro_force_kernel(gpu_system system, gpu_iteration iteration)
+{
+    extern __shared__ double shared[];
+    __shared__ pliant_macro_frame frame;
+    const gpu_state &state = *iteration.d_state;
+    if (state.done) return;
+    const gpu_macros &macros = system.macros;
+    const int cube = (int)blockIdx.x, begin = macros.d_start[cube], count = macros.d_start[cube + 1] - begin;
+    double *q = shared, *row = shared + macros.most_unknowns;
+    corners_in_frame(system, iteration.d_x[gpu_target(&state)], cube, &frame, q);
+    apply_root(macros.d_root + macros.d_root_start[cube], macros.d_rank[cube], 3 * count, q, row);
+    for (int c = (int)threadIdx.x; c < count; c += THREADS) {
+        double force[3];
+        pliant_macro_turn(frame.rotation, q + 3 * c, force);
+        for (int d = 0; d < 3; d++) iteration.d_element_force[4 * (size_t)(begin + c) + d] = force[d];
+    }
+}
+
+static __global__ void __launch_bounds__(THREADS) macro_rotation_kernel(gpu_system system, gpu_iteration iteration)
+{
+    const int cube = (int)(blockIdx.x * THREADS + threadIdx.x);
+    if (cube >= system.macros.count) return;
+    pliant_macro_frame frame;
+    frame_of(system, iteration.d_x[iteration.d_state->now], cube, &frame);
+    for (int m = 0; m < 9; m++) iteration.d_element_force[16 * (size_t)cube + m] = frame.rotation[m];
+}
+
+static __global__ void __launch_bounds__(THREADS) macro_position_kernel(gpu_system system, gpu_iteration iteration, double *d_fine)
+{
+    extern __shared__ double q[];
+    __shared__ pliant_macro_frame frame;
+    const gpu_macros &macros = system.macros;
+    const int cube = (int)blockIdx.x;
+    corners_in_frame(system, iteration.d_x[iteration.d_state->now], cube, &frame, q);
+    for (int i = macros.d_fine_start[cube] + (int)threadIdx.x; i < macros.d_fine_start[cube + 1]; i += THREADS) {
+        const size_t node = 3 * (size_t)macros.d_fine[i];
+        double w[3], x[3];
+        for (int d = 0; d < 3; d++) x[d] = system.d_fine_rest[node + d];
+        pliant_macro_shaped(macros.d_entry_start[i], macros.d_entry_start[i + 1], macros.d_entry_corner, macros.d_entry_shape, q, w);
+        pliant_macro_follow(&frame, macros.d_grounded[cube], w, x);
+        for (int d = 0; d < 3; d++) d_fine[node + d] = x[d];
+    }
+}
+
+extern "C" pliant_status pliant_cuda_macro_forces(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
+{
+    macro_force_kernel<<<(unsigned)system->macros.count, THREADS, shared_bytes(&system->macros), stream>>>(*system, *iteration);
+    return CUDA_LAUNCHED("macro_force_kernel");
+}
+
+extern "C" pliant_status pliant_cuda_macro_rotations(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
+{
+    macro_rotation_kernel<<<(unsigned)((system->macros.count + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*system, *iteration);
+    return CUDA_LAUNCHED("macro_rotation_kernel");
+}
+
+extern "C" pliant_status pliant_cuda_macro_positions(const gpu_system *system, const gpu_iteration *iteration, double *d_fine, cudaStream_t stream)
+{
+    /* fixed nodes follow no cube: they are at rest */
+    const size_t bytes = 3 * (size_t)system->num_fine * sizeof *d_fine;
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_fine, system->d_fine_rest, bytes, cudaMemcpyDeviceToDevice, stream)));
+    const size_t shared = (size_t)system->macros.most_unknowns * sizeof(double);
+    macro_position_kernel<<<(unsigned)system->macros.count, THREADS, shared, stream>>>(*system, *iteration, d_fine);
+    return CUDA_LAUNCHED("macro_position_kernel");
+}
