@@ -169,4 +169,71 @@ TEST_F(Deform, AsksForATableOfAnMr)
     EXPECT_EQ(run(in("mr.yaml") + " --quiet --steps 2 --pictures --scan " + in("mr.nii") + " --out " + in("mr")), 0) << err_;
 }
 
+// the warp's two parts; a number for every node and every element
+TEST_F(Deform, WritesTimesOfTheWarpAndScalars)
+{
+    ASSERT_EQ(run(small_ + "--set 'model/gravity=0 9.81 0' --steps 3 --every 2 --pictures --scalars von_mises,volume_ratio --out " + in("s")), 0) << err_;
+    auto steps = table(in("s/steps.csv"));
+    const auto column = [&](const std::string &name) { return static_cast<size_t>(std::find(steps[0].begin(), steps[0].end(), name) - steps[0].begin()); };
+    ASSERT_LT(column("rasterize_s"), steps[0].size());
+    double drawn = 0;
+    for (size_t row = 1; row < steps.size(); ++row) {
+        const double cull = std::stod(steps[row][column("cull_s")]), rasterize = std::stod(steps[row][column("rasterize_s")]);
+        EXPECT_GT(cull, 0);
+        drawn += rasterize;
+        EXPECT_LE(cull + rasterize, 1.001 * std::stod(steps[row][column("warp_s")]));
+    }
+    EXPECT_GT(drawn, 0);
+    for (const char *name : {"  cull ", "  rasterize ", "share %"}) EXPECT_NE(out_.find(name), std::string::npos) << out_;
+
+    auto nodes = table(in("s/nodes.csv")), elements = table(in("s/elements.csv"));
+    EXPECT_EQ(nodes[0].size(), 8u);
+    EXPECT_EQ(nodes[0][6] + " " + nodes[0][7], "von_mises_pa volume_ratio");
+    EXPECT_EQ(elements[0], (std::vector<std::string>{"node_0", "node_1", "node_2", "node_3", "material", "von_mises_pa", "volume_ratio"}));
+    std::vector<double> low(nodes.size(), INFINITY), high(nodes.size(), -INFINITY); // of the elements around a node
+    double highest_stress = 0;
+    for (size_t tet = 1; tet < elements.size(); ++tet) {
+        ASSERT_EQ(elements[tet].size(), 7u);
+        highest_stress = std::max(highest_stress, std::stod(elements[tet][5]));
+        for (size_t v = 0; v < 4; ++v) {
+            const size_t node = std::stoul(elements[tet][v]) + 1;
+            ASSERT_LT(node, nodes.size());
+            low[node] = std::min(low[node], std::stod(elements[tet][6]));
+            high[node] = std::max(high[node], std::stod(elements[tet][6]));
+        }
+    }
+    EXPECT_GT(highest_stress, 10);
+    for (size_t node = 1; node < nodes.size(); ++node) {
+        const double value = std::stod(nodes[node][7]);
+        EXPECT_GE(value, low[node] - 1e-4);
+        EXPECT_LE(value, high[node] + 1e-4);
+    }
+    for (const char *name : {"von_mises_pa_coronal.png", "volume_ratio_axial.png", "elements_000002.csv", "axial_000002.png", "von_mises_pa_000002_sagittal.png"})
+        EXPECT_EQ(access(in(std::string("s/") + name).c_str(), R_OK), 0) << name;
+    EXPECT_EQ(run("--out x --scalars von_mises,none"), 2);
+    EXPECT_EQ(run("--out x --scalars von_mises,von_mises"), 2);
+    EXPECT_NE(err_.find("named twice"), std::string::npos) << err_;
+}
+
+// [H] figures 1 and 2: methods beside each other, by one command
+TEST_F(Deform, ComparesMethodsSideBySide)
+{
+    const double front = front_of_the_wall();
+    std::ofstream(in("pull.yaml")) << "tools:\n  - name: grasper\n    drive: rigid\n    grasp: [0.0, " << front
+                                   << ", 0.0]\n    motion: [{time: 0, offset: [0, 0, 0]}, {time: 0.06, offset: [0, -0.01, 0]}]\n";
+    ASSERT_EQ(run(small_ + "--quiet --pictures --steps 6 --compare coarse,averaged,fine --tools " + in("pull.yaml") + " --out " + in("c")), 0) << err_;
+    auto rows = table(in("c/compare.csv"));
+    ASSERT_EQ(rows.size(), 4u);
+    EXPECT_EQ(rows[1][0] + rows[2][0] + rows[3][0], "coarseaveragedfine");
+    for (size_t m = 1; m < 3; ++m) EXPECT_GT(std::stod(rows[m][2]), 0.05) << rows[m][0];
+    EXPECT_LT(std::stod(rows[3][2]), 1e-9) << "the last one is the reference";
+    EXPECT_GT(std::stod(rows[3][4]), 5) << "the middle of what is held was pulled by a centimetre";
+    EXPECT_LT(std::stod(rows[3][4]), 20);
+    for (size_t m = 1; m < 4; ++m) EXPECT_GT(std::stod(rows[m][1]), 0) << "milliseconds a step";
+    for (const char *name : {"axial.png", "coronal.png", "sagittal.png", "coarse/axial.png", "averaged/nodes.csv", "fine/deformed.nii.gz"})
+        EXPECT_EQ(access(in(std::string("c/") + name).c_str(), R_OK), 0) << name;
+    EXPECT_EQ(run("--out x --compare fine,fast"), 2);
+    EXPECT_NE(err_.find("'fast' is none of fine coarse schur"), std::string::npos) << err_;
+}
+
 } // namespace

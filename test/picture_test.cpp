@@ -1,5 +1,6 @@
 // Pictures: what lies where in the patient comes out at its place and in its shade; differences in the right colour.
 #include "picture.h"
+#include "picture_scalar.h"
 
 #include <cmath>
 #include <cstdlib>
@@ -48,17 +49,17 @@ protected:
     void write()
     {
         picture_view view = {{0.011, -0.011, 0.011}, {0.011, -0.011, 0.011}, -1000, 240};
-        ASSERT_EQ(picture_write(folder_, &before_, &after_, &view), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(picture_write(folder_, "", &before_, &after_, &view), PLIANT_OK) << pliant_last_error();
     }
     // right and down as fractions of a panel; an eighth and more away from edges and cross
-    std::string colour(const std::string &plane, int panel, double right, double down)
+    std::string colour(const std::string &plane, int panel, double right, double down, unsigned wide = 3u * PANEL + 2 * GAP)
     {
         auto reader = itk::ImageFileReader<Image>::New();
         reader->SetImageIO(itk::PNGImageIO::New());
         reader->SetFileName(std::string(folder_) + "/" + plane + ".png");
         reader->Update();
         auto size = reader->GetOutput()->GetLargestPossibleRegion().GetSize();
-        EXPECT_EQ(size[0], 3u * PANEL + 2 * GAP);
+        EXPECT_EQ(size[0], wide);
         EXPECT_EQ(size[1], static_cast<unsigned>(PANEL));
         auto pixel = reader->GetOutput()->GetPixel(
             {{static_cast<long>(panel * (PANEL + GAP) + right * PANEL), static_cast<long>(down * PANEL)}});
@@ -145,8 +146,28 @@ TEST_F(Picture, NamesAFolderThatIsNotThere)
 {
     picture_view view = {{0, 0, 0}, {0, 0, 0}, -1000, 240};
     const std::string absent = std::string(folder_) + "/absent";
-    EXPECT_EQ(picture_write(absent.c_str(), &before_, &after_, &view), PLIANT_ERROR_FILE);
+    EXPECT_EQ(picture_write(absent.c_str(), "", &before_, &after_, &view), PLIANT_ERROR_FILE);
     EXPECT_NE(std::string(pliant_last_error()).find(absent + "/axial.png"), std::string::npos) << pliant_last_error();
+}
+
+// a number of a tetrahedron where a plane cuts it: red on the left of the patient, blue on the right
+TEST_F(Picture, ScalarsAreColoursOfTheTetrahedraThatThePlanesCut)
+{
+    const double nodes[] = {-0.02, 0, -0.02, -0.02, 0.02, 0.02, -0.02, -0.02, 0.02, 0, 0, 0, // right
+                            0.02, 0, -0.02, 0.02, 0.02, 0.02, 0.02, -0.02, 0.02, 0, 0, 0};   // left
+    int32_t tets[] = {0, 1, 2, 3, 4, 5, 6, 7};
+    pliant_mesh mesh{};
+    mesh.num_nodes = 8;
+    mesh.num_tets = 2;
+    mesh.tets = tets;
+    const float values[] = {1, 2};
+    const double point[3] = {0, 0, 0.012};
+    const picture_scalars scalars = {&mesh, nodes, values};
+    ASSERT_EQ(picture_scalar(folder_, "stress", &scalars, &before_.geometry, point), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(colour("stress_axial", 0, 0.1, 0.5, PANEL + 24), "000080"); // x < 0: the value 1
+    EXPECT_EQ(colour("stress_axial", 0, 0.9, 0.5, PANEL + 24), "800000");
+    EXPECT_EQ(colour("stress_axial", 0, 0.5, 0.1, PANEL + 24), "000000"); // no tissue
+    for (const picture_plane &plane : picture_planes) std::remove((folder_ + ("/stress_" + std::string(plane.name) + ".png")).c_str());
 }
 
 } // namespace

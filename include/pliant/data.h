@@ -182,6 +182,8 @@ PLIANT_API int32_t pliant_mesh_inverted(const pliant_mesh *mesh, const double *p
 
 /** A number per fine node (volume-weighted mean of its tetrahedra). @param out (body->fine.num_nodes) */
 PLIANT_API pliant_status pliant_data_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out);
+/** And per fine tetrahedron. @param out (body->fine.num_tets) */
+PLIANT_API void pliant_data_tet_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out);
 
 #ifdef __cplusplus
 }

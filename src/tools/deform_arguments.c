@@ -18,29 +18,35 @@ static const char help[] =
     "  --out DIR          folder for the results; made if it is missing\n"
     "  --set OPTION=VALUE change a scene option, e.g. --set mesh/ratio=3; may be repeated\n"
     "  --steps N          steps to do (default: to the end of the tool path and until the solver has converged)\n"
-    "  --every N          write volume and nodes every N steps too (default: at the end only)\n"
+    "  --every N          write volume, tables and pictures every N steps too (default: at the end only)\n"
     "  --no-volume        do not compute the deformed volume\n"
     "  --pictures         write axial.png, coronal.png, sagittal.png: before, after, difference\n"
+    "  --scalars A,B      numbers for every node and element, in the tables and, with --pictures, in colours: von_mises,\n"
+    "                     strain_energy, volume_ratio, principal_stress, mass_change\n"
+    "  --compare A,B,C    the same by each of these methods, into DIR/A and so on; errors against the last one in\n"
+    "                     DIR/compare.csv, with --pictures the scan and the methods side by side in DIR/axial.png ...\n"
     "  --quiet            no progress, warnings and errors only\n"
     "  --options          print every scene option as a table and end\n"
     "  --help             print this and end\n"
     "\n"
     "Results in DIR: deformed.nii.gz (the scan's values, deformed), nodes.csv (rest and deformed positions in metres,\n"
-    "LPS), steps.csv (iterations, residual and seconds per stage, a row a step), tools.csv (force and held point of\n"
-    "every tool), build.csv (seconds and bytes of every stage of the build).\n"
+    "LPS; scalars), elements.csv (with --scalars: nodes as rows of nodes.csv from 0, material, scalars), steps.csv\n"
+    "(iterations, residual, seconds per stage, of the warp cull_s and rasterize_s too, inverted elements; a row a step),\n"
+    "tools.csv (force and held point of every tool), build.csv (seconds and bytes of every stage of the build).\n"
     "Where the scene has choose/budget_ms, DIR/choice holds what was tried: CSV and JSON as of pliant_report, and its\n"
     "picture with --pictures.\n"
-    "With --every N also deformed_NNNNNN.nii.gz and nodes_NNNNNN.csv. Tables of times and memory go to stdout.\n"
+    "With --every N also deformed_NNNNNN.nii.gz, nodes_NNNNNN.csv and so on. Tables of times and memory go to stdout.\n"
     "\n"
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C (what was done so far is written).\n";
 
-enum { SCAN = 256, TOOLS, OUT, SET, STEPS, EVERY, NO_VOLUME, PICTURES, QUIET, OPTIONS, HELP };
+enum { SCAN = 256, TOOLS, OUT, SET, STEPS, EVERY, NO_VOLUME, PICTURES, SCALARS, COMPARE, QUIET, OPTIONS, HELP };
 
 static const struct option options[] = {
     {"scan", required_argument, NULL, SCAN},   {"tools", required_argument, NULL, TOOLS},
     {"out", required_argument, NULL, OUT},     {"set", required_argument, NULL, SET},
     {"steps", required_argument, NULL, STEPS}, {"every", required_argument, NULL, EVERY},
     {"no-volume", no_argument, NULL, NO_VOLUME}, {"pictures", no_argument, NULL, PICTURES},
+    {"scalars", required_argument, NULL, SCALARS}, {"compare", required_argument, NULL, COMPARE},
     {"quiet", no_argument, NULL, QUIET},       {"options", no_argument, NULL, OPTIONS},
     {"help", no_argument, NULL, HELP},         {NULL, 0, NULL, 0},
 };
@@ -55,6 +61,51 @@ static bool read_count(const char *name, const char *text, long *out)
     }
     *out = value;
     return true;
+}
+
+#define NAME(name, yaml) #yaml,
+static const char *const method_names[] = {PLIANT_METHOD_LIST(NAME)};
+static const char *const scalar_names[] = {PLIANT_SCALAR_LIST(NAME)};
+#undef NAME
+
+const char *deform_method_name(pliant_method method) { return method_names[method]; }
+
+/* "a,b": their places among the names, none twice, the first `skipped` of them not meant. Returns how many, 0 after a message. */
+static int read_names(const char *option, const char *text, const char *const *names, int num_names, int skipped, int *out)
+{
+    int count = 0;
+    for (const char *at = text;; at++) {
+        size_t length = strcspn(at, ",");
+        int found = skipped;
+        while (found < num_names && (strlen(names[found]) != length || strncmp(at, names[found], length) != 0)) found++;
+        for (int n = 0; n < count; n++)
+            if (out[n] == found) found = num_names;
+        if (found == num_names) {
+            fprintf(stderr, "%s %s: '%.*s' is none of", option, text, (int)length, at);
+            for (int n = skipped; n < num_names; n++) fprintf(stderr, " %s", names[n]);
+            fputs(", or is named twice\n", stderr);
+            return 0;
+        }
+        out[count++] = found;
+        at += length;
+        if (!*at) return count;
+    }
+}
+
+static bool read_scalars(const char *text, deform_arguments *out)
+{
+    int found[PLIANT_NUM_SCALARS];
+    out->num_scalars = read_names("--scalars", text, scalar_names, PLIANT_NUM_SCALARS, 1, found);
+    for (int n = 0; n < out->num_scalars; n++) out->scalars[n] = (pliant_scalar)found[n];
+    return out->num_scalars > 0;
+}
+
+static bool read_compared(const char *text, deform_arguments *out)
+{
+    int found[PLIANT_NUM_METHODS];
+    out->num_compared = read_names("--compare", text, method_names, PLIANT_NUM_METHODS, 0, found);
+    for (int n = 0; n < out->num_compared; n++) out->compared[n] = (pliant_method)found[n];
+    return out->num_compared > 0;
 }
 
 bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *exit_code)
@@ -78,6 +129,12 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
             break;
         case NO_VOLUME: out->volume = false; break;
         case PICTURES: out->pictures = true; break;
+        case SCALARS:
+            if (!read_scalars(optarg, out)) return false;
+            break;
+        case COMPARE:
+            if (!read_compared(optarg, out)) return false;
+            break;
         case QUIET: out->quiet = true; break;
         case OPTIONS:
             options_table_print(stdout);

@@ -7,22 +7,9 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { PIXELS = 480, GAP = 4, CROSS = 8, PANELS = 3, GAP_GREY = 96 };
+enum { GAP = 4, CROSS = 8, GAP_GREY = 96 };
 
-/* Two world axes: the one to the right and the one down, and whether down runs against it (superior is up). */
-typedef struct view_plane {
-    const char *name;
-    int right, down, normal;
-    bool upwards;
-} view_plane;
-static const view_plane planes[] = {{"axial", 0, 1, 2, false}, {"coronal", 0, 2, 1, true}, {"sagittal", 1, 2, 0, true}};
-
-typedef struct panel_frame {
-    const view_plane *plane;
-    double low[3], high[3]; /* [m] */
-    double pixel;           /* [m] */
-    int32_t width, height;  /* of one panel */
-} panel_frame;
+const picture_plane picture_planes[PICTURE_PLANES] = {{"axial", 0, 1, 2, false}, {"coronal", 0, 2, 1, true}, {"sagittal", 1, 2, 0, true}};
 
 /* Trilinear; outside the volume its background. */
 static double sample(const pliant_volume *volume, const double world[3])
@@ -67,72 +54,103 @@ static void world_box(const pliant_geometry *geometry, double low[3], double hig
     }
 }
 
-/* The longer side has PIXELS pixels. */
-static panel_frame make_frame(const view_plane *plane, const pliant_geometry *shown)
+picture_frame picture_frame_of(const picture_plane *plane, const pliant_geometry *shown)
 {
-    panel_frame frame = {.plane = plane};
+    picture_frame frame = {.plane = plane};
     world_box(shown, frame.low, frame.high);
     double wide = frame.high[plane->right] - frame.low[plane->right];
     double tall = frame.high[plane->down] - frame.low[plane->down];
-    frame.pixel = fmax(wide, tall) / PIXELS;
+    frame.pixel = fmax(wide, tall) / PICTURE_PIXELS;
     frame.width = (int32_t)ceil(wide / frame.pixel - 1e-6);
     frame.height = (int32_t)ceil(tall / frame.pixel - 1e-6);
     return frame;
 }
 
-static void world_of_pixel(const panel_frame *frame, const double point[3], int32_t column, int32_t row, double world[3])
+void picture_world(const picture_frame *frame, const double point[3], int32_t column, int32_t row, double world[3])
 {
-    const view_plane *plane = frame->plane;
+    const picture_plane *plane = frame->plane;
     double down = (row + 0.5) * frame->pixel;
     world[plane->normal] = point[plane->normal];
     world[plane->right] = frame->low[plane->right] + (column + 0.5) * frame->pixel;
     world[plane->down] = plane->upwards ? frame->high[plane->down] - down : frame->low[plane->down] + down;
 }
 
-static uint8_t grey(double value, const picture_view *view)
+/* Panels in a row. */
+typedef struct canvas {
+    picture_frame frame;
+    int32_t stride; /* pixels of a row of the whole */
+    uint8_t *rgb;
+} canvas;
+
+static pliant_status canvas_create(const picture_plane *plane, const pliant_geometry *shown, int panels, canvas *out)
 {
-    double shade = (value - view->low) / (view->high - view->low);
+    canvas made = {.frame = picture_frame_of(plane, shown)};
+    made.stride = panels * made.frame.width + (panels - 1) * GAP;
+    made.rgb = pliant_calloc((size_t)made.stride * (size_t)made.frame.height, 3);
+    if (!made.rgb) return pliant_fail_memory("a picture");
+    memset(made.rgb, GAP_GREY, 3 * (size_t)made.stride * (size_t)made.frame.height);
+    *out = made;
+    return PLIANT_OK;
+}
+
+static uint8_t *canvas_pixel(const canvas *canvas, int panel, int32_t column, int32_t row)
+{
+    return canvas->rgb + 3 * ((size_t)row * (size_t)canvas->stride + (size_t)(column + panel * (canvas->frame.width + GAP)));
+}
+
+static pliant_status canvas_write(canvas *canvas, const char *folder, const char *suffix)
+{
+    char path[4096];
+    snprintf(path, sizeof path, "%s/%s%s.png", folder, canvas->frame.plane->name, suffix);
+    pliant_status status = picture_png(path, canvas->rgb, canvas->stride, canvas->frame.height);
+    pliant_free(canvas->rgb);
+    return status;
+}
+
+static uint8_t grey(double value, double low, double high)
+{
+    double shade = (value - low) / (high - low);
     return (uint8_t)(255.0 * fmin(fmax(shade, 0.0), 1.0) + 0.5);
 }
 
-static void draw_cross(const panel_frame *frame, const double point[3], int panel, uint8_t *rgb)
+static void draw_cross(const canvas *canvas, int panel, const double point[3])
 {
-    const view_plane *plane = frame->plane;
+    const picture_frame *frame = &canvas->frame;
+    const picture_plane *plane = frame->plane;
     double down = plane->upwards ? frame->high[plane->down] - point[plane->down] : point[plane->down] - frame->low[plane->down];
     int32_t x = (int32_t)((point[plane->right] - frame->low[plane->right]) / frame->pixel), y = (int32_t)(down / frame->pixel);
-    int32_t stride = PANELS * frame->width + (PANELS - 1) * GAP;
     for (int32_t step = -CROSS; step <= CROSS; ++step)
         for (int direction = 0; direction < 2; ++direction) {
             int32_t column = x + (direction ? 0 : step), row = y + (direction ? step : 0);
             if (column < 0 || column >= frame->width || row < 0 || row >= frame->height) continue;
-            uint8_t *pixel = rgb + 3 * ((size_t)row * (size_t)stride + (size_t)(column + panel * (frame->width + GAP)));
+            uint8_t *pixel = canvas_pixel(canvas, panel, column, row);
             pixel[0] = 255;
             pixel[1] = 200;
             pixel[2] = 0;
         }
 }
 
-static void draw(const panel_frame *frame, const pliant_volume *before, const pliant_volume *after, const picture_view *view,
-                 uint8_t *rgb)
+static void draw_slice(const canvas *canvas, int panel, const pliant_volume *volume, const double point[3], double low, double high)
 {
-    int32_t stride = PANELS * frame->width + (PANELS - 1) * GAP, panel = frame->width + GAP;
-    memset(rgb, GAP_GREY, 3 * (size_t)stride * (size_t)frame->height);
-    for (int32_t row = 0; row < frame->height; ++row)
-        for (int32_t column = 0; column < frame->width; ++column) {
+    for (int32_t row = 0; row < canvas->frame.height; ++row)
+        for (int32_t column = 0; column < canvas->frame.width; ++column) {
             double world[3];
-            world_of_pixel(frame, view->before_point, column, row, world);
-            uint8_t was = grey(sample(before, world), view), is = grey(sample(after, world), view);
-            uint8_t *pixel = rgb + 3 * ((size_t)row * (size_t)stride + (size_t)column);
-            for (int channel = 0; channel < 3; ++channel) {
-                pixel[channel] = was;
-                pixel[3 * panel + channel] = is;
-            }
-            pixel[6 * panel] = is > was ? (uint8_t)(is - was) : 0;
-            pixel[6 * panel + 1] = 0;
-            pixel[6 * panel + 2] = was > is ? (uint8_t)(was - is) : 0;
+            picture_world(&canvas->frame, point, column, row, world);
+            memset(canvas_pixel(canvas, panel, column, row), grey(sample(volume, world), low, high), 3);
         }
-    draw_cross(frame, view->before_point, 0, rgb);
-    draw_cross(frame, view->after_point, 1, rgb);
+}
+
+/* Red where the second panel is brighter than the first, blue where it is darker. */
+static void draw_difference(const canvas *canvas)
+{
+    for (int32_t row = 0; row < canvas->frame.height; ++row)
+        for (int32_t column = 0; column < canvas->frame.width; ++column) {
+            uint8_t was = *canvas_pixel(canvas, 0, column, row), is = *canvas_pixel(canvas, 1, column, row);
+            uint8_t *pixel = canvas_pixel(canvas, 2, column, row);
+            pixel[0] = is > was ? (uint8_t)(is - was) : 0;
+            pixel[1] = 0;
+            pixel[2] = was > is ? (uint8_t)(was - is) : 0;
+        }
 }
 
 pliant_status picture_window(const pliant_volume *scan, double *low, double *high)
@@ -149,19 +167,34 @@ pliant_status picture_window(const pliant_volume *scan, double *low, double *hig
     return PLIANT_OK;
 }
 
-pliant_status picture_write(const char *folder, const pliant_volume *before, const pliant_volume *after,
-                            const picture_view *view)
+pliant_status picture_write(const char *folder, const char *suffix, const pliant_volume *before, const pliant_volume *after, const picture_view *view)
 {
-    for (size_t n = 0; n < sizeof planes / sizeof *planes; ++n) {
-        panel_frame frame = make_frame(&planes[n], &after->geometry);
-        int32_t width = PANELS * frame.width + (PANELS - 1) * GAP;
-        uint8_t *rgb = pliant_calloc((size_t)width * (size_t)frame.height, 3);
-        if (!rgb) return pliant_fail_memory("a picture");
-        draw(&frame, before, after, view, rgb);
-        char path[4096];
-        snprintf(path, sizeof path, "%s/%s.png", folder, planes[n].name);
-        pliant_status status = picture_png(path, rgb, width, frame.height);
-        pliant_free(rgb);
+    for (int n = 0; n < PICTURE_PLANES; ++n) {
+        canvas canvas;
+        pliant_status status = canvas_create(&picture_planes[n], &after->geometry, 3, &canvas);
+        if (status < 0) return status;
+        draw_slice(&canvas, 0, before, view->before_point, view->low, view->high);
+        draw_slice(&canvas, 1, after, view->before_point, view->low, view->high);
+        draw_difference(&canvas);
+        draw_cross(&canvas, 0, view->before_point);
+        draw_cross(&canvas, 1, view->after_point);
+        status = canvas_write(&canvas, folder, suffix);
+        if (status < 0) return status;
+    }
+    return PLIANT_OK;
+}
+
+pliant_status picture_write_row(const char *folder, const picture_row *row)
+{
+    for (int n = 0; n < PICTURE_PLANES; ++n) {
+        canvas canvas;
+        pliant_status status = canvas_create(&picture_planes[n], &row->volumes[row->num_volumes - 1]->geometry, row->num_volumes, &canvas);
+        if (status < 0) return status;
+        for (int v = 0; v < row->num_volumes; ++v) {
+            draw_slice(&canvas, v, row->volumes[v], row->point, row->low, row->high);
+            draw_cross(&canvas, v, row->marks[v]);
+        }
+        status = canvas_write(&canvas, folder, "");
         if (status < 0) return status;
     }
     return PLIANT_OK;

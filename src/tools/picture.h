@@ -8,6 +8,27 @@
 extern "C" {
 #endif
 
+enum { PICTURE_PIXELS = 480, PICTURE_PLANES = 3, PICTURE_MOST_VOLUMES = 8 };
+
+/* Two world axes: the one to the right and the one down, and whether down runs against it (superior is up). */
+typedef struct picture_plane {
+    const char *name;
+    int right, down, normal;
+    bool upwards;
+} picture_plane;
+extern const picture_plane picture_planes[PICTURE_PLANES]; /* axial, coronal, sagittal */
+
+/* The world box of a grid as one panel; its longer side has PICTURE_PIXELS pixels. */
+typedef struct picture_frame {
+    const picture_plane *plane;
+    double low[3], high[3]; /* [m] */
+    double pixel;           /* [m] */
+    int32_t width, height;
+} picture_frame;
+picture_frame picture_frame_of(const picture_plane *plane, const pliant_geometry *shown);
+/* Where the middle of a pixel lies in the plane through a point. */
+void picture_world(const picture_frame *frame, const double point[3], int32_t column, int32_t row, double world[3]);
+
 typedef struct picture_view {
     double before_point[3], after_point[3]; /* marked with a cross; the planes go through the first one. LPS [m] */
     double low, high;                       /* values that are shown black and white */
@@ -17,10 +38,20 @@ typedef struct picture_view {
  * percentile to the 99th, so that a few bright vessels do not darken all else. Errors: MEMORY. */
 pliant_status picture_window(const pliant_volume *scan, double *low, double *high);
 
-/* folder/axial.png, coronal.png, sagittal.png: before, after and difference side by side. In the difference red is
- * brighter than before, blue darker. Errors: FILE, MEMORY. */
-pliant_status picture_write(const char *folder, const pliant_volume *before, const pliant_volume *after,
-                            const picture_view *view);
+/* folder/axialSUFFIX.png, coronal, sagittal: before, after and difference side by side. In the difference red is brighter than before,
+ * blue darker. Errors: FILE, MEMORY. */
+pliant_status picture_write(const char *folder, const char *suffix, const pliant_volume *before, const pliant_volume *after, const picture_view *view);
+
+/* The same slice of several volumes. */
+typedef struct picture_row {
+    int num_volumes;
+    const pliant_volume *volumes[PICTURE_MOST_VOLUMES];
+    double marks[PICTURE_MOST_VOLUMES][3]; /* crosses, LPS [m] */
+    double point[3];                       /* the planes go through it */
+    double low, high;                      /* values that are shown black and white */
+} picture_row;
+/* folder/axial.png, coronal.png, sagittal.png: the volumes side by side. Errors: FILE, MEMORY. */
+pliant_status picture_write_row(const char *folder, const picture_row *row);
 
 /* rgb is (height x width x 3), top row first. Errors: FILE. */
 pliant_status picture_png(const char *path, const uint8_t *rgb, int32_t width, int32_t height);

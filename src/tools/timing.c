@@ -9,7 +9,7 @@
 #include <string.h>
 #include <sys/resource.h>
 
-enum { COLUMNS = PLIANT_NUM_STEP_STAGES + 1 };
+enum { CULL = PLIANT_NUM_STEP_STAGES, RASTERIZE, WHOLE, COLUMNS };
 
 static pliant_status open_table(const char *folder, const char *name, FILE **out)
 {
@@ -36,7 +36,7 @@ pliant_status timing_start(const char *folder, step_times *out)
     }
     fputs("step,status,iterations,residual,residual_force_n", times.steps);
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage) fprintf(times.steps, ",%s_s", pliant_step_stage_name(stage));
-    fputs(",step_s,inverted\n", times.steps);
+    fputs(",cull_s,rasterize_s,step_s,inverted\n", times.steps);
     fputs("step,tool,force_x_n,force_y_n,force_z_n,held_x_m,held_y_m,held_z_m\n", times.tools);
     *out = times;
     return PLIANT_OK;
@@ -60,7 +60,9 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
     if (!make_room(times)) return pliant_fail_memory("the times of the steps");
     double *row = times->seconds + COLUMNS * times->num_steps++;
     memcpy(row, statistics->seconds, sizeof statistics->seconds);
-    row[PLIANT_NUM_STEP_STAGES] = seconds;
+    row[CULL] = row[RASTERIZE] = 0.0;
+    if (data->warp) pliant_warp_seconds(data->warp, &row[CULL], &row[RASTERIZE]);
+    row[WHOLE] = seconds;
     times->iterations += (uint64_t)statistics->iterations;
     times->last_converged = status != PLIANT_NOT_CONVERGED;
     if (status == PLIANT_NOT_CONVERGED && statistics->residual > times->worst_residual) times->worst_residual = statistics->residual;
@@ -80,39 +82,60 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
     return PLIANT_OK;
 }
 
-pliant_status timing_end(step_times *times)
-{
-    pliant_status steps = times->steps ? close_table(times->steps, "steps.csv") : PLIANT_OK;
-    pliant_status tools = times->tools ? close_table(times->tools, "tools.csv") : PLIANT_OK;
-    free(times->seconds);
-    memset(times, 0, sizeof *times);
-    return steps < 0 ? steps : tools;
-}
-
 static int compare(const void *a, const void *b)
 {
     double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);
 }
 
-static void print_row(FILE *file, const char *name, const step_times *times, int column, double *sorted)
+/* Sorted in place of what was there; the mean. */
+static double sort_column(const step_times *times, int column, double *sorted)
 {
     double sum = 0.0;
     for (size_t n = 0; n < times->num_steps; ++n) sum += sorted[n] = times->seconds[COLUMNS * n + (size_t)column];
     qsort(sorted, times->num_steps, sizeof *sorted, compare);
-    fprintf(file, "%-12s %10.2f %10.2f %10.2f\n", name, 1e3 * sum / (double)times->num_steps,
-            1e3 * sorted[times->num_steps / 2], 1e3 * sorted[times->num_steps - 1]);
+    return sum / (double)times->num_steps;
 }
 
-void timing_print(const step_times *times, const pliant_data *data, FILE *file)
+pliant_status timing_end(step_times *times)
+{
+    pliant_status steps = times->steps ? close_table(times->steps, "steps.csv") : PLIANT_OK;
+    pliant_status tools = times->tools ? close_table(times->tools, "tools.csv") : PLIANT_OK;
+    double median = 0.0, *sorted = times->num_steps ? malloc(times->num_steps * sizeof *sorted) : NULL;
+    if (sorted) {
+        sort_column(times, WHOLE, sorted);
+        median = sorted[times->num_steps / 2];
+    }
+    free(sorted);
+    free(times->seconds);
+    memset(times, 0, sizeof *times);
+    times->median = median;
+    return steps < 0 ? steps : tools;
+}
+
+/* @param whole mean of the whole step [s] */
+static void print_row(FILE *file, const char *name, const step_times *times, int column, double whole, double *sorted)
+{
+    double mean = sort_column(times, column, sorted);
+    fprintf(file, "%-12s %10.2f %10.2f %10.2f %8.0f\n", name, 1e3 * mean, 1e3 * sorted[times->num_steps / 2], 1e3 * sorted[times->num_steps - 1],
+            whole > 0.0 ? 100.0 * mean / whole : 0.0);
+}
+
+void timing_print(const step_times *times, const pliant_model *model, const pliant_data *data, FILE *file)
 {
     const pliant_statistics *statistics = &data->statistics;
     double *sorted = times->num_steps ? malloc(times->num_steps * sizeof *sorted) : NULL;
     if (!sorted) return;
-    fprintf(file, "\n%-12s %10s %10s %10s   [ms], %zu steps\n", "stage", "mean", "median", "worst", times->num_steps);
+    bool fit = model->scene.warp.kind == PLIANT_FIT;
+    double whole = sort_column(times, WHOLE, sorted);
+    fprintf(file, "\n%-12s %10s %10s %10s %8s   [ms], %zu steps\n", "stage", "mean", "median", "worst", "share %", times->num_steps);
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage)
-        print_row(file, pliant_step_stage_name(stage), times, stage, sorted);
-    print_row(file, "whole step", times, PLIANT_NUM_STEP_STAGES, sorted);
+        print_row(file, pliant_step_stage_name(stage), times, stage, whole, sorted);
+    if (data->warp) {
+        print_row(file, fit ? "  map" : "  cull", times, CULL, whole, sorted);
+        print_row(file, fit ? "  voxels" : "  rasterize", times, RASTERIZE, whole, sorted);
+    }
+    print_row(file, "whole step", times, WHOLE, whole, sorted);
     free(sorted);
     fprintf(file, "iterations a step %.1f, last residual %.2g, not converged %llu, failed %llu, inverted now %d\n",
             (double)times->iterations / (double)times->num_steps, statistics->residual,

@@ -13,7 +13,8 @@ extern "C" {
 typedef struct step_times {
     FILE *steps;         /* steps.csv, a row a step */
     FILE *tools;         /* tools.csv, a row a step and tool that holds */
-    double *seconds;     /* (num_steps x (PLIANT_NUM_STEP_STAGES + 1)), the last column is the whole step */
+    double *seconds;     /* (num_steps x columns): the stages, the two parts of the warp, the whole step */
+    double median;       /* of the whole step [s], after timing_end */
     size_t num_steps, capacity;
     uint64_t iterations;
     bool last_converged;
@@ -31,8 +32,9 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
 /* Errors: FILE, when the rows did not reach the disk. */
 pliant_status timing_end(step_times *times);
 
-/* Mean, median and largest time of every stage, and how the steps ended. */
-void timing_print(const step_times *times, const pliant_data *data, FILE *file);
+/* Mean, median and largest time of every stage, culling and rasterization apart ([H] 4.1), their shares of the step, and how the steps
+ * ended. */
+void timing_print(const step_times *times, const pliant_model *model, const pliant_data *data, FILE *file);
 
 /* Warnings for the log where results are not to be relied on: steps that did not converge, elements that are inverted. */
 void timing_warn(const step_times *times, const pliant_model *model, const pliant_data *data);

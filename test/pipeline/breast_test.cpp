@@ -166,8 +166,8 @@ protected:
         file << "gravity:\n";
         for (uint32_t k = 0; k < path.num_gravity; k++) {
             const pliant_path_key &at = path.gravity[k];
-            file << "  - {time: " << at.time / speed << ", acceleration: [" << at.offset[0] << ", " << at.offset[1] << ", "
-                 << at.offset[2] << "]}\n";
+            file << "  - {time: " << at.time / speed << ", acceleration: [" << at.value[0] << ", " << at.value[1] << ", "
+                 << at.value[2] << "]}\n";
         }
         pliant_path_free(&path);
         return in("turn.yaml");
@@ -328,6 +328,26 @@ TEST_F(Breast, ForcesAreInBalance)
     }
     EXPECT_LT(way[1], 0);
     EXPECT_NEAR(-way[1] / way[2], 1, 0.01);
+}
+
+// [H] figure 5: by a homogenized mesh, gravity turned round: the front hangs down, the chest wall stays
+TEST_F(Breast, AHomogenizedOneHangsToTheFront)
+{
+    write_dome(in("breast.nii"));
+    ASSERT_EQ(run(std::string(PLIANT_SOURCE_DIR "/launch/scenes/breast_prone.yaml") + " --quiet --no-volume --set 'mesh/coarse_cells=6 4 4' --scan " +
+                  in("breast.nii") + " --out " + in("prone")), 0)
+        << err_;
+    EXPECT_EQ(err_.find("converge"), std::string::npos) << err_;
+    EXPECT_EQ(err_.find("inside out"), std::string::npos) << err_;
+    const Nodes prone(in("prone/nodes.csv"));
+    double farthest = 0, farthest_at_the_wall = 0;
+    for (size_t n = 0; n < prone.count(); n++) {
+        if (prone.rest[3 * n + 1] < 0) farthest = std::min(farthest, prone.moved(n, 1));
+        if (prone.rest[3 * n + 1] >= wall) farthest_at_the_wall = std::max(farthest_at_the_wall, std::fabs(prone.moved(n, 1)));
+    }
+    EXPECT_LT(farthest, -1e-3);
+    EXPECT_GT(farthest, -0.03);
+    EXPECT_EQ(farthest_at_the_wall, 0);
 }
 
 TEST_F(Breast, ThePublicMeshTurns)

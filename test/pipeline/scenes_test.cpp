@@ -81,4 +81,36 @@ TEST(Scenes, TheLiverFallsOnThePlane)
     EXPECT_GT(mean[1], -0.05 + 0.005);
 }
 
+// with the constants of [C] 6: mu 400 Pa, lambda 49000 Pa, 1000 kg/m^3
+TEST(Scenes, TheSoftLiverIsThatOfThePaper)
+{
+    for (const char *name : {"hang_soft", "fall_soft"}) {
+        SceneRun run(name);
+        ASSERT_EQ(run.build(), PLIANT_OK) << pliant_last_error();
+        for (int32_t t = 0; t < run.model->body->fine.num_tets; t++) {
+            const pliant_tet_material &material = run.model->body->fine_material[t];
+            if (material.tissue < 1) continue;
+            ASSERT_NEAR(material.mu, 400, 0.01);
+            ASSERT_NEAR(material.lambda, 49000, 5);
+            ASSERT_NEAR(material.density, 1000, 1e-6);
+        }
+    }
+}
+
+TEST(Scenes, TheSoftLiverHangsAndFalls)
+{
+    SceneRun hang("hang_soft"), fall("fall_soft");
+    ASSERT_EQ(hang.build(), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(fall.build(), PLIANT_OK) << pliant_last_error();
+    double lowest[3], mean[3];
+    hang.heights(&lowest[0], &mean[0]);
+    for (int s = 0; s < 20; s++) ASSERT_EQ(pliant_step(hang.model, hang.data), PLIANT_OK) << pliant_last_error();
+    hang.heights(&lowest[1], &mean[1]);
+    EXPECT_LT(lowest[1], lowest[0] - 0.03) << "far more than the stiffer one";
+    for (int s = 0; s < 30; s++) ASSERT_EQ(pliant_step(fall.model, fall.data), PLIANT_OK) << pliant_last_error();
+    fall.heights(&lowest[2], &mean[2]);
+    EXPECT_NEAR(lowest[2], 0.02, 1e-9);
+    EXPECT_LT(mean[2], mean[0]);
+}
+
 } // namespace

@@ -61,6 +61,15 @@ static double measure(const pliant_scene *scene, const double f[9], double volum
     return values[2];
 }
 
+void pliant_data_tet_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out)
+{
+    const pliant_mesh *mesh = &model->body->fine;
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        double f[9], volume = deformation_of(mesh, positions, t, f);
+        out[t] = scalar == PLIANT_SCALAR_NONE ? 0 : (float)measure(&model->scene, f, volume, model->body->fine_material + t, scalar);
+    }
+}
+
 pliant_status pliant_data_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out)
 {
     const pliant_mesh *mesh = &model->body->fine;

@@ -59,6 +59,12 @@ bool read(ros::NodeHandle handle, const ros::NodeHandle &own, Player *player)
         ROS_FATAL("~path: %s", pliant_last_error());
         return false;
     }
+    for (uint32_t n = 0; n < player->path.num_tools; ++n)
+        if (player->path.tools[n].drive == PLIANT_DRIVE_FORCE) {
+            ROS_FATAL("~path: %s: tool %s has drive: force, but a robot's tool sends poses: give it offsets (drive: rigid or spring)", file.c_str(),
+                      player->path.tools[n].name);
+            return false;
+        }
     for (uint32_t i = 0; i < player->path.num_tools; ++i) {
         const pliant_path_tool &tool = player->path.tools[i];
         if (tool.drive == PLIANT_DRIVE_FORCE) {

@@ -1,0 +1,173 @@
+#include "deform_output.h"
+
+#include "pliant/fail.h"
+#include "picture.h"
+#include "picture_scalar.h"
+#include "pliant/memory.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <string.h>
+
+/* as columns of a table */
+static const char *column_of(pliant_scalar scalar)
+{
+    switch (scalar) {
+    case PLIANT_SCALAR_VON_MISES: return "von_mises_pa";
+    case PLIANT_SCALAR_STRAIN_ENERGY: return "strain_energy_j_m3";
+    case PLIANT_SCALAR_VOLUME_RATIO: return "volume_ratio";
+    case PLIANT_SCALAR_PRINCIPAL_STRESS: return "principal_stress_pa";
+    case PLIANT_SCALAR_MASS_CHANGE: return "mass_change_m3";
+    case PLIANT_SCALAR_NONE: break;
+    }
+    return "";
+}
+
+/* (num_scalars x count), one after the other: of nodes, of elements */
+typedef struct scalar_values {
+    int num_scalars;
+    float *of_node, *of_tet;
+} scalar_values;
+
+static void free_scalars(scalar_values *values)
+{
+    pliant_free(values->of_node);
+    pliant_free(values->of_tet);
+}
+
+static pliant_status find_scalars(const deform_run *run, scalar_values *out)
+{
+    const deform_arguments *arguments = run->arguments;
+    const pliant_mesh *mesh = &run->data->body->fine;
+    pliant_status status = PLIANT_OK;
+    *out = (scalar_values){.num_scalars = arguments->num_scalars};
+    if (arguments->num_scalars == 0) return PLIANT_OK;
+    out->of_node = pliant_calloc((size_t)mesh->num_nodes * (size_t)arguments->num_scalars, sizeof *out->of_node);
+    out->of_tet = pliant_calloc((size_t)mesh->num_tets * (size_t)arguments->num_scalars, sizeof *out->of_tet);
+    if (!out->of_node || !out->of_tet) status = pliant_fail_memory("the scalars");
+    for (int s = 0; status >= 0 && s < arguments->num_scalars; ++s) {
+        status = pliant_data_scalar(run->model, run->data->positions, arguments->scalars[s], out->of_node + (size_t)s * (size_t)mesh->num_nodes);
+        if (status >= 0)
+            pliant_data_tet_scalar(run->model, run->data->positions, arguments->scalars[s], out->of_tet + (size_t)s * (size_t)mesh->num_tets);
+    }
+    if (status < 0) free_scalars(out);
+    return status;
+}
+
+static void write_scalars(FILE *file, const float *values, int num_scalars, int32_t count, int32_t index)
+{
+    for (int s = 0; s < num_scalars; ++s) fprintf(file, ",%.6g", (double)values[(size_t)s * (size_t)count + (size_t)index]);
+    fputc('\n', file);
+}
+
+static void write_columns(FILE *file, const deform_arguments *arguments)
+{
+    for (int s = 0; s < arguments->num_scalars; ++s) fprintf(file, ",%s", column_of(arguments->scalars[s]));
+    fputc('\n', file);
+}
+
+static pliant_status open_table(const deform_run *run, const char *name, const char *number, char path[4096], FILE **out)
+{
+    snprintf(path, 4096, "%s/%s%s.csv", run->folder, name, number);
+    *out = fopen(path, "w");
+    return *out ? PLIANT_OK : pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
+}
+
+static pliant_status close_table(const char *path, FILE *file)
+{
+    int failed = ferror(file) | fclose(file);
+    return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno)) : PLIANT_OK;
+}
+
+static pliant_status write_nodes(const deform_run *run, const char *number, const scalar_values *scalars)
+{
+    const pliant_mesh *mesh = &run->data->body->fine;
+    char path[4096];
+    FILE *file;
+    pliant_status status = open_table(run, "nodes", number, path, &file);
+    if (status < 0) return status;
+    fputs("rest_x_m,rest_y_m,rest_z_m,x_m,y_m,z_m", file);
+    write_columns(file, run->arguments);
+    for (int32_t node = 0; node < mesh->num_nodes; ++node) {
+        const double *rest = mesh->rest + 3 * node, *now = run->data->positions + 3 * node;
+        fprintf(file, "%.9g,%.9g,%.9g,%.9g,%.9g,%.9g", rest[0], rest[1], rest[2], now[0], now[1], now[2]);
+        write_scalars(file, scalars->of_node, scalars->num_scalars, mesh->num_nodes, node);
+    }
+    return close_table(path, file);
+}
+
+static pliant_status write_elements(const deform_run *run, const char *number, const scalar_values *scalars)
+{
+    const pliant_body *body = run->data->body;
+    const pliant_mesh *mesh = &body->fine;
+    char path[4096];
+    FILE *file;
+    pliant_status status = open_table(run, "elements", number, path, &file);
+    if (status < 0) return status;
+    fputs("node_0,node_1,node_2,node_3,material", file);
+    write_columns(file, run->arguments);
+    for (int32_t tet = 0; tet < mesh->num_tets; ++tet) {
+        const int32_t *nodes = mesh->tets + 4 * tet;
+        fprintf(file, "%d,%d,%d,%d,%s", (int)nodes[0], (int)nodes[1], (int)nodes[2], (int)nodes[3],
+                run->model->materials.materials[body->fine_material[tet].material].name);
+        write_scalars(file, scalars->of_tet, scalars->num_scalars, mesh->num_tets, tet);
+    }
+    return close_table(path, file);
+}
+
+void deform_picture_point(const deform_run *run, double point[3])
+{
+    const pliant_path *path = &run->inputs->path;
+    const pliant_body *body = run->model->body;
+    double mass = 0.0;
+    memset(point, 0, 3 * sizeof *point);
+    if (path->num_tools > 0) {
+        memcpy(point, path->tools[0].grasp, 3 * sizeof *point);
+        return;
+    }
+    for (int32_t n = 0; n < body->fine.num_nodes; ++n) {
+        for (int d = 0; d < 3; ++d) point[d] += body->node_mass[n] * body->fine.rest[3 * n + d];
+        mass += body->node_mass[n];
+    }
+    for (int d = 0; d < 3 && mass > 0.0; ++d) point[d] /= mass;
+}
+
+static pliant_status write_pictures(const deform_run *run, const char *number, const scalar_values *scalars)
+{
+    const pliant_data *data = run->data;
+    picture_view view;
+    pliant_status status = picture_window(&run->inputs->scan, &view.low, &view.high);
+    if (status < 0) return status;
+    deform_picture_point(run, view.before_point);
+    memcpy(view.after_point, view.before_point, sizeof view.after_point);
+    if (data->num_tools > 0 && data->tools[0].holding) memcpy(view.after_point, data->tools[0].held_point, sizeof view.after_point);
+    const pliant_volume *after = pliant_warp_volume(data->warp);
+    status = picture_write(run->folder, number, &run->inputs->scan, after, &view);
+    for (int s = 0; status >= 0 && s < scalars->num_scalars; ++s) {
+        const pliant_mesh *mesh = &data->body->fine;
+        char name[96];
+        snprintf(name, sizeof name, "%s%s", column_of(run->arguments->scalars[s]), number);
+        picture_scalars shown = {mesh, data->positions, scalars->of_tet + (size_t)s * (size_t)mesh->num_tets};
+        status = picture_scalar(run->folder, name, &shown, &after->geometry, view.before_point);
+    }
+    return status;
+}
+
+pliant_status deform_write(const deform_run *run, long step)
+{
+    const deform_arguments *arguments = run->arguments;
+    char path[4096], number[32] = "";
+    scalar_values scalars;
+    if (step > 0) snprintf(number, sizeof number, "_%06ld", step);
+    pliant_status status = find_scalars(run, &scalars);
+    if (status < 0) return status;
+    status = write_nodes(run, number, &scalars);
+    if (status >= 0 && arguments->num_scalars > 0) status = write_elements(run, number, &scalars);
+    if (status >= 0 && run->data->warp) {
+        snprintf(path, sizeof path, "%s/deformed%s.nii.gz", run->folder, number);
+        status = pliant_volume_write(path, pliant_warp_volume(run->data->warp));
+        if (status >= 0 && arguments->pictures) status = write_pictures(run, number, &scalars);
+    }
+    free_scalars(&scalars);
+    return status;
+}

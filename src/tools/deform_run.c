@@ -1,0 +1,189 @@
+#include "deform_run.h"
+
+#include "pliant/fail.h"
+#include "choice_output.h"
+#include "command_line.h"
+#include "console.h"
+#include "deform_output.h"
+#include "pliant/report.h"
+
+#include <math.h>
+
+enum { MOST_SETTLING_STEPS = 200 };
+
+pliant_status deform_inputs_read(const deform_arguments *arguments, deform_inputs *out)
+{
+    double start = pliant_seconds();
+    deform_inputs inputs = {.path = {.tools = NULL}};
+    pliant_status status = arguments->tools ? pliant_path_read(arguments->tools, &inputs.path) : PLIANT_OK;
+    if (status >= 0) status = pliant_inputs_read(&arguments->scene, arguments->scan, &inputs.scan, &inputs.labels, &inputs.materials);
+    if (status < 0) {
+        deform_inputs_free(&inputs);
+        return status;
+    }
+    const int32_t *size = inputs.scan.geometry.size;
+    printf("%s: %d x %d x %d voxels, read in %.2f s\n", inputs.scan.id, (int)size[0], (int)size[1], (int)size[2], pliant_seconds() - start);
+    *out = inputs;
+    return PLIANT_OK;
+}
+
+void deform_inputs_free(deform_inputs *inputs)
+{
+    pliant_path_free(&inputs->path);
+    pliant_material_table_free(&inputs->materials);
+    pliant_labels_free(&inputs->labels);
+    pliant_volume_free(&inputs->scan);
+}
+
+/* The farthest that a tool pulls its point [m]; how far a force pulls is not known before. */
+static double farthest_pull(const pliant_path *path)
+{
+    double farthest = 0.0;
+    for (uint32_t n = 0; n < path->num_tools; ++n)
+        for (uint32_t k = 0; path->tools[n].drive != PLIANT_DRIVE_FORCE && k < path->tools[n].num_motion; ++k) {
+            const double *offset = path->tools[n].motion[k].value;
+            farthest = fmax(farthest, sqrt(offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]));
+        }
+    return farthest;
+}
+
+/* The deformed volume covers the scan, and the tissue at rest with room around it: the scene's margin, or the way that a
+ * tool takes it if that is more. */
+static pliant_status ask_for_volume(deform_run *run)
+{
+    const pliant_mesh *mesh = &run->data->body->fine;
+    double room = fmax(run->scene.warp.margin, farthest_pull(&run->inputs->path));
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    pliant_geometry target;
+    for (int32_t n = 0; n < 3 * mesh->num_nodes; ++n) {
+        low[n % 3] = fmin(low[n % 3], mesh->rest[n] - room);
+        high[n % 3] = fmax(high[n % 3], mesh->rest[n] + room);
+    }
+    pliant_status status = pliant_warp_target(&run->inputs->scan.geometry, low, high, SIZE_MAX, &target);
+    return status < 0 ? status : pliant_data_warp(run->model, run->data, &target);
+}
+
+static pliant_status grasp(deform_run *run)
+{
+    const pliant_path *path = &run->inputs->path;
+    for (uint32_t n = 0; n < path->num_tools; ++n) {
+        const pliant_path_tool *tool = &path->tools[n];
+        const double none[3] = {0.0, 0.0, 0.0};
+        int index;
+        pliant_status status = pliant_tool_add(run->model, run->data, tool->name, &index);
+        if (status >= 0) status = pliant_tool_pose(run->data, index, tool->grasp, NULL);
+        if (status >= 0) status = pliant_tool_grasp(run->model, run->data, index, tool->grasp);
+        if (status >= 0) status = pliant_tool_drive(run->data, index, tool->drive, tool->drive == PLIANT_DRIVE_FORCE ? none : NULL);
+        if (status < 0) return status;
+    }
+    return PLIANT_OK;
+}
+
+/* Tools were added in the order of the path, to a data without any: their indices agree. */
+static pliant_status move_tools(deform_run *run, double time)
+{
+    const pliant_path *path = &run->inputs->path;
+    for (uint32_t n = 0; n < path->num_tools; ++n) {
+        const pliant_path_tool *tool = &path->tools[n];
+        double value[3], tip[3];
+        pliant_status status;
+        if (!pliant_path_at(tool, time, value)) {
+            pliant_tool_release(run->data, (int)n);
+            continue;
+        }
+        for (int d = 0; d < 3; ++d) tip[d] = tool->grasp[d] + value[d];
+        if (tool->drive == PLIANT_DRIVE_FORCE)
+            status = pliant_tool_drive(run->data, (int)n, tool->drive, value);
+        else
+            status = pliant_tool_pose(run->data, (int)n, tip, NULL);
+        if (status < 0) return status;
+    }
+    return PLIANT_OK;
+}
+
+static pliant_status step_through(deform_run *run)
+{
+    const deform_arguments *arguments = run->arguments;
+    const pliant_path *path = &run->inputs->path;
+    double dt = run->scene.solver.step;
+    long moving = (long)ceil(pliant_path_end(path) / dt), asked = arguments->steps;
+    long last = asked ? asked : moving + MOST_SETTLING_STEPS;
+    for (long step = 1; step <= last && !console_stop_asked(); ++step) {
+        double gravity[3];
+        pliant_status status = move_tools(run, (double)step * dt);
+        if (status >= 0 && pliant_path_gravity(path, (double)step * dt, gravity)) status = pliant_data_gravity(run->data, gravity);
+        if (status < 0) return status;
+        double start = pliant_seconds();
+        pliant_status stepped = pliant_step(run->model, run->data);
+        status = timing_add(&run->times, run->data, stepped, pliant_seconds() - start);
+        if (stepped < 0) return stepped;
+        if (status < 0) return status;
+        if (arguments->every && step % arguments->every == 0) {
+            status = deform_write(run, step);
+            if (status < 0) return status;
+        }
+        pliant_report_progress(console_progress(), (double)step / (double)(asked ? asked : moving + 1), "steps");
+        if (!asked && step > moving && stepped == PLIANT_OK) break;
+    }
+    console_progress_end();
+    return PLIANT_OK;
+}
+
+static void warn_of_gravity(const deform_run *run)
+{
+    const pliant_path *path = &run->inputs->path;
+    for (uint32_t k = 0; k < path->num_gravity; ++k) {
+        const double *gravity = path->gravity[k].value;
+        if (gravity[0] == 0.0 && gravity[1] == 0.0 && gravity[2] == 0.0) continue;
+        pliant_gravity_warning(&run->scene, gravity);
+        return;
+    }
+}
+
+static pliant_status prepare(deform_run *run)
+{
+    const deform_arguments *arguments = run->arguments;
+    const deform_inputs *inputs = run->inputs;
+    pliant_choice choice;
+    pliant_report_input input = {&run->scene, &inputs->scan, inputs->labels.voxels ? &inputs->labels : NULL, &inputs->materials};
+    pliant_status status = command_line_folder(run->folder);
+    if (status >= 0) status = choice_output(&input, run->folder, arguments->pictures, &choice);
+    if (status < 0) return status;
+    run->scene = choice.scene;
+    status = pliant_model_build(&run->scene, input.scan, input.labels, input.materials, console_progress(), &run->model);
+    console_progress_end();
+    if (status < 0) return status;
+    timing_print_build(run->model, stdout);
+    status = timing_write_build(run->folder, run->model);
+    if (status >= 0) status = pliant_data_create(run->model, &run->data);
+    if (status >= 0 && arguments->volume) status = ask_for_volume(run);
+    warn_of_gravity(run);
+    if (status >= 0) status = grasp(run);
+    if (status >= 0) status = timing_start(run->folder, &run->times);
+    return status;
+}
+
+pliant_status deform_run_do(deform_run *run)
+{
+    pliant_status status = prepare(run);
+    if (status >= 0) {
+        /* a step that broke down leaves the state before it, which is worth having */
+        pliant_status stepped = step_through(run);
+        status = deform_write(run, 0);
+        timing_print(&run->times, run->model, run->data, stdout);
+        timing_print_memory(stdout);
+        timing_warn(&run->times, run->model, run->data);
+        printf("results in %s\n", run->folder);
+        if (stepped < 0) status = stepped;
+    }
+    pliant_status written = timing_end(&run->times);
+    return status >= 0 ? written : status;
+}
+
+void deform_run_free(deform_run *run)
+{
+    pliant_data_free(run->data);
+    pliant_model_free(run->model);
+    run->data = NULL;
+    run->model = NULL;
+}
