@@ -137,6 +137,9 @@ PLIANT_API pliant_status pliant_data_gravity(pliant_data *data, const double gra
  *  Errors: ARGUMENT (iterations < 1, tolerance not above 0). */
 PLIANT_API pliant_status pliant_data_limits(pliant_data *data, int iterations, double tolerance);
 
+/** What the factors of a simulation hold, which pliant_memory_in_use() does not know of [bytes]. */
+PLIANT_API size_t pliant_data_factor_bytes(const pliant_data *data);
+
 /** Put the body where it is said to be, however unlikely; the next step goes on from there. Of a coarse model only the
  *  positions at coarse nodes count; fixed nodes stay. Errors: ARGUMENT (not finite; nothing is changed).
  *  @param positions (body->fine.num_nodes x 3) LPS [m] */

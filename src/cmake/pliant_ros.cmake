@@ -94,7 +94,7 @@ if(PLIANT_WITH_ROS)
   if(PLIANT_MSGS_ONLY)
     catkin_package(CATKIN_DEPENDS message_runtime std_msgs geometry_msgs)
   else()
-    catkin_package(INCLUDE_DIRS include LIBRARIES pliant pliant_ros
+    catkin_package(INCLUDE_DIRS include LIBRARIES pliant pliant_report pliant_ros
                    CATKIN_DEPENDS message_runtime roscpp nodelet dynamic_reconfigure std_msgs geometry_msgs sensor_msgs
                                   visualization_msgs diagnostic_msgs std_srvs
                    CFG_EXTRAS ${PROJECT_SOURCE_DIR}/src/cmake/pliant-extras.cmake)

@@ -26,8 +26,7 @@ const char *report_case_name(report_case_kind kind)
 size_t report_data_bytes(const pliant_data *data, size_t before)
 {
     size_t now = pliant_memory_in_use();
-    if (!data->solver) return now > before ? now - before : 0; /* tled */
-    return (now > before ? now - before : 0) + pliant_preconditioner_bytes(data->solver->preconditioner) + pliant_refresh_bytes(data->solver);
+    return (now > before ? now - before : 0) + pliant_data_factor_bytes(data);
 }
 
 void report_box(const pliant_model *model, double low[3], double high[3])

@@ -1,7 +1,6 @@
 /* The settings of a scene by measurement: what is tried on a pull, and which of it is the most accurate within the budget. */
 #include "report/choice.h"
 
-#include "backend/backend.h"
 #include "base/fail.h"
 #include "fem/patch/patch.h"
 #include "pliant/memory.h"
@@ -81,32 +80,39 @@ static pliant_status try_candidate(choice_state *state)
     return PLIANT_OK; /* what cannot be had is dropped, and what came too late */
 }
 
+/* Whether a simulation of the reference's model runs on the CPU: asked once, so that the log tells it once. */
+static pliant_status find_backend(const pliant_model *model, pliant_backend_choice *out)
+{
+    pliant_data *data = NULL;
+    pliant_status status = pliant_data_create(model, &data);
+    if (status >= 0) *out = strcmp(pliant_data_backend(data), "cpu") == 0 ? PLIANT_CPU : PLIANT_CUDA;
+    pliant_data_free(data);
+    return status;
+}
+
 /* The reference, or one of the scene's own resolution where the finer one cannot be had. */
 static pliant_status make_reference(choice_state *state)
 {
     sweep_ground *ground = &state->sweep.ground;
     const uint8_t all[MOST_CASES] = {1, 1, 1};
-    const pliant_backend *backend;
-    char text[PLIANT_BACKEND_TEXT];
-    pliant_status status = pliant_backend_choose(ground->input->scene->solver.backend, text, &backend);
-    if (status < 0) return status;
     ground->reference = ground->scene = *ground->input->scene;
-    ground->reference.solver.backend = backend->on_host ? PLIANT_CPU : PLIANT_CUDA; /* said once, not by every run */
     ground->reference.mesh.ratio = choice_reference_ratio(ground->input->scene, state->settings.twice_limit);
     state->settings.twice_limit = 0; /* it is the only one */
     sweep_list_cases(ground);
     bool twice = ground->reference.mesh.ratio > ground->input->scene->mesh.ratio;
     if (twice) state->end = state->start + reference_part * ground->input->scene->choose.seconds;
-    status = sweep_prepare(&state->sweep, all);
+    pliant_status status = sweep_prepare(&state->sweep, all);
     state->end = state->start + ground->input->scene->choose.seconds;
-    if (status >= 0 || state->cancelled || !twice) return status;
-    pliant_log(PLIANT_LOG_WARNING, "choose: nothing is measured against a mesh of twice the resolution: %s",
-               state->late ? "it takes too long" : pliant_last_error());
-    state->late = false;
-    sweep_free_ground(ground);
-    ground->reference.mesh.ratio = ground->input->scene->mesh.ratio;
-    sweep_list_cases(ground);
-    return sweep_prepare(&state->sweep, all);
+    if (status < 0 && !state->cancelled && twice) {
+        pliant_log(PLIANT_LOG_WARNING, "choose: nothing is measured against a mesh of twice the resolution: %s",
+                   state->late ? "it takes too long" : pliant_last_error());
+        state->late = false;
+        sweep_free_ground(ground);
+        ground->reference.mesh.ratio = ground->input->scene->mesh.ratio;
+        sweep_list_cases(ground);
+        status = sweep_prepare(&state->sweep, all);
+    }
+    return status < 0 ? status : find_backend(ground->fine, &ground->reference.solver.backend);
 }
 
 static pliant_status try_all(choice_state *state)

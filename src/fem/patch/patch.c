@@ -65,8 +65,6 @@ struct pliant_patch {
     patch_room room;
 };
 
-bool pliant_patch_asked(const pliant_scene *scene) { return scene->model.patch > 0 && scene->model.method != PLIANT_FINE; }
-
 pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *body, int num_threads, pliant_system **out)
 {
     pliant_system *system = pliant_calloc(1, sizeof *system);

@@ -17,7 +17,7 @@ extern "C" {
 #endif
 
 /* Whether a scene asks for patches: model/patch above 0, and a coarse method. */
-bool pliant_patch_asked(const pliant_scene *scene);
+static inline bool pliant_patch_asked(const pliant_scene *scene) { return scene->model.patch > 0 && scene->model.method != PLIANT_FINE; }
 
 /* The fine mesh with its stiffness at rest, which responses are computed with. Errors: MEMORY, NUMERIC, SCENE. */
 pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *body, int num_threads, pliant_system **out);
