@@ -4,7 +4,6 @@
 #include "base/fail.h"
 #include "device.h"
 #include "fem/quasistatic/solver.h"
-#include "interact/tool.h"
 #include "pliant/memory.h"
 #include "solve.h"
 #include "warp.h"
@@ -126,7 +125,7 @@ static pliant_status finish(pliant_data *data)
     state->arriving = data->positions;
     data->positions = arrived;
     if (h_solved) memcpy(data->solver->now.x, h_solved, 3 * (size_t)data->solver->system->mesh->num_nodes * sizeof *h_solved);
-    for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
+    pliant_pull_report(data);
     return data->warp && !warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
 }
 

@@ -51,6 +51,11 @@ pliant_status pliant_cpu_warp(const pliant_model *model, pliant_data *data);
 /* explicit dynamics: positions from the displacements, what is told of the tools */
 pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data);
 
+/* Before the corotational solve: what a tool pulls at, and where to. Errors: MEMORY. */
+pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int tool);
+/* After a solve: where every tool's held point is, and what force it took. */
+void pliant_pull_report(pliant_data *data);
+
 #ifdef PLIANT_WITH_CUDA
 extern const pliant_backend pliant_cuda_backend, pliant_cuda_tled_backend;
 #endif

@@ -1,7 +1,6 @@
 /* The corotational solver's stages on the CPU, and what its other backends leave to the host. */
 #include "backend/backend.h"
 #include "fem/patch/patch.h"
-#include "interact/tool.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -28,7 +27,7 @@ static pliant_status upsample(const pliant_model *model, pliant_data *data)
 {
     (void)model;
     pliant_upsample_positions(data->solver->system, data->solver->now.x, data->positions);
-    for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
+    pliant_pull_report(data);
     return PLIANT_OK;
 }
 
@@ -60,7 +59,7 @@ static pliant_status interact(const pliant_model *model, pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) {
         bool begins = data->tools[t].holding && !data->tools[t].attached; /* from the present state */
         if (begins && data->backend->bring) data->backend->bring(model, data);
-        if ((status = pliant_tool_interact(model, data, t)) != PLIANT_OK) return status;
+        if ((status = pliant_pull(model, data, t)) != PLIANT_OK) return status;
     }
     return PLIANT_OK;
 }

@@ -3,7 +3,6 @@
 
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "interact/tool.h"
 
 #include <string.h>
 
@@ -17,7 +16,7 @@ pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data)
 {
     (void)model;
     for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++) data->positions[n] = data->body->fine.rest[n] + data->tled->u[n];
-    for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
+    pliant_pull_report(data);
     return PLIANT_OK;
 }
 

@@ -1,4 +1,4 @@
-/* What a step asks of the tools. */
+/* What a step asks of the tools: holds and their places. Who solves tells them the forces (backend/pull.c). */
 #ifndef PLIANT_INTERACT_TOOL_H
 #define PLIANT_INTERACT_TOOL_H
 
@@ -8,10 +8,9 @@
 extern "C" {
 #endif
 
-/* before the solve: tell the solver what the tool pulls at and where to */
-pliant_status pliant_tool_interact(const pliant_model *model, pliant_data *data, int tool);
-/* after the solve: where the held point is and what force it took */
-void pliant_tool_report(pliant_data *data, int tool);
+/* after the solve: where the held point is
+ * @param force (3) Nullable: what it took; without it, the tool keeps the force that it has */
+void pliant_tool_report(pliant_data *data, int tool, const double *force);
 /* the same tool on the fine mesh of the next body: it holds what is where it took hold. Errors: MEMORY, ARGUMENT (nothing is there); free
  * the hold of either. */
 pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, const pliant_mesh *mesh);

@@ -1,7 +1,6 @@
 /* A state given from outside. */
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "interact/tool.h"
 
 #include <math.h>
 
@@ -10,6 +9,6 @@ pliant_status pliant_data_set_positions(const pliant_model *model, pliant_data *
     for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++)
         if (!isfinite(positions[n])) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the position of node %d is not finite", n / 3);
     data->backend->kind->set_positions(model, data, positions);
-    for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
+    pliant_pull_report(data);
     return pliant_backend_restart(model, data);
 }

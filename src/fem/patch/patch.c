@@ -587,8 +587,9 @@ static void undo(pliant_patch *patch, pliant_data *data)
     restart(data->solver);
     restart(patch->solver);
     for (int t = 0; t < data->num_tools; t++) {
-        memcpy(pliant_patch_solver(data, t)->handles[t].force, room->force + 3 * t, sizeof data->tools[t].force);
-        pliant_tool_report(data, t);
+        double *force = pliant_patch_solver(data, t)->handles[t].force;
+        memcpy(force, room->force + 3 * t, sizeof data->tools[t].force);
+        pliant_tool_report(data, t, force);
     }
 }
 
@@ -612,7 +613,7 @@ pliant_status pliant_patch_step(pliant_data *data)
         return status;
     }
     pliant_space_positions(space, patch->discretization->fine_system, data->positions, solver->now.x, data->positions);
-    for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t);
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t, pliant_patch_solver(data, t)->handles[t].force);
     for (int t = 0; t < data->num_tools; t++) statistics->patched += serves(data, t);
     statistics->patch_iterations = own.iterations;
     statistics->patch_residual = own.residual;

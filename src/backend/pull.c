@@ -1,0 +1,50 @@
+/* Tools and the corotational solver: what a tool pulls at, where to, and with what force. [H] 3.2. */
+#include "backend/backend.h"
+#include "fem/patch/patch.h"
+#include "interact/tool.h"
+
+#include <string.h>
+
+/* A spring k and a damper b in parallel over a step h: k (p - y) + b ((p - p0) - (y - y0)) / h = l is the spring of stiffness
+ * k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h). */
+static void aim(const pliant_tool *tool, double step, pliant_handle *handle)
+{
+    double damper = tool->drive == PLIANT_DRIVE_SPRING ? tool->damping / step : 0, whole = tool->stiffness + damper;
+    for (int d = 0; d < 3; d++) {
+        double p = tool->tip[d] - tool->grip[d];
+        handle->target[d] = (tool->stiffness * p + damper * (p - tool->last_target[d] + tool->held_point[d])) / whole;
+    }
+    handle->compliance = tool->drive == PLIANT_DRIVE_RIGID ? 0 : 1 / whole;
+}
+
+pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int index)
+{
+    pliant_tool *tool = data->tools + index;
+    pliant_solver *solver = pliant_patch_solver(data, index);
+    pliant_handle *handle = solver->handles + index;
+    if (!tool->holding) {
+        if (handle->active) pliant_solver_release(solver, index);
+        return PLIANT_OK;
+    }
+    /* weights through homogenized shape functions turn with the elements: they are taken anew every step */
+    bool turning = solver == data->solver && pliant_upsample_turns(solver->system);
+    if (!tool->attached && handle->active) pliant_solver_release(solver, index); /* another hold than before */
+    if (!tool->attached || turning) {
+        pliant_status status = pliant_patch_hold(data, index);
+        if (status != PLIANT_OK) return status;
+        tool->attached = true;
+    }
+    bool by_force = tool->drive == PLIANT_DRIVE_FORCE;
+    if (handle->by_force != by_force) pliant_solver_forget(solver);
+    handle->by_force = by_force;
+    if (by_force) memcpy(handle->force, tool->driving_force, sizeof handle->force);
+    else aim(tool, model->scene.solver.step, handle);
+    for (int d = 0; d < 3; d++) tool->last_target[d] = tool->tip[d] - tool->grip[d];
+    return PLIANT_OK;
+}
+
+void pliant_pull_report(pliant_data *data)
+{
+    for (int t = 0; t < data->num_tools; t++)
+        pliant_tool_report(data, t, data->solver ? pliant_patch_solver(data, t)->handles[t].force : NULL);
+}
