@@ -5,7 +5,7 @@
 #include "pliant/memory.h"
 #include "scan.cuh"
 
-enum { SORT_THREADS = 1024, MAP_THREADS = 32, DRAW_THREADS = BRICK * BRICK };
+enum { SORT_THREADS = 1024, TET_THREADS = 128, MAP_THREADS = 32, DRAW_THREADS = BRICK * BRICK };
 
 struct pliant_cuda_fit {
     fit_view *d_view;          /* pointers in it are of the device */
@@ -95,6 +95,21 @@ __global__ void __launch_bounds__(SORT_THREADS) sort_kernel(fit_view *d_view, co
     for (int32_t place = (int32_t)threadIdx.x; place < nodes; place += SORT_THREADS) fit_set_place(d_view, place);
 }
 
+/* a tetrahedron a warp, a row of voxels a lane; bytes that are 0 become 1, whoever writes them */
+__global__ void __launch_bounds__(TET_THREADS) cover_kernel(const fit_view *d_view)
+{
+    const int64_t thread = (int64_t)blockIdx.x * TET_THREADS + threadIdx.x, t = thread / 32;
+    const int32_t lane = (int32_t)(thread % 32);
+    fit_tet tet;
+    int32_t first[2], last[2];
+    if (t >= d_view->num_tets || !fit_tet_at(d_view, (int32_t)t, &tet)) return;
+    if (lane == 0) fit_want(d_view, &tet, 0, d_view->size[2]);
+    for (int d = 0; d < 2; d++)
+        if (!fit_range(tet.low[d + 1], tet.high[d + 1], d_view->target.size[d + 1], first + d, last + d)) return;
+    const int64_t across = last[0] - first[0] + 1, rows = across * (last[1] - first[1] + 1);
+    for (int64_t row = lane; row < rows; row += 32) fit_cover_row(d_view, &tet, first[0] + (int32_t)(row % across), first[1] + (int32_t)(row / across));
+}
+
 __global__ void __launch_bounds__(MAP_THREADS) map_kernel(const fit_view *d_view)
 {
     const int64_t point = (int64_t)blockIdx.x * MAP_THREADS + threadIdx.x;
@@ -116,7 +131,10 @@ __global__ void __launch_bounds__(DRAW_THREADS) draw_kernel(const fit_view *d_vi
     if (i < size[0] && j < size[1])
         for (int32_t k = first; k < end; k++) {
             const double target[3] = {(double)i, (double)j, (double)k};
-            other |= fit_draw_voxel(d_view, &source, target, d_volume, (size_t)i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k));
+            const size_t v = (size_t)i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k);
+            double index[3] = {0, 0, 0};
+            const bool known = d_view->covered[v] && fit_map_at(d_view, target, index);
+            other |= fit_draw_voxel(d_view, &source, known, index, d_volume, v);
         }
     other = __syncthreads_or(other) != 0;
     if (threadIdx.x == 0) d_changed[blockIdx.x + (size_t)gridDim.x * (blockIdx.y + (size_t)gridDim.y * blockIdx.z)] = other;
@@ -134,6 +152,7 @@ template <class T> static pliant_status upload(const T *h_from, size_t count, cu
     return pliant_cuda_upload(h_from, count * sizeof(T), "the fit", stream, reinterpret_cast<void **>(d_out));
 }
 
+static size_t target_voxels(const fit_view *view) { return pliant_geometry_voxels(&view->target); }
 static size_t lattice_points(const fit_view *view) { return (size_t)view->size[0] * (size_t)view->size[1] * (size_t)view->size[2]; }
 
 static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const raster_source *source, cudaStream_t stream)
@@ -144,7 +163,12 @@ static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const ras
     fit_view *view = &fit->view;
     CUDA_TRY(upload(parts->rest, 3 * nodes, stream, &d_rest));
     view->rest = d_rest;
+    int32_t *d_tets;
+    CUDA_TRY(upload(parts->tets, 4 * (size_t)parts->num_tets, stream, &d_tets));
+    view->tets = d_tets;
     CUDA_TRY(upload(parts->tissue, scan, stream, &view->tissue));
+    CUDA_TRY(allocate(target_voxels(parts), &view->covered));
+    CUDA_TRY(allocate(points, &view->wanted));
     CUDA_TRY(allocate(3 * points, &view->map));
     CUDA_TRY(allocate(3 * nodes, &view->at));
     CUDA_TRY(allocate(6 * nodes, &view->sorted));
@@ -165,7 +189,8 @@ extern "C" pliant_status pliant_cuda_fit_create(const fit_view *parts, const ras
     fit_view *view = &fit->view;
     view->rest = view->at = view->sorted = NULL;
     view->map = NULL;
-    view->tissue = NULL;
+    view->tets = NULL;
+    view->tissue = view->covered = view->wanted = NULL;
     view->bin_start = view->bin_node = NULL;
     pliant_status status = fill(fit, parts, source, stream);
     if (status != PLIANT_OK) {
@@ -180,7 +205,7 @@ extern "C" void pliant_cuda_fit_free(pliant_cuda_fit *fit)
 {
     if (!fit) return;
     const fit_view *view = &fit->view;
-    const void *blocks[] = {view->rest, view->tissue, view->map, view->at, view->sorted, view->bin_node, view->bin_start,
+    const void *blocks[] = {view->rest, view->tets, view->tissue, view->covered, view->wanted, view->map, view->at, view->sorted, view->bin_node, view->bin_start,
                             fit->d_cursor, fit->d_voxels, fit->d_view};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
     pliant_free(fit);
@@ -190,6 +215,10 @@ extern "C" pliant_status pliant_cuda_fit_map(const pliant_cuda_fit *fit, const d
 {
     sort_kernel<<<1, SORT_THREADS, 0, stream>>>(fit->d_view, d_positions, fit->d_cursor);
     CUDA_TRY(CUDA_LAUNCHED("the nodes of the fit"));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(fit->view.wanted, 0, lattice_points(&fit->view), stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(fit->view.covered, 0, target_voxels(&fit->view), stream)));
+    cover_kernel<<<(unsigned)((32 * (int64_t)fit->view.num_tets + TET_THREADS - 1) / TET_THREADS), TET_THREADS, 0, stream>>>(fit->d_view);
+    CUDA_TRY(CUDA_LAUNCHED("the tetrahedra of the fit"));
     map_kernel<<<(unsigned)((lattice_points(&fit->view) + MAP_THREADS - 1) / MAP_THREADS), MAP_THREADS, 0, stream>>>(fit->d_view);
     return CUDA_LAUNCHED("the fit");
 }

@@ -152,6 +152,52 @@ TEST(Fit, DrawsTheScanAtRestAndBackgroundBesideIt)
     pliant_warp_free(warp);
 }
 
+// Beyond the tissue polynomials turn back into it: nothing is drawn there, and nothing is missing where tetrahedra draw.
+TEST(Fit, DrawsNoTissueBesideTheBody)
+{
+    Fixture body(32, 8);
+    pliant_geometry target;
+    const double low[3] = {-0.03, -0.03, -0.03}, high[3] = {0.06, 0.06, 0.07};
+    ASSERT_EQ(pliant_warp_target(&body.scan.geometry, low, high, SIZE_MAX, &target), PLIANT_OK);
+    for (size_t v = 0; v < pliant_geometry_voxels(&body.scan.geometry); v++) static_cast<int16_t *>(body.scan.voxels)[v] = 100;
+    std::vector<double> positions(body.mesh.rest, body.mesh.rest + 3 * body.mesh.num_nodes);
+    for (size_t n = 0; n < positions.size(); n += 3) { // a dent into one side, a bulge out of another
+        const double y = positions[n + 1] - 0.016, z = positions[n + 2] - 0.019, x = positions[n];
+        positions[n] += 0.006 * std::exp(-(y * y + z * z) / 4e-5) * (1 - x / 0.032);
+        positions[n + 2] += 0.005 * std::exp(-(y * y + (x - 0.016) * (x - 0.016)) / 3e-5) * z / 0.019;
+    }
+    for (int step : {4, 9}) {
+        std::vector<int16_t> drawn[2];
+        for (int fitted = 0; fitted < 2; fitted++) {
+            pliant_warp *warp = nullptr;
+            ASSERT_EQ(pliant_warp_create(&body.scan, &body.mesh, &target, 2, &warp), PLIANT_OK);
+            if (fitted) { ASSERT_EQ(pliant_warp_fit(warp, step), PLIANT_OK); }
+            ASSERT_EQ(pliant_warp_update(warp, positions.data()), PLIANT_OK);
+            auto *voxels = static_cast<const int16_t *>(pliant_warp_volume(warp)->voxels);
+            drawn[fitted].assign(voxels, voxels + pliant_geometry_voxels(&target));
+            pliant_warp_free(warp);
+        }
+        const int *n = target.size;
+        int beside = 0, missing = 0, inside = 0;
+        for (int k = 2; k < n[2] - 2; k++)
+            for (int j = 2; j < n[1] - 2; j++)
+                for (int i = 2; i < n[0] - 2; i++) {
+                    bool any = false, all = true;
+                    for (int a = 0; a < 125; a++) {
+                        bool is = drawn[0][size_t(i + a % 5 - 2 + n[0] * (j + a / 5 % 5 - 2 + n[1] * (k + a / 25 - 2)))] == 100;
+                        any |= is;
+                        all &= is;
+                    }
+                    bool is = drawn[1][size_t(i + n[0] * (j + n[1] * k))] == 100;
+                    beside += is && !any;
+                    missing += !is && all;
+                    inside += all;
+                }
+        EXPECT_EQ(beside, 0) << step;
+        EXPECT_EQ(missing, 0) << step << ", of " << inside;
+    }
+}
+
 // The fits are those of the nodes that stayed, at any distance of the one that flew away.
 TEST(Fit, ANodeThatFlewAwayIsOutOfReach)
 {

@@ -4,6 +4,13 @@
 #include "pliant/memory.h"
 #include "warp/fit_point.h"
 
+/* Vector code for the machine at hand, chosen when the program starts; without fused operations (CMakeLists.txt) all give the same bits. */
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define FIT_VECTORIZED __attribute__((target_clones("avx512f", "avx2", "default")))
+#else
+#define FIT_VECTORIZED
+#endif
+
 struct pliant_fit {
     fit_view view;
     const pliant_mesh *mesh;
@@ -49,6 +56,8 @@ pliant_status pliant_fit_create(const pliant_mesh *mesh, const pliant_geometry *
     view->rest = rest;
     view->target = *target;
     view->step = step;
+    view->num_tets = mesh->num_tets;
+    view->tets = mesh->tets;
     view->deviation = FIT_EDGES_OF_DEVIATION * mean_edge(mesh);
     size_t points = 1;
     for (int d = 0; d < 3; d++) {
@@ -57,11 +66,13 @@ pliant_status pliant_fit_create(const pliant_mesh *mesh, const pliant_geometry *
         points *= (size_t)view->size[d];
     }
     view->map = pliant_calloc(points, 3 * sizeof *view->map);
+    view->wanted = pliant_calloc(points, 1);
+    view->covered = pliant_calloc(pliant_geometry_voxels(target), 1);
     view->tissue = pliant_calloc(pliant_geometry_voxels(scan), 1);
     view->at = pliant_calloc((size_t)mesh->num_nodes, 3 * sizeof *view->at);
     view->bin_node = pliant_calloc((size_t)mesh->num_nodes, sizeof *view->bin_node);
     view->sorted = pliant_calloc((size_t)mesh->num_nodes, 6 * sizeof *view->sorted);
-    if (!view->map || !view->tissue || !view->at || !view->sorted || !view->bin_node) {
+    if (!view->map || !view->wanted || !view->covered || !view->tissue || !view->at || !view->sorted || !view->bin_node) {
         pliant_fit_free(fit);
         return pliant_fail_memory("the fit");
     }
@@ -75,6 +86,8 @@ void pliant_fit_free(pliant_fit *fit)
     if (!fit) return;
     fit_view *view = &fit->view;
     pliant_free(view->map);
+    pliant_free(view->wanted);
+    pliant_free(view->covered);
     pliant_free(view->tissue);
     pliant_free(view->at);
     pliant_free(view->sorted);
@@ -117,20 +130,80 @@ static bool sort_nodes(pliant_fit *fit, const double *positions)
     return true;
 }
 
+/* Slices begin to end of the target, want_begin to want_end of the lattice: what the tetrahedra cover there, and want. */
+FIT_VECTORIZED static void cover(const fit_view *view, int32_t begin, int32_t end, int32_t want_begin, int32_t want_end)
+{
+    const int32_t *size = view->target.size;
+    const size_t slice = (size_t)size[0] * (size_t)size[1], wanted = (size_t)view->size[0] * (size_t)view->size[1];
+    memset(view->covered + slice * (size_t)begin, 0, slice * (size_t)(end - begin));
+    memset(view->wanted + wanted * (size_t)want_begin, 0, wanted * (size_t)(want_end - want_begin));
+    for (int32_t t = 0; t < view->num_tets; t++) {
+        fit_tet tet;
+        int32_t first[3], last[3];
+        if (!fit_tet_at(view, t, &tet)) continue;
+        fit_want(view, &tet, want_begin, want_end);
+        bool beside = true;
+        for (int d = 1; d < 3; d++) beside = beside && fit_range(tet.low[d], tet.high[d], size[d], first + d, last + d);
+        if (!beside) continue;
+        for (int32_t k = first[2] > begin ? first[2] : begin; k <= last[2] && k < end; k++)
+            for (int32_t j = first[1]; j <= last[1]; j++) fit_cover_row(view, &tet, j, k);
+    }
+}
+
+static void cover_all(const pliant_fit *fit)
+{
+    const int64_t parts = fit->num_threads, slices = fit->view.target.size[2], wanted = fit->view.size[2];
+#pragma omp parallel for num_threads(fit->num_threads) schedule(static, 1)
+    for (int64_t part = 0; part < parts; part++)
+        cover(&fit->view, (int32_t)(slices * part / parts), (int32_t)(slices * (part + 1) / parts), (int32_t)(wanted * part / parts),
+              (int32_t)(wanted * (part + 1) / parts));
+}
+
+FIT_VECTORIZED static void map_row(const fit_view *view, int32_t j, int32_t k)
+{
+    float *out = view->map + 3 * (size_t)view->size[0] * ((size_t)j + (size_t)view->size[1] * (size_t)k);
+    for (int32_t i = 0; i < view->size[0]; i++) fit_point(view, (const int32_t[3]){i, j, k}, out + 3 * i);
+}
+
 pliant_status pliant_fit_map(pliant_fit *fit, const double *positions)
 {
     const fit_view *view = &fit->view;
     if (!sort_nodes(fit, positions)) return pliant_fail_memory("the nodes of the fit; the deformed volume stays as it is");
+    cover_all(fit);
 #pragma omp parallel for num_threads(fit->num_threads) schedule(dynamic)
-    for (int32_t row = 0; row < view->size[1] * view->size[2]; row++)
-        for (int32_t i = 0; i < view->size[0]; i++)
-            fit_point(view, (const int32_t[3]){i, row % view->size[1], row / view->size[1]}, view->map + 3 * ((size_t)i + (size_t)view->size[0] * (size_t)row));
+    for (int32_t row = 0; row < view->size[1] * view->size[2]; row++) map_row(view, row % view->size[1], row / view->size[1]);
     return PLIANT_OK;
 }
 
 bool pliant_fit_at(const pliant_fit *fit, const double target[3], double scan[3]) { return fit_map_at(&fit->view, target, scan); }
 
 const fit_view *pliant_fit_parts(const pliant_fit *fit) { return &fit->view; }
+
+/* Voxels first[0] to end of a row; true when one is another than before. Between the same lattice points the rows' parts stay. */
+FIT_VECTORIZED static bool draw_row(const fit_view *view, const raster_source *source, const int32_t first[3], int32_t end, void *voxels)
+{
+    const int32_t *size = view->target.size;
+    double part[3], left[3] = {0, 0, 0}, right[3] = {0, 0, 0};
+    int32_t low[3], between = -1;
+    bool other = false;
+    for (int d = 1; d < 3; d++) low[d] = fit_below(view, d, first[d], part + d);
+    const size_t row = (size_t)size[0] * ((size_t)first[1] + (size_t)size[1] * (size_t)first[2]);
+    for (int32_t i = first[0]; i < end; i++) {
+        double index[3] = {0, 0, 0};
+        bool known = view->covered[row + (size_t)i];
+        if (known) {
+            low[0] = fit_below(view, 0, i, part);
+            if (low[0] != between) {
+                fit_between_rows(view, low[0], low, part, left);
+                fit_between_rows(view, view->size[0] > 1 ? low[0] + 1 : low[0], low, part, right);
+                between = low[0];
+            }
+            known = fit_between(left, right, part[0], index);
+        }
+        other |= fit_draw_voxel(view, source, known, index, voxels, row + (size_t)i);
+    }
+    return other;
+}
 
 void pliant_fit_draw(const pliant_fit *fit, const raster_source *source, const int32_t bricks[3], void *voxels, uint8_t *changed)
 {
@@ -141,11 +214,7 @@ void pliant_fit_draw(const pliant_fit *fit, const raster_source *source, const i
         for (int d = 0; d < 3; d++) high[d] = low[d] + BRICK < size[d] ? low[d] + BRICK : size[d];
         bool other = false;
         for (int32_t k = low[2]; k < high[2]; k++)
-            for (int32_t j = low[1]; j < high[1]; j++)
-                for (int32_t i = low[0]; i < high[0]; i++) {
-                    size_t v = (size_t)i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k);
-                    other |= fit_draw_voxel(&fit->view, source, (const double[3]){i, j, k}, voxels, v);
-                }
+            for (int32_t j = low[1]; j < high[1]; j++) other |= draw_row(&fit->view, source, (const int32_t[3]){low[0], j, k}, high[0], voxels);
         changed[b] = other;
     }
 }

@@ -10,22 +10,33 @@
 #include <math.h>
 #include <string.h>
 
-enum { FIT_TERMS = 10, FIT_LINEAR = 4, FIT_ENOUGH = 16 /* nodes, for the 10 terms */, FIT_ATTEMPTS = 2 };
+enum {
+    FIT_TERMS = 10,
+    FIT_PADDED = 12, /* whole vectors */
+    FIT_LINEAR = 4,
+    FIT_ENOUGH = 16, /* nodes, for the 10 terms */
+    FIT_ATTEMPTS = 2
+};
 
 /* Gaussian of one mean edge's width, cut off where it is 2 %; the support of a regular point then holds some 60 nodes */
 #define FIT_EDGES_OF_DEVIATION 0.9
 #define FIT_CUT_OFF 2.8
 #define FIT_MOST_BINS 128.0 /* along an axis */
+/* Voxels are drawn so far around the tetrahedra [voxels]. Further out polynomials are extrapolated, and turn back into the tissue. */
+#define FIT_AROUND 1.0
 
 /* What a fit works with; pointers are of where it runs. */
 typedef struct fit_view {
     pliant_geometry target;
     int32_t scan_size[3], step, size[3]; /* size: of the lattice of fits */
     double deviation;         /* [m] */
-    int32_t num_nodes;
+    int32_t num_nodes, num_tets;
+    const int32_t *tets;      /* (num_tets x 4) */
     const double *rest;       /* (num_nodes x 3) index in the scan */
-    float *map;               /* (lattice x 3) index in the scan; NaN where no node is near */
     uint8_t *tissue;          /* (scan voxels) 1: the mesh holds it */
+    uint8_t *covered;         /* (target voxels) 1: a tetrahedron is there, or beside it */
+    uint8_t *wanted;          /* (lattice) 1: covered voxels are beside it */
+    float *map;               /* (lattice x 3) index in the scan; NaN where nothing is wanted or no node is near */
     /* NODES by bins, in metres along the target's axes */
     double low[3], width;
     int32_t bins[3];
@@ -87,6 +98,83 @@ PLIANT_INLINE int32_t fit_set_bins(fit_view *fit, const double low[3], const dou
     return (int32_t)count;
 }
 
+/* A tetrahedron where it is now, in voxels of the target: its box and its planes, FIT_AROUND further out. Inside every plane:
+ * normal . voxel + value >= 0. */
+typedef struct fit_tet {
+    double low[3], high[3], normal[4][3], value[4];
+} fit_tet;
+
+/* fit->at is set; false: it is flat */
+PLIANT_INLINE bool fit_tet_at(const fit_view *fit, int32_t tet, fit_tet *out)
+{
+    const int32_t *node = fit->tets + 4 * (size_t)tet;
+    double at[4][3];
+    for (int v = 0; v < 4; v++)
+        for (int d = 0; d < 3; d++) at[v][d] = fit->at[3 * (size_t)node[v] + (size_t)d] / fit->target.spacing[d];
+    for (int d = 0; d < 3; d++) {
+        out->low[d] = fmin(fmin(at[0][d], at[1][d]), fmin(at[2][d], at[3][d])) - FIT_AROUND;
+        out->high[d] = fmax(fmax(at[0][d], at[1][d]), fmax(at[2][d], at[3][d])) + FIT_AROUND;
+    }
+    PLIANT_UNROLL for (int v = 0; v < 4; v++) { /* the plane through the three others */
+        const double *a = at[(v + 1) % 4], *b = at[(v + 2) % 4], *c = at[(v + 3) % 4], *own = at[v];
+        double first[3], second[3], normal[3], square = 0, side = 0;
+        for (int d = 0; d < 3; d++) {
+            first[d] = b[d] - a[d];
+            second[d] = c[d] - a[d];
+        }
+        for (int d = 0; d < 3; d++) {
+            normal[d] = first[(d + 1) % 3] * second[(d + 2) % 3] - first[(d + 2) % 3] * second[(d + 1) % 3];
+            square += normal[d] * normal[d];
+            side += normal[d] * (own[d] - a[d]);
+        }
+        const double length = side > 0 ? sqrt(square) : -sqrt(square);
+        if (!(side != 0) || !(square > 0) || !(square < INFINITY)) return false;
+        out->value[v] = FIT_AROUND;
+        for (int d = 0; d < 3; d++) {
+            out->normal[v][d] = normal[d] / length;
+            out->value[v] -= out->normal[v][d] * a[d];
+        }
+    }
+    return true;
+}
+
+/* Whole numbers from low to high, of those from 0 to size - 1; false: none. */
+PLIANT_INLINE bool fit_range(double low, double high, int32_t size, int32_t *first, int32_t *last)
+{
+    if (!(high >= 0.0) || !(low <= size - 1.0)) return false;
+    *first = low > 0.0 ? (int32_t)ceil(low) : 0;
+    *last = high < size - 1.0 ? (int32_t)high : size - 1;
+    return *first <= *last;
+}
+
+/* The lattice points of the cells that its box touches; of slices from begin to end. Several threads may write the same. */
+PLIANT_INLINE void fit_want(const fit_view *fit, const fit_tet *tet, int32_t begin, int32_t end)
+{
+    int32_t first[3], last[3];
+    for (int d = 0; d < 3; d++)
+        if (!fit_range(floor(tet->low[d] / fit->step), floor(tet->high[d] / fit->step) + 1.0, fit->size[d], first + d, last + d)) return;
+    for (int32_t c = first[2] > begin ? first[2] : begin; c <= last[2] && c < end; c++)
+        for (int32_t b = first[1]; b <= last[1]; b++)
+            for (int32_t a = first[0]; a <= last[0]; a++)
+                fit->wanted[(size_t)a + (size_t)fit->size[0] * ((size_t)b + (size_t)fit->size[1] * (size_t)c)] = 1;
+}
+
+/* Its voxels of one row, or some. Several threads may write the same. */
+PLIANT_INLINE void fit_cover_row(const fit_view *fit, const fit_tet *tet, int32_t j, int32_t k)
+{
+    double low = tet->low[0], high = tet->high[0];
+    int32_t first, last;
+    PLIANT_UNROLL for (int v = 0; v < 4; v++) {
+        const double slope = tet->normal[v][0], value = tet->value[v] + tet->normal[v][1] * j + tet->normal[v][2] * k;
+        if (slope > 0) low = fmax(low, -value / slope);
+        else if (slope < 0) high = fmin(high, -value / slope);
+        else if (value < 0) return;
+    }
+    if (!fit_range(low, high, fit->target.size[0], &first, &last)) return;
+    uint8_t *row = fit->covered + (size_t)fit->target.size[0] * ((size_t)j + (size_t)fit->target.size[1] * (size_t)k);
+    for (int32_t i = first; i <= last; i++) row[i] = 1;
+}
+
 /* exp(-square / 2) for squares to FIT_CUT_OFF^2: 2^-k times Taylor's series of what is left, to 1e-11 */
 PLIANT_INLINE double fit_gaussian(double square)
 {
@@ -100,19 +188,20 @@ PLIANT_INLINE double fit_gaussian(double square)
 }
 
 typedef struct normal_equations {
-    double matrix[FIT_TERMS][FIT_TERMS], right[FIT_TERMS][3];
+    double matrix[FIT_TERMS][FIT_PADDED], right[3][FIT_PADDED]; /* of the matrix what is below its diagonal counts */
     int32_t nodes;
 } normal_equations;
 
 PLIANT_INLINE void fit_add_node(const double *value, const double apart[3], double weight, normal_equations *out)
 {
     const double x = apart[0], y = apart[1], z = apart[2];
-    const double term[FIT_TERMS] = {1, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z};
-    PLIANT_UNROLL for (int r = 0; r < FIT_TERMS; r++) {
-        double weighted = weight * term[r];
-        PLIANT_UNROLL for (int c = 0; c <= r; c++) out->matrix[r][c] += weighted * term[c];
-        PLIANT_UNROLL for (int d = 0; d < 3; d++) out->right[r][d] += weighted * value[d];
-    }
+    const double term[FIT_PADDED] = {1, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z};
+    double weighted[FIT_PADDED];
+    PLIANT_UNROLL for (int c = 0; c < FIT_PADDED; c++) weighted[c] = weight * term[c];
+    PLIANT_UNROLL for (int r = 0; r < FIT_TERMS; r++)
+        PLIANT_UNROLL for (int c = 0; c < FIT_PADDED; c++) out->matrix[r][c] += weighted[r] * term[c];
+    PLIANT_UNROLL for (int d = 0; d < 3; d++)
+        PLIANT_UNROLL for (int c = 0; c < FIT_PADDED; c++) out->right[d][c] += weighted[c] * value[d];
     out->nodes++;
 }
 
@@ -133,6 +222,8 @@ PLIANT_INLINE void fit_gather(const fit_view *fit, const double p[3], double dev
                 const double *at = fit->sorted + 6 * (size_t)s;
                 double apart[3] = {(at[0] - p[0]) * inverse, (at[1] - p[1]) * inverse, (at[2] - p[2]) * inverse};
                 double square = apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2];
+                /* Every node near is taken for one of the point's own piece. Where tissue is cut it is not: who lets it part says here
+                 * which nodes are. */
                 if (square < FIT_CUT_OFF * FIT_CUT_OFF) fit_add_node(at + 3, apart, fit_gaussian(square), out);
             }
         }
@@ -152,7 +243,7 @@ PLIANT_INLINE bool fit_solve(const normal_equations *equations, const int terms,
         }
     PLIANT_UNROLL for (int d = 0; d < 3; d++) {
         PLIANT_UNROLL for (int r = 0; r < terms; r++) {
-            y[r][d] = equations->right[r][d];
+            y[r][d] = equations->right[d][r];
             PLIANT_UNROLL for (int k = 0; k < r; k++) y[r][d] -= l[r][k] * y[k][d];
             y[r][d] /= l[r][r];
         }
@@ -165,11 +256,13 @@ PLIANT_INLINE bool fit_solve(const normal_equations *equations, const int terms,
     return true;
 }
 
-/* Where few nodes are near, at larger cells and beside the tissue, the kernel is widened once. */
+/* Where few nodes are near, as at larger cells, the kernel is widened once. */
 PLIANT_INLINE void fit_point(const fit_view *fit, const int32_t lattice[3], float out[3])
 {
     normal_equations equations;
     double deviation = fit->deviation, value[3], p[3];
+    for (int d = 0; d < 3; d++) out[d] = NAN;
+    if (!fit->wanted[(size_t)lattice[0] + (size_t)fit->size[0] * ((size_t)lattice[1] + (size_t)fit->size[1] * (size_t)lattice[2])]) return;
     for (int d = 0; d < 3; d++) p[d] = (double)lattice[d] * fit->step * fit->target.spacing[d];
     for (int attempt = 0; attempt < FIT_ATTEMPTS; attempt++, deviation *= 2) {
         fit_gather(fit, p, deviation, &equations);
@@ -179,32 +272,46 @@ PLIANT_INLINE void fit_point(const fit_view *fit, const int32_t lattice[3], floa
         }
     }
     bool some = equations.nodes >= FIT_LINEAR && fit_solve(&equations, FIT_LINEAR, value);
-    for (int d = 0; d < 3; d++) out[d] = some ? (float)value[d] : NAN;
+    for (int d = 0; some && d < 3; d++) out[d] = (float)value[d];
+}
+
+/* Where a coordinate of the target lies in the lattice: the point below it, and the part of the way to the next. */
+PLIANT_INLINE int32_t fit_below(const fit_view *fit, int d, double target, double *part)
+{
+    const double at = target / fit->step, end = fit->size[d] - 1.0, inside = !(at > 0.0) ? 0.0 : at < end ? at : end;
+    const int32_t low = fit->size[d] < 2 ? 0 : inside < end - 1.0 ? (int32_t)inside : fit->size[d] - 2;
+    *part = inside - low;
+    return low;
+}
+
+/* The map at lattice point i of a row that lies between four of them: along k, then along j. */
+PLIANT_INLINE void fit_between_rows(const fit_view *fit, int32_t i, const int32_t low[3], const double part[3], double out[3])
+{
+    const size_t across = (size_t)fit->size[0], up = fit->size[1] > 1 ? across : 0, above = fit->size[2] > 1 ? across * (size_t)fit->size[1] : 0;
+    const float *map = fit->map + 3 * ((size_t)i + across * ((size_t)low[1] + (size_t)fit->size[1] * (size_t)low[2]));
+    for (int d = 0; d < 3; d++) {
+        const double a = map[d], b = map[3 * up + (size_t)d], c = map[3 * above + (size_t)d], e = map[3 * (up + above) + (size_t)d];
+        const double near = a + part[2] * (c - a), far = b + part[2] * (e - b);
+        out[d] = near + part[1] * (far - near);
+    }
+}
+
+/* Between two of those, along i. */
+PLIANT_INLINE bool fit_between(const double left[3], const double right[3], double part, double scan[3])
+{
+    for (int d = 0; d < 3; d++) scan[d] = left[d] + part * (right[d] - left[d]);
+    return scan[0] == scan[0];
 }
 
 /* pliant_fit_at */
 PLIANT_INLINE bool fit_map_at(const fit_view *fit, const double target[3], double scan[3])
 {
     int32_t low[3];
-    double part[3];
-    for (int d = 0; d < 3; d++) {
-        double at = fmin(fmax(target[d] / fit->step, 0.0), (double)(fit->size[d] - 1));
-        low[d] = fit->size[d] > 1 ? (int32_t)fmin(floor(at), (double)(fit->size[d] - 2)) : 0;
-        part[d] = at - low[d];
-        scan[d] = 0;
-    }
-    PLIANT_UNROLL for (int corner = 0; corner < 8; corner++) {
-        double weight = 1;
-        size_t flat = 0;
-        PLIANT_UNROLL for (int d = 2; d >= 0; d--) {
-            int upper = corner >> d & 1;
-            weight *= upper ? part[d] : 1 - part[d];
-            flat = flat * (size_t)fit->size[d] + (size_t)(low[d] + upper);
-        }
-        if (weight == 0) continue;
-        for (int d = 0; d < 3; d++) scan[d] += weight * fit->map[3 * flat + (size_t)d];
-    }
-    return scan[0] == scan[0];
+    double part[3], left[3], right[3];
+    for (int d = 0; d < 3; d++) low[d] = fit_below(fit, d, target[d], part + d);
+    fit_between_rows(fit, low[0], low, part, left);
+    fit_between_rows(fit, fit->size[0] > 1 ? low[0] + 1 : low[0], low, part, right);
+    return fit_between(left, right, part[0], scan);
 }
 
 /* the scan's value at an index inside it, trilinear, in its own type */
@@ -213,8 +320,8 @@ PLIANT_INLINE double fit_sample(const raster_source *source, const double index[
     ptrdiff_t at = 0;
     double part[3], value = 0;
     for (int d = 0; d < 3; d++) {
-        double inside = fmin(fmax(index[d], 0.0), (double)(source->size[d] - 1));
-        int32_t low = source->size[d] > 1 ? (int32_t)fmin(floor(inside), (double)(source->size[d] - 2)) : 0;
+        const double end = source->size[d] - 1.0, inside = !(index[d] > 0.0) ? 0.0 : index[d] < end ? index[d] : end;
+        const int32_t low = source->size[d] < 2 ? 0 : inside < end - 1.0 ? (int32_t)inside : source->size[d] - 2;
         part[d] = inside - low;
         at += low * source->step[d];
     }
@@ -238,19 +345,18 @@ PLIANT_INLINE bool fit_in_tissue(const fit_view *fit, const double index[3])
 {
     size_t at[3];
     for (int d = 0; d < 3; d++) {
-        double nearest = floor(index[d] + 0.5);
+        const double nearest = index[d] + 0.5;
         if (!(nearest >= 0 && nearest < fit->scan_size[d])) return false;
         at[d] = (size_t)nearest;
     }
     return fit->tissue[at[0] + (size_t)fit->scan_size[0] * (at[1] + (size_t)fit->scan_size[1] * at[2])];
 }
 
-/* one voxel; true when it is another than before */
-PLIANT_INLINE bool fit_draw_voxel(const fit_view *fit, const raster_source *source, const double target[3], void *voxels, size_t v)
+/* One voxel, from where it was at rest, if that is known; true when it is another than before. */
+PLIANT_INLINE bool fit_draw_voxel(const fit_view *fit, const raster_source *source, bool known, const double index[3], void *voxels, size_t v)
 {
-    double index[3];
-    bool inside = fit_map_at(fit, target, index) && fit_in_tissue(fit, index);
-    double value = inside ? fit_sample(source, index) : 0;
+    const bool inside = known && fit_in_tissue(fit, index);
+    const double value = inside ? fit_sample(source, index) : 0;
     if (source->encoding == PLIANT_UINT8) {
         uint8_t now = inside ? (uint8_t)lrint(value) : source->background.u8, *voxel = (uint8_t *)voxels + v;
         bool other = *voxel != now;
