@@ -2,10 +2,8 @@
 #include "check.h"
 #include "fem/quasistatic/anderson.h"
 
-enum { THREADS = 256, MOST_REFUSED = 12, MOST_SLOW = 10 };
+enum { THREADS = 256 };
 enum { DECIDERS = 32 * (DOT_SUMS + GATHER_SUMS) }; /* a warp a sum */
-
-static __device__ __forceinline__ int target_of(const gpu_state &state) { return state.iterations == 0 ? state.now : 1 - state.now; }
 
 /* Sum over a warp, the same in every run; all lanes get it. */
 static __device__ __forceinline__ double warp_sum(double value)
@@ -20,12 +18,16 @@ static __device__ __forceinline__ double warp_largest(double value)
     return value;
 }
 
-/* step0 = T left at one unknown node */
-static __device__ __forceinline__ void turned_left(const gpu_iteration &iteration, size_t node, double *out)
+/* T v at one unknown node, T' v: from its own axes and into them */
+static __device__ __forceinline__ void turn_out(const gpu_iteration &iteration, size_t node, double *v)
 {
-    const double *turn = iteration.d_turn + 9 * node;
-    const float *left = iteration.d_left + 3 * node;
-    for (int r = 0; r < 3; r++) out[r] = turn[3 * r] * left[0] + turn[3 * r + 1] * left[1] + turn[3 * r + 2] * left[2];
+    const double *turn = iteration.d_turn + 9 * node, at[3] = {v[0], v[1], v[2]};
+    for (int r = 0; r < 3; r++) v[r] = turn[3 * r] * at[0] + turn[3 * r + 1] * at[1] + turn[3 * r + 2] * at[2];
+}
+static __device__ __forceinline__ void turn_into(const gpu_iteration &iteration, size_t node, double *v)
+{
+    const double *turn = iteration.d_turn + 9 * node, at[3] = {v[0], v[1], v[2]};
+    for (int r = 0; r < 3; r++) v[r] = turn[r] * at[0] + turn[3 + r] * at[1] + turn[6 + r] * at[2];
 }
 
 /* ---- at the beginning of a step */
@@ -78,11 +80,17 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
                 if (step.tools[t].spring) row_of[rows++] = 3 * t + d;
             }
         state.step = step;
-        state.done = state.iterations = state.rejected = state.accepted = 0;
-        state.remember = -1;
-        state.propose = PLAN_NOTHING;
-        state.before = INFINITY;
-        if (step.forget) state.num_history = state.next_history = 0;
+        state.done = state.iterations = 0;
+        pliant_anderson &rules = state.rules;
+        if (step.restart) pliant_anderson_reset(&rules);
+        if (step.forget) pliant_anderson_forget(&rules);
+        rules.most_evaluations = step.most_evaluations;
+        rules.depth = step.depth;
+        rules.room = step.room;
+        rules.limits_secants = 1;
+        rules.tolerance = step.tolerance;
+        rules.smallest_displacement = step.smallest_displacement;
+        pliant_anderson_begin(&rules);
         state.rows = rows;
         for (int r = 0; r < rows; r++) state.row_of[r] = row_of[r];
     }
@@ -123,8 +131,9 @@ static __device__ void find_spring_forces(const gpu_iteration &iteration, const 
         for (int h = lane; h < tool.count; h += 32) {
             size_t unknown = (size_t)tool.d_unknown[h];
             const double *block = tool.d_block + 9 * (size_t)h, *x = iteration.d_x[target] + 3 * (size_t)iteration.d_node_of_free[unknown];
-            double at[3];
-            turned_left(iteration, unknown, at);
+            const float *left = iteration.d_left + 3 * unknown;
+            double at[3] = {left[0], left[1], left[2]};
+            turn_out(iteration, unknown, at);
             for (int d = 0; d < 3; d++) at[d] += x[d];
             for (int r = 0; r < 3; r++) moved[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
         }
@@ -158,25 +167,31 @@ static __device__ void find_spring_pull(const gpu_state &state, int first_node, 
     }
 }
 
-/* step = T left + Z dl at one node; pull += W' dl */
+/* step = left + T' Z dl at one node; residual += T' W' dl */
 static __device__ void finish_node(const gpu_iteration &iteration, const gpu_state &state, const spring_share &share, int target, size_t node,
-                                   double *step, double *pull)
+                                   double *step, double *residual)
 {
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * node;
-    turned_left(iteration, node, step);
+    double moved[3] = {0, 0, 0}, pulled[3];
     for (int row = 0; row < state.rows; row++) {
         int at = state.row_of[row];
         const double *z = state.step.tools[at / 3].d_response + n * (size_t)(at % 3) + i;
-        for (int d = 0; d < 3; d++) step[d] += share.force[at] * z[d];
+        for (int d = 0; d < 3; d++) moved[d] += share.force[at] * z[d];
+    }
+    for (int d = 0; d < 3; d++) pulled[d] = share.pull[threadIdx.x][d];
+    if (state.rows > 0) {
+        turn_into(iteration, node, moved);
+        turn_into(iteration, node, pulled);
     }
     for (int d = 0; d < 3; d++) {
-        pull[d] = iteration.d_pull[target][i + d] + share.pull[threadIdx.x][d];
-        if (state.rows > 0) iteration.d_pull[target][i + d] = pull[d];
+        step[d] = iteration.d_left[i + d] + moved[d];
+        residual[d] = iteration.d_residual[target][i + d] + pulled[d];
+        if (state.rows > 0) iteration.d_residual[target][i + d] = residual[d];
         iteration.d_step[target][i + d] = step[d];
     }
 }
 
-/* The step complete, and its products: with its own pull, crosswise with the present iterate's, secants' with its pull; the
+/* The step complete, and its products: with its own residual, crosswise with the present iterate's, secants' with its residual; the
  * largest nodal residual. One thread a node. */
 static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration iteration, int gather_blocks)
 {
@@ -184,8 +199,8 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
     __shared__ double sums[NODES / 32][DOT_SUMS];
     gpu_state &state = *iteration.d_state;
     if (state.done) return;
-    const int thread = (int)threadIdx.x, warp = thread / 32, lane = thread % 32, target = target_of(state), now = state.now;
-    const int node = (int)(blockIdx.x * NODES) + thread, num_sums = 4 + state.num_history;
+    const int thread = (int)threadIdx.x, warp = thread / 32, lane = thread % 32, target = gpu_target(&state), now = state.now;
+    const int node = (int)(blockIdx.x * NODES) + thread, num_sums = 4 + iteration.room;
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * (size_t)node;
     const bool there = node < iteration.num_free;
     for (int d = 0; d < 3; d++) share.pull[thread][d] = 0;
@@ -194,20 +209,20 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
     find_spring_forces(iteration, state, target, share);
     find_spring_pull(state, node - thread, share);
     if (blockIdx.x == 0 && thread < GPU_ROWS) state.step_force[target][thread] = share.force[thread];
-    double step[3] = {0, 0, 0}, pull[3] = {0, 0, 0}, own = 0, by_now = 0, of_now = 0;
+    double step[3] = {0, 0, 0}, residual[3] = {0, 0, 0}, own = 0, by_now = 0, of_now = 0;
     if (there) {
-        finish_node(iteration, state, share, target, (size_t)node, step, pull);
+        finish_node(iteration, state, share, target, (size_t)node, step, residual);
         for (int d = 0; d < 3; d++) {
-            own += step[d] * pull[d];
+            own += step[d] * residual[d];
             if (now == target) continue;
-            by_now += step[d] * iteration.d_pull[now][i + d];
-            of_now += iteration.d_step[now][i + d] * pull[d];
+            by_now += step[d] * iteration.d_residual[now][i + d];
+            of_now += iteration.d_step[now][i + d] * residual[d];
         }
     }
     own = warp_sum(own);
     by_now = warp_sum(by_now);
     of_now = warp_sum(of_now);
-    double largest = warp_largest(sqrt(pull[0] * pull[0] + pull[1] * pull[1] + pull[2] * pull[2]));
+    double largest = warp_largest(sqrt(residual[0] * residual[0] + residual[1] * residual[1] + residual[2] * residual[2]));
     if (lane == 0) {
         sums[warp][0] = own;
         sums[warp][1] = by_now;
@@ -216,11 +231,11 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
     }
     for (int a = 0; a < num_sums - 4; a++) {
         double along = 0;
-        if (there) {
+        if (there && state.rules.born[a] > 0) {
             const double *secant = iteration.d_secant_step + n * (size_t)a + i;
-            along = secant[0] * pull[0] + secant[1] * pull[1] + secant[2] * pull[2];
+            along = secant[0] * residual[0] + secant[1] * residual[1] + secant[2] * residual[2];
         }
-        along = warp_sum(along);
+        if (state.rules.born[a] > 0) along = warp_sum(along); /* the same for all lanes */
         if (lane == 0) sums[warp][4 + a] = along;
     }
     __syncthreads();
@@ -232,12 +247,12 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
 
 /* ---- decisions: one block, on a copy of the state in shared memory */
 
+enum { TRIAL, ESTIMATE, KINDS }; /* of weights */
+
 struct decision {
     gpu_state state;
     double sums[DOT_SUMS], work[GATHER_SUMS];
-    double new_row[GPU_HISTORY], gram[GPU_HISTORY][GPU_HISTORY], scale[GPU_HISTORY];
-    int plan; /* PLAN_... */
-    bool mixes;
+    double new_row[GPU_HISTORY], gram[KINDS][GPU_HISTORY][GPU_HISTORY], scale[KINDS][GPU_HISTORY];
 };
 
 static __device__ double spring_energy(const gpu_state &state, const double *a, const double *b)
@@ -260,7 +275,7 @@ static __device__ void add_up(const gpu_iteration &iteration, int gather_blocks,
     if (s >= DOT_SUMS) {
 #pragma unroll 16
         for (int b = lane; b < gather_blocks; b += 32) sum += iteration.d_sums[gather_blocks * (s - DOT_SUMS) + b];
-    } else if (s < 4 + now.state.num_history) {
+    } else if (s < 4 + iteration.room) {
 #pragma unroll 16
         for (int b = lane; b < dot_blocks; b += 32) {
             double part = dots[(size_t)dot_blocks * s + b];
@@ -271,184 +286,102 @@ static __device__ void add_up(const gpu_iteration &iteration, int gather_blocks,
     if (lane == 0) *(s < DOT_SUMS ? now.sums + s : now.work + s - DOT_SUMS) = sum;
 }
 
-/* What the refused or the accepted trial taught; its row of products to new_row. */
-static __device__ void remember(decision &now, bool accepted)
+/* The products of the secant from the present iterate to what was evaluated: its row to new_row. */
+static __device__ void find_products(decision &now)
 {
     gpu_state &state = now.state;
-    const int place = state.next_history, depth = state.step.depth;
+    const int place = state.rules.keep;
     const double *along_trial = now.sums + 4;
-    for (int a = 0; a < state.num_history; a++) now.new_row[a] = along_trial[a] - state.along[a];
+    for (int a = 0; a < GPU_HISTORY; a++) now.new_row[a] = state.rules.born[a] > 0 ? along_trial[a] - state.along[a] : 0;
     const double own = now.sums[0], by_now = now.sums[1], of_now = now.sums[2];
     now.new_row[place] = own - by_now - of_now + state.energy;
-    if (accepted)
-        for (int a = 0; a < state.num_history; a++) state.along[a] = along_trial[a];
-    state.along[place] = accepted ? own - of_now : by_now - state.energy;
-    state.remember = place;
-    state.next_history = (place + 1) % depth;
-    if (state.num_history < depth) state.num_history++;
+    /* secant . residual, of the iterate that stays or of the one that is taken */
+    state.along[place] = by_now - state.energy;
+    now.sums[4 + place] = own - of_now;
 }
 
-/* the first evaluation of a step; true: the state that was left in the last one is to be looked at, too */
-static __device__ bool judge_first(decision &now)
-{
-    const double too_high = 2;
-    gpu_state &state = now.state;
-    state.energy = now.sums[0];
-    for (int a = 0; a < state.num_history; a++) state.along[a] = now.sums[4 + a];
-    bool suspect = state.ahead && !(state.merit[state.now] < too_high * state.first_merit);
-    state.ahead = 0;
-    state.first_merit = state.merit[state.now];
-    return suspect;
-}
-
-/* the better of the present state and the one that was left */
-static __device__ void judge_left(decision &now)
+static __device__ double find_merit(decision &now, int target)
 {
     gpu_state &state = now.state;
-    const int left = 1 - state.now;
-    if (!(state.merit[left] < state.merit[state.now])) return;
-    state.now = left;
-    state.energy = now.sums[0];
-    state.num_history = state.next_history = 0;
-    state.first_merit = state.merit[left];
-}
-
-/* the body at rest, where nothing led on from the present state */
-static __device__ void judge_rest(decision &now)
-{
-    gpu_state &state = now.state;
-    const int rest = 1 - state.now;
-    if (!(state.merit[rest] < state.merit[state.now])) return;
-    state.now = rest;
-    state.num_history = state.next_history = 0;
-}
-
-static __device__ void judge_trial(decision &now)
-{
-    gpu_state &state = now.state;
-    const int old = state.now, trial = 1 - old;
-    bool accepted = state.merit[trial] < state.merit[old];
-    if ((accepted || state.refused < 2) && state.step.depth > 0 && isfinite(state.merit[trial])) remember(now, accepted);
-    if (accepted) {
-        state.before = state.merit[old];
-        state.energy = now.sums[0];
-        state.now = trial;
-        state.refused = 0;
-        state.accepted = 1;
-    } else {
-        state.refused++;
-        state.rejected++;
-    }
-}
-
-/* No more trials. false: the body at rest is to be looked at, too (start_from_rest of the CPU). */
-static __device__ bool finish(gpu_state &state)
-{
-    const double slow = 0.9;
-    const int steps = state.iterations - 1;
-    state.rate = steps > 0 && state.first_merit > 0 ? pow(state.merit[state.now] / state.first_merit, 1.0 / steps) : 0;
-    state.slow = state.rate > slow ? state.slow + 1 : 0;
-    if (state.accepted) state.refused = 0;
-    const bool stuck = state.refused >= MOST_REFUSED || state.slow == MOST_SLOW;
-    if (stuck) state.refused = state.slow = 0;
-    state.done = !stuck;
-    return !stuck;
-}
-
-static __device__ void find_merit(decision &now)
-{
-    gpu_state &state = now.state;
-    const int target = target_of(state);
     state.scale[target] = fmax(sqrt(fmax(fabs(now.work[0]), fabs(now.work[1]))), state.step.smallest_scale);
-    double energy = now.sums[0] + spring_energy(state, state.step_force[target], state.step_force[target]);
-    state.merit[target] = state.singular ? INFINITY : pliant_anderson_merit(energy, state.scale[target]);
     state.residual_force[target] = now.sums[3];
+    double energy = now.sums[0] + spring_energy(state, state.step_force[target], state.step_force[target]);
+    return state.singular ? INFINITY : pliant_anderson_merit(energy, state.scale[target]);
 }
 
-/* accept or refuse; whether to go on, and how */
+/* accept or refuse; whether to go on, and how: anderson.h, as solver.c follows it */
 static __device__ void judge(decision &now)
 {
-    const double went_well = 0.5; /* merit over the merit before */
     gpu_state &state = now.state;
-    find_merit(now);
+    pliant_anderson &rules = state.rules;
+    const bool first = rules.next == PLIANT_NEXT_FIRST;
+    const int target = gpu_target(&state);
+    const double merit = find_merit(now, target);
+    const bool plain = !rules.mixes && state.rows == 0 && (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_DESCENT);
+    pliant_anderson_judge(&rules, merit, plain ? now.sums[2] : 0.0, true);
+    state.iterations = rules.evaluations;
     state.old_now = state.now;
-    state.remember = -1;
-    state.damping = 1;
-    now.mixes = false;
-    now.plan = PLAN_NOTHING;
-    const int looked_at = state.propose;
-    bool look_back = false;
-    if (state.iterations == 0) look_back = judge_first(now);
-    else if (looked_at == PLAN_LEFT) judge_left(now);
-    else if (looked_at == PLAN_REST) judge_rest(now);
-    else judge_trial(now);
-    state.iterations++;
-    if (look_back) {
-        now.plan = PLAN_LEFT;
-        return;
+    if (rules.keep >= 0) find_products(now);
+    if (rules.take || first) {
+        state.now = target;
+        state.energy = now.sums[0];
+        for (int a = 0; a < GPU_HISTORY; a++) state.along[a] = now.sums[4 + a];
     }
-    if (looked_at == PLAN_REST) {
-        state.done = 1;
-        return;
-    }
-    const double merit = state.merit[state.now];
-    bool far = merit > state.step.tolerance * state.scale[state.now];
-    if (far && state.iterations < state.step.max_iterations && state.refused < MOST_REFUSED) {
-        if (state.refused == 2) state.num_history = state.next_history = 0;
-        now.plan = PLAN_TRIAL;
-        now.mixes = state.refused < 2 && state.num_history > 0;
-        state.damping = state.refused < 3 ? 1 : ldexp(1.0, 2 - state.refused);
-        return;
-    }
-    const bool went_on = state.refused == 0;
-    if (!finish(state)) {
-        now.plan = PLAN_REST;
-        return;
-    }
-    state.ahead = far && went_on && isfinite(merit) && merit < went_well * state.before;
-    now.plan = state.ahead ? PLAN_LAST : PLAN_NOTHING;
-    now.mixes = state.ahead && state.num_history > 0;
+    state.told_scale = state.scale[state.now];
+    state.told_residual_force = state.residual_force[state.now];
+    for (int m = 0; m < 3; m++) state.largest[m] = 0;
+    state.blocks = 0;
 }
 
-/* the secant's part in the history, as remember() planned it */
+/* the secant's part in the history */
 static __device__ void keep_secant(const gpu_state &state, const double *new_row, gpu_history &history)
 {
-    const int place = state.remember, thread = (int)threadIdx.x, from = state.old_now, to = 1 - from;
+    const int place = state.rules.keep, thread = (int)threadIdx.x, from = state.old_now, to = 1 - from;
     if (thread < GPU_ROWS) {
         history.force[place][thread] = state.force[to][thread] - state.force[from][thread];
         history.step_force[place][thread] = state.step_force[to][thread] - state.step_force[from][thread];
     }
-    if (thread < state.num_history) history.gram[thread][place] = history.gram[place][thread] = new_row[thread];
+    if (thread < GPU_HISTORY) history.gram[thread][place] = history.gram[place][thread] = new_row[thread];
 }
 
-/* The weights that make the step smallest in the energy norm: the normal equations, scaled to a unit diagonal. */
+/* The weights that make the step smallest in the energy norm: the normal equations, scaled to a unit diagonal. Secants that are not used
+ * have a row of their own. */
 static __device__ void fill_equations(decision &now, const gpu_history &history)
 {
     gpu_state &state = now.state;
-    const int m = state.num_history, thread = (int)threadIdx.x;
-    for (int n = thread; n < m * m; n += DECIDERS)
-        now.gram[n / m][n % m] = history.gram[n / m][n % m] + spring_energy(state, history.step_force[n / m], history.step_force[n % m]);
-    if (thread < m) state.weights[thread] = state.along[thread] + spring_energy(state, history.step_force[thread], state.step_force[state.now]);
+    const pliant_anderson &rules = state.rules;
+    const int m = GPU_HISTORY, thread = (int)threadIdx.x;
+    for (int a = thread; a < KINDS * m; a += DECIDERS) {
+        const int kind = a / m, h = a % m;
+        double energy = history.gram[h][h] + spring_energy(state, history.step_force[h], history.step_force[h]);
+        const bool used = rules.born[h] > 0 && (kind == ESTIMATE || rules.mixes);
+        now.scale[kind][h] = used ? pliant_anderson_scale(energy, kind == TRIAL ? rules.largest_secant : INFINITY) : 0;
+        double right = now.scale[kind][h] > 0 ? state.along[h] + spring_energy(state, history.step_force[h], state.step_force[state.now]) : 0;
+        state.weights[kind][h] = right * now.scale[kind][h];
+    }
     __syncthreads();
-    if (thread < m) now.scale[thread] = now.gram[thread][thread] > 0 ? 1 / sqrt(now.gram[thread][thread]) : 0;
-    __syncthreads();
-    for (int n = thread; n < m * m; n += DECIDERS)
-        now.gram[n / m][n % m] = n / m == n % m ? 1 + 1e-10 : now.gram[n / m][n % m] * now.scale[n / m] * now.scale[n % m];
-    if (thread < m) state.weights[thread] *= now.scale[thread];
+    for (int n = thread; n < m * m; n += DECIDERS) {
+        const int a = n / m, b = n % m;
+        double product = history.gram[a][b] + spring_energy(state, history.step_force[a], history.step_force[b]);
+        for (int kind = 0; kind < KINDS; kind++) {
+            const double noise = kind == TRIAL ? PLIANT_NOISE_OF_TRIAL : PLIANT_NOISE_OF_ESTIMATE, by = now.scale[kind][a] * now.scale[kind][b];
+            now.gram[kind][a][b] = a == b ? 1 + noise * noise : by > 0 ? product * by : 0;
+        }
+    }
     __syncthreads();
 }
 
 /* Cholesky by one warp, a lane a row (GPU_HISTORY is less than 32); false: no weights to be had */
-static __device__ bool solve_equations(decision &now)
+static __device__ bool solve_equations(decision &now, int kind)
 {
     gpu_state &state = now.state;
-    const int m = state.num_history, lane = (int)threadIdx.x;
-    double(*gram)[GPU_HISTORY] = now.gram;
-    if (!__any_sync(0xffffffff, lane < m && now.scale[lane < m ? lane : 0] > 0)) return false;
-    double own = lane < m ? state.weights[lane] : 0;
-    for (int c = 0; c < m; c++) {
+    const int m = GPU_HISTORY, lane = (int)threadIdx.x % 32;
+    double(*gram)[GPU_HISTORY] = now.gram[kind];
+    double *weights = state.weights[kind], own = lane < m ? weights[lane] : 0;
+    bool good = __any_sync(0xffffffff, lane < m && now.scale[kind][lane < m ? lane : 0] > 0);
+    for (int c = 0; good && c < m; c++) {
         double pivot = gram[c][c];
-        if (!(pivot > 0)) return false; /* the same for all lanes */
+        good = pivot > 0; /* the same for all lanes */
         double below = lane >= c && lane < m ? gram[lane][c] / sqrt(pivot) : 0;
         __syncwarp();
         if (lane >= c && lane < m) gram[lane][c] = below;
@@ -456,31 +389,28 @@ static __device__ bool solve_equations(decision &now)
         for (int b = c + 1; b <= lane && lane < m; b++) gram[lane][b] -= below * gram[b][c];
         __syncwarp();
     }
-    for (int c = 0; c < m; c++) {
+    for (int c = 0; good && c < m; c++) {
         double known = __shfl_sync(0xffffffff, own, c) / gram[c][c];
         if (lane == c) own = known;
         else if (lane > c && lane < m) own -= gram[lane][c] * known;
     }
-    for (int c = m - 1; c >= 0; c--) {
+    for (int c = m - 1; good && c >= 0; c--) {
         double known = __shfl_sync(0xffffffff, own, c) / gram[c][c];
         if (lane == c) own = known;
         else if (lane < c) own -= gram[c][lane] * known;
     }
-    if (lane < m) state.weights[lane] = own * now.scale[lane];
-    return true;
+    if (lane < m) weights[lane] = good ? own * now.scale[kind][lane] : 0;
+    return good;
 }
 
-/* a tool's force in the iterate to come */
-static __device__ void plan_force(gpu_state &state, const gpu_history &history, int what, int row)
+/* a tool's force in the iterate to come; that of a state before is still there */
+static __device__ void plan_force(gpu_state &state, const gpu_history &history, int row)
 {
-    if (what == PLAN_LEFT || what == PLAN_REST) {
-        state.force[1 - state.now][row] = what == PLAN_LEFT ? state.left_force[row] : 0;
-        return;
-    }
-    if (what == PLAN_LAST) state.left_force[row] = state.force[state.now][row];
+    if (state.rules.next == PLIANT_NEXT_PREVIOUS) return;
     double step = state.step_force[state.now][row];
-    for (int a = 0; a < state.num_weights; a++) step -= state.weights[a] * (history.force[a][row] + history.step_force[a][row]);
-    state.force[what == PLAN_LAST ? state.now : 1 - state.now][row] = state.force[state.now][row] + state.damping * step;
+    for (int a = 0; a < GPU_HISTORY; a++)
+        if (state.weights[TRIAL][a] != 0) step -= state.weights[TRIAL][a] * (history.force[a][row] + history.step_force[a][row]);
+    state.force[1 - state.now][row] = state.rules.next == PLIANT_NEXT_REST ? 0 : state.force[state.now][row] + state.rules.damping * step;
 }
 
 static __device__ void copy_state(const gpu_state &from, gpu_state &to)
@@ -496,13 +426,7 @@ static __global__ void __launch_bounds__(DECIDERS) decide_kernel(gpu_iteration i
     const int thread = (int)threadIdx.x;
     const bool was_done = iteration.d_state->done;
     __syncthreads();
-    if (was_done) {
-        if (thread == 0) {
-            iteration.d_state->propose = PLAN_NOTHING;
-            iteration.d_state->remember = -1;
-        }
-        return;
-    }
+    if (was_done) return;
     copy_state(*iteration.d_state, now.state);
     __syncthreads();
     add_up(iteration, gather_blocks, dot_blocks, now);
@@ -510,51 +434,102 @@ static __global__ void __launch_bounds__(DECIDERS) decide_kernel(gpu_iteration i
     if (thread == 0) judge(now);
     __syncthreads();
     gpu_history &history = *iteration.d_history;
-    if (now.state.remember >= 0) keep_secant(now.state, now.new_row, history);
+    if (now.state.rules.keep >= 0) keep_secant(now.state, now.new_row, history);
     __syncthreads();
-    if (now.mixes) fill_equations(now, history);
-    if (thread < 32) {
-        bool mixed = now.mixes && solve_equations(now);
-        if (thread == 0) {
-            now.state.propose = now.plan;
-            now.state.num_weights = mixed ? now.state.num_history : 0;
-        }
-        __syncwarp();
-        if (now.plan != PLAN_NOTHING && thread < GPU_ROWS) plan_force(now.state, history, now.plan, thread);
+    fill_equations(now, history);
+    if (thread < 32 * KINDS) {
+        bool mixed = solve_equations(now, thread / 32);
+        if (thread == 0) now.state.mixed = mixed;
     }
+    __syncthreads();
+    if (thread < GPU_ROWS) plan_force(now.state, history, thread);
     __syncthreads();
     copy_state(now.state, *iteration.d_state);
 }
 
-/* the secant, and the iterate to look at next */
-static __global__ void __launch_bounds__(THREADS) propose_kernel(gpu_iteration iteration)
+/* The secant and the proposal at one node: what is left, and what the proposal moves, in the node's own axes. */
+static __device__ void propose_node(const gpu_iteration &iteration, const gpu_state &state, size_t node, double *left, double *made)
 {
-    const gpu_state &state = *iteration.d_state;
-    const int thread = (int)(blockIdx.x * THREADS + threadIdx.x);
-    const size_t n = 3 * (size_t)iteration.num_free, i = (size_t)thread;
-    if (i >= n || (state.propose == PLAN_NOTHING && state.remember < 0)) return;
-    const size_t x = 3 * (size_t)iteration.d_node_of_free[thread / 3] + (size_t)(thread % 3);
-    if (state.remember >= 0) {
-        const int from = state.old_now, to = 1 - from;
-        const size_t place = n * (size_t)state.remember + i;
-        iteration.d_secant_x[place] = iteration.d_x[to][x] - iteration.d_x[from][x];
-        iteration.d_secant_step[place] = iteration.d_step[to][i] - iteration.d_step[from][i];
-        iteration.d_secant_pull[place] = iteration.d_pull[to][i] - iteration.d_pull[from][i];
-    }
-    if (state.propose == PLAN_NOTHING) return;
+    const pliant_anderson &rules = state.rules;
+    const size_t n = 3 * (size_t)iteration.num_free, i = 3 * node, x = 3 * (size_t)iteration.d_node_of_free[node];
     const int now = state.now;
-    if (state.propose == PLAN_LEFT || state.propose == PLAN_REST) {
-        iteration.d_x[1 - now][x] = state.propose == PLAN_LEFT ? iteration.d_left_x[x] : iteration.d_rest[x];
-        return;
+    if (rules.keep >= 0) {
+        const int from = state.old_now, to = 1 - from;
+        const size_t place = n * (size_t)rules.keep + i;
+        double moved[3];
+        for (int d = 0; d < 3; d++) moved[d] = iteration.d_x[to][x + d] - iteration.d_x[from][x + d];
+        turn_into(iteration, node, moved);
+        for (int d = 0; d < 3; d++) {
+            iteration.d_secant_x[place + d] = moved[d];
+            iteration.d_secant_step[place + d] = iteration.d_step[to][i + d] - iteration.d_step[from][i + d];
+            iteration.d_secant_residual[place + d] = iteration.d_residual[to][i + d] - iteration.d_residual[from][i + d];
+        }
     }
-    double step = iteration.d_step[now][i];
-    for (int a = 0; a < state.num_weights; a++) {
-        const size_t place = n * (size_t)a + i;
-        step -= state.weights[a] * (iteration.d_secant_x[place] + iteration.d_secant_step[place]);
+    for (int d = 0; d < 3; d++) left[d] = made[d] = iteration.d_step[now][i + d];
+    for (int a = 0; a < iteration.room; a++) {
+        const double by = state.weights[TRIAL][a], likely = state.weights[ESTIMATE][a];
+        if (by == 0 && likely == 0) continue;
+        for (int d = 0; d < 3; d++) {
+            const size_t place = n * (size_t)a + i + d;
+            const double secant = iteration.d_secant_x[place] + iteration.d_secant_step[place];
+            made[d] -= by * secant;
+            left[d] -= likely * secant;
+        }
     }
-    const double from = iteration.d_x[now][x];
-    if (state.propose == PLAN_LAST) iteration.d_left_x[x] = from;
-    iteration.d_x[state.propose == PLAN_LAST ? now : 1 - now][x] = from + state.damping * step;
+    if (rules.next == PLIANT_NEXT_PREVIOUS) return; /* it is there */
+    double out[3] = {made[0], made[1], made[2]};
+    turn_out(iteration, node, out);
+    for (int d = 0; d < 3; d++)
+        iteration.d_x[1 - now][x + d] = rules.next == PLIANT_NEXT_REST ? iteration.d_rest[x + d] : iteration.d_x[now][x + d] + rules.damping * out[d];
+}
+
+/* All blocks are done: whether what is left is little enough, or else the blind step. */
+static __device__ void settle(gpu_state &state)
+{
+    pliant_anderson &rules = state.rules;
+    double largest[3];
+    for (int m = 0; m < 3; m++) largest[m] = sqrt(__longlong_as_double((long long)atomicMax(&state.largest[m], 0ull))); /* past the cache */
+    if (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_BLIND || rules.next == PLIANT_NEXT_DONE)
+        pliant_anderson_settle(&rules, state.mixed, largest[0], rules.damping * largest[1], largest[2]);
+    if (rules.next == PLIANT_NEXT_BLIND) state.now = 1 - state.now; /* what it was stays where it is until the next step has looked */
+    state.done = rules.next == PLIANT_NEXT_BLIND || rules.next == PLIANT_NEXT_DONE;
+}
+
+/* the secant, and the iterate to look at next; one thread a node */
+static __global__ void __launch_bounds__(NODES) propose_kernel(gpu_iteration iteration)
+{
+    __shared__ double most[3][NODES / 32];
+    gpu_state &state = *iteration.d_state;
+    if (state.done) return;
+    const int node = (int)(blockIdx.x * NODES + threadIdx.x), lane = (int)threadIdx.x % 32, warp = (int)threadIdx.x / 32;
+    double squares[3] = {0, 0, 0};
+    if (node < iteration.num_free) {
+        const size_t x = 3 * (size_t)iteration.d_node_of_free[node];
+        for (int d = 0; d < 3; d++) {
+            double u = iteration.d_x[state.now][x + d] - iteration.d_rest[x + d];
+            squares[2] += u * u;
+        }
+        double left[3], made[3];
+        propose_node(iteration, state, (size_t)node, left, made);
+        for (int d = 0; d < 3; d++) {
+            squares[0] += left[d] * left[d];
+            squares[1] += made[d] * made[d];
+        }
+    }
+    for (int m = 0; m < 3; m++) {
+        /* what is no number is no small one */
+        const double largest = warp_largest(isfinite(squares[m]) ? squares[m] : INFINITY);
+        if (lane == 0) most[m][warp] = largest;
+    }
+    __syncthreads();
+    if (threadIdx.x > 0) return;
+    for (int m = 0; m < 3; m++) {
+        double largest = most[m][0];
+        for (int w = 1; w < NODES / 32; w++) largest = fmax(largest, most[m][w]);
+        atomicMax(&state.largest[m], (unsigned long long)__double_as_longlong(largest)); /* any order gives the same */
+    }
+    __threadfence();
+    if (atomicAdd(&state.blocks, 1ull) + 1 == gridDim.x) settle(state);
 }
 
 /* ---- launches */
@@ -581,6 +556,6 @@ extern "C" pliant_status pliant_cuda_decide(const gpu_iteration *iteration, int 
 
 extern "C" pliant_status pliant_cuda_propose(const gpu_iteration *iteration, cudaStream_t stream)
 {
-    propose_kernel<<<(unsigned)((3 * iteration->num_free + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*iteration);
+    propose_kernel<<<(unsigned)pliant_cuda_dot_blocks(iteration), NODES, 0, stream>>>(*iteration);
     return CUDA_LAUNCHED("propose_kernel");
 }

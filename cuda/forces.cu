@@ -103,7 +103,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
     const gpu_state &state = *iteration.d_state;
     if (state.done) return;
     const int target = gpu_target(&state), thread = (int)threadIdx.x, d = thread % 4, n = (int)blockIdx.x * NODES + thread / 4;
-    double pull = 0, work = 0, elastic = 0;
+    double residual = 0, work = 0, elastic = 0;
     if (n < system.num_free && d < 3) {
         double sum = 0;
         const int end = system.d_corner_start[n + 1];
@@ -113,16 +113,18 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
         double load = iteration.d_load[i] + iteration.d_extra[i], u = iteration.d_x[target][x] - system.d_rest[x];
         work = u * load;
         elastic = u * sum;
-        pull = load - sum;
-        iteration.d_pull[target][i] = pull;
+        residual = load - sum;
     }
-    /* R' pull: component d needs the other two, which its neighbours have */
+    /* R' residual: component d needs the other two, which its neighbours have */
     double turned = 0;
     for (int e = 0; e < 3; e++) {
-        double other = __shfl_sync(0xffffffff, pull, (thread & 31 & ~3) + e);
+        double other = __shfl_sync(0xffffffff, residual, (thread & 31 & ~3) + e);
         if (n < system.num_free && d < 3) turned += iteration.d_turn[9 * (size_t)n + 3 * e + d] * other;
     }
-    if (n < system.num_free && d < 3) iteration.d_right[3 * (size_t)n + d] = (float)turned;
+    if (n < system.num_free && d < 3) {
+        iteration.d_residual[target][3 * (size_t)n + d] = turned;
+        iteration.d_right[3 * (size_t)n + d] = (float)turned;
+    }
     sums[0][thread] = work;
     sums[1][thread] = elastic;
     for (int half = GATHER_THREADS / 2; half > 0; half /= 2) {
@@ -134,6 +136,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
     if (thread < GATHER_SUMS) iteration.d_sums[gridDim.x * (unsigned)thread + blockIdx.x] = sums[thread][0];
 }
 
+/* What an element says of the axes of its nodes (nodal_rotations.h): V mu F, at rest F0 = I; a homogenized one has a rotation only. */
 static __global__ void __launch_bounds__(GATHER_THREADS) rotation_kernel(gpu_system system, gpu_iteration iteration)
 {
     int t = (int)(blockIdx.x * GATHER_THREADS + threadIdx.x);
@@ -142,25 +145,27 @@ static __global__ void __launch_bounds__(GATHER_THREADS) rotation_kernel(gpu_sys
     double f[9], r[9];
     load_corners(system, iteration.d_x[iteration.d_state->now], t, c);
     pliant_deformation(c.x, c.g, f);
-    element_rotation(system, t, f, r);
-    for (int m = 0; m < 9; m++) iteration.d_element_force[16 * (size_t)t + m] = r[m]; /* room that is not in use between steps */
+    const bool turns = !(system.d_grounded && system.d_grounded[t]);
+    if (system.d_stiffness) element_rotation(system, t, f, r);
+    for (int m = 0; m < 9; m++) {
+        const double own = system.d_stiffness ? r[m] : system.d_lame[(size_t)system.num_tets + t] * (turns ? f[m] : m % 4 == 0);
+        iteration.d_element_force[16 * (size_t)t + m] = own; /* room that is not in use between steps */
+    }
 }
 
 static __global__ void __launch_bounds__(GATHER_THREADS) turn_kernel(gpu_system system, gpu_iteration iteration, bool identity)
 {
     int n = (int)(blockIdx.x * GATHER_THREADS + threadIdx.x);
     if (n >= system.num_free) return;
-    const bool isotropic = !system.d_stiffness && system.macros.count == 0;
-    double mean[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, turn[9];
+    double sum[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, turn[9];
     if (!identity) {
-        for (int m = 0; m < 9; m++) mean[m] = 0;
+        for (int m = 0; m < 9; m++) sum[m] = 0;
         for (int c = system.d_corner_start[n]; c < system.d_corner_start[n + 1]; c++) {
             const int corner = system.d_corner[c], t = system.macros.count > 0 ? system.macros.d_cube_of_corner[corner] : corner / 4;
-            const double weight = isotropic ? system.d_lame[t] + system.d_lame[(size_t)system.num_tets + t] : 1;
-            for (int m = 0; m < 9; m++) mean[m] += weight * iteration.d_element_force[16 * (size_t)t + m];
+            for (int m = 0; m < 9; m++) sum[m] += iteration.d_element_force[16 * (size_t)t + m];
         }
     }
-    rotation_of(mean, turn);
+    rotation_of(sum, turn);
     for (int m = 0; m < 9; m++) iteration.d_turn[9 * (size_t)n + m] = turn[m];
 }
 

@@ -27,7 +27,10 @@ struct pliant_cuda_solver {
     tool_arrays tools[PLIANT_MAX_TOOLS];
     uint64_t serial;           /* counts turns of the preconditioner, from 1 */
     uint64_t turned_at;        /* step */
-    bool turn_due;
+    bool served_badly;         /* the preconditioner, since then */
+    int64_t evaluations;       /* since then; -1: the axes are those of rest */
+    bool fresh;                /* the state was taken from the host */
+    double foreseen;           /* error of the last step [m] */
     uint64_t forgotten;        /* of the host's solver */
     double gravity[3];
     bool loaded;
@@ -35,8 +38,8 @@ struct pliant_cuda_solver {
     size_t bytes;
 };
 
-/* merit after over before an evaluation above which the preconditioner is turned along with the tissue (refresh.c) */
-static const double served_badly = 0.4;
+/* a hold that the GPU knows, whose response was not asked for */
+static const uint64_t no_response = UINT64_MAX;
 
 static pliant_status allocate(pliant_cuda_solver *gpu, size_t bytes, void **d_out)
 {
@@ -58,22 +61,21 @@ static pliant_status allocate_iteration(pliant_cuda_solver *gpu, const pliant_so
     it->num_nodes = gpu->system.num_nodes;
     it->d_node_of_free = gpu->system.d_node_of_free;
     it->d_rest = gpu->system.d_rest;
-    it->depth = solver->depth;
-    const size_t history = n * (size_t)(it->depth > 0 ? it->depth : 1);
+    it->room = solver->rules.room;
+    const size_t history = n * (size_t)(it->room > 0 ? it->room : 1);
     const size_t padded = (size_t)pliant_cuda_inverse_padded((int32_t)n) * sizeof(float);
     CUDA_TRY(allocate(gpu, sizeof(gpu_state), reinterpret_cast<void **>(&it->d_state)));
     CUDA_TRY(allocate(gpu, sizeof(gpu_history), reinterpret_cast<void **>(&it->d_history)));
-    CUDA_TRY(allocate(gpu, nodes, &it->d_left_x));
     for (int b = 0; b < 2; b++) {
         CUDA_TRY(allocate(gpu, nodes, &it->d_x[b]));
         CUDA_TRY(allocate(gpu, n, &it->d_step[b]));
-        CUDA_TRY(allocate(gpu, n, &it->d_pull[b]));
+        CUDA_TRY(allocate(gpu, n, &it->d_residual[b]));
     }
     CUDA_TRY(allocate(gpu, n, &it->d_load));
     CUDA_TRY(allocate(gpu, n, &it->d_extra));
     CUDA_TRY(allocate(gpu, history, &it->d_secant_x));
     CUDA_TRY(allocate(gpu, history, &it->d_secant_step));
-    CUDA_TRY(allocate(gpu, history, &it->d_secant_pull));
+    CUDA_TRY(allocate(gpu, history, &it->d_secant_residual));
     const gpu_macros *macros = &gpu->system.macros;
     const size_t of_corners = 4 * (size_t)macros->corners, of_frames = 16 * (size_t)macros->count;
     const size_t forces = macros->count == 0 ? 16 * (size_t)gpu->system.num_tets : of_corners > of_frames ? of_corners : of_frames;
@@ -145,8 +147,8 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     if (!gpu) return;
     if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
     gpu_iteration *it = &gpu->iteration;
-    void *blocks[] = {it->d_state, it->d_history, it->d_left_x, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_pull[0], it->d_pull[1], it->d_load, it->d_extra,
-                      it->d_secant_x, it->d_secant_step, it->d_secant_pull, it->d_element_force, it->d_turn, it->d_right, it->d_left,
+    void *blocks[] = {it->d_state, it->d_history, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_residual[0], it->d_residual[1], it->d_load, it->d_extra,
+                      it->d_secant_x, it->d_secant_step, it->d_secant_residual, it->d_element_force, it->d_turn, it->d_right, it->d_left,
                       it->d_sums, gpu->d_fine, gpu->d_solved};
     for (void *block : blocks) pliant_cuda_release(block);
     for (tool_arrays &tool : gpu->tools) {
@@ -172,8 +174,11 @@ extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, con
         CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[b], solver->now.x, bytes, cudaMemcpyHostToDevice, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
     gpu->loaded = false;
-    gpu->turn_due = false;
+    gpu->served_badly = false;
     gpu->turned_at = 0;
+    gpu->evaluations = -1;
+    gpu->fresh = true;
+    gpu->foreseen = 0;
     gpu->last_iterations = 2;
     return PLIANT_OK;
 }
@@ -225,6 +230,8 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
         memcpy(tool->target, handle->target, sizeof tool->target);
         memcpy(tool->origin, handle->origin, sizeof tool->origin);
         if (handle->response_of == gpu->serial) continue;
+        handle->response_of = no_response;
+        if (!tool->spring) continue;
         CUDA_TRY(pliant_cuda_respond(&gpu->preconditioner, &gpu->iteration, tool, arrays->d_response, gpu->stream));
         handle->response_of = gpu->serial;
     }
@@ -234,23 +241,31 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
     return PLIANT_OK;
 }
 
-static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *turned)
+/* The axes follow the tissue, as on the CPU. Responses to springs hold for the axes that they were found in, and homogenized elements have
+ * but a rough notion of them: there the axes turn only where the preconditioner has served badly, since no new one is made here.
+ * *forget: secants hold such responses. */
+static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *forget)
 {
     const uint64_t interval = (uint64_t)solver->refresh_interval;
-    *turned = gpu->turn_due && interval > 0 && statistics->step >= gpu->turned_at + interval;
-    if (!*turned) return PLIANT_OK;
+    bool waits = gpu->system.d_stiffness || gpu->system.macros.count > 0, follows = gpu->evaluations < 0 || gpu->evaluations >= PLIANT_EVALUATIONS_A_TURN;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        waits = waits || (pliant_handle_is_spring(solver->handles + t) && solver->handles[t].response_of == gpu->serial);
+    if (waits) follows = gpu->served_badly && interval > 0 && statistics->step >= gpu->turned_at + interval;
+    *forget = follows && waits;
+    if (!follows) return PLIANT_OK;
     CUDA_TRY(pliant_cuda_turn(&gpu->system, &gpu->iteration, false, gpu->stream));
     gpu->serial++;
     gpu->turned_at = statistics->step;
-    gpu->turn_due = false;
-    statistics->factors++;
+    gpu->served_badly = false;
+    gpu->evaluations = 0;
+    statistics->factors += waits;
     return PLIANT_OK;
 }
 
 static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
 {
     CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
-    const int32_t most = step->max_iterations + 2; /* one to look back at what the last step left, one at the body at rest */
+    const int32_t most = step->most_evaluations + 3; /* one to look back at the state before a blind step, a descent, the body at rest */
     int32_t ahead = gpu->last_iterations; /* a step takes about as many as the last one; those too many do nothing */
     for (int32_t spent = 0; spent < most; ahead = 1) {
         for (int32_t n = 0; n < ahead && spent < most; n++, spent++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream)));
@@ -264,28 +279,36 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
 extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
 {
     gpu_step step = {};
-    bool turned;
+    bool forget;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     CUDA_TRY(send_load(gpu, solver, gravity));
-    CUDA_TRY(turn(gpu, solver, statistics, &turned));
+    CUDA_TRY(turn(gpu, solver, statistics, &forget));
     CUDA_TRY(send_tools(gpu, solver, &step));
-    step.max_iterations = solver->max_iterations;
-    step.tolerance = solver->tolerance;
+    const pliant_anderson *limits = &solver->rules;
+    step.most_evaluations = limits->most_evaluations;
+    step.depth = limits->depth;
+    step.room = limits->room;
+    step.tolerance = limits->tolerance;
+    step.smallest_displacement = limits->smallest_displacement;
     step.smallest_scale = solver->smallest_scale;
-    step.depth = solver->depth;
-    step.forget = turned || gpu->forgotten != solver->forgotten;
+    step.restart = gpu->fresh;
+    step.forget = forget || gpu->forgotten != solver->forgotten;
     gpu->forgotten = solver->forgotten;
     CUDA_TRY(run(gpu, &step));
+    gpu->fresh = false;
     const gpu_state *state = gpu->h_state;
-    const int now = state->now;
-    if (!isfinite(state->merit[now])) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, state->force[now] + 3 * t, sizeof solver->handles[t].force);
-    statistics->iterations = gpu->last_iterations = state->iterations;
-    statistics->rejected += (uint64_t)state->rejected;
-    statistics->residual = state->merit[now] / state->scale[now];
-    statistics->residual_force = state->residual_force[now];
-    gpu->turn_due = gpu->turn_due || state->rate > served_badly;
-    return statistics->residual > solver->tolerance ? PLIANT_NOT_CONVERGED : PLIANT_OK;
+    const pliant_anderson *rules = &state->rules;
+    if (!isfinite(rules->merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, state->force[state->now] + 3 * t, sizeof solver->handles[t].force);
+    statistics->iterations = gpu->last_iterations = rules->evaluations;
+    gpu->evaluations += rules->evaluations;
+    statistics->rejected += (uint64_t)rules->rejected;
+    statistics->residual = rules->merit / state->told_scale;
+    statistics->residual_force = state->told_residual_force;
+    statistics->error_before = gpu->foreseen;
+    statistics->error = gpu->foreseen = rules->error;
+    gpu->served_badly = gpu->served_badly || rules->rate > PLIANT_SERVES_BADLY;
+    return rules->converged ? PLIANT_OK : PLIANT_NOT_CONVERGED;
 }
 
 extern "C" pliant_status pliant_cuda_solver_upsample(pliant_cuda_solver *gpu, const double **d_positions)

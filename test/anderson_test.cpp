@@ -21,4 +21,87 @@ TEST(Anderson, EnergyBelowZeroIsNoMerit)
     }
 }
 
+// A step that evaluates what it is told: merits of the states to come, one after the other.
+struct Rules : pliant_anderson {
+    Rules() : pliant_anderson()
+    {
+        most_evaluations = 100;
+        depth = 6;
+        room = PLIANT_MAX_HISTORY;
+        limits_secants = 1;
+        tolerance = 1e-3;
+        pliant_anderson_reset(this);
+        pliant_anderson_begin(this);
+    }
+    void evaluate(double state_merit, bool mixed = true, bool time = true)
+    {
+        pliant_anderson_judge(this, state_merit, 0, time);
+        if (next != PLIANT_NEXT_PREVIOUS && next != PLIANT_NEXT_REST && next != PLIANT_NEXT_DESCENT) pliant_anderson_settle(this, mixed, 1, 1, 1);
+    }
+};
+
+TEST(Anderson, RefusalsLeadToPlainAndShorterSteps)
+{
+    Rules rules;
+    rules.evaluate(1);
+    EXPECT_EQ(rules.next, PLIANT_NEXT_TRIAL);
+    rules.evaluate(2);
+    EXPECT_TRUE(rules.mixes && rules.keep >= 0 && !rules.take);
+    rules.evaluate(2);
+    EXPECT_TRUE(rules.limited && rules.mixes) << "without large secants";
+    EXPECT_LT(rules.largest_secant, INFINITY);
+    rules.evaluate(2);
+    EXPECT_FALSE(rules.mixes) << "the plain step";
+    EXPECT_EQ(rules.damping, 1);
+    EXPECT_EQ(pliant_anderson_secants(&rules), 0);
+    rules.evaluate(2);
+    EXPECT_EQ(rules.damping, 0.5);
+    for (int n = 0; n < 9; n++) rules.evaluate(2);
+    EXPECT_EQ(rules.next, PLIANT_NEXT_REST);
+    rules.evaluate(0.5);
+    EXPECT_TRUE(rules.take && rules.next == PLIANT_NEXT_DONE);
+}
+
+TEST(Anderson, WithoutTimeAfterARefusalAStepGoesOnBlindly)
+{
+    Rules rules;
+    rules.evaluate(1);
+    rules.evaluate(2, true, false);
+    EXPECT_EQ(rules.next, PLIANT_NEXT_BLIND);
+    pliant_anderson_begin(&rules);
+    rules.evaluate(5, true, false);
+    EXPECT_EQ(rules.next, PLIANT_NEXT_PREVIOUS) << "far above what it began with";
+    rules.evaluate(1, true, false);
+    EXPECT_TRUE(rules.take);
+    EXPECT_EQ(rules.next, PLIANT_NEXT_BLIND);
+    EXPECT_FALSE(rules.mixes) << "as the refusals have come so far";
+    pliant_anderson_begin(&rules);
+    rules.evaluate(0.9, true, false);
+    EXPECT_EQ(rules.next, PLIANT_NEXT_BLIND);
+    EXPECT_TRUE(rules.mixes) << "that was good";
+}
+
+TEST(Anderson, UselessSecantsAreForgotten)
+{
+    Rules rules;
+    rules.evaluate(1);
+    for (double merit : {0.5, 0.25, 0.12}) rules.evaluate(merit);
+    EXPECT_EQ(pliant_anderson_secants(&rules), 3);
+    rules.evaluate(0.06, false); // their products are no longer positive definite
+    EXPECT_EQ(pliant_anderson_secants(&rules), 0);
+    EXPECT_EQ(rules.next, PLIANT_NEXT_TRIAL);
+}
+
+TEST(Anderson, TheOldestSecantsGiveWay)
+{
+    Rules rules;
+    rules.last_evaluations = 6;
+    for (int n = 0; n < 30; n++) EXPECT_LT(pliant_anderson_place(&rules), 9);
+    EXPECT_EQ(pliant_anderson_secants(&rules), 9);
+    rules.last_evaluations = 2;
+    pliant_anderson_place(&rules);
+    EXPECT_EQ(pliant_anderson_secants(&rules), 6);
+    for (uint64_t born : rules.born) EXPECT_TRUE(born == 0 || born > 25) << born;
+}
+
 } // namespace

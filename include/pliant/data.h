@@ -60,10 +60,10 @@ typedef struct pliant_statistics {
     int32_t iterations;         /**< of the last step, those of a patch among them */
     double residual;            /**< energy norm of the residual force over that of the load, last step; of a patch where that is larger */
     double error;               /**< [m] how far a node may still be from where the step would converge to, foreseen from the last
-                                 *   evaluation; 0: not known (explicit dynamics, GPU) */
-    double error_before;        /**< [m] the same of the step before, in hindsight: more certain, but as it was foreseen where gravity
-                                 *   or a given force has changed and solver/budget_ms or a V-cycle leaves no time; 0: not known, or
-                                 *   the first step */
+                                 *   evaluation; 0: not known (explicit dynamics) */
+    double error_before;        /**< [m] the same of the step before, in hindsight: more certain, but as it was foreseen on the GPU, and
+                                 *   where gravity or a given force has changed and solver/budget_ms or a V-cycle leaves no time; 0: not
+                                 *   known, or the first step */
     double residual_force;      /**< largest nodal residual force [N] */
     int32_t patched;            /**< tools that pull at a patch (model/patch), last step */
     int32_t patch_waiting;      /**< tools whose patch is still being made */
@@ -73,7 +73,7 @@ typedef struct pliant_statistics {
     uint64_t not_converged;     /**< steps that ended above the tolerance */
     uint64_t rejected;          /**< Anderson steps refused by the safeguard */
     uint64_t failed;            /**< steps that broke down and were undone */
-    uint64_t factors;           /**< factors put to use since the start */
+    uint64_t factors;           /**< factors put to use since the start; on the GPU, times that its preconditioner was turned for springs */
     size_t bytes;               /**< held by this data [bytes] */
 } pliant_statistics;
 

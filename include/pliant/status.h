@@ -20,7 +20,7 @@ extern "C" {
 
 /** name, value, one-line meaning */
 #define PLIANT_STATUS_LIST(X)                                                                     \
-    X(PLIANT_NOT_CONVERGED, 1, "the residual is above the tolerance; the best state so far is kept") \
+    X(PLIANT_NOT_CONVERGED, 1, "the error is above the tolerance; the best state so far is kept") \
     X(PLIANT_OK, 0, "done")                                                                       \
     X(PLIANT_ERROR_ARGUMENT, -1, "an argument is out of its range")                               \
     X(PLIANT_ERROR_MEMORY, -2, "out of memory")                                                   \

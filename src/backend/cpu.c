@@ -73,17 +73,15 @@ static void set_positions(const pliant_model *model, pliant_data *data, const do
         int32_t node = system->node_of_free[f], fine = system->upsample ? data->body->fine_of_coarse[node] : node;
         if (fine >= 0) memcpy(solver->now.x + 3 * node, positions + 3 * fine, 3 * sizeof *positions);
     }
-    pliant_solver_forget(solver);
-    solver->ahead = false;
-    solver->refused = solver->slow = 0;
+    pliant_solver_moved(solver);
     pliant_upsample_positions(system, solver->now.x, data->positions);
     if (data->patch) pliant_patch_flatten(data->patch);
 }
 
 static void limits(pliant_data *data, int iterations, double tolerance)
 {
-    data->solver->max_iterations = iterations;
-    data->solver->tolerance = tolerance;
+    data->solver->rules.most_evaluations = iterations;
+    data->solver->rules.tolerance = tolerance;
 }
 
 static void left(pliant_data *data)

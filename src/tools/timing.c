@@ -65,7 +65,7 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
     row[WHOLE] = seconds;
     times->iterations += (uint64_t)statistics->iterations;
     times->last_converged = status != PLIANT_NOT_CONVERGED;
-    if (status == PLIANT_NOT_CONVERGED && statistics->residual > times->worst_residual) times->worst_residual = statistics->residual;
+    if (status == PLIANT_NOT_CONVERGED && statistics->error > times->worst_error) times->worst_error = statistics->error;
     times->inverted_steps += inverted > 0;
     if (inverted > times->most_inverted) times->most_inverted = inverted;
 
@@ -152,9 +152,9 @@ void timing_warn(const step_times *times, const pliant_model *model, const plian
     const pliant_scene *scene = &model->scene;
     bool schur = scene->model.method == PLIANT_SCHUR;
     if (statistics->not_converged > 0)
-        pliant_log(PLIANT_LOG_WARNING, "%llu of %zu steps did not converge%s: residuals up to %.2g, solver/tolerance is %.2g; %s",
+        pliant_log(PLIANT_LOG_WARNING, "%llu of %zu steps did not converge%s: nodes may be up to %.2g mm off, solver/tolerance is %.2g of the displacement; %s",
                    (unsigned long long)statistics->not_converged, times->num_steps, times->last_converged ? " (the last one did)" : ", nor did the last one",
-                   times->worst_residual, scene->solver.tolerance,
+                   1e3 * times->worst_error, scene->solver.tolerance,
                    schur ? "schur may be too soft for the load: averaged is not" : "more of solver/iterations or a smaller solver/step bring them closer");
     if (times->most_inverted > 0)
         pliant_log(PLIANT_LOG_WARNING, "elements were turned inside out in %zu of %zu steps, up to %d of %d at once, %d at the end: what lies there is not to be "

@@ -18,7 +18,7 @@ typedef struct step_times {
     size_t num_steps, capacity;
     uint64_t iterations;
     bool last_converged;
-    double worst_residual;     /* of a step that did not converge */
+    double worst_error;        /* that a step which did not converge told [m] */
     size_t inverted_steps;     /* steps with inverted elements, and the most that one had */
     int32_t most_inverted;
 } step_times;

@@ -3,6 +3,7 @@
 #include "body.h"
 #include "cuda_warps.h"
 #include "pliant/memory.h"
+#include "tolerance.h"
 
 #include <algorithm>
 #include <cstdio>
@@ -271,6 +272,19 @@ TEST(CudaRun, MeetsTheCpu)
     }
 }
 
+TEST(CudaRun, TheToleranceIsOfPositions)
+{
+    NEEDS_GPU();
+    for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
+        Body body(size, box, three, inclusions);
+        prepare(body, {PLIANT_FINE, PLIANT_DRIVE_RIGID, 9.81, 0, 1, choice}, PLIANT_CUDA);
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        const double point[3] = {0.06, 0.06, 0.11}, by[3] = {0.002, 0, 0.006};
+        for (pliant_drive drive : {PLIANT_DRIVE_RIGID, PLIANT_DRIVE_FORCE})
+            EXPECT_LT(worst_error(body.model, point, by, 20, drive, 1e-3), 3e-3);
+    }
+}
+
 // residual over load at a state of the solved nodes
 double residual_at(const Body &body, const std::vector<double> &x)
 {
@@ -302,9 +316,6 @@ TEST(CudaRun, OneEvaluationMeetsTheCpu)
             ASSERT_EQ(body->build(), PLIANT_OK);
             ASSERT_EQ(pliant_data_limits(body->data, 1, 1e-8), PLIANT_OK);
         }
-        // the GPU turns its axes where it refreshes, the CPU in every step
-        pliant_turn_free(cpu.data->solver->turn);
-        cpu.data->solver->turn = nullptr;
         for (int round = 0; round < 3; round++) {
             std::vector<double> x(cpu.model->body->fine.rest, cpu.model->body->fine.rest + 3 * cpu.model->body->fine.num_nodes);
             for (double &at : x) at += round * uniform(random);
@@ -487,6 +498,30 @@ TEST(CudaRun, ARealScanMeetsTheCpu)
         ASSERT_EQ(pliant_warp_update(cpu.data->warp, gpu.data->positions), PLIANT_OK);
         EXPECT_EQ(different_voxels(pliant_warp_volume(cpu.data->warp), pliant_warp_volume(gpu.data->warp)), 0u) << "same positions";
         std::printf("positions differ by %.1e of the body, %zu of %zu voxels differ; with the same positions none\n", worst / extent, own, voxels);
+    }
+    pliant_material_table_free(&materials);
+    pliant_labels_free(&labels);
+    pliant_volume_free(&scan);
+}
+
+TEST(CudaRun, TheToleranceIsOfPositionsOnARealScan)
+{
+    NEEDS_GPU();
+    const std::string path = real_scan();
+    if (path.empty()) GTEST_SKIP() << "there is no scan to test on (PLIANT_TEST_SCAN names one)";
+    pliant_scene scene;
+    pliant_volume scan{};
+    pliant_labels labels{};
+    pliant_material_table materials{};
+    pliant_scene_defaults(&scene);
+    scene.model.gravity[1] = 9.81;
+    scene.solver.backend = PLIANT_CUDA;
+    ASSERT_EQ(pliant_inputs_read(&scene, path.c_str(), &scan, &labels, &materials), PLIANT_OK) << pliant_last_error();
+    for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
+        scene.solver.preconditioner = choice;
+        RealBody body(scene, scan, materials);
+        const double liver[3] = {-0.057, -0.255, 0.392}, by[3] = {0.005, -0.021, 0.008};
+        EXPECT_LT(worst_error(body.model, liver, by, 12, PLIANT_DRIVE_RIGID, 1e-3), 3e-3);
     }
     pliant_material_table_free(&materials);
     pliant_labels_free(&labels);

@@ -121,7 +121,7 @@ TEST(Solver, RefusalsGoOnFromStepToStep)
     int most = 0;
     for (int f = 0, same = 0, before = 0; f < 40; f++) {
         ASSERT_GE(pliant_step(body.model, body.data), 0);
-        const int refused = body.data->solver->refused;
+        const int refused = body.data->solver->rules.refused;
         same = refused > 0 && refused == before ? same + 1 : 0;
         most = std::max(most, same);
         before = refused;
@@ -139,10 +139,10 @@ TEST(Solver, AStepThatNoLongerLeadsDownIsLeft)
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_data_gravity(body.data, gravity), PLIANT_OK);
     ASSERT_EQ(body.settle(), PLIANT_OK);
-    body.data->solver->tolerance = 0; // down to rounding, where every trial is refused sooner or later
+    body.data->solver->rules.tolerance = 0; // down to rounding, where every trial is refused sooner or later
     const uint64_t rejected = body.data->statistics.rejected;
     for (int f = 0; f < 3; f++) {
-        body.data->solver->escape = 1e200; // no state at all
+        body.data->solver->rules.escape = 1e200; // no state at all
         ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
         EXPECT_LT(body.data->statistics.residual, 1e-6);
     }

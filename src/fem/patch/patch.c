@@ -549,7 +549,7 @@ static void follow(pliant_patch *patch, const double *base)
     near_positions(space, base, solver->trial.x); /* overwritten by the next trial */
     if (solver->loaded && memcmp(solver->trial.x, space->mesh.rest, bytes) == 0) return;
     move(space, solver->trial.x, solver->now.x);
-    if (solver->ahead) move(space, solver->trial.x, solver->left_x);
+    if (solver->rules.blind) move(space, solver->trial.x, solver->left_x);
     memcpy(space->mesh.rest, solver->trial.x, bytes);
     pliant_system_element_forces(&space->system, space->mesh.rest, patch->room.element_forces);
     pliant_system_gather(&space->system, patch->room.element_forces, solver->load);
@@ -570,9 +570,7 @@ static double largest_apart(int32_t nodes, const double *a, const double *b)
 
 static void restart(pliant_solver *solver)
 {
-    pliant_solver_forget(solver);
-    solver->ahead = false;
-    solver->refused = solver->slow = 0;
+    pliant_solver_moved(solver);
 }
 
 /* The coarse model and the patch are where they were before this step. */
@@ -603,8 +601,8 @@ pliant_status pliant_patch_step(pliant_data *data)
     if (!patch->space) return PLIANT_OK;
     pliant_space *space = patch->space;
     pliant_solver *solver = patch->solver;
-    solver->max_iterations = data->solver->max_iterations;
-    solver->tolerance = data->solver->tolerance;
+    solver->rules.most_evaluations = data->solver->rules.most_evaluations;
+    solver->rules.tolerance = data->solver->rules.tolerance;
     if (data->solver->budget > 0) solver->budget = fmax(data->solver->budget - statistics->seconds[PLIANT_STEP_solve], 1e-9);
     follow(patch, data->positions);
     pliant_status status = pliant_solver_step(solver, &own);

@@ -5,12 +5,12 @@
 
 void pliant_solver_carry(pliant_solver *solver, const pliant_solver *from, const int32_t *source)
 {
-    solver->max_iterations = from->max_iterations;
-    solver->tolerance = from->tolerance;
+    solver->rules.most_evaluations = from->rules.most_evaluations;
+    solver->rules.tolerance = from->rules.tolerance;
     solver->budget = from->budget;
     solver->clock = from->clock;
     solver->clock_user = from->clock_user;
-    solver->log_contraction = from->log_contraction;
+    solver->rules.log_contraction = from->rules.log_contraction;
     for (int32_t n = 0; n < solver->system->mesh->num_nodes; n++) /* also where the next body holds what moved before */
         memcpy(solver->now.x + 3 * n, from->now.x + 3 * source[n], 3 * sizeof *solver->now.x);
 }

@@ -29,7 +29,7 @@ struct pliant_refresh {
     bool converting;
     pliant_turn *turn;          /* Nullable; axes of the new factor */
     double *now;                /* (3 num_nodes) that they are turned to */
-    int32_t num_history;
+    uint64_t born[PLIANT_MAX_HISTORY]; /* as the rules have it */
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY];
     uint64_t forgotten;         /* the solver's when it was copied */
@@ -49,20 +49,21 @@ static void make_factor(pliant_refresh *refresh)
 
 static void convert_history(pliant_refresh *refresh)
 {
-    const int32_t num_free = refresh->system.num_free, m = refresh->num_history;
+    const int32_t num_free = refresh->system.num_free;
     pliant_turn_to(&refresh->system, refresh->now, refresh->turn);
-    for (int32_t h = 0; h < m && refresh->status == PLIANT_OK; h++) {
+    for (int32_t h = 0; h < PLIANT_MAX_HISTORY && refresh->status == PLIANT_OK; h++) {
+        if (refresh->born[h] == 0) continue;
         pliant_secant *secant = refresh->history + h;
         for (int32_t f = 0; f < num_free; f++) {
             pliant_turn_into(refresh->turn, f, secant->x + 3 * f);
-            pliant_turn_into(refresh->turn, f, secant->pull + 3 * f);
+            pliant_turn_into(refresh->turn, f, secant->residual + 3 * f);
         }
-        refresh->status = pliant_preconditioner_solve(refresh->preconditioner, 1, secant->pull, secant->step);
+        refresh->status = pliant_preconditioner_solve(refresh->preconditioner, 1, secant->residual, secant->step);
     }
-    for (int32_t a = 0; a < m; a++)
-        for (int32_t b = 0; b <= a; b++)
-            refresh->gram[a * PLIANT_MAX_HISTORY + b] = refresh->gram[b * PLIANT_MAX_HISTORY + a] =
-                pliant_dot(3 * (size_t)num_free, refresh->history[a].step, refresh->history[b].pull);
+    for (int32_t a = 0; a < PLIANT_MAX_HISTORY; a++)
+        for (int32_t b = 0; b <= a && refresh->born[a] > 0; b++)
+            if (refresh->born[b] > 0) refresh->gram[a * PLIANT_MAX_HISTORY + b] = refresh->gram[b * PLIANT_MAX_HISTORY + a] =
+                pliant_dot(3 * (size_t)num_free, refresh->history[a].step, refresh->history[b].residual);
 }
 
 static pliant_status refresh_create(pliant_solver *solver)
@@ -79,7 +80,7 @@ static pliant_status refresh_create(pliant_solver *solver)
     bool good = refresh->x && refresh->now && refresh->tangents;
     pliant_status status = good ? PLIANT_OK : pliant_fail_memory("the background factorization");
     if (status == PLIANT_OK) status = pliant_turn_create(system, &refresh->turn);
-    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->room, refresh->history);
+    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.room, refresh->history);
     if (status == PLIANT_OK) status = pliant_preconditioner_clone(system->preconditioner, 1, &refresh->preconditioner);
     if (status != PLIANT_OK) pliant_refresh_free(solver);
     return status;
@@ -114,20 +115,20 @@ static void copy_history(const pliant_solver *solver, pliant_refresh *refresh)
 {
     const int32_t num_free = solver->system->num_free;
     const size_t bytes = 3 * (size_t)num_free * sizeof(double);
-    refresh->num_history = solver->num_history;
+    memcpy(refresh->born, solver->rules.born, sizeof refresh->born);
     refresh->forgotten = solver->forgotten;
-    for (int32_t h = 0; h < solver->num_history; h++) {
+    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
+        if (refresh->born[h] == 0) continue;
         const pliant_secant *from = solver->history + h;
         pliant_secant *to = refresh->history + h;
-        to->born = from->born;
         memcpy(to->x, from->x, bytes);
-        memcpy(to->pull, from->pull, bytes);
+        memcpy(to->residual, from->residual, bytes);
         memcpy(to->force, from->force, sizeof to->force);
         memcpy(to->step_force, from->step_force, sizeof to->step_force);
 #pragma omp parallel for schedule(static) num_threads(solver->system->num_threads)
         for (int32_t f = 0; f < num_free; f++) {
             pliant_turn_out(solver->turn, f, to->x + 3 * f);
-            pliant_turn_out(solver->turn, f, to->pull + 3 * f);
+            pliant_turn_out(solver->turn, f, to->residual + 3 * f);
         }
     }
 }
@@ -152,13 +153,14 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
     pliant_solver_forget(solver);
     solver->hindsight.kept = kept;
     if (!converted) return;
-    for (int32_t h = 0; h < refresh->num_history; h++) {
+    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
+        if (refresh->born[h] == 0) continue;
         pliant_secant secant = solver->history[h];
         solver->history[h] = refresh->history[h];
         refresh->history[h] = secant;
     }
     memcpy(solver->gram, refresh->gram, sizeof solver->gram);
-    solver->num_history = refresh->num_history;
+    memcpy(solver->rules.born, refresh->born, sizeof refresh->born);
 }
 
 static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *statistics)
@@ -171,7 +173,7 @@ static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *sta
         return;
     }
     /* what led to a refusal is better forgotten */
-    bool useless = solver->num_history == 0 || solver->stumbled;
+    bool useless = pliant_anderson_secants(&solver->rules) == 0 || solver->rules.stumbled;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) useless = useless || pliant_handle_is_spring(solver->handles + t);
     if (refresh->converting || useless) {
         put_in(solver, statistics);
@@ -193,9 +195,7 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
     pliant_refresh *refresh = solver->refresh;
     uint64_t step = statistics->step;
     if (refresh->running && step >= refresh->due) deliver(solver, step, statistics);
-    /* a good factor brings every evaluation's merit down to a fraction */
-    const double served_badly = 0.15;
-    refresh->wanted = refresh->wanted || solver->rate > served_badly;
+    refresh->wanted = refresh->wanted || solver->rules.rate > PLIANT_SERVES_BADLY;
     bool due = step >= refresh->started + (uint64_t)solver->refresh_interval;
     if (refresh->running || !due || !refresh->wanted) return PLIANT_OK;
     memcpy(refresh->x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *refresh->x);

@@ -13,8 +13,9 @@
 #ifndef PLIANT_FEM_QUASISTATIC_SOLVER_H
 #define PLIANT_FEM_QUASISTATIC_SOLVER_H
 
-#include "fem/system.h"
+#include "fem/quasistatic/anderson.h"
 #include "fem/quasistatic/turn.h"
+#include "fem/system.h"
 #include "pliant/data.h"
 
 #ifdef __cplusplus
@@ -39,22 +40,24 @@ typedef struct pliant_handle {
 
 typedef struct pliant_refresh pliant_refresh; /* the background factorizer, refresh.c */
 
-enum { PLIANT_MAX_HISTORY = 20, PLIANT_MAX_ROWS = 3 * PLIANT_MAX_TOOLS };
+enum { PLIANT_MAX_ROWS = 3 * PLIANT_MAX_TOOLS };
+/* Fewer are sooner done by one thread. */
+enum { PLIANT_NODES_FOR_THREADS = 4096 };
 
 /* A state and what is known about it. */
 typedef struct pliant_iterate {
     double *x;             /* (3 num_nodes) positions of the solved mesh, fixed nodes too */
     double force[PLIANT_MAX_ROWS];
     double *step;          /* (3 num_free) dx */
-    double *pull;          /* (3 num_free) K0 dx */
+    double *residual;      /* (3 num_free) r + W' dl = K0 dx */
     double step_force[PLIANT_MAX_ROWS]; /* dl */
     double merit;          /* energy norm of the step [sqrt(J)] */
     double scale;          /* the same of the load: sqrt of its work */
+    double displacement;   /* of the node that is farthest from rest [m] */
 } pliant_iterate;
 
 typedef struct pliant_secant { /* differences of two iterates */
-    uint64_t born;         /* counts the secants */
-    double *x, *step, *pull;
+    double *x, *step, *residual;
     double force[PLIANT_MAX_ROWS], step_force[PLIANT_MAX_ROWS];
 } pliant_secant;
 
@@ -69,11 +72,10 @@ typedef struct pliant_hindsight {
 
 struct pliant_solver {
     const pliant_system *system;
-    int32_t max_iterations, refresh_interval;
-    int32_t depth;              /* secants that are kept; more, up to room, where a step makes more evaluations than that */
-    int32_t room;
+    pliant_anderson rules;      /* limits of a step, secants' numbers, what goes on from step to step */
+    int32_t refresh_interval;
     int32_t refresh_delay, convert_delay; /* steps until a factor is there, and then until the history fits it */
-    double tolerance, smallest_scale;
+    double smallest_scale;
     double budget;              /* of the iterations of a step [s]; 0: none */
     double (*clock)(void *user); /* that it is measured by: the machine's, or a test's [s] */
     void *clock_user;
@@ -90,33 +92,15 @@ struct pliant_solver {
     pliant_handle handles[PLIANT_MAX_TOOLS];
 
     pliant_iterate now, trial;
-    double first_merit;         /* that the last frame began with */
-    double sound_merit;         /* the same of the last one that was compared with the state before a blind step, or followed none */
-    double rate;                /* merit after over before an evaluation, last frame's mean; 0: there was nothing to do */
-    bool stumbled;              /* a trial of the last step was refused */
-    bool ahead;                 /* now.x is one step beyond what was evaluated */
-    double *left_x, left_force[PLIANT_MAX_ROWS]; /* and this is what was (3 num_nodes) */
+    double *left_x, left_force[PLIANT_MAX_ROWS]; /* before a blind step (3 num_nodes) */
     pliant_secant history[PLIANT_MAX_HISTORY];
-    int32_t num_history;
-    uint64_t num_secants;       /* that there ever were */
-    int32_t last_evaluations;   /* of the step before */
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY]; /* energy products of the secants' steps */
-    double log_contraction;     /* of the merit by an evaluation, smoothed over steps: what is left of an error */
     double foreseen;            /* error of the last step, as it told at once [m] */
     pliant_hindsight hindsight;
-    int32_t refused;            /* trials refused since the last accepted one, when the last step accepted none */
-    bool limited;               /* the last of them was without large secants */
-    double largest_secant;      /* square of the energy norm of a secant's step above which it is not used [J] */
-    double escape;              /* longest of their plain steps along which the potential energy fell; 0: none */
-    int32_t slow;               /* steps in a row that hardly lowered the merit */
     uint64_t forgotten;         /* times that the history was dropped, for backends that keep their own */
     double (*element_forces)[12][LANES];
     double *dense_weights;      /* (9 num_free) room to build W */
 };
-
-/* (count) of the arrays; the first may be left with some when there is no memory. Errors: MEMORY. */
-pliant_status pliant_secants_create(const pliant_system *system, int32_t count, pliant_secant *secants);
-void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY]);
 
 /* Limits and intervals as the scene says. Both are borrowed. */
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
@@ -132,32 +116,45 @@ void pliant_solver_release(pliant_solver *solver, int tool);
 /* The axes have turned: what the tools keep in them. */
 void pliant_solver_turned(pliant_solver *solver);
 
-/* Secants worth keeping: those of a step and a half, of so many evaluations each, and no fewer than the scene asks for. Less does not
- * span what a step learns, more reaches back to where the tissue was another. (110 k tetrahedra, gravity that turns: of 8 evaluations a step
- * 6 secants leave 1 to 3 % of error, 10 to 14 0.1 %, 18 up to 1.5 %; of 4, 6 leave 1 %, 9 2 %.) */
-int32_t pliant_solver_depth(const pliant_solver *solver, int32_t evaluations);
-
 /* Drop the history: what it compares no longer holds. */
-static inline void pliant_solver_forget(pliant_solver *solver)
-{
-    solver->num_history = 0;
-    solver->hindsight.kept = false;
-    solver->forgotten++;
-}
+void pliant_solver_forget(pliant_solver *solver);
+/* The state was changed from outside. */
+void pliant_solver_moved(pliant_solver *solver);
+static inline size_t pliant_solver_unknowns(const pliant_solver *solver) { return 3 * (size_t)solver->system->num_free; }
 
 /* One step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old one. */
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics);
 
 /* a . b over the unknowns; the same for any number of threads */
 double pliant_solver_product(const pliant_solver *solver, const double *a, const double *b);
+
+/* ---- handle.c */
 static inline bool pliant_handle_is_spring(const pliant_handle *handle) { return handle->active && !handle->by_force && handle->count > 0; }
-/* v += W' f, v in the nodes' own axes */
+/* v += W' f, v in the nodes' own axes; and in those of all */
 void pliant_handle_pull(const pliant_handle *handle, const double force[3], double *v);
+void pliant_handle_load(const pliant_handle *handle, const double force[3], double *v);
+/* Z of the springs, where it belongs to another factor. */
+pliant_status pliant_solver_respond(pliant_solver *solver);
 /* dl = S^-1 (e - W g0), and the step with it: g = g0 + Z dl, K0 g = r + W' dl. false: S is singular */
 bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at);
-/* Weights that make the step smallest in the energy norm: min |dx - sum w_i (secant of dx)_i|_K0; false: none.
- * noise: of a secant, relative */
-bool pliant_solver_mix(const pliant_solver *solver, const pliant_iterate *at, double noise, double weights[PLIANT_MAX_HISTORY]);
+/* sum over springs of c a' b */
+double pliant_solver_spring_energy(const pliant_solver *solver, const double *a, const double *b);
+
+/* ---- secants.c */
+/* (count) of the arrays; the first may be left with some when there is no memory. Errors: MEMORY. */
+pliant_status pliant_secants_create(const pliant_system *system, int32_t count, pliant_secant *secants);
+void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY]);
+void pliant_solver_remember(pliant_solver *solver, int32_t place, const pliant_iterate *from, const pliant_iterate *to);
+/* Products of the secants' steps with a residual; false: there is no secant. */
+bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at, double along[PLIANT_MAX_HISTORY]);
+/* Weights that make the step smallest in the energy norm: min |dx - sum w_i (secant of dx)_i|_K0; false: none, all 0.
+ * noise: of a secant, relative. largest: square of the energy norm of a secant's step above which it is not used [J] */
+bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], double noise, double largest,
+                        double weights[PLIANT_MAX_HISTORY]);
+/* Largest move of a node that the secants and the residual of a state still call for [m]. */
+double pliant_secants_left(const pliant_solver *solver, const pliant_iterate *at);
+/* trial = now + damping * (mixed step), as the rules say. left: as pliant_secants_left; made: largest move of a node [m]. false: not mixed */
+bool pliant_solver_propose(pliant_solver *solver, double *left, double *made);
 
 /* ---- adapt.c: what a solver of the next body, just made, takes over from the one before */
 /* Positions and limits. source: (nodes of the solved mesh) the node of the body before that each takes after */
@@ -169,10 +166,6 @@ pliant_status pliant_solver_carry_hold(pliant_solver *solver, const pliant_solve
 /* ---- estimate.c: how far nodes still are from where a step would converge to [m] */
 pliant_status pliant_hindsight_create(pliant_solver *solver);
 void pliant_hindsight_free(pliant_solver *solver);
-/* An accepted iterate lowered the merit to this part. */
-void pliant_estimate_learn(pliant_solver *solver, double ratio);
-/* Of the step that ends, from its last evaluation. */
-double pliant_estimate_now(const pliant_solver *solver);
 /* At the first evaluation of a step: what the state, unchanged since the step before ended, lacked for that step's loads. */
 pliant_status pliant_hindsight_look(pliant_solver *solver);
 /* Of the step before, now that this step's secants are known, or as it was foreseen. 0: there was none */

@@ -11,37 +11,15 @@ static pliant_status iterate_create(const pliant_system *system, pliant_iterate 
     size_t n = 3 * (size_t)system->num_free;
     iterate->x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *iterate->x);
     iterate->step = pliant_calloc(n, sizeof *iterate->step);
-    iterate->pull = pliant_calloc(n, sizeof *iterate->pull);
-    return iterate->x && iterate->step && iterate->pull ? PLIANT_OK : pliant_fail_memory("the solver");
+    iterate->residual = pliant_calloc(n, sizeof *iterate->residual);
+    return iterate->x && iterate->step && iterate->residual ? PLIANT_OK : pliant_fail_memory("the solver");
 }
 
 static void iterate_free(pliant_iterate *iterate)
 {
     pliant_free(iterate->x);
     pliant_free(iterate->step);
-    pliant_free(iterate->pull);
-}
-
-pliant_status pliant_secants_create(const pliant_system *system, int32_t count, pliant_secant *secants)
-{
-    size_t n = 3 * (size_t)system->num_free;
-    for (int32_t h = 0; h < count; h++) {
-        pliant_secant *secant = secants + h;
-        secant->x = pliant_calloc(n, sizeof *secant->x);
-        secant->step = pliant_calloc(n, sizeof *secant->step);
-        secant->pull = pliant_calloc(n, sizeof *secant->pull);
-        if (!secant->x || !secant->step || !secant->pull) return pliant_fail_memory("the solver's history");
-    }
-    return PLIANT_OK;
-}
-
-void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY])
-{
-    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
-        pliant_free(secants[h].x);
-        pliant_free(secants[h].step);
-        pliant_free(secants[h].pull);
-    }
+    pliant_free(iterate->residual);
 }
 
 /* Steps that work in the background may take: its operations at a rate that a core of today has, so that the answer is the same
@@ -59,7 +37,7 @@ static void set_delays(const pliant_scene *scene, pliant_solver *solver)
     solver->convert_delay = 1;
     if (solver->refresh_delay > 0) return;
     solver->refresh_delay = 1 + steps_for(pliant_preconditioner_operations(preconditioner), scene->solver.step);
-    solver->convert_delay += steps_for(solver->room * pliant_preconditioner_apply_operations(preconditioner), scene->solver.step) - 1;
+    solver->convert_delay += steps_for(solver->rules.room * pliant_preconditioner_apply_operations(preconditioner), scene->solver.step) - 1;
 }
 
 static double wall_clock(void *user)
@@ -73,18 +51,21 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
     pliant_solver *solver = pliant_calloc(1, sizeof *solver);
     if (!solver) return pliant_fail_memory("the solver");
     solver->system = system;
-    solver->max_iterations = scene->solver.iterations;
-    solver->depth = scene->solver.history;
-    solver->room = pliant_solver_depth(solver, solver->max_iterations);
-    solver->tolerance = scene->solver.tolerance;
+    pliant_anderson *rules = &solver->rules;
+    rules->most_evaluations = scene->solver.iterations;
+    rules->depth = scene->solver.history;
+    rules->room = pliant_anderson_depth(rules->depth, rules->most_evaluations);
+    rules->limits_secants = !system->space; /* around a patch the merit may be lost altogether: straight to the plain step there */
+    rules->tolerance = scene->solver.tolerance;
     solver->budget = 1e-3 * scene->solver.budget_ms;
     solver->clock = wall_clock;
     solver->refresh_interval = scene->solver.refresh_interval;
     set_delays(scene, solver);
     double length = 0;
     for (int d = 0; d < 3; d++) length = fmax(length, system->mesh->cells[d] * system->mesh->cell_size[d]);
-    /* moving one node by a thousandth of the body: below that, the tolerance is taken of this instead of the load */
-    solver->smallest_scale = 1e-3 * length * sqrt(system->mean_diagonal);
+    /* moving one node by a thousandth of the body: below that, the tolerance is taken of this */
+    rules->smallest_displacement = 1e-3 * length;
+    solver->smallest_scale = rules->smallest_displacement * sqrt(system->mean_diagonal);
     solver->load = pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
     solver->dense_weights = pliant_calloc((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
     solver->left_x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->left_x);
@@ -92,7 +73,7 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
     pliant_status status = solver->load && solver->dense_weights && solver->left_x && solver->element_forces ? PLIANT_OK : pliant_fail_memory("the solver");
     if (status == PLIANT_OK) status = iterate_create(system, &solver->now);
     if (status == PLIANT_OK) status = iterate_create(system, &solver->trial);
-    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->room, solver->history);
+    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.room, solver->history);
     if (status == PLIANT_OK) status = pliant_hindsight_create(solver);
     if (status == PLIANT_OK) status = pliant_turn_create(system, &solver->turn);
     if (status == PLIANT_OK) status = pliant_solver_reset(solver);
@@ -117,14 +98,9 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
     solver->factor_serial = 1;
     pliant_turn_from(solver->system, solver->system->mesh->rest, solver->turn);
-    solver->ahead = solver->stumbled = solver->limited = false;
-    solver->refused = solver->slow = 0;
-    solver->escape = 0;
-    solver->largest_secant = INFINITY;
-    solver->evaluations = solver->last_evaluations = 0;
-    solver->first_merit = solver->sound_merit = solver->rate = 0;
-    solver->log_contraction = log(0.3);
+    solver->evaluations = 0;
     solver->foreseen = 0;
+    pliant_anderson_reset(&solver->rules);
     pliant_solver_forget(solver);
     memcpy(solver->now.x, solver->system->mesh->rest, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
     memset(solver->now.force, 0, sizeof solver->now.force);

@@ -1,0 +1,185 @@
+/* What tools hold: rows of W, and what the body answers to them. */
+#include "base/fail.h"
+#include "fem/linear/dense.h"
+#include "fem/quasistatic/solver.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+/* out += W v, v in the nodes' own axes */
+static void apply_rows(const pliant_handle *handle, const double *v, double out[3])
+{
+    for (int32_t h = 0; h < handle->count; h++) {
+        const double *block = handle->turned + 9 * h, *at = v + 3 * handle->unknown[h];
+        for (int r = 0; r < 3; r++) out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
+    }
+}
+
+static void add_by(const pliant_handle *handle, const double *blocks, const double force[3], double *v)
+{
+    for (int32_t h = 0; h < handle->count; h++) {
+        const double *block = blocks + 9 * h;
+        double *at = v + 3 * handle->unknown[h];
+        for (int c = 0; c < 3; c++) at[c] += block[c] * force[0] + block[3 + c] * force[1] + block[6 + c] * force[2];
+    }
+}
+
+void pliant_handle_pull(const pliant_handle *handle, const double force[3], double *v) { add_by(handle, handle->turned, force, v); }
+
+void pliant_handle_load(const pliant_handle *handle, const double force[3], double *v) { add_by(handle, handle->block, force, v); }
+
+/* y = origin + W x, x over all nodes of the solved mesh */
+static void held_point(const pliant_solver *solver, const pliant_handle *handle, const double *x, double out[3])
+{
+    memcpy(out, handle->origin, 3 * sizeof *out);
+    for (int32_t h = 0; h < handle->count; h++) {
+        const double *block = handle->block + 9 * h, *at = x + 3 * solver->system->node_of_free[handle->unknown[h]];
+        for (int r = 0; r < 3; r++) out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
+    }
+}
+
+void pliant_solver_release(pliant_solver *solver, int tool)
+{
+    pliant_handle *handle = solver->handles + tool;
+    pliant_free(handle->unknown);
+    pliant_free(handle->block);
+    pliant_free(handle->turned);
+    pliant_free(handle->response);
+    memset(handle, 0, sizeof *handle);
+    pliant_solver_forget(solver);
+}
+
+void pliant_solver_turned(pliant_solver *solver)
+{
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        pliant_handle *handle = solver->handles + t;
+        if (handle->count == 0) continue;
+        memcpy(handle->turned, handle->block, 9 * (size_t)handle->count * sizeof *handle->block);
+        for (int32_t row = 0; row < 3 * handle->count; row++)
+            pliant_turn_into(solver->turn, handle->unknown[row / 3], handle->turned + 3 * row);
+    }
+}
+
+pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes, const double *weights,
+                                 const double *fine_positions)
+{
+    const pliant_system *system = solver->system;
+    pliant_handle *old = solver->handles + tool, handle = *old;
+    double *dense = solver->dense_weights;
+    memset(dense, 0, 9 * (size_t)system->num_free * sizeof *dense);
+    pliant_upsample_weights(system, solver->now.x, count, nodes, weights, dense);
+    handle.count = 0;
+    for (int32_t n = 0; n < system->num_free; n++)
+        for (int m = 0; m < 9; m++)
+            if (dense[9 * n + m] != 0) {
+                handle.count++;
+                break;
+            }
+    handle.unknown = NULL;
+    handle.block = handle.turned = handle.response = NULL;
+    if (handle.count > 0) {
+        handle.unknown = pliant_calloc((size_t)handle.count, sizeof *handle.unknown);
+        handle.block = pliant_calloc((size_t)handle.count, 9 * sizeof *handle.block);
+        handle.turned = pliant_calloc((size_t)handle.count, 9 * sizeof *handle.turned);
+        handle.response = pliant_calloc(3 * pliant_solver_unknowns(solver), sizeof *handle.response);
+        if (!handle.unknown || !handle.block || !handle.turned || !handle.response) {
+            pliant_free(handle.unknown);
+            pliant_free(handle.block);
+            pliant_free(handle.turned);
+            pliant_free(handle.response);
+            return pliant_fail_memory("a tool's hold");
+        }
+    }
+    int32_t next = 0;
+    for (int32_t n = 0; n < system->num_free; n++) {
+        bool used = false;
+        for (int m = 0; m < 9; m++) used = used || dense[9 * n + m] != 0;
+        if (!used) continue;
+        handle.unknown[next] = n;
+        memcpy(handle.block + 9 * next++, dense + 9 * n, 9 * sizeof *dense);
+    }
+    bool was_active = old->active;
+    pliant_free(old->unknown);
+    pliant_free(old->block);
+    pliant_free(old->turned);
+    pliant_free(old->response);
+    *old = handle;
+    old->active = true;
+    old->response_of = 0;
+    if (!was_active) memset(old->force, 0, sizeof old->force);
+    double y[3] = {0, 0, 0}, moved[3];
+    for (int32_t h = 0; h < count; h++)
+        for (int d = 0; d < 3; d++) y[d] += weights[h] * fine_positions[3 * nodes[h] + d];
+    memset(old->origin, 0, sizeof old->origin);
+    held_point(solver, old, solver->now.x, moved);
+    for (int d = 0; d < 3; d++) old->origin[d] = y[d] - moved[d];
+    pliant_solver_turned(solver);
+    pliant_solver_forget(solver);
+    return PLIANT_OK;
+}
+
+pliant_status pliant_solver_respond(pliant_solver *solver)
+{
+    size_t n = pliant_solver_unknowns(solver);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        pliant_handle *handle = solver->handles + t;
+        if (!handle->active || handle->by_force || handle->count == 0 || handle->response_of == solver->factor_serial) continue;
+        memset(handle->response, 0, 3 * n * sizeof *handle->response);
+        for (int d = 0; d < 3; d++) {
+            double unit[3] = {d == 0, d == 1, d == 2};
+            pliant_handle_pull(handle, unit, handle->response + n * (size_t)d);
+        }
+        pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 3, handle->response, handle->response);
+        if (status != PLIANT_OK) return status;
+        handle->response_of = solver->factor_serial;
+    }
+    return PLIANT_OK;
+}
+
+bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at)
+{
+    const pliant_handle *list[PLIANT_MAX_TOOLS];
+    int index[PLIANT_MAX_TOOLS], count = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        if (pliant_handle_is_spring(solver->handles + t)) {
+            index[count] = t;
+            list[count++] = solver->handles + t;
+        }
+    memset(at->step_force, 0, sizeof at->step_force);
+    if (count == 0) return true;
+    size_t n = pliant_solver_unknowns(solver);
+    double s[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS] = {0}, right[PLIANT_MAX_ROWS];
+    int rows = 3 * count;
+    for (int a = 0; a < count; a++) {
+        double y[3], w[3] = {0, 0, 0};
+        held_point(solver, list[a], at->x, y);
+        apply_rows(list[a], at->step, w);
+        for (int d = 0; d < 3; d++)
+            right[3 * a + d] = list[a]->target[d] - y[d] - list[a]->compliance * at->force[3 * index[a] + d] - w[d];
+        for (int b = 0; b < count; b++)
+            for (int d = 0; d < 3; d++) {
+                double column[3] = {0, 0, 0};
+                apply_rows(list[a], list[b]->response + n * (size_t)d, column);
+                for (int r = 0; r < 3; r++) s[(3 * a + r) * rows + 3 * b + d] = column[r] + (a == b && r == d ? list[a]->compliance : 0);
+            }
+    }
+    if (!pliant_dense_solve(rows, s, 1, right)) return false;
+    for (int a = 0; a < count; a++) {
+        memcpy(at->step_force + 3 * index[a], right + 3 * a, 3 * sizeof *right);
+        pliant_handle_pull(list[a], right + 3 * a, at->residual);
+        for (int d = 0; d < 3; d++) {
+            const double *z = list[a]->response + n * (size_t)d;
+            for (size_t i = 0; i < n; i++) at->step[i] += right[3 * a + d] * z[i];
+        }
+    }
+    return true;
+}
+
+double pliant_solver_spring_energy(const pliant_solver *solver, const double *a, const double *b)
+{
+    double sum = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        if (pliant_handle_is_spring(solver->handles + t))
+            for (int d = 0; d < 3; d++) sum += solver->handles[t].compliance * a[3 * t + d] * b[3 * t + d];
+    return sum;
+}

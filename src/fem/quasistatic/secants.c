@@ -1,0 +1,172 @@
+/* The history of Anderson's method: secants, the weights that mix them, and the proposals made with them. */
+#include "base/fail.h"
+#include "fem/linear/dense.h"
+#include "fem/quasistatic/solver.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+pliant_status pliant_secants_create(const pliant_system *system, int32_t count, pliant_secant *secants)
+{
+    size_t n = 3 * (size_t)system->num_free;
+    for (int32_t h = 0; h < count; h++) {
+        pliant_secant *secant = secants + h;
+        secant->x = pliant_calloc(n, sizeof *secant->x);
+        secant->step = pliant_calloc(n, sizeof *secant->step);
+        secant->residual = pliant_calloc(n, sizeof *secant->residual);
+        if (!secant->x || !secant->step || !secant->residual) return pliant_fail_memory("the solver's history");
+    }
+    return PLIANT_OK;
+}
+
+void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY])
+{
+    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
+        pliant_free(secants[h].x);
+        pliant_free(secants[h].step);
+        pliant_free(secants[h].residual);
+    }
+}
+
+void pliant_solver_forget(pliant_solver *solver)
+{
+    pliant_anderson_forget(&solver->rules);
+    solver->hindsight.kept = false;
+    solver->forgotten++;
+}
+
+void pliant_solver_moved(pliant_solver *solver)
+{
+    pliant_solver_forget(solver);
+    pliant_anderson_moved(&solver->rules);
+    solver->evaluations = PLIANT_EVALUATIONS_A_TURN; /* the axes turn at once */
+}
+
+void pliant_solver_remember(pliant_solver *solver, int32_t place, const pliant_iterate *from, const pliant_iterate *to)
+{
+    pliant_secant *secant = solver->history + place;
+    const pliant_system *system = solver->system;
+    const int32_t *node = system->node_of_free;
+#pragma omp parallel for schedule(static) num_threads(system->num_threads) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
+    for (int32_t f = 0; f < system->num_free; f++) {
+        for (int d = 0; d < 3; d++) {
+            size_t i = 3 * (size_t)f + (size_t)d, x = 3 * (size_t)node[f] + (size_t)d;
+            secant->x[i] = to->x[x] - from->x[x];
+            secant->step[i] = to->step[i] - from->step[i];
+            secant->residual[i] = to->residual[i] - from->residual[i];
+        }
+        pliant_turn_into(solver->turn, f, secant->x + 3 * f);
+    }
+    for (int r = 0; r < PLIANT_MAX_ROWS; r++) {
+        secant->force[r] = to->force[r] - from->force[r];
+        secant->step_force[r] = to->step_force[r] - from->step_force[r];
+    }
+    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
+        if (solver->rules.born[h] == 0) continue;
+        const pliant_secant *other = solver->history + h;
+        double product = pliant_solver_product(solver, secant->step, other->residual) +
+                         pliant_solver_spring_energy(solver, secant->step_force, other->step_force);
+        solver->gram[place * PLIANT_MAX_HISTORY + h] = solver->gram[h * PLIANT_MAX_HISTORY + place] = product;
+    }
+}
+
+bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at, double along[PLIANT_MAX_HISTORY])
+{
+    bool any = false;
+    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
+        const pliant_secant *secant = solver->history + h;
+        along[h] = 0;
+        if (solver->rules.born[h] == 0) continue;
+        any = true;
+        along[h] = pliant_solver_product(solver, secant->step, at->residual) +
+                   pliant_solver_spring_energy(solver, secant->step_force, at->step_force);
+    }
+    return any;
+}
+
+bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], double noise, double largest,
+                        double weights[PLIANT_MAX_HISTORY])
+{
+    /* secants differ in size by orders: scale to a unit diagonal, then a little regularization */
+    double equations[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY], scale[PLIANT_MAX_HISTORY], right[PLIANT_MAX_HISTORY];
+    int32_t used[PLIANT_MAX_HISTORY], m = 0;
+    memset(weights, 0, PLIANT_MAX_HISTORY * sizeof *weights);
+    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
+        scale[h] = solver->rules.born[h] > 0 ? pliant_anderson_scale(solver->gram[h * PLIANT_MAX_HISTORY + h], largest) : 0;
+        if (scale[h] > 0) used[m++] = h;
+    }
+    if (m == 0) return false;
+    for (int32_t a = 0; a < m; a++) {
+        right[a] = along[used[a]] * scale[used[a]];
+        for (int32_t b = 0; b < m; b++)
+            equations[a * m + b] = a == b ? 1 + noise * noise : solver->gram[used[a] * PLIANT_MAX_HISTORY + used[b]] * scale[used[a]] * scale[used[b]];
+    }
+    if (!pliant_dense_cholesky(m, equations)) return false;
+    pliant_dense_cholesky_solve(m, equations, 1, right);
+    for (int32_t a = 0; a < m; a++) weights[used[a]] = right[a] * scale[used[a]];
+    return true;
+}
+
+double pliant_secants_left(const pliant_solver *solver, const pliant_iterate *at)
+{
+    double along[PLIANT_MAX_HISTORY], weights[PLIANT_MAX_HISTORY], largest = 0;
+    pliant_secants_along(solver, at, along);
+    pliant_secants_mix(solver, along, PLIANT_NOISE_OF_ESTIMATE, INFINITY, weights);
+    const pliant_system *system = solver->system;
+#pragma omp parallel for schedule(static) num_threads(system->num_threads) reduction(max : largest) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
+    for (int32_t f = 0; f < system->num_free; f++) {
+        double squares = 0;
+        for (size_t i = 3 * (size_t)f; i < 3 * (size_t)f + 3; i++) {
+            double step = at->step[i];
+            for (int32_t a = 0; a < PLIANT_MAX_HISTORY; a++)
+                if (weights[a] != 0) step -= weights[a] * (solver->history[a].x[i] + solver->history[a].step[i]);
+            squares += step * step;
+        }
+        largest = fmax(largest, squares);
+    }
+    return sqrt(largest);
+}
+
+bool pliant_solver_propose(pliant_solver *solver, double *left, double *made)
+{
+    const pliant_system *system = solver->system;
+    const pliant_anderson *rules = &solver->rules;
+    const pliant_iterate *at = &solver->now;
+    pliant_iterate *trial = &solver->trial;
+    double along[PLIANT_MAX_HISTORY], weights[PLIANT_MAX_HISTORY] = {0}, likely[PLIANT_MAX_HISTORY] = {0};
+    bool mixed = false;
+    if (pliant_secants_along(solver, at, along)) {
+        mixed = rules->mixes && pliant_secants_mix(solver, along, PLIANT_NOISE_OF_TRIAL, rules->largest_secant, weights);
+        pliant_secants_mix(solver, along, PLIANT_NOISE_OF_ESTIMATE, INFINITY, likely);
+    }
+    int32_t used[PLIANT_MAX_HISTORY], m = 0;
+    for (int32_t a = 0; a < PLIANT_MAX_HISTORY; a++)
+        if (weights[a] != 0 || likely[a] != 0) used[m++] = a;
+    double most_left = 0, most_made = 0;
+    memcpy(trial->x, at->x, 3 * (size_t)system->mesh->num_nodes * sizeof *trial->x);
+#pragma omp parallel for schedule(static) num_threads(system->num_threads) reduction(max : most_left, most_made) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
+    for (int32_t f = 0; f < system->num_free; f++) {
+        double step[3], estimate[3];
+        for (int d = 0; d < 3; d++) {
+            size_t i = 3 * (size_t)f + (size_t)d;
+            step[d] = estimate[d] = at->step[i];
+            for (int32_t u = 0; u < m; u++) {
+                const double secant = solver->history[used[u]].x[i] + solver->history[used[u]].step[i];
+                step[d] -= weights[used[u]] * secant;
+                estimate[d] -= likely[used[u]] * secant;
+            }
+        }
+        most_left = fmax(most_left, estimate[0] * estimate[0] + estimate[1] * estimate[1] + estimate[2] * estimate[2]);
+        most_made = fmax(most_made, step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
+        pliant_turn_out(solver->turn, f, step);
+        for (int d = 0; d < 3; d++) trial->x[3 * system->node_of_free[f] + d] += rules->damping * step[d];
+    }
+    for (int r = 0; r < PLIANT_MAX_ROWS; r++) {
+        double step = at->step_force[r];
+        for (int32_t u = 0; u < m; u++) step -= weights[used[u]] * (solver->history[used[u]].force[r] + solver->history[used[u]].step_force[r]);
+        trial->force[r] = at->force[r] + rules->damping * step;
+    }
+    *left = sqrt(most_left);
+    *made = rules->damping * sqrt(most_made);
+    return mixed;
+}
