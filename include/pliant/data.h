@@ -54,6 +54,22 @@ typedef struct pliant_tool {
     double force[3];       /**< of the tool on the tissue [N] */
 } pliant_tool;
 
+/** What pliant_tool_get tells. */
+typedef struct pliant_tool_state {
+    char name[48];
+    bool present;          /**< has a pose */
+    double tip[3];         /**< LPS [m] */
+    double rotation[4];    /**< quaternion x y z w */
+    pliant_drive drive;
+    double driving_force[3]; /**< PLIANT_DRIVE_FORCE: on the tissue [N] */
+    double stiffness, damping, radius; /**< [N/m, N s/m, m] */
+    bool holding;
+    uint64_t hold;         /**< how many times it has taken hold */
+    int32_t num_held;      /**< fine nodes that share the force */
+    double held_point[3];  /**< where the held point is after the last step, LPS [m] */
+    double force[3];       /**< of the tool on the tissue in the last step [N] */
+} pliant_tool_state;
+
 typedef struct pliant_statistics {
     uint64_t step;              /**< steps done */
     double seconds[PLIANT_NUM_STEP_STAGES];
@@ -124,6 +140,21 @@ PLIANT_API pliant_status pliant_data_reset(const pliant_model *model, pliant_dat
  *  object is another one afterwards. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (not of this simulation's mesh). */
 PLIANT_API pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data, const pliant_body *body);
 
+/** What is true after the last step: valid until the next call that takes this data and may change it (a step, a reset). Retain the body
+ *  (pliant_body_retain) to keep it for longer. */
+PLIANT_API const pliant_body *pliant_data_get_body(const pliant_data *data);
+/** (body's fine.num_nodes x 3) LPS [m], valid as the body is.
+ *  @param revision Nullable: of the body whose nodes these are */
+PLIANT_API const double *pliant_data_get_positions(const pliant_data *data, uint64_t *revision);
+/** A copy of them. @param nodes room in out. Errors: ARGUMENT (too little room; nothing is written). */
+PLIANT_API pliant_status pliant_data_copy_positions(const pliant_data *data, int32_t nodes, double *out, uint64_t *revision);
+/** Valid as the body is. */
+PLIANT_API const pliant_statistics *pliant_data_get_statistics(const pliant_data *data);
+/** The deformed volume and its bricks (warp.h), NULL unless pliant_data_warp asked for it. Valid until that is called again. */
+PLIANT_API const pliant_warp *pliant_data_get_warp(const pliant_data *data);
+PLIANT_API void pliant_data_get_gravity(const pliant_data *data, double out[3]);
+PLIANT_API int pliant_data_get_num_tools(const pliant_data *data);
+
 /** Who runs the stages now: "cpu" or "cuda". */
 PLIANT_API const char *pliant_data_backend(const pliant_data *data);
 
@@ -167,6 +198,12 @@ PLIANT_API pliant_status pliant_step(const pliant_model *model, pliant_data *dat
 PLIANT_API pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, const char *name, int *index);
 /** @param rotation Nullable: identity. Errors: ARGUMENT (not finite), the tool stays where it was. */
 PLIANT_API pliant_status pliant_tool_pose(pliant_data *data, int tool, const double tip[3], const double rotation[4]);
+/** Copied. Errors: ARGUMENT (no such tool). */
+PLIANT_API pliant_status pliant_tool_get(const pliant_data *data, int tool, pliant_tool_state *out);
+/** Another spring and damper, or another blob, than the scene's; the blob from the next grasp on. Errors: ARGUMENT (no such tool, out of
+ *  range). */
+PLIANT_API pliant_status pliant_tool_set_spring(pliant_data *data, int tool, double stiffness, double damping);
+PLIANT_API pliant_status pliant_tool_set_radius(pliant_data *data, int tool, double radius);
 /** The tool is gone: it lets go. */
 PLIANT_API void pliant_tool_lost(pliant_data *data, int tool);
 /** Take hold of the tissue around the tip, as it lies now. With a rest point, of that point of the scan instead.
@@ -180,7 +217,9 @@ PLIANT_API pliant_status pliant_tool_drive(pliant_data *data, int tool, pliant_d
 /** Distance from a tool's tip to the surface of the tissue [m], negative inside; +infinity when the tool is not present. */
 PLIANT_API double pliant_tool_clearance(const pliant_model *model, const pliant_data *data, int tool);
 
-/** Fine tetrahedra that are turned inside out at these positions. */
+/** Fine tetrahedra of a simulation that are turned inside out now. */
+PLIANT_API int32_t pliant_data_get_inverted(const pliant_data *data);
+/** The same of any mesh at these positions. */
 PLIANT_API int32_t pliant_mesh_inverted(const pliant_mesh *mesh, const double *positions);
 
 /** A number per fine node (volume-weighted mean of its tetrahedra). @param out (body->fine.num_nodes) */

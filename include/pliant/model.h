@@ -73,6 +73,22 @@ PLIANT_API pliant_status pliant_model_build(const pliant_scene *scene, const pli
 PLIANT_API void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3]);
 PLIANT_API void pliant_model_free(pliant_model *model); /**< Nullable */
 
+/** What a model was built from and holds; constant, valid until pliant_model_free. */
+PLIANT_API const pliant_scene *pliant_model_get_scene(const pliant_model *model);
+PLIANT_API const pliant_volume *pliant_model_get_scan(const pliant_model *model);
+PLIANT_API const pliant_material_table *pliant_model_get_materials(const pliant_model *model);
+/** (voxels) index into the materials. */
+PLIANT_API const uint8_t *pliant_model_get_voxel_materials(const pliant_model *model);
+/** Meshes, materials, masses and surface at load; that of a simulation now is pliant_data_get_body. */
+PLIANT_API const pliant_body *pliant_model_get_body(const pliant_model *model);
+
+typedef struct pliant_build_statistics {
+    double seconds[PLIANT_NUM_BUILD_STAGES];
+    size_t bytes[PLIANT_NUM_BUILD_STAGES]; /**< held after the stage minus before [bytes] */
+    double condition_estimate;             /**< of the stiffness matrix, 1-norm (CHOLMOD's rcond inverted); 0: not known */
+} pliant_build_statistics;
+PLIANT_API void pliant_model_get_statistics(const pliant_model *model, pliant_build_statistics *out);
+
 /** Read, resample, label and tabulate what the scene names: the common way from paths to a model's inputs.
  *  @param scan_path "phantom", "phantom:256x160x122", or a path for pliant_volume_read
  *  Free scan, labels and materials. Errors: as of the readers. */

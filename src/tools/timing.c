@@ -55,8 +55,8 @@ static bool make_room(step_times *times)
 
 pliant_status timing_add(step_times *times, const pliant_data *data, pliant_status status, double seconds)
 {
-    const pliant_statistics *statistics = &data->statistics;
-    const int32_t inverted = pliant_mesh_inverted(&data->body->fine, data->positions);
+    const pliant_statistics *statistics = pliant_data_get_statistics(data);
+    const int32_t inverted = pliant_data_get_inverted(data);
     if (!make_room(times)) return pliant_fail_memory("the times of the steps");
     double *row = times->seconds + COLUMNS * times->num_steps++;
     memcpy(row, statistics->seconds, sizeof statistics->seconds);
@@ -73,11 +73,11 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
             statistics->residual, statistics->residual_force);
     for (int column = 0; column < COLUMNS; ++column) fprintf(times->steps, ",%.6g", row[column]);
     fprintf(times->steps, ",%d\n", (int)inverted);
-    for (int n = 0; n < data->num_tools; ++n) {
-        const pliant_tool *tool = &data->tools[n];
-        if (!tool->holding) continue;
-        fprintf(times->tools, "%zu,%s,%.6g,%.6g,%.6g,%.7g,%.7g,%.7g\n", times->num_steps, tool->name, tool->force[0],
-                tool->force[1], tool->force[2], tool->held_point[0], tool->held_point[1], tool->held_point[2]);
+    for (int n = 0; n < pliant_data_get_num_tools(data); ++n) {
+        pliant_tool_state tool;
+        if (pliant_tool_get(data, n, &tool) < 0 || !tool.holding) continue;
+        fprintf(times->tools, "%zu,%s,%.6g,%.6g,%.6g,%.7g,%.7g,%.7g\n", times->num_steps, tool.name, tool.force[0], tool.force[1],
+                tool.force[2], tool.held_point[0], tool.held_point[1], tool.held_point[2]);
     }
     return PLIANT_OK;
 }
@@ -123,7 +123,7 @@ static void print_row(FILE *file, const char *name, const step_times *times, int
 
 void timing_print(const step_times *times, const pliant_model *model, const pliant_data *data, FILE *file)
 {
-    const pliant_statistics *statistics = &data->statistics;
+    const pliant_statistics *statistics = pliant_data_get_statistics(data);
     double *sorted = times->num_steps ? malloc(times->num_steps * sizeof *sorted) : NULL;
     if (!sorted) return;
     bool fit = model->scene.warp.kind == PLIANT_FIT;
@@ -140,7 +140,7 @@ void timing_print(const step_times *times, const pliant_model *model, const plia
     fprintf(file, "iterations a step %.1f, last residual %.2g, not converged %llu, failed %llu, inverted now %d\n",
             (double)times->iterations / (double)times->num_steps, statistics->residual,
             (unsigned long long)statistics->not_converged, (unsigned long long)statistics->failed,
-            (int)pliant_mesh_inverted(&data->body->fine, data->positions));
+            (int)pliant_data_get_inverted(data));
     if (statistics->patched > 0)
         fprintf(file, "patch: %d tools, %d iterations, residual %.2g, moves nodes by up to %.3g mm\n", (int)statistics->patched,
                 (int)statistics->patch_iterations, statistics->patch_residual, 1e3 * statistics->patch_moved);
@@ -148,8 +148,8 @@ void timing_print(const step_times *times, const pliant_model *model, const plia
 
 void timing_warn(const step_times *times, const pliant_model *model, const pliant_data *data)
 {
-    const pliant_statistics *statistics = &data->statistics;
-    const pliant_scene *scene = &model->scene;
+    const pliant_statistics *statistics = pliant_data_get_statistics(data);
+    const pliant_scene *scene = pliant_model_get_scene(model);
     bool schur = scene->model.method == PLIANT_SCHUR;
     if (statistics->not_converged > 0)
         pliant_log(PLIANT_LOG_WARNING, "%llu of %zu steps did not converge%s: nodes may be up to %.2g mm off, solver/tolerance is %.2g of the displacement; %s",
@@ -158,24 +158,27 @@ void timing_warn(const step_times *times, const pliant_model *model, const plian
                    schur ? "schur may be too soft for the load: averaged is not" : "more of solver/iterations or a smaller solver/step bring them closer");
     if (times->most_inverted > 0)
         pliant_log(PLIANT_LOG_WARNING, "elements were turned inside out in %zu of %zu steps, up to %d of %d at once, %d at the end: what lies there is not to be "
-                   "relied on; %s", times->inverted_steps, times->num_steps, (int)times->most_inverted, (int)data->body->fine.num_tets,
-                   (int)pliant_mesh_inverted(&data->body->fine, data->positions),
+                   "relied on; %s", times->inverted_steps, times->num_steps, (int)times->most_inverted, (int)pliant_data_get_body(data)->fine.num_tets,
+                   (int)pliant_data_get_inverted(data),
                    schur ? "schur may be too soft for the load: averaged is not" : "the load may be more than the tissue can take, or come in fewer steps than it needs");
 }
 
 void timing_print_build(const pliant_model *model, FILE *file)
 {
+    pliant_build_statistics statistics;
     double seconds = 0.0, mebibytes = 0.0;
+    pliant_model_get_statistics(model, &statistics);
     fprintf(file, "\n%-12s %10s %10s\n", "build", "[s]", "[MiB]");
     for (int stage = 0; stage < PLIANT_NUM_BUILD_STAGES; ++stage) {
-        double held = (double)model->build_bytes[stage] / 1048576.0;
-        fprintf(file, "%-12s %10.3f %10.1f\n", pliant_build_stage_name(stage), model->build_seconds[stage], held);
-        seconds += model->build_seconds[stage];
+        double held = (double)statistics.bytes[stage] / 1048576.0;
+        fprintf(file, "%-12s %10.3f %10.1f\n", pliant_build_stage_name(stage), statistics.seconds[stage], held);
+        seconds += statistics.seconds[stage];
         mebibytes += held;
     }
     fprintf(file, "%-12s %10.3f %10.1f\n", "all", seconds, mebibytes);
-    fprintf(file, "%d fine tetrahedra, %d nodes; %d coarse tetrahedra\n", (int)model->body->fine.num_tets,
-            (int)model->body->fine.num_nodes, (int)model->body->coarse.num_tets);
+    const pliant_body *body = pliant_model_get_body(model);
+    fprintf(file, "%d fine tetrahedra, %d nodes; %d coarse tetrahedra\n", (int)body->fine.num_tets, (int)body->fine.num_nodes,
+            (int)body->coarse.num_tets);
 }
 
 void timing_print_memory(FILE *file)
@@ -189,11 +192,13 @@ void timing_print_memory(FILE *file)
 pliant_status timing_write_build(const char *folder, const pliant_model *model)
 {
     FILE *file;
+    pliant_build_statistics statistics;
     pliant_status status = open_table(folder, "build.csv", &file);
     if (status < 0) return status;
+    pliant_model_get_statistics(model, &statistics);
     fputs("stage,seconds,bytes\n", file);
     for (int stage = 0; stage < PLIANT_NUM_BUILD_STAGES; ++stage)
-        fprintf(file, "%s,%.6g,%zu\n", pliant_build_stage_name(stage), model->build_seconds[stage],
-                model->build_bytes[stage]);
+        fprintf(file, "%s,%.6g,%zu\n", pliant_build_stage_name(stage), statistics.seconds[stage],
+                statistics.bytes[stage]);
     return close_table(file, "build.csv");
 }

@@ -394,7 +394,7 @@ TEST(Convert, AForceThatIsNotFiniteBecomesZero)
 
 TEST(Convert, ContactOfAToolThatIsNotThere)
 {
-    pliant_tool tool{};
+    pliant_tool_state tool{};
     std::strcpy(tool.name, "grasper");
     ContactState message;
     contact_message(tool, std::numeric_limits<double>::infinity(), &message);
@@ -412,7 +412,7 @@ TEST(Convert, ContactOfAToolThatIsNotThere)
 
 TEST(Convert, ForceArrowStartsAtTheTip)
 {
-    pliant_tool tool{};
+    pliant_tool_state tool{};
     std::strcpy(tool.name, "grasper");
     tool.present = tool.holding = true;
     tool.tip[0] = 0.1;

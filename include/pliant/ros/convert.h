@@ -92,7 +92,7 @@ pliant_status mesh_state_message(const pliant_model &model, const double *positi
 void wrench_message(const double force[3], const double frame_from_tissue[4], geometry_msgs::WrenchStamped *out);
 /** Header is the caller's.
  *  @param clearance of pliant_tool_clearance [m] */
-void contact_message(const pliant_tool &tool, double clearance, ContactState *out);
+void contact_message(const pliant_tool_state &tool, double clearance, ContactState *out);
 /** Stages, seconds and counters of the last step. Header, percentiles, missed_deadlines and inverted are the
  *  caller's. */
 void timing_message(const pliant_statistics &statistics, StepTiming *out);
@@ -120,7 +120,7 @@ void marker_message(const pliant_model &model, const double *positions, const st
  *  from there along its force on the tissue, 5 mm a newton, at most 0.2 m. (A Wrench display draws its arrow at the
  *  origin of the frame, not at the tip.) Header is that of both markers.
  *  @param clearance of pliant_tool_clearance [m] */
-void tool_markers_message(const pliant_tool &tool, double clearance, const std_msgs::Header &header,
+void tool_markers_message(const pliant_tool_state &tool, double clearance, const std_msgs::Header &header,
                           visualization_msgs::MarkerArray *out);
 /** Nodes with fields x, y, z, displacement [m] and, where given, scalar. Header is the caller's. */
 void points_message(const pliant_model &model, const double *positions, const std::vector<float> &scalar,

@@ -217,7 +217,11 @@ bool geometry_from_message(const uint32_t size[3], const geometry_msgs::Pose &or
 
 void scan_info_message(const pliant_model &model, float low, float high, ScanInfo *out)
 {
-    const pliant_volume &scan = *model.scan;
+    const pliant_volume &scan = *pliant_model_get_scan(&model);
+    const pliant_body &body = *pliant_model_get_body(&model);
+    const pliant_material_table &materials = *pliant_model_get_materials(&model);
+    pliant_build_statistics statistics;
+    pliant_model_get_statistics(&model, &statistics);
     for (int d = 0; d < 3; ++d) out->size[d] = static_cast<uint32_t>(scan.geometry.size[d]);
     bool flipped;
     geometry_to_message(scan.geometry, &out->origin, &flipped, &out->spacing);
@@ -227,37 +231,38 @@ void scan_info_message(const pliant_model &model, float low, float high, ScanInf
     out->intercept = scan.intercept;
     out->low = low;
     out->high = high;
-    name_of(method_names, model.scene.model.method, &out->method);
-    out->fine_tetrahedra = static_cast<uint32_t>(model.body->fine.num_tets);
-    out->coarse_tetrahedra = static_cast<uint32_t>(model.body->coarse.num_tets);
-    out->nodes = static_cast<uint32_t>(model.body->fine.num_nodes);
+    name_of(method_names, pliant_model_get_scene(&model)->model.method, &out->method);
+    out->fine_tetrahedra = static_cast<uint32_t>(body.fine.num_tets);
+    out->coarse_tetrahedra = static_cast<uint32_t>(body.coarse.num_tets);
+    out->nodes = static_cast<uint32_t>(body.fine.num_nodes);
     out->material_names.clear();
-    for (uint32_t i = 0; i < model.materials.num_materials; ++i)
-        out->material_names.push_back(model.materials.materials[i].name);
+    for (uint32_t i = 0; i < materials.num_materials; ++i)
+        out->material_names.push_back(materials.materials[i].name);
     double seconds = 0;
-    for (double stage : model.build_seconds) seconds += stage;
+    for (double stage : statistics.seconds) seconds += stage;
     out->build_seconds = static_cast<float>(seconds);
-    out->condition_estimate = static_cast<float>(model.condition_estimate);
+    out->condition_estimate = static_cast<float>(statistics.condition_estimate);
 }
 
 void topology_message(const pliant_model &model, MeshTopology *out)
 {
-    const pliant_mesh &mesh = model.body->fine;
+    const pliant_body &body = *pliant_model_get_body(&model);
+    const pliant_mesh &mesh = body.fine;
     size_t nodes = static_cast<size_t>(mesh.num_nodes), tets = static_cast<size_t>(mesh.num_tets);
     append_floats(mesh.rest, 3 * nodes, &out->rest_nodes);
     out->rest_parent.resize(nodes);
     for (size_t i = 0; i < nodes; ++i) out->rest_parent[i] = static_cast<uint32_t>(i);
     out->tetrahedra.assign(mesh.tets, mesh.tets + 4 * tets);
-    out->triangles.assign(model.body->triangles, model.body->triangles + 3 * static_cast<size_t>(model.body->num_triangles));
+    out->triangles.assign(body.triangles, body.triangles + 3 * static_cast<size_t>(body.num_triangles));
     out->material.resize(tets);
-    for (size_t i = 0; i < tets; ++i) out->material[i] = model.body->fine_material[i].material;
+    for (size_t i = 0; i < tets; ++i) out->material[i] = body.fine_material[i].material;
 }
 
 pliant_status mesh_state_message(const pliant_model &model, const double *positions, MeshState *out)
 {
-    size_t nodes = static_cast<size_t>(model.body->fine.num_nodes);
+    size_t nodes = static_cast<size_t>(pliant_model_get_body(&model)->fine.num_nodes);
     append_floats(positions, 3 * nodes, &out->nodes);
-    pliant_scalar scalar = model.scene.output.scalar;
+    pliant_scalar scalar = pliant_model_get_scene(&model)->output.scalar;
     out->scalar.clear();
     out->scalar_name.clear();
     if (scalar == PLIANT_SCALAR_NONE) return PLIANT_OK;
@@ -279,7 +284,7 @@ void wrench_message(const double force[3], const double frame_from_tissue[4], ge
     out->wrench.torque = geometry_msgs::Vector3();
 }
 
-void contact_message(const pliant_tool &tool, double clearance, ContactState *out)
+void contact_message(const pliant_tool_state &tool, double clearance, ContactState *out)
 {
     out->tool = tool.name;
     out->present = tool.present;

@@ -75,7 +75,7 @@ geometry_msgs::Point point(const double at[3])
 
 } // namespace
 
-void tool_markers_message(const pliant_tool &tool, double clearance, const std_msgs::Header &header,
+void tool_markers_message(const pliant_tool_state &tool, double clearance, const std_msgs::Header &header,
                           visualization_msgs::MarkerArray *out)
 {
     const double tip_size = 0.012, metres_per_newton = 0.005, longest = 0.2, shortest = 1e-3; /* [m], [m/N] */
@@ -108,8 +108,9 @@ void tool_markers_message(const pliant_tool &tool, double clearance, const std_m
 void marker_message(const pliant_model &model, const double *positions, const std::vector<float> &scalar,
                     visualization_msgs::Marker *out)
 {
-    const pliant_mesh &mesh = model.body->fine;
-    size_t nodes = static_cast<size_t>(mesh.num_nodes), corners = 3 * static_cast<size_t>(model.body->num_triangles);
+    const pliant_body &body = *pliant_model_get_body(&model);
+    const pliant_mesh &mesh = body.fine;
+    size_t nodes = static_cast<size_t>(mesh.num_nodes), corners = 3 * static_cast<size_t>(body.num_triangles);
     std::vector<float> value(scalar);
     float low = 0, high = 1e-3f;
     if (value.size() == nodes && nodes > 0) {
@@ -129,7 +130,7 @@ void marker_message(const pliant_model &model, const double *positions, const st
     out->points.resize(corners);
     out->colors.resize(corners);
     for (size_t triangle = 0; triangle < corners; triangle += 3) {
-        const int32_t *nodes_of = &model.body->triangles[triangle];
+        const int32_t *nodes_of = &body.triangles[triangle];
         float light = light_on(&positions[3 * nodes_of[0]], &positions[3 * nodes_of[1]], &positions[3 * nodes_of[2]]);
         for (size_t corner = 0; corner < 3; ++corner) {
             size_t node = static_cast<size_t>(nodes_of[corner]);
@@ -142,7 +143,7 @@ void marker_message(const pliant_model &model, const double *positions, const st
 void points_message(const pliant_model &model, const double *positions, const std::vector<float> &scalar,
                     sensor_msgs::PointCloud2 *out)
 {
-    const pliant_mesh &mesh = model.body->fine;
+    const pliant_mesh &mesh = pliant_model_get_body(&model)->fine;
     size_t nodes = static_cast<size_t>(mesh.num_nodes);
     bool has_scalar = scalar.size() == nodes && nodes > 0;
     out->fields.clear();

@@ -86,10 +86,10 @@ void Diagnostics::backend(diagnostic_updater::DiagnosticStatusWrapper &status)
     status.add("memory in use [MB]", 1e-6 * pliant_memory_in_use());
     status.add("peak [MB]", 1e-6 * pliant_memory_peak());
     if (std::shared_ptr<const Loaded> loaded = simulation_->loaded()) {
-        status.add("threads", threads_of(loaded->model->scene));
+        status.add("threads", threads_of(*pliant_model_get_scene(loaded->model)));
         status.add("scan", loaded->scan->volume.id);
-        status.add("nodes", loaded->model->body->fine.num_nodes);
-        status.add("tetrahedra", loaded->model->body->fine.num_tets);
+        status.add("nodes", pliant_model_get_body(loaded->model)->fine.num_nodes);
+        status.add("tetrahedra", pliant_model_get_body(loaded->model)->fine.num_tets);
         if (loaded->choice.made) {
             status.add("chosen", loaded->choice.options);
             status.add("error of that on the probe load [%]", 100 * loaded->choice.error);

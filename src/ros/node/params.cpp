@@ -105,7 +105,7 @@ bool is_option(const std::string &name)
 /* a graph resource name without slashes, which becomes part of topic names */
 void check_tool_name(const std::string &name)
 {
-    bool good = !name.empty() && name.size() < sizeof(pliant_tool::name) &&
+    bool good = !name.empty() && name.size() < sizeof(pliant_tool_state::name) &&
                 std::isalpha(static_cast<unsigned char>(name[0])) &&
                 std::all_of(name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) || c == '_'; });
     if (!good) refuse("~tools: \"" + name + "\" is no name of a tool: 47 letters, digits and _, a letter first");

@@ -18,7 +18,8 @@ bool is_phantom(const std::string &path) { return path == "phantom" || path.comp
 
 std::string size_text(const pliant_model &model)
 {
-    return std::to_string(model.body->fine.num_nodes) + " nodes, " + std::to_string(model.body->fine.num_tets) + " tetrahedra";
+    const pliant_mesh &mesh = pliant_model_get_body(&model)->fine;
+    return std::to_string(mesh.num_nodes) + " nodes, " + std::to_string(mesh.num_tets) + " tetrahedra";
 }
 
 } // namespace
@@ -115,7 +116,7 @@ void Services::put_in(const std::shared_ptr<Loaded> &next, bool takes_live)
     check_target(*next);
     next->revision = revision_ + 1;
     simulation_->swap(next);
-    if (takes_live || next->choice.made) live_->assign(next->model->scene);
+    if (takes_live || next->choice.made) live_->assign(*pliant_model_get_scene(next->model));
     ++revision_;
     state_->chose(next->choice);
     mesh_output_->publish_model(*next);
@@ -188,12 +189,13 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
         asked.take(request);
         asked.apply(&scene);
         check(pliant_scene_check(&scene));
-        std::shared_ptr<Loaded> next = build_chosen(scene, old->scan, old->model->materials, progress(0, request.probe ? 0.2 : 1));
+        const pliant_material_table &materials = *pliant_model_get_materials(old->model);
+        std::shared_ptr<Loaded> next = build_chosen(scene, old->scan, materials, progress(0, request.probe ? 0.2 : 1));
         pliant_choice measured = next->choice;
         std::string note;
         if (request.probe && !measured.made) {
             try {
-                measured = measure(next->model->scene, *old->scan, old->model->materials, progress(0.2, 1));
+                measured = measure(*pliant_model_get_scene(next->model), *old->scan, materials, progress(0.2, 1));
                 if (!measured.made) note = "; no error could be measured";
             } catch (const Failure &failure) { /* the model is good for what needs no measuring */
                 if (failure.status == PLIANT_ERROR_CANCELLED) throw;
@@ -207,7 +209,9 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
         choice_message(next->choice, &response);
         put_in(next);
         recomputed_.take(request);
-        response.condition_estimate = static_cast<float>(next->model->condition_estimate);
+        pliant_build_statistics statistics;
+        pliant_model_get_statistics(next->model, &statistics);
+        response.condition_estimate = static_cast<float>(statistics.condition_estimate);
         return "recomputed: " + size_text(*next->model) + note;
     });
     response.seconds = seconds_since(start);
@@ -238,7 +242,7 @@ bool Services::save_volume(SaveVolume::Request &request, SaveVolume::Response &r
         std::string path, why;
         if (!confine_new(parameters_.output_root, request.path, &path, &why)) throw Failure(PLIANT_ERROR_ARGUMENT, why);
         Snapshot now = simulation_->snapshot();
-        Warped warped(now.loaded, now.positions, now.loaded->model->scene.warp.margin);
+        Warped warped(now.loaded, now.positions, pliant_model_get_scene(now.loaded->model)->warp.margin);
         warped.update(now.positions);
         check(pliant_volume_write(path.c_str(), &warped.volume()));
         return "wrote " + path;
@@ -261,7 +265,7 @@ bool Services::pick(Pick::Request &request, Pick::Response &response)
         auto find = [&](const Warped &warped, const Snapshot &now) { picked = warped.pick(now.positions, ray, request.threshold); };
         if (!volume_output_->look(find)) {
             Snapshot now = simulation_->snapshot();
-            Warped warped(now.loaded, now.positions, now.loaded->model->scene.warp.margin);
+            Warped warped(now.loaded, now.positions, pliant_model_get_scene(now.loaded->model)->warp.margin);
             warped.update(now.positions);
             find(warped, now);
         }

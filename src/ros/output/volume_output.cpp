@@ -97,7 +97,7 @@ void VolumeOutput::publish(const std::shared_ptr<const Snapshot> &newest)
         if (is_new) {
             shown_now_.reset();
             warped_.reset(); /* before the next one takes its memory */
-            warped_.reset(new Warped(snapshot.loaded, snapshot.positions, snapshot.loaded->model->scene.warp.margin));
+            warped_.reset(new Warped(snapshot.loaded, snapshot.positions, pliant_model_get_scene(snapshot.loaded->model)->warp.margin));
         }
         warped_->update(snapshot.positions);
         shown_now_ = newest;

@@ -41,7 +41,7 @@ pliant_geometry target_of(const Loaded &loaded, const std::vector<double> &posit
     const pliant_geometry &scan = loaded.scan->volume.geometry;
     pliant_geometry target;
     if (margin > 0) {
-        WorldBox box = box_of(loaded.model->body->fine, positions, margin);
+        WorldBox box = box_of(pliant_model_get_body(loaded.model)->fine, positions, margin);
         check(pliant_warp_target(&scan, box.low, box.high, max_target_voxels, &target));
     } else {
         check(pliant_warp_target(&scan, nullptr, nullptr, max_target_voxels, &target));
@@ -53,9 +53,9 @@ pliant_geometry target_of(const Loaded &loaded, const std::vector<double> &posit
 
 void check_target(const Loaded &loaded)
 {
-    const pliant_mesh &mesh = loaded.model->body->fine;
+    const pliant_mesh &mesh = pliant_model_get_body(loaded.model)->fine;
     std::vector<double> rest(mesh.rest, mesh.rest + 3 * static_cast<size_t>(mesh.num_nodes));
-    target_of(loaded, rest, loaded.model->scene.warp.margin);
+    target_of(loaded, rest, pliant_model_get_scene(loaded.model)->warp.margin);
 }
 
 Warped::Warped(std::shared_ptr<const Loaded> loaded, const std::vector<double> &positions, double margin)
@@ -63,8 +63,8 @@ Warped::Warped(std::shared_ptr<const Loaded> loaded, const std::vector<double> &
 {
     const pliant_model &model = *loaded_->model;
     target_ = target_of(*loaded_, positions, margin);
-    const pliant_scene &scene = model.scene;
-    check(pliant_warp_create(&loaded_->scan->volume, &model.body->fine, &target_, threads_of(scene), &warp_));
+    const pliant_scene &scene = *pliant_model_get_scene(&model);
+    check(pliant_warp_create(&loaded_->scan->volume, &pliant_model_get_body(&model)->fine, &target_, threads_of(scene), &warp_));
     pliant_status status = scene.warp.kind == PLIANT_FIT ? pliant_warp_fit(warp_, scene.warp.fit_step) : PLIANT_OK;
     if (status == PLIANT_OK) status = pliant_warp_backend(warp_, scene.solver.backend);
     if (status < 0) pliant_warp_free(warp_);

@@ -17,7 +17,7 @@ std::string differs(const std::string &what, size_t recorded, size_t here, const
 
 bool is_same(const Loaded &loaded, const MeshTopology &recorded, std::string *why)
 {
-    const pliant_mesh &mesh = loaded.model->body->fine;
+    const pliant_mesh &mesh = pliant_model_get_body(loaded.model)->fine;
     const char *id = loaded.scan->volume.id;
     size_t nodes = static_cast<size_t>(mesh.num_nodes), tets = static_cast<size_t>(mesh.num_tets);
     const std::string same_scene = "the scene must be the one of the recording (mesh, materials, labels)";
@@ -44,7 +44,7 @@ bool is_same(const Loaded &loaded, const MeshTopology &recorded, std::string *wh
 
 std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const Loaded> loaded, const MeshState &state)
 {
-    size_t wanted = 3 * static_cast<size_t>(loaded->model->body->fine.num_nodes);
+    size_t wanted = 3 * static_cast<size_t>(pliant_model_get_body(loaded->model)->fine.num_nodes);
     const std::string step = "step " + std::to_string(state.step);
     if (state.nodes.size() != wanted)
         throw Failure(PLIANT_ERROR_FORMAT, step + " has " + std::to_string(state.nodes.size() / 3) +

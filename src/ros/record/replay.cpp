@@ -47,8 +47,8 @@ void Replay::load()
     info->scan_id = scan->volume.id;
     scan_info_message(*loaded_->model, scan->low, scan->high, info.get());
     scan_info_.publish(info);
-    ROS_INFO("replay: loaded %s: %d nodes, %d tetrahedra", parameters_.scan.c_str(), loaded_->model->body->fine.num_nodes,
-             loaded_->model->body->fine.num_tets);
+    ROS_INFO("replay: loaded %s: %d nodes, %d tetrahedra", parameters_.scan.c_str(), pliant_model_get_body(loaded_->model)->fine.num_nodes,
+             pliant_model_get_body(loaded_->model)->fine.num_tets);
 }
 
 /* ros::service::waitForService would wait by a clock that stands still until the player plays. */

@@ -130,4 +130,11 @@ Data create_data(const pliant_model &model)
     return Data(data);
 }
 
+pliant_tool_state tool_state(const pliant_data &data, int tool)
+{
+    pliant_tool_state state;
+    check(pliant_tool_get(&data, tool, &state));
+    return state;
+}
+
 } // namespace pliant_ros

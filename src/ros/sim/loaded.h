@@ -66,6 +66,8 @@ struct DataDeleter {
 };
 using Data = std::unique_ptr<pliant_data, DataDeleter>;
 Data create_data(const pliant_model &model);
+/* Throws when there is no such tool. */
+pliant_tool_state tool_state(const pliant_data &data, int tool);
 
 } // namespace pliant_ros
 

@@ -144,7 +144,7 @@ void Simulation::run()
         do_boundary_work();
         if (!current_ || Clock::now() < next) continue;
         Clock::time_point start = Clock::now();
-        std::chrono::duration<double> step_time(current_->model->scene.solver.step);
+        std::chrono::duration<double> step_time(pliant_model_get_scene(current_->model)->solver.step);
         auto period = std::chrono::duration_cast<Clock::duration>(step_time);
         try {
             turn(start);
@@ -194,19 +194,18 @@ void Simulation::watch_clock(const ros::Time &now)
 
 void Simulation::let_go()
 {
-    for (int tool = 0; tool < data_->num_tools; ++tool) pliant_tool_lost(data_.get(), tool);
+    for (int tool = 0; tool < pliant_data_get_num_tools(data_.get()); ++tool) pliant_tool_lost(data_.get(), tool);
 }
 
 void Simulation::apply_live()
 {
     LiveSettings settings = live_->get();
     pliant_data_limits(data_.get(), settings.iterations, settings.tolerance);
-    if (!std::equal(settings.gravity, settings.gravity + 3, data_->gravity))
-        pliant_data_gravity(data_.get(), settings.gravity);
-    for (int tool = 0; tool < data_->num_tools; ++tool) {
-        data_->tools[tool].stiffness = settings.stiffness;
-        data_->tools[tool].damping = settings.damping;
-    }
+    double gravity[3];
+    pliant_data_get_gravity(data_.get(), gravity);
+    if (!std::equal(settings.gravity, settings.gravity + 3, gravity)) pliant_data_gravity(data_.get(), settings.gravity);
+    for (int tool = 0; tool < pliant_data_get_num_tools(data_.get()); ++tool)
+        pliant_tool_set_spring(data_.get(), tool, settings.stiffness, settings.damping);
 }
 
 void Simulation::apply_tools(const ros::Time &now)
@@ -217,13 +216,13 @@ void Simulation::apply_tools(const ros::Time &now)
         sample = tools_->sample(i, now);
         const Rigid &tip = sample.in_tissue;
         if (!sample.present || pliant_tool_pose(data_.get(), tool, tip.translation, tip.rotation) < 0) {
-            if (data_->tools[tool].present) pliant_tool_lost(data_.get(), tool);
+            if (tool_state(*data_, tool).present) pliant_tool_lost(data_.get(), tool);
             was_open_[i] = false;
             continue;
         }
         /* a jaw takes hold as it closes; one that comes closed pushes past the tissue */
         if (sample.jaw == JAW_CLOSED && was_open_[i]) pliant_tool_grasp(current_->model, data_.get(), tool, nullptr);
-        if (sample.jaw != JAW_CLOSED && data_->tools[tool].holding) pliant_tool_release(data_.get(), tool);
+        if (sample.jaw != JAW_CLOSED && tool_state(*data_, tool).holding) pliant_tool_release(data_.get(), tool);
         was_open_[i] = sample.jaw == JAW_OPEN;
     }
 }
@@ -247,17 +246,17 @@ void Simulation::take(const ros::Time &now, Snapshot *out) const
 {
     out->loaded = current_;
     out->revision = current_->revision;
-    out->step = data_->statistics.step;
+    out->step = pliant_data_get_statistics(data_.get())->step;
     out->stamp = now;
-    out->positions.resize(3 * static_cast<size_t>(current_->model->body->fine.num_nodes));
-    for (size_t i = 0; i < out->positions.size(); ++i) out->positions[i] = static_cast<float>(data_->positions[i]);
+    const double *positions = pliant_data_get_positions(data_.get(), nullptr);
+    out->positions.assign(positions, positions + 3 * static_cast<size_t>(pliant_data_get_body(data_.get())->fine.num_nodes));
 }
 
 void Simulation::publish(const ros::Time &now)
 {
     bool acts = !paused_ && state_->state() == SimState::RUNNING;
     for (size_t i = 0; i < samples_.size(); ++i) {
-        const pliant_tool &tool = data_->tools[i];
+        const pliant_tool_state tool = tool_state(*data_, static_cast<int>(i));
         tools_->publish_force(i, samples_[i], acts && tool.holding ? tool.force : no_force, now);
         tools_->publish_contact(i, *current_->model, *data_, now);
     }
@@ -271,12 +270,12 @@ void Simulation::publish_timing(const ros::Time &now)
     StepTiming message;
     message.header.stamp = now;
     message.header.frame_id = frame_;
-    timing_message(data_->statistics, &message);
+    timing_message(*pliant_data_get_statistics(data_.get()), &message);
     message.solve_p50 = static_cast<float>(health.p50);
     message.solve_p99 = static_cast<float>(health.p99);
     message.missed_deadlines = health.missed;
     choice_message(current_->choice, &message);
-    message.inverted = static_cast<uint32_t>(pliant_mesh_inverted(&current_->model->body->fine, data_->positions));
+    message.inverted = static_cast<uint32_t>(pliant_data_get_inverted(data_.get()));
     timing_.publish(message);
 }
 
@@ -284,10 +283,10 @@ void Simulation::measure(double seconds)
 {
     Clock::time_point now = Clock::now();
     bool count_inverted = inverted_rate_.due(1);
-    int32_t inverted = count_inverted ? pliant_mesh_inverted(&current_->model->body->fine, data_->positions) : 0;
+    int32_t inverted = count_inverted ? pliant_data_get_inverted(data_.get()) : 0;
     std::lock_guard<std::mutex> hold(lock_);
-    const pliant_statistics &statistics = data_->statistics;
-    health_.period = current_->model->scene.solver.step;
+    const pliant_statistics &statistics = *pliant_data_get_statistics(data_.get());
+    health_.period = pliant_model_get_scene(current_->model)->solver.step;
     health_.missed += seconds > health_.period;
     health_.failed = statistics.failed;
     health_.not_converged = statistics.not_converged;

@@ -155,11 +155,12 @@ void Tools::publish_contact(size_t index, const pliant_model &model, const plian
     ContactState contact;
     contact.header.stamp = now;
     contact.header.frame_id = tissue_frame_;
-    contact_message(data.tools[index], clearance, &contact);
+    const pliant_tool_state state = tool_state(data, static_cast<int>(index));
+    contact_message(state, clearance, &contact);
     if (contact_due) tool.contact_out.publish(contact);
     if (!marker_due) return;
     visualization_msgs::MarkerArray markers;
-    tool_markers_message(data.tools[index], clearance, contact.header, &markers);
+    tool_markers_message(state, clearance, contact.header, &markers);
     tool.marker_out.publish(markers);
 }
 

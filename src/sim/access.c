@@ -1,0 +1,85 @@
+/* What a model and a data tell of themselves. */
+#include "base/fail.h"
+#include "pliant/data.h"
+
+#include <string.h>
+
+const pliant_scene *pliant_model_get_scene(const pliant_model *model) { return &model->scene; }
+const pliant_volume *pliant_model_get_scan(const pliant_model *model) { return model->scan; }
+const pliant_material_table *pliant_model_get_materials(const pliant_model *model) { return &model->materials; }
+const uint8_t *pliant_model_get_voxel_materials(const pliant_model *model) { return model->material_of_voxel; }
+const pliant_body *pliant_model_get_body(const pliant_model *model) { return model->body; }
+
+void pliant_model_get_statistics(const pliant_model *model, pliant_build_statistics *out)
+{
+    memcpy(out->seconds, model->build_seconds, sizeof out->seconds);
+    memcpy(out->bytes, model->build_bytes, sizeof out->bytes);
+    out->condition_estimate = model->condition_estimate;
+}
+
+const pliant_body *pliant_data_get_body(const pliant_data *data) { return data->body; }
+const pliant_statistics *pliant_data_get_statistics(const pliant_data *data) { return &data->statistics; }
+const pliant_warp *pliant_data_get_warp(const pliant_data *data) { return data->warp; }
+void pliant_data_get_gravity(const pliant_data *data, double out[3]) { memcpy(out, data->gravity, sizeof data->gravity); }
+
+const double *pliant_data_get_positions(const pliant_data *data, uint64_t *revision)
+{
+    if (revision) *revision = data->body->revision;
+    return data->positions;
+}
+
+pliant_status pliant_data_copy_positions(const pliant_data *data, int32_t nodes, double *out, uint64_t *revision)
+{
+    if (nodes < data->body->fine.num_nodes)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "positions: there are %d nodes, the room is for %d", data->body->fine.num_nodes, nodes);
+    memcpy(out, pliant_data_get_positions(data, revision), 3 * (size_t)data->body->fine.num_nodes * sizeof *out);
+    return PLIANT_OK;
+}
+
+int32_t pliant_data_get_inverted(const pliant_data *data) { return pliant_mesh_inverted(&data->body->fine, data->positions); }
+
+int pliant_data_get_num_tools(const pliant_data *data) { return data->num_tools; }
+
+static pliant_status check(const pliant_data *data, int tool)
+{
+    return tool >= 0 && tool < data->num_tools ? PLIANT_OK
+                                               : pliant_fail(PLIANT_ERROR_ARGUMENT, "there are %d tools, and none of index %d", data->num_tools, tool);
+}
+
+pliant_status pliant_tool_get(const pliant_data *data, int tool, pliant_tool_state *out)
+{
+    pliant_status status = check(data, tool);
+    if (status != PLIANT_OK) return status;
+    const pliant_tool *from = data->tools + tool;
+    pliant_tool_state told = {.present = from->present, .drive = from->drive, .stiffness = from->stiffness, .damping = from->damping,
+                              .radius = from->radius, .holding = from->holding, .hold = from->hold, .num_held = from->num_held};
+    memcpy(told.name, from->name, sizeof told.name);
+    memcpy(told.tip, from->tip, sizeof told.tip);
+    memcpy(told.rotation, from->rotation, sizeof told.rotation);
+    memcpy(told.driving_force, from->driving_force, sizeof told.driving_force);
+    memcpy(told.held_point, from->held_point, sizeof told.held_point);
+    memcpy(told.force, from->force, sizeof told.force);
+    *out = told;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_tool_set_spring(pliant_data *data, int tool, double stiffness, double damping)
+{
+    pliant_status status = check(data, tool);
+    if (status != PLIANT_OK) return status;
+    if (!(stiffness > 0) || !(damping >= 0) || stiffness > 1e12 || damping > 1e9)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a spring of %g N/m and %g N s/m: above 0 up to 1e12, and 0 to 1e9 are possible", stiffness,
+                           damping);
+    data->tools[tool].stiffness = stiffness;
+    data->tools[tool].damping = damping;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_tool_set_radius(pliant_data *data, int tool, double radius)
+{
+    pliant_status status = check(data, tool);
+    if (status != PLIANT_OK) return status;
+    if (!(radius >= 0) || radius > 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a grasped blob of radius %g m: 0 to 1 are possible", radius);
+    data->tools[tool].radius = radius;
+    return PLIANT_OK;
+}
