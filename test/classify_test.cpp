@@ -166,6 +166,17 @@ TEST_F(Classify, a_label_map_on_another_grid_is_refused)
     EXPECT_EQ(pliant_material_classify(&t, &scan, &labels, out.data()), PLIANT_ERROR_FORMAT);
 }
 
+TEST_F(Classify, labels_without_voxels_are_none)
+{
+    make(PLIANT_INT16);
+    const pliant_labels none = {};
+    pliant_material_table t = table();
+    std::vector<uint8_t> without(voxels()), empty(voxels());
+    ASSERT_EQ(pliant_material_classify(&t, &scan, nullptr, without.data()), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(pliant_material_classify(&t, &scan, &none, empty.data()), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(without, empty);
+}
+
 /* What a whole table makes of a whole scan: the share of voxels of each material. */
 static std::vector<double> shares(const char *table_file, const pliant_volume &scan, const pliant_labels *labels,
                                   std::vector<std::string> *names)

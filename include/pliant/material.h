@@ -48,7 +48,7 @@ PLIANT_API void pliant_material_table_free(pliant_material_table *table);
 
 /** The material of every voxel: by its label if it has one, else by its intensity range. A table that names
  *  labels but is given no label map falls back to its ranges.
- *  @param labels            Nullable; must lie on the grid of the scan
+ *  @param labels            Nullable, or without voxels: none; must lie on the grid of the scan
  *  @param material_of_voxel (voxels) out, index into the table
  *  Errors: MATERIAL (lists every label and intensity interval without a material), FORMAT (grids differ). */
 PLIANT_API pliant_status pliant_material_classify(const pliant_material_table *table, const pliant_volume *scan,

@@ -63,7 +63,7 @@ typedef struct pliant_model {
 } pliant_model;
 
 /** @param scan      borrowed until pliant_model_free; already resampled as the scene asks
- *  @param labels    Nullable; used while building only
+ *  @param labels    Nullable, or without voxels: none; used while building only
  *  @param materials copied
  *  Errors: SCENE, MATERIAL, FORMAT, MEMORY, NUMERIC (not enough is fixed), CANCELLED. */
 PLIANT_API pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume *scan, const pliant_labels *labels,

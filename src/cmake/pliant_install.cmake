@@ -21,6 +21,9 @@ else()
   export(EXPORT pliant-targets NAMESPACE pliant:: FILE ${PROJECT_BINARY_DIR}/pliant-targets.cmake)
   install(FILES ${PROJECT_BINARY_DIR}/pliantConfig.cmake ${PROJECT_BINARY_DIR}/pliantConfigVersion.cmake
           DESTINATION ${package_dir})
+  # for builders without CMake; where ROS is, catkin makes a file of this name
+  configure_file(src/cmake/pliant.pc.in ${PROJECT_BINARY_DIR}/pliant.pc @ONLY)
+  install(FILES ${PROJECT_BINARY_DIR}/pliant.pc DESTINATION ${PLIANT_LIB_DIR}/pkgconfig)
 endif()
 if(NOT PLIANT_MSGS_ONLY)
   install(EXPORT pliant-targets NAMESPACE pliant:: DESTINATION ${package_dir})

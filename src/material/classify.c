@@ -149,6 +149,7 @@ pliant_status pliant_material_classify(const pliant_material_table *table, const
 {
     pliant_status status = pliant_material_table_check(table);
     if (status < 0) return status;
+    if (labels && !labels->voxels) labels = NULL;
     if (labels && !pliant_geometry_equal(&scan->geometry, &labels->geometry))
         return pliant_fail(PLIANT_ERROR_FORMAT, "%s: the label map lies on another grid than the scan",
                            scan->id[0] ? scan->id : "scan");

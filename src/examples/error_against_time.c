@@ -1,0 +1,48 @@
+/* How many iterations a step are enough? The error of a pull after 10 steps against one solved tightly.    error_against_time */
+#include "example.h"
+
+#include <math.h>
+#include <string.h>
+
+/* @param out (nodes x 3); @param seconds of a step, mean */
+static pliant_status pull(example *all, int iterations, double tolerance, double *out, int32_t nodes, double *seconds)
+{
+    const double point[3] = {0.05, -0.09, 0.06};
+    const int steps = 10;
+    int tool;
+    pliant_status status = pliant_data_reset(all->model, all->data);
+    if (status >= 0) status = pliant_data_limits(all->data, iterations, tolerance);
+    if (status >= 0) status = example_hold(all, all->data, point, &tool);
+    double start = pliant_seconds();
+    for (int step = 1; step <= steps && status >= 0; step++) {
+        const double tip[3] = {point[0], point[1] - 0.02 * step / steps, point[2]};
+        status = pliant_tool_pose(all->data, tool, tip, NULL);
+        if (status >= 0) status = pliant_step(all->model, all->data);
+    }
+    *seconds = (pliant_seconds() - start) / steps;
+    return status < 0 ? status : pliant_data_copy_positions(all->data, nodes, out, NULL);
+}
+
+int main(void)
+{
+    example all;
+    double seconds, *reference = NULL, *now = NULL;
+    pliant_status status = example_begin(NULL, &all);
+    const int32_t nodes = status < 0 ? 0 : pliant_data_get_body(all.data)->fine.num_nodes;
+    if (status >= 0) {
+        reference = pliant_calloc((size_t)nodes, 3 * sizeof *reference);
+        now = pliant_calloc((size_t)nodes, 3 * sizeof *now);
+        if (!reference || !now) status = pliant_fail_memory("the positions");
+    }
+    if (status >= 0) status = pull(&all, 200, 1e-8, reference, nodes, &seconds);
+    printf("iterations,ms_a_step,largest_error_mm\n");
+    for (int iterations = 1; iterations <= 8 && status >= 0; iterations *= 2) {
+        double worst = 0;
+        status = pull(&all, iterations, 1e-8, now, nodes, &seconds);
+        for (int32_t n = 0; n < 3 * nodes && status >= 0; n++) worst = fmax(worst, fabs(now[n] - reference[n]));
+        if (status >= 0) printf("%d,%.2f,%.4f\n", iterations, 1e3 * seconds, 1e3 * worst);
+    }
+    pliant_free(reference);
+    pliant_free(now);
+    return example_end(&all, status);
+}

@@ -1,0 +1,31 @@
+/* How do I get the deformed scan as a file?    save_volume OUT.nii.gz */
+#include "example.h"
+
+int main(int argc, char **argv)
+{
+    const double point[3] = {0.05, -0.09, 0.06}, tip[3] = {0.05, -0.11, 0.06};
+    const char *path = argc > 1 ? argv[1] : "deformed.nii.gz";
+    example all;
+    int tool;
+    pliant_status status = example_begin(NULL, &all);
+    if (status >= 0) {
+        /* the scan's own grid, grown by 3 cm of room on every side */
+        double low[3], high[3];
+        pliant_geometry target;
+        const pliant_mesh *mesh = &pliant_model_get_body(all.model)->fine;
+        for (int d = 0; d < 3; d++) low[d] = high[d] = mesh->rest[d];
+        for (int32_t n = 0; n < 3 * mesh->num_nodes; n++) {
+            double x = mesh->rest[n];
+            if (x - 0.03 < low[n % 3]) low[n % 3] = x - 0.03;
+            if (x + 0.03 > high[n % 3]) high[n % 3] = x + 0.03;
+        }
+        status = pliant_warp_target(&all.scan.geometry, low, high, SIZE_MAX, &target);
+        if (status >= 0) status = pliant_data_warp(all.model, all.data, &target); /* from now on every step deforms the volume */
+    }
+    if (status >= 0) status = example_hold(&all, all.data, point, &tool);
+    if (status >= 0) status = pliant_tool_pose(all.data, tool, tip, NULL);
+    for (int step = 0; step < 10 && status >= 0; step++) status = pliant_step(all.model, all.data);
+    if (status >= 0) status = pliant_volume_write(path, pliant_warp_volume(pliant_data_get_warp(all.data)));
+    if (status >= 0) printf("%s\n", path);
+    return example_end(&all, status);
+}
