@@ -21,19 +21,20 @@ static double length_of(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[
 
 static node_errors errors_of(const deform_run *run, const deform_run *reference)
 {
-    const pliant_mesh *mesh = &run->data->body->fine, *other = &reference->data->body->fine;
+    const pliant_mesh *mesh = &pliant_data_get_body(run->data)->fine, *other = &pliant_data_get_body(reference->data)->fine;
+    const double *positions = pliant_data_get_positions(run->data, NULL), *others = pliant_data_get_positions(reference->data, NULL);
     node_errors errors = {0.0, 0.0, 0.0};
     double sum = 0.0;
     int32_t count = 0;
     for (int32_t n = 0; n < other->num_nodes; ++n) {
-        const double *rest = other->rest + 3 * n, *to = reference->data->positions + 3 * n;
+        const double *rest = other->rest + 3 * n, *to = others + 3 * n;
         double weights[4], apart[3], moved[3];
         int32_t tet = pliant_mesh_locate(mesh, rest, weights);
         if (tet < 0) continue;
         for (int d = 0; d < 3; ++d) {
             apart[d] = -to[d];
             moved[d] = to[d] - rest[d];
-            for (int v = 0; v < 4; ++v) apart[d] += weights[v] * run->data->positions[3 * mesh->tets[4 * tet + v] + d];
+            for (int v = 0; v < 4; ++v) apart[d] += weights[v] * positions[3 * mesh->tets[4 * tet + v] + d];
         }
         double error = length_of(apart);
         errors.largest = fmax(errors.largest, error);
@@ -76,8 +77,10 @@ static pliant_status write_row(const deform_arguments *arguments, const deform_i
     memcpy(row.marks[0], row.point, sizeof row.point);
     for (int m = 0; m < arguments->num_compared; ++m) {
         const pliant_data *data = runs[m].data;
-        row.volumes[1 + m] = pliant_warp_volume(data->warp);
-        memcpy(row.marks[1 + m], data->num_tools > 0 ? data->tools[0].held_point : row.point, sizeof row.point);
+        row.volumes[1 + m] = pliant_warp_volume(pliant_data_get_warp(data));
+        pliant_tool_state tool;
+        const bool any = pliant_data_get_num_tools(data) > 0 && pliant_tool_get(data, 0, &tool) >= 0;
+        memcpy(row.marks[1 + m], any ? tool.held_point : row.point, sizeof row.point);
     }
     return picture_write_row(arguments->folder, &row);
 }

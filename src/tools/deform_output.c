@@ -38,17 +38,18 @@ static void free_scalars(scalar_values *values)
 static pliant_status find_scalars(const deform_run *run, scalar_values *out)
 {
     const deform_arguments *arguments = run->arguments;
-    const pliant_mesh *mesh = &run->data->body->fine;
+    const pliant_mesh *mesh = &pliant_data_get_body(run->data)->fine;
     pliant_status status = PLIANT_OK;
     *out = (scalar_values){.num_scalars = arguments->num_scalars};
     if (arguments->num_scalars == 0) return PLIANT_OK;
     out->of_node = pliant_calloc((size_t)mesh->num_nodes * (size_t)arguments->num_scalars, sizeof *out->of_node);
     out->of_tet = pliant_calloc((size_t)mesh->num_tets * (size_t)arguments->num_scalars, sizeof *out->of_tet);
     if (!out->of_node || !out->of_tet) status = pliant_fail_memory("the scalars");
+    const double *positions = pliant_data_get_positions(run->data, NULL);
     for (int s = 0; status >= 0 && s < arguments->num_scalars; ++s) {
-        status = pliant_data_scalar(run->model, run->data->positions, arguments->scalars[s], out->of_node + (size_t)s * (size_t)mesh->num_nodes);
+        status = pliant_data_scalar(run->model, positions, arguments->scalars[s], out->of_node + (size_t)s * (size_t)mesh->num_nodes);
         if (status >= 0)
-            pliant_data_tet_scalar(run->model, run->data->positions, arguments->scalars[s], out->of_tet + (size_t)s * (size_t)mesh->num_tets);
+            pliant_data_tet_scalar(run->model, positions, arguments->scalars[s], out->of_tet + (size_t)s * (size_t)mesh->num_tets);
     }
     if (status < 0) free_scalars(out);
     return status;
@@ -81,15 +82,16 @@ static pliant_status close_table(const char *path, FILE *file)
 
 static pliant_status write_nodes(const deform_run *run, const char *number, const scalar_values *scalars)
 {
-    const pliant_mesh *mesh = &run->data->body->fine;
+    const pliant_mesh *mesh = &pliant_data_get_body(run->data)->fine;
     char path[4096];
     FILE *file;
     pliant_status status = open_table(run, "nodes", number, path, &file);
     if (status < 0) return status;
     fputs("rest_x_m,rest_y_m,rest_z_m,x_m,y_m,z_m", file);
     write_columns(file, run->arguments);
+    const double *positions = pliant_data_get_positions(run->data, NULL);
     for (int32_t node = 0; node < mesh->num_nodes; ++node) {
-        const double *rest = mesh->rest + 3 * node, *now = run->data->positions + 3 * node;
+        const double *rest = mesh->rest + 3 * node, *now = positions + 3 * node;
         fprintf(file, "%.9g,%.9g,%.9g,%.9g,%.9g,%.9g", rest[0], rest[1], rest[2], now[0], now[1], now[2]);
         write_scalars(file, scalars->of_node, scalars->num_scalars, mesh->num_nodes, node);
     }
@@ -98,7 +100,7 @@ static pliant_status write_nodes(const deform_run *run, const char *number, cons
 
 static pliant_status write_elements(const deform_run *run, const char *number, const scalar_values *scalars)
 {
-    const pliant_body *body = run->data->body;
+    const pliant_body *body = pliant_data_get_body(run->data);
     const pliant_mesh *mesh = &body->fine;
     char path[4096];
     FILE *file;
@@ -109,7 +111,7 @@ static pliant_status write_elements(const deform_run *run, const char *number, c
     for (int32_t tet = 0; tet < mesh->num_tets; ++tet) {
         const int32_t *nodes = mesh->tets + 4 * tet;
         fprintf(file, "%d,%d,%d,%d,%s", (int)nodes[0], (int)nodes[1], (int)nodes[2], (int)nodes[3],
-                run->model->materials.materials[body->fine_material[tet].material].name);
+                pliant_model_get_materials(run->model)->materials[body->fine_material[tet].material].name);
         write_scalars(file, scalars->of_tet, scalars->num_scalars, mesh->num_tets, tet);
     }
     return close_table(path, file);
@@ -118,7 +120,7 @@ static pliant_status write_elements(const deform_run *run, const char *number, c
 void deform_picture_point(const deform_run *run, double point[3])
 {
     const pliant_path *path = &run->inputs->path;
-    const pliant_body *body = run->model->body;
+    const pliant_body *body = pliant_model_get_body(run->model);
     double mass = 0.0;
     memset(point, 0, 3 * sizeof *point);
     if (path->num_tools > 0) {
@@ -140,14 +142,16 @@ static pliant_status write_pictures(const deform_run *run, const char *number, c
     if (status < 0) return status;
     deform_picture_point(run, view.before_point);
     memcpy(view.after_point, view.before_point, sizeof view.after_point);
-    if (data->num_tools > 0 && data->tools[0].holding) memcpy(view.after_point, data->tools[0].held_point, sizeof view.after_point);
-    const pliant_volume *after = pliant_warp_volume(data->warp);
+    pliant_tool_state tool;
+    if (pliant_data_get_num_tools(data) > 0 && pliant_tool_get(data, 0, &tool) >= 0 && tool.holding)
+        memcpy(view.after_point, tool.held_point, sizeof view.after_point);
+    const pliant_volume *after = pliant_warp_volume(pliant_data_get_warp(data));
     status = picture_write(run->folder, number, &run->inputs->scan, after, &view);
     for (int s = 0; status >= 0 && s < scalars->num_scalars; ++s) {
-        const pliant_mesh *mesh = &data->body->fine;
+        const pliant_mesh *mesh = &pliant_data_get_body(data)->fine;
         char name[96];
         snprintf(name, sizeof name, "%s%s", column_of(run->arguments->scalars[s]), number);
-        picture_scalars shown = {mesh, data->positions, scalars->of_tet + (size_t)s * (size_t)mesh->num_tets};
+        picture_scalars shown = {mesh, pliant_data_get_positions(data, NULL), scalars->of_tet + (size_t)s * (size_t)mesh->num_tets};
         status = picture_scalar(run->folder, name, &shown, &after->geometry, view.before_point);
     }
     return status;
@@ -163,9 +167,9 @@ pliant_status deform_write(const deform_run *run, long step)
     if (status < 0) return status;
     status = write_nodes(run, number, &scalars);
     if (status >= 0 && arguments->num_scalars > 0) status = write_elements(run, number, &scalars);
-    if (status >= 0 && run->data->warp) {
+    if (status >= 0 && pliant_data_get_warp(run->data)) {
         snprintf(path, sizeof path, "%s/deformed%s.nii.gz", run->folder, number);
-        status = pliant_volume_write(path, pliant_warp_volume(run->data->warp));
+        status = pliant_volume_write(path, pliant_warp_volume(pliant_data_get_warp(run->data)));
         if (status >= 0 && arguments->pictures) status = write_pictures(run, number, &scalars);
     }
     free_scalars(&scalars);

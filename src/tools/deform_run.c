@@ -51,7 +51,7 @@ static double farthest_pull(const pliant_path *path)
  * tool takes it if that is more. */
 static pliant_status ask_for_volume(deform_run *run)
 {
-    const pliant_mesh *mesh = &run->data->body->fine;
+    const pliant_mesh *mesh = &pliant_data_get_body(run->data)->fine;
     double room = fmax(run->scene.warp.margin, farthest_pull(&run->inputs->path));
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
     pliant_geometry target;

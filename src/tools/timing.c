@@ -61,7 +61,8 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
     double *row = times->seconds + COLUMNS * times->num_steps++;
     memcpy(row, statistics->seconds, sizeof statistics->seconds);
     row[CULL] = row[RASTERIZE] = 0.0;
-    if (data->warp) pliant_warp_seconds(data->warp, &row[CULL], &row[RASTERIZE]);
+    const pliant_warp *warp = pliant_data_get_warp(data);
+    if (warp) pliant_warp_seconds(warp, &row[CULL], &row[RASTERIZE]);
     row[WHOLE] = seconds;
     times->iterations += (uint64_t)statistics->iterations;
     times->last_converged = status != PLIANT_NOT_CONVERGED;
@@ -126,12 +127,12 @@ void timing_print(const step_times *times, const pliant_model *model, const plia
     const pliant_statistics *statistics = pliant_data_get_statistics(data);
     double *sorted = times->num_steps ? malloc(times->num_steps * sizeof *sorted) : NULL;
     if (!sorted) return;
-    bool fit = model->scene.warp.kind == PLIANT_FIT;
+    bool fit = pliant_model_get_scene(model)->warp.kind == PLIANT_FIT;
     double whole = sort_column(times, WHOLE, sorted);
     fprintf(file, "\n%-12s %10s %10s %10s %8s   [ms], %zu steps\n", "stage", "mean", "median", "worst", "share %", times->num_steps);
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage)
         print_row(file, pliant_step_stage_name(stage), times, stage, whole, sorted);
-    if (data->warp) {
+    if (pliant_data_get_warp(data)) {
         print_row(file, fit ? "  map" : "  cull", times, CULL, whole, sorted);
         print_row(file, fit ? "  voxels" : "  rasterize", times, RASTERIZE, whole, sorted);
     }
