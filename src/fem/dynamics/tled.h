@@ -72,6 +72,7 @@ struct pliant_tled {
     int32_t relaxation_steps;
     double tolerance;
     int32_t substeps;                       /* per frame */
+    int32_t halvings;                       /* of the sub-step that the bounds at rest allow, since nodes moved too fast for that */
     double time_step;                       /* [s] */
     double gravity[3];
 

@@ -311,11 +311,12 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
 {
     const pliant_tled_system *system = tled->system;
     tled->tolerance = from->tolerance;
+    tled->halvings = from->halvings;
     if (system->quasi_static) {
         tled->substeps = from->substeps;
-    } else if (from->time_step < tled->time_step) { /* it was halved */
-        tled->substeps = from->substeps;
-        tled->time_step = from->time_step;
+    } else {
+        tled->substeps <<= tled->halvings;
+        tled->time_step = ldexp(tled->time_step, -tled->halvings);
     }
     memcpy(tled->target, from->target, sizeof tled->target);
     const double faster = tled->time_step / from->time_step; /* increments are of a sub-step; those of relaxation are of none */

@@ -189,6 +189,7 @@ static void halve(pliant_tled *tled)
 {
     tled->substeps *= 2;
     tled->time_step *= 0.5;
+    tled->halvings++;
     for (int32_t n = 0; n < 3 * tled->system->mesh->num_nodes; n++) tled->d[n] *= 0.5;
 }
 
