@@ -100,6 +100,13 @@ TEST(Hounsfield, InputsAskForATable)
     EXPECT_EQ(scan.voxels, nullptr);
     EXPECT_EQ(table.materials, nullptr);
     EXPECT_EQ(pliant_memory_in_use(), in_use);
+    pliant_material_table named = {};
+    ASSERT_EQ(pliant_material_table_default(&named), PLIANT_OK);
+    EXPECT_EQ(pliant_scan_inputs_read(&scene, &named, (folder / "mr.nii.gz").c_str(), &scan, &labels), PLIANT_OK)
+        << "pliant_segment reads any scan: " << pliant_last_error();
+    pliant_volume_free(&scan);
+    pliant_labels_free(&labels);
+    pliant_material_table_free(&named);
     std::snprintf(scene.material.file, sizeof scene.material.file, "%s", PLIANT_SOURCE_DIR "/launch/materials/abdomen_ct.yaml");
     EXPECT_EQ(pliant_inputs_read(&scene, (folder / "mr.nii.gz").c_str(), &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
     pliant_volume_free(&scan);

@@ -80,7 +80,7 @@ PLIANT_API pliant_status pliant_volume_percentiles(const pliant_volume *volume, 
  *                      they differ), checked from the header before any is allocated; 0: what the machine has free
  *  Integer data whose rescaled values fit are kept as UINT8 or INT16 with slope 1, all else is FLOAT32.
  *  Slice spacing comes from positions. MONOCHROME1 is about the screen: Hounsfield units, activities and counts stay what they are;
- *  intensities without a unit (MR) are turned round (smallest + largest - value), so that bright is much.
+ *  intensities without a unit (MR) are turned round (smallest + largest - value), so that what is shown bright has large values.
  *  Refused, with the file and the reason: what is truncated, not one regular 3-D
  *  grid with right angles, of several values per voxel, not finite, or too large.
  *  Errors (old *out untouched): FILE, FORMAT, MEMORY, ARGUMENT (path NULL). */

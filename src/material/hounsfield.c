@@ -34,7 +34,7 @@ static pliant_status ask_for_table(const pliant_volume *scan, const char *reason
     if (status != PLIANT_OK) return status;
     double air = air_threshold(value);
     return pliant_fail(PLIANT_ERROR_MATERIAL,
-                       "%s: %s, and the built-in materials are ranges of Hounsfield units (CT). Name a table for it: material: {file: mine.yaml}, "
+                       "%s: %s; the built-in materials are ranges of Hounsfield units (CT). Name a table for it: material: {file: mine.yaml}, "
                        "with ranges of its own intensities (1st to 99th percentile: %.4g to %.4g) such as\n"
                        "materials:\n"
                        "  - {name: air, young_modulus: 10, poisson_ratio: 0, density: 1.2, empty: true, range: [-1e9, %.4g]}\n"

@@ -79,7 +79,7 @@ dicom_pixels stored_pixels(const std::string &path, const dicom_file &file)
 }
 
 /* MONOCHROME1 says that low values are shown bright. Values that have a unit (Hounsfield, activity, counts) mean the same for all
- * that; others are intensities, of which bright is what a reader expects to be much. */
+ * that; others are intensities, of which one expects that bright ones are large. */
 bool is_turned_round(const dicom_file &file, size_t frame)
 {
     std::string modality = file.text(MODALITY), unit = file.text_of_frame(frame, RESCALE_TYPE);

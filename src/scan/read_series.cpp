@@ -212,7 +212,7 @@ public:
         }
         if (!slices_.front().inverted) return;
         turn_round_any(header.type, voxels, pliant_geometry_voxels(&header.geometry));
-        pliant_log(PLIANT_LOG_INFO, "%s: MONOCHROME1, intensities without a unit: turned round (smallest + largest - value), so that bright is much",
+        pliant_log(PLIANT_LOG_INFO, "%s: MONOCHROME1, intensities without a unit: inverted (smallest + largest - value), so that what is shown bright has large values",
                    slices_.front().path.c_str());
     }
 
