@@ -20,6 +20,7 @@ pliant_status pliant_cpu_nothing(const pliant_model *model, pliant_data *data)
 static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     (void)model;
+    data->solver->background = &data->background;
     return pliant_solver_step(data->solver, &data->statistics);
 }
 

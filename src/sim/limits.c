@@ -18,3 +18,19 @@ size_t pliant_data_factor_bytes(const pliant_data *data)
 {
     return data->solver ? pliant_preconditioner_bytes(data->solver->preconditioner) + pliant_refresh_bytes(data->solver) : 0;
 }
+
+pliant_status pliant_data_set_background(pliant_data *data, pliant_background_kind kind, uint32_t prescribed)
+{
+    const uint32_t known = PLIANT_TAKES_FACTOR | PLIANT_TAKES_HISTORY | PLIANT_TAKES_PATCH | PLIANT_TAKES_PATCH_END | PLIANT_TAKES_PATCH_FACTOR |
+                           PLIANT_TAKES_PATCH_HISTORY;
+    if (kind != PLIANT_BACKGROUND_PLANNED && kind != PLIANT_BACKGROUND_LIVE && kind != PLIANT_BACKGROUND_PRESCRIBED)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "background results are put to use as planned, live or as prescribed (0, 1, 2), not %d", (int)kind);
+    if ((prescribed & ~known) || (prescribed && kind != PLIANT_BACKGROUND_PRESCRIBED))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%u is nothing that a step could be told to take%s", (unsigned)prescribed,
+                           kind == PLIANT_BACKGROUND_PRESCRIBED ? "" : ": only PLIANT_BACKGROUND_PRESCRIBED tells it");
+    data->background.kind = kind;
+    data->background.prescribed = prescribed;
+    return PLIANT_OK;
+}
+
+uint32_t pliant_data_background_taken(const pliant_data *data) { return data->background.taken; }

@@ -113,6 +113,7 @@ static pliant_status patch(const pliant_model *model, pliant_data *data)
 pliant_status pliant_step(const pliant_model *model, pliant_data *data)
 {
     pliant_status caveat = PLIANT_OK;
+    data->background.taken = 0;
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; stage++) {
         const pliant_backend *backend = data->backend;
         pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {backend->kind->interact, backend->solve, backend->upsample, patch, backend->warp};
@@ -131,6 +132,11 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
         }
         if (status > 0) caveat = status;
     }
+    const uint32_t missing = data->background.prescribed & ~data->background.taken;
+    if (missing)
+        pliant_log(PLIANT_LOG_WARNING, "step %llu: what it was to take (pliant_data_set_background: %u) was not under way: another run than the recorded one",
+                   (unsigned long long)data->statistics.step, (unsigned)missing);
+    data->background.prescribed = 0;
     data->statistics.step++;
     data->statistics.not_converged += caveat == PLIANT_NOT_CONVERGED;
     return caveat;

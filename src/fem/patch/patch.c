@@ -4,6 +4,7 @@
 #include "base/threads.h"
 #include "base/free_memory.h"
 #include "fem/patch/space.h"
+#include "fem/quasistatic/background.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
 
@@ -54,6 +55,7 @@ struct pliant_patch {
     pliant_preconditioner *preconditioner; /* of the fine system, this one's own; made with the first patch */
     patch_job job;
     atomic_bool stop;         /* the job is no longer wanted */
+    atomic_bool finished;     /* it has ended */
     patch_hold holds[PLIANT_MAX_TOOLS]; /* whose responses are known */
     patch_blocks blocks;
     bool serves[PLIANT_MAX_TOOLS];      /* the space in use is for this hold, too */
@@ -289,7 +291,9 @@ static void run_job(pliant_patch *patch)
 static void *in_background(void *argument)
 {
     pliant_threads_step_back();
-    run_job(argument);
+    pliant_patch *patch = argument;
+    run_job(patch);
+    atomic_store(&patch->finished, true);
     return NULL;
 }
 
@@ -373,8 +377,11 @@ static pliant_status start(pliant_patch *patch, pliant_data *data)
     job->due = data->statistics.step + (uint64_t)list_wanted(patch);
     job->running = true;
     atomic_store(&patch->stop, false);
+    atomic_store(&patch->finished, false);
     job->in_thread = pthread_create(&job->thread, NULL, in_background, patch) == 0;
-    if (!job->in_thread) run_job(patch);
+    if (job->in_thread) return PLIANT_OK;
+    run_job(patch);
+    atomic_store(&patch->finished, true);
     return PLIANT_OK;
 }
 
@@ -483,12 +490,17 @@ static void keep(pliant_patch *patch, const pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) memcpy(patch->room.force + 3 * t, data->tools[t].force, sizeof data->tools[t].force);
 }
 
+static bool arrives(pliant_patch *patch, pliant_data *data, uint32_t result, bool due)
+{
+    return pliant_background_arrives(&data->background, result, atomic_load(&patch->finished), due);
+}
+
 pliant_status pliant_patch_begin(pliant_data *data)
 {
     pliant_patch *patch = data->patch;
     bool abandoned = is_abandoned(patch, data);
     if (abandoned) atomic_store(&patch->stop, true); /* it ends by itself; nobody waits for that */
-    else if (patch->job.running && data->statistics.step >= patch->job.due) {
+    else if (patch->job.running && arrives(patch, data, PLIANT_TAKES_PATCH, data->statistics.step >= patch->job.due)) {
         pliant_status status = deliver(patch, data);
         if (status != PLIANT_OK) return status;
     }
@@ -505,7 +517,7 @@ pliant_status pliant_patch_begin(pliant_data *data)
     }
     if (patch->space && !used) space_drop(patch, data);
     if (patch->space) keep(patch, data);
-    if (abandoned && (wanted || data->statistics.step >= patch->job.due)) job_clear(patch);
+    if (abandoned && arrives(patch, data, PLIANT_TAKES_PATCH_END, wanted || data->statistics.step >= patch->job.due)) job_clear(patch);
     return wanted && !patch->job.running ? start(patch, data) : PLIANT_OK;
 }
 
@@ -603,6 +615,9 @@ pliant_status pliant_patch_step(pliant_data *data)
     pliant_solver *solver = patch->solver;
     solver->rules.most_evaluations = data->solver->rules.most_evaluations;
     solver->rules.tolerance = data->solver->rules.tolerance;
+    solver->background = &data->background;
+    solver->takes_factor = PLIANT_TAKES_PATCH_FACTOR;
+    solver->takes_history = PLIANT_TAKES_PATCH_HISTORY;
     if (data->solver->budget > 0) solver->budget = fmax(data->solver->budget - statistics->seconds[PLIANT_STEP_solve], 1e-9);
     follow(patch, data->positions);
     pliant_status status = pliant_solver_step(solver, &own);

@@ -1,15 +1,17 @@
 /* New factors in the background: started from the state of one step, put to use a fixed number of steps later, whether the
- * other thread was fast or not, so that timing never changes results.
+ * other thread was fast or not, so that timing never changes results; or as background.h says.
  *
  * Steps of the history belong to the factor that made them. They are made anew in the background, too, where no spring's
  * response goes into them: a second stay in the thread, on the secants that the solver has when the factor is there. */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "fem/linear/dense.h"
+#include "fem/quasistatic/background.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
 
 #include <pthread.h>
+#include <stdatomic.h>
 #include <string.h>
 
 struct pliant_refresh {
@@ -17,6 +19,7 @@ struct pliant_refresh {
     bool running;
     void (*work)(pliant_refresh *);
     bool in_thread;             /* false: no thread could be had, the work was done at once */
+    atomic_bool finished;
     uint64_t started, due;      /* steps */
     bool wanted;                /* the factor at hand has served badly since the last start */
     pliant_system system;       /* a copy of the constant system, one thread */
@@ -91,6 +94,7 @@ static void *in_background(void *argument)
     pliant_refresh *refresh = argument;
     pliant_threads_step_back();
     refresh->work(refresh);
+    atomic_store(&refresh->finished, true);
     return NULL;
 }
 
@@ -100,8 +104,11 @@ static void start(pliant_refresh *refresh, void (*work)(pliant_refresh *), uint6
     refresh->due = due;
     refresh->status = PLIANT_OK;
     refresh->running = true;
+    atomic_store(&refresh->finished, false);
     refresh->in_thread = pthread_create(&refresh->thread, NULL, in_background, refresh) == 0;
-    if (!refresh->in_thread) work(refresh);
+    if (refresh->in_thread) return;
+    work(refresh);
+    atomic_store(&refresh->finished, true);
 }
 
 static void join(pliant_refresh *refresh)
@@ -194,7 +201,9 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
     }
     pliant_refresh *refresh = solver->refresh;
     uint64_t step = statistics->step;
-    if (refresh->running && step >= refresh->due) deliver(solver, step, statistics);
+    const uint32_t result = refresh->converting ? solver->takes_history : solver->takes_factor;
+    if (refresh->running && pliant_background_arrives(solver->background, result, atomic_load(&refresh->finished), step >= refresh->due))
+        deliver(solver, step, statistics);
     refresh->wanted = refresh->wanted || solver->rules.rate > PLIANT_SERVES_BADLY;
     bool due = step >= refresh->started + (uint64_t)solver->refresh_interval;
     if (refresh->running || !due || !refresh->wanted) return PLIANT_OK;

@@ -85,6 +85,8 @@ struct pliant_solver {
     pliant_turn *turn;          /* Nullable: the axes that it is used in */
     int64_t evaluations;        /* since they turned */
     pliant_refresh *refresh;    /* Nullable */
+    pliant_background *background; /* Nullable; borrowed: when what it makes is put to use */
+    uint32_t takes_factor, takes_history; /* and what these are called there */
 
     double *load;               /* (3 num_free) gravity [N] */
     double gravity[3];          /* that it is of [m/s^2] */

@@ -59,6 +59,8 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
     rules->tolerance = scene->solver.tolerance;
     solver->budget = 1e-3 * scene->solver.budget_ms;
     solver->clock = wall_clock;
+    solver->takes_factor = PLIANT_TAKES_FACTOR;
+    solver->takes_history = PLIANT_TAKES_HISTORY;
     solver->refresh_interval = scene->solver.refresh_interval;
     set_delays(scene, solver);
     double length = 0;

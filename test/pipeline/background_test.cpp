@@ -1,0 +1,119 @@
+// What is made in the background is put to use when it is ready, and again when it was.
+#include "body.h"
+
+#include <chrono>
+#include <thread>
+
+namespace {
+
+const int size[3] = {24, 24, 24};
+const double box[3] = {0.12, 0.12, 0.12};
+
+void prepare(Body &body, pliant_method method)
+{
+    body.cells(6, 6, 6, 2);
+    body.scene.model.method = method;
+    body.scene.model.patch = method == PLIANT_FINE ? 0 : 0.02;
+    body.scene.model.patch_delay = 1;
+    body.scene.solver.backend = PLIANT_CPU;
+    body.scene.solver.iterations = 3;
+    body.scene.solver.tolerance = 1e-8;
+    body.scene.solver.refresh_interval = 1;
+    body.scene.solver.refresh_delay = 1;
+    body.fix_plane(0, 0, 0.001, 0, 0, 1);
+}
+
+struct Pulled {
+    std::vector<uint32_t> taken;
+    std::vector<double> positions;
+};
+
+// A pull, by a tool that waits for its patch where there is to be one, lets go and takes hold again. pause: between steps, so that results
+// come when they come.
+Pulled pull(Body &body, int steps, pliant_background_kind kind, const std::vector<uint32_t> *prescribed, int pause)
+{
+    Pulled out;
+    int tool;
+    const double point[3] = {0.06, 0.06, 0.11};
+    EXPECT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_pose(body.data, tool, point, nullptr), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
+    uint32_t all = 0;
+    for (int s = 0; s < steps && out.taken.size() < 5000;) {
+        const double tip[3] = {0.06 + 0.01 * s / steps, 0.06, 0.11 + 0.02 * s / steps}, force[3] = {1.0 * s / steps, 0, 2.0 * s / steps};
+        EXPECT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_drive(body.data, tool, s < steps / 3 ? PLIANT_DRIVE_FORCE : PLIANT_DRIVE_RIGID, force), PLIANT_OK);
+        if (s == steps / 2) pliant_tool_release(body.data, tool);
+        if (s == steps / 2 + 3) EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_data_set_background(body.data, kind, prescribed ? prescribed->at(out.taken.size()) : 0), PLIANT_OK) << pliant_last_error();
+        EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+        out.taken.push_back(pliant_data_background_taken(body.data));
+        all |= out.taken.back();
+        out.positions.insert(out.positions.end(), body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes);
+        if (pause > 0) std::this_thread::sleep_for(std::chrono::milliseconds(s * pause % 7));
+        if (s != steps / 4 || !body.data->patch || (all & PLIANT_TAKES_PATCH)) s++;
+    }
+    return out;
+}
+
+TEST(Background, ALivePullIsRepeatedBitForBit)
+{
+    for (pliant_method method : {PLIANT_FINE, PLIANT_AVERAGED}) {
+        SCOPED_TRACE(method);
+        const int steps = 60;
+        uint32_t all = 0;
+        Body live(size, box, {{5000, 0.45, 1000, false}, {60000, 0.45, 1000, false}}, [](int i, int, int) { return i / 6 % 2; });
+        Body again(size, box, {{5000, 0.45, 1000, false}, {60000, 0.45, 1000, false}}, [](int i, int, int) { return i / 6 % 2; });
+        for (Body *body : {&live, &again}) {
+            prepare(*body, method);
+            ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+        }
+        const Pulled first = pull(live, steps, PLIANT_BACKGROUND_LIVE, nullptr, 5);
+        const Pulled second = pull(again, steps, PLIANT_BACKGROUND_PRESCRIBED, &first.taken, 0);
+        for (uint32_t taken : first.taken) all |= taken;
+        EXPECT_EQ(second.taken, first.taken);
+        EXPECT_TRUE(second.positions == first.positions);
+        EXPECT_TRUE(all & PLIANT_TAKES_FACTOR);
+        if (method == PLIANT_AVERAGED) EXPECT_TRUE(all & PLIANT_TAKES_PATCH);
+    }
+}
+
+// Far larger than a step, the work for a factor spans several: none waits for it, though it is due after one.
+TEST(Background, LiveNoStepWaits)
+{
+    Body body(size, box, {{5000, 0.45, 1000, false}});
+    prepare(body, PLIANT_FINE);
+    body.cells(8, 8, 8, 2);
+    body.scene.solver.iterations = 1;
+    body.scene.solver.refresh_interval = 1000;
+    body.scene.solver.preconditioner = PLIANT_DIRECT;
+    for (pliant_background_kind kind : {PLIANT_BACKGROUND_PLANNED, PLIANT_BACKGROUND_LIVE}) {
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        // the first factor that is wanted is started by hand, so that it is known when
+        body.data->solver->rules.rate = 1;
+        const Pulled pulled = pull(body, 6, kind, nullptr, 0);
+        int first = -1;
+        for (int s = 0; s < 6; s++)
+            if (first < 0 && pulled.taken[s]) first = s;
+        if (kind == PLIANT_BACKGROUND_PLANNED) EXPECT_LE(first, 3);
+        else EXPECT_TRUE(first < 0 || first > 3) << "step " << first;
+    }
+}
+
+TEST(Background, WhatCannotBeToldIsRefused)
+{
+    Body body(size, box, {{5000, 0.45, 1000, false}});
+    prepare(body, PLIANT_FINE);
+    ASSERT_EQ(body.build(), PLIANT_OK);
+    EXPECT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_LIVE, PLIANT_TAKES_FACTOR), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_PRESCRIBED, 1u << 20), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_data_set_background(body.data, pliant_background_kind(7), 0), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_PRESCRIBED, PLIANT_TAKES_FACTOR), PLIANT_OK);
+    std::string said;
+    pliant_set_log([](pliant_log_level, const char *message, void *user) { *static_cast<std::string *>(user) += message; }, &said);
+    EXPECT_GE(pliant_step(body.model, body.data), 0);
+    pliant_set_log(nullptr, nullptr);
+    EXPECT_NE(said.find("was not under way"), std::string::npos) << said;
+}
+
+} // namespace
