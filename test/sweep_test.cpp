@@ -101,6 +101,41 @@ TEST_F(Sweep, EveryMethodCaseAndBudgetHasARowAndFineIsTheMostAccurate)
     EXPECT_EQ(pliant_results_rows(tables.sweep), rows);
 }
 
+// the fine solutions are on disk: of a sweep that goes on none is solved again, and its errors are the same
+TEST_F(Sweep, ReferencesAreKept)
+{
+    sweep.methods = 1u << PLIANT_FINE | 1u << PLIANT_COARSE;
+    sweep.cases = 3; // displacement, force
+    sweep.warp = false;
+    ASSERT_EQ(run(), PLIANT_OK) << pliant_last_error();
+    std::vector<std::string> errors;
+    for (int again = 0; again < 3; again++) {
+        if (again == 2) { // one that is not whole is solved again
+            std::string files = "for f in " + std::string(folder) + "/reference_*.bin; do truncate -s -8 $f; done";
+            ASSERT_EQ(std::system(files.c_str()), 0);
+        }
+        if (again > 0) {
+            pliant_report_close(&tables);
+            ASSERT_EQ(std::system(("rm " + std::string(folder) + "/sweep.csv").c_str()), 0);
+            ASSERT_EQ(pliant_report_open(folder, &tables), PLIANT_OK);
+            int solved = 0;
+            auto count = [](double, const char *stage, void *user) {
+                const std::string text = stage;
+                *static_cast<int *>(user) += text.find("reference, ") != std::string::npos || text.find("twice the resolution, ") != std::string::npos;
+                return true;
+            };
+            ASSERT_EQ(run({count, &solved}), PLIANT_OK) << pliant_last_error();
+            EXPECT_EQ(solved > 0, again == 2);
+        }
+        std::vector<std::string> now;
+        for (size_t r = 0; r < pliant_results_rows(tables.sweep); r++)
+            for (const char *column : {"max_mm", "rms_mm", "twice_max_mm", "force_n"}) now.push_back(cell(r, column));
+        ASSERT_EQ(now.size(), 4u * 2 * 2 * 2);
+        if (again == 0) errors = now;
+        EXPECT_EQ(now, errors);
+    }
+}
+
 TEST_F(Sweep, StopsWhereItIsToldAndGoesOnThere)
 {
     sweep.methods = 1u << PLIANT_FINE | 1u << PLIANT_COARSE;

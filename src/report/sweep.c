@@ -163,14 +163,13 @@ void sweep_list_cases(sweep_ground *ground)
     }
 }
 
-static pliant_status solve_reference(sweep_state *state, pliant_model *model, const pliant_points *points, int index,
-                                     double tolerance, bool keep_last, sweep_reference *out)
+static pliant_status run_reference(sweep_state *state, pliant_model *model, const pliant_points *points, int index, double tolerance,
+                                   bool keep_last, sweep_reference *out)
 {
-    const sweep_ground *ground = &state->ground;
     pliant_backend_choice backend = model->scene.solver.backend;
     report_limits limits = {.tolerance = tolerance, .tight = true, .progress = {pass_progress, state}};
     model->scene.solver.backend = PLIANT_CPU; /* the one that all others are measured against */
-    pliant_status status = report_case_run(model, ground->cases + index, limits, points, NULL, &out->run);
+    pliant_status status = report_case_run(model, state->ground.cases + index, limits, points, NULL, &out->run);
     model->scene.solver.backend = backend;
     if (status < 0) return status;
     size_t nodes = 3 * (size_t)model->body->fine.num_nodes;
@@ -179,15 +178,29 @@ static pliant_status solve_reference(sweep_state *state, pliant_model *model, co
     if (keep_last) memcpy(out->last, out->run.data->positions, nodes * sizeof *out->last);
     pliant_data_free(out->run.data);
     out->run.data = NULL;
-    for (int32_t f = 0; f < out->run.frames; f++) {
+    out->there = true;
+    return PLIANT_OK;
+}
+
+/* From the folder, or solved and kept there. @param doing what it is called */
+static pliant_status find_reference(sweep_state *state, pliant_model *model, const pliant_points *points, int index, double tolerance,
+                                    bool keep_last, const char *doing, sweep_reference *out)
+{
+    const sweep_ground *ground = &state->ground;
+    const sweep_kept kept = {index, model->body->fine.num_nodes, points->count, tolerance, keep_last};
+    pliant_status status = sweep_kept_read(state, &kept, out);
+    if (status >= 0 && !out->there) {
+        status = begin(state, "ratio %d: %s, %s %s", model->scene.mesh.ratio, doing, report_case_name(ground->cases[index].kind), ground->point_names[index]);
+        if (status >= 0) status = run_reference(state, model, points, index, tolerance, keep_last, out);
+        if (status >= 0) status = sweep_kept_write(state, &kept, out);
+    }
+    for (int32_t f = 0; status >= 0 && f < out->run.frames; f++) {
         pliant_error error;
         const double *at = out->run.positions + 3 * (size_t)f * (size_t)points->count;
         status = pliant_error_between(points->count, points->found, ground->rest, at, at, &error);
-        if (status < 0) return status;
-        out->largest = fmax(out->largest, error.largest);
+        if (status >= 0) out->largest = fmax(out->largest, error.largest);
     }
-    out->there = true;
-    return PLIANT_OK;
+    return status;
 }
 
 /* Force cases pull with what the displacement of the same point took. */
@@ -201,8 +214,7 @@ static pliant_status solve_same(sweep_state *state, const uint8_t *missing)
         bool needed = missing[c] || (load->kind == CASE_displacement && missing[c + 1]);
         if (!needed) continue;
         if (load->kind == CASE_force) memcpy(load->force, ground->same[c - 1].run.force, sizeof load->force);
-        status = begin(state, "ratio %d: reference, %s %s", ground->reference.mesh.ratio, report_case_name(load->kind), ground->point_names[c]);
-        if (status >= 0) status = solve_reference(state, ground->fine, &points, c, ground->sweep->reference_tolerance, true, ground->same + c);
+        status = find_reference(state, ground->fine, &points, c, ground->sweep->reference_tolerance, true, "reference", ground->same + c);
     }
     pliant_points_free(&points);
     return status;
@@ -225,9 +237,8 @@ static pliant_status solve_twice(sweep_state *state, const uint8_t *missing)
     if (status >= 0) ground->twice_tets = model->body->fine.num_tets;
     for (int c = 0; status >= 0 && c < ground->num_cases; c++) {
         if (!missing[c]) continue;
-        status = begin(state, "ratio %d: twice the resolution, %s %s", ground->scene.mesh.ratio,
-                               report_case_name(ground->cases[c].kind), ground->point_names[c]);
-        if (status >= 0) status = solve_reference(state, model, &ground->twice_points, c, 10 * ground->sweep->reference_tolerance, false, ground->twice + c);
+        status = find_reference(state, model, &ground->twice_points, c, 10 * ground->sweep->reference_tolerance, false, "twice the resolution",
+                                ground->twice + c);
     }
     pliant_model_free(model);
     return status;
@@ -420,7 +431,7 @@ static bool has_walls(const pliant_scene *scene)
 
 /* Explicit dynamics runs by dynamic relaxation, so that it answers the same question: its reference is the corotational solver on the
  * same mesh, and both agree where strains are small. */
-static pliant_status find_reference(sweep_ground *ground)
+static pliant_status choose_reference(sweep_ground *ground)
 {
     ground->reference = ground->scene;
     if (ground->scene.solver.kind == PLIANT_COROTATIONAL) return PLIANT_OK;
@@ -447,7 +458,7 @@ static pliant_status each_ground(sweep_state *state, bool counting)
                 status = pliant_scene_set(&state->ground.scene, sweep->option, sweep->values[v]);
                 if (status < 0) break;
             }
-            if ((status = find_reference(&state->ground)) < 0) break;
+            if ((status = choose_reference(&state->ground)) < 0) break;
             if (counting) {
                 sweep_list_cases(&state->ground);
                 state->total += each_missing(state, NULL);

@@ -76,6 +76,18 @@ void sweep_free_ground(sweep_ground *ground);
  * one of its runs cannot do goes to the tables. Errors: MEMORY, CANCELLED, FILE. */
 pliant_status sweep_run_model(sweep_state *state, int method, int touch);
 
+/* ---- sweep_kept.c: references in the folder, where there is one. What a reference is told from others by: */
+typedef struct sweep_kept {
+    int index;             /* of the case */
+    int32_t nodes, points; /* of its mesh, and those that its positions are of */
+    double tolerance;
+    bool with_last;
+} sweep_kept;
+/* out->there: it was. Errors: MEMORY */
+pliant_status sweep_kept_read(const sweep_state *state, const sweep_kept *kept, sweep_reference *out);
+/* One that is too large for that is not kept. Errors: FILE */
+pliant_status sweep_kept_write(const sweep_state *state, const sweep_kept *kept, const sweep_reference *reference);
+
 /* Rows of the frames, the voxels and the sweep, in that order: the last one says that the run is done.
  * @param key row with the RUN_KEYS cells of the run; cells are added */
 pliant_status sweep_tell(const sweep_told *told, report_row *key);
