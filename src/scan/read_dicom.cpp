@@ -150,8 +150,7 @@ bool read_slices(const std::string &path, std::vector<dicom_slice> *slices)
         for (size_t frame = 0; frame < frames; frame++) {
             slices->push_back(slice);
             dicom_slice &one = slices->back();
-            one.one_of_many = frames > 1;
-            if (one.one_of_many) {
+            if (frames > 1) {
                 one.name += " frame " + std::to_string(frame + 1);
                 one.instance += " frame " + std::to_string(frame + 1);
             }

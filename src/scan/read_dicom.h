@@ -59,7 +59,6 @@ struct dicom_slice {
     std::string series, description, instance; /* UIDs of series and image, SeriesDescription */
     pliant_modality modality = PLIANT_MODALITY_UNKNOWN;
     bool inverted = false;                     /* low values are bright, and they have no unit that forbids turning them round */
-    bool one_of_many = false;                  /* a frame of a multi-frame file */
     dicom_pixels pixels;
     std::vector<double> position;              /* 3, LPS [mm]; empty when missing */
     std::vector<double> orientation;           /* 6: direction of rows, of columns */
