@@ -53,7 +53,8 @@ TEST(Folders, IncludeEachOtherInNoCircle)
         globfree(&folders);
     }
     EXPECT_GT(graph.size(), 10u);
-    for (const char *folder : {"base", "scene", "scan", "material", "mesh", "warp", "interact", "backend", "sim", "report"}) {
+    for (const char *folder :
+         {"base", "scene", "scan", "material", "mesh", "warp", "interact", "fem", "fem/element", "backend", "sim", "report"}) {
         EXPECT_TRUE(graph.count(folder)) << folder;
         std::set<std::string> seen;
         EXPECT_EQ(way(graph, folder, folder, seen), "") << folder;

@@ -5,7 +5,7 @@
 #ifndef PLIANT_FEM_SYSTEM_H
 #define PLIANT_FEM_SYSTEM_H
 
-#include "fem/element/lanes.h"
+#include "base/lanes.h"
 #include "pliant/model.h"
 
 /* What a step says whose merit is not finite: everything that is checked one by one has been finite before. */

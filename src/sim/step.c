@@ -103,11 +103,14 @@ pliant_status pliant_data_gravity(pliant_data *data, const double gravity[3])
     return PLIANT_OK;
 }
 
-/* whoever runs the other stages: only the CPU does where there is one */
+/* By the CPU, whoever runs the other stages. Where it fails, the step is undone: another backend goes on from before it, too. */
 static pliant_status patch(const pliant_model *model, pliant_data *data)
 {
-    (void)model;
-    return data->patch ? pliant_patch_step(data) : PLIANT_OK;
+    if (!data->patch) return PLIANT_OK;
+    pliant_status status = pliant_patch_step(data);
+    pliant_pull_report(data);
+    if (status < 0 && !data->backend->on_host) pliant_backend_restart(model, data);
+    return status;
 }
 
 pliant_status pliant_step(const pliant_model *model, pliant_data *data)
@@ -123,7 +126,8 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
         data->statistics.seconds[stage] = pliant_seconds() - start;
         /* the first stage is the host's own */
         if (status < 0 && stage > PLIANT_STEP_interact && pliant_backend_leave(model, data, status)) {
-            stage = backend->solves_on_host ? stage - 1 : PLIANT_STEP_solve - 1; /* again, by the CPU */
+            bool on_host = backend->solves_on_host || (data->patch && stage == PLIANT_STEP_warp); /* only this stage is done again */
+            stage = on_host ? stage - 1 : PLIANT_STEP_solve - 1; /* again, by the CPU */
             continue;
         }
         if (status < 0) {

@@ -16,7 +16,7 @@
 #define PLIANT_FEM_DYNAMICS_TLED_H
 
 #include "fem/element/law.h"
-#include "fem/element/lanes.h"
+#include "base/lanes.h"
 #include "fem/dynamics/substep.h"
 #include "pliant/data.h"
 

@@ -4,7 +4,7 @@
 #define PLIANT_FEM_ELEMENT_ROTATION_H
 
 #include "fem/element/corotational.h"
-#include "fem/element/lanes.h"
+#include "base/lanes.h"
 
 #ifdef __cplusplus
 extern "C" {

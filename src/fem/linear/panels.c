@@ -1,7 +1,7 @@
 #include "fem/linear/panels.h"
 
 #include "base/fail.h"
-#include "fem/element/lanes.h"
+#include "base/lanes.h"
 #include "pliant/memory.h"
 
 #include <string.h>

@@ -36,7 +36,8 @@ pliant_solver *pliant_patch_solver(const pliant_data *data, int tool);
 /* As pliant_solver_hold, of the solver that pliant_patch_solver says. */
 pliant_status pliant_patch_hold(pliant_data *data, int tool);
 /* The stage: data->positions are the coarse model's fine nodes, and become those of the patch. NOT_CONVERGED, NUMERIC, MEMORY as
- * pliant_solver_step; where it fails, the coarse model's part of the step is undone, too. */
+ * pliant_solver_step; where it fails, the coarse model's part of the step is undone, too. What is
+ * told of the tools (pliant_tool_report) changes with it. */
 pliant_status pliant_patch_step(pliant_data *data);
 /* The displacement is dropped: the nodes are where the coarse model has them. */
 void pliant_patch_flatten(pliant_patch *patch);

@@ -1,6 +1,6 @@
 /* Elements are taken LANES at a time, lane innermost, so that the compiler makes vector code of plain loops. */
-#ifndef PLIANT_FEM_ELEMENT_LANES_H
-#define PLIANT_FEM_ELEMENT_LANES_H
+#ifndef PLIANT_BASE_LANES_H
+#define PLIANT_BASE_LANES_H
 
 enum { LANES = 8 };
 

@@ -1,0 +1,225 @@
+/* What a patch is made of, in the background: the responses that are missing, and the space. */
+#include "base/fail.h"
+#include "base/free_memory.h"
+#include "base/threads.h"
+#include "fem/patch/patch_job.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+static int32_t list_footholds(const patch_job *job, pliant_foothold out[PLIANT_MAX_TOOLS])
+{
+    int32_t count = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        if (job->holds[t].hold) out[count++] = job->holds[t].foothold;
+    return count;
+}
+
+static pliant_space_size size_of(const pliant_patch *patch, int32_t blocks)
+{
+    pliant_foothold footholds[PLIANT_MAX_TOOLS];
+    int32_t count = list_footholds(&patch->job, footholds);
+    return pliant_space_measure(patch->discretization->fine_system, patch->scene->model.patch, count, footholds, blocks);
+}
+
+/* Steps that a patch may take, of so many blocks of responses, some of which are still to be made: its operations at a rate that a
+ * core of today has, so that the answer is the same everywhere and the step seldom waits. */
+static int32_t delay_of(const pliant_patch *patch, int missing, int all)
+{
+    const double rate = 2e9;
+    const pliant_scene *scene = patch->scene;
+    const pliant_system *fine = patch->discretization->fine_system;
+    if (scene->model.patch_delay > 0) return scene->model.patch_delay;
+    double operations = pliant_space_operations(fine, size_of(patch, all));
+    if (missing > 0) operations += missing * pliant_response_operations(fine, fine->preconditioner, patch->job.x);
+    return 1 + (int32_t)fmin(ceil(operations / rate / scene->solver.step), 99998);
+}
+
+void patch_hold_free(patch_hold *hold)
+{
+    pliant_free(hold->foothold.nodes);
+    pliant_free(hold->foothold.weights);
+    memset(hold, 0, sizeof *hold);
+}
+
+static pliant_status hold_copy(const pliant_mesh *fine, const pliant_tool *tool, patch_hold *out)
+{
+    pliant_foothold foothold = {.count = tool->num_held};
+    foothold.nodes = pliant_calloc((size_t)tool->num_held, sizeof *foothold.nodes);
+    foothold.weights = pliant_calloc((size_t)tool->num_held, sizeof *foothold.weights);
+    if (!foothold.nodes || !foothold.weights) {
+        pliant_free(foothold.nodes);
+        pliant_free(foothold.weights);
+        return pliant_fail_memory("a patch");
+    }
+    memcpy(foothold.nodes, tool->held, (size_t)tool->num_held * sizeof *foothold.nodes);
+    memcpy(foothold.weights, tool->weight, (size_t)tool->num_held * sizeof *foothold.weights);
+    for (int32_t h = 0; h < tool->num_held; h++)
+        for (int d = 0; d < 3; d++) foothold.centre[d] += tool->weight[h] * fine->rest[3 * tool->held[h] + d];
+    *out = (patch_hold){.hold = tool->hold, .foothold = foothold};
+    return PLIANT_OK;
+}
+
+/* ---- in the background */
+
+static pliant_status make_block(pliant_patch *patch, pliant_linearized *linearized, int t, int u)
+{
+    patch_job *job = &patch->job;
+    const pliant_foothold *foothold = &job->holds[t].foothold;
+    double *block = pliant_calloc((size_t)linearized->system.num_free, 3 * PLIANT_RESPONSE_MODES * sizeof *block);
+    if (!block) return pliant_fail_memory("a patch");
+    job->blocks[t][u] = block;
+    if (t != u) return pliant_response_crossed(linearized, patch->preconditioner, job->blocks[t][t], job->blocks[u][u], block);
+    return pliant_response_modes(linearized, patch->preconditioner, foothold->count, foothold->nodes, foothold->weights, block);
+}
+
+/* of single holds first: those of two are made of them */
+static pliant_status make_blocks(pliant_patch *patch, pliant_linearized *linearized)
+{
+    pliant_status status = PLIANT_OK;
+    for (int apart = 0; apart < PLIANT_MAX_TOOLS; apart++)
+        for (int t = 0; t + apart < PLIANT_MAX_TOOLS && status == PLIANT_OK; t++)
+            if (patch->job.wanted[t][t + apart]) status = make_block(patch, linearized, t, t + apart);
+    return status;
+}
+
+static bool still_wanted(double fraction, const char *stage, void *user)
+{
+    const pliant_patch *patch = user;
+    (void)fraction, (void)stage;
+    return !atomic_load(&patch->stop);
+}
+
+/* The responses that are missing, all of them once more in the space, and its factors. */
+static pliant_status check_memory(const pliant_patch *patch)
+{
+    const double share = 0.5;
+    const patch_job *job = &patch->job;
+    int32_t blocks = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        for (int u = t; u < PLIANT_MAX_TOOLS; u++) blocks += 2 * job->wanted[t][u] + (job->blocks[t][u] != NULL);
+    double bytes = pliant_space_bytes(patch->discretization->fine_system, size_of(patch, blocks)), available = pliant_free_memory();
+    if (bytes <= share * available) return PLIANT_OK;
+    return pliant_fail(PLIANT_ERROR_MEMORY, "a patch around these holds needs %.0f MB, more than half of the %.0f MB that the machine has free",
+                       bytes / 1e6, available / 1e6);
+}
+
+static pliant_status make_space(pliant_patch *patch)
+{
+    enum { MOST_BLOCKS = PLIANT_MAX_TOOLS * (PLIANT_MAX_TOOLS + 1) / 2 };
+    patch_job *job = &patch->job;
+    const pliant_system *fine = patch->discretization->fine_system;
+    const pliant_body *body = patch->discretization->body;
+    pliant_linearized linearized = {0};
+    pliant_foothold footholds[PLIANT_MAX_TOOLS];
+    const double *blocks[MOST_BLOCKS];
+    int32_t count = list_footholds(job, footholds), num_blocks = 0;
+    pliant_status status = check_memory(patch);
+    if (status == PLIANT_OK && !patch->preconditioner) status = pliant_preconditioner_clone(fine->preconditioner, 1, &patch->preconditioner);
+    if (status == PLIANT_OK) status = pliant_linearized_create(fine, job->x, &linearized);
+    linearized.progress = (pliant_progress){still_wanted, patch};
+    if (status == PLIANT_OK) status = make_blocks(patch, &linearized);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        for (int u = t; u < PLIANT_MAX_TOOLS; u++)
+            if (job->blocks[t][u]) blocks[num_blocks++] = job->blocks[t][u];
+    if (status == PLIANT_OK)
+        status = pliant_space_create(fine, &linearized, body->fine_material, body->fine_fixed, patch->scene->model.patch, count, footholds, num_blocks,
+                                     blocks, patch->discretization->system->num_threads, &job->space);
+    if (status == PLIANT_OK) status = pliant_solver_create(patch->scene, &job->space->system, &job->solver);
+    pliant_linearized_free(&linearized);
+    return status;
+}
+
+static void run_job(pliant_patch *patch)
+{
+    patch->job.status = make_space(patch);
+    if (patch->job.status != PLIANT_OK) snprintf(patch->job.message, sizeof patch->job.message, "%s", pliant_last_error());
+}
+
+static void *in_background(void *argument)
+{
+    pliant_threads_step_back();
+    pliant_patch *patch = argument;
+    run_job(patch);
+    atomic_store(&patch->finished, true);
+    return NULL;
+}
+
+void patch_job_clear(pliant_patch *patch)
+{
+    patch_job *job = &patch->job;
+    atomic_store(&patch->stop, true);
+    if (job->running && job->in_thread) pthread_join(job->thread, NULL);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        if (job->copied[t]) patch_hold_free(job->holds + t);
+        for (int u = t; u < PLIANT_MAX_TOOLS; u++)
+            if (job->wanted[t][u]) pliant_free(job->blocks[t][u]);
+    }
+    pliant_solver_free(job->solver);
+    pliant_space_free(job->space);
+    pliant_free(job->x);
+    memset(job, 0, sizeof *job);
+}
+
+/* ---- starting */
+
+bool patch_is_refused(const pliant_patch *patch, const pliant_data *data, int tool)
+{
+    return patch->refused[tool] == data->tools[tool].hold && data->statistics.step < patch->refused_until[tool];
+}
+
+/* what two tools do together matters where their near parts touch */
+static bool touch(const patch_hold *a, const patch_hold *b, double radius)
+{
+    double squares = 0;
+    for (int d = 0; d < 3; d++) squares += pow(a->foothold.centre[d] - b->foothold.centre[d], 2);
+    return squares <= 16 * radius * radius;
+}
+
+/* Which responses are missing. Returns the steps that the patch is due in. */
+static int32_t list_wanted(pliant_patch *patch)
+{
+    patch_job *job = &patch->job;
+    int missing = 0, all = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        for (int u = t; u < PLIANT_MAX_TOOLS; u++) {
+            if (!job->holds[t].hold || !job->holds[u].hold) continue;
+            if (!touch(job->holds + t, job->holds + u, patch->scene->model.patch)) continue;
+            if (!job->copied[t] && !job->copied[u]) job->blocks[t][u] = patch->blocks[t][u];
+            job->wanted[t][u] = !job->blocks[t][u];
+            missing += job->wanted[t][u];
+            all++;
+        }
+    return delay_of(patch, missing, all);
+}
+
+pliant_status patch_job_start(pliant_patch *patch, pliant_data *data)
+{
+    patch_job *job = &patch->job;
+    size_t bytes = 3 * (size_t)patch->discretization->body->fine.num_nodes * sizeof *job->x;
+    pliant_status status = PLIANT_OK;
+    for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
+        const pliant_tool *tool = data->tools + t;
+        if (!tool->holding || patch_is_refused(patch, data, t)) continue;
+        job->copied[t] = patch->holds[t].hold != tool->hold;
+        if (job->copied[t]) status = hold_copy(&patch->discretization->body->fine, tool, job->holds + t);
+        else job->holds[t] = patch->holds[t];
+    }
+    if (status == PLIANT_OK && !(job->x = pliant_calloc(bytes, 1))) status = pliant_fail_memory("a patch");
+    if (status != PLIANT_OK) {
+        patch_job_clear(patch);
+        return status;
+    }
+    memcpy(job->x, data->positions, bytes);
+    job->due = data->statistics.step + (uint64_t)list_wanted(patch);
+    job->running = true;
+    atomic_store(&patch->stop, false);
+    atomic_store(&patch->finished, false);
+    job->in_thread = pthread_create(&job->thread, NULL, in_background, patch) == 0;
+    if (job->in_thread) return PLIANT_OK;
+    run_job(patch);
+    atomic_store(&patch->finished, true);
+    return PLIANT_OK;
+}

@@ -1,0 +1,71 @@
+/* What the patches keep, and what is being made for them in the background. */
+#ifndef PLIANT_FEM_PATCH_PATCH_JOB_H
+#define PLIANT_FEM_PATCH_PATCH_JOB_H
+
+#include "fem/patch/patch.h"
+#include "fem/patch/space.h"
+
+#include <pthread.h>
+#include <stdatomic.h>
+
+/* A hold: whose, and where. */
+typedef struct patch_hold {
+    uint64_t hold;            /* pliant_tool.hold; 0: none */
+    pliant_foothold foothold;
+} patch_hold;
+
+/* The responses to them: of a hold alone at [t][t], of two together at [t][u], t < u (response.h). NULL: not known, or too far
+ * from each other to matter. */
+typedef double *patch_blocks[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS];
+
+/* What is being made in the background. */
+typedef struct patch_job {
+    pthread_t thread;
+    bool running, in_thread;
+    uint64_t due;             /* step */
+    double *x;                /* (3 fine nodes) the state */
+    patch_hold holds[PLIANT_MAX_TOOLS]; /* known ones borrowed from the patch, others copied here */
+    bool copied[PLIANT_MAX_TOOLS];
+    patch_blocks blocks;      /* likewise */
+    bool wanted[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS]; /* made here */
+    pliant_space *space;
+    pliant_solver *solver;
+    pliant_status status;
+    char message[256];
+} patch_job;
+
+/* What a step with a space needs besides. */
+typedef struct patch_room {
+    double (*element_forces)[12][LANES]; /* of the near elements at the base */
+    double *positions, *coarse;          /* (3 fine nodes), (3 coarse nodes) before the step, to undo it */
+    double force[PLIANT_MAX_ROWS];       /* of the tools, likewise */
+} patch_room;
+
+struct pliant_patch {
+    const pliant_scene *scene;
+    const pliant_discretization *discretization;
+    pliant_preconditioner *preconditioner; /* of the fine system, this one's own; made with the first patch */
+    patch_job job;
+    atomic_bool stop;         /* the job is no longer wanted */
+    atomic_bool finished;     /* it has ended */
+    patch_hold holds[PLIANT_MAX_TOOLS]; /* whose responses are known */
+    patch_blocks blocks;
+    bool serves[PLIANT_MAX_TOOLS];      /* the space in use is for this hold, too */
+    uint64_t refused[PLIANT_MAX_TOOLS]; /* holds that no patch could be made for */
+    uint64_t refused_until[PLIANT_MAX_TOOLS]; /* step */
+    pliant_space *space;      /* Nullable */
+    uint64_t made_for[PLIANT_MAX_TOOLS]; /* holds that it was made for */
+    pliant_solver *solver;    /* of it */
+    patch_room room;
+};
+
+void patch_hold_free(patch_hold *hold);
+/* whether no patch could be made for what a tool holds, and it is not time to try again */
+bool patch_is_refused(const pliant_patch *patch, const pliant_data *data, int tool);
+
+/* Begin to make a patch around all that is held. Errors: MEMORY; nothing is being made then. */
+pliant_status patch_job_start(pliant_patch *patch, pliant_data *data);
+/* It is no longer wanted, or was taken: waits for its thread, frees what nobody took. */
+void patch_job_clear(pliant_patch *patch);
+
+#endif
