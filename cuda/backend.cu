@@ -102,11 +102,34 @@ static pliant_status enqueue_upsample(const pliant_data *data)
     return CUDA_CALL(cudaMemcpyAsync(state->arriving, state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
 }
 
+/* what has arrived becomes the host's */
+static void take(pliant_data *data, const double *h_solved)
+{
+    cuda_data *state = state_of(data);
+    double *arrived = state->arriving;
+    state->arriving = data->positions;
+    data->positions = arrived;
+    if (h_solved) memcpy(data->solver->now.x, h_solved, 3 * (size_t)data->solver->system->mesh->num_nodes * sizeof *h_solved);
+    pliant_pull_report(data);
+}
+
+/* A patch is solved by the host, from where the coarse model has the fine nodes now. */
+static pliant_status hand_over(pliant_data *data)
+{
+    const double *h_solved;
+    CUDA_TRY(enqueue_upsample(data));
+    if (!data->patch) return PLIANT_OK;
+    CUDA_TRY(pliant_cuda_solver_bring(state_of(data)->solver, &h_solved));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state_of(data)->stream)));
+    take(data, h_solved);
+    return PLIANT_OK;
+}
+
 static pliant_status upsample(const pliant_model *model, pliant_data *data)
 {
     (void)model;
     pliant_cuda_section_begin("upsample");
-    pliant_status status = enqueue_upsample(data);
+    pliant_status status = hand_over(data);
     pliant_cuda_section_end();
     return status;
 }
@@ -116,16 +139,13 @@ static pliant_status finish(pliant_data *data)
 {
     cuda_data *state = state_of(data);
     pliant_cuda_warp *warp = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
-    const double *h_solved;
-    CUDA_TRY(pliant_cuda_solver_bring(state->solver, &h_solved));
+    const double *h_solved = NULL;
+    if (!data->patch) CUDA_TRY(pliant_cuda_solver_bring(state->solver, &h_solved));
+    else if (warp && data->statistics.patched > 0) CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
     if (warp) CUDA_TRY(pliant_cuda_warp_enqueue(warp, state->d_positions, state->stream));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));
     if (warp) CUDA_TRY(pliant_cuda_warp_finish(warp, state->d_positions, state->stream));
-    double *arrived = state->arriving;
-    state->arriving = data->positions;
-    data->positions = arrived;
-    if (h_solved) memcpy(data->solver->now.x, h_solved, 3 * (size_t)data->solver->system->mesh->num_nodes * sizeof *h_solved);
-    pliant_pull_report(data);
+    if (!data->patch) take(data, h_solved);
     return data->warp && !warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
 }
 

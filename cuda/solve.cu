@@ -326,4 +326,10 @@ extern "C" pliant_status pliant_cuda_solver_bring(pliant_cuda_solver *gpu, const
     return CUDA_CALL(cudaMemcpyAsync(gpu->h_solved, gpu->d_solved, bytes, cudaMemcpyDeviceToHost, gpu->stream));
 }
 
+extern "C" pliant_status pliant_cuda_solver_place(pliant_cuda_solver *gpu, const double *h_fine)
+{
+    const size_t bytes = 3 * (size_t)gpu->system.num_fine * sizeof(double);
+    return CUDA_CALL(cudaMemcpyAsync(gpu->d_fine, h_fine, bytes, cudaMemcpyHostToDevice, gpu->stream));
+}
+
 extern "C" size_t pliant_cuda_solver_bytes(const pliant_cuda_solver *gpu) { return gpu->bytes; }

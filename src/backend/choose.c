@@ -4,26 +4,18 @@
 
 const pliant_host_solver *pliant_host_solver_of(const pliant_model *model) { return model->tled ? &pliant_explicit : &pliant_corotational; }
 
-/* what the scene asks for that has no kernels, or NULL */
-static const char *without_kernels(const pliant_model *model, const pliant_data *data)
-{
-    (void)model;
-    return data->patch ? "model/patch runs on the CPU only" : NULL;
-}
-
-/* why_not: without_kernels */
-static pliant_status choose(const pliant_host_solver *kind, const char *why_not, pliant_backend_choice choice,
-                            char text[PLIANT_BACKEND_TEXT], const pliant_backend **out)
+static pliant_status choose(const pliant_host_solver *kind, pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT],
+                            const pliant_backend **out)
 {
     bool use;
-    pliant_status status = pliant_gpu_choose(choice, why_not, kind->cuda ? kind->cuda->probe : NULL, text, &use);
+    pliant_status status = pliant_gpu_choose(choice, kind->cuda ? kind->cuda->probe : NULL, text, &use);
     if (status == PLIANT_OK) *out = use ? kind->cuda : kind->cpu;
     return status;
 }
 
 pliant_status pliant_backend_choose(pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT], const pliant_backend **out)
 {
-    return choose(&pliant_corotational, NULL, choice, text, out);
+    return choose(&pliant_corotational, choice, text, out);
 }
 
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data)
@@ -31,7 +23,7 @@ pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data
     const pliant_host_solver *kind = pliant_host_solver_of(model);
     const pliant_backend_choice choice = model->scene.solver.backend;
     char text[PLIANT_BACKEND_TEXT];
-    pliant_status status = choose(kind, without_kernels(model, data), choice, text, &data->backend);
+    pliant_status status = choose(kind, choice, text, &data->backend);
     if (status != PLIANT_OK) return status;
     status = data->backend->create(model, data);
     if (data->backend == kind->cpu) {

@@ -68,9 +68,7 @@ static pliant_status try_candidate(choice_state *state)
     int from = state->num_points;
     pliant_status status = choice_scene(ground->input->scene, candidate, &ground->scene);
     if (status < 0) return status;
-    /* patches have no kernels: where the scene leaves it open, they are tried on the CPU */
-    bool on_host = pliant_patch_asked(&ground->scene) && ground->scene.solver.backend == PLIANT_AUTO;
-    ground->scene.solver.backend = on_host ? PLIANT_CPU : ground->reference.solver.backend;
+    ground->scene.solver.backend = ground->reference.solver.backend;
     choice_name_variant(candidate, ground->input->scene, state->sweep.variant);
     status = sweep_run_model(&state->sweep, candidate->by.method, candidate->by.touch);
     if (status == PLIANT_ERROR_CANCELLED && state->cancelled) return status;

@@ -325,7 +325,7 @@ pliant_status pliant_segment(const pliant_volume *scan, const pliant_segment_opt
     const pliant_segment_options *options = &with_threads;
     with_threads.num_threads = pliant_threads_of(wanted->num_threads);
     pliant_status status = check(scan, wanted);
-    if (status == PLIANT_OK) status = pliant_gpu_choose(options->backend, NULL, device ? device->probe : NULL, text, &use);
+    if (status == PLIANT_OK) status = pliant_gpu_choose(options->backend, device ? device->probe : NULL, text, &use);
     if (status != PLIANT_OK) return status;
     if (!use) return segment_on_cpu(scan, options, out);
     pliant_segmentation made = {0};

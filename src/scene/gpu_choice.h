@@ -22,10 +22,9 @@ enum { PLIANT_BACKEND_TEXT = 256 };
 typedef bool (*pliant_probe)(char *text, size_t size);
 
 /* use: whether the GPU is to run it; text: what the GPU is called, or why it is not used.
- *  @param why_not what has no kernels in this scene; Nullable
  *  @param probe   of the GPU's table; Nullable: there is none
  *  Errors: UNAVAILABLE, with the reason, when cuda was asked for and cannot be used. */
-pliant_status pliant_gpu_choose(pliant_backend_choice choice, const char *why_not, pliant_probe probe, char text[PLIANT_BACKEND_TEXT], bool *use);
+pliant_status pliant_gpu_choose(pliant_backend_choice choice, pliant_probe probe, char text[PLIANT_BACKEND_TEXT], bool *use);
 
 #ifdef __cplusplus
 }

@@ -363,7 +363,7 @@ pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choic
     char text[PLIANT_BACKEND_TEXT];
     void *accelerated = NULL;
     bool use;
-    pliant_status status = pliant_gpu_choose(choice, NULL, device ? device->probe : NULL, text, &use);
+    pliant_status status = pliant_gpu_choose(choice, device ? device->probe : NULL, text, &use);
     if (status != PLIANT_OK) return status;
     if (use) {
         pliant_warp_parts parts = {warp->mesh,    &warp->grid,   &warp->source, warp->rest,

@@ -285,6 +285,43 @@ TEST(CudaRun, TheToleranceIsOfPositions)
     }
 }
 
+// The coarse model on the GPU, patches on the host from where it has the fine nodes: where the CPU alone has them.
+TEST(CudaRun, PatchesMeetTheCpu)
+{
+    NEEDS_GPU();
+    for (pliant_drive drive : {PLIANT_DRIVE_SPRING, PLIANT_DRIVE_RIGID, PLIANT_DRIVE_FORCE}) {
+        SCOPED_TRACE(drive);
+        const Case c = {PLIANT_AVERAGED, drive, 1, 0, 2, PLIANT_DIRECT};
+        Body cpu(size, box, three, inclusions), gpu(size, box, three, inclusions);
+        for (Body *body : {&cpu, &gpu}) {
+            prepare(*body, c, body == &cpu ? PLIANT_CPU : PLIANT_CUDA);
+            body->scene.model.patch = 0.03;
+            body->scene.model.patch_delay = 3;
+            ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_data_warp(body->model, body->data, &body->scan.geometry), PLIANT_OK) << pliant_last_error();
+        }
+        ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda");
+        const int steps = 12;
+        for (int s = 1; s <= steps; s++) {
+            step(cpu, c, s, steps);
+            step(gpu, c, s, steps);
+            ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda") << pliant_last_error();
+            EXPECT_EQ(cpu.data->statistics.patched, gpu.data->statistics.patched) << "step " << s;
+            EXPECT_LT(farthest(cpu, gpu), 1e-5 * box[0]) << "step " << s;
+            for (int t = 0; t < c.tools; t++)
+                for (int d = 0; d < 3; d++) EXPECT_NEAR(cpu.data->tools[t].force[d], gpu.data->tools[t].force[d], 1e-5) << "step " << s << ", tool " << t;
+        }
+        EXPECT_EQ(gpu.data->statistics.patched, 2);
+        EXPECT_GT(gpu.data->statistics.patch_moved, 1e-3);
+        // the volume is that of the patched positions
+        pliant_warp *warp = nullptr;
+        ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->body->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_update(warp, gpu.data->positions), PLIANT_OK);
+        EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(gpu.data->warp)->voxels, 24 * 24 * 24), 0);
+        pliant_warp_free(warp);
+    }
+}
+
 // residual over load at a state of the solved nodes
 double residual_at(const Body &body, const std::vector<double> &x)
 {
@@ -530,22 +567,24 @@ TEST(CudaRun, TheToleranceIsOfPositionsOnARealScan)
 
 /* ---- failures */
 
-// every call of the CUDA runtime fails once, as a lost device does: the run goes on, on the CPU if need be, to the same end
-TEST(CudaFailure, TheCpuGoesOn)
+// every call of the CUDA runtime, or every so many-th, fails once, as a lost device does: the run goes on, on the CPU if need be, to the same
+// end; patch: radius, or 0
+void fail_every_call(const Case &c, double patch, int stride)
 {
-    NEEDS_GPU();
-    const Case c = {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT};
     const int steps = 3;
-    Body good(size, box, three, inclusions);
-    prepare(good, c, PLIANT_CPU);
+    Body good(size, box, three, inclusions), body(size, box, three, inclusions);
+    for (Body *each : {&good, &body}) {
+        prepare(*each, c, each == &good ? PLIANT_CPU : PLIANT_AUTO);
+        each->scene.model.patch = patch;
+        each->scene.model.patch_delay = 1;
+    }
     ASSERT_EQ(good.build(), PLIANT_OK);
     for (int s = 1; s <= steps; s++) step(good, c, s, steps);
-    Body body(size, box, three, inclusions);
-    prepare(body, c, PLIANT_AUTO);
+    ASSERT_EQ(good.data->statistics.patched, patch > 0);
     ASSERT_EQ(body.build(), PLIANT_OK);
     pliant_data_free(body.data);
     body.data = nullptr;
-    int calls = 0, left = 0, stride = 1;
+    int calls = 0, left = 0;
     for (bool failed = true; failed; calls += stride) {
         pliant_cuda_fail_after(calls);
         ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK) << "call " << calls << ": " << pliant_last_error();
@@ -566,8 +605,20 @@ TEST(CudaFailure, TheCpuGoesOn)
         pliant_data_free(body.data);
         body.data = nullptr;
     }
-    EXPECT_GT(left, 50);
-    RecordProperty("failed_calls", std::to_string(left).c_str());
+    EXPECT_GT(left, 50 / stride);
+    ::testing::Test::RecordProperty("failed_calls", std::to_string(left).c_str());
+}
+
+TEST(CudaFailure, TheCpuGoesOn)
+{
+    NEEDS_GPU();
+    fail_every_call({PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT}, 0, 1);
+}
+
+TEST(CudaFailure, TheCpuGoesOnWithPatches)
+{
+    NEEDS_GPU();
+    fail_every_call({PLIANT_AVERAGED, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT}, 0.03, 3);
 }
 
 TEST(CudaFailure, AskedForExplicitlyItIsAnError)

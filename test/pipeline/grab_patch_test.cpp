@@ -447,17 +447,6 @@ TEST(GrabPatch, ExtremePullsEndAndComeBack)
     EXPECT_LT(apart(patched.positions(), patched.rest()), 1e-3 * side);
 }
 
-TEST(GrabPatch, RunsOnTheCpuOnly)
-{
-    Patched patched(PLIANT_AVERAGED, 0.04);
-    patched.body.scene.solver.backend = PLIANT_CUDA;
-    EXPECT_EQ(patched.body.build(), PLIANT_ERROR_UNAVAILABLE);
-    EXPECT_NE(std::string(pliant_last_error()).find("model/patch"), std::string::npos) << pliant_last_error();
-    patched.body.scene.solver.backend = PLIANT_AUTO;
-    ASSERT_EQ(patched.body.build(), PLIANT_OK) << pliant_last_error();
-    EXPECT_STREQ(pliant_data_backend(patched.body.data), "cpu");
-}
-
 TEST(GrabPatch, SurvivesEveryFailureOfAllocation)
 {
     Small body;

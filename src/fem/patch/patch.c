@@ -8,8 +8,6 @@
 
 enum { LARGEST_DIRECT = 40000 }; /* free nodes; a factor of some 300 MB */
 
-bool pliant_patch_asked(const pliant_scene *scene) { return scene->model.patch > 0 && scene->model.method != PLIANT_FINE; }
-
 pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *body, int num_threads, pliant_system **out)
 {
     pliant_system *system = pliant_calloc(1, sizeof *system);
