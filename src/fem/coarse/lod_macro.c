@@ -1,7 +1,7 @@
 /* Macro-elements from the correctors: which corners a cube has, what its fine nodes take from them, its matrix. */
 #include "base/fail.h"
 #include "fem/linear/dense.h"
-#include "fem/coarse/lod.h"
+#include "fem/coarse/lod_macro.h"
 #include "pliant/memory.h"
 
 #include <math.h>

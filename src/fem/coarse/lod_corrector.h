@@ -1,0 +1,20 @@
+/* The corrector of a cube (lod.h). */
+#ifndef PLIANT_FEM_COARSE_LOD_CORRECTOR_H
+#define PLIANT_FEM_COARSE_LOD_CORRECTOR_H
+
+#include "fem/coarse/lod_cubes.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* patch_nodes and patch_means of a cube. Errors: MEMORY. */
+pliant_status lod_size(lod_builder *lod, lod_room *room, int32_t cube);
+/* Its corrector. Errors: MEMORY, NUMERIC. */
+pliant_status lod_correct(lod_builder *lod, lod_room *room, int32_t cube);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,159 @@
+#include "fem/coarse/lod_cubes.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+static void place_of(const int32_t cells[3], int32_t cell, int32_t out[3])
+{
+    out[0] = cell % cells[0];
+    out[1] = cell / cells[0] % cells[1];
+    out[2] = cell / cells[0] / cells[1];
+}
+
+void lod_patch(const lod_builder *lod, int32_t cube, int32_t low[3], int32_t high[3])
+{
+    const int32_t *cells = lod->system->mesh->cells;
+    int32_t at[3];
+    place_of(cells, lod->cell[cube], at);
+    for (int d = 0; d < 3; d++) {
+        low[d] = at[d] > lod->layers ? at[d] - lod->layers : 0;
+        high[d] = at[d] + lod->layers < cells[d] ? at[d] + lod->layers : cells[d] - 1;
+    }
+}
+
+int lod_near(const lod_builder *lod, int32_t cube, int32_t near[PLIANT_MAX_NEAR])
+{
+    const int32_t *cells = lod->system->mesh->cells;
+    int32_t low[3], high[3];
+    int count = 0;
+    lod_patch(lod, cube, low, high);
+    for (int32_t k = low[2]; k <= high[2]; k++)
+        for (int32_t j = low[1]; j <= high[1]; j++)
+            for (int32_t i = low[0]; i <= high[0]; i++) {
+                int32_t other = lod->cube_of_cell[i + cells[0] * (j + cells[1] * k)];
+                if (other >= 0) near[count++] = other;
+            }
+    return count;
+}
+
+int lod_interpolation(const lod_builder *lod, int32_t fine_node, int32_t nodes[4], double weights[4])
+{
+    const pliant_upsample *upsample = lod->system->upsample;
+    int count = 0;
+    for (int v = 0; v < 4; v++) {
+        double weight = upsample->weights[4 * (size_t)fine_node + (size_t)v];
+        if (fabs(weight) < 1e-9) continue; /* nested: zero, or at least one over the ratio */
+        nodes[count] = lod->system->mesh->tets[4 * upsample->coarse_tet[fine_node] + v];
+        weights[count++] = weight;
+    }
+    return count;
+}
+
+int lod_corner(const lod_builder *lod, int32_t cube, int32_t node)
+{
+    for (int v = 0; v < 8; v++)
+        if (lod->own[8 * cube + v] == node) return v;
+    return -1;
+}
+
+pliant_status lod_room_create(const lod_builder *lod, lod_room *out)
+{
+    size_t fine = (size_t)lod->system->fine->num_nodes, coarse = 2 * (size_t)lod->system->mesh->num_nodes;
+    out->local = pliant_calloc(fine, sizeof *out->local);
+    out->slot = pliant_calloc(coarse, sizeof *out->slot);
+    if (!out->local || !out->slot) return pliant_fail_memory("the correctors");
+    memset(out->local, 0xff, fine * sizeof *out->local);
+    memset(out->slot, 0xff, coarse * sizeof *out->slot);
+    return PLIANT_OK;
+}
+
+void lod_room_free(lod_room *room)
+{
+    pliant_free(room->local);
+    pliant_free(room->slot);
+}
+
+/* ---- cubes and the fine mesh */
+
+static int32_t cell_of_tet(const lod_builder *lod, int32_t fine_tet)
+{
+    const pliant_mesh *fine = lod->system->fine, *coarse = lod->system->mesh;
+    int32_t cell = fine->lattice_of_tet[fine_tet] / 5, r = lod->ratio;
+    int32_t i = cell % fine->cells[0] / r, j = cell / fine->cells[0] % fine->cells[1] / r, k = cell / fine->cells[0] / fine->cells[1] / r;
+    return i + coarse->cells[0] * (j + coarse->cells[1] * k);
+}
+
+static void find_own(lod_builder *lod)
+{
+    const pliant_mesh *coarse = lod->system->mesh;
+    int32_t nx = coarse->cells[0] + 1, ny = coarse->cells[1] + 1;
+    memset(lod->own, 0xff, 8 * (size_t)lod->count * sizeof *lod->own);
+    for (int32_t v = 0; v < 4 * coarse->num_tets; v++) {
+        int32_t cell = coarse->lattice_of_tet[v / 4] / 5, node = coarse->tets[v], at = coarse->lattice_of_node[node];
+        int32_t cube = lod->cube_of_cell[cell], of_cell[3];
+        place_of(coarse->cells, cell, of_cell);
+        int32_t i = at % nx - of_cell[0], j = at / nx % ny - of_cell[1], k = at / nx / ny - of_cell[2];
+        lod->own[8 * cube + i + 2 * j + 4 * k] = node;
+        lod->grounded[cube] |= lod->system->grounded[v / 4];
+    }
+}
+
+pliant_status lod_list_cubes(lod_builder *lod)
+{
+    const pliant_mesh *fine = lod->system->fine, *coarse = lod->system->mesh;
+    int32_t cells = coarse->cells[0] * coarse->cells[1] * coarse->cells[2];
+    lod->cube_of_cell = pliant_calloc((size_t)cells, sizeof *lod->cube_of_cell);
+    lod->tets = pliant_calloc((size_t)fine->num_tets, sizeof *lod->tets);
+    if (!lod->cube_of_cell || !lod->tets) return pliant_fail_memory("the coarse cubes");
+    for (int32_t t = 0; t < fine->num_tets; t++) lod->cube_of_cell[cell_of_tet(lod, t)]++;
+    for (int32_t c = 0; c < cells; c++) lod->count += lod->cube_of_cell[c] > 0;
+    size_t count = (size_t)lod->count;
+    bool good = (lod->cell = pliant_calloc(count, sizeof *lod->cell)) &&
+                (lod->tet_start = pliant_calloc(count + 2, sizeof *lod->tet_start)) &&
+                (lod->own = pliant_calloc(count, 8 * sizeof *lod->own)) && (lod->grounded = pliant_calloc(count, sizeof *lod->grounded)) &&
+                (lod->patch_nodes = pliant_calloc(count, sizeof *lod->patch_nodes)) &&
+                (lod->patch_means = pliant_calloc(count, sizeof *lod->patch_means)) &&
+                (lod->correctors = pliant_calloc(count, sizeof *lod->correctors));
+    if (!good) return pliant_fail_memory("the coarse cubes");
+    int32_t cube = 0;
+    for (int32_t c = 0; c < cells; c++) {
+        int32_t tets = lod->cube_of_cell[c];
+        lod->cube_of_cell[c] = tets > 0 ? cube : -1;
+        if (tets == 0) continue;
+        lod->tet_start[cube + 2] = lod->tet_start[cube + 1] + tets;
+        lod->cell[cube++] = c;
+    }
+    for (int32_t t = 0; t < fine->num_tets; t++) lod->tets[lod->tet_start[lod->cube_of_cell[cell_of_tet(lod, t)] + 1]++] = t;
+    find_own(lod);
+    return PLIANT_OK;
+}
+
+pliant_status lod_measure_fine(lod_builder *lod)
+{
+    const pliant_mesh *fine = lod->system->fine, *coarse = lod->system->mesh;
+    const double massless = 1e-3; /* what has no mass counts a little all the same [kg/m^3] */
+    size_t count = (size_t)fine->num_nodes;
+    lod->mass = pliant_calloc(count, sizeof *lod->mass);
+    lod->reach = pliant_calloc(count, 6 * sizeof *lod->reach);
+    if (!lod->mass || !lod->reach) return pliant_fail_memory("the fine nodes");
+    for (size_t n = 0; n < count; n++) memset(lod->reach + 6 * n, 0xff, 3);
+    for (int32_t t = 0; t < fine->num_tets; t++) {
+        const int32_t *nodes = fine->tets + 4 * t;
+        double gradients[12];
+        double volume = pliant_mesh_gradients(fine, t, gradients);
+        int32_t at[3];
+        place_of(coarse->cells, cell_of_tet(lod, t), at);
+        for (int v = 0; v < 4; v++) {
+            uint8_t *reach = lod->reach + 6 * (size_t)nodes[v];
+            lod->mass[nodes[v]] += 0.25 * volume * (lod->material[t].density + massless);
+            for (int d = 0; d < 3; d++) { /* at most 256 cells along an axis */
+                if (at[d] < reach[d]) reach[d] = (uint8_t)at[d];
+                if (at[d] > reach[3 + d]) reach[3 + d] = (uint8_t)at[d];
+            }
+        }
+    }
+    return PLIANT_OK;
+}
