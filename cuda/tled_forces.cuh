@@ -49,7 +49,7 @@ static __device__ __forceinline__ void relax(const gpu_tled &tled, int from, int
             if (keeps) next[m] = y;
         }
     }
-    pliant_take_off(h, relaxed, p);
+    pliant_subtract_relaxed(h, relaxed, p);
 }
 
 template <int LAW, bool VISCOUS, bool NODAL>

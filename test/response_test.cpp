@@ -1,8 +1,8 @@
-// The fine mesh's response to a footprint's force, and the space made of it.
+// The fine mesh's response to a footprint's force, and the basis made of it.
 #include "pipeline/body.h"
 
 #include "fem/patch/patch.h"
-#include "fem/patch/space.h"
+#include "fem/patch/basis.h"
 #include "pliant/memory.h"
 
 namespace {
@@ -110,44 +110,44 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
     pliant_foothold foothold{static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), {0.1, 0.1, 0.19}};
     const double *const block = modes.data();
     pliant_linearized linearized{};
-    pliant_space *space = nullptr;
+    pliant_basis *basis = nullptr;
     ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
-    ASSERT_EQ(pliant_space_create(fine, &linearized, body.model->body->fine_material, body.model->body->fine_fixed, 0.04, 1, &foothold, 1, &block, 2,
-                                  &space),
+    ASSERT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_material, body.model->body->fine_fixed, 0.04, 1, &foothold, 1, &block, 2,
+                                  &basis),
               PLIANT_OK)
         << pliant_last_error();
-    EXPECT_EQ(space->num_modes, PLIANT_RESPONSE_MODES);
-    EXPECT_GT(space->num_own, 10);
-    EXPECT_LT(space->mesh.num_tets, body.model->body->fine.num_tets);
-    const size_t n = 3 * static_cast<size_t>(space->system.num_free);
+    EXPECT_EQ(basis->num_modes, PLIANT_RESPONSE_MODES);
+    EXPECT_GT(basis->num_own, 10);
+    EXPECT_LT(basis->mesh.num_tets, body.model->body->fine.num_tets);
+    const size_t n = 3 * static_cast<size_t>(basis->system.num_free);
     auto dot = [](size_t count, const double *a, const double *b) {
         double sum = 0;
         for (size_t i = 0; i < count; i++) sum += a[i] * b[i];
         return sum;
     };
     // a small displacement E q: forces of the near part and of what lies beyond, projected, are those of the whole mesh
-    std::vector<double> near(x.size()), small(3 * static_cast<size_t>(space->mesh.num_nodes)), forces(n);
+    std::vector<double> near(x.size()), small(3 * static_cast<size_t>(basis->mesh.num_nodes)), forces(n);
     std::vector<double> whole(unknowns), product(unknowns), room(unknowns);
-    for (int m = 0; m < space->num_modes; m++)
-        for (size_t i = 0; i < unknowns; i++) whole[i] += (m % 2 ? -1 : 1) * 1e-7 * space->whole[unknowns * m + i];
+    for (int m = 0; m < basis->num_modes; m++)
+        for (size_t i = 0; i < unknowns; i++) whole[i] += (m % 2 ? -1 : 1) * 1e-7 * basis->whole[unknowns * m + i];
     pliant_linearized_product(&linearized, whole.data(), room.data(), product.data());
-    std::vector<double> blocks(12 * LANES * static_cast<size_t>(space->system.num_blocks));
-    std::memcpy(small.data(), space->mesh.rest, small.size() * sizeof(double));
+    std::vector<double> blocks(12 * LANES * static_cast<size_t>(basis->system.num_blocks));
+    std::memcpy(small.data(), basis->mesh.rest, small.size() * sizeof(double));
     for (size_t f = 0; f < n / 3; f++)
         for (int d = 0; d < 3; d++) {
-            size_t at = 3 * static_cast<size_t>(space->system.node_of_free[f]) + d;
-            for (int m = 0; m < space->num_modes; m++) small[at] += (m % 2 ? -1 : 1) * 1e-7 * space->modes[n * m + 3 * f + d];
+            size_t at = 3 * static_cast<size_t>(basis->system.node_of_free[f]) + d;
+            for (int m = 0; m < basis->num_modes; m++) small[at] += (m % 2 ? -1 : 1) * 1e-7 * basis->modes[n * m + 3 * f + d];
         }
     auto element_forces = reinterpret_cast<double (*)[12][LANES]>(blocks.data());
-    pliant_system_element_forces(&space->system, small.data(), element_forces);
-    pliant_system_gather(&space->system, element_forces, forces.data());
-    pliant_space_far_forces(space, small.data(), forces.data());
-    for (int m = 0; m < space->num_modes; m++) {
-        double expected = dot(unknowns, space->whole + unknowns * m, product.data());
-        EXPECT_NEAR(dot(n, space->modes + n * m, forces.data()), expected, 1e-4 * std::fabs(expected)) << m;
+    pliant_system_element_forces(&basis->system, small.data(), element_forces);
+    pliant_system_gather(&basis->system, element_forces, forces.data());
+    pliant_basis_far_forces(basis, small.data(), forces.data());
+    for (int m = 0; m < basis->num_modes; m++) {
+        double expected = dot(unknowns, basis->whole + unknowns * m, product.data());
+        EXPECT_NEAR(dot(n, basis->modes + n * m, forces.data()), expected, 1e-4 * std::fabs(expected)) << m;
     }
     // the fine positions of such a state are those of the modes on the whole mesh
-    pliant_space_positions(space, fine, x.data(), small.data(), near.data());
+    pliant_basis_positions(basis, fine, x.data(), small.data(), near.data());
     double apart = 0;
     for (size_t f = 0; f < unknowns / 3; f++)
         for (int d = 0; d < 3; d++) {
@@ -155,15 +155,15 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
             apart = std::fmax(apart, std::fabs(near[at] - x[at] - whole[3 * f + d]));
         }
     EXPECT_LT(apart, 1e-12);
-    // a state of the space stays what it is; any other becomes one, which then stays
+    // a state of the basis stays what it is; any other becomes one, which then stays
     std::vector<double> state = small, other = small;
-    pliant_space_project(space, state.data());
+    pliant_basis_project(basis, state.data());
     for (size_t i = 0; i < small.size(); i++) EXPECT_NEAR(state[i], small[i], 1e-15) << i;
     for (size_t i = 0; i < other.size(); i++) other[i] += 1e-3 * std::sin(0.7 * double(i));
     const std::vector<double> rough = other;
-    pliant_space_project(space, other.data());
+    pliant_basis_project(basis, other.data());
     state = other;
-    pliant_space_project(space, state.data());
+    pliant_basis_project(basis, state.data());
     double moved = 0, again = 0;
     for (size_t i = 0; i < state.size(); i++) {
         moved = std::fmax(moved, std::fabs(other[i] - rough[i]));
@@ -171,9 +171,9 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
     }
     EXPECT_GT(moved, 1e-4);
     EXPECT_LT(again, 1e-14);
-    for (int32_t o = 0; o < space->num_own; o++)
+    for (int32_t o = 0; o < basis->num_own; o++)
         for (int d = 0; d < 3; d++) {
-            size_t at = 3 * static_cast<size_t>(space->system.node_of_free[space->own[o]]) + d;
+            size_t at = 3 * static_cast<size_t>(basis->system.node_of_free[basis->own[o]]) + d;
             EXPECT_EQ(other[at], rough[at]);
         }
     // what stands for the inverse is symmetric, and positive
@@ -182,26 +182,26 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
         a[i] = std::sin(0.7 * double(i));
         b[i] = std::cos(0.3 * double(i * i % 101));
     }
-    ASSERT_EQ(pliant_preconditioner_solve(space->system.preconditioner, 1, a.data(), inverse_a.data()), PLIANT_OK);
-    ASSERT_EQ(pliant_preconditioner_solve(space->system.preconditioner, 1, b.data(), inverse_b.data()), PLIANT_OK);
+    ASSERT_EQ(pliant_preconditioner_solve(basis->system.preconditioner, 1, a.data(), inverse_a.data()), PLIANT_OK);
+    ASSERT_EQ(pliant_preconditioner_solve(basis->system.preconditioner, 1, b.data(), inverse_b.data()), PLIANT_OK);
     const double energy = dot(n, a.data(), inverse_a.data());
     EXPECT_GT(energy, 0);
     EXPECT_NEAR(dot(n, a.data(), inverse_b.data()), dot(n, b.data(), inverse_a.data()), 1e-6 * energy);
-    // the response to the footprint's force is in the space
+    // the response to the footprint's force is in the basis
     std::vector<double> load(n), answer(n);
     for (size_t h = 0; h < nodes.size(); h++)
-        load[3 * static_cast<size_t>(space->system.free_of_node[space->near_node[nodes[h]]]) + 2] += weights[h];
-    ASSERT_EQ(pliant_preconditioner_solve(space->system.preconditioner, 1, load.data(), answer.data()), PLIANT_OK);
+        load[3 * static_cast<size_t>(basis->system.free_of_node[basis->near_node[nodes[h]]]) + 2] += weights[h];
+    ASSERT_EQ(pliant_preconditioner_solve(basis->system.preconditioner, 1, load.data(), answer.data()), PLIANT_OK);
     double off = 0, most = 0;
     for (size_t f = 0; f < n / 3; f++)
         for (int d = 0; d < 3; d++) {
-            int32_t node = space->fine_node[space->system.node_of_free[f]];
+            int32_t node = basis->fine_node[basis->system.node_of_free[f]];
             double z = modes[2 * unknowns + 3 * static_cast<size_t>(fine->free_of_node[node]) + d];
             off = std::fmax(off, std::fabs(answer[3 * f + d] - z));
             most = std::fmax(most, std::fabs(z));
         }
     EXPECT_LT(off, 1e-3 * most);
-    pliant_space_free(space);
+    pliant_basis_free(basis);
     pliant_linearized_free(&linearized);
 }
 
@@ -213,26 +213,26 @@ TEST_F(Response, WhatASpaceTakesIsForetold)
     const double *const block = modes.data();
     pliant_foothold foothold{static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), {0.1, 0.1, 0.19}};
     pliant_linearized linearized{};
-    pliant_space *space = nullptr;
+    pliant_basis *basis = nullptr;
     ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
-    ASSERT_EQ(pliant_space_create(fine, &linearized, body.model->body->fine_material, body.model->body->fine_fixed, radius, 1, &foothold, 1, &block, 2, &space),
+    ASSERT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_material, body.model->body->fine_fixed, radius, 1, &foothold, 1, &block, 2, &basis),
               PLIANT_OK)
         << pliant_last_error();
-    pliant_space_size size = pliant_space_measure(fine, radius, 1, &foothold, 1), none = size;
-    EXPECT_EQ(size.own, space->num_own);
-    EXPECT_LE(size.near, space->system.num_free);
+    pliant_basis_size size = pliant_basis_measure(fine, radius, 1, &foothold, 1), none = size;
+    EXPECT_EQ(size.own, basis->num_own);
+    EXPECT_LE(size.near, basis->system.num_free);
     EXPECT_GT(size.near, 2 * size.own / 3);
     none.own = none.near = 0;
-    const double foretold = pliant_space_operations(fine, size) - pliant_space_operations(fine, none);
-    const double blas = 5, done = pliant_reduction_operations(space) - (1 - 1 / blas) * pliant_factor_operations(space->analyzed);
+    const double foretold = pliant_basis_operations(fine, size) - pliant_basis_operations(fine, none);
+    const double blas = 5, done = pliant_reduction_operations(basis) - (1 - 1 / blas) * pliant_factor_operations(basis->analyzed);
     EXPECT_GT(foretold, done);
     EXPECT_LT(foretold, 10 * done);
-    const double bytes = pliant_space_bytes(fine, size) - pliant_space_bytes(fine, none);
-    const double held = 3.0 * (sizeof(double) + sizeof(float)) * pliant_factor_values(space->analyzed);
+    const double bytes = pliant_basis_bytes(fine, size) - pliant_basis_bytes(fine, none);
+    const double held = 3.0 * (sizeof(double) + sizeof(float)) * pliant_factor_values(basis->analyzed);
     EXPECT_GT(bytes, held);
     EXPECT_LT(bytes, 3 * held);
     std::printf("operations %g of %g, bytes %g of %g\n", done, foretold, held, bytes);
-    pliant_space_free(space);
+    pliant_basis_free(basis);
     pliant_linearized_free(&linearized);
 }
 
@@ -248,16 +248,16 @@ TEST_F(Response, EndsWhenItIsNoLongerWanted)
     linearized.progress = {[](double, const char *, void *calls) { return --*static_cast<int *>(calls) >= 0; }, &left};
     const size_t bytes = pliant_memory_in_use();
     for (int calls : {0, 1, 7}) {
-        pliant_space *space = nullptr;
+        pliant_basis *basis = nullptr;
         left = calls;
         EXPECT_EQ(pliant_response_modes(&linearized, fine->preconditioner, static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), out.data()),
                   PLIANT_ERROR_CANCELLED);
         left = calls;
         EXPECT_EQ(pliant_response_crossed(&linearized, fine->preconditioner, modes.data(), modes.data(), out.data()), PLIANT_ERROR_CANCELLED);
         left = calls;
-        EXPECT_EQ(pliant_space_create(fine, &linearized, body.model->body->fine_material, body.model->body->fine_fixed, 0.04, 1, &foothold, 1, &block, 2, &space),
+        EXPECT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_material, body.model->body->fine_fixed, 0.04, 1, &foothold, 1, &block, 2, &basis),
                   PLIANT_ERROR_CANCELLED);
-        EXPECT_EQ(space, nullptr);
+        EXPECT_EQ(basis, nullptr);
         EXPECT_EQ(pliant_memory_in_use(), bytes);
     }
     pliant_linearized_free(&linearized);

@@ -19,7 +19,7 @@ extern "C" {
 
 typedef struct pliant_factor pliant_factor;
 typedef struct pliant_preconditioner pliant_preconditioner;
-typedef struct pliant_space pliant_space;
+typedef struct pliant_basis pliant_basis;
 
 /* Lower triangle of the node-by-node matrix, in compressed columns of 3 x 3 blocks, each column's diagonal first. */
 typedef struct pliant_pattern {
@@ -106,7 +106,7 @@ struct pliant_system {
     double mean_diagonal;     /* of that matrix [N/m] */
 
     pliant_upsample *upsample; /* Nullable */
-    pliant_space *space;      /* Nullable: of a patch (space.h): what lies beyond its elements pulls, too */
+    pliant_basis *basis;      /* Nullable: of a patch (basis.h): what lies beyond its elements pulls, too */
     double *gravity_mass;     /* (num_free x 9) M_j of [H] 10 [kg] */
 };
 
@@ -184,8 +184,8 @@ void pliant_factor_free(pliant_factor *factor);
 /* ---- preconditioner.c: what stands for the inverse of the stiffness matrix at one state: a factor, or a multigrid cycle.
  * Symmetric, positive definite, fixed between refreshes. One belongs to one thread at a time. */
 pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, pliant_preconditioner **out);
-/* within a space (space.h), which is borrowed; without numbers */
-pliant_status pliant_preconditioner_within(const pliant_space *space, const pliant_system *system, pliant_preconditioner **out);
+/* within a basis (basis.h), which is borrowed; without numbers */
+pliant_status pliant_preconditioner_within(const pliant_basis *basis, const pliant_system *system, pliant_preconditioner **out);
 /* the same analysis and numbers, for another thread */
 pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads, pliant_preconditioner **out);
 void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int num_threads); /* from now on */

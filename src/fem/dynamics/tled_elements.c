@@ -47,7 +47,7 @@ INLINE void relax_block(const pliant_tled_system *system, float dt, float h[9][L
         float one[9], p_one[9], s[6];
         for (int m = 0; m < 9; m++) one[m] = h[m][l], p_one[m] = p[m][l];
         for (int m = 0; m < 6; m++) s[m] = relaxed[m][l];
-        pliant_take_off(one, s, p_one);
+        pliant_subtract_relaxed(one, s, p_one);
         for (int m = 0; m < 9; m++) p[m][l] = p_one[m];
     }
 }

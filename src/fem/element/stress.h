@@ -68,7 +68,7 @@ PLIANT_INLINE void pliant_stress_at_rest(const float h[9], const float cofactor[
 }
 
 /* P less F times what has relaxed */
-PLIANT_INLINE void pliant_take_off(const float h[9], const float relaxed[6], float p[9])
+PLIANT_INLINE void pliant_subtract_relaxed(const float h[9], const float relaxed[6], float p[9])
 {
     const float y[9] = {relaxed[0], relaxed[3], relaxed[4], relaxed[3], relaxed[1], relaxed[5], relaxed[4], relaxed[5], relaxed[2]};
     for (int r = 0; r < 3; r++)

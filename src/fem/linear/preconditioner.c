@@ -1,6 +1,6 @@
 #include "base/fail.h"
 #include "fem/linear/multigrid.h"
-#include "fem/patch/space.h"
+#include "fem/patch/basis.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 
@@ -16,7 +16,7 @@ struct pliant_preconditioner {
     pliant_hierarchy *hierarchy; /* owned by the first, borrowed by clones */
     bool owns_hierarchy;
     pliant_multigrid *multigrid;
-    const pliant_space *space; /* borrowed */
+    const pliant_basis *basis; /* borrowed */
     pliant_reduction *reduction; /* of it */
 };
 
@@ -51,13 +51,13 @@ pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_p
     return PLIANT_OK;
 }
 
-pliant_status pliant_preconditioner_within(const pliant_space *space, const pliant_system *system, pliant_preconditioner **out)
+pliant_status pliant_preconditioner_within(const pliant_basis *basis, const pliant_system *system, pliant_preconditioner **out)
 {
     pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
     if (!preconditioner) return pliant_fail_memory("the preconditioner");
     preconditioner->system = *system;
-    preconditioner->space = space;
-    pliant_status status = pliant_reduction_create(space, NULL, &preconditioner->reduction);
+    preconditioner->basis = basis;
+    pliant_status status = pliant_reduction_create(basis, NULL, &preconditioner->reduction);
     if (status != PLIANT_OK) {
         pliant_preconditioner_free(preconditioner);
         return status;
@@ -70,13 +70,13 @@ pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, i
 {
     pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
     if (!preconditioner) return pliant_fail_memory("a second preconditioner");
-    preconditioner->space = source->space;
+    preconditioner->basis = source->basis;
     preconditioner->system = source->system;
     preconditioner->system.num_threads = num_threads;
     preconditioner->hierarchy = source->hierarchy;
     pliant_status status = PLIANT_OK;
-    if (source->space) {
-        status = pliant_reduction_create(source->space, source->reduction, &preconditioner->reduction);
+    if (source->basis) {
+        status = pliant_reduction_create(source->basis, source->reduction, &preconditioner->reduction);
     } else if (source->multigrid) {
         status = pliant_multigrid_create(source->hierarchy, num_threads, &preconditioner->multigrid);
         if (status == PLIANT_OK) status = pliant_multigrid_copy(preconditioner->multigrid, source->multigrid);
@@ -100,7 +100,7 @@ void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int nu
 
 pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents)
 {
-    if (preconditioner->space) return pliant_reduction_numeric(preconditioner->space, tangents, preconditioner->reduction);
+    if (preconditioner->basis) return pliant_reduction_numeric(preconditioner->basis, tangents, preconditioner->reduction);
     if (preconditioner->multigrid) return pliant_multigrid_numeric(preconditioner->multigrid, tangents);
     pliant_system_assemble(&preconditioner->system, tangents, preconditioner->values);
     return pliant_factor_numeric(preconditioner->factor, preconditioner->values);
@@ -113,7 +113,7 @@ pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner,
     for (int32_t c = 0; c < columns; c++) {
         const double *from = right + n * (size_t)c;
         double *to = out + n * (size_t)c;
-        pliant_status status = preconditioner->space ? pliant_reduction_solve(preconditioner->space, preconditioner->reduction, from, to)
+        pliant_status status = preconditioner->basis ? pliant_reduction_solve(preconditioner->basis, preconditioner->reduction, from, to)
                                                      : pliant_multigrid_solve(preconditioner->multigrid, from, to);
         if (status != PLIANT_OK) return status;
     }
@@ -129,7 +129,7 @@ double pliant_preconditioner_condition(pliant_preconditioner *preconditioner)
 
 double pliant_preconditioner_operations(const pliant_preconditioner *preconditioner)
 {
-    if (preconditioner->space) return pliant_reduction_operations(preconditioner->space);
+    if (preconditioner->basis) return pliant_reduction_operations(preconditioner->basis);
     if (preconditioner->hierarchy) return pliant_hierarchy_operations(preconditioner->hierarchy);
     return pliant_factor_operations(preconditioner->factor) + (preconditioner->system.macros ? pliant_macro_operations(&preconditioner->system) : 0);
 }

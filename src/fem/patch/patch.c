@@ -65,9 +65,9 @@ static bool still_held(const pliant_data *data, int tool, uint64_t hold)
     return hold != 0 && tool < data->num_tools && data->tools[tool].holding && data->tools[tool].hold == hold;
 }
 
-static pliant_status room_create(const pliant_discretization *discretization, const pliant_space *space, patch_room *out)
+static pliant_status room_create(const pliant_discretization *discretization, const pliant_basis *basis, patch_room *out)
 {
-    out->element_forces = pliant_calloc((size_t)space->system.num_blocks, sizeof *out->element_forces);
+    out->element_forces = pliant_calloc((size_t)basis->system.num_blocks, sizeof *out->element_forces);
     out->positions = pliant_calloc((size_t)discretization->body->fine.num_nodes, 3 * sizeof *out->positions);
     out->coarse = pliant_calloc((size_t)discretization->system->mesh->num_nodes, 3 * sizeof *out->coarse);
     return out->element_forces && out->positions && out->coarse ? PLIANT_OK : pliant_fail_memory("a patch");
@@ -82,15 +82,15 @@ static void room_free(patch_room *room)
 }
 
 /* Tools that pulled at it have no hold until they are attached anew, to whatever is there then. */
-static void space_drop(pliant_patch *patch, pliant_data *data)
+static void basis_drop(pliant_patch *patch, pliant_data *data)
 {
     for (int t = 0; data && t < data->num_tools; t++)
         if (patch->serves[t]) data->tools[t].attached = false;
     pliant_solver_free(patch->solver);
-    pliant_space_free(patch->space);
+    pliant_basis_free(patch->basis);
     room_free(&patch->room);
     patch->solver = NULL;
-    patch->space = NULL;
+    patch->basis = NULL;
     memset(patch->serves, 0, sizeof patch->serves);
     memset(patch->made_for, 0, sizeof patch->made_for);
 }
@@ -98,7 +98,7 @@ static void space_drop(pliant_patch *patch, pliant_data *data)
 void pliant_patch_reset(pliant_patch *patch)
 {
     patch_job_clear(patch);
-    space_drop(patch, NULL);
+    basis_drop(patch, NULL);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) forget_hold(patch, t);
     memset(patch->refused, 0, sizeof patch->refused);
 }
@@ -113,33 +113,33 @@ void pliant_patch_free(pliant_patch *patch)
 
 /* ---- delivering */
 
-static void near_positions(const pliant_space *space, const double *fine, double *out)
+static void near_positions(const pliant_basis *basis, const double *fine, double *out)
 {
-    for (int32_t v = 0; v < space->mesh.num_nodes; v++) memcpy(out + 3 * v, fine + 3 * space->fine_node[v], 3 * sizeof *out);
+    for (int32_t v = 0; v < basis->mesh.num_nodes; v++) memcpy(out + 3 * v, fine + 3 * basis->fine_node[v], 3 * sizeof *out);
 }
 
-/* The displacement from the coarse model's base to these positions, as far as the space has it. room: (3 fine nodes) */
-static void start_at(const pliant_data *data, pliant_space *space, double *room, double *x)
+/* The displacement from the coarse model's base to these positions, as far as the basis has it. room: (3 fine nodes) */
+static void start_at(const pliant_data *data, pliant_basis *basis, double *room, double *x)
 {
     pliant_upsample_positions(data->solver->system, data->solver->now.x, room);
-    near_positions(space, room, space->mesh.rest);
-    near_positions(space, data->positions, x);
-    pliant_space_project(space, x);
+    near_positions(basis, room, basis->mesh.rest);
+    near_positions(basis, data->positions, x);
+    pliant_basis_project(basis, x);
 }
 
-/* The new space takes over where the old one was, if it holds all that the old one still does; else it begins at the base. */
+/* The new basis takes over where the old one was, if it holds all that the old one still does; else it begins at the base. */
 static void take_over(pliant_patch *patch, pliant_data *data)
 {
     patch_job *job = &patch->job;
-    bool goes_on = patch->space != NULL;
+    bool goes_on = patch->basis != NULL;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         goes_on = goes_on && (!still_held(data, t, patch->made_for[t]) || job->holds[t].hold == patch->made_for[t]);
-    if (goes_on) start_at(data, job->space, job->x, job->solver->now.x); /* the job is done with its x */
-    space_drop(patch, data);
-    patch->space = job->space;
+    if (goes_on) start_at(data, job->basis, job->x, job->solver->now.x); /* the job is done with its x */
+    basis_drop(patch, data);
+    patch->basis = job->basis;
     patch->solver = job->solver;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) patch->made_for[t] = job->holds[t].hold;
-    job->space = NULL;
+    job->basis = NULL;
     job->solver = NULL;
 }
 
@@ -166,7 +166,7 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
     job->in_thread = false;
     if (job->status == PLIANT_OK) {
         patch_room room = {0};
-        pliant_status status = room_create(patch->discretization, job->space, &room);
+        pliant_status status = room_create(patch->discretization, job->basis, &room);
         if (status != PLIANT_OK) {
             room_free(&room);
             return status; /* delivered in the next step */
@@ -187,7 +187,7 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
             patch->holds[t] = job->holds[t];
             job->copied[t] = false;
         }
-        patch->serves[t] = patch->space && still_held(data, t, patch->holds[t].hold);
+        patch->serves[t] = patch->basis && still_held(data, t, patch->holds[t].hold);
         if (!patch->serves[t]) continue;
         pliant_solver_release(data->solver, t); /* the coarse model is rid of it */
         data->tools[t].attached = false;
@@ -235,7 +235,7 @@ pliant_status pliant_patch_begin(pliant_data *data)
     bool used = false, wanted = false;
     for (int t = 0; t < data->num_tools; t++) {
         bool held = still_held(data, t, patch->holds[t].hold);
-        if (patch->serves[t] && !held) { /* the others go on in the same space */
+        if (patch->serves[t] && !held) { /* the others go on in the same basis */
             pliant_solver_release(patch->solver, t);
             patch->serves[t] = false;
         }
@@ -243,8 +243,8 @@ pliant_status pliant_patch_begin(pliant_data *data)
         used = used || patch->serves[t];
         wanted = wanted || waits(data, t);
     }
-    if (patch->space && !used) space_drop(patch, data);
-    if (patch->space) keep(patch, data);
+    if (patch->basis && !used) basis_drop(patch, data);
+    if (patch->basis) keep(patch, data);
     if (abandoned && arrives(patch, data, PLIANT_TAKES_PATCH_END, wanted || data->statistics.step >= patch->job.due)) patch_job_clear(patch);
     return wanted && !patch->job.running ? patch_job_start(patch, data) : PLIANT_OK;
 }
@@ -254,7 +254,7 @@ pliant_status pliant_patch_begin(pliant_data *data)
 static bool serves(const pliant_data *data, int tool)
 {
     const pliant_patch *patch = data->patch;
-    return patch && patch->space && patch->serves[tool] && still_held(data, tool, patch->holds[tool].hold);
+    return patch && patch->basis && patch->serves[tool] && still_held(data, tool, patch->holds[tool].hold);
 }
 
 pliant_solver *pliant_patch_solver(const pliant_data *data, int tool) { return serves(data, tool) ? data->patch->solver : data->solver; }
@@ -266,7 +266,7 @@ pliant_status pliant_patch_hold(pliant_data *data, int index)
     pliant_patch *patch = data->patch;
     int32_t *nodes = pliant_calloc((size_t)tool->num_held, sizeof *nodes);
     if (!nodes) return pliant_fail_memory("a tool's hold");
-    for (int32_t h = 0; h < tool->num_held; h++) nodes[h] = patch->space->near_node[tool->held[h]];
+    for (int32_t h = 0; h < tool->num_held; h++) nodes[h] = patch->basis->near_node[tool->held[h]];
     pliant_status status = pliant_solver_hold(patch->solver, index, tool->num_held, nodes, tool->weight, patch->solver->now.x);
     pliant_free(nodes);
     if (status == PLIANT_OK) memcpy(patch->solver->handles[index].force, tool->force, sizeof tool->force);
@@ -275,24 +275,24 @@ pliant_status pliant_patch_hold(pliant_data *data, int index)
 
 /* ---- the stage */
 
-static void move(const pliant_space *space, const double *by, double *x)
+static void move(const pliant_basis *basis, const double *by, double *x)
 {
-    for (int32_t i = 0; i < 3 * space->mesh.num_nodes; i++) x[i] += by[i] - space->mesh.rest[i];
+    for (int32_t i = 0; i < 3 * basis->mesh.num_nodes; i++) x[i] += by[i] - basis->mesh.rest[i];
 }
 
 /* The coarse model moved: the patch moves with it, and its load is what holds the fine elements there. */
 static void follow(pliant_patch *patch, const double *base)
 {
-    pliant_space *space = patch->space;
+    pliant_basis *basis = patch->basis;
     pliant_solver *solver = patch->solver;
-    size_t bytes = 3 * (size_t)space->mesh.num_nodes * sizeof *base;
-    near_positions(space, base, solver->trial.x); /* overwritten by the next trial */
-    if (solver->loaded && memcmp(solver->trial.x, space->mesh.rest, bytes) == 0) return;
-    move(space, solver->trial.x, solver->now.x);
-    if (solver->rules.blind) move(space, solver->trial.x, solver->left_x);
-    memcpy(space->mesh.rest, solver->trial.x, bytes);
-    pliant_system_element_forces(&space->system, space->mesh.rest, patch->room.element_forces);
-    pliant_system_gather(&space->system, patch->room.element_forces, solver->load);
+    size_t bytes = 3 * (size_t)basis->mesh.num_nodes * sizeof *base;
+    near_positions(basis, base, solver->trial.x); /* overwritten by the next trial */
+    if (solver->loaded && memcmp(solver->trial.x, basis->mesh.rest, bytes) == 0) return;
+    move(basis, solver->trial.x, solver->now.x);
+    if (solver->rules.blind) move(basis, solver->trial.x, solver->left_x);
+    memcpy(basis->mesh.rest, solver->trial.x, bytes);
+    pliant_system_element_forces(&basis->system, basis->mesh.rest, patch->room.element_forces);
+    pliant_system_gather(&basis->system, patch->room.element_forces, solver->load);
     solver->loaded = true;
 }
 
@@ -320,7 +320,7 @@ static void undo(pliant_patch *patch, pliant_data *data)
     patch_room *room = &patch->room;
     memcpy(data->positions, room->positions, 3 * (size_t)discretization->body->fine.num_nodes * sizeof *data->positions);
     memcpy(data->solver->now.x, room->coarse, 3 * (size_t)discretization->system->mesh->num_nodes * sizeof *room->coarse);
-    start_at(data, patch->space, room->positions, patch->solver->now.x);
+    start_at(data, patch->basis, room->positions, patch->solver->now.x);
     patch->solver->loaded = false; /* the load is of the base */
     restart(data->solver);
     restart(patch->solver);
@@ -335,8 +335,8 @@ pliant_status pliant_patch_step(pliant_data *data)
     statistics->patched = statistics->patch_waiting = statistics->patch_iterations = 0;
     statistics->patch_residual = statistics->patch_moved = 0;
     for (int t = 0; t < data->num_tools; t++) statistics->patch_waiting += waits(data, t);
-    if (!patch->space) return PLIANT_OK;
-    pliant_space *space = patch->space;
+    if (!patch->basis) return PLIANT_OK;
+    pliant_basis *basis = patch->basis;
     pliant_solver *solver = patch->solver;
     solver->rules.most_evaluations = data->solver->rules.most_evaluations;
     solver->rules.tolerance = data->solver->rules.tolerance;
@@ -350,11 +350,11 @@ pliant_status pliant_patch_step(pliant_data *data)
         undo(patch, data);
         return status;
     }
-    pliant_space_positions(space, patch->discretization->fine_system, data->positions, solver->now.x, data->positions);
+    pliant_basis_positions(basis, patch->discretization->fine_system, data->positions, solver->now.x, data->positions);
     for (int t = 0; t < data->num_tools; t++) statistics->patched += serves(data, t);
     statistics->patch_iterations = own.iterations;
     statistics->patch_residual = own.residual;
-    statistics->patch_moved = largest_apart(space->mesh.num_nodes, solver->now.x, space->mesh.rest);
+    statistics->patch_moved = largest_apart(basis->mesh.num_nodes, solver->now.x, basis->mesh.rest);
     statistics->iterations += own.iterations;
     statistics->residual = fmax(statistics->residual, own.residual);
     statistics->residual_force = fmax(statistics->residual_force, own.residual_force);
@@ -367,7 +367,7 @@ pliant_status pliant_patch_step(pliant_data *data)
 
 void pliant_patch_flatten(pliant_patch *patch)
 {
-    if (!patch->space) return;
-    memcpy(patch->solver->now.x, patch->space->mesh.rest, 3 * (size_t)patch->space->mesh.num_nodes * sizeof *patch->space->mesh.rest);
+    if (!patch->basis) return;
+    memcpy(patch->solver->now.x, patch->basis->mesh.rest, 3 * (size_t)patch->basis->mesh.num_nodes * sizeof *patch->basis->mesh.rest);
     restart(patch->solver);
 }

@@ -1,6 +1,6 @@
 /* Patches: a local fine solution around what the tools hold, on top of a coarse model, which sees no point force (NUMERICS 3).
  *
- * When a tool takes hold, the fine mesh's response to it is computed in the background, and the space (space.h) made of that and
+ * When a tool takes hold, the fine mesh's response to it is computed in the background, and the basis (basis.h) made of that and
  * of the nodes around all holds. It is put to use a fixed number of steps later, whether the other thread was fast or not; from
  * then on these tools pull at the patch, no longer at the coarse model. Until then, and where a patch cannot be made, they pull
  * at the coarse model.

@@ -1,4 +1,4 @@
-/* What a patch is made of, in the background: the responses that are missing, and the space. */
+/* What a patch is made of, in the background: the responses that are missing, and the basis. */
 #include "base/fail.h"
 #include "base/free_memory.h"
 #include "base/threads.h"
@@ -17,11 +17,11 @@ static int32_t list_footholds(const patch_job *job, pliant_foothold out[PLIANT_M
     return count;
 }
 
-static pliant_space_size size_of(const pliant_patch *patch, int32_t blocks)
+static pliant_basis_size size_of(const pliant_patch *patch, int32_t blocks)
 {
     pliant_foothold footholds[PLIANT_MAX_TOOLS];
     int32_t count = list_footholds(&patch->job, footholds);
-    return pliant_space_measure(patch->discretization->fine_system, patch->scene->model.patch, count, footholds, blocks);
+    return pliant_basis_measure(patch->discretization->fine_system, patch->scene->model.patch, count, footholds, blocks);
 }
 
 /* Steps that a patch may take, of so many blocks of responses, some of which are still to be made: its operations at a rate that a
@@ -32,7 +32,7 @@ static int32_t delay_of(const pliant_patch *patch, int missing, int all)
     const pliant_scene *scene = patch->scene;
     const pliant_system *fine = patch->discretization->fine_system;
     if (scene->model.patch_delay > 0) return scene->model.patch_delay;
-    double operations = pliant_space_operations(fine, size_of(patch, all));
+    double operations = pliant_basis_operations(fine, size_of(patch, all));
     if (missing > 0) operations += missing * pliant_response_operations(fine, fine->preconditioner, patch->job.x);
     return 1 + (int32_t)fmin(ceil(operations / rate / scene->solver.step), 99998);
 }
@@ -92,7 +92,7 @@ static bool still_wanted(double fraction, const char *stage, void *user)
     return !atomic_load(&patch->stop);
 }
 
-/* The responses that are missing, all of them once more in the space, and its factors. */
+/* The responses that are missing, all of them once more in the basis, and its factors. */
 static pliant_status check_memory(const pliant_patch *patch)
 {
     const double share = 0.5;
@@ -100,13 +100,13 @@ static pliant_status check_memory(const pliant_patch *patch)
     int32_t blocks = 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++) blocks += 2 * job->wanted[t][u] + (job->blocks[t][u] != NULL);
-    double bytes = pliant_space_bytes(patch->discretization->fine_system, size_of(patch, blocks)), available = pliant_free_memory();
+    double bytes = pliant_basis_bytes(patch->discretization->fine_system, size_of(patch, blocks)), available = pliant_free_memory();
     if (bytes <= share * available) return PLIANT_OK;
     return pliant_fail(PLIANT_ERROR_MEMORY, "a patch around these holds needs %.0f MB, more than half of the %.0f MB that the machine has free",
                        bytes / 1e6, available / 1e6);
 }
 
-static pliant_status make_space(pliant_patch *patch)
+static pliant_status make_basis(pliant_patch *patch)
 {
     enum { MOST_BLOCKS = PLIANT_MAX_TOOLS * (PLIANT_MAX_TOOLS + 1) / 2 };
     patch_job *job = &patch->job;
@@ -125,16 +125,16 @@ static pliant_status make_space(pliant_patch *patch)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++)
             if (job->blocks[t][u]) blocks[num_blocks++] = job->blocks[t][u];
     if (status == PLIANT_OK)
-        status = pliant_space_create(fine, &linearized, body->fine_material, body->fine_fixed, patch->scene->model.patch, count, footholds, num_blocks,
-                                     blocks, patch->discretization->system->num_threads, &job->space);
-    if (status == PLIANT_OK) status = pliant_solver_create(patch->scene, &job->space->system, &job->solver);
+        status = pliant_basis_create(fine, &linearized, body->fine_material, body->fine_fixed, patch->scene->model.patch, count, footholds, num_blocks,
+                                     blocks, patch->discretization->system->num_threads, &job->basis);
+    if (status == PLIANT_OK) status = pliant_solver_create(patch->scene, &job->basis->system, &job->solver);
     pliant_linearized_free(&linearized);
     return status;
 }
 
 static void run_job(pliant_patch *patch)
 {
-    patch->job.status = make_space(patch);
+    patch->job.status = make_basis(patch);
     if (patch->job.status != PLIANT_OK) snprintf(patch->job.message, sizeof patch->job.message, "%s", pliant_last_error());
 }
 
@@ -158,7 +158,7 @@ void patch_job_clear(pliant_patch *patch)
             if (job->wanted[t][u]) pliant_free(job->blocks[t][u]);
     }
     pliant_solver_free(job->solver);
-    pliant_space_free(job->space);
+    pliant_basis_free(job->basis);
     pliant_free(job->x);
     memset(job, 0, sizeof *job);
 }

@@ -3,7 +3,7 @@
 #define PLIANT_FEM_PATCH_PATCH_JOB_H
 
 #include "fem/patch/patch.h"
-#include "fem/patch/space.h"
+#include "fem/patch/basis.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
@@ -28,13 +28,13 @@ typedef struct patch_job {
     bool copied[PLIANT_MAX_TOOLS];
     patch_blocks blocks;      /* likewise */
     bool wanted[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS]; /* made here */
-    pliant_space *space;
+    pliant_basis *basis;
     pliant_solver *solver;
     pliant_status status;
     char message[256];
 } patch_job;
 
-/* What a step with a space needs besides. */
+/* What a step with a basis needs besides. */
 typedef struct patch_room {
     double (*element_forces)[12][LANES]; /* of the near elements at the base */
     double *positions, *coarse;          /* (3 fine nodes), (3 coarse nodes) before the step, to undo it */
@@ -50,10 +50,10 @@ struct pliant_patch {
     atomic_bool finished;     /* it has ended */
     patch_hold holds[PLIANT_MAX_TOOLS]; /* whose responses are known */
     patch_blocks blocks;
-    bool serves[PLIANT_MAX_TOOLS];      /* the space in use is for this hold, too */
+    bool serves[PLIANT_MAX_TOOLS];      /* the basis in use is for this hold, too */
     uint64_t refused[PLIANT_MAX_TOOLS]; /* holds that no patch could be made for */
     uint64_t refused_until[PLIANT_MAX_TOOLS]; /* step */
-    pliant_space *space;      /* Nullable */
+    pliant_basis *basis;      /* Nullable */
     uint64_t made_for[PLIANT_MAX_TOOLS]; /* holds that it was made for */
     pliant_solver *solver;    /* of it */
     patch_room room;

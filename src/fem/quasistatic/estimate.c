@@ -74,7 +74,7 @@ pliant_status pliant_hindsight_look(pliant_solver *solver)
     pliant_iterate *at = &hindsight->at;
     hindsight->seen = false;
     /* around a patch more has changed than its loads */
-    if (!hindsight->kept || solver->system->space || !isfinite(solver->now.merit)) return PLIANT_OK;
+    if (!hindsight->kept || solver->system->basis || !isfinite(solver->now.merit)) return PLIANT_OK;
     memcpy(at->step, solver->now.step, n * sizeof *at->step);
     memcpy(at->residual, solver->now.residual, n * sizeof *at->residual);
     /* without what the tools' new targets ask for */

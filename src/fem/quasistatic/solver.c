@@ -2,7 +2,7 @@
 
 #include "base/fail.h"
 #include "fem/linear/dense.h"
-#include "fem/patch/space.h"
+#include "fem/patch/basis.h"
 
 #include <string.h>
 
@@ -41,7 +41,7 @@ static void find_residual(const pliant_solver *solver, pliant_iterate *at)
             double squares = 0;
             for (int d = 0; d < 3; d++) {
                 double u = at->x[node + (size_t)d] - system->mesh->rest[node + (size_t)d];
-                double base = system->space ? solver->load[3 * f + d] : 0; /* holds a patch where it does not move: not its tools' work */
+                double base = system->basis ? solver->load[3 * f + d] : 0; /* holds a patch where it does not move: not its tools' work */
                 work[p] += u * (at->residual[3 * f + d] - base);
                 elastic[p] += u * (at->step[3 * f + d] - base);
                 squares += u * u;
@@ -66,7 +66,7 @@ static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
     solver->evaluations++;
     pliant_system_element_forces(system, at->x, solver->element_forces);
     pliant_system_gather(system, solver->element_forces, at->step);
-    if (system->space) pliant_space_far_forces(system->space, at->x, at->step);
+    if (system->basis) pliant_basis_far_forces(system->basis, at->x, at->step);
     memcpy(at->residual, solver->load, pliant_solver_unknowns(solver) * sizeof *at->residual);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         if (solver->handles[t].active)

@@ -55,7 +55,7 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
     rules->most_evaluations = scene->solver.iterations;
     rules->depth = scene->solver.history;
     rules->room = pliant_anderson_depth(rules->depth, rules->most_evaluations);
-    rules->limits_secants = !system->space; /* around a patch the merit may be lost altogether: straight to the plain step there */
+    rules->limits_secants = !system->basis; /* around a patch the merit may be lost altogether: straight to the plain step there */
     rules->tolerance = scene->solver.tolerance;
     solver->budget = 1e-3 * scene->solver.budget_ms;
     solver->clock = wall_clock;

@@ -10,7 +10,7 @@
 pliant_status pliant_turn_create(const pliant_system *system, pliant_turn **out)
 {
     *out = NULL;
-    if (system->stiffness || system->macros || system->space) return PLIANT_OK;
+    if (system->stiffness || system->macros || system->basis) return PLIANT_OK;
     pliant_turn *turn = pliant_calloc(1, sizeof *turn);
     if (turn) {
         turn->rotation = pliant_calloc((size_t)system->num_free, 9 * sizeof *turn->rotation);

@@ -1,4 +1,4 @@
-/* Where a patch's solution is looked for, on the fine mesh around what tools hold, relative to where the coarse model has it:
+/* A reduced basis: where a patch's solution is looked for, on the fine mesh around what tools hold, relative to where the coarse model has it:
  *
  *   own      nodes within the patch's radius of a tool's hold: they move freely;
  *   modes    all nodes: a few fields that are the fine mesh's answer to forces on the holds (response.h).
@@ -8,12 +8,12 @@
  * A = E' K_far E. E is orthonormal on the near part's nodes that are not the patch's own: there a is zero, so that q = M'u with
  * M = E on those rows and zero elsewhere, and what lies beyond pulls with M A q.
  *
- * What stands for the inverse stiffness is that of the space: with own rows p,
+ * What stands for the inverse stiffness is that of the basis: with own rows p,
  *     K_pp a + Q_p q = r_p,   Q_p' a + E'Q q = E'r,   Q = (K_near + M A M') E
  * by a factor of K_pp and the Schur complement on q: the reduction, of K_near at one state, made anew as any factor is
  * (refresh.c). */
-#ifndef PLIANT_FEM_PATCH_SPACE_H
-#define PLIANT_FEM_PATCH_SPACE_H
+#ifndef PLIANT_FEM_PATCH_BASIS_H
+#define PLIANT_FEM_PATCH_BASIS_H
 
 #include "fem/patch/response.h"
 
@@ -21,9 +21,9 @@
 extern "C" {
 #endif
 
-struct pliant_space {
+struct pliant_basis {
     pliant_mesh mesh;         /* the near part; rest is where the coarse model has the nodes now: displacements count from there */
-    pliant_system system;     /* of it; its preconditioner is this space's */
+    pliant_system system;     /* of it; its preconditioner is this basis's */
     int32_t *fine_node;       /* (mesh.num_nodes) */
     int32_t *near_node;       /* (fine nodes) or -1 */
     int32_t num_own;
@@ -64,36 +64,36 @@ typedef struct pliant_foothold {
  * @param radius      of the patch, at rest [m]
  * @param blocks      (num_blocks) of nine modes (9 x 3 fine free nodes), response.h
  * @param num_threads of steps */
-pliant_status pliant_space_create(const pliant_system *fine, pliant_linearized *linearized, const pliant_tet_material *material,
+pliant_status pliant_basis_create(const pliant_system *fine, pliant_linearized *linearized, const pliant_tet_material *material,
                                   const uint8_t *fixed, double radius, int32_t num_footholds, const pliant_foothold *footholds,
-                                  int32_t num_blocks, const double *const *blocks, int num_threads, pliant_space **out);
-void pliant_space_free(pliant_space *space); /* Nullable */
+                                  int32_t num_blocks, const double *const *blocks, int num_threads, pliant_basis **out);
+void pliant_basis_free(pliant_basis *basis); /* Nullable */
 
 /* What one takes, before it is made. */
-typedef struct pliant_space_size {
+typedef struct pliant_basis_size {
     int32_t own, near;        /* free fine nodes within the radius of a hold, and within twice of it */
     int32_t blocks;           /* of nine modes */
-} pliant_space_size;
-pliant_space_size pliant_space_measure(const pliant_system *fine, double radius, int32_t num_footholds, const pliant_foothold *footholds,
+} pliant_basis_size;
+pliant_basis_size pliant_basis_measure(const pliant_system *fine, double radius, int32_t num_footholds, const pliant_foothold *footholds,
                                        int32_t num_blocks);
 /* Floating-point operations of making it, with its first numbers; bytes of its fields on the fine mesh and of its factors. */
-double pliant_space_operations(const pliant_system *fine, pliant_space_size size);
-double pliant_space_bytes(const pliant_system *fine, pliant_space_size size);
+double pliant_basis_operations(const pliant_system *fine, pliant_basis_size size);
+double pliant_basis_bytes(const pliant_system *fine, pliant_basis_size size);
 
 /* Without numbers, or with those of another. Errors: MEMORY. */
-pliant_status pliant_reduction_create(const pliant_space *space, const pliant_reduction *from, pliant_reduction **out);
+pliant_status pliant_reduction_create(const pliant_basis *basis, const pliant_reduction *from, pliant_reduction **out);
 void pliant_reduction_free(pliant_reduction *reduction); /* Nullable */
 /* At these tangents of the near elements. Errors: NUMERIC, MEMORY; the old numbers are gone then. */
-pliant_status pliant_reduction_numeric(const pliant_space *space, const pliant_tangent *tangents, pliant_reduction *reduction);
-double pliant_reduction_operations(const pliant_space *space); /* of that */
-/* out = (the space's stiffness)^-1 right, (3 system.num_free); may be the same. Errors: MEMORY. */
-pliant_status pliant_reduction_solve(const pliant_space *space, pliant_reduction *reduction, const double *right, double *out);
+pliant_status pliant_reduction_numeric(const pliant_basis *basis, const pliant_tangent *tangents, pliant_reduction *reduction);
+double pliant_reduction_operations(const pliant_basis *basis); /* of that */
+/* out = (the basis's stiffness)^-1 right, (3 system.num_free); may be the same. Errors: MEMORY. */
+pliant_status pliant_reduction_solve(const pliant_basis *basis, pliant_reduction *reduction, const double *right, double *out);
 /* Add what lies beyond: x (3 mesh.num_nodes), forces (3 system.num_free) [N]. */
-void pliant_space_far_forces(pliant_space *space, const double *x, double *forces);
-/* Positions x (3 mesh.num_nodes) become the nearest ones within the space: u = a + E q. */
-void pliant_space_project(pliant_space *space, double *x);
+void pliant_basis_far_forces(pliant_basis *basis, const double *x, double *forces);
+/* Positions x (3 mesh.num_nodes) become the nearest ones within the basis: u = a + E q. */
+void pliant_basis_project(pliant_basis *basis, double *x);
 /* Fine positions: base (3 fine nodes) and the displacement that x stands for. base and out may be the same. */
-void pliant_space_positions(pliant_space *space, const pliant_system *fine, const double *base, const double *x, double *out);
+void pliant_basis_positions(pliant_basis *basis, const pliant_system *fine, const double *base, const double *x, double *out);
 
 #ifdef __cplusplus
 }
