@@ -66,7 +66,8 @@ PLIANT_INLINE void pliant_macro_follow(const pliant_macro_frame *frame, bool gro
     for (int d = 0; d < 3; d++) y[d] = x[d] - frame->rest_centre[d];
     pliant_macro_turn(r, w, u);
     for (int d = 0; d < 3; d++) {
-        if (!grounded) u[d] += frame->centre[d] - frame->rest_centre[d] + (r[3 * d] * y[0] + r[3 * d + 1] * y[1] + r[3 * d + 2] * y[2] - y[d]);
+        if (!grounded)
+            u[d] += frame->centre[d] - frame->rest_centre[d] + (r[3 * d] * y[0] + r[3 * d + 1] * y[1] + r[3 * d + 2] * y[2] - y[d]);
         x[d] += u[d];
     }
 }

@@ -19,7 +19,8 @@ PLIANT_INLINE void pliant_deformation(const double x[12], const double gradients
     for (int r = 0; r < 3; r++)
         PLIANT_UNROLL
         for (int c = 0; c < 3; c++)
-            f[3 * r + c] = (x[3 + r] - x[r]) * gradients[3 + c] + (x[6 + r] - x[r]) * gradients[6 + c] + (x[9 + r] - x[r]) * gradients[9 + c];
+            f[3 * r + c] = (x[3 + r] - x[r]) * gradients[3 + c] + (x[6 + r] - x[r]) * gradients[6 + c] +
+                           (x[9 + r] - x[r]) * gradients[9 + c];
 }
 
 /* ---- R: Newton's iteration X <- (s X + X^-T / s) / 2 from F on (Higham 1986) */

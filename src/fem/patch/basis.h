@@ -1,4 +1,5 @@
-/* A reduced basis: where a patch's solution is looked for, on the fine mesh around what tools hold, relative to where the coarse model has it:
+/* A reduced basis: where a patch's solution is looked for, on the fine mesh around what tools hold, relative to where the coarse model
+ * has it:
  *
  *   own      nodes within the patch's radius of a tool's hold: they move freely;
  *   modes    all nodes: a few fields that are the fine mesh's answer to forces on the holds (response.h).
