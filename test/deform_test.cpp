@@ -112,6 +112,25 @@ TEST_F(Deform, PullsAndWritesWhatItPromises)
     EXPECT_NEAR(std::stod(tools.back()[6]), front - 0.01, 1e-3);
 }
 
+// The room around the tissue is warp/margin, wherever a tool goes; that is said, and when tissue leaves it.
+TEST_F(Deform, KeepsTheVolumeToItsMargin)
+{
+    std::ofstream(in("far.yaml")) << "tools:\n  - name: grasper\n    drive: rigid\n    grasp: [0.0, " << front_of_the_wall() + 0.006
+                                  << ", 0.07]\n    motion: [{time: 0, offset: [0, 0, 0]}, {time: 1, offset: [0, -3, 0]}]\n";
+    const std::string common = small_ + "--quiet --steps 4 --set warp/margin=0.02 --out " + in("far");
+    ASSERT_EQ(run(common), 0) << err_;
+    pliant_volume still{}, pulled{};
+    ASSERT_EQ(pliant_volume_read(in("far/deformed.nii.gz").c_str(), nullptr, 0, &still), PLIANT_OK);
+    EXPECT_EQ(err_.find("warp/margin"), std::string::npos) << err_;
+    ASSERT_EQ(run(common + " --tools " + in("far.yaml")), 0) << err_;
+    ASSERT_EQ(pliant_volume_read(in("far/deformed.nii.gz").c_str(), nullptr, 0, &pulled), PLIANT_OK);
+    EXPECT_NE(err_.find("a tool pulls by 3 m"), std::string::npos) << err_;
+    EXPECT_NE(err_.find("tissue is moved out of the deformed volume"), std::string::npos) << err_;
+    for (int d = 0; d < 3; d++) EXPECT_EQ(pulled.geometry.size[d], still.geometry.size[d]);
+    pliant_volume_free(&still);
+    pliant_volume_free(&pulled);
+}
+
 TEST_F(Deform, StopsOnRequestWithWhatWasDone)
 {
     const auto steps = [&] { return table(in("stopped/steps.csv")).size() > 1; };

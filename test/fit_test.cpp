@@ -119,8 +119,8 @@ TEST(Fit, DrawsTheScanAtRestAndBackgroundBesideIt)
 {
     Fixture body(32, 8);
     pliant_geometry target;
-    const double low[3] = {-0.01, -0.01, -0.01}, high[3] = {0.04, 0.04, 0.045};
-    ASSERT_EQ(pliant_warp_target(&body.scan.geometry, low, high, SIZE_MAX, &target), PLIANT_OK);
+    const double box[6] = {-0.01, -0.01, -0.01, 0.04, 0.04, 0.045};
+    ASSERT_EQ(pliant_warp_target(&body.scan.geometry, box, 2, 0, SIZE_MAX, &target), PLIANT_OK);
     pliant_warp *warp = nullptr;
     ASSERT_EQ(pliant_warp_create(&body.scan, &body.mesh, &target, 2, &warp), PLIANT_OK);
     EXPECT_EQ(pliant_warp_fit(warp, 0), PLIANT_ERROR_ARGUMENT);
@@ -157,8 +157,8 @@ TEST(Fit, DrawsNoTissueBesideTheBody)
 {
     Fixture body(32, 8);
     pliant_geometry target;
-    const double low[3] = {-0.03, -0.03, -0.03}, high[3] = {0.06, 0.06, 0.07};
-    ASSERT_EQ(pliant_warp_target(&body.scan.geometry, low, high, SIZE_MAX, &target), PLIANT_OK);
+    const double box[6] = {-0.03, -0.03, -0.03, 0.06, 0.06, 0.07};
+    ASSERT_EQ(pliant_warp_target(&body.scan.geometry, box, 2, 0, SIZE_MAX, &target), PLIANT_OK);
     for (size_t v = 0; v < pliant_geometry_voxels(&body.scan.geometry); v++) static_cast<int16_t *>(body.scan.voxels)[v] = 100;
     std::vector<double> positions(body.mesh.rest, body.mesh.rest + 3 * body.mesh.num_nodes);
     for (size_t n = 0; n < positions.size(); n += 3) { // a dent into one side, a bulge out of another

@@ -352,13 +352,8 @@ TEST(rasterize, mass_is_conserved_under_a_shear)
         double y = p[1] + 0.4 * (p[2] - 0.13), across = p[0] + 0.3 * (y - 0.06);
         return vector3{across, y, p[2] + 0.2 * (across + 0.01)};
     });
-    double low[3] = {1e9, 1e9, 1e9}, high[3] = {-1e9, -1e9, -1e9};
-    for (size_t n = 0; n < x.size(); n++) {
-        low[n % 3] = std::min(low[n % 3], x[n]);
-        high[n % 3] = std::max(high[n % 3], x[n]);
-    }
     pliant_geometry target;
-    ASSERT_EQ(pliant_warp_target(&geometry, low, high, 10000000, &target), PLIANT_OK);
+    ASSERT_EQ(pliant_warp_target(&geometry, x.data(), mesh->num_nodes, 0, 10000000, &target), PLIANT_OK);
     auto warp = make_warp(*scan, *mesh, target);
     ASSERT_EQ(pliant_warp_update(warp.get(), x.data()), PLIANT_OK);
     const pliant_volume *out = pliant_warp_volume(warp.get());

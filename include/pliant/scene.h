@@ -139,7 +139,7 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
 #define PLIANT_SCENE_WARP(X)                                                                                           \
     X(WARP, kind, PLIANT_RASTERIZE, 0, 0, "", "rasterize: tetrahedra, exact on them; fit: a smooth map through the nodes ([C] 12)") \
     X(INT, fit_step, 4, 1, 64, "voxels", "fit: distance of the points that are fitted; linear in between")            \
-    X(REAL, margin, 0.03, 0.0, 10.0, "m", "room around the tissue that the deformed volume has")                     \
+    X(REAL, margin, 0.03, 0.0, 10.0, "m", "room that the deformed volume has around the tissue at rest; what is moved further is cut off") \
     X(REAL, rate, 10.0, 0.0, 1000.0, "Hz", "most deformed volumes a second")
 #define PLIANT_SCENE_OUTPUT(X)                                                                                         \
     X(SCALAR, scalar, PLIANT_SCALAR_NONE, 0, 0, "", "number per node on mesh/state: none, von_mises [Pa], strain_energy [J/m^3], volume_ratio, principal_stress (largest) [Pa], mass_change (rest volume over volume ratio, [C] 13) [m^3]") \

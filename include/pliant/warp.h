@@ -20,10 +20,12 @@ enum { PLIANT_BRICK_SIZE = 16 }; /**< voxels along each edge of a brick; the las
 
 typedef struct pliant_warp pliant_warp; /**< owns the target volume and what is needed to redo only what changed */
 
-/** Target grid: the scan's, grown by whole voxels so that it holds the box [low, high] in LPS [m] as well.
- *  low and high Nullable: the scan's grid itself. Errors: ARGUMENT when it would exceed max_voxels. */
-PLIANT_API pliant_status pliant_warp_target(const pliant_geometry *scan, const double *low, const double *high, size_t max_voxels,
-                                            pliant_geometry *out);
+/** Target grid: the scan's, grown along its own axes by whole voxels so that it holds the points and a margin around them as well.
+ *  @param points (num_points x 3) LPS [m]; none: the scan's grid itself
+ *  @param margin [m]
+ *  Errors: ARGUMENT when it would exceed max_voxels. */
+PLIANT_API pliant_status pliant_warp_target(const pliant_geometry *scan, const double *points, int32_t num_points, double margin,
+                                            size_t max_voxels, pliant_geometry *out);
 
 /** @param scan   borrowed; must outlive the warp
  *  @param mesh   borrowed; fine mesh, must outlive the warp
@@ -45,7 +47,7 @@ PLIANT_API pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_c
 PLIANT_API pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step);
 
 /** Redo what the new positions change. Non-finite positions are refused (ARGUMENT) and change nothing.
- *  A tetrahedron that is inverted or flat draws nothing.
+ *  A tetrahedron that is inverted or flat draws nothing. Tissue that leaves the target is cut off, with a line in the log the first time.
  *  @param positions (num_nodes x 3) LPS [m] */
 PLIANT_API pliant_status pliant_warp_update(pliant_warp *warp, const double *positions);
 

@@ -29,17 +29,10 @@ size_t report_data_bytes(const pliant_data *data, size_t before)
     return (now > before ? now - before : 0) + pliant_data_factor_bytes(data);
 }
 
-void report_box(const pliant_model *model, double low[3], double high[3])
+pliant_status report_target(const pliant_model *model, pliant_geometry *out)
 {
-    double margin = model->scene.warp.margin;
-    for (int d = 0; d < 3; d++) {
-        low[d] = INFINITY;
-        high[d] = -INFINITY;
-        for (int32_t n = 0; n < model->body->fine.num_nodes; n++) {
-            low[d] = fmin(low[d], model->body->fine.rest[3 * n + d] - margin);
-            high[d] = fmax(high[d], model->body->fine.rest[3 * n + d] + margin);
-        }
-    }
+    const pliant_mesh *mesh = &model->body->fine;
+    return pliant_warp_target(&model->scan->geometry, mesh->rest, mesh->num_nodes, model->scene.warp.margin, SIZE_MAX, out);
 }
 
 static pliant_status set_limits(pliant_data *data, report_limits limits)

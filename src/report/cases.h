@@ -58,8 +58,8 @@ pliant_status report_case_run(const pliant_model *model, const report_case *load
                               const pliant_geometry *target, report_run *out);
 void report_run_free(report_run *run); /* Nullable; leaves it zeroed */
 
-/* The fine mesh at rest with the scene's margin around it: what the deformed volume holds. [m] */
-void report_box(const pliant_model *model, double low[3], double high[3]);
+/* The grid of the deformed volume: it holds the fine mesh at rest with the scene's margin around it. */
+pliant_status report_target(const pliant_model *model, pliant_geometry *out);
 
 /* Everything that a data holds, CHOLMOD's factors too, when `before` was in use before it was made. */
 size_t report_data_bytes(const pliant_data *data, size_t before);

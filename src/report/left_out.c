@@ -156,11 +156,9 @@ static void key(const char *setup, int n, report_row *row)
 static pliant_status measure(pliant_model *model, const pliant_sweep *sweep, stage_times best[NUM_CONFIGURATIONS], pliant_progress progress)
 {
     pliant_geometry target;
-    double low[3], high[3];
     stage_times *times = pliant_calloc(1, sizeof *times);
     if (!times) return pliant_fail_memory("the times of the stages");
-    report_box(model, low, high);
-    pliant_status status = pliant_warp_target(&model->scan->geometry, low, high, SIZE_MAX, &target);
+    pliant_status status = report_target(model, &target);
     for (int run = 0; status >= 0 && run < ROUNDS * NUM_CONFIGURATIONS; run++) {
         int n = run % NUM_CONFIGURATIONS;
         char doing[64];

@@ -248,14 +248,12 @@ pliant_status sweep_prepare(sweep_state *state, const uint8_t *missing)
 {
     sweep_ground *ground = &state->ground;
     pliant_scene scene = ground->reference;
-    double low[3], high[3];
     scene.model.method = PLIANT_FINE;
     pliant_status status = begin(state, "ratio %d: building the reference", scene.mesh.ratio);
     if (status >= 0) status = build(state, &scene, &ground->fine, &ground->fine_peak);
     if (status >= 0) status = pliant_body_points(ground->fine, &ground->count, &ground->rest);
     if (status < 0) return status;
-    report_box(ground->fine, low, high);
-    status = pliant_warp_target(&ground->input->scan->geometry, low, high, SIZE_MAX, &ground->target);
+    status = report_target(ground->fine, &ground->target);
     if (status >= 0) status = solve_same(state, missing);
     if (status >= 0) status = solve_twice(state, missing);
     return status;

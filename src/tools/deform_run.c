@@ -47,19 +47,16 @@ static double farthest_pull(const pliant_path *path)
     return farthest;
 }
 
-/* The deformed volume covers the scan, and the tissue at rest with room around it: the scene's margin, or the way that a
- * tool takes it if that is more. */
+/* The deformed volume covers the scan, and the tissue at rest with the scene's margin around it. */
 static pliant_status ask_for_volume(deform_run *run)
 {
     const pliant_mesh *mesh = &pliant_data_get_body(run->data)->fine;
-    double room = fmax(run->scene.warp.margin, farthest_pull(&run->inputs->path));
-    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    const double margin = run->scene.warp.margin, pull = farthest_pull(&run->inputs->path);
     pliant_geometry target;
-    for (int32_t n = 0; n < 3 * mesh->num_nodes; ++n) {
-        low[n % 3] = fmin(low[n % 3], mesh->rest[n] - room);
-        high[n % 3] = fmax(high[n % 3], mesh->rest[n] + room);
-    }
-    pliant_status status = pliant_warp_target(&run->inputs->scan.geometry, low, high, SIZE_MAX, &target);
+    if (pull > margin)
+        pliant_log(PLIANT_LOG_WARNING, "a tool pulls by %g m, the deformed volume has %g m of room around the tissue at rest: what is pulled further than "
+                   "that is cut off; warp/margin gives it more", pull, margin);
+    pliant_status status = pliant_warp_target(&run->inputs->scan.geometry, mesh->rest, mesh->num_nodes, margin, SIZE_MAX, &target);
     return status < 0 ? status : pliant_data_warp(run->model, run->data, &target);
 }
 

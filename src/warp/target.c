@@ -15,36 +15,33 @@ static bool usable(const pliant_geometry *geometry)
     return true;
 }
 
-/* Voxels to add before and behind, so that voxels (edge to edge) hold the box. */
-static void find_growth(const pliant_geometry *scan, const double *low, const double *high, double before[3],
-                        double behind[3])
+/* Voxels to add before and behind along the scan's own axes, so that voxels (edge to edge) hold the points and a margin around them;
+ * false: one of them is not finite. */
+static bool find_growth(const pliant_geometry *scan, const double *points, int32_t num_points, double margin, double before[3], double behind[3])
 {
+    bool finite = isfinite(margin) && margin >= 0;
     for (int d = 0; d < 3; d++) before[d] = behind[d] = 0;
-    for (int corner = 0; low && corner < 8; corner++) {
-        double world[3], index[3];
-        for (int d = 0; d < 3; d++) world[d] = (corner >> d & 1 ? high : low)[d];
-        pliant_geometry_to_index(scan, world, index);
+    for (int32_t n = 0; n < num_points; n++) {
+        double index[3];
+        pliant_geometry_to_index(scan, points + 3 * (size_t)n, index);
         for (int d = 0; d < 3; d++) {
-            before[d] = fmax(before[d], ceil(-0.5 - index[d] - slack));
-            behind[d] = fmax(behind[d], ceil(index[d] - (scan->size[d] - 0.5) - slack));
+            double room = margin / scan->spacing[d];
+            finite = finite && isfinite(index[d]);
+            before[d] = fmax(before[d], ceil(-0.5 - (index[d] - room) - slack));
+            behind[d] = fmax(behind[d], ceil(index[d] + room - (scan->size[d] - 0.5) - slack));
         }
     }
+    return finite;
 }
 
-pliant_status pliant_warp_target(const pliant_geometry *scan, const double *low, const double *high, size_t max_voxels,
+pliant_status pliant_warp_target(const pliant_geometry *scan, const double *points, int32_t num_points, double margin, size_t max_voxels,
                                  pliant_geometry *out)
 {
     if (!usable(scan))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the scan of a warp target has no voxels or no spacing");
-    if (!low != !high)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a box for the warp target needs both corners, or none");
-    for (int d = 0; low && d < 3; d++)
-        if (!isfinite(low[d]) || !isfinite(high[d]) || low[d] > high[d])
-            return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                               "the box for the warp target must be finite and low <= high, not [%g, %g] along axis %d",
-                               low[d], high[d], d);
     double before[3], behind[3], size[3], voxels = 1;
-    find_growth(scan, low, high, before, behind);
+    if (!find_growth(scan, points, num_points, margin, before, behind))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the points that a warp target is to hold must be finite, and the margin around them finite and not negative");
     for (int d = 0; d < 3; d++) voxels *= size[d] = before[d] + scan->size[d] + behind[d];
     if (!(voxels <= (double)max_voxels) || !(fmax(size[0], fmax(size[1], size[2])) <= INT32_MAX))
         return pliant_fail(PLIANT_ERROR_ARGUMENT,

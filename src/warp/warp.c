@@ -18,6 +18,7 @@ struct pliant_warp {
     pliant_volume volume;
     int num_threads;
     bool drawn;              /* there was an update */
+    bool told;               /* that tissue leaves the target */
     double *rest;            /* (num_nodes x 3) continuous index in the scan */
     int32_t *fixed, *next;   /* (num_nodes x 3) nodes of the last and of the coming update */
     uint8_t *moved;          /* (num_nodes) */
@@ -298,6 +299,24 @@ static void redo_bricks(pliant_warp *warp)
     }
 }
 
+/* Once, and beyond a voxel: the outermost nodes lie on the edge of a scan. */
+static void tell_cut_off(pliant_warp *warp, const double *positions)
+{
+    const pliant_geometry *target = &warp->volume.geometry;
+    double most = 0;
+    for (int32_t n = 0; !warp->told && n < warp->mesh->num_nodes; n++) {
+        double index[3];
+        pliant_geometry_to_index(target, positions + 3 * (size_t)n, index);
+        for (int d = 0; d < 3; d++) {
+            double beyond = fmax(-0.5 - index[d], index[d] - (target->size[d] - 0.5));
+            if (beyond > 1) most = fmax(most, beyond * target->spacing[d]);
+        }
+    }
+    if (most == 0) return;
+    warp->told = true;
+    pliant_log(PLIANT_LOG_WARNING, "tissue is moved out of the deformed volume, by %.3g m, and cut off there; a larger warp/margin holds it", most);
+}
+
 pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
 {
     double start = pliant_seconds();
@@ -305,6 +324,7 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
         if (!isfinite(positions[v]))
             return pliant_fail(PLIANT_ERROR_ARGUMENT,
                                "the position of node %d is not finite; the deformed volume stays as it is", v / 3);
+    tell_cut_off(warp, positions);
     if (warp->accelerated) {
         if (warp->device->update(warp->accelerated, positions) == PLIANT_OK) return PLIANT_OK;
         pliant_warp_leave(warp);

@@ -242,7 +242,7 @@ bool Services::save_volume(SaveVolume::Request &request, SaveVolume::Response &r
         std::string path, why;
         if (!confine_new(parameters_.output_root, request.path, &path, &why)) throw Failure(PLIANT_ERROR_ARGUMENT, why);
         Snapshot now = simulation_->snapshot();
-        Warped warped(now.loaded, now.positions, pliant_model_get_scene(now.loaded->model)->warp.margin);
+        Warped warped(now.loaded);
         warped.update(now.positions);
         check(pliant_volume_write(path.c_str(), &warped.volume()));
         return "wrote " + path;
@@ -265,7 +265,7 @@ bool Services::pick(Pick::Request &request, Pick::Response &response)
         auto find = [&](const Warped &warped, const Snapshot &now) { picked = warped.pick(now.positions, ray, request.threshold); };
         if (!volume_output_->look(find)) {
             Snapshot now = simulation_->snapshot();
-            Warped warped(now.loaded, now.positions, pliant_model_get_scene(now.loaded->model)->warp.margin);
+            Warped warped(now.loaded);
             warped.update(now.positions);
             find(warped, now);
         }

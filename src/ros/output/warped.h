@@ -16,15 +16,12 @@ void check_target(const Loaded &loaded);
 /* A warp and the model that it borrows from. */
 class Warped {
 public:
-    /* Target: the scan's grid, grown to hold the mesh at rest and a margin [m] around it; where nodes lie outside, a
-       side is grown by further margins. It follows from the positions alone, so that a replay gets the grid that was
-       live. Without a margin it stays the scan's grid, and tissue that leaves it is cut off. Throws Failure. */
-    Warped(std::shared_ptr<const Loaded> loaded, const std::vector<double> &positions, double margin);
+    /* Target: the scan's grid, grown to hold the mesh at rest and the scene's margin around it; a replay gets the grid that was live.
+       Tissue that leaves it is cut off. Throws Failure. */
+    explicit Warped(std::shared_ptr<const Loaded> loaded);
     ~Warped() { pliant_warp_free(warp_); }
     Warped(const Warped &) = delete;
-    /* False when these positions have another target grid: make another. Throws Failure. */
-    bool fits(const std::vector<double> &positions) const;
-    void update(const std::vector<double> &positions);
+    void update(const std::vector<double> &positions); /* Throws Failure. */
     const Loaded *loaded() const { return loaded_.get(); }
     const pliant_geometry &target() const { return target_; }
     /* Of the last update; from a GPU it comes now, so that two threads must not ask at a time. */
@@ -37,7 +34,6 @@ private:
     std::shared_ptr<const Loaded> loaded_;
     pliant_warp *warp_ = nullptr;
     pliant_geometry target_;
-    double margin_;
 };
 
 } // namespace pliant_ros

@@ -116,8 +116,7 @@ void Extraction::write(double time, const rosbag::MessageInstance &recorded)
                       where + std::string("no topology of revision ") + std::to_string(state->revision));
     if (!differs->second.empty()) throw Failure(PLIANT_ERROR_FORMAT, where + differs->second);
     std::shared_ptr<const Snapshot> snapshot = snapshot_of(loaded_, *state);
-    if (!warped_ || !warped_->fits(snapshot->positions))
-        warped_.reset(new Warped(loaded_, snapshot->positions, pliant_model_get_scene(loaded_->model)->warp.margin));
+    if (!warped_) warped_.reset(new Warped(loaded_));
     warped_->update(snapshot->positions);
     std::snprintf(name, sizeof name, "/deformed_%08.3f.nii.gz", time);
     check(pliant_volume_write((arguments_.folder + name).c_str(), &warped_->volume()));
