@@ -10,16 +10,9 @@ int main(int argc, char **argv)
     pliant_status status = example_begin(NULL, &all);
     if (status >= 0) {
         /* the scan's own grid, grown by 3 cm of room on every side */
-        double low[3], high[3];
         pliant_geometry target;
         const pliant_mesh *mesh = &pliant_model_get_body(all.model)->fine;
-        for (int d = 0; d < 3; d++) low[d] = high[d] = mesh->rest[d];
-        for (int32_t n = 0; n < 3 * mesh->num_nodes; n++) {
-            double x = mesh->rest[n];
-            if (x - 0.03 < low[n % 3]) low[n % 3] = x - 0.03;
-            if (x + 0.03 > high[n % 3]) high[n % 3] = x + 0.03;
-        }
-        status = pliant_warp_target(&all.scan.geometry, low, high, SIZE_MAX, &target);
+        status = pliant_warp_target(&all.scan.geometry, mesh->rest, mesh->num_nodes, 0.03, SIZE_MAX, &target);
         if (status >= 0) status = pliant_data_warp(all.model, all.data, &target); /* from now on every step deforms the volume */
     }
     if (status >= 0) status = example_hold(&all, all.data, point, &tool);
