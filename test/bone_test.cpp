@@ -1,5 +1,6 @@
 // Nodes on the surface of bone: where they lie, how good the tetrahedra stay, whose voxels are whose, and what it does to the error.
 #include "pipeline/body.h"
+#include "state/data.h"
 #include "pliant/report.h"
 
 #include <algorithm>

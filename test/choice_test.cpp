@@ -1,6 +1,7 @@
 // Settings chosen by measurement, on a tiny body whose steps take no time.
 #include "pipeline/body.h"
 
+#include "state/data.h"
 #include "pliant/memory.h"
 #include "report/choice.h"
 

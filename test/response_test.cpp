@@ -3,6 +3,7 @@
 
 #include "fem/patch/patch.h"
 #include "fem/patch/basis.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 
 namespace {

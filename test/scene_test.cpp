@@ -1,4 +1,5 @@
 /* Scenes: defaults, YAML, option paths, checks; what is refused and with which words. */
+#include "state/data.h"
 #include "pliant/memory.h"
 #include "pliant/scene.h"
 

@@ -2,6 +2,7 @@
 #include "pipeline/body.h"
 
 #include "backend/backend.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 
 namespace {

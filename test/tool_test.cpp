@@ -1,6 +1,7 @@
 // Tools: what they are called, what they find where they take hold, and what is said about it.
 #include "pipeline/body.h"
 
+#include "state/data.h"
 #include "pliant/memory.h"
 
 #include <string>

@@ -4,7 +4,7 @@
 #ifndef PLIANT_BACKEND_BACKEND_H
 #define PLIANT_BACKEND_BACKEND_H
 
-#include "pliant/data.h"
+#include "state/data.h"
 #include "scene/gpu_choice.h"
 
 #ifdef __cplusplus

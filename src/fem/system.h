@@ -6,7 +6,7 @@
 #define PLIANT_FEM_SYSTEM_H
 
 #include "base/lanes.h"
-#include "pliant/model.h"
+#include "state/model.h"
 
 /* What a step says whose merit is not finite: everything that is checked one by one has been finite before. */
 #define PLIANT_LOAD_NOT_FINITE \

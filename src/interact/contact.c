@@ -1,5 +1,5 @@
 /* How far a tool's tip is from the tissue. */
-#include "pliant/data.h"
+#include "state/data.h"
 
 #include <math.h>
 

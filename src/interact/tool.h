@@ -2,7 +2,7 @@
 #ifndef PLIANT_INTERACT_TOOL_H
 #define PLIANT_INTERACT_TOOL_H
 
-#include "pliant/data.h"
+#include "state/data.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -3,6 +3,7 @@
 
 #include "base/fail.h"
 #include "fem/quasistatic/solver.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 
 #include <math.h>

@@ -1,4 +1,5 @@
 /* What a choice of settings tries: methods on meshes. */
+#include "state/data.h"
 #include "report/choice.h"
 
 #include <stdio.h>

@@ -1,6 +1,7 @@
 /* What explicit dynamics costs on a scene, and how well it keeps energy. */
 #include "base/fail.h"
 #include "base/threads.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 #include "report/rows.h"
 

@@ -1,6 +1,7 @@
 /* What a scene does not name costs nothing: time and memory with everything, without each part, without all. */
 #include "base/fail.h"
 #include "base/threads.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 #include "report/cases.h"
 #include "report/rows.h"

@@ -1,5 +1,6 @@
 /* The same tissue in different meshes. */
 #include "base/fail.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 #include "pliant/report.h"
 

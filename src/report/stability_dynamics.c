@@ -1,6 +1,7 @@
 /* Cases about explicit dynamics: its time step, the energy that it should keep, and what inertia makes of loads and bodies. */
 #include "base/fail.h"
 #include "fem/dynamics/tled.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 #include "report/stability_cases.h"
 

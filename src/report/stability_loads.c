@@ -1,5 +1,6 @@
 /* Cases that are about loads: on the user's own scan where there is one. */
 #include "base/fail.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 #include "report/stability_cases.h"
 

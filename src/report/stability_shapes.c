@@ -1,5 +1,6 @@
 /* Cases that start from an impossible shape and let go; and the long run. */
 #include "base/fail.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 #include "report/stability_cases.h"
 

@@ -2,6 +2,7 @@
 
 #include "base/fail.h"
 #include "fem/system.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 
 #include <math.h>

@@ -1,6 +1,7 @@
 /* Error against run time: every method, ratio, variant and budget through the same load cases. */
 #include "base/fail.h"
 #include "fem/patch/patch.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 #include "report/sweep.h"
 

@@ -2,6 +2,7 @@
 #include "base/fail.h"
 #include "base/threads.h"
 #include "fem/system.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 #include "report/sweep.h"
 

@@ -1,6 +1,7 @@
 /* Error in the warped image, voxel by voxel (figure 2 of [H]). */
 #include "base/fail.h"
 #include "base/threads.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 #include "pliant/report.h"
 

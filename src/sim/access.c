@@ -1,6 +1,6 @@
 /* What a model and a data tell of themselves. */
 #include "base/fail.h"
-#include "pliant/data.h"
+#include "state/data.h"
 
 #include <string.h>
 

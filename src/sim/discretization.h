@@ -2,7 +2,7 @@
 #ifndef PLIANT_SIM_DISCRETIZATION_H
 #define PLIANT_SIM_DISCRETIZATION_H
 
-#include "pliant/model.h"
+#include "state/model.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -1,7 +1,7 @@
 /* From paths to what a model is built of. */
 #include "base/fail.h"
 #include "base/threads.h"
-#include "pliant/model.h"
+#include "state/model.h"
 #include "pliant/segment.h"
 
 #include <stdio.h>

@@ -7,6 +7,7 @@
 // Limits: identity sampling of a 3-D texture into a volume of the same size, and the copy of that to page-locked memory.
 #include "backend/backend.h"
 #include "displacement.h"
+#include "state/data.h"
 #include "pliant/pliant.h"
 
 #include <cuda_runtime.h>

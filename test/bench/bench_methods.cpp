@@ -7,6 +7,7 @@
 // once with the held point prescribed (displacement), once with the force that the fine solution took (force).
 // Errors are of the last step, over the nodes of the body (of tetrahedra that are at least half tissue) and over all that the mesh has
 // (air too), in % of the largest displacement of the fine solution.
+#include "state/data.h"
 #include "pliant/pliant.h"
 
 #include <algorithm>

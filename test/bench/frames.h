@@ -3,6 +3,7 @@
 #ifndef PLIANT_BENCH_FRAMES_H
 #define PLIANT_BENCH_FRAMES_H
 
+#include "state/data.h"
 #include "pliant/pliant.h"
 
 #include <algorithm>

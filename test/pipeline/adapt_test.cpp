@@ -1,5 +1,6 @@
 // Bodies that follow one another while a simulation runs: what is derived from a body goes over to the next one.
 #include "body.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 #include "warp/raster.h"
 

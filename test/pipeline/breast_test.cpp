@@ -3,6 +3,7 @@
 #include "base/matrix.h"
 #include "fem/element/law.h"
 #include "fem/element/rotation.h"
+#include "state/data.h"
 #include "pliant/pliant.h"
 #include "program.h"
 

@@ -1,6 +1,7 @@
 // Steps that have hardly any time: an evaluation or two, by a clock of the test's own, so that it does not matter how busy the
 // machine is.
 #include "fem/quasistatic/solver.h"
+#include "state/data.h"
 #include "pliant/pliant.h"
 
 #include <gtest/gtest.h>

@@ -2,6 +2,7 @@
 #include "backend/backend.h"
 #include "body.h"
 #include "cuda_warps.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 #include "tolerance.h"
 

@@ -3,6 +3,7 @@
 #include "body.h"
 #include "cuda_warps.h"
 #include "fem/dynamics/tled.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 
 #include <array>

@@ -5,6 +5,7 @@
 #include "backend/backend.h"
 #include "warp/device.h"
 
+#include "state/data.h"
 #include <gtest/gtest.h>
 
 #include <cmath>

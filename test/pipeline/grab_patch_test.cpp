@@ -1,6 +1,7 @@
 // Patches around what tools hold (model/patch), against the fine solution.
 #include "body.h"
 
+#include "state/data.h"
 #include "pliant/memory.h"
 
 #include <array>

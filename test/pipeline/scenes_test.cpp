@@ -1,4 +1,5 @@
 // The demonstration scenes of explicit dynamics, on a small phantom: the liver hangs, and falls.
+#include "state/data.h"
 #include "pliant/pliant.h"
 
 #include <gtest/gtest.h>

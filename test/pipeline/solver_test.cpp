@@ -1,6 +1,7 @@
 // The solve as users meet it: stops, limits, extremes, determinism, memory.
 #include "body.h"
 
+#include "state/data.h"
 #include "pliant/memory.h"
 
 namespace {

@@ -1,3 +1,5 @@
+#include "state/data.h"
+#include "state/model.h"
 #include "pliant/ros/convert.h"
 
 #include <gtest/gtest.h>

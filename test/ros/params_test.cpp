@@ -1,5 +1,6 @@
 #include "ros/node/params.h"
 
+#include "state/data.h"
 #include <gtest/gtest.h>
 
 #include <stdlib.h>

@@ -3,7 +3,7 @@
 #define PLIANT_FEM_DYNAMICS_SUBSTEP_H
 
 #include "base/inline.h"
-#include "pliant/data.h"
+#include "state/data.h"
 
 #include <math.h>
 

@@ -18,7 +18,7 @@
 #include "fem/element/law.h"
 #include "base/lanes.h"
 #include "fem/dynamics/substep.h"
-#include "pliant/data.h"
+#include "state/data.h"
 
 #ifdef __cplusplus
 extern "C" {

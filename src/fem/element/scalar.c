@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "fem/element/law.h"
 #include "fem/element/rotation.h"
-#include "pliant/data.h"
+#include "state/data.h"
 #include "pliant/memory.h"
 
 #include <math.h>

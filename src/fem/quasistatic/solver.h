@@ -16,7 +16,7 @@
 #include "fem/quasistatic/anderson.h"
 #include "fem/quasistatic/turn.h"
 #include "fem/system.h"
-#include "pliant/data.h"
+#include "state/data.h"
 
 #ifdef __cplusplus
 extern "C" {
