@@ -1,5 +1,4 @@
 #include "state/data.h"
-#include "state/model.h"
 #include "pliant/ros/convert.h"
 
 #include <gtest/gtest.h>
