@@ -2,7 +2,7 @@
 #ifndef PLIANT_FEM_QUASISTATIC_BACKGROUND_H
 #define PLIANT_FEM_QUASISTATIC_BACKGROUND_H
 
-#include "pliant/data.h"
+#include "state/data.h"
 
 /* finished: it is ready. due: the step has come that it was planned for. background is Nullable: as planned */
 static inline bool pliant_background_arrives(pliant_background *background, uint32_t result, bool finished, bool due)
