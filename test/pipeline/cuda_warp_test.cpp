@@ -1,0 +1,190 @@
+// The warp and picks on the GPU against the CPU's, bit for bit; what happens when the GPU fails or is full. Skipped without a GPU.
+#include "backend/backend.h"
+#include "cuda_warps.h"
+#include "pliant/pliant.h"
+
+#include <random>
+#include <string>
+#include <vector>
+
+namespace {
+
+/* ---- the warp */
+
+TEST(CudaWarp, EqualsTheCpuBitForBit)
+{
+    NEEDS_GPU();
+    for (pliant_encoding encoding : {PLIANT_UINT8, PLIANT_INT16, PLIANT_FLOAT32}) {
+        SCOPED_TRACE(encoding);
+        const int32_t cells[3] = {6, 5, 4};
+        pliant_geometry geometry = geometry_of(75, 61, 50);
+        Warps warps(encoding, geometry, cells, geometry);
+        warps.update_and_compare(warps.rest(), "at rest");
+        warps.update_and_compare(warps.wave(0.004, 0, 1), "wave");
+        warps.update_and_compare(warps.wave(0.004, 0, 1), "nothing moved");
+        warps.update_and_compare(warps.wave(0.003, 0.002, 2), "rough");
+        warps.update_and_compare(warps.wave(0.02, 0.01, 3), "folded over and inside out");
+        std::vector<double> x = warps.rest();
+        for (size_t n = 0; n < x.size(); n += 3) x[n] += 0.003, x[n + 2] -= 0.004;
+        warps.update_and_compare(x, "moved by whole voxels");
+        x[3 * 40] += 0.002;
+        warps.update_and_compare(x, "one node moved");
+        for (size_t n = 0; n < x.size(); n++) x[n] *= 30;
+        warps.update_and_compare(x, "blown up");
+        warps.update_and_compare(warps.rest(), "at rest again");
+    }
+}
+
+TEST(CudaWarp, OtherTargetsEqualToo)
+{
+    NEEDS_GPU();
+    const int32_t cells[3] = {4, 4, 4};
+    pliant_geometry geometry = geometry_of(40, 36, 33), oblique = geometry, mirrored = geometry, large = geometry, flat = geometry_of(40, 36, 1);
+    const double c = std::cos(0.4), s = std::sin(0.4);
+    const double turned[9] = {c, -s, 0, s, c, 0, 0, 0, 1};
+    std::memcpy(oblique.direction, turned, sizeof turned);
+    for (int d = 0; d < 3; d++) oblique.spacing[d] *= 0.7;
+    mirrored.direction[4] = -1;
+    mirrored.origin[1] += 35 * mirrored.spacing[1];
+    for (int d = 0; d < 3; d++) large.size[d] += 17, large.origin[d] -= 8 * large.spacing[d];
+    int number = 0;
+    for (const pliant_geometry &target : {oblique, mirrored, large, flat}) {
+        SCOPED_TRACE(number++);
+        Warps warps(PLIANT_INT16, geometry, cells, target);
+        warps.update_and_compare(warps.rest(), "at rest");
+        warps.update_and_compare(warps.wave(0.005, 0.0005, 4), "wave");
+    }
+    const int32_t few[3] = {3, 2, 1};
+    Warps thin(PLIANT_INT16, geometry_of(1, 30, 2), few, geometry_of(1, 30, 2));
+    thin.update_and_compare(thin.wave(0.001, 0, 5), "a scan of one voxel across");
+}
+
+TEST(CudaWarp, CrowdedBricksEqualToo)
+{
+    NEEDS_GPU();
+    const int32_t cells[3] = {20, 20, 16};
+    pliant_geometry geometry = geometry_of(48, 48, 40);
+    Warps warps(PLIANT_INT16, geometry, cells, geometry); // some 2000 tetrahedra a brick: longer lists than at first, and the slow way
+    warps.update_and_compare(warps.rest(), "at rest");
+    warps.update_and_compare(warps.wave(0.002, 0.0003, 6), "wave");
+    std::vector<double> x = warps.rest();
+    for (size_t n = 0; n < x.size(); n++) x[n] = warps.mesh.corner[n % 3] + 0.2 * (x[n] - warps.mesh.corner[n % 3]);
+    warps.update_and_compare(x, "all pressed together");
+}
+
+/* ---- picks */
+
+bool equal(const pliant_picked &a, const pliant_picked &b)
+{
+    return a.hit == b.hit && a.distance == b.distance && a.intensity == b.intensity && a.tetrahedron == b.tetrahedron &&
+           std::memcmp(a.point, b.point, sizeof a.point) == 0 && std::memcmp(a.rest, b.rest, sizeof a.rest) == 0;
+}
+
+// from all sides and from inside, at the body, past it and cut short; positions: where the tissue is looked for
+void compare_picks(const Warps &warps, const std::vector<double> &positions, int rays, int *hits, int *misses, int *at_once)
+{
+    const pliant_volume *volume = pliant_warp_volume(warps.cpu);
+    const pliant_geometry &geometry = volume->geometry;
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> uniform(-0.7, 0.7);
+    for (int n = 0; n < rays; n++) {
+        pliant_ray ray{};
+        const double away = n % 4 == 0 ? 0.5 : 3;
+        double from[3], to[3], origin[3], target[3];
+        for (int d = 0; d < 3; d++) {
+            from[d] = (0.5 + away * uniform(random)) * geometry.size[d];
+            to[d] = (0.5 + uniform(random)) * geometry.size[d];
+        }
+        pliant_geometry_to_world(&geometry, from, origin);
+        pliant_geometry_to_world(&geometry, to, target);
+        for (int d = 0; d < 3; d++) ray.origin[d] = origin[d], ray.direction[d] = target[d] - origin[d];
+        if (n % 5 == 0) ray.near = 0.02, ray.far = 0.2;
+        for (double threshold : {-300.0, 100.0}) {
+            pliant_picked here{}, there{};
+            ASSERT_EQ(pliant_pick(volume, &warps.mesh, positions.data(), &ray, threshold, &here), PLIANT_OK);
+            ASSERT_EQ(pliant_pick_warped(warps.gpu, positions.data(), &ray, threshold, &there), PLIANT_OK);
+            EXPECT_TRUE(equal(here, there)) << "ray " << n << " above " << threshold << ": " << here.distance << " and " << there.distance;
+            ++*(!here.hit ? misses : here.distance > ray.near ? hits : at_once);
+        }
+    }
+}
+
+TEST(CudaPick, EqualsTheCpuBitForBit)
+{
+    NEEDS_GPU();
+    const int32_t cells[3] = {4, 4, 4}, voxels[3] = {48, 40, 36};
+    pliant_volume phantom{};
+    ASSERT_EQ(pliant_phantom(voxels, 1, &phantom, nullptr), PLIANT_OK) << pliant_last_error();
+    pliant_geometry large = phantom.geometry;
+    for (int d = 0; d < 3; d++) large.size[d] += 9;
+    Warps body(phantom.encoding, phantom.geometry, cells, large), bytes(PLIANT_UINT8, geometry_of(31, 30, 29), cells, geometry_of(31, 30, 29)),
+        floats(PLIANT_FLOAT32, geometry_of(31, 30, 29), cells, geometry_of(31, 30, 29));
+    std::memcpy(body.scan.voxels, phantom.voxels, pliant_geometry_voxels(&phantom.geometry) * pliant_encoding_size(phantom.encoding));
+    ASSERT_EQ(pliant_warp_backend(body.gpu, PLIANT_CPU), PLIANT_OK);
+    ASSERT_EQ(pliant_warp_backend(body.gpu, PLIANT_CUDA), PLIANT_OK); // takes the scan anew
+    for (Warps *warps : {&body, &bytes, &floats}) {
+        int hits = 0, misses = 0, at_once = 0;
+        for (const std::vector<double> &x : {warps->rest(), warps->wave(0.004, 0.0005, 4)}) {
+            warps->update_and_compare(x, "the volume");
+            compare_picks(*warps, x, warps == &body ? 150 : 40, &hits, &misses, &at_once);
+            std::vector<double> elsewhere = x; // crossings without tissue are passed over
+            for (size_t n = 0; n < x.size(); n += 3) elsewhere[n] += 0.5 * warps->scan.geometry.size[0] * warps->scan.geometry.spacing[0];
+            compare_picks(*warps, elsewhere, 40, &hits, &misses, &at_once);
+        }
+        EXPECT_GT(hits, 20);
+        EXPECT_GT(misses, 20);
+        EXPECT_GT(at_once, 5);
+    }
+    pliant_volume_free(&phantom);
+}
+
+// four calls of the CUDA runtime for a ray with one crossing or none: where one fails, the CPU picks the same
+TEST(CudaPick, TheCpuGoesOn)
+{
+    NEEDS_GPU();
+    const int32_t cells[3] = {4, 4, 4};
+    const pliant_geometry geometry = geometry_of(31, 30, 29);
+    Warps warps(PLIANT_INT16, geometry, cells, geometry);
+    const pliant_ray ray = {{-0.1, 0.05, 0.12}, {1, 0, 0.1}, 0, 0};
+    for (int calls = 0; calls <= 4; calls++) {
+        const std::vector<double> x = warps.wave(0.002, 0, static_cast<unsigned>(calls));
+        ASSERT_EQ(pliant_warp_update(warps.cpu, x.data()), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_update(warps.gpu, x.data()), PLIANT_OK);
+        const march_ray along = {{31, 30, 29}, {0, 15, 14}, {1000, 0, 0}, 0, 0.03, 0.0005, 100, 200};
+        march_crossing found{};
+        EXPECT_FALSE(pliant_warp_cross(warps.cpu, &along, 0, &found));
+        pliant_cuda_fail_after(calls);
+        EXPECT_EQ(pliant_warp_cross(warps.gpu, &along, 0, &found), calls == 4) << calls;
+        pliant_picked here{}, there{};
+        pliant_cuda_fail_after(calls);
+        ASSERT_EQ(pliant_pick_warped(warps.gpu, x.data(), &ray, 100, &there), PLIANT_OK) << calls;
+        pliant_cuda_fail_after(-1);
+        ASSERT_EQ(pliant_pick(pliant_warp_volume(warps.cpu), &warps.mesh, x.data(), &ray, 100, &here), PLIANT_OK);
+        EXPECT_TRUE(here.hit && equal(here, there)) << calls;
+    }
+}
+
+// another program has all of the GPU's memory: a volume that does not fit is refused with figures, or drawn by the CPU
+TEST(CudaFailure, AFullGpuIsToldWithFigures)
+{
+    NEEDS_GPU();
+    const int32_t cells[3] = {4, 4, 4};
+    pliant_geometry geometry = geometry_of(128, 128, 128);
+    Warps warps(PLIANT_INT16, geometry, cells, geometry);
+    warps.update_and_compare(warps.rest(), "before");
+    std::vector<void *> taken;
+    void *block;
+    for (size_t bytes = size_t(1) << 36; bytes > 1 << 20; bytes /= 2)
+        while (pliant_cuda_allocate(bytes, "a test", &block) == PLIANT_OK) taken.push_back(block);
+    pliant_warp *other = nullptr;
+    ASSERT_EQ(pliant_warp_create(&warps.scan, &warps.mesh, &geometry, 2, &other), PLIANT_OK);
+    EXPECT_EQ(pliant_warp_backend(other, PLIANT_CUDA), PLIANT_ERROR_MEMORY);
+    EXPECT_NE(std::string(pliant_last_error()).find("MB are wanted"), std::string::npos) << pliant_last_error();
+    EXPECT_EQ(pliant_warp_backend(other, PLIANT_AUTO), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(pliant_warp_accelerated(other), nullptr);
+    warps.update_and_compare(warps.wave(0.004, 0, 1), "what was made before goes on");
+    for (void *each : taken) pliant_cuda_release(each);
+    pliant_warp_free(other);
+}
+
+} // namespace
