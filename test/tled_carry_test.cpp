@@ -4,7 +4,8 @@
 
 #include <array>
 
-namespace {
+namespace
+{
 
 // a bar along z that swings, viscous, its lower end fixed
 struct Swinging : Body {

@@ -21,7 +21,7 @@ typedef struct choice_state {
     pliant_progress progress; /* the caller's */
     double start, end;        /* [s] */
     bool cancelled, late;
-    int index, count;         /* of candidates */
+    int index, count; /* of candidates */
     choice_candidate candidates[CHOICE_CANDIDATES];
     choice_point points[CHOICE_CANDIDATES * CHOICE_BUDGETS];
     int num_points, dropped;
@@ -150,8 +150,10 @@ static pliant_status tell(const choice_state *state, const choice_point *point, 
     row_integer(&row, point->iterations);
     row_text(&row, choice->options);
     row_number(&row, scene->choose.budget_ms);
-    if (scene->choose.max_error > 0) row_number(&row, 100 * scene->choose.max_error);
-    else row_empty(&row, 1);
+    if (scene->choose.max_error > 0)
+        row_number(&row, 100 * scene->choose.max_error);
+    else
+        row_empty(&row, 1);
     row_text(&row, measure_names[scene->choose.measure]);
     row_number(&row, 100 * choice->max);
     row_number(&row, 100 * choice->p95);
@@ -172,11 +174,13 @@ static void warn(const pliant_scene *scene, const choice_point *point, const pli
     if (choice->later < choice->error) snprintf(later, sizeof later, "; %.3g %% later on", 100 * choice->later);
     const char *phase = choice_phase_text(point->worst[scene->choose.measure]);
     if (!choice->within_budget)
-        pliant_log(PLIANT_LOG_WARNING, "choose/budget_ms: nothing that was tried keeps to %g ms; the quickest takes %.3g ms, with an error "
-                                       "of %.3g %% (%s%s)",
+        pliant_log(PLIANT_LOG_WARNING,
+                   "choose/budget_ms: nothing that was tried keeps to %g ms; the quickest takes %.3g ms, with an error "
+                   "of %.3g %% (%s%s)",
                    scene->choose.budget_ms, 1e3 * choice->seconds, 100 * choice->error, phase, later);
     else if (scene->choose.max_error > 0 && choice->error > scene->choose.max_error)
-        pliant_log(PLIANT_LOG_WARNING, "choose/max_error: nothing within %g ms is as accurate as %g %%; the best has an error of %.3g %% (%s%s)",
+        pliant_log(PLIANT_LOG_WARNING,
+                   "choose/max_error: nothing within %g ms is as accurate as %g %%; the best has an error of %.3g %% (%s%s)",
                    scene->choose.budget_ms, 100 * scene->choose.max_error, 100 * choice->error, phase, later);
 }
 
@@ -185,10 +189,14 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
     const pliant_scene *scene = state->sweep.ground.input->scene;
     const pliant_measure measure = scene->choose.measure;
     const choice_point *point = choice_best(state->points, state->num_points, measure, 1e-3 * scene->choose.budget_ms);
-    pliant_choice choice = {.made = true, .within_budget = point != NULL, .tried = state->index, .dropped = state->dropped,
+    pliant_choice choice = {.made = true,
+                            .within_budget = point != NULL,
+                            .tried = state->index,
+                            .dropped = state->dropped,
                             .reference_tetrahedra = state->sweep.ground.fine->body->fine.num_tets};
     if (!point) point = choice_quickest(state->points, state->num_points);
-    if (!point) return pliant_fail(state->late ? PLIANT_ERROR_CANCELLED : PLIANT_ERROR_NUMERIC, "choose: nothing that was tried could be measured");
+    if (!point)
+        return pliant_fail(state->late ? PLIANT_ERROR_CANCELLED : PLIANT_ERROR_NUMERIC, "choose: nothing that was tried could be measured");
     pliant_status status = choice_scene(scene, &point->candidate, &choice.scene);
     if (status < 0) return status;
     choice.scene.solver.iterations = point->iterations;

@@ -129,5 +129,6 @@ void choice_name_variant(const choice_candidate *candidate, const pliant_scene *
     out[0] = '\0';
     if (factor > 1)
         used = snprintf(out, CHOICE_VARIANT, "mesh/coarse_cells=%d,%d,%d", factor * cells[0], factor * cells[1], factor * cells[2]);
-    if (by->patch != scene->model.patch) snprintf(out + used, (size_t)(CHOICE_VARIANT - used), "%smodel/patch=%g", used ? " " : "", by->patch);
+    if (by->patch != scene->model.patch)
+        snprintf(out + used, (size_t)(CHOICE_VARIANT - used), "%smodel/patch=%g", used ? " " : "", by->patch);
 }

@@ -34,7 +34,10 @@ static const char *cell(const pliant_results *table, size_t row, const char *col
 
 static double number(const pliant_results *table, size_t row, const char *column) { return strtod(cell(table, row, column), NULL); }
 
-static bool is_before_patch(const pliant_results *table, size_t row) { return strstr(cell(table, row, "variant"), SWEEP_BEFORE_PATCH) != NULL; }
+static bool is_before_patch(const pliant_results *table, size_t row)
+{
+    return strstr(cell(table, row, "variant"), SWEEP_BEFORE_PATCH) != NULL;
+}
 
 /* The last row of a case whose budget is this one, or a smaller one that it converged with; SIZE_MAX: there is none. */
 static size_t find_row(const pliant_results *table, size_t first, const char *name, bool before_patch, int32_t iterations)
@@ -44,7 +47,8 @@ static size_t find_row(const pliant_results *table, size_t first, const char *na
         int32_t budget = (int32_t)strtol(cell(table, r, "budget"), NULL, 10);
         bool converged = strcmp(cell(table, r, "status"), "ok") == 0;
         if (budget != iterations && !(converged && budget < iterations)) continue;
-        if (is_before_patch(table, r) == before_patch && strcmp(cell(table, r, "case"), name) == 0 && cell(table, r, "max_percent")[0]) found = r;
+        if (is_before_patch(table, r) == before_patch && strcmp(cell(table, r, "case"), name) == 0 && cell(table, r, "max_percent")[0])
+            found = r;
     }
     return found;
 }
@@ -105,8 +109,8 @@ static bool does_as_much(const choice_point *a, const choice_point *b)
 {
     bool lod = b->candidate.by.method == PLIANT_LOD && a->candidate.by.method != PLIANT_LOD;
     bool patch = is_patched(b) && !is_patched(a);
-    return !lod && !patch && a->on_host == b->on_host && a->evaluations >= b->evaluations &&
-           a->solved_tetrahedra >= b->solved_tetrahedra && a->fine_tetrahedra >= b->fine_tetrahedra;
+    return !lod && !patch && a->on_host == b->on_host && a->evaluations >= b->evaluations && a->solved_tetrahedra >= b->solved_tetrahedra &&
+           a->fine_tetrahedra >= b->fine_tetrahedra;
 }
 
 double choice_seconds(const choice_point *points, int count, const choice_point *of)
@@ -128,8 +132,10 @@ const choice_point *choice_best(const choice_point *points, int count, pliant_me
             const choice_point *point = points + p;
             double seconds = choice_seconds(points, count, point), later = point->later[measure];
             if (seconds > most_seconds || point->error[measure] > alike_at_worst * least) continue;
-            if (pass == 0) least_later = fmin(least_later, later);
-            else if (later > alike * least_later) continue;
+            if (pass == 0)
+                least_later = fmin(least_later, later);
+            else if (later > alike * least_later)
+                continue;
             else if (seconds < best_seconds || (seconds == best_seconds && point->error[measure] < best->error[measure])) {
                 best = point;
                 best_seconds = seconds;

@@ -24,8 +24,8 @@ static void pulled_free(pulled_run *run)
 }
 
 /* Free it also after a failure. */
-static pliant_status pulled_create(const pliant_report_input *input, const pliant_scene *scene, const pliant_sweep *sweep, pliant_progress progress,
-                                   pulled_run *run)
+static pliant_status pulled_create(const pliant_report_input *input, const pliant_scene *scene, const pliant_sweep *sweep,
+                                   pliant_progress progress, pulled_run *run)
 {
     const double *at = sweep->points[0].rest;
     *run = (pulled_run){0};
@@ -68,8 +68,10 @@ static pliant_status run_drift(pulled_run *run, const pliant_sweep *sweep, doubl
         status = pulled_frame(run, sweep, f, NULL, progress);
         if (status < 0 || f < sweep->frames) continue;
         if ((status = pliant_data_dynamics(run->model, run->data, &dynamics)) < 0) break;
-        if (f == sweep->frames) first = dynamics.kept_energy;
-        else *drift = fmax(*drift, fabs(dynamics.kept_energy - first) / first);
+        if (f == sweep->frames)
+            first = dynamics.kept_energy;
+        else
+            *drift = fmax(*drift, fabs(dynamics.kept_energy - first) / first);
     }
     return status;
 }
@@ -92,7 +94,9 @@ static pliant_status measure_drift(const pliant_report_input *input, const plian
 /* What central differences are off by, from two runs side by side, the second with half the sub-step: they are of second order, so that
  * the first one's error is 4/3 of how far they are apart (Richardson; Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I,
  * II.4). */
-typedef struct time_error { double error, largest; } time_error; /* worst frame and node, largest displacement [m] */
+typedef struct time_error {
+    double error, largest;
+} time_error; /* worst frame and node, largest displacement [m] */
 
 static void compare(const pulled_run *whole, const pulled_run *half, time_error *out)
 {
@@ -108,8 +112,8 @@ static void compare(const pulled_run *whole, const pulled_run *half, time_error 
     }
 }
 
-static pliant_status measure_time_error(const pliant_report_input *input, const pliant_scene *asked, const pliant_sweep *sweep, time_error *out,
-                                        pliant_progress progress)
+static pliant_status measure_time_error(const pliant_report_input *input, const pliant_scene *asked, const pliant_sweep *sweep,
+                                        time_error *out, pliant_progress progress)
 {
     pliant_scene scene = *asked;
     pulled_run whole, half = {0};
@@ -178,7 +182,8 @@ pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant
     pulled_run run = {0};
     time_error time;
     if (scene.solver.kind != PLIANT_TLED)
-        return pliant_fail(PLIANT_ERROR_SCENE, "solver/kind: figures of explicit dynamics are those of tled, not of the corotational solver");
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "solver/kind: figures of explicit dynamics are those of tled, not of the corotational solver");
     if (sweep->num_points < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "figures of explicit dynamics need a point to pull at");
     pliant_report_setup(input, sweep, setup);
     row_clear(&row);
@@ -186,7 +191,8 @@ pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant
     if (row_known(&row, tables->dynamics)) return PLIANT_OK;
     scene.tled.quasi_static = false;
     pliant_status status = pulled_create(input, &scene, sweep, progress, &run);
-    if (status >= 0 && !(seconds = pliant_calloc((size_t)frames_of(sweep), sizeof *seconds))) status = pliant_fail_memory("the times of the frames");
+    if (status >= 0 && !(seconds = pliant_calloc((size_t)frames_of(sweep), sizeof *seconds)))
+        status = pliant_fail_memory("the times of the frames");
     for (int32_t f = 0; status >= 0 && f < frames_of(sweep); f++) status = pulled_frame(&run, sweep, f, seconds + f, progress);
     if (status >= 0) status = measure_drift(input, sweep, &drift, progress);
     if (status >= 0) status = measure_time_error(input, &scene, sweep, &time, progress);

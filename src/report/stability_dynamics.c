@@ -100,7 +100,8 @@ static pliant_status keep_energy(stability_trial *trial, const void *argument)
         if (first == 0) first = dynamics.kept_energy;
         drift = fmax(drift, fabs(dynamics.kept_energy - first) / first);
     }
-    snprintf(trial->figure, sizeof trial->figure, "%.3g J, drift %.2g %% over %lld sub-steps", first, 100 * drift, (long long)trial->iterations);
+    snprintf(trial->figure, sizeof trial->figure, "%.3g J, drift %.2g %% over %lld sub-steps", first, 100 * drift,
+             (long long)trial->iterations);
     if (status >= 0 && !(drift < most_drift)) {
         trial->unsettled = true;
         snprintf(trial->message, sizeof trial->message, "its energy drifts by %.2g %%; %g is wanted", 100 * drift, 100 * most_drift);

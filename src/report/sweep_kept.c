@@ -11,7 +11,7 @@ typedef struct kept_header {
     char magic[8], key[256];
     int64_t positions, last; /* numbers that follow */
     double force[3];
-    uint64_t hash;           /* of them */
+    uint64_t hash; /* of them */
 } kept_header;
 static const char magic[8] = "PLREF01";
 static const int64_t most_bytes = 64 << 20; /* larger ones are solved again */
@@ -59,7 +59,8 @@ pliant_status sweep_kept_read(const sweep_state *state, const sweep_kept *kept, 
     FILE *file = name_file(state, &wanted, path) ? fopen(path, "rb") : NULL;
     if (!file) return PLIANT_OK;
     bool same = fread(&header, sizeof header, 1, file) == 1 && memcmp(header.magic, wanted.magic, sizeof magic) == 0 &&
-                memcmp(header.key, wanted.key, sizeof wanted.key) == 0 && header.positions == wanted.positions && header.last == wanted.last;
+                memcmp(header.key, wanted.key, sizeof wanted.key) == 0 && header.positions == wanted.positions &&
+                header.last == wanted.last;
     if (same) {
         positions = pliant_calloc((size_t)header.positions, sizeof *positions);
         if (header.last > 0) last = pliant_calloc((size_t)header.last, sizeof *last);

@@ -45,7 +45,8 @@ static const char help[] =
     "  --help              print this and end\n"
     "\n"
     "Results in DIR: sweep.csv (a row a run), frames.csv, builds.csv, histogram.csv, slices.csv, stages.csv,\n"
-    "dynamics.csv (of tled), stability.csv, report.json (all of it, with machine, threads, backend and version), plot.py and its pictures.\n"
+    "dynamics.csv (of tled), stability.csv, report.json (all of it, with machine, threads, backend and version), plot.py and its pictures;\n"
+    "reference_*.bin hold the fine solutions that errors are against, for a sweep that goes on.\n"
     "\n"
     "Exit codes: 0 done, 1 failed or a stability case was broken, 2 wrong usage, 130 stopped by Ctrl-C (what was done is kept).\n";
 
