@@ -231,11 +231,11 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
     }
     for (int a = 0; a < num_sums - 4; a++) {
         double along = 0;
-        if (there && state.rules.born[a] > 0) {
+        if (there && state.rules.number[a] > 0) {
             const double *secant = iteration.d_secant_step + n * (size_t)a + i;
             along = secant[0] * residual[0] + secant[1] * residual[1] + secant[2] * residual[2];
         }
-        if (state.rules.born[a] > 0) along = warp_sum(along); /* the same for all lanes */
+        if (state.rules.number[a] > 0) along = warp_sum(along); /* the same for all lanes */
         if (lane == 0) sums[warp][4 + a] = along;
     }
     __syncthreads();
@@ -292,7 +292,7 @@ static __device__ void find_products(decision &now)
     gpu_state &state = now.state;
     const int place = state.rules.keep;
     const double *along_trial = now.sums + 4;
-    for (int a = 0; a < GPU_HISTORY; a++) now.new_row[a] = state.rules.born[a] > 0 ? along_trial[a] - state.along[a] : 0;
+    for (int a = 0; a < GPU_HISTORY; a++) now.new_row[a] = state.rules.number[a] > 0 ? along_trial[a] - state.along[a] : 0;
     const double own = now.sums[0], by_now = now.sums[1], of_now = now.sums[2];
     now.new_row[place] = own - by_now - of_now + state.energy;
     /* secant . residual, of the iterate that stays or of the one that is taken */
@@ -354,7 +354,7 @@ static __device__ void fill_equations(decision &now, const gpu_history &history)
     for (int a = thread; a < KINDS * m; a += DECIDERS) {
         const int kind = a / m, h = a % m;
         double energy = history.gram[h][h] + spring_energy(state, history.step_force[h], history.step_force[h]);
-        const bool used = rules.born[h] > 0 && (kind == ESTIMATE || rules.mixes);
+        const bool used = rules.number[h] > 0 && (kind == ESTIMATE || rules.mixes);
         now.scale[kind][h] = used ? pliant_anderson_scale(energy, kind == TRIAL ? rules.largest_secant : INFINITY) : 0;
         double right = now.scale[kind][h] > 0 ? state.along[h] + spring_energy(state, history.step_force[h], state.step_force[state.now]) : 0;
         state.weights[kind][h] = right * now.scale[kind][h];

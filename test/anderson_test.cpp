@@ -101,7 +101,7 @@ TEST(Anderson, TheOldestSecantsGiveWay)
     rules.last_evaluations = 2;
     pliant_anderson_place(&rules);
     EXPECT_EQ(pliant_anderson_secants(&rules), 6);
-    for (uint64_t born : rules.born) EXPECT_TRUE(born == 0 || born > 25) << born;
+    for (uint64_t number : rules.number) EXPECT_TRUE(number == 0 || number > 25) << number;
 }
 
 } // namespace

@@ -289,7 +289,7 @@ static void follow(pliant_patch *patch, const double *base)
     near_positions(basis, base, solver->trial.x); /* overwritten by the next trial */
     if (solver->loaded && memcmp(solver->trial.x, basis->mesh.rest, bytes) == 0) return;
     move(basis, solver->trial.x, solver->now.x);
-    if (solver->rules.blind) move(basis, solver->trial.x, solver->left_x);
+    if (solver->rules.blind) move(basis, solver->trial.x, solver->previous_x);
     memcpy(basis->mesh.rest, solver->trial.x, bytes);
     pliant_system_element_forces(&basis->system, basis->mesh.rest, patch->room.element_forces);
     pliant_system_gather(&basis->system, patch->room.element_forces, solver->load);

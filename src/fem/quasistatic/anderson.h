@@ -42,6 +42,10 @@ typedef enum pliant_anderson_next {
     PLIANT_NEXT_BLIND      /* take the proposed step; the step ends */
 } pliant_anderson_next;
 
+/* How a step ends: at a state that was evaluated, or that a trial was refused at; one blind step beyond an accepted trial, or beyond the
+ * state that it began with. */
+typedef enum pliant_anderson_end { PLIANT_END_EVALUATED, PLIANT_END_BEYOND_TRIAL, PLIANT_END_BEYOND_FIRST, PLIANT_NUM_ENDS } pliant_anderson_end;
+
 typedef struct pliant_anderson {
     /* limits of a step */
     int32_t most_evaluations;
@@ -56,14 +60,18 @@ typedef struct pliant_anderson {
     int32_t limited;           /* the last of them was without large secants */
     int32_t slow;              /* steps in a row that hardly lowered the merit */
     int32_t blind;             /* the state is one step beyond what was evaluated */
-    int32_t stumbled;          /* a trial of the last step was refused */
+    int32_t refused_any;          /* a trial of the last step was refused */
     int32_t last_evaluations;  /* of the last step */
     double sound_merit;        /* that the last step began with that was compared with the state before a blind step, or followed none */
     double rate;               /* merit after over before an evaluation, last step's mean; 0: there was nothing to do */
-    double escape;             /* longest damping of a plain step along which the potential energy fell; 0: none */
+    double descent;            /* longest damping of a plain step along which the potential energy fell; 0: none */
     double log_contraction;    /* of the merit by an evaluation, smoothed over steps: what is left of an error */
+    int32_t end, last_end;     /* pliant_anderson_end of this step and the last */
+    int32_t known[PLIANT_NUM_ENDS]; /* ends of this kind that were judged afterwards */
+    double log_factor[PLIANT_NUM_ENDS]; /* by which their errors were larger than their moves, smoothed */
+    double move, last_move;    /* what the estimate follows from: what is left at an evaluated state, what a blind step moved [m] */
     uint64_t num_secants;      /* that there ever were */
-    uint64_t born[PLIANT_MAX_HISTORY]; /* a secant's number, from 1; 0: nothing is in this place */
+    uint64_t number[PLIANT_MAX_HISTORY]; /* of the secant in a place, counted from 1; 0: none */
 
     /* this step */
     int32_t evaluations, rejected;
@@ -106,13 +114,13 @@ PLIANT_INLINE int32_t pliant_anderson_depth(int32_t least, int32_t evaluations)
 
 PLIANT_INLINE void pliant_anderson_forget(pliant_anderson *rules)
 {
-    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) rules->born[h] = 0;
+    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) rules->number[h] = 0;
 }
 
 PLIANT_INLINE int32_t pliant_anderson_secants(const pliant_anderson *rules)
 {
     int32_t count = 0;
-    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) count += rules->born[h] > 0;
+    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) count += rules->number[h] > 0;
     return count;
 }
 
@@ -124,12 +132,12 @@ PLIANT_INLINE int32_t pliant_anderson_place(pliant_anderson *rules)
     for (; count >= most; count--) {
         int32_t oldest = -1;
         for (int32_t h = 0; h < rules->room; h++)
-            if (rules->born[h] > 0 && (oldest < 0 || rules->born[h] < rules->born[oldest])) oldest = h;
-        rules->born[oldest] = 0;
+            if (rules->number[h] > 0 && (oldest < 0 || rules->number[h] < rules->number[oldest])) oldest = h;
+        rules->number[oldest] = 0;
     }
     for (int32_t h = rules->room - 1; h >= 0; h--)
-        if (rules->born[h] == 0) empty = h;
-    rules->born[empty] = ++rules->num_secants;
+        if (rules->number[h] == 0) empty = h;
+    rules->number[empty] = ++rules->num_secants;
     return empty;
 }
 
@@ -138,13 +146,38 @@ PLIANT_INLINE double pliant_anderson_scale(double energy, double largest) { retu
 
 PLIANT_INLINE double pliant_anderson_contraction(const pliant_anderson *rules) { return fmin(exp(rules->log_contraction), 0.8); }
 
+/* Largest error of a node, from the move. When every evaluation leaves a part c of the error, corrections are a geometric series (Aitken),
+ * and the error is 1 / (1 - c) of the next one; a blind step is worth less than an evaluated one, and more than none. Where ends of this
+ * kind were judged by the steps after them, as those found. */
+PLIANT_INLINE double pliant_anderson_error(const pliant_anderson *rules)
+{
+    const double c = pliant_anderson_contraction(rules), foreseen = (rules->end == PLIANT_END_EVALUATED ? 1.0 : sqrt(c)) / (1 - c);
+    return rules->move * (rules->known[rules->end] > 0 ? exp(rules->log_factor[rules->end]) : foreseen);
+}
+
+/* The last step's error, as this step's evaluations have it (estimate.c). */
+PLIANT_INLINE void pliant_anderson_learn(pliant_anderson *rules, double error)
+{
+    const double weight = 0.3, least = 1e-3, most = 1e3;
+    const int32_t end = rules->last_end;
+    if (!(rules->last_move > 0) || !(error > 0) || !isfinite(error)) return;
+    const double found = log(fmin(fmax(error / rules->last_move, least), most));
+    rules->log_factor[end] += (rules->known[end] > 0 ? weight : 1.0) * (found - rules->log_factor[end]);
+    rules->known[end]++;
+}
+
 /* at rest, nothing known; limits stay */
 PLIANT_INLINE void pliant_anderson_reset(pliant_anderson *rules)
 {
-    rules->refused = rules->limited = rules->slow = rules->blind = rules->stumbled = rules->last_evaluations = 0;
-    rules->sound_merit = rules->rate = rules->escape = 0;
+    rules->refused = rules->limited = rules->slow = rules->blind = rules->refused_any = rules->last_evaluations = 0;
+    rules->sound_merit = rules->rate = rules->descent = 0;
     rules->log_contraction = log(0.3);
-    rules->error = 0;
+    rules->error = rules->move = rules->last_move = 0;
+    rules->end = rules->last_end = PLIANT_END_EVALUATED;
+    for (int32_t end = 0; end < PLIANT_NUM_ENDS; end++) {
+        rules->known[end] = 0;
+        rules->log_factor[end] = 0;
+    }
     rules->next = PLIANT_NEXT_DONE;
     pliant_anderson_forget(rules);
 }
@@ -158,8 +191,10 @@ PLIANT_INLINE void pliant_anderson_moved(pliant_anderson *rules)
 
 PLIANT_INLINE void pliant_anderson_begin(pliant_anderson *rules)
 {
-    rules->evaluations = rules->rejected = rules->accepted = rules->converged = rules->stumbled = 0;
+    rules->evaluations = rules->rejected = rules->accepted = rules->converged = rules->refused_any = 0;
     rules->merit = rules->before = INFINITY;
+    rules->last_end = rules->end;
+    rules->last_move = rules->move;
     rules->take = rules->forget = 0;
     rules->keep = -1;
     rules->next = PLIANT_NEXT_FIRST;
@@ -185,13 +220,13 @@ PLIANT_INLINE void pliant_anderson_judge_trial(pliant_anderson *rules, double me
         rules->before = rules->merit;
         rules->merit = merit;
         rules->refused = 0;
-        rules->escape = 0;
+        rules->descent = 0;
         return;
     }
     if (rules->refused < 2 || rules->mixes) rules->keep = isfinite(merit) && rules->depth > 0 ? 0 : -1;
-    else if (falls) rules->escape = fmax(rules->escape, rules->damping);
+    else if (falls) rules->descent = fmax(rules->descent, rules->damping);
     rules->refused += !(rules->limited && rules->mixes);
-    rules->stumbled = 1;
+    rules->refused_any = 1;
     rules->rejected++;
 }
 
@@ -223,7 +258,7 @@ PLIANT_INLINE bool pliant_anderson_judge_state(pliant_anderson *rules, double me
         return true;
     case PLIANT_NEXT_DESCENT:
         /* found steps ago, for other loads or tools, it may no longer lead down: then it is left */
-        rules->escape = 0;
+        rules->descent = 0;
         if (!falls) return false;
         rules->take = rules->forget = 1;
         rules->merit = merit;
@@ -271,11 +306,11 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
     if (pliant_anderson_judge_state(rules, merit, falls)) return;
     if (rules->keep == 0) rules->keep = pliant_anderson_place(rules);
     if (rules->forget) pliant_anderson_forget(rules);
-    if (rules->refused >= PLIANT_MOST_REFUSED && rules->escape > 0) {
+    if (rules->refused >= PLIANT_MOST_REFUSED && rules->descent > 0) {
         /* The merit has a minimum here that is no equilibrium: beside a state that the tissue leaves, as it snaps over. Its energy falls on. */
         rules->next = PLIANT_NEXT_DESCENT;
         rules->mixes = 0;
-        rules->damping = rules->escape;
+        rules->damping = rules->descent;
         return;
     }
     pliant_anderson_propose(rules);
@@ -288,8 +323,7 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
 }
 
 /* After a proposal (TRIAL, BLIND, DONE). mixed: weights were to be had. left: the largest move of a node that the secants and the residual
- * call for; made: by the proposal [m]. When every evaluation leaves a part c of the error, corrections are a geometric series (Aitken),
- * and the error is 1 / (1 - c) of the next one; a blind step is worth less than an evaluated one, and more than none. */
+ * call for; made: by the proposal [m]. */
 PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, double left, double made, double displacement)
 {
     const double c = pliant_anderson_contraction(rules);
@@ -297,7 +331,9 @@ PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, do
     const bool useless = rules->mixes && !mixed && pliant_anderson_secants(rules) > 0;
     rules->mixes = rules->mixes && mixed;
     rules->forget = rules->next != PLIANT_NEXT_DONE && ((rules->refused == 2 && !rules->mixes) || useless);
-    rules->error = left / (1 - c);
+    rules->end = PLIANT_END_EVALUATED;
+    rules->move = left;
+    rules->error = left / (1 - c); /* before it is known how such ends turn out: that must not change where steps end */
     if (isfinite(rules->merit) && rules->error <= rules->tolerance * fmax(displacement, rules->smallest_displacement)) {
         rules->converged = 1;
         rules->forget = 0;
@@ -305,8 +341,12 @@ PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, do
         rules->next = PLIANT_NEXT_DONE;
     }
     if (rules->forget) pliant_anderson_forget(rules);
+    if (rules->next == PLIANT_NEXT_BLIND && rules->refused == 0) {
+        rules->end = rules->accepted ? PLIANT_END_BEYOND_TRIAL : PLIANT_END_BEYOND_FIRST;
+        rules->move = made;
+    }
+    rules->error = pliant_anderson_error(rules);
     if (rules->next != PLIANT_NEXT_BLIND) return;
-    rules->error = made * sqrt(c) / (1 - c);
     rules->blind = 1;
     if (rules->accepted || (rules->refused == 0 && rules->mixes)) return;
     rules->limited = 1; /* where it turns out to lead nowhere, these have been tried */

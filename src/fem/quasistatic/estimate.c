@@ -14,47 +14,47 @@
 #include <math.h>
 #include <string.h>
 
-pliant_status pliant_hindsight_create(pliant_solver *solver)
+pliant_status pliant_posterior_create(pliant_solver *solver)
 {
     size_t n = 3 * (size_t)solver->system->num_free;
-    pliant_hindsight *hindsight = &solver->hindsight;
-    hindsight->at.step = pliant_calloc(n, sizeof *hindsight->at.step);
-    hindsight->at.residual = pliant_calloc(n, sizeof *hindsight->at.residual);
-    hindsight->load = pliant_calloc(n, sizeof *hindsight->load);
-    return hindsight->at.step && hindsight->at.residual && hindsight->load ? PLIANT_OK : pliant_fail_memory("the solver");
+    pliant_posterior *posterior = &solver->posterior;
+    posterior->at.step = pliant_calloc(n, sizeof *posterior->at.step);
+    posterior->at.residual = pliant_calloc(n, sizeof *posterior->at.residual);
+    posterior->load = pliant_calloc(n, sizeof *posterior->load);
+    return posterior->at.step && posterior->at.residual && posterior->load ? PLIANT_OK : pliant_fail_memory("the solver");
 }
 
-void pliant_hindsight_free(pliant_solver *solver)
+void pliant_posterior_free(pliant_solver *solver)
 {
-    pliant_free(solver->hindsight.at.step);
-    pliant_free(solver->hindsight.at.residual);
-    pliant_free(solver->hindsight.load);
+    pliant_free(solver->posterior.at.step);
+    pliant_free(solver->posterior.at.residual);
+    pliant_free(solver->posterior.load);
 }
 
 /* Back to the loads of then: the step anew where they were others. known: false where that would cost too much */
 static pliant_status add_loads(pliant_solver *solver, bool *known)
 {
     const size_t n = 3 * (size_t)solver->system->num_free;
-    pliant_hindsight *hindsight = &solver->hindsight;
-    bool same = memcmp(hindsight->load, solver->load, n * sizeof *solver->load) == 0;
+    pliant_posterior *posterior = &solver->posterior;
+    bool same = memcmp(posterior->load, solver->load, n * sizeof *solver->load) == 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        same = same && !(solver->handles[t].by_force && memcmp(hindsight->force + 3 * t, solver->handles[t].force, 3 * sizeof(double)) != 0);
+        same = same && !(solver->handles[t].by_force && memcmp(posterior->force + 3 * t, solver->handles[t].force, 3 * sizeof(double)) != 0);
     /* a factor, not a V-cycle; and no time that the step was given for getting better */
     *known = same || (pliant_preconditioner_refuses(solver->preconditioner) && !(solver->budget > 0));
     if (same || !*known) return PLIANT_OK;
     for (int32_t f = 0; f < solver->system->num_free; f++) {
         double change[3];
-        for (int d = 0; d < 3; d++) change[d] = hindsight->load[3 * f + d] - solver->load[3 * f + d];
-        pliant_turn_into(solver->turn, f, change);
-        for (int d = 0; d < 3; d++) hindsight->at.residual[3 * f + d] += change[d];
+        for (int d = 0; d < 3; d++) change[d] = posterior->load[3 * f + d] - solver->load[3 * f + d];
+        pliant_into_node_axes(solver->rotations, f, change);
+        for (int d = 0; d < 3; d++) posterior->at.residual[3 * f + d] += change[d];
     }
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         const pliant_handle *handle = solver->handles + t;
         double change[3];
-        for (int d = 0; d < 3; d++) change[d] = hindsight->force[3 * t + d] - handle->force[d];
-        if (handle->active && handle->by_force) pliant_handle_pull(handle, change, hindsight->at.residual);
+        for (int d = 0; d < 3; d++) change[d] = posterior->force[3 * t + d] - handle->force[d];
+        if (handle->active && handle->by_force) pliant_handle_pull(handle, change, posterior->at.residual);
     }
-    return pliant_preconditioner_solve(solver->preconditioner, 1, hindsight->at.residual, hindsight->at.step);
+    return pliant_preconditioner_solve(solver->preconditioner, 1, posterior->at.residual, posterior->at.step);
 }
 
 static void swap_targets(pliant_solver *solver)
@@ -62,19 +62,19 @@ static void swap_targets(pliant_solver *solver)
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         for (int d = 0; d < 3; d++) {
             double target = solver->handles[t].target[d];
-            solver->handles[t].target[d] = solver->hindsight.target[3 * t + d];
-            solver->hindsight.target[3 * t + d] = target;
+            solver->handles[t].target[d] = solver->posterior.target[3 * t + d];
+            solver->posterior.target[3 * t + d] = target;
         }
 }
 
-pliant_status pliant_hindsight_look(pliant_solver *solver)
+pliant_status pliant_posterior_look(pliant_solver *solver)
 {
     const size_t n = 3 * (size_t)solver->system->num_free;
-    pliant_hindsight *hindsight = &solver->hindsight;
-    pliant_iterate *at = &hindsight->at;
-    hindsight->seen = false;
+    pliant_posterior *posterior = &solver->posterior;
+    pliant_iterate *at = &posterior->at;
+    posterior->seen = false;
     /* around a patch more has changed than its loads */
-    if (!hindsight->kept || solver->system->basis || !isfinite(solver->now.merit)) return PLIANT_OK;
+    if (!posterior->kept || solver->system->basis || !isfinite(solver->now.merit)) return PLIANT_OK;
     memcpy(at->step, solver->now.step, n * sizeof *at->step);
     memcpy(at->residual, solver->now.residual, n * sizeof *at->residual);
     /* without what the tools' new targets ask for */
@@ -93,27 +93,27 @@ pliant_status pliant_hindsight_look(pliant_solver *solver)
     swap_targets(solver);
     at->x = solver->now.x;
     memcpy(at->force, solver->now.force, sizeof at->force);
-    hindsight->seen = pliant_solver_step_tools(solver, at);
+    posterior->seen = pliant_solver_step_tools(solver, at);
     at->x = NULL;
     swap_targets(solver);
     return PLIANT_OK;
 }
 
-double pliant_hindsight_tell(const pliant_solver *solver)
+double pliant_posterior_tell(const pliant_solver *solver)
 {
-    if (!solver->hindsight.seen) return solver->foreseen;
+    if (!solver->posterior.seen) return solver->foreseen;
     double c = pliant_anderson_contraction(&solver->rules);
     /* the next step's corrections are known too, so that c^2 is missed; but a V-cycle hides the same slow errors from both */
-    return pliant_secants_left(solver, &solver->hindsight.at) / (1 - (pliant_preconditioner_refuses(solver->preconditioner) ? c * c : c));
+    return pliant_secants_left(solver, &solver->posterior.at) / (1 - (pliant_preconditioner_refuses(solver->preconditioner) ? c * c : c));
 }
 
-void pliant_hindsight_keep(pliant_solver *solver)
+void pliant_posterior_keep(pliant_solver *solver)
 {
-    pliant_hindsight *hindsight = &solver->hindsight;
-    memcpy(hindsight->load, solver->load, 3 * (size_t)solver->system->num_free * sizeof *solver->load);
+    pliant_posterior *posterior = &solver->posterior;
+    memcpy(posterior->load, solver->load, 3 * (size_t)solver->system->num_free * sizeof *solver->load);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        memcpy(hindsight->force + 3 * t, solver->handles[t].force, 3 * sizeof(double));
-        memcpy(hindsight->target + 3 * t, solver->handles[t].target, 3 * sizeof(double));
+        memcpy(posterior->force + 3 * t, solver->handles[t].force, 3 * sizeof(double));
+        memcpy(posterior->target + 3 * t, solver->handles[t].target, 3 * sizeof(double));
     }
-    hindsight->kept = true;
+    posterior->kept = true;
 }

@@ -56,7 +56,7 @@ void pliant_solver_turned(pliant_solver *solver)
         if (handle->count == 0) continue;
         memcpy(handle->turned, handle->block, 9 * (size_t)handle->count * sizeof *handle->block);
         for (int32_t row = 0; row < 3 * handle->count; row++)
-            pliant_turn_into(solver->turn, handle->unknown[row / 3], handle->turned + 3 * row);
+            pliant_into_node_axes(solver->rotations, handle->unknown[row / 3], handle->turned + 3 * row);
     }
 }
 

@@ -30,9 +30,9 @@ struct pliant_refresh {
 
     /* THE HISTORY */
     bool converting;
-    pliant_turn *turn;          /* Nullable; axes of the new factor */
+    pliant_nodal_rotations *rotations;          /* Nullable; axes of the new factor */
     double *now;                /* (3 num_nodes) that they are turned to */
-    uint64_t born[PLIANT_MAX_HISTORY]; /* as the rules have it */
+    uint64_t number[PLIANT_MAX_HISTORY]; /* as the rules have it */
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY];
     uint64_t forgotten;         /* the solver's when it was copied */
@@ -47,25 +47,25 @@ static void make_factor(pliant_refresh *refresh)
         refresh->status = pliant_preconditioner_numeric(refresh->preconditioner, refresh->tangents);
         if (refresh->status != PLIANT_ERROR_NUMERIC) break;
     }
-    pliant_turn_from(&refresh->system, refresh->x, refresh->turn);
+    pliant_nodal_rotations_refer(&refresh->system, refresh->x, refresh->rotations);
 }
 
 static void convert_history(pliant_refresh *refresh)
 {
     const int32_t num_free = refresh->system.num_free;
-    pliant_turn_to(&refresh->system, refresh->now, refresh->turn);
+    pliant_nodal_rotations_update(&refresh->system, refresh->now, refresh->rotations);
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY && refresh->status == PLIANT_OK; h++) {
-        if (refresh->born[h] == 0) continue;
+        if (refresh->number[h] == 0) continue;
         pliant_secant *secant = refresh->history + h;
         for (int32_t f = 0; f < num_free; f++) {
-            pliant_turn_into(refresh->turn, f, secant->x + 3 * f);
-            pliant_turn_into(refresh->turn, f, secant->residual + 3 * f);
+            pliant_into_node_axes(refresh->rotations, f, secant->x + 3 * f);
+            pliant_into_node_axes(refresh->rotations, f, secant->residual + 3 * f);
         }
         refresh->status = pliant_preconditioner_solve(refresh->preconditioner, 1, secant->residual, secant->step);
     }
     for (int32_t a = 0; a < PLIANT_MAX_HISTORY; a++)
-        for (int32_t b = 0; b <= a && refresh->born[a] > 0; b++)
-            if (refresh->born[b] > 0) refresh->gram[a * PLIANT_MAX_HISTORY + b] = refresh->gram[b * PLIANT_MAX_HISTORY + a] =
+        for (int32_t b = 0; b <= a && refresh->number[a] > 0; b++)
+            if (refresh->number[b] > 0) refresh->gram[a * PLIANT_MAX_HISTORY + b] = refresh->gram[b * PLIANT_MAX_HISTORY + a] =
                 pliant_dot(3 * (size_t)num_free, refresh->history[a].step, refresh->history[b].residual);
 }
 
@@ -82,7 +82,7 @@ static pliant_status refresh_create(pliant_solver *solver)
     refresh->tangents = pliant_calloc((size_t)system->num_blocks, sizeof *refresh->tangents);
     bool good = refresh->x && refresh->now && refresh->tangents;
     pliant_status status = good ? PLIANT_OK : pliant_fail_memory("the background factorization");
-    if (status == PLIANT_OK) status = pliant_turn_create(system, &refresh->turn);
+    if (status == PLIANT_OK) status = pliant_nodal_rotations_create(system, &refresh->rotations);
     if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.room, refresh->history);
     if (status == PLIANT_OK) status = pliant_preconditioner_clone(system->preconditioner, 1, &refresh->preconditioner);
     if (status != PLIANT_OK) pliant_refresh_free(solver);
@@ -122,10 +122,10 @@ static void copy_history(const pliant_solver *solver, pliant_refresh *refresh)
 {
     const int32_t num_free = solver->system->num_free;
     const size_t bytes = 3 * (size_t)num_free * sizeof(double);
-    memcpy(refresh->born, solver->rules.born, sizeof refresh->born);
+    memcpy(refresh->number, solver->rules.number, sizeof refresh->number);
     refresh->forgotten = solver->forgotten;
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
-        if (refresh->born[h] == 0) continue;
+        if (refresh->number[h] == 0) continue;
         const pliant_secant *from = solver->history + h;
         pliant_secant *to = refresh->history + h;
         memcpy(to->x, from->x, bytes);
@@ -134,8 +134,8 @@ static void copy_history(const pliant_solver *solver, pliant_refresh *refresh)
         memcpy(to->step_force, from->step_force, sizeof to->step_force);
 #pragma omp parallel for schedule(static) num_threads(solver->system->num_threads)
         for (int32_t f = 0; f < num_free; f++) {
-            pliant_turn_out(solver->turn, f, to->x + 3 * f);
-            pliant_turn_out(solver->turn, f, to->residual + 3 * f);
+            pliant_from_node_axes(solver->rotations, f, to->x + 3 * f);
+            pliant_from_node_axes(solver->rotations, f, to->residual + 3 * f);
         }
     }
 }
@@ -148,26 +148,26 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
     solver->preconditioner = refresh->preconditioner;
     pliant_preconditioner_threads(old, 1);
     refresh->preconditioner = old;
-    pliant_turn *axes = solver->turn;
-    solver->turn = refresh->turn;
-    refresh->turn = axes;
+    pliant_nodal_rotations *axes = solver->rotations;
+    solver->rotations = refresh->rotations;
+    refresh->rotations = axes;
     pliant_solver_turned(solver);
     solver->factor_serial++;
     statistics->factors++;
     bool converted = refresh->converting && refresh->forgotten == solver->forgotten;
     refresh->converting = false;
-    bool kept = solver->hindsight.kept; /* a state stays what it is */
+    bool kept = solver->posterior.kept; /* a state stays what it is */
     pliant_solver_forget(solver);
-    solver->hindsight.kept = kept;
+    solver->posterior.kept = kept;
     if (!converted) return;
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
-        if (refresh->born[h] == 0) continue;
+        if (refresh->number[h] == 0) continue;
         pliant_secant secant = solver->history[h];
         solver->history[h] = refresh->history[h];
         refresh->history[h] = secant;
     }
     memcpy(solver->gram, refresh->gram, sizeof solver->gram);
-    memcpy(solver->rules.born, refresh->born, sizeof refresh->born);
+    memcpy(solver->rules.number, refresh->number, sizeof refresh->number);
 }
 
 static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *statistics)
@@ -180,7 +180,7 @@ static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *sta
         return;
     }
     /* what led to a refusal is better forgotten */
-    bool useless = pliant_anderson_secants(&solver->rules) == 0 || solver->rules.stumbled;
+    bool useless = pliant_anderson_secants(&solver->rules) == 0 || solver->rules.refused_any;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) useless = useless || pliant_handle_is_spring(solver->handles + t);
     if (refresh->converting || useless) {
         put_in(solver, statistics);
@@ -220,7 +220,7 @@ void pliant_refresh_free(pliant_solver *solver)
     if (!refresh) return;
     join(refresh);
     pliant_preconditioner_free(refresh->preconditioner);
-    pliant_turn_free(refresh->turn);
+    pliant_nodal_rotations_free(refresh->rotations);
     pliant_secants_free(refresh->history);
     pliant_free(refresh->x);
     pliant_free(refresh->now);

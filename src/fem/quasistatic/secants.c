@@ -31,7 +31,7 @@ void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY])
 void pliant_solver_forget(pliant_solver *solver)
 {
     pliant_anderson_forget(&solver->rules);
-    solver->hindsight.kept = false;
+    solver->posterior.kept = false;
     solver->forgotten++;
 }
 
@@ -55,14 +55,14 @@ void pliant_solver_remember(pliant_solver *solver, int32_t place, const pliant_i
             secant->step[i] = to->step[i] - from->step[i];
             secant->residual[i] = to->residual[i] - from->residual[i];
         }
-        pliant_turn_into(solver->turn, f, secant->x + 3 * f);
+        pliant_into_node_axes(solver->rotations, f, secant->x + 3 * f);
     }
     for (int r = 0; r < PLIANT_MAX_ROWS; r++) {
         secant->force[r] = to->force[r] - from->force[r];
         secant->step_force[r] = to->step_force[r] - from->step_force[r];
     }
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
-        if (solver->rules.born[h] == 0) continue;
+        if (solver->rules.number[h] == 0) continue;
         const pliant_secant *other = solver->history + h;
         double product = pliant_solver_product(solver, secant->step, other->residual) +
                          pliant_solver_spring_energy(solver, secant->step_force, other->step_force);
@@ -76,7 +76,7 @@ bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at,
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
         const pliant_secant *secant = solver->history + h;
         along[h] = 0;
-        if (solver->rules.born[h] == 0) continue;
+        if (solver->rules.number[h] == 0) continue;
         any = true;
         along[h] = pliant_solver_product(solver, secant->step, at->residual) +
                    pliant_solver_spring_energy(solver, secant->step_force, at->step_force);
@@ -92,7 +92,7 @@ bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_M
     int32_t used[PLIANT_MAX_HISTORY], m = 0;
     memset(weights, 0, PLIANT_MAX_HISTORY * sizeof *weights);
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
-        scale[h] = solver->rules.born[h] > 0 ? pliant_anderson_scale(solver->gram[h * PLIANT_MAX_HISTORY + h], largest) : 0;
+        scale[h] = solver->rules.number[h] > 0 ? pliant_anderson_scale(solver->gram[h * PLIANT_MAX_HISTORY + h], largest) : 0;
         if (scale[h] > 0) used[m++] = h;
     }
     if (m == 0) return false;
@@ -158,7 +158,7 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made)
         }
         most_left = fmax(most_left, estimate[0] * estimate[0] + estimate[1] * estimate[1] + estimate[2] * estimate[2]);
         most_made = fmax(most_made, step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
-        pliant_turn_out(solver->turn, f, step);
+        pliant_from_node_axes(solver->rotations, f, step);
         for (int d = 0; d < 3; d++) trial->x[3 * system->node_of_free[f] + d] += rules->damping * step[d];
     }
     for (int r = 0; r < PLIANT_MAX_ROWS; r++) {

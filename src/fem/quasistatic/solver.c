@@ -48,7 +48,7 @@ static void find_residual(const pliant_solver *solver, pliant_iterate *at)
                 at->residual[3 * f + d] -= at->step[3 * f + d];
             }
             farthest[p] = fmax(farthest[p], squares);
-            pliant_turn_into(solver->turn, f, at->residual + 3 * f);
+            pliant_into_node_axes(solver->rotations, f, at->residual + 3 * f);
         }
     }
     for (int p = 1; p < parts; p++) {
@@ -116,8 +116,8 @@ static void go_to(pliant_iterate *at, size_t nodes, const double *x, const doubl
 /* the state is one step on; what it was is kept until the next step has looked */
 static void take_blind_step(pliant_solver *solver)
 {
-    memcpy(solver->left_x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->left_x);
-    memcpy(solver->left_force, solver->now.force, sizeof solver->left_force);
+    memcpy(solver->previous_x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->previous_x);
+    memcpy(solver->previous_force, solver->now.force, sizeof solver->previous_force);
     double *swap = solver->now.x;
     solver->now.x = solver->trial.x;
     solver->trial.x = swap;
@@ -131,7 +131,7 @@ static void prepare_next(pliant_solver *solver)
     const size_t nodes = (size_t)solver->system->mesh->num_nodes;
     double left, made;
     if (rules->next == PLIANT_NEXT_PREVIOUS) {
-        go_to(&solver->trial, nodes, solver->left_x, solver->left_force);
+        go_to(&solver->trial, nodes, solver->previous_x, solver->previous_force);
     } else if (rules->next == PLIANT_NEXT_REST) {
         go_to(&solver->trial, nodes, solver->system->mesh->rest, NULL);
     } else {
@@ -151,7 +151,7 @@ static pliant_status iterate(pliant_solver *solver)
         const bool first = rules->next == PLIANT_NEXT_FIRST;
         pliant_iterate *at = first ? &solver->now : &solver->trial;
         pliant_status status = evaluate(solver, at);
-        if (status == PLIANT_OK && first) status = pliant_hindsight_look(solver);
+        if (status == PLIANT_OK && first) status = pliant_posterior_look(solver);
         if (status != PLIANT_OK) return status;
         const bool plain = !rules->mixes && (rules->next == PLIANT_NEXT_TRIAL || rules->next == PLIANT_NEXT_DESCENT);
         const double slope = plain && !(at->merit < solver->now.merit && rules->next == PLIANT_NEXT_TRIAL) ? slope_of(solver) : 0;
@@ -168,14 +168,14 @@ static pliant_status iterate(pliant_solver *solver)
  * that pull by force for now, they are found anew. */
 static void turn_on(pliant_solver *solver)
 {
-    bool follows = solver->turn && (!solver->turn->turned || solver->evaluations >= PLIANT_EVALUATIONS_A_TURN);
+    bool follows = solver->rotations && (!solver->rotations->turned || solver->evaluations >= PLIANT_EVALUATIONS_A_TURN);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         const pliant_handle *handle = solver->handles + t;
         if (pliant_handle_is_spring(handle) && handle->response_of == solver->factor_serial) follows = false;
     }
     if (!follows) return;
     solver->evaluations = 0;
-    pliant_turn_to(solver->system, solver->now.x, solver->turn);
+    pliant_nodal_rotations_update(solver->system, solver->now.x, solver->rotations);
     pliant_solver_turned(solver);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) solver->handles[t].response_of = 0;
 }
@@ -194,9 +194,10 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, solver->now.force + 3 * t, 3 * sizeof(double));
     if (!isfinite(solver->rules.merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
     statistics->residual = solver->rules.merit / solver->now.scale;
-    statistics->error_before = pliant_hindsight_tell(solver);
-    statistics->error = solver->foreseen = solver->rules.error;
-    pliant_hindsight_keep(solver);
+    statistics->error_before = pliant_posterior_tell(solver);
+    if (solver->posterior.seen) pliant_anderson_learn(&solver->rules, statistics->error_before);
+    statistics->error = solver->foreseen = pliant_anderson_error(&solver->rules);
+    pliant_posterior_keep(solver);
     statistics->residual_force = 0;
     for (int32_t f = 0; f < solver->system->num_free; f++) {
         const double *r = solver->now.residual + 3 * f;

@@ -9,12 +9,12 @@
  *     K0 dx - W' dl = r,   W dx + c dl = e,   r = load + W' l - f_int(x),   e = target - y - c l
  * by the Schur complement  S = c I + W Z,  Z = K0^-1 W'  (three columns a tool; Woodbury, NUMERICS 5).
  * The merit is the energy norm of that step,  dx' K0 dx + c dl' dl,  and K0 dx = r + W' dl costs nothing.
- * Steps, pulls and secants are vectors in the nodes' own axes (turn.h); positions, loads and forces are not. */
+ * Steps, pulls and secants are vectors in the nodes' own axes (nodal_rotations.h); positions, loads and forces are not. */
 #ifndef PLIANT_FEM_QUASISTATIC_SOLVER_H
 #define PLIANT_FEM_QUASISTATIC_SOLVER_H
 
 #include "fem/quasistatic/anderson.h"
-#include "fem/quasistatic/turn.h"
+#include "fem/quasistatic/nodal_rotations.h"
 #include "fem/system.h"
 #include "state/data.h"
 
@@ -62,13 +62,13 @@ typedef struct pliant_secant { /* differences of two iterates */
 } pliant_secant;
 
 /* The state that the last step ended with, as the first evaluation of the next one sees it (estimate.c). */
-typedef struct pliant_hindsight {
+typedef struct pliant_posterior {
     bool kept;                  /* there is one, and nothing but the loads has changed since */
     bool seen;                  /* this step has evaluated it */
     pliant_iterate at;          /* its step, pull and step_force; x and force are not used */
     double *load;               /* (3 num_free) that it was solved for [N] */
     double force[PLIANT_MAX_ROWS], target[PLIANT_MAX_ROWS]; /* of the tools */
-} pliant_hindsight;
+} pliant_posterior;
 
 struct pliant_solver {
     const pliant_system *system;
@@ -82,7 +82,7 @@ struct pliant_solver {
 
     pliant_preconditioner *preconditioner; /* in use; below, "factor" means it */
     uint64_t factor_serial;     /* counts from 1 */
-    pliant_turn *turn;          /* Nullable: the axes that it is used in */
+    pliant_nodal_rotations *rotations;          /* Nullable: the axes that it is used in */
     int64_t evaluations;        /* since they turned */
     pliant_refresh *refresh;    /* Nullable */
     pliant_background *background; /* Nullable; borrowed: when what it makes is put to use */
@@ -94,11 +94,11 @@ struct pliant_solver {
     pliant_handle handles[PLIANT_MAX_TOOLS];
 
     pliant_iterate now, trial;
-    double *left_x, left_force[PLIANT_MAX_ROWS]; /* before a blind step (3 num_nodes) */
+    double *previous_x, previous_force[PLIANT_MAX_ROWS]; /* before a blind step (3 num_nodes) */
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY]; /* energy products of the secants' steps */
     double foreseen;            /* error of the last step, as it told at once [m] */
-    pliant_hindsight hindsight;
+    pliant_posterior posterior;
     uint64_t forgotten;         /* times that the history was dropped, for backends that keep their own */
     double (*element_forces)[12][LANES];
     double *dense_weights;      /* (9 num_free) room to build W */
@@ -166,14 +166,14 @@ pliant_status pliant_solver_carry_hold(pliant_solver *solver, const pliant_solve
                                        const double *weights, const double *fine_positions, const double force[3]);
 
 /* ---- estimate.c: how far nodes still are from where a step would converge to [m] */
-pliant_status pliant_hindsight_create(pliant_solver *solver);
-void pliant_hindsight_free(pliant_solver *solver);
+pliant_status pliant_posterior_create(pliant_solver *solver);
+void pliant_posterior_free(pliant_solver *solver);
 /* At the first evaluation of a step: what the state, unchanged since the step before ended, lacked for that step's loads. */
-pliant_status pliant_hindsight_look(pliant_solver *solver);
+pliant_status pliant_posterior_look(pliant_solver *solver);
 /* Of the step before, now that this step's secants are known, or as it was foreseen. 0: there was none */
-double pliant_hindsight_tell(const pliant_solver *solver);
+double pliant_posterior_tell(const pliant_solver *solver);
 /* The step ends. */
-void pliant_hindsight_keep(pliant_solver *solver);
+void pliant_posterior_keep(pliant_solver *solver);
 
 /* ---- refresh.c */
 /* Start and deliver factors at fixed steps. Errors of the factorization keep the old factor. */

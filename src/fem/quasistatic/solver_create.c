@@ -70,14 +70,14 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
     solver->smallest_scale = rules->smallest_displacement * sqrt(system->mean_diagonal);
     solver->load = pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
     solver->dense_weights = pliant_calloc((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
-    solver->left_x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->left_x);
+    solver->previous_x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->previous_x);
     solver->element_forces = pliant_calloc((size_t)system->num_blocks, sizeof *solver->element_forces);
-    pliant_status status = solver->load && solver->dense_weights && solver->left_x && solver->element_forces ? PLIANT_OK : pliant_fail_memory("the solver");
+    pliant_status status = solver->load && solver->dense_weights && solver->previous_x && solver->element_forces ? PLIANT_OK : pliant_fail_memory("the solver");
     if (status == PLIANT_OK) status = iterate_create(system, &solver->now);
     if (status == PLIANT_OK) status = iterate_create(system, &solver->trial);
     if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.room, solver->history);
-    if (status == PLIANT_OK) status = pliant_hindsight_create(solver);
-    if (status == PLIANT_OK) status = pliant_turn_create(system, &solver->turn);
+    if (status == PLIANT_OK) status = pliant_posterior_create(solver);
+    if (status == PLIANT_OK) status = pliant_nodal_rotations_create(system, &solver->rotations);
     if (status == PLIANT_OK) status = pliant_solver_reset(solver);
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
@@ -99,7 +99,7 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     pliant_refresh_free(solver);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
     solver->factor_serial = 1;
-    pliant_turn_from(solver->system, solver->system->mesh->rest, solver->turn);
+    pliant_nodal_rotations_refer(solver->system, solver->system->mesh->rest, solver->rotations);
     solver->evaluations = 0;
     solver->foreseen = 0;
     pliant_anderson_reset(&solver->rules);
@@ -129,12 +129,12 @@ void pliant_solver_free(pliant_solver *solver)
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
     iterate_free(&solver->now);
     iterate_free(&solver->trial);
-    pliant_hindsight_free(solver);
-    pliant_turn_free(solver->turn);
+    pliant_posterior_free(solver);
+    pliant_nodal_rotations_free(solver->rotations);
     pliant_secants_free(solver->history);
     pliant_free(solver->load);
     pliant_free(solver->dense_weights);
-    pliant_free(solver->left_x);
+    pliant_free(solver->previous_x);
     pliant_free(solver->element_forces);
     pliant_preconditioner_free(solver->preconditioner);
     pliant_free(solver);

@@ -1,4 +1,4 @@
-#include "fem/quasistatic/turn.h"
+#include "fem/quasistatic/nodal_rotations.h"
 
 #include "base/fail.h"
 #include "fem/element/deformation.h"
@@ -7,31 +7,31 @@
 
 #include <string.h>
 
-pliant_status pliant_turn_create(const pliant_system *system, pliant_turn **out)
+pliant_status pliant_nodal_rotations_create(const pliant_system *system, pliant_nodal_rotations **out)
 {
     *out = NULL;
     if (system->stiffness || system->macros || system->basis) return PLIANT_OK;
-    pliant_turn *turn = pliant_calloc(1, sizeof *turn);
-    if (turn) {
-        turn->rotation = pliant_calloc((size_t)system->num_free, 9 * sizeof *turn->rotation);
-        turn->before = pliant_calloc((size_t)system->num_blocks, sizeof *turn->before);
-        turn->product = pliant_calloc((size_t)system->num_blocks, sizeof *turn->product);
+    pliant_nodal_rotations *rotations = pliant_calloc(1, sizeof *rotations);
+    if (rotations) {
+        rotations->rotation = pliant_calloc((size_t)system->num_free, 9 * sizeof *rotations->rotation);
+        rotations->before = pliant_calloc((size_t)system->num_blocks, sizeof *rotations->before);
+        rotations->product = pliant_calloc((size_t)system->num_blocks, sizeof *rotations->product);
     }
-    if (!turn || !turn->rotation || !turn->before || !turn->product) {
-        pliant_turn_free(turn);
+    if (!rotations || !rotations->rotation || !rotations->before || !rotations->product) {
+        pliant_nodal_rotations_free(rotations);
         return pliant_fail_memory("the solver's axes");
     }
-    *out = turn;
+    *out = rotations;
     return PLIANT_OK;
 }
 
-void pliant_turn_free(pliant_turn *turn)
+void pliant_nodal_rotations_free(pliant_nodal_rotations *rotations)
 {
-    if (!turn) return;
-    pliant_free(turn->rotation);
-    pliant_free(turn->before);
-    pliant_free(turn->product);
-    pliant_free(turn);
+    if (!rotations) return;
+    pliant_free(rotations->rotation);
+    pliant_free(rotations->before);
+    pliant_free(rotations->product);
+    pliant_free(rotations);
 }
 
 /* F of a block of elements. What keeps R = I counts as not turned: I. */
@@ -65,22 +65,22 @@ PLIANT_VECTORIZED static void multiply(const pliant_system *system, int32_t bloc
                                                 f[3 * r + 2][l] * before[3 * c + 2][l]);
 }
 
-void pliant_turn_from(const pliant_system *system, const double *positions, pliant_turn *turn)
+void pliant_nodal_rotations_refer(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations)
 {
-    if (!turn) return;
+    if (!rotations) return;
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
-    for (int32_t block = 0; block < system->num_blocks; block++) keep_before(system, block, positions, turn->before[block]);
-    turn->turned = false;
+    for (int32_t block = 0; block < system->num_blocks; block++) keep_before(system, block, positions, rotations->before[block]);
+    rotations->turned = false;
 }
 
-PLIANT_VECTORIZED static void rotations(double sum[9][LANES], double out[9][LANES]) { pliant_rotations(sum, out); }
+PLIANT_VECTORIZED static void rotations_of(double sum[9][LANES], double out[9][LANES]) { pliant_rotations(sum, out); }
 
-void pliant_turn_to(const pliant_system *system, const double *positions, pliant_turn *turn)
+void pliant_nodal_rotations_update(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations)
 {
-    if (!turn) return;
+    if (!rotations) return;
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t block = 0; block < system->num_blocks; block++)
-        multiply(system, block, positions, turn->before[block], turn->product[block]);
+        multiply(system, block, positions, rotations->before[block], rotations->product[block]);
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t first = 0; first < system->num_free; first += LANES) {
         double sum[9][LANES], out[9][LANES];
@@ -93,12 +93,12 @@ void pliant_turn_to(const pliant_system *system, const double *positions, pliant
             }
             for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++) {
                 int32_t element = system->corner[c] / 4;
-                for (int m = 0; m < 9; m++) sum[m][l] += turn->product[element / LANES][element % LANES][m];
+                for (int m = 0; m < 9; m++) sum[m][l] += rotations->product[element / LANES][element % LANES][m];
             }
         }
-        rotations(sum, out);
+        rotations_of(sum, out);
         for (int l = 0; l < LANES && first + l < system->num_free; l++)
-            for (int m = 0; m < 9; m++) turn->rotation[9 * (size_t)(first + l) + (size_t)m] = out[m][l];
+            for (int m = 0; m < 9; m++) rotations->rotation[9 * (size_t)(first + l) + (size_t)m] = out[m][l];
     }
-    turn->turned = true;
+    rotations->turned = true;
 }

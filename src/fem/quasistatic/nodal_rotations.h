@@ -4,8 +4,8 @@
  * (Courtecuisse, Allard, Duriez and Cotin 2010, Asynchronous preconditioners for efficient solving of non-linear deformations).
  * Secants are kept in these axes too: what was learned of a piece turns with it, and products of steps and pulls stay what
  * they are. */
-#ifndef PLIANT_FEM_QUASISTATIC_TURN_H
-#define PLIANT_FEM_QUASISTATIC_TURN_H
+#ifndef PLIANT_FEM_QUASISTATIC_NODAL_ROTATIONS_H
+#define PLIANT_FEM_QUASISTATIC_NODAL_ROTATIONS_H
 
 #include "fem/system.h"
 
@@ -13,33 +13,33 @@
 extern "C" {
 #endif
 
-typedef struct pliant_turn {
+typedef struct pliant_nodal_rotations {
     bool turned;             /* false: Q = I everywhere */
     double *rotation;        /* (num_free x 9) Q */
     float (*before)[9][LANES]; /* (num_blocks) V mu F0, F0 at the positions that the preconditioner belongs to [N m] */
     float (*product)[LANES][9]; /* (num_blocks) V mu F F0', one element after the other, as nodes gather them */
-} pliant_turn;
+} pliant_nodal_rotations;
 
 /* *out is NULL for systems that are not turned: what is homogenized, macro-elements, patches. Errors: MEMORY. */
-pliant_status pliant_turn_create(const pliant_system *system, pliant_turn **out);
-void pliant_turn_free(pliant_turn *turn); /* Nullable */
-/* The preconditioner belongs to these positions now; they are taken for the present ones until pliant_turn_to. Nullable turn */
-void pliant_turn_from(const pliant_system *system, const double *positions, pliant_turn *turn);
-/* Turn with the tissue to these positions. Nullable turn */
-void pliant_turn_to(const pliant_system *system, const double *positions, pliant_turn *turn);
+pliant_status pliant_nodal_rotations_create(const pliant_system *system, pliant_nodal_rotations **out);
+void pliant_nodal_rotations_free(pliant_nodal_rotations *rotations); /* Nullable */
+/* The preconditioner belongs to these positions now; they are taken for the present ones until pliant_nodal_rotations_update. Nullable rotations */
+void pliant_nodal_rotations_refer(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations);
+/* Turn with the tissue to these positions. Nullable rotations */
+void pliant_nodal_rotations_update(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations);
 
-/* Q' v, Q v of one unknown node, in place; turn may be NULL */
-static inline void pliant_turn_into(const pliant_turn *turn, int32_t node, double v[3])
+/* Q' v, Q v of one unknown node, in place; rotations may be NULL */
+static inline void pliant_into_node_axes(const pliant_nodal_rotations *rotations, int32_t node, double v[3])
 {
-    if (!turn || !turn->turned) return;
-    const double *q = turn->rotation + 9 * (size_t)node;
+    if (!rotations || !rotations->turned) return;
+    const double *q = rotations->rotation + 9 * (size_t)node;
     double x = v[0], y = v[1], z = v[2];
     for (int d = 0; d < 3; d++) v[d] = q[d] * x + q[3 + d] * y + q[6 + d] * z;
 }
-static inline void pliant_turn_out(const pliant_turn *turn, int32_t node, double v[3])
+static inline void pliant_from_node_axes(const pliant_nodal_rotations *rotations, int32_t node, double v[3])
 {
-    if (!turn || !turn->turned) return;
-    const double *q = turn->rotation + 9 * (size_t)node;
+    if (!rotations || !rotations->turned) return;
+    const double *q = rotations->rotation + 9 * (size_t)node;
     double x = v[0], y = v[1], z = v[2];
     for (int d = 0; d < 3; d++) v[d] = q[3 * d] * x + q[3 * d + 1] * y + q[3 * d + 2] * z;
 }

@@ -29,12 +29,12 @@ TEST(Turn, FindsTheRotationWhateverTheStretchBefore)
     std::vector<double> before = affine(body.model->body->fine, stretch, none), now(before.size());
     for (size_t n = 0; n < before.size(); n += 3)
         for (int r = 0; r < 3; r++) now[n + r] = q[3 * r] * before[n] + q[3 * r + 1] * before[n + 1] + q[3 * r + 2] * before[n + 2] + shift[r];
-    pliant_turn *turn;
-    ASSERT_EQ(pliant_turn_create(system, &turn), PLIANT_OK);
-    ASSERT_NE(turn, nullptr);
-    pliant_turn_from(system, before.data(), turn);
-    EXPECT_FALSE(turn->turned);
-    pliant_turn_to(system, now.data(), turn);
+    pliant_nodal_rotations *rotations;
+    ASSERT_EQ(pliant_nodal_rotations_create(system, &rotations), PLIANT_OK);
+    ASSERT_NE(rotations, nullptr);
+    pliant_nodal_rotations_refer(system, before.data(), rotations);
+    EXPECT_FALSE(rotations->turned);
+    pliant_nodal_rotations_update(system, now.data(), rotations);
     int tissue = 0, air = 0;
     for (int32_t f = 0; f < system->num_free; f++) {
         double height = system->mesh->rest[3 * system->node_of_free[f] + 2];
@@ -42,16 +42,16 @@ TEST(Turn, FindsTheRotationWhateverTheStretchBefore)
         bool empty = height > 0.06;
         (empty ? air : tissue)++;
         double v[3] = {1, 2, 3}, back[3];
-        pliant_turn_out(turn, f, v);
+        pliant_from_node_axes(rotations, f, v);
         for (int r = 0; r < 3; r++)
             EXPECT_NEAR(v[r], empty ? r + 1 : q[3 * r] + 2 * q[3 * r + 1] + 3 * q[3 * r + 2], 1e-5) << "what is empty keeps its axes";
         std::memcpy(back, v, sizeof back);
-        pliant_turn_into(turn, f, back);
+        pliant_into_node_axes(rotations, f, back);
         for (int r = 0; r < 3; r++) EXPECT_NEAR(back[r], r + 1, 1e-5);
     }
     EXPECT_GT(tissue, 100);
     EXPECT_GT(air, 20);
-    pliant_turn_free(turn);
+    pliant_nodal_rotations_free(rotations);
 }
 
 // largest error of the end of a bar that hangs down from a wall by its weight, after so many evaluations in one step a frame
@@ -69,8 +69,8 @@ double error_of_bending(bool turning, pliant_preconditioner_choice choice)
         body.fix_plane(0.001, 0, 0, 1, 0, 0);
         EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         if (!turning) {
-            pliant_turn_free(body.data->solver->turn);
-            body.data->solver->turn = nullptr;
+            pliant_nodal_rotations_free(body.data->solver->rotations);
+            body.data->solver->rotations = nullptr;
         }
         std::vector<double> found;
         for (int f = 1; f <= 20; f++) {
