@@ -15,7 +15,6 @@ struct pliant_fit {
     fit_view view;
     const pliant_mesh *mesh;
     int num_threads;
-    int32_t capacity;         /* of bin_start */
 };
 
 static double mean_edge(const pliant_mesh *mesh)
@@ -71,8 +70,9 @@ pliant_status pliant_fit_create(const pliant_mesh *mesh, const pliant_geometry *
     view->tissue = pliant_calloc(pliant_geometry_voxels(scan), 1);
     view->at = pliant_calloc((size_t)mesh->num_nodes, 3 * sizeof *view->at);
     view->bin_node = pliant_calloc((size_t)mesh->num_nodes, sizeof *view->bin_node);
+    view->bin_start = pliant_calloc(fit_most_bins(view) + 1, sizeof *view->bin_start);
     view->sorted = pliant_calloc((size_t)mesh->num_nodes, 6 * sizeof *view->sorted);
-    if (!view->map || !view->wanted || !view->covered || !view->tissue || !view->at || !view->sorted || !view->bin_node) {
+    if (!view->map || !view->wanted || !view->covered || !view->tissue || !view->at || !view->sorted || !view->bin_node || !view->bin_start) {
         pliant_fit_free(fit);
         return pliant_fail_memory("the fit");
     }
@@ -96,8 +96,7 @@ void pliant_fit_free(pliant_fit *fit)
     pliant_free(fit);
 }
 
-/* false: out of memory */
-static bool sort_nodes(pliant_fit *fit, const double *positions)
+static void sort_nodes(pliant_fit *fit, const double *positions)
 {
     fit_view *view = &fit->view;
     const int32_t nodes = view->num_nodes;
@@ -111,13 +110,6 @@ static bool sort_nodes(pliant_fit *fit, const double *positions)
         }
     }
     const int32_t count = fit_set_bins(view, low, high);
-    if (count + 1 > fit->capacity) {
-        int32_t *start = pliant_calloc((size_t)count + 1, sizeof *start);
-        if (!start) return false;
-        pliant_free(view->bin_start);
-        view->bin_start = start;
-        fit->capacity = count + 1;
-    }
     int32_t *start = view->bin_start;
     memset(start, 0, ((size_t)count + 1) * sizeof *start);
     for (int32_t n = 0; n < nodes; n++) start[fit_flat_bin(view, view->at + 3 * (size_t)n) + 1]++;
@@ -127,7 +119,6 @@ static bool sort_nodes(pliant_fit *fit, const double *positions)
     for (int32_t b = 0; b < count; b++) start[b] = start[b + 1];
     start[count] = nodes;
     for (int32_t place = 0; place < nodes; place++) fit_set_place(view, place);
-    return true;
 }
 
 /* Slices begin to end of the target, want_begin to want_end of the lattice: what the tetrahedra cover there, and want. */
@@ -165,14 +156,13 @@ FIT_VECTORIZED static void map_row(const fit_view *view, int32_t j, int32_t k)
     for (int32_t i = 0; i < view->size[0]; i++) fit_point(view, (const int32_t[3]){i, j, k}, out + 3 * i);
 }
 
-pliant_status pliant_fit_map(pliant_fit *fit, const double *positions)
+void pliant_fit_map(pliant_fit *fit, const double *positions)
 {
     const fit_view *view = &fit->view;
-    if (!sort_nodes(fit, positions)) return pliant_fail_memory("the nodes of the fit; the deformed volume stays as it is");
+    sort_nodes(fit, positions);
     cover_all(fit);
 #pragma omp parallel for num_threads(fit->num_threads) schedule(dynamic)
     for (int32_t row = 0; row < view->size[1] * view->size[2]; row++) map_row(view, row % view->size[1], row / view->size[1]);
-    return PLIANT_OK;
 }
 
 bool pliant_fit_at(const pliant_fit *fit, const double target[3], double scan[3]) { return fit_map_at(&fit->view, target, scan); }

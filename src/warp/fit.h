@@ -20,8 +20,8 @@ pliant_status pliant_fit_create(const pliant_mesh *mesh, const pliant_geometry *
                                 int32_t step, int num_threads, pliant_fit **out);
 void pliant_fit_free(pliant_fit *fit); /* Nullable */
 
-/* The map for these positions (num_nodes x 3, LPS). Errors: MEMORY (the map is as it was). */
-pliant_status pliant_fit_map(pliant_fit *fit, const double *positions);
+/* The map for these positions (num_nodes x 3, LPS); needs no more memory. */
+void pliant_fit_map(pliant_fit *fit, const double *positions);
 /* Where a point of the target (continuous index) was: index in the scan; false: too far from any node. */
 bool pliant_fit_at(const pliant_fit *fit, const double target[3], double scan[3]);
 /* For backends: what it works with, on the host. */

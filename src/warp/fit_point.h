@@ -175,6 +175,15 @@ PLIANT_INLINE void fit_cover_row(const fit_view *fit, const fit_tet *tet, int32_
     for (int32_t i = first; i <= last; i++) row[i] = 1;
 }
 
+/* No fewer than fit_set_bins ever returns. */
+PLIANT_INLINE size_t fit_most_bins(const fit_view *fit)
+{
+    const double width = FIT_CUT_OFF * fit->deviation, reach = width * (1 << (FIT_ATTEMPTS - 1));
+    size_t count = 1;
+    for (int d = 0; d < 3; d++) count *= (size_t)fmin((fit->target.size[d] * fit->target.spacing[d] + 2 * reach) / width, FIT_MOST_BINS) + 2;
+    return count;
+}
+
 /* exp(-square / 2) for squares to FIT_CUT_OFF^2: 2^-k times Taylor's series of what is left, to 1e-11 */
 PLIANT_INLINE double fit_gaussian(double square)
 {

@@ -28,8 +28,9 @@ struct pliant_warp {
     int32_t *dirty_bricks;   /* (num_bricks) those of the coming one */
     size_t *end; /* (num_threads x num_bricks) where a thread's part of a brick's candidates ends; it begins where
                   * that of the thread before ends, or of the last thread in the brick before */
+    int32_t listed[2];       /* bricks whose candidates are listed, from the first to before the second: all, but where memory is short */
     int32_t *candidates;     /* tetrahedra by brick, ascending */
-    size_t capacity;
+    size_t capacity;         /* no less than there are tetrahedra: an update needs no more memory */
     raster_brick *scratch;   /* (num_threads) */
     double seconds[2];       /* cull, rasterize */
     pliant_fit *fit;         /* NULL: rasterize */
@@ -92,6 +93,7 @@ static bool allocate(pliant_warp *warp)
            (warp->changed = pliant_calloc(bricks, 1)) && (warp->dirty = pliant_calloc(bricks, 1)) &&
            (warp->dirty_bricks = pliant_calloc(bricks, sizeof *warp->dirty_bricks)) &&
            (warp->end = pliant_calloc(bricks, (size_t)warp->num_threads * sizeof *warp->end)) &&
+           (warp->candidates = pliant_calloc(warp->capacity = (size_t)warp->mesh->num_tets, sizeof *warp->candidates)) &&
            (warp->scratch = pliant_calloc((size_t)warp->num_threads, sizeof *warp->scratch));
 }
 
@@ -209,7 +211,7 @@ static inline void visit_brick(pliant_warp *warp, int32_t t, int32_t brick, visi
         break;
     case VISIT_COUNT: end[brick] += warp->dirty[brick]; break;
     case VISIT_LIST:
-        if (warp->dirty[brick]) warp->candidates[end[brick]++] = t;
+        if (warp->dirty[brick] && brick >= warp->listed[0] && brick < warp->listed[1]) warp->candidates[end[brick]++] = t;
         break;
     }
 }
@@ -257,33 +259,45 @@ static void visit_all(pliant_warp *warp, visit what)
             visit_bricks(warp, (int32_t)t, what, warp->end + part * warp->num_bricks);
 }
 
-/* Candidates of every dirty brick; false when out of memory. */
-static bool list_candidates(pliant_warp *warp)
+/* How many candidates each part lists of every dirty brick; with room for all of them, if there is memory. */
+static void count_candidates(pliant_warp *warp)
 {
-    memset(warp->end, 0, (size_t)warp->num_bricks * (size_t)warp->num_threads * sizeof *warp->end);
-    visit_all(warp, VISIT_COUNT);
+    const size_t counts = (size_t)warp->num_bricks * (size_t)warp->num_threads;
     size_t total = 0;
-    for (int32_t b = 0; b < warp->num_bricks; b++) /* to where a part begins; listing moves that to its end */
+    memset(warp->end, 0, counts * sizeof *warp->end);
+    visit_all(warp, VISIT_COUNT);
+    for (size_t n = 0; n < counts; n++) total += warp->end[n];
+    int32_t *candidates = total > warp->capacity ? pliant_calloc(total + total / 4, sizeof *candidates) : NULL;
+    if (!candidates) return;
+    pliant_free(warp->candidates);
+    warp->candidates = candidates;
+    warp->capacity = total + total / 4;
+}
+
+/* Candidates of as many bricks as there is room for, at least one, from the first one that waits; counts become ends. */
+static void list_candidates(pliant_warp *warp)
+{
+    size_t total = 0;
+    int32_t b = warp->listed[0] = warp->listed[1];
+    for (; b < warp->num_bricks; b++) { /* to where a part begins; listing moves that to its end */
+        size_t count = 0;
+        for (int part = 0; part < warp->num_threads; part++) count += warp->end[(size_t)part * (size_t)warp->num_bricks + (size_t)b];
+        if (total + count > warp->capacity) break;
         for (int part = 0; part < warp->num_threads; part++) {
-            size_t *end = &warp->end[(size_t)part * (size_t)warp->num_bricks + (size_t)b], count = *end;
+            size_t *end = &warp->end[(size_t)part * (size_t)warp->num_bricks + (size_t)b], own = *end;
             *end = total;
-            total += count;
+            total += own;
         }
-    if (total > warp->capacity) {
-        int32_t *candidates = pliant_calloc(total + total / 4, sizeof *candidates);
-        if (!candidates) return false;
-        pliant_free(warp->candidates);
-        warp->candidates = candidates;
-        warp->capacity = total + total / 4;
     }
+    warp->listed[1] = b;
     visit_all(warp, VISIT_LIST);
-    return true;
 }
 
 static void redo_bricks(pliant_warp *warp)
 {
+    const int32_t first = warp->listed[0];
     int32_t num_dirty = 0;
-    for (int32_t b = 0; b < warp->num_bricks; b++)
+    for (int32_t b = first; b < warp->listed[1]; b++)
         if (warp->dirty[b]) warp->dirty_bricks[num_dirty++] = b;
     /* runs of neighbours along i share memory; several for each thread share the work */
     const size_t *end = warp->end + (size_t)(warp->num_threads - 1) * (size_t)warp->num_bricks;
@@ -293,7 +307,7 @@ static void redo_bricks(pliant_warp *warp)
     for (int32_t n = 0; n < num_dirty; n++) {
         int32_t b = warp->dirty_bricks[n], across = warp->grid.bricks[0], down = warp->grid.bricks[1];
         int32_t brick[3] = {b % across, b / across % down, b / across / down};
-        size_t begin = b > 0 ? end[b - 1] : 0;
+        size_t begin = b > first ? end[b - 1] : 0;
         pliant_raster_brick(&warp->grid, &warp->source, &warp->kernels, warp->tets, warp->candidates + begin,
                             end[b] - begin, brick, &warp->scratch[omp_get_thread_num()], warp->volume.voxels);
     }
@@ -330,8 +344,7 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
         pliant_warp_leave(warp);
     }
     if (warp->fit) {
-        pliant_status status = pliant_fit_map(warp->fit, positions);
-        if (status != PLIANT_OK) return status;
+        pliant_fit_map(warp->fit, positions);
         double mapped = pliant_seconds();
         pliant_fit_draw(warp->fit, &warp->source, warp->grid.bricks, warp->volume.voxels, warp->changed);
         warp->seconds[0] = mapped - start;
@@ -347,12 +360,14 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
     /* bricks touched before and after */
     memset(warp->dirty, !warp->drawn, (size_t)warp->num_bricks);
     move_tets(warp, warp->next);
-    if (!list_candidates(warp)) {
-        move_tets(warp, warp->fixed); /* as they were; before the first update nobody asks */
-        return pliant_fail_memory("the tetrahedra by brick; the deformed volume stays as it is");
+    count_candidates(warp);
+    double drawn = 0;
+    for (warp->listed[1] = 0; warp->listed[1] < warp->num_bricks;) {
+        list_candidates(warp);
+        double listed = pliant_seconds();
+        redo_bricks(warp);
+        drawn += pliant_seconds() - listed;
     }
-    double culled = pliant_seconds();
-    redo_bricks(warp);
     int32_t *fixed = warp->fixed;
     warp->fixed = warp->next;
     warp->next = fixed;
@@ -360,8 +375,8 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
     warp->changed = warp->dirty;
     warp->dirty = changed;
     warp->drawn = true;
-    warp->seconds[0] = culled - start;
-    warp->seconds[1] = pliant_seconds() - culled;
+    warp->seconds[0] = pliant_seconds() - start - drawn;
+    warp->seconds[1] = drawn;
     return PLIANT_OK;
 }
 
