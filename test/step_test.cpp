@@ -96,4 +96,55 @@ TEST(StepOfDynamics, AFailedPictureIsNoSecondFrame)
     EXPECT_EQ(ends[0], ends[1]);
 }
 
+// whichever allocation of a step fails: it ends as if there had been memory, or the state is the one before it and the next step goes on
+TEST(StepWithoutMemory, IsTheStateBeforeItOrTheOneAfterIt)
+{
+    int failed = 0;
+    for (pliant_solver_kind kind : {PLIANT_COROTATIONAL, PLIANT_TLED})
+        for (pliant_warp_kind warp : {PLIANT_RASTERIZE, PLIANT_FIT})
+            for (double patch : {0.0, 0.05}) {
+                if (patch > 0 && (kind == PLIANT_TLED || warp == PLIANT_FIT)) continue;
+                for (int64_t calls = 0; calls < 25; calls++) {
+                    Body body(size, box, {{4000, 0.45, 1000, false}});
+                    body.fix_plane(0, 0, 0, 0, 0, 1);
+                    body.cells(3, 3, 3, patch > 0 ? 2 : 1);
+                    body.scene.solver.kind = kind;
+                    body.scene.warp.kind = warp;
+                    body.scene.model.gravity[1] = 9.81;
+                    if (patch > 0) {
+                        body.scene.model.method = PLIANT_AVERAGED;
+                        body.scene.model.patch = patch;
+                        body.scene.model.patch_delay = 1;
+                    }
+                    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+                    ASSERT_EQ(pliant_data_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK);
+                    int tool;
+                    const double tip[3] = {top[0], top[1], top[2] + 0.004};
+                    ASSERT_EQ(pliant_tool_add(body.model, body.data, "tool", &tool), PLIANT_OK);
+                    ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, top), PLIANT_OK) << pliant_last_error();
+                    ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+                    ASSERT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+                    for (int s = 0; s < 2; s++) {
+                        const size_t count = 3 * size_t(body.data->body->fine.num_nodes);
+                        const std::vector<double> before(body.data->positions, body.data->positions + count);
+                        const uint64_t steps = body.data->statistics.step;
+                        pliant_memory_fail_after(calls);
+                        pliant_status status = pliant_step(body.model, body.data);
+                        pliant_memory_fail_after(-1);
+                        const std::vector<double> after(body.data->positions, body.data->positions + count);
+                        if (status < 0) {
+                            failed++;
+                            EXPECT_EQ(status, PLIANT_ERROR_MEMORY);
+                            EXPECT_EQ(before, after) << kind << warp << patch << ": " << calls << " " << pliant_last_error();
+                            EXPECT_EQ(body.data->statistics.step, steps);
+                        } else {
+                            EXPECT_EQ(body.data->statistics.step, steps + 1);
+                        }
+                        EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+                    }
+                }
+            }
+    EXPECT_GT(failed, 3);
+}
+
 } // namespace
