@@ -174,7 +174,7 @@ TEST(Tled, ScalarsAreThoseOfTheLaw)
     // [C] 10: S = mu (1 - 1 / l^2) + lambda l (l - 1) / l^2 along, lambda l (l - 1) across; Cauchy F S F' / J
     double across = m.lambda * (stretch - 1), along = m.mu * (stretch - 1 / stretch) + m.lambda * (stretch - 1);
     auto all = [&](pliant_scalar scalar, double value) {
-        ASSERT_EQ(pliant_data_scalar(bar.model, x.data(), scalar, out.data()), PLIANT_OK);
+        ASSERT_EQ(pliant_data_scalar(bar.model, bar.data->body, x.data(), scalar, out.data()), PLIANT_OK);
         for (float v : out) EXPECT_NEAR(v, value, 1e-5 * std::fabs(value)) << scalar;
     };
     all(PLIANT_SCALAR_PRINCIPAL_STRESS, along);
@@ -182,7 +182,7 @@ TEST(Tled, ScalarsAreThoseOfTheLaw)
     all(PLIANT_SCALAR_VOLUME_RATIO, stretch);
     double energy = 0.5 * m.mu * (stretch * stretch - 1) - m.mu * std::log(stretch) + 0.5 * m.lambda * (stretch - 1) * (stretch - 1);
     all(PLIANT_SCALAR_STRAIN_ENERGY, energy);
-    ASSERT_EQ(pliant_data_scalar(bar.model, x.data(), PLIANT_SCALAR_MASS_CHANGE, out.data()), PLIANT_OK);
+    ASSERT_EQ(pliant_data_scalar(bar.model, bar.data->body, x.data(), PLIANT_SCALAR_MASS_CHANGE, out.data()), PLIANT_OK);
     const double cell = 1e-6; // of 0.01 m: a third in the central tetrahedron, a sixth in each other
     for (float v : out) {
         EXPECT_GT(v, cell / 6 / stretch * 0.9999);

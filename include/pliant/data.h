@@ -108,6 +108,8 @@ PLIANT_API pliant_status pliant_data_set_body(const pliant_model *model, pliant_
 /** What is true after the last step: valid until the next call that takes this data and may change it (a step, a reset). Retain the body
  *  (pliant_body_retain) to keep it for longer. */
 PLIANT_API const pliant_body *pliant_data_get_body(const pliant_data *data);
+/** Highest revision of its bodies so far: the next one takes one more. */
+PLIANT_API uint64_t pliant_data_get_last_revision(const pliant_data *data);
 /** (body's fine.num_nodes x 3) LPS [m], valid as the body is.
  *  @param revision Nullable: of the body whose nodes these are */
 PLIANT_API const double *pliant_data_get_positions(const pliant_data *data, uint64_t *revision);
@@ -194,9 +196,11 @@ PLIANT_API int32_t pliant_data_get_inverted(const pliant_data *data);
 PLIANT_API int32_t pliant_mesh_inverted(const pliant_mesh *mesh, const double *positions);
 
 /** A number per fine node (volume-weighted mean of its tetrahedra). @param out (body->fine.num_nodes) */
-PLIANT_API pliant_status pliant_data_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out);
+PLIANT_API pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar,
+                                            float *out);
 /** And per fine tetrahedron. @param out (body->fine.num_tets) */
-PLIANT_API void pliant_data_tet_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out);
+PLIANT_API void pliant_data_tet_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar,
+                                       float *out);
 
 #ifdef __cplusplus
 }

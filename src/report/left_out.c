@@ -70,7 +70,7 @@ static pliant_status one_step(const pliant_model *model, pliant_data *data, int 
     if (status >= 0 && has(parts, BIT_slices) && data->warp) status = take_slices(pliant_warp_volume(data->warp), at);
     times->slices[step] = pliant_seconds() - start;
     start = pliant_seconds();
-    if (status >= 0 && has(parts, BIT_scalar)) status = pliant_data_scalar(model, data->positions, PLIANT_SCALAR_VON_MISES, scalar);
+    if (status >= 0 && has(parts, BIT_scalar)) status = pliant_data_scalar(model, data->body, data->positions, PLIANT_SCALAR_VON_MISES, scalar);
     times->scalar[step] = pliant_seconds() - start;
     times->frame[step] = times->step[step] + times->slices[step] + times->scalar[step];
     return status;

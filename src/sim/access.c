@@ -18,6 +18,7 @@ void pliant_model_get_statistics(const pliant_model *model, pliant_build_statist
 }
 
 const pliant_body *pliant_data_get_body(const pliant_data *data) { return data->body; }
+uint64_t pliant_data_get_last_revision(const pliant_data *data) { return data->last_revision; }
 const pliant_statistics *pliant_data_get_statistics(const pliant_data *data) { return &data->statistics; }
 const pliant_warp *pliant_data_get_warp(const pliant_data *data) { return data->warp; }
 void pliant_data_get_gravity(const pliant_data *data, double out[3]) { memcpy(out, data->gravity, sizeof data->gravity); }

@@ -22,7 +22,7 @@ struct Output : testing::Test {
     std::vector<float> scalar(pliant_scalar which)
     {
         std::vector<float> out(body.model->body->fine.num_nodes);
-        EXPECT_EQ(pliant_data_scalar(body.model, moved.data(), which, out.data()), PLIANT_OK);
+        EXPECT_EQ(pliant_data_scalar(body.model, body.data->body, moved.data(), which, out.data()), PLIANT_OK);
         return out;
     }
 };

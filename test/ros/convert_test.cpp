@@ -1,10 +1,12 @@
 #include "state/data.h"
 #include "pliant/ros/convert.h"
+#include "ros/record/recorded.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <cstring>
+#include <map>
 #include <limits>
 
 using namespace pliant_ros;
@@ -319,7 +321,7 @@ protected:
 TEST_F(ConvertModel, Topology)
 {
     MeshTopology message;
-    topology_message(model, &message);
+    topology_message(body, &message);
     EXPECT_EQ(message.rest_nodes.size(), 12u);
     EXPECT_FLOAT_EQ(message.rest_nodes[11], 0.1f);
     EXPECT_EQ(message.tetrahedra, (std::vector<uint32_t>{0, 1, 2, 3}));
@@ -328,10 +330,118 @@ TEST_F(ConvertModel, Topology)
     EXPECT_EQ(message.rest_parent, (std::vector<uint32_t>{0, 1, 2, 3}));
 }
 
+// a loaded block of 4 x 2 x 2 cubes of voxels, fixed at its floor, and its body after a cut between them
+struct ConvertBodies : ::testing::Test {
+    void SetUp() override
+    {
+        auto scan = std::make_shared<Scan>();
+        pliant_geometry geometry{};
+        const int32_t cells[3] = {4, 2, 2};
+        for (int d = 0; d < 3; ++d) {
+            geometry.size[d] = cells[d];
+            geometry.spacing[d] = 0.01;
+            geometry.direction[4 * d] = 1;
+        }
+        ASSERT_EQ(pliant_volume_create(&geometry, PLIANT_UINT8, &scan->volume), PLIANT_OK);
+        std::strcpy(scan->volume.id, "block");
+        pliant_material tissue{};
+        std::strcpy(tissue.name, "tissue");
+        tissue.young_modulus = 4000;
+        tissue.poisson_ratio = 0.4;
+        tissue.density = 1000;
+        tissue.num_range = 2;
+        tissue.range[0] = -1;
+        tissue.range[1] = 1;
+        pliant_material_table table{};
+        table.materials = &tissue;
+        table.num_materials = 1;
+        pliant_scene scene;
+        pliant_scene_defaults(&scene);
+        scene.model.method = PLIANT_FINE;
+        for (int d = 0; d < 3; ++d) scene.mesh.coarse_cells[d] = cells[d];
+        scene.mesh.ratio = 1;
+        scene.fixed.planes[scene.fixed.num_planes++] = pliant_fixed_plane{{0, 0, -0.005}, {0, 0, 1}};
+        loaded = build(scene, scan, table, pliant_progress{nullptr, nullptr});
+        loaded->revision = 7;
+        const pliant_mesh &mesh = loaded->model->body->fine;
+        std::vector<int32_t> corners(mesh.tets, mesh.tets + 4 * mesh.num_tets);
+        std::map<int32_t, int32_t> copies;
+        for (int32_t t = 0; t < mesh.num_tets; ++t) {
+            bool right = false;
+            for (int v = 0; v < 4; ++v) right = right || mesh.rest[3 * mesh.tets[4 * t + v]] > 0.016;
+            for (int v = 0; v < 4 && right; ++v) {
+                int32_t node = mesh.tets[4 * t + v];
+                if (std::fabs(mesh.rest[3 * node] - 0.015) > 1e-6) continue;
+                corners[4 * t + v] = copies.emplace(node, mesh.num_nodes + static_cast<int32_t>(copies.size())).first->second;
+            }
+        }
+        pliant_division division{};
+        division.num_tets = mesh.num_tets;
+        division.corners = corners.data();
+        pliant_body *made = nullptr;
+        ASSERT_EQ(pliant_body_divide(loaded->model->body, 3, &division, &made), PLIANT_OK) << pliant_last_error();
+        cut.reset(made, pliant_body_release);
+        for (const auto &copy : copies) parents[copy.second] = copy.first;
+    }
+    MeshTopology topology(const pliant_body &body) const
+    {
+        MeshTopology out;
+        out.scan_id = "block";
+        out.scan_checksum = loaded->scan->checksum;
+        out.revision = revision_of(*loaded, body.revision);
+        topology_message(body, &out);
+        return out;
+    }
+    std::shared_ptr<Loaded> loaded;
+    std::shared_ptr<const pliant_body> cut;
+    std::map<int32_t, int32_t> parents;
+};
+
+TEST_F(ConvertBodies, OfTwoRevisionsHaveTwoTopologies)
+{
+    MeshTopology before = topology(*loaded->model->body), after = topology(*cut);
+    EXPECT_EQ(before.revision, 7u);
+    EXPECT_EQ(after.revision, 9u);
+    ASSERT_EQ(parents.size(), 9u);
+    ASSERT_EQ(after.rest_parent.size(), before.rest_parent.size() + parents.size());
+    EXPECT_EQ(after.rest_nodes.size(), 3 * after.rest_parent.size());
+    for (size_t n = 0; n < after.rest_parent.size(); ++n) {
+        auto copy = parents.find(static_cast<int32_t>(n));
+        uint32_t parent = copy == parents.end() ? static_cast<uint32_t>(n) : static_cast<uint32_t>(copy->second);
+        EXPECT_EQ(after.rest_parent[n], parent);
+        for (int d = 0; d < 3; ++d) EXPECT_EQ(after.rest_nodes[3 * n + d], before.rest_nodes[3 * parent + d]);
+    }
+    EXPECT_EQ(after.triangles.size(), before.triangles.size() + 2 * 3 * 8); /* two sides of eight faces */
+    MeshState state;
+    EXPECT_EQ(mesh_state_message(*loaded->model, *cut, cut->fine.rest, &state), PLIANT_OK);
+    EXPECT_EQ(state.nodes.size(), after.rest_nodes.size());
+}
+
+// who replays a recording finds the bodies of its topologies again
+TEST_F(ConvertBodies, AreFoundAgainFromTheirTopologies)
+{
+    std::string why;
+    std::shared_ptr<const pliant_body> first = body_of(*loaded, topology(*loaded->model->body), &why), second = body_of(*loaded, topology(*cut), &why);
+    EXPECT_EQ(first.get(), loaded->model->body);
+    ASSERT_TRUE(second) << why;
+    EXPECT_TRUE(pliant_body_same(second.get(), cut.get()));
+    MeshState state;
+    mesh_state_message(*loaded->model, *cut, cut->fine.rest, &state);
+    EXPECT_EQ(snapshot_of(loaded, second, state)->positions.size(), state.nodes.size());
+    EXPECT_THROW(snapshot_of(loaded, first, state), Failure);
+    MeshTopology wrong = topology(*cut);
+    wrong.tetrahedra[5] = wrong.tetrahedra[4];
+    EXPECT_FALSE(body_of(*loaded, wrong, &why));
+    EXPECT_NE(why.find("the scene must be the one of the recording"), std::string::npos) << why;
+    wrong = topology(*cut);
+    wrong.rest_nodes.back() += 1e-3f;
+    EXPECT_FALSE(body_of(*loaded, wrong, &why));
+}
+
 TEST_F(ConvertModel, StateWithoutScalar)
 {
     MeshState message;
-    EXPECT_EQ(mesh_state_message(model, rest, &message), PLIANT_OK);
+    EXPECT_EQ(mesh_state_message(model, body, rest, &message), PLIANT_OK);
     EXPECT_EQ(message.nodes.size(), 12u);
     EXPECT_TRUE(message.scalar.empty());
     EXPECT_TRUE(message.scalar_name.empty());
@@ -343,7 +453,7 @@ TEST_F(ConvertModel, MarkerIsColouredByDisplacement)
     std::memcpy(moved, rest, sizeof rest);
     moved[9] += 0.02; /* node 3 along x */
     visualization_msgs::Marker marker;
-    marker_message(model, moved, {}, &marker);
+    marker_message(body, moved, {}, &marker);
     ASSERT_EQ(marker.points.size(), 12u);
     ASSERT_EQ(marker.colors.size(), 12u);
     EXPECT_DOUBLE_EQ(marker.points[5].x, 0.02);
@@ -354,7 +464,7 @@ TEST_F(ConvertModel, MarkerIsColouredByDisplacement)
 TEST_F(ConvertModel, MarkerIsLightInFrontAndDarkBehind)
 {
     visualization_msgs::Marker marker;
-    marker_message(model, rest, {}, &marker);
+    marker_message(body, rest, {}, &marker);
     EXPECT_GT(marker.colors[3].b, marker.colors[0].b) << "the second triangle faces -y, the first -z";
     EXPECT_GT(marker.colors[0].b, 0);
 }
@@ -362,7 +472,7 @@ TEST_F(ConvertModel, MarkerIsLightInFrontAndDarkBehind)
 TEST_F(ConvertModel, PointsCarryDisplacementAndScalar)
 {
     sensor_msgs::PointCloud2 cloud;
-    points_message(model, rest, {1, 2, 3, 4}, &cloud);
+    points_message(body, rest, {1, 2, 3, 4}, &cloud);
     ASSERT_EQ(cloud.fields.size(), 5u);
     EXPECT_EQ(cloud.width, 4u);
     ASSERT_EQ(cloud.data.size(), 4u * 20);

@@ -61,23 +61,23 @@ static double measure(const pliant_scene *scene, const double f[9], double volum
     return values[2];
 }
 
-void pliant_data_tet_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out)
+void pliant_data_tet_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar, float *out)
 {
-    const pliant_mesh *mesh = &model->body->fine;
+    const pliant_mesh *mesh = &body->fine;
     for (int32_t t = 0; t < mesh->num_tets; t++) {
         double f[9], volume = deformation_of(mesh, positions, t, f);
-        out[t] = scalar == PLIANT_SCALAR_NONE ? 0 : (float)measure(&model->scene, f, volume, model->body->fine_material + t, scalar);
+        out[t] = scalar == PLIANT_SCALAR_NONE ? 0 : (float)measure(&model->scene, f, volume, body->fine_material + t, scalar);
     }
 }
 
-pliant_status pliant_data_scalar(const pliant_model *model, const double *positions, pliant_scalar scalar, float *out)
+pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar, float *out)
 {
-    const pliant_mesh *mesh = &model->body->fine;
+    const pliant_mesh *mesh = &body->fine;
     double *sum = pliant_calloc((size_t)mesh->num_nodes, 2 * sizeof *sum);
     if (!sum) return pliant_fail_memory("the scalar");
     for (int32_t t = 0; t < mesh->num_tets && scalar != PLIANT_SCALAR_NONE; t++) {
         double f[9], volume = deformation_of(mesh, positions, t, f);
-        double value = measure(&model->scene, f, volume, model->body->fine_material + t, scalar);
+        double value = measure(&model->scene, f, volume, body->fine_material + t, scalar);
         for (int v = 0; v < 4; v++) {
             sum[2 * mesh->tets[4 * t + v]] += volume * value;
             sum[2 * mesh->tets[4 * t + v] + 1] += volume;

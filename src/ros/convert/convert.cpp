@@ -244,30 +244,29 @@ void scan_info_message(const pliant_model &model, float low, float high, ScanInf
     out->condition_estimate = static_cast<float>(statistics.condition_estimate);
 }
 
-void topology_message(const pliant_model &model, MeshTopology *out)
+void topology_message(const pliant_body &body, MeshTopology *out)
 {
-    const pliant_body &body = *pliant_model_get_body(&model);
     const pliant_mesh &mesh = body.fine;
     size_t nodes = static_cast<size_t>(mesh.num_nodes), tets = static_cast<size_t>(mesh.num_tets);
     append_floats(mesh.rest, 3 * nodes, &out->rest_nodes);
     out->rest_parent.resize(nodes);
-    for (size_t i = 0; i < nodes; ++i) out->rest_parent[i] = static_cast<uint32_t>(i);
+    for (size_t i = 0; i < nodes; ++i) out->rest_parent[i] = body.node_parent ? static_cast<uint32_t>(body.node_parent[i]) : static_cast<uint32_t>(i);
     out->tetrahedra.assign(mesh.tets, mesh.tets + 4 * tets);
     out->triangles.assign(body.triangles, body.triangles + 3 * static_cast<size_t>(body.num_triangles));
     out->material.resize(tets);
     for (size_t i = 0; i < tets; ++i) out->material[i] = body.fine_material[i].material;
 }
 
-pliant_status mesh_state_message(const pliant_model &model, const double *positions, MeshState *out)
+pliant_status mesh_state_message(const pliant_model &model, const pliant_body &body, const double *positions, MeshState *out)
 {
-    size_t nodes = static_cast<size_t>(pliant_model_get_body(&model)->fine.num_nodes);
+    size_t nodes = static_cast<size_t>(body.fine.num_nodes);
     append_floats(positions, 3 * nodes, &out->nodes);
     pliant_scalar scalar = pliant_model_get_scene(&model)->output.scalar;
     out->scalar.clear();
     out->scalar_name.clear();
     if (scalar == PLIANT_SCALAR_NONE) return PLIANT_OK;
     out->scalar.resize(nodes);
-    pliant_status status = pliant_data_scalar(&model, positions, scalar, out->scalar.data());
+    pliant_status status = pliant_data_scalar(&model, &body, positions, scalar, out->scalar.data());
     if (status < 0) out->scalar.clear();
     else name_of(scalar_names, scalar, &out->scalar_name);
     return status;

@@ -105,10 +105,9 @@ void tool_markers_message(const pliant_tool_state &tool, double clearance, const
     arrow.color = rgb(1, 0.5f, 0);
 }
 
-void marker_message(const pliant_model &model, const double *positions, const std::vector<float> &scalar,
+void marker_message(const pliant_body &body, const double *positions, const std::vector<float> &scalar,
                     visualization_msgs::Marker *out)
 {
-    const pliant_body &body = *pliant_model_get_body(&model);
     const pliant_mesh &mesh = body.fine;
     size_t nodes = static_cast<size_t>(mesh.num_nodes), corners = 3 * static_cast<size_t>(body.num_triangles);
     std::vector<float> value(scalar);
@@ -140,10 +139,10 @@ void marker_message(const pliant_model &model, const double *positions, const st
     }
 }
 
-void points_message(const pliant_model &model, const double *positions, const std::vector<float> &scalar,
+void points_message(const pliant_body &body, const double *positions, const std::vector<float> &scalar,
                     sensor_msgs::PointCloud2 *out)
 {
-    const pliant_mesh &mesh = pliant_model_get_body(&model)->fine;
+    const pliant_mesh &mesh = body.fine;
     size_t nodes = static_cast<size_t>(mesh.num_nodes);
     bool has_scalar = scalar.size() == nodes && nodes > 0;
     out->fields.clear();

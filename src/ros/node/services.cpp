@@ -114,10 +114,8 @@ std::shared_ptr<const Loaded> Services::current() const
 void Services::put_in(const std::shared_ptr<Loaded> &next, bool takes_live)
 {
     check_target(*next);
-    next->revision = revision_ + 1;
     simulation_->swap(next);
     if (takes_live || next->choice.made) live_->assign(*pliant_model_get_scene(next->model));
-    ++revision_;
     state_->chose(next->choice);
     mesh_output_->publish_model(*next);
 }
@@ -242,7 +240,7 @@ bool Services::save_volume(SaveVolume::Request &request, SaveVolume::Response &r
         std::string path, why;
         if (!confine_new(parameters_.output_root, request.path, &path, &why)) throw Failure(PLIANT_ERROR_ARGUMENT, why);
         Snapshot now = simulation_->snapshot();
-        Warped warped(now.loaded);
+        Warped warped(now.loaded, now.body);
         warped.update(now.positions);
         check(pliant_volume_write(path.c_str(), &warped.volume()));
         return "wrote " + path;
@@ -265,7 +263,7 @@ bool Services::pick(Pick::Request &request, Pick::Response &response)
         auto find = [&](const Warped &warped, const Snapshot &now) { picked = warped.pick(now.positions, ray, request.threshold); };
         if (!volume_output_->look(find)) {
             Snapshot now = simulation_->snapshot();
-            Warped warped(now.loaded);
+            Warped warped(now.loaded, now.body);
             warped.update(now.positions);
             find(warped, now);
         }

@@ -72,7 +72,6 @@ private:
     double progress_from_ = 0, progress_to_ = 1;
     Recomputed recomputed_;
     Materials materials_; /* as set_materials set them; empty: as the scene says */
-    uint32_t revision_ = 0; /* of the last model that was put in */
     ros::CallbackQueue queue_;
     std::vector<ros::ServiceServer> servers_;
     std::unique_ptr<ros::AsyncSpinner> spinner_;

@@ -45,18 +45,33 @@ void MeshOutput::publish_model(const Loaded &loaded)
     info->scan_id = loaded.scan->volume.id;
     scan_info_message(*loaded.model, loaded.scan->low, loaded.scan->high, info.get());
     scan_info_.publish(info);
+    std::lock_guard<std::mutex> hold(lock_);
+    shown_ = &loaded;
+    publish_topology(loaded, *pliant_model_get_body(loaded.model), loaded.revision);
+}
+
+void MeshOutput::publish_topology(const Loaded &loaded, const pliant_body &body, uint32_t revision)
+{
     auto topology = boost::make_shared<MeshTopology>();
-    topology->header = now;
+    topology->header = header(ros::Time::now());
     topology->scan_id = loaded.scan->volume.id;
     topology->scan_checksum = loaded.scan->checksum;
-    topology->revision = loaded.revision;
-    topology_message(*loaded.model, topology.get());
+    topology->revision = topology_revision_ = revision;
+    topology_message(body, topology.get());
     topology_.publish(topology);
+}
+
+void MeshOutput::follow_topology(const Snapshot &snapshot)
+{
+    /* a snapshot of a model that is no longer, or not yet, shown is about to be followed by others */
+    if (snapshot.loaded.get() == shown_ && snapshot.revision != topology_revision_)
+        publish_topology(*snapshot.loaded, *snapshot.body, snapshot.revision);
 }
 
 bool MeshOutput::is_wanted() const
 {
-    return state_.getNumSubscribers() > 0 || marker_.getNumSubscribers() > 0 || points_.getNumSubscribers() > 0;
+    return state_.getNumSubscribers() > 0 || marker_.getNumSubscribers() > 0 || points_.getNumSubscribers() > 0 ||
+           topology_.getNumSubscribers() > 0;
 }
 
 void MeshOutput::run()
@@ -88,7 +103,7 @@ boost::shared_ptr<MeshState> MeshOutput::state_of(const Snapshot &snapshot) cons
     state->header = header(snapshot.stamp);
     state->revision = snapshot.revision;
     state->step = snapshot.step;
-    mesh_state_message(*snapshot.loaded->model, snapshot.positions.data(), state.get());
+    mesh_state_message(*snapshot.loaded->model, *snapshot.body, snapshot.positions.data(), state.get());
     return state;
 }
 
@@ -109,6 +124,7 @@ void MeshOutput::publish_state(const Snapshot &snapshot)
     if (state_.getNumSubscribers() == 0) return;
     std::lock_guard<std::mutex> hold(lock_);
     if (is_published(snapshot)) return;
+    follow_topology(snapshot);
     state_rate_.spend(live_->get().mesh_rate);
     send_state(snapshot, state_of(snapshot));
 }
@@ -118,24 +134,24 @@ void MeshOutput::publish(const Snapshot &snapshot)
     bool marker_due = marker_.getNumSubscribers() > 0 && marker_rate_.due(VIEW_RATE);
     bool points_due = points_.getNumSubscribers() > 0 && points_rate_.due(VIEW_RATE);
     std::unique_lock<std::mutex> hold(lock_);
+    follow_topology(snapshot);
     bool state_due =
         state_.getNumSubscribers() > 0 && !is_published(snapshot) && state_rate_.due(live_->get().mesh_rate);
     if (!state_due && !marker_due && !points_due) return;
     boost::shared_ptr<MeshState> state = state_of(snapshot);
     if (state_due) send_state(snapshot, state);
     hold.unlock();
-    const pliant_model &model = *snapshot.loaded->model;
     const double *positions = snapshot.positions.data();
     if (marker_due) {
         auto marker = boost::make_shared<visualization_msgs::Marker>();
         marker->header = state->header;
-        marker_message(model, positions, state->scalar, marker.get());
+        marker_message(*snapshot.body, positions, state->scalar, marker.get());
         marker_.publish(marker);
     }
     if (points_due) {
         auto points = boost::make_shared<sensor_msgs::PointCloud2>();
         points->header = state->header;
-        points_message(model, positions, state->scalar, points.get());
+        points_message(*snapshot.body, positions, state->scalar, points.get());
         points_.publish(points);
     }
 }

@@ -1,4 +1,5 @@
-/* The mesh as messages: topology and scan_info on load, states and stock-rviz views while somebody subscribes. */
+/* The mesh as messages: scan_info on load, topology on load and where the body changes, states and stock-rviz views while somebody
+   subscribes. */
 #ifndef PLIANT_ROS_OUTPUT_MESH_OUTPUT_H
 #define PLIANT_ROS_OUTPUT_MESH_OUTPUT_H
 
@@ -31,6 +32,9 @@ private:
     bool is_wanted() const;
     void publish(const Snapshot &snapshot);
     bool is_published(const Snapshot &snapshot) const;
+    void publish_topology(const Loaded &loaded, const pliant_body &body, uint32_t revision);
+    /* of this snapshot, unless it is there; before its state */
+    void follow_topology(const Snapshot &snapshot);
     void send_state(const Snapshot &snapshot, const boost::shared_ptr<MeshState> &state);
     boost::shared_ptr<MeshState> state_of(const Snapshot &snapshot) const;
     std_msgs::Header header(const ros::Time &stamp) const;
@@ -39,7 +43,9 @@ private:
     Live *live_;
     Snapshots *snapshots_;
     ros::Publisher scan_info_, topology_, state_, marker_, points_;
-    std::mutex lock_; /* of the states */
+    std::mutex lock_; /* of the states and the topology */
+    const Loaded *shown_ = nullptr; /* that the latched topology is of, and its revision there */
+    uint32_t topology_revision_ = 0;
     ros::Time state_stamp_;
     uint64_t state_step_ = 0;
     Rate state_rate_, marker_rate_, points_rate_;

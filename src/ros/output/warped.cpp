@@ -19,17 +19,20 @@ pliant_geometry target_of(const Loaded &loaded)
 
 void check_target(const Loaded &loaded) { target_of(loaded); }
 
-Warped::Warped(std::shared_ptr<const Loaded> loaded) : loaded_(std::move(loaded))
+Warped::Warped(std::shared_ptr<const Loaded> loaded, std::shared_ptr<const pliant_body> body)
+    : loaded_(std::move(loaded)), body_(std::move(body))
 {
     const pliant_model &model = *loaded_->model;
     target_ = target_of(*loaded_);
     const pliant_scene &scene = *pliant_model_get_scene(&model);
-    check(pliant_warp_create(&loaded_->scan->volume, &pliant_model_get_body(&model)->fine, &target_, threads_of(scene), &warp_));
+    check(pliant_warp_create(&loaded_->scan->volume, &body_->fine, &target_, threads_of(scene), &warp_));
     pliant_status status = scene.warp.kind == PLIANT_FIT ? pliant_warp_fit(warp_, scene.warp.fit_step) : PLIANT_OK;
     if (status == PLIANT_OK) status = pliant_warp_backend(warp_, scene.solver.backend);
     if (status < 0) pliant_warp_free(warp_);
     check(status);
 }
+
+bool Warped::fits(const pliant_body &body) const { return pliant_body_same(&body, body_.get()); }
 
 void Warped::update(const std::vector<double> &positions) { check(pliant_warp_update(warp_, positions.data())); }
 

@@ -13,14 +13,16 @@ namespace pliant_ros {
 /* Throws Failure when the deformed volume of this model, at rest, would be too large for any machine. */
 void check_target(const Loaded &loaded);
 
-/* A warp and the model that it borrows from. */
+/* A warp, and the model and body that it borrows from. */
 class Warped {
 public:
     /* Target: the scan's grid, grown to hold the mesh at rest and the scene's margin around it; a replay gets the grid that was live.
        Tissue that leaves it is cut off. Throws Failure. */
-    explicit Warped(std::shared_ptr<const Loaded> loaded);
+    Warped(std::shared_ptr<const Loaded> loaded, std::shared_ptr<const pliant_body> body);
     ~Warped() { pliant_warp_free(warp_); }
     Warped(const Warped &) = delete;
+    /* False when positions of this body are of another mesh: make another. */
+    bool fits(const pliant_body &body) const;
     void update(const std::vector<double> &positions); /* Throws Failure. */
     const Loaded *loaded() const { return loaded_.get(); }
     const pliant_geometry &target() const { return target_; }
@@ -32,6 +34,7 @@ public:
 
 private:
     std::shared_ptr<const Loaded> loaded_;
+    std::shared_ptr<const pliant_body> body_;
     pliant_warp *warp_ = nullptr;
     pliant_geometry target_;
 };

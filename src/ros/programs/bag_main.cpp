@@ -49,7 +49,8 @@ private:
     rosbag::Bag bag_;
     ros::Time start_, end_;
     std::shared_ptr<const Loaded> loaded_;
-    std::map<uint32_t, std::string> differs_; /* by revision; empty: it is the mesh here */
+    std::map<uint32_t, std::string> differs_; /* by revision; empty: it is known here */
+    std::map<uint32_t, std::shared_ptr<const pliant_body>> bodies_; /* those */
     std::unique_ptr<Warped> warped_;
     int written_ = 0;
 };
@@ -67,7 +68,7 @@ void Extraction::load()
 {
     Materials materials;
     std::shared_ptr<const Scan> scan = read_scan(arguments_.scene, arguments_.scan, &materials);
-    loaded_ = build(arguments_.scene, scan, materials.table, 0, console_progress());
+    loaded_ = build(arguments_.scene, scan, materials.table, console_progress());
     console_progress_end();
 }
 
@@ -80,7 +81,9 @@ void Extraction::read_topologies()
         MeshTopology::ConstPtr topology = recorded.instantiate<MeshTopology>();
         if (!topology) throw Failure(PLIANT_ERROR_FORMAT, topic("mesh/topology") + other_kind);
         why.clear();
-        any |= is_same(*loaded_, *topology, &why);
+        std::shared_ptr<const pliant_body> body = body_of(*loaded_, *topology, &why);
+        any |= body != nullptr;
+        bodies_[topology->revision] = body;
         differs_[topology->revision] = why;
     }
     if (differs_.empty()) throw nothing_on("mesh/topology");
@@ -115,8 +118,8 @@ void Extraction::write(double time, const rosbag::MessageInstance &recorded)
         throw Failure(PLIANT_ERROR_FORMAT,
                       where + std::string("no topology of revision ") + std::to_string(state->revision));
     if (!differs->second.empty()) throw Failure(PLIANT_ERROR_FORMAT, where + differs->second);
-    std::shared_ptr<const Snapshot> snapshot = snapshot_of(loaded_, *state);
-    if (!warped_) warped_.reset(new Warped(loaded_));
+    std::shared_ptr<const Snapshot> snapshot = snapshot_of(loaded_, bodies_[state->revision], *state);
+    if (!warped_ || !warped_->fits(*snapshot->body)) warped_.reset(new Warped(loaded_, snapshot->body));
     warped_->update(snapshot->positions);
     std::snprintf(name, sizeof name, "/deformed_%08.3f.nii.gz", time);
     check(pliant_volume_write((arguments_.folder + name).c_str(), &warped_->volume()));

@@ -13,20 +13,33 @@ std::string differs(const std::string &what, size_t recorded, size_t here, const
            ": " + advice;
 }
 
-} // namespace
+const std::string same_scene = "the scene must be the one of the recording (mesh, materials, labels)";
 
-bool is_same(const Loaded &loaded, const MeshTopology &recorded, std::string *why)
+bool is_divided(const MeshTopology &recorded)
 {
-    const pliant_mesh &mesh = pliant_model_get_body(loaded.model)->fine;
-    const char *id = loaded.scan->volume.id;
+    for (size_t n = 0; n < recorded.rest_parent.size(); ++n)
+        if (recorded.rest_parent[n] != n) return true;
+    return false;
+}
+
+/* The mesh at load with the corners of the recorded one. */
+bool divide(const pliant_body &load, const MeshTopology &recorded, std::shared_ptr<const pliant_body> *out)
+{
+    if (recorded.tetrahedra.size() != 4 * static_cast<size_t>(load.fine.num_tets)) return true; /* has_mesh says it */
+    std::vector<int32_t> corners(recorded.tetrahedra.begin(), recorded.tetrahedra.end());
+    pliant_division division{};
+    division.num_tets = load.fine.num_tets;
+    division.corners = corners.data();
+    pliant_body *made = nullptr;
+    if (pliant_body_divide(&load, load.revision + 1, &division, &made) < 0) return false;
+    out->reset(made, pliant_body_release);
+    return true;
+}
+
+bool has_mesh(const pliant_mesh &mesh, const MeshTopology &recorded, std::string *why)
+{
     size_t nodes = static_cast<size_t>(mesh.num_nodes), tets = static_cast<size_t>(mesh.num_tets);
-    const std::string same_scene = "the scene must be the one of the recording (mesh, materials, labels)";
-    if (recorded.scan_id != id) {
-        *why = "the recording is of scan \"" + recorded.scan_id + "\", the one here is \"" + id + "\": name that scan";
-    } else if (recorded.scan_checksum != loaded.scan->checksum) {
-        *why = "the voxels of \"" + recorded.scan_id +
-               "\" are not those of the recording: same name, but another scan or size";
-    } else if (recorded.rest_nodes.size() != 3 * nodes) {
+    if (recorded.rest_nodes.size() != 3 * nodes) {
         *why = differs("nodes", recorded.rest_nodes.size() / 3, nodes, same_scene);
     } else if (recorded.tetrahedra.size() != 4 * tets) {
         *why = differs("tetrahedra", recorded.tetrahedra.size() / 4, tets, same_scene);
@@ -42,9 +55,30 @@ bool is_same(const Loaded &loaded, const MeshTopology &recorded, std::string *wh
     return false;
 }
 
-std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const Loaded> loaded, const MeshState &state)
+} // namespace
+
+std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopology &recorded, std::string *why)
 {
-    size_t wanted = 3 * static_cast<size_t>(pliant_model_get_body(loaded->model)->fine.num_nodes);
+    const pliant_body &load = *pliant_model_get_body(loaded.model);
+    const char *id = loaded.scan->volume.id;
+    std::shared_ptr<const pliant_body> body = share(&load);
+    if (recorded.scan_id != id) {
+        *why = "the recording is of scan \"" + recorded.scan_id + "\", the one here is \"" + id + "\": name that scan";
+    } else if (recorded.scan_checksum != loaded.scan->checksum) {
+        *why = "the voxels of \"" + recorded.scan_id +
+               "\" are not those of the recording: same name, but another scan or size";
+    } else if (is_divided(recorded) && !divide(load, recorded, &body)) {
+        *why = std::string("the recording's mesh was divided, but not this one: ") + pliant_last_error() + ": " + same_scene;
+    } else if (has_mesh(body->fine, recorded, why)) {
+        return body;
+    }
+    return nullptr;
+}
+
+std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const Loaded> loaded, std::shared_ptr<const pliant_body> body,
+                                            const MeshState &state)
+{
+    size_t wanted = 3 * static_cast<size_t>(body->fine.num_nodes);
     const std::string step = "step " + std::to_string(state.step);
     if (state.nodes.size() != wanted)
         throw Failure(PLIANT_ERROR_FORMAT, step + " has " + std::to_string(state.nodes.size() / 3) +
@@ -53,6 +87,7 @@ std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const Loaded> loaded
         throw Failure(PLIANT_ERROR_FORMAT, step + " has a node that is nowhere (not finite)");
     auto out = std::make_shared<Snapshot>();
     out->loaded = std::move(loaded);
+    out->body = std::move(body);
     out->positions.assign(state.nodes.begin(), state.nodes.end());
     out->revision = state.revision;
     out->step = state.step;

@@ -8,11 +8,13 @@
 
 namespace pliant_ros {
 
-/* The same scan and mesh, to the bit? If not, *why names what differs and what would be right. */
-bool is_same(const Loaded &loaded, const MeshTopology &recorded, std::string *why);
+/* The body of a recorded topology: that of the same scan and mesh, to the bit, or one that was divided since it was loaded. Empty where it
+   is neither; then *why names what differs and what would be right. */
+std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopology &recorded, std::string *why);
 
-/* Positions of a recorded state. Throws Failure when they are not one finite point a node. */
-std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const Loaded> loaded, const MeshState &state);
+/* Positions of a recorded state, of the body of its topology. Throws Failure when they are not one finite point a node. */
+std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const Loaded> loaded, std::shared_ptr<const pliant_body> body,
+                                            const MeshState &state);
 
 } // namespace pliant_ros
 

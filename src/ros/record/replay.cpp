@@ -40,7 +40,7 @@ void Replay::load()
     Materials materials;
     std::shared_ptr<const Scan> scan = read_scan(parameters_.scene, parameters_.scan, &materials);
     pliant_progress progress{[](double, const char *, void *) { return ros::ok(); }, nullptr};
-    loaded_ = build(parameters_.scene, scan, materials.table, 0, progress);
+    loaded_ = build(parameters_.scene, scan, materials.table, progress);
     auto info = boost::make_shared<ScanInfo>();
     info->header.stamp = ros::Time::now();
     info->header.frame_id = parameters_.tissue_frame;
@@ -69,12 +69,13 @@ void Replay::start_player(const std::string &name)
 void Replay::take_topology(const pliant::MeshTopologyConstPtr &topology)
 {
     std::string why;
-    bool ours = is_same(*loaded_, *topology, &why);
-    auto known = is_ours_.find(topology->revision);
-    bool is_news = known == is_ours_.end() || known->second != ours; /* a bag in a loop says it again and again */
-    is_ours_[topology->revision] = ours;
-    if (is_news && ours) ROS_INFO("replay: revision %u of the mesh is the one here", topology->revision);
-    if (is_news && !ours) ROS_ERROR("replay: revision %u is not shown: %s", topology->revision, why.c_str());
+    std::shared_ptr<const pliant_body> body = body_of(*loaded_, *topology, &why);
+    auto known = bodies_.find(topology->revision);
+    /* a bag in a loop says it again and again */
+    bool is_news = known == bodies_.end() || !known->second != !body || (body && !pliant_body_same(body.get(), known->second.get()));
+    if (is_news) bodies_[topology->revision] = body;
+    if (is_news && body) ROS_INFO("replay: revision %u of the mesh is known here", topology->revision);
+    if (is_news && !body) ROS_ERROR("replay: revision %u is not shown: %s", topology->revision, why.c_str());
     work_off();
 }
 
@@ -88,10 +89,10 @@ void Replay::work_off()
 {
     while (!pending_.empty()) {
         const Pending &next = pending_.front();
-        auto known = is_ours_.find(next.state->revision);
+        auto known = bodies_.find(next.state->revision);
         bool is_late = Clock::now() - next.arrival > std::chrono::seconds(PATIENCE_SECONDS);
-        if (known == is_ours_.end() && !is_late) return;
-        if (known == is_ours_.end()) {
+        if (known == bodies_.end() && !is_late) return;
+        if (known == bodies_.end()) {
             ++dropped_;
             ROS_WARN_THROTTLE(5, "replay: states of revision %u are dropped: its mesh/topology has not been played; "
                               "play the bag from its start", next.state->revision);
@@ -100,16 +101,16 @@ void Replay::work_off()
             ROS_WARN_THROTTLE(5, "replay: %lu states of another scan or mesh are dropped",
                               static_cast<unsigned long>(dropped_));
         } else {
-            show(*next.state);
+            show(known->second, *next.state);
         }
         pending_.pop_front();
     }
 }
 
-void Replay::show(const MeshState &state)
+void Replay::show(std::shared_ptr<const pliant_body> body, const MeshState &state)
 {
     try {
-        snapshots_.put(snapshot_of(loaded_, state));
+        snapshots_.put(snapshot_of(loaded_, std::move(body), state));
         ++shown_;
     } catch (const Failure &broken) {
         ++dropped_;

@@ -35,13 +35,13 @@ private:
     void take_state(const pliant::MeshStateConstPtr &state);
     /* Topics overtake each other: states wait for their topology, for a while. */
     void work_off();
-    void show(const MeshState &state);
+    void show(std::shared_ptr<const pliant_body> body, const MeshState &state);
 
     const Parameters parameters_;
     tf2_ros::StaticTransformBroadcaster broadcaster_;
     ros::Subscriber topologies_, states_;
     std::shared_ptr<const Loaded> loaded_;
-    std::map<uint32_t, bool> is_ours_; /* by revision */
+    std::map<uint32_t, std::shared_ptr<const pliant_body>> bodies_; /* by revision; empty: another scan or mesh */
     std::deque<Pending> pending_;
     uint64_t shown_ = 0, dropped_ = 0;
     Snapshots snapshots_{true};

@@ -55,11 +55,10 @@ std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::stri
 }
 
 std::shared_ptr<Loaded> build(const pliant_scene &scene, std::shared_ptr<const Scan> scan,
-                              const pliant_material_table &materials, uint32_t revision, pliant_progress progress)
+                              const pliant_material_table &materials, pliant_progress progress)
 {
     auto loaded = std::make_shared<Loaded>();
     loaded->scan = std::move(scan);
-    loaded->revision = revision;
     const pliant_labels *labels = loaded->scan->labels.voxels ? &loaded->scan->labels : nullptr;
     check(pliant_model_build(&scene, &loaded->scan->volume, labels, &materials, progress, &loaded->model));
     loaded->asked = scene;
@@ -101,7 +100,7 @@ std::shared_ptr<Loaded> build_chosen(const pliant_scene &scene, std::shared_ptr<
     const double chosen = scene.choose.budget_ms > 0 ? 0.9 : 0; /* of the whole work */
     Part first{progress, 0, chosen}, last{progress, chosen, 1};
     pliant_choice choice = choose(scene, *scan, materials, first.progress());
-    std::shared_ptr<Loaded> loaded = build(choice.scene, std::move(scan), materials, 0, last.progress());
+    std::shared_ptr<Loaded> loaded = build(choice.scene, std::move(scan), materials, last.progress());
     loaded->asked = scene;
     loaded->choice = choice;
     return loaded;
@@ -115,6 +114,11 @@ pliant_choice measure(const pliant_scene &scene, const Scan &scan, const pliant_
     fixed.choose.max_error = 0;
     fixed.choose.method = fixed.choose.coarse_cells = fixed.choose.ratio = fixed.choose.iterations = false;
     return choose(fixed, scan, materials, progress);
+}
+
+std::shared_ptr<const pliant_body> share(const pliant_body *body)
+{
+    return std::shared_ptr<const pliant_body>(pliant_body_retain(body), pliant_body_release);
 }
 
 int threads_of(const pliant_scene &scene)

@@ -40,11 +40,16 @@ struct Loaded {
     pliant_model *model = nullptr; /* constant once built */
     pliant_scene asked{};          /* that it was built for; the model's own has the settings that were chosen */
     pliant_choice choice{};        /* made: its settings were chosen */
-    uint32_t revision = 0;
+    uint32_t revision = 0;         /* in messages, of the body at load; of later ones see revision_of */
     Loaded() = default;
     Loaded(const Loaded &) = delete;
     ~Loaded() { pliant_model_free(model); }
 };
+
+/* One more holder of a body. */
+std::shared_ptr<const pliant_body> share(const pliant_body *body);
+/* What messages call a body: no two of a node's life have the same number. */
+inline uint32_t revision_of(const Loaded &loaded, uint64_t body) { return loaded.revision + static_cast<uint32_t>(body - 1); }
 
 /* Of a scene: as many as it says, or as the machine has cores. */
 int threads_of(const pliant_scene &scene);
@@ -52,7 +57,7 @@ int threads_of(const pliant_scene &scene);
 /* Throw Failure. Materials that are empty are read as the scene says; others are used as they are. */
 std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::string &path, Materials *materials);
 std::shared_ptr<Loaded> build(const pliant_scene &scene, std::shared_ptr<const Scan> scan,
-                              const pliant_material_table &materials, uint32_t revision, pliant_progress progress);
+                              const pliant_material_table &materials, pliant_progress progress);
 
 /* The same, with the settings that the scene's group `choose` asks for. */
 std::shared_ptr<Loaded> build_chosen(const pliant_scene &scene, std::shared_ptr<const Scan> scan,

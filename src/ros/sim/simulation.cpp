@@ -77,6 +77,7 @@ void Simulation::swap(std::shared_ptr<Loaded> next)
     }
     at_boundary([&] {
         state_->set(paused_ ? SimState::PAUSED : SimState::READY, "");
+        next->revision = current_ ? revision_of(*current_, pliant_data_get_last_revision(data_.get())) + 1 : 1;
         current_.swap(next);
         data_.swap(data);
         std::fill(was_open_.begin(), was_open_.end(), false); /* a closed jaw must open before it grasps again */
@@ -245,11 +246,14 @@ void Simulation::show(const ros::Time &now)
 void Simulation::take(const ros::Time &now, Snapshot *out) const
 {
     out->loaded = current_;
-    out->revision = current_->revision;
+    const pliant_body *body = pliant_data_get_body(data_.get());
+    const double *positions = pliant_data_get_positions(data_.get(), nullptr);
+    out->body = share(body);
+    out->revision = revision_of(*current_, body->revision);
     out->step = pliant_data_get_statistics(data_.get())->step;
     out->stamp = now;
-    const double *positions = pliant_data_get_positions(data_.get(), nullptr);
-    out->positions.assign(positions, positions + 3 * static_cast<size_t>(pliant_data_get_body(data_.get())->fine.num_nodes));
+    out->positions.resize(3 * static_cast<size_t>(body->fine.num_nodes));
+    for (size_t i = 0; i < out->positions.size(); ++i) out->positions[i] = static_cast<float>(positions[i]);
 }
 
 void Simulation::publish(const ros::Time &now)

@@ -33,8 +33,8 @@ public:
                Snapshots *snapshots);
     ~Simulation();
 
-    /* Put another model in at the next step boundary, at rest and with the same tools. The old one stays until then,
-       and is freed by the calling thread. Throws Failure, and then nothing changed. */
+    /* Put another model in at the next step boundary, at rest and with the same tools; it gets its revision. The old one
+       stays until then, and is freed by the calling thread. Throws Failure, and then nothing changed. */
     void swap(std::shared_ptr<Loaded> next);
     /* Empty before the first swap. */
     std::shared_ptr<const Loaded> loaded() const;

@@ -41,7 +41,8 @@ private:
 
 struct Snapshot {
     std::shared_ptr<const Loaded> loaded;
-    std::vector<double> positions; /* (fine.num_nodes x 3) LPS [m], rounded to float, as a MeshState carries them */
+    std::shared_ptr<const pliant_body> body; /* of then */
+    std::vector<double> positions; /* (body's fine.num_nodes x 3) LPS [m], rounded to float, as a MeshState carries them */
     uint32_t revision;             /* of the mesh/topology that they belong to */
     uint64_t step;
     ros::Time stamp;
