@@ -28,6 +28,23 @@ typedef struct pliant_body_changes {
     int32_t *coarse_node_source, *coarse_tet_source; /**< likewise */
 } pliant_body_changes;
 
+/** Which voxels are joined: the finest level of a body, made only where a scene may cut (pliant_voxels_create). Fragments nest: one of a
+ *  fine tetrahedron is a set of its voxels, one of a coarse tetrahedron a set of fine fragments (coarse_of_fine).
+ *
+ *  Neighbours along an axis are joined by a link, unless it is severed; neighbours across an edge by one of the two ways over links, where
+ *  neither of its links is severed. Bridges join what these leave apart within an uncut tetrahedron, and neighbours that no link joins. */
+typedef struct pliant_voxels {
+    int32_t size[3];
+    int32_t num_tets;          /**< of the fine mesh at load */
+    int32_t *owner;            /**< (voxels) the tetrahedron at load that owns it; -1: none */
+    int32_t *start, *voxel;    /**< (num_tets + 1), (those that are owned): by tetrahedron, ascending */
+    int32_t num_bridges;
+    int32_t *bridge;           /**< (num_bridges x 2) voxels; those within a tetrahedron first, by tetrahedron */
+    int32_t *bridge_start;     /**< (num_tets + 1) into those within */
+    uint8_t *severed;          /**< (voxels) bit d: the link to the next voxel along axis d is cut */
+    uint8_t *bridge_severed;   /**< (num_bridges) */
+} pliant_voxels;
+
 /** Whether a node moves: a piece that comes off stays where it was then, not where it was at rest. */
 typedef enum pliant_fixing { PLIANT_MOVES, PLIANT_FIXED_AT_REST, PLIANT_FIXED_WHERE_IT_WAS } pliant_fixing;
 
@@ -51,6 +68,8 @@ typedef struct pliant_body {
     uint8_t *coarse_fixed;     /**< (coarse.num_nodes) likewise; NULL: no coarse mesh */
     int32_t num_held_pieces;   /**< pieces that nothing fixed holds: kept where they are */
     bool falls;                /**< pieces that nothing holds are left to fall: explicit dynamics on a ground */
+
+    pliant_voxels *voxels;     /**< Nullable: only where a scene may cut */
 
     pliant_body_changes changes;
     struct pliant_body_holders *holders; /**< how many there are (src/body) */
@@ -84,6 +103,16 @@ PLIANT_API pliant_status pliant_body_divide(const pliant_body *body, uint64_t re
 PLIANT_API void pliant_body_masses(const pliant_body *body, double *mass);
 /** Of pieces that carry nothing, the stiffness is taken down to this part: they keep their place in the picture. */
 #define PLIANT_LOOSE_STIFFNESS 1e-6
+
+/** The voxels of a fine mesh as it was loaded, nothing severed. Free with pliant_voxels_free. Errors: MEMORY, FORMAT, SCENE (more than 2^31 voxels). */
+PLIANT_API pliant_status pliant_voxels_create(const pliant_mesh *fine, const pliant_geometry *geometry, pliant_voxels **out);
+PLIANT_API pliant_status pliant_voxels_copy(const pliant_voxels *voxels, pliant_voxels **out); /**< Errors: MEMORY */
+PLIANT_API void pliant_voxels_free(pliant_voxels *voxels); /**< Nullable */
+/** Whether two voxels are joined, by a link or across an edge; only neighbours are. */
+PLIANT_API bool pliant_voxels_joined(const pliant_voxels *voxels, int32_t a, int32_t b);
+/** Fragments of a tetrahedron at load: its voxels that hang together, numbered by their first ones.
+ *  @param fragment (start[tet + 1] - start[tet]) out, of each of its voxels. @return how many there are */
+PLIANT_API int32_t pliant_voxels_fragments(const pliant_voxels *voxels, int32_t tet, int32_t *fragment);
 
 /** Whether nothing but the revision differs. */
 PLIANT_API bool pliant_body_same(const pliant_body *a, const pliant_body *b);

@@ -104,6 +104,10 @@ PLIANT_API int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const do
 PLIANT_API pliant_status pliant_lattice_integrate(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *material_of_voxel,
                                                   const pliant_material_table *table, pliant_tet_material *out);
 
+/** The lattice tetrahedron that owns each voxel, by its centre; ties go to the central one, as in pliant_lattice_integrate.
+ *  @param owner (voxels) out. Errors: MEMORY. */
+PLIANT_API pliant_status pliant_lattice_owners(const pliant_geometry *geometry, const int32_t cells[3], int32_t *owner);
+
 /** The tetrahedron across each face, or -1: neighbours[4 * t + c] lies across the face opposite corner c. Fragments of one tetrahedron of
  *  the lattice may share a face: then it is the first of them.
  *  @param neighbours (num_tets x 4). Errors: MEMORY, FORMAT (two others on one side of a face). */

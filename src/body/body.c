@@ -26,6 +26,7 @@ static void free_body(pliant_body *body)
     pliant_free(body->node_mass);
     pliant_free(body->fine_fixed);
     pliant_free(body->coarse_fixed);
+    pliant_voxels_free(body->voxels);
     pliant_free(body->changes.touched);
     pliant_free(body->changes.touched_coarse);
     pliant_free(body->changes.node_source);
@@ -120,9 +121,11 @@ pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, plian
                 copy(body->node_mass, nodes, sizeof *body->node_mass, &next->node_mass) &&
                 copy(body->fine_fixed, nodes, sizeof *body->fine_fixed, &next->fine_fixed) &&
                 copy(body->coarse_fixed, coarse_nodes, sizeof *body->coarse_fixed, &next->coarse_fixed);
-    if (!good) {
+    status = good ? PLIANT_OK : pliant_fail_memory("the next body");
+    if (status == PLIANT_OK && body->voxels) status = pliant_voxels_copy(body->voxels, &next->voxels);
+    if (status != PLIANT_OK) {
         pliant_body_release(next);
-        return pliant_fail_memory("the next body");
+        return status;
     }
     *out = next;
     return PLIANT_OK;

@@ -20,13 +20,21 @@ static bool same_mesh(const pliant_mesh *a, const pliant_mesh *b)
            equal(a->lattice_of_tet, b->lattice_of_tet, tets, sizeof *a->lattice_of_tet);
 }
 
+static bool same_voxels(const pliant_voxels *a, const pliant_voxels *b)
+{
+    if (!a || !b || a == b) return a == b;
+    const size_t count = (size_t)a->size[0] * (size_t)a->size[1] * (size_t)a->size[2];
+    return memcmp(a->size, b->size, sizeof a->size) == 0 && a->num_bridges == b->num_bridges && equal(a->severed, b->severed, count, 1) &&
+           equal(a->bridge_severed, b->bridge_severed, (size_t)a->num_bridges, 1);
+}
+
 bool pliant_body_same(const pliant_body *a, const pliant_body *b)
 {
     if (a == b) return true;
     if (!same_mesh(&a->fine, &b->fine) || !same_mesh(&a->coarse, &b->coarse) || a->num_triangles != b->num_triangles) return false;
     size_t nodes = (size_t)a->fine.num_nodes, tets = (size_t)a->fine.num_tets;
     size_t coarse_nodes = (size_t)a->coarse.num_nodes, coarse_tets = (size_t)a->coarse.num_tets;
-    return equal(a->coarse_of_fine, b->coarse_of_fine, tets, sizeof *a->coarse_of_fine) &&
+    return same_voxels(a->voxels, b->voxels) && equal(a->coarse_of_fine, b->coarse_of_fine, tets, sizeof *a->coarse_of_fine) &&
            equal(a->fine_of_coarse, b->fine_of_coarse, coarse_nodes, sizeof *a->fine_of_coarse) &&
            equal(a->triangles, b->triangles, (size_t)a->num_triangles, 3 * sizeof *a->triangles) &&
            equal(a->fine_material, b->fine_material, tets, sizeof *a->fine_material) &&

@@ -116,6 +116,28 @@ done:
     return status;
 }
 
+pliant_status pliant_lattice_owners(const pliant_geometry *geometry, const int32_t cells[3], int32_t *owner)
+{
+    axis_map maps[3] = {{0}};
+    pliant_status status = PLIANT_OK;
+    for (int d = 0; d < 3 && status == PLIANT_OK; d++) status = axis_create(geometry->size[d], cells[d], maps + d);
+    const int32_t num_cells = status == PLIANT_OK ? cells[0] * cells[1] * cells[2] : 0;
+#pragma omp parallel for schedule(static)
+    for (int32_t flat = 0; flat < num_cells; flat++) {
+        const int32_t cell[3] = {flat % cells[0], flat / cells[0] % cells[1], flat / cells[0] / cells[1]};
+        const int parity = (cell[0] + cell[1] + cell[2]) & 1;
+        for (int32_t k = maps[2].first[cell[2]]; k < maps[2].first[cell[2] + 1]; k++)
+            for (int32_t j = maps[1].first[cell[1]]; j < maps[1].first[cell[1] + 1]; j++)
+                for (int32_t i = maps[0].first[cell[0]]; i < maps[0].first[cell[0] + 1]; i++) {
+                    const double local[3] = {maps[0].local[i], maps[1].local[j], maps[2].local[k]};
+                    const size_t voxel = (size_t)i + (size_t)geometry->size[0] * ((size_t)j + (size_t)geometry->size[1] * (size_t)k);
+                    owner[voxel] = 5 * flat + pliant_mesh_slot_of(parity, local);
+                }
+    }
+    for (int d = 0; d < 3; d++) axis_free(maps + d);
+    return status;
+}
+
 /* Tetrahedra with a node on bone, numbered; which cells hold them. */
 typedef struct touched {
     int32_t count;

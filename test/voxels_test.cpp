@@ -1,0 +1,224 @@
+// Voxels of a body: who owns them, and which hang together, against what the definitions say one by one.
+#include "pipeline/body.h"
+#include "pliant/memory.h"
+
+#include <algorithm>
+#include <memory>
+#include <random>
+#include <set>
+
+namespace {
+
+struct Voxels : testing::Test {
+    const int size[3] = {23, 17, 21};
+    const double box[3] = {0.115, 0.119, 0.126};
+    std::unique_ptr<Body> body;
+    pliant_voxels *voxels = nullptr;
+
+    void make(int a, int b, int c, bool everything = true)
+    {
+        body.reset(new Body(size, box, {{4000, 0.4, 1000, false}, {1, 0.1, 1, true}},
+                            [&](int i, int j, int k) { return !everything && std::hypot(std::hypot(i - 11, j - 8), k - 10) > 9; }));
+        body->fix_plane(0, 0, 0.06, 0, 0, 1);
+        body->cells(a, b, c, 1);
+        body->scene.mesh.keep_air = everything;
+        ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_voxels_create(&body->model->body->fine, &body->scan.geometry, &voxels), PLIANT_OK) << pliant_last_error();
+    }
+    void TearDown() override { pliant_voxels_free(voxels); }
+
+    int32_t at(const int place[3]) const { return place[0] + size[0] * (place[1] + size[1] * place[2]); }
+    bool in(const int place[3]) const
+    {
+        for (int d = 0; d < 3; d++)
+            if (place[d] < 0 || place[d] >= size[d]) return false;
+        return true;
+    }
+    // the link between neighbours along one axis
+    bool link(const int a[3], const int b[3]) const
+    {
+        for (int d = 0; d < 3; d++) {
+            if (a[d] == b[d]) continue;
+            return !(voxels->severed[at(a[d] < b[d] ? a : b)] & 1 << d);
+        }
+        return true;
+    }
+    // every voxel of a tetrahedron with every other, by the words of the definition; bridges where asked
+    std::vector<int> parts(int32_t tet, bool bridges) const
+    {
+        std::vector<int32_t> all;
+        for (int32_t v = 0; v < size[0] * size[1] * size[2]; v++)
+            if (voxels->owner[v] == tet) all.push_back(v);
+        std::vector<int> part(all.size(), -1);
+        auto joined = [&](int32_t a, int32_t b) {
+            int p[3] = {a % size[0], a / size[0] % size[1], a / size[0] / size[1]}, q[3] = {b % size[0], b / size[0] % size[1], b / size[0] / size[1]};
+            int apart = 0, far = 0;
+            for (int d = 0; d < 3; d++) {
+                apart += p[d] != q[d];
+                far = std::max(far, std::abs(p[d] - q[d]));
+            }
+            if (far == 1 && apart == 1) return link(p, q);
+            for (int d = 0; d < 3 && far == 1 && apart == 2; d++) {
+                if (p[d] == q[d]) continue;
+                int middle[3] = {p[0], p[1], p[2]};
+                middle[d] = q[d];
+                if (link(p, middle) && link(middle, q)) return true;
+            }
+            for (int32_t n = 0; bridges && n < voxels->num_bridges; n++)
+                if (!voxels->bridge_severed[n] && ((voxels->bridge[2 * n] == a && voxels->bridge[2 * n + 1] == b) ||
+                                                   (voxels->bridge[2 * n] == b && voxels->bridge[2 * n + 1] == a)))
+                    return true;
+            return false;
+        };
+        int count = 0;
+        for (size_t seed = 0; seed < all.size(); seed++) {
+            if (part[seed] >= 0) continue;
+            std::vector<size_t> open{seed};
+            part[seed] = count;
+            while (!open.empty()) {
+                size_t now = open.back();
+                open.pop_back();
+                for (size_t other = 0; other < all.size(); other++)
+                    if (part[other] < 0 && joined(all[now], all[other])) {
+                        part[other] = count;
+                        open.push_back(other);
+                    }
+            }
+            count++;
+        }
+        return part;
+    }
+    std::vector<int> fragments(int32_t tet) const
+    {
+        std::vector<int32_t> out(static_cast<size_t>(voxels->start[tet + 1] - voxels->start[tet]));
+        int32_t count = pliant_voxels_fragments(voxels, tet, out.data());
+        EXPECT_EQ(count, out.empty() ? 0 : *std::max_element(out.begin(), out.end()) + 1);
+        return std::vector<int>(out.begin(), out.end());
+    }
+};
+
+TEST_F(Voxels, AreOwnedByTheTetrahedraThatHoldTheirCentres)
+{
+    make(6, 5, 4, false);
+    const pliant_body &load = *body->model->body;
+    std::vector<uint32_t> count(static_cast<size_t>(load.fine.num_tets));
+    for (int32_t v = 0; v < size[0] * size[1] * size[2]; v++) {
+        int32_t owner = voxels->owner[v];
+        const double index[3] = {static_cast<double>(v % size[0]), static_cast<double>(v / size[0] % size[1]), static_cast<double>(v / size[0] / size[1])};
+        double world[3], weights[4];
+        pliant_geometry_to_world(&body->scan.geometry, index, world);
+        if (owner < 0) {
+            EXPECT_EQ(static_cast<const uint8_t *>(body->scan.voxels)[v], 1) << "tissue without an owner";
+            continue;
+        }
+        count[owner]++;
+        pliant_mesh_barycentric(&load.fine, owner, world, weights);
+        EXPECT_GT(*std::min_element(weights, weights + 4), -1e-9);
+        for (int32_t t = 0; t < load.fine.num_tets; t++) { // on a face with the central one, that owns it
+            if (t == owner || load.fine.lattice_of_tet[t] / 5 != load.fine.lattice_of_tet[owner] / 5 || load.fine.lattice_of_tet[t] % 5 != 0) continue;
+            pliant_mesh_barycentric(&load.fine, t, world, weights);
+            EXPECT_LT(*std::min_element(weights, weights + 4), 1e-9);
+        }
+    }
+    for (int32_t t = 0; t < load.fine.num_tets; t++) {
+        EXPECT_EQ(count[t], load.fine_material[t].num_voxels);
+        EXPECT_EQ(static_cast<uint32_t>(voxels->start[t + 1] - voxels->start[t]), count[t]);
+        EXPECT_TRUE(std::is_sorted(voxels->voxel + voxels->start[t], voxels->voxel + voxels->start[t + 1]));
+    }
+}
+
+TEST_F(Voxels, UncutTetrahedraAreWholeAndBridgesSeeToIt)
+{
+    make(2, 8, 8); // flat cubes: staircases of voxels at sharp edges
+    int32_t apart = 0, bridged = 0;
+    for (int32_t t = 0; t < voxels->num_tets; t++) {
+        std::vector<int> without = parts(t, false), with = fragments(t);
+        if (without.empty()) continue;
+        EXPECT_EQ(*std::max_element(with.begin(), with.end()), 0) << "tetrahedron " << t;
+        apart += *std::max_element(without.begin(), without.end());
+        bridged += voxels->bridge_start[t + 1] - voxels->bridge_start[t];
+        EXPECT_EQ(with, parts(t, true));
+    }
+    EXPECT_GT(apart, 0);
+    EXPECT_EQ(bridged, apart); // a spanning tree
+    // every inner face has a link or a bridge
+    const pliant_mesh &mesh = body->model->body->fine;
+    std::vector<int32_t> across(4 * static_cast<size_t>(mesh.num_tets));
+    ASSERT_EQ(pliant_mesh_neighbours(&mesh, across.data()), PLIANT_OK);
+    std::set<std::pair<int32_t, int32_t>> links;
+    for (int32_t v = 0; v < size[0] * size[1] * size[2]; v++)
+        for (int32_t w = 0; w < v; w++) {
+            int far = 0, apart_along = 0;
+            for (int d = 0, s = 1; d < 3; s *= size[d++]) {
+                far = std::max(far, std::abs(v / s % size[d] - w / s % size[d]));
+                apart_along += v / s % size[d] != w / s % size[d];
+            }
+            if (far == 1 && apart_along < 3) links.insert(std::minmax(voxels->owner[v], voxels->owner[w]));
+        }
+    for (int32_t b = 0; b < voxels->num_bridges; b++)
+        links.insert(std::minmax(voxels->owner[voxels->bridge[2 * b]], voxels->owner[voxels->bridge[2 * b + 1]]));
+    for (size_t f = 0; f < across.size(); f++) {
+        int32_t t = static_cast<int32_t>(f / 4), u = across[f];
+        if (u < 0 || voxels->start[t] == voxels->start[t + 1] || voxels->start[u] == voxels->start[u + 1]) continue;
+        EXPECT_TRUE(links.count(std::minmax(t, u))) << t << " " << u;
+    }
+}
+
+TEST_F(Voxels, FragmentsAreWhatSeveredLinksLeave)
+{
+    make(4, 3, 5);
+    std::mt19937 random(7);
+    // a plane, then single links at random
+    int32_t most = 0;
+    for (int trial = 0; trial < 4; trial++) {
+        const double normal[3] = {0.3 + trial, 1.0, -0.7}, offset = 0.5 * ((0.3 + trial) * size[0] + size[1] - 0.7 * size[2]) + 0.3;
+        auto side = [&](const int p[3]) { return normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2] > offset; };
+        for (int32_t v = 0; v < size[0] * size[1] * size[2]; v++)
+            for (int d = 0; d < 3; d++) {
+                int p[3] = {v % size[0], v / size[0] % size[1], v / size[0] / size[1]}, q[3] = {p[0], p[1], p[2]};
+                q[d]++;
+                if (!in(q)) continue;
+                if (trial < 2 ? side(p) != side(q) : random() % 3 == 0) voxels->severed[v] |= static_cast<uint8_t>(1 << d);
+            }
+        for (int32_t b = 0; b < voxels->num_bridges; b++) voxels->bridge_severed[b] |= random() % 2;
+        for (int32_t t = 0; t < voxels->num_tets; t++) {
+            std::vector<int> here = fragments(t);
+            ASSERT_EQ(here, parts(t, true)) << "trial " << trial << ", tetrahedron " << t;
+            if (!here.empty()) most = std::max(most, *std::max_element(here.begin(), here.end()) + 1);
+        }
+    }
+    EXPECT_GT(most, 3);
+    // the next body has its own
+    pliant_body *first = nullptr, *next = nullptr;
+    ASSERT_EQ(pliant_body_next(body->model->body, 2, &first), PLIANT_OK);
+    first->voxels = voxels;
+    voxels = nullptr;
+    ASSERT_EQ(pliant_body_next(first, 3, &next), PLIANT_OK);
+    ASSERT_TRUE(next->voxels);
+    EXPECT_NE(next->voxels->severed, first->voxels->severed);
+    EXPECT_EQ(std::memcmp(next->voxels->severed, first->voxels->severed, static_cast<size_t>(size[0] * size[1] * size[2])), 0);
+    EXPECT_TRUE(pliant_body_same(first, next));
+    next->voxels->severed[0] ^= 1;
+    EXPECT_FALSE(pliant_body_same(first, next));
+    pliant_body_release(first);
+    pliant_body_release(next);
+}
+
+TEST_F(Voxels, WithoutMemoryNothingIsLeftBehind)
+{
+    make(4, 3, 5);
+    const size_t before = pliant_memory_in_use();
+    int64_t n = 0;
+    for (pliant_status status = PLIANT_ERROR_MEMORY; status != PLIANT_OK; n++) {
+        pliant_voxels *other = nullptr;
+        pliant_memory_fail_after(n);
+        status = pliant_voxels_create(&body->model->body->fine, &body->scan.geometry, &other);
+        pliant_memory_fail_after(-1);
+        ASSERT_TRUE(status == PLIANT_OK || status == PLIANT_ERROR_MEMORY);
+        pliant_voxels_free(other);
+        EXPECT_EQ(pliant_memory_in_use(), before);
+    }
+    EXPECT_GT(n, 10);
+}
+
+} // namespace
