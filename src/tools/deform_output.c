@@ -47,9 +47,9 @@ static pliant_status find_scalars(const deform_run *run, scalar_values *out)
     if (!out->of_node || !out->of_tet) status = pliant_fail_memory("the scalars");
     const double *positions = pliant_data_get_positions(run->data, NULL);
     for (int s = 0; status >= 0 && s < arguments->num_scalars; ++s) {
-        status = pliant_data_scalar(run->model, positions, arguments->scalars[s], out->of_node + (size_t)s * (size_t)mesh->num_nodes);
+        status = pliant_data_scalar(run->model, body, positions, arguments->scalars[s], out->of_node + (size_t)s * (size_t)mesh->num_nodes);
         if (status >= 0)
-            pliant_data_tet_scalar(run->model, positions, arguments->scalars[s], out->of_tet + (size_t)s * (size_t)mesh->num_tets);
+            pliant_data_tet_scalar(run->model, body, positions, arguments->scalars[s], out->of_tet + (size_t)s * (size_t)mesh->num_tets);
     }
     if (status < 0) free_scalars(out);
     return status;
