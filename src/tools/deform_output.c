@@ -38,7 +38,8 @@ static void free_scalars(scalar_values *values)
 static pliant_status find_scalars(const deform_run *run, scalar_values *out)
 {
     const deform_arguments *arguments = run->arguments;
-    const pliant_mesh *mesh = &pliant_data_get_body(run->data)->fine;
+    const pliant_body *body = pliant_data_get_body(run->data);
+    const pliant_mesh *mesh = &body->fine;
     pliant_status status = PLIANT_OK;
     *out = (scalar_values){.num_scalars = arguments->num_scalars};
     if (arguments->num_scalars == 0) return PLIANT_OK;
