@@ -1,4 +1,5 @@
-/* Who owns which voxel of a brick, or of an eighth of one: the tetrahedron of lowest index that holds it (src/warp/owners.h).
+/* Who owns which voxel of a brick, or of an eighth of one: the tetrahedron of lowest index that holds it (src/warp/owners.h,
+ * which says at owner_find_all what fragments of tetrahedra would have to add).
  * Rows are found in float; where rounding could decide, from the corners in whole numbers. */
 #ifndef PLIANT_CUDA_OWNERS_CUH
 #define PLIANT_CUDA_OWNERS_CUH

@@ -131,6 +131,29 @@ TEST_F(Deform, KeepsTheVolumeToItsMargin)
     pliant_volume_free(&pulled);
 }
 
+// where no tissue is the volume is the background, unless mesh/keep_air keeps elements there: as README and the option say
+TEST_F(Deform, KeepsTheAirOfTheScanWhereAsked)
+{
+    pliant_volume scan{}, drawn[2]{};
+    ASSERT_EQ(pliant_phantom((const int32_t[3]){48, 40, 40}, 1, &scan, nullptr), PLIANT_OK);
+    for (int keep = 0; keep < 2; keep++) {
+        ASSERT_EQ(run(small_ + "--quiet --steps 1 --set warp/margin=0 --set mesh/keep_air=" + (keep ? "true" : "false") + " --out " + in("air")), 0) << err_;
+        ASSERT_EQ(pliant_volume_read(in("air/deformed.nii.gz").c_str(), nullptr, 0, &drawn[keep]), PLIANT_OK);
+        ASSERT_EQ(pliant_geometry_voxels(&drawn[keep].geometry), pliant_geometry_voxels(&scan.geometry));
+    }
+    size_t other[2] = {0, 0};
+    for (size_t v = 0; v < pliant_geometry_voxels(&scan.geometry); v++)
+        for (int keep = 0; keep < 2; keep++) {
+            float is = pliant_volume_value(&drawn[keep], v), was = pliant_volume_value(&scan, v);
+            if (is == was) continue;
+            other[keep]++;
+            if (!keep) { EXPECT_EQ(is, scan.background) << v; }
+        }
+    EXPECT_EQ(other[1], 0u);
+    EXPECT_GT(other[0], 1000u);
+    for (pliant_volume *volume : {&scan, &drawn[0], &drawn[1]}) pliant_volume_free(volume);
+}
+
 TEST_F(Deform, StopsOnRequestWithWhatWasDone)
 {
     const auto steps = [&] { return table(in("stopped/steps.csv")).size() > 1; };

@@ -3,7 +3,8 @@
  *
  *  Fine tetrahedra are rasterized into a target grid; inside one, the map back to rest is affine, and the original
  *  scan is sampled trilinearly in its own type. Every voxel is written by exactly one tetrahedron: the one with
- *  the lowest index of those that hold its centre. Voxels that no tetrahedron holds get the background.
+ *  the lowest index of those that hold its centre. Voxels that no tetrahedron holds get the background, also where
+ *  nothing moved: of the scan only what the mesh holds is drawn (mesh/keep_air).
  *  At rest the result equals the scan bit for bit inside the tissue; so does a shift by whole voxels.
  */
 #ifndef PLIANT_WARP_H

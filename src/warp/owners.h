@@ -95,6 +95,10 @@ OWNER_INLINE void owner_fill_copy(const raster_source *source, const raster_tet 
     }
 }
 
+/* The one place where it is decided on the CPU what is drawn at a voxel: the first candidate that claims it owns it, and where the voxel was at
+ * rest is that owner's map of it. Today an owner is a tetrahedron. Where tetrahedra fall into fragments, a candidate is a fragment: one
+ * that claims a voxel keeps it only if the rest point is of that fragment, and its slot samples that fragment's voxels alone. On a GPU
+ * the least key in cuda/owners.cuh decides the same, and of a fit fit_in_tissue with fit_gather (fit_point.h). */
 OWNER_INLINE void owner_find_all(const raster_source *source, const raster_tet *tets, const int32_t *candidates,
                                  size_t num_candidates, const int32_t origin[3], raster_brick *brick,
                                  owner_claim *claim)
