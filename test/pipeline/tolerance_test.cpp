@@ -6,20 +6,22 @@
 
 namespace {
 
+// Soft tissue is pulled beside heavy tissue that sags, whose weight does nearly all of the work: to a thousandth of that work's norm the
+// pull would be 4.7 to 8.8 thousandths off. The estimate that ends a step is up to 3.7 times too small here.
 TEST(Tolerance, IsOfPositionsUnderWeight)
 {
     const int size[3] = {24, 24, 24};
     const double box[3] = {0.12, 0.12, 0.12};
     for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
-        Body body(size, box, {{5000, 0.45, 1000, false}, {60000, 0.45, 1000, false}}, [](int i, int, int) { return i / 6 % 2; });
+        Body body(size, box, {{4000, 0.45, 1500, false}, {400, 0.45, 20, false}}, [](int i, int, int) { return i >= 12; });
         body.cells(4, 4, 4, 2);
         body.scene.model.gravity[1] = 9.81;
         body.scene.solver.preconditioner = choice;
         body.fix_plane(0, 0, 0.001, 0, 0, 1);
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-        const double point[3] = {0.06, 0.06, 0.11}, by[3] = {0.002, 0, 0.006};
+        const double point[3] = {0.1, 0.06, 0.11}, by[3] = {0.002, 0, 0.02};
         for (pliant_drive drive : {PLIANT_DRIVE_RIGID, PLIANT_DRIVE_FORCE})
-            EXPECT_LT(worst_error(body.model, point, by, 20, drive, 1e-3), 3e-3);
+            EXPECT_LT(worst_error(body.model, point, by, 20, drive, 1e-3), 4.5e-3);
     }
 }
 
