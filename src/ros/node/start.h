@@ -2,7 +2,7 @@
 #ifndef PLIANT_ROS_NODE_START_H
 #define PLIANT_ROS_NODE_START_H
 
-#include "ros/node/params.h"
+#include "ros/params/params.h"
 
 #include <geometry_msgs/TransformStamped.h>
 #include <ros/node_handle.h>

@@ -4,7 +4,7 @@
 #define PLIANT_ROS_OUTPUT_MESH_OUTPUT_H
 
 #include "ros/sim/live.h"
-#include "ros/node/problem.h"
+#include "ros/params/problem.h"
 #include "ros/sim/snapshot.h"
 
 #include <ros/node_handle.h>

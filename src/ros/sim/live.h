@@ -3,7 +3,7 @@
 #ifndef PLIANT_ROS_SIM_LIVE_H
 #define PLIANT_ROS_SIM_LIVE_H
 
-#include "ros/node/params.h"
+#include "ros/params/params.h"
 
 #include <dynamic_reconfigure/Reconfigure.h>
 #include <ros/node_handle.h>

@@ -5,7 +5,7 @@
 #include "ros/sim/live.h"
 #include "ros/sim/loaded.h"
 #include "ros/sim/snapshot.h"
-#include "ros/node/state.h"
+#include "ros/sim/state.h"
 #include "ros/sim/tools.h"
 
 #include <deque>

@@ -2,7 +2,7 @@
 #ifndef PLIANT_ROS_SIM_TOOLS_H
 #define PLIANT_ROS_SIM_TOOLS_H
 
-#include "ros/node/params.h"
+#include "ros/params/params.h"
 #include "ros/sim/snapshot.h"
 
 #include <ros/node_handle.h>

@@ -1,6 +1,6 @@
 /* The topic `state`: what the node is doing. Any thread may tell it. */
-#ifndef PLIANT_ROS_NODE_STATE_H
-#define PLIANT_ROS_NODE_STATE_H
+#ifndef PLIANT_ROS_SIM_STATE_H
+#define PLIANT_ROS_SIM_STATE_H
 
 #include "pliant/report.h"
 

@@ -1,6 +1,6 @@
 /* What keeps a thread from its work now: it says so itself, and diagnostics tell. */
-#ifndef PLIANT_ROS_NODE_PROBLEM_H
-#define PLIANT_ROS_NODE_PROBLEM_H
+#ifndef PLIANT_ROS_PARAMS_PROBLEM_H
+#define PLIANT_ROS_PARAMS_PROBLEM_H
 
 #include <mutex>
 #include <string>

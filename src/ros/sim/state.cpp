@@ -1,4 +1,4 @@
-#include "ros/node/state.h"
+#include "ros/sim/state.h"
 
 #include "pliant/ros/convert.h"
 

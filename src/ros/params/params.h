@@ -1,6 +1,6 @@
 /* What the node is told at its start: private ROS parameters over a scene file over the defaults. */
-#ifndef PLIANT_ROS_NODE_PARAMS_H
-#define PLIANT_ROS_NODE_PARAMS_H
+#ifndef PLIANT_ROS_PARAMS_PARAMS_H
+#define PLIANT_ROS_PARAMS_PARAMS_H
 
 #include "pliant/ros/convert.h"
 

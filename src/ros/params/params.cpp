@@ -1,4 +1,4 @@
-#include "ros/node/params.h"
+#include "ros/params/params.h"
 
 #include <XmlRpcException.h>
 
