@@ -2,7 +2,7 @@
 #include "pipeline/body.h"
 
 #include "fem/patch/patch.h"
-#include "fem/patch/basis.h"
+#include "fem/linear/basis.h"
 #include "state/data.h"
 #include "pliant/memory.h"
 

@@ -173,9 +173,11 @@ TEST(CudaFailure, AFullGpuIsToldWithFigures)
     Warps warps(PLIANT_INT16, geometry, cells, geometry);
     warps.update_and_compare(warps.rest(), "before");
     std::vector<void *> taken;
-    void *block;
+    void *block, *for_the_probe; /* a volume does not fit there */
+    ASSERT_EQ(pliant_cuda_allocate(size_t(1) << 22, "a test", &for_the_probe), PLIANT_OK);
     for (size_t bytes = size_t(1) << 36; bytes > 1 << 20; bytes /= 2)
         while (pliant_cuda_allocate(bytes, "a test", &block) == PLIANT_OK) taken.push_back(block);
+    pliant_cuda_release(for_the_probe);
     pliant_warp *other = nullptr;
     ASSERT_EQ(pliant_warp_create(&warps.scan, &warps.mesh, &geometry, 2, &other), PLIANT_OK);
     EXPECT_EQ(pliant_warp_backend(other, PLIANT_CUDA), PLIANT_ERROR_MEMORY);

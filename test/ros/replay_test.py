@@ -123,8 +123,7 @@ class ReplayTest(unittest.TestCase):
             for topic in ("mesh/topology", "mesh/state"):
                 wait_for(lambda: is_sent("sim", topic, "/record_tissue"), "the recorder", SECONDS)
             begin = len(volumes.all())
-            wait_for(lambda: len(set(crc for _, crc in volumes.all()[begin:])) > 50 and len(volumes.sizes) > 1,
-                     "the tissue to leave the grid and many volumes", SECONDS)
+            wait_for(lambda: len(set(crc for _, crc in volumes.all()[begin:])) > 50, "many volumes", SECONDS)
             seen = volumes.all()[begin:]
         finally:
             if recorder:
@@ -133,6 +132,7 @@ class ReplayTest(unittest.TestCase):
             volumes.close()
             state.close()
         assert volumes.gaps == 0
+        assert len(volumes.sizes) == 1  # the grid has warp/margin of room and stays, though the tissue leaves it
         cls.states = [stamp for stamp, _ in cls.recorded()]
         # what was under way when the recorder came and went is not in the bag; the tissue moves on after the last one
         cls.live = [(stamp, crc) for stamp, crc in seen if cls.states[0] <= stamp <= cls.states[-1]][:-10]

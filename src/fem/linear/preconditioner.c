@@ -1,6 +1,6 @@
 #include "base/fail.h"
 #include "fem/linear/multigrid.h"
-#include "fem/patch/basis.h"
+#include "fem/linear/basis.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 

@@ -3,7 +3,7 @@
 #define PLIANT_FEM_PATCH_PATCH_JOB_H
 
 #include "fem/patch/patch.h"
-#include "fem/patch/basis.h"
+#include "fem/linear/basis.h"
 
 #include <pthread.h>
 #include <stdatomic.h>

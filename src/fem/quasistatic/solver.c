@@ -2,7 +2,7 @@
 
 #include "base/fail.h"
 #include "fem/linear/dense.h"
-#include "fem/patch/basis.h"
+#include "fem/linear/basis.h"
 
 #include <string.h>
 

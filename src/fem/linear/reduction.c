@@ -1,7 +1,7 @@
 /* The numbers of a basis at one state. */
 #include "base/fail.h"
 #include "fem/linear/dense.h"
-#include "fem/patch/basis.h"
+#include "fem/linear/basis.h"
 #include "pliant/memory.h"
 
 #include <string.h>

@@ -1,4 +1,4 @@
-#include "fem/patch/response.h"
+#include "fem/linear/response.h"
 
 #include "base/fail.h"
 #include "fem/linear/dense.h"

@@ -1,6 +1,6 @@
 /* How the whole fine mesh answers to a force on a tool's footprint, to second order: what a patch's surroundings are made of. */
-#ifndef PLIANT_FEM_PATCH_RESPONSE_H
-#define PLIANT_FEM_PATCH_RESPONSE_H
+#ifndef PLIANT_FEM_LINEAR_RESPONSE_H
+#define PLIANT_FEM_LINEAR_RESPONSE_H
 
 #include "fem/system.h"
 

@@ -13,10 +13,10 @@
  *     K_pp a + Q_p q = r_p,   Q_p' a + E'Q q = E'r,   Q = (K_near + M A M') E
  * by a factor of K_pp and the Schur complement on q: the reduction, of K_near at one state, made anew as any factor is
  * (refresh.c). */
-#ifndef PLIANT_FEM_PATCH_BASIS_H
-#define PLIANT_FEM_PATCH_BASIS_H
+#ifndef PLIANT_FEM_LINEAR_BASIS_H
+#define PLIANT_FEM_LINEAR_BASIS_H
 
-#include "fem/patch/response.h"
+#include "fem/linear/response.h"
 
 #ifdef __cplusplus
 extern "C" {

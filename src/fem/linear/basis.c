@@ -1,4 +1,4 @@
-#include "fem/patch/basis.h"
+#include "fem/linear/basis.h"
 
 #include "base/fail.h"
 #include "fem/linear/dense.h"
