@@ -6,17 +6,21 @@
 
 enum { THREADS = 128, LANES_PER_NODE = 8, NODES = THREADS / LANES_PER_NODE };
 
+/* Chebyshev steps on the upper part of the spectrum, two before and two after, as on the CPU */
+static const double spectrum_share = 0.12;
+
+struct chebyshev { float first, again, fresh; }; /* step = first D^-1 r; then step = again step + fresh D^-1 r */
+
 /* Numbers of one level; pointers are of the device. */
 struct grid_level {
-    int num_nodes, num_aggregates;
-    int pairs;                      /* 1: odd nodes say how an aggregate of the level above turns */
+    int num_free, num_coarse;
     int *d_row_start, *d_column;    /* full rows of 3 x 3 blocks */
-    float *d_blocks;                /* (entries x 9) column after column */
-    float *d_inverse;               /* (num_nodes x 9) inverted diagonal blocks */
-    int *d_aggregate, *d_member_start, *d_member;
-    float *d_arm;                   /* (num_nodes x 3) from the centre of its aggregate */
-    float *d_x[2], *d_step, *d_residual, *d_right; /* (3 num_nodes), padded as the dense level needs it */
-    pliant_chebyshev smoother;
+    float *d_blocks;                /* (entries x 9) */
+    float *d_inverse;               /* (num_free x 9) inverted diagonal blocks */
+    int *d_to, *d_from_start, *d_from;
+    float *d_weight;                /* (num_free x 4) */
+    float *d_x[2], *d_step, *d_residual, *d_right; /* (3 num_free), padded as the dense level needs it */
+    chebyshev smoother;
 };
 
 struct gpu_multigrid {
@@ -46,25 +50,42 @@ static pliant_status room(gpu_multigrid *multigrid, size_t count, cudaStream_t s
     return CUDA_CALL(cudaMemsetAsync(block, 0, count * sizeof(float), stream));
 }
 
+static pliant_status upload_weights(gpu_multigrid *multigrid, const double *h_from, size_t count, cudaStream_t stream, float **d_out)
+{
+    float *h_weights = static_cast<float *>(pliant_calloc(count, sizeof *h_weights));
+    if (!h_weights) return pliant_fail_memory("the multigrid");
+    for (size_t n = 0; n < count; n++) h_weights[n] = (float)h_from[n];
+    pliant_status status = upload(multigrid, h_weights, count, stream, d_out);
+    pliant_free(h_weights);
+    return status;
+}
+
+/* Chebyshev iteration on [share, 1] of the spectrum of D^-1 A (Saad, Iterative Methods, 12.3), two steps */
+static chebyshev coefficients(double largest)
+{
+    const double low = spectrum_share * largest, centre = 0.5 * (largest + low), half = 0.5 * (largest - low);
+    const double sigma = centre / half, rho = 1 / sigma, next = 1 / (2 * sigma - rho);
+    return {(float)(1 / centre), (float)(next * rho), (float)(2 * next / half)};
+}
+
 static pliant_status fill_level(gpu_multigrid *multigrid, const pliant_grid_level *grid, const pliant_multigrid *numbers, int l, cudaStream_t stream)
 {
     grid_level *level = multigrid->level + l;
-    const size_t n = (size_t)grid->pattern.num_columns, entries = (size_t)grid->row_start[n], aggregates = (size_t)grid->num_aggregates;
-    const float *h_blocks, *h_inverse, *h_arm;
+    const size_t n = (size_t)grid->system.num_free, entries = (size_t)grid->row_start[n], coarse = (size_t)grid[1].system.num_free;
+    const float *h_blocks, *h_inverse;
     double largest;
-    pliant_multigrid_level(numbers, l, &h_blocks, &h_inverse, &h_arm, &largest);
-    level->num_nodes = grid->pattern.num_columns;
-    level->num_aggregates = grid->num_aggregates;
-    level->pairs = l > 0;
-    level->smoother = pliant_multigrid_smoother(largest);
+    pliant_multigrid_level(numbers, l, &h_blocks, &h_inverse, &largest);
+    level->num_free = grid->system.num_free;
+    level->num_coarse = grid[1].system.num_free;
+    level->smoother = coefficients(largest);
     CUDA_TRY(upload(multigrid, grid->row_start, n + 1, stream, &level->d_row_start));
     CUDA_TRY(upload(multigrid, grid->column, entries, stream, &level->d_column));
     CUDA_TRY(upload(multigrid, h_blocks, 9 * entries, stream, &level->d_blocks));
     CUDA_TRY(upload(multigrid, h_inverse, 9 * n, stream, &level->d_inverse));
-    CUDA_TRY(upload(multigrid, h_arm, 3 * n, stream, &level->d_arm));
-    CUDA_TRY(upload(multigrid, grid->aggregate, n, stream, &level->d_aggregate));
-    CUDA_TRY(upload(multigrid, grid->member_start, aggregates + 1, stream, &level->d_member_start));
-    CUDA_TRY(upload(multigrid, grid->member, n, stream, &level->d_member));
+    CUDA_TRY(upload(multigrid, grid->to, 4 * n, stream, &level->d_to));
+    CUDA_TRY(upload_weights(multigrid, grid->weight, 4 * n, stream, &level->d_weight));
+    CUDA_TRY(upload(multigrid, grid->from_start, coarse + 1, stream, &level->d_from_start));
+    CUDA_TRY(upload(multigrid, grid->from, (size_t)grid->from_start[coarse], stream, &level->d_from));
     for (float *&d_x : level->d_x) CUDA_TRY(room(multigrid, 3 * n, stream, &d_x));
     CUDA_TRY(room(multigrid, 3 * n, stream, &level->d_step));
     CUDA_TRY(room(multigrid, 3 * n, stream, &level->d_residual));
@@ -76,7 +97,7 @@ static pliant_status fill(gpu_multigrid *multigrid, const pliant_hierarchy *hier
     const int last = hierarchy->num_levels - 1;
     multigrid->num_levels = hierarchy->num_levels;
     for (int l = 0; l < last; l++) CUDA_TRY(fill_level(multigrid, hierarchy->level + l, numbers, l, stream));
-    const pliant_pattern *pattern = &hierarchy->level[last].pattern;
+    const pliant_pattern *pattern = &hierarchy->level[last].system.pattern;
     const size_t padded = (size_t)pliant_cuda_inverse_padded(3 * pattern->num_columns);
     size_t kept;
     CUDA_TRY(pliant_cuda_inverse_create(pattern, pliant_multigrid_coarsest(numbers), stream, &multigrid->inverse));
@@ -94,7 +115,7 @@ static pliant_status fill_at_rest(gpu_multigrid *multigrid, const pliant_system 
     pliant_status status = h_tangents ? pliant_multigrid_create(hierarchy, system->num_threads, &numbers) : pliant_fail_memory("the multigrid");
     if (status == PLIANT_OK) {
         pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, h_tangents);
-        status = pliant_multigrid_numeric(numbers, system->mesh->rest, h_tangents);
+        status = pliant_multigrid_numeric(numbers, h_tangents);
     }
     if (status == PLIANT_OK) status = fill(multigrid, hierarchy, numbers, stream);
     pliant_multigrid_free(numbers);
@@ -106,9 +127,11 @@ extern "C" pliant_status pliant_cuda_multigrid_create(const pliant_system *syste
 {
     pliant_hierarchy *hierarchy = nullptr;
     CUDA_TRY(pliant_hierarchy_create(system, largest, &hierarchy));
+    *out = nullptr;
+    if (!hierarchy) return PLIANT_OK;
     gpu_multigrid *multigrid = nullptr;
     pliant_status status = PLIANT_OK;
-    if (hierarchy->level[hierarchy->num_levels - 1].pattern.num_columns <= largest) {
+    if (hierarchy->level[hierarchy->num_levels - 1].system.num_free <= largest) {
         multigrid = static_cast<gpu_multigrid *>(pliant_calloc(1, sizeof *multigrid));
         status = multigrid ? fill_at_rest(multigrid, system, hierarchy, stream) : pliant_fail_memory("the multigrid");
     }
@@ -125,8 +148,8 @@ extern "C" void pliant_cuda_multigrid_free(gpu_multigrid *multigrid)
 {
     if (!multigrid) return;
     for (grid_level &level : multigrid->level) {
-        void *blocks[] = {level.d_row_start, level.d_column, level.d_blocks, level.d_inverse, level.d_aggregate, level.d_member_start,
-                          level.d_member, level.d_arm, level.d_x[0], level.d_x[1], level.d_step, level.d_residual, level.d_right};
+        void *blocks[] = {level.d_row_start, level.d_column, level.d_blocks, level.d_inverse, level.d_to, level.d_from_start, level.d_from,
+                          level.d_weight, level.d_x[0], level.d_x[1], level.d_step, level.d_residual, level.d_right};
         for (void *block : blocks) pliant_cuda_release(block);
     }
     pliant_cuda_inverse_free(&multigrid->inverse);
@@ -148,28 +171,7 @@ static __device__ __forceinline__ void store3(float *to, int node, const vector3
 }
 static __device__ __forceinline__ vector3 times(const float *a, const vector3 &v)
 {
-    return {a[0] * v.x + a[3] * v.y + a[6] * v.z, a[1] * v.x + a[4] * v.y + a[7] * v.z, a[2] * v.x + a[5] * v.y + a[8] * v.z};
-}
-static __device__ __forceinline__ void add(vector3 *to, const vector3 &v)
-{
-    to->x += v.x;
-    to->y += v.y;
-    to->z += v.z;
-}
-static __device__ __forceinline__ vector3 cross(const vector3 &a, const vector3 &b)
-{
-    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
-
-/* over the threads of a node; all of them get it */
-static __device__ __forceinline__ vector3 sum_lanes(vector3 sum)
-{
-    for (int half = LANES_PER_NODE / 2; half > 0; half /= 2) {
-        sum.x += __shfl_xor_sync(0xffffffff, sum.x, half);
-        sum.y += __shfl_xor_sync(0xffffffff, sum.y, half);
-        sum.z += __shfl_xor_sync(0xffffffff, sum.z, half);
-    }
-    return sum;
+    return {a[0] * v.x + a[1] * v.y + a[2] * v.z, a[3] * v.x + a[4] * v.y + a[5] * v.z, a[6] * v.x + a[7] * v.y + a[8] * v.z};
 }
 
 /* right - A x at one node; all eight threads get it */
@@ -178,10 +180,18 @@ static __device__ __forceinline__ vector3 residual_at(const grid_level &level, c
     vector3 sum = {0, 0, 0};
     if (there) {
         const int end = level.d_row_start[node + 1];
-        for (int e = level.d_row_start[node] + (int)threadIdx.x % LANES_PER_NODE; e < end; e += LANES_PER_NODE)
-            add(&sum, times(level.d_blocks + 9 * (size_t)e, load3(x, level.d_column[e])));
+        for (int e = level.d_row_start[node] + (int)threadIdx.x % LANES_PER_NODE; e < end; e += LANES_PER_NODE) {
+            vector3 part = times(level.d_blocks + 9 * (size_t)e, load3(x, level.d_column[e]));
+            sum.x += part.x;
+            sum.y += part.y;
+            sum.z += part.z;
+        }
     }
-    sum = sum_lanes(sum);
+    for (int half = LANES_PER_NODE / 2; half > 0; half /= 2) {
+        sum.x += __shfl_xor_sync(0xffffffff, sum.x, half);
+        sum.y += __shfl_xor_sync(0xffffffff, sum.y, half);
+        sum.z += __shfl_xor_sync(0xffffffff, sum.z, half);
+    }
     if (!there) return sum;
     vector3 r = load3(right, node);
     return {r.x - sum.x, r.y - sum.y, r.z - sum.z};
@@ -191,7 +201,7 @@ static __device__ __forceinline__ vector3 residual_at(const grid_level &level, c
 static __global__ void __launch_bounds__(THREADS) begin_smooth_kernel(grid_level level, const int *d_skip, const float *d_right, float *d_x)
 {
     const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
-    if ((d_skip && *d_skip) || node >= level.num_nodes) return;
+    if ((d_skip && *d_skip) || node >= level.num_free) return;
     vector3 step = times(level.d_inverse + 9 * (size_t)node, load3(d_right, node));
     step = {level.smoother.first * step.x, level.smoother.first * step.y, level.smoother.first * step.z};
     store3(level.d_step, node, step);
@@ -204,7 +214,7 @@ static __global__ void __launch_bounds__(THREADS)
 {
     if (d_skip && *d_skip) return;
     const int node = (int)(blockIdx.x * NODES + threadIdx.x / LANES_PER_NODE);
-    const bool there = node < level.num_nodes;
+    const bool there = node < level.num_free;
     vector3 residual = residual_at(level, d_right, d_x, node, there);
     if (!there || threadIdx.x % LANES_PER_NODE != 0) return;
     vector3 step = times(level.d_inverse + 9 * (size_t)node, residual), x = load3(d_x, node);
@@ -218,47 +228,45 @@ static __global__ void __launch_bounds__(THREADS) residual_kernel(grid_level lev
 {
     if (d_skip && *d_skip) return;
     const int node = (int)(blockIdx.x * NODES + threadIdx.x / LANES_PER_NODE);
-    const bool there = node < level.num_nodes;
+    const bool there = node < level.num_free;
     vector3 residual = residual_at(level, d_right, d_x, node, there);
     if (there && threadIdx.x % LANES_PER_NODE == 0) store3(level.d_residual, node, residual);
 }
 
-/* forces of aggregates, and moments about their centres; eight threads an aggregate */
+/* eight threads a coarse node */
 static __global__ void __launch_bounds__(THREADS) restrict_kernel(grid_level level, const int *d_skip, float *d_coarse)
 {
     if (d_skip && *d_skip) return;
-    const int aggregate = (int)(blockIdx.x * NODES + threadIdx.x / LANES_PER_NODE);
-    const bool there = aggregate < level.num_aggregates;
-    vector3 force = {0, 0, 0}, moment = {0, 0, 0};
+    const int node = (int)(blockIdx.x * NODES + threadIdx.x / LANES_PER_NODE);
+    const bool there = node < level.num_coarse;
+    vector3 sum = {0, 0, 0};
     if (there) {
-        const int end = level.d_member_start[aggregate + 1];
-        for (int m = level.d_member_start[aggregate] + (int)threadIdx.x % LANES_PER_NODE; m < end; m += LANES_PER_NODE) {
-            const int node = level.d_member[m];
-            const bool turns = level.pairs && node % 2 == 1;
-            const vector3 f = load3(level.d_residual, node);
-            if (!turns) add(&force, f);
-            add(&moment, turns ? f : cross(load3(level.d_arm, node), f));
+        const int end = level.d_from_start[node + 1];
+        for (int e = level.d_from_start[node] + (int)threadIdx.x % LANES_PER_NODE; e < end; e += LANES_PER_NODE) {
+            const int from = level.d_from[e];
+            const float weight = level.d_weight[from];
+            vector3 r = load3(level.d_residual, from / 4);
+            sum = {sum.x + weight * r.x, sum.y + weight * r.y, sum.z + weight * r.z};
         }
     }
-    force = sum_lanes(force);
-    moment = sum_lanes(moment);
-    if (!there || threadIdx.x % LANES_PER_NODE != 0) return;
-    store3(d_coarse, 2 * aggregate, force);
-    store3(d_coarse, 2 * aggregate + 1, moment);
+    for (int half = LANES_PER_NODE / 2; half > 0; half /= 2) {
+        sum.x += __shfl_xor_sync(0xffffffff, sum.x, half);
+        sum.y += __shfl_xor_sync(0xffffffff, sum.y, half);
+        sum.z += __shfl_xor_sync(0xffffffff, sum.z, half);
+    }
+    if (there && threadIdx.x % LANES_PER_NODE == 0) store3(d_coarse, node, sum);
 }
 
 static __global__ void __launch_bounds__(THREADS) correct_kernel(grid_level level, const int *d_skip, const float *d_coarse, float *d_x)
 {
     const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
-    if ((d_skip && *d_skip) || node >= level.num_nodes) return;
-    const int aggregate = level.d_aggregate[node];
-    const vector3 turn = load3(d_coarse, 2 * aggregate + 1);
+    if ((d_skip && *d_skip) || node >= level.num_free) return;
     vector3 x = load3(d_x, node);
-    if (level.pairs && node % 2 == 1) {
-        add(&x, turn);
-    } else {
-        add(&x, load3(d_coarse, 2 * aggregate));
-        add(&x, cross(turn, load3(level.d_arm, node)));
+    for (int v = 0; v < 4; v++) {
+        const float weight = level.d_weight[4 * (size_t)node + v];
+        if (weight == 0) continue;
+        vector3 by = load3(d_coarse, level.d_to[4 * (size_t)node + v]);
+        x = {x.x + weight * by.x, x.y + weight * by.y, x.z + weight * by.z};
     }
     store3(d_x, node, x);
 }
@@ -270,24 +278,20 @@ static pliant_status cycle(const gpu_multigrid *multigrid, int l, const int32_t 
 {
     if (l == multigrid->num_levels - 1) return pliant_cuda_inverse_apply(&multigrid->inverse, d_skip, d_right, d_out, stream);
     const grid_level &level = multigrid->level[l], &coarse = multigrid->level[l + 1];
-    const pliant_chebyshev &by = level.smoother;
-    const unsigned light = blocks_for(level.num_nodes, THREADS), heavy = blocks_for(level.num_nodes, NODES);
+    const chebyshev &smoother = level.smoother;
+    const unsigned light = blocks_for(level.num_free, THREADS), heavy = blocks_for(level.num_free, NODES);
+    begin_smooth_kernel<<<light, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[0]);
+    smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[0], level.d_x[1], smoother.again, smoother.fresh);
+    residual_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[1]);
+    restrict_kernel<<<blocks_for(level.num_coarse, NODES), THREADS, 0, stream>>>(level, d_skip, coarse.d_right);
+    CUDA_TRY(CUDA_LAUNCHED("restrict_kernel"));
+    CUDA_TRY(cycle(multigrid, l + 1, d_skip, coarse.d_right, coarse.d_x[0], stream));
+    correct_kernel<<<light, THREADS, 0, stream>>>(level, d_skip, coarse.d_x[0], level.d_x[1]);
     float *d_last = l == 0 ? d_out : level.d_x[0];
-    float *d_between = level.d_residual; /* not in use while it is smoothed */
-    for (int pass = 0; pass < (l > 0 ? PLIANT_CYCLES_BELOW : 1); pass++) {
-        if (pass == 0) begin_smooth_kernel<<<light, THREADS, 0, stream>>>(level, d_skip, d_right, d_between);
-        else smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, d_last, d_between, 0, by.first);
-        smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, d_between, level.d_x[1], by.again, by.fresh);
-        residual_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[1]);
-        restrict_kernel<<<blocks_for(level.num_aggregates, NODES), THREADS, 0, stream>>>(level, d_skip, coarse.d_right);
-        CUDA_TRY(CUDA_LAUNCHED("restrict_kernel"));
-        CUDA_TRY(cycle(multigrid, l + 1, d_skip, coarse.d_right, coarse.d_x[0], stream));
-        correct_kernel<<<light, THREADS, 0, stream>>>(level, d_skip, coarse.d_x[0], level.d_x[1]);
-        smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[1], d_between, 0, by.first);
-        smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, d_between, d_last, by.again, by.fresh);
-        CUDA_TRY(CUDA_LAUNCHED("smooth_kernel"));
-    }
-    return PLIANT_OK;
+    float *d_between = level.d_residual; /* not in use any more */
+    smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[1], d_between, 0, smoother.first);
+    smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, d_between, d_last, smoother.again, smoother.fresh);
+    return CUDA_LAUNCHED("smooth_kernel");
 }
 
 extern "C" pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multigrid, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream)

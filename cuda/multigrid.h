@@ -10,7 +10,7 @@ extern "C" {
 
 typedef struct gpu_multigrid gpu_multigrid;
 
-/* largest: nodes of three unknowns that the dense level may have. *out is NULL when aggregates cannot be gathered so far.
+/* largest: free nodes that the dense level may have. *out is NULL when the lattice cannot be coarsened so far.
  * Errors: MEMORY, NUMERIC, UNAVAILABLE. */
 pliant_status pliant_cuda_multigrid_create(const pliant_system *system, int32_t largest, cudaStream_t stream, gpu_multigrid **out);
 void pliant_cuda_multigrid_free(gpu_multigrid *multigrid); /* Nullable */

@@ -38,12 +38,12 @@ extern "C" pliant_status pliant_cuda_preconditioner_create(const pliant_system *
             out->bytes = pliant_cuda_multigrid_bytes(out->multigrid);
             return PLIANT_OK;
         }
-        pliant_log(PLIANT_LOG_INFO, "this mesh has no coarse level small enough for multigrid on the GPU; its matrix is inverted");
+        pliant_log(PLIANT_LOG_INFO, "this lattice cannot be coarsened enough for multigrid on the GPU; its matrix is inverted");
     }
     if (system->num_free > LARGEST_ASKED) {
         size_t kept, most = pliant_cuda_inverse_room(3 * system->num_free, &kept);
-        return pliant_fail(PLIANT_ERROR_MEMORY, "a dense inverse for %d nodes would take %.1f GB of the GPU while it is made; at most %d nodes, or "
-                                                "multigrid", system->num_free, 1e-9 * (double)most, LARGEST_ASKED);
+        return pliant_fail(PLIANT_ERROR_MEMORY, "a dense inverse for %d nodes would take %.1f GB of the GPU while it is made; at most %d nodes, or cells "
+                                                "that can be halved for multigrid", system->num_free, 1e-9 * (double)most, LARGEST_ASKED);
     }
     return create_inverse(system, stream, out);
 }

@@ -189,8 +189,8 @@ pliant_status pliant_preconditioner_within(const pliant_basis *basis, const plia
 /* the same analysis and numbers, for another thread */
 pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads, pliant_preconditioner **out);
 void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int num_threads); /* from now on */
-/* at these positions (num_nodes x 3) and their tangents (num_blocks). Errors: NUMERIC, MEMORY; the old numbers are gone then. */
-pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const double *positions, const pliant_tangent *tangents);
+/* at these tangents (num_blocks). Errors: NUMERIC, MEMORY; the old numbers are gone then. */
+pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents);
 /* right, out: (columns x 3 num_free); may be the same. */
 pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner, int32_t columns, const double *right, double *out);
 /* whether a matrix that is not positive definite is refused; a multigrid does not see it */

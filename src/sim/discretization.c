@@ -153,8 +153,8 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
     pliant_status status = pliant_system_unknowns(system, is_coarse(scene) ? work->coarse_fixed : work->made->body->fine_fixed);
     if (status == PLIANT_OK) status = gravity_mass(work->made);
     if (status != PLIANT_OK) return status;
-    /* the levels of multigrid are of matrices of tetrahedra */
-    bool direct = scene->model.method == PLIANT_LOD;
+    /* the V-cycle's meshes nest by lattice, and its matrices are of tetrahedra */
+    bool direct = scene->mesh.kind == PLIANT_OCTREE || scene->model.method == PLIANT_LOD;
     return pliant_preconditioner_create(system, direct ? PLIANT_DIRECT : scene->solver.preconditioner, &system->preconditioner);
 }
 
@@ -167,7 +167,7 @@ pliant_status pliant_discretizing_factorize(pliant_discretizing *work)
     if (!tangents) return pliant_fail_memory("the stiffness matrix");
     pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, tangents);
     system->mean_diagonal = pliant_system_mean_diagonal(system);
-    pliant_status status = pliant_preconditioner_numeric(system->preconditioner, system->mesh->rest, tangents);
+    pliant_status status = pliant_preconditioner_numeric(system->preconditioner, tangents);
     if (status == PLIANT_OK) made->condition_estimate = pliant_preconditioner_condition(system->preconditioner);
     pliant_free(tangents);
     if (status == PLIANT_OK && pliant_patch_asked(work->scene))

@@ -268,8 +268,10 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
     pliant_status status = pliant_scene_check(scene);
     if (status == PLIANT_OK && scene->solver.kind == PLIANT_TLED && scene->model.method != PLIANT_FINE)
         status = pliant_fail(PLIANT_ERROR_SCENE, "solver/kind: tled works on the fine mesh; set model/method to fine");
-    if (status == PLIANT_OK && scene->mesh.kind == PLIANT_OCTREE && scene->model.method != PLIANT_FINE)
-        status = pliant_fail(PLIANT_ERROR_SCENE, "mesh/kind: an octree has no coarse mesh: set model/method to fine");
+    if (status == PLIANT_OK && scene->mesh.kind == PLIANT_OCTREE &&
+        (scene->model.method != PLIANT_FINE || scene->solver.preconditioner == PLIANT_MULTIGRID))
+        status = pliant_fail(PLIANT_ERROR_SCENE, "mesh/kind: an octree has no coarse mesh: set model/method to fine and solver/preconditioner to "
+                                                 "auto or direct");
     if (status == PLIANT_OK && scene->model.method == PLIANT_LOD && scene->solver.preconditioner == PLIANT_MULTIGRID)
         status = pliant_fail(PLIANT_ERROR_SCENE, "solver/preconditioner: lod's matrix is factored; set auto or direct");
     if (status == PLIANT_OK && scene->model.method == PLIANT_LOD && scene->mesh.bone_surface)

@@ -262,7 +262,7 @@ static pliant_status first_numbers(basis_builder *build)
     if (status != PLIANT_OK) return status;
     for (int twist = PLIANT_TWIST_EXACT; twist <= PLIANT_TWIST_POSITIVE; twist++) {
         pliant_system_tangents(system, build->near_x, (pliant_twist)twist, build->tangents);
-        status = pliant_preconditioner_numeric(system->preconditioner, build->near_x, build->tangents);
+        status = pliant_preconditioner_numeric(system->preconditioner, build->tangents);
         if (status != PLIANT_ERROR_NUMERIC) break;
     }
     return status;

@@ -1,36 +1,120 @@
-/* The levels of a multigrid: which nodes move as one, and the patterns of their matrices. */
-#include "fem/linear/hierarchy.h"
-
+/* The levels of a multigrid: nested lattices, and how values go from one to the next. */
 #include "base/fail.h"
-#include "fem/linear/aggregate.h"
-#include "fem/linear/pattern.h"
+#include "fem/linear/hierarchy.h"
 #include "pliant/memory.h"
 
-#include <math.h>
 #include <string.h>
 
-/* Ties weaker than this do not bind, of nodes and of aggregates. (110 k tetrahedra of a CT with air: a cycle leaves 0.70 a step of conjugate
- * gradients where air and tissue share aggregates, 0.55 from 0.06 to 0.08; above, aggregates become many. Of aggregates 0.55 from 0.14 on,
- * 0.60 at 0.1.) */
-static const float least_tie[2] = {0.07f, 0.16f};
-
-/* the columns of blocks, and both triangles by rows for products with a vector */
-static pliant_status full_rows(pliant_grid_level *level)
+/* the box of a mesh as a geometry whose voxels are its cells */
+static pliant_geometry box_of(const pliant_mesh *mesh)
 {
-    const pliant_pattern *pattern = &level->pattern;
+    pliant_geometry geometry;
+    memcpy(geometry.size, mesh->cells, sizeof geometry.size);
+    memcpy(geometry.spacing, mesh->cell_size, sizeof geometry.spacing);
+    memcpy(geometry.direction, mesh->direction, sizeof geometry.direction);
+    for (int r = 0; r < 3; r++) {
+        geometry.origin[r] = mesh->corner[r];
+        for (int d = 0; d < 3; d++) geometry.origin[r] += 0.5 * mesh->direction[3 * r + d] * mesh->cell_size[d];
+    }
+    return geometry;
+}
+
+/* smallest factor that divides the cells along all axes; 0: none up to 8 */
+static int32_t factor_of(const int32_t cells[3])
+{
+    for (int32_t factor = 2; factor <= 8; factor++)
+        if (cells[0] % factor == 0 && cells[1] % factor == 0 && cells[2] % factor == 0) return factor;
+    return 0;
+}
+
+static pliant_status coarser_mesh(const pliant_mesh *fine, int32_t factor, pliant_grid_level *level, pliant_grid_level *next)
+{
+    int32_t cells[3] = {fine->cells[0] / factor, fine->cells[1] / factor, fine->cells[2] / factor};
+    pliant_geometry geometry = box_of(fine);
+    uint8_t *keep = pliant_calloc(5 * (size_t)cells[0] * cells[1] * cells[2], 1);
+    if (!keep) return pliant_fail_memory("the coarser meshes");
+    for (int32_t t = 0; t < fine->num_tets; t++) keep[pliant_lattice_coarse_of(cells, factor, fine->lattice_of_tet[t])] = 1;
+    pliant_status status = pliant_mesh_grid(&geometry, cells, keep, &next->mesh);
+    pliant_free(keep);
+    if (status != PLIANT_OK) return status;
+    level->parent = pliant_calloc((size_t)fine->num_tets, sizeof *level->parent);
+    level->child_start = pliant_calloc((size_t)next->mesh.num_tets + 2, sizeof *level->child_start);
+    level->child = pliant_calloc((size_t)fine->num_tets, sizeof *level->child);
+    if (!level->parent || !level->child_start || !level->child) return pliant_fail_memory("the coarser meshes");
+    for (int32_t t = 0; t < fine->num_tets; t++) {
+        level->parent[t] = next->mesh.tet_of_lattice[pliant_lattice_coarse_of(cells, factor, fine->lattice_of_tet[t])];
+        level->child_start[level->parent[t] + 2]++;
+    }
+    for (int32_t t = 0; t < next->mesh.num_tets; t++) level->child_start[t + 2] += level->child_start[t + 1];
+    for (int32_t t = 0; t < fine->num_tets; t++) level->child[level->child_start[level->parent[t] + 1]++] = t;
+    return PLIANT_OK;
+}
+
+/* a barycentric coordinate of a nested node is zero or at least one over the factor: what is smaller is rounding */
+static double cleaned(double weight) { return weight > 1e-6 ? weight : 0; }
+
+/* free nodes of the finer level to nodes of the coarser one; coarse nodes that no free node leans on do not take part */
+static pliant_status transfer(const pliant_system *fine, pliant_grid_level *level, pliant_grid_level *next)
+{
+    size_t count = (size_t)fine->num_free;
+    int32_t *holder = pliant_calloc((size_t)fine->mesh->num_nodes, sizeof *holder);
+    uint8_t *unused = pliant_calloc((size_t)next->mesh.num_nodes, 1);
+    level->to = pliant_calloc(count, 4 * sizeof *level->to);
+    level->weight = pliant_calloc(count, 4 * sizeof *level->weight);
+    pliant_status status = PLIANT_OK;
+    if (!holder || !unused || !level->to || !level->weight) {
+        status = pliant_fail_memory("the transfer between meshes");
+        goto done;
+    }
+    for (int32_t v = 0; v < 4 * fine->mesh->num_tets; v++) holder[fine->mesh->tets[v]] = level->parent[v / 4];
+    memset(unused, 1, (size_t)next->mesh.num_nodes);
+    for (size_t f = 0; f < count; f++) {
+        int32_t node = fine->node_of_free[f], tet = holder[node];
+        double weights[4];
+        pliant_mesh_barycentric(&next->mesh, tet, fine->mesh->rest + 3 * node, weights);
+        for (int v = 0; v < 4; v++) {
+            level->to[4 * f + v] = next->mesh.tets[4 * tet + v];
+            level->weight[4 * f + v] = cleaned(weights[v]);
+            if (level->weight[4 * f + v] > 0) unused[level->to[4 * f + v]] = 0;
+        }
+    }
+    status = pliant_system_unknowns(&next->system, unused);
+    for (size_t v = 0; status == PLIANT_OK && v < 4 * count; v++) level->to[v] = next->system.free_of_node[level->to[v]];
+done:
+    pliant_free(holder);
+    pliant_free(unused);
+    return status;
+}
+
+/* the same the other way round: what a coarse unknown gathers from */
+static pliant_status transpose(pliant_grid_level *level, int32_t num_fine, int32_t num_coarse)
+{
+    level->from_start = pliant_calloc((size_t)num_coarse + 2, sizeof *level->from_start);
+    level->from = pliant_calloc((size_t)num_fine, 4 * sizeof *level->from);
+    if (!level->from_start || !level->from) return pliant_fail_memory("the transfer between meshes");
+    for (int32_t v = 0; v < 4 * num_fine; v++)
+        if (level->weight[v] > 0) level->from_start[level->to[v] + 2]++;
+    for (int32_t c = 0; c < num_coarse; c++) level->from_start[c + 2] += level->from_start[c + 1];
+    for (int32_t v = 0; v < 4 * num_fine; v++)
+        if (level->weight[v] > 0) level->from[level->from_start[level->to[v] + 1]++] = v;
+    return PLIANT_OK;
+}
+
+/* both triangles by rows, for products with a vector */
+static pliant_status full_rows(const pliant_system *system, pliant_grid_level *level)
+{
+    const pliant_pattern *pattern = &system->pattern;
     int32_t entries = 2 * pattern->num_blocks - pattern->num_columns;
-    level->block_column = pliant_calloc((size_t)pattern->num_blocks, sizeof *level->block_column);
-    level->row_start = pliant_calloc((size_t)pattern->num_columns + 2, sizeof *level->row_start);
+    level->row_start = pliant_calloc((size_t)system->num_free + 2, sizeof *level->row_start);
     level->column = pliant_calloc((size_t)entries, sizeof *level->column);
     level->place = pliant_calloc((size_t)pattern->num_blocks, 2 * sizeof *level->place);
-    if (!level->block_column || !level->row_start || !level->column || !level->place) return pliant_fail_memory("the rows of the matrix");
+    if (!level->row_start || !level->column || !level->place) return pliant_fail_memory("the rows of the matrix");
     for (int32_t column = 0; column < pattern->num_columns; column++)
         for (int32_t b = pattern->start[column]; b < pattern->start[column + 1]; b++) {
-            level->block_column[b] = column;
             level->row_start[pattern->row[b] + 2]++;
             if (pattern->row[b] != column) level->row_start[column + 2]++;
         }
-    for (int32_t r = 0; r < pattern->num_columns; r++) level->row_start[r + 2] += level->row_start[r + 1];
+    for (int32_t r = 0; r < system->num_free; r++) level->row_start[r + 2] += level->row_start[r + 1];
     for (int32_t column = 0; column < pattern->num_columns; column++)
         for (int32_t b = pattern->start[column]; b < pattern->start[column + 1]; b++) {
             int32_t row = pattern->row[b];
@@ -42,163 +126,61 @@ static pliant_status full_rows(pliant_grid_level *level)
     return PLIANT_OK;
 }
 
-static pliant_status list_members(pliant_grid_level *level)
-{
-    const int32_t nodes = level->pattern.num_columns;
-    level->member_start = pliant_calloc((size_t)level->num_aggregates + 2, sizeof *level->member_start);
-    level->member = pliant_calloc((size_t)nodes, sizeof *level->member);
-    if (!level->member_start || !level->member) return pliant_fail_memory("the aggregates");
-    for (int32_t n = 0; n < nodes; n++) level->member_start[level->aggregate[n] + 2]++;
-    for (int32_t a = 0; a < level->num_aggregates; a++) level->member_start[a + 2] += level->member_start[a + 1];
-    for (int32_t n = 0; n < nodes; n++) level->member[level->member_start[level->aggregate[n] + 1]++] = n;
-    return PLIANT_OK;
-}
-
-static pliant_status find_aggregates(int index, const double *blocks, pliant_grid_level *level)
-{
-    const int32_t nodes = level->pattern.num_columns, stride = index > 0 ? 2 : 1;
-    pliant_ties ties;
-    pliant_status status = pliant_ties_create(&level->pattern, blocks, stride, &ties);
-    if (status != PLIANT_OK) return status;
-    level->aggregate = pliant_calloc((size_t)nodes, sizeof *level->aggregate);
-    if (level->aggregate) {
-        level->num_aggregates = pliant_aggregate(&ties, least_tie[index > 0], level->aggregate);
-        for (int32_t n = nodes - 1; n > 0; n--) level->aggregate[n] = level->aggregate[n / stride];
-    }
-    pliant_ties_free(&ties);
-    return level->aggregate ? list_members(level) : pliant_fail_memory("the aggregates");
-}
-
-/* which blocks add to which pair of aggregates */
-static pliant_status find_pairs(pliant_grid_level *level)
-{
-    const pliant_pattern *pattern = &level->pattern;
-    pliant_entry *entries = pliant_calloc((size_t)pattern->num_blocks, sizeof *entries);
-    if (!entries) return pliant_fail_memory("the pattern of the matrix");
-    for (int32_t b = 0; b < pattern->num_blocks; b++) {
-        const int32_t row = level->aggregate[pattern->row[b]], column = level->aggregate[level->block_column[b]];
-        entries[b] = row >= column ? (pliant_entry){row, column, 2 * b} : (pliant_entry){column, row, 2 * b + 1};
-    }
-    level->pairs.num_columns = level->num_aggregates;
-    pliant_status status = pliant_pattern_fill(&level->pairs, entries, pattern->num_blocks);
-    pliant_free(entries);
-    return status;
-}
-
-/* two nodes an aggregate */
-static pliant_status twofold(const pliant_pattern *pairs, pliant_pattern *out)
-{
-    out->num_columns = 2 * pairs->num_columns;
-    out->num_blocks = 4 * pairs->num_blocks - pairs->num_columns;
-    out->num_values = 9 * (int64_t)out->num_blocks - 3 * (int64_t)out->num_columns;
-    out->start = pliant_calloc((size_t)out->num_columns + 1, sizeof *out->start);
-    out->row = pliant_calloc((size_t)out->num_blocks, sizeof *out->row);
-    if (!out->start || !out->row) return pliant_fail_memory("the pattern of the matrix");
-    int32_t blocks = 0;
-    for (int32_t column = 0; column < out->num_columns; column++) {
-        for (int32_t p = pairs->start[column / 2]; p < pairs->start[column / 2 + 1]; p++)
-            for (int32_t row = 2 * pairs->row[p]; row < 2 * pairs->row[p] + 2; row++)
-                if (row >= column) out->row[blocks++] = row;
-        out->start[column + 1] = blocks;
-    }
-    return PLIANT_OK;
-}
-
 static void level_free(pliant_grid_level *level)
 {
-    pliant_pattern_clear(&level->pattern);
-    pliant_pattern_clear(&level->pairs);
-    pliant_free(level->block_column);
-    pliant_free(level->aggregate);
-    pliant_free(level->member_start);
-    pliant_free(level->member);
+    pliant_free(level->parent);
+    pliant_free(level->child_start);
+    pliant_free(level->child);
+    pliant_free(level->to);
+    pliant_free(level->weight);
+    pliant_free(level->from_start);
+    pliant_free(level->from);
     pliant_free(level->row_start);
     pliant_free(level->column);
     pliant_free(level->place);
-    memset(level, 0, sizeof *level);
+    pliant_system_clear(&level->system);
+    pliant_mesh_free(&level->mesh);
 }
 
 void pliant_hierarchy_free(pliant_hierarchy *hierarchy)
 {
     if (!hierarchy) return;
-    /* the finest pattern belongs to the model */
-    memset(&hierarchy->level[0].pattern, 0, sizeof hierarchy->level[0].pattern);
+    /* the finest system belongs to the model */
+    memset(&hierarchy->level[0].system, 0, sizeof hierarchy->level[0].system);
     for (int l = 0; l < hierarchy->num_levels; l++) level_free(hierarchy->level + l);
     pliant_factor_free(hierarchy->factor);
     pliant_free(hierarchy);
 }
 
-/* numbers of a level while the next is made */
-typedef struct pliant_level_room {
-    double *blocks, *place;
-} pliant_level_room;
-
-static pliant_status next_level(pliant_hierarchy *hierarchy, pliant_level_room *room)
-{
-    const int index = hierarchy->num_levels - 1;
-    pliant_grid_level *level = hierarchy->level + index, *next = level + 1;
-    pliant_status status = full_rows(level);
-    if (status == PLIANT_OK) status = find_aggregates(index, room->blocks, level);
-    if (status == PLIANT_OK) status = find_pairs(level);
-    if (status != PLIANT_OK) return status;
-    hierarchy->num_levels++;
-    status = twofold(&level->pairs, &next->pattern);
-    if (status != PLIANT_OK) return status;
-    double *arm = pliant_calloc((size_t)level->pattern.num_columns, 3 * sizeof *arm);
-    pliant_level_room after = {pliant_calloc((size_t)next->pattern.num_blocks, 9 * sizeof *after.blocks),
-                               pliant_calloc((size_t)level->num_aggregates, 3 * sizeof *after.place)};
-    if (arm && after.blocks && after.place) {
-        pliant_galerkin_arms(hierarchy, index, room->place, after.place, arm);
-        pliant_galerkin_product(hierarchy, index, room->blocks, arm, hierarchy->system.num_threads, after.blocks);
-    } else status = pliant_fail_memory("the coarser levels");
-    pliant_free(arm);
-    pliant_free(room->blocks);
-    pliant_free(room->place);
-    *room = after;
-    return status;
-}
-
-/* matrix and places of the finest level at rest */
-static pliant_status at_rest(const pliant_hierarchy *hierarchy, pliant_level_room *room)
-{
-    const pliant_system *system = &hierarchy->system;
-    pliant_tangent *tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents);
-    room->blocks = pliant_calloc((size_t)system->pattern.num_blocks, 9 * sizeof *room->blocks);
-    room->place = pliant_calloc((size_t)system->num_free, 3 * sizeof *room->place);
-    if (tangents && room->blocks && room->place) {
-        pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, tangents);
-        pliant_galerkin_finest(system, tangents, room->blocks);
-        for (int32_t f = 0; f < system->num_free; f++)
-            memcpy(room->place + 3 * (size_t)f, system->mesh->rest + 3 * (size_t)system->node_of_free[f], 3 * sizeof *room->place);
-    }
-    pliant_free(tangents);
-    return tangents && room->blocks && room->place ? PLIANT_OK : pliant_fail_memory("the coarser levels");
-}
-
 pliant_status pliant_hierarchy_create(const pliant_system *system, int32_t largest_direct, pliant_hierarchy **out)
 {
-    const double thinned = 0.8; /* a level that has more of the nodes of the one above is the last */
-    *out = NULL;
     pliant_hierarchy *hierarchy = pliant_calloc(1, sizeof *hierarchy);
-    if (!hierarchy) return pliant_fail_memory("the coarser levels");
-    hierarchy->system = *system;
+    if (!hierarchy) return pliant_fail_memory("the coarser meshes");
+    pliant_status status = PLIANT_OK;
+    int32_t factor;
     hierarchy->num_levels = 1;
-    hierarchy->level[0].pattern = system->pattern;
-    const double *cell = system->mesh->cell_size;
-    hierarchy->length = cbrt(cell[0] * cell[1] * cell[2]);
-    pliant_level_room room = {0};
-    pliant_status status = at_rest(hierarchy, &room);
+    hierarchy->level[0].system = *system;
     while (status == PLIANT_OK && hierarchy->num_levels < PLIANT_MAX_LEVELS) {
-        const int32_t nodes = hierarchy->level[hierarchy->num_levels - 1].pattern.num_columns;
-        if (hierarchy->num_levels > 1 && nodes <= largest_direct) break;
-        status = next_level(hierarchy, &room);
-        if (status == PLIANT_OK && hierarchy->level[hierarchy->num_levels - 1].pattern.num_columns > thinned * nodes) break;
+        pliant_grid_level *level = hierarchy->level + hierarchy->num_levels - 1, *next = level + 1;
+        const pliant_system *fine = &level->system;
+        if (hierarchy->num_levels > 1 && fine->num_free <= largest_direct) break;
+        if (!(factor = factor_of(fine->mesh->cells))) break;
+        hierarchy->num_levels++;
+        status = coarser_mesh(fine->mesh, factor, level, next);
+        if (status != PLIANT_OK) break;
+        next->system.mesh = next->system.fine = &next->mesh;
+        next->system.num_threads = system->num_threads;
+        next->system.num_blocks = (next->mesh.num_tets + LANES - 1) / LANES;
+        status = transfer(fine, level, next);
+        if (status == PLIANT_OK) status = transpose(level, fine->num_free, next->system.num_free);
+        if (status == PLIANT_OK) status = full_rows(fine, level);
     }
-    pliant_free(room.blocks);
-    pliant_free(room.place);
-    if (status == PLIANT_OK) status = pliant_factor_analyze(&hierarchy->level[hierarchy->num_levels - 1].pattern, &hierarchy->factor);
-    if (status != PLIANT_OK) {
+    bool layered = hierarchy->num_levels > 1;
+    if (status == PLIANT_OK && layered)
+        status = pliant_factor_analyze(&hierarchy->level[hierarchy->num_levels - 1].system.pattern, &hierarchy->factor);
+    if (status != PLIANT_OK || !layered) {
         pliant_hierarchy_free(hierarchy);
+        *out = NULL;
         return status;
     }
     *out = hierarchy;
@@ -207,9 +189,9 @@ pliant_status pliant_hierarchy_create(const pliant_system *system, int32_t large
 
 double pliant_hierarchy_operations(const pliant_hierarchy *hierarchy)
 {
-    /* blocks of 16 pairs an element, their Galerkin products, a dozen products with the matrix for its largest eigenvalue */
-    double sum = pliant_factor_operations(hierarchy->factor) + 16.0 * 120 * hierarchy->system.mesh->num_tets;
+    /* Galerkin products of 16 block pairs an element, a dozen products with the matrix for its largest eigenvalue */
+    double sum = pliant_factor_operations(hierarchy->factor);
     for (int l = 0; l + 1 < hierarchy->num_levels; l++)
-        sum += 200.0 * hierarchy->level[l].pattern.num_blocks + 12.0 * 18 * hierarchy->level[l].row_start[hierarchy->level[l].pattern.num_columns];
+        sum += 6e3 * hierarchy->level[l].system.mesh->num_tets + 12.0 * 18 * hierarchy->level[l].row_start[hierarchy->level[l].system.num_free];
     return sum;
 }

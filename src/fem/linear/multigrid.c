@@ -1,47 +1,53 @@
 #include "fem/linear/multigrid.h"
 
 #include "base/fail.h"
-#include "base/lanes.h"
 #include "fem/linear/hierarchy.h"
-#include "fem/linear/pattern.h"
 #include "pliant/memory.h"
 
 #include <math.h>
 #include <string.h>
 
-enum { LANCZOS_STEPS = 12, ROWS_AT_ONCE = 64, PADDING = 4 };
+/* Chebyshev steps before and after, and the part of the spectrum that they damp (test/bench/bench_budget: three and a tenth
+ * need the fewest evaluations for the time) */
+enum { SMOOTHING_STEPS = 2, POWER_STEPS = 12 };
+static const double spectrum_share = 0.12, spectrum_margin = 1.1;
 
 /* numbers of one level */
 typedef struct level_values {
-    double *lower;              /* (pattern.num_blocks x 9) while numbers are made */
-    double *place, *arms;       /* (nodes that move x 3), (nodes x 3), likewise */
-    float *blocks;              /* (row entries x 9) column after column, and PADDING */
-    float *inverse;             /* (nodes x 9) inverted diagonal blocks, and PADDING */
-    float *arm;                 /* (nodes x 3) from the centre of its aggregate [m] */
+    pliant_system system;       /* view of the hierarchy's, with this one's stiffness and threads */
+    double *stiffness;          /* (num_tets x 144) Galerkin products; levels below the finest */
+    pliant_tangent *tangents;   /* unturned, for those */
+    float *blocks;              /* (row entries x 9) */
+    float *inverse;             /* (num_free x 9) inverted diagonal blocks */
     double largest;             /* eigenvalue of inverse times matrix */
-    float *x, *next, *right, *step; /* (3 nodes) */
+    double *x, *right, *residual, *step; /* (3 num_free) */
 } level_values;
 
 struct pliant_multigrid {
     const pliant_hierarchy *hierarchy;
-    int num_threads;
     level_values level[PLIANT_MAX_LEVELS];
     pliant_factor *factor;
     double *values;             /* of the coarsest matrix */
-    double *coarsest;           /* (3 nodes) of it */
 };
 
-static pliant_status level_create(const pliant_grid_level *grid, bool coarsest, level_values *level)
+static pliant_status level_create(const pliant_grid_level *grid, bool finest, bool coarsest, int num_threads, level_values *level)
 {
-    const size_t nodes = (size_t)grid->pattern.num_columns, n = 3 * nodes;
-    bool good = (level->x = pliant_calloc(n, sizeof *level->x)) && (level->right = pliant_calloc(n, sizeof *level->right)) &&
-                (level->lower = pliant_calloc((size_t)grid->pattern.num_blocks, 9 * sizeof *level->lower)) &&
-                (level->place = pliant_calloc(n, sizeof *level->place));
+    size_t n = 3 * (size_t)grid->system.num_free, tets = (size_t)grid->system.mesh->num_tets;
+    level->system = grid->system;
+    level->system.num_threads = num_threads;
+    bool good = (level->x = pliant_calloc(n, sizeof *level->x)) && (level->right = pliant_calloc(n, sizeof *level->right));
+    if (!finest) {
+        good = good && (level->stiffness = pliant_calloc(tets, 144 * sizeof *level->stiffness)) &&
+               (level->tangents = pliant_calloc((size_t)grid->system.num_blocks, sizeof *level->tangents));
+        level->system.stiffness = level->stiffness;
+        for (int32_t b = 0; good && b < grid->system.num_blocks; b++)
+            for (int m = 0; m < 9; m += 4)
+                for (int l = 0; l < LANES; l++) level->tangents[b].rotation[m][l] = 1;
+    }
     if (!coarsest)
-        good = good && (level->blocks = pliant_calloc(9 * (size_t)grid->row_start[nodes] + PADDING, sizeof *level->blocks)) &&
-               (level->inverse = pliant_calloc(9 * nodes + PADDING, sizeof *level->inverse)) &&
-               (level->arm = pliant_calloc(n, sizeof *level->arm)) && (level->arms = pliant_calloc(n, sizeof *level->arms)) &&
-               (level->next = pliant_calloc(n, sizeof *level->next)) && (level->step = pliant_calloc(n, sizeof *level->step));
+        good = good && (level->blocks = pliant_calloc((size_t)grid->row_start[grid->system.num_free], 9 * sizeof *level->blocks)) &&
+               (level->inverse = pliant_calloc((size_t)grid->system.num_free, 9 * sizeof *level->inverse)) &&
+               (level->residual = pliant_calloc(n, sizeof *level->residual)) && (level->step = pliant_calloc(n, sizeof *level->step));
     return good ? PLIANT_OK : pliant_fail_memory("the multigrid");
 }
 
@@ -50,16 +56,13 @@ pliant_status pliant_multigrid_create(const pliant_hierarchy *hierarchy, int num
     pliant_multigrid *multigrid = pliant_calloc(1, sizeof *multigrid);
     if (!multigrid) return pliant_fail_memory("the multigrid");
     multigrid->hierarchy = hierarchy;
-    multigrid->num_threads = num_threads;
     int last = hierarchy->num_levels - 1;
     pliant_status status = PLIANT_OK;
-    for (int l = 0; l <= last && status == PLIANT_OK; l++) status = level_create(hierarchy->level + l, l == last, multigrid->level + l);
+    for (int l = 0; l <= last && status == PLIANT_OK; l++)
+        status = level_create(hierarchy->level + l, l == 0, l == last, num_threads, multigrid->level + l);
     if (status == PLIANT_OK) {
-        const pliant_pattern *pattern = &hierarchy->level[last].pattern;
-        multigrid->values = pliant_calloc((size_t)pattern->num_values, sizeof *multigrid->values);
-        multigrid->coarsest = pliant_calloc((size_t)pattern->num_columns, 3 * sizeof *multigrid->coarsest);
-        bool good = multigrid->values && multigrid->coarsest;
-        status = good ? pliant_factor_clone(hierarchy->factor, &multigrid->factor) : pliant_fail_memory("the multigrid");
+        multigrid->values = pliant_calloc((size_t)hierarchy->level[last].system.pattern.num_values, sizeof *multigrid->values);
+        status = multigrid->values ? pliant_factor_clone(hierarchy->factor, &multigrid->factor) : pliant_fail_memory("the multigrid");
     }
     if (status != PLIANT_OK) {
         pliant_multigrid_free(multigrid);
@@ -74,18 +77,55 @@ void pliant_multigrid_free(pliant_multigrid *multigrid)
     if (!multigrid) return;
     for (int l = 0; l < multigrid->hierarchy->num_levels; l++) {
         level_values *level = multigrid->level + l;
-        void *arrays[] = {level->lower, level->place, level->arms, level->blocks, level->inverse, level->arm, level->x, level->next, level->right, level->step};
-        for (size_t a = 0; a < sizeof arrays / sizeof *arrays; a++) pliant_free(arrays[a]);
+        pliant_free(level->stiffness);
+        pliant_free(level->tangents);
+        pliant_free(level->blocks);
+        pliant_free(level->inverse);
+        pliant_free(level->x);
+        pliant_free(level->right);
+        pliant_free(level->residual);
+        pliant_free(level->step);
     }
     pliant_factor_free(multigrid->factor);
     pliant_free(multigrid->values);
-    pliant_free(multigrid->coarsest);
     pliant_free(multigrid);
 }
 
-void pliant_multigrid_threads(pliant_multigrid *multigrid, int num_threads) { multigrid->num_threads = num_threads; }
+void pliant_multigrid_threads(pliant_multigrid *multigrid, int num_threads)
+{
+    for (int l = 0; l < multigrid->hierarchy->num_levels; l++) multigrid->level[l].system.num_threads = num_threads;
+}
 
 /* ---- the matrices */
+
+/* P' K P over the children of one coarse tetrahedron; rows of fixed nodes are zero */
+static void galerkin(const pliant_grid_level *grid, const level_values *fine, const pliant_tangent *tangents, const pliant_mesh *coarse,
+                     int32_t tet, double out[144])
+{
+    const pliant_system *system = &fine->system;
+    memset(out, 0, 144 * sizeof *out);
+    for (int32_t c = grid->child_start[tet]; c < grid->child_start[tet + 1]; c++) {
+        int32_t child = grid->child[c];
+        double k[144], share[4][4];
+        pliant_system_element(system, tangents, child, k);
+        for (int v = 0; v < 4; v++) {
+            int32_t node = system->mesh->tets[4 * child + v];
+            memset(share[v], 0, sizeof share[v]);
+            if (system->free_of_node[node] >= 0) pliant_mesh_barycentric(coarse, tet, system->mesh->rest + 3 * node, share[v]);
+        }
+        for (int v = 0; v < 4; v++)
+            for (int a = 0; a < 4; a++) {
+                if (fabs(share[v][a]) < 1e-9) continue;
+                for (int u = 0; u < 4; u++)
+                    for (int b = 0; b < 4; b++) {
+                        double weight = share[v][a] * share[u][b];
+                        if (weight == 0) continue;
+                        for (int r = 0; r < 3; r++)
+                            for (int s = 0; s < 3; s++) out[12 * (3 * a + r) + 3 * b + s] += weight * k[12 * (3 * v + r) + 3 * u + s];
+                    }
+            }
+    }
+}
 
 static void invert(const double m[9], float out[9])
 {
@@ -96,154 +136,90 @@ static void invert(const double m[9], float out[9])
     for (int n = 0; n < 9; n++) out[n] = determinant > 0 ? (float)(c[n] / determinant) : 0;
 }
 
-static void fill_rows(const pliant_grid_level *grid, level_values *level, int num_threads)
+static void fill_rows(const pliant_grid_level *grid, level_values *level, const pliant_tangent *tangents)
 {
-#pragma omp parallel for schedule(static) num_threads(num_threads)
-    for (int32_t b = 0; b < grid->pattern.num_blocks; b++) {
-        const double *block = level->lower + 9 * (size_t)b;
-        float *here = level->blocks + 9 * (size_t)grid->place[2 * b];
-        for (int m = 0; m < 9; m++) here[m] = (float)block[3 * (m % 3) + m / 3];
-        if (grid->place[2 * b + 1] < 0) {
-            invert(block, level->inverse + 9 * (size_t)grid->block_column[b]);
-            continue;
+    const pliant_pattern *pattern = &level->system.pattern;
+#pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
+    for (int32_t column = 0; column < pattern->num_columns; column++)
+        for (int32_t b = pattern->start[column]; b < pattern->start[column + 1]; b++) {
+            double block[9];
+            pliant_system_assemble_block(&level->system, tangents, b, block);
+            float *here = level->blocks + 9 * (size_t)grid->place[2 * b];
+            for (int m = 0; m < 9; m++) here[m] = (float)block[m];
+            if (grid->place[2 * b + 1] < 0) {
+                invert(block, level->inverse + 9 * (size_t)column);
+                continue;
+            }
+            float *there = level->blocks + 9 * (size_t)grid->place[2 * b + 1];
+            for (int m = 0; m < 9; m++) there[m] = (float)block[3 * (m % 3) + m / 3];
         }
-        float *there = level->blocks + 9 * (size_t)grid->place[2 * b + 1];
-        for (int m = 0; m < 9; m++) there[m] = (float)block[m];
+}
+
+/* out = right - A x, or A x without right */
+static void apply(const pliant_grid_level *grid, const level_values *level, const double *right, const double *x, double *out)
+{
+#pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
+    for (int32_t row = 0; row < level->system.num_free; row++) {
+        double sum[3] = {0, 0, 0};
+        for (int32_t e = grid->row_start[row]; e < grid->row_start[row + 1]; e++) {
+            const float *a = level->blocks + 9 * (size_t)e;
+            const double *v = x + 3 * grid->column[e];
+            for (int r = 0; r < 3; r++) sum[r] += a[3 * r] * v[0] + a[3 * r + 1] * v[1] + a[3 * r + 2] * v[2];
+        }
+        for (int r = 0; r < 3; r++) out[3 * row + r] = right ? right[3 * row + r] - sum[r] : sum[r];
     }
 }
 
-/* three numbers and one that does not count */
-typedef float four __attribute__((vector_size(16)));
-
-static inline __attribute__((always_inline)) four load(const float *from)
+/* step = a * step + b * D^-1 residual */
+static void scaled_step(const level_values *level, double a, double b, const double *residual, double *step)
 {
-    four out;
-    memcpy(&out, from, sizeof out);
-    return out;
-}
-
-/* block times vector; the block column after column */
-static inline __attribute__((always_inline)) four times(const float *block, const float *v)
-{
-    return load(block) * v[0] + load(block + 3) * v[1] + load(block + 6) * v[2];
-}
-
-/* what smoothing does to some rows: step = again step + fresh D^-1 (right - A x), next = x + step; with next NULL, step = right - A x */
-typedef struct sweep {
-    const pliant_grid_level *grid;
-    const level_values *level;
-    const float *right, *x; /* Nullable: zero */
-    float *step, *next;
-    float again, fresh;
-} sweep;
-
-PLIANT_VECTORIZED static void sweep_rows(const sweep *s, int32_t from, int32_t to)
-{
-    const int32_t *start = s->grid->row_start, *column = s->grid->column;
-    for (int32_t row = from; row < to; row++) {
-        four sum = {0, 0, 0, 0};
-        for (int32_t e = start[row]; s->x && e < start[row + 1]; e++) sum += times(s->level->blocks + 9 * (size_t)e, s->x + 3 * (size_t)column[e]);
-        float residual[3], *step = s->step + 3 * (size_t)row;
-        for (int d = 0; d < 3; d++) residual[d] = (s->right ? s->right[3 * (size_t)row + (size_t)d] : 0) - sum[d];
-        if (!s->next) {
-            memcpy(step, residual, sizeof residual);
-            continue;
-        }
-        four fresh = times(s->level->inverse + 9 * (size_t)row, residual);
-        for (int d = 0; d < 3; d++) {
-            step[d] = (s->again != 0 ? s->again * step[d] : 0) + s->fresh * fresh[d];
-            s->next[3 * (size_t)row + (size_t)d] = (s->x ? s->x[3 * (size_t)row + (size_t)d] : 0) + step[d];
-        }
+#pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
+    for (int32_t row = 0; row < level->system.num_free; row++) {
+        const float *inverse = level->inverse + 9 * (size_t)row;
+        const double *r = residual + 3 * row;
+        for (int d = 0; d < 3; d++)
+            step[3 * row + d] = a * step[3 * row + d] + b * (inverse[3 * d] * r[0] + inverse[3 * d + 1] * r[1] + inverse[3 * d + 2] * r[2]);
     }
 }
 
-static void run(const sweep *s, int num_threads)
+/* power iteration from a fixed start that is far from smooth; the margin covers what it has not found yet */
+static void find_largest(const pliant_grid_level *grid, level_values *level)
 {
-    const int32_t rows = s->grid->pattern.num_columns;
-#pragma omp parallel for schedule(static) num_threads(num_threads)
-    for (int32_t from = 0; from < rows; from += ROWS_AT_ONCE) sweep_rows(s, from, from + ROWS_AT_ONCE < rows ? from + ROWS_AT_ONCE : rows);
-}
-
-/* Largest eigenvalue of a symmetric tridiagonal matrix: where a Sturm sequence (Golub and Van Loan, 8.4.2) counts none above. */
-static double largest_of(int n, const double *diagonal, const double *beside)
-{
-    double low = 0, high = 0;
-    for (int k = 0; k < n; k++) high = fmax(high, fabs(diagonal[k]) + (k > 0 ? fabs(beside[k - 1]) : 0) + (k + 1 < n ? fabs(beside[k]) : 0));
-    for (int pass = 0; pass < 40; pass++) {
-        const double middle = 0.5 * (low + high);
-        double pivot = diagonal[0] - middle;
-        bool above = pivot > 0;
-        for (int k = 1; k < n && !above; k++) {
-            pivot = diagonal[k] - middle - beside[k - 1] * beside[k - 1] / fmin(pivot, -1e-30);
-            above = pivot > 0;
-        }
-        if (above) low = middle;
-        else high = middle;
-    }
-    return high;
-}
-
-static double dot(size_t n, const float *a, const float *b)
-{
-    double sum = 0;
-    for (size_t i = 0; i < n; i++) sum += (double)a[i] * b[i];
-    return sum;
-}
-
-/* Of D^-1 A, by Lanczos: conjugate gradients for A x = r know its tridiagonal matrix (Saad, Iterative Methods, 6.7.3). From a fixed start
- * that is far from smooth; the margin covers what it has not found yet. */
-static void find_largest(const pliant_grid_level *grid, level_values *level, int num_threads)
-{
-    const double margin = 1.05;
-    const size_t n = 3 * (size_t)grid->pattern.num_columns;
-    float *r = level->right, *z = level->next, *p = level->x, *q = level->step;
+    size_t n = 3 * (size_t)level->system.num_free;
     uint32_t seed = 12345;
     for (size_t i = 0; i < n; i++) {
         seed = seed * 1664525u + 1013904223u;
-        r[i] = (float)(seed >> 8) / (1 << 24) - 0.5f;
-        p[i] = 0;
+        level->step[i] = (double)(seed >> 8) / (1 << 24) - 0.5;
     }
-    const sweep scaled = {.grid = grid, .level = level, .right = r, .step = q, .next = z, .fresh = 1};
-    const sweep product = {.grid = grid, .level = level, .x = p, .step = q};
-    double diagonal[LANCZOS_STEPS], beside[LANCZOS_STEPS], alpha = 0, before = 0;
-    int found = 0;
-    while (found < LANCZOS_STEPS) {
-        run(&scaled, num_threads);
-        const double now = dot(n, r, z), beta = before > 0 ? now / before : 0;
-        if (!(now > 0)) break;
-        if (found > 0) beside[found - 1] = sqrt(beta) / alpha;
-        for (size_t i = 0; i < n; i++) p[i] = z[i] + (float)beta * p[i];
-        run(&product, num_threads); /* q = -A p */
-        const double curvature = -dot(n, p, q), behind = found > 0 ? beta / alpha : 0;
-        if (!(curvature > 0)) break;
-        alpha = now / curvature;
-        diagonal[found++] = 1 / alpha + behind;
-        for (size_t i = 0; i < n; i++) r[i] += (float)alpha * q[i];
-        before = now;
+    level->largest = 1;
+    for (int pass = 0; pass < POWER_STEPS; pass++) {
+        double before = 0, after = 0;
+        for (size_t i = 0; i < n; i++) before += level->step[i] * level->step[i];
+        double scale = before > 0 ? 1 / sqrt(before) : 0;
+        for (size_t i = 0; i < n; i++) level->x[i] = scale * level->step[i];
+        apply(grid, level, NULL, level->x, level->residual);
+        scaled_step(level, 0, 1, level->residual, level->step);
+        for (size_t i = 0; i < n; i++) after += level->step[i] * level->step[i];
+        level->largest = sqrt(after);
     }
-    level->largest = found > 0 ? margin * largest_of(found, diagonal, beside) : 1;
+    level->largest *= spectrum_margin;
 }
 
-pliant_status pliant_multigrid_numeric(pliant_multigrid *multigrid, const double *positions, const pliant_tangent *tangents)
+pliant_status pliant_multigrid_numeric(pliant_multigrid *multigrid, const pliant_tangent *tangents)
 {
     const pliant_hierarchy *hierarchy = multigrid->hierarchy;
-    const int last = hierarchy->num_levels - 1, threads = multigrid->num_threads;
-    pliant_system system = hierarchy->system;
-    system.num_threads = threads;
-    level_values *finest = multigrid->level;
-    pliant_galerkin_finest(&system, tangents, finest->lower);
-    for (int32_t f = 0; f < system.num_free; f++)
-        memcpy(finest->place + 3 * (size_t)f, positions + 3 * (size_t)system.node_of_free[f], 3 * sizeof *positions);
+    int last = hierarchy->num_levels - 1;
     for (int l = 0; l < last; l++) {
         const pliant_grid_level *grid = hierarchy->level + l;
-        level_values *level = multigrid->level + l;
-        fill_rows(grid, level, threads);
-        find_largest(grid, level, threads);
-        pliant_galerkin_arms(hierarchy, l, level->place, level[1].place, level->arms);
-        for (size_t i = 0; i < 3 * (size_t)grid->pattern.num_columns; i++) level->arm[i] = (float)level->arms[i];
-        pliant_galerkin_product(hierarchy, l, level->lower, level->arms, threads, level[1].lower);
+        level_values *fine = multigrid->level + l, *coarse = fine + 1;
+        const pliant_tangent *at = l == 0 ? tangents : fine->tangents;
+#pragma omp parallel for schedule(static) num_threads(fine->system.num_threads)
+        for (int32_t tet = 0; tet < coarse->system.mesh->num_tets; tet++)
+            galerkin(grid, fine, at, coarse->system.mesh, tet, coarse->stiffness + 144 * (size_t)tet);
+        fill_rows(grid, fine, at);
+        find_largest(grid, fine);
     }
-    pliant_pattern_values(&hierarchy->level[last].pattern, multigrid->level[last].lower, multigrid->values);
+    pliant_system_assemble(&multigrid->level[last].system, multigrid->level[last].tangents, multigrid->values);
     return pliant_factor_numeric(multigrid->factor, multigrid->values);
 }
 
@@ -252,22 +228,19 @@ pliant_status pliant_multigrid_copy(pliant_multigrid *to, const pliant_multigrid
     const pliant_hierarchy *hierarchy = to->hierarchy;
     for (int l = 0; l + 1 < hierarchy->num_levels; l++) {
         const pliant_grid_level *grid = hierarchy->level + l;
-        size_t n = (size_t)grid->pattern.num_columns;
+        size_t n = (size_t)grid->system.num_free;
         memcpy(to->level[l].blocks, from->level[l].blocks, 9 * (size_t)grid->row_start[n] * sizeof(float));
         memcpy(to->level[l].inverse, from->level[l].inverse, 9 * n * sizeof(float));
-        memcpy(to->level[l].arm, from->level[l].arm, 3 * n * sizeof(float));
         to->level[l].largest = from->level[l].largest;
     }
-    memcpy(to->values, from->values, (size_t)hierarchy->level[hierarchy->num_levels - 1].pattern.num_values * sizeof *to->values);
+    memcpy(to->values, from->values, (size_t)hierarchy->level[hierarchy->num_levels - 1].system.pattern.num_values * sizeof *to->values);
     return pliant_factor_numeric(to->factor, to->values);
 }
 
-void pliant_multigrid_level(const pliant_multigrid *multigrid, int level, const float **blocks, const float **inverse, const float **arm,
-                            double *largest)
+void pliant_multigrid_level(const pliant_multigrid *multigrid, int level, const float **blocks, const float **inverse, double *largest)
 {
     *blocks = multigrid->level[level].blocks;
     *inverse = multigrid->level[level].inverse;
-    *arm = multigrid->level[level].arm;
     *largest = multigrid->level[level].largest;
 }
 
@@ -275,97 +248,65 @@ const double *pliant_multigrid_coarsest(const pliant_multigrid *multigrid) { ret
 
 /* ---- the cycle */
 
-pliant_chebyshev pliant_multigrid_smoother(double largest)
+/* Chebyshev iteration for A x = right on [share, 1] of the spectrum of D^-1 A (Saad, Iterative Methods, 12.3) */
+static void smooth(const pliant_grid_level *grid, level_values *level, const double *right, bool from_zero)
 {
-    const double share = 0.12, low = share * largest, centre = 0.5 * (largest + low), half = 0.5 * (largest - low);
-    const double sigma = centre / half, rho = 1 / sigma, next = 1 / (2 * sigma - rho);
-    return (pliant_chebyshev){(float)(1 / centre), (float)(next * rho), (float)(2 * next / half)};
+    size_t n = 3 * (size_t)level->system.num_free;
+    double high = level->largest, low = spectrum_share * high, centre = 0.5 * (high + low), half = 0.5 * (high - low);
+    double sigma = centre / half, rho = 1 / sigma;
+    if (from_zero) memcpy(level->residual, right, n * sizeof *right);
+    else apply(grid, level, right, level->x, level->residual);
+    scaled_step(level, 0, 1 / centre, level->residual, level->step);
+    for (int pass = 0;; pass++) {
+#pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
+        for (size_t i = 0; i < n; i++) level->x[i] = (from_zero && pass == 0 ? 0 : level->x[i]) + level->step[i];
+        if (pass + 1 == SMOOTHING_STEPS) return;
+        apply(grid, level, right, level->x, level->residual);
+        double next = 1 / (2 * sigma - rho);
+        scaled_step(level, next * rho, 2 * next / half, level->residual, level->step);
+        rho = next;
+    }
 }
 
-/* two steps, from zero or from x */
-static void smooth(const pliant_grid_level *grid, level_values *level, bool from_zero, int num_threads)
+static void restrict_residual(const pliant_grid_level *grid, const level_values *fine, level_values *coarse)
 {
-    const pliant_chebyshev by = pliant_multigrid_smoother(level->largest);
-    const sweep first = {.grid = grid, .level = level, .right = level->right, .x = from_zero ? NULL : level->x, .step = level->step,
-                         .next = level->next, .fresh = by.first};
-    const sweep second = {.grid = grid, .level = level, .right = level->right, .x = level->next, .step = level->step,
-                          .next = level->x, .again = by.again, .fresh = by.fresh};
-    run(&first, num_threads);
-    run(&second, num_threads);
+#pragma omp parallel for schedule(static) num_threads(fine->system.num_threads)
+    for (int32_t c = 0; c < coarse->system.num_free; c++) {
+        double sum[3] = {0, 0, 0};
+        for (int32_t e = grid->from_start[c]; e < grid->from_start[c + 1]; e++)
+            for (int d = 0; d < 3; d++) sum[d] += grid->weight[grid->from[e]] * fine->residual[3 * (grid->from[e] / 4) + d];
+        memcpy(coarse->right + 3 * c, sum, sizeof sum);
+    }
 }
 
-/* forces of aggregates, and moments about their centres */
-static void restrict_residual(const pliant_hierarchy *hierarchy, int l, level_values *level, int num_threads)
+static void add_correction(const pliant_grid_level *grid, level_values *fine, const level_values *coarse)
 {
-    const pliant_grid_level *grid = hierarchy->level + l;
-    const sweep residual = {.grid = grid, .level = level, .right = level->right, .x = level->x, .step = level->step};
-    run(&residual, num_threads);
-#pragma omp parallel for schedule(static) num_threads(num_threads)
-    for (int32_t a = 0; a < grid->num_aggregates; a++) {
-        float sum[6] = {0, 0, 0, 0, 0, 0};
-        for (int32_t m = grid->member_start[a]; m < grid->member_start[a + 1]; m++) {
-            const int32_t node = grid->member[m];
-            const float *f = level->step + 3 * (size_t)node, *d = level->arm + 3 * (size_t)node;
-            if (pliant_level_turns(l, node)) {
-                for (int c = 0; c < 3; c++) sum[3 + c] += f[c];
-                continue;
-            }
-            for (int c = 0; c < 3; c++) sum[c] += f[c];
-            sum[3] += d[1] * f[2] - d[2] * f[1];
-            sum[4] += d[2] * f[0] - d[0] * f[2];
-            sum[5] += d[0] * f[1] - d[1] * f[0];
+#pragma omp parallel for schedule(static) num_threads(fine->system.num_threads)
+    for (int32_t f = 0; f < fine->system.num_free; f++)
+        for (int v = 0; v < 4; v++) {
+            if (grid->weight[4 * f + v] == 0) continue;
+            for (int d = 0; d < 3; d++) fine->x[3 * f + d] += grid->weight[4 * f + v] * coarse->x[3 * grid->to[4 * f + v] + d];
         }
-        memcpy(level[1].right + 6 * (size_t)a, sum, sizeof sum);
-    }
 }
 
-static void add_correction(const pliant_hierarchy *hierarchy, int l, level_values *level, int num_threads)
+static pliant_status cycle(pliant_multigrid *multigrid, int l, const double *right)
 {
-    const pliant_grid_level *grid = hierarchy->level + l;
-#pragma omp parallel for schedule(static) num_threads(num_threads)
-    for (int32_t n = 0; n < grid->pattern.num_columns; n++) {
-        const float *t = level[1].x + 6 * (size_t)grid->aggregate[n], *w = t + 3, *d = level->arm + 3 * (size_t)n;
-        float *x = level->x + 3 * (size_t)n;
-        const bool turns = pliant_level_turns(l, n);
-        x[0] += turns ? w[0] : t[0] + w[1] * d[2] - w[2] * d[1];
-        x[1] += turns ? w[1] : t[1] + w[2] * d[0] - w[0] * d[2];
-        x[2] += turns ? w[2] : t[2] + w[0] * d[1] - w[1] * d[0];
-    }
-}
-
-static pliant_status solve_coarsest(pliant_multigrid *multigrid, const level_values *level, size_t n)
-{
-    for (size_t i = 0; i < n; i++) multigrid->coarsest[i] = level->right[i];
-    pliant_status status = pliant_factor_solve(multigrid->factor, 1, multigrid->coarsest, multigrid->coarsest);
-    for (size_t i = 0; i < n; i++) level->x[i] = (float)multigrid->coarsest[i];
-    return status;
-}
-
-/* x of a level for its right */
-static pliant_status cycle(pliant_multigrid *multigrid, int l)
-{
-    const pliant_hierarchy *hierarchy = multigrid->hierarchy;
-    const pliant_grid_level *grid = hierarchy->level + l;
-    const int threads = multigrid->num_threads, times_through = l > 0 ? PLIANT_CYCLES_BELOW : 1;
+    const pliant_grid_level *grid = multigrid->hierarchy->level + l;
     level_values *level = multigrid->level + l;
-    if (l == hierarchy->num_levels - 1) return solve_coarsest(multigrid, level, 3 * (size_t)grid->pattern.num_columns);
-    for (int pass = 0; pass < times_through; pass++) {
-        smooth(grid, level, pass == 0, threads);
-        restrict_residual(hierarchy, l, level, threads);
-        pliant_status status = cycle(multigrid, l + 1);
-        if (status != PLIANT_OK) return status;
-        add_correction(hierarchy, l, level, threads);
-        smooth(grid, level, false, threads);
-    }
+    if (l == multigrid->hierarchy->num_levels - 1) return pliant_factor_solve(multigrid->factor, 1, right, level->x);
+    smooth(grid, level, right, true);
+    apply(grid, level, right, level->x, level->residual);
+    restrict_residual(grid, level, level + 1);
+    pliant_status status = cycle(multigrid, l + 1, level[1].right);
+    if (status != PLIANT_OK) return status;
+    add_correction(grid, level, level + 1);
+    smooth(grid, level, right, false);
     return PLIANT_OK;
 }
 
 pliant_status pliant_multigrid_solve(pliant_multigrid *multigrid, const double *right, double *out)
 {
-    level_values *finest = multigrid->level;
-    const size_t n = 3 * (size_t)multigrid->hierarchy->system.num_free;
-    for (size_t i = 0; i < n; i++) finest->right[i] = (float)right[i];
-    pliant_status status = cycle(multigrid, 0);
-    for (size_t i = 0; status == PLIANT_OK && i < n; i++) out[i] = finest->x[i];
+    pliant_status status = cycle(multigrid, 0, right);
+    if (status == PLIANT_OK) memcpy(out, multigrid->level[0].x, 3 * (size_t)multigrid->level[0].system.num_free * sizeof *out);
     return status;
 }

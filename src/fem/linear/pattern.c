@@ -1,6 +1,6 @@
 /* Which nodes move, which element forces they gather, and the pattern and values of the matrix. */
 #include "base/fail.h"
-#include "fem/linear/pattern.h"
+#include "fem/system.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -39,8 +39,12 @@ static pliant_status list_corners(pliant_system *system)
     return PLIANT_OK;
 }
 
+typedef struct pair {
+    int32_t row, column, term;
+} pair;
+
 /* every (row, column) of the lower triangle that an element fills */
-static int32_t list_pairs(const pliant_system *system, pliant_entry *pairs)
+static int32_t list_pairs(const pliant_system *system, pair *pairs)
 {
     const pliant_mesh *mesh = system->mesh;
     int32_t count = 0;
@@ -49,13 +53,13 @@ static int32_t list_pairs(const pliant_system *system, pliant_entry *pairs)
             for (int b = 0; b <= a; b++) {
                 int32_t row = system->free_of_node[mesh->tets[4 * t + a]], column = system->free_of_node[mesh->tets[4 * t + b]];
                 if (row < 0 || column < 0) continue;
-                pairs[count++] = row >= column ? (pliant_entry){row, column, 16 * t + 4 * a + b} : (pliant_entry){column, row, 16 * t + 4 * b + a};
+                pairs[count++] = row >= column ? (pair){row, column, 16 * t + 4 * a + b} : (pair){column, row, 16 * t + 4 * b + a};
             }
     return count;
 }
 
 /* stable counting sort by row or column */
-static void sort_pairs(const pliant_entry *in, pliant_entry *out, int32_t count, bool by_column, int32_t *start, int32_t num_keys)
+static void sort_pairs(const pair *in, pair *out, int32_t count, bool by_column, int32_t *start, int32_t num_keys)
 {
     memset(start, 0, ((size_t)num_keys + 1) * sizeof *start);
     for (int32_t p = 0; p < count; p++) start[(by_column ? in[p].column : in[p].row) + 1]++;
@@ -63,7 +67,7 @@ static void sort_pairs(const pliant_entry *in, pliant_entry *out, int32_t count,
     for (int32_t p = 0; p < count; p++) out[start[by_column ? in[p].column : in[p].row]++] = in[p];
 }
 
-static pliant_status fill_blocks(pliant_pattern *pattern, const pliant_entry *pairs, int32_t count)
+static pliant_status fill_pattern(pliant_pattern *pattern, const pair *pairs, int32_t count)
 {
     pattern->start = pliant_calloc((size_t)pattern->num_columns + 1, sizeof *pattern->start);
     pattern->row = pliant_calloc((size_t)count, sizeof *pattern->row);
@@ -87,48 +91,6 @@ static pliant_status fill_blocks(pliant_pattern *pattern, const pliant_entry *pa
     return PLIANT_OK;
 }
 
-pliant_status pliant_pattern_fill(pliant_pattern *pattern, pliant_entry *entries, int32_t count)
-{
-    pliant_entry *sorted = pliant_calloc((size_t)count, sizeof *sorted);
-    int32_t *start = pliant_calloc((size_t)pattern->num_columns + 1, sizeof *start);
-    pliant_status status = sorted && start ? PLIANT_OK : pliant_fail_memory("the pattern of the matrix");
-    if (status == PLIANT_OK) {
-        sort_pairs(entries, sorted, count, false, start, pattern->num_columns);
-        sort_pairs(sorted, entries, count, true, start, pattern->num_columns);
-        status = fill_blocks(pattern, entries, count);
-    }
-    pliant_free(sorted);
-    pliant_free(start);
-    return status;
-}
-
-void pliant_pattern_clear(pliant_pattern *pattern)
-{
-    pliant_free(pattern->start);
-    pliant_free(pattern->row);
-    pliant_free(pattern->term_start);
-    pliant_free(pattern->term);
-    memset(pattern, 0, sizeof *pattern);
-}
-
-/* scalar columns 3j, 3j+1, 3j+2 hold 3h, 3h-1, 3h-2 numbers, h the height in blocks; n: of the block in its column */
-static void put_block(const pliant_pattern *pattern, int32_t column, int32_t n, const double block[9], double *values)
-{
-    int32_t first = pattern->start[column], height = pattern->start[column + 1] - first;
-    double *out = values + 9 * (int64_t)first - 3 * (int64_t)column;
-    for (int c = 0; c < 3; c++) {
-        for (int r = n == 0 ? c : 0; r < 3; r++) out[3 * n + r - c] = block[3 * r + c];
-        out += 3 * height - c;
-    }
-}
-
-void pliant_pattern_values(const pliant_pattern *pattern, const double *blocks, double *values)
-{
-    for (int32_t column = 0; column < pattern->num_columns; column++)
-        for (int32_t b = pattern->start[column]; b < pattern->start[column + 1]; b++)
-            put_block(pattern, column, b - pattern->start[column], blocks + 9 * (size_t)b, values);
-}
-
 pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed)
 {
     pliant_status status = number_free(system, fixed);
@@ -137,11 +99,20 @@ pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed
     if (status != PLIANT_OK) return status;
     size_t most = 10 * (size_t)system->mesh->num_tets;
     if (most > INT32_MAX / 16) return pliant_fail(PLIANT_ERROR_SCENE, "%d tetrahedra are too many for the matrix", system->mesh->num_tets);
-    pliant_entry *pairs = pliant_calloc(most, sizeof *pairs);
-    if (!pairs) return pliant_fail_memory("the pattern of the matrix");
-    system->pattern.num_columns = system->num_free;
-    status = pliant_pattern_fill(&system->pattern, pairs, list_pairs(system, pairs));
+    pair *pairs = pliant_calloc(most, sizeof *pairs), *sorted = pliant_calloc(most, sizeof *sorted);
+    int32_t *start = pliant_calloc((size_t)system->num_free + 1, sizeof *start);
+    if (!pairs || !sorted || !start) {
+        status = pliant_fail_memory("the pattern of the matrix");
+    } else {
+        int32_t count = list_pairs(system, pairs);
+        sort_pairs(pairs, sorted, count, false, start, system->num_free);
+        sort_pairs(sorted, pairs, count, true, start, system->num_free);
+        system->pattern.num_columns = system->num_free;
+        status = fill_pattern(&system->pattern, pairs, count);
+    }
     pliant_free(pairs);
+    pliant_free(sorted);
+    pliant_free(start);
     return status;
 }
 
@@ -210,12 +181,20 @@ void pliant_system_assemble(const pliant_system *system, const pliant_tangent *t
     }
     const pliant_pattern *pattern = &system->pattern;
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
-    for (int32_t column = 0; column < pattern->num_columns; column++)
-        for (int32_t b = pattern->start[column]; b < pattern->start[column + 1]; b++) {
+    for (int32_t column = 0; column < pattern->num_columns; column++) {
+        int32_t first = pattern->start[column], height = pattern->start[column + 1] - first;
+        /* scalar columns 3j, 3j+1, 3j+2 hold 3h, 3h-1, 3h-2 numbers */
+        double *out[3];
+        out[0] = values + 9 * (int64_t)first - 3 * (int64_t)column;
+        out[1] = out[0] + 3 * height;
+        out[2] = out[1] + 3 * height - 1;
+        for (int32_t n = 0; n < height; n++) {
             double block[9];
-            pliant_system_assemble_block(system, tangents, b, block);
-            put_block(pattern, column, b - pattern->start[column], block, values);
+            pliant_system_assemble_block(system, tangents, first + n, block);
+            for (int c = 0; c < 3; c++)
+                for (int r = n == 0 ? c : 0; r < 3; r++) *out[c]++ = block[3 * r + c];
         }
+    }
 }
 
 double pliant_system_mean_diagonal(const pliant_system *system)

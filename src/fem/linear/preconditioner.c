@@ -7,7 +7,7 @@
 #include <string.h>
 
 /* Above this many free nodes a V-cycle is cheaper than the two triangular solves (test/bench/bench_budget). */
-enum { LARGEST_DIRECT = 8000, COARSEST = 2000 };
+enum { LARGEST_DIRECT = 8000, COARSEST = 4000 };
 
 struct pliant_preconditioner {
     pliant_system system;      /* a view of the constant system, with this one's number of threads */
@@ -37,9 +37,12 @@ pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_p
     if (layered) {
         status = pliant_hierarchy_create(system, COARSEST, &preconditioner->hierarchy);
         preconditioner->owns_hierarchy = true;
-        if (status == PLIANT_OK) status = pliant_multigrid_create(preconditioner->hierarchy, system->num_threads, &preconditioner->multigrid);
+        if (status == PLIANT_OK && !preconditioner->hierarchy)
+            pliant_log(PLIANT_LOG_INFO, "this lattice cannot be coarsened for multigrid; it is factored");
+        if (status == PLIANT_OK && preconditioner->hierarchy)
+            status = pliant_multigrid_create(preconditioner->hierarchy, system->num_threads, &preconditioner->multigrid);
     }
-    if (status == PLIANT_OK && !layered) status = create_direct(preconditioner);
+    if (status == PLIANT_OK && !preconditioner->hierarchy) status = create_direct(preconditioner);
     if (status != PLIANT_OK) {
         pliant_preconditioner_free(preconditioner);
         return status;
@@ -95,10 +98,10 @@ void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int nu
     if (preconditioner->multigrid) pliant_multigrid_threads(preconditioner->multigrid, num_threads);
 }
 
-pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const double *positions, const pliant_tangent *tangents)
+pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents)
 {
     if (preconditioner->basis) return pliant_reduction_numeric(preconditioner->basis, tangents, preconditioner->reduction);
-    if (preconditioner->multigrid) return pliant_multigrid_numeric(preconditioner->multigrid, positions, tangents);
+    if (preconditioner->multigrid) return pliant_multigrid_numeric(preconditioner->multigrid, tangents);
     pliant_system_assemble(&preconditioner->system, tangents, preconditioner->values);
     return pliant_factor_numeric(preconditioner->factor, preconditioner->values);
 }

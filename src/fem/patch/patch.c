@@ -25,7 +25,7 @@ pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *
         status = pliant_fail_memory("the fine mesh of patches");
     if (status == PLIANT_OK) {
         pliant_system_tangents(system, body->fine.rest, PLIANT_TWIST_EXACT, tangents);
-        status = pliant_preconditioner_numeric(system->preconditioner, system->mesh->rest, tangents);
+        status = pliant_preconditioner_numeric(system->preconditioner, tangents);
     }
     pliant_free(tangents);
     if (status != PLIANT_OK) {

@@ -44,7 +44,7 @@ static void make_factor(pliant_refresh *refresh)
     int first = pliant_preconditioner_refuses(refresh->preconditioner) ? PLIANT_TWIST_EXACT : PLIANT_TWIST_POSITIVE;
     for (int twist = first; twist <= PLIANT_TWIST_POSITIVE; twist++) {
         pliant_system_tangents(&refresh->system, refresh->x, (pliant_twist)twist, refresh->tangents);
-        refresh->status = pliant_preconditioner_numeric(refresh->preconditioner, refresh->x, refresh->tangents);
+        refresh->status = pliant_preconditioner_numeric(refresh->preconditioner, refresh->tangents);
         if (refresh->status != PLIANT_ERROR_NUMERIC) break;
     }
     pliant_nodal_rotations_refer(&refresh->system, refresh->x, refresh->rotations);
