@@ -19,7 +19,7 @@ static bool copy(const void *from, size_t bytes, void *to)
 {
     void *made = pliant_calloc(bytes > 0 ? bytes : 1, 1);
     if (!made) return false;
-    memcpy(made, from, bytes);
+    if (bytes > 0) memcpy(made, from, bytes); /* without bridges there is nothing to copy from */
     memcpy(to, &made, sizeof made);
     return true;
 }
