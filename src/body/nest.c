@@ -1,26 +1,13 @@
 /* How the coarse mesh follows when the fine one is divided. Its tetrahedra fall into fragments: the fine tetrahedra of one that no longer hang
  * together by faces within it. Their corners stay one node where fragments still hang together by fine faces. What did not hang together
  * before stays as it was: no cut changes nothing. The first part of everything keeps its number, the others are appended as copies. */
+#include "body/parts.h"
 #include "body/divide.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"
 
 #include <string.h>
-
-/* ---- parts of a set, by union and find; the root of a part is its first element */
-
-static int32_t first_of(int32_t *part, int32_t i)
-{
-    while (part[i] != i) i = part[i] = part[part[i]];
-    return i;
-}
-
-static void join(int32_t *part, int32_t i, int32_t j)
-{
-    int32_t a = first_of(part, i), b = first_of(part, j);
-    part[a > b ? a : b] = a > b ? b : a;
-}
 
 typedef struct nesting {
     const pliant_body *before;

@@ -1,4 +1,5 @@
 /* Which voxels of a tetrahedron hang together. */
+#include "body/parts.h"
 #include "base/fail.h"
 #include "pliant/body.h"
 #include "pliant/memory.h"
@@ -82,18 +83,6 @@ bool pliant_voxels_joined(const pliant_voxels *voxels, int32_t a, int32_t b)
 }
 
 /* ---- fragments */
-
-static int32_t first_of(int32_t *part, int32_t i)
-{
-    while (part[i] != i) i = part[i] = part[part[i]];
-    return i;
-}
-
-static void join(int32_t *part, int32_t i, int32_t j)
-{
-    int32_t a = first_of(part, i), b = first_of(part, j);
-    part[a > b ? a : b] = a > b ? b : a;
-}
 
 /* place of a voxel in the list of its tetrahedron */
 static int32_t find(const pliant_voxels *voxels, int32_t tet, int32_t voxel)
