@@ -78,7 +78,7 @@ static pliant_status restart(const pliant_model *model, pliant_data *data)
 }
 
 /* of a coarse mesh it was brought when the step ended */
-static void bring(const pliant_model *model, pliant_data *data)
+static void download(const pliant_model *model, pliant_data *data)
 {
     (void)model;
     if (data->solver->system->mesh == data->solver->system->fine)
@@ -168,7 +168,7 @@ static constexpr pliant_backend table()
     made.create = create;
     made.free = destroy;
     made.restart = restart;
-    made.bring = bring;
+    made.download = download;
     made.solve = solve;
     made.upsample = upsample;
     made.warp = warp;

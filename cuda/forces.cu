@@ -119,7 +119,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
     double turned = 0;
     for (int e = 0; e < 3; e++) {
         double other = __shfl_sync(0xffffffff, residual, (thread & 31 & ~3) + e);
-        if (n < system.num_free && d < 3) turned += iteration.d_turn[9 * (size_t)n + 3 * e + d] * other;
+        if (n < system.num_free && d < 3) turned += iteration.d_axes[9 * (size_t)n + 3 * e + d] * other;
     }
     if (n < system.num_free && d < 3) {
         iteration.d_residual[target][3 * (size_t)n + d] = turned;
@@ -166,7 +166,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) turn_kernel(gpu_system 
         }
     }
     rotation_of(sum, turn);
-    for (int m = 0; m < 9; m++) iteration.d_turn[9 * (size_t)n + m] = turn[m];
+    for (int m = 0; m < 9; m++) iteration.d_axes[9 * (size_t)n + m] = turn[m];
 }
 
 static unsigned blocks_for(int count, int threads) { return (unsigned)((count + threads - 1) / threads); }
@@ -190,7 +190,7 @@ extern "C" pliant_status pliant_cuda_gather(const gpu_system *system, const gpu_
     return CUDA_LAUNCHED("gather_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_turn(const gpu_system *system, const gpu_iteration *iteration, bool identity, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_rotate(const gpu_system *system, const gpu_iteration *iteration, bool identity, cudaStream_t stream)
 {
     if (!identity && system->macros.count > 0) {
         CUDA_TRY(pliant_cuda_macro_rotations(system, iteration, stream));

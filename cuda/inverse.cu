@@ -354,7 +354,7 @@ static __global__ void __launch_bounds__(RESPONSE_ROWS) response_kernel(gpu_inve
         __syncthreads();
         for (int m = thread; m < 9 * here; m += RESPONSE_ROWS) { /* T' of W' e_d */
             int h = m / 9, d = m / 3 % 3, c = m % 3, node = tool.d_unknown[first + h];
-            const double *turn = iteration.d_turn + 9 * (size_t)node, *block = tool.d_block + 9 * (size_t)(first + h) + 3 * d;
+            const double *turn = iteration.d_axes + 9 * (size_t)node, *block = tool.d_block + 9 * (size_t)(first + h) + 3 * d;
             turned[h][d][c] = turn[c] * block[0] + turn[3 + c] * block[1] + turn[6 + c] * block[2];
             if (m % 9 == 0) unknown[h] = node;
         }
@@ -369,7 +369,7 @@ static __global__ void __launch_bounds__(RESPONSE_ROWS) response_kernel(gpu_inve
     for (int d = 0; d < 3; d++) sums[d][thread] = sum[d];
     __syncthreads();
     if (n >= inverse.size) return;
-    const double *turn = iteration.d_turn + 9 * (size_t)(n / 3) + 3 * (n % 3);
+    const double *turn = iteration.d_axes + 9 * (size_t)(n / 3) + 3 * (n % 3);
     const int base = thread - thread % 3;
     for (int d = 0; d < 3; d++)
         d_response[(size_t)inverse.size * d + n] = turn[0] * sums[d][base] + turn[1] * sums[d][base + 1] + turn[2] * sums[d][base + 2];

@@ -72,7 +72,7 @@ static __global__ void __launch_bounds__(THREADS) hold_kernel(gpu_iteration iter
     const int h = (int)(blockIdx.x * THREADS + threadIdx.x);
     if (h >= tool.count) return;
     const int node = tool.d_unknown[h];
-    const double *turn = iteration.d_turn + 9 * (size_t)node, *block = tool.d_block + 9 * (size_t)h + 3 * d;
+    const double *turn = iteration.d_axes + 9 * (size_t)node, *block = tool.d_block + 9 * (size_t)h + 3 * d;
     for (int c = 0; c < 3; c++) iteration.d_right[3 * (size_t)node + c] = (float)(turn[c] * block[0] + turn[3 + c] * block[1] + turn[6 + c] * block[2]);
 }
 
@@ -80,7 +80,7 @@ static __global__ void __launch_bounds__(THREADS) turn_left_kernel(gpu_iteration
 {
     const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
     if (node >= iteration.num_free) return;
-    const double *turn = iteration.d_turn + 9 * (size_t)node;
+    const double *turn = iteration.d_axes + 9 * (size_t)node;
     const float *left = iteration.d_left + 3 * (size_t)node;
     for (int r = 0; r < 3; r++) d_out[3 * (size_t)node + r] = turn[3 * r] * left[0] + turn[3 * r + 1] * left[1] + turn[3 * r + 2] * left[2];
 }

@@ -80,7 +80,7 @@ static pliant_status allocate_iteration(pliant_cuda_solver *gpu, const pliant_so
     const size_t of_corners = 4 * (size_t)macros->corners, of_frames = 16 * (size_t)macros->count;
     const size_t forces = macros->count == 0 ? 16 * (size_t)gpu->system.num_tets : of_corners > of_frames ? of_corners : of_frames;
     CUDA_TRY(allocate(gpu, forces, &it->d_element_force));
-    CUDA_TRY(allocate(gpu, 3 * n, &it->d_turn));
+    CUDA_TRY(allocate(gpu, 3 * n, &it->d_axes));
     CUDA_TRY(allocate(gpu, padded, reinterpret_cast<void **>(&it->d_right)));
     CUDA_TRY(allocate(gpu, padded, reinterpret_cast<void **>(&it->d_left)));
     gpu->gather_blocks = pliant_cuda_gather_blocks(&gpu->system);
@@ -148,7 +148,7 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
     gpu_iteration *it = &gpu->iteration;
     void *blocks[] = {it->d_state, it->d_history, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_residual[0], it->d_residual[1], it->d_load, it->d_extra,
-                      it->d_secant_x, it->d_secant_step, it->d_secant_residual, it->d_element_force, it->d_turn, it->d_right, it->d_left,
+                      it->d_secant_x, it->d_secant_step, it->d_secant_residual, it->d_element_force, it->d_axes, it->d_right, it->d_left,
                       it->d_sums, gpu->d_fine, gpu->d_solved};
     for (void *block : blocks) pliant_cuda_release(block);
     for (tool_arrays &tool : gpu->tools) {
@@ -168,7 +168,7 @@ extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, con
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     const size_t bytes = 3 * (size_t)gpu->system.num_nodes * sizeof(double);
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_state, 0, sizeof(gpu_state), gpu->stream)));
-    CUDA_TRY(pliant_cuda_turn(&gpu->system, &gpu->iteration, true, gpu->stream));
+    CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, true, gpu->stream));
     gpu->serial++;
     for (int b = 0; b < 2; b++)
         CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[b], solver->now.x, bytes, cudaMemcpyHostToDevice, gpu->stream)));
@@ -253,7 +253,7 @@ static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, 
     if (waits) follows = gpu->served_badly && interval > 0 && statistics->step >= gpu->turned_at + interval;
     *forget = follows && waits;
     if (!follows) return PLIANT_OK;
-    CUDA_TRY(pliant_cuda_turn(&gpu->system, &gpu->iteration, false, gpu->stream));
+    CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream));
     gpu->serial++;
     gpu->turned_at = statistics->step;
     gpu->served_badly = false;

@@ -73,7 +73,7 @@ typedef struct gpu_iteration {
     double *d_load, *d_extra;  /* (n) gravity; the tools' forces */
     double *d_secant_x, *d_secant_step, *d_secant_residual; /* (room x n) */
     double *d_element_force;   /* (num_tets x 4 x 4), three numbers and a gap; or (corners of macro-elements x 4) */
-    double *d_turn;            /* (num_free x 9) the nodes' own axes */
+    double *d_axes;            /* (num_free x 9) the nodes' own axes */
     float *d_right, *d_left;   /* (n, padded) what the preconditioner takes and gives */
     double *d_sums;            /* (GATHER_SUMS x blocks of the gather), then (DOT_SUMS x blocks of the dot products) */
 } gpu_iteration;

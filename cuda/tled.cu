@@ -368,7 +368,7 @@ static pliant_status relax(pliant_cuda_tled *gpu, const pliant_tled *tled)
 }
 
 /* The end of a frame: what the host keeps arrives beside the old state, which it takes the place of only when it is whole and sound. */
-static pliant_status bring(pliant_cuda_tled *gpu, pliant_tled *tled)
+static pliant_status download(pliant_cuda_tled *gpu, pliant_tled *tled)
 {
     const gpu_tled *it = &gpu->gpu;
     const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double), memory = (size_t)gpu->system->num_blocks * sizeof *tled->memory;
@@ -409,7 +409,7 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
     CUDA_TRY(send_holds(gpu, tools, num_tools, frame));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_exchange, gpu->h_exchange, sizeof *gpu->h_exchange, cudaMemcpyHostToDevice, gpu->stream)));
     CUDA_TRY(still ? relax(gpu, tled) : enqueue_frame(gpu, tled));
-    CUDA_TRY(bring(gpu, tled));
+    CUDA_TRY(download(gpu, tled));
     out->sound = outcome->unsound == INT32_MAX;
     out->steps = still ? outcome->steps : tled->substeps;
     if (!out->sound) {

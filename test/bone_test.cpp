@@ -387,7 +387,7 @@ struct Scene {
         pliant_model *model = build();
         pliant_data *data = nullptr;
         EXPECT_EQ(pliant_data_create(model, &data), PLIANT_OK);
-        EXPECT_EQ(pliant_data_limits(data, 300, 1e-6), PLIANT_OK);
+        EXPECT_EQ(pliant_data_set_limits(data, 300, 1e-6), PLIANT_OK);
         pliant_status status = PLIANT_NOT_CONVERGED;
         for (int s = 0; s < 10 && status == PLIANT_NOT_CONVERGED; s++) status = pliant_step(model, data);
         EXPECT_EQ(status, PLIANT_OK);

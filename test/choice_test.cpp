@@ -201,12 +201,12 @@ TEST_F(Choice, GravityIsMeasuredAsItIsSeen)
     ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
 
     ASSERT_EQ(body.build(), PLIANT_OK);
-    ASSERT_EQ(pliant_data_limits(body.data, 200, 1e-8), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_limits(body.data, 200, 1e-8), PLIANT_OK);
     ASSERT_EQ(body.settle(), PLIANT_OK);
     const pliant_mesh &mesh = body.model->body->fine;
     std::vector<double> rest(body.data->positions, body.data->positions + 3 * mesh.num_nodes);
     ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
-    ASSERT_EQ(pliant_data_limits(body.data, 1, body.scene.solver.tolerance), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_limits(body.data, 1, body.scene.solver.tolerance), PLIANT_OK);
     double worst = 0;
     for (int frame = 0; frame < 10; frame++) {
         ASSERT_GE(pliant_step(body.model, body.data), 0);

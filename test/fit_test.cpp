@@ -236,7 +236,7 @@ TEST(Fit, ASceneAsksForIt)
         body.scene.model.gravity[0] = 3;
         body.scene.warp.kind = fitted ? PLIANT_FIT : PLIANT_RASTERIZE;
         ASSERT_EQ(body.build(), PLIANT_OK);
-        ASSERT_EQ(pliant_data_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK);
+        ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK);
         body.settle();
         const pliant_volume *drawn = pliant_warp_volume(body.data->warp);
         auto *voxels = static_cast<const uint8_t *>(drawn->voxels);

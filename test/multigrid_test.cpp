@@ -99,7 +99,7 @@ std::vector<double> pulled(Body &body)
     EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK);
     for (int s = 1; s <= 12; s++) {
         const double tip[3] = {0.08 + 0.001 * s, 0.08, 0.15 + 0.002 * s};
-        pliant_tool_pose(body.data, tool, tip, nullptr);
+        pliant_tool_set_pose(body.data, tool, tip, nullptr);
         EXPECT_GE(pliant_step(body.model, body.data), 0);
     }
     EXPECT_EQ(body.settle(), PLIANT_OK);

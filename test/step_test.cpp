@@ -37,9 +37,9 @@ struct Step : testing::Test {
         ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK);
         ASSERT_EQ(pliant_tool_add(body.model, body.data, "tool", &tool), PLIANT_OK);
         ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, top), PLIANT_OK) << pliant_last_error();
-        ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
         const double tip[3] = {top[0], top[1], top[2] + 0.01};
-        ASSERT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
     }
     void TearDown() override { pliant_memory_fail_after(-1); }
 };
@@ -51,11 +51,11 @@ TEST_F(Step, WithoutMemoryForAHoldTheBackendStays)
     pliant_memory_fail_after(0);
     EXPECT_EQ(pliant_step(body.model, body.data), PLIANT_ERROR_MEMORY);
     pliant_memory_fail_after(-1);
-    EXPECT_STREQ(pliant_data_backend(body.data), "other");
+    EXPECT_STREQ(pliant_data_get_backend(body.data), "other");
     EXPECT_EQ(body.data->statistics.step, before);
     EXPECT_EQ(body.data->statistics.failed, 1u);
     EXPECT_EQ(body.settle(), PLIANT_OK) << pliant_last_error();
-    EXPECT_STREQ(pliant_data_backend(body.data), "other");
+    EXPECT_STREQ(pliant_data_get_backend(body.data), "other");
     EXPECT_GT(body.data->tools[tool].force[2], 0.01);
 }
 
@@ -63,7 +63,7 @@ TEST_F(Step, WhereTheBackendIsLostTheCpuGoesOn)
 {
     lost = true;
     EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
-    EXPECT_STREQ(pliant_data_backend(body.data), "cpu");
+    EXPECT_STREQ(pliant_data_get_backend(body.data), "cpu");
     EXPECT_EQ(body.settle(), PLIANT_OK) << pliant_last_error();
     EXPECT_GT(body.data->tools[tool].force[2], 0.01);
 }
@@ -117,13 +117,13 @@ TEST(StepWithoutMemory, IsTheStateBeforeItOrTheOneAfterIt)
                         body.scene.model.patch_delay = 1;
                     }
                     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-                    ASSERT_EQ(pliant_data_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK);
+                    ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK);
                     int tool;
                     const double tip[3] = {top[0], top[1], top[2] + 0.004};
                     ASSERT_EQ(pliant_tool_add(body.model, body.data, "tool", &tool), PLIANT_OK);
                     ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, top), PLIANT_OK) << pliant_last_error();
-                    ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
-                    ASSERT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+                    ASSERT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+                    ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
                     for (int s = 0; s < 2; s++) {
                         const size_t count = 3 * size_t(body.data->body->fine.num_nodes);
                         const std::vector<double> before(body.data->positions, body.data->positions + count);

@@ -225,18 +225,18 @@ TEST_F(Sweep, TheErrorOfTimeIntegrationIsWhatMuchShorterSubStepsShow)
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         const pliant_mesh &mesh = body.data->body->fine;
         pliant_dynamics dynamics;
-        ASSERT_EQ(pliant_data_dynamics(body.model, body.data, &dynamics), PLIANT_OK);
+        ASSERT_EQ(pliant_data_get_dynamics(body.model, body.data, &dynamics), PLIANT_OK);
         ASSERT_GE(dynamics.substeps, finer ? 7 * substeps : substeps);
         int tool;
         ASSERT_EQ(pliant_tool_add(body.model, body.data, "test", &tool), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_pose(body.data, tool, at, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, at, nullptr), PLIANT_OK);
         ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, at), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
         const std::vector<double> from(body.data->tools[tool].tip, body.data->tools[tool].tip + 3);
         for (int frame = 0; frame < 12; frame++) {
             double tip[3];
             for (int d = 0; d < 3; d++) tip[d] = from[d] + sweep.pull[d] * (frame + 1) / 6;
-            if (frame < 6) ASSERT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+            if (frame < 6) ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
             if (frame == 6) pliant_tool_lost(body.data, tool);
             ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK);
             positions[finer].insert(positions[finer].end(), body.data->positions, body.data->positions + 3 * mesh.num_nodes);

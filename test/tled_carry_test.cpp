@@ -32,7 +32,7 @@ struct Swinging : Body {
     pliant_dynamics dynamics() const
     {
         pliant_dynamics told;
-        EXPECT_EQ(pliant_data_dynamics(model, data, &told), PLIANT_OK);
+        EXPECT_EQ(pliant_data_get_dynamics(model, data, &told), PLIANT_OK);
         return told;
     }
     std::array<double, 3> momentum() const
@@ -137,7 +137,7 @@ TEST(TledCarry, WhatWasHalvedStaysSo)
     ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
     const int32_t substeps = bar.data->tled->substeps;
     const double swift[3] = {3e2, 0, 0};
-    ASSERT_EQ(pliant_data_gravity(bar.data, swift), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_gravity(bar.data, swift), PLIANT_OK);
     for (int f = 0; f < 20 && bar.data->tled->halvings == 0; f++) pliant_step(bar.model, bar.data);
     const int32_t halvings = bar.data->tled->halvings;
     ASSERT_GT(halvings, 0);

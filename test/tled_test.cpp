@@ -210,10 +210,10 @@ double discrete_energy(Bar &bar)
     pliant_tled *tled = bar.data->tled;
     pliant_dynamics now, before;
     const int32_t count = 3 * bar.model->body->fine.num_nodes;
-    pliant_data_dynamics(bar.model, bar.data, &now);
+    pliant_data_get_dynamics(bar.model, bar.data, &now);
     std::vector<double> force = nodal_forces(bar);
     for (int32_t n = 0; n < count; n++) tled->u[n] -= tled->d[n];
-    pliant_data_dynamics(bar.model, bar.data, &before);
+    pliant_data_get_dynamics(bar.model, bar.data, &before);
     std::vector<double> force_before = nodal_forces(bar);
     for (int32_t n = 0; n < count; n++) tled->u[n] += tled->d[n];
     double work = 0;
@@ -249,7 +249,7 @@ TEST(Tled, KeepsItsEnergyOverAHundredThousandSteps)
         double total = discrete_energy(bar);
         if (steps == 0) {
             pliant_dynamics told;
-            ASSERT_EQ(pliant_data_dynamics(bar.model, bar.data, &told), PLIANT_OK);
+            ASSERT_EQ(pliant_data_get_dynamics(bar.model, bar.data, &told), PLIANT_OK);
             EXPECT_NEAR(told.kept_energy, total, 1e-5 * total);
         }
         if (first == 0) first = total;
@@ -283,7 +283,7 @@ TEST(Tled, AWaveRunsAlongABarAtTheSpeedOfSound)
         held.weight[n] = 0.25;
         ASSERT_NEAR(bar.model->body->fine.rest[3 * n + 2], 0, 1e-9);
     }
-    ASSERT_EQ(pliant_tool_drive(bar.data, tool, PLIANT_DRIVE_FORCE, push), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_drive(bar.data, tool, PLIANT_DRIVE_FORCE, push), PLIANT_OK);
     // behind the front everything moves at v = sigma / (rho c); the middle has half of it when the front is there
     double speed = 1e-4 / (0.005 * 0.005) / (1000 * 2), arrival[2] = {0, 0}, last[2] = {0, 0};
     for (double t = 0; t < 0.14; t += bar.scene.solver.step) {
@@ -367,7 +367,7 @@ TEST(Tled, StableBelowTheBoundAndCaughtAboveIt)
         bar.scene.solver.step = 0.01;
         ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
         pliant_dynamics told;
-        ASSERT_EQ(pliant_data_dynamics(bar.model, bar.data, &told), PLIANT_OK);
+        ASSERT_EQ(pliant_data_get_dynamics(bar.model, bar.data, &told), PLIANT_OK);
         double bound = std::fmin(told.edge_bound, told.eigenvalue_bound);
         // a whole number of sub-steps a frame rounds the step down: take a frame of exactly so many
         bar.scene.solver.step = 40 * safety * bound;
@@ -477,9 +477,9 @@ TEST(Tled, ToolsHoldPullAndFeel)
             int tool;
             ASSERT_EQ(pliant_tool_add(bar.model, bar.data, t ? "spring" : "rigid", &tool), PLIANT_OK);
             ASSERT_EQ(pliant_tool_grasp(bar.model, bar.data, tool, points[t]), PLIANT_OK) << pliant_last_error();
-            ASSERT_EQ(pliant_tool_drive(bar.data, tool, t ? PLIANT_DRIVE_SPRING : PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_drive(bar.data, tool, t ? PLIANT_DRIVE_SPRING : PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
             double tip[3] = {points[t][0] + 0.004, points[t][1], points[t][2] + 0.002 * t};
-            ASSERT_EQ(pliant_tool_pose(bar.data, tool, tip, nullptr), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_pose(bar.data, tool, tip, nullptr), PLIANT_OK);
         }
         bar.data->tools[1].stiffness = 20;
         for (int s = 0; s < (still ? 20 : 120); s++) ASSERT_GE(pliant_step(bar.model, bar.data), 0) << pliant_last_error();

@@ -69,7 +69,7 @@ TEST_F(Tool, WhereThereIsNoTissueItSaysWhereThereIs)
     EXPECT_EQ(grasp(50, 60, 90), PLIANT_ERROR_ARGUMENT);
     EXPECT_NE(std::string(pliant_last_error()).find("seems to be in millimetres"), std::string::npos) << pliant_last_error();
     const double tip[3] = {50, 60, 90};
-    ASSERT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
     EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, nullptr), PLIANT_ERROR_ARGUMENT);
     EXPECT_NE(std::string(pliant_last_error()).find("seems to be in millimetres"), std::string::npos) << pliant_last_error();
     EXPECT_FALSE(body.data->tools[tool].holding);
@@ -80,7 +80,7 @@ TEST_F(Tool, ALoadBeyondDoublePrecisionNamesWhatMayBeWrong)
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
     ASSERT_EQ(grasp(0.05, 0.06, 0.09), PLIANT_OK) << pliant_last_error();
     const double force[3] = {0, 0, 1e200};
-    ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_FORCE, force), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_FORCE, force), PLIANT_OK);
     EXPECT_EQ(pliant_step(body.model, body.data), PLIANT_ERROR_NUMERIC);
     const std::string message = pliant_last_error();
     for (const char *word : {"model/gravity", "material table", "grasp/stiffness", "forces"}) EXPECT_NE(message.find(word), std::string::npos) << message;

@@ -45,6 +45,20 @@ typedef struct pliant_voxels {
     uint8_t *bridge_severed;   /**< (num_bridges) */
 } pliant_voxels;
 
+/** What has been severed since load, and the fragments that it leaves. NULL in a body of which nothing is severed. */
+typedef struct pliant_cuts {
+    int32_t num_links;
+    uint32_t *link;            /**< (num_links) 4 voxel + axis: to the next voxel along the axis; ascending */
+    int32_t num_bridges;
+    int32_t *bridge;           /**< (num_bridges) of pliant_voxels.bridge; ascending */
+    int32_t num_tets;          /**< tetrahedra at load that are in fragments, or gave voxels to one of another */
+    int32_t *tet;              /**< (num_tets) ascending */
+    int32_t *start, *fragment; /**< (num_tets + 1), (start[num_tets]) the fine tetrahedra that each is now, itself the first */
+    int32_t *voxel_start;      /**< (num_tets + 1) into voxel_fragment */
+    int32_t *voxel_fragment;   /**< (voxels of these, as pliant_voxels lists them) the fine tetrahedron that each moves with: a fragment of
+                                *   its own one, or, of a chip that hangs on nothing else, of another */
+} pliant_cuts;
+
 /** Whether a node moves: a piece that comes off stays where it was then, not where it was at rest. */
 typedef enum pliant_fixing { PLIANT_MOVES, PLIANT_FIXED_AT_REST, PLIANT_FIXED_WHERE_IT_WAS } pliant_fixing;
 
@@ -70,6 +84,7 @@ typedef struct pliant_body {
     bool falls;                /**< pieces that nothing holds are left to fall: explicit dynamics on a ground */
 
     pliant_voxels *voxels;     /**< Nullable: only where a scene may cut */
+    pliant_cuts *cuts;         /**< Nullable: nothing is severed */
 
     pliant_body_changes changes;
     struct pliant_body_holders *holders; /**< how many there are (src/body) */
@@ -113,6 +128,9 @@ PLIANT_API bool pliant_voxels_joined(const pliant_voxels *voxels, int32_t a, int
 /** Fragments of a tetrahedron at load: its voxels that hang together, numbered by their first ones.
  *  @param fragment (start[tet + 1] - start[tet]) out, of each of its voxels. @return how many there are */
 PLIANT_API int32_t pliant_voxels_fragments(const pliant_voxels *voxels, int32_t tet, int32_t *fragment);
+
+PLIANT_API pliant_status pliant_cuts_copy(const pliant_cuts *cuts, pliant_cuts **out); /**< Errors: MEMORY */
+PLIANT_API void pliant_cuts_free(pliant_cuts *cuts); /**< Nullable */
 
 /** Whether nothing but the revision differs. */
 PLIANT_API bool pliant_body_same(const pliant_body *a, const pliant_body *b);

@@ -117,32 +117,32 @@ PLIANT_API const double *pliant_data_get_positions(const pliant_data *data, uint
 PLIANT_API pliant_status pliant_data_copy_positions(const pliant_data *data, int32_t nodes, double *out, uint64_t *revision);
 /** Valid as the body is. */
 PLIANT_API const pliant_statistics *pliant_data_get_statistics(const pliant_data *data);
-/** The deformed volume and its bricks (warp.h), NULL unless pliant_data_warp asked for it. Valid until that is called again. */
+/** The deformed volume and its bricks (warp.h), NULL unless pliant_data_set_warp asked for it. Valid until that is called again. */
 PLIANT_API const pliant_warp *pliant_data_get_warp(const pliant_data *data);
 PLIANT_API void pliant_data_get_gravity(const pliant_data *data, double out[3]);
 PLIANT_API int pliant_data_get_num_tools(const pliant_data *data);
 
 /** Who runs the stages now: "cpu" or "cuda". */
-PLIANT_API const char *pliant_data_backend(const pliant_data *data);
+PLIANT_API const char *pliant_data_get_backend(const pliant_data *data);
 
 /** Ask for the deformed volume after every step (or no longer: target NULL). Errors: ARGUMENT, MEMORY. */
-PLIANT_API pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target);
+PLIANT_API pliant_status pliant_data_set_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target);
 
 /** A new direction or size of gravity, from the next step on. Errors: ARGUMENT (not finite). */
-PLIANT_API pliant_status pliant_data_gravity(pliant_data *data, const double gravity[3]);
+PLIANT_API pliant_status pliant_data_set_gravity(pliant_data *data, const double gravity[3]);
 
 /** From the next step on. @param prescribed PLIANT_BACKGROUND_PRESCRIBED: what the next step takes, waiting for it if need be; to be said
- *  before every step, as pliant_data_background_taken told it of the same step before. Errors: ARGUMENT. */
+ *  before every step, as pliant_data_get_background_taken told it of the same step before. Errors: ARGUMENT. */
 PLIANT_API pliant_status pliant_data_set_background(pliant_data *data, pliant_background_kind kind, uint32_t prescribed);
 /** What the last step took (pliant_background_result, together): to be recorded beside the step's number. */
-PLIANT_API uint32_t pliant_data_background_taken(const pliant_data *data);
+PLIANT_API uint32_t pliant_data_get_background_taken(const pliant_data *data);
 
 /** Other limits of a step than those of the scene (solver/iterations, solver/tolerance), from the next step on.
  *  Errors: ARGUMENT (iterations < 1, tolerance not above 0). */
-PLIANT_API pliant_status pliant_data_limits(pliant_data *data, int iterations, double tolerance);
+PLIANT_API pliant_status pliant_data_set_limits(pliant_data *data, int iterations, double tolerance);
 
 /** What the factors of a simulation hold, which pliant_memory_in_use() does not know of [bytes]. */
-PLIANT_API size_t pliant_data_factor_bytes(const pliant_data *data);
+PLIANT_API size_t pliant_data_get_factor_bytes(const pliant_data *data);
 
 /** Put the body where it is said to be, however unlikely; the next step goes on from there. Of a coarse model only the
  *  positions at coarse nodes count; fixed nodes stay. Errors: ARGUMENT (not finite; nothing is changed).
@@ -161,7 +161,7 @@ typedef struct pliant_dynamics {
                                *   square of the time step [J]; the strain energy for dynamic relaxation */
 } pliant_dynamics;
 /** Errors: ARGUMENT (another solver/kind). */
-PLIANT_API pliant_status pliant_data_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out);
+PLIANT_API pliant_status pliant_data_get_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out);
 
 /** One step of the scene: interact, solve, upsample, warp; quasi-static, but for tled with inertia. NOT_CONVERGED keeps the best state reached so far;
  *  NUMERIC and MEMORY keep the state before the step. Positions are never NaN. */
@@ -170,7 +170,7 @@ PLIANT_API pliant_status pliant_step(const pliant_model *model, pliant_data *dat
 /** A tool of this name, added if there is room. *index stays valid. Errors: ARGUMENT (more than PLIANT_MAX_TOOLS). */
 PLIANT_API pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, const char *name, int *index);
 /** @param rotation Nullable: identity. Errors: ARGUMENT (not finite), the tool stays where it was. */
-PLIANT_API pliant_status pliant_tool_pose(pliant_data *data, int tool, const double tip[3], const double rotation[4]);
+PLIANT_API pliant_status pliant_tool_set_pose(pliant_data *data, int tool, const double tip[3], const double rotation[4]);
 /** Copied. Errors: ARGUMENT (no such tool). */
 PLIANT_API pliant_status pliant_tool_get(const pliant_data *data, int tool, pliant_tool_state *out);
 /** Another spring and damper, or another blob, than the scene's; the blob from the next grasp on. Errors: ARGUMENT (no such tool, out of
@@ -185,7 +185,7 @@ PLIANT_API void pliant_tool_lost(pliant_data *data, int tool);
 PLIANT_API pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, int tool, const double rest[3]);
 PLIANT_API void pliant_tool_release(pliant_data *data, int tool);
 /** Drive by force, rigidly or by the spring. @param force Nullable unless drive is FORCE [N] */
-PLIANT_API pliant_status pliant_tool_drive(pliant_data *data, int tool, pliant_drive drive, const double force[3]);
+PLIANT_API pliant_status pliant_tool_set_drive(pliant_data *data, int tool, pliant_drive drive, const double force[3]);
 
 /** Distance from a tool's tip to the surface of the tissue [m], negative inside; +infinity when the tool is not present. */
 PLIANT_API double pliant_tool_clearance(const pliant_model *model, const pliant_data *data, int tool);

@@ -26,7 +26,7 @@ extern const pliant_host_solver pliant_corotational, pliant_explicit;
 struct pliant_backend {
     const char *name;
     const pliant_host_solver *kind;
-    bool on_host; /* keeps no state of its own: nothing to bring or to free, and none to fall back on when it fails */
+    bool on_host; /* keeps no state of its own: nothing to download or to free, and none to fall back on when it fails */
     bool solves_on_host; /* what a solve leads to is the host's as soon as it ends: when a later stage fails, it is not done again */
     pliant_probe probe;
 
@@ -34,7 +34,7 @@ struct pliant_backend {
     pliant_status (*create)(const pliant_model *model, pliant_data *data);
     void (*free)(pliant_data *data); /* NULL on the host */
     pliant_status (*restart)(const pliant_model *model, pliant_data *data); /* the host's state was changed: take it */
-    void (*bring)(const pliant_model *model, pliant_data *data); /* the state of the last step to the host's solver; NULL: it is there */
+    void (*download)(const pliant_model *model, pliant_data *data); /* the state of the last step to the host's solver; NULL: it is there */
 
     /* STAGES, each from the state that the one before left */
     pliant_status (*solve)(const pliant_model *model, pliant_data *data);

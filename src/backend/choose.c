@@ -45,7 +45,7 @@ bool pliant_backend_leave(const pliant_model *model, pliant_data *data, pliant_s
     if (data->backend->on_host || (status != PLIANT_ERROR_UNAVAILABLE && status != PLIANT_ERROR_MEMORY)) return false;
     pliant_log(PLIANT_LOG_WARNING, "backend: %s; the CPU goes on from the last good state", pliant_last_error());
     const pliant_host_solver *kind = data->backend->kind;
-    if (data->backend->bring) data->backend->bring(model, data);
+    if (data->backend->download) data->backend->download(model, data);
     data->backend->free(data);
     data->backend = kind->cpu;
     if (kind->left) kind->left(data);
@@ -67,4 +67,4 @@ pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *dat
     return status < 0 && pliant_backend_leave(model, data, status) ? PLIANT_OK : status;
 }
 
-const char *pliant_data_backend(const pliant_data *data) { return data->backend->name; }
+const char *pliant_data_get_backend(const pliant_data *data) { return data->backend->name; }

@@ -59,7 +59,7 @@ static pliant_status interact(const pliant_model *model, pliant_data *data)
     pliant_solver_gravity(data->solver, data->gravity);
     for (int t = 0; t < data->num_tools; t++) {
         bool begins = data->tools[t].holding && !data->tools[t].attached; /* from the present state */
-        if (begins && data->backend->bring) data->backend->bring(model, data);
+        if (begins && data->backend->download) data->backend->download(model, data);
         if ((status = pliant_pull(model, data, t)) != PLIANT_OK) return status;
     }
     return PLIANT_OK;

@@ -54,7 +54,7 @@ const pliant_backend pliant_tled_backend = {
     .restart = pliant_cpu_nothing, .solve = solve, .upsample = pliant_tled_upsample, .warp = pliant_cpu_warp,
 };
 
-pliant_status pliant_data_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out)
+pliant_status pliant_data_get_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out)
 {
     (void)model;
     if (!data->tled) return pliant_fail(PLIANT_ERROR_ARGUMENT, "solver/kind is not tled: there is no dynamics");

@@ -27,6 +27,7 @@ static void free_body(pliant_body *body)
     pliant_free(body->fine_fixed);
     pliant_free(body->coarse_fixed);
     pliant_voxels_free(body->voxels);
+    pliant_cuts_free(body->cuts);
     pliant_free(body->changes.touched);
     pliant_free(body->changes.touched_coarse);
     pliant_free(body->changes.node_source);
@@ -123,6 +124,7 @@ pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, plian
                 copy(body->coarse_fixed, coarse_nodes, sizeof *body->coarse_fixed, &next->coarse_fixed);
     status = good ? PLIANT_OK : pliant_fail_memory("the next body");
     if (status == PLIANT_OK && body->voxels) status = pliant_voxels_copy(body->voxels, &next->voxels);
+    if (status == PLIANT_OK && body->cuts) status = pliant_cuts_copy(body->cuts, &next->cuts);
     if (status != PLIANT_OK) {
         pliant_body_release(next);
         return status;

@@ -10,8 +10,8 @@ static pliant_status pull(example *all, double *force)
     int tool;
     pliant_tool_state state;
     pliant_status status = example_hold(all, all->data, point, &tool);
-    if (status >= 0) status = pliant_tool_drive(all->data, tool, PLIANT_DRIVE_RIGID, NULL);
-    if (status >= 0) status = pliant_tool_pose(all->data, tool, tip, NULL);
+    if (status >= 0) status = pliant_tool_set_drive(all->data, tool, PLIANT_DRIVE_RIGID, NULL);
+    if (status >= 0) status = pliant_tool_set_pose(all->data, tool, tip, NULL);
     for (int step = 0; step < 10 && status >= 0; step++) status = pliant_step(all->model, all->data);
     if (status >= 0) status = pliant_tool_get(all->data, tool, &state);
     if (status >= 0) *force = -state.force[1];

@@ -11,12 +11,12 @@ static pliant_status pull(example *all, int iterations, double tolerance, double
     const int steps = 10;
     int tool;
     pliant_status status = pliant_data_reset(all->model, all->data);
-    if (status >= 0) status = pliant_data_limits(all->data, iterations, tolerance);
+    if (status >= 0) status = pliant_data_set_limits(all->data, iterations, tolerance);
     if (status >= 0) status = example_hold(all, all->data, point, &tool);
     double start = pliant_seconds();
     for (int step = 1; step <= steps && status >= 0; step++) {
         const double tip[3] = {point[0], point[1] - 0.02 * step / steps, point[2]};
-        status = pliant_tool_pose(all->data, tool, tip, NULL);
+        status = pliant_tool_set_pose(all->data, tool, tip, NULL);
         if (status >= 0) status = pliant_step(all->model, all->data);
     }
     *seconds = (pliant_seconds() - start) / steps;

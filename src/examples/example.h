@@ -30,7 +30,7 @@ static inline pliant_status example_begin(const pliant_scene *wanted, example *o
 static inline pliant_status example_hold(example *of, pliant_data *data, const double point[3], int *tool)
 {
     pliant_status status = pliant_tool_add(of->model, data, "forceps", tool);
-    if (status >= 0) status = pliant_tool_pose(data, *tool, point, NULL);
+    if (status >= 0) status = pliant_tool_set_pose(data, *tool, point, NULL);
     return status < 0 ? status : pliant_tool_grasp(of->model, data, *tool, point);
 }
 

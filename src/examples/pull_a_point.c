@@ -22,11 +22,11 @@ int main(int argc, char **argv)
     if (status >= 0) status = pliant_model_build(&scene, &scan, &labels, &materials, (pliant_progress){0}, &model);
     if (status >= 0) status = pliant_data_create(model, &data);
     if (status >= 0) status = pliant_tool_add(model, data, "forceps", &tool);
-    if (status >= 0) status = pliant_tool_pose(data, tool, point, NULL);
+    if (status >= 0) status = pliant_tool_set_pose(data, tool, point, NULL);
     if (status >= 0) status = pliant_tool_grasp(model, data, tool, point);
     for (int step = 1; step <= 10 && status >= 0; step++) { /* 1 cm to the front, a millimetre a step */
         double tip[3] = {point[0], point[1] - 0.001 * step, point[2]};
-        status = pliant_tool_pose(data, tool, tip, NULL);
+        status = pliant_tool_set_pose(data, tool, tip, NULL);
         if (status >= 0) status = pliant_step(model, data);
     }
     pliant_tool_state state;

@@ -9,12 +9,12 @@ int main(void)
     pliant_status status = example_begin(NULL, &all);
     if (status >= 0) status = example_hold(&all, all.data, point, &tool);
     /* the held point is where the tool is; PLIANT_DRIVE_SPRING has a spring in between, PLIANT_DRIVE_FORCE gives the force */
-    if (status >= 0) status = pliant_tool_drive(all.data, tool, PLIANT_DRIVE_RIGID, NULL);
+    if (status >= 0) status = pliant_tool_set_drive(all.data, tool, PLIANT_DRIVE_RIGID, NULL);
     printf("pull_mm,force_x_n,force_y_n,force_z_n,residual_n\n");
     for (int millimetre = 1; millimetre <= 8 && status >= 0; millimetre++) {
         const double tip[3] = {point[0], point[1] - 0.001 * millimetre, point[2]};
         pliant_tool_state state;
-        status = pliant_tool_pose(all.data, tool, tip, NULL);
+        status = pliant_tool_set_pose(all.data, tool, tip, NULL);
         if (status >= 0) status = pliant_step(all.model, all.data); /* PLIANT_NOT_CONVERGED is above 0: the best so far */
         if (status >= 0) status = pliant_tool_get(all.data, tool, &state);
         if (status < 0) break;

@@ -13,10 +13,10 @@ int main(int argc, char **argv)
         pliant_geometry target;
         const pliant_mesh *mesh = &pliant_model_get_body(all.model)->fine;
         status = pliant_warp_target(&all.scan.geometry, mesh->rest, mesh->num_nodes, 0.03, SIZE_MAX, &target);
-        if (status >= 0) status = pliant_data_warp(all.model, all.data, &target); /* from now on every step deforms the volume */
+        if (status >= 0) status = pliant_data_set_warp(all.model, all.data, &target); /* from now on every step deforms the volume */
     }
     if (status >= 0) status = example_hold(&all, all.data, point, &tool);
-    if (status >= 0) status = pliant_tool_pose(all.data, tool, tip, NULL);
+    if (status >= 0) status = pliant_tool_set_pose(all.data, tool, tip, NULL);
     for (int step = 0; step < 10 && status >= 0; step++) status = pliant_step(all.model, all.data);
     if (status >= 0) status = pliant_volume_write(path, pliant_warp_volume(pliant_data_get_warp(all.data)));
     if (status >= 0) printf("%s\n", path);

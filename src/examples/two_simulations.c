@@ -19,7 +19,7 @@ static void *run(void *user)
     mine->status = example_hold(mine->all, mine->data, point, &tool);
     for (int step = 1; step <= 10 && mine->status >= 0; step++) {
         const double tip[3] = {point[0], point[1] - mine->distance * step / 10, point[2]};
-        mine->status = pliant_tool_pose(mine->data, tool, tip, NULL);
+        mine->status = pliant_tool_set_pose(mine->data, tool, tip, NULL);
         if (mine->status >= 0) mine->status = pliant_step(mine->all->model, mine->data);
     }
     if (mine->status >= 0) mine->status = pliant_tool_get(mine->data, tool, &state);

@@ -39,7 +39,7 @@ pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, cons
     return PLIANT_OK;
 }
 
-pliant_status pliant_tool_pose(pliant_data *data, int tool, const double tip[3], const double rotation[4])
+pliant_status pliant_tool_set_pose(pliant_data *data, int tool, const double tip[3], const double rotation[4])
 {
     pliant_status status = check_tool(data, tool);
     if (status != PLIANT_OK) return status;
@@ -79,7 +79,7 @@ void pliant_tool_lost(pliant_data *data, int tool)
     data->tools[tool].present = false;
 }
 
-pliant_status pliant_tool_drive(pliant_data *data, int tool, pliant_drive drive, const double force[3])
+pliant_status pliant_tool_set_drive(pliant_data *data, int tool, pliant_drive drive, const double force[3])
 {
     pliant_status status = check_tool(data, tool);
     if (status != PLIANT_OK) return status;

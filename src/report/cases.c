@@ -27,7 +27,7 @@ const char *report_case_name(report_case_kind kind)
 size_t report_data_bytes(const pliant_data *data, size_t before)
 {
     size_t now = pliant_memory_in_use();
-    return (now > before ? now - before : 0) + pliant_data_factor_bytes(data);
+    return (now > before ? now - before : 0) + pliant_data_get_factor_bytes(data);
 }
 
 pliant_status report_target(const pliant_model *model, pliant_geometry *out)
@@ -39,7 +39,7 @@ pliant_status report_target(const pliant_model *model, pliant_geometry *out)
 static pliant_status set_limits(pliant_data *data, report_limits limits)
 {
     int most = data->solver ? MOST_ITERATIONS : MOST_RELAXATION;
-    return pliant_data_limits(data, limits.iterations > 0 ? limits.iterations : most, limits.tolerance);
+    return pliant_data_set_limits(data, limits.iterations > 0 ? limits.iterations : most, limits.tolerance);
 }
 
 /* part: 0 at the start, 1 at the end */
@@ -49,7 +49,7 @@ static pliant_status load_frame(const report_case *load, pliant_data *data, cons
     if (load->kind == CASE_gravity) {
         double angle = part * 3.14159265358979323846;
         double gravity[3] = {0, standard_gravity * cos(angle), standard_gravity * sin(angle)};
-        return pliant_data_gravity(data, gravity);
+        return pliant_data_set_gravity(data, gravity);
     }
     static const pliant_drive drives[] = {
         [CASE_displacement] = PLIANT_DRIVE_RIGID, [CASE_force] = PLIANT_DRIVE_FORCE, [CASE_grasp] = PLIANT_DRIVE_SPRING};
@@ -58,8 +58,8 @@ static pliant_status load_frame(const report_case *load, pliant_data *data, cons
         tip[d] = from[d] + part * load->pull[d];
         force[d] = part * load->force[d];
     }
-    pliant_status status = pliant_tool_drive(data, 0, drives[load->kind], force);
-    return status < 0 ? status : pliant_tool_pose(data, 0, tip, NULL);
+    pliant_status status = pliant_tool_set_drive(data, 0, drives[load->kind], force);
+    return status < 0 ? status : pliant_tool_set_pose(data, 0, tip, NULL);
 }
 
 /* Until a step ends below the tolerance, with a factor that is never older than one step: nearly Newton's method. */
@@ -67,11 +67,11 @@ static pliant_status settle(const pliant_model *model, pliant_data *data, double
 {
     pliant_solver *solver = data->solver;
     if (!solver) { /* tled, by dynamic relaxation */
-        pliant_status relaxed = pliant_data_limits(data, MOST_RELAXATION, fmax(tolerance, relaxation_tolerance));
+        pliant_status relaxed = pliant_data_set_limits(data, MOST_RELAXATION, fmax(tolerance, relaxation_tolerance));
         return relaxed < 0 ? relaxed : pliant_step(model, data);
     }
     int32_t interval = solver->refresh_interval, delay = solver->refresh_delay;
-    pliant_status status = pliant_data_limits(data, SETTLING_ITERATIONS, tolerance);
+    pliant_status status = pliant_data_set_limits(data, SETTLING_ITERATIONS, tolerance);
     solver->refresh_interval = solver->refresh_delay = 1;
     for (int s = 0; status >= 0 && s < SETTLING_STEPS; s++) {
         status = pliant_step(model, data);
@@ -104,7 +104,7 @@ static pliant_status begin(const pliant_model *model, const report_case *load, r
     if (status >= 0 && report_case_pulls(load->kind)) {
         int tool;
         status = pliant_tool_add(model, data, "report", &tool);
-        if (status >= 0) status = pliant_tool_pose(data, tool, load->rest, NULL);
+        if (status >= 0) status = pliant_tool_set_pose(data, tool, load->rest, NULL);
         if (status >= 0) status = pliant_tool_grasp(model, data, tool, load->rest);
         if (status >= 0) memcpy(from, data->tools[tool].tip, 3 * sizeof *from);
         if (status >= 0 && !limits.before_patch) status = await_patch(model, limits.progress, data);
@@ -156,7 +156,7 @@ pliant_status report_case_run(const pliant_model *model, const report_case *load
     pliant_status status = run_create(load->frames, points->count, &run);
     size_t before = pliant_memory_in_use();
     if (status >= 0) status = pliant_data_create(model, &run.data);
-    if (status >= 0 && target) status = pliant_data_warp(model, run.data, target);
+    if (status >= 0 && target) status = pliant_data_set_warp(model, run.data, target);
     if (status >= 0) status = begin(model, load, limits, run.data, from);
     double start = pliant_seconds();
     for (int32_t f = 0; status >= 0 && f < load->frames; f++, start = fmax(start + limits.period, pliant_seconds() - limits.period)) {
@@ -173,7 +173,7 @@ pliant_status report_case_run(const pliant_model *model, const report_case *load
         ran = thread_seconds() - ran;
         clocked += clock;
         run.own_share += ran;
-        double share = limits.own_time && clock > ran && strcmp(pliant_data_backend(run.data), "cpu") == 0 ? ran / clock : 1;
+        double share = limits.own_time && clock > ran && strcmp(pliant_data_get_backend(run.data), "cpu") == 0 ? ran / clock : 1;
         const pliant_statistics *statistics = &run.data->statistics;
         for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++) run.seconds[s * load->frames + f] = share * statistics->seconds[s];
         run.residual[f] = statistics->residual;

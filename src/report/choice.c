@@ -83,7 +83,7 @@ static pliant_status find_backend(const pliant_model *model, pliant_backend_choi
 {
     pliant_data *data = NULL;
     pliant_status status = pliant_data_create(model, &data);
-    if (status >= 0) *out = strcmp(pliant_data_backend(data), "cpu") == 0 ? PLIANT_CPU : PLIANT_CUDA;
+    if (status >= 0) *out = strcmp(pliant_data_get_backend(data), "cpu") == 0 ? PLIANT_CPU : PLIANT_CUDA;
     pliant_data_free(data);
     return status;
 }

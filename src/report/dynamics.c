@@ -32,9 +32,9 @@ static pliant_status pulled_create(const pliant_report_input *input, const plian
     pliant_status status = pliant_model_build(scene, input->scan, input->labels, input->materials, progress, &run->model);
     if (status >= 0) status = pliant_data_create(run->model, &run->data);
     if (status >= 0) status = pliant_tool_add(run->model, run->data, "report", &run->tool);
-    if (status >= 0) status = pliant_tool_pose(run->data, run->tool, at, NULL);
+    if (status >= 0) status = pliant_tool_set_pose(run->data, run->tool, at, NULL);
     if (status >= 0) status = pliant_tool_grasp(run->model, run->data, run->tool, at);
-    if (status >= 0) status = pliant_tool_drive(run->data, run->tool, PLIANT_DRIVE_RIGID, NULL);
+    if (status >= 0) status = pliant_tool_set_drive(run->data, run->tool, PLIANT_DRIVE_RIGID, NULL);
     if (status >= 0) memcpy(run->from, run->data->tools[run->tool].tip, sizeof run->from);
     return status;
 }
@@ -50,7 +50,7 @@ static pliant_status pulled_frame(pulled_run *run, const pliant_sweep *sweep, in
         return pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; what is done is kept");
     if (frame == sweep->frames) pliant_tool_lost(run->data, run->tool);
     for (int d = 0; d < 3; d++) tip[d] = run->from[d] + sweep->pull[d] * (frame + 1.0) / sweep->frames;
-    if (frame < sweep->frames) status = pliant_tool_pose(run->data, run->tool, tip, NULL);
+    if (frame < sweep->frames) status = pliant_tool_set_pose(run->data, run->tool, tip, NULL);
     double start = pliant_seconds();
     if (status >= 0) status = pliant_step(run->model, run->data);
     if (seconds) *seconds = pliant_seconds() - start;
@@ -67,7 +67,7 @@ static pliant_status run_drift(pulled_run *run, const pliant_sweep *sweep, doubl
         pliant_dynamics dynamics;
         status = pulled_frame(run, sweep, f, NULL, progress);
         if (status < 0 || f < sweep->frames) continue;
-        if ((status = pliant_data_dynamics(run->model, run->data, &dynamics)) < 0) break;
+        if ((status = pliant_data_get_dynamics(run->model, run->data, &dynamics)) < 0) break;
         if (f == sweep->frames)
             first = dynamics.kept_energy;
         else
@@ -120,7 +120,7 @@ static pliant_status measure_time_error(const pliant_report_input *input, const 
     pliant_dynamics dynamics;
     *out = (time_error){0};
     pliant_status status = pulled_create(input, asked, sweep, progress, &whole);
-    if (status >= 0) status = pliant_data_dynamics(whole.model, whole.data, &dynamics);
+    if (status >= 0) status = pliant_data_get_dynamics(whole.model, whole.data, &dynamics);
     if (status >= 0) { /* exactly twice as many */
         scene.tled.safety = 0.5 * dynamics.time_step / fmin(dynamics.edge_bound, dynamics.eigenvalue_bound);
         status = pulled_create(input, &scene, sweep, progress, &half);
@@ -145,7 +145,7 @@ static pliant_status tell(const pulled_run *run, const pliant_sweep *sweep, doub
 #undef LAW_NAME
     };
     pliant_dynamics dynamics;
-    pliant_status status = pliant_data_dynamics(model, data, &dynamics);
+    pliant_status status = pliant_data_get_dynamics(model, data, &dynamics);
     if (status < 0) return status;
     int32_t frames = frames_of(sweep);
     report_sort(seconds, frames);
@@ -155,7 +155,7 @@ static pliant_status tell(const pulled_run *run, const pliant_sweep *sweep, doub
     row_integer(row, model->body->fine.num_tets);
     row_integer(row, model->body->fine.num_nodes);
     row_text(row, laws[model->scene.tled.law]);
-    row_text(row, pliant_data_backend(data));
+    row_text(row, pliant_data_get_backend(data));
     row_integer(row, pliant_threads_of(model->scene.solver.threads));
     row_number(row, 1e6 * dynamics.edge_bound);
     row_number(row, 1e6 * dynamics.eigenvalue_bound);

@@ -56,7 +56,7 @@ static pliant_status pull(pliant_data *data, const pliant_sweep *sweep, const do
 {
     double part = step < STEPS / 2 ? 2.0 * (step + 1) / STEPS : 2.0 - 2.0 * (step + 1) / STEPS, tip[3];
     for (int d = 0; d < 3; d++) tip[d] = from[d] + part * sweep->pull[d];
-    return pliant_tool_pose(data, 0, tip, NULL);
+    return pliant_tool_set_pose(data, 0, tip, NULL);
 }
 
 static pliant_status one_step(const pliant_model *model, pliant_data *data, int parts, const double at[3], float *scalar, int step,
@@ -87,8 +87,8 @@ static pliant_status run_parts(pliant_model *model, const pliant_sweep *sweep, c
     if (!has(parts, BIT_refresh)) model->scene.solver.refresh_interval = 0;
     pliant_status status = pliant_data_create(model, &data);
     model->scene.solver.refresh_interval = interval;
-    if (status >= 0 && has(parts, BIT_warp)) status = pliant_data_warp(model, data, target);
-    if (status >= 0 && has(parts, BIT_gravity)) status = pliant_data_gravity(data, down);
+    if (status >= 0 && has(parts, BIT_warp)) status = pliant_data_set_warp(model, data, target);
+    if (status >= 0 && has(parts, BIT_gravity)) status = pliant_data_set_gravity(data, down);
     if (status >= 0 && has(parts, BIT_scalar)) {
         scalar = pliant_calloc((size_t)model->body->fine.num_nodes, sizeof *scalar);
         if (!scalar) status = pliant_fail_memory("a number per node");
@@ -96,7 +96,7 @@ static pliant_status run_parts(pliant_model *model, const pliant_sweep *sweep, c
     memcpy(at, sweep->points[0].rest, sizeof at);
     if (status >= 0 && has(parts, BIT_tools)) {
         status = pliant_tool_add(model, data, "report", &tool);
-        if (status >= 0) status = pliant_tool_pose(data, tool, at, NULL);
+        if (status >= 0) status = pliant_tool_set_pose(data, tool, at, NULL);
         if (status >= 0) status = pliant_tool_grasp(model, data, tool, at);
         if (status >= 0) memcpy(from, data->tools[tool].tip, sizeof from);
     }
@@ -105,7 +105,7 @@ static pliant_status run_parts(pliant_model *model, const pliant_sweep *sweep, c
         if (status >= 0) status = one_step(model, data, parts, at, scalar, step, times);
     }
     if (status >= 0) times->bytes = report_data_bytes(data, before);
-    if (status >= 0) times->backend = pliant_data_backend(data);
+    if (status >= 0) times->backend = pliant_data_get_backend(data);
     pliant_free(scalar);
     pliant_data_free(data);
     return status;

@@ -47,8 +47,8 @@ static pliant_status swing(stability_trial *trial, const void *argument)
     const bool stable = *(const double *)argument < 1;
     const int64_t most = stable ? 100 : 3;
     pliant_dynamics dynamics;
-    pliant_status status = trial_called(trial, pliant_data_gravity(trial->data, aside));
-    if (status >= 0) status = trial_called(trial, pliant_data_dynamics(trial->model, trial->data, &dynamics));
+    pliant_status status = trial_called(trial, pliant_data_set_gravity(trial->data, aside));
+    if (status >= 0) status = trial_called(trial, pliant_data_get_dynamics(trial->model, trial->data, &dynamics));
     while (status >= 0 && trial->steps < most) status = trial_step(trial);
     if (status == PLIANT_ERROR_CANCELLED) return status;
     snprintf(trial->figure, sizeof trial->figure, "bounds %.4g us (edge) and %.4g us (eigenvalue), step %.4g us; %s after %lld sub-steps",
@@ -95,7 +95,7 @@ static pliant_status keep_energy(stability_trial *trial, const void *argument)
     pliant_free(positions);
     while (status >= 0 && trial->iterations < trial->context->options->long_steps) {
         status = trial_step(trial);
-        if (status >= 0) status = pliant_data_dynamics(trial->model, trial->data, &dynamics);
+        if (status >= 0) status = pliant_data_get_dynamics(trial->model, trial->data, &dynamics);
         if (status < 0) return status;
         if (first == 0) first = dynamics.kept_energy;
         drift = fmax(drift, fabs(dynamics.kept_energy - first) / first);
@@ -210,7 +210,7 @@ static pliant_status show(stability_trial *trial, const void *argument)
 {
     const double most_wrong = 0.01;
     const pliant_volume *scan = trial->input->scan;
-    pliant_status status = trial_called(trial, pliant_data_warp(trial->model, trial->data, &scan->geometry));
+    pliant_status status = trial_called(trial, pliant_data_set_warp(trial->model, trial->data, &scan->geometry));
     if (status >= 0) status = trial_workout(trial, argument);
     if (status < 0 || trial->cancelled) return status;
     const pliant_volume *shown = pliant_warp_volume(trial->data->warp);

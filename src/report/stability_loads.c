@@ -19,7 +19,7 @@ static pliant_status move_to(stability_trial *trial, const double from[3], const
 {
     double tip[3];
     for (int d = 0; d < 3; d++) tip[d] = from[d] + distance * direction[d];
-    pliant_status status = trial_called(trial, pliant_tool_pose(trial->data, 0, tip, NULL));
+    pliant_status status = trial_called(trial, pliant_tool_set_pose(trial->data, 0, tip, NULL));
     return status < 0 ? status : trial_step(trial);
 }
 
@@ -97,7 +97,7 @@ pliant_status stability_teleport(stability_context *context)
 static pliant_status heavy(stability_trial *trial, const void *argument)
 {
     double gravity[3] = {0, -9.80665 * *(const double *)argument, 0};
-    pliant_status status = trial_called(trial, pliant_data_gravity(trial->data, gravity));
+    pliant_status status = trial_called(trial, pliant_data_set_gravity(trial->data, gravity));
     if (status < 0) return status;
     int32_t settled = trial_settle(trial);
     snprintf(trial->figure, sizeof trial->figure, "%s in %d steps, %.4g mm", settled < 0 ? "not settled" : "settled",
@@ -156,12 +156,12 @@ static pliant_status twist(stability_trial *trial, const void *argument)
         int tool;
         snprintf(name, sizeof name, "finger %d", t);
         status = pliant_tool_add(trial->model, trial->data, name, &tool);
-        if (status >= 0) status = pliant_tool_pose(trial->data, tool, point, NULL);
+        if (status >= 0) status = pliant_tool_set_pose(trial->data, tool, point, NULL);
         if (status >= 0) status = pliant_tool_grasp(trial->model, trial->data, tool, point);
-        if (status >= 0) status = pliant_tool_drive(trial->data, tool, PLIANT_DRIVE_RIGID, NULL);
+        if (status >= 0) status = pliant_tool_set_drive(trial->data, tool, PLIANT_DRIVE_RIGID, NULL);
         point[1] = 2 * middle[1] - point[1];
         point[2] = 2 * middle[2] - point[2];
-        if (status >= 0) status = pliant_tool_pose(trial->data, tool, point, NULL);
+        if (status >= 0) status = pliant_tool_set_pose(trial->data, tool, point, NULL);
     }
     if (trial_called(trial, status) < 0) return status;
     int32_t settled = trial_settle(trial);
@@ -206,18 +206,18 @@ pliant_status trial_not_finite(stability_trial *trial, const void *argument)
     pliant_status status = trial_grasp(trial, PLIANT_DRIVE_RIGID, from);
     if (status < 0) return status;
     for (int b = 0; b < 2; b++) {
-        refused += trial_called(trial, pliant_tool_pose(trial->data, 0, bad[b], NULL)) < 0;
+        refused += trial_called(trial, pliant_tool_set_pose(trial->data, 0, bad[b], NULL)) < 0;
         refused += trial_called(trial, pliant_tool_grasp(trial->model, trial->data, 0, bad[b])) < 0;
-        refused += trial_called(trial, pliant_tool_drive(trial->data, 0, PLIANT_DRIVE_FORCE, bad[b])) < 0;
-        refused += trial_called(trial, pliant_data_gravity(trial->data, bad[b])) < 0;
+        refused += trial_called(trial, pliant_tool_set_drive(trial->data, 0, PLIANT_DRIVE_FORCE, bad[b])) < 0;
+        refused += trial_called(trial, pliant_data_set_gravity(trial->data, bad[b])) < 0;
         refused += trial_called(trial, pliant_data_set_positions(trial->model, trial->data, (const double[3]){NAN, 0, 0})) < 0;
         trial_step(trial);
     }
     /* finite, but beyond double precision once squared */
     const double huge[3] = {1e200, 0, 0};
-    if (trial_called(trial, pliant_tool_pose(trial->data, 0, huge, NULL)) >= 0) trial_step(trial);
-    trial_called(trial, pliant_tool_pose(trial->data, 0, from, NULL));
-    trial_called(trial, pliant_tool_drive(trial->data, 0, PLIANT_DRIVE_FORCE, nothing));
+    if (trial_called(trial, pliant_tool_set_pose(trial->data, 0, huge, NULL)) >= 0) trial_step(trial);
+    trial_called(trial, pliant_tool_set_pose(trial->data, 0, from, NULL));
+    trial_called(trial, pliant_tool_set_drive(trial->data, 0, PLIANT_DRIVE_FORCE, nothing));
     snprintf(trial->figure, sizeof trial->figure, "%d of 10 calls refused", refused);
     return trial_let_go(trial);
 }

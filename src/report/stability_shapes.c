@@ -159,7 +159,7 @@ static pliant_status go_round(stability_trial *trial, const void *argument)
     for (int64_t step = 0; status >= 0 && step < steps; step++) {
         double angle = 6.28318530717958647693 * (double)(step % ROUND) / ROUND, r = 0.05 * trial->size;
         double tip[3] = {from[0] + r * sin(angle), from[1] + r * (1 - cos(angle)), from[2] + 0.5 * r * sin(2 * angle)};
-        status = trial_called(trial, pliant_tool_pose(trial->data, 0, tip, NULL));
+        status = trial_called(trial, pliant_tool_set_pose(trial->data, 0, tip, NULL));
         if (status >= 0) status = trial_step(trial);
         if (step % ROUND != 0 || step / ROUND < SKIPPED) continue;
         if (step / ROUND == SKIPPED) {

@@ -95,7 +95,7 @@ static bool came_to_rest(stability_trial *trial)
     enum { STEPS = 3 };
     const double moving = 1e-7;
     pliant_dynamics dynamics;
-    if (trial_called(trial, pliant_data_dynamics(trial->model, trial->data, &dynamics)) < 0) return false;
+    if (trial_called(trial, pliant_data_get_dynamics(trial->model, trial->data, &dynamics)) < 0) return false;
     trial->energy = fmax(trial->energy, dynamics.kinetic_energy + dynamics.strain_energy);
     trial->still = dynamics.kinetic_energy <= moving * trial->energy ? trial->still + 1 : 0;
     return trial->still >= STEPS;
@@ -123,7 +123,7 @@ pliant_status trial_let_go(stability_trial *trial)
 {
     static const double none[3] = {0, 0, 0};
     for (int t = 0; t < trial->data->num_tools; t++) pliant_tool_lost(trial->data, t);
-    pliant_status status = trial_called(trial, pliant_data_gravity(trial->data, none));
+    pliant_status status = trial_called(trial, pliant_data_set_gravity(trial->data, none));
     if (status < 0) return status;
     trial->steps_to_rest = trial_settle(trial);
     if (trial->steps_to_rest >= 0 && off_rest(trial) > 0.01 * trial->size) trial->wrong_rest = true;
@@ -153,9 +153,9 @@ pliant_status trial_grasp(stability_trial *trial, pliant_drive drive, double fro
     if (best < 0) return trial_called(trial, pliant_fail(PLIANT_ERROR_SCENE, "nothing moves: there is nothing to take hold of"));
     const double *rest = fine->rest + 3 * best;
     pliant_status status = pliant_tool_add(model, trial->data, "trial", &tool);
-    if (status >= 0) status = pliant_tool_pose(trial->data, tool, rest, NULL);
+    if (status >= 0) status = pliant_tool_set_pose(trial->data, tool, rest, NULL);
     if (status >= 0) status = pliant_tool_grasp(model, trial->data, tool, rest);
-    if (status >= 0) status = pliant_tool_drive(trial->data, tool, drive, NULL);
+    if (status >= 0) status = pliant_tool_set_drive(trial->data, tool, drive, NULL);
     if (status >= 0) memcpy(from, trial->data->tools[tool].tip, 3 * sizeof *from);
     return trial_called(trial, status);
 }
@@ -165,13 +165,13 @@ pliant_status trial_workout(stability_trial *trial, const void *argument)
     static const double down[3] = {0, -9.80665, 0};
     double from[3], tip[3];
     (void)argument;
-    pliant_status status = trial_called(trial, pliant_data_gravity(trial->data, down));
+    pliant_status status = trial_called(trial, pliant_data_set_gravity(trial->data, down));
     if (status >= 0) trial_settle(trial);
     double sag = 1e3 * off_rest(trial);
     if (trial->last >= 0) status = trial_grasp(trial, PLIANT_DRIVE_RIGID, from);
     for (int step = 1; trial->last >= 0 && step <= 10; step++) {
         for (int d = 0; d < 3; d++) tip[d] = from[d] + 0.1 * trial->size * step / 10 * (d == 1 ? 0.8 : 0.4242640687);
-        status = trial_called(trial, pliant_tool_pose(trial->data, 0, tip, NULL));
+        status = trial_called(trial, pliant_tool_set_pose(trial->data, 0, tip, NULL));
         if (status >= 0) status = trial_step(trial);
     }
     if (trial->last >= 0) trial_settle(trial);

@@ -168,7 +168,7 @@ pliant_status sweep_tell(const sweep_told *told, report_row *row)
     row_integer(row, run->frames);
     row_integer(row, told->model->body->fine.num_tets);
     row_integer(row, told->model->system->mesh->num_tets);
-    row_text(row, pliant_data_backend(run->data));
+    row_text(row, pliant_data_get_backend(run->data));
     row_integer(row, pliant_threads_of(ground->scene.solver.threads));
     row_number(row, seconds);
     row_number(row, mb * held);

@@ -41,7 +41,7 @@ static void swap_discretization(const adaptation *work)
 static pliant_status prepare_state(const adaptation *work)
 {
     pliant_data *data = work->data, *made = work->made;
-    if (data->backend->bring) data->backend->bring(work->model, data);
+    if (data->backend->download) data->backend->download(work->model, data);
     pliant_status status = data->backend->kind->create(work->model, made);
     if (status != PLIANT_OK) return status;
     if (made->tled) pliant_tled_carry(made->tled, data->tled, &work->map);
@@ -112,7 +112,7 @@ static pliant_status prepare_warp(const adaptation *work)
 {
     const pliant_warp *old = work->data->warp;
     if (!old) return PLIANT_OK;
-    pliant_status status = pliant_data_warp(work->model, work->made, pliant_warp_geometry(old));
+    pliant_status status = pliant_data_set_warp(work->model, work->made, pliant_warp_geometry(old));
     if (status == PLIANT_OK) pliant_warp_show(work->made->warp, old);
     return status;
 }

@@ -5,7 +5,7 @@
 
 #include <math.h>
 
-pliant_status pliant_data_limits(pliant_data *data, int iterations, double tolerance)
+pliant_status pliant_data_set_limits(pliant_data *data, int iterations, double tolerance)
 {
     if (iterations < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a step needs at least 1 iteration, not %d", iterations);
     if (!(tolerance > 0) || !isfinite(tolerance))
@@ -14,7 +14,7 @@ pliant_status pliant_data_limits(pliant_data *data, int iterations, double toler
     return PLIANT_OK;
 }
 
-size_t pliant_data_factor_bytes(const pliant_data *data)
+size_t pliant_data_get_factor_bytes(const pliant_data *data)
 {
     return data->solver ? pliant_preconditioner_bytes(data->solver->preconditioner) + pliant_refresh_bytes(data->solver) : 0;
 }
@@ -33,4 +33,4 @@ pliant_status pliant_data_set_background(pliant_data *data, pliant_background_ki
     return PLIANT_OK;
 }
 
-uint32_t pliant_data_background_taken(const pliant_data *data) { return data->background.taken; }
+uint32_t pliant_data_get_background_taken(const pliant_data *data) { return data->background.taken; }

@@ -77,7 +77,7 @@ pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
     return pliant_backend_restart(model, data);
 }
 
-pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target)
+pliant_status pliant_data_set_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target)
 {
     pliant_warp *warp = NULL;
     if (target) {
@@ -95,7 +95,7 @@ pliant_status pliant_data_warp(const pliant_model *model, pliant_data *data, con
     return PLIANT_OK;
 }
 
-pliant_status pliant_data_gravity(pliant_data *data, const double gravity[3])
+pliant_status pliant_data_set_gravity(pliant_data *data, const double gravity[3])
 {
     for (int d = 0; d < 3; d++)
         if (!isfinite(gravity[d])) return pliant_fail(PLIANT_ERROR_ARGUMENT, "gravity must be finite");

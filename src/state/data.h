@@ -55,7 +55,7 @@ struct pliant_data {
     /* INTERACT */
     pliant_tool tools[PLIANT_MAX_TOOLS];
     int32_t num_tools;
-    double gravity[3];        /* LPS [m/s^2]; from the scene at first, changed by pliant_data_gravity */
+    double gravity[3];        /* LPS [m/s^2]; from the scene at first, changed by pliant_data_set_gravity */
     /* SOLVE */
     pliant_solver *solver;    /* NULL: solver/kind tled */
     pliant_tled *tled;        /* Nullable: solver/kind tled */
@@ -64,7 +64,7 @@ struct pliant_data {
     /* UPSAMPLE, PATCH */
     double *positions;        /* (body->fine.num_nodes x 3) LPS [m]; written by every step */
     /* WARP */
-    pliant_warp *warp;        /* Nullable: only when pliant_data_warp asked for it */
+    pliant_warp *warp;        /* Nullable: only when pliant_data_set_warp asked for it */
 
     pliant_statistics statistics;
 };

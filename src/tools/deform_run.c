@@ -57,7 +57,7 @@ static pliant_status ask_for_volume(deform_run *run)
         pliant_log(PLIANT_LOG_WARNING, "a tool pulls by %g m, the deformed volume has %g m of room around the tissue at rest: what is pulled further than "
                    "that is cut off; warp/margin gives it more", pull, margin);
     pliant_status status = pliant_warp_target(&run->inputs->scan.geometry, mesh->rest, mesh->num_nodes, margin, SIZE_MAX, &target);
-    return status < 0 ? status : pliant_data_warp(run->model, run->data, &target);
+    return status < 0 ? status : pliant_data_set_warp(run->model, run->data, &target);
 }
 
 static pliant_status grasp(deform_run *run)
@@ -68,9 +68,9 @@ static pliant_status grasp(deform_run *run)
         const double none[3] = {0.0, 0.0, 0.0};
         int index;
         pliant_status status = pliant_tool_add(run->model, run->data, tool->name, &index);
-        if (status >= 0) status = pliant_tool_pose(run->data, index, tool->grasp, NULL);
+        if (status >= 0) status = pliant_tool_set_pose(run->data, index, tool->grasp, NULL);
         if (status >= 0) status = pliant_tool_grasp(run->model, run->data, index, tool->grasp);
-        if (status >= 0) status = pliant_tool_drive(run->data, index, tool->drive, tool->drive == PLIANT_DRIVE_FORCE ? none : NULL);
+        if (status >= 0) status = pliant_tool_set_drive(run->data, index, tool->drive, tool->drive == PLIANT_DRIVE_FORCE ? none : NULL);
         if (status < 0) return status;
     }
     return PLIANT_OK;
@@ -90,9 +90,9 @@ static pliant_status move_tools(deform_run *run, double time)
         }
         for (int d = 0; d < 3; ++d) tip[d] = tool->grasp[d] + value[d];
         if (tool->drive == PLIANT_DRIVE_FORCE)
-            status = pliant_tool_drive(run->data, (int)n, tool->drive, value);
+            status = pliant_tool_set_drive(run->data, (int)n, tool->drive, value);
         else
-            status = pliant_tool_pose(run->data, (int)n, tip, NULL);
+            status = pliant_tool_set_pose(run->data, (int)n, tip, NULL);
         if (status < 0) return status;
     }
     return PLIANT_OK;
@@ -108,7 +108,7 @@ static pliant_status step_through(deform_run *run)
     for (long step = 1; step <= last && !console_stop_asked(); ++step) {
         double gravity[3];
         pliant_status status = move_tools(run, (double)step * dt);
-        if (status >= 0 && pliant_path_gravity(path, (double)step * dt, gravity)) status = pliant_data_gravity(run->data, gravity);
+        if (status >= 0 && pliant_path_gravity(path, (double)step * dt, gravity)) status = pliant_data_set_gravity(run->data, gravity);
         if (status < 0) return status;
         double start = pliant_seconds();
         pliant_status stepped = pliant_step(run->model, run->data);

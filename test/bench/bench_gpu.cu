@@ -212,7 +212,7 @@ bool find_front(const pliant_model *model, double out[3])
 Run run(const pliant_model *model, pliant_data *data, const double at[3], pliant_drive drive, int frames, int budget, double tolerance, bool fetch)
 {
     must(pliant_data_reset(model, data));
-    must(pliant_data_limits(data, budget, tolerance));
+    must(pliant_data_set_limits(data, budget, tolerance));
     int tool;
     must(pliant_tool_add(model, data, "bench", &tool));
     must(pliant_tool_grasp(model, data, tool, at));
@@ -222,8 +222,8 @@ Run run(const pliant_model *model, pliant_data *data, const double at[3], pliant
     for (int s = 1; s <= frames; s++) {
         double ahead = std::min(s, frames / 2) * 0.001, aside = std::max(0, s - frames / 2) * 0.001;
         double tip[3] = {from[0] + aside, from[1] - ahead, from[2] + 0.5 * aside}, force[3] = {100 * aside, -200 * ahead, 0};
-        must(pliant_tool_drive(data, tool, drive, force));
-        must(pliant_tool_pose(data, tool, tip, nullptr));
+        must(pliant_tool_set_drive(data, tool, drive, force));
+        must(pliant_tool_set_pose(data, tool, tip, nullptr));
         double start = pliant_seconds();
         pliant_status status = pliant_step(model, data);
         must(status);
@@ -242,7 +242,7 @@ Run run(const pliant_model *model, pliant_data *data, const double at[3], pliant
         for (size_t d = 0; d < 3; d++) u += std::pow(out.positions.back()[n + d] - model->body->fine.rest[n + d], 2);
         out.largest = std::max(out.largest, std::sqrt(u));
     }
-    if (std::string(pliant_data_backend(data)) != "cuda") std::printf("NOT ON THE GPU\n");
+    if (std::string(pliant_data_get_backend(data)) != "cuda") std::printf("NOT ON THE GPU\n");
     return out;
 }
 
@@ -306,7 +306,7 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
             exact[d] = run(model, data, at, drives[d], frames, 200, 1e-7, false);
             for (int b = 0; b < 6; b++) forces[d][b] = run(model, data, at, drives[d], frames, budgets[b], 1e-3, false);
         }
-        must(pliant_data_warp(model, data, &model->scan->geometry));
+        must(pliant_data_set_warp(model, data, &model->scan->geometry));
         for (int d = 0; d < 2; d++) {
             std::printf("  %s, largest %.1f mm, exact in %.1f evaluations a frame\n", d == 0 ? "displacement" : "force", 1e3 * exact[d].largest, exact[d].iterations);
             for (int b = 0; b < 6; b++) {

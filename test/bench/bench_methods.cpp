@@ -59,10 +59,10 @@ Run run(const pliant_model *model, const double *at, pliant_drive drive, const d
             if (force) part[d] = force[d] * s / steps;
         }
         if (at) {
-            check(pliant_tool_drive(data, tool, drive, part));
-            check(pliant_tool_pose(data, tool, tip, nullptr));
+            check(pliant_tool_set_drive(data, tool, drive, part));
+            check(pliant_tool_set_pose(data, tool, tip, nullptr));
         } else {
-            check(pliant_data_gravity(data, gravity));
+            check(pliant_data_set_gravity(data, gravity));
         }
         double start = pliant_seconds();
         pliant_status status = pliant_step(model, data);

@@ -64,7 +64,7 @@ double seconds_a_step(const Choice &choice, const Setting &setting, double budge
         best = std::min(best, body.data->statistics.seconds[PLIANT_STEP_solve] / body.data->statistics.iterations);
     }
     *substeps = body.data->statistics.iterations;
-    if (setting.backend == PLIANT_CUDA && std::string(pliant_data_backend(body.data)) != "cuda") std::printf("NOT ON THE GPU\n");
+    if (setting.backend == PLIANT_CUDA && std::string(pliant_data_get_backend(body.data)) != "cuda") std::printf("NOT ON THE GPU\n");
     return best;
 }
 

@@ -69,7 +69,7 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
     };
     if (kind == GRAVITY) { // it hangs at rest before it is turned
         const double down[3] = {0, 9.81, 0};
-        check(pliant_data_gravity(data, down));
+        check(pliant_data_set_gravity(data, down));
         pliant_status status = PLIANT_NOT_CONVERGED;
         for (int s = 0; s < 100 && (paced || status == PLIANT_NOT_CONVERGED); s++) {
             check(status = pliant_step(model, data));
@@ -88,13 +88,13 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
         pace();
         if (kind == GRAVITY) { // turned through 180 degrees, from lying on the back (+y)
             double angle = M_PI * f / count, g[3] = {9.81 * std::sin(angle), 9.81 * std::cos(angle), 0};
-            check(pliant_data_gravity(data, g));
+            check(pliant_data_set_gravity(data, g));
         } else {
             double move[3], tip[3];
             offset_at(f, move);
             for (int d = 0; d < 3; d++) tip[d] = from[d] + move[d];
-            check(pliant_tool_pose(data, tool, tip, nullptr));
-            check(pliant_tool_drive(data, tool, kind == FORCE ? PLIANT_DRIVE_FORCE : PLIANT_DRIVE_RIGID,
+            check(pliant_tool_set_pose(data, tool, tip, nullptr));
+            check(pliant_tool_set_drive(data, tool, kind == FORCE ? PLIANT_DRIVE_FORCE : PLIANT_DRIVE_RIGID,
                                     kind == FORCE ? driving->force[f - 1].data() : nullptr));
         }
         step();

@@ -80,8 +80,8 @@ void take_hold(Body &body)
         ASSERT_EQ(pliant_tool_add(body.model, body.data, t ? "right" : "left", &tool), PLIANT_OK);
         ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, points[t]), PLIANT_OK) << pliant_last_error();
     }
-    ASSERT_EQ(pliant_tool_drive(body.data, 1, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
-    ASSERT_EQ(pliant_data_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_tool_set_drive(body.data, 1, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
 }
 
 void step(Body &body, int count)
@@ -90,7 +90,7 @@ void step(Body &body, int count)
         for (int t = 0; t < body.data->num_tools; t++) {
             const pliant_tool &tool = body.data->tools[t];
             const double tip[3] = {tool.tip[0], tool.tip[1] + (t ? 1e-3 : -1e-3), tool.tip[2] + 5e-4};
-            ASSERT_EQ(pliant_tool_pose(body.data, t, tip, nullptr), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_pose(body.data, t, tip, nullptr), PLIANT_OK);
         }
         ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
     }
@@ -260,11 +260,11 @@ TEST_P(EveryDivisible, ACutBodyMovesAsOneThatWasMadeApart)
     pliant_body_release(next);
     for (Body *body : {apart.get(), whole.get()}) {
         take_hold(*body);
-        ASSERT_EQ(pliant_data_limits(body->data, 200, 1e-9), PLIANT_OK);
+        ASSERT_EQ(pliant_data_set_limits(body->data, 200, 1e-9), PLIANT_OK);
     }
     step(*whole, 3);
     for (int t = 0; t < 2; t++) // the tools pull the halves apart, to where they are in the other one
-        ASSERT_EQ(pliant_tool_pose(apart->data, t, whole->data->tools[t].tip, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(apart->data, t, whole->data->tools[t].tip, nullptr), PLIANT_OK);
     cut(*whole, 0.08, 0.05);
     const pliant_mesh &mesh = whole->data->body->fine;
     ASSERT_EQ(mesh.num_nodes, apart->data->body->fine.num_nodes);
@@ -307,7 +307,7 @@ TEST_P(EveryHalf, OfABodyInTwoIsABodyOfItsOwn)
     step(*whole, 2);
     cut(*whole, 0.08);
     for (Body *body : {whole.get(), &half}) {
-        ASSERT_EQ(pliant_data_limits(body->data, 200, 1e-9), PLIANT_OK);
+        ASSERT_EQ(pliant_data_set_limits(body->data, 200, 1e-9), PLIANT_OK);
         for (int s = 0; s < 60; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
     }
     const pliant_mesh &mesh = half.model->body->fine, &all = whole->data->body->fine;
@@ -373,8 +373,8 @@ TEST(Adapt, FragmentsOfCoarseTetrahedraNest)
             ASSERT_EQ(pliant_tool_add(one->model, one->data, "tool", &tool), PLIANT_OK);
             ASSERT_EQ(pliant_tool_grasp(one->model, one->data, tool, at), PLIANT_OK);
             const double force[3] = {0, 0.2, 0};
-            ASSERT_EQ(pliant_tool_drive(one->data, tool, PLIANT_DRIVE_FORCE, force), PLIANT_OK);
-            ASSERT_EQ(pliant_data_limits(one->data, 200, 1e-9), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_drive(one->data, tool, PLIANT_DRIVE_FORCE, force), PLIANT_OK);
+            ASSERT_EQ(pliant_data_set_limits(one->data, 200, 1e-9), PLIANT_OK);
             for (int s = 0; s < 30; s++) ASSERT_GE(pliant_step(one->model, one->data), 0);
             const pliant_mesh &mesh = one->data->body->fine;
             double left = 0;
@@ -417,7 +417,7 @@ TEST(Adapt, UndoTakesTheBodyBeforeAndResetTheFirst)
     std::unique_ptr<Body> fresh = make(direct);
     take_hold(*fresh);
     take_hold(*body);
-    for (int t = 0; t < 2; t++) ASSERT_EQ(pliant_tool_pose(body->data, t, fresh->data->tools[t].tip, nullptr), PLIANT_OK);
+    for (int t = 0; t < 2; t++) ASSERT_EQ(pliant_tool_set_pose(body->data, t, fresh->data->tools[t].tip, nullptr), PLIANT_OK);
     for (int t = 0; t < 2; t++) std::copy(fresh->data->tools[t].grip, fresh->data->tools[t].grip + 3, body->data->tools[t].grip);
     step(*body, 4);
     step(*fresh, 4);

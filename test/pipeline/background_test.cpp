@@ -36,18 +36,18 @@ Pulled pull(Body &body, int steps, pliant_background_kind kind, const std::vecto
     int tool;
     const double point[3] = {0.06, 0.06, 0.11};
     EXPECT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
-    EXPECT_EQ(pliant_tool_pose(body.data, tool, point, nullptr), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_set_pose(body.data, tool, point, nullptr), PLIANT_OK);
     EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
     uint32_t all = 0;
     for (int s = 0; s < steps && out.taken.size() < 5000;) {
         const double tip[3] = {0.06 + 0.01 * s / steps, 0.06, 0.11 + 0.02 * s / steps}, force[3] = {1.0 * s / steps, 0, 2.0 * s / steps};
-        EXPECT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
-        EXPECT_EQ(pliant_tool_drive(body.data, tool, s < steps / 3 ? PLIANT_DRIVE_FORCE : PLIANT_DRIVE_RIGID, force), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_drive(body.data, tool, s < steps / 3 ? PLIANT_DRIVE_FORCE : PLIANT_DRIVE_RIGID, force), PLIANT_OK);
         if (s == steps / 2) pliant_tool_release(body.data, tool);
         if (s == steps / 2 + 3) EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(pliant_data_set_background(body.data, kind, prescribed ? prescribed->at(out.taken.size()) : 0), PLIANT_OK) << pliant_last_error();
         EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
-        out.taken.push_back(pliant_data_background_taken(body.data));
+        out.taken.push_back(pliant_data_get_background_taken(body.data));
         all |= out.taken.back();
         out.positions.insert(out.positions.end(), body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes);
         if (pause > 0) std::this_thread::sleep_for(std::chrono::milliseconds(s * pause % 7));

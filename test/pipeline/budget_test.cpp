@@ -100,13 +100,13 @@ std::vector<std::vector<double>> pull_by_force(Phantom &body, bool exact)
 {
     int tool;
     EXPECT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
-    EXPECT_EQ(pliant_tool_pose(body.data, tool, liver, nullptr), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_set_pose(body.data, tool, liver, nullptr), PLIANT_OK);
     EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, liver), PLIANT_OK) << pliant_last_error();
     std::vector<std::vector<double>> out;
     for (int f = 1; f <= frames; f++) {
         const double size = 12 * std::min(1.0, f / 50.0), angle = 0.03 * std::max(0, f - 50);
         const double force[3] = {size * std::sin(angle), -size * std::cos(angle), 0};
-        EXPECT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_FORCE, force), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_FORCE, force), PLIANT_OK);
         out.push_back(body.solve(exact));
     }
     return out;
@@ -161,13 +161,13 @@ TEST(Budget, TheFirstFrameOfTurnedGravityMoves)
         Phantom body(exact);
         body.clock.from = cost[0], body.clock.to = cost[1];
         const double down[3] = {0, 9.81, 0};
-        ASSERT_EQ(pliant_data_gravity(body.data, down), PLIANT_OK);
+        ASSERT_EQ(pliant_data_set_gravity(body.data, down), PLIANT_OK);
         std::vector<double> before;
         for (int s = 0; s < 100; s++) before = body.solve(exact);
         std::vector<std::vector<double>> found;
         for (int f = 1; f <= 60; f++) {
             const double angle = M_PI * f / 60, g[3] = {9.81 * std::sin(angle), 9.81 * std::cos(angle), 0};
-            ASSERT_EQ(pliant_data_gravity(body.data, g), PLIANT_OK);
+            ASSERT_EQ(pliant_data_set_gravity(body.data, g), PLIANT_OK);
             found.push_back(body.solve(exact));
         }
         if (exact) {

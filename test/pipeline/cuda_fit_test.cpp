@@ -76,9 +76,9 @@ TEST(CudaFit, AStepDrawsIt)
         body.scene.solver.backend = PLIANT_CUDA;
         body.scene.warp.kind = PLIANT_FIT;
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-        ASSERT_EQ(pliant_data_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
         for (int s = 0; s < 5; s++) ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
-        ASSERT_STREQ(pliant_data_backend(body.data), "cuda");
+        ASSERT_STREQ(pliant_data_get_backend(body.data), "cuda");
         pliant_warp *warp = nullptr;
         ASSERT_EQ(pliant_warp_create(&body.scan, &body.model->body->fine, &body.scan.geometry, 2, &warp), PLIANT_OK);
         ASSERT_EQ(pliant_warp_fit(warp, body.scene.warp.fit_step), PLIANT_OK);

@@ -54,11 +54,11 @@ void step(Body &body, const Case &c, int s, int steps)
         const double point[3] = {0.04 + 0.04 * t, 0.06, 0.11 - 0.02 * t}, along = 0.02 * s / steps;
         const double tip[3] = {point[0] + along, point[1] - along * t, point[2] + along}, force[3] = {0.5 * s / steps, 0, 1.0 * s / steps};
         if (s == 1) {
-            ASSERT_EQ(pliant_tool_pose(body.data, tool, point, nullptr), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_pose(body.data, tool, point, nullptr), PLIANT_OK);
             ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, nullptr), PLIANT_OK) << pliant_last_error();
         }
-        ASSERT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_drive(body.data, tool, c.drive, force), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_drive(body.data, tool, c.drive, force), PLIANT_OK);
     }
     ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
 }
@@ -91,14 +91,14 @@ TEST(CudaRun, MeetsTheCpu)
         prepare(gpu, c, PLIANT_CUDA);
         ASSERT_EQ(cpu.build(), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(gpu.build(), PLIANT_OK) << pliant_last_error();
-        ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda");
-        ASSERT_EQ(pliant_data_warp(gpu.model, gpu.data, &gpu.scan.geometry), PLIANT_OK) << pliant_last_error();
+        ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda");
+        ASSERT_EQ(pliant_data_set_warp(gpu.model, gpu.data, &gpu.scan.geometry), PLIANT_OK) << pliant_last_error();
         const int steps = 12;
         double worst = 0, least_converged = 0;
         for (int s = 1; s <= steps; s++) {
             step(cpu, c, s, steps);
             step(gpu, c, s, steps);
-            ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda") << pliant_last_error();
+            ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             worst = std::fmax(worst, farthest(cpu, gpu));
             least_converged = std::fmax(least_converged, std::fmax(cpu.data->statistics.residual, gpu.data->statistics.residual));
             for (int t = 0; t < c.tools; t++)
@@ -144,14 +144,14 @@ TEST(CudaRun, PatchesMeetTheCpu)
             body->scene.model.patch = 0.03;
             body->scene.model.patch_delay = 3;
             ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
-            ASSERT_EQ(pliant_data_warp(body->model, body->data, &body->scan.geometry), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_data_set_warp(body->model, body->data, &body->scan.geometry), PLIANT_OK) << pliant_last_error();
         }
-        ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda");
+        ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda");
         const int steps = 12;
         for (int s = 1; s <= steps; s++) {
             step(cpu, c, s, steps);
             step(gpu, c, s, steps);
-            ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda") << pliant_last_error();
+            ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             EXPECT_EQ(cpu.data->statistics.patched, gpu.data->statistics.patched) << "step " << s;
             EXPECT_LT(farthest(cpu, gpu), 1e-5 * box[0]) << "step " << s;
             for (int t = 0; t < c.tools; t++)
@@ -197,7 +197,7 @@ TEST(CudaRun, OneEvaluationMeetsTheCpu)
         std::uniform_real_distribution<double> uniform(-0.004, 0.004); // some elements turn inside out
         for (Body *body : {&cpu, &gpu}) {
             ASSERT_EQ(body->build(), PLIANT_OK);
-            ASSERT_EQ(pliant_data_limits(body->data, 1, 1e-8), PLIANT_OK);
+            ASSERT_EQ(pliant_data_set_limits(body->data, 1, 1e-8), PLIANT_OK);
         }
         for (int round = 0; round < 3; round++) {
             std::vector<double> x(cpu.model->body->fine.rest, cpu.model->body->fine.rest + 3 * cpu.model->body->fine.num_nodes);
@@ -248,10 +248,10 @@ TEST(CudaRun, EveryKernelOnce)
         body.scene.solver.iterations = 3;
         body.scene.solver.refresh_interval = 1;
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-        ASSERT_EQ(pliant_data_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
         for (int s = 1; s <= 2; s++) step(body, c, s, 2);
         pliant_warp_volume(body.data->warp);
-        EXPECT_STREQ(pliant_data_backend(body.data), "cuda") << pliant_last_error();
+        EXPECT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();
         EXPECT_GT(farthest(body.data->positions, body.model->body->fine.rest, body.model->body->fine.num_nodes), 0.002);
     }
 }
@@ -277,13 +277,13 @@ TEST(CudaRun, ManyStepsDoNotDrift)
         tip[0] = point[0] + 0.02 * std::sin(0.031 * s);
         tip[1] = point[1] + 0.015 * std::sin(0.047 * s);
         tip[2] = point[2] + 0.01 * std::sin(0.017 * s);
-        ASSERT_EQ(pliant_tool_pose(gpu.data, 0, tip, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(gpu.data, 0, tip, nullptr), PLIANT_OK);
         ASSERT_GE(pliant_step(gpu.model, gpu.data), 0) << pliant_last_error();
-        ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda");
+        ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda");
     }
-    ASSERT_EQ(pliant_data_limits(gpu.data, 100, 1e-8), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_limits(gpu.data, 100, 1e-8), PLIANT_OK);
     ASSERT_EQ(pliant_step(gpu.model, gpu.data), PLIANT_OK);
-    ASSERT_EQ(pliant_tool_pose(cpu.data, 0, tip, nullptr), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_pose(cpu.data, 0, tip, nullptr), PLIANT_OK);
     ASSERT_EQ(pliant_step(cpu.model, cpu.data), PLIANT_OK);
     EXPECT_LT(farthest(cpu, gpu), 1e-5 * box[0]);
 }
@@ -304,7 +304,7 @@ struct RealBody {
     {
         EXPECT_EQ(pliant_model_build(&scene, &scan, nullptr, &materials, {nullptr, nullptr}, &model), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
-        EXPECT_EQ(pliant_data_warp(model, data, &scan.geometry), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_data_set_warp(model, data, &scan.geometry), PLIANT_OK) << pliant_last_error();
     }
     ~RealBody()
     {
@@ -323,7 +323,7 @@ struct RealBody {
             int32_t tet = pliant_mesh_locate(&model->body->fine, point, barycentric), tool;
             if (tet < 0 || model->body->fine_material[tet].tissue < 0.9 || model->body->fine_material[tet].mu < 500) continue;
             for (int d = 0; d < 3; d++) tip[d] = point[d] + (d == 1 ? 0.02 : 0);
-            return pliant_tool_add(model, data, "tool", &tool) == PLIANT_OK && pliant_tool_pose(data, tool, tip, nullptr) == PLIANT_OK &&
+            return pliant_tool_add(model, data, "tool", &tool) == PLIANT_OK && pliant_tool_set_pose(data, tool, tip, nullptr) == PLIANT_OK &&
                    pliant_tool_grasp(model, data, tool, nullptr) == PLIANT_OK;
         }
         return false;
@@ -367,12 +367,12 @@ TEST(CudaRun, ARealScanMeetsTheCpu)
         for (int s = 1; s <= 8; s++) {
             const double to[3] = {tip[0] + 0.0005 * s, tip[1] - 0.002 * s, tip[2] + 0.001 * s};
             for (RealBody *body : {&cpu, &gpu}) {
-                ASSERT_EQ(pliant_tool_pose(body->data, 0, to, nullptr), PLIANT_OK);
+                ASSERT_EQ(pliant_tool_set_pose(body->data, 0, to, nullptr), PLIANT_OK);
                 ASSERT_EQ(pliant_step(body->model, body->data), PLIANT_OK) << pliant_last_error();
             }
             worst = std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
         }
-        ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda");
+        ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda");
         EXPECT_LT(worst, 1e-5 * extent);
         EXPECT_GT(farthest(gpu.data->positions, gpu.model->body->fine.rest, gpu.model->body->fine.num_nodes), 0.005);
         const size_t voxels = pliant_geometry_voxels(&scan.geometry);
@@ -434,11 +434,11 @@ void fail_every_call(const Case &c, double patch, int stride)
     for (bool failed = true; failed; calls += stride) {
         pliant_cuda_fail_after(calls);
         ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK) << "call " << calls << ": " << pliant_last_error();
-        ASSERT_EQ(pliant_data_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << "call " << calls;
+        ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << "call " << calls;
         for (int s = 1; s <= steps; s++) step(body, c, s, steps);
         const pliant_volume *volume = pliant_warp_volume(body.data->warp);
         ASSERT_LT(farthest(good, body), 1e-5 * box[0]) << "call " << calls;
-        failed = std::string(pliant_data_backend(body.data)) == "cpu" || !pliant_warp_accelerated(body.data->warp);
+        failed = std::string(pliant_data_get_backend(body.data)) == "cpu" || !pliant_warp_accelerated(body.data->warp);
         left += failed;
         pliant_cuda_fail_after(-1);
         if (!failed) { // the last call was beyond all of them, or the volume was not fetched
@@ -522,7 +522,7 @@ TEST(CudaFailure, WithoutAGpuTheReasonIsTold)
     EXPECT_NE(std::string(pliant_last_error()).find("cuda cannot be used"), std::string::npos) << pliant_last_error();
     prepare(body, cases[0], PLIANT_AUTO);
     ASSERT_EQ(body.build(), PLIANT_OK);
-    EXPECT_STREQ(pliant_data_backend(body.data), "cpu");
+    EXPECT_STREQ(pliant_data_get_backend(body.data), "cpu");
 }
 
 } // namespace

@@ -83,13 +83,13 @@ struct Cube : Body {
             const double tip[3] = {point[0] + along, point[1] - along * t, point[2] - along};
             if (s == 1) {
                 data->tools[tool].radius = 0.01; // they share nodes
-                ASSERT_EQ(pliant_tool_pose(data, tool, point, nullptr), PLIANT_OK);
+                ASSERT_EQ(pliant_tool_set_pose(data, tool, point, nullptr), PLIANT_OK);
                 ASSERT_EQ(pliant_tool_grasp(model, data, tool, nullptr), PLIANT_OK) << pliant_last_error();
                 data->tools[tool].stiffness = 50;
                 data->tools[tool].damping = 0.5;
             }
-            ASSERT_EQ(pliant_tool_pose(data, tool, tip, nullptr), PLIANT_OK);
-            ASSERT_EQ(pliant_tool_drive(data, tool, static_cast<pliant_drive>(static_cast<int>(c.drive)), push), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_drive(data, tool, static_cast<pliant_drive>(static_cast<int>(c.drive)), push), PLIANT_OK);
         }
         ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
     }
@@ -111,13 +111,13 @@ TEST(CudaTled, MeetsTheCpu)
         Cube cpu(c, PLIANT_CPU), gpu(c, PLIANT_CUDA);
         ASSERT_EQ(cpu.build(), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(gpu.build(), PLIANT_OK) << pliant_last_error();
-        ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda");
-        ASSERT_EQ(pliant_data_warp(gpu.model, gpu.data, &gpu.scan.geometry), PLIANT_OK) << pliant_last_error();
+        ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda");
+        ASSERT_EQ(pliant_data_set_warp(gpu.model, gpu.data, &gpu.scan.geometry), PLIANT_OK) << pliant_last_error();
         double worst = 0, force = 0, forces_apart = 0, residuals = 0;
         for (int s = 1; s <= 15; s++) {
             cpu.step(s);
             gpu.step(s);
-            ASSERT_STREQ(pliant_data_backend(gpu.data), "cuda") << pliant_last_error();
+            ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             worst = std::fmax(worst, apart(cpu.positions(), gpu.data->positions));
             const double a = cpu.data->statistics.residual, b = gpu.data->statistics.residual;
             if (!c.still) residuals = std::fmax(residuals, std::fabs(a - b) / a);
@@ -133,8 +133,8 @@ TEST(CudaTled, MeetsTheCpu)
         EXPECT_LT(forces_apart, 10 * c.bound * force + 1e-12);
         EXPECT_LT(residuals, 0.01);
         pliant_dynamics here, there;
-        ASSERT_EQ(pliant_data_dynamics(cpu.model, cpu.data, &here), PLIANT_OK);
-        ASSERT_EQ(pliant_data_dynamics(gpu.model, gpu.data, &there), PLIANT_OK);
+        ASSERT_EQ(pliant_data_get_dynamics(cpu.model, cpu.data, &here), PLIANT_OK);
+        ASSERT_EQ(pliant_data_get_dynamics(gpu.model, gpu.data, &there), PLIANT_OK);
         EXPECT_EQ(here.substeps, there.substeps);
         EXPECT_NEAR(here.strain_energy, there.strain_energy, 100 * c.bound * here.strain_energy);
         pliant_warp *warp = nullptr;
@@ -192,7 +192,7 @@ TEST(CudaTled, ThePhantomMeetsTheCpu)
             ASSERT_EQ(pliant_model_build(&scene, &scan, nullptr, &table, {nullptr, nullptr}, &model[b]), PLIANT_OK) << pliant_last_error();
             ASSERT_EQ(pliant_data_create(model[b], &data[b]), PLIANT_OK) << pliant_last_error();
         }
-        ASSERT_STREQ(pliant_data_backend(data[1]), "cuda");
+        ASSERT_STREQ(pliant_data_get_backend(data[1]), "cuda");
         const int32_t nodes = 3 * model[0]->body->fine.num_nodes, tets = model[0]->body->fine.num_tets;
         int32_t front = 0; // the foremost node
         for (int32_t n = 0; n < nodes / 3; n++)
@@ -210,7 +210,7 @@ TEST(CudaTled, ThePhantomMeetsTheCpu)
                 }
                 if (run == 2) {
                     tip[1] -= 0.003 * (s + 1);
-                    ASSERT_EQ(pliant_tool_pose(data[b], 0, tip, nullptr), PLIANT_OK);
+                    ASSERT_EQ(pliant_tool_set_pose(data[b], 0, tip, nullptr), PLIANT_OK);
                 }
                 ASSERT_EQ(pliant_step(model[b], data[b]), PLIANT_OK) << pliant_last_error();
             }
@@ -286,7 +286,7 @@ TEST(CudaTled, DivergenceIsCaughtAndTheStateKept)
         EXPECT_EQ(status, PLIANT_ERROR_NUMERIC);
         EXPECT_NE(std::string(pliant_last_error()).find("faster than sound"), std::string::npos) << pliant_last_error();
         EXPECT_EQ(before, body.positions());
-        EXPECT_STREQ(pliant_data_backend(body.data), b ? "cuda" : "cpu");
+        EXPECT_STREQ(pliant_data_get_backend(body.data), b ? "cuda" : "cpu");
         steps[b] = body.data->statistics.iterations;
         // with shorter steps it goes on from there
         body.data->tled->substeps *= 2;
@@ -323,7 +323,7 @@ TEST(CudaTled, EveryKernelOnce)
         body.scene.tled.relaxation_steps = 40;
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         for (int s = 1; s <= 2; s++) body.step(s);
-        EXPECT_STREQ(pliant_data_backend(body.data), "cuda") << pliant_last_error();
+        EXPECT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();
     }
 }
 
@@ -346,7 +346,7 @@ TEST(CudaTled, TheCpuGoesOn)
         for (int s = 1; s <= 3; s++) body.step(s);
         pliant_cuda_fail_after(-1);
         ASSERT_LT(apart(good.positions(), body.data->positions), c.bound * 0.01) << "call " << calls;
-        failed = std::string(pliant_data_backend(body.data)) == "cpu";
+        failed = std::string(pliant_data_get_backend(body.data)) == "cpu";
         left += failed;
         pliant_data_free(body.data);
         body.data = nullptr;
@@ -363,7 +363,7 @@ TEST(CudaTled, WithoutAGpuTheReasonIsTold)
     EXPECT_NE(std::string(pliant_last_error()).find("cuda cannot be used"), std::string::npos) << pliant_last_error();
     Cube other(cases[0], PLIANT_AUTO, 2);
     ASSERT_EQ(other.build(), PLIANT_OK);
-    EXPECT_STREQ(pliant_data_backend(other.data), "cpu");
+    EXPECT_STREQ(pliant_data_get_backend(other.data), "cpu");
 }
 
 } // namespace

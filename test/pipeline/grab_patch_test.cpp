@@ -46,8 +46,8 @@ public:
     void pull(int tool, const double from[3], double x, double y, double z)
     {
         const double tip[3] = {from[0] + x, from[1] + y, from[2] + z};
-        ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
     }
     std::vector<double> positions() const { return {body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes}; }
     std::vector<double> rest() const { return {body.model->body->fine.rest, body.model->body->fine.rest + 3 * body.model->body->fine.num_nodes}; }
@@ -108,7 +108,7 @@ TEST(GrabPatch, LargePullsAreNearTheFineSolution)
     Patched by_force(PLIANT_AVERAGED, 0.05);
     int tool = by_force.take("tool", top);
     by_force.wait(1);
-    ASSERT_EQ(pliant_tool_drive(by_force.body.data, tool, PLIANT_DRIVE_FORCE, found), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_drive(by_force.body.data, tool, PLIANT_DRIVE_FORCE, found), PLIANT_OK);
     EXPECT_EQ(by_force.body.settle(), PLIANT_OK);
     EXPECT_LT(apart(by_force.positions(), near), 1e-4 * apart(near, patched.rest()));
 }
@@ -118,7 +118,7 @@ TEST(GrabPatch, NothingHeldIsTheSameBits)
     Patched with(PLIANT_AVERAGED, 0.04), without(PLIANT_AVERAGED, 0);
     const double gravity[3] = {1, 2, -5};
     for (Patched *each : {&with, &without}) {
-        ASSERT_EQ(pliant_data_gravity(each->body.data, gravity), PLIANT_OK);
+        ASSERT_EQ(pliant_data_set_gravity(each->body.data, gravity), PLIANT_OK);
         for (int s = 0; s < 6; s++) ASSERT_GE(pliant_step(each->body.model, each->body.data), 0);
     }
     EXPECT_EQ(with.positions(), without.positions());
@@ -129,7 +129,7 @@ TEST(GrabPatch, HoldingStillMovesNothingAndLettingGoFreesAll)
 {
     Patched patched(PLIANT_AVERAGED, 0.04);
     const double gravity[3] = {1, 2, -5};
-    ASSERT_EQ(pliant_data_gravity(patched.body.data, gravity), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_gravity(patched.body.data, gravity), PLIANT_OK);
     ASSERT_EQ(patched.body.settle(), PLIANT_OK);
     ASSERT_EQ(pliant_step(patched.body.model, patched.body.data), PLIANT_OK);
     const std::vector<double> before = patched.positions();
@@ -157,7 +157,7 @@ TEST(GrabPatch, HoldingStillMovesNothingWhoeverComesOrGoes)
 {
     Patched patched(PLIANT_AVERAGED, 0.04);
     const double gravity[3] = {0, -0.5, 0};
-    ASSERT_EQ(pliant_data_gravity(patched.body.data, gravity), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_gravity(patched.body.data, gravity), PLIANT_OK);
     ASSERT_EQ(patched.body.settle(), PLIANT_OK);
     const std::vector<double> before = patched.positions();
     ASSERT_GT(apart(before, patched.rest()), 1e-3);
@@ -192,7 +192,7 @@ TEST(GrabPatch, AnotherToolComingBackDoesNotLetGoOfThePull)
     ASSERT_EQ(patched.body.settle(), PLIANT_OK);
     const std::vector<double> before = patched.positions();
     patched.take("second", beside); // holds what is there
-    ASSERT_EQ(pliant_data_limits(patched.body.data, 1, 1e-3), PLIANT_OK); // an evaluation leads nowhere by itself
+    ASSERT_EQ(pliant_data_set_limits(patched.body.data, 1, 1e-3), PLIANT_OK); // an evaluation leads nowhere by itself
     patched.wait(2);
     EXPECT_LT(apart(patched.positions(), before), 0.02 * 0.02);
 }
@@ -227,9 +227,9 @@ TEST(GrabPatch, AFailedPatchTakesNothingFromThoseThereAre)
         double tip[3];
         std::memcpy(tip, data->tools[first].tip, sizeof tip);
         for (int s = 0; s < 20 && data->statistics.patched != 1; s++) steps(1);
-        ASSERT_EQ(pliant_tool_drive(data, first, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_drive(data, first, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
         tip[2] += 0.005;
-        ASSERT_EQ(pliant_tool_pose(data, first, tip, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(data, first, tip, nullptr), PLIANT_OK);
         steps(3);
         const double force = data->tools[first].force[2];
         ASSERT_GT(force, 0.01);
@@ -266,14 +266,14 @@ TEST(GrabPatch, AFailedStepIsUndone)
         int tool = each->take("tool", top);
         const double pull[3] = {0, 0, 0.1}, more[3] = {0.05, 0, 0.15}, far_too_much[3] = {1e300, 0, 1e300}, gravity[3] = {0.2, 0, -0.3};
         each->wait(1);
-        ASSERT_EQ(pliant_tool_drive(data, tool, PLIANT_DRIVE_FORCE, pull), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_drive(data, tool, PLIANT_DRIVE_FORCE, pull), PLIANT_OK);
         ASSERT_EQ(each->body.settle(), PLIANT_OK);
-        ASSERT_EQ(pliant_data_gravity(data, gravity), PLIANT_OK); // the coarse model has something to do as well
+        ASSERT_EQ(pliant_data_set_gravity(data, gravity), PLIANT_OK); // the coarse model has something to do as well
         if (each == &patched) {
             const std::vector<double> before = each->positions(), held(data->tools[tool].held_point, data->tools[tool].held_point + 3);
             const size_t coarse = 3 * static_cast<size_t>(data->solver->system->mesh->num_nodes);
             const std::vector<double> solved(data->solver->now.x, data->solver->now.x + coarse);
-            ASSERT_EQ(pliant_tool_drive(data, tool, PLIANT_DRIVE_FORCE, far_too_much), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_drive(data, tool, PLIANT_DRIVE_FORCE, far_too_much), PLIANT_OK);
             for (int s = 0; s < 2; s++) {
                 ASSERT_EQ(pliant_step(each->body.model, data), PLIANT_ERROR_NUMERIC);
                 EXPECT_EQ(each->positions(), before);
@@ -283,7 +283,7 @@ TEST(GrabPatch, AFailedStepIsUndone)
             }
             EXPECT_EQ(data->statistics.failed, 2);
         }
-        ASSERT_EQ(pliant_tool_drive(data, tool, PLIANT_DRIVE_FORCE, more), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_drive(data, tool, PLIANT_DRIVE_FORCE, more), PLIANT_OK);
         ASSERT_EQ(each->body.settle(), PLIANT_OK) << pliant_last_error();
         ends[each == &smooth] = each->positions();
     }
@@ -361,14 +361,14 @@ TEST(GrabPatch, GravityDoesNotLoosenTheTolerance)
     for (int heavy = 0; heavy < 2; heavy++) {
         Patched patched(PLIANT_AVERAGED, 0.04);
         const double gravity[3] = {0, -2.0 * heavy, 0};
-        ASSERT_EQ(pliant_data_gravity(patched.body.data, gravity), PLIANT_OK);
+        ASSERT_EQ(pliant_data_set_gravity(patched.body.data, gravity), PLIANT_OK);
         ASSERT_EQ(patched.body.settle(), PLIANT_OK);
         int tool = patched.take("tool", top);
         double from[3];
         std::memcpy(from, patched.body.data->tools[tool].tip, sizeof from);
         patched.wait(1);
         ASSERT_EQ(patched.body.settle(), PLIANT_OK);
-        ASSERT_EQ(pliant_data_limits(patched.body.data, 3, 1e-9), PLIANT_OK);
+        ASSERT_EQ(pliant_data_set_limits(patched.body.data, 3, 1e-9), PLIANT_OK);
         patched.pull(tool, from, 0, -1e-3, 0);
         ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
         residual[heavy] = patched.body.data->statistics.patch_residual;
@@ -436,7 +436,7 @@ TEST(GrabPatch, ExtremePullsEndAndComeBack)
     double from[3];
     std::memcpy(from, patched.body.data->tools[tool].tip, sizeof from);
     patched.wait(1);
-    ASSERT_EQ(pliant_data_limits(patched.body.data, 6, 1e-3), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_limits(patched.body.data, 6, 1e-3), PLIANT_OK);
     for (double far : {0.3, 2.0, -2.0})
         for (int s = 0; s < 5; s++) {
             patched.pull(tool, from, far, 0.3 * far, far);
@@ -464,9 +464,9 @@ TEST(GrabPatch, SurvivesEveryFailureOfAllocation)
         ASSERT_EQ(pliant_data_create(body.model, &data), PLIANT_OK);
         ASSERT_EQ(pliant_tool_add(body.model, data, "tool", &tool), PLIANT_OK);
         ASSERT_EQ(pliant_tool_grasp(body.model, data, tool, top), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_drive(data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_drive(data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
         const double tip[3] = {top[0], top[1], top[2] + 0.01};
-        ASSERT_EQ(pliant_tool_pose(data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
         pliant_memory_fail_after(calls);
         int errors = 0;
         for (int s = 0; s < 8; s++) {

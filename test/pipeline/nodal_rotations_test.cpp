@@ -75,7 +75,7 @@ double error_of_bending(bool turning, pliant_preconditioner_choice choice)
         std::vector<double> found;
         for (int f = 1; f <= 20; f++) {
             const double gravity[3] = {0, 0, -9.81 * f / 20};
-            EXPECT_EQ(pliant_data_gravity(body.data, gravity), PLIANT_OK);
+            EXPECT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
             if (exact) EXPECT_EQ(body.settle(), PLIANT_OK);
             else EXPECT_GE(pliant_step(body.model, body.data), 0);
             found.insert(found.end(), body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
@@ -108,13 +108,13 @@ TEST(Turn, ASpringThatComesBackIsFoundInTheAxesOfNow)
     int tool;
     const double end[3] = {0.23, 0.04, 0.04}, none[3] = {0, 0, 0}, down[3] = {0, 0, -9.81};
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
-    ASSERT_EQ(pliant_tool_pose(body.data, tool, end, nullptr), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_pose(body.data, tool, end, nullptr), PLIANT_OK);
     ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, end), PLIANT_OK) << pliant_last_error();
     ASSERT_GE(pliant_step(body.model, body.data), 0);
-    ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_FORCE, none), PLIANT_OK);
-    ASSERT_EQ(pliant_data_gravity(body.data, down), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_FORCE, none), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_gravity(body.data, down), PLIANT_OK);
     for (int s = 0; s < 30; s++) ASSERT_GE(pliant_step(body.model, body.data), 0);
-    ASSERT_EQ(pliant_tool_drive(body.data, tool, PLIANT_DRIVE_SPRING, none), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_SPRING, none), PLIANT_OK);
     ASSERT_GE(pliant_step(body.model, body.data), 0);
     pliant_solver *solver = body.data->solver;
     const pliant_handle *handle = solver->handles + tool;

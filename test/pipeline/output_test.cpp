@@ -57,7 +57,7 @@ TEST_F(Output, ClearanceOfABox)
     EXPECT_TRUE(std::isinf(pliant_tool_clearance(body.model, body.data, tool)));
     const double cases[5][4] = {{0.04, 0.04, 0.1, 0.02}, {0.04, 0.04, 0.07, -0.01}, {0.11, 0.12, 0.04, 0.05}, {0.09, 0.09, 0.09, 0.01 * std::sqrt(3.0)}, {0.04, 0.04, 0.04, -0.04}};
     for (const auto &c : cases) {
-        ASSERT_EQ(pliant_tool_pose(body.data, tool, c, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, c, nullptr), PLIANT_OK);
         EXPECT_NEAR(pliant_tool_clearance(body.model, body.data, tool), c[3], 1e-9);
     }
 }

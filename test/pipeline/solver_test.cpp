@@ -25,11 +25,11 @@ std::vector<double> pull(Body &body, int steps, double along)
     int tool;
     EXPECT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
     const double point[3] = {0.06, 0.06, 0.11};
-    EXPECT_EQ(pliant_tool_pose(body.data, tool, point, nullptr), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_set_pose(body.data, tool, point, nullptr), PLIANT_OK);
     EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
     for (int s = 1; s <= steps; s++) {
         const double tip[3] = {0.06 + 0.3 * along * s / steps, 0.06, 0.11 + along * s / steps};
-        EXPECT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
         EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
     }
     return std::vector<double>(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
@@ -83,7 +83,7 @@ TEST(Solver, AirSqueezedFlatLetsGo)
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         for (int turn = 0; turn <= 6; turn++) {
             const double angle = M_PI * turn / 6, gravity[3] = {0, 9.81 * std::sin(angle), 9.81 * std::cos(angle)};
-            ASSERT_EQ(pliant_data_gravity(body.data, gravity), PLIANT_OK);
+            ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
             EXPECT_EQ(body.settle(40), PLIANT_OK) << "air " << air << ", turn " << turn << ", residual " << body.data->statistics.residual;
             if (air) turned_over = std::max(turned_over, pliant_mesh_inverted(&body.model->body->fine, body.data->positions));
             std::vector<double> now;
@@ -118,7 +118,7 @@ TEST(Solver, RefusalsGoOnFromStepToStep)
     body.scene.solver.tolerance = 1e-3;
     body.fix_plane(0.001, 0, 0, 1, 0, 0);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-    ASSERT_EQ(pliant_data_gravity(body.data, gravity), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
     int most = 0;
     for (int f = 0, same = 0, before = 0; f < 40; f++) {
         ASSERT_GE(pliant_step(body.model, body.data), 0);
@@ -138,7 +138,7 @@ TEST(Solver, AStepThatNoLongerLeadsDownIsLeft)
     prepare(body);
     body.scene.solver.iterations = 100;
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-    ASSERT_EQ(pliant_data_gravity(body.data, gravity), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
     ASSERT_EQ(body.settle(), PLIANT_OK);
     body.data->solver->rules.tolerance = 0; // down to rounding, where every trial is refused sooner or later
     const uint64_t rejected = body.data->statistics.rejected;
@@ -200,7 +200,7 @@ TEST(Solver, SaysWhenItDoesNotConverge)
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
     const double point[3] = {0.06, 0.06, 0.11}, tip[3] = {0.09, 0.06, 0.12};
     ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK);
-    pliant_tool_pose(body.data, tool, tip, nullptr);
+    pliant_tool_set_pose(body.data, tool, tip, nullptr);
     EXPECT_EQ(pliant_step(body.model, body.data), PLIANT_NOT_CONVERGED);
     EXPECT_GT(body.data->statistics.residual, 1e-10);
     EXPECT_EQ(body.data->statistics.not_converged, 1u);
@@ -260,18 +260,18 @@ Frames frames(Body &body, Load load, bool settled)
     const double point[3] = {0.06, 0.06, 0.11};
     if (load != HEAVIER) {
         EXPECT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
-        EXPECT_EQ(pliant_tool_pose(body.data, tool, point, nullptr), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_pose(body.data, tool, point, nullptr), PLIANT_OK);
         EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
     }
     for (int f = 1; f <= 30; f++) {
         const double part = f / 30.0, tip[3] = {0.06 + 0.01 * part, 0.06, 0.11 + 0.03 * part};
         const double force[3] = {2 * part, 0, 4 * part}, gravity[3] = {0, 15 * part, -10 * part};
         if (load == HEAVIER) {
-            EXPECT_EQ(pliant_data_gravity(body.data, gravity), PLIANT_OK);
+            EXPECT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
         } else {
             const pliant_drive drives[] = {PLIANT_DRIVE_RIGID, PLIANT_DRIVE_SPRING, PLIANT_DRIVE_FORCE};
-            EXPECT_EQ(pliant_tool_drive(body.data, tool, drives[load], force), PLIANT_OK);
-            EXPECT_EQ(pliant_tool_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+            EXPECT_EQ(pliant_tool_set_drive(body.data, tool, drives[load], force), PLIANT_OK);
+            EXPECT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
         }
         EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
         if (settled) EXPECT_EQ(body.settle(), PLIANT_OK);
@@ -371,17 +371,17 @@ TEST(Solver, RefusesWhatIsNotANumber)
     ASSERT_EQ(body.build(), PLIANT_OK);
     pull(body, 5, 0.01);
     const double bad[3] = {NAN, 0, 0}, far[3] = {1e300, 0, 0};
-    EXPECT_EQ(pliant_tool_pose(body.data, 0, bad, nullptr), PLIANT_ERROR_ARGUMENT);
-    EXPECT_EQ(pliant_tool_drive(body.data, 0, PLIANT_DRIVE_FORCE, bad), PLIANT_ERROR_ARGUMENT);
-    EXPECT_EQ(pliant_data_gravity(body.data, bad), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_tool_set_pose(body.data, 0, bad, nullptr), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_tool_set_drive(body.data, 0, PLIANT_DRIVE_FORCE, bad), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_data_set_gravity(body.data, bad), PLIANT_ERROR_ARGUMENT);
     EXPECT_EQ(pliant_tool_grasp(body.model, body.data, 0, bad), PLIANT_ERROR_ARGUMENT);
     EXPECT_TRUE(body.data->tools[0].holding) << "a refused grasp keeps the old one";
     std::vector<double> before(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
-    ASSERT_EQ(pliant_tool_pose(body.data, 0, far, nullptr), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_pose(body.data, 0, far, nullptr), PLIANT_OK);
     EXPECT_LT(pliant_step(body.model, body.data), 0);
     EXPECT_EQ(before, std::vector<double>(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes));
     const double near[3] = {0.06, 0.06, 0.115};
-    ASSERT_EQ(pliant_tool_pose(body.data, 0, near, nullptr), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_pose(body.data, 0, near, nullptr), PLIANT_OK);
     EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
 }
 
@@ -399,7 +399,7 @@ TEST(Solver, SeveralToolsAndGravity)
     prepare(body);
     ASSERT_EQ(body.build(), PLIANT_OK);
     const double g[3] = {0, 0, -9.81};
-    ASSERT_EQ(pliant_data_gravity(body.data, g), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_gravity(body.data, g), PLIANT_OK);
     int a, b;
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "a", &a), PLIANT_OK);
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "b", &b), PLIANT_OK);
@@ -407,15 +407,15 @@ TEST(Solver, SeveralToolsAndGravity)
     const double pa[3] = {0.03, 0.06, 0.11}, pb[3] = {0.09, 0.06, 0.11}, ta[3] = {0.02, 0.06, 0.12}, tb[3] = {0.1, 0.06, 0.12};
     ASSERT_EQ(pliant_tool_grasp(body.model, body.data, a, pa), PLIANT_OK);
     ASSERT_EQ(pliant_tool_grasp(body.model, body.data, b, pb), PLIANT_OK);
-    pliant_tool_pose(body.data, a, ta, nullptr);
-    pliant_tool_pose(body.data, b, tb, nullptr);
+    pliant_tool_set_pose(body.data, a, ta, nullptr);
+    pliant_tool_set_pose(body.data, b, tb, nullptr);
     ASSERT_EQ(body.settle(), PLIANT_OK);
     EXPECT_LT(body.data->tools[a].force[0], 0);
     EXPECT_GT(body.data->tools[b].force[0], 0);
     EXPECT_GT(body.data->tools[a].force[2], 0);
     pliant_tool_lost(body.data, a);
     pliant_tool_release(body.data, b);
-    ASSERT_EQ(pliant_data_gravity(body.data, body.model->scene.model.gravity), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_gravity(body.data, body.model->scene.model.gravity), PLIANT_OK);
     ASSERT_EQ(body.settle(), PLIANT_OK);
     for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++) EXPECT_NEAR(body.data->positions[n], body.model->body->fine.rest[n], 1e-5);
 }
@@ -439,7 +439,7 @@ TEST(Solver, FailingAllocationsNeverLeak)
             const double point[3] = {0.06, 0.06, 0.11}, tip[3] = {0.07, 0.06, 0.12};
             if (status == PLIANT_OK) status = pliant_tool_add(model, data, "t", &tool);
             if (status == PLIANT_OK) status = pliant_tool_grasp(model, data, tool, point);
-            if (status == PLIANT_OK) status = pliant_tool_pose(data, tool, tip, nullptr);
+            if (status == PLIANT_OK) status = pliant_tool_set_pose(data, tool, tip, nullptr);
             for (int s = 0; s < 6 && status >= 0; s++) status = pliant_step(model, data);
             pliant_memory_fail_after(-1);
             pliant_data_free(data);

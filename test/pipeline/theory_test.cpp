@@ -84,7 +84,7 @@ TEST(Theory, ToolForceBalancesTheSupport)
         };
         const double point[3] = {0.05, 0.05, 0.0875}, pulled[3] = {0.06, 0.05, 0.0975};
         ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
-        ASSERT_EQ(pliant_tool_pose(body.data, tool, pulled, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, pulled, nullptr), PLIANT_OK);
         ASSERT_EQ(settle(), PLIANT_OK);
         const pliant_tool &held = body.data->tools[tool];
         // spring law: force = stiffness (tip - held point)
@@ -105,14 +105,14 @@ TEST(Theory, ToolForceBalancesTheSupport)
             EXPECT_NEAR(free_sum, held.force[d], 0.02 * norm) << "method " << method;
         }
         // rigid drive: the point is exactly where the tip asks
-        pliant_tool_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr);
+        pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr);
         ASSERT_EQ(settle(), PLIANT_OK);
         for (int d = 0; d < 3; d++) EXPECT_NEAR(body.data->tools[tool].held_point[d] - (pulled[d] - held.grip[d]), 0, 1e-9);
         // the same force, given, puts the point in the same place
         double force_there[3], place[3];
         std::memcpy(force_there, body.data->tools[tool].force, sizeof force_there);
         std::memcpy(place, body.data->tools[tool].held_point, sizeof place);
-        pliant_tool_drive(body.data, tool, PLIANT_DRIVE_FORCE, force_there);
+        pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_FORCE, force_there);
         ASSERT_EQ(settle(), PLIANT_OK);
         for (int d = 0; d < 3; d++) EXPECT_NEAR(body.data->tools[tool].held_point[d], place[d], 1e-6);
         // and letting go brings it back

@@ -24,22 +24,22 @@ inline double worst_error(const pliant_model *model, const double point[3], cons
     for (bool exact : {true, false}) {
         pliant_data *data = nullptr;
         EXPECT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
-        EXPECT_EQ(pliant_data_limits(data, exact ? 200 : 60, 1e-8), PLIANT_OK);
+        EXPECT_EQ(pliant_data_set_limits(data, exact ? 200 : 60, 1e-8), PLIANT_OK);
         pliant_status status = PLIANT_NOT_CONVERGED;
         for (int s = 0; s < 40 && status == PLIANT_NOT_CONVERGED; s++) EXPECT_GE(status = pliant_step(model, data), 0) << pliant_last_error();
-        EXPECT_EQ(pliant_data_limits(data, exact ? 200 : 60, exact ? 1e-8 : tolerance), PLIANT_OK);
+        EXPECT_EQ(pliant_data_set_limits(data, exact ? 200 : 60, exact ? 1e-8 : tolerance), PLIANT_OK);
         int tool;
         EXPECT_EQ(pliant_tool_add(model, data, "t", &tool), PLIANT_OK);
-        EXPECT_EQ(pliant_tool_pose(data, tool, point, nullptr), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_pose(data, tool, point, nullptr), PLIANT_OK);
         EXPECT_EQ(pliant_tool_grasp(model, data, tool, point), PLIANT_OK) << pliant_last_error();
         double from[3];
         for (int d = 0; d < 3; d++) from[d] = data->tools[tool].held_point[d];
         for (int f = 0; f < frames; f++) {
             double tip[3];
             for (int d = 0; d < 3; d++) tip[d] = from[d] + by[d] * (f + 1) / frames;
-            EXPECT_EQ(pliant_tool_pose(data, tool, tip, nullptr), PLIANT_OK);
+            EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
             const bool by_force = drive == PLIANT_DRIVE_FORCE && !exact;
-            EXPECT_EQ(pliant_tool_drive(data, tool, by_force ? PLIANT_DRIVE_FORCE : PLIANT_DRIVE_RIGID, by_force ? force.data() + 3 * f : nullptr), PLIANT_OK);
+            EXPECT_EQ(pliant_tool_set_drive(data, tool, by_force ? PLIANT_DRIVE_FORCE : PLIANT_DRIVE_RIGID, by_force ? force.data() + 3 * f : nullptr), PLIANT_OK);
             status = PLIANT_NOT_CONVERGED;
             for (int s = 0; s < (exact ? 40 : 1) && status == PLIANT_NOT_CONVERGED; s++) EXPECT_GE(status = pliant_step(model, data), 0) << pliant_last_error();
             if (exact) {

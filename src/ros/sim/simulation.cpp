@@ -87,7 +87,7 @@ void Simulation::swap(std::shared_ptr<Loaded> next)
         health_ = StepHealth();
         health_.is_loaded = true;
         health_.is_paused = paused_;
-        health_.backend = pliant_data_backend(data_.get());
+        health_.backend = pliant_data_get_backend(data_.get());
     });
     data.reset(); /* before its model, which `next` holds */
 }
@@ -201,10 +201,10 @@ void Simulation::let_go()
 void Simulation::apply_live()
 {
     LiveSettings settings = live_->get();
-    pliant_data_limits(data_.get(), settings.iterations, settings.tolerance);
+    pliant_data_set_limits(data_.get(), settings.iterations, settings.tolerance);
     double gravity[3];
     pliant_data_get_gravity(data_.get(), gravity);
-    if (!std::equal(settings.gravity, settings.gravity + 3, gravity)) pliant_data_gravity(data_.get(), settings.gravity);
+    if (!std::equal(settings.gravity, settings.gravity + 3, gravity)) pliant_data_set_gravity(data_.get(), settings.gravity);
     for (int tool = 0; tool < pliant_data_get_num_tools(data_.get()); ++tool)
         pliant_tool_set_spring(data_.get(), tool, settings.stiffness, settings.damping);
 }
@@ -216,7 +216,7 @@ void Simulation::apply_tools(const ros::Time &now)
         ToolSample &sample = samples_[i];
         sample = tools_->sample(i, now);
         const Rigid &tip = sample.in_tissue;
-        if (!sample.present || pliant_tool_pose(data_.get(), tool, tip.translation, tip.rotation) < 0) {
+        if (!sample.present || pliant_tool_set_pose(data_.get(), tool, tip.translation, tip.rotation) < 0) {
             if (tool_state(*data_, tool).present) pliant_tool_lost(data_.get(), tool);
             was_open_[i] = false;
             continue;
@@ -298,7 +298,7 @@ void Simulation::measure(double seconds)
     if (count_inverted) health_.inverted = inverted;
     health_.residual = statistics.residual;
     health_.bytes = statistics.bytes;
-    health_.backend = pliant_data_backend(data_.get());
+    health_.backend = pliant_data_get_backend(data_.get());
     durations_.emplace_back(now, seconds);
     while (now - durations_.front().first > std::chrono::seconds(1)) durations_.pop_front();
 }

@@ -1,0 +1,47 @@
+/* What has been severed, and the fragments that it leaves: a body's own copy. */
+#include "base/fail.h"
+#include "pliant/body.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+void pliant_cuts_free(pliant_cuts *cuts)
+{
+    if (!cuts) return;
+    pliant_free(cuts->link);
+    pliant_free(cuts->bridge);
+    pliant_free(cuts->tet);
+    pliant_free(cuts->start);
+    pliant_free(cuts->fragment);
+    pliant_free(cuts->voxel_start);
+    pliant_free(cuts->voxel_fragment);
+    pliant_free(cuts);
+}
+
+static bool copy(const void *from, size_t count, size_t size, void *to)
+{
+    void *made = pliant_calloc(count > 0 ? count : 1, size);
+    if (!made) return false;
+    if (count > 0) memcpy(made, from, count * size);
+    memcpy(to, &made, sizeof made);
+    return true;
+}
+
+pliant_status pliant_cuts_copy(const pliant_cuts *from, pliant_cuts **out)
+{
+    pliant_cuts *to = pliant_calloc(1, sizeof *to);
+    if (!to) return pliant_fail_memory("the cuts of a body");
+    to->num_links = from->num_links;
+    to->num_bridges = from->num_bridges;
+    to->num_tets = from->num_tets;
+    const size_t tets = (size_t)from->num_tets, one = sizeof(int32_t);
+    if (!copy(from->link, (size_t)from->num_links, sizeof *to->link, &to->link) || !copy(from->bridge, (size_t)from->num_bridges, one, &to->bridge) ||
+        !copy(from->tet, tets, one, &to->tet) || !copy(from->start, tets + 1, one, &to->start) ||
+        !copy(from->fragment, (size_t)from->start[tets], one, &to->fragment) || !copy(from->voxel_start, tets + 1, one, &to->voxel_start) ||
+        !copy(from->voxel_fragment, (size_t)from->voxel_start[tets], one, &to->voxel_fragment)) {
+        pliant_cuts_free(to);
+        return pliant_fail_memory("the cuts of a body");
+    }
+    *out = to;
+    return PLIANT_OK;
+}
