@@ -39,4 +39,32 @@ TEST(Model, CoarseMethodsUnderGravitySayHowFarTheyAreOff)
     EXPECT_EQ(warnings_of(PLIANT_FINE, 9.81, 0), "");
 }
 
+TEST(Model, OnlyASceneThatMayCutKeepsVoxels)
+{
+    Body body(size, box, {{5e3, 0.45, 1000, false}});
+    body.cells(2, 2, 2, 2);
+    body.fix_plane(0.001, 0, 0, 1, 0, 0);
+    pliant_build_statistics statistics;
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    pliant_model_get_statistics(body.model, &statistics);
+    EXPECT_EQ(pliant_model_get_body(body.model)->voxels, nullptr);
+    EXPECT_EQ(statistics.bytes[PLIANT_BUILD_link], 0u);
+    body.scene.cut.kind = PLIANT_CUT_SEVER;
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    pliant_model_get_statistics(body.model, &statistics);
+    ASSERT_NE(pliant_model_get_body(body.model)->voxels, nullptr);
+    EXPECT_GE(statistics.bytes[PLIANT_BUILD_link], 8 * 8 * 8 * sizeof(int32_t)) << "the owner of every voxel";
+}
+
+TEST(Model, WhatInterpolatesWithinWholeCubesIsNotCut)
+{
+    Body body(size, box, {{5e3, 0.45, 1000, false}});
+    body.cells(2, 2, 2, 2);
+    body.fix_plane(0.001, 0, 0, 1, 0, 0);
+    body.scene.model.method = PLIANT_LOD;
+    body.scene.cut.kind = PLIANT_CUT_SEVER;
+    EXPECT_EQ(body.build(), PLIANT_ERROR_SCENE);
+    EXPECT_NE(std::string(pliant_last_error()).find("cut/kind: lod"), std::string::npos) << pliant_last_error();
+}
+
 } // namespace

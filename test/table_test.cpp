@@ -20,6 +20,7 @@ const char good[] = "materials:\n"
                     "    young_modulus: 6.0e+3\n"
                     "    poisson_ratio: 0.45\n"
                     "    density: 1060\n"
+                    "    toughness: 187\n"
                     "    labels: [5, 7]\n"
                     "  - {name: bone, young_modulus: 1e7, poisson_ratio: 0.3, density: 1330, fixed: yes, range: [250, "
                     "4000], labels: [9]}\n";
@@ -70,6 +71,8 @@ TEST(table, reads_every_field)
     EXPECT_EQ(t.materials[1].young_modulus, 6000);
     EXPECT_EQ(t.materials[1].poisson_ratio, 0.45);
     EXPECT_EQ(t.materials[1].density, 1060);
+    EXPECT_EQ(t.materials[1].toughness, 187);
+    EXPECT_EQ(t.materials[2].toughness, PLIANT_DEFAULT_TOUGHNESS);
     EXPECT_EQ(t.materials[1].num_range, 0u);
     ASSERT_EQ(t.materials[1].num_labels, 2u);
     EXPECT_EQ(t.materials[1].labels[1], 7u);
@@ -88,12 +91,14 @@ TEST(table, errors_name_file_line_field_and_what_is_right)
     expect_words(refusal(with("6.0e+3", "nan")), {"line 8", "young_modulus", "nan"});
     expect_words(refusal(with("0.45", "0.5")), {"line 8", "poisson_ratio", "[0, 0.5)"});
     expect_words(refusal(with("1060", "-3")), {"line 8", "density"});
+    expect_words(refusal(with("187", "-187")), {"line 8", "toughness: -187 J/m^2 is not in [0, 1e9]"});
+    expect_words(refusal(with("187", "tough")), {"line 8", "toughness", "is not a number"});
     expect_words(refusal(with("empty: true", "empty: maybe")), {"line 2", "empty", "maybe", "true"});
     expect_words(refusal(with("empty: true", "empty: true\n    fixed: true")), {"line 2", "fixed and empty"});
     expect_words(refusal(with("[-2000, -500]", "[-500, -2000]")), {"line 2", "air", "range", "less than"});
     expect_words(refusal(with("[-2000, -500]", "[-500]")), {"line 7", "range", "2"});
-    expect_words(refusal(with("[-2000, -500]", "[-2000, 251]")), {"line 13", "bone", "overlaps", "air"});
-    expect_words(refusal(with("[5, 7]", "[5, 9]")), {"line 13", "labels", "9", "twice", "liver"});
+    expect_words(refusal(with("[-2000, -500]", "[-2000, 251]")), {"line 14", "bone", "overlaps", "air"});
+    expect_words(refusal(with("[5, 7]", "[5, 9]")), {"line 14", "labels", "9", "twice", "liver"});
     expect_words(refusal(with("[5, 7]", "[5, 5]")), {"line 8", "labels", "twice"});
     expect_words(refusal(with("[5, 7]", "[0]")), {"line 8", "labels", "'0'", "no label"});
     expect_words(refusal(with("[5, 7]", "[70000]")), {"line 8", "70000", "65535"});

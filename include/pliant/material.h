@@ -12,12 +12,15 @@ extern "C" {
 #endif
 
 enum { PLIANT_MAX_MATERIALS = 255, PLIANT_MAX_MATERIAL_LABELS = 128 };
+/** [J/m^2] of a table's material that names none: porcine liver, cut by a blade (s10033-022-00767-4, table 2: 187 to 225). */
+#define PLIANT_DEFAULT_TOUGHNESS 200.0
 
 typedef struct pliant_material {
     char name[48];
     double young_modulus; /**< [Pa], > 0 */
     double poisson_ratio; /**< in [0, 0.5) */
     double density;       /**< [kg/m^3], >= 0 */
+    double toughness;     /**< work that it takes to sever an area, >= 0 [J/m^2] */
     bool fixed;           /**< nodes inside it do not move (bone) */
     bool empty;           /**< not tissue (air): tetrahedra that hold nothing else are left out */
     double range[2];      /**< intensity low <= value < high */

@@ -19,7 +19,7 @@ extern "C" {
 #endif
 
 /** Stages of building, in order. */
-#define PLIANT_BUILD_STAGE_LIST(X) X(classify) X(mesh) X(integrate) X(fix) X(homogenize) X(analyze) X(factorize)
+#define PLIANT_BUILD_STAGE_LIST(X) X(classify) X(mesh) X(integrate) X(fix) X(link) X(homogenize) X(analyze) X(factorize)
 typedef enum pliant_build_stage {
 #define PLIANT_STAGE_ENUM(name) PLIANT_BUILD_##name,
     PLIANT_BUILD_STAGE_LIST(PLIANT_STAGE_ENUM)

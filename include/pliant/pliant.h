@@ -32,6 +32,7 @@
 #include "pliant/material.h"
 #include "pliant/mesh.h"
 #include "pliant/body.h"
+#include "pliant/cut.h"
 #include "pliant/scene.h"
 #include "pliant/model.h"
 #include "pliant/warp.h"

@@ -29,6 +29,10 @@ extern "C" {
 #define PLIANT_MESH_LIST(X) X(PLIANT_LATTICE, lattice) X(PLIANT_OCTREE, octree)
 #define PLIANT_WARP_LIST(X) X(PLIANT_RASTERIZE, rasterize) X(PLIANT_FIT, fit)
 #define PLIANT_SEGMENT_LIST(X) X(PLIANT_SEGMENT_NONE, none) X(PLIANT_SEGMENT_GMM, gmm)
+#define PLIANT_CUT_LIST(X) X(PLIANT_CUT_NONE, none) X(PLIANT_CUT_SEVER, sever)
+#define PLIANT_TRIGGER_LIST(X)                                                                    \
+    X(PLIANT_TRIGGER_ALWAYS, always) X(PLIANT_TRIGGER_JAW, jaw) X(PLIANT_TRIGGER_ENERGY, energy)  \
+    X(PLIANT_TRIGGER_SERVICE, service)
 #define PLIANT_MEASURE_LIST(X) X(PLIANT_MEASURE_MAX, max) X(PLIANT_MEASURE_P95, p95) X(PLIANT_MEASURE_RMS, rms)
 
 #define PLIANT_CHOICE_ENUM(name, yaml) name,
@@ -42,6 +46,8 @@ typedef enum pliant_law { PLIANT_LAW_LIST(PLIANT_CHOICE_ENUM) } pliant_law;
 typedef enum pliant_mesh_kind { PLIANT_MESH_LIST(PLIANT_CHOICE_ENUM) } pliant_mesh_kind;
 typedef enum pliant_warp_kind { PLIANT_WARP_LIST(PLIANT_CHOICE_ENUM) } pliant_warp_kind;
 typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pliant_segment_kind;
+typedef enum pliant_cut_kind { PLIANT_CUT_LIST(PLIANT_CHOICE_ENUM) } pliant_cut_kind;
+typedef enum pliant_trigger { PLIANT_TRIGGER_LIST(PLIANT_CHOICE_ENUM) } pliant_trigger;
 typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_measure;
 #undef PLIANT_CHOICE_ENUM
 
@@ -61,6 +67,8 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
 #define PLIANT_DECLARE_MESH(name) pliant_mesh_kind name;
 #define PLIANT_DECLARE_WARP(name) pliant_warp_kind name;
 #define PLIANT_DECLARE_SEGMENT(name) pliant_segment_kind name;
+#define PLIANT_DECLARE_CUT(name) pliant_cut_kind name;
+#define PLIANT_DECLARE_TRIGGER(name) pliant_trigger name;
 #define PLIANT_DECLARE_MEASURE(name) pliant_measure name;
 #define PLIANT_DECLARE_LAW(name) pliant_law name;
 
@@ -136,6 +144,13 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     X(REAL, stiffness, 1000.0, 1e-3, 1e12, "N/m", "spring between a grasping tool and the tissue")                    \
     X(REAL, damping, 0.0, 0.0, 1e9, "N s/m", "damper beside the spring")                                              \
     X(REAL, radius, 0.006, 0.0, 1.0, "m", "the grasped blob; 0: a point")
+#define PLIANT_SCENE_CUT(X)                                                                                            \
+    X(CUT, kind, PLIANT_CUT_NONE, 0, 0, "", "sever: blades part the scan's voxels, and tetrahedra fall into fragments; none: nothing is cut, and nothing is kept for it") \
+    X(TRIGGER, trigger, PLIANT_TRIGGER_SERVICE, 0, 0, "", "when a robot's tool with a blade cuts: always, while its jaw is closed, while it has energy, or by service alone") \
+    X(REAL, resistance, 1.0, 0.0, 1000.0, "", "factor on the materials' toughness: what the tissue takes to part; 0: it parts without a force") \
+    X(REAL, lead, 0.001, 1e-6, 1.0, "m", "a blade drags the tissue along until it is this far ahead of the cut; a voxel at least") \
+    X(REAL, drag, 0.02, 0.0, 1.0, "m", "and no farther than this: what a blade has dragged so far parts at a lower force")                \
+    X(INT, undo, 8, 0, 1000, "strokes", "that can be undone; each keeps the meshes from before it")
 #define PLIANT_SCENE_WARP(X)                                                                                           \
     X(WARP, kind, PLIANT_RASTERIZE, 0, 0, "", "rasterize: tetrahedra, exact on them; fit: a smooth map through the nodes ([C] 12)") \
     X(INT, fit_step, 4, 1, 64, "voxels", "fit: distance of the points that are fitted; linear in between")            \
@@ -150,7 +165,7 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
 #define PLIANT_SCENE_GROUPS(G)                                                                                         \
     G(scan, PLIANT_SCENE_SCAN) G(segment, PLIANT_SCENE_SEGMENT) G(material, PLIANT_SCENE_MATERIAL) G(mesh, PLIANT_SCENE_MESH)                           \
     G(model, PLIANT_SCENE_MODEL) G(solver, PLIANT_SCENE_SOLVER) G(choose, PLIANT_SCENE_CHOOSE) G(tled, PLIANT_SCENE_TLED)                             \
-    G(ground, PLIANT_SCENE_GROUND) G(grasp, PLIANT_SCENE_GRASP) G(warp, PLIANT_SCENE_WARP) G(output, PLIANT_SCENE_OUTPUT)
+    G(ground, PLIANT_SCENE_GROUND) G(grasp, PLIANT_SCENE_GRASP) G(cut, PLIANT_SCENE_CUT) G(warp, PLIANT_SCENE_WARP) G(output, PLIANT_SCENE_OUTPUT)
 
 enum { PLIANT_MAX_FIXED = 32 };
 /** Nodes inside an axis-parallel box do not move. [m], LPS. */

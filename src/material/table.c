@@ -11,7 +11,7 @@
 
 /* The document as it stands, before its numbers are read. */
 typedef struct text_material {
-    char *name, *young_modulus, *poisson_ratio, *density, *fixed, *empty;
+    char *name, *young_modulus, *poisson_ratio, *density, *toughness, *fixed, *empty;
     char **range;
     char **labels;
     uint32_t num_labels;
@@ -31,6 +31,7 @@ static const cyaml_schema_field_t material_fields[] = {
     WORD_FIELD(young_modulus, 0),
     WORD_FIELD(poisson_ratio, 0),
     WORD_FIELD(density, 0),
+    WORD_FIELD(toughness, CYAML_FLAG_OPTIONAL),
     WORD_FIELD(fixed, CYAML_FLAG_OPTIONAL),
     WORD_FIELD(empty, CYAML_FLAG_OPTIONAL),
     CYAML_FIELD_SEQUENCE_FIXED("range", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_material, range, &word, 2),
@@ -86,9 +87,11 @@ static bool read_material(const text_material *text, pliant_material *out, char 
         return false;
     }
     strcpy(out->name, text->name);
+    out->toughness = PLIANT_DEFAULT_TOUGHNESS;
     if (!read_number("young_modulus", text->young_modulus, &out->young_modulus, reason, size) ||
         !read_number("poisson_ratio", text->poisson_ratio, &out->poisson_ratio, reason, size) ||
         !read_number("density", text->density, &out->density, reason, size) ||
+        (text->toughness && !read_number("toughness", text->toughness, &out->toughness, reason, size)) ||
         !read_flag("fixed", text->fixed, &out->fixed, reason, size) ||
         !read_flag("empty", text->empty, &out->empty, reason, size))
         return false;
@@ -121,6 +124,8 @@ static bool check_material(const pliant_material *m, char *reason, size_t size)
         snprintf(reason, size, "poisson_ratio: %g is not in [0, 0.5)", m->poisson_ratio);
     else if (!(m->density >= 0 && m->density <= 1e5))
         snprintf(reason, size, "density: %g kg/m^3 is not in [0, 1e5]", m->density);
+    else if (!(m->toughness >= 0 && m->toughness <= 1e9))
+        snprintf(reason, size, "toughness: %g J/m^2 is not in [0, 1e9]", m->toughness);
     else if (m->fixed && m->empty)
         snprintf(reason, size, "fixed and empty exclude each other");
     else if (m->num_range != 0 && m->num_range != 2)

@@ -18,6 +18,8 @@ static const char *const mesh_names[] = {PLIANT_MESH_LIST(CHOICE_NAME) NULL};
 static const char *const warp_names[] = {PLIANT_WARP_LIST(CHOICE_NAME) NULL};
 static const char *const segment_names[] = {PLIANT_SEGMENT_LIST(CHOICE_NAME) NULL};
 static const char *const law_names[] = {PLIANT_LAW_LIST(CHOICE_NAME) NULL};
+static const char *const cut_names[] = {PLIANT_CUT_LIST(CHOICE_NAME) NULL};
+static const char *const trigger_names[] = {PLIANT_TRIGGER_LIST(CHOICE_NAME) NULL};
 static const char *const measure_names[] = {PLIANT_MEASURE_LIST(CHOICE_NAME) NULL};
 #undef CHOICE_NAME
 
@@ -46,6 +48,8 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define KIND_MESH(value) PLIANT_OPTION_CHOICE, value, NULL, mesh_names
 #define KIND_WARP(value) PLIANT_OPTION_CHOICE, value, NULL, warp_names
 #define KIND_SEGMENT(value) PLIANT_OPTION_CHOICE, value, NULL, segment_names
+#define KIND_CUT(value) PLIANT_OPTION_CHOICE, value, NULL, cut_names
+#define KIND_TRIGGER(value) PLIANT_OPTION_CHOICE, value, NULL, trigger_names
 #define KIND_MEASURE(value) PLIANT_OPTION_CHOICE, value, NULL, measure_names
 #define KIND_LAW(value) PLIANT_OPTION_CHOICE, value, NULL, law_names
 
@@ -67,13 +71,15 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define TLED_ROW(...) ROW(tled, __VA_ARGS__)
 #define GROUND_ROW(...) ROW(ground, __VA_ARGS__)
 #define GRASP_ROW(...) ROW(grasp, __VA_ARGS__)
+#define CUT_ROW(...) ROW(cut, __VA_ARGS__)
 #define WARP_ROW(...) ROW(warp, __VA_ARGS__)
 #define OUTPUT_ROW(...) ROW(output, __VA_ARGS__)
 
 static const pliant_option table[] = {
     PLIANT_SCENE_SCAN(SCAN_ROW) PLIANT_SCENE_SEGMENT(SEGMENT_ROW) PLIANT_SCENE_MATERIAL(MATERIAL_ROW) PLIANT_SCENE_MESH(MESH_ROW)
     PLIANT_SCENE_MODEL(MODEL_ROW) PLIANT_SCENE_SOLVER(SOLVER_ROW) PLIANT_SCENE_CHOOSE(CHOOSE_ROW) PLIANT_SCENE_TLED(TLED_ROW)
-    PLIANT_SCENE_GROUND(GROUND_ROW) PLIANT_SCENE_GRASP(GRASP_ROW) PLIANT_SCENE_WARP(WARP_ROW) PLIANT_SCENE_OUTPUT(OUTPUT_ROW)
+    PLIANT_SCENE_GROUND(GROUND_ROW) PLIANT_SCENE_GRASP(GRASP_ROW) PLIANT_SCENE_CUT(CUT_ROW)
+    PLIANT_SCENE_WARP(WARP_ROW) PLIANT_SCENE_OUTPUT(OUTPUT_ROW)
 };
 enum { NUM_OPTIONS = sizeof table / sizeof *table, TEXT_SIZE = 128 };
 

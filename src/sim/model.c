@@ -199,6 +199,14 @@ static pliant_status fix(builder *build)
     return is_coarse(model) ? fix_coarse(build) : PLIANT_OK;
 }
 
+/* which voxels hang together, where blades may part them */
+static pliant_status link_voxels(builder *build)
+{
+    pliant_model *model = build->model;
+    return model->scene.cut.kind == PLIANT_CUT_SEVER ? pliant_voxels_create(&model->body->fine, &model->scan->geometry, &model->body->voxels)
+                                                     : PLIANT_OK;
+}
+
 static pliant_status homogenize(builder *build)
 {
     pliant_status status = pliant_discretizing_begin(&build->model->scene, build->model->body, build->progress, &build->discretizing);
@@ -227,7 +235,7 @@ static void hand_over(builder *build)
 
 static pliant_status run_stages(builder *build)
 {
-    static pliant_status (*const stages[])(builder *) = {classify, mesh, integrate, fix, homogenize, analyze, factorize};
+    static pliant_status (*const stages[])(builder *) = {classify, mesh, integrate, fix, link_voxels, homogenize, analyze, factorize};
     _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_BUILD_STAGES, "one function a stage, in order");
     pliant_model *model = build->model;
     for (int stage = 0; stage < PLIANT_NUM_BUILD_STAGES; stage++) {
@@ -277,6 +285,9 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
     if (status == PLIANT_OK && scene->model.method == PLIANT_LOD && scene->mesh.bone_surface)
         status = pliant_fail(PLIANT_ERROR_SCENE, "mesh/bone_surface: lod interpolates within the cubes of the lattice, which no node may leave; set "
                                                  "it to false, or model/method to another one");
+    if (status == PLIANT_OK && scene->cut.kind != PLIANT_CUT_NONE && scene->model.method == PLIANT_LOD)
+        status = pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: lod interpolates within whole cubes of the lattice, which cannot be divided; set "
+                                                 "model/method to averaged or another one, or cut/kind to none");
     if (status == PLIANT_OK) status = pliant_material_table_check(materials);
     if (status != PLIANT_OK) return status;
     pliant_gravity_warning(scene, scene->model.gravity);
