@@ -13,7 +13,12 @@ struct Voxels : testing::Test {
     const int size[3] = {23, 17, 21};
     const double box[3] = {0.115, 0.119, 0.126};
     std::unique_ptr<Body> body;
-    pliant_voxels *voxels = nullptr;
+    const pliant_voxels *voxels = nullptr;
+    std::set<uint32_t> severed; // 4 voxel + axis
+    std::set<int32_t> severed_bridges;
+    std::vector<uint32_t> link;
+    std::vector<int32_t> bridge, none = {0};
+    pliant_cuts cuts{};
 
     void make(int a, int b, int c, bool everything = true)
     {
@@ -23,9 +28,21 @@ struct Voxels : testing::Test {
         body->cells(a, b, c, 1);
         body->scene.mesh.keep_air = everything;
         ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
-        ASSERT_EQ(pliant_voxels_create(&body->model->body->fine, &body->scan.geometry, &voxels), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_voxels_create(&body->model->body->fine, &body->scan.geometry, body->model->material_of_voxel, &body->table, &voxels),
+                  PLIANT_OK) << pliant_last_error();
     }
-    void TearDown() override { pliant_voxels_free(voxels); }
+    void TearDown() override { pliant_voxels_release(voxels); }
+    const pliant_cuts *sorted()
+    {
+        link.assign(severed.begin(), severed.end());
+        bridge.assign(severed_bridges.begin(), severed_bridges.end());
+        cuts.num_links = static_cast<int32_t>(link.size());
+        cuts.link = link.data();
+        cuts.num_bridges = static_cast<int32_t>(bridge.size());
+        cuts.bridge = bridge.data();
+        cuts.start = cuts.voxel_start = none.data();
+        return &cuts;
+    }
 
     int32_t at(const int place[3]) const { return place[0] + size[0] * (place[1] + size[1] * place[2]); }
     bool in(const int place[3]) const
@@ -35,11 +52,11 @@ struct Voxels : testing::Test {
         return true;
     }
     // the link between neighbours along one axis
-    bool link(const int a[3], const int b[3]) const
+    bool joins(const int a[3], const int b[3]) const
     {
         for (int d = 0; d < 3; d++) {
             if (a[d] == b[d]) continue;
-            return !(voxels->severed[at(a[d] < b[d] ? a : b)] & 1 << d);
+            return !severed.count(4 * static_cast<uint32_t>(at(a[d] < b[d] ? a : b)) + static_cast<uint32_t>(d));
         }
         return true;
     }
@@ -57,15 +74,15 @@ struct Voxels : testing::Test {
                 apart += p[d] != q[d];
                 far = std::max(far, std::abs(p[d] - q[d]));
             }
-            if (far == 1 && apart == 1) return link(p, q);
+            if (far == 1 && apart == 1) return joins(p, q);
             for (int d = 0; d < 3 && far == 1 && apart == 2; d++) {
                 if (p[d] == q[d]) continue;
                 int middle[3] = {p[0], p[1], p[2]};
                 middle[d] = q[d];
-                if (link(p, middle) && link(middle, q)) return true;
+                if (voxels->owner[at(middle)] >= 0 && joins(p, middle) && joins(middle, q)) return true;
             }
             for (int32_t n = 0; bridges && n < voxels->num_bridges; n++)
-                if (!voxels->bridge_severed[n] && ((voxels->bridge[2 * n] == a && voxels->bridge[2 * n + 1] == b) ||
+                if (!severed_bridges.count(n) && ((voxels->bridge[2 * n] == a && voxels->bridge[2 * n + 1] == b) ||
                                                    (voxels->bridge[2 * n] == b && voxels->bridge[2 * n + 1] == a)))
                     return true;
             return false;
@@ -88,10 +105,10 @@ struct Voxels : testing::Test {
         }
         return part;
     }
-    std::vector<int> fragments(int32_t tet) const
+    std::vector<int> fragments(int32_t tet)
     {
         std::vector<int32_t> out(static_cast<size_t>(voxels->start[tet + 1] - voxels->start[tet]));
-        int32_t count = pliant_voxels_fragments(voxels, tet, out.data());
+        int32_t count = pliant_voxels_parts(voxels, sorted(), tet, out.data());
         EXPECT_EQ(count, out.empty() ? 0 : *std::max_element(out.begin(), out.end()) + 1);
         return std::vector<int>(out.begin(), out.end());
     }
@@ -153,7 +170,14 @@ TEST_F(Voxels, UncutTetrahedraAreWholeAndBridgesSeeToIt)
                 far = std::max(far, std::abs(v / s % size[d] - w / s % size[d]));
                 apart_along += v / s % size[d] != w / s % size[d];
             }
-            if (far == 1 && apart_along < 3) links.insert(std::minmax(voxels->owner[v], voxels->owner[w]));
+            const int p[3] = {v % size[0], v / size[0] % size[1], v / size[0] / size[1]}, q[3] = {w % size[0], w / size[0] % size[1], w / size[0] / size[1]};
+            bool way = apart_along == 1;
+            for (int d = 0; d < 3 && far == 1 && apart_along == 2; d++) {
+                int middle[3] = {p[0], p[1], p[2]};
+                middle[d] = q[d];
+                way = way || (p[d] != q[d] && voxels->owner[at(middle)] >= 0);
+            }
+            if (far == 1 && way) links.insert(std::minmax(voxels->owner[v], voxels->owner[w]));
         }
     for (int32_t b = 0; b < voxels->num_bridges; b++)
         links.insert(std::minmax(voxels->owner[voxels->bridge[2 * b]], voxels->owner[voxels->bridge[2 * b + 1]]));
@@ -178,9 +202,10 @@ TEST_F(Voxels, FragmentsAreWhatSeveredLinksLeave)
                 int p[3] = {v % size[0], v / size[0] % size[1], v / size[0] / size[1]}, q[3] = {p[0], p[1], p[2]};
                 q[d]++;
                 if (!in(q)) continue;
-                if (trial < 2 ? side(p) != side(q) : random() % 3 == 0) voxels->severed[v] |= static_cast<uint8_t>(1 << d);
+                if (trial < 2 ? side(p) != side(q) : random() % 3 == 0) severed.insert(4 * static_cast<uint32_t>(v) + static_cast<uint32_t>(d));
             }
-        for (int32_t b = 0; b < voxels->num_bridges; b++) voxels->bridge_severed[b] |= random() % 2;
+        for (int32_t b = 0; b < voxels->num_bridges; b++)
+            if (random() % 2) severed_bridges.insert(b);
         for (int32_t t = 0; t < voxels->num_tets; t++) {
             std::vector<int> here = fragments(t);
             ASSERT_EQ(here, parts(t, true)) << "trial " << trial << ", tetrahedron " << t;
@@ -188,20 +213,66 @@ TEST_F(Voxels, FragmentsAreWhatSeveredLinksLeave)
         }
     }
     EXPECT_GT(most, 3);
-    // the next body has its own
+}
+
+TEST_F(Voxels, AreSharedByBodiesEachWithItsCuts)
+{
+    make(4, 3, 5);
+    const size_t before = pliant_memory_in_use();
     pliant_body *first = nullptr, *next = nullptr;
     ASSERT_EQ(pliant_body_next(body->model->body, 2, &first), PLIANT_OK);
-    first->voxels = voxels;
-    voxels = nullptr;
+    first->voxels = pliant_voxels_retain(voxels);
+    severed = {4 * 100, 4 * 100 + 1, 4 * 2000 + 2};
+    severed_bridges = {};
+    ASSERT_EQ(pliant_cuts_copy(sorted(), &first->cuts), PLIANT_OK);
     ASSERT_EQ(pliant_body_next(first, 3, &next), PLIANT_OK);
-    ASSERT_TRUE(next->voxels);
-    EXPECT_NE(next->voxels->severed, first->voxels->severed);
-    EXPECT_EQ(std::memcmp(next->voxels->severed, first->voxels->severed, static_cast<size_t>(size[0] * size[1] * size[2])), 0);
+    EXPECT_EQ(next->voxels, voxels);
+    ASSERT_TRUE(next->cuts);
+    EXPECT_NE(next->cuts->link, first->cuts->link);
     EXPECT_TRUE(pliant_body_same(first, next));
-    next->voxels->severed[0] ^= 1;
+    EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 100, 101));
+    EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 101, 100));
+    EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 100, 100 + size[0]));
+    EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 2000, 2000 + size[0] * size[1]));
+    EXPECT_TRUE(pliant_voxels_joined(voxels, next->cuts, 2001, 2002));
+    EXPECT_TRUE(pliant_voxels_joined(voxels, next->cuts, 101 + size[0], 101));
+    EXPECT_TRUE(pliant_voxels_joined(voxels, next->cuts, 101 + size[0], 100 + size[0]));
+    EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 100, 101 + size[0])); // both ways begin with a link that is severed
+    EXPECT_TRUE(pliant_voxels_joined(voxels, next->cuts, 101, 100 + size[0])); // by 101 + size[0]
+    EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 100, 102));
+    next->cuts->link[0]--;
     EXPECT_FALSE(pliant_body_same(first, next));
     pliant_body_release(first);
     pliant_body_release(next);
+    EXPECT_EQ(pliant_memory_in_use(), before);
+}
+
+// Two blocks that share an edge of the lattice only: a bridge, and only there.
+TEST_F(Voxels, HingesHaveBridges)
+{
+    const int many[3] = {20, 20, 10};
+    const double wide[3] = {0.2, 0.2, 0.1};
+    Body two(many, wide, {{4000, 0.4, 1000, false}, {1, 0.1, 1, true}}, [](int i, int j, int) { return (i < 10) != (j < 10); });
+    two.fix_plane(0, 0, 0.01, 0, 0, 1);
+    two.cells(4, 4, 2, 1);
+    ASSERT_EQ(two.build(), PLIANT_OK) << pliant_last_error();
+    const pliant_mesh &mesh = two.model->body->fine;
+    ASSERT_EQ(pliant_voxels_create(&mesh, &two.scan.geometry, two.model->material_of_voxel, &two.table, &voxels), PLIANT_OK) << pliant_last_error();
+    int hinges = 0;
+    for (int32_t b = voxels->bridge_start[mesh.num_tets]; b < voxels->num_bridges; b++) {
+        int32_t from = voxels->bridge[2 * b], to = voxels->bridge[2 * b + 1];
+        bool left = from % 20 < 10, other = to % 20 < 10;
+        EXPECT_NE(left, other);
+        EXPECT_EQ(std::max(std::abs(from % 20 - to % 20), std::abs(from / 20 % 20 - to / 20 % 20)), 1);
+        bool listed[2] = {false, false};
+        for (int end = 0; end < 2; end++) {
+            int32_t tet = voxels->owner[end ? to : from];
+            for (int32_t e = voxels->beside_start[tet]; e < voxels->beside_start[tet + 1]; e++) listed[end] = listed[end] || voxels->beside[e] == b;
+        }
+        EXPECT_TRUE(listed[0] && listed[1]);
+        hinges++;
+    }
+    EXPECT_EQ(hinges, 3); // the nodes on that edge
 }
 
 TEST_F(Voxels, WithoutMemoryNothingIsLeftBehind)
@@ -210,12 +281,12 @@ TEST_F(Voxels, WithoutMemoryNothingIsLeftBehind)
     const size_t before = pliant_memory_in_use();
     int64_t n = 0;
     for (pliant_status status = PLIANT_ERROR_MEMORY; status != PLIANT_OK; n++) {
-        pliant_voxels *other = nullptr;
+        const pliant_voxels *other = nullptr;
         pliant_memory_fail_after(n);
-        status = pliant_voxels_create(&body->model->body->fine, &body->scan.geometry, &other);
+        status = pliant_voxels_create(&body->model->body->fine, &body->scan.geometry, body->model->material_of_voxel, &body->table, &other);
         pliant_memory_fail_after(-1);
         ASSERT_TRUE(status == PLIANT_OK || status == PLIANT_ERROR_MEMORY);
-        pliant_voxels_free(other);
+        pliant_voxels_release(other);
         EXPECT_EQ(pliant_memory_in_use(), before);
     }
     EXPECT_GT(n, 10);

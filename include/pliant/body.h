@@ -28,21 +28,29 @@ typedef struct pliant_body_changes {
     int32_t *coarse_node_source, *coarse_tet_source; /**< likewise */
 } pliant_body_changes;
 
-/** Which voxels are joined: the finest level of a body, made only where a scene may cut (pliant_voxels_create). Fragments nest: one of a
- *  fine tetrahedron is a set of its voxels, one of a coarse tetrahedron a set of fine fragments (coarse_of_fine).
+/** Which voxels are joined at load: the finest level of a body, made only where a scene may cut (pliant_voxels_create), constant, shared by
+ *  all bodies of a load and counted by reference. Fragments nest: one of a fine tetrahedron is a set of its voxels, one of a coarse
+ *  tetrahedron a set of fine fragments (coarse_of_fine).
  *
- *  Neighbours along an axis are joined by a link, unless it is severed; neighbours across an edge by one of the two ways over links, where
- *  neither of its links is severed. Bridges join what these leave apart within an uncut tetrahedron, and neighbours that no link joins. */
+ *  Neighbours along an axis are joined by a link, unless it is severed (pliant_cuts); neighbours across an edge by one of the two ways over
+ *  links through a voxel that a tetrahedron owns, where neither of its links is severed. Bridges join what these leave apart: within an uncut
+ *  tetrahedron, across a face, and at a node where tetrahedra meet that no faces join. */
 typedef struct pliant_voxels {
-    int32_t size[3];
-    int32_t num_tets;          /**< of the fine mesh at load */
-    int32_t *owner;            /**< (voxels) the tetrahedron at load that owns it; -1: none */
+    pliant_geometry geometry;
+    int32_t num_tets, num_nodes; /**< of the fine mesh at load */
+    int32_t *owner;            /**< (voxels) the tetrahedron at load that owns it, ties to the central one; -1: none */
     int32_t *start, *voxel;    /**< (num_tets + 1), (those that are owned): by tetrahedron, ascending */
+    uint8_t *material;         /**< (those that are owned, in this order) index into of_material */
+    int32_t num_materials;
+    pliant_tet_material *of_material; /**< (num_materials) of a single voxel */
+    uint8_t *fixed_material;   /**< (num_materials) does not move */
     int32_t num_bridges;
     int32_t *bridge;           /**< (num_bridges x 2) voxels; those within a tetrahedron first, by tetrahedron */
     int32_t *bridge_start;     /**< (num_tets + 1) into those within */
-    uint8_t *severed;          /**< (voxels) bit d: the link to the next voxel along axis d is cut */
-    uint8_t *bridge_severed;   /**< (num_bridges) */
+    int32_t *beside_start, *beside; /**< (num_tets + 1), the other bridges of every tetrahedron, ascending */
+    int32_t *across;           /**< (num_tets x 4) the tetrahedron across each face at load (pliant_mesh_neighbours) */
+    int32_t *around_start, *around; /**< (num_nodes + 1), (4 x num_tets) corners of tetrahedra at load, 4 tetrahedron + corner, of every node */
+    struct pliant_voxels_holders *holders; /**< how many there are (src/body) */
 } pliant_voxels;
 
 /** What has been severed since load, and the fragments that it leaves. NULL in a body of which nothing is severed. */
@@ -51,7 +59,7 @@ typedef struct pliant_cuts {
     uint32_t *link;            /**< (num_links) 4 voxel + axis: to the next voxel along the axis; ascending */
     int32_t num_bridges;
     int32_t *bridge;           /**< (num_bridges) of pliant_voxels.bridge; ascending */
-    int32_t num_tets;          /**< tetrahedra at load that are in fragments, or gave voxels to one of another */
+    int32_t num_tets;          /**< tetrahedra at load that own an end of what is severed, or a voxel that moves with one of them */
     int32_t *tet;              /**< (num_tets) ascending */
     int32_t *start, *fragment; /**< (num_tets + 1), (start[num_tets]) the fine tetrahedra that each is now, itself the first */
     int32_t *voxel_start;      /**< (num_tets + 1) into voxel_fragment */
@@ -83,7 +91,7 @@ typedef struct pliant_body {
     int32_t num_held_pieces;   /**< pieces that nothing fixed holds: kept where they are */
     bool falls;                /**< pieces that nothing holds are left to fall: explicit dynamics on a ground */
 
-    pliant_voxels *voxels;     /**< Nullable: only where a scene may cut */
+    const pliant_voxels *voxels; /**< Nullable: only where a scene may cut; one holder of them */
     pliant_cuts *cuts;         /**< Nullable: nothing is severed */
 
     pliant_body_changes changes;
@@ -119,15 +127,22 @@ PLIANT_API void pliant_body_masses(const pliant_body *body, double *mass);
 /** Of pieces that carry nothing, the stiffness is taken down to this part: they keep their place in the picture. */
 #define PLIANT_LOOSE_STIFFNESS 1e-6
 
-/** The voxels of a fine mesh as it was loaded, nothing severed. Free with pliant_voxels_free. Errors: MEMORY, FORMAT, SCENE (more than 2^31 voxels). */
-PLIANT_API pliant_status pliant_voxels_create(const pliant_mesh *fine, const pliant_geometry *geometry, pliant_voxels **out);
-PLIANT_API pliant_status pliant_voxels_copy(const pliant_voxels *voxels, pliant_voxels **out); /**< Errors: MEMORY */
-PLIANT_API void pliant_voxels_free(pliant_voxels *voxels); /**< Nullable */
-/** Whether two voxels are joined, by a link or across an edge; only neighbours are. */
-PLIANT_API bool pliant_voxels_joined(const pliant_voxels *voxels, int32_t a, int32_t b);
-/** Fragments of a tetrahedron at load: its voxels that hang together, numbered by their first ones.
- *  @param fragment (start[tet + 1] - start[tet]) out, of each of its voxels. @return how many there are */
-PLIANT_API int32_t pliant_voxels_fragments(const pliant_voxels *voxels, int32_t tet, int32_t *fragment);
+/** The voxels of a fine mesh as it was loaded, with one holder. @param material_of_voxel (voxels) index into the table.
+ *  Errors: MEMORY, FORMAT, SCENE (more than 2^30 voxels). */
+PLIANT_API pliant_status pliant_voxels_create(const pliant_mesh *fine, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
+                                              const pliant_material_table *table, const pliant_voxels **out);
+/** One more holder. @return voxels */
+PLIANT_API const pliant_voxels *pliant_voxels_retain(const pliant_voxels *voxels);
+/** One holder less; the last one frees them. Nullable. */
+PLIANT_API void pliant_voxels_release(const pliant_voxels *voxels);
+/** Whether two voxels that are owned are joined, by a link or across an edge; only neighbours are. @param cuts Nullable */
+PLIANT_API bool pliant_voxels_joined(const pliant_voxels *voxels, const pliant_cuts *cuts, int32_t a, int32_t b);
+/** Parts of a tetrahedron at load: its voxels that hang together within it, numbered by their first ones.
+ *  @param cuts Nullable
+ *  @param part (start[tet + 1] - start[tet]) out, of each of its voxels. @return how many there are */
+PLIANT_API int32_t pliant_voxels_parts(const pliant_voxels *voxels, const pliant_cuts *cuts, int32_t tet, int32_t *part);
+/** The fine tetrahedron that a voxel moves with; -1: none. @param cuts Nullable */
+PLIANT_API int32_t pliant_voxels_fragment(const pliant_voxels *voxels, const pliant_cuts *cuts, int32_t voxel);
 
 PLIANT_API pliant_status pliant_cuts_copy(const pliant_cuts *cuts, pliant_cuts **out); /**< Errors: MEMORY */
 PLIANT_API void pliant_cuts_free(pliant_cuts *cuts); /**< Nullable */

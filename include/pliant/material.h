@@ -65,6 +65,8 @@ typedef struct pliant_tet_material {
     uint16_t material;   /**< the most frequent one */
     uint32_t num_voxels; /**< 0: smaller than a voxel, taken from the voxel nearest to the centroid */
 } pliant_tet_material;
+/** Of a single voxel. */
+PLIANT_API void pliant_material_of_voxel(const pliant_material_table *table, uint8_t material, pliant_tet_material *out);
 
 #ifdef __cplusplus
 }

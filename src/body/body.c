@@ -26,7 +26,7 @@ static void free_body(pliant_body *body)
     pliant_free(body->node_mass);
     pliant_free(body->fine_fixed);
     pliant_free(body->coarse_fixed);
-    pliant_voxels_free(body->voxels);
+    pliant_voxels_release(body->voxels);
     pliant_cuts_free(body->cuts);
     pliant_free(body->changes.touched);
     pliant_free(body->changes.touched_coarse);
@@ -123,7 +123,7 @@ pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, plian
                 copy(body->fine_fixed, nodes, sizeof *body->fine_fixed, &next->fine_fixed) &&
                 copy(body->coarse_fixed, coarse_nodes, sizeof *body->coarse_fixed, &next->coarse_fixed);
     status = good ? PLIANT_OK : pliant_fail_memory("the next body");
-    if (status == PLIANT_OK && body->voxels) status = pliant_voxels_copy(body->voxels, &next->voxels);
+    if (body->voxels) next->voxels = pliant_voxels_retain(body->voxels);
     if (status == PLIANT_OK && body->cuts) status = pliant_cuts_copy(body->cuts, &next->cuts);
     if (status != PLIANT_OK) {
         pliant_body_release(next);

@@ -20,19 +20,13 @@ static bool same_mesh(const pliant_mesh *a, const pliant_mesh *b)
            equal(a->lattice_of_tet, b->lattice_of_tet, tets, sizeof *a->lattice_of_tet);
 }
 
-static bool same_voxels(const pliant_voxels *a, const pliant_voxels *b)
-{
-    if (!a || !b || a == b) return a == b;
-    const size_t count = (size_t)a->size[0] * (size_t)a->size[1] * (size_t)a->size[2];
-    return memcmp(a->size, b->size, sizeof a->size) == 0 && a->num_bridges == b->num_bridges && equal(a->severed, b->severed, count, 1) &&
-           equal(a->bridge_severed, b->bridge_severed, (size_t)a->num_bridges, 1);
-}
-
 static bool same_cuts(const pliant_cuts *a, const pliant_cuts *b)
 {
     if (!a || !b || a == b) return a == b;
     return a->num_links == b->num_links && a->num_bridges == b->num_bridges && equal(a->link, b->link, (size_t)a->num_links, sizeof *a->link) &&
-           equal(a->bridge, b->bridge, (size_t)a->num_bridges, sizeof *a->bridge);
+           equal(a->bridge, b->bridge, (size_t)a->num_bridges, sizeof *a->bridge) && a->num_tets == b->num_tets &&
+           equal(a->tet, b->tet, (size_t)a->num_tets, sizeof *a->tet) &&
+           equal(a->voxel_fragment, b->voxel_fragment, (size_t)a->voxel_start[a->num_tets], sizeof *a->voxel_fragment);
 }
 
 bool pliant_body_same(const pliant_body *a, const pliant_body *b)
@@ -41,7 +35,7 @@ bool pliant_body_same(const pliant_body *a, const pliant_body *b)
     if (!same_mesh(&a->fine, &b->fine) || !same_mesh(&a->coarse, &b->coarse) || a->num_triangles != b->num_triangles) return false;
     size_t nodes = (size_t)a->fine.num_nodes, tets = (size_t)a->fine.num_tets;
     size_t coarse_nodes = (size_t)a->coarse.num_nodes, coarse_tets = (size_t)a->coarse.num_tets;
-    return same_voxels(a->voxels, b->voxels) && same_cuts(a->cuts, b->cuts) && equal(a->coarse_of_fine, b->coarse_of_fine, tets, sizeof *a->coarse_of_fine) &&
+    return a->voxels == b->voxels && same_cuts(a->cuts, b->cuts) && equal(a->coarse_of_fine, b->coarse_of_fine, tets, sizeof *a->coarse_of_fine) &&
            equal(a->fine_of_coarse, b->fine_of_coarse, coarse_nodes, sizeof *a->fine_of_coarse) &&
            equal(a->triangles, b->triangles, (size_t)a->num_triangles, 3 * sizeof *a->triangles) &&
            equal(a->fine_material, b->fine_material, tets, sizeof *a->fine_material) &&

@@ -46,6 +46,14 @@ static void add_voxel(const pliant_material *material, double share, pliant_tet_
     if (!material->empty) out->tissue += (float)share;
 }
 
+void pliant_material_of_voxel(const pliant_material_table *table, uint8_t material, pliant_tet_material *out)
+{
+    memset(out, 0, sizeof *out);
+    out->material = material;
+    out->num_voxels = 1;
+    add_voxel(table->materials + material, 1, out);
+}
+
 static void mean_of(const pliant_material_table *table, const uint32_t *count, pliant_tet_material *out)
 {
     memset(out, 0, sizeof *out);
@@ -72,9 +80,8 @@ static void nearest_of(const pliant_geometry *geometry, const int32_t cells[3], 
         if (voxel[d] >= (size_t)geometry->size[d]) voxel[d] = (size_t)geometry->size[d] - 1;
     }
     uint8_t material = material_of_voxel[voxel[0] + (size_t)geometry->size[0] * (voxel[1] + (size_t)geometry->size[1] * voxel[2])];
-    memset(out, 0, sizeof *out);
-    out->material = material;
-    add_voxel(table->materials + material, 1, out);
+    pliant_material_of_voxel(table, material, out);
+    out->num_voxels = 0;
 }
 
 static void count_cell(const pliant_geometry *geometry, const axis_map maps[3], const int32_t cell[3], const uint8_t *material_of_voxel,

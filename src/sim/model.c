@@ -203,8 +203,8 @@ static pliant_status fix(builder *build)
 static pliant_status link_voxels(builder *build)
 {
     pliant_model *model = build->model;
-    return model->scene.cut.kind == PLIANT_CUT_SEVER ? pliant_voxels_create(&model->body->fine, &model->scan->geometry, &model->body->voxels)
-                                                     : PLIANT_OK;
+    if (model->scene.cut.kind != PLIANT_CUT_SEVER) return PLIANT_OK;
+    return pliant_voxels_create(&model->body->fine, &model->scan->geometry, model->material_of_voxel, &model->materials, &model->body->voxels);
 }
 
 static pliant_status homogenize(builder *build)

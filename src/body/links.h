@@ -1,0 +1,131 @@
+/* Whether neighbouring voxels are joined: over links that are not severed, through voxels that a tetrahedron owns. */
+#ifndef PLIANT_BODY_LINKS_H
+#define PLIANT_BODY_LINKS_H
+
+#include "pliant/body.h"
+
+#include <stddef.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* What is severed, to be asked many times: of the voxels in a box from a table, of others by search. */
+typedef struct pliant_links {
+    const pliant_voxels *voxels;
+    const pliant_cuts *cuts;   /* Nullable */
+    int32_t low[3], size[3];   /* the box; size 0: none */
+    uint8_t *severed;          /* (size[0] x size[1] x size[2]) bit d: the link to the next voxel along axis d */
+} pliant_links;
+
+/* half of the eighteen neighbours of a voxel: those behind it in memory */
+static const int8_t pliant_behind[9][3] = {{1, 0, 0}, {-1, 1, 0}, {0, 1, 0}, {1, 1, 0}, {0, -1, 1}, {-1, 0, 1}, {0, 0, 1}, {1, 0, 1}, {0, 1, 1}};
+
+static inline void pliant_place_of(const pliant_voxels *voxels, int32_t voxel, int32_t at[3])
+{
+    const int32_t *size = voxels->geometry.size;
+    at[0] = voxel % size[0];
+    at[1] = voxel / size[0] % size[1];
+    at[2] = voxel / size[0] / size[1];
+}
+
+static inline int32_t pliant_stride_of(const pliant_voxels *voxels, int axis)
+{
+    const int32_t *size = voxels->geometry.size;
+    return axis == 0 ? 1 : axis == 1 ? size[0] : size[0] * size[1];
+}
+
+/* the voxel a step away from one at a place; -1: beyond the scan */
+static inline int32_t pliant_step_to(const pliant_voxels *voxels, int32_t voxel, const int32_t at[3], const int8_t step[3])
+{
+    const int32_t *size = voxels->geometry.size;
+    for (int d = 0; d < 3; d++)
+        if (at[d] + step[d] < 0 || at[d] + step[d] >= size[d]) return -1;
+    return voxel + step[0] + size[0] * (step[1] + size[1] * step[2]);
+}
+
+/* the first of sorted numbers that is not below one */
+static inline int32_t pliant_lower(const uint32_t *sorted, int32_t count, uint32_t number)
+{
+    int32_t low = 0, high = count;
+    while (low < high) {
+        int32_t middle = low + (high - low) / 2;
+        if (sorted[middle] < number) low = middle + 1;
+        else high = middle;
+    }
+    return low;
+}
+
+static inline bool pliant_bridge_severed(const pliant_cuts *cuts, int32_t bridge)
+{
+    int32_t low = 0, high = cuts ? cuts->num_bridges : 0;
+    while (low < high) {
+        int32_t middle = low + (high - low) / 2;
+        if (cuts->bridge[middle] < bridge) low = middle + 1;
+        else high = middle;
+    }
+    return cuts && low < cuts->num_bridges && cuts->bridge[low] == bridge;
+}
+
+/* of a voxel at a place to the next one along an axis */
+static inline bool pliant_link_severed(const pliant_links *links, int32_t voxel, const int32_t at[3], int axis)
+{
+    if (links->severed) {
+        const int32_t i = at[0] - links->low[0], j = at[1] - links->low[1], k = at[2] - links->low[2];
+        if (i >= 0 && j >= 0 && k >= 0 && i < links->size[0] && j < links->size[1] && k < links->size[2])
+            return links->severed[(size_t)i + (size_t)links->size[0] * ((size_t)j + (size_t)links->size[1] * (size_t)k)] >> axis & 1;
+    }
+    if (!links->cuts) return false;
+    const uint32_t link = 4 * (uint32_t)voxel + (uint32_t)axis;
+    const int32_t found = pliant_lower(links->cuts->link, links->cuts->num_links, link);
+    return found < links->cuts->num_links && links->cuts->link[found] == link;
+}
+
+/* one along an axis, forward or back; both voxels are there */
+static inline bool pliant_linked(const pliant_links *links, int32_t voxel, const int32_t at[3], int axis, int way)
+{
+    if (way > 0) return !pliant_link_severed(links, voxel, at, axis);
+    int32_t lower[3] = {at[0], at[1], at[2]};
+    lower[axis]--;
+    return !pliant_link_severed(links, voxel - pliant_stride_of(links->voxels, axis), lower, axis);
+}
+
+/* a voxel at a place and the one a step away, one of the eighteen */
+static inline bool pliant_joined(const pliant_links *links, int32_t voxel, const int32_t at[3], const int8_t step[3])
+{
+    int axis[3] = {0}, count = 0;
+    for (int d = 0; d < 3; d++)
+        if (step[d]) axis[count++] = d;
+    if (count == 1) return pliant_linked(links, voxel, at, axis[0], step[axis[0]]);
+    for (int first = 0; first < 2; first++) {
+        const int a = axis[first], b = axis[1 - first];
+        const int32_t between = voxel + step[a] * pliant_stride_of(links->voxels, a);
+        int32_t middle[3] = {at[0], at[1], at[2]};
+        middle[a] += step[a];
+        if (links->voxels->owner[between] >= 0 && pliant_linked(links, voxel, at, a, step[a]) &&
+            pliant_linked(links, between, middle, b, step[b]))
+            return true;
+    }
+    return false;
+}
+
+/* place of a voxel in the list of its tetrahedron */
+static inline int32_t pliant_voxel_in(const pliant_voxels *voxels, int32_t tet, int32_t voxel)
+{
+    int32_t low = voxels->start[tet], high = voxels->start[tet + 1] - 1;
+    while (low < high) {
+        int32_t middle = low + (high - low) / 2;
+        if (voxels->voxel[middle] < voxel) low = middle + 1;
+        else high = middle;
+    }
+    return low - voxels->start[tet];
+}
+
+/* ---- bridges.c */
+
+pliant_status pliant_bridges_build(const pliant_mesh *fine, pliant_voxels *voxels);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
