@@ -40,6 +40,7 @@ static pliant_status upload_roots(const pliant_macros *macros, cudaStream_t stre
 
 static pliant_status upload_followers(const pliant_macros *macros, cudaStream_t stream, gpu_macros *out)
 {
+    if (!macros->fine_start) return PLIANT_OK; /* they are of the fine mesh itself */
     std::vector<int32_t> start(1, 0);
     std::vector<uint16_t> corner;
     std::vector<float> shape;

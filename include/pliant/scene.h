@@ -27,6 +27,7 @@ extern "C" {
     X(PLIANT_LAW_NEO_HOOKEAN, neo_hookean) X(PLIANT_LAW_COMPRESSIBLE, compressible)               \
     X(PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, saint_venant_kirchhoff)
 #define PLIANT_MESH_LIST(X) X(PLIANT_LATTICE, lattice) X(PLIANT_OCTREE, octree)
+#define PLIANT_ELEMENT_LIST(X) X(PLIANT_LINEAR, linear) X(PLIANT_HEXAHEDRA, hexahedra)
 #define PLIANT_WARP_LIST(X) X(PLIANT_RASTERIZE, rasterize) X(PLIANT_FIT, fit)
 #define PLIANT_SEGMENT_LIST(X) X(PLIANT_SEGMENT_NONE, none) X(PLIANT_SEGMENT_GMM, gmm)
 #define PLIANT_CUT_LIST(X) X(PLIANT_CUT_NONE, none) X(PLIANT_CUT_SEVER, sever)
@@ -44,6 +45,7 @@ typedef enum pliant_scalar { PLIANT_SCALAR_LIST(PLIANT_CHOICE_ENUM) } pliant_sca
 typedef enum pliant_solver_kind { PLIANT_SOLVER_LIST(PLIANT_CHOICE_ENUM) } pliant_solver_kind;
 typedef enum pliant_law { PLIANT_LAW_LIST(PLIANT_CHOICE_ENUM) } pliant_law;
 typedef enum pliant_mesh_kind { PLIANT_MESH_LIST(PLIANT_CHOICE_ENUM) } pliant_mesh_kind;
+typedef enum pliant_element_kind { PLIANT_ELEMENT_LIST(PLIANT_CHOICE_ENUM) } pliant_element_kind;
 typedef enum pliant_warp_kind { PLIANT_WARP_LIST(PLIANT_CHOICE_ENUM) } pliant_warp_kind;
 typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pliant_segment_kind;
 typedef enum pliant_cut_kind { PLIANT_CUT_LIST(PLIANT_CHOICE_ENUM) } pliant_cut_kind;
@@ -65,6 +67,7 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
 #define PLIANT_DECLARE_SCALAR(name) pliant_scalar name;
 #define PLIANT_DECLARE_SOLVER(name) pliant_solver_kind name;
 #define PLIANT_DECLARE_MESH(name) pliant_mesh_kind name;
+#define PLIANT_DECLARE_ELEMENT(name) pliant_element_kind name;
 #define PLIANT_DECLARE_WARP(name) pliant_warp_kind name;
 #define PLIANT_DECLARE_SEGMENT(name) pliant_segment_kind name;
 #define PLIANT_DECLARE_CUT(name) pliant_cut_kind name;
@@ -94,6 +97,8 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     X(REAL, purity, 0.95, 0.0, 1.0, "", "octree: a cube is split unless this part of its voxels is of one material")  \
     X(BOOL, keep_air, false, 0, 1, "", "keep tetrahedra that hold no tissue, as a filler that neither turns nor tears; without them the deformed volume has the scan's background there, not its air") \
     X(BOOL, bone_surface, false, 0, 1, "", "nodes beside what is fixed (bone, regions) are moved onto its surface ([H] 4.2)")
+#define PLIANT_SCENE_ELEMENT(X)                                                                                        \
+    X(ELEMENT, kind, PLIANT_LINEAR, 0, 0, "", "linear: the papers' tetrahedra, too stiff where tissue bends or is nearly incompressible; hexahedra: cubes with one change of volume each, which do neither (method fine, corotational, lattice; a factor, no V-cycle)")
 #define PLIANT_SCENE_MODEL(X)                                                                                          \
     X(METHOD, method, PLIANT_FINE, 0, 0, "", "what is solved: the fine mesh, or a coarse one by one of these methods") \
     X(TOUCH, touch, PLIANT_TOUCH_OVERLAP, 0, 0, "", "schur: fine tetrahedra that overlap the coarse one, or share a face with it too") \
@@ -164,8 +169,9 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
 /* G(group, list) */
 #define PLIANT_SCENE_GROUPS(G)                                                                                         \
     G(scan, PLIANT_SCENE_SCAN) G(segment, PLIANT_SCENE_SEGMENT) G(material, PLIANT_SCENE_MATERIAL) G(mesh, PLIANT_SCENE_MESH)                           \
-    G(model, PLIANT_SCENE_MODEL) G(solver, PLIANT_SCENE_SOLVER) G(choose, PLIANT_SCENE_CHOOSE) G(tled, PLIANT_SCENE_TLED)                             \
-    G(ground, PLIANT_SCENE_GROUND) G(grasp, PLIANT_SCENE_GRASP) G(cut, PLIANT_SCENE_CUT) G(warp, PLIANT_SCENE_WARP) G(output, PLIANT_SCENE_OUTPUT)
+    G(element, PLIANT_SCENE_ELEMENT) G(model, PLIANT_SCENE_MODEL) G(solver, PLIANT_SCENE_SOLVER) G(choose, PLIANT_SCENE_CHOOSE)                         \
+    G(tled, PLIANT_SCENE_TLED) G(ground, PLIANT_SCENE_GROUND) G(grasp, PLIANT_SCENE_GRASP) G(cut, PLIANT_SCENE_CUT) G(warp, PLIANT_SCENE_WARP)          \
+    G(output, PLIANT_SCENE_OUTPUT)
 
 enum { PLIANT_MAX_FIXED = 32 };
 /** Nodes inside an axis-parallel box do not move. [m], LPS. */

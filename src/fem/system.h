@@ -45,8 +45,8 @@ typedef struct pliant_upsample {
     const uint8_t *still;     /* Nullable: (fine nodes) those that are PLIANT_FIXED_AT_REST stay there */
 } pliant_upsample;
 
-/* Elements with as many corners as they need (NUMERICS 4): one a cube of the solved lattice that holds tissue, on all nodes that
- * move its fine nodes. Its frame turns by R, fitted to the cube's own nodes: F = sum of x_v g_v'. A corner at x, X at rest, has in it
+/* Elements with as many corners as they need: hexahedra on their own eight nodes (hexahedra.c), or, for lod (NUMERICS 4), one a cube of the
+ * solved lattice that holds tissue, on all nodes that move its fine nodes. Its frame turns by R, fitted to the cube's own nodes: F = sum of x_v g_v'. A corner at x, X at rest, has in it
  *     q = R'(x - c) - (X - C), c and C the means of the cube's own nodes; or q = R'(x - X) where it is held: it moves fine nodes
  * against something fixed, from where it stood.
  * Forces are R K q with K = root' root; the fine nodes that follow the cube go to c + R (X_f - C + N q), where it is grounded to
@@ -59,10 +59,12 @@ typedef struct pliant_macros {
     uint8_t *grounded;        /* (count) keeps R = I; every corner is held */
     int32_t *own;             /* (count x 8) the cube's own nodes, or -1 */
     double *gradient;         /* (count x 8 x 3) g [1/m] */
+    double *shear;            /* Nullable: (count) volume * mu, what each weighs in the nodes' axes [N m]; NULL: axes do not turn */
     int32_t *rank;            /* (count) rows of root */
     float **root;             /* (count) (rank x 3 corners) [sqrt(N/m)], single: what is read most in a step */
     int32_t *cube_of_corner;  /* (corners) with the unknowns */
-    int32_t *fine_start;      /* (count + 1) into the fine nodes */
+    /* only where the solved mesh is not the fine one */
+    int32_t *fine_start;      /* Nullable: (count + 1) into the fine nodes */
     int32_t *fine;            /* (fine nodes that are not fixed) by the cube that they follow */
     int32_t *cube_of_fine;    /* (fine nodes) that cube, or -1 */
     int32_t **entry_start;    /* (count) (its fine nodes + 1) into the entries of the cube */
@@ -135,6 +137,10 @@ void pliant_system_assemble_block(const pliant_system *system, const pliant_tang
 void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t tet, double stiffness[144]);
 /* mean of the matrix's diagonal; turning the elements does not change it [N/m] */
 double pliant_system_mean_diagonal(const pliant_system *system);
+
+/* ---- hexahedra.c: in place of pliant_system_elements */
+/* A hexahedron for every whole cube of the lattice, tetrahedra for the rest. Errors: MEMORY. */
+pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material);
 
 /* ---- macro.c: the same of macro-elements; forces (corners x 3) */
 void pliant_macro_forces(const pliant_system *system, const double *positions, double *forces);

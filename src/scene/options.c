@@ -15,6 +15,7 @@ static const char *const preconditioner_names[] = {PLIANT_PRECONDITIONER_LIST(CH
 static const char *const scalar_names[] = {PLIANT_SCALAR_LIST(CHOICE_NAME) NULL};
 static const char *const solver_names[] = {PLIANT_SOLVER_LIST(CHOICE_NAME) NULL};
 static const char *const mesh_names[] = {PLIANT_MESH_LIST(CHOICE_NAME) NULL};
+static const char *const element_names[] = {PLIANT_ELEMENT_LIST(CHOICE_NAME) NULL};
 static const char *const warp_names[] = {PLIANT_WARP_LIST(CHOICE_NAME) NULL};
 static const char *const segment_names[] = {PLIANT_SEGMENT_LIST(CHOICE_NAME) NULL};
 static const char *const law_names[] = {PLIANT_LAW_LIST(CHOICE_NAME) NULL};
@@ -46,6 +47,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define KIND_SCALAR(value) PLIANT_OPTION_CHOICE, value, NULL, scalar_names
 #define KIND_SOLVER(value) PLIANT_OPTION_CHOICE, value, NULL, solver_names
 #define KIND_MESH(value) PLIANT_OPTION_CHOICE, value, NULL, mesh_names
+#define KIND_ELEMENT(value) PLIANT_OPTION_CHOICE, value, NULL, element_names
 #define KIND_WARP(value) PLIANT_OPTION_CHOICE, value, NULL, warp_names
 #define KIND_SEGMENT(value) PLIANT_OPTION_CHOICE, value, NULL, segment_names
 #define KIND_CUT(value) PLIANT_OPTION_CHOICE, value, NULL, cut_names
@@ -65,6 +67,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define SEGMENT_ROW(...) ROW(segment, __VA_ARGS__)
 #define MATERIAL_ROW(...) ROW(material, __VA_ARGS__)
 #define MESH_ROW(...) ROW(mesh, __VA_ARGS__)
+#define ELEMENT_ROW(...) ROW(element, __VA_ARGS__)
 #define MODEL_ROW(...) ROW(model, __VA_ARGS__)
 #define SOLVER_ROW(...) ROW(solver, __VA_ARGS__)
 #define CHOOSE_ROW(...) ROW(choose, __VA_ARGS__)
@@ -77,6 +80,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 
 static const pliant_option table[] = {
     PLIANT_SCENE_SCAN(SCAN_ROW) PLIANT_SCENE_SEGMENT(SEGMENT_ROW) PLIANT_SCENE_MATERIAL(MATERIAL_ROW) PLIANT_SCENE_MESH(MESH_ROW)
+    PLIANT_SCENE_ELEMENT(ELEMENT_ROW)
     PLIANT_SCENE_MODEL(MODEL_ROW) PLIANT_SCENE_SOLVER(SOLVER_ROW) PLIANT_SCENE_CHOOSE(CHOOSE_ROW) PLIANT_SCENE_TLED(TLED_ROW)
     PLIANT_SCENE_GROUND(GROUND_ROW) PLIANT_SCENE_GRASP(GRASP_ROW) PLIANT_SCENE_CUT(CUT_ROW)
     PLIANT_SCENE_WARP(WARP_ROW) PLIANT_SCENE_OUTPUT(OUTPUT_ROW)

@@ -105,7 +105,9 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     const pliant_body *body = work->made->body;
     pliant_system *system = work->made->system;
     if (scene->solver.kind == PLIANT_TLED) return pliant_tled_system_create(scene, body, &work->made->tled);
-    if (!is_coarse(scene)) return pliant_system_elements(system, body->fine_material);
+    if (!is_coarse(scene))
+        return scene->element.kind == PLIANT_HEXAHEDRA ? pliant_system_hexahedra(system, body->fine_material)
+                                                       : pliant_system_elements(system, body->fine_material);
     if (scene->model.method == PLIANT_COARSE) {
         pliant_status status = pliant_system_elements(system, body->coarse_material);
         return status == PLIANT_OK ? pliant_upsample_linear(system, body->coarse_of_fine) : status;
@@ -154,7 +156,7 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
     if (status == PLIANT_OK) status = gravity_mass(work->made);
     if (status != PLIANT_OK) return status;
     /* the V-cycle's meshes nest by lattice, and its matrices are of tetrahedra */
-    bool direct = scene->mesh.kind == PLIANT_OCTREE || scene->model.method == PLIANT_LOD;
+    bool direct = scene->mesh.kind == PLIANT_OCTREE || system->macros;
     return pliant_preconditioner_create(system, direct ? PLIANT_DIRECT : scene->solver.preconditioner, &system->preconditioner);
 }
 

@@ -75,6 +75,10 @@ static pliant_status cut_up(builder *build)
         keep[t] = model->scene.mesh.keep_air || build->lattice_material[t].tissue > 0;
         if (keep[t]) keep_coarse[pliant_lattice_coarse_of(coarse_cells, ratio, (int32_t)t)] = 1;
     }
+    for (size_t t = 0; model->scene.element.kind == PLIANT_HEXAHEDRA && t < fine_count; t += 5) { /* a cube with tissue is whole */
+        uint8_t any = keep[t] | keep[t + 1] | keep[t + 2] | keep[t + 3] | keep[t + 4];
+        memset(keep + t, any, 5);
+    }
     if (needs_corners(model))
         for (size_t t = 0; t < fine_count; t++) keep[t] = keep_coarse[pliant_lattice_coarse_of(coarse_cells, ratio, (int32_t)t)];
     status = pliant_mesh_grid(geometry, cells, keep, &body->fine);
@@ -270,8 +274,8 @@ void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3])
                    scene->model.patch > 0 ? "model/patch mends only what is around a hold" : "nothing mends that");
 }
 
-pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume *scan, const pliant_labels *labels,
-                                 const pliant_material_table *materials, pliant_progress progress, pliant_model **out)
+/* what does not go together */
+static pliant_status check(const pliant_scene *scene, const pliant_material_table *materials)
 {
     pliant_status status = pliant_scene_check(scene);
     if (status == PLIANT_OK && scene->solver.kind == PLIANT_TLED && scene->model.method != PLIANT_FINE)
@@ -288,7 +292,18 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
     if (status == PLIANT_OK && scene->cut.kind != PLIANT_CUT_NONE && scene->model.method == PLIANT_LOD)
         status = pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: lod interpolates within whole cubes of the lattice, which cannot be divided; set "
                                                  "model/method to averaged or another one, or cut/kind to none");
-    if (status == PLIANT_OK) status = pliant_material_table_check(materials);
+    if (status == PLIANT_OK && scene->element.kind == PLIANT_HEXAHEDRA &&
+        (scene->model.method != PLIANT_FINE || scene->solver.kind != PLIANT_COROTATIONAL || scene->mesh.kind != PLIANT_LATTICE ||
+         scene->solver.preconditioner == PLIANT_MULTIGRID))
+        status = pliant_fail(PLIANT_ERROR_SCENE, "element/kind: hexahedra are cubes of a lattice, solved by a factor: set model/method to fine, solver/kind "
+                                                 "to corotational, mesh/kind to lattice and solver/preconditioner to auto or direct, or element/kind to linear");
+    return status == PLIANT_OK ? pliant_material_table_check(materials) : status;
+}
+
+pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume *scan, const pliant_labels *labels,
+                                 const pliant_material_table *materials, pliant_progress progress, pliant_model **out)
+{
+    pliant_status status = check(scene, materials);
     if (status != PLIANT_OK) return status;
     pliant_gravity_warning(scene, scene->model.gravity);
     pliant_model *model = pliant_calloc(1, sizeof *model);

@@ -30,6 +30,7 @@ struct Case {
     double gravity, damping;
     int tools;
     pliant_preconditioner_choice preconditioner;
+    pliant_element_kind element = PLIANT_LINEAR;
 };
 
 void prepare(Body &body, const Case &c, pliant_backend_choice backend)
@@ -37,6 +38,7 @@ void prepare(Body &body, const Case &c, pliant_backend_choice backend)
     body.scene.solver.backend = backend;
     body.scene.solver.preconditioner = c.preconditioner;
     body.scene.model.method = c.method;
+    body.scene.element.kind = c.element;
     body.scene.model.gravity[0] = c.gravity;
     body.scene.grasp.damping = c.damping;
     body.scene.solver.iterations = 100;
@@ -78,6 +80,8 @@ const Case cases[] = {
     {PLIANT_FINE, PLIANT_DRIVE_RIGID, 0, 0, 1, PLIANT_MULTIGRID},   {PLIANT_COARSE, PLIANT_DRIVE_SPRING, 9.81, 0, 1, PLIANT_DIRECT},
     {PLIANT_AVERAGED, PLIANT_DRIVE_RIGID, 0, 0, 2, PLIANT_DIRECT},  {PLIANT_SCHUR, PLIANT_DRIVE_SPRING, 1, 0, 1, PLIANT_DIRECT},
     {PLIANT_LOD, PLIANT_DRIVE_SPRING, 5, 0, 1, PLIANT_DIRECT},      {PLIANT_LOD, PLIANT_DRIVE_RIGID, 0, 0, 2, PLIANT_PRECONDITIONER_AUTO},
+    {PLIANT_FINE, PLIANT_DRIVE_SPRING, 9.81, 0, 2, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
+    {PLIANT_FINE, PLIANT_DRIVE_RIGID, 0, 0, 1, PLIANT_PRECONDITIONER_AUTO, PLIANT_HEXAHEDRA},
 };
 
 TEST(CudaRun, MeetsTheCpu)

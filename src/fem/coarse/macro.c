@@ -316,7 +316,7 @@ void pliant_macros_free(pliant_macros *macros)
     }
     void *blocks[] = {macros->start, macros->node, macros->held, macros->grounded, macros->own, macros->gradient, macros->rank,
                       macros->root, macros->fine_start, macros->fine, macros->cube_of_fine, macros->entry_start, macros->entry_corner,
-                      macros->entry_shape, macros->cube_of_corner};
+                      macros->entry_shape, macros->cube_of_corner, macros->shear};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(macros);
 }

@@ -60,13 +60,16 @@ static void frame_of(const pliant_system *system, const double *solved, int32_t 
     pliant_rotation_signed_svd(f, out->frame.rotation);
 }
 
-bool pliant_upsample_turns(const pliant_system *system) { return system->macros || (system->upsample && system->upsample->start); }
+/* whether fine nodes follow macro-elements; otherwise those are the fine mesh's own */
+static bool follows_macros(const pliant_system *system) { return system->macros && system->macros->fine_start; }
+
+bool pliant_upsample_turns(const pliant_system *system) { return follows_macros(system) || (system->upsample && system->upsample->start); }
 
 void pliant_upsample_positions(const pliant_system *system, const double *solved, double *fine)
 {
     const pliant_upsample *upsample = system->upsample;
     size_t count = (size_t)system->fine->num_nodes;
-    if (system->macros) {
+    if (follows_macros(system)) {
         pliant_macro_positions(system, solved, fine);
         return;
     }
@@ -113,7 +116,7 @@ void pliant_upsample_weights(const pliant_system *system, const double *solved, 
     const pliant_upsample *upsample = system->upsample;
     for (int32_t h = 0; h < count; h++) {
         int32_t n = nodes[h];
-        if (system->macros) {
+        if (follows_macros(system)) {
             pliant_macro_weights(system, solved, n, weights[h], dense);
         } else if (!upsample) {
             add_block(system, n, weights[h], NULL, dense);

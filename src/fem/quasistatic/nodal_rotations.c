@@ -1,6 +1,7 @@
 #include "fem/quasistatic/nodal_rotations.h"
 
 #include "base/fail.h"
+#include "fem/coarse/macro_element.h"
 #include "fem/element/deformation.h"
 #include "fem/element/rotation.h"
 #include "pliant/memory.h"
@@ -10,7 +11,7 @@
 pliant_status pliant_nodal_rotations_create(const pliant_system *system, pliant_nodal_rotations **out)
 {
     *out = NULL;
-    if (system->stiffness || system->macros || system->basis) return PLIANT_OK;
+    if (system->stiffness || system->basis || (system->macros && !system->macros->shear)) return PLIANT_OK;
     pliant_nodal_rotations *rotations = pliant_calloc(1, sizeof *rotations);
     if (rotations) {
         rotations->rotation = pliant_calloc((size_t)system->num_free, 9 * sizeof *rotations->rotation);
@@ -65,11 +66,45 @@ PLIANT_VECTORIZED static void multiply(const pliant_system *system, int32_t bloc
                                                 f[3 * r + 2][l] * before[3 * c + 2][l]);
 }
 
+/* the same of a hexahedron */
+static void deformation_of_macro(const pliant_system *system, int32_t element, const double *positions, double f[9])
+{
+    const pliant_macros *macros = system->macros;
+    pliant_macro_frame frame;
+    pliant_macro_place(macros->own + 8 * (size_t)element, macros->gradient + 24 * (size_t)element, positions, system->mesh->rest, f, &frame);
+}
+
+static void keep_macros_before(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations)
+{
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t e = 0; e < system->macros->count; e++) {
+        double f[9];
+        deformation_of_macro(system, e, positions, f);
+        for (int m = 0; m < 9; m++) rotations->before[e / LANES][m][e % LANES] = (float)(system->macros->shear[e] * f[m]);
+    }
+}
+
+static void multiply_macros(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations)
+{
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t e = 0; e < system->macros->count; e++) {
+        double f[9];
+        float(*before)[LANES] = rotations->before[e / LANES], *product = rotations->product[e / LANES][e % LANES];
+        deformation_of_macro(system, e, positions, f);
+        for (int r = 0; r < 3; r++)
+            for (int c = 0; c < 3; c++)
+                product[3 * r + c] = (float)(f[3 * r] * before[3 * c][e % LANES] + f[3 * r + 1] * before[3 * c + 1][e % LANES] +
+                                             f[3 * r + 2] * before[3 * c + 2][e % LANES]);
+    }
+}
+
 void pliant_nodal_rotations_refer(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations)
 {
     if (!rotations) return;
+    if (system->macros) keep_macros_before(system, positions, rotations);
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
-    for (int32_t block = 0; block < system->num_blocks; block++) keep_before(system, block, positions, rotations->before[block]);
+    for (int32_t block = 0; block < (system->macros ? 0 : system->num_blocks); block++)
+        keep_before(system, block, positions, rotations->before[block]);
     rotations->turned = false;
 }
 
@@ -78,8 +113,9 @@ PLIANT_VECTORIZED static void rotations_of(double sum[9][LANES], double out[9][L
 void pliant_nodal_rotations_update(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations)
 {
     if (!rotations) return;
+    if (system->macros) multiply_macros(system, positions, rotations);
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
-    for (int32_t block = 0; block < system->num_blocks; block++)
+    for (int32_t block = 0; block < (system->macros ? 0 : system->num_blocks); block++)
         multiply(system, block, positions, rotations->before[block], rotations->product[block]);
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t first = 0; first < system->num_free; first += LANES) {
@@ -92,7 +128,7 @@ void pliant_nodal_rotations_update(const pliant_system *system, const double *po
                 continue;
             }
             for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++) {
-                int32_t element = system->corner[c] / 4;
+                int32_t element = system->macros ? system->macros->cube_of_corner[system->corner[c]] : system->corner[c] / 4;
                 for (int m = 0; m < 9; m++) sum[m][l] += rotations->product[element / LANES][element % LANES][m];
             }
         }

@@ -1,0 +1,272 @@
+/* Trilinear hexahedra on the cubes of the lattice: the change of volume is the same everywhere in a cube, the change of shape is the
+ * trilinear one (mean dilatation: Nagtegaal, Parks, Rice 1974; B-bar: Hughes, Int. J. Numer. Meth. Engng 15:1413, 1980). With one rotation
+ * a cube (Mueller and Gross 2004) its stiffness is constant:
+ *     K = sum over t of mu_t int_t (2 e : e - 2/3 div^2) + (sum over t of V_t kappa_t) b b',   b = mean of the gradients, kappa = lambda + 2/3 mu,
+ * over the five tetrahedra t of the cube, which carry the voxels' material: [H] 2.1 taken over a cube. What is not whole, beside a cut,
+ * stays tetrahedra. */
+#include "base/fail.h"
+#include "fem/linear/dense.h"
+#include "fem/system.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { CORNERS = 8, UNKNOWNS = 24, POINTS = 3 };
+
+/* Tissue that fills a part of a cube alone leaves the rest this part of its stiffness (finite cell method: Parvizian, Duester, Rank 2007). */
+static const double filler = 1e-3;
+
+/* nodes of a cube by the bits of its corners, and its tetrahedra by slot */
+typedef struct cube_parts {
+    int32_t tet[5], node[CORNERS];
+} cube_parts;
+
+/* what K of a cube of one shape is made of: of every slot the integral of 2 e : e - 2/3 div^2, its volume; b */
+typedef struct cube_shape {
+    double deviatoric[5][UNKNOWNS * UNKNOWNS], volume[5], mean[UNKNOWNS];
+} cube_shape;
+
+static int parity_of(const pliant_mesh *mesh, int32_t cell)
+{
+    int32_t nx = mesh->cells[0], ny = mesh->cells[1];
+    return (cell % nx + cell / nx % ny + cell / nx / ny) & 1;
+}
+
+/* ---- which cubes are whole */
+
+/* (cells) tetrahedra of each: 1 + the first one, by a list through `next`; and how many */
+static void list_tets(const pliant_mesh *mesh, int32_t *first, int32_t *next, int32_t *count)
+{
+    for (int32_t t = mesh->num_tets - 1; t >= 0; t--) {
+        int32_t cell = mesh->lattice_of_tet[t] / 5;
+        next[t] = first[cell] - 1;
+        first[cell] = t + 1;
+        count[cell]++;
+    }
+}
+
+/* Five tetrahedra, one a slot, that meet at eight nodes. */
+static bool is_whole(const pliant_mesh *mesh, int32_t cell, int32_t first, const int32_t *next, cube_parts *out)
+{
+    memset(out, 0xff, sizeof *out);
+    int parity = parity_of(mesh, cell);
+    for (int32_t t = first; t >= 0; t = next[t]) {
+        int slot = mesh->lattice_of_tet[t] % 5, corners[4];
+        if (out->tet[slot] >= 0) return false;
+        out->tet[slot] = t;
+        pliant_mesh_slot_corners(parity, slot, corners);
+        int32_t base[3] = {cell % mesh->cells[0], cell / mesh->cells[0] % mesh->cells[1], cell / mesh->cells[0] / mesh->cells[1]};
+        for (int v = 0; v < 4; v++) { /* a tetrahedron's own order is turned where that makes it positive */
+            int32_t node = mesh->tets[4 * t + v], at = mesh->lattice_of_node[node], nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1;
+            int corner = (at % nx - base[0]) | (at / nx % ny - base[1]) << 1 | (at / nx / ny - base[2]) << 2;
+            if (out->node[corner] >= 0 && out->node[corner] != node) return false;
+            out->node[corner] = node;
+        }
+    }
+    return true;
+}
+
+/* ---- stiffness */
+
+/* gradients of the eight shape functions at a point of the cube [0, 1]^3; the determinant of the map */
+static double gradients_at(double x[CORNERS][3], const double at[3], double gradient[CORNERS][3])
+{
+    double local[CORNERS][3], j[9], inverse[9];
+    memset(j, 0, sizeof j);
+    for (int v = 0; v < CORNERS; v++) {
+        double f[3], s[3];
+        for (int d = 0; d < 3; d++) {
+            s[d] = v >> d & 1 ? 1 : -1;
+            f[d] = v >> d & 1 ? at[d] : 1 - at[d];
+        }
+        for (int d = 0; d < 3; d++) local[v][d] = s[d] * f[(d + 1) % 3] * f[(d + 2) % 3];
+        for (int m = 0; m < 9; m++) j[m] += x[v][m / 3] * local[v][m % 3];
+    }
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++) {
+            int a = (r + 1) % 3, b = (r + 2) % 3, p = (c + 1) % 3, q = (c + 2) % 3;
+            inverse[3 * c + r] = j[3 * a + p] * j[3 * b + q] - j[3 * a + q] * j[3 * b + p];
+        }
+    double determinant = j[0] * inverse[0] + j[1] * inverse[3] + j[2] * inverse[6];
+    for (int v = 0; v < CORNERS; v++)
+        for (int d = 0; d < 3; d++)
+            gradient[v][d] = (local[v][0] * inverse[d] + local[v][1] * inverse[3 + d] + local[v][2] * inverse[6 + d]) / determinant;
+    return determinant;
+}
+
+/* 2 e : e - 2/3 div^2 at a point, times a weight */
+static void add_deviatoric(double gradient[CORNERS][3], double weight, double *out)
+{
+    for (int a = 0; a < CORNERS; a++)
+        for (int b = 0; b < CORNERS; b++) {
+            const double *g = gradient[a], *h = gradient[b];
+            double dot = g[0] * h[0] + g[1] * h[1] + g[2] * h[2];
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++)
+                    out[UNKNOWNS * (3 * a + i) + 3 * b + j] += weight * ((i == j ? dot : 0) + g[j] * h[i] - 2.0 / 3 * g[i] * h[j]);
+        }
+}
+
+/* Gauss points of a tetrahedron: those of the cube, collapsed (Stroud 1971); exact for the products of gradients in a box */
+static void integrate_slot(double x[CORNERS][3], const int corners[4], double *deviatoric, double *volume, double mean[UNKNOWNS])
+{
+    static const double point[POINTS] = {0.1127016653792583, 0.5, 0.8872983346207417}, weight[POINTS] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
+    double corner[4][3], edge[9];
+    for (int v = 0; v < 4; v++)
+        for (int d = 0; d < 3; d++) corner[v][d] = corners[v] >> d & 1;
+    for (int m = 0; m < 9; m++) edge[m] = corner[1 + m / 3][m % 3] - corner[0][m % 3];
+    double six = fabs(edge[0] * (edge[4] * edge[8] - edge[5] * edge[7]) - edge[1] * (edge[3] * edge[8] - edge[5] * edge[6]) +
+                      edge[2] * (edge[3] * edge[7] - edge[4] * edge[6]));
+    for (int p = 0; p < POINTS * POINTS * POINTS; p++) {
+        double u = point[p % POINTS], v = point[p / POINTS % POINTS], w = point[p / POINTS / POINTS];
+        double b[4] = {0, u, (1 - u) * v, (1 - u) * (1 - v) * w}, at[3] = {0, 0, 0}, gradient[CORNERS][3];
+        b[0] = 1 - b[1] - b[2] - b[3];
+        for (int c = 0; c < 4; c++)
+            for (int d = 0; d < 3; d++) at[d] += b[c] * corner[c][d];
+        double part = weight[p % POINTS] * weight[p / POINTS % POINTS] * weight[p / POINTS / POINTS] * (1 - u) * (1 - u) * (1 - v) * six;
+        part *= fabs(gradients_at(x, at, gradient));
+        add_deviatoric(gradient, part, deviatoric);
+        *volume += part;
+        for (int i = 0; i < UNKNOWNS; i++) mean[i] += part * gradient[i / 3][i % 3];
+    }
+}
+
+static void integrate_shape(const pliant_mesh *mesh, const cube_parts *cube, int parity, cube_shape *out)
+{
+    double x[CORNERS][3], whole = 0;
+    memset(out, 0, sizeof *out);
+    for (int v = 0; v < CORNERS; v++) memcpy(x[v], mesh->rest + 3 * cube->node[v], sizeof x[v]);
+    for (int slot = 0; slot < 5; slot++) {
+        int corners[4];
+        pliant_mesh_slot_corners(parity, slot, corners);
+        integrate_slot(x, corners, out->deviatoric[slot], &out->volume[slot], out->mean);
+        whole += out->volume[slot];
+    }
+    for (int i = 0; i < UNKNOWNS; i++) out->mean[i] /= whole;
+}
+
+static void stiffness_of(const cube_shape *shape, const cube_parts *cube, const pliant_tet_material *material, double *out)
+{
+    double least_mu = 0, least_lambda = 0, whole = 0, bulk = 0;
+    for (int slot = 0; slot < 5; slot++) {
+        whole += shape->volume[slot];
+        least_mu += filler * shape->volume[slot] * material[cube->tet[slot]].mu;
+        least_lambda += filler * shape->volume[slot] * material[cube->tet[slot]].lambda;
+    }
+    memset(out, 0, UNKNOWNS * UNKNOWNS * sizeof *out);
+    for (int slot = 0; slot < 5; slot++) {
+        double mu = fmax(material[cube->tet[slot]].mu, least_mu / whole), lambda = fmax(material[cube->tet[slot]].lambda, least_lambda / whole);
+        bulk += shape->volume[slot] * (lambda + 2.0 / 3 * mu);
+        for (int i = 0; i < UNKNOWNS * UNKNOWNS; i++) out[i] += mu * shape->deviatoric[slot][i];
+    }
+    for (int i = 0; i < UNKNOWNS; i++)
+        for (int j = 0; j < UNKNOWNS; j++) out[UNKNOWNS * i + j] += bulk * shape->mean[i] * shape->mean[j];
+}
+
+/* ---- as macro-elements */
+
+static pliant_status keep_root(pliant_macros *macros, int32_t element, int32_t unknowns, const double *stiffness)
+{
+    double root[UNKNOWNS * UNKNOWNS];
+    int32_t rank = macros->rank[element] = pliant_dense_root(unknowns, stiffness, root);
+    if (rank == 0) return PLIANT_OK;
+    size_t count = (size_t)rank * (size_t)unknowns;
+    if (!(macros->root[element] = pliant_calloc(count, sizeof **macros->root))) return pliant_fail_memory("the hexahedra");
+    for (size_t m = 0; m < count; m++) macros->root[element][m] = (float)root[m];
+    return PLIANT_OK;
+}
+
+static pliant_status add_hexahedron(const pliant_tet_material *material, const cube_parts *cube, const cube_shape *shape, pliant_macros *macros,
+                                    int32_t element)
+{
+    double k[UNKNOWNS * UNKNOWNS], shear = 0;
+    for (int v = 0; v < CORNERS; v++) macros->own[8 * element + v] = cube->node[v];
+    memcpy(macros->gradient + 24 * (size_t)element, shape->mean, sizeof shape->mean);
+    stiffness_of(shape, cube, material, k);
+    for (int slot = 0; slot < 5; slot++) shear += shape->volume[slot] * material[cube->tet[slot]].mu;
+    macros->shear[element] = shear;
+    return keep_root(macros, element, UNKNOWNS, k);
+}
+
+static pliant_status add_tetrahedron(const pliant_mesh *mesh, const pliant_tet_material *material, int32_t tet, pliant_macros *macros,
+                                     int32_t element)
+{
+    double k[144];
+    for (int v = 0; v < CORNERS; v++) macros->own[8 * element + v] = v < 4 ? mesh->tets[4 * tet + v] : -1;
+    macros->shear[element] = material[tet].mu * pliant_mesh_gradients(mesh, tet, macros->gradient + 24 * (size_t)element);
+    pliant_tet_stiffness(mesh, tet, material + tet, k);
+    return keep_root(macros, element, 12, k);
+}
+
+static pliant_status allocate(pliant_macros *macros, size_t count, size_t corners)
+{
+    bool good = (macros->start = pliant_calloc(count + 1, sizeof *macros->start)) &&
+                (macros->node = pliant_calloc(corners, sizeof *macros->node)) && (macros->held = pliant_calloc(corners, 1)) &&
+                (macros->grounded = pliant_calloc(count, 1)) && (macros->own = pliant_calloc(count, 8 * sizeof *macros->own)) &&
+                (macros->gradient = pliant_calloc(count, 24 * sizeof *macros->gradient)) &&
+                (macros->shear = pliant_calloc(count, sizeof *macros->shear)) && (macros->rank = pliant_calloc(count, sizeof *macros->rank)) &&
+                (macros->root = pliant_calloc(count, sizeof *macros->root));
+    macros->count = (int32_t)count;
+    return good ? PLIANT_OK : pliant_fail_memory("the hexahedra");
+}
+
+/* first, next: the lists of list_tets; whole: (cells) */
+static pliant_status fill(pliant_system *system, const pliant_tet_material *material, const int32_t *first, const int32_t *next,
+                          const uint8_t *whole, int32_t cells)
+{
+    const pliant_mesh *mesh = system->mesh;
+    pliant_macros *macros = system->macros;
+    cube_shape *shape = pliant_calloc(2, sizeof *shape); /* by parity: all cubes of a lattice without moved nodes are alike */
+    bool known[2] = {false, false};
+    pliant_status status = shape ? PLIANT_OK : pliant_fail_memory("the hexahedra");
+    int32_t element = 0, corner = 0;
+    for (int32_t cell = 0; status == PLIANT_OK && cell < cells; cell++) {
+        int parity = parity_of(mesh, cell);
+        cube_parts cube;
+        if (whole[cell]) {
+            is_whole(mesh, cell, first[cell] - 1, next, &cube);
+            if (!known[parity] || mesh->num_moved > 0) integrate_shape(mesh, &cube, parity, &shape[parity]);
+            known[parity] = true;
+            status = add_hexahedron(material, &cube, &shape[parity], macros, element);
+            memcpy(macros->node + corner, cube.node, sizeof cube.node);
+            corner += CORNERS;
+            macros->start[++element] = corner;
+        }
+        for (int32_t t = first[cell] - 1; status == PLIANT_OK && !whole[cell] && t >= 0; t = next[t]) {
+            status = add_tetrahedron(mesh, material, t, macros, element);
+            memcpy(macros->node + corner, mesh->tets + 4 * t, 4 * sizeof *mesh->tets);
+            corner += 4;
+            macros->start[++element] = corner;
+        }
+    }
+    pliant_free(shape);
+    return status;
+}
+
+pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material)
+{
+    const pliant_mesh *mesh = system->mesh;
+    const int32_t cells = mesh->cells[0] * mesh->cells[1] * mesh->cells[2];
+    int32_t *first = pliant_calloc((size_t)cells, sizeof *first), *count = pliant_calloc((size_t)cells, sizeof *count);
+    int32_t *next = pliant_calloc((size_t)mesh->num_tets, sizeof *next);
+    uint8_t *whole = pliant_calloc((size_t)cells, 1);
+    pliant_status status = first && count && next && whole ? PLIANT_OK : pliant_fail_memory("the hexahedra");
+    size_t elements = 0, corners = 0;
+    if (status == PLIANT_OK) list_tets(mesh, first, next, count);
+    for (int32_t cell = 0; status == PLIANT_OK && cell < cells; cell++) {
+        cube_parts cube;
+        whole[cell] = count[cell] == 5 && is_whole(mesh, cell, first[cell] - 1, next, &cube);
+        elements += whole[cell] ? 1 : (size_t)count[cell];
+        corners += whole[cell] ? CORNERS : 4 * (size_t)count[cell];
+    }
+    if (status == PLIANT_OK && !(system->macros = pliant_calloc(1, sizeof *system->macros))) status = pliant_fail_memory("the hexahedra");
+    if (status == PLIANT_OK) status = allocate(system->macros, elements, corners);
+    if (status == PLIANT_OK) status = fill(system, material, first, next, whole, cells);
+    system->num_blocks = (int32_t)((corners + 4 * LANES - 1) / (4 * LANES)); /* for forces of four corners a lane, and a rotation a lane */
+    pliant_free(first);
+    pliant_free(count);
+    pliant_free(next);
+    pliant_free(whole);
+    return status;
+}

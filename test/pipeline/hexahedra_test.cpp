@@ -1,0 +1,139 @@
+// Trilinear hexahedra (element/kind): neither too stiff in bending nor where tissue is nearly incompressible.
+#include "body.h"
+
+#include "fem/element/rotation.h"
+#include "fem/linear/dense.h"
+
+#include <algorithm>
+#include <array>
+#include <string>
+
+namespace {
+
+// 30 x 30 x 100 mm of silicone, clamped at one end, under its own weight across; mean sag of the free end [m]
+double sag(pliant_element_kind kind, double poisson, int across)
+{
+    const int size[3] = {2 * across, 2 * across, 20 * across / 3};
+    const double box[3] = {0.03, 0.03, 0.1};
+    Body body(size, box, {{263.8e3, poisson, 1070, false}});
+    body.scene.element.kind = kind;
+    body.cells(across, across, 10 * across / 3, 1);
+    body.fix_plane(0, 0, 1e-4, 0, 0, 1);
+    body.scene.model.gravity[1] = -9.81;
+    EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(body.settle(200), PLIANT_OK) << body.data->statistics.residual;
+    double sum = 0;
+    int count = 0;
+    const pliant_mesh &fine = body.model->body->fine;
+    for (int32_t n = 0; n < fine.num_nodes; n++)
+        if (fine.rest[3 * n + 2] > 0.1 - 1e-9) {
+            sum += fine.rest[3 * n + 1] - body.data->positions[3 * n + 1];
+            count++;
+        }
+    return sum / count;
+}
+
+// Converged sags of quadratic hexahedra, neo-Hookean: 6.87, 6.79, 6.75 mm.
+TEST(Hexahedra, BeamSagsAsTheConvergedOne)
+{
+    const double poisson[3] = {0.45, 0.49, 0.499}, converged[3] = {6.87e-3, 6.79e-3, 6.75e-3};
+    for (int n = 0; n < 3; n++) {
+        double coarse = sag(PLIANT_HEXAHEDRA, poisson[n], 3) / converged[n] - 1, fine = sag(PLIANT_HEXAHEDRA, poisson[n], 6) / converged[n] - 1;
+        double linear = sag(PLIANT_LINEAR, poisson[n], 3) / converged[n] - 1;
+        std::printf("beam, nu %.3f: cells of 10 mm %.1f %%, of 5 mm %.1f %%; linear tetrahedra of 10 mm %.1f %%\n", poisson[n], 100 * coarse, 100 * fine,
+                    100 * linear);
+        EXPECT_LT(std::fabs(coarse), 0.05);
+        EXPECT_LT(std::fabs(fine), 0.02);
+        EXPECT_LT(linear, -0.2);
+    }
+}
+
+class Block : public ::testing::Test {
+protected:
+    const int size[3] = {12, 12, 12};
+    const double box[3] = {0.06, 0.06, 0.06};
+    // stiff and soft voxels, so that every cube has several materials
+    Body body{size, box, {{2000, 0.45, 1000, false}, {2e6, 0.3, 1500, false}, {1, 0.3, 1, true}}, [](int i, int j, int k) {
+                  return (i * 7 + j * 3 + k * 5) % 11 < 3 ? 1 : 0;
+              }};
+    void SetUp() override
+    {
+        body.scene.element.kind = PLIANT_HEXAHEDRA;
+        body.cells(3, 3, 3, 1);
+        body.fix_plane(0, 0, 1e-4, 0, 0, 1);
+    }
+};
+
+TEST_F(Block, TurnedRigidlyItFeelsNothing)
+{
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    double r[9], f[9] = {0.36, 0.48, -0.8, -0.8, 0.6, 0, 0.48, 0.64, 0.6}, shift[3] = {0.3, -0.2, 0.1};
+    pliant_rotation_signed_svd(f, r);
+    std::vector<double> force = body.elastic_force(affine(body.model->body->fine, r, shift));
+    double stretch[9] = {1.1, 0, 0, 0, 0.95, 0, 0, 0, 1}, zero[3] = {0, 0, 0};
+    EXPECT_LT(largest(force), 1e-7 * largest(body.elastic_force(affine(body.model->body->fine, stretch, zero))));
+}
+
+// Of a body of one material, a linear displacement leaves no force inside.
+TEST(Hexahedra, PatchTest)
+{
+    const int size[3] = {12, 12, 12};
+    const double box[3] = {0.06, 0.05, 0.07};
+    Body body(size, box, {{2000, 0.49, 1000, false}});
+    body.scene.element.kind = PLIANT_HEXAHEDRA;
+    body.cells(3, 3, 3, 1);
+    body.fix_plane(0, 0, 1e-4, 0, 0, 1);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    const pliant_mesh &fine = body.model->body->fine;
+    double a[9] = {1.02, 0.01, 0, 0.01, 0.97, 0.02, 0, 0.02, 1.01}, b[3] = {0, 0, 0};
+    std::vector<double> force = body.elastic_force(affine(fine, a, b));
+    double inside = 0;
+    for (int32_t n = 0; n < fine.num_nodes; n++) {
+        bool edge = false;
+        for (int d = 0; d < 3; d++) edge = edge || fine.rest[3 * n + d] < 1e-9 || fine.rest[3 * n + d] > box[d] - 1e-9;
+        for (int d = 0; d < 3 && !edge; d++) inside = std::fmax(inside, std::fabs(force[3 * n + d]));
+    }
+    EXPECT_LT(inside, 1e-6 * largest(force));
+}
+
+// Eigenvalues of a free cube: six rigid motions, nothing else without stiffness, also of a cube that tissue fills by one voxel.
+TEST_F(Block, NoSpuriousZeroModes)
+{
+    for (bool almost_empty : {false, true}) {
+        Body one(size, box, {{2000, 0.45, 1000, false}, {1, 0.3, 1, true}}, [&](int i, int j, int k) { return almost_empty && i + j + k > 0; });
+        one.scene.element.kind = PLIANT_HEXAHEDRA;
+        one.cells(1, 1, 1, 1);
+        one.fix_plane(0, 0, 1e-4, 0, 0, 1);
+        ASSERT_EQ(one.build(), PLIANT_OK) << pliant_last_error();
+        const pliant_macros &macros = *one.model->system->macros;
+        ASSERT_EQ(macros.count, 1);
+        ASSERT_EQ(macros.start[1], 8);
+        EXPECT_EQ(macros.rank[0], 18);
+        std::vector<double> k(24 * 24), values(24), vectors(24 * 24);
+        for (int m = 0; m < macros.rank[0]; m++)
+            for (int i = 0; i < 24; i++)
+                for (int j = 0; j < 24; j++) k[24 * i + j] += double(macros.root[0][24 * m + i]) * double(macros.root[0][24 * m + j]);
+        pliant_dense_symmetric_eigen(24, k.data(), values.data(), vectors.data());
+        std::sort(values.begin(), values.end());
+        EXPECT_LT(values[5], 1e-6 * values[23]);
+        EXPECT_GT(values[6], (almost_empty ? 1e-5 : 1e-2) * values[23]);
+    }
+}
+
+// 1 : 1000, nearly incompressible beside compressible, and a load that turns tissue far: it settles.
+TEST_F(Block, SettlesBetweenSoftAndStiff)
+{
+    body.scene.model.gravity[0] = 40;
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(body.settle(), PLIANT_OK) << body.data->statistics.residual;
+    EXPECT_EQ(pliant_data_get_inverted(body.data), 0);
+}
+
+TEST_F(Block, SaysWhatItDoesNotGoWith)
+{
+    body.scene.model.method = PLIANT_AVERAGED;
+    EXPECT_EQ(body.build(), PLIANT_ERROR_SCENE);
+    EXPECT_NE(std::string(pliant_last_error()).find("element/kind"), std::string::npos);
+}
+
+} // namespace
