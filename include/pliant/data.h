@@ -101,8 +101,7 @@ PLIANT_API pliant_status pliant_data_reset(const pliant_model *model, pliant_dat
 
 /** From now on another body is true: the next one, or one from before. What is derived from a body is made for it first, and only
  *  then put to use: on an error everything goes on with the body before, bit for bit. Nodes keep their positions and velocities, copies
- *  begin with those of what they are copies of; tools keep hold. A body of the same topology changes no bits of what follows. The warp's
- *  object is another one afterwards. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (not of this simulation's mesh). */
+ *  begin with those of what they are copies of; tools keep hold. A body of the same topology changes no bits of what follows. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (not of this simulation's mesh). */
 PLIANT_API pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data, const pliant_body *body);
 
 /** What is true after the last step: valid until the next call that takes this data and may change it (a step, a reset). Retain the body

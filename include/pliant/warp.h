@@ -10,7 +10,7 @@
 #ifndef PLIANT_WARP_H
 #define PLIANT_WARP_H
 
-#include "pliant/mesh.h"
+#include "pliant/body.h"
 #include "pliant/scene.h"
 
 #ifdef __cplusplus
@@ -35,6 +35,12 @@ PLIANT_API pliant_status pliant_warp_target(const pliant_geometry *scan, const d
 PLIANT_API pliant_status pliant_warp_create(const pliant_volume *scan, const pliant_mesh *mesh, const pliant_geometry *target,
                                             int num_threads, pliant_warp **out);
 PLIANT_API void pliant_warp_free(pliant_warp *warp); /**< Nullable */
+
+/** From now on this body is drawn, one of the same load as the mesh before: the next update redoes what differs. Where tissue is cut, every
+ *  voxel is drawn where its own side of the cut is, from voxels of that side alone. Memory stays what the larger body needed.
+ *  @param body borrowed; must outlive the warp, or the next call
+ *  Errors (as it was before): ARGUMENT, MEMORY. */
+PLIANT_API pliant_status pliant_warp_set_body(pliant_warp *warp, const pliant_body *body);
 
 /** Who does the updates from now on (the CPU at first): auto: a GPU if one can be used; cuda: a GPU, or an error. When a GPU
  *  fails later, the CPU goes on, with a line in the log. The next update redoes everything.

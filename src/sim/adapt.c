@@ -8,7 +8,6 @@
 #include "pliant/memory.h"
 #include "sim/discretization.h"
 #include "warp/device.h"
-#include "warp/raster.h"
 
 #include <string.h>
 
@@ -16,6 +15,7 @@ typedef struct adaptation {
     const pliant_model *model;
     pliant_data *data, *made;
     pliant_body_map map;
+    pliant_warp_next **warp;
 } adaptation;
 
 /* ---- what is solved */
@@ -24,8 +24,7 @@ static pliant_status prepare_discretization(const adaptation *work)
 {
     const pliant_discretization *load = work->model->discretization;
     if (!pliant_body_same(work->made->body, load->body))
-        return pliant_discretization_next(&work->model->scene, work->data->discretization, work->made->body, &work->map,
-                                          !work->data->backend->on_host, &work->made->discretization);
+        return pliant_discretization_create(&work->model->scene, work->made->body, &work->made->discretization);
     work->made->discretization = pliant_discretization_retain(load);
     return PLIANT_OK;
 }
@@ -43,7 +42,11 @@ static pliant_status prepare_state(const adaptation *work)
 {
     pliant_data *data = work->data, *made = work->made;
     if (data->backend->download) data->backend->download(work->model, data);
-    return data->backend->kind->follow(work->model, data, &work->map, made);
+    pliant_status status = data->backend->kind->create(work->model, made);
+    if (status != PLIANT_OK) return status;
+    if (made->tled) pliant_tled_carry(made->tled, data->tled, &work->map);
+    if (made->solver) pliant_solver_carry(made->solver, data->solver, work->map.coarse_node ? work->map.coarse_node : work->map.node);
+    return PLIANT_OK;
 }
 
 static void swap_state(const adaptation *work)
@@ -58,7 +61,6 @@ static void swap_state(const adaptation *work)
     made->solver = solver;
     made->tled = tled;
     made->patch = patch;
-    if (solver) pliant_solver_take_over(data->solver, solver);
 }
 
 /* ---- positions */
@@ -104,22 +106,16 @@ static void swap_tools(const adaptation *work)
     }
 }
 
-/* ---- the deformed volume: as it is until the next update, which draws all of it */
+/* ---- the deformed volume: as it is until the next update, which draws what differs */
 
 static pliant_status prepare_warp(const adaptation *work)
 {
-    const pliant_warp *old = work->data->warp;
-    if (!old) return PLIANT_OK;
-    pliant_status status = pliant_data_set_warp(work->model, work->made, pliant_warp_geometry(old));
-    if (status == PLIANT_OK) pliant_warp_show(work->made->warp, old);
-    return status;
+    return work->data->warp ? pliant_warp_prepare(work->data->warp, work->made->discretization->body, work->warp) : PLIANT_OK;
 }
 
 static void swap_warp(const adaptation *work)
 {
-    pliant_warp *warp = work->data->warp;
-    work->data->warp = work->made->warp;
-    work->made->warp = warp;
+    if (*work->warp) pliant_warp_take(work->data->warp, *work->warp);
 }
 
 /* ---- the table */
@@ -160,7 +156,8 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
     const size_t before = pliant_memory_in_use();
     pliant_data *made = pliant_calloc(1, sizeof *made);
     if (!made) return pliant_fail_memory("the simulation state");
-    adaptation work = {.model = model, .data = data, .made = made};
+    pliant_warp_next *warp = NULL;
+    adaptation work = {.model = model, .data = data, .made = made, .warp = &warp};
     made->backend = data->backend;
     made->body = pliant_body_retain(body);
     pliant_status status = prepare(&work);
@@ -170,6 +167,7 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
         take_body(data, body);
     }
     pliant_body_map_free(&work.map);
+    pliant_warp_next_free(warp);
     pliant_data_free(made);
     if (status != PLIANT_OK) return status;
     pliant_backend_renew(model, data);

@@ -3,6 +3,7 @@
 #define PLIANT_WARP_DEVICE_H
 
 #include "scan/march.h"
+#include "pliant/body.h"
 #include "scene/gpu_choice.h"
 #include "warp/fit.h"
 
@@ -37,8 +38,11 @@ typedef struct pliant_warp_device {
 extern const pliant_warp_device pliant_cuda_warp_device;
 #endif
 
-/* The voxels of another warp of the same scan and target, until the next update, which draws everything. */
-void pliant_warp_show(pliant_warp *warp, const pliant_warp *from);
+/* pliant_warp_set_body in two parts: all that can fail, which changes nothing that is seen; and what cannot. */
+typedef struct pliant_warp_next pliant_warp_next;
+pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pliant_warp_next **out);
+void pliant_warp_take(pliant_warp *warp, pliant_warp_next *next); /* next goes to pliant_warp_next_free all the same */
+void pliant_warp_next_free(pliant_warp_next *next); /* Nullable */
 /* The device's object, NULL when the CPU does the updates; and the end of that, when it failed. */
 void *pliant_warp_accelerated(const pliant_warp *warp);
 void pliant_warp_leave(pliant_warp *warp);

@@ -25,6 +25,17 @@ typedef struct owner_box { int32_t low[3], high[3]; } owner_box;
 typedef int32_t owner_claim(raster_brick *brick, const raster_tet *tet, const int32_t origin[3], const owner_box *box,
                             uint32_t entry);
 
+/* rasterize_parts.c: the same for one that is parted, in a plain loop for all sets */
+int32_t pliant_raster_claim_part(const part_view *parts, int32_t element, const raster_tet *tet, const int32_t origin[3],
+                                 const owner_box *box, uint32_t entry, raster_brick *brick);
+
+OWNER_INLINE int32_t owner_floor(double value, int32_t low)
+{
+    if (value < low) return low;
+    int32_t whole = (int32_t)value;
+    return whole - (whole > value);
+}
+
 /* Values of the planes at a brick's first voxel; where rounded, so far from 0 that only the sign counts. */
 OWNER_INLINE void owner_values(const raster_tet *tet, const int32_t origin[3], double value[4])
 {
@@ -95,11 +106,25 @@ OWNER_INLINE void owner_fill_copy(const raster_source *source, const raster_tet 
     }
 }
 
+/* Voxels first to last of row (j, k) that lie inside all planes, and in the box. corner: owner_values */
+OWNER_INLINE void owner_find_row(const raster_tet *tet, const double corner[4], const owner_box *box, int32_t j, int32_t k, int32_t *first,
+                                 int32_t *last)
+{
+    double rise = -box->low[0], fall = box->high[0];
+    for (int v = 0; v < 4; v++) {
+        double t = (corner[v] + 0.5 + tet->normal[1][v] * j + tet->normal[2][v] * k) * tet->factor[v];
+        double *end = tet->normal[0][v] > 0 ? &rise : &fall;
+        *end = t < *end ? t : *end;
+    }
+    *first = -owner_floor(rise, -BRICK);
+    *last = owner_floor(fall, -1);
+}
+
 /* The one place where it is decided on the CPU what is drawn at a voxel: the first candidate that claims it owns it, and where the voxel was at
- * rest is that owner's map of it. Today an owner is a tetrahedron. Where tetrahedra fall into fragments, a candidate is a fragment: one
- * that claims a voxel keeps it only if the rest point is of that fragment, and its slot samples that fragment's voxels alone. On a GPU
- * the least key in cuda/owners.cuh decides the same, and of a fit fit_in_tissue with fit_gather (fit_point.h). */
-OWNER_INLINE void owner_find_all(const raster_source *source, const raster_tet *tets, const int32_t *candidates,
+ * rest is that owner's map of it. Where tetrahedra fell into fragments, a candidate is a fragment: it claims a voxel only if the rest
+ * point is of that fragment, and samples that fragment's voxels alone (part.h). On a GPU the least key in cuda/owners.cuh decides the
+ * same, and of a fit fit_in_tissue with fit_gather (fit_point.h). */
+OWNER_INLINE void owner_find_all(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t *candidates,
                                  size_t num_candidates, const int32_t origin[3], raster_brick *brick,
                                  owner_claim *claim)
 {
@@ -115,7 +140,8 @@ OWNER_INLINE void owner_find_all(const raster_source *source, const raster_tet *
         owner_box box;
         if (!owner_find_box(tet, origin, &box)) continue;
         uint32_t entry = num_slots << ENTRY_SLOT_SHIFT | (tet->kind == RASTER_COPY ? ENTRY_COPY : 0);
-        int32_t claimed = claim(brick, tet, origin, &box, entry);
+        int32_t claimed = tet->parted ? pliant_raster_claim_part(parts, candidates[c], tet, origin, &box, entry, brick)
+                                      : claim(brick, tet, origin, &box, entry);
         if (claimed == 0) continue;
         brick->num_free -= claimed;
         if (num_slots == 0) owner_choose_base(source, tet, origin, brick);

@@ -15,6 +15,7 @@
 
 #include "scan/march.h"
 #include "pliant/warp.h"
+#include "warp/part.h"
 
 #include <stdalign.h>
 
@@ -57,6 +58,7 @@ typedef struct raster_tet {
     int16_t low[3], high[3];   /* first and last voxel along each axis, inside the target */
     uint8_t kind;              /* raster_kind */
     bool small;                /* values of its planes anywhere in the target are below 2^51 */
+    bool parted;               /* not all that it holds is its own (part.h) */
     bool inner;                /* all it maps to lies so far inside the scan that no index needs a limit */
 } raster_tet;
 
@@ -93,12 +95,15 @@ typedef struct raster_brick {
     float low[3], high[3], last[3];             /* first and last voxel centre; last voxel with a right neighbour */
     ptrdiff_t base_index;                       /* flat index of base */
     bool inner;                                 /* so are all its owners */
+    int32_t num_masked;                         /* voxels that are interpolated from an owner's voxels alone: written again, after all others */
+    uint16_t masked[BRICK_VOXELS];              /* 256 k + 16 j + i */
+    int32_t masked_by[BRICK_VOXELS];            /* their owners */
 } raster_brick;
 
 /* Inner loops, chosen when a warp is made. All sets give the same bits. */
 typedef struct raster_kernels {
-    /* Owners of a brick's voxels, from candidates in ascending order, and their slots. origin: of the brick */
-    void (*find_owners)(const raster_source *source, const raster_tet *tets, const int32_t *candidates,
+    /* Owners of a brick's voxels, from candidates in ascending order, and their slots. parts: where any is parted. origin: of the brick */
+    void (*find_owners)(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t *candidates,
                         size_t num_candidates, const int32_t origin[3], raster_brick *brick);
     /* Voxels of a brick from its entries. out: its first voxel in the target; row_step, slice_step: voxels between rows
      * and slices of the target. */
@@ -143,8 +148,12 @@ static inline int32_t raster_lowest_bit(uint64_t bits)
 #endif
 }
 
+/* rasterize_parts.c: the masked voxels of a brick; out, row_step, slice_step: as of write */
+void pliant_raster_write_masked(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t origin[3],
+                                const raster_brick *brick, void *out, ptrdiff_t row_step, ptrdiff_t slice_step);
+
 /* rasterize.c: all voxels of one brick of `out` from its candidates, lowest index first */
-void pliant_raster_brick(const raster_grid *grid, const raster_source *source, const raster_kernels *kernels,
+void pliant_raster_brick(const raster_grid *grid, const raster_source *source, const part_view *parts, const raster_kernels *kernels,
                          const raster_tet *tets, const int32_t *candidates, size_t num_candidates,
                          const int32_t brick[3], raster_brick *scratch, void *out);
 

@@ -7,6 +7,7 @@ static void clear(const int32_t extent[3], raster_brick *brick)
 {
     memset(brick->owned, 0, sizeof brick->owned);
     memset(brick->num_entries, 0, sizeof brick->num_entries);
+    brick->num_masked = 0;
     brick->num_free = extent[0] * extent[1] * extent[2];
     if (extent[1] == BRICK && extent[2] == BRICK) return;
     for (int32_t row = 0; row < BRICK_ROWS; row++) /* rows beyond the target are not to be had */
@@ -14,7 +15,7 @@ static void clear(const int32_t extent[3], raster_brick *brick)
             brick->owned[row / ROWS_AT_ONCE] |= (uint64_t)ENTRY_MASK << 16 * (row % ROWS_AT_ONCE);
 }
 
-void pliant_raster_brick(const raster_grid *grid, const raster_source *source, const raster_kernels *kernels,
+void pliant_raster_brick(const raster_grid *grid, const raster_source *source, const part_view *parts, const raster_kernels *kernels,
                          const raster_tet *tets, const int32_t *candidates, size_t num_candidates,
                          const int32_t brick[3], raster_brick *scratch, void *out)
 {
@@ -25,9 +26,10 @@ void pliant_raster_brick(const raster_grid *grid, const raster_source *source, c
         extent[d] = size[d] - origin[d] < BRICK ? size[d] - origin[d] : BRICK;
     }
     clear(extent, scratch);
-    kernels->find_owners(source, tets, candidates, num_candidates, origin, scratch);
+    kernels->find_owners(source, parts, tets, candidates, num_candidates, origin, scratch);
     ptrdiff_t row_step = size[0], slice_step = row_step * size[1];
     ptrdiff_t first = origin[0] + row_step * origin[1] + slice_step * origin[2];
-    kernels->write(source, scratch, extent, (char *)out + first * (ptrdiff_t)pliant_encoding_size(source->encoding),
-                   row_step, slice_step);
+    char *voxels = (char *)out + first * (ptrdiff_t)pliant_encoding_size(source->encoding);
+    kernels->write(source, scratch, extent, voxels, row_step, slice_step);
+    if (scratch->num_masked > 0) pliant_raster_write_masked(source, parts, tets, origin, scratch, voxels, row_step, slice_step);
 }

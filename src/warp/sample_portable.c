@@ -6,13 +6,6 @@
 #include <math.h>
 #include <string.h>
 
-static int32_t floor_within(double value, int32_t low)
-{
-    if (value < low) return low;
-    int32_t whole = (int32_t)value;
-    return whole - (whole > value);
-}
-
 static int32_t count_bits(uint64_t bits)
 {
     int32_t count = 0;
@@ -28,13 +21,8 @@ static int32_t claim(raster_brick *brick, const raster_tet *tet, const int32_t o
     int32_t claimed = 0;
     for (int32_t k = box->low[2]; k <= box->high[2]; k++)
         for (int32_t j = box->low[1]; j <= box->high[1]; j++) {
-            double rise = -box->low[0], fall = box->high[0];
-            for (int v = 0; v < 4; v++) {
-                double t = (corner[v] + 0.5 + tet->normal[1][v] * j + tet->normal[2][v] * k) * tet->factor[v];
-                double *end = tet->normal[0][v] > 0 ? &rise : &fall;
-                *end = t < *end ? t : *end;
-            }
-            int32_t first = -floor_within(rise, -BRICK), last = floor_within(fall, -1);
+            int32_t first, last;
+            owner_find_row(tet, corner, box, j, k, &first, &last);
             uint32_t mask = (uint32_t)ENTRY_MASK << first & (uint32_t)ENTRY_MASK >> (BRICK - 1 - last);
             int32_t row = k * BRICK + j, shift = 16 * (row % ROWS_AT_ONCE);
             uint64_t *owned = &brick->owned[row / ROWS_AT_ONCE];
@@ -47,10 +35,10 @@ static int32_t claim(raster_brick *brick, const raster_tet *tet, const int32_t o
     return claimed;
 }
 
-static void find_owners(const raster_source *source, const raster_tet *tets, const int32_t *candidates,
+static void find_owners(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t *candidates,
                         size_t num_candidates, const int32_t origin[3], raster_brick *brick)
 {
-    owner_find_all(source, tets, candidates, num_candidates, origin, brick, claim);
+    owner_find_all(source, parts, tets, candidates, num_candidates, origin, brick, claim);
 }
 
 typedef struct sample_point { float x, y, z; } sample_point;

@@ -88,10 +88,11 @@ AVX2_INLINE void add_entries(raster_brick *brick, int32_t group, __m128i masks, 
         }                                                                                                             \
         return 0;                                                                                                     \
     }                                                                                                                 \
-    SIMD static void find_owners(const raster_source *source, const raster_tet *tets, const int32_t *candidates,      \
-                                 size_t num_candidates, const int32_t origin[3], raster_brick *brick)                 \
+    SIMD static void find_owners(const raster_source *source, const part_view *parts, const raster_tet *tets,         \
+                                 const int32_t *candidates, size_t num_candidates, const int32_t origin[3],           \
+                                 raster_brick *brick)                                                                 \
     {                                                                                                                 \
-        owner_find_all(source, tets, candidates, num_candidates, origin, brick, claim);                               \
+        owner_find_all(source, parts, tets, candidates, num_candidates, origin, brick, claim);                        \
     }
 
 /* the voxels of a row that are sampled and copied */

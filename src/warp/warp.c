@@ -1,42 +1,11 @@
 /* The deformed volume from update to update: what moved, which bricks that touches, and redoing those. */
 #include "base/fail.h"
 #include "pliant/memory.h"
-#include "warp/device.h"
-#include "warp/fit.h"
-#include "warp/raster.h"
+#include "warp/state.h"
 
 #include <math.h>
 #include <omp.h>
 #include <string.h>
-
-struct pliant_warp {
-    const pliant_mesh *mesh;
-    pliant_geometry scan;
-    raster_grid grid;
-    raster_source source;
-    raster_kernels kernels;
-    pliant_volume volume;
-    int num_threads;
-    bool drawn;              /* there was an update */
-    bool told;               /* that tissue leaves the target */
-    double *rest;            /* (num_nodes x 3) continuous index in the scan */
-    int32_t *fixed, *next;   /* (num_nodes x 3) nodes of the last and of the coming update */
-    uint8_t *moved;          /* (num_nodes) */
-    raster_tet *tets;        /* (num_tets), of the last update */
-    int32_t num_bricks;
-    uint8_t *changed, *dirty; /* (num_bricks) of the last and of the coming update */
-    int32_t *dirty_bricks;   /* (num_bricks) those of the coming one */
-    size_t *end; /* (num_threads x num_bricks) where a thread's part of a brick's candidates ends; it begins where
-                  * that of the thread before ends, or of the last thread in the brick before */
-    int32_t listed[2];       /* bricks whose candidates are listed, from the first to before the second: all, but where memory is short */
-    int32_t *candidates;     /* tetrahedra by brick, ascending */
-    size_t capacity;         /* no less than there are tetrahedra: an update needs no more memory */
-    raster_brick *scratch;   /* (num_threads) */
-    double seconds[2];       /* cull, rasterize */
-    pliant_fit *fit;         /* NULL: rasterize */
-    const pliant_warp_device *device; /* of the object */
-    void *accelerated;       /* its object; NULL: the CPU draws */
-};
 
 void pliant_warp_free(pliant_warp *warp)
 {
@@ -44,8 +13,9 @@ void pliant_warp_free(pliant_warp *warp)
     if (warp->accelerated) warp->device->free(warp->accelerated);
     pliant_volume_free(&warp->volume);
     pliant_fit_free(warp->fit);
-    void *blocks[] = {warp->rest, warp->fixed, warp->next, warp->moved, warp->tets, warp->changed, warp->dirty,
-                      warp->dirty_bricks, warp->end, warp->candidates, warp->scratch};
+    pliant_parts_free(warp->parts);
+    void *blocks[] = {warp->rest, warp->fixed, warp->next, warp->moved, warp->guest_fixed, warp->tets, warp->anew, warp->changed, warp->dirty,
+                      warp->left, warp->dirty_bricks, warp->end, warp->candidates, warp->scratch};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(warp);
 }
@@ -85,15 +55,16 @@ static pliant_status check(const pliant_volume *scan, const pliant_mesh *mesh, i
 
 static bool allocate(pliant_warp *warp)
 {
-    size_t nodes = (size_t)warp->mesh->num_nodes, bricks = (size_t)warp->num_bricks;
+    size_t nodes = warp->node_room = (size_t)warp->mesh->num_nodes, bricks = (size_t)warp->num_bricks;
+    size_t elements = warp->element_room = warp->capacity = (size_t)warp->num_elements;
     return (warp->rest = pliant_calloc(nodes, 3 * sizeof *warp->rest)) &&
            (warp->fixed = pliant_calloc(nodes, 3 * sizeof *warp->fixed)) &&
            (warp->next = pliant_calloc(nodes, 3 * sizeof *warp->next)) && (warp->moved = pliant_calloc(nodes, 1)) &&
-           (warp->tets = pliant_calloc((size_t)warp->mesh->num_tets, sizeof *warp->tets)) &&
-           (warp->changed = pliant_calloc(bricks, 1)) && (warp->dirty = pliant_calloc(bricks, 1)) &&
+           (warp->tets = pliant_calloc(elements, sizeof *warp->tets)) && (warp->anew = pliant_calloc(elements, 1)) &&
+           (warp->changed = pliant_calloc(bricks, 1)) && (warp->dirty = pliant_calloc(bricks, 1)) && (warp->left = pliant_calloc(bricks, 1)) &&
            (warp->dirty_bricks = pliant_calloc(bricks, sizeof *warp->dirty_bricks)) &&
            (warp->end = pliant_calloc(bricks, (size_t)warp->num_threads * sizeof *warp->end)) &&
-           (warp->candidates = pliant_calloc(warp->capacity = (size_t)warp->mesh->num_tets, sizeof *warp->candidates)) &&
+           (warp->candidates = pliant_calloc(elements, sizeof *warp->candidates)) &&
            (warp->scratch = pliant_calloc((size_t)warp->num_threads, sizeof *warp->scratch));
 }
 
@@ -130,6 +101,7 @@ pliant_status pliant_warp_create(const pliant_volume *scan, const pliant_mesh *m
     warp->volume.background = scan->background;
     memcpy(warp->volume.id, scan->id, sizeof warp->volume.id);
     warp->mesh = mesh;
+    warp->num_elements = mesh->num_tets;
     warp->scan = scan->geometry;
     warp->num_threads = num_threads;
     warp->source = source_of(scan);
@@ -180,27 +152,53 @@ static int32_t fix_nodes(pliant_warp *warp, const double *positions)
     return num_moved;
 }
 
+/* Guests' corners for the coming update; those that moved are drawn anew. How many did. */
+static int32_t fix_guests(pliant_warp *warp, const double *positions)
+{
+    int32_t num_moved = 0;
+    for (int32_t g = 0; warp->parts && g < warp->parts->num_guests; g++) {
+        const part_guest *guest = &warp->parts->guests[g];
+        const double *node[4];
+        bool moved = false;
+        for (int v = 0; v < 4; v++) node[v] = positions + 3 * (size_t)warp->mesh->tets[4 * (size_t)guest->carrier + v];
+        for (int v = 0; v < 4; v++) {
+            int32_t *last = warp->guest_fixed + 12 * (size_t)g + 3 * v, next[3];
+            double corner[3];
+            part_guest_corner(guest->blend[v], node, corner);
+            pliant_raster_fix(&warp->grid, corner, next);
+            moved = moved || memcmp(next, last, sizeof next) != 0;
+            memcpy(last, next, sizeof next);
+        }
+        if (moved) warp->anew[warp->mesh->num_tets + g] = 1;
+        num_moved += moved;
+    }
+    return num_moved;
+}
+
 static bool tet_moved(const pliant_warp *warp, int32_t tet)
 {
+    if (warp->anew[tet]) return true;
+    if (tet >= warp->mesh->num_tets) return !warp->drawn;
     const int32_t *nodes = warp->mesh->tets + 4 * (size_t)tet;
     return warp->moved[nodes[0]] | warp->moved[nodes[1]] | warp->moved[nodes[2]] | warp->moved[nodes[3]];
 }
 
 static void set_tet(pliant_warp *warp, const int32_t *fixed, int32_t t)
 {
-    const int32_t *corners[4];
+    const int32_t *corners[4], guest = t - warp->mesh->num_tets;
     const double *rest[4];
     for (int v = 0; v < 4; v++) {
-        size_t node = (size_t)warp->mesh->tets[4 * (size_t)t + v];
-        corners[v] = fixed + 3 * node;
-        rest[v] = warp->rest + 3 * node;
+        size_t node = guest < 0 ? (size_t)warp->mesh->tets[4 * (size_t)t + v] : 0;
+        corners[v] = guest < 0 ? fixed + 3 * node : warp->guest_fixed + 12 * (size_t)guest + 3 * v;
+        rest[v] = guest < 0 ? warp->rest + 3 * node : warp->parts->guests[guest].rest[v];
     }
     pliant_raster_tet(&warp->grid, &warp->source, corners, rest, &warp->tets[t]);
+    warp->tets[t].parted = warp->parts && warp->parts->view.elements[t].box >= 0;
 }
 
-typedef enum visit { VISIT_MARK, VISIT_COUNT, VISIT_LIST } visit;
+typedef enum visit { VISIT_MARK, VISIT_LEAVE, VISIT_COUNT, VISIT_LIST } visit;
 
-/* For a brick that a tetrahedron touches: mark it dirty; or, if it is dirty, count or list the tetrahedron.
+/* For a brick that a tetrahedron touches: mark it dirty, or left; or, if it is dirty, count or list the tetrahedron.
  * end: of the part of the candidates that this thread makes. */
 static inline void visit_brick(pliant_warp *warp, int32_t t, int32_t brick, visit what, size_t *end)
 {
@@ -209,6 +207,7 @@ static inline void visit_brick(pliant_warp *warp, int32_t t, int32_t brick, visi
 #pragma omp atomic write
         warp->dirty[brick] = 1;
         break;
+    case VISIT_LEAVE: warp->left[brick] = 1; break;
     case VISIT_COUNT: end[brick] += warp->dirty[brick]; break;
     case VISIT_LIST:
         if (warp->dirty[brick] && brick >= warp->listed[0] && brick < warp->listed[1]) warp->candidates[end[brick]++] = t;
@@ -237,22 +236,25 @@ static void visit_bricks(pliant_warp *warp, int32_t t, visit what, size_t *end)
                     visit_brick(warp, t, at[0] + across * (at[1] + down * at[2]), what, end);
 }
 
+void pliant_warp_leave_bricks(pliant_warp *warp, int32_t element) { visit_bricks(warp, element, VISIT_LEAVE, NULL); }
+
 /* Tetrahedra that moved, from the given nodes; bricks that they touched and touch become dirty. */
 static void move_tets(pliant_warp *warp, const int32_t *fixed)
 {
 #pragma omp parallel for num_threads(warp->num_threads) schedule(static)
-    for (int32_t t = 0; t < warp->mesh->num_tets; t++) {
+    for (int32_t t = 0; t < warp->num_elements; t++) {
         if (!tet_moved(warp, t)) continue;
         if (warp->drawn) visit_bricks(warp, t, VISIT_MARK, NULL);
         set_tet(warp, fixed, t);
         if (warp->drawn) visit_bricks(warp, t, VISIT_MARK, NULL);
+        warp->anew[t] = 0;
     }
 }
 
 /* Each thread visits a run of tetrahedra, so that a brick's candidates ascend from thread to thread. */
 static void visit_all(pliant_warp *warp, visit what)
 {
-    int64_t num_tets = warp->mesh->num_tets, parts = warp->num_threads;
+    int64_t num_tets = warp->num_elements, parts = warp->num_threads;
 #pragma omp parallel for num_threads(warp->num_threads) schedule(static, 1)
     for (int64_t part = 0; part < parts; part++)
         for (int64_t t = num_tets * part / parts; t < num_tets * (part + 1) / parts; t++)
@@ -308,7 +310,7 @@ static void redo_bricks(pliant_warp *warp)
         int32_t b = warp->dirty_bricks[n], across = warp->grid.bricks[0], down = warp->grid.bricks[1];
         int32_t brick[3] = {b % across, b / across % down, b / across / down};
         size_t begin = b > first ? end[b - 1] : 0;
-        pliant_raster_brick(&warp->grid, &warp->source, &warp->kernels, warp->tets, warp->candidates + begin,
+        pliant_raster_brick(&warp->grid, &warp->source, warp->parts ? &warp->parts->view : NULL, &warp->kernels, warp->tets, warp->candidates + begin,
                             end[b] - begin, brick, &warp->scratch[omp_get_thread_num()], warp->volume.voxels);
     }
 }
@@ -351,14 +353,19 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
         warp->seconds[1] = pliant_seconds() - mapped;
         return PLIANT_OK;
     }
-    if (fix_nodes(warp, positions) == 0) {
+    int32_t num_moved = fix_nodes(warp, positions);
+    num_moved += fix_guests(warp, positions);
+    if (num_moved == 0 && !warp->adapted) {
         memset(warp->changed, 0, (size_t)warp->num_bricks);
         warp->seconds[0] = pliant_seconds() - start;
         warp->seconds[1] = 0;
         return PLIANT_OK;
     }
     /* bricks touched before and after */
-    memset(warp->dirty, !warp->drawn, (size_t)warp->num_bricks);
+    if (warp->drawn) memcpy(warp->dirty, warp->left, (size_t)warp->num_bricks);
+    else memset(warp->dirty, 1, (size_t)warp->num_bricks);
+    if (warp->adapted) memset(warp->left, 0, (size_t)warp->num_bricks);
+    warp->adapted = false;
     move_tets(warp, warp->next);
     count_candidates(warp);
     double drawn = 0;
@@ -392,6 +399,13 @@ pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step)
     return PLIANT_OK;
 }
 
+static pliant_status create_object(pliant_warp *warp, const pliant_warp_device *device, void **out)
+{
+    pliant_warp_parts parts = {warp->mesh,    &warp->grid,   &warp->source, warp->rest,
+                               &warp->volume, warp->changed, warp->seconds, warp->fit ? pliant_fit_parts(warp->fit) : NULL};
+    return device->create(&parts, out);
+}
+
 pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choice)
 {
     const pliant_warp_device *device = PLIANT_ON_GPU(pliant_cuda_warp_device);
@@ -401,9 +415,7 @@ pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choic
     pliant_status status = pliant_gpu_choose(choice, device ? device->probe : NULL, text, &use);
     if (status != PLIANT_OK) return status;
     if (use) {
-        pliant_warp_parts parts = {warp->mesh,    &warp->grid,   &warp->source, warp->rest,
-                                   &warp->volume, warp->changed, warp->seconds, warp->fit ? pliant_fit_parts(warp->fit) : NULL};
-        status = device->create(&parts, &accelerated);
+        status = create_object(warp, device, &accelerated);
         if (status != PLIANT_OK && choice != PLIANT_AUTO) return status;
         if (status != PLIANT_OK)
             pliant_log(PLIANT_LOG_WARNING, "the deformed volume is drawn by the CPU: %s", pliant_last_error());
@@ -413,6 +425,21 @@ pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choic
     warp->accelerated = accelerated;
     warp->drawn = false;
     return PLIANT_OK;
+}
+
+void pliant_warp_renew(pliant_warp *warp)
+{
+    if (!warp->accelerated) return;
+    void *made = NULL;
+    pliant_status status = warp->parts ? pliant_fail(PLIANT_ERROR_UNAVAILABLE, "what is cut is not drawn by a GPU") : PLIANT_OK;
+    pliant_warp_volume(warp);
+    if (status == PLIANT_OK) status = create_object(warp, warp->device, &made);
+    if (status != PLIANT_OK) {
+        pliant_warp_leave(warp);
+        return;
+    }
+    warp->device->free(warp->accelerated);
+    warp->accelerated = made;
 }
 
 void *pliant_warp_accelerated(const pliant_warp *warp) { return warp->accelerated; }
@@ -432,12 +459,6 @@ const pliant_volume *pliant_warp_volume(const pliant_warp *warp)
     if (warp->accelerated && warp->device->fetch(warp->accelerated) != PLIANT_OK)
         pliant_log(PLIANT_LOG_WARNING, "the deformed volume is an older one: %s", pliant_last_error());
     return &warp->volume;
-}
-
-void pliant_warp_show(pliant_warp *warp, const pliant_warp *from)
-{
-    const pliant_volume *shown = pliant_warp_volume(from);
-    memcpy(warp->volume.voxels, shown->voxels, pliant_geometry_voxels(&shown->geometry) * pliant_encoding_size(shown->encoding));
 }
 
 const pliant_mesh *pliant_warp_mesh(const pliant_warp *warp) { return warp->mesh; }

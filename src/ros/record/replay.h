@@ -1,10 +1,9 @@
-/* The deformed volumes of a recording: every mesh/state that a bag plays is warped again, none left out; or every step is made again. */
+/* The deformed volumes of a recording: every mesh/state that a bag plays is warped again, none left out. */
 #ifndef PLIANT_ROS_RECORD_REPLAY_H
 #define PLIANT_ROS_RECORD_REPLAY_H
 
 #include "ros/output/mesh_output.h"
 #include "ros/record/recorded.h"
-#include "ros/record/rerun.h"
 #include "ros/output/volume_output.h"
 
 #include <tf2_ros/static_transform_broadcaster.h>
@@ -16,19 +15,17 @@ namespace pliant_ros {
 
 /* Takes mesh/topology and mesh/state as a bag plays them, publishes volume and its slices with the stamps of the
    states, and scan_info of the scan here. Parameters as the node's. A topology that is not the model's is refused, and
-   so are the states of its revision. What simulates takes `step` in place of the states. */
+   so are the states of its revision. */
 class Replay {
 public:
     /* Loads the scan, and returns when that is done. Throws std::runtime_error with a message for a person.
        player: node name of a `rosbag play --pause` to set going then, or empty. */
-    Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std::string &player, bool simulates);
+    Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std::string &player);
     ~Replay();
 
 private:
     struct Pending {
-        uint32_t topology; /* revision of the one that it needs */
-        pliant::MeshStateConstPtr state; /* or */
-        pliant::StepConstPtr step;
+        pliant::MeshStateConstPtr state;
         Clock::time_point arrival;
     };
 
@@ -36,17 +33,14 @@ private:
     void start_player(const std::string &name);
     void take_topology(const pliant::MeshTopologyConstPtr &topology);
     void take_state(const pliant::MeshStateConstPtr &state);
-    void take_step(const pliant::StepConstPtr &step);
-    /* Topics overtake each other: states and steps wait for their topology, for a while. */
+    /* Topics overtake each other: states wait for their topology, for a while. */
     void work_off();
-    void show(const Pending &next, std::shared_ptr<const pliant_body> body);
+    void show(std::shared_ptr<const pliant_body> body, const MeshState &state);
 
     const Parameters parameters_;
     tf2_ros::StaticTransformBroadcaster broadcaster_;
-    const bool simulates_;
-    ros::Subscriber topologies_, states_, steps_;
+    ros::Subscriber topologies_, states_;
     std::shared_ptr<const Loaded> loaded_;
-    std::unique_ptr<Rerun> rerun_; /* where it simulates, once loaded */
     std::map<uint32_t, std::shared_ptr<const pliant_body>> bodies_; /* by revision; empty: another scan or mesh */
     std::deque<Pending> pending_;
     uint64_t shown_ = 0, dropped_ = 0;

@@ -1,0 +1,587 @@
+/* Labels of the voxels around every tetrahedron that a cut passes. */
+#include "warp/parts.h"
+#include "base/fail.h"
+#include "body/links.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+/* A voxel of another tetrahedron counts to a carrier that so many links lead to: as far as two corners of a cell lie apart. */
+enum { STEPS = 3 };
+enum { NO_LABEL = -1, IN_QUEUE = -2 };
+/* Cells are looked at in so many pieces along each axis, for whether a carrier has a part of them. */
+enum { PIECES = 4 };
+/* Corners of guests lie so much further out, of the way from their middle: where they meet others, rounding leaves no gap. */
+static const double guest_growth = 1.0 / 1024;
+/* Boxes reach so far around their tetrahedra, in voxels, and no less than guests do. */
+static const double around = 0.02;
+
+static pliant_status no_memory(void) { return pliant_fail_memory("the parts of the deformed volume"); }
+
+typedef struct growing { void *at; size_t count, room, size; } growing;
+
+static void *grow(growing *list, size_t more)
+{
+    if (list->count + more > list->room) {
+        size_t room = 2 * (list->count + more);
+        void *longer = pliant_resize(list->at, room, list->size);
+        if (!longer) return NULL;
+        list->at = longer;
+        list->room = room;
+    }
+    list->count += more;
+    return (char *)list->at + (list->count - more) * list->size;
+}
+
+/* A tetrahedron at load, in indices of the scan: barycentric coordinate v is slope[v] . index + value[v]. */
+typedef struct shape { double corner[4][3], slope[4][3], value[4]; } shape;
+
+typedef struct maker {
+    const pliant_body *body;
+    const pliant_voxels *voxels;
+    const pliant_cuts *cuts;
+    const pliant_geometry *scan;
+    int32_t *cut_of;               /* (tetrahedra at load) their place in the cuts, or -1 */
+    uint8_t *near;                 /* (likewise) in the cuts, or shares a node with one that is */
+    /* of the tetrahedron at work */
+    int32_t tet;
+    shape at;
+    part_box box;
+    int32_t count, room;           /* voxels of the box */
+    int32_t *label;                /* (count) -1: none yet */
+    uint8_t *step, *severed, *touched, *wanted; /* (count) links away; links that are cut; corners of cells that the tetrahedron touches; of
+                                    * another one, and without a label so far */
+    int32_t *queue;                /* (count) */
+    int32_t num_carriers, num_fragments, first_carrier;
+    growing carriers, labels, boxes, hosts, starts, guests;
+} maker;
+
+/* ---- where things are */
+
+static int32_t load_node(const maker *work, int32_t node) { return work->body->node_parent ? work->body->node_parent[node] : node; }
+
+static void place_of(const int32_t size[3], int32_t voxel, int32_t at[3])
+{
+    at[0] = voxel % size[0];
+    at[1] = voxel / size[0] % size[1];
+    at[2] = voxel / size[0] / size[1];
+}
+
+static int32_t index_of(const int32_t size[3], const int32_t at[3]) { return at[0] + size[0] * (at[1] + size[1] * at[2]); }
+
+static int32_t scan_voxel(const maker *work, int32_t local)
+{
+    int32_t at[3];
+    place_of(work->box.size, local, at);
+    for (int d = 0; d < 3; d++) at[d] += work->box.low[d];
+    return index_of(work->voxels->geometry.size, at);
+}
+
+static bool in_box(const part_box *box, const int32_t scan[3], int32_t *local)
+{
+    int32_t at[3];
+    for (int d = 0; d < 3; d++) {
+        at[d] = scan[d] - box->low[d];
+        if (at[d] < 0 || at[d] >= box->size[d]) return false;
+    }
+    *local = index_of(box->size, at);
+    return true;
+}
+
+static void find_shape(const maker *work, int32_t tet, shape *out)
+{
+    const pliant_mesh *mesh = &work->body->fine;
+    double edge[3][3], volume = 0;
+    for (int v = 0; v < 4; v++) pliant_geometry_to_index(work->scan, mesh->rest + 3 * (size_t)mesh->tets[4 * (size_t)tet + v], out->corner[v]);
+    for (int e = 0; e < 3; e++)
+        for (int d = 0; d < 3; d++) edge[e][d] = out->corner[e + 1][d] - out->corner[0][d];
+    for (int e = 0; e < 3; e++)
+        for (int d = 0; d < 3; d++) {
+            const double *p = edge[(e + 1) % 3], *q = edge[(e + 2) % 3];
+            out->slope[e + 1][d] = p[(d + 1) % 3] * q[(d + 2) % 3] - p[(d + 2) % 3] * q[(d + 1) % 3];
+        }
+    for (int d = 0; d < 3; d++) volume += edge[0][d] * out->slope[1][d];
+    for (int d = 0; d < 3; d++) {
+        for (int v = 1; v < 4; v++) out->slope[v][d] /= volume;
+        out->slope[0][d] = -(out->slope[1][d] + out->slope[2][d] + out->slope[3][d]);
+    }
+    for (int v = 0; v < 4; v++) {
+        out->value[v] = v == 0;
+        for (int d = 0; d < 3; d++) out->value[v] -= out->slope[v][d] * out->corner[0][d];
+    }
+}
+
+/* Whether a shape, grown as guests are, may touch a cube from low on; by its planes. */
+static bool touches(const shape *at, const double low[3], double size)
+{
+    for (int v = 0; v < 4; v++) {
+        double most = at->value[v];
+        for (int d = 0; d < 3; d++) most += at->slope[v][d] * low[d] + (at->slope[v][d] > 0 ? at->slope[v][d] * size : 0);
+        if (most < -guest_growth) return false;
+    }
+    return true;
+}
+
+static void find_box(const maker *work, const shape *at, part_box *out)
+{
+    for (int d = 0; d < 3; d++) {
+        double low = INFINITY, high = -INFINITY, margin;
+        for (int v = 0; v < 4; v++) {
+            low = fmin(low, at->corner[v][d]);
+            high = fmax(high, at->corner[v][d]);
+        }
+        margin = around + guest_growth * (high - low);
+        const int32_t last = work->voxels->geometry.size[d] - 1;
+        out->low[d] = (int32_t)fmin(fmax(floor(low - margin), 0), last > 0 ? last - 1 : 0);
+        out->size[d] = (int32_t)fmin(fmax(ceil(high + margin), out->low[d] + (last > 0)), last) - out->low[d] + 1;
+    }
+}
+
+/* ---- links */
+
+/* Those of the box, to severed; whether there are any. */
+static bool find_severed(maker *work)
+{
+    const part_box *box = &work->box;
+    const int32_t *size = work->voxels->geometry.size;
+    bool any = false;
+    memset(work->severed, 0, (size_t)work->count);
+    for (int32_t k = 0; k < box->size[2]; k++) {
+        const int32_t slice = size[0] * (box->low[1] + size[1] * (box->low[2] + k));
+        const uint32_t *link = work->cuts->link, *from = link + pliant_lower(link, work->cuts->num_links, 4 * (uint32_t)slice);
+        const uint32_t *end = link + pliant_lower(link, work->cuts->num_links, 4 * (uint32_t)(slice + size[0] * box->size[1]));
+        for (int32_t j = 0; j < box->size[1] && from < end; j++) {
+            const uint32_t row = (uint32_t)(slice + size[0] * j + box->low[0]);
+            from += pliant_lower(from, (int32_t)(end - from), 4 * row);
+            for (; from < end && *from / 4 < row + (uint32_t)box->size[0]; from++) {
+                work->severed[(int32_t)(*from / 4 - row) + box->size[0] * (j + box->size[1] * k)] |= (uint8_t)(1 << *from % 4);
+                any = true;
+            }
+        }
+    }
+    return any;
+}
+
+/* ---- carriers */
+
+static int32_t carrier_of(const maker *work, int32_t voxel)
+{
+    const int32_t tet = work->voxels->owner[voxel], cut = work->cut_of[tet];
+    return cut < 0 ? tet : work->cuts->voxel_fragment[work->cuts->voxel_start[cut] + pliant_voxel_in(work->voxels, tet, voxel)];
+}
+
+/* its label among the carriers of the box; -1: no memory */
+static int32_t label_of(maker *work, int32_t carrier)
+{
+    const int32_t *all = (const int32_t *)work->carriers.at + work->first_carrier;
+    for (int32_t n = 0; n < work->num_carriers; n++)
+        if (all[n] == carrier) return n;
+    int32_t *added = grow(&work->carriers, 1);
+    if (!added) return -1;
+    *added = carrier;
+    return work->num_carriers++;
+}
+
+static bool list_fragments(maker *work)
+{
+    const int32_t cut = work->cut_of[work->tet];
+    work->first_carrier = (int32_t)work->carriers.count;
+    work->num_carriers = 0;
+    if (cut < 0 && label_of(work, work->tet) < 0) return false;
+    for (int32_t f = cut < 0 ? 0 : work->cuts->start[cut]; cut >= 0 && f < work->cuts->start[cut + 1]; f++)
+        if (label_of(work, work->cuts->fragment[f]) < 0) return false;
+    work->num_fragments = work->num_carriers;
+    return true;
+}
+
+/* ---- labels */
+
+/* Corners of the cells that the tetrahedron touches; whether one of these has a severed link. */
+static bool find_touched(maker *work)
+{
+    const int32_t *size = work->box.size;
+    bool any = false;
+    int32_t at[3], last[3];
+    memset(work->touched, 0, (size_t)work->count);
+    for (int d = 0; d < 3; d++) last[d] = size[d] > 1 ? size[d] - 2 : 0;
+    for (at[2] = 0; at[2] <= last[2]; at[2]++)
+        for (at[1] = 0; at[1] <= last[1]; at[1]++)
+            for (at[0] = 0; at[0] <= last[0]; at[0]++) {
+                const double low[3] = {work->box.low[0] + at[0], work->box.low[1] + at[1], work->box.low[2] + at[2]};
+                if (!touches(&work->at, low, 1)) continue;
+                for (int c = 0; c < 8; c++) {
+                    int32_t corner[3];
+                    bool there = true;
+                    uint8_t links = 0;
+                    for (int d = 0; d < 3; d++) {
+                        corner[d] = at[d] + (c >> d & 1);
+                        there = there && corner[d] < size[d];
+                        if (!(c >> d & 1)) links |= (uint8_t)(1 << d);
+                    }
+                    if (!there) continue;
+                    work->touched[index_of(size, corner)] = 1;
+                    any = any || work->severed[index_of(size, corner)] & links;
+                }
+            }
+    return any;
+}
+
+static bool label_own(maker *work, int32_t *queued)
+{
+    const pliant_voxels *voxels = work->voxels;
+    for (int32_t n = voxels->start[work->tet]; n < voxels->start[work->tet + 1]; n++) {
+        int32_t at[3], local;
+        pliant_place_of(voxels, voxels->voxel[n], at);
+        if (!in_box(&work->box, at, &local)) continue;
+        if ((work->label[local] = label_of(work, carrier_of(work, voxels->voxel[n]))) < 0) return false;
+        work->step[local] = 0;
+        work->queue[(*queued)++] = local;
+    }
+    return true;
+}
+
+/* From the voxels in the queue on over links to those without a label; where as many links lead to several carriers, the lowest label. */
+static void spread(maker *work, int32_t queued, int steps)
+{
+    const int32_t *size = work->box.size, stride[3] = {1, size[0], size[0] * size[1]};
+    for (int32_t head = 0; head < queued; head++) {
+        const int32_t from = work->queue[head];
+        int32_t at[3];
+        if (work->step[from] >= steps) continue;
+        place_of(size, from, at);
+        for (int d = 0; d < 3; d++)
+            for (int way = -1; way <= 1; way += 2) {
+                if (at[d] + way < 0 || at[d] + way >= size[d]) continue;
+                const int32_t to = from + way * stride[d];
+                if (work->severed[way > 0 ? from : to] >> d & 1) continue;
+                if (work->label[to] < 0) {
+                    work->label[to] = work->label[from];
+                    work->step[to] = (uint8_t)(work->step[from] + 1);
+                    work->queue[queued++] = to;
+                } else if (work->step[to] == work->step[from] + 1 && work->label[from] < work->label[to]) {
+                    work->label[to] = work->label[from];
+                }
+            }
+    }
+}
+
+/* Whether a voxel beyond reach of links, at a sharp corner of the tetrahedron, is of a tetrahedron that has the same node there as one of
+ * the fragments: its label, or NO_LABEL. */
+static int32_t label_by_node(const maker *work, int32_t local)
+{
+    const int32_t *tets = work->body->fine.tets, voxel = scan_voxel(work, local), by = carrier_of(work, voxel);
+    int32_t at[3], corner = 0;
+    double most = -INFINITY;
+    pliant_place_of(work->voxels, voxel, at);
+    for (int v = 0; v < 4; v++) {
+        double weight = work->at.value[v];
+        for (int d = 0; d < 3; d++) weight += work->at.slope[v][d] * at[d];
+        if (weight > most) corner = v;
+        most = fmax(most, weight);
+    }
+    const int32_t *fragment = (const int32_t *)work->carriers.at + work->first_carrier;
+    for (int32_t label = 0; label < work->num_fragments; label++)
+        for (int v = 0; v < 4; v++)
+            if (tets[4 * (size_t)by + v] == tets[4 * (size_t)fragment[label] + corner]) return label;
+    return NO_LABEL;
+}
+
+/* Voxels from a first one on that are without a label, wanted, and hang together: in the queue. How many. */
+static int32_t hang_together(maker *work, int32_t first)
+{
+    const int32_t *size = work->box.size, stride[3] = {1, size[0], size[0] * size[1]};
+    int32_t queued = 0;
+    work->label[first] = IN_QUEUE;
+    work->queue[queued++] = first;
+    for (int32_t head = 0; head < queued; head++) {
+        int32_t at[3];
+        place_of(size, work->queue[head], at);
+        for (int d = 0; d < 3; d++)
+            for (int way = -1; way <= 1; way += 2) {
+                if (at[d] + way < 0 || at[d] + way >= size[d]) continue;
+                const int32_t from = work->queue[head], to = from + way * stride[d];
+                if (work->severed[way > 0 ? from : to] >> d & 1 || work->label[to] != NO_LABEL || !work->wanted[to]) continue;
+                work->label[to] = IN_QUEUE;
+                work->queue[queued++] = to;
+            }
+    }
+    return queued;
+}
+
+/* The carrier of most of the voxels in the queue; of as many, the lowest. */
+static int32_t most_of(const maker *work, int32_t queued)
+{
+    int32_t best = -1, most = 0;
+    for (int32_t n = 0; n < queued; n++) {
+        const int32_t carrier = carrier_of(work, scan_voxel(work, work->queue[n]));
+        int32_t same = 0;
+        for (int32_t m = 0; m < queued; m++) same += carrier_of(work, scan_voxel(work, work->queue[m])) == carrier;
+        if (same > most || (same == most && carrier < best)) {
+            best = carrier;
+            most = same;
+        }
+    }
+    return best;
+}
+
+/* Every voxel that is asked for gets a label. Where neither links nor a node lead to it, those that hang together have one carrier: that of most of them.
+ * Air goes with what is beside it. */
+static bool label_others(maker *work)
+{
+    int32_t queued = 0;
+    for (int32_t n = 0; n < work->count; n++) {
+        work->wanted[n] = work->label[n] < 0 && work->touched[n] && work->voxels->owner[scan_voxel(work, n)] >= 0;
+        if (work->wanted[n]) work->label[n] = label_by_node(work, n);
+    }
+    for (int32_t n = 0; n < work->count; n++) {
+        if (work->label[n] >= 0 || !work->wanted[n]) continue;
+        const int32_t together = hang_together(work, n), label = label_of(work, most_of(work, together));
+        if (label < 0) return false;
+        for (int32_t m = 0; m < together; m++) work->label[work->queue[m]] = label;
+    }
+    for (int32_t n = 0; n < work->count; n++) {
+        if (work->label[n] < 0) continue;
+        work->step[n] = 0;
+        work->queue[queued++] = n;
+    }
+    spread(work, queued, UINT8_MAX - 1);
+    for (int32_t n = 0; n < work->count; n++)
+        if (work->label[n] < 0) work->label[n] = 0;
+    return true;
+}
+
+/* ---- guests */
+
+/* Whether a label may have a part of a cell, within the tetrahedron */
+static bool has_part(const maker *work, const int32_t at[3], const int32_t label[8], int32_t wanted)
+{
+    int32_t different = 0;
+    for (int c = 0; c < 8; c++) {
+        bool first = true;
+        for (int e = 0; e < c; e++) first = first && label[e] != label[c];
+        different += first;
+    }
+    for (int piece = 0; piece < PIECES * PIECES * PIECES; piece++) {
+        const int32_t where[3] = {piece % PIECES, piece / PIECES % PIECES, piece / PIECES / PIECES};
+        double low[3], most = 0;
+        for (int d = 0; d < 3; d++) low[d] = work->box.low[d] + at[d] + (double)where[d] / PIECES;
+        if (!touches(&work->at, low, 1.0 / PIECES)) continue;
+        for (int end = 0; end < 8; end++) { /* the most is at a corner of the piece */
+            part_cell cell;
+            double sum = 0;
+            for (int d = 0; d < 3; d++) cell.part[d] = (double)(where[d] + (end >> d & 1)) / PIECES;
+            for (int c = 0; c < 8; c++) sum += label[c] == wanted ? part_weight(&cell, c) : 0;
+            most = fmax(most, sum);
+        }
+        if (most > 1.0 / different - PART_SPARE) return true;
+    }
+    return false;
+}
+
+static bool add_guest(maker *work, int32_t label)
+{
+    part_guest *guest = grow(&work->guests, 1);
+    shape by;
+    if (!guest) return false;
+    guest->host = work->tet;
+    guest->carrier = ((const int32_t *)work->carriers.at)[work->first_carrier + label];
+    find_shape(work, guest->carrier, &by);
+    for (int d = 0; d < 3; d++) {
+        double middle = 0;
+        for (int v = 0; v < 4; v++) middle += 0.25 * work->at.corner[v][d];
+        for (int v = 0; v < 4; v++) guest->rest[v][d] = work->at.corner[v][d] + guest_growth * (work->at.corner[v][d] - middle);
+    }
+    for (int v = 0; v < 4; v++)
+        for (int n = 0; n < 4; n++) {
+            guest->blend[v][n] = by.value[n];
+            for (int d = 0; d < 3; d++) guest->blend[v][n] += by.slope[n][d] * guest->rest[v][d];
+        }
+    return true;
+}
+
+/* Labels of carriers that are no fragments of this tetrahedron, and have a part of it. wanted: (carriers) */
+static void find_guests(const maker *work, uint8_t *wanted)
+{
+    const int32_t *size = work->box.size;
+    int32_t at[3], last[3], label[8];
+    for (int d = 0; d < 3; d++) last[d] = size[d] > 1 ? size[d] - 2 : 0;
+    for (at[2] = 0; at[2] <= last[2]; at[2]++)
+        for (at[1] = 0; at[1] <= last[1]; at[1]++)
+            for (at[0] = 0; at[0] <= last[0]; at[0]++) {
+                bool others = false;
+                for (int c = 0; c < 8; c++) {
+                    int32_t corner[3];
+                    for (int d = 0; d < 3; d++) corner[d] = at[d] + (size[d] > 1 ? c >> d & 1 : 0);
+                    label[c] = work->label[index_of(size, corner)];
+                    others = others || label[c] >= work->num_fragments;
+                }
+                for (int c = 0; c < 8 && others; c++)
+                    if (label[c] >= work->num_fragments && !wanted[label[c]] && has_part(work, at, label, label[c])) wanted[label[c]] = 1;
+            }
+}
+
+static pliant_status add_guests(maker *work)
+{
+    if (work->num_carriers == work->num_fragments) return PLIANT_OK;
+    uint8_t *wanted = pliant_calloc((size_t)work->num_carriers, 1);
+    bool good = wanted != NULL;
+    if (good) find_guests(work, wanted);
+    for (int32_t n = work->num_fragments; good && n < work->num_carriers; n++) good = !wanted[n] || add_guest(work, n);
+    pliant_free(wanted);
+    return good ? PLIANT_OK : no_memory();
+}
+
+/* ---- a tetrahedron, and all of them */
+
+static bool make_room(maker *work)
+{
+    work->count = work->box.size[0] * work->box.size[1] * work->box.size[2];
+    if (work->count <= work->room) return true;
+    void **blocks[] = {(void **)&work->label, (void **)&work->queue, (void **)&work->step, (void **)&work->severed, (void **)&work->touched, (void **)&work->wanted};
+    const size_t sizes[] = {sizeof *work->label, sizeof *work->queue, 1, 1, 1, 1};
+    work->room = 0;
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) {
+        pliant_free(*blocks[b]);
+        if (!(*blocks[b] = pliant_calloc((size_t)work->count, sizes[b]))) return false;
+    }
+    work->room = work->count;
+    return true;
+}
+
+static pliant_status make_box(maker *work, int32_t tet)
+{
+    int32_t queued = 0;
+    work->tet = tet;
+    find_shape(work, tet, &work->at);
+    find_box(work, &work->at, &work->box);
+    if (!make_room(work)) return no_memory();
+    bool severed = find_severed(work);
+    if (!(severed && find_touched(work)) && work->cut_of[tet] < 0) return PLIANT_OK;
+    if (!severed) find_touched(work);
+    for (int32_t n = 0; n < work->count; n++) work->label[n] = NO_LABEL;
+    if (!list_fragments(work) || !label_own(work, &queued)) return no_memory();
+    spread(work, queued, STEPS);
+    if (!label_others(work)) return no_memory();
+    if (work->num_carriers > UINT16_MAX) return pliant_fail(PLIANT_ERROR_MEMORY, "more than %d fragments meet in one tetrahedron", UINT16_MAX);
+    if (work->labels.count + (size_t)work->count > INT32_MAX) return pliant_fail(PLIANT_ERROR_MEMORY, "the cuts are too large to be drawn");
+    work->box.first = (int32_t)work->labels.count;
+    uint16_t *labels = grow(&work->labels, (size_t)work->count);
+    part_box *box = grow(&work->boxes, 1);
+    int32_t *host = grow(&work->hosts, 1), *start = grow(&work->starts, 1);
+    if (!labels || !box || !host || !start) return no_memory();
+    for (int32_t n = 0; n < work->count; n++) labels[n] = (uint16_t)work->label[n];
+    *box = work->box;
+    *host = tet;
+    *start = work->first_carrier;
+    return add_guests(work);
+}
+
+static void find_near(maker *work)
+{
+    const pliant_voxels *voxels = work->voxels;
+    for (int32_t t = 0; t < work->cuts->num_tets; t++) {
+        work->cut_of[work->cuts->tet[t]] = t;
+        for (int v = 0; v < 4; v++) {
+            const int32_t node = load_node(work, work->body->fine.tets[4 * (size_t)work->cuts->tet[t] + v]);
+            for (int32_t a = voxels->around_start[node]; a < voxels->around_start[node + 1]; a++) work->near[voxels->around[a] / 4] = 1;
+        }
+    }
+}
+
+/* What each element is a part of. Guests follow the tetrahedra. */
+static pliant_status set_elements(const maker *work, pliant_parts *parts)
+{
+    const int32_t tets = work->body->fine.num_tets;
+    part_element *elements = pliant_calloc((size_t)(tets + parts->num_guests), sizeof *elements);
+    if (!elements) return no_memory();
+    for (int32_t t = 0; t < tets + parts->num_guests; t++) elements[t].box = -1;
+    int32_t guest = 0;
+    for (int32_t b = 0; b < parts->num_boxes; b++) {
+        const int32_t host = parts->host[b], cut = work->cut_of[host], *carrier = parts->carrier + parts->carrier_start[b];
+        if (cut < 0) elements[host] = (part_element){b, 0};
+        for (int32_t f = cut < 0 ? 0 : work->cuts->start[cut]; cut >= 0 && f < work->cuts->start[cut + 1]; f++)
+            elements[work->cuts->fragment[f]] = (part_element){b, f - work->cuts->start[cut]};
+        for (int32_t label = 0; guest < parts->num_guests && parts->guests[guest].host == host; label++)
+            if (carrier[label] == parts->guests[guest].carrier) elements[tets + guest++] = (part_element){b, label};
+    }
+    parts->view.elements = elements;
+    parts->view.num_elements = tets + parts->num_guests;
+    return PLIANT_OK;
+}
+
+static pliant_status gather(maker *work, pliant_parts *parts)
+{
+    int32_t *end = grow(&work->starts, 1);
+    if (!end) return no_memory();
+    *end = (int32_t)work->carriers.count;
+    memcpy(parts->view.scan_size, work->voxels->geometry.size, sizeof parts->view.scan_size);
+    parts->num_boxes = (int32_t)work->boxes.count;
+    parts->num_labels = (int32_t)work->labels.count;
+    parts->num_guests = (int32_t)work->guests.count;
+    parts->view.boxes = work->boxes.at;
+    parts->view.labels = work->labels.at;
+    parts->host = work->hosts.at;
+    parts->carrier_start = work->starts.at;
+    parts->carrier = work->carriers.at;
+    parts->guests = work->guests.at;
+    work->boxes.at = work->labels.at = work->hosts.at = work->starts.at = work->carriers.at = work->guests.at = NULL;
+    return set_elements(work, parts);
+}
+
+pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, pliant_parts **out)
+{
+    *out = NULL;
+    if (!body->cuts || !body->voxels) return PLIANT_OK;
+    if (memcmp(body->voxels->geometry.size, scan->size, sizeof scan->size) != 0)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the voxels of the body that is drawn are not those of the scan");
+    maker work = {.body = body, .voxels = body->voxels, .cuts = body->cuts, .scan = scan};
+    const size_t tets = (size_t)body->voxels->num_tets;
+    work.carriers.size = work.hosts.size = work.starts.size = sizeof(int32_t);
+    work.labels.size = sizeof(uint16_t);
+    work.boxes.size = sizeof(part_box);
+    work.guests.size = sizeof(part_guest);
+    work.cut_of = pliant_calloc(tets, sizeof *work.cut_of);
+    work.near = pliant_calloc(tets, 1);
+    pliant_parts *parts = pliant_calloc(1, sizeof *parts);
+    pliant_status status = work.cut_of && work.near && parts ? PLIANT_OK : no_memory();
+    for (size_t t = 0; status == PLIANT_OK && t < tets; t++) work.cut_of[t] = -1;
+    if (status == PLIANT_OK) find_near(&work);
+    for (int32_t t = 0; t < body->voxels->num_tets && status == PLIANT_OK; t++)
+        if (work.near[t] && body->voxels->start[t] < body->voxels->start[t + 1]) status = make_box(&work, t);
+    if (status == PLIANT_OK) status = gather(&work, parts);
+    void *blocks[] = {work.cut_of, work.near, work.label, work.queue, work.step, work.severed, work.touched, work.wanted, work.carriers.at,
+                      work.labels.at, work.boxes.at, work.hosts.at, work.starts.at, work.guests.at};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    if (status != PLIANT_OK) {
+        pliant_parts_free(parts);
+        return status;
+    }
+    *out = parts;
+    return PLIANT_OK;
+}
+
+void pliant_parts_free(pliant_parts *parts)
+{
+    if (!parts) return;
+    pliant_free((void *)(uintptr_t)parts->view.elements);
+    pliant_free((void *)(uintptr_t)parts->view.boxes);
+    pliant_free((void *)(uintptr_t)parts->view.labels);
+    pliant_free(parts->host);
+    pliant_free(parts->carrier_start);
+    pliant_free(parts->carrier);
+    pliant_free(parts->guests);
+    pliant_free(parts);
+}
+
+bool pliant_parts_same(const pliant_parts *a, int32_t box_a, const pliant_parts *b, int32_t box_b)
+{
+    if (box_a < 0 || box_b < 0) return box_a < 0 && box_b < 0;
+    const part_box *one = &a->view.boxes[box_a], *other = &b->view.boxes[box_b];
+    const int32_t *from = a->carrier + a->carrier_start[box_a], *to = b->carrier + b->carrier_start[box_b];
+    const int32_t carriers = a->carrier_start[box_a + 1] - a->carrier_start[box_a];
+    const size_t labels = (size_t)one->size[0] * (size_t)one->size[1] * (size_t)one->size[2];
+    return a->host[box_a] == b->host[box_b] && carriers == b->carrier_start[box_b + 1] - b->carrier_start[box_b] &&
+           memcmp(from, to, (size_t)carriers * sizeof *from) == 0 &&
+           memcmp(a->view.labels + one->first, b->view.labels + other->first, labels * sizeof *a->view.labels) == 0;
+}

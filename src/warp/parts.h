@@ -1,0 +1,46 @@
+/* What a warp keeps of a body that is cut: labels of voxels (part.h), and guests. */
+#ifndef PLIANT_WARP_PARTS_H
+#define PLIANT_WARP_PARTS_H
+
+#include "pliant/body.h"
+#include "warp/part.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* The part of a tetrahedron at load that moves with a tetrahedron that is no fragment of it: a chip, or a corner beyond a cut in which no
+ * voxel has its centre. It is drawn as one more tetrahedron, which follows its carrier. */
+typedef struct part_guest {
+    int32_t host, carrier;
+    double blend[4][4];   /* its corners, a little further out than the host's, as sums of the carrier's */
+    double rest[4][3];    /* of its corners, index in the scan */
+} part_guest;
+
+/* Elements are the tetrahedra of a body, and after them its guests. */
+typedef struct pliant_parts {
+    part_view view;            /* owns what it points to */
+    int32_t num_boxes, num_labels;
+    int32_t *host;             /* (num_boxes) tetrahedron at load, ascending */
+    int32_t *carrier_start, *carrier; /* (num_boxes + 1), by box and label: the tetrahedron that each label stands for */
+    int32_t num_guests;
+    part_guest *guests;        /* by host, then label */
+} pliant_parts;
+
+/* Of a body; NULL where nothing is severed. Errors: MEMORY, ARGUMENT (voxels of another scan). */
+pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, pliant_parts **out);
+void pliant_parts_free(pliant_parts *parts); /* Nullable */
+
+/* Whether the box of a host is the same in both; parts: Nullable. box: -1 where there is none */
+bool pliant_parts_same(const pliant_parts *a, int32_t box_a, const pliant_parts *b, int32_t box_b);
+
+/* Corner of a guest, from the positions of its carrier's nodes. */
+PLIANT_INLINE void part_guest_corner(const double blend[4], const double *const node[4], double out[3])
+{
+    PLIANT_UNROLL for (int d = 0; d < 3; d++) out[d] = blend[0] * node[0][d] + blend[1] * node[1][d] + blend[2] * node[2][d] + blend[3] * node[3][d];
+}
+
+#ifdef __cplusplus
+}
+#endif
+#endif

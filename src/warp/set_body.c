@@ -1,0 +1,202 @@
+/* From one body to the next: what stays is not drawn again. */
+#include "base/fail.h"
+#include "pliant/memory.h"
+#include "warp/state.h"
+
+#include <string.h>
+
+/* of the warp, with room for more than there is */
+enum { NODE_ARRAYS = 4, ELEMENT_ARRAYS = 2, NUM_ARRAYS = 7 };
+
+struct pliant_warp_next {
+    const pliant_mesh *mesh;
+    int32_t load_nodes;        /* nodes at load: they are the same in all bodies */
+    pliant_parts *parts;
+    pliant_fit *fit;
+    size_t node_room, element_room, candidate_room;
+    void *longer[NUM_ARRAYS];  /* in place of the warp's arrays; NULL: those have room */
+    int32_t *guest_fixed;      /* (guests x 12) */
+    raster_tet *guest_tets;    /* (guests) */
+    uint8_t *guest_anew;       /* (guests) */
+    uint8_t *kept;             /* (guests of the body before) is one of them */
+};
+
+/* where no node ever is */
+static const int32_t nowhere = INT32_MIN;
+
+void pliant_warp_next_free(pliant_warp_next *next)
+{
+    if (!next) return;
+    pliant_parts_free(next->parts);
+    pliant_fit_free(next->fit);
+    for (int a = 0; a < NUM_ARRAYS; a++) pliant_free(next->longer[a]);
+    pliant_free(next->guest_fixed);
+    pliant_free(next->guest_tets);
+    pliant_free(next->guest_anew);
+    pliant_free(next->kept);
+    pliant_free(next);
+}
+
+static pliant_status check(const pliant_warp *warp, const pliant_mesh *mesh)
+{
+    if (memcmp(mesh->cells, warp->mesh->cells, sizeof mesh->cells) != 0 || memcmp(mesh->corner, warp->mesh->corner, sizeof mesh->corner) != 0)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a body of another load cannot take the place of the one that is drawn");
+    for (int32_t v = 0; v < 4 * mesh->num_tets; v++)
+        if (mesh->tets[v] < 0 || mesh->tets[v] >= mesh->num_nodes)
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "tetrahedron %d of the warped mesh names node %d of %d", v / 4, mesh->tets[v], mesh->num_nodes);
+    return PLIANT_OK;
+}
+
+/* Nodes' arrays, then elements', then the candidates. */
+static void list_arrays(pliant_warp *warp, void **array[NUM_ARRAYS], size_t size[NUM_ARRAYS])
+{
+    void **arrays[NUM_ARRAYS] = {(void **)&warp->rest, (void **)&warp->fixed, (void **)&warp->next,      (void **)&warp->moved,
+                                 (void **)&warp->tets, (void **)&warp->anew,  (void **)&warp->candidates};
+    const size_t sizes[NUM_ARRAYS] = {3 * sizeof *warp->rest, 3 * sizeof *warp->fixed, 3 * sizeof *warp->next,   sizeof *warp->moved,
+                                      sizeof *warp->tets,     sizeof *warp->anew,      sizeof *warp->candidates};
+    memcpy(array, arrays, sizeof arrays);
+    memcpy(size, sizes, sizeof sizes);
+}
+
+/* Longer arrays where the nodes and elements that come have no room. */
+static bool make_room(pliant_warp *warp, size_t nodes, size_t elements, pliant_warp_next *next)
+{
+    void **array[NUM_ARRAYS];
+    size_t size[NUM_ARRAYS];
+    list_arrays(warp, array, size);
+    next->node_room = nodes > warp->node_room ? nodes + nodes / 4 : warp->node_room;
+    next->element_room = elements > warp->element_room ? elements + elements / 4 : warp->element_room;
+    next->candidate_room = elements > warp->capacity ? elements + elements / 4 : warp->capacity;
+    for (int a = 0; a < NUM_ARRAYS; a++) {
+        const size_t room = a < NODE_ARRAYS ? next->node_room : a < NODE_ARRAYS + ELEMENT_ARRAYS ? next->element_room : next->candidate_room;
+        const size_t now = a < NODE_ARRAYS ? warp->node_room : a < NODE_ARRAYS + ELEMENT_ARRAYS ? warp->element_room : warp->capacity;
+        if (room > now && !(next->longer[a] = pliant_calloc(room, size[a]))) return false;
+    }
+    return true;
+}
+
+static void take_room(pliant_warp *warp, pliant_warp_next *next)
+{
+    void **array[NUM_ARRAYS];
+    size_t size[NUM_ARRAYS];
+    list_arrays(warp, array, size);
+    for (int a = 0; a < NUM_ARRAYS; a++) {
+        if (!next->longer[a]) continue;
+        memcpy(next->longer[a], *array[a], size[a] * (a < NODE_ARRAYS ? (size_t)warp->mesh->num_nodes : (size_t)warp->num_elements));
+        void *shorter = *array[a];
+        *array[a] = next->longer[a];
+        next->longer[a] = shorter;
+    }
+    warp->node_room = next->node_room;
+    warp->element_room = next->element_room;
+    warp->capacity = next->candidate_room;
+}
+
+/* the box that is a host's in some parts, Nullable */
+static int32_t box_of(const pliant_parts *parts, int32_t tet) { return parts ? parts->view.elements[tet].box : -1; }
+
+/* Guests of both bodies that are the same keep how they were drawn. */
+static void carry_guests(const pliant_warp *warp, pliant_warp_next *next)
+{
+    const pliant_parts *old = warp->parts, *now = next->parts;
+    int32_t from = 0;
+    for (int32_t g = 0; now && g < now->num_guests; g++) {
+        const part_guest *guest = &now->guests[g];
+        for (int n = 0; n < 12; n++) next->guest_fixed[12 * g + n] = nowhere;
+        next->guest_anew[g] = 1;
+        while (old && from < old->num_guests && old->guests[from].host < guest->host) from++;
+        for (int32_t o = from; old && o < old->num_guests && old->guests[o].host == guest->host; o++) {
+            const int32_t host = guest->host;
+            if (old->guests[o].carrier != guest->carrier || !pliant_parts_same(old, box_of(old, host), now, box_of(now, host))) continue;
+            memcpy(next->guest_fixed + 12 * g, warp->guest_fixed + 12 * o, 12 * sizeof *next->guest_fixed);
+            next->guest_tets[g] = warp->tets[warp->mesh->num_tets + o];
+            next->guest_anew[g] = warp->anew[warp->mesh->num_tets + o];
+            next->kept[o] = 1;
+        }
+    }
+}
+
+pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pliant_warp_next **out)
+{
+    pliant_status status = check(warp, &body->fine);
+    if (status != PLIANT_OK) return status;
+    pliant_warp_next *next = pliant_calloc(1, sizeof *next);
+    if (!next) return pliant_fail_memory("the warp");
+    next->mesh = &body->fine;
+    next->load_nodes = body->voxels ? body->voxels->num_nodes : 0;
+    status = pliant_parts_create(body, &warp->scan, &next->parts);
+    const size_t guests = next->parts ? (size_t)next->parts->num_guests : 0;
+    if (status == PLIANT_OK) {
+        next->guest_fixed = pliant_calloc(guests + 1, 12 * sizeof *next->guest_fixed);
+        next->guest_tets = pliant_calloc(guests + 1, sizeof *next->guest_tets);
+        next->guest_anew = pliant_calloc(guests + 1, sizeof *next->guest_anew);
+        next->kept = pliant_calloc((size_t)(warp->parts ? warp->parts->num_guests : 0) + 1, sizeof *next->kept);
+        if (!next->guest_fixed || !next->guest_tets || !next->guest_anew || !next->kept ||
+            !make_room(warp, (size_t)body->fine.num_nodes, (size_t)body->fine.num_tets + guests, next))
+            status = pliant_fail_memory("the warp");
+    }
+    if (status == PLIANT_OK && warp->fit)
+        status = pliant_fit_create(next->mesh, &warp->scan, next->longer[0] ? next->longer[0] : warp->rest, &warp->volume.geometry,
+                                   pliant_fit_parts(warp->fit)->step, warp->num_threads, &next->fit);
+    if (status != PLIANT_OK) {
+        pliant_warp_next_free(next);
+        return status;
+    }
+    carry_guests(warp, next);
+    *out = next;
+    return PLIANT_OK;
+}
+
+/* What was drawn and is not in the next body, and what is drawn otherwise. */
+static void find_changes(pliant_warp *warp, const pliant_warp_next *next)
+{
+    const int32_t before = warp->mesh->num_tets, now = next->mesh->num_tets, both = before < now ? before : now;
+    for (int32_t t = both; t < before; t++) pliant_warp_leave_bricks(warp, t);
+    for (int32_t g = 0; warp->parts && g < warp->parts->num_guests; g++)
+        if (!next->kept[g]) pliant_warp_leave_bricks(warp, before + g);
+    for (int32_t t = 0; t < both; t++)
+        if (memcmp(warp->mesh->tets + 4 * (size_t)t, next->mesh->tets + 4 * (size_t)t, 4 * sizeof *warp->mesh->tets) != 0 ||
+            !pliant_parts_same(warp->parts, box_of(warp->parts, t), next->parts, box_of(next->parts, t)))
+            warp->anew[t] = 1;
+}
+
+void pliant_warp_take(pliant_warp *warp, pliant_warp_next *next)
+{
+    const pliant_mesh *old = warp->mesh, *mesh = next->mesh;
+    const int32_t guests = next->parts ? next->parts->num_guests : 0;
+    find_changes(warp, next);
+    take_room(warp, next);
+    for (int32_t n = next->load_nodes; n < mesh->num_nodes; n++) { /* copies; those of a number may be others than before */
+        if (n < old->num_nodes && memcmp(old->rest + 3 * (size_t)n, mesh->rest + 3 * (size_t)n, 3 * sizeof *mesh->rest) == 0) continue;
+        pliant_geometry_to_index(&warp->scan, mesh->rest + 3 * (size_t)n, warp->rest + 3 * (size_t)n);
+        for (int d = 0; d < 3; d++) warp->fixed[3 * n + d] = nowhere;
+    }
+    for (int32_t t = old->num_tets; t < mesh->num_tets; t++) {
+        memset(&warp->tets[t], 0, sizeof warp->tets[t]);
+        warp->anew[t] = 1;
+    }
+    memcpy(warp->tets + mesh->num_tets, next->guest_tets, (size_t)guests * sizeof *warp->tets);
+    memcpy(warp->anew + mesh->num_tets, next->guest_anew, (size_t)guests);
+    warp->mesh = mesh;
+    warp->num_elements = mesh->num_tets + guests;
+    warp->adapted = true;
+    pliant_parts *parts = warp->parts;
+    int32_t *fixed = warp->guest_fixed;
+    warp->parts = next->parts;
+    warp->guest_fixed = next->guest_fixed;
+    next->parts = parts;
+    next->guest_fixed = fixed;
+    pliant_fit *fit = warp->fit;
+    warp->fit = next->fit;
+    next->fit = fit;
+    pliant_warp_renew(warp);
+}
+
+pliant_status pliant_warp_set_body(pliant_warp *warp, const pliant_body *body)
+{
+    pliant_warp_next *next = NULL;
+    pliant_status status = pliant_warp_prepare(warp, body, &next);
+    if (status == PLIANT_OK) pliant_warp_take(warp, next);
+    pliant_warp_next_free(next);
+    return status;
+}

@@ -1,0 +1,319 @@
+// The deformed volume of a body that is cut: against the scan, against each side interpolated by itself, and from body to body.
+#include "cut_cases.h"
+#include "pliant/memory.h"
+#include "warp/state.h"
+
+#include <cstring>
+
+namespace {
+
+using namespace warp_cases;
+using cut_cases::CutBody;
+using cut_cases::plane;
+
+const vector3 normals[] = {{0.31, 0.83, -0.46}, {1, 0.02, 0.01}, {-0.4, 0.3, 0.87}, {0, 0, 1}, {0.577, 0.577, 0.578}};
+
+// a scan, its mesh and its voxels
+struct Scene {
+    pliant_geometry geometry;
+    volume_ptr scan;
+    mesh_ptr mesh;
+    cut_cases::voxels_ptr voxels;
+    vector3 middle;
+    Scene(pliant_encoding encoding, int turned, int32_t a = 6, int32_t b = 5, int32_t c = 4, int32_t x = 45, int32_t y = 37, int32_t z = 30)
+        : geometry(box_geometry(x, y, z))
+    {
+        if (turned) turn(geometry, 0.4, turned == 2);
+        scan = make_scan(geometry, encoding);
+        mesh = make_mesh(geometry, a, b, c);
+        voxels = cut_cases::make_voxels(*mesh, geometry);
+        middle = {0.5 * x - 0.8, 0.5 * y - 0.3, 0.5 * z - 0.6};
+    }
+    warp_ptr draw(const CutBody &cut, const pliant_geometry &target, const positions &x, int threads = 2, int set = -1) const
+    {
+        warp_ptr warp = make_warp(*scan, *mesh, target, threads);
+        if (set >= 0 && !pliant_warp_use(warp.get(), static_cast<raster_set>(set))) return nullptr;
+        EXPECT_EQ(pliant_warp_set_body(warp.get(), &cut.body), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_warp_update(warp.get(), x.data()), PLIANT_OK) << pliant_last_error();
+        return warp;
+    }
+};
+
+double side_of(const vector3 &at, const vector3 &through, const vector3 &normal)
+{
+    return normal[0] * (at[0] - through[0]) + normal[1] * (at[1] - through[1]) + normal[2] * (at[2] - through[2]);
+}
+
+TEST(cut_warp, at_rest_is_the_scan_bit_for_bit)
+{
+    int guests = 0, chips = 0, fragments = 0;
+    for (int turned = 0; turned < 3; turned++)
+        for (pliant_encoding encoding : encodings) {
+            Scene scene(encoding, turned);
+            for (const vector3 &normal : normals)
+                for (int partly = 0; partly < 2; partly++) {
+                    const vector3 middle = scene.middle;
+                    CutBody cut(*scene.mesh, *scene.voxels, {plane(middle, normal, [=](const vector3 &at) { return !partly || at[1] < middle[1]; })}, 2 * partly);
+                    fragments += int(cut.fragment.size() - cut.tet.size());
+                    auto warp = scene.draw(cut, scene.geometry, rest_of(cut.body.fine));
+                    ASSERT_TRUE(bytes_of(*scene.scan) == bytes_of(*pliant_warp_volume(warp.get()))) << encoding << ", axes " << turned << ", " << normal[0];
+                    guests += warp->parts->num_guests;
+                    chips += cut.chips;
+                }
+        }
+    EXPECT_GT(fragments, 5000);
+    EXPECT_GT(guests, 1000);
+    EXPECT_GT(chips, 100);
+}
+
+// both sides of a plane each by an affine map of its own
+struct Sides {
+    vector3 through, normal;
+    double apart, stretch; // along the normal, of index; and of each side
+    // where a place at rest (index) is now
+    vector3 forward(const vector3 &rest, bool above) const
+    {
+        vector3 out;
+        for (size_t d = 0; d < 3; d++) {
+            out[d] = through[d] + (rest[d] - through[d]) * (1 + (above ? stretch : -0.5 * stretch)) + (above ? 0.5 : -0.5) * apart * normal[d];
+            if (above) out[d] += stretch * (rest[(d + 1) % 3] - through[(d + 1) % 3]) * 0.7;
+        }
+        return out;
+    }
+    vector3 back(const vector3 &now, bool above) const
+    {
+        vector3 at = now;
+        for (int pass = 0; pass < 25; pass++) {
+            vector3 there = forward(at, above);
+            for (size_t d = 0; d < 3; d++) at[d] += now[d] - there[d];
+        }
+        return at;
+    }
+};
+
+// Positions of nodes: those of a fragment whose voxels are above the plane, and of the others.
+positions part_sides(const CutBody &cut, const pliant_geometry &geometry, const Sides &sides)
+{
+    const pliant_mesh &mesh = cut.body.fine;
+    std::vector<int> above(size_t(mesh.num_nodes), -1);
+    auto tell = [&](int32_t tet, bool is) {
+        for (int v = 0; v < 4; v++) {
+            int &node = above[size_t(mesh.tets[4 * tet + v])];
+            EXPECT_TRUE(node < 0 || node == int(is)) << "the plane leaks at node " << mesh.tets[4 * tet + v];
+            node = is;
+        }
+    };
+    for (int32_t v = 0; v < int32_t(pliant_geometry_voxels(&geometry)); v++)
+        if (cut.body.voxels->owner[v] >= 0) tell(cut.fragment_of(v), side_of(cut.place(v), sides.through, sides.normal) >= 0);
+    positions x = rest_of(mesh);
+    for (size_t n = 0; n < above.size(); n++) {
+        vector3 index, now;
+        pliant_geometry_to_index(&geometry, x.data() + 3 * n, index.data());
+        now = sides.forward(index, above[n] == 1);
+        pliant_geometry_to_world(&geometry, now.data(), x.data() + 3 * n);
+    }
+    return x;
+}
+
+struct Counts { int right = 0, wrong = 0, holes = 0, ghosts = 0, doubtful = 0; };
+
+// Every voxel of the target against the interpolation of the voxels of one side alone.
+Counts compare_sides(const Scene &scene, const pliant_volume &out, const Sides &sides)
+{
+    Counts counts;
+    const int32_t *size = scene.geometry.size;
+    const double doubt = 0.02;
+    for (size_t v = 0; v < pliant_geometry_voxels(&out.geometry); v++) {
+        const int32_t *target = out.geometry.size;
+        vector3 index = {double(v % size_t(target[0])), double(v / size_t(target[0]) % size_t(target[1])), double(v / size_t(target[0]) / size_t(target[1]))};
+        double world[3];
+        pliant_geometry_to_world(&out.geometry, index.data(), world);
+        pliant_geometry_to_index(&scene.geometry, world, index.data());
+        bool sure = false, possible = false, fits = false;
+        for (bool above : {false, true}) {
+            const vector3 at = sides.back(index, above);
+            bool in = true, far_in = true;
+            int32_t low[3];
+            double part[3], weights = 0, sum = 0, least = 1e30, most = -1e30;
+            for (int d = 0; d < 3; d++) {
+                in = in && at[size_t(d)] > -0.5 - 1e-3 && at[size_t(d)] < size[d] - 0.5 + 1e-3;
+                far_in = far_in && at[size_t(d)] > -0.5 + 1e-3 && at[size_t(d)] < size[d] - 0.5 - 1e-3;
+                const double inside = std::min(std::max(at[size_t(d)], 0.0), size[d] - 1.0);
+                low[d] = std::min(int32_t(inside), size[d] - 2);
+                part[d] = inside - low[d];
+            }
+            if (!in) continue;
+            for (int c = 0; c < 8; c++) {
+                const vector3 corner = {double(low[0] + (c & 1)), double(low[1] + (c >> 1 & 1)), double(low[2] + (c >> 2))};
+                double weight = 1;
+                for (int d = 0; d < 3; d++) weight *= c >> d & 1 ? part[d] : 1 - part[d];
+                if ((side_of(corner, sides.through, sides.normal) >= 0) != above) continue;
+                const double value = stored(*scene.scan, size_t(corner[0]) + size_t(size[0]) * (size_t(corner[1]) + size_t(size[1]) * size_t(corner[2])));
+                weights += weight;
+                sum += weight * value;
+                least = std::min(least, value);
+                most = std::max(most, value);
+            }
+            if (weights < 0.5 - doubt) continue;
+            possible = true;
+            sure = sure || (far_in && weights > 0.5 + doubt);
+            fits = fits || std::abs(stored(out, v) - sum / weights) < 1.5 + 2e-4 * (most - least);
+        }
+        const bool none = stored(out, v) == scene.scan->background;
+        if (fits || (none && !possible)) counts.right++;
+        else if (none && sure) counts.holes++;
+        else if (none) counts.doubtful++;
+        else if (!possible) counts.ghosts++;
+        else counts.wrong++;
+    }
+    return counts;
+}
+
+TEST(cut_warp, each_side_is_drawn_from_its_own_voxels)
+{
+    for (int turned : {0, 2}) {
+        Scene scene(PLIANT_INT16, turned);
+        const pliant_geometry target = grown(scene.geometry, 6);
+        for (const vector3 &normal : normals)
+            for (double apart : {0.0, 0.7, 3.3})
+                for (double stretch : {0.0, 0.05}) {
+                    if (stretch > 0 && apart < 3) continue; // sides that shear would go through each other
+                    const Sides sides = {scene.middle, normal, apart, stretch};
+                    CutBody cut(*scene.mesh, *scene.voxels, {plane(scene.middle, normal)});
+                    auto warp = scene.draw(cut, target, part_sides(cut, scene.geometry, sides));
+                    const Counts counts = compare_sides(scene, *pliant_warp_volume(warp.get()), sides);
+                    EXPECT_EQ(counts.wrong, 0) << normal[0] << ", apart " << apart << ", stretched " << stretch << ", of " << counts.right;
+                    EXPECT_EQ(counts.holes, 0) << normal[0] << ", apart " << apart << ", stretched " << stretch;
+                    EXPECT_EQ(counts.ghosts, 0) << normal[0] << ", apart " << apart << ", stretched " << stretch;
+                    EXPECT_GT(counts.right, 50000);
+                    EXPECT_LT(counts.doubtful, 1500);
+                }
+    }
+}
+
+// one intensity on each side of a bent cut: nothing in between is ever drawn, whichever way the pieces are bent and pulled
+TEST(cut_warp, nothing_bleeds_across)
+{
+    Scene scene(PLIANT_UINT8, 1);
+    const vector3 middle = scene.middle, normal = normals[0], other = normals[2];
+    const std::vector<cut_cases::Blade> blades = {plane(middle, normal), plane(middle, other)};
+    for (size_t v = 0; v < pliant_geometry_voxels(&scene.geometry); v++) {
+        const vector3 at = {double(v % 45), double(v / 45 % 37), double(v / 45 / 37)};
+        static_cast<uint8_t *>(scene.scan->voxels)[v] = uint8_t(50 + 60 * (side_of(at, middle, normal) >= 0) + 120 * (side_of(at, middle, other) >= 0));
+    }
+    CutBody cut(*scene.mesh, *scene.voxels, blades, 2);
+    EXPECT_GT(cut.chips, 0);
+    std::mt19937 random(7);
+    std::uniform_real_distribution<double> by(-0.004, 0.004);
+    for (int round = 0; round < 6; round++) {
+        auto x = waves(cut.body.fine, 0.003, round);
+        for (size_t n = size_t(scene.mesh->num_nodes); n < cut.node_parent.size(); n++) // copies, each by itself
+            for (size_t d = 0; d < 3; d++) x[3 * n + d] += by(random);
+        auto warp = scene.draw(cut, grown(scene.geometry, 5), x);
+        const auto bytes = bytes_of(*pliant_warp_volume(warp.get()));
+        const std::vector<uint8_t> allowed = {7, 50, 110, 170, 230};
+        for (uint8_t value : allowed) EXPECT_GT(std::count(bytes.begin(), bytes.end(), value), 1000);
+        EXPECT_EQ(std::count_if(bytes.begin(), bytes.end(), [&](uint8_t b) { return std::find(allowed.begin(), allowed.end(), b) == allowed.end(); }), 0);
+    }
+}
+
+TEST(cut_warp, all_loops_and_threads_give_the_same_bits)
+{
+    for (pliant_encoding encoding : encodings) {
+        Scene scene(encoding, 2);
+        CutBody cut(*scene.mesh, *scene.voxels, {plane(scene.middle, normals[0]), plane(scene.middle, normals[2], [](const vector3 &at) { return at[0] > 15; })}, 2);
+        auto x = waves(cut.body.fine, 0.003);
+        for (size_t n = size_t(scene.mesh->num_nodes); n < cut.node_parent.size(); n++) x[3 * n] += 0.002;
+        const pliant_geometry target = grown(scene.geometry, 3);
+        const auto plain = bytes_of(*pliant_warp_volume(scene.draw(cut, target, x, 1, RASTER_PORTABLE).get()));
+        for (int set : {RASTER_PORTABLE, RASTER_AVX2, RASTER_AVX512})
+            for (int threads : {1, 2, 3}) {
+                auto warp = scene.draw(cut, target, x, threads, set);
+                if (warp) { EXPECT_TRUE(plain == bytes_of(*pliant_warp_volume(warp.get()))) << encoding << ", loops " << set << ", threads " << threads; }
+            }
+    }
+}
+
+// whether every voxel that differs lies in a brick that is said to have changed; how many bricks are
+size_t changed_bricks(const pliant_warp *warp, const std::vector<uint8_t> &before, const std::vector<uint8_t> &after)
+{
+    int32_t count[3];
+    const uint8_t *changed;
+    pliant_warp_bricks(warp, count, &changed);
+    const size_t x = size_t(pliant_warp_volume(warp)->geometry.size[0]), y = size_t(pliant_warp_volume(warp)->geometry.size[1]);
+    size_t untold = 0;
+    for (size_t v = 0; v < before.size(); v++)
+        untold += before[v] != after[v] && !changed[v % x / 16 + size_t(count[0]) * (v / x % y / 16 + size_t(count[1]) * (v / x / y / 16))];
+    EXPECT_EQ(untold, 0u);
+    return size_t(std::count(changed, changed + count[0] * count[1] * count[2], 1));
+}
+
+TEST(cut_warp, from_body_to_body_equals_a_fresh_one)
+{
+    Scene scene(PLIANT_UINT8, 0, 10, 8, 6, 80, 64, 48);
+    const pliant_geometry target = grown(scene.geometry, 4);
+    const vector3 middle = scene.middle;
+    auto upto = [=](double i) { return plane(middle, normals[0], [=](const vector3 &at) { return at[0] < i; }); };
+    const auto across = plane(middle, normals[2], [](const vector3 &at) { return at[1] > 45; });
+    CutBody none(*scene.mesh, *scene.voxels, {}), some(*scene.mesh, *scene.voxels, {upto(20)}), more(*scene.mesh, *scene.voxels, {upto(30)}),
+        both(*scene.mesh, *scene.voxels, {upto(30), across}), whole(*scene.mesh, *scene.voxels, {upto(100), across}, 2);
+    const CutBody *order[] = {&none, &some, &more, &both, &whole, &both, &none, &whole, &some, &some, &none, &more};
+    auto warp = make_warp(*scene.scan, *scene.mesh, target);
+    ASSERT_EQ(pliant_warp_update(warp.get(), scene.mesh->rest), PLIANT_OK);
+    size_t fewer = 0, all = 0;
+    int round = 0;
+    for (const CutBody *cut : order) {
+        const auto before = bytes_of(*pliant_warp_volume(warp.get()));
+        if (round % 4 == 3) { ASSERT_EQ(pliant_warp_set_body(warp.get(), &both.body), PLIANT_OK); } // and at once another
+        ASSERT_EQ(pliant_warp_set_body(warp.get(), &cut->body), PLIANT_OK) << pliant_last_error();
+        EXPECT_TRUE(before == bytes_of(*pliant_warp_volume(warp.get()))) << "until the update";
+        positions x = rest_of(cut->body.fine); // copies a little apart, as they would be after a step
+        for (size_t n = size_t(scene.mesh->num_nodes); n < cut->node_parent.size(); n++) x[3 * n + 2] += 0.004;
+        if (round == 7)
+            for (double &v : x) v += 0.0007;
+        ASSERT_EQ(pliant_warp_update(warp.get(), x.data()), PLIANT_OK);
+        const auto after = bytes_of(*pliant_warp_volume(warp.get()));
+        EXPECT_TRUE(after == bytes_of(*pliant_warp_volume(scene.draw(*cut, target, x).get()))) << "round " << round;
+        const size_t changed = changed_bricks(warp.get(), before, after);
+        int32_t count[3];
+        const uint8_t *flags;
+        pliant_warp_bricks(warp.get(), count, &flags);
+        all = size_t(count[0] * count[1] * count[2]);
+        fewer += changed < all * 2 / 3;
+        if (round == 0 || round == 9) { EXPECT_EQ(changed, 0u) << "nothing differs"; }
+        ASSERT_EQ(pliant_warp_update(warp.get(), x.data()), PLIANT_OK);
+        EXPECT_EQ(changed_bricks(warp.get(), after, after), 0u);
+        round++;
+    }
+    EXPECT_GT(fewer, 6u) << "of " << all;
+}
+
+TEST(cut_warp, a_body_that_cannot_be_drawn_changes_nothing)
+{
+    Scene scene(PLIANT_INT16, 0);
+    CutBody some(*scene.mesh, *scene.voxels, {plane(scene.middle, normals[0], [](const vector3 &at) { return at[0] < 20; })}, 2),
+        whole(*scene.mesh, *scene.voxels, {plane(scene.middle, normals[0])}, 2);
+    auto warp = scene.draw(some, scene.geometry, rest_of(some.body.fine));
+    const size_t held = pliant_memory_in_use();
+    int failed = 0;
+    for (;; failed += 1 + failed / 10) {
+        pliant_memory_fail_after(failed);
+        const pliant_status status = pliant_warp_set_body(warp.get(), &whole.body);
+        pliant_memory_fail_after(-1);
+        if (status == PLIANT_OK) break;
+        ASSERT_EQ(status, PLIANT_ERROR_MEMORY) << failed;
+        ASSERT_EQ(pliant_memory_in_use(), held) << failed;
+        auto x = waves(some.body.fine, 0.001, failed);
+        ASSERT_EQ(pliant_warp_update(warp.get(), x.data()), PLIANT_OK);
+        if (failed % 5 == 0) { EXPECT_TRUE(bytes_of(*pliant_warp_volume(warp.get())) == bytes_of(*pliant_warp_volume(scene.draw(some, scene.geometry, x).get()))); }
+    }
+    EXPECT_GT(failed, 20);
+    ASSERT_EQ(pliant_warp_update(warp.get(), whole.body.fine.rest), PLIANT_OK);
+    EXPECT_TRUE(bytes_of(*scene.scan) == bytes_of(*pliant_warp_volume(warp.get())));
+    auto elsewhere = make_mesh(scene.geometry, 3, 3, 3);
+    pliant_body other{};
+    other.fine = *elsewhere;
+    EXPECT_EQ(pliant_warp_set_body(warp.get(), &other), PLIANT_ERROR_ARGUMENT);
+}
+
+} // namespace
