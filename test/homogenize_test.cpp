@@ -50,8 +50,8 @@ TEST(Homogenize, AnIndefiniteElementIsRefused)
         system.mesh = &of->coarse;
         system.fine = &of->fine;
         system.num_threads = 1;
-        ASSERT_EQ(pliant_system_elements(&system, none.data()), PLIANT_OK);
-        EXPECT_EQ(pliant_homogenize(&system, &body.scene, &of->fine, of->fine_fixed, fine.data(), of->coarse_of_fine, {nullptr, nullptr}),
+        ASSERT_EQ(pliant_system_elements(&system, none.data(), nullptr, nullptr), PLIANT_OK);
+        EXPECT_EQ(pliant_homogenize(&system, &body.scene, &of->fine, of->fine_fixed, fine.data(), of->coarse_of_fine, nullptr, {nullptr, nullptr}),
                   PLIANT_ERROR_NUMERIC) << "method " << method;
         const std::string message = pliant_last_error();
         EXPECT_NE(message.find("coarse tetrahedron " + std::to_string(wrong)), std::string::npos) << message;

@@ -26,6 +26,9 @@ typedef struct pliant_cut_report {
     int32_t pieces;       /**< of the next body */
 } pliant_cut_report;
 
+/* Still to come, as blades need it in every step: pliant_body_cut with out NULL tells the report alone and makes nothing;
+ * pliant_body_locate is asked for every half voxel of an edge, near where it was asked before. */
+
 #ifdef __cplusplus
 }
 #endif

@@ -14,6 +14,8 @@ extern "C" {
 /* What a kind of solver (solver/kind) does on the host, whoever runs its steps. */
 typedef struct pliant_host_solver {
     pliant_status (*create)(const pliant_model *model, pliant_data *data); /* its state in data, at rest. Errors: MEMORY, SCENE */
+    /* that of the next body, whose discretization next has, in next, from data's, which stays as it is. Errors: MEMORY, SCENE, NUMERIC */
+    pliant_status (*follow)(const pliant_model *model, const pliant_data *data, const pliant_body_map *map, pliant_data *next);
     pliant_status (*reset)(pliant_data *data);                             /* to rest. Errors: MEMORY (nothing changed) */
     pliant_status (*interact)(const pliant_model *model, pliant_data *data); /* the first stage of a step: what the tools pull at */
     void (*set_positions)(const pliant_model *model, pliant_data *data, const double *positions); /* data's own positions too */

@@ -45,6 +45,15 @@ static pliant_status create(const pliant_model *model, pliant_data *data)
     return status == PLIANT_OK && discretization->fine_system ? pliant_patch_create(&model->scene, discretization, &data->patch) : status;
 }
 
+static pliant_status follow(const pliant_model *model, const pliant_data *data, const pliant_body_map *map, pliant_data *next)
+{
+    const pliant_discretization *discretization = next->discretization;
+    const bool coarse = map->coarse_node != NULL;
+    pliant_status status = pliant_solver_follow(&model->scene, discretization->system, data->solver, coarse ? map->coarse_node : map->node,
+                                                coarse ? map->coarse_tet : map->tet, &next->solver);
+    return status == PLIANT_OK && discretization->fine_system ? pliant_patch_create(&model->scene, discretization, &next->patch) : status;
+}
+
 static pliant_status reset(pliant_data *data)
 {
     pliant_status status = pliant_solver_reset(data->solver);
@@ -92,7 +101,7 @@ static void left(pliant_data *data)
 }
 
 const pliant_host_solver pliant_corotational = {
-    .create = create, .reset = reset, .interact = interact, .set_positions = set_positions, .limits = limits, .left = left,
+    .create = create, .follow = follow, .reset = reset, .interact = interact, .set_positions = set_positions, .limits = limits, .left = left,
     .cpu = &pliant_cpu_backend, .cuda = PLIANT_ON_GPU(pliant_cuda_backend),
 };
 

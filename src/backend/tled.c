@@ -22,6 +22,13 @@ pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data)
 
 static pliant_status create(const pliant_model *model, pliant_data *data) { return pliant_tled_create(&model->scene, data->discretization->tled, &data->tled); }
 
+static pliant_status follow(const pliant_model *model, const pliant_data *data, const pliant_body_map *map, pliant_data *next)
+{
+    pliant_status status = create(model, next);
+    if (status == PLIANT_OK) pliant_tled_carry(next->tled, data->tled, map);
+    return status;
+}
+
 static pliant_status reset(pliant_data *data)
 {
     pliant_tled_reset(data->tled);
@@ -45,7 +52,7 @@ static void set_positions(const pliant_model *model, pliant_data *data, const do
 static void limits(pliant_data *data, int iterations, double tolerance) { pliant_tled_limits(data->tled, iterations, tolerance); }
 
 const pliant_host_solver pliant_explicit = {
-    .create = create, .reset = reset, .interact = interact, .set_positions = set_positions, .limits = limits,
+    .create = create, .follow = follow, .reset = reset, .interact = interact, .set_positions = set_positions, .limits = limits,
     .cpu = &pliant_tled_backend, .cuda = PLIANT_ON_GPU(pliant_cuda_tled_backend),
 };
 

@@ -86,6 +86,7 @@ typedef enum pliant_twist { PLIANT_TWIST_EXACT, PLIANT_TWIST_POSITIVE } pliant_t
 struct pliant_system {
     const pliant_mesh *mesh;  /* the solved one */
     const pliant_mesh *fine;
+    const pliant_discretization *of; /* Nullable: that it is part of: who keeps something of it longer than a step retains that */
     int num_threads;
 
     /* ELEMENTS, in blocks of LANES, lane innermost; the last block is padded with elements that carry nothing */
@@ -93,6 +94,7 @@ struct pliant_system {
     double (*gradients)[12][LANES]; /* (num_blocks) [1/m] */
     double (*lame)[2][LANES];       /* (num_blocks) volume * lambda, volume * mu [N m]; isotropic elements */
     double *stiffness;              /* (num_tets x 144) homogenized [N/m]; NULL: isotropic */
+    double *raw_diagonal;           /* (num_tets x 12) of it before grounded elements were stiffened; NULL: none were */
     uint8_t *grounded;              /* (num_blocks x LANES) keeps R = I: what holds fixed fine nodes, and what is empty; NULL: none */
     pliant_macros *macros;          /* Nullable: in place of all these; num_blocks is then what their forces and rotations fit in */
 
@@ -103,8 +105,8 @@ struct pliant_system {
     int32_t *corner_start;    /* (num_free + 1) */
     int32_t *corner;          /* 4 * element + corner, or corner of the macro-elements: which forces a node gathers, ascending */
 
-    pliant_pattern pattern;
-    pliant_preconditioner *preconditioner; /* at rest; shared, never changed */
+    pliant_pattern pattern;   /* of the next body's system empty until a background thread needs it, which makes it */
+    pliant_preconditioner *preconditioner; /* at rest; shared, never changed. NULL: the next body's, until the solver has made its own */
     double mean_diagonal;     /* of that matrix [N/m] */
 
     pliant_upsample *upsample; /* Nullable */
@@ -112,9 +114,16 @@ struct pliant_system {
     double *gravity_mass;     /* (num_free x 9) M_j of [H] 10 [kg] */
 };
 
+/* What the system of a next body takes over from the one before: a tetrahedron is kept where its number, corners, material and what is
+ * fixed of it are the same. */
+typedef struct pliant_kept {
+    const pliant_discretization *before;
+    uint8_t *fine, *coarse;   /* (tetrahedra of the next body); coarse: by its own corners and material alone; NULL: no coarse mesh */
+} pliant_kept;
+
 /* ---- elements.c */
-/* Isotropic linear tetrahedra. [H] 2.1 */
-pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material);
+/* Isotropic linear tetrahedra. [H] 2.1. before, kept: Nullable: those of another system that are the same */
+pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept);
 /* 12 x 12 of one: K = V B' E B, as lambda g_i g_j' + mu g_j g_i' + mu (g_i . g_j) I per 3 x 3 block. */
 void pliant_element_stiffness(const double gradients[12], double volume_lambda, double volume_mu, double stiffness[144]);
 /* the same of a tetrahedron of a mesh, at rest */
@@ -129,6 +138,9 @@ void pliant_system_tangents(const pliant_system *system, const double *positions
 /* ---- pattern.c */
 /* Number free nodes (fixed: (num_nodes)), gather lists and pattern. */
 pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed);
+/* the same in two: without the pattern; the pattern, where there is none yet */
+pliant_status pliant_system_number(pliant_system *system, const uint8_t *fixed);
+pliant_status pliant_system_find_pattern(pliant_system *system);
 /* Stiffness at given tangents (num_blocks): values (pattern.num_values), lower triangle by columns. */
 void pliant_system_assemble(const pliant_system *system, const pliant_tangent *tangents, double *values);
 /* one 3 x 3 block of it, by its place in the pattern */
@@ -157,10 +169,11 @@ void pliant_macros_free(pliant_macros *macros); /* Nullable */
 
 /* ---- homogenize.c */
 pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed,
-                                const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress);
+                                const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
+                                pliant_progress progress); /* kept: Nullable */
 
 /* ---- upsample.c */
-pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine);
+pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine, const pliant_kept *kept); /* kept: Nullable */
 /* whether weights turn with the tissue, so that they change from step to step */
 bool pliant_upsample_turns(const pliant_system *system);
 void pliant_upsample_positions(const pliant_system *system, const double *solved, double *fine);
@@ -171,6 +184,10 @@ void pliant_upsample_free(pliant_upsample *upsample);
 
 /* ---- factor.c: CHOLMOD behind a few lines. One factor belongs to one thread at a time. */
 pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor **out);
+/* order: Nullable: (num_columns) the columns as they are to be eliminated, in place of looking for a good order */
+pliant_status pliant_factor_analyze_in(const pliant_pattern *pattern, const int32_t *order, pliant_factor **out);
+/* That order: (num_columns) out. Returns how many columns there are. */
+int32_t pliant_factor_order(const pliant_factor *factor, int32_t *order);
 /* solves in double precision from now on; takes effect with the next numbers */
 void pliant_factor_in_double(pliant_factor *factor);
 /* the same symbolic analysis, nothing numeric */
@@ -189,12 +206,25 @@ void pliant_factor_free(pliant_factor *factor);
 
 /* ---- preconditioner.c: what stands for the inverse of the stiffness matrix at one state: a factor, or a multigrid cycle.
  * Symmetric, positive definite, fixed between refreshes. One belongs to one thread at a time. */
-pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, pliant_preconditioner **out);
+/* order: Nullable: as pliant_factor_analyze_in, of a factor */
+pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, const int32_t *order,
+                                           pliant_preconditioner **out);
 /* within a basis (basis.h), which is borrowed; without numbers */
 pliant_status pliant_preconditioner_within(const pliant_basis *basis, const pliant_system *system, pliant_preconditioner **out);
 /* the same analysis and numbers, for another thread */
 pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads, pliant_preconditioner **out);
 void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int num_threads); /* from now on */
+/* One of a body before, carried over to this system (carried.h): with numbers once that one, the base, is handed over to it.
+ * source: (num_free) unknown of the base's system or -1, taken over, also on an error; positions (num_nodes x 3), axes (num_free x 9) Nullable: now */
+pliant_status pliant_preconditioner_carry(const pliant_system *system, const pliant_discretization *of, int32_t *source, const double *positions,
+                                          const double *axes, pliant_preconditioner **out);
+void pliant_preconditioner_hand_over(pliant_preconditioner *carried, pliant_preconditioner **base); /* *base becomes NULL */
+/* Where a carried one keeps its base; NULL: it is not carried. */
+pliant_preconditioner **pliant_preconditioner_base(pliant_preconditioner *preconditioner);
+/* What the base of a carried one is of, and its source; NULL: it is not carried. */
+const pliant_discretization *pliant_preconditioner_source(const pliant_preconditioner *preconditioner, const int32_t **source);
+bool pliant_preconditioner_layered(const pliant_preconditioner *preconditioner); /* a multigrid */
+int32_t pliant_preconditioner_order(const pliant_preconditioner *preconditioner, int32_t *order); /* as pliant_factor_order; 0: no factor */
 /* at these tangents (num_blocks). Errors: NUMERIC, MEMORY; the old numbers are gone then. */
 pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents);
 /* right, out: (columns x 3 num_free); may be the same. */

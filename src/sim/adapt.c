@@ -24,7 +24,8 @@ static pliant_status prepare_discretization(const adaptation *work)
 {
     const pliant_discretization *load = work->model->discretization;
     if (!pliant_body_same(work->made->body, load->body))
-        return pliant_discretization_create(&work->model->scene, work->made->body, &work->made->discretization);
+        return pliant_discretization_next(&work->model->scene, work->data->discretization, work->made->body, &work->map,
+                                          !work->data->backend->on_host, &work->made->discretization);
     work->made->discretization = pliant_discretization_retain(load);
     return PLIANT_OK;
 }
@@ -42,11 +43,7 @@ static pliant_status prepare_state(const adaptation *work)
 {
     pliant_data *data = work->data, *made = work->made;
     if (data->backend->download) data->backend->download(work->model, data);
-    pliant_status status = data->backend->kind->create(work->model, made);
-    if (status != PLIANT_OK) return status;
-    if (made->tled) pliant_tled_carry(made->tled, data->tled, &work->map);
-    if (made->solver) pliant_solver_carry(made->solver, data->solver, work->map.coarse_node ? work->map.coarse_node : work->map.node);
-    return PLIANT_OK;
+    return data->backend->kind->follow(work->model, data, &work->map, made);
 }
 
 static void swap_state(const adaptation *work)
@@ -61,6 +58,7 @@ static void swap_state(const adaptation *work)
     made->solver = solver;
     made->tled = tled;
     made->patch = patch;
+    if (solver) pliant_solver_take_over(data->solver, solver);
 }
 
 /* ---- positions */

@@ -6,13 +6,9 @@
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
 #include "pliant/memory.h"
+#include "state/discretization.h"
 
-#include <stdatomic.h>
 #include <string.h>
-
-struct pliant_discretization_holders {
-    atomic_int count;
-};
 
 static void free_discretization(pliant_discretization *made)
 {
@@ -22,18 +18,6 @@ static void free_discretization(pliant_discretization *made)
     pliant_body_release(made->body);
     pliant_free(made->holders);
     pliant_free(made);
-}
-
-const pliant_discretization *pliant_discretization_retain(const pliant_discretization *discretization)
-{
-    atomic_fetch_add_explicit(&discretization->holders->count, 1, memory_order_relaxed);
-    return discretization;
-}
-
-void pliant_discretization_release(const pliant_discretization *discretization)
-{
-    if (discretization && atomic_fetch_sub_explicit(&discretization->holders->count, 1, memory_order_acq_rel) == 1)
-        free_discretization((pliant_discretization *)discretization);
 }
 
 static bool is_coarse(const pliant_scene *scene) { return scene->model.method != PLIANT_FINE; }
@@ -56,6 +40,8 @@ pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_
         return pliant_fail_memory("what is solved");
     }
     atomic_init(&made->holders->count, 1);
+    made->holders->free = free_discretization;
+    made->system->of = made;
     made->body = pliant_body_retain(body);
     made->system->fine = &body->fine;
     made->system->mesh = is_coarse(scene) ? &body->coarse : &body->fine;
@@ -105,12 +91,14 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     const pliant_body *body = work->made->body;
     pliant_system *system = work->made->system;
     if (scene->solver.kind == PLIANT_TLED) return pliant_tled_system_create(scene, body, &work->made->tled);
+    const pliant_kept *kept = work->kept;
+    const pliant_system *before = kept ? kept->before->system : NULL;
     if (!is_coarse(scene))
         return scene->element.kind == PLIANT_HEXAHEDRA ? pliant_system_hexahedra(system, body->fine_material)
-                                                       : pliant_system_elements(system, body->fine_material);
+                                                       : pliant_system_elements(system, body->fine_material, before, kept ? kept->fine : NULL);
     if (scene->model.method == PLIANT_COARSE) {
-        pliant_status status = pliant_system_elements(system, body->coarse_material);
-        return status == PLIANT_OK ? pliant_upsample_linear(system, body->coarse_of_fine) : status;
+        pliant_status status = pliant_system_elements(system, body->coarse_material, before, kept ? kept->coarse : NULL);
+        return status == PLIANT_OK ? pliant_upsample_linear(system, body->coarse_of_fine, kept) : status;
     }
     if (scene->model.method == PLIANT_LOD) {
         if (body->node_parent || body->tet_parent)
@@ -123,10 +111,10 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     }
     pliant_tet_material *none = pliant_calloc((size_t)body->coarse.num_tets, sizeof *none); /* geometry only */
     if (!none) return pliant_fail_memory("the coarse elements");
-    pliant_status status = pliant_system_elements(system, none);
+    pliant_status status = pliant_system_elements(system, none, before, kept ? kept->coarse : NULL);
     pliant_free(none);
     if (status != PLIANT_OK) return status;
-    status = pliant_homogenize(system, scene, &body->fine, body->fine_fixed, body->fine_material, body->coarse_of_fine, work->progress);
+    status = pliant_homogenize(system, scene, &body->fine, body->fine_fixed, body->fine_material, body->coarse_of_fine, kept, work->progress);
     return status == PLIANT_OK ? hold_homogenized(work) : status;
 }
 
@@ -152,12 +140,13 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
     const pliant_scene *scene = work->scene;
     pliant_system *system = work->made->system;
     if (work->made->tled) return PLIANT_OK; /* no matrix */
-    pliant_status status = pliant_system_unknowns(system, is_coarse(scene) ? work->coarse_fixed : work->made->body->fine_fixed);
+    pliant_status status = pliant_system_number(system, is_coarse(scene) ? work->coarse_fixed : work->made->body->fine_fixed);
     if (status == PLIANT_OK) status = gravity_mass(work->made);
-    if (status != PLIANT_OK) return status;
+    if (status == PLIANT_OK && (!work->kept || work->needs_pattern)) status = pliant_system_find_pattern(system);
+    if (status != PLIANT_OK || work->kept) return status;
     /* the V-cycle's meshes nest by lattice, and its matrices are of tetrahedra */
     bool direct = scene->mesh.kind == PLIANT_OCTREE || system->macros;
-    return pliant_preconditioner_create(system, direct ? PLIANT_DIRECT : scene->solver.preconditioner, &system->preconditioner);
+    return pliant_preconditioner_create(system, direct ? PLIANT_DIRECT : scene->solver.preconditioner, NULL, &system->preconditioner);
 }
 
 pliant_status pliant_discretizing_factorize(pliant_discretizing *work)
@@ -165,6 +154,10 @@ pliant_status pliant_discretizing_factorize(pliant_discretizing *work)
     pliant_discretization *made = work->made;
     pliant_system *system = made->system;
     if (made->tled) return PLIANT_OK;
+    if (work->kept) {
+        system->mean_diagonal = pliant_system_mean_diagonal(system);
+        return pliant_patch_asked(work->scene) ? pliant_patch_system(work->scene, made->body, system->num_threads, &made->fine_system) : PLIANT_OK;
+    }
     pliant_tangent *tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents);
     if (!tangents) return pliant_fail_memory("the stiffness matrix");
     pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, tangents);
@@ -177,17 +170,67 @@ pliant_status pliant_discretizing_factorize(pliant_discretizing *work)
     return status;
 }
 
-pliant_status pliant_discretization_create(const pliant_scene *scene, const pliant_body *body, const pliant_discretization **out)
+static pliant_status run_stages(pliant_discretizing *work)
 {
     static pliant_status (*const stages[])(pliant_discretizing *) = {pliant_discretizing_homogenize, pliant_discretizing_analyze,
                                                                      pliant_discretizing_factorize};
+    pliant_status status = PLIANT_OK;
+    for (size_t stage = 0; status == PLIANT_OK && stage < sizeof stages / sizeof *stages; stage++) status = stages[stage](work);
+    return status;
+}
+
+pliant_status pliant_discretization_create(const pliant_scene *scene, const pliant_body *body, const pliant_discretization **out)
+{
     pliant_discretizing work;
     pliant_status status = pliant_discretizing_begin(scene, body, (pliant_progress){NULL, NULL}, &work);
-    for (size_t stage = 0; status == PLIANT_OK && stage < sizeof stages / sizeof *stages; stage++) status = stages[stage](&work);
+    if (status == PLIANT_OK) status = run_stages(&work);
     if (status == PLIANT_OK) {
         *out = work.made;
         work.made = NULL;
     }
+    pliant_discretizing_end(&work);
+    return status;
+}
+
+/* ---- of the next body */
+
+/* Tetrahedra whose number, corners and material are the same as in the body before; material NULL: of any. */
+static uint8_t *find_kept(const pliant_mesh *was, const pliant_mesh *mesh, const int32_t *node, const pliant_tet_material *material_was,
+                          const pliant_tet_material *material, const uint8_t *fixed_was, const uint8_t *fixed)
+{
+    uint8_t *kept = pliant_calloc((size_t)mesh->num_tets, 1);
+    for (int32_t t = 0; kept && t < mesh->num_tets && t < was->num_tets; t++) {
+        const int32_t *nodes = mesh->tets + 4 * t;
+        bool same = memcmp(was->tets + 4 * t, nodes, 4 * sizeof *nodes) == 0 &&
+                    (!material || memcmp(material_was + t, material + t, sizeof *material) == 0);
+        for (int v = 0; v < 4 && same; v++) same = node[nodes[v]] == nodes[v] && !fixed_was[nodes[v]] == !fixed[nodes[v]];
+        kept[t] = same;
+    }
+    return kept;
+}
+
+pliant_status pliant_discretization_next(const pliant_scene *scene, const pliant_discretization *before, const pliant_body *body,
+                                         const pliant_body_map *map, bool needs_pattern, const pliant_discretization **out)
+{
+    const pliant_body *was = before->body;
+    if (before->system->macros) return pliant_discretization_create(scene, body, out);
+    pliant_kept kept = {.before = before};
+    pliant_discretizing work;
+    pliant_status status = pliant_discretizing_begin(scene, body, (pliant_progress){NULL, NULL}, &work);
+    if (status != PLIANT_OK) return status;
+    kept.fine = find_kept(&was->fine, &body->fine, map->node, was->fine_material, body->fine_material, was->fine_fixed, body->fine_fixed);
+    if (is_coarse(scene))
+        kept.coarse = find_kept(&was->coarse, &body->coarse, map->coarse_node, was->coarse_material, body->coarse_material, was->coarse_fixed, body->coarse_fixed);
+    if (!kept.fine || (is_coarse(scene) && !kept.coarse)) status = pliant_fail_memory("what is solved");
+    work.kept = &kept;
+    work.needs_pattern = needs_pattern;
+    if (status == PLIANT_OK) status = run_stages(&work);
+    if (status == PLIANT_OK) {
+        *out = work.made;
+        work.made = NULL;
+    }
+    pliant_free(kept.fine);
+    pliant_free(kept.coarse);
     pliant_discretizing_end(&work);
     return status;
 }

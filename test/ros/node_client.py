@@ -1,7 +1,11 @@
 """What the tests of the node share: the latest message of a topic, a tool that moves, a volume out of boxes. What went
 another way, or is older than what it is to tell of, may come at any time: they wait for its stamp or identity."""
 import gzip
+import os
+import signal
 import struct
+import subprocess
+import tempfile
 import threading
 import time
 import xmlrpc.client
@@ -50,6 +54,30 @@ def nifti_voxels(path):
     offset = int(struct.unpack_from("<f", data, 108)[0])
     assert struct.unpack_from("<h", data, 70)[0] == 4, "int16"
     return numpy.frombuffer(data, dtype="<i2", offset=offset).reshape(tuple(reversed(size)))
+
+
+class Launch:
+    """roslaunch of a file of the package, with the master of this test; said() is what it has printed."""
+
+    def __init__(self, name, **arguments):
+        command = ["roslaunch", "pliant", name] + ["%s:=%s" % pair for pair in arguments.items()]
+        self.output = tempfile.TemporaryFile("w+", errors="replace")
+        self.process = subprocess.Popen(command, start_new_session=True, stdout=self.output, stderr=subprocess.STDOUT)
+
+    def said(self):
+        size = os.fstat(self.output.fileno()).st_size
+        return os.pread(self.output.fileno(), size, 0).decode(errors="replace")
+
+    def stop(self):
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.wait(60)
+        except subprocess.TimeoutExpired:
+            os.killpg(self.process.pid, signal.SIGKILL)
+            raise AssertionError("roslaunch does not end")
+        finally:
+            print(self.said())
 
 
 class Latest:

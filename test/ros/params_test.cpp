@@ -40,6 +40,18 @@ TEST(Params, DefaultsWithoutAny)
     EXPECT_TRUE(parameters.tools.empty());
     EXPECT_EQ(parameters.scene.solver.iterations, scene.solver.iterations);
     EXPECT_DOUBLE_EQ(parameters.tool_max_age, 0.05);
+    EXPECT_EQ(parameters.background, PLIANT_BACKGROUND_LIVE) << "no step waits";
+}
+
+TEST(Params, BackgroundIsLiveOrPlanned)
+{
+    XmlRpcValue tree;
+    tree["background"] = "planned";
+    EXPECT_EQ(read(tree).background, PLIANT_BACKGROUND_PLANNED);
+    tree["background"] = "live";
+    EXPECT_EQ(read(tree).background, PLIANT_BACKGROUND_LIVE);
+    tree["background"] = "prescribed";
+    EXPECT_NE(refusal(tree).find("live or planned"), std::string::npos);
 }
 
 TEST(Params, EveryOptionOfTheSceneIsAParameter)

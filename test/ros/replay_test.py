@@ -3,10 +3,8 @@
 import bisect
 import os
 import shutil
-import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import unittest
 import zlib
@@ -18,34 +16,10 @@ import rostest
 from pliant.msg import SimState, Volume
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
-from node_client import NAMESPACE, Latest, is_sent, nifti_voxels, wait_for  # noqa: E402
+from node_client import NAMESPACE, Latest, Launch, is_sent, nifti_voxels, wait_for  # noqa: E402
 
 SCAN = "phantom:72x48x60"
 SECONDS = 60.0  # that anything may take on a busy machine
-
-
-class Launch:
-    """roslaunch of a file of the package, with the master of this test; said() is what it has printed."""
-
-    def __init__(self, name, **arguments):
-        command = ["roslaunch", "pliant", name] + ["%s:=%s" % pair for pair in arguments.items()]
-        self.output = tempfile.TemporaryFile("w+", errors="replace")
-        self.process = subprocess.Popen(command, start_new_session=True, stdout=self.output, stderr=subprocess.STDOUT)
-
-    def said(self):
-        size = os.fstat(self.output.fileno()).st_size
-        return os.pread(self.output.fileno(), size, 0).decode(errors="replace")
-
-    def stop(self):
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGINT)
-        try:
-            self.process.wait(SECONDS)
-        except subprocess.TimeoutExpired:
-            os.killpg(self.process.pid, signal.SIGKILL)
-            raise AssertionError("roslaunch does not end")
-        finally:
-            print(self.said())
 
 
 class Checksums:

@@ -300,13 +300,27 @@ typedef struct homogenization {
     const pliant_submesh_lists *lists;
     shape_list *shapes; /* Nullable: calibrated, averaged */
     bool calibrated;
+    const pliant_system *before; /* Nullable: of the body before */
+    uint8_t *kept;      /* (coarse tetrahedra) as they are there; NULL: none */
     int32_t galerkin;   /* coarse tetrahedra whose submesh falls apart: linear interpolation instead */
 } homogenization;
+
+static void keep_one(const homogenization *work, int32_t tet, double out[144])
+{
+    const pliant_system *before = work->before;
+    memcpy(out, before->stiffness + 144 * (size_t)tet, 144 * sizeof *out);
+    for (int i = 0; before->raw_diagonal && i < 12; i++) out[13 * i] = before->raw_diagonal[12 * (size_t)tet + (size_t)i];
+    work->system->grounded[tet] = before->grounded[tet];
+}
 
 static pliant_status homogenize_one(homogenization *work, pliant_submesh *submesh, int32_t tet)
 {
     const pliant_submesh_lists *lists = work->lists;
     double *out = work->system->stiffness + 144 * (size_t)tet;
+    if (work->kept && work->kept[tet]) {
+        keep_one(work, tet, out);
+        return PLIANT_OK;
+    }
     pliant_status status = pliant_submesh_load(submesh, lists->start[tet + 1] - lists->start[tet], lists->tets + lists->start[tet]);
     if (status != PLIANT_OK) return status;
     bool fixed = pliant_submesh_has_fixed(submesh);
@@ -340,6 +354,8 @@ static void ground(pliant_system *system)
     double sum = 0;
     int32_t count = system->mesh->num_tets;
     for (size_t c = 0; c < (size_t)count; c++)
+        for (size_t i = 0; i < 12; i++) system->raw_diagonal[12 * c + i] = system->stiffness[144 * c + 13 * i];
+    for (size_t c = 0; c < (size_t)count; c++)
         for (int i = 0; i < 12; i++) sum += system->stiffness[144 * c + 13 * i];
     double share = ground_stiffness * sum / (12.0 * count);
     for (size_t c = 0; c < (size_t)count; c++)
@@ -367,37 +383,91 @@ static pliant_status homogenize_all(homogenization *work, const uint8_t *fine_fi
     return pliant_work_outcome(&all);
 }
 
-pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed,
-                                const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress)
+/* Coarse tetrahedra that the same fine ones make up as before. */
+static pliant_status find_kept(const pliant_kept *kept, const pliant_system *system, const pliant_submesh_lists *lists, pliant_touch touch, uint8_t **out)
 {
-    pliant_submesh_lists lists = {0};
-    shape_list *shapes = NULL;
-    size_t count = (size_t)system->mesh->num_tets;
-    bool schur = scene->model.method == PLIANT_SCHUR;
-    pliant_status status = pliant_submesh_list(fine, coarse_of_fine, system->mesh->num_tets,
-                                               schur ? scene->model.touch : PLIANT_TOUCH_OVERLAP, &lists);
-    if (status != PLIANT_OK) goto done;
+    const pliant_body *body = kept->before->body;
+    const int32_t count = system->mesh->num_tets, most = body->coarse.num_tets;
+    pliant_submesh_lists was = {0};
+    pliant_status status = pliant_submesh_list(&body->fine, body->coarse_of_fine, most, touch, &was);
+    if (status == PLIANT_OK && !(*out = pliant_calloc((size_t)count, 1))) status = pliant_fail_memory("the coarse elements");
+    for (int32_t c = 0; status == PLIANT_OK && c < count && c < most; c++) {
+        const int32_t size = lists->start[c + 1] - lists->start[c], *list = lists->tets + lists->start[c];
+        bool same = kept->coarse[c] && was.start[c + 1] - was.start[c] == size &&
+                    memcmp(was.tets + was.start[c], list, (size_t)size * sizeof *list) == 0;
+        for (int32_t t = 0; same && t < size; t++) same = kept->fine[list[t]];
+        (*out)[c] = same;
+    }
+    pliant_submesh_lists_free(&was);
+    return status;
+}
+
+/* The shape functions of what is kept, from where the body before has them by fine node. */
+static pliant_status keep_all_shapes(const homogenization *work)
+{
+    const pliant_upsample *from = work->before->upsample;
+    const int32_t nodes = work->before->fine->num_nodes, count = work->system->mesh->num_tets;
+    shape_list *shapes = work->shapes;
+    for (int32_t e = 0; e < from->start[nodes]; e++)
+        if (from->entry_tet[e] < count && work->kept[from->entry_tet[e]]) shapes[from->entry_tet[e]].count++;
+    for (int32_t c = 0; c < count; c++) {
+        if (!work->kept[c]) continue;
+        shapes[c].node = pliant_calloc((size_t)shapes[c].count, sizeof *shapes[c].node);
+        shapes[c].shape = pliant_calloc((size_t)shapes[c].count, 36 * sizeof *shapes[c].shape);
+        if (!shapes[c].node || !shapes[c].shape) return pliant_fail_memory("the shape functions");
+        shapes[c].count = 0;
+    }
+    for (int32_t n = 0; n < nodes; n++)
+        for (int32_t e = from->start[n]; e < from->start[n + 1]; e++) {
+            if (from->entry_tet[e] >= count || !work->kept[from->entry_tet[e]]) continue;
+            shape_list *list = shapes + from->entry_tet[e];
+            list->node[list->count] = n;
+            memcpy(list->shape + 36 * (size_t)list->count++, from->entry_shape + 36 * (size_t)e, 36 * sizeof *list->shape);
+        }
+    return PLIANT_OK;
+}
+
+static pliant_status make_room(homogenization *work, bool schur)
+{
+    pliant_system *system = work->system;
+    const size_t count = (size_t)system->mesh->num_tets;
     system->stiffness = pliant_calloc(count, 144 * sizeof *system->stiffness);
     system->grounded = pliant_calloc((size_t)system->num_blocks * LANES, sizeof *system->grounded);
-    if (schur) shapes = pliant_calloc(count, sizeof *shapes);
-    if (!system->stiffness || !system->grounded || (schur && !shapes)) {
-        status = pliant_fail_memory("the homogenized stiffness");
-        goto done;
+    if (schur) work->shapes = pliant_calloc(count, sizeof *work->shapes);
+    else system->raw_diagonal = pliant_calloc(count, 12 * sizeof *system->raw_diagonal);
+    bool good = system->stiffness && system->grounded && (schur ? work->shapes != NULL : system->raw_diagonal != NULL);
+    return good ? PLIANT_OK : pliant_fail_memory("the homogenized stiffness");
+}
+
+pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed,
+                                const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
+                                pliant_progress progress)
+{
+    const int32_t count = system->mesh->num_tets;
+    const bool schur = scene->model.method == PLIANT_SCHUR;
+    const pliant_touch touch = schur ? scene->model.touch : PLIANT_TOUCH_OVERLAP;
+    pliant_submesh_lists lists = {0};
+    homogenization work = {.system = system, .lists = &lists, .calibrated = scene->model.method == PLIANT_CALIBRATED};
+    if (kept) work.before = kept->before->system;
+    pliant_status status = pliant_submesh_list(fine, coarse_of_fine, count, touch, &lists);
+    if (status == PLIANT_OK) status = make_room(&work, schur);
+    if (status == PLIANT_OK && kept) status = find_kept(kept, system, &lists, touch, &work.kept);
+    if (status == PLIANT_OK && kept && schur) status = keep_all_shapes(&work);
+    if (status == PLIANT_OK) status = homogenize_all(&work, fine_fixed, fine_material, progress);
+    if (status == PLIANT_OK) {
+        if (!schur) ground(system);
+        if (work.galerkin > 0)
+            pliant_log(PLIANT_LOG_INFO, "homogenize: %d of %d coarse tetrahedra hold loose fragments and follow their corners linearly", work.galerkin,
+                       count);
+        status = schur ? sort_shapes(system, work.shapes) : pliant_upsample_linear(system, coarse_of_fine, kept);
     }
-    homogenization work = {.system = system, .lists = &lists, .shapes = shapes, .calibrated = scene->model.method == PLIANT_CALIBRATED};
-    if ((status = homogenize_all(&work, fine_fixed, fine_material, progress)) != PLIANT_OK) goto done;
-    if (!schur) ground(system);
-    if (work.galerkin > 0)
-        pliant_log(PLIANT_LOG_INFO, "homogenize: %d of %zu coarse tetrahedra hold loose fragments and follow their corners linearly",
-                   work.galerkin, count);
-    status = schur ? sort_shapes(system, shapes) : pliant_upsample_linear(system, coarse_of_fine);
     if (status == PLIANT_OK) system->upsample->still = fine_fixed;
-done:
-    for (size_t c = 0; shapes && c < count; c++) {
-        pliant_free(shapes[c].node);
-        pliant_free(shapes[c].shape);
+    for (int32_t c = 0; work.shapes && c < count; c++) {
+        pliant_free(work.shapes[c].node);
+        pliant_free(work.shapes[c].shape);
     }
-    pliant_free(shapes);
+    pliant_free(work.shapes);
+    pliant_free(work.kept);
     pliant_submesh_lists_free(&lists);
     return status;
 }

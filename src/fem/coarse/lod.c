@@ -16,7 +16,7 @@ pliant_status pliant_lod_ground(pliant_system *system, const uint8_t *fine_fixed
                                 const int32_t *coarse_of_fine)
 {
     const pliant_mesh *fine = system->fine, *coarse = system->mesh;
-    pliant_status status = pliant_upsample_linear(system, coarse_of_fine);
+    pliant_status status = pliant_upsample_linear(system, coarse_of_fine, NULL);
     if (status != PLIANT_OK) return status;
     system->upsample->still = fine_fixed;
     size_t cells = (size_t)coarse->cells[0] * (size_t)coarse->cells[1] * (size_t)coarse->cells[2];
@@ -42,7 +42,7 @@ static pliant_status assemble_fine(lod_builder *lod)
 {
     pliant_system *whole = &lod->whole;
     pliant_tangent *tangents = NULL;
-    pliant_status status = pliant_system_elements(whole, lod->material);
+    pliant_status status = pliant_system_elements(whole, lod->material, NULL, NULL);
     if (status != PLIANT_OK) return status;
     tangents = pliant_calloc((size_t)whole->num_blocks, sizeof *tangents);
     lod->values = pliant_calloc((size_t)whole->pattern.num_values, sizeof *lod->values);

@@ -19,7 +19,7 @@ void pliant_upsample_free(pliant_upsample *upsample)
     pliant_free(upsample);
 }
 
-pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine)
+pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine, const pliant_kept *kept)
 {
     const pliant_mesh *fine = system->fine, *coarse = system->mesh;
     pliant_upsample *upsample = system->upsample = pliant_calloc(1, sizeof *upsample);
@@ -31,8 +31,14 @@ pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coars
     memset(upsample->coarse_tet, 0xff, (size_t)fine->num_nodes * sizeof *upsample->coarse_tet);
     for (int32_t v = 0; v < 4 * fine->num_tets; v++)
         if (upsample->coarse_tet[fine->tets[v]] < 0) upsample->coarse_tet[fine->tets[v]] = coarse_of_fine[v / 4];
-    for (int32_t n = 0; n < fine->num_nodes; n++)
-        pliant_mesh_barycentric(coarse, upsample->coarse_tet[n], fine->rest + 3 * n, upsample->weights + 4 * n);
+    const pliant_system *before = kept ? kept->before->system : NULL;
+    for (int32_t n = 0; n < fine->num_nodes; n++) {
+        const int32_t tet = upsample->coarse_tet[n];
+        const bool same = before && n < before->fine->num_nodes && before->upsample->coarse_tet[n] == tet && kept->coarse[tet] &&
+                          memcmp(before->fine->rest + 3 * n, fine->rest + 3 * n, 3 * sizeof *fine->rest) == 0;
+        if (same) memcpy(upsample->weights + 4 * n, before->upsample->weights + 4 * n, 4 * sizeof *upsample->weights);
+        else pliant_mesh_barycentric(coarse, tet, fine->rest + 3 * n, upsample->weights + 4 * n);
+    }
     return PLIANT_OK;
 }
 

@@ -20,7 +20,7 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
     return PLIANT_OK;
 }
 
-pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material)
+pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept)
 {
     const pliant_mesh *mesh = system->mesh;
     system->num_blocks = (mesh->num_tets + LANES - 1) / LANES;
@@ -35,6 +35,11 @@ pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_mat
         /* padding: the last element again, without stiffness */
         int32_t tet = e < mesh->num_tets ? e : mesh->num_tets - 1;
         double gradients[12];
+        if (kept && kept[tet]) {
+            for (int m = 0; m < 12; m++) system->gradients[block][m][lane] = before->gradients[tet / LANES][m][tet % LANES];
+            for (int m = 0; m < 2 && tet == e; m++) system->lame[block][m][lane] = before->lame[block][m][lane];
+            continue;
+        }
         double volume = pliant_mesh_gradients(mesh, tet, gradients);
         for (int m = 0; m < 12; m++) system->gradients[block][m][lane] = gradients[m];
         if (tet != e) continue;
@@ -221,6 +226,7 @@ void pliant_system_clear(pliant_system *system)
     pliant_free(system->gradients);
     pliant_free(system->lame);
     pliant_free(system->stiffness);
+    pliant_free(system->raw_diagonal);
     pliant_free(system->grounded);
     pliant_free(system->free_of_node);
     pliant_free(system->node_of_free);

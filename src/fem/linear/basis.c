@@ -152,7 +152,7 @@ static pliant_status near_system(basis_builder *build, const uint8_t *fixed)
         build->still[n] = fixed[basis->fine_node[n]];
         memcpy(build->near_x + 3 * n, build->linearized->x + 3 * basis->fine_node[n], 3 * sizeof *build->near_x);
     }
-    pliant_status status = pliant_system_elements(system, build->material);
+    pliant_status status = pliant_system_elements(system, build->material, NULL, NULL);
     if (status == PLIANT_OK) status = pliant_system_unknowns(system, build->still);
     if (status == PLIANT_OK) status = pliant_linearized_create(system, build->near_x, &build->near);
     if (status != PLIANT_OK) return status;

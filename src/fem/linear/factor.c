@@ -114,9 +114,25 @@ static pliant_factor *factor_new(int32_t size, size_t values)
 
 static pthread_mutex_t metis_lock = PTHREAD_MUTEX_INITIALIZER;
 
+/* columns of 3 x 3 blocks in a given order */
+static pliant_status order_as(pliant_factor *factor, const int32_t *order)
+{
+    cholmod_sparse view = view_of(factor, NULL);
+    cholmod_common *common = &factor->common;
+    int *scalar = pliant_calloc((size_t)factor->size, sizeof *scalar);
+    if (!scalar) return pliant_fail_memory("the factor");
+    for (int32_t i = 0; i < factor->size; i++) scalar[i] = 3 * order[i / 3] + i % 3;
+    common->nmethods = 1;
+    common->method[0].ordering = CHOLMOD_GIVEN;
+    factor->cholesky = cholmod_analyze_p(&view, scalar, NULL, 0, common);
+    common->nmethods = 0;
+    pliant_free(scalar);
+    return from_cholmod(factor, "symbolic factorization");
+}
+
 /* The better one of two orderings, as CHOLMOD chooses: minimum degree, and where that fills in much, METIS. METIS draws from C's
  * rand() and sets signal handlers of the process: two at a time would make other orderings from run to run, and leave its handlers. */
-static pliant_status order(pliant_factor *factor)
+static pliant_status find_order(pliant_factor *factor)
 {
     const double operations = 500, fill = 5; /* a number of the factor, a number of the matrix */
     cholmod_sparse view = view_of(factor, NULL);
@@ -134,14 +150,30 @@ static pliant_status order(pliant_factor *factor)
     return from_cholmod(factor, "symbolic factorization");
 }
 
-pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor **out)
+pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor **out) { return pliant_factor_analyze_in(pattern, NULL, out); }
+
+int32_t pliant_factor_order(const pliant_factor *factor, int32_t *order)
+{
+    const int *permutation = factor->cholesky->Perm;
+    int32_t count = 0;
+    uint8_t *seen = pliant_calloc((size_t)factor->size / 3, 1);
+    for (int32_t i = 0; seen && i < factor->size; i++) {
+        if (seen[permutation[i] / 3]) continue;
+        seen[permutation[i] / 3] = 1;
+        order[count++] = permutation[i] / 3;
+    }
+    pliant_free(seen);
+    return count;
+}
+
+pliant_status pliant_factor_analyze_in(const pliant_pattern *pattern, const int32_t *columns, pliant_factor **out)
 {
     if (pattern->num_values > INT32_MAX)
         return pliant_fail(PLIANT_ERROR_SCENE, "the matrix has too many entries for a direct factorization; use fewer cells");
     pliant_factor *factor = factor_new(3 * pattern->num_columns, (size_t)pattern->num_values);
     if (!factor) return pliant_fail_memory("the factor");
     scalar_pattern(pattern, factor->column_start, factor->row);
-    pliant_status status = order(factor);
+    pliant_status status = columns ? order_as(factor, columns) : find_order(factor);
     if (status != PLIANT_OK) {
         pliant_factor_free(factor);
         return status;

@@ -142,9 +142,15 @@ static void level_free(pliant_grid_level *level)
     pliant_mesh_free(&level->mesh);
 }
 
+pliant_hierarchy *pliant_hierarchy_retain(pliant_hierarchy *hierarchy)
+{
+    __atomic_add_fetch(&hierarchy->holders, 1, __ATOMIC_RELAXED);
+    return hierarchy;
+}
+
 void pliant_hierarchy_free(pliant_hierarchy *hierarchy)
 {
-    if (!hierarchy) return;
+    if (!hierarchy || __atomic_sub_fetch(&hierarchy->holders, 1, __ATOMIC_ACQ_REL) > 0) return;
     /* the finest system belongs to the model */
     memset(&hierarchy->level[0].system, 0, sizeof hierarchy->level[0].system);
     for (int l = 0; l < hierarchy->num_levels; l++) level_free(hierarchy->level + l);
@@ -158,7 +164,7 @@ pliant_status pliant_hierarchy_create(const pliant_system *system, int32_t large
     if (!hierarchy) return pliant_fail_memory("the coarser meshes");
     pliant_status status = PLIANT_OK;
     int32_t factor;
-    hierarchy->num_levels = 1;
+    hierarchy->holders = hierarchy->num_levels = 1;
     hierarchy->level[0].system = *system;
     while (status == PLIANT_OK && hierarchy->num_levels < PLIANT_MAX_LEVELS) {
         pliant_grid_level *level = hierarchy->level + hierarchy->num_levels - 1, *next = level + 1;

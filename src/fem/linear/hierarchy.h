@@ -22,6 +22,7 @@ typedef struct pliant_grid_level {
 } pliant_grid_level;
 
 struct pliant_hierarchy {
+    int32_t holders;        /* changed atomically */
     int num_levels;
     pliant_grid_level level[PLIANT_MAX_LEVELS];
     pliant_factor *factor;  /* symbolic, of the coarsest */

@@ -18,7 +18,8 @@ typedef struct pliant_multigrid pliant_multigrid;
 /* largest_direct: free nodes that the coarsest level may have, if the lattice can be halved (or thirded ...) that far.
  * *out is NULL when it cannot be coarsened at all. Errors: MEMORY. */
 pliant_status pliant_hierarchy_create(const pliant_system *system, int32_t largest_direct, pliant_hierarchy **out);
-void pliant_hierarchy_free(pliant_hierarchy *hierarchy);
+pliant_hierarchy *pliant_hierarchy_retain(pliant_hierarchy *hierarchy); /* one more holder, from any thread */
+void pliant_hierarchy_free(pliant_hierarchy *hierarchy); /* one less; Nullable */
 int pliant_hierarchy_levels(const pliant_hierarchy *hierarchy);
 double pliant_hierarchy_operations(const pliant_hierarchy *hierarchy); /* of a refresh, roughly */
 

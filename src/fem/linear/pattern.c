@@ -67,6 +67,14 @@ static void sort_pairs(const pair *in, pair *out, int32_t count, bool by_column,
     for (int32_t p = 0; p < count; p++) out[start[by_column ? in[p].column : in[p].row]++] = in[p];
 }
 
+static void pattern_free(pliant_pattern *pattern)
+{
+    pliant_free(pattern->start);
+    pliant_free(pattern->row);
+    pliant_free(pattern->term_start);
+    pliant_free(pattern->term);
+}
+
 static pliant_status fill_pattern(pliant_pattern *pattern, const pair *pairs, int32_t count)
 {
     pattern->start = pliant_calloc((size_t)pattern->num_columns + 1, sizeof *pattern->start);
@@ -91,12 +99,23 @@ static pliant_status fill_pattern(pliant_pattern *pattern, const pair *pairs, in
     return PLIANT_OK;
 }
 
-pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed)
+pliant_status pliant_system_number(pliant_system *system, const uint8_t *fixed)
 {
     pliant_status status = number_free(system, fixed);
     if (status == PLIANT_OK && system->macros) return pliant_macro_unknowns(system);
-    if (status == PLIANT_OK) status = list_corners(system);
-    if (status != PLIANT_OK) return status;
+    return status == PLIANT_OK ? list_corners(system) : status;
+}
+
+pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed)
+{
+    pliant_status status = pliant_system_number(system, fixed);
+    return status == PLIANT_OK ? pliant_system_find_pattern(system) : status;
+}
+
+pliant_status pliant_system_find_pattern(pliant_system *system)
+{
+    if (system->pattern.start) return PLIANT_OK;
+    pliant_status status = PLIANT_OK;
     size_t most = 10 * (size_t)system->mesh->num_tets;
     if (most > INT32_MAX / 16) return pliant_fail(PLIANT_ERROR_SCENE, "%d tetrahedra are too many for the matrix", system->mesh->num_tets);
     pair *pairs = pliant_calloc(most, sizeof *pairs), *sorted = pliant_calloc(most, sizeof *sorted);
@@ -107,8 +126,10 @@ pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed
         int32_t count = list_pairs(system, pairs);
         sort_pairs(pairs, sorted, count, false, start, system->num_free);
         sort_pairs(sorted, pairs, count, true, start, system->num_free);
-        system->pattern.num_columns = system->num_free;
-        status = fill_pattern(&system->pattern, pairs, count);
+        pliant_pattern pattern = {.num_columns = system->num_free};
+        status = fill_pattern(&pattern, pairs, count);
+        if (status == PLIANT_OK) system->pattern = pattern;
+        else pattern_free(&pattern);
     }
     pliant_free(pairs);
     pliant_free(sorted);

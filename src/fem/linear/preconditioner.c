@@ -1,6 +1,7 @@
 #include "base/fail.h"
 #include "fem/linear/multigrid.h"
 #include "fem/linear/basis.h"
+#include "fem/linear/carried.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 
@@ -13,21 +14,22 @@ struct pliant_preconditioner {
     pliant_system system;      /* a view of the constant system, with this one's number of threads */
     pliant_factor *factor;     /* direct */
     double *values;            /* (pattern.num_values) room for the matrix; direct */
-    pliant_hierarchy *hierarchy; /* owned by the first, borrowed by clones */
-    bool owns_hierarchy;
+    pliant_hierarchy *hierarchy; /* shared by clones */
     pliant_multigrid *multigrid;
     const pliant_basis *basis; /* borrowed */
     pliant_reduction *reduction; /* of it */
+    pliant_carried *carried;   /* of a body before this system's */
 };
 
-static pliant_status create_direct(pliant_preconditioner *preconditioner)
+static pliant_status create_direct(pliant_preconditioner *preconditioner, const int32_t *order)
 {
     const pliant_pattern *pattern = &preconditioner->system.pattern;
     preconditioner->values = pliant_calloc((size_t)pattern->num_values, sizeof *preconditioner->values);
-    return preconditioner->values ? pliant_factor_analyze(pattern, &preconditioner->factor) : pliant_fail_memory("the stiffness matrix");
+    return preconditioner->values ? pliant_factor_analyze_in(pattern, order, &preconditioner->factor) : pliant_fail_memory("the stiffness matrix");
 }
 
-pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, pliant_preconditioner **out)
+pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, const int32_t *order,
+                                           pliant_preconditioner **out)
 {
     pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
     if (!preconditioner) return pliant_fail_memory("the preconditioner");
@@ -36,13 +38,12 @@ pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_p
     bool layered = choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > LARGEST_DIRECT);
     if (layered) {
         status = pliant_hierarchy_create(system, COARSEST, &preconditioner->hierarchy);
-        preconditioner->owns_hierarchy = true;
         if (status == PLIANT_OK && !preconditioner->hierarchy)
             pliant_log(PLIANT_LOG_INFO, "this lattice cannot be coarsened for multigrid; it is factored");
         if (status == PLIANT_OK && preconditioner->hierarchy)
             status = pliant_multigrid_create(preconditioner->hierarchy, system->num_threads, &preconditioner->multigrid);
     }
-    if (status == PLIANT_OK && !preconditioner->hierarchy) status = create_direct(preconditioner);
+    if (status == PLIANT_OK && !preconditioner->hierarchy) status = create_direct(preconditioner, order);
     if (status != PLIANT_OK) {
         pliant_preconditioner_free(preconditioner);
         return status;
@@ -73,7 +74,7 @@ pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, i
     preconditioner->basis = source->basis;
     preconditioner->system = source->system;
     preconditioner->system.num_threads = num_threads;
-    preconditioner->hierarchy = source->hierarchy;
+    if (source->hierarchy) preconditioner->hierarchy = pliant_hierarchy_retain(source->hierarchy);
     pliant_status status = PLIANT_OK;
     if (source->basis) {
         status = pliant_reduction_create(source->basis, source->reduction, &preconditioner->reduction);
@@ -96,6 +97,49 @@ void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int nu
 {
     preconditioner->system.num_threads = num_threads;
     if (preconditioner->multigrid) pliant_multigrid_threads(preconditioner->multigrid, num_threads);
+    if (preconditioner->carried && preconditioner->carried->base) pliant_preconditioner_threads(preconditioner->carried->base, num_threads);
+}
+
+pliant_status pliant_preconditioner_carry(const pliant_system *system, const pliant_discretization *of, int32_t *source, const double *positions,
+                                          const double *axes, pliant_preconditioner **out)
+{
+    pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
+    if (!preconditioner) {
+        pliant_free(source);
+        return pliant_fail_memory("the preconditioner");
+    }
+    preconditioner->system = *system;
+    pliant_status status = pliant_carried_create(system, of, source, positions, axes, &preconditioner->carried);
+    if (status != PLIANT_OK) {
+        pliant_preconditioner_free(preconditioner);
+        return status;
+    }
+    *out = preconditioner;
+    return PLIANT_OK;
+}
+
+void pliant_preconditioner_hand_over(pliant_preconditioner *carried, pliant_preconditioner **base)
+{
+    carried->carried->base = *base;
+    *base = NULL;
+}
+
+pliant_preconditioner **pliant_preconditioner_base(pliant_preconditioner *preconditioner)
+{
+    return preconditioner->carried ? &preconditioner->carried->base : NULL;
+}
+
+const pliant_discretization *pliant_preconditioner_source(const pliant_preconditioner *preconditioner, const int32_t **source)
+{
+    *source = preconditioner->carried ? preconditioner->carried->source : NULL;
+    return preconditioner->carried ? preconditioner->carried->of : NULL;
+}
+
+bool pliant_preconditioner_layered(const pliant_preconditioner *preconditioner) { return preconditioner->hierarchy != NULL; }
+
+int32_t pliant_preconditioner_order(const pliant_preconditioner *preconditioner, int32_t *order)
+{
+    return preconditioner->factor ? pliant_factor_order(preconditioner->factor, order) : 0;
 }
 
 pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents)
@@ -113,14 +157,18 @@ pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner,
     for (int32_t c = 0; c < columns; c++) {
         const double *from = right + n * (size_t)c;
         double *to = out + n * (size_t)c;
-        pliant_status status = preconditioner->basis ? pliant_reduction_solve(preconditioner->basis, preconditioner->reduction, from, to)
-                                                     : pliant_multigrid_solve(preconditioner->multigrid, from, to);
+        pliant_status status = preconditioner->basis     ? pliant_reduction_solve(preconditioner->basis, preconditioner->reduction, from, to)
+                               : preconditioner->carried ? pliant_carried_solve(preconditioner->carried, from, to)
+                                                         : pliant_multigrid_solve(preconditioner->multigrid, from, to);
         if (status != PLIANT_OK) return status;
     }
     return PLIANT_OK;
 }
 
-bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner) { return !preconditioner->multigrid; }
+bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner) 
+{
+    return !preconditioner->multigrid && !preconditioner->carried;
+}
 
 double pliant_preconditioner_condition(pliant_preconditioner *preconditioner)
 {
@@ -129,6 +177,7 @@ double pliant_preconditioner_condition(pliant_preconditioner *preconditioner)
 
 double pliant_preconditioner_operations(const pliant_preconditioner *preconditioner)
 {
+    if (preconditioner->carried) return pliant_preconditioner_operations(preconditioner->carried->base);
     if (preconditioner->basis) return pliant_reduction_operations(preconditioner->basis);
     if (preconditioner->hierarchy) return pliant_hierarchy_operations(preconditioner->hierarchy);
     return pliant_factor_operations(preconditioner->factor) + (preconditioner->system.macros ? pliant_macro_operations(&preconditioner->system) : 0);
@@ -137,6 +186,7 @@ double pliant_preconditioner_operations(const pliant_preconditioner *preconditio
 /* A factor: a product and a sum a number, forwards and back. A V-cycle: some twelve products with the matrix. */
 double pliant_preconditioner_apply_operations(const pliant_preconditioner *preconditioner)
 {
+    if (preconditioner->carried) return pliant_preconditioner_apply_operations(preconditioner->carried->base);
     if (preconditioner->factor) return 4 * pliant_factor_values(preconditioner->factor);
     return 12 * 4 * (double)preconditioner->system.pattern.num_values;
 }
@@ -149,6 +199,7 @@ double pliant_preconditioner_solve_operations(const pliant_preconditioner *preco
 
 size_t pliant_preconditioner_bytes(const pliant_preconditioner *preconditioner)
 {
+    if (preconditioner && preconditioner->carried) return pliant_preconditioner_bytes(preconditioner->carried->base);
     return preconditioner && preconditioner->factor ? pliant_factor_bytes(preconditioner->factor) : 0;
 }
 
@@ -159,6 +210,7 @@ void pliant_preconditioner_free(pliant_preconditioner *preconditioner)
     pliant_free(preconditioner->values);
     pliant_multigrid_free(preconditioner->multigrid);
     pliant_reduction_free(preconditioner->reduction);
-    if (preconditioner->owns_hierarchy) pliant_hierarchy_free(preconditioner->hierarchy);
+    pliant_hierarchy_free(preconditioner->hierarchy);
+    pliant_carried_free(preconditioner->carried);
     pliant_free(preconditioner);
 }

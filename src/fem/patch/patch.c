@@ -15,12 +15,12 @@ pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *
     if (!system) return pliant_fail_memory("the fine mesh of patches");
     system->mesh = system->fine = &body->fine;
     system->num_threads = num_threads;
-    pliant_status status = pliant_system_elements(system, body->fine_material);
+    pliant_status status = pliant_system_elements(system, body->fine_material, NULL, NULL);
     if (status == PLIANT_OK) status = pliant_system_unknowns(system, body->fine_fixed);
     /* nine solves with one matrix: a factor pays for longer than in a solver, which makes it anew */
     pliant_preconditioner_choice choice = scene->solver.preconditioner;
     if (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free <= LARGEST_DIRECT) choice = PLIANT_DIRECT;
-    if (status == PLIANT_OK) status = pliant_preconditioner_create(system, choice, &system->preconditioner);
+    if (status == PLIANT_OK) status = pliant_preconditioner_create(system, choice, NULL, &system->preconditioner);
     if (status == PLIANT_OK && !(tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents)))
         status = pliant_fail_memory("the fine mesh of patches");
     if (status == PLIANT_OK) {

@@ -1,18 +1,96 @@
 /* From the solver of one body to that of the next. */
+#include "base/fail.h"
 #include "fem/quasistatic/solver.h"
+#include "pliant/memory.h"
 
 #include <string.h>
 
-void pliant_solver_carry(pliant_solver *solver, const pliant_solver *from, const int32_t *source)
+static void carry_limits(pliant_solver *solver, const pliant_solver *from)
 {
     solver->rules.most_evaluations = from->rules.most_evaluations;
     solver->rules.tolerance = from->rules.tolerance;
+    solver->rules.log_contraction = from->rules.log_contraction;
+    solver->refresh_delay = from->refresh_delay;
+    solver->convert_delay = from->convert_delay;
     solver->budget = from->budget;
     solver->clock = from->clock;
     solver->clock_user = from->clock_user;
-    solver->rules.log_contraction = from->rules.log_contraction;
-    for (int32_t n = 0; n < solver->system->mesh->num_nodes; n++) /* also where the next body holds what moved before */
-        memcpy(solver->now.x + 3 * n, from->now.x + 3 * source[n], 3 * sizeof *solver->now.x);
+}
+
+/* What the preconditioner's axes are of stays as it was; where the stiffness of an element is another, its weight changes. */
+static void carry_axes(pliant_solver *solver, const pliant_solver *from, const int32_t *source, const int32_t *tet)
+{
+    const pliant_system *system = solver->system, *before = from->system;
+    pliant_nodal_rotations *axes = solver->rotations;
+    if (!axes) return;
+    axes->turned = from->rotations->turned;
+    for (int32_t f = 0; f < system->num_free; f++)
+        for (int m = 0; m < 9; m++)
+            axes->rotation[9 * (size_t)f + (size_t)m] = source[f] >= 0 ? from->rotations->rotation[9 * (size_t)source[f] + (size_t)m] : m % 4 == 0;
+    for (int32_t e = 0; e < LANES * system->num_blocks; e++) {
+        const int32_t t = tet[e < system->mesh->num_tets ? e : system->mesh->num_tets - 1];
+        const double now = system->lame[e / LANES][1][e % LANES], was = before->lame[t / LANES][1][t % LANES];
+        for (int m = 0; m < 9; m++)
+            axes->before[e / LANES][m][e % LANES] = now == was ? from->rotations->before[t / LANES][m][t % LANES]
+                                                    : was > 0  ? (float)(now / was * from->rotations->before[t / LANES][m][t % LANES])
+                                                               : 0;
+    }
+}
+
+/* (num_free) unknown of the system that the preconditioner at hand, or its base, is of */
+static int32_t *sources_of(const pliant_system *system, const pliant_solver *from, const int32_t *node)
+{
+    const int32_t *below;
+    int32_t *source = pliant_calloc((size_t)system->num_free, sizeof *source);
+    pliant_preconditioner_source(from->preconditioner, &below);
+    for (int32_t f = 0; source && f < system->num_free; f++) {
+        const int32_t before = from->system->free_of_node[node[system->node_of_free[f]]];
+        source[f] = before >= 0 && below ? below[before] : before;
+    }
+    return source;
+}
+
+static pliant_status carry(pliant_solver *solver, const pliant_solver *from, const int32_t *node, const int32_t *tet)
+{
+    const pliant_system *system = solver->system;
+    int32_t *source = pliant_calloc((size_t)system->num_free, sizeof *source);
+    if (!source) return pliant_fail_memory("the solver");
+    for (int32_t f = 0; f < system->num_free; f++) source[f] = from->system->free_of_node[node[system->node_of_free[f]]];
+    carry_axes(solver, from, source, tet);
+    pliant_free(source);
+    const int32_t *below;
+    const pliant_discretization *of = pliant_preconditioner_source(from->preconditioner, &below);
+    if (!of) of = from->system->of;
+    if (!(source = sources_of(system, from, node))) return pliant_fail_memory("the solver");
+    const double *axes = solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL;
+    pliant_status status = pliant_preconditioner_carry(system, of, source, solver->now.x, axes, &solver->preconditioner);
+    return status == PLIANT_OK ? pliant_refresh_carry(solver, from, node) : status;
+}
+
+pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_system *system, const pliant_solver *from, const int32_t *node,
+                                   const int32_t *tet, pliant_solver **out)
+{
+    pliant_solver *solver = NULL;
+    pliant_status status = system->macros ? pliant_solver_create(scene, system, &solver) : pliant_solver_create_without(scene, system, &solver);
+    if (status != PLIANT_OK) return status;
+    carry_limits(solver, from);
+    for (int32_t n = 0; n < system->mesh->num_nodes; n++) /* also where the next body holds what moved before */
+        memcpy(solver->now.x + 3 * n, from->now.x + 3 * node[n], 3 * sizeof *solver->now.x);
+    if (!system->macros) status = carry(solver, from, node, tet);
+    if (status != PLIANT_OK) {
+        pliant_solver_free(solver);
+        return status;
+    }
+    *out = solver;
+    return PLIANT_OK;
+}
+
+void pliant_solver_take_over(pliant_solver *solver, pliant_solver *from)
+{
+    if (!pliant_preconditioner_base(solver->preconditioner)) return;
+    pliant_preconditioner **base = pliant_preconditioner_base(from->preconditioner);
+    pliant_preconditioner_hand_over(solver->preconditioner, base ? base : &from->preconditioner);
+    pliant_refresh_take(solver, from);
 }
 
 pliant_status pliant_solver_carry_hold(pliant_solver *solver, const pliant_solver *from, int tool, int32_t count, const int32_t *nodes,

@@ -2,13 +2,18 @@
  * other thread was fast or not, so that timing never changes results; or as background.h says.
  *
  * Steps of the history belong to the factor that made them. They are made anew in the background, too, where no spring's
- * response goes into them: a second stay in the thread, on the secants that the solver has when the factor is there. */
+ * response goes into them: a second stay in the thread, on the secants that the solver has when the factor is there.
+ *
+ * The factor of a next body is made from the pattern on, in the order of the one before, with copies beside their sources. What is being
+ * made for a body when the next one comes is of use all the same: it becomes the base of what is carried over (carried.h). The thread
+ * reads what it began with, which is retained; no step waits for it. */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "fem/linear/dense.h"
 #include "fem/quasistatic/background.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
+#include "state/discretization.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
@@ -22,8 +27,14 @@ struct pliant_refresh {
     atomic_bool finished;
     uint64_t started, due;      /* steps */
     bool wanted;                /* the factor at hand has served badly since the last start */
+    const pliant_discretization *of; /* Nullable: what the system is part of; retained */
     pliant_system system;       /* a copy of the constant system, one thread */
-    pliant_preconditioner *preconditioner; /* the one being made */
+    int32_t *source;            /* (nodes of the solver's mesh) node of this system's, which is of a body before; NULL: they are the same */
+    int32_t *order;             /* (num_free) Nullable: to eliminate the unknowns in */
+    bool layered;               /* a multigrid is wanted, where the system has no preconditioner to go by */
+    pliant_preconditioner *preconditioner; /* the one being made; made in the thread */
+    pliant_preconditioner *spare; /* Nullable: the one to be made next */
+    pliant_preconditioner *discarded; /* Nullable: freed by the thread */
     double *x;                  /* (3 num_nodes) that it is made at */
     pliant_tangent *tangents;
     pliant_status status;
@@ -38,8 +49,27 @@ struct pliant_refresh {
     uint64_t forgotten;         /* the solver's when it was copied */
 };
 
+/* In the thread: what is needed once, of a next body its symbolic analysis. */
+static pliant_status make_ready(pliant_refresh *refresh)
+{
+    pliant_system *system = &refresh->system;
+    pliant_preconditioner_free(refresh->discarded);
+    refresh->discarded = NULL;
+    if (refresh->preconditioner) return PLIANT_OK;
+    if (!refresh->tangents && !(refresh->tangents = pliant_calloc((size_t)system->num_blocks, sizeof *refresh->tangents)))
+        return pliant_fail_memory("the background factorization");
+    if (system->preconditioner) return pliant_preconditioner_clone(system->preconditioner, 1, &refresh->preconditioner);
+    pliant_system *shared = refresh->of->system; /* no other thread looks at its pattern before this one has ended */
+    pliant_status status = pliant_system_find_pattern(shared);
+    if (status != PLIANT_OK) return status;
+    system->pattern = shared->pattern;
+    return pliant_preconditioner_create(system, refresh->layered ? PLIANT_MULTIGRID : PLIANT_DIRECT, refresh->order, &refresh->preconditioner);
+}
+
 static void make_factor(pliant_refresh *refresh)
 {
+    const bool first_of_all = !refresh->preconditioner && !refresh->system.preconditioner;
+    if ((refresh->status = make_ready(refresh)) != PLIANT_OK) return;
     /* the exact tangent where it is found to be positive definite, as it is near a state that lasts */
     int first = pliant_preconditioner_refuses(refresh->preconditioner) ? PLIANT_TWIST_EXACT : PLIANT_TWIST_POSITIVE;
     for (int twist = first; twist <= PLIANT_TWIST_POSITIVE; twist++) {
@@ -47,6 +77,7 @@ static void make_factor(pliant_refresh *refresh)
         refresh->status = pliant_preconditioner_numeric(refresh->preconditioner, refresh->tangents);
         if (refresh->status != PLIANT_ERROR_NUMERIC) break;
     }
+    if (first_of_all && refresh->status == PLIANT_OK) refresh->status = pliant_preconditioner_clone(refresh->preconditioner, 1, &refresh->spare);
     pliant_nodal_rotations_refer(&refresh->system, refresh->x, refresh->rotations);
 }
 
@@ -69,22 +100,46 @@ static void convert_history(pliant_refresh *refresh)
                 pliant_dot(3 * (size_t)num_free, refresh->history[a].step, refresh->history[b].residual);
 }
 
+/* The base's order, and after every unknown those that are copies of it. */
+static pliant_status order_after(const pliant_solver *solver, const pliant_preconditioner *base, pliant_refresh *refresh)
+{
+    const int32_t *source, count = solver->system->num_free;
+    const int32_t before = pliant_preconditioner_source(solver->preconditioner, &source)->system->num_free;
+    int32_t *first = pliant_calloc((size_t)before + 1, sizeof *first), *next = pliant_calloc((size_t)count, sizeof *next);
+    int32_t *order = pliant_calloc((size_t)before, sizeof *order), placed = 0;
+    refresh->order = pliant_calloc((size_t)count, sizeof *refresh->order);
+    if (first && next && order && refresh->order && pliant_preconditioner_order(base, order) == before) {
+        for (int32_t f = count - 1; f >= 0; f--) { /* lists by source, ascending; those without one last */
+            int32_t *list = first + (source[f] >= 0 ? source[f] : before);
+            next[f] = *list;
+            *list = f + 1;
+        }
+        for (int32_t i = 0; i <= before; i++)
+            for (int32_t f = first[i < before ? order[i] : before]; f > 0; f = next[f - 1]) refresh->order[placed++] = f - 1;
+    }
+    pliant_free(first);
+    pliant_free(next);
+    pliant_free(order);
+    return placed == count ? PLIANT_OK : pliant_fail_memory("the background factorization");
+}
+
 static pliant_status refresh_create(pliant_solver *solver)
 {
     const pliant_system *system = solver->system;
+    pliant_preconditioner **base = pliant_preconditioner_base(solver->preconditioner);
     pliant_refresh *refresh = solver->refresh = pliant_calloc(1, sizeof *refresh);
     if (!refresh) return pliant_fail_memory("the background factorization");
+    if (system->of) refresh->of = pliant_discretization_retain(system->of);
     refresh->system = *system;
     refresh->system.num_threads = 1;
     const size_t nodes = (size_t)system->mesh->num_nodes;
     refresh->x = pliant_calloc(nodes, 3 * sizeof *refresh->x);
     refresh->now = pliant_calloc(nodes, 3 * sizeof *refresh->now);
-    refresh->tangents = pliant_calloc((size_t)system->num_blocks, sizeof *refresh->tangents);
-    bool good = refresh->x && refresh->now && refresh->tangents;
-    pliant_status status = good ? PLIANT_OK : pliant_fail_memory("the background factorization");
+    pliant_status status = refresh->x && refresh->now ? PLIANT_OK : pliant_fail_memory("the background factorization");
     if (status == PLIANT_OK) status = pliant_nodal_rotations_create(system, &refresh->rotations);
     if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.room, refresh->history);
-    if (status == PLIANT_OK) status = pliant_preconditioner_clone(system->preconditioner, 1, &refresh->preconditioner);
+    if (base) refresh->layered = pliant_preconditioner_layered(*base);
+    if (status == PLIANT_OK && base && !refresh->layered) status = order_after(solver, *base, refresh);
     if (status != PLIANT_OK) pliant_refresh_free(solver);
     return status;
 }
@@ -146,8 +201,13 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
     pliant_preconditioner *old = solver->preconditioner;
     pliant_preconditioner_threads(refresh->preconditioner, solver->system->num_threads);
     solver->preconditioner = refresh->preconditioner;
-    pliant_preconditioner_threads(old, 1);
     refresh->preconditioner = old;
+    if (refresh->spare) {
+        refresh->discarded = old;
+        refresh->preconditioner = refresh->spare;
+        refresh->spare = NULL;
+    }
+    pliant_preconditioner_threads(refresh->preconditioner, 1);
     pliant_nodal_rotations *axes = solver->rotations;
     solver->rotations = refresh->rotations;
     refresh->rotations = axes;
@@ -170,12 +230,48 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
     memcpy(solver->rules.number, refresh->number, sizeof refresh->number);
 }
 
+/* Of a body before: the base of what is carried over from there. */
+static pliant_status put_below(pliant_solver *solver, pliant_statistics *statistics)
+{
+    const pliant_system *system = solver->system;
+    pliant_refresh *refresh = solver->refresh;
+    int32_t *source = pliant_calloc((size_t)system->num_free, sizeof *source);
+    double *x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *x);
+    pliant_preconditioner *made = NULL;
+    if (!source || !x) {
+        pliant_free(source);
+        pliant_free(x);
+        return pliant_fail_memory("the preconditioner");
+    }
+    for (int32_t f = 0; f < system->num_free; f++) source[f] = refresh->system.free_of_node[refresh->source[system->node_of_free[f]]];
+    for (int32_t n = 0; n < system->mesh->num_nodes; n++) memcpy(x + 3 * n, refresh->x + 3 * refresh->source[n], 3 * sizeof *x);
+    pliant_nodal_rotations_refer(system, x, solver->rotations);
+    pliant_nodal_rotations_update(system, solver->now.x, solver->rotations);
+    pliant_free(x);
+    pliant_status status = pliant_preconditioner_carry(system, refresh->of, source, solver->now.x, solver->rotations ? solver->rotations->rotation : NULL, &made);
+    if (status != PLIANT_OK) return status;
+    pliant_preconditioner_hand_over(made, &refresh->preconditioner);
+    pliant_preconditioner_threads(made, system->num_threads);
+    refresh->discarded = solver->preconditioner;
+    solver->preconditioner = made;
+    pliant_solver_turned(solver);
+    solver->factor_serial++;
+    statistics->factors++;
+    pliant_solver_forget(solver);
+    return PLIANT_OK;
+}
+
 static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *statistics)
 {
     pliant_refresh *refresh = solver->refresh;
     join(refresh);
+    if (refresh->status == PLIANT_OK && refresh->source) refresh->status = put_below(solver, statistics);
+    if (refresh->status != PLIANT_OK) pliant_log(PLIANT_LOG_DEBUG, "a new factor could not be made; the old one stays");
+    if (refresh->source) {
+        pliant_refresh_free(solver); /* the next one is of this body */
+        return;
+    }
     if (refresh->status != PLIANT_OK) {
-        pliant_log(PLIANT_LOG_DEBUG, "a new factor could not be made; the old one stays");
         refresh->converting = false;
         return;
     }
@@ -194,24 +290,52 @@ static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *sta
 
 pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *statistics)
 {
-    if (solver->refresh_interval == 0) return PLIANT_OK;
+    const bool carried = pliant_preconditioner_base(solver->preconditioner) != NULL;
+    if (solver->refresh_interval == 0 && !carried && !solver->refresh) return PLIANT_OK;
+    uint64_t step = statistics->step;
+    pliant_refresh *refresh = solver->refresh;
+    if (refresh && refresh->running) {
+        const uint32_t result = refresh->converting ? solver->takes_history : solver->takes_factor;
+        if (pliant_background_arrives(solver->background, result, atomic_load(&refresh->finished), step >= refresh->due)) deliver(solver, step, statistics);
+    }
     if (!solver->refresh) {
         pliant_status status = refresh_create(solver);
         if (status != PLIANT_OK) return status;
     }
-    pliant_refresh *refresh = solver->refresh;
-    uint64_t step = statistics->step;
-    const uint32_t result = refresh->converting ? solver->takes_history : solver->takes_factor;
-    if (refresh->running && pliant_background_arrives(solver->background, result, atomic_load(&refresh->finished), step >= refresh->due))
-        deliver(solver, step, statistics);
+    refresh = solver->refresh;
     refresh->wanted = refresh->wanted || solver->rules.rate > PLIANT_SERVES_BADLY;
-    bool due = step >= refresh->started + (uint64_t)solver->refresh_interval;
-    if (refresh->running || !due || !refresh->wanted) return PLIANT_OK;
+    bool due = solver->refresh_interval > 0 && step >= refresh->started + (uint64_t)solver->refresh_interval && refresh->wanted;
+    if (refresh->running || (!due && pliant_preconditioner_base(solver->preconditioner) == NULL)) return PLIANT_OK;
     memcpy(refresh->x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *refresh->x);
     refresh->started = step;
     refresh->wanted = false;
-    start(refresh, make_factor, step + (uint64_t)solver->refresh_delay);
+    /* the analysis takes about as long again */
+    const bool first = !refresh->preconditioner && !solver->system->preconditioner;
+    start(refresh, make_factor, step + (uint64_t)solver->refresh_delay * (first ? 2 : 1));
     return PLIANT_OK;
+}
+
+pliant_status pliant_refresh_carry(pliant_solver *solver, const pliant_solver *from, const int32_t *source)
+{
+    const pliant_refresh *before = from->refresh;
+    if (!before || !before->running) return PLIANT_OK;
+    pliant_refresh *refresh = solver->refresh = pliant_calloc(1, sizeof *refresh);
+    const size_t nodes = (size_t)solver->system->mesh->num_nodes;
+    if (refresh) refresh->source = pliant_calloc(nodes, sizeof *refresh->source);
+    if (!refresh || !refresh->source) return pliant_fail_memory("the background factorization");
+    for (size_t n = 0; n < nodes; n++) refresh->source[n] = before->source ? before->source[source[n]] : source[n];
+    return PLIANT_OK;
+}
+
+void pliant_refresh_take(pliant_solver *solver, pliant_solver *from)
+{
+    pliant_refresh *refresh = from->refresh;
+    if (!solver->refresh) return;
+    pliant_free(refresh->source);
+    refresh->source = solver->refresh->source;
+    solver->refresh->source = NULL;
+    from->refresh = solver->refresh;
+    solver->refresh = refresh;
 }
 
 void pliant_refresh_free(pliant_solver *solver)
@@ -220,11 +344,16 @@ void pliant_refresh_free(pliant_solver *solver)
     if (!refresh) return;
     join(refresh);
     pliant_preconditioner_free(refresh->preconditioner);
+    pliant_preconditioner_free(refresh->spare);
+    pliant_preconditioner_free(refresh->discarded);
     pliant_nodal_rotations_free(refresh->rotations);
     pliant_secants_free(refresh->history);
     pliant_free(refresh->x);
     pliant_free(refresh->now);
     pliant_free(refresh->tangents);
+    pliant_free(refresh->source);
+    pliant_free(refresh->order);
+    pliant_discretization_release(refresh->of);
     pliant_free(refresh);
     solver->refresh = NULL;
 }

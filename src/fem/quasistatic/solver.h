@@ -106,6 +106,8 @@ struct pliant_solver {
 
 /* Limits and intervals as the scene says. Both are borrowed. */
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
+/* the same without a preconditioner, nothing set */
+pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
 void pliant_solver_free(pliant_solver *solver);
 /* At rest, on the factor at rest, nothing held. Errors: MEMORY. */
 pliant_status pliant_solver_reset(pliant_solver *solver);
@@ -158,9 +160,14 @@ double pliant_secants_left(const pliant_solver *solver, const pliant_iterate *at
 /* trial = now + damping * (mixed step), as the rules say. left: as pliant_secants_left; made: largest move of a node [m]. false: not mixed */
 bool pliant_solver_propose(pliant_solver *solver, double *left, double *made);
 
-/* ---- adapt.c: what a solver of the next body, just made, takes over from the one before */
-/* Positions and limits. source: (nodes of the solved mesh) the node of the body before that each takes after */
-void pliant_solver_carry(pliant_solver *solver, const pliant_solver *from, const int32_t *source);
+/* ---- adapt.c: the solver of the next body, and what it takes over from the one before */
+/* Its positions, limits, and axes; what stands for the inverse of its stiffness is carried over (carried.h). Nothing of the one before
+ * changes, and the next one cannot step, until it has taken over what the other has. node, tet: of the solved mesh, what each takes after.
+ * Errors: MEMORY, NUMERIC. */
+pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_system *system, const pliant_solver *from, const int32_t *node,
+                                   const int32_t *tet, pliant_solver **out);
+/* The preconditioner, and what is being made in the background: the one before can only be freed then. */
+void pliant_solver_take_over(pliant_solver *solver, pliant_solver *from);
 /* A tool's hold, on fine nodes of the next body, and its force. Errors: MEMORY. */
 pliant_status pliant_solver_carry_hold(pliant_solver *solver, const pliant_solver *from, int tool, int32_t count, const int32_t *nodes,
                                        const double *weights, const double *fine_positions, const double force[3]);
@@ -180,6 +187,9 @@ void pliant_posterior_keep(pliant_solver *solver);
 pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *statistics);
 void pliant_refresh_free(pliant_solver *solver);
 size_t pliant_refresh_bytes(const pliant_solver *solver);
+/* For a solver that follows another: room for what that one has under way (errors: MEMORY), and taking it over. */
+pliant_status pliant_refresh_carry(pliant_solver *solver, const pliant_solver *from, const int32_t *source);
+void pliant_refresh_take(pliant_solver *solver, pliant_solver *from);
 
 #ifdef __cplusplus
 }

@@ -35,7 +35,7 @@ static void set_delays(const pliant_scene *scene, pliant_solver *solver)
     const pliant_preconditioner *preconditioner = solver->system->preconditioner;
     solver->refresh_delay = scene->solver.refresh_delay;
     solver->convert_delay = 1;
-    if (solver->refresh_delay > 0) return;
+    if (solver->refresh_delay > 0 || !preconditioner) return; /* of a next body: as of the one before */
     solver->refresh_delay = 1 + steps_for(pliant_preconditioner_operations(preconditioner), scene->solver.step);
     solver->convert_delay += steps_for(solver->rules.room * pliant_preconditioner_apply_operations(preconditioner), scene->solver.step) - 1;
 }
@@ -46,7 +46,7 @@ static double wall_clock(void *user)
     return pliant_seconds();
 }
 
-pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out)
+pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, pliant_solver **out)
 {
     pliant_solver *solver = pliant_calloc(1, sizeof *solver);
     if (!solver) return pliant_fail_memory("the solver");
@@ -78,6 +78,20 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
     if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.room, solver->history);
     if (status == PLIANT_OK) status = pliant_posterior_create(solver);
     if (status == PLIANT_OK) status = pliant_nodal_rotations_create(system, &solver->rotations);
+    if (status != PLIANT_OK) {
+        pliant_solver_free(solver);
+        return status;
+    }
+    solver->factor_serial = 1;
+    pliant_anderson_reset(rules);
+    *out = solver;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out)
+{
+    pliant_solver *solver = NULL;
+    pliant_status status = pliant_solver_create_without(scene, system, &solver);
     if (status == PLIANT_OK) status = pliant_solver_reset(solver);
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
@@ -89,7 +103,7 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
 
 pliant_status pliant_solver_reset(pliant_solver *solver)
 {
-    if (!solver->preconditioner || solver->factor_serial > 1) {
+    if (!solver->preconditioner || solver->factor_serial > 1 || pliant_preconditioner_base(solver->preconditioner)) {
         pliant_preconditioner *preconditioner;
         pliant_status status = pliant_preconditioner_clone(solver->system->preconditioner, solver->system->num_threads, &preconditioner);
         if (status != PLIANT_OK) return status;

@@ -16,8 +16,8 @@ namespace {
 using XmlRpc::XmlRpcValue;
 
 const char *const node_names[] = {"scene",        "scan",          "scan/path",     "scan_root",   "output_root",
-                                  "parent_frame", "tissue_frame",  "tissue_pose",   "tools",       "tool_max_age",
-                                  "jaw_close",    "jaw_release",   "slice/axial",   "slice/coronal",
+                                  "parent_frame", "tissue_frame",  "tissue_pose",   "background",  "tools",
+                                  "tool_max_age", "jaw_close",     "jaw_release",   "slice/axial", "slice/coronal",
                                   "slice/sagittal"};
 
 [[noreturn]] void refuse(const std::string &message) { throw std::invalid_argument(message); }
@@ -172,6 +172,13 @@ Rigid read_pose(const std::string &name, XmlRpcValue &value)
     return out;
 }
 
+pliant_background_kind read_background(XmlRpcValue &value)
+{
+    std::string kind = text("background", value);
+    if (kind != "live" && kind != "planned") refuse("~background is " + kind + "; it must be live or planned");
+    return kind == "live" ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PLANNED;
+}
+
 bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters *out)
 {
     static const char *const planes[] = {"slice/axial", "slice/coronal", "slice/sagittal"};
@@ -183,6 +190,7 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "parent_frame") out->parent_frame = text(name, value);
     else if (name == "tissue_frame") out->tissue_frame = text(name, value);
     else if (name == "tissue_pose") out->tissue_pose = read_pose(name, value);
+    else if (name == "background") out->background = read_background(value);
     else if (name == "tool_max_age") out->tool_max_age = number(name, value, 1e-3, 10);
     else if (name == "jaw_close") out->jaw_close = number(name, value, -M_PI, M_PI);
     else if (name == "jaw_release") out->jaw_release = number(name, value, -M_PI, M_PI);
@@ -219,6 +227,7 @@ void set_defaults(Parameters *out)
     out->scan = "phantom";
     out->tissue_frame = "tissue";
     out->tissue_pose = identity();
+    out->background = PLIANT_BACKGROUND_LIVE;
     out->tool_max_age = 0.05;
     out->jaw_close = 0.05;
     out->jaw_release = 0.20;

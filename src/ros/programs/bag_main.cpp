@@ -1,6 +1,9 @@
-/* pliant_bag: a recorded session and its scan in; deformed volumes at chosen times out. No master is needed. */
+/* pliant_bag: a recorded session and its scan in; deformed volumes at chosen times, its steps made again, and tables out. No master is
+   needed. */
 #include "ros/record/bag_arguments.h"
 #include "ros/record/recorded.h"
+#include "ros/record/rerun.h"
+#include "ros/record/steps_table.h"
 #include "ros/output/warped.h"
 
 #include "command_line.h" /* the exit codes */
@@ -25,18 +28,33 @@ const char *const other_kind = " is of another kind, or of another version of Pl
 
 struct Stopped {};
 
+void make_folder(const std::string &folder)
+{
+    for (size_t end = folder.find('/', 1);; end = folder.find('/', end + 1)) {
+        std::string path = folder.substr(0, end);
+        if (mkdir(path.c_str(), 0777) != 0 && errno != EEXIST)
+            throw Failure(PLIANT_ERROR_FILE, path + ": " + std::strerror(errno));
+        if (end == std::string::npos) return;
+    }
+}
+
 class Extraction {
 public:
     explicit Extraction(const BagArguments &arguments) : arguments_(arguments) {}
     void run();
-    int written() const { return written_; }
+    /* what was done, for a person */
+    std::string summary() const;
 
 private:
     void open();
     void load();
     void read_topologies();
     std::vector<double> times_of(rosbag::View *states) const;
-    void write(double time, const rosbag::MessageInstance &recorded);
+    void write_recorded(const std::vector<double> &times, rosbag::View *states);
+    void write_simulated(const std::vector<double> &times, rosbag::View *steps);
+    std::shared_ptr<const Snapshot> snapshot(double time, const rosbag::MessageInstance &recorded);
+    void write(double time, const Snapshot &snapshot);
+    void write_table();
     double since_start(const ros::Time &time) const { return (time - start_).toSec(); }
     std::string topic(const char *name) const { return "/" + arguments_.name + "/" + name; }
     Failure nothing_on(const char *name) const
@@ -52,6 +70,7 @@ private:
     std::map<uint32_t, std::string> differs_; /* by revision; empty: it is known here */
     std::map<uint32_t, std::shared_ptr<const pliant_body>> bodies_; /* those */
     std::unique_ptr<Warped> warped_;
+    std::unique_ptr<Rerun> rerun_;
     int written_ = 0;
 };
 
@@ -107,52 +126,104 @@ std::vector<double> Extraction::times_of(rosbag::View *states) const
     return times;
 }
 
-void Extraction::write(double time, const rosbag::MessageInstance &recorded)
+std::shared_ptr<const Snapshot> Extraction::snapshot(double time, const rosbag::MessageInstance &recorded)
 {
     MeshState::ConstPtr state = recorded.instantiate<MeshState>();
     if (!state) throw Failure(PLIANT_ERROR_FORMAT, topic("mesh/state") + other_kind);
     auto differs = differs_.find(state->revision);
-    char name[64], where[64];
+    char where[64];
     std::snprintf(where, sizeof where, "%.3f s: ", time);
     if (differs == differs_.end())
         throw Failure(PLIANT_ERROR_FORMAT,
                       where + std::string("no topology of revision ") + std::to_string(state->revision));
     if (!differs->second.empty()) throw Failure(PLIANT_ERROR_FORMAT, where + differs->second);
-    std::shared_ptr<const Snapshot> snapshot = snapshot_of(loaded_, bodies_[state->revision], *state);
-    if (!warped_ || !warped_->fits(*snapshot->body)) warped_.reset(new Warped(loaded_, snapshot->body));
-    warped_->update(snapshot->positions);
+    return snapshot_of(loaded_, bodies_[state->revision], *state);
+}
+
+void Extraction::write(double time, const Snapshot &snapshot)
+{
+    if (!warped_ || !warped_->fits(*snapshot.body)) warped_.reset(new Warped(loaded_, snapshot.body));
+    warped_->update(snapshot.positions);
+    char name[64];
     std::snprintf(name, sizeof name, "/deformed_%08.3f.nii.gz", time);
     check(pliant_volume_write((arguments_.folder + name).c_str(), &warped_->volume()));
     ++written_;
 }
 
-void Extraction::run()
+void Extraction::write_recorded(const std::vector<double> &times, rosbag::View *states)
 {
-    open();
-    rosbag::View states(bag_, rosbag::TopicQuery(topic("mesh/state")));
-    if (states.size() == 0) throw nothing_on("mesh/state");
-    std::vector<double> times = times_of(&states);
-    load();
-    read_topologies();
-    rosbag::View::iterator next = states.begin(), newest = next;
+    rosbag::View::iterator next = states->begin(), newest = next;
     for (double time : times) {
         /* a nanosecond of slack: times are written in decimals */
-        for (; next != states.end() && since_start(next->getTime()) <= time + 1e-9; ++next) newest = next;
+        for (; next != states->end() && since_start(next->getTime()) <= time + 1e-9; ++next) newest = next;
         if (console_stop_asked()) throw Stopped();
-        write(time, *newest);
+        write(time, *snapshot(time, *newest));
         console_progress().function(static_cast<double>(written_) / times.size(), "volumes", nullptr);
     }
     console_progress_end();
 }
 
-void make_folder(const std::string &folder)
+/* A volume is that after the newest step by its time. */
+void Extraction::write_simulated(const std::vector<double> &times, rosbag::View *steps)
 {
-    for (size_t end = folder.find('/', 1);; end = folder.find('/', end + 1)) {
-        std::string path = folder.substr(0, end);
-        if (mkdir(path.c_str(), 0777) != 0 && errno != EEXIST)
-            throw Failure(PLIANT_ERROR_FILE, path + ": " + std::strerror(errno));
-        if (end == std::string::npos) return;
+    auto time = times.begin();
+    std::shared_ptr<const Snapshot> newest;
+    size_t done = 0;
+    for (const rosbag::MessageInstance &recorded : *steps) {
+        if (console_stop_asked()) throw Stopped();
+        Step::ConstPtr step = recorded.instantiate<Step>();
+        if (!step) throw Failure(PLIANT_ERROR_FORMAT, topic("step") + other_kind);
+        for (; time != times.end() && newest && since_start(recorded.getTime()) > *time + 1e-9; ++time) write(*time, *newest);
+        if (rerun_->take(*step) && time != times.end()) newest = rerun_->snapshot();
+        console_progress().function(static_cast<double>(++done) / steps->size(), "steps", nullptr);
     }
+    for (; time != times.end() && newest; ++time) write(*time, *newest);
+    console_progress_end();
+    if (rerun_->made() == 0)
+        throw Failure(PLIANT_ERROR_FORMAT, arguments_.bag + ": no load and no reset in it: there is nothing to begin with");
+    if (rerun_->differing() > 0) throw Failure(PLIANT_ERROR_NUMERIC, rerun_->summary());
+}
+
+void Extraction::write_table()
+{
+    rosbag::View steps(bag_, rosbag::TopicQuery(topic("step")));
+    if (steps.size() == 0) throw nothing_on("step");
+    StepsTable table(arguments_.steps);
+    for (const rosbag::MessageInstance &recorded : steps) {
+        Step::ConstPtr step = recorded.instantiate<Step>();
+        if (!step) throw Failure(PLIANT_ERROR_FORMAT, topic("step") + other_kind);
+        table.append(since_start(recorded.getTime()), *step);
+    }
+    table.close();
+}
+
+void Extraction::run()
+{
+    open();
+    if (!arguments_.steps.empty()) write_table();
+    const bool volumes = !arguments_.folder.empty();
+    if (!volumes && !arguments_.simulate) return;
+    const char *name = arguments_.simulate ? "step" : "mesh/state";
+    rosbag::View wanted(bag_, rosbag::TopicQuery(topic(name)));
+    if (wanted.size() == 0) throw nothing_on(name);
+    const std::vector<double> times = volumes ? times_of(&wanted) : std::vector<double>();
+    load();
+    read_topologies();
+    if (volumes) make_folder(arguments_.folder);
+    if (arguments_.simulate) {
+        rerun_.reset(new Rerun(loaded_));
+        write_simulated(times, &wanted);
+    } else {
+        write_recorded(times, &wanted);
+    }
+}
+
+std::string Extraction::summary() const
+{
+    std::string text = rerun_ ? rerun_->summary() + "\n" : "";
+    if (!arguments_.folder.empty()) text += std::to_string(written_) + " volumes in " + arguments_.folder + "\n";
+    if (!arguments_.steps.empty()) text += "steps in " + arguments_.steps + "\n";
+    return text;
 }
 
 } // namespace
@@ -168,9 +239,8 @@ int main(int argc, char **argv)
     console_start(arguments.quiet ? PLIANT_LOG_WARNING : PLIANT_LOG_INFO);
     Extraction extraction(arguments);
     try {
-        make_folder(arguments.folder);
         extraction.run();
-        if (!arguments.quiet) std::printf("%d volumes in %s\n", extraction.written(), arguments.folder.c_str());
+        if (!arguments.quiet) std::fputs(extraction.summary().c_str(), stdout);
         return EXIT_OK;
     } catch (const Stopped &) {
         return EXIT_STOPPED;

@@ -5,6 +5,8 @@
 #include <ros/ros.h>
 #include <std_srvs/SetBool.h>
 
+#include <cstdio>
+
 namespace pliant_ros {
 
 namespace {
@@ -13,14 +15,15 @@ enum { PATIENCE_SECONDS = 2 /* for a topology that comes after its states */, PL
 
 } // namespace
 
-Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std::string &player)
-    : parameters_(parameters_of(private_handle)), live_(private_handle, parameters_),
+Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std::string &player, bool simulates)
+    : parameters_(parameters_of(private_handle)), simulates_(simulates), live_(private_handle, parameters_),
       volume_output_(handle, parameters_, &live_, &snapshots_, nullptr)
 {
     log_to_rosconsole();
     /* before the scan is loaded, and with all the room that there is: nothing is lost meanwhile */
     topologies_ = handle.subscribe("mesh/topology", 0, &Replay::take_topology, this);
-    states_ = handle.subscribe("mesh/state", 0, &Replay::take_state, this, ros::TransportHints().tcpNoDelay());
+    if (simulates_) steps_ = handle.subscribe("step", 0, &Replay::take_step, this, ros::TransportHints().tcpNoDelay());
+    else states_ = handle.subscribe("mesh/state", 0, &Replay::take_state, this, ros::TransportHints().tcpNoDelay());
     scan_info_ = handle.advertise<ScanInfo>("scan_info", 1, true);
     if (!parameters_.parent_frame.empty()) broadcaster_.sendTransform(tissue_transform(parameters_));
     load();
@@ -31,8 +34,10 @@ Replay::~Replay()
 {
     topologies_.shutdown();
     states_.shutdown();
-    ROS_INFO("replay: %lu states shown, %lu dropped", static_cast<unsigned long>(shown_),
-             static_cast<unsigned long>(dropped_));
+    steps_.shutdown();
+    /* rosconsole is down by now */
+    std::printf("replay: %lu states shown, %lu dropped\n", static_cast<unsigned long>(shown_), static_cast<unsigned long>(dropped_));
+    if (rerun_) std::printf("replay: %s\n", rerun_->summary().c_str());
 }
 
 void Replay::load()
@@ -41,6 +46,7 @@ void Replay::load()
     std::shared_ptr<const Scan> scan = read_scan(parameters_.scene, parameters_.scan, &materials);
     pliant_progress progress{[](double, const char *, void *) { return ros::ok(); }, nullptr};
     loaded_ = build(parameters_.scene, scan, materials.table, progress);
+    if (simulates_) rerun_.reset(new Rerun(loaded_));
     auto info = boost::make_shared<ScanInfo>();
     info->header.stamp = ros::Time::now();
     info->header.frame_id = parameters_.tissue_frame;
@@ -81,7 +87,13 @@ void Replay::take_topology(const pliant::MeshTopologyConstPtr &topology)
 
 void Replay::take_state(const pliant::MeshStateConstPtr &state)
 {
-    pending_.push_back(Pending{state, Clock::now()});
+    pending_.push_back(Pending{state->revision, state, nullptr, Clock::now()});
+    work_off();
+}
+
+void Replay::take_step(const pliant::StepConstPtr &step)
+{
+    pending_.push_back(Pending{step->load, nullptr, step, Clock::now()});
     work_off();
 }
 
@@ -89,28 +101,36 @@ void Replay::work_off()
 {
     while (!pending_.empty()) {
         const Pending &next = pending_.front();
-        auto known = bodies_.find(next.state->revision);
+        auto known = bodies_.find(next.topology);
         bool is_late = Clock::now() - next.arrival > std::chrono::seconds(PATIENCE_SECONDS);
         if (known == bodies_.end() && !is_late) return;
         if (known == bodies_.end()) {
             ++dropped_;
             ROS_WARN_THROTTLE(5, "replay: states of revision %u are dropped: its mesh/topology has not been played; "
-                              "play the bag from its start", next.state->revision);
+                              "play the bag from its start", next.topology);
         } else if (!known->second) {
             ++dropped_;
             ROS_WARN_THROTTLE(5, "replay: %lu states of another scan or mesh are dropped",
                               static_cast<unsigned long>(dropped_));
         } else {
-            show(known->second, *next.state);
+            show(next, known->second);
         }
         pending_.pop_front();
     }
 }
 
-void Replay::show(std::shared_ptr<const pliant_body> body, const MeshState &state)
+void Replay::show(const Pending &next, std::shared_ptr<const pliant_body> body)
 {
     try {
-        snapshots_.put(snapshot_of(loaded_, std::move(body), state));
+        if (next.state) {
+            snapshots_.put(snapshot_of(loaded_, std::move(body), *next.state));
+        } else if (rerun_->take(*next.step)) {
+            snapshots_.put(rerun_->snapshot());
+        } else {
+            ++dropped_;
+            ROS_WARN_THROTTLE(5, "replay: steps are dropped until a load or a reset: play the bag from its start");
+            return;
+        }
         ++shown_;
     } catch (const Failure &broken) {
         ++dropped_;

@@ -1,9 +1,10 @@
-/* The deformed volumes of a recording: every mesh/state that a bag plays is warped again, none left out. */
+/* The deformed volumes of a recording: every mesh/state that a bag plays is warped again, none left out; or every step is made again. */
 #ifndef PLIANT_ROS_RECORD_REPLAY_H
 #define PLIANT_ROS_RECORD_REPLAY_H
 
 #include "ros/output/mesh_output.h"
 #include "ros/record/recorded.h"
+#include "ros/record/rerun.h"
 #include "ros/output/volume_output.h"
 
 #include <tf2_ros/static_transform_broadcaster.h>
@@ -15,17 +16,19 @@ namespace pliant_ros {
 
 /* Takes mesh/topology and mesh/state as a bag plays them, publishes volume and its slices with the stamps of the
    states, and scan_info of the scan here. Parameters as the node's. A topology that is not the model's is refused, and
-   so are the states of its revision. */
+   so are the states of its revision. What simulates takes `step` in place of the states. */
 class Replay {
 public:
     /* Loads the scan, and returns when that is done. Throws std::runtime_error with a message for a person.
        player: node name of a `rosbag play --pause` to set going then, or empty. */
-    Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std::string &player);
+    Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std::string &player, bool simulates);
     ~Replay();
 
 private:
     struct Pending {
-        pliant::MeshStateConstPtr state;
+        uint32_t topology; /* revision of the one that it needs */
+        pliant::MeshStateConstPtr state; /* or */
+        pliant::StepConstPtr step;
         Clock::time_point arrival;
     };
 
@@ -33,14 +36,17 @@ private:
     void start_player(const std::string &name);
     void take_topology(const pliant::MeshTopologyConstPtr &topology);
     void take_state(const pliant::MeshStateConstPtr &state);
-    /* Topics overtake each other: states wait for their topology, for a while. */
+    void take_step(const pliant::StepConstPtr &step);
+    /* Topics overtake each other: states and steps wait for their topology, for a while. */
     void work_off();
-    void show(std::shared_ptr<const pliant_body> body, const MeshState &state);
+    void show(const Pending &next, std::shared_ptr<const pliant_body> body);
 
     const Parameters parameters_;
     tf2_ros::StaticTransformBroadcaster broadcaster_;
-    ros::Subscriber topologies_, states_;
+    const bool simulates_;
+    ros::Subscriber topologies_, states_, steps_;
     std::shared_ptr<const Loaded> loaded_;
+    std::unique_ptr<Rerun> rerun_; /* where it simulates, once loaded */
     std::map<uint32_t, std::shared_ptr<const pliant_body>> bodies_; /* by revision; empty: another scan or mesh */
     std::deque<Pending> pending_;
     uint64_t shown_ = 0, dropped_ = 0;

@@ -8,7 +8,7 @@ namespace pliant_ros {
 
 namespace {
 
-enum { TIMING_RATE = 10 /* [Hz] */ };
+enum { TIMING_RATE = 10 /* [Hz] */, STEP_QUEUE = 1024 /* a recorder that is held up misses none */ };
 
 const double no_force[3] = {0, 0, 0};
 
@@ -24,10 +24,11 @@ double percentile(const std::vector<double> &sorted, double fraction)
 
 Simulation::Simulation(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Tools *tools,
                        Snapshots *snapshots)
-    : frame_(parameters.tissue_frame), state_(state), live_(live), tools_(tools), snapshots_(snapshots),
-      samples_(tools->size()), was_open_(tools->size(), false)
+    : frame_(parameters.tissue_frame), background_(parameters.background), state_(state), live_(live), tools_(tools),
+      snapshots_(snapshots), samples_(tools->size()), was_open_(tools->size(), false)
 {
     timing_ = handle.advertise<StepTiming>("timing", 1);
+    steps_ = handle.advertise<Step>("step", STEP_QUEUE);
     thread_ = std::thread(&Simulation::run, this);
 }
 
@@ -80,6 +81,7 @@ void Simulation::swap(std::shared_ptr<Loaded> next)
         next->revision = current_ ? revision_of(*current_, pliant_data_get_last_revision(data_.get())) + 1 : 1;
         current_.swap(next);
         data_.swap(data);
+        sequence_ = 0;
         std::fill(was_open_.begin(), was_open_.end(), false); /* a closed jaw must open before it grasps again */
         std::lock_guard<std::mutex> hold(lock_);
         shown_ = current_;
@@ -103,7 +105,7 @@ Snapshot Simulation::snapshot()
     Snapshot out;
     at_boundary([&] {
         if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
-        take(last_time_, &out);
+        take_snapshot(current_, *data_, last_time_, &out);
     });
     return out;
 }
@@ -113,6 +115,7 @@ void Simulation::reset()
     at_boundary([&] {
         if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
         check(pliant_data_reset(current_->model, data_.get()));
+        sequence_ = 0;
         std::fill(was_open_.begin(), was_open_.end(), false);
     });
 }
@@ -162,12 +165,19 @@ void Simulation::run()
 void Simulation::turn(Clock::time_point start)
 {
     ros::Time now = ros::Time::now();
-    watch_clock(now);
-    apply_live();
-    apply_tools(now);
-    if (!paused_) step();
+    Step step;
+    step.header.stamp = now;
+    step.header.frame_id = frame_;
+    step.sequence = ++sequence_;
+    step.paused = paused_;
+    take_settings(&step);
+    take_tools(now, jumped_back(now), &step);
+    pliant_status status = make_step(*current_->model, data_.get(), background_, step);
+    if (status < 0) state_->set(SimState::FAULT, pliant_last_error());
+    else if (!broke_ && !paused_) state_->set(SimState::RUNNING, ""); /* after a turn that broke off, only once one is whole */
     show(now);
     publish(now);
+    publish_step(status, &step);
     measure(std::chrono::duration<double>(Clock::now() - start).count());
 }
 
@@ -182,78 +192,53 @@ void Simulation::report_failure(const std::exception &failed)
     }
 }
 
-/* A jump back (a bag that starts anew, a simulator reset) makes every stamp so far meaningless. */
-void Simulation::watch_clock(const ros::Time &now)
+/* A jump back (a bag that starts anew, a simulator reset) makes every stamp so far meaningless: no tool is there in this turn. */
+bool Simulation::jumped_back(const ros::Time &now)
 {
-    if (now < last_time_) {
+    const bool jumped = now < last_time_;
+    if (jumped) {
         ROS_WARN("time went back by %.3f s: tools are forgotten", seconds_between(now, last_time_));
         tools_->clear();
-        let_go();
     }
     last_time_ = now;
+    return jumped;
 }
 
-void Simulation::let_go()
+void Simulation::take_settings(Step *out) const
 {
-    for (int tool = 0; tool < pliant_data_get_num_tools(data_.get()); ++tool) pliant_tool_lost(data_.get(), tool);
+    const LiveSettings settings = live_->get();
+    std::copy(settings.gravity, settings.gravity + 3, out->gravity.begin());
+    out->iterations = settings.iterations;
+    out->tolerance = settings.tolerance;
+    out->stiffness = settings.stiffness;
+    out->damping = settings.damping;
 }
 
-void Simulation::apply_live()
-{
-    LiveSettings settings = live_->get();
-    pliant_data_set_limits(data_.get(), settings.iterations, settings.tolerance);
-    double gravity[3];
-    pliant_data_get_gravity(data_.get(), gravity);
-    if (!std::equal(settings.gravity, settings.gravity + 3, gravity)) pliant_data_set_gravity(data_.get(), settings.gravity);
-    for (int tool = 0; tool < pliant_data_get_num_tools(data_.get()); ++tool)
-        pliant_tool_set_spring(data_.get(), tool, settings.stiffness, settings.damping);
-}
-
-void Simulation::apply_tools(const ros::Time &now)
+void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
 {
     for (size_t i = 0; i < samples_.size(); ++i) {
-        int tool = static_cast<int>(i);
         ToolSample &sample = samples_[i];
         sample = tools_->sample(i, now);
-        const Rigid &tip = sample.in_tissue;
-        if (!sample.present || pliant_tool_set_pose(data_.get(), tool, tip.translation, tip.rotation) < 0) {
-            if (tool_state(*data_, tool).present) pliant_tool_lost(data_.get(), tool);
-            was_open_[i] = false;
-            continue;
-        }
+        sample.present = sample.present && !forgotten;
+        ToolInput input;
+        input.name = tools_->name(i);
+        input.present = sample.present;
+        std::copy(sample.in_tissue.translation, sample.in_tissue.translation + 3, input.tip.begin());
+        std::copy(sample.in_tissue.rotation, sample.in_tissue.rotation + 4, input.rotation.begin());
         /* a jaw takes hold as it closes; one that comes closed pushes past the tissue */
-        if (sample.jaw == JAW_CLOSED && was_open_[i]) pliant_tool_grasp(current_->model, data_.get(), tool, nullptr);
-        if (sample.jaw != JAW_CLOSED && tool_state(*data_, tool).holding) pliant_tool_release(data_.get(), tool);
-        was_open_[i] = sample.jaw == JAW_OPEN;
+        input.closed = sample.present && sample.jaw == JAW_CLOSED;
+        input.closes = input.closed && was_open_[i];
+        was_open_[i] = sample.present && sample.jaw == JAW_OPEN;
+        out->tools.push_back(input);
     }
-}
-
-void Simulation::step()
-{
-    pliant_status status = pliant_step(current_->model, data_.get());
-    if (status < 0) state_->set(SimState::FAULT, pliant_last_error());
-    else if (!broke_) state_->set(SimState::RUNNING, ""); /* after a turn that broke off, only once one is whole */
 }
 
 void Simulation::show(const ros::Time &now)
 {
     if (!snapshots_->wanted()) return;
     auto snapshot = std::make_shared<Snapshot>();
-    take(now, snapshot.get());
+    take_snapshot(current_, *data_, now, snapshot.get());
     snapshots_->put(snapshot);
-}
-
-void Simulation::take(const ros::Time &now, Snapshot *out) const
-{
-    out->loaded = current_;
-    const pliant_body *body = pliant_data_get_body(data_.get());
-    const double *positions = pliant_data_get_positions(data_.get(), nullptr);
-    out->body = share(body);
-    out->revision = revision_of(*current_, body->revision);
-    out->step = pliant_data_get_statistics(data_.get())->step;
-    out->stamp = now;
-    out->positions.resize(3 * static_cast<size_t>(body->fine.num_nodes));
-    for (size_t i = 0; i < out->positions.size(); ++i) out->positions[i] = static_cast<float>(positions[i]);
 }
 
 void Simulation::publish(const ros::Time &now)
@@ -281,6 +266,15 @@ void Simulation::publish_timing(const ros::Time &now)
     choice_message(current_->choice, &message);
     message.inverted = static_cast<uint32_t>(pliant_data_get_inverted(data_.get()));
     timing_.publish(message);
+}
+
+void Simulation::publish_step(pliant_status status, Step *step)
+{
+    if (steps_.getNumSubscribers() == 0) return;
+    step->load = current_->revision;
+    step->revision = revision_of(*current_, pliant_data_get_body(data_.get())->revision);
+    tell_outcome(status, *data_, step);
+    steps_.publish(*step);
 }
 
 void Simulation::measure(double seconds)

@@ -6,6 +6,7 @@
 #include "ros/sim/loaded.h"
 #include "ros/sim/snapshot.h"
 #include "ros/sim/state.h"
+#include "ros/sim/stepping.h"
 #include "ros/sim/tools.h"
 
 #include <deque>
@@ -51,30 +52,30 @@ private:
     /* Run by the simulation between two steps; returns when done. */
     void at_boundary(std::function<void()> work);
     void do_boundary_work();
-    void watch_clock(const ros::Time &now);
-    void apply_live();
-    void apply_tools(const ros::Time &now);
-    void step();
+    bool jumped_back(const ros::Time &now);
+    void take_settings(Step *out) const;
+    void take_tools(const ros::Time &now, bool forgotten, Step *out);
     void show(const ros::Time &now);
-    void take(const ros::Time &now, Snapshot *out) const;
-    void let_go();
     void publish(const ros::Time &now);
     void publish_timing(const ros::Time &now);
+    void publish_step(pliant_status status, Step *step);
     void measure(double seconds);
     StepHealth measured() const;
 
     const std::string frame_;
+    const pliant_background_kind background_;
     State *state_;
     Live *live_;
     Tools *tools_;
     Snapshots *snapshots_;
-    ros::Publisher timing_;
+    ros::Publisher timing_, steps_;
     Rate timing_rate_, inverted_rate_;
 
     /* the simulation's own; others reach them by at_boundary */
     std::shared_ptr<Loaded> current_;
     Data data_;
     bool paused_ = false, broke_ = false; /* broke: the turn before this one */
+    uint64_t sequence_ = 0; /* turns since load or reset */
     std::vector<ToolSample> samples_;
     std::vector<bool> was_open_; /* the jaw, at the step before */
     ros::Time last_time_;

@@ -48,6 +48,20 @@ struct Snapshot {
     ros::Time stamp;
 };
 
+/* Of a simulation now; of this load as it is numbered here. */
+inline void take_snapshot(std::shared_ptr<const Loaded> loaded, const pliant_data &data, const ros::Time &stamp, Snapshot *out)
+{
+    const pliant_body *body = pliant_data_get_body(&data);
+    const double *positions = pliant_data_get_positions(&data, nullptr);
+    out->body = share(body);
+    out->revision = revision_of(*loaded, body->revision);
+    out->loaded = std::move(loaded);
+    out->step = pliant_data_get_statistics(&data)->step;
+    out->stamp = stamp;
+    out->positions.resize(3 * static_cast<size_t>(body->fine.num_nodes));
+    for (size_t i = 0; i < out->positions.size(); ++i) out->positions[i] = static_cast<float>(positions[i]);
+}
+
 class Snapshots {
 public:
     /* A reader says whether it wants any; without readers the simulation makes none. */

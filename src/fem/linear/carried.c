@@ -1,0 +1,87 @@
+#include "fem/linear/carried.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+#include "state/discretization.h"
+
+#include <string.h>
+
+/* Elements around the cut whose unknowns are solved for there (test/bench/bench_adapt). */
+enum { RINGS = 1 };
+
+void pliant_carried_free(pliant_carried *carried)
+{
+    if (!carried) return;
+    pliant_preconditioner_free(carried->base);
+    pliant_discretization_release(carried->of);
+    pliant_free(carried->source);
+    pliant_subdomain_free(carried->near);
+    pliant_free(carried->rest);
+    pliant_free(carried->all);
+    pliant_free(carried->right);
+    pliant_free(carried->left);
+    pliant_free(carried);
+}
+
+static pliant_status find_near(const pliant_system *system, const double *positions, const double *axes, pliant_carried *carried)
+{
+    int32_t *first = pliant_calloc((size_t)carried->base_free, sizeof *first); /* that takes after it, + 1 */
+    uint8_t *opened = pliant_calloc((size_t)carried->num_free, 1);
+    pliant_status status = first && opened ? PLIANT_OK : pliant_fail_memory("the preconditioner");
+    for (int32_t f = 0; status == PLIANT_OK && f < carried->num_free; f++) {
+        const int32_t source = carried->source[f];
+        opened[f] = source < 0 || first[source] > 0;
+        if (source >= 0 && first[source] > 0) opened[first[source] - 1] = 1;
+        else if (source >= 0) first[source] = f + 1;
+    }
+    if (status == PLIANT_OK) status = pliant_subdomain_create(system, opened, RINGS, positions, axes, &carried->near);
+    pliant_free(first);
+    pliant_free(opened);
+    return status;
+}
+
+pliant_status pliant_carried_create(const pliant_system *system, const pliant_discretization *of, int32_t *source, const double *positions,
+                                    const double *axes, pliant_carried **out)
+{
+    pliant_carried *carried = pliant_calloc(1, sizeof *carried);
+    if (!carried) {
+        pliant_free(source);
+        return pliant_fail_memory("the preconditioner");
+    }
+    carried->of = pliant_discretization_retain(of);
+    carried->source = source;
+    carried->num_free = system->num_free;
+    carried->base_free = of->system->num_free;
+    carried->rest = pliant_calloc((size_t)carried->num_free, 3 * sizeof *carried->rest);
+    carried->all = pliant_calloc((size_t)carried->num_free, 3 * sizeof *carried->all);
+    carried->right = pliant_calloc((size_t)carried->base_free, 3 * sizeof *carried->right);
+    carried->left = pliant_calloc((size_t)carried->base_free, 3 * sizeof *carried->left);
+    pliant_status status = PLIANT_OK;
+    if (!carried->rest || !carried->all || !carried->right || !carried->left) status = pliant_fail_memory("the preconditioner");
+    if (status == PLIANT_OK) status = find_near(system, positions, axes, carried);
+    if (status != PLIANT_OK) {
+        pliant_carried_free(carried);
+        return status;
+    }
+    *out = carried;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_carried_solve(pliant_carried *carried, const double *right, double *out)
+{
+    const size_t n = 3 * (size_t)carried->num_free;
+    pliant_status status = PLIANT_OK;
+    memcpy(carried->rest, right, n * sizeof *right);
+    memset(carried->all, 0, n * sizeof *carried->all);
+    if (carried->near) status = pliant_subdomain_solve(carried->near, right, carried->all, carried->rest);
+    if (status != PLIANT_OK) return status;
+    memset(carried->right, 0, 3 * (size_t)carried->base_free * sizeof *carried->right);
+    for (int32_t f = 0; f < carried->num_free; f++)
+        for (int d = 0; d < 3 && carried->source[f] >= 0; d++) carried->right[3 * carried->source[f] + d] += carried->rest[3 * f + d];
+    if ((status = pliant_preconditioner_solve(carried->base, 1, carried->right, carried->left)) != PLIANT_OK) return status;
+    for (int32_t f = 0; f < carried->num_free; f++)
+        for (int d = 0; d < 3; d++) carried->rest[3 * f + d] = carried->source[f] >= 0 ? carried->left[3 * carried->source[f] + d] : 0;
+    if (carried->near) status = pliant_subdomain_extend(carried->near, carried->rest, carried->all);
+    for (size_t i = 0; i < n; i++) out[i] = carried->all[i] + carried->rest[i];
+    return status;
+}

@@ -1,0 +1,38 @@
+/* A preconditioner that is carried over to the next body, until there is one of its own.
+ *
+ * Of the body before there is V, nearly the inverse of its stiffness. Every unknown of the next body is a node of the body before or a
+ * copy of one: with P, which gives copies what their sources have, P V P' answers to all loads as if the cut were still closed. What it
+ * cannot see is mended around the cut, where S is the inverse of the stiffness with everything else held (subdomain.h):
+ *     M^-1 = S + E P V P' E',  E = I - S K
+ * an overlapping Schwarz method in its balanced form (Mandel 1993, Balancing domain decomposition, with the two parts' places changed):
+ * both terms are symmetric and positive semidefinite, whatever V is, and their sum is definite. */
+#ifndef PLIANT_FEM_LINEAR_CARRIED_H
+#define PLIANT_FEM_LINEAR_CARRIED_H
+
+#include "fem/linear/subdomain.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pliant_carried {
+    pliant_preconditioner *base;      /* V, owned; NULL until it is handed over */
+    const pliant_discretization *of;  /* what it is of; retained */
+    int32_t num_free, base_free;      /* here; there */
+    int32_t *source;                  /* (num_free) unknown there, or -1 */
+    pliant_subdomain *near;           /* Nullable: nothing is opened */
+    double *rest, *all;               /* (3 num_free) room */
+    double *right, *left;             /* (3 base_free) room */
+} pliant_carried;
+
+/* Around unknowns whose source is shared or missing. source is taken over, also on an error; base is handed over later. Errors: MEMORY, NUMERIC. */
+pliant_status pliant_carried_create(const pliant_system *system, const pliant_discretization *of, int32_t *source, const double *positions,
+                                    const double *axes, pliant_carried **out);
+void pliant_carried_free(pliant_carried *carried); /* Nullable */
+/* out = M^-1 right; may be the same */
+pliant_status pliant_carried_solve(pliant_carried *carried, const double *right, double *out);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,279 @@
+#include "fem/linear/subdomain.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+static pliant_status no_memory(void) { return pliant_fail_memory("what a cut has opened"); }
+
+void pliant_subdomain_free(pliant_subdomain *subdomain)
+{
+    if (!subdomain) return;
+    pliant_system_clear(&subdomain->system);
+    pliant_free(subdomain->mesh.rest);
+    pliant_free(subdomain->mesh.tets);
+    pliant_free(subdomain->unknown);
+    pliant_free(subdomain->stiffness);
+    pliant_free(subdomain->axes);
+    pliant_factor_free(subdomain->factor);
+    pliant_free(subdomain->values);
+    pliant_free(subdomain->inner);
+    pliant_free(subdomain->x);
+    pliant_free(subdomain->y);
+    pliant_free(subdomain);
+}
+
+/* ---- making it */
+
+/* what is needed only while it is made */
+typedef struct builder {
+    const pliant_system *whole;
+    pliant_subdomain *made;
+    uint8_t *inner;           /* (num_free of the whole) */
+    int32_t *list, count;     /* (num_free) the inner unknowns */
+    int32_t *tet;             /* (num_tets of the whole) by the number here, + 1; 0: not here */
+    int32_t *tets;            /* (mesh.num_tets) the other way round */
+    int32_t *node;            /* (num_nodes of the whole) likewise, + 1 */
+} builder;
+
+/* unknowns a ring further: the free corners of the elements around those from `first` on */
+static void add_ring(builder *build, int32_t first)
+{
+    const pliant_system *whole = build->whole;
+    const int32_t last = build->count;
+    for (int32_t i = first; i < last; i++)
+        for (int32_t c = whole->corner_start[build->list[i]]; c < whole->corner_start[build->list[i] + 1]; c++)
+            for (int v = 0; v < 4; v++) {
+                int32_t f = whole->free_of_node[whole->mesh->tets[whole->corner[c] / 4 * 4 + v]];
+                if (f < 0 || build->inner[f]) continue;
+                build->inner[f] = 1;
+                build->list[build->count++] = f;
+            }
+}
+
+static pliant_status find_mesh(builder *build)
+{
+    const pliant_system *whole = build->whole;
+    pliant_subdomain *made = build->made;
+    pliant_mesh *mesh = &made->mesh;
+    int32_t most = 0;
+    for (int32_t i = 0; i < build->count; i++) most += whole->corner_start[build->list[i] + 1] - whole->corner_start[build->list[i]];
+    build->tets = pliant_calloc((size_t)most, sizeof *build->tets);
+    mesh->tets = pliant_calloc((size_t)most, 4 * sizeof *mesh->tets);
+    mesh->rest = pliant_calloc((size_t)most, 12 * sizeof *mesh->rest);
+    made->unknown = pliant_calloc((size_t)most, 4 * sizeof *made->unknown);
+    if (!build->tets || !mesh->tets || !mesh->rest || !made->unknown) return no_memory();
+    memcpy(mesh->cells, whole->mesh->cells, sizeof mesh->cells);
+    memcpy(mesh->cell_size, whole->mesh->cell_size, sizeof mesh->cell_size);
+    for (int32_t i = 0; i < build->count; i++)
+        for (int32_t c = whole->corner_start[build->list[i]]; c < whole->corner_start[build->list[i] + 1]; c++) {
+            const int32_t t = whole->corner[c] / 4, *nodes = whole->mesh->tets + 4 * t;
+            if (build->tet[t] > 0) continue;
+            build->tets[mesh->num_tets] = t;
+            build->tet[t] = mesh->num_tets + 1;
+            for (int v = 0; v < 4; v++) {
+                if (build->node[nodes[v]] == 0) {
+                    made->unknown[mesh->num_nodes] = whole->free_of_node[nodes[v]];
+                    memcpy(mesh->rest + 3 * mesh->num_nodes, whole->mesh->rest + 3 * nodes[v], 3 * sizeof *mesh->rest);
+                    build->node[nodes[v]] = ++mesh->num_nodes;
+                }
+                mesh->tets[4 * mesh->num_tets + v] = build->node[nodes[v]] - 1;
+            }
+            mesh->num_tets++;
+        }
+    return PLIANT_OK;
+}
+
+/* the elements as the whole has them */
+static pliant_status copy_elements(builder *build)
+{
+    const pliant_system *whole = build->whole;
+    pliant_system *system = &build->made->system;
+    system->mesh = system->fine = &build->made->mesh;
+    system->num_threads = 1;
+    system->num_blocks = (system->mesh->num_tets + LANES - 1) / LANES;
+    const size_t blocks = (size_t)system->num_blocks, tets = (size_t)system->mesh->num_tets;
+    system->gradients = pliant_calloc(blocks, sizeof *system->gradients);
+    system->lame = pliant_calloc(blocks, sizeof *system->lame);
+    if (whole->stiffness) system->stiffness = pliant_calloc(tets, 144 * sizeof *system->stiffness);
+    if (whole->grounded) system->grounded = pliant_calloc(blocks, LANES * sizeof *system->grounded);
+    if (!system->gradients || !system->lame || (whole->stiffness && !system->stiffness) || (whole->grounded && !system->grounded)) return no_memory();
+    for (int32_t e = 0; e < system->num_blocks * LANES; e++) {
+        const int32_t at = e < system->mesh->num_tets ? e : system->mesh->num_tets - 1, t = build->tets[at];
+        for (int m = 0; m < 12; m++) system->gradients[e / LANES][m][e % LANES] = whole->gradients[t / LANES][m][t % LANES];
+        if (e != at) continue;
+        for (int m = 0; m < 2; m++) system->lame[e / LANES][m][e % LANES] = whole->lame[t / LANES][m][t % LANES];
+        if (whole->stiffness) memcpy(system->stiffness + 144 * (size_t)e, whole->stiffness + 144 * (size_t)t, 144 * sizeof *system->stiffness);
+        if (whole->grounded) system->grounded[e] = whole->grounded[t];
+    }
+    return PLIANT_OK;
+}
+
+static pliant_status number_inner(const builder *build)
+{
+    pliant_subdomain *made = build->made;
+    uint8_t *held = pliant_calloc((size_t)made->mesh.num_nodes, 1);
+    if (!held) return no_memory();
+    for (int32_t n = 0; n < made->mesh.num_nodes; n++) held[n] = made->unknown[n] < 0 || !build->inner[made->unknown[n]];
+    pliant_status status = pliant_system_unknowns(&made->system, held);
+    pliant_free(held);
+    return status;
+}
+
+/* What is cut off but for a hinge moves without force: the smallest part of the stiffness holds it where the factor fails. */
+static pliant_status factorize(pliant_subdomain *made)
+{
+    const pliant_pattern *pattern = &made->system.pattern;
+    pliant_status status = pliant_factor_numeric(made->factor, made->values);
+    for (double part = 1e-6; status == PLIANT_ERROR_NUMERIC && part < 1; part *= 100) {
+        for (int32_t column = 0; column < pattern->num_columns; column++) {
+            const int64_t first = 9 * (int64_t)pattern->start[column] - 3 * (int64_t)column;
+            const int32_t height = pattern->start[column + 1] - pattern->start[column];
+            const int64_t at[3] = {first, first + 3 * height, first + 6 * height - 1};
+            double most = 0;
+            for (int d = 0; d < 3; d++) most = made->values[at[d]] > most ? made->values[at[d]] : most;
+            for (int d = 0; d < 3; d++) made->values[at[d]] += part * most;
+        }
+        status = pliant_factor_numeric(made->factor, made->values);
+    }
+    return status;
+}
+
+static pliant_status find_numbers(const builder *build, const double *positions, const double *axes)
+{
+    pliant_subdomain *made = build->made;
+    const pliant_system *system = &made->system;
+    const size_t nodes = (size_t)made->mesh.num_nodes, tets = (size_t)made->mesh.num_tets;
+    pliant_tangent *tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents);
+    made->x = pliant_calloc(nodes, 3 * sizeof *made->x);
+    made->y = pliant_calloc(nodes, 3 * sizeof *made->y);
+    made->inner = pliant_calloc((size_t)system->num_free, 3 * sizeof *made->inner);
+    made->stiffness = pliant_calloc(tets, 144 * sizeof *made->stiffness);
+    made->values = pliant_calloc((size_t)system->pattern.num_values, sizeof *made->values);
+    if (axes) made->axes = pliant_calloc(nodes, 9 * sizeof *made->axes);
+    pliant_status status = tangents && made->x && made->y && made->inner && made->stiffness && made->values && (!axes || made->axes) ? PLIANT_OK : no_memory();
+    if (status == PLIANT_OK) {
+        for (int32_t n = 0; n < build->whole->mesh->num_nodes; n++)
+            if (build->node[n] > 0) memcpy(made->x + 3 * (build->node[n] - 1), positions + 3 * n, 3 * sizeof *made->x);
+        for (size_t n = 0; axes && n < nodes; n++)
+            if (made->unknown[n] >= 0) memcpy(made->axes + 9 * n, axes + 9 * (size_t)made->unknown[n], 9 * sizeof *axes);
+        pliant_system_tangents(system, made->x, PLIANT_TWIST_POSITIVE, tangents);
+        for (int32_t t = 0; t < made->mesh.num_tets; t++) pliant_system_element(system, tangents, t, made->stiffness + 144 * (size_t)t);
+        pliant_system_assemble(system, tangents, made->values);
+        status = pliant_factor_analyze(&system->pattern, &made->factor);
+    }
+    if (status == PLIANT_OK) status = factorize(made);
+    pliant_free(tangents);
+    return status;
+}
+
+pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t *opened, int32_t rings, const double *positions, const double *axes,
+                                      pliant_subdomain **out)
+{
+    builder build = {.whole = system};
+    *out = NULL;
+    build.inner = pliant_calloc((size_t)system->num_free, 1);
+    build.list = pliant_calloc((size_t)system->num_free, sizeof *build.list);
+    build.tet = pliant_calloc((size_t)system->mesh->num_tets, sizeof *build.tet);
+    build.node = pliant_calloc((size_t)system->mesh->num_nodes, sizeof *build.node);
+    pliant_status status = build.inner && build.list && build.tet && build.node ? PLIANT_OK : no_memory();
+    for (int32_t f = 0; status == PLIANT_OK && f < system->num_free; f++)
+        if ((build.inner[f] = opened[f])) build.list[build.count++] = f;
+    if (status == PLIANT_OK && build.count > 0) {
+        for (int32_t ring = 0, first = 0; ring < rings; ring++) {
+            const int32_t next = build.count;
+            add_ring(&build, first);
+            first = next;
+        }
+        if (!(build.made = pliant_calloc(1, sizeof *build.made))) status = no_memory();
+        if (status == PLIANT_OK) status = find_mesh(&build);
+        if (status == PLIANT_OK) status = copy_elements(&build);
+        if (status == PLIANT_OK) status = number_inner(&build);
+        if (status == PLIANT_OK) status = find_numbers(&build, positions, axes);
+    }
+    void *blocks[] = {build.inner, build.list, build.tet, build.tets, build.node};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    if (status == PLIANT_OK) *out = build.made;
+    else pliant_subdomain_free(build.made);
+    return status;
+}
+
+/* ---- in a step */
+
+/* from or to the axes in which the whole's vectors are */
+static void turn(const double *q, bool back, const double in[3], double out[3])
+{
+    if (!q) {
+        memcpy(out, in, 3 * sizeof *out);
+        return;
+    }
+    for (int r = 0; r < 3; r++) out[r] = back ? q[r] * in[0] + q[3 + r] * in[1] + q[6 + r] * in[2] : q[3 * r] * in[0] + q[3 * r + 1] * in[1] + q[3 * r + 2] * in[2];
+}
+
+static const double *axes_of(const pliant_subdomain *subdomain, int32_t node) { return subdomain->axes ? subdomain->axes + 9 * (size_t)node : NULL; }
+
+/* y = K x on all nodes of the elements */
+static void multiply(pliant_subdomain *subdomain)
+{
+    const pliant_mesh *mesh = &subdomain->mesh;
+    memset(subdomain->y, 0, 3 * (size_t)mesh->num_nodes * sizeof *subdomain->y);
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        const double *k = subdomain->stiffness + 144 * (size_t)t;
+        double x[12];
+        for (int m = 0; m < 12; m++) x[m] = subdomain->x[3 * mesh->tets[4 * t + m / 3] + m % 3];
+        for (int i = 0; i < 12; i++) {
+            double sum = 0;
+            for (int j = 0; j < 12; j++) sum += k[12 * i + j] * x[j];
+            subdomain->y[3 * mesh->tets[4 * t + i / 3] + i % 3] += sum;
+        }
+    }
+}
+
+pliant_status pliant_subdomain_solve(pliant_subdomain *subdomain, const double *right, double *z, double *rest)
+{
+    const pliant_system *system = &subdomain->system;
+    for (int32_t f = 0; f < system->num_free; f++) {
+        const int32_t node = system->node_of_free[f];
+        turn(axes_of(subdomain, node), false, right + 3 * (size_t)subdomain->unknown[node], subdomain->inner + 3 * f);
+    }
+    pliant_status status = pliant_factor_solve(subdomain->factor, 1, subdomain->inner, subdomain->inner);
+    if (status != PLIANT_OK) return status;
+    memset(subdomain->x, 0, 3 * (size_t)subdomain->mesh.num_nodes * sizeof *subdomain->x);
+    for (int32_t f = 0; f < system->num_free; f++) {
+        const int32_t node = system->node_of_free[f];
+        memcpy(subdomain->x + 3 * node, subdomain->inner + 3 * f, 3 * sizeof *subdomain->x);
+        turn(axes_of(subdomain, node), true, subdomain->inner + 3 * f, z + 3 * (size_t)subdomain->unknown[node]);
+    }
+    multiply(subdomain);
+    for (int32_t n = 0; n < subdomain->mesh.num_nodes; n++) {
+        if (subdomain->unknown[n] < 0) continue;
+        double *at = rest + 3 * (size_t)subdomain->unknown[n], pull[3];
+        if (system->free_of_node[n] >= 0) {
+            memset(at, 0, 3 * sizeof *at);
+            continue;
+        }
+        turn(axes_of(subdomain, n), true, subdomain->y + 3 * n, pull);
+        for (int d = 0; d < 3; d++) at[d] -= pull[d];
+    }
+    return PLIANT_OK;
+}
+
+pliant_status pliant_subdomain_extend(pliant_subdomain *subdomain, const double *v, double *z)
+{
+    const pliant_system *system = &subdomain->system;
+    memset(subdomain->x, 0, 3 * (size_t)subdomain->mesh.num_nodes * sizeof *subdomain->x);
+    for (int32_t n = 0; n < subdomain->mesh.num_nodes; n++)
+        if (subdomain->unknown[n] >= 0) turn(axes_of(subdomain, n), false, v + 3 * (size_t)subdomain->unknown[n], subdomain->x + 3 * n);
+    multiply(subdomain);
+    for (int32_t f = 0; f < system->num_free; f++) memcpy(subdomain->inner + 3 * f, subdomain->y + 3 * system->node_of_free[f], 3 * sizeof *subdomain->inner);
+    pliant_status status = pliant_factor_solve(subdomain->factor, 1, subdomain->inner, subdomain->inner);
+    if (status != PLIANT_OK) return status;
+    for (int32_t f = 0; f < system->num_free; f++) {
+        const int32_t node = system->node_of_free[f];
+        double by[3];
+        turn(axes_of(subdomain, node), true, subdomain->inner + 3 * f, by);
+        for (int d = 0; d < 3; d++) z[3 * (size_t)subdomain->unknown[node] + (size_t)d] -= by[d];
+    }
+    return PLIANT_OK;
+}

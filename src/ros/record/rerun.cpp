@@ -1,0 +1,54 @@
+#include "ros/record/rerun.h"
+
+namespace pliant_ros {
+
+void Rerun::begin(const Step &first)
+{
+    Data data = create_data(*loaded_->model);
+    for (const ToolInput &tool : first.tools) {
+        int index;
+        check(pliant_tool_add(loaded_->model, data.get(), tool.name.c_str(), &index));
+    }
+    data_.swap(data);
+    begun_ = true;
+}
+
+bool Rerun::take(const Step &recorded)
+{
+    if (recorded.sequence == 1) begin(recorded);
+    if (!begun_) {
+        ++skipped_;
+        return false;
+    }
+    if (recorded.sequence != 1 && (recorded.sequence != last_.sequence + 1 || recorded.load != last_.load)) {
+        begun_ = false;
+        throw Failure(PLIANT_ERROR_FORMAT, "after turn " + std::to_string(last_.sequence) + " the recording goes on with turn " +
+                                               std::to_string(recorded.sequence) + ": what is between is not in it; the next reset is waited for");
+    }
+    last_ = recorded;
+    tell_outcome(make_step(*loaded_->model, data_.get(), PLIANT_BACKGROUND_PRESCRIBED, recorded), *data_, &last_);
+    ++made_;
+    if (last_.status != recorded.status || last_.step != recorded.step || last_.checksum != recorded.checksum) {
+        if (differing_++ == 0) first_differing_ = recorded.step;
+    }
+    return true;
+}
+
+std::shared_ptr<const Snapshot> Rerun::snapshot() const
+{
+    auto out = std::make_shared<Snapshot>();
+    take_snapshot(loaded_, *data_, last_.header.stamp, out.get());
+    out->revision = last_.revision;
+    return out;
+}
+
+std::string Rerun::summary() const
+{
+    std::string text = std::to_string(made_) + " turns computed again, ";
+    text += differing_ == 0 ? "each as recorded, to the bit"
+                            : std::to_string(differing_) + " of them not as recorded, from step " + std::to_string(first_differing_) + " on";
+    if (skipped_ > 0) text += "; " + std::to_string(skipped_) + " before the first reset in the recording";
+    return text;
+}
+
+} // namespace pliant_ros

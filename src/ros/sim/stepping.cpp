@@ -1,0 +1,64 @@
+#include "ros/sim/stepping.h"
+
+#include <algorithm>
+#include <cstring>
+
+namespace pliant_ros {
+
+namespace {
+
+void apply_settings(const Step &step, pliant_data *data)
+{
+    pliant_data_set_limits(data, step.iterations, step.tolerance);
+    double gravity[3];
+    pliant_data_get_gravity(data, gravity);
+    if (!std::equal(gravity, gravity + 3, step.gravity.begin())) pliant_data_set_gravity(data, step.gravity.data());
+    for (int tool = 0; tool < pliant_data_get_num_tools(data); ++tool) pliant_tool_set_spring(data, tool, step.stiffness, step.damping);
+}
+
+void apply_tool(const pliant_model &model, const ToolInput &input, pliant_data *data, int tool)
+{
+    if (!input.present || pliant_tool_set_pose(data, tool, input.tip.data(), input.rotation.data()) < 0) {
+        if (tool_state(*data, tool).present) pliant_tool_lost(data, tool);
+        return;
+    }
+    if (input.closes) pliant_tool_grasp(&model, data, tool, nullptr);
+    if (!input.closed && tool_state(*data, tool).holding) pliant_tool_release(data, tool);
+}
+
+/* FNV-1a, of 64-bit words */
+uint64_t checksum(const double *values, size_t count)
+{
+    uint64_t sum = 0xcbf29ce484222325u, bits;
+    for (size_t i = 0; i < count; ++i) {
+        std::memcpy(&bits, values + i, sizeof bits);
+        sum = (sum ^ bits) * 0x100000001b3u;
+    }
+    return sum;
+}
+
+} // namespace
+
+pliant_status make_step(const pliant_model &model, pliant_data *data, pliant_background_kind kind, const Step &step)
+{
+    if (static_cast<int>(step.tools.size()) != pliant_data_get_num_tools(data))
+        throw Failure(PLIANT_ERROR_ARGUMENT, "a step of " + std::to_string(step.tools.size()) + " tools, where the simulation has " +
+                                                 std::to_string(pliant_data_get_num_tools(data)));
+    apply_settings(step, data);
+    for (size_t i = 0; i < step.tools.size(); ++i) apply_tool(model, step.tools[i], data, static_cast<int>(i));
+    if (step.paused) return PLIANT_OK;
+    check(pliant_data_set_background(data, kind, kind == PLIANT_BACKGROUND_PRESCRIBED ? step.background : 0));
+    return pliant_step(&model, data);
+}
+
+void tell_outcome(pliant_status status, const pliant_data &data, Step *out)
+{
+    const pliant_statistics &statistics = *pliant_data_get_statistics(&data);
+    out->status = status;
+    out->step = statistics.step;
+    out->background = out->paused ? 0 : pliant_data_get_background_taken(&data);
+    out->checksum = checksum(pliant_data_get_positions(&data, nullptr), 3 * static_cast<size_t>(pliant_data_get_body(&data)->fine.num_nodes));
+    out->seconds.assign(statistics.seconds, statistics.seconds + PLIANT_NUM_STEP_STAGES);
+}
+
+} // namespace pliant_ros

@@ -1,0 +1,26 @@
+/* How many hold a discretization; from any thread. */
+#ifndef PLIANT_STATE_DISCRETIZATION_H
+#define PLIANT_STATE_DISCRETIZATION_H
+
+#include "state/model.h"
+
+#ifndef __cplusplus
+#include <stdatomic.h>
+
+struct pliant_discretization_holders {
+    atomic_int count;
+    void (*free)(pliant_discretization *discretization); /* by the last one */
+};
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+const pliant_discretization *pliant_discretization_retain(const pliant_discretization *discretization);
+void pliant_discretization_release(const pliant_discretization *discretization); /* Nullable */
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,133 @@
+// What a change of topology costs: the stages of pliant_data_set_body, and how soon a solve is as good as before, on the abdomen of the
+// test data at 256 x 160 x 122, coarse cells 7 x 7 x 7. A tool pulls at the liver while strokes open a slit in it, one a frame.
+//
+//   bench_adapt [group/name=value ...]
+#include "../pipeline/fragments.h"
+#include "fem/system.h"
+#include "frames.h"
+
+#include <ctime>
+
+namespace {
+
+const double liver[3] = {-0.057, -0.255, 0.392}; // its front
+enum { STROKES = 12, AFTER = 10 };
+
+double cpu(clockid_t clock)
+{
+    timespec t;
+    clock_gettime(clock, &t);
+    return 1e3 * (double(t.tv_sec) + 1e-9 * double(t.tv_nsec));
+}
+
+struct Run {
+    pliant_data *data = nullptr;
+    int tool = -1;
+    double from[3];
+};
+
+Run begin(const pliant_model *model)
+{
+    Run run;
+    check(pliant_data_create(model, &run.data));
+    check(pliant_tool_add(model, run.data, "bench", &run.tool));
+    check(pliant_tool_grasp(model, run.data, run.tool, liver));
+    check(pliant_tool_set_drive(run.data, run.tool, PLIANT_DRIVE_RIGID, nullptr));
+    std::memcpy(run.from, run.data->tools[run.tool].tip, sizeof run.from);
+    return run;
+}
+
+void move(const Run &run, int frame)
+{
+    double tip[3], by[3];
+    offset_at(frame, by);
+    for (int d = 0; d < 3; d++) tip[d] = run.from[d] + by[d];
+    check(pliant_tool_set_pose(run.data, run.tool, tip, nullptr));
+}
+
+void settle(const pliant_model *model, const Run &run)
+{
+    pliant_status status = PLIANT_NOT_CONVERGED;
+    for (int left = 20; left > 0 && status == PLIANT_NOT_CONVERGED; left--) check(status = pliant_step(model, run.data));
+}
+
+} // namespace
+
+int main(int argc, char **argv)
+{
+    const std::string labels = std::string(PLIANT_TEST_DATA) + "/abdomen/labels_totalseg_fast.nii.gz", scan = std::string(PLIANT_TEST_DATA) + "/abdomen/ct.nii.gz";
+    pliant_scene scene;
+    pliant_volume volume{};
+    pliant_labels organs{};
+    pliant_material_table materials{};
+    pliant_scene_defaults(&scene);
+    check(pliant_scene_set(&scene, "scan/resample", "256 160 122"));
+    check(pliant_scene_set(&scene, "material/file", PLIANT_SOURCE_DIR "/test/bench/abdomen.yaml"));
+    check(pliant_scene_set(&scene, "material/labels", labels.c_str()));
+    check(pliant_inputs_read(&scene, scan.c_str(), &volume, &organs, &materials));
+    scene.mesh.keep_air = true;
+    scene.mesh.ratio = 2;
+    scene.grasp.radius = 0.012;
+    scene.solver.backend = PLIANT_CPU;
+    scene.model.method = PLIANT_FINE;
+    scene.solver.iterations = 6;
+    scene.solver.tolerance = 1e-6;
+    for (int a = 1; a < argc; a++) {
+        std::string option = argv[a];
+        size_t equals = option.find('=');
+        check(pliant_scene_set(&scene, option.substr(0, equals).c_str(), option.substr(equals + 1).c_str()));
+    }
+    pliant_model *model = nullptr, *exact = nullptr;
+    check(pliant_model_build(&scene, &volume, &organs, &materials, {nullptr, nullptr}, &model));
+    std::printf("%d fine tetrahedra, %d nodes, %d solved\n", model->body->fine.num_tets, model->body->fine.num_nodes, model->system ? model->system->num_free : 0);
+    exact = model;
+
+    Run fast = begin(model), tight = begin(exact);
+    check(pliant_data_set_limits(tight.data, 60, 1e-8));
+    std::vector<double> thread, process, wall, step_ms;
+    std::vector<int8_t> sides;
+    const pliant_body *body = pliant_body_retain(model->body);
+    const Plane plane{{liver[0] + 0.004, liver[1], liver[2]}, {0.96, 0.2, 0.19}};
+    const int frames = STROKES + 10 + AFTER;
+    double whole = 0;
+    std::printf("frame  touched  new nodes   set_body [ms]: thread, process, wall   evaluations   error\n");
+    for (int f = 1; f <= frames; f++) {
+        move(fast, f);
+        move(tight, f);
+        const int stroke = f - 11;
+        if (stroke >= 0 && stroke < STROKES) {
+            auto reaches = [&](const double *x) { return std::fabs(x[2] - liver[2]) < 0.015 && x[1] - liver[1] < -0.02 + 0.008 * stroke; };
+            const pliant_body *next = sever_plane(body, body->revision + 1, plane, reaches, &sides);
+            if (!next) check(PLIANT_ERROR_ARGUMENT);
+            const double t0 = cpu(CLOCK_THREAD_CPUTIME_ID), p0 = cpu(CLOCK_PROCESS_CPUTIME_ID), w0 = cpu(CLOCK_MONOTONIC);
+            check(pliant_data_set_body(model, fast.data, next));
+            const double t1 = cpu(CLOCK_THREAD_CPUTIME_ID), p1 = cpu(CLOCK_PROCESS_CPUTIME_ID), w1 = cpu(CLOCK_MONOTONIC);
+            check(pliant_data_set_body(exact, tight.data, next));
+            if (next->changes.num_touched > 0) thread.push_back(t1 - t0), process.push_back(p1 - p0), wall.push_back(w1 - w0);
+            std::printf("%4d %7d %7d        %8.2f %8.2f %8.2f", f, next->changes.num_touched, next->fine.num_nodes - body->fine.num_nodes, t1 - t0, p1 - p0, w1 - w0);
+            pliant_body_release(body);
+            body = next;
+        } else {
+            std::printf("%4d                                                  ", f);
+        }
+        const double s0 = cpu(CLOCK_MONOTONIC);
+        check(pliant_step(model, fast.data));
+        step_ms.push_back(cpu(CLOCK_MONOTONIC) - s0);
+        settle(exact, tight);
+        const size_t nodes = size_t(body->fine.num_nodes);
+        whole = std::max(whole, largest_apart(tight.data->positions, body->fine.rest, nodes));
+        std::printf("   %2d   %7.3f %%  step %6.2f ms  residual %.1e factors %llu\n", fast.data->statistics.iterations,
+                    100 * largest_apart(fast.data->positions, tight.data->positions, nodes) / whole, step_ms.back(), fast.data->statistics.residual,
+                    (unsigned long long)fast.data->statistics.factors);
+    }
+    std::printf("median set_body [ms]: thread %.2f, process %.2f, wall %.2f; worst wall %.2f; step median %.2f, worst %.2f\n", quantile(thread, 0.5),
+                quantile(process, 0.5), quantile(wall, 0.5), quantile(wall, 1), quantile(step_ms, 0.5), quantile(step_ms, 1));
+    pliant_body_release(body);
+    pliant_data_free(fast.data);
+    pliant_data_free(tight.data);
+    pliant_model_free(model);
+    pliant_material_table_free(&materials);
+    pliant_labels_free(&organs);
+    pliant_volume_free(&volume);
+    return 0;
+}

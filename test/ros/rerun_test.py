@@ -1,0 +1,169 @@
+#!/usr/bin/env python3
+"""A session that no step waited in, on a busy machine, is made again from what its tools did: the same positions, to the bit."""
+import csv
+import math
+import os
+import shutil
+import subprocess
+import sys
+import time
+import unittest
+
+import rosbag
+import rospy
+import rostest
+from dynamic_reconfigure.msg import Config, DoubleParameter
+from dynamic_reconfigure.srv import Reconfigure
+from pliant.msg import Step
+from std_srvs.srv import Trigger
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
+from node_client import NAMESPACE, Latest, Launch, Node, Tool, call, is_sent, wait_for  # noqa: E402
+
+SCAN = "phantom:72x48x60"
+SECONDS = 60.0  # that anything may take on a busy machine
+TURNS = 300
+
+
+def write_scene(path):
+    """That of the demo, on a mesh that takes long to factor, and few states."""
+    launch = subprocess.check_output(["rospack", "find", "pliant"], universal_newlines=True).strip() + "/launch"
+    with open(launch + "/scenes/demo.yaml") as file:
+        text = file.read().replace("../materials", launch + "/materials").replace("ratio: 2", "ratio: 3")
+    with open(path, "w") as file:
+        file.write(text + "output:\n  mesh_rate: 5\n")
+
+
+class RerunTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("rerun_test")
+        cls.folder = rospy.get_param("~folder")
+        shutil.rmtree(cls.folder, ignore_errors=True)
+        os.makedirs(cls.folder)
+        cls.bag, cls.scene = cls.folder + "/session.bag", cls.folder + "/scene.yaml"
+        write_scene(cls.scene)
+        cls.record()
+        with rosbag.Bag(cls.bag) as bag:
+            cls.steps = [message for _, message, _ in bag.read_messages(NAMESPACE + "step")]
+
+    @classmethod
+    def record(cls):
+        """With as many processes that keep cores busy as there are cores."""
+        live = Launch("tissue.launch", scan=SCAN, scene=cls.scene, tool_max_age="1", parent_frame="")
+        busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count())]
+        recorder = None
+        try:
+            node, tool = Node(), Tool("grasper", "tissue")
+            node.wait_until_running()
+            recorder = Launch("record.launch", bag=cls.bag)
+            for topic in ("mesh/topology", "mesh/state", "step"):
+                wait_for(lambda: is_sent("sim", topic, "/record_tissue"), "the recorder", SECONDS)
+            assert call("reset", Trigger).success
+            cls.pull(node, tool)
+            tool.reset()
+        finally:
+            for process in busy:
+                process.kill()
+                process.wait()
+            if recorder:
+                recorder.stop()
+            live.stop()
+
+    @classmethod
+    def pull(cls, node, tool):
+        """To and fro and around, while gravity changes."""
+        change = rospy.ServiceProxy(NAMESPACE + "sim/set_parameters", Reconfigure)
+        front, step = node.front(), Latest("step", Step)
+        tool.appear(front)
+        wait_for(lambda: node.contact.fresh().touching, "the tool to touch")
+        tool.take_hold(node.contact)
+        begin = step.fresh().sequence
+        while step.message.sequence < begin + TURNS:
+            angle = 0.03 * (step.message.sequence - begin)
+            tool.position = list(front + [0.05 * math.sin(angle), -0.05 * math.sin(0.5 * angle) ** 2, 0.02 * math.sin(2 * angle)])
+            if step.message.sequence > begin + TURNS // 2:
+                change(Config(doubles=[DoubleParameter("gravity_z", 15 * math.sin(angle))]))
+            time.sleep(0.01)
+        step.close()
+
+    def run_bag(self, *arguments):
+        done = subprocess.run(["pliant_bag"] + list(arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                              universal_newlines=True, timeout=4 * SECONDS)
+        return done.returncode, done.stdout, done.stderr
+
+    def simulate(self, bag, *arguments):
+        return self.run_bag(bag, "--scan", SCAN, "--scene", self.scene, "--simulate", *arguments)
+
+    def rewritten(self, name, change):
+        """The bag with every step changed; None: left out."""
+        path = self.folder + "/" + name
+        with rosbag.Bag(self.bag) as source, rosbag.Bag(path, "w") as out:
+            for topic, message, when in source.read_messages():
+                if topic == NAMESPACE + "step":
+                    message = change(message)
+                if message is not None:
+                    out.write(topic, message, when)
+        return path
+
+    def test_every_turn_is_recorded(self):
+        first = [step.sequence for step in self.steps].index(1)
+        numbers = [step.sequence for step in self.steps[first:]]
+        self.assertEqual(numbers, list(range(1, len(numbers) + 1)))
+        self.assertGreaterEqual(len(numbers), TURNS)
+        with rosbag.Bag(self.bag) as bag:
+            states = bag.get_message_count(NAMESPACE + "mesh/state")
+        self.assertGreater(len(self.steps), 2 * states, "states are fewer than steps")
+
+    def test_what_arrived_live_is_put_to_use_where_it_was(self):
+        self.assertGreater(len([step for step in self.steps if step.background]), 3, "factors came in")
+        code, said, errors = self.simulate(self.bag)
+        self.assertEqual(code, 0, errors)
+        self.assertIn("each as recorded, to the bit", said)
+
+    def test_it_matters_when_it_arrives(self):
+        before = [0]
+
+        def later(step):
+            """What each step took, the next one takes."""
+            step.background, before[0] = before[0], step.background
+            return step
+        code, _, errors = self.simulate(self.rewritten("late.bag", later))
+        self.assertEqual(code, 1)
+        self.assertIn("not as recorded, from step", errors)
+
+    def test_a_gap_is_told(self):
+        code, _, errors = self.simulate(self.rewritten("gap.bag", lambda step: None if step.sequence == 100 else step))
+        self.assertEqual(code, 1)
+        self.assertIn("after turn 99 the recording goes on with turn 101", errors)
+
+    def test_another_tool_motion_differs(self):
+        def shifted(step):
+            if step.sequence > 50:
+                step.tools[0].tip = [step.tools[0].tip[0] + 1e-9] + list(step.tools[0].tip[1:])
+            return step
+        code, _, errors = self.simulate(self.rewritten("shifted.bag", shifted))
+        self.assertEqual(code, 1)
+        self.assertIn("not as recorded, from step", errors)
+
+    def test_replay_simulates_faster_than_live(self):
+        launch = Launch("replay.launch", bag=self.bag, scan=SCAN, scene=self.scene, rate="4", simulate="true")
+        try:
+            wait_for(lambda: "play-" in launch.said() and "finished cleanly" in launch.said(), "the end of the bag", 2 * SECONDS)
+        finally:
+            launch.stop()
+        self.assertIn("each as recorded, to the bit", launch.said())
+
+    def test_table_of_steps(self):
+        path = self.folder + "/steps.csv"
+        code, _, errors = self.run_bag(self.bag, "--steps", path)
+        self.assertEqual(code, 0, errors)
+        with open(path) as file:
+            rows = list(csv.DictReader(file))
+        self.assertEqual([int(row["sequence"]) for row in rows], [step.sequence for step in self.steps])
+        self.assertEqual([int(row["checksum"], 16) for row in rows], [step.checksum for step in self.steps])
+        self.assertGreater(float(rows[-1]["solve_s"]), 0)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("pliant", "rerun", RerunTest)
