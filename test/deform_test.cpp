@@ -278,4 +278,36 @@ TEST_F(Deform, ComparesMethodsSideBySide)
     EXPECT_NE(err_.find("'fast' is none of fine coarse schur"), std::string::npos) << err_;
 }
 
+// What a run is of is said at its start; probes and connectivity are written; nothing is more than done; --quiet is quiet.
+TEST_F(Deform, SaysWhatItRunsOnAndFollowsProbes)
+{
+    const double front = front_of_the_wall();
+    std::ofstream(in("probes.yaml")) << "gravity: [{time: 0, acceleration: [0, 9.81, 0]}]\nprobes:\n  - {name: wall, at: [0.0, " << front + 0.004
+                                     << ", 0.0]}\n  - {name: side, at: [0.01, " << front + 0.01 << ", 0.01]}\n";
+    const std::string probed = small_ + "--no-volume --tools " + in("probes.yaml") + " --set solver/iterations=1 --out " + in("p");
+    ASSERT_EQ(run(probed), 0) << err_;
+    EXPECT_NE(out_.find(" nodes are fixed"), std::string::npos) << out_;
+    EXPECT_NE(out_.find(" kg; "), std::string::npos) << out_;
+    std::stringstream lines(err_);
+    for (std::string line; std::getline(lines, line);) {
+        int percent = 0;
+        if (std::sscanf(line.c_str(), "%d %%", &percent) == 1) { EXPECT_LE(percent, 100) << line; }
+    }
+    EXPECT_NE(err_.find("settling"), std::string::npos) << err_;
+    auto probes = table(in("p/probes.csv")), steps = table(in("p/steps.csv"));
+    ASSERT_EQ(probes.size(), 1 + 2 * steps.size()); // and time 0
+    EXPECT_EQ(probes[0][1], "probe");
+    EXPECT_EQ(std::stod(probes[1][6]), 0);
+    EXPECT_GT(std::stod(probes[probes.size() - 2][6]), 1e-5) << "the wall falls backwards";
+    EXPECT_NEAR(std::stod(probes.back()[6]), std::stod(probes.back()[3]) - (front + 0.01), 1e-7);
+    auto elements = table(in("p/elements.csv"));
+    ASSERT_GT(elements.size(), 100u);
+    EXPECT_EQ(elements[0], (std::vector<std::string>{"node_0", "node_1", "node_2", "node_3", "material"}));
+    ASSERT_EQ(run(probed + " --quiet --steps 2"), 0) << err_;
+    EXPECT_EQ(out_, "");
+    std::ofstream(in("off.yaml")) << "probes: [{name: off, at: [0, 9, 0]}]\n";
+    EXPECT_EQ(run(small_ + "--quiet --no-volume --steps 1 --tools " + in("off.yaml") + " --out " + in("off")), 1);
+    EXPECT_NE(err_.find("probe off: there is no tissue at (0.0000 9.0000 0.0000) m"), std::string::npos) << err_;
+}
+
 } // namespace

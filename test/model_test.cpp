@@ -67,4 +67,56 @@ TEST(Model, WhatInterpolatesWithinWholeCubesIsNotCut)
     EXPECT_NE(std::string(pliant_last_error()).find("cut/kind: lod"), std::string::npos) << pliant_last_error();
 }
 
+// A plane between layers of nodes holds those behind it: how far off that is, and which planes would be exact, is said.
+TEST(Model, APlaneBetweenNodesIsTold)
+{
+    const int voxels[3] = {8, 8, 8};
+    const double box[3] = {0.08, 0.08, 0.08};
+    static std::string said;
+    pliant_set_log([](pliant_log_level level, const char *message, void *) { if (level == PLIANT_LOG_WARNING) said += message; }, nullptr);
+    for (double at : {0.02, 0.0201, 0.025, -0.003}) {
+        Body body(voxels, box, {{4000, 0.45, 1000, false}});
+        body.cells(4, 4, 4, 1);
+        body.fix_plane(0, 0, at, 0, 0, 3);
+        said.clear();
+        pliant_status status = body.build();
+        if (at < 0) {
+            EXPECT_EQ(status, PLIANT_ERROR_SCENE);
+            EXPECT_NE(said.find("number 1 holds no node: the first lies 3 mm in front of it"), std::string::npos) << said;
+            EXPECT_NE(std::string(pliant_last_error()).find("fixed/planes: number 1 holds no node"), std::string::npos) << pliant_last_error();
+            continue;
+        }
+        EXPECT_EQ(status, PLIANT_OK) << pliant_last_error();
+        if (at < 0.024) {
+            EXPECT_EQ(said, "");
+        } else {
+            EXPECT_NE(said.find("tissue is held 5 mm behind it, at (0.00000 0.00000 0.02000); the next nodes lie 15 mm in front of it, at (0.00000 0.00000 0.04000)"),
+                      std::string::npos) << said;
+        }
+    }
+    pliant_set_log(nullptr, nullptr);
+}
+
+TEST(Model, OptionsThatTheSolverHasNoUseForAreTold)
+{
+    const int voxels[3] = {4, 4, 4};
+    const double box[3] = {0.04, 0.04, 0.04};
+    static std::string said;
+    pliant_set_log([](pliant_log_level level, const char *message, void *) { if (level == PLIANT_LOG_WARNING) said += message; }, nullptr);
+    for (pliant_solver_kind kind : {PLIANT_COROTATIONAL, PLIANT_TLED}) {
+        Body body(voxels, box, {{4000, 0.45, 1000, false}});
+        body.cells(2, 2, 2, 1);
+        body.fix_plane(0, 0, 0, 0, 0, 1);
+        body.scene.solver.kind = kind;
+        said.clear();
+        EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(said, "");
+        body.scene.tled.damping = 2;
+        body.scene.ground.friction = 0.5;
+        EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(said.find("tled/damping, ground/friction: only solver/kind: tled has these") == 0, kind == PLIANT_COROTATIONAL) << said;
+    }
+    pliant_set_log(nullptr, nullptr);
+}
+
 } // namespace

@@ -144,6 +144,18 @@ TEST_F(Path, TurnsGravity)
     refuses("{}\n", "is empty");
 }
 
+TEST_F(Path, NamesProbes)
+{
+    ASSERT_EQ(read("probes:\n  - {name: tip, at: [0.01, -0.02, 0.03]}\n  - {name: middle, at: [0, 0, 1e-3]}\n"), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(path_.num_probes, 2u);
+    EXPECT_STREQ(path_.probes[0].name, "tip");
+    EXPECT_DOUBLE_EQ(path_.probes[0].at[1], -0.02);
+    EXPECT_DOUBLE_EQ(path_.probes[1].at[2], 1e-3);
+    pliant_path_free(&path_);
+    refuses("probes:\n  - {name: tip, at: [0.01, -0.02, 0.03]}\n  - {name: middle, at: [0, here, 1e-3]}\n", "line 3: probe 2: at: 'here' is not a number");
+    refuses("probes:\n  - {name: '', at: [0, 0, 0]}\n", "probe 1: name: must have 1 to 47 characters");
+}
+
 TEST_F(Path, NamesAFileThatIsNotThere)
 {
     EXPECT_EQ(pliant_path_read("/nonexistent/path.yaml", &path_), PLIANT_ERROR_FILE);

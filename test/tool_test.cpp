@@ -86,4 +86,31 @@ TEST_F(Tool, ALoadBeyondDoublePrecisionNamesWhatMayBeWrong)
     for (const char *word : {"model/gravity", "material table", "grasp/stiffness", "forces"}) EXPECT_NE(message.find(word), std::string::npos) << message;
 }
 
+// A point on the surface is held by the tissue below it, above which there are cells of air, and also where single precision of a scan's
+// header has moved the surface by a ten millionth.
+TEST(ToolOnAFace, APointIsHeldOnEverySide)
+{
+    const int voxels[3] = {20, 20, 20};
+    const double room[3] = {0.1, 0.1, 0.1};
+    Body air(voxels, room, {{4000, 0.45, 1000, false}, {1, 0.3, 1, true}}, [](int i, int j, int k) {
+        return i >= 4 && i < 16 && j >= 4 && j < 16 && k >= 4 && k < 16 ? 0 : 1;
+    });
+    air.cells(10, 10, 10, 1);
+    air.fix_plane(0, 0, 0.02, 0, 0, 1);
+    air.scene.grasp.radius = 0;
+    ASSERT_EQ(air.build(), PLIANT_OK) << pliant_last_error();
+    int index;
+    ASSERT_EQ(pliant_tool_add(air.model, air.data, "point", &index), PLIANT_OK);
+    for (int axis = 0; axis < 3; axis++)
+        for (int side = 0; side < 2; side++)
+            for (double off : {-2e-9, 0.0, 2e-9}) {
+                double at[3] = {0.043, 0.047, 0.053};
+                at[axis] = (side ? 0.08 : 0.02) + off;
+                EXPECT_EQ(pliant_tool_grasp(air.model, air.data, index, at), PLIANT_OK) << axis << side << off << pliant_last_error();
+                for (int d = 0; d < 3; d++) EXPECT_NEAR(air.data->tools[index].held_point[d], at[d], 1e-8);
+            }
+    const double off[3] = {0.043, 0.047, 0.0801};
+    EXPECT_EQ(pliant_tool_grasp(air.model, air.data, index, off), PLIANT_ERROR_ARGUMENT);
+}
+
 } // namespace

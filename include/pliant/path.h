@@ -10,6 +10,8 @@
  *             motion: [{time: 0, force: [0, 0, 0]}, {time: 1, force: [0, -5, 0]}]
  *  Linear in between, held at the end. A tool lets go after its optional `release` time. Gravity may turn too, beside tools or alone:
  *      gravity: [{time: 0, acceleration: [0, 0, -9.81]}, {time: 2, acceleration: [0, 9.81, 0]}]       [m/s^2]
+ *  And points of the tissue whose places are wanted:
+ *      probes: [{name: tip, at: [x, y, z]}]                                                                  rest point [m]
  */
 #ifndef PLIANT_PATH_H
 #define PLIANT_PATH_H
@@ -32,11 +34,17 @@ typedef struct pliant_path_tool {
     pliant_path_key *motion;
     uint32_t num_motion;
 } pliant_path_tool;
+typedef struct pliant_path_probe {
+    char name[48];
+    double at[3]; /**< rest point [m], LPS */
+} pliant_path_probe;
 typedef struct pliant_path {
     pliant_path_tool *tools;
     uint32_t num_tools;
     pliant_path_key *gravity; /**< Nullable: that of the scene */
     uint32_t num_gravity;
+    pliant_path_probe *probes; /**< Nullable */
+    uint32_t num_probes;
 } pliant_path;
 
 /** Errors name file, field and line: FILE, FORMAT, MEMORY. Free with pliant_path_free. */

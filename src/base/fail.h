@@ -4,4 +4,15 @@
 
 #include "pliant/fail.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Of the calling thread: from now on NUMERIC goes to the log for debugging alone, since the caller has another way. */
+void pliant_fail_quietly(bool quiet);
+
+#ifdef __cplusplus
+}
+#endif
+
 #endif

@@ -9,6 +9,7 @@
 enum { MESSAGE_SIZE = 2048 };
 
 static _Thread_local char last_error[MESSAGE_SIZE];
+static _Thread_local bool quietly;
 
 static pthread_mutex_t log_lock = PTHREAD_MUTEX_INITIALIZER;
 static pliant_log_function log_function;
@@ -44,6 +45,8 @@ static void send(pliant_log_level level, const char *message)
     pthread_mutex_unlock(&log_lock);
 }
 
+void pliant_fail_quietly(bool quiet) { quietly = quiet; }
+
 pliant_status pliant_fail(pliant_status status, const char *format, ...)
 {
     /* through a copy: an argument may be the last error itself */
@@ -53,7 +56,8 @@ pliant_status pliant_fail(pliant_status status, const char *format, ...)
     vsnprintf(message, sizeof message, format, arguments);
     va_end(arguments);
     memcpy(last_error, message, sizeof message);
-    send(status == PLIANT_ERROR_CANCELLED ? PLIANT_LOG_DEBUG : PLIANT_LOG_ERROR, message); /* whoever cancelled knows of it */
+    bool known = status == PLIANT_ERROR_CANCELLED || (quietly && status == PLIANT_ERROR_NUMERIC); /* whoever cancelled knows of it */
+    send(known ? PLIANT_LOG_DEBUG : PLIANT_LOG_ERROR, message);
     return status;
 }
 

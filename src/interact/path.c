@@ -23,11 +23,18 @@ typedef struct text_tool {
     uint32_t num_motion;
 } text_tool;
 
+typedef struct text_probe {
+    char *name;
+    char **at;
+} text_probe;
+
 typedef struct text_path {
     text_tool *tools;
     uint32_t num_tools;
     text_key *gravity;
     uint32_t num_gravity;
+    text_probe *probes;
+    uint32_t num_probes;
 } text_path;
 
 static const cyaml_schema_value_t word = {CYAML_VALUE_STRING(CYAML_FLAG_POINTER, char, 0, CYAML_UNLIMITED)};
@@ -53,11 +60,18 @@ static const cyaml_schema_field_t tool_fields[] = {
     CYAML_FIELD_END,
 };
 static const cyaml_schema_value_t tool_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_tool, tool_fields)};
+static const cyaml_schema_field_t probe_fields[] = {
+    CYAML_FIELD_STRING_PTR("name", CYAML_FLAG_POINTER, text_probe, name, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_SEQUENCE_FIXED("at", CYAML_FLAG_POINTER, text_probe, at, &word, 3),
+    CYAML_FIELD_END,
+};
+static const cyaml_schema_value_t probe_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_probe, probe_fields)};
 static const cyaml_schema_field_t path_fields[] = {
     CYAML_FIELD_SEQUENCE_COUNT("tools", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, tools, num_tools, &tool_value, 1,
                                PLIANT_MAX_TOOLS),
     CYAML_FIELD_SEQUENCE_COUNT("gravity", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, gravity, num_gravity, &gravity_value, 1,
                                MOST_KEYS),
+    CYAML_FIELD_SEQUENCE_COUNT("probes", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, probes, num_probes, &probe_value, 1, MOST_KEYS),
     CYAML_FIELD_END,
 };
 static const cyaml_schema_value_t path_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_POINTER, text_path, path_fields)};
@@ -134,13 +148,19 @@ static void hint_at_units(const char *file, const pliant_path_tool *tool)
         pliant_log(PLIANT_LOG_WARNING, "%s: tool %s goes %g m far: offsets are in metres; were millimetres meant?", file, tool->name, largest);
 }
 
-static bool read_tool(const text_tool *text, pliant_path_tool *out, char reason[REASON_SIZE])
+static bool read_name(const char *text, char *out, size_t size, char reason[REASON_SIZE])
 {
-    if (!*text->name || strlen(text->name) >= sizeof out->name) {
-        snprintf(reason, REASON_SIZE, "name: must have 1 to %zu characters", sizeof out->name - 1);
+    if (!*text || strlen(text) >= size) {
+        snprintf(reason, REASON_SIZE, "name: must have 1 to %zu characters", size - 1);
         return false;
     }
-    strcpy(out->name, text->name);
+    strcpy(out, text);
+    return true;
+}
+
+static bool read_tool(const text_tool *text, pliant_path_tool *out, char reason[REASON_SIZE])
+{
+    if (!read_name(text->name, out->name, sizeof out->name, reason)) return false;
     if (!read_drive(text->drive, &out->drive, reason)) return false;
     for (int d = 0; d < 3; ++d)
         if (!read_number("grasp", text->grasp[d], &out->grasp[d], reason)) return false;
@@ -151,6 +171,18 @@ static bool read_tool(const text_tool *text, pliant_path_tool *out, char reason[
     }
     out->num_motion = text->num_motion;
     return read_keys(text->motion, text->num_motion, false, out->drive == PLIANT_DRIVE_FORCE, &out->motion, reason);
+}
+
+static pliant_status read_probes(const text_path *text, const char *yaml, const char *name, pliant_path *out)
+{
+    const int list = pliant_yaml_line(yaml, "probes", 0, 1);
+    for (uint32_t n = 0; n < text->num_probes; ++n) {
+        char reason[REASON_SIZE] = "";
+        bool good = read_name(text->probes[n].name, out->probes[n].name, sizeof out->probes[n].name, reason);
+        for (int d = 0; good && d < 3; ++d) good = read_number("at", text->probes[n].at[d], &out->probes[n].at[d], reason);
+        if (!good) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: probe %u: %s", name, pliant_yaml_line(yaml, "at", (int)n, list), n + 1, reason);
+    }
+    return PLIANT_OK;
 }
 
 static pliant_status convert(const text_path *text, const char *yaml, const char *name, pliant_path *out)
@@ -187,17 +219,20 @@ pliant_status pliant_path_read(const char *path, pliant_path *out)
     if (status == PLIANT_OK) status = pliant_yaml_load(yaml, path, &path_value, &document);
     if (status != PLIANT_OK) goto end;
     const text_path *text = document;
-    if (!text || text->num_tools + text->num_gravity == 0) {
-        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is empty; a list named tools is needed, or gravity", path);
+    if (!text || text->num_tools + text->num_gravity + text->num_probes == 0) {
+        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is empty; a list named tools is needed, or gravity, or probes", path);
         goto end;
     }
     if (text->num_tools > 0) result.tools = pliant_calloc(text->num_tools, sizeof *result.tools);
-    if (text->num_tools > 0 && !result.tools) {
+    if (text->num_probes > 0) result.probes = pliant_calloc(text->num_probes, sizeof *result.probes);
+    if ((text->num_tools > 0 && !result.tools) || (text->num_probes > 0 && !result.probes)) {
         status = pliant_fail_memory("a tool path");
         goto end;
     }
     result.num_tools = text->num_tools;
+    result.num_probes = text->num_probes;
     status = convert(text, yaml, path, &result);
+    if (status == PLIANT_OK) status = read_probes(text, yaml, path, &result);
     if (status == PLIANT_OK) {
         for (uint32_t n = 0; n < result.num_tools; ++n) hint_at_units(path, &result.tools[n]);
         *out = result;
@@ -216,6 +251,7 @@ void pliant_path_free(pliant_path *path)
     for (uint32_t n = 0; n < path->num_tools; ++n) pliant_free(path->tools[n].motion);
     pliant_free(path->tools);
     pliant_free(path->gravity);
+    pliant_free(path->probes);
     memset(path, 0, sizeof *path);
 }
 

@@ -5,6 +5,8 @@
 
 /* Points on a face are inside both tetrahedra; rounding may not put them outside both. */
 static const double tolerance = 1e-9;
+/* of a cell: what single precision of a scan's header makes of a surface's place */
+static const double face_tolerance = 1e-6;
 
 /* false: the tetrahedron is flat or turned inside out */
 static bool coordinates_in(const pliant_mesh *mesh, const double *positions, int32_t tet, const double world[3], double barycentric[4])
@@ -49,6 +51,29 @@ static int32_t locate_in_cell(const pliant_mesh *mesh, int32_t cell, const doubl
     return -1;
 }
 
+/* A point on a cell's face, as far as rounding of a scan's geometry goes: the tetrahedra on the other side hold it as well, where those of
+ * its own cell are left out. */
+static int32_t locate_across(const pliant_mesh *mesh, const int32_t cell[3], const double local[3], const double world[3], double barycentric[4])
+{
+    int step[3];
+    for (int d = 0; d < 3; d++) step[d] = local[d] <= face_tolerance ? -1 : local[d] >= 1 - face_tolerance ? 1 : 0;
+    for (int side = 0; side < 8; side++) {
+        int32_t at[3];
+        bool there = true;
+        for (int d = 0; d < 3; d++) {
+            at[d] = cell[d] + (side >> d & 1 ? step[d] : 0);
+            there = there && !(side >> d & 1 && step[d] == 0) && at[d] >= 0 && at[d] < mesh->cells[d];
+        }
+        for (int slot = 0; there && slot < 5; slot++) {
+            int32_t tet = mesh->tet_of_lattice[5 * (at[0] + mesh->cells[0] * (at[1] + mesh->cells[1] * at[2])) + slot];
+            if (tet < 0 || !coordinates_in(mesh, mesh->rest, tet, world, barycentric)) continue;
+            double least = fmin(fmin(barycentric[0], barycentric[1]), fmin(barycentric[2], barycentric[3]));
+            if (least >= -4 * face_tolerance) return tet;
+        }
+    }
+    return -1;
+}
+
 /* Tetrahedra with moved nodes reach into the cells around their own, and no further. */
 static int32_t locate_beside(const pliant_mesh *mesh, const int32_t cell[3], const double world[3], double barycentric[4])
 {
@@ -69,7 +94,7 @@ int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], doubl
         along[d] = 0;
         for (int r = 0; r < 3; r++) along[d] += mesh->direction[3 * r + d] * (world[r] - mesh->corner[r]);
         along[d] /= mesh->cell_size[d];
-        if (!(along[d] >= -tolerance && along[d] <= mesh->cells[d] + tolerance)) return -1;
+        if (!(along[d] >= -face_tolerance && along[d] <= mesh->cells[d] + face_tolerance)) return -1;
         cell[d] = (int32_t)floor(along[d]);
         if (cell[d] < 0) cell[d] = 0;
         if (cell[d] >= mesh->cells[d]) cell[d] = mesh->cells[d] - 1;
@@ -88,7 +113,8 @@ int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], doubl
         return tet;
     }
     /* the owner holds no tissue, but the point may lie on its face with one that does */
-    return locate_in_cell(mesh, flat, world, barycentric);
+    tet = locate_in_cell(mesh, flat, world, barycentric);
+    return tet >= 0 ? tet : locate_across(mesh, cell, local, world, barycentric);
 }
 
 int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const double *positions, const double world[3], double barycentric[4])

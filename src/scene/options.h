@@ -39,6 +39,9 @@ const char *pliant_option_check(const pliant_option *option, const pliant_scene 
 const char *pliant_fixed_box_check(const pliant_fixed_box *box, char *reason, size_t size);
 const char *pliant_fixed_plane_check(const pliant_fixed_plane *plane, char *reason, size_t size);
 
+/* Whether any option of these groups (NULL at the end) is not at its default; their names, "a/b, a/c". */
+bool pliant_scene_changed(const pliant_scene *scene, const char *const *groups, char *names, size_t size);
+
 void pliant_option_set_default(const pliant_option *option, pliant_scene *scene);
 
 #endif

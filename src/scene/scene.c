@@ -85,6 +85,36 @@ static pliant_status check_fixed(const pliant_scene *scene)
     return PLIANT_OK;
 }
 
+static bool same_value(const pliant_option *option, const pliant_scene *a, const pliant_scene *b)
+{
+    const void *x = (const char *)a + option->offset, *y = (const char *)b + option->offset;
+    switch (option->kind) {
+    case PLIANT_OPTION_BOOL: return memcmp(x, y, sizeof(bool)) == 0;
+    case PLIANT_OPTION_INT: return memcmp(x, y, sizeof(int32_t)) == 0;
+    case PLIANT_OPTION_INT3: return memcmp(x, y, 3 * sizeof(int32_t)) == 0;
+    case PLIANT_OPTION_REAL: return memcmp(x, y, sizeof(double)) == 0;
+    case PLIANT_OPTION_REAL3: return memcmp(x, y, 3 * sizeof(double)) == 0;
+    case PLIANT_OPTION_STRING: return strcmp(x, y) == 0;
+    case PLIANT_OPTION_CHOICE: return memcmp(x, y, sizeof(pliant_method)) == 0; /* enums are of one size */
+    }
+    return true;
+}
+
+bool pliant_scene_changed(const pliant_scene *scene, const char *const *groups, char *names, size_t size)
+{
+    size_t count, length = 0;
+    const pliant_option *options = pliant_option_table(&count);
+    pliant_scene defaults;
+    pliant_scene_defaults(&defaults);
+    names[0] = '\0';
+    for (; *groups; ++groups)
+        for (size_t i = 0; i < count; ++i) {
+            if (strcmp(options[i].group, *groups) != 0 || same_value(&options[i], scene, &defaults) || length >= size) continue;
+            length += (size_t)snprintf(names + length, size - length, "%s%s/%s", length ? ", " : "", options[i].group, options[i].name);
+        }
+    return length > 0;
+}
+
 pliant_status pliant_scene_check(const pliant_scene *scene)
 {
     size_t count;

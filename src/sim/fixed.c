@@ -48,6 +48,48 @@ bool pliant_fixed_node(const pliant_model *model, int32_t node)
     return (!model->scene.material.deformable_bone && in_fixed_material(model, x)) || in_fixed_region(&model->scene, x);
 }
 
+/* A plane between nodes clamps tissue at the last nodes behind it. */
+static bool plane_tell(const pliant_mesh *mesh, const pliant_fixed_plane *plane, int number)
+{
+    double length = 0, last = -INFINITY, first = INFINITY, cell = 0, unit[3], behind[3], before[3];
+    for (int d = 0; d < 3; d++) length += plane->normal[d] * plane->normal[d];
+    for (int d = 0; d < 3; d++) unit[d] = plane->normal[d] / sqrt(length);
+    for (int axis = 0; axis < 3; axis++) {
+        double along = 0;
+        for (int d = 0; d < 3; d++) along += mesh->direction[3 * d + axis] * unit[d];
+        cell += fabs(along) * mesh->cell_size[axis];
+    }
+    for (int32_t n = 0; n < mesh->num_nodes; n++) {
+        double side = 0;
+        for (int d = 0; d < 3; d++) side += unit[d] * (mesh->rest[3 * n + d] - plane->point[d]);
+        if (side <= 0) last = fmax(last, side);
+        else first = fmin(first, side);
+    }
+    for (int d = 0; d < 3; d++) {
+        behind[d] = plane->point[d] + last * unit[d];
+        before[d] = plane->point[d] + first * unit[d];
+    }
+    if (last == -INFINITY) {
+        pliant_log(PLIANT_LOG_WARNING, "fixed/planes: number %d holds no node: the first lies %.3g mm in front of it; with the point (%.5f %.5f %.5f) or beyond it "
+                   "would hold some", number, 1e3 * first, before[0], before[1], before[2]);
+        return false;
+    }
+    const double unnoticed = 0.05; /* of a cell */
+    if (first < INFINITY && -last > unnoticed * cell)
+        pliant_log(PLIANT_LOG_WARNING, "fixed/planes: number %d lies between nodes: tissue is held %.3g mm behind it, at (%.5f %.5f %.5f); the next nodes lie %.3g mm "
+                   "in front of it, at (%.5f %.5f %.5f). Choose one of these points, or other mesh/coarse_cells", number, -1e3 * last, behind[0], behind[1], behind[2],
+                   1e3 * first, before[0], before[1], before[2]);
+    return true;
+}
+
+int pliant_fixed_planes_tell(const pliant_model *model)
+{
+    int none = 0;
+    for (uint32_t p = 0; p < model->scene.fixed.num_planes && !model->body->fine.place_of_node; p++)
+        if (!plane_tell(&model->body->fine, model->scene.fixed.planes + p, (int)p + 1) && none == 0) none = (int)p + 1;
+    return none;
+}
+
 pliant_status pliant_fixed_surface(pliant_model *model)
 {
     const pliant_geometry *geometry = &model->scan->geometry;

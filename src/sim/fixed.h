@@ -11,6 +11,9 @@ extern "C" {
 /* Whether a node of the fine mesh is fixed, by where it lies. */
 bool pliant_fixed_node(const pliant_model *model, int32_t node);
 
+/* Warns of planes of the scene that lie between nodes, with how far. @return the first that holds none, counted from 1; 0: there is no such plane */
+int pliant_fixed_planes_tell(const pliant_model *model);
+
 /* Nodes of the fine mesh beside what is fixed onto its surface, as voxels show it (mesh/bone_surface). Errors: MEMORY, FORMAT. */
 pliant_status pliant_fixed_surface(pliant_model *model);
 

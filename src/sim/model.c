@@ -5,6 +5,7 @@
 #include "fem/system.h"
 #include "pliant/memory.h"
 #include "sim/discretization.h"
+#include "scene/options.h"
 #include "sim/fixed.h"
 
 #include <string.h>
@@ -185,9 +186,12 @@ static pliant_status fix(builder *build)
     build->loose = pliant_calloc((size_t)fine->num_tets, 1);
     if (!body->fine_fixed || !build->loose) return pliant_fail_memory("the fixed nodes");
     for (int32_t n = 0; n < fine->num_nodes; n++) body->fine_fixed[n] = pliant_fixed_node(model, n);
+    const int holds_none = pliant_fixed_planes_tell(model);
     body->falls = model->scene.solver.kind == PLIANT_TLED && pliant_tled_stands(&model->scene);
     if (body->falls) return PLIANT_OK;
     pliant_status status = pliant_mesh_hold(fine, PLIANT_FIXED_AT_REST, true, body->fine_fixed, build->loose, &body->num_held_pieces);
+    if (status == PLIANT_ERROR_SCENE && holds_none > 0)
+        return pliant_fail(status, "fixed/planes: number %d holds no node, it lies in front of them all or between two layers; and %s", holds_none, pliant_last_error());
     if (status != PLIANT_OK) return status;
     if (body->num_held_pieces > 0) {
         int32_t count = 0;
@@ -274,6 +278,14 @@ void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3])
                    scene->model.patch > 0 ? "model/patch mends only what is around a hold" : "nothing mends that");
 }
 
+/* what the scene's solver has no use for */
+static void warn_of_unused(const pliant_scene *scene)
+{
+    char names[512];
+    if (scene->solver.kind == PLIANT_TLED || !pliant_scene_changed(scene, (const char *const[]){"tled", "ground", NULL}, names, sizeof names)) return;
+    pliant_log(PLIANT_LOG_WARNING, "%s: only solver/kind: tled has these; this scene's is corotational, and goes without", names);
+}
+
 /* what does not go together */
 static pliant_status check(const pliant_scene *scene, const pliant_material_table *materials)
 {
@@ -306,6 +318,7 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
     pliant_status status = check(scene, materials);
     if (status != PLIANT_OK) return status;
     pliant_gravity_warning(scene, scene->model.gravity);
+    warn_of_unused(scene);
     pliant_model *model = pliant_calloc(1, sizeof *model);
     if (!model) return pliant_fail_memory("the model");
     builder build = {.model = model, .labels = labels, .progress = progress};

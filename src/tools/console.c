@@ -39,6 +39,7 @@ void console_start(pliant_log_level quietest)
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
     lowest = quietest;
+    if (quietest > PLIANT_LOG_INFO && !freopen("/dev/null", "w", stdout)) fputs("/dev/null cannot be opened: tables are printed\n", stderr);
     terminal = isatty(STDERR_FILENO);
     pliant_set_log(print_log, NULL);
 }

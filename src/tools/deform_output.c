@@ -167,7 +167,7 @@ pliant_status deform_write(const deform_run *run, long step)
     pliant_status status = find_scalars(run, &scalars);
     if (status < 0) return status;
     status = write_nodes(run, number, &scalars);
-    if (status >= 0 && arguments->num_scalars > 0) status = write_elements(run, number, &scalars);
+    if (status >= 0 && (step == 0 || arguments->num_scalars > 0)) status = write_elements(run, number, &scalars);
     if (status >= 0 && pliant_data_get_warp(run->data)) {
         snprintf(path, sizeof path, "%s/deformed%s.nii.gz", run->folder, number);
         status = pliant_volume_write(path, pliant_warp_volume(pliant_data_get_warp(run->data)));

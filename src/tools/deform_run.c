@@ -113,13 +113,15 @@ static pliant_status step_through(deform_run *run)
         double start = pliant_seconds();
         pliant_status stepped = pliant_step(run->model, run->data);
         status = timing_add(&run->times, run->data, stepped, pliant_seconds() - start);
+        if (status >= 0) status = deform_probes_add(&run->probes, path, run->data, (double)step * dt);
         if (stepped < 0) return stepped;
         if (status < 0) return status;
         if (arguments->every && step % arguments->every == 0) {
             status = deform_write(run, step);
             if (status < 0) return status;
         }
-        pliant_report_progress(console_progress(), (double)step / (double)(asked ? asked : moving + 1), "steps");
+        const bool settling = !asked && step > moving;
+        pliant_report_progress(console_progress(), settling ? 1.0 : (double)step / (double)(asked ? asked : moving + 1), settling ? "settling" : "steps");
         if (!asked && step > moving && stepped == PLIANT_OK) break;
     }
     console_progress_end();
@@ -137,6 +139,24 @@ static void warn_of_gravity(const deform_run *run)
     }
 }
 
+/* Where the tissue is, what it weighs and what holds it: numbers that show a wrong unit or a missed region. */
+static void print_body(const pliant_model *model)
+{
+    const pliant_body *body = pliant_model_get_body(model);
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, mass = 0.0;
+    int fixed = 0;
+    for (int32_t n = 0; n < body->fine.num_nodes; ++n) {
+        for (int d = 0; d < 3; ++d) {
+            low[d] = fmin(low[d], body->fine.rest[3 * n + d]);
+            high[d] = fmax(high[d], body->fine.rest[3 * n + d]);
+        }
+        mass += body->node_mass[n];
+        fixed += body->fine_fixed[n] != 0;
+    }
+    printf("tissue from (%.4f %.4f %.4f) to (%.4f %.4f %.4f) m, %.4g kg; %d of %d nodes are fixed\n", low[0], low[1], low[2], high[0], high[1], high[2],
+           mass, fixed, (int)body->fine.num_nodes);
+}
+
 static pliant_status prepare(deform_run *run)
 {
     const deform_arguments *arguments = run->arguments;
@@ -150,6 +170,7 @@ static pliant_status prepare(deform_run *run)
     status = pliant_model_build(&run->scene, input.scan, input.labels, input.materials, console_progress(), &run->model);
     console_progress_end();
     if (status < 0) return status;
+    print_body(run->model);
     timing_print_build(run->model, stdout);
     status = timing_write_build(run->folder, run->model);
     if (status >= 0) status = pliant_data_create(run->model, &run->data);
@@ -157,6 +178,7 @@ static pliant_status prepare(deform_run *run)
     warn_of_gravity(run);
     if (status >= 0) status = grasp(run);
     if (status >= 0) status = timing_start(run->folder, &run->times);
+    if (status >= 0) status = deform_probes_start(run->folder, &inputs->path, run->data, &run->probes);
     return status;
 }
 
@@ -173,7 +195,8 @@ pliant_status deform_run_do(deform_run *run)
         printf("results in %s\n", run->folder);
         if (stepped < 0) status = stepped;
     }
-    pliant_status written = timing_end(&run->times);
+    pliant_status written = timing_end(&run->times), probed = deform_probes_end(&run->probes);
+    if (written >= 0) written = probed;
     return status >= 0 ? written : status;
 }
 

@@ -3,7 +3,7 @@
 #define PLIANT_TOOLS_DEFORM_RUN_H
 
 #include "deform_arguments.h"
-#include "pliant/path.h"
+#include "deform_probes.h"
 #include "timing.h"
 
 #ifdef __cplusplus
@@ -25,6 +25,7 @@ typedef struct deform_run {
     pliant_model *model;
     pliant_data *data;
     step_times times;
+    deform_probes probes;
 } deform_run;
 
 /* What the command line names. Free with deform_inputs_free. Errors: as of the readers. */

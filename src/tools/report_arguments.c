@@ -41,7 +41,7 @@ static const char help[] =
     "  --no-warp           no deformed volume: no times and errors of it\n"
     "\n"
     "  --no-pictures       tables only\n"
-    "  --quiet             no progress, warnings and errors only\n"
+    "  --quiet             no progress and no tables, warnings and errors only\n"
     "  --help              print this and end\n"
     "\n"
     "Results in DIR: sweep.csv (a row a run), frames.csv, builds.csv, histogram.csv, slices.csv, stages.csv,\n"

@@ -70,13 +70,15 @@ static void make_factor(pliant_refresh *refresh)
 {
     const bool first_of_all = !refresh->preconditioner && !refresh->system.preconditioner;
     if ((refresh->status = make_ready(refresh)) != PLIANT_OK) return;
-    /* the exact tangent where it is found to be positive definite, as it is near a state that lasts */
+    /* the exact tangent where it is found to be positive definite, as it is near a state that lasts; where no factor can be had, the old one does */
+    pliant_fail_quietly(true);
     int first = pliant_preconditioner_refuses(refresh->preconditioner) ? PLIANT_TWIST_EXACT : PLIANT_TWIST_POSITIVE;
     for (int twist = first; twist <= PLIANT_TWIST_POSITIVE; twist++) {
         pliant_system_tangents(&refresh->system, refresh->x, (pliant_twist)twist, refresh->tangents);
         refresh->status = pliant_preconditioner_numeric(refresh->preconditioner, refresh->tangents);
         if (refresh->status != PLIANT_ERROR_NUMERIC) break;
     }
+    pliant_fail_quietly(false);
     if (first_of_all && refresh->status == PLIANT_OK) refresh->status = pliant_preconditioner_clone(refresh->preconditioner, 1, &refresh->spare);
     pliant_nodal_rotations_refer(&refresh->system, refresh->x, refresh->rotations);
 }

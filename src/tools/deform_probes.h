@@ -1,0 +1,30 @@
+/* probes.csv: where points of the tissue are after every step. */
+#ifndef PLIANT_TOOLS_DEFORM_PROBES_H
+#define PLIANT_TOOLS_DEFORM_PROBES_H
+
+#include "pliant/path.h"
+#include "pliant/report.h"
+
+#include <stdio.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct deform_probes {
+    FILE *file;            /* NULL: the path names no probes */
+    pliant_points points;  /* in the mesh of the body with this revision */
+    uint64_t revision;
+} deform_probes;
+
+/* folder/probes.csv with its first rows, of time 0. Errors: FILE, MEMORY, ARGUMENT (a point lies outside of the tissue). */
+pliant_status deform_probes_start(const char *folder, const pliant_path *path, const pliant_data *data, deform_probes *out);
+/* A row for every probe. Errors: MEMORY. */
+pliant_status deform_probes_add(deform_probes *probes, const pliant_path *path, const pliant_data *data, double time);
+/* Errors: FILE, when the rows did not reach the disk. */
+pliant_status deform_probes_end(deform_probes *probes);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
