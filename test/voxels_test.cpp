@@ -28,7 +28,7 @@ struct Voxels : testing::Test {
         body->cells(a, b, c, 1);
         body->scene.mesh.keep_air = everything;
         ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
-        ASSERT_EQ(pliant_voxels_create(&body->model->body->fine, &body->scan.geometry, body->model->material_of_voxel, &body->table, &voxels),
+        ASSERT_EQ(pliant_voxels_create(body->model->body, &body->scan.geometry, body->model->material_of_voxel, &body->table, &voxels),
                   PLIANT_OK) << pliant_last_error();
     }
     void TearDown() override { pliant_voxels_release(voxels); }
@@ -257,7 +257,7 @@ TEST_F(Voxels, HingesHaveBridges)
     two.cells(4, 4, 2, 1);
     ASSERT_EQ(two.build(), PLIANT_OK) << pliant_last_error();
     const pliant_mesh &mesh = two.model->body->fine;
-    ASSERT_EQ(pliant_voxels_create(&mesh, &two.scan.geometry, two.model->material_of_voxel, &two.table, &voxels), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_voxels_create(two.model->body, &two.scan.geometry, two.model->material_of_voxel, &two.table, &voxels), PLIANT_OK) << pliant_last_error();
     int hinges = 0;
     for (int32_t b = voxels->bridge_start[mesh.num_tets]; b < voxels->num_bridges; b++) {
         int32_t from = voxels->bridge[2 * b], to = voxels->bridge[2 * b + 1];
@@ -283,7 +283,7 @@ TEST_F(Voxels, WithoutMemoryNothingIsLeftBehind)
     for (pliant_status status = PLIANT_ERROR_MEMORY; status != PLIANT_OK; n++) {
         const pliant_voxels *other = nullptr;
         pliant_memory_fail_after(n);
-        status = pliant_voxels_create(&body->model->body->fine, &body->scan.geometry, body->model->material_of_voxel, &body->table, &other);
+        status = pliant_voxels_create(body->model->body, &body->scan.geometry, body->model->material_of_voxel, &body->table, &other);
         pliant_memory_fail_after(-1);
         ASSERT_TRUE(status == PLIANT_OK || status == PLIANT_ERROR_MEMORY);
         pliant_voxels_release(other);

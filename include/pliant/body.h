@@ -44,6 +44,7 @@ typedef struct pliant_voxels {
     int32_t num_materials;
     pliant_tet_material *of_material; /**< (num_materials) of a single voxel */
     uint8_t *fixed_material;   /**< (num_materials) does not move */
+    pliant_tet_material *load; /**< (num_tets) of the tetrahedra at load */
     int32_t num_bridges;
     int32_t *bridge;           /**< (num_bridges x 2) voxels; those within a tetrahedron first, by tetrahedron */
     int32_t *bridge_start;     /**< (num_tets + 1) into those within */
@@ -65,6 +66,11 @@ typedef struct pliant_cuts {
     int32_t *voxel_start;      /**< (num_tets + 1) into voxel_fragment */
     int32_t *voxel_fragment;   /**< (voxels of these, as pliant_voxels lists them) the fine tetrahedron that each moves with: a fragment of
                                 *   its own one, or, of a chip that hangs on nothing else, of another */
+    int32_t num_chips;
+    int32_t *chip;             /**< (num_chips x 2) tetrahedron at load, fine tetrahedron of another one that some of its voxels move with */
+    int32_t num_joins;
+    int32_t *join;             /**< (num_joins x 2) fine tetrahedra that links or bridges join, the first below the second, one at least of those
+                                *   in fragment; ascending */
 } pliant_cuts;
 
 /** Whether a node moves: a piece that comes off stays where it was then, not where it was at rest. */
@@ -116,6 +122,9 @@ typedef struct pliant_division {
     const int32_t *corners;    /**< (num_tets x 4) node of every corner: the one of the body before, or a copy, numbered from there on.
                                 *   Every node keeps a corner at least */
     const pliant_tet_material *material; /**< (num_tets) means over the whole tetrahedron of what is in the fragment; NULL: as before, no fragments */
+    const uint8_t *copy_fixed; /**< (nodes appended) pliant_fixing; NULL: as their sources */
+    int32_t num_touched;       /**< tetrahedra of the body before whose voxels changed, too, where nothing else tells */
+    const int32_t *touched;    /**< (num_touched) */
 } pliant_division;
 /** The next body: nodes and fragments appended with their parents, masses, what is fixed, surface, and the coarse mesh divided likewise, where
  *  fine tetrahedra of a coarse one no longer hang together. Pieces that nothing holds any more are held where they are, or fall.
@@ -127,9 +136,9 @@ PLIANT_API void pliant_body_masses(const pliant_body *body, double *mass);
 /** Of pieces that carry nothing, the stiffness is taken down to this part: they keep their place in the picture. */
 #define PLIANT_LOOSE_STIFFNESS 1e-6
 
-/** The voxels of a fine mesh as it was loaded, with one holder. @param material_of_voxel (voxels) index into the table.
+/** The voxels of a body at load, with one holder. @param material_of_voxel (voxels) index into the table.
  *  Errors: MEMORY, FORMAT, SCENE (more than 2^30 voxels). */
-PLIANT_API pliant_status pliant_voxels_create(const pliant_mesh *fine, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
+PLIANT_API pliant_status pliant_voxels_create(const pliant_body *body, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
                                               const pliant_material_table *table, const pliant_voxels **out);
 /** One more holder. @return voxels */
 PLIANT_API const pliant_voxels *pliant_voxels_retain(const pliant_voxels *voxels);

@@ -26,8 +26,26 @@ typedef struct pliant_cut_report {
     int32_t pieces;       /**< of the next body */
 } pliant_cut_report;
 
-/* Still to come, as blades need it in every step: pliant_body_cut with out NULL tells the report alone and makes nothing;
- * pliant_body_locate is asked for every half voxel of an edge, near where it was asked before. */
+/** The next body, of which the sweep has severed what it passes through: every end of a link is where its fragment has moved it.
+ *  Sweeps without an area, with numbers that are none, or through air sever nothing.
+ *  @param body      with voxels; its fragments and what was severed before are in body->cuts
+ *  @param revision  as for pliant_body_next
+ *  @param positions (body->fine.num_nodes x 3) [m]
+ *  @param out       Nullable: then only the report is made (pieces: 0). *out NULL: nothing was severed
+ *  @param report    Nullable
+ *  Errors: MEMORY, ARGUMENT (a body without voxels), FORMAT. */
+PLIANT_API pliant_status pliant_body_cut(const pliant_body *body, uint64_t revision, const double *positions, const pliant_cut_sweep *sweep,
+                                         pliant_body **out, pliant_cut_report *report);
+
+/** The material points under points of the deformed body: of tetrahedra that hold a point, the first whose own voxels are there, or
+ *  that is in no fragments. One search for all.
+ *  @param points      (count x 3)
+ *  @param tet         (count) out: fine tetrahedron of this body; -1: no tissue there
+ *  @param barycentric (count x 4) out */
+PLIANT_API void pliant_body_locate_points(const pliant_body *body, const double *positions, int32_t count, const double *points,
+                                          int32_t *tet, double *barycentric);
+/** The same for one. @return whether tissue is there */
+PLIANT_API bool pliant_body_locate(const pliant_body *body, const double *positions, const double point[3], int32_t *tet, double barycentric[4]);
 
 #ifdef __cplusplus
 }

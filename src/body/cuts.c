@@ -15,6 +15,8 @@ void pliant_cuts_free(pliant_cuts *cuts)
     pliant_free(cuts->fragment);
     pliant_free(cuts->voxel_start);
     pliant_free(cuts->voxel_fragment);
+    pliant_free(cuts->chip);
+    pliant_free(cuts->join);
     pliant_free(cuts);
 }
 
@@ -34,11 +36,14 @@ pliant_status pliant_cuts_copy(const pliant_cuts *from, pliant_cuts **out)
     to->num_links = from->num_links;
     to->num_bridges = from->num_bridges;
     to->num_tets = from->num_tets;
+    to->num_chips = from->num_chips;
+    to->num_joins = from->num_joins;
     const size_t tets = (size_t)from->num_tets, one = sizeof(int32_t);
     if (!copy(from->link, (size_t)from->num_links, sizeof *to->link, &to->link) || !copy(from->bridge, (size_t)from->num_bridges, one, &to->bridge) ||
         !copy(from->tet, tets, one, &to->tet) || !copy(from->start, tets + 1, one, &to->start) ||
         !copy(from->fragment, (size_t)from->start[tets], one, &to->fragment) || !copy(from->voxel_start, tets + 1, one, &to->voxel_start) ||
-        !copy(from->voxel_fragment, (size_t)from->voxel_start[tets], one, &to->voxel_fragment)) {
+        !copy(from->voxel_fragment, (size_t)from->voxel_start[tets], one, &to->voxel_fragment) ||
+        !copy(from->chip, (size_t)from->num_chips, 2 * one, &to->chip) || !copy(from->join, (size_t)from->num_joins, 2 * one, &to->join)) {
         pliant_cuts_free(to);
         return pliant_fail_memory("the cuts of a body");
     }

@@ -49,8 +49,8 @@ static int32_t source_of_tet(const pliant_body *body, const pliant_division *div
 static int32_t count_nodes(const pliant_body *body, const pliant_division *division)
 {
     int32_t tets = body->fine.num_tets, nodes = body->fine.num_nodes;
-    if (division->num_tets < tets || (division->num_tets > tets && (!division->tet_source || !division->material || !body->fine.lattice_of_tet))) {
-        pliant_fail(PLIANT_ERROR_ARGUMENT, "a division of %d tetrahedra into %d: fragments need their sources, materials, and a lattice", tets,
+    if (division->num_tets < tets || (division->num_tets > tets && (!division->tet_source || !division->material))) {
+        pliant_fail(PLIANT_ERROR_ARGUMENT, "a division of %d tetrahedra into %d: fragments need their sources and materials", tets,
                     division->num_tets);
         return 0;
     }
@@ -85,7 +85,8 @@ static pliant_status find_sources(const pliant_body *body, const pliant_division
     return PLIANT_OK;
 }
 
-static pliant_status append_nodes(pliant_body *next, int32_t nodes, const int32_t *source)
+/* copy_fixed: (appended) Nullable */
+static pliant_status append_nodes(pliant_body *next, int32_t nodes, const int32_t *source, const uint8_t *copy_fixed)
 {
     pliant_mesh *fine = &next->fine;
     int32_t before = fine->num_nodes, appended = nodes - before;
@@ -100,6 +101,7 @@ static pliant_status append_nodes(pliant_body *next, int32_t nodes, const int32_
     fine->num_nodes = nodes;
     if (!(next->changes.node_source = pliant_calloc((size_t)appended, sizeof *source))) return pliant_fail_memory("the next body");
     memcpy(next->changes.node_source, of, (size_t)appended * sizeof *of);
+    if (copy_fixed) memcpy(next->fine_fixed + before, copy_fixed, (size_t)appended);
     return PLIANT_OK;
 }
 
@@ -120,14 +122,15 @@ static pliant_status append_tets(pliant_body *next, const pliant_division *divis
     return PLIANT_OK;
 }
 
-/* tetrahedra of the body before that have other corners or another material */
-static pliant_status list_touched(const pliant_body *body, pliant_body *next)
+/* tetrahedra of the body before that have other corners or another material, or other voxels */
+static pliant_status list_touched(const pliant_body *body, const pliant_division *division, pliant_body *next)
 {
     int32_t tets = body->fine.num_tets, count = 0;
     uint8_t *touched = pliant_calloc((size_t)tets, 1);
     if (!touched) return pliant_fail_memory("the next body");
+    for (int32_t i = 0; i < division->num_touched; i++) touched[division->touched[i]] = 1;
     for (int32_t t = 0; t < tets; t++) {
-        touched[t] = memcmp(body->fine.tets + 4 * t, next->fine.tets + 4 * t, 4 * sizeof *body->fine.tets) != 0 ||
+        touched[t] = touched[t] || memcmp(body->fine.tets + 4 * t, next->fine.tets + 4 * t, 4 * sizeof *body->fine.tets) != 0 ||
                      memcmp(body->fine_material + t, next->fine_material + t, sizeof *body->fine_material) != 0;
         count += touched[t];
     }
@@ -161,14 +164,14 @@ static pliant_status hold(pliant_body *next)
 
 static pliant_status divide(const pliant_body *body, const pliant_division *division, int32_t nodes, const int32_t *source, pliant_body *next)
 {
-    pliant_status status = append_nodes(next, nodes, source);
+    pliant_status status = append_nodes(next, nodes, source, division->copy_fixed);
     if (status == PLIANT_OK) status = append_tets(next, division);
     if (status != PLIANT_OK) return status;
     memcpy(next->fine.tets, division->corners, 4 * (size_t)division->num_tets * sizeof *division->corners);
     if (division->material) memcpy(next->fine_material, division->material, (size_t)division->num_tets * sizeof *division->material);
     pliant_body_masses(next, next->node_mass);
     status = hold(next);
-    if (status == PLIANT_OK) status = list_touched(body, next);
+    if (status == PLIANT_OK) status = list_touched(body, division, next);
     if (status != PLIANT_OK) return status;
     pliant_free(next->triangles);
     next->triangles = NULL;

@@ -67,6 +67,19 @@ static inline bool pliant_bridge_severed(const pliant_cuts *cuts, int32_t bridge
     return cuts && low < cuts->num_bridges && cuts->bridge[low] == bridge;
 }
 
+/* whether two fine tetrahedra, one of them cut, are joined */
+static inline bool pliant_cuts_join(const pliant_cuts *cuts, int32_t a, int32_t b)
+{
+    const int32_t low = a < b ? a : b, high = a < b ? b : a;
+    int32_t from = 0, to = cuts->num_joins;
+    while (from < to) {
+        const int32_t middle = from + (to - from) / 2, *join = cuts->join + 2 * middle;
+        if (join[0] < low || (join[0] == low && join[1] < high)) from = middle + 1;
+        else to = middle;
+    }
+    return from < cuts->num_joins && cuts->join[2 * from] == low && cuts->join[2 * from + 1] == high;
+}
+
 /* of a voxel at a place to the next one along an axis */
 static inline bool pliant_link_severed(const pliant_links *links, int32_t voxel, const int32_t at[3], int axis)
 {

@@ -22,7 +22,8 @@ static void free_voxels(pliant_voxels *voxels)
 {
     void *blocks[] = {voxels->owner,       voxels->start,          voxels->voxel,        voxels->material,     voxels->of_material,
                       voxels->bridge,      voxels->fixed_material, voxels->bridge_start, voxels->beside_start, voxels->beside,
-                      voxels->across,      voxels->around_start,   voxels->around,       voxels->holders};
+                      voxels->across,      voxels->around_start,   voxels->around,       voxels->holders,
+                      voxels->load};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(voxels);
 }
@@ -155,16 +156,19 @@ static pliant_status list_around(const pliant_mesh *fine, pliant_voxels *voxels)
     return pliant_mesh_neighbours(fine, voxels->across);
 }
 
-static pliant_status create(const pliant_mesh *fine, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
+static pliant_status create(const pliant_body *body, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
                             const pliant_material_table *table, pliant_voxels *voxels)
 {
+    const pliant_mesh *fine = &body->fine;
     voxels->geometry = *geometry;
     voxels->num_tets = fine->num_tets;
     voxels->num_nodes = fine->num_nodes;
     voxels->owner = pliant_calloc(pliant_geometry_voxels(geometry), sizeof *voxels->owner);
     voxels->start = pliant_calloc((size_t)fine->num_tets + 1, sizeof *voxels->start);
     voxels->bridge_start = pliant_calloc((size_t)fine->num_tets + 1, sizeof *voxels->bridge_start);
-    bool good = voxels->owner && voxels->start && voxels->bridge_start;
+    voxels->load = pliant_calloc((size_t)fine->num_tets, sizeof *voxels->load);
+    bool good = voxels->owner && voxels->start && voxels->bridge_start && voxels->load;
+    if (good) memcpy(voxels->load, body->fine_material, (size_t)fine->num_tets * sizeof *voxels->load);
     pliant_status status = good ? find_owners(fine, voxels) : pliant_fail_memory("the voxels of a body");
     if (status == PLIANT_OK) status = list_owned(voxels);
     if (status == PLIANT_OK) status = list_materials(material_of_voxel, table, voxels);
@@ -172,7 +176,7 @@ static pliant_status create(const pliant_mesh *fine, const pliant_geometry *geom
     return status == PLIANT_OK ? pliant_bridges_build(fine, voxels) : status;
 }
 
-pliant_status pliant_voxels_create(const pliant_mesh *fine, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
+pliant_status pliant_voxels_create(const pliant_body *body, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
                                    const pliant_material_table *table, const pliant_voxels **out)
 {
     if (pliant_geometry_voxels(geometry) > (size_t)1 << 30)
@@ -184,7 +188,7 @@ pliant_status pliant_voxels_create(const pliant_mesh *fine, const pliant_geometr
         return pliant_fail_memory("the voxels of a body");
     }
     atomic_init(&voxels->holders->count, 1);
-    pliant_status status = create(fine, geometry, material_of_voxel, table, voxels);
+    pliant_status status = create(body, geometry, material_of_voxel, table, voxels);
     if (status != PLIANT_OK) {
         free_voxels(voxels);
         return status;

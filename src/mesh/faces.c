@@ -28,9 +28,10 @@ static bool runs_up(const int32_t *nodes, int face)
     return (a < b && b < c) || (b < c && c < a) || (c < a && a < b);
 }
 
+/* whether two on one side of a face are fragments of one: their fourth nodes have one place on the lattice */
 static bool fragments_of_one(const pliant_mesh *mesh, int32_t a, int32_t b)
 {
-    return mesh->lattice_of_tet && mesh->lattice_of_tet[a] == mesh->lattice_of_tet[b];
+    return mesh->lattice_of_node[mesh->tets[a]] == mesh->lattice_of_node[mesh->tets[b]];
 }
 
 /* Faces are put in buckets by their smallest node, in order; only a few share one, so that they are found by comparing. */
@@ -45,7 +46,7 @@ static pliant_status pair_faces(const pliant_mesh *mesh, const int32_t *faces, i
             if (b == a || memcmp(key, other, sizeof key) != 0) continue;
             if (up != runs_up(mesh->tets + 4 * (faces[b] / 4), faces[b] % 4)) {
                 if (neighbours[faces[a]] < 0) neighbours[faces[a]] = faces[b] / 4;
-            } else if (!fragments_of_one(mesh, faces[a] / 4, faces[b] / 4)) {
+            } else if (!fragments_of_one(mesh, faces[a], faces[b])) {
                 return pliant_fail(PLIANT_ERROR_FORMAT, "tetrahedra %d and %d are on one side of the face %d %d %d", faces[a] / 4, faces[b] / 4,
                                    key[0], key[1], key[2]);
             }

@@ -212,7 +212,7 @@ static pliant_status link_voxels(builder *build)
 {
     pliant_model *model = build->model;
     if (model->scene.cut.kind != PLIANT_CUT_SEVER) return PLIANT_OK;
-    return pliant_voxels_create(&model->body->fine, &model->scan->geometry, model->material_of_voxel, &model->materials, &model->body->voxels);
+    return pliant_voxels_create(model->body, &model->scan->geometry, model->material_of_voxel, &model->materials, &model->body->voxels);
 }
 
 static pliant_status homogenize(builder *build)

@@ -1,0 +1,290 @@
+/* Which corners stay one node: around every node, those of tetrahedra that links, diagonals or bridges still join. The first of what is left
+ * keeps the node, the others get copies. Where nothing touches, what was joined at load is joined. */
+#include "body/parts.h"
+#include "cut/work.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* a corner of a fragment or of an untouched tetrahedron */
+typedef struct element {
+    int32_t end, corner;
+} element;
+
+typedef struct splitting {
+    cut_work *work;
+    int32_t *own;        /* (num_fragments x 4) nodes of fragments */
+    int32_t *moved;      /* (num_moved x 2) corners of untouched tetrahedra, 4 tetrahedron + corner, that get another node */
+    int32_t num_moved, moved_room;
+    int32_t copies, copy_room;
+    element *around;     /* of one node */
+    int32_t *part, count, room;
+    uint8_t *holds;      /* (room) of a part: it has a voxel beside the node */
+} splitting;
+
+static pliant_status no_memory(void) { return pliant_fail_memory("the nodes of fragments"); }
+
+/* ---- who is joined to whom */
+
+static bool joined_at_load(const cut_work *work, int32_t s, int32_t t)
+{
+    const pliant_voxels *voxels = work->voxels;
+    if (cut_share_face(work, s, t)) return true;
+    for (int32_t e = voxels->beside_start[s]; e < voxels->beside_start[s + 1]; e++) {
+        const int32_t *ends = voxels->bridge + 2 * voxels->beside[e];
+        if (voxels->owner[ends[0]] == t || voxels->owner[ends[1]] == t) return true;
+    }
+    return false;
+}
+
+static bool is_empty(const cut_work *work, int32_t tet) { return work->voxels->start[tet] == work->voxels->start[tet + 1]; }
+
+/* A tetrahedron that is smaller than a voxel has no links: beside a cut it stays with one neighbour only, so that it holds nothing together. */
+static bool joined_to_empty(const cut_work *work, int32_t empty, int32_t other)
+{
+    const int32_t *across = work->voxels->across + 4 * (size_t)empty;
+    int32_t host = -1;
+    bool beside_cut = false;
+    for (int c = 0; c < 4; c++) {
+        if (across[c] < 0) continue;
+        beside_cut = beside_cut || work->state[across[c]] != 0;
+        if (host < 0 && !is_empty(work, across[c])) host = across[c];
+    }
+    const int32_t tet = cut_tet_of(work, other);
+    if (!beside_cut) return joined_at_load(work, empty, tet);
+    if (tet != host) return false;
+    const int32_t state = work->state[tet];
+    if (state > 0) /* the fragment that keeps its number */
+        return other >= work->body->fine.num_tets && work->fragment[other - work->body->fine.num_tets].stays &&
+               work->fragment[other - work->body->fine.num_tets].source == tet;
+    return other == tet;
+}
+
+static bool joined(const cut_work *work, int32_t a, int32_t b)
+{
+    if (pliant_cut_edge(work, a, b) > 0) return true;
+    const int32_t s = cut_tet_of(work, a), t = cut_tet_of(work, b);
+    if (s == t) return false;
+    if (is_empty(work, s) || is_empty(work, t)) return is_empty(work, s) ? joined_to_empty(work, s, b) : joined_to_empty(work, t, a);
+    if (work->state[s] > 0 || work->state[t] > 0) return false;
+    return work->state[s] < 0 || work->state[t] < 0 ? pliant_cuts_join(work->cuts, a, b) : joined_at_load(work, s, t);
+}
+
+/* ---- around a node */
+
+static pliant_status add_element(splitting *split, int32_t end, int32_t corner)
+{
+    if (split->count == split->room) {
+        const int32_t room = split->room > 0 ? 2 * split->room : 128;
+        element *around = pliant_resize(split->around, (size_t)room, sizeof *around);
+        if (!around) return no_memory();
+        split->around = around;
+        int32_t *part = pliant_resize(split->part, (size_t)room, sizeof *part);
+        if (!part) return no_memory();
+        split->part = part;
+        uint8_t *holds = pliant_resize(split->holds, (size_t)room, 1);
+        if (!holds) return no_memory();
+        split->holds = holds;
+        split->room = room;
+    }
+    split->around[split->count++] = (element){end, corner};
+    return PLIANT_OK;
+}
+
+static pliant_status find_around(splitting *split, int32_t node)
+{
+    const cut_work *work = split->work;
+    const pliant_voxels *voxels = work->voxels;
+    const int32_t *tets = work->body->fine.tets, load = work->body->node_parent ? work->body->node_parent[node] : node;
+    pliant_status status = PLIANT_OK;
+    split->count = 0;
+    for (int32_t e = voxels->around_start[load]; e < voxels->around_start[load + 1] && status == PLIANT_OK; e++) {
+        const int32_t tet = voxels->around[e] / 4, corner = voxels->around[e] % 4, state = work->state[tet];
+        if (state == 0) {
+            if (tets[4 * (size_t)tet + corner] == node) status = add_element(split, tet, corner);
+        } else if (state > 0) {
+            for (int32_t f = work->first[state - 1]; f < work->first[state] && status == PLIANT_OK; f++)
+                if (work->fragment[f].into < 0 && tets[4 * (size_t)work->fragment[f].source + corner] == node)
+                    status = add_element(split, work->body->fine.num_tets + f, corner);
+        } else {
+            for (int32_t f = work->cuts->start[-state - 1]; f < work->cuts->start[-state] && status == PLIANT_OK; f++)
+                if (tets[4 * (size_t)work->cuts->fragment[f] + corner] == node) status = add_element(split, work->cuts->fragment[f], corner);
+        }
+    }
+    return status;
+}
+
+/* What is fixed holds a copy of a node only by the voxels beside it: a fragment of flesh does not hang on a corner inside of bone. */
+static void find_holds(splitting *split, int32_t node)
+{
+    const cut_work *work = split->work;
+    const pliant_geometry *geometry = &work->voxels->geometry;
+    double index[3];
+    int32_t low[3], high[3];
+    memset(split->holds, 0, (size_t)split->count);
+    pliant_geometry_to_index(geometry, work->body->fine.rest + 3 * (size_t)node, index);
+    for (int d = 0; d < 3; d++) {
+        low[d] = (int32_t)fmax(ceil(index[d] - 1 - 1e-6), 0);
+        high[d] = (int32_t)fmin(floor(index[d] + 1 + 1e-6), geometry->size[d] - 1);
+    }
+    for (int32_t k = low[2]; k <= high[2]; k++)
+        for (int32_t j = low[1]; j <= high[1]; j++)
+            for (int32_t i = low[0]; i <= high[0]; i++) {
+                const int32_t voxel = i + geometry->size[0] * (j + geometry->size[1] * k);
+                if (work->voxels->owner[voxel] < 0) continue;
+                const int32_t end = cut_final(work, pliant_cut_end_of(work, voxel));
+                for (int32_t e = 0; e < split->count; e++)
+                    if (split->around[e].end == end) split->holds[first_of(split->part, e)] = 1;
+            }
+}
+
+static pliant_status move_corner(splitting *split, const element *one, int32_t node)
+{
+    const int32_t tets = split->work->body->fine.num_tets;
+    if (one->end >= tets) {
+        split->own[4 * (one->end - tets) + one->corner] = node;
+        return PLIANT_OK;
+    }
+    if (split->num_moved == split->moved_room) {
+        const int32_t room = split->moved_room > 0 ? 2 * split->moved_room : 128;
+        int32_t *longer = pliant_resize(split->moved, (size_t)room, 2 * sizeof *longer);
+        if (!longer) return no_memory();
+        split->moved = longer;
+        split->moved_room = room;
+    }
+    split->moved[2 * split->num_moved] = 4 * one->end + one->corner;
+    split->moved[2 * split->num_moved++ + 1] = node;
+    return PLIANT_OK;
+}
+
+static pliant_status add_copy(splitting *split, uint8_t fixed)
+{
+    cut_work *work = split->work;
+    if (split->copies == split->copy_room) {
+        const int32_t room = split->copy_room > 0 ? 2 * split->copy_room : 64;
+        uint8_t *longer = pliant_resize(work->copy_fixed, (size_t)room, 1);
+        if (!longer) return no_memory();
+        work->copy_fixed = longer;
+        split->copy_room = room;
+    }
+    work->copy_fixed[split->copies++] = fixed;
+    return PLIANT_OK;
+}
+
+static pliant_status split_node(splitting *split, int32_t node)
+{
+    const cut_work *work = split->work;
+    pliant_status status = find_around(split, node);
+    if (status != PLIANT_OK) return status;
+    int32_t *part = split->part, parts = split->count;
+    for (int32_t i = 0; i < split->count; i++) part[i] = i;
+    for (int32_t i = 0; i < split->count && parts > 1; i++)
+        for (int32_t j = i + 1; j < split->count; j++) {
+            if (first_of(part, i) == first_of(part, j) || !joined(work, split->around[i].end, split->around[j].end)) continue;
+            join(part, i, j);
+            parts--;
+        }
+    if (parts <= 1) return PLIANT_OK;
+    const uint8_t fixed = work->body->fine_fixed[node];
+    int32_t keeps = 0;
+    bool any = false;
+    if (fixed == PLIANT_FIXED_AT_REST) {
+        find_holds(split, node);
+        for (int32_t i = 0; i < split->count && !any; i++)
+            if (part[i] == i && split->holds[i]) {
+                keeps = i;
+                any = true;
+            }
+    }
+    for (int32_t i = 0; i < split->count && status == PLIANT_OK; i++) {
+        if (part[i] != i || i == keeps) continue;
+        status = add_copy(split, any && !split->holds[i] ? PLIANT_MOVES : fixed);
+        for (int32_t j = i; j < split->count && status == PLIANT_OK; j++)
+            if (first_of(part, j) == i) status = move_corner(split, split->around + j, work->body->fine.num_nodes + split->copies - 1);
+    }
+    return status;
+}
+
+static int ascending(const void *a, const void *b)
+{
+    const int32_t *i = a, *j = b;
+    return *i < *j ? -1 : *i > *j;
+}
+
+static pliant_status split_nodes(splitting *split)
+{
+    const cut_work *work = split->work;
+    const int32_t corners = 4 * work->num_fragments;
+    int32_t *nodes = pliant_calloc((size_t)corners, sizeof *nodes);
+    if (!nodes) return no_memory();
+    for (int32_t f = 0; f < work->num_fragments; f++)
+        memcpy(split->own + 4 * f, work->body->fine.tets + 4 * (size_t)work->fragment[f].source, 4 * sizeof *split->own);
+    memcpy(nodes, split->own, (size_t)corners * sizeof *nodes);
+    qsort(nodes, (size_t)corners, sizeof *nodes, ascending);
+    pliant_status status = PLIANT_OK;
+    for (int32_t i = 0; i < corners && status == PLIANT_OK; i++)
+        if (i == 0 || nodes[i] != nodes[i - 1]) status = split_node(split, nodes[i]);
+    pliant_free(nodes);
+    return status;
+}
+
+/* ---- fragments with the same four nodes are one */
+
+static void unite(splitting *split)
+{
+    cut_work *work = split->work;
+    for (int32_t t = 0; t < work->num_touched; t++)
+        for (int32_t f = work->first[t]; f < work->first[t + 1]; f++)
+            for (int32_t g = f + 1; g < work->first[t + 1]; g++) {
+                cut_fragment *one = work->fragment + f, *other = work->fragment + g;
+                if (one->into >= 0 || other->into >= 0 || (one->stays && other->stays)) continue;
+                if (memcmp(split->own + 4 * f, split->own + 4 * g, 4 * sizeof *split->own) != 0) continue;
+                if (other->stays) one->into = work->body->fine.num_tets + g;
+                else other->into = work->body->fine.num_tets + f;
+            }
+}
+
+static pliant_status number(splitting *split)
+{
+    cut_work *work = split->work;
+    const int32_t tets = work->body->fine.num_tets;
+    work->num_tets = tets;
+    for (int32_t f = 0; f < work->num_fragments; f++) {
+        cut_fragment *one = work->fragment + f;
+        if (one->into < 0) one->number = one->stays ? one->source : work->num_tets++;
+    }
+    work->num_nodes = work->body->fine.num_nodes + split->copies;
+    work->corners = pliant_calloc((size_t)work->num_tets, 4 * sizeof *work->corners);
+    work->tet_source = pliant_calloc((size_t)(work->num_tets - tets) + 1, sizeof *work->tet_source);
+    if (!work->corners || !work->tet_source) return no_memory();
+    memcpy(work->corners, work->body->fine.tets, 4 * (size_t)tets * sizeof *work->corners);
+    for (int32_t m = 0; m < split->num_moved; m++) work->corners[split->moved[2 * m]] = split->moved[2 * m + 1];
+    for (int32_t f = 0; f < work->num_fragments; f++) {
+        const cut_fragment *one = work->fragment + f;
+        if (one->into >= 0) continue;
+        memcpy(work->corners + 4 * (size_t)one->number, split->own + 4 * f, 4 * sizeof *split->own);
+        if (one->number >= tets) work->tet_source[one->number - tets] = one->source;
+    }
+    return PLIANT_OK;
+}
+
+pliant_status pliant_cut_corners(cut_work *work)
+{
+    splitting split = {.work = work};
+    split.own = pliant_calloc((size_t)work->num_fragments, 4 * sizeof *split.own);
+    pliant_status status = split.own ? split_nodes(&split) : no_memory();
+    if (status == PLIANT_OK) {
+        unite(&split);
+        status = number(&split);
+    }
+    pliant_free(split.own);
+    pliant_free(split.moved);
+    pliant_free(split.around);
+    pliant_free(split.part);
+    pliant_free(split.holds);
+    return status;
+}

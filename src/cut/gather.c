@@ -1,0 +1,121 @@
+/* What the next body says of its fragments: which voxels move with which, and who is joined to whom. */
+#include "cut/work.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static int by_pair(const void *a, const void *b)
+{
+    const int32_t *i = a, *j = b;
+    if (i[0] != j[0]) return i[0] < j[0] ? -1 : 1;
+    return i[1] < j[1] ? -1 : i[1] > j[1];
+}
+
+/* pairs in order, each once; returns how many */
+static int32_t sort_pairs(int32_t *pair, int32_t count)
+{
+    int32_t kept = 0;
+    qsort(pair, (size_t)count, 2 * sizeof *pair, by_pair);
+    for (int32_t i = 0; i < count; i++) {
+        if (kept > 0 && pair[2 * (kept - 1)] == pair[2 * i] && pair[2 * (kept - 1) + 1] == pair[2 * i + 1]) continue;
+        memmove(pair + 2 * kept++, pair + 2 * i, 2 * sizeof *pair);
+    }
+    return kept;
+}
+
+/* of a tetrahedron in the lists of before */
+static void keep_tet(const cut_work *work, int32_t old, pliant_cuts *next)
+{
+    const pliant_cuts *cuts = work->cuts;
+    const int32_t fragments = cuts->start[old + 1] - cuts->start[old], voxels = cuts->voxel_start[old + 1] - cuts->voxel_start[old];
+    const int32_t n = next->num_tets++;
+    next->tet[n] = cuts->tet[old];
+    memcpy(next->fragment + next->start[n], cuts->fragment + cuts->start[old], (size_t)fragments * sizeof *next->fragment);
+    memcpy(next->voxel_fragment + next->voxel_start[n], cuts->voxel_fragment + cuts->voxel_start[old], (size_t)voxels * sizeof *next->voxel_fragment);
+    next->start[n + 1] = next->start[n] + fragments;
+    next->voxel_start[n + 1] = next->voxel_start[n] + voxels;
+}
+
+static void add_tet(const cut_work *work, int32_t touched, pliant_cuts *next)
+{
+    const int32_t n = next->num_tets++, tet = work->touched[touched], tets = work->body->fine.num_tets;
+    int32_t at = next->start[n];
+    next->tet[n] = tet;
+    next->fragment[at++] = tet;
+    for (int32_t f = work->first[touched]; f < work->first[touched + 1]; f++)
+        if (work->fragment[f].into < 0 && work->fragment[f].number != tet) next->fragment[at++] = work->fragment[f].number;
+    next->start[n + 1] = at;
+    next->voxel_start[n + 1] = next->voxel_start[n] + work->start[touched + 1] - work->start[touched];
+    for (int32_t i = work->start[touched]; i < work->start[touched + 1]; i++)
+        next->voxel_fragment[next->voxel_start[n] + i - work->start[touched]] = cut_number(work, tets + work->part[i]);
+}
+
+static pliant_status gather_fragments(const cut_work *work, pliant_cuts *next)
+{
+    const pliant_cuts *cuts = work->cuts;
+    const size_t tets = (size_t)work->num_touched + (size_t)(cuts ? cuts->num_tets : 0);
+    const size_t fragments = (size_t)work->num_fragments + (size_t)(cuts ? cuts->start[cuts->num_tets] : 0);
+    const size_t voxels = (size_t)work->start[work->num_touched] + (size_t)(cuts ? cuts->voxel_start[cuts->num_tets] : 0);
+    next->tet = pliant_calloc(tets, sizeof *next->tet);
+    next->start = pliant_calloc(tets + 1, sizeof *next->start);
+    next->fragment = pliant_calloc(fragments, sizeof *next->fragment);
+    next->voxel_start = pliant_calloc(tets + 1, sizeof *next->voxel_start);
+    next->voxel_fragment = pliant_calloc(voxels, sizeof *next->voxel_fragment);
+    if (!next->tet || !next->start || !next->fragment || !next->voxel_start || !next->voxel_fragment) return pliant_fail_memory("the fragments");
+    int32_t old = 0;
+    for (int32_t t = 0; t < work->num_touched; t++) {
+        for (; cuts && old < cuts->num_tets && cuts->tet[old] < work->touched[t]; old++) keep_tet(work, old, next);
+        if (cuts && old < cuts->num_tets && cuts->tet[old] == work->touched[t]) old++;
+        add_tet(work, t, next);
+    }
+    for (; cuts && old < cuts->num_tets; old++) keep_tet(work, old, next);
+    return PLIANT_OK;
+}
+
+static pliant_status gather_chips(const cut_work *work, pliant_cuts *next)
+{
+    const pliant_cuts *cuts = work->cuts;
+    const int32_t tets = work->body->fine.num_tets;
+    next->chip = pliant_calloc((size_t)work->num_fragments + (size_t)(cuts ? cuts->num_chips : 0) + 1, 2 * sizeof *next->chip);
+    if (!next->chip) return pliant_fail_memory("the chips of fragments");
+    for (int32_t c = 0; cuts && c < cuts->num_chips; c++)
+        if (work->state[cuts->chip[2 * c]] <= 0) memcpy(next->chip + 2 * next->num_chips++, cuts->chip + 2 * c, 2 * sizeof *next->chip);
+    for (int32_t f = 0; f < work->num_fragments; f++) {
+        const int32_t end = cut_final(work, tets + f);
+        if (cut_tet_of(work, end) == work->fragment[f].tet) continue;
+        next->chip[2 * next->num_chips] = work->fragment[f].tet;
+        next->chip[2 * next->num_chips++ + 1] = cut_number(work, end);
+    }
+    next->num_chips = sort_pairs(next->chip, next->num_chips);
+    return PLIANT_OK;
+}
+
+static pliant_status gather_joins(const cut_work *work, pliant_cuts *next)
+{
+    const pliant_cuts *cuts = work->cuts;
+    next->join = pliant_calloc((size_t)work->num_edges + (size_t)(cuts ? cuts->num_joins : 0) + 1, 2 * sizeof *next->join);
+    if (!next->join) return pliant_fail_memory("what fragments are joined to");
+    for (int32_t j = 0; cuts && j < cuts->num_joins; j++) {
+        const int32_t *join = cuts->join + 2 * j;
+        if (work->state[cut_parent(work, join[0])] <= 0 && work->state[cut_parent(work, join[1])] <= 0)
+            memcpy(next->join + 2 * next->num_joins++, join, 2 * sizeof *join);
+    }
+    for (int32_t e = 0; e < work->num_edges; e++) {
+        const int32_t a = cut_number(work, work->edge[e].end[0]), b = cut_number(work, work->edge[e].end[1]);
+        if (a == b) continue;
+        next->join[2 * next->num_joins] = a < b ? a : b;
+        next->join[2 * next->num_joins++ + 1] = a < b ? b : a;
+    }
+    next->num_joins = sort_pairs(next->join, next->num_joins);
+    return PLIANT_OK;
+}
+
+pliant_status pliant_cut_gather(cut_work *work)
+{
+    pliant_status status = gather_fragments(work, work->next);
+    if (status == PLIANT_OK) status = gather_chips(work, work->next);
+    return status == PLIANT_OK ? gather_joins(work, work->next) : status;
+}

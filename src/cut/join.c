@@ -1,0 +1,265 @@
+/* Who is joined to whom, counted in links, diagonals and bridges; chips are given to those that they hang on most. */
+#include "body/parts.h"
+#include "cut/work.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+/* Of its tetrahedron's voxels, a fragment with less is a chip, if nobody needs it between them. */
+static const double least_share = 0.03;
+
+static pliant_status no_memory(void) { return pliant_fail_memory("what fragments are joined to"); }
+
+/* ---- edges, in a hash table */
+
+static uint32_t hash_of(int32_t a, int32_t b, int32_t size)
+{
+    const uint64_t mixed = ((uint64_t)(uint32_t)a << 32 | (uint32_t)b) * 0x9e3779b97f4a7c15u;
+    return (uint32_t)(mixed >> 32) & (uint32_t)(size - 1);
+}
+
+/* where an edge is in the table, or would be */
+static int32_t slot_of(const cut_work *work, int32_t a, int32_t b)
+{
+    uint32_t slot = hash_of(a, b, work->table_size);
+    while (work->table[slot]) {
+        const cut_edge *edge = work->edge + work->table[slot] - 1;
+        if (edge->end[0] == a && edge->end[1] == b) break;
+        slot = (slot + 1) & (uint32_t)(work->table_size - 1);
+    }
+    return (int32_t)slot;
+}
+
+int32_t pliant_cut_edge(const cut_work *work, int32_t a, int32_t b)
+{
+    if (work->num_edges == 0) return 0;
+    const int32_t found = work->table[a < b ? slot_of(work, a, b) : slot_of(work, b, a)];
+    return found ? work->edge[found - 1].weight : 0;
+}
+
+static pliant_status grow(cut_work *work)
+{
+    const int32_t size = work->table_size > 0 ? 2 * work->table_size : 1024;
+    int32_t *table = pliant_calloc((size_t)size, sizeof *table);
+    if (!table) return no_memory();
+    cut_edge *edge = pliant_resize(work->edge, (size_t)size / 2, sizeof *edge);
+    if (!edge) {
+        pliant_free(table);
+        return no_memory();
+    }
+    pliant_free(work->table);
+    work->table = table;
+    work->table_size = size;
+    work->edge = edge;
+    work->edge_room = size / 2;
+    for (int32_t e = 0; e < work->num_edges; e++) work->table[slot_of(work, work->edge[e].end[0], work->edge[e].end[1])] = e + 1;
+    return PLIANT_OK;
+}
+
+static pliant_status add_edge(cut_work *work, int32_t a, int32_t b, int32_t weight)
+{
+    if (a == b) return PLIANT_OK;
+    if (work->num_edges == work->edge_room) {
+        pliant_status status = grow(work);
+        if (status != PLIANT_OK) return status;
+    }
+    const int32_t low = a < b ? a : b, high = a < b ? b : a, slot = slot_of(work, low, high);
+    if (!work->table[slot]) {
+        work->edge[work->num_edges] = (cut_edge){{low, high}, 0};
+        work->table[slot] = ++work->num_edges;
+    }
+    work->edge[work->table[slot] - 1].weight += weight;
+    return PLIANT_OK;
+}
+
+int32_t pliant_cut_end_of(const cut_work *work, int32_t voxel)
+{
+    const pliant_voxels *voxels = work->voxels;
+    const int32_t tet = voxels->owner[voxel], state = work->state[tet];
+    if (state == 0) return tet;
+    const int32_t place = pliant_voxel_in(voxels, tet, voxel);
+    if (state > 0) return work->body->fine.num_tets + work->part[work->start[state - 1] + place];
+    return work->cuts->voxel_fragment[work->cuts->voxel_start[-state - 1] + place];
+}
+
+static pliant_status add_edges_of(cut_work *work, int32_t i)
+{
+    const pliant_voxels *voxels = work->voxels;
+    const pliant_links *links = &work->links;
+    const int32_t voxel = work->voxel[i], row = links->size[0], slice = row * links->size[1], tets = work->body->fine.num_tets;
+    int32_t at[3];
+    pliant_status status = PLIANT_OK;
+    pliant_place_of(voxels, voxel, at);
+    const int32_t *place = work->place + (size_t)(at[0] - links->low[0]) + (size_t)row * (size_t)(at[1] - links->low[1]) +
+                           (size_t)slice * (size_t)(at[2] - links->low[2]);
+    for (int n = 0; n < 18 && status == PLIANT_OK; n++) {
+        const int8_t *behind = pliant_behind[n % 9], sign = n < 9 ? 1 : -1;
+        const int8_t step[3] = {(int8_t)(sign * behind[0]), (int8_t)(sign * behind[1]), (int8_t)(sign * behind[2])};
+        const int32_t touched = place[step[0] + row * step[1] + (ptrdiff_t)slice * step[2]];
+        if (touched && (n >= 9 || work->part[touched - 1] == work->part[i])) continue;
+        const int32_t other = pliant_step_to(voxels, voxel, at, step);
+        if (other < 0 || voxels->owner[other] < 0 || !pliant_joined(links, voxel, at, step)) continue;
+        status = add_edge(work, tets + work->part[i], touched ? tets + work->part[touched - 1] : pliant_cut_end_of(work, other), 1);
+    }
+    return status;
+}
+
+static pliant_status find_edges(cut_work *work)
+{
+    const pliant_voxels *voxels = work->voxels;
+    pliant_status status = grow(work);
+    for (int32_t i = 0; i < work->start[work->num_touched] && status == PLIANT_OK; i++) status = add_edges_of(work, i);
+    for (int32_t t = 0; t < work->num_touched; t++) {
+        const int32_t tet = work->touched[t];
+        for (int32_t e = voxels->beside_start[tet]; e < voxels->beside_start[tet + 1] && status == PLIANT_OK; e++) {
+            const int32_t bridge = voxels->beside[e], *ends = voxels->bridge + 2 * bridge;
+            const int32_t other = voxels->owner[ends[voxels->owner[ends[0]] == tet]];
+            if ((work->state[other] > 0 && other < tet) || pliant_bridge_severed(work->next, bridge)) continue;
+            status = add_edge(work, pliant_cut_end_of(work, ends[0]), pliant_cut_end_of(work, ends[1]), 1);
+        }
+    }
+    return status;
+}
+
+/* ---- chips */
+
+typedef struct chips {
+    cut_work *work;
+    int32_t *group;    /* (fragments + 1) that faces join; the last: what is untouched */
+    int32_t *voxels;   /* (fragments + 1) of a group */
+    int32_t *best, *weight; /* (fragments) whom it hangs on most, outside of its group, and by how much */
+} chips;
+
+/* whether an edge holds: its ends have a face in common, or are parts of one tetrahedron */
+static bool holds(const cut_work *work, int32_t a, int32_t b)
+{
+    const int32_t s = cut_tet_of(work, a), t = cut_tet_of(work, b);
+    return s == t || cut_share_face(work, s, t);
+}
+
+static int32_t group_of(const chips *all, int32_t end)
+{
+    const int32_t tets = all->work->body->fine.num_tets;
+    return first_of(all->group, end < tets ? 0 : end - tets + 1);
+}
+
+/* groups, and for each fragment whom it hangs on most outside of its own */
+static void find_groups(chips *all)
+{
+    const cut_work *work = all->work;
+    const int32_t tets = work->body->fine.num_tets;
+    for (int32_t g = 0; g <= work->num_fragments; g++) {
+        all->group[g] = g;
+        all->voxels[g] = 0;
+    }
+    for (int32_t e = 0; e < work->num_edges; e++) {
+        const int32_t a = cut_final(work, work->edge[e].end[0]), b = cut_final(work, work->edge[e].end[1]);
+        if (a != b && holds(work, a, b)) join(all->group, a < tets ? 0 : a - tets + 1, b < tets ? 0 : b - tets + 1);
+    }
+    for (int32_t f = 0; f < work->num_fragments; f++) {
+        if (work->fragment[f].into < 0) all->voxels[group_of(all, tets + f)] += work->fragment[f].voxels;
+        all->best[f] = -1;
+        all->weight[f] = 0;
+    }
+    for (int32_t e = 0; e < work->num_edges; e++) {
+        const int32_t ends[2] = {cut_final(work, work->edge[e].end[0]), cut_final(work, work->edge[e].end[1])};
+        if (ends[0] == ends[1] || group_of(all, ends[0]) == group_of(all, ends[1])) continue;
+        for (int v = 0; v < 2; v++) {
+            const int32_t f = ends[v] - tets, other = ends[1 - v], weight = work->edge[e].weight;
+            if (f < 0 || weight < all->weight[f] || (weight == all->weight[f] && other > all->best[f])) continue;
+            all->best[f] = other;
+            all->weight[f] = weight;
+        }
+    }
+}
+
+/* Groups of less than a tetrahedron that no face joins to another, but links do: the smallest first, fragment by fragment. */
+static pliant_status give_chips(chips *all)
+{
+    cut_work *work = all->work;
+    const int32_t tets = work->body->fine.num_tets;
+    for (;;) {
+        int32_t chosen = -1;
+        find_groups(all);
+        for (int32_t f = 0; f < work->num_fragments; f++) {
+            const cut_fragment *one = work->fragment + f;
+            const int32_t group = group_of(all, tets + f);
+            if (one->into >= 0 || one->stays || all->best[f] < 0 || group == 0) continue;
+            const int32_t to = group_of(all, all->best[f]);
+            if (all->voxels[group] > work->voxels->start[one->tet + 1] - work->voxels->start[one->tet]) continue;
+            if (to != 0 && all->voxels[to] < all->voxels[group]) continue; /* that one is to go */
+            if (chosen >= 0) {
+                const int32_t least = all->voxels[group_of(all, tets + chosen)];
+                if (all->voxels[group] > least || (all->voxels[group] == least && one->voxels >= work->fragment[chosen].voxels)) continue;
+            }
+            chosen = f;
+        }
+        if (chosen < 0) return PLIANT_OK;
+        work->fragment[chosen].into = all->best[chosen];
+    }
+}
+
+/* Fragments of few voxels, where whoever else hangs on them hangs on the one that takes them, too. */
+static void give_small(chips *all)
+{
+    cut_work *work = all->work;
+    const int32_t tets = work->body->fine.num_tets;
+    for (int32_t f = 0; f < work->num_fragments; f++) {
+        cut_fragment *one = work->fragment + f;
+        const int32_t whole = work->voxels->start[one->tet + 1] - work->voxels->start[one->tet];
+        if (one->into >= 0 || one->stays || one->voxels >= least_share * whole) continue;
+        int32_t best = -1, most = 0;
+        for (int32_t e = 0; e < work->num_edges; e++) {
+            const int32_t a = cut_final(work, work->edge[e].end[0]), b = cut_final(work, work->edge[e].end[1]);
+            if (a == b || (a != tets + f && b != tets + f)) continue;
+            const int32_t other = a == tets + f ? b : a;
+            if (work->edge[e].weight < most || (work->edge[e].weight == most && other > best)) continue;
+            best = other;
+            most = work->edge[e].weight;
+        }
+        bool needed = best < 0;
+        for (int32_t e = 0; e < work->num_edges && !needed; e++) {
+            const int32_t a = cut_final(work, work->edge[e].end[0]), b = cut_final(work, work->edge[e].end[1]);
+            if (a == b || (a != tets + f && b != tets + f)) continue;
+            const int32_t other = a == tets + f ? b : a;
+            needed = other != best && !(pliant_cut_edge(work, best, other) && holds(work, best, other));
+        }
+        if (!needed) one->into = best;
+    }
+}
+
+/* Edges of what was given away become those of who took it. */
+static pliant_status hand_on(cut_work *work)
+{
+    const int32_t count = work->num_edges;
+    pliant_status status = PLIANT_OK;
+    for (int32_t e = 0; e < count && status == PLIANT_OK; e++) {
+        const int32_t *end = work->edge[e].end, a = cut_final(work, end[0]), b = cut_final(work, end[1]);
+        if (a != end[0] || b != end[1]) status = add_edge(work, a, b, work->edge[e].weight);
+    }
+    return status;
+}
+
+pliant_status pliant_cut_join(cut_work *work)
+{
+    chips all = {.work = work};
+    const size_t count = (size_t)work->num_fragments + 1;
+    pliant_status status = find_edges(work);
+    if (status != PLIANT_OK) return status;
+    all.group = pliant_calloc(count, sizeof *all.group);
+    all.voxels = pliant_calloc(count, sizeof *all.voxels);
+    all.best = pliant_calloc(count, sizeof *all.best);
+    all.weight = pliant_calloc(count, sizeof *all.weight);
+    status = all.group && all.voxels && all.best && all.weight ? give_chips(&all) : no_memory();
+    if (status == PLIANT_OK) {
+        give_small(&all);
+        status = hand_on(work);
+    }
+    pliant_free(all.group);
+    pliant_free(all.voxels);
+    pliant_free(all.best);
+    pliant_free(all.weight);
+    return status;
+}

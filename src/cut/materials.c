@@ -1,0 +1,101 @@
+/* What a fragment holds: the share of its voxels in what its tetrahedron holds ([H] 2.1, summed over its own voxels only). The shares of all
+ * fragments add up to the whole. A chip's goes to whom it moves with. */
+#include "cut/work.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+typedef struct sums {
+    double lambda, mu, density, tissue;
+    int32_t voxels;
+    uint32_t count[PLIANT_MAX_MATERIALS];
+} sums;
+
+/* over the voxels of a touched tetrahedron that move with one in the end; end < 0: all of them */
+static void add_up(const cut_work *work, int32_t touched, int32_t end, sums *out)
+{
+    const pliant_voxels *voxels = work->voxels;
+    const int32_t tet = work->touched[touched], count = work->start[touched + 1] - work->start[touched], tets = work->body->fine.num_tets;
+    const uint8_t *material = voxels->material + voxels->start[tet];
+    /* on bone, fixed voxels were left out of what the tetrahedron holds (pliant_mesh_integrate_moved) */
+    const bool leaves_out = work->body->fine.num_moved > 0 && voxels->load[tet].num_voxels < (uint32_t)count;
+    memset(out, 0, sizeof *out);
+    for (int32_t v = 0; v < count; v++) {
+        if (end >= 0 && cut_final(work, tets + work->part[work->start[touched] + v]) != end) continue;
+        out->voxels++;
+        if (leaves_out && voxels->fixed_material[material[v]]) continue;
+        out->count[material[v]]++;
+    }
+    for (int32_t m = 0; m < voxels->num_materials; m++) {
+        const pliant_tet_material *one = voxels->of_material + m;
+        out->lambda += out->count[m] * one->lambda;
+        out->mu += out->count[m] * one->mu;
+        out->density += out->count[m] * one->density;
+        out->tissue += out->count[m] * (double)one->tissue;
+    }
+}
+
+/* by their numbers where the voxels have nothing of it */
+static double share(double part, double whole, const sums *own, const sums *all)
+{
+    return whole > 0 ? part / whole : (double)own->voxels / all->voxels;
+}
+
+static void share_material(const cut_work *work, int32_t tet, const sums *own, const sums *all, pliant_tet_material *out)
+{
+    const pliant_tet_material *load = work->voxels->load + tet;
+    *out = *load;
+    if (own->voxels == all->voxels) return;
+    out->lambda *= share(own->lambda, all->lambda, own, all);
+    out->mu *= share(own->mu, all->mu, own, all);
+    out->density *= share(own->density, all->density, own, all);
+    out->tissue *= (float)share(own->tissue, all->tissue, own, all);
+    out->num_voxels = (uint32_t)own->voxels;
+    uint32_t most = 0;
+    for (int32_t m = 0; m < work->voxels->num_materials; m++) {
+        if (own->count[m] <= most) continue;
+        most = own->count[m];
+        out->material = (uint16_t)m;
+    }
+}
+
+/* of another tetrahedron: by volume */
+static void add_chip(const pliant_tet_material *chip, double volumes, pliant_tet_material *out)
+{
+    out->lambda += volumes * chip->lambda;
+    out->mu += volumes * chip->mu;
+    out->density += volumes * chip->density;
+    out->num_voxels += chip->num_voxels;
+}
+
+pliant_status pliant_cut_materials(cut_work *work)
+{
+    const pliant_body *body = work->body;
+    const int32_t tets = body->fine.num_tets;
+    work->material = pliant_calloc((size_t)work->num_tets, sizeof *work->material);
+    if (!work->material) return pliant_fail_memory("the materials of fragments");
+    memcpy(work->material, body->fine_material, (size_t)tets * sizeof *work->material);
+    for (int pass = 0; pass < 2; pass++) /* chips after those that take them */
+        for (int32_t t = 0; t < work->num_touched; t++) {
+            const int32_t tet = work->touched[t];
+            sums all, own;
+            add_up(work, t, -1, &all);
+            for (int32_t f = work->first[t]; f < work->first[t + 1]; f++) {
+                const int32_t end = cut_final(work, tets + f), with = cut_tet_of(work, end);
+                bool first = (with != tet) == (pass == 1);
+                for (int32_t g = work->first[t]; g < f && first; g++) first = cut_final(work, tets + g) != end;
+                if (!first) continue;
+                pliant_tet_material made;
+                double gradients[12];
+                add_up(work, t, end, &own);
+                share_material(work, tet, &own, &all, &made);
+                if (pass == 0) work->material[cut_number(work, end)] = made;
+                else
+                    add_chip(&made, pliant_mesh_gradients(&body->fine, tet, gradients) / pliant_mesh_gradients(&body->fine, with, gradients),
+                             work->material + cut_number(work, end));
+            }
+        }
+    return PLIANT_OK;
+}

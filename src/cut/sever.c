@@ -1,0 +1,409 @@
+/* Which links a blade severs: both ends of each are mapped forward, each by the fragment that carries it; the blade is mapped back only to
+ * find candidates. So all links at a voxel agree on which side of the blade it is. */
+#include "cut/work.h"
+
+#include "cut/sweep.h"
+
+#include "base/fail.h"
+#include "base/matrix.h"
+#include "pliant/memory.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct triangle {
+    double corner[9], normal[3], low[3], high[3];
+} triangle;
+
+/* x = axes index + origin, of a fragment's voxels */
+typedef struct voxel_map {
+    double axes[9], origin[3];
+} voxel_map;
+
+typedef struct severing {
+    cut_work *work;
+    double rest_of_index[9]; /* voxel axes times spacing */
+    double slack;            /* [m] */
+    double reach;            /* two voxels in a stretched tetrahedron, over its extent */
+    double handed;           /* of the scan: 1 or -1 */
+    int32_t num_triangles;
+    triangle *triangles;
+    double low[3], high[3];  /* of all triangles */
+    int32_t *near;           /* triangles near a fragment */
+    int32_t num_near;
+    int32_t *map_of;         /* (fine tetrahedra) 1 + index into maps */
+    int32_t num_maps, map_room;
+    voxel_map *maps;
+} severing;
+
+/* ---- the strip */
+
+static void add_triangle(severing *cut, const double *p, const double *q, const double *r)
+{
+    triangle *made = cut->triangles + cut->num_triangles;
+    double u[3], v[3], squares = 0;
+    for (int d = 0; d < 3; d++) {
+        made->corner[d] = p[d];
+        made->corner[3 + d] = q[d];
+        made->corner[6 + d] = r[d];
+        u[d] = q[d] - p[d];
+        v[d] = r[d] - p[d];
+        made->low[d] = fmin(p[d], fmin(q[d], r[d]));
+        made->high[d] = fmax(p[d], fmax(q[d], r[d]));
+    }
+    for (int d = 0; d < 3; d++) {
+        made->normal[d] = u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3];
+        squares += made->normal[d] * made->normal[d];
+    }
+    if (!(squares > 0) || !isfinite(squares)) return; /* no area, or not a number */
+    for (int d = 0; d < 3; d++) {
+        if (cut->num_triangles == 0 || made->low[d] < cut->low[d]) cut->low[d] = made->low[d];
+        if (cut->num_triangles == 0 || made->high[d] > cut->high[d]) cut->high[d] = made->high[d];
+    }
+    cut->num_triangles++;
+}
+
+static pliant_status list_triangles(severing *cut, const pliant_cut_sweep *sweep)
+{
+    if (sweep->count < 2) return PLIANT_OK;
+    const size_t most = 2 * ((size_t)sweep->count - 1);
+    cut->triangles = pliant_calloc(most, sizeof *cut->triangles);
+    cut->near = pliant_calloc(most, sizeof *cut->near);
+    if (!cut->triangles || !cut->near) return pliant_fail_memory("the sweep of a blade");
+    for (int32_t i = 0; i + 1 < sweep->count; i++) {
+        add_triangle(cut, sweep->from + 3 * i, sweep->from + 3 * (i + 1), sweep->to + 3 * i);
+        add_triangle(cut, sweep->from + 3 * (i + 1), sweep->to + 3 * (i + 1), sweep->to + 3 * i);
+    }
+    return PLIANT_OK;
+}
+
+/* ---- maps */
+
+static void find_map(const severing *cut, int32_t tet, voxel_map *map)
+{
+    const pliant_mesh *fine = &cut->work->body->fine;
+    const pliant_geometry *geometry = &cut->work->voxels->geometry;
+    const int32_t *nodes = fine->tets + 4 * (size_t)tet;
+    double gradients[12], spread[9] = {0};
+    pliant_mesh_gradients(fine, tet, gradients);
+    for (int v = 0; v < 4; v++)
+        for (int r = 0; r < 3; r++)
+            for (int c = 0; c < 3; c++) spread[3 * r + c] += cut->work->positions[3 * (size_t)nodes[v] + r] * gradients[3 * v + c];
+    for (int r = 0; r < 3; r++) {
+        map->origin[r] = cut->work->positions[3 * (size_t)nodes[0] + r];
+        for (int c = 0; c < 3; c++) {
+            map->axes[3 * r + c] = 0;
+            for (int m = 0; m < 3; m++) map->axes[3 * r + c] += spread[3 * r + m] * cut->rest_of_index[3 * m + c];
+            map->origin[r] += spread[3 * r + c] * (geometry->origin[c] - fine->rest[3 * (size_t)nodes[0] + c]);
+        }
+    }
+}
+
+static const voxel_map *map_of(severing *cut, int32_t tet)
+{
+    if (cut->map_of[tet] == 0) {
+        if (cut->num_maps == cut->map_room) {
+            const int32_t room = cut->map_room > 0 ? 2 * cut->map_room : 256;
+            voxel_map *longer = pliant_resize(cut->maps, (size_t)room, sizeof *longer);
+            if (!longer) return NULL;
+            cut->maps = longer;
+            cut->map_room = room;
+        }
+        find_map(cut, tet, cut->maps + cut->num_maps);
+        cut->map_of[tet] = ++cut->num_maps;
+    }
+    return cut->maps + cut->map_of[tet] - 1;
+}
+
+static void place_in(const voxel_map *map, const int32_t at[3], double out[3])
+{
+    for (int r = 0; r < 3; r++) out[r] = map->axes[3 * r] * at[0] + map->axes[3 * r + 1] * at[1] + map->axes[3 * r + 2] * at[2] + map->origin[r];
+}
+
+/* ---- the predicate */
+
+/* the triangle that parts two points, or NULL */
+static const triangle *parted(const severing *cut, const double a[3], const double b[3])
+{
+    double low[3], high[3];
+    for (int d = 0; d < 3; d++) {
+        low[d] = fmin(a[d], b[d]) - cut->slack;
+        high[d] = fmax(a[d], b[d]) + cut->slack;
+    }
+    for (int32_t n = 0; n < cut->num_near; n++) {
+        const triangle *one = cut->triangles + cut->near[n];
+        if (one->low[0] > high[0] || one->high[0] < low[0] || one->low[1] > high[1] || one->high[1] < low[1] || one->low[2] > high[2] ||
+            one->high[2] < low[2])
+            continue;
+        if (pliant_passes_through(a, b, one->corner, one->normal, cut->slack)) return one;
+    }
+    return NULL;
+}
+
+/* The share of a severed link in the area at rest: a plane with unit normal n severs area |n_d| / A_d links along axis d, A_d the face between
+ * two voxels. */
+static double area_of(const severing *cut, const voxel_map *map, const double normal[3], int axis)
+{
+    const double *spacing = cut->work->voxels->geometry.spacing;
+    double along[3], squares = 0, sum = 0;
+    for (int d = 0; d < 3; d++) { /* normals go back by the transposed map */
+        along[d] = (map->axes[d] * normal[0] + map->axes[3 + d] * normal[1] + map->axes[6 + d] * normal[2]) / spacing[d];
+        squares += along[d] * along[d];
+        sum += fabs(along[d]);
+    }
+    const double face = spacing[(axis + 1) % 3] * spacing[(axis + 2) % 3];
+    return sum > 0 ? face * sqrt(squares) / sum : face;
+}
+
+static pliant_status add_link(cut_work *work, uint32_t link, double area)
+{
+    if (work->num_links == work->link_room) {
+        const int32_t room = work->link_room > 0 ? 2 * work->link_room : 1024;
+        uint32_t *links = pliant_resize(work->link, (size_t)room, sizeof *links);
+        if (!links) return pliant_fail_memory("the links that a blade severs");
+        work->link = links;
+        double *areas = pliant_resize(work->link_area, (size_t)room, sizeof *areas);
+        if (!areas) return pliant_fail_memory("the links that a blade severs");
+        work->link_area = areas;
+        work->link_room = room;
+    }
+    work->link[work->num_links] = link;
+    work->link_area[work->num_links++] = area;
+    return PLIANT_OK;
+}
+
+static pliant_status add_bridge(cut_work *work, int32_t bridge)
+{
+    if (work->num_bridges == work->bridge_room) {
+        const int32_t room = work->bridge_room > 0 ? 2 * work->bridge_room : 64;
+        int32_t *longer = pliant_resize(work->bridge, (size_t)room, sizeof *longer);
+        if (!longer) return pliant_fail_memory("the bridges that a blade severs");
+        work->bridge = longer;
+        work->bridge_room = room;
+    }
+    work->bridge[work->num_bridges++] = bridge;
+    return PLIANT_OK;
+}
+
+/* the fine tetrahedron that carries a voxel that is owned */
+static int32_t carrier_of(const cut_work *work, int32_t voxel)
+{
+    const int32_t tet = work->voxels->owner[voxel], state = work->state[tet];
+    return state == 0 ? tet : work->cuts->voxel_fragment[work->cuts->voxel_start[-state - 1] + pliant_voxel_in(work->voxels, tet, voxel)];
+}
+
+static pliant_status try_link(severing *cut, int32_t tet, int32_t voxel, const int32_t at[3], int axis, int way)
+{
+    cut_work *work = cut->work;
+    const pliant_voxels *voxels = work->voxels;
+    if (at[axis] + way < 0 || at[axis] + way >= voxels->geometry.size[axis]) return PLIANT_OK;
+    const int32_t other = voxel + way * pliant_stride_of(voxels, axis);
+    if (voxels->owner[other] < 0) return PLIANT_OK;
+    const int32_t with = carrier_of(work, other);
+    if (way < 0 && with == tet) return PLIANT_OK; /* from the other end */
+    int32_t there[3] = {at[0], at[1], at[2]};
+    double a[3], b[3];
+    there[axis] += way;
+    const voxel_map *to = map_of(cut, with), *from = map_of(cut, tet);
+    if (!to || !from) return pliant_fail_memory("the maps of fragments");
+    place_in(from, at, a);
+    place_in(to, there, b);
+    const triangle *one = way > 0 ? parted(cut, a, b) : parted(cut, b, a); /* the same bits from both ends */
+    if (!one) return PLIANT_OK;
+    const pliant_links links = {.voxels = voxels, .cuts = work->cuts};
+    const int32_t lower = way > 0 ? voxel : other;
+    if (pliant_link_severed(&links, lower, way > 0 ? at : there, axis)) return PLIANT_OK;
+    return add_link(work, 4 * (uint32_t)lower + (uint32_t)axis, area_of(cut, way > 0 ? from : to, one->normal, axis));
+}
+
+static pliant_status try_bridge(severing *cut, int32_t bridge)
+{
+    cut_work *work = cut->work;
+    const voxel_map *map[2];
+    double at[2][3];
+    for (int end = 0; end < 2; end++) { /* map_of may move the maps: twice */
+        if (!map_of(cut, carrier_of(work, work->voxels->bridge[2 * bridge + end])))
+            return pliant_fail_memory("the maps of fragments");
+    }
+    for (int end = 0; end < 2; end++) {
+        const int32_t voxel = work->voxels->bridge[2 * bridge + end];
+        int32_t place[3];
+        map[end] = map_of(cut, carrier_of(work, voxel));
+        pliant_place_of(work->voxels, voxel, place);
+        place_in(map[end], place, at[end]);
+    }
+    return parted(cut, at[0], at[1]) && !pliant_bridge_severed(work->cuts, bridge) ? add_bridge(work, bridge) : PLIANT_OK;
+}
+
+/* ---- candidates */
+
+/* Triangles that meet a fragment, whose tetrahedron with two voxels around it is the box. false: none; then the box is of what is common. */
+static bool find_near(severing *cut, double low[3], double high[3])
+{
+    double from[3] = {INFINITY, INFINITY, INFINITY}, to[3] = {-INFINITY, -INFINITY, -INFINITY};
+    cut->num_near = 0;
+    for (int32_t t = 0; t < cut->num_triangles; t++) {
+        const triangle *one = cut->triangles + t;
+        if (one->low[0] > high[0] || one->high[0] < low[0] || one->low[1] > high[1] || one->high[1] < low[1] || one->low[2] > high[2] ||
+            one->high[2] < low[2])
+            continue;
+        cut->near[cut->num_near++] = t;
+        for (int d = 0; d < 3; d++) {
+            from[d] = fmin(from[d], one->low[d]);
+            to[d] = fmax(to[d], one->high[d]);
+        }
+    }
+    for (int d = 0; d < 3; d++) {
+        low[d] = fmax(low[d], from[d]);
+        high[d] = fmin(high[d], to[d]);
+    }
+    return cut->num_near > 0;
+}
+
+/* the box, mapped back to indices of voxels, with two more around it; all where the map is flat or turned inside out */
+static void map_back(const voxel_map *map, double handed, const double low[3], const double high[3], double from[3], double to[3])
+{
+    const double *m = map->axes;
+    const double minors[9] = {m[4] * m[8] - m[5] * m[7], m[2] * m[7] - m[1] * m[8], m[1] * m[5] - m[2] * m[4],
+                              m[5] * m[6] - m[3] * m[8], m[0] * m[8] - m[2] * m[6], m[2] * m[3] - m[0] * m[5],
+                              m[3] * m[7] - m[4] * m[6], m[1] * m[6] - m[0] * m[7], m[0] * m[4] - m[1] * m[3]};
+    const double determinant = m[0] * minors[0] + m[1] * minors[3] + m[2] * minors[6];
+    double lengths = 1;
+    for (int c = 0; c < 3; c++) lengths *= sqrt(m[c] * m[c] + m[3 + c] * m[3 + c] + m[6 + c] * m[6 + c]);
+    for (int r = 0; r < 3; r++) {
+        from[r] = INFINITY;
+        to[r] = -INFINITY;
+        for (int corner = 0; corner < 8; corner++) {
+            double at = 0;
+            for (int d = 0; d < 3; d++) at += minors[3 * r + d] / determinant * ((corner >> d & 1 ? high[d] : low[d]) - map->origin[d]);
+            from[r] = fmin(from[r], at - 2);
+            to[r] = fmax(to[r], at + 2);
+        }
+        if (!(handed * determinant > 1e-3 * lengths) || !(from[r] <= to[r])) {
+            from[r] = -INFINITY;
+            to[r] = INFINITY;
+        }
+    }
+}
+
+/* of a tetrahedron at load, the voxels between two indices that a fine one carries, and its bridges */
+static pliant_status try_voxels(severing *cut, int32_t tet, int32_t owner, const double from[3], const double to[3])
+{
+    const cut_work *work = cut->work;
+    const pliant_voxels *voxels = work->voxels;
+    const int32_t first = voxels->start[owner], state = work->state[owner];
+    const int32_t *carrier = state < 0 ? work->cuts->voxel_fragment + work->cuts->voxel_start[-state - 1] : NULL;
+    pliant_status status = PLIANT_OK;
+    for (int32_t v = first; v < voxels->start[owner + 1] && status == PLIANT_OK; v++) {
+        int32_t at[3];
+        if (carrier && carrier[v - first] != tet) continue;
+        pliant_place_of(voxels, voxels->voxel[v], at);
+        if (at[0] < from[0] || at[0] > to[0] || at[1] < from[1] || at[1] > to[1] || at[2] < from[2] || at[2] > to[2]) continue;
+        for (int axis = 0; axis < 3 && status == PLIANT_OK; axis++) {
+            status = try_link(cut, tet, voxels->voxel[v], at, axis, 1);
+            if (status == PLIANT_OK) status = try_link(cut, tet, voxels->voxel[v], at, axis, -1);
+        }
+    }
+    for (int32_t b = voxels->bridge_start[owner]; b < voxels->bridge_start[owner + 1] && status == PLIANT_OK; b++) status = try_bridge(cut, b);
+    for (int32_t b = voxels->beside_start[owner]; b < voxels->beside_start[owner + 1] && status == PLIANT_OK; b++)
+        status = try_bridge(cut, voxels->beside[b]);
+    return status;
+}
+
+static pliant_status try_fragment(severing *cut, int32_t tet)
+{
+    const cut_work *work = cut->work;
+    const int32_t *nodes = work->body->fine.tets + 4 * (size_t)tet;
+    double low[3], high[3], from[3], to[3];
+    for (int d = 0; d < 3; d++) {
+        const double x[4] = {work->positions[3 * (size_t)nodes[0] + d], work->positions[3 * (size_t)nodes[1] + d],
+                             work->positions[3 * (size_t)nodes[2] + d], work->positions[3 * (size_t)nodes[3] + d]};
+        low[d] = fmin(fmin(x[0], x[1]), fmin(x[2], x[3]));
+        high[d] = fmax(fmax(x[0], x[1]), fmax(x[2], x[3]));
+        const double more = cut->reach * (high[d] - low[d]) + cut->slack;
+        if (!(low[d] - more <= cut->high[d] && high[d] + more >= cut->low[d])) return PLIANT_OK;
+    }
+    const voxel_map *map = map_of(cut, tet);
+    if (!map) return pliant_fail_memory("the maps of fragments");
+    for (int d = 0; d < 3; d++) {
+        const double more = 2 * (fabs(map->axes[3 * d]) + fabs(map->axes[3 * d + 1]) + fabs(map->axes[3 * d + 2]));
+        low[d] -= more;
+        high[d] += more;
+    }
+    if (!find_near(cut, low, high)) return PLIANT_OK;
+    map_back(map, cut->handed, low, high, from, to);
+    pliant_status status = try_voxels(cut, tet, cut_parent(work, tet), from, to);
+    for (int32_t c = 0; work->cuts && c < work->cuts->num_chips && status == PLIANT_OK; c++)
+        if (work->cuts->chip[2 * c + 1] == tet) status = try_voxels(cut, tet, work->cuts->chip[2 * c], from, to);
+    return status;
+}
+
+/* ---- sorted, each once */
+
+typedef struct severed {
+    uint32_t link;
+    double area;
+} severed;
+
+static int by_link(const void *a, const void *b)
+{
+    const severed *i = a, *j = b;
+    return i->link < j->link ? -1 : i->link > j->link;
+}
+
+static int by_number(const void *a, const void *b)
+{
+    const int32_t *i = a, *j = b;
+    return *i < *j ? -1 : *i > *j;
+}
+
+static pliant_status sort_severed(cut_work *work)
+{
+    if (work->num_links > 0) {
+        severed *all = pliant_calloc((size_t)work->num_links, sizeof *all);
+        if (!all) return pliant_fail_memory("the links that a blade severs");
+        for (int32_t i = 0; i < work->num_links; i++) all[i] = (severed){work->link[i], work->link_area[i]};
+        qsort(all, (size_t)work->num_links, sizeof *all, by_link);
+        int32_t count = 0;
+        for (int32_t i = 0; i < work->num_links; i++) {
+            if (count > 0 && work->link[count - 1] == all[i].link) continue;
+            work->link[count] = all[i].link;
+            work->link_area[count++] = all[i].area;
+        }
+        work->num_links = count;
+        pliant_free(all);
+    }
+    if (work->num_bridges > 0) {
+        int32_t count = 0;
+        qsort(work->bridge, (size_t)work->num_bridges, sizeof *work->bridge, by_number);
+        for (int32_t i = 0; i < work->num_bridges; i++)
+            if (count == 0 || work->bridge[count - 1] != work->bridge[i]) work->bridge[count++] = work->bridge[i];
+        work->num_bridges = count;
+    }
+    return PLIANT_OK;
+}
+
+pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
+{
+    const pliant_geometry *geometry = &work->voxels->geometry;
+    severing cut = {.work = work, .slack = 1e-9 * fmin(geometry->spacing[0], fmin(geometry->spacing[1], geometry->spacing[2]))};
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++) cut.rest_of_index[3 * r + c] = geometry->direction[3 * r + c] * geometry->spacing[c];
+    const double *cell = work->body->fine.cell_size; /* of an octree, of its smallest leaves */
+    cut.handed = pliant_determinant(geometry->direction) < 0 ? -1 : 1;
+    /* the least height of the lattice's tetrahedra is 0.58 of a cube's side, of one on bone less */
+    cut.reach = (work->body->fine.num_moved > 0 ? 8 : 4) * fmax(geometry->spacing[0], fmax(geometry->spacing[1], geometry->spacing[2])) /
+                fmin(cell[0], fmin(cell[1], cell[2]));
+    pliant_status status = list_triangles(&cut, sweep);
+    if (status == PLIANT_OK && cut.num_triangles > 0) {
+        cut.map_of = pliant_calloc((size_t)work->body->fine.num_tets, sizeof *cut.map_of);
+        if (!cut.map_of) status = pliant_fail_memory("the maps of fragments");
+        for (int32_t t = 0; t < work->body->fine.num_tets && status == PLIANT_OK; t++) status = try_fragment(&cut, t);
+        if (status == PLIANT_OK) status = sort_severed(work);
+    }
+    pliant_free(cut.triangles);
+    pliant_free(cut.near);
+    pliant_free(cut.map_of);
+    pliant_free(cut.maps);
+    return status;
+}

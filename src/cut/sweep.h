@@ -1,0 +1,49 @@
+/* Whether the way between two points passes through a triangle that a blade swept: one rule for the CPU and the GPU. */
+#ifndef PLIANT_CUT_SWEEP_H
+#define PLIANT_CUT_SWEEP_H
+
+#include "base/inline.h"
+
+#include <math.h>
+
+/* On which side of a triangle a point lies; points nearer than slack are in front. normal: of any length */
+PLIANT_INLINE bool pliant_in_front(const double normal[3], const double corner[3], const double point[3], double slack)
+{
+    const double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    return normal[0] * (point[0] - corner[0]) + normal[1] * (point[1] - corner[1]) + normal[2] * (point[2] - corner[2]) > -slack * length;
+}
+
+/* Which way the edge from p to q runs around the origin. In single precision, so that products are exact in double precision. Where the
+ * edge passes through the origin, this is moved a little along the first axis, and far less along the second: of triangles that share an edge
+ * or a corner, then, exactly one holds the origin, if they surround it (Edelsbrunner and Muecke 1990, simulation of simplicity). */
+PLIANT_INLINE bool pliant_turns_left(const float p[2], const float q[2])
+{
+    const double turn = (double)p[0] * q[1] - (double)p[1] * q[0];
+    if (turn > 0.0 || turn < 0.0) return turn > 0.0;
+    if (p[1] > q[1] || p[1] < q[1]) return p[1] > q[1];
+    return q[0] > p[0];
+}
+
+/* Seen along the way from a to b, which lies in the origin (Woop, Benthin and Wald 2013). */
+PLIANT_INLINE void pliant_see_along(const double a[3], const double b[3], const double point[3], float out[2])
+{
+    const double way[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
+    int z = fabs(way[0]) > fabs(way[1]) ? 0 : 1;
+    if (fabs(way[2]) > fabs(way[z])) z = 2;
+    const int x = (z + 1) % 3, y = (z + 2) % 3;
+    const double along = (point[z] - a[z]) / way[z];
+    out[0] = (float)(point[x] - a[x] - along * way[x]);
+    out[1] = (float)(point[y] - a[y] - along * way[y]);
+}
+
+/* corner, normal: of the triangle, (3 x 3) and of any length */
+PLIANT_INLINE bool pliant_passes_through(const double a[3], const double b[3], const double corner[9], const double normal[3], double slack)
+{
+    if (pliant_in_front(normal, corner, a, slack) == pliant_in_front(normal, corner, b, slack)) return false;
+    float seen[3][2];
+    for (int v = 0; v < 3; v++) pliant_see_along(a, b, corner + 3 * v, seen[v]);
+    const bool left = pliant_turns_left(seen[0], seen[1]);
+    return left == pliant_turns_left(seen[1], seen[2]) && left == pliant_turns_left(seen[2], seen[0]);
+}
+
+#endif

@@ -1,0 +1,214 @@
+/* Tetrahedra whose links were severed, and what their voxels fall into. Nothing else is looked at: a cut elsewhere changes nothing. */
+#include "body/parts.h"
+#include "cut/work.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+static pliant_status no_memory(void) { return pliant_fail_memory("what a blade touches"); }
+
+/* ---- what is severed then */
+
+static pliant_status merge_severed(cut_work *work)
+{
+    const pliant_cuts *cuts = work->cuts;
+    pliant_cuts *next = work->next;
+    const int32_t links = cuts ? cuts->num_links : 0, bridges = cuts ? cuts->num_bridges : 0;
+    next->link = pliant_calloc((size_t)links + (size_t)work->num_links + 1, sizeof *next->link);
+    next->bridge = pliant_calloc((size_t)bridges + (size_t)work->num_bridges + 1, sizeof *next->bridge);
+    if (!next->link || !next->bridge) return no_memory();
+    for (int32_t old = 0, made = 0; old < links || made < work->num_links;) {
+        bool first = made == work->num_links || (old < links && cuts->link[old] < work->link[made]);
+        next->link[next->num_links++] = first ? cuts->link[old++] : work->link[made++];
+    }
+    for (int32_t old = 0, made = 0; old < bridges || made < work->num_bridges;) {
+        bool first = made == work->num_bridges || (old < bridges && cuts->bridge[old] < work->bridge[made]);
+        next->bridge[next->num_bridges++] = first ? cuts->bridge[old++] : work->bridge[made++];
+    }
+    return PLIANT_OK;
+}
+
+/* ---- tetrahedra */
+
+/* touched[0] to touched[count - 1] are marked by a state above 0 */
+static bool mark(cut_work *work, int32_t tet)
+{
+    if (work->state[tet] > 0) return false;
+    work->state[tet] = 1;
+    work->num_touched++;
+    return true;
+}
+
+static pliant_status list_touched(cut_work *work)
+{
+    const pliant_voxels *voxels = work->voxels;
+    const pliant_cuts *cuts = work->cuts;
+    for (int32_t i = 0; i < work->num_links; i++) {
+        const int32_t voxel = (int32_t)(work->link[i] / 4);
+        mark(work, voxels->owner[voxel]);
+        mark(work, voxels->owner[voxel + pliant_stride_of(voxels, work->link[i] % 4)]);
+    }
+    for (int32_t i = 0; i < work->num_bridges; i++)
+        for (int end = 0; end < 2; end++) mark(work, voxels->owner[voxels->bridge[2 * work->bridge[i] + end]]);
+    /* chips are given away anew: who has one, and who gave it */
+    for (bool more = true; more;) {
+        more = false;
+        for (int32_t c = 0; cuts && c < cuts->num_chips; c++) {
+            const int32_t from = cuts->chip[2 * c], to = cut_parent(work, cuts->chip[2 * c + 1]);
+            if (work->state[from] > 0 && mark(work, to)) more = true;
+            if (work->state[to] > 0 && mark(work, from)) more = true;
+        }
+    }
+    work->touched = pliant_calloc((size_t)work->num_touched, sizeof *work->touched);
+    work->start = pliant_calloc((size_t)work->num_touched + 1, sizeof *work->start);
+    if (!work->touched || !work->start) return no_memory();
+    int32_t count = 0;
+    for (int32_t t = 0; t < voxels->num_tets; t++) {
+        if (work->state[t] <= 0) continue;
+        work->touched[count] = t;
+        work->start[count + 1] = work->start[count] + voxels->start[t + 1] - voxels->start[t];
+        work->state[t] = ++count;
+    }
+    return PLIANT_OK;
+}
+
+/* ---- tables around their voxels */
+
+static pliant_status make_tables(cut_work *work)
+{
+    const pliant_voxels *voxels = work->voxels;
+    const int32_t count = work->start[work->num_touched];
+    pliant_links *links = &work->links;
+    int32_t high[3] = {0}, at[3];
+    work->voxel = pliant_calloc((size_t)count, sizeof *work->voxel);
+    work->part = pliant_calloc((size_t)count, sizeof *work->part);
+    if (!work->voxel || !work->part) return no_memory();
+    for (int32_t t = 0; t < work->num_touched; t++)
+        memcpy(work->voxel + work->start[t], voxels->voxel + voxels->start[work->touched[t]],
+               (size_t)(work->start[t + 1] - work->start[t]) * sizeof *work->voxel);
+    for (int32_t i = 0; i < count; i++) {
+        pliant_place_of(voxels, work->voxel[i], at);
+        for (int d = 0; d < 3; d++) {
+            if (i == 0 || at[d] < links->low[d]) links->low[d] = at[d];
+            if (i == 0 || at[d] > high[d]) high[d] = at[d];
+        }
+    }
+    for (int d = 0; d < 3; d++) { /* two around it: a link is kept by its lower end, a diagonal goes by a third voxel */
+        links->low[d] -= 2;
+        links->size[d] = high[d] + 3 - links->low[d];
+    }
+    const size_t row = (size_t)links->size[0], slice = row * (size_t)links->size[1], all = slice * (size_t)links->size[2];
+    links->voxels = voxels;
+    links->cuts = work->next;
+    links->severed = pliant_calloc(all, 1);
+    work->place = pliant_calloc(all, sizeof *work->place);
+    if (!links->severed || !work->place) return no_memory();
+    for (int32_t i = 0; i < count; i++) {
+        pliant_place_of(voxels, work->voxel[i], at);
+        work->place[(size_t)(at[0] - links->low[0]) + row * (size_t)(at[1] - links->low[1]) + slice * (size_t)(at[2] - links->low[2])] = i + 1;
+    }
+    const int32_t *size = voxels->geometry.size;
+    for (int32_t k = 0; k < links->size[2]; k++) { /* links of a slice follow one another */
+        const int64_t first = (int64_t)(links->low[2] + k) * size[0] * size[1] + (int64_t)links->low[1] * size[0] + links->low[0];
+        const int64_t last = first + (int64_t)(links->size[1] - 1) * size[0] + links->size[0];
+        if (last <= 0) continue;
+        for (int32_t l = pliant_lower(work->next->link, work->next->num_links, first > 0 ? 4 * (uint32_t)first : 0); l < work->next->num_links; l++) {
+            const int32_t voxel = (int32_t)(work->next->link[l] / 4);
+            if (voxel >= last) break;
+            pliant_place_of(voxels, voxel, at);
+            const int32_t i = at[0] - links->low[0], j = at[1] - links->low[1];
+            if (at[2] - links->low[2] != k || i < 0 || j < 0 || i >= links->size[0] || j >= links->size[1]) continue;
+            links->severed[(size_t)i + row * (size_t)j + slice * (size_t)k] |= (uint8_t)(1 << work->next->link[l] % 4);
+        }
+    }
+    return PLIANT_OK;
+}
+
+/* ---- fragments */
+
+/* index of a voxel that a touched tetrahedron owns */
+static int32_t index_of(const cut_work *work, int32_t voxel)
+{
+    const int32_t tet = work->voxels->owner[voxel];
+    return work->start[work->state[tet] - 1] + pliant_voxel_in(work->voxels, tet, voxel);
+}
+
+static void find_parts(cut_work *work)
+{
+    const pliant_voxels *voxels = work->voxels;
+    const pliant_links *links = &work->links;
+    const int32_t row = links->size[0], slice = row * links->size[1];
+    for (int32_t t = 0; t < work->num_touched; t++) {
+        for (int32_t i = work->start[t]; i < work->start[t + 1]; i++) work->part[i] = i;
+        for (int32_t i = work->start[t]; i < work->start[t + 1]; i++) {
+            int32_t at[3];
+            pliant_place_of(voxels, work->voxel[i], at);
+            const size_t place = (size_t)(at[0] - links->low[0]) + (size_t)row * (size_t)(at[1] - links->low[1]) + (size_t)slice * (size_t)(at[2] - links->low[2]);
+            for (int n = 0; n < 9; n++) {
+                const int8_t *step = pliant_behind[n];
+                const int32_t other = work->place[(ptrdiff_t)place + step[0] + row * step[1] + (ptrdiff_t)slice * step[2]] - 1;
+                if (other < work->start[t] || other >= work->start[t + 1]) continue;
+                if (first_of(work->part, i) != first_of(work->part, other) && pliant_joined(links, work->voxel[i], at, step))
+                    join(work->part, i, other);
+            }
+        }
+        const int32_t tet = work->touched[t];
+        for (int32_t b = voxels->bridge_start[tet]; b < voxels->bridge_start[tet + 1]; b++)
+            if (!pliant_bridge_severed(work->next, b)) join(work->part, index_of(work, voxels->bridge[2 * b]), index_of(work, voxels->bridge[2 * b + 1]));
+        for (int32_t i = work->start[t]; i < work->start[t + 1]; i++) work->part[i] = first_of(work->part, i);
+    }
+}
+
+/* Of what a fine tetrahedron falls into, the largest part keeps its number. */
+static void choose_who_stays(cut_work *work, int32_t first)
+{
+    for (int32_t f = first; f < work->num_fragments; f++) {
+        cut_fragment *one = work->fragment + f;
+        one->stays = !one->came_back;
+        for (int32_t g = first; g < work->num_fragments && one->stays; g++) {
+            const cut_fragment *other = work->fragment + g;
+            if (g == f || other->came_back || other->source != one->source) continue;
+            one->stays = other->voxels < one->voxels || (other->voxels == one->voxels && f < g);
+        }
+    }
+}
+
+static pliant_status list_fragments(cut_work *work)
+{
+    const int32_t count = work->start[work->num_touched];
+    int32_t fragments = 0;
+    for (int32_t i = 0; i < count; i++) fragments += work->part[i] == i;
+    work->fragment = pliant_calloc((size_t)fragments, sizeof *work->fragment);
+    work->first = pliant_calloc((size_t)work->num_touched + 1, sizeof *work->first);
+    if (!work->fragment || !work->first) return no_memory();
+    for (int32_t t = 0; t < work->num_touched; t++) {
+        const int32_t tet = work->touched[t], first = work->num_fragments;
+        for (int32_t i = work->start[t]; i < work->start[t + 1]; i++) {
+            if (work->part[i] != i) {
+                work->part[i] = work->part[work->part[i]];
+            } else {
+                const int32_t was = pliant_voxels_fragment(work->voxels, work->cuts, work->voxel[i]);
+                const bool own = cut_parent(work, was) == tet;
+                work->fragment[work->num_fragments] = (cut_fragment){.tet = tet, .source = own ? was : tet, .came_back = !own, .into = -1};
+                work->part[i] = work->num_fragments++;
+            }
+            work->fragment[work->part[i]].voxels++;
+        }
+        choose_who_stays(work, first);
+        work->first[t + 1] = work->num_fragments;
+    }
+    return PLIANT_OK;
+}
+
+pliant_status pliant_cut_touch(cut_work *work)
+{
+    work->next = pliant_calloc(1, sizeof *work->next);
+    pliant_status status = work->next ? merge_severed(work) : no_memory();
+    if (status == PLIANT_OK) status = list_touched(work);
+    if (status == PLIANT_OK) status = make_tables(work);
+    if (status != PLIANT_OK) return status;
+    find_parts(work);
+    return list_fragments(work);
+}

@@ -1,0 +1,109 @@
+/* The parts of a cut, in the order in which they run. */
+#ifndef PLIANT_CUT_WORK_H
+#define PLIANT_CUT_WORK_H
+
+#include "body/links.h"
+#include "pliant/cut.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Voxels of a touched tetrahedron that hang together within it. */
+typedef struct cut_fragment {
+    int32_t tet;      /* at load */
+    int32_t source;   /* fine tetrahedron of the body before that it is a part of */
+    int32_t voxels;
+    bool came_back;   /* a chip that moved with a fragment of another tetrahedron */
+    bool stays;       /* it keeps the number of its source */
+    int32_t into;     /* what took its voxels over: a fragment or an untouched tetrahedron; -1: it stands for itself */
+    int32_t number;   /* fine tetrahedron of the next body */
+} cut_fragment;
+
+/* Two that unsevered links, diagonals or bridges join, and how many: fragments (from the body's number of tetrahedra on) or untouched
+ * tetrahedra (below). */
+typedef struct cut_edge {
+    int32_t end[2], weight;
+} cut_edge;
+
+typedef struct cut_work {
+    const pliant_body *body;
+    const pliant_voxels *voxels;
+    const pliant_cuts *cuts;         /* of the body before; Nullable */
+    const double *positions;
+    /* ---- sever.c: what is newly severed, ascending */
+    int32_t num_links, num_bridges, link_room, bridge_room;
+    uint32_t *link;
+    double *link_area;               /* [m^2], at rest */
+    int32_t *bridge;
+    /* ---- touch.c */
+    pliant_cuts *next;               /* what is severed then; the rest follows in gather.c */
+    int32_t *state;                  /* (tetrahedra at load) > 0: touched, from 1 on; < 0: in cuts, from -1 on; 0: neither */
+    int32_t num_touched, *touched;   /* tetrahedra at load, ascending */
+    int32_t *start;                  /* (num_touched + 1) into voxel, part */
+    int32_t *first;                  /* (num_touched + 1) fragments of each */
+    int32_t *voxel, *part;           /* of touched tetrahedra; part: fragment */
+    pliant_links links;              /* with a table of what is severed around them */
+    int32_t *place;                  /* (its box) 1 + index into voxel; 0: no touched tetrahedron owns it */
+    int32_t num_fragments;
+    cut_fragment *fragment;
+    /* ---- join.c */
+    int32_t num_edges, edge_room, table_size;
+    cut_edge *edge;
+    int32_t *table;                  /* hash: 1 + edge */
+    /* ---- corners.c */
+    int32_t num_tets, num_nodes;     /* of the next body */
+    int32_t *corners;                /* (num_tets x 4) */
+    int32_t *tet_source;             /* (appended) */
+    uint8_t *copy_fixed;             /* (appended nodes) */
+    /* ---- materials.c */
+    pliant_tet_material *material;   /* (num_tets) */
+} cut_work;
+
+/* the tetrahedron at load of a fine one of the body before */
+static inline int32_t cut_parent(const cut_work *work, int32_t tet) { return work->body->tet_parent ? work->body->tet_parent[tet] : tet; }
+/* of an end of an edge */
+static inline int32_t cut_tet_of(const cut_work *work, int32_t end)
+{
+    return end < work->body->fine.num_tets ? cut_parent(work, end) : work->fragment[end - work->body->fine.num_tets].tet;
+}
+/* what a fragment's voxels went to in the end: itself, another, or an untouched tetrahedron */
+static inline int32_t cut_final(const cut_work *work, int32_t end)
+{
+    while (end >= work->body->fine.num_tets && work->fragment[end - work->body->fine.num_tets].into >= 0)
+        end = work->fragment[end - work->body->fine.num_tets].into;
+    return end;
+}
+/* the fine tetrahedron of the next body */
+static inline int32_t cut_number(const cut_work *work, int32_t end)
+{
+    end = cut_final(work, end);
+    return end < work->body->fine.num_tets ? end : work->fragment[end - work->body->fine.num_tets].number;
+}
+/* whether two tetrahedra at load have a face in common */
+static inline bool cut_share_face(const cut_work *work, int32_t a, int32_t b)
+{
+    const int32_t *across = work->voxels->across + 4 * (size_t)a;
+    return across[0] == b || across[1] == b || across[2] == b || across[3] == b;
+}
+
+/* Links and bridges that the sweep severs; slack: [m] */
+pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep);
+/* Tetrahedra that own an end of them, and their fragments. */
+pliant_status pliant_cut_touch(cut_work *work);
+/* Who is joined to whom; chips are given away. */
+pliant_status pliant_cut_join(cut_work *work);
+/* the end of edges that a voxel with an owner belongs to */
+int32_t pliant_cut_end_of(const cut_work *work, int32_t voxel);
+/* weight of the edge between two; 0: none */
+int32_t pliant_cut_edge(const cut_work *work, int32_t a, int32_t b);
+/* Which corners are one node; fragments with the same four become one; numbers of tetrahedra and nodes. */
+pliant_status pliant_cut_corners(cut_work *work);
+pliant_status pliant_cut_materials(cut_work *work);
+/* The fragments and joins of work->next. */
+pliant_status pliant_cut_gather(cut_work *work);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,166 @@
+// Blades for tests, and what they leave, counted by the words of the definitions.
+#ifndef PLIANT_TEST_CUTS_H
+#define PLIANT_TEST_CUTS_H
+
+#include "pipeline/body.h"
+#include "pliant/memory.h"
+
+#include <algorithm>
+#include <map>
+#include <memory>
+#include <numeric>
+#include <random>
+#include <set>
+
+// A body at load with its voxels, and what it became
+struct Cuttable {
+    std::unique_ptr<Body> body;
+    const pliant_body *now = nullptr;
+    std::vector<double> positions;
+    pliant_cut_report report{};
+
+    explicit Cuttable(std::unique_ptr<Body> made) : body(std::move(made)), now(pliant_body_retain(body->model->body)) { rest(); }
+    Cuttable(const Cuttable &) = delete;
+    Cuttable &operator=(const Cuttable &) = delete;
+    ~Cuttable() { pliant_body_release(now); }
+
+    const pliant_body &load() const { return *body->model->body; }
+    void rest() { positions.assign(now->fine.rest, now->fine.rest + 3 * now->fine.num_nodes); }
+    // the state of the next body: copies where their sources are
+    void take(const pliant_body *next)
+    {
+        for (int32_t n = now->fine.num_nodes; n < next->fine.num_nodes; n++) {
+            const int32_t source = next->changes.node_source[n - now->fine.num_nodes];
+            for (int d = 0; d < 3; d++) positions.push_back(positions[3 * source + d]);
+        }
+        pliant_body_release(now);
+        now = next;
+    }
+    // whether anything was severed
+    bool cut(const std::vector<double> &from, const std::vector<double> &to)
+    {
+        pliant_cut_sweep sweep{static_cast<int32_t>(from.size() / 3), from.data(), to.data(), body->model->material_of_voxel};
+        pliant_body *next = nullptr;
+        EXPECT_EQ(pliant_body_cut(now, now->revision + 1, positions.data(), &sweep, &next, &report), PLIANT_OK) << pliant_last_error();
+        if (next) take(next);
+        return next != nullptr;
+    }
+    // a square far beyond the body
+    bool cut_plane(const double point[3], const double normal[3], double size = 10)
+    {
+        std::vector<double> from, to;
+        plane(point, normal, size, from, to);
+        return cut(from, to);
+    }
+    static void plane(const double point[3], const double normal[3], double size, std::vector<double> &from, std::vector<double> &to)
+    {
+        double u[3], v[3], length = std::sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+        int least = 0;
+        for (int d = 1; d < 3; d++)
+            if (std::fabs(normal[d]) < std::fabs(normal[least])) least = d;
+        double n[3], e[3] = {0, 0, 0};
+        e[least] = 1;
+        for (int d = 0; d < 3; d++) n[d] = normal[d] / length;
+        for (int d = 0; d < 3; d++) u[d] = n[(d + 1) % 3] * e[(d + 2) % 3] - n[(d + 2) % 3] * e[(d + 1) % 3];
+        double ul = std::sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
+        for (int d = 0; d < 3; d++) u[d] /= ul;
+        for (int d = 0; d < 3; d++) v[d] = n[(d + 1) % 3] * u[(d + 2) % 3] - n[(d + 2) % 3] * u[(d + 1) % 3];
+        from.clear();
+        to.clear();
+        for (int s = -1; s <= 1; s += 2)
+            for (int d = 0; d < 3; d++) {
+                from.push_back(point[d] + size * (s * u[d] - v[d]));
+                to.push_back(point[d] + size * (s * u[d] + v[d]));
+            }
+    }
+};
+
+// ---- pieces
+
+struct Parts {
+    std::vector<int32_t> parent;
+    explicit Parts(size_t count) : parent(count) { std::iota(parent.begin(), parent.end(), 0); }
+    int32_t find(int32_t i)
+    {
+        while (parent[i] != i) i = parent[i] = parent[parent[i]];
+        return i;
+    }
+    void join(int32_t a, int32_t b) { parent[find(a)] = find(b); }
+};
+
+// of the mesh, by nodes; the piece of every tetrahedron
+inline std::vector<int32_t> mesh_pieces(const pliant_body &body)
+{
+    Parts parts(static_cast<size_t>(body.fine.num_nodes));
+    for (int32_t t = 0; t < body.fine.num_tets; t++)
+        for (int v = 1; v < 4; v++) parts.join(body.fine.tets[4 * t], body.fine.tets[4 * t + v]);
+    std::vector<int32_t> out(static_cast<size_t>(body.fine.num_tets));
+    for (int32_t t = 0; t < body.fine.num_tets; t++) out[t] = parts.find(body.fine.tets[4 * t]);
+    return out;
+}
+
+// of the voxels that are owned, by links, diagonals and bridges that are not severed; -1: nobody owns it
+inline std::vector<int32_t> voxel_pieces(const pliant_body &body)
+{
+    const pliant_voxels &voxels = *body.voxels;
+    const int32_t *size = voxels.geometry.size;
+    const int32_t count = size[0] * size[1] * size[2], strides[3] = {1, size[0], size[0] * size[1]};
+    std::vector<uint8_t> severed(static_cast<size_t>(count));
+    for (int32_t l = 0; body.cuts && l < body.cuts->num_links; l++) severed[body.cuts->link[l] / 4] |= static_cast<uint8_t>(1 << body.cuts->link[l] % 4);
+    std::set<int32_t> bridges;
+    for (int32_t b = 0; body.cuts && b < body.cuts->num_bridges; b++) bridges.insert(body.cuts->bridge[b]);
+    Parts parts(static_cast<size_t>(count));
+    for (int32_t v = 0; v < count; v++) {
+        if (voxels.owner[v] < 0) continue;
+        const int32_t at[3] = {v % size[0], v / size[0] % size[1], v / size[0] / size[1]};
+        auto whole = [&](int32_t from, int axis) { return !(severed[from] >> axis & 1); };
+        for (int d = 0; d < 3; d++) {
+            if (at[d] + 1 < size[d] && voxels.owner[v + strides[d]] >= 0 && whole(v, d)) parts.join(v, v + strides[d]);
+            for (int e = 0; e < 3; e++) // across an edge: one forward along d, one back or forward along e
+                for (int way = -1; way <= 1 && e != d; way += 2) {
+                    if (at[d] + 1 >= size[d] || at[e] + way < 0 || at[e] + way >= size[e]) continue;
+                    const int32_t up = v + strides[d], side = v + way * strides[e], other = up + way * strides[e];
+                    if (voxels.owner[other] < 0) continue;
+                    auto sideways = [&](int32_t from) { return whole(way > 0 ? from : from - strides[e], e); };
+                    if ((voxels.owner[up] >= 0 && whole(v, d) && sideways(up)) || (voxels.owner[side] >= 0 && sideways(v) && whole(side, d))) parts.join(v, other);
+                }
+        }
+    }
+    for (int32_t b = 0; b < voxels.num_bridges; b++)
+        if (!bridges.count(b)) parts.join(voxels.bridge[2 * b], voxels.bridge[2 * b + 1]);
+    std::vector<int32_t> out(static_cast<size_t>(count), -1);
+    for (int32_t v = 0; v < count; v++)
+        if (voxels.owner[v] >= 0) out[v] = parts.find(v);
+    return out;
+}
+
+// pieces of the mesh that are more than one of voxels, or the other way around
+inline int mismatches(const pliant_body &body)
+{
+    const std::vector<int32_t> mesh = mesh_pieces(body), voxels = voxel_pieces(body);
+    std::map<int32_t, std::set<int32_t>> of_mesh, of_voxels;
+    for (size_t v = 0; v < voxels.size(); v++) {
+        if (voxels[v] < 0) continue;
+        const int32_t tet = pliant_voxels_fragment(body.voxels, body.cuts, static_cast<int32_t>(v));
+        of_mesh[mesh[tet]].insert(voxels[v]);
+        of_voxels[voxels[v]].insert(mesh[tet]);
+    }
+    int wrong = 0;
+    for (const auto &piece : of_mesh) wrong += piece.second.size() != 1;
+    for (const auto &piece : of_voxels) wrong += piece.second.size() != 1;
+    return wrong;
+}
+
+// pieces of the mesh with tissue
+inline int num_pieces(const pliant_body &body)
+{
+    const std::vector<int32_t> mesh = mesh_pieces(body);
+    std::set<int32_t> pieces;
+    for (int32_t t = 0; t < body.fine.num_tets; t++)
+        if (body.fine_material[t].tissue > 0) pieces.insert(mesh[t]);
+    return static_cast<int>(pieces.size());
+}
+
+inline double total_mass(const pliant_body &body) { return std::accumulate(body.node_mass, body.node_mass + body.fine.num_nodes, 0.0); }
+
+#endif
