@@ -113,12 +113,12 @@ static void take(pliant_data *data, const double *h_solved)
     pliant_pull_report(data);
 }
 
-/* A patch is solved by the host, from where the coarse model has the fine nodes now. */
+/* A patch is solved by the host, from where the coarse model has the fine nodes now, and pieces that have come off are moved by it. */
 static pliant_status hand_over(pliant_data *data)
 {
     const double *h_solved;
     CUDA_TRY(enqueue_upsample(data));
-    if (!data->patch) return PLIANT_OK;
+    if (!pliant_host_moves(data)) return PLIANT_OK;
     CUDA_TRY(pliant_cuda_solver_bring(state_of(data)->solver, &h_solved));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state_of(data)->stream)));
     take(data, h_solved);
@@ -140,12 +140,12 @@ static pliant_status finish(pliant_data *data)
     cuda_data *state = state_of(data);
     pliant_cuda_warp *warp = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
     const double *h_solved = NULL;
-    if (!data->patch) CUDA_TRY(pliant_cuda_solver_bring(state->solver, &h_solved));
-    else if (warp && data->statistics.patched > 0) CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
+    if (!pliant_host_moves(data)) CUDA_TRY(pliant_cuda_solver_bring(state->solver, &h_solved));
+    else if (warp && (data->falling || data->statistics.patched > 0)) CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
     if (warp) CUDA_TRY(pliant_cuda_warp_enqueue(warp, state->d_positions, state->stream));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));
     if (warp) CUDA_TRY(pliant_cuda_warp_finish(warp, state->d_positions, state->stream));
-    if (!data->patch) take(data, h_solved);
+    if (!pliant_host_moves(data)) take(data, h_solved);
     return data->warp && !warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
 }
 

@@ -197,6 +197,11 @@ extern "C" void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
 }
 
 extern "C" void pliant_cuda_tled_restart(pliant_cuda_tled *gpu) { gpu->stale = true; }
+extern "C" pliant_status pliant_cuda_tled_set_positions(pliant_cuda_tled *gpu, const double *h_positions)
+{
+    return CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_positions, h_positions, 3 * (size_t)gpu->gpu.num_nodes * sizeof *h_positions, cudaMemcpyHostToDevice,
+                                     gpu->stream));
+}
 extern "C" const double *pliant_cuda_tled_positions(const pliant_cuda_tled *gpu) { return gpu->gpu.d_positions; }
 extern "C" cudaStream_t pliant_cuda_tled_stream(const pliant_cuda_tled *gpu) { return gpu->stream; }
 
@@ -211,6 +216,9 @@ static pliant_status send_state(pliant_cuda_tled *gpu, const pliant_tled *tled)
     if (it->viscous) CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_packed_memory, tled->memory, memory, cudaMemcpyHostToDevice, gpu->stream)));
     if (it->still) CUDA_TRY(CUDA_CALL(cudaMemsetAsync(it->d_own, 0, bytes, gpu->stream)));
     CUDA_TRY(pliant_cuda_tled_unpack(it, gpu->stream));
+    if (tled->own_inverse_mass) /* pieces may have stopped */
+        CUDA_TRY(CUDA_CALL(cudaMemcpy2DAsync(&it->d_nodes->inverse_mass, sizeof *it->d_nodes, tled->inverse_mass, sizeof *tled->inverse_mass,
+                                             sizeof *tled->inverse_mass, (size_t)it->num_nodes, cudaMemcpyHostToDevice, gpu->stream)));
     gpu->stale = false;
     return PLIANT_OK;
 }
@@ -275,7 +283,7 @@ static pliant_status send_holds(pliant_cuda_tled *gpu, const pliant_tool *tools,
     return PLIANT_OK;
 }
 
-static void set_tools(const pliant_cuda_tled *gpu, const pliant_tool *tools, int num_tools, gpu_frame *frame)
+static void set_tools(const pliant_tled *tled, const pliant_tool *tools, int num_tools, gpu_frame *frame)
 {
     frame->num_tools = num_tools;
     for (int t = 0; t < num_tools; t++) {
@@ -289,7 +297,7 @@ static void set_tools(const pliant_cuda_tled *gpu, const pliant_tool *tools, int
         hold->stiffness = tool->stiffness;
         hold->damping = tool->damping;
         for (int s = 0; s <= t; s++)
-            if (tools[s].holding) frame->answer[t][s] = pliant_tled_answer(gpu->system, tool, tools + s);
+            if (tools[s].holding) frame->answer[t][s] = pliant_tled_answer(tled, tool, tools + s);
         hold->load_share = frame->answer[t][t];
     }
 }
@@ -405,7 +413,7 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
     memcpy(outcome->quotient, tled->quotient, sizeof outcome->quotient);
     outcome->unsound = INT32_MAX;
     set_frame(tled, frame);
-    set_tools(gpu, tools, num_tools, frame);
+    set_tools(tled, tools, num_tools, frame);
     CUDA_TRY(send_holds(gpu, tools, num_tools, frame));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_exchange, gpu->h_exchange, sizeof *gpu->h_exchange, cudaMemcpyHostToDevice, gpu->stream)));
     CUDA_TRY(still ? relax(gpu, tled) : enqueue_frame(gpu, tled));

@@ -22,6 +22,8 @@ void pliant_cuda_tled_restart(pliant_cuda_tled *gpu);
 pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_tled_frame *out);
 /* Of the last frame, on the GPU (num_nodes x 3), and where work that needs them is to be enqueued. */
 const double *pliant_cuda_tled_positions(const pliant_cuda_tled *gpu);
+/* Until the next frame, others: where the host has moved nodes. Errors: UNAVAILABLE. */
+pliant_status pliant_cuda_tled_set_positions(pliant_cuda_tled *gpu, const double *h_positions);
 cudaStream_t pliant_cuda_tled_stream(const pliant_cuda_tled *gpu);
 
 #ifdef __cplusplus

@@ -44,6 +44,7 @@ static pliant_status draw(const pliant_data *data)
     if (!on_gpu) return data->warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
     const double *d_positions = pliant_cuda_tled_positions(state_of(data));
     cudaStream_t stream = pliant_cuda_tled_stream(state_of(data));
+    if (pliant_host_moves(data)) CUDA_TRY(pliant_cuda_tled_set_positions(state_of(data), data->positions));
     CUDA_TRY(pliant_cuda_warp_enqueue(on_gpu, d_positions, stream));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
     return pliant_cuda_warp_finish(on_gpu, d_positions, stream);

@@ -73,7 +73,15 @@ typedef struct pliant_cuts {
                                 *   in fragment; ascending */
 } pliant_cuts;
 
-/** Whether a node moves: a piece that comes off stays where it was then, not where it was at rest. */
+/** Pieces that have come off since load: nothing that is fixed holds them any more. Those that touch, if only at a node, count as one. */
+typedef struct pliant_pieces {
+    int32_t count;
+    int32_t *start, *node;     /**< (count + 1), (start[count]) fine nodes of each, ascending; no other piece or tissue has them */
+    int32_t num_joints;        /**< what a piece hangs on where it is a node or two */
+    int32_t *joint;            /**< (num_joints x 2) its own node, and the one that it hangs on; twice its own: that stays where it was at rest */
+} pliant_pieces;
+
+/** Whether a node moves. What a solve is not asked for, since it is of a piece that has come off, is fixed where it was then, not at rest. */
 typedef enum pliant_fixing { PLIANT_MOVES, PLIANT_FIXED_AT_REST, PLIANT_FIXED_WHERE_IT_WAS } pliant_fixing;
 
 typedef struct pliant_body {
@@ -94,8 +102,11 @@ typedef struct pliant_body {
     /* WHAT HOLDS IT */
     uint8_t *fine_fixed;       /**< (fine.num_nodes) pliant_fixing */
     uint8_t *coarse_fixed;     /**< (coarse.num_nodes) likewise; NULL: no coarse mesh */
-    int32_t num_held_pieces;   /**< pieces that nothing fixed holds: kept where they are */
-    bool falls;                /**< pieces that nothing holds are left to fall: explicit dynamics on a ground */
+    int32_t num_held_pieces;   /**< pieces that nothing fixed held at load: kept where they are */
+    bool falls;                /**< those are left to fall: explicit dynamics on a ground */
+    bool has_inertia;          /**< explicit dynamics: what comes off falls as everything moves; otherwise its nodes are fixed for the solve, and
+                                *   it falls as a rigid body */
+    pliant_pieces *pieces;     /**< Nullable: nothing has come off */
 
     const pliant_voxels *voxels; /**< Nullable: only where a scene may cut; one holder of them */
     pliant_cuts *cuts;         /**< Nullable: nothing is severed */
@@ -127,13 +138,13 @@ typedef struct pliant_division {
     const int32_t *touched;    /**< (num_touched) */
 } pliant_division;
 /** The next body: nodes and fragments appended with their parents, masses, what is fixed, surface, and the coarse mesh divided likewise, where
- *  fine tetrahedra of a coarse one no longer hang together. Pieces that nothing holds any more are held where they are, or fall.
+ *  fine tetrahedra of a coarse one no longer hang together. Pieces that nothing holds any more are listed.
  *  Errors: MEMORY, ARGUMENT (not a division of this body), FORMAT (faces of three tetrahedra). */
 PLIANT_API pliant_status pliant_body_divide(const pliant_body *body, uint64_t revision, const pliant_division *division, pliant_body **out);
 
 /** A fourth of the mass of a tetrahedron to each of its nodes ([H] 2.1). @param mass (fine.num_nodes) out [kg] */
 PLIANT_API void pliant_body_masses(const pliant_body *body, double *mass);
-/** Of pieces that carry nothing, the stiffness is taken down to this part: they keep their place in the picture. */
+/** Of pieces that nothing holds at load, the stiffness is taken down to this part: they keep their place in the picture. */
 #define PLIANT_LOOSE_STIFFNESS 1e-6
 
 /** The voxels of a body at load, with one holder. @param material_of_voxel (voxels) index into the table.

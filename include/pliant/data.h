@@ -57,6 +57,7 @@ typedef struct pliant_statistics {
                                  *   where gravity or a given force has changed and solver/budget_ms or a V-cycle leaves no time; 0: not
                                  *   known, or the first step */
     double residual_force;      /**< largest nodal residual force [N] */
+    int32_t falling;            /**< pieces that have come off and move */
     int32_t patched;            /**< tools that pull at a patch (model/patch), last step */
     int32_t patch_waiting;      /**< tools whose patch is still being made */
     int32_t patch_iterations;   /**< of the patch, last step */

@@ -62,6 +62,9 @@ void pliant_pull_report(pliant_data *data);
 extern const pliant_backend pliant_cuda_backend, pliant_cuda_tled_backend;
 #endif
 
+/* The host moves nodes after the solve, which a backend that solves elsewhere must bring before, and take again. */
+static inline bool pliant_host_moves(const pliant_data *data) { return data->patch || data->falling; }
+
 const pliant_host_solver *pliant_host_solver_of(const pliant_model *model);
 
 /* text: what the GPU is called, or why there is none. Errors: UNAVAILABLE, with the reason, when the one asked for cannot be

@@ -1,4 +1,4 @@
-#include "pliant/body.h"
+#include "body/divide.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"
@@ -28,6 +28,7 @@ static void free_body(pliant_body *body)
     pliant_free(body->coarse_fixed);
     pliant_voxels_release(body->voxels);
     pliant_cuts_free(body->cuts);
+    pliant_pieces_free(body->pieces);
     pliant_free(body->changes.touched);
     pliant_free(body->changes.touched_coarse);
     pliant_free(body->changes.node_source);
@@ -107,6 +108,7 @@ pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, plian
     next->num_triangles = body->num_triangles;
     next->num_held_pieces = body->num_held_pieces;
     next->falls = body->falls;
+    next->has_inertia = body->has_inertia;
     next->changes = (pliant_body_changes){.since = body->revision, .nodes_before = body->fine.num_nodes, .tets_before = body->fine.num_tets,
                                           .coarse_nodes_before = body->coarse.num_nodes, .coarse_tets_before = body->coarse.num_tets};
     bool good = copy_mesh(&body->fine, &next->fine) && copy_mesh(&body->coarse, &next->coarse) &&
@@ -125,6 +127,7 @@ pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, plian
     status = good ? PLIANT_OK : pliant_fail_memory("the next body");
     if (body->voxels) next->voxels = pliant_voxels_retain(body->voxels);
     if (status == PLIANT_OK && body->cuts) status = pliant_cuts_copy(body->cuts, &next->cuts);
+    if (status == PLIANT_OK && body->pieces) status = pliant_pieces_copy(body->pieces, &next->pieces);
     if (status != PLIANT_OK) {
         pliant_body_release(next);
         return status;

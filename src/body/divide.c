@@ -85,23 +85,23 @@ static pliant_status find_sources(const pliant_body *body, const pliant_division
     return PLIANT_OK;
 }
 
-/* copy_fixed: (appended) Nullable */
-static pliant_status append_nodes(pliant_body *next, int32_t nodes, const int32_t *source, const uint8_t *copy_fixed)
+pliant_status pliant_body_append_nodes(pliant_body *next, int32_t appended, const int32_t *source)
 {
     pliant_mesh *fine = &next->fine;
-    int32_t before = fine->num_nodes, appended = nodes - before;
-    const int32_t *of = source + before;
-    pliant_status status = pliant_body_append_parents(&next->node_parent, before, appended, of);
-    if (status == PLIANT_OK) status = pliant_body_append(&fine->rest, 3 * sizeof *fine->rest, before, appended, of);
-    if (status == PLIANT_OK) status = pliant_body_append(&fine->lattice_of_node, sizeof *fine->lattice_of_node, before, appended, of);
-    if (status == PLIANT_OK) status = pliant_body_append(&fine->place_of_node, sizeof *fine->place_of_node, before, appended, of);
-    if (status == PLIANT_OK) status = pliant_body_append(&next->fine_fixed, sizeof *next->fine_fixed, before, appended, of);
-    if (status == PLIANT_OK) status = pliant_body_append(&next->node_mass, sizeof *next->node_mass, before, appended, of);
+    pliant_body_changes *changes = &next->changes;
+    int32_t before = fine->num_nodes, *sources = NULL;
+    pliant_status status = pliant_body_append_parents(&next->node_parent, before, appended, source);
+    if (status == PLIANT_OK) status = pliant_body_append(&fine->rest, 3 * sizeof *fine->rest, before, appended, source);
+    if (status == PLIANT_OK) status = pliant_body_append(&fine->lattice_of_node, sizeof *fine->lattice_of_node, before, appended, source);
+    if (status == PLIANT_OK) status = pliant_body_append(&fine->place_of_node, sizeof *fine->place_of_node, before, appended, source);
+    if (status == PLIANT_OK) status = pliant_body_append(&next->fine_fixed, sizeof *next->fine_fixed, before, appended, source);
+    if (status == PLIANT_OK) status = pliant_body_append(&next->node_mass, sizeof *next->node_mass, before, appended, source);
     if (status != PLIANT_OK || appended == 0) return status;
-    fine->num_nodes = nodes;
-    if (!(next->changes.node_source = pliant_calloc((size_t)appended, sizeof *source))) return pliant_fail_memory("the next body");
-    memcpy(next->changes.node_source, of, (size_t)appended * sizeof *of);
-    if (copy_fixed) memcpy(next->fine_fixed + before, copy_fixed, (size_t)appended);
+    const int32_t already = before - changes->nodes_before;
+    if (!(sources = pliant_resize(changes->node_source, (size_t)(already + appended), sizeof *sources))) return pliant_fail_memory("the next body");
+    changes->node_source = sources;
+    for (int32_t n = 0; n < appended; n++) sources[already + n] = source[n] < changes->nodes_before ? source[n] : sources[source[n] - changes->nodes_before];
+    fine->num_nodes = before + appended;
     return PLIANT_OK;
 }
 
@@ -142,37 +142,19 @@ static pliant_status list_touched(const pliant_body *body, const pliant_division
     return good ? PLIANT_OK : pliant_fail_memory("the next body");
 }
 
-/* What hangs on nothing any more is held where it is. */
-static pliant_status hold(pliant_body *next)
-{
-    if (next->falls) return PLIANT_OK;
-    uint8_t *loose = pliant_calloc((size_t)next->fine.num_tets, 1);
-    if (!loose) return pliant_fail_memory("the next body");
-    int32_t pieces = 0;
-    pliant_status status = pliant_mesh_hold(&next->fine, PLIANT_FIXED_WHERE_IT_WAS, false, next->fine_fixed, loose, &pieces);
-    for (int32_t t = 0; status == PLIANT_OK && pieces > 0 && t < next->fine.num_tets; t++) {
-        if (!loose[t]) continue;
-        next->fine_material[t].lambda *= PLIANT_LOOSE_STIFFNESS;
-        next->fine_material[t].mu *= PLIANT_LOOSE_STIFFNESS;
-    }
-    pliant_free(loose);
-    if (status != PLIANT_OK || pieces == 0) return status;
-    next->num_held_pieces += pieces;
-    pliant_log(PLIANT_LOG_WARNING, "%d pieces have come off what is fixed; they are held where they are", pieces);
-    return PLIANT_OK;
-}
-
 static pliant_status divide(const pliant_body *body, const pliant_division *division, int32_t nodes, const int32_t *source, pliant_body *next)
 {
-    pliant_status status = append_nodes(next, nodes, source, division->copy_fixed);
+    const int32_t before = next->fine.num_nodes;
+    pliant_status status = pliant_body_append_nodes(next, nodes - before, source + before);
+    if (status == PLIANT_OK && division->copy_fixed && nodes > before) memcpy(next->fine_fixed + before, division->copy_fixed, (size_t)(nodes - before));
     if (status == PLIANT_OK) status = append_tets(next, division);
     if (status != PLIANT_OK) return status;
     memcpy(next->fine.tets, division->corners, 4 * (size_t)division->num_tets * sizeof *division->corners);
     if (division->material) memcpy(next->fine_material, division->material, (size_t)division->num_tets * sizeof *division->material);
-    pliant_body_masses(next, next->node_mass);
-    status = hold(next);
+    status = pliant_body_find_pieces(next);
     if (status == PLIANT_OK) status = list_touched(body, division, next);
     if (status != PLIANT_OK) return status;
+    pliant_body_masses(next, next->node_mass);
     pliant_free(next->triangles);
     next->triangles = NULL;
     next->num_triangles = 0;

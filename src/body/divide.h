@@ -13,6 +13,15 @@ pliant_status pliant_body_append(void *list, size_t size, int32_t count, int32_t
 /* likewise: the parents; a list that is NULL is made first */
 pliant_status pliant_body_append_parents(int32_t **parent, int32_t count, int32_t appended, const int32_t *source);
 
+/* ---- divide.c: copies of fine nodes of next, at its end */
+pliant_status pliant_body_append_nodes(pliant_body *next, int32_t appended, const int32_t *source);
+
+/* ---- pieces.c */
+/* Lists what nothing holds any more in next, of which the topology is there; fixes its nodes, and gives it copies of those that it hangs on. */
+pliant_status pliant_body_find_pieces(pliant_body *next);
+pliant_status pliant_pieces_copy(const pliant_pieces *pieces, pliant_pieces **out);
+void pliant_pieces_free(pliant_pieces *pieces); /* Nullable */
+
 /* ---- nest.c: the coarse mesh of next, which has that of the body before, divided where its fine tetrahedra are */
 pliant_status pliant_body_nest(const pliant_body *before, pliant_body *next);
 

@@ -3,6 +3,7 @@
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "fem/dynamics/tled.h"
+#include "fem/falling/falling.h"
 #include "fem/quasistatic/solver.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
@@ -37,13 +38,51 @@ static void swap_discretization(const adaptation *work)
     work->made->discretization = old;
 }
 
+/* ---- positions, and pieces that have come off: what is no piece any more was, when it became one, where the rest of the body expects it */
+
+static pliant_status prepare_positions(const adaptation *work)
+{
+    const pliant_data *data = work->data;
+    pliant_data *made = work->made;
+    int32_t nodes = made->body->fine.num_nodes;
+    double *positions = made->positions = pliant_calloc((size_t)nodes, 3 * sizeof *positions);
+    if (!positions) return pliant_fail_memory("the simulation state");
+    for (int32_t n = 0; n < nodes; n++) memcpy(positions + 3 * n, data->positions + 3 * work->map.node[n], 3 * sizeof *positions);
+    pliant_status status = pliant_falling_create(&work->model->scene, made->discretization->body, positions, data->falling, &work->map, &made->falling);
+    for (int32_t n = 0; status == PLIANT_OK && n < nodes; n++) {
+        const double *home = pliant_falling_has(made->falling, n) ? NULL : pliant_falling_home(data->falling, work->map.node[n]);
+        if (home) memcpy(positions + 3 * n, home, 3 * sizeof *positions);
+    }
+    return status;
+}
+
+static void swap_positions(const adaptation *work)
+{
+    double *positions = work->data->positions;
+    pliant_falling *falling = work->data->falling;
+    work->data->positions = work->made->positions;
+    work->data->falling = work->made->falling;
+    work->made->positions = positions;
+    work->made->falling = falling;
+}
+
 /* ---- the state of the solver, explicit dynamics and patches; patches begin anew */
 
 static pliant_status prepare_state(const adaptation *work)
 {
     pliant_data *data = work->data, *made = work->made;
     if (data->backend->download) data->backend->download(work->model, data);
-    return data->backend->kind->follow(work->model, data, &work->map, made);
+    const bool fine = data->solver && data->solver->system->mesh == data->solver->system->fine;
+    for (int32_t n = 0; fine && n < data->discretization->body->fine.num_nodes; n++) { /* what is downloaded has fallen */
+        const double *home = pliant_falling_home(data->falling, n);
+        if (home) memcpy(data->solver->now.x + 3 * n, home, 3 * sizeof *home);
+    }
+    pliant_status status = data->backend->kind->follow(work->model, data, &work->map, made);
+    for (int32_t n = 0; status == PLIANT_OK && made->tled && n < made->body->fine.num_nodes; n++) {
+        const double *home = pliant_falling_has(made->falling, n) ? NULL : pliant_falling_home(data->falling, work->map.node[n]);
+        if (home) pliant_tled_place(made->tled, n, home);
+    }
+    return status == PLIANT_OK && made->tled && made->falling && made->body->has_inertia ? pliant_tled_may_stop(made->tled) : status;
 }
 
 static void swap_state(const adaptation *work)
@@ -59,24 +98,6 @@ static void swap_state(const adaptation *work)
     made->tled = tled;
     made->patch = patch;
     if (solver) pliant_solver_take_over(data->solver, solver);
-}
-
-/* ---- positions */
-
-static pliant_status prepare_positions(const adaptation *work)
-{
-    int32_t nodes = work->made->body->fine.num_nodes;
-    double *positions = work->made->positions = pliant_calloc((size_t)nodes, 3 * sizeof *positions);
-    if (!positions) return pliant_fail_memory("the simulation state");
-    for (int32_t n = 0; n < nodes; n++) memcpy(positions + 3 * n, work->data->positions + 3 * work->map.node[n], 3 * sizeof *positions);
-    return PLIANT_OK;
-}
-
-static void swap_positions(const adaptation *work)
-{
-    double *positions = work->data->positions;
-    work->data->positions = work->made->positions;
-    work->made->positions = positions;
 }
 
 /* ---- tools' holds */
@@ -125,7 +146,7 @@ typedef struct adapter {
 
 /* each after what it is made of */
 static const adapter adapters[] = {
-    {prepare_discretization, swap_discretization}, {prepare_state, swap_state}, {prepare_positions, swap_positions},
+    {prepare_discretization, swap_discretization}, {prepare_positions, swap_positions}, {prepare_state, swap_state},
     {prepare_tools, swap_tools},                   {prepare_warp, swap_warp},
 };
 enum { NUM_ADAPTERS = sizeof adapters / sizeof *adapters };

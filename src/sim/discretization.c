@@ -85,6 +85,22 @@ static pliant_status hold_homogenized(pliant_discretizing *work)
     return status;
 }
 
+/* Materials for coarse elements that hold a part of a piece that has come off, and one of what stays: the piece moves on its own, and is not
+ * to hold the rest. */
+static pliant_status without_pieces(const pliant_body *body, pliant_tet_material **out)
+{
+    const size_t tets = (size_t)body->fine.num_tets;
+    pliant_tet_material *light = *out = pliant_calloc(tets, sizeof *light);
+    if (!light) return pliant_fail_memory("the coarse elements");
+    memcpy(light, body->fine_material, tets * sizeof *light);
+    for (size_t t = 0; t < tets; t++) {
+        if (body->fine_fixed[body->fine.tets[4 * t]] != PLIANT_FIXED_WHERE_IT_WAS) continue; /* pieces have their nodes alone */
+        light[t].lambda *= PLIANT_LOOSE_STIFFNESS;
+        light[t].mu *= PLIANT_LOOSE_STIFFNESS;
+    }
+    return PLIANT_OK;
+}
+
 pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
 {
     const pliant_scene *scene = work->scene;
@@ -109,12 +125,15 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
         if (status != PLIANT_OK) return status;
         return pliant_lod(system, scene, body->fine_fixed, work->coarse_fixed, body->fine_material, work->progress);
     }
-    pliant_tet_material *none = pliant_calloc((size_t)body->coarse.num_tets, sizeof *none); /* geometry only */
+    pliant_tet_material *none = pliant_calloc((size_t)body->coarse.num_tets, sizeof *none), *light = NULL; /* geometry only */
     if (!none) return pliant_fail_memory("the coarse elements");
     pliant_status status = pliant_system_elements(system, none, before, kept ? kept->coarse : NULL);
     pliant_free(none);
+    if (status == PLIANT_OK && body->pieces) status = without_pieces(body, &light);
     if (status != PLIANT_OK) return status;
-    status = pliant_homogenize(system, scene, &body->fine, body->fine_fixed, body->fine_material, body->coarse_of_fine, kept, work->progress);
+    status = pliant_homogenize(system, scene, &body->fine, body->fine_fixed, light ? light : body->fine_material, body->coarse_of_fine, kept,
+                               work->progress);
+    pliant_free(light);
     return status == PLIANT_OK ? hold_homogenized(work) : status;
 }
 

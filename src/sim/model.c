@@ -187,7 +187,9 @@ static pliant_status fix(builder *build)
     if (!body->fine_fixed || !build->loose) return pliant_fail_memory("the fixed nodes");
     for (int32_t n = 0; n < fine->num_nodes; n++) body->fine_fixed[n] = pliant_fixed_node(model, n);
     const int holds_none = pliant_fixed_planes_tell(model);
-    body->falls = model->scene.solver.kind == PLIANT_TLED && pliant_tled_stands(&model->scene);
+    body->has_inertia = model->scene.solver.kind == PLIANT_TLED && !model->scene.tled.quasi_static;
+    pliant_wall walls[PLIANT_MAX_WALLS];
+    body->falls = model->scene.solver.kind == PLIANT_TLED && pliant_tled_walls(&model->scene, walls) > 0; /* something ends the fall */
     if (body->falls) return PLIANT_OK;
     pliant_status status = pliant_mesh_hold(fine, PLIANT_FIXED_AT_REST, true, body->fine_fixed, build->loose, &body->num_held_pieces);
     if (status == PLIANT_ERROR_SCENE && holds_none > 0)

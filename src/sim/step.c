@@ -3,6 +3,7 @@
 #include "base/fail.h"
 #include "fem/patch/patch.h"
 #include "fem/dynamics/tled.h"
+#include "fem/falling/falling.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
 #include "sim/discretization.h"
@@ -54,6 +55,7 @@ void pliant_data_free(pliant_data *data)
     pliant_patch_free(data->patch);
     pliant_solver_free(data->solver);
     pliant_tled_free(data->tled);
+    pliant_falling_free(data->falling);
     pliant_warp_free(data->warp);
     pliant_discretization_release(data->discretization);
     pliant_body_release(data->body);
@@ -104,14 +106,24 @@ pliant_status pliant_data_set_gravity(pliant_data *data, const double gravity[3]
     return PLIANT_OK;
 }
 
-/* By the CPU, whoever runs the other stages. Where it fails, the step is undone: another backend goes on from before it, too. */
-static pliant_status patch(const pliant_model *model, pliant_data *data)
+static pliant_status move_patch(const pliant_model *model, pliant_data *data)
 {
     if (!data->patch) return PLIANT_OK;
     pliant_status status = pliant_patch_step(data);
     pliant_pull_report(data);
     if (status < 0 && !data->backend->on_host) pliant_backend_restart(model, data);
     return status;
+}
+
+/* By the CPU, whoever runs the other stages. Where it fails, the step is undone: another backend goes on from before it, too. */
+static pliant_status patch(const pliant_model *model, pliant_data *data)
+{
+    pliant_status status = move_patch(model, data);
+    if (status < 0 || !data->falling) return status;
+    const bool anew = pliant_falling_step(data);
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t, NULL);
+    pliant_status restarted = anew ? pliant_backend_restart(model, data) : PLIANT_OK;
+    return restarted < 0 ? restarted : status;
 }
 
 pliant_status pliant_step(const pliant_model *model, pliant_data *data)
@@ -127,7 +139,7 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
         data->statistics.seconds[stage] = pliant_seconds() - start;
         /* the first stage is the host's own */
         if (status < 0 && stage > PLIANT_STEP_interact && pliant_backend_leave(model, data, status)) {
-            bool on_host = backend->solves_on_host || (data->patch && stage == PLIANT_STEP_warp); /* only this stage is done again */
+            bool on_host = backend->solves_on_host || (pliant_host_moves(data) && stage == PLIANT_STEP_warp); /* only this stage is done again */
             stage = on_host ? stage - 1 : PLIANT_STEP_solve - 1; /* again, by the CPU */
             continue;
         }

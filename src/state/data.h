@@ -38,6 +38,8 @@ typedef struct pliant_solver pliant_solver; /* iteration history, factors, the b
 
 typedef struct pliant_patch pliant_patch; /* local fine solutions around holds (src/fem) */
 
+typedef struct pliant_falling pliant_falling; /* where pieces are that have come off (src/fem/dynamics) */
+
 typedef struct pliant_tled pliant_tled; /* displacements, increments, sub-steps of explicit dynamics (src/fem) */
 
 struct pliant_data {
@@ -61,6 +63,8 @@ struct pliant_data {
     pliant_tled *tled;        /* Nullable: solver/kind tled */
     /* PATCH */
     pliant_patch *patch;      /* Nullable: model/patch */
+    /* PATCH, at its end */
+    pliant_falling *falling;  /* Nullable: nothing has come off */
     /* UPSAMPLE, PATCH */
     double *positions;        /* (body->fine.num_nodes x 3) LPS [m]; written by every step */
     /* WARP */

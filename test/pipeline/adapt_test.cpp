@@ -424,48 +424,6 @@ TEST(Adapt, UndoTakesTheBodyBeforeAndResetTheFirst)
     EXPECT_EQ(state(*body), state(*fresh));
 }
 
-TEST(Adapt, WhatComesOffStaysWhereItIs)
-{
-    for (const Case *each : {&direct, &averaged}) {
-        std::unique_ptr<Body> body = make(*each);
-        take_hold(*body);
-        step(*body, 6);
-        // the part above a plane z = 0.12: copies for all corners above
-        const pliant_body *before = body->data->body;
-        const pliant_mesh &mesh = before->fine;
-        std::vector<int32_t> corners(mesh.tets, mesh.tets + 4 * mesh.num_tets), copy(static_cast<size_t>(mesh.num_nodes), -1);
-        int32_t nodes = mesh.num_nodes;
-        for (int32_t t = 0; t < mesh.num_tets; t++) {
-            double centre = 0;
-            for (int v = 0; v < 4; v++) centre += mesh.rest[3 * mesh.tets[4 * t + v] + 2] / 4;
-            for (int v = 0; v < 4 && centre > 0.12; v++) {
-                int32_t node = mesh.tets[4 * t + v];
-                if (std::fabs(mesh.rest[3 * node + 2] - 0.12) > 1e-6) continue;
-                if (copy[node] < 0) copy[node] = nodes++;
-                corners[4 * t + v] = copy[node];
-            }
-        }
-        const pliant_body *next = divide(before, 2, corners);
-        ASSERT_TRUE(next);
-        EXPECT_EQ(next->num_held_pieces, 1);
-        std::vector<double> was(body->data->positions, body->data->positions + 3 * mesh.num_nodes);
-        ASSERT_EQ(pliant_data_set_body(body->model, body->data, next), PLIANT_OK) << pliant_last_error();
-        step(*body, 3);
-        double most = 0, moved = 0;
-        for (int32_t n = 0; n < next->fine.num_nodes; n++) {
-            int32_t parent = next->node_parent[n];
-            if (next->fine_fixed[n] != PLIANT_FIXED_WHERE_IT_WAS) continue;
-            for (int d = 0; d < 3; d++) {
-                most = std::fmax(most, std::fabs(body->data->positions[3 * n + d] - was[3 * parent + d]));
-                moved = std::fmax(moved, std::fabs(was[3 * parent + d] - next->fine.rest[3 * n + d]));
-            }
-        }
-        EXPECT_GT(moved, 1e-3) << each->name;
-        EXPECT_LT(most, each == &direct ? 1e-12 : 0.2 * moved) << each->name;
-        pliant_body_release(next);
-    }
-}
-
 TEST(Adapt, LodRefusesWhatItCannotDivide)
 {
     std::unique_ptr<Body> body = make(lod), other = make(lod);

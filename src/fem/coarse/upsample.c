@@ -126,7 +126,7 @@ void pliant_upsample_weights(const pliant_system *system, const double *solved, 
             pliant_macro_weights(system, solved, n, weights[h], dense);
         } else if (!upsample) {
             add_block(system, n, weights[h], NULL, dense);
-        } else if (upsample->still && upsample->still[n] == PLIANT_FIXED_AT_REST) {
+        } else if (upsample->still && upsample->still[n] != PLIANT_MOVES) {
             continue;
         } else if (!upsample->start) {
             for (int v = 0; v < 4; v++)

@@ -13,6 +13,7 @@ extern "C" {
 
 /* The tissue stays where normal . x >= offset. */
 typedef struct pliant_wall { double normal[3], offset; } pliant_wall;
+enum { PLIANT_MAX_WALLS = 7 };
 
 /* ---- sums over the nodes */
 

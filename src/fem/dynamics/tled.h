@@ -24,7 +24,7 @@
 extern "C" {
 #endif
 
-enum { PLIANT_PRONY_TERMS = 3, PLIANT_MAX_WALLS = 7, PLIANT_CHUNK = 256 /* nodes whose sums are formed together */ };
+enum { PLIANT_PRONY_TERMS = 3, PLIANT_CHUNK = 256 /* nodes whose sums are formed together */ };
 
 /* Sums over the nodes of a chunk after a step, products weighted by mass: squares of residual and load; of dynamic relaxation the last
  * increment's product with itself and with the change of force that it made; and the largest increment, squared, over what is sound. */
@@ -76,6 +76,9 @@ struct pliant_tled {
     double time_step;                       /* [s] */
     double gravity[3];
 
+    const double *inverse_mass;             /* (num_nodes) the system's, or its own, where pieces were stopped */
+    double *own_inverse_mass;               /* Nullable: room for that */
+
     /* STATE */
     double *u, *d;                          /* (num_nodes x 3) displacement and its last increment [m] */
     float (*memory)[6 * PLIANT_PRONY_TERMS][LANES]; /* Prony: overstress that has relaxed, rest volume times second
@@ -112,9 +115,14 @@ double pliant_element_largest_eigenvalue(const double gradients[12], double lamb
 /* The state of one for the body before: displacements, velocities, what has relaxed, limits. Tools are not. */
 void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_body_map *map);
 
-/* Whether something keeps what is not fixed from falling for ever. */
-bool pliant_tled_stands(const pliant_scene *scene);
+/* Plane and box of the scene's ground. Returns how many. */
+int pliant_tled_walls(const pliant_scene *scene, pliant_wall walls[PLIANT_MAX_WALLS]);
 void pliant_tled_limits(pliant_tled *tled, int32_t steps, double tolerance);
+/* A node is there, and does not move. */
+void pliant_tled_place(pliant_tled *tled, int32_t node, const double position[3]);
+/* Room for nodes that stop; those: they stay where they are, for ever. Errors: MEMORY. */
+pliant_status pliant_tled_may_stop(pliant_tled *tled);
+void pliant_tled_stop(pliant_tled *tled, int32_t count, const int32_t *nodes);
 
 /* ---- tled_elements.c: to be called by all threads of a parallel region, or by one outside of any */
 void pliant_tled_element_forces(pliant_tled *tled, double time_step);
@@ -147,7 +155,7 @@ pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_
  *  @param parts  sub-steps that are left to bring the held points to the tips, this one too */
 double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, double factor, int32_t parts);
 /* How far a unit force at what b holds takes the point that a holds, over the factor of pliant_tled_pull [1/kg]. */
-double pliant_tled_answer(const pliant_tled_system *system, const pliant_tool *a, const pliant_tool *b);
+double pliant_tled_answer(const pliant_tled *tled, const pliant_tool *a, const pliant_tool *b);
 /* Nodes behind walls are put back on them. */
 void pliant_tled_collide(pliant_tled *tled, double factor, int32_t first, int32_t end);
 

@@ -28,12 +28,14 @@ double pliant_element_largest_eigenvalue(const double g[12], double lambda, doub
     return fmax(values[2], mu * (h[1] + h[2]));
 }
 
-static void set_walls(pliant_tled_system *system, const pliant_scene *scene)
+int pliant_tled_walls(const pliant_scene *scene, pliant_wall walls[PLIANT_MAX_WALLS])
 {
+    int count = 0;
     const double *normal = scene->ground.normal;
     double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
     if (length > 0) {
-        pliant_wall *wall = system->walls + system->num_walls++;
+        pliant_wall *wall = walls + count++;
+        wall->offset = 0;
         for (int d = 0; d < 3; d++) {
             wall->normal[d] = normal[d] / length;
             wall->offset += wall->normal[d] * scene->ground.point[d];
@@ -44,12 +46,12 @@ static void set_walls(pliant_tled_system *system, const pliant_scene *scene)
         for (int side = 0; side < 2; side++) {
             double at = side ? scene->ground.box_high[d] : scene->ground.box_low[d];
             if (fabs(at) >= nowhere) continue;
-            pliant_wall *wall = system->walls + system->num_walls++;
+            pliant_wall *wall = walls + count++;
+            for (int k = 0; k < 3; k++) wall->normal[k] = 0;
             wall->normal[d] = side ? -1 : 1;
             wall->offset = wall->normal[d] * at;
         }
-    system->friction = scene->ground.friction;
-    system->restitution = scene->ground.restitution;
+    return count;
 }
 
 static pliant_status set_options(pliant_tled_system *system, const pliant_scene *scene)
@@ -71,7 +73,9 @@ static pliant_status set_options(pliant_tled_system *system, const pliant_scene 
     if (shares >= 1) return pliant_fail(PLIANT_ERROR_SCENE, "tled/prony_share: the parts that relax add up to %g; less than 1 must", shares);
     if (system->nodal_pressure && system->law == PLIANT_LAW_SAINT_VENANT_KIRCHHOFF)
         return pliant_fail(PLIANT_ERROR_SCENE, "tled/nodal_pressure: saint_venant_kirchhoff has no pressure of its own; take another law");
-    set_walls(system, scene);
+    system->num_walls = pliant_tled_walls(scene, system->walls);
+    system->friction = scene->ground.friction;
+    system->restitution = scene->ground.restitution;
     return PLIANT_OK;
 }
 
@@ -258,6 +262,7 @@ pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_sy
     pliant_tled *tled = pliant_calloc(1, sizeof *tled);
     if (!tled) return pliant_fail_memory("the state of the dynamics");
     tled->system = system;
+    tled->inverse_mass = system->inverse_mass;
     tled->frame = scene->solver.step;
     tled->relaxation_steps = scene->tled.relaxation_steps;
     tled->tolerance = scene->solver.tolerance;
@@ -321,7 +326,7 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
     memcpy(tled->target, from->target, sizeof tled->target);
     const double faster = tled->time_step / from->time_step; /* increments are of a sub-step; those of relaxation are of none */
     for (int32_t n = 0; n < system->mesh->num_nodes; n++) {
-        const bool moves = system->inverse_mass[n] > 0 && !system->quasi_static;
+        const bool moves = tled->inverse_mass[n] > 0 && !system->quasi_static;
         for (int d = 0; d < 3; d++) {
             tled->u[3 * n + d] = from->u[3 * map->node[n] + d];
             tled->d[3 * n + d] = moves ? faster * from->d[3 * map->node[n] + d] : 0;
@@ -332,24 +337,43 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
             tled->memory[t / LANES][m][t % LANES] = from->memory[map->tet[t] / LANES][m][map->tet[t] % LANES];
 }
 
-bool pliant_tled_stands(const pliant_scene *scene)
-{
-    pliant_tled_system trial = {0};
-    set_walls(&trial, scene);
-    return trial.num_walls > 0;
-}
-
 void pliant_tled_limits(pliant_tled *tled, int32_t steps, double tolerance)
 {
     tled->tolerance = tolerance;
     if (tled->system->quasi_static) tled->substeps = steps;
 }
 
+void pliant_tled_place(pliant_tled *tled, int32_t node, const double position[3])
+{
+    for (int d = 0; d < 3; d++) {
+        tled->u[3 * node + d] = position[d] - tled->system->mesh->rest[3 * node + d];
+        tled->d[3 * node + d] = 0;
+    }
+}
+
+pliant_status pliant_tled_may_stop(pliant_tled *tled)
+{
+    const size_t bytes = (size_t)tled->system->mesh->num_nodes * sizeof *tled->own_inverse_mass;
+    if (!(tled->own_inverse_mass = pliant_calloc(1, bytes))) return pliant_fail_memory("the state of the dynamics");
+    memcpy(tled->own_inverse_mass, tled->system->inverse_mass, bytes);
+    return PLIANT_OK;
+}
+
+void pliant_tled_stop(pliant_tled *tled, int32_t count, const int32_t *nodes)
+{
+    for (int32_t i = 0; i < count; i++) {
+        tled->own_inverse_mass[nodes[i]] = 0;
+        memset(tled->d + 3 * (size_t)nodes[i], 0, 3 * sizeof *tled->d);
+        memset(tled->acceleration + 3 * (size_t)nodes[i], 0, 3 * sizeof *tled->acceleration);
+    }
+    tled->inverse_mass = tled->own_inverse_mass;
+}
+
 void pliant_tled_free(pliant_tled *tled)
 {
     if (!tled) return;
     void *blocks[] = {tled->u,    tled->d,           tled->memory, tled->kept_u,   tled->kept_d, tled->kept_memory,
-                      tled->forces, tled->change, tled->pressure, tled->sums,   tled->limit, tled->acceleration, tled->own};
+                      tled->forces, tled->change, tled->pressure, tled->sums,   tled->limit, tled->acceleration, tled->own, tled->own_inverse_mass};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(tled);
 }

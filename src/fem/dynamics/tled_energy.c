@@ -21,10 +21,10 @@ void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *ma
     double before = 0, work = 0;
     *kinetic = *strain = 0;
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
-        if (system->inverse_mass[n] == 0) continue;
+        if (tled->inverse_mass[n] == 0) continue;
         const double *d = tled->d + 3 * (size_t)n;
         double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-        *kinetic += 0.5 * square / (system->inverse_mass[n] * tled->time_step * tled->time_step);
+        *kinetic += 0.5 * square / (tled->inverse_mass[n] * tled->time_step * tled->time_step);
     }
     for (int32_t t = 0; t < mesh->num_tets; t++) {
         const int32_t *nodes = mesh->tets + 4 * (size_t)t;

@@ -25,7 +25,7 @@ static void accelerate(pliant_tled *tled, int32_t chunk)
     const pliant_tled_system *system = tled->system;
     double load = 0, inertia = 0, stiffness = 0;
     for (int32_t n = chunk * PLIANT_CHUNK; n < end_of(tled, chunk); n++) {
-        double inverse = system->inverse_mass[n], sum[3] = {0, 0, 0};
+        double inverse = tled->inverse_mass[n], sum[3] = {0, 0, 0};
         if (inverse == 0) continue;
         for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++) {
             const float *force = tled->forces + system->corner[c];
@@ -65,7 +65,7 @@ static void settle(pliant_tled *tled, pliant_tled_scheme rule, int32_t chunk)
     double residual = 0, largest = 0;
     if (system->num_walls > 0) pliant_tled_collide(tled, rule.factor, first, end);
     for (int32_t n = first; n < end; n++) {
-        double inverse = system->inverse_mass[n];
+        double inverse = tled->inverse_mass[n];
         if (inverse == 0) continue;
         double *d = tled->d + 3 * (size_t)n, *u = tled->u + 3 * (size_t)n;
         const double *a = tled->acceleration + 3 * (size_t)n;
@@ -162,7 +162,7 @@ void pliant_tled_set_positions(pliant_tled *tled, const double *positions)
 {
     const pliant_tled_system *system = tled->system;
     for (int32_t n = 0; n < 3 * system->mesh->num_nodes; n++) {
-        if (system->inverse_mass[n / 3] == 0) continue;
+        if (tled->inverse_mass[n / 3] == 0) continue;
         tled->u[n] = positions[n] - system->mesh->rest[n];
         tled->d[n] = 0;
     }

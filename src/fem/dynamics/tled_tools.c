@@ -31,7 +31,7 @@ static void push(pliant_tled *tled, const pliant_tool *tool, const double force[
 {
     for (int32_t h = 0; h < tool->num_held; h++) {
         size_t node = (size_t)tool->held[h];
-        double answer = tled->system->inverse_mass[node] * tool->weight[h];
+        double answer = tled->inverse_mass[node] * tool->weight[h];
         for (int d = 0; d < 3; d++) {
             tled->u[3 * node + (size_t)d] += factor * answer * force[d];
             tled->d[3 * node + (size_t)d] += factor * answer * force[d];
@@ -49,18 +49,18 @@ static void add_force(const pliant_tled *tled, pliant_tool *tool, const double f
 static double load_of(const pliant_tled *tled, const pliant_tool *tool, const double force[3])
 {
     double sum = 0;
-    for (int32_t h = 0; h < tool->num_held; h++) sum += tled->system->inverse_mass[tool->held[h]] * tool->weight[h] * tool->weight[h];
+    for (int32_t h = 0; h < tool->num_held; h++) sum += tled->inverse_mass[tool->held[h]] * tool->weight[h] * tool->weight[h];
     return sum * (force[0] * force[0] + force[1] * force[1] + force[2] * force[2]);
 }
 
-double pliant_tled_answer(const pliant_tled_system *system, const pliant_tool *a, const pliant_tool *b)
+double pliant_tled_answer(const pliant_tled *tled, const pliant_tool *a, const pliant_tool *b)
 {
     double sum = 0;
     for (int32_t i = 0, j = 0; i < a->num_held && j < b->num_held;) {
         if (a->held[i] < b->held[j]) i++;
         else if (a->held[i] > b->held[j]) j++;
         else {
-            sum += a->weight[i] * b->weight[j] * system->inverse_mass[a->held[i]];
+            sum += a->weight[i] * b->weight[j] * tled->inverse_mass[a->held[i]];
             i++, j++;
         }
     }
@@ -96,7 +96,7 @@ double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, do
         bool spring = tool->drive == PLIANT_DRIVE_SPRING;
         double damper = spring && !tled->system->quasi_static ? tool->damping / tled->time_step : 0;
         double compliance = pliant_substep_gap(spring, tool->stiffness, damper, target, old_target, now, before, force[i]);
-        for (int j = 0; j <= i; j++) matrix[i][j] = factor * pliant_tled_answer(tled->system, tool, pulls[j].tool);
+        for (int j = 0; j <= i; j++) matrix[i][j] = factor * pliant_tled_answer(tled, tool, pulls[j].tool);
         matrix[i][i] += compliance;
     }
     pliant_substep_forces(count, matrix, force);
@@ -112,7 +112,7 @@ void pliant_tled_collide(pliant_tled *tled, double factor, int32_t first, int32_
 {
     const pliant_tled_system *system = tled->system;
     for (int32_t n = first; n < end; n++) {
-        if (system->inverse_mass[n] == 0) continue;
+        if (tled->inverse_mass[n] == 0) continue;
         size_t at = 3 * (size_t)n;
         pliant_substep_collide(system->walls, system->num_walls, system->friction, system->restitution, system->mesh->rest + at, factor,
                                tled->u + at, tled->d + at, tled->acceleration + at);

@@ -106,9 +106,10 @@ static double slope_of(const pliant_solver *solver)
     return pliant_solver_product(solver, solver->now.step, solver->trial.residual);
 }
 
-static void go_to(pliant_iterate *at, size_t nodes, const double *x, const double force[PLIANT_MAX_ROWS])
+/* what is fixed stays where it is */
+static void go_to(const pliant_system *system, pliant_iterate *at, const double *x, const double force[PLIANT_MAX_ROWS])
 {
-    memcpy(at->x, x, 3 * nodes * sizeof *x);
+    for (int32_t f = 0; f < system->num_free; f++) memcpy(at->x + 3 * (size_t)system->node_of_free[f], x + 3 * (size_t)system->node_of_free[f], 3 * sizeof *x);
     if (force) memcpy(at->force, force, sizeof at->force);
     else memset(at->force, 0, sizeof at->force);
 }
@@ -128,12 +129,11 @@ static void take_blind_step(pliant_solver *solver)
 static void prepare_next(pliant_solver *solver)
 {
     pliant_anderson *rules = &solver->rules;
-    const size_t nodes = (size_t)solver->system->mesh->num_nodes;
     double left, made;
     if (rules->next == PLIANT_NEXT_PREVIOUS) {
-        go_to(&solver->trial, nodes, solver->previous_x, solver->previous_force);
+        go_to(solver->system, &solver->trial, solver->previous_x, solver->previous_force);
     } else if (rules->next == PLIANT_NEXT_REST) {
-        go_to(&solver->trial, nodes, solver->system->mesh->rest, NULL);
+        go_to(solver->system, &solver->trial, solver->system->mesh->rest, NULL);
     } else {
         const bool mixed = pliant_solver_propose(solver, &left, &made);
         if (rules->next != PLIANT_NEXT_DESCENT) pliant_anderson_settle(rules, mixed, left, made, solver->now.displacement);
@@ -186,7 +186,11 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     if (status == PLIANT_OK) turn_on(solver);
     if (status == PLIANT_OK) status = pliant_solver_respond(solver);
     if (status != PLIANT_OK) return status;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->now.force + 3 * t, solver->handles[t].force, 3 * sizeof(double));
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        pliant_handle *handle = solver->handles + t;
+        if (!handle->by_force && handle->count == 0) memset(handle->force, 0, sizeof handle->force); /* all that it holds is fixed */
+        memcpy(solver->now.force + 3 * t, handle->force, 3 * sizeof(double));
+    }
     status = iterate(solver);
     statistics->iterations = solver->rules.evaluations;
     statistics->rejected += (uint64_t)solver->rules.rejected;

@@ -1,0 +1,198 @@
+/* What comes off: pieces of the next body that nothing fixed holds. */
+#include "body/divide.h"
+#include "body/parts.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+typedef struct search {
+    pliant_body *next;
+    const pliant_pieces *before;   /* Nullable: of the body before */
+    uint8_t *fixed, *loose;        /* (nodes) without what came off before, (tetrahedra) */
+    uint8_t *in_loose, *in_firm;   /* (nodes) whether such a tetrahedron has it */
+    int32_t *copy;                 /* (nodes) of those that a piece hangs on, for the piece; -1 */
+    int32_t num_hinges, *hinge;    /* (nodes) those */
+} search;
+
+void pliant_pieces_free(pliant_pieces *pieces)
+{
+    if (!pieces) return;
+    pliant_free(pieces->start);
+    pliant_free(pieces->node);
+    pliant_free(pieces->joint);
+    pliant_free(pieces);
+}
+
+static pliant_status create(int32_t count, int32_t nodes, int32_t joints, pliant_pieces **out)
+{
+    pliant_pieces *made = pliant_calloc(1, sizeof *made);
+    if (!made) return pliant_fail_memory("the pieces of the body");
+    made->start = pliant_calloc((size_t)count + 1, sizeof *made->start);
+    made->node = pliant_calloc((size_t)nodes, sizeof *made->node);
+    made->joint = pliant_calloc((size_t)joints + 1, 2 * sizeof *made->joint);
+    if (!made->start || !made->node || !made->joint) {
+        pliant_pieces_free(made);
+        return pliant_fail_memory("the pieces of the body");
+    }
+    made->count = count;
+    *out = made;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_pieces_copy(const pliant_pieces *pieces, pliant_pieces **out)
+{
+    const int32_t nodes = pieces->start[pieces->count];
+    pliant_status status = create(pieces->count, nodes, pieces->num_joints, out);
+    if (status != PLIANT_OK) return status;
+    memcpy((*out)->start, pieces->start, ((size_t)pieces->count + 1) * sizeof *pieces->start);
+    memcpy((*out)->node, pieces->node, (size_t)nodes * sizeof *pieces->node);
+    memcpy((*out)->joint, pieces->joint, 2 * (size_t)pieces->num_joints * sizeof *pieces->joint);
+    (*out)->num_joints = pieces->num_joints;
+    return PLIANT_OK;
+}
+
+/* What came off before is found again, with what has come off it since. */
+static void forget_before(const search *work)
+{
+    const pliant_body *next = work->next;
+    for (int32_t n = 0; n < next->fine.num_nodes; n++)
+        work->fixed[n] = next->fine_fixed[n] == PLIANT_FIXED_WHERE_IT_WAS ? PLIANT_MOVES : next->fine_fixed[n];
+    for (int32_t j = 0; work->before && j < work->before->num_joints; j++)
+        if (work->before->joint[2 * j] == work->before->joint[2 * j + 1]) work->fixed[work->before->joint[2 * j]] = PLIANT_FIXED_AT_REST;
+}
+
+static void mark_nodes(const search *work)
+{
+    const pliant_mesh *fine = &work->next->fine;
+    for (int32_t v = 0; v < 4 * fine->num_tets; v++) (work->loose[v / 4] ? work->in_loose : work->in_firm)[fine->tets[v]] = 1;
+}
+
+/* Tissue that stays keeps the nodes that a piece hangs on; the piece gets copies of its own. */
+static pliant_status part_hinges(search *work)
+{
+    pliant_mesh *fine = &work->next->fine;
+    const int32_t nodes = fine->num_nodes;
+    for (int32_t n = 0; n < nodes; n++) {
+        work->copy[n] = -1;
+        if (!work->in_loose[n] || !work->in_firm[n]) continue;
+        work->copy[n] = nodes + work->num_hinges;
+        work->hinge[work->num_hinges++] = n;
+    }
+    pliant_status status = pliant_body_append_nodes(work->next, work->num_hinges, work->hinge);
+    for (int32_t v = 0; status == PLIANT_OK && v < 4 * fine->num_tets; v++)
+        if (work->loose[v / 4] && work->copy[fine->tets[v]] >= 0) fine->tets[v] = work->copy[fine->tets[v]];
+    return status;
+}
+
+/* Whether a node of a piece moves with it alone: explicit dynamics has no copies. */
+static bool is_own(const search *work, int32_t node)
+{
+    return !work->next->has_inertia || (!work->in_firm[node] && work->fixed[node] != PLIANT_FIXED_AT_REST);
+}
+
+/* Pieces by their nodes, those that touch or hang on one another together: part, (nodes) by union and find, -1 elsewhere */
+static void join_nodes(const search *work, int32_t *part)
+{
+    const pliant_mesh *fine = &work->next->fine;
+    for (int32_t n = 0; n < fine->num_nodes; n++) part[n] = -1;
+    for (int32_t t = 0; t < fine->num_tets; t++) {
+        int32_t first = -1;
+        for (int v = 0; work->loose[t] && v < 4; v++) {
+            const int32_t node = fine->tets[4 * t + v];
+            if (!is_own(work, node)) continue;
+            if (part[node] < 0) part[node] = node;
+            if (first >= 0) join(part, node, first);
+            first = node;
+        }
+    }
+    for (int32_t j = 0; work->before && j < work->before->num_joints; j++) {
+        const int32_t *joint = work->before->joint + 2 * j;
+        if (part[joint[0]] >= 0 && part[joint[1]] >= 0) join(part, joint[0], joint[1]);
+    }
+    for (int32_t n = 0; n < fine->num_nodes; n++)
+        if (part[n] >= 0) part[n] = first_of(part, n);
+}
+
+static void add_joint(pliant_pieces *pieces, int32_t own, int32_t other)
+{
+    pieces->joint[2 * pieces->num_joints] = own;
+    pieces->joint[2 * pieces->num_joints++ + 1] = other;
+}
+
+static void list_joints(const search *work, const int32_t *part, pliant_pieces *pieces)
+{
+    for (int32_t j = 0; work->before && j < work->before->num_joints; j++) {
+        const int32_t *joint = work->before->joint + 2 * j;
+        if (joint[0] != joint[1] && part[joint[0]] >= 0 && part[joint[1]] < 0) add_joint(pieces, joint[0], joint[1]);
+    }
+    for (int32_t h = 0; h < work->num_hinges; h++) add_joint(pieces, work->copy[work->hinge[h]], work->hinge[h]);
+    for (int32_t n = 0; n < work->next->fine.num_nodes - work->num_hinges; n++)
+        if (part[n] >= 0 && work->fixed[n] == PLIANT_FIXED_AT_REST) add_joint(pieces, n, n);
+}
+
+/* part: as join_nodes has left it; afterwards the number of the piece */
+static pliant_status list_pieces(const search *work, int32_t *part)
+{
+    pliant_body *next = work->next;
+    const int32_t nodes = next->fine.num_nodes;
+    int32_t count = 0, listed = 0;
+    for (int32_t n = 0; n < nodes; n++) {
+        listed += part[n] >= 0;
+        if (part[n] >= 0) part[n] = part[n] == n ? count++ : part[part[n]];
+    }
+    pliant_pieces *made;
+    pliant_status status = create(count, listed, nodes + (work->before ? work->before->num_joints : 0), &made);
+    if (status != PLIANT_OK) return status;
+    for (int32_t n = 0; n < nodes; n++)
+        if (part[n] >= 0) made->start[part[n] + 1]++;
+    for (int32_t p = 0; p < count; p++) made->start[p + 1] += made->start[p];
+    for (int32_t n = 0; n < nodes; n++)
+        if (part[n] >= 0) made->node[made->start[part[n]]++] = n;
+    for (int32_t p = count; p > 0; p--) made->start[p] = made->start[p - 1];
+    made->start[0] = 0;
+    if (!next->has_inertia) list_joints(work, part, made);
+    if (count > (work->before ? work->before->count : 0))
+        pliant_log(PLIANT_LOG_INFO, "revision %llu: %d pieces have come off; they fall", (unsigned long long)next->revision, count);
+    pliant_pieces_free(next->pieces);
+    next->pieces = made;
+    return PLIANT_OK;
+}
+
+static pliant_status find(search *work)
+{
+    pliant_body *next = work->next;
+    int32_t pieces = 0;
+    forget_before(work);
+    pliant_status status = pliant_mesh_hold(&next->fine, PLIANT_FIXED_WHERE_IT_WAS, false, work->fixed, work->loose, &pieces);
+    if (status != PLIANT_OK || pieces == 0) return status;
+    mark_nodes(work);
+    if (!next->has_inertia) status = part_hinges(work);
+    if (status != PLIANT_OK) return status;
+    int32_t nodes = next->fine.num_nodes, *part = pliant_calloc((size_t)nodes, sizeof *part);
+    if (!part) return pliant_fail_memory("the pieces of the body");
+    join_nodes(work, part);
+    status = list_pieces(work, part);
+    for (int32_t n = 0; status == PLIANT_OK && !next->has_inertia && n < nodes; n++)
+        if (part[n] >= 0) next->fine_fixed[n] = PLIANT_FIXED_WHERE_IT_WAS;
+    pliant_free(part);
+    return status;
+}
+
+pliant_status pliant_body_find_pieces(pliant_body *next)
+{
+    const size_t nodes = (size_t)next->fine.num_nodes, tets = (size_t)next->fine.num_tets;
+    search work = {.next = next, .before = next->pieces};
+    work.fixed = pliant_calloc(nodes, 1);
+    work.loose = pliant_calloc(tets, 1);
+    work.in_loose = pliant_calloc(nodes, 1);
+    work.in_firm = pliant_calloc(nodes, 1);
+    work.copy = pliant_calloc(nodes, sizeof *work.copy);
+    work.hinge = pliant_calloc(nodes, sizeof *work.hinge);
+    bool good = work.fixed && work.loose && work.in_loose && work.in_firm && work.copy && work.hinge;
+    pliant_status status = good ? find(&work) : pliant_fail_memory("the pieces of the body");
+    void *blocks[] = {work.fixed, work.loose, work.in_loose, work.in_firm, work.copy, work.hinge};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    return status;
+}

@@ -1,0 +1,510 @@
+#include "fem/falling/falling.h"
+
+#include "base/fail.h"
+#include "fem/falling/rigid.h"
+#include "fem/dynamics/tled.h"
+#include "fem/element/rotation.h"
+#include "fem/quasistatic/solver.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+typedef struct piece {
+    double velocity[3], momentum[3]; /* as in rigid.h */
+    double quiet;                    /* for how long it has hardly moved on a wall [s] */
+    bool rests, gone;                /* until something pulls at it; the latter: where nobody sees it */
+    bool shaped;                     /* has its shape at rest */
+} piece;
+
+/* A tool's part in a piece. */
+typedef struct grip {
+    int tool, piece;
+    uint64_t hold;
+    double share;                    /* of the tool's weights */
+    double apart[3];                 /* the piece's held point minus that of the whole hold, when they were first seen together [m] */
+    double last[3];                  /* where it was pulled to in the last step [m] */
+    double point[3];                 /* the piece's held point [m] */
+} grip;
+
+enum { MOST_GRIPS = 8 * PLIANT_MAX_TOOLS };
+
+struct pliant_falling {
+    const pliant_body *body;
+    double step;                     /* of the scene [s] */
+    pliant_wall walls[PLIANT_MAX_WALLS];
+    int num_walls;
+    double friction, restitution;
+    double low[3], high[3];          /* what is beyond is not drawn [m] */
+    bool told;
+    piece *pieces;                   /* (body->pieces->count) */
+    double *x, *home;                /* (nodes of pieces x 3) now, and when they came off [m] */
+    int32_t *place;                  /* (fine nodes) in the list of nodes of pieces, or -1 */
+    int32_t *piece_of;               /* (nodes of pieces) */
+    double (*joint_at)[3];           /* (joints) where it hung in the last step [m] */
+    double gravity[3];               /* of the last step */
+    grip grips[MOST_GRIPS];
+    int num_grips;
+    double *arms, *near_walls;       /* (nodes of the largest piece x 3) room */
+};
+
+static int32_t nodes_of(const pliant_falling *falling) { return falling->body->pieces->start[falling->body->pieces->count]; }
+
+bool pliant_falling_has(const pliant_falling *falling, int32_t node) { return falling && falling->place[node] >= 0; }
+
+const double *pliant_falling_home(const pliant_falling *falling, int32_t node)
+{
+    return pliant_falling_has(falling, node) ? falling->home + 3 * (size_t)falling->place[node] : NULL;
+}
+
+/* ---- making it */
+
+static pliant_status allocate(pliant_falling *falling)
+{
+    const pliant_pieces *pieces = falling->body->pieces;
+    const size_t nodes = (size_t)nodes_of(falling);
+    size_t largest = 1;
+    for (int32_t p = 0; p < pieces->count; p++) {
+        const size_t count = (size_t)(pieces->start[p + 1] - pieces->start[p]);
+        largest = count > largest ? count : largest;
+    }
+    falling->pieces = pliant_calloc((size_t)pieces->count, sizeof *falling->pieces);
+    falling->x = pliant_calloc(nodes, 3 * sizeof *falling->x);
+    falling->home = pliant_calloc(nodes, 3 * sizeof *falling->home);
+    falling->piece_of = pliant_calloc(nodes, sizeof *falling->piece_of);
+    falling->place = pliant_calloc((size_t)falling->body->fine.num_nodes, sizeof *falling->place);
+    falling->joint_at = pliant_calloc((size_t)pieces->num_joints + 1, sizeof *falling->joint_at);
+    falling->arms = pliant_calloc(largest, 3 * sizeof *falling->arms);
+    falling->near_walls = pliant_calloc(largest, 3 * sizeof *falling->near_walls);
+    return falling->pieces && falling->x && falling->home && falling->piece_of && falling->place && falling->joint_at && falling->arms &&
+                   falling->near_walls
+               ? PLIANT_OK
+               : pliant_fail_memory("the pieces that have come off");
+}
+
+/* The volume that is drawn is that of the body at rest and a margin around it (warp/margin). */
+static void set_bounds(pliant_falling *falling, const pliant_scene *scene)
+{
+    const pliant_mesh *fine = &falling->body->fine;
+    for (int d = 0; d < 3; d++) {
+        falling->low[d] = INFINITY;
+        falling->high[d] = -INFINITY;
+    }
+    for (int32_t n = 0; n < 3 * fine->num_nodes; n++) {
+        falling->low[n % 3] = fmin(falling->low[n % 3], fine->rest[n] - scene->warp.margin);
+        falling->high[n % 3] = fmax(falling->high[n % 3], fine->rest[n] + scene->warp.margin);
+    }
+}
+
+static void centre_of(const pliant_falling *falling, int32_t p, const double *x, double *mass, double centre[3])
+{
+    const pliant_pieces *pieces = falling->body->pieces;
+    *mass = centre[0] = centre[1] = centre[2] = 0;
+    for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) {
+        const double m = falling->body->node_mass[pieces->node[i]];
+        *mass += m;
+        for (int d = 0; d < 3; d++) centre[d] += m * x[3 * (size_t)i + (size_t)d];
+    }
+    for (int d = 0; d < 3; d++) centre[d] = *mass > 0 ? centre[d] / *mass : 0;
+}
+
+static void set_rigid(const pliant_falling *falling, int32_t p, pliant_rigid *out)
+{
+    const pliant_pieces *pieces = falling->body->pieces;
+    memset(out, 0, sizeof *out);
+    centre_of(falling, p, falling->x, &out->mass, out->centre);
+    for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) {
+        const double m = falling->body->node_mass[pieces->node[i]];
+        double r[3], squares = 0;
+        for (int d = 0; d < 3; d++) {
+            r[d] = falling->x[3 * (size_t)i + (size_t)d] - out->centre[d];
+            squares += r[d] * r[d];
+        }
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) out->inertia[3 * a + b] += m * ((a == b) * squares - r[a] * r[b]);
+    }
+    memcpy(out->velocity, falling->pieces[p].velocity, sizeof out->velocity);
+    memcpy(out->momentum, falling->pieces[p].momentum, sizeof out->momentum);
+}
+
+/* What has come off a piece that falls goes on with its velocity, at first as a part of the same rigid body. */
+static void go_on(pliant_falling *falling, int32_t p, const pliant_falling *from, int32_t source)
+{
+    const piece *before = from->pieces + source;
+    piece *now = falling->pieces + p;
+    pliant_rigid was, is;
+    double spin[3];
+    set_rigid(from, source, &was);
+    set_rigid(falling, p, &is);
+    pliant_rigid_spin(&was, spin);
+    for (int d = 0; d < 3; d++) {
+        const int e = (d + 1) % 3, f = (d + 2) % 3;
+        now->velocity[d] = was.velocity[d] + spin[e] * (is.centre[f] - was.centre[f]) - spin[f] * (is.centre[e] - was.centre[e]);
+        now->momentum[d] = is.inertia[3 * d] * spin[0] + is.inertia[3 * d + 1] * spin[1] + is.inertia[3 * d + 2] * spin[2];
+    }
+    now->shaped = before->shaped;
+    now->gone = before->gone;
+}
+
+static void fill(pliant_falling *falling, const double *positions, const pliant_falling *from, const pliant_body_map *map)
+{
+    const pliant_pieces *pieces = falling->body->pieces;
+    memset(falling->place, 0xff, (size_t)falling->body->fine.num_nodes * sizeof *falling->place);
+    for (int32_t p = 0; p < pieces->count; p++) {
+        int32_t source = -1;
+        for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) {
+            const int32_t node = pieces->node[i];
+            const double *was = from ? pliant_falling_home(from, map->node[node]) : NULL;
+            falling->place[node] = i;
+            falling->piece_of[i] = p;
+            memcpy(falling->x + 3 * (size_t)i, positions + 3 * (size_t)node, 3 * sizeof *positions);
+            memcpy(falling->home + 3 * (size_t)i, was ? was : positions + 3 * (size_t)node, 3 * sizeof *positions);
+            if (was && source < 0) source = from->piece_of[from->place[map->node[node]]];
+        }
+        if (source >= 0) go_on(falling, p, from, source);
+    }
+    for (int32_t j = 0; j < pieces->num_joints; j++) {
+        const int32_t to = pieces->joint[2 * j + 1];
+        const bool still = to == pieces->joint[2 * j];
+        memcpy(falling->joint_at[j], (still ? falling->body->fine.rest : positions) + 3 * (size_t)to, sizeof falling->joint_at[j]);
+    }
+}
+
+pliant_status pliant_falling_create(const pliant_scene *scene, const pliant_body *body, const double *positions, const pliant_falling *from,
+                                    const pliant_body_map *map, pliant_falling **out)
+{
+    *out = NULL;
+    if (!body->pieces) return PLIANT_OK;
+    pliant_falling *falling = pliant_calloc(1, sizeof *falling);
+    if (!falling) return pliant_fail_memory("the pieces that have come off");
+    falling->body = body;
+    falling->step = scene->solver.step;
+    falling->num_walls = pliant_tled_walls(scene, falling->walls);
+    falling->friction = scene->ground.friction;
+    falling->restitution = scene->ground.restitution;
+    set_bounds(falling, scene);
+    pliant_status status = allocate(falling);
+    if (status != PLIANT_OK) {
+        pliant_falling_free(falling);
+        return status;
+    }
+    fill(falling, positions, from, map);
+    if (from) {
+        memcpy(falling->grips, from->grips, sizeof falling->grips);
+        memcpy(falling->gravity, from->gravity, sizeof falling->gravity);
+        falling->num_grips = 0; /* another hold, as far as pieces are concerned */
+        falling->told = from->told;
+    }
+    *out = falling;
+    return PLIANT_OK;
+}
+
+void pliant_falling_free(pliant_falling *falling)
+{
+    if (!falling) return;
+    void *blocks[] = {falling->pieces, falling->x,        falling->home, falling->piece_of,
+                      falling->place,  falling->joint_at, falling->arms, falling->near_walls};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    pliant_free(falling);
+}
+
+void pliant_falling_set_positions(pliant_falling *falling, const double *positions)
+{
+    const pliant_pieces *pieces = falling->body->pieces;
+    for (int32_t i = 0; i < nodes_of(falling); i++)
+        memcpy(falling->x + 3 * (size_t)i, positions + 3 * (size_t)pieces->node[i], 3 * sizeof *positions);
+    memset(falling->pieces, 0, (size_t)pieces->count * sizeof *falling->pieces);
+}
+
+/* ---- what pulls */
+
+static grip *find_grip(grip *list, int count, int tool, int32_t p)
+{
+    for (int g = 0; g < count; g++)
+        if (list[g].tool == tool && list[g].piece == p) return list + g;
+    return NULL;
+}
+
+/* Tools that hold nodes of pieces, with the pieces' held points. */
+static void find_grips(pliant_falling *falling, const pliant_data *data)
+{
+    grip found[MOST_GRIPS];
+    int count = 0;
+    for (int t = 0; t < data->num_tools; t++) {
+        const pliant_tool *tool = data->tools + t;
+        const int first = count;
+        double whole[3] = {0, 0, 0};
+        for (int32_t h = 0; tool->holding && h < tool->num_held; h++) {
+            const int32_t place = falling->place[tool->held[h]];
+            const double *x = place >= 0 ? falling->x + 3 * (size_t)place : data->positions + 3 * (size_t)tool->held[h];
+            for (int d = 0; d < 3; d++) whole[d] += tool->weight[h] * x[d];
+            if (place < 0) continue;
+            grip *at = find_grip(found + first, count - first, t, falling->piece_of[place]);
+            if (!at && count == MOST_GRIPS) continue;
+            if (!at) {
+                at = found + count++;
+                *at = (grip){.tool = t, .piece = falling->piece_of[place], .hold = tool->hold};
+            }
+            at->share += tool->weight[h];
+            for (int d = 0; d < 3; d++) at->point[d] += tool->weight[h] * x[d];
+        }
+        for (int g = first; g < count; g++) {
+            grip *at = found + g;
+            const grip *before = find_grip(falling->grips, falling->num_grips, t, at->piece);
+            const bool known = before && before->hold == at->hold;
+            for (int d = 0; d < 3; d++) {
+                at->point[d] /= at->share;
+                at->apart[d] = known ? before->apart[d] : at->point[d] - whole[d];
+                at->last[d] = known ? before->last[d] : tool->tip[d] - tool->grip[d] + at->apart[d];
+            }
+        }
+    }
+    memcpy(falling->grips, found, (size_t)count * sizeof *found);
+    falling->num_grips = count;
+}
+
+static pliant_rigid_pull pull_of(grip *at, const pliant_tool *tool, const double centre[3])
+{
+    pliant_rigid_pull pull = {.given = tool->drive == PLIANT_DRIVE_FORCE};
+    if (tool->drive == PLIANT_DRIVE_SPRING) {
+        pull.compliance = 1 / (at->share * tool->stiffness);
+        pull.damping = at->share * tool->damping;
+    }
+    for (int d = 0; d < 3; d++) {
+        pull.arm[d] = at->point[d] - centre[d];
+        pull.force[d] = pull.given ? at->share * tool->driving_force[d] : 0;
+        pull.from[d] = at->last[d];
+        pull.to[d] = at->last[d] = tool->tip[d] - tool->grip[d] + at->apart[d];
+    }
+    return pull;
+}
+
+/* What the piece hangs on pulls it along. */
+static int add_joints(pliant_falling *falling, int32_t p, const double *positions, const double centre[3], int count, pliant_rigid_pull *pulls)
+{
+    const pliant_pieces *pieces = falling->body->pieces;
+    for (int32_t j = 0; j < pieces->num_joints && count < PLIANT_RIGID_PULLS; j++) {
+        const int32_t own = pieces->joint[2 * j], to = pieces->joint[2 * j + 1], place = falling->place[own];
+        if (falling->piece_of[place] != p) continue;
+        pliant_rigid_pull *pull = pulls + count++;
+        *pull = (pliant_rigid_pull){.compliance = 0};
+        for (int d = 0; d < 3; d++) {
+            pull->arm[d] = falling->x[3 * (size_t)place + (size_t)d] - centre[d];
+            pull->from[d] = falling->joint_at[j][d];
+            pull->to[d] = falling->joint_at[j][d] = (own == to ? falling->body->fine.rest : positions)[3 * (size_t)to + (size_t)d];
+        }
+    }
+    return count;
+}
+
+/* ---- a step of a piece */
+
+/* arms: its nodes from the centre; those that may get to a wall in this step also to near_walls. Returns how many; reach: of the node that is
+ * farthest out [m] */
+static int32_t list_arms(const pliant_falling *falling, int32_t p, const pliant_rigid *body, double way, double *reach)
+{
+    const pliant_pieces *pieces = falling->body->pieces;
+    const int32_t first = pieces->start[p], count = pieces->start[p + 1] - first;
+    double spin[3], farthest = 0;
+    int32_t near_walls = 0;
+    for (int32_t i = 0; i < 3 * count; i++) falling->arms[i] = falling->x[3 * (size_t)first + (size_t)i] - body->centre[i % 3];
+    for (int32_t i = 0; i < count; i++) {
+        const double *arm = falling->arms + 3 * i;
+        farthest = fmax(farthest, arm[0] * arm[0] + arm[1] * arm[1] + arm[2] * arm[2]);
+    }
+    *reach = sqrt(farthest);
+    pliant_rigid_spin(body, spin);
+    way += falling->step * sqrt(spin[0] * spin[0] + spin[1] * spin[1] + spin[2] * spin[2]) * *reach;
+    for (int32_t i = 0; i < count; i++) {
+        const double *arm = falling->arms + 3 * i;
+        double gap = INFINITY;
+        for (int w = 0; w < falling->num_walls; w++) {
+            const double *normal = falling->walls[w].normal;
+            double at = -falling->walls[w].offset;
+            for (int d = 0; d < 3; d++) at += normal[d] * (body->centre[d] + arm[d]);
+            gap = fmin(gap, at);
+        }
+        if (gap <= way) memcpy(falling->near_walls + 3 * near_walls++, arm, 3 * sizeof *arm);
+    }
+    return near_walls;
+}
+
+/* New positions: the turned arms, and a part of the way to the shape at rest, laid where it fits best. */
+static void place_nodes(pliant_falling *falling, int32_t p, const pliant_rigid *body)
+{
+    const double springs_back = 0.05, same = 1e-9; /* [s, m] */
+    const pliant_pieces *pieces = falling->body->pieces;
+    const double *rest = falling->body->fine.rest, part = 1 - exp(-falling->step / springs_back);
+    const int32_t first = pieces->start[p], count = pieces->start[p + 1] - first;
+    double *x = falling->x + 3 * (size_t)first, fit[9] = {0}, rotation[9], origin[3] = {0, 0, 0}, most = 0;
+    for (int32_t i = 0; i < count; i++) {
+        const double *arm = falling->arms + 3 * i;
+        for (int r = 0; r < 3; r++)
+            x[3 * i + r] = body->centre[r] + body->rotation[3 * r] * arm[0] + body->rotation[3 * r + 1] * arm[1] + body->rotation[3 * r + 2] * arm[2];
+    }
+    if (falling->pieces[p].shaped) return;
+    for (int32_t i = 0; i < count; i++)
+        for (int d = 0; d < 3; d++)
+            origin[d] += falling->body->node_mass[pieces->node[first + i]] / body->mass * rest[3 * (size_t)pieces->node[first + i] + (size_t)d];
+    for (int32_t i = 0; i < count; i++)
+        for (int r = 0; r < 3; r++)
+            for (int c = 0; c < 3; c++)
+                fit[3 * r + c] += falling->body->node_mass[pieces->node[first + i]] * (x[3 * i + r] - body->centre[r]) *
+                                  (rest[3 * (size_t)pieces->node[first + i] + (size_t)c] - origin[c]);
+    pliant_rotation_signed_svd(fit, rotation);
+    for (int pass = 0; pass < 2; pass++) { /* how far it is; then the way */
+        const double taken = most <= same ? 1 : part;
+        for (int32_t i = 0; i < count; i++) {
+            const double *at = rest + 3 * (size_t)pieces->node[first + i];
+            for (int r = 0; r < 3; r++) {
+                const double shape = body->centre[r] + rotation[3 * r] * (at[0] - origin[0]) + rotation[3 * r + 1] * (at[1] - origin[1]) +
+                                     rotation[3 * r + 2] * (at[2] - origin[2]);
+                if (pass == 0) most = fmax(most, fabs(shape - x[3 * i + r]));
+                else x[3 * i + r] += taken * (shape - x[3 * i + r]);
+            }
+        }
+    }
+    falling->pieces[p].shaped = most <= same;
+}
+
+/* Rounding, turning and springing back take no node through a wall. */
+static void stay_in_front(pliant_falling *falling, int32_t p)
+{
+    const pliant_pieces *pieces = falling->body->pieces;
+    for (int w = 0; w < falling->num_walls; w++) {
+        const pliant_wall *wall = falling->walls + w;
+        double depth = 0;
+        for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) {
+            const double *x = falling->x + 3 * (size_t)i;
+            depth = fmax(depth, wall->offset - wall->normal[0] * x[0] - wall->normal[1] * x[1] - wall->normal[2] * x[2]);
+        }
+        for (int32_t i = pieces->start[p]; depth > 0 && i < pieces->start[p + 1]; i++)
+            for (int d = 0; d < 3; d++) falling->x[3 * (size_t)i + (size_t)d] += depth * wall->normal[d];
+    }
+}
+
+static bool out_of_sight(const pliant_falling *falling, int32_t p, const double *x, bool by_node)
+{
+    const pliant_pieces *pieces = falling->body->pieces;
+    bool below[3] = {true, true, true}, above[3] = {true, true, true};
+    for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++)
+        for (int d = 0; d < 3; d++) {
+            const double at = x[3 * (size_t)(by_node ? pieces->node[i] : i) + (size_t)d];
+            below[d] = below[d] && at < falling->low[d];
+            above[d] = above[d] && at > falling->high[d];
+        }
+    return below[0] || below[1] || below[2] || above[0] || above[1] || above[2];
+}
+
+static void stop(pliant_falling *falling, int32_t p)
+{
+    piece *at = falling->pieces + p;
+    memset(at->velocity, 0, sizeof at->velocity);
+    memset(at->momentum, 0, sizeof at->momentum);
+    at->gone = true;
+    if (!falling->told)
+        pliant_log(PLIANT_LOG_WARNING, "a piece that has come off has left the volume that is drawn (warp/margin), and stops there; ground/ could hold it");
+    falling->told = true;
+}
+
+static void move(pliant_falling *falling, pliant_data *data, int32_t p, int num_grips, grip *const *grips)
+{
+    const double slow = 0.01, patience = 0.2; /* [m/s, s] until what lies is taken to rest */
+    piece *at = falling->pieces + p;
+    pliant_rigid body;
+    pliant_rigid_pull pulls[PLIANT_RIGID_PULLS];
+    double way = 0, speed = 0, reach, spin[3];
+    set_rigid(falling, p, &body);
+    if (!(body.mass > 0)) return;
+    for (int g = 0; g < num_grips; g++) pulls[g] = pull_of(grips[g], data->tools + grips[g]->tool, body.centre);
+    const int num_pulls = add_joints(falling, p, data->positions, body.centre, num_grips, pulls);
+    for (int k = 0; k < num_pulls; k++)
+        for (int d = 0; d < 3; d++) way += fabs(pulls[k].to[d] - body.centre[d] - pulls[k].arm[d]);
+    for (int d = 0; d < 3; d++) way += falling->step * (fabs(body.velocity[d]) + falling->step * fabs(data->gravity[d]));
+    const double old[3] = {body.centre[0], body.centre[1], body.centre[2]};
+    const int32_t near_walls = list_arms(falling, p, &body, way, &reach);
+    const pliant_rigid_walls around = {.walls = falling->walls, .count = falling->num_walls, .friction = falling->friction,
+                                       .restitution = falling->restitution, .num_points = near_walls, .arm = falling->near_walls};
+    const bool touches = pliant_rigid_step(&body, data->gravity, falling->step, num_pulls, pulls, &around);
+    place_nodes(falling, p, &body);
+    stay_in_front(falling, p);
+    memcpy(at->velocity, body.velocity, sizeof at->velocity);
+    memcpy(at->momentum, body.momentum, sizeof at->momentum);
+    for (int g = 0; g < num_grips; g++) {
+        pliant_tool *tool = data->tools + grips[g]->tool;
+        const bool alone = !data->solver && grips[g]->share > 0.999; /* relaxation has pulled at where the piece was cut off */
+        for (int d = 0; d < 3 && !pulls[g].given; d++) tool->force[d] = (alone ? 0 : tool->force[d]) + pulls[g].impulse[d] / falling->step;
+    }
+    for (int d = 0; d < 3; d++) speed += fabs(body.centre[d] - old[d]) / falling->step;
+    pliant_rigid_spin(&body, spin);
+    speed += reach * sqrt(spin[0] * spin[0] + spin[1] * spin[1] + spin[2] * spin[2]);
+    at->quiet = touches && at->shaped && num_pulls == 0 && speed < slow ? at->quiet + falling->step : 0;
+    at->rests = at->quiet > patience;
+    if (at->rests) {
+        memset(at->velocity, 0, sizeof at->velocity);
+        memset(at->momentum, 0, sizeof at->momentum);
+    }
+    if (out_of_sight(falling, p, falling->x, false)) stop(falling, p);
+}
+
+/* ---- a step of all */
+
+static void move_all(pliant_falling *falling, pliant_data *data)
+{
+    const pliant_pieces *pieces = falling->body->pieces;
+    const bool turned = memcmp(falling->gravity, data->gravity, sizeof falling->gravity) != 0;
+    memcpy(falling->gravity, data->gravity, sizeof falling->gravity);
+    find_grips(falling, data);
+    for (int32_t p = 0; p < pieces->count; p++) {
+        piece *at = falling->pieces + p;
+        grip *grips[PLIANT_MAX_TOOLS];
+        int num_grips = 0;
+        for (int g = 0; g < falling->num_grips && num_grips < PLIANT_MAX_TOOLS; g++)
+            if (falling->grips[g].piece == p) grips[num_grips++] = falling->grips + g;
+        if (num_grips > 0 || turned) at->rests = false;
+        if (num_grips > 0) at->gone = false;
+        if (at->rests || at->gone) continue;
+        data->statistics.falling++;
+        move(falling, data, p, num_grips, grips);
+    }
+}
+
+/* What a solver keeps of a hold's fixed part: pieces that it is on have moved. */
+static void move_origins(const pliant_falling *falling, pliant_data *data)
+{
+    for (int g = 0; data->solver && g < falling->num_grips; g++) {
+        const grip *at = falling->grips + g;
+        const pliant_tool *tool = data->tools + at->tool;
+        double *origin = data->solver->handles[at->tool].origin;
+        for (int d = 0; d < 3; d++) origin[d] -= at->share * at->point[d];
+        for (int32_t h = 0; h < tool->num_held; h++) {
+            const int32_t place = falling->place[tool->held[h]];
+            if (place < 0 || falling->piece_of[place] != at->piece) continue;
+            for (int d = 0; d < 3; d++) origin[d] += tool->weight[h] * falling->x[3 * (size_t)place + (size_t)d];
+        }
+    }
+}
+
+bool pliant_falling_step(pliant_data *data)
+{
+    pliant_falling *falling = data->falling;
+    const pliant_pieces *pieces = falling->body->pieces;
+    bool anew = false;
+    data->statistics.falling = 0;
+    if (!falling->body->has_inertia) {
+        move_all(falling, data);
+        move_origins(falling, data);
+        for (int32_t i = 0; i < nodes_of(falling); i++)
+            memcpy(data->positions + 3 * (size_t)pieces->node[i], falling->x + 3 * (size_t)i, 3 * sizeof *falling->x);
+        return false;
+    }
+    for (int32_t p = 0; p < pieces->count; p++) {
+        if (falling->pieces[p].gone) continue;
+        data->statistics.falling++;
+        if (!out_of_sight(falling, p, data->positions, true)) continue;
+        stop(falling, p);
+        pliant_tled_stop(data->tled, pieces->start[p + 1] - pieces->start[p], pieces->node + pieces->start[p]);
+        anew = true;
+    }
+    return anew;
+}

@@ -1,0 +1,37 @@
+/* Where pieces are that have come off (pliant_body.pieces).
+ *
+ * Quasi-static solvers know no inertia: they keep such a piece's nodes fixed, so that no matrix is singular and the rest of the body does
+ * not notice, and each piece falls, lands and is pulled as a rigid body of its own (rigid.h) in the shape that it has at rest, into which
+ * it springs back: what quasi-static elasticity says of a body on which no force is. What lies on the ground or hangs on a tool keeps that
+ * shape. A piece that hangs on one node or two swings there; what it hangs on does not feel it.
+ *
+ * Explicit dynamics moves pieces as it moves everything. In either case, one that has left all that is ever drawn stops there. */
+#ifndef PLIANT_FEM_FALLING_FALLING_H
+#define PLIANT_FEM_FALLING_FALLING_H
+
+#include "state/data.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* *out: NULL where nothing has come off. body: borrowed. positions: of its fine nodes. from, map: Nullable, of the body before, whose pieces go
+ * on as they move. Errors: MEMORY. */
+pliant_status pliant_falling_create(const pliant_scene *scene, const pliant_body *body, const double *positions, const pliant_falling *from,
+                                    const pliant_body_map *map, pliant_falling **out);
+void pliant_falling_free(pliant_falling *falling); /* Nullable */
+
+/* A step of the scene, from data->positions of all else: pieces' nodes in data->positions, what tools feel of them, statistics. true: explicit
+ * dynamics must take the state of the host anew. */
+bool pliant_falling_step(pliant_data *data);
+/* They are there, and do not move. */
+void pliant_falling_set_positions(pliant_falling *falling, const double *positions);
+
+/* Nullable falling. Where a node was when its piece came off; NULL: it is of none */
+const double *pliant_falling_home(const pliant_falling *falling, int32_t node);
+bool pliant_falling_has(const pliant_falling *falling, int32_t node);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,537 @@
+// Pieces that a cut takes off what is fixed: they fall, land, hang on tools, and leave the rest of the body alone.
+#include "body.h"
+#include "fem/falling/falling.h"
+#include "fem/falling/rigid.h"
+#include "pliant/memory.h"
+#include "state/data.h"
+
+#include <algorithm>
+#include <memory>
+
+namespace {
+
+const double g = 9.81, at_rest[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+
+struct Case {
+    const char *name;
+    std::function<void(pliant_scene &)> set;
+};
+void coarse(pliant_scene &scene, pliant_method method)
+{
+    scene.model.method = method;
+    scene.mesh.ratio = 2;
+    for (int32_t &cells : scene.mesh.coarse_cells) cells /= 2;
+}
+void explicit_dynamics(pliant_scene &scene, bool quasi_static)
+{
+    scene.solver.kind = PLIANT_TLED;
+    scene.tled.quasi_static = quasi_static;
+    scene.tled.relaxation_steps = 100;
+    scene.tled.damping = 0;
+    scene.solver.step = 0.005;
+}
+const Case direct{"direct", [](pliant_scene &scene) { scene.solver.preconditioner = PLIANT_DIRECT; }};
+const Case multigrid{"multigrid", [](pliant_scene &scene) { scene.solver.preconditioner = PLIANT_MULTIGRID; }};
+const Case plain{"coarse", [](pliant_scene &scene) { coarse(scene, PLIANT_COARSE); }};
+const Case averaged{"averaged", [](pliant_scene &scene) { coarse(scene, PLIANT_AVERAGED); }};
+const Case patched{"patch", [](pliant_scene &scene) {
+                       coarse(scene, PLIANT_AVERAGED);
+                       scene.model.patch = 0.02;
+                       scene.model.patch_delay = 2;
+                   }};
+const Case octree{"octree", [](pliant_scene &scene) {
+                      scene.mesh.kind = PLIANT_OCTREE;
+                      scene.mesh.depth = 1;
+                      for (int32_t &cells : scene.mesh.coarse_cells) cells /= 2;
+                  }};
+const Case relaxed{"relaxation", [](pliant_scene &scene) { explicit_dynamics(scene, true); }};
+const Case dynamic{"tled", [](pliant_scene &scene) { explicit_dynamics(scene, false); }};
+
+// A bar that hangs from its top at z = 0.16; ground: a plane below it, where one is asked for.
+std::unique_ptr<Body> hang(const Case &each, double ground = 1, double friction = 0.3)
+{
+    const int size[3] = {8, 8, 32};
+    const double box[3] = {0.04, 0.04, 0.16};
+    std::unique_ptr<Body> body(new Body(size, box, {{20000, 0.4, 1000, false}}));
+    body->fix_plane(0, 0, 0.16 - 1e-6, 0, 0, -1);
+    body->cells(4, 4, 16, 1);
+    body->scene.solver.iterations = 10;
+    body->scene.solver.tolerance = 1e-6;
+    body->scene.model.gravity[2] = -g;
+    body->scene.grasp.radius = 0.005;
+    body->scene.warp.margin = 2;
+    body->scene.solver.step = 0.01;
+    if (ground < 1) {
+        body->scene.ground.normal[2] = 1;
+        body->scene.ground.point[2] = ground;
+        body->scene.ground.friction = friction;
+    }
+    each.set(body->scene);
+    EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+    return body;
+}
+
+// tetrahedra on the far side of z get copies of the nodes on the plane; keep(node): but not of those
+const pliant_body *divided(const pliant_body &body, uint64_t revision, double z, const std::function<bool(const double *)> &keep = [](const double *) { return false; },
+                           double low = -1)
+{
+    const pliant_mesh &mesh = body.fine;
+    std::vector<int32_t> corners(mesh.tets, mesh.tets + 4 * mesh.num_tets), copy(static_cast<size_t>(mesh.num_nodes), -1);
+    int32_t nodes = mesh.num_nodes;
+    for (int32_t t = 0; t < mesh.num_tets; t++) {
+        double centre = 0;
+        for (int v = 0; v < 4; v++) centre += mesh.rest[3 * mesh.tets[4 * t + v] + 2] / 4;
+        for (int v = 0; v < 4 && centre < z && centre > low; v++) {
+            int32_t node = mesh.tets[4 * t + v];
+            if (std::fabs(mesh.rest[3 * node + 2] - z) > 1e-6 || keep(mesh.rest + 3 * node)) continue;
+            if (copy[node] < 0) copy[node] = nodes++;
+            corners[4 * t + v] = copy[node];
+        }
+    }
+    pliant_division division{};
+    division.num_tets = mesh.num_tets;
+    division.corners = corners.data();
+    pliant_body *next = nullptr;
+    EXPECT_EQ(pliant_body_divide(&body, revision, &division, &next), PLIANT_OK) << pliant_last_error();
+    return next;
+}
+
+void cut(Body &body, double z, const std::function<bool(const double *)> &keep = [](const double *) { return false; })
+{
+    const pliant_body *next = divided(*body.data->body, body.data->last_revision + 1, z, keep);
+    ASSERT_TRUE(next);
+    ASSERT_EQ(pliant_data_set_body(body.model, body.data, next), PLIANT_OK) << pliant_last_error();
+    pliant_body_release(next);
+}
+
+void step(Body &body, int count = 1)
+{
+    for (int s = 0; s < count; s++) ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+}
+
+// of nodes whose tetrahedra are below z at rest: centre of mass, or the lowest
+std::vector<int32_t> nodes_below(const pliant_body &body, double z, bool below = true)
+{
+    std::vector<char> in(static_cast<size_t>(body.fine.num_nodes));
+    for (int32_t t = 0; t < body.fine.num_tets; t++) {
+        double centre = 0;
+        for (int v = 0; v < 4; v++) centre += body.fine.rest[3 * body.fine.tets[4 * t + v] + 2] / 4;
+        if ((centre < z) == below)
+            for (int v = 0; v < 4; v++) in[body.fine.tets[4 * t + v]] = 1;
+    }
+    std::vector<int32_t> out;
+    for (int32_t n = 0; n < body.fine.num_nodes; n++)
+        if (in[n]) out.push_back(n);
+    return out;
+}
+std::vector<double> centre_of(const Body &body, const std::vector<int32_t> &nodes)
+{
+    std::vector<double> sum(3);
+    double mass = 0;
+    for (int32_t n : nodes) {
+        const double m = body.data->body->node_mass[n];
+        mass += m;
+        for (int d = 0; d < 3; d++) sum[d] += m * body.data->positions[3 * n + d];
+    }
+    for (double &s : sum) s /= mass;
+    return sum;
+}
+double lowest(const Body &body, const std::vector<int32_t> &nodes)
+{
+    double least = INFINITY;
+    for (int32_t n : nodes) least = std::fmin(least, body.data->positions[3 * n + 2]);
+    return least;
+}
+
+void PrintTo(const Case &each, std::ostream *out) { *out << each.name; }
+
+struct EveryMethod : testing::TestWithParam<Case> {};
+std::string name_of(const testing::TestParamInfo<Case> &info) { return info.param.name; }
+
+TEST_P(EveryMethod, WhatComesOffFallsFreely)
+{
+    std::unique_ptr<Body> body = hang(GetParam());
+    step(*body, 3);
+    cut(*body, 0.08);
+    ASSERT_TRUE(body->data->body->pieces);
+    EXPECT_EQ(body->data->body->pieces->count, 1);
+    EXPECT_EQ(body->data->body->num_held_pieces, 0);
+    const std::vector<int32_t> lower = nodes_below(*body->data->body, 0.08);
+    EXPECT_EQ(body->data->body->pieces->start[1], static_cast<int32_t>(lower.size()));
+    double narrow = 0; // by its weight
+    for (int32_t n : lower) narrow = std::fmax(narrow, std::fabs(body->data->positions[3 * n] - body->data->body->fine.rest[3 * n]));
+    const double start = centre_of(*body, lower)[2], moving = body->data->body->has_inertia;
+    // dynamics has a velocity already
+    double before = start, speed = 0;
+    if (moving) {
+        step(*body, 1);
+        before = centre_of(*body, lower)[2];
+        speed = (before - start) / body->scene.solver.step + 0.5 * g * body->scene.solver.step;
+    }
+    for (int s = moving ? 2 : 1; s <= 30; s++) {
+        step(*body, 1);
+        EXPECT_EQ(body->data->statistics.falling, 1);
+        const double t = s * body->scene.solver.step, fallen = start - centre_of(*body, lower)[2];
+        EXPECT_NEAR(fallen, 0.5 * g * t * t - speed * t, 0.01 * 0.5 * g * t * t) << s;
+    }
+    // nothing stays stretched or turned that no force is on
+    if (moving) return;
+    step(*body, static_cast<int>(0.25 / body->scene.solver.step));
+    const std::vector<double> centre = centre_of(*body, lower);
+    double bent = 0;
+    for (int32_t n : lower) bent = std::fmax(bent, std::fabs(body->data->positions[3 * n] - centre[0] - body->data->body->fine.rest[3 * n] + 0.02));
+    EXPECT_LT(bent, 0.01 * narrow);
+}
+INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod, testing::Values(direct, multigrid, plain, averaged, patched, octree, relaxed, dynamic), name_of);
+
+TEST_P(EveryMethod, ItLandsAndRests)
+{
+    std::unique_ptr<Body> body = hang(GetParam(), -0.05);
+    if (GetParam().name == dynamic.name) {
+        body->scene.tled.damping = 5;
+        ASSERT_EQ(body->build(), PLIANT_OK);
+    }
+    step(*body, 3);
+    cut(*body, 0.08);
+    const std::vector<int32_t> lower = nodes_below(*body->data->body, 0.08);
+    const bool moving = body->data->body->has_inertia;
+    double deepest = 0;
+    for (int s = 0; s < (moving ? 2 : 1) / body->scene.solver.step; s++) {
+        step(*body, 1);
+        deepest = std::fmin(deepest, lowest(*body, lower) + 0.05);
+    }
+    EXPECT_GT(deepest, -1e-9);
+    EXPECT_NEAR(lowest(*body, lower), -0.05, 1e-6);
+    std::vector<double> before(body->data->positions, body->data->positions + 3 * body->data->body->fine.num_nodes);
+    step(*body, 5);
+    double moved = 0;
+    for (int32_t n : lower)
+        for (int d = 0; d < 3; d++) moved = std::fmax(moved, std::fabs(body->data->positions[3 * n + d] - before[3 * n + d]));
+    EXPECT_LE(moved, moving ? 1e-3 : 0);
+    if (!moving) EXPECT_EQ(body->data->statistics.falling, 0);
+}
+
+// the part that stays does not notice where the piece is
+TEST_P(EveryMethod, TheRestOfTheBodyIsTheSameToTheBit)
+{
+    if (GetParam().name == dynamic.name) return; // one sum of forces, one time step
+    std::unique_ptr<Body> falls = hang(GetParam()), lies = hang(GetParam(), -0.02);
+    for (Body *body : {falls.get(), lies.get()}) {
+        int tool;
+        const double at[3] = {0.02, 0.02, 0.12}, force[3] = {0.05, 0, 0};
+        ASSERT_EQ(pliant_tool_add(body->model, body->data, "tool", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(body->model, body->data, tool, at), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_tool_set_drive(body->data, tool, PLIANT_DRIVE_FORCE, force), PLIANT_OK);
+        step(*body, 3);
+        cut(*body, 0.08);
+    }
+    const std::vector<int32_t> upper = nodes_below(*falls->data->body, 0.08, false), lower = nodes_below(*falls->data->body, 0.08);
+    for (int s = 0; s < 30; s++) {
+        step(*falls, 1);
+        step(*lies, 1);
+        int others = 0;
+        for (int32_t n : upper)
+            for (int d = 0; d < 3; d++) others += falls->data->positions[3 * n + d] != lies->data->positions[3 * n + d];
+        ASSERT_EQ(others, 0) << s;
+    }
+    EXPECT_LT(lowest(*falls, lower) + 0.01, lowest(*lies, lower));
+}
+
+// a tool that takes hold of the piece takes it along
+TEST_P(EveryMethod, AToolPullsIt)
+{
+    for (const double stiffness : {0.0, 50.0, 1e9}) {
+        std::unique_ptr<Body> body = hang(GetParam());
+        const bool moving = body->model->body->has_inertia;
+        if (moving && stiffness != 50) continue; // tled_test.cpp
+        if (moving) {
+            body->scene.tled.damping = 5;
+            ASSERT_EQ(body->build(), PLIANT_OK);
+        }
+        int tool;
+        const double at[3] = {0.02, 0.02, 0.065};
+        step(*body, 3);
+        ASSERT_EQ(pliant_tool_add(body->model, body->data, "tool", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(body->model, body->data, tool, at), PLIANT_OK) << pliant_last_error();
+        if (stiffness > 0) body->data->tools[0].stiffness = stiffness;
+        else ASSERT_EQ(pliant_tool_set_drive(body->data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+        step(*body, 2);
+        cut(*body, 0.08);
+        const std::vector<int32_t> lower = nodes_below(*body->data->body, 0.08);
+        double weight = 0, most = 0;
+        for (int32_t n : lower) weight += g * body->data->body->node_mass[n];
+        for (int s = 0; s < 4 / body->scene.solver.step; s++) {
+            const double shift = std::fmin(s * 5e-4, 0.05);
+            const double tip[3] = {body->data->tools[0].grip[0] + 0.02 + shift, body->data->tools[0].grip[1] + 0.02, body->data->tools[0].tip[2]};
+            ASSERT_EQ(pliant_tool_set_pose(body->data, tool, tip, nullptr), PLIANT_OK);
+            step(*body, 1);
+            const pliant_tool &held = body->data->tools[0];
+            for (int d = 0; d < 3 && stiffness != 50 && s > 60; d++) // until then it springs back
+                most = std::fmax(most, std::fabs(held.held_point[d] - held.tip[d] + held.grip[d]));
+        }
+        const pliant_tool &held = body->data->tools[0];
+        if (!moving) EXPECT_LT(most, 2e-5) << stiffness;
+        EXPECT_NEAR(held.held_point[0] - 0.02, 0.05, 2e-3) << stiffness;
+        EXPECT_NEAR(held.force[2], weight, 0.05 * weight) << stiffness;
+        if (stiffness == 50 && !moving) EXPECT_NEAR(held.tip[2] - held.grip[2] - held.held_point[2], weight / 50, 0.05 * weight / 50);
+        // it hangs below where it is held
+        EXPECT_NEAR(centre_of(*body, lower)[0], held.held_point[0], 4e-3) << stiffness;
+        pliant_tool_release(body->data, tool);
+        const double height = centre_of(*body, lower)[2];
+        step(*body, 20);
+        const double t = 20 * body->scene.solver.step;
+        EXPECT_NEAR(height - centre_of(*body, lower)[2], 0.5 * g * t * t, (moving ? 0.2 : 0.01) * 0.5 * g * t * t);
+    }
+}
+
+// undo: the piece is whole again where it was cut off; reset: nothing was cut
+TEST_P(EveryMethod, UndoMakesItWhole)
+{
+    std::unique_ptr<Body> body = hang(GetParam());
+    step(*body, 10);
+    const pliant_body *first = pliant_body_retain(body->data->body);
+    std::vector<double> before(body->data->positions, body->data->positions + 3 * first->fine.num_nodes);
+    cut(*body, 0.08);
+    step(*body, 30);
+    cut(*body, 0.04);
+    EXPECT_EQ(body->data->body->pieces->count, 2);
+    step(*body, 10);
+    ASSERT_EQ(pliant_data_set_body(body->model, body->data, first), PLIANT_OK) << pliant_last_error();
+    EXPECT_FALSE(body->data->falling);
+    std::vector<int32_t> lower; // those on the plane went with the upper half
+    for (int32_t n : nodes_below(*first, 0.08))
+        if (first->fine.rest[3 * n + 2] < 0.08 - 1e-6) lower.push_back(n);
+    double most = 0;
+    for (int32_t n : lower)
+        for (int d = 0; d < 3; d++) most = std::fmax(most, std::fabs(body->data->positions[3 * n + d] - before[3 * n + d]));
+    EXPECT_LT(most, 1e-12);
+    step(*body, 3);
+    for (int32_t n : lower) most = std::fmax(most, std::fabs(body->data->positions[3 * n + 2] - before[3 * n + 2]));
+    EXPECT_LT(most, 5e-3);
+    pliant_body_release(first);
+    ASSERT_EQ(pliant_data_reset(body->model, body->data), PLIANT_OK);
+    EXPECT_FALSE(body->data->falling);
+    EXPECT_EQ(std::memcmp(body->data->positions, body->data->body->fine.rest, 3 * sizeof(double) * lower.size()), 0);
+}
+
+// where nothing stops it, it stops where it is no longer drawn
+TEST_P(EveryMethod, OutOfSightItStops)
+{
+    std::unique_ptr<Body> body = hang(GetParam());
+    body->scene.warp.margin = 0.05;
+    ASSERT_EQ(body->build(), PLIANT_OK);
+    static int told;
+    told = 0;
+    pliant_set_log([](pliant_log_level level, const char *text, void *) { told += level == PLIANT_LOG_WARNING && std::strstr(text, "warp/margin"); }, nullptr);
+    step(*body, 2);
+    cut(*body, 0.08);
+    cut(*body, 0.04);
+    const std::vector<int32_t> lower = nodes_below(*body->data->body, 0.08);
+    step(*body, 200);
+    pliant_set_log(nullptr, nullptr);
+    EXPECT_EQ(told, 1);
+    EXPECT_EQ(body->data->statistics.falling, 0);
+    const double there = lowest(*body, lower);
+    EXPECT_LT(there, -0.05);
+    EXPECT_GT(there, -0.3);
+    step(*body, 5);
+    EXPECT_EQ(lowest(*body, lower), there);
+}
+
+// ---- what hangs on a node or two swings there
+
+TEST(Falling, OnOneNodeOrTwoItSwings)
+{
+    for (int nodes : {1, 2}) {
+        std::unique_ptr<Body> body = hang(direct), alone = hang(direct);
+        step(*body, 5);
+        step(*alone, 5);
+        cut(*body, 0.08, [&](const double *x) { return x[0] < 1e-6 && x[1] < (nodes == 1 ? 1e-6 : 0.01 + 1e-6); });
+        cut(*alone, 0.08);
+        const pliant_body *now = body->data->body;
+        ASSERT_TRUE(now->pieces);
+        ASSERT_EQ(now->pieces->num_joints, nodes);
+        const std::vector<int32_t> lower = nodes_below(*now, 0.08), upper = nodes_below(*now, 0.08, false);
+        double apart = 0, before = centre_of(*body, lower)[0], least = before;
+        for (int s = 0; s < 600; s++) {
+            step(*body, 1);
+            for (int j = 0; j < nodes && s > 40; j++) // until then it springs back, too
+                for (int d = 0; d < 3; d++)
+                    apart = std::fmax(apart, std::fabs(body->data->positions[3 * now->pieces->joint[2 * j] + d] - body->data->positions[3 * now->pieces->joint[2 * j + 1] + d]));
+            least = std::fmin(least, centre_of(*body, lower)[0]);
+        }
+        EXPECT_LT(apart, nodes == 1 ? 1e-4 : 1e-3);
+        EXPECT_LT(least, -0.01) << nodes; // to the other side
+        EXPECT_NEAR(centre_of(*body, lower)[0], body->data->positions[3 * now->pieces->joint[1]], 2e-3) << nodes; // and then below
+        // the rest: as if it had no such nodes
+        step(*alone, 600);
+        int others = 0;
+        for (int32_t n : upper) others += body->data->positions[3 * n + 2] != alone->data->positions[3 * n + 2];
+        EXPECT_EQ(others, 0);
+    }
+}
+
+TEST(Falling, APieceOfAPieceGoesOnWithItsVelocity)
+{
+    std::unique_ptr<Body> body = hang(direct), whole = hang(direct);
+    for (Body *each : {body.get(), whole.get()}) {
+        step(*each, 3);
+        cut(*each, 0.08);
+        step(*each, 10);
+    }
+    cut(*body, 0.04);
+    EXPECT_EQ(body->data->body->pieces->count, 2);
+    step(*body, 10);
+    step(*whole, 10);
+    const std::vector<int32_t> part = nodes_below(*body->data->body, 0.04);
+    const std::vector<int32_t> same = nodes_below(*whole->data->body, 0.04);
+    EXPECT_NEAR(lowest(*body, part), lowest(*whole, same), 1e-4); // each springs back by itself
+}
+
+TEST(Falling, WithoutMemoryTheBodyBeforeGoesOn)
+{
+    std::unique_ptr<Body> body = hang(direct), other = hang(direct);
+    step(*body, 3);
+    step(*other, 3);
+    cut(*body, 0.08);
+    cut(*other, 0.08);
+    step(*body, 3);
+    step(*other, 3);
+    const pliant_body *next = divided(*body->data->body, 3, 0.04);
+    const size_t before = pliant_memory_in_use();
+    int failed = 0;
+    for (int64_t n = 0;; n += n < 60 ? 1 : 1 + n / 8, failed++) {
+        pliant_memory_fail_after(n);
+        pliant_status status = pliant_data_set_body(body->model, body->data, next);
+        pliant_memory_fail_after(-1);
+        if (status == PLIANT_OK) break;
+        ASSERT_EQ(status, PLIANT_ERROR_MEMORY);
+        ASSERT_EQ(pliant_memory_in_use(), before) << n;
+        if (failed % 8) continue;
+        step(*body, 1);
+        step(*other, 1);
+        ASSERT_EQ(std::memcmp(body->data->positions, other->data->positions, 3 * sizeof(double) * static_cast<size_t>(body->data->body->fine.num_nodes)), 0) << n;
+    }
+    EXPECT_GT(failed, 40);
+    pliant_body_release(next);
+    // and making the body
+    const size_t held = pliant_memory_in_use();
+    for (int64_t n = 0;; n++) {
+        pliant_division division{};
+        division.num_tets = other->data->body->fine.num_tets;
+        division.corners = other->data->body->fine.tets;
+        pliant_body *made = nullptr;
+        pliant_memory_fail_after(n);
+        pliant_status status = pliant_body_divide(other->data->body, 3, &division, &made);
+        pliant_memory_fail_after(-1);
+        if (status == PLIANT_OK) {
+            EXPECT_EQ(made->pieces->count, 1);
+            pliant_body_release(made);
+            break;
+        }
+        ASSERT_EQ(status, PLIANT_ERROR_MEMORY);
+        ASSERT_EQ(pliant_memory_in_use(), held) << n;
+    }
+}
+
+// ---- one rigid body
+
+pliant_rigid brick(double a, double b, double c)
+{
+    pliant_rigid body{};
+    body.mass = 0.1;
+    body.inertia[0] = body.mass / 12 * (b * b + c * c);
+    body.inertia[4] = body.mass / 12 * (a * a + c * c);
+    body.inertia[8] = body.mass / 12 * (a * a + b * b);
+    std::copy(at_rest, at_rest + 9, body.rotation);
+    return body;
+}
+// after a step the inertia is of the turned body
+void turn_inertia(pliant_rigid &body, std::vector<double> &arms)
+{
+    double half[9];
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++) {
+            half[3 * r + c] = 0;
+            for (int k = 0; k < 3; k++) half[3 * r + c] += body.rotation[3 * r + k] * body.inertia[3 * k + c];
+        }
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++) {
+            body.inertia[3 * r + c] = 0;
+            for (int k = 0; k < 3; k++) body.inertia[3 * r + c] += half[3 * r + k] * body.rotation[3 * c + k];
+        }
+    for (size_t p = 0; p < arms.size() / 3; p++) {
+        const double old[3] = {arms[3 * p], arms[3 * p + 1], arms[3 * p + 2]};
+        for (int r = 0; r < 3; r++) arms[3 * p + r] = body.rotation[3 * r] * old[0] + body.rotation[3 * r + 1] * old[1] + body.rotation[3 * r + 2] * old[2];
+    }
+}
+double energy(const pliant_rigid &body, const double gravity[3])
+{
+    double spin[3], sum = 0;
+    pliant_rigid_spin(&body, spin);
+    for (int d = 0; d < 3; d++)
+        sum += 0.5 * body.mass * body.velocity[d] * body.velocity[d] + 0.5 * spin[d] * body.momentum[d] - body.mass * gravity[d] * body.centre[d];
+    return sum;
+}
+
+TEST(Rigid, KeepsMomentumAndEnergyInFlight)
+{
+    const double gravity[3] = {0, 0, -g};
+    pliant_rigid body = brick(0.02, 0.04, 0.1);
+    body.velocity[0] = 1;
+    const double momentum[3] = {1e-4, 8e-4, 2e-4}; // about the middle axis, almost: it tumbles
+    std::copy(momentum, momentum + 3, body.momentum);
+    std::vector<double> arms;
+    const double at_first = energy(body, gravity);
+    const pliant_rigid_walls none{};
+    double most = 0;
+    for (int s = 0; s < 500; s++) {
+        EXPECT_FALSE(pliant_rigid_step(&body, gravity, 0.02, 0, nullptr, &none));
+        turn_inertia(body, arms);
+        for (int d = 0; d < 3; d++) EXPECT_EQ(body.momentum[d], momentum[d]);
+        most = std::fmax(most, std::fabs(energy(body, gravity) - at_first));
+    }
+    double turning = 0, spin[3];
+    pliant_rigid_spin(&body, spin);
+    for (int d = 0; d < 3; d++) turning += 0.5 * spin[d] * momentum[d];
+    EXPECT_LT(most, 1e-3 * turning);
+    EXPECT_NEAR(body.centre[2], -0.5 * g * 100, 1e-9);
+}
+
+// on a plane, on an edge, in a corner of walls: energy never rises, and it comes to lie
+TEST(Rigid, EnergyNeverRisesOnWalls)
+{
+    for (const double restitution : {0.0, 0.5}) {
+        const double gravity[3] = {1, 0, -g};
+        const pliant_wall walls[2] = {{{0, 0, 1}, 0}, {{-1, 0, 0}, -0.3}};
+        pliant_rigid body = brick(0.04, 0.06, 0.1);
+        body.centre[2] = 0.2;
+        body.momentum[0] = 5e-4;
+        body.momentum[1] = 3e-4;
+        std::vector<double> arms;
+        for (int corner = 0; corner < 8; corner++)
+            for (int d = 0; d < 3; d++) arms.push_back((corner >> d & 1 ? 0.5 : -0.5) * (d == 0 ? 0.04 : d == 1 ? 0.06 : 0.1));
+        double before = energy(body, gravity), gained = 0, deepest = 0;
+        bool touched = false;
+        for (int s = 0; s < 300; s++) {
+            const pliant_rigid_walls around = {walls, 2, 0.3, restitution, 8, arms.data()};
+            touched |= pliant_rigid_step(&body, gravity, 0.02, 0, nullptr, &around);
+            turn_inertia(body, arms);
+            for (int p = 0; p < 8; p++) deepest = std::fmin(deepest, body.centre[2] + arms[3 * p + 2]);
+            const double now = energy(body, gravity);
+            gained = std::fmax(gained, now - before);
+            before = now;
+        }
+        EXPECT_TRUE(touched);
+        EXPECT_LT(gained, 1e-3 * body.mass * g * 0.2) << restitution;
+        EXPECT_GT(deepest, -1e-3);
+        double speed = 0;
+        for (int d = 0; d < 3; d++) speed += std::fabs(body.velocity[d]);
+        EXPECT_LT(speed, 0.03) << restitution;
+        double side = 1;
+        for (const double half : {0.02, 0.03, 0.05}) side = std::fmin(side, std::fabs(body.centre[2] - half));
+        EXPECT_LT(side, 1e-4) << restitution; // flat on one of its sides
+    }
+}
+
+} // namespace
