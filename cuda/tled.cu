@@ -291,11 +291,11 @@ static void set_tools(const pliant_tled *tled, const pliant_tool *tools, int num
         gpu_hold *hold = frame->tools + t;
         if (!tool->holding) continue;
         hold->active = 1;
-        hold->drive = tool->drive;
+        hold->drive = pliant_tool_drive(tool);
         for (int d = 0; d < 3; d++) hold->goal[d] = tool->tip[d] - tool->grip[d];
         memcpy(hold->driving_force, tool->driving_force, sizeof hold->driving_force);
-        hold->stiffness = tool->stiffness;
-        hold->damping = tool->damping;
+        hold->stiffness = pliant_tool_stiffness(tool);
+        hold->damping = pliant_tool_damping(tool);
         for (int s = 0; s <= t; s++)
             if (tools[s].holding) frame->answer[t][s] = pliant_tled_answer(tled, tool, tools + s);
         hold->load_share = frame->answer[t][t];

@@ -156,6 +156,69 @@ TEST_F(Path, NamesProbes)
     refuses("probes:\n  - {name: '', at: [0, 0, 0]}\n", "probe 1: name: must have 1 to 47 characters");
 }
 
+const char knife[] = "tools:\n"
+                     "  - name: knife\n"
+                     "    blade: {from: [0, 0, -0.03], to: [0, 0, 0]}\n"
+                     "    poses:\n"
+                     "      - {time: 0, position: [0, 0, 0]}\n"
+                     "      - {time: 2, position: [0.02, 0, -0.01], rotation: [0, 0, 2, 0]}\n"
+                     "    cut: [{from: 0.5, to: 1}, {from: 1.5, to: 3}]\n"
+                     "  - name: shears\n"
+                     "    blade: {name: scissors}\n"
+                     "    poses: [{time: 0, position: [1e-2, 0, 0]}]\n"
+                     "cuts:\n"
+                     "  - {time: 1, points: [[0, 0, 0], [0.01, 0, 0], [0.02, 0.01, 0]], depth: [0, 0, 0.05]}\n"
+                     "  - {time: 4, points: [[0, 0, 0], [0.01, 0, 0]], depth: [0, 0, 0.05]}\n";
+
+TEST_F(Path, LeadsABlade)
+{
+    ASSERT_EQ(read(knife), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(path_.num_tools, 2u);
+    const pliant_path_tool &tool = path_.tools[0];
+    double at[3], turned[4];
+    EXPECT_DOUBLE_EQ(tool.blade_from[2], -0.03);
+    EXPECT_NE(path_.tools[1].blade_from[2], path_.tools[1].blade_to[2]);
+    ASSERT_TRUE(pliant_path_pose_at(&tool, 0.5, at, turned));
+    EXPECT_NEAR(at[0], 0.005, 1e-12);
+    EXPECT_NEAR(at[2], -0.0025, 1e-12);
+    EXPECT_NEAR(turned[2], std::sin(M_PI / 8), 1e-12) << "a quarter of half a turn about z: an eighth of a turn";
+    EXPECT_NEAR(turned[3], std::cos(M_PI / 8), 1e-12);
+    ASSERT_TRUE(pliant_path_pose_at(&tool, 9, at, turned));
+    EXPECT_NEAR(at[0], 0.02, 1e-12);
+    EXPECT_NEAR(turned[2], 1, 1e-12) << "of length 1";
+    const struct { double time; bool cuts; } cases[] = {{0.49, false}, {0.5, true}, {1, true}, {1.01, false}, {2.9, true}, {3.01, false}};
+    for (const auto &each : cases) EXPECT_EQ(pliant_path_cuts(&tool, each.time), each.cuts) << each.time;
+    EXPECT_FALSE(pliant_path_cuts(&path_.tools[1], 1));
+    double value[3];
+    EXPECT_FALSE(pliant_path_at(&tool, 1, value)) << "it holds nothing";
+    ASSERT_EQ(path_.num_cuts, 2u);
+    EXPECT_EQ(path_.cuts[0].num_points, 3u);
+    EXPECT_DOUBLE_EQ(path_.cuts[0].points[7], 0.01);
+    EXPECT_DOUBLE_EQ(path_.cuts[0].depth[2], 0.05);
+    EXPECT_DOUBLE_EQ(pliant_path_end(&path_), 4);
+}
+
+TEST_F(Path, RefusesBladesThatCannotCut)
+{
+    auto with = [](const std::string &from, const std::string &to) {
+        std::string text = knife;
+        EXPECT_NE(text.find(from), std::string::npos) << from;
+        return text.replace(text.find(from), from.size(), to);
+    };
+    refuses(with("name: scissors", "name: spoon"), "there is no blade 'spoon': scalpel, scissors and hook are known");
+    refuses(with("{name: scissors}", "{name: hook, from: [0, 0, 0], to: [0, 0, 1e-2]}"), "blade: needs a name");
+    refuses(with("{name: scissors}", "{from: [0, 0, 0]}"), "blade: needs a name");
+    refuses(with("    blade: {from: [0, 0, -0.03], to: [0, 0, 0]}\n", ""), "cut: needs a blade");
+    refuses(with("[0, 0, 2, 0]", "[0, 0, 0, 0]"), "poses/rotation: is no rotation");
+    refuses(with("time: 2,", "time: 0,"), "poses/time: 0 s must be at least 0 and more than the one before");
+    refuses(with("from: 1.5", "from: 0.8"), "cut: 0.8 s to 3 s must begin after 0 and after the one before");
+    refuses(with("time: 4", "time: 0.5"), "cut 2: cuts/time: 0.5 s must be at least 0 and more than the one before");
+    refuses(with("[0.02, 0.01, 0]", "[0.02, x, 0]"), "cuts/points: 'x' is not a number");
+    refuses(with("    cut: [", "    grasp: [0, 0, 0]\n    cut: ["), "a tool with poses has no grasp");
+    refuses("tools: [{name: a, grasp: [0, 0, 0]}]", "a tool needs grasp and motion, or poses");
+    refuses("cuts: [{time: 1, points: [[0, 0, 0]], depth: [0, 0, 1]}]", "");
+}
+
 TEST_F(Path, NamesAFileThatIsNotThere)
 {
     EXPECT_EQ(pliant_path_read("/nonexistent/path.yaml", &path_), PLIANT_ERROR_FILE);
@@ -167,9 +230,10 @@ TEST_F(Path, SurvivesEveryFailingAllocation)
     size_t before = pliant_memory_in_use();
     bool done = false;
     int refused = 0;
+    const std::string both = std::string(two_tools) + (knife + sizeof "tools:\n" - 1);
     for (int calls = 0; !done && calls < 1000; ++calls) {
         pliant_memory_fail_after(calls);
-        pliant_status status = read(two_tools);
+        pliant_status status = read(both);
         pliant_memory_fail_after(-1);
         done = status == PLIANT_OK;
         if (done) break;

@@ -4,6 +4,7 @@
 #ifndef PLIANT_DATA_H
 #define PLIANT_DATA_H
 
+#include "pliant/cut.h"
 #include "pliant/model.h"
 #include "pliant/warp.h"
 
@@ -12,7 +13,7 @@ extern "C" {
 #endif
 
 /** Stages of a step, in order. */
-#define PLIANT_STEP_STAGE_LIST(X) X(interact) X(solve) X(upsample) X(patch) X(warp)
+#define PLIANT_STEP_STAGE_LIST(X) X(cut) X(interact) X(solve) X(upsample) X(patch) X(warp)
 typedef enum pliant_step_stage {
 #define PLIANT_STAGE_ENUM(name) PLIANT_STEP_##name,
     PLIANT_STEP_STAGE_LIST(PLIANT_STAGE_ENUM)
@@ -43,7 +44,13 @@ typedef struct pliant_tool_state {
     uint64_t hold;         /**< how many times it has taken hold */
     int32_t num_held;      /**< fine nodes that share the force */
     double held_point[3];  /**< where the held point is after the last step, LPS [m] */
-    double force[3];       /**< of the tool on the tissue in the last step [N] */
+    double force[3];       /**< of the tool on the tissue in the last step, by its hold or its blade [N] */
+    bool cutting;          /**< its blade is on */
+    bool engaged;          /**< and in tissue */
+    double engaged_length; /**< of its edge that is [m] */
+    double severed_area;   /**< by it since load, at rest [m^2] */
+    uint64_t stroke;       /**< how many times it has begun to cut */
+    int32_t pieces;        /**< of the tissue after its last cut; 0: it has cut nothing yet */
 } pliant_tool_state;
 
 typedef struct pliant_statistics {
@@ -163,7 +170,7 @@ typedef struct pliant_dynamics {
 /** Errors: ARGUMENT (another solver/kind). */
 PLIANT_API pliant_status pliant_data_get_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out);
 
-/** One step of the scene: interact, solve, upsample, warp; quasi-static, but for tled with inertia. NOT_CONVERGED keeps the best state reached so far;
+/** One step of the scene: cut, interact, solve, upsample, warp; quasi-static, but for tled with inertia. NOT_CONVERGED keeps the best state reached so far;
  *  NUMERIC and MEMORY keep the state before the step. Positions are never NaN. */
 PLIANT_API pliant_status pliant_step(const pliant_model *model, pliant_data *data);
 
@@ -186,6 +193,25 @@ PLIANT_API pliant_status pliant_tool_grasp(const pliant_model *model, pliant_dat
 PLIANT_API void pliant_tool_release(pliant_data *data, int tool);
 /** Drive by force, rigidly or by the spring. @param force Nullable unless drive is FORCE [N] */
 PLIANT_API pliant_status pliant_tool_set_drive(pliant_data *data, int tool, pliant_drive drive, const double force[3]);
+
+/** A blade of this tool: its edge, in the tool's frame [m]; both ends equal: none. It parts what its edge is swept through while it is on.
+ *  Errors: ARGUMENT (not finite, longer than 1 m). */
+PLIANT_API pliant_status pliant_tool_set_blade(pliant_data *data, int tool, const double from[3], const double to[3]);
+/** The edge of a blade by its name: scalpel, scissors or hook; its far end is at the tool's tip, the instrument along the frame's z.
+ *  Errors: ARGUMENT (another name; the message lists them). */
+PLIANT_API pliant_status pliant_blade_find(const char *name, double from[3], double to[3]);
+/** Whether it cuts, from the next step on. A stroke begins where the edge is in that step, and ends when the blade is off, lost, or goes more
+ *  than 2 m/s, which is taken for a jump. A blade of a tool that holds tissue cuts without being felt.
+ *  Errors: ARGUMENT (no blade, or a scene that does not cut). */
+PLIANT_API pliant_status pliant_tool_set_cutting(pliant_data *data, int tool, bool on);
+
+/** Cut at once along a line of points, as deep as one direction goes; deformed space, LPS [m]. Nothing is felt. One stroke to undo.
+ *  @param points (count x 3); @param report Nullable: what was severed. Errors: SCENE (cut/kind is none), ARGUMENT, MEMORY, NUMERIC. */
+PLIANT_API pliant_status pliant_data_cut(const pliant_model *model, pliant_data *data, int32_t count, const double *points, const double depth[3],
+                                         pliant_cut_report *report);
+/** The body from before the last stroke (or pliant_data_cut): its topology bit for bit, under positions as they are; up to cut/undo of them.
+ *  Errors: ARGUMENT (nothing to undo), and as of pliant_data_set_body. */
+PLIANT_API pliant_status pliant_data_undo_cut(const pliant_model *model, pliant_data *data);
 
 /** Distance from a tool's tip to the surface of the tissue [m], negative inside; +infinity when the tool is not present. */
 PLIANT_API double pliant_tool_clearance(const pliant_model *model, const pliant_data *data, int tool);

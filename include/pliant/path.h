@@ -12,6 +12,14 @@
  *      gravity: [{time: 0, acceleration: [0, 0, -9.81]}, {time: 2, acceleration: [0, 9.81, 0]}]       [m/s^2]
  *  And points of the tissue whose places are wanted:
  *      probes: [{name: tip, at: [x, y, z]}]                                                                  rest point [m]
+ *
+ *  A tool with a blade goes from pose to pose, and cuts while it is said to (scenes with cut/kind):
+ *           - name: knife
+ *             blade: {name: scalpel}   # or its edge in the tool's frame [m]: {from: [0, 0, -0.03], to: [0, 0, 0]}
+ *             poses: [{time: 0, position: [x, y, z], rotation: [0, 0, 0, 1]}, ...]    # of its tip [m], LPS; quaternion x y z w
+ *             cut: [{from: 0.2, to: 1.4}]                                             # [s]
+ *  Cuts at once, without a tool, along a line of points of the tissue as it lies then, and as deep as `depth` [m]:
+ *      cuts: [{time: 1, points: [[x, y, z], [x, y, z]], depth: [0, 0.05, 0]}]
  */
 #ifndef PLIANT_PATH_H
 #define PLIANT_PATH_H
@@ -26,13 +34,29 @@ typedef struct pliant_path_key {
     double time;     /**< [s] */
     double value[3]; /**< offset [m], force [N] or acceleration [m/s^2] */
 } pliant_path_key;
+typedef struct pliant_path_pose {
+    double time;                      /**< [s] */
+    double position[3], rotation[4];  /**< LPS [m], quaternion x y z w */
+} pliant_path_pose;
+typedef struct pliant_path_span { double from, to; } pliant_path_span; /**< [s], both ends among it */
+typedef struct pliant_path_cut {
+    double time;       /**< [s] */
+    double *points;    /**< (num_points x 3) LPS [m] */
+    uint32_t num_points;
+    double depth[3];   /**< [m] */
+} pliant_path_cut;
 typedef struct pliant_path_tool {
     char name[48];
     pliant_drive drive;
     double grasp[3];
     double release; /**< [s]; 0: never */
-    pliant_path_key *motion;
+    pliant_path_key *motion;  /**< of what it grasps; NULL: it has poses */
     uint32_t num_motion;
+    double blade_from[3], blade_to[3]; /**< its edge, in its frame [m]; both equal: none */
+    pliant_path_pose *poses;  /**< Nullable */
+    uint32_t num_poses;
+    pliant_path_span *cut;    /**< Nullable; when its blade is on */
+    uint32_t num_cut;
 } pliant_path_tool;
 typedef struct pliant_path_probe {
     char name[48];
@@ -41,6 +65,8 @@ typedef struct pliant_path_probe {
 typedef struct pliant_path {
     pliant_path_tool *tools;
     uint32_t num_tools;
+    pliant_path_cut *cuts;    /**< Nullable; by time */
+    uint32_t num_cuts;
     pliant_path_key *gravity; /**< Nullable: that of the scene */
     uint32_t num_gravity;
     pliant_path_probe *probes; /**< Nullable */
@@ -52,9 +78,13 @@ PLIANT_API pliant_status pliant_path_read(const char *path, pliant_path *out);
 PLIANT_API void pliant_path_free(pliant_path *path);
 /** Offset, or force of a tool of drive: force, at a time, and whether the tool still holds. */
 PLIANT_API bool pliant_path_at(const pliant_path_tool *tool, double time, double value[3]);
+/** Pose of a tool at a time, held before the first and after the last; false: it has none. */
+PLIANT_API bool pliant_path_pose_at(const pliant_path_tool *tool, double time, double position[3], double rotation[4]);
+/** Whether its blade is on. */
+PLIANT_API bool pliant_path_cuts(const pliant_path_tool *tool, double time);
 /** Gravity at a time; false: the path says nothing of it. */
 PLIANT_API bool pliant_path_gravity(const pliant_path *path, double time, double gravity[3]);
-/** Last time of any tool and of gravity [s]. */
+/** Last time of any tool, cut and of gravity [s]. */
 PLIANT_API double pliant_path_end(const pliant_path *path);
 
 #ifdef __cplusplus

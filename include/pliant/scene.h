@@ -153,8 +153,7 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     X(CUT, kind, PLIANT_CUT_NONE, 0, 0, "", "sever: blades part the scan's voxels, and tetrahedra fall into fragments; none: nothing is cut, and nothing is kept for it") \
     X(TRIGGER, trigger, PLIANT_TRIGGER_SERVICE, 0, 0, "", "when a robot's tool with a blade cuts: always, while its jaw is closed, while it has energy, or by service alone") \
     X(REAL, resistance, 1.0, 0.0, 1000.0, "", "factor on the materials' toughness: what the tissue takes to part; 0: it parts without a force") \
-    X(REAL, lead, 0.001, 1e-6, 1.0, "m", "a blade drags the tissue along until it is this far ahead of the cut; a voxel at least") \
-    X(REAL, drag, 0.02, 0.0, 1.0, "m", "and no farther than this: what a blade has dragged so far parts at a lower force")                \
+    X(REAL, drag, 0.003, 1e-6, 1.0, "m", "how far a blade drags the tissue along before it parts; a voxel at least")                       \
     X(INT, undo, 8, 0, 1000, "strokes", "that can be undone; each keeps the meshes from before it")
 #define PLIANT_SCENE_WARP(X)                                                                                           \
     X(WARP, kind, PLIANT_RASTERIZE, 0, 0, "", "rasterize: tetrahedra, exact on them; fit: a smooth map through the nodes ([C] 12)") \

@@ -9,12 +9,13 @@
  * k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h). */
 static void aim(const pliant_tool *tool, double step, pliant_handle *handle)
 {
-    double damper = tool->drive == PLIANT_DRIVE_SPRING ? tool->damping / step : 0, whole = tool->stiffness + damper;
+    double damper = pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING ? pliant_tool_damping(tool) / step : 0;
+    double stiffness = pliant_tool_stiffness(tool), whole = stiffness + damper;
     for (int d = 0; d < 3; d++) {
         double p = tool->tip[d] - tool->grip[d];
-        handle->target[d] = (tool->stiffness * p + damper * (p - tool->last_target[d] + tool->held_point[d])) / whole;
+        handle->target[d] = (stiffness * p + damper * (p - tool->last_target[d] + tool->held_point[d])) / whole;
     }
-    handle->compliance = tool->drive == PLIANT_DRIVE_RIGID ? 0 : 1 / whole;
+    handle->compliance = pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID ? 0 : 1 / whole;
 }
 
 pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int index)
@@ -34,7 +35,7 @@ pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int inde
         if (status != PLIANT_OK) return status;
         tool->attached = true;
     }
-    bool by_force = tool->drive == PLIANT_DRIVE_FORCE;
+    bool by_force = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE;
     if (handle->by_force != by_force) pliant_solver_forget(solver);
     handle->by_force = by_force;
     if (by_force) memcpy(handle->force, tool->driving_force, sizeof handle->force);

@@ -2,6 +2,7 @@
 
 #include "base/fail.h"
 #include "scene/yaml.h"
+#include "interact/blade.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -16,11 +17,28 @@ typedef struct text_key {
     char **offset, **force, **acceleration; /* one of them */
 } text_key;
 
+typedef struct text_blade {
+    char *name, **from, **to; /* either */
+} text_blade;
+
+typedef struct text_pose {
+    char *time, **position, **rotation;
+} text_pose;
+
+typedef struct text_span {
+    char *from, *to;
+} text_span;
+
 typedef struct text_tool {
     char *name, *drive, *release;
     char **grasp;
     text_key *motion;
     uint32_t num_motion;
+    text_blade *blade;
+    text_pose *poses;
+    uint32_t num_poses;
+    text_span *cut;
+    uint32_t num_cut;
 } text_tool;
 
 typedef struct text_probe {
@@ -28,9 +46,16 @@ typedef struct text_probe {
     char **at;
 } text_probe;
 
+typedef struct text_cut {
+    char *time, **depth, ***points;
+    uint32_t num_points;
+} text_cut;
+
 typedef struct text_path {
     text_tool *tools;
     uint32_t num_tools;
+    text_cut *cuts;
+    uint32_t num_cuts;
     text_key *gravity;
     uint32_t num_gravity;
     text_probe *probes;
@@ -51,12 +76,42 @@ static const cyaml_schema_field_t gravity_fields[] = {
     CYAML_FIELD_END,
 };
 static const cyaml_schema_value_t gravity_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_key, gravity_fields)};
+static const cyaml_schema_field_t blade_fields[] = {
+    CYAML_FIELD_STRING_PTR("name", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_blade, name, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_SEQUENCE_FIXED("from", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_blade, from, &word, 3),
+    CYAML_FIELD_SEQUENCE_FIXED("to", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_blade, to, &word, 3),
+    CYAML_FIELD_END,
+};
+static const cyaml_schema_field_t pose_fields[] = {
+    CYAML_FIELD_STRING_PTR("time", CYAML_FLAG_POINTER, text_pose, time, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_SEQUENCE_FIXED("position", CYAML_FLAG_POINTER, text_pose, position, &word, 3),
+    CYAML_FIELD_SEQUENCE_FIXED("rotation", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_pose, rotation, &word, 4),
+    CYAML_FIELD_END,
+};
+static const cyaml_schema_value_t pose_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_pose, pose_fields)};
+static const cyaml_schema_field_t span_fields[] = {
+    CYAML_FIELD_STRING_PTR("from", CYAML_FLAG_POINTER, text_span, from, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_STRING_PTR("to", CYAML_FLAG_POINTER, text_span, to, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_END,
+};
+static const cyaml_schema_value_t span_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_span, span_fields)};
+static const cyaml_schema_value_t point_value = {CYAML_VALUE_SEQUENCE_FIXED(CYAML_FLAG_POINTER, char *, &word, 3)};
+static const cyaml_schema_field_t cut_fields[] = {
+    CYAML_FIELD_STRING_PTR("time", CYAML_FLAG_POINTER, text_cut, time, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_SEQUENCE_COUNT("points", CYAML_FLAG_POINTER, text_cut, points, num_points, &point_value, 2, MOST_KEYS),
+    CYAML_FIELD_SEQUENCE_FIXED("depth", CYAML_FLAG_POINTER, text_cut, depth, &word, 3),
+    CYAML_FIELD_END,
+};
+static const cyaml_schema_value_t cut_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_cut, cut_fields)};
 static const cyaml_schema_field_t tool_fields[] = {
     CYAML_FIELD_STRING_PTR("name", CYAML_FLAG_POINTER, text_tool, name, 0, CYAML_UNLIMITED),
     CYAML_FIELD_STRING_PTR("drive", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, drive, 0, CYAML_UNLIMITED),
     CYAML_FIELD_STRING_PTR("release", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, release, 0, CYAML_UNLIMITED),
-    CYAML_FIELD_SEQUENCE_FIXED("grasp", CYAML_FLAG_POINTER, text_tool, grasp, &word, 3),
-    CYAML_FIELD_SEQUENCE_COUNT("motion", CYAML_FLAG_POINTER, text_tool, motion, num_motion, &key_value, 1, MOST_KEYS),
+    CYAML_FIELD_SEQUENCE_FIXED("grasp", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, grasp, &word, 3),
+    CYAML_FIELD_SEQUENCE_COUNT("motion", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, motion, num_motion, &key_value, 1, MOST_KEYS),
+    CYAML_FIELD_MAPPING_PTR("blade", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, blade, blade_fields),
+    CYAML_FIELD_SEQUENCE_COUNT("poses", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, poses, num_poses, &pose_value, 1, MOST_KEYS),
+    CYAML_FIELD_SEQUENCE_COUNT("cut", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, cut, num_cut, &span_value, 1, MOST_KEYS),
     CYAML_FIELD_END,
 };
 static const cyaml_schema_value_t tool_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_tool, tool_fields)};
@@ -69,6 +124,7 @@ static const cyaml_schema_value_t probe_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_
 static const cyaml_schema_field_t path_fields[] = {
     CYAML_FIELD_SEQUENCE_COUNT("tools", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, tools, num_tools, &tool_value, 1,
                                PLIANT_MAX_TOOLS),
+    CYAML_FIELD_SEQUENCE_COUNT("cuts", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, cuts, num_cuts, &cut_value, 1, MOST_KEYS),
     CYAML_FIELD_SEQUENCE_COUNT("gravity", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, gravity, num_gravity, &gravity_value, 1,
                                MOST_KEYS),
     CYAML_FIELD_SEQUENCE_COUNT("probes", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, probes, num_probes, &probe_value, 1, MOST_KEYS),
@@ -81,6 +137,21 @@ static bool read_number(const char *field, const char *text, double *out, char r
 {
     if (pliant_parse_real(text, out)) return true;
     snprintf(reason, REASON_SIZE, "%s: '%.64s' is not a number", field, text);
+    return false;
+}
+
+static bool read_numbers(const char *field, char **text, int count, double *out, char reason[REASON_SIZE])
+{
+    for (int n = 0; n < count; ++n)
+        if (!read_number(field, text[n], &out[n], reason)) return false;
+    return true;
+}
+
+/* "time: must be ...", or nothing */
+static bool check_time(const char *field, double time, bool after, double before, char reason[REASON_SIZE])
+{
+    if (time >= 0.0 && (!after || time > before)) return true;
+    snprintf(reason, REASON_SIZE, "%s: %g s must be at least 0 and more than the one before", field, time);
     return false;
 }
 
@@ -125,12 +196,8 @@ static bool read_keys(const text_key *text, uint32_t count, bool gravity, bool b
         char **words;
         if (!read_number(time, text[k].time, &key->time, reason)) return false;
         const char *name = value_of(&text[k], gravity, by_force, &words, reason);
-        for (int d = 0; d < 3; ++d)
-            if (!name || !read_number(name, words[d], &key->value[d], reason)) return false;
-        if (key->time < 0.0 || (k > 0 && key->time <= key[-1].time)) {
-            snprintf(reason, REASON_SIZE, "%s: %g s must be at least 0 and more than the one before", time, key->time);
-            return false;
-        }
+        if (!name || !read_numbers(name, words, 3, key->value, reason)) return false;
+        if (!check_time(time, key->time, k > 0, k > 0 ? key[-1].time : 0, reason)) return false;
     }
     return true;
 }
@@ -148,6 +215,84 @@ static void hint_at_units(const char *file, const pliant_path_tool *tool)
         pliant_log(PLIANT_LOG_WARNING, "%s: tool %s goes %g m far: offsets are in metres; were millimetres meant?", file, tool->name, largest);
 }
 
+/* ---- blades */
+
+static bool read_poses(const text_tool *text, pliant_path_tool *out, char reason[REASON_SIZE])
+{
+    if (!(out->poses = pliant_calloc(text->num_poses, sizeof *out->poses))) return false;
+    out->num_poses = text->num_poses;
+    for (uint32_t p = 0; p < text->num_poses; ++p) {
+        const text_pose *from = &text->poses[p];
+        pliant_path_pose *pose = &out->poses[p];
+        *pose = (pliant_path_pose){.rotation = {0, 0, 0, 1}};
+        if (!read_number("poses/time", from->time, &pose->time, reason) ||
+            !check_time("poses/time", pose->time, p > 0, p > 0 ? pose[-1].time : 0, reason) ||
+            !read_numbers("poses/position", from->position, 3, pose->position, reason) ||
+            (from->rotation && !read_numbers("poses/rotation", from->rotation, 4, pose->rotation, reason)))
+            return false;
+        double size = 0;
+        for (int d = 0; d < 4; ++d) size += pose->rotation[d] * pose->rotation[d];
+        if (size == 0) {
+            snprintf(reason, REASON_SIZE, "poses/rotation: is no rotation; [0, 0, 0, 1] turns nothing");
+            return false;
+        }
+        for (int d = 0; d < 4; ++d) pose->rotation[d] /= sqrt(size);
+    }
+    return true;
+}
+
+static bool read_blade(const text_tool *text, pliant_path_tool *out, char reason[REASON_SIZE])
+{
+    const text_blade *blade = text->blade;
+    if (!blade->name == !(blade->from && blade->to)) {
+        snprintf(reason, REASON_SIZE, "blade: needs a name, as in {name: scalpel}, or from and to, as in {from: [0, 0, -0.03], to: [0, 0, 0]}");
+        return false;
+    }
+    if (!blade->name)
+        return read_numbers("blade/from", blade->from, 3, out->blade_from, reason) && read_numbers("blade/to", blade->to, 3, out->blade_to, reason);
+    if (pliant_blade_find(blade->name, out->blade_from, out->blade_to) == PLIANT_OK) return true;
+    snprintf(reason, REASON_SIZE, "blade/name: %.200s", pliant_last_error());
+    return false;
+}
+
+static bool read_spans(const text_tool *text, pliant_path_tool *out, char reason[REASON_SIZE])
+{
+    if (!(out->cut = pliant_calloc(text->num_cut, sizeof *out->cut))) return false;
+    out->num_cut = text->num_cut;
+    for (uint32_t n = 0; n < text->num_cut; ++n) {
+        pliant_path_span *span = &out->cut[n];
+        if (!read_number("cut/from", text->cut[n].from, &span->from, reason) || !read_number("cut/to", text->cut[n].to, &span->to, reason)) return false;
+        if (span->from >= 0 && span->to > span->from && (n == 0 || span->from > span[-1].to)) continue;
+        snprintf(reason, REASON_SIZE, "cut: %g s to %g s must begin after 0 and after the one before, and end later", span->from, span->to);
+        return false;
+    }
+    return true;
+}
+
+/* A tool that goes from pose to pose. */
+static bool read_posed(const text_tool *text, pliant_path_tool *out, char reason[REASON_SIZE])
+{
+    if (text->grasp || text->motion || text->drive || text->release) {
+        snprintf(reason, REASON_SIZE, "poses: a tool with poses has no grasp, motion, drive or release; those are of one that holds tissue");
+        return false;
+    }
+    if (text->cut && !text->blade) {
+        snprintf(reason, REASON_SIZE, "cut: needs a blade, as in blade: {name: scalpel}");
+        return false;
+    }
+    return read_poses(text, out, reason) && (!text->blade || read_blade(text, out, reason)) && (!text->cut || read_spans(text, out, reason));
+}
+
+static bool read_cut(const text_cut *text, pliant_path_cut *out, char reason[REASON_SIZE])
+{
+    if (!(out->points = pliant_calloc(text->num_points, 3 * sizeof *out->points))) return false;
+    out->num_points = text->num_points;
+    if (!read_number("cuts/time", text->time, &out->time, reason) || !read_numbers("cuts/depth", text->depth, 3, out->depth, reason)) return false;
+    for (uint32_t p = 0; p < text->num_points; ++p)
+        if (!read_numbers("cuts/points", text->points[p], 3, out->points + 3 * p, reason)) return false;
+    return true;
+}
+
 static bool read_name(const char *text, char *out, size_t size, char reason[REASON_SIZE])
 {
     if (!*text || strlen(text) >= size) {
@@ -161,6 +306,11 @@ static bool read_name(const char *text, char *out, size_t size, char reason[REAS
 static bool read_tool(const text_tool *text, pliant_path_tool *out, char reason[REASON_SIZE])
 {
     if (!read_name(text->name, out->name, sizeof out->name, reason)) return false;
+    if (text->poses) return read_posed(text, out, reason);
+    if (!text->grasp || !text->motion || text->blade || text->cut) {
+        snprintf(reason, REASON_SIZE, "grasp: a tool needs grasp and motion, or poses; one with a blade has poses");
+        return false;
+    }
     if (!read_drive(text->drive, &out->drive, reason)) return false;
     for (int d = 0; d < 3; ++d)
         if (!read_number("grasp", text->grasp[d], &out->grasp[d], reason)) return false;
@@ -201,6 +351,13 @@ static pliant_status convert(const text_path *text, const char *yaml, const char
         return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: tool %u '%.48s': %s", name,
                            pliant_yaml_line(yaml, "name", (int)n, 1), n + 1, text->tools[n].name, reason);
     }
+    for (uint32_t n = 0; n < text->num_cuts; ++n) {
+        char wrong[REASON_SIZE] = "";
+        bool good = read_cut(&text->cuts[n], &out->cuts[n], wrong);
+        if (good && check_time("cuts/time", out->cuts[n].time, n > 0, n > 0 ? out->cuts[n - 1].time : 0, wrong)) continue;
+        if (!wrong[0]) return pliant_fail_memory("a tool path");
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: cut %u: %s", name, pliant_yaml_line(yaml, "cuts", 0, 1), n + 1, wrong);
+    }
     char reason[REASON_SIZE] = "";
     out->num_gravity = text->num_gravity;
     if (text->num_gravity == 0 ||
@@ -219,18 +376,20 @@ pliant_status pliant_path_read(const char *path, pliant_path *out)
     if (status == PLIANT_OK) status = pliant_yaml_load(yaml, path, &path_value, &document);
     if (status != PLIANT_OK) goto end;
     const text_path *text = document;
-    if (!text || text->num_tools + text->num_gravity + text->num_probes == 0) {
-        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is empty; a list named tools is needed, or gravity, or probes", path);
+    if (!text || text->num_tools + text->num_cuts + text->num_gravity + text->num_probes == 0) {
+        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is empty; a list named tools is needed, or cuts, gravity or probes", path);
         goto end;
     }
     if (text->num_tools > 0) result.tools = pliant_calloc(text->num_tools, sizeof *result.tools);
+    if (text->num_cuts > 0) result.cuts = pliant_calloc(text->num_cuts, sizeof *result.cuts);
     if (text->num_probes > 0) result.probes = pliant_calloc(text->num_probes, sizeof *result.probes);
-    if ((text->num_tools > 0 && !result.tools) || (text->num_probes > 0 && !result.probes)) {
+    if ((text->num_tools > 0 && !result.tools) || (text->num_cuts > 0 && !result.cuts) || (text->num_probes > 0 && !result.probes)) {
         status = pliant_fail_memory("a tool path");
         goto end;
     }
     result.num_tools = text->num_tools;
     result.num_probes = text->num_probes;
+    result.num_cuts = text->num_cuts;
     status = convert(text, yaml, path, &result);
     if (status == PLIANT_OK) status = read_probes(text, yaml, path, &result);
     if (status == PLIANT_OK) {
@@ -248,8 +407,14 @@ end:
 void pliant_path_free(pliant_path *path)
 {
     if (!path) return;
-    for (uint32_t n = 0; n < path->num_tools; ++n) pliant_free(path->tools[n].motion);
+    for (uint32_t n = 0; path->tools && n < path->num_tools; ++n) {
+        pliant_free(path->tools[n].motion);
+        pliant_free(path->tools[n].poses);
+        pliant_free(path->tools[n].cut);
+    }
+    for (uint32_t n = 0; path->cuts && n < path->num_cuts; ++n) pliant_free(path->cuts[n].points);
     pliant_free(path->tools);
+    pliant_free(path->cuts);
     pliant_free(path->gravity);
     pliant_free(path->probes);
     memset(path, 0, sizeof *path);
@@ -275,16 +440,40 @@ bool pliant_path_gravity(const pliant_path *path, double time, double gravity[3]
 
 bool pliant_path_at(const pliant_path_tool *tool, double time, double value[3])
 {
+    if (tool->num_motion == 0) return false;
     between(tool->motion, tool->num_motion, time, value);
     return tool->release <= 0.0 || time < tool->release;
+}
+
+bool pliant_path_pose_at(const pliant_path_tool *tool, double time, double position[3], double rotation[4])
+{
+    if (tool->num_poses == 0) return false;
+    uint32_t after = 0;
+    while (after < tool->num_poses && tool->poses[after].time <= time) ++after;
+    const pliant_path_pose *a = tool->poses + (after > 0 ? after - 1 : 0), *b = after < tool->num_poses ? tool->poses + after : a;
+    double part = b->time > a->time ? fmax((time - a->time) / (b->time - a->time), 0) : 0;
+    for (int d = 0; d < 3; ++d) position[d] = a->position[d] + part * (b->position[d] - a->position[d]);
+    pliant_rotation_between(a->rotation, b->rotation, part, rotation);
+    return true;
+}
+
+bool pliant_path_cuts(const pliant_path_tool *tool, double time)
+{
+    const double rounding = 1e-9; /* times are counts of steps times the length of one [s] */
+    for (uint32_t n = 0; n < tool->num_cut; ++n)
+        if (time >= tool->cut[n].from - rounding && time <= tool->cut[n].to + rounding) return true;
+    return false;
 }
 
 double pliant_path_end(const pliant_path *path)
 {
     double end = path->num_gravity > 0 ? path->gravity[path->num_gravity - 1].time : 0.0;
+    if (path->num_cuts > 0) end = fmax(end, path->cuts[path->num_cuts - 1].time);
     for (uint32_t n = 0; n < path->num_tools; ++n) {
         const pliant_path_tool *tool = &path->tools[n];
         if (tool->num_motion > 0) end = fmax(end, tool->motion[tool->num_motion - 1].time);
+        if (tool->num_poses > 0) end = fmax(end, tool->poses[tool->num_poses - 1].time);
+        if (tool->num_cut > 0) end = fmax(end, tool->cut[tool->num_cut - 1].to);
         end = fmax(end, tool->release);
     }
     return end;

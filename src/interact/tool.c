@@ -1,6 +1,7 @@
 /* Tools: where they are, what they hold, how they pull. [H] 3.2, equation 11: a force at a point of the volume is spread over
  * the nodes by the weights that interpolate its displacement. A blob is a set of such points. */
 #include "base/fail.h"
+#include "interact/blade.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
 
@@ -53,17 +54,28 @@ pliant_status pliant_tool_set_pose(pliant_data *data, int tool, const double tip
     return PLIANT_OK;
 }
 
-void pliant_tool_forget(pliant_tool *tool)
+void pliant_tool_drop(pliant_tool *tool)
 {
     pliant_free(tool->held);
     pliant_free(tool->weight);
     tool->held = NULL;
     tool->weight = NULL;
     tool->num_held = 0;
-    tool->holding = tool->attached = false;
+    tool->holding = tool->attached = tool->blade.drags = false;
     memset(tool->force, 0, sizeof tool->force);
+}
+
+void pliant_tool_forget(pliant_tool *tool)
+{
+    pliant_tool_drop(tool);
     memset(tool->driving_force, 0, sizeof tool->driving_force);
     tool->drive = PLIANT_DRIVE_SPRING;
+}
+
+void pliant_tool_free(pliant_tool *tool)
+{
+    pliant_blade_end(tool);
+    pliant_tool_drop(tool);
 }
 
 void pliant_tool_release(pliant_data *data, int tool)
@@ -76,6 +88,7 @@ void pliant_tool_lost(pliant_data *data, int tool)
 {
     if (check_tool(data, tool) != PLIANT_OK) return;
     pliant_tool_forget(data->tools + tool);
+    pliant_blade_end(data->tools + tool);
     data->tools[tool].present = false;
 }
 
@@ -173,13 +186,24 @@ static pliant_status list_held(const pliant_mesh *mesh, const pliant_tool *tool,
     return status;
 }
 
-pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, const pliant_mesh *mesh)
+pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, const pliant_data *data, const pliant_body *next,
+                                const double *positions)
 {
     *tool = *from;
     tool->held = NULL;
     tool->weight = NULL;
     tool->num_held = 0;
-    return from->holding ? list_held(mesh, from, from->grasped, from->grasped_radius, &tool->num_held, &tool->held, &tool->weight) : PLIANT_OK;
+    tool->holding = tool->attached = false;
+    pliant_status status = pliant_blade_carry(&tool->blade, &from->blade, data, next, positions);
+    if (status != PLIANT_OK || !from->holding) return status;
+    if (!from->blade.drags)
+        status = list_held(&next->fine, from, from->grasped, from->grasped_radius, &tool->num_held, &tool->held, &tool->weight);
+    else if (pliant_blade_num_inside(&tool->blade.edge) > 0) status = pliant_blade_hold(next, tool);
+    else pliant_blade_loosen(tool);
+    tool->holding = tool->num_held > 0;
+    tool->attached = tool->holding && from->attached;
+    memcpy(tool->force, from->force, sizeof tool->force);
+    return status;
 }
 
 static void find_held_point(const pliant_data *data, pliant_tool *tool)
@@ -252,4 +276,5 @@ void pliant_tool_report(pliant_data *data, int index, const double *force)
     if (!tool->holding) return;
     find_held_point(data, tool);
     if (force) memcpy(tool->force, force, sizeof tool->force);
+    pliant_blade_feel(tool);
 }

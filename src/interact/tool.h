@@ -11,11 +11,16 @@ extern "C" {
 /* after the solve: where the held point is
  * @param force (3) Nullable: what it took; without it, the tool keeps the force that it has */
 void pliant_tool_report(pliant_data *data, int tool, const double *force);
-/* the same tool on the fine mesh of the next body: it holds what is where it took hold. Errors: MEMORY, ARGUMENT (nothing is there); free
- * the hold of either. */
-pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, const pliant_mesh *mesh);
+/* the same tool on the next body, at these positions: it holds what is where it took hold. Errors: MEMORY, ARGUMENT (nothing is there);
+ * free both. */
+pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, const pliant_data *data, const pliant_body *next,
+                                const double *positions);
 /* free the hold; the solver is told at the next step */
+void pliant_tool_drop(pliant_tool *tool);
+/* and pull by the spring again */
 void pliant_tool_forget(pliant_tool *tool);
+/* all that it has */
+void pliant_tool_free(pliant_tool *tool);
 
 #ifdef __cplusplus
 }

@@ -53,7 +53,10 @@ pliant_status pliant_tool_get(const pliant_data *data, int tool, pliant_tool_sta
     if (status != PLIANT_OK) return status;
     const pliant_tool *from = data->tools + tool;
     pliant_tool_state told = {.present = from->present, .drive = from->drive, .stiffness = from->stiffness, .damping = from->damping,
-                              .radius = from->radius, .holding = from->holding, .hold = from->hold, .num_held = from->num_held};
+                              .radius = from->radius, .holding = pliant_tool_grips(from), .hold = from->hold,
+                              .num_held = pliant_tool_grips(from) ? from->num_held : 0, .cutting = from->blade.cutting,
+                              .engaged = from->blade.engaged_length > 0, .engaged_length = from->blade.engaged_length,
+                              .severed_area = from->blade.severed_area, .stroke = from->blade.stroke, .pieces = from->blade.pieces};
     memcpy(told.name, from->name, sizeof told.name);
     memcpy(told.tip, from->tip, sizeof told.tip);
     memcpy(told.rotation, from->rotation, sizeof told.rotation);

@@ -4,8 +4,10 @@
 #include "fem/patch/patch.h"
 #include "fem/dynamics/tled.h"
 #include "fem/falling/falling.h"
+#include "interact/blade.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
+#include "sim/cut.h"
 #include "sim/discretization.h"
 
 #include <math.h>
@@ -51,7 +53,8 @@ void pliant_data_free(pliant_data *data)
 {
     if (!data) return;
     if (data->backend_state) data->backend->free(data);
-    for (int t = 0; t < data->num_tools; t++) pliant_tool_forget(data->tools + t);
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_free(data->tools + t);
+    pliant_undo_clear(data);
     pliant_patch_free(data->patch);
     pliant_solver_free(data->solver);
     pliant_tled_free(data->tled);
@@ -70,7 +73,11 @@ pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
     if (status == PLIANT_OK) status = data->backend->kind->reset(data);
     if (status == PLIANT_OK) status = pliant_data_set_body(model, data, model->body);
     if (status != PLIANT_OK) return status;
-    for (int t = 0; t < data->num_tools; t++) pliant_tool_forget(data->tools + t);
+    for (int t = 0; t < data->num_tools; t++) {
+        pliant_tool_forget(data->tools + t);
+        pliant_blade_reset(data->tools + t);
+    }
+    pliant_undo_clear(data);
     memcpy(data->positions, data->body->fine.rest, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
     memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
     size_t bytes = data->statistics.bytes;
@@ -132,12 +139,12 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
     data->background.taken = 0;
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; stage++) {
         const pliant_backend *backend = data->backend;
-        pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {backend->kind->interact, backend->solve, backend->upsample, patch, backend->warp};
+        pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {pliant_cut_stage, backend->kind->interact, backend->solve, backend->upsample, patch, backend->warp};
         _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
         double start = pliant_seconds();
         pliant_status status = stages[stage](model, data);
         data->statistics.seconds[stage] = pliant_seconds() - start;
-        /* the first stage is the host's own */
+        /* the first two stages are the host's own */
         if (status < 0 && stage > PLIANT_STEP_interact && pliant_backend_leave(model, data, status)) {
             bool on_host = backend->solves_on_host || (pliant_host_moves(data) && stage == PLIANT_STEP_warp); /* only this stage is done again */
             stage = on_host ? stage - 1 : PLIANT_STEP_solve - 1; /* again, by the CPU */

@@ -9,6 +9,37 @@
 extern "C" {
 #endif
 
+/* The edge of a blade that cuts, in points: where the cut ends. */
+typedef struct pliant_edge {
+    int32_t count;
+    double *place;         /* (count x 3) [m]; of points in tissue as of the last step */
+    int32_t *tet;          /* (count) fine tetrahedron that a point goes with; -1: it is in no tissue */
+    double *weight;        /* (count x 4) barycentric */
+    double *now, *swept;   /* (count x 3) room: where the blade is, what it is swept from or to */
+} pliant_edge;
+
+typedef struct pliant_blade {
+    /* INPUT, written by pliant_tool_set_blade, _set_cutting */
+    double from[3], to[3]; /* ends of its edge in the tool's frame [m]; both equal: no blade */
+    bool cutting;
+    /* STROKE: from when it begins to cut until it is lifted, lost or jumps */
+    bool under_way, failed; /* failed: and that was said */
+    uint64_t stroke;       /* how many so far */
+    pliant_edge edge;      /* while one is under way */
+    double tip[3], rotation[4]; /* of the tool when the edge was moved last */
+    /* RESISTANCE: the edge drags the tissue along by the tool's hold, until it slips */
+    bool drags;
+    bool slips;            /* tissue was let go in the step before: the blade parts what has come back over it */
+    double stiffness;      /* of its spring [N/m] */
+    double anchor[3];      /* where the middle of the edge was when it began to drag [m] */
+    double drawn[3];       /* how far it has come since, across the edge [m] */
+    double moved[3], force[3]; /* of the middle in the last step [m], and what was felt in the one before [N] */
+    double work;           /* done since tissue has parted last, and what was left over then [J] */
+    /* OUTPUT */
+    double engaged_length, severed_area; /* [m], at rest since load [m^2] */
+    int32_t pieces;        /* after its last cut */
+} pliant_blade;
+
 typedef struct pliant_tool {
     char name[48];
     /* INPUT, written by pliant_tool_* */
@@ -28,10 +59,27 @@ typedef struct pliant_tool {
     double last_target[3]; /* where the held point was pulled to in the last step [m] */
     double grip[3];        /* tip minus held point when it took hold; the tip pulls the held point to tip - grip [m] */
     double grasped[3], grasped_radius; /* the blob that it holds, at rest [m] */
+    pliant_blade blade;
     /* OUTPUT of the last step */
     double held_point[3];  /* where the held point is [m] */
     double force[3];       /* of the tool on the tissue [N] */
 } pliant_tool;
+
+/* What the solver pulls with: the tool's spring, or its blade's. */
+static inline pliant_drive pliant_tool_drive(const pliant_tool *tool) { return tool->blade.drags ? PLIANT_DRIVE_SPRING : tool->drive; }
+static inline double pliant_tool_stiffness(const pliant_tool *tool) { return tool->blade.drags ? tool->blade.stiffness : tool->stiffness; }
+static inline double pliant_tool_damping(const pliant_tool *tool) { return tool->blade.drags ? 0 : tool->damping; }
+/* Whether it holds tissue, other than by its blade. */
+static inline bool pliant_tool_grips(const pliant_tool *tool) { return tool->holding && !tool->blade.drags; }
+
+/* Bodies from before what was cut, the latest last. */
+typedef struct pliant_undo {
+    const pliant_body **body; /* (count) each retained */
+    int32_t count;
+    int tool;                 /* that the last one is of; -1: pliant_data_cut */
+    uint64_t stroke;
+    bool told;                /* that there are no more of them */
+} pliant_undo;
 
 typedef struct pliant_backend pliant_backend; /* functions of a step's stages (src/backend) */
 typedef struct pliant_solver pliant_solver; /* iteration history, factors, the background factorizer (src/fem) */
@@ -54,6 +102,8 @@ struct pliant_data {
 
     pliant_background background;
 
+    /* CUT */
+    pliant_undo undo;
     /* INTERACT */
     pliant_tool tools[PLIANT_MAX_TOOLS];
     int32_t num_tools;

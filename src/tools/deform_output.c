@@ -120,14 +120,9 @@ static pliant_status write_elements(const deform_run *run, const char *number, c
 
 void deform_picture_point(const deform_run *run, double point[3])
 {
-    const pliant_path *path = &run->inputs->path;
     const pliant_body *body = pliant_model_get_body(run->model);
     double mass = 0.0;
-    memset(point, 0, 3 * sizeof *point);
-    if (path->num_tools > 0) {
-        memcpy(point, path->tools[0].grasp, 3 * sizeof *point);
-        return;
-    }
+    if (deform_tools_point(&run->inputs->path, point)) return;
     for (int32_t n = 0; n < body->fine.num_nodes; ++n) {
         for (int d = 0; d < 3; ++d) point[d] += body->node_mass[n] * body->fine.rest[3 * n + d];
         mass += body->node_mass[n];

@@ -12,7 +12,7 @@ extern "C" {
  * @param step 0: the end; otherwise a number that the names get. Errors: FILE, MEMORY. */
 pliant_status deform_write(const deform_run *run, long step);
 
-/* The point that planes of pictures go through: what the first tool holds at rest, or else the middle of the tissue. LPS [m] */
+/* The point that planes of pictures go through: what the path is about (deform_tools_point), or else the middle of the tissue. LPS [m] */
 void deform_picture_point(const deform_run *run, double point[3]);
 
 #ifdef __cplusplus

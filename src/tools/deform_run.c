@@ -60,44 +60,6 @@ static pliant_status ask_for_volume(deform_run *run)
     return status < 0 ? status : pliant_data_set_warp(run->model, run->data, &target);
 }
 
-static pliant_status grasp(deform_run *run)
-{
-    const pliant_path *path = &run->inputs->path;
-    for (uint32_t n = 0; n < path->num_tools; ++n) {
-        const pliant_path_tool *tool = &path->tools[n];
-        const double none[3] = {0.0, 0.0, 0.0};
-        int index;
-        pliant_status status = pliant_tool_add(run->model, run->data, tool->name, &index);
-        if (status >= 0) status = pliant_tool_set_pose(run->data, index, tool->grasp, NULL);
-        if (status >= 0) status = pliant_tool_grasp(run->model, run->data, index, tool->grasp);
-        if (status >= 0) status = pliant_tool_set_drive(run->data, index, tool->drive, tool->drive == PLIANT_DRIVE_FORCE ? none : NULL);
-        if (status < 0) return status;
-    }
-    return PLIANT_OK;
-}
-
-/* Tools were added in the order of the path, to a data without any: their indices agree. */
-static pliant_status move_tools(deform_run *run, double time)
-{
-    const pliant_path *path = &run->inputs->path;
-    for (uint32_t n = 0; n < path->num_tools; ++n) {
-        const pliant_path_tool *tool = &path->tools[n];
-        double value[3], tip[3];
-        pliant_status status;
-        if (!pliant_path_at(tool, time, value)) {
-            pliant_tool_release(run->data, (int)n);
-            continue;
-        }
-        for (int d = 0; d < 3; ++d) tip[d] = tool->grasp[d] + value[d];
-        if (tool->drive == PLIANT_DRIVE_FORCE)
-            status = pliant_tool_set_drive(run->data, (int)n, tool->drive, value);
-        else
-            status = pliant_tool_set_pose(run->data, (int)n, tip, NULL);
-        if (status < 0) return status;
-    }
-    return PLIANT_OK;
-}
-
 static pliant_status step_through(deform_run *run)
 {
     const deform_arguments *arguments = run->arguments;
@@ -107,7 +69,7 @@ static pliant_status step_through(deform_run *run)
     long last = asked ? asked : moving + MOST_SETTLING_STEPS;
     for (long step = 1; step <= last && !console_stop_asked(); ++step) {
         double gravity[3];
-        pliant_status status = move_tools(run, (double)step * dt);
+        pliant_status status = deform_tools_move(&run->tools, run->model, run->data, step, (double)step * dt);
         if (status >= 0 && pliant_path_gravity(path, (double)step * dt, gravity)) status = pliant_data_set_gravity(run->data, gravity);
         if (status < 0) return status;
         double start = pliant_seconds();
@@ -116,6 +78,7 @@ static pliant_status step_through(deform_run *run)
         if (status >= 0) status = deform_probes_add(&run->probes, path, run->data, (double)step * dt);
         if (stepped < 0) return stepped;
         if (status < 0) return status;
+        deform_tools_tell(&run->tools, run->data, step, (double)step * dt);
         if (arguments->every && step % arguments->every == 0) {
             status = deform_write(run, step);
             if (status < 0) return status;
@@ -176,7 +139,7 @@ static pliant_status prepare(deform_run *run)
     if (status >= 0) status = pliant_data_create(run->model, &run->data);
     if (status >= 0 && arguments->volume) status = ask_for_volume(run);
     warn_of_gravity(run);
-    if (status >= 0) status = grasp(run);
+    if (status >= 0) status = deform_tools_begin(&inputs->path, run->folder, run->model, run->data, &run->tools);
     if (status >= 0) status = timing_start(run->folder, &run->times);
     if (status >= 0) status = deform_probes_start(run->folder, &inputs->path, run->data, &run->probes);
     return status;
@@ -197,6 +160,8 @@ pliant_status deform_run_do(deform_run *run)
     }
     pliant_status written = timing_end(&run->times), probed = deform_probes_end(&run->probes);
     if (written >= 0) written = probed;
+    pliant_status cut = deform_tools_end(&run->tools, run->data, pliant_path_end(&run->inputs->path));
+    if (written >= 0) written = cut;
     return status >= 0 ? written : status;
 }
 

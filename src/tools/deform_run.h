@@ -4,6 +4,7 @@
 
 #include "deform_arguments.h"
 #include "deform_probes.h"
+#include "deform_tools.h"
 #include "timing.h"
 
 #ifdef __cplusplus
@@ -24,6 +25,7 @@ typedef struct deform_run {
     const char *folder;   /* where its results go; made if it is missing */
     pliant_model *model;
     pliant_data *data;
+    deform_tools tools;
     step_times times;
     deform_probes probes;
 } deform_run;

@@ -76,9 +76,10 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
     fprintf(times->steps, ",%d\n", (int)inverted);
     for (int n = 0; n < pliant_data_get_num_tools(data); ++n) {
         pliant_tool_state tool;
-        if (pliant_tool_get(data, n, &tool) < 0 || !tool.holding) continue;
+        if (pliant_tool_get(data, n, &tool) < 0 || !(tool.holding || tool.cutting)) continue;
+        const double *at = tool.holding ? tool.held_point : tool.tip;
         fprintf(times->tools, "%zu,%s,%.6g,%.6g,%.6g,%.7g,%.7g,%.7g\n", times->num_steps, tool.name, tool.force[0], tool.force[1],
-                tool.force[2], tool.held_point[0], tool.held_point[1], tool.held_point[2]);
+                tool.force[2], at[0], at[1], at[2]);
     }
     return PLIANT_OK;
 }

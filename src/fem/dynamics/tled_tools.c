@@ -76,7 +76,7 @@ double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, do
     for (int t = 0; t < num_tools; t++) {
         pliant_tool *tool = tools + t;
         if (!tool->holding) continue;
-        if (tool->drive == PLIANT_DRIVE_FORCE) {
+        if (pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE) {
             push(tled, tool, tool->driving_force, factor);
             load += load_of(tled, tool, tool->driving_force);
             add_force(tled, tool, tool->driving_force);
@@ -93,9 +93,9 @@ double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, do
         pliant_substep_approach(target, goal, parts, tled->reach);
         held_point(tled, tool, NULL, 0, now);
         held_point(tled, tool, tled->d, -1, before);
-        bool spring = tool->drive == PLIANT_DRIVE_SPRING;
-        double damper = spring && !tled->system->quasi_static ? tool->damping / tled->time_step : 0;
-        double compliance = pliant_substep_gap(spring, tool->stiffness, damper, target, old_target, now, before, force[i]);
+        bool spring = pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING;
+        double damper = spring && !tled->system->quasi_static ? pliant_tool_damping(tool) / tled->time_step : 0;
+        double compliance = pliant_substep_gap(spring, pliant_tool_stiffness(tool), damper, target, old_target, now, before, force[i]);
         for (int j = 0; j <= i; j++) matrix[i][j] = factor * pliant_tled_answer(tled, tool, pulls[j].tool);
         matrix[i][i] += compliance;
     }

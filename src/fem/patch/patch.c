@@ -62,7 +62,7 @@ static void forget_hold(pliant_patch *patch, int tool)
 
 static bool still_held(const pliant_data *data, int tool, uint64_t hold)
 {
-    return hold != 0 && tool < data->num_tools && data->tools[tool].holding && data->tools[tool].hold == hold;
+    return hold != 0 && tool < data->num_tools && pliant_tool_grips(data->tools + tool) && data->tools[tool].hold == hold;
 }
 
 static pliant_status room_create(const pliant_discretization *discretization, const pliant_basis *basis, patch_room *out)
@@ -206,7 +206,7 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
 static bool waits(const pliant_data *data, int tool)
 {
     const pliant_patch *patch = data->patch;
-    return data->tools[tool].holding && !patch->serves[tool] && !patch_is_refused(patch, data, tool);
+    return pliant_tool_grips(data->tools + tool) && !patch->serves[tool] && !patch_is_refused(patch, data, tool);
 }
 
 /* what pliant_patch_step goes back to when it fails */

@@ -202,7 +202,7 @@ pliant_status patch_job_start(pliant_patch *patch, pliant_data *data)
     pliant_status status = PLIANT_OK;
     for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
         const pliant_tool *tool = data->tools + t;
-        if (!tool->holding || patch_is_refused(patch, data, t)) continue;
+        if (!pliant_tool_grips(tool) || patch_is_refused(patch, data, t)) continue;
         job->copied[t] = patch->holds[t].hold != tool->hold;
         if (job->copied[t]) status = hold_copy(&patch->discretization->body->fine, tool, job->holds + t);
         else job->holds[t] = patch->holds[t];

@@ -1,0 +1,307 @@
+#include "interact/blade.h"
+
+#include "base/fail.h"
+#include "interact/tool.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MOST_POINTS = 4096 };
+
+/* ---- named blades: sizes that are usual in endoscopic instruments */
+
+static const struct { const char *name; double from[3], to[3]; } blades[] = {
+    {"scalpel", {0, 0, -0.02}, {0, 0, 0}},  /* along the instrument */
+    {"scissors", {0, 0, -0.01}, {0, 0, 0}}, /* where its two blades meet */
+    {"hook", {0, 0.004, 0}, {0, 0, 0}},     /* across it */
+};
+
+pliant_status pliant_blade_find(const char *name, double from[3], double to[3])
+{
+    for (size_t n = 0; n < sizeof blades / sizeof *blades; n++) {
+        if (strcmp(blades[n].name, name) != 0) continue;
+        memcpy(from, blades[n].from, sizeof blades[n].from);
+        memcpy(to, blades[n].to, sizeof blades[n].to);
+        return PLIANT_OK;
+    }
+    return pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no blade '%.48s': scalpel, scissors and hook are known", name);
+}
+
+/* ---- what a tool is told */
+
+double pliant_blade_length(const pliant_blade *blade)
+{
+    return sqrt(pow(blade->to[0] - blade->from[0], 2) + pow(blade->to[1] - blade->from[1], 2) + pow(blade->to[2] - blade->from[2], 2));
+}
+
+bool pliant_blade_is_there(const pliant_blade *blade) { return memcmp(blade->from, blade->to, sizeof blade->from) != 0; }
+
+static pliant_status find_tool(pliant_data *data, int index, pliant_tool **out)
+{
+    if (index < 0 || index >= data->num_tools)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no tool %d: %d were added", index, data->num_tools);
+    *out = data->tools + index;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_tool_set_blade(pliant_data *data, int index, const double from[3], const double to[3])
+{
+    pliant_tool *tool = NULL;
+    pliant_status status = find_tool(data, index, &tool);
+    if (status != PLIANT_OK) return status;
+    pliant_blade wanted = {.from = {from[0], from[1], from[2]}, .to = {to[0], to[1], to[2]}};
+    const double length = pliant_blade_length(&wanted);
+    if (!(length <= 1))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: its blade is %g m long; up to 1 m are possible", tool->name, length);
+    pliant_blade_end(tool);
+    memcpy(tool->blade.from, wanted.from, sizeof wanted.from);
+    memcpy(tool->blade.to, wanted.to, sizeof wanted.to);
+    if (length == 0) tool->blade.cutting = false;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_tool_set_cutting(pliant_data *data, int index, bool on)
+{
+    pliant_tool *tool = NULL;
+    pliant_status status = find_tool(data, index, &tool);
+    if (status != PLIANT_OK) return status;
+    if (on && !data->body->voxels)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: this scene does not cut: set cut/kind to sever and build the model again", tool->name);
+    if (on && !pliant_blade_is_there(&tool->blade))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no blade (pliant_tool_set_blade)", tool->name);
+    if (!on) pliant_blade_end(tool);
+    tool->blade.cutting = on;
+    return PLIANT_OK;
+}
+
+/* ---- a stroke */
+
+static void free_edge(pliant_edge *edge)
+{
+    pliant_free(edge->place);
+    pliant_free(edge->tet);
+    pliant_free(edge->weight);
+    pliant_free(edge->now);
+    pliant_free(edge->swept);
+    memset(edge, 0, sizeof *edge);
+}
+
+static pliant_status make_edge(int32_t count, pliant_edge *edge)
+{
+    const size_t points = (size_t)count;
+    edge->count = count;
+    edge->place = pliant_calloc(points, 3 * sizeof *edge->place);
+    edge->tet = pliant_calloc(points, sizeof *edge->tet);
+    edge->weight = pliant_calloc(points, 4 * sizeof *edge->weight);
+    edge->now = pliant_calloc(points, 3 * sizeof *edge->now);
+    edge->swept = pliant_calloc(points, 3 * sizeof *edge->swept);
+    if (edge->place && edge->tet && edge->weight && edge->now && edge->swept) return PLIANT_OK;
+    free_edge(edge);
+    return pliant_fail_memory("the edge of a blade");
+}
+
+/* v turned by a quaternion x y z w that need not be of length 1: v + 2 w (q x v) + 2 q x (q x v), over its squared length */
+static void turn(const double quaternion[4], const double v[3], double out[3])
+{
+    const double *q = quaternion, w = q[3], size = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + w * w;
+    double a[3] = {q[1] * v[2] - q[2] * v[1], q[2] * v[0] - q[0] * v[2], q[0] * v[1] - q[1] * v[0]};
+    double b[3] = {q[1] * a[2] - q[2] * a[1], q[2] * a[0] - q[0] * a[2], q[0] * a[1] - q[1] * a[0]};
+    for (int d = 0; d < 3; d++) out[d] = size > 0 ? v[d] + 2 * (w * a[d] + b[d]) / size : v[d];
+}
+
+/* Shoemake, Animating rotation with quaternion curves, Computer Graphics 19:245 (1985) */
+void pliant_rotation_between(const double from[4], const double to[4], double t, double out[4])
+{
+    double cosine = 0, sizes[2] = {0, 0};
+    for (int d = 0; d < 4; d++) {
+        cosine += from[d] * to[d];
+        sizes[0] += from[d] * from[d];
+        sizes[1] += to[d] * to[d];
+    }
+    const double size = sqrt(sizes[0] * sizes[1]), sign = cosine < 0 ? -1 : 1;
+    const double angle = size > 0 ? acos(fmin(fabs(cosine) / size, 1)) : 0, sine = sin(angle);
+    if (t >= 1 || sine < 1e-9) {
+        memcpy(out, to, 4 * sizeof *out);
+        return;
+    }
+    for (int d = 0; d < 4; d++)
+        out[d] = sin((1 - t) * angle) / sine * from[d] / sqrt(sizes[0]) + sign * sin(t * angle) / sine * to[d] / sqrt(sizes[1]);
+}
+
+void pliant_blade_points(const pliant_blade *blade, const double tip[3], const double rotation[4], double *out)
+{
+    double from[3], to[3];
+    turn(rotation, blade->from, from);
+    turn(rotation, blade->to, to);
+    for (int32_t p = 0; p < blade->edge.count; p++) {
+        double part = (double)p / (blade->edge.count - 1);
+        for (int d = 0; d < 3; d++) out[3 * p + d] = tip[d] + (1 - part) * from[d] + part * to[d];
+    }
+}
+
+void pliant_blade_settle(const pliant_data *data, pliant_edge *edge)
+{
+    memcpy(edge->place, edge->now, 3 * (size_t)edge->count * sizeof *edge->place);
+    pliant_body_locate_points(data->body, data->positions, edge->count, edge->place, edge->tet, edge->weight);
+}
+
+pliant_status pliant_blade_begin(pliant_data *data, int index, double spacing)
+{
+    pliant_tool *tool = data->tools + index;
+    pliant_blade *blade = &tool->blade;
+    pliant_status status = make_edge((int32_t)fmin(fmax(ceil(pliant_blade_length(blade) / spacing), 1), MOST_POINTS - 1) + 1, &blade->edge);
+    if (status != PLIANT_OK) return status;
+    pliant_blade_points(blade, tool->tip, tool->rotation, blade->edge.now);
+    pliant_blade_settle(data, &blade->edge);
+    memcpy(blade->tip, tool->tip, sizeof blade->tip);
+    memcpy(blade->rotation, tool->rotation, sizeof blade->rotation);
+    blade->under_way = true;
+    blade->stroke++;
+    return PLIANT_OK;
+}
+
+void pliant_blade_end(pliant_tool *tool)
+{
+    pliant_blade *blade = &tool->blade;
+    pliant_blade_loosen(tool);
+    free_edge(&blade->edge);
+    blade->under_way = blade->failed = false;
+    blade->engaged_length = 0;
+}
+
+void pliant_blade_reset(pliant_tool *tool)
+{
+    pliant_blade_end(tool);
+    tool->blade.stroke = 0;
+    tool->blade.severed_area = 0;
+    tool->blade.pieces = 0;
+}
+
+static void place_of(const pliant_mesh *mesh, const double *positions, const pliant_edge *edge, int32_t point, double out[3])
+{
+    const int32_t *node = mesh->tets + 4 * edge->tet[point];
+    for (int d = 0; d < 3; d++) {
+        out[d] = 0;
+        for (int v = 0; v < 4; v++) out[d] += edge->weight[4 * point + v] * positions[3 * node[v] + d];
+    }
+}
+
+void pliant_blade_follow(const pliant_data *data, pliant_edge *edge)
+{
+    for (int32_t p = 0; p < edge->count; p++)
+        if (edge->tet[p] >= 0) place_of(&data->body->fine, data->positions, edge, p, edge->place + 3 * p);
+}
+
+pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, const pliant_data *data, const pliant_body *next,
+                                 const double *positions)
+{
+    *blade = *from;
+    memset(&blade->edge, 0, sizeof blade->edge);
+    if (!from->under_way) return PLIANT_OK;
+    pliant_edge *edge = &blade->edge;
+    pliant_status status = make_edge(from->edge.count, edge);
+    if (status != PLIANT_OK) {
+        blade->under_way = blade->drags = false;
+        return status;
+    }
+    memcpy(edge->place, from->edge.place, 3 * (size_t)edge->count * sizeof *edge->place);
+    memcpy(edge->now, from->edge.now, 3 * (size_t)edge->count * sizeof *edge->now);
+    for (int32_t p = 0; p < edge->count; p++)
+        if (from->edge.tet[p] >= 0) place_of(&data->body->fine, data->positions, &from->edge, p, edge->place + 3 * p);
+    pliant_body_locate_points(next, positions, edge->count, edge->place, edge->tet, edge->weight);
+    for (int32_t p = 0; p < edge->count; p++)
+        if (from->edge.tet[p] < 0) edge->tet[p] = -1;
+    return PLIANT_OK;
+}
+
+void pliant_blade_touch(const pliant_data *data, pliant_edge *edge, double spacing)
+{
+    for (int32_t p = 0; p < edge->count; p++) {
+        double *place = edge->place + 3 * p, from[3], way[3];
+        memcpy(from, place, sizeof from);
+        for (int d = 0; d < 3; d++) way[d] = edge->now[3 * p + d] - from[d];
+        const double length = sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]);
+        const int32_t parts = (int32_t)ceil(length / spacing);
+        for (int32_t k = 1; k <= parts && edge->tet[p] < 0; k++) {
+            int32_t tet;
+            for (int d = 0; d < 3; d++) place[d] = from[d] + way[d] * k / parts;
+            if (pliant_body_locate(data->body, data->positions, place, &tet, edge->weight + 4 * p)) edge->tet[p] = tet;
+        }
+    }
+}
+
+int32_t pliant_blade_num_inside(const pliant_edge *edge)
+{
+    int32_t count = 0;
+    for (int32_t p = 0; p < edge->count; p++) count += edge->tet[p] >= 0;
+    return count;
+}
+
+void pliant_blade_middle(const pliant_edge *edge, const double *points, double out[3])
+{
+    for (int d = 0; d < 3; d++) out[d] = 0.5 * (points[d] + points[3 * (edge->count - 1) + d]);
+}
+
+/* ---- its hold */
+
+typedef struct held_node { int32_t node; double weight; } held_node;
+
+static int by_node(const void *a, const void *b)
+{
+    int32_t x = ((const held_node *)a)->node, y = ((const held_node *)b)->node;
+    return (x > y) - (x < y);
+}
+
+pliant_status pliant_blade_hold(const pliant_body *body, pliant_tool *tool)
+{
+    const pliant_edge *edge = &tool->blade.edge;
+    const int32_t inside = pliant_blade_num_inside(edge);
+    held_node *all = pliant_calloc(4 * (size_t)inside, sizeof *all);
+    int32_t *held = pliant_calloc(4 * (size_t)inside, sizeof *held), count = 0, nodes = 0;
+    double *weight = pliant_calloc(4 * (size_t)inside, sizeof *weight);
+    if (!all || !held || !weight) {
+        pliant_free(all);
+        pliant_free(held);
+        pliant_free(weight);
+        return pliant_fail_memory("what a blade drags along");
+    }
+    for (int32_t p = 0; p < edge->count; p++)
+        for (int v = 0; v < 4 && edge->tet[p] >= 0; v++)
+            all[count++] = (held_node){body->fine.tets[4 * edge->tet[p] + v], edge->weight[4 * p + v] / inside};
+    qsort(all, (size_t)count, sizeof *all, by_node);
+    for (int32_t n = 0; n < count; n++) {
+        if (n == 0 || all[n].node != held[nodes - 1]) held[nodes++] = all[n].node;
+        weight[nodes - 1] += all[n].weight;
+    }
+    pliant_free(all);
+    pliant_tool_drop(tool);
+    tool->held = held;
+    tool->weight = weight;
+    tool->num_held = nodes;
+    tool->holding = tool->blade.drags = true;
+    return PLIANT_OK;
+}
+
+void pliant_blade_loosen(pliant_tool *tool)
+{
+    pliant_blade *blade = &tool->blade;
+    if (blade->drags) pliant_tool_drop(tool);
+    blade->slips = false;
+    blade->work = 0;
+    memset(blade->drawn, 0, sizeof blade->drawn);
+    memset(blade->moved, 0, sizeof blade->moved);
+    memset(blade->force, 0, sizeof blade->force);
+}
+
+void pliant_blade_feel(pliant_tool *tool)
+{
+    const pliant_blade *blade = &tool->blade;
+    const double *drawn = blade->drawn, size = sqrt(drawn[0] * drawn[0] + drawn[1] * drawn[1] + drawn[2] * drawn[2]);
+    if (!blade->drags || size == 0) return;
+    double along = 0;
+    for (int d = 0; d < 3; d++) along += tool->force[d] * drawn[d] / size;
+    const double missing = fmax(blade->stiffness * size - along, 0);
+    for (int d = 0; d < 3; d++) tool->force[d] += missing * drawn[d] / size;
+}

@@ -1,0 +1,330 @@
+/* The first stage of a step: blades that are on part what they are swept through.
+ *
+ * A blade does not part tissue at once. It drags the edge's own points of it along, by a spring k towards where the blade is, and feels k times
+ * how far it has come since it began to (its way y): tissue stiffens as it is stretched, which linear elements do not, so that what they carry
+ * is the lesser part of it. When its work, k y^2 / 2, has reached toughness times the width of the edge in tissue times y, it slips: the tissue
+ * is let go, comes back over the edge and is parted up to there. With k = 2 toughness width / drag that is at y = drag: a saw-tooth, as
+ * Chanthasopeephan measured in liver (Ann Biomed Eng 31:1372, 2003), whose mean is toughness times width. What the parted area came to is
+ * booked, so that over a stroke the work is toughness times area. */
+#include "base/fail.h"
+#include "interact/blade.h"
+#include "interact/tool.h"
+#include "sim/cut.h"
+
+#include <math.h>
+#include <string.h>
+
+static const double fastest = 2.0;     /* of a blade [m/s]; beyond it, it has jumped */
+static const double backwards = 0.1;   /* a sweep begins so much behind the cut's end, so that no link between is missed [voxels] */
+static const double stirs = 0.05;      /* a blade that is nearer to the cut's end than this has not moved [voxels] */
+static const double chord = 0.25;      /* a turning blade's sweep is off by no more [voxels] */
+
+typedef struct knife {
+    const pliant_model *model;
+    pliant_data *data;
+    int index;
+    pliant_tool *tool;
+    double least, most; /* sizes of a voxel [m] */
+} knife;
+
+static double dot3(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+static double normalize(double v[3])
+{
+    double length = sqrt(dot3(v, v));
+    for (int d = 0; d < 3 && length > 0; d++) v[d] /= length;
+    return length;
+}
+
+static void tell_failure(const knife *work)
+{
+    if (!work->tool->blade.failed)
+        pliant_log(PLIANT_LOG_WARNING, "tool %s does not cut: %s; the tissue stays as it is", work->tool->name, pliant_last_error());
+    work->tool->blade.failed = true;
+}
+
+static double longest_way(const pliant_edge *edge)
+{
+    double longest = 0;
+    for (int32_t p = 0; p < edge->count; p++) {
+        double way[3] = {edge->now[3 * p] - edge->place[3 * p], edge->now[3 * p + 1] - edge->place[3 * p + 1], edge->now[3 * p + 2] - edge->place[3 * p + 2]};
+        longest = fmax(longest, sqrt(dot3(way, way)));
+    }
+    return longest;
+}
+
+/* out = points moved by so much along their way from the cut's end to the blade; while the blade drags, all of them along its own [m] */
+static void extend(const pliant_blade *blade, const double *points, double by, double *out)
+{
+    const pliant_edge *edge = &blade->edge;
+    double common[3] = {blade->drawn[0], blade->drawn[1], blade->drawn[2]};
+    const bool together = normalize(common) > 0;
+    for (int32_t p = 0; p < edge->count; p++) {
+        double way[3];
+        for (int d = 0; d < 3; d++) way[d] = together ? common[d] : edge->now[3 * p + d] - edge->place[3 * p + d];
+        normalize(way);
+        for (int d = 0; d < 3; d++) out[3 * p + d] = points[3 * p + d] + by * way[d];
+    }
+}
+
+/* ---- parting */
+
+/* what of toughness times area a report tells [J] */
+static double energy_of(const knife *work, const pliant_cut_report *report)
+{
+    double energy = 0;
+    const pliant_material_table *table = &work->model->materials;
+    for (uint32_t m = 0; m < table->num_materials; m++) energy += table->materials[m].toughness * report->area_of[m];
+    return work->model->scene.cut.resistance * energy;
+}
+
+/* The tissue parts between two places of the edge's points. false: it could not, and nothing has changed. */
+static bool part(const knife *work, const double *from, const double *to, pliant_cut_report *report)
+{
+    pliant_cut_sweep sweep = {.count = work->tool->blade.edge.count, .from = from, .to = to, .material_of_voxel = work->model->material_of_voxel};
+    memset(report, 0, sizeof *report);
+    const uint64_t before = work->data->body->revision;
+    if (pliant_data_sever(work->model, work->data, work->index, &sweep, report) != PLIANT_OK) {
+        tell_failure(work);
+        return false;
+    }
+    if (work->data->body->revision == before) return true;
+    work->tool->blade.severed_area += report->area;
+    work->tool->blade.pieces = report->pieces;
+    return true;
+}
+
+/* The same from the cut's end to the blade. */
+static bool part_to_blade(const knife *work, pliant_cut_report *report)
+{
+    pliant_blade *blade = &work->tool->blade;
+    pliant_edge *edge = &blade->edge;
+    extend(blade, edge->place, -backwards * work->least, edge->swept);
+    return part(work, edge->swept, edge->now, report);
+}
+
+/* The blade is the cut's end, and nothing was in its way. */
+static void go_free(const knife *work)
+{
+    pliant_blade_loosen(work->tool);
+    pliant_blade_settle(work->data, &work->tool->blade.edge);
+}
+
+static void part_freely(const knife *work)
+{
+    pliant_cut_report report;
+    if (part_to_blade(work, &report)) go_free(work);
+}
+
+/* ---- resistance */
+
+/* What the tissue in front of the blade takes to part over the width that the edge is in [N]; 0: there is none up to a voxel ahead.
+ * false: it cannot be known. */
+static bool look_ahead(const knife *work, double width, double *force)
+{
+    pliant_blade *blade = &work->tool->blade;
+    pliant_edge *edge = &blade->edge;
+    pliant_cut_report report = {0};
+    extend(blade, edge->now, work->most, edge->swept);
+    pliant_cut_sweep sweep = {.count = edge->count, .from = edge->place, .to = edge->swept, .material_of_voxel = work->model->material_of_voxel};
+    if (pliant_body_cut(work->data->body, work->data->last_revision + 1, work->data->positions, &sweep, NULL, &report) != PLIANT_OK) {
+        tell_failure(work);
+        return false;
+    }
+    *force = report.area > 0 ? energy_of(work, &report) / report.area * width : 0;
+    return true;
+}
+
+/* Points in no tissue go with the blade until they are in some, of which they part what is on their way. Whether any now is.
+ * false: it could not be parted. */
+static bool touch(const knife *work, bool *touches)
+{
+    pliant_blade *blade = &work->tool->blade;
+    pliant_edge *edge = &blade->edge;
+    const int32_t inside = pliant_blade_num_inside(edge);
+    pliant_cut_report report;
+    if (inside == edge->count) return true;
+    extend(blade, edge->place, -backwards * work->least, edge->swept);
+    for (int32_t p = 0; p < edge->count; p++)
+        if (edge->tet[p] >= 0) memcpy(edge->swept + 3 * p, edge->place + 3 * p, 3 * sizeof *edge->swept);
+    pliant_blade_touch(work->data, edge, 0.5 * work->least);
+    *touches = pliant_blade_num_inside(edge) > inside;
+    return part(work, edge->swept, edge->place, &report);
+}
+
+/* What the last step's way of the blade has taken, by the forces before and after it. */
+static void account(pliant_tool *tool)
+{
+    pliant_blade *blade = &tool->blade;
+    for (int d = 0; d < 3; d++) blade->work += 0.5 * (blade->force[d] + tool->force[d]) * blade->moved[d];
+    memcpy(blade->force, tool->force, sizeof blade->force);
+}
+
+/* Where the blade is, as the way that it has come since it began to drag. */
+static void draw(pliant_tool *tool)
+{
+    pliant_blade *blade = &tool->blade;
+    const pliant_edge *edge = &blade->edge;
+    double along[3], middle[3];
+    for (int d = 0; d < 3; d++) along[d] = edge->now[3 * (edge->count - 1) + d] - edge->now[d];
+    normalize(along);
+    pliant_blade_middle(edge, edge->now, middle);
+    for (int d = 0; d < 3; d++) middle[d] -= blade->anchor[d];
+    const double slide = dot3(middle, along);
+    for (int d = 0; d < 3; d++) blade->drawn[d] = middle[d] - slide * along[d];
+}
+
+/* The spring from what the edge is in to the blade; anew where that is other tissue than before. */
+static void drag(const knife *work, bool anew)
+{
+    pliant_tool *tool = work->tool;
+    pliant_edge *edge = &tool->blade.edge;
+    const int32_t inside = pliant_blade_num_inside(edge);
+    double along[3], way[3] = {0, 0, 0}, held[3] = {0, 0, 0};
+    if ((anew || !tool->blade.drags) && pliant_blade_hold(work->data->body, tool) != PLIANT_OK) {
+        tell_failure(work);
+        return;
+    }
+    for (int d = 0; d < 3; d++) along[d] = edge->now[3 * (edge->count - 1) + d] - edge->now[d];
+    normalize(along);
+    for (int32_t p = 0; p < edge->count; p++)
+        for (int d = 0; d < 3 && edge->tet[p] >= 0; d++) {
+            held[d] += edge->place[3 * p + d] / inside;
+            way[d] += (edge->now[3 * p + d] - edge->place[3 * p + d]) / inside;
+        }
+    const double slide = dot3(way, along); /* the edge slides along itself */
+    for (int d = 0; d < 3; d++) tool->grip[d] = tool->tip[d] - (held[d] + way[d] - slide * along[d]);
+}
+
+/* Parts up to the blade, and books what that took; the blade is the cut's end. */
+static bool part_by_force(const knife *work)
+{
+    pliant_cut_report report;
+    if (!part_to_blade(work, &report)) return false;
+    work->tool->blade.work -= energy_of(work, &report);
+    pliant_blade_settle(work->data, &work->tool->blade.edge);
+    return true;
+}
+
+/* Tissue is let go for a step: it comes back over the edge. */
+static void slip(const knife *work, const double anchor[3])
+{
+    pliant_tool *tool = work->tool;
+    pliant_blade *blade = &tool->blade;
+    if (!part_by_force(work)) return;
+    if (blade->drags) pliant_tool_drop(tool);
+    memcpy(blade->anchor, anchor, sizeof blade->anchor);
+    blade->slips = true;
+    draw(tool);
+}
+
+/* @param last the middle of the edge in the last step */
+static void press(const knife *work, const double last[3])
+{
+    pliant_tool *tool = work->tool;
+    pliant_blade *blade = &tool->blade;
+    const double reach = fmax(work->model->scene.cut.drag, work->most);
+    double force;
+    if (!blade->drags && !blade->slips) memset(blade->drawn, 0, sizeof blade->drawn);
+    else draw(tool);
+    if (blade->slips && !part_by_force(work)) return;
+    if (!look_ahead(work, pliant_blade_length(blade) / blade->edge.count, &force)) return;
+    bool touches = blade->slips;
+    if (force > 0 && !touch(work, &touches)) return;
+    const int32_t inside = pliant_blade_num_inside(&blade->edge);
+    if (force == 0 || inside == 0) {
+        part_freely(work);
+        return;
+    }
+    force *= inside;
+    if (!blade->drags && !blade->slips) memcpy(blade->anchor, last, sizeof blade->anchor);
+    if (blade->slips) blade->work = fmin(fmax(blade->work, -0.5 * force * reach), 0.5 * force * reach);
+    blade->slips = false;
+    draw(tool);
+    const double way = sqrt(dot3(blade->drawn, blade->drawn));
+    blade->stiffness = 2 * force / reach;
+    if (blade->drags && way >= 0.5 * reach && (blade->work >= force * way || way >= 2 * reach)) slip(work, last);
+    else drag(work, touches);
+}
+
+/* ---- a step */
+
+/* Which part of a step's turn still lies within `chord` of the strip between the edges before and after it: that many of them. */
+static int32_t turns_of(const knife *work)
+{
+    const pliant_blade *blade = &work->tool->blade;
+    const double *a = blade->rotation, *b = work->tool->rotation;
+    const double sizes = sqrt((dot3(a, a) + a[3] * a[3]) * (dot3(b, b) + b[3] * b[3])), cosine = sizes > 0 ? fabs(dot3(a, b) + a[3] * b[3]) / sizes : 1;
+    const double angle = 2 * acos(fmin(cosine, 1)), radius = sqrt(fmax(dot3(blade->from, blade->from), dot3(blade->to, blade->to)));
+    const double off = chord * work->least;
+    if (radius <= off) return 1;
+    return (int32_t)fmax(ceil(angle / (2 * acos(1 - off / radius))), 1);
+}
+
+static void begin(const knife *work)
+{
+    if (pliant_blade_begin(work->data, work->index, 0.5 * work->least) != PLIANT_OK) tell_failure(work);
+}
+
+static bool has_jumped(const knife *work)
+{
+    const pliant_blade *blade = &work->tool->blade;
+    const pliant_edge *edge = &blade->edge;
+    const double bound = fastest * work->model->scene.solver.step;
+    double far = 0;
+    pliant_blade_points(blade, blade->tip, blade->rotation, edge->swept);
+    pliant_blade_points(blade, work->tool->tip, work->tool->rotation, edge->now);
+    for (int32_t p = 0; p < edge->count; p += edge->count - 1) {
+        double way[3];
+        for (int d = 0; d < 3; d++) way[d] = edge->now[3 * p + d] - edge->swept[3 * p + d];
+        far = fmax(far, sqrt(dot3(way, way)));
+    }
+    if (far <= bound) return false;
+    pliant_log(PLIANT_LOG_WARNING, "tool %s: its blade went %.3g m in a step of %g s; what goes faster than %g m/s has jumped, and cuts nothing on its way",
+               work->tool->name, far, work->model->scene.solver.step, fastest);
+    return true;
+}
+
+static void cut_with(const knife *work)
+{
+    pliant_tool *tool = work->tool;
+    pliant_blade *blade = &tool->blade;
+    if (blade->under_way && has_jumped(work)) pliant_blade_end(tool);
+    if (!blade->under_way) {
+        begin(work);
+        return;
+    }
+    double last[3], middle[3];
+    if (blade->drags || blade->slips) account(tool);
+    pliant_blade_points(blade, blade->tip, blade->rotation, blade->edge.swept);
+    pliant_blade_middle(&blade->edge, blade->edge.swept, last);
+    const int32_t turns = turns_of(work);
+    for (int32_t k = 1; k <= turns; k++) {
+        double tip[3], rotation[4], share = (double)k / turns;
+        for (int d = 0; d < 3; d++) tip[d] = blade->tip[d] + share * (tool->tip[d] - blade->tip[d]);
+        pliant_rotation_between(blade->rotation, tool->rotation, share, rotation);
+        pliant_blade_points(blade, tip, rotation, blade->edge.now);
+        pliant_blade_follow(work->data, &blade->edge);
+        if (!blade->drags && longest_way(&blade->edge) <= stirs * work->least) continue;
+        if (work->model->scene.cut.resistance > 0 && !pliant_tool_grips(tool)) press(work, last);
+        else part_freely(work);
+    }
+    pliant_blade_middle(&blade->edge, blade->edge.now, middle);
+    for (int d = 0; d < 3; d++) blade->moved[d] = blade->drags || blade->slips ? middle[d] - last[d] : 0;
+    memcpy(blade->tip, tool->tip, sizeof blade->tip);
+    memcpy(blade->rotation, tool->rotation, sizeof blade->rotation);
+    blade->engaged_length = pliant_blade_num_inside(&blade->edge) * pliant_blade_length(blade) / blade->edge.count;
+}
+
+pliant_status pliant_cut_stage(const pliant_model *model, pliant_data *data)
+{
+    const double *size = model->scan->geometry.spacing;
+    for (int t = 0; t < data->num_tools; t++) {
+        pliant_tool *tool = data->tools + t;
+        if (!tool->blade.cutting || !tool->present) continue;
+        const knife work = {.model = model, .data = data, .index = t, .tool = tool, .least = fmin(size[0], fmin(size[1], size[2])),
+                            .most = fmax(size[0], fmax(size[1], size[2]))};
+        cut_with(&work);
+    }
+    return PLIANT_OK;
+}

@@ -1,0 +1,111 @@
+/* What a cut makes of a simulation, cuts at once, and bodies from before them. */
+#include "base/fail.h"
+#include "interact/blade.h"
+#include "pliant/memory.h"
+#include "sim/cut.h"
+
+#include <math.h>
+#include <string.h>
+
+void pliant_undo_clear(pliant_data *data)
+{
+    pliant_undo *undo = &data->undo;
+    for (int32_t b = 0; b < undo->count; b++) pliant_body_release(undo->body[b]);
+    pliant_free(undo->body);
+    memset(undo, 0, sizeof *undo);
+}
+
+static pliant_status make_room(pliant_data *data, int32_t most)
+{
+    pliant_undo *undo = &data->undo;
+    if (most == 0 || undo->body || (undo->body = pliant_calloc((size_t)most, sizeof *undo->body))) return PLIANT_OK;
+    return pliant_fail_memory("what a cut can be undone by");
+}
+
+/* A body from before a stroke; it is released where another one of this stroke is there. */
+static void keep(pliant_data *data, int32_t most, const pliant_body *body, int tool, uint64_t stroke)
+{
+    pliant_undo *undo = &data->undo;
+    if (most == 0 || (undo->count > 0 && tool >= 0 && undo->tool == tool && undo->stroke == stroke)) {
+        pliant_body_release(body);
+        return;
+    }
+    if (undo->count == most) {
+        if (!undo->told) pliant_log(PLIANT_LOG_INFO, "the last %d strokes can be undone (cut/undo), those before no longer", (int)most);
+        undo->told = true;
+        pliant_body_release(undo->body[0]);
+        memmove(undo->body, undo->body + 1, (size_t)--undo->count * sizeof *undo->body);
+    }
+    undo->body[undo->count++] = body;
+    undo->tool = tool;
+    undo->stroke = stroke;
+}
+
+pliant_status pliant_data_sever(const pliant_model *model, pliant_data *data, int tool, const pliant_cut_sweep *sweep, pliant_cut_report *report)
+{
+    pliant_body *next = NULL;
+    pliant_status status = pliant_body_cut(data->body, data->last_revision + 1, data->positions, sweep, &next, report);
+    if (status != PLIANT_OK || !next) return status;
+    const int32_t most = model->scene.cut.undo;
+    const pliant_body *before = pliant_body_retain(data->body);
+    status = make_room(data, most);
+    if (status == PLIANT_OK) status = pliant_data_set_body(model, data, next);
+    if (status == PLIANT_OK) keep(data, most, before, tool, tool < 0 ? 0 : data->tools[tool].blade.stroke);
+    else pliant_body_release(before);
+    pliant_body_release(next);
+    return status;
+}
+
+/* ---- at once */
+
+/* Points of a line, at most `spacing` apart. @param out Nullable: (as many as it returns, x 3), each moved by `by` */
+static int32_t sample_line(int32_t count, const double *points, double spacing, const double by[3], double *out)
+{
+    int32_t made = 0;
+    for (int32_t p = 0; p < count; p++) {
+        const double *from = points + 3 * (p > 0 ? p - 1 : 0), *to = points + 3 * p;
+        double length = sqrt(pow(to[0] - from[0], 2) + pow(to[1] - from[1], 2) + pow(to[2] - from[2], 2));
+        int32_t parts = p > 0 ? (int32_t)fmax(ceil(fmin(length / spacing, 1e6)), 1) : 1;
+        for (int32_t k = 1; k <= parts; k++, made++)
+            for (int d = 0; out && d < 3; d++) out[3 * made + d] = from[d] + (to[d] - from[d]) * k / parts + by[d];
+    }
+    return made;
+}
+
+pliant_status pliant_data_cut(const pliant_model *model, pliant_data *data, int32_t count, const double *points, const double depth[3],
+                              pliant_cut_report *report)
+{
+    if (!data->body->voxels) return pliant_fail(PLIANT_ERROR_SCENE, "this scene does not cut: set cut/kind to sever and build the model again");
+    bool good = count >= 2 && isfinite(depth[0]) && isfinite(depth[1]) && isfinite(depth[2]);
+    for (int32_t n = 0; good && n < 3 * count; n++) good = isfinite(points[n]) && fabs(points[n]) < 1e3;
+    if (!good) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a cut needs two points or more, within 1000 m, and a direction, all of them finite");
+    const double *size = model->scan->geometry.spacing, spacing = 0.5 * fmin(size[0], fmin(size[1], size[2])), none[3] = {0, 0, 0};
+    const int32_t samples = sample_line(count, points, spacing, none, NULL);
+    double *from = pliant_calloc((size_t)samples, 3 * sizeof *from), *to = pliant_calloc((size_t)samples, 3 * sizeof *to);
+    pliant_cut_report told = {0};
+    pliant_status status = from && to ? PLIANT_OK : pliant_fail_memory("a cut");
+    if (status == PLIANT_OK) {
+        sample_line(count, points, spacing, none, from);
+        sample_line(count, points, spacing, depth, to);
+        pliant_cut_sweep sweep = {.count = samples, .from = from, .to = to, .material_of_voxel = model->material_of_voxel};
+        status = pliant_data_sever(model, data, -1, &sweep, &told);
+    }
+    pliant_free(from);
+    pliant_free(to);
+    if (status == PLIANT_OK && report) *report = told;
+    return status;
+}
+
+pliant_status pliant_data_undo_cut(const pliant_model *model, pliant_data *data)
+{
+    pliant_undo *undo = &data->undo;
+    if (undo->count == 0) return pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no cut to undo");
+    const pliant_body *before = undo->body[undo->count - 1];
+    pliant_status status = pliant_data_set_body(model, data, before);
+    if (status != PLIANT_OK) return status;
+    for (int t = 0; t < data->num_tools; t++) pliant_blade_end(data->tools + t);
+    pliant_body_release(before);
+    undo->count--;
+    undo->tool = -1;
+    return PLIANT_OK;
+}
