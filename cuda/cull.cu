@@ -132,14 +132,31 @@ static __device__ __forceinline__ void set_up(const gpu_raster &raster, const in
         for (int c = 0; c < 4; c++) bounds->map[v][c] = map[c];
 }
 
+/* Where a thread's own corner is now, and was at rest. GUESTS: there may be some */
+template <bool GUESTS> static __device__ __forceinline__ void find_corner(const gpu_raster &raster, const double *d_positions, int t, int v, int *mine, double *rest)
+{
+    if (GUESTS && t >= raster.num_tets) {
+        const part_guest &guest = raster.d_guests[t - raster.num_tets];
+        const double *nodes[4];
+        double corner[3];
+        for (int n = 0; n < 4; n++) nodes[n] = d_positions + 3 * (size_t)raster.d_tets[4 * (size_t)guest.carrier + n];
+        part_guest_corner(guest.blend[v], nodes, corner);
+        for (int d = 0; d < 3; d++) rest[d] = guest.rest[v][d];
+        gpu_fix(raster.grid, raster.reciprocal, corner, mine);
+        return;
+    }
+    const size_t node = (size_t)raster.d_tets[4 * (size_t)t + v];
+    for (int d = 0; d < 3; d++) rest[d] = raster.d_rest[3 * node + d];
+    gpu_fix(raster.grid, raster.reciprocal, d_positions + 3 * node, mine);
+}
+
 /* Four threads a tetrahedron. Every one is listed in every brick that it touches, since one that stays may share a brick with
  * one that moves; bricks are dirty where one that moved was or is. */
-static __global__ void __launch_bounds__(THREADS, 4) cull_kernel(gpu_raster raster, const double *__restrict__ d_positions, bool all)
+template <bool PARTS> static __global__ void __launch_bounds__(THREADS, 4) cull_kernel(gpu_raster raster, const double *__restrict__ d_positions, bool all)
 {
     const int own = (int)(blockIdx.x * THREADS + threadIdx.x) / 4, v = (int)threadIdx.x % 4;
-    const bool there = own < raster.num_tets;
-    const int t = there ? own : raster.num_tets - 1; /* the last threads go along, since all talk to each other */
-    const size_t node = (size_t)raster.d_tets[4 * (size_t)t + v];
+    const bool there = own < raster.num_elements;
+    const int t = there ? own : raster.num_elements - 1; /* the last threads go along, since all talk to each other */
     gpu_tet *stored = static_cast<gpu_tet *>(raster.d_setup) + t;
     footprint foot = {};
     if (!all) {
@@ -148,8 +165,7 @@ static __global__ void __launch_bounds__(THREADS, 4) cull_kernel(gpu_raster rast
     }
     int mine[3], fixed[4][3], *last = raster.d_fixed + 12 * (size_t)t + 3 * v;
     double rest[3];
-    for (int d = 0; d < 3; d++) rest[d] = raster.d_rest[3 * node + d];
-    gpu_fix(raster.grid, raster.reciprocal, d_positions + 3 * node, mine);
+    find_corner<PARTS>(raster, d_positions, t, v, mine, rest);
     bool still = !all;
     for (int d = 0; d < 3; d++) {
         still = still && last[d] == mine[d];
@@ -169,7 +185,12 @@ static __global__ void __launch_bounds__(THREADS, 4) cull_kernel(gpu_raster rast
         __syncwarp();
     }
     if (!there) return;
+    const bool parted = PARTS && raster.parts.elements[t].box >= 0;
     visit_bricks(raster, t, foot, [&](int one, int other) {
+        if (parted) {
+            raster.d_parted[one] = 1;
+            if (other >= 0) raster.d_parted[other] = 1;
+        }
         if (!still) {
             raster.d_dirty[one] = 1;
             if (other >= 0) raster.d_dirty[other] = 1;
@@ -185,8 +206,53 @@ extern "C" size_t pliant_cuda_setup_bytes(void) { return sizeof(gpu_tet); }
 
 extern "C" pliant_status pliant_cuda_cull(const gpu_raster *raster, const double *d_positions, bool all, cudaStream_t stream)
 {
-    const long long threads = 4 * (long long)raster->num_tets;
+    const long long threads = 4 * (long long)raster->num_elements;
+    const unsigned blocks = (unsigned)((threads + THREADS - 1) / THREADS);
     if (all) CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_dirty, 1, (size_t)raster->num_bricks, stream)));
-    cull_kernel<<<(unsigned)((threads + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*raster, d_positions, all);
+    if (raster->parts.elements) cull_kernel<true><<<blocks, THREADS, 0, stream>>>(*raster, d_positions, all);
+    else cull_kernel<false><<<blocks, THREADS, 0, stream>>>(*raster, d_positions, all);
     return CUDA_LAUNCHED("cull_kernel");
+}
+
+/* ---- from body to body */
+
+/* corners that no node ever has: such an element is set up in the next update */
+static __global__ void carry_kernel(gpu_raster before, gpu_raster now, const int32_t *__restrict__ d_from)
+{
+    const int e = (int)(blockIdx.x * THREADS + threadIdx.x);
+    if (e >= now.num_elements) return;
+    const int from = d_from[e];
+    gpu_tet &out = static_cast<gpu_tet *>(now.d_setup)[e];
+    if (from >= 0) {
+        out = static_cast<const gpu_tet *>(before.d_setup)[from];
+    } else {
+        out.bricks = 0;
+        out.box = {};
+        out.box.kind = RASTER_NOTHING;
+    }
+    for (int n = 0; n < 12; n++) now.d_fixed[12 * (size_t)e + n] = from >= 0 ? before.d_fixed[12 * (size_t)from + n] : INT32_MIN;
+}
+
+/* four threads an element */
+static __global__ void leave_kernel(gpu_raster before, const uint8_t *__restrict__ d_gone)
+{
+    const int e = (int)(blockIdx.x * THREADS + threadIdx.x) / 4;
+    if (e >= before.num_elements || !d_gone[e]) return;
+    const gpu_tet *stored = static_cast<const gpu_tet *>(before.d_setup) + e;
+    visit_bricks(before, e, {stored->bricks, stored->box}, [&](int one, int other) {
+        before.d_dirty[one] = 1;
+        if (other >= 0) before.d_dirty[other] = 1;
+    });
+}
+
+extern "C" pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, const int32_t *d_from, cudaStream_t stream)
+{
+    carry_kernel<<<(unsigned)((now->num_elements + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*before, *now, d_from);
+    return CUDA_LAUNCHED("carry_kernel");
+}
+
+extern "C" pliant_status pliant_cuda_leave_bricks(const gpu_raster *before, const uint8_t *d_gone, cudaStream_t stream)
+{
+    leave_kernel<<<(unsigned)((4 * (long long)before->num_elements + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*before, d_gone);
+    return CUDA_LAUNCHED("leave_kernel");
 }

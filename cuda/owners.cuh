@@ -1,5 +1,5 @@
-/* Who owns which voxel of a brick, or of an eighth of one: the tetrahedron of lowest index that holds it (src/warp/owners.h,
- * which says at owner_find_all what fragments of tetrahedra would have to add).
+/* Who owns which voxel of a brick, or of an eighth of one: the element of lowest index that holds it (src/warp/owners.h), and whose own
+ * it is (src/warp/part.h). PARTS: some may be parted.
  * Rows are found in float; where rounding could decide, from the corners in whole numbers. */
 #ifndef PLIANT_CUDA_OWNERS_CUH
 #define PLIANT_CUDA_OWNERS_CUH
@@ -71,9 +71,42 @@ static __device__ __forceinline__ int unshifted(float value) { return __float_as
 /* Voxels of a row for the one who holds them, when there are any. */
 struct interval { int first, count; unsigned row, key; };
 
-/* Whole warps come here together. Who has a lower index may have them as well, and keeps them. */
-static __device__ __forceinline__ unsigned claim(brick_state &brick, const interval &own, unsigned least)
+/* index of the scan, along an axis, where a voxel of the target was */
+static __device__ __forceinline__ double gpu_index(const gpu_tet &tet, int d, const double *voxel)
 {
+    return part_index(tet.map[d][0], tet.map[d][1], tet.map[d][2], tet.map[d][3], voxel);
+}
+
+/* of an element that is parted */
+static __device__ __forceinline__ part_claim claim_of(const gpu_raster &raster, int id, const double *voxel)
+{
+    const gpu_tet &tet = tet_of(raster, id);
+    const double index[3] = {gpu_index(tet, 0, voxel), gpu_index(tet, 1, voxel), gpu_index(tet, 2, voxel)};
+    return part_claims(&raster.parts, raster.parts.elements[id], index);
+}
+
+/* claim, voxel by voxel, for one that is parted */
+static __device__ __forceinline__ unsigned claim_part(const gpu_raster &raster, brick_state &brick, const interval &own, const int *origin, unsigned least)
+{
+    const int id = (int)(own.key >> 8);
+    double voxel[3] = {0, (double)(origin[1] + (int)(own.row & 15)), (double)(origin[2] + (int)(own.row >> 4 & 15))};
+    for (int i = own.first; i < own.first + own.count; i++) {
+        voxel[0] = origin[0] + i;
+        if (claim_of(raster, id, voxel) == PART_OTHERS) continue;
+        atomicMin(brick.owner + ROW_STEP * (own.row & 255) + i, own.key);
+        least = min(least, own.key);
+    }
+    return least;
+}
+
+/* Whole warps come here together. Who has a lower index may have them as well, and keeps them. */
+template <bool PARTS>
+static __device__ __forceinline__ unsigned claim(const gpu_raster &raster, brick_state &brick, interval own, const int *origin, unsigned least)
+{
+    if (PARTS && own.count > 0 && raster.parts.elements[own.key >> 8].box >= 0) {
+        least = claim_part(raster, brick, own, origin, least);
+        own.count = 0;
+    }
     unsigned *voxel = brick.owner + ROW_STEP * (own.row & 255) + own.first;
     for (int left = own.count; __any_sync(0xffffffff, left > 0); left -= 4, voxel += 4)
 #pragma unroll
@@ -104,17 +137,19 @@ static __device__ __forceinline__ interval find_interval(brick_state &brick, uns
     return out;
 }
 
-static __device__ __forceinline__ unsigned claim_all(brick_state &brick, int rows, unsigned least)
+template <bool PARTS>
+static __device__ __forceinline__ unsigned claim_all(const gpu_raster &raster, brick_state &brick, int rows, const int *origin, unsigned least)
 {
     for (int n = (int)threadIdx.x; n - (int)threadIdx.x % 32 < rows; n += THREADS) {
         interval own = {0, 0, 0, 0};
         if (n < rows) own = find_interval(brick, brick.queue[n]);
-        least = claim(brick, own, least);
+        least = claim<PARTS>(raster, brick, own, origin, least);
     }
     return least;
 }
 
 /* Rows in doubt, in whole numbers: four threads a row and one a plane (owners.h has the reasons). */
+template <bool PARTS>
 static __device__ __forceinline__ unsigned claim_exactly(const gpu_raster &raster, brick_state &brick, int rows, const int *origin, unsigned least)
 {
     const bool all = brick.num_doubtful > DOUBTFUL;
@@ -134,7 +169,7 @@ static __device__ __forceinline__ unsigned claim_exactly(const gpu_raster &raste
         }
         const int first = max(rise < -BRICK ? BRICK : -__double2int_rd(rise), by.low), last = min(fall < -1 ? -1 : __double2int_rd(fall), by.high);
         const interval own = {first, v == 0 && n < count ? last - first + 1 : 0, row, by.key};
-        least = claim(brick, own, least);
+        least = claim<PARTS>(raster, brick, own, origin, least);
     }
     return least;
 }
@@ -239,6 +274,7 @@ static __device__ __forceinline__ void keep_first(brick_state &brick, unsigned l
 
 /* Owners of all voxels of a part, from the candidates in brick.id, into brick.owner. The lowest index wins, whatever the order. All
  * threads leave it together. */
+template <bool PARTS>
 static __device__ __forceinline__ void find_owners(const gpu_raster &raster, const part &where, int count, const int *origin,
                                                    brick_state &brick)
 {
@@ -255,10 +291,10 @@ static __device__ __forceinline__ void find_owners(const gpu_raster &raster, con
             const int rows = min(left, (int)QUEUE);
             left -= rows;
             if (threadIdx.x == 0) brick.num_rows[chunk ^ 1] = 0;
-            keep_first(brick, claim_all(brick, rows, ~0u));
+            keep_first(brick, claim_all<PARTS>(raster, brick, rows, origin, ~0u));
             __syncthreads();
             if (brick.num_doubtful > 0) {
-                keep_first(brick, claim_exactly(raster, brick, rows, origin, ~0u));
+                keep_first(brick, claim_exactly<PARTS>(raster, brick, rows, origin, ~0u));
                 __syncthreads();
             }
         }
@@ -299,7 +335,7 @@ static __device__ int select(const gpu_raster &raster, const part &where, const 
 
 /* As find_owners, from a list of any length: each voxel asks all, which is slow where many are pressed together. Keys name nobody.
  * Voxels beyond the target are nobody's. */
-static __device__ void find_owners_by_voxel(const gpu_raster &raster, const int *list, int count, const int *origin, brick_state &brick)
+template <bool PARTS> static __device__ void find_owners_by_voxel(const gpu_raster &raster, const int *list, int count, const int *origin, brick_state &brick)
 {
     const int *size = raster.grid.target.size;
     unsigned least = ~0u;
@@ -321,6 +357,10 @@ static __device__ void find_owners_by_voxel(const gpu_raster &raster, const int 
                 bool holds = key < owner;
                 for (int p = 0; p < 4 && holds; p++)
                     holds = brick.planes[candidate][p].at(at[0], at[1], at[2]) >= 0;
+                if (PARTS && holds && raster.parts.elements[brick.id[candidate]].box >= 0) {
+                    const double voxel[3] = {(double)at[0], (double)at[1], (double)at[2]};
+                    holds = claim_of(raster, brick.id[candidate], voxel) != PART_OTHERS;
+                }
                 if (holds) owner = key;
             }
             least = min(least, owner);

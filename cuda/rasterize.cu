@@ -41,8 +41,36 @@ static __device__ __forceinline__ void fill_nobody(const limits &limit, slot &ou
     out.i_x = out.i_y = out.i_z = 0;
 }
 
+static __device__ __forceinline__ double stored(unsigned pair, uint8_t) { return (double)(pair & 0xffff); }
+static __device__ __forceinline__ double stored(unsigned pair, int16_t) { return (double)((int)(pair & 0xffff) - 0x8000); }
+static __device__ __forceinline__ double stored(float2 voxel, float) { return (double)voxel.x; }
+static __device__ __forceinline__ uint8_t rounded(double value, uint8_t) { return (uint8_t)__double2int_rn(value); }
+static __device__ __forceinline__ int16_t rounded(double value, int16_t) { return (int16_t)__double2int_rn(value); }
+static __device__ __forceinline__ float rounded(double value, float) { return (float)value; }
+
+/* A voxel of an element that is parted, from its own voxels alone; false: all around it are, and nothing else is to be done. Not for
+ * those that copy. */
+template <class Voxel> static __device__ __noinline__ bool draw_masked(const gpu_raster &raster, int id, int i, int j, int k, Voxel *out)
+{
+    typedef typename sampler<Voxel>::source source;
+    const double voxel[3] = {(double)i, (double)j, (double)k};
+    const gpu_tet &tet = tet_of(raster, id);
+    if (claim_of(raster, id, voxel) != PART_MASKED) return false;
+    const double index[3] = {gpu_index(tet, 0, voxel), gpu_index(tet, 1, voxel), gpu_index(tet, 2, voxel)};
+    const int32_t *step = raster.source_step;
+    part_cell cell;
+    double values[8];
+    part_find_cell(raster.parts.scan_size, index, &cell);
+    const source *from = static_cast<const source *>(raster.d_source) + (cell.low[0] * step[0] + cell.low[1] * step[1] + cell.low[2] * step[2]);
+    for (int c = 0; c < 8; c++) values[c] = stored(from[(c & 1 ? step[0] : 0) + (c & 2 ? step[1] : 0) + (c & 4 ? step[2] : 0)], Voxel());
+    *out = rounded(part_value(&raster.parts, raster.parts.elements[id], &cell, values), Voxel());
+    return true;
+}
+
+enum { COPIES = 1, PARTED = 2 }; /* what a candidate does */
+
 /* The voxels of a part: neighbours along i by neighbouring threads, some on their way at a time. */
-template <class Voxel, bool INNER, int SIZE>
+template <class Voxel, bool INNER, int SIZE, bool PARTS>
 static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, const part &where, const int *origin, const brick_state &brick)
 {
     enum { SLICES = THREADS / (SIZE * SIZE), AT_ONCE = 2 }; /* slices of all threads together; voxels of one */
@@ -64,11 +92,13 @@ static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, co
             float at[3];
             name[n] = (int)(owner[ROW_STEP * BRICK * (k + n * SLICES)] & 255);
             source_point(brick.slots[name[n]], (float)i, (float)j, (float)(k + n * SLICES), at);
-            cells[n] = fetch<Voxel, INNER>(raster, brick.limit, place, at, sampler<Voxel>::copies && brick.copies[name[n]] != 0);
+            cells[n] = fetch<Voxel, INNER>(raster, brick.limit, place, at, sampler<Voxel>::copies && (PARTS ? brick.copies[name[n]] & COPIES : brick.copies[name[n]]) != 0);
         }
 #pragma unroll
         for (int n = 0; n < AT_ONCE; n++) {
-            const Voxel value = name[n] != NOBODY ? value_in(cells[n]) : background_of(raster, Voxel());
+            Voxel value = name[n] != NOBODY ? value_in(cells[n]) : background_of(raster, Voxel());
+            if (PARTS && k + n * SLICES < end && brick.copies[name[n]] == PARTED)
+                draw_masked(raster, brick.id[name[n]], origin[0] + i, origin[1] + j, origin[2] + k + n * SLICES, &value);
             if (k + n * SLICES < end) out[n * slice_step] = value;
         }
     }
@@ -88,7 +118,7 @@ static __device__ __forceinline__ void clear_voxels(const gpu_raster &raster, co
 }
 
 /* Values of a part whose owners are known, from there on by all threads. choose: the base is not yet known; brick.inner is 1. */
-template <class Voxel, int SIZE>
+template <class Voxel, int SIZE, bool PARTS>
 static __device__ __forceinline__ void write_part(const gpu_raster &raster, const part &where, int count, bool choose, const int *origin,
                                                   brick_state &brick)
 {
@@ -106,26 +136,27 @@ static __device__ __forceinline__ void write_part(const gpu_raster &raster, cons
     if (own) {
         const gpu_box box = tet_of(raster, brick.id[thread]).box;
         fill_slot(map, origin, brick.base, brick.slots[thread]);
-        brick.copies[thread] = box.kind == RASTER_COPY;
+        brick.copies[thread] = box.kind == RASTER_COPY ? COPIES : 0;
+        if (PARTS && raster.parts.elements[brick.id[thread]].box >= 0) brick.copies[thread] |= PARTED;
         if (!box.inner) brick.inner = 0;
     } else if (thread == NOBODY) {
         fill_nobody(brick.limit, brick.slots[NOBODY]);
         brick.copies[NOBODY] = 0;
     }
     __syncthreads();
-    if (brick.inner) write_voxels<Voxel, true, SIZE>(raster, where, origin, brick);
-    else write_voxels<Voxel, false, SIZE>(raster, where, origin, brick);
+    if (brick.inner) write_voxels<Voxel, true, SIZE, PARTS>(raster, where, origin, brick);
+    else write_voxels<Voxel, false, SIZE, PARTS>(raster, where, origin, brick);
 }
 
 /* ---- bricks with more candidates than a byte can name: by eighths; where one of those has too many, by voxel */
 
 /* Each voxel by itself: its owner, from a list of any length, then its value. */
-template <class Voxel>
+template <class Voxel, bool PARTS>
 static __device__ __forceinline__ void draw_by_voxel(const gpu_raster &raster, const int *list, int count, const int *origin,
                                                      brick_state &brick)
 {
     const int *size = raster.grid.target.size;
-    find_owners_by_voxel(raster, list, count, origin, brick);
+    find_owners_by_voxel<PARTS>(raster, list, count, origin, brick);
     if (threadIdx.x < 3 && brick.first != ~0u) choose_base(raster, tet_of(raster, (int)(brick.first >> 8)), origin, (int)threadIdx.x, brick);
     __syncthreads();
     for (int n = (int)threadIdx.x; n < BRICK_VOXELS; n += THREADS) {
@@ -142,6 +173,8 @@ static __device__ __forceinline__ void draw_by_voxel(const gpu_raster &raster, c
             fill_slot(tet.map, origin, brick.base, map);
             source_point(map, (float)local[0], (float)local[1], (float)local[2], point);
             value = value_in(fetch<Voxel, false>(raster, brick.limit, first_place(raster, brick.base_index), point, tet.box.kind == RASTER_COPY));
+            if (PARTS && tet.box.kind != RASTER_COPY && raster.parts.elements[owner >> 8].box >= 0)
+                draw_masked(raster, (int)(owner >> 8), at[0], at[1], at[2], &value);
         }
         static_cast<Voxel *>(raster.d_volume)[at[0] + (size_t)size[0] * ((size_t)at[1] + (size_t)size[1] * (size_t)at[2])] = value;
     }
@@ -153,19 +186,19 @@ static __device__ __forceinline__ part eighth(int n)
 }
 
 /* A brick by its eighths. false: one of those has too many candidates as well. */
-template <class Voxel>
+template <class Voxel, bool PARTS>
 static __device__ __forceinline__ bool draw_eighths(const gpu_raster &raster, const int *list, int count, const int *origin,
                                                     brick_state &brick)
 {
     for (int n = 0; n < 8; n++) {
         const int selected = select(raster, eighth(n), list, count, origin, brick);
         if (selected > MOST) return false;
-        find_owners(raster, eighth(n), selected, origin, brick);
+        find_owners<PARTS>(raster, eighth(n), selected, origin, brick);
     }
     for (int n = 0; n < 8; n++) {
         if (threadIdx.x == 0) brick.inner = 1;
         const int selected = select(raster, eighth(n), list, count, origin, brick);
-        write_part<Voxel, BRICK / 2>(raster, eighth(n), selected, n == 0, origin, brick);
+        write_part<Voxel, BRICK / 2, PARTS>(raster, eighth(n), selected, n == 0, origin, brick);
         __syncthreads();
     }
     return true;
@@ -182,36 +215,42 @@ static __device__ __forceinline__ void clear_brick(brick_state &brick)
         reinterpret_cast<uint4 *>(brick.owner)[n] = make_uint4(~0u, ~0u, ~0u, ~0u);
 }
 
+/* Which bricks a kernel draws: where nothing is cut all, else first those that no element touches that is parted, then those. */
+enum bricks { ALL_BRICKS, WHOLE_BRICKS, PARTED_BRICKS };
+
 /* One block a brick. leave: bricks with more candidates than a byte can name keep their count, for crowded_kernel. */
-template <class Voxel> static __global__ void __launch_bounds__(THREADS, BLOCKS) raster_kernel(gpu_raster raster, bool leave)
+template <class Voxel, bricks WHICH> static __global__ void __launch_bounds__(THREADS, BLOCKS) raster_kernel(gpu_raster raster, bool leave)
 {
+    enum { PARTS = WHICH == PARTED_BRICKS };
     __shared__ brick_state brick;
     const int origin[3] = {(int)blockIdx.x * BRICK, (int)blockIdx.y * BRICK, (int)blockIdx.z * BRICK};
     const int b = (int)(blockIdx.x + gridDim.x * (blockIdx.y + gridDim.y * blockIdx.z)), thread = (int)threadIdx.x;
     const int *list = raster.d_list + (size_t)b * raster.capacity;
+    if (WHICH != ALL_BRICKS && (raster.d_parted[b] != 0) != (WHICH == PARTED_BRICKS)) return;
     const int dirty = raster.d_dirty[b], count = raster.d_count[b], id = thread < raster.capacity ? list[thread] : 0;
     const bool drawn = dirty && count <= MOST, left = leave && dirty && count > MOST && count <= raster.capacity;
     const part whole = {{0, 0, 0}, BRICK};
     if (drawn && count > 0) {
         clear_brick(brick);
         if (thread < count) brick.id[thread] = id;
-        find_owners(raster, whole, count, origin, brick);
+        find_owners<PARTS>(raster, whole, count, origin, brick);
     } else {
         __syncthreads(); /* all have read them */
     }
     if (thread == 0) {
         raster.d_changed[b] = (uint8_t)dirty;
         raster.d_dirty[b] = 0;
+        if (WHICH == PARTED_BRICKS) raster.d_parted[b] = 0;
         if (!left) raster.d_count[b] = 0;
         if (count > *raster.d_longest) atomicMax(raster.d_longest, count);
     }
     if (!drawn) return;
-    if (count > 0) write_part<Voxel, BRICK>(raster, whole, count, true, origin, brick);
+    if (count > 0) write_part<Voxel, BRICK, PARTS>(raster, whole, count, true, origin, brick);
     else clear_voxels<Voxel, BRICK>(raster, whole, origin);
 }
 
 /* After raster_kernel: the bricks that still have a count. */
-template <class Voxel> static __global__ void __launch_bounds__(THREADS) crowded_kernel(gpu_raster raster)
+template <class Voxel, bool PARTS> static __global__ void __launch_bounds__(THREADS) crowded_kernel(gpu_raster raster)
 {
     __shared__ brick_state brick;
     const int origin[3] = {(int)blockIdx.x * BRICK, (int)blockIdx.y * BRICK, (int)blockIdx.z * BRICK};
@@ -222,11 +261,11 @@ template <class Voxel> static __global__ void __launch_bounds__(THREADS) crowded
     clear_brick(brick);
     __syncthreads();
     const int *list = raster.d_list + (size_t)b * raster.capacity;
-    if (draw_eighths<Voxel>(raster, list, count, origin, brick)) return;
+    if (draw_eighths<Voxel, PARTS>(raster, list, count, origin, brick)) return;
     __syncthreads();
     clear_brick(brick);
     __syncthreads();
-    draw_by_voxel<Voxel>(raster, list, count, origin, brick);
+    draw_by_voxel<Voxel, PARTS>(raster, list, count, origin, brick);
 }
 
 /* ---- source and volume */
@@ -291,10 +330,18 @@ extern "C" pliant_status pliant_cuda_clear_volume(const gpu_raster *raster, cuda
 template <class Voxel> static pliant_status draw(const gpu_raster &raster, bool crowded, cudaStream_t stream)
 {
     const dim3 blocks((unsigned)raster.grid.bricks[0], (unsigned)raster.grid.bricks[1], (unsigned)raster.grid.bricks[2]);
-    raster_kernel<Voxel><<<blocks, THREADS, 0, stream>>>(raster, crowded);
+    const bool parts = raster.parts.elements != NULL;
+    if (parts) {
+        raster_kernel<Voxel, WHOLE_BRICKS><<<blocks, THREADS, 0, stream>>>(raster, crowded);
+        CUDA_TRY(CUDA_LAUNCHED("raster_kernel"));
+        raster_kernel<Voxel, PARTED_BRICKS><<<blocks, THREADS, 0, stream>>>(raster, crowded);
+    } else {
+        raster_kernel<Voxel, ALL_BRICKS><<<blocks, THREADS, 0, stream>>>(raster, crowded);
+    }
     CUDA_TRY(CUDA_LAUNCHED("raster_kernel"));
     if (!crowded) return PLIANT_OK;
-    crowded_kernel<Voxel><<<blocks, THREADS, 0, stream>>>(raster);
+    if (parts) crowded_kernel<Voxel, true><<<blocks, THREADS, 0, stream>>>(raster);
+    else crowded_kernel<Voxel, false><<<blocks, THREADS, 0, stream>>>(raster);
     return CUDA_LAUNCHED("crowded_kernel");
 }
 

@@ -3,6 +3,7 @@
 #ifndef PLIANT_CUDA_RASTERIZE_H
 #define PLIANT_CUDA_RASTERIZE_H
 
+#include "warp/parts.h"
 #include "warp/raster.h"
 
 #include <cuda_runtime_api.h>
@@ -21,11 +22,14 @@ typedef struct gpu_raster {
                                       * neighbour in the high one, 16 bit ones plus 2^15 so that none is negative; floats as two,
                                       * the voxel and what its right neighbour has more */
     raster_source background;        /* only its background is used */
-    int32_t num_tets, num_bricks;
+    int32_t num_tets, num_elements, num_bricks; /* elements: tetrahedra, and after them guests */
     const int32_t *d_tets;           /* (num_tets x 4) */
+    const part_guest *d_guests;      /* (num_elements - num_tets) */
+    part_view parts;                 /* elements NULL: nothing is cut */
+    uint8_t *d_parted;               /* (num_bricks) an element that is parted touches it; 0 between updates */
     const double *d_rest;            /* (num_nodes x 3) continuous index in the scan */
-    int32_t *d_fixed;                /* (num_tets x 12) fixed-point corners of the last update */
-    void *d_setup;                   /* (num_tets) gpu_tet of the last update */
+    int32_t *d_fixed;                /* (num_elements x 12) fixed-point corners of the last update */
+    void *d_setup;                   /* (num_elements) gpu_tet of the last update */
     int32_t *d_count;                /* (num_bricks) candidates; 0 between updates */
     int32_t *d_list;                 /* (num_bricks x capacity), in no order */
     int32_t capacity;
@@ -47,6 +51,11 @@ pliant_status pliant_cuda_cull(const gpu_raster *raster, const double *d_positio
 /* Bricks with more candidates than pliant_cuda_longest_usual() are drawn with crowded only, by another kernel. */
 pliant_status pliant_cuda_rasterize(const gpu_raster *raster, bool crowded, cudaStream_t stream);
 int32_t pliant_cuda_longest_usual(void);
+
+/* Elements of another body, with how they were drawn; d_from: pliant_warp_changes. */
+pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, const int32_t *d_from, cudaStream_t stream);
+/* The bricks of elements that are gone become dirty. d_gone: likewise */
+pliant_status pliant_cuda_leave_bricks(const gpu_raster *before, const uint8_t *d_gone, cudaStream_t stream);
 
 #ifdef __cplusplus
 }

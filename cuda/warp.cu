@@ -52,9 +52,8 @@ static pliant_status upload_source(pliant_cuda_warp *gpu)
     const raster_source *source = gpu->parts.source;
     void *d_voxels = nullptr, *d_source = nullptr;
     const size_t bytes = (size_t)source->count * pliant_cuda_source_bytes(source->encoding);
-    if (source->count >= most_voxels || gpu->raster.num_tets >= most_tets)
-        return pliant_fail(PLIANT_ERROR_MEMORY, "%lld voxels and %d tetrahedra are too many for the GPU's warp: it takes fewer than %d and %d",
-                           (long long)source->count, gpu->raster.num_tets, most_voxels, most_tets);
+    if (source->count >= most_voxels)
+        return pliant_fail(PLIANT_ERROR_MEMORY, "%lld voxels are too many for the GPU's warp: it takes fewer than %d", (long long)source->count, most_voxels);
     CUDA_TRY(pliant_cuda_allocate(bytes, "the scan", &d_source));
     gpu->raster.d_source = d_source;
     CUDA_TRY(pliant_cuda_upload(source->voxels, (size_t)source->count * pliant_encoding_size(source->encoding), "the scan", gpu->stream, &d_voxels));
@@ -64,23 +63,52 @@ static pliant_status upload_source(pliant_cuda_warp *gpu)
     return status;
 }
 
+/* what is of a body; raster has none of it so far */
+static pliant_status fill_body(const pliant_warp_parts *parts, cudaStream_t stream, gpu_raster *raster)
+{
+    const size_t tets = (size_t)parts->mesh->num_tets, nodes = (size_t)parts->mesh->num_nodes;
+    const pliant_parts *cut = parts->parts;
+    const size_t guests = cut ? (size_t)cut->num_guests : 0, elements = tets + guests;
+    if (elements >= (size_t)most_tets)
+        return pliant_fail(PLIANT_ERROR_MEMORY, "%zu tetrahedra are too many for the GPU's warp: it takes fewer than %d", elements, most_tets);
+    raster->num_tets = (int32_t)tets;
+    raster->num_elements = (int32_t)elements;
+    CUDA_TRY(upload(parts->mesh->tets, 4 * tets, stream, &raster->d_tets));
+    CUDA_TRY(upload(parts->rest, 3 * nodes, stream, &raster->d_rest));
+    CUDA_TRY(allocate(12 * elements, &raster->d_fixed));
+    CUDA_TRY(pliant_cuda_allocate(elements * pliant_cuda_setup_bytes(), "the mesh to draw", &raster->d_setup));
+    if (!cut) return CUDA_CALL(cudaMemsetAsync(raster->d_fixed, 0, 12 * elements * sizeof *raster->d_fixed, stream));
+    memcpy(raster->parts.scan_size, cut->view.scan_size, sizeof raster->parts.scan_size);
+    raster->parts.num_elements = cut->view.num_elements;
+    if (guests > 0) CUDA_TRY(upload(cut->guests, guests, stream, &raster->d_guests));
+    CUDA_TRY(upload(cut->view.elements, elements, stream, &raster->parts.elements));
+    if (cut->num_boxes > 0) CUDA_TRY(upload(cut->view.boxes, (size_t)cut->num_boxes, stream, &raster->parts.boxes));
+    if (cut->num_labels > 0) CUDA_TRY(upload(cut->view.labels, (size_t)cut->num_labels, stream, &raster->parts.labels));
+    CUDA_TRY(allocate((size_t)raster->num_bricks, &raster->d_parted));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_parted, 0, (size_t)raster->num_bricks, stream)));
+    return CUDA_CALL(cudaMemsetAsync(raster->d_fixed, 0, 12 * elements * sizeof *raster->d_fixed, stream));
+}
+
+static void release_body(const gpu_raster *raster)
+{
+    const void *blocks[] = {raster->d_tets,         raster->d_rest,      raster->d_fixed,      raster->d_setup, raster->d_guests,
+                            raster->parts.elements, raster->parts.boxes, raster->parts.labels, raster->d_parted};
+    for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
+}
+
 /* what rasterization needs, where there is no fit */
 static pliant_status fill_raster(pliant_cuda_warp *gpu)
 {
-    const pliant_warp_parts *parts = &gpu->parts;
     gpu_raster *raster = &gpu->raster;
-    const size_t tets = (size_t)parts->mesh->num_tets, nodes = (size_t)parts->mesh->num_nodes, bricks = (size_t)raster->num_bricks;
+    const size_t bricks = (size_t)raster->num_bricks;
     CUDA_TRY(upload_source(gpu));
-    CUDA_TRY(upload(parts->mesh->tets, 4 * tets, gpu->stream, &raster->d_tets));
-    CUDA_TRY(upload(parts->rest, 3 * nodes, gpu->stream, &raster->d_rest));
-    CUDA_TRY(allocate(12 * tets, &raster->d_fixed));
-    CUDA_TRY(pliant_cuda_allocate(tets * pliant_cuda_setup_bytes(), "the mesh to draw", &raster->d_setup));
+    CUDA_TRY(fill_body(&gpu->parts, gpu->stream, raster));
     CUDA_TRY(allocate(bricks, &raster->d_count));
     CUDA_TRY(allocate(bricks, &raster->d_dirty));
     CUDA_TRY(allocate(bricks * (size_t)raster->capacity, &raster->d_list));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_list, 0, bricks * (size_t)raster->capacity * sizeof *raster->d_list, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_count, 0, bricks * sizeof *raster->d_count, gpu->stream)));
-    return CUDA_CALL(cudaMemsetAsync(raster->d_fixed, 0, 12 * tets * sizeof *raster->d_fixed, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_dirty, 0, bricks * sizeof *raster->d_dirty, gpu->stream)));
+    return CUDA_CALL(cudaMemsetAsync(raster->d_count, 0, bricks * sizeof *raster->d_count, gpu->stream));
 }
 
 static pliant_status fill(pliant_cuda_warp *gpu)
@@ -121,7 +149,6 @@ extern "C" pliant_status pliant_cuda_warp_create(const pliant_warp_parts *parts,
     raster->encoding = parts->source->encoding;
     raster->background = *parts->source;
     raster->capacity = first_capacity;
-    raster->num_tets = parts->mesh->num_tets;
     raster->num_bricks = parts->grid->bricks[0] * parts->grid->bricks[1] * parts->grid->bricks[2];
     for (int d = 0; d < 3; d++) {
         raster->source_size[d] = parts->source->size[d];
@@ -146,9 +173,10 @@ extern "C" void pliant_cuda_warp_free(pliant_cuda_warp *gpu)
     for (cudaEvent_t mark : gpu->marks)
         if (mark) cudaEventDestroy(mark);
     gpu_raster *raster = &gpu->raster;
-    const void *blocks[] = {raster->d_source, raster->d_volume, raster->d_tets, raster->d_rest, raster->d_fixed, raster->d_setup, raster->d_count,
-                            raster->d_list, raster->d_dirty, raster->d_changed, raster->d_longest, gpu->d_positions, gpu->d_crossing};
+    const void *blocks[] = {raster->d_source, raster->d_volume, raster->d_count, raster->d_list, raster->d_dirty, raster->d_changed,
+                            raster->d_longest, gpu->d_positions, gpu->d_crossing};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
+    release_body(raster);
     pliant_cuda_fit_free(gpu->fit);
     pliant_cuda_release_host(gpu->h_changed);
     pliant_cuda_release_host(gpu->h_longest);
@@ -263,6 +291,87 @@ extern "C" pliant_status pliant_cuda_warp_cross(pliant_cuda_warp *gpu, const mar
     return PLIANT_OK;
 }
 
+/* ---- another body */
+
+struct cuda_next {
+    pliant_warp_parts parts;
+    gpu_raster raster;         /* what is of a body */
+    double *d_positions;
+    pliant_cuda_fit *fit;
+    uint8_t *d_gone;
+};
+
+static void drop_next(cuda_next *next)
+{
+    if (!next) return;
+    release_body(&next->raster);
+    pliant_cuda_release(next->d_positions);
+    pliant_cuda_release(next->d_gone);
+    pliant_cuda_fit_free(next->fit);
+    pliant_free(next);
+}
+
+/* The elements of the next body as they were drawn; what was drawn before is only read. */
+static pliant_status carry(const pliant_cuda_warp *gpu, const pliant_warp_changes *changes, cuda_next *next)
+{
+    const int32_t *d_from;
+    const uint8_t *d_gone;
+    CUDA_TRY(fill_body(&next->parts, gpu->stream, &next->raster));
+    CUDA_TRY(upload(changes->gone, (size_t)changes->before, gpu->stream, &d_gone));
+    next->d_gone = const_cast<uint8_t *>(d_gone);
+    CUDA_TRY(upload(changes->from, (size_t)changes->now, gpu->stream, &d_from));
+    pliant_status status = pliant_cuda_carry_elements(&gpu->raster, &next->raster, d_from, gpu->stream);
+    if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+    pliant_cuda_release(const_cast<int32_t *>(d_from));
+    return status;
+}
+
+static pliant_status prepare_next(const pliant_cuda_warp *gpu, const pliant_warp_parts *parts, const pliant_warp_changes *changes, cuda_next **out)
+{
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    cuda_next *next = static_cast<cuda_next *>(pliant_calloc(1, sizeof *next));
+    if (!next) return pliant_fail_memory("the warp");
+    next->parts = *parts;
+    next->raster.num_bricks = gpu->raster.num_bricks;
+    pliant_status status = allocate(3 * (size_t)parts->mesh->num_nodes, &next->d_positions);
+    if (status == PLIANT_OK) status = parts->fit ? pliant_cuda_fit_create(parts->fit, parts->source, gpu->stream, &next->fit) : carry(gpu, changes, next);
+    if (status != PLIANT_OK) {
+        drop_next(next);
+        return status;
+    }
+    next->parts.rest = NULL; /* is uploaded, and goes */
+    *out = next;
+    return PLIANT_OK;
+}
+
+template <class T> static void exchange(T *a, T *b)
+{
+    T other = *a;
+    *a = *b;
+    *b = other;
+}
+
+/* Where a kernel cannot be started any more, the next update draws all, or fails. */
+static void take_next(pliant_cuda_warp *gpu, cuda_next *next)
+{
+    gpu_raster *old = &gpu->raster, *now = &next->raster;
+    if (gpu->drawn && !gpu->fit && (pliant_cuda_leave_bricks(old, next->d_gone, gpu->stream) != PLIANT_OK ||
+                                    CUDA_CALL(cudaStreamSynchronize(gpu->stream)) != PLIANT_OK))
+        gpu->drawn = false;
+    gpu->parts = next->parts;
+    exchange(&old->num_tets, &now->num_tets);
+    exchange(&old->num_elements, &now->num_elements);
+    exchange(&old->d_tets, &now->d_tets);
+    exchange(&old->d_rest, &now->d_rest);
+    exchange(&old->d_fixed, &now->d_fixed);
+    exchange(&old->d_setup, &now->d_setup);
+    exchange(&old->d_guests, &now->d_guests);
+    exchange(&old->d_parted, &now->d_parted);
+    exchange(&old->parts, &now->parts);
+    exchange(&gpu->d_positions, &next->d_positions);
+    exchange(&gpu->fit, &next->fit);
+}
+
 /* ---- the table */
 
 static pliant_status create_object(const pliant_warp_parts *parts, void **object)
@@ -283,6 +392,16 @@ static pliant_status cross_object(void *object, const march_ray *ray, int64_t fi
     return pliant_cuda_warp_cross(static_cast<pliant_cuda_warp *>(object), ray, first, out);
 }
 
+static pliant_status prepare_object(void *object, const pliant_warp_parts *parts, const pliant_warp_changes *changes, void **next)
+{
+    cuda_next *made = NULL;
+    CUDA_TRY(prepare_next(static_cast<pliant_cuda_warp *>(object), parts, changes, &made));
+    *next = made;
+    return PLIANT_OK;
+}
+static void take_object(void *object, void *next) { take_next(static_cast<pliant_cuda_warp *>(object), static_cast<cuda_next *>(next)); }
+static void drop_object(void *next) { drop_next(static_cast<cuda_next *>(next)); }
+
 /* by name: C++14 has no designated initializers */
 static constexpr pliant_warp_device table()
 {
@@ -293,6 +412,9 @@ static constexpr pliant_warp_device table()
     made.update = update_object;
     made.fetch = fetch_object;
     made.cross = cross_object;
+    made.prepare = prepare_object;
+    made.take = take_object;
+    made.drop = drop_object;
     return made;
 }
 const pliant_warp_device pliant_cuda_warp_device = table();

@@ -223,7 +223,11 @@ inline voxels_ptr make_voxels(const pliant_mesh &mesh, const pliant_geometry &ge
     const pliant_material_table table = {&material, 1};
     const std::vector<uint8_t> of_voxel(pliant_geometry_voxels(&geometry));
     const pliant_voxels *voxels = nullptr;
-    EXPECT_EQ(pliant_voxels_create(&mesh, &geometry, of_voxel.data(), &table, &voxels), PLIANT_OK) << pliant_last_error();
+    pliant_body body{};
+    body.fine = mesh;
+    std::vector<pliant_tet_material> of_tet(static_cast<size_t>(mesh.num_tets));
+    body.fine_material = of_tet.data();
+    EXPECT_EQ(pliant_voxels_create(&body, &geometry, of_voxel.data(), &table, &voxels), PLIANT_OK) << pliant_last_error();
     return voxels_ptr(voxels);
 }
 

@@ -3,9 +3,9 @@
 #define PLIANT_WARP_DEVICE_H
 
 #include "scan/march.h"
-#include "pliant/body.h"
 #include "scene/gpu_choice.h"
 #include "warp/fit.h"
+#include "warp/parts.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -21,7 +21,15 @@ typedef struct pliant_warp_parts {
     uint8_t *changed;            /* (bricks) of the last update */
     double *seconds;             /* cull, rasterize */
     const fit_view *fit;         /* NULL: rasterize */
+    const pliant_parts *parts;   /* NULL: nothing is cut */
 } pliant_warp_parts;
+
+/* What becomes of elements (parts.h) from one body to the next. */
+typedef struct pliant_warp_changes {
+    int32_t before, now;         /* elements */
+    const int32_t *from;         /* (now) what each was before; -1: it is drawn anew */
+    const uint8_t *gone;         /* (before) 1: is none of those, so that where it was is drawn anew */
+} pliant_warp_changes;
 
 /* Its functions; object: what create made. Errors: MEMORY, UNAVAILABLE. */
 typedef struct pliant_warp_device {
@@ -32,6 +40,10 @@ typedef struct pliant_warp_device {
     pliant_status (*fetch)(void *object); /* the volume to the host, where it changed since the last time */
     /* pliant_warp_cross in the volume of the last update; NULL: the volume is fetched, and the CPU's */
     pliant_status (*cross)(void *object, const march_ray *ray, int64_t first, march_crossing *out);
+    /* For the next body, as pliant_warp_prepare and pliant_warp_take; drop: what was prepared, taken or not */
+    pliant_status (*prepare)(void *object, const pliant_warp_parts *parts, const pliant_warp_changes *changes, void **next);
+    void (*take)(void *object, void *next);
+    void (*drop)(void *next);
 } pliant_warp_device;
 
 #ifdef PLIANT_WITH_CUDA

@@ -17,8 +17,11 @@ struct pliant_warp_next {
     void *longer[NUM_ARRAYS];  /* in place of the warp's arrays; NULL: those have room */
     int32_t *guest_fixed;      /* (guests x 12) */
     raster_tet *guest_tets;    /* (guests) */
-    uint8_t *guest_anew;       /* (guests) */
-    uint8_t *kept;             /* (guests of the body before) is one of them */
+    pliant_warp_changes changes;
+    int32_t *from;             /* these are theirs */
+    uint8_t *gone;
+    const pliant_warp_device *device;
+    void *device_next;
 };
 
 /* where no node ever is */
@@ -32,8 +35,9 @@ void pliant_warp_next_free(pliant_warp_next *next)
     for (int a = 0; a < NUM_ARRAYS; a++) pliant_free(next->longer[a]);
     pliant_free(next->guest_fixed);
     pliant_free(next->guest_tets);
-    pliant_free(next->guest_anew);
-    pliant_free(next->kept);
+    pliant_free(next->from);
+    pliant_free(next->gone);
+    if (next->device_next) next->device->drop(next->device_next);
     pliant_free(next);
 }
 
@@ -95,25 +99,92 @@ static void take_room(pliant_warp *warp, pliant_warp_next *next)
 /* the box that is a host's in some parts, Nullable */
 static int32_t box_of(const pliant_parts *parts, int32_t tet) { return parts ? parts->view.elements[tet].box : -1; }
 
+/* whether a node of the next body is none of the body before, or another one of that number, as copies may be after an undo */
+static bool is_new(const pliant_warp *warp, const pliant_warp_next *next, int32_t node)
+{
+    const pliant_mesh *old = warp->mesh, *mesh = next->mesh;
+    if (node < next->load_nodes) return false;
+    return node >= old->num_nodes || memcmp(old->rest + 3 * (size_t)node, mesh->rest + 3 * (size_t)node, 3 * sizeof *mesh->rest) != 0;
+}
+
+static bool differs(const pliant_warp *warp, const pliant_warp_next *next, int32_t tet)
+{
+    const int32_t *before = warp->mesh->tets + 4 * (size_t)tet, *now = next->mesh->tets + 4 * (size_t)tet;
+    bool other = memcmp(before, now, 4 * sizeof *now) != 0;
+    for (int v = 0; v < 4; v++) other = other || is_new(warp, next, now[v]);
+    return other || !pliant_parts_same(warp->parts, box_of(warp->parts, tet), next->parts, box_of(next->parts, tet));
+}
+
 /* Guests of both bodies that are the same keep how they were drawn. */
 static void carry_guests(const pliant_warp *warp, pliant_warp_next *next)
 {
     const pliant_parts *old = warp->parts, *now = next->parts;
+    const int32_t before = warp->mesh->num_tets, first = next->mesh->num_tets;
     int32_t from = 0;
     for (int32_t g = 0; now && g < now->num_guests; g++) {
         const part_guest *guest = &now->guests[g];
         for (int n = 0; n < 12; n++) next->guest_fixed[12 * g + n] = nowhere;
-        next->guest_anew[g] = 1;
+        next->from[first + g] = -1;
         while (old && from < old->num_guests && old->guests[from].host < guest->host) from++;
         for (int32_t o = from; old && o < old->num_guests && old->guests[o].host == guest->host; o++) {
             const int32_t host = guest->host;
             if (old->guests[o].carrier != guest->carrier || !pliant_parts_same(old, box_of(old, host), now, box_of(now, host))) continue;
             memcpy(next->guest_fixed + 12 * g, warp->guest_fixed + 12 * o, 12 * sizeof *next->guest_fixed);
-            next->guest_tets[g] = warp->tets[warp->mesh->num_tets + o];
-            next->guest_anew[g] = warp->anew[warp->mesh->num_tets + o];
-            next->kept[o] = 1;
+            next->guest_tets[g] = warp->tets[before + o];
+            next->from[first + g] = before + o;
+            next->gone[before + o] = 0;
         }
     }
+}
+
+static void find_changes(const pliant_warp *warp, pliant_warp_next *next)
+{
+    const int32_t before = warp->mesh->num_tets, now = next->mesh->num_tets;
+    memset(next->gone, 1, (size_t)warp->num_elements);
+    for (int32_t t = 0; t < now; t++) {
+        next->from[t] = t < before && !differs(warp, next, t) ? t : -1;
+        if (next->from[t] >= 0) next->gone[t] = 0;
+    }
+    carry_guests(warp, next);
+}
+
+static bool allocate(const pliant_warp *warp, pliant_warp_next *next)
+{
+    const size_t guests = next->parts ? (size_t)next->parts->num_guests : 0, elements = (size_t)next->mesh->num_tets + guests;
+    next->guest_fixed = pliant_calloc(guests + 1, 12 * sizeof *next->guest_fixed);
+    next->guest_tets = pliant_calloc(guests + 1, sizeof *next->guest_tets);
+    next->from = pliant_calloc(elements, sizeof *next->from);
+    next->gone = pliant_calloc((size_t)warp->num_elements, sizeof *next->gone);
+    next->changes = (pliant_warp_changes){warp->num_elements, (int32_t)elements, next->from, next->gone};
+    return next->guest_fixed && next->guest_tets && next->from && next->gone;
+}
+
+static void find_rest(const pliant_warp *warp, const pliant_mesh *mesh, int32_t node, double *rest)
+{
+    pliant_geometry_to_index(&warp->scan, mesh->rest + 3 * (size_t)node, rest + 3 * (size_t)node);
+}
+
+static pliant_status prepare_device(pliant_warp *warp, pliant_warp_next *next)
+{
+    const size_t nodes = (size_t)next->mesh->num_nodes;
+    double *rest = pliant_calloc(nodes, 3 * sizeof *rest);
+    if (!rest) return pliant_fail_memory("the warp");
+    for (int32_t n = 0; n < next->mesh->num_nodes; n++) find_rest(warp, next->mesh, n, rest);
+    pliant_warp_parts parts = pliant_warp_device_parts(warp);
+    parts.mesh = next->mesh;
+    parts.rest = rest;
+    parts.parts = next->parts;
+    if (next->fit) parts.fit = pliant_fit_parts(next->fit);
+    next->device = warp->device;
+    pliant_status status = warp->device->prepare(warp->accelerated, &parts, &next->changes, &next->device_next);
+    pliant_free(rest);
+    return status;
+}
+
+static pliant_status prepare_fit(const pliant_warp *warp, pliant_warp_next *next)
+{
+    const double *rest = next->longer[0] ? next->longer[0] : warp->rest;
+    return pliant_fit_create(next->mesh, &warp->scan, rest, &warp->volume.geometry, pliant_fit_parts(warp->fit)->step, warp->num_threads, &next->fit);
 }
 
 pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pliant_warp_next **out)
@@ -125,71 +196,51 @@ pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pl
     next->mesh = &body->fine;
     next->load_nodes = body->voxels ? body->voxels->num_nodes : 0;
     status = pliant_parts_create(body, &warp->scan, &next->parts);
-    const size_t guests = next->parts ? (size_t)next->parts->num_guests : 0;
-    if (status == PLIANT_OK) {
-        next->guest_fixed = pliant_calloc(guests + 1, 12 * sizeof *next->guest_fixed);
-        next->guest_tets = pliant_calloc(guests + 1, sizeof *next->guest_tets);
-        next->guest_anew = pliant_calloc(guests + 1, sizeof *next->guest_anew);
-        next->kept = pliant_calloc((size_t)(warp->parts ? warp->parts->num_guests : 0) + 1, sizeof *next->kept);
-        if (!next->guest_fixed || !next->guest_tets || !next->guest_anew || !next->kept ||
-            !make_room(warp, (size_t)body->fine.num_nodes, (size_t)body->fine.num_tets + guests, next))
-            status = pliant_fail_memory("the warp");
-    }
-    if (status == PLIANT_OK && warp->fit)
-        status = pliant_fit_create(next->mesh, &warp->scan, next->longer[0] ? next->longer[0] : warp->rest, &warp->volume.geometry,
-                                   pliant_fit_parts(warp->fit)->step, warp->num_threads, &next->fit);
+    if (status == PLIANT_OK && (!allocate(warp, next) || !make_room(warp, (size_t)body->fine.num_nodes, (size_t)next->changes.now, next)))
+        status = pliant_fail_memory("the warp");
+    if (status == PLIANT_OK) find_changes(warp, next);
+    if (status == PLIANT_OK && warp->fit) status = prepare_fit(warp, next);
+    if (status == PLIANT_OK && warp->accelerated) status = prepare_device(warp, next);
     if (status != PLIANT_OK) {
         pliant_warp_next_free(next);
         return status;
     }
-    carry_guests(warp, next);
     *out = next;
     return PLIANT_OK;
 }
 
-/* What was drawn and is not in the next body, and what is drawn otherwise. */
-static void find_changes(pliant_warp *warp, const pliant_warp_next *next)
+static void swap(void *a, void *b)
 {
-    const int32_t before = warp->mesh->num_tets, now = next->mesh->num_tets, both = before < now ? before : now;
-    for (int32_t t = both; t < before; t++) pliant_warp_leave_bricks(warp, t);
-    for (int32_t g = 0; warp->parts && g < warp->parts->num_guests; g++)
-        if (!next->kept[g]) pliant_warp_leave_bricks(warp, before + g);
-    for (int32_t t = 0; t < both; t++)
-        if (memcmp(warp->mesh->tets + 4 * (size_t)t, next->mesh->tets + 4 * (size_t)t, 4 * sizeof *warp->mesh->tets) != 0 ||
-            !pliant_parts_same(warp->parts, box_of(warp->parts, t), next->parts, box_of(next->parts, t)))
-            warp->anew[t] = 1;
+    void *one, *other;
+    memcpy(&one, a, sizeof one);
+    memcpy(&other, b, sizeof other);
+    memcpy(a, &other, sizeof other);
+    memcpy(b, &one, sizeof one);
 }
 
 void pliant_warp_take(pliant_warp *warp, pliant_warp_next *next)
 {
-    const pliant_mesh *old = warp->mesh, *mesh = next->mesh;
-    const int32_t guests = next->parts ? next->parts->num_guests : 0;
-    find_changes(warp, next);
+    const pliant_mesh *mesh = next->mesh;
+    const int32_t guests = next->changes.now - mesh->num_tets;
+    for (int32_t e = 0; e < warp->num_elements; e++)
+        if (next->gone[e]) pliant_warp_leave_bricks(warp, e);
     take_room(warp, next);
-    for (int32_t n = next->load_nodes; n < mesh->num_nodes; n++) { /* copies; those of a number may be others than before */
-        if (n < old->num_nodes && memcmp(old->rest + 3 * (size_t)n, mesh->rest + 3 * (size_t)n, 3 * sizeof *mesh->rest) == 0) continue;
-        pliant_geometry_to_index(&warp->scan, mesh->rest + 3 * (size_t)n, warp->rest + 3 * (size_t)n);
+    for (int32_t n = next->load_nodes; n < mesh->num_nodes; n++) {
+        if (!is_new(warp, next, n)) continue;
+        find_rest(warp, mesh, n, warp->rest);
         for (int d = 0; d < 3; d++) warp->fixed[3 * n + d] = nowhere;
     }
-    for (int32_t t = old->num_tets; t < mesh->num_tets; t++) {
-        memset(&warp->tets[t], 0, sizeof warp->tets[t]);
-        warp->anew[t] = 1;
-    }
+    for (int32_t e = 0; e < next->changes.now; e++) /* also those that were to be drawn anew, where there was no update since */
+        warp->anew[e] = next->from[e] < 0 || (e < mesh->num_tets && warp->anew[e]);
+    for (int32_t t = warp->mesh->num_tets; t < mesh->num_tets; t++) memset(&warp->tets[t], 0, sizeof warp->tets[t]);
     memcpy(warp->tets + mesh->num_tets, next->guest_tets, (size_t)guests * sizeof *warp->tets);
-    memcpy(warp->anew + mesh->num_tets, next->guest_anew, (size_t)guests);
     warp->mesh = mesh;
-    warp->num_elements = mesh->num_tets + guests;
+    warp->num_elements = next->changes.now;
     warp->adapted = true;
-    pliant_parts *parts = warp->parts;
-    int32_t *fixed = warp->guest_fixed;
-    warp->parts = next->parts;
-    warp->guest_fixed = next->guest_fixed;
-    next->parts = parts;
-    next->guest_fixed = fixed;
-    pliant_fit *fit = warp->fit;
-    warp->fit = next->fit;
-    next->fit = fit;
-    pliant_warp_renew(warp);
+    swap(&warp->parts, &next->parts);
+    swap(&warp->guest_fixed, &next->guest_fixed);
+    if (next->fit) swap(&warp->fit, &next->fit);
+    if (next->device_next) warp->device->take(warp->accelerated, next->device_next);
 }
 
 pliant_status pliant_warp_set_body(pliant_warp *warp, const pliant_body *body)

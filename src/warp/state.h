@@ -46,7 +46,6 @@ struct pliant_warp {
 /* warp.c: what an element touched in the last update is drawn anew in the coming one */
 void pliant_warp_leave_bricks(pliant_warp *warp, int32_t element);
 
-/* warp.c: the device's object for another body; where it cannot be had, the CPU goes on */
-void pliant_warp_renew(pliant_warp *warp);
+pliant_warp_parts pliant_warp_device_parts(pliant_warp *warp);
 
 #endif

@@ -399,11 +399,10 @@ pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step)
     return PLIANT_OK;
 }
 
-static pliant_status create_object(pliant_warp *warp, const pliant_warp_device *device, void **out)
+pliant_warp_parts pliant_warp_device_parts(pliant_warp *warp)
 {
-    pliant_warp_parts parts = {warp->mesh,    &warp->grid,   &warp->source, warp->rest,
-                               &warp->volume, warp->changed, warp->seconds, warp->fit ? pliant_fit_parts(warp->fit) : NULL};
-    return device->create(&parts, out);
+    return (pliant_warp_parts){warp->mesh,    &warp->grid,   &warp->source, warp->rest, &warp->volume,
+                               warp->changed, warp->seconds, warp->fit ? pliant_fit_parts(warp->fit) : NULL, warp->parts};
 }
 
 pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choice)
@@ -415,7 +414,8 @@ pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choic
     pliant_status status = pliant_gpu_choose(choice, device ? device->probe : NULL, text, &use);
     if (status != PLIANT_OK) return status;
     if (use) {
-        status = create_object(warp, device, &accelerated);
+        pliant_warp_parts parts = pliant_warp_device_parts(warp);
+        status = device->create(&parts, &accelerated);
         if (status != PLIANT_OK && choice != PLIANT_AUTO) return status;
         if (status != PLIANT_OK)
             pliant_log(PLIANT_LOG_WARNING, "the deformed volume is drawn by the CPU: %s", pliant_last_error());
@@ -425,21 +425,6 @@ pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choic
     warp->accelerated = accelerated;
     warp->drawn = false;
     return PLIANT_OK;
-}
-
-void pliant_warp_renew(pliant_warp *warp)
-{
-    if (!warp->accelerated) return;
-    void *made = NULL;
-    pliant_status status = warp->parts ? pliant_fail(PLIANT_ERROR_UNAVAILABLE, "what is cut is not drawn by a GPU") : PLIANT_OK;
-    pliant_warp_volume(warp);
-    if (status == PLIANT_OK) status = create_object(warp, warp->device, &made);
-    if (status != PLIANT_OK) {
-        pliant_warp_leave(warp);
-        return;
-    }
-    warp->device->free(warp->accelerated);
-    warp->accelerated = made;
 }
 
 void *pliant_warp_accelerated(const pliant_warp *warp) { return warp->accelerated; }

@@ -1,6 +1,7 @@
 // The warp and picks on the GPU against the CPU's, bit for bit; what happens when the GPU fails or is full. Skipped without a GPU.
 #include "backend/backend.h"
 #include "cuda_warps.h"
+#include "cut_cases.h"
 #include "pliant/pliant.h"
 
 #include <random>
@@ -70,6 +71,59 @@ TEST(CudaWarp, CrowdedBricksEqualToo)
     std::vector<double> x = warps.rest();
     for (size_t n = 0; n < x.size(); n++) x[n] = warps.mesh.corner[n % 3] + 0.2 * (x[n] - warps.mesh.corner[n % 3]);
     warps.update_and_compare(x, "all pressed together");
+}
+
+// the same body in both; copies of nodes a little apart
+void set_and_compare(Warps &warps, const cut_cases::CutBody &cut, double apart, const char *what)
+{
+    ASSERT_EQ(pliant_warp_set_body(warps.cpu, &cut.body), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_warp_set_body(warps.gpu, &cut.body), PLIANT_OK) << pliant_last_error();
+    std::vector<double> x(cut.body.fine.rest, cut.body.fine.rest + 3 * cut.body.fine.num_nodes);
+    for (size_t n = 0; n < cut.node_parent.size(); n++) {
+        if (int32_t(n) >= warps.mesh.num_nodes) x[3 * n] += apart, x[3 * n + 2] += 0.6 * apart;
+        x[3 * n + 1] += 0.3 * apart * std::sin(90 * x[3 * n + 2]);
+    }
+    warps.update_and_compare(x, what);
+    warps.update_and_compare(x, "nothing moved");
+    for (double &v : x) v += 0.0003;
+    warps.update_and_compare(x, "all moved");
+}
+
+TEST(CudaWarp, WhatIsCutEqualsToo)
+{
+    NEEDS_GPU();
+    for (bool crowded : {false, true})
+        for (pliant_encoding encoding : {PLIANT_UINT8, PLIANT_INT16, PLIANT_FLOAT32}) {
+            if (crowded && encoding != PLIANT_INT16) continue;
+            SCOPED_TRACE(encoding);
+            const int32_t few[3] = {6, 5, 4}, many[3] = {16, 16, 12};
+            pliant_geometry geometry = crowded ? geometry_of(48, 48, 40) : geometry_of(75, 61, 50), target = geometry;
+            for (int d = 0; d < 3; d++) target.size[d] += 9, target.origin[d] -= 4.5 * target.spacing[d];
+            Warps warps(encoding, geometry, crowded ? many : few, target);
+            const auto voxels = cut_cases::make_voxels(warps.mesh, geometry);
+            const cut_cases::vector3 middle = {0.5 * geometry.size[0] - 0.3, 0.5 * geometry.size[1] + 0.2, 0.5 * geometry.size[2] - 0.6};
+            auto upto = [=](double i) { return cut_cases::plane(middle, {0.31, 0.83, -0.46}, [=](const cut_cases::vector3 &at) { return at[0] < i; }); };
+            const auto across = cut_cases::plane(middle, {-0.4, 0.3, 0.87}, [](const cut_cases::vector3 &at) { return at[1] > 25; });
+            const cut_cases::CutBody none(warps.mesh, *voxels, {}), some(warps.mesh, *voxels, {upto(20)}), more(warps.mesh, *voxels, {upto(30), across}),
+                whole(warps.mesh, *voxels, {upto(100), across}, 2);
+            ASSERT_GT(whole.chips, 0);
+            warps.update_and_compare(warps.rest(), "before");
+            for (double apart : {0.0, 0.004}) {
+                set_and_compare(warps, some, apart, "a cut");
+                set_and_compare(warps, more, apart, "goes on");
+                set_and_compare(warps, whole, apart, "is whole");
+                set_and_compare(warps, some, apart, "undone");
+                set_and_compare(warps, none, apart, "healed");
+                for (pliant_warp *warp : {warps.cpu, warps.gpu}) ASSERT_EQ(pliant_warp_set_body(warp, &more.body), PLIANT_OK); // and at once another
+                set_and_compare(warps, whole, apart, "at once");
+            }
+            Warps fresh(encoding, geometry, crowded ? many : few, target);
+            ASSERT_EQ(pliant_warp_set_body(fresh.cpu, &more.body), PLIANT_OK);
+            ASSERT_EQ(pliant_warp_backend(fresh.gpu, PLIANT_CPU), PLIANT_OK);
+            ASSERT_EQ(pliant_warp_set_body(fresh.gpu, &more.body), PLIANT_OK);
+            ASSERT_EQ(pliant_warp_backend(fresh.gpu, PLIANT_CUDA), PLIANT_OK) << pliant_last_error();
+            fresh.update_and_compare({more.body.fine.rest, more.body.fine.rest + 3 * more.body.fine.num_nodes}, "cut before the GPU draws");
+        }
 }
 
 /* ---- picks */
