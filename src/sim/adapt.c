@@ -2,8 +2,8 @@
  * a second pliant_data, from which nobody reads; then the two change places, which cannot fail; the old things go. */
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "fem/dynamics/tled.h"
 #include "fem/falling/falling.h"
+#include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
@@ -98,6 +98,9 @@ static void swap_state(const adaptation *work)
     made->tled = tled;
     made->patch = patch;
     if (solver) pliant_solver_take_over(data->solver, solver);
+    if (!data->patch || !patch) return;
+    pliant_patch_succeed(data->patch, patch);
+    made->patch = NULL;
 }
 
 /* ---- tools' holds */

@@ -15,6 +15,7 @@ static void free_discretization(pliant_discretization *made)
     pliant_system_free(made->system);
     pliant_system_free(made->fine_system);
     pliant_tled_system_free(made->tled);
+    pliant_discretization_release(made->first);
     pliant_body_release(made->body);
     pliant_free(made->holders);
     pliant_free(made);
@@ -175,7 +176,10 @@ pliant_status pliant_discretizing_factorize(pliant_discretizing *work)
     if (made->tled) return PLIANT_OK;
     if (work->kept) {
         system->mean_diagonal = pliant_system_mean_diagonal(system);
-        return pliant_patch_asked(work->scene) ? pliant_patch_system(work->scene, made->body, system->num_threads, &made->fine_system) : PLIANT_OK;
+        if (!pliant_patch_asked(work->scene)) return PLIANT_OK;
+        const pliant_discretization *before = work->kept->before;
+        made->first = pliant_discretization_retain(before->first ? before->first : before);
+        return pliant_patch_next_system(made->body, system->num_threads, work->kept, &made->fine_system);
     }
     pliant_tangent *tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents);
     if (!tangents) return pliant_fail_memory("the stiffness matrix");

@@ -169,6 +169,26 @@ static bool is_semidefinite(const double k[144])
     return !any || (isfinite(trace) && pliant_dense_cholesky(12, shifted));
 }
 
+/* Fragments that a cut has left without a fine node at a corner cannot be condensed on it: their nodes follow the corners linearly. */
+static bool has_corners(const pliant_submesh *submesh, int32_t tet)
+{
+    for (int v = 0; v < 4; v++)
+        if (pliant_submesh_corner(submesh, tet, v) < 0) return false;
+    return true;
+}
+
+static void linear_shapes(const pliant_submesh *submesh, int32_t tet, double *shape)
+{
+    memset(shape, 0, 36 * (size_t)submesh->num_nodes * sizeof *shape);
+    for (int32_t n = 0; n < submesh->num_nodes; n++) {
+        double weights[4];
+        if (submesh->fixed[submesh->node[n]]) continue;
+        pliant_mesh_barycentric(submesh->coarse, tet, submesh->fine->rest + 3 * submesh->node[n], weights);
+        for (int v = 0; v < 4; v++)
+            for (int d = 0; d < 3; d++) shape[36 * (size_t)n + (size_t)(12 * d + 3 * v + d)] = weights[v];
+    }
+}
+
 /* Schur complement on the corners, [H] 3, and shape functions [H] 6: shape (num_nodes x 36), 3 x 12 a node. Fixed nodes are
  * removed from the problem and their shape functions are zero ([H] 4.2). */
 static bool schur_stiffness(pliant_submesh *submesh, int32_t tet, double out[144], double *shape)
@@ -327,6 +347,11 @@ static pliant_status homogenize_one(homogenization *work, pliant_submesh *submes
     work->system->grounded[tet] = fixed;
     if (work->shapes) {
         if ((status = keep_shapes(submesh, work->shapes + tet)) != PLIANT_OK) return status;
+        if (!has_corners(submesh, tet)) {
+            linear_shapes(submesh, tet, work->shapes[tet].shape);
+            galerkin_stiffness(submesh, tet, out);
+            return PLIANT_OK;
+        }
         if (schur_stiffness(submesh, tet, out, work->shapes[tet].shape) && is_semidefinite(out)) return PLIANT_OK;
         /* the shape functions would be as wrong: no other stiffness can stand in */
         return pliant_fail(PLIANT_ERROR_NUMERIC, "schur: the submesh of coarse tetrahedron %d cannot be condensed on its corners to a "

@@ -40,8 +40,8 @@ static pliant_status find_near(const pliant_system *system, const double *positi
     return status;
 }
 
-pliant_status pliant_carried_create(const pliant_system *system, const pliant_discretization *of, int32_t *source, const double *positions,
-                                    const double *axes, pliant_carried **out)
+pliant_status pliant_carried_create(const pliant_system *system, const pliant_discretization *of, const pliant_system *of_base, int32_t *source,
+                                    const double *positions, const double *axes, pliant_carried **out)
 {
     pliant_carried *carried = pliant_calloc(1, sizeof *carried);
     if (!carried) {
@@ -49,9 +49,10 @@ pliant_status pliant_carried_create(const pliant_system *system, const pliant_di
         return pliant_fail_memory("the preconditioner");
     }
     carried->of = pliant_discretization_retain(of);
+    carried->system = of_base;
     carried->source = source;
     carried->num_free = system->num_free;
-    carried->base_free = of->system->num_free;
+    carried->base_free = of_base->num_free;
     carried->rest = pliant_calloc((size_t)carried->num_free, 3 * sizeof *carried->rest);
     carried->all = pliant_calloc((size_t)carried->num_free, 3 * sizeof *carried->all);
     carried->right = pliant_calloc((size_t)carried->base_free, 3 * sizeof *carried->right);

@@ -18,6 +18,7 @@ extern "C" {
 typedef struct pliant_carried {
     pliant_preconditioner *base;      /* V, owned; NULL until it is handed over */
     const pliant_discretization *of;  /* what it is of; retained */
+    const pliant_system *system;      /* one of its systems: the base's */
     int32_t num_free, base_free;      /* here; there */
     int32_t *source;                  /* (num_free) unknown there, or -1 */
     pliant_subdomain *near;           /* Nullable: nothing is opened */
@@ -26,8 +27,8 @@ typedef struct pliant_carried {
 } pliant_carried;
 
 /* Around unknowns whose source is shared or missing. source is taken over, also on an error; base is handed over later. Errors: MEMORY, NUMERIC. */
-pliant_status pliant_carried_create(const pliant_system *system, const pliant_discretization *of, int32_t *source, const double *positions,
-                                    const double *axes, pliant_carried **out);
+pliant_status pliant_carried_create(const pliant_system *system, const pliant_discretization *of, const pliant_system *of_base, int32_t *source,
+                                    const double *positions, const double *axes, pliant_carried **out);
 void pliant_carried_free(pliant_carried *carried); /* Nullable */
 /* out = M^-1 right; may be the same */
 pliant_status pliant_carried_solve(pliant_carried *carried, const double *right, double *out);

@@ -100,8 +100,8 @@ void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int nu
     if (preconditioner->carried && preconditioner->carried->base) pliant_preconditioner_threads(preconditioner->carried->base, num_threads);
 }
 
-pliant_status pliant_preconditioner_carry(const pliant_system *system, const pliant_discretization *of, int32_t *source, const double *positions,
-                                          const double *axes, pliant_preconditioner **out)
+pliant_status pliant_preconditioner_carry(const pliant_system *system, const pliant_discretization *of, const pliant_system *of_base, int32_t *source,
+                                          const double *positions, const double *axes, pliant_preconditioner **out)
 {
     pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
     if (!preconditioner) {
@@ -109,7 +109,7 @@ pliant_status pliant_preconditioner_carry(const pliant_system *system, const pli
         return pliant_fail_memory("the preconditioner");
     }
     preconditioner->system = *system;
-    pliant_status status = pliant_carried_create(system, of, source, positions, axes, &preconditioner->carried);
+    pliant_status status = pliant_carried_create(system, of, of_base, source, positions, axes, &preconditioner->carried);
     if (status != PLIANT_OK) {
         pliant_preconditioner_free(preconditioner);
         return status;

@@ -2,6 +2,7 @@
 #include "fem/patch/patch_job.h"
 #include "fem/quasistatic/background.h"
 #include "pliant/memory.h"
+#include "state/discretization.h"
 
 #include <math.h>
 #include <string.h>
@@ -36,12 +37,28 @@ pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *
     return PLIANT_OK;
 }
 
+pliant_status pliant_patch_next_system(const pliant_body *body, int num_threads, const pliant_kept *kept, pliant_system **out)
+{
+    pliant_system *system = pliant_calloc(1, sizeof *system);
+    if (!system) return pliant_fail_memory("the fine mesh of patches");
+    system->mesh = system->fine = &body->fine;
+    system->num_threads = num_threads;
+    pliant_status status = pliant_system_elements(system, body->fine_material, kept->before->fine_system, kept->fine);
+    if (status == PLIANT_OK) status = pliant_system_number(system, body->fine_fixed);
+    if (status != PLIANT_OK) {
+        pliant_system_free(system);
+        return status;
+    }
+    *out = system;
+    return PLIANT_OK;
+}
+
 pliant_status pliant_patch_create(const pliant_scene *scene, const pliant_discretization *discretization, pliant_patch **out)
 {
     pliant_patch *patch = pliant_calloc(1, sizeof *patch);
     if (!patch) return pliant_fail_memory("the patches");
     patch->scene = scene;
-    patch->discretization = discretization;
+    patch->discretization = pliant_discretization_retain(discretization);
     atomic_init(&patch->stop, false);
     *out = patch;
     return PLIANT_OK;
@@ -108,7 +125,35 @@ void pliant_patch_free(pliant_patch *patch)
     if (!patch) return;
     pliant_patch_reset(patch);
     pliant_preconditioner_free(patch->preconditioner);
+    pliant_patch_free(patch->before);
+    pliant_discretization_release(patch->discretization);
     pliant_free(patch);
+}
+
+static bool is_busy(const pliant_patch *patch)
+{
+    return (patch->job.running && !atomic_load(&patch->finished)) || (patch->solver && pliant_refresh_is_busy(patch->solver));
+}
+
+void pliant_patch_succeed(pliant_patch *patch, pliant_patch *before)
+{
+    atomic_store(&before->stop, true);
+    patch->before = before;
+}
+
+/* those of bodies before whose threads have ended */
+static void free_before(pliant_patch *patch)
+{
+    for (pliant_patch **at = &patch->before; *at;) {
+        pliant_patch *before = *at;
+        if (is_busy(before)) {
+            at = &before->before;
+            continue;
+        }
+        *at = before->before;
+        before->before = NULL;
+        pliant_patch_free(before);
+    }
 }
 
 /* ---- delivering */
@@ -226,6 +271,7 @@ static bool arrives(pliant_patch *patch, pliant_data *data, uint32_t result, boo
 pliant_status pliant_patch_begin(pliant_data *data)
 {
     pliant_patch *patch = data->patch;
+    free_before(patch);
     bool abandoned = is_abandoned(patch, data);
     if (abandoned) atomic_store(&patch->stop, true); /* it ends by itself; nobody waits for that */
     else if (patch->job.running && arrives(patch, data, PLIANT_TAKES_PATCH, data->statistics.step >= patch->job.due)) {

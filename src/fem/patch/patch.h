@@ -22,9 +22,14 @@ static inline bool pliant_patch_asked(const pliant_scene *scene) { return scene-
 /* The fine mesh with its stiffness at rest, which responses are computed with. Errors: MEMORY, NUMERIC, SCENE. */
 pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *body, int num_threads, pliant_system **out);
 
-/* Both are borrowed. */
+/* That of the next body: without a factor; patches carry over the one of the body at load. Errors: MEMORY. */
+pliant_status pliant_patch_next_system(const pliant_body *body, int num_threads, const pliant_kept *kept, pliant_system **out);
+
+/* The scene is borrowed. */
 pliant_status pliant_patch_create(const pliant_scene *scene, const pliant_discretization *discretization, pliant_patch **out);
 void pliant_patch_free(pliant_patch *patch); /* Nullable */
+/* The patches of the next body are there. Where threads still work for those before, these are freed later, by a step that need not wait. */
+void pliant_patch_succeed(pliant_patch *patch, pliant_patch *before);
 /* Nothing held, nothing moved. */
 void pliant_patch_reset(pliant_patch *patch);
 

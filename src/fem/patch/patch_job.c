@@ -24,6 +24,12 @@ static pliant_basis_size size_of(const pliant_patch *patch, int32_t blocks)
     return pliant_basis_measure(patch->discretization->fine_system, patch->scene->model.patch, count, footholds, blocks);
 }
 
+/* whose fine system has a factor */
+static const pliant_discretization *at_rest_of(const pliant_discretization *discretization)
+{
+    return discretization->fine_system->preconditioner ? discretization : discretization->first;
+}
+
 /* Steps that a patch may take, of so many blocks of responses, some of which are still to be made: its operations at a rate that a
  * core of today has, so that the answer is the same everywhere and the step seldom waits. */
 static int32_t delay_of(const pliant_patch *patch, int missing, int all)
@@ -31,9 +37,10 @@ static int32_t delay_of(const pliant_patch *patch, int missing, int all)
     const double rate = 2e9;
     const pliant_scene *scene = patch->scene;
     const pliant_system *fine = patch->discretization->fine_system;
+    const pliant_preconditioner *at_rest = at_rest_of(patch->discretization)->fine_system->preconditioner;
     if (scene->model.patch_delay > 0) return scene->model.patch_delay;
     double operations = pliant_basis_operations(fine, size_of(patch, all));
-    if (missing > 0) operations += missing * pliant_response_operations(fine, fine->preconditioner, patch->job.x);
+    if (missing > 0) operations += missing * pliant_response_operations(fine, at_rest, patch->job.x);
     return 1 + (int32_t)fmin(ceil(operations / rate / scene->solver.step), 99998);
 }
 
@@ -106,6 +113,30 @@ static pliant_status check_memory(const pliant_patch *patch)
                        bytes / 1e6, available / 1e6);
 }
 
+/* This one's own; of a next body that of the body at load, carried over. */
+static pliant_status make_preconditioner(pliant_patch *patch)
+{
+    const pliant_discretization *first = at_rest_of(patch->discretization);
+    const pliant_system *fine = patch->discretization->fine_system;
+    const int32_t *parent = patch->discretization->body->node_parent;
+    pliant_preconditioner *base = NULL, *made = NULL;
+    pliant_status status = pliant_preconditioner_clone(first->fine_system->preconditioner, 1, &base);
+    if (status != PLIANT_OK || first == patch->discretization) {
+        patch->preconditioner = base;
+        return status;
+    }
+    int32_t *source = pliant_calloc((size_t)fine->num_free, sizeof *source);
+    for (int32_t f = 0; source && f < fine->num_free; f++) {
+        const int32_t node = fine->node_of_free[f];
+        source[f] = first->fine_system->free_of_node[parent ? parent[node] : node];
+    }
+    status = source ? pliant_preconditioner_carry(fine, first, first->fine_system, source, fine->mesh->rest, NULL, &made) : pliant_fail_memory("a patch");
+    if (status == PLIANT_OK) pliant_preconditioner_hand_over(made, &base);
+    pliant_preconditioner_free(base);
+    patch->preconditioner = made;
+    return status;
+}
+
 static pliant_status make_basis(pliant_patch *patch)
 {
     enum { MOST_BLOCKS = PLIANT_MAX_TOOLS * (PLIANT_MAX_TOOLS + 1) / 2 };
@@ -117,7 +148,7 @@ static pliant_status make_basis(pliant_patch *patch)
     const double *blocks[MOST_BLOCKS];
     int32_t count = list_footholds(job, footholds), num_blocks = 0;
     pliant_status status = check_memory(patch);
-    if (status == PLIANT_OK && !patch->preconditioner) status = pliant_preconditioner_clone(fine->preconditioner, 1, &patch->preconditioner);
+    if (status == PLIANT_OK && !patch->preconditioner) status = make_preconditioner(patch);
     if (status == PLIANT_OK) status = pliant_linearized_create(fine, job->x, &linearized);
     linearized.progress = (pliant_progress){still_wanted, patch};
     if (status == PLIANT_OK) status = make_blocks(patch, &linearized);

@@ -43,7 +43,8 @@ typedef struct patch_room {
 
 struct pliant_patch {
     const pliant_scene *scene;
-    const pliant_discretization *discretization;
+    const pliant_discretization *discretization; /* retained */
+    struct pliant_patch *before; /* Nullable: of the body before, while a thread still works for it */
     pliant_preconditioner *preconditioner; /* of the fine system, this one's own; made with the first patch */
     patch_job job;
     atomic_bool stop;         /* the job is no longer wanted */

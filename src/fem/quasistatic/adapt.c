@@ -63,7 +63,7 @@ static pliant_status carry(pliant_solver *solver, const pliant_solver *from, con
     if (!of) of = from->system->of;
     if (!(source = sources_of(system, from, node))) return pliant_fail_memory("the solver");
     const double *axes = solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL;
-    pliant_status status = pliant_preconditioner_carry(system, of, source, solver->now.x, axes, &solver->preconditioner);
+    pliant_status status = pliant_preconditioner_carry(system, of, of->system, source, solver->now.x, axes, &solver->preconditioner);
     return status == PLIANT_OK ? pliant_refresh_carry(solver, from, node) : status;
 }
 

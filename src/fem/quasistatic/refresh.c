@@ -250,7 +250,8 @@ static pliant_status put_below(pliant_solver *solver, pliant_statistics *statist
     pliant_nodal_rotations_refer(system, x, solver->rotations);
     pliant_nodal_rotations_update(system, solver->now.x, solver->rotations);
     pliant_free(x);
-    pliant_status status = pliant_preconditioner_carry(system, refresh->of, source, solver->now.x, solver->rotations ? solver->rotations->rotation : NULL, &made);
+    pliant_status status = pliant_preconditioner_carry(system, refresh->of, refresh->of->system, source, solver->now.x,
+                                                       solver->rotations ? solver->rotations->rotation : NULL, &made);
     if (status != PLIANT_OK) return status;
     pliant_preconditioner_hand_over(made, &refresh->preconditioner);
     pliant_preconditioner_threads(made, system->num_threads);
@@ -358,6 +359,11 @@ void pliant_refresh_free(pliant_solver *solver)
     pliant_discretization_release(refresh->of);
     pliant_free(refresh);
     solver->refresh = NULL;
+}
+
+bool pliant_refresh_is_busy(const pliant_solver *solver)
+{
+    return solver->refresh && solver->refresh->running && !atomic_load(&solver->refresh->finished);
 }
 
 size_t pliant_refresh_bytes(const pliant_solver *solver)

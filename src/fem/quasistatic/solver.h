@@ -187,6 +187,7 @@ void pliant_posterior_keep(pliant_solver *solver);
 pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *statistics);
 void pliant_refresh_free(pliant_solver *solver);
 size_t pliant_refresh_bytes(const pliant_solver *solver);
+bool pliant_refresh_is_busy(const pliant_solver *solver); /* freeing it would wait */
 /* For a solver that follows another: room for what that one has under way (errors: MEMORY), and taking it over. */
 pliant_status pliant_refresh_carry(pliant_solver *solver, const pliant_solver *from, const int32_t *source);
 void pliant_refresh_take(pliant_solver *solver, pliant_solver *from);
