@@ -1,10 +1,13 @@
 // Bodies that follow one another while a simulation runs: what is derived from a body goes over to the next one.
 #include "body.h"
+#include "fragments.h"
+#include "sim/discretization.h"
 #include "state/data.h"
 #include "pliant/memory.h"
 #include "warp/raster.h"
 
 #include <algorithm>
+#include <chrono>
 #include <memory>
 #include <thread>
 
@@ -290,7 +293,144 @@ TEST_P(EveryDivisible, ACutBodyMovesAsOneThatWasMadeApart)
     EXPECT_LT(most, 2e-6);
     EXPECT_GT(opened, 1e-3); // the tools shear the halves along y, and the cut lets them
 }
-INSTANTIATE_TEST_SUITE_P(Methods, EveryDivisible, testing::Values(direct, multigrid, plain, averaged, patch, octree, dynamic, relaxed), name_of);
+// ---- what a cut has not touched is copied: the same bits as making all anew
+
+template <class T> void expect_same(const T *a, const T *b, size_t count, const char *what)
+{
+    ASSERT_EQ(a == nullptr, b == nullptr) << what;
+    if (a) EXPECT_EQ(std::memcmp(a, b, count * sizeof *a), 0) << what;
+}
+
+void expect_same(const pliant_system &a, const pliant_system &b)
+{
+    ASSERT_EQ(a.num_free, b.num_free);
+    const size_t blocks = static_cast<size_t>(a.num_blocks), tets = static_cast<size_t>(a.mesh->num_tets), fine = static_cast<size_t>(a.fine->num_nodes);
+    ASSERT_EQ(a.num_blocks, b.num_blocks);
+    expect_same(a.gradients, b.gradients, blocks, "gradients");
+    expect_same(a.lame, b.lame, blocks, "lame");
+    expect_same(a.stiffness, b.stiffness, 144 * tets, "stiffness");
+    expect_same(a.grounded, b.grounded, LANES * blocks, "grounded");
+    expect_same(a.free_of_node, b.free_of_node, static_cast<size_t>(a.mesh->num_nodes), "unknowns");
+    expect_same(a.gravity_mass, b.gravity_mass, 9 * static_cast<size_t>(a.num_free), "gravity");
+    EXPECT_EQ(a.mean_diagonal, b.mean_diagonal);
+    ASSERT_EQ(a.upsample == nullptr, b.upsample == nullptr);
+    if (!a.upsample) return;
+    expect_same(a.upsample->coarse_tet, b.upsample->coarse_tet, fine, "coarse tetrahedra");
+    expect_same(a.upsample->weights, b.upsample->weights, 4 * fine, "weights");
+    expect_same(a.upsample->start, b.upsample->start, fine + 1, "entries");
+    if (!a.upsample->start) return;
+    const size_t entries = static_cast<size_t>(a.upsample->start[fine]);
+    expect_same(a.upsample->entry_tet, b.upsample->entry_tet, entries, "entries' tetrahedra");
+    expect_same(a.upsample->entry_share, b.upsample->entry_share, entries, "shares");
+    expect_same(a.upsample->entry_shape, b.upsample->entry_shape, 36 * entries, "shapes");
+}
+
+const Plane slanted{{0.075, 0.08, 0.08}, {0.95, 0.2, 0.24}};
+std::function<bool(const double *)> above(double z)
+{
+    return [z](const double *x) { return x[2] > z; };
+}
+
+struct EveryFragment : testing::TestWithParam<Case> {};
+TEST_P(EveryFragment, IncrementallyAsAnew)
+{
+    std::unique_ptr<Body> body = make(GetParam());
+    std::vector<int8_t> sides;
+    const pliant_body *before = pliant_body_retain(body->model->body);
+    for (double z : {0.11, 0.06}) { // two strokes, fragments of fine tetrahedra
+        const pliant_body *next = sever_plane(before, before->revision + 1, slanted, above(z), &sides);
+        ASSERT_TRUE(next) << pliant_last_error();
+        EXPECT_GT(next->fine.num_tets, before->fine.num_tets);
+        EXPECT_LT(next->changes.num_touched, before->fine.num_tets / 2);
+        ASSERT_EQ(pliant_data_set_body(body->model, body->data, next), PLIANT_OK) << pliant_last_error();
+        const pliant_discretization *anew = nullptr, *made = body->data->discretization;
+        ASSERT_EQ(pliant_discretization_create(&body->scene, next, &anew), PLIANT_OK) << pliant_last_error();
+        if (!made->tled) expect_same(*made->system, *anew->system);
+        pliant_discretization_release(anew);
+        pliant_body_release(before);
+        before = next;
+    }
+    ASSERT_EQ(pliant_data_set_body(body->model, body->data, body->model->body), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(body->data->discretization, body->model->discretization);
+    pliant_body_release(before);
+}
+
+// steps between strokes, the tools pulling: it stays a state, and settles where a body that was cut at rest does
+struct EveryStroke : testing::TestWithParam<Case> {};
+TEST_P(EveryStroke, WhileItMoves)
+{
+    std::unique_ptr<Body> moving = make(GetParam()), resting = make(GetParam());
+    std::vector<int8_t> sides, other;
+    for (Body *body : {moving.get(), resting.get()}) take_hold(*body);
+    auto stroke = [&](Body &body, double z, std::vector<int8_t> &of) {
+        const pliant_body *next = sever_plane(body.data->body, body.data->last_revision + 1, slanted, above(z), &of);
+        ASSERT_TRUE(next) << pliant_last_error();
+        ASSERT_EQ(pliant_data_set_body(body.model, body.data, next), PLIANT_OK) << pliant_last_error();
+        pliant_body_release(next);
+    };
+    for (double z : {0.13, 0.11, 0.09, 0.07}) stroke(*resting, z, other);
+    for (double z : {0.13, 0.11, 0.09, 0.07}) {
+        step(*moving, 1);
+        stroke(*moving, z, sides);
+    }
+    step(*moving, 3);
+    for (int t = 0; t < 2; t++) ASSERT_EQ(pliant_tool_set_pose(resting->data, t, moving->data->tools[t].tip, nullptr), PLIANT_OK);
+    const size_t count = 3 * static_cast<size_t>(moving->data->body->fine.num_nodes);
+    ASSERT_EQ(moving->data->body->fine.num_nodes, resting->data->body->fine.num_nodes);
+    for (Body *body : {moving.get(), resting.get()}) {
+        ASSERT_EQ(pliant_data_set_limits(body->data, 200, 1e-9), PLIANT_OK);
+        double apart = 1;
+        for (int s = 0; s < 400 && apart > 1e-8; s++) {
+            const std::vector<double> at(body->data->positions, body->data->positions + count);
+            ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
+            apart = 0;
+            for (size_t i = 0; i < count; i++) apart = std::fmax(apart, std::fabs(body->data->positions[i] - at[i]));
+        }
+    }
+    double most = 0, moved = 0;
+    for (size_t i = 0; i < count; i++) {
+        most = std::fmax(most, std::fabs(moving->data->positions[i] - resting->data->positions[i]));
+        moved = std::fmax(moved, std::fabs(moving->data->positions[i] - moving->data->body->fine.rest[i]));
+    }
+    EXPECT_GT(moved, 5e-3);
+    EXPECT_LT(most, 1e-3 * moved);
+}
+INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment, testing::Values(direct, multigrid, plain, schur, averaged, calibrated, patch, dynamic, relaxed), name_of);
+
+// what a live run took of what was made in the background, while it was cut, makes the same bits again
+struct EveryReplay : testing::TestWithParam<Case> {};
+TEST_P(EveryReplay, OfALiveRunThatIsCut)
+{
+    std::unique_ptr<Body> live = make(GetParam()), again = make(GetParam());
+    std::vector<int8_t> sides[2];
+    for (Body *body : {live.get(), again.get()}) take_hold(*body);
+    ASSERT_EQ(pliant_data_set_background(live->data, PLIANT_BACKGROUND_LIVE, 0), PLIANT_OK);
+    uint32_t all = 0;
+    for (int s = 0; s < 40; s++) {
+        for (int b = 0; b < 2; b++) {
+            Body &body = b ? *again : *live;
+            if (s % 3 == 2 && s < 16) {
+                const pliant_body *next = sever_plane(body.data->body, body.data->last_revision + 1, slanted, above(0.14 - 0.005 * s), sides + b);
+                ASSERT_TRUE(next) << pliant_last_error();
+                ASSERT_EQ(pliant_data_set_body(body.model, body.data, next), PLIANT_OK) << pliant_last_error();
+                pliant_body_release(next);
+            }
+            if (b) {
+                ASSERT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_PRESCRIBED, pliant_data_get_background_taken(live->data)), PLIANT_OK);
+                all |= pliant_data_get_background_taken(live->data);
+            }
+            step(body, 1);
+        }
+        ASSERT_EQ(pliant_data_get_background_taken(live->data), pliant_data_get_background_taken(again->data)) << "step " << s;
+        ASSERT_EQ(state(*live), state(*again)) << "step " << s;
+        std::this_thread::sleep_for(std::chrono::milliseconds(3));
+    }
+    EXPECT_TRUE(all & PLIANT_TAKES_FACTOR);
+    EXPECT_GT(live->data->statistics.factors, 0u);
+}
+INSTANTIATE_TEST_SUITE_P(Methods, EveryReplay, testing::Values(direct, multigrid, averaged, patch), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryStroke, testing::Values(direct, multigrid, plain, schur, averaged, calibrated, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryDivisible, testing::Values(direct, multigrid, plain, schur, averaged, calibrated, patch, octree, dynamic, relaxed), name_of);
 
 // ---- what no part of all this had a hand in: the left half of a body in two is the body of half the width
 
