@@ -205,6 +205,12 @@ INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
 
 struct EveryDivisible : testing::TestWithParam<Case> {};
 
+// until no thread takes memory, or an allocation that is meant to fail
+void wait_for_background(const Body &body)
+{
+    while (body.data->solver && pliant_refresh_is_busy(body.data->solver)) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+}
+
 // no memory for any of it: the body before goes on with the same bits
 TEST_P(EveryDivisible, WithoutMemoryTheBodyBeforeGoesOn)
 {
@@ -216,6 +222,8 @@ TEST_P(EveryDivisible, WithoutMemoryTheBodyBeforeGoesOn)
     const pliant_body *next = divide(other->data->body, 2, split(*other->data->body, 0.08, 0.09));
     ASSERT_TRUE(next);
     std::vector<int64_t> failed;
+    wait_for_background(*one);
+    wait_for_background(*other);
     const size_t before = pliant_memory_in_use();
     // every allocation where there are few, then some of them: preparing takes a while
     for (int64_t n = 0;; n += n < 40 ? 1 : 1 + n / 8) {
@@ -236,6 +244,7 @@ TEST_P(EveryDivisible, WithoutMemoryTheBodyBeforeGoesOn)
     std::unique_ptr<Body> third = make(GetParam());
     take_hold(*third);
     step(*third, 4);
+    wait_for_background(*third);
     next = divide(third->data->body, 2, split(*third->data->body, 0.08, 0.09));
     for (int64_t n : failed) {
         if (2 * n > failed.back()) break; // how many there are depends a little on which thread does what
