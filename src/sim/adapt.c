@@ -2,6 +2,7 @@
  * a second pliant_data, from which nobody reads; then the two change places, which cannot fail; the old things go. */
 #include "backend/backend.h"
 #include "base/fail.h"
+#include "fem/dynamics/tled.h"
 #include "fem/falling/falling.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
