@@ -144,6 +144,8 @@ static pliant_status fill(pliant_cuda_tled *gpu, const pliant_tled *tled)
 
 extern "C" pliant_status pliant_cuda_tled_create(pliant_tled *tled, int device, pliant_cuda_tled **out)
 {
+    if (tled->system->stiffness_damping > 0)
+        return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tled/stiffness_damping is the CPU's alone: set solver/backend to cpu, or take tled/damping or tled/prony_share");
     pliant_cuda_tled *gpu = static_cast<pliant_cuda_tled *>(pliant_calloc(1, sizeof *gpu));
     if (!gpu) return pliant_fail_memory("the dynamics");
     gpu->system = tled->system;
@@ -405,6 +407,9 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
     gpu_frame *frame = &gpu->h_exchange->frame;
     gpu_outcome *outcome = &gpu->h_exchange->outcome;
     const bool still = gpu->gpu.still;
+    for (int t = 0; t < num_tools; t++)
+        if (tools[t].holding && tools[t].mass > 0)
+            return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tool %s has a mass, which explicit dynamics swings on the CPU alone", tools[t].name);
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     if (gpu->stale) CUDA_TRY(send_state(gpu, tled));
     gpu->stale = true; /* until this frame is whole and sound */

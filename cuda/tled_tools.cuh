@@ -109,7 +109,8 @@ static __device__ void set_row(const gpu_tled &tled, const gpu_hold &hold, doubl
     pliant_substep_approach(target, hold.goal, parts, frame->reach);
     const bool spring = hold.drive == PLIANT_DRIVE_SPRING;
     const double damper = spring && !tled.still ? hold.damping / frame->time_step : 0;
-    const double compliance = pliant_substep_gap(spring, hold.stiffness, damper, target, old, work->point, work->point + 3, work->force[i]);
+    const double none[3] = {0, 0, 0}; /* tools with a mass are the CPU's: pliant_cuda_tled_run */
+    const double compliance = pliant_substep_gap(spring ? hold.stiffness : 0, damper, 0, target, old, work->point, work->point + 3, none, none, work->force[i]);
     for (int j = 0; j <= i; j++) work->matrix[i][j] = factor * frame->answer[tool][work->pulls[j]];
     work->matrix[i][i] += compliance;
 }

@@ -41,6 +41,7 @@ const char two_tools[] = "tools:\n"
                          "  - name: grasper\n"
                          "    grasp: [0.01, -0.02, 0.03]\n"
                          "    release: 2.5\n"
+                         "    mass: 0.05\n"
                          "    motion: [{time: 0.5, offset: [0, 0, 0]}, {time: 1.5, offset: [0, -0.03, 0.01]}]\n"
                          "  - name: second\n"
                          "    drive: force\n"
@@ -58,6 +59,8 @@ TEST_F(Path, HoldsWhatTheFileSays)
     EXPECT_DOUBLE_EQ(path_.tools[0].grasp[1], -0.02);
     EXPECT_DOUBLE_EQ(path_.tools[0].release, 2.5);
     EXPECT_DOUBLE_EQ(path_.tools[1].release, 0.0);
+    EXPECT_DOUBLE_EQ(path_.tools[0].mass, 0.05);
+    EXPECT_DOUBLE_EQ(path_.tools[1].mass, 0.0);
     EXPECT_DOUBLE_EQ(pliant_path_end(&path_), 2.5);
 }
 

@@ -555,4 +555,114 @@ TEST(Tled, RefusesWhatItCannotDo)
     EXPECT_EQ(bar.build(), PLIANT_ERROR_SCENE);
 }
 
+// A clamped beam that gravity sets swinging, with or without a weight at its tip, from the turning points of the tip.
+struct Swing { double frequency, ratio, sag; };
+
+Swing swing_of_beam(double poisson, double mass, double by_mass, double by_stiffness)
+{
+    const int size[3] = {6, 6, 20};
+    const double box[3] = {0.03, 0.03, 0.1}, step = 0.002, at[3] = {0.015, 0.015, 0.095}, none[3] = {0, 0, 0};
+    Body body(size, box, {{263.8e3, poisson, 1070, false}});
+    body.cells(3, 3, 10, 1);
+    body.fix_plane(0, 0, 1e-4, 0, 0, 1);
+    body.scene.solver.kind = PLIANT_TLED;
+    body.scene.solver.step = step;
+    body.scene.tled.damping = by_mass;
+    body.scene.tled.stiffness_damping = by_stiffness;
+    body.scene.model.gravity[1] = -0.5;
+    body.scene.grasp.radius = 0.012;
+    EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    int tool;
+    EXPECT_EQ(pliant_tool_add(body.model, body.data, "weight", &tool), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, at), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_FORCE, none), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_set_mass(body.data, tool, mass), PLIANT_OK);
+    std::vector<double> y{0, 0, 0}, times, values;
+    for (int s = 0; s < 500; s++) {
+        EXPECT_EQ(pliant_step(body.model, body.data), PLIANT_OK) << pliant_last_error();
+        y = {y[1], y[2], body.data->tools[tool].held_point[1]};
+        if (s < 2 || (y[1] - y[0]) * (y[2] - y[1]) >= 0) continue;
+        const double bend = 0.5 * (y[2] + y[0]) - y[1], slope = 0.5 * (y[2] - y[0]); // a parabola
+        times.push_back(step * (s - slope / (2 * bend)));
+        values.push_back(y[1] - slope * slope / (4 * bend));
+    }
+    EXPECT_GT(times.size(), 8u);
+    double fall = std::log(std::fabs((values[0] - values[1]) / (values[6] - values[7]))) / 6;
+    return {3 / (times[7] - times[1]), fall / std::sqrt(M_PI * M_PI + fall * fall), 0.015 - 0.25 * (values[5] + 2 * values[6] + values[7])};
+}
+
+// Damping in proportion to stiffness, fitted on the beam alone, is right with a weight on it: the ratio goes with the frequency. That in
+// proportion to mass goes against it. The weight swings as a mass does: by Dunkerley 1 / w^2 is the beam's and, of its own, mass over stiffness,
+// which is how far it sags over gravity.
+TEST(Tled, DampingAndMassTransferFromTheBeamAloneToOneWithAWeight)
+{
+    const double seconds = 2e-3, weight = 0.05;
+    Swing alone = swing_of_beam(0.45, 0, 0, seconds), hung = swing_of_beam(0.45, weight, 0, seconds);
+    std::printf("beam alone %.2f Hz, ratio %.4f; with 50 g %.2f Hz, ratio %.4f\n", alone.frequency, alone.ratio, hung.frequency, hung.ratio);
+    Swing shear = swing_of_beam(0, 0, 0, seconds); // without volumetric stiffness, all of it damps
+    EXPECT_NEAR(shear.ratio, M_PI * shear.frequency * seconds, 0.02 * shear.ratio);
+    EXPECT_NEAR(alone.ratio, 0.9 * M_PI * alone.frequency * seconds, 0.05 * alone.ratio); // the rest of tetrahedra that lock is volumetric
+    EXPECT_NEAR(hung.ratio / alone.ratio, hung.frequency / alone.frequency, 0.02);
+    EXPECT_LT(hung.frequency, 0.7 * alone.frequency);
+    auto period = [](const Swing &swing) { return 1 / (4 * M_PI * M_PI * swing.frequency * swing.frequency); };
+    EXPECT_NEAR(period(hung), period(alone) + (hung.sag - alone.sag) / 0.5, 0.03 * period(hung));
+    Swing by_mass = swing_of_beam(0.45, 0, 5, 0), by_mass_hung = swing_of_beam(0.45, weight, 5, 0);
+    EXPECT_NEAR(by_mass.ratio, 5 / (4 * M_PI * by_mass.frequency), 0.02 * by_mass.ratio);
+    EXPECT_GT(by_mass.frequency, by_mass_hung.frequency);
+}
+
+// The bound of the sub-step holds with that damping: just below it a stiff start dies away, well above it the run ends in an error.
+TEST(Tled, SubStepsAreStableWithDampingByStiffness)
+{
+    for (double safety : {0.99, 2.5}) {
+        Bar bar(2, 4, 0.04, {5e3, 0.4, 1000, false});
+        bar.scene.tled.stiffness_damping = 0.02;
+        bar.scene.tled.safety = safety;
+        bar.scene.model.gravity[1] = 2;
+        ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
+        pliant_dynamics dynamics;
+        ASSERT_EQ(pliant_data_get_dynamics(bar.model, bar.data, &dynamics), PLIANT_OK);
+        EXPECT_LT(dynamics.eigenvalue_bound, 0.6 * dynamics.edge_bound);
+        pliant_status status = PLIANT_OK;
+        for (int s = 0; s < 100 && status >= 0; s++) status = pliant_step(bar.model, bar.data);
+        EXPECT_EQ(status, safety < 1 ? PLIANT_OK : PLIANT_ERROR_NUMERIC) << pliant_last_error();
+        if (safety > 1) continue;
+        ASSERT_EQ(pliant_data_get_dynamics(bar.model, bar.data, &dynamics), PLIANT_OK);
+        EXPECT_LT(dynamics.kinetic_energy, 1e-3 * dynamics.strain_energy);
+    }
+}
+
+// A tool's mass is a weight where nothing swings: by dynamic relaxation as by the corotational solver, for a spring as for a free weight.
+TEST(Tled, AMassWeighsInQuasiStaticsToo)
+{
+    double sags[2][2];
+    for (int kind = 0; kind < 2; kind++)
+        for (int spring = 0; spring < 2; spring++) {
+            Bar bar(3, 6, 0.06, {5e3, 0.4, 1000, false});
+            if (kind == 0) bar.scene.solver.kind = PLIANT_COROTATIONAL;
+            bar.scene.tled.quasi_static = kind == 1;
+            bar.scene.tled.relaxation_steps = 3000;
+            bar.scene.solver.tolerance = kind == 1 ? 1e-4 : 1e-6;
+            ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
+            const double at[3] = {0.015, 0.015, 0.055}, none[3] = {0, 0, 0}, gravity[3] = {0, -1, 0};
+            int tool;
+            ASSERT_EQ(pliant_tool_add(bar.model, bar.data, "weight", &tool), PLIANT_OK);
+            bar.data->tools[tool].stiffness = 2;
+            ASSERT_EQ(pliant_tool_set_pose(bar.data, tool, at, nullptr), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_grasp(bar.model, bar.data, tool, at), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_drive(bar.data, tool, spring ? PLIANT_DRIVE_SPRING : PLIANT_DRIVE_FORCE, none), PLIANT_OK);
+            EXPECT_EQ(pliant_tool_set_mass(bar.data, tool, -1), PLIANT_ERROR_ARGUMENT);
+            ASSERT_EQ(bar.settle(), PLIANT_OK);
+            const double start = bar.data->tools[tool].held_point[1];
+            ASSERT_EQ(pliant_tool_set_mass(bar.data, tool, 1e-3), PLIANT_OK);
+            ASSERT_EQ(pliant_data_set_gravity(bar.data, gravity), PLIANT_OK);
+            ASSERT_GE(bar.settle(), PLIANT_OK);
+            ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK);
+            sags[kind][spring] = bar.data->tools[tool].held_point[1] - start;
+            EXPECT_NEAR(bar.data->tools[tool].force[1], -1e-3 - (spring ? 2 * sags[kind][spring] : 0), 2e-5);
+        }
+    for (int spring = 0; spring < 2; spring++) EXPECT_NEAR(sags[1][spring], sags[0][spring], 0.02 * std::fabs(sags[0][spring]));
+    EXPECT_LT(sags[0][0], sags[0][1]);
+}
+
 } // namespace

@@ -193,6 +193,8 @@ PLIANT_API pliant_status pliant_tool_grasp(const pliant_model *model, pliant_dat
 PLIANT_API void pliant_tool_release(pliant_data *data, int tool);
 /** Drive by force, rigidly or by the spring. @param force Nullable unless drive is FORCE [N] */
 PLIANT_API pliant_status pliant_tool_set_drive(pliant_data *data, int tool, pliant_drive drive, const double force[3]);
+/** A mass at what the tool holds [kg], which gravity pulls at and dynamics swings; 0: none. Without effect on a rigid tool. Errors: ARGUMENT. */
+PLIANT_API pliant_status pliant_tool_set_mass(pliant_data *data, int tool, double mass);
 
 /** A blade of this tool: its edge, in the tool's frame [m]; both ends equal: none. It parts what its edge is swept through while it is on.
  *  Errors: ARGUMENT (not finite, longer than 1 m). */

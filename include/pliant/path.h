@@ -8,7 +8,8 @@
  *             motion: [{time: 0, offset: [0, 0, 0]}, {time: 1, offset: [0, -0.03, 0]}]
  *  Offsets are from the grasped point [m]. A tool of drive: force has forces on the tissue [N] in their place:
  *             motion: [{time: 0, force: [0, 0, 0]}, {time: 1, force: [0, -5, 0]}]
- *  Linear in between, held at the end. A tool lets go after its optional `release` time. Gravity may turn too, beside tools or alone:
+ *  Linear in between, held at the end. A tool lets go after its optional `release` time, and may have a `mass` [kg]
+ *  at the held point: a weight that hangs there is of drive: force, with the force [0, 0, 0]. Gravity may turn too, beside tools or alone:
  *      gravity: [{time: 0, acceleration: [0, 0, -9.81]}, {time: 2, acceleration: [0, 9.81, 0]}]       [m/s^2]
  *  And points of the tissue whose places are wanted:
  *      probes: [{name: tip, at: [x, y, z]}]                                                                  rest point [m]
@@ -50,6 +51,7 @@ typedef struct pliant_path_tool {
     pliant_drive drive;
     double grasp[3];
     double release; /**< [s]; 0: never */
+    double mass;    /**< at the held point [kg] */
     pliant_path_key *motion;  /**< of what it grasps; NULL: it has poses */
     uint32_t num_motion;
     double blade_from[3], blade_to[3]; /**< its edge, in its frame [m]; both equal: none */

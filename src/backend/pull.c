@@ -3,17 +3,17 @@
 #include "fem/patch/patch.h"
 #include "interact/tool.h"
 
-#include <string.h>
-
 /* A spring k and a damper b in parallel over a step h: k (p - y) + b ((p - p0) - (y - y0)) / h = l is the spring of stiffness
- * k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h). */
-static void aim(const pliant_tool *tool, double step, pliant_handle *handle)
+ * k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h).
+ * The weight of the tool's mass is a target that lies further. */
+static void aim(const pliant_tool *tool, double step, const double gravity[3], pliant_handle *handle)
 {
     double damper = pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING ? pliant_tool_damping(tool) / step : 0;
     double stiffness = pliant_tool_stiffness(tool), whole = stiffness + damper;
     for (int d = 0; d < 3; d++) {
         double p = tool->tip[d] - tool->grip[d];
         handle->target[d] = (stiffness * p + damper * (p - tool->last_target[d] + tool->held_point[d])) / whole;
+        if (pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING) handle->target[d] += pliant_tool_mass(tool) * gravity[d] / whole;
     }
     handle->compliance = pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID ? 0 : 1 / whole;
 }
@@ -38,8 +38,8 @@ pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int inde
     bool by_force = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE;
     if (handle->by_force != by_force) pliant_solver_forget(solver);
     handle->by_force = by_force;
-    if (by_force) memcpy(handle->force, tool->driving_force, sizeof handle->force);
-    else aim(tool, model->scene.solver.step, handle);
+    for (int d = 0; by_force && d < 3; d++) handle->force[d] = tool->driving_force[d] + tool->mass * data->gravity[d];
+    if (!by_force) aim(tool, model->scene.solver.step, data->gravity, handle);
     for (int d = 0; d < 3; d++) tool->last_target[d] = tool->tip[d] - tool->grip[d];
     return PLIANT_OK;
 }

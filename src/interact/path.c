@@ -30,7 +30,7 @@ typedef struct text_span {
 } text_span;
 
 typedef struct text_tool {
-    char *name, *drive, *release;
+    char *name, *drive, *release, *mass;
     char **grasp;
     text_key *motion;
     uint32_t num_motion;
@@ -107,6 +107,7 @@ static const cyaml_schema_field_t tool_fields[] = {
     CYAML_FIELD_STRING_PTR("name", CYAML_FLAG_POINTER, text_tool, name, 0, CYAML_UNLIMITED),
     CYAML_FIELD_STRING_PTR("drive", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, drive, 0, CYAML_UNLIMITED),
     CYAML_FIELD_STRING_PTR("release", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, release, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_STRING_PTR("mass", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, mass, 0, CYAML_UNLIMITED),
     CYAML_FIELD_SEQUENCE_FIXED("grasp", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, grasp, &word, 3),
     CYAML_FIELD_SEQUENCE_COUNT("motion", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, motion, num_motion, &key_value, 1, MOST_KEYS),
     CYAML_FIELD_MAPPING_PTR("blade", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, blade, blade_fields),
@@ -317,6 +318,11 @@ static bool read_tool(const text_tool *text, pliant_path_tool *out, char reason[
     if (text->release && !read_number("release", text->release, &out->release, reason)) return false;
     if (text->release && out->release <= 0.0) {
         snprintf(reason, REASON_SIZE, "release: %g s must be more than 0", out->release);
+        return false;
+    }
+    if (text->mass && !read_number("mass", text->mass, &out->mass, reason)) return false;
+    if (out->mass < 0.0) {
+        snprintf(reason, REASON_SIZE, "mass: %g kg must be at least 0", out->mass);
         return false;
     }
     out->num_motion = text->num_motion;

@@ -103,6 +103,15 @@ pliant_status pliant_tool_set_drive(pliant_data *data, int tool, pliant_drive dr
     return PLIANT_OK;
 }
 
+pliant_status pliant_tool_set_mass(pliant_data *data, int tool, double mass)
+{
+    pliant_status status = check_tool(data, tool);
+    if (status != PLIANT_OK) return status;
+    if (!(mass >= 0) || !isfinite(mass)) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: a mass of %g kg", data->tools[tool].name, mass);
+    data->tools[tool].mass = mass;
+    return PLIANT_OK;
+}
+
 /* ---- taking hold */
 
 enum { BLOB_POINTS = 9 }; /* along the diameter of the blob */

@@ -49,6 +49,7 @@ typedef struct pliant_tool {
     pliant_drive drive;
     double driving_force[3]; /* PLIANT_DRIVE_FORCE: on the tissue [N] */
     double stiffness, damping, radius; /* from the scene, may be set per tool [N/m, N s/m, m] */
+    double mass;           /* at the held point [kg] */
     /* HOLD, written by grasp and release */
     bool holding;
     uint64_t hold;         /* how many times it has taken hold */
@@ -69,6 +70,7 @@ typedef struct pliant_tool {
 static inline pliant_drive pliant_tool_drive(const pliant_tool *tool) { return tool->blade.drags ? PLIANT_DRIVE_SPRING : tool->drive; }
 static inline double pliant_tool_stiffness(const pliant_tool *tool) { return tool->blade.drags ? tool->blade.stiffness : tool->stiffness; }
 static inline double pliant_tool_damping(const pliant_tool *tool) { return tool->blade.drags ? 0 : tool->damping; }
+static inline double pliant_tool_mass(const pliant_tool *tool) { return tool->blade.drags ? 0 : tool->mass; }
 /* Whether it holds tissue, other than by its blade. */
 static inline bool pliant_tool_grips(const pliant_tool *tool) { return tool->holding && !tool->blade.drags; }
 

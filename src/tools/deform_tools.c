@@ -25,7 +25,8 @@ static pliant_status begin_tool(const pliant_path_tool *tool, const pliant_model
     }
     status = pliant_tool_set_pose(data, index, tool->grasp, NULL);
     if (status >= 0) status = pliant_tool_grasp(model, data, index, tool->grasp);
-    return status < 0 ? status : pliant_tool_set_drive(data, index, tool->drive, tool->drive == PLIANT_DRIVE_FORCE ? none : NULL);
+    if (status >= 0) status = pliant_tool_set_drive(data, index, tool->drive, tool->drive == PLIANT_DRIVE_FORCE ? none : NULL);
+    return status < 0 ? status : pliant_tool_set_mass(data, index, tool->mass);
 }
 
 pliant_status deform_tools_begin(const pliant_path *path, const char *folder, const pliant_model *model, pliant_data *data, deform_tools *out)

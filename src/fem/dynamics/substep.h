@@ -51,22 +51,25 @@ PLIANT_INLINE void pliant_substep_approach(double target[3], const double goal[3
     for (int k = 0; k < 3; k++) target[k] += part * apart[k];
 }
 
-/* A spring of compliance c (0: rigid) pulls with  c l = target - y+  at where the point will be, y+ = y + sum of the answers: stable
- * for any stiffness. A damper b beside it over a step h is a stiffer spring towards another target, as in the corotational solver.
- *  @param damper   b / h [N/m]
+/* A spring of compliance c pulls with  c l = target - y+  at where the point will be, y+ = y + sum of the answers: stable for any stiffness. A
+ * damper b beside it over a step h is a stiffer spring towards another target, as in the corotational solver; so is a mass m at the point, whose
+ * central difference m (y+ - 2 y + y-) / h^2 is one of stiffness m / h^2 towards 2 y - y-. Without any of them the hold is rigid.
+ *  @param damper   b / h [N/m]; inertia: m / h^2 [N/m]
  *  @param old      the target before this sub-step
  *  @param now      the held point; before: where it was before this sub-step
+ *  @param ahead    2 y - y- of the mass
+ *  @param pushed   forces on the mass or the spring's end [N]
  *  @param gap      out: target - y
  *  @return c [m/N] */
-PLIANT_INLINE double pliant_substep_gap(bool spring, double stiffness, double damper, const double target[3], const double old[3],
-                                        const double now[3], const double before[3], double gap[3])
+PLIANT_INLINE double pliant_substep_gap(double stiffness, double damper, double inertia, const double target[3], const double old[3], const double now[3],
+                                        const double before[3], const double ahead[3], const double pushed[3], double gap[3])
 {
-    const double whole = stiffness + damper;
+    const double whole = stiffness + damper + inertia;
     for (int k = 0; k < 3; k++) {
-        const double towards = spring ? (stiffness * target[k] + damper * (target[k] - old[k] + before[k])) / whole : target[k];
-        gap[k] = towards - now[k];
+        const double towards = stiffness * target[k] + damper * (target[k] - old[k] + before[k]) + inertia * ahead[k] + pushed[k];
+        gap[k] = (whole > 0 ? towards / whole : target[k]) - now[k];
     }
-    return spring ? 1 / whole : 0;
+    return whole > 0 ? 1 / whole : 0;
 }
 
 /* Solve for the tools' forces by Cholesky, in place, from the lower triangle; a tool that cannot move anything (all it holds is fixed)

@@ -32,6 +32,15 @@ typedef enum pliant_tled_sum {
     PLIANT_SUM_RESIDUAL, PLIANT_SUM_LOAD, PLIANT_SUM_INERTIA, PLIANT_SUM_STIFFNESS, PLIANT_SUM_LARGEST, PLIANT_NUM_SUMS
 } pliant_tled_sum;
 
+/* What sub-steps take with one thread and with all: on a machine that does other work too, a barrier waits for a thread that has no core. Results
+ * are the same with any number. */
+typedef struct pliant_pace {
+    double seconds[2];                      /* of a sub-step, in the last burst by one thread [0] and by all [1] */
+    int quicker;
+    bool trying;                            /* the slower way, in the last burst */
+    int32_t wait, left;                     /* bursts until that is tried again */
+} pliant_pace;
+
 /* What stays constant while stepping. */
 struct pliant_tled_system {
     const pliant_mesh *mesh;
@@ -39,6 +48,7 @@ struct pliant_tled_system {
     int num_threads;
     bool nodal_pressure, quasi_static;
     double damping, safety;                 /* [1/s], - */
+    double stiffness_damping;               /* [s]; not in dynamic relaxation */
     double prony_share[PLIANT_PRONY_TERMS], prony_time[PLIANT_PRONY_TERMS]; /* shares > 0 first */
     int num_prony;
     pliant_wall walls[PLIANT_MAX_WALLS];
@@ -63,7 +73,7 @@ struct pliant_tled_system {
 
     /* BOUNDS of the time step at rest [s] */
     double edge_bound;                      /* [C] 1: shortest edge over the speed of sound, smallest over elements */
-    double eigenvalue_bound;                /* 2 over the largest frequency of any element */
+    double eigenvalue_bound;                /* that of the element of the largest frequency, with what damps it */
 };
 
 struct pliant_tled {
@@ -87,7 +97,10 @@ struct pliant_tled {
     float (*kept_memory)[6 * PLIANT_PRONY_TERMS][LANES];
     double target[PLIANT_MAX_TOOLS][3];     /* where held points are pulled to now [m] */
     double kept_target[PLIANT_MAX_TOOLS][3];
+    double passed[PLIANT_MAX_TOOLS][3];     /* where held points were one sub-step before the last [m], for those with a mass */
+    double passed_step, kept_passed[PLIANT_MAX_TOOLS][3]; /* time between that and the last sub-step [s] */
     double quotient[2];                     /* dynamic relaxation: sums of Rayleigh's quotient over the last steps */
+    pliant_pace pace;                       /* of its threads */
     double smallest_load;                   /* dynamic relaxation: what the residual is taken of where there is no load; as PLIANT_SUM_LOAD */
     double reach;                           /* longest way of a held point in a sub-step [m] */
 

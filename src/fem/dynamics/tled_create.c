@@ -62,6 +62,7 @@ static pliant_status set_options(pliant_tled_system *system, const pliant_scene 
     system->nodal_pressure = scene->tled.nodal_pressure;
     system->quasi_static = scene->tled.quasi_static;
     system->damping = scene->tled.damping;
+    system->stiffness_damping = system->quasi_static ? 0 : scene->tled.stiffness_damping;
     system->safety = scene->tled.safety;
     for (int d = 0; d < 3; d++) {
         if (scene->tled.prony_share[d] > 0) {
@@ -126,6 +127,16 @@ static double shortest_edge(const pliant_mesh *mesh, const int32_t *nodes)
     return least;
 }
 
+/* A swing of frequency w whose shear part w_s is damped by b w_s^2 times its speed over the last sub-step follows
+ *     x+ - 2 x + x- = - dt^2 w^2 x - dt b w_s^2 (x - x-)
+ * and its roots stay in the unit circle while  dt^2 w^2 + 2 dt b w_s^2 <= 4  (Jury). w^2 is at most 4 largest / density, with a mass of
+ * rho V / 4 at each corner; without damping the bound is 2 / w. */
+static double stable_step(double density, double largest, double largest_shear, double damping)
+{
+    const double slow = damping * largest_shear;
+    return density / (slow + sqrt(slow * slow + largest * density));
+}
+
 /* Elements, the bounds, and in pseudo_mass (num_nodes) what an element's largest eigenvalue asks of its corners' mass for a critical step
  * of 1: a fourth of its largest eigenvalue, since no frequency of the whole is above the largest of its elements (Irons and Treharne 1972). */
 static void fill_elements(pliant_tled_system *system, const pliant_tet_material *material, const uint8_t *fixed, double *pseudo_mass,
@@ -155,8 +166,8 @@ static void fill_elements(pliant_tled_system *system, const pliant_tet_material 
         /* [C] 1 with rho c^2 = E (1 - nu) / ((1 + nu) (1 - 2 nu)) = lambda + 2 mu */
         double density = material[tet].density;
         system->edge_bound = fmin(system->edge_bound, shortest_edge(mesh, nodes) * sqrt(density / (lambda + 2 * mu)));
-        /* frequency^2 = largest eigenvalue of K over a mass of rho V / 4 at each corner; the bound is 2 over it */
-        system->eigenvalue_bound = fmin(system->eigenvalue_bound, sqrt(density / largest));
+        system->eigenvalue_bound = fmin(system->eigenvalue_bound, stable_step(density, largest, pliant_element_largest_eigenvalue(g, 0, mu),
+                                                                              system->stiffness_damping));
     }
 }
 
@@ -264,6 +275,7 @@ pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_sy
     tled->system = system;
     tled->inverse_mass = system->inverse_mass;
     tled->frame = scene->solver.step;
+    tled->pace = (pliant_pace){.quicker = 1, .wait = 32};
     tled->relaxation_steps = scene->tled.relaxation_steps;
     tled->tolerance = scene->solver.tolerance;
     pliant_status status = PLIANT_OK;
@@ -324,6 +336,8 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
         tled->time_step = ldexp(tled->time_step, -tled->halvings);
     }
     memcpy(tled->target, from->target, sizeof tled->target);
+    memcpy(tled->passed, from->passed, sizeof tled->passed);
+    tled->passed_step = from->passed_step;
     const double faster = tled->time_step / from->time_step; /* increments are of a sub-step; those of relaxation are of none */
     for (int32_t n = 0; n < system->mesh->num_nodes; n++) {
         const bool moves = tled->inverse_mass[n] > 0 && !system->quasi_static;

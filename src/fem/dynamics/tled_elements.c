@@ -52,6 +52,18 @@ INLINE void relax_block(const pliant_tled_system *system, float dt, float h[9][L
     }
 }
 
+INLINE void damp_block(const pliant_tled *tled, float g[9][LANES], int32_t nodes[4][LANES], const float *mu, float factor, float h[9][LANES], float p[9][LANES])
+{
+    float change[9][LANES];
+    load_gradient(tled->d, nodes, g, change);
+    for (int l = 0; l < LANES; l++) {
+        float one[9], of_one[9], p_one[9];
+        for (int m = 0; m < 9; m++) one[m] = h[m][l], of_one[m] = change[m][l], p_one[m] = p[m][l];
+        pliant_add_viscous(one, of_one, mu[l], factor, p_one);
+        for (int m = 0; m < 9; m++) p[m][l] = p_one[m];
+    }
+}
+
 INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool nodal, int32_t block, float dt, float *out)
 {
     const pliant_tled_system *system = tled->system;
@@ -85,6 +97,7 @@ INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool viscous, 
         for (int m = 0; m < 9; m++) p[m][l] = stress[m];
     }
     if (viscous) relax_block(system, dt, h, cofactor, p, tled->memory[block]);
+    if (system->stiffness_damping > 0) damp_block(tled, g, nodes, moduli[0], (float)system->stiffness_damping / dt, h, p);
     for (int r = 0; r < 3; r++)
         for (int l = 0; l < LANES; l++) {
             float x = p[3 * r][l] + volume[3 * r][l], y = p[3 * r + 1][l] + volume[3 * r + 1][l], z = p[3 * r + 2][l] + volume[3 * r + 2][l];

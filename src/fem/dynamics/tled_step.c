@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { MOST_HALVINGS = 3 };
+enum { MOST_HALVINGS = 3, BURST = 64 /* sub-steps by the same number of threads */ };
 
 pliant_tled_scheme pliant_tled_scheme_of(double dt, double alpha)
 {
@@ -106,16 +106,16 @@ static double lowest_frequency(const pliant_tled *tled, int32_t chunks, double q
     return pliant_substep_frequency(quotient, total[PLIANT_SUM_STIFFNESS], total[PLIANT_SUM_INERTIA]);
 }
 
-/* All threads run this; what they decide on is the same for all. */
-static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tools, bool held, double *tool_load)
+/* All threads run this, up to a sub-step of the frame; what they decide on is the same for all. */
+static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tools, bool held, int32_t first, int32_t end, double *tool_load)
 {
     const pliant_tled_system *system = tled->system;
     const int32_t chunks = (system->mesh->num_nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK;
     const bool still = system->quasi_static;
     pliant_tled_scheme rule = pliant_tled_scheme_of(tled->time_step, system->damping);
-    pliant_tled_frame result = {.sound = true};
+    pliant_tled_frame result = {.sound = true, .steps = first};
     double total[PLIANT_NUM_SUMS], quotient[2] = {tled->quotient[0], tled->quotient[1]};
-    while (result.steps < tled->substeps && !result.settled) {
+    while (result.steps < end && !result.settled) {
         if (system->nodal_pressure) pliant_tled_pressures(tled);
         pliant_tled_element_forces(tled, tled->time_step);
         if (still) {
@@ -154,6 +154,7 @@ static void keep(pliant_tled *tled, bool back)
     memcpy(back ? tled->u : tled->kept_u, back ? tled->kept_u : tled->u, nodes * sizeof *tled->u);
     memcpy(back ? tled->d : tled->kept_d, back ? tled->kept_d : tled->d, nodes * sizeof *tled->d);
     memcpy(back ? tled->target : tled->kept_target, back ? tled->kept_target : tled->target, sizeof tled->target);
+    memcpy(back ? tled->passed : tled->kept_passed, back ? tled->kept_passed : tled->passed, sizeof tled->passed);
     if (tled->memory)
         memcpy(back ? tled->memory : tled->kept_memory, back ? tled->kept_memory : tled->memory, blocks * sizeof *tled->memory);
 }
@@ -168,6 +169,30 @@ void pliant_tled_set_positions(pliant_tled *tled, const double *positions)
     }
 }
 
+/* Whether the next burst is run by all threads: by those that were quicker, and now and then by the others, to see. */
+static int choose_pace(pliant_tled *tled)
+{
+    const int32_t shortest = 32, longest = 512;
+    pliant_pace *pace = &tled->pace;
+    if (tled->system->num_threads == 1) return 0;
+    if (pace->seconds[1] == 0) return 1;
+    if (pace->left > 0) {
+        pace->left--;
+        return pace->quicker;
+    }
+    if (!pace->trying) {
+        pace->trying = true;
+        return !pace->quicker;
+    }
+    const int quicker = pace->seconds[1] <= pace->seconds[0];
+    const bool clear = quicker == pace->quicker && pace->seconds[!quicker] > 1.5 * pace->seconds[quicker];
+    pace->wait = !clear ? shortest : pace->wait < longest ? 2 * pace->wait : longest;
+    pace->trying = false;
+    pace->quicker = quicker;
+    pace->left = pace->wait;
+    return quicker;
+}
+
 static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_tled_frame *out)
 {
     (void)with;
@@ -175,12 +200,20 @@ static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools
     double tool_load = 0;
     for (int t = 0; t < num_tools; t++) held = held || tools[t].holding;
     keep(tled, false);
-#pragma omp parallel num_threads(tled->system->num_threads)
-    {
-        pliant_tled_frame mine = run(tled, tools, num_tools, held, &tool_load);
+    pliant_tled_frame done = {.sound = true};
+    while (done.sound && !done.settled && done.steps < tled->substeps) {
+        const int32_t first = done.steps, end = tled->substeps - first > BURST ? first + BURST : tled->substeps;
+        const int all = choose_pace(tled);
+        const double start = pliant_seconds();
+#pragma omp parallel num_threads(all ? tled->system->num_threads : 1)
+        {
+            pliant_tled_frame mine = run(tled, tools, num_tools, held, first, end, &tool_load);
 #pragma omp master
-        *out = mine;
+            done = mine;
+        }
+        tled->pace.seconds[all] = (pliant_seconds() - start) / (done.steps - first);
     }
+    *out = done;
     if (!out->sound) keep(tled, true);
     return PLIANT_OK;
 }

@@ -23,6 +23,8 @@ void pliant_tled_interact(pliant_tled *tled, const double gravity[3], pliant_too
     for (int t = 0; t < num_tools; t++) {
         if (!tools[t].holding || tools[t].attached) continue;
         held_point(tled, tools + t, NULL, 0, tled->target[t]);
+        held_point(tled, tools + t, tled->d, -1, tled->passed[t]);
+        tled->passed_step = tled->time_step;
         tools[t].attached = true;
     }
 }
@@ -67,6 +69,26 @@ double pliant_tled_answer(const pliant_tled *tled, const pliant_tool *a, const p
     return sum;
 }
 
+/* One row of the equations for the forces of tools that pull at a point. */
+static double set_gap(pliant_tled *tled, const pliant_tool *tool, int index, int32_t parts, double gap[3])
+{
+    const pliant_drive drive = pliant_tool_drive(tool);
+    const bool spring = drive == PLIANT_DRIVE_SPRING, rigid = drive == PLIANT_DRIVE_RIGID, still = tled->system->quasi_static;
+    const double dt = tled->time_step, damper = spring && !still ? pliant_tool_damping(tool) / dt : 0, inertia = rigid || still ? 0 : pliant_tool_mass(tool) / (dt * dt);
+    double goal[3], now[3], before[3], ahead[3], pushed[3], old_target[3], *target = tled->target[index], *passed = tled->passed[index];
+    for (int d = 0; d < 3; d++) goal[d] = tool->tip[d] - tool->grip[d];
+    memcpy(old_target, target, sizeof old_target);
+    pliant_substep_approach(target, goal, parts, tled->reach);
+    held_point(tled, tool, NULL, 0, now);
+    held_point(tled, tool, tled->d, -1, before);
+    for (int d = 0; d < 3; d++) {
+        ahead[d] = before[d] + (before[d] - passed[d]) * (dt / tled->passed_step);
+        pushed[d] = rigid ? 0 : pliant_tool_mass(tool) * tled->gravity[d] + (drive == PLIANT_DRIVE_FORCE ? tool->driving_force[d] : 0);
+    }
+    memcpy(passed, before, sizeof before);
+    return pliant_substep_gap(spring ? pliant_tool_stiffness(tool) : 0, damper, inertia, target, old_target, now, before, ahead, pushed, gap);
+}
+
 double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, double factor, int32_t parts)
 {
     double load = 0;
@@ -76,29 +98,24 @@ double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, do
     for (int t = 0; t < num_tools; t++) {
         pliant_tool *tool = tools + t;
         if (!tool->holding) continue;
-        if (pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE) {
-            push(tled, tool, tool->driving_force, factor);
-            load += load_of(tled, tool, tool->driving_force);
-            add_force(tled, tool, tool->driving_force);
+        if (pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE && (tool->mass == 0 || tled->system->quasi_static)) {
+            double pushed[3];
+            for (int d = 0; d < 3; d++) pushed[d] = tool->driving_force[d] + tool->mass * tled->gravity[d];
+            push(tled, tool, pushed, factor);
+            load += load_of(tled, tool, pushed);
+            add_force(tled, tool, pushed);
             continue;
         }
         pull *one = &pulls[count++];
         *one = (pull){.tool = tool, .index = t};
     }
     for (int i = 0; i < count; i++) {
-        pliant_tool *tool = pulls[i].tool;
-        double goal[3], now[3], before[3], old_target[3], *target = tled->target[pulls[i].index];
-        for (int d = 0; d < 3; d++) goal[d] = tool->tip[d] - tool->grip[d];
-        memcpy(old_target, target, sizeof old_target);
-        pliant_substep_approach(target, goal, parts, tled->reach);
-        held_point(tled, tool, NULL, 0, now);
-        held_point(tled, tool, tled->d, -1, before);
-        bool spring = pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING;
-        double damper = spring && !tled->system->quasi_static ? pliant_tool_damping(tool) / tled->time_step : 0;
-        double compliance = pliant_substep_gap(spring, pliant_tool_stiffness(tool), damper, target, old_target, now, before, force[i]);
+        const pliant_tool *tool = pulls[i].tool;
+        double compliance = set_gap(tled, tool, pulls[i].index, parts, force[i]);
         for (int j = 0; j <= i; j++) matrix[i][j] = factor * pliant_tled_answer(tled, tool, pulls[j].tool);
         matrix[i][i] += compliance;
     }
+    tled->passed_step = tled->time_step;
     pliant_substep_forces(count, matrix, force);
     for (int i = 0; i < count; i++) {
         push(tled, pulls[i].tool, force[i], factor);

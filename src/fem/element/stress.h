@@ -67,6 +67,22 @@ PLIANT_INLINE void pliant_stress_at_rest(const float h[9], const float cofactor[
     s[5] = (cofactor[1] * p[2] + cofactor[4] * p[5] + cofactor[7] * p[8]) * inverse;
 }
 
+/* Kelvin and Voigt: the second Piola-Kirchhoff stress 2 factor mu dE beside the elastic one, dE the change of Green's strain by dF = change in the
+ * last sub-step. factor: the time that damps over that of a sub-step. F dS is added to P. */
+PLIANT_INLINE void pliant_add_viscous(const float h[9], const float change[9], float mu, float factor, float p[9])
+{
+    float s[9];
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++) {
+            const float rc = change[3 * r + c] + h[r] * change[c] + h[3 + r] * change[3 + c] + h[6 + r] * change[6 + c];
+            const float cr = change[3 * c + r] + h[c] * change[r] + h[3 + c] * change[3 + r] + h[6 + c] * change[6 + r];
+            s[3 * r + c] = factor * mu * (rc + cr);
+        }
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++)
+            p[3 * r + c] += s[3 * r + c] + h[3 * r] * s[c] + h[3 * r + 1] * s[3 + c] + h[3 * r + 2] * s[6 + c];
+}
+
 /* P less F times what has relaxed */
 PLIANT_INLINE void pliant_subtract_relaxed(const float h[9], const float relaxed[6], float p[9])
 {

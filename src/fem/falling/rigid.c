@@ -107,10 +107,11 @@ static void set_spring(const moving *now, const pliant_rigid_pull *pull, const d
                        const double target[3], double step, spring *out)
 {
     const double stiffness = pull->compliance > 0 ? 1 / pull->compliance : 0, damper = stiffness > 0 ? pull->damping / step : 0;
+    const double none[3] = {0, 0, 0};
     double a[9];
     memcpy(out->arm, arm, sizeof out->arm);
     memset(out->impulse, 0, sizeof out->impulse);
-    pliant_substep_gap(stiffness > 0, stiffness, damper, target, before, at, at, out->gap);
+    pliant_substep_gap(stiffness, damper, 0, target, before, at, at, none, none, out->gap);
     answer(now, arm, a);
     const double rigid = 1e-3 * (a[0] + a[4] + a[8]) / 3; /* where a wall is in the way of what is led, forces stay finite */
     out->soft = stiffness > 0 ? fmax(1 / ((stiffness + damper) * step * step), rigid) : rigid;
