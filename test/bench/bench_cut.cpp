@@ -1,0 +1,125 @@
+// What a cut costs: pliant_body_cut of a blade of 30 mm that goes on by 1 mm, on one thread, on the abdomen of the test data at
+// 256 x 160 x 122 voxels of 13,720 tetrahedra, deformed. Each stroke on the body at load, then stroke after stroke on one body.
+//
+//   bench_cut [strokes] [group/name=value ...]
+#include "frames.h"
+
+#include <ctime>
+#include <random>
+
+namespace {
+
+double cpu()
+{
+    timespec t;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return 1e3 * (double(t.tv_sec) + 1e-9 * double(t.tv_nsec));
+}
+
+// a smooth deformation of about a centimetre
+void deform(const double x[3], double out[3])
+{
+    out[0] = x[0] + 0.010 * std::sin(20 * x[1] + 1);
+    out[1] = x[1] + 0.008 * std::sin(25 * x[2] + 2);
+    out[2] = x[2] + 0.010 * std::sin(18 * x[0] + 3);
+}
+
+struct Blade {
+    std::vector<double> from, to;
+};
+
+// from a node with tissue around it, in any direction, sampled every half voxel
+Blade blade(const pliant_body *body, const std::vector<double> &positions, std::mt19937 &random)
+{
+    std::uniform_real_distribution<double> unit(-1, 1);
+    int32_t tet = 0;
+    do tet = static_cast<int32_t>(random() % static_cast<unsigned>(body->fine.num_tets));
+    while (body->fine_material[tet].tissue < 1);
+    const double *middle = positions.data() + 3 * body->fine.tets[4 * tet];
+    double along[3], ahead[3], a = 0, b = 0;
+    for (int d = 0; d < 3; d++) {
+        along[d] = unit(random);
+        ahead[d] = unit(random);
+        a += along[d] * along[d];
+        b += ahead[d] * ahead[d];
+    }
+    Blade out;
+    const int points = 41;
+    for (int p = 0; p < points; p++)
+        for (int d = 0; d < 3; d++) {
+            const double at = middle[d] + 0.03 * (p / (points - 1.0) - 0.5) * along[d] / std::sqrt(a);
+            out.from.push_back(at);
+            out.to.push_back(at + 0.001 * ahead[d] / std::sqrt(b));
+        }
+    return out;
+}
+
+} // namespace
+
+int main(int argc, char **argv)
+{
+    const int strokes = argc > 1 ? std::atoi(argv[1]) : 100;
+    const std::string labels = std::string(PLIANT_TEST_DATA) + "/abdomen/labels_totalseg_fast.nii.gz", scan = std::string(PLIANT_TEST_DATA) + "/abdomen/ct.nii.gz";
+    pliant_scene scene;
+    pliant_volume volume{};
+    pliant_labels organs{};
+    pliant_material_table materials{};
+    pliant_scene_defaults(&scene);
+    check(pliant_scene_set(&scene, "scan/resample", "256 160 122"));
+    check(pliant_scene_set(&scene, "material/file", PLIANT_SOURCE_DIR "/test/bench/abdomen.yaml"));
+    check(pliant_scene_set(&scene, "material/labels", labels.c_str()));
+    check(pliant_scene_set(&scene, "cut/kind", "sever"));
+    scene.mesh.keep_air = true;
+    scene.mesh.ratio = 2;
+    scene.model.method = PLIANT_FINE;
+    scene.solver.backend = PLIANT_CPU;
+    scene.solver.threads = 1;
+    for (int a = 2; a < argc; a++) {
+        const std::string option = argv[a];
+        const size_t equals = option.find('=');
+        check(pliant_scene_set(&scene, option.substr(0, equals).c_str(), option.substr(equals + 1).c_str()));
+    }
+    check(pliant_inputs_read(&scene, scan.c_str(), &volume, &organs, &materials));
+    pliant_model *model = nullptr;
+    check(pliant_model_build(&scene, &volume, &organs, &materials, {nullptr, nullptr}, &model));
+    std::printf("%zu voxels, %d tetrahedra, %d nodes, %d bridges\n", pliant_geometry_voxels(&volume.geometry), model->body->fine.num_tets, model->body->fine.num_nodes,
+                model->body->voxels->num_bridges);
+    std::mt19937 random(3);
+    for (int chain = 0; chain < 2; chain++) {
+        const pliant_body *body = pliant_body_retain(model->body);
+        std::vector<double> all, sever, touched, links;
+        for (int s = 0; s < strokes; s++) {
+            std::vector<double> positions(3 * static_cast<size_t>(body->fine.num_nodes));
+            for (int32_t n = 0; n < body->fine.num_nodes; n++) deform(body->fine.rest + 3 * n, positions.data() + 3 * n);
+            const Blade edge = blade(model->body, positions, random);
+            const pliant_cut_sweep sweep{static_cast<int32_t>(edge.from.size() / 3), edge.from.data(), edge.to.data(), nullptr};
+            pliant_cut_report report;
+            pliant_body *next = nullptr;
+            const double t0 = cpu();
+            check(pliant_body_cut(body, body->revision + 1, positions.data(), &sweep, nullptr, &report));
+            const double t1 = cpu();
+            check(pliant_body_cut(body, body->revision + 1, positions.data(), &sweep, &next, &report));
+            const double t2 = cpu();
+            if (!next) continue;
+            sever.push_back(t1 - t0);
+            all.push_back(t2 - t1);
+            touched.push_back(report.touched);
+            links.push_back(report.num_links);
+            if (chain) {
+                pliant_body_release(body);
+                body = next;
+            } else {
+                pliant_body_release(next);
+            }
+        }
+        std::printf("%s: %zu strokes, median of %.0f links and %.0f tetrahedra; report alone %.2f ms (worst %.2f), next body %.2f ms (worst %.2f)\n",
+                    chain ? "one after the other" : "each on the body at load", all.size(), quantile(links, 0.5), quantile(touched, 0.5), quantile(sever, 0.5),
+                    quantile(sever, 1), quantile(all, 0.5), quantile(all, 1));
+        pliant_body_release(body);
+    }
+    pliant_model_free(model);
+    pliant_material_table_free(&materials);
+    pliant_labels_free(&organs);
+    pliant_volume_free(&volume);
+    return 0;
+}
