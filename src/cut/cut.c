@@ -37,19 +37,23 @@ static pliant_status count_pieces(const pliant_body *body, int32_t *pieces)
 {
     const pliant_mesh *fine = &body->fine;
     int32_t *piece = pliant_calloc((size_t)fine->num_nodes, sizeof *piece);
-    if (!piece) return pliant_fail_memory("the pieces of a body");
+    uint8_t *counted = pliant_calloc((size_t)fine->num_nodes, 1);
+    pliant_status status = piece && counted ? PLIANT_OK : pliant_fail_memory("the pieces of a body");
+    if (status != PLIANT_OK) goto done;
     for (int32_t n = 0; n < fine->num_nodes; n++) piece[n] = n;
     for (int32_t t = 0; t < fine->num_tets; t++)
         for (int v = 1; v < 4; v++) join(piece, fine->tets[4 * (size_t)t], fine->tets[4 * (size_t)t + v]);
     *pieces = 0;
     for (int32_t t = 0; t < fine->num_tets; t++) {
         const int32_t first = first_of(piece, fine->tets[4 * (size_t)t]);
-        if (!(body->fine_material[t].tissue > 0) || piece[first] < 0) continue;
+        if (!(body->fine_material[t].tissue > 0) || counted[first]) continue;
         (*pieces)++;
-        piece[first] = -1;
+        counted[first] = 1;
     }
+done:
     pliant_free(piece);
-    return PLIANT_OK;
+    pliant_free(counted);
+    return status;
 }
 
 /* ---- the next body */
