@@ -62,7 +62,7 @@ typedef struct pliant_cuts {
     int32_t *bridge;           /**< (num_bridges) of pliant_voxels.bridge; ascending */
     int32_t num_tets;          /**< tetrahedra at load that own an end of what is severed, or a voxel that moves with one of them */
     int32_t *tet;              /**< (num_tets) ascending */
-    int32_t *start, *fragment; /**< (num_tets + 1), (start[num_tets]) the fine tetrahedra that each is now, itself the first */
+    int32_t *start, *fragment; /**< (num_tets + 1), (start[num_tets]) the fine tetrahedra that each is now, ascending, so itself the first */
     int32_t *voxel_start;      /**< (num_tets + 1) into voxel_fragment */
     int32_t *voxel_fragment;   /**< (voxels of these, as pliant_voxels lists them) the fine tetrahedron that each moves with: a fragment of
                                 *   its own one, or, of a chip that hangs on nothing else, of another */
@@ -93,6 +93,7 @@ typedef struct pliant_body {
     int32_t *coarse_node_parent, *coarse_tet_parent; /**< likewise */
     int32_t *coarse_of_fine;   /**< (fine.num_tets) the coarse tetrahedron that holds it; NULL: no coarse mesh */
     int32_t *fine_of_coarse;   /**< (coarse.num_nodes) the fine node at its place, of a tetrahedron within its own; -1: none; NULL: likewise */
+    int32_t *across;           /**< (fine.num_tets x 4) who is across each face (pliant_mesh_neighbours); NULL: a body at load */
     int32_t *triangles;        /**< (num_triangles x 3) surface of the fine mesh, outwards */
     int32_t num_triangles;
     /* MATERIAL */
@@ -112,6 +113,7 @@ typedef struct pliant_body {
     pliant_cuts *cuts;         /**< Nullable: nothing is severed */
 
     pliant_body_changes changes;
+    const struct pliant_body *lender;    /**< Nullable: whose are the tables of the lattice, which never change; one holder of it */
     struct pliant_body_holders *holders; /**< how many there are (src/body) */
 } pliant_body;
 
@@ -136,6 +138,7 @@ typedef struct pliant_division {
     const uint8_t *copy_fixed; /**< (nodes appended) pliant_fixing; NULL: as their sources */
     int32_t num_touched;       /**< tetrahedra of the body before whose voxels changed, too, where nothing else tells */
     const int32_t *touched;    /**< (num_touched) */
+    pliant_cuts *cuts;         /**< of the next body, which takes them; NULL: as before */
 } pliant_division;
 /** The next body: nodes and fragments appended with their parents, masses, what is fixed, surface, and the coarse mesh divided likewise, where
  *  fine tetrahedra of a coarse one no longer hang together. Pieces that nothing holds any more are listed.

@@ -10,8 +10,19 @@ struct pliant_body_holders {
     atomic_int count;
 };
 
+/* tables of the lattice, which never change: bodies that follow have those of the first */
+static void forget_tables(pliant_mesh *mesh)
+{
+    mesh->tet_of_lattice = mesh->node_of_lattice = mesh->leaf_of_cell = mesh->leaf_start = NULL;
+}
+
 static void free_body(pliant_body *body)
 {
+    if (body->lender) {
+        forget_tables(&body->fine);
+        forget_tables(&body->coarse);
+        pliant_body_release(body->lender);
+    }
     pliant_mesh_free(&body->fine);
     pliant_mesh_free(&body->coarse);
     pliant_free(body->node_parent);
@@ -20,6 +31,7 @@ static void free_body(pliant_body *body)
     pliant_free(body->coarse_tet_parent);
     pliant_free(body->coarse_of_fine);
     pliant_free(body->fine_of_coarse);
+    pliant_free(body->across);
     pliant_free(body->triangles);
     pliant_free(body->fine_material);
     pliant_free(body->coarse_material);
@@ -76,22 +88,17 @@ static bool copy(const void *from, size_t count, size_t size, void *to)
     return true;
 }
 
+/* all but the tables of the lattice, which are lent */
 static bool copy_mesh(const pliant_mesh *from, pliant_mesh *to)
 {
-    *to = *from; /* the sizes */
+    *to = *from; /* the sizes, and the tables */
     to->rest = NULL;
-    to->tets = to->lattice_of_node = to->lattice_of_tet = to->tet_of_lattice = to->node_of_lattice = to->leaf_of_cell = to->leaf_start = NULL;
+    to->tets = to->lattice_of_node = to->lattice_of_tet = NULL;
     to->place_of_node = NULL;
     const size_t nodes = (size_t)from->num_nodes, tets = (size_t)from->num_tets;
-    const size_t cells = (size_t)from->cells[0] * (size_t)from->cells[1] * (size_t)from->cells[2];
-    const size_t lattice_nodes = ((size_t)from->cells[0] + 1) * ((size_t)from->cells[1] + 1) * ((size_t)from->cells[2] + 1);
     return copy(from->rest, nodes, 3 * sizeof *from->rest, &to->rest) && copy(from->tets, tets, 4 * sizeof *from->tets, &to->tets) &&
            copy(from->lattice_of_node, nodes, sizeof *from->lattice_of_node, &to->lattice_of_node) &&
            copy(from->lattice_of_tet, tets, sizeof *from->lattice_of_tet, &to->lattice_of_tet) &&
-           copy(from->tet_of_lattice, 5 * cells, sizeof *from->tet_of_lattice, &to->tet_of_lattice) &&
-           copy(from->node_of_lattice, lattice_nodes, sizeof *from->node_of_lattice, &to->node_of_lattice) &&
-           copy(from->leaf_of_cell, cells, sizeof *from->leaf_of_cell, &to->leaf_of_cell) &&
-           copy(from->leaf_start, (size_t)from->num_leaves + 1, sizeof *from->leaf_start, &to->leaf_start) &&
            copy(from->place_of_node, nodes, sizeof *from->place_of_node, &to->place_of_node);
 }
 
@@ -111,6 +118,7 @@ pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, plian
     next->has_inertia = body->has_inertia;
     next->changes = (pliant_body_changes){.since = body->revision, .nodes_before = body->fine.num_nodes, .tets_before = body->fine.num_tets,
                                           .coarse_nodes_before = body->coarse.num_nodes, .coarse_tets_before = body->coarse.num_tets};
+    next->lender = pliant_body_retain(body->lender ? body->lender : body);
     bool good = copy_mesh(&body->fine, &next->fine) && copy_mesh(&body->coarse, &next->coarse) &&
                 copy(body->node_parent, nodes, sizeof *body->node_parent, &next->node_parent) &&
                 copy(body->tet_parent, tets, sizeof *body->tet_parent, &next->tet_parent) &&
@@ -118,6 +126,7 @@ pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, plian
                 copy(body->coarse_tet_parent, coarse_tets, sizeof *body->coarse_tet_parent, &next->coarse_tet_parent) &&
                 copy(body->coarse_of_fine, tets, sizeof *body->coarse_of_fine, &next->coarse_of_fine) &&
                 copy(body->fine_of_coarse, coarse_nodes, sizeof *body->fine_of_coarse, &next->fine_of_coarse) &&
+                copy(body->across, tets, 4 * sizeof *body->across, &next->across) &&
                 copy(body->triangles, (size_t)body->num_triangles, 3 * sizeof *body->triangles, &next->triangles) &&
                 copy(body->fine_material, tets, sizeof *body->fine_material, &next->fine_material) &&
                 copy(body->coarse_material, coarse_tets, sizeof *body->coarse_material, &next->coarse_material) &&

@@ -2,6 +2,7 @@
 #include "body/divide.h"
 
 #include "base/fail.h"
+#include "mesh/faces.h"
 #include "pliant/memory.h"
 
 #include <string.h>
@@ -142,6 +143,33 @@ static pliant_status list_touched(const pliant_body *body, const pliant_division
     return good ? PLIANT_OK : pliant_fail_memory("the next body");
 }
 
+/* Masses at the nodes of what changed, anew; each the sum in the same order as if all were. */
+static pliant_status renew_masses(const pliant_body *body, pliant_body *next)
+{
+    const pliant_mesh *fine = &next->fine;
+    uint8_t *changed = pliant_calloc((size_t)fine->num_nodes, 1);
+    if (!changed) return pliant_fail_memory("the next body");
+    for (int32_t i = 0; i < next->changes.num_touched + fine->num_tets - body->fine.num_tets; i++) {
+        const int32_t t = i < next->changes.num_touched ? next->changes.touched[i] : body->fine.num_tets + i - next->changes.num_touched;
+        for (int v = 0; v < 4; v++) {
+            changed[fine->tets[4 * (size_t)t + v]] = 1;
+            if (t < body->fine.num_tets) changed[body->fine.tets[4 * (size_t)t + v]] = 1;
+        }
+    }
+    for (int32_t n = 0; n < fine->num_nodes; n++)
+        if (changed[n]) next->node_mass[n] = 0;
+    for (int32_t t = 0; t < fine->num_tets; t++) {
+        const int32_t *nodes = fine->tets + 4 * (size_t)t;
+        if (!(changed[nodes[0]] | changed[nodes[1]] | changed[nodes[2]] | changed[nodes[3]])) continue;
+        double gradients[12];
+        const double volume = pliant_mesh_gradients(fine, t, gradients);
+        for (int v = 0; v < 4; v++)
+            if (changed[nodes[v]]) next->node_mass[nodes[v]] += 0.25 * volume * next->fine_material[t].density;
+    }
+    pliant_free(changed);
+    return PLIANT_OK;
+}
+
 static pliant_status divide(const pliant_body *body, const pliant_division *division, int32_t nodes, const int32_t *source, pliant_body *next)
 {
     const int32_t before = next->fine.num_nodes;
@@ -151,14 +179,15 @@ static pliant_status divide(const pliant_body *body, const pliant_division *divi
     if (status != PLIANT_OK) return status;
     memcpy(next->fine.tets, division->corners, 4 * (size_t)division->num_tets * sizeof *division->corners);
     if (division->material) memcpy(next->fine_material, division->material, (size_t)division->num_tets * sizeof *division->material);
-    status = pliant_body_find_pieces(next);
+    status = pliant_body_find_across(body, division->cuts, next);
+    if (status == PLIANT_OK) status = pliant_body_find_pieces(next);
     if (status == PLIANT_OK) status = list_touched(body, division, next);
+    if (status == PLIANT_OK) status = renew_masses(body, next);
     if (status != PLIANT_OK) return status;
-    pliant_body_masses(next, next->node_mass);
     pliant_free(next->triangles);
     next->triangles = NULL;
     next->num_triangles = 0;
-    status = pliant_mesh_surface(&next->fine, &next->triangles, &next->num_triangles);
+    status = pliant_mesh_surface_of(&next->fine, next->across, &next->triangles, &next->num_triangles);
     return status == PLIANT_OK && next->coarse.num_tets > 0 ? pliant_body_nest(body, next) : status;
 }
 
@@ -175,6 +204,10 @@ pliant_status pliant_body_divide(const pliant_body *body, uint64_t revision, con
     if (status != PLIANT_OK) {
         pliant_body_release(next);
         return status;
+    }
+    if (division->cuts) {
+        pliant_cuts_free(next->cuts);
+        next->cuts = division->cuts;
     }
     *out = next;
     return PLIANT_OK;

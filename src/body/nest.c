@@ -12,7 +12,8 @@
 typedef struct nesting {
     const pliant_body *before;
     pliant_body *next;
-    int32_t *across[2];     /* (fine tetrahedra x 4) neighbours before and after */
+    const int32_t *across[2]; /* (fine tetrahedra x 4) neighbours before and after */
+    int32_t *at_load;       /* of a body that does not know them */
     int32_t *part[2];       /* (fine tetrahedra) that hang together within their coarse one, before and after */
     int32_t *corner[2];     /* (coarse tetrahedra x 4, with copies) that are one node by fine faces, before and after */
     uint8_t *touched;       /* (coarse tetrahedra before) */
@@ -222,9 +223,14 @@ static pliant_status list_touched(const nesting *work)
 
 static pliant_status nest(nesting *work, int32_t *room[3])
 {
-    pliant_status status = pliant_mesh_neighbours(&work->before->fine, work->across[0]);
-    if (status == PLIANT_OK) status = pliant_mesh_neighbours(&work->next->fine, work->across[1]);
+    pliant_status status = PLIANT_OK;
+    if (!work->before->across) {
+        if (!(work->at_load = pliant_calloc((size_t)work->before->fine.num_tets, 4 * sizeof *work->at_load))) return pliant_fail_memory("the next body");
+        status = pliant_mesh_neighbours(&work->before->fine, work->at_load);
+    }
     if (status != PLIANT_OK) return status;
+    work->across[0] = work->before->across ? work->before->across : work->at_load;
+    work->across[1] = work->next->across;
     mark(work);
     for (int when = 0; when < 2; when++) find_parts(work, when);
     divide_tets(work, room[0], room[1]);
@@ -247,12 +253,11 @@ pliant_status pliant_body_nest(const pliant_body *before, pliant_body *next)
     bool good = (work.touched = pliant_calloc(coarse, 1)) && (work.tet_source = pliant_calloc(fine, sizeof *work.tet_source)) &&
                 (work.node_source = pliant_calloc(corners, sizeof *work.node_source));
     for (int when = 0; when < 2; when++)
-        good = good && (work.across[when] = pliant_calloc(fine, 4 * sizeof *work.across[when])) &&
-               (work.part[when] = pliant_calloc(fine, sizeof *work.part[when])) &&
+        good = good && (work.part[when] = pliant_calloc(fine, sizeof *work.part[when])) &&
                (work.corner[when] = pliant_calloc(corners, sizeof *work.corner[when]));
     for (int r = 0; r < 3; r++) good = good && (room[r] = pliant_calloc(corners, sizeof *room[r]));
     pliant_status status = good ? nest(&work, room) : pliant_fail_memory("the next body");
-    void *blocks[] = {work.touched, work.tet_source, work.node_source, work.across[0], work.across[1], work.part[0], work.part[1],
+    void *blocks[] = {work.touched, work.tet_source, work.node_source, work.at_load, work.part[0], work.part[1],
                       work.corner[0], work.corner[1], room[0], room[1], room[2]};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     return status;

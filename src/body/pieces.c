@@ -3,6 +3,7 @@
 #include "body/parts.h"
 
 #include "base/fail.h"
+#include "mesh/faces.h"
 #include "pliant/memory.h"
 
 #include <string.h>
@@ -165,7 +166,7 @@ static pliant_status find(search *work)
     pliant_body *next = work->next;
     int32_t pieces = 0;
     forget_before(work);
-    pliant_status status = pliant_mesh_hold(&next->fine, PLIANT_FIXED_WHERE_IT_WAS, false, work->fixed, work->loose, &pieces);
+    pliant_status status = pliant_mesh_hold_of(&next->fine, next->across, PLIANT_FIXED_WHERE_IT_WAS, false, work->fixed, work->loose, &pieces);
     if (status != PLIANT_OK || pieces == 0) return status;
     mark_nodes(work);
     if (!next->has_inertia) status = part_hinges(work);

@@ -32,7 +32,7 @@ static void tell_severed(const cut_work *work, const pliant_cut_sweep *sweep, pl
     }
 }
 
-/* Pieces with tissue; they hang together where they have nodes in common. */
+/* Pieces with tissue; they hang together where they have nodes in common, or joints. */
 static pliant_status count_pieces(const pliant_body *body, int32_t *pieces)
 {
     const pliant_mesh *fine = &body->fine;
@@ -41,6 +41,7 @@ static pliant_status count_pieces(const pliant_body *body, int32_t *pieces)
     pliant_status status = piece && counted ? PLIANT_OK : pliant_fail_memory("the pieces of a body");
     if (status != PLIANT_OK) goto done;
     for (int32_t n = 0; n < fine->num_nodes; n++) piece[n] = n;
+    for (int32_t j = 0; body->pieces && j < body->pieces->num_joints; j++) join(piece, body->pieces->joint[2 * j], body->pieces->joint[2 * j + 1]);
     for (int32_t t = 0; t < fine->num_tets; t++)
         for (int v = 1; v < 4; v++) join(piece, fine->tets[4 * (size_t)t], fine->tets[4 * (size_t)t + v]);
     *pieces = 0;
@@ -66,13 +67,11 @@ static pliant_status divide(cut_work *work, uint64_t revision, pliant_body **out
                                       .material = work->material,
                                       .copy_fixed = work->copy_fixed,
                                       .num_touched = work->num_touched,
-                                      .touched = work->touched};
+                                      .touched = work->touched,
+                                      .cuts = work->next};
     pliant_status status = pliant_body_divide(work->body, revision, &division, out);
-    if (status != PLIANT_OK) return status;
-    pliant_cuts_free((*out)->cuts);
-    (*out)->cuts = work->next;
-    work->next = NULL;
-    return PLIANT_OK;
+    if (status == PLIANT_OK) work->next = NULL; /* taken */
+    return status;
 }
 
 static pliant_status find_state(cut_work *work)

@@ -14,6 +14,12 @@ static int by_pair(const void *a, const void *b)
     return i[1] < j[1] ? -1 : i[1] > j[1];
 }
 
+static int by_number(const void *a, const void *b)
+{
+    const int32_t *i = a, *j = b;
+    return *i < *j ? -1 : *i > *j;
+}
+
 /* pairs in order, each once; returns how many */
 static int32_t sort_pairs(int32_t *pair, int32_t count)
 {
@@ -48,6 +54,7 @@ static void add_tet(const cut_work *work, int32_t touched, pliant_cuts *next)
     for (int32_t f = work->first[touched]; f < work->first[touched + 1]; f++)
         if (work->fragment[f].into < 0 && work->fragment[f].number != tet) next->fragment[at++] = work->fragment[f].number;
     next->start[n + 1] = at;
+    qsort(next->fragment + next->start[n], (size_t)(at - next->start[n]), sizeof *next->fragment, by_number);
     next->voxel_start[n + 1] = next->voxel_start[n] + work->start[touched + 1] - work->start[touched];
     for (int32_t i = work->start[touched]; i < work->start[touched + 1]; i++)
         next->voxel_fragment[next->voxel_start[n] + i - work->start[touched]] = cut_number(work, tets + work->part[i]);

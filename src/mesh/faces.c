@@ -1,7 +1,8 @@
 /* Faces of a tetrahedral mesh: who is across, what is outside, which pieces hang together and on what they rest. */
+#include "mesh/faces.h"
+
 #include "base/fail.h"
 #include "pliant/memory.h"
-#include "pliant/mesh.h"
 
 #include <math.h>
 #include <string.h>
@@ -79,26 +80,26 @@ pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbour
     return status;
 }
 
-pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, int32_t *count)
+pliant_status pliant_mesh_surface_of(const pliant_mesh *mesh, const int32_t *neighbours, int32_t **triangles, int32_t *count)
 {
-    int32_t *neighbours = pliant_calloc((size_t)mesh->num_tets, 4 * sizeof *neighbours);
-    if (!neighbours) return pliant_fail_memory("the surface");
-    pliant_status status = pliant_mesh_neighbours(mesh, neighbours);
-    int32_t outside = 0, *out = NULL;
-    if (status != PLIANT_OK) goto done;
+    int32_t outside = 0;
     for (int32_t f = 0; f < 4 * mesh->num_tets; f++) outside += neighbours[f] < 0;
-    out = pliant_calloc((size_t)outside, 3 * sizeof *out);
-    if (!out) {
-        status = pliant_fail_memory("the surface");
-        goto done;
-    }
-    int32_t *next = out;
+    int32_t *out = pliant_calloc((size_t)outside, 3 * sizeof *out), *next = out;
+    if (!out) return pliant_fail_memory("the surface");
     for (int32_t f = 0; f < 4 * mesh->num_tets; f++)
         if (neighbours[f] < 0)
             for (int v = 0; v < 3; v++) *next++ = mesh->tets[4 * (f / 4) + face_corners[f % 4][v]];
     *triangles = out;
     *count = outside;
-done:
+    return PLIANT_OK;
+}
+
+pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, int32_t *count)
+{
+    int32_t *neighbours = pliant_calloc((size_t)mesh->num_tets, 4 * sizeof *neighbours);
+    if (!neighbours) return pliant_fail_memory("the surface");
+    pliant_status status = pliant_mesh_neighbours(mesh, neighbours);
+    if (status == PLIANT_OK) status = pliant_mesh_surface_of(mesh, neighbours, triangles, count);
     pliant_free(neighbours);
     return status;
 }
@@ -166,18 +167,18 @@ static bool find_footing(const pliant_mesh *mesh, const int32_t *piece, uint8_t 
     return changed;
 }
 
-pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed, uint8_t *loose, int32_t *pieces)
+pliant_status pliant_mesh_hold_of(const pliant_mesh *mesh, const int32_t *neighbours, uint8_t how, bool whole, uint8_t *fixed, uint8_t *loose,
+                                  int32_t *pieces)
 {
     size_t tets = (size_t)mesh->num_tets;
-    int32_t *neighbours = pliant_calloc(tets, 4 * sizeof *neighbours), *piece = pliant_calloc(tets, sizeof *piece);
+    int32_t *piece = pliant_calloc(tets, sizeof *piece);
     uint8_t *firm_node = pliant_calloc((size_t)mesh->num_nodes, 1);
     footing *feet = NULL;
     pliant_status status = PLIANT_OK;
-    if (!neighbours || !piece || !firm_node) {
+    if (!piece || !firm_node) {
         status = pliant_fail_memory("the pieces of the mesh");
         goto done;
     }
-    if ((status = pliant_mesh_neighbours(mesh, neighbours)) != PLIANT_OK) goto done;
     int32_t count = label_pieces(mesh, neighbours, piece), largest = 0, num_loose = 0;
     if (!(feet = pliant_calloc((size_t)count, sizeof *feet))) {
         status = pliant_fail_memory("the pieces of the mesh");
@@ -202,9 +203,18 @@ pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t how, bool whole,
         if (loose[v / 4] && !firm_node[mesh->tets[v]]) fixed[mesh->tets[v]] = how;
     *pieces = num_loose;
 done:
-    pliant_free(neighbours);
     pliant_free(piece);
     pliant_free(firm_node);
     pliant_free(feet);
+    return status;
+}
+
+pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed, uint8_t *loose, int32_t *pieces)
+{
+    int32_t *neighbours = pliant_calloc((size_t)mesh->num_tets, 4 * sizeof *neighbours);
+    if (!neighbours) return pliant_fail_memory("the pieces of the mesh");
+    pliant_status status = pliant_mesh_neighbours(mesh, neighbours);
+    if (status == PLIANT_OK) status = pliant_mesh_hold_of(mesh, neighbours, how, whole, fixed, loose, pieces);
+    pliant_free(neighbours);
     return status;
 }

@@ -1,0 +1,20 @@
+/* What follows from the faces of a mesh, where who is across each is known already (pliant_mesh_neighbours). */
+#ifndef PLIANT_MESH_FACES_H
+#define PLIANT_MESH_FACES_H
+
+#include "pliant/mesh.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* as pliant_mesh_surface */
+pliant_status pliant_mesh_surface_of(const pliant_mesh *mesh, const int32_t *neighbours, int32_t **triangles, int32_t *count);
+/* as pliant_mesh_hold */
+pliant_status pliant_mesh_hold_of(const pliant_mesh *mesh, const int32_t *neighbours, uint8_t how, bool whole, uint8_t *fixed, uint8_t *loose,
+                                  int32_t *pieces);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
