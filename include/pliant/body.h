@@ -71,6 +71,9 @@ typedef struct pliant_cuts {
     int32_t num_joins;
     int32_t *join;             /**< (num_joins x 2) fine tetrahedra that links or bridges join, the first below the second, one at least of those
                                 *   in fragment; ascending */
+    int32_t num_cuts;          /**< bodies from the one at load to this one, which pliant_body_sever makes again */
+    int32_t *cut_end;          /**< (num_cuts) into severed: what each of them severed */
+    uint32_t *severed;         /**< (num_links + num_bridges) 4 voxel + axis of a link, 4 bridge + 3 of a bridge */
 } pliant_cuts;
 
 /** Pieces that have come off since load: nothing that is fixed holds them any more. Those that touch, if only at a node, count as one. */

@@ -37,6 +37,12 @@ typedef struct pliant_cut_report {
 PLIANT_API pliant_status pliant_body_cut(const pliant_body *body, uint64_t revision, const double *positions, const pliant_cut_sweep *sweep,
                                          pliant_body **out, pliant_cut_report *report);
 
+/** The next body once more, of which just these links and bridges have been severed, as another one's pliant_cuts tells of each of its cuts:
+ *  a recording makes the same bodies again, bit for bit, from the one at load on.
+ *  @param severed (count) as in pliant_cuts, each for the first time
+ *  Errors: MEMORY, ARGUMENT (a body without voxels, no such link or bridge, severed before), FORMAT. */
+PLIANT_API pliant_status pliant_body_sever(const pliant_body *body, uint64_t revision, int32_t count, const uint32_t *severed, pliant_body **out);
+
 /** The material points under points of the deformed body: of tetrahedra that hold a point, the first whose own voxels are there, or
  *  that is in no fragments. One search for all.
  *  @param points      (count x 3)

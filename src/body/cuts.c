@@ -17,6 +17,8 @@ void pliant_cuts_free(pliant_cuts *cuts)
     pliant_free(cuts->voxel_fragment);
     pliant_free(cuts->chip);
     pliant_free(cuts->join);
+    pliant_free(cuts->cut_end);
+    pliant_free(cuts->severed);
     pliant_free(cuts);
 }
 
@@ -38,11 +40,14 @@ pliant_status pliant_cuts_copy(const pliant_cuts *from, pliant_cuts **out)
     to->num_tets = from->num_tets;
     to->num_chips = from->num_chips;
     to->num_joins = from->num_joins;
+    to->num_cuts = from->num_cuts;
+    const size_t severed = from->num_cuts > 0 ? (size_t)from->cut_end[from->num_cuts - 1] : 0;
     const size_t tets = (size_t)from->num_tets, one = sizeof(int32_t);
     if (!copy(from->link, (size_t)from->num_links, sizeof *to->link, &to->link) || !copy(from->bridge, (size_t)from->num_bridges, one, &to->bridge) ||
         !copy(from->tet, tets, one, &to->tet) || !copy(from->start, tets + 1, one, &to->start) ||
         !copy(from->fragment, (size_t)from->start[tets], one, &to->fragment) || !copy(from->voxel_start, tets + 1, one, &to->voxel_start) ||
         !copy(from->voxel_fragment, (size_t)from->voxel_start[tets], one, &to->voxel_fragment) ||
+        !copy(from->cut_end, (size_t)from->num_cuts, one, &to->cut_end) || !copy(from->severed, severed, sizeof *to->severed, &to->severed) ||
         !copy(from->chip, (size_t)from->num_chips, 2 * one, &to->chip) || !copy(from->join, (size_t)from->num_joins, 2 * one, &to->join)) {
         pliant_cuts_free(to);
         return pliant_fail_memory("the cuts of a body");

@@ -83,6 +83,36 @@ static pliant_status find_state(cut_work *work)
     return PLIANT_OK;
 }
 
+/* what this cut severs, after what those before it did */
+static pliant_status write_down(cut_work *work)
+{
+    const pliant_cuts *cuts = work->cuts;
+    pliant_cuts *next = work->next;
+    const int32_t before = cuts ? cuts->num_cuts : 0, old = before > 0 ? cuts->cut_end[before - 1] : 0;
+    next->cut_end = pliant_calloc((size_t)before + 1, sizeof *next->cut_end);
+    next->severed = pliant_calloc((size_t)old + (size_t)work->num_links + (size_t)work->num_bridges, sizeof *next->severed);
+    if (!next->cut_end || !next->severed) return pliant_fail_memory("what is cut");
+    if (before > 0) memcpy(next->cut_end, cuts->cut_end, (size_t)before * sizeof *next->cut_end);
+    if (old > 0) memcpy(next->severed, cuts->severed, (size_t)old * sizeof *next->severed);
+    uint32_t *severed = next->severed + old;
+    for (int32_t i = 0; i < work->num_links; i++) *severed++ = work->link[i];
+    for (int32_t i = 0; i < work->num_bridges; i++) *severed++ = 4 * (uint32_t)work->bridge[i] + 3;
+    next->num_cuts = before + 1;
+    next->cut_end[before] = old + work->num_links + work->num_bridges;
+    return PLIANT_OK;
+}
+
+/* after pliant_cut_touch */
+static pliant_status make_next(cut_work *work, uint64_t revision, pliant_body **out)
+{
+    pliant_status status = pliant_cut_join(work);
+    if (status == PLIANT_OK) status = pliant_cut_corners(work);
+    if (status == PLIANT_OK) status = pliant_cut_materials(work);
+    if (status == PLIANT_OK) status = pliant_cut_gather(work);
+    if (status == PLIANT_OK) status = write_down(work);
+    return status == PLIANT_OK ? divide(work, revision, out) : status;
+}
+
 static pliant_status cut(cut_work *work, uint64_t revision, const pliant_cut_sweep *sweep, pliant_body **out, pliant_cut_report *report)
 {
     pliant_status status = find_state(work);
@@ -91,13 +121,8 @@ static pliant_status cut(cut_work *work, uint64_t revision, const pliant_cut_swe
     tell_severed(work, sweep, report);
     if (status == PLIANT_OK) status = pliant_cut_touch(work);
     report->touched = work->num_touched;
+    if (status == PLIANT_OK && out) status = make_next(work, revision, out);
     if (status != PLIANT_OK || !out) return status;
-    status = pliant_cut_join(work);
-    if (status == PLIANT_OK) status = pliant_cut_corners(work);
-    if (status == PLIANT_OK) status = pliant_cut_materials(work);
-    if (status == PLIANT_OK) status = pliant_cut_gather(work);
-    if (status == PLIANT_OK) status = divide(work, revision, out);
-    if (status != PLIANT_OK) return status;
     status = count_pieces(*out, &report->pieces);
     if (status != PLIANT_OK) {
         pliant_body_release(*out);
@@ -106,20 +131,77 @@ static pliant_status cut(cut_work *work, uint64_t revision, const pliant_cut_swe
     return status;
 }
 
+static void free_work(cut_work *work)
+{
+    void *blocks[] = {work->link, work->link_area, work->bridge,  work->state,      work->touched,    work->start,    work->first, work->voxel,    work->part,
+                      work->edge, work->table,     work->corners, work->tet_source, work->copy_fixed, work->material, work->place, work->fragment, work->links.severed};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    pliant_cuts_free(work->next);
+}
+
+static pliant_status refuse_whole(void)
+{
+    return pliant_fail(PLIANT_ERROR_ARGUMENT, "this body has no voxels to cut: set cut/kind to sever in the scene");
+}
+
 pliant_status pliant_body_cut(const pliant_body *body, uint64_t revision, const double *positions, const pliant_cut_sweep *sweep, pliant_body **out,
                               pliant_cut_report *report)
 {
-    if (!body->voxels) return pliant_fail(PLIANT_ERROR_ARGUMENT, "this body has no voxels to cut: set cut/kind to sever in the scene");
+    if (!body->voxels) return refuse_whole();
     cut_work work = {.body = body, .voxels = body->voxels, .cuts = body->cuts, .positions = positions};
     pliant_cut_report told = {0};
     pliant_body *next = NULL;
     pliant_status status = cut(&work, revision, sweep, out ? &next : NULL, &told);
-    void *blocks[] = {work.link, work.link_area, work.bridge,  work.state,      work.touched,    work.start,   work.first, work.voxel,   work.part,
-                      work.edge, work.table,     work.corners, work.tet_source, work.copy_fixed, work.material, work.place, work.fragment, work.links.severed};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
-    pliant_cuts_free(work.next);
+    free_work(&work);
     if (status != PLIANT_OK) return status;
     if (out) *out = next;
     if (report) *report = told;
     return PLIANT_OK;
+}
+
+/* ---- once more */
+
+static bool is_there(const pliant_voxels *voxels, const pliant_cuts *cuts, uint32_t code)
+{
+    const int32_t *size = voxels->geometry.size;
+    const int64_t number = code / 4;
+    const int axis = (int)(code % 4);
+    if (axis == 3) return number < voxels->num_bridges && !(cuts && pliant_bridge_severed(cuts, (int32_t)number));
+    if (number >= (int64_t)size[0] * size[1] * size[2]) return false;
+    int32_t at[3];
+    pliant_place_of(voxels, (int32_t)number, at);
+    if (at[axis] + 1 >= size[axis]) return false;
+    if (voxels->owner[number] < 0 || voxels->owner[number + pliant_stride_of(voxels, axis)] < 0) return false;
+    const int32_t first = cuts ? pliant_lower(cuts->link, cuts->num_links, code) : 0;
+    return !cuts || first == cuts->num_links || cuts->link[first] != code;
+}
+
+static pliant_status take_severed(cut_work *work, int32_t count, const uint32_t *severed)
+{
+    work->link = pliant_calloc((size_t)count, sizeof *work->link);
+    work->bridge = pliant_calloc((size_t)count, sizeof *work->bridge);
+    if (!work->link || !work->bridge) return pliant_fail_memory("what is cut");
+    for (int32_t i = 0; i < count; i++) {
+        const bool bridge = severed[i] % 4 == 3, ascending = i == 0 || severed[i] > severed[i - 1] || (bridge && severed[i - 1] % 4 != 3);
+        if (!ascending || (!bridge && work->num_bridges > 0) || !is_there(work->voxels, work->cuts, severed[i]))
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "%u is no link or bridge that this body has: the cut is another scan's or mesh's", (unsigned)severed[i]);
+        if (bridge) work->bridge[work->num_bridges++] = (int32_t)(severed[i] / 4);
+        else work->link[work->num_links++] = severed[i];
+    }
+    return PLIANT_OK;
+}
+
+pliant_status pliant_body_sever(const pliant_body *body, uint64_t revision, int32_t count, const uint32_t *severed, pliant_body **out)
+{
+    if (!body->voxels) return refuse_whole();
+    if (count < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a cut severs something: no link and no bridge is named");
+    cut_work work = {.body = body, .voxels = body->voxels, .cuts = body->cuts};
+    pliant_body *next = NULL;
+    pliant_status status = find_state(&work);
+    if (status == PLIANT_OK) status = take_severed(&work, count, severed);
+    if (status == PLIANT_OK) status = pliant_cut_touch(&work);
+    if (status == PLIANT_OK) status = make_next(&work, revision, &next);
+    free_work(&work);
+    if (status == PLIANT_OK) *out = next;
+    return status;
 }
