@@ -206,16 +206,29 @@ static bool part_by_force(const knife *work)
     return true;
 }
 
-/* Tissue is let go for a step: it comes back over the edge. */
+/* Tissue is let go for a step, and comes back over the edge; it parts then, as it lies without a load. */
 static void slip(const knife *work, const double anchor[3])
 {
-    pliant_tool *tool = work->tool;
-    pliant_blade *blade = &tool->blade;
-    if (!part_by_force(work)) return;
-    if (blade->drags) pliant_tool_drop(tool);
+    pliant_blade *blade = &work->tool->blade;
+    pliant_tool_drop(work->tool);
     memcpy(blade->anchor, anchor, sizeof blade->anchor);
     blade->slips = true;
-    draw(tool);
+    draw(work->tool);
+}
+
+/* Whether tissue that was let go still comes back: with inertia it takes more than a step. `swept` is where the edge was then. */
+static bool comes_back(const knife *work)
+{
+    const pliant_edge *edge = &work->tool->blade.edge;
+    const pliant_scene *scene = &work->model->scene;
+    double farthest = 0;
+    if (scene->solver.kind != PLIANT_TLED || scene->tled.quasi_static) return false;
+    for (int32_t p = 0; p < edge->count; p++) {
+        double way[3];
+        for (int d = 0; d < 3; d++) way[d] = edge->place[3 * p + d] - edge->swept[3 * p + d];
+        if (edge->tet[p] >= 0) farthest = fmax(farthest, dot3(way, way));
+    }
+    return farthest > pow(chord * work->least, 2);
 }
 
 /* @param last the middle of the edge in the last step */
@@ -227,10 +240,15 @@ static void press(const knife *work, const double last[3])
     double force;
     if (!blade->drags && !blade->slips) memset(blade->drawn, 0, sizeof blade->drawn);
     else draw(tool);
+    const bool back = blade->slips && comes_back(work);
     if (blade->slips && !part_by_force(work)) return;
+    if (back) {
+        memcpy(blade->anchor, last, sizeof blade->anchor);
+        return;
+    }
     if (!look_ahead(work, pliant_blade_length(blade) / blade->edge.count, &force)) return;
-    bool touches = blade->slips;
-    if (force > 0 && !touch(work, &touches)) return;
+    bool anew = blade->slips;
+    if (force > 0 && !blade->drags && !touch(work, &anew)) return;
     const int32_t inside = pliant_blade_num_inside(&blade->edge);
     if (force == 0 || inside == 0) {
         part_freely(work);
@@ -244,7 +262,7 @@ static void press(const knife *work, const double last[3])
     const double way = sqrt(dot3(blade->drawn, blade->drawn));
     blade->stiffness = 2 * force / reach;
     if (blade->drags && way >= 0.5 * reach && (blade->work >= force * way || way >= 2 * reach)) slip(work, last);
-    else drag(work, touches);
+    else drag(work, anew);
 }
 
 /* ---- a step */

@@ -52,6 +52,7 @@ pliant_status pliant_data_sever(const pliant_model *model, pliant_data *data, in
     if (status == PLIANT_OK) status = pliant_data_set_body(model, data, next);
     if (status == PLIANT_OK) keep(data, most, before, tool, tool < 0 ? 0 : data->tools[tool].blade.stroke);
     else pliant_body_release(before);
+    if (data->undo.count == 0) pliant_undo_clear(data);
     pliant_body_release(next);
     return status;
 }

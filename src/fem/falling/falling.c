@@ -265,10 +265,10 @@ static void find_grips(pliant_falling *falling, const pliant_data *data)
 
 static pliant_rigid_pull pull_of(grip *at, const pliant_tool *tool, const double centre[3])
 {
-    pliant_rigid_pull pull = {.given = tool->drive == PLIANT_DRIVE_FORCE};
-    if (tool->drive == PLIANT_DRIVE_SPRING) {
-        pull.compliance = 1 / (at->share * tool->stiffness);
-        pull.damping = at->share * tool->damping;
+    pliant_rigid_pull pull = {.given = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE};
+    if (pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING) {
+        pull.compliance = 1 / (at->share * pliant_tool_stiffness(tool));
+        pull.damping = at->share * pliant_tool_damping(tool);
     }
     for (int d = 0; d < 3; d++) {
         pull.arm[d] = at->point[d] - centre[d];

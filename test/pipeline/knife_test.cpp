@@ -1,0 +1,329 @@
+// Blades through tissue, step by step: what they part, what it takes, and what is left as it was.
+#include "body.h"
+#include "sim/cut.h"
+#include "pliant/memory.h"
+
+#include <algorithm>
+#include <memory>
+#include <string>
+
+namespace {
+
+const int size[3] = {40, 12, 16};
+const double box[3] = {0.08, 0.024, 0.032}, width = 0.024, height = 0.032, toughness = 200;
+
+struct Kind {
+    const char *name;
+    std::function<void(pliant_scene &)> set;
+};
+const Kind fine{"fine", [](pliant_scene &) {}};
+const Kind averaged{"averaged", [](pliant_scene &scene) {
+                        scene.model.method = PLIANT_AVERAGED;
+                        scene.mesh.coarse_cells[0] = 5;
+                        scene.mesh.coarse_cells[1] = scene.mesh.coarse_cells[2] = 2;
+                        scene.mesh.ratio = 2;
+                    }};
+const Kind dynamic{"tled", [](pliant_scene &scene) {
+                       scene.solver.kind = PLIANT_TLED;
+                       scene.tled.damping = 20;
+                   }};
+
+// A slab of liver that lies on what holds it, a blade across it.
+struct Slab : Body {
+    int tool = -1;
+    std::string said;
+    explicit Slab(const Kind &kind = fine, double resistance = 1) : Body(size, box, {{5500, 0.45, 1060, false}})
+    {
+        table.materials[0].toughness = toughness;
+        cells(10, 3, 4, 1);
+        scene.solver.iterations = 30;
+        scene.solver.tolerance = 1e-4;
+        scene.cut.kind = PLIANT_CUT_SEVER;
+        scene.cut.resistance = resistance;
+        fix_plane(0, 0, 1e-6, 0, 0, 1);
+        kind.set(scene);
+        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
+        const double from[3] = {0, -0.02, 0}, to[3] = {0, 0.02, 0};
+        EXPECT_EQ(pliant_tool_add(model, data, "knife", &tool), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_blade(data, tool, from, to), PLIANT_OK);
+        pliant_set_log([](pliant_log_level level, const char *message, void *user) {
+            if (level == PLIANT_LOG_WARNING) static_cast<Slab *>(user)->said += std::string(message) + "\n";
+        }, this);
+    }
+    ~Slab() { pliant_set_log(nullptr, nullptr); }
+    void place(double x, double z, const double *rotation = nullptr)
+    {
+        const double tip[3] = {x, 0.012, z};
+        ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, rotation), PLIANT_OK);
+    }
+    void cutting(bool on) { ASSERT_EQ(pliant_tool_set_cutting(data, tool, on), PLIANT_OK) << pliant_last_error(); }
+    pliant_tool_state state() const
+    {
+        pliant_tool_state told{};
+        EXPECT_EQ(pliant_tool_get(data, tool, &told), PLIANT_OK);
+        return told;
+    }
+    void step() { ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error(); }
+    // downwards at a speed; forces and heights of every step
+    void stroke(double x, double from, double to, double speed, std::vector<double> *forces = nullptr, double *work = nullptr)
+    {
+        const double way = speed * scene.solver.step;
+        double force = 0;
+        place(x, from);
+        cutting(true);
+        step();
+        for (double z = from - way; z > to; z -= way) {
+            place(x, z);
+            step();
+            const double now = -state().force[2];
+            if (work) *work += 0.5 * (force + now) * way;
+            force = now;
+            if (forces) forces->push_back(now);
+        }
+    }
+    // what stretches the tissue [J], of each element by its own stiffness
+    double strain_energy() const
+    {
+        std::vector<float> density(static_cast<size_t>(data->body->fine.num_tets));
+        pliant_data_tet_scalar(model, data->body, data->positions, PLIANT_SCALAR_STRAIN_ENERGY, density.data());
+        double sum = 0, gradients[12];
+        for (int32_t t = 0; t < data->body->fine.num_tets; t++) sum += density[t] * pliant_mesh_gradients(&data->body->fine, t, gradients);
+        return sum;
+    }
+    double height_energy() const // of gravity [J]
+    {
+        double sum = 0;
+        for (int32_t n = 0; n < data->body->fine.num_nodes; n++)
+            for (int d = 0; d < 3; d++)
+                sum -= data->body->node_mass[n] * data->gravity[d] * (data->positions[3 * n + d] - data->body->fine.rest[3 * n + d]);
+        return sum;
+    }
+};
+
+struct EveryKind : testing::TestWithParam<Kind> {};
+
+TEST_P(EveryKind, AStrokeTakesToughnessTimesItsArea)
+{
+    Slab slab(GetParam());
+    std::vector<double> forces;
+    double work = 0;
+    slab.stroke(0.0405, 0.034, -0.003, 0.02, &forces, &work);
+    const pliant_tool_state told = slab.state();
+    if (std::getenv("PLIANT_FIGURES"))
+        std::printf("area %.4f of the section's, work %.4f of toughness times area, mean force %.3f N, peak %.3f N\n", told.severed_area / (width * height),
+                    work / (toughness * told.severed_area), work / height, *std::max_element(forces.begin(), forces.end()));
+    EXPECT_EQ(told.pieces, 2);
+    EXPECT_NEAR(told.severed_area, width * height, 0.05 * width * height);
+    EXPECT_NEAR(work, toughness * told.severed_area, 0.12 * toughness * told.severed_area);
+    EXPECT_NEAR(work / height, toughness * width, 0.15 * toughness * width) << "mean force on its way through the tissue";
+    const double peak = *std::max_element(forces.begin(), forces.end());
+    EXPECT_GT(peak, 1.5 * toughness * width);
+    EXPECT_LT(peak, 3.5 * toughness * width);
+    int drops = 0; // sudden ones
+    for (size_t n = 1; n < forces.size(); n++) drops += forces[n - 1] > toughness * width && forces[n] < 0.3 * toughness * width;
+    EXPECT_GE(drops, 5) << "a saw-tooth";
+    EXPECT_FALSE(told.holding);
+    EXPECT_EQ(slab.said, "");
+}
+
+TEST_P(EveryKind, NothingIsCutThatABladeDoesNotSweep)
+{
+    Slab slab(GetParam());
+    slab.stroke(0.0405, 0.05, 0.036, 0.05); // in the air
+    EXPECT_FALSE(slab.state().engaged);
+    slab.cutting(false);
+    slab.place(0.0405, 0.02); // into the tissue, off
+    slab.step();
+    slab.cutting(true);
+    for (int s = 0; s < 10; s++) slab.step(); // on, and at rest
+    EXPECT_TRUE(slab.state().engaged);
+    EXPECT_NEAR(slab.state().engaged_length, width, 0.1 * width);
+    EXPECT_EQ(slab.state().severed_area, 0);
+    EXPECT_EQ(slab.data->body, slab.model->body);
+    EXPECT_EQ(slab.state().stroke, 2u);
+}
+
+TEST_P(EveryKind, TheSameStrokeTwiceCutsNothingMoreAndIsNotFelt)
+{
+    Slab slab(GetParam());
+    slab.stroke(0.0401, 0.034, -0.003, 0.05);
+    const double area = slab.state().severed_area;
+    const uint64_t revision = slab.data->body->revision;
+    slab.cutting(false);
+    for (int s = 0; s < 50; s++) slab.step(); // until nothing swings
+    std::vector<double> forces;
+    slab.stroke(0.0401, 0.034, -0.003, 0.05, &forces);
+    EXPECT_EQ(slab.state().severed_area, area);
+    EXPECT_EQ(slab.data->body->revision, revision);
+    EXPECT_LT(*std::max_element(forces.begin(), forces.end()), 0.01 * toughness * width);
+}
+
+TEST_P(EveryKind, TheSamePosesGiveTheSameBitsAndUndoAndResetHeal)
+{
+    Slab one(GetParam()), other(GetParam());
+    for (Slab *slab : {&one, &other}) slab->stroke(0.0405, 0.034, 0.012, 0.05);
+    const int32_t nodes = one.data->body->fine.num_nodes;
+    ASSERT_EQ(nodes, other.data->body->fine.num_nodes);
+    EXPECT_EQ(std::memcmp(one.data->positions, other.data->positions, 3 * sizeof(double) * static_cast<size_t>(nodes)), 0);
+    ASSERT_EQ(one.data->body->cuts->num_links, other.data->body->cuts->num_links);
+    EXPECT_EQ(std::memcmp(one.data->body->cuts->link, other.data->body->cuts->link, sizeof(uint32_t) * static_cast<size_t>(one.data->body->cuts->num_links)), 0);
+    const pliant_body *half = pliant_body_retain(one.data->body);
+    ASSERT_FALSE(pliant_body_same(half, one.model->body));
+
+    one.cutting(false);
+    const double points[6] = {0.0605, -0.01, 0.04, 0.0605, 0.05, 0.04}, depth[3] = {0, 0, -0.03};
+    pliant_cut_report report;
+    ASSERT_EQ(pliant_data_cut(one.model, one.data, 2, points, depth, &report), PLIANT_OK) << pliant_last_error();
+    EXPECT_NEAR(report.area, width * 0.022, 0.1 * width * 0.022);
+    ASSERT_EQ(pliant_data_undo_cut(one.model, one.data), PLIANT_OK);
+    EXPECT_EQ(one.data->body, half) << "the very one";
+    ASSERT_EQ(pliant_data_undo_cut(one.model, one.data), PLIANT_OK);
+    EXPECT_EQ(one.data->body, one.model->body);
+    EXPECT_EQ(pliant_data_undo_cut(one.model, one.data), PLIANT_ERROR_ARGUMENT);
+    pliant_body_release(half);
+
+    ASSERT_EQ(pliant_data_reset(other.model, other.data), PLIANT_OK);
+    EXPECT_EQ(other.data->body, other.model->body);
+    EXPECT_EQ(other.state().severed_area, 0);
+    EXPECT_EQ(pliant_data_undo_cut(other.model, other.data), PLIANT_ERROR_ARGUMENT);
+}
+
+std::string name_of(const testing::TestParamInfo<Kind> &info) { return info.param.name; }
+INSTANTIATE_TEST_SUITE_P(Engines, EveryKind, testing::Values(fine, averaged, dynamic), name_of);
+
+TEST(Knife, WithoutResistanceNothingIsFelt)
+{
+    Slab slab(fine, 0);
+    std::vector<double> forces;
+    slab.stroke(0.0405, 0.034, -0.003, 0.1, &forces);
+    EXPECT_EQ(*std::max_element(forces.begin(), forces.end()), 0);
+    EXPECT_NEAR(slab.state().severed_area, width * height, 0.05 * width * height);
+    EXPECT_EQ(slab.state().pieces, 2);
+}
+
+TEST(Knife, ABladeThatTurnsSweepsAnArc)
+{
+    Slab slab(fine, 0);
+    const double from[3] = {0, 0, 0}, to[3] = {0.012, 0, 0}, quarter[4] = {0, std::sqrt(0.5), 0, std::sqrt(0.5)};
+    ASSERT_EQ(pliant_tool_set_blade(slab.data, slab.tool, from, to), PLIANT_OK);
+    slab.place(0.04, 0.024);
+    slab.cutting(true);
+    slab.step();
+    slab.place(0.04, 0.024, quarter); // about y: from x to -z, in one step
+    slab.step();
+    EXPECT_NEAR(slab.state().severed_area, M_PI / 4 * 0.012 * 0.012, 0.1 * M_PI / 4 * 0.012 * 0.012) << "the chord alone: 36 % less";
+}
+
+TEST(Knife, WhatJumpsOrIsLostCutsNothingOnItsWay)
+{
+    Slab slab(fine, 0);
+    slab.place(0.0405, 0.05);
+    slab.cutting(true);
+    slab.step();
+    slab.place(0.0405, -0.01);
+    slab.step();
+    EXPECT_NE(slab.said.find("knife: its blade went 0.06 m in a step of 0.02 s"), std::string::npos) << slab.said;
+    pliant_tool_lost(slab.data, slab.tool);
+    slab.step();
+    slab.place(0.0405, 0.03);
+    slab.step();
+    EXPECT_EQ(slab.data->body, slab.model->body);
+    EXPECT_EQ(slab.state().stroke, 3u);
+    EXPECT_TRUE(slab.state().cutting);
+}
+
+TEST(Knife, StrokesThatCanBeUndoneAreAsManyAsAsked)
+{
+    Slab slab(fine, 0);
+    const double points[6] = {0, -0.01, 0.04, 0, 0.05, 0.04}, depth[3] = {0, 0, -0.03};
+    for (int n = 0; n < slab.scene.cut.undo + 2; n++) {
+        double at[6];
+        for (int d = 0; d < 6; d++) at[d] = points[d] + (d % 3 == 0 ? 0.0065 * (n + 1) : 0);
+        ASSERT_EQ(pliant_data_cut(slab.model, slab.data, 2, at, depth, nullptr), PLIANT_OK) << pliant_last_error();
+        slab.step();
+    }
+    for (int n = 0; n < slab.scene.cut.undo; n++) ASSERT_EQ(pliant_data_undo_cut(slab.model, slab.data), PLIANT_OK) << n;
+    EXPECT_EQ(pliant_data_undo_cut(slab.model, slab.data), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(slab.data->body->revision, 3u) << "two cuts are left";
+}
+
+TEST(Knife, EnergyNeverRisesByACut)
+{
+    Slab slab;
+    const double gravity[3] = {6, 0, 3};
+    ASSERT_EQ(pliant_data_set_gravity(slab.data, gravity), PLIANT_OK);
+    for (int s = 0; s < 40; s++) slab.step();
+    const double points[6] = {0.0405, -0.01, 0.05, 0.0405, 0.05, 0.05}, depth[3] = {0, 0, -0.035};
+    const double before = slab.strain_energy(), whole = before + slab.height_energy();
+    ASSERT_GT(before, 0);
+    ASSERT_EQ(pliant_data_cut(slab.model, slab.data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+    ASSERT_NE(slab.data->body, slab.model->body);
+    EXPECT_NEAR(slab.strain_energy(), before, 1e-4 * before) << "the parts of an element carry what it did";
+    for (int s = 0; s < 40; s++) slab.step();
+    EXPECT_LT(slab.strain_energy() + slab.height_energy(), whole) << "and come to rest at less";
+}
+
+TEST(Knife, WhatIsNeverCutCostsNothingAndChangesNothing)
+{
+    Slab none(Kind{"none", [](pliant_scene &scene) { scene.cut.kind = PLIANT_CUT_NONE; }}), may;
+    EXPECT_EQ(pliant_tool_set_cutting(none.data, none.tool, true), PLIANT_ERROR_ARGUMENT);
+    EXPECT_NE(std::string(pliant_last_error()).find("cut/kind"), std::string::npos) << pliant_last_error();
+    EXPECT_EQ(pliant_data_cut(none.model, none.data, 0, nullptr, nullptr, nullptr), PLIANT_ERROR_SCENE);
+    EXPECT_EQ(none.model->body->voxels, nullptr);
+    EXPECT_EQ(none.data->statistics.bytes, may.data->statistics.bytes) << "a simulation keeps nothing until something is cut";
+    for (Slab *slab : {&none, &may}) {
+        const double rest[3] = {0.04, 0.012, 0.03};
+        ASSERT_EQ(pliant_tool_grasp(slab->model, slab->data, slab->tool, rest), PLIANT_OK);
+        for (int s = 0; s < 5; s++) {
+            slab->place(0.04, 0.03 + 1e-3 * s);
+            slab->step();
+        }
+    }
+    EXPECT_EQ(std::memcmp(none.data->positions, may.data->positions, 3 * sizeof(double) * static_cast<size_t>(none.data->body->fine.num_nodes)), 0);
+    EXPECT_EQ(std::memcmp(none.state().force, may.state().force, sizeof none.state().force), 0);
+}
+
+TEST(Knife, ABladeOfAToolThatHasNoneIsRefused)
+{
+    Slab slab;
+    int other;
+    ASSERT_EQ(pliant_tool_add(slab.model, slab.data, "forceps", &other), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_set_cutting(slab.data, other, true), PLIANT_ERROR_ARGUMENT);
+    EXPECT_NE(std::string(pliant_last_error()).find("forceps has no blade"), std::string::npos) << pliant_last_error();
+    const double from[3] = {0, 0, 0}, far[3] = {0, 0, 3}, none[3] = {0, NAN, 0};
+    EXPECT_EQ(pliant_tool_set_blade(slab.data, other, from, far), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_tool_set_blade(slab.data, other, from, none), PLIANT_ERROR_ARGUMENT);
+    double a[3], b[3];
+    EXPECT_EQ(pliant_blade_find("hook", a, b), PLIANT_OK);
+    EXPECT_EQ(pliant_blade_find("axe", a, b), PLIANT_ERROR_ARGUMENT);
+}
+
+// no memory at any point: the tissue stays as it is, said once, and the next try succeeds
+TEST(Knife, WithoutMemoryTheTissueStaysWhole)
+{
+    Slab slab(fine, 0);
+    slab.place(0.0405, 0.034);
+    slab.cutting(true);
+    slab.step();
+    slab.place(0.0405, 0.0175);
+    const size_t before = pliant_memory_in_use();
+    int failed = 0;
+    for (int64_t n = 0; slab.data->body == slab.model->body; n += n < 60 ? 1 : 1 + n / 8) {
+        pliant_memory_fail_after(n);
+        EXPECT_EQ(pliant_cut_stage(slab.model, slab.data), PLIANT_OK);
+        pliant_memory_fail_after(-1);
+        if (slab.data->body != slab.model->body) break;
+        ASSERT_EQ(pliant_memory_in_use(), before) << "allocation " << n;
+        ASSERT_EQ(slab.state().severed_area, 0);
+        slab.data->tools[slab.tool].blade.tip[2] = 0.034; // the step that was not done
+        failed++;
+    }
+    EXPECT_GT(failed, 20);
+    EXPECT_GT(slab.state().severed_area, 0.4 * width * height);
+    const std::string once = "tool knife does not cut: ";
+    ASSERT_NE(slab.said.find(once), std::string::npos) << slab.said;
+    EXPECT_EQ(slab.said.find(once, slab.said.find(once) + 1), std::string::npos) << slab.said;
+    slab.step();
+}
+
+} // namespace
