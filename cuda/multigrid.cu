@@ -18,7 +18,8 @@ struct grid_level {
     float *d_blocks;                /* (entries x 9) */
     float *d_inverse;               /* (num_free x 9) inverted diagonal blocks */
     int *d_to, *d_from_start, *d_from;
-    float *d_weight;                /* (num_free x 4) */
+    int corners;                    /* of a coarse element */
+    float *d_weight;                /* (num_free x corners) */
     float *d_x[2], *d_step, *d_residual, *d_right; /* (3 num_free), padded as the dense level needs it */
     chebyshev smoother;
 };
@@ -50,16 +51,6 @@ static pliant_status room(gpu_multigrid *multigrid, size_t count, cudaStream_t s
     return CUDA_CALL(cudaMemsetAsync(block, 0, count * sizeof(float), stream));
 }
 
-static pliant_status upload_weights(gpu_multigrid *multigrid, const double *h_from, size_t count, cudaStream_t stream, float **d_out)
-{
-    float *h_weights = static_cast<float *>(pliant_calloc(count, sizeof *h_weights));
-    if (!h_weights) return pliant_fail_memory("the multigrid");
-    for (size_t n = 0; n < count; n++) h_weights[n] = (float)h_from[n];
-    pliant_status status = upload(multigrid, h_weights, count, stream, d_out);
-    pliant_free(h_weights);
-    return status;
-}
-
 /* Chebyshev iteration on [share, 1] of the spectrum of D^-1 A (Saad, Iterative Methods, 12.3), two steps */
 static chebyshev coefficients(double largest)
 {
@@ -72,18 +63,20 @@ static pliant_status fill_level(gpu_multigrid *multigrid, const pliant_grid_leve
 {
     grid_level *level = multigrid->level + l;
     const size_t n = (size_t)grid->system.num_free, entries = (size_t)grid->row_start[n], coarse = (size_t)grid[1].system.num_free;
+    const size_t corners = (size_t)grid->corners;
     const float *h_blocks, *h_inverse;
     double largest;
     pliant_multigrid_level(numbers, l, &h_blocks, &h_inverse, &largest);
     level->num_free = grid->system.num_free;
     level->num_coarse = grid[1].system.num_free;
+    level->corners = grid->corners;
     level->smoother = coefficients(largest);
     CUDA_TRY(upload(multigrid, grid->row_start, n + 1, stream, &level->d_row_start));
     CUDA_TRY(upload(multigrid, grid->column, entries, stream, &level->d_column));
     CUDA_TRY(upload(multigrid, h_blocks, 9 * entries, stream, &level->d_blocks));
     CUDA_TRY(upload(multigrid, h_inverse, 9 * n, stream, &level->d_inverse));
-    CUDA_TRY(upload(multigrid, grid->to, 4 * n, stream, &level->d_to));
-    CUDA_TRY(upload_weights(multigrid, grid->weight, 4 * n, stream, &level->d_weight));
+    CUDA_TRY(upload(multigrid, grid->to, corners * n, stream, &level->d_to));
+    CUDA_TRY(upload(multigrid, grid->weight, corners * n, stream, &level->d_weight));
     CUDA_TRY(upload(multigrid, grid->from_start, coarse + 1, stream, &level->d_from_start));
     CUDA_TRY(upload(multigrid, grid->from, (size_t)grid->from_start[coarse], stream, &level->d_from));
     for (float *&d_x : level->d_x) CUDA_TRY(room(multigrid, 3 * n, stream, &d_x));
@@ -169,9 +162,10 @@ static __device__ __forceinline__ void store3(float *to, int node, const vector3
     to[3 * node + 1] = v.y;
     to[3 * node + 2] = v.z;
 }
+/* a: by columns; inverted diagonal blocks are symmetric */
 static __device__ __forceinline__ vector3 times(const float *a, const vector3 &v)
 {
-    return {a[0] * v.x + a[1] * v.y + a[2] * v.z, a[3] * v.x + a[4] * v.y + a[5] * v.z, a[6] * v.x + a[7] * v.y + a[8] * v.z};
+    return {a[0] * v.x + a[3] * v.y + a[6] * v.z, a[1] * v.x + a[4] * v.y + a[7] * v.z, a[2] * v.x + a[5] * v.y + a[8] * v.z};
 }
 
 /* right - A x at one node; all eight threads get it */
@@ -245,7 +239,7 @@ static __global__ void __launch_bounds__(THREADS) restrict_kernel(grid_level lev
         for (int e = level.d_from_start[node] + (int)threadIdx.x % LANES_PER_NODE; e < end; e += LANES_PER_NODE) {
             const int from = level.d_from[e];
             const float weight = level.d_weight[from];
-            vector3 r = load3(level.d_residual, from / 4);
+            vector3 r = load3(level.d_residual, from / level.corners);
             sum = {sum.x + weight * r.x, sum.y + weight * r.y, sum.z + weight * r.z};
         }
     }
@@ -262,10 +256,11 @@ static __global__ void __launch_bounds__(THREADS) correct_kernel(grid_level leve
     const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
     if ((d_skip && *d_skip) || node >= level.num_free) return;
     vector3 x = load3(d_x, node);
-    for (int v = 0; v < 4; v++) {
-        const float weight = level.d_weight[4 * (size_t)node + v];
+    for (int v = 0; v < level.corners; v++) {
+        const size_t at = (size_t)level.corners * (size_t)node + (size_t)v;
+        const float weight = level.d_weight[at];
         if (weight == 0) continue;
-        vector3 by = load3(d_coarse, level.d_to[4 * (size_t)node + v]);
+        vector3 by = load3(d_coarse, level.d_to[at]);
         x = {x.x + weight * by.x, x.y + weight * by.y, x.z + weight * by.z};
     }
     store3(d_x, node, x);

@@ -32,7 +32,8 @@ extern "C" pliant_status pliant_cuda_preconditioner_create(const pliant_system *
 {
     memset(out, 0, sizeof *out);
     const bool layered = choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > LARGEST_DENSE);
-    if (layered && !system->macros) { /* macro-elements reach over cubes: their lattice has no coarser one */
+    const bool reaches = system->macros && !system->macros->cell; /* over cubes: that has no coarser lattice */
+    if (layered && !reaches) {
         CUDA_TRY(pliant_cuda_multigrid_create(system, COARSEST, stream, &out->multigrid));
         if (out->multigrid) {
             out->bytes = pliant_cuda_multigrid_bytes(out->multigrid);

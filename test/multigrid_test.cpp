@@ -5,6 +5,9 @@
 
 namespace {
 
+class Multigrid : public ::testing::TestWithParam<pliant_element_kind> {};
+INSTANTIATE_TEST_SUITE_P(Kinds, Multigrid, testing::Values(PLIANT_LINEAR, PLIANT_HEXAHEDRA));
+
 const int size[3] = {32, 32, 32};
 const double box[3] = {0.16, 0.16, 0.16};
 const std::vector<Material> three = {{4000, 0.45, 950, false}, {20000, 0.45, 1050, false}, {1e6, 0.3, 1100, false}};
@@ -14,17 +17,18 @@ int blobs(int i, int j, int k)
     return v > 0.9 ? 2 : v > 0.2;
 }
 
-void prepare(Body &body, pliant_preconditioner_choice choice)
+void prepare(Body &body, pliant_preconditioner_choice choice, pliant_element_kind kind)
 {
+    body.scene.element.kind = kind;
     body.scene.solver.preconditioner = choice;
     body.cells(8, 8, 8, 2);
     body.fix_plane(0, 0, 0.001, 0, 0, 1);
 }
 
-TEST(Multigrid, IsSymmetricAndPositive)
+TEST_P(Multigrid, IsSymmetricAndPositive)
 {
     Body body(size, box, three, blobs);
-    prepare(body, PLIANT_MULTIGRID);
+    prepare(body, PLIANT_MULTIGRID, GetParam());
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     pliant_preconditioner *m = body.data->solver->preconditioner;
     size_t n = 3 * static_cast<size_t>(body.model->system->num_free);
@@ -49,10 +53,10 @@ TEST(Multigrid, IsSymmetricAndPositive)
 }
 
 // Conjugate gradients on the true matrix: a hundredth of the energy error within a few cycles, at a contrast of 250.
-TEST(Multigrid, ConjugateGradientsConvergeInFewCycles)
+TEST_P(Multigrid, ConjugateGradientsConvergeInFewCycles)
 {
     Body body(size, box, three, blobs);
-    prepare(body, PLIANT_MULTIGRID);
+    prepare(body, PLIANT_MULTIGRID, GetParam());
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     const pliant_system *system = body.model->system;
     size_t n = 3 * static_cast<size_t>(system->num_free);
@@ -106,11 +110,11 @@ std::vector<double> pulled(Body &body)
     return std::vector<double>(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
 }
 
-TEST(Multigrid, SameAnswerAsDirect)
+TEST_P(Multigrid, SameAnswerAsDirect)
 {
     Body direct(size, box, three, blobs), layered(size, box, three, blobs);
-    prepare(direct, PLIANT_DIRECT);
-    prepare(layered, PLIANT_MULTIGRID);
+    prepare(direct, PLIANT_DIRECT, GetParam());
+    prepare(layered, PLIANT_MULTIGRID, GetParam());
     layered.scene.solver.tolerance = direct.scene.solver.tolerance = 1e-6;
     layered.scene.solver.refresh_interval = direct.scene.solver.refresh_interval = 4;
     std::vector<double> a = pulled(direct), b = pulled(layered);
@@ -120,12 +124,12 @@ TEST(Multigrid, SameAnswerAsDirect)
     EXPECT_GT(layered.data->statistics.factors, 0u);
 }
 
-TEST(Multigrid, SameBitsWithAnyNumberOfThreads)
+TEST_P(Multigrid, SameBitsWithAnyNumberOfThreads)
 {
     std::vector<double> results[2];
     for (int run = 0; run < 2; run++) {
         Body body(size, box, three, blobs);
-        prepare(body, PLIANT_MULTIGRID);
+        prepare(body, PLIANT_MULTIGRID, GetParam());
         body.scene.solver.threads = run + 1;
         body.scene.solver.iterations = 5;
         body.scene.solver.tolerance = 1e-4;
@@ -134,10 +138,10 @@ TEST(Multigrid, SameBitsWithAnyNumberOfThreads)
     EXPECT_EQ(results[0], results[1]);
 }
 
-TEST(Multigrid, ALatticeThatCannotBeHalvedIsFactored)
+TEST_P(Multigrid, ALatticeThatCannotBeHalvedIsFactored)
 {
     Body body(size, box, three, blobs);
-    body.scene.solver.preconditioner = PLIANT_MULTIGRID;
+    prepare(body, PLIANT_MULTIGRID, GetParam());
     body.cells(11, 4, 4, 1);
     body.fix_plane(0, 0, 0.001, 0, 0, 1);
     EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();

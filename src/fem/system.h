@@ -63,6 +63,7 @@ typedef struct pliant_macros {
     int32_t *rank;            /* (count) rows of root */
     float **root;             /* (count) (rank x 3 corners) [sqrt(N/m)], single: what is read most in a step */
     int32_t *cube_of_corner;  /* (corners) with the unknowns */
+    int32_t *cell;            /* Nullable: (count) where it lies in the lattice; of hexahedra */
     /* only where the solved mesh is not the fine one */
     int32_t *fine_start;      /* Nullable: (count + 1) into the fine nodes */
     int32_t *fine;            /* (fine nodes that are not fixed) by the cube that they follow */
@@ -93,7 +94,7 @@ struct pliant_system {
     int32_t num_blocks;
     double (*gradients)[12][LANES]; /* (num_blocks) [1/m] */
     double (*lame)[2][LANES];       /* (num_blocks) volume * lambda, volume * mu [N m]; isotropic elements */
-    double *stiffness;              /* (num_tets x 144) homogenized [N/m]; NULL: isotropic */
+    double *stiffness;              /* (num_tets x 144) homogenized [N/m]; NULL: isotropic; beside macros of a coarser level (count x 576) */
     double *raw_diagonal;           /* (num_tets x 12) of it before grounded elements were stiffened; NULL: none were */
     uint8_t *grounded;              /* (num_blocks x LANES) keeps R = I: what holds fixed fine nodes, and what is empty; NULL: none */
     pliant_macros *macros;          /* Nullable: in place of all these; num_blocks is then what their forces and rotations fit in */
@@ -153,6 +154,8 @@ double pliant_system_mean_diagonal(const pliant_system *system);
 /* ---- hexahedra.c: in place of pliant_system_elements */
 /* A hexahedron for every whole cube of the lattice, tetrahedra for the rest. Errors: MEMORY. */
 pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material);
+/* Nodes of the cubes of a lattice of whole ones, without stiffness: start, node, cell. Errors: MEMORY. */
+pliant_status pliant_system_cubes(pliant_system *system);
 
 /* ---- macro.c: the same of macro-elements; forces (corners x 3) */
 void pliant_macro_forces(const pliant_system *system, const double *positions, double *forces);
@@ -160,6 +163,8 @@ void pliant_macro_gather(const pliant_system *system, const double *forces, doub
 void pliant_macro_tangents(const pliant_system *system, const double *positions, pliant_tangent *tangents);
 pliant_status pliant_macro_unknowns(pliant_system *system); /* free nodes are numbered already */
 void pliant_macro_assemble(const pliant_system *system, const pliant_tangent *tangents, double *values);
+/* of the stiffness of a corner's cube the column of blocks of that corner: blocks (corners of the cube x 9) */
+void pliant_macro_column(const pliant_system *system, const pliant_tangent *tangents, int32_t corner, double *blocks);
 double pliant_macro_operations(const pliant_system *system); /* of that */
 double pliant_macro_mean_diagonal(const pliant_system *system);
 void pliant_macro_positions(const pliant_system *system, const double *solved, double *fine);

@@ -164,8 +164,8 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
     if (status == PLIANT_OK) status = gravity_mass(work->made);
     if (status == PLIANT_OK && (!work->kept || work->needs_pattern)) status = pliant_system_find_pattern(system);
     if (status != PLIANT_OK || work->kept) return status;
-    /* the V-cycle's meshes nest by lattice, and its matrices are of tetrahedra */
-    bool direct = scene->mesh.kind == PLIANT_OCTREE || system->macros;
+    /* the V-cycle's meshes nest by lattice, and its elements have nodes of their own cube alone */
+    bool direct = scene->mesh.kind == PLIANT_OCTREE || scene->model.method == PLIANT_LOD;
     return pliant_preconditioner_create(system, direct ? PLIANT_DIRECT : scene->solver.preconditioner, NULL, &system->preconditioner);
 }
 

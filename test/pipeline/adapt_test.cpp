@@ -40,6 +40,10 @@ void explicit_dynamics(pliant_scene &scene, bool quasi_static)
 
 const Case direct{"direct", [](pliant_scene &scene) { scene.solver.preconditioner = PLIANT_DIRECT; }};
 const Case multigrid{"multigrid", [](pliant_scene &scene) { scene.solver.preconditioner = PLIANT_MULTIGRID; }};
+const Case hexahedra{"hexahedra", [](pliant_scene &scene) {
+                         scene.element.kind = PLIANT_HEXAHEDRA;
+                         scene.solver.preconditioner = PLIANT_MULTIGRID;
+                     }};
 const Case averaged{"averaged", [](pliant_scene &scene) { coarse(scene, PLIANT_AVERAGED); }};
 const Case plain{"coarse", [](pliant_scene &scene) { coarse(scene, PLIANT_COARSE); }};
 const Case schur{"schur", [](pliant_scene &scene) { coarse(scene, PLIANT_SCHUR); }};
@@ -199,7 +203,7 @@ TEST_P(EveryMethod, ARevisionOfTheSameTopologyChangesNoBits)
     EXPECT_EQ(state(*one), state(*other));
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
-                         testing::Values(direct, multigrid, plain, schur, averaged, calibrated, lod, patch, octree, dynamic, relaxed), name_of);
+                         testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, lod, patch, octree, dynamic, relaxed), name_of);
 
 // ---- a real change
 
@@ -404,7 +408,7 @@ TEST_P(EveryStroke, WhileItMoves)
     EXPECT_GT(moved, 5e-3);
     EXPECT_LT(most, 1e-3 * moved);
 }
-INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment, testing::Values(direct, multigrid, plain, schur, averaged, calibrated, patch, dynamic, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment, testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, patch, dynamic, relaxed), name_of);
 
 // what a live run took of what was made in the background, while it was cut, makes the same bits again
 struct EveryReplay : testing::TestWithParam<Case> {};
@@ -438,8 +442,8 @@ TEST_P(EveryReplay, OfALiveRunThatIsCut)
     EXPECT_GT(live->data->statistics.factors, 0u);
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryReplay, testing::Values(direct, multigrid, averaged, patch), name_of);
-INSTANTIATE_TEST_SUITE_P(Methods, EveryStroke, testing::Values(direct, multigrid, plain, schur, averaged, calibrated, relaxed), name_of);
-INSTANTIATE_TEST_SUITE_P(Methods, EveryDivisible, testing::Values(direct, multigrid, plain, schur, averaged, calibrated, patch, octree, dynamic, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryStroke, testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryDivisible, testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, patch, octree, dynamic, relaxed), name_of);
 
 // ---- what no part of all this had a hand in: the left half of a body in two is the body of half the width
 
@@ -478,7 +482,7 @@ TEST_P(EveryHalf, OfABodyInTwoIsABodyOfItsOwn)
     EXPECT_GT(moved, 1e-3);
     EXPECT_LT(most, 1e-5 * moved + 1e-8);
 }
-INSTANTIATE_TEST_SUITE_P(Methods, EveryHalf, testing::Values(direct, multigrid, plain, averaged, octree, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryHalf, testing::Values(direct, multigrid, hexahedra, plain, averaged, octree, relaxed), name_of);
 
 // A plane through coarse tetrahedra: they fall into fragments, which hang together as the fine mesh does.
 TEST(Adapt, FragmentsOfCoarseTetrahedraNest)

@@ -9,15 +9,24 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void frame_of(const pliant_system *system, const double *x, int32_t cube, pliant_macro_frame *out)
+/* rotations of a block of cubes; function of its own, so that it becomes vector code */
+PLIANT_VECTORIZED static void rotations_of(double f[9][LANES], double out[9][LANES]) { pliant_rotations(f, out); }
+
+/* of cubes [first, first + LANES) */
+static void frames_of(const pliant_system *system, const double *x, int32_t first, pliant_macro_frame out[LANES])
 {
     const pliant_macros *macros = system->macros;
-    double f[9];
-    pliant_macro_place(macros->own + 8 * (size_t)cube, macros->gradient + 24 * (size_t)cube, x, system->mesh->rest, f, out);
-    if (macros->grounded[cube])
-        for (int m = 0; m < 9; m++) out->rotation[m] = m % 4 == 0;
-    else
-        pliant_rotation_signed_svd(f, out->rotation);
+    double f[9][LANES], r[9][LANES];
+    for (int l = 0; l < LANES; l++) {
+        int32_t cube = first + l;
+        double one[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+        if (cube < macros->count)
+            pliant_macro_place(macros->own + 8 * (size_t)cube, macros->gradient + 24 * (size_t)cube, x, system->mesh->rest, one, out + l);
+        for (int m = 0; m < 9; m++) f[m][l] = cube >= macros->count || macros->grounded[cube] ? m % 4 == 0 : one[m];
+    }
+    rotations_of(f, r);
+    for (int l = 0; l < LANES; l++)
+        for (int m = 0; m < 9; m++) out[l].rotation[m] = r[m][l];
 }
 
 /* q of every corner of a cube */
@@ -29,7 +38,7 @@ static void corners_in_frame(const pliant_system *system, const double *x, int32
 }
 
 /* f = root' (root q), n numbers; every row is read once */
-PLIANT_VECTORIZED static void apply_root(int32_t rank, int32_t n, const float *root, const double *q, double *f)
+static inline __attribute__((always_inline)) void apply_rows(int32_t rank, int32_t n, const float *root, const double *q, double *f)
 {
     for (int32_t i = 0; i < n; i++) f[i] = 0;
     for (int32_t m = 0; m < rank; m++, root += n) {
@@ -43,18 +52,27 @@ PLIANT_VECTORIZED static void apply_root(int32_t rank, int32_t n, const float *r
     }
 }
 
+PLIANT_VECTORIZED static void apply_root(int32_t rank, int32_t n, const float *root, const double *q, double *f)
+{
+    if (n == 24) apply_rows(rank, 24, root, q, f); /* a hexahedron's stay in registers */
+    else apply_rows(rank, n, root, q, f);
+}
+
 void pliant_macro_forces(const pliant_system *system, const double *positions, double *forces)
 {
     const pliant_macros *macros = system->macros;
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
-    for (int32_t cube = 0; cube < macros->count; cube++) {
-        double q[3 * PLIANT_MAX_CORNERS], f[3 * PLIANT_MAX_CORNERS], *out = forces + 3 * (size_t)macros->start[cube];
-        int32_t n = 3 * (macros->start[cube + 1] - macros->start[cube]);
-        pliant_macro_frame frame;
-        frame_of(system, positions, cube, &frame);
-        corners_in_frame(system, positions, cube, &frame, q);
-        apply_root(macros->rank[cube], n, macros->root[cube], q, f);
-        for (int32_t i = 0; i < n; i += 3) pliant_macro_turn(frame.rotation, f + i, out + i);
+    for (int32_t first = 0; first < macros->count; first += LANES) {
+        double q[3 * PLIANT_MAX_CORNERS], f[3 * PLIANT_MAX_CORNERS];
+        pliant_macro_frame frames[LANES];
+        frames_of(system, positions, first, frames);
+        for (int32_t cube = first; cube < first + LANES && cube < macros->count; cube++) {
+            double *out = forces + 3 * (size_t)macros->start[cube];
+            int32_t n = 3 * (macros->start[cube + 1] - macros->start[cube]);
+            corners_in_frame(system, positions, cube, &frames[cube - first], q);
+            apply_root(macros->rank[cube], n, macros->root[cube], q, f);
+            for (int32_t i = 0; i < n; i += 3) pliant_macro_turn(frames[cube - first].rotation, f + i, out + i);
+        }
     }
 }
 
@@ -72,10 +90,11 @@ void pliant_macro_gather(const pliant_system *system, const double *forces, doub
 void pliant_macro_tangents(const pliant_system *system, const double *positions, pliant_tangent *tangents)
 {
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
-    for (int32_t cube = 0; cube < system->macros->count; cube++) {
-        pliant_macro_frame frame;
-        frame_of(system, positions, cube, &frame);
-        for (int m = 0; m < 9; m++) tangents[cube / LANES].rotation[m][cube % LANES] = frame.rotation[m];
+    for (int32_t first = 0; first < system->macros->count; first += LANES) {
+        pliant_macro_frame frames[LANES];
+        frames_of(system, positions, first, frames);
+        for (int l = 0; l < LANES; l++)
+            for (int m = 0; m < 9; m++) tangents[first / LANES].rotation[m][l] = frames[l].rotation[m];
     }
 }
 
@@ -152,8 +171,8 @@ pliant_status pliant_macro_unknowns(pliant_system *system)
             if (pass == 1) memcpy(pattern->row + count, rows, (size_t)height * sizeof *rows);
             count += height;
             if (9 * count > INT32_MAX) {
-                status = pliant_fail(PLIANT_ERROR_SCENE, "lod: the matrix has too many entries for a direct factorization; use fewer "
-                                                         "mesh/coarse_cells or model/lod_layers");
+                status = pliant_fail(PLIANT_ERROR_SCENE, "the matrix has too many entries: use fewer mesh/coarse_cells, or with lod fewer "
+                                                         "model/lod_layers");
                 goto done;
             }
             pattern->start[column + 1] = (int32_t)count;
@@ -194,29 +213,39 @@ static void turned_block(const double r[9], const double *column, int32_t n, int
             out[3 * i + j] = left[3 * i] * r[3 * j] + left[3 * i + 1] * r[3 * j + 1] + left[3 * i + 2] * r[3 * j + 2];
 }
 
+void pliant_macro_column(const pliant_system *system, const pliant_tangent *tangents, int32_t corner, double *blocks)
+{
+    const pliant_macros *macros = system->macros;
+    int32_t cube = macros->cube_of_corner[corner], at = corner - macros->start[cube], n = 3 * (macros->start[cube + 1] - macros->start[cube]);
+    double k[9 * PLIANT_MAX_CORNERS], r[9];
+    for (int m = 0; m < 9; m++) r[m] = tangents[cube / LANES].rotation[m][cube % LANES];
+    if (system->stiffness)
+        memcpy(k, system->stiffness + (size_t)n * ((size_t)n * (size_t)cube + 3 * (size_t)at), 3 * (size_t)n * sizeof *k); /* symmetric */
+    else
+        root_column(macros->rank[cube], n, macros->root[cube], at, k);
+    for (int32_t a = 0; a < n / 3; a++) turned_block(r, k, n, a, blocks + 9 * a);
+}
+
 /* what one corner adds to its column of the matrix */
 static void add_column(const pliant_system *system, const pliant_tangent *tangents, int32_t column, int32_t corner, double *values)
 {
     const pliant_macros *macros = system->macros;
     const pliant_pattern *pattern = &system->pattern;
-    int32_t cube = macros->cube_of_corner[corner], begin = macros->start[cube], n = 3 * (macros->start[cube + 1] - begin);
+    int32_t cube = macros->cube_of_corner[corner], begin = macros->start[cube], count = macros->start[cube + 1] - begin;
     int32_t first = pattern->start[column], height = pattern->start[column + 1] - first;
-    double k[9 * PLIANT_MAX_CORNERS], r[9];
+    double blocks[9 * PLIANT_MAX_CORNERS];
     double *out[3]; /* scalar columns 3j, 3j+1, 3j+2 hold 3h, 3h-1, 3h-2 numbers */
     out[0] = values + 9 * (int64_t)first - 3 * (int64_t)column;
     out[1] = out[0] + 3 * height - 1;
     out[2] = out[1] + 3 * height - 2;
-    for (int m = 0; m < 9; m++) r[m] = tangents[cube / LANES].rotation[m][cube % LANES];
-    root_column(macros->rank[cube], n, macros->root[cube], corner - begin, k);
-    for (int32_t a = 0; a < n / 3; a++) {
+    pliant_macro_column(system, tangents, corner, blocks);
+    for (int32_t a = 0; a < count; a++) {
         int32_t row = system->free_of_node[macros->node[begin + a]];
         if (row < column) continue;
         const int32_t *found = bsearch(&row, pattern->row + first, (size_t)height, sizeof *found, ascending);
         int32_t place = 3 * (int32_t)(found - (pattern->row + first));
-        double block[9];
-        turned_block(r, k, n, a, block);
         for (int c = 0; c < 3; c++)
-            for (int d = place == 0 ? c : 0; d < 3; d++) out[c][place + d] += block[3 * d + c];
+            for (int d = place == 0 ? c : 0; d < 3; d++) out[c][place + d] += blocks[9 * a + 3 * d + c];
     }
 }
 
@@ -265,16 +294,19 @@ void pliant_macro_positions(const pliant_system *system, const double *solved, d
     const pliant_macros *macros = system->macros;
     memcpy(fine, system->fine->rest, 3 * (size_t)system->fine->num_nodes * sizeof *fine);
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
-    for (int32_t cube = 0; cube < macros->count; cube++) {
+    for (int32_t first = 0; first < macros->count; first += LANES) {
         double q[3 * PLIANT_MAX_CORNERS];
-        pliant_macro_frame frame;
-        frame_of(system, solved, cube, &frame);
-        corners_in_frame(system, solved, cube, &frame, q);
-        for (int32_t i = macros->fine_start[cube]; i < macros->fine_start[cube + 1]; i++) {
-            const int32_t *entries = macros->entry_start[cube] + (i - macros->fine_start[cube]);
-            double w[3];
-            pliant_macro_shaped(entries[0], entries[1], macros->entry_corner[cube], macros->entry_shape[cube], q, w);
-            pliant_macro_follow(&frame, macros->grounded[cube], w, fine + 3 * macros->fine[i]);
+        pliant_macro_frame frames[LANES];
+        frames_of(system, solved, first, frames);
+        for (int32_t cube = first; cube < first + LANES && cube < macros->count; cube++) {
+            const pliant_macro_frame *frame = frames + (cube - first);
+            corners_in_frame(system, solved, cube, frame, q);
+            for (int32_t i = macros->fine_start[cube]; i < macros->fine_start[cube + 1]; i++) {
+                const int32_t *entries = macros->entry_start[cube] + (i - macros->fine_start[cube]);
+                double w[3];
+                pliant_macro_shaped(entries[0], entries[1], macros->entry_corner[cube], macros->entry_shape[cube], q, w);
+                pliant_macro_follow(frame, macros->grounded[cube], w, fine + 3 * macros->fine[i]);
+            }
         }
     }
 }
@@ -289,9 +321,9 @@ void pliant_macro_weights(const pliant_system *system, const double *solved, int
     size_t count = (size_t)(macros->fine_start[cube + 1] - macros->fine_start[cube]);
     const int32_t *found = bsearch(&fine_node, first, count, sizeof *found, ascending);
     int32_t index = (int32_t)(found - first);
-    pliant_macro_frame frame;
-    frame_of(system, solved, cube, &frame);
-    const double *r = frame.rotation;
+    pliant_macro_frame frames[LANES];
+    frames_of(system, solved, cube - cube % LANES, frames);
+    const double *r = frames[cube % LANES].rotation;
     for (int32_t e = macros->entry_start[cube][index]; e < macros->entry_start[cube][index + 1]; e++) {
         int32_t unknown = system->free_of_node[macros->node[macros->start[cube] + macros->entry_corner[cube][e]]];
         const float *n = macros->entry_shape[cube] + 9 * (size_t)e;
@@ -316,7 +348,7 @@ void pliant_macros_free(pliant_macros *macros)
     }
     void *blocks[] = {macros->start, macros->node, macros->held, macros->grounded, macros->own, macros->gradient, macros->rank,
                       macros->root, macros->fine_start, macros->fine, macros->cube_of_fine, macros->entry_start, macros->entry_corner,
-                      macros->entry_shape, macros->cube_of_corner, macros->shear};
+                      macros->entry_shape, macros->cube_of_corner, macros->cell, macros->shear};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(macros);
 }

@@ -19,12 +19,14 @@ PLIANT_INLINE void pliant_macro_place(const int32_t *own, const double *gradient
     int count = 0;
     for (int m = 0; m < 9; m++) f[m] = 0;
     for (int d = 0; d < 3; d++) out->centre[d] = out->rest_centre[d] = 0;
-    for (int v = 0; v < 8; v++) count += own[v] >= 0;
     for (int v = 0; v < 8; v++)
         for (int r = 0; r < 3 && own[v] >= 0; r++) {
-            out->centre[r] += x[3 * own[v] + r] / count;
-            out->rest_centre[r] += rest[3 * own[v] + r] / count;
+            count += r == 0;
+            out->centre[r] += x[3 * own[v] + r];
+            out->rest_centre[r] += rest[3 * own[v] + r];
         }
+    const double share = 1.0 / count;
+    for (int d = 0; d < 3; d++) out->centre[d] *= share, out->rest_centre[d] *= share;
     for (int v = 0; v < 8; v++)
         for (int r = 0; r < 3 && own[v] >= 0; r++)
             for (int c = 0; c < 3; c++) f[3 * r + c] += (x[3 * own[v] + r] - out->centre[r]) * gradient[3 * v + c];

@@ -205,7 +205,7 @@ static pliant_status allocate(pliant_macros *macros, size_t count, size_t corner
                 (macros->node = pliant_calloc(corners, sizeof *macros->node)) && (macros->held = pliant_calloc(corners, 1)) &&
                 (macros->grounded = pliant_calloc(count, 1)) && (macros->own = pliant_calloc(count, 8 * sizeof *macros->own)) &&
                 (macros->gradient = pliant_calloc(count, 24 * sizeof *macros->gradient)) &&
-                (macros->shear = pliant_calloc(count, sizeof *macros->shear)) && (macros->rank = pliant_calloc(count, sizeof *macros->rank)) &&
+                (macros->cell = pliant_calloc(count, sizeof *macros->cell)) && (macros->shear = pliant_calloc(count, sizeof *macros->shear)) && (macros->rank = pliant_calloc(count, sizeof *macros->rank)) &&
                 (macros->root = pliant_calloc(count, sizeof *macros->root));
     macros->count = (int32_t)count;
     return good ? PLIANT_OK : pliant_fail_memory("the hexahedra");
@@ -231,12 +231,14 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
             status = add_hexahedron(material, &cube, &shape[parity], macros, element);
             memcpy(macros->node + corner, cube.node, sizeof cube.node);
             corner += CORNERS;
+            macros->cell[element] = cell;
             macros->start[++element] = corner;
         }
         for (int32_t t = first[cell] - 1; status == PLIANT_OK && !whole[cell] && t >= 0; t = next[t]) {
             status = add_tetrahedron(mesh, material, t, macros, element);
             memcpy(macros->node + corner, mesh->tets + 4 * t, 4 * sizeof *mesh->tets);
             corner += 4;
+            macros->cell[element] = cell;
             macros->start[++element] = corner;
         }
     }
@@ -269,4 +271,25 @@ pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_ma
     pliant_free(next);
     pliant_free(whole);
     return status;
+}
+
+pliant_status pliant_system_cubes(pliant_system *system)
+{
+    const pliant_mesh *mesh = system->mesh;
+    const int32_t cells = mesh->cells[0] * mesh->cells[1] * mesh->cells[2], nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1;
+    size_t count = (size_t)mesh->num_tets / 5;
+    pliant_macros *macros = system->macros = pliant_calloc(1, sizeof *macros);
+    if (!macros || !(macros->start = pliant_calloc(count + 1, sizeof *macros->start)) ||
+        !(macros->node = pliant_calloc(CORNERS * count, sizeof *macros->node)) || !(macros->cell = pliant_calloc(count, sizeof *macros->cell)))
+        return pliant_fail_memory("the hexahedra");
+    for (int32_t cell = 0; cell < cells; cell++) {
+        if (mesh->tet_of_lattice[5 * (size_t)cell] < 0) continue;
+        int32_t i = cell % mesh->cells[0], j = cell / mesh->cells[0] % mesh->cells[1], k = cell / mesh->cells[0] / mesh->cells[1];
+        for (int v = 0; v < CORNERS; v++)
+            macros->node[CORNERS * macros->count + v] = mesh->node_of_lattice[i + (v & 1) + nx * (j + (v >> 1 & 1) + ny * (k + (v >> 2)))];
+        macros->cell[macros->count++] = cell;
+        macros->start[macros->count] = CORNERS * macros->count;
+    }
+    system->num_blocks = (macros->count + LANES - 1) / LANES;
+    return PLIANT_OK;
 }

@@ -27,59 +27,116 @@ static int32_t factor_of(const int32_t cells[3])
     return 0;
 }
 
-static pliant_status coarser_mesh(const pliant_mesh *fine, int32_t factor, pliant_grid_level *level, pliant_grid_level *next)
+/* cube of the coarser lattice that a cell of the finer one lies in */
+static int32_t coarse_cell(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t cell)
 {
-    int32_t cells[3] = {fine->cells[0] / factor, fine->cells[1] / factor, fine->cells[2] / factor};
-    pliant_geometry geometry = box_of(fine);
+    int32_t factor = fine->cells[0] / coarse->cells[0], i = cell % fine->cells[0], j = cell / fine->cells[0] % fine->cells[1];
+    int32_t k = cell / fine->cells[0] / fine->cells[1];
+    return i / factor + coarse->cells[0] * (j / factor + coarse->cells[1] * (k / factor));
+}
+
+/* coarse elements that hold something: tetrahedra, or whole cubes where elements are hexahedra */
+static pliant_status coarser_mesh(const pliant_system *fine, int32_t factor, pliant_mesh *out)
+{
+    const pliant_mesh *mesh = fine->mesh;
+    int32_t cells[3] = {mesh->cells[0] / factor, mesh->cells[1] / factor, mesh->cells[2] / factor};
+    pliant_geometry geometry = box_of(mesh);
     uint8_t *keep = pliant_calloc(5 * (size_t)cells[0] * cells[1] * cells[2], 1);
     if (!keep) return pliant_fail_memory("the coarser meshes");
-    for (int32_t t = 0; t < fine->num_tets; t++) keep[pliant_lattice_coarse_of(cells, factor, fine->lattice_of_tet[t])] = 1;
-    pliant_status status = pliant_mesh_grid(&geometry, cells, keep, &next->mesh);
-    pliant_free(keep);
-    if (status != PLIANT_OK) return status;
-    level->parent = pliant_calloc((size_t)fine->num_tets, sizeof *level->parent);
-    level->child_start = pliant_calloc((size_t)next->mesh.num_tets + 2, sizeof *level->child_start);
-    level->child = pliant_calloc((size_t)fine->num_tets, sizeof *level->child);
-    if (!level->parent || !level->child_start || !level->child) return pliant_fail_memory("the coarser meshes");
-    for (int32_t t = 0; t < fine->num_tets; t++) {
-        level->parent[t] = next->mesh.tet_of_lattice[pliant_lattice_coarse_of(cells, factor, fine->lattice_of_tet[t])];
-        level->child_start[level->parent[t] + 2]++;
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        int32_t at = pliant_lattice_coarse_of(cells, factor, mesh->lattice_of_tet[t]);
+        if (fine->macros) memset(keep + 5 * (at / 5), 1, 5);
+        else keep[at] = 1;
     }
-    for (int32_t t = 0; t < next->mesh.num_tets; t++) level->child_start[t + 2] += level->child_start[t + 1];
-    for (int32_t t = 0; t < fine->num_tets; t++) level->child[level->child_start[level->parent[t] + 1]++] = t;
+    pliant_status status = pliant_mesh_grid(&geometry, cells, keep, out);
+    pliant_free(keep);
+    return status;
+}
+
+static pliant_status link_elements(const pliant_system *fine, int32_t factor, pliant_grid_level *level, const pliant_system *next)
+{
+    const pliant_macros *macros = fine->macros;
+    const pliant_mesh *coarse = next->mesh;
+    int32_t count = pliant_level_elements(fine), coarse_count = pliant_level_elements(next);
+    int32_t *cube_of_cell = macros ? pliant_calloc((size_t)coarse->cells[0] * coarse->cells[1] * coarse->cells[2], sizeof *cube_of_cell) : NULL;
+    level->parent = pliant_calloc((size_t)count, sizeof *level->parent);
+    level->child_start = pliant_calloc((size_t)coarse_count + 2, sizeof *level->child_start);
+    level->child = pliant_calloc((size_t)count, sizeof *level->child);
+    if (!level->parent || !level->child_start || !level->child || (macros && !cube_of_cell)) {
+        pliant_free(cube_of_cell);
+        return pliant_fail_memory("the coarser meshes");
+    }
+    for (int32_t c = 0; macros && c < coarse_count; c++) cube_of_cell[next->macros->cell[c]] = c;
+    for (int32_t e = 0; e < count; e++) {
+        level->parent[e] = macros ? cube_of_cell[coarse_cell(fine->mesh, coarse, macros->cell[e])]
+                                  : coarse->tet_of_lattice[pliant_lattice_coarse_of(coarse->cells, factor, fine->mesh->lattice_of_tet[e])];
+        level->child_start[level->parent[e] + 2]++;
+    }
+    for (int32_t c = 0; c < coarse_count; c++) level->child_start[c + 2] += level->child_start[c + 1];
+    for (int32_t e = 0; e < count; e++) level->child[level->child_start[level->parent[e] + 1]++] = e;
+    pliant_free(cube_of_cell);
     return PLIANT_OK;
 }
 
-/* a barycentric coordinate of a nested node is zero or at least one over the factor: what is smaller is rounding */
-static double cleaned(double weight) { return weight > 1e-6 ? weight : 0; }
+void pliant_level_weights(const pliant_system *fine, const pliant_system *coarse, int32_t node, int32_t element, double *out)
+{
+    const pliant_mesh *mesh = fine->mesh;
+    if (!coarse->macros) {
+        pliant_mesh_barycentric(coarse->mesh, element, mesh->rest + 3 * node, out);
+        /* a coordinate of a nested node is zero or at least one over the factor: what is smaller is rounding */
+        for (int v = 0; v < 4; v++) out[v] = out[v] > 1e-6 ? out[v] : 0;
+        return;
+    }
+    int32_t at = mesh->lattice_of_node[node], nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1, cell = coarse->macros->cell[element];
+    const int32_t place[3] = {at % nx, at / nx % ny, at / nx / ny}, *cells = coarse->mesh->cells;
+    const int32_t corner[3] = {cell % cells[0], cell / cells[0] % cells[1], cell / cells[0] / cells[1]};
+    double along[3];
+    for (int d = 0; d < 3; d++) {
+        int32_t factor = mesh->cells[d] / cells[d];
+        along[d] = (double)(place[d] - factor * corner[d]) / factor;
+    }
+    for (int v = 0; v < 8; v++) {
+        out[v] = 1;
+        for (int d = 0; d < 3; d++) out[v] *= v >> d & 1 ? along[d] : 1 - along[d];
+    }
+}
+
+static int32_t corner_of(const pliant_system *system, int32_t element, int corner)
+{
+    return system->macros ? system->macros->node[system->macros->start[element] + corner] : system->mesh->tets[4 * element + corner];
+}
 
 /* free nodes of the finer level to nodes of the coarser one; coarse nodes that no free node leans on do not take part */
 static pliant_status transfer(const pliant_system *fine, pliant_grid_level *level, pliant_grid_level *next)
 {
-    size_t count = (size_t)fine->num_free;
+    size_t count = (size_t)fine->num_free, corners = (size_t)level->corners;
     int32_t *holder = pliant_calloc((size_t)fine->mesh->num_nodes, sizeof *holder);
     uint8_t *unused = pliant_calloc((size_t)next->mesh.num_nodes, 1);
-    level->to = pliant_calloc(count, 4 * sizeof *level->to);
-    level->weight = pliant_calloc(count, 4 * sizeof *level->weight);
+    level->to = pliant_calloc(count, corners * sizeof *level->to);
+    level->weight = pliant_calloc(count, corners * sizeof *level->weight);
     pliant_status status = PLIANT_OK;
     if (!holder || !unused || !level->to || !level->weight) {
         status = pliant_fail_memory("the transfer between meshes");
         goto done;
     }
-    for (int32_t v = 0; v < 4 * fine->mesh->num_tets; v++) holder[fine->mesh->tets[v]] = level->parent[v / 4];
+    for (int32_t e = 0; e < pliant_level_elements(fine); e++) {
+        int here = fine->macros ? fine->macros->start[e + 1] - fine->macros->start[e] : 4;
+        for (int v = 0; v < here; v++) holder[corner_of(fine, e, v)] = level->parent[e];
+    }
     memset(unused, 1, (size_t)next->mesh.num_nodes);
     for (size_t f = 0; f < count; f++) {
-        int32_t node = fine->node_of_free[f], tet = holder[node];
-        double weights[4];
-        pliant_mesh_barycentric(&next->mesh, tet, fine->mesh->rest + 3 * node, weights);
-        for (int v = 0; v < 4; v++) {
-            level->to[4 * f + v] = next->mesh.tets[4 * tet + v];
-            level->weight[4 * f + v] = cleaned(weights[v]);
-            if (level->weight[4 * f + v] > 0) unused[level->to[4 * f + v]] = 0;
+        int32_t node = fine->node_of_free[f];
+        double weights[8];
+        pliant_level_weights(fine, &next->system, node, holder[node], weights);
+        for (int v = 0; v < level->corners; v++) {
+            size_t at = corners * f + (size_t)v;
+            level->to[at] = corner_of(&next->system, holder[node], v);
+            level->weight[at] = (float)weights[v];
+            if (weights[v] > 0) unused[level->to[at]] = 0;
         }
     }
     status = pliant_system_unknowns(&next->system, unused);
-    for (size_t v = 0; status == PLIANT_OK && v < 4 * count; v++) level->to[v] = next->system.free_of_node[level->to[v]];
+    for (size_t v = 0; status == PLIANT_OK && v < corners * count; v++) level->to[v] = next->system.free_of_node[level->to[v]];
 done:
     pliant_free(holder);
     pliant_free(unused);
@@ -89,13 +146,14 @@ done:
 /* the same the other way round: what a coarse unknown gathers from */
 static pliant_status transpose(pliant_grid_level *level, int32_t num_fine, int32_t num_coarse)
 {
+    const int32_t entries = level->corners * num_fine;
     level->from_start = pliant_calloc((size_t)num_coarse + 2, sizeof *level->from_start);
-    level->from = pliant_calloc((size_t)num_fine, 4 * sizeof *level->from);
+    level->from = pliant_calloc((size_t)entries, sizeof *level->from);
     if (!level->from_start || !level->from) return pliant_fail_memory("the transfer between meshes");
-    for (int32_t v = 0; v < 4 * num_fine; v++)
+    for (int32_t v = 0; v < entries; v++)
         if (level->weight[v] > 0) level->from_start[level->to[v] + 2]++;
     for (int32_t c = 0; c < num_coarse; c++) level->from_start[c + 2] += level->from_start[c + 1];
-    for (int32_t v = 0; v < 4 * num_fine; v++)
+    for (int32_t v = 0; v < entries; v++)
         if (level->weight[v] > 0) level->from[level->from_start[level->to[v] + 1]++] = v;
     return PLIANT_OK;
 }
@@ -172,12 +230,15 @@ pliant_status pliant_hierarchy_create(const pliant_system *system, int32_t large
         if (hierarchy->num_levels > 1 && fine->num_free <= largest_direct) break;
         if (!(factor = factor_of(fine->mesh->cells))) break;
         hierarchy->num_levels++;
-        status = coarser_mesh(fine->mesh, factor, level, next);
+        level->corners = system->macros ? 8 : 4;
+        status = coarser_mesh(fine, factor, &next->mesh);
         if (status != PLIANT_OK) break;
         next->system.mesh = next->system.fine = &next->mesh;
         next->system.num_threads = system->num_threads;
         next->system.num_blocks = (next->mesh.num_tets + LANES - 1) / LANES;
-        status = transfer(fine, level, next);
+        if (system->macros) status = pliant_system_cubes(&next->system);
+        if (status == PLIANT_OK) status = link_elements(fine, factor, level, &next->system);
+        if (status == PLIANT_OK) status = transfer(fine, level, next);
         if (status == PLIANT_OK) status = transpose(level, fine->num_free, next->system.num_free);
         if (status == PLIANT_OK) status = full_rows(fine, level);
     }
@@ -195,9 +256,12 @@ pliant_status pliant_hierarchy_create(const pliant_system *system, int32_t large
 
 double pliant_hierarchy_operations(const pliant_hierarchy *hierarchy)
 {
-    /* Galerkin products of 16 block pairs an element, a dozen products with the matrix for its largest eigenvalue */
+    /* Galerkin products of 16 block pairs an element (of hexahedra twice 216, and their stiffness from its root), a dozen products with the
+     * matrix for its largest eigenvalue */
     double sum = pliant_factor_operations(hierarchy->factor);
-    for (int l = 0; l + 1 < hierarchy->num_levels; l++)
-        sum += 6e3 * hierarchy->level[l].system.mesh->num_tets + 12.0 * 18 * hierarchy->level[l].row_start[hierarchy->level[l].system.num_free];
+    for (int l = 0; l + 1 < hierarchy->num_levels; l++) {
+        const pliant_system *system = &hierarchy->level[l].system;
+        sum += (system->macros ? 3e4 : 6e3) * pliant_level_elements(system) + 12.0 * 18 * hierarchy->level[l].row_start[system->num_free];
+    }
     return sum;
 }

@@ -10,11 +10,12 @@ typedef struct pliant_grid_level {
     pliant_system system;   /* level 0: a view of the model's; else owned, without elements: Galerkin products fill them in */
     pliant_mesh mesh;       /* owned; empty at level 0 */
     /* to the next coarser level; absent at the last */
-    int32_t *parent;        /* (num_tets) coarse tetrahedron */
+    int corners;            /* of a coarse element: 4, of hexahedra 8 */
+    int32_t *parent;        /* (elements) coarse element */
     int32_t *child_start, *child; /* the other way round */
-    int32_t *to;            /* (num_free x 4) coarse unknown or -1 */
-    double *weight;         /* (num_free x 4) barycentric */
-    int32_t *from_start, *from; /* by coarse unknown: 4 * fine unknown + corner */
+    int32_t *to;            /* (num_free x corners) coarse unknown or -1 */
+    float *weight;          /* (num_free x corners) barycentric or trilinear */
+    int32_t *from_start, *from; /* by coarse unknown: corners * fine unknown + corner */
     /* the matrix by full rows of 3 x 3 blocks */
     int32_t *row_start;     /* (num_free + 1) */
     int32_t *column;
@@ -27,5 +28,14 @@ struct pliant_hierarchy {
     pliant_grid_level level[PLIANT_MAX_LEVELS];
     pliant_factor *factor;  /* symbolic, of the coarsest */
 };
+
+/* elements of a level: hexahedra and the tetrahedra beside them, or tetrahedra alone */
+static inline int32_t pliant_level_elements(const pliant_system *system)
+{
+    return system->macros ? system->macros->count : system->mesh->num_tets;
+}
+
+/* what a node of the finer level takes from the corners of a coarse element that holds it: out (corners) */
+void pliant_level_weights(const pliant_system *fine, const pliant_system *coarse, int32_t node, int32_t element, double *out);
 
 #endif

@@ -5,6 +5,7 @@
 #include "pliant/memory.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 /* Chebyshev steps before and after, and the part of the spectrum that they damp (test/bench/bench_budget: three and a tenth
@@ -15,12 +16,12 @@ static const double spectrum_share = 0.12, spectrum_margin = 1.1;
 /* numbers of one level */
 typedef struct level_values {
     pliant_system system;       /* view of the hierarchy's, with this one's stiffness and threads */
-    double *stiffness;          /* (num_tets x 144) Galerkin products; levels below the finest */
+    double *stiffness;          /* (elements x 144, of hexahedra x 576) Galerkin products; levels below the finest */
     pliant_tangent *tangents;   /* unturned, for those */
-    float *blocks;              /* (row entries x 9) */
+    float *blocks;              /* (row entries x 9, and 3 more), each by columns */
     float *inverse;             /* (num_free x 9) inverted diagonal blocks */
     double largest;             /* eigenvalue of inverse times matrix */
-    double *x, *right, *residual, *step; /* (3 num_free) */
+    float *x, *right, *residual, *step; /* (3 num_free) */
 } level_values;
 
 struct pliant_multigrid {
@@ -28,16 +29,18 @@ struct pliant_multigrid {
     level_values level[PLIANT_MAX_LEVELS];
     pliant_factor *factor;
     double *values;             /* of the coarsest matrix */
+    double *coarsest;           /* (3 num_free of it) */
 };
 
 static pliant_status level_create(const pliant_grid_level *grid, bool finest, bool coarsest, int num_threads, level_values *level)
 {
-    size_t n = 3 * (size_t)grid->system.num_free, tets = (size_t)grid->system.mesh->num_tets;
+    size_t n = 3 * (size_t)grid->system.num_free, elements = (size_t)pliant_level_elements(&grid->system);
+    size_t numbers = grid->system.macros ? 576 : 144;
     level->system = grid->system;
     level->system.num_threads = num_threads;
     bool good = (level->x = pliant_calloc(n, sizeof *level->x)) && (level->right = pliant_calloc(n, sizeof *level->right));
     if (!finest) {
-        good = good && (level->stiffness = pliant_calloc(tets, 144 * sizeof *level->stiffness)) &&
+        good = good && (level->stiffness = pliant_calloc(elements, numbers * sizeof *level->stiffness)) &&
                (level->tangents = pliant_calloc((size_t)grid->system.num_blocks, sizeof *level->tangents));
         level->system.stiffness = level->stiffness;
         for (int32_t b = 0; good && b < grid->system.num_blocks; b++)
@@ -45,7 +48,7 @@ static pliant_status level_create(const pliant_grid_level *grid, bool finest, bo
                 for (int l = 0; l < LANES; l++) level->tangents[b].rotation[m][l] = 1;
     }
     if (!coarsest)
-        good = good && (level->blocks = pliant_calloc((size_t)grid->row_start[grid->system.num_free], 9 * sizeof *level->blocks)) &&
+        good = good && (level->blocks = pliant_calloc(9 * (size_t)grid->row_start[grid->system.num_free] + 3, sizeof *level->blocks)) &&
                (level->inverse = pliant_calloc((size_t)grid->system.num_free, 9 * sizeof *level->inverse)) &&
                (level->residual = pliant_calloc(n, sizeof *level->residual)) && (level->step = pliant_calloc(n, sizeof *level->step));
     return good ? PLIANT_OK : pliant_fail_memory("the multigrid");
@@ -62,7 +65,8 @@ pliant_status pliant_multigrid_create(const pliant_hierarchy *hierarchy, int num
         status = level_create(hierarchy->level + l, l == 0, l == last, num_threads, multigrid->level + l);
     if (status == PLIANT_OK) {
         multigrid->values = pliant_calloc((size_t)hierarchy->level[last].system.pattern.num_values, sizeof *multigrid->values);
-        status = multigrid->values ? pliant_factor_clone(hierarchy->factor, &multigrid->factor) : pliant_fail_memory("the multigrid");
+        multigrid->coarsest = pliant_calloc((size_t)hierarchy->level[last].system.num_free, 3 * sizeof *multigrid->coarsest);
+        status = multigrid->values && multigrid->coarsest ? pliant_factor_clone(hierarchy->factor, &multigrid->factor) : pliant_fail_memory("the multigrid");
     }
     if (status != PLIANT_OK) {
         pliant_multigrid_free(multigrid);
@@ -88,6 +92,7 @@ void pliant_multigrid_free(pliant_multigrid *multigrid)
     }
     pliant_factor_free(multigrid->factor);
     pliant_free(multigrid->values);
+    pliant_free(multigrid->coarsest);
     pliant_free(multigrid);
 }
 
@@ -99,8 +104,7 @@ void pliant_multigrid_threads(pliant_multigrid *multigrid, int num_threads)
 /* ---- the matrices */
 
 /* P' K P over the children of one coarse tetrahedron; rows of fixed nodes are zero */
-static void galerkin(const pliant_grid_level *grid, const level_values *fine, const pliant_tangent *tangents, const pliant_mesh *coarse,
-                     int32_t tet, double out[144])
+static void galerkin(const pliant_grid_level *grid, const level_values *fine, const pliant_tangent *tangents, int32_t tet, double out[144])
 {
     const pliant_system *system = &fine->system;
     memset(out, 0, 144 * sizeof *out);
@@ -111,11 +115,11 @@ static void galerkin(const pliant_grid_level *grid, const level_values *fine, co
         for (int v = 0; v < 4; v++) {
             int32_t node = system->mesh->tets[4 * child + v];
             memset(share[v], 0, sizeof share[v]);
-            if (system->free_of_node[node] >= 0) pliant_mesh_barycentric(coarse, tet, system->mesh->rest + 3 * node, share[v]);
+            if (system->free_of_node[node] >= 0) pliant_level_weights(system, &grid[1].system, node, tet, share[v]);
         }
         for (int v = 0; v < 4; v++)
             for (int a = 0; a < 4; a++) {
-                if (fabs(share[v][a]) < 1e-9) continue;
+                if (share[v][a] == 0) continue;
                 for (int u = 0; u < 4; u++)
                     for (int b = 0; b < 4; b++) {
                         double weight = share[v][a] * share[u][b];
@@ -124,6 +128,34 @@ static void galerkin(const pliant_grid_level *grid, const level_values *fine, co
                             for (int s = 0; s < 3; s++) out[12 * (3 * a + r) + 3 * b + s] += weight * k[12 * (3 * v + r) + 3 * u + s];
                     }
             }
+    }
+}
+
+/* the same of a coarse hexahedron: first P' K of one corner, then what that corner gives to the coarse ones */
+static void galerkin_cube(const pliant_grid_level *grid, const level_values *fine, const pliant_tangent *tangents, int32_t cube, double out[576])
+{
+    const pliant_system *system = &fine->system;
+    const pliant_macros *macros = system->macros;
+    memset(out, 0, 576 * sizeof *out);
+    for (int32_t c = grid->child_start[cube]; c < grid->child_start[cube + 1]; c++) {
+        int32_t child = grid->child[c], begin = macros->start[child], count = macros->start[child + 1] - begin;
+        double share[8][8], k[8 * 9], half[8 * 9];
+        for (int v = 0; v < count; v++) {
+            memset(share[v], 0, sizeof share[v]);
+            if (system->free_of_node[macros->node[begin + v]] >= 0)
+                pliant_level_weights(system, &grid[1].system, macros->node[begin + v], cube, share[v]);
+        }
+        for (int v = 0; v < count; v++) {
+            if (system->free_of_node[macros->node[begin + v]] < 0) continue;
+            pliant_macro_column(system, tangents, begin + v, k);
+            memset(half, 0, sizeof half);
+            for (int u = 0; u < count; u++)
+                for (int b = 0; b < 8; b++)
+                    for (int m = 0; share[u][b] != 0 && m < 9; m++) half[9 * b + m] += share[u][b] * k[9 * u + m];
+            for (int a = 0; a < 8; a++)
+                for (int b = 0; share[v][a] != 0 && b < 8; b++)
+                    for (int m = 0; m < 9; m++) out[24 * (3 * a + m % 3) + 3 * b + m / 3] += share[v][a] * half[9 * b + m];
+        }
     }
 }
 
@@ -136,47 +168,108 @@ static void invert(const double m[9], float out[9])
     for (int n = 0; n < 9; n++) out[n] = determinant > 0 ? (float)(c[n] / determinant) : 0;
 }
 
-static void fill_rows(const pliant_grid_level *grid, level_values *level, const pliant_tangent *tangents)
+/* of elements that list what goes to a block */
+static void fill_column(const pliant_grid_level *grid, level_values *level, const pliant_tangent *tangents, int32_t column)
 {
     const pliant_pattern *pattern = &level->system.pattern;
-#pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
-    for (int32_t column = 0; column < pattern->num_columns; column++)
-        for (int32_t b = pattern->start[column]; b < pattern->start[column + 1]; b++) {
-            double block[9];
-            pliant_system_assemble_block(&level->system, tangents, b, block);
-            float *here = level->blocks + 9 * (size_t)grid->place[2 * b];
-            for (int m = 0; m < 9; m++) here[m] = (float)block[m];
-            if (grid->place[2 * b + 1] < 0) {
-                invert(block, level->inverse + 9 * (size_t)column);
-                continue;
-            }
-            float *there = level->blocks + 9 * (size_t)grid->place[2 * b + 1];
-            for (int m = 0; m < 9; m++) there[m] = (float)block[3 * (m % 3) + m / 3];
+    for (int32_t b = pattern->start[column]; b < pattern->start[column + 1]; b++) {
+        double block[9];
+        pliant_system_assemble_block(&level->system, tangents, b, block);
+        float *here = level->blocks + 9 * (size_t)grid->place[2 * b];
+        for (int m = 0; m < 9; m++) here[m] = (float)block[3 * (m % 3) + m / 3];
+        if (grid->place[2 * b + 1] < 0) {
+            invert(block, level->inverse + 9 * (size_t)column);
+            continue;
         }
-}
-
-/* out = right - A x, or A x without right */
-static void apply(const pliant_grid_level *grid, const level_values *level, const double *right, const double *x, double *out)
-{
-#pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
-    for (int32_t row = 0; row < level->system.num_free; row++) {
-        double sum[3] = {0, 0, 0};
-        for (int32_t e = grid->row_start[row]; e < grid->row_start[row + 1]; e++) {
-            const float *a = level->blocks + 9 * (size_t)e;
-            const double *v = x + 3 * grid->column[e];
-            for (int r = 0; r < 3; r++) sum[r] += a[3 * r] * v[0] + a[3 * r + 1] * v[1] + a[3 * r + 2] * v[2];
-        }
-        for (int r = 0; r < 3; r++) out[3 * row + r] = right ? right[3 * row + r] - sum[r] : sum[r];
+        float *there = level->blocks + 9 * (size_t)grid->place[2 * b + 1];
+        for (int m = 0; m < 9; m++) there[m] = (float)block[m];
     }
 }
 
+static int ascending(const void *a, const void *b)
+{
+    int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
+    return (x > y) - (x < y);
+}
+
+/* of hexahedra; a block (row, column) by columns is the block (column, row) by rows */
+static void fill_row(const pliant_grid_level *grid, level_values *level, const pliant_tangent *tangents, int32_t row)
+{
+    const pliant_system *system = &level->system;
+    const pliant_macros *macros = system->macros;
+    const int32_t *columns = grid->column + grid->row_start[row];
+    size_t count = (size_t)(grid->row_start[row + 1] - grid->row_start[row]);
+    float *blocks = level->blocks + 9 * (size_t)grid->row_start[row];
+    memset(blocks, 0, 9 * count * sizeof *blocks);
+    for (int32_t e = system->corner_start[row]; e < system->corner_start[row + 1]; e++) {
+        int32_t corner = system->corner[e], cube = macros->cube_of_corner[corner], begin = macros->start[cube];
+        double k[8 * 9];
+        pliant_macro_column(system, tangents, corner, k);
+        for (int32_t v = 0; v < macros->start[cube + 1] - begin; v++) {
+            int32_t column = system->free_of_node[macros->node[begin + v]];
+            if (column < 0) continue;
+            const int32_t *found = bsearch(&column, columns, count, sizeof *found, ascending);
+            for (int m = 0; m < 9; m++) blocks[9 * (found - columns) + m] += (float)k[9 * v + m];
+        }
+    }
+    const int32_t *diagonal = bsearch(&row, columns, count, sizeof *diagonal, ascending);
+    double block[9];
+    for (int m = 0; m < 9; m++) block[m] = blocks[9 * (diagonal - columns) + m];
+    invert(block, level->inverse + 9 * (size_t)row);
+}
+
+static void fill_rows(const pliant_grid_level *grid, level_values *level, const pliant_tangent *tangents)
+{
+#pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
+    for (int32_t n = 0; n < level->system.num_free; n++) {
+        if (level->system.macros) fill_row(grid, level, tangents, n);
+        else fill_column(grid, level, tangents, n);
+    }
+}
+
+/* ---- products with them */
+
+enum { ROWS = 64 }; /* that a thread takes at a time */
+typedef float float4 __attribute__((vector_size(16)));
+
+static inline float4 load4(const float *from)
+{
+    float4 out;
+    memcpy(&out, from, sizeof out);
+    return out;
+}
+
+/* rows [first, end) of right - A x, or A x without right; a block's columns are loaded with one number too many, which nothing looks at */
+PLIANT_VECTORIZED static void apply_rows(const int32_t *row_start, const int32_t *columns, const float *blocks, const float *right, const float *x,
+                                         float *out, int32_t first, int32_t end)
+{
+    for (int32_t row = first; row < end; row++) {
+        float4 sum = {0}, second = {0}, third = {0};
+        for (int32_t e = row_start[row]; e < row_start[row + 1]; e++) {
+            const float *a = blocks + 9 * (size_t)e, *v = x + 3 * (size_t)columns[e];
+            sum += load4(a) * v[0];
+            second += load4(a + 3) * v[1];
+            third += load4(a + 6) * v[2];
+        }
+        sum += second + third;
+        for (int d = 0; d < 3; d++) out[3 * row + d] = right ? right[3 * row + d] - sum[d] : sum[d];
+    }
+}
+
+static void apply(const pliant_grid_level *grid, const level_values *level, const float *right, const float *x, float *out)
+{
+    const int32_t count = level->system.num_free;
+#pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
+    for (int32_t first = 0; first < count; first += ROWS)
+        apply_rows(grid->row_start, grid->column, level->blocks, right, x, out, first, first + ROWS < count ? first + ROWS : count);
+}
+
 /* step = a * step + b * D^-1 residual */
-static void scaled_step(const level_values *level, double a, double b, const double *residual, double *step)
+static void scaled_step(const level_values *level, float a, float b, const float *residual, float *step)
 {
 #pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
     for (int32_t row = 0; row < level->system.num_free; row++) {
-        const float *inverse = level->inverse + 9 * (size_t)row;
-        const double *r = residual + 3 * row;
+        const float *inverse = level->inverse + 9 * (size_t)row, *r = residual + 3 * row;
         for (int d = 0; d < 3; d++)
             step[3 * row + d] = a * step[3 * row + d] + b * (inverse[3 * d] * r[0] + inverse[3 * d + 1] * r[1] + inverse[3 * d + 2] * r[2]);
     }
@@ -189,17 +282,17 @@ static void find_largest(const pliant_grid_level *grid, level_values *level)
     uint32_t seed = 12345;
     for (size_t i = 0; i < n; i++) {
         seed = seed * 1664525u + 1013904223u;
-        level->step[i] = (double)(seed >> 8) / (1 << 24) - 0.5;
+        level->step[i] = (float)(seed >> 8) / (1 << 24) - 0.5f;
     }
     level->largest = 1;
     for (int pass = 0; pass < POWER_STEPS; pass++) {
         double before = 0, after = 0;
-        for (size_t i = 0; i < n; i++) before += level->step[i] * level->step[i];
-        double scale = before > 0 ? 1 / sqrt(before) : 0;
+        for (size_t i = 0; i < n; i++) before += (double)level->step[i] * level->step[i];
+        float scale = before > 0 ? (float)(1 / sqrt(before)) : 0;
         for (size_t i = 0; i < n; i++) level->x[i] = scale * level->step[i];
         apply(grid, level, NULL, level->x, level->residual);
         scaled_step(level, 0, 1, level->residual, level->step);
-        for (size_t i = 0; i < n; i++) after += level->step[i] * level->step[i];
+        for (size_t i = 0; i < n; i++) after += (double)level->step[i] * level->step[i];
         level->largest = sqrt(after);
     }
     level->largest *= spectrum_margin;
@@ -214,8 +307,10 @@ pliant_status pliant_multigrid_numeric(pliant_multigrid *multigrid, const pliant
         level_values *fine = multigrid->level + l, *coarse = fine + 1;
         const pliant_tangent *at = l == 0 ? tangents : fine->tangents;
 #pragma omp parallel for schedule(static) num_threads(fine->system.num_threads)
-        for (int32_t tet = 0; tet < coarse->system.mesh->num_tets; tet++)
-            galerkin(grid, fine, at, coarse->system.mesh, tet, coarse->stiffness + 144 * (size_t)tet);
+        for (int32_t e = 0; e < pliant_level_elements(&coarse->system); e++) {
+            if (coarse->system.macros) galerkin_cube(grid, fine, at, e, coarse->stiffness + 576 * (size_t)e);
+            else galerkin(grid, fine, at, e, coarse->stiffness + 144 * (size_t)e);
+        }
         fill_rows(grid, fine, at);
         find_largest(grid, fine);
     }
@@ -249,21 +344,20 @@ const double *pliant_multigrid_coarsest(const pliant_multigrid *multigrid) { ret
 /* ---- the cycle */
 
 /* Chebyshev iteration for A x = right on [share, 1] of the spectrum of D^-1 A (Saad, Iterative Methods, 12.3) */
-static void smooth(const pliant_grid_level *grid, level_values *level, const double *right, bool from_zero)
+static void smooth(const pliant_grid_level *grid, level_values *level, const float *right, bool from_zero)
 {
     size_t n = 3 * (size_t)level->system.num_free;
     double high = level->largest, low = spectrum_share * high, centre = 0.5 * (high + low), half = 0.5 * (high - low);
     double sigma = centre / half, rho = 1 / sigma;
     if (from_zero) memcpy(level->residual, right, n * sizeof *right);
     else apply(grid, level, right, level->x, level->residual);
-    scaled_step(level, 0, 1 / centre, level->residual, level->step);
+    scaled_step(level, 0, (float)(1 / centre), level->residual, level->step);
     for (int pass = 0;; pass++) {
-#pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
         for (size_t i = 0; i < n; i++) level->x[i] = (from_zero && pass == 0 ? 0 : level->x[i]) + level->step[i];
         if (pass + 1 == SMOOTHING_STEPS) return;
         apply(grid, level, right, level->x, level->residual);
         double next = 1 / (2 * sigma - rho);
-        scaled_step(level, next * rho, 2 * next / half, level->residual, level->step);
+        scaled_step(level, (float)(next * rho), (float)(2 * next / half), level->residual, level->step);
         rho = next;
     }
 }
@@ -272,41 +366,59 @@ static void restrict_residual(const pliant_grid_level *grid, const level_values 
 {
 #pragma omp parallel for schedule(static) num_threads(fine->system.num_threads)
     for (int32_t c = 0; c < coarse->system.num_free; c++) {
-        double sum[3] = {0, 0, 0};
+        float sum[3] = {0, 0, 0};
         for (int32_t e = grid->from_start[c]; e < grid->from_start[c + 1]; e++)
-            for (int d = 0; d < 3; d++) sum[d] += grid->weight[grid->from[e]] * fine->residual[3 * (grid->from[e] / 4) + d];
+            for (int d = 0; d < 3; d++) sum[d] += grid->weight[grid->from[e]] * fine->residual[3 * (grid->from[e] / grid->corners) + d];
         memcpy(coarse->right + 3 * c, sum, sizeof sum);
     }
 }
 
 static void add_correction(const pliant_grid_level *grid, level_values *fine, const level_values *coarse)
 {
+    const int corners = grid->corners;
 #pragma omp parallel for schedule(static) num_threads(fine->system.num_threads)
     for (int32_t f = 0; f < fine->system.num_free; f++)
-        for (int v = 0; v < 4; v++) {
-            if (grid->weight[4 * f + v] == 0) continue;
-            for (int d = 0; d < 3; d++) fine->x[3 * f + d] += grid->weight[4 * f + v] * coarse->x[3 * grid->to[4 * f + v] + d];
+        for (int v = 0; v < corners; v++) {
+            if (grid->weight[corners * f + v] == 0) continue;
+            for (int d = 0; d < 3; d++) fine->x[3 * f + d] += grid->weight[corners * f + v] * coarse->x[3 * grid->to[corners * f + v] + d];
         }
 }
 
-static pliant_status cycle(pliant_multigrid *multigrid, int l, const double *right)
+static pliant_status solve_coarsest(pliant_multigrid *multigrid, level_values *level)
+{
+    size_t n = 3 * (size_t)level->system.num_free;
+    for (size_t i = 0; i < n; i++) multigrid->coarsest[i] = level->right[i];
+    pliant_status status = pliant_factor_solve(multigrid->factor, 1, multigrid->coarsest, multigrid->coarsest);
+    for (size_t i = 0; i < n; i++) level->x[i] = (float)multigrid->coarsest[i];
+    return status;
+}
+
+/* from level->right to level->x */
+static pliant_status cycle(pliant_multigrid *multigrid, int l)
 {
     const pliant_grid_level *grid = multigrid->hierarchy->level + l;
     level_values *level = multigrid->level + l;
-    if (l == multigrid->hierarchy->num_levels - 1) return pliant_factor_solve(multigrid->factor, 1, right, level->x);
-    smooth(grid, level, right, true);
-    apply(grid, level, right, level->x, level->residual);
+    if (l == multigrid->hierarchy->num_levels - 1) return solve_coarsest(multigrid, level);
+    smooth(grid, level, level->right, true);
+    apply(grid, level, level->right, level->x, level->residual);
     restrict_residual(grid, level, level + 1);
-    pliant_status status = cycle(multigrid, l + 1, level[1].right);
+    pliant_status status = cycle(multigrid, l + 1);
     if (status != PLIANT_OK) return status;
     add_correction(grid, level, level + 1);
-    smooth(grid, level, right, false);
+    smooth(grid, level, level->right, false);
     return PLIANT_OK;
 }
 
+/* In single precision; scaled, so that small forces do not fall out of its range. */
 pliant_status pliant_multigrid_solve(pliant_multigrid *multigrid, const double *right, double *out)
 {
-    pliant_status status = cycle(multigrid, 0, right);
-    if (status == PLIANT_OK) memcpy(out, multigrid->level[0].x, 3 * (size_t)multigrid->level[0].system.num_free * sizeof *out);
+    level_values *level = multigrid->level;
+    size_t n = 3 * (size_t)level->system.num_free;
+    double largest = 0;
+    for (size_t i = 0; i < n; i++) largest = fmax(largest, fabs(right[i]));
+    const double scale = largest > 0 && isfinite(largest) ? largest : 1;
+    for (size_t i = 0; i < n; i++) level->right[i] = (float)(right[i] / scale);
+    pliant_status status = cycle(multigrid, 0);
+    for (size_t i = 0; status == PLIANT_OK && i < n; i++) out[i] = scale * level->x[i];
     return status;
 }

@@ -33,7 +33,7 @@ pliant_status pliant_multigrid_copy(pliant_multigrid *to, const pliant_multigrid
 /* out = M^-1 right, (3 num_free). */
 pliant_status pliant_multigrid_solve(pliant_multigrid *multigrid, const double *right, double *out);
 
-/* Numbers of a level above the coarsest, for backends: blocks by full rows (hierarchy.h) of 9, inverted diagonal blocks
+/* Numbers of a level above the coarsest, for backends: blocks by full rows (hierarchy.h) of 9, each by columns, inverted diagonal blocks
  * (num_free x 9), largest eigenvalue of inverse times matrix; and the coarsest matrix (pattern.num_values). */
 void pliant_multigrid_level(const pliant_multigrid *multigrid, int level, const float **blocks, const float **inverse, double *largest);
 const double *pliant_multigrid_coarsest(const pliant_multigrid *multigrid);

@@ -7,8 +7,9 @@
 
 #include <string.h>
 
-/* Above this many free nodes a V-cycle is cheaper than the two triangular solves (test/bench/bench_budget). */
-enum { LARGEST_DIRECT = 8000, COARSEST = 4000 };
+/* Above this many free nodes a V-cycle is cheaper than the two triangular solves (test/bench/bench_budget, bench_elements); a factor of
+ * hexahedra has twice the numbers, and their V-cycle needs as few evaluations. */
+enum { LARGEST_DIRECT = 8000, LARGEST_DIRECT_HEXAHEDRA = 1500, COARSEST = 1000 };
 
 struct pliant_preconditioner {
     pliant_system system;      /* a view of the constant system, with this one's number of threads */
@@ -35,7 +36,8 @@ pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_p
     if (!preconditioner) return pliant_fail_memory("the preconditioner");
     preconditioner->system = *system;
     pliant_status status = PLIANT_OK;
-    bool layered = choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > LARGEST_DIRECT);
+    int32_t largest = system->macros ? LARGEST_DIRECT_HEXAHEDRA : LARGEST_DIRECT;
+    bool layered = choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > largest);
     if (layered) {
         status = pliant_hierarchy_create(system, COARSEST, &preconditioner->hierarchy);
         if (status == PLIANT_OK && !preconditioner->hierarchy)
