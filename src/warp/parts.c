@@ -10,6 +10,7 @@
 /* A voxel of another tetrahedron counts to a carrier that so many links lead to: as far as two corners of a cell lie apart. */
 enum { STEPS = 3 };
 enum { NO_LABEL = -1, IN_QUEUE = -2 };
+enum { REGION = 4 };
 /* Cells are looked at in so many pieces along each axis, for whether a carrier has a part of them. */
 enum { PIECES = 4 };
 /* Corners of guests lie so much further out, of the way from their middle: where they meet others, rounding leaves no gap. */
@@ -52,9 +53,16 @@ typedef struct maker {
     int32_t *label;                /* (count) -1: none yet */
     uint8_t *step, *severed, *touched, *wanted; /* (count) links away; links that are cut; corners of cells that the tetrahedron touches; of
                                     * another one, and without a label so far */
-    int32_t *queue;                /* (count) */
+    int32_t *queue, *carried;      /* (count) */
     int32_t num_carriers, num_fragments, first_carrier;
-    growing carriers, labels, boxes, hosts, starts, guests;
+    /* what a body before has of it, where `other` says that nothing differs; NULL: nothing */
+    const pliant_body *body_before;
+    const pliant_parts *before;
+    int32_t guest_before;          /* the first of it that is no earlier host's */
+    int32_t regions[3];
+    uint8_t *other;                /* (regions) of REGION voxels along each axis: links, carriers or nodes differ there */
+    bool by_node;
+    growing carriers, labels, boxes, hosts, by_nodes, taken, starts, guests;
 } maker;
 
 /* ---- where things are */
@@ -112,12 +120,12 @@ static void find_shape(const maker *work, int32_t tet, shape *out)
     }
 }
 
-/* Whether a shape, grown as guests are, may touch a cube from low on; by its planes. */
-static bool touches(const shape *at, const double low[3], double size)
+/* Whether a shape, grown as guests are, may touch a box from low on; by its planes. */
+static bool touches(const shape *at, const double low[3], const double size[3])
 {
     for (int v = 0; v < 4; v++) {
         double most = at->value[v];
-        for (int d = 0; d < 3; d++) most += at->slope[v][d] * low[d] + (at->slope[v][d] > 0 ? at->slope[v][d] * size : 0);
+        for (int d = 0; d < 3; d++) most += at->slope[v][d] * low[d] + (at->slope[v][d] > 0 ? at->slope[v][d] * size[d] : 0);
         if (most < -guest_growth) return false;
     }
     return true;
@@ -209,7 +217,7 @@ static bool find_touched(maker *work)
         for (at[1] = 0; at[1] <= last[1]; at[1]++)
             for (at[0] = 0; at[0] <= last[0]; at[0]++) {
                 const double low[3] = {work->box.low[0] + at[0], work->box.low[1] + at[1], work->box.low[2] + at[2]};
-                if (!touches(&work->at, low, 1)) continue;
+                if (!touches(&work->at, low, (const double[3]){1, 1, 1})) continue;
                 for (int c = 0; c < 8; c++) {
                     int32_t corner[3];
                     bool there = true;
@@ -313,10 +321,16 @@ static int32_t hang_together(maker *work, int32_t first)
 static int32_t most_of(const maker *work, int32_t queued)
 {
     int32_t best = -1, most = 0;
+    for (int32_t n = 0; n < queued; n++) work->carried[n] = carrier_of(work, scan_voxel(work, work->queue[n]));
     for (int32_t n = 0; n < queued; n++) {
-        const int32_t carrier = carrier_of(work, scan_voxel(work, work->queue[n]));
+        const int32_t carrier = work->carried[n];
         int32_t same = 0;
-        for (int32_t m = 0; m < queued; m++) same += carrier_of(work, scan_voxel(work, work->queue[m])) == carrier;
+        if (carrier < 0) continue;
+        for (int32_t m = n; m < queued; m++) {
+            if (work->carried[m] != carrier) continue;
+            same++;
+            work->carried[m] = -1; /* is counted */
+        }
         if (same > most || (same == most && carrier < best)) {
             best = carrier;
             most = same;
@@ -332,7 +346,9 @@ static bool label_others(maker *work)
     int32_t queued = 0;
     for (int32_t n = 0; n < work->count; n++) {
         work->wanted[n] = work->label[n] < 0 && work->touched[n] && work->voxels->owner[scan_voxel(work, n)] >= 0;
-        if (work->wanted[n]) work->label[n] = label_by_node(work, n);
+        if (!work->wanted[n]) continue;
+        work->label[n] = label_by_node(work, n);
+        work->by_node = true;
     }
     for (int32_t n = 0; n < work->count; n++) {
         if (work->label[n] >= 0 || !work->wanted[n]) continue;
@@ -340,12 +356,14 @@ static bool label_others(maker *work)
         if (label < 0) return false;
         for (int32_t m = 0; m < together; m++) work->label[work->queue[m]] = label;
     }
+    bool air = false;
     for (int32_t n = 0; n < work->count; n++) {
+        air = air || (work->touched[n] && work->label[n] < 0);
         if (work->label[n] < 0) continue;
         work->step[n] = 0;
         work->queue[queued++] = n;
     }
-    spread(work, queued, UINT8_MAX - 1);
+    if (air) spread(work, queued, UINT8_MAX - 1);
     for (int32_t n = 0; n < work->count; n++)
         if (work->label[n] < 0) work->label[n] = 0;
     return true;
@@ -362,11 +380,21 @@ static bool has_part(const maker *work, const int32_t at[3], const int32_t label
         for (int e = 0; e < c; e++) first = first && label[e] != label[c];
         different += first;
     }
+    /* along an axis on one side of which all its corners are, its weight is no more than theirs */
+    const double share = 1.0 / different - PART_SPARE, size[3] = {1.0 / PIECES, 1.0 / PIECES, 1.0 / PIECES};
+    double begin[3], length[3];
+    for (int d = 0; d < 3; d++) {
+        int sides = 0;
+        for (int c = 0; c < 8; c++) sides |= label[c] == wanted ? 1 << (c >> d & 1) : 0;
+        begin[d] = work->box.low[d] + at[d] + (sides == 2 ? share : 0);
+        length[d] = sides == 3 ? 1 : 1 - share;
+    }
+    if (!touches(&work->at, begin, length)) return false;
     for (int piece = 0; piece < PIECES * PIECES * PIECES; piece++) {
         const int32_t where[3] = {piece % PIECES, piece / PIECES % PIECES, piece / PIECES / PIECES};
         double low[3], most = 0;
         for (int d = 0; d < 3; d++) low[d] = work->box.low[d] + at[d] + (double)where[d] / PIECES;
-        if (!touches(&work->at, low, 1.0 / PIECES)) continue;
+        if (!touches(&work->at, low, size)) continue;
         for (int end = 0; end < 8; end++) { /* the most is at a corner of the piece */
             part_cell cell;
             double sum = 0;
@@ -374,7 +402,7 @@ static bool has_part(const maker *work, const int32_t at[3], const int32_t label
             for (int c = 0; c < 8; c++) sum += label[c] == wanted ? part_weight(&cell, c) : 0;
             most = fmax(most, sum);
         }
-        if (most > 1.0 / different - PART_SPARE) return true;
+        if (most > share) return true;
     }
     return false;
 }
@@ -432,14 +460,14 @@ static pliant_status add_guests(maker *work)
     return good ? PLIANT_OK : no_memory();
 }
 
-/* ---- a tetrahedron, and all of them */
+/* ---- a tetrahedron */
 
 static bool make_room(maker *work)
 {
     work->count = work->box.size[0] * work->box.size[1] * work->box.size[2];
     if (work->count <= work->room) return true;
-    void **blocks[] = {(void **)&work->label, (void **)&work->queue, (void **)&work->step, (void **)&work->severed, (void **)&work->touched, (void **)&work->wanted};
-    const size_t sizes[] = {sizeof *work->label, sizeof *work->queue, 1, 1, 1, 1};
+    void **blocks[] = {(void **)&work->label, (void **)&work->queue, (void **)&work->carried, (void **)&work->step, (void **)&work->severed, (void **)&work->touched, (void **)&work->wanted};
+    const size_t sizes[] = {sizeof *work->label, sizeof *work->queue, sizeof *work->carried, 1, 1, 1, 1};
     work->room = 0;
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) {
         pliant_free(*blocks[b]);
@@ -449,10 +477,31 @@ static bool make_room(maker *work)
     return true;
 }
 
+/* room for a box and its labels; NULL: none */
+static uint16_t *add_box(maker *work, int32_t tet, const part_box *box, size_t count, bool by_node, int32_t taken)
+{
+    const size_t first = work->labels.count;
+    if (first + count > INT32_MAX) return NULL;
+    uint16_t *labels = grow(&work->labels, count);
+    part_box *made = grow(&work->boxes, 1);
+    int32_t *host = grow(&work->hosts, 1), *start = grow(&work->starts, 1);
+    uint8_t *nodes = grow(&work->by_nodes, 1);
+    int32_t *from = grow(&work->taken, 1);
+    if (!labels || !made || !host || !start || !nodes || !from) return NULL;
+    *nodes = by_node;
+    *from = taken;
+    *made = *box;
+    made->first = (int32_t)first;
+    *host = tet;
+    *start = work->first_carrier;
+    return labels;
+}
+
 static pliant_status make_box(maker *work, int32_t tet)
 {
     int32_t queued = 0;
     work->tet = tet;
+    work->by_node = false;
     find_shape(work, tet, &work->at);
     find_box(work, &work->at, &work->box);
     if (!make_room(work)) return no_memory();
@@ -464,18 +513,140 @@ static pliant_status make_box(maker *work, int32_t tet)
     spread(work, queued, STEPS);
     if (!label_others(work)) return no_memory();
     if (work->num_carriers > UINT16_MAX) return pliant_fail(PLIANT_ERROR_MEMORY, "more than %d fragments meet in one tetrahedron", UINT16_MAX);
-    if (work->labels.count + (size_t)work->count > INT32_MAX) return pliant_fail(PLIANT_ERROR_MEMORY, "the cuts are too large to be drawn");
-    work->box.first = (int32_t)work->labels.count;
-    uint16_t *labels = grow(&work->labels, (size_t)work->count);
-    part_box *box = grow(&work->boxes, 1);
-    int32_t *host = grow(&work->hosts, 1), *start = grow(&work->starts, 1);
-    if (!labels || !box || !host || !start) return no_memory();
+    uint16_t *labels = add_box(work, tet, &work->box, (size_t)work->count, work->by_node, -1);
+    if (!labels) return no_memory();
     for (int32_t n = 0; n < work->count; n++) labels[n] = (uint16_t)work->label[n];
-    *box = work->box;
-    *host = tet;
-    *start = work->first_carrier;
     return add_guests(work);
 }
+
+/* ---- what a body before has */
+
+enum { OTHER_VOXELS = 1, OTHER_NODES = 2 };
+
+/* marks the regions of a box, if there is something to mark; whether one of them has a mark that is asked for */
+static bool over_regions(maker *work, const part_box *box, uint8_t mark, uint8_t asked)
+{
+    int32_t at[3];
+    for (at[2] = box->low[2] / REGION; at[2] <= (box->low[2] + box->size[2] - 1) / REGION; at[2]++)
+        for (at[1] = box->low[1] / REGION; at[1] <= (box->low[1] + box->size[1] - 1) / REGION; at[1]++)
+            for (at[0] = box->low[0] / REGION; at[0] <= (box->low[0] + box->size[0] - 1) / REGION; at[0]++) {
+                uint8_t *other = &work->other[index_of(work->regions, at)];
+                if (*other & asked) return true;
+                *other |= mark;
+            }
+    return false;
+}
+
+static void mark_tet(maker *work, int32_t tet, uint8_t mark)
+{
+    shape at;
+    part_box box;
+    find_shape(work, tet, &at);
+    find_box(work, &at, &box);
+    over_regions(work, &box, mark, 0);
+}
+
+static void mark_link(maker *work, uint32_t link)
+{
+    part_box box = {{0}, {1, 1, 1}, 0};
+    pliant_place_of(work->voxels, (int32_t)(link / 4), box.low);
+    box.size[link % 4]++;
+    over_regions(work, &box, OTHER_VOXELS, 0);
+}
+
+static void mark_links(maker *work)
+{
+    const pliant_cuts *old = work->body_before->cuts, *now = work->cuts;
+    int32_t o = 0, n = 0;
+    while (o < old->num_links || n < now->num_links) {
+        const bool both = o < old->num_links && n < now->num_links && old->link[o] == now->link[n];
+        if (!both) mark_link(work, n == now->num_links || (o < old->num_links && old->link[o] < now->link[n]) ? old->link[o] : now->link[n]);
+        const bool ahead = both || n == now->num_links || (o < old->num_links && old->link[o] < now->link[n]);
+        if (both || !ahead) n++;
+        if (both || ahead) o++;
+    }
+}
+
+static bool same_list(const int32_t *a, int32_t a_count, const int32_t *b, int32_t b_count)
+{
+    return a_count == b_count && memcmp(a, b, (size_t)a_count * sizeof *a) == 0;
+}
+
+/* Tetrahedra at load whose fragments or carriers differ. */
+static void mark_carriers(maker *work)
+{
+    const pliant_cuts *old = work->body_before->cuts, *now = work->cuts;
+    int32_t o = 0, n = 0;
+    while (o < old->num_tets || n < now->num_tets) {
+        const bool in_old = o < old->num_tets && (n == now->num_tets || old->tet[o] <= now->tet[n]);
+        const bool in_now = n < now->num_tets && (o == old->num_tets || now->tet[n] <= old->tet[o]);
+        if (!(in_old && in_now) ||
+            !same_list(old->fragment + old->start[o], old->start[o + 1] - old->start[o], now->fragment + now->start[n], now->start[n + 1] - now->start[n]) ||
+            !same_list(old->voxel_fragment + old->voxel_start[o], old->voxel_start[o + 1] - old->voxel_start[o],
+                       now->voxel_fragment + now->voxel_start[n], now->voxel_start[n + 1] - now->voxel_start[n]))
+            mark_tet(work, in_old ? old->tet[o] : now->tet[n], OTHER_VOXELS);
+        o += in_old;
+        n += in_now;
+    }
+}
+
+static void mark_nodes(maker *work)
+{
+    const pliant_mesh *old = &work->body_before->fine, *now = &work->body->fine;
+    for (int32_t t = 0; t < old->num_tets || t < now->num_tets; t++) {
+        const pliant_body *of = t < now->num_tets ? work->body : work->body_before;
+        if (t < old->num_tets && t < now->num_tets && memcmp(old->tets + 4 * (size_t)t, now->tets + 4 * (size_t)t, 4 * sizeof *now->tets) == 0) continue;
+        mark_tet(work, of->tet_parent ? of->tet_parent[t] : t, OTHER_NODES);
+    }
+}
+
+static pliant_status find_others(maker *work, const pliant_body *body_before, const pliant_parts *before)
+{
+    if (!before || !body_before || body_before->voxels != work->voxels) return PLIANT_OK;
+    for (int d = 0; d < 3; d++) work->regions[d] = (work->voxels->geometry.size[d] - 1) / REGION + 1;
+    if (!(work->other = pliant_calloc((size_t)work->regions[0] * (size_t)work->regions[1] * (size_t)work->regions[2], 1))) return no_memory();
+    if (!grow(&work->labels, (size_t)before->num_labels)) return no_memory();
+    work->labels.count = 0;
+    work->body_before = body_before;
+    work->before = before;
+    mark_links(work);
+    mark_carriers(work);
+    mark_nodes(work);
+    return PLIANT_OK;
+}
+
+/* The box of a tetrahedron as it was before, or that it had none; false: it may be another one now. */
+static bool take_before(maker *work, int32_t tet, pliant_status *status)
+{
+    const pliant_parts *from = work->before;
+    if (!from) return false;
+    find_shape(work, tet, &work->at);
+    find_box(work, &work->at, &work->box);
+    const int32_t old = from->view.elements[tet].box;
+    if (over_regions(work, &work->box, 0, OTHER_VOXELS | (old >= 0 && from->by_node[old] ? OTHER_NODES : 0))) return false;
+    if (old < 0) return true;
+    const part_box *box = &from->view.boxes[old];
+    const size_t count = (size_t)box->size[0] * (size_t)box->size[1] * (size_t)box->size[2];
+    const int32_t carriers = from->carrier_start[old + 1] - from->carrier_start[old];
+    work->first_carrier = (int32_t)work->carriers.count;
+    int32_t *carrier = grow(&work->carriers, (size_t)carriers);
+    uint16_t *labels = carrier ? add_box(work, tet, box, count, from->by_node[old], old) : NULL;
+    bool good = labels != NULL;
+    if (good) {
+        memcpy(carrier, from->carrier + from->carrier_start[old], (size_t)carriers * sizeof *carrier);
+        memcpy(labels, from->view.labels + box->first, count * sizeof *labels);
+    }
+    while (work->guest_before < from->num_guests && from->guests[work->guest_before].host < tet) work->guest_before++;
+    for (int32_t g = work->guest_before; good && g < from->num_guests && from->guests[g].host == tet; g++) {
+        part_guest *guest = grow(&work->guests, 1);
+        good = guest != NULL;
+        if (good) *guest = from->guests[g];
+    }
+    *status = good ? PLIANT_OK : no_memory();
+    return true;
+}
+
+/* ---- all of them */
 
 static void find_near(maker *work)
 {
@@ -522,14 +693,17 @@ static pliant_status gather(maker *work, pliant_parts *parts)
     parts->view.boxes = work->boxes.at;
     parts->view.labels = work->labels.at;
     parts->host = work->hosts.at;
+    parts->by_node = work->by_nodes.at;
+    parts->taken = work->taken.at;
     parts->carrier_start = work->starts.at;
     parts->carrier = work->carriers.at;
     parts->guests = work->guests.at;
-    work->boxes.at = work->labels.at = work->hosts.at = work->starts.at = work->carriers.at = work->guests.at = NULL;
+    work->boxes.at = work->labels.at = work->hosts.at = work->by_nodes.at = work->taken.at = work->starts.at = work->carriers.at = work->guests.at = NULL;
     return set_elements(work, parts);
 }
 
-pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, pliant_parts **out)
+pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, const pliant_body *body_before, const pliant_parts *before,
+                                  pliant_parts **out)
 {
     *out = NULL;
     if (!body->cuts || !body->voxels) return PLIANT_OK;
@@ -537,8 +711,9 @@ pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the voxels of the body that is drawn are not those of the scan");
     maker work = {.body = body, .voxels = body->voxels, .cuts = body->cuts, .scan = scan};
     const size_t tets = (size_t)body->voxels->num_tets;
-    work.carriers.size = work.hosts.size = work.starts.size = sizeof(int32_t);
+    work.carriers.size = work.hosts.size = work.taken.size = work.starts.size = sizeof(int32_t);
     work.labels.size = sizeof(uint16_t);
+    work.by_nodes.size = sizeof(uint8_t);
     work.boxes.size = sizeof(part_box);
     work.guests.size = sizeof(part_guest);
     work.cut_of = pliant_calloc(tets, sizeof *work.cut_of);
@@ -547,11 +722,12 @@ pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry
     pliant_status status = work.cut_of && work.near && parts ? PLIANT_OK : no_memory();
     for (size_t t = 0; status == PLIANT_OK && t < tets; t++) work.cut_of[t] = -1;
     if (status == PLIANT_OK) find_near(&work);
+    if (status == PLIANT_OK) status = find_others(&work, body_before, before);
     for (int32_t t = 0; t < body->voxels->num_tets && status == PLIANT_OK; t++)
-        if (work.near[t] && body->voxels->start[t] < body->voxels->start[t + 1]) status = make_box(&work, t);
+        if (work.near[t] && body->voxels->start[t] < body->voxels->start[t + 1] && !take_before(&work, t, &status)) status = make_box(&work, t);
     if (status == PLIANT_OK) status = gather(&work, parts);
-    void *blocks[] = {work.cut_of, work.near, work.label, work.queue, work.step, work.severed, work.touched, work.wanted, work.carriers.at,
-                      work.labels.at, work.boxes.at, work.hosts.at, work.starts.at, work.guests.at};
+    void *blocks[] = {work.cut_of, work.near, work.other, work.label, work.queue, work.carried, work.step, work.severed, work.touched, work.wanted, work.carriers.at,
+                      work.labels.at, work.boxes.at, work.hosts.at, work.by_nodes.at, work.taken.at, work.starts.at, work.guests.at};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     if (status != PLIANT_OK) {
         pliant_parts_free(parts);
@@ -568,20 +744,22 @@ void pliant_parts_free(pliant_parts *parts)
     pliant_free((void *)(uintptr_t)parts->view.boxes);
     pliant_free((void *)(uintptr_t)parts->view.labels);
     pliant_free(parts->host);
+    pliant_free(parts->by_node);
+    pliant_free(parts->taken);
     pliant_free(parts->carrier_start);
     pliant_free(parts->carrier);
     pliant_free(parts->guests);
     pliant_free(parts);
 }
 
-bool pliant_parts_same(const pliant_parts *a, int32_t box_a, const pliant_parts *b, int32_t box_b)
+bool pliant_parts_same(const pliant_parts *before, int32_t box_before, const pliant_parts *now, int32_t box)
 {
-    if (box_a < 0 || box_b < 0) return box_a < 0 && box_b < 0;
-    const part_box *one = &a->view.boxes[box_a], *other = &b->view.boxes[box_b];
-    const int32_t *from = a->carrier + a->carrier_start[box_a], *to = b->carrier + b->carrier_start[box_b];
-    const int32_t carriers = a->carrier_start[box_a + 1] - a->carrier_start[box_a];
+    if (box_before < 0 || box < 0) return box_before < 0 && box < 0;
+    if (now->taken[box] == box_before) return true;
+    const part_box *one = &before->view.boxes[box_before], *other = &now->view.boxes[box];
+    const int32_t *from = before->carrier + before->carrier_start[box_before], *to = now->carrier + now->carrier_start[box];
+    const int32_t carriers = before->carrier_start[box_before + 1] - before->carrier_start[box_before];
     const size_t labels = (size_t)one->size[0] * (size_t)one->size[1] * (size_t)one->size[2];
-    return a->host[box_a] == b->host[box_b] && carriers == b->carrier_start[box_b + 1] - b->carrier_start[box_b] &&
-           memcmp(from, to, (size_t)carriers * sizeof *from) == 0 &&
-           memcmp(a->view.labels + one->first, b->view.labels + other->first, labels * sizeof *a->view.labels) == 0;
+    return before->host[box_before] == now->host[box] && same_list(from, carriers, to, now->carrier_start[box + 1] - now->carrier_start[box]) &&
+           memcmp(before->view.labels + one->first, now->view.labels + other->first, labels * sizeof *now->view.labels) == 0;
 }

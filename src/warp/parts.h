@@ -22,17 +22,21 @@ typedef struct pliant_parts {
     part_view view;            /* owns what it points to */
     int32_t num_boxes, num_labels;
     int32_t *host;             /* (num_boxes) tetrahedron at load, ascending */
+    uint8_t *by_node;          /* (num_boxes) labels depend on which nodes tetrahedra have */
+    int32_t *taken;            /* (num_boxes) box of the body before that it was taken from; -1: made anew */
     int32_t *carrier_start, *carrier; /* (num_boxes + 1), by box and label: the tetrahedron that each label stands for */
     int32_t num_guests;
     part_guest *guests;        /* by host, then label */
 } pliant_parts;
 
-/* Of a body; NULL where nothing is severed. Errors: MEMORY, ARGUMENT (voxels of another scan). */
-pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, pliant_parts **out);
+/* Of a body; NULL where nothing is severed. What is the same in a body before, Nullable with its parts, is taken from there.
+ * Errors: MEMORY, ARGUMENT (voxels of another scan). */
+pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, const pliant_body *body_before, const pliant_parts *before,
+                                  pliant_parts **out);
 void pliant_parts_free(pliant_parts *parts); /* Nullable */
 
-/* Whether the box of a host is the same in both; parts: Nullable. box: -1 where there is none */
-bool pliant_parts_same(const pliant_parts *a, int32_t box_a, const pliant_parts *b, int32_t box_b);
+/* Whether a box is the same in parts and in those of the body before; both Nullable, and -1 where there is none. */
+bool pliant_parts_same(const pliant_parts *before, int32_t box_before, const pliant_parts *now, int32_t box);
 
 /* Corner of a guest, from the positions of its carrier's nodes. */
 PLIANT_INLINE void part_guest_corner(const double blend[4], const double *const node[4], double out[3])

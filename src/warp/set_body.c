@@ -10,6 +10,7 @@ enum { NODE_ARRAYS = 4, ELEMENT_ARRAYS = 2, NUM_ARRAYS = 7 };
 
 struct pliant_warp_next {
     const pliant_mesh *mesh;
+    const pliant_body *body;
     int32_t load_nodes;        /* nodes at load: they are the same in all bodies */
     pliant_parts *parts;
     pliant_fit *fit;
@@ -195,7 +196,8 @@ pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pl
     if (!next) return pliant_fail_memory("the warp");
     next->mesh = &body->fine;
     next->load_nodes = body->voxels ? body->voxels->num_nodes : 0;
-    status = pliant_parts_create(body, &warp->scan, &next->parts);
+    next->body = body;
+    status = pliant_parts_create(body, &warp->scan, warp->body, warp->parts, &next->parts);
     if (status == PLIANT_OK && (!allocate(warp, next) || !make_room(warp, (size_t)body->fine.num_nodes, (size_t)next->changes.now, next)))
         status = pliant_fail_memory("the warp");
     if (status == PLIANT_OK) find_changes(warp, next);
@@ -235,6 +237,7 @@ void pliant_warp_take(pliant_warp *warp, pliant_warp_next *next)
     for (int32_t t = warp->mesh->num_tets; t < mesh->num_tets; t++) memset(&warp->tets[t], 0, sizeof warp->tets[t]);
     memcpy(warp->tets + mesh->num_tets, next->guest_tets, (size_t)guests * sizeof *warp->tets);
     warp->mesh = mesh;
+    warp->body = next->body;
     warp->num_elements = next->changes.now;
     warp->adapted = true;
     swap(&warp->parts, &next->parts);

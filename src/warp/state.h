@@ -9,6 +9,7 @@
 
 struct pliant_warp {
     const pliant_mesh *mesh;
+    const pliant_body *body; /* whose mesh that is; NULL: of a mesh alone, of which nothing is cut */
     pliant_geometry scan;
     raster_grid grid;
     raster_source source;
