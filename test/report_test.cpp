@@ -56,6 +56,21 @@ TEST_F(Report, WritesTablesThatAreReadBack)
     EXPECT_EQ(text(in("result/sweep.csv")), table);
 }
 
+// the mesh's own error beside the solver's
+TEST_F(Report, TellsWhetherTheMeshOrTheSolverIsFartherOff)
+{
+    const std::string asked = "--scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set solver/threads=1 --frames 3 --truth --out " + in("result");
+    ASSERT_EQ(run(asked + " --twice 40000"), 0) << err_;
+    EXPECT_NE(out_.find("mesh off by %"), std::string::npos) << out_;
+    EXPECT_EQ(python("import csv; t = list(csv.DictReader(open(\"truth.csv\"))); assert [r[\"case\"] for r in t] == [\"displacement\", \"force\"], t; "
+                     "assert all(0 < float(r[\"mesh_p95_mm\"]) < float(r[\"mesh_max_mm\"]) < float(r[\"largest_mm\"]) for r in t); "
+                     "assert all(r[\"larger\"] == (\"mesh\" if float(r[\"mesh_p95_mm\"]) >= float(r[\"solver_p95_mm\"]) else \"solver\") for r in t); "
+                     "assert all(float(r[\"mesh_p95_percent_at_twice\"]) < float(r[\"mesh_p95_percent\"]) for r in t)"),
+              0);
+    EXPECT_EQ(run(asked + "2 --twice 0"), 1);
+    EXPECT_NE(err_.find("three resolutions"), std::string::npos) << err_;
+}
+
 TEST_F(Report, CtrlCKeepsWhatIsDone)
 {
     const auto works = [&] { return text(in("err")).find("long_run") != std::string::npos; };

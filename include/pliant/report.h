@@ -162,6 +162,7 @@ typedef struct pliant_report_tables {
     pliant_results *stability;
     pliant_results *choice;    /**< what pliant_choose took */
     pliant_results *dynamics;  /**< a row per setup: time steps and energy of explicit dynamics */
+    pliant_results *truth;     /**< a row per case: error of the scene's mesh, beside that of its solver */
 } pliant_report_tables;
 
 /** Opens folder/sweep.csv and so on. @param folder Nullable: in memory only. Errors: FILE, FORMAT, MEMORY. */
@@ -224,6 +225,29 @@ PLIANT_API pliant_status pliant_left_out_run(const pliant_report_input *input, c
  *  Errors: SCENE (another solver/kind), ARGUMENT (no point), CANCELLED, FILE, MEMORY. */
 PLIANT_API pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
                                              pliant_progress progress);
+
+/* ---- TRUTH (truth.c): what a mesh is off by from tissue that is not cut into elements */
+
+/** Where points would be on a mesh of endless resolution, from three meshes of which each has twice the resolution of the one before
+ *  (Richardson): the next differences fall by 2^-p, p between the order that the last two differences show and the theory's 2.
+ *  @param use Nullable: nonzero for points that the order is measured at
+ *  @param coarse, middle, fine (count x 3) [m]; @param out (count x 3)
+ *  @return the order that was seen */
+PLIANT_API double pliant_extrapolate(int32_t count, const uint8_t *use, const double *coarse, const double *middle, const double *fine, double *out);
+
+typedef struct pliant_truth {
+    pliant_error mesh;   /**< of the scene's fine mesh, solved tightly, against the extrapolation; its largest is of that */
+    pliant_error solver; /**< of the scene's method and iterations, against the same mesh solved tightly */
+    double order;        /**< that was seen */
+} pliant_truth;
+
+/** Pulls by displacement and by force at the sweep's points and the scene's own gravity, as far as the sweep has them, on three meshes: the
+ *  scene's and as far as sweep->twice_limit goes finer ones, else coarser ones. A row a case says how far the mesh and how far the solver is off, which of
+ *  the two is the larger, and which options would pay.
+ *  @param tables Nullable; @param worst out: the case with the largest error of the mesh
+ *  Errors: SCENE (explicit dynamics, an octree, or no three meshes), MEMORY, CANCELLED, FILE. */
+PLIANT_API pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables, pliant_progress progress,
+                                          pliant_truth *worst);
 
 /* ---- STABILITY */
 

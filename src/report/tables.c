@@ -49,15 +49,19 @@ static const char *const dynamics_columns[] = {
     "time_step_us", "steps_a_frame", "frames", "frame_median_ms", "frame_p99_ms", "step_median_ms", "tetrahedra_steps_per_s",
     "energy_drift_percent", "time_error_mm", "time_error_percent"};
 
+static const char *const truth_columns[] = {
+    "setup", "case", "point", "status", "message", "fine_tetrahedra", "tetrahedra_of_three", "order", "largest_mm", "mesh_max_mm", "mesh_rms_mm", "mesh_p95_mm",
+    "mesh_p95_percent", "solver_max_mm", "solver_rms_mm", "solver_p95_mm", "solver_p95_percent", "larger", "mesh_p95_percent_at_twice", "advice"};
+
 #define COLUMNS(list) list, (int)(sizeof(list) / sizeof *(list))
 
-enum { NUM_TABLES = 9 };
+enum { NUM_TABLES = 10 };
 
 static void list_tables(pliant_report_tables *tables, pliant_results **out[NUM_TABLES])
 {
     pliant_results **const list[NUM_TABLES] = {&tables->sweep,  &tables->frames, &tables->builds,   &tables->histogram,
                                                &tables->slices, &tables->stages, &tables->stability, &tables->choice,
-                                               &tables->dynamics};
+                                               &tables->dynamics, &tables->truth};
     memcpy(out, list, sizeof list);
 }
 
@@ -70,7 +74,7 @@ static const struct {
     {"builds", COLUMNS(build_columns), MODEL_KEYS},  {"histogram", COLUMNS(histogram_columns), RUN_KEYS + 1},
     {"slices", COLUMNS(slice_columns), RUN_KEYS + 1}, {"stages", COLUMNS(stage_columns), 2},
     {"stability", COLUMNS(stability_columns), 4}, {"choice", COLUMNS(choice_columns), 1},
-    {"dynamics", COLUMNS(dynamics_columns), 1},
+    {"dynamics", COLUMNS(dynamics_columns), 1}, {"truth", COLUMNS(truth_columns), 3},
 };
 
 pliant_status pliant_report_open(const char *folder, pliant_report_tables *out)

@@ -15,8 +15,9 @@ static const char help[] =
     "  --out DIR           folder for the results; rows that are there already are not computed again\n"
     "  --set OPTION=VALUE  change a scene option; may be repeated\n"
     "\n"
-    "What is done (default: all three):\n"
+    "What is done (default: all of it):\n"
     "  --sweep             error against run time\n"
+    "  --truth             error of the mesh, from three resolutions, beside that of the solver: which one is larger\n"
     "  --left-out          time and memory without each stage of the scene\n"
     "  --stability         extreme cases, on a small block; with --full also loads on the scan (needs no scan otherwise)\n"
     "  --case NAME         one stability case only; --cases prints their names\n"
@@ -44,18 +45,18 @@ static const char help[] =
     "  --quiet             no progress and no tables, warnings and errors only\n"
     "  --help              print this and end\n"
     "\n"
-    "Results in DIR: sweep.csv (a row a run), frames.csv, builds.csv, histogram.csv, slices.csv, stages.csv,\n"
+    "Results in DIR: sweep.csv (a row a run), frames.csv, builds.csv, histogram.csv, slices.csv, stages.csv, truth.csv,\n"
     "dynamics.csv (of tled), stability.csv, report.json (all of it, with machine, threads, backend and version), plot.py and its pictures;\n"
     "reference_*.bin hold the fine solutions that errors are against, for a sweep that goes on.\n"
     "\n"
     "Exit codes: 0 done, 1 failed or a stability case was broken, 2 wrong usage, 130 stopped by Ctrl-C (what was done is kept).\n";
 
-enum { SCAN = 256, OUT, SET, SWEEP, LEFT_OUT, STABILITY, CASE, CASES, STEPS, QUICK, FULL, METHODS, RATIOS, BUDGETS, VARY, AT, LABELS, POINTS,
+enum { SCAN = 256, OUT, SET, SWEEP, TRUTH, LEFT_OUT, STABILITY, CASE, CASES, STEPS, QUICK, FULL, METHODS, RATIOS, BUDGETS, VARY, AT, LABELS, POINTS,
        PULL, FRAMES, REPEATS, TWICE, NO_WARP, NO_PICTURES, QUIET, HELP };
 
 static const struct option options[] = {
     {"scan", required_argument, NULL, SCAN},       {"out", required_argument, NULL, OUT},
-    {"set", required_argument, NULL, SET},         {"sweep", no_argument, NULL, SWEEP},
+    {"set", required_argument, NULL, SET},         {"sweep", no_argument, NULL, SWEEP},           {"truth", no_argument, NULL, TRUTH},
     {"left-out", no_argument, NULL, LEFT_OUT},     {"stability", no_argument, NULL, STABILITY},
     {"case", required_argument, NULL, CASE},       {"cases", no_argument, NULL, CASES},
     {"steps", required_argument, NULL, STEPS},     {"quick", no_argument, NULL, QUICK},
@@ -181,6 +182,7 @@ static bool read_one(int code, report_arguments *out)
     case SCAN: out->scan = optarg; break;
     case OUT: out->folder = optarg; break;
     case SWEEP: out->do_sweep = true; break;
+    case TRUTH: out->do_truth = true; break;
     case LEFT_OUT: out->do_left_out = true; break;
     case STABILITY: out->do_stability = true; break;
     case CASE:
@@ -252,8 +254,9 @@ bool report_arguments_read(int argc, char **argv, report_arguments *out, int *ex
     if (!read_scene(argc, argv, out, exit_code)) return false;
     for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
         if (!read_one(code, out)) return false;
-    if (!out->do_sweep && !out->do_left_out && !out->do_stability) out->do_sweep = out->do_left_out = out->do_stability = true;
+    if (!out->do_sweep && !out->do_truth && !out->do_left_out && !out->do_stability)
+        out->do_sweep = out->do_truth = out->do_left_out = out->do_stability = true;
     if (!out->folder) return wrong("--out", "DIR", "is missing; pliant_report --help tells more");
-    if (!out->scan && (out->do_sweep || out->do_left_out)) return wrong("--scan", "PATH", "is missing: only --stability needs no scan");
+    if (!out->scan && (out->do_sweep || out->do_truth || out->do_left_out)) return wrong("--scan", "PATH", "is missing: only --stability needs no scan");
     return true;
 }

@@ -16,7 +16,7 @@ typedef struct report_arguments {
     int32_t labels[PLIANT_MAX_PULLS];
     int num_labels, num_points;   /* most points to pull at, where none are given */
     pliant_stability stability;
-    bool do_sweep, do_left_out, do_stability, stability_on_scan, pictures, quiet;
+    bool do_sweep, do_truth, do_left_out, do_stability, stability_on_scan, pictures, quiet;
 } report_arguments;
 
 /* True: go on. False: end now with *exit_code. */

@@ -70,6 +70,19 @@ static pliant_status run_stability(report_program *program)
     return status;
 }
 
+/* @param alone  what cannot be estimated is an error; beside other reports a warning */
+static pliant_status run_truth(report_program *program, bool alone)
+{
+    pliant_truth worst;
+    if (!alone) pliant_set_log(NULL, NULL);
+    pliant_status status = pliant_truth_run(&program->input, &program->arguments->sweep, &program->tables, console_progress(), &worst);
+    console_progress_end();
+    pliant_set_log(print_warning, NULL);
+    if (alone || status != PLIANT_ERROR_SCENE) return status;
+    pliant_log(PLIANT_LOG_WARNING, "%s", pliant_last_error());
+    return PLIANT_OK;
+}
+
 /* ---- what is shown at the end */
 
 static const char *cell(const pliant_results *table, size_t row, const char *name)
@@ -87,6 +100,19 @@ static void print_sweep(const pliant_results *table, const char *setup)
                cell(table, r, "touch"), cell(table, r, "variant"), cell(table, r, "budget"), cell(table, r, "case"), cell(table, r, "point"),
                cell(table, r, "solver_median_ms"), cell(table, r, "max_percent"), cell(table, r, "rms_percent"), cell(table, r, "max_mm"),
                cell(table, r, "message"));
+    }
+}
+
+static void print_truth(const pliant_results *table, const char *setup)
+{
+    bool any = false;
+    for (size_t r = 0; r < pliant_results_rows(table); r++) {
+        if (strcmp(pliant_results_cell(table, r, 0), setup) != 0) continue;
+        if (!any) printf("\n%-12s %-12s %12s %14s %14s %14s   95th percentiles, of the largest displacement\n", "case", "point", "largest mm", "mesh off by %", "at twice %",
+                         "solver off by %");
+        any = true;
+        printf("%-12s %-12s %12s %14s %14s %14s   %s\n", cell(table, r, "case"), cell(table, r, "point"), cell(table, r, "largest_mm"),
+               cell(table, r, "mesh_p95_percent"), cell(table, r, "mesh_p95_percent_at_twice"), cell(table, r, "solver_p95_percent"), cell(table, r, "advice"));
     }
 }
 
@@ -139,6 +165,7 @@ static pliant_status run(report_program *program)
     }
     if (status >= 0 && arguments->do_sweep)
         status = pliant_sweep_run(&program->input, &arguments->sweep, arguments->folder, &program->tables, console_progress());
+    if (status >= 0 && arguments->do_truth) status = run_truth(program, !arguments->do_sweep && !arguments->do_left_out);
     pliant_status swept = status; /* what cannot be swept (tled on a ground plane) can be reported on otherwise */
     if (status == PLIANT_ERROR_SCENE) status = PLIANT_OK;
     if (status >= 0 && arguments->do_left_out)
@@ -155,6 +182,7 @@ static pliant_status finish(report_program *program)
     report_arguments *arguments = program->arguments;
     bool drawn = false;
     if (arguments->do_sweep && arguments->scan) print_sweep(program->tables.sweep, program->setup);
+    if (arguments->do_truth && arguments->scan) print_truth(program->tables.truth, program->setup);
     if (arguments->do_left_out && arguments->scan) print_stages(program->tables.stages, program->setup);
     if (arguments->scan) print_dynamics(program->tables.dynamics, program->setup);
     if (arguments->do_stability) print_stability(program->tables.stability);

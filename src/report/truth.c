@@ -1,0 +1,224 @@
+/* What a mesh is off by from tissue that is not cut into elements, beside what the solver is off by on that mesh. */
+#include "base/fail.h"
+#include "pliant/memory.h"
+#include "report/sweep.h"
+#include "state/data.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { LEVELS = 3, RAMP = 4 /* frames in which the load grows */ };
+static const double theory = 2; /* order of displacements, linear elements where the solution is smooth */
+
+/* Three meshes of one scene, each of twice the resolution of the one before. */
+typedef struct ladder {
+    pliant_model *model[LEVELS];
+    pliant_points points[LEVELS];
+    double *at[LEVELS];          /* (count x 3) where the points are */
+    double scale[LEVELS];        /* resolution over the scene's */
+    int own;                     /* which is the scene's own */
+    int32_t count;
+    double *rest;                /* (count x 3) nodes of the scene's own mesh that hold tissue */
+    uint8_t *use;                /* (count) every mesh holds the point */
+} ladder;
+
+static double mean_square(int32_t count, const uint8_t *use, const double *a, const double *b)
+{
+    double sum = 0;
+    for (int32_t n = 0; n < 3 * count; n++)
+        if (!use || use[n / 3]) sum += (a[n] - b[n]) * (a[n] - b[n]);
+    return sum;
+}
+
+/* u - u_h falls by 2^-p from mesh to mesh. The order seen in the last two differences is below that of the theory as long as meshes are coarse
+ * for what they show, and rises towards it: what is still to come is summed with the mean of the two orders. */
+double pliant_extrapolate(int32_t count, const uint8_t *use, const double *coarse, const double *middle, const double *fine, double *out)
+{
+    const double least = 0.2, most = 2 * theory;
+    const double before = mean_square(count, use, middle, coarse), last = mean_square(count, use, fine, middle);
+    const double seen = last > 0 && before > 0 ? 0.5 * log2(before / last) : theory;
+    const double order = 0.5 * (fmin(fmax(seen, least), most) + theory), part = 1 / (exp2(order) - 1);
+    for (int32_t n = 0; n < 3 * count; n++) out[n] = fine[n] + part * (fine[n] - middle[n]);
+    return seen;
+}
+
+static void ladder_free(ladder *all)
+{
+    for (int l = 0; l < LEVELS; l++) {
+        pliant_points_free(&all->points[l]);
+        pliant_model_free(all->model[l]);
+        pliant_free(all->at[l]);
+    }
+    pliant_free(all->rest);
+    pliant_free(all->use);
+}
+
+/* The scene's fine mesh at a resolution; false: cells are not whole, or too many. */
+static bool scaled(const pliant_scene *scene, double scale, pliant_scene *out)
+{
+    *out = *scene;
+    for (int d = 0; d < 3; d++) {
+        const double cells = scene->mesh.coarse_cells[d] * scene->mesh.ratio * scale;
+        if (cells < 1 || cells != floor(cells)) return false;
+        out->mesh.coarse_cells[d] = (int32_t)cells;
+    }
+    out->mesh.ratio = 1;
+    out->model.method = PLIANT_FINE;
+    out->solver.backend = PLIANT_CPU;
+    out->solver.budget_ms = 0;
+    for (int d = 0; d < 3; d++)
+        if (out->mesh.coarse_cells[d] > 256) return false;
+    return true;
+}
+
+static pliant_status build(const pliant_report_input *input, const pliant_scene *scene, pliant_progress progress, pliant_model **out)
+{
+    return pliant_model_build(scene, input->scan, input->labels, input->materials, progress, out);
+}
+
+/* Where its own mesh stands among the three: the finest that there are tetrahedra for. */
+static pliant_status choose_levels(const pliant_report_input *input, double limit, int32_t tets, ladder *all)
+{
+    pliant_scene trial;
+    for (all->own = 0; all->own < LEVELS; all->own++) {
+        bool good = true;
+        for (int l = 0; l < LEVELS; l++) {
+            all->scale[l] = exp2(l - all->own);
+            good = good && scaled(input->scene, all->scale[l], &trial) && (l <= all->own || pow(all->scale[l], 3) * tets <= limit);
+        }
+        if (good) return PLIANT_OK;
+    }
+    return pliant_fail(PLIANT_ERROR_SCENE, "the error of the mesh is seen from three resolutions: none with half the cells can be had (mesh/coarse_cells times mesh/ratio must be "
+                                           "even), and %.0f tetrahedra are too few for a mesh of twice the resolution (--twice)", limit);
+}
+
+static pliant_status ladder_create(const pliant_report_input *input, const pliant_sweep *sweep, pliant_progress progress, ladder *all)
+{
+    pliant_scene scene;
+    pliant_model *own = NULL;
+    scaled(input->scene, 1, &scene);
+    pliant_status status = build(input, &scene, progress, &own);
+    if (status >= 0) status = choose_levels(input, sweep->twice_limit, own->body->fine.num_tets, all);
+    if (status < 0) {
+        pliant_model_free(own);
+        return status;
+    }
+    all->model[all->own] = own;
+    status = pliant_body_points(own, &all->count, &all->rest);
+    for (int l = 0; status >= 0 && l < LEVELS; l++) {
+        if (l == all->own || !scaled(input->scene, all->scale[l], &scene)) continue;
+        status = build(input, &scene, progress, &all->model[l]);
+    }
+    all->use = status >= 0 ? pliant_calloc((size_t)all->count, 1) : NULL;
+    if (status >= 0 && !all->use) status = pliant_fail_memory("the points of the body");
+    for (int l = 0; status >= 0 && l < LEVELS; l++) {
+        status = pliant_points_create(&all->model[l]->body->fine, all->count, all->rest, &all->points[l]);
+        if (status >= 0 && !(all->at[l] = pliant_calloc((size_t)all->count, 3 * sizeof **all->at))) status = pliant_fail_memory("the points of the body");
+    }
+    for (int32_t p = 0; status >= 0 && p < all->count; p++) all->use[p] = all->points[0].found[p] && all->points[1].found[p] && all->points[2].found[p];
+    return status;
+}
+
+/* @param force Nullable: of the tool, at the end */
+static pliant_status solve(const pliant_model *model, const report_case *load, report_limits limits, const pliant_points *points, double *at, double *force)
+{
+    report_run run;
+    pliant_status status = report_case_run(model, load, limits, points, NULL, &run);
+    if (status < 0) return status;
+    memcpy(at, run.positions + 3 * (size_t)(run.frames - 1) * (size_t)points->count, (size_t)points->count * 3 * sizeof *at);
+    if (force) memcpy(force, run.force, sizeof run.force);
+    report_run_free(&run);
+    return PLIANT_OK;
+}
+
+static double percent(double part, double whole) { return whole > 0 ? 100 * part / whole : 0; }
+
+static void tell(const ladder *all, const pliant_truth *truth, report_row *row)
+{
+    char tets[96];
+    const double mesh = percent(truth->mesh.p95, truth->mesh.largest), solver = percent(truth->solver.p95, truth->mesh.largest);
+    const double halved = mesh / exp2(0.5 * (fmin(fmax(truth->order, 0.2), 2 * theory) + theory));
+    snprintf(tets, sizeof tets, "%d %d %d", all->model[0]->body->fine.num_tets, all->model[1]->body->fine.num_tets, all->model[2]->body->fine.num_tets);
+    row_text(row, "ok");
+    row_text(row, "");
+    row_integer(row, all->model[all->own]->body->fine.num_tets);
+    row_text(row, tets);
+    row_number(row, truth->order);
+    row_number(row, 1e3 * truth->mesh.largest);
+    row_number(row, 1e3 * truth->mesh.max);
+    row_number(row, 1e3 * truth->mesh.rms);
+    row_number(row, 1e3 * truth->mesh.p95);
+    row_number(row, mesh);
+    row_number(row, 1e3 * truth->solver.max);
+    row_number(row, 1e3 * truth->solver.rms);
+    row_number(row, 1e3 * truth->solver.p95);
+    row_number(row, solver);
+    row_text(row, mesh >= solver ? "mesh" : "solver");
+    row_number(row, halved);
+    row_text(row, mesh < solver ? "model/method and solver/iterations pay: the mesh is finer than they use"
+                                : "mesh/coarse_cells or mesh/ratio pay, or another element/kind: the solver is better than its mesh");
+}
+
+pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables, pliant_progress progress, pliant_truth *worst)
+{
+    char setup[9];
+    ladder all = {.count = 0};
+    pliant_sweep ours = *sweep;
+    sweep_ground *ground = pliant_calloc(1, sizeof *ground);
+    pliant_model *asked = NULL;
+    pliant_points points = {0};
+    double *now = NULL, *true_at = NULL;
+    *worst = (pliant_truth){.order = 0};
+    if (!ground) return pliant_fail_memory("the error of the mesh");
+    pliant_status status = input->scene->solver.kind == PLIANT_COROTATIONAL && input->scene->mesh.kind == PLIANT_LATTICE
+                               ? PLIANT_OK
+                               : pliant_fail(PLIANT_ERROR_SCENE, "the error of the mesh is estimated for the corotational solver on a lattice alone");
+    ours.cases &= 1u << CASE_displacement | 1u << CASE_force | 1u << CASE_sag;
+    ours.frames = RAMP;
+    ground->input = input;
+    ground->sweep = &ours;
+    sweep_list_cases(ground);
+    pliant_report_setup(input, sweep, setup);
+    if (status >= 0) status = ladder_create(input, sweep, progress, &all);
+    if (status >= 0) status = build(input, input->scene, progress, &asked);
+    if (status >= 0) status = pliant_points_create(&asked->body->fine, all.count, all.rest, &points);
+    if (status >= 0) {
+        now = pliant_calloc((size_t)all.count, 3 * sizeof *now);
+        true_at = pliant_calloc((size_t)all.count, 3 * sizeof *true_at);
+        if (!now || !true_at) status = pliant_fail_memory("the error of the mesh");
+    }
+    for (int c = 0; status >= 0 && c < ground->num_cases; c++) {
+        report_case load = ground->cases[c];
+        report_row row;
+        pliant_truth truth = {.order = 0};
+        const report_limits tight = {.tolerance = sweep->reference_tolerance, .tight = true, .progress = progress};
+        const report_limits own = {.iterations = input->scene->solver.iterations, .tolerance = input->scene->solver.tolerance, .progress = progress};
+        for (int n = 0; status >= 0 && n < LEVELS; n++) { /* its own first: it says how large forces are */
+            const int l = n == 0 ? all.own : n <= all.own ? n - 1 : n;
+            const bool measures = l == all.own && load.kind == CASE_displacement && c + 1 < ground->num_cases;
+            status = solve(all.model[l], &load, tight, &all.points[l], all.at[l], measures ? ground->cases[c + 1].force : NULL);
+        }
+        load.frames = sweep->frames;
+        if (status >= 0) status = solve(asked, &load, own, &points, now, NULL);
+        if (status < 0) break;
+        truth.order = pliant_extrapolate(all.count, all.use, all.at[0], all.at[1], all.at[2], true_at);
+        status = pliant_error_between(all.count, all.use, all.rest, true_at, all.at[all.own], &truth.mesh);
+        if (status >= 0) status = pliant_error_between(all.count, all.use, all.rest, all.at[all.own], now, &truth.solver);
+        row_clear(&row);
+        row_text(&row, setup);
+        row_text(&row, report_case_name(load.kind));
+        row_text(&row, ground->point_names[c]);
+        const bool known = tables && row_known(&row, tables->truth);
+        tell(&all, &truth, &row);
+        if (status >= 0 && tables && !known) status = row_add(&row, tables->truth);
+        if (truth.mesh.p95 / fmax(truth.mesh.largest, 1e-12) >= worst->mesh.p95 / fmax(worst->mesh.largest, 1e-12)) *worst = truth;
+    }
+    pliant_free(now);
+    pliant_free(true_at);
+    pliant_points_free(&points);
+    pliant_model_free(asked);
+    ladder_free(&all);
+    pliant_free(ground);
+    return status;
+}
