@@ -1,0 +1,112 @@
+// A simulation on the GPU that is cut, against the CPU's: the same topology, positions and volume from there on. Skipped without a GPU.
+#include "body.h"
+#include "cuda_warps.h"
+#include "pliant/cut.h"
+
+#include <cstring>
+#include <string>
+
+namespace {
+
+const int size[3] = {24, 24, 24};
+const double box[3] = {0.12, 0.12, 0.12};
+
+struct Case {
+    pliant_method method;
+    pliant_solver_kind kind;
+    pliant_preconditioner_choice preconditioner;
+    pliant_element_kind element;
+};
+
+void prepare(Body &body, const Case &c, pliant_backend_choice backend)
+{
+    body.scene.solver.backend = backend;
+    body.scene.solver.kind = c.kind;
+    body.scene.solver.preconditioner = c.preconditioner;
+    body.scene.model.method = c.method;
+    body.scene.element.kind = c.element;
+    body.scene.model.gravity[2] = -2;
+    body.scene.solver.iterations = 200;
+    body.scene.solver.tolerance = 1e-8;
+    body.scene.cut.kind = PLIANT_CUT_SEVER;
+    body.cells(4, 4, 4, 2);
+    body.fix_plane(0, 0, 0.001, 0, 0, 1);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
+}
+
+double farthest(const Body &a, const Body &b)
+{
+    double most = 0;
+    for (int32_t n = 0; n < 3 * a.data->body->fine.num_nodes; n++) most = std::fmax(most, std::fabs(a.data->positions[n] - b.data->positions[n]));
+    return most;
+}
+
+// down from the top, two thirds of the way, along a slanted plane
+void cut(Body &body, pliant_cut_report *report)
+{
+    const double points[6] = {0.041, -0.02, 0.14, 0.063, 0.14, 0.14}, depth[3] = {0.004, 0, -0.09};
+    ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, points, depth, report), PLIANT_OK) << pliant_last_error();
+}
+
+void pull(Body &body, int step)
+{
+    int tool;
+    const double point[3] = {0.1, 0.06, 0.11}, tip[3] = {point[0] + 0.001 * step, point[1], point[2] + 0.0005 * step};
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
+    if (step == 0) {
+        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, point, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, nullptr), PLIANT_OK) << pliant_last_error();
+    }
+    ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+    ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+}
+
+TEST(CudaCut, MeetsTheCpu)
+{
+    NEEDS_GPU();
+    for (const Case &c : {Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, PLIANT_LINEAR},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
+                          Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR},
+                          Case{PLIANT_FINE, PLIANT_TLED, PLIANT_DIRECT, PLIANT_LINEAR}}) {
+        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.preconditioner) + " " + std::to_string(c.element));
+        const std::vector<Material> two = {{5000, 0.4, 1000, false}, {60000, 0.4, 1100, false}};
+        auto inclusions = [](int i, int j, int) { return i / 6 % 2 && j / 8 % 2 ? 1 : 0; };
+        Body cpu(size, box, two, inclusions), gpu(size, box, two, inclusions);
+        prepare(cpu, c, PLIANT_CPU);
+        prepare(gpu, c, PLIANT_CUDA);
+        ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda");
+        for (Body *body : {&cpu, &gpu})
+            for (int s = 0; s < 3; s++) pull(*body, s);
+        pliant_cut_report of_cpu, of_gpu;
+        cut(cpu, &of_cpu);
+        cut(gpu, &of_gpu);
+        EXPECT_GT(of_cpu.area, 0.005);
+        EXPECT_NEAR(of_cpu.area, of_gpu.area, 1e-3 * of_cpu.area);
+        ASSERT_EQ(cpu.data->body->fine.num_nodes, gpu.data->body->fine.num_nodes);
+        ASSERT_EQ(cpu.data->body->fine.num_tets, gpu.data->body->fine.num_tets);
+        ASSERT_GT(gpu.data->body->fine.num_nodes, gpu.model->body->fine.num_nodes);
+        EXPECT_EQ(std::memcmp(cpu.data->body->fine.tets, gpu.data->body->fine.tets, 16 * static_cast<size_t>(cpu.data->body->fine.num_tets)), 0);
+        for (int s = 3; s < 12; s++) {
+            pull(cpu, s);
+            pull(gpu, s);
+            ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
+            EXPECT_LT(farthest(cpu, gpu), (c.kind == PLIANT_TLED ? 1e-4 : 1e-5) * box[0]) << "step " << s;
+        }
+        // the volume that was handed over on the GPU is that of the same positions on the CPU
+        pliant_warp *warp = nullptr;
+        ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->body->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_set_body(warp, gpu.data->body), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_warp_update(warp, gpu.data->positions), PLIANT_OK);
+        EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(pliant_data_get_warp(gpu.data))->voxels, 24 * 24 * 24), 0);
+        pliant_warp_free(warp);
+        // and back
+        ASSERT_EQ(pliant_data_undo_cut(gpu.model, gpu.data), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(gpu.data->body->fine.num_nodes, gpu.model->body->fine.num_nodes);
+        pull(gpu, 12);
+        EXPECT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
+    }
+}
+
+} // namespace
