@@ -82,6 +82,7 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
         state.step = step;
         state.done = state.iterations = 0;
         pliant_anderson &rules = state.rules;
+        rules.cycle_contraction = step.cycle_contraction;
         if (step.restart) pliant_anderson_reset(&rules);
         if (step.forget) pliant_anderson_forget(&rules);
         rules.most_evaluations = step.most_evaluations;
@@ -90,6 +91,7 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
         rules.limits_secants = 1;
         rules.tolerance = step.tolerance;
         rules.smallest_displacement = step.smallest_displacement;
+        rules.length_of_merit = step.smallest_displacement / step.smallest_scale;
         pliant_anderson_begin(&rules);
         state.rows = rows;
         for (int r = 0; r < rows; r++) state.row_of[r] = row_of[r];

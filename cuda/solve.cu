@@ -290,6 +290,7 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     step.room = limits->room;
     step.tolerance = limits->tolerance;
     step.smallest_displacement = limits->smallest_displacement;
+    step.cycle_contraction = limits->cycle_contraction;
     step.smallest_scale = solver->smallest_scale;
     step.restart = gpu->fresh;
     step.forget = forget || gpu->forgotten != solver->forgotten;

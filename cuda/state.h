@@ -28,7 +28,7 @@ typedef struct gpu_step {
     gpu_tool tools[GPU_TOOLS];
     int32_t restart, forget;   /* nothing is known of the state; the secants no longer hold */
     int32_t most_evaluations, depth, room;
-    double tolerance, smallest_displacement, smallest_scale;
+    double tolerance, smallest_displacement, smallest_scale, cycle_contraction;
 } gpu_step;
 
 typedef struct gpu_state {

@@ -41,7 +41,9 @@ int main(int argc, char **argv)
         for (int kind = 0; kind < NUM_KINDS; kind++) {
             Frames stopped = run(model, at, Kind(kind), &references[DISPLACEMENT], true);
             Errors errors = print_errors(kind_names[kind], model, stopped, references[size_t(kind)]);
-            std::printf("   told over true 5 to 95 %%: %.2f to %.2f\n", quantile(errors.ratio, 0.05), quantile(errors.ratio, 0.95));
+            print_told("told", errors.ratio);
+            print_told("in hindsight", errors.before);
+            std::printf("\n");
         }
         pliant_model_free(model);
     }

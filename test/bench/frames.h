@@ -140,6 +140,14 @@ inline Errors errors_of(const pliant_model *model, const Frames &run, const Fram
     return out;
 }
 
+// of the errors that steps tell: how many are within a factor of three of the true ones
+inline void print_told(const char *which, const std::vector<double> &ratio)
+{
+    const auto within = std::count_if(ratio.begin(), ratio.end(), [](double r) { return r > 1.0 / 3 && r < 3; });
+    std::printf("   %s over true 5 to 95 %%: %.2f to %.2f, %.0f %% of %zu within 3", which, quantile(ratio, 0.05), quantile(ratio, 0.95),
+                100.0 * double(within) / double(std::max<size_t>(ratio.size(), 1)), ratio.size());
+}
+
 inline Errors print_errors(const char *name, const pliant_model *model, const Frames &run, const Frames &exact)
 {
     Errors errors = errors_of(model, run, exact);

@@ -54,6 +54,8 @@ typedef struct pliant_anderson {
     int32_t limits_secants;    /* after refusals, secants may be too large to be used */
     double tolerance;          /* of the largest displacement: error at which a step ends */
     double smallest_displacement; /* which counts for at least so much [m] */
+    double length_of_merit;    /* of a merit, as one node's displacement against the mean stiffness of a node [m / sqrt(J)] */
+    double cycle_contraction;  /* of slow errors by the preconditioner alone, as it was measured at rest (estimate.c); 0: not measured */
 
     /* from step to step */
     int32_t refused;           /* trials since the last accepted one */
@@ -66,10 +68,12 @@ typedef struct pliant_anderson {
     double rate;               /* merit after over before an evaluation, last step's mean; 0: there was nothing to do */
     double descent;            /* longest damping of a plain step along which the potential energy fell; 0: none */
     double log_contraction;    /* of the merit by an evaluation, smoothed over steps: what is left of an error */
+    int32_t shown;             /* evaluations have shown it */
     int32_t end, last_end;     /* pliant_anderson_end of this step and the last */
     int32_t known[PLIANT_NUM_ENDS]; /* ends of this kind that were judged afterwards */
-    double log_factor[PLIANT_NUM_ENDS]; /* by which their errors were larger than their moves, smoothed */
-    double move, last_move;    /* what the estimate follows from: what is left at an evaluated state, what a blind step moved [m] */
+    double log_factor[PLIANT_NUM_ENDS]; /* by which their errors were larger than their measures, smoothed */
+    double move;               /* what the estimate follows from at first: what is left at an evaluated state, what a blind step moved [m] */
+    double measure, last_measure; /* and then: of what is left and what is proposed, and of the merit [m] */
     uint64_t num_secants;      /* that there ever were */
     uint64_t number[PLIANT_MAX_HISTORY]; /* of the secant in a place, counted from 1; 0: none */
 
@@ -144,24 +148,34 @@ PLIANT_INLINE int32_t pliant_anderson_place(pliant_anderson *rules)
 /* Of a secant whose step has this energy: what it is divided by in the equations of the weights, as an inverse; 0: it is not used. */
 PLIANT_INLINE double pliant_anderson_scale(double energy, double largest) { return energy > 0 && energy <= largest ? 1.0 / sqrt(energy) : 0.0; }
 
-PLIANT_INLINE double pliant_anderson_contraction(const pliant_anderson *rules) { return fmin(exp(rules->log_contraction), 0.8); }
+/* What an evaluation leaves of an error. Until evaluations have shown it: alone, what a cycle leaves of a slow one, r; with all secants,
+ * what conjugate gradients leave, (1 - sqrt(1 - r)) / (1 + sqrt(1 - r)), as which Anderson's method does (Walker and Ni 2011, theorem 2.2;
+ * Golub and Van Loan, 11.3.3); with those of so many evaluations as a step has, something in between. */
+PLIANT_INLINE double pliant_anderson_contraction(const pliant_anderson *rules)
+{
+    const double most = 0.8;
+    if (rules->shown || !(rules->cycle_contraction > 0)) return fmin(exp(rules->log_contraction), most);
+    const double root = sqrt(1 - rules->cycle_contraction), all = (1 - root) / (1 + root), alone = 1.0 / (rules->evaluations > 1 ? rules->evaluations : 1);
+    return pow(all, 1 - alone) * pow(rules->cycle_contraction, alone);
+}
 
 /* Largest error of a node, from the move. When every evaluation leaves a part c of the error, corrections are a geometric series (Aitken),
  * and the error is 1 / (1 - c) of the next one; a blind step is worth less than an evaluated one, and more than none. Where ends of this
- * kind were judged by the steps after them, as those found. */
+ * kind were judged by the steps after them, as those found of a measure that knows of lengths and of energy: a move alone is small by
+ * chance, where secants explain what is left by little, and the energy of one node may be that of many (NUMERICS 8). */
 PLIANT_INLINE double pliant_anderson_error(const pliant_anderson *rules)
 {
     const double c = pliant_anderson_contraction(rules), foreseen = (rules->end == PLIANT_END_EVALUATED ? 1.0 : sqrt(c)) / (1 - c);
-    return rules->move * (rules->known[rules->end] > 0 ? exp(rules->log_factor[rules->end]) : foreseen);
+    return rules->known[rules->end] > 0 ? rules->measure * exp(rules->log_factor[rules->end]) : rules->move * foreseen;
 }
 
 /* The last step's error, as this step's evaluations have it (estimate.c). */
 PLIANT_INLINE void pliant_anderson_learn(pliant_anderson *rules, double error)
 {
-    const double weight = 0.3, least = 1e-3, most = 1e3;
+    const double weight = 0.3, least = 1e-6, most = 1e6;
     const int32_t end = rules->last_end;
-    if (!(rules->last_move > 0) || !(error > 0) || !isfinite(error)) return;
-    const double found = log(fmin(fmax(error / rules->last_move, least), most));
+    if (!(rules->last_measure > 0) || !(error > 0) || !isfinite(error)) return;
+    const double found = log(fmin(fmax(error / rules->last_measure, least), most));
     rules->log_factor[end] += (rules->known[end] > 0 ? weight : 1.0) * (found - rules->log_factor[end]);
     rules->known[end]++;
 }
@@ -172,7 +186,8 @@ PLIANT_INLINE void pliant_anderson_reset(pliant_anderson *rules)
     rules->refused = rules->limited = rules->slow = rules->blind = rules->refused_any = rules->last_evaluations = 0;
     rules->sound_merit = rules->rate = rules->descent = 0;
     rules->log_contraction = log(0.3);
-    rules->error = rules->move = rules->last_move = 0;
+    rules->shown = 0;
+    rules->error = rules->move = rules->measure = rules->last_measure = 0;
     rules->end = rules->last_end = PLIANT_END_EVALUATED;
     for (int32_t end = 0; end < PLIANT_NUM_ENDS; end++) {
         rules->known[end] = 0;
@@ -194,7 +209,7 @@ PLIANT_INLINE void pliant_anderson_begin(pliant_anderson *rules)
     rules->evaluations = rules->rejected = rules->accepted = rules->converged = rules->refused_any = 0;
     rules->merit = rules->before = INFINITY;
     rules->last_end = rules->end;
-    rules->last_move = rules->move;
+    rules->last_measure = rules->measure;
     rules->take = rules->forget = 0;
     rules->keep = -1;
     rules->next = PLIANT_NEXT_FIRST;
@@ -214,7 +229,11 @@ PLIANT_INLINE void pliant_anderson_judge_trial(pliant_anderson *rules, double me
 {
     if (merit < rules->merit) {
         const double weight = 0.2, least = 1e-3, ratio = fmin(fmax(merit / rules->merit, least), 1.0);
-        if (rules->accepted) rules->log_contraction += weight * (log(ratio) - rules->log_contraction);
+        if (rules->accepted) {
+            if (!rules->shown) rules->log_contraction = log(pliant_anderson_contraction(rules));
+            rules->log_contraction += weight * (log(ratio) - rules->log_contraction);
+            rules->shown = 1;
+        }
         rules->keep = isfinite(merit) && rules->depth > 0 ? 0 : -1;
         rules->take = rules->accepted = 1;
         rules->before = rules->merit;
@@ -333,6 +352,7 @@ PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, do
     rules->forget = rules->next != PLIANT_NEXT_DONE && ((rules->refused == 2 && !rules->mixes) || useless);
     rules->end = PLIANT_END_EVALUATED;
     rules->move = left;
+    rules->measure = isfinite(rules->merit) ? sqrt(fmax(left, made) * rules->length_of_merit * rules->merit) : 0;
     rules->error = left / (1 - c); /* before it is known how such ends turn out: that must not change where steps end */
     if (isfinite(rules->merit) && rules->error <= rules->tolerance * fmax(displacement, rules->smallest_displacement)) {
         rules->converged = 1;

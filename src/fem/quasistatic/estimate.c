@@ -117,3 +117,34 @@ void pliant_posterior_keep(pliant_solver *solver)
     }
     posterior->kept = true;
 }
+
+/* K x = f by x += M^-1 (f - K x) for a load in every direction, small enough for the elements not to turn. What a cycle leaves in the end is
+ * what it leaves of the slowest error. */
+pliant_status pliant_solver_measure(pliant_solver *solver)
+{
+    enum { CYCLES = 8, LAST = 3 };
+    const pliant_system *system = solver->system;
+    const size_t n = pliant_solver_unknowns(solver);
+    pliant_iterate *at = &solver->trial;
+    double load = 1, energy[CYCLES];
+    memcpy(at->x, system->mesh->rest, 3 * (size_t)system->mesh->num_nodes * sizeof *at->x);
+    for (int cycle = -1; cycle < CYCLES; cycle++) { /* once more at first, to find the load */
+        pliant_system_element_forces(system, at->x, solver->element_forces);
+        pliant_system_gather(system, solver->element_forces, at->step);
+        double most = 0;
+        for (size_t i = 0; i < n; i++) at->residual[i] = load * system->gravity_mass[9 * (i / 3) + 4 * (i % 3)] - at->step[i];
+        pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->step);
+        if (status != PLIANT_OK) return status;
+        for (size_t i = 0; i < n; i++) most = fmax(most, fabs(at->step[i]));
+        if (cycle < 0) {
+            if (!(most > 0) || !isfinite(most)) return PLIANT_OK;
+            load = solver->rules.smallest_displacement / most;
+            continue;
+        }
+        energy[cycle] = pliant_solver_product(solver, at->step, at->residual);
+        for (size_t i = 0; i < n; i++) at->x[3 * (size_t)system->node_of_free[i / 3] + i % 3] += at->step[i];
+    }
+    const double left = pow(energy[CYCLES - 1] / energy[CYCLES - 1 - LAST], 0.5 / LAST), most_left = 0.95;
+    if (left > 0) solver->rules.cycle_contraction = fmin(left, most_left);
+    return PLIANT_OK;
+}

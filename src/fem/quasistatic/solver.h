@@ -179,6 +179,9 @@ void pliant_posterior_free(pliant_solver *solver);
 pliant_status pliant_posterior_look(pliant_solver *solver);
 /* Of the step before, now that this step's secants are known, or as it was foreseen. 0: there was none */
 double pliant_posterior_tell(const pliant_solver *solver);
+/* How much of an error an evaluation leaves, before a step has shown it: a few cycles of a preconditioner that hides slow errors, in the
+ * solver's own room, at rest. Errors: MEMORY. */
+pliant_status pliant_solver_measure(pliant_solver *solver);
 /* The step ends. */
 void pliant_posterior_keep(pliant_solver *solver);
 

@@ -68,6 +68,7 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
     /* moving one node by a thousandth of the body: below that, the tolerance is taken of this */
     rules->smallest_displacement = 1e-3 * length;
     solver->smallest_scale = rules->smallest_displacement * sqrt(system->mean_diagonal);
+    rules->length_of_merit = rules->smallest_displacement / solver->smallest_scale;
     solver->load = pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
     solver->dense_weights = pliant_calloc((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
     solver->previous_x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->previous_x);
@@ -93,6 +94,7 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
     pliant_solver *solver = NULL;
     pliant_status status = pliant_solver_create_without(scene, system, &solver);
     if (status == PLIANT_OK) status = pliant_solver_reset(solver);
+    if (status == PLIANT_OK && !system->basis && !pliant_preconditioner_refuses(solver->preconditioner)) status = pliant_solver_measure(solver);
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
         return status;
