@@ -107,7 +107,7 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     const pliant_scene *scene = work->scene;
     const pliant_body *body = work->made->body;
     pliant_system *system = work->made->system;
-    if (scene->solver.kind == PLIANT_TLED) return pliant_tled_system_create(scene, body, &work->made->tled);
+    if (scene->solver.kind == PLIANT_TLED) return pliant_tled_system_create(scene, body, work->kept ? work->kept->before->tled : NULL, &work->made->tled);
     const pliant_kept *kept = work->kept;
     const pliant_system *before = kept ? kept->before->system : NULL;
     if (!is_coarse(scene))

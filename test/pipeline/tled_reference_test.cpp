@@ -18,7 +18,7 @@ void remake(Body &body)
     pliant_tled_system_free(made->tled);
     body.data->tled = nullptr;
     made->tled = nullptr;
-    ASSERT_EQ(pliant_tled_system_create(&body.scene, body.model->body, &made->tled), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_tled_system_create(&body.scene, body.model->body, nullptr, &made->tled), PLIANT_OK) << pliant_last_error();
     body.model->tled = made->tled;
     ASSERT_EQ(pliant_tled_create(&body.scene, made->tled, &body.data->tled), PLIANT_OK) << pliant_last_error();
 }

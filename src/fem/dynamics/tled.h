@@ -72,7 +72,8 @@ struct pliant_tled_system {
     float *node_volume;                     /* (num_nodes) reciprocal of a fourth of the volume around the node [1/m^3] */
 
     /* BOUNDS of the time step at rest [s] */
-    double edge_bound;                      /* [C] 1: shortest edge over the speed of sound, smallest over elements */
+    double edge_bound;                      /* [C] 1: shortest edge over the speed of sound, smallest over elements, and over the
+                                             * fragments that cuts can make of them */
     double eigenvalue_bound;                /* that of the element of the largest frequency, with what damps it */
 };
 
@@ -114,8 +115,14 @@ struct pliant_tled {
     double *limit;                          /* (num_nodes) largest sound increment of a step [m], squared */
 };
 
+/* ---- tled_bound.c */
+double pliant_tled_shortest_edge(const pliant_mesh *mesh, const int32_t *nodes); /* of a tetrahedron [m] */
+/* the system's bounds, for its elements and for all that cuts can make of them. Errors: MEMORY. */
+pliant_status pliant_tled_find_bounds(const pliant_body *body, pliant_tled_system *system);
+
 /* ---- tled_create.c */
-pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_body *body, pliant_tled_system **out);
+/* before: Nullable: of the body before, whose bounds hold for all that cuts make. Errors: MEMORY, SCENE. */
+pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_body *body, const pliant_tled_system *before, pliant_tled_system **out);
 void pliant_tled_system_free(pliant_tled_system *system); /* Nullable */
 pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_system *system, pliant_tled **out);
 void pliant_tled_free(pliant_tled *tled); /* Nullable */

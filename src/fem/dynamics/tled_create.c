@@ -114,36 +114,11 @@ static void gather_lists(pliant_tled_system *system)
     start[0] = 0;
 }
 
-/* Shortest edge [m]. */
-static double shortest_edge(const pliant_mesh *mesh, const int32_t *nodes)
-{
-    double least = INFINITY;
-    for (int a = 0; a < 4; a++)
-        for (int b = 0; b < a; b++) {
-            double sum = 0;
-            for (int d = 0; d < 3; d++) sum += pow(mesh->rest[3 * nodes[a] + d] - mesh->rest[3 * nodes[b] + d], 2);
-            least = fmin(least, sqrt(sum));
-        }
-    return least;
-}
-
-/* A swing of frequency w whose shear part w_s is damped by b w_s^2 times its speed over the last sub-step follows
- *     x+ - 2 x + x- = - dt^2 w^2 x - dt b w_s^2 (x - x-)
- * and its roots stay in the unit circle while  dt^2 w^2 + 2 dt b w_s^2 <= 4  (Jury). w^2 is at most 4 largest / density, with a mass of
- * rho V / 4 at each corner; without damping the bound is 2 / w. */
-static double stable_step(double density, double largest, double largest_shear, double damping)
-{
-    const double slow = damping * largest_shear;
-    return density / (slow + sqrt(slow * slow + largest * density));
-}
-
-/* Elements, the bounds, and in pseudo_mass (num_nodes) what an element's largest eigenvalue asks of its corners' mass for a critical step
- * of 1: a fourth of its largest eigenvalue, since no frequency of the whole is above the largest of its elements (Irons and Treharne 1972). */
-static void fill_elements(pliant_tled_system *system, const pliant_tet_material *material, const uint8_t *fixed, double *pseudo_mass,
-                          double *compliance)
+/* Elements, and in pseudo_mass (num_nodes) what an element's largest eigenvalue asks of its corners' mass for a critical step of 1, for dynamic
+ * relaxation: a fourth of its largest eigenvalue, since no frequency of the whole is above the largest of its elements (Irons and Treharne 1972). */
+static void fill_elements(pliant_tled_system *system, const pliant_tet_material *material, double *pseudo_mass, double *compliance)
 {
     const pliant_mesh *mesh = system->mesh;
-    system->edge_bound = system->eigenvalue_bound = INFINITY;
     for (int32_t e = 0; e < system->num_blocks * LANES; e++) {
         int32_t block = e / LANES, lane = e % LANES, tet = e < mesh->num_tets ? e : mesh->num_tets - 1;
         const int32_t *nodes = mesh->tets + 4 * tet;
@@ -156,22 +131,25 @@ static void fill_elements(pliant_tled_system *system, const pliant_tet_material 
         system->moduli[block][0][lane] = (float)(volume * mu);
         system->moduli[block][1][lane] = (float)(volume * modulus);
         system->moduli[block][2][lane] = (float)volume;
-        double largest = pliant_element_largest_eigenvalue(g, lambda, mu);
+        double largest = system->quasi_static ? pliant_element_largest_eigenvalue(g, lambda, mu) : 0;
         for (int v = 0; v < 4; v++) {
             pseudo_mass[nodes[v]] += 0.25 * volume * largest;
             compliance[2 * nodes[v]] += 0.25 * volume;
             compliance[2 * nodes[v] + 1] += 0.25 * volume / modulus;
         }
-        if (fixed[nodes[0]] && fixed[nodes[1]] && fixed[nodes[2]] && fixed[nodes[3]]) continue;
-        /* [C] 1 with rho c^2 = E (1 - nu) / ((1 + nu) (1 - 2 nu)) = lambda + 2 mu */
-        double density = material[tet].density;
-        system->edge_bound = fmin(system->edge_bound, shortest_edge(mesh, nodes) * sqrt(density / (lambda + 2 * mu)));
-        system->eigenvalue_bound = fmin(system->eigenvalue_bound, stable_step(density, largest, pliant_element_largest_eigenvalue(g, 0, mu),
-                                                                              system->stiffness_damping));
     }
 }
 
-pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_body *body, pliant_tled_system **out)
+/* Of a body that may be cut the bounds are those at load. */
+static pliant_status find_bounds(const pliant_body *body, const pliant_tled_system *before, pliant_tled_system *system)
+{
+    if (!before || !body->voxels) return pliant_tled_find_bounds(body, system);
+    system->edge_bound = before->edge_bound;
+    system->eigenvalue_bound = before->eigenvalue_bound;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_body *body, const pliant_tled_system *before, pliant_tled_system **out)
 {
     const pliant_mesh *mesh = &body->fine;
     size_t nodes = (size_t)mesh->num_nodes;
@@ -188,7 +166,8 @@ pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_
     }
     if ((status = allocate(system)) != PLIANT_OK) goto failed;
     system->node_mass = body->node_mass;
-    fill_elements(system, body->fine_material, body->fine_fixed, pseudo_mass, compliance);
+    fill_elements(system, body->fine_material, pseudo_mass, compliance);
+    if ((status = find_bounds(body, before, system)) != PLIANT_OK) goto failed;
     gather_lists(system);
     for (size_t n = 0; n < nodes; n++) {
         double mass = system->quasi_static ? pseudo_mass[n] / (system->safety * system->safety) : body->node_mass[n];
@@ -252,7 +231,7 @@ static void set_limits(pliant_tled *tled)
     tled->reach = INFINITY;
     for (int32_t n = 0; n < mesh->num_nodes; n++) tled->limit[n] = INFINITY;
     for (int32_t t = 0; t < mesh->num_tets; t++) {
-        double edge = 0.5 * shortest_edge(mesh, mesh->tets + 4 * t);
+        double edge = 0.5 * pliant_tled_shortest_edge(mesh, mesh->tets + 4 * t);
         tled->reach = fmin(tled->reach, 0.2 * edge);
         for (int v = 0; v < 4; v++) tled->limit[mesh->tets[4 * t + v]] = fmin(tled->limit[mesh->tets[4 * t + v]], edge * edge);
     }
@@ -346,9 +325,14 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
             tled->d[3 * n + d] = moves ? faster * from->d[3 * map->node[n] + d] : 0;
         }
     }
-    for (int32_t t = 0; tled->memory && t < system->mesh->num_tets; t++)
+    for (int32_t t = 0; tled->memory && t < system->mesh->num_tets; t++) {
+        const int32_t source = map->tet[t];
+        /* of a fragment as much as it has of the stiffness */
+        const float now = system->moduli[t / LANES][0][t % LANES], was = from->system->moduli[source / LANES][0][source % LANES];
+        const float share = now == was || !(was > 0) ? 1 : now / was;
         for (int m = 0; m < 6 * PLIANT_PRONY_TERMS; m++)
-            tled->memory[t / LANES][m][t % LANES] = from->memory[map->tet[t] / LANES][m][map->tet[t] % LANES];
+            tled->memory[t / LANES][m][t % LANES] = share * from->memory[source / LANES][m][source % LANES];
+    }
 }
 
 void pliant_tled_limits(pliant_tled *tled, int32_t steps, double tolerance)

@@ -1,0 +1,80 @@
+/* Largest stable steps at rest. Where tissue may be cut, of whatever fragments cuts can make: moduli and density of a fragment are sums over
+ * its voxels, and sums of stiffness over mass are at most the largest of a single voxel's. So the bound is that of every tetrahedron as
+ * though it were of any of the materials in and around it alone: chips of a neighbour's go with it, too. No cut can break it. */
+#include "base/fail.h"
+#include "fem/dynamics/tled.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+double pliant_tled_shortest_edge(const pliant_mesh *mesh, const int32_t *nodes)
+{
+    double least = INFINITY;
+    for (int a = 0; a < 4; a++)
+        for (int b = 0; b < a; b++) {
+            double sum = 0;
+            for (int d = 0; d < 3; d++) sum += pow(mesh->rest[3 * nodes[a] + d] - mesh->rest[3 * nodes[b] + d], 2);
+            least = fmin(least, sqrt(sum));
+        }
+    return least;
+}
+
+/* A swing of frequency w whose shear part w_s is damped by b w_s^2 times its speed over the last sub-step follows
+ *     x+ - 2 x + x- = - dt^2 w^2 x - dt b w_s^2 (x - x-)
+ * and its roots stay in the unit circle while  dt^2 w^2 + 2 dt b w_s^2 <= 4  (Jury). w^2 is at most 4 largest / density, with a mass of
+ * rho V / 4 at each corner; without damping the bound is 2 / w. */
+static double stable_step(double density, double largest, double largest_shear, double damping)
+{
+    const double slow = damping * largest_shear;
+    return density / (slow + sqrt(slow * slow + largest * density));
+}
+
+static void take(pliant_tled_system *system, const double gradients[12], double edge, const pliant_tet_material *material)
+{
+    const double lambda = material->lambda, mu = material->mu, density = material->density;
+    if (!(density > 0)) return;
+    /* [C] 1 with rho c^2 = E (1 - nu) / ((1 + nu) (1 - 2 nu)) = lambda + 2 mu */
+    system->edge_bound = fmin(system->edge_bound, edge * sqrt(density / (lambda + 2 * mu)));
+    system->eigenvalue_bound = fmin(system->eigenvalue_bound, stable_step(density, pliant_element_largest_eigenvalue(gradients, lambda, mu),
+                                                                          pliant_element_largest_eigenvalue(gradients, 0, mu), system->stiffness_damping));
+}
+
+/* (num_tets x 4) bits: materials of the voxels of every tetrahedron at load and of those that it shares a node with */
+static uint64_t *materials_around(const pliant_voxels *voxels)
+{
+    uint64_t *of_tet = pliant_calloc((size_t)voxels->num_tets, 4 * sizeof *of_tet), *around = pliant_calloc((size_t)voxels->num_tets, 4 * sizeof *around);
+    for (int32_t t = 0; of_tet && around && t < voxels->num_tets; t++)
+        for (int32_t v = voxels->start[t]; v < voxels->start[t + 1]; v++) of_tet[4 * t + voxels->material[v] / 64] |= UINT64_C(1) << voxels->material[v] % 64;
+    for (int32_t n = 0; of_tet && around && n < voxels->num_nodes; n++) {
+        uint64_t all[4] = {0, 0, 0, 0};
+        const int32_t *corner = voxels->around + voxels->around_start[n], count = voxels->around_start[n + 1] - voxels->around_start[n];
+        for (int32_t c = 0; c < count; c++)
+            for (int w = 0; w < 4; w++) all[w] |= of_tet[4 * (corner[c] / 4) + w];
+        for (int32_t c = 0; c < count; c++)
+            for (int w = 0; w < 4; w++) around[4 * (corner[c] / 4) + w] |= all[w];
+    }
+    pliant_free(of_tet);
+    return around;
+}
+
+pliant_status pliant_tled_find_bounds(const pliant_body *body, pliant_tled_system *system)
+{
+    const pliant_mesh *mesh = system->mesh;
+    const pliant_voxels *voxels = body->voxels;
+    uint64_t *around = NULL;
+    if (voxels && !(around = materials_around(voxels))) return pliant_fail_memory("the bounds of the time step");
+    system->edge_bound = system->eigenvalue_bound = INFINITY;
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        const int32_t *nodes = mesh->tets + 4 * t;
+        double gradients[12];
+        if (body->fine_fixed[nodes[0]] && body->fine_fixed[nodes[1]] && body->fine_fixed[nodes[2]] && body->fine_fixed[nodes[3]]) continue;
+        const double edge = pliant_tled_shortest_edge(mesh, nodes);
+        pliant_mesh_gradients(mesh, t, gradients);
+        take(system, gradients, edge, body->fine_material + t);
+        for (int32_t m = 0; voxels && t < voxels->num_tets && m < voxels->num_materials; m++)
+            if (around[4 * t + m / 64] >> m % 64 & 1) take(system, gradients, edge, voxels->of_material + m);
+    }
+    pliant_free(around);
+    return PLIANT_OK;
+}
