@@ -1,0 +1,185 @@
+// The preconditioner of a body before, carried over to a next one.
+#include "fem/linear/carried.h"
+#include "fem/linear/dense.h"
+#include "pipeline/body.h"
+#include "pipeline/fragments.h"
+#include "pliant/memory.h"
+#include "sim/discretization.h"
+
+#include <memory>
+#include <random>
+
+namespace {
+
+// a bar that a plane divides half-way through, its preconditioner carried over at rest
+struct Bar {
+    std::unique_ptr<Body> body;
+    const pliant_body *next = nullptr;
+    const pliant_discretization *made = nullptr;
+    pliant_body_map map{};
+    pliant_preconditioner *carried = nullptr;
+    std::vector<double> values;
+
+    explicit Bar(pliant_preconditioner_choice choice)
+    {
+        const int size[3] = {24, 12, 12};
+        const double box[3] = {0.24, 0.12, 0.12};
+        body.reset(new Body(size, box, {{4000, 0.4, 1000, false}, {40000, 0.4, 1000, false}}, [](int i, int j, int) { return i / 4 % 2 && j > 5; }));
+        body->fix_plane(1e-6, 0, 0, 1, 0, 0);
+        body->cells(12, 6, 6, 1);
+        body->scene.solver.preconditioner = choice;
+        EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+        const pliant_body *load = body->model->body;
+        next = sever_plane(load, 2, {{0.11, 0.06, 0.06}, {1, 0.1, 0.2}}, [](const double *x) { return x[2] > 0.05; });
+        EXPECT_TRUE(next) << pliant_last_error();
+        EXPECT_EQ(pliant_body_map_create(load, next, &map), PLIANT_OK);
+        EXPECT_EQ(pliant_discretization_next(&body->scene, body->model->discretization, next, &map, true, &made), PLIANT_OK) << pliant_last_error();
+        int32_t *source = static_cast<int32_t *>(pliant_calloc(static_cast<size_t>(system().num_free), sizeof(int32_t)));
+        for (int32_t f = 0; f < system().num_free; f++) source[f] = body->model->system->free_of_node[map.node[system().node_of_free[f]]];
+        EXPECT_EQ(pliant_preconditioner_carry(&system(), body->model->discretization, body->model->system, source, system().mesh->rest, nullptr, &carried), PLIANT_OK);
+        pliant_preconditioner *base = nullptr;
+        EXPECT_EQ(pliant_preconditioner_clone(body->model->system->preconditioner, 1, &base), PLIANT_OK);
+        pliant_preconditioner_hand_over(carried, &base);
+        std::vector<pliant_tangent> tangents(static_cast<size_t>(system().num_blocks));
+        pliant_system_tangents(&system(), system().mesh->rest, PLIANT_TWIST_EXACT, tangents.data());
+        values.resize(static_cast<size_t>(system().pattern.num_values));
+        pliant_system_assemble(&system(), tangents.data(), values.data());
+    }
+    ~Bar()
+    {
+        pliant_preconditioner_free(carried);
+        pliant_discretization_release(made);
+        pliant_body_map_free(&map);
+        pliant_body_release(next);
+    }
+    const pliant_system &system() const { return *made->system; }
+    size_t unknowns() const { return 3 * static_cast<size_t>(system().num_free); }
+    std::vector<double> multiply(const std::vector<double> &x) const
+    {
+        const pliant_pattern &pattern = system().pattern;
+        std::vector<double> y(x.size());
+        const double *at = values.data();
+        for (int32_t column = 0; column < pattern.num_columns; column++)
+            for (int c = 0; c < 3; c++)
+                for (int32_t b = pattern.start[column]; b < pattern.start[column + 1]; b++)
+                    for (int r = b == pattern.start[column] ? c : 0; r < 3; r++) {
+                        const size_t i = 3 * static_cast<size_t>(pattern.row[b]) + static_cast<size_t>(r), j = 3 * static_cast<size_t>(column) + static_cast<size_t>(c);
+                        y[i] += *at * x[j];
+                        if (i != j) y[j] += *at * x[i];
+                        at++;
+                    }
+        return y;
+    }
+    std::vector<double> solve(const std::vector<double> &x) const
+    {
+        std::vector<double> y(x.size());
+        EXPECT_EQ(pliant_preconditioner_solve(carried, 1, x.data(), y.data()), PLIANT_OK);
+        return y;
+    }
+};
+
+double dot(const std::vector<double> &a, const std::vector<double> &b) { return pliant_dot(a.size(), a.data(), b.data()); }
+
+std::vector<double> noise(size_t count, unsigned seed)
+{
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<double> unit(-1, 1);
+    std::vector<double> out(count);
+    for (double &x : out) x = unit(random);
+    return out;
+}
+
+struct EveryBase : testing::TestWithParam<pliant_preconditioner_choice> {};
+
+TEST_P(EveryBase, IsSymmetricAndPositive)
+{
+    Bar bar(GetParam());
+    EXPECT_GT(bar.next->fine.num_nodes, bar.body->model->body->fine.num_nodes + 20);
+    for (unsigned seed = 0; seed < 20; seed++) {
+        const std::vector<double> a = noise(bar.unknowns(), 2 * seed), b = noise(bar.unknowns(), 2 * seed + 1), ma = bar.solve(a), mb = bar.solve(b);
+        const double ab = dot(a, mb), ba = dot(b, ma), aa = dot(a, ma), bb = dot(b, mb);
+        EXPECT_GT(aa, 0);
+        EXPECT_NEAR(ab, ba, 1e-5 * std::sqrt(aa * bb)); // the factor's panels are of single precision
+    }
+}
+
+// by conjugate gradients, K x = right; how many products bring the residual's norm down to a thousandth
+TEST_P(EveryBase, NearlyInvertsTheDividedStiffness)
+{
+    Bar bar(GetParam());
+    std::vector<double> right(bar.unknowns()); // weight, which opens the cut
+    for (size_t i = 0; i < right.size(); i += 3) right[i + 2] = -1;
+    std::vector<double> x(bar.unknowns()), r = right, z = bar.solve(r), p = z;
+    double rz = dot(r, z);
+    const double first = rz;
+    int products = 0;
+    for (int all = 0; all < 100 && rz > 1e-14 * first; all++) {
+        const std::vector<double> q = bar.multiply(p);
+        products += rz > 1e-6 * first;
+        const double alpha = rz / dot(p, q);
+        for (size_t i = 0; i < x.size(); i++) x[i] += alpha * p[i], r[i] -= alpha * q[i];
+        z = bar.solve(r);
+        const double now = dot(r, z);
+        for (size_t i = 0; i < x.size(); i++) p[i] = z[i] + now / rz * p[i];
+        rz = now;
+    }
+    EXPECT_LE(products, 9);
+    EXPECT_GE(products, 2);
+    const std::vector<double> kx = bar.multiply(x);
+    double apart = 0;
+    for (size_t i = 0; i < x.size(); i++) apart = std::fmax(apart, std::fabs(kx[i] - right[i]));
+    EXPECT_LT(apart, 1e-3);
+}
+
+// where nothing moves apart, the answer is the base's
+TEST(Carried, IsExactWhereNothingIsOpened)
+{
+    Bar bar(PLIANT_DIRECT);
+    const pliant_system &load = *bar.body->model->system;
+    std::vector<int32_t> same(static_cast<size_t>(load.num_free));
+    for (int32_t f = 0; f < load.num_free; f++) same[f] = f;
+    int32_t *source = static_cast<int32_t *>(pliant_calloc(same.size(), sizeof(int32_t)));
+    std::copy(same.begin(), same.end(), source);
+    pliant_preconditioner *carried = nullptr, *base = nullptr;
+    ASSERT_EQ(pliant_preconditioner_carry(&load, bar.body->model->discretization, &load, source, load.mesh->rest, nullptr, &carried), PLIANT_OK);
+    ASSERT_EQ(pliant_preconditioner_clone(load.preconditioner, 1, &base), PLIANT_OK);
+    const std::vector<double> a = noise(3 * same.size(), 1);
+    std::vector<double> b(a.size()), c(a.size());
+    ASSERT_EQ(pliant_preconditioner_solve(base, 1, a.data(), b.data()), PLIANT_OK);
+    pliant_preconditioner_hand_over(carried, &base);
+    EXPECT_EQ(base, nullptr);
+    ASSERT_EQ(pliant_preconditioner_solve(carried, 1, a.data(), c.data()), PLIANT_OK);
+    EXPECT_EQ(b, c);
+    pliant_preconditioner_free(carried);
+}
+
+// an order that is given makes the same factor as far as answers go
+TEST(Carried, AFactorInAGivenOrder)
+{
+    Bar bar(PLIANT_DIRECT);
+    const pliant_system &system = bar.system();
+    std::vector<int32_t> order(static_cast<size_t>(system.num_free)), found(order.size());
+    for (int32_t f = 0; f < system.num_free; f++) order[f] = system.num_free - 1 - f;
+    pliant_factor *given = nullptr, *free_choice = nullptr;
+    ASSERT_EQ(pliant_factor_analyze_in(&system.pattern, order.data(), &given), PLIANT_OK);
+    ASSERT_EQ(pliant_factor_analyze(&system.pattern, &free_choice), PLIANT_OK);
+    ASSERT_EQ(pliant_factor_order(free_choice, found.data()), system.num_free);
+    std::vector<int32_t> sorted = found;
+    std::sort(sorted.begin(), sorted.end());
+    for (int32_t f = 0; f < system.num_free; f++) ASSERT_EQ(sorted[f], f);
+    const std::vector<double> a = noise(bar.unknowns(), 3);
+    std::vector<double> b(a.size()), c(a.size());
+    ASSERT_EQ(pliant_factor_numeric(given, bar.values.data()), PLIANT_OK);
+    ASSERT_EQ(pliant_factor_numeric(free_choice, bar.values.data()), PLIANT_OK);
+    ASSERT_EQ(pliant_factor_solve(given, 1, a.data(), b.data()), PLIANT_OK);
+    ASSERT_EQ(pliant_factor_solve(free_choice, 1, a.data(), c.data()), PLIANT_OK);
+    const double size = largest(b);
+    for (size_t i = 0; i < b.size(); i++) ASSERT_NEAR(b[i], c[i], 1e-4 * size);
+    EXPECT_LT(pliant_factor_values(free_choice), pliant_factor_values(given));
+    pliant_factor_free(given);
+    pliant_factor_free(free_choice);
+}
+
+INSTANTIATE_TEST_SUITE_P(Choices, EveryBase, testing::Values(PLIANT_DIRECT, PLIANT_MULTIGRID));
+
+} // namespace
