@@ -52,7 +52,7 @@ typedef struct gpu_frame {
 
 /* What a frame makes of it, and what goes from frame to frame. */
 typedef struct gpu_outcome {
-    double target[PLIANT_MAX_TOOLS][3], force[PLIANT_MAX_TOOLS][3], quotient[2];
+    double target[PLIANT_MAX_TOOLS][3], force[PLIANT_MAX_TOOLS][3], quotient[4];
     double factor, kept;       /* dynamic relaxation: of this sub-step */
     double tool_load, sums[PLIANT_NUM_SUMS], residual;
     int32_t base;              /* sub-steps before the present graph */

@@ -25,15 +25,21 @@ PLIANT_INLINE double pliant_substep_relative(double smallest_load, double residu
     return load > 0 ? sqrt(residual / load) : 0;
 }
 
-/* Dynamic relaxation: the lowest frequency that still takes part, by Rayleigh's quotient of the last increments, is damped critically
- * (Underwood 1983). Over some of them, so that what rounding does to the forces, of either sign, falls out. */
-PLIANT_INLINE double pliant_substep_frequency(double quotient[2], double stiffness, double inertia)
+/* Dynamic relaxation, d+ = (a + (1 - f) d) / (1 + f). The lowest frequency that still takes part, by Rayleigh's quotient of the last increments,
+ * is damped critically (Underwood 1983); over some of them, so that what rounding does to the forces, of either sign, falls out. Where stiff and soft
+ * motions are far apart, what is left of the stiff ones hides the soft ones from it. f is no more, therefore, than 3 / (2 k + 1), k sub-steps after the
+ * last start: Nesterov's accelerated descent, which needs to know no frequency and starts anew where increments begin to shrink (Su, Boyd and Candes,
+ * A differential equation for modeling Nesterov's accelerated gradient method, JMLR 17, 2016: speed restarting).
+ *  @param pace  sums of stiffness and inertia, k, the last increments' inertia */
+PLIANT_INLINE double pliant_substep_frequency(double pace[4], double stiffness, double inertia)
 {
-    const double forget = 0.95, most = 1.8; /* of the critical 2 */
-    quotient[0] = forget * quotient[0] + stiffness;
-    quotient[1] = forget * quotient[1] + inertia;
-    const double square = quotient[1] > 0 ? quotient[0] / quotient[1] : 0;
-    return sqrt(fmin(fmax(square, 0.0), most * most));
+    const double forget = 0.95, most = 1.8 /* of the critical 2 */, shortest = 10;
+    pace[0] = forget * pace[0] + stiffness;
+    pace[1] = forget * pace[1] + inertia;
+    const double square = pace[1] > 0 ? pace[0] / pace[1] : 0, seen = sqrt(fmin(fmax(square, 0.0), most * most));
+    pace[2] = pace[2] >= shortest && inertia < pace[3] ? 1 : pace[2] + 1;
+    pace[3] = inertia;
+    return fmin(seen, 3 / (2 * pace[2] + 1));
 }
 
 /* ---- tools */

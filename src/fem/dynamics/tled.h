@@ -100,7 +100,7 @@ struct pliant_tled {
     double kept_target[PLIANT_MAX_TOOLS][3];
     double passed[PLIANT_MAX_TOOLS][3];     /* where held points were one sub-step before the last [m], for those with a mass */
     double passed_step, kept_passed[PLIANT_MAX_TOOLS][3]; /* time between that and the last sub-step [s] */
-    double quotient[2];                     /* dynamic relaxation: sums of Rayleigh's quotient over the last steps */
+    double quotient[4];                     /* dynamic relaxation: pliant_substep_frequency */
     pliant_pace pace;                       /* of its threads */
     double smallest_load;                   /* dynamic relaxation: what the residual is taken of where there is no load; as PLIANT_SUM_LOAD */
     double reach;                           /* longest way of a held point in a sub-step [m] */

@@ -99,7 +99,7 @@ double pliant_tled_relative(const pliant_tled *tled, double residual, double loa
     return pliant_substep_relative(tled->smallest_load, residual, load);
 }
 
-static double lowest_frequency(const pliant_tled *tled, int32_t chunks, double quotient[2])
+static double lowest_frequency(const pliant_tled *tled, int32_t chunks, double quotient[4])
 {
     double total[PLIANT_NUM_SUMS];
     total_of(tled, chunks, total);
@@ -114,7 +114,7 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
     const bool still = system->quasi_static;
     pliant_tled_scheme rule = pliant_tled_scheme_of(tled->time_step, system->damping);
     pliant_tled_frame result = {.sound = true, .steps = first};
-    double total[PLIANT_NUM_SUMS], quotient[2] = {tled->quotient[0], tled->quotient[1]};
+    double total[PLIANT_NUM_SUMS], quotient[4] = {tled->quotient[0], tled->quotient[1], tled->quotient[2], tled->quotient[3]};
     while (result.steps < end && !result.settled) {
         if (system->nodal_pressure) pliant_tled_pressures(tled);
         pliant_tled_element_forces(tled, tled->time_step);
