@@ -1,0 +1,41 @@
+/* How do I cut? Once at a stroke, from a script; and by a knife that is felt.    cut_a_plane */
+#include "example.h"
+
+/* A knife as long as 4 cm goes down into the liver from its front, 1 mm a step. The largest force on it [N], and what it has cut. */
+static pliant_status stroke(example *all, double *force, pliant_tool_state *state)
+{
+    const double from[3] = {-0.02, 0, 0}, to[3] = {0.02, 0, 0}; /* of its edge, in its own axes */
+    int tool;
+    pliant_status status = pliant_tool_add(all->model, all->data, "knife", &tool);
+    if (status >= 0) status = pliant_tool_set_blade(all->data, tool, from, to);
+    for (int step = 0; step < 40 && status >= 0; step++) {
+        const double tip[3] = {-0.09, -0.16 + 0.002 * step, 0.05};
+        status = pliant_tool_set_pose(all->data, tool, tip, NULL);
+        if (status >= 0) status = pliant_tool_set_cutting(all->data, tool, true);
+        if (status >= 0) status = pliant_step(all->model, all->data);
+        if (status >= 0) status = pliant_tool_get(all->data, tool, state);
+        if (status >= 0 && state->force[1] > *force) *force = state->force[1];
+    }
+    return status;
+}
+
+int main(void)
+{
+    example all;
+    pliant_scene scene;
+    pliant_cut_report report;
+    pliant_tool_state knife = {.severed_area = 0};
+    double force = 0;
+    pliant_scene_defaults(&scene);
+    pliant_status status = pliant_scene_set(&scene, "cut/kind", "sever"); /* else nothing is cut, and nothing is kept for it */
+    if (status < 0) return 1;
+    status = example_begin(&scene, &all);
+    /* a line of points of the tissue as it lies now, and how deep below it the cut goes [m] */
+    const double line[6] = {0.06, -0.2, -0.2, 0.06, -0.2, 0.2}, depth[3] = {0, 0.15, 0};
+    if (status >= 0) status = pliant_data_cut(all.model, all.data, 2, line, depth, &report);
+    if (status >= 0) printf("a plane: %.1f cm^2, %d pieces\n", 1e4 * report.area, (int)report.pieces);
+    if (status >= 0) status = pliant_data_undo_cut(all.model, all.data); /* the body before it, bit for bit */
+    if (status >= 0) status = stroke(&all, &force, &knife);
+    if (status >= 0) printf("a knife: %.1f cm^2, felt as up to %.1f N\n", 1e4 * knife.severed_area, force);
+    return example_end(&all, status);
+}
