@@ -51,6 +51,21 @@ TEST(Examples, PullAPoint)
     EXPECT_NE(run("pull_a_point nowhere.nii.gz 2>/dev/null").code, 0);
 }
 
+TEST(Examples, CutAPlane)
+{
+    const Said said = run("cut_a_plane");
+    double plane = 0, knife = 0, force = 0;
+    int pieces = 0;
+    EXPECT_EQ(said.code, 0);
+    ASSERT_EQ(std::sscanf(said.text.c_str(), "a plane: %lf cm^2, %d pieces\na knife: %lf cm^2, felt as up to %lf N", &plane, &pieces, &knife, &force), 4)
+        << said.text;
+    EXPECT_GT(plane, 300) << "the whole trunk";
+    EXPECT_EQ(pieces, 2);
+    EXPECT_NEAR(knife, 16, 4) << "4 cm wide, 4 cm far, in voxels of 5 mm";
+    EXPECT_GT(force, 8) << "200 J/m^2 over 4 cm, and more just before it parts";
+    EXPECT_LT(force, 40);
+}
+
 TEST(Examples, ReadForces)
 {
     const Said said = run("read_forces");

@@ -253,7 +253,7 @@ TEST_F(Path, SurvivesEveryFailingAllocation)
 
 TEST_F(Path, DemonstrationPathsAreReadable)
 {
-    for (const char *name : {"demo_pull", "breast_turn"}) {
+    for (const char *name : {"demo_pull", "breast_turn", "cut_hang_path", "resect_path", "resect_ct_path", "biopsy_path", "incise_path"}) {
         std::string file = std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml";
         EXPECT_EQ(pliant_path_read(file.c_str(), &path_), PLIANT_OK) << pliant_last_error();
         pliant_path_free(&path_);

@@ -1,7 +1,7 @@
 /* How do I cut? Once at a stroke, from a script; and by a knife that is felt.    cut_a_plane */
 #include "example.h"
 
-/* A knife as long as 4 cm goes down into the liver from its front, 1 mm a step. The largest force on it [N], and what it has cut. */
+/* A knife with an edge of 4 cm goes backwards through the liver, 1 mm a step. The largest force on it [N], and what it has cut. */
 static pliant_status stroke(example *all, double *force, pliant_tool_state *state)
 {
     const double from[3] = {-0.02, 0, 0}, to[3] = {0.02, 0, 0}; /* of its edge, in its own axes */
@@ -9,7 +9,7 @@ static pliant_status stroke(example *all, double *force, pliant_tool_state *stat
     pliant_status status = pliant_tool_add(all->model, all->data, "knife", &tool);
     if (status >= 0) status = pliant_tool_set_blade(all->data, tool, from, to);
     for (int step = 0; step < 40 && status >= 0; step++) {
-        const double tip[3] = {-0.09, -0.16 + 0.002 * step, 0.05};
+        const double tip[3] = {-0.07, -0.06 + 0.001 * step, 0.11};
         status = pliant_tool_set_pose(all->data, tool, tip, NULL);
         if (status >= 0) status = pliant_tool_set_cutting(all->data, tool, true);
         if (status >= 0) status = pliant_step(all->model, all->data);
@@ -31,7 +31,7 @@ int main(void)
     if (status < 0) return 1;
     status = example_begin(&scene, &all);
     /* a line of points of the tissue as it lies now, and how deep below it the cut goes [m] */
-    const double line[6] = {0.06, -0.2, -0.2, 0.06, -0.2, 0.2}, depth[3] = {0, 0.15, 0};
+    const double line[6] = {0.06, -0.2, -0.2, 0.06, -0.2, 0.2}, depth[3] = {0, 0.4, 0};
     if (status >= 0) status = pliant_data_cut(all.model, all.data, 2, line, depth, &report);
     if (status >= 0) printf("a plane: %.1f cm^2, %d pieces\n", 1e4 * report.area, (int)report.pieces);
     if (status >= 0) status = pliant_data_undo_cut(all.model, all.data); /* the body before it, bit for bit */

@@ -204,12 +204,12 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
     pliant_preconditioner_threads(refresh->preconditioner, solver->system->num_threads);
     solver->preconditioner = refresh->preconditioner;
     refresh->preconditioner = old;
-    if (refresh->spare) {
+    if (refresh->spare || pliant_preconditioner_base(old)) { /* what is carried over from a body before takes no other matrix */
         refresh->discarded = old;
         refresh->preconditioner = refresh->spare;
         refresh->spare = NULL;
     }
-    pliant_preconditioner_threads(refresh->preconditioner, 1);
+    if (refresh->preconditioner) pliant_preconditioner_threads(refresh->preconditioner, 1);
     pliant_nodal_rotations *axes = solver->rotations;
     solver->rotations = refresh->rotations;
     refresh->rotations = axes;
