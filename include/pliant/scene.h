@@ -140,9 +140,9 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     X(BOOL, quasi_static, false, 0, 1, "", "no inertia: dynamic relaxation to rest")                                  \
     X(INT, relaxation_steps, 300, 1, 1000000, "", "quasi_static: most of its steps in one step of the scene")
 #define PLIANT_SCENE_GROUND(X)                                                                                         \
-    X(REAL3, normal, 0.0, -1e6, 1e6, "", "tled: the tissue stays on this side of a plane; 0 0 0: no plane")           \
+    X(REAL3, normal, 0.0, -1e6, 1e6, "", "tled, and what a cut takes off: the tissue stays on this side of a plane; 0 0 0: no plane") \
     X(REAL3, point, 0.0, -1e3, 1e3, "m", "of the plane, LPS")                                                         \
-    X(REAL3, box_low, -1e3, -1e3, 1e3, "m", "tled: the tissue stays in a box, LPS")                                   \
+    X(REAL3, box_low, -1e3, -1e3, 1e3, "m", "tled, and what a cut takes off: the tissue stays in a box, LPS")                                   \
     X(REAL3, box_high, 1e3, -1e3, 1e3, "m", "its other corner")                                                       \
     X(REAL, friction, 0.3, 0.0, 100.0, "", "Coulomb's coefficient on plane and box")                                  \
     X(REAL, restitution, 0.0, 0.0, 1.0, "", "normal speed of a node after it hits them over that before")

@@ -44,6 +44,7 @@ const Case octree{"octree", [](pliant_scene &scene) {
                       scene.mesh.depth = 1;
                       for (int32_t &cells : scene.mesh.coarse_cells) cells /= 2;
                   }};
+const Case hexahedra{"hexahedra", [](pliant_scene &scene) { scene.element.kind = PLIANT_HEXAHEDRA; }};
 const Case relaxed{"relaxation", [](pliant_scene &scene) { explicit_dynamics(scene, true); }};
 const Case dynamic{"tled", [](pliant_scene &scene) { explicit_dynamics(scene, false); }};
 
@@ -182,7 +183,7 @@ TEST_P(EveryMethod, WhatComesOffFallsFreely)
     for (int32_t n : lower) bent = std::fmax(bent, std::fabs(body->data->positions[3 * n] - centre[0] - body->data->body->fine.rest[3 * n] + 0.02));
     EXPECT_LT(bent, 0.01 * narrow);
 }
-INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod, testing::Values(direct, multigrid, plain, averaged, patched, octree, relaxed, dynamic), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod, testing::Values(direct, multigrid, plain, averaged, patched, octree, hexahedra, relaxed, dynamic), name_of);
 
 TEST_P(EveryMethod, ItLandsAndRests)
 {
@@ -433,6 +434,51 @@ TEST(Falling, WithoutMemoryTheBodyBeforeGoesOn)
         ASSERT_EQ(status, PLIANT_ERROR_MEMORY);
         ASSERT_EQ(pliant_memory_in_use(), held) << n;
     }
+}
+
+// ---- as a blade cuts: fragments, and no plane of elements
+
+TEST_P(EveryMethod, WhatABladeCutsOffFalls)
+{
+    if (GetParam().name == octree.name) return; // blades part a lattice
+    const Case severed{GetParam().name, [&](pliant_scene &scene) {
+                           GetParam().set(scene);
+                           scene.cut.kind = PLIANT_CUT_SEVER;
+                       }};
+    std::unique_ptr<Body> body = hang(severed, -0.05);
+    step(*body, 3);
+    double sag = 0, count_there = 0; // where the blade will be
+    for (int32_t n = 0; n < body->model->body->fine.num_nodes; n++) {
+        const double z = body->data->positions[3 * n + 2];
+        if (z < 0.06 || z > 0.08) continue;
+        sag += body->model->body->fine.rest[3 * n + 2] - z;
+        count_there++;
+    }
+    const double height = 0.069 + sag / count_there;
+    const double points[6] = {-0.01, -0.02, 0.077, 0.05, -0.02, 0.061}, depth[3] = {0, 0.1, 0}; // aslant
+    pliant_cut_report report;
+    ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, &report), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(report.pieces, 2);
+    ASSERT_TRUE(body->data->body->pieces);
+    ASSERT_EQ(body->data->body->pieces->count, 1);
+    const pliant_pieces &pieces = *body->data->body->pieces;
+    const std::vector<int32_t> lower(pieces.node, pieces.node + pieces.start[1]);
+    double mass = 0;
+    for (int32_t n : lower) mass += body->data->body->node_mass[n];
+    EXPECT_NEAR(mass, 1000 * 0.04 * 0.04 * height, 0.02 * 1000 * 0.04 * 0.04 * height);
+    const double start = centre_of(*body, lower)[2];
+    const int count = static_cast<int>(0.08 / body->scene.solver.step + 0.5);
+    step(*body, count);
+    if (!body->data->body->has_inertia) EXPECT_NEAR(start - centre_of(*body, lower)[2], 0.5 * g * 0.08 * 0.08, 0.01 * 0.5 * g * 0.08 * 0.08);
+    step(*body, static_cast<int>(1 / body->scene.solver.step));
+    EXPECT_GT(lowest(*body, lower), -0.05 - 1e-9);
+    EXPECT_LT(lowest(*body, lower), -0.04);
+    ASSERT_EQ(pliant_data_undo_cut(body->model, body->data), PLIANT_OK) << pliant_last_error();
+    EXPECT_FALSE(body->data->falling);
+    step(*body, 3);
+    std::vector<int32_t> all(static_cast<size_t>(body->data->body->fine.num_nodes));
+    for (size_t n = 0; n < all.size(); n++) all[n] = static_cast<int32_t>(n);
+    EXPECT_GT(lowest(*body, all), -0.03);
 }
 
 // ---- one rigid body
