@@ -248,6 +248,64 @@ size_t changed_bricks(const pliant_warp *warp, const std::vector<uint8_t> &befor
     return size_t(std::count(changed, changed + count[0] * count[1] * count[2], 1));
 }
 
+// Two sides moved apart and bent: the fit far from the cut, nothing in between, no hole, no voxel of the other side.
+TEST(cut_warp, a_fit_does_not_reach_across)
+{
+    Scene scene(PLIANT_UINT8, 0, 12, 10, 8, 96, 80, 64);
+    const pliant_geometry target = grown(scene.geometry, 6);
+    const vector3 middle = scene.middle, normal = normals[0];
+    for (size_t v = 0; v < pliant_geometry_voxels(&scene.geometry); v++) {
+        const vector3 at = {double(v % 96), double(v / 96 % 80), double(v / 96 / 80)};
+        static_cast<uint8_t *>(scene.scan->voxels)[v] = side_of(at, middle, normal) >= 0 ? 200 : 100;
+    }
+    CutBody cut(*scene.mesh, *scene.voxels, {plane(middle, normal)}, 2);
+    const Sides sides = {middle, normal, 4, 0};
+    const positions x = part_sides(cut, scene.geometry, sides);
+    auto rastered = scene.draw(cut, target, x), fitted = make_warp(*scene.scan, *scene.mesh, target), later = make_warp(*scene.scan, *scene.mesh, target);
+    ASSERT_EQ(pliant_warp_fit(fitted.get(), 4), PLIANT_OK);
+    ASSERT_EQ(pliant_warp_update(fitted.get(), scene.mesh->rest), PLIANT_OK);
+    ASSERT_EQ(pliant_warp_set_body(fitted.get(), &cut.body), PLIANT_OK);
+    ASSERT_EQ(pliant_warp_update(fitted.get(), x.data()), PLIANT_OK);
+    ASSERT_EQ(pliant_warp_set_body(later.get(), &cut.body), PLIANT_OK);
+    ASSERT_EQ(pliant_warp_fit(later.get(), 4), PLIANT_OK);
+    ASSERT_EQ(pliant_warp_update(later.get(), x.data()), PLIANT_OK);
+    const auto one = bytes_of(*pliant_warp_volume(rastered.get())), other = bytes_of(*pliant_warp_volume(fitted.get()));
+    EXPECT_TRUE(other == bytes_of(*pliant_warp_volume(later.get())));
+    size_t mixed = 0, apart = 0, inner = 0;
+    for (size_t v = 0; v < other.size(); v++) {
+        const vector3 at = {double(v % 108), double(v / 108 % 92), double(v / 108 / 92)};
+        bool inside = true; // the hull of a fit is a voxel further out
+        for (size_t d = 0; d < 3; d++) inside = inside && at[d] > 10 && at[d] < target.size[d] - 11;
+        mixed += other[v] != 7 && other[v] != 100 && other[v] != 200;
+        if (inside) inner++, apart += one[v] != other[v];
+    }
+    EXPECT_EQ(mixed, 0u) << "intensities of both sides";
+    EXPECT_EQ(apart, 0u) << "sides that only moved: what tetrahedra draw, of " << inner;
+    int32_t count[3];
+    const uint8_t *changed;
+    ASSERT_EQ(pliant_warp_update(fitted.get(), x.data()), PLIANT_OK);
+    pliant_warp_bricks(fitted.get(), count, &changed);
+    EXPECT_EQ(std::count(changed, changed + count[0] * count[1] * count[2], 1), 0) << "nothing moved";
+
+    // bent, the blend from the elements' maps to the fit's has no seam: a smooth scan stays smooth
+    for (size_t v = 0; v < pliant_geometry_voxels(&scene.geometry); v++) static_cast<uint8_t *>(scene.scan->voxels)[v] = uint8_t(20 + 2 * (v % 96));
+    positions y = waves(cut.body.fine, 0.0015);
+    ASSERT_EQ(pliant_warp_update(fitted.get(), y.data()), PLIANT_OK);
+    rastered = scene.draw(cut, target, y);
+    const auto smooth = bytes_of(*pliant_warp_volume(fitted.get())), flat = bytes_of(*pliant_warp_volume(rastered.get()));
+    size_t differ = 0, far = 0;
+    for (size_t v = 0; v < smooth.size(); v++) {
+        const vector3 at = {double(v % 108), double(v / 108 % 92), double(v / 108 / 92)};
+        bool inside = true;
+        for (size_t d = 0; d < 3; d++) inside = inside && at[d] > 12 && at[d] < target.size[d] - 13;
+        if (!inside) continue;
+        differ += smooth[v] != flat[v];
+        far += std::abs(int(smooth[v]) - int(flat[v])) > 4; // two voxels
+    }
+    EXPECT_EQ(far, 0u);
+    EXPECT_GT(differ, 1000u) << "far from the cut it is the fit";
+}
+
 bool same_parts(const pliant_parts &a, const pliant_parts &b)
 {
     auto same = [](const void *p, const void *q, size_t bytes) { return bytes == 0 || std::memcmp(p, q, bytes) == 0; };

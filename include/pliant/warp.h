@@ -50,7 +50,7 @@ PLIANT_API pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_c
 /** From now on the inverse map is not that of tetrahedra but a smooth fit through the nodes ([C] 5.3): moving least squares of second order
  *  with a Gaussian kernel, every `step` voxels of the target and trilinear in between. Voxels whose rest position no tissue holds get the
  *  background, and so do those more than a voxel outside every tetrahedron. Every update redoes all; on the CPU until
- *  pliant_warp_backend says who does it. Errors (as it was before): ARGUMENT (step below 1), MEMORY. */
+ *  pliant_warp_backend says who does it. Within the kernel's reach of what is cut tetrahedra draw as without a fit, on the CPU. Errors (as it was before): ARGUMENT (step below 1), MEMORY. */
 PLIANT_API pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step);
 
 /** Redo what the new positions change. Non-finite positions are refused (ARGUMENT) and change nothing.

@@ -11,10 +11,16 @@
 #define FIT_VECTORIZED
 #endif
 
+/* Nodes so many edges from a node that a cut has copied are within a kernel's reach of both. */
+enum { ZONE_EDGES = 3 };
+
 struct pliant_fit {
     fit_view view;
     const pliant_mesh *mesh;
     int num_threads;
+    const pliant_parts *parts;
+    uint8_t *near;  /* (nodes) 1: within the kernel's reach of a cut */
+    uint8_t *zone;  /* (elements) how many of its corners are; NULL: nothing is cut */
 };
 
 static double mean_edge(const pliant_mesh *mesh)
@@ -42,10 +48,8 @@ static void mark_tissue(pliant_fit *fit, const pliant_geometry *scan)
             }
 }
 
-pliant_status pliant_fit_create(const pliant_mesh *mesh, const pliant_geometry *scan, const double *rest, const pliant_geometry *target,
-                                int32_t step, int num_threads, pliant_fit **out)
+static pliant_status allocate(const pliant_mesh *mesh, const fit_view *from, const double *rest, int num_threads, pliant_fit **out)
 {
-    if (step < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "warp: fits are at least 1 voxel apart, not %d", step);
     pliant_fit *fit = pliant_calloc(1, sizeof *fit);
     if (!fit) return pliant_fail_memory("the fit");
     fit_view *view = &fit->view;
@@ -53,21 +57,22 @@ pliant_status pliant_fit_create(const pliant_mesh *mesh, const pliant_geometry *
     fit->num_threads = num_threads;
     view->num_nodes = mesh->num_nodes;
     view->rest = rest;
-    view->target = *target;
-    view->step = step;
+    view->target = from->target;
+    view->step = from->step;
     view->num_tets = mesh->num_tets;
     view->tets = mesh->tets;
-    view->deviation = FIT_EDGES_OF_DEVIATION * mean_edge(mesh);
-    size_t points = 1;
+    view->deviation = from->deviation;
+    size_t points = 1, scan = 1;
     for (int d = 0; d < 3; d++) {
-        view->scan_size[d] = scan->size[d];
-        view->size[d] = (target->size[d] - 1 + step - 1) / step + 1;
+        view->scan_size[d] = from->scan_size[d];
+        view->size[d] = (from->target.size[d] - 1 + from->step - 1) / from->step + 1;
         points *= (size_t)view->size[d];
+        scan *= (size_t)from->scan_size[d];
     }
     view->map = pliant_calloc(points, 3 * sizeof *view->map);
     view->wanted = pliant_calloc(points, 1);
-    view->covered = pliant_calloc(pliant_geometry_voxels(target), 1);
-    view->tissue = pliant_calloc(pliant_geometry_voxels(scan), 1);
+    view->covered = pliant_calloc(pliant_geometry_voxels(&from->target), 1);
+    view->tissue = pliant_calloc(scan, 1);
     view->at = pliant_calloc((size_t)mesh->num_nodes, 3 * sizeof *view->at);
     view->bin_node = pliant_calloc((size_t)mesh->num_nodes, sizeof *view->bin_node);
     view->bin_start = pliant_calloc(fit_most_bins(view) + 1, sizeof *view->bin_start);
@@ -76,10 +81,64 @@ pliant_status pliant_fit_create(const pliant_mesh *mesh, const pliant_geometry *
         pliant_fit_free(fit);
         return pliant_fail_memory("the fit");
     }
-    mark_tissue(fit, scan);
     *out = fit;
     return PLIANT_OK;
 }
+
+pliant_status pliant_fit_create(const pliant_mesh *mesh, const pliant_geometry *scan, const double *rest, const pliant_geometry *target,
+                                int32_t step, int num_threads, pliant_fit **out)
+{
+    if (step < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "warp: fits are at least 1 voxel apart, not %d", step);
+    fit_view from = {.target = *target, .step = step, .deviation = FIT_EDGES_OF_DEVIATION * mean_edge(mesh)};
+    memcpy(from.scan_size, scan->size, sizeof from.scan_size);
+    pliant_status status = allocate(mesh, &from, rest, num_threads, out);
+    if (status == PLIANT_OK) mark_tissue(*out, scan);
+    return status;
+}
+
+/* Nodes that a cut has copied, their copies, and the corners of what it passes; then those that so many edges lead to. */
+static void find_near(const pliant_body *body, const pliant_parts *parts, uint8_t *near)
+{
+    const pliant_mesh *mesh = &body->fine;
+    for (int32_t n = 0; body->node_parent && n < mesh->num_nodes; n++)
+        if (body->node_parent[n] != n) near[n] = near[body->node_parent[n]] = 1;
+    for (int32_t t = 0; t < mesh->num_tets; t++)
+        for (int v = 0; v < 4 && parts->view.elements[t].box >= 0; v++) near[mesh->tets[4 * (size_t)t + v]] = 1;
+    for (uint8_t edges = 1; edges <= ZONE_EDGES; edges++)
+        for (int32_t t = 0; t < mesh->num_tets; t++) {
+            const int32_t *node = mesh->tets + 4 * (size_t)t;
+            bool beside = false;
+            for (int v = 0; v < 4; v++) beside = beside || (near[node[v]] > 0 && near[node[v]] <= edges);
+            for (int v = 0; v < 4 && beside; v++)
+                if (near[node[v]] == 0) near[node[v]] = (uint8_t)(edges + 1);
+        }
+    for (int32_t n = 0; n < mesh->num_nodes; n++) near[n] = near[n] > 0;
+}
+
+pliant_status pliant_fit_next(const pliant_fit *fit, const pliant_body *body, const pliant_parts *parts, const double *rest, pliant_fit **out)
+{
+    pliant_fit *next = NULL;
+    pliant_status status = allocate(&body->fine, &fit->view, rest, fit->num_threads, &next);
+    if (status != PLIANT_OK) return status;
+    const fit_view *view = &fit->view;
+    memcpy(next->view.tissue, view->tissue, (size_t)view->scan_size[0] * (size_t)view->scan_size[1] * (size_t)view->scan_size[2]);
+    if (parts) {
+        next->parts = parts;
+        next->near = pliant_calloc((size_t)body->fine.num_nodes, 1);
+        next->zone = pliant_calloc((size_t)parts->view.num_elements, 1);
+        if (!next->near || !next->zone) {
+            pliant_fit_free(next);
+            return pliant_fail_memory("the fit");
+        }
+        find_near(body, parts, next->near);
+        for (int32_t e = 0; e < parts->view.num_elements; e++)
+            for (int v = 0; v < 4; v++) next->zone[e] += e >= body->fine.num_tets || next->near[body->fine.tets[4 * (size_t)e + v]];
+    }
+    *out = next;
+    return PLIANT_OK;
+}
+
+const uint8_t *pliant_fit_zone(const pliant_fit *fit) { return fit->zone; }
 
 void pliant_fit_free(pliant_fit *fit)
 {
@@ -93,6 +152,8 @@ void pliant_fit_free(pliant_fit *fit)
     pliant_free(view->sorted);
     pliant_free(view->bin_node);
     pliant_free(view->bin_start);
+    pliant_free(fit->near);
+    pliant_free(fit->zone);
     pliant_free(fit);
 }
 
@@ -122,7 +183,7 @@ static void sort_nodes(pliant_fit *fit, const double *positions)
 }
 
 /* Slices begin to end of the target, want_begin to want_end of the lattice: what the tetrahedra cover there, and want. */
-FIT_VECTORIZED static void cover(const fit_view *view, int32_t begin, int32_t end, int32_t want_begin, int32_t want_end)
+FIT_VECTORIZED static void cover(const fit_view *view, const uint8_t *zone, int32_t begin, int32_t end, int32_t want_begin, int32_t want_end)
 {
     const int32_t *size = view->target.size;
     const size_t slice = (size_t)size[0] * (size_t)size[1], wanted = (size_t)view->size[0] * (size_t)view->size[1];
@@ -131,8 +192,9 @@ FIT_VECTORIZED static void cover(const fit_view *view, int32_t begin, int32_t en
     for (int32_t t = 0; t < view->num_tets; t++) {
         fit_tet tet;
         int32_t first[3], last[3];
-        if (!fit_tet_at(view, t, &tet)) continue;
+        if ((zone && zone[t] == 4) || !fit_tet_at(view, t, &tet)) continue;
         fit_want(view, &tet, want_begin, want_end);
+        if (zone && zone[t] > 0) continue;
         bool beside = true;
         for (int d = 1; d < 3; d++) beside = beside && fit_range(tet.low[d], tet.high[d], size[d], first + d, last + d);
         if (!beside) continue;
@@ -146,7 +208,7 @@ static void cover_all(const pliant_fit *fit)
     const int64_t parts = fit->num_threads, slices = fit->view.target.size[2], wanted = fit->view.size[2];
 #pragma omp parallel for num_threads(fit->num_threads) schedule(static, 1)
     for (int64_t part = 0; part < parts; part++)
-        cover(&fit->view, (int32_t)(slices * part / parts), (int32_t)(slices * (part + 1) / parts), (int32_t)(wanted * part / parts),
+        cover(&fit->view, fit->zone, (int32_t)(slices * part / parts), (int32_t)(slices * (part + 1) / parts), (int32_t)(wanted * part / parts),
               (int32_t)(wanted * (part + 1) / parts));
 }
 
@@ -181,6 +243,7 @@ FIT_VECTORIZED static bool draw_row(const fit_view *view, const raster_source *s
     for (int32_t i = first[0]; i < end; i++) {
         double index[3] = {0, 0, 0};
         bool known = view->covered[row + (size_t)i];
+        if (view->covered[row + (size_t)i] == FIT_DRAWN) continue;
         if (known) {
             low[0] = fit_below(view, 0, i, part);
             if (low[0] != between) {
@@ -195,16 +258,72 @@ FIT_VECTORIZED static bool draw_row(const fit_view *view, const raster_source *s
     return other;
 }
 
-void pliant_fit_draw(const pliant_fit *fit, const raster_source *source, const int32_t bricks[3], void *voxels, uint8_t *changed)
+/* What a voxel of an element of the zone was: by its own map, or between that and the fit's where not all of its corners are near a cut. */
+static void blend(const pliant_fit *fit, int32_t element, const raster_tet *tet, const double voxel[3], double index[3])
+{
+    double fitted[3], near = 0;
+    for (int d = 0; d < 3; d++) index[d] = part_index(tet->map[0][d], tet->map[1][d], tet->map[2][d], tet->map[3][d], voxel);
+    if (fit->zone[element] == 4 || !fit_map_at(&fit->view, voxel, fitted)) return;
+    const int32_t *node = fit->mesh->tets + 4 * (size_t)element;
+    double at[3][3], inverse[3][3], from[3], weight[4] = {1, 0, 0, 0};
+    const double *first = fit->view.rest + 3 * (size_t)node[0];
+    for (int v = 0; v < 3; v++)
+        for (int d = 0; d < 3; d++) at[d][v] = fit->view.rest[3 * (size_t)node[v + 1] + (size_t)d] - first[d];
+    double determinant = 0;
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++)
+            inverse[c][r] = at[(r + 1) % 3][(c + 1) % 3] * at[(r + 2) % 3][(c + 2) % 3] - at[(r + 1) % 3][(c + 2) % 3] * at[(r + 2) % 3][(c + 1) % 3];
+    for (int d = 0; d < 3; d++) {
+        determinant += at[0][d] * inverse[d][0];
+        from[d] = index[d] - first[d];
+    }
+    for (int v = 0; v < 3; v++) {
+        for (int d = 0; d < 3; d++) weight[v + 1] += inverse[v][d] * from[d] / determinant;
+        weight[0] -= weight[v + 1];
+    }
+    for (int v = 0; v < 4; v++) near += fit->near[node[v]] ? weight[v] : 0;
+    for (int d = 0; d < 3; d++) index[d] = fitted[d] + near * (index[d] - fitted[d]);
+}
+
+static bool draw_owned(const pliant_fit *fit, const raster_source *source, const raster_tet *tets, const int32_t low[3], const raster_brick *owned, void *voxels)
 {
     const int32_t *size = fit->view.target.size;
+    bool other = false;
+    for (int32_t n = 0; n < owned->num_masked; n++) {
+        const int32_t place = owned->masked[n], element = owned->masked_by[n];
+        const int32_t at[3] = {low[0] + place % BRICK, low[1] + place / BRICK % BRICK, low[2] + place / BRICK_ROWS};
+        const double voxel[3] = {at[0], at[1], at[2]};
+        const size_t v = (size_t)at[0] + (size_t)size[0] * ((size_t)at[1] + (size_t)size[1] * (size_t)at[2]);
+        double index[3];
+        blend(fit, element, &tets[element], voxel, index);
+        const part_element of = fit->parts->view.elements[element];
+        const bool masked = of.box >= 0 && part_claims(&fit->parts->view, of, index) == PART_MASKED;
+        const double value = masked ? pliant_raster_masked_value(source, &fit->parts->view, of, index) : fit_sample(source, index);
+        fit->view.covered[v] = FIT_DRAWN;
+        other |= fit_put_voxel(source, value, true, voxels, v);
+    }
+    return other;
+}
+
+bool pliant_fit_draw_brick(const pliant_fit *fit, const raster_source *source, const raster_tet *tets, const int32_t brick[3],
+                           const raster_brick *owned, void *voxels)
+{
+    int32_t low[3], high[3];
+    for (int d = 0; d < 3; d++) {
+        low[d] = brick[d] * BRICK;
+        high[d] = low[d] + BRICK < fit->view.target.size[d] ? low[d] + BRICK : fit->view.target.size[d];
+    }
+    bool other = owned && draw_owned(fit, source, tets, low, owned, voxels);
+    for (int32_t k = low[2]; k < high[2]; k++)
+        for (int32_t j = low[1]; j < high[1]; j++) other |= draw_row(&fit->view, source, (const int32_t[3]){low[0], j, k}, high[0], voxels);
+    return other;
+}
+
+void pliant_fit_draw(const pliant_fit *fit, const raster_source *source, const int32_t bricks[3], void *voxels, uint8_t *changed)
+{
 #pragma omp parallel for num_threads(fit->num_threads) schedule(dynamic)
     for (int32_t b = 0; b < bricks[0] * bricks[1] * bricks[2]; b++) {
-        int32_t low[3] = {b % bricks[0] * BRICK, b / bricks[0] % bricks[1] * BRICK, b / bricks[0] / bricks[1] * BRICK}, high[3];
-        for (int d = 0; d < 3; d++) high[d] = low[d] + BRICK < size[d] ? low[d] + BRICK : size[d];
-        bool other = false;
-        for (int32_t k = low[2]; k < high[2]; k++)
-            for (int32_t j = low[1]; j < high[1]; j++) other |= draw_row(&fit->view, source, (const int32_t[3]){low[0], j, k}, high[0], voxels);
-        changed[b] = other;
+        const int32_t brick[3] = {b % bricks[0], b / bricks[0] % bricks[1], b / bricks[0] / bricks[1]};
+        changed[b] = pliant_fit_draw_brick(fit, source, NULL, brick, NULL, voxels);
     }
 }

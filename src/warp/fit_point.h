@@ -15,7 +15,8 @@ enum {
     FIT_PADDED = 12, /* whole vectors */
     FIT_LINEAR = 4,
     FIT_ENOUGH = 16, /* nodes, for the 10 terms */
-    FIT_ATTEMPTS = 2
+    FIT_ATTEMPTS = 2,
+    FIT_DRAWN = 2
 };
 
 /* Gaussian of one mean edge's width, cut off where it is 2 %; the support of a regular point then holds some 60 nodes */
@@ -34,7 +35,7 @@ typedef struct fit_view {
     const int32_t *tets;      /* (num_tets x 4) */
     const double *rest;       /* (num_nodes x 3) index in the scan */
     uint8_t *tissue;          /* (scan voxels) 1: the mesh holds it */
-    uint8_t *covered;         /* (target voxels) 1: a tetrahedron is there, or beside it */
+    uint8_t *covered;         /* (target voxels) 1: a tetrahedron is there, or beside it; FIT_DRAWN: is drawn already */
     uint8_t *wanted;          /* (lattice) 1: covered voxels are beside it */
     float *map;               /* (lattice x 3) index in the scan; NaN where nothing is wanted or no node is near */
     /* NODES by bins, in metres along the target's axes */
@@ -231,8 +232,7 @@ PLIANT_INLINE void fit_gather(const fit_view *fit, const double p[3], double dev
                 const double *at = fit->sorted + 6 * (size_t)s;
                 double apart[3] = {(at[0] - p[0]) * inverse, (at[1] - p[1]) * inverse, (at[2] - p[2]) * inverse};
                 double square = apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2];
-                /* Every node near is taken for one of the point's own piece. Where tissue is cut it is not: who lets it part says here
-                 * which nodes are. */
+                /* Every node near is taken for one of the point's own piece: no fit is asked for within reach of a cut (pliant_fit_next). */
                 if (square < FIT_CUT_OFF * FIT_CUT_OFF) fit_add_node(at + 3, apart, fit_gaussian(square), out);
             }
         }
@@ -361,11 +361,9 @@ PLIANT_INLINE bool fit_in_tissue(const fit_view *fit, const double index[3])
     return fit->tissue[at[0] + (size_t)fit->scan_size[0] * (at[1] + (size_t)fit->scan_size[1] * at[2])];
 }
 
-/* One voxel, from where it was at rest, if that is known; true when it is another than before. */
-PLIANT_INLINE bool fit_draw_voxel(const fit_view *fit, const raster_source *source, bool known, const double index[3], void *voxels, size_t v)
+/* One voxel, or the background; true when it is another than before. */
+PLIANT_INLINE bool fit_put_voxel(const raster_source *source, double value, bool inside, void *voxels, size_t v)
 {
-    const bool inside = known && fit_in_tissue(fit, index);
-    const double value = inside ? fit_sample(source, index) : 0;
     if (source->encoding == PLIANT_UINT8) {
         uint8_t now = inside ? (uint8_t)lrint(value) : source->background.u8, *voxel = (uint8_t *)voxels + v;
         bool other = *voxel != now;
@@ -382,6 +380,13 @@ PLIANT_INLINE bool fit_draw_voxel(const fit_view *fit, const raster_source *sour
     bool other = *voxel != now;
     *voxel = now;
     return other;
+}
+
+/* One voxel, from where it was at rest, if that is known; true when it is another than before. */
+PLIANT_INLINE bool fit_draw_voxel(const fit_view *fit, const raster_source *source, bool known, const double index[3], void *voxels, size_t v)
+{
+    const bool inside = known && fit_in_tissue(fit, index);
+    return fit_put_voxel(source, inside ? fit_sample(source, index) : 0, inside, voxels, v);
 }
 
 #endif

@@ -1,28 +1,17 @@
 /* Labels of the voxels around every tetrahedron that a cut passes. */
-#include "warp/parts.h"
 #include "base/fail.h"
-#include "body/links.h"
 #include "pliant/memory.h"
+#include "warp/parts_maker.h"
 
 #include <math.h>
-#include <string.h>
 
 /* A voxel of another tetrahedron counts to a carrier that so many links lead to: as far as two corners of a cell lie apart. */
 enum { STEPS = 3 };
 enum { NO_LABEL = -1, IN_QUEUE = -2 };
-enum { REGION = 4 };
-/* Cells are looked at in so many pieces along each axis, for whether a carrier has a part of them. */
-enum { PIECES = 4 };
-/* Corners of guests lie so much further out, of the way from their middle: where they meet others, rounding leaves no gap. */
-static const double guest_growth = 1.0 / 1024;
-/* Boxes reach so far around their tetrahedra, in voxels, and no less than guests do. */
-static const double around = 0.02;
 
-static pliant_status no_memory(void) { return pliant_fail_memory("the parts of the deformed volume"); }
+pliant_status pliant_parts_no_memory(void) { return pliant_fail_memory("the parts of the deformed volume"); }
 
-typedef struct growing { void *at; size_t count, room, size; } growing;
-
-static void *grow(growing *list, size_t more)
+void *pliant_parts_grow(part_list *list, size_t more)
 {
     if (list->count + more > list->room) {
         size_t room = 2 * (list->count + more);
@@ -35,55 +24,14 @@ static void *grow(growing *list, size_t more)
     return (char *)list->at + (list->count - more) * list->size;
 }
 
-/* A tetrahedron at load, in indices of the scan: barycentric coordinate v is slope[v] . index + value[v]. */
-typedef struct shape { double corner[4][3], slope[4][3], value[4]; } shape;
+static int32_t load_node(const part_maker *work, int32_t node) { return work->body->node_parent ? work->body->node_parent[node] : node; }
 
-typedef struct maker {
-    const pliant_body *body;
-    const pliant_voxels *voxels;
-    const pliant_cuts *cuts;
-    const pliant_geometry *scan;
-    int32_t *cut_of;               /* (tetrahedra at load) their place in the cuts, or -1 */
-    uint8_t *near;                 /* (likewise) in the cuts, or shares a node with one that is */
-    /* of the tetrahedron at work */
-    int32_t tet;
-    shape at;
-    part_box box;
-    int32_t count, room;           /* voxels of the box */
-    int32_t *label;                /* (count) -1: none yet */
-    uint8_t *step, *severed, *touched, *wanted; /* (count) links away; links that are cut; corners of cells that the tetrahedron touches; of
-                                    * another one, and without a label so far */
-    int32_t *queue, *carried;      /* (count) */
-    int32_t num_carriers, num_fragments, first_carrier;
-    /* what a body before has of it, where `other` says that nothing differs; NULL: nothing */
-    const pliant_body *body_before;
-    const pliant_parts *before;
-    int32_t guest_before;          /* the first of it that is no earlier host's */
-    int32_t regions[3];
-    uint8_t *other;                /* (regions) of REGION voxels along each axis: links, carriers or nodes differ there */
-    bool by_node;
-    growing carriers, labels, boxes, hosts, by_nodes, taken, starts, guests;
-} maker;
-
-/* ---- where things are */
-
-static int32_t load_node(const maker *work, int32_t node) { return work->body->node_parent ? work->body->node_parent[node] : node; }
-
-static void place_of(const int32_t size[3], int32_t voxel, int32_t at[3])
-{
-    at[0] = voxel % size[0];
-    at[1] = voxel / size[0] % size[1];
-    at[2] = voxel / size[0] / size[1];
-}
-
-static int32_t index_of(const int32_t size[3], const int32_t at[3]) { return at[0] + size[0] * (at[1] + size[1] * at[2]); }
-
-static int32_t scan_voxel(const maker *work, int32_t local)
+static int32_t scan_voxel(const part_maker *work, int32_t local)
 {
     int32_t at[3];
-    place_of(work->box.size, local, at);
+    part_place_of(work->box.size, local, at);
     for (int d = 0; d < 3; d++) at[d] += work->box.low[d];
-    return index_of(work->voxels->geometry.size, at);
+    return part_index_of(work->voxels->geometry.size, at);
 }
 
 static bool in_box(const part_box *box, const int32_t scan[3], int32_t *local)
@@ -93,63 +41,14 @@ static bool in_box(const part_box *box, const int32_t scan[3], int32_t *local)
         at[d] = scan[d] - box->low[d];
         if (at[d] < 0 || at[d] >= box->size[d]) return false;
     }
-    *local = index_of(box->size, at);
+    *local = part_index_of(box->size, at);
     return true;
-}
-
-static void find_shape(const maker *work, int32_t tet, shape *out)
-{
-    const pliant_mesh *mesh = &work->body->fine;
-    double edge[3][3], volume = 0;
-    for (int v = 0; v < 4; v++) pliant_geometry_to_index(work->scan, mesh->rest + 3 * (size_t)mesh->tets[4 * (size_t)tet + v], out->corner[v]);
-    for (int e = 0; e < 3; e++)
-        for (int d = 0; d < 3; d++) edge[e][d] = out->corner[e + 1][d] - out->corner[0][d];
-    for (int e = 0; e < 3; e++)
-        for (int d = 0; d < 3; d++) {
-            const double *p = edge[(e + 1) % 3], *q = edge[(e + 2) % 3];
-            out->slope[e + 1][d] = p[(d + 1) % 3] * q[(d + 2) % 3] - p[(d + 2) % 3] * q[(d + 1) % 3];
-        }
-    for (int d = 0; d < 3; d++) volume += edge[0][d] * out->slope[1][d];
-    for (int d = 0; d < 3; d++) {
-        for (int v = 1; v < 4; v++) out->slope[v][d] /= volume;
-        out->slope[0][d] = -(out->slope[1][d] + out->slope[2][d] + out->slope[3][d]);
-    }
-    for (int v = 0; v < 4; v++) {
-        out->value[v] = v == 0;
-        for (int d = 0; d < 3; d++) out->value[v] -= out->slope[v][d] * out->corner[0][d];
-    }
-}
-
-/* Whether a shape, grown as guests are, may touch a box from low on; by its planes. */
-static bool touches(const shape *at, const double low[3], const double size[3])
-{
-    for (int v = 0; v < 4; v++) {
-        double most = at->value[v];
-        for (int d = 0; d < 3; d++) most += at->slope[v][d] * low[d] + (at->slope[v][d] > 0 ? at->slope[v][d] * size[d] : 0);
-        if (most < -guest_growth) return false;
-    }
-    return true;
-}
-
-static void find_box(const maker *work, const shape *at, part_box *out)
-{
-    for (int d = 0; d < 3; d++) {
-        double low = INFINITY, high = -INFINITY, margin;
-        for (int v = 0; v < 4; v++) {
-            low = fmin(low, at->corner[v][d]);
-            high = fmax(high, at->corner[v][d]);
-        }
-        margin = around + guest_growth * (high - low);
-        const int32_t last = work->voxels->geometry.size[d] - 1;
-        out->low[d] = (int32_t)fmin(fmax(floor(low - margin), 0), last > 0 ? last - 1 : 0);
-        out->size[d] = (int32_t)fmin(fmax(ceil(high + margin), out->low[d] + (last > 0)), last) - out->low[d] + 1;
-    }
 }
 
 /* ---- links */
 
 /* Those of the box, to severed; whether there are any. */
-static bool find_severed(maker *work)
+static bool find_severed(part_maker *work)
 {
     const part_box *box = &work->box;
     const int32_t *size = work->voxels->geometry.size;
@@ -173,25 +72,25 @@ static bool find_severed(maker *work)
 
 /* ---- carriers */
 
-static int32_t carrier_of(const maker *work, int32_t voxel)
+static int32_t carrier_of(const part_maker *work, int32_t voxel)
 {
     const int32_t tet = work->voxels->owner[voxel], cut = work->cut_of[tet];
     return cut < 0 ? tet : work->cuts->voxel_fragment[work->cuts->voxel_start[cut] + pliant_voxel_in(work->voxels, tet, voxel)];
 }
 
 /* its label among the carriers of the box; -1: no memory */
-static int32_t label_of(maker *work, int32_t carrier)
+static int32_t label_of(part_maker *work, int32_t carrier)
 {
     const int32_t *all = (const int32_t *)work->carriers.at + work->first_carrier;
     for (int32_t n = 0; n < work->num_carriers; n++)
         if (all[n] == carrier) return n;
-    int32_t *added = grow(&work->carriers, 1);
+    int32_t *added = pliant_parts_grow(&work->carriers, 1);
     if (!added) return -1;
     *added = carrier;
     return work->num_carriers++;
 }
 
-static bool list_fragments(maker *work)
+static bool list_fragments(part_maker *work)
 {
     const int32_t cut = work->cut_of[work->tet];
     work->first_carrier = (int32_t)work->carriers.count;
@@ -206,7 +105,7 @@ static bool list_fragments(maker *work)
 /* ---- labels */
 
 /* Corners of the cells that the tetrahedron touches; whether one of these has a severed link. */
-static bool find_touched(maker *work)
+static bool find_touched(part_maker *work)
 {
     const int32_t *size = work->box.size;
     bool any = false;
@@ -217,7 +116,7 @@ static bool find_touched(maker *work)
         for (at[1] = 0; at[1] <= last[1]; at[1]++)
             for (at[0] = 0; at[0] <= last[0]; at[0]++) {
                 const double low[3] = {work->box.low[0] + at[0], work->box.low[1] + at[1], work->box.low[2] + at[2]};
-                if (!touches(&work->at, low, (const double[3]){1, 1, 1})) continue;
+                if (!pliant_parts_touches(&work->at, low, (const double[3]){1, 1, 1})) continue;
                 for (int c = 0; c < 8; c++) {
                     int32_t corner[3];
                     bool there = true;
@@ -228,14 +127,14 @@ static bool find_touched(maker *work)
                         if (!(c >> d & 1)) links |= (uint8_t)(1 << d);
                     }
                     if (!there) continue;
-                    work->touched[index_of(size, corner)] = 1;
-                    any = any || work->severed[index_of(size, corner)] & links;
+                    work->touched[part_index_of(size, corner)] = 1;
+                    any = any || work->severed[part_index_of(size, corner)] & links;
                 }
             }
     return any;
 }
 
-static bool label_own(maker *work, int32_t *queued)
+static bool label_own(part_maker *work, int32_t *queued)
 {
     const pliant_voxels *voxels = work->voxels;
     for (int32_t n = voxels->start[work->tet]; n < voxels->start[work->tet + 1]; n++) {
@@ -250,14 +149,14 @@ static bool label_own(maker *work, int32_t *queued)
 }
 
 /* From the voxels in the queue on over links to those without a label; where as many links lead to several carriers, the lowest label. */
-static void spread(maker *work, int32_t queued, int steps)
+static void spread(part_maker *work, int32_t queued, int steps)
 {
     const int32_t *size = work->box.size, stride[3] = {1, size[0], size[0] * size[1]};
     for (int32_t head = 0; head < queued; head++) {
         const int32_t from = work->queue[head];
         int32_t at[3];
         if (work->step[from] >= steps) continue;
-        place_of(size, from, at);
+        part_place_of(size, from, at);
         for (int d = 0; d < 3; d++)
             for (int way = -1; way <= 1; way += 2) {
                 if (at[d] + way < 0 || at[d] + way >= size[d]) continue;
@@ -276,7 +175,7 @@ static void spread(maker *work, int32_t queued, int steps)
 
 /* Whether a voxel beyond reach of links, at a sharp corner of the tetrahedron, is of a tetrahedron that has the same node there as one of
  * the fragments: its label, or NO_LABEL. */
-static int32_t label_by_node(const maker *work, int32_t local)
+static int32_t label_by_node(const part_maker *work, int32_t local)
 {
     const int32_t *tets = work->body->fine.tets, voxel = scan_voxel(work, local), by = carrier_of(work, voxel);
     int32_t at[3], corner = 0;
@@ -296,7 +195,7 @@ static int32_t label_by_node(const maker *work, int32_t local)
 }
 
 /* Voxels from a first one on that are without a label, wanted, and hang together: in the queue. How many. */
-static int32_t hang_together(maker *work, int32_t first)
+static int32_t hang_together(part_maker *work, int32_t first)
 {
     const int32_t *size = work->box.size, stride[3] = {1, size[0], size[0] * size[1]};
     int32_t queued = 0;
@@ -304,7 +203,7 @@ static int32_t hang_together(maker *work, int32_t first)
     work->queue[queued++] = first;
     for (int32_t head = 0; head < queued; head++) {
         int32_t at[3];
-        place_of(size, work->queue[head], at);
+        part_place_of(size, work->queue[head], at);
         for (int d = 0; d < 3; d++)
             for (int way = -1; way <= 1; way += 2) {
                 if (at[d] + way < 0 || at[d] + way >= size[d]) continue;
@@ -318,7 +217,7 @@ static int32_t hang_together(maker *work, int32_t first)
 }
 
 /* The carrier of most of the voxels in the queue; of as many, the lowest. */
-static int32_t most_of(const maker *work, int32_t queued)
+static int32_t most_of(const part_maker *work, int32_t queued)
 {
     int32_t best = -1, most = 0;
     for (int32_t n = 0; n < queued; n++) work->carried[n] = carrier_of(work, scan_voxel(work, work->queue[n]));
@@ -341,7 +240,7 @@ static int32_t most_of(const maker *work, int32_t queued)
 
 /* Every voxel that is asked for gets a label. Where neither links nor a node lead to it, those that hang together have one carrier: that of most of them.
  * Air goes with what is beside it. */
-static bool label_others(maker *work)
+static bool label_others(part_maker *work)
 {
     int32_t queued = 0;
     for (int32_t n = 0; n < work->count; n++) {
@@ -369,100 +268,9 @@ static bool label_others(maker *work)
     return true;
 }
 
-/* ---- guests */
-
-/* Whether a label may have a part of a cell, within the tetrahedron */
-static bool has_part(const maker *work, const int32_t at[3], const int32_t label[8], int32_t wanted)
-{
-    int32_t different = 0;
-    for (int c = 0; c < 8; c++) {
-        bool first = true;
-        for (int e = 0; e < c; e++) first = first && label[e] != label[c];
-        different += first;
-    }
-    /* along an axis on one side of which all its corners are, its weight is no more than theirs */
-    const double share = 1.0 / different - PART_SPARE, size[3] = {1.0 / PIECES, 1.0 / PIECES, 1.0 / PIECES};
-    double begin[3], length[3];
-    for (int d = 0; d < 3; d++) {
-        int sides = 0;
-        for (int c = 0; c < 8; c++) sides |= label[c] == wanted ? 1 << (c >> d & 1) : 0;
-        begin[d] = work->box.low[d] + at[d] + (sides == 2 ? share : 0);
-        length[d] = sides == 3 ? 1 : 1 - share;
-    }
-    if (!touches(&work->at, begin, length)) return false;
-    for (int piece = 0; piece < PIECES * PIECES * PIECES; piece++) {
-        const int32_t where[3] = {piece % PIECES, piece / PIECES % PIECES, piece / PIECES / PIECES};
-        double low[3], most = 0;
-        for (int d = 0; d < 3; d++) low[d] = work->box.low[d] + at[d] + (double)where[d] / PIECES;
-        if (!touches(&work->at, low, size)) continue;
-        for (int end = 0; end < 8; end++) { /* the most is at a corner of the piece */
-            part_cell cell;
-            double sum = 0;
-            for (int d = 0; d < 3; d++) cell.part[d] = (double)(where[d] + (end >> d & 1)) / PIECES;
-            for (int c = 0; c < 8; c++) sum += label[c] == wanted ? part_weight(&cell, c) : 0;
-            most = fmax(most, sum);
-        }
-        if (most > share) return true;
-    }
-    return false;
-}
-
-static bool add_guest(maker *work, int32_t label)
-{
-    part_guest *guest = grow(&work->guests, 1);
-    shape by;
-    if (!guest) return false;
-    guest->host = work->tet;
-    guest->carrier = ((const int32_t *)work->carriers.at)[work->first_carrier + label];
-    find_shape(work, guest->carrier, &by);
-    for (int d = 0; d < 3; d++) {
-        double middle = 0;
-        for (int v = 0; v < 4; v++) middle += 0.25 * work->at.corner[v][d];
-        for (int v = 0; v < 4; v++) guest->rest[v][d] = work->at.corner[v][d] + guest_growth * (work->at.corner[v][d] - middle);
-    }
-    for (int v = 0; v < 4; v++)
-        for (int n = 0; n < 4; n++) {
-            guest->blend[v][n] = by.value[n];
-            for (int d = 0; d < 3; d++) guest->blend[v][n] += by.slope[n][d] * guest->rest[v][d];
-        }
-    return true;
-}
-
-/* Labels of carriers that are no fragments of this tetrahedron, and have a part of it. wanted: (carriers) */
-static void find_guests(const maker *work, uint8_t *wanted)
-{
-    const int32_t *size = work->box.size;
-    int32_t at[3], last[3], label[8];
-    for (int d = 0; d < 3; d++) last[d] = size[d] > 1 ? size[d] - 2 : 0;
-    for (at[2] = 0; at[2] <= last[2]; at[2]++)
-        for (at[1] = 0; at[1] <= last[1]; at[1]++)
-            for (at[0] = 0; at[0] <= last[0]; at[0]++) {
-                bool others = false;
-                for (int c = 0; c < 8; c++) {
-                    int32_t corner[3];
-                    for (int d = 0; d < 3; d++) corner[d] = at[d] + (size[d] > 1 ? c >> d & 1 : 0);
-                    label[c] = work->label[index_of(size, corner)];
-                    others = others || label[c] >= work->num_fragments;
-                }
-                for (int c = 0; c < 8 && others; c++)
-                    if (label[c] >= work->num_fragments && !wanted[label[c]] && has_part(work, at, label, label[c])) wanted[label[c]] = 1;
-            }
-}
-
-static pliant_status add_guests(maker *work)
-{
-    if (work->num_carriers == work->num_fragments) return PLIANT_OK;
-    uint8_t *wanted = pliant_calloc((size_t)work->num_carriers, 1);
-    bool good = wanted != NULL;
-    if (good) find_guests(work, wanted);
-    for (int32_t n = work->num_fragments; good && n < work->num_carriers; n++) good = !wanted[n] || add_guest(work, n);
-    pliant_free(wanted);
-    return good ? PLIANT_OK : no_memory();
-}
-
 /* ---- a tetrahedron */
 
-static bool make_room(maker *work)
+static bool make_room(part_maker *work)
 {
     work->count = work->box.size[0] * work->box.size[1] * work->box.size[2];
     if (work->count <= work->room) return true;
@@ -478,15 +286,15 @@ static bool make_room(maker *work)
 }
 
 /* room for a box and its labels; NULL: none */
-static uint16_t *add_box(maker *work, int32_t tet, const part_box *box, size_t count, bool by_node, int32_t taken)
+uint16_t *pliant_parts_add_box(part_maker *work, int32_t tet, const part_box *box, size_t count, bool by_node, int32_t taken)
 {
     const size_t first = work->labels.count;
     if (first + count > INT32_MAX) return NULL;
-    uint16_t *labels = grow(&work->labels, count);
-    part_box *made = grow(&work->boxes, 1);
-    int32_t *host = grow(&work->hosts, 1), *start = grow(&work->starts, 1);
-    uint8_t *nodes = grow(&work->by_nodes, 1);
-    int32_t *from = grow(&work->taken, 1);
+    uint16_t *labels = pliant_parts_grow(&work->labels, count);
+    part_box *made = pliant_parts_grow(&work->boxes, 1);
+    int32_t *host = pliant_parts_grow(&work->hosts, 1), *start = pliant_parts_grow(&work->starts, 1);
+    uint8_t *nodes = pliant_parts_grow(&work->by_nodes, 1);
+    int32_t *from = pliant_parts_grow(&work->taken, 1);
     if (!labels || !made || !host || !start || !nodes || !from) return NULL;
     *nodes = by_node;
     *from = taken;
@@ -497,158 +305,31 @@ static uint16_t *add_box(maker *work, int32_t tet, const part_box *box, size_t c
     return labels;
 }
 
-static pliant_status make_box(maker *work, int32_t tet)
+static pliant_status make_box(part_maker *work, int32_t tet)
 {
     int32_t queued = 0;
     work->tet = tet;
     work->by_node = false;
-    find_shape(work, tet, &work->at);
-    find_box(work, &work->at, &work->box);
-    if (!make_room(work)) return no_memory();
+    pliant_parts_shape(work, tet, &work->at);
+    pliant_parts_box(work, &work->at, &work->box);
+    if (!make_room(work)) return pliant_parts_no_memory();
     bool severed = find_severed(work);
     if (!(severed && find_touched(work)) && work->cut_of[tet] < 0) return PLIANT_OK;
     if (!severed) find_touched(work);
     for (int32_t n = 0; n < work->count; n++) work->label[n] = NO_LABEL;
-    if (!list_fragments(work) || !label_own(work, &queued)) return no_memory();
+    if (!list_fragments(work) || !label_own(work, &queued)) return pliant_parts_no_memory();
     spread(work, queued, STEPS);
-    if (!label_others(work)) return no_memory();
+    if (!label_others(work)) return pliant_parts_no_memory();
     if (work->num_carriers > UINT16_MAX) return pliant_fail(PLIANT_ERROR_MEMORY, "more than %d fragments meet in one tetrahedron", UINT16_MAX);
-    uint16_t *labels = add_box(work, tet, &work->box, (size_t)work->count, work->by_node, -1);
-    if (!labels) return no_memory();
+    uint16_t *labels = pliant_parts_add_box(work, tet, &work->box, (size_t)work->count, work->by_node, -1);
+    if (!labels) return pliant_parts_no_memory();
     for (int32_t n = 0; n < work->count; n++) labels[n] = (uint16_t)work->label[n];
-    return add_guests(work);
-}
-
-/* ---- what a body before has */
-
-enum { OTHER_VOXELS = 1, OTHER_NODES = 2 };
-
-/* marks the regions of a box, if there is something to mark; whether one of them has a mark that is asked for */
-static bool over_regions(maker *work, const part_box *box, uint8_t mark, uint8_t asked)
-{
-    int32_t at[3];
-    for (at[2] = box->low[2] / REGION; at[2] <= (box->low[2] + box->size[2] - 1) / REGION; at[2]++)
-        for (at[1] = box->low[1] / REGION; at[1] <= (box->low[1] + box->size[1] - 1) / REGION; at[1]++)
-            for (at[0] = box->low[0] / REGION; at[0] <= (box->low[0] + box->size[0] - 1) / REGION; at[0]++) {
-                uint8_t *other = &work->other[index_of(work->regions, at)];
-                if (*other & asked) return true;
-                *other |= mark;
-            }
-    return false;
-}
-
-static void mark_tet(maker *work, int32_t tet, uint8_t mark)
-{
-    shape at;
-    part_box box;
-    find_shape(work, tet, &at);
-    find_box(work, &at, &box);
-    over_regions(work, &box, mark, 0);
-}
-
-static void mark_link(maker *work, uint32_t link)
-{
-    part_box box = {{0}, {1, 1, 1}, 0};
-    pliant_place_of(work->voxels, (int32_t)(link / 4), box.low);
-    box.size[link % 4]++;
-    over_regions(work, &box, OTHER_VOXELS, 0);
-}
-
-static void mark_links(maker *work)
-{
-    const pliant_cuts *old = work->body_before->cuts, *now = work->cuts;
-    int32_t o = 0, n = 0;
-    while (o < old->num_links || n < now->num_links) {
-        const bool both = o < old->num_links && n < now->num_links && old->link[o] == now->link[n];
-        if (!both) mark_link(work, n == now->num_links || (o < old->num_links && old->link[o] < now->link[n]) ? old->link[o] : now->link[n]);
-        const bool ahead = both || n == now->num_links || (o < old->num_links && old->link[o] < now->link[n]);
-        if (both || !ahead) n++;
-        if (both || ahead) o++;
-    }
-}
-
-static bool same_list(const int32_t *a, int32_t a_count, const int32_t *b, int32_t b_count)
-{
-    return a_count == b_count && memcmp(a, b, (size_t)a_count * sizeof *a) == 0;
-}
-
-/* Tetrahedra at load whose fragments or carriers differ. */
-static void mark_carriers(maker *work)
-{
-    const pliant_cuts *old = work->body_before->cuts, *now = work->cuts;
-    int32_t o = 0, n = 0;
-    while (o < old->num_tets || n < now->num_tets) {
-        const bool in_old = o < old->num_tets && (n == now->num_tets || old->tet[o] <= now->tet[n]);
-        const bool in_now = n < now->num_tets && (o == old->num_tets || now->tet[n] <= old->tet[o]);
-        if (!(in_old && in_now) ||
-            !same_list(old->fragment + old->start[o], old->start[o + 1] - old->start[o], now->fragment + now->start[n], now->start[n + 1] - now->start[n]) ||
-            !same_list(old->voxel_fragment + old->voxel_start[o], old->voxel_start[o + 1] - old->voxel_start[o],
-                       now->voxel_fragment + now->voxel_start[n], now->voxel_start[n + 1] - now->voxel_start[n]))
-            mark_tet(work, in_old ? old->tet[o] : now->tet[n], OTHER_VOXELS);
-        o += in_old;
-        n += in_now;
-    }
-}
-
-static void mark_nodes(maker *work)
-{
-    const pliant_mesh *old = &work->body_before->fine, *now = &work->body->fine;
-    for (int32_t t = 0; t < old->num_tets || t < now->num_tets; t++) {
-        const pliant_body *of = t < now->num_tets ? work->body : work->body_before;
-        if (t < old->num_tets && t < now->num_tets && memcmp(old->tets + 4 * (size_t)t, now->tets + 4 * (size_t)t, 4 * sizeof *now->tets) == 0) continue;
-        mark_tet(work, of->tet_parent ? of->tet_parent[t] : t, OTHER_NODES);
-    }
-}
-
-static pliant_status find_others(maker *work, const pliant_body *body_before, const pliant_parts *before)
-{
-    if (!before || !body_before || body_before->voxels != work->voxels) return PLIANT_OK;
-    for (int d = 0; d < 3; d++) work->regions[d] = (work->voxels->geometry.size[d] - 1) / REGION + 1;
-    if (!(work->other = pliant_calloc((size_t)work->regions[0] * (size_t)work->regions[1] * (size_t)work->regions[2], 1))) return no_memory();
-    if (!grow(&work->labels, (size_t)before->num_labels)) return no_memory();
-    work->labels.count = 0;
-    work->body_before = body_before;
-    work->before = before;
-    mark_links(work);
-    mark_carriers(work);
-    mark_nodes(work);
-    return PLIANT_OK;
-}
-
-/* The box of a tetrahedron as it was before, or that it had none; false: it may be another one now. */
-static bool take_before(maker *work, int32_t tet, pliant_status *status)
-{
-    const pliant_parts *from = work->before;
-    if (!from) return false;
-    find_shape(work, tet, &work->at);
-    find_box(work, &work->at, &work->box);
-    const int32_t old = from->view.elements[tet].box;
-    if (over_regions(work, &work->box, 0, OTHER_VOXELS | (old >= 0 && from->by_node[old] ? OTHER_NODES : 0))) return false;
-    if (old < 0) return true;
-    const part_box *box = &from->view.boxes[old];
-    const size_t count = (size_t)box->size[0] * (size_t)box->size[1] * (size_t)box->size[2];
-    const int32_t carriers = from->carrier_start[old + 1] - from->carrier_start[old];
-    work->first_carrier = (int32_t)work->carriers.count;
-    int32_t *carrier = grow(&work->carriers, (size_t)carriers);
-    uint16_t *labels = carrier ? add_box(work, tet, box, count, from->by_node[old], old) : NULL;
-    bool good = labels != NULL;
-    if (good) {
-        memcpy(carrier, from->carrier + from->carrier_start[old], (size_t)carriers * sizeof *carrier);
-        memcpy(labels, from->view.labels + box->first, count * sizeof *labels);
-    }
-    while (work->guest_before < from->num_guests && from->guests[work->guest_before].host < tet) work->guest_before++;
-    for (int32_t g = work->guest_before; good && g < from->num_guests && from->guests[g].host == tet; g++) {
-        part_guest *guest = grow(&work->guests, 1);
-        good = guest != NULL;
-        if (good) *guest = from->guests[g];
-    }
-    *status = good ? PLIANT_OK : no_memory();
-    return true;
+    return pliant_parts_add_guests(work);
 }
 
 /* ---- all of them */
 
-static void find_near(maker *work)
+static void find_near(part_maker *work)
 {
     const pliant_voxels *voxels = work->voxels;
     for (int32_t t = 0; t < work->cuts->num_tets; t++) {
@@ -661,11 +342,11 @@ static void find_near(maker *work)
 }
 
 /* What each element is a part of. Guests follow the tetrahedra. */
-static pliant_status set_elements(const maker *work, pliant_parts *parts)
+static pliant_status set_elements(const part_maker *work, pliant_parts *parts)
 {
     const int32_t tets = work->body->fine.num_tets;
     part_element *elements = pliant_calloc((size_t)(tets + parts->num_guests), sizeof *elements);
-    if (!elements) return no_memory();
+    if (!elements) return pliant_parts_no_memory();
     for (int32_t t = 0; t < tets + parts->num_guests; t++) elements[t].box = -1;
     int32_t guest = 0;
     for (int32_t b = 0; b < parts->num_boxes; b++) {
@@ -681,10 +362,10 @@ static pliant_status set_elements(const maker *work, pliant_parts *parts)
     return PLIANT_OK;
 }
 
-static pliant_status gather(maker *work, pliant_parts *parts)
+static pliant_status gather(part_maker *work, pliant_parts *parts)
 {
-    int32_t *end = grow(&work->starts, 1);
-    if (!end) return no_memory();
+    int32_t *end = pliant_parts_grow(&work->starts, 1);
+    if (!end) return pliant_parts_no_memory();
     *end = (int32_t)work->carriers.count;
     memcpy(parts->view.scan_size, work->voxels->geometry.size, sizeof parts->view.scan_size);
     parts->num_boxes = (int32_t)work->boxes.count;
@@ -709,7 +390,7 @@ pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry
     if (!body->cuts || !body->voxels) return PLIANT_OK;
     if (memcmp(body->voxels->geometry.size, scan->size, sizeof scan->size) != 0)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the voxels of the body that is drawn are not those of the scan");
-    maker work = {.body = body, .voxels = body->voxels, .cuts = body->cuts, .scan = scan};
+    part_maker work = {.body = body, .voxels = body->voxels, .cuts = body->cuts, .scan = scan};
     const size_t tets = (size_t)body->voxels->num_tets;
     work.carriers.size = work.hosts.size = work.taken.size = work.starts.size = sizeof(int32_t);
     work.labels.size = sizeof(uint16_t);
@@ -719,12 +400,12 @@ pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry
     work.cut_of = pliant_calloc(tets, sizeof *work.cut_of);
     work.near = pliant_calloc(tets, 1);
     pliant_parts *parts = pliant_calloc(1, sizeof *parts);
-    pliant_status status = work.cut_of && work.near && parts ? PLIANT_OK : no_memory();
+    pliant_status status = work.cut_of && work.near && parts ? PLIANT_OK : pliant_parts_no_memory();
     for (size_t t = 0; status == PLIANT_OK && t < tets; t++) work.cut_of[t] = -1;
     if (status == PLIANT_OK) find_near(&work);
-    if (status == PLIANT_OK) status = find_others(&work, body_before, before);
+    if (status == PLIANT_OK) status = pliant_parts_compare(&work, body_before, before);
     for (int32_t t = 0; t < body->voxels->num_tets && status == PLIANT_OK; t++)
-        if (work.near[t] && body->voxels->start[t] < body->voxels->start[t + 1] && !take_before(&work, t, &status)) status = make_box(&work, t);
+        if (work.near[t] && body->voxels->start[t] < body->voxels->start[t + 1] && !pliant_parts_take_before(&work, t, &status)) status = make_box(&work, t);
     if (status == PLIANT_OK) status = gather(&work, parts);
     void *blocks[] = {work.cut_of, work.near, work.other, work.label, work.queue, work.carried, work.step, work.severed, work.touched, work.wanted, work.carriers.at,
                       work.labels.at, work.boxes.at, work.hosts.at, work.by_nodes.at, work.taken.at, work.starts.at, work.guests.at};
@@ -760,6 +441,6 @@ bool pliant_parts_same(const pliant_parts *before, int32_t box_before, const pli
     const int32_t *from = before->carrier + before->carrier_start[box_before], *to = now->carrier + now->carrier_start[box];
     const int32_t carriers = before->carrier_start[box_before + 1] - before->carrier_start[box_before];
     const size_t labels = (size_t)one->size[0] * (size_t)one->size[1] * (size_t)one->size[2];
-    return before->host[box_before] == now->host[box] && same_list(from, carriers, to, now->carrier_start[box + 1] - now->carrier_start[box]) &&
+    return before->host[box_before] == now->host[box] && part_same_list(from, carriers, to, now->carrier_start[box + 1] - now->carrier_start[box]) &&
            memcmp(before->view.labels + one->first, now->view.labels + other->first, labels * sizeof *now->view.labels) == 0;
 }

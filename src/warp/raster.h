@@ -95,6 +95,7 @@ typedef struct raster_brick {
     float low[3], high[3], last[3];             /* first and last voxel centre; last voxel with a right neighbour */
     ptrdiff_t base_index;                       /* flat index of base */
     bool inner;                                 /* so are all its owners */
+    bool all_masked;                            /* as if all were */
     int32_t num_masked;                         /* voxels that are interpolated from an owner's voxels alone: written again, after all others */
     uint16_t masked[BRICK_VOXELS];              /* 256 k + 16 j + i */
     int32_t masked_by[BRICK_VOXELS];            /* their owners */
@@ -148,7 +149,12 @@ static inline int32_t raster_lowest_bit(uint64_t bits)
 #endif
 }
 
-/* rasterize_parts.c: the masked voxels of a brick; out, row_step, slice_step: as of write */
+/* rasterize.c: nobody owns a voxel of a brick, of this extent inside the target */
+void pliant_raster_clear(const int32_t extent[3], raster_brick *brick);
+
+/* rasterize_parts.c: an element's value at a rest point of its own (part_claims: PART_MASKED) */
+double pliant_raster_masked_value(const raster_source *source, const part_view *parts, part_element element, const double index[3]);
+/* the masked voxels of a brick; out, row_step, slice_step: as of write */
 void pliant_raster_write_masked(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t origin[3],
                                 const raster_brick *brick, void *out, ptrdiff_t row_step, ptrdiff_t slice_step);
 

@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-static void clear(const int32_t extent[3], raster_brick *brick)
+void pliant_raster_clear(const int32_t extent[3], raster_brick *brick)
 {
     memset(brick->owned, 0, sizeof brick->owned);
     memset(brick->num_entries, 0, sizeof brick->num_entries);
@@ -25,7 +25,7 @@ void pliant_raster_brick(const raster_grid *grid, const raster_source *source, c
         origin[d] = brick[d] * BRICK;
         extent[d] = size[d] - origin[d] < BRICK ? size[d] - origin[d] : BRICK;
     }
-    clear(extent, scratch);
+    pliant_raster_clear(extent, scratch);
     kernels->find_owners(source, parts, tets, candidates, num_candidates, origin, scratch);
     ptrdiff_t row_step = size[0], slice_step = row_step * size[1];
     ptrdiff_t first = origin[0] + row_step * origin[1] + slice_step * origin[2];

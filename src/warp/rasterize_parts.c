@@ -20,10 +20,10 @@ static uint32_t own_of(const part_view *parts, int32_t element, const raster_tet
         const int32_t i = raster_lowest_bit(left);
         double index[3];
         find_index(tet, origin, i, row % BRICK, row / BRICK, index);
-        const part_claim claim = part_claims(parts, parts->elements[element], index);
+        const part_claim claim = parts->elements[element].box < 0 ? PART_WHOLE : part_claims(parts, parts->elements[element], index);
         if (claim == PART_OTHERS) continue;
         own |= (uint32_t)1 << i;
-        if (claim == PART_WHOLE || tet->kind == RASTER_COPY) continue;
+        if (!brick->all_masked && (claim == PART_WHOLE || tet->kind == RASTER_COPY)) continue;
         brick->masked[brick->num_masked] = (uint16_t)(row * BRICK + i);
         brick->masked_by[brick->num_masked++] = element;
     }
@@ -61,19 +61,25 @@ static double stored(const raster_source *source, ptrdiff_t place)
     }
 }
 
+double pliant_raster_masked_value(const raster_source *source, const part_view *parts, part_element element, const double index[3])
+{
+    double values[8];
+    part_cell cell;
+    part_find_cell(parts->scan_size, index, &cell);
+    const ptrdiff_t from = cell.low[0] * source->step[0] + cell.low[1] * source->step[1] + cell.low[2] * source->step[2];
+    for (int c = 0; c < 8; c++)
+        values[c] = stored(source, from + (c & 1 ? source->step[0] : 0) + (c & 2 ? source->step[1] : 0) + (c & 4 ? source->step[2] : 0));
+    return part_value(parts, element, &cell, values);
+}
+
 void pliant_raster_write_masked(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t origin[3],
                                 const raster_brick *brick, void *out, ptrdiff_t row_step, ptrdiff_t slice_step)
 {
     for (int32_t n = 0; n < brick->num_masked; n++) {
         const int32_t voxel = brick->masked[n], i = voxel % BRICK, j = voxel / BRICK % BRICK, k = voxel / BRICK_ROWS;
-        double index[3], values[8];
-        part_cell cell;
+        double index[3];
         find_index(&tets[brick->masked_by[n]], origin, i, j, k, index);
-        part_find_cell(parts->scan_size, index, &cell);
-        const ptrdiff_t from = cell.low[0] * source->step[0] + cell.low[1] * source->step[1] + cell.low[2] * source->step[2];
-        for (int c = 0; c < 8; c++)
-            values[c] = stored(source, from + (c & 1 ? source->step[0] : 0) + (c & 2 ? source->step[1] : 0) + (c & 4 ? source->step[2] : 0));
-        const double value = part_value(parts, parts->elements[brick->masked_by[n]], &cell, values);
+        const double value = pliant_raster_masked_value(source, parts, parts->elements[brick->masked_by[n]], index);
         const ptrdiff_t to = i + j * row_step + k * slice_step;
         switch (source->encoding) {
         case PLIANT_UINT8: ((uint8_t *)out)[to] = (uint8_t)lrint(value); break;

@@ -185,7 +185,7 @@ static pliant_status prepare_device(pliant_warp *warp, pliant_warp_next *next)
 static pliant_status prepare_fit(const pliant_warp *warp, pliant_warp_next *next)
 {
     const double *rest = next->longer[0] ? next->longer[0] : warp->rest;
-    return pliant_fit_create(next->mesh, &warp->scan, rest, &warp->volume.geometry, pliant_fit_parts(warp->fit)->step, warp->num_threads, &next->fit);
+    return pliant_fit_next(warp->fit, next->body, next->parts, rest, &next->fit);
 }
 
 pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pliant_warp_next **out)
@@ -202,7 +202,7 @@ pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pl
         status = pliant_fail_memory("the warp");
     if (status == PLIANT_OK) find_changes(warp, next);
     if (status == PLIANT_OK && warp->fit) status = prepare_fit(warp, next);
-    if (status == PLIANT_OK && warp->accelerated) status = prepare_device(warp, next);
+    if (status == PLIANT_OK && warp->accelerated && !(next->fit && next->parts)) status = prepare_device(warp, next);
     if (status != PLIANT_OK) {
         pliant_warp_next_free(next);
         return status;
@@ -244,6 +244,11 @@ void pliant_warp_take(pliant_warp *warp, pliant_warp_next *next)
     swap(&warp->guest_fixed, &next->guest_fixed);
     if (next->fit) swap(&warp->fit, &next->fit);
     if (next->device_next) warp->device->take(warp->accelerated, next->device_next);
+    else if (warp->accelerated && pliant_warp_told_to_cpu(warp->fit, warp->parts)) {
+        pliant_warp_volume(warp); /* what it has drawn last is the host's */
+        warp->device->free(warp->accelerated);
+        warp->accelerated = NULL;
+    }
 }
 
 pliant_status pliant_warp_set_body(pliant_warp *warp, const pliant_body *body)

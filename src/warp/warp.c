@@ -315,6 +315,48 @@ static void redo_bricks(pliant_warp *warp)
     }
 }
 
+/* Of a fit, the bricks that are listed: what is near a cut by its own elements, and then the rest. */
+static void fit_bricks(pliant_warp *warp)
+{
+    const int32_t first = warp->listed[0], across = warp->grid.bricks[0], down = warp->grid.bricks[1];
+    const size_t *end = warp->end + (size_t)(warp->num_threads - 1) * (size_t)warp->num_bricks;
+#pragma omp parallel for num_threads(warp->num_threads) schedule(dynamic)
+    for (int32_t b = first; b < warp->listed[1]; b++) {
+        const int32_t brick[3] = {b % across, b / across % down, b / across / down};
+        raster_brick *owned = &warp->scratch[omp_get_thread_num()];
+        const size_t begin = b > first ? end[b - 1] : 0;
+        int32_t origin[3], extent[3];
+        for (int d = 0; d < 3; d++) {
+            origin[d] = brick[d] * BRICK;
+            extent[d] = warp->grid.target.size[d] - origin[d] < BRICK ? warp->grid.target.size[d] - origin[d] : BRICK;
+        }
+        pliant_raster_clear(extent, owned);
+        owned->all_masked = true;
+        warp->kernels.find_owners(&warp->source, &warp->parts->view, warp->tets, warp->candidates + begin, end[b] - begin, origin, owned);
+        warp->changed[b] = pliant_fit_draw_brick(warp->fit, &warp->source, warp->tets, brick, owned, warp->volume.voxels);
+    }
+}
+
+static void fit_beside_cuts(pliant_warp *warp, const double *positions)
+{
+    const uint8_t *zone = pliant_fit_zone(warp->fit);
+    fix_nodes(warp, positions);
+    fix_guests(warp, positions);
+#pragma omp parallel for num_threads(warp->num_threads) schedule(static)
+    for (int32_t t = 0; t < warp->num_elements; t++) {
+        warp->tets[t].kind = RASTER_NOTHING;
+        if (zone[t] == 0) continue;
+        set_tet(warp, warp->next, t);
+        warp->tets[t].parted = true;
+    }
+    memset(warp->dirty, 1, (size_t)warp->num_bricks);
+    count_candidates(warp);
+    for (warp->listed[1] = 0; warp->listed[1] < warp->num_bricks;) {
+        list_candidates(warp);
+        fit_bricks(warp);
+    }
+}
+
 /* Once, and beyond a voxel: the outermost nodes lie on the edge of a scan. */
 static void tell_cut_off(pliant_warp *warp, const double *positions)
 {
@@ -348,7 +390,8 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
     if (warp->fit) {
         pliant_fit_map(warp->fit, positions);
         double mapped = pliant_seconds();
-        pliant_fit_draw(warp->fit, &warp->source, warp->grid.bricks, warp->volume.voxels, warp->changed);
+        if (pliant_fit_zone(warp->fit)) fit_beside_cuts(warp, positions);
+        else pliant_fit_draw(warp->fit, &warp->source, warp->grid.bricks, warp->volume.voxels, warp->changed);
         warp->seconds[0] = mapped - start;
         warp->seconds[1] = pliant_seconds() - mapped;
         return PLIANT_OK;
@@ -391,6 +434,11 @@ pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step)
 {
     pliant_fit *fit = NULL;
     pliant_status status = pliant_fit_create(warp->mesh, &warp->scan, warp->rest, &warp->volume.geometry, step, warp->num_threads, &fit);
+    if (status == PLIANT_OK && warp->parts) {
+        pliant_fit *whole = fit;
+        status = pliant_fit_next(whole, warp->body, warp->parts, warp->rest, &fit);
+        pliant_fit_free(whole);
+    }
     if (status != PLIANT_OK) return status;
     if (warp->accelerated) warp->device->free(warp->accelerated);
     warp->accelerated = NULL;
@@ -405,6 +453,13 @@ pliant_warp_parts pliant_warp_device_parts(pliant_warp *warp)
                                warp->changed, warp->seconds, warp->fit ? pliant_fit_parts(warp->fit) : NULL, warp->parts};
 }
 
+bool pliant_warp_told_to_cpu(const pliant_fit *fit, const pliant_parts *parts)
+{
+    if (!fit || !parts) return false;
+    pliant_log(PLIANT_LOG_WARNING, "a fit of what is cut is drawn by the CPU (warp/kind)");
+    return true;
+}
+
 pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choice)
 {
     const pliant_warp_device *device = PLIANT_ON_GPU(pliant_cuda_warp_device);
@@ -413,6 +468,7 @@ pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choic
     bool use;
     pliant_status status = pliant_gpu_choose(choice, device ? device->probe : NULL, text, &use);
     if (status != PLIANT_OK) return status;
+    if (use && pliant_warp_told_to_cpu(warp->fit, warp->parts)) use = false;
     if (use) {
         pliant_warp_parts parts = pliant_warp_device_parts(warp);
         status = device->create(&parts, &accelerated);

@@ -1,0 +1,154 @@
+/* The parts of a tetrahedron that move with others: where they may be, and how they follow. */
+#include "pliant/memory.h"
+#include "warp/parts_maker.h"
+
+#include <math.h>
+
+/* Cells are looked at in so many pieces along each axis, for whether a carrier has a part of them. */
+enum { PIECES = 4 };
+/* Corners of guests lie so much further out, of the way from their middle: where they meet others, rounding leaves no gap. */
+static const double guest_growth = 1.0 / 1024;
+/* Boxes reach so far around their tetrahedra, in voxels, and no less than guests do. */
+static const double around = 0.02;
+
+/* ---- where things are */
+
+void pliant_parts_shape(const part_maker *work, int32_t tet, part_shape *out)
+{
+    const pliant_mesh *mesh = &work->body->fine;
+    double edge[3][3], volume = 0;
+    for (int v = 0; v < 4; v++) pliant_geometry_to_index(work->scan, mesh->rest + 3 * (size_t)mesh->tets[4 * (size_t)tet + v], out->corner[v]);
+    for (int e = 0; e < 3; e++)
+        for (int d = 0; d < 3; d++) edge[e][d] = out->corner[e + 1][d] - out->corner[0][d];
+    for (int e = 0; e < 3; e++)
+        for (int d = 0; d < 3; d++) {
+            const double *p = edge[(e + 1) % 3], *q = edge[(e + 2) % 3];
+            out->slope[e + 1][d] = p[(d + 1) % 3] * q[(d + 2) % 3] - p[(d + 2) % 3] * q[(d + 1) % 3];
+        }
+    for (int d = 0; d < 3; d++) volume += edge[0][d] * out->slope[1][d];
+    for (int d = 0; d < 3; d++) {
+        for (int v = 1; v < 4; v++) out->slope[v][d] /= volume;
+        out->slope[0][d] = -(out->slope[1][d] + out->slope[2][d] + out->slope[3][d]);
+    }
+    for (int v = 0; v < 4; v++) {
+        out->value[v] = v == 0;
+        for (int d = 0; d < 3; d++) out->value[v] -= out->slope[v][d] * out->corner[0][d];
+    }
+}
+
+/* Whether a shape, grown as guests are, may touch a box from low on; by its planes. */
+bool pliant_parts_touches(const part_shape *at, const double low[3], const double size[3])
+{
+    for (int v = 0; v < 4; v++) {
+        double most = at->value[v];
+        for (int d = 0; d < 3; d++) most += at->slope[v][d] * low[d] + (at->slope[v][d] > 0 ? at->slope[v][d] * size[d] : 0);
+        if (most < -guest_growth) return false;
+    }
+    return true;
+}
+
+void pliant_parts_box(const part_maker *work, const part_shape *at, part_box *out)
+{
+    for (int d = 0; d < 3; d++) {
+        double low = INFINITY, high = -INFINITY, margin;
+        for (int v = 0; v < 4; v++) {
+            low = fmin(low, at->corner[v][d]);
+            high = fmax(high, at->corner[v][d]);
+        }
+        margin = around + guest_growth * (high - low);
+        const int32_t last = work->voxels->geometry.size[d] - 1;
+        out->low[d] = (int32_t)fmin(fmax(floor(low - margin), 0), last > 0 ? last - 1 : 0);
+        out->size[d] = (int32_t)fmin(fmax(ceil(high + margin), out->low[d] + (last > 0)), last) - out->low[d] + 1;
+    }
+}
+
+/* ---- guests */
+
+/* Whether a label may have a part of a cell, within the tetrahedron */
+static bool has_part(const part_maker *work, const int32_t at[3], const int32_t label[8], int32_t wanted)
+{
+    int32_t different = 0;
+    for (int c = 0; c < 8; c++) {
+        bool first = true;
+        for (int e = 0; e < c; e++) first = first && label[e] != label[c];
+        different += first;
+    }
+    /* along an axis on one side of which all its corners are, its weight is no more than theirs */
+    const double share = 1.0 / different - PART_SPARE, size[3] = {1.0 / PIECES, 1.0 / PIECES, 1.0 / PIECES};
+    double begin[3], length[3];
+    for (int d = 0; d < 3; d++) {
+        int sides = 0;
+        for (int c = 0; c < 8; c++) sides |= label[c] == wanted ? 1 << (c >> d & 1) : 0;
+        begin[d] = work->box.low[d] + at[d] + (sides == 2 ? share : 0);
+        length[d] = sides == 3 ? 1 : 1 - share;
+    }
+    if (!pliant_parts_touches(&work->at, begin, length)) return false;
+    for (int piece = 0; piece < PIECES * PIECES * PIECES; piece++) {
+        const int32_t where[3] = {piece % PIECES, piece / PIECES % PIECES, piece / PIECES / PIECES};
+        double low[3], most = 0;
+        for (int d = 0; d < 3; d++) low[d] = work->box.low[d] + at[d] + (double)where[d] / PIECES;
+        if (!pliant_parts_touches(&work->at, low, size)) continue;
+        for (int end = 0; end < 8; end++) { /* the most is at a corner of the piece */
+            part_cell cell;
+            double sum = 0;
+            for (int d = 0; d < 3; d++) cell.part[d] = (double)(where[d] + (end >> d & 1)) / PIECES;
+            for (int c = 0; c < 8; c++) sum += label[c] == wanted ? part_weight(&cell, c) : 0;
+            most = fmax(most, sum);
+        }
+        if (most > share) return true;
+    }
+    return false;
+}
+
+static bool add_guest(part_maker *work, int32_t label)
+{
+    part_guest *guest = pliant_parts_grow(&work->guests, 1);
+    part_shape by;
+    if (!guest) return false;
+    guest->host = work->tet;
+    guest->carrier = ((const int32_t *)work->carriers.at)[work->first_carrier + label];
+    pliant_parts_shape(work, guest->carrier, &by);
+    for (int d = 0; d < 3; d++) {
+        double middle = 0;
+        for (int v = 0; v < 4; v++) middle += 0.25 * work->at.corner[v][d];
+        for (int v = 0; v < 4; v++) guest->rest[v][d] = work->at.corner[v][d] + guest_growth * (work->at.corner[v][d] - middle);
+    }
+    for (int v = 0; v < 4; v++)
+        for (int n = 0; n < 4; n++) {
+            guest->blend[v][n] = by.value[n];
+            for (int d = 0; d < 3; d++) guest->blend[v][n] += by.slope[n][d] * guest->rest[v][d];
+        }
+    return true;
+}
+
+/* Labels of carriers that are no fragments of this tetrahedron, and have a part of it. wanted: (carriers) */
+static void find_guests(const part_maker *work, uint8_t *wanted)
+{
+    const int32_t *size = work->box.size;
+    int32_t at[3], last[3], label[8];
+    for (int d = 0; d < 3; d++) last[d] = size[d] > 1 ? size[d] - 2 : 0;
+    for (at[2] = 0; at[2] <= last[2]; at[2]++)
+        for (at[1] = 0; at[1] <= last[1]; at[1]++)
+            for (at[0] = 0; at[0] <= last[0]; at[0]++) {
+                bool others = false;
+                for (int c = 0; c < 8; c++) {
+                    int32_t corner[3];
+                    for (int d = 0; d < 3; d++) corner[d] = at[d] + (size[d] > 1 ? c >> d & 1 : 0);
+                    label[c] = work->label[part_index_of(size, corner)];
+                    others = others || label[c] >= work->num_fragments;
+                }
+                for (int c = 0; c < 8 && others; c++)
+                    if (label[c] >= work->num_fragments && !wanted[label[c]] && has_part(work, at, label, label[c])) wanted[label[c]] = 1;
+            }
+}
+
+pliant_status pliant_parts_add_guests(part_maker *work)
+{
+    if (work->num_carriers == work->num_fragments) return PLIANT_OK;
+    uint8_t *wanted = pliant_calloc((size_t)work->num_carriers, 1);
+    bool good = wanted != NULL;
+    if (good) find_guests(work, wanted);
+    for (int32_t n = work->num_fragments; good && n < work->num_carriers; n++) good = !wanted[n] || add_guest(work, n);
+    pliant_free(wanted);
+    return good ? PLIANT_OK : pliant_parts_no_memory();
+}
