@@ -109,4 +109,49 @@ TEST(CudaCut, MeetsTheCpu)
     }
 }
 
+// what comes off is moved by the host, beside solvers without inertia, and stops out of sight
+TEST(CudaCut, WhatComesOffFallsAsOnTheCpu)
+{
+    NEEDS_GPU();
+    struct Engine { pliant_method method; pliant_solver_kind kind; bool quasi_static; pliant_preconditioner_choice preconditioner; };
+    for (const Engine &c : {Engine{PLIANT_FINE, PLIANT_COROTATIONAL, false, PLIANT_DIRECT}, Engine{PLIANT_FINE, PLIANT_COROTATIONAL, false, PLIANT_MULTIGRID},
+                            Engine{PLIANT_AVERAGED, PLIANT_COROTATIONAL, false, PLIANT_DIRECT}, Engine{PLIANT_FINE, PLIANT_TLED, true, PLIANT_DIRECT},
+                            Engine{PLIANT_FINE, PLIANT_TLED, false, PLIANT_DIRECT}}) {
+        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.quasi_static));
+        Body cpu(size, box, {{20000, 0.4, 1000, false}}), gpu(size, box, {{20000, 0.4, 1000, false}});
+        for (Body *body : {&cpu, &gpu}) {
+            body->scene.tled.quasi_static = c.quasi_static;
+            body->scene.warp.margin = 0.06;
+            body->scene.ground.box_high[0] = 0.2; // beside it
+            prepare(*body, Case{c.method, c.kind, c.preconditioner, PLIANT_LINEAR}, body == &cpu ? PLIANT_CPU : PLIANT_CUDA);
+            const double sideways[3] = {6, 0, 8}, points[6] = {-0.02, -0.02, 0.063, 0.14, -0.02, 0.071}, depth[3] = {0, 0.2, 0};
+            ASSERT_EQ(pliant_data_set_gravity(body->data, sideways), PLIANT_OK);
+            for (int s = 0; s < 3; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
+            ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+            ASSERT_TRUE(body->data->body->pieces);
+        }
+        for (int s = 0; s < 60; s++) {
+            for (Body *body : {&cpu, &gpu}) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
+            ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
+            EXPECT_EQ(cpu.data->statistics.falling, gpu.data->statistics.falling) << "step " << s;
+            if (s < 10) EXPECT_LT(farthest(cpu, gpu), (c.kind == PLIANT_TLED ? 1e-3 : 1e-5) * box[0]) << "step " << s;
+            if (s != 5) continue;
+            pliant_warp *warp = nullptr;
+            ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->body->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
+            ASSERT_EQ(pliant_warp_set_body(warp, gpu.data->body), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_warp_update(warp, gpu.data->positions), PLIANT_OK);
+            EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(pliant_data_get_warp(gpu.data))->voxels, 24 * 24 * 24), 0);
+            pliant_warp_free(warp);
+        }
+        EXPECT_EQ(gpu.data->statistics.falling, 0);
+        const int32_t node = gpu.data->body->pieces->node[0];
+        const std::vector<double> there(gpu.data->positions + 3 * node, gpu.data->positions + 3 * node + 3);
+        for (int s = 0; s < 3; s++) ASSERT_GE(pliant_step(gpu.model, gpu.data), 0);
+        for (int d = 0; d < 3; d++) EXPECT_EQ(gpu.data->positions[3 * node + d], there[static_cast<size_t>(d)]);
+        ASSERT_EQ(pliant_data_undo_cut(gpu.model, gpu.data), PLIANT_OK) << pliant_last_error();
+        ASSERT_GE(pliant_step(gpu.model, gpu.data), 0) << pliant_last_error();
+        EXPECT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
+    }
+}
+
 } // namespace
