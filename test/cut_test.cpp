@@ -17,7 +17,32 @@ std::unique_ptr<Cuttable> bar(const std::function<void(pliant_scene &)> &set = [
     return std::unique_ptr<Cuttable>(new Cuttable(std::move(body)));
 }
 
-TEST(Cut, APlaneMakesTwoPieces)
+// sums of stiffness and density over the fragments of every tetrahedron are its own; chips are another one's, by volume
+void expect_shares(const pliant_body &load, const pliant_body &now)
+{
+    std::vector<double> lambda(static_cast<size_t>(load.fine.num_tets)), mu(lambda.size()), density(lambda.size());
+    std::set<int32_t> with_chips;
+    for (int32_t c = 0; c < now.cuts->num_chips; c++) {
+        const int32_t tet = now.cuts->chip[2 * c + 1];
+        with_chips.insert(now.cuts->chip[2 * c]);
+        with_chips.insert(now.tet_parent ? now.tet_parent[tet] : tet);
+    }
+    for (int32_t t = 0; t < now.fine.num_tets; t++) {
+        const int32_t parent = now.tet_parent ? now.tet_parent[t] : t;
+        lambda[parent] += now.fine_material[t].lambda;
+        mu[parent] += now.fine_material[t].mu;
+        density[parent] += now.fine_material[t].density;
+        EXPECT_GE(now.fine_material[t].mu, 0);
+    }
+    for (int32_t t = 0; t < load.fine.num_tets; t++) {
+        if (with_chips.count(t)) continue;
+        EXPECT_NEAR(lambda[t], load.fine_material[t].lambda, 1e-12 * load.fine_material[t].lambda);
+        EXPECT_NEAR(mu[t], load.fine_material[t].mu, 1e-12 * load.fine_material[t].mu);
+        EXPECT_NEAR(density[t], load.fine_material[t].density, 1e-12 * load.fine_material[t].density);
+    }
+}
+
+TEST(Cut, APlaneMakesTwoPiecesThatAddUp)
 {
     auto block = bar();
     const double point[3] = {0.103, 0.05, 0.05}, normal[3] = {1, 0.2, -0.1};
@@ -28,21 +53,62 @@ TEST(Cut, APlaneMakesTwoPieces)
     EXPECT_EQ(mismatches(*block->now), 0);
     EXPECT_NEAR(total_mass(*block->now), mass, 1e-12 * mass);
     EXPECT_NEAR(block->report.area, 0.01 * std::sqrt(1.05), 0.02 * 0.01);
-    std::printf("links %d bridges %d touched %d tets %d -> %d nodes %d -> %d\n", block->report.num_links, block->report.num_bridges, block->report.touched,
-                block->load().fine.num_tets, block->now->fine.num_tets, block->load().fine.num_nodes, block->now->fine.num_nodes);
+    EXPECT_NEAR(block->report.area_of[0] + block->report.area_of[1], block->report.area, 1e-12);
+    expect_shares(block->load(), *block->now);
+    EXPECT_FALSE(block->cut_plane(point, normal)) << "again: nothing is left to be severed";
+    EXPECT_EQ(block->report.num_links, 0);
+    // the rest voxels on either side are what hangs together
+    const std::vector<int32_t> pieces = voxel_pieces(*block->now);
+    std::map<int32_t, std::set<bool>> sides;
+    for (int32_t v = 0; v < size[0] * size[1] * size[2]; v++) {
+        const double x[3] = {0.005 * (v % 40 + 0.5), 0.005 * (v / 40 % 20 + 0.5), 0.005 * (v / 800 + 0.5)};
+        double side = 0;
+        for (int d = 0; d < 3; d++) side += normal[d] * (x[d] - point[d]);
+        sides[pieces[v]].insert(side > 0);
+    }
+    for (const auto &piece : sides) EXPECT_EQ(piece.second.size(), 1u);
+}
+
+// On a plane of the lattice no tetrahedron is cut: each half is the mesh of half the bar, with the same bits.
+TEST(Cut, OnALatticePlaneTheHalvesAreMeshesOfTheirOwn)
+{
+    auto block = bar();
+    const double point[3] = {0.1, 0.05, 0.05}, normal[3] = {1, 0, 0};
+    ASSERT_TRUE(block->cut_plane(point, normal));
+    EXPECT_EQ(block->now->fine.num_tets, block->load().fine.num_tets);
+    EXPECT_EQ(block->now->fine.num_nodes, block->load().fine.num_nodes + 25);
+    EXPECT_EQ(block->report.num_links, 400);
+    EXPECT_NEAR(block->report.area, 0.01, 1e-12);
+    const int half_size[3] = {20, 20, 20};
+    const double half_box[3] = {0.1, 0.1, 0.1};
+    Body half(half_size, half_box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}}, [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; });
+    half.fix_plane(1e-6, 0, 0, 1, 0, 0);
+    half.cells(4, 4, 4, 1);
+    ASSERT_EQ(half.build(), PLIANT_OK) << pliant_last_error();
+    const pliant_body &alone = *half.model->body, &now = *block->now;
+    for (int32_t t = 0; t < alone.fine.num_tets; t++) {
+        const int32_t cell = alone.fine.lattice_of_tet[t] / 5, slot = alone.fine.lattice_of_tet[t] % 5;
+        const int32_t tet = block->load().fine.tet_of_lattice[5 * (cell % 4 + 8 * (cell / 4)) + slot];
+        EXPECT_EQ(std::memcmp(alone.fine_material + t, now.fine_material + tet, sizeof *now.fine_material), 0);
+        for (int v = 0; v < 4; v++) {
+            const int32_t a = alone.fine.tets[4 * t + v], b = now.fine.tets[4 * tet + v];
+            for (int d = 0; d < 3; d++) EXPECT_EQ(alone.fine.rest[3 * a + d], now.fine.rest[3 * b + d]);
+            EXPECT_NEAR(alone.node_mass[a], now.node_mass[b], 1e-15);
+        }
+    }
 }
 
 TEST(Cut, RandomPlanesMakeTwoPieces)
 {
     std::mt19937 random(5);
     std::uniform_real_distribution<double> unit(-1, 1);
-    int wrong = 0, different = 0, chips = 0;
+    int inverted = 0;
     for (int trial = 0; trial < 100; trial++) {
         auto block = bar();
-        // a smooth deformation, and every third time one that turns elements inside out
         const double mass = total_mass(*block->now);
         double normal[3] = {1, 0.6 * unit(random), 0.6 * unit(random)}, point[3] = {0.1 + 0.03 * unit(random), 0.05, 0.05};
         const double wave[3] = {unit(random), unit(random), unit(random)};
+        // smooth and large, and every third time elements that are turned inside out
         for (int32_t n = 0; n < block->now->fine.num_nodes; n++) {
             double *x = block->positions.data() + 3 * n;
             const double y = x[1];
@@ -51,18 +117,334 @@ TEST(Cut, RandomPlanesMakeTwoPieces)
             x[0] *= 1 + 0.3 * wave[2];
             for (int d = 0; d < 3 && trial % 3 == 2; d++) x[d] += 0.012 * unit(random);
         }
+        for (int32_t t = 0; t < block->now->fine.num_tets; t++) {
+            const int32_t *nodes = block->now->fine.tets + 4 * t;
+            const double *x = block->positions.data();
+            double gradients[12];
+            inverted += pliant_tet_gradients(x + 3 * nodes[0], x + 3 * nodes[1], x + 3 * nodes[2], x + 3 * nodes[3], gradients) < 0;
+        }
         point[0] *= 1 + 0.3 * wave[2];
         ASSERT_TRUE(block->cut_plane(point, normal));
+        EXPECT_EQ(block->report.pieces, 2) << "trial " << trial;
+        EXPECT_EQ(mismatches(*block->now), 0) << "trial " << trial;
         EXPECT_NEAR(total_mass(*block->now), mass, 1e-12 * mass);
-        wrong += trial % 3 != 2 && block->report.pieces != 2;
-        wrong += trial % 3 == 2 && block->report.pieces < 2;
-        different += mismatches(*block->now);
-        chips += block->now->cuts->num_chips;
-        if (block->report.pieces != 2 || mismatches(*block->now)) std::printf("trial %d: pieces %d, mismatches %d\n", trial, block->report.pieces, mismatches(*block->now));
     }
-    EXPECT_EQ(wrong, 0);
-    EXPECT_EQ(different, 0);
-    std::printf("chips %d\n", chips);
+    EXPECT_GT(inverted, 100);
+}
+
+TEST(Cut, PlanesWhereEverythingIsOnThem)
+{
+    struct { double point[3], normal[3]; int pieces; } cases[] = {
+        {{0.1025, 0.05, 0.05}, {1, 0, 0}, 2},  // centres of voxels
+        {{0.1, 0.05, 0.05}, {1, 0, 0}, 2},     // faces of the lattice and of voxels
+        {{0.1, 0.05, 0.05}, {1, 1, 0}, 2},     // edges and nodes
+        {{0.1, 0.05, 0.05}, {1, 1, 1}, 2},     // faces of tetrahedra
+        {{0.1025, 0.0525, 0.0525}, {1, -1, 0}, 2}, // diagonals of voxels
+        {{0.1, 0.0975, 0.05}, {0, 1, 0}, 2},   // along the bar, through the last layer of voxels
+        {{0.1, 0.1, 0.05}, {0, 1, 0}, 1},      // its side
+    };
+    for (const auto &one : cases)
+        for (double size : {10.0, 1e6}) {
+            auto block = bar();
+            std::vector<double> from, to;
+            Cuttable::plane(one.point, one.normal, size, from, to);
+            EXPECT_EQ(block->cut(from, to), one.pieces == 2) << one.normal[0] << one.normal[1] << one.normal[2] << " " << one.point[0];
+            EXPECT_EQ(num_pieces(*block->now), one.pieces) << one.normal[0] << one.normal[1] << one.normal[2] << " " << one.point[0];
+            EXPECT_EQ(mismatches(*block->now), 0);
+        }
+}
+
+TEST(Cut, SweepsOfNothingSeverNothing)
+{
+    auto block = bar();
+    const double nan = std::nan(""), inf = INFINITY;
+    const pliant_body *before = block->now;
+    EXPECT_FALSE(block->cut({}, {}));
+    EXPECT_FALSE(block->cut({0.1, 0.05, 0.05}, {0.1, 0.05, 0.2}));                                         // a point
+    EXPECT_FALSE(block->cut({0.1, 0, 0.05, 0.1, 0.1, 0.05}, {0.1, 0, 0.05, 0.1, 0.1, 0.05}));              // stands still
+    EXPECT_FALSE(block->cut({0.1, 0, 0.05, 0.1, 0.1, 0.05}, {0.1, 0.01, 0.05, 0.1, 0.11, 0.05}));          // along itself
+    EXPECT_FALSE(block->cut({0.1, 0, nan, 0.1, 0.1, nan}, {0.1, 0, 0.1, 0.1, 0.1, 0.1}));
+    EXPECT_FALSE(block->cut({0.1, 0, 0, 0.1, 0.1, 0}, {0.1, 0, inf, 0.1, 0.1, inf}));
+    EXPECT_FALSE(block->cut({0.1, 0.2, 0, 0.1, 0.3, 0}, {0.1, 0.2, 0.1, 0.1, 0.3, 0.1}));                  // beside it
+    EXPECT_FALSE(block->cut({1, 0, 0, 1, 1, 0}, {1, 0, 1, 1, 1, 1}));                                      // far away
+    EXPECT_EQ(block->now, before);
+    block->positions[3 * 40] = nan; // tissue that is nowhere: what is elsewhere is cut
+    EXPECT_TRUE(block->cut({0.15, -1, -1, 0.15, 1, -1}, {0.15, -1, 1, 0.15, 1, 1}));
+    Body plain(size, box, {{4000, 0.4, 1000, false}});
+    plain.fix_plane(1e-6, 0, 0, 1, 0, 0);
+    plain.cells(8, 4, 4, 1);
+    ASSERT_EQ(plain.build(), PLIANT_OK);
+    pliant_body *out = nullptr;
+    const double from[6] = {0.1, 0, 0, 0.1, 0.1, 0}, to[6] = {0.1, 0, 0.1, 0.1, 0.1, 0.1};
+    const pliant_cut_sweep sweep{2, from, to, nullptr};
+    EXPECT_EQ(pliant_body_cut(plain.model->body, 2, plain.data->positions, &sweep, &out, nullptr), PLIANT_ERROR_ARGUMENT);
+}
+
+TEST(Cut, CrossingPlanesAndACurvedBlade)
+{
+    auto block = bar();
+    const double mass = total_mass(*block->now), middle[3] = {0.11, 0.05, 0.05}, normals[3][3] = {{1, 0.1, 0.2}, {0.1, 1, -0.1}, {0.2, 0, 1}};
+    for (int n = 0; n < 3; n++) {
+        ASSERT_TRUE(block->cut_plane(middle, normals[n]));
+        EXPECT_EQ(block->report.pieces, 2 << n);
+        EXPECT_EQ(mismatches(*block->now), 0);
+        expect_shares(block->load(), *block->now);
+    }
+    EXPECT_NEAR(total_mass(*block->now), mass, 1e-12 * mass);
+    // a round one takes a core out
+    auto other = bar();
+    std::vector<double> from, to;
+    for (int p = 0; p <= 40; p++) {
+        const double angle = 2 * M_PI * (p % 40) / 40;
+        for (double z : {-0.01, 0.11}) {
+            std::vector<double> &out = z < 0 ? from : to;
+            out.push_back(0.12 + 0.03 * std::cos(angle));
+            out.push_back(0.05 + 0.03 * std::sin(angle));
+            out.push_back(z);
+        }
+    }
+    ASSERT_TRUE(other->cut(from, to));
+    EXPECT_EQ(other->report.pieces, 2);
+    EXPECT_EQ(mismatches(*other->now), 0);
+    EXPECT_NEAR(other->report.area, 2 * M_PI * 0.03 * 0.1, 0.03 * 2 * M_PI * 0.03 * 0.1);
+}
+
+TEST(Cut, ElsewhereNothingChanges)
+{
+    auto block = bar();
+    const double left[3] = {0.06, 0.05, 0.05}, right[3] = {0.15, 0.05, 0.05}, normal[3] = {1, 0.3, 0.2};
+    ASSERT_TRUE(block->cut_plane(left, normal));
+    const pliant_body *before = pliant_body_retain(block->now);
+    ASSERT_TRUE(block->cut_plane(right, normal));
+    const pliant_body &now = *block->now;
+    const std::set<int32_t> touched(now.changes.touched, now.changes.touched + now.changes.num_touched);
+    EXPECT_LT(touched.size(), 200u);
+    int kept = 0;
+    for (int32_t t = 0; t < before->fine.num_tets; t++) {
+        if (touched.count(t)) continue;
+        kept++;
+        EXPECT_EQ(std::memcmp(before->fine.tets + 4 * t, now.fine.tets + 4 * t, 4 * sizeof(int32_t)), 0);
+        EXPECT_EQ(std::memcmp(before->fine_material + t, now.fine_material + t, sizeof *now.fine_material), 0);
+        for (int v = 0; v < 4; v++) {
+            const int32_t node = now.fine.tets[4 * t + v];
+            if (now.fine.rest[3 * node] > 0.08) continue;
+            EXPECT_EQ(before->node_mass[node], now.node_mass[node]);
+            EXPECT_EQ(before->fine_fixed[node], now.fine_fixed[node]);
+        }
+    }
+    EXPECT_GT(kept, 400);
+    EXPECT_EQ(std::memcmp(before->fine.rest, now.fine.rest, 3 * sizeof(double) * static_cast<size_t>(before->fine.num_nodes)), 0);
+    for (int32_t v = 0; v < size[0] * size[1] * size[2]; v++)
+        if (v % size[0] < 18) EXPECT_EQ(pliant_voxels_fragment(now.voxels, before->cuts, v), pliant_voxels_fragment(now.voxels, now.cuts, v));
+    pliant_body_release(before);
+}
+
+void expect_same(const pliant_body &a, const pliant_body &b)
+{
+    EXPECT_TRUE(pliant_body_same(&a, &b) || a.voxels != b.voxels);
+    ASSERT_EQ(a.fine.num_tets, b.fine.num_tets);
+    ASSERT_EQ(a.fine.num_nodes, b.fine.num_nodes);
+    EXPECT_EQ(std::memcmp(a.fine.tets, b.fine.tets, 4 * sizeof(int32_t) * static_cast<size_t>(a.fine.num_tets)), 0);
+    EXPECT_EQ(std::memcmp(a.fine_material, b.fine_material, sizeof *a.fine_material * static_cast<size_t>(a.fine.num_tets)), 0);
+    EXPECT_EQ(std::memcmp(a.node_mass, b.node_mass, sizeof(double) * static_cast<size_t>(a.fine.num_nodes)), 0);
+    ASSERT_EQ(a.cuts->num_links, b.cuts->num_links);
+    EXPECT_EQ(std::memcmp(a.cuts->link, b.cuts->link, sizeof *a.cuts->link * static_cast<size_t>(a.cuts->num_links)), 0);
+    ASSERT_EQ(a.cuts->num_joins, b.cuts->num_joins);
+    EXPECT_EQ(std::memcmp(a.cuts->join, b.cuts->join, 2 * sizeof(int32_t) * static_cast<size_t>(a.cuts->num_joins)), 0);
+}
+
+TEST(Cut, TheSameBitsAgainWithOneThreadOrTwo)
+{
+    const double point[3] = {0.1, 0.05, 0.05}, normals[2][3] = {{1, 0.3, 0.2}, {0.2, 1, 0.1}};
+    std::unique_ptr<Cuttable> one = bar([](pliant_scene &scene) { scene.solver.threads = 1; }), two = bar([](pliant_scene &scene) { scene.solver.threads = 2; });
+    for (Cuttable *each : {one.get(), two.get()})
+        for (const auto &normal : normals) ASSERT_TRUE(each->cut_plane(point, normal));
+    expect_same(*one->now, *two->now);
+    // undone and done again
+    auto third = bar();
+    ASSERT_TRUE(third->cut_plane(point, normals[0]));
+    const pliant_body *first = pliant_body_retain(third->now);
+    const std::vector<double> positions = third->positions;
+    ASSERT_TRUE(third->cut_plane(point, normals[1]));
+    expect_same(*third->now, *one->now);
+    pliant_body_release(third->now);
+    third->now = first;
+    third->positions = positions;
+    ASSERT_TRUE(third->cut_plane(point, normals[1]));
+    expect_same(*third->now, *one->now);
+}
+
+TEST(Cut, WithoutMemoryTheBodyBeforeStays)
+{
+    auto block = bar();
+    const double point[3] = {0.1, 0.05, 0.05}, normals[2][3] = {{1, 0.3, 0.2}, {0.2, 1, 0.1}};
+    ASSERT_TRUE(block->cut_plane(point, normals[0]));
+    std::vector<double> from, to;
+    Cuttable::plane(point, normals[1], 10, from, to);
+    const pliant_cut_sweep sweep{2, from.data(), to.data(), nullptr};
+    const size_t before = pliant_memory_in_use();
+    int64_t n = 0;
+    for (pliant_status status = PLIANT_ERROR_MEMORY; status != PLIANT_OK; n++) {
+        pliant_body *next = nullptr;
+        pliant_cut_report report{};
+        pliant_memory_fail_after(n);
+        status = pliant_body_cut(block->now, 3, block->positions.data(), &sweep, &next, &report);
+        pliant_memory_fail_after(-1);
+        ASSERT_TRUE(status == PLIANT_OK || status == PLIANT_ERROR_MEMORY);
+        if (status != PLIANT_OK) {
+            EXPECT_EQ(next, nullptr);
+            EXPECT_EQ(report.num_links, 0);
+        }
+        pliant_body_release(next);
+        ASSERT_EQ(pliant_memory_in_use(), before) << "allocation " << n;
+    }
+    EXPECT_GT(n, 40);
+}
+
+// Points of a body whose halves have been moved apart and into one another.
+TEST(Cut, PointsAreOfTheFragmentThatIsThere)
+{
+    auto block = bar();
+    const double point[3] = {0.103, 0.05, 0.05}, normal[3] = {1, 0.2, -0.1};
+    ASSERT_TRUE(block->cut_plane(point, normal));
+    const pliant_body &now = *block->now;
+    const std::vector<int32_t> pieces = mesh_pieces(now);
+    const pliant_voxels &voxels = *now.voxels;
+    std::vector<double> by(static_cast<size_t>(now.fine.num_nodes)); // the piece on the right goes 3 cm
+    for (int32_t t = 0; t < now.fine.num_tets; t++)
+        for (int v = 0; v < 4; v++) by[now.fine.tets[4 * t + v]] = pieces[t] == pieces[pliant_voxels_fragment(&voxels, now.cuts, 0)] ? 0 : 0.03;
+    for (int32_t n = 0; n < now.fine.num_nodes; n++) block->positions[3 * n] += by[n];
+    int near = 0;
+    std::vector<double> points;
+    std::vector<int32_t> own, found;
+    for (int32_t v = 0; v < size[0] * size[1] * size[2]; v++) {
+        const int32_t tet = pliant_voxels_fragment(&voxels, now.cuts, v);
+        const bool right = by[now.fine.tets[4 * tet]] > 0;
+        if (now.tet_parent && now.tet_parent[tet] != voxels.owner[v]) continue; // a chip lies outside of who carries it
+        const double x[3] = {0.005 * (v % 40 + 0.5) + (right ? 0.03 : 0), 0.005 * (v / 40 % 20 + 0.5), 0.005 * (v / 800 + 0.5)};
+        points.insert(points.end(), x, x + 3);
+        own.push_back(tet);
+        near += now.cuts->num_tets > 0 && std::binary_search(now.cuts->tet, now.cuts->tet + now.cuts->num_tets, voxels.owner[v]);
+    }
+    found.resize(own.size());
+    std::vector<double> weights(4 * own.size());
+    pliant_body_locate_points(&now, block->positions.data(), static_cast<int32_t>(own.size()), points.data(), found.data(), weights.data());
+    EXPECT_GT(near, 1000);
+    int wrong = 0;
+    for (size_t p = 0; p < own.size(); p++) {
+        ASSERT_GE(found[p], 0);
+        if (found[p] == own[p]) continue;
+        // on a face: the other one, which moves with it
+        EXPECT_LT(*std::min_element(weights.begin() + 4 * static_cast<long>(p), weights.begin() + 4 * static_cast<long>(p) + 4), 1e-6);
+        EXPECT_EQ(pieces[found[p]], pieces[own[p]]);
+        wrong++;
+    }
+    EXPECT_LT(wrong, static_cast<int>(own.size() / 4));
+    int32_t tet;
+    double one[4];
+    const double gap[3] = {0.118, 0.05, 0.05}, nowhere[3] = {1, 0, 0};
+    EXPECT_FALSE(pliant_body_locate(&now, block->positions.data(), gap, &tet, one));
+    EXPECT_FALSE(pliant_body_locate(&now, block->positions.data(), nowhere, &tet, one));
+    EXPECT_TRUE(pliant_body_locate(&now, block->positions.data(), points.data(), &tet, one));
+    EXPECT_EQ(tet, found[0]);
+}
+
+// Two blocks on one edge of the lattice hang there by bridges; a blade through the edge parts them.
+TEST(Cut, AHingeIsCut)
+{
+    const int many[3] = {20, 20, 10};
+    const double wide[3] = {0.2, 0.2, 0.1};
+    std::unique_ptr<Body> two(new Body(many, wide, {{4000, 0.4, 1000, false}, {1, 0.1, 1, true}}, [](int i, int j, int) { return (i < 10) != (j < 10); }));
+    two->fix_plane(0, 0, 0.01, 0, 0, 1);
+    two->cells(4, 4, 2, 1);
+    two->scene.cut.kind = PLIANT_CUT_SEVER;
+    ASSERT_EQ(two->build(), PLIANT_OK) << pliant_last_error();
+    Cuttable blocks(std::move(two));
+    EXPECT_EQ(num_pieces(*blocks.now), 1);
+    const double middle[3] = {0.1, 0.1, 0.05}, elsewhere[3] = {0.05, 0.05, 0.077}, across[3] = {1, 1, 0}, flat[3] = {0, 0, 1};
+    ASSERT_TRUE(blocks.cut_plane(elsewhere, flat, 0.03)); // a notch in one of them
+    EXPECT_EQ(num_pieces(*blocks.now), 1);
+    EXPECT_EQ(mismatches(*blocks.now), 0);
+    ASSERT_TRUE(blocks.cut_plane(middle, across, 0.08));
+    EXPECT_EQ(blocks.report.num_bridges, 3);
+    EXPECT_EQ(num_pieces(*blocks.now), 2);
+    EXPECT_EQ(mismatches(*blocks.now), 0);
+}
+
+// A bar that is shaken at 0.2 m/s, 4 mm a step, while a blade goes through it in 20 steps. What the blade has cut is where its edge was in the
+// tissue, which has moved since: those points are moved along, and a tenth of a voxel back.
+TEST(Cut, ABladeThroughTissueThatMovesLeaksNowhere)
+{
+    std::mt19937 random(11);
+    std::uniform_real_distribution<double> unit(-1, 1);
+    int leaks = 0;
+    for (int run = 0; run < 50; run++) {
+        auto block = bar();
+        double shake[3] = {0, 0, 0}, phase = 3 * unit(random);
+        const double normal[3] = {1, 0.3 * unit(random), 0.3 * unit(random)}, at = 0.1 + 0.02 * unit(random);
+        auto move = [&] { // 4 mm somewhere, and it bends
+            double way[3], length = 0;
+            for (double &w : way) length += (w = unit(random)) * w;
+            phase += 0.2;
+            for (int d = 0; d < 3; d++) shake[d] = 0.9 * shake[d] + 0.004 * way[d] / std::sqrt(length);
+            const pliant_mesh &mesh = block->now->fine;
+            for (int32_t n = 0; n < mesh.num_nodes; n++)
+                for (int d = 0; d < 3; d++)
+                    block->positions[3 * n + d] = mesh.rest[3 * n + d] + shake[d] + 0.01 * std::sin(20 * mesh.rest[3 * n + (d + 1) % 3] + phase + d);
+        };
+        // the edge along y, from below the bar to above it, sampled every half voxel
+        const int points = 81, steps = 20;
+        std::vector<double> from, to(3 * points), weights(4 * points);
+        std::vector<int32_t> tet(points);
+        auto place = [&](int step) {
+            for (int p = 0; p < points; p++) {
+                const double y = -0.05 + 0.2 * p / (points - 1), z = -0.05 + 0.2 * step / steps;
+                const double x[3] = {at - normal[1] * (y - 0.05) - normal[2] * (z - 0.05), y, z};
+                std::copy(x, x + 3, to.begin() + 3 * p);
+            }
+        };
+        move();
+        place(0);
+        for (int step = 1; step <= steps; step++) {
+            from = to;
+            pliant_body_locate_points(block->now, block->positions.data(), points, from.data(), tet.data(), weights.data());
+            const std::vector<double> was = block->positions;
+            move();
+            std::vector<double> by(3 * points);
+            for (int p = 0; p < points; p++) // in air: as the tissue that is nearest
+                if (tet[p] < 0) {
+                    double least = INFINITY;
+                    for (int32_t n = 0; n < block->now->fine.num_nodes; n++) {
+                        double apart = 0;
+                        for (int d = 0; d < 3; d++) apart += std::pow(was[3 * n + d] - from[3 * p + d], 2);
+                        if (apart >= least) continue;
+                        least = apart;
+                        for (int d = 0; d < 3; d++) by[3 * p + d] = block->positions[3 * n + d] - was[3 * n + d];
+                    }
+                }
+            for (int p = 0; p < points; p++)
+                for (int v = 0; v < 4 && tet[p] >= 0; v++) {
+                    const int32_t node = block->now->fine.tets[4 * tet[p] + v];
+                    for (int d = 0; d < 3; d++) by[3 * p + d] += weights[4 * p + v] * (block->positions[3 * node + d] - was[3 * node + d]);
+                }
+            place(step);
+            for (int p = 0; p < points; p++) {
+                double back[3], length = 0;
+                for (int d = 0; d < 3; d++) {
+                    from[3 * p + d] += by[3 * p + d];
+                    back[d] = from[3 * p + d] - to[3 * p + d];
+                    length += back[d] * back[d];
+                }
+                for (int d = 0; d < 3; d++) from[3 * p + d] += 0.0005 * back[d] / std::sqrt(length);
+            }
+            block->cut(from, to);
+        }
+        const int pieces = num_pieces(*block->now);
+        EXPECT_EQ(mismatches(*block->now), 0);
+        leaks += pieces != 2;
+        EXPECT_EQ(pieces, 2) << "run " << run;
+    }
+    EXPECT_EQ(leaks, 0);
 }
 
 } // namespace

@@ -74,6 +74,7 @@ typedef struct pliant_cuts {
     int32_t num_cuts;          /**< bodies from the one at load to this one, which pliant_body_sever makes again */
     int32_t *cut_end;          /**< (num_cuts) into severed: what each of them severed */
     uint32_t *severed;         /**< (num_links + num_bridges) 4 voxel + axis of a link, 4 bridge + 3 of a bridge */
+    int32_t num_pieces;        /**< with tissue, that hang together at a node at least */
 } pliant_cuts;
 
 /** Pieces that have come off since load: nothing that is fixed holds them any more. Those that touch, if only at a node, count as one. */
@@ -141,6 +142,7 @@ typedef struct pliant_division {
     const uint8_t *copy_fixed; /**< (nodes appended) pliant_fixing; NULL: as their sources */
     int32_t num_touched;       /**< tetrahedra of the body before whose voxels changed, too, where nothing else tells */
     const int32_t *touched;    /**< (num_touched) */
+    bool same_pieces;          /**< no piece comes off another: it is not looked for what falls */
     pliant_cuts *cuts;         /**< of the next body, which takes them; NULL: as before */
 } pliant_division;
 /** The next body: nodes and fragments appended with their parents, masses, what is fixed, surface, and the coarse mesh divided likewise, where

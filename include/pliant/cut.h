@@ -27,6 +27,7 @@ typedef struct pliant_cut_report {
 } pliant_cut_report;
 
 /** The next body, of which the sweep has severed what it passes through: every end of a link is where its fragment has moved it.
+ *  What would be joined to nobody, a voxel or less than about 3 % of a tetrahedron, keeps its links to one side.
  *  Sweeps without an area, with numbers that are none, or through air sever nothing.
  *  @param body      with voxels; its fragments and what was severed before are in body->cuts
  *  @param revision  as for pliant_body_next

@@ -42,6 +42,7 @@ pliant_status pliant_cuts_copy(const pliant_cuts *from, pliant_cuts **out)
     to->num_joins = from->num_joins;
     to->num_cuts = from->num_cuts;
     const size_t severed = from->num_cuts > 0 ? (size_t)from->cut_end[from->num_cuts - 1] : 0;
+    to->num_pieces = from->num_pieces;
     const size_t tets = (size_t)from->num_tets, one = sizeof(int32_t);
     if (!copy(from->link, (size_t)from->num_links, sizeof *to->link, &to->link) || !copy(from->bridge, (size_t)from->num_bridges, one, &to->bridge) ||
         !copy(from->tet, tets, one, &to->tet) || !copy(from->start, tets + 1, one, &to->start) ||

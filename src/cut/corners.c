@@ -24,6 +24,8 @@ typedef struct splitting {
     element *around;     /* of one node */
     int32_t *part, count, room;
     uint8_t *holds;      /* (room) of a part: it has a voxel beside the node */
+    int32_t *region;     /* (tetrahedra and fragments) those around touched ones, as faces join them; -1: elsewhere */
+    int32_t regions;     /* how many such parts there are */
 } splitting;
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the nodes of fragments"); }
@@ -92,6 +94,10 @@ static pliant_status add_element(splitting *split, int32_t end, int32_t corner)
         split->room = room;
     }
     split->around[split->count++] = (element){end, corner};
+    if (split->region[end] < 0) {
+        split->region[end] = end;
+        split->regions++;
+    }
     return PLIANT_OK;
 }
 
@@ -175,6 +181,12 @@ static pliant_status add_copy(splitting *split, uint8_t fixed)
     return PLIANT_OK;
 }
 
+static bool joined_by_face(const cut_work *work, int32_t a, int32_t b)
+{
+    const int32_t s = cut_tet_of(work, a), t = cut_tet_of(work, b);
+    return s == t || cut_share_face(work, s, t);
+}
+
 static pliant_status split_node(splitting *split, int32_t node)
 {
     const cut_work *work = split->work;
@@ -182,12 +194,17 @@ static pliant_status split_node(splitting *split, int32_t node)
     if (status != PLIANT_OK) return status;
     int32_t *part = split->part, parts = split->count;
     for (int32_t i = 0; i < split->count; i++) part[i] = i;
-    for (int32_t i = 0; i < split->count && parts > 1; i++)
-        for (int32_t j = i + 1; j < split->count; j++) {
-            if (first_of(part, i) == first_of(part, j) || !joined(work, split->around[i].end, split->around[j].end)) continue;
-            join(part, i, j);
-            parts--;
-        }
+    for (int pass = 0; pass < 2 && parts > 1; pass++) /* by faces, then by an edge or the node */
+        for (int32_t i = 0; i < split->count && parts > 1; i++)
+            for (int32_t j = i + 1; j < split->count; j++) {
+                const int32_t a = split->around[i].end, b = split->around[j].end;
+                if (first_of(part, i) == first_of(part, j) || joined_by_face(work, a, b) != (pass == 0) || !joined(work, a, b)) continue;
+                join(part, i, j);
+                parts--;
+                if (pass > 0 || first_of(split->region, a) == first_of(split->region, b)) continue;
+                join(split->region, a, b);
+                split->regions--;
+            }
     if (parts <= 1) return PLIANT_OK;
     const uint8_t fixed = work->body->fine_fixed[node];
     int32_t keeps = 0;
@@ -232,22 +249,7 @@ static pliant_status split_nodes(splitting *split)
     return status;
 }
 
-/* ---- fragments with the same four nodes are one */
-
-static void unite(splitting *split)
-{
-    cut_work *work = split->work;
-    for (int32_t t = 0; t < work->num_touched; t++)
-        for (int32_t f = work->first[t]; f < work->first[t + 1]; f++)
-            for (int32_t g = f + 1; g < work->first[t + 1]; g++) {
-                cut_fragment *one = work->fragment + f, *other = work->fragment + g;
-                if (one->into >= 0 || other->into >= 0 || (one->stays && other->stays)) continue;
-                if (memcmp(split->own + 4 * f, split->own + 4 * g, 4 * sizeof *split->own) != 0) continue;
-                if (other->stays) one->into = work->body->fine.num_tets + g;
-                else other->into = work->body->fine.num_tets + f;
-            }
-}
-
+/* Fragments with the same four nodes stay two: later cuts may part them without a link of their own. */
 static pliant_status number(splitting *split)
 {
     cut_work *work = split->work;
@@ -275,13 +277,17 @@ static pliant_status number(splitting *split)
 pliant_status pliant_cut_corners(cut_work *work)
 {
     splitting split = {.work = work};
+    const size_t ends = (size_t)work->body->fine.num_tets + (size_t)work->num_fragments;
     split.own = pliant_calloc((size_t)work->num_fragments, 4 * sizeof *split.own);
-    pliant_status status = split.own ? split_nodes(&split) : no_memory();
+    split.region = pliant_calloc(ends, sizeof *split.region);
+    if (split.region) memset(split.region, 0xff, ends * sizeof *split.region);
+    pliant_status status = split.own && split.region ? split_nodes(&split) : no_memory();
     if (status == PLIANT_OK) {
-        unite(&split);
+        work->in_one = split.regions == 1;
         status = number(&split);
     }
     pliant_free(split.own);
+    pliant_free(split.region);
     pliant_free(split.moved);
     pliant_free(split.around);
     pliant_free(split.part);

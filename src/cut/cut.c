@@ -68,6 +68,7 @@ static pliant_status divide(cut_work *work, uint64_t revision, pliant_body **out
                                       .copy_fixed = work->copy_fixed,
                                       .num_touched = work->num_touched,
                                       .touched = work->touched,
+                                      .same_pieces = work->in_one,
                                       .cuts = work->next};
     pliant_status status = pliant_body_divide(work->body, revision, &division, out);
     if (status == PLIANT_OK) work->next = NULL; /* taken */
@@ -102,15 +103,51 @@ static pliant_status write_down(cut_work *work)
     return PLIANT_OK;
 }
 
-/* after pliant_cut_touch */
+/* after pliant_cut_find_edges */
 static pliant_status make_next(cut_work *work, uint64_t revision, pliant_body **out)
 {
-    pliant_status status = pliant_cut_join(work);
+    pliant_status status = pliant_cut_give_chips(work);
     if (status == PLIANT_OK) status = pliant_cut_corners(work);
     if (status == PLIANT_OK) status = pliant_cut_materials(work);
     if (status == PLIANT_OK) status = pliant_cut_gather(work);
     if (status == PLIANT_OK) status = write_down(work);
-    return status == PLIANT_OK ? divide(work, revision, out) : status;
+    if (status == PLIANT_OK) status = divide(work, revision, out);
+    if (status != PLIANT_OK) return status;
+    /* nobody has the next body yet: its cuts are written to */
+    if (work->in_one && work->cuts) (*out)->cuts->num_pieces = work->cuts->num_pieces;
+    else status = count_pieces(*out, &(*out)->cuts->num_pieces);
+    if (status == PLIANT_OK) return PLIANT_OK;
+    pliant_body_release(*out);
+    *out = NULL;
+    return status;
+}
+
+/* all but what is newly severed */
+static void forget(cut_work *work)
+{
+    void *blocks[] = {work->state, work->touched, work->start,      work->first,      work->voxel,    work->part,  work->fragment,     work->edge,
+                      work->table, work->corners, work->tet_source, work->copy_fixed, work->material, work->place, work->links.severed};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    pliant_cuts_free(work->next);
+    *work = (cut_work){.body = work->body, .voxels = work->voxels, .cuts = work->cuts, .positions = work->positions,
+                       .num_links = work->num_links, .num_bridges = work->num_bridges, .link_room = work->link_room, .bridge_room = work->bridge_room,
+                       .link = work->link, .link_area = work->link_area, .bridge = work->bridge};
+}
+
+/* Fragments, and who is joined to whom. */
+static pliant_status find_fragments(cut_work *work)
+{
+    for (bool again = true; again;) {
+        pliant_status status = pliant_cut_touch(work);
+        if (status == PLIANT_OK) status = pliant_cut_find_edges(work);
+        if (status == PLIANT_OK) status = pliant_cut_keep_dust(work, &again);
+        if (status != PLIANT_OK) return status;
+        if (!again) break;
+        forget(work);
+        status = find_state(work);
+        if (status != PLIANT_OK || (work->num_links == 0 && work->num_bridges == 0)) return status;
+    }
+    return PLIANT_OK;
 }
 
 static pliant_status cut(cut_work *work, uint64_t revision, const pliant_cut_sweep *sweep, pliant_body **out, pliant_cut_report *report)
@@ -118,25 +155,21 @@ static pliant_status cut(cut_work *work, uint64_t revision, const pliant_cut_swe
     pliant_status status = find_state(work);
     if (status == PLIANT_OK) status = pliant_cut_sever(work, sweep);
     if (status != PLIANT_OK || (work->num_links == 0 && work->num_bridges == 0)) return status;
+    status = out ? find_fragments(work) : pliant_cut_touch(work);
+    if (status != PLIANT_OK || (work->num_links == 0 && work->num_bridges == 0)) return status;
     tell_severed(work, sweep, report);
-    if (status == PLIANT_OK) status = pliant_cut_touch(work);
     report->touched = work->num_touched;
-    if (status == PLIANT_OK && out) status = make_next(work, revision, out);
-    if (status != PLIANT_OK || !out) return status;
-    status = count_pieces(*out, &report->pieces);
-    if (status != PLIANT_OK) {
-        pliant_body_release(*out);
-        *out = NULL;
-    }
+    if (out) status = make_next(work, revision, out);
+    if (status == PLIANT_OK && out) report->pieces = (*out)->cuts->num_pieces;
     return status;
 }
 
 static void free_work(cut_work *work)
 {
-    void *blocks[] = {work->link, work->link_area, work->bridge,  work->state,      work->touched,    work->start,    work->first, work->voxel,    work->part,
-                      work->edge, work->table,     work->corners, work->tet_source, work->copy_fixed, work->material, work->place, work->fragment, work->links.severed};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
-    pliant_cuts_free(work->next);
+    forget(work);
+    pliant_free(work->link);
+    pliant_free(work->link_area);
+    pliant_free(work->bridge);
 }
 
 static pliant_status refuse_whole(void)
@@ -200,6 +233,7 @@ pliant_status pliant_body_sever(const pliant_body *body, uint64_t revision, int3
     pliant_status status = find_state(&work);
     if (status == PLIANT_OK) status = take_severed(&work, count, severed);
     if (status == PLIANT_OK) status = pliant_cut_touch(&work);
+    if (status == PLIANT_OK) status = pliant_cut_find_edges(&work);
     if (status == PLIANT_OK) status = make_next(&work, revision, &next);
     free_work(&work);
     if (status == PLIANT_OK) *out = next;

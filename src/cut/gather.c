@@ -100,23 +100,36 @@ static pliant_status gather_chips(const cut_work *work, pliant_cuts *next)
     return PLIANT_OK;
 }
 
+/* those of before that stay, in order, and those of now */
 static pliant_status gather_joins(const cut_work *work, pliant_cuts *next)
 {
     const pliant_cuts *cuts = work->cuts;
-    next->join = pliant_calloc((size_t)work->num_edges + (size_t)(cuts ? cuts->num_joins : 0) + 1, 2 * sizeof *next->join);
-    if (!next->join) return pliant_fail_memory("what fragments are joined to");
-    for (int32_t j = 0; cuts && j < cuts->num_joins; j++) {
-        const int32_t *join = cuts->join + 2 * j;
-        if (work->state[cut_parent(work, join[0])] <= 0 && work->state[cut_parent(work, join[1])] <= 0)
-            memcpy(next->join + 2 * next->num_joins++, join, 2 * sizeof *join);
+    const int32_t before = cuts ? cuts->num_joins : 0;
+    int32_t *made = pliant_calloc((size_t)work->num_edges + 1, 2 * sizeof *made), count = 0;
+    next->join = pliant_calloc((size_t)work->num_edges + (size_t)before + 1, 2 * sizeof *next->join);
+    if (!next->join || !made) {
+        pliant_free(made);
+        return pliant_fail_memory("what fragments are joined to");
     }
     for (int32_t e = 0; e < work->num_edges; e++) {
         const int32_t a = cut_number(work, work->edge[e].end[0]), b = cut_number(work, work->edge[e].end[1]);
         if (a == b) continue;
-        next->join[2 * next->num_joins] = a < b ? a : b;
-        next->join[2 * next->num_joins++ + 1] = a < b ? b : a;
+        made[2 * count] = a < b ? a : b;
+        made[2 * count++ + 1] = a < b ? b : a;
     }
-    next->num_joins = sort_pairs(next->join, next->num_joins);
+    count = sort_pairs(made, count);
+    for (int32_t old = 0, now = 0; old < before || now < count;) {
+        const int32_t *join = old < before ? cuts->join + 2 * old : NULL;
+        if (join && (work->state[cut_parent(work, join[0])] > 0 || work->state[cut_parent(work, join[1])] > 0)) {
+            old++;
+            continue;
+        }
+        const int order = !join ? 1 : now == count ? -1 : by_pair(join, made + 2 * now);
+        memcpy(next->join + 2 * next->num_joins++, order <= 0 ? join : made + 2 * now, 2 * sizeof *made);
+        old += order <= 0;
+        now += order >= 0;
+    }
+    pliant_free(made);
     return PLIANT_OK;
 }
 

@@ -7,9 +7,6 @@
 
 #include <string.h>
 
-/* Of its tetrahedron's voxels, a fragment with less is a chip, if nobody needs it between them. */
-static const double least_share = 0.03;
-
 static pliant_status no_memory(void) { return pliant_fail_memory("what fragments are joined to"); }
 
 /* ---- edges, in a hash table */
@@ -106,7 +103,7 @@ static pliant_status add_edges_of(cut_work *work, int32_t i)
     return status;
 }
 
-static pliant_status find_edges(cut_work *work)
+pliant_status pliant_cut_find_edges(cut_work *work)
 {
     const pliant_voxels *voxels = work->voxels;
     pliant_status status = grow(work);
@@ -209,7 +206,7 @@ static void give_small(chips *all)
     for (int32_t f = 0; f < work->num_fragments; f++) {
         cut_fragment *one = work->fragment + f;
         const int32_t whole = work->voxels->start[one->tet + 1] - work->voxels->start[one->tet];
-        if (one->into >= 0 || one->stays || one->voxels >= least_share * whole) continue;
+        if (one->into >= 0 || one->stays || one->voxels >= CUT_LEAST_SHARE * whole) continue;
         int32_t best = -1, most = 0;
         for (int32_t e = 0; e < work->num_edges; e++) {
             const int32_t a = cut_final(work, work->edge[e].end[0]), b = cut_final(work, work->edge[e].end[1]);
@@ -242,17 +239,15 @@ static pliant_status hand_on(cut_work *work)
     return status;
 }
 
-pliant_status pliant_cut_join(cut_work *work)
+pliant_status pliant_cut_give_chips(cut_work *work)
 {
     chips all = {.work = work};
     const size_t count = (size_t)work->num_fragments + 1;
-    pliant_status status = find_edges(work);
-    if (status != PLIANT_OK) return status;
     all.group = pliant_calloc(count, sizeof *all.group);
     all.voxels = pliant_calloc(count, sizeof *all.voxels);
     all.best = pliant_calloc(count, sizeof *all.best);
     all.weight = pliant_calloc(count, sizeof *all.weight);
-    status = all.group && all.voxels && all.best && all.weight ? give_chips(&all) : no_memory();
+    pliant_status status = all.group && all.voxels && all.best && all.weight ? give_chips(&all) : no_memory();
     if (status == PLIANT_OK) {
         give_small(&all);
         status = hand_on(work);

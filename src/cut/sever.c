@@ -11,6 +11,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+static inline double lesser(double a, double b) { return a < b ? a : b; }
+static inline double greater(double a, double b) { return a > b ? a : b; }
+
 typedef struct triangle {
     double corner[9], normal[3], low[3], high[3];
 } triangle;
@@ -31,6 +34,7 @@ typedef struct severing {
     double low[3], high[3];  /* of all triangles */
     int32_t *near;           /* triangles near a fragment */
     int32_t num_near;
+    double slab[5];          /* of a fragment: only voxels with slab[3] <= slab[0..2] . index <= slab[4] are near them */
     int32_t *map_of;         /* (fine tetrahedra) 1 + index into maps */
     int32_t num_maps, map_room;
     voxel_map *maps;
@@ -48,8 +52,8 @@ static void add_triangle(severing *cut, const double *p, const double *q, const 
         made->corner[6 + d] = r[d];
         u[d] = q[d] - p[d];
         v[d] = r[d] - p[d];
-        made->low[d] = fmin(p[d], fmin(q[d], r[d]));
-        made->high[d] = fmax(p[d], fmax(q[d], r[d]));
+        made->low[d] = lesser(p[d], lesser(q[d], r[d]));
+        made->high[d] = greater(p[d], greater(q[d], r[d]));
     }
     for (int d = 0; d < 3; d++) {
         made->normal[d] = u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3];
@@ -127,8 +131,8 @@ static const triangle *parted(const severing *cut, const double a[3], const doub
 {
     double low[3], high[3];
     for (int d = 0; d < 3; d++) {
-        low[d] = fmin(a[d], b[d]) - cut->slack;
-        high[d] = fmax(a[d], b[d]) + cut->slack;
+        low[d] = lesser(a[d], b[d]) - cut->slack;
+        high[d] = greater(a[d], b[d]) + cut->slack;
     }
     for (int32_t n = 0; n < cut->num_near; n++) {
         const triangle *one = cut->triangles + cut->near[n];
@@ -249,13 +253,13 @@ static bool find_near(severing *cut, double low[3], double high[3])
             continue;
         cut->near[cut->num_near++] = t;
         for (int d = 0; d < 3; d++) {
-            from[d] = fmin(from[d], one->low[d]);
-            to[d] = fmax(to[d], one->high[d]);
+            from[d] = lesser(from[d], one->low[d]);
+            to[d] = greater(to[d], one->high[d]);
         }
     }
     for (int d = 0; d < 3; d++) {
-        low[d] = fmax(low[d], from[d]);
-        high[d] = fmin(high[d], to[d]);
+        low[d] = greater(low[d], from[d]);
+        high[d] = lesser(high[d], to[d]);
     }
     return cut->num_near > 0;
 }
@@ -276,14 +280,36 @@ static void map_back(const voxel_map *map, double handed, const double low[3], c
         for (int corner = 0; corner < 8; corner++) {
             double at = 0;
             for (int d = 0; d < 3; d++) at += minors[3 * r + d] / determinant * ((corner >> d & 1 ? high[d] : low[d]) - map->origin[d]);
-            from[r] = fmin(from[r], at - 2);
-            to[r] = fmax(to[r], at + 2);
+            from[r] = lesser(from[r], at - 2);
+            to[r] = greater(to[r], at + 2);
         }
         if (!(handed * determinant > 1e-3 * lengths) || !(from[r] <= to[r])) {
             from[r] = -INFINITY;
             to[r] = INFINITY;
         }
     }
+}
+
+/* The triangles near a fragment lie between two planes, which are mapped back to indices of its voxels; three links more on either side. */
+static void find_slab(severing *cut, const voxel_map *map)
+{
+    double normal[3] = {0}, low = INFINITY, high = -INFINITY, steps = 0, offset = 0;
+    for (int32_t n = 0; n < cut->num_near; n++)
+        for (int d = 0; d < 3; d++) normal[d] += cut->triangles[cut->near[n]].normal[d];
+    for (int32_t n = 0; n < cut->num_near; n++)
+        for (int v = 0; v < 3; v++) {
+            const double *corner = cut->triangles[cut->near[n]].corner + 3 * v;
+            const double at = normal[0] * corner[0] + normal[1] * corner[1] + normal[2] * corner[2];
+            low = lesser(low, at);
+            high = greater(high, at);
+        }
+    for (int c = 0; c < 3; c++) {
+        cut->slab[c] = normal[0] * map->axes[c] + normal[1] * map->axes[3 + c] + normal[2] * map->axes[6 + c];
+        steps += fabs(cut->slab[c]);
+        offset += normal[c] * map->origin[c];
+    }
+    cut->slab[3] = low - offset - 3 * steps;
+    cut->slab[4] = high - offset + 3 * steps;
 }
 
 /* of a tetrahedron at load, the voxels between two indices that a fine one carries, and its bridges */
@@ -299,6 +325,8 @@ static pliant_status try_voxels(severing *cut, int32_t tet, int32_t owner, const
         if (carrier && carrier[v - first] != tet) continue;
         pliant_place_of(voxels, voxels->voxel[v], at);
         if (at[0] < from[0] || at[0] > to[0] || at[1] < from[1] || at[1] > to[1] || at[2] < from[2] || at[2] > to[2]) continue;
+        const double side = cut->slab[0] * at[0] + cut->slab[1] * at[1] + cut->slab[2] * at[2];
+        if (side < cut->slab[3] || side > cut->slab[4]) continue;
         for (int axis = 0; axis < 3 && status == PLIANT_OK; axis++) {
             status = try_link(cut, tet, voxels->voxel[v], at, axis, 1);
             if (status == PLIANT_OK) status = try_link(cut, tet, voxels->voxel[v], at, axis, -1);
@@ -318,8 +346,8 @@ static pliant_status try_fragment(severing *cut, int32_t tet)
     for (int d = 0; d < 3; d++) {
         const double x[4] = {work->positions[3 * (size_t)nodes[0] + d], work->positions[3 * (size_t)nodes[1] + d],
                              work->positions[3 * (size_t)nodes[2] + d], work->positions[3 * (size_t)nodes[3] + d]};
-        low[d] = fmin(fmin(x[0], x[1]), fmin(x[2], x[3]));
-        high[d] = fmax(fmax(x[0], x[1]), fmax(x[2], x[3]));
+        low[d] = lesser(lesser(x[0], x[1]), lesser(x[2], x[3]));
+        high[d] = greater(greater(x[0], x[1]), greater(x[2], x[3]));
         const double more = cut->reach * (high[d] - low[d]) + cut->slack;
         if (!(low[d] - more <= cut->high[d] && high[d] + more >= cut->low[d])) return PLIANT_OK;
     }
@@ -332,6 +360,7 @@ static pliant_status try_fragment(severing *cut, int32_t tet)
     }
     if (!find_near(cut, low, high)) return PLIANT_OK;
     map_back(map, cut->handed, low, high, from, to);
+    find_slab(cut, map);
     pliant_status status = try_voxels(cut, tet, cut_parent(work, tet), from, to);
     for (int32_t c = 0; work->cuts && c < work->cuts->num_chips && status == PLIANT_OK; c++)
         if (work->cuts->chip[2 * c + 1] == tet) status = try_voxels(cut, tet, work->cuts->chip[2 * c], from, to);
@@ -386,14 +415,14 @@ static pliant_status sort_severed(cut_work *work)
 pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
 {
     const pliant_geometry *geometry = &work->voxels->geometry;
-    severing cut = {.work = work, .slack = 1e-9 * fmin(geometry->spacing[0], fmin(geometry->spacing[1], geometry->spacing[2]))};
+    severing cut = {.work = work, .slack = 1e-9 * lesser(geometry->spacing[0], lesser(geometry->spacing[1], geometry->spacing[2]))};
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++) cut.rest_of_index[3 * r + c] = geometry->direction[3 * r + c] * geometry->spacing[c];
     const double *cell = work->body->fine.cell_size; /* of an octree, of its smallest leaves */
     cut.handed = pliant_determinant(geometry->direction) < 0 ? -1 : 1;
     /* the least height of the lattice's tetrahedra is 0.58 of a cube's side, of one on bone less */
-    cut.reach = (work->body->fine.num_moved > 0 ? 8 : 4) * fmax(geometry->spacing[0], fmax(geometry->spacing[1], geometry->spacing[2])) /
-                fmin(cell[0], fmin(cell[1], cell[2]));
+    cut.reach = (work->body->fine.num_moved > 0 ? 8 : 4) * greater(geometry->spacing[0], greater(geometry->spacing[1], geometry->spacing[2])) /
+                lesser(cell[0], lesser(cell[1], cell[2]));
     pliant_status status = list_triangles(&cut, sweep);
     if (status == PLIANT_OK && cut.num_triangles > 0) {
         cut.map_of = pliant_calloc((size_t)work->body->fine.num_tets, sizeof *cut.map_of);

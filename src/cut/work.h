@@ -9,6 +9,9 @@
 extern "C" {
 #endif
 
+/* Of its tetrahedron's voxels, a fragment with less is a chip, if nobody needs it between them; what nobody holds, dust. */
+#define CUT_LEAST_SHARE 0.03
+
 /* Voxels of a touched tetrahedron that hang together within it. */
 typedef struct cut_fragment {
     int32_t tet;      /* at load */
@@ -56,6 +59,7 @@ typedef struct cut_work {
     int32_t *corners;                /* (num_tets x 4) */
     int32_t *tet_source;             /* (appended) */
     uint8_t *copy_fixed;             /* (appended nodes) */
+    bool in_one;                     /* all around what is touched still hangs together by faces there */
     /* ---- materials.c */
     pliant_tet_material *material;   /* (num_tets) */
 } cut_work;
@@ -91,13 +95,17 @@ static inline bool cut_share_face(const cut_work *work, int32_t a, int32_t b)
 pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep);
 /* Tetrahedra that own an end of them, and their fragments. */
 pliant_status pliant_cut_touch(cut_work *work);
-/* Who is joined to whom; chips are given away. */
-pliant_status pliant_cut_join(cut_work *work);
+/* Who is joined to whom. */
+pliant_status pliant_cut_find_edges(cut_work *work);
+/* What is nobody's keeps links that were newly severed. changed: then touch, and find edges, again */
+pliant_status pliant_cut_keep_dust(cut_work *work, bool *changed);
+/* Chips move with those that they hang on. */
+pliant_status pliant_cut_give_chips(cut_work *work);
 /* the end of edges that a voxel with an owner belongs to */
 int32_t pliant_cut_end_of(const cut_work *work, int32_t voxel);
 /* weight of the edge between two; 0: none */
 int32_t pliant_cut_edge(const cut_work *work, int32_t a, int32_t b);
-/* Which corners are one node; fragments with the same four become one; numbers of tetrahedra and nodes. */
+/* Which corners are one node; numbers of tetrahedra and nodes. */
 pliant_status pliant_cut_corners(cut_work *work);
 pliant_status pliant_cut_materials(cut_work *work);
 /* The fragments and joins of work->next. */

@@ -1,0 +1,100 @@
+/* What a stroke would leave joined to nobody, and is no more than a few voxels, keeps its links to one side. */
+#include "body/parts.h"
+#include "cut/work.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+typedef struct dust {
+    cut_work *work;
+    int32_t *group;  /* (fragments + 1) that anything joins; the first: what is untouched */
+    int32_t *voxels; /* (fragments + 1) */
+    int32_t *least;  /* (fragments + 1) below which a group is dust: a single voxel always is */
+    int32_t *lost;   /* (fragments + 1) links to one other group, newly severed */
+} dust;
+
+static int32_t group_of(const dust *all, int32_t end)
+{
+    const int32_t tets = all->work->body->fine.num_tets;
+    return first_of(all->group, end < tets ? 0 : end - tets + 1);
+}
+
+static void find_groups(const dust *all)
+{
+    const cut_work *work = all->work;
+    const int32_t tets = work->body->fine.num_tets;
+    for (int32_t g = 0; g <= work->num_fragments; g++) all->group[g] = g;
+    for (int32_t e = 0; e < work->num_edges; e++) {
+        const int32_t *end = work->edge[e].end;
+        join(all->group, end[0] < tets ? 0 : end[0] - tets + 1, end[1] < tets ? 0 : end[1] - tets + 1);
+    }
+    for (int32_t f = 0; f < work->num_fragments; f++) {
+        const int32_t group = group_of(all, tets + f), tet = work->fragment[f].tet;
+        const int32_t least = (int32_t)(CUT_LEAST_SHARE * (work->voxels->start[tet + 1] - work->voxels->start[tet])) + 2;
+        all->voxels[group] += work->fragment[f].voxels;
+        if (least > all->least[group]) all->least[group] = least;
+    }
+}
+
+/* the groups of both ends of a newly severed link */
+static void ends_of(const dust *all, int32_t link, int32_t group[2])
+{
+    const cut_work *work = all->work;
+    const int32_t voxel = (int32_t)(work->link[link] / 4), next = voxel + pliant_stride_of(work->voxels, work->link[link] % 4);
+    group[0] = group_of(all, pliant_cut_end_of(work, voxel));
+    group[1] = group_of(all, pliant_cut_end_of(work, next));
+}
+
+/* the group that one has lost the most links to; -1: none */
+static int32_t most_lost(const dust *all, int32_t group)
+{
+    int32_t most = -1, ends[2];
+    memset(all->lost, 0, ((size_t)all->work->num_fragments + 1) * sizeof *all->lost);
+    for (int32_t l = 0; l < all->work->num_links; l++) {
+        ends_of(all, l, ends);
+        if (ends[0] == ends[1] || (ends[0] != group && ends[1] != group)) continue;
+        const int32_t other = ends[0] == group ? ends[1] : ends[0];
+        all->lost[other]++;
+        if (most < 0 || all->lost[other] > all->lost[most]) most = other;
+    }
+    return most;
+}
+
+/* one group's; true: links were taken back */
+static bool take_back(const dust *all, int32_t group)
+{
+    cut_work *work = all->work;
+    const int32_t to = most_lost(all, group);
+    int32_t kept = 0, ends[2];
+    if (to < 0) return false;
+    for (int32_t l = 0; l < work->num_links; l++) {
+        ends_of(all, l, ends);
+        if ((ends[0] == group && ends[1] == to) || (ends[1] == group && ends[0] == to)) continue;
+        work->link[kept] = work->link[l];
+        work->link_area[kept++] = work->link_area[l];
+    }
+    work->num_links = kept;
+    return true;
+}
+
+pliant_status pliant_cut_keep_dust(cut_work *work, bool *changed)
+{
+    dust all = {.work = work};
+    const size_t count = (size_t)work->num_fragments + 1;
+    *changed = false;
+    all.group = pliant_calloc(count, sizeof *all.group);
+    all.voxels = pliant_calloc(count, sizeof *all.voxels);
+    all.least = pliant_calloc(count, sizeof *all.least);
+    all.lost = pliant_calloc(count, sizeof *all.lost);
+    const bool good = all.group && all.voxels && all.least && all.lost;
+    if (good) find_groups(&all);
+    for (int32_t g = 1; good && g <= work->num_fragments; g++)
+        if (all.group[g] == g && all.voxels[g] < all.least[g] && take_back(&all, g)) *changed = true;
+    pliant_free(all.group);
+    pliant_free(all.voxels);
+    pliant_free(all.least);
+    pliant_free(all.lost);
+    return good ? PLIANT_OK : pliant_fail_memory("what a blade leaves");
+}
