@@ -247,6 +247,24 @@ TEST(Knife, StrokesThatCanBeUndoneAreAsManyAsAsked)
     EXPECT_EQ(slab.data->body->revision, 3u) << "two cuts are left";
 }
 
+TEST(Knife, WhatIsUndoneAtOnceGoesOn)
+{
+    Slab slab(Kind{"direct", [](pliant_scene &scene) {
+        scene.solver.preconditioner = PLIANT_DIRECT;
+        scene.solver.refresh_interval = 1;
+        scene.solver.refresh_delay = 2;
+    }});
+    const double points[6] = {0.0405, -0.01, 0.05, 0.0405, 0.05, 0.05}, depth[3] = {0, 0, -0.035}, rest[3] = {0.02, 0.012, 0.03};
+    ASSERT_EQ(pliant_data_cut(slab.model, slab.data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_data_undo_cut(slab.model, slab.data), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_grasp(slab.model, slab.data, slab.tool, rest), PLIANT_OK);
+    for (int s = 0; s < 40; s++) { // factors are made anew all the time
+        slab.place(0.02 + 5e-4 * s, 0.03 + 5e-4 * s);
+        slab.step();
+    }
+    EXPECT_GE(slab.data->statistics.factors, 3u);
+}
+
 TEST(Knife, EnergyNeverRisesByACut)
 {
     Slab slab;
