@@ -116,17 +116,25 @@ pliant_status pliant_tool_set_mass(pliant_data *data, int tool, double mass)
 
 enum { BLOB_POINTS = 9 }; /* along the diameter of the blob */
 
+/* the tetrahedron at a rest point, of fragments the one whose voxels are there; -1: none */
+static int32_t find_tet(const pliant_body *body, const double rest[3], double barycentric[4])
+{
+    int32_t tet = -1;
+    if (!body->cuts) return pliant_mesh_locate(&body->fine, rest, barycentric);
+    return pliant_body_locate(body, body->fine.rest, rest, &tet, barycentric) ? tet : -1;
+}
+
 /* weights of the fine nodes at one rest point, added up; false: no tissue there */
-static bool add_point(const pliant_mesh *mesh, const double rest[3], double *weights)
+static bool add_point(const pliant_body *body, const double rest[3], double *weights)
 {
     double barycentric[4];
-    int32_t tet = pliant_mesh_locate(mesh, rest, barycentric);
+    int32_t tet = find_tet(body, rest, barycentric);
     if (tet < 0) return false;
-    for (int v = 0; v < 4; v++) weights[mesh->tets[4 * tet + v]] += barycentric[v];
+    for (int v = 0; v < 4; v++) weights[body->fine.tets[4 * tet + v]] += barycentric[v];
     return true;
 }
 
-static int blob_weights(const pliant_mesh *mesh, const double centre[3], double radius, double *weights)
+static int blob_weights(const pliant_body *body, const double centre[3], double radius, double *weights)
 {
     int inside = 0;
     for (int k = 0; k < BLOB_POINTS; k++)
@@ -135,7 +143,7 @@ static int blob_weights(const pliant_mesh *mesh, const double centre[3], double 
                 double unit[3] = {2.0 * i / (BLOB_POINTS - 1) - 1, 2.0 * j / (BLOB_POINTS - 1) - 1, 2.0 * k / (BLOB_POINTS - 1) - 1};
                 if (unit[0] * unit[0] + unit[1] * unit[1] + unit[2] * unit[2] > 1 + 1e-9) continue;
                 double point[3] = {centre[0] + radius * unit[0], centre[1] + radius * unit[1], centre[2] + radius * unit[2]};
-                inside += add_point(mesh, point, weights);
+                inside += add_point(body, point, weights);
             }
     return inside;
 }
@@ -159,15 +167,16 @@ static pliant_status fail_no_tissue(const pliant_mesh *mesh, const char *name, c
 }
 
 /* the nodes that a blob leans on, ascending, and their shares */
-static pliant_status list_held(const pliant_mesh *mesh, const pliant_tool *tool, const double centre[3], double radius, int32_t *num_held,
+static pliant_status list_held(const pliant_body *body, const pliant_tool *tool, const double centre[3], double radius, int32_t *num_held,
                                int32_t **nodes, double **shares)
 {
+    const pliant_mesh *mesh = &body->fine;
     double *weights = pliant_calloc((size_t)mesh->num_nodes, sizeof *weights), total = 0;
     if (!weights) return pliant_fail_memory("a tool's hold");
     int32_t count = 0, *held = NULL;
     double *weight = NULL;
     pliant_status status = PLIANT_OK;
-    if (!(radius > 0 ? blob_weights(mesh, centre, radius, weights) > 0 : add_point(mesh, centre, weights)))
+    if (!(radius > 0 ? blob_weights(body, centre, radius, weights) > 0 : add_point(body, centre, weights)))
         status = fail_no_tissue(mesh, tool->name, centre);
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
         count += weights[n] != 0;
@@ -206,7 +215,7 @@ pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, cons
     pliant_status status = pliant_blade_carry(&tool->blade, &from->blade, data, next, positions);
     if (status != PLIANT_OK || !from->holding) return status;
     if (!from->blade.drags)
-        status = list_held(&next->fine, from, from->grasped, from->grasped_radius, &tool->num_held, &tool->held, &tool->weight);
+        status = list_held(next, from, from->grasped, from->grasped_radius, &tool->num_held, &tool->held, &tool->weight);
     else if (pliant_blade_num_inside(&tool->blade.edge) > 0) status = pliant_blade_hold(next, tool);
     else pliant_blade_loosen(tool);
     tool->holding = tool->num_held > 0;
@@ -249,7 +258,9 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
         memcpy(centre, rest, sizeof centre);
     } else {
         if (!tool->present) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no pose: it cannot grasp", tool->name);
-        int32_t tet = pliant_mesh_locate_deformed(mesh, data->positions, tool->tip, barycentric);
+        int32_t tet = -1;
+        if (!data->body->cuts) tet = pliant_mesh_locate_deformed(mesh, data->positions, tool->tip, barycentric);
+        else if (!pliant_body_locate(data->body, data->positions, tool->tip, &tet, barycentric)) tet = -1;
         if (tet < 0) return fail_no_tissue(mesh, tool->name, tool->tip);
         memset(centre, 0, sizeof centre);
         for (int v = 0; v < 4; v++)
@@ -257,7 +268,7 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
     }
     int32_t *held = NULL, count;
     double *weight = NULL;
-    if ((status = list_held(mesh, tool, centre, tool->radius, &count, &held, &weight)) != PLIANT_OK) return status;
+    if ((status = list_held(data->body, tool, centre, tool->radius, &count, &held, &weight)) != PLIANT_OK) return status;
     pliant_tool_forget(tool);
     tool->num_held = count;
     tool->held = held;

@@ -265,6 +265,35 @@ TEST(Knife, WhatIsUndoneAtOnceGoesOn)
     EXPECT_GE(slab.data->statistics.factors, 3u);
 }
 
+// beside a cut, within elements that it divides: what is held is what lies there
+TEST(Knife, AToolHoldsTheSideThatItIsOn)
+{
+    Slab slab(fine, 0);
+    slab.stroke(0.0445, 0.034, -0.003, 0.1);
+    slab.cutting(false);
+    ASSERT_EQ(slab.state().pieces, 2);
+    for (double side : {-1.0, 1.0}) {
+        const double rest[3] = {0.0445 + 0.002 * side, 0.012, 0.029};
+        ASSERT_EQ(pliant_tool_set_radius(slab.data, slab.tool, 0.0015), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(slab.model, slab.data, slab.tool, rest), PLIANT_OK) << pliant_last_error();
+        const int32_t nodes = slab.data->body->fine.num_nodes;
+        const std::vector<double> before(slab.data->positions, slab.data->positions + 3 * nodes);
+        slab.place(rest[0] + 0.004 * side, rest[2]); // away from the cut
+        for (int s = 0; s < 5; s++) slab.step();
+        double moved[2] = {0, 0};
+        for (int32_t n = 0; n < nodes; n++) {
+            const double x = slab.data->body->fine.rest[3 * n];
+            if (x > 0.035 && x < 0.055) continue;
+            double &most = moved[x > 0.0445];
+            most = std::max(most, std::fabs(slab.data->positions[3 * n] - before[3 * n]));
+        }
+        EXPECT_GT(moved[side > 0], 1e-4);
+        EXPECT_LT(moved[side < 0], 1e-6);
+        pliant_tool_release(slab.data, slab.tool);
+        for (int s = 0; s < 20; s++) slab.step();
+    }
+}
+
 TEST(Knife, EnergyNeverRisesByACut)
 {
     Slab slab;
