@@ -8,7 +8,7 @@
 #ifndef PLIANT_REPORT_H
 #define PLIANT_REPORT_H
 
-#include "pliant/data.h"
+#include "pliant/path.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -248,6 +248,44 @@ typedef struct pliant_truth {
  *  Errors: SCENE (explicit dynamics, an octree, or no three meshes), MEMORY, CANCELLED, FILE. */
 PLIANT_API pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables, pliant_progress progress,
                                           pliant_truth *worst);
+
+/* ---- MODULI (moduli.c): how stiff materials are, from where points of the tissue were measured */
+
+enum { PLIANT_MAX_MODULI = 8 };
+
+/** A point whose displacement was measured. */
+typedef struct pliant_marker {
+    int32_t load;                /**< under which load, from 0 */
+    double rest[3], moved[3];    /**< LPS [m] */
+    double deviation;            /**< standard deviation of each of the three numbers [m] */
+} pliant_marker;
+
+typedef struct pliant_moduli_data {
+    int32_t num_loads;
+    const pliant_path *loads;    /**< Nullable: the scene's own gravity. (num_loads) a load is where a path ends: its gravity, its tools */
+    int32_t num_markers;
+    const pliant_marker *markers;
+} pliant_moduli_data;
+
+typedef struct pliant_moduli {
+    int32_t count, passes;
+    double young[PLIANT_MAX_MODULI];                       /**< [Pa] */
+    double low[PLIANT_MAX_MODULI], high[PLIANT_MAX_MODULI]; /**< the true one is in between with a probability of 95 %, if the rest of the model is right */
+    double correlation[PLIANT_MAX_MODULI][PLIANT_MAX_MODULI];
+    double misfit;               /**< sum of squared residuals over deviations, over the degrees of freedom: far above 1 the model, or a deviation, is wrong */
+    double rms;                  /**< of the distances that are left [m] */
+} pliant_moduli;
+
+/** Markers from a CSV file: load (from 1), x, y, z, moved_x, moved_y, moved_z [m] and maybe the deviation [m], a line each; lines that begin with # are
+ *  left out, as is a first line that begins with "load". @param deviation where a line has none. Free with pliant_free. Errors: FILE, FORMAT, MEMORY. */
+PLIANT_API pliant_status pliant_markers_read(const char *path, double deviation, int32_t *count, pliant_marker **out);
+
+/** Young's moduli of `count` named materials that bring the scene's tissue, at rest under each load, nearest to the markers: Gauss-Newton on their logarithms
+ *  from those of the table on, sensitivities by differences. A modulus is that of the scene's mesh: pliant_truth_run tells what that is off by.
+ *  Errors: ARGUMENT (names, markers outside of the tissue), NUMERIC (nothing measured tells of a material), those of building and stepping, CANCELLED.
+ *  NOT_CONVERGED: *out is the best that was found. */
+PLIANT_API pliant_status pliant_moduli_fit(const pliant_report_input *input, const pliant_moduli_data *data, int32_t count, const char *const *names,
+                                           pliant_progress progress, pliant_moduli *out);
 
 /* ---- STABILITY */
 

@@ -1,0 +1,232 @@
+// Moduli from measured displacements: what they were is found again, within the confidence that is told.
+#include "pipeline/body.h"
+#include "program.h"
+
+#include "pliant/memory.h"
+#include "pliant/report.h"
+
+#include <array>
+#include <fstream>
+#include <random>
+#include <sstream>
+#include <string>
+
+namespace {
+
+// Two materials side by side along a clamped bar, markers on it, under two loads: along and across.
+struct Bar : Body {
+    pliant_report_input input;
+    pliant_path_key across[1] = {{0, {0, -3, 0}}}, along[1] = {{0, {0, 0, -9}}};
+    pliant_path loads[2]{};
+    std::vector<pliant_marker> markers;
+    Bar(double soft, double stiff)
+        : Body(std::array<int, 3>{6, 6, 18}.data(), std::array<double, 3>{0.03, 0.03, 0.09}.data(), {{soft, 0.45, 1000, false}, {stiff, 0.4, 1000, false}},
+               [](int, int, int k) { return k < 9 ? 0 : 1; })
+    {
+        cells(3, 3, 9, 1);
+        fix_plane(0, 0, 1e-6, 0, 0, 1);
+        scene.solver.threads = 1;
+        input = {&scene, &scan, nullptr, &table};
+        loads[0].gravity = across;
+        loads[1].gravity = along;
+        loads[0].num_gravity = loads[1].num_gravity = 1;
+        for (int load = 0; load < 2; load++)
+            for (int n = 0; n < 24; n++) {
+                pliant_marker one{};
+                one.load = load;
+                one.rest[0] = 0.002 + 0.006 * (n % 4 + 0.5);
+                one.rest[1] = n % 2 ? 0.027 : 0.004;
+                one.rest[2] = 0.012 + 0.003 * n;
+                one.deviation = 2e-5;
+                markers.push_back(one);
+            }
+    }
+    pliant_moduli_data measured() const { return {2, loads, static_cast<int32_t>(markers.size()), markers.data()}; }
+};
+
+// where the markers of a bar of these moduli go
+void measure(Bar *bar, unsigned seed)
+{
+    std::mt19937 random(seed);
+    std::normal_distribution<double> noise(0, 2e-5);
+    ASSERT_EQ(bar->build(), PLIANT_OK) << pliant_last_error();
+    for (int load = 0; load < 2; load++) {
+        ASSERT_EQ(pliant_data_reset(bar->model, bar->data), PLIANT_OK);
+        ASSERT_EQ(pliant_data_set_gravity(bar->data, bar->loads[load].gravity[0].value), PLIANT_OK);
+        ASSERT_EQ(bar->settle(200), PLIANT_OK);
+        for (pliant_marker &marker : bar->markers) {
+            if (marker.load != load) continue;
+            double weights[4];
+            int32_t tet = pliant_mesh_locate(&bar->model->body->fine, marker.rest, weights);
+            ASSERT_GE(tet, 0);
+            for (int d = 0; d < 3; d++) {
+                marker.moved[d] = noise(random) - marker.rest[d];
+                for (int v = 0; v < 4; v++) marker.moved[d] += weights[v] * bar->data->positions[3 * bar->model->body->fine.tets[4 * tet + v] + d];
+            }
+        }
+    }
+}
+
+TEST(Moduli, TwoAreFoundAgainFromNoisyMarkersWithinTheirConfidence)
+{
+    int inside = 0;
+    for (unsigned seed = 1; seed <= 4; seed++) {
+        Bar true_one(20e3, 7e3), bar(8e3, 15e3);
+        measure(&true_one, seed);
+        bar.markers = true_one.markers;
+        const pliant_moduli_data data = bar.measured();
+        const char *names[2] = {"m0", "m1"};
+        pliant_moduli found;
+        ASSERT_EQ(pliant_moduli_fit(&bar.input, &data, 2, names, {nullptr, nullptr}, &found), PLIANT_OK) << pliant_last_error();
+        std::printf("20 and 7 kPa: %.0f (%.0f to %.0f) and %.0f (%.0f to %.0f) Pa, misfit %.2f, correlation %.2f, %d passes\n", found.young[0], found.low[0], found.high[0],
+                    found.young[1], found.low[1], found.high[1], found.misfit, found.correlation[0][1], found.passes);
+        EXPECT_NEAR(found.young[0], 20e3, 400);
+        EXPECT_NEAR(found.young[1], 7e3, 400);
+        EXPECT_NEAR(found.misfit, 1, 0.4);
+        EXPECT_LT(found.high[0] / found.low[0], 1.05);
+        EXPECT_NEAR(found.rms, 2e-5 * std::sqrt(3.0), 5e-6);
+        inside += found.low[0] < 20e3 && found.high[0] > 20e3;
+        inside += found.low[1] < 7e3 && found.high[1] > 7e3;
+        EXPECT_EQ(bar.table.materials[0].young_modulus, 8e3) << "the caller's table stays";
+    }
+    EXPECT_GE(inside, 7); // of 8, at 95 %
+}
+
+TEST(Moduli, SaysWhatCannotBeFitted)
+{
+    Bar bar(20e3, 7e3);
+    pliant_moduli found;
+    pliant_moduli_data data = bar.measured();
+    const char *nobody[1] = {"bone"}, *second[1] = {"m1"};
+    EXPECT_EQ(pliant_moduli_fit(&bar.input, &data, 1, nobody, {nullptr, nullptr}, &found), PLIANT_ERROR_ARGUMENT);
+    EXPECT_NE(std::string(pliant_last_error()).find("no material bone"), std::string::npos);
+    bar.markers[3].rest[0] = 5;
+    EXPECT_EQ(pliant_moduli_fit(&bar.input, &data, 1, second, {nullptr, nullptr}, &found), PLIANT_ERROR_ARGUMENT);
+    EXPECT_NE(std::string(pliant_last_error()).find("marker 4: there is no tissue"), std::string::npos) << pliant_last_error();
+    bar.markers[3].deviation = 0;
+    EXPECT_EQ(pliant_moduli_fit(&bar.input, &data, 1, second, {nullptr, nullptr}, &found), PLIANT_ERROR_ARGUMENT);
+    data.num_markers = 0;
+    EXPECT_EQ(pliant_moduli_fit(&bar.input, &data, 1, second, {nullptr, nullptr}, &found), PLIANT_ERROR_ARGUMENT);
+}
+
+TEST(Moduli, MarkersAreRead)
+{
+    char name[] = "/tmp/pliant_markers_XXXXXX";
+    close(mkstemp(name));
+    std::ofstream(name) << "load,x,y,z,moved_x,moved_y,moved_z,deviation\n# a comment\n1,0.01,0.02,0.03,0,-0.001,0\n2,0.01,0.02,0.03,0,-0.001,0,1e-4\n";
+    int32_t count;
+    pliant_marker *markers;
+    ASSERT_EQ(pliant_markers_read(name, 3e-4, &count, &markers), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(count, 2);
+    EXPECT_EQ(markers[0].load, 0);
+    EXPECT_EQ(markers[0].deviation, 3e-4);
+    EXPECT_EQ(markers[1].load, 1);
+    EXPECT_EQ(markers[1].deviation, 1e-4);
+    EXPECT_EQ(markers[1].moved[1], -0.001);
+    pliant_free(markers);
+    std::ofstream(name) << "1,0.01,0.02\n";
+    EXPECT_EQ(pliant_markers_read(name, 3e-4, &count, &markers), PLIANT_ERROR_FORMAT);
+    EXPECT_NE(std::string(pliant_last_error()).find("line 1"), std::string::npos);
+    std::remove(name);
+    EXPECT_EQ(pliant_markers_read("/nonexistent.csv", 3e-4, &count, &markers), PLIANT_ERROR_FILE);
+}
+
+// The measured beam: three markers at the tip of a clamped silicone beam that is released under its own weight; 264 kPa was found elsewhere.
+TEST(Moduli, OfTheMeasuredBeam)
+{
+    std::ifstream file(PLIANT_TEST_DATA "/beam/gravity_markers.csv");
+    if (!file) GTEST_SKIP() << "no measured beam in " PLIANT_TEST_DATA;
+    std::vector<pliant_marker> markers;
+    std::vector<std::array<double, 3>> rest;
+    const double surface[3][3] = {{0.1, 0.015, 0.03}, {0.1, 0, 0.024}, {0.1, 0.03, 0.0065}}; // below the markers' balls
+    for (std::string line; std::getline(file, line);) {
+        if (line.find(",Tip-") == std::string::npos) continue;
+        std::stringstream cells(line);
+        std::vector<std::string> cell;
+        for (std::string one; std::getline(cells, one, ',');) cell.push_back(one);
+        const int number = cell[2][4] - '1';
+        const std::array<double, 3> at = {std::stod(cell[7]), std::stod(cell[8]), std::stod(cell[9])};
+        if (cell[3] == "rest") {
+            rest.resize(3);
+            rest[static_cast<size_t>(number)] = at;
+            continue;
+        }
+        pliant_marker one{};
+        for (int d = 0; d < 3; d++) {
+            one.rest[d] = surface[number][d];
+            one.moved[d] = at[static_cast<size_t>(d)] - rest[static_cast<size_t>(number)][static_cast<size_t>(d)];
+        }
+        one.deviation = 1e-3; // what the state at rest is good for
+        markers.push_back(one);
+    }
+    ASSERT_EQ(markers.size(), 6u);
+    double young[2];
+    for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {
+        Body beam(std::array<int, 3>{20, 6, 6}.data(), std::array<double, 3>{0.1, 0.03, 0.03}.data(), {{150e3, 0.499, 1070, false}});
+        beam.cells(10, 3, 3, 1);
+        beam.fix_plane(0, 0, 0, 1, 0, 0);
+        beam.scene.element.kind = kind;
+        beam.scene.model.gravity[2] = -9.807;
+        const pliant_report_input input = {&beam.scene, &beam.scan, nullptr, &beam.table};
+        const pliant_moduli_data data = {1, nullptr, 6, markers.data()};
+        const char *names[1] = {"m0"};
+        pliant_moduli found;
+        ASSERT_EQ(pliant_moduli_fit(&input, &data, 1, names, {nullptr, nullptr}, &found), PLIANT_OK) << pliant_last_error();
+        std::printf("%s: %.1f kPa (%.1f to %.1f), off by %.2f mm\n", kind == PLIANT_LINEAR ? "linear" : "hexahedra", 1e-3 * found.young[0], 1e-3 * found.low[0],
+                    1e-3 * found.high[0], 1e3 * found.rms);
+        young[kind == PLIANT_HEXAHEDRA] = found.young[0];
+    }
+    EXPECT_LT(young[0], 0.7 * young[1]) << "tetrahedra that lock ask for soft tissue";
+    EXPECT_NEAR(young[1], 263.8e3, 0.1 * 263.8e3);
+}
+
+class Fit : public Program {
+protected:
+    Fit() : Program(PLIANT_FIT_PROGRAM) {}
+};
+
+// pliant_deform's nodes are the measurement; the search begins at another modulus.
+TEST_F(Fit, FindsWhatAnotherProgramHasDeformedWith)
+{
+    const std::string scene = " --scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set mesh/ratio=1 --set 'model/gravity=0 9.81 0' --set solver/threads=1";
+    const auto table = [](double fat, double muscle) {
+        std::ostringstream text;
+        text << "materials:\n  - {name: air, empty: true, range: [-2000, -300], young_modulus: 1, poisson_ratio: 0.3, density: 1}\n  - {name: fat, range: [-300, 0], young_modulus: " << fat
+             << ", poisson_ratio: 0.45, density: 950}\n  - {name: muscle, range: [0, 250], young_modulus: " << muscle
+             << ", poisson_ratio: 0.45, density: 1050}\n  - {name: bone, fixed: true, range: [250, 4000], young_modulus: 1e9, poisson_ratio: 0.3, density: 1800}\n";
+        return text.str();
+    };
+    std::ofstream(in("true.yaml")) << table(3000, 9000);
+    std::ofstream(in("start.yaml")) << table(5000, 5000);
+    ASSERT_EQ(std::system((std::string(PLIANT_DEFORM) + scene + " --quiet --no-volume --set solver/tolerance=1e-7 --set material/file=" + in("true.yaml") + " --out " + in("d")).c_str()), 0);
+    std::ifstream nodes(in("d/nodes.csv"));
+    std::ofstream markers(in("markers.csv"));
+    markers.precision(12);
+    int row = 0;
+    for (std::string line; std::getline(nodes, line); row++) {
+        double x[6];
+        if (row % 5 == 0 || std::sscanf(line.c_str(), "%lf,%lf,%lf,%lf,%lf,%lf", x, x + 1, x + 2, x + 3, x + 4, x + 5) != 6) continue;
+        markers << "1," << x[0] << "," << x[1] << "," << x[2] << "," << x[3] - x[0] << "," << x[4] - x[1] << "," << x[5] - x[2] << "\n";
+    }
+    markers.close();
+    ASSERT_EQ(run(scene + " --set material/file=" + in("start.yaml") + " --markers " + in("markers.csv") + " --deviation 1e-5 --materials fat,muscle --out " + in("f")), 0) << err_;
+    std::ifstream result(in("f/moduli.csv"));
+    std::string line;
+    std::getline(result, line);
+    EXPECT_EQ(line, "material,young_modulus_pa,low_pa,high_pa,misfit,rms_m,correlation_fat,correlation_muscle");
+    for (double truth : {3000.0, 9000.0}) {
+        ASSERT_TRUE(std::getline(result, line));
+        EXPECT_NEAR(std::stod(line.substr(line.find(',') + 1)), truth, 0.01 * truth) << line;
+    }
+    EXPECT_NE(out_.find("95 % between"), std::string::npos) << out_;
+}
+
+TEST_F(Fit, TellsWrongUsageFromFailure)
+{
+    EXPECT_EQ(run("--help"), 0);
+    EXPECT_EQ(run("--scan phantom --markers x"), 2);
+    EXPECT_EQ(run("--scan phantom --markers /nonexistent.csv --materials fat --out " + in("x")), 1);
+    EXPECT_NE(err_.find("/nonexistent.csv"), std::string::npos) << err_;
+}
+
+} // namespace
