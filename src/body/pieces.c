@@ -161,6 +161,21 @@ static pliant_status list_pieces(const search *work, int32_t *part)
     return PLIANT_OK;
 }
 
+/* The nodes of pieces are fixed for the solve. Where nothing else moves, one of them is left to it, since it needs an unknown: the one with
+ * the least mass, which no tool is likely to hold; where it is follows from its piece. */
+static void fix_nodes(pliant_body *next, const int32_t *part)
+{
+    const int32_t nodes = next->fine.num_nodes;
+    int32_t lightest = -1;
+    bool moves = false;
+    for (int32_t n = 0; n < nodes; n++) {
+        if (part[n] >= 0) next->fine_fixed[n] = PLIANT_FIXED_WHERE_IT_WAS;
+        moves = moves || next->fine_fixed[n] == PLIANT_MOVES;
+        if (part[n] >= 0 && (lightest < 0 || next->node_mass[n] < next->node_mass[lightest])) lightest = n;
+    }
+    if (!moves && lightest >= 0) next->fine_fixed[lightest] = PLIANT_MOVES;
+}
+
 static pliant_status find(search *work)
 {
     pliant_body *next = work->next;
@@ -175,8 +190,7 @@ static pliant_status find(search *work)
     if (!part) return pliant_fail_memory("the pieces of the body");
     join_nodes(work, part);
     status = list_pieces(work, part);
-    for (int32_t n = 0; status == PLIANT_OK && !next->has_inertia && n < nodes; n++)
-        if (part[n] >= 0) next->fine_fixed[n] = PLIANT_FIXED_WHERE_IT_WAS;
+    if (status == PLIANT_OK && !next->has_inertia) fix_nodes(next, part);
     pliant_free(part);
     return status;
 }

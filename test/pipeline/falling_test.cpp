@@ -92,6 +92,8 @@ const pliant_body *divided(const pliant_body &body, uint64_t revision, double z,
     pliant_division division{};
     division.num_tets = mesh.num_tets;
     division.corners = corners.data();
+    const std::vector<uint8_t> moves(static_cast<size_t>(nodes - mesh.num_nodes) + 1, PLIANT_MOVES);
+    division.copy_fixed = moves.data();
     pliant_body *next = nullptr;
     EXPECT_EQ(pliant_body_divide(&body, revision, &division, &next), PLIANT_OK) << pliant_last_error();
     return next;
@@ -370,6 +372,24 @@ TEST(Falling, OnOneNodeOrTwoItSwings)
         for (int32_t n : upper) others += body->data->positions[3 * n + 2] != alone->data->positions[3 * n + 2];
         EXPECT_EQ(others, 0);
     }
+}
+
+// nothing is left to solve
+TEST_P(EveryMethod, AllOfItMayComeOff)
+{
+    std::unique_ptr<Body> body = hang(GetParam());
+    body->fix_plane(0, 0, 0.14 - 1e-6, 0, 0, -1);
+    ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+    step(*body, 3);
+    cut(*body, 0.14);
+    ASSERT_TRUE(body->data->body->pieces);
+    const std::vector<int32_t> lower = nodes_below(*body->data->body, 0.14);
+    const double start = centre_of(*body, lower)[2];
+    step(*body, 10);
+    EXPECT_LT(centre_of(*body, lower)[2], start - 5e-3);
+    for (double x : std::vector<double>(body->data->positions, body->data->positions + 3 * body->data->body->fine.num_nodes)) ASSERT_TRUE(std::isfinite(x));
+    ASSERT_EQ(pliant_data_reset(body->model, body->data), PLIANT_OK) << pliant_last_error();
+    step(*body, 3);
 }
 
 TEST(Falling, APieceOfAPieceGoesOnWithItsVelocity)
