@@ -8,7 +8,7 @@ set(PLIANT_WITH_RVIZ FALSE)
 set(PLIANT_RVIZ_REPORT "no, there is no ROS")
 
 set(pliant_ros_messages message_generation std_msgs geometry_msgs)
-set(pliant_ros_nodes roscpp nodelet pluginlib tf2_ros tf2_eigen tf2_geometry_msgs diagnostic_updater diagnostic_msgs
+set(pliant_ros_nodes roscpp nodelet pluginlib tf2_ros tf2_eigen diagnostic_updater diagnostic_msgs
     dynamic_reconfigure sensor_msgs visualization_msgs std_srvs interactive_markers rosbag)
 set(pliant_ros_components ${pliant_ros_messages})
 if(NOT PLIANT_MSGS_ONLY)

@@ -141,6 +141,7 @@ void MeshDisplay::reset()
     bool subscribed = topology_subscriber_;
     unsubscribe();
     mesh_.clear();
+    early_.reset();
     dropped_ = states_ = 0;
     range_known_ = changed_ = false;
     if (object_) object_->clear();
@@ -164,17 +165,21 @@ void MeshDisplay::receive_topology(const pliant::MeshTopology::ConstPtr &message
         setStatusStd(rviz::StatusProperty::Error, "Topology", "revision " + std::to_string(message->revision) + " refused: " + error);
         return;
     }
+    const bool same_scan = !mesh_.empty() && mesh_.topology().scan_id == topology.scan_id;
     mesh_.start(std::move(topology));
     frame_ = message->header.frame_id;
     setStatusStd(rviz::StatusProperty::Ok, "Topology",
                  "revision " + std::to_string(message->revision) + ": " + std::to_string(message->rest_nodes.size() / 3) + " nodes, " +
                      std::to_string(message->tetrahedra.size() / 4) + " tetrahedra");
-    range_known_ = false;
+    if (!same_scan) range_known_ = false; // a cut does not change what the colours mean
     change_look();
+    if (early_ && early_->revision == message->revision) receive_state(pliant::MeshState::ConstPtr(early_));
 }
 
 void MeshDisplay::receive_state(const pliant::MeshState::ConstPtr &message)
 {
+    // it may overtake its topology, which is larger
+    early_ = message->revision != mesh_.topology().revision ? message : nullptr;
     MeshShape::Result result = mesh_.put(message->revision, message->nodes, message->scalar);
     states_++;
     if (result == MeshShape::SHOWN) {

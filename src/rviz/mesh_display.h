@@ -69,6 +69,7 @@ private:
 
     ros::Subscriber topology_subscriber_, state_subscriber_;
     MeshShape mesh_;
+    pliant::MeshState::ConstPtr early_; // a state whose topology has not come yet
     std::string frame_, scalar_name_;
     bool changed_ = false, bar_changed_ = false, range_known_ = false;
     uint64_t dropped_ = 0, states_ = 0;

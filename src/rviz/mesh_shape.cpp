@@ -81,13 +81,21 @@ std::string check(const Topology &topology)
 void MeshShape::start(Topology topology)
 {
     size_t nodes = topology.rest.size() / 3, seen = nodes_.size() / 3;
-    bool same_scan = seen > 0 && topology.scan_id == topology_.scan_id && topology.rest_parent.size() == nodes;
-    std::vector<float> now = topology.rest;
-    if (same_scan && std::all_of(topology.rest_parent.begin(), topology.rest_parent.end(), [&](uint32_t p) { return p < seen; }))
-        for (size_t n = 0; n < nodes; n++) std::copy_n(&nodes_[3 * topology.rest_parent[n]], 3, &now[3 * n]);
+    bool same_scan = seen > 0 && topology.scan_id == topology_.scan_id && topology.rest_parent.size() == nodes &&
+                     topology_.rest_parent.size() == seen;
+    std::vector<float> now = topology.rest, scalar(scalar_.empty() ? 0 : nodes);
+    for (size_t n = 0; same_scan && n < nodes; n++) {
+        // one that was there before, or else what it is a copy of
+        bool was_there = n < seen && topology_.rest_parent[n] == topology.rest_parent[n];
+        size_t source = was_there ? n : topology.rest_parent[n];
+        same_scan = source < seen;
+        if (!same_scan) break;
+        std::copy_n(&nodes_[3 * source], 3, &now[3 * n]);
+        if (!scalar.empty()) scalar[n] = scalar_[source];
+    }
+    nodes_ = same_scan ? std::move(now) : topology.rest;
+    scalar_ = same_scan ? std::move(scalar) : std::vector<float>();
     topology_ = std::move(topology);
-    nodes_ = std::move(now);
-    scalar_.clear();
     find_faces();
 }
 

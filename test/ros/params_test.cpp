@@ -43,6 +43,31 @@ TEST(Params, DefaultsWithoutAny)
     EXPECT_EQ(parameters.background, PLIANT_BACKGROUND_LIVE) << "no step waits";
 }
 
+TEST(Params, ABladeHasANameOrAnEdge)
+{
+    XmlRpcValue tree;
+    tree["tools"] = "knife grasper";
+    tree["tool"]["knife"]["blade"] = "scalpel";
+    Parameters parameters = read(tree);
+    EXPECT_TRUE(parameters.tools[0].has_blade());
+    EXPECT_FALSE(parameters.tools[0].grasps) << "what cuts does not grasp";
+    EXPECT_FALSE(parameters.tools[1].has_blade());
+    EXPECT_TRUE(parameters.tools[1].grasps);
+    tree["tool"]["knife"]["mode"] = "grasp";
+    EXPECT_TRUE(read(tree).tools[0].grasps) << "unless it is said to";
+    XmlRpcValue edge;
+    for (int d = 0; d < 3; ++d) edge["from"][d] = 0.01 * d, edge["to"][d] = 0;
+    tree["tool"]["knife"]["blade"] = edge;
+    EXPECT_DOUBLE_EQ(read(tree).tools[0].blade_from[2], 0.02);
+    edge["from"] = edge["to"];
+    tree["tool"]["knife"]["blade"] = edge;
+    EXPECT_NE(refusal(tree).find("no edge"), std::string::npos);
+    tree["tool"]["knife"]["blade"] = "spoon";
+    EXPECT_NE(refusal(tree).find("scalpel"), std::string::npos) << "the names are listed";
+    tree["tool"]["knife"]["blade"] = 3;
+    EXPECT_NE(refusal(tree).find("~tool/knife/blade"), std::string::npos);
+}
+
 TEST(Params, BackgroundIsLiveOrPlanned)
 {
     XmlRpcValue tree;

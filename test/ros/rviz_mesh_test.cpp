@@ -111,6 +111,21 @@ TEST(MeshShape, NodesStayWhereTheirParentsWereAfterACut)
     ASSERT_EQ(mesh.nodes().size(), 27u);
     for (size_t n = 0; n < 24; n++) EXPECT_EQ(mesh.nodes()[n], moved[n]);
     for (size_t d = 0; d < 3; d++) EXPECT_EQ(mesh.nodes()[24 + d], moved[15 + d]);
+    // the copy has moved on; the next cut leaves it where it is
+    moved = mesh.nodes();
+    for (size_t d = 0; d < 3; d++) moved[24 + d] += 1;
+    std::vector<float> scalar(9, 2);
+    scalar[8] = 5;
+    mesh.put(4, moved, scalar);
+    Topology next = cut;
+    next.revision = 5;
+    next.rest.insert(next.rest.end(), topology.rest.begin(), topology.rest.begin() + 3);
+    next.rest_parent.push_back(0);
+    mesh.start(next);
+    for (size_t d = 0; d < 3; d++) EXPECT_EQ(mesh.nodes()[24 + d], moved[24 + d]);
+    ASSERT_EQ(mesh.scalar().size(), 10u) << "colours stay, too";
+    EXPECT_EQ(mesh.scalar()[8], 5);
+    EXPECT_EQ(mesh.scalar()[9], mesh.scalar()[0]);
     Topology other = row(1);
     other.scan_id = "another scan";
     mesh.start(other);

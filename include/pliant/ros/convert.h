@@ -13,6 +13,9 @@
 #include <geometry_msgs/Transform.h>
 #include <geometry_msgs/WrenchStamped.h>
 #include <pliant/ContactState.h>
+#include <pliant/Cut.h>
+#include <pliant/CutInput.h>
+#include <pliant/CutLine.h>
 #include <pliant/MeshState.h>
 #include <pliant/MeshTopology.h>
 #include <pliant/Pick.h>
@@ -32,6 +35,9 @@
 namespace pliant_ros {
 
 using pliant::ContactState;
+using pliant::Cut;
+using pliant::CutInput;
+using pliant::CutLine;
 using pliant::MeshState;
 using pliant::MeshTopology;
 using pliant::Pick;
@@ -93,6 +99,8 @@ void wrench_message(const double force[3], const double frame_from_tissue[4], ge
 /** Header is the caller's.
  *  @param clearance of pliant_tool_clearance [m] */
 void contact_message(const pliant_tool_state &tool, double clearance, ContactState *out);
+/** What a tool's blade does. Header and revision are the caller's. */
+void cut_message(const pliant_tool_state &tool, Cut *out);
 /** Stages, seconds and counters of the last step. Header, percentiles, missed_deadlines and inverted are the
  *  caller's. */
 void timing_message(const pliant_statistics &statistics, StepTiming *out);
@@ -110,6 +118,9 @@ template <class Message> void choice_message(const pliant_choice &choice, Messag
 /** A ray into tissue axes, and what it met back into those of the caller. */
 pliant_ray ray_from_message(const Pick::Request &request, const Rigid &tissue_from_frame);
 void pick_message(const pliant_picked &picked, const Rigid &frame_from_tissue, Pick::Response *out);
+
+/** A line to cut along, into tissue axes. */
+CutInput cut_from_message(const CutLine::Request &request, const Rigid &tissue_from_frame);
 
 /** The surface for stock rviz, coloured by displacement from rest (blue 0, red the largest, at least 1 mm) or, where
  *  given, by the scalar (blue its smallest, red its largest), with light from the front. Header is the caller's.

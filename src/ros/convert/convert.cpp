@@ -1,5 +1,8 @@
 #include "pliant/ros/convert.h"
 
+#include <Eigen/Geometry>
+#include <tf2_eigen/tf2_eigen.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -8,54 +11,30 @@ namespace pliant_ros {
 
 namespace {
 
-bool finite3(const double *v) { return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]); }
+using Eigen::Map;
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
+using RowMajor = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
-bool rigid_from_numbers(const double translation[3], const double rotation[4], Rigid *out, std::string *why)
+Eigen::Isometry3d isometry(const Rigid &motion)
 {
-    double squared = 0;
-    for (int i = 0; i < 4; ++i) squared += rotation[i] * rotation[i];
-    if (!finite3(translation) || !std::isfinite(squared)) {
+    return Eigen::Translation3d(Map<const Vector3d>(motion.translation)) * Map<const Quaterniond>(motion.rotation);
+}
+
+bool rigid_from(const Vector3d &translation, const Quaterniond &rotation, Rigid *out, std::string *why)
+{
+    const double length = rotation.norm();
+    if (!translation.allFinite() || !std::isfinite(length)) {
         *why = "a number of the pose is not finite";
         return false;
     }
-    double length = std::sqrt(squared);
     if (std::fabs(length - 1) > 0.01) {
         *why = "the quaternion of the pose has length " + std::to_string(length) + " instead of 1";
         return false;
     }
-    std::copy(translation, translation + 3, out->translation);
-    for (int i = 0; i < 4; ++i) out->rotation[i] = rotation[i] / length;
+    Map<Vector3d>(out->translation) = translation;
+    Map<Quaterniond>(out->rotation) = rotation.normalized();
     return true;
-}
-
-/* columns of a right-handed rotation matrix (row-major) -> quaternion, by its largest component */
-void quaternion_from_matrix(const double m[9], double q[4])
-{
-    double candidates[4] = {1 + m[0] - m[4] - m[8], 1 - m[0] + m[4] - m[8], 1 - m[0] - m[4] + m[8],
-                            1 + m[0] + m[4] + m[8]};
-    int largest = static_cast<int>(std::max_element(candidates, candidates + 4) - candidates);
-    double s = 2 * std::sqrt(candidates[largest]);
-    double sums[3] = {(m[5] + m[7]) / s, (m[2] + m[6]) / s, (m[1] + m[3]) / s};        /* yz, xz, xy */
-    double differences[3] = {(m[7] - m[5]) / s, (m[2] - m[6]) / s, (m[3] - m[1]) / s}; /* xw, yw, zw */
-    q[largest] = s / 4;
-    if (largest == 3) {
-        for (int i = 0; i < 3; ++i) q[i] = differences[i];
-        return;
-    }
-    int a = (largest + 1) % 3, b = (largest + 2) % 3;
-    q[a] = sums[b];
-    q[b] = sums[a];
-    q[3] = differences[largest];
-}
-
-void matrix_from_quaternion(const double q[4], double m[9])
-{
-    for (int column = 0; column < 3; ++column) {
-        double unit[3] = {0, 0, 0}, turned[3];
-        unit[column] = 1;
-        rotate(q, unit, turned);
-        for (int row = 0; row < 3; ++row) m[3 * row + column] = turned[row];
-    }
 }
 
 void append_floats(const double *values, size_t count, std::vector<float> *out)
@@ -87,62 +66,47 @@ const ScalarName scalar_names[] = {
 
 Rigid identity() { return Rigid{{0, 0, 0}, {0, 0, 0, 1}}; }
 
-void rotate(const double q[4], const double v[3], double out[3])
+void rotate(const double rotation[4], const double vector[3], double out[3])
 {
-    /* v + 2 w (u x v) + 2 u x (u x v), u the vector part */
-    double c[3] = {q[1] * v[2] - q[2] * v[1], q[2] * v[0] - q[0] * v[2], q[0] * v[1] - q[1] * v[0]};
-    double d[3] = {q[1] * c[2] - q[2] * c[1], q[2] * c[0] - q[0] * c[2], q[0] * c[1] - q[1] * c[0]};
-    for (int i = 0; i < 3; ++i) out[i] = v[i] + 2 * (q[3] * c[i] + d[i]);
+    Map<Vector3d>{out} = Map<const Quaterniond>(rotation) * Vector3d(Map<const Vector3d>(vector));
 }
 
 Rigid inverse(const Rigid &motion)
 {
-    Rigid out = {{0, 0, 0}, {-motion.rotation[0], -motion.rotation[1], -motion.rotation[2], motion.rotation[3]}};
-    double back[3];
-    rotate(out.rotation, motion.translation, back);
-    for (int i = 0; i < 3; ++i) out.translation[i] = -back[i];
+    Rigid out;
+    const Quaterniond back = Map<const Quaterniond>(motion.rotation).conjugate();
+    Map<Quaterniond>(out.rotation) = back;
+    Map<Vector3d>(out.translation) = -(back * Map<const Vector3d>(motion.translation));
     return out;
 }
 
 Rigid multiply(const Rigid &outer, const Rigid &inner)
 {
     Rigid out;
-    rotate(outer.rotation, inner.translation, out.translation);
-    for (int i = 0; i < 3; ++i) out.translation[i] += outer.translation[i];
-    const double *a = outer.rotation, *b = inner.rotation;
-    out.rotation[0] = a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1];
-    out.rotation[1] = a[3] * b[1] - a[0] * b[2] + a[1] * b[3] + a[2] * b[0];
-    out.rotation[2] = a[3] * b[2] + a[0] * b[1] - a[1] * b[0] + a[2] * b[3];
-    out.rotation[3] = a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2];
+    Map<Vector3d>(out.translation) = isometry(outer) * Map<const Vector3d>(inner.translation);
+    Map<Quaterniond>(out.rotation) = Map<const Quaterniond>(outer.rotation) * Map<const Quaterniond>(inner.rotation);
     return out;
 }
 
 bool rigid_from_message(const geometry_msgs::Pose &pose, Rigid *out, std::string *why)
 {
-    const double translation[3] = {pose.position.x, pose.position.y, pose.position.z};
-    const double rotation[4] = {pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w};
-    return rigid_from_numbers(translation, rotation, out, why);
+    Vector3d translation;
+    Quaterniond rotation;
+    tf2::fromMsg(pose.position, translation);
+    tf2::fromMsg(pose.orientation, rotation);
+    return rigid_from(translation, rotation, out, why);
 }
 
 bool rigid_from_message(const geometry_msgs::Transform &transform, Rigid *out, std::string *why)
 {
-    const double translation[3] = {transform.translation.x, transform.translation.y, transform.translation.z};
-    const double rotation[4] = {transform.rotation.x, transform.rotation.y, transform.rotation.z, transform.rotation.w};
-    return rigid_from_numbers(translation, rotation, out, why);
+    Vector3d translation;
+    Quaterniond rotation;
+    tf2::fromMsg(transform.translation, translation);
+    tf2::fromMsg(transform.rotation, rotation);
+    return rigid_from(translation, rotation, out, why);
 }
 
-geometry_msgs::Transform transform_message(const Rigid &motion)
-{
-    geometry_msgs::Transform out;
-    out.translation.x = motion.translation[0];
-    out.translation.y = motion.translation[1];
-    out.translation.z = motion.translation[2];
-    out.rotation.x = motion.rotation[0];
-    out.rotation.y = motion.rotation[1];
-    out.rotation.z = motion.rotation[2];
-    out.rotation.w = motion.rotation[3];
-    return out;
-}
+geometry_msgs::Transform transform_message(const Rigid &motion) { return tf2::eigenToTransform(isometry(motion)).transform; }
 
 bool tool_pose_from_message(const geometry_msgs::PoseStamped &message, Rigid *out, std::string *why)
 {
@@ -172,22 +136,11 @@ bool jaw_from_message(const sensor_msgs::JointState &message, double *angle, std
 void geometry_to_message(const pliant_geometry &geometry, geometry_msgs::Pose *origin, bool *flipped,
                          geometry_msgs::Vector3 *spacing)
 {
-    double m[9];
-    std::copy(geometry.direction, geometry.direction + 9, m);
-    double determinant = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) +
-                         m[2] * (m[3] * m[7] - m[4] * m[6]);
-    *flipped = determinant < 0;
-    if (*flipped)
-        for (int row = 0; row < 3; ++row) m[3 * row + 2] = -m[3 * row + 2];
-    double q[4];
-    quaternion_from_matrix(m, q);
-    origin->position.x = geometry.origin[0];
-    origin->position.y = geometry.origin[1];
-    origin->position.z = geometry.origin[2];
-    origin->orientation.x = q[0];
-    origin->orientation.y = q[1];
-    origin->orientation.z = q[2];
-    origin->orientation.w = q[3];
+    RowMajor axes = Map<const RowMajor>(geometry.direction);
+    *flipped = axes.determinant() < 0;
+    if (*flipped) axes.col(2) = -axes.col(2);
+    origin->position = tf2::toMsg(Vector3d(Map<const Vector3d>(geometry.origin)));
+    origin->orientation = tf2::toMsg(Quaterniond(Eigen::Matrix3d(axes)));
     spacing->x = geometry.spacing[0];
     spacing->y = geometry.spacing[1];
     spacing->z = geometry.spacing[2];
@@ -209,9 +162,9 @@ bool geometry_from_message(const uint32_t size[3], const geometry_msgs::Pose &or
         out->origin[d] = motion.translation[d];
         out->spacing[d] = steps[d];
     }
-    matrix_from_quaternion(motion.rotation, out->direction);
-    if (flipped)
-        for (int row = 0; row < 3; ++row) out->direction[3 * row + 2] = -out->direction[3 * row + 2];
+    RowMajor axes = isometry(motion).linear();
+    if (flipped) axes.col(2) = -axes.col(2);
+    Map<RowMajor>(out->direction) = axes;
     return true;
 }
 
@@ -255,6 +208,12 @@ void topology_message(const pliant_body &body, MeshTopology *out)
     out->triangles.assign(body.triangles, body.triangles + 3 * static_cast<size_t>(body.num_triangles));
     out->material.resize(tets);
     for (size_t i = 0; i < tets; ++i) out->material[i] = body.fine_material[i].material;
+    out->cut_end.clear();
+    out->severed.clear();
+    const pliant_cuts *cuts = body.cuts;
+    if (!cuts || cuts->num_cuts == 0) return;
+    out->cut_end.assign(cuts->cut_end, cuts->cut_end + cuts->num_cuts);
+    out->severed.assign(cuts->severed, cuts->severed + cuts->cut_end[cuts->num_cuts - 1]);
 }
 
 pliant_status mesh_state_message(const pliant_model &model, const pliant_body &body, const double *positions, MeshState *out)
@@ -274,11 +233,9 @@ pliant_status mesh_state_message(const pliant_model &model, const pliant_body &b
 
 void wrench_message(const double force[3], const double frame_from_tissue[4], geometry_msgs::WrenchStamped *out)
 {
-    double turned[3] = {0, 0, 0};
-    if (finite3(force)) rotate(frame_from_tissue, force, turned);
-    out->wrench.force.x = turned[0];
-    out->wrench.force.y = turned[1];
-    out->wrench.force.z = turned[2];
+    const Map<const Vector3d> given(force);
+    const Vector3d turned = given.allFinite() ? Map<const Quaterniond>(frame_from_tissue) * Vector3d(given) : Vector3d::Zero();
+    tf2::toMsg(turned, out->wrench.force);
     /* the force acts at the tip itself */
     out->wrench.torque = geometry_msgs::Vector3();
 }
@@ -299,6 +256,19 @@ void contact_message(const pliant_tool_state &tool, double clearance, ContactSta
     }
 }
 
+void cut_message(const pliant_tool_state &tool, Cut *out)
+{
+    out->tool = tool.name;
+    out->cutting = tool.cutting;
+    out->engaged = tool.engaged;
+    out->stroke = tool.stroke;
+    out->severed_area = tool.severed_area;
+    out->pieces = tool.pieces;
+    out->point.x = tool.tip[0];
+    out->point.y = tool.tip[1];
+    out->point.z = tool.tip[2];
+}
+
 void timing_message(const pliant_statistics &statistics, StepTiming *out)
 {
     out->step = statistics.step;
@@ -317,26 +287,38 @@ void timing_message(const pliant_statistics &statistics, StepTiming *out)
 
 pliant_ray ray_from_message(const Pick::Request &request, const Rigid &tissue_from_frame)
 {
-    const double origin[3] = {request.origin.x, request.origin.y, request.origin.z};
-    const double direction[3] = {request.direction.x, request.direction.y, request.direction.z};
+    const Eigen::Isometry3d to_tissue = isometry(tissue_from_frame);
+    Vector3d origin, direction;
+    tf2::fromMsg(request.origin, origin);
+    tf2::fromMsg(request.direction, direction);
     pliant_ray ray;
-    rotate(tissue_from_frame.rotation, origin, ray.origin);
-    rotate(tissue_from_frame.rotation, direction, ray.direction);
-    for (int d = 0; d < 3; ++d) ray.origin[d] += tissue_from_frame.translation[d];
+    Map<Vector3d>(ray.origin) = to_tissue * origin;
+    Map<Vector3d>(ray.direction) = to_tissue.linear() * direction;
     ray.near = request.near;
     ray.far = request.far;
     return ray;
+}
+
+CutInput cut_from_message(const CutLine::Request &request, const Rigid &tissue_from_frame)
+{
+    const Eigen::Isometry3d to_tissue = isometry(tissue_from_frame);
+    CutInput out;
+    for (const geometry_msgs::Point &point : request.points) {
+        Vector3d place;
+        tf2::fromMsg(point, place);
+        out.points.push_back(tf2::toMsg(Vector3d(to_tissue * place)));
+    }
+    Vector3d depth;
+    tf2::fromMsg(request.depth, depth);
+    tf2::toMsg(Vector3d(to_tissue.linear() * depth), out.depth);
+    return out;
 }
 
 void pick_message(const pliant_picked &picked, const Rigid &frame_from_tissue, Pick::Response *out)
 {
     out->success = picked.hit;
     if (!picked.hit) return;
-    double point[3];
-    rotate(frame_from_tissue.rotation, picked.point, point);
-    out->point.x = point[0] + frame_from_tissue.translation[0];
-    out->point.y = point[1] + frame_from_tissue.translation[1];
-    out->point.z = point[2] + frame_from_tissue.translation[2];
+    out->point = tf2::toMsg(Vector3d(isometry(frame_from_tissue) * Map<const Vector3d>(picked.point)));
     out->distance = picked.distance;
     out->tetrahedron = static_cast<uint32_t>(picked.tetrahedron);
     std::copy(picked.barycentric, picked.barycentric + 4, out->barycentric.begin());

@@ -59,6 +59,8 @@ Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *
     servers_.push_back(handle.advertiseService("set_materials", &Services::set_materials, this));
     servers_.push_back(handle.advertiseService("save_volume", &Services::save_volume, this));
     servers_.push_back(handle.advertiseService("pick", &Services::pick, this));
+    servers_.push_back(handle.advertiseService("cut", &Services::cut, this));
+    servers_.push_back(handle.advertiseService("undo_cut", &Services::undo_cut, this));
     servers_.push_back(handle.advertiseService("reset", &Services::reset, this));
     servers_.push_back(handle.advertiseService("pause", &Services::pause, this));
     spinner_.reset(new ros::AsyncSpinner(SERVICE_THREADS, &queue_));
@@ -248,16 +250,21 @@ bool Services::save_volume(SaveVolume::Request &request, SaveVolume::Response &r
     return true;
 }
 
+Rigid Services::tissue_from(const std_msgs::Header &header) const
+{
+    Rigid out = identity();
+    std::string why;
+    if (header.frame_id == parameters_.tissue_frame) return out;
+    if (!rigid_from_message(frames_->lookupTransform(parameters_.tissue_frame, header.frame_id, header.stamp).transform, &out, &why))
+        throw Failure(PLIANT_ERROR_ARGUMENT, why);
+    return out;
+}
+
 /* In the volume that is shown, or else in one made for this. */
 bool Services::pick(Pick::Request &request, Pick::Response &response)
 {
     try {
-        Rigid to_tissue = identity();
-        std::string why;
-        if (request.header.frame_id != parameters_.tissue_frame &&
-            !rigid_from_message(frames_->lookupTransform(parameters_.tissue_frame, request.header.frame_id,
-                                                         request.header.stamp).transform, &to_tissue, &why))
-            throw Failure(PLIANT_ERROR_ARGUMENT, why);
+        const Rigid to_tissue = tissue_from(request.header);
         pliant_ray ray = ray_from_message(request, to_tissue);
         pliant_picked picked{};
         auto find = [&](const Warped &warped, const Snapshot &now) { picked = warped.pick(now.positions, ray, request.threshold); };
@@ -268,6 +275,36 @@ bool Services::pick(Pick::Request &request, Pick::Response &response)
             find(warped, now);
         }
         pick_message(picked, inverse(to_tissue), &response);
+    } catch (const std::exception &failed) {
+        response.message = failed.what();
+    }
+    return true;
+}
+
+bool Services::cut(CutLine::Request &request, CutLine::Response &response)
+{
+    try {
+        const CutInput input = cut_from_message(request, tissue_from(request.header));
+        const pliant_cut_report report = simulation_->cut(input, &response.revision);
+        response.success = true;
+        response.severed_area = report.area;
+        response.pieces = report.pieces;
+        response.message = report.num_links + report.num_bridges > 0 ? "cut" : "no tissue there";
+    } catch (const std::exception &failed) {
+        response.message = failed.what();
+    }
+    return true;
+}
+
+bool Services::undo_cut(std_srvs::Trigger::Request &, std_srvs::Trigger::Response &response)
+{
+    try {
+        CutInput input;
+        uint32_t revision;
+        input.undo = true;
+        simulation_->cut(input, &revision);
+        response.success = true;
+        response.message = "revision " + std::to_string(revision);
     } catch (const std::exception &failed) {
         response.message = failed.what();
     }

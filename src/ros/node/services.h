@@ -6,6 +6,7 @@
 #include "ros/sim/simulation.h"
 #include "ros/output/volume_output.h"
 
+#include <pliant/CutLine.h>
 #include <pliant/LoadScan.h>
 #include <pliant/Pick.h>
 #include <pliant/RecomputeHomogenization.h>
@@ -20,6 +21,7 @@
 
 namespace pliant_ros {
 
+using pliant::CutLine;
 using pliant::LoadScan;
 using pliant::RecomputeHomogenization;
 using pliant::SaveVolume;
@@ -52,6 +54,9 @@ private:
     bool set_materials(SetMaterials::Request &request, SetMaterials::Response &response);
     bool save_volume(SaveVolume::Request &request, SaveVolume::Response &response);
     bool pick(Pick::Request &request, Pick::Response &response);
+    bool cut(CutLine::Request &request, CutLine::Response &response);
+    bool undo_cut(std_srvs::Trigger::Request &request, std_srvs::Trigger::Response &response);
+    Rigid tissue_from(const std_msgs::Header &header) const;
     bool reset(std_srvs::Trigger::Request &request, std_srvs::Trigger::Response &response);
     bool pause(std_srvs::SetBool::Request &request, std_srvs::SetBool::Response &response);
 

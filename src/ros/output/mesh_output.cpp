@@ -47,13 +47,13 @@ void MeshOutput::publish_model(const Loaded &loaded)
     scan_info_.publish(info);
     std::lock_guard<std::mutex> hold(lock_);
     shown_ = &loaded;
-    publish_topology(loaded, *pliant_model_get_body(loaded.model), loaded.revision);
+    publish_topology(loaded, *pliant_model_get_body(loaded.model), loaded.revision, now.stamp);
 }
 
-void MeshOutput::publish_topology(const Loaded &loaded, const pliant_body &body, uint32_t revision)
+void MeshOutput::publish_topology(const Loaded &loaded, const pliant_body &body, uint32_t revision, const ros::Time &stamp)
 {
     auto topology = boost::make_shared<MeshTopology>();
-    topology->header = header(ros::Time::now());
+    topology->header = header(stamp);
     topology->scan_id = loaded.scan->volume.id;
     topology->scan_checksum = loaded.scan->checksum;
     topology->revision = topology_revision_ = revision;
@@ -65,7 +65,7 @@ void MeshOutput::follow_topology(const Snapshot &snapshot)
 {
     /* a snapshot of a model that is no longer, or not yet, shown is about to be followed by others */
     if (snapshot.loaded.get() == shown_ && snapshot.revision != topology_revision_)
-        publish_topology(*snapshot.loaded, *snapshot.body, snapshot.revision);
+        publish_topology(*snapshot.loaded, *snapshot.body, snapshot.revision, snapshot.stamp);
 }
 
 bool MeshOutput::is_wanted() const
@@ -134,9 +134,10 @@ void MeshOutput::publish(const Snapshot &snapshot)
     bool marker_due = marker_.getNumSubscribers() > 0 && marker_rate_.due(VIEW_RATE);
     bool points_due = points_.getNumSubscribers() > 0 && points_rate_.due(VIEW_RATE);
     std::unique_lock<std::mutex> hold(lock_);
-    follow_topology(snapshot);
-    bool state_due =
-        state_.getNumSubscribers() > 0 && !is_published(snapshot) && state_rate_.due(live_->get().mesh_rate);
+    const double rate = live_->get().mesh_rate;
+    bool state_due = state_.getNumSubscribers() > 0 && !is_published(snapshot) && state_rate_.due(rate);
+    /* while a blade cuts, every step has another topology: no more of them than of states */
+    if (state_due || (state_.getNumSubscribers() == 0 && topology_rate_.due(rate))) follow_topology(snapshot);
     if (!state_due && !marker_due && !points_due) return;
     boost::shared_ptr<MeshState> state = state_of(snapshot);
     if (state_due) send_state(snapshot, state);

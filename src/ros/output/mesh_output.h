@@ -32,7 +32,7 @@ private:
     bool is_wanted() const;
     void publish(const Snapshot &snapshot);
     bool is_published(const Snapshot &snapshot) const;
-    void publish_topology(const Loaded &loaded, const pliant_body &body, uint32_t revision);
+    void publish_topology(const Loaded &loaded, const pliant_body &body, uint32_t revision, const ros::Time &stamp);
     /* of this snapshot, unless it is there; before its state */
     void follow_topology(const Snapshot &snapshot);
     void send_state(const Snapshot &snapshot, const boost::shared_ptr<MeshState> &state);
@@ -48,7 +48,7 @@ private:
     uint32_t topology_revision_ = 0;
     ros::Time state_stamp_;
     uint64_t state_step_ = 0;
-    Rate state_rate_, marker_rate_, points_rate_;
+    Rate state_rate_, topology_rate_, marker_rate_, points_rate_;
     std::atomic<bool> stopping_{false};
     Problem problem_;
     std::thread thread_;

@@ -90,7 +90,7 @@ void VolumeOutput::publish(const std::shared_ptr<const Snapshot> &newest)
     std::lock_guard<std::mutex> hold(lock_);
     LiveSettings settings = live_->get();
     if (!(settings.warp_rate > 0)) return;
-    bool is_new = !warped_ || warped_->loaded() != snapshot.loaded.get() || !warped_->fits(*snapshot.body);
+    bool is_new = !warped_ || warped_->loaded() != snapshot.loaded.get();
     bool changed = false;
     if (is_new || snapshots_->keeps_all() || warp_rate_.due(settings.warp_rate)) {
         if (mesh_output_) mesh_output_->publish_state(snapshot);
@@ -99,6 +99,7 @@ void VolumeOutput::publish(const std::shared_ptr<const Snapshot> &newest)
             warped_.reset(); /* before the next one takes its memory */
             warped_.reset(new Warped(snapshot.loaded, snapshot.body));
         }
+        warped_->set_body(snapshot.body);
         warped_->update(snapshot.positions);
         shown_now_ = newest;
         std::vector<Box> boxes = warped_->changed();

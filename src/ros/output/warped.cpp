@@ -20,7 +20,7 @@ pliant_geometry target_of(const Loaded &loaded)
 void check_target(const Loaded &loaded) { target_of(loaded); }
 
 Warped::Warped(std::shared_ptr<const Loaded> loaded, std::shared_ptr<const pliant_body> body)
-    : loaded_(std::move(loaded)), body_(std::move(body))
+    : loaded_(std::move(loaded)), body_(share(pliant_model_get_body(loaded_->model)))
 {
     const pliant_model &model = *loaded_->model;
     target_ = target_of(*loaded_);
@@ -29,11 +29,18 @@ Warped::Warped(std::shared_ptr<const Loaded> loaded, std::shared_ptr<const plian
     pliant_status status = body_->cuts ? pliant_warp_set_body(warp_, body_.get()) : PLIANT_OK;
     if (status == PLIANT_OK && scene.warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp_, scene.warp.fit_step);
     if (status == PLIANT_OK) status = pliant_warp_backend(warp_, scene.solver.backend);
+    if (status == PLIANT_OK) status = pliant_warp_set_body(warp_, body.get());
+    if (status == PLIANT_OK) body_ = std::move(body);
     if (status < 0) pliant_warp_free(warp_);
     check(status);
 }
 
-bool Warped::fits(const pliant_body &body) const { return pliant_body_same(&body, body_.get()); }
+void Warped::set_body(std::shared_ptr<const pliant_body> body)
+{
+    if (body.get() == body_.get()) return;
+    check(pliant_warp_set_body(warp_, body.get()));
+    body_ = std::move(body);
+}
 
 void Warped::update(const std::vector<double> &positions) { check(pliant_warp_update(warp_, positions.data())); }
 

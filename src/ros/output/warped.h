@@ -21,10 +21,11 @@ public:
     Warped(std::shared_ptr<const Loaded> loaded, std::shared_ptr<const pliant_body> body);
     ~Warped() { pliant_warp_free(warp_); }
     Warped(const Warped &) = delete;
-    /* False when positions of this body are of another mesh: make another. */
-    bool fits(const pliant_body &body) const;
+    /* From now on this body is drawn, one of the same load. Throws Failure, and then the one before is. */
+    void set_body(std::shared_ptr<const pliant_body> body);
     void update(const std::vector<double> &positions); /* Throws Failure. */
     const Loaded *loaded() const { return loaded_.get(); }
+    const pliant_body *body() const { return body_.get(); }
     const pliant_geometry &target() const { return target_; }
     /* Of the last update; from a GPU it comes now, so that two threads must not ask at a time. */
     const pliant_volume &volume() const { return *pliant_warp_volume(warp_); }

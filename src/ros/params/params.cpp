@@ -130,22 +130,48 @@ void read_tools(XmlRpcValue &value, Parameters *out)
         check_tool_name(name);
         for (const ToolParameters &other : out->tools)
             if (other.name == name) refuse("~tools: " + name + " is named twice");
-        out->tools.push_back(ToolParameters{name, true});
+        out->tools.push_back(ToolParameters{name, true, {}, {}});
     }
+}
+
+void read_point(const std::string &name, XmlRpcValue &value, double out[3])
+{
+    if (value.getType() != XmlRpcValue::TypeArray || value.size() != 3) refuse("~" + name + " must be three numbers [m]");
+    for (int d = 0; d < 3; ++d) out[d] = number(name, value[d], -1, 1);
+}
+
+/* a name, or {from: [x, y, z], to: [x, y, z]} */
+void read_blade(const std::string &name, XmlRpcValue &value, ToolParameters *tool)
+{
+    if (value.getType() == XmlRpcValue::TypeString) {
+        if (pliant_blade_find(text(name, value).c_str(), tool->blade_from, tool->blade_to) < 0) refuse("~" + name + ": " + pliant_last_error());
+        return;
+    }
+    if (value.getType() != XmlRpcValue::TypeStruct || value.size() != 2 || !value.hasMember("from") || !value.hasMember("to"))
+        refuse("~" + name + " must be the name of a blade, or {from: [x, y, z], to: [x, y, z]}, its edge in the tool's frame [m]");
+    read_point(name + "/from", value["from"], tool->blade_from);
+    read_point(name + "/to", value["to"], tool->blade_to);
+    if (!tool->has_blade()) refuse("~" + name + ": from and to are the same point: no edge");
 }
 
 void read_tool(const std::string &name, XmlRpcValue &value, Parameters *out)
 {
     for (ToolParameters &tool : out->tools) {
         if (tool.name != name) continue;
-        if (value.getType() != XmlRpcValue::TypeStruct) refuse("~tool/" + name + " must hold mode");
+        if (value.getType() != XmlRpcValue::TypeStruct) refuse("~tool/" + name + " must hold mode or blade");
         for (auto &entry : value) {
             std::string path = "tool/" + name + "/" + entry.first;
+            if (entry.first == "blade") {
+                read_blade(path, entry.second, &tool);
+                continue;
+            }
             if (entry.first != "mode") refuse("~" + path + " is unknown; did you mean ~tool/" + name + "/mode?");
             std::string mode = text(path, entry.second);
             if (mode != "probe" && mode != "grasp") refuse("~" + path + " is " + mode + "; it must be probe or grasp");
             tool.grasps = mode == "grasp";
         }
+        /* what cuts does not grasp unless it is said to */
+        if (tool.has_blade() && !value.hasMember("mode")) tool.grasps = false;
         return;
     }
     refuse("~tool/" + name + ": no tool of this name is in ~tools");

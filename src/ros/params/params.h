@@ -6,6 +6,7 @@
 
 #include <XmlRpcValue.h>
 
+#include <algorithm>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,9 @@ namespace pliant_ros {
 struct ToolParameters {
     std::string name;
     bool grasps;      /* mode grasp; false: probe, it only feels */
+    double blade_from[3], blade_to[3]; /* edge of its blade in its frame [m]; both equal: none */
+
+    bool has_blade() const { return !std::equal(blade_from, blade_from + 3, blade_to); }
 };
 
 struct Parameters {
@@ -31,7 +35,7 @@ struct Parameters {
 
 /* From the tree of private parameters (a struct, or invalid for none). Every option of a scene is a parameter of its
    path, solver/iterations; beside them: scene (file), scan or scan/path, scan_root, output_root, parent_frame,
-   tissue_frame, tissue_pose, background, tools, tool/<name>/mode, tool_max_age, jaw_close, jaw_release,
+   tissue_frame, tissue_pose, background, tools, tool/<name>/{mode,blade}, tool_max_age, jaw_close, jaw_release,
    slice/{axial,coronal,sagittal}. Anything else is an error that names the nearest known one.
    The tree is not changed; XmlRpcValue has no constant access. */
 bool read_parameters(XmlRpc::XmlRpcValue tree, Parameters *out, std::string *why);

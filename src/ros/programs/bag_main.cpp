@@ -3,7 +3,7 @@
 #include "ros/record/bag_arguments.h"
 #include "ros/record/recorded.h"
 #include "ros/record/rerun.h"
-#include "ros/record/steps_table.h"
+#include "ros/record/tables.h"
 #include "ros/output/warped.h"
 
 #include "command_line.h" /* the exit codes */
@@ -54,7 +54,9 @@ private:
     void write_simulated(const std::vector<double> &times, rosbag::View *steps);
     std::shared_ptr<const Snapshot> snapshot(double time, const rosbag::MessageInstance &recorded);
     void write(double time, const Snapshot &snapshot);
-    void write_table();
+    template <class Message, class Lines> void write_table(rosbag::View *view, Lines *table);
+    void write_steps();
+    void write_cuts();
     double since_start(const ros::Time &time) const { return (time - start_).toSec(); }
     std::string topic(const char *name) const { return "/" + arguments_.name + "/" + name; }
     Failure nothing_on(const char *name) const
@@ -96,11 +98,13 @@ void Extraction::read_topologies()
     rosbag::View view(bag_, rosbag::TopicQuery(topic("mesh/topology")));
     bool any = false;
     std::string why;
+    std::shared_ptr<const pliant_body> newest;
     for (const rosbag::MessageInstance &recorded : view) {
         MeshTopology::ConstPtr topology = recorded.instantiate<MeshTopology>();
         if (!topology) throw Failure(PLIANT_ERROR_FORMAT, topic("mesh/topology") + other_kind);
         why.clear();
-        std::shared_ptr<const pliant_body> body = body_of(*loaded_, *topology, &why);
+        std::shared_ptr<const pliant_body> body = body_of(*loaded_, *topology, newest, &why);
+        if (body) newest = body;
         any |= body != nullptr;
         bodies_[topology->revision] = body;
         differs_[topology->revision] = why;
@@ -142,7 +146,8 @@ std::shared_ptr<const Snapshot> Extraction::snapshot(double time, const rosbag::
 
 void Extraction::write(double time, const Snapshot &snapshot)
 {
-    if (!warped_ || !warped_->fits(*snapshot.body)) warped_.reset(new Warped(loaded_, snapshot.body));
+    if (!warped_) warped_.reset(new Warped(loaded_, snapshot.body));
+    warped_->set_body(snapshot.body);
     warped_->update(snapshot.positions);
     char name[64];
     std::snprintf(name, sizeof name, "/deformed_%08.3f.nii.gz", time);
@@ -184,23 +189,37 @@ void Extraction::write_simulated(const std::vector<double> &times, rosbag::View 
     if (rerun_->differing() > 0) throw Failure(PLIANT_ERROR_NUMERIC, rerun_->summary());
 }
 
-void Extraction::write_table()
+template <class Message, class Lines> void Extraction::write_table(rosbag::View *view, Lines *table)
 {
-    rosbag::View steps(bag_, rosbag::TopicQuery(topic("step")));
-    if (steps.size() == 0) throw nothing_on("step");
-    StepsTable table(arguments_.steps);
-    for (const rosbag::MessageInstance &recorded : steps) {
-        Step::ConstPtr step = recorded.instantiate<Step>();
-        if (!step) throw Failure(PLIANT_ERROR_FORMAT, topic("step") + other_kind);
-        table.append(since_start(recorded.getTime()), *step);
+    for (const rosbag::MessageInstance &recorded : *view) {
+        typename Message::ConstPtr message = recorded.instantiate<Message>();
+        if (!message) throw Failure(PLIANT_ERROR_FORMAT, recorded.getTopic() + other_kind);
+        table->append(since_start(recorded.getTime()), *message);
     }
-    table.close();
+    table->close();
+}
+
+void Extraction::write_steps()
+{
+    rosbag::View view(bag_, rosbag::TopicQuery(topic("step")));
+    if (view.size() == 0) throw nothing_on("step");
+    StepsTable table(arguments_.steps);
+    write_table<Step>(&view, &table);
+}
+
+/* of tools wherever they are */
+void Extraction::write_cuts()
+{
+    rosbag::View view(bag_, rosbag::TypeQuery(ros::message_traits::DataType<Cut>::value()));
+    CutsTable table(arguments_.cuts);
+    write_table<Cut>(&view, &table);
 }
 
 void Extraction::run()
 {
     open();
-    if (!arguments_.steps.empty()) write_table();
+    if (!arguments_.steps.empty()) write_steps();
+    if (!arguments_.cuts.empty()) write_cuts();
     const bool volumes = !arguments_.folder.empty();
     if (!volumes && !arguments_.simulate) return;
     const char *name = arguments_.simulate ? "step" : "mesh/state";
@@ -223,6 +242,7 @@ std::string Extraction::summary() const
     std::string text = rerun_ ? rerun_->summary() + "\n" : "";
     if (!arguments_.folder.empty()) text += std::to_string(written_) + " volumes in " + arguments_.folder + "\n";
     if (!arguments_.steps.empty()) text += "steps in " + arguments_.steps + "\n";
+    if (!arguments_.cuts.empty()) text += "cuts in " + arguments_.cuts + "\n";
     return text;
 }
 

@@ -1,15 +1,18 @@
 /* Plays a recorded tool path (pliant/path.h) as a robot would send it: measured_cp and jaw/measured_js of every tool in
- * it. No robot and no display needed.
+ * it, blade of one that cuts (its edge is the node's parameter ~tool/<name>/blade), and cuts at once by the service. No robot and
+ * no display needed.
  *
  * Private parameters: path (file), frame (of the path's points, default tissue), rate [Hz, 200], loop (true): begin
- * anew after the end. Around the path: lead [s, 1], open jaw at the grasped point; hold [s, 2], where the path ends;
- * rest [s, 2], open jaw there. */
+ * anew after the end; what cuts resets the tissue then. Around the path: lead [s, 1], open jaw at the grasped point; hold [s, 2],
+ * where the path ends; rest [s, 2], open jaw there. */
 #include "ros/programs/tool_sender.h"
 
 #include "pliant/path.h"
 
+#include <pliant/CutLine.h>
 #include <pliant/SimState.h>
 #include <ros/ros.h>
+#include <std_srvs/Trigger.h>
 
 #include <algorithm>
 #include <cmath>
@@ -22,29 +25,66 @@ using pliant_ros::ToolSender;
 
 struct Player {
     pliant_path path{};
+    std::string frame;
     std::vector<std::unique_ptr<ToolSender>> senders;
+    ros::ServiceClient cut, reset;
     double lead, hold, rest;
     bool loop, running = false;
+    uint32_t cuts_made = 0;
+    double rounds = 0;
 
     ~Player() { pliant_path_free(&path); }
+
+    bool cuts_anything() const
+    {
+        return path.num_cuts > 0 || std::any_of(path.tools, path.tools + path.num_tools, [](const pliant_path_tool &tool) { return tool.num_cut > 0; });
+    }
 
     /* time: since the simulation began to run [s] */
     void play(double time)
     {
-        double end = lead + pliant_path_end(&path) + hold;
+        double end = lead + pliant_path_end(&path) + hold, round = loop ? std::floor(time / (end + rest)) : 0;
         double at = loop ? std::fmod(time, end + rest) : std::min(time, end + rest);
-        ros::Time now = ros::Time::now();
-        for (size_t i = 0; i < senders.size(); ++i) {
-            const pliant_path_tool &tool = path.tools[i];
-            double offset[3], on_path = std::min(std::max(at - lead, 0.0), pliant_path_end(&path));
-            bool holds = pliant_path_at(&tool, on_path, offset);
-            geometry_msgs::Pose tip;
-            tip.position.x = tool.grasp[0] + offset[0];
-            tip.position.y = tool.grasp[1] + offset[1];
-            tip.position.z = tool.grasp[2] + offset[2];
-            tip.orientation.w = 1;
-            senders[i]->send(tip, holds && at >= lead && at < end, now);
+        if (round > rounds && cuts_anything()) heal();
+        rounds = round;
+        double on_path = std::min(std::max(at - lead, 0.0), pliant_path_end(&path));
+        for (size_t i = 0; i < senders.size(); ++i) play_tool(path.tools[i], on_path, at >= lead && at < end, senders[i].get());
+        for (; at >= lead && cuts_made < path.num_cuts && path.cuts[cuts_made].time <= on_path; ++cuts_made) make_cut(path.cuts[cuts_made]);
+    }
+
+    void play_tool(const pliant_path_tool &tool, double on_path, bool plays, ToolSender *sender) const
+    {
+        double position[3], rotation[4] = {0, 0, 0, 1};
+        bool holds = false;
+        if (!pliant_path_pose_at(&tool, on_path, position, rotation)) {
+            holds = pliant_path_at(&tool, on_path, position);
+            for (int d = 0; d < 3; ++d) position[d] += tool.grasp[d];
         }
+        geometry_msgs::Pose tip;
+        tip.position.x = position[0], tip.position.y = position[1], tip.position.z = position[2];
+        tip.orientation.x = rotation[0], tip.orientation.y = rotation[1], tip.orientation.z = rotation[2], tip.orientation.w = rotation[3];
+        if (tool.num_cut > 0) sender->send_blade(plays && pliant_path_cuts(&tool, on_path));
+        sender->send(tip, holds && plays, ros::Time::now());
+    }
+
+    void make_cut(const pliant_path_cut &line)
+    {
+        pliant::CutLine call;
+        call.request.header.frame_id = frame;
+        for (uint32_t p = 0; p < line.num_points; ++p) {
+            geometry_msgs::Point point;
+            point.x = line.points[3 * p], point.y = line.points[3 * p + 1], point.z = line.points[3 * p + 2];
+            call.request.points.push_back(point);
+        }
+        call.request.depth.x = line.depth[0], call.request.depth.y = line.depth[1], call.request.depth.z = line.depth[2];
+        if (!cut.call(call) || !call.response.success) ROS_ERROR("cut at %g s: %s", line.time, call.response.message.c_str());
+    }
+
+    void heal()
+    {
+        std_srvs::Trigger call;
+        if (!reset.call(call) || !call.response.success) ROS_ERROR("reset: %s", call.response.message.c_str());
+        cuts_made = 0;
     }
 };
 
@@ -65,14 +105,11 @@ bool read(ros::NodeHandle handle, const ros::NodeHandle &own, Player *player)
                       player->path.tools[n].name);
             return false;
         }
-    for (uint32_t i = 0; i < player->path.num_tools; ++i) {
-        const pliant_path_tool &tool = player->path.tools[i];
-        if (tool.drive == PLIANT_DRIVE_FORCE) {
-            ROS_FATAL("%s: tool %s is driven by force, which poses cannot play", file.c_str(), tool.name);
-            return false;
-        }
-        player->senders.emplace_back(new ToolSender(handle, tool.name, frame));
-    }
+    for (uint32_t i = 0; i < player->path.num_tools; ++i)
+        player->senders.emplace_back(new ToolSender(handle, player->path.tools[i].name, frame));
+    player->frame = frame;
+    player->cut = handle.serviceClient<pliant::CutLine>("cut");
+    player->reset = handle.serviceClient<std_srvs::Trigger>("reset");
     return true;
 }
 

@@ -1,10 +1,11 @@
-/* What a robot would send for one tool, CRTK names: measured_cp and jaw/measured_js. */
+/* What a robot would send for one tool, CRTK names: measured_cp and jaw/measured_js; and blade, whether it cuts. */
 #ifndef PLIANT_ROS_PROGRAMS_TOOL_SENDER_H
 #define PLIANT_ROS_PROGRAMS_TOOL_SENDER_H
 
 #include <geometry_msgs/PoseStamped.h>
 #include <ros/node_handle.h>
 #include <sensor_msgs/JointState.h>
+#include <std_msgs/Bool.h>
 
 #include <string>
 
@@ -12,10 +13,21 @@ namespace pliant_ros {
 
 class ToolSender {
 public:
-    ToolSender(ros::NodeHandle handle, const std::string &tool, const std::string &frame) : frame_(frame)
+    ToolSender(ros::NodeHandle handle, const std::string &tool, const std::string &frame) : handle_(handle), tool_(tool), frame_(frame)
     {
         pose_ = handle.advertise<geometry_msgs::PoseStamped>(tool + "/measured_cp", 1);
         jaw_ = handle.advertise<sensor_msgs::JointState>(tool + "/jaw/measured_js", 1);
+    }
+
+    /* Latched: once is enough. */
+    void send_blade(bool on)
+    {
+        if (!blade_) blade_ = handle_.advertise<std_msgs::Bool>(tool_ + "/blade", 1, true);
+        if (sent_ == static_cast<int>(on)) return;
+        sent_ = on;
+        std_msgs::Bool message;
+        message.data = on;
+        blade_.publish(message);
     }
 
     void send(const geometry_msgs::Pose &tip, bool closed, const ros::Time &stamp)
@@ -33,8 +45,10 @@ public:
     }
 
 private:
-    std::string frame_;
-    ros::Publisher pose_, jaw_;
+    ros::NodeHandle handle_;
+    std::string tool_, frame_;
+    int sent_ = -1; /* of the blade */
+    ros::Publisher pose_, jaw_, blade_;
 };
 
 } // namespace pliant_ros

@@ -16,7 +16,7 @@ namespace {
 const char help[] =
     "Usage: pliant_bag BAG [--scene FILE] --scan PATH --at TIMES | --every SECONDS --out DIR [options]\n"
     "       pliant_bag BAG [--scene FILE] --scan PATH --simulate [options]\n"
-    "       pliant_bag BAG --steps FILE\n"
+    "       pliant_bag BAG --steps FILE --cuts FILE\n"
     "\n"
     "Writes the deformed volume at chosen times of a bag that record.launch made, to the bit what was shown live; makes its steps\n"
     "again and compares them with what was recorded; writes tables of it.\n"
@@ -32,6 +32,7 @@ const char help[] =
     "  --simulate         make every step again from what the tools did, from the first load or reset in the bag on; volumes come from\n"
     "                     there. Fails where positions are not those of the recording, to the bit\n"
     "  --steps FILE       table (CSV) of every step: time, seconds by stage, what was put to use of work in the background\n"
+    "  --cuts FILE        table (CSV) of what blades and the services cut: time, tool, stroke, severed area, revision, pieces, where\n"
     "  --ns NAME          namespace that was recorded (default: tissue)\n"
     "  --quiet            no progress, warnings and errors only\n"
     "  --help             print this and end\n"
@@ -40,15 +41,16 @@ const char help[] =
     "\n"
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C (what was written so far stays).\n";
 
-enum { SCAN = 256, SCENE, SET, AT, EVERY, OUT, SIMULATE, STEPS, NAME, QUIET, HELP };
+enum { SCAN = 256, SCENE, SET, AT, EVERY, OUT, SIMULATE, STEPS, CUTS, NAME, QUIET, HELP };
 
 const struct option options[] = {
     {"scan", required_argument, nullptr, SCAN},   {"scene", required_argument, nullptr, SCENE},
     {"set", required_argument, nullptr, SET},     {"at", required_argument, nullptr, AT},
     {"every", required_argument, nullptr, EVERY}, {"out", required_argument, nullptr, OUT},
     {"simulate", no_argument, nullptr, SIMULATE}, {"steps", required_argument, nullptr, STEPS},
-    {"ns", required_argument, nullptr, NAME},     {"quiet", no_argument, nullptr, QUIET},
-    {"help", no_argument, nullptr, HELP},         {nullptr, 0, nullptr, 0},
+    {"cuts", required_argument, nullptr, CUTS},   {"ns", required_argument, nullptr, NAME},
+    {"quiet", no_argument, nullptr, QUIET},       {"help", no_argument, nullptr, HELP},
+    {nullptr, 0, nullptr, 0},
 };
 
 bool refuse(const std::string &message)
@@ -99,7 +101,7 @@ bool is_complete(const BagArguments &arguments)
 {
     const bool volumes = !arguments.times.empty() || arguments.every > 0 || !arguments.folder.empty();
     if (arguments.bag.empty()) return refuse("the name of a bag is missing");
-    if (!volumes && !arguments.simulate && !arguments.steps.empty()) return true;
+    if (!volumes && !arguments.simulate && !(arguments.steps.empty() && arguments.cuts.empty())) return true;
     if (arguments.scan.empty()) return refuse("--scan PATH is missing: a bag holds no voxels");
     if (!volumes && arguments.simulate) return true;
     if (arguments.folder.empty()) return refuse("--out DIR is missing");
@@ -133,6 +135,7 @@ bool read_bag_arguments(int argc, char **argv, BagArguments *out, int *exit_code
         case OUT: read.folder = optarg; break;
         case SIMULATE: read.simulate = true; break;
         case STEPS: read.steps = optarg; break;
+        case CUTS: read.cuts = optarg; break;
         case NAME: read.name = optarg; break;
         case QUIET: read.quiet = true; break;
         case HELP:

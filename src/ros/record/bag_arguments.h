@@ -15,7 +15,7 @@ struct BagArguments {
     std::vector<double> times;                      /* since the start of the bag [s], ascending; or */
     double every = 0;                               /* [s]; 0: times */
     bool simulate = false;                          /* every step is made again; volumes come from there */
-    std::string steps;                              /* file for a table of the recorded steps; empty: none */
+    std::string steps, cuts;                        /* files for tables of the recorded steps and cuts; empty: none */
     bool quiet = false;
 };
 

@@ -15,24 +15,32 @@ std::string differs(const std::string &what, size_t recorded, size_t here, const
 
 const std::string same_scene = "the scene must be the one of the recording (mesh, materials, labels)";
 
-bool is_divided(const MeshTopology &recorded)
+/* Whether a body's cuts are the first ones of a recorded topology. */
+bool begins(const pliant_body &body, const MeshTopology &recorded)
 {
-    for (size_t n = 0; n < recorded.rest_parent.size(); ++n)
-        if (recorded.rest_parent[n] != n) return true;
-    return false;
+    const pliant_cuts *cuts = body.cuts;
+    if (!cuts || cuts->num_cuts == 0) return true;
+    const size_t count = static_cast<size_t>(cuts->num_cuts);
+    if (count > recorded.cut_end.size()) return false;
+    const auto same = [](int32_t here, uint32_t there) { return static_cast<uint32_t>(here) == there; };
+    const int32_t severed = cuts->cut_end[count - 1];
+    return std::equal(cuts->cut_end, cuts->cut_end + count, recorded.cut_end.begin(), same) &&
+           static_cast<size_t>(severed) <= recorded.severed.size() && std::equal(cuts->severed, cuts->severed + severed, recorded.severed.begin());
 }
 
-/* The mesh at load with the corners of the recorded one. */
-bool divide(const pliant_body &load, const MeshTopology &recorded, std::shared_ptr<const pliant_body> *out)
+/* What the recorded cuts make of a body that has the first of them. */
+bool sever(const MeshTopology &recorded, std::shared_ptr<const pliant_body> *body)
 {
-    if (recorded.tetrahedra.size() != 4 * static_cast<size_t>(load.fine.num_tets)) return true; /* has_mesh says it */
-    std::vector<int32_t> corners(recorded.tetrahedra.begin(), recorded.tetrahedra.end());
-    pliant_division division{};
-    division.num_tets = load.fine.num_tets;
-    division.corners = corners.data();
-    pliant_body *made = nullptr;
-    if (pliant_body_divide(&load, load.revision + 1, &division, &made) < 0) return false;
-    out->reset(made, pliant_body_release);
+    for (size_t cut = (*body)->cuts ? static_cast<size_t>((*body)->cuts->num_cuts) : 0; cut < recorded.cut_end.size(); ++cut) {
+        const uint32_t begin = cut > 0 ? recorded.cut_end[cut - 1] : 0, end = recorded.cut_end[cut];
+        pliant_body *made = nullptr;
+        if (end <= begin || end > recorded.severed.size()) {
+            pliant_fail(PLIANT_ERROR_FORMAT, "its cut_end does not ascend within severed");
+            return false;
+        }
+        if (pliant_body_sever(body->get(), (*body)->revision + 1, static_cast<int32_t>(end - begin), &recorded.severed[begin], &made) < 0) return false;
+        body->reset(made, pliant_body_release);
+    }
     return true;
 }
 
@@ -57,18 +65,19 @@ bool has_mesh(const pliant_mesh &mesh, const MeshTopology &recorded, std::string
 
 } // namespace
 
-std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopology &recorded, std::string *why)
+std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopology &recorded, std::shared_ptr<const pliant_body> near,
+                                           std::string *why)
 {
-    const pliant_body &load = *pliant_model_get_body(loaded.model);
     const char *id = loaded.scan->volume.id;
-    std::shared_ptr<const pliant_body> body = share(&load);
+    std::shared_ptr<const pliant_body> body = share(pliant_model_get_body(loaded.model));
+    if (near && begins(*near, recorded)) body = near;
     if (recorded.scan_id != id) {
         *why = "the recording is of scan \"" + recorded.scan_id + "\", the one here is \"" + id + "\": name that scan";
     } else if (recorded.scan_checksum != loaded.scan->checksum) {
         *why = "the voxels of \"" + recorded.scan_id +
                "\" are not those of the recording: same name, but another scan or size";
-    } else if (is_divided(recorded) && !divide(load, recorded, &body)) {
-        *why = std::string("the recording's mesh was divided, but not this one: ") + pliant_last_error() + ": " + same_scene;
+    } else if (!sever(recorded, &body)) {
+        *why = std::string("the recording's mesh was cut, but this one cannot be: ") + pliant_last_error() + "; " + same_scene;
     } else if (has_mesh(body->fine, recorded, why)) {
         return body;
     }

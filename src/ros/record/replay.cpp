@@ -75,7 +75,8 @@ void Replay::start_player(const std::string &name)
 void Replay::take_topology(const pliant::MeshTopologyConstPtr &topology)
 {
     std::string why;
-    std::shared_ptr<const pliant_body> body = body_of(*loaded_, *topology, &why);
+    std::shared_ptr<const pliant_body> body = body_of(*loaded_, *topology, newest_, &why);
+    if (body) newest_ = body;
     auto known = bodies_.find(topology->revision);
     /* a bag in a loop says it again and again */
     bool is_news = known == bodies_.end() || !known->second != !body || (body && !pliant_body_same(body.get(), known->second.get()));

@@ -48,6 +48,7 @@ private:
     std::shared_ptr<const Loaded> loaded_;
     std::unique_ptr<Rerun> rerun_; /* where it simulates, once loaded */
     std::map<uint32_t, std::shared_ptr<const pliant_body>> bodies_; /* by revision; empty: another scan or mesh */
+    std::shared_ptr<const pliant_body> newest_; /* that a topology was of */
     std::deque<Pending> pending_;
     uint64_t shown_ = 0, dropped_ = 0;
     Snapshots snapshots_{true};

@@ -5,10 +5,7 @@ namespace pliant_ros {
 void Rerun::begin(const Step &first)
 {
     Data data = create_data(*loaded_->model);
-    for (const ToolInput &tool : first.tools) {
-        int index;
-        check(pliant_tool_add(loaded_->model, data.get(), tool.name.c_str(), &index));
-    }
+    add_tools(*loaded_->model, data.get(), first.tools);
     data_.swap(data);
     begun_ = true;
 }
@@ -25,10 +22,20 @@ bool Rerun::take(const Step &recorded)
         throw Failure(PLIANT_ERROR_FORMAT, "after turn " + std::to_string(last_.sequence) + " the recording goes on with turn " +
                                                std::to_string(recorded.sequence) + ": what is between is not in it; the next reset is waited for");
     }
+    const uint32_t recorded_before = last_.revision;
+    const uint64_t before = pliant_data_get_body(data_.get())->revision;
+    const bool first = recorded.sequence == 1;
     last_ = recorded;
+    for (const CutInput &cut : recorded.cuts) {
+        pliant_cut_report report;
+        make_cut(*loaded_->model, data_.get(), cut, &report);
+    }
     tell_outcome(make_step(*loaded_->model, data_.get(), PLIANT_BACKGROUND_PRESCRIBED, recorded), *data_, &last_);
     ++made_;
-    if (last_.status != recorded.status || last_.step != recorded.step || last_.checksum != recorded.checksum) {
+    /* bodies may have other numbers: there may have been some before the reset */
+    const bool changed = pliant_data_get_body(data_.get())->revision != before;
+    const bool cut_differs = !first && changed != (recorded.revision != recorded_before);
+    if (last_.status != recorded.status || last_.step != recorded.step || last_.checksum != recorded.checksum || cut_differs) {
         if (differing_++ == 0) first_differing_ = recorded.step;
     }
     return true;

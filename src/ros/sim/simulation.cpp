@@ -29,6 +29,7 @@ Simulation::Simulation(ros::NodeHandle handle, const Parameters &parameters, Sta
 {
     timing_ = handle.advertise<StepTiming>("timing", 1);
     steps_ = handle.advertise<Step>("step", STEP_QUEUE);
+    cuts_ = handle.advertise<Cut>("cut", STEP_QUEUE, true);
     thread_ = std::thread(&Simulation::run, this);
 }
 
@@ -72,16 +73,14 @@ void Simulation::do_boundary_work()
 void Simulation::swap(std::shared_ptr<Loaded> next)
 {
     Data data = create_data(*next->model);
-    for (size_t tool = 0; tool < tools_->size(); ++tool) {
-        int index;
-        check(pliant_tool_add(next->model, data.get(), tools_->name(tool).c_str(), &index));
-    }
+    add_tools(*next->model, data.get(), tool_inputs());
     at_boundary([&] {
         state_->set(paused_ ? SimState::PAUSED : SimState::READY, "");
         next->revision = current_ ? revision_of(*current_, pliant_data_get_last_revision(data_.get())) + 1 : 1;
         current_.swap(next);
         data_.swap(data);
         sequence_ = 0;
+        made_.clear();
         std::fill(was_open_.begin(), was_open_.end(), false); /* a closed jaw must open before it grasps again */
         std::lock_guard<std::mutex> hold(lock_);
         shown_ = current_;
@@ -114,10 +113,41 @@ void Simulation::reset()
 {
     at_boundary([&] {
         if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
+        const uint32_t before = revision();
         check(pliant_data_reset(current_->model, data_.get()));
         sequence_ = 0;
+        made_.clear();
+        if (revision() != before) publish_cut(CutInput(), pliant_cut_report{});
+        made_.clear();
         std::fill(was_open_.begin(), was_open_.end(), false);
     });
+}
+
+void Simulation::publish_cut(const CutInput &input, const pliant_cut_report &report)
+{
+    Cut message;
+    message.header.stamp = ros::Time::now();
+    message.header.frame_id = frame_;
+    message.stroke = made_count_;
+    message.severed_area = report.area;
+    message.pieces = report.pieces;
+    message.revision = revision();
+    if (!input.points.empty()) message.point = input.points.front();
+    cuts_.publish(message);
+}
+
+pliant_cut_report Simulation::cut(const CutInput &input, uint32_t *after)
+{
+    pliant_cut_report report{};
+    at_boundary([&] {
+        if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
+        make_cut(*current_->model, data_.get(), input, &report);
+        made_.push_back(input);
+        ++made_count_;
+        *after = revision();
+        publish_cut(input, report);
+    });
+    return report;
 }
 
 void Simulation::pause(bool paused)
@@ -170,6 +200,7 @@ void Simulation::turn(Clock::time_point start)
     step.header.frame_id = frame_;
     step.sequence = ++sequence_;
     step.paused = paused_;
+    step.cuts.swap(made_);
     take_settings(&step);
     take_tools(now, jumped_back(now), &step);
     pliant_status status = make_step(*current_->model, data_.get(), background_, step);
@@ -216,21 +247,47 @@ void Simulation::take_settings(Step *out) const
 
 void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
 {
+    out->tools = tool_inputs();
     for (size_t i = 0; i < samples_.size(); ++i) {
         ToolSample &sample = samples_[i];
         sample = tools_->sample(i, now);
         sample.present = sample.present && !forgotten;
-        ToolInput input;
-        input.name = tools_->name(i);
+        ToolInput &input = out->tools[i];
         input.present = sample.present;
         std::copy(sample.in_tissue.translation, sample.in_tissue.translation + 3, input.tip.begin());
         std::copy(sample.in_tissue.rotation, sample.in_tissue.rotation + 4, input.rotation.begin());
         /* a jaw takes hold as it closes; one that comes closed pushes past the tissue */
-        input.closed = sample.present && sample.jaw == JAW_CLOSED;
+        input.closed = sample.present && sample.jaw == JAW_CLOSED && tools_->parameters(i).grasps;
         input.closes = input.closed && was_open_[i];
+        input.cuts = sample.present && cuts_now(i, sample);
         was_open_[i] = sample.present && sample.jaw == JAW_OPEN;
-        out->tools.push_back(input);
     }
+}
+
+/* Of no motion: with their names and blades. */
+std::vector<ToolInput> Simulation::tool_inputs() const
+{
+    std::vector<ToolInput> out(tools_->size());
+    for (size_t i = 0; i < out.size(); ++i) {
+        const ToolParameters &parameters = tools_->parameters(i);
+        out[i].name = parameters.name;
+        std::copy(parameters.blade_from, parameters.blade_from + 3, out[i].blade_from.begin());
+        std::copy(parameters.blade_to, parameters.blade_to + 3, out[i].blade_to.begin());
+    }
+    return out;
+}
+
+bool Simulation::cuts_now(size_t tool, const ToolSample &sample) const
+{
+    const pliant_scene &scene = *pliant_model_get_scene(current_->model);
+    if (scene.cut.kind == PLIANT_CUT_NONE || !tools_->parameters(tool).has_blade()) return false;
+    switch (scene.cut.trigger) {
+    case PLIANT_TRIGGER_ALWAYS: return true;
+    case PLIANT_TRIGGER_JAW: return sample.jaw == JAW_CLOSED;
+    case PLIANT_TRIGGER_ENERGY: return sample.energy || sample.blade;
+    case PLIANT_TRIGGER_SERVICE: return sample.blade;
+    }
+    return false;
 }
 
 void Simulation::show(const ros::Time &now)
@@ -246,7 +303,8 @@ void Simulation::publish(const ros::Time &now)
     bool acts = !paused_ && state_->state() == SimState::RUNNING;
     for (size_t i = 0; i < samples_.size(); ++i) {
         const pliant_tool_state tool = tool_state(*data_, static_cast<int>(i));
-        tools_->publish_force(i, samples_[i], acts && tool.holding ? tool.force : no_force, now);
+        tools_->publish_force(i, samples_[i], acts && (tool.holding || tool.cutting) ? tool.force : no_force, now);
+        tools_->publish_cut(i, *data_, revision(), now);
         tools_->publish_contact(i, *current_->model, *data_, now);
     }
     publish_timing(now);
@@ -272,7 +330,7 @@ void Simulation::publish_step(pliant_status status, Step *step)
 {
     if (steps_.getNumSubscribers() == 0) return;
     step->load = current_->revision;
-    step->revision = revision_of(*current_, pliant_data_get_body(data_.get())->revision);
+    step->revision = revision();
     tell_outcome(status, *data_, step);
     steps_.publish(*step);
 }

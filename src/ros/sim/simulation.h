@@ -41,7 +41,10 @@ public:
     std::shared_ptr<const Loaded> loaded() const;
     /* Positions now. Throws Failure when nothing is loaded. */
     Snapshot snapshot();
+    /* Body 0 again. */
     void reset();
+    /* Cut at once, or undo; after: the revision from then on. Throws Failure, and then nothing changed. */
+    pliant_cut_report cut(const CutInput &input, uint32_t *after);
     void pause(bool paused);
     StepHealth health() const;
 
@@ -58,6 +61,10 @@ private:
     void show(const ros::Time &now);
     void publish(const ros::Time &now);
     void publish_timing(const ros::Time &now);
+    void publish_cut(const CutInput &input, const pliant_cut_report &report);
+    std::vector<ToolInput> tool_inputs() const;
+    bool cuts_now(size_t tool, const ToolSample &sample) const;
+    uint32_t revision() const { return revision_of(*current_, pliant_data_get_body(data_.get())->revision); }
     void publish_step(pliant_status status, Step *step);
     void measure(double seconds);
     StepHealth measured() const;
@@ -68,7 +75,7 @@ private:
     Live *live_;
     Tools *tools_;
     Snapshots *snapshots_;
-    ros::Publisher timing_, steps_;
+    ros::Publisher timing_, steps_, cuts_;
     Rate timing_rate_, inverted_rate_;
 
     /* the simulation's own; others reach them by at_boundary */
@@ -76,6 +83,8 @@ private:
     Data data_;
     bool paused_ = false, broke_ = false; /* broke: the turn before this one */
     uint64_t sequence_ = 0; /* turns since load or reset */
+    std::vector<CutInput> made_; /* cuts since the last turn */
+    uint64_t made_count_ = 0;
     std::vector<ToolSample> samples_;
     std::vector<bool> was_open_; /* the jaw, at the step before */
     ros::Time last_time_;

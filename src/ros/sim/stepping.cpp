@@ -24,6 +24,7 @@ void apply_tool(const pliant_model &model, const ToolInput &input, pliant_data *
     }
     if (input.closes) pliant_tool_grasp(&model, data, tool, nullptr);
     if (!input.closed && tool_state(*data, tool).holding) pliant_tool_release(data, tool);
+    if (input.cuts != tool_state(*data, tool).cutting) pliant_tool_set_cutting(data, tool, input.cuts);
 }
 
 /* FNV-1a, of 64-bit words */
@@ -38,6 +39,27 @@ uint64_t checksum(const double *values, size_t count)
 }
 
 } // namespace
+
+void add_tools(const pliant_model &model, pliant_data *data, const std::vector<ToolInput> &tools)
+{
+    for (const ToolInput &tool : tools) {
+        int index;
+        check(pliant_tool_add(&model, data, tool.name.c_str(), &index));
+        check(pliant_tool_set_blade(data, index, tool.blade_from.data(), tool.blade_to.data()));
+    }
+}
+
+void make_cut(const pliant_model &model, pliant_data *data, const CutInput &cut, pliant_cut_report *report)
+{
+    if (cut.undo) {
+        check(pliant_data_undo_cut(&model, data));
+        return;
+    }
+    std::vector<double> points;
+    for (const geometry_msgs::Point &point : cut.points) points.insert(points.end(), {point.x, point.y, point.z});
+    const double depth[3] = {cut.depth.x, cut.depth.y, cut.depth.z};
+    check(pliant_data_cut(&model, data, static_cast<int32_t>(cut.points.size()), points.data(), depth, report));
+}
 
 pliant_status make_step(const pliant_model &model, pliant_data *data, pliant_background_kind kind, const Step &step)
 {

@@ -8,9 +8,14 @@
 
 namespace pliant_ros {
 
+using pliant::CutInput;
 using pliant::Step;
 using pliant::ToolInput;
 
+/* The tools of a new simulation, with their blades. Throws Failure. */
+void add_tools(const pliant_model &model, pliant_data *data, const std::vector<ToolInput> &tools);
+/* A cut at once, or an undo. Throws Failure, and then nothing has changed. report: of a cut. */
+void make_cut(const pliant_model &model, pliant_data *data, const CutInput &cut, pliant_cut_report *report);
 /* Settings and tools of the message go into the simulation, which steps unless it is paused. Prescribed: with what the message says was
    put to use. Throws Failure where the simulation has another number of tools. */
 pliant_status make_step(const pliant_model &model, pliant_data *data, pliant_background_kind kind, const Step &step);

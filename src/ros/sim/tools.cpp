@@ -1,5 +1,8 @@
 #include "ros/sim/tools.h"
 
+#include <sensor_msgs/Joy.h>
+#include <std_msgs/Bool.h>
+
 #include <cmath>
 #include <limits>
 
@@ -7,7 +10,7 @@ namespace pliant_ros {
 
 namespace {
 
-enum { CONTACT_RATE = 30 }; /* [Hz] */
+enum { CONTACT_RATE = 30 /* [Hz] */, CUT_QUEUE = 256 /* a recorder that is held up misses none */ };
 
 std::string milliseconds(double seconds) { return std::to_string(std::lround(1e3 * seconds)) + " ms"; }
 
@@ -31,12 +34,30 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
             each.name + "/measured_cp", 1,
             [this, tool](const geometry_msgs::PoseStampedConstPtr &message) { take_pose(tool, *message); },
             ros::VoidConstPtr(), hints);
-        if (!each.grasps) continue;
+        if (each.has_blade()) listen_for_blade(handle, tool);
+        if (!each.grasps && !each.has_blade()) continue;
         tool->jaw_in = handle.subscribe<sensor_msgs::JointState>(
             each.name + "/jaw/measured_js", 1,
             [this, tool](const sensor_msgs::JointStateConstPtr &message) { take_jaw(tool, *message); },
             ros::VoidConstPtr(), hints);
     }
+}
+
+void Tools::listen_for_blade(ros::NodeHandle handle, Tool *tool)
+{
+    const std::string &name = tool->parameters.name;
+    tool->cut_out = handle.advertise<Cut>(name + "/cut", CUT_QUEUE, true);
+    tool->sent.tool = name;
+    tool->sent.header.frame_id = tissue_frame_;
+    tool->blade_in = handle.subscribe<std_msgs::Bool>(name + "/blade", 1, [tool](const std_msgs::BoolConstPtr &message) {
+        std::lock_guard<std::mutex> hold(tool->lock);
+        tool->blade = message->data;
+    });
+    /* of a pedal: its first button */
+    tool->energy_in = handle.subscribe<sensor_msgs::Joy>(name + "/energy", 1, [tool](const sensor_msgs::JoyConstPtr &message) {
+        std::lock_guard<std::mutex> hold(tool->lock);
+        tool->energy = !message->buttons.empty() && message->buttons[0] == 1;
+    });
 }
 
 void Tools::take_pose(Tool *tool, const geometry_msgs::PoseStamped &message)
@@ -118,6 +139,8 @@ ToolSample Tools::sample(size_t index, const ros::Time &now)
     out.present = fresh;
     out.in_tissue = fresh ? tool->last_in_tissue : identity();
     out.jaw = tool->state;
+    out.blade = tool->blade;
+    out.energy = tool->energy;
     Rigid turn = tool->has_last ? tool->last_tissue_in_frame : identity();
     std::copy(turn.rotation, turn.rotation + 4, out.frame_from_tissue);
     out.frame = tool->last_frame;
@@ -162,6 +185,21 @@ void Tools::publish_contact(size_t index, const pliant_model &model, const plian
     visualization_msgs::MarkerArray markers;
     tool_markers_message(state, clearance, contact.header, &markers);
     tool.marker_out.publish(markers);
+}
+
+void Tools::publish_cut(size_t index, const pliant_data &data, uint32_t revision, const ros::Time &now)
+{
+    Tool &tool = *tools_[index];
+    if (!tool.parameters.has_blade()) return;
+    const pliant_tool_state state = tool_state(data, static_cast<int>(index));
+    Cut &sent = tool.sent;
+    const bool same = sent.cutting == state.cutting && sent.engaged == state.engaged && sent.stroke == state.stroke &&
+                      sent.severed_area == state.severed_area && sent.revision == revision;
+    if (same) return;
+    cut_message(state, &sent);
+    sent.revision = revision;
+    sent.header.stamp = now;
+    tool.cut_out.publish(sent);
 }
 
 std::vector<ToolHealth> Tools::health(const ros::Time &now)

@@ -27,6 +27,7 @@ struct ToolSample {
     bool present;
     Rigid in_tissue;             /* pose of the tip in the tissue frame */
     Jaw jaw;                     /* with hysteresis; unknown for a probe, and when no valid and fresh jaw is there */
+    bool blade, energy;          /* as they were switched last; off before that */
     double frame_from_tissue[4]; /* quaternion, into the axes that the pose came in */
     std::string frame;           /* of the pose; the tissue frame before the first one */
 };
@@ -46,6 +47,7 @@ public:
 
     size_t size() const { return tools_.size(); }
     const std::string &name(size_t tool) const { return tools_[tool]->parameters.name; }
+    const ToolParameters &parameters(size_t tool) const { return tools_[tool]->parameters; }
 
     /* The tool now: absent when its pose is invalid, has no transform into the tissue frame, or its stamp is more than
        tool_max_age from now. Called by the simulation only. */
@@ -57,12 +59,15 @@ public:
     /* Contact and markers, at most 30 a second. */
     void publish_contact(size_t tool, const pliant_model &model, const pliant_data &data, const ros::Time &now);
 
+    /* What its blade does, where that differs from what was sent last. */
+    void publish_cut(size_t tool, const pliant_data &data, uint32_t revision, const ros::Time &now);
+
     std::vector<ToolHealth> health(const ros::Time &now);
 
 private:
     struct Tool {
         ToolParameters parameters;
-        ros::Publisher force_out, contact_out, marker_out;
+        ros::Publisher force_out, contact_out, marker_out, cut_out;
         Rate contact_rate, marker_rate;
 
         std::mutex lock;
@@ -73,6 +78,7 @@ private:
         bool has_jaw = false;
         ros::Time jaw_stamp;
         double jaw = 0;
+        bool blade = false, energy = false;
         uint64_t received = 0;
         std::string why = "no pose yet";
         /* written by sample */
@@ -81,15 +87,18 @@ private:
         ros::Time last_stamp;
         Rigid last_in_tissue, last_tissue_in_frame;
         std::string last_frame;
+        /* written by publish_cut */
+        Cut sent;
         /* written by health */
         uint64_t counted = 0;
         ros::WallTime counted_at;
         /* last: they go first, and with them the callbacks that write the above */
-        ros::Subscriber pose_in, jaw_in;
+        ros::Subscriber pose_in, jaw_in, blade_in, energy_in;
     };
 
     void take_pose(Tool *tool, const geometry_msgs::PoseStamped &message);
     void take_jaw(Tool *tool, const sensor_msgs::JointState &message);
+    void listen_for_blade(ros::NodeHandle handle, Tool *tool);
     void transform(Tool *tool);
     void update_jaw(Tool *tool, const ros::Time &now);
     bool is_fresh(const ros::Time &stamp, const ros::Time &now) const;

@@ -1,0 +1,247 @@
+#!/usr/bin/env python3
+"""A blade over topics and the services that cut: two pieces, every topology before its states, undo, reset; the session again."""
+import csv
+import os
+import shutil
+import subprocess
+import sys
+import time
+import unittest
+
+import numpy
+import rosbag
+import rospy
+import rostest
+from geometry_msgs.msg import Point, Vector3
+from pliant.msg import Cut, MeshState, MeshTopology, Step
+from pliant.srv import CutLine, SaveVolume
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool, Header
+from std_srvs.srv import Trigger
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
+from node_client import NAMESPACE, Latest, Launch, Tool, call, is_sent, nifti_voxels, wait_for  # noqa: E402
+
+SECONDS = 60.0  # that anything may take on a busy machine
+ORIGIN = numpy.array([0.5, 0.25, 1.0])  # tissue in world, as in cut.test
+
+
+def to_world(point):
+    return [ORIGIN[0] - point[1], ORIGIN[1] + point[0], ORIGIN[2] + point[2]]
+
+
+def large_pieces(topology):
+    """Tetrahedra that hang together by nodes: the sizes of those with one in a hundred or more."""
+    tets = numpy.array(topology.tetrahedra).reshape(-1, 4)
+    piece = numpy.arange(len(topology.rest_parent))
+    while True:
+        least = piece[tets].min(axis=1)
+        smaller = piece.copy()
+        numpy.minimum.at(smaller, tets.ravel(), numpy.repeat(least, 4))
+        smaller = smaller[smaller]
+        if (smaller == piece).all():
+            break
+        piece = smaller
+    _, counts = numpy.unique(piece[tets[:, 0]], return_counts=True)
+    return sorted(int(count) for count in counts if count > 0.01 * len(tets))
+
+
+class CutTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("cut_test")
+        cls.folder = rospy.get_param("~folder")
+        shutil.rmtree(cls.folder, ignore_errors=True)
+        os.makedirs(cls.folder)
+        cls.topologies, cls.states = [], []
+        cls.node_topology = rospy.Subscriber(NAMESPACE + "mesh/topology", MeshTopology, cls.topologies.append, buff_size=1 << 26)
+        cls.node_state = rospy.Subscriber(NAMESPACE + "mesh/state", MeshState, cls.states.append, buff_size=1 << 26)
+        cls.state, cls.cut, cls.by_service = Latest("step", Step), Latest("knife/cut", Cut), Latest("cut", Cut)
+        cls.blade = rospy.Publisher(NAMESPACE + "knife/blade", Bool, queue_size=1, latch=True)
+        cls.energy = rospy.Publisher(NAMESPACE + "knife/energy", Joy, queue_size=1, latch=True)
+        cls.tool = Tool("knife", "tissue")
+        cls.first = wait_for(lambda: cls.topologies[0] if cls.topologies else None, "mesh/topology", SECONDS)
+        rest = numpy.array(cls.first.rest_nodes).reshape(-1, 3)
+        cls.low, cls.high = rest.min(axis=0), rest.max(axis=0)
+        cls.height = float(0.5 * (cls.low[2] + cls.high[2]) + 0.004)
+        wait_for(lambda: cls.state.message, "steps", SECONDS)
+
+    def setUp(self):
+        self.blade.publish(False)
+        self.tool.reset()
+        self.assertTrue(call("reset", Trigger).success)
+        self.wait_for_revision(self.first.revision)
+
+    def revision(self):
+        return self.state.fresh().revision
+
+    def wait_for_revision(self, revision):
+        """And its topology is the newest one that is told."""
+        wait_for(lambda: self.revision() == revision, "revision %d" % revision)
+        return wait_for(lambda: self.topologies[-1] if self.topologies[-1].revision == revision else None, "its topology")
+
+    def appear(self, position):
+        self.tool.position, self.tool.is_on = list(position), True
+        wait_for(lambda: self.tool.pose.get_num_connections() and self.blade.get_num_connections(), "the node to listen")
+        wait_for(lambda: self.state.fresh().tools[0].present, "the knife to be there")
+
+    def stroke(self, until=1.02):
+        """From the right to the left, as far as that part of the width: 0.3 m/s."""
+        margin = 0.01
+        self.appear([self.low[0] - margin, 0, self.height])
+        self.blade.publish(True)
+        wait_for(lambda: self.state.fresh().tools[0].cuts, "the blade to be on")
+        end = self.low[0] + until * (self.high[0] - self.low[0]) + margin
+        while self.tool.position[0] < end:
+            self.tool.position = [self.tool.position[0] + 0.003, 0, self.height]
+            time.sleep(0.01)
+        self.tool.position = [end, 0, self.height]
+        time.sleep(0.3)
+        self.blade.publish(False)
+        wait_for(lambda: not self.state.fresh().tools[0].cuts, "the blade to be off")
+        return self.wait_for_revision(self.revision())
+
+    def test_a_stroke_makes_two_pieces(self):
+        self.assertEqual(len(large_pieces(self.first)), 1)
+        begin, told = len(self.states), self.cut.message.stroke if self.cut.message else 0
+        topology = self.stroke()
+        pieces = large_pieces(topology)
+        self.assertEqual(len(pieces), 2, pieces)
+        self.assertGreater(min(pieces), 0.3 * sum(pieces))
+        self.assertGreater(len(topology.rest_parent), len(self.first.rest_parent))
+        cut = wait_for(lambda: self.cut.message if self.cut.message.revision == topology.revision and not self.cut.message.cutting else None, "knife/cut")
+        self.assertEqual(cut.stroke, told + 1)
+        width, depth = self.high[0] - self.low[0], self.high[1] - self.low[1]
+        self.assertGreater(cut.severed_area, 0.4 * width * depth)
+        self.assertLess(cut.severed_area, 1.1 * width * depth)
+        # every state came after the topology that it is of
+        known = {message.revision: message for message in self.topologies}
+        for message in self.states[begin:]:
+            self.assertIn(message.revision, known)
+            self.assertEqual(len(message.nodes), len(known[message.revision].rest_nodes))
+            self.assertLessEqual(known[message.revision].header.stamp, message.header.stamp)
+        self.assertGreater(len(set(message.revision for message in self.states[begin:])), 2, "the topology changes while states stream")
+
+    def test_undo_and_reset(self):
+        half = self.stroke(0.5)
+        self.assertGreater(half.revision, self.first.revision)
+        self.assertEqual(len(large_pieces(half)), 1)
+        self.assertTrue(call("undo_cut", Trigger).success)
+        before = self.wait_for_revision(self.first.revision)
+        self.assertEqual(before.tetrahedra, self.first.tetrahedra)
+        refused = call("undo_cut", Trigger)
+        self.assertFalse(refused.success)
+        self.assertIn("no cut to undo", refused.message)
+        again = self.stroke(0.5)
+        self.assertGreater(again.revision, half.revision, "no two bodies have one number")
+        self.assertTrue(call("reset", Trigger).success)
+        self.wait_for_revision(self.first.revision)
+        self.assertEqual(self.by_service.message.revision, self.first.revision)
+
+    def cut_line(self, frame="world"):
+        ends = [[self.low[0] - 0.02, self.low[1] - 0.02, self.height], [self.high[0] + 0.02, self.low[1] - 0.02, self.height]]
+        depth = self.high[1] - self.low[1] + 0.04
+        if frame == "world":
+            return call("cut", CutLine, Header(frame_id=frame), [Point(*to_world(end)) for end in ends], Vector3(-depth, 0, 0))
+        return call("cut", CutLine, Header(frame_id=frame), [Point(*end) for end in ends], Vector3(0, depth, 0))
+
+    def test_the_service_cuts_in_any_frame(self):
+        areas = []
+        for frame in ("world", "tissue"):
+            answer = self.cut_line(frame)
+            self.assertTrue(answer.success, answer.message)
+            topology = self.wait_for_revision(answer.revision)
+            self.assertEqual(len(large_pieces(topology)), 2)
+            areas.append(answer.severed_area)
+            self.assertTrue(call("undo_cut", Trigger).success)
+            self.wait_for_revision(self.first.revision)
+        self.assertAlmostEqual(areas[0], areas[1], delta=1e-3 * areas[1])
+        for frame, points in (("nowhere", [Point(), Point(x=1)]), ("tissue", [Point()]), ("tissue", [Point(x=float("nan")), Point()])):
+            answer = call("cut", CutLine, Header(frame_id=frame), points, Vector3(z=1))
+            self.assertFalse(answer.success)
+            self.assertTrue(answer.message)
+        self.assertEqual(self.revision(), self.first.revision)
+
+    def test_a_pedal_and_a_jaw_switch_the_blade(self):
+        options = ["mesh/coarse_cells=6 5 5"]
+        from pliant.srv import LoadScan  # the trigger is an option of the scene
+        try:
+            answer = call("load_scan", LoadScan, "phantom:72x48x60", "", options + ["cut/trigger=energy"])
+            self.assertTrue(answer.success, answer.message)
+            self.appear([0, 0, 0])
+            self.energy.publish(Joy(buttons=[1]))
+            wait_for(lambda: self.state.fresh().tools[0].cuts, "the pedal to switch it on")
+            self.energy.publish(Joy(buttons=[0]))
+            wait_for(lambda: not self.state.fresh().tools[0].cuts, "and off")
+            answer = call("load_scan", LoadScan, "phantom:72x48x60", "", options + ["cut/trigger=jaw"])
+            self.assertTrue(answer.success, answer.message)
+            self.tool.closed = True
+            wait_for(lambda: self.state.fresh().tools[0].cuts, "the jaw to switch it on")
+            self.tool.closed = False
+            wait_for(lambda: not self.state.fresh().tools[0].cuts, "and off")
+        finally:
+            self.tool.reset()
+            before = self.topologies[-1].revision
+            answer = call("load_scan", LoadScan, "phantom:72x48x60", "", [])
+            self.assertTrue(answer.success, answer.message)
+            type(self).first = wait_for(lambda: self.topologies[-1] if self.topologies[-1].revision > before else None, "the first mesh again")
+            self.assertEqual(len(self.first.tetrahedra), len(self.topologies[0].tetrahedra))
+
+    def test_save_volume_has_the_cut(self):
+        def saved(name):
+            answer = call("save_volume", SaveVolume, name)
+            self.assertTrue(answer.success, answer.message)
+            return nifti_voxels(self.folder + "/" + name)
+        whole = saved("whole.nii.gz")
+        answer = self.cut_line()
+        self.assertTrue(answer.success, answer.message)
+        numpy.testing.assert_array_equal(saved("closed.nii.gz"), whole, "a cut that stays closed shows nothing")
+
+    # ---- a session, recorded
+
+    def run_bag(self, *arguments):
+        scene = ["--scan", "phantom:72x48x60"]
+        for option in ("mesh/coarse_cells=12 9 10", "mesh/ratio=1", "cut/kind=sever", "cut/resistance=0", "material/file=" + rospy.get_param(NAMESPACE + "sim/material/file")):
+            scene += ["--set", option]
+        done = subprocess.run(["pliant_bag", self.folder + "/session.bag"] + scene + list(arguments), stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE, universal_newlines=True, timeout=4 * SECONDS)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return done.stdout
+
+    def test_a_recorded_session_is_cut_again(self):
+        recorder = Launch("record.launch", bag=self.folder + "/session.bag")
+        try:
+            for topic in ("mesh/topology", "mesh/state", "step", "knife/cut", "cut"):
+                wait_for(lambda: is_sent("sim", topic, "/record_tissue"), "the recorder", SECONDS)
+            self.assertTrue(call("reset", Trigger).success)
+            self.stroke(0.6)
+            self.assertTrue(call("undo_cut", Trigger).success)
+            answer = self.cut_line()
+            self.assertTrue(answer.success, answer.message)
+            self.wait_for_revision(answer.revision)
+            self.stroke(0.3)
+            time.sleep(0.5)
+        finally:
+            recorder.stop()
+        said = self.run_bag("--simulate", "--cuts", self.folder + "/cuts.csv")
+        self.assertIn("each as recorded, to the bit", said)
+        with open(self.folder + "/cuts.csv") as file:
+            rows = list(csv.DictReader(file))
+        self.assertEqual(set(row["tool"] for row in rows), {"knife", ""})
+        self.assertGreater(max(float(row["severed_area_m2"]) for row in rows), 0)
+        # the volume of a state from its topology alone, and from the session made again: at a time that no step follows at once
+        with rosbag.Bag(self.folder + "/session.bag") as bag:
+            start = bag.get_start_time()
+            stamps = {message.header.stamp: when.to_sec() - start for _, message, when in bag.read_messages(NAMESPACE + "step")}
+            states = [(message.header.stamp, message.revision) for _, message, _ in bag.read_messages(NAMESPACE + "mesh/state")]
+        self.assertGreater(len(set(revision for _, revision in states)), 5)
+        last = stamps[states[-1][0]]
+        at = ["--at", "%.6f" % (last + 1e-3)]
+        self.run_bag(*at, "--out", self.folder + "/states")
+        self.run_bag(*at, "--simulate", "--out", self.folder + "/again")
+        name = os.listdir(self.folder + "/states")[0]
+        numpy.testing.assert_array_equal(nifti_voxels(self.folder + "/states/" + name), nifti_voxels(self.folder + "/again/" + name))
+
+
+if __name__ == "__main__":
+    rostest.rosrun("pliant", "cut", CutTest)
