@@ -345,6 +345,58 @@ TEST(Knife, ABladeOfAToolThatHasNoneIsRefused)
     EXPECT_EQ(pliant_blade_find("axe", a, b), PLIANT_ERROR_ARGUMENT);
 }
 
+// of the phantom's liver, in a scan with air, many materials and elements that are partly empty
+TEST(Knife, AStrokeThroughThePhantomsLiver)
+{
+    pliant_scene scene;
+    pliant_volume scan{};
+    pliant_labels labels{};
+    pliant_material_table table{};
+    pliant_model *model = nullptr;
+    pliant_data *data = nullptr;
+    ASSERT_EQ(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/resect.yaml", &scene), PLIANT_OK) << pliant_last_error();
+    scene.cut.resistance = 0;
+    ASSERT_EQ(pliant_inputs_read(&scene, "phantom:80x56x68", &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_data_create(model, &data), PLIANT_OK);
+    // the plane between two layers of voxels, and what of it lies in the liver
+    const int32_t *count = scan.geometry.size, layer = 37;
+    const double x = scan.geometry.origin[0] + scan.geometry.direction[0] * (layer + 0.45) * scan.geometry.spacing[0];
+    const uint8_t *material = pliant_model_get_voxel_materials(model);
+    double section = 0;
+    for (int32_t v = layer; v < count[0] * count[1] * count[2]; v += count[0])
+        if (!table.materials[material[v]].empty && !table.materials[material[v + 1]].empty) section += scan.geometry.spacing[1] * scan.geometry.spacing[2];
+    ASSERT_GT(section, 2e-3);
+    int tool;
+    const double from[3] = {0, -0.2, 0}, to[3] = {0, 0.2, 0};
+    ASSERT_EQ(pliant_tool_add(model, data, "knife", &tool), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_blade(data, tool, from, to), PLIANT_OK);
+    for (int s = 0; s < 40; s++) {
+        const double tip[3] = {x, -0.04, 0.17 - 0.006 * s};
+        ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_cutting(data, tool, true), PLIANT_OK);
+        ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
+    }
+    pliant_tool_state told;
+    ASSERT_EQ(pliant_tool_get(data, tool, &told), PLIANT_OK);
+    EXPECT_NEAR(told.severed_area, section, 0.05 * section);
+    pliant_data *at_once = nullptr;
+    pliant_cut_report report;
+    const double line[6] = {x, -0.4, 0.3, x, 0.4, 0.3}, depth[3] = {0, 0, -0.6};
+    ASSERT_EQ(pliant_data_create(model, &at_once), PLIANT_OK);
+    ASSERT_EQ(pliant_data_cut(model, at_once, 2, line, depth, &report), PLIANT_OK) << pliant_last_error();
+    EXPECT_NEAR(told.severed_area, report.area, 1e-9) << "as by one cut through all of it";
+    EXPECT_GE(told.pieces, report.pieces);
+    EXPECT_LE(told.pieces, report.pieces + 2) << "bits at the edge of the tissue may come off where it moves between two steps";
+    EXPECT_GE(report.pieces, 2);
+    pliant_data_free(at_once);
+    pliant_data_free(data);
+    pliant_model_free(model);
+    pliant_material_table_free(&table);
+    pliant_labels_free(&labels);
+    pliant_volume_free(&scan);
+}
+
 // no memory at any point: the tissue stays as it is, said once, and the next try succeeds
 TEST(Knife, WithoutMemoryTheTissueStaysWhole)
 {
