@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { MOST_HALVINGS = 3, BURST = 64 /* sub-steps by the same number of threads */ };
+enum { MOST_HALVINGS = 3, BURST = 64, TRIAL = 8 /* sub-steps by the same number of threads */ };
 
 pliant_tled_scheme pliant_tled_scheme_of(double dt, double alpha)
 {
@@ -202,8 +202,9 @@ static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools
     keep(tled, false);
     pliant_tled_frame done = {.sound = true};
     while (done.sound && !done.settled && done.steps < tled->substeps) {
-        const int32_t first = done.steps, end = tled->substeps - first > BURST ? first + BURST : tled->substeps;
         const int all = choose_pace(tled);
+        const bool trial = tled->pace.trying || tled->pace.seconds[all] == 0;
+        const int32_t first = done.steps, most = trial ? TRIAL : BURST, end = tled->substeps - first > most ? first + most : tled->substeps;
         const double start = pliant_seconds();
 #pragma omp parallel num_threads(all ? tled->system->num_threads : 1)
         {
