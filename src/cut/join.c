@@ -227,6 +227,24 @@ static void give_small(chips *all)
     }
 }
 
+/* Chips that moved with others go on so: nodes of their own tetrahedron may be far by now. */
+static void give_again(cut_work *work)
+{
+    const int32_t tets = work->body->fine.num_tets;
+    for (int32_t f = 0; f < work->num_fragments; f++) {
+        int32_t best = -1, most = 0;
+        for (int32_t e = 0; e < work->num_edges && work->fragment[f].came_back; e++) {
+            const int32_t *end = work->edge[e].end;
+            if (end[0] != tets + f && end[1] != tets + f) continue;
+            const int32_t other = cut_final(work, end[0] == tets + f ? end[1] : end[0]);
+            if (other == tets + f || work->edge[e].weight < most || (work->edge[e].weight == most && other > best)) continue;
+            best = other;
+            most = work->edge[e].weight;
+        }
+        if (best >= 0) work->fragment[f].into = best;
+    }
+}
+
 /* Edges of what was given away become those of who took it. */
 static pliant_status hand_on(cut_work *work)
 {
@@ -247,6 +265,7 @@ pliant_status pliant_cut_give_chips(cut_work *work)
     all.voxels = pliant_calloc(count, sizeof *all.voxels);
     all.best = pliant_calloc(count, sizeof *all.best);
     all.weight = pliant_calloc(count, sizeof *all.weight);
+    give_again(work);
     pliant_status status = all.group && all.voxels && all.best && all.weight ? give_chips(&all) : no_memory();
     if (status == PLIANT_OK) {
         give_small(&all);
