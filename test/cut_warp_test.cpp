@@ -52,6 +52,7 @@ TEST(cut_warp, at_rest_is_the_scan_bit_for_bit)
             Scene scene(encoding, turned);
             for (const vector3 &normal : normals)
                 for (int partly = 0; partly < 2; partly++) {
+                    if (turned && partly != (encoding == PLIANT_INT16)) continue;
                     const vector3 middle = scene.middle;
                     CutBody cut(*scene.mesh, *scene.voxels, {plane(middle, normal, [=](const vector3 &at) { return !partly || at[1] < middle[1]; })}, 2 * partly);
                     fragments += int(cut.fragment.size() - cut.tet.size());

@@ -15,6 +15,10 @@
 /* Weights are compared with this much to spare: two carriers may both hold a point between them, but never none. */
 #define PART_SPARE 1e-3
 
+/* in a label: those of all corners of the cell that begins there are the same */
+#define PART_UNIFORM 0x8000u
+#define PART_MOST_LABELS 0x8000
+
 /* The voxels around a tetrahedron: all corners of the cells of the scan that it touches. */
 typedef struct part_box {
     int32_t low[3], size[3];
@@ -30,7 +34,7 @@ typedef struct part_view {
     int32_t num_elements;
     const part_element *elements;
     const part_box *boxes;
-    const uint16_t *labels;
+    const uint16_t *labels; /* with PART_UNIFORM */
 } part_view;
 
 /* A cell of the scan, and where in it. */
@@ -64,18 +68,24 @@ PLIANT_INLINE double part_weight(const part_cell *cell, int corner)
     return weight;
 }
 
-/* labels of a cell's corners */
-PLIANT_INLINE void part_labels(const part_view *view, const part_box *box, const part_cell *cell, uint16_t out[8])
+/* where the label of a cell's first corner is */
+PLIANT_INLINE int32_t part_first(const part_box *box, const part_cell *cell)
 {
-    int32_t first = box->first, step = 1, along[3];
+    int32_t first = box->first, step = 1;
     PLIANT_UNROLL for (int d = 0; d < 3; d++) {
         const int32_t at = cell->low[d] - box->low[d], last = box->size[d] > 1 ? box->size[d] - 2 : 0;
         first += step * (at < 0 ? 0 : at > last ? last : at);
-        along[d] = box->size[d] > 1 ? step : 0;
         step *= box->size[d];
     }
+    return first;
+}
+
+/* labels of a cell's corners */
+PLIANT_INLINE void part_labels(const part_view *view, const part_box *box, int32_t first, uint16_t out[8])
+{
+    const int32_t along[3] = {box->size[0] > 1 ? 1 : 0, box->size[1] > 1 ? box->size[0] : 0, box->size[2] > 1 ? box->size[0] * box->size[1] : 0};
     PLIANT_UNROLL for (int c = 0; c < 8; c++)
-        out[c] = view->labels[first + (c & 1 ? along[0] : 0) + (c & 2 ? along[1] : 0) + (c & 4 ? along[2] : 0)];
+        out[c] = (uint16_t)(view->labels[first + (c & 1 ? along[0] : 0) + (c & 2 ? along[1] : 0) + (c & 4 ? along[2] : 0)] & ~PART_UNIFORM);
 }
 
 /* Whether a rest point (index in the scan) is an element's; WHOLE: all voxels around it are, too. */
@@ -84,11 +94,11 @@ PLIANT_INLINE part_claim part_claims(const part_view *view, part_element element
     part_cell cell;
     uint16_t label[8];
     double weight[8], own = 0;
-    bool whole = true;
     part_find_cell(view->scan_size, index, &cell);
-    part_labels(view, &view->boxes[element.box], &cell, label);
-    PLIANT_UNROLL for (int c = 0; c < 8; c++) whole = whole && label[c] == element.label;
-    if (whole) return PART_WHOLE;
+    const part_box *box = &view->boxes[element.box];
+    const int32_t first = part_first(box, &cell);
+    if (view->labels[first] & PART_UNIFORM) return (view->labels[first] & ~PART_UNIFORM) == (uint32_t)element.label ? PART_WHOLE : PART_OTHERS;
+    part_labels(view, box, first, label);
     PLIANT_UNROLL for (int c = 0; c < 8; c++) {
         weight[c] = part_weight(&cell, c);
         own += label[c] == element.label ? weight[c] : 0;
@@ -108,7 +118,8 @@ PLIANT_INLINE double part_value(const part_view *view, part_element element, con
 {
     uint16_t label[8];
     double sum = 0, weights = 0;
-    part_labels(view, &view->boxes[element.box], cell, label);
+    const part_box *box = &view->boxes[element.box];
+    part_labels(view, box, part_first(box, cell), label);
     PLIANT_UNROLL for (int c = 0; c < 8; c++) {
         if (label[c] != element.label) continue;
         const double weight = part_weight(cell, c);

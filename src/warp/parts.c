@@ -305,6 +305,20 @@ uint16_t *pliant_parts_add_box(part_maker *work, int32_t tet, const part_box *bo
     return labels;
 }
 
+static void write_labels(const part_maker *work, uint16_t *labels)
+{
+    const int32_t *size = work->box.size, step[3] = {size[0] > 1, size[1] > 1 ? size[0] : 0, size[2] > 1 ? size[0] * size[1] : 0};
+    for (int32_t n = 0; n < work->count; n++) {
+        int32_t at[3];
+        bool uniform = true;
+        part_place_of(size, n, at);
+        for (int d = 0; d < 3; d++) uniform = uniform && (size[d] < 2 || at[d] + 1 < size[d]);
+        for (int c = 1; c < 8 && uniform; c++)
+            uniform = work->label[n + (c & 1 ? step[0] : 0) + (c & 2 ? step[1] : 0) + (c & 4 ? step[2] : 0)] == work->label[n];
+        labels[n] = (uint16_t)((uint32_t)work->label[n] | (uniform ? PART_UNIFORM : 0));
+    }
+}
+
 static pliant_status make_box(part_maker *work, int32_t tet)
 {
     int32_t queued = 0;
@@ -320,10 +334,10 @@ static pliant_status make_box(part_maker *work, int32_t tet)
     if (!list_fragments(work) || !label_own(work, &queued)) return pliant_parts_no_memory();
     spread(work, queued, STEPS);
     if (!label_others(work)) return pliant_parts_no_memory();
-    if (work->num_carriers > UINT16_MAX) return pliant_fail(PLIANT_ERROR_MEMORY, "more than %d fragments meet in one tetrahedron", UINT16_MAX);
+    if (work->num_carriers > PART_MOST_LABELS) return pliant_fail(PLIANT_ERROR_MEMORY, "more than %d fragments meet in one tetrahedron", PART_MOST_LABELS);
     uint16_t *labels = pliant_parts_add_box(work, tet, &work->box, (size_t)work->count, work->by_node, -1);
     if (!labels) return pliant_parts_no_memory();
-    for (int32_t n = 0; n < work->count; n++) labels[n] = (uint16_t)work->label[n];
+    write_labels(work, labels);
     return pliant_parts_add_guests(work);
 }
 
