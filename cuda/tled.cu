@@ -146,6 +146,9 @@ extern "C" pliant_status pliant_cuda_tled_create(pliant_tled *tled, int device, 
 {
     if (tled->system->stiffness_damping > 0)
         return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tled/stiffness_damping is the CPU's alone: set solver/backend to cpu, or take tled/damping or tled/prony_share");
+    if (tled->system->cubes)
+        return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "element/kind: explicit dynamics of hexahedra is the CPU's alone: set solver/backend to cpu, or "
+                                                     "element/kind to linear");
     pliant_cuda_tled *gpu = static_cast<pliant_cuda_tled *>(pliant_calloc(1, sizeof *gpu));
     if (!gpu) return pliant_fail_memory("the dynamics");
     gpu->system = tled->system;

@@ -307,9 +307,9 @@ static pliant_status check(const pliant_scene *scene, const pliant_material_tabl
         status = pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: lod interpolates within whole cubes of the lattice, which cannot be divided; set "
                                                  "model/method to averaged or another one, or cut/kind to none");
     if (status == PLIANT_OK && scene->element.kind == PLIANT_HEXAHEDRA &&
-        (scene->model.method != PLIANT_FINE || scene->solver.kind != PLIANT_COROTATIONAL || scene->mesh.kind != PLIANT_LATTICE))
-        status = pliant_fail(PLIANT_ERROR_SCENE, "element/kind: hexahedra are cubes of a lattice: set model/method to fine, solver/kind to corotational and "
-                                                 "mesh/kind to lattice, or element/kind to linear");
+        (scene->model.method != PLIANT_FINE || scene->mesh.kind != PLIANT_LATTICE))
+        status = pliant_fail(PLIANT_ERROR_SCENE, "element/kind: hexahedra are cubes of a lattice: set model/method to fine and mesh/kind to lattice, or "
+                                                 "element/kind to linear");
     return status == PLIANT_OK ? pliant_material_table_check(materials) : status;
 }
 

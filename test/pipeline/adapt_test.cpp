@@ -59,6 +59,10 @@ const Case octree{"octree", [](pliant_scene &scene) {
                       scene.mesh.depth = 1;
                       scene.mesh.coarse_cells[0] = scene.mesh.coarse_cells[1] = scene.mesh.coarse_cells[2] = 4;
                   }};
+const Case cubes{"tled_hexahedra", [](pliant_scene &scene) {
+                     explicit_dynamics(scene, false);
+                     scene.element.kind = PLIANT_HEXAHEDRA;
+                 }};
 const Case dynamic{"tled", [](pliant_scene &scene) { explicit_dynamics(scene, false); }};
 const Case relaxed{"relaxation", [](pliant_scene &scene) { explicit_dynamics(scene, true); }};
 
@@ -203,7 +207,7 @@ TEST_P(EveryMethod, ARevisionOfTheSameTopologyChangesNoBits)
     EXPECT_EQ(state(*one), state(*other));
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
-                         testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, lod, patch, octree, dynamic, relaxed), name_of);
+                         testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, lod, patch, octree, dynamic, cubes, relaxed), name_of);
 
 // ---- a real change
 
@@ -408,7 +412,7 @@ TEST_P(EveryStroke, WhileItMoves)
     EXPECT_GT(moved, 5e-3);
     EXPECT_LT(most, 1e-3 * moved);
 }
-INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment, testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, patch, dynamic, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment, testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, patch, dynamic, cubes, relaxed), name_of);
 
 // what a live run took of what was made in the background, while it was cut, makes the same bits again
 struct EveryReplay : testing::TestWithParam<Case> {};
@@ -443,7 +447,7 @@ TEST_P(EveryReplay, OfALiveRunThatIsCut)
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryReplay, testing::Values(direct, multigrid, averaged, patch), name_of);
 INSTANTIATE_TEST_SUITE_P(Methods, EveryStroke, testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, relaxed), name_of);
-INSTANTIATE_TEST_SUITE_P(Methods, EveryDivisible, testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, patch, octree, dynamic, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryDivisible, testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, patch, octree, dynamic, cubes, relaxed), name_of);
 
 // ---- what no part of all this had a hand in: the left half of a body in two is the body of half the width
 

@@ -1,6 +1,7 @@
 // Trilinear hexahedra (element/kind): neither too stiff in bending nor where tissue is nearly incompressible.
 #include "body.h"
 
+#include "fem/dynamics/tled_cubes.h"
 #include "fem/element/rotation.h"
 #include "fem/linear/dense.h"
 
@@ -46,6 +47,79 @@ TEST(Hexahedra, BeamSagsAsTheConvergedOne)
         EXPECT_LT(std::fabs(fine), 0.02);
         EXPECT_LT(linear, -0.2);
     }
+}
+
+// The same beam by explicit dynamics, relaxed: one point a cube, and what stands against hourglasses (tled_cubes.h).
+double relaxed_sag(pliant_element_kind kind, double poisson)
+{
+    const int size[3] = {6, 6, 20};
+    const double box[3] = {0.03, 0.03, 0.1};
+    Body body(size, box, {{263.8e3, poisson, 1070, false}});
+    body.scene.element.kind = kind;
+    body.scene.solver.kind = PLIANT_TLED;
+    body.scene.tled.quasi_static = true;
+    body.scene.tled.relaxation_steps = 2000;
+    body.scene.solver.tolerance = 1e-3;
+    body.cells(3, 3, 10, 1);
+    body.fix_plane(0, 0, 1e-4, 0, 0, 1);
+    body.scene.model.gravity[1] = -9.81;
+    EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(body.settle(40), PLIANT_OK) << body.data->statistics.residual;
+    double sum = 0;
+    int count = 0;
+    const pliant_mesh &fine = body.model->body->fine;
+    for (int32_t n = 0; n < fine.num_nodes; n++)
+        if (fine.rest[3 * n + 2] > 0.1 - 1e-9) {
+            sum += fine.rest[3 * n + 1] - body.data->positions[3 * n + 1];
+            count++;
+        }
+    return sum / count;
+}
+
+TEST(Hexahedra, BeamRelaxesToTheConvergedSag)
+{
+    const double poisson[2] = {0.45, 0.49}, converged[2] = {6.87e-3, 6.79e-3};
+    for (int n = 0; n < 2; n++) {
+        double error = relaxed_sag(PLIANT_HEXAHEDRA, poisson[n]) / converged[n] - 1;
+        std::printf("explicit, nu %.2f, cells of 10 mm: %.1f %%\n", poisson[n], 100 * error);
+        EXPECT_LT(std::fabs(error), 0.05);
+    }
+    EXPECT_LT(relaxed_sag(PLIANT_LINEAR, 0.45) / converged[0] - 1, -0.2);
+}
+
+// The stiffness of a free cube about rest, by differences of forces: six rigid motions and nothing else without one, and its largest
+// eigenvalue is the bound that the time step stands on.
+TEST(Hexahedra, AFreeExplicitCubeHasSixZeroModes)
+{
+    const int size[3] = {2, 2, 2};
+    const double box[3] = {0.01, 0.012, 0.008};
+    Body one(size, box, {{3000, 0.45, 1000, false}});
+    one.scene.element.kind = PLIANT_HEXAHEDRA;
+    one.scene.solver.kind = PLIANT_TLED;
+    one.cells(1, 1, 1, 1);
+    one.fix_plane(0, 0, 1e-6, 0, 0, 1);
+    ASSERT_EQ(one.build(), PLIANT_OK) << pliant_last_error();
+    pliant_tled *tled = one.data->tled;
+    const pliant_tled_system *system = one.model->tled;
+    std::vector<double> k(24 * 24), values(24), vectors(24 * 24);
+    for (int j = 0; j < 24; j++)
+        for (int side = -1; side <= 1; side += 2) {
+            const double step = 1e-5;
+            tled->u[j] = side * step;
+            pliant_tled_element_forces(tled, tled->time_step);
+            tled->u[j] = 0;
+            for (int i = 0; i < 24; i++)
+                for (int32_t c = system->corner_start[i / 3]; c < system->corner_start[i / 3 + 1]; c++)
+                    k[24 * i + j] += side * double(tled->forces[system->corner[c] + i % 3 * LANES]) / (2 * step);
+        }
+    for (int i = 0; i < 24; i++)
+        for (int j = 0; j < i; j++) k[24 * i + j] = k[24 * j + i] = 0.5 * (k[24 * i + j] + k[24 * j + i]);
+    pliant_dense_symmetric_eigen(24, k.data(), values.data(), vectors.data());
+    std::sort(values.begin(), values.end());
+    EXPECT_LT(values[5], 1e-4 * values[23]);
+    EXPECT_GT(values[6], 1e-2 * values[23]);
+    const double lambda = 3000 * 0.45 / 1.45 / 0.1, mu = 3000 / 2.9, volume = box[0] * box[1] * box[2];
+    EXPECT_NEAR(values[23], volume * pliant_cube_largest_eigenvalue(box, lambda, mu), 1e-3 * values[23]);
 }
 
 class Block : public ::testing::Test {

@@ -41,6 +41,8 @@ typedef struct pliant_pace {
     int32_t wait, left;                     /* bursts until that is tried again */
 } pliant_pace;
 
+typedef struct pliant_tled_cubes pliant_tled_cubes;
+
 /* What stays constant while stepping. */
 struct pliant_tled_system {
     const pliant_mesh *mesh;
@@ -60,6 +62,9 @@ struct pliant_tled_system {
     float (*gradients)[9][LANES];           /* of corners 1 to 3 [1/m]; that of corner 0 is minus their sum */
     float (*moduli)[3][LANES];              /* rest volume times mu, times the volume modulus [N m]; rest volume [m^3] */
     int32_t (*nodes)[4][LANES];
+
+    /* HEXAHEDRA (element/kind), after the tetrahedra, which are then those of cubes that are not whole: tled_cubes.h */
+    pliant_tled_cubes *cubes;               /* NULL: all are tetrahedra */
 
     /* NODES */
     int32_t *corner_start;                  /* (num_nodes + 1) */
@@ -131,6 +136,8 @@ void pliant_tled_reset(pliant_tled *tled);
 void pliant_tled_calm(pliant_tled *tled);
 /* Largest eigenvalue of B'DB of an isotropic tetrahedron, over its volume [N/m^4], from its gradients (4 x 3). */
 double pliant_element_largest_eigenvalue(const double gradients[12], double lambda, double mu);
+/* the same of any element with one strain: gram = sum of g_v g_v' over its corners, xx yy zz xy xz yz */
+double pliant_gram_largest_eigenvalue(const double gram[6], double lambda, double mu);
 
 /* The state of one for the body before: displacements, velocities, what has relaxed, limits. Tools are not. */
 void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_body_map *map);
@@ -143,6 +150,11 @@ void pliant_tled_place(pliant_tled *tled, int32_t node, const double position[3]
 /* Room for nodes that stop; those: they stay where they are, for ever. Errors: MEMORY. */
 pliant_status pliant_tled_may_stop(pliant_tled *tled);
 void pliant_tled_stop(pliant_tled *tled, int32_t count, const int32_t *nodes);
+
+/* ---- tled_cubes.c */
+/* Blocks of all elements: of tetrahedra, then of hexahedra; numbers of forces in them. */
+int32_t pliant_tled_blocks(const pliant_tled_system *system);
+size_t pliant_tled_force_count(const pliant_tled_system *system);
 
 /* ---- tled_elements.c: to be called by all threads of a parallel region, or by one outside of any */
 void pliant_tled_element_forces(pliant_tled *tled, double time_step);

@@ -2,7 +2,7 @@
  * its voxels, and sums of stiffness over mass are at most the largest of a single voxel's. So the bound is that of every tetrahedron as
  * though it were of any of the materials in and around it alone: chips of a neighbour's go with it, too. No cut can break it. */
 #include "base/fail.h"
-#include "fem/dynamics/tled.h"
+#include "fem/dynamics/tled_cubes.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -58,6 +58,24 @@ static uint64_t *materials_around(const pliant_voxels *voxels)
     return around;
 }
 
+/* of hexahedra: an eighth of their mass is at each corner */
+static void take_cubes(const pliant_body *body, pliant_tled_system *system)
+{
+    const double *size = system->mesh->cell_size, edge = fmin(size[0], fmin(size[1], size[2]));
+    for (int32_t c = 0; c < system->cubes->count; c++) {
+        const pliant_cube *cube = system->cubes->cube + c;
+        double lambda, mu, density;
+        bool moves = false;
+        pliant_tled_cube_mean(system->mesh, cube, body->fine_material, &lambda, &mu, &density);
+        for (int v = 0; v < 8; v++) moves = moves || !body->fine_fixed[cube->node[v]];
+        if (!moves || !(density > 0)) continue;
+        system->edge_bound = fmin(system->edge_bound, edge * sqrt(density / (lambda + 2 * mu)));
+        system->eigenvalue_bound =
+            fmin(system->eigenvalue_bound, stable_step(0.5 * density, pliant_cube_largest_eigenvalue(size, lambda, mu),
+                                                       pliant_cube_largest_eigenvalue(size, 0, mu), system->stiffness_damping));
+    }
+}
+
 pliant_status pliant_tled_find_bounds(const pliant_body *body, pliant_tled_system *system)
 {
     const pliant_mesh *mesh = system->mesh;
@@ -68,6 +86,7 @@ pliant_status pliant_tled_find_bounds(const pliant_body *body, pliant_tled_syste
     for (int32_t t = 0; t < mesh->num_tets; t++) {
         const int32_t *nodes = mesh->tets + 4 * t;
         double gradients[12];
+        if (system->cubes && !voxels && system->cubes->element_of_tet[t] >= system->num_blocks * LANES) continue;
         if (body->fine_fixed[nodes[0]] && body->fine_fixed[nodes[1]] && body->fine_fixed[nodes[2]] && body->fine_fixed[nodes[3]]) continue;
         const double edge = pliant_tled_shortest_edge(mesh, nodes);
         pliant_mesh_gradients(mesh, t, gradients);
@@ -75,6 +94,7 @@ pliant_status pliant_tled_find_bounds(const pliant_body *body, pliant_tled_syste
         for (int32_t m = 0; voxels && t < voxels->num_tets && m < voxels->num_materials; m++)
             if (around[4 * t + m / 64] >> m % 64 & 1) take(system, gradients, edge, voxels->of_material + m);
     }
+    if (system->cubes) take_cubes(body, system);
     pliant_free(around);
     return PLIANT_OK;
 }

@@ -1,7 +1,7 @@
 /* What TLED computes once: gradients, moduli, masses, gather lists, the largest stable time step. */
 #include "base/fail.h"
 #include "base/threads.h"
-#include "fem/dynamics/tled.h"
+#include "fem/dynamics/tled_cubes.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -10,14 +10,9 @@
 /* The element's K / V has the eigenvalues of  lambda tr(A)^2 + 2 mu |sym A|^2  over  tr(A H^-1 A'), A = sum u_v g_v', because the shortest
  * u with a given A is u_v = A H^-1 g_v, with H = sum g_v g_v'. In the axes of H, eigenvalues h, the diagonal of A is apart from its rest:
  * the 3 x 3 matrix lambda sqrt(h_i h_j) + 2 mu h_i delta_ij, and mu (h_i + h_j) for each pair of sides. */
-double pliant_element_largest_eigenvalue(const double g[12], double lambda, double mu)
+double pliant_gram_largest_eigenvalue(const double gram[6], double lambda, double mu)
 {
-    double gram[6] = {0}, h[3], values[3];
-    for (int v = 0; v < 4; v++) {
-        const double *x = g + 3 * v;
-        double term[6] = {x[0] * x[0], x[1] * x[1], x[2] * x[2], x[0] * x[1], x[0] * x[2], x[1] * x[2]};
-        for (int m = 0; m < 6; m++) gram[m] += term[m];
-    }
+    double h[3], values[3];
     pliant_symmetric_eigenvalues(gram, h);
     double diagonal[6];
     for (int d = 0; d < 3; d++) diagonal[d] = (lambda + 2 * mu) * h[d];
@@ -26,6 +21,17 @@ double pliant_element_largest_eigenvalue(const double g[12], double lambda, doub
     diagonal[5] = lambda * sqrt(h[1] * h[2]);
     pliant_symmetric_eigenvalues(diagonal, values);
     return fmax(values[2], mu * (h[1] + h[2]));
+}
+
+double pliant_element_largest_eigenvalue(const double g[12], double lambda, double mu)
+{
+    double gram[6] = {0};
+    for (int v = 0; v < 4; v++) {
+        const double *x = g + 3 * v;
+        double term[6] = {x[0] * x[0], x[1] * x[1], x[2] * x[2], x[0] * x[1], x[0] * x[2], x[1] * x[2]};
+        for (int m = 0; m < 6; m++) gram[m] += term[m];
+    }
+    return pliant_gram_largest_eigenvalue(gram, lambda, mu);
 }
 
 int pliant_tled_walls(const pliant_scene *scene, pliant_wall walls[PLIANT_MAX_WALLS])
@@ -77,17 +83,21 @@ static pliant_status set_options(pliant_tled_system *system, const pliant_scene 
     system->num_walls = pliant_tled_walls(scene, system->walls);
     system->friction = scene->ground.friction;
     system->restitution = scene->ground.restitution;
+    if (system->nodal_pressure && scene->element.kind == PLIANT_HEXAHEDRA)
+        return pliant_fail(PLIANT_ERROR_SCENE, "tled/nodal_pressure: hexahedra have one change of volume each and need none; set it to false, or "
+                                               "element/kind to linear");
     return PLIANT_OK;
 }
 
 static pliant_status allocate(pliant_tled_system *system)
 {
-    size_t nodes = (size_t)system->mesh->num_nodes, blocks = (size_t)system->num_blocks;
+    size_t nodes = (size_t)system->mesh->num_nodes, blocks = (size_t)system->num_blocks + 1; /* all may be hexahedra */
     system->gradients = pliant_calloc(blocks, sizeof *system->gradients);
     system->moduli = pliant_calloc(blocks, sizeof *system->moduli);
     system->nodes = pliant_calloc(blocks, sizeof *system->nodes);
     system->corner_start = pliant_calloc(nodes + 1, sizeof *system->corner_start);
-    system->corner = pliant_calloc((size_t)system->mesh->num_tets, 4 * sizeof *system->corner);
+    system->corner = pliant_calloc(system->cubes ? 4 * (size_t)system->cubes->num_tets + 8 * (size_t)system->cubes->count
+                                                 : 4 * (size_t)system->mesh->num_tets, sizeof *system->corner);
     system->inverse_mass = pliant_calloc(nodes, sizeof *system->inverse_mass);
     if (system->nodal_pressure) {
         system->node_modulus = pliant_calloc(nodes, sizeof *system->node_modulus);
@@ -99,16 +109,27 @@ static pliant_status allocate(pliant_tled_system *system)
                : pliant_fail_memory("the elements");
 }
 
+/* tetrahedra that are elements of their own */
+static int32_t num_own(const pliant_tled_system *system) { return system->cubes ? system->cubes->num_tets : system->mesh->num_tets; }
+static int32_t own_tet(const pliant_tled_system *system, int32_t element) { return system->cubes ? system->cubes->tet[element] : element; }
+
 static void gather_lists(pliant_tled_system *system)
 {
     const pliant_mesh *mesh = system->mesh;
+    const pliant_tled_cubes *cubes = system->cubes;
     int32_t *start = system->corner_start;
-    for (int32_t v = 0; v < 4 * mesh->num_tets; v++) start[mesh->tets[v] + 1]++;
+    const int32_t tets = num_own(system), of_cubes = system->num_blocks * 12 * LANES;
+    for (int32_t v = 0; v < 4 * tets; v++) start[mesh->tets[4 * own_tet(system, v / 4) + v % 4] + 1]++;
+    for (int32_t v = 0; cubes && v < 8 * cubes->count; v++) start[cubes->cube[v / 8].node[v % 8] + 1]++;
     for (int32_t n = 0; n < mesh->num_nodes; n++) start[n + 1] += start[n];
     /* places first ascend from start[n]; afterwards start[n] has moved to where n + 1 begins */
-    for (int32_t v = 0; v < 4 * mesh->num_tets; v++) {
-        int32_t tet = v / 4, place = 12 * LANES * (tet / LANES) + 3 * LANES * (v % 4) + tet % LANES;
-        system->corner[start[mesh->tets[v]]++] = place;
+    for (int32_t v = 0; v < 4 * tets; v++) {
+        int32_t e = v / 4, place = 12 * LANES * (e / LANES) + 3 * LANES * (v % 4) + e % LANES;
+        system->corner[start[mesh->tets[4 * own_tet(system, e) + v % 4]]++] = place;
+    }
+    for (int32_t v = 0; cubes && v < 8 * cubes->count; v++) {
+        int32_t e = v / 8, place = of_cubes + 24 * LANES * (e / LANES) + 3 * LANES * (v % 8) + e % LANES;
+        system->corner[start[cubes->cube[e].node[v % 8]]++] = place;
     }
     for (int32_t n = mesh->num_nodes; n > 0; n--) start[n] = start[n - 1];
     start[0] = 0;
@@ -120,13 +141,13 @@ static void fill_elements(pliant_tled_system *system, const pliant_tet_material 
 {
     const pliant_mesh *mesh = system->mesh;
     for (int32_t e = 0; e < system->num_blocks * LANES; e++) {
-        int32_t block = e / LANES, lane = e % LANES, tet = e < mesh->num_tets ? e : mesh->num_tets - 1;
+        int32_t block = e / LANES, lane = e % LANES, tet = own_tet(system, e < num_own(system) ? e : num_own(system) - 1);
         const int32_t *nodes = mesh->tets + 4 * tet;
         double g[12];
         double volume = pliant_mesh_gradients(mesh, tet, g);
         for (int m = 0; m < 9; m++) system->gradients[block][m][lane] = (float)g[3 + m];
         for (int v = 0; v < 4; v++) system->nodes[block][v][lane] = nodes[v];
-        if (tet != e) continue;
+        if (e >= num_own(system)) continue;
         double lambda = material[tet].lambda, mu = material[tet].mu, modulus = pliant_law_modulus(system->law, lambda, mu);
         system->moduli[block][0][lane] = (float)(volume * mu);
         system->moduli[block][1][lane] = (float)(volume * modulus);
@@ -137,6 +158,17 @@ static void fill_elements(pliant_tled_system *system, const pliant_tet_material 
             compliance[2 * nodes[v]] += 0.25 * volume;
             compliance[2 * nodes[v] + 1] += 0.25 * volume / modulus;
         }
+    }
+}
+
+/* what the largest eigenvalue of hexahedra asks of their corners' mass */
+static void add_cubes(const pliant_tled_system *system, const pliant_tet_material *material, double *pseudo_mass)
+{
+    for (int32_t c = 0; c < system->cubes->count; c++) {
+        const pliant_cube *cube = system->cubes->cube + c;
+        double lambda, mu, density, volume = pliant_tled_cube_mean(system->mesh, cube, material, &lambda, &mu, &density);
+        for (int v = 0; v < 8; v++)
+            pseudo_mass[cube->node[v]] += 0.25 * volume * pliant_cube_largest_eigenvalue(system->mesh->cell_size, lambda, mu);
     }
 }
 
@@ -158,19 +190,26 @@ pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_
     pliant_status status = system && pseudo_mass && compliance ? PLIANT_OK : pliant_fail_memory("the elements");
     if (status != PLIANT_OK) goto failed;
     system->mesh = mesh;
-    system->num_blocks = (mesh->num_tets + LANES - 1) / LANES;
     if ((status = set_options(system, scene)) != PLIANT_OK) goto failed;
-    if ((double)system->num_blocks * 12 * LANES > INT32_MAX) {
+    if (scene->element.kind == PLIANT_HEXAHEDRA) {
+        double relaxed = 0;
+        for (int term = 0; term < system->num_prony; term++) relaxed += system->prony_share[term];
+        status = pliant_tled_cubes_create(mesh, body->fine_material, system->law, relaxed, &system->cubes);
+        if (status != PLIANT_OK) goto failed;
+    }
+    system->num_blocks = (num_own(system) + LANES - 1) / LANES;
+    if ((double)pliant_tled_force_count(system) > INT32_MAX) {
         status = pliant_fail(PLIANT_ERROR_SCENE, "%d tetrahedra are more than tled can number", mesh->num_tets);
         goto failed;
     }
     if ((status = allocate(system)) != PLIANT_OK) goto failed;
-    system->node_mass = body->node_mass;
+    system->node_mass = system->cubes ? system->cubes->node_mass : body->node_mass;
     fill_elements(system, body->fine_material, pseudo_mass, compliance);
+    if (system->cubes) add_cubes(system, body->fine_material, pseudo_mass);
     if ((status = find_bounds(body, before, system)) != PLIANT_OK) goto failed;
     gather_lists(system);
     for (size_t n = 0; n < nodes; n++) {
-        double mass = system->quasi_static ? pseudo_mass[n] / (system->safety * system->safety) : body->node_mass[n];
+        double mass = system->quasi_static ? pseudo_mass[n] / (system->safety * system->safety) : system->node_mass[n];
         if (!body->fine_fixed[n] && mass > 0) system->inverse_mass[n] = 1 / mass;
         if (!system->nodal_pressure) continue;
         /* the harmonic mean: no stiffer than the elements, so that their bound of the time step holds (Cauchy and Schwarz) */
@@ -191,6 +230,7 @@ failed:
 void pliant_tled_system_free(pliant_tled_system *system)
 {
     if (!system) return;
+    pliant_tled_cubes_free(system->cubes);
     void *blocks[] = {system->gradients, system->moduli,       system->nodes,        system->corner_start,
                       system->corner,    system->inverse_mass, system->node_modulus, system->node_volume};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
@@ -200,13 +240,13 @@ void pliant_tled_system_free(pliant_tled_system *system)
 static pliant_status allocate_state(pliant_tled *tled)
 {
     const pliant_tled_system *system = tled->system;
-    size_t nodes = (size_t)system->mesh->num_nodes, blocks = (size_t)system->num_blocks;
+    size_t nodes = (size_t)system->mesh->num_nodes, blocks = (size_t)pliant_tled_blocks(system);
     tled->u = pliant_calloc(nodes, 3 * sizeof *tled->u);
     tled->d = pliant_calloc(nodes, 3 * sizeof *tled->d);
     tled->kept_u = pliant_calloc(nodes, 3 * sizeof *tled->kept_u);
     tled->kept_d = pliant_calloc(nodes, 3 * sizeof *tled->kept_d);
     tled->acceleration = pliant_calloc(nodes, 3 * sizeof *tled->acceleration);
-    tled->forces = pliant_calloc(blocks, 12 * LANES * sizeof *tled->forces);
+    tled->forces = pliant_calloc(pliant_tled_force_count(system), sizeof *tled->forces);
     tled->sums = pliant_calloc((nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK, sizeof *tled->sums);
     tled->limit = pliant_calloc(nodes, sizeof *tled->limit);
     bool good = tled->u && tled->d && tled->kept_u && tled->kept_d && tled->acceleration && tled->forces && tled->sums && tled->limit;
@@ -291,7 +331,7 @@ void pliant_tled_reset(pliant_tled *tled)
 {
     size_t nodes = (size_t)tled->system->mesh->num_nodes;
     memset(tled->u, 0, 3 * nodes * sizeof *tled->u);
-    if (tled->memory) memset(tled->memory, 0, (size_t)tled->system->num_blocks * sizeof *tled->memory);
+    if (tled->memory) memset(tled->memory, 0, (size_t)pliant_tled_blocks(tled->system) * sizeof *tled->memory);
     pliant_tled_calm(tled);
 }
 
@@ -301,6 +341,14 @@ void pliant_tled_calm(pliant_tled *tled)
     memset(tled->d, 0, 3 * nodes * sizeof *tled->d);
     if (tled->own) memset(tled->own, 0, 3 * nodes * sizeof *tled->own); /* it may hold what is not a number */
     memset(tled->quotient, 0, sizeof tled->quotient);
+}
+
+/* lane of the element that a tetrahedron is, or is in */
+static int32_t place_of(const pliant_tled_system *system, int32_t tet) { return system->cubes ? system->cubes->element_of_tet[tet] : tet; }
+static float shear_at(const pliant_tled_system *system, int32_t place)
+{
+    const int32_t block = place / LANES - system->num_blocks;
+    return block < 0 ? system->moduli[place / LANES][0][place % LANES] : system->cubes->moduli[block][0][place % LANES];
 }
 
 void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_body_map *map)
@@ -326,12 +374,11 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
         }
     }
     for (int32_t t = 0; tled->memory && t < system->mesh->num_tets; t++) {
-        const int32_t source = map->tet[t];
+        int32_t to = place_of(system, t), source = place_of(from->system, map->tet[t]);
         /* of a fragment as much as it has of the stiffness */
-        const float now = system->moduli[t / LANES][0][t % LANES], was = from->system->moduli[source / LANES][0][source % LANES];
-        const float share = now == was || !(was > 0) ? 1 : now / was;
+        const float now = shear_at(system, to), was = shear_at(from->system, source), share = now == was || !(was > 0) ? 1 : now / was;
         for (int m = 0; m < 6 * PLIANT_PRONY_TERMS; m++)
-            tled->memory[t / LANES][m][t % LANES] = share * from->memory[source / LANES][m][source % LANES];
+            tled->memory[to / LANES][m][to % LANES] = share * from->memory[source / LANES][m][source % LANES];
     }
 }
 

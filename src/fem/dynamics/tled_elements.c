@@ -1,7 +1,7 @@
 /* Forces of the elements ([C] 5, 6, 10, 11), LANES at a time. [C] 6, F = integral of B_L' S dV with B_L = B_L0 X', is for constant strain
  * the same as V P g_v with P = X S, which costs less. */
 #include "fem/element/stress.h"
-#include "fem/dynamics/tled.h"
+#include "fem/dynamics/tled_cubes.h"
 
 #define INLINE static inline __attribute__((always_inline))
 
@@ -52,10 +52,8 @@ INLINE void relax_block(const pliant_tled_system *system, float dt, float h[9][L
     }
 }
 
-INLINE void damp_block(const pliant_tled *tled, float g[9][LANES], int32_t nodes[4][LANES], const float *mu, float factor, float h[9][LANES], float p[9][LANES])
+INLINE void damp_block(float change[9][LANES], const float *mu, float factor, float h[9][LANES], float p[9][LANES])
 {
-    float change[9][LANES];
-    load_gradient(tled->d, nodes, g, change);
     for (int l = 0; l < LANES; l++) {
         float one[9], of_one[9], p_one[9];
         for (int m = 0; m < 9; m++) one[m] = h[m][l], of_one[m] = change[m][l], p_one[m] = p[m][l];
@@ -64,18 +62,11 @@ INLINE void damp_block(const pliant_tled *tled, float g[9][LANES], int32_t nodes
     }
 }
 
-INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool nodal, int32_t block, float dt, float *out)
+/* rest volume times first Piola-Kirchhoff stress of a block, from H and, damped, its change; pressure: NULL where it follows from the law */
+INLINE void block_stress(const pliant_tled_system *system, pliant_law law, bool viscous, float dt, float h[9][LANES], float change[9][LANES],
+                         float moduli[3][LANES], const float *pressure, float (*memory)[LANES], float out[9][LANES])
 {
-    const pliant_tled_system *system = tled->system;
-    float (*g)[LANES] = system->gradients[block], (*moduli)[LANES] = system->moduli[block];
-    int32_t (*nodes)[LANES] = system->nodes[block];
-    float h[9][LANES], p[9][LANES], cofactor[9][LANES], volume[9][LANES], pressure[LANES];
-    load_gradient(tled->u, nodes, g, h);
-    if (nodal)
-        for (int l = 0; l < LANES; l++) {
-            const float *at = tled->pressure;
-            pressure[l] = 0.25f * moduli[2][l] * (at[nodes[0][l]] + at[nodes[1][l]] + at[nodes[2][l]] + at[nodes[3][l]]);
-        }
+    float p[9][LANES], cofactor[9][LANES], volume[9][LANES];
     for (int l = 0; l < LANES; l++) {
         float one[9], stress[9], other[9];
         for (int m = 0; m < 9; m++) one[m] = h[m][l];
@@ -88,7 +79,7 @@ INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool viscous, 
                     cofactor[3 * r + c][l] = (r == c) * (1 + one[0] + one[4] + one[8]) - one[3 * c + r] + other[3 * r + c];
         } else {
             float factor = pliant_neo_hookean_stress(law, one, moduli[0][l], moduli[1][l], other, stress);
-            if (nodal) factor = pressure[l];
+            if (pressure) factor = pressure[l];
             for (int m = 0; m < 9; m++) {
                 cofactor[m][l] = other[m];
                 volume[m][l] = factor * other[m];
@@ -96,11 +87,29 @@ INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool viscous, 
         }
         for (int m = 0; m < 9; m++) p[m][l] = stress[m];
     }
-    if (viscous) relax_block(system, dt, h, cofactor, p, tled->memory[block]);
-    if (system->stiffness_damping > 0) damp_block(tled, g, nodes, moduli[0], (float)system->stiffness_damping / dt, h, p);
+    if (viscous) relax_block(system, dt, h, cofactor, p, memory);
+    if (system->stiffness_damping > 0) damp_block(change, moduli[0], (float)system->stiffness_damping / dt, h, p);
+    for (int m = 0; m < 9; m++)
+        for (int l = 0; l < LANES; l++) out[m][l] = p[m][l] + volume[m][l];
+}
+
+INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool nodal, int32_t block, float dt, float *out)
+{
+    const pliant_tled_system *system = tled->system;
+    float (*g)[LANES] = system->gradients[block], (*moduli)[LANES] = system->moduli[block];
+    int32_t (*nodes)[LANES] = system->nodes[block];
+    float h[9][LANES], change[9][LANES], p[9][LANES], pressure[LANES];
+    load_gradient(tled->u, nodes, g, h);
+    if (system->stiffness_damping > 0) load_gradient(tled->d, nodes, g, change);
+    if (nodal)
+        for (int l = 0; l < LANES; l++) {
+            const float *at = tled->pressure;
+            pressure[l] = 0.25f * moduli[2][l] * (at[nodes[0][l]] + at[nodes[1][l]] + at[nodes[2][l]] + at[nodes[3][l]]);
+        }
+    block_stress(system, law, viscous, dt, h, change, moduli, nodal ? pressure : NULL, viscous ? tled->memory[block] : NULL, p);
     for (int r = 0; r < 3; r++)
         for (int l = 0; l < LANES; l++) {
-            float x = p[3 * r][l] + volume[3 * r][l], y = p[3 * r + 1][l] + volume[3 * r + 1][l], z = p[3 * r + 2][l] + volume[3 * r + 2][l];
+            float x = p[3 * r][l], y = p[3 * r + 1][l], z = p[3 * r + 2][l];
             float first = x * g[0][l] + y * g[1][l] + z * g[2][l], second = x * g[3][l] + y * g[4][l] + z * g[5][l];
             float third = x * g[6][l] + y * g[7][l] + z * g[8][l];
             out[r * LANES + l] = -(first + second + third);
@@ -108,6 +117,63 @@ INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool viscous, 
             out[(6 + r) * LANES + l] = second;
             out[(9 + r) * LANES + l] = third;
         }
+}
+
+/* Corners to modes, w_m = sum of +-1 v_a, and back, v_a = sum of +-1 w_m (tled_cubes.h): three passes of sums and differences. */
+INLINE void transform(float w[8][LANES], float sign)
+{
+    for (int bit = 1; bit < 8; bit *= 2)
+        for (int i = 0; i < 8; i++) {
+            if (i & bit) continue;
+            for (int l = 0; l < LANES; l++) {
+                float low = w[i][l], high = w[i | bit][l];
+                w[i][l] = sign > 0 ? low + high : low - high;
+                w[i | bit][l] = sign > 0 ? high - low : low + high;
+            }
+        }
+}
+
+/* modes of a block of cubes, and the mean gradient: H or its change */
+INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, int32_t nodes[8][LANES], float w[3][8][LANES], float h[9][LANES])
+{
+    for (int l = 0; l < LANES; l++) {
+        const double *first = u + 3 * (size_t)nodes[0][l];
+        for (int v = 0; v < 8; v++)
+            for (int d = 0; d < 3; d++) w[d][v][l] = (float)(u[3 * (size_t)nodes[v][l] + (size_t)d] - first[d]);
+    }
+    for (int d = 0; d < 3; d++) transform(w[d], 1);
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++)
+            for (int l = 0; l < LANES; l++)
+                h[3 * r + c][l] = w[r][1][l] * cubes->gradient[c] + w[r][2][l] * cubes->gradient[3 + c] + w[r][4][l] * cubes->gradient[6 + c];
+}
+
+INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool viscous, int32_t block, float dt, float *out)
+{
+    const pliant_tled_system *system = tled->system;
+    const pliant_tled_cubes *cubes = system->cubes;
+    const bool damped = system->stiffness_damping > 0;
+    const float factor = damped ? (float)system->stiffness_damping / dt : 0;
+    float (*moduli)[LANES] = cubes->moduli[block], w[3][8][LANES], more[3][8][LANES], h[9][LANES], change[9][LANES], p[9][LANES];
+    load_modes(cubes, tled->u, cubes->nodes[block], w, h);
+    if (damped) {
+        load_modes(cubes, tled->d, cubes->nodes[block], more, change);
+        for (int r = 0; r < 3; r++)
+            for (int m = 0; m < 8; m++)
+                for (int l = 0; l < LANES; l++) w[r][m][l] += factor * more[r][m][l];
+    }
+    block_stress(system, law, viscous, dt, h, change, moduli, NULL, viscous ? tled->memory[system->num_blocks + block] : NULL, p);
+    for (int r = 0; r < 3; r++) {
+        for (int m = 0; m < 8; m++)
+            for (int l = 0; l < LANES; l++) w[r][m][l] *= cubes->hourglass[m] * moduli[0][l];
+        for (int axis = 0; axis < 3; axis++)
+            for (int l = 0; l < LANES; l++)
+                w[r][1 << axis][l] = p[3 * r][l] * cubes->gradient[3 * axis] + p[3 * r + 1][l] * cubes->gradient[3 * axis + 1] +
+                                     p[3 * r + 2][l] * cubes->gradient[3 * axis + 2];
+        transform(w[r], -1);
+        for (int v = 0; v < 8; v++)
+            for (int l = 0; l < LANES; l++) out[(3 * v + r) * LANES + l] = w[r][v][l];
+    }
 }
 
 /* One function a choice, so that the compiler makes straight vector code of each. */
@@ -127,6 +193,18 @@ DEFINE_FORCES(compressible_viscous_nodal, PLIANT_LAW_COMPRESSIBLE, true, true)
 DEFINE_FORCES(saint_venant_kirchhoff, PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, false, false)
 DEFINE_FORCES(saint_venant_kirchhoff_viscous, PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, true, false)
 
+#define DEFINE_CUBE_FORCES(name, law, viscous)                                                                         \
+    PLIANT_VECTORIZED static void name(const pliant_tled *tled, int32_t block, float dt, float *out)                  \
+    {                                                                                                                  \
+        cube_forces(tled, law, viscous, block, dt, out);                                                               \
+    }
+DEFINE_CUBE_FORCES(neo_hookean_cubes, PLIANT_LAW_NEO_HOOKEAN, false)
+DEFINE_CUBE_FORCES(neo_hookean_viscous_cubes, PLIANT_LAW_NEO_HOOKEAN, true)
+DEFINE_CUBE_FORCES(compressible_cubes, PLIANT_LAW_COMPRESSIBLE, false)
+DEFINE_CUBE_FORCES(compressible_viscous_cubes, PLIANT_LAW_COMPRESSIBLE, true)
+DEFINE_CUBE_FORCES(saint_venant_kirchhoff_cubes, PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, false)
+DEFINE_CUBE_FORCES(saint_venant_kirchhoff_viscous_cubes, PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, true)
+
 typedef void (*forces_function)(const pliant_tled *, int32_t, float, float *);
 
 static forces_function forces_of(const pliant_tled_system *system)
@@ -139,9 +217,24 @@ static forces_function forces_of(const pliant_tled_system *system)
     return table[system->law][system->num_prony > 0][system->nodal_pressure];
 }
 
+static forces_function cube_forces_of(const pliant_tled_system *system)
+{
+    static const forces_function table[3][2] = {{neo_hookean_cubes, neo_hookean_viscous_cubes},
+                                                {compressible_cubes, compressible_viscous_cubes},
+                                                {saint_venant_kirchhoff_cubes, saint_venant_kirchhoff_viscous_cubes}};
+    return table[system->law][system->num_prony > 0];
+}
+
 void pliant_tled_element_forces(pliant_tled *tled, double time_step)
 {
     const forces_function forces = forces_of(tled->system);
+    if (tled->system->cubes) {
+        const forces_function of_cubes = cube_forces_of(tled->system);
+        float *out = tled->forces + (size_t)tled->system->num_blocks * 12 * LANES;
+#pragma omp for schedule(static)
+        for (int32_t block = 0; block < tled->system->cubes->num_blocks; block++)
+            of_cubes(tled, block, (float)time_step, out + (size_t)block * 24 * LANES);
+    }
 #pragma omp for schedule(static)
     for (int32_t block = 0; block < tled->system->num_blocks; block++)
         forces(tled, block, (float)time_step, tled->forces + (size_t)block * 12 * LANES);

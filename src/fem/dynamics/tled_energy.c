@@ -1,5 +1,5 @@
 /* Energies of the whole body, in double, for checks and reports. */
-#include "fem/dynamics/tled.h"
+#include "fem/dynamics/tled_cubes.h"
 
 /* @param back how many increments ago: 0 or 1 */
 static void deformation_of(const pliant_tled *tled, const int32_t nodes[4], const double g[12], double back, double f[9])
@@ -9,6 +9,53 @@ static void deformation_of(const pliant_tled *tled, const int32_t nodes[4], cons
         for (int r = 0; r < 3; r++) {
             double u = tled->u[3 * nodes[v] + r] - back * tled->d[3 * nodes[v] + r];
             for (int c = 0; c < 3; c++) f[3 * r + c] += u * g[3 * v + c];
+        }
+}
+
+/* F of a cube, and its hourglass modes */
+static void modes_of(const pliant_tled *tled, const pliant_cube *cube, double back, double f[9], double w[8][3])
+{
+    const pliant_tled_cubes *cubes = tled->system->cubes;
+    for (int m = 0; m < 8; m++)
+        for (int r = 0; r < 3; r++) {
+            w[m][r] = 0;
+            for (int v = 0; v < 8; v++) {
+                double sign = 1, u = tled->u[3 * cube->node[v] + r] - back * tled->d[3 * cube->node[v] + r];
+                for (int d = 0; d < 3; d++) sign *= m >> d & 1 ? (v >> d & 1 ? 1 : -1) : 1;
+                w[m][r] += sign * u;
+            }
+        }
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++) {
+            f[3 * r + c] = r == c;
+            for (int axis = 0; axis < 3; axis++) f[3 * r + c] += w[1 << axis][r] * cubes->gradient[3 * axis + c];
+        }
+}
+
+static void cube_energies(const pliant_tled *tled, const pliant_tet_material *material, const pliant_cube *cube, double *strain, double *before,
+                          double *work)
+{
+    const pliant_tled_system *system = tled->system;
+    double volume[5], lambda[5], mu[5], g[12], f[2][9], stress[2][9], w[2][8][3], whole = 0, mean[2] = {0, 0};
+    for (int slot = 0; slot < 5; slot++) volume[slot] = pliant_mesh_gradients(system->mesh, cube->tet[slot], g);
+    pliant_cube_moduli(cube, volume, material, lambda, mu);
+    for (int slot = 0; slot < 5; slot++) {
+        whole += volume[slot];
+        mean[0] += volume[slot] * lambda[slot];
+        mean[1] += volume[slot] * mu[slot];
+    }
+    for (int back = 0; back < 2; back++) {
+        double *sum = back ? before : strain;
+        modes_of(tled, cube, back, f[back], w[back]);
+        *sum += whole * pliant_law_response(system->law, mean[0] / whole, mean[1] / whole, f[back], stress[back]);
+        for (int m = 3; m < 8; m++)
+            for (int r = 0; r < 3; r++) *sum += 0.5 * mean[1] * system->cubes->hourglass[m] * w[back][m][r] * w[back][m][r];
+    }
+    for (int m = 0; m < 9; m++) *work += whole * (stress[0][m] - stress[1][m]) * (f[0][m] - f[1][m]);
+    for (int m = 3; m < 8; m++)
+        for (int r = 0; r < 3; r++) {
+            double apart = w[0][m][r] - w[1][m][r];
+            *work += mean[1] * system->cubes->hourglass[m] * apart * apart;
         }
 }
 
@@ -26,7 +73,10 @@ void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *ma
         double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
         *kinetic += 0.5 * square / (tled->inverse_mass[n] * tled->time_step * tled->time_step);
     }
-    for (int32_t t = 0; t < mesh->num_tets; t++) {
+    for (int32_t c = 0; system->cubes && c < system->cubes->count; c++)
+        cube_energies(tled, material, system->cubes->cube + c, strain, &before, &work);
+    for (int32_t e = 0; e < (system->cubes ? system->cubes->num_tets : mesh->num_tets); e++) {
+        const int32_t t = system->cubes ? system->cubes->tet[e] : e;
         const int32_t *nodes = mesh->tets + 4 * (size_t)t;
         double g[12], f[2][9], stress[2][9];
         double volume = pliant_mesh_gradients(mesh, t, g);

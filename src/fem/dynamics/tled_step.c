@@ -150,7 +150,7 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
 
 static void keep(pliant_tled *tled, bool back)
 {
-    size_t nodes = 3 * (size_t)tled->system->mesh->num_nodes, blocks = (size_t)tled->system->num_blocks;
+    size_t nodes = 3 * (size_t)tled->system->mesh->num_nodes, blocks = (size_t)pliant_tled_blocks(tled->system);
     memcpy(back ? tled->u : tled->kept_u, back ? tled->kept_u : tled->u, nodes * sizeof *tled->u);
     memcpy(back ? tled->d : tled->kept_d, back ? tled->kept_d : tled->d, nodes * sizeof *tled->d);
     memcpy(back ? tled->target : tled->kept_target, back ? tled->kept_target : tled->target, sizeof tled->target);

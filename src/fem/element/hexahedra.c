@@ -5,6 +5,7 @@
  * over the five tetrahedra t of the cube, which carry the voxels' material: [H] 2.1 taken over a cube. What is not whole, beside a cut,
  * stays tetrahedra. */
 #include "base/fail.h"
+#include "fem/element/hexahedra.h"
 #include "fem/linear/dense.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
@@ -16,11 +17,6 @@ enum { CORNERS = 8, UNKNOWNS = 24, POINTS = 3 };
 
 /* Tissue that fills a part of a cube alone leaves the rest this part of its stiffness (finite cell method: Parvizian, Duester, Rank 2007). */
 static const double filler = 1e-3;
-
-/* nodes of a cube by the bits of its corners, and its tetrahedra by slot */
-typedef struct cube_parts {
-    int32_t tet[5], node[CORNERS];
-} cube_parts;
 
 /* what K of a cube of one shape is made of: of every slot the integral of 2 e : e - 2/3 div^2, its volume; b */
 typedef struct cube_shape {
@@ -47,7 +43,7 @@ static void list_tets(const pliant_mesh *mesh, int32_t *first, int32_t *next, in
 }
 
 /* Five tetrahedra, one a slot, that meet at eight nodes. */
-static bool is_whole(const pliant_mesh *mesh, int32_t cell, int32_t first, const int32_t *next, cube_parts *out)
+static bool is_whole(const pliant_mesh *mesh, int32_t cell, int32_t first, const int32_t *next, pliant_cube *out)
 {
     memset(out, 0xff, sizeof *out);
     int parity = parity_of(mesh, cell);
@@ -65,6 +61,39 @@ static bool is_whole(const pliant_mesh *mesh, int32_t cell, int32_t first, const
         }
     }
     return true;
+}
+
+static bool is_box(const pliant_mesh *mesh, const pliant_cube *cube)
+{
+    for (int v = 1; v < CORNERS; v++)
+        for (int d = 0; d < 3; d++) {
+            double apart = mesh->rest[3 * cube->node[v] + d] - mesh->rest[3 * cube->node[0] + d];
+            for (int axis = 0; axis < 3; axis++)
+                if (v >> axis & 1) apart -= mesh->direction[3 * d + axis] * mesh->cell_size[axis];
+            if (fabs(apart) > 1e-6 * mesh->cell_size[0]) return false;
+        }
+    return true;
+}
+
+pliant_status pliant_cubes_find(const pliant_mesh *mesh, pliant_cube **out, int32_t *count)
+{
+    const size_t cells = (size_t)mesh->cells[0] * mesh->cells[1] * mesh->cells[2];
+    int32_t *first = pliant_calloc(cells, sizeof *first), *tets = pliant_calloc(cells, sizeof *tets);
+    int32_t *next = pliant_calloc((size_t)mesh->num_tets, sizeof *next);
+    *count = 0;
+    *out = pliant_calloc((size_t)mesh->num_tets / 5 + 1, sizeof **out);
+    pliant_status status = first && tets && next && *out ? PLIANT_OK : pliant_fail_memory("the hexahedra");
+    if (status == PLIANT_OK) list_tets(mesh, first, next, tets);
+    for (int32_t cell = 0; status == PLIANT_OK && (size_t)cell < cells; cell++)
+        if (tets[cell] == 5 && is_whole(mesh, cell, first[cell] - 1, next, *out + *count) && is_box(mesh, *out + *count)) ++*count;
+    pliant_free(first);
+    pliant_free(tets);
+    pliant_free(next);
+    if (status != PLIANT_OK) {
+        pliant_free(*out);
+        *out = NULL;
+    }
+    return status;
 }
 
 /* ---- stiffness */
@@ -132,7 +161,7 @@ static void integrate_slot(double x[CORNERS][3], const int corners[4], double *d
     }
 }
 
-static void integrate_shape(const pliant_mesh *mesh, const cube_parts *cube, int parity, cube_shape *out)
+static void integrate_shape(const pliant_mesh *mesh, const pliant_cube *cube, int parity, cube_shape *out)
 {
     double x[CORNERS][3], whole = 0;
     memset(out, 0, sizeof *out);
@@ -146,19 +175,28 @@ static void integrate_shape(const pliant_mesh *mesh, const cube_parts *cube, int
     for (int i = 0; i < UNKNOWNS; i++) out->mean[i] /= whole;
 }
 
-static void stiffness_of(const cube_shape *shape, const cube_parts *cube, const pliant_tet_material *material, double *out)
+void pliant_cube_moduli(const pliant_cube *cube, const double volume[5], const pliant_tet_material *material, double lambda[5], double mu[5])
 {
-    double least_mu = 0, least_lambda = 0, whole = 0, bulk = 0;
+    double least_mu = 0, least_lambda = 0, whole = 0;
     for (int slot = 0; slot < 5; slot++) {
-        whole += shape->volume[slot];
-        least_mu += filler * shape->volume[slot] * material[cube->tet[slot]].mu;
-        least_lambda += filler * shape->volume[slot] * material[cube->tet[slot]].lambda;
+        whole += volume[slot];
+        least_mu += filler * volume[slot] * material[cube->tet[slot]].mu;
+        least_lambda += filler * volume[slot] * material[cube->tet[slot]].lambda;
     }
+    for (int slot = 0; slot < 5; slot++) {
+        mu[slot] = fmax(material[cube->tet[slot]].mu, least_mu / whole);
+        lambda[slot] = fmax(material[cube->tet[slot]].lambda, least_lambda / whole);
+    }
+}
+
+static void stiffness_of(const cube_shape *shape, const pliant_cube *cube, const pliant_tet_material *material, double *out)
+{
+    double lambda[5], mu[5], bulk = 0;
+    pliant_cube_moduli(cube, shape->volume, material, lambda, mu);
     memset(out, 0, UNKNOWNS * UNKNOWNS * sizeof *out);
     for (int slot = 0; slot < 5; slot++) {
-        double mu = fmax(material[cube->tet[slot]].mu, least_mu / whole), lambda = fmax(material[cube->tet[slot]].lambda, least_lambda / whole);
-        bulk += shape->volume[slot] * (lambda + 2.0 / 3 * mu);
-        for (int i = 0; i < UNKNOWNS * UNKNOWNS; i++) out[i] += mu * shape->deviatoric[slot][i];
+        bulk += shape->volume[slot] * (lambda[slot] + 2.0 / 3 * mu[slot]);
+        for (int i = 0; i < UNKNOWNS * UNKNOWNS; i++) out[i] += mu[slot] * shape->deviatoric[slot][i];
     }
     for (int i = 0; i < UNKNOWNS; i++)
         for (int j = 0; j < UNKNOWNS; j++) out[UNKNOWNS * i + j] += bulk * shape->mean[i] * shape->mean[j];
@@ -177,7 +215,7 @@ static pliant_status keep_root(pliant_macros *macros, int32_t element, int32_t u
     return PLIANT_OK;
 }
 
-static pliant_status add_hexahedron(const pliant_tet_material *material, const cube_parts *cube, const cube_shape *shape, pliant_macros *macros,
+static pliant_status add_hexahedron(const pliant_tet_material *material, const pliant_cube *cube, const cube_shape *shape, pliant_macros *macros,
                                     int32_t element)
 {
     double k[UNKNOWNS * UNKNOWNS], shear = 0;
@@ -223,7 +261,7 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
     int32_t element = 0, corner = 0;
     for (int32_t cell = 0; status == PLIANT_OK && cell < cells; cell++) {
         int parity = parity_of(mesh, cell);
-        cube_parts cube;
+        pliant_cube cube;
         if (whole[cell]) {
             is_whole(mesh, cell, first[cell] - 1, next, &cube);
             if (!known[parity] || mesh->num_moved > 0) integrate_shape(mesh, &cube, parity, &shape[parity]);
@@ -257,7 +295,7 @@ pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_ma
     size_t elements = 0, corners = 0;
     if (status == PLIANT_OK) list_tets(mesh, first, next, count);
     for (int32_t cell = 0; status == PLIANT_OK && cell < cells; cell++) {
-        cube_parts cube;
+        pliant_cube cube;
         whole[cell] = count[cell] == 5 && is_whole(mesh, cell, first[cell] - 1, next, &cube);
         elements += whole[cell] ? 1 : (size_t)count[cell];
         corners += whole[cell] ? CORNERS : 4 * (size_t)count[cell];
