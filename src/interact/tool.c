@@ -116,11 +116,23 @@ pliant_status pliant_tool_set_mass(pliant_data *data, int tool, double mass)
 
 enum { BLOB_POINTS = 9 }; /* along the diameter of the blob */
 
+/* whether a tetrahedron at load is in fragments, or gave voxels away */
+static bool is_cut(const pliant_cuts *cuts, int32_t tet)
+{
+    int32_t low = 0, high = cuts ? cuts->num_tets : 0;
+    while (low < high) {
+        const int32_t middle = (low + high) / 2;
+        if (cuts->tet[middle] < tet) low = middle + 1;
+        else high = middle;
+    }
+    return cuts && low < cuts->num_tets && cuts->tet[low] == tet;
+}
+
 /* the tetrahedron at a rest point, of fragments the one whose voxels are there; -1: none */
 static int32_t find_tet(const pliant_body *body, const double rest[3], double barycentric[4])
 {
-    int32_t tet = -1;
-    if (!body->cuts) return pliant_mesh_locate(&body->fine, rest, barycentric);
+    int32_t tet = pliant_mesh_locate(&body->fine, rest, barycentric);
+    if (tet < 0 || !is_cut(body->cuts, tet)) return tet; /* the other search goes through the whole mesh */
     return pliant_body_locate(body, body->fine.rest, rest, &tet, barycentric) ? tet : -1;
 }
 
