@@ -145,7 +145,7 @@ protected:
     // the nodes at the end; everything else lies in the folder of this name
     Nodes deform(const std::string &name, const Options &options, const std::string &more)
     {
-        std::string line = scene_ + " --quiet --set solver/threads=1 --set 'mesh/coarse_cells=" + cells_ + "' --scan " + path_ + " --out " +
+        std::string line = scene_ + " --set solver/threads=1 --set 'mesh/coarse_cells=" + cells_ + "' --scan " + path_ + " --out " +
                            in(name) + " " + more;
         for (const auto &option : options) line += " --set '" + option.first + "=" + option.second + "'";
         EXPECT_EQ(run(line), 0) << err_;
