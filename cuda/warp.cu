@@ -77,6 +77,7 @@ static pliant_status fill_body(const pliant_warp_parts *parts, cudaStream_t stre
     CUDA_TRY(upload(parts->rest, 3 * nodes, stream, &raster->d_rest));
     CUDA_TRY(allocate(12 * elements, &raster->d_fixed));
     CUDA_TRY(pliant_cuda_allocate(elements * pliant_cuda_setup_bytes(), "the mesh to draw", &raster->d_setup));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_setup, 0, elements * pliant_cuda_setup_bytes(), stream))); /* what is not drawn is carried, too */
     if (!cut) return CUDA_CALL(cudaMemsetAsync(raster->d_fixed, 0, 12 * elements * sizeof *raster->d_fixed, stream));
     memcpy(raster->parts.scan_size, cut->view.scan_size, sizeof raster->parts.scan_size);
     raster->parts.num_elements = cut->view.num_elements;

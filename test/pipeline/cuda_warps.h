@@ -90,13 +90,14 @@ struct Warps {
         const uint8_t *here, *there;
         pliant_warp_bricks(cpu, count, &here);
         pliant_warp_bricks(gpu, count, &there);
-        int only_here = 0, only_there = 0;
+        int only_here = 0, only_there = 0, all_there = 1; // a GPU whose lists of a brick become too short draws all anew
         for (size_t b = 0; b < static_cast<size_t>(count[0]) * count[1] * count[2]; b++) {
             only_here += here[b] && !there[b];
             only_there += there[b] && !here[b];
+            all_there = all_there && there[b];
         }
         EXPECT_EQ(only_here, 0) << what << ": bricks that changed on the CPU alone";
-        EXPECT_EQ(only_there, 0) << what << ": bricks that changed on the GPU alone";
+        EXPECT_EQ(all_there ? 0 : only_there, 0) << what << ": bricks that changed on the GPU alone";
     }
 };
 
