@@ -5,6 +5,7 @@
 #include "base/fail.h"
 #include "pliant/memory.h"
 
+#include <omp.h>
 #include <string.h>
 
 typedef struct bridges {
@@ -49,14 +50,23 @@ static void closest(const bridges *work, int32_t tet, int32_t other, const int32
     }
 }
 
-/* A spanning tree of the parts of every tetrahedron, from its first one (Prim). part: (most voxels of one) room */
-static pliant_status bridge_within(bridges *work, int32_t *part)
+/* How many parts every tetrahedron has while there are no bridges. part: (threads x most voxels of one) room */
+static void count_parts(const pliant_voxels *voxels, int threads, size_t most, int32_t *part, int32_t *parts)
+{
+#pragma omp parallel for schedule(dynamic, 64) num_threads(threads)
+    for (int32_t tet = 0; tet < voxels->num_tets; tet++)
+        parts[tet] = pliant_voxels_parts(voxels, NULL, tet, part + most * (size_t)omp_get_thread_num());
+}
+
+/* A spanning tree of the parts of every tetrahedron, from its first one (Prim). part: (most voxels of one) room; parts: of count_parts */
+static pliant_status bridge_within(bridges *work, const int32_t *parts, int32_t *part)
 {
     pliant_voxels *voxels = work->voxels;
     pliant_status status = PLIANT_OK;
     for (int32_t tet = 0; tet < voxels->num_tets && status == PLIANT_OK; tet++) {
         const int32_t count = voxels->start[tet + 1] - voxels->start[tet];
-        for (int32_t left = pliant_voxels_parts(voxels, NULL, tet, part) - 1; left > 0 && status == PLIANT_OK; left--) {
+        if (parts[tet] > 1) pliant_voxels_parts(voxels, NULL, tet, part);
+        for (int32_t left = parts[tet] - 1; left > 0 && status == PLIANT_OK; left--) {
             int32_t pair[2] = {-1, -1};
             closest(work, tet, tet, part, pair);
             int32_t joined = part[pliant_voxel_in(voxels, tet, pair[1])];
@@ -174,12 +184,16 @@ pliant_status pliant_bridges_build(const pliant_mesh *fine, pliant_voxels *voxel
     for (int32_t n = 0; n < voxels->num_nodes; n++)
         if ((size_t)(voxels->around_start[n + 1] - voxels->around_start[n]) > most)
             most = (size_t)(voxels->around_start[n + 1] - voxels->around_start[n]);
-    int32_t *part = pliant_calloc(most, sizeof *part);
+    const int threads = omp_get_max_threads();
+    int32_t *part = pliant_calloc((size_t)threads * most, sizeof *part), *parts = pliant_calloc((size_t)voxels->num_tets + 1, sizeof *parts);
     uint8_t *linked = pliant_calloc((size_t)voxels->num_tets, 4);
-    pliant_status status = part && linked ? bridge_within(&work, part) : pliant_fail_memory("the voxels of a body");
+    pliant_status status = part && parts && linked ? PLIANT_OK : pliant_fail_memory("the voxels of a body");
+    if (status == PLIANT_OK) count_parts(voxels, threads, most, part, parts);
+    if (status == PLIANT_OK) status = bridge_within(&work, parts, part);
     if (status == PLIANT_OK) status = bridge_faces(&work, linked);
     if (status == PLIANT_OK) status = bridge_hinges(&work, fine, part);
     pliant_free(part);
+    pliant_free(parts);
     pliant_free(linked);
     voxels->bridge = work.pair;
     voxels->num_bridges = work.count;

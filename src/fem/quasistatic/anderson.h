@@ -162,7 +162,7 @@ PLIANT_INLINE double pliant_anderson_contraction(const pliant_anderson *rules)
 /* Largest error of a node, from the move. When every evaluation leaves a part c of the error, corrections are a geometric series (Aitken),
  * and the error is 1 / (1 - c) of the next one; a blind step is worth less than an evaluated one, and more than none. Where ends of this
  * kind were judged by the steps after them, as those found of a measure that knows of lengths and of energy: a move alone is small by
- * chance, where secants explain what is left by little, and the energy of one node may be that of many (NUMERICS 8). */
+ * chance, where secants explain what is left by little, and the energy of one node may be that of many (NUMERICS 9). */
 PLIANT_INLINE double pliant_anderson_error(const pliant_anderson *rules)
 {
     const double c = pliant_anderson_contraction(rules), foreseen = (rules->end == PLIANT_END_EVALUATED ? 1.0 : sqrt(c)) / (1 - c);
