@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes the README's pictures, launch/rviz/rest.png and pulled.png: the phantom in rviz, cut open, and its liver pulled.
+"""Makes the README's picture launch/rviz/pulled.png: the phantom in rviz, seen from the front through a plane, and its liver pulled.
 
 Needs the setup.bash of the build; runs under Xvfb with software rendering, a minute.
 """
@@ -69,7 +69,6 @@ def main():
         stage.mouse("mousemove", 0, 0)
         stage.wait_for(lambda p: (p[rviz_speed.ABOVE:-30, 50:-50].max(axis=2) > 60).mean() > 0.1, 120, "the phantom")
         wait_until_still(stage, lambda: None)
-        save(stage, "rest")
         tool = rviz_speed.Tool(HOLD)
         stage.wait(tool.grasp, 60, "the grasp")
         start = time.time()
