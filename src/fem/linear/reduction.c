@@ -82,6 +82,7 @@ static pliant_status schur_complement(const pliant_basis *basis, pliant_reductio
 {
     size_t n = 3 * (size_t)basis->system.num_free, own = 3 * (size_t)basis->num_own, count = (size_t)basis->num_modes;
     double *schur = reduction->schur;
+    if (count == 0) return PLIANT_OK;
     memset(schur, 0, count * count * sizeof *schur);
     for (size_t m = 0; m < count && own > 0; m++) {
         double *answer = reduction->answers + own * m;
@@ -99,7 +100,7 @@ static pliant_status schur_complement(const pliant_basis *basis, pliant_reductio
                                   pliant_dot(n, basis->modes + n * m, reduction->image + n * k));
             schur[k * count + m] = 0.5 * (schur[k * count + m] + schur[m * count + k]) + whole;
         }
-    if (count == 0 || pliant_dense_cholesky((int32_t)count, schur)) return PLIANT_OK;
+    if (pliant_dense_cholesky((int32_t)count, schur)) return PLIANT_OK;
     return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness around the hold is not positive definite");
 }
 
