@@ -20,7 +20,7 @@ typedef struct pliant_discretization {
     pliant_tled_system *tled;         /* Nullable: solver/kind tled */
     const struct pliant_discretization *first; /* Nullable: retained: that of the body at load, for patches: it has a factor of its fine mesh */
     double condition_estimate;        /* of the stiffness matrix, 1-norm (CHOLMOD's rcond inverted); 0: not known */
-    struct pliant_discretization_holders *holders; /* how many there are (src/sim) */
+    struct pliant_discretization_holders *holders; /* how many there are (src/state/discretization.c) */
 } pliant_discretization;
 
 struct pliant_model {

@@ -44,15 +44,6 @@ struct Told {
     std::vector<double> now[NUM_KINDS], before[NUM_KINDS];
 };
 
-void print_told(const char *what, const std::vector<double> &ratios)
-{
-    double within = 0;
-    for (double r : ratios) within += (r >= 0.5 && r <= 2) / double(ratios.size());
-    std::printf("  error told over true error, %-26s within a factor of 2: %3.0f %% of %3zu frames; 0, 25, 50, 75, 100 %%: %.2f %.2f %.2f %.2f %.2f\n", what,
-                100 * within, ratios.size(), quantile(ratios, 0), quantile(ratios, 0.25), quantile(ratios, 0.5), quantile(ratios, 0.75),
-                quantile(ratios, 1));
-}
-
 void line(const pliant_model *model, int kind, const std::vector<Frames> &exact, double reach, bool paced, Told *told)
 {
     Frames stopped = run(model, liver, Kind(kind), &exact[DISPLACEMENT], paced);
@@ -126,7 +117,8 @@ int main(int argc, char **argv)
         let_bone_deform(inputs, false);
         for (int kind = 0; kind < NUM_KINDS; kind++) {
             print_told((kind_names[kind] + std::string(", at once")).c_str(), told.now[kind]);
-            print_told((kind_names[kind] + std::string(", a step later")).c_str(), told.before[kind]);
+            print_told("a step later", told.before[kind]);
+            std::printf("\n");
         }
     }
     pliant_material_table_free(&inputs.materials);

@@ -167,7 +167,7 @@ pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner,
     return PLIANT_OK;
 }
 
-bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner) 
+bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner)
 {
     return !preconditioner->multigrid && !preconditioner->carried;
 }

@@ -101,10 +101,12 @@ static void multiply_macros(const pliant_system *system, const double *positions
 void pliant_nodal_rotations_refer(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations)
 {
     if (!rotations) return;
-    if (system->macros) keep_macros_before(system, positions, rotations);
+    if (system->macros) {
+        keep_macros_before(system, positions, rotations);
+    } else {
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
-    for (int32_t block = 0; block < (system->macros ? 0 : system->num_blocks); block++)
-        keep_before(system, block, positions, rotations->before[block]);
+        for (int32_t block = 0; block < system->num_blocks; block++) keep_before(system, block, positions, rotations->before[block]);
+    }
     rotations->turned = false;
 }
 
@@ -113,10 +115,13 @@ PLIANT_VECTORIZED static void rotations_of(double sum[9][LANES], double out[9][L
 void pliant_nodal_rotations_update(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations)
 {
     if (!rotations) return;
-    if (system->macros) multiply_macros(system, positions, rotations);
+    if (system->macros) {
+        multiply_macros(system, positions, rotations);
+    } else {
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
-    for (int32_t block = 0; block < (system->macros ? 0 : system->num_blocks); block++)
-        multiply(system, block, positions, rotations->before[block], rotations->product[block]);
+        for (int32_t block = 0; block < system->num_blocks; block++)
+            multiply(system, block, positions, rotations->before[block], rotations->product[block]);
+    }
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t first = 0; first < system->num_free; first += LANES) {
         double sum[9][LANES], out[9][LANES];
