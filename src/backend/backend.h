@@ -67,9 +67,6 @@ static inline bool pliant_host_moves(const pliant_data *data) { return data->pat
 
 const pliant_host_solver *pliant_host_solver_of(const pliant_model *model);
 
-/* text: what the GPU is called, or why there is none. Errors: UNAVAILABLE, with the reason, when the one asked for cannot be
- * used. */
-pliant_status pliant_backend_choose(pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT], const pliant_backend **out);
 /* For a data that was just made. A line in the log says which it is; with auto also why not a GPU. */
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data);
 /* The host's state was changed: the backend takes it, or the CPU goes on. Errors: none but those of neither. */

@@ -13,11 +13,6 @@ static pliant_status choose(const pliant_host_solver *kind, pliant_backend_choic
     return status;
 }
 
-pliant_status pliant_backend_choose(pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT], const pliant_backend **out)
-{
-    return choose(&pliant_corotational, choice, text, out);
-}
-
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data)
 {
     const pliant_host_solver *kind = pliant_host_solver_of(model);

@@ -13,7 +13,6 @@
 
 namespace {
 
-const double liver[3] = {-0.057, -0.255, 0.392}; // its front
 enum { STROKES = 12, AFTER = 10 };
 
 double cpu(clockid_t clock)
@@ -113,34 +112,18 @@ int bar(double depth)
 int main(int argc, char **argv)
 {
     if (argc > 1 && std::strncmp(argv[1], "bar=", 4) == 0) return bar(std::atof(argv[1] + 4));
-    const std::string labels = std::string(PLIANT_TEST_DATA) + "/abdomen/labels_totalseg_fast.nii.gz", scan = std::string(PLIANT_TEST_DATA) + "/abdomen/ct.nii.gz";
-    pliant_scene scene;
-    pliant_volume volume{};
-    pliant_labels organs{};
-    pliant_material_table materials{};
-    pliant_scene_defaults(&scene);
-    check(pliant_scene_set(&scene, "scan/resample", "256 160 122"));
-    check(pliant_scene_set(&scene, "material/file", PLIANT_SOURCE_DIR "/test/bench/abdomen.yaml"));
-    check(pliant_scene_set(&scene, "material/labels", labels.c_str()));
-    check(pliant_inputs_read(&scene, scan.c_str(), &volume, &organs, &materials));
-    scene.mesh.keep_air = true;
+    Inputs inputs;
+    pliant_scene &scene = inputs.scene;
+    const std::string scan = inputs.set_abdomen(PLIANT_TEST_DATA);
     scene.mesh.ratio = 2;
-    scene.grasp.radius = 0.012;
-    scene.solver.backend = PLIANT_CPU;
     scene.model.method = PLIANT_FINE;
     scene.solver.iterations = 6;
     scene.solver.tolerance = 1e-6;
-    for (int a = 1; a < argc; a++) {
-        std::string option = argv[a];
-        size_t equals = option.find('=');
-        check(pliant_scene_set(&scene, option.substr(0, equals).c_str(), option.substr(equals + 1).c_str()));
-    }
-    pliant_model *model = nullptr, *exact = nullptr;
-    check(pliant_model_build(&scene, &volume, &organs, &materials, {nullptr, nullptr}, &model));
+    inputs.set_options(argc, argv, 1);
+    inputs.read(scan);
+    pliant_model *model = inputs.build();
     std::printf("%d fine tetrahedra, %d nodes, %d solved\n", model->body->fine.num_tets, model->body->fine.num_nodes, model->system ? model->system->num_free : 0);
-    exact = model;
-
-    Run fast = begin(model), tight = begin(exact);
+    Run fast = begin(model), tight = begin(model);
     check(pliant_data_set_limits(tight.data, 60, 1e-8));
     std::vector<double> thread, process, wall, step_ms, cut_ms, first_error, usual;
     std::mt19937 random(11);
@@ -161,7 +144,7 @@ int main(int argc, char **argv)
             const double t0 = cpu(CLOCK_THREAD_CPUTIME_ID), p0 = cpu(CLOCK_PROCESS_CPUTIME_ID), w0 = cpu(CLOCK_MONOTONIC);
             check(pliant_data_set_body(model, fast.data, next));
             const double t1 = cpu(CLOCK_THREAD_CPUTIME_ID), p1 = cpu(CLOCK_PROCESS_CPUTIME_ID), w1 = cpu(CLOCK_MONOTONIC);
-            check(pliant_data_set_body(exact, tight.data, next));
+            check(pliant_data_set_body(model, tight.data, next));
             if (next->changes.num_touched > 0) thread.push_back(t1 - t0), process.push_back(p1 - p0), wall.push_back(w1 - w0);
             std::printf("%4d %7d %7d        %8.2f %8.2f %8.2f", f, next->changes.num_touched, next->fine.num_nodes - body->fine.num_nodes, t1 - t0, p1 - p0, w1 - w0);
             pliant_body_release(body);
@@ -173,7 +156,7 @@ int main(int argc, char **argv)
         check(pliant_step(model, fast.data));
         step_ms.push_back(cpu(CLOCK_THREAD_CPUTIME_ID) - s0);
         (stroke >= 0 && stroke < STROKES ? cut_ms : usual).push_back(step_ms.back());
-        settle(exact, tight);
+        settle(model, tight);
         const size_t nodes = size_t(body->fine.num_nodes);
         whole = std::max(whole, largest_apart(tight.data->positions, body->fine.rest, nodes));
         const double error = 100 * largest_apart(fast.data->positions, tight.data->positions, nodes) / whole;
@@ -188,8 +171,5 @@ int main(int argc, char **argv)
     pliant_data_free(fast.data);
     pliant_data_free(tight.data);
     pliant_model_free(model);
-    pliant_material_table_free(&materials);
-    pliant_labels_free(&organs);
-    pliant_volume_free(&volume);
     return 0;
 }

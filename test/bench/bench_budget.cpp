@@ -10,25 +10,17 @@ int main(int argc, char **argv)
         std::fprintf(stderr, "usage: bench_budget SCENE SCAN X Y Z [group/name=value ...]\n");
         return 2;
     }
-    pliant_scene scene;
-    pliant_volume scan{};
-    pliant_labels labels{};
-    pliant_material_table materials{};
+    Inputs inputs;
+    pliant_scene &scene = inputs.scene;
     check(pliant_scene_read(argv[1], &scene));
-    for (int a = 6; a < argc; a++) {
-        std::string option = argv[a];
-        size_t equals = option.find('=');
-        check(pliant_scene_set(&scene, option.substr(0, equals).c_str(), option.substr(equals + 1).c_str()));
-    }
-    check(pliant_inputs_read(&scene, argv[2], &scan, &labels, &materials));
+    inputs.set_options(argc, argv, 6);
+    inputs.read(argv[2]);
     const double at[3] = {std::atof(argv[3]), std::atof(argv[4]), std::atof(argv[5])};
     scene.grasp.radius = 0.012;
     auto build = [&](int iterations, double tolerance) {
         scene.solver.iterations = iterations;
         scene.solver.tolerance = tolerance;
-        pliant_model *model = nullptr;
-        check(pliant_model_build(&scene, &scan, &labels, &materials, {nullptr, nullptr}, &model));
-        return model;
+        return inputs.build();
     };
     pliant_model *exact = build(1000, 1e-7);
     std::printf("%d fine tetrahedra, %d nodes\n", exact->body->fine.num_tets, exact->body->fine.num_nodes);
@@ -48,8 +40,5 @@ int main(int argc, char **argv)
         pliant_model_free(model);
     }
     pliant_model_free(exact);
-    pliant_material_table_free(&materials);
-    pliant_labels_free(&labels);
-    pliant_volume_free(&scan);
     return 0;
 }

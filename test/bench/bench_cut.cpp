@@ -59,30 +59,16 @@ Blade blade(const pliant_body *body, const std::vector<double> &positions, std::
 int main(int argc, char **argv)
 {
     const int strokes = argc > 1 ? std::atoi(argv[1]) : 100;
-    const std::string labels = std::string(PLIANT_TEST_DATA) + "/abdomen/labels_totalseg_fast.nii.gz", scan = std::string(PLIANT_TEST_DATA) + "/abdomen/ct.nii.gz";
-    pliant_scene scene;
-    pliant_volume volume{};
-    pliant_labels organs{};
-    pliant_material_table materials{};
-    pliant_scene_defaults(&scene);
-    check(pliant_scene_set(&scene, "scan/resample", "256 160 122"));
-    check(pliant_scene_set(&scene, "material/file", PLIANT_SOURCE_DIR "/test/bench/abdomen.yaml"));
-    check(pliant_scene_set(&scene, "material/labels", labels.c_str()));
-    check(pliant_scene_set(&scene, "cut/kind", "sever"));
-    scene.mesh.keep_air = true;
-    scene.mesh.ratio = 2;
-    scene.model.method = PLIANT_FINE;
-    scene.solver.backend = PLIANT_CPU;
-    scene.solver.threads = 1;
-    for (int a = 2; a < argc; a++) {
-        const std::string option = argv[a];
-        const size_t equals = option.find('=');
-        check(pliant_scene_set(&scene, option.substr(0, equals).c_str(), option.substr(equals + 1).c_str()));
-    }
-    check(pliant_inputs_read(&scene, scan.c_str(), &volume, &organs, &materials));
-    pliant_model *model = nullptr;
-    check(pliant_model_build(&scene, &volume, &organs, &materials, {nullptr, nullptr}, &model));
-    std::printf("%zu voxels, %d tetrahedra, %d nodes, %d bridges\n", pliant_geometry_voxels(&volume.geometry), model->body->fine.num_tets, model->body->fine.num_nodes,
+    Inputs inputs;
+    const std::string scan = inputs.set_abdomen(PLIANT_TEST_DATA);
+    inputs.set("cut/kind", "sever");
+    inputs.scene.mesh.ratio = 2;
+    inputs.scene.model.method = PLIANT_FINE;
+    inputs.scene.solver.threads = 1;
+    inputs.set_options(argc, argv, 2);
+    inputs.read(scan);
+    pliant_model *model = inputs.build();
+    std::printf("%zu voxels, %d tetrahedra, %d nodes, %d bridges\n", pliant_geometry_voxels(&inputs.scan.geometry), model->body->fine.num_tets, model->body->fine.num_nodes,
                 model->body->voxels->num_bridges);
     std::mt19937 random(3);
     for (int chain = 0; chain < 2; chain++) {
@@ -118,8 +104,5 @@ int main(int argc, char **argv)
         pliant_body_release(body);
     }
     pliant_model_free(model);
-    pliant_material_table_free(&materials);
-    pliant_labels_free(&organs);
-    pliant_volume_free(&volume);
     return 0;
 }

@@ -32,23 +32,16 @@ int main(int argc, char **argv)
         std::fprintf(stderr, "usage: bench_elements SCENE SCAN [group/name=value ...]\n");
         return 2;
     }
-    pliant_scene scene;
-    pliant_volume scan{};
-    pliant_labels labels{};
-    pliant_material_table materials{};
-    check(pliant_scene_read(argv[1], &scene));
-    check(pliant_scene_set(&scene, "solver/threads", "1"));
-    for (int a = 3; a < argc; a++) {
-        std::string option = argv[a];
-        size_t equals = option.find('=');
-        check(pliant_scene_set(&scene, option.substr(0, equals).c_str(), option.substr(equals + 1).c_str()));
-    }
-    check(pliant_inputs_read(&scene, argv[2], &scan, &labels, &materials));
+    Inputs inputs;
+    check(pliant_scene_read(argv[1], &inputs.scene));
+    inputs.set("solver/threads", "1");
+    inputs.set_options(argc, argv, 3);
+    inputs.read(argv[2]);
     Side sides[2];
     for (int kind = 0; kind < 2; kind++) {
         Side &side = sides[kind];
-        scene.element.kind = kind ? PLIANT_HEXAHEDRA : PLIANT_LINEAR;
-        check(pliant_model_build(&scene, &scan, &labels, &materials, {nullptr, nullptr}, &side.model));
+        inputs.scene.element.kind = kind ? PLIANT_HEXAHEDRA : PLIANT_LINEAR;
+        side.model = inputs.build();
         const pliant_system *system = side.model->system;
         const pliant_mesh *mesh = system->mesh;
         side.x.assign(mesh->rest, mesh->rest + 3 * mesh->num_nodes);
@@ -89,8 +82,5 @@ int main(int argc, char **argv)
     }
     std::printf("%-10s %9.3f %9.3f ms  %.2f\n", "evaluation", 1e3 * evaluation[0], 1e3 * evaluation[1], evaluation[1] / evaluation[0]);
     for (Side &side : sides) pliant_model_free(side.model);
-    pliant_material_table_free(&materials);
-    pliant_labels_free(&labels);
-    pliant_volume_free(&scan);
     return 0;
 }

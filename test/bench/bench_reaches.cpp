@@ -6,24 +6,13 @@
 
 namespace {
 
-const double liver[3] = {-0.057, -0.255, 0.392}; // its front
-
-struct Inputs {
-    pliant_scene scene;
-    pliant_volume scan{};
-    pliant_labels labels{};
-    pliant_material_table materials{};
-};
-
 pliant_model *build(Inputs &inputs, int iterations, double tolerance, double budget)
 {
     inputs.scene.solver.iterations = iterations;
     inputs.scene.solver.tolerance = tolerance;
     inputs.scene.solver.budget_ms = budget;
     if (budget > 0) inputs.scene.solver.step = 2.5e-3 * budget; // the solver has its part of a frame
-    pliant_model *model = nullptr;
-    check(pliant_model_build(&inputs.scene, &inputs.scan, &inputs.labels, &inputs.materials, {nullptr, nullptr}, &model));
-    return model;
+    return inputs.build();
 }
 
 std::vector<Frames> references(Inputs &inputs, int kinds)
@@ -89,19 +78,11 @@ void let_bone_deform(Inputs &inputs, bool deform)
 
 int main(int argc, char **argv)
 {
-    const std::string folder = argc > 1 ? argv[1] : PLIANT_TEST_DATA, labels = folder + "/abdomen/labels_totalseg_fast.nii.gz";
     std::vector<int> ratios;
     for (int a = 2; a < argc; a++) ratios.push_back(std::atoi(argv[a]));
     if (ratios.empty()) ratios = {2, 4};
     Inputs inputs;
-    pliant_scene_defaults(&inputs.scene);
-    check(pliant_scene_set(&inputs.scene, "scan/resample", "256 160 122"));
-    check(pliant_scene_set(&inputs.scene, "material/file", PLIANT_SOURCE_DIR "/test/bench/abdomen.yaml"));
-    check(pliant_scene_set(&inputs.scene, "material/labels", labels.c_str()));
-    check(pliant_inputs_read(&inputs.scene, (folder + "/abdomen/ct.nii.gz").c_str(), &inputs.scan, &inputs.labels, &inputs.materials));
-    inputs.scene.mesh.keep_air = true;
-    inputs.scene.grasp.radius = 0.012;
-    inputs.scene.solver.backend = PLIANT_CPU;
+    inputs.read(inputs.set_abdomen(argc > 1 ? argv[1] : PLIANT_TEST_DATA));
     for (int ratio : ratios) {
         inputs.scene.mesh.ratio = ratio;
         const bool large = ratio > 2;
@@ -121,8 +102,5 @@ int main(int argc, char **argv)
             std::printf("\n");
         }
     }
-    pliant_material_table_free(&inputs.materials);
-    pliant_labels_free(&inputs.labels);
-    pliant_volume_free(&inputs.scan);
     return 0;
 }

@@ -1,4 +1,4 @@
-// What bench_budget and bench_reaches share: thirty frames of a pull or sixty of gravity that turns over, and their errors
+// What benches share: a scene with its inputs, thirty frames of a pull or sixty of gravity that turns over, and their errors
 // against the same frames solved tightly, over all nodes of the fine mesh, in % of the final largest displacement.
 #ifndef PLIANT_BENCH_FRAMES_H
 #define PLIANT_BENCH_FRAMES_H
@@ -38,6 +38,53 @@ inline void check(pliant_status status)
     std::fprintf(stderr, "%s\n", pliant_last_error());
     std::exit(1);
 }
+
+struct Inputs {
+    pliant_scene scene;
+    pliant_volume scan{};
+    pliant_labels labels{};
+    pliant_material_table materials{};
+
+    Inputs() { pliant_scene_defaults(&scene); }
+    Inputs(const Inputs &) = delete;
+    Inputs &operator=(const Inputs &) = delete;
+    ~Inputs()
+    {
+        pliant_material_table_free(&materials);
+        pliant_labels_free(&labels);
+        pliant_volume_free(&scan);
+    }
+    void set(const char *name, const std::string &value) { check(pliant_scene_set(&scene, name, value.c_str())); }
+    // group/name=value, from argv[first] on
+    void set_options(int argc, char **argv, int first)
+    {
+        for (int a = first; a < argc; a++) {
+            const std::string option = argv[a];
+            const size_t equals = option.find('=');
+            set(option.substr(0, equals).c_str(), equals == std::string::npos ? "" : option.substr(equals + 1));
+        }
+    }
+    void read(const std::string &path) { check(pliant_inputs_read(&scene, path.c_str(), &scan, &labels, &materials)); }
+    pliant_model *build() const
+    {
+        pliant_model *model = nullptr;
+        check(pliant_model_build(&scene, &scan, &labels, &materials, {nullptr, nullptr}, &model));
+        return model;
+    }
+    // the abdomen of the test data at 256 x 160 x 122, solved by the CPU; its scan is returned, to be read
+    std::string set_abdomen(const std::string &folder)
+    {
+        set("scan/resample", "256 160 122");
+        set("material/file", PLIANT_SOURCE_DIR "/test/bench/abdomen.yaml");
+        set("material/labels", folder + "/abdomen/labels_totalseg_fast.nii.gz");
+        scene.mesh.keep_air = true;
+        scene.grasp.radius = 0.012;
+        scene.solver.backend = PLIANT_CPU;
+        return folder + "/abdomen/ct.nii.gz";
+    }
+};
+
+static const double liver[3] = {-0.057, -0.255, 0.392}; // the abdomen's, at its front
 
 // up for 15 frames, then sideways: 1 mm a frame
 inline void offset_at(int frame, double out[3])

@@ -25,9 +25,10 @@ static void pliant_cuda_release(void *) {}
 
 inline bool there_is_a_gpu()
 {
-    const pliant_backend *backend = nullptr;
+    const pliant_backend *cuda = pliant_corotational.cuda;
     char text[PLIANT_BACKEND_TEXT];
-    return pliant_backend_choose(PLIANT_AUTO, text, &backend) == PLIANT_OK && backend != &pliant_cpu_backend;
+    bool use = false;
+    return pliant_gpu_choose(PLIANT_AUTO, cuda ? cuda->probe : nullptr, text, &use) == PLIANT_OK && use;
 }
 
 #define NEEDS_GPU() \

@@ -1,5 +1,5 @@
 // Trilinear hexahedra (element/kind): neither too stiff in bending nor where tissue is nearly incompressible.
-#include "body.h"
+#include "beam.h"
 
 #include "fem/dynamics/tled_cubes.h"
 #include "fem/element/rotation.h"
@@ -11,36 +11,13 @@
 
 namespace {
 
-// 30 x 30 x 100 mm of silicone, clamped at one end, under its own weight across; mean sag of the free end [m]
-double sag(pliant_element_kind kind, double poisson, int across)
-{
-    const int size[3] = {2 * across, 2 * across, 20 * across / 3};
-    const double box[3] = {0.03, 0.03, 0.1};
-    Body body(size, box, {{263.8e3, poisson, 1070, false}});
-    body.scene.element.kind = kind;
-    body.cells(across, across, 10 * across / 3, 1);
-    body.fix_plane(0, 0, 1e-4, 0, 0, 1);
-    body.scene.model.gravity[1] = -9.81;
-    EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-    EXPECT_EQ(body.settle(200), PLIANT_OK) << body.data->statistics.residual;
-    double sum = 0;
-    int count = 0;
-    const pliant_mesh &fine = body.model->body->fine;
-    for (int32_t n = 0; n < fine.num_nodes; n++)
-        if (fine.rest[3 * n + 2] > 0.1 - 1e-9) {
-            sum += fine.rest[3 * n + 1] - body.data->positions[3 * n + 1];
-            count++;
-        }
-    return sum / count;
-}
-
 // Converged sags of quadratic hexahedra, neo-Hookean: 6.87, 6.79, 6.75 mm.
 TEST(Hexahedra, BeamSagsAsTheConvergedOne)
 {
     const double poisson[3] = {0.45, 0.49, 0.499}, converged[3] = {6.87e-3, 6.79e-3, 6.75e-3};
     for (int n = 0; n < 3; n++) {
-        double coarse = sag(PLIANT_HEXAHEDRA, poisson[n], 3) / converged[n] - 1, fine = sag(PLIANT_HEXAHEDRA, poisson[n], 6) / converged[n] - 1;
-        double linear = sag(PLIANT_LINEAR, poisson[n], 3) / converged[n] - 1;
+        double coarse = Beam(PLIANT_HEXAHEDRA, poisson[n], 3).sag() / converged[n] - 1, fine = Beam(PLIANT_HEXAHEDRA, poisson[n], 6).sag() / converged[n] - 1;
+        double linear = Beam(PLIANT_LINEAR, poisson[n], 3).sag() / converged[n] - 1;
         std::printf("beam, nu %.3f: cells of 10 mm %.1f %%, of 5 mm %.1f %%; linear tetrahedra of 10 mm %.1f %%\n", poisson[n], 100 * coarse, 100 * fine,
                     100 * linear);
         EXPECT_LT(std::fabs(coarse), 0.05);
@@ -52,28 +29,12 @@ TEST(Hexahedra, BeamSagsAsTheConvergedOne)
 // The same beam by explicit dynamics, relaxed: one point a cube, and what stands against hourglasses (tled_cubes.h).
 double relaxed_sag(pliant_element_kind kind, double poisson)
 {
-    const int size[3] = {6, 6, 20};
-    const double box[3] = {0.03, 0.03, 0.1};
-    Body body(size, box, {{263.8e3, poisson, 1070, false}});
-    body.scene.element.kind = kind;
-    body.scene.solver.kind = PLIANT_TLED;
-    body.scene.tled.quasi_static = true;
-    body.scene.tled.relaxation_steps = 2000;
-    body.scene.solver.tolerance = 1e-3;
-    body.cells(3, 3, 10, 1);
-    body.fix_plane(0, 0, 1e-4, 0, 0, 1);
-    body.scene.model.gravity[1] = -9.81;
-    EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-    EXPECT_EQ(body.settle(40), PLIANT_OK) << body.data->statistics.residual;
-    double sum = 0;
-    int count = 0;
-    const pliant_mesh &fine = body.model->body->fine;
-    for (int32_t n = 0; n < fine.num_nodes; n++)
-        if (fine.rest[3 * n + 2] > 0.1 - 1e-9) {
-            sum += fine.rest[3 * n + 1] - body.data->positions[3 * n + 1];
-            count++;
-        }
-    return sum / count;
+    Beam beam(kind, poisson, 3);
+    beam.scene.solver.kind = PLIANT_TLED;
+    beam.scene.tled.quasi_static = true;
+    beam.scene.tled.relaxation_steps = 2000;
+    beam.scene.solver.tolerance = 1e-3;
+    return beam.sag(40);
 }
 
 TEST(Hexahedra, BeamRelaxesToTheConvergedSag)
