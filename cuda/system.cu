@@ -43,6 +43,17 @@ static pliant_status upload_stiffness(const pliant_system *system, cudaStream_t 
     }
 }
 
+static pliant_status upload_weights(const pliant_system *system, cudaStream_t stream, gpu_system *out)
+{
+    const pliant_upsample *upsample = system->upsample;
+    const size_t fine = (size_t)system->fine->num_nodes;
+    const char *what = "the upsampling";
+    out->corners = upsample->corners;
+    CUDA_TRY(upload(upsample->still, fine, what, stream, &out->d_still));
+    CUDA_TRY(upload(upsample->node, (size_t)upsample->corners * fine, what, stream, &out->d_upsample_node));
+    return upload(upsample->weights, (size_t)upsample->corners * fine, what, stream, &out->d_weights);
+}
+
 static pliant_status fill(const pliant_system *system, cudaStream_t stream, gpu_system *out)
 {
     const pliant_mesh *mesh = system->mesh;
@@ -55,19 +66,19 @@ static pliant_status fill(const pliant_system *system, cudaStream_t stream, gpu_
     const pliant_upsample *upsample = system->upsample;
     const size_t fine = (size_t)system->fine->num_nodes;
     if (upsample) CUDA_TRY(upload(system->fine->rest, 3 * fine, "the upsampling", stream, &out->d_fine_rest));
-    if (system->macros) return pliant_cuda_macros_create(system->macros, stream, &out->macros);
+    if (system->macros) {
+        CUDA_TRY(pliant_cuda_macros_create(system->macros, stream, &out->macros));
+        return upsample && !system->macros->fine_start ? upload_weights(system, stream, out) : PLIANT_OK;
+    }
     CUDA_TRY(upload(mesh->tets, 4 * tets, what, stream, &out->d_tets));
     CUDA_TRY(upload_lanes<12>(system->gradients, mesh->num_tets, what, stream, &out->d_gradients));
     if (system->lame) CUDA_TRY(upload_lanes<2>(system->lame, mesh->num_tets, what, stream, &out->d_lame));
     CUDA_TRY(upload_stiffness(system, stream, &out->d_stiffness));
     CUDA_TRY(upload(system->grounded, tets, what, stream, &out->d_grounded));
     if (!upsample) return PLIANT_OK;
+    if (!upsample->start) return upload_weights(system, stream, out);
     what = "the upsampling";
     CUDA_TRY(upload(upsample->still, fine, what, stream, &out->d_still));
-    if (!upsample->start) {
-        CUDA_TRY(upload(upsample->coarse_tet, fine, what, stream, &out->d_coarse_tet));
-        return upload(upsample->weights, 4 * fine, what, stream, &out->d_weights);
-    }
     const size_t entries = (size_t)upsample->start[fine];
     CUDA_TRY(upload(upsample->start, fine + 1, what, stream, &out->d_entry_start));
     CUDA_TRY(upload(upsample->entry_tet, entries, what, stream, &out->d_entry_tet));
@@ -94,7 +105,7 @@ extern "C" pliant_status pliant_cuda_system_create(const pliant_system *system, 
 extern "C" void pliant_cuda_system_free(gpu_system *system)
 {
     void *blocks[] = {system->d_tets, system->d_rest, system->d_gradients, system->d_lame, system->d_stiffness, system->d_grounded,
-                      system->d_node_of_free, system->d_corner_start, system->d_corner, system->d_fine_rest, system->d_coarse_tet,
+                      system->d_node_of_free, system->d_corner_start, system->d_corner, system->d_fine_rest, system->d_upsample_node,
                       system->d_weights, system->d_entry_start, system->d_entry_tet, system->d_entry_share, system->d_entry_shape,
                       system->d_still};
     for (void *block : blocks) pliant_cuda_release(block);

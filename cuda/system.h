@@ -23,12 +23,13 @@ typedef struct gpu_system {
     int32_t *d_corner_start, *d_corner;
     /* upsampling; all NULL when the fine mesh is solved */
     double *d_fine_rest;       /* (num_fine x 3) */
-    int32_t *d_coarse_tet;     /* (num_fine) */
-    double *d_weights;         /* (num_fine x 4) */
-    int32_t *d_entry_start, *d_entry_tet; /* NULL: linear */
+    int corners;               /* 4, or 8 */
+    int32_t *d_upsample_node;  /* (num_fine x corners); NULL: by homogenized shape functions, or by macro-elements */
+    double *d_weights;         /* (num_fine x corners) */
+    int32_t *d_entry_start, *d_entry_tet;
     double *d_entry_share, *d_entry_shape;
     uint8_t *d_still;          /* Nullable */
-    gpu_macros macros;         /* in place of tetrahedra and upsampling */
+    gpu_macros macros;         /* in place of tetrahedra */
 } gpu_system;
 
 pliant_status pliant_cuda_system_create(const pliant_system *system, cudaStream_t stream, gpu_system *out);

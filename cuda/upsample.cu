@@ -17,12 +17,13 @@ static __global__ void __launch_bounds__(THREADS) linear_kernel(gpu_system syste
     int n = (int)(blockIdx.x * THREADS + threadIdx.x);
     if (n >= system.num_fine) return;
     const double *x = iteration.d_x[iteration.d_state->now];
-    int4 nodes = reinterpret_cast<const int4 *>(system.d_tets)[system.d_coarse_tet[n]];
-    const int node[4] = {nodes.x, nodes.y, nodes.z, nodes.w};
     double sum[3] = {0, 0, 0};
     if (!(system.d_still && system.d_still[n]))
-        for (int v = 0; v < 4; v++)
-            for (int d = 0; d < 3; d++) sum[d] += system.d_weights[4 * (size_t)n + v] * (x[3 * node[v] + d] - system.d_rest[3 * node[v] + d]);
+        for (int v = 0; v < system.corners; v++) {
+            const size_t at = (size_t)system.corners * n + v;
+            const int node = system.d_upsample_node[at];
+            for (int d = 0; d < 3; d++) sum[d] += system.d_weights[at] * (x[3 * node + d] - system.d_rest[3 * node + d]);
+        }
     for (int d = 0; d < 3; d++) d_fine[3 * (size_t)n + d] = sum[d] + system.d_fine_rest[3 * (size_t)n + d];
 }
 
@@ -73,8 +74,8 @@ extern "C" pliant_status pliant_cuda_upsample(const gpu_system *system, const gp
     unsigned blocks = (unsigned)((system->num_fine + THREADS - 1) / THREADS);
     if (d_solved) CUDA_TRY(copy_present(iteration, 3 * system->num_nodes, d_solved, stream));
     if (!system->d_fine_rest) return copy_present(iteration, 3 * system->num_nodes, d_fine, stream);
-    if (system->macros.count > 0) return pliant_cuda_macro_positions(system, iteration, d_fine, stream);
-    if (system->d_coarse_tet) linear_kernel<<<blocks, THREADS, 0, stream>>>(*system, *iteration, d_fine);
+    if (system->macros.d_fine_start) return pliant_cuda_macro_positions(system, iteration, d_fine, stream);
+    if (system->d_upsample_node) linear_kernel<<<blocks, THREADS, 0, stream>>>(*system, *iteration, d_fine);
     else shaped_kernel<<<blocks, THREADS, 0, stream>>>(*system, *iteration, d_fine);
     return CUDA_LAUNCHED("upsample kernel");
 }

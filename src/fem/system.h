@@ -34,11 +34,12 @@ typedef struct pliant_pattern {
 
 /* How fine nodes follow the solved ones; absent when the fine mesh is solved. */
 typedef struct pliant_upsample {
-    /* linear: barycentric in one coarse tetrahedron */
-    int32_t *coarse_tet;      /* (fine nodes) */
-    double *weights;          /* (fine nodes x 4) */
+    /* linear in one coarse tetrahedron, or trilinear in one coarse cube */
+    int corners;              /* 4, or 8 */
+    int32_t *node;            /* (fine nodes x corners) solved node */
+    double *weights;          /* (fine nodes x corners), sum 1 a node */
     /* homogenized shape functions ([H] 5 to 7): a fine node follows every coarse tetrahedron whose submesh holds it */
-    int32_t *start;           /* (fine nodes + 1) into the entries; NULL: linear */
+    int32_t *start;           /* (fine nodes + 1) into the entries; NULL: by the weights above */
     int32_t *entry_tet;       /* (entries) coarse tetrahedron */
     double *entry_share;      /* (entries) inverse-distance weight, sum 1 a node */
     double *entry_shape;      /* (entries x 36) N, 3 x 12, row-major */
@@ -177,8 +178,16 @@ pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene
                                 const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
                                 pliant_progress progress); /* kept: Nullable */
 
+/* ---- cubes.c: the same of hexahedra on the coarse cubes. Errors: MEMORY, NUMERIC, CANCELLED. */
+pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
+                                      const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress);
+
 /* ---- upsample.c */
 pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine, const pliant_kept *kept); /* kept: Nullable */
+/* Of a point in a cube of the solved lattice: weights of its corners. A coordinate that is a node's of the fine lattice is exactly that. */
+void pliant_trilinear_weights(const pliant_system *system, int32_t cell, const double *point, double weights[8]);
+/* the same in coarse hexahedra, and the tetrahedra beside a cut. element_of_fine: (fine tetrahedra) macro-element */
+pliant_status pliant_upsample_trilinear(pliant_system *system, const int32_t *element_of_fine);
 /* whether weights turn with the tissue, so that they change from step to step */
 bool pliant_upsample_turns(const pliant_system *system);
 void pliant_upsample_positions(const pliant_system *system, const double *solved, double *fine);

@@ -4,6 +4,7 @@
 #include "base/threads.h"
 #include "fem/coarse/lod.h"
 #include "fem/dynamics/tled.h"
+#include "fem/element/hexahedra.h"
 #include "fem/patch/patch.h"
 #include "pliant/memory.h"
 #include "state/discretization.h"
@@ -102,6 +103,31 @@ static pliant_status without_pieces(const pliant_body *body, pliant_tet_material
     return PLIANT_OK;
 }
 
+/* fine nodes follow the coarse cubes that they lie in */
+static pliant_status follow_hexahedra(pliant_system *system, const int32_t *coarse_of_fine)
+{
+    int32_t *element = NULL, *of_fine = pliant_calloc((size_t)system->fine->num_tets, sizeof *of_fine);
+    pliant_status status = of_fine ? pliant_hexahedra_of_tets(system->mesh, system->macros, &element) : pliant_fail_memory("the upsampling");
+    for (int32_t t = 0; status == PLIANT_OK && t < system->fine->num_tets; t++) of_fine[t] = element[coarse_of_fine[t]];
+    if (status == PLIANT_OK) status = pliant_upsample_trilinear(system, of_fine);
+    pliant_free(element);
+    pliant_free(of_fine);
+    return status;
+}
+
+static pliant_status homogenize_tets(pliant_discretizing *work, const pliant_tet_material *material)
+{
+    const pliant_body *body = work->made->body;
+    const pliant_kept *kept = work->kept;
+    pliant_system *system = work->made->system;
+    pliant_tet_material *none = pliant_calloc((size_t)body->coarse.num_tets, sizeof *none); /* geometry only */
+    if (!none) return pliant_fail_memory("the coarse elements");
+    pliant_status status = pliant_system_elements(system, none, kept ? kept->before->system : NULL, kept ? kept->coarse : NULL);
+    pliant_free(none);
+    if (status != PLIANT_OK) return status;
+    return pliant_homogenize(system, work->scene, &body->fine, body->fine_fixed, material, body->coarse_of_fine, kept, work->progress);
+}
+
 pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
 {
     const pliant_scene *scene = work->scene;
@@ -113,6 +139,11 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     if (!is_coarse(scene))
         return scene->element.kind == PLIANT_HEXAHEDRA ? pliant_system_hexahedra(system, body->fine_material)
                                                        : pliant_system_elements(system, body->fine_material, before, kept ? kept->fine : NULL);
+    const bool hexahedra = scene->element.kind == PLIANT_HEXAHEDRA;
+    if (scene->model.method == PLIANT_COARSE && hexahedra) {
+        pliant_status status = pliant_system_hexahedra(system, body->coarse_material);
+        return status == PLIANT_OK ? follow_hexahedra(system, body->coarse_of_fine) : status;
+    }
     if (scene->model.method == PLIANT_COARSE) {
         pliant_status status = pliant_system_elements(system, body->coarse_material, before, kept ? kept->coarse : NULL);
         return status == PLIANT_OK ? pliant_upsample_linear(system, body->coarse_of_fine, kept) : status;
@@ -126,14 +157,13 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
         if (status != PLIANT_OK) return status;
         return pliant_lod(system, scene, body->fine_fixed, work->coarse_fixed, body->fine_material, work->progress);
     }
-    pliant_tet_material *none = pliant_calloc((size_t)body->coarse.num_tets, sizeof *none), *light = NULL; /* geometry only */
-    if (!none) return pliant_fail_memory("the coarse elements");
-    pliant_status status = pliant_system_elements(system, none, before, kept ? kept->coarse : NULL);
-    pliant_free(none);
-    if (status == PLIANT_OK && body->pieces) status = without_pieces(body, &light);
-    if (status != PLIANT_OK) return status;
-    status = pliant_homogenize(system, scene, &body->fine, body->fine_fixed, light ? light : body->fine_material, body->coarse_of_fine, kept,
-                               work->progress);
+    pliant_tet_material *light = NULL;
+    pliant_status status = body->pieces ? without_pieces(body, &light) : PLIANT_OK;
+    const pliant_tet_material *material = light ? light : body->fine_material;
+    if (status == PLIANT_OK && hexahedra)
+        status = pliant_homogenize_cubes(system, &body->fine, body->fine_fixed, work->coarse_fixed, material, body->coarse_of_fine, work->progress);
+    else if (status == PLIANT_OK)
+        status = homogenize_tets(work, material);
     pliant_free(light);
     return status == PLIANT_OK ? hold_homogenized(work) : status;
 }

@@ -80,6 +80,10 @@ static pliant_status cut_up(builder *build)
         uint8_t any = keep[t] | keep[t + 1] | keep[t + 2] | keep[t + 3] | keep[t + 4];
         memset(keep + t, any, 5);
     }
+    for (size_t c = 0; model->scene.element.kind == PLIANT_HEXAHEDRA && c < coarse_count; c += 5) { /* so is a coarse one */
+        uint8_t any = keep_coarse[c] | keep_coarse[c + 1] | keep_coarse[c + 2] | keep_coarse[c + 3] | keep_coarse[c + 4];
+        memset(keep_coarse + c, any, 5);
+    }
     if (needs_corners(model))
         for (size_t t = 0; t < fine_count; t++) keep[t] = keep_coarse[pliant_lattice_coarse_of(coarse_cells, ratio, (int32_t)t)];
     status = pliant_mesh_grid(geometry, cells, keep, &body->fine);
@@ -307,9 +311,13 @@ static pliant_status check(const pliant_scene *scene, const pliant_material_tabl
         status = pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: lod interpolates within whole cubes of the lattice, which cannot be divided; set "
                                                  "model/method to averaged or another one, or cut/kind to none");
     if (status == PLIANT_OK && scene->element.kind == PLIANT_HEXAHEDRA &&
-        (scene->model.method != PLIANT_FINE || scene->mesh.kind != PLIANT_LATTICE))
-        status = pliant_fail(PLIANT_ERROR_SCENE, "element/kind: hexahedra are cubes of a lattice: set model/method to fine and mesh/kind to lattice, or "
+        (scene->model.method == PLIANT_SCHUR || scene->model.method == PLIANT_CALIBRATED || scene->model.method == PLIANT_LOD))
+        status = pliant_fail(PLIANT_ERROR_SCENE, "model/method: schur, calibrated and lod are made of tetrahedra; set it to averaged, coarse or fine, or "
                                                  "element/kind to linear");
+    if (status == PLIANT_OK && scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind != PLIANT_LATTICE)
+        status = pliant_fail(PLIANT_ERROR_SCENE, "element/kind: hexahedra are cubes of a lattice: set mesh/kind to lattice, or element/kind to linear");
+    if (status == PLIANT_OK && scene->element.kind == PLIANT_HEXAHEDRA && scene->model.method != PLIANT_FINE && scene->model.patch > 0)
+        status = pliant_fail(PLIANT_ERROR_SCENE, "model/patch: a patch is made of tetrahedra; set it to 0, or element/kind to linear");
     return status == PLIANT_OK ? pliant_material_table_check(materials) : status;
 }
 

@@ -45,6 +45,15 @@ const Case hexahedra{"hexahedra", [](pliant_scene &scene) {
                          scene.solver.preconditioner = PLIANT_MULTIGRID;
                      }};
 const Case averaged{"averaged", [](pliant_scene &scene) { coarse(scene, PLIANT_AVERAGED); }};
+const Case averaged_hexahedra{"averaged_hexahedra", [](pliant_scene &scene) {
+                                  coarse(scene, PLIANT_AVERAGED);
+                                  scene.element.kind = PLIANT_HEXAHEDRA;
+                              }};
+const Case coarse_hexahedra{"coarse_hexahedra", [](pliant_scene &scene) {
+                                coarse(scene, PLIANT_COARSE);
+                                scene.element.kind = PLIANT_HEXAHEDRA;
+                                scene.solver.preconditioner = PLIANT_MULTIGRID;
+                            }};
 const Case plain{"coarse", [](pliant_scene &scene) { coarse(scene, PLIANT_COARSE); }};
 const Case schur{"schur", [](pliant_scene &scene) { coarse(scene, PLIANT_SCHUR); }};
 const Case calibrated{"calibrated", [](pliant_scene &scene) { coarse(scene, PLIANT_CALIBRATED); }};
@@ -207,7 +216,7 @@ TEST_P(EveryMethod, ARevisionOfTheSameTopologyChangesNoBits)
     EXPECT_EQ(state(*one), state(*other));
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
-                         testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, lod, patch, octree, dynamic, cubes, relaxed), name_of);
+                         testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain, schur, averaged, calibrated, lod, patch, octree, dynamic, cubes, relaxed), name_of);
 
 // ---- a real change
 
@@ -332,8 +341,10 @@ void expect_same(const pliant_system &a, const pliant_system &b)
     EXPECT_EQ(a.mean_diagonal, b.mean_diagonal);
     ASSERT_EQ(a.upsample == nullptr, b.upsample == nullptr);
     if (!a.upsample) return;
-    expect_same(a.upsample->coarse_tet, b.upsample->coarse_tet, fine, "coarse tetrahedra");
-    expect_same(a.upsample->weights, b.upsample->weights, 4 * fine, "weights");
+    const size_t corners = static_cast<size_t>(a.upsample->corners);
+    ASSERT_EQ(a.upsample->corners, b.upsample->corners);
+    expect_same(a.upsample->node, b.upsample->node, corners * fine, "followed nodes");
+    expect_same(a.upsample->weights, b.upsample->weights, corners * fine, "weights");
     expect_same(a.upsample->start, b.upsample->start, fine + 1, "entries");
     if (!a.upsample->start) return;
     const size_t entries = static_cast<size_t>(a.upsample->start[fine]);
@@ -412,7 +423,7 @@ TEST_P(EveryStroke, WhileItMoves)
     EXPECT_GT(moved, 5e-3);
     EXPECT_LT(most, 1e-3 * moved);
 }
-INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment, testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, patch, dynamic, cubes, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain, schur, averaged, calibrated, patch, dynamic, cubes, relaxed), name_of);
 
 // what a live run took of what was made in the background, while it was cut, makes the same bits again
 struct EveryReplay : testing::TestWithParam<Case> {};
@@ -446,8 +457,8 @@ TEST_P(EveryReplay, OfALiveRunThatIsCut)
     EXPECT_GT(live->data->statistics.factors, 0u);
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryReplay, testing::Values(direct, multigrid, averaged, patch), name_of);
-INSTANTIATE_TEST_SUITE_P(Methods, EveryStroke, testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, relaxed), name_of);
-INSTANTIATE_TEST_SUITE_P(Methods, EveryDivisible, testing::Values(direct, multigrid, hexahedra, plain, schur, averaged, calibrated, patch, octree, dynamic, cubes, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryStroke, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, plain, schur, averaged, calibrated, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryDivisible, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, plain, schur, averaged, calibrated, patch, octree, dynamic, cubes, relaxed), name_of);
 
 // ---- what no part of all this had a hand in: the left half of a body in two is the body of half the width
 
@@ -486,7 +497,7 @@ TEST_P(EveryHalf, OfABodyInTwoIsABodyOfItsOwn)
     EXPECT_GT(moved, 1e-3);
     EXPECT_LT(most, 1e-5 * moved + 1e-8);
 }
-INSTANTIATE_TEST_SUITE_P(Methods, EveryHalf, testing::Values(direct, multigrid, hexahedra, plain, averaged, octree, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryHalf, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain, averaged, octree, relaxed), name_of);
 
 // A plane through coarse tetrahedra: they fall into fragments, which hang together as the fine mesh does.
 TEST(Adapt, FragmentsOfCoarseTetrahedraNest)

@@ -69,6 +69,7 @@ TEST(CudaCut, MeetsTheCpu)
                           Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, PLIANT_LINEAR},
                           Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
                           Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR},
+                          Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
                           Case{PLIANT_FINE, PLIANT_TLED, PLIANT_DIRECT, PLIANT_LINEAR}}) {
         SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.preconditioner) + " " + std::to_string(c.element));
         const std::vector<Material> two = {{5000, 0.4, 1000, false}, {60000, 0.4, 1100, false}};

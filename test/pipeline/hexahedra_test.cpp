@@ -26,6 +26,28 @@ TEST(Hexahedra, BeamSagsAsTheConvergedOne)
     }
 }
 
+double coarse_sag(pliant_method method, double poisson, int ratio)
+{
+    Beam beam(PLIANT_HEXAHEDRA, poisson, 3);
+    beam.scene.model.method = method;
+    beam.scene.mesh.ratio = ratio;
+    return beam.sag();
+}
+
+// On a body of one material a coarse model is no stiffer than the elements that it is made of.
+TEST(Hexahedra, CoarseBeamSagsAsTheConvergedOne)
+{
+    const double poisson[3] = {0.45, 0.49, 0.499}, converged[3] = {6.87e-3, 6.79e-3, 6.75e-3};
+    for (int n = 0; n < 3; n++)
+        for (int ratio = 2; ratio <= 4; ratio += 2) {
+            double averaged = coarse_sag(PLIANT_AVERAGED, poisson[n], ratio) / converged[n] - 1;
+            double coarse = coarse_sag(PLIANT_COARSE, poisson[n], ratio) / converged[n] - 1;
+            std::printf("beam, nu %.3f, coarse cubes of 10 mm, ratio %d: averaged %.1f %%, coarse %.1f %%\n", poisson[n], ratio, 100 * averaged, 100 * coarse);
+            EXPECT_LT(std::fabs(averaged), 0.05);
+            EXPECT_LT(std::fabs(coarse), 0.05);
+        }
+}
+
 // The same beam by explicit dynamics, relaxed: one point a cube, and what stands against hourglasses (tled_cubes.h).
 double relaxed_sag(pliant_element_kind kind, double poisson)
 {
@@ -101,12 +123,25 @@ protected:
 
 TEST_F(Block, TurnedRigidlyItFeelsNothing)
 {
-    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-    double r[9], f[9] = {0.36, 0.48, -0.8, -0.8, 0.6, 0, 0.48, 0.64, 0.6}, shift[3] = {0.3, -0.2, 0.1};
-    pliant_rotation_signed_svd(f, r);
-    std::vector<double> force = body.elastic_force(affine(body.model->body->fine, r, shift));
-    double stretch[9] = {1.1, 0, 0, 0, 0.95, 0, 0, 0, 1}, zero[3] = {0, 0, 0};
-    EXPECT_LT(largest(force), 1e-7 * largest(body.elastic_force(affine(body.model->body->fine, stretch, zero))));
+    for (pliant_method method : {PLIANT_FINE, PLIANT_AVERAGED, PLIANT_COARSE}) {
+        body.scene.model.method = method;
+        body.cells(3, 3, 3, method == PLIANT_FINE ? 1 : 2);
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        const pliant_system *system = body.model->system;
+        double r[9], f[9] = {0.36, 0.48, -0.8, -0.8, 0.6, 0, 0.48, 0.64, 0.6}, shift[3] = {0.3, -0.2, 0.1};
+        pliant_rotation_signed_svd(f, r);
+        std::vector<double> turned = affine(*system->mesh, r, shift), force = body.elastic_force(turned);
+        double stretch[9] = {1.1, 0, 0, 0, 0.95, 0, 0, 0, 1}, zero[3] = {0, 0, 0};
+        EXPECT_LT(largest(force), 1e-7 * largest(body.elastic_force(affine(*system->mesh, stretch, zero))));
+        if (method == PLIANT_FINE) continue;
+        const pliant_mesh &fine = body.model->body->fine; // fine nodes follow, but for those that are fixed
+        std::vector<double> follows(3 * static_cast<size_t>(fine.num_nodes)), whole = affine(fine, r, shift);
+        pliant_upsample_positions(system, turned.data(), follows.data());
+        for (int32_t n = 0; n < 3 * fine.num_nodes; n++)
+            if (method == PLIANT_COARSE || !body.model->body->fine_fixed[n / 3]) ASSERT_NEAR(follows[n], whole[n], 1e-12);
+        pliant_upsample_positions(system, system->mesh->rest, follows.data());
+        EXPECT_EQ(std::memcmp(follows.data(), fine.rest, follows.size() * sizeof(double)), 0);
+    }
 }
 
 // Of a body of one material, a linear displacement leaves no force inside.
@@ -131,14 +166,16 @@ TEST(Hexahedra, PatchTest)
     EXPECT_LT(inside, 1e-6 * largest(force));
 }
 
-// Eigenvalues of a free cube: six rigid motions, nothing else without stiffness, also of a cube that tissue fills by one voxel.
+// Eigenvalues of a free cube, fine or made of eight: six rigid motions, nothing else without stiffness, also of a cube that tissue fills by one voxel.
 TEST_F(Block, NoSpuriousZeroModes)
 {
-    for (bool almost_empty : {false, true}) {
+    for (bool almost_empty : {false, true}) for (int ratio = 1; ratio <= 2; ratio++) {
         Body one(size, box, {{2000, 0.45, 1000, false}, {1, 0.3, 1, true}}, [&](int i, int j, int k) { return almost_empty && i + j + k > 0; });
         one.scene.element.kind = PLIANT_HEXAHEDRA;
-        one.cells(1, 1, 1, 1);
+        one.scene.model.method = ratio == 1 ? PLIANT_FINE : PLIANT_AVERAGED;
+        one.cells(1, 1, 1, ratio);
         one.fix_plane(0, 0, 1e-4, 0, 0, 1);
+        if (almost_empty && ratio > 1) one.scene.mesh.keep_air = true;
         ASSERT_EQ(one.build(), PLIANT_OK) << pliant_last_error();
         const pliant_macros &macros = *one.model->system->macros;
         ASSERT_EQ(macros.count, 1);
@@ -166,9 +203,53 @@ TEST_F(Block, SettlesBetweenSoftAndStiff)
 
 TEST_F(Block, SaysWhatItDoesNotGoWith)
 {
-    body.scene.model.method = PLIANT_AVERAGED;
+    body.scene.model.method = PLIANT_CALIBRATED;
     EXPECT_EQ(body.build(), PLIANT_ERROR_SCENE);
     EXPECT_NE(std::string(pliant_last_error()).find("element/kind"), std::string::npos);
+    body.scene.model.method = PLIANT_AVERAGED;
+    body.scene.model.patch = 0.01;
+    EXPECT_EQ(body.build(), PLIANT_ERROR_SCENE);
+    EXPECT_NE(std::string(pliant_last_error()).find("model/patch"), std::string::npos);
+}
+
+// Where the fine nodes of a body of three materials go under its weight, one a thin sheet; the mean distance from `from`, of the largest way.
+std::vector<double> sagged(pliant_element_kind kind, pliant_method method)
+{
+    const int size[3] = {16, 16, 16};
+    const double box[3] = {0.08, 0.08, 0.08};
+    Body body(size, box, {{3000, 0.45, 1000, false}, {30000, 0.45, 1000, false}, {30000, 0.3, 1000, false}}, [](int i, int j, int k) {
+        double dx = i - 5.1, dy = j - 6, dz = k - 9.8;
+        if (dx * dx + dy * dy + dz * dz < 10) return 1;
+        return std::fabs(i - 8 + 0.3 * (k - 8)) < 0.6 && k > 2 && k < 14 && j > 2 && j < 13 ? 2 : 0;
+    });
+    body.scene.element.kind = kind;
+    body.scene.model.method = method;
+    body.scene.solver.tolerance = 1e-4;
+    body.cells(4, 4, 4, 2);
+    body.fix_plane(0, 0, 1e-4, 0, 0, 1);
+    body.scene.model.gravity[1] = -2;
+    EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(body.settle(), PLIANT_OK) << body.data->statistics.residual;
+    const pliant_mesh &fine = body.model->body->fine;
+    return std::vector<double>(body.data->positions, body.data->positions + 3 * fine.num_nodes);
+}
+
+double mean_error(const std::vector<double> &a, const std::vector<double> &b)
+{
+    double sum = 0;
+    for (size_t n = 0; n < a.size(); n += 3) sum += std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]);
+    return sum / (a.size() / 3.0);
+}
+
+TEST(Hexahedra, CoarseOnesAreNearerToTheFineOnes)
+{
+    const std::vector<double> linear = sagged(PLIANT_LINEAR, PLIANT_FINE), fine = sagged(PLIANT_HEXAHEDRA, PLIANT_FINE);
+    double tetrahedra = mean_error(sagged(PLIANT_LINEAR, PLIANT_AVERAGED), linear), averaged = mean_error(sagged(PLIANT_HEXAHEDRA, PLIANT_AVERAGED), fine);
+    double coarse = mean_error(sagged(PLIANT_HEXAHEDRA, PLIANT_COARSE), fine);
+    std::printf("mean error against the own fine mesh: tetrahedra averaged %.3f mm; hexahedra averaged %.3f, coarse %.3f mm\n", 1e3 * tetrahedra,
+                1e3 * averaged, 1e3 * coarse);
+    EXPECT_LT(averaged, 0.5 * tetrahedra);
+    EXPECT_LT(averaged, 0.5 * coarse);
 }
 
 } // namespace

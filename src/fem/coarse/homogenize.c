@@ -100,10 +100,10 @@ static void rigid_modes(const pliant_submesh *submesh, double *modes)
     }
 }
 
-/* K with a stiff rank-6 term on its rigid modes: positive definite, and it gives the same answer for loads without resultant
- * as any six supports would, without choosing them (a support at the edge of the submesh may be in air). */
-static bool factor_with_rigid_term(pliant_submesh *submesh, const double *modes)
+/* the supports are not chosen: one at the edge of the submesh may be in air */
+bool pliant_submesh_factor(pliant_submesh *submesh, double *modes)
 {
+    rigid_modes(submesh, modes);
     int32_t size = 3 * submesh->num_nodes;
     double trace = 0;
     memcpy(submesh->square, submesh->stiffness, (size_t)size * size * sizeof *submesh->square);
@@ -125,8 +125,7 @@ static bool averaged_stiffness(pliant_submesh *submesh, int32_t tet, double out[
     int32_t size = 3 * submesh->num_nodes;
     double a[144], *phi = submesh->work, *z = phi + (size_t)size * 12, *modes = z + (size_t)size * 12;
     average_rows(submesh, tet, phi, a);
-    rigid_modes(submesh, modes);
-    if (!factor_with_rigid_term(submesh, modes)) return false;
+    if (!pliant_submesh_factor(submesh, modes)) return false;
     memcpy(z, phi, (size_t)size * 12 * sizeof *z);
     pliant_dense_cholesky_solve(size, submesh->square, 12, z);
     double matrix[324] = {0}, right[216] = {0};
@@ -333,6 +332,16 @@ static void keep_one(const homogenization *work, int32_t tet, double out[144])
     work->system->grounded[tet] = before->grounded[tet];
 }
 
+pliant_status pliant_averaged_tet(pliant_submesh *submesh, int32_t tet, bool grounded, double out[144], bool *linear)
+{
+    *linear = grounded || !averaged_stiffness(submesh, tet, out) || !is_semidefinite(out);
+    if (!*linear) return PLIANT_OK;
+    galerkin_stiffness(submesh, tet, out);
+    if (is_semidefinite(out)) return PLIANT_OK;
+    return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness in coarse tetrahedron %d is not positive semidefinite; Young's moduli must "
+                                             "be positive, and Poisson's ratios between -1 and 0.5", tet);
+}
+
 static pliant_status homogenize_one(homogenization *work, pliant_submesh *submesh, int32_t tet)
 {
     const pliant_submesh_lists *lists = work->lists;
@@ -357,17 +366,14 @@ static pliant_status homogenize_one(homogenization *work, pliant_submesh *submes
         return pliant_fail(PLIANT_ERROR_NUMERIC, "schur: the submesh of coarse tetrahedron %d cannot be condensed on its corners to a "
                                                  "positive semidefinite stiffness; use averaged", tet);
     }
-    bool made = !fixed && (work->calibrated ? calibrated_stiffness(submesh, tet, out) : averaged_stiffness(submesh, tet, out));
-    if (made && is_semidefinite(out)) return PLIANT_OK;
-    galerkin_stiffness(submesh, tet, out);
-    if (!is_semidefinite(out))
-        return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness in coarse tetrahedron %d is not positive semidefinite; Young's moduli must "
-                                                 "be positive, and Poisson's ratios between -1 and 0.5", tet);
-    if (!fixed) {
+    bool linear;
+    if (work->calibrated && !fixed && calibrated_stiffness(submesh, tet, out) && is_semidefinite(out)) return PLIANT_OK;
+    status = pliant_averaged_tet(submesh, tet, fixed || work->calibrated, out, &linear);
+    if (status == PLIANT_OK && linear && !fixed) {
 #pragma omp atomic
         work->galerkin++;
     }
-    return PLIANT_OK;
+    return status;
 }
 
 /* The corners of a grounded element may move in ways that its free fine nodes do not feel: there it stays, by this part of

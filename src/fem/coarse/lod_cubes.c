@@ -46,7 +46,7 @@ int lod_interpolation(const lod_builder *lod, int32_t fine_node, int32_t nodes[4
     for (int v = 0; v < 4; v++) {
         double weight = upsample->weights[4 * (size_t)fine_node + (size_t)v];
         if (fabs(weight) < 1e-9) continue; /* nested: zero, or at least one over the ratio */
-        nodes[count] = lod->system->mesh->tets[4 * upsample->coarse_tet[fine_node] + v];
+        nodes[count] = upsample->node[4 * (size_t)fine_node + (size_t)v];
         weights[count++] = weight;
     }
     return count;

@@ -112,7 +112,7 @@ static pliant_status make_room(pliant_submesh *submesh)
     pliant_free(submesh->work);
     pliant_free(submesh->square);
     submesh->stiffness = pliant_calloc(size * size, sizeof *submesh->stiffness);
-    submesh->work = pliant_calloc(size * 32, sizeof *submesh->work);
+    submesh->work = pliant_calloc(size * PLIANT_SUBMESH_COLUMNS, sizeof *submesh->work);
     submesh->square = pliant_calloc(size * size, sizeof *submesh->square);
     submesh->room = submesh->stiffness && submesh->work && submesh->square ? submesh->num_nodes : 0;
     return submesh->room ? PLIANT_OK : pliant_fail_memory("a submesh");
@@ -137,6 +137,30 @@ pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, con
     return status;
 }
 
+const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, const pliant_cube *cube, pliant_cube_shape *room)
+{
+    const pliant_mesh *fine = submesh->fine;
+    int parity = pliant_cell_parity(fine, fine->lattice_of_tet[cube->tet[0]] / 5);
+    if (fine->num_moved == 0) return submesh->shapes + parity;
+    pliant_cube_integrate(fine, cube, parity, room);
+    return room;
+}
+
+static void assemble_cube(pliant_submesh *submesh, const pliant_cube *cube)
+{
+    const size_t size = 3 * (size_t)submesh->num_nodes;
+    double k[576];
+    pliant_cube_shape room;
+    const pliant_cube_shape *shape = pliant_submesh_shape(submesh, cube, &room);
+    double bulk = pliant_cube_deviatoric(shape, cube, submesh->material, k);
+    for (int a = 0; a < 24; a++)
+        for (int b = 0; b < 24; b++) {
+            size_t row = 3 * (size_t)submesh->local_of[cube->node[a / 3]] + (size_t)(a % 3);
+            submesh->stiffness[size * row + 3 * (size_t)submesh->local_of[cube->node[b / 3]] + (size_t)(b % 3)] +=
+                k[24 * a + b] + bulk * shape->mean[a] * shape->mean[b];
+        }
+}
+
 void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material *everywhere)
 {
     const pliant_mesh *fine = submesh->fine;
@@ -146,6 +170,11 @@ void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material 
         const int32_t *nodes = fine->tets + 4 * submesh->tets[t];
         const pliant_tet_material *material = everywhere ? everywhere : submesh->material + submesh->tets[t];
         double element[144];
+        if (submesh->cubes && submesh->cube_of_tet[submesh->tets[t]] >= 0) {
+            const pliant_cube *cube = submesh->cubes + submesh->cube_of_tet[submesh->tets[t]];
+            if (cube->tet[0] == submesh->tets[t]) assemble_cube(submesh, cube);
+            continue;
+        }
         pliant_tet_stiffness(fine, submesh->tets[t], material, element);
         for (int a = 0; a < 12; a++)
             for (int b = 0; b < 12; b++) {

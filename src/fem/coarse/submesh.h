@@ -2,7 +2,7 @@
 #ifndef PLIANT_FEM_COARSE_SUBMESH_H
 #define PLIANT_FEM_COARSE_SUBMESH_H
 
-#include "fem/system.h"
+#include "fem/element/hexahedra.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -20,6 +20,8 @@ pliant_status pliant_submesh_list(const pliant_mesh *fine, const int32_t *coarse
                                   pliant_submesh_lists *out);
 void pliant_submesh_lists_free(pliant_submesh_lists *lists);
 
+enum { PLIANT_SUBMESH_COLUMNS = 44 };
+
 typedef struct pliant_submesh {
     const pliant_mesh *fine, *coarse;
     const uint8_t *fixed;                /* (fine nodes) */
@@ -30,8 +32,13 @@ typedef struct pliant_submesh {
     int32_t *local_of;   /* (fine nodes) or -1 */
     int32_t *slot;       /* (num_nodes) room for a second numbering */
     const int32_t *tets; /* (num_tets) fine tetrahedra */
+    /* Nullable: hexahedra of the fine mesh, in place of their tetrahedra; cube_of_tet: (fine tetrahedra) or -1. Who loads a list that holds
+     * a part of one alone sets them to NULL before. */
+    const pliant_cube *cubes;
+    const int32_t *cube_of_tet;
+    const pliant_cube_shape *shapes;     /* (2) by parity; of meshes with moved nodes room for one that is made anew */
     double *stiffness;   /* (3 num_nodes x 3 num_nodes) */
-    double *work;        /* (3 room x 32) */
+    double *work;        /* (3 room x PLIANT_SUBMESH_COLUMNS) */
     double *square;      /* (3 room x 3 room) */
 } pliant_submesh;
 
@@ -45,7 +52,18 @@ pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, con
 void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material *everywhere);
 /* The node of it, by its number there, at a corner of the coarse tetrahedron; -1: none */
 int32_t pliant_submesh_corner(const pliant_submesh *submesh, int32_t tet, int corner);
+/* of a hexahedron of it; room: for a shape of its own */
+const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, const pliant_cube *cube, pliant_cube_shape *room);
 bool pliant_submesh_has_fixed(const pliant_submesh *submesh);
+
+/* ---- homogenize.c */
+/* Its stiffness with a stiff term on its six rigid modes, factored into square: for loads without resultant the answer is that of any six
+ * supports. modes: (3 num_nodes x 6) out. False: it falls apart. */
+bool pliant_submesh_factor(pliant_submesh *submesh, double *modes);
+
+/* Of a coarse tetrahedron whose list is loaded; grounded: K of its corners with fixed nodes held. *linear: its corners are
+ * followed linearly, since it falls apart. Errors: NUMERIC. */
+pliant_status pliant_averaged_tet(pliant_submesh *submesh, int32_t tet, bool grounded, double out[144], bool *linear);
 
 #ifdef __cplusplus
 }

@@ -5,12 +5,13 @@
 #include "fem/system.h"
 #include "pliant/memory.h"
 
+#include <math.h>
 #include <string.h>
 
 void pliant_upsample_free(pliant_upsample *upsample)
 {
     if (!upsample) return;
-    pliant_free(upsample->coarse_tet);
+    pliant_free(upsample->node);
     pliant_free(upsample->weights);
     pliant_free(upsample->start);
     pliant_free(upsample->entry_tet);
@@ -19,26 +20,90 @@ void pliant_upsample_free(pliant_upsample *upsample)
     pliant_free(upsample);
 }
 
+/* (fine nodes) a coarse element that each lies in: any serves, the interpolation is continuous: the first one */
+static int32_t *owners_of(const pliant_mesh *fine, const int32_t *element_of_fine)
+{
+    int32_t *owner = pliant_calloc((size_t)fine->num_nodes, sizeof *owner);
+    if (owner) memset(owner, 0xff, (size_t)fine->num_nodes * sizeof *owner);
+    for (int32_t v = 0; owner && v < 4 * fine->num_tets; v++)
+        if (owner[fine->tets[v]] < 0) owner[fine->tets[v]] = element_of_fine[v / 4];
+    return owner;
+}
+
 pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine, const pliant_kept *kept)
 {
     const pliant_mesh *fine = system->fine, *coarse = system->mesh;
     pliant_upsample *upsample = system->upsample = pliant_calloc(1, sizeof *upsample);
     if (!upsample) return pliant_fail_memory("the upsampling");
-    upsample->coarse_tet = pliant_calloc((size_t)fine->num_nodes, sizeof *upsample->coarse_tet);
+    int32_t *owner = owners_of(fine, coarse_of_fine);
+    upsample->corners = 4;
+    upsample->node = pliant_calloc((size_t)fine->num_nodes, 4 * sizeof *upsample->node);
     upsample->weights = pliant_calloc((size_t)fine->num_nodes, 4 * sizeof *upsample->weights);
-    if (!upsample->coarse_tet || !upsample->weights) return pliant_fail_memory("the upsampling");
-    /* any coarse tetrahedron that holds the node serves, the interpolation is continuous: the first one */
-    memset(upsample->coarse_tet, 0xff, (size_t)fine->num_nodes * sizeof *upsample->coarse_tet);
-    for (int32_t v = 0; v < 4 * fine->num_tets; v++)
-        if (upsample->coarse_tet[fine->tets[v]] < 0) upsample->coarse_tet[fine->tets[v]] = coarse_of_fine[v / 4];
+    if (!owner || !upsample->node || !upsample->weights) {
+        pliant_free(owner);
+        return pliant_fail_memory("the upsampling");
+    }
     const pliant_system *before = kept ? kept->before->system : NULL;
     for (int32_t n = 0; n < fine->num_nodes; n++) {
-        const int32_t tet = upsample->coarse_tet[n];
-        const bool same = before && n < before->fine->num_nodes && before->upsample->coarse_tet[n] == tet && kept->coarse[tet] &&
+        const int32_t *nodes = coarse->tets + 4 * owner[n];
+        memcpy(upsample->node + 4 * n, nodes, 4 * sizeof *nodes);
+        const bool same = before && n < before->fine->num_nodes && memcmp(before->upsample->node + 4 * n, nodes, 4 * sizeof *nodes) == 0 &&
                           memcmp(before->fine->rest + 3 * n, fine->rest + 3 * n, 3 * sizeof *fine->rest) == 0;
         if (same) memcpy(upsample->weights + 4 * n, before->upsample->weights + 4 * n, 4 * sizeof *upsample->weights);
-        else pliant_mesh_barycentric(coarse, tet, fine->rest + 3 * n, upsample->weights + 4 * n);
+        else pliant_mesh_barycentric(coarse, owner[n], fine->rest + 3 * n, upsample->weights + 4 * n);
     }
+    pliant_free(owner);
+    return PLIANT_OK;
+}
+
+void pliant_trilinear_weights(const pliant_system *system, int32_t cell, const double *point, double weights[8])
+{
+    const pliant_mesh *mesh = system->mesh, *fine = system->fine;
+    const int32_t at[3] = {cell % mesh->cells[0], cell / mesh->cells[0] % mesh->cells[1], cell / mesh->cells[0] / mesh->cells[1]};
+    double along[3];
+    for (int d = 0; d < 3; d++) {
+        double sum = 0, finer = (double)fine->cells[d] / mesh->cells[d];
+        for (int r = 0; r < 3; r++) sum += mesh->direction[3 * r + d] * (point[r] - mesh->corner[r]);
+        along[d] = sum / mesh->cell_size[d] - at[d];
+        double nearest = round(finer * along[d]) / finer;
+        if (fabs(along[d] - nearest) < 1e-6) along[d] = nearest;
+    }
+    for (int v = 0; v < 8; v++) {
+        weights[v] = 1;
+        for (int d = 0; d < 3; d++) weights[v] *= v >> d & 1 ? along[d] : 1 - along[d];
+    }
+}
+
+pliant_status pliant_upsample_trilinear(pliant_system *system, const int32_t *element_of_fine)
+{
+    const pliant_mesh *fine = system->fine;
+    const pliant_macros *macros = system->macros;
+    pliant_upsample *upsample = system->upsample = pliant_calloc(1, sizeof *upsample);
+    if (!upsample) return pliant_fail_memory("the upsampling");
+    int32_t *owner = owners_of(fine, element_of_fine);
+    upsample->corners = 8;
+    upsample->node = pliant_calloc((size_t)fine->num_nodes, 8 * sizeof *upsample->node);
+    upsample->weights = pliant_calloc((size_t)fine->num_nodes, 8 * sizeof *upsample->weights);
+    if (!owner || !upsample->node || !upsample->weights) {
+        pliant_free(owner);
+        return pliant_fail_memory("the upsampling");
+    }
+    for (int32_t n = 0; n < fine->num_nodes; n++) {
+        const int32_t element = owner[n], *nodes = macros->node + macros->start[element], corners = macros->start[element + 1] - macros->start[element];
+        double *weights = upsample->weights + 8 * (size_t)n, gradients[12];
+        for (int v = 0; v < 8; v++) upsample->node[8 * (size_t)n + (size_t)v] = nodes[v % corners];
+        if (corners == 8) {
+            pliant_trilinear_weights(system, macros->cell[element], fine->rest + 3 * n, weights);
+            continue;
+        }
+        memcpy(gradients, macros->gradient + 24 * (size_t)element, sizeof gradients); /* beside a cut: a tetrahedron */
+        const double *origin = system->mesh->rest + 3 * nodes[0];
+        for (int v = 0; v < 4; v++) {
+            weights[v] = v == 0;
+            for (int d = 0; d < 3; d++) weights[v] += gradients[3 * v + d] * (fine->rest[3 * n + d] - origin[d]);
+        }
+    }
+    pliant_free(owner);
     return PLIANT_OK;
 }
 
@@ -90,10 +155,11 @@ void pliant_upsample_positions(const pliant_system *system, const double *solved
         if (upsample->still && upsample->still[n] == PLIANT_FIXED_AT_REST) {
             memcpy(sum, rest, sizeof sum);
         } else if (!upsample->start) {
-            const int32_t *nodes = system->mesh->tets + 4 * upsample->coarse_tet[n];
-            for (int v = 0; v < 4; v++)
+            const size_t corners = (size_t)upsample->corners;
+            const int32_t *nodes = upsample->node + corners * n;
+            for (size_t v = 0; v < corners; v++)
                 for (int d = 0; d < 3; d++)
-                    sum[d] += upsample->weights[4 * n + v] * (solved[3 * nodes[v] + d] - system->mesh->rest[3 * nodes[v] + d]);
+                    sum[d] += upsample->weights[corners * n + v] * (solved[3 * nodes[v] + d] - system->mesh->rest[3 * nodes[v] + d]);
             for (int d = 0; d < 3; d++) sum[d] += rest[d]; /* displacements: exactly at rest when the coarse nodes are */
         } else {
             for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) {
@@ -129,8 +195,8 @@ void pliant_upsample_weights(const pliant_system *system, const double *solved, 
         } else if (upsample->still && upsample->still[n] != PLIANT_MOVES) {
             continue;
         } else if (!upsample->start) {
-            for (int v = 0; v < 4; v++)
-                add_block(system, system->mesh->tets[4 * upsample->coarse_tet[n] + v], weights[h] * upsample->weights[4 * n + v], NULL, dense);
+            const size_t corners = (size_t)upsample->corners, first = corners * (size_t)n;
+            for (size_t v = first; v < first + corners; v++) add_block(system, upsample->node[v], weights[h] * upsample->weights[v], NULL, dense);
         } else {
             for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) {
                 int32_t tet = upsample->entry_tet[e];

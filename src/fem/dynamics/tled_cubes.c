@@ -49,7 +49,7 @@ double pliant_tled_cube_mean(const pliant_mesh *mesh, const pliant_cube *cube, c
 
 static pliant_status allocate(const pliant_mesh *mesh, pliant_tled_cubes *cubes)
 {
-    pliant_status status = pliant_cubes_find(mesh, &cubes->cube, &cubes->count);
+    pliant_status status = pliant_cubes_find(mesh, true, &cubes->cube, &cubes->count);
     if (status != PLIANT_OK) return status;
     cubes->num_blocks = (cubes->count + LANES - 1) / LANES;
     cubes->num_tets = mesh->num_tets - 5 * cubes->count;

@@ -18,12 +18,7 @@ enum { CORNERS = 8, UNKNOWNS = 24, POINTS = 3 };
 /* Tissue that fills a part of a cube alone leaves the rest this part of its stiffness (finite cell method: Parvizian, Duester, Rank 2007). */
 static const double filler = 1e-3;
 
-/* what K of a cube of one shape is made of: of every slot the integral of 2 e : e - 2/3 div^2, its volume; b */
-typedef struct cube_shape {
-    double deviatoric[5][UNKNOWNS * UNKNOWNS], volume[5], mean[UNKNOWNS];
-} cube_shape;
-
-static int parity_of(const pliant_mesh *mesh, int32_t cell)
+int pliant_cell_parity(const pliant_mesh *mesh, int32_t cell)
 {
     int32_t nx = mesh->cells[0], ny = mesh->cells[1];
     return (cell % nx + cell / nx % ny + cell / nx / ny) & 1;
@@ -46,7 +41,7 @@ static void list_tets(const pliant_mesh *mesh, int32_t *first, int32_t *next, in
 static bool is_whole(const pliant_mesh *mesh, int32_t cell, int32_t first, const int32_t *next, pliant_cube *out)
 {
     memset(out, 0xff, sizeof *out);
-    int parity = parity_of(mesh, cell);
+    int parity = pliant_cell_parity(mesh, cell);
     for (int32_t t = first; t >= 0; t = next[t]) {
         int slot = mesh->lattice_of_tet[t] % 5, corners[4];
         if (out->tet[slot] >= 0) return false;
@@ -75,7 +70,7 @@ static bool is_box(const pliant_mesh *mesh, const pliant_cube *cube)
     return true;
 }
 
-pliant_status pliant_cubes_find(const pliant_mesh *mesh, pliant_cube **out, int32_t *count)
+pliant_status pliant_cubes_find(const pliant_mesh *mesh, bool boxes, pliant_cube **out, int32_t *count)
 {
     const size_t cells = (size_t)mesh->cells[0] * mesh->cells[1] * mesh->cells[2];
     int32_t *first = pliant_calloc(cells, sizeof *first), *tets = pliant_calloc(cells, sizeof *tets);
@@ -85,7 +80,7 @@ pliant_status pliant_cubes_find(const pliant_mesh *mesh, pliant_cube **out, int3
     pliant_status status = first && tets && next && *out ? PLIANT_OK : pliant_fail_memory("the hexahedra");
     if (status == PLIANT_OK) list_tets(mesh, first, next, tets);
     for (int32_t cell = 0; status == PLIANT_OK && (size_t)cell < cells; cell++)
-        if (tets[cell] == 5 && is_whole(mesh, cell, first[cell] - 1, next, *out + *count) && is_box(mesh, *out + *count)) ++*count;
+        if (tets[cell] == 5 && is_whole(mesh, cell, first[cell] - 1, next, *out + *count) && (!boxes || is_box(mesh, *out + *count))) ++*count;
     pliant_free(first);
     pliant_free(tets);
     pliant_free(next);
@@ -98,8 +93,7 @@ pliant_status pliant_cubes_find(const pliant_mesh *mesh, pliant_cube **out, int3
 
 /* ---- stiffness */
 
-/* gradients of the eight shape functions at a point of the cube [0, 1]^3; the determinant of the map */
-static double gradients_at(double x[CORNERS][3], const double at[3], double gradient[CORNERS][3])
+double pliant_cube_gradients(double x[CORNERS][3], const double at[3], double gradient[CORNERS][3])
 {
     double local[CORNERS][3], j[9], inverse[9];
     memset(j, 0, sizeof j);
@@ -154,14 +148,14 @@ static void integrate_slot(double x[CORNERS][3], const int corners[4], double *d
         for (int c = 0; c < 4; c++)
             for (int d = 0; d < 3; d++) at[d] += b[c] * corner[c][d];
         double part = weight[p % POINTS] * weight[p / POINTS % POINTS] * weight[p / POINTS / POINTS] * (1 - u) * (1 - u) * (1 - v) * six;
-        part *= fabs(gradients_at(x, at, gradient));
+        part *= fabs(pliant_cube_gradients(x, at, gradient));
         add_deviatoric(gradient, part, deviatoric);
         *volume += part;
         for (int i = 0; i < UNKNOWNS; i++) mean[i] += part * gradient[i / 3][i % 3];
     }
 }
 
-static void integrate_shape(const pliant_mesh *mesh, const pliant_cube *cube, int parity, cube_shape *out)
+void pliant_cube_integrate(const pliant_mesh *mesh, const pliant_cube *cube, int parity, pliant_cube_shape *out)
 {
     double x[CORNERS][3], whole = 0;
     memset(out, 0, sizeof *out);
@@ -189,7 +183,7 @@ void pliant_cube_moduli(const pliant_cube *cube, const double volume[5], const p
     }
 }
 
-static void stiffness_of(const cube_shape *shape, const pliant_cube *cube, const pliant_tet_material *material, double *out)
+double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube *cube, const pliant_tet_material *material, double *out)
 {
     double lambda[5], mu[5], bulk = 0;
     pliant_cube_moduli(cube, shape->volume, material, lambda, mu);
@@ -198,6 +192,12 @@ static void stiffness_of(const cube_shape *shape, const pliant_cube *cube, const
         bulk += shape->volume[slot] * (lambda[slot] + 2.0 / 3 * mu[slot]);
         for (int i = 0; i < UNKNOWNS * UNKNOWNS; i++) out[i] += mu[slot] * shape->deviatoric[slot][i];
     }
+    return bulk;
+}
+
+static void stiffness_of(const pliant_cube_shape *shape, const pliant_cube *cube, const pliant_tet_material *material, double *out)
+{
+    double bulk = pliant_cube_deviatoric(shape, cube, material, out);
     for (int i = 0; i < UNKNOWNS; i++)
         for (int j = 0; j < UNKNOWNS; j++) out[UNKNOWNS * i + j] += bulk * shape->mean[i] * shape->mean[j];
 }
@@ -215,7 +215,7 @@ static pliant_status keep_root(pliant_macros *macros, int32_t element, int32_t u
     return PLIANT_OK;
 }
 
-static pliant_status add_hexahedron(const pliant_tet_material *material, const pliant_cube *cube, const cube_shape *shape, pliant_macros *macros,
+static pliant_status add_hexahedron(const pliant_tet_material *material, const pliant_cube *cube, const pliant_cube_shape *shape, pliant_macros *macros,
                                     int32_t element)
 {
     double k[UNKNOWNS * UNKNOWNS], shear = 0;
@@ -255,16 +255,16 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
 {
     const pliant_mesh *mesh = system->mesh;
     pliant_macros *macros = system->macros;
-    cube_shape *shape = pliant_calloc(2, sizeof *shape); /* by parity: all cubes of a lattice without moved nodes are alike */
+    pliant_cube_shape *shape = pliant_calloc(2, sizeof *shape); /* by parity: all cubes of a lattice without moved nodes are alike */
     bool known[2] = {false, false};
     pliant_status status = shape ? PLIANT_OK : pliant_fail_memory("the hexahedra");
     int32_t element = 0, corner = 0;
     for (int32_t cell = 0; status == PLIANT_OK && cell < cells; cell++) {
-        int parity = parity_of(mesh, cell);
+        int parity = pliant_cell_parity(mesh, cell);
         pliant_cube cube;
         if (whole[cell]) {
             is_whole(mesh, cell, first[cell] - 1, next, &cube);
-            if (!known[parity] || mesh->num_moved > 0) integrate_shape(mesh, &cube, parity, &shape[parity]);
+            if (!known[parity] || mesh->num_moved > 0) pliant_cube_integrate(mesh, &cube, parity, &shape[parity]);
             known[parity] = true;
             status = add_hexahedron(material, &cube, &shape[parity], macros, element);
             memcpy(macros->node + corner, cube.node, sizeof cube.node);
@@ -309,6 +309,26 @@ pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_ma
     pliant_free(next);
     pliant_free(whole);
     return status;
+}
+
+pliant_status pliant_hexahedra_of_tets(const pliant_mesh *mesh, const pliant_macros *macros, int32_t **out)
+{
+    int32_t *next = pliant_calloc((size_t)mesh->cells[0] * mesh->cells[1] * mesh->cells[2], sizeof *next);
+    int32_t *element = *out = pliant_calloc((size_t)mesh->num_tets, sizeof *element);
+    if (!next || !element) {
+        pliant_free(next);
+        pliant_free(element);
+        *out = NULL;
+        return pliant_fail_memory("the hexahedra");
+    }
+    for (int32_t e = macros->count - 1; e >= 0; e--) next[macros->cell[e]] = e;
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        int32_t cell = mesh->lattice_of_tet[t] / 5;
+        element[t] = next[cell];
+        next[cell] += macros->start[next[cell] + 1] - macros->start[next[cell]] == 4; /* the tetrahedra of a cube are in their own order */
+    }
+    pliant_free(next);
+    return PLIANT_OK;
 }
 
 pliant_status pliant_system_cubes(pliant_system *system)

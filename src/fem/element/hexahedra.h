@@ -1,8 +1,8 @@
-/* Whole cubes of a lattice, which are hexahedra (hexahedra.c): for explicit dynamics. */
+/* Whole cubes of a lattice, which are hexahedra (hexahedra.c): for explicit dynamics, and for coarse cubes that are made of them. */
 #ifndef PLIANT_FEM_ELEMENT_HEXAHEDRA_H
 #define PLIANT_FEM_ELEMENT_HEXAHEDRA_H
 
-#include "state/model.h"
+#include "fem/system.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -13,8 +13,22 @@ typedef struct pliant_cube {
     int32_t tet[5], node[8];
 } pliant_cube;
 
-/* Cubes whose five tetrahedra meet at eight nodes, and that are boxes, ascending: *out (*count). Errors: MEMORY. */
-pliant_status pliant_cubes_find(const pliant_mesh *mesh, pliant_cube **out, int32_t *count);
+/* What K of a cube of one shape is made of: of every slot the integral of 2 e : e - 2/3 div^2, its volume; b, the mean of the gradients */
+typedef struct pliant_cube_shape {
+    double deviatoric[5][576], volume[5], mean[24];
+} pliant_cube_shape;
+
+/* Cubes whose five tetrahedra meet at eight nodes, ascending: *out (*count). boxes: only those that no moved node bends. Errors: MEMORY. */
+pliant_status pliant_cubes_find(const pliant_mesh *mesh, bool boxes, pliant_cube **out, int32_t *count);
+/* parity: of its cell */
+void pliant_cube_integrate(const pliant_mesh *mesh, const pliant_cube *cube, int parity, pliant_cube_shape *out);
+/* Gradients of the eight shape functions at a point of the cube [0, 1]^3, x its corners; returns the determinant of the map. */
+double pliant_cube_gradients(double x[8][3], const double at[3], double gradient[8][3]);
+/* K without its change of volume: out (24 x 24). Returns k, of which K has k b b' more. */
+double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube *cube, const pliant_tet_material *material, double *out);
+int pliant_cell_parity(const pliant_mesh *mesh, int32_t cell);
+/* (num_tets of the mesh) macro-element that each tetrahedron is, or is part of. Errors: MEMORY. */
+pliant_status pliant_hexahedra_of_tets(const pliant_mesh *mesh, const pliant_macros *macros, int32_t **out);
 /* Moduli of its tetrahedra: what is without tissue keeps a small part of what the others have. */
 void pliant_cube_moduli(const pliant_cube *cube, const double volume[5], const pliant_tet_material *material, double lambda[5], double mu[5]);
 

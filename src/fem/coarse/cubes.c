@@ -1,0 +1,457 @@
+/* A 24 x 24 stiffness for every coarse cube from the fine elements in it: what averages in place of points are for tetrahedra (NUMERICS 2).
+ *
+ * The 18 stresses tau that a trilinear cube of homogeneous tissue has, with one change of volume, times the part of tissue, make loads
+ * Phi = sum over the fine elements of int B' tau. Where K is the fine stiffness with a free boundary and P the trilinear map from the corners, the
+ * cube has the least energy that fine displacements u with Phi'u = Phi'P u_c can have:
+ *     H = Phi' K^-1 Phi,   K_c = (Phi'P)' H^-1 (Phi'P).
+ * It passes the patch test, is never stiffer than P'KP, and of homogeneous tissue about the hexahedron of the coarse cube. Stresses that are in
+ * balance (Pian and Tong, Int. J. Numer. Meth. Engng 22:173, 1986) are as good between soft and stiff; with them a beam of three cubes sags 2 % less.
+ *
+ * A cube with fixed fine nodes that do not lean on fixed corners alone is grounded (NUMERICS 7.1): P'KP with these nodes held, one change of volume
+ * in all, R = I; so, but for the last, are cubes whose fine elements fall apart. Beside a cut, where cubes are not whole, there are tetrahedra. */
+#include "base/fail.h"
+#include "base/threads.h"
+#include "fem/coarse/submesh.h"
+#include "fem/linear/dense.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { MODES = 18, UNKNOWNS = 24, CORNERS = 8 };
+
+typedef struct cube_work {
+    pliant_system *system;
+    const pliant_tet_material *material;
+    const uint8_t *fixed;            /* (fine nodes) */
+    int32_t *element_of_tet;         /* (coarse tetrahedra) */
+    int32_t *element_of_fine;        /* (fine tetrahedra) */
+    int32_t *tet_of_element;         /* (elements) a coarse tetrahedron of it */
+    pliant_cube *cubes;              /* whole ones of the fine mesh */
+    int32_t *cube_of_tet;            /* (fine tetrahedra) or -1 */
+    pliant_cube_shape *shapes;       /* (2) by parity */
+    pliant_submesh_lists lists;      /* fine tetrahedra by element */
+    int32_t linear;                  /* elements that fall apart */
+} cube_work;
+
+/* what a thread needs besides its submesh */
+typedef struct cube_room {
+    double *weights;  /* (nodes x 8) P */
+    double *local;    /* (nodes x 3) in [-1, 1] along the lattice */
+    int32_t nodes;
+} cube_room;
+
+/* ---- stresses */
+
+/* tau of a mode at a point y in [-1, 1]^3 of a cube of this size, in the axes of the lattice: six that are constant, then what a displacement
+ * u_i = xy, yz, xz or xyz has without its change of volume */
+static void mode_at(int mode, const double y[3], const double size[3], double tau[3][3])
+{
+    memset(tau, 0, 9 * sizeof tau[0][0]);
+    if (mode < 6) {
+        const int a = mode % 3, b = mode < 3 ? a : (a + 1) % 3;
+        tau[a][b] = tau[b][a] = 1;
+        return;
+    }
+    static const int factors[4] = {3, 6, 5, 7};
+    const int i = (mode - 6) / 4, factor = factors[(mode - 6) % 4];
+    for (int d = 0; d < 3; d++) {
+        if (!(factor >> d & 1)) continue;
+        double slope = size[0] / size[d]; /* of no dimension */
+        for (int o = 0; o < 3; o++) slope *= o != d && factor >> o & 1 ? y[o] : 1;
+        tau[i][d] += slope;
+        tau[d][i] += slope;
+        for (int o = 0; d == i && o < 3; o++) tau[o][o] -= 2.0 / 3 * slope;
+    }
+}
+
+/* weight * B' tau of an element with n corners at a point y: gradients in world axes */
+static void add_loads(const pliant_mesh *coarse, const double y[3], double weight, int n, double gradient[][3], const int32_t *local_of, double *phi)
+{
+    const double *direction = coarse->direction;
+    double g[CORNERS][3] = {{0}};
+    for (int v = 0; v < n; v++)
+        for (int d = 0; d < 3; d++)
+            for (int r = 0; r < 3; r++) g[v][d] += weight * direction[3 * r + d] * gradient[v][r];
+    for (int mode = 0; mode < MODES; mode++) {
+        double tau[3][3], turned[3][3] = {{0}};
+        mode_at(mode, y, coarse->cell_size, tau);
+        for (int r = 0; r < 3; r++)
+            for (int d = 0; d < 3; d++)
+                for (int e = 0; e < 3; e++) turned[r][d] += direction[3 * r + e] * tau[e][d];
+        for (int v = 0; v < n; v++)
+            for (int r = 0; r < 3; r++)
+                phi[MODES * (3 * (size_t)local_of[v] + (size_t)r) + (size_t)mode] += turned[r][0] * g[v][0] + turned[r][1] * g[v][1] + turned[r][2] * g[v][2];
+    }
+}
+
+/* the part of tissue, so that air beside it does not set the average (NUMERICS 2) */
+static double share_of(const pliant_tet_material *material) { return material->tissue + 1e-3; }
+
+static void cube_loads(const pliant_submesh *submesh, const cube_room *room, const pliant_cube *cube, double *phi)
+{
+    const double inset = 0.5 - 0.5 / sqrt(3);
+    double x[CORNERS][3], share = 0;
+    int32_t local_of[CORNERS];
+    for (int v = 0; v < CORNERS; v++) {
+        memcpy(x[v], submesh->fine->rest + 3 * cube->node[v], sizeof x[v]);
+        local_of[v] = submesh->local_of[cube->node[v]];
+    }
+    for (int slot = 0; slot < 5; slot++) share += (slot == 0 ? 2.0 : 1.0) / 6 * share_of(submesh->material + cube->tet[slot]);
+    for (int p = 0; p < CORNERS; p++) {
+        double at[3], y[3] = {0, 0, 0}, gradient[CORNERS][3];
+        for (int d = 0; d < 3; d++) at[d] = p >> d & 1 ? 1 - inset : inset;
+        double volume = fabs(pliant_cube_gradients(x, at, gradient)) / CORNERS;
+        for (int v = 0; v < CORNERS; v++) {
+            double shape = 1;
+            for (int d = 0; d < 3; d++) shape *= v >> d & 1 ? at[d] : 1 - at[d];
+            for (int d = 0; d < 3; d++) y[d] += shape * room->local[3 * local_of[v] + d];
+        }
+        add_loads(submesh->coarse, y, share * volume, CORNERS, gradient, local_of, phi);
+    }
+}
+
+static void tet_loads(const pliant_submesh *submesh, const cube_room *room, int32_t tet, double *phi)
+{
+    const double far = 0.5854101966249685, near = 0.1381966011250105; /* exact for squares */
+    double flat[12], gradient[4][3], volume = pliant_mesh_gradients(submesh->fine, tet, flat);
+    int32_t local_of[4];
+    memcpy(gradient, flat, sizeof gradient);
+    for (int v = 0; v < 4; v++) local_of[v] = submesh->local_of[submesh->fine->tets[4 * tet + v]];
+    for (int p = 0; p < 4; p++) {
+        double y[3] = {0, 0, 0};
+        for (int v = 0; v < 4; v++)
+            for (int d = 0; d < 3; d++) y[d] += (v == p ? far : near) * room->local[3 * local_of[v] + d];
+        add_loads(submesh->coarse, y, 0.25 * volume * share_of(submesh->material + tet), 4, gradient, local_of, phi);
+    }
+}
+
+/* the hexahedron of a fine tetrahedron, once for its five: NULL elsewhere; *alone: it is in none */
+static const pliant_cube *cube_at(const pliant_submesh *submesh, int32_t tet, bool *alone)
+{
+    int32_t cube = submesh->cube_of_tet[tet];
+    *alone = cube < 0;
+    return *alone || submesh->cubes[cube].tet[0] != tet ? NULL : submesh->cubes + cube;
+}
+
+static void all_loads(const pliant_submesh *submesh, const cube_room *room, double *phi)
+{
+    memset(phi, 0, 3 * MODES * (size_t)submesh->num_nodes * sizeof *phi);
+    for (int32_t t = 0; t < submesh->num_tets; t++) {
+        bool alone;
+        const pliant_cube *cube = cube_at(submesh, submesh->tets[t], &alone);
+        if (cube) cube_loads(submesh, room, cube, phi);
+        else if (alone) tet_loads(submesh, room, submesh->tets[t], phi);
+    }
+}
+
+/* ---- stiffness */
+
+/* root of K_c (at most 18 rows of 24): returns how many rows, 0: the fine elements fall apart */
+static int32_t condense(pliant_submesh *submesh, const cube_room *room, double *root)
+{
+    const int32_t size = 3 * submesh->num_nodes;
+    double *phi = submesh->work, *z = phi + (size_t)size * MODES, *modes = z + (size_t)size * MODES;
+    double h[MODES * MODES] = {0}, g[MODES * UNKNOWNS] = {0}, values[MODES], vectors[MODES * MODES], most = 0;
+    all_loads(submesh, room, phi);
+    if (!pliant_submesh_factor(submesh, modes)) return 0;
+    memcpy(z, phi, (size_t)size * MODES * sizeof *z);
+    pliant_dense_cholesky_solve(size, submesh->square, MODES, z);
+    for (int32_t i = 0; i < size; i++)
+        for (int m = 0; m < MODES; m++) {
+            const double p = phi[(size_t)i * MODES + (size_t)m];
+            for (int n = 0; n < MODES; n++) h[MODES * m + n] += p * z[(size_t)i * MODES + (size_t)n];
+            for (int v = 0; v < CORNERS; v++) g[UNKNOWNS * m + 3 * v + i % 3] += p * room->weights[CORNERS * (size_t)(i / 3) + (size_t)v];
+        }
+    for (int m = 0; m < MODES; m++)
+        for (int n = 0; n < m; n++) h[MODES * m + n] = h[MODES * n + m] = 0.5 * (h[MODES * m + n] + h[MODES * n + m]);
+    pliant_dense_symmetric_eigen(MODES, h, values, vectors);
+    for (int m = 0; m < MODES; m++) most = fmax(most, values[m]);
+    int32_t rank = 0;
+    for (int m = 0; m < MODES; m++) {
+        if (!(values[m] > 1e-10 * most)) continue; /* of a stress that what is there of the cube does not tell from others */
+        double *row = root + UNKNOWNS * rank++;
+        for (int i = 0; i < UNKNOWNS; i++) {
+            row[i] = 0;
+            for (int n = 0; n < MODES; n++) row[i] += vectors[MODES * n + m] * g[UNKNOWNS * n + i];
+            row[i] /= sqrt(values[m]);
+            if (!isfinite(row[i])) return 0;
+        }
+    }
+    return rank;
+}
+
+/* one fine element's part of P'KP without the changes of volume, and of their mean */
+static void add_galerkin(const double *k, int n, const int32_t *local_of, const double *mean, double volume, const double *weights, double *out, double *change)
+{
+    double half[UNKNOWNS * UNKNOWNS] = {0};
+    for (int a = 0; a < 3 * n; a++)
+        for (int b = 0; b < 3 * n; b++)
+            for (int v = 0; v < CORNERS; v++) half[UNKNOWNS * a + 3 * v + b % 3] += k[3 * n * a + b] * weights[CORNERS * local_of[b / 3] + v];
+    for (int a = 0; a < 3 * n; a++)
+        for (int v = 0; v < CORNERS; v++) {
+            const double weight = weights[CORNERS * local_of[a / 3] + v];
+            change[3 * v + a % 3] += volume * mean[a] * weight;
+            for (int i = 0; weight != 0 && i < UNKNOWNS; i++) out[UNKNOWNS * (3 * v + a % 3) + i] += weight * half[UNKNOWNS * a + i];
+        }
+}
+
+static void galerkin(const pliant_submesh *submesh, const cube_room *room, double *out)
+{
+    double change[UNKNOWNS] = {0}, whole = 0, bulk = 0, k[UNKNOWNS * UNKNOWNS];
+    int32_t local_of[CORNERS];
+    memset(out, 0, UNKNOWNS * UNKNOWNS * sizeof *out);
+    for (int32_t t = 0; t < submesh->num_tets; t++) {
+        const int32_t tet = submesh->tets[t];
+        bool alone;
+        const pliant_cube *cube = cube_at(submesh, tet, &alone);
+        double volume = 0, gradients[12];
+        if (cube) {
+            pliant_cube_shape made;
+            const pliant_cube_shape *shape = pliant_submesh_shape(submesh, cube, &made);
+            bulk += pliant_cube_deviatoric(shape, cube, submesh->material, k);
+            for (int slot = 0; slot < 5; slot++) volume += shape->volume[slot];
+            for (int v = 0; v < CORNERS; v++) local_of[v] = submesh->local_of[cube->node[v]];
+            add_galerkin(k, CORNERS, local_of, shape->mean, volume, room->weights, out, change);
+        } else if (alone) {
+            const pliant_tet_material *material = submesh->material + tet;
+            volume = pliant_mesh_gradients(submesh->fine, tet, gradients);
+            bulk += volume * (material->lambda + 2.0 / 3 * material->mu);
+            pliant_element_stiffness(gradients, -2.0 / 3 * volume * material->mu, volume * material->mu, k);
+            for (int v = 0; v < 4; v++) local_of[v] = submesh->local_of[submesh->fine->tets[4 * tet + v]];
+            add_galerkin(k, 4, local_of, gradients, volume, room->weights, out, change);
+        }
+        whole += volume;
+    }
+    for (int i = 0; i < UNKNOWNS; i++)
+        for (int j = 0; j < UNKNOWNS; j++) out[UNKNOWNS * i + j] += bulk * change[i] * change[j] / (whole * whole);
+}
+
+/* ---- one element */
+
+static pliant_status place_nodes(const cube_work *work, const pliant_submesh *submesh, int32_t element, cube_room *room)
+{
+    if (submesh->num_nodes > room->nodes) {
+        room->nodes = 0;
+        pliant_free(room->weights);
+        pliant_free(room->local);
+        room->weights = pliant_calloc((size_t)submesh->num_nodes, CORNERS * sizeof *room->weights);
+        room->local = pliant_calloc((size_t)submesh->num_nodes, 3 * sizeof *room->local);
+        if (!room->weights || !room->local) return pliant_fail_memory("the coarse hexahedra");
+        room->nodes = submesh->num_nodes;
+    }
+    for (int32_t n = 0; n < submesh->num_nodes; n++) {
+        double *weights = room->weights + CORNERS * (size_t)n, *y = room->local + 3 * (size_t)n;
+        pliant_trilinear_weights(work->system, work->system->macros->cell[element], submesh->fine->rest + 3 * submesh->node[n], weights);
+        for (int d = 0; d < 3; d++) {
+            y[d] = -1;
+            for (int v = 0; v < CORNERS; v++) y[d] += v >> d & 1 ? 2 * weights[v] : 0;
+        }
+    }
+    return PLIANT_OK;
+}
+
+static pliant_status keep_root(pliant_macros *macros, int32_t element, int32_t unknowns, int32_t rank, const double *root)
+{
+    const size_t count = (size_t)rank * (size_t)unknowns;
+    macros->rank[element] = rank;
+    if (rank == 0) return PLIANT_OK;
+    if (!(macros->root[element] = pliant_calloc(count, sizeof **macros->root))) return pliant_fail_memory("the coarse hexahedra");
+    for (size_t m = 0; m < count; m++) macros->root[element][m] = (float)root[m];
+    return PLIANT_OK;
+}
+
+static pliant_status make_cube(cube_work *work, pliant_submesh *submesh, cube_room *room, int32_t element)
+{
+    pliant_macros *macros = work->system->macros;
+    double root[UNKNOWNS * UNKNOWNS], k[UNKNOWNS * UNKNOWNS];
+    pliant_status status = place_nodes(work, submesh, element, room);
+    if (status != PLIANT_OK) return status;
+    int32_t rank = macros->grounded[element] ? 0 : condense(submesh, room, root);
+    if (rank > 0) return keep_root(macros, element, UNKNOWNS, rank, root);
+    for (int32_t n = 0; macros->grounded[element] && n < submesh->num_nodes; n++)
+        if (work->fixed[submesh->node[n]]) memset(room->weights + CORNERS * (size_t)n, 0, CORNERS * sizeof *room->weights);
+    galerkin(submesh, room, k);
+    rank = pliant_dense_root(UNKNOWNS, k, root);
+    if (!macros->grounded[element]) {
+#pragma omp atomic
+        work->linear++;
+    }
+    return keep_root(macros, element, UNKNOWNS, rank, root);
+}
+
+static pliant_status make_tet(cube_work *work, pliant_submesh *submesh, int32_t element)
+{
+    pliant_macros *macros = work->system->macros;
+    double k[144], root[144];
+    bool linear;
+    pliant_status status = pliant_averaged_tet(submesh, work->tet_of_element[element], macros->grounded[element], k, &linear);
+    if (status != PLIANT_OK) return status;
+    if (linear && !macros->grounded[element]) {
+#pragma omp atomic
+        work->linear++;
+    }
+    return keep_root(macros, element, 12, pliant_dense_root(12, k, root), root);
+}
+
+static pliant_status make_element(cube_work *work, pliant_submesh *submesh, cube_room *room, int32_t element)
+{
+    const pliant_submesh_lists *lists = &work->lists;
+    pliant_macros *macros = work->system->macros;
+    const int32_t *list = lists->tets + lists->start[element], count = lists->start[element + 1] - lists->start[element];
+    const bool whole = macros->start[element + 1] - macros->start[element] == CORNERS;
+    if (count == 0) return PLIANT_OK; /* of a divided cube, without tissue */
+    submesh->cubes = whole ? work->cubes : NULL;
+    submesh->cube_of_tet = work->cube_of_tet;
+    submesh->shapes = work->shapes;
+    for (int32_t t = 0; t < count; t++) {
+        double gradients[12];
+        macros->shear[element] += pliant_mesh_gradients(submesh->fine, list[t], gradients) * work->material[list[t]].mu;
+    }
+    pliant_status status = pliant_submesh_load(submesh, count, list);
+    if (status != PLIANT_OK) return status;
+    return whole ? make_cube(work, submesh, room, element) : make_tet(work, submesh, element);
+}
+
+static pliant_status make_all(cube_work *work, pliant_progress progress)
+{
+    const pliant_system *system = work->system;
+    pliant_work all = {.what = "homogenization", .stage = "homogenize", .progress = progress, .end = 1, .count = system->macros->count, .interval = 16};
+#pragma omp parallel num_threads(system->num_threads)
+    {
+        pliant_submesh *submesh = NULL;
+        cube_room room = {NULL, NULL, 0};
+        pliant_status status = pliant_submesh_create(system->fine, system->mesh, work->fixed, work->material, work->lists.largest, &submesh);
+#pragma omp for schedule(dynamic, 2)
+        for (int32_t element = 0; element < all.count; element++) {
+            if (status == PLIANT_OK) status = make_element(work, submesh, &room, element);
+            if (status == PLIANT_OK) status = pliant_work_done(&all);
+        }
+        pliant_submesh_free(submesh);
+        pliant_free(room.weights);
+        pliant_free(room.local);
+        pliant_work_leave(&all, status);
+    }
+    return pliant_work_outcome(&all);
+}
+
+/* ---- what is fixed */
+
+/* Elements with fixed fine nodes that do not follow fixed corners alone. */
+static void find_grounded(const cube_work *work, const uint8_t *coarse_fixed)
+{
+    const pliant_system *system = work->system;
+    const pliant_upsample *upsample = system->upsample;
+    pliant_macros *macros = system->macros;
+    for (int32_t v = 0; v < 4 * system->fine->num_tets; v++) {
+        const int32_t node = system->fine->tets[v];
+        for (size_t c = CORNERS * (size_t)node; work->fixed[node] && c < CORNERS * (size_t)node + CORNERS; c++)
+            if (upsample->weights[c] != 0 && !coarse_fixed[upsample->node[c]]) macros->grounded[work->element_of_fine[v / 4]] = 1;
+    }
+    for (int32_t e = 0; e < macros->count; e++) memset(macros->held + macros->start[e], macros->grounded[e], (size_t)(macros->start[e + 1] - macros->start[e]));
+    for (int32_t t = 0; t < system->mesh->num_tets; t++) system->grounded[t] = macros->grounded[work->element_of_tet[t]];
+}
+
+/* The corners of a grounded element may move in ways that its free fine nodes do not feel: there it stays, by this part of the mean stiffness. */
+static pliant_status ground(pliant_macros *macros)
+{
+    const double part = 1e-4;
+    double sum = 0, k[UNKNOWNS * UNKNOWNS], root[UNKNOWNS * UNKNOWNS];
+    for (int32_t e = 0; e < macros->count; e++)
+        for (int32_t m = 0; m < 3 * macros->rank[e] * (macros->start[e + 1] - macros->start[e]); m++)
+            sum += (double)macros->root[e][m] * macros->root[e][m];
+    const double share = part * sum / (3.0 * macros->start[macros->count]);
+    for (int32_t e = 0; e < macros->count; e++) {
+        if (!macros->grounded[e]) continue;
+        const int32_t n = 3 * (macros->start[e + 1] - macros->start[e]);
+        for (int32_t i = 0; i < n; i++)
+            for (int32_t j = 0; j < n; j++) {
+                k[n * i + j] = i == j ? share : 0;
+                for (int32_t m = 0; m < macros->rank[e]; m++) k[n * i + j] += (double)macros->root[e][n * m + i] * macros->root[e][n * m + j];
+            }
+        pliant_free(macros->root[e]);
+        macros->root[e] = NULL;
+        pliant_status status = keep_root(macros, e, n, pliant_dense_root(n, k, root), root);
+        if (status != PLIANT_OK) return status;
+    }
+    return PLIANT_OK;
+}
+
+/* Corners that no stiffness is at: of what a cut has left without tissue. */
+static pliant_status hold_empty(const pliant_system *system, uint8_t *coarse_fixed)
+{
+    const pliant_macros *macros = system->macros;
+    uint8_t *carries = pliant_calloc((size_t)system->mesh->num_nodes, 1);
+    if (!carries) return pliant_fail_memory("the fixed nodes");
+    for (int32_t e = 0; e < macros->count; e++)
+        for (int32_t c = macros->start[e]; macros->rank[e] > 0 && c < macros->start[e + 1]; c++) carries[macros->node[c]] = 1;
+    for (int32_t n = 0; n < system->mesh->num_nodes; n++)
+        if (!carries[n]) coarse_fixed[n] = PLIANT_FIXED_AT_REST;
+    pliant_free(carries);
+    return PLIANT_OK;
+}
+
+/* ---- all of it */
+
+static pliant_status find_fine_cubes(cube_work *work)
+{
+    const pliant_mesh *fine = work->system->fine;
+    int32_t count = 0;
+    bool known[2] = {false, false};
+    pliant_status status = pliant_cubes_find(fine, false, &work->cubes, &count);
+    if (status != PLIANT_OK) return status;
+    work->cube_of_tet = pliant_calloc((size_t)fine->num_tets, sizeof *work->cube_of_tet);
+    work->shapes = pliant_calloc(2, sizeof *work->shapes);
+    if (!work->cube_of_tet || !work->shapes) return pliant_fail_memory("the coarse hexahedra");
+    memset(work->cube_of_tet, 0xff, (size_t)fine->num_tets * sizeof *work->cube_of_tet);
+    for (int32_t c = 0; c < count; c++) {
+        const int parity = pliant_cell_parity(fine, fine->lattice_of_tet[work->cubes[c].tet[0]] / 5);
+        if (!known[parity] && fine->num_moved == 0) pliant_cube_integrate(fine, work->cubes + c, parity, work->shapes + parity);
+        known[parity] = true;
+        for (int slot = 0; slot < 5; slot++) work->cube_of_tet[work->cubes[c].tet[slot]] = c;
+    }
+    return PLIANT_OK;
+}
+
+/* coarse elements without stiffness, and which of them everything belongs to */
+static pliant_status find_elements(cube_work *work, const int32_t *coarse_of_fine)
+{
+    pliant_system *system = work->system;
+    const size_t tets = (size_t)system->mesh->num_tets, fine = (size_t)system->fine->num_tets;
+    pliant_tet_material *none = pliant_calloc(tets, sizeof *none);
+    pliant_status status = none ? pliant_system_hexahedra(system, none) : pliant_fail_memory("the coarse hexahedra");
+    pliant_free(none);
+    if (status == PLIANT_OK) status = pliant_hexahedra_of_tets(system->mesh, system->macros, &work->element_of_tet);
+    if (status != PLIANT_OK) return status;
+    work->element_of_fine = pliant_calloc(fine, sizeof *work->element_of_fine);
+    work->tet_of_element = pliant_calloc((size_t)system->macros->count, sizeof *work->tet_of_element);
+    system->grounded = pliant_calloc(tets, sizeof *system->grounded);
+    if (!work->element_of_fine || !work->tet_of_element || !system->grounded) return pliant_fail_memory("the coarse hexahedra");
+    for (size_t t = 0; t < tets; t++) work->tet_of_element[work->element_of_tet[t]] = (int32_t)t;
+    for (size_t t = 0; t < fine; t++) work->element_of_fine[t] = work->element_of_tet[coarse_of_fine[t]];
+    return PLIANT_OK;
+}
+
+pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
+                                      const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress)
+{
+    cube_work work = {.system = system, .material = fine_material, .fixed = fine_fixed};
+    pliant_status status = find_elements(&work, coarse_of_fine);
+    if (status == PLIANT_OK) status = find_fine_cubes(&work);
+    if (status == PLIANT_OK) status = pliant_submesh_list(fine, work.element_of_fine, system->macros->count, PLIANT_TOUCH_OVERLAP, &work.lists);
+    if (status == PLIANT_OK) status = pliant_upsample_trilinear(system, work.element_of_fine);
+    if (status == PLIANT_OK) {
+        system->upsample->still = fine_fixed;
+        find_grounded(&work, coarse_fixed);
+        status = make_all(&work, progress);
+    }
+    if (status == PLIANT_OK) status = ground(system->macros);
+    if (status == PLIANT_OK) status = hold_empty(system, coarse_fixed);
+    if (status == PLIANT_OK && work.linear > 0)
+        pliant_log(PLIANT_LOG_INFO, "homogenize: %d of %d coarse hexahedra hold loose fragments and follow their corners linearly", work.linear,
+                   system->macros->count);
+    pliant_submesh_lists_free(&work.lists);
+    void *blocks[] = {work.element_of_tet, work.element_of_fine, work.tet_of_element, work.cubes, work.cube_of_tet, work.shapes};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    return status;
+}
