@@ -67,4 +67,26 @@ TEST(Factor, OrderingIsTheSameWhateverOtherThreadsDo)
     EXPECT_EQ(after.sa_handler, before.sa_handler) << "the process is left with somebody else's handler";
 }
 
+// Small matrices, which CHOLMOD factors without supernodes, as large ones.
+TEST(Factor, IsRefusedWhereAPivotIsNotPositive)
+{
+    for (int side : {2, 9}) {
+        const Grid grid(side);
+        const int32_t columns = grid.pattern.num_columns;
+        for (double last : {60.0, -60.0}) {
+            std::vector<double> values(static_cast<size_t>(grid.pattern.num_values), -0.1);
+            for (int32_t column = 0; column < columns; column++) {
+                const int32_t first = grid.start[column], height = grid.start[column + 1] - first;
+                const size_t at = static_cast<size_t>(9 * first - 3 * column);
+                values[at] = values[at + 3 * height] = 60;
+                values[at + 6 * height - 1] = column + 1 < columns ? 60 : last;
+            }
+            pliant_factor *factor = nullptr;
+            ASSERT_EQ(pliant_factor_analyze(&grid.pattern, &factor), PLIANT_OK) << pliant_last_error();
+            EXPECT_EQ(pliant_factor_numeric(factor, values.data()), last > 0 ? PLIANT_OK : PLIANT_ERROR_NUMERIC) << side;
+            pliant_factor_free(factor);
+        }
+    }
+}
+
 } // namespace

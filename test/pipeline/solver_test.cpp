@@ -1,5 +1,5 @@
 // The solve as users meet it: stops, limits, extremes, determinism, memory.
-#include "body.h"
+#include "beam.h"
 
 #include "state/data.h"
 #include "pliant/memory.h"
@@ -396,6 +396,26 @@ TEST(Solver, ExtremesStayFiniteAndComeBack)
         for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++)
             worst = std::fmax(worst, std::fabs(body.data->positions[n] - body.model->body->fine.rest[n]));
         EXPECT_LT(worst, 1e-3) << "after a pull of " << along << " m in " << steps << " steps";
+    }
+}
+
+// At once on the edge of the tip: on the way elements turn inside out, where the exact stiffness is not positive definite.
+TEST(Solver, SevenForcesOnNearlyIncompressibleTissueSettle)
+{
+    for (double poisson : {0.49, 0.499}) {
+        Beam beam(PLIANT_LINEAR, poisson, 3, 0);
+        beam.scene.grasp.radius = 0.002;
+        beam.scene.solver.iterations = 20;
+        beam.scene.solver.tolerance = 1e-3;
+        ASSERT_EQ(beam.build(), PLIANT_OK) << pliant_last_error();
+        for (int t = 0; t < 7; t++) {
+            const double at[3] = {0.005 * t, 0.03, 0.1}, force[3] = {0, 0, -1};
+            int tool;
+            ASSERT_EQ(pliant_tool_add(beam.model, beam.data, std::to_string(t).c_str(), &tool), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_grasp(beam.model, beam.data, tool, at), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_tool_set_drive(beam.data, tool, PLIANT_DRIVE_FORCE, force), PLIANT_OK);
+        }
+        EXPECT_EQ(beam.settle(), PLIANT_OK) << pliant_last_error() << ", residual " << beam.data->statistics.residual;
     }
 }
 

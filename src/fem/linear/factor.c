@@ -220,12 +220,25 @@ pliant_status pliant_factor_clone(const pliant_factor *source, pliant_factor **o
     return PLIANT_OK;
 }
 
+/* CHOLMOD's supernodal factor is L L' and ends where a pivot is not positive; that of small matrices is L D L', which goes on: what it solves
+ * is then no measure of a state. */
+static bool is_positive(const cholmod_factor *l)
+{
+    if (l->is_super || l->is_ll) return true;
+    const int *start = l->p;
+    const double *value = l->x;
+    for (size_t column = 0; column < l->n; column++)
+        if (!(value[start[column]] > 0)) return false;
+    return true;
+}
+
 pliant_status pliant_factor_numeric(pliant_factor *factor, double *values)
 {
     cholmod_sparse view = view_of(factor, values);
     enter_blas();
     cholmod_factorize(&view, factor->cholesky, &factor->common);
     leave_blas();
+    if (factor->common.status == CHOLMOD_OK && !is_positive(factor->cholesky)) factor->common.status = CHOLMOD_NOT_POSDEF;
     pliant_status status = from_cholmod(factor, "factorization");
     return status == PLIANT_OK ? fill_panels(factor) : status;
 }
