@@ -1,9 +1,11 @@
 /* Labels of the voxels around every tetrahedron that a cut passes. */
 #include "base/fail.h"
+#include "base/threads.h"
 #include "pliant/memory.h"
 #include "warp/parts_maker.h"
 
 #include <math.h>
+#include <omp.h>
 
 /* A voxel of another tetrahedron counts to a carrier that so many links lead to: as far as two corners of a cell lie apart. */
 enum { STEPS = 3 };
@@ -285,26 +287,6 @@ static bool make_room(part_maker *work)
     return true;
 }
 
-/* room for a box and its labels; NULL: none */
-uint16_t *pliant_parts_add_box(part_maker *work, int32_t tet, const part_box *box, size_t count, bool by_node, int32_t taken)
-{
-    const size_t first = work->labels.count;
-    if (first + count > INT32_MAX) return NULL;
-    uint16_t *labels = pliant_parts_grow(&work->labels, count);
-    part_box *made = pliant_parts_grow(&work->boxes, 1);
-    int32_t *host = pliant_parts_grow(&work->hosts, 1), *start = pliant_parts_grow(&work->starts, 1);
-    uint8_t *nodes = pliant_parts_grow(&work->by_nodes, 1);
-    int32_t *from = pliant_parts_grow(&work->taken, 1);
-    if (!labels || !made || !host || !start || !nodes || !from) return NULL;
-    *nodes = by_node;
-    *from = taken;
-    *made = *box;
-    made->first = (int32_t)first;
-    *host = tet;
-    *start = work->first_carrier;
-    return labels;
-}
-
 static void write_labels(const part_maker *work, uint16_t *labels)
 {
     const int32_t *size = work->box.size, step[3] = {size[0] > 1, size[1] > 1 ? size[0] : 0, size[2] > 1 ? size[0] * size[1] : 0};
@@ -319,110 +301,258 @@ static void write_labels(const part_maker *work, uint16_t *labels)
     }
 }
 
-static pliant_status make_box(part_maker *work, int32_t tet)
+/* out->maker stays as it is where there is no box */
+static pliant_status make_box(part_maker *work, int32_t tet, const part_box *box, int32_t maker, part_made *out)
 {
     int32_t queued = 0;
     work->tet = tet;
     work->by_node = false;
-    pliant_parts_shape(work, tet, &work->at);
-    pliant_parts_box(work, &work->at, &work->box);
+    work->box = *box;
     if (!make_room(work)) return pliant_parts_no_memory();
-    bool severed = find_severed(work);
-    if (!(severed && find_touched(work)) && work->cut_of[tet] < 0) return PLIANT_OK;
-    if (!severed) find_touched(work);
+    const bool severed = find_severed(work);
+    if (!severed && work->cut_of[tet] < 0) return PLIANT_OK;
+    pliant_parts_shape(work, tet, &work->at);
+    if (!find_touched(work) && work->cut_of[tet] < 0) return PLIANT_OK;
     for (int32_t n = 0; n < work->count; n++) work->label[n] = NO_LABEL;
+    *out = (part_made){.carriers = (int32_t)work->carriers.count, .guests = (int32_t)work->guests.count, .labels = work->labels.count,
+                       .num_labels = work->count, .maker = -1};
     if (!list_fragments(work) || !label_own(work, &queued)) return pliant_parts_no_memory();
     spread(work, queued, STEPS);
     if (!label_others(work)) return pliant_parts_no_memory();
     if (work->num_carriers > PART_MOST_LABELS) return pliant_fail(PLIANT_ERROR_MEMORY, "more than %d fragments meet in one tetrahedron", PART_MOST_LABELS);
-    uint16_t *labels = pliant_parts_add_box(work, tet, &work->box, (size_t)work->count, work->by_node, -1);
+    uint16_t *labels = pliant_parts_grow(&work->labels, (size_t)work->count);
     if (!labels) return pliant_parts_no_memory();
     write_labels(work, labels);
-    return pliant_parts_add_guests(work);
+    const pliant_status status = pliant_parts_add_guests(work);
+    out->maker = maker;
+    out->by_node = work->by_node;
+    out->num_carriers = work->num_carriers;
+    out->num_guests = (int32_t)work->guests.count - out->guests;
+    return status;
 }
 
 /* ---- all of them */
 
-static void find_near(part_maker *work)
+typedef struct parts_work {
+    const pliant_body *body;
+    const pliant_parts *before;    /* Nullable: nothing can be taken from there */
+    part_hosts *hosts;
+    int32_t *cut_of;               /* (tetrahedra at load) */
+    part_changes changes;
+    int32_t *kept;                 /* (tetrahedra at load) box of the parts before; -1: none */
+    int32_t num_anew, *anew;       /* tetrahedra at load, ascending */
+    part_made *made;               /* (num_anew) */
+    int num_makers;
+    part_maker *makers;
+} parts_work;
+
+/* whether a tetrahedron at load, or one that shares a node with it, is in the cuts */
+static bool is_near(const parts_work *all, int32_t tet)
 {
-    const pliant_voxels *voxels = work->voxels;
-    for (int32_t t = 0; t < work->cuts->num_tets; t++) {
-        work->cut_of[work->cuts->tet[t]] = t;
-        for (int v = 0; v < 4; v++) {
-            const int32_t node = load_node(work, work->body->fine.tets[4 * (size_t)work->cuts->tet[t] + v]);
-            for (int32_t a = voxels->around_start[node]; a < voxels->around_start[node + 1]; a++) work->near[voxels->around[a] / 4] = 1;
-        }
+    const pliant_voxels *voxels = all->body->voxels;
+    for (int v = 0; v < 4; v++) {
+        const int32_t node = load_node(all->makers, all->body->fine.tets[4 * (size_t)tet + v]);
+        for (int32_t a = voxels->around_start[node]; a < voxels->around_start[node + 1]; a++)
+            if (all->cut_of[voxels->around[a] / 4] >= 0) return true;
+    }
+    return false;
+}
+
+/* Which tetrahedra keep their box, or that they have none, and which are looked at anew. */
+static void plan(parts_work *all)
+{
+    const pliant_voxels *voxels = all->body->voxels;
+    for (int32_t t = 0; t < voxels->num_tets; t++) {
+        const int32_t old = all->before ? all->before->view.elements[t].box : -1;
+        all->kept[t] = -1;
+        if (voxels->start[t] == voxels->start[t + 1]) continue;
+        if (all->before && !pliant_parts_differ(&all->changes, t, &all->hosts->box[t], old >= 0 && all->before->by_node[old])) all->kept[t] = old;
+        else if (is_near(all, t)) all->anew[all->num_anew++] = t;
     }
 }
 
-/* What each element is a part of. Guests follow the tetrahedra. */
-static pliant_status set_elements(const part_maker *work, pliant_parts *parts)
+static pliant_status make_boxes(parts_work *all)
 {
-    const int32_t tets = work->body->fine.num_tets;
-    part_element *elements = pliant_calloc((size_t)(tets + parts->num_guests), sizeof *elements);
-    if (!elements) return pliant_parts_no_memory();
+    pliant_work work = {.what = "the parts of the deformed volume"};
+#pragma omp parallel num_threads(all->num_makers)
+    {
+        const int maker = omp_get_thread_num();
+        pliant_status status = PLIANT_OK;
+#pragma omp for schedule(dynamic, 2)
+        for (int32_t n = 0; n < all->num_anew; n++) {
+            const int32_t tet = all->anew[n];
+            all->made[n].maker = -1;
+            if (status == PLIANT_OK) status = make_box(all->makers + maker, tet, &all->hosts->box[tet], maker, all->made + n);
+        }
+        pliant_work_leave(&work, status);
+    }
+    return pliant_work_outcome(&work);
+}
+
+/* What each element is a part of. Guests follow the tetrahedra. */
+static void set_elements(const parts_work *all, pliant_parts *parts, part_element *elements)
+{
+    const int32_t tets = all->body->fine.num_tets;
+    const pliant_cuts *cuts = all->body->cuts;
     for (int32_t t = 0; t < tets + parts->num_guests; t++) elements[t].box = -1;
     int32_t guest = 0;
     for (int32_t b = 0; b < parts->num_boxes; b++) {
-        const int32_t host = parts->host[b], cut = work->cut_of[host], *carrier = parts->carrier + parts->carrier_start[b];
+        const int32_t host = parts->host[b], cut = all->cut_of[host], *carrier = parts->carrier + parts->carrier_start[b];
         if (cut < 0) elements[host] = (part_element){b, 0};
-        for (int32_t f = cut < 0 ? 0 : work->cuts->start[cut]; cut >= 0 && f < work->cuts->start[cut + 1]; f++)
-            elements[work->cuts->fragment[f]] = (part_element){b, f - work->cuts->start[cut]};
-        for (int32_t label = 0; guest < parts->num_guests && parts->guests[guest].host == host; label++)
+        for (int32_t f = cut < 0 ? 0 : cuts->start[cut]; cut >= 0 && f < cuts->start[cut + 1]; f++)
+            elements[cuts->fragment[f]] = (part_element){b, f - cuts->start[cut]};
+        for (int32_t label = 0; guest < parts->guest_start[b + 1]; label++)
             if (carrier[label] == parts->guests[guest].carrier) elements[tets + guest++] = (part_element){b, label};
     }
     parts->view.elements = elements;
     parts->view.num_elements = tets + parts->num_guests;
+}
+
+/* One more box at the end, with its carriers and guests. */
+static void add_box(pliant_parts *parts, part_box *boxes, const part_box *box, int32_t host, bool by_node, int32_t taken, const int32_t *carrier,
+                    int32_t num_carriers, const part_guest *guest, int32_t num_guests)
+{
+    const int32_t b = parts->num_boxes++;
+    boxes[b] = *box;
+    parts->host[b] = host;
+    parts->by_node[b] = by_node;
+    parts->taken[b] = taken;
+    memcpy(parts->carrier + parts->carrier_start[b], carrier, (size_t)num_carriers * sizeof *carrier);
+    if (num_guests > 0) memcpy(parts->guests + parts->guest_start[b], guest, (size_t)num_guests * sizeof *guest);
+    parts->carrier_start[b + 1] = parts->carrier_start[b] + num_carriers;
+    parts->guest_start[b + 1] = parts->guest_start[b] + num_guests;
+    parts->num_guests = parts->guest_start[b + 1];
+}
+
+static void add_kept(pliant_parts *parts, part_box *boxes, const pliant_parts *from, int32_t old)
+{
+    part_box box = from->view.boxes[old];
+    if (parts->pool != from->pool) {
+        memcpy(parts->pool->at + parts->pool->used, from->view.labels + box.first, (size_t)part_count(&box) * sizeof *from->view.labels);
+        box.first = (int32_t)parts->pool->used;
+        parts->pool->used += (size_t)part_count(&box);
+    }
+    parts->live += (size_t)part_count(&box);
+    add_box(parts, boxes, &box, from->host[old], from->by_node[old], old, from->carrier + from->carrier_start[old],
+            from->carrier_start[old + 1] - from->carrier_start[old], from->guests + from->guest_start[old],
+            from->guest_start[old + 1] - from->guest_start[old]);
+}
+
+static void add_made(pliant_parts *parts, part_box *boxes, const parts_work *all, int32_t n)
+{
+    const part_made *made = all->made + n;
+    const part_maker *by = all->makers + made->maker;
+    part_box box = all->hosts->box[all->anew[n]];
+    box.first = (int32_t)parts->pool->used;
+    memcpy(parts->pool->at + box.first, (const uint16_t *)by->labels.at + made->labels, (size_t)made->num_labels * sizeof *parts->pool->at);
+    parts->pool->used += (size_t)made->num_labels;
+    parts->live += (size_t)made->num_labels;
+    add_box(parts, boxes, &box, all->anew[n], made->by_node, -1, (const int32_t *)by->carriers.at + made->carriers, made->num_carriers,
+            by->guests.at ? (const part_guest *)by->guests.at + made->guests : NULL, made->num_guests);
+}
+
+/* Counts, and room for them. */
+static pliant_status make_lists(const parts_work *all, pliant_parts *parts, part_box **boxes, part_element **elements)
+{
+    const pliant_parts *from = all->before;
+    size_t count = 0, carriers = 0, guests = 0, more = 0, live = 0;
+    for (int32_t t = 0; t < all->body->voxels->num_tets; t++) {
+        const int32_t old = all->kept[t];
+        if (old < 0) continue;
+        count++;
+        carriers += (size_t)(from->carrier_start[old + 1] - from->carrier_start[old]);
+        guests += (size_t)(from->guest_start[old + 1] - from->guest_start[old]);
+        live += (size_t)part_count(&from->view.boxes[old]);
+    }
+    for (int32_t n = 0; n < all->num_anew; n++) {
+        if (all->made[n].maker < 0) continue;
+        count++;
+        carriers += (size_t)all->made[n].num_carriers;
+        guests += (size_t)all->made[n].num_guests;
+        more += (size_t)all->made[n].num_labels;
+    }
+    parts->view.boxes = *boxes = pliant_calloc(count + 1, sizeof **boxes);
+    *elements = pliant_calloc((size_t)all->body->fine.num_tets + guests, sizeof **elements);
+    parts->view.elements = *elements;
+    parts->host = pliant_calloc(count + 1, sizeof *parts->host);
+    parts->by_node = pliant_calloc(count + 1, sizeof *parts->by_node);
+    parts->taken = pliant_calloc(count + 1, sizeof *parts->taken);
+    parts->carrier_start = pliant_calloc(count + 1, sizeof *parts->carrier_start);
+    parts->guest_start = pliant_calloc(count + 1, sizeof *parts->guest_start);
+    parts->carrier = pliant_calloc(carriers + 1, sizeof *parts->carrier);
+    parts->guests = pliant_calloc(guests + 1, sizeof *parts->guests);
+    if (!*boxes || !*elements || !parts->host || !parts->by_node || !parts->taken || !parts->carrier_start || !parts->guest_start || !parts->carrier ||
+        !parts->guests)
+        return pliant_parts_no_memory();
+    return pliant_part_pool_find(from, live, more, &parts->pool);
+}
+
+static pliant_status gather(const parts_work *all, pliant_parts *parts)
+{
+    part_box *boxes;
+    part_element *elements;
+    pliant_status status = make_lists(all, parts, &boxes, &elements);
+    if (status != PLIANT_OK) return status;
+    memcpy(parts->view.scan_size, all->body->voxels->geometry.size, sizeof parts->view.scan_size);
+    int32_t n = 0;
+    for (int32_t t = 0; t < all->body->voxels->num_tets; t++) {
+        if (all->kept[t] >= 0) add_kept(parts, boxes, all->before, all->kept[t]);
+        if (n == all->num_anew || all->anew[n] != t) continue;
+        if (all->made[n].maker >= 0) add_made(parts, boxes, all, n);
+        n++;
+    }
+    parts->view.labels = parts->pool->at;
+    parts->num_labels = (int32_t)parts->pool->used;
+    set_elements(all, parts, elements);
     return PLIANT_OK;
 }
 
-static pliant_status gather(part_maker *work, pliant_parts *parts)
+static pliant_status create(parts_work *all, const pliant_body *body_before, pliant_parts *parts)
 {
-    int32_t *end = pliant_parts_grow(&work->starts, 1);
-    if (!end) return pliant_parts_no_memory();
-    *end = (int32_t)work->carriers.count;
-    memcpy(parts->view.scan_size, work->voxels->geometry.size, sizeof parts->view.scan_size);
-    parts->num_boxes = (int32_t)work->boxes.count;
-    parts->num_labels = (int32_t)work->labels.count;
-    parts->num_guests = (int32_t)work->guests.count;
-    parts->view.boxes = work->boxes.at;
-    parts->view.labels = work->labels.at;
-    parts->host = work->hosts.at;
-    parts->by_node = work->by_nodes.at;
-    parts->taken = work->taken.at;
-    parts->carrier_start = work->starts.at;
-    parts->carrier = work->carriers.at;
-    parts->guests = work->guests.at;
-    work->boxes.at = work->labels.at = work->hosts.at = work->by_nodes.at = work->taken.at = work->starts.at = work->carriers.at = work->guests.at = NULL;
-    return set_elements(work, parts);
+    pliant_status status = pliant_part_hosts_find(all->makers, all->before, &parts->hosts);
+    if (status != PLIANT_OK) return status;
+    all->hosts = parts->hosts;
+    if (all->before) status = pliant_parts_compare(all->makers, body_before, all->hosts, &all->changes);
+    if (status != PLIANT_OK) return status;
+    plan(all);
+    all->made = pliant_calloc((size_t)all->num_anew + 1, sizeof *all->made);
+    status = all->made ? make_boxes(all) : pliant_parts_no_memory();
+    return status == PLIANT_OK ? gather(all, parts) : status;
+}
+
+static void free_maker(part_maker *maker)
+{
+    void *blocks[] = {maker->label, maker->queue, maker->carried, maker->step, maker->severed, maker->touched, maker->wanted, maker->carriers.at,
+                      maker->labels.at, maker->guests.at};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
 pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, const pliant_body *body_before, const pliant_parts *before,
-                                  pliant_parts **out)
+                                  int num_threads, pliant_parts **out)
 {
     *out = NULL;
     if (!body->cuts || !body->voxels) return PLIANT_OK;
     if (memcmp(body->voxels->geometry.size, scan->size, sizeof scan->size) != 0)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the voxels of the body that is drawn are not those of the scan");
-    part_maker work = {.body = body, .voxels = body->voxels, .cuts = body->cuts, .scan = scan};
     const size_t tets = (size_t)body->voxels->num_tets;
-    work.carriers.size = work.hosts.size = work.taken.size = work.starts.size = sizeof(int32_t);
-    work.labels.size = sizeof(uint16_t);
-    work.by_nodes.size = sizeof(uint8_t);
-    work.boxes.size = sizeof(part_box);
-    work.guests.size = sizeof(part_guest);
-    work.cut_of = pliant_calloc(tets, sizeof *work.cut_of);
-    work.near = pliant_calloc(tets, 1);
+    parts_work all = {.body = body, .before = before && body_before && body_before->voxels == body->voxels ? before : NULL, .num_makers = num_threads};
+    all.cut_of = pliant_calloc(tets, sizeof *all.cut_of);
+    all.kept = pliant_calloc(tets, sizeof *all.kept);
+    all.anew = pliant_calloc(tets, sizeof *all.anew);
+    all.makers = pliant_calloc((size_t)num_threads, sizeof *all.makers);
     pliant_parts *parts = pliant_calloc(1, sizeof *parts);
-    pliant_status status = work.cut_of && work.near && parts ? PLIANT_OK : pliant_parts_no_memory();
-    for (size_t t = 0; status == PLIANT_OK && t < tets; t++) work.cut_of[t] = -1;
-    if (status == PLIANT_OK) find_near(&work);
-    if (status == PLIANT_OK) status = pliant_parts_compare(&work, body_before, before);
-    for (int32_t t = 0; t < body->voxels->num_tets && status == PLIANT_OK; t++)
-        if (work.near[t] && body->voxels->start[t] < body->voxels->start[t + 1] && !pliant_parts_take_before(&work, t, &status)) status = make_box(&work, t);
-    if (status == PLIANT_OK) status = gather(&work, parts);
-    void *blocks[] = {work.cut_of, work.near, work.other, work.label, work.queue, work.carried, work.step, work.severed, work.touched, work.wanted, work.carriers.at,
-                      work.labels.at, work.boxes.at, work.hosts.at, work.by_nodes.at, work.taken.at, work.starts.at, work.guests.at};
+    pliant_status status = all.cut_of && all.kept && all.anew && all.makers && parts ? PLIANT_OK : pliant_parts_no_memory();
+    if (status == PLIANT_OK) {
+        for (size_t t = 0; t < tets; t++) all.cut_of[t] = -1;
+        for (int32_t t = 0; t < body->cuts->num_tets; t++) all.cut_of[body->cuts->tet[t]] = t;
+        for (int m = 0; m < num_threads; m++)
+            all.makers[m] = (part_maker){.body = body, .voxels = body->voxels, .cuts = body->cuts, .scan = scan, .cut_of = all.cut_of,
+                                         .carriers.size = sizeof(int32_t), .labels.size = sizeof(uint16_t), .guests.size = sizeof(part_guest)};
+        status = create(&all, body_before, parts);
+    }
+    for (int m = 0; all.makers && m < num_threads; m++) free_maker(all.makers + m);
+    pliant_part_changes_free(&all.changes);
+    void *blocks[] = {all.cut_of, all.kept, all.anew, all.made, all.makers};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     if (status != PLIANT_OK) {
         pliant_parts_free(parts);
@@ -437,12 +567,14 @@ void pliant_parts_free(pliant_parts *parts)
     if (!parts) return;
     pliant_free((void *)(uintptr_t)parts->view.elements);
     pliant_free((void *)(uintptr_t)parts->view.boxes);
-    pliant_free((void *)(uintptr_t)parts->view.labels);
+    pliant_part_pool_release(parts->pool);
+    pliant_part_hosts_release(parts->hosts);
     pliant_free(parts->host);
     pliant_free(parts->by_node);
     pliant_free(parts->taken);
     pliant_free(parts->carrier_start);
     pliant_free(parts->carrier);
+    pliant_free(parts->guest_start);
     pliant_free(parts->guests);
     pliant_free(parts);
 }
@@ -454,7 +586,6 @@ bool pliant_parts_same(const pliant_parts *before, int32_t box_before, const pli
     const part_box *one = &before->view.boxes[box_before], *other = &now->view.boxes[box];
     const int32_t *from = before->carrier + before->carrier_start[box_before], *to = now->carrier + now->carrier_start[box];
     const int32_t carriers = before->carrier_start[box_before + 1] - before->carrier_start[box_before];
-    const size_t labels = (size_t)one->size[0] * (size_t)one->size[1] * (size_t)one->size[2];
-    return before->host[box_before] == now->host[box] && part_same_list(from, carriers, to, now->carrier_start[box + 1] - now->carrier_start[box]) &&
-           memcmp(before->view.labels + one->first, now->view.labels + other->first, labels * sizeof *now->view.labels) == 0;
+        return before->host[box_before] == now->host[box] && part_same_list(from, carriers, to, now->carrier_start[box + 1] - now->carrier_start[box]) &&
+           memcmp(before->view.labels + one->first, now->view.labels + other->first, (size_t)part_count(one) * sizeof *now->view.labels) == 0;
 }

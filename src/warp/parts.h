@@ -17,22 +17,40 @@ typedef struct part_guest {
     double rest[4][3];    /* of its corners, index in the scan */
 } part_guest;
 
+/* Labels of the parts of one body after another: those of a next one are appended, those that it keeps stay where they are. */
+typedef struct part_pool {
+    int32_t holders;
+    size_t room, used;
+    uint16_t *at;
+} part_pool;
+
+/* The boxes of all tetrahedra at load: the same for all bodies. */
+typedef struct part_hosts {
+    int32_t holders;
+    part_box *box;
+} part_hosts;
+
 /* Elements are the tetrahedra of a body, and after them its guests. */
 typedef struct pliant_parts {
-    part_view view;            /* owns what it points to */
-    int32_t num_boxes, num_labels;
+    part_view view;            /* its labels are those of pool */
+    part_pool *pool;
+    part_hosts *hosts;
+    int32_t num_boxes;
+    int32_t num_labels;        /* of the pool, those in use and those before them */
+    size_t live;               /* those in use */
     int32_t *host;             /* (num_boxes) tetrahedron at load, ascending */
     uint8_t *by_node;          /* (num_boxes) labels depend on which nodes tetrahedra have */
     int32_t *taken;            /* (num_boxes) box of the body before that it was taken from; -1: made anew */
     int32_t *carrier_start, *carrier; /* (num_boxes + 1), by box and label: the tetrahedron that each label stands for */
     int32_t num_guests;
-    part_guest *guests;        /* by host, then label */
+    int32_t *guest_start;      /* (num_boxes + 1) */
+    part_guest *guests;        /* by box, then label */
 } pliant_parts;
 
 /* Of a body; NULL where nothing is severed. What is the same in a body before, Nullable with its parts, is taken from there.
  * Errors: MEMORY, ARGUMENT (voxels of another scan). */
 pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, const pliant_body *body_before, const pliant_parts *before,
-                                  pliant_parts **out);
+                                  int num_threads, pliant_parts **out);
 void pliant_parts_free(pliant_parts *parts); /* Nullable */
 
 /* Whether a box is the same in parts and in those of the body before; both Nullable, and -1 where there is none. */

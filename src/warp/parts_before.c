@@ -1,4 +1,4 @@
-/* What a body before has, and a cut has not changed. */
+/* Where a body differs from the one before: elsewhere, parts stay as they were. */
 #include "pliant/memory.h"
 #include "warp/parts_maker.h"
 
@@ -7,120 +7,143 @@ enum { REGION = 4 };
 
 enum { OTHER_VOXELS = 1, OTHER_NODES = 2 };
 
-/* marks the regions of a box, if there is something to mark; whether one of them has a mark that is asked for */
-static bool over_regions(part_maker *work, const part_box *box, uint8_t mark, uint8_t asked)
+typedef struct comparison {
+    const part_maker *work;
+    const pliant_body *before;
+    const part_hosts *hosts;
+    part_changes *out;
+} comparison;
+
+static void mark_box(const comparison *both, const part_box *box, uint8_t mark)
 {
-    int32_t at[3];
-    for (at[2] = box->low[2] / REGION; at[2] <= (box->low[2] + box->size[2] - 1) / REGION; at[2]++)
-        for (at[1] = box->low[1] / REGION; at[1] <= (box->low[1] + box->size[1] - 1) / REGION; at[1]++)
-            for (at[0] = box->low[0] / REGION; at[0] <= (box->low[0] + box->size[0] - 1) / REGION; at[0]++) {
-                uint8_t *other = &work->other[part_index_of(work->regions, at)];
-                if (*other & asked) return true;
-                *other |= mark;
-            }
-    return false;
+    part_changes *out = both->out;
+    int32_t at[3], low[3], high[3];
+    for (int d = 0; d < 3; d++) {
+        low[d] = box->low[d] / REGION;
+        high[d] = (box->low[d] + box->size[d] - 1) / REGION;
+        if (low[d] < out->low[d]) out->low[d] = low[d];
+        if (high[d] > out->high[d]) out->high[d] = high[d];
+    }
+    for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
+        for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
+            for (at[0] = low[0]; at[0] <= high[0]; at[0]++) out->other[part_index_of(out->regions, at)] |= mark;
 }
 
-static void mark_tet(part_maker *work, int32_t tet, uint8_t mark)
-{
-    part_shape at;
-    part_box box;
-    pliant_parts_shape(work, tet, &at);
-    pliant_parts_box(work, &at, &box);
-    over_regions(work, &box, mark, 0);
-}
+static void mark_tet(const comparison *both, int32_t tet, uint8_t mark) { mark_box(both, &both->hosts->box[tet], mark); }
 
-static void mark_link(part_maker *work, uint32_t link)
+static void mark_voxel(const comparison *both, int32_t voxel)
 {
     part_box box = {{0}, {1, 1, 1}, 0};
-    pliant_place_of(work->voxels, (int32_t)(link / 4), box.low);
-    box.size[link % 4]++;
-    over_regions(work, &box, OTHER_VOXELS, 0);
+    pliant_place_of(both->work->voxels, voxel, box.low);
+    mark_box(both, &box, OTHER_VOXELS);
 }
 
-static void mark_links(part_maker *work)
+static void mark_link(const comparison *both, uint32_t link)
 {
-    const pliant_cuts *old = work->body_before->cuts, *now = work->cuts;
+    part_box box = {{0}, {1, 1, 1}, 0};
+    pliant_place_of(both->work->voxels, (int32_t)(link / 4), box.low);
+    box.size[link % 4]++;
+    mark_box(both, &box, OTHER_VOXELS);
+}
+
+static void mark_links(const comparison *both)
+{
+    const pliant_cuts *old = both->before->cuts, *now = both->work->cuts;
     int32_t o = 0, n = 0;
     while (o < old->num_links || n < now->num_links) {
-        const bool both = o < old->num_links && n < now->num_links && old->link[o] == now->link[n];
-        if (!both) mark_link(work, n == now->num_links || (o < old->num_links && old->link[o] < now->link[n]) ? old->link[o] : now->link[n]);
-        const bool ahead = both || n == now->num_links || (o < old->num_links && old->link[o] < now->link[n]);
-        if (both || !ahead) n++;
-        if (both || ahead) o++;
+        const bool both_have = o < old->num_links && n < now->num_links && old->link[o] == now->link[n];
+        const bool ahead = both_have || n == now->num_links || (o < old->num_links && old->link[o] < now->link[n]);
+        if (!both_have) mark_link(both, ahead ? old->link[o] : now->link[n]);
+        if (both_have || !ahead) n++;
+        if (both_have || ahead) o++;
     }
 }
 
-/* Tetrahedra at load whose fragments or carriers differ. */
-static void mark_carriers(part_maker *work)
+/* Voxels of a tetrahedron at load that move with others. o, n: its place in the cuts, -1: in none */
+static void mark_carriers_of(const comparison *both, int32_t tet, int32_t o, int32_t n)
 {
-    const pliant_cuts *old = work->body_before->cuts, *now = work->cuts;
+    const pliant_voxels *voxels = both->work->voxels;
+    const pliant_cuts *old = both->before->cuts, *now = both->work->cuts;
+    const int32_t *was = o < 0 ? NULL : old->voxel_fragment + old->voxel_start[o], *is = n < 0 ? NULL : now->voxel_fragment + now->voxel_start[n];
+    both->out->listed[tet] = o < 0 || n < 0 || !part_same_list(old->fragment + old->start[o], old->start[o + 1] - old->start[o],
+                                                               now->fragment + now->start[n], now->start[n + 1] - now->start[n]);
+    if (was == is) return;
+    for (int32_t v = voxels->start[tet]; v < voxels->start[tet + 1]; v++) {
+        const int32_t in = v - voxels->start[tet];
+        if ((was ? was[in] : tet) != (is ? is[in] : tet)) mark_voxel(both, voxels->voxel[v]);
+    }
+}
+
+static void mark_carriers(const comparison *both)
+{
+    const pliant_cuts *old = both->before->cuts, *now = both->work->cuts;
     int32_t o = 0, n = 0;
     while (o < old->num_tets || n < now->num_tets) {
         const bool in_old = o < old->num_tets && (n == now->num_tets || old->tet[o] <= now->tet[n]);
         const bool in_now = n < now->num_tets && (o == old->num_tets || now->tet[n] <= old->tet[o]);
-        if (!(in_old && in_now) ||
-            !part_same_list(old->fragment + old->start[o], old->start[o + 1] - old->start[o], now->fragment + now->start[n], now->start[n + 1] - now->start[n]) ||
-            !part_same_list(old->voxel_fragment + old->voxel_start[o], old->voxel_start[o + 1] - old->voxel_start[o],
-                       now->voxel_fragment + now->voxel_start[n], now->voxel_start[n + 1] - now->voxel_start[n]))
-            mark_tet(work, in_old ? old->tet[o] : now->tet[n], OTHER_VOXELS);
+        mark_carriers_of(both, in_old ? old->tet[o] : now->tet[n], in_old ? o : -1, in_now ? n : -1);
         o += in_old;
         n += in_now;
     }
 }
 
-static void mark_nodes(part_maker *work)
+static bool has_other_nodes(const comparison *both, int32_t tet)
 {
-    const pliant_mesh *old = &work->body_before->fine, *now = &work->body->fine;
-    for (int32_t t = 0; t < old->num_tets || t < now->num_tets; t++) {
-        const pliant_body *of = t < now->num_tets ? work->body : work->body_before;
-        if (t < old->num_tets && t < now->num_tets && memcmp(old->tets + 4 * (size_t)t, now->tets + 4 * (size_t)t, 4 * sizeof *now->tets) == 0) continue;
-        mark_tet(work, of->tet_parent ? of->tet_parent[t] : t, OTHER_NODES);
-    }
+    const pliant_mesh *old = &both->before->fine, *now = &both->work->body->fine;
+    return tet >= old->num_tets || tet >= now->num_tets ||
+           memcmp(old->tets + 4 * (size_t)tet, now->tets + 4 * (size_t)tet, 4 * sizeof *now->tets) != 0;
 }
 
-pliant_status pliant_parts_compare(part_maker *work, const pliant_body *body_before, const pliant_parts *before)
+/* Where tetrahedra that voxels move with have other nodes: their own, and those that gave them chips. */
+static void mark_nodes(const comparison *both)
 {
-    if (!before || !body_before || body_before->voxels != work->voxels) return PLIANT_OK;
-    for (int d = 0; d < 3; d++) work->regions[d] = (work->voxels->geometry.size[d] - 1) / REGION + 1;
-    if (!(work->other = pliant_calloc((size_t)work->regions[0] * (size_t)work->regions[1] * (size_t)work->regions[2], 1))) return pliant_parts_no_memory();
-    if (!pliant_parts_grow(&work->labels, (size_t)before->num_labels)) return pliant_parts_no_memory();
-    work->labels.count = 0;
-    work->body_before = body_before;
-    work->before = before;
-    mark_links(work);
-    mark_carriers(work);
-    mark_nodes(work);
+    const pliant_body *old = both->before, *now = both->work->body;
+    for (int32_t t = 0; t < old->fine.num_tets || t < now->fine.num_tets; t++) {
+        const pliant_body *of = t < now->fine.num_tets ? now : old;
+        if (has_other_nodes(both, t)) mark_tet(both, of->tet_parent ? of->tet_parent[t] : t, OTHER_NODES);
+    }
+    for (int32_t c = 0; c < now->cuts->num_chips; c++)
+        if (has_other_nodes(both, now->cuts->chip[2 * c + 1])) mark_tet(both, now->cuts->chip[2 * c], OTHER_NODES);
+}
+
+pliant_status pliant_parts_compare(const part_maker *work, const pliant_body *body_before, const part_hosts *hosts, part_changes *out)
+{
+    const comparison both = {.work = work, .before = body_before, .hosts = hosts, .out = out};
+    size_t regions = 1;
+    for (int d = 0; d < 3; d++) {
+        out->regions[d] = (work->voxels->geometry.size[d] - 1) / REGION + 1;
+        regions *= (size_t)out->regions[d];
+        out->low[d] = out->regions[d];
+        out->high[d] = -1;
+    }
+    out->other = pliant_calloc(regions, 1);
+    out->listed = pliant_calloc((size_t)work->voxels->num_tets, 1);
+    if (!out->other || !out->listed) return pliant_parts_no_memory();
+    mark_links(&both);
+    mark_carriers(&both);
+    mark_nodes(&both);
     return PLIANT_OK;
 }
 
-/* The box of a tetrahedron as it was before, or that it had none; false: it may be another one now. */
-bool pliant_parts_take_before(part_maker *work, int32_t tet, pliant_status *status)
+void pliant_part_changes_free(part_changes *changes)
 {
-    const pliant_parts *from = work->before;
-    if (!from) return false;
-    pliant_parts_shape(work, tet, &work->at);
-    pliant_parts_box(work, &work->at, &work->box);
-    const int32_t old = from->view.elements[tet].box;
-    if (over_regions(work, &work->box, 0, OTHER_VOXELS | (old >= 0 && from->by_node[old] ? OTHER_NODES : 0))) return false;
-    if (old < 0) return true;
-    const part_box *box = &from->view.boxes[old];
-    const size_t count = (size_t)box->size[0] * (size_t)box->size[1] * (size_t)box->size[2];
-    const int32_t carriers = from->carrier_start[old + 1] - from->carrier_start[old];
-    work->first_carrier = (int32_t)work->carriers.count;
-    int32_t *carrier = pliant_parts_grow(&work->carriers, (size_t)carriers);
-    uint16_t *labels = carrier ? pliant_parts_add_box(work, tet, box, count, from->by_node[old], old) : NULL;
-    bool good = labels != NULL;
-    if (good) {
-        memcpy(carrier, from->carrier + from->carrier_start[old], (size_t)carriers * sizeof *carrier);
-        memcpy(labels, from->view.labels + box->first, count * sizeof *labels);
+    pliant_free(changes->other);
+    pliant_free(changes->listed);
+}
+
+bool pliant_parts_differ(const part_changes *changes, int32_t tet, const part_box *box, bool by_node)
+{
+    const uint8_t asked = by_node ? OTHER_VOXELS | OTHER_NODES : OTHER_VOXELS;
+    int32_t at[3], low[3], high[3];
+    if (changes->listed[tet]) return true;
+    for (int d = 0; d < 3; d++) {
+        low[d] = box->low[d] / REGION;
+        high[d] = (box->low[d] + box->size[d] - 1) / REGION;
+        if (low[d] > changes->high[d] || high[d] < changes->low[d]) return false;
     }
-    while (work->guest_before < from->num_guests && from->guests[work->guest_before].host < tet) work->guest_before++;
-    for (int32_t g = work->guest_before; good && g < from->num_guests && from->guests[g].host == tet; g++) {
-        part_guest *guest = pliant_parts_grow(&work->guests, 1);
-        good = guest != NULL;
-        if (good) *guest = from->guests[g];
-    }
-    *status = good ? PLIANT_OK : pliant_parts_no_memory();
-    return true;
+    for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
+        for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
+            for (at[0] = low[0]; at[0] <= high[0]; at[0]++)
+                if (changes->other[part_index_of(changes->regions, at)] & asked) return true;
+    return false;
 }

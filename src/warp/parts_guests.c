@@ -13,11 +13,16 @@ static const double around = 0.02;
 
 /* ---- where things are */
 
-void pliant_parts_shape(const part_maker *work, int32_t tet, part_shape *out)
+static void find_corners(const part_maker *work, int32_t tet, double out[4][3])
 {
     const pliant_mesh *mesh = &work->body->fine;
+    for (int v = 0; v < 4; v++) pliant_geometry_to_index(work->scan, mesh->rest + 3 * (size_t)mesh->tets[4 * (size_t)tet + v], out[v]);
+}
+
+void pliant_parts_shape(const part_maker *work, int32_t tet, part_shape *out)
+{
     double edge[3][3], volume = 0;
-    for (int v = 0; v < 4; v++) pliant_geometry_to_index(work->scan, mesh->rest + 3 * (size_t)mesh->tets[4 * (size_t)tet + v], out->corner[v]);
+    find_corners(work, tet, out->corner);
     for (int e = 0; e < 3; e++)
         for (int d = 0; d < 3; d++) edge[e][d] = out->corner[e + 1][d] - out->corner[0][d];
     for (int e = 0; e < 3; e++)
@@ -47,13 +52,15 @@ bool pliant_parts_touches(const part_shape *at, const double low[3], const doubl
     return true;
 }
 
-void pliant_parts_box(const part_maker *work, const part_shape *at, part_box *out)
+void pliant_parts_box(const part_maker *work, int32_t tet, part_box *out)
 {
+    double corner[4][3];
+    find_corners(work, tet, corner);
     for (int d = 0; d < 3; d++) {
         double low = INFINITY, high = -INFINITY, margin;
         for (int v = 0; v < 4; v++) {
-            low = fmin(low, at->corner[v][d]);
-            high = fmax(high, at->corner[v][d]);
+            low = fmin(low, corner[v][d]);
+            high = fmax(high, corner[v][d]);
         }
         margin = around + guest_growth * (high - low);
         const int32_t last = work->voxels->geometry.size[d] - 1;

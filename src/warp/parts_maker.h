@@ -17,13 +17,22 @@ typedef struct part_list { void *at; size_t count, room, size; } part_list;
 /* A tetrahedron at load, in indices of the scan: barycentric coordinate v is slope[v] . index + value[v]. */
 typedef struct part_shape { double corner[4][3], slope[4][3], value[4]; } part_shape;
 
+/* What a maker has made for one tetrahedron: where it begins in the lists of that maker. */
+typedef struct part_made {
+    int32_t maker;                 /* -1: no box */
+    bool by_node;                  /* parts.h */
+    int32_t carriers, guests;
+    size_t labels;
+    int32_t num_carriers, num_guests, num_labels;
+} part_made;
+
+/* One thread's. */
 typedef struct part_maker {
     const pliant_body *body;
     const pliant_voxels *voxels;
     const pliant_cuts *cuts;
     const pliant_geometry *scan;
-    int32_t *cut_of;               /* (tetrahedra at load) their place in the cuts, or -1 */
-    uint8_t *near;                 /* (likewise) in the cuts, or shares a node with one that is */
+    const int32_t *cut_of;         /* (tetrahedra at load) their place in the cuts, or -1 */
     /* of the tetrahedron at work */
     int32_t tet;
     part_shape at;
@@ -34,15 +43,17 @@ typedef struct part_maker {
                                     * another one, and without a label so far */
     int32_t *queue, *carried;      /* (count) */
     int32_t num_carriers, num_fragments, first_carrier;
-    /* what a body before has of it, where `other` says that nothing differs; NULL: nothing */
-    const pliant_body *body_before;
-    const pliant_parts *before;
-    int32_t guest_before;          /* the first of it that is no earlier host's */
+    bool by_node;                  /* parts.h */
+    part_list carriers, labels, guests;
+} part_maker;
+
+/* Where a body differs from the one before. */
+typedef struct part_changes {
     int32_t regions[3];
     uint8_t *other;                /* (regions) of some voxels along each axis: links, carriers or nodes differ there */
-    bool by_node;                  /* parts.h, of the tetrahedron at work */
-    part_list carriers, labels, boxes, hosts, by_nodes, taken, starts, guests;
-} part_maker;
+    int32_t low[3], high[3];       /* regions that differ lie within */
+    uint8_t *listed;               /* (tetrahedra at load) its list of fragments differs */
+} part_changes;
 
 static inline void part_place_of(const int32_t size[3], int32_t voxel, int32_t at[3])
 {
@@ -53,28 +64,38 @@ static inline void part_place_of(const int32_t size[3], int32_t voxel, int32_t a
 
 static inline int32_t part_index_of(const int32_t size[3], const int32_t at[3]) { return at[0] + size[0] * (at[1] + size[1] * at[2]); }
 
+static inline int32_t part_count(const part_box *box) { return box->size[0] * box->size[1] * box->size[2]; }
+
 static inline bool part_same_list(const int32_t *a, int32_t a_count, const int32_t *b, int32_t b_count)
 {
     return a_count == b_count && memcmp(a, b, (size_t)a_count * sizeof *a) == 0;
 }
 
-/* parts.c: room for more, NULL: none; a box and its labels likewise, of the carriers from first_carrier on. taken: parts.h */
+/* parts.c: room for more, NULL: none */
 void *pliant_parts_grow(part_list *list, size_t more);
-uint16_t *pliant_parts_add_box(part_maker *work, int32_t tet, const part_box *box, size_t count, bool by_node, int32_t taken);
 pliant_status pliant_parts_no_memory(void);
 
 /* parts_guests.c: a tetrahedron at rest, and the voxels around it */
 void pliant_parts_shape(const part_maker *work, int32_t tet, part_shape *out);
-void pliant_parts_box(const part_maker *work, const part_shape *at, part_box *out);
+void pliant_parts_box(const part_maker *work, int32_t tet, part_box *out);
 /* whether a shape, grown as guests are, may touch a box from low on; by its planes */
 bool pliant_parts_touches(const part_shape *at, const double low[3], const double size[3]);
 /* those of the tetrahedron at work, by its labels */
 pliant_status pliant_parts_add_guests(part_maker *work);
 
-/* parts_before.c: finds where another body, Nullable with its parts, differs */
-pliant_status pliant_parts_compare(part_maker *work, const pliant_body *body_before, const pliant_parts *before);
-/* The box of a tetrahedron as it was before, or that it had none; false: it may be another one now. */
-bool pliant_parts_take_before(part_maker *work, int32_t tet, pliant_status *status);
+/* parts_labels.c: labels and boxes that bodies share */
+void pliant_part_pool_release(part_pool *pool); /* Nullable */
+void pliant_part_hosts_release(part_hosts *hosts);    /* Nullable */
+/* Those of the parts before, Nullable, or new ones. */
+pliant_status pliant_part_hosts_find(const part_maker *work, const pliant_parts *before, part_hosts **out);
+/* Room for so many more; where there is none, other labels, to which `live` ones are to be copied. */
+pliant_status pliant_part_pool_find(const pliant_parts *before, size_t live, size_t more, part_pool **out);
+
+/* parts_before.c: finds where another body differs; out is the caller's to free */
+pliant_status pliant_parts_compare(const part_maker *work, const pliant_body *body_before, const part_hosts *hosts, part_changes *out);
+void pliant_part_changes_free(part_changes *changes);
+/* whether the parts of a tetrahedron may be others now; @param by_node: they were by nodes before */
+bool pliant_parts_differ(const part_changes *changes, int32_t tet, const part_box *box, bool by_node);
 
 #ifdef __cplusplus
 }

@@ -1,0 +1,133 @@
+// What cut after cut costs in one simulation, on the abdomen of the test data at 256 x 160 x 122, coarse cells 7 x 7 x 7: small slits at random
+// places of the tissue, each followed by an undo of every fourth, a step of every eighth. CPU time of a cut (the process, without the steps) and
+// what is held, after 10, 100, 1000 cuts and so on.
+//
+//   bench_cuts [cuts=1000] [length=0.006] [steps=8] [undo=4] [reset=0] [warp=1] [group/name=value ...]
+//
+// length of a slit [m]; every so many cuts a step, an undo, a reset (0: never); warp: with the deformed volume.
+#include "frames.h"
+
+#include <ctime>
+#include <map>
+#include <random>
+
+namespace {
+
+double cpu()
+{
+    timespec t;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return 1e3 * (double(t.tv_sec) + 1e-9 * double(t.tv_nsec));
+}
+
+size_t resident()
+{
+    long pages = 0;
+    FILE *file = std::fopen("/proc/self/statm", "r");
+    if (file && std::fscanf(file, "%*s %ld", &pages) != 1) pages = 0;
+    if (file) std::fclose(file);
+    return size_t(pages) * 4096;
+}
+
+// FNV-1a
+uint64_t hash_of(const void *block, size_t bytes, uint64_t hash)
+{
+    const auto *at = static_cast<const unsigned char *>(block);
+    for (size_t b = 0; b < bytes; b++) hash = (hash ^ at[b]) * 0x100000001b3u;
+    return hash;
+}
+
+// of the nodes' positions, and of the deformed volume as they are then
+uint64_t bits(const pliant_model *model, pliant_data *data)
+{
+    check(pliant_step(model, data));
+    const pliant_volume *drawn = data->warp ? pliant_warp_volume(data->warp) : nullptr;
+    uint64_t hash = hash_of(data->positions, 3 * sizeof(double) * size_t(data->body->fine.num_nodes), 0xcbf29ce484222325u);
+    if (drawn) hash = hash_of(drawn->voxels, pliant_geometry_voxels(&drawn->geometry) * pliant_encoding_size(drawn->encoding), hash);
+    return hash;
+}
+
+// from a node of tissue, deformed, in any direction
+void slit(const pliant_data *data, double length, std::mt19937 &random, double points[6], double depth[3])
+{
+    std::uniform_real_distribution<double> unit(-1, 1);
+    const pliant_body *body = data->body;
+    int32_t tet = 0;
+    do tet = static_cast<int32_t>(random() % static_cast<unsigned>(body->voxels->num_tets));
+    while (body->fine_material[tet].tissue < 1);
+    const double *at = data->positions + 3 * body->fine.tets[4 * tet];
+    double along[3], down[3], a = 0, b = 0;
+    for (int d = 0; d < 3; d++) {
+        along[d] = unit(random), down[d] = unit(random);
+        a += along[d] * along[d], b += down[d] * down[d];
+    }
+    for (int d = 0; d < 3; d++) {
+        points[d] = at[d] - 0.5 * length * along[d] / std::sqrt(a);
+        points[3 + d] = at[d] + 0.5 * length * along[d] / std::sqrt(a);
+        depth[d] = 0.5 * length * down[d] / std::sqrt(b);
+    }
+}
+
+} // namespace
+
+int main(int argc, char **argv)
+{
+    std::map<std::string, double> with = {{"cuts", 1000}, {"length", 0.006}, {"steps", 8}, {"undo", 4}, {"reset", 0}, {"warp", 1}};
+    const std::string labels = std::string(PLIANT_TEST_DATA) + "/abdomen/labels_totalseg_fast.nii.gz", scan = std::string(PLIANT_TEST_DATA) + "/abdomen/ct.nii.gz";
+    pliant_scene scene;
+    pliant_volume volume{};
+    pliant_labels organs{};
+    pliant_material_table materials{};
+    pliant_scene_defaults(&scene);
+    check(pliant_scene_set(&scene, "scan/resample", "256 160 122"));
+    check(pliant_scene_set(&scene, "material/file", PLIANT_SOURCE_DIR "/test/bench/abdomen.yaml"));
+    check(pliant_scene_set(&scene, "material/labels", labels.c_str()));
+    check(pliant_scene_set(&scene, "cut/kind", "sever"));
+    scene.mesh.keep_air = true;
+    scene.mesh.ratio = 2;
+    scene.model.method = PLIANT_FINE;
+    scene.solver.backend = PLIANT_CPU;
+    scene.solver.iterations = 6;
+    for (int a = 1; a < argc; a++) {
+        const std::string option = argv[a], name = option.substr(0, option.find('='));
+        const char *value = argv[a] + std::min(name.size() + 1, option.size());
+        if (with.count(name)) with[name] = std::atof(value);
+        else check(pliant_scene_set(&scene, name.c_str(), value));
+    }
+    check(pliant_inputs_read(&scene, scan.c_str(), &volume, &organs, &materials));
+    pliant_model *model = nullptr;
+    pliant_data *data = nullptr;
+    check(pliant_model_build(&scene, &volume, &organs, &materials, {nullptr, nullptr}, &model));
+    check(pliant_data_create(model, &data));
+    if (with["warp"] > 0) check(pliant_data_set_warp(model, data, &volume.geometry));
+    check(pliant_step(model, data));
+    std::mt19937 random(5);
+    std::vector<double> last;
+    const int cuts = int(with["cuts"]), steps = int(with["steps"]), undo = int(with["undo"]), reset = int(with["reset"]);
+    int next = 10;
+    std::printf("   cuts   tetrahedra   nodes   links    cut [ms]: median, worst of the last tenth    held, resident [MB]    bits\n");
+    for (int c = 1; c <= cuts; c++) {
+        double points[6], depth[3];
+        slit(data, with["length"], random, points, depth);
+        const double t0 = cpu();
+        check(pliant_data_cut(model, data, 2, points, depth, nullptr));
+        last.push_back(cpu() - t0);
+        if (undo > 0 && c % undo == 0 && data->undo.count > 0) check(pliant_data_undo_cut(model, data));
+        if (reset > 0 && c % reset == 0) check(pliant_data_reset(model, data));
+        if (steps > 0 && c % steps == 0) check(pliant_step(model, data));
+        if (c < next && c < cuts) continue;
+        last.erase(last.begin(), last.end() - std::max<long>(c / 10, std::min<long>(c, 10)));
+        std::printf("%7d   %9d %8d %7d        %8.2f %8.2f                    %8.1f %8.1f    %016llx\n", c, data->body->fine.num_tets, data->body->fine.num_nodes,
+                    data->body->cuts ? data->body->cuts->num_links : 0, quantile(last, 0.5), quantile(last, 1), 1e-6 * double(pliant_memory_in_use()),
+                    1e-6 * double(resident()), (unsigned long long)bits(model, data));
+        std::fflush(stdout);
+        next *= 10;
+    }
+    pliant_data_free(data);
+    pliant_model_free(model);
+    pliant_material_table_free(&materials);
+    pliant_labels_free(&organs);
+    pliant_volume_free(&volume);
+    std::printf("held at the end: %zu bytes\n", pliant_memory_in_use());
+    return 0;
+}
