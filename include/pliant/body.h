@@ -63,9 +63,10 @@ typedef struct pliant_cuts {
     int32_t num_tets;          /**< tetrahedra at load that own an end of what is severed, or a voxel that moves with one of them */
     int32_t *tet;              /**< (num_tets) ascending */
     int32_t *start, *fragment; /**< (num_tets + 1), (start[num_tets]) the fine tetrahedra that each is now, ascending, so itself the first */
-    int32_t *voxel_start;      /**< (num_tets + 1) into voxel_fragment */
-    int32_t *voxel_fragment;   /**< (voxels of these, as pliant_voxels lists them) the fine tetrahedron that each moves with: a fragment of
+    int32_t *voxel_start;      /**< (num_tets) where those of each begin in voxel_fragment */
+    int32_t *voxel_fragment;   /**< (voxels of each, as pliant_voxels lists them) the fine tetrahedron that each moves with: a fragment of
                                 *   its own one, or, of a chip that hangs on nothing else, of another */
+    struct pliant_cuts_pool *pool; /**< what voxel_fragment is of, shared with bodies before and after (src/body); NULL: num_tets is 0 */
     int32_t num_chips;
     int32_t *chip;             /**< (num_chips x 2) tetrahedron at load, fine tetrahedron of another one that some of its voxels move with */
     int32_t num_joins;

@@ -53,7 +53,6 @@ pliant_status pliant_body_find_across(const pliant_body *before, const pliant_cu
 {
     const size_t tets = (size_t)next->fine.num_tets, old = (size_t)before->fine.num_tets;
     const int32_t *known = before->across ? before->across : before->voxels && before->revision == 1 ? before->voxels->across : NULL;
-    pliant_free(next->across);
     if (!(next->across = pliant_calloc(tets, 4 * sizeof *next->across))) return pliant_fail_memory("the next body");
     if (!cuts || !known) return pliant_mesh_neighbours(&next->fine, next->across);
     memcpy(next->across, known, 4 * old * sizeof *known);

@@ -102,7 +102,7 @@ static bool copy_mesh(const pliant_mesh *from, pliant_mesh *to)
            copy(from->place_of_node, nodes, sizeof *from->place_of_node, &to->place_of_node);
 }
 
-pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, pliant_body **out)
+pliant_status pliant_body_begin(const pliant_body *body, uint64_t revision, bool with_cuts, pliant_body **out)
 {
     pliant_body *next = NULL;
     if (revision <= body->revision)
@@ -112,7 +112,6 @@ pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, plian
     if (status != PLIANT_OK) return status;
     const size_t nodes = (size_t)body->fine.num_nodes, tets = (size_t)body->fine.num_tets;
     const size_t coarse_nodes = (size_t)body->coarse.num_nodes, coarse_tets = (size_t)body->coarse.num_tets;
-    next->num_triangles = body->num_triangles;
     next->num_held_pieces = body->num_held_pieces;
     next->falls = body->falls;
     next->has_inertia = body->has_inertia;
@@ -126,8 +125,6 @@ pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, plian
                 copy(body->coarse_tet_parent, coarse_tets, sizeof *body->coarse_tet_parent, &next->coarse_tet_parent) &&
                 copy(body->coarse_of_fine, tets, sizeof *body->coarse_of_fine, &next->coarse_of_fine) &&
                 copy(body->fine_of_coarse, coarse_nodes, sizeof *body->fine_of_coarse, &next->fine_of_coarse) &&
-                copy(body->across, tets, 4 * sizeof *body->across, &next->across) &&
-                copy(body->triangles, (size_t)body->num_triangles, 3 * sizeof *body->triangles, &next->triangles) &&
                 copy(body->fine_material, tets, sizeof *body->fine_material, &next->fine_material) &&
                 copy(body->coarse_material, coarse_tets, sizeof *body->coarse_material, &next->coarse_material) &&
                 copy(body->node_mass, nodes, sizeof *body->node_mass, &next->node_mass) &&
@@ -135,11 +132,26 @@ pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, plian
                 copy(body->coarse_fixed, coarse_nodes, sizeof *body->coarse_fixed, &next->coarse_fixed);
     status = good ? PLIANT_OK : pliant_fail_memory("the next body");
     if (body->voxels) next->voxels = pliant_voxels_retain(body->voxels);
-    if (status == PLIANT_OK && body->cuts) status = pliant_cuts_copy(body->cuts, &next->cuts);
+    if (status == PLIANT_OK && with_cuts && body->cuts) status = pliant_cuts_copy(body->cuts, &next->cuts);
     if (status == PLIANT_OK && body->pieces) status = pliant_pieces_copy(body->pieces, &next->pieces);
     if (status != PLIANT_OK) {
         pliant_body_release(next);
         return status;
+    }
+    *out = next;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, pliant_body **out)
+{
+    pliant_body *next = NULL;
+    pliant_status status = pliant_body_begin(body, revision, true, &next);
+    if (status != PLIANT_OK) return status;
+    next->num_triangles = body->num_triangles;
+    if (!copy(body->across, (size_t)body->fine.num_tets, 4 * sizeof *body->across, &next->across) ||
+        !copy(body->triangles, (size_t)body->num_triangles, 3 * sizeof *body->triangles, &next->triangles)) {
+        pliant_body_release(next);
+        return pliant_fail_memory("the next body");
     }
     *out = next;
     return PLIANT_OK;

@@ -20,13 +20,22 @@ static bool same_mesh(const pliant_mesh *a, const pliant_mesh *b)
            equal(a->lattice_of_tet, b->lattice_of_tet, tets, sizeof *a->lattice_of_tet);
 }
 
-static bool same_cuts(const pliant_cuts *a, const pliant_cuts *b)
+static bool same_fragments(const pliant_voxels *voxels, const pliant_cuts *a, const pliant_cuts *b)
+{
+    for (int32_t t = 0; t < a->num_tets; t++) {
+        const int32_t tet = a->tet[t], count = voxels->start[tet + 1] - voxels->start[tet];
+        if (!equal(a->voxel_fragment + a->voxel_start[t], b->voxel_fragment + b->voxel_start[t], (size_t)count, sizeof *a->voxel_fragment)) return false;
+    }
+    return true;
+}
+
+static bool same_cuts(const pliant_voxels *voxels, const pliant_cuts *a, const pliant_cuts *b)
 {
     if (!a || !b || a == b) return a == b;
     return a->num_links == b->num_links && a->num_bridges == b->num_bridges && equal(a->link, b->link, (size_t)a->num_links, sizeof *a->link) &&
            equal(a->bridge, b->bridge, (size_t)a->num_bridges, sizeof *a->bridge) && a->num_tets == b->num_tets &&
            equal(a->tet, b->tet, (size_t)a->num_tets, sizeof *a->tet) &&
-           equal(a->voxel_fragment, b->voxel_fragment, (size_t)a->voxel_start[a->num_tets], sizeof *a->voxel_fragment);
+           same_fragments(voxels, a, b);
 }
 
 bool pliant_body_same(const pliant_body *a, const pliant_body *b)
@@ -35,7 +44,7 @@ bool pliant_body_same(const pliant_body *a, const pliant_body *b)
     if (!same_mesh(&a->fine, &b->fine) || !same_mesh(&a->coarse, &b->coarse) || a->num_triangles != b->num_triangles) return false;
     size_t nodes = (size_t)a->fine.num_nodes, tets = (size_t)a->fine.num_tets;
     size_t coarse_nodes = (size_t)a->coarse.num_nodes, coarse_tets = (size_t)a->coarse.num_tets;
-    return a->voxels == b->voxels && same_cuts(a->cuts, b->cuts) && equal(a->coarse_of_fine, b->coarse_of_fine, tets, sizeof *a->coarse_of_fine) &&
+    return a->voxels == b->voxels && same_cuts(a->voxels, a->cuts, b->cuts) && equal(a->coarse_of_fine, b->coarse_of_fine, tets, sizeof *a->coarse_of_fine) &&
            equal(a->fine_of_coarse, b->fine_of_coarse, coarse_nodes, sizeof *a->fine_of_coarse) &&
            equal(a->triangles, b->triangles, (size_t)a->num_triangles, 3 * sizeof *a->triangles) &&
            equal(a->fine_material, b->fine_material, tets, sizeof *a->fine_material) &&

@@ -1,9 +1,70 @@
-/* What has been severed, and the fragments that it leaves: a body's own copy. */
+/* What has been severed, and the fragments that it leaves: a body's own copy, but for which voxels move with which, of which most stays the same
+ * from body to body. */
 #include "base/fail.h"
-#include "pliant/body.h"
+#include "body/links.h"
 #include "pliant/memory.h"
 
+#include <stdatomic.h>
 #include <string.h>
+
+/* A new pool has more room than it is asked for: an eighth of it, and so many voxels. */
+enum { SPARE_VOXELS = 1 << 17 };
+
+/* Who asks for room gets some that nobody had: bodies may be cut by several threads, and more than once. */
+struct pliant_cuts_pool {
+    atomic_int holders;
+    atomic_size_t used;
+    size_t room;
+    int32_t *voxel;
+};
+
+static void release(struct pliant_cuts_pool *pool)
+{
+    if (!pool || atomic_fetch_sub_explicit(&pool->holders, 1, memory_order_acq_rel) != 1) return;
+    pliant_free(pool->voxel);
+    pliant_free(pool);
+}
+
+static void hold(struct pliant_cuts_pool *pool, pliant_cuts *cuts)
+{
+    if (!pool) return;
+    atomic_fetch_add_explicit(&pool->holders, 1, memory_order_relaxed);
+    cuts->pool = pool;
+    cuts->voxel_fragment = pool->voxel;
+}
+
+/* false: a full pool, which stays so */
+static bool take(struct pliant_cuts_pool *pool, size_t more, int32_t *first)
+{
+    size_t used = atomic_load(&pool->used);
+    while (more <= pool->room - used)
+        if (atomic_compare_exchange_weak(&pool->used, &used, used + more)) {
+            *first = (int32_t)used;
+            return true;
+        }
+    return false;
+}
+
+pliant_status pliant_cuts_room(const pliant_cuts *cuts, size_t kept, size_t more, pliant_cuts *next, int32_t *first)
+{
+    if (cuts && cuts->pool && take(cuts->pool, more, first)) {
+        hold(cuts->pool, next);
+        return PLIANT_OK;
+    }
+    const size_t room = kept + more + (kept + more) / 8 + SPARE_VOXELS;
+    struct pliant_cuts_pool *pool = pliant_calloc(1, sizeof *pool);
+    if (!pool || room > INT32_MAX || !(pool->voxel = pliant_calloc(room, sizeof *pool->voxel))) {
+        pliant_free(pool);
+        return pliant_fail_memory("the fragments");
+    }
+    atomic_init(&pool->holders, 1);
+    atomic_init(&pool->used, kept + more);
+    pool->room = room;
+    next->pool = pool;
+    next->voxel_fragment = pool->voxel;
+    *first = 0;
+    return PLIANT_OK;
+}
 
 void pliant_cuts_free(pliant_cuts *cuts)
 {
@@ -14,7 +75,7 @@ void pliant_cuts_free(pliant_cuts *cuts)
     pliant_free(cuts->start);
     pliant_free(cuts->fragment);
     pliant_free(cuts->voxel_start);
-    pliant_free(cuts->voxel_fragment);
+    release(cuts->pool);
     pliant_free(cuts->chip);
     pliant_free(cuts->join);
     pliant_free(cuts->cut_end);
@@ -43,11 +104,11 @@ pliant_status pliant_cuts_copy(const pliant_cuts *from, pliant_cuts **out)
     to->num_cuts = from->num_cuts;
     const size_t severed = from->num_cuts > 0 ? (size_t)from->cut_end[from->num_cuts - 1] : 0;
     to->num_pieces = from->num_pieces;
+    hold(from->pool, to);
     const size_t tets = (size_t)from->num_tets, one = sizeof(int32_t);
     if (!copy(from->link, (size_t)from->num_links, sizeof *to->link, &to->link) || !copy(from->bridge, (size_t)from->num_bridges, one, &to->bridge) ||
         !copy(from->tet, tets, one, &to->tet) || !copy(from->start, tets + 1, one, &to->start) ||
-        !copy(from->fragment, (size_t)from->start[tets], one, &to->fragment) || !copy(from->voxel_start, tets + 1, one, &to->voxel_start) ||
-        !copy(from->voxel_fragment, (size_t)from->voxel_start[tets], one, &to->voxel_fragment) ||
+        !copy(from->fragment, (size_t)from->start[tets], one, &to->fragment) || !copy(from->voxel_start, tets, one, &to->voxel_start) ||
         !copy(from->cut_end, (size_t)from->num_cuts, one, &to->cut_end) || !copy(from->severed, severed, sizeof *to->severed, &to->severed) ||
         !copy(from->chip, (size_t)from->num_chips, 2 * one, &to->chip) || !copy(from->join, (size_t)from->num_joins, 2 * one, &to->join)) {
         pliant_cuts_free(to);

@@ -184,9 +184,6 @@ static pliant_status divide(const pliant_body *body, const pliant_division *divi
     if (status == PLIANT_OK) status = list_touched(body, division, next);
     if (status == PLIANT_OK) status = renew_masses(body, next);
     if (status != PLIANT_OK) return status;
-    pliant_free(next->triangles);
-    next->triangles = NULL;
-    next->num_triangles = 0;
     status = pliant_mesh_surface_of(&next->fine, next->across, &next->triangles, &next->num_triangles);
     return status == PLIANT_OK && next->coarse.num_tets > 0 ? pliant_body_nest(body, next) : status;
 }
@@ -198,17 +195,14 @@ pliant_status pliant_body_divide(const pliant_body *body, uint64_t revision, con
     if (nodes == 0) return PLIANT_ERROR_ARGUMENT;
     if (!(source = pliant_calloc((size_t)nodes, sizeof *source))) return pliant_fail_memory("the next body");
     pliant_status status = find_sources(body, division, nodes, source);
-    if (status == PLIANT_OK) status = pliant_body_next(body, revision, &next);
+    if (status == PLIANT_OK) status = pliant_body_begin(body, revision, !division->cuts, &next);
     if (status == PLIANT_OK) status = divide(body, division, nodes, source, next);
     pliant_free(source);
     if (status != PLIANT_OK) {
         pliant_body_release(next);
         return status;
     }
-    if (division->cuts) {
-        pliant_cuts_free(next->cuts);
-        next->cuts = division->cuts;
-    }
+    if (division->cuts) next->cuts = division->cuts;
     *out = next;
     return PLIANT_OK;
 }

@@ -134,6 +134,12 @@ static inline int32_t pliant_voxel_in(const pliant_voxels *voxels, int32_t tet, 
     return low - voxels->start[tet];
 }
 
+/* ---- cuts.c */
+
+/* Room for `more` voxels of cuts to come after `cuts`, Nullable: in the pool of these, where next->voxel_fragment stays the same, or in a new one,
+ * for `kept` others as well. @param first out: where it begins */
+pliant_status pliant_cuts_room(const pliant_cuts *cuts, size_t kept, size_t more, pliant_cuts *next, int32_t *first);
+
 /* ---- bridges.c */
 
 pliant_status pliant_bridges_build(const pliant_mesh *fine, pliant_voxels *voxels);

@@ -32,20 +32,25 @@ static int32_t sort_pairs(int32_t *pair, int32_t count)
     return kept;
 }
 
-/* of a tetrahedron in the lists of before */
-static void keep_tet(const cut_work *work, int32_t old, pliant_cuts *next)
+static int32_t count_voxels(const cut_work *work, int32_t tet) { return work->voxels->start[tet + 1] - work->voxels->start[tet]; }
+
+/* Of a tetrahedron in the lists of before. @param at where its voxels go in another pool; moves on */
+static void keep_tet(const cut_work *work, int32_t old, pliant_cuts *next, int32_t *at)
 {
     const pliant_cuts *cuts = work->cuts;
-    const int32_t fragments = cuts->start[old + 1] - cuts->start[old], voxels = cuts->voxel_start[old + 1] - cuts->voxel_start[old];
+    const int32_t fragments = cuts->start[old + 1] - cuts->start[old], voxels = count_voxels(work, cuts->tet[old]);
     const int32_t n = next->num_tets++;
     next->tet[n] = cuts->tet[old];
     memcpy(next->fragment + next->start[n], cuts->fragment + cuts->start[old], (size_t)fragments * sizeof *next->fragment);
-    memcpy(next->voxel_fragment + next->voxel_start[n], cuts->voxel_fragment + cuts->voxel_start[old], (size_t)voxels * sizeof *next->voxel_fragment);
     next->start[n + 1] = next->start[n] + fragments;
-    next->voxel_start[n + 1] = next->voxel_start[n] + voxels;
+    next->voxel_start[n] = cuts->voxel_start[old];
+    if (next->pool == cuts->pool) return;
+    memcpy(next->voxel_fragment + *at, cuts->voxel_fragment + cuts->voxel_start[old], (size_t)voxels * sizeof *next->voxel_fragment);
+    next->voxel_start[n] = *at;
+    *at += voxels;
 }
 
-static void add_tet(const cut_work *work, int32_t touched, pliant_cuts *next)
+static void add_tet(const cut_work *work, int32_t touched, pliant_cuts *next, int32_t *first)
 {
     const int32_t n = next->num_tets++, tet = work->touched[touched], tets = work->body->fine.num_tets;
     int32_t at = next->start[n];
@@ -55,7 +60,8 @@ static void add_tet(const cut_work *work, int32_t touched, pliant_cuts *next)
         if (work->fragment[f].into < 0 && work->fragment[f].number != tet) next->fragment[at++] = work->fragment[f].number;
     next->start[n + 1] = at;
     qsort(next->fragment + next->start[n], (size_t)(at - next->start[n]), sizeof *next->fragment, by_number);
-    next->voxel_start[n + 1] = next->voxel_start[n] + work->start[touched + 1] - work->start[touched];
+    next->voxel_start[n] = *first;
+    *first += work->start[touched + 1] - work->start[touched];
     for (int32_t i = work->start[touched]; i < work->start[touched + 1]; i++)
         next->voxel_fragment[next->voxel_start[n] + i - work->start[touched]] = cut_number(work, tets + work->part[i]);
 }
@@ -65,20 +71,23 @@ static pliant_status gather_fragments(const cut_work *work, pliant_cuts *next)
     const pliant_cuts *cuts = work->cuts;
     const size_t tets = (size_t)work->num_touched + (size_t)(cuts ? cuts->num_tets : 0);
     const size_t fragments = (size_t)work->num_fragments + (size_t)(cuts ? cuts->start[cuts->num_tets] : 0);
-    const size_t voxels = (size_t)work->start[work->num_touched] + (size_t)(cuts ? cuts->voxel_start[cuts->num_tets] : 0);
+    size_t kept = 0;
+    int32_t at;
+    for (int32_t t = 0; cuts && t < cuts->num_tets; t++) kept += work->state[cuts->tet[t]] > 0 ? 0 : (size_t)count_voxels(work, cuts->tet[t]);
     next->tet = pliant_calloc(tets, sizeof *next->tet);
     next->start = pliant_calloc(tets + 1, sizeof *next->start);
     next->fragment = pliant_calloc(fragments, sizeof *next->fragment);
-    next->voxel_start = pliant_calloc(tets + 1, sizeof *next->voxel_start);
-    next->voxel_fragment = pliant_calloc(voxels, sizeof *next->voxel_fragment);
-    if (!next->tet || !next->start || !next->fragment || !next->voxel_start || !next->voxel_fragment) return pliant_fail_memory("the fragments");
+    next->voxel_start = pliant_calloc(tets, sizeof *next->voxel_start);
+    if (!next->tet || !next->start || !next->fragment || !next->voxel_start) return pliant_fail_memory("the fragments");
+    const pliant_status status = pliant_cuts_room(cuts, kept, (size_t)work->start[work->num_touched], next, &at);
+    if (status != PLIANT_OK) return status;
     int32_t old = 0;
     for (int32_t t = 0; t < work->num_touched; t++) {
-        for (; cuts && old < cuts->num_tets && cuts->tet[old] < work->touched[t]; old++) keep_tet(work, old, next);
+        for (; cuts && old < cuts->num_tets && cuts->tet[old] < work->touched[t]; old++) keep_tet(work, old, next, &at);
         if (cuts && old < cuts->num_tets && cuts->tet[old] == work->touched[t]) old++;
-        add_tet(work, t, next);
+        add_tet(work, t, next, &at);
     }
-    for (; cuts && old < cuts->num_tets; old++) keep_tet(work, old, next);
+    for (; cuts && old < cuts->num_tets; old++) keep_tet(work, old, next, &at);
     return PLIANT_OK;
 }
 
