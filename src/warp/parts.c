@@ -10,6 +10,8 @@
 /* A voxel of another tetrahedron counts to a carrier that so many links lead to: as far as two corners of a cell lie apart. */
 enum { STEPS = 3 };
 enum { NO_LABEL = -1, IN_QUEUE = -2 };
+/* Cells along i are looked at so many at a time. */
+enum { MOST_ROW = 64 };
 
 pliant_status pliant_parts_no_memory(void) { return pliant_fail_memory("the parts of the deformed volume"); }
 
@@ -106,33 +108,66 @@ static bool list_fragments(part_maker *work)
 
 /* ---- labels */
 
+/* What a cell's row and slice add to the barycentric coordinates of its corner with the most of each, in pliant_parts_touches' order. */
+typedef struct cell_planes {
+    const part_shape *at;
+    double most[4][MOST_ROW]; /* along a row */
+} cell_planes;
+
+static void begin_rows(const part_shape *at, int32_t low, int32_t count, cell_planes *out)
+{
+    out->at = at;
+    for (int v = 0; v < 4; v++)
+        for (int32_t i = 0; i < count; i++) out->most[v][i] = at->value[v] + part_most(at->slope[v][0], low + i, 1);
+}
+
+/* Which cells of a row the tetrahedron touches: pliant_parts_touches of each, bit for bit; whether one of them. */
+static bool touch_row(const cell_planes *planes, const int32_t low[3], int32_t count, uint8_t *touched)
+{
+    double along[4], down[4];
+    bool any = false;
+    for (int v = 0; v < 4; v++) {
+        along[v] = part_most(planes->at->slope[v][1], low[1], 1);
+        down[v] = part_most(planes->at->slope[v][2], low[2], 1);
+    }
+    for (int32_t i = 0; i < count; i++) {
+        bool inside = true;
+        for (int v = 0; v < 4; v++) inside &= !(planes->most[v][i] + along[v] + down[v] < -PART_GROWTH);
+        touched[i] = inside;
+        any |= inside;
+    }
+    return any;
+}
+
 /* Corners of the cells that the tetrahedron touches; whether one of these has a severed link. */
 static bool find_touched(part_maker *work)
 {
-    const int32_t *size = work->box.size;
+    const int32_t *size = work->box.size, row = size[0], slice = size[0] * size[1];
+    const int32_t cells[3] = {size[0] > 1 ? size[0] - 1 : 1, size[1] > 1 ? size[1] - 1 : 1, size[2] > 1 ? size[2] - 1 : 1};
     bool any = false;
-    int32_t at[3], last[3];
+    uint8_t touched[MOST_ROW];
+    cell_planes planes;
     memset(work->touched, 0, (size_t)work->count);
-    for (int d = 0; d < 3; d++) last[d] = size[d] > 1 ? size[d] - 2 : 0;
-    for (at[2] = 0; at[2] <= last[2]; at[2]++)
-        for (at[1] = 0; at[1] <= last[1]; at[1]++)
-            for (at[0] = 0; at[0] <= last[0]; at[0]++) {
-                const double low[3] = {work->box.low[0] + at[0], work->box.low[1] + at[1], work->box.low[2] + at[2]};
-                if (!pliant_parts_touches(&work->at, low, (const double[3]){1, 1, 1})) continue;
+    for (int32_t from = 0; from < cells[0]; from += MOST_ROW) {
+        const int32_t count = cells[0] - from < MOST_ROW ? cells[0] - from : MOST_ROW;
+        begin_rows(&work->at, work->box.low[0] + from, count, &planes);
+        for (int32_t k = 0; k < cells[2]; k++)
+            for (int32_t j = 0; j < cells[1]; j++) {
+                const int32_t low[3] = {work->box.low[0] + from, work->box.low[1] + j, work->box.low[2] + k};
+                if (!touch_row(&planes, low, count, touched)) continue;
                 for (int c = 0; c < 8; c++) {
-                    int32_t corner[3];
-                    bool there = true;
+                    const int32_t step[3] = {c & 1, c >> 1 & 1, c >> 2};
                     uint8_t links = 0;
-                    for (int d = 0; d < 3; d++) {
-                        corner[d] = at[d] + (c >> d & 1);
-                        there = there && corner[d] < size[d];
-                        if (!(c >> d & 1)) links |= (uint8_t)(1 << d);
+                    if (step[0] >= size[0] || j + step[1] >= size[1] || k + step[2] >= size[2]) continue;
+                    for (int d = 0; d < 3; d++) links |= (uint8_t)(!step[d] << d);
+                    const int32_t corner = from + step[0] + row * (j + step[1]) + slice * (k + step[2]);
+                    for (int32_t i = 0; i < count; i++) {
+                        work->touched[corner + i] |= touched[i];
+                        any |= touched[i] && work->severed[corner + i] & links;
                     }
-                    if (!there) continue;
-                    work->touched[part_index_of(size, corner)] = 1;
-                    any = any || work->severed[part_index_of(size, corner)] & links;
                 }
             }
+    }
     return any;
 }
 

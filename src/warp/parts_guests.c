@@ -6,8 +6,6 @@
 
 /* Cells are looked at in so many pieces along each axis, for whether a carrier has a part of them. */
 enum { PIECES = 4 };
-/* Corners of guests lie so much further out, of the way from their middle: where they meet others, rounding leaves no gap. */
-static const double guest_growth = 1.0 / 1024;
 /* Boxes reach so far around their tetrahedra, in voxels, and no less than guests do. */
 static const double around = 0.02;
 
@@ -46,8 +44,8 @@ bool pliant_parts_touches(const part_shape *at, const double low[3], const doubl
 {
     for (int v = 0; v < 4; v++) {
         double most = at->value[v];
-        for (int d = 0; d < 3; d++) most += at->slope[v][d] * low[d] + (at->slope[v][d] > 0 ? at->slope[v][d] * size[d] : 0);
-        if (most < -guest_growth) return false;
+        for (int d = 0; d < 3; d++) most += part_most(at->slope[v][d], low[d], size[d]);
+        if (most < -PART_GROWTH) return false;
     }
     return true;
 }
@@ -62,7 +60,7 @@ void pliant_parts_box(const part_maker *work, int32_t tet, part_box *out)
             low = fmin(low, corner[v][d]);
             high = fmax(high, corner[v][d]);
         }
-        margin = around + guest_growth * (high - low);
+        margin = around + PART_GROWTH * (high - low);
         const int32_t last = work->voxels->geometry.size[d] - 1;
         out->low[d] = (int32_t)fmin(fmax(floor(low - margin), 0), last > 0 ? last - 1 : 0);
         out->size[d] = (int32_t)fmin(fmax(ceil(high + margin), out->low[d] + (last > 0)), last) - out->low[d] + 1;
@@ -118,7 +116,7 @@ static bool add_guest(part_maker *work, int32_t label)
     for (int d = 0; d < 3; d++) {
         double middle = 0;
         for (int v = 0; v < 4; v++) middle += 0.25 * work->at.corner[v][d];
-        for (int v = 0; v < 4; v++) guest->rest[v][d] = work->at.corner[v][d] + guest_growth * (work->at.corner[v][d] - middle);
+        for (int v = 0; v < 4; v++) guest->rest[v][d] = work->at.corner[v][d] + PART_GROWTH * (work->at.corner[v][d] - middle);
     }
     for (int v = 0; v < 4; v++)
         for (int n = 0; n < 4; n++) {

@@ -55,6 +55,12 @@ typedef struct part_changes {
     uint8_t *listed;               /* (tetrahedra at load) its list of fragments differs */
 } part_changes;
 
+/* Corners of guests lie so much further out, of the way from their middle: where they meet others, rounding leaves no gap. */
+#define PART_GROWTH (1.0 / 1024)
+
+/* the most of slope times index between low and low + size */
+static inline double part_most(double slope, double low, double size) { return slope * low + (slope > 0 ? slope * size : 0); }
+
 static inline void part_place_of(const int32_t size[3], int32_t voxel, int32_t at[3])
 {
     at[0] = voxel % size[0];
