@@ -13,6 +13,7 @@ typedef struct bridges {
     const double *spacing;
     int32_t count, room;
     int32_t *pair;             /* (count x 2) voxels */
+    int32_t *place;            /* (most voxels of one tetrahedron x 3) room */
 } bridges;
 
 static pliant_status add_bridge(bridges *work, const int32_t pair[2])
@@ -32,15 +33,17 @@ static pliant_status add_bridge(bridges *work, const int32_t pair[2])
 static void closest(const bridges *work, int32_t tet, int32_t other, const int32_t *part, int32_t pair[2])
 {
     const pliant_voxels *voxels = work->voxels;
+    const int32_t first = voxels->start[other];
     double least = -1;
+    for (int32_t b = first; b < voxels->start[other + 1]; b++) pliant_place_of(voxels, voxels->voxel[b], work->place + 3 * (b - first));
     for (int32_t a = voxels->start[tet]; a < voxels->start[tet + 1]; a++) {
         if (part && part[a - voxels->start[tet]] != 0) continue;
-        int32_t from[3], to[3];
+        int32_t from[3];
         pliant_place_of(voxels, voxels->voxel[a], from);
-        for (int32_t b = voxels->start[other]; b < voxels->start[other + 1]; b++) {
-            if (part && part[b - voxels->start[other]] == 0) continue;
+        for (int32_t b = first; b < voxels->start[other + 1]; b++) {
+            if (part && part[b - first] == 0) continue;
+            const int32_t *to = work->place + 3 * (b - first);
             double squares = 0;
-            pliant_place_of(voxels, voxels->voxel[b], to);
             for (int d = 0; d < 3; d++) squares += (to[d] - from[d]) * (to[d] - from[d]) * work->spacing[d] * work->spacing[d];
             if (least >= 0 && squares >= least) continue;
             least = squares;
@@ -50,13 +53,84 @@ static void closest(const bridges *work, int32_t tet, int32_t other, const int32
     }
 }
 
-/* How many parts every tetrahedron has while there are no bridges. part: (threads x most voxels of one) room */
-static void count_parts(const pliant_voxels *voxels, int threads, size_t most, int32_t *part, int32_t *parts)
+/* ---- how many parts there are while nothing is severed and there are no bridges: by runs of voxels along i, which hang together */
+
+typedef struct run {
+    int32_t first, last; /* voxels */
+    int32_t i, j, k;     /* of the first */
+} run;
+
+/* rows behind one that a run may be joined to: steps along j and k, and along i as far as diagonals go */
+static const int8_t rows_behind[4][3] = {{1, 0, 1}, {-1, 1, 0}, {0, 1, 1}, {1, 1, 0}};
+
+static int32_t list_runs(const pliant_voxels *voxels, int32_t tet, run *runs)
+{
+    int32_t count = 0;
+    for (int32_t n = voxels->start[tet]; n < voxels->start[tet + 1]; n++) {
+        const int32_t voxel = voxels->voxel[n];
+        if (count > 0 && voxel == runs[count - 1].last + 1 && voxel % voxels->geometry.size[0] != 0) {
+            runs[count - 1].last = voxel;
+            continue;
+        }
+        int32_t at[3];
+        pliant_place_of(voxels, voxel, at);
+        runs[count++] = (run){voxel, voxel, at[0], at[1], at[2]};
+    }
+    return count;
+}
+
+/* Whether a run and one of a row behind are joined, by a link or a diagonal. to: the first run's place in that row */
+static bool runs_joined(const pliant_links *links, const run *one, const run *other, int32_t to, const int8_t row[3])
+{
+    const bool straight = !row[0] || !row[1];
+    const int32_t low = other->first > to ? other->first : to, high = other->last < to + one->last - one->first ? other->last : to + one->last - one->first;
+    if (straight && low <= high) return true;
+    int32_t at[3] = {0, one->j, one->k};
+    for (int32_t w = low; w <= high; w++) { /* across an edge, with the same i */
+        at[0] = one->i + w - to;
+        if (pliant_joined(links, one->first + w - to, at, (const int8_t[3]){0, row[0], row[1]})) return true;
+    }
+    if (!straight) return false;
+    const bool after = other->first > to;
+    at[0] = after ? one->i + one->last - one->first : one->i;
+    return pliant_joined(links, after ? one->last : one->first, at, (const int8_t[3]){after ? 1 : -1, row[0], row[1]});
+}
+
+/* runs, part: (voxels of the tetrahedron) room */
+static int32_t count_parts_of(const pliant_voxels *voxels, int32_t tet, run *runs, int32_t *part)
+{
+    const pliant_links links = {.voxels = voxels};
+    const int32_t *size = voxels->geometry.size, count = list_runs(voxels, tet, runs);
+    int32_t from[4] = {0}, parts = count;
+    for (int32_t r = 0; r < count; r++) part[r] = r;
+    for (int32_t r = 0; r < count && parts > 1; r++)
+        for (int b = 0; b < 4; b++) {
+            const run *one = runs + r;
+            const int32_t j = one->j + rows_behind[b][0], k = one->k + rows_behind[b][1], more = rows_behind[b][2];
+            if (j < 0 || j >= size[1] || k >= size[2]) continue;
+            const int32_t to = one->i + size[0] * (j + size[1] * k), length = one->last - one->first;
+            const int32_t low = one->i > 0 ? to - more : to, high = one->i + length + 1 < size[0] ? to + length + more : to + length;
+            while (from[b] < count && runs[from[b]].last < low) from[b]++;
+            for (int32_t other = from[b]; other < count && runs[other].first <= high; other++) {
+                if (first_of(part, r) == first_of(part, other) || !runs_joined(&links, one, runs + other, to, rows_behind[b])) continue;
+                join(part, r, other);
+                parts--;
+            }
+        }
+    return parts;
+}
+
+/* runs, part: (threads x most voxels of a tetrahedron) room */
+static void count_parts(const pliant_voxels *voxels, int threads, size_t most, run *runs, int32_t *part, int32_t *parts)
 {
 #pragma omp parallel for schedule(dynamic, 64) num_threads(threads)
-    for (int32_t tet = 0; tet < voxels->num_tets; tet++)
-        parts[tet] = pliant_voxels_parts(voxels, NULL, tet, part + most * (size_t)omp_get_thread_num());
+    for (int32_t tet = 0; tet < voxels->num_tets; tet++) {
+        const size_t room = most * (size_t)omp_get_thread_num();
+        parts[tet] = count_parts_of(voxels, tet, runs + room, part + room);
+    }
 }
+
+/* ---- bridges */
 
 /* A spanning tree of the parts of every tetrahedron, from its first one (Prim). part: (most voxels of one) room; parts: of count_parts */
 static pliant_status bridge_within(bridges *work, const int32_t *parts, int32_t *part)
@@ -79,25 +153,51 @@ static pliant_status bridge_within(bridges *work, const int32_t *parts, int32_t 
     return status;
 }
 
-/* One for every inner face whose two tetrahedra no link joins. linked: (num_tets x 4), zeroed */
-static pliant_status bridge_faces(bridges *work, uint8_t *linked)
+static int face_to(const pliant_voxels *voxels, int32_t tet, int32_t other)
 {
-    const pliant_voxels *voxels = work->voxels;
+    for (int c = 0; c < 4; c++)
+        if (voxels->across[4 * (size_t)tet + c] == other) return c;
+    return -1;
+}
+
+/* Faces that a link or a diagonal goes through. linked: (num_tets x 4), zeroed */
+static void find_linked(const pliant_voxels *voxels, int threads, uint8_t *linked)
+{
     const pliant_links links = {.voxels = voxels};
-    const int32_t count = (int32_t)pliant_geometry_voxels(&voxels->geometry), *across = voxels->across, *owner = voxels->owner;
-    pliant_status status = PLIANT_OK;
-    for (int32_t v = 0; v < count; v++) {
-        int32_t at[3];
-        if (owner[v] >= 0) pliant_place_of(voxels, v, at);
-        for (int n = 0; owner[v] >= 0 && n < 9; n++) {
-            const int32_t w = pliant_step_to(voxels, v, at, pliant_behind[n]);
-            if (w < 0 || owner[w] < 0 || owner[w] == owner[v] || !pliant_joined(&links, v, at, pliant_behind[n])) continue;
-            for (int c = 0; c < 4; c++) {
-                if (across[4 * owner[v] + c] == owner[w]) linked[4 * owner[v] + c] = 1;
-                if (across[4 * owner[w] + c] == owner[v]) linked[4 * owner[w] + c] = 1;
+    const int32_t *size = voxels->geometry.size, *owner = voxels->owner;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
+    for (int32_t k = 0; k < size[2]; k++)
+        for (int32_t v = size[0] * size[1] * k; v < size[0] * size[1] * (k + 1); v++) {
+            int32_t at[3] = {-1, 0, 0};
+            for (int n = 0; n < 9 && owner[v] >= 0; n++) {
+                const int8_t *step = pliant_behind[n];
+                const int64_t w = v + step[0] + (int64_t)size[0] * (step[1] + (int64_t)size[1] * step[2]);
+                if (w >= (int64_t)size[0] * size[1] * size[2] || owner[w] < 0 || owner[w] == owner[v]) continue;
+                const int face = face_to(voxels, owner[v], owner[w]);
+                uint8_t known = 1;
+                if (face < 0) continue;
+#pragma omp atomic read
+                known = linked[4 * (size_t)owner[v] + (size_t)face];
+                if (known) continue;
+                if (at[0] < 0) pliant_place_of(voxels, v, at);
+                if (pliant_step_to(voxels, v, at, step) < 0 || !pliant_joined(&links, v, at, step)) continue;
+                const int back = face_to(voxels, owner[w], owner[v]);
+#pragma omp atomic write
+                linked[4 * (size_t)owner[v] + (size_t)face] = 1;
+                if (back < 0) continue;
+#pragma omp atomic write
+                linked[4 * (size_t)owner[w] + (size_t)back] = 1;
             }
         }
-    }
+}
+
+/* One for every inner face whose two tetrahedra no link joins. linked: (num_tets x 4), zeroed */
+static pliant_status bridge_faces(bridges *work, int threads, uint8_t *linked)
+{
+    const pliant_voxels *voxels = work->voxels;
+    const int32_t *across = voxels->across;
+    pliant_status status = PLIANT_OK;
+    find_linked(voxels, threads, linked);
     for (int32_t f = 0; f < 4 * voxels->num_tets && status == PLIANT_OK; f++) {
         int32_t tet = f / 4, other = across[f], pair[2] = {-1, -1};
         if (other <= tet || linked[f] || voxels->start[tet] == voxels->start[tet + 1] || voxels->start[other] == voxels->start[other + 1]) continue;
@@ -187,14 +287,18 @@ pliant_status pliant_bridges_build(const pliant_mesh *fine, pliant_voxels *voxel
     const int threads = omp_get_max_threads();
     int32_t *part = pliant_calloc((size_t)threads * most, sizeof *part), *parts = pliant_calloc((size_t)voxels->num_tets + 1, sizeof *parts);
     uint8_t *linked = pliant_calloc((size_t)voxels->num_tets, 4);
-    pliant_status status = part && parts && linked ? PLIANT_OK : pliant_fail_memory("the voxels of a body");
-    if (status == PLIANT_OK) count_parts(voxels, threads, most, part, parts);
+    run *runs = pliant_calloc((size_t)threads * most, sizeof *runs);
+    work.place = pliant_calloc(most, 3 * sizeof *work.place);
+    pliant_status status = part && parts && linked && runs && work.place ? PLIANT_OK : pliant_fail_memory("the voxels of a body");
+    if (status == PLIANT_OK) count_parts(voxels, threads, most, runs, part, parts);
     if (status == PLIANT_OK) status = bridge_within(&work, parts, part);
-    if (status == PLIANT_OK) status = bridge_faces(&work, linked);
+    if (status == PLIANT_OK) status = bridge_faces(&work, threads, linked);
     if (status == PLIANT_OK) status = bridge_hinges(&work, fine, part);
     pliant_free(part);
     pliant_free(parts);
     pliant_free(linked);
+    pliant_free(runs);
+    pliant_free(work.place);
     voxels->bridge = work.pair;
     voxels->num_bridges = work.count;
     return status == PLIANT_OK ? list_beside(voxels) : status;

@@ -11,6 +11,8 @@
 #include <map>
 #include <random>
 
+#define STAGE_NAME(name) #name,
+
 namespace {
 
 double cpu()
@@ -99,6 +101,10 @@ int main(int argc, char **argv)
     pliant_data *data = nullptr;
     check(pliant_model_build(&scene, &volume, &organs, &materials, {nullptr, nullptr}, &model));
     check(pliant_data_create(model, &data));
+    std::printf("load [ms]:");
+    static const char *const stages[] = {PLIANT_BUILD_STAGE_LIST(STAGE_NAME)};
+    for (int s = 0; s < PLIANT_NUM_BUILD_STAGES; s++) std::printf(" %s %.0f", stages[s], 1e3 * model->build_seconds[s]);
+    std::printf("\n");
     if (with["warp"] > 0) check(pliant_data_set_warp(model, data, &volume.geometry));
     check(pliant_step(model, data));
     std::mt19937 random(5);
