@@ -245,9 +245,11 @@ static pliant_status bridge_hinges(bridges *work, const pliant_mesh *fine, int32
     for (int32_t node = 0; node < fine->num_nodes && status == PLIANT_OK; node++) {
         const int32_t *corner = voxels->around + voxels->around_start[node];
         const int32_t count = voxels->around_start[node + 1] - voxels->around_start[node];
-        int32_t pair[2] = {-1, -1};
+        int32_t pair[2] = {-1, -1}, fans = 0;
         double index[3];
         fan_of(fine, voxels, node, part);
+        for (int32_t i = 0; i < count; i++) fans += part[i] == i;
+        if (fans < 2) continue;
         pliant_geometry_to_index(&voxels->geometry, fine->rest + 3 * node, index);
         for (int32_t i = 0; i < count && status == PLIANT_OK; i++) {
             if (part[i] != i) continue; /* not the first of a fan */
