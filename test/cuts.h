@@ -94,7 +94,7 @@ inline std::vector<int32_t> mesh_pieces(const pliant_body &body)
     Parts parts(static_cast<size_t>(body.fine.num_nodes));
     for (int32_t t = 0; t < body.fine.num_tets; t++)
         for (int v = 1; v < 4; v++) parts.join(body.fine.tets[4 * t], body.fine.tets[4 * t + v]);
-    for (int32_t j = 0; body.pieces && j < body.pieces->num_joints; j++) parts.join(body.pieces->joint[2 * j], body.pieces->joint[2 * j + 1]);
+    for (int32_t j = 0; body.pieces && j < body.pieces->num_joints + body.pieces->num_inner; j++) parts.join(body.pieces->joint[2 * j], body.pieces->joint[2 * j + 1]);
     std::vector<int32_t> out(static_cast<size_t>(body.fine.num_tets));
     for (int32_t t = 0; t < body.fine.num_tets; t++) out[t] = parts.find(body.fine.tets[4 * t]);
     return out;

@@ -83,7 +83,9 @@ typedef struct pliant_pieces {
     int32_t count;
     int32_t *start, *node;     /**< (count + 1), (start[count]) fine nodes of each, ascending; no other piece or tissue has them */
     int32_t num_joints;        /**< what a piece hangs on where it is a node or two */
-    int32_t *joint;            /**< (num_joints x 2) its own node, and the one that it hangs on; twice its own: that stays where it was at rest */
+    int32_t num_inner;         /**< after those: what has come off hanging on one another, one piece now */
+    int32_t *joint;            /**< ((num_joints + num_inner) x 2) its own node, and the one that it hangs on; twice its own: that stays where it
+                                *   was at rest */
 } pliant_pieces;
 
 /** Whether a node moves. What a solve is not asked for, since it is of a piece that has come off, is fixed where it was then, not at rest. */
@@ -143,6 +145,8 @@ typedef struct pliant_division {
     const uint8_t *copy_fixed; /**< (nodes appended) pliant_fixing; NULL: as their sources */
     int32_t num_touched;       /**< tetrahedra of the body before whose voxels changed, too, where nothing else tells */
     const int32_t *touched;    /**< (num_touched) */
+    int32_t num_joints;
+    const int32_t *joint;      /**< (num_joints x 2) corners, 4 tetrahedron + corner, of what is left of the joints of its pieces; NULL: all of it */
     bool same_pieces;          /**< no piece comes off another: it is not looked for what falls */
     pliant_cuts *cuts;         /**< of the next body, which takes them; NULL: as before */
 } pliant_division;

@@ -180,7 +180,7 @@ static pliant_status divide(const pliant_body *body, const pliant_division *divi
     memcpy(next->fine.tets, division->corners, 4 * (size_t)division->num_tets * sizeof *division->corners);
     if (division->material) memcpy(next->fine_material, division->material, (size_t)division->num_tets * sizeof *division->material);
     status = pliant_body_find_across(body, division->cuts, next);
-    if (status == PLIANT_OK && !(division->same_pieces && !body->pieces)) status = pliant_body_find_pieces(next);
+    if (status == PLIANT_OK && !(division->same_pieces && !body->pieces)) status = pliant_body_find_pieces(next, division);
     if (status == PLIANT_OK) status = list_touched(body, division, next);
     if (status == PLIANT_OK) status = renew_masses(body, next);
     if (status != PLIANT_OK) return status;

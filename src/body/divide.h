@@ -24,7 +24,7 @@ pliant_status pliant_body_find_across(const pliant_body *before, const pliant_cu
 
 /* ---- pieces.c */
 /* Lists what nothing holds any more in next, of which the topology is there; fixes its nodes, and gives it copies of those that it hangs on. */
-pliant_status pliant_body_find_pieces(pliant_body *next);
+pliant_status pliant_body_find_pieces(pliant_body *next, const pliant_division *division);
 pliant_status pliant_pieces_copy(const pliant_pieces *pieces, pliant_pieces **out);
 void pliant_pieces_free(pliant_pieces *pieces); /* Nullable */
 

@@ -6,11 +6,12 @@
 #include "mesh/faces.h"
 #include "pliant/memory.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 typedef struct search {
     pliant_body *next;
-    const pliant_pieces *before;   /* Nullable: of the body before */
+    int32_t num_joints, *joint;    /* (num_joints x 2) of pieces of the body before, by corners (4 tetrahedron + corner) of next */
     uint8_t *fixed, *loose;        /* (nodes) without what came off before, (tetrahedra) */
     uint8_t *in_loose, *in_firm;   /* (nodes) whether such a tetrahedron has it */
     int32_t *copy;                 /* (nodes) of those that a piece hangs on, for the piece; -1 */
@@ -44,15 +45,32 @@ static pliant_status create(int32_t count, int32_t nodes, int32_t joints, pliant
 
 pliant_status pliant_pieces_copy(const pliant_pieces *pieces, pliant_pieces **out)
 {
-    const int32_t nodes = pieces->start[pieces->count];
-    pliant_status status = create(pieces->count, nodes, pieces->num_joints, out);
+    const int32_t nodes = pieces->start[pieces->count], joints = pieces->num_joints + pieces->num_inner;
+    pliant_status status = create(pieces->count, nodes, joints, out);
     if (status != PLIANT_OK) return status;
     memcpy((*out)->start, pieces->start, ((size_t)pieces->count + 1) * sizeof *pieces->start);
     memcpy((*out)->node, pieces->node, (size_t)nodes * sizeof *pieces->node);
-    memcpy((*out)->joint, pieces->joint, 2 * (size_t)pieces->num_joints * sizeof *pieces->joint);
+    memcpy((*out)->joint, pieces->joint, 2 * (size_t)joints * sizeof *pieces->joint);
     (*out)->num_joints = pieces->num_joints;
+    (*out)->num_inner = pieces->num_inner;
     return PLIANT_OK;
 }
+
+/* Joints of the body before, as a division says that they are left, or all. */
+static pliant_status take_joints(search *work, const pliant_division *division)
+{
+    const pliant_pieces *before = work->next->pieces;
+    const int32_t joints = !before ? 0 : division->joint ? division->num_joints : before->num_joints + before->num_inner;
+    work->joint = pliant_calloc((size_t)joints + 1, 2 * sizeof *work->joint);
+    if (!work->joint) return pliant_fail_memory("the pieces of the body");
+    work->num_joints = joints;
+    for (int32_t v = 0; v < 2 * joints && division->joint; v++) work->joint[v] = division->joint[v];
+    for (int32_t v = 0; v < 2 * joints && !division->joint; v++)
+        while (work->next->fine.tets[work->joint[v]] != before->joint[v]) work->joint[v]++;
+    return PLIANT_OK;
+}
+
+static int32_t node_of(const search *work, int32_t joint, int end) { return work->next->fine.tets[work->joint[2 * joint + end]]; }
 
 /* What came off before is found again, with what has come off it since. */
 static void forget_before(const search *work)
@@ -60,8 +78,8 @@ static void forget_before(const search *work)
     const pliant_body *next = work->next;
     for (int32_t n = 0; n < next->fine.num_nodes; n++)
         work->fixed[n] = next->fine_fixed[n] == PLIANT_FIXED_WHERE_IT_WAS ? PLIANT_MOVES : next->fine_fixed[n];
-    for (int32_t j = 0; work->before && j < work->before->num_joints; j++)
-        if (work->before->joint[2 * j] == work->before->joint[2 * j + 1]) work->fixed[work->before->joint[2 * j]] = PLIANT_FIXED_AT_REST;
+    for (int32_t j = 0; j < work->num_joints; j++)
+        if (node_of(work, j, 0) == node_of(work, j, 1)) work->fixed[node_of(work, j, 0)] = PLIANT_FIXED_AT_REST;
 }
 
 static void mark_nodes(const search *work)
@@ -108,29 +126,63 @@ static void join_nodes(const search *work, int32_t *part)
             first = node;
         }
     }
-    for (int32_t j = 0; work->before && j < work->before->num_joints; j++) {
-        const int32_t *joint = work->before->joint + 2 * j;
-        if (part[joint[0]] >= 0 && part[joint[1]] >= 0) join(part, joint[0], joint[1]);
-    }
+    for (int32_t j = 0; j < work->num_joints; j++)
+        if (part[node_of(work, j, 0)] >= 0 && part[node_of(work, j, 1)] >= 0) join(part, node_of(work, j, 0), node_of(work, j, 1));
     for (int32_t n = 0; n < fine->num_nodes; n++)
         if (part[n] >= 0) part[n] = first_of(part, n);
 }
 
-static void add_joint(pliant_pieces *pieces, int32_t own, int32_t other)
+static int by_pair(const void *a, const void *b)
 {
-    pieces->joint[2 * pieces->num_joints] = own;
-    pieces->joint[2 * pieces->num_joints++ + 1] = other;
+    const int32_t *i = a, *j = b;
+    if (i[0] != j[0]) return i[0] < j[0] ? -1 : 1;
+    return i[1] < j[1] ? -1 : i[1] > j[1];
+}
+
+/* each once; returns how many */
+static int32_t sort_pairs(int32_t *pair, int32_t count)
+{
+    int32_t kept = 0;
+    qsort(pair, (size_t)count, 2 * sizeof *pair, by_pair);
+    for (int32_t i = 0; i < count; i++) {
+        if (kept > 0 && by_pair(pair + 2 * kept - 2, pair + 2 * i) == 0) continue;
+        memmove(pair + 2 * kept++, pair + 2 * i, 2 * sizeof *pair);
+    }
+    return kept;
+}
+
+/* joints of before between pieces and what stays, or within pieces; returns how many */
+static int32_t list_old(const search *work, const int32_t *part, bool within, int32_t *joint)
+{
+    int32_t count = 0;
+    for (int32_t j = 0; j < work->num_joints; j++) {
+        int32_t own = node_of(work, j, 0), other = node_of(work, j, 1);
+        if (part[own] < 0) {
+            own = other;
+            other = node_of(work, j, 0);
+        }
+        if (own == other || part[own] < 0 || (part[other] >= 0) != within) continue;
+        joint[2 * count] = own;
+        joint[2 * count++ + 1] = other;
+    }
+    return count;
 }
 
 static void list_joints(const search *work, const int32_t *part, pliant_pieces *pieces)
 {
-    for (int32_t j = 0; work->before && j < work->before->num_joints; j++) {
-        const int32_t *joint = work->before->joint + 2 * j;
-        if (joint[0] != joint[1] && part[joint[0]] >= 0 && part[joint[1]] < 0) add_joint(pieces, joint[0], joint[1]);
+    int32_t *joint = pieces->joint, count = list_old(work, part, false, joint);
+    for (int32_t h = 0; h < work->num_hinges; h++) {
+        joint[2 * count] = work->copy[work->hinge[h]];
+        joint[2 * count++ + 1] = work->hinge[h];
     }
-    for (int32_t h = 0; h < work->num_hinges; h++) add_joint(pieces, work->copy[work->hinge[h]], work->hinge[h]);
-    for (int32_t n = 0; n < work->next->fine.num_nodes - work->num_hinges; n++)
-        if (part[n] >= 0 && work->fixed[n] == PLIANT_FIXED_AT_REST) add_joint(pieces, n, n);
+    for (int32_t n = 0; n < work->next->fine.num_nodes - work->num_hinges; n++) {
+        if (part[n] < 0 || work->fixed[n] != PLIANT_FIXED_AT_REST) continue;
+        joint[2 * count] = n;
+        joint[2 * count++ + 1] = n;
+    }
+    pieces->num_joints = sort_pairs(joint, count);
+    joint += 2 * pieces->num_joints;
+    pieces->num_inner = sort_pairs(joint, list_old(work, part, true, joint));
 }
 
 /* part: as join_nodes has left it; afterwards the number of the piece */
@@ -144,7 +196,7 @@ static pliant_status list_pieces(const search *work, int32_t *part)
         if (part[n] >= 0) part[n] = part[n] == n ? count++ : part[part[n]];
     }
     pliant_pieces *made;
-    pliant_status status = create(count, listed, nodes + (work->before ? work->before->num_joints : 0), &made);
+    pliant_status status = create(count, listed, nodes + work->num_joints, &made);
     if (status != PLIANT_OK) return status;
     for (int32_t n = 0; n < nodes; n++)
         if (part[n] >= 0) made->start[part[n] + 1]++;
@@ -154,7 +206,7 @@ static pliant_status list_pieces(const search *work, int32_t *part)
     for (int32_t p = count; p > 0; p--) made->start[p] = made->start[p - 1];
     made->start[0] = 0;
     if (!next->has_inertia) list_joints(work, part, made);
-    if (count > (work->before ? work->before->count : 0))
+    if (count > (next->pieces ? next->pieces->count : 0))
         pliant_log(PLIANT_LOG_INFO, "revision %llu: %d pieces have come off; they fall", (unsigned long long)next->revision, count);
     pliant_pieces_free(next->pieces);
     next->pieces = made;
@@ -195,10 +247,10 @@ static pliant_status find(search *work)
     return status;
 }
 
-pliant_status pliant_body_find_pieces(pliant_body *next)
+pliant_status pliant_body_find_pieces(pliant_body *next, const pliant_division *division)
 {
     const size_t nodes = (size_t)next->fine.num_nodes, tets = (size_t)next->fine.num_tets;
-    search work = {.next = next, .before = next->pieces};
+    search work = {.next = next};
     work.fixed = pliant_calloc(nodes, 1);
     work.loose = pliant_calloc(tets, 1);
     work.in_loose = pliant_calloc(nodes, 1);
@@ -206,8 +258,9 @@ pliant_status pliant_body_find_pieces(pliant_body *next)
     work.copy = pliant_calloc(nodes, sizeof *work.copy);
     work.hinge = pliant_calloc(nodes, sizeof *work.hinge);
     bool good = work.fixed && work.loose && work.in_loose && work.in_firm && work.copy && work.hinge;
-    pliant_status status = good ? find(&work) : pliant_fail_memory("the pieces of the body");
-    void *blocks[] = {work.fixed, work.loose, work.in_loose, work.in_firm, work.copy, work.hinge};
+    pliant_status status = good ? take_joints(&work, division) : pliant_fail_memory("the pieces of the body");
+    if (status == PLIANT_OK) status = find(&work);
+    void *blocks[] = {work.joint, work.fixed, work.loose, work.in_loose, work.in_firm, work.copy, work.hinge};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     return status;
 }

@@ -181,6 +181,14 @@ static pliant_status add_copy(splitting *split, uint8_t fixed)
     return PLIANT_OK;
 }
 
+/* what a node of a piece was before this came off */
+static uint8_t fixed_of(const pliant_body *body, int32_t node)
+{
+    for (int32_t j = 0; body->pieces && j < body->pieces->num_joints; j++)
+        if (body->pieces->joint[2 * j] == node && body->pieces->joint[2 * j + 1] == node) return PLIANT_FIXED_AT_REST;
+    return body->fine_fixed[node];
+}
+
 static bool joined_by_face(const cut_work *work, int32_t a, int32_t b)
 {
     const int32_t s = cut_tet_of(work, a), t = cut_tet_of(work, b);
@@ -206,7 +214,7 @@ static pliant_status split_node(splitting *split, int32_t node)
                 split->regions--;
             }
     if (parts <= 1) return PLIANT_OK;
-    const uint8_t fixed = work->body->fine_fixed[node];
+    const uint8_t fixed = fixed_of(work->body, node);
     int32_t keeps = 0;
     bool any = false;
     if (fixed == PLIANT_FIXED_AT_REST) {
@@ -274,6 +282,101 @@ static pliant_status number(splitting *split)
     return PLIANT_OK;
 }
 
+/* ---- what pieces hang on */
+
+static pliant_status add_joint(cut_work *work, const element *own, const element *other)
+{
+    if (work->num_joints == work->joint_room) {
+        const int32_t room = work->joint_room > 0 ? 2 * work->joint_room : 64;
+        int32_t *longer = pliant_resize(work->joint, (size_t)room, 2 * sizeof *longer);
+        if (!longer) return no_memory();
+        work->joint = longer;
+        work->joint_room = room;
+    }
+    work->joint[2 * work->num_joints] = 4 * cut_number(work, own->end) + own->corner;
+    work->joint[2 * work->num_joints++ + 1] = 4 * cut_number(work, other->end) + other->corner;
+    return PLIANT_OK;
+}
+
+static int by_pair(const void *a, const void *b)
+{
+    const int32_t *i = a, *j = b;
+    if (i[0] != j[0]) return i[0] < j[0] ? -1 : 1;
+    return i[1] < j[1] ? -1 : i[1] > j[1];
+}
+
+/* Nodes that joints keep together, by the first of them: (node of before, first), ascending by the latter. Returns how many. */
+static int32_t list_hung(const pliant_body *body, int32_t *part, int32_t *hung)
+{
+    const int32_t *joint = body->pieces->joint, joints = body->pieces->num_joints + body->pieces->num_inner;
+    int32_t count = 0;
+    for (int32_t n = 0; n < body->fine.num_nodes; n++) part[n] = n;
+    for (int32_t j = 0; j < joints; j++) join(part, joint[2 * j], joint[2 * j + 1]);
+    for (int32_t v = 0; v < 2 * joints; v++) {
+        hung[2 * v] = first_of(part, joint[v]);
+        hung[2 * v + 1] = joint[v];
+    }
+    qsort(hung, 2 * (size_t)joints, 2 * sizeof *hung, by_pair);
+    for (int32_t v = 0; v < 2 * joints; v++)
+        if (count == 0 || by_pair(hung + 2 * count - 2, hung + 2 * v) != 0) memmove(hung + 2 * count++, hung + 2 * v, 2 * sizeof *hung);
+    return count;
+}
+
+/* Nodes that joints have kept together: corners around them that are joined still. */
+static pliant_status keep_together(splitting *split, int32_t count, const int32_t *hung)
+{
+    cut_work *work = split->work;
+    pliant_status status = PLIANT_OK;
+    for (int32_t i = 0; i < count; i++) {
+        status = find_around(split, hung[2 * i + 1]);
+        const int32_t own = split->count;
+        element *around = status == PLIANT_OK ? pliant_calloc((size_t)own, sizeof *around) : NULL;
+        if (!around) return status == PLIANT_OK ? no_memory() : status;
+        memcpy(around, split->around, (size_t)own * sizeof *around);
+        for (int32_t j = i + 1; j < count && status == PLIANT_OK; j++) {
+            status = find_around(split, hung[2 * j + 1]);
+            for (int32_t a = 0; a < own; a++)
+                for (int32_t b = 0; b < split->count && status == PLIANT_OK; b++)
+                    if (joined(work, around[a].end, split->around[b].end)) status = add_joint(work, around + a, split->around + b);
+        }
+        pliant_free(around);
+        if (status != PLIANT_OK) return status;
+    }
+    return PLIANT_OK;
+}
+
+/* What is fixed holds a node that keeps its number; copies are held by themselves. */
+static pliant_status keep_fixed(splitting *split, int32_t node)
+{
+    const cut_work *work = split->work;
+    pliant_status status = find_around(split, node);
+    for (int32_t i = 0; i < split->count && status == PLIANT_OK; i++)
+        if (work->corners[4 * (size_t)cut_number(work, split->around[i].end) + split->around[i].corner] == node)
+            return add_joint(split->work, split->around + i, split->around + i);
+    return status;
+}
+
+static pliant_status keep_joints(splitting *split)
+{
+    const pliant_body *body = split->work->body;
+    const pliant_pieces *pieces = body->pieces;
+    if (!pieces) return PLIANT_OK;
+    const size_t joints = (size_t)pieces->num_joints + (size_t)pieces->num_inner;
+    int32_t *part = pliant_calloc((size_t)body->fine.num_nodes, sizeof *part), *hung = pliant_calloc(2 * joints + 1, 2 * sizeof *hung);
+    split->work->joint = pliant_calloc(1, 2 * sizeof *split->work->joint); /* none may be left */
+    pliant_status status = part && hung && split->work->joint ? PLIANT_OK : no_memory();
+    const int32_t count = status == PLIANT_OK ? list_hung(body, part, hung) : 0;
+    for (int32_t i = 0, next; i < count && status == PLIANT_OK; i = next) {
+        for (next = i; next < count && hung[2 * next] == hung[2 * i];) next++;
+        status = keep_together(split, next - i, hung + 2 * i);
+    }
+    for (int32_t j = 0; j < pieces->num_joints && status == PLIANT_OK; j++)
+        if (pieces->joint[2 * j] == pieces->joint[2 * j + 1]) status = keep_fixed(split, pieces->joint[2 * j]);
+    pliant_free(part);
+    pliant_free(hung);
+    return status;
+}
+
 pliant_status pliant_cut_corners(cut_work *work)
 {
     splitting split = {.work = work};
@@ -285,6 +388,7 @@ pliant_status pliant_cut_corners(cut_work *work)
     if (status == PLIANT_OK) {
         work->in_one = split.regions == 1;
         status = number(&split);
+        if (status == PLIANT_OK) status = keep_joints(&split);
     }
     pliant_free(split.own);
     pliant_free(split.region);

@@ -41,7 +41,8 @@ static pliant_status count_pieces(const pliant_body *body, int32_t *pieces)
     pliant_status status = piece && counted ? PLIANT_OK : pliant_fail_memory("the pieces of a body");
     if (status != PLIANT_OK) goto done;
     for (int32_t n = 0; n < fine->num_nodes; n++) piece[n] = n;
-    for (int32_t j = 0; body->pieces && j < body->pieces->num_joints; j++) join(piece, body->pieces->joint[2 * j], body->pieces->joint[2 * j + 1]);
+    for (int32_t j = 0; body->pieces && j < body->pieces->num_joints + body->pieces->num_inner; j++)
+        join(piece, body->pieces->joint[2 * j], body->pieces->joint[2 * j + 1]);
     for (int32_t t = 0; t < fine->num_tets; t++)
         for (int v = 1; v < 4; v++) join(piece, fine->tets[4 * (size_t)t], fine->tets[4 * (size_t)t + v]);
     *pieces = 0;
@@ -69,6 +70,8 @@ static pliant_status divide(cut_work *work, uint64_t revision, pliant_body **out
                                       .num_touched = work->num_touched,
                                       .touched = work->touched,
                                       .same_pieces = work->in_one,
+                                      .num_joints = work->num_joints,
+                                      .joint = work->joint,
                                       .cuts = work->next};
     pliant_status status = pliant_body_divide(work->body, revision, &division, out);
     if (status == PLIANT_OK) work->next = NULL; /* taken */
@@ -103,11 +106,38 @@ static pliant_status write_down(cut_work *work)
     return PLIANT_OK;
 }
 
+/* all but what is newly severed */
+static void forget(cut_work *work)
+{
+    void *blocks[] = {work->state, work->touched, work->start,      work->first,      work->voxel,    work->part,  work->fragment,     work->edge,
+                      work->table, work->corners, work->tet_source, work->copy_fixed, work->material, work->place, work->links.severed, work->joint};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    pliant_cuts_free(work->next);
+    *work = (cut_work){.body = work->body, .voxels = work->voxels, .cuts = work->cuts, .positions = work->positions,
+                       .num_links = work->num_links, .num_bridges = work->num_bridges, .link_room = work->link_room, .bridge_room = work->bridge_room,
+                       .link = work->link, .link_area = work->link_area, .bridge = work->bridge};
+}
+
+static pliant_status find_corners(cut_work *work)
+{
+    for (bool again = true; again;) {
+        pliant_status status = pliant_cut_give_chips(work);
+        if (status == PLIANT_OK) status = pliant_cut_corners(work);
+        if (status == PLIANT_OK) status = pliant_cut_part_unheld(work, &again);
+        if (status != PLIANT_OK || !again) return status;
+        forget(work);
+        status = find_state(work);
+        if (status == PLIANT_OK) status = pliant_cut_touch(work);
+        if (status == PLIANT_OK) status = pliant_cut_find_edges(work);
+        if (status != PLIANT_OK) return status;
+    }
+    return PLIANT_OK;
+}
+
 /* after pliant_cut_find_edges */
 static pliant_status make_next(cut_work *work, uint64_t revision, pliant_body **out)
 {
-    pliant_status status = pliant_cut_give_chips(work);
-    if (status == PLIANT_OK) status = pliant_cut_corners(work);
+    pliant_status status = find_corners(work);
     if (status == PLIANT_OK) status = pliant_cut_materials(work);
     if (status == PLIANT_OK) status = pliant_cut_gather(work);
     if (status == PLIANT_OK) status = write_down(work);
@@ -120,18 +150,6 @@ static pliant_status make_next(cut_work *work, uint64_t revision, pliant_body **
     pliant_body_release(*out);
     *out = NULL;
     return status;
-}
-
-/* all but what is newly severed */
-static void forget(cut_work *work)
-{
-    void *blocks[] = {work->state, work->touched, work->start,      work->first,      work->voxel,    work->part,  work->fragment,     work->edge,
-                      work->table, work->corners, work->tet_source, work->copy_fixed, work->material, work->place, work->links.severed};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
-    pliant_cuts_free(work->next);
-    *work = (cut_work){.body = work->body, .voxels = work->voxels, .cuts = work->cuts, .positions = work->positions,
-                       .num_links = work->num_links, .num_bridges = work->num_bridges, .link_room = work->link_room, .bridge_room = work->bridge_room,
-                       .link = work->link, .link_area = work->link_area, .bridge = work->bridge};
 }
 
 /* Fragments, and who is joined to whom. */

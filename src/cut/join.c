@@ -227,22 +227,40 @@ static void give_small(chips *all)
     }
 }
 
-/* Chips that moved with others go on so: nodes of their own tetrahedron may be far by now. */
-static void give_again(cut_work *work)
+/* Whom a chip hangs on most, of those that are no chips, or moved with one; host: only of what moved with the same one before; -1: nobody */
+static int32_t most_hung(const cut_work *work, int32_t f, bool chips, bool host)
 {
     const int32_t tets = work->body->fine.num_tets;
-    for (int32_t f = 0; f < work->num_fragments; f++) {
-        int32_t best = -1, most = 0;
-        for (int32_t e = 0; e < work->num_edges && work->fragment[f].came_back; e++) {
-            const int32_t *end = work->edge[e].end;
-            if (end[0] != tets + f && end[1] != tets + f) continue;
-            const int32_t other = cut_final(work, end[0] == tets + f ? end[1] : end[0]);
-            if (other == tets + f || work->edge[e].weight < most || (work->edge[e].weight == most && other > best)) continue;
-            best = other;
-            most = work->edge[e].weight;
-        }
-        if (best >= 0) work->fragment[f].into = best;
+    int32_t best = -1, most = 0;
+    for (int32_t e = 0; e < work->num_edges; e++) {
+        const int32_t *end = work->edge[e].end;
+        if (end[0] != tets + f && end[1] != tets + f) continue;
+        const int32_t other = cut_final(work, end[0] == tets + f ? end[1] : end[0]), weight = work->edge[e].weight;
+        const bool chip = other >= tets && work->fragment[other - tets].came_back;
+        if (other == tets + f || (chip && !chips) || weight < most || (weight == most && other > best)) continue;
+        if (host && (other < tets ? other : work->fragment[other - tets].host) != work->fragment[f].host) continue;
+        best = other;
+        most = weight;
     }
+    return best;
+}
+
+/* Chips that moved with others go on so, with the same ones if they still hang on them, if only by other chips: nodes of their own tetrahedron
+ * may be far by now. */
+static void give_again(cut_work *work)
+{
+    static const struct { bool chips, host; } passes[3] = {{false, true}, {false, false}, {true, false}};
+    for (int pass = 0; pass < 3; pass++)
+        for (bool more = true; more;) {
+            more = false;
+            for (int32_t f = 0; f < work->num_fragments; f++) {
+                cut_fragment *one = work->fragment + f;
+                const int32_t to = one->came_back && one->into < 0 ? most_hung(work, f, passes[pass].chips, passes[pass].host) : -1;
+                if (to < 0) continue;
+                one->into = to;
+                more = true;
+            }
+        }
 }
 
 /* Edges of what was given away become those of who took it. */

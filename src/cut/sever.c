@@ -386,7 +386,7 @@ static int by_number(const void *a, const void *b)
     return *i < *j ? -1 : *i > *j;
 }
 
-static pliant_status sort_severed(cut_work *work)
+pliant_status pliant_cut_sort_severed(cut_work *work)
 {
     if (work->num_links > 0) {
         severed *all = pliant_calloc((size_t)work->num_links, sizeof *all);
@@ -428,7 +428,7 @@ pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
         cut.map_of = pliant_calloc((size_t)work->body->fine.num_tets, sizeof *cut.map_of);
         if (!cut.map_of) status = pliant_fail_memory("the maps of fragments");
         for (int32_t t = 0; t < work->body->fine.num_tets && status == PLIANT_OK; t++) status = try_fragment(&cut, t);
-        if (status == PLIANT_OK) status = sort_severed(work);
+        if (status == PLIANT_OK) status = pliant_cut_sort_severed(work);
     }
     pliant_free(cut.triangles);
     pliant_free(cut.near);

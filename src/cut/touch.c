@@ -191,7 +191,7 @@ static pliant_status list_fragments(cut_work *work)
             } else {
                 const int32_t was = pliant_voxels_fragment(work->voxels, work->cuts, work->voxel[i]);
                 const bool own = cut_parent(work, was) == tet;
-                work->fragment[work->num_fragments] = (cut_fragment){.tet = tet, .source = own ? was : tet, .came_back = !own, .into = -1};
+                work->fragment[work->num_fragments] = (cut_fragment){.tet = tet, .source = own ? was : tet, .host = was, .came_back = !own, .into = -1};
                 work->part[i] = work->num_fragments++;
             }
             work->fragment[work->part[i]].voxels++;

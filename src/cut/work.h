@@ -17,6 +17,7 @@ typedef struct cut_fragment {
     int32_t tet;      /* at load */
     int32_t source;   /* fine tetrahedron of the body before that it is a part of */
     int32_t voxels;
+    int32_t host;     /* the one that it moved with: source, or of another tetrahedron */
     bool came_back;   /* a chip that moved with a fragment of another tetrahedron */
     bool stays;       /* it keeps the number of its source */
     int32_t into;     /* what took its voxels over: a fragment or an untouched tetrahedron; -1: it stands for itself */
@@ -59,6 +60,8 @@ typedef struct cut_work {
     int32_t *corners;                /* (num_tets x 4) */
     int32_t *tet_source;             /* (appended) */
     uint8_t *copy_fixed;             /* (appended nodes) */
+    int32_t num_joints, joint_room;
+    int32_t *joint;                  /* (num_joints x 2) of pliant_division */
     bool in_one;                     /* all around what is touched still hangs together by faces there */
     /* ---- materials.c */
     pliant_tet_material *material;   /* (num_tets) */
@@ -93,6 +96,8 @@ static inline bool cut_share_face(const cut_work *work, int32_t a, int32_t b)
 
 /* Links and bridges that the sweep severs; slack: [m] */
 pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep);
+/* what is newly severed, ascending, each once */
+pliant_status pliant_cut_sort_severed(cut_work *work);
 /* Tetrahedra that own an end of them, and their fragments. */
 pliant_status pliant_cut_touch(cut_work *work);
 /* Who is joined to whom. */
@@ -107,6 +112,8 @@ int32_t pliant_cut_end_of(const cut_work *work, int32_t voxel);
 int32_t pliant_cut_edge(const cut_work *work, int32_t a, int32_t b);
 /* Which corners are one node; numbers of tetrahedra and nodes. */
 pliant_status pliant_cut_corners(cut_work *work);
+/* What no node holds is severed, too. changed: then all of it again */
+pliant_status pliant_cut_part_unheld(cut_work *work, bool *changed);
 pliant_status pliant_cut_materials(cut_work *work);
 /* The fragments and joins of work->next. */
 pliant_status pliant_cut_gather(cut_work *work);
