@@ -371,6 +371,89 @@ TEST(Cut, AHingeIsCut)
     EXPECT_EQ(mismatches(*blocks.now), 0);
 }
 
+// Thick strokes through most of it, until little hangs together: chips of chips, pieces that hang on a node, pieces of pieces.
+std::unique_ptr<Cuttable> shred(unsigned seed, int strokes, const std::function<bool(const Cuttable &)> &goes_on)
+{
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<double> unit(-1, 1);
+    auto block = bar();
+    for (int s = 0; s < strokes && goes_on(*block); s++) {
+        double normal[3], point[3] = {0.12 + 0.06 * unit(random), 0.05 + 0.05 * unit(random), 0.05 + 0.05 * unit(random)};
+        for (double &n : normal) n = unit(random);
+        block->cut_plane(point, normal, 0.05 + 0.03 * unit(random));
+    }
+    return block;
+}
+
+TEST(Cut, UntilLittleHangsTogether)
+{
+    int most_joints = 0, most_inner = 0;
+    for (unsigned seed : {1u, 3u, 11u}) {
+        auto block = shred(seed, seed == 11 ? 23 : 14, [&](const Cuttable &now) {
+            EXPECT_EQ(mismatches(*now.now), 0) << "seed " << seed;
+            most_joints = std::max(most_joints, now.now->pieces ? now.now->pieces->num_joints : 0);
+            most_inner = std::max(most_inner, now.now->pieces ? now.now->pieces->num_inner : 0);
+            return true;
+        });
+        EXPECT_EQ(mismatches(*block->now), 0) << "seed " << seed;
+        EXPECT_EQ(block->report.pieces, num_pieces(*block->now));
+        EXPECT_GT(block->report.pieces, 5);
+        EXPECT_NEAR(total_mass(*block->now), total_mass(block->load()), 1e-12 * total_mass(block->load()));
+        // once more, from what was severed
+        const pliant_cuts &cuts = *block->now->cuts;
+        const pliant_body *body = pliant_body_retain(&block->load());
+        for (int32_t c = 0; c < cuts.num_cuts; c++) {
+            const int32_t from = c > 0 ? cuts.cut_end[c - 1] : 0;
+            pliant_body *next = nullptr;
+            ASSERT_EQ(pliant_body_sever(body, body->revision + 1, cuts.cut_end[c] - from, cuts.severed + from, &next), PLIANT_OK) << pliant_last_error();
+            pliant_body_release(body);
+            body = next;
+        }
+        EXPECT_TRUE(pliant_body_same(body, block->now)) << "seed " << seed;
+        pliant_body_release(body);
+    }
+    EXPECT_GT(most_joints, 0);
+    EXPECT_GT(most_inner, 0);
+}
+
+// A piece that hangs on a node or two: all links between its voxels and others are severed, and the joint is gone.
+TEST(Cut, WhatAPieceHangsOnIsCut)
+{
+    auto hangs = [](const pliant_body &body) {
+        int32_t found = -1;
+        for (int32_t j = 0; body.pieces && j < body.pieces->num_joints && found < 0; j++)
+            if (body.pieces->joint[2 * j] != body.pieces->joint[2 * j + 1]) found = body.pieces->joint[2 * j];
+        return found;
+    };
+    auto block = shred(3, 30, [&](const Cuttable &now) { return hangs(*now.now) < 0; });
+    const pliant_body &now = *block->now;
+    const int32_t node = hangs(now);
+    ASSERT_GE(node, 0);
+    Parts parts(static_cast<size_t>(now.fine.num_nodes)); // without joints
+    for (int32_t v = 0; v < 4 * now.fine.num_tets; v++) parts.join(now.fine.tets[v / 4 * 4], now.fine.tets[v]);
+    auto hanging = [&](int32_t voxel) { return parts.find(now.fine.tets[4 * pliant_voxels_fragment(now.voxels, now.cuts, voxel)]) == parts.find(node); };
+    const std::set<uint32_t> before(now.cuts->link, now.cuts->link + now.cuts->num_links);
+    const std::set<int32_t> bridges(now.cuts->bridge, now.cuts->bridge + now.cuts->num_bridges);
+    const int32_t strides[3] = {1, size[0], size[0] * size[1]};
+    std::vector<uint32_t> severed;
+    for (int32_t v = 0; v < size[0] * size[1] * size[2]; v++)
+        for (int d = 0; d < 3; d++) {
+            const bool last = v / strides[d] % size[d] == size[d] - 1;
+            if (!last && hanging(v) != hanging(v + strides[d]) && !before.count(4u * v + d)) severed.push_back(4u * v + d);
+        }
+    for (int32_t b = 0; b < now.voxels->num_bridges; b++)
+        if (!bridges.count(b) && hanging(now.voxels->bridge[2 * b]) != hanging(now.voxels->bridge[2 * b + 1])) severed.push_back(4u * b + 3);
+    ASSERT_FALSE(severed.empty());
+    const int pieces = num_pieces(now), joints = now.pieces->num_joints;
+    pliant_body *next = nullptr;
+    ASSERT_EQ(pliant_body_sever(&now, now.revision + 1, static_cast<int32_t>(severed.size()), severed.data(), &next), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(num_pieces(*next), pieces + 1);
+    EXPECT_EQ(next->cuts->num_pieces, pieces + 1);
+    EXPECT_LT(next->pieces->num_joints, joints);
+    EXPECT_EQ(mismatches(*next), 0);
+    pliant_body_release(next);
+}
+
 // A bar that is shaken at 0.2 m/s, 4 mm a step, while a blade goes through it in 20 steps. What the blade has cut is where its edge was in the
 // tissue, which has moved since: those points are moved along, and a tenth of a voxel back.
 TEST(Cut, ABladeThroughTissueThatMovesLeaksNowhere)

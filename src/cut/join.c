@@ -228,7 +228,7 @@ static void give_small(chips *all)
 }
 
 /* Whom a chip hangs on most, of those that are no chips, or moved with one; host: only of what moved with the same one before; -1: nobody */
-static int32_t most_hung(const cut_work *work, int32_t f, bool chips, bool host)
+static int32_t most_hung(const cut_work *work, int32_t f, bool on_chips, bool host)
 {
     const int32_t tets = work->body->fine.num_tets;
     int32_t best = -1, most = 0;
@@ -237,7 +237,7 @@ static int32_t most_hung(const cut_work *work, int32_t f, bool chips, bool host)
         if (end[0] != tets + f && end[1] != tets + f) continue;
         const int32_t other = cut_final(work, end[0] == tets + f ? end[1] : end[0]), weight = work->edge[e].weight;
         const bool chip = other >= tets && work->fragment[other - tets].came_back;
-        if (other == tets + f || (chip && !chips) || weight < most || (weight == most && other > best)) continue;
+        if (other == tets + f || (chip && !on_chips) || weight < most || (weight == most && other > best)) continue;
         if (host && (other < tets ? other : work->fragment[other - tets].host) != work->fragment[f].host) continue;
         best = other;
         most = weight;
