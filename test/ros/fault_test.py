@@ -4,14 +4,18 @@ scans that cannot be shown do no harm, and who comes late is told what failed.""
 import os
 import subprocess
 import sys
+import time
 import unittest
 
 import roslib.packages
 import rospy
 import rostest
+import tf2_ros
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TransformStamped
 from pliant.msg import SimState
 from pliant.srv import LoadScan, RecomputeHomogenization
+from rosgraph_msgs.msg import Log
 from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
@@ -72,6 +76,64 @@ class FaultTest(unittest.TestCase):
             self.assertFalse(self.node.contact.fresh().present)
             self.node.goes_on()
         wait_for(lambda: tool.pose.get_num_connections(), "the node to listen still")
+
+    def say_where(self, frame, late):
+        """tf of a frame at the tissue's own place, 50 times a second, by stamps that are late by so many seconds."""
+        sender, message = tf2_ros.TransformBroadcaster(), TransformStamped()
+        message.header.frame_id, message.child_frame_id = "tissue", frame
+        message.transform.rotation.w = 1
+
+        def send(_):
+            message.header.stamp = rospy.Time.now() - rospy.Duration(late)
+            sender.sendTransform(message)
+        timer = rospy.Timer(rospy.Duration(0.02), send)
+        self.addCleanup(timer.shutdown)
+
+    def test_poses_wait_for_a_frame_that_comes_late(self):
+        self.load_small()
+        self.say_where("camera", 0.1)  # never as new as the newest pose
+        tool = Tool("grasper", "camera")
+        self.addCleanup(tool.reset)
+        tool.appear(self.node.front())
+        wait_for(lambda: self.node.contact.fresh().present, "the tool")
+        seen = []
+        watch = rospy.Subscriber("/tissue/grasper/contact", type(self.node.contact.message), lambda message: seen.append(message.present))
+        wait_for(lambda: len(seen) > 30, "contact messages")
+        watch.unregister()
+        self.assertTrue(all(seen), "it comes and goes")
+
+    def test_a_short_gap_keeps_the_hold_and_a_long_one_says_why_it_is_lost(self):
+        self.load_small()
+        tool = Tool("grasper", "tissue")
+        self.addCleanup(tool.reset)
+        tool.appear(self.node.front())
+        tool.take_hold(self.node.contact)
+        logged = []
+        watch = rospy.Subscriber("/rosout", Log, lambda message: logged.append(message.msg))
+        wait_for(watch.get_num_connections, "the log")
+        tool.is_on = False
+        time.sleep(1)  # twice as long as a pose is fresh
+        self.assertTrue(self.node.contact.fresh().grasped)
+        self.assertFalse([line for line in logged if "lets go" in line])
+        wait_for(lambda: not self.node.contact.fresh().grasped, "the tool to let go")
+        lost = wait_for(lambda: [line for line in logged if "lets go" in line], "a word on why")
+        watch.unregister()
+        self.assertRegex(lost[0], "tool grasper lets go.* old")
+
+    def test_diagnostics_tell_why_there_is_no_tool(self):
+        self.load_small()
+        tool = Tool("grasper", "nowhere")
+        self.addCleanup(tool.reset)
+        tool.appear(self.node.front())
+
+        def told(words):
+            status = self.diagnosed().get("tool grasper", (None,))[0]
+            return status and words in status.message
+        wait_for(lambda: told('"nowhere"') or told("nowhere"), "the frame that is unknown")
+        tool.frame, tool.stamp = "tissue", lambda: rospy.Time.now() + rospy.Duration(5)
+        wait_for(lambda: told("ahead"), "the clock that is ahead")
+        tool.stamp = rospy.Time.now
+        wait_for(lambda: told("tracked") or told("slow"), "the tool")
 
     def test_the_state_tells_why_a_load_failed_until_one_succeeds(self):
         self.load_small()

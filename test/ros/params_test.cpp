@@ -40,6 +40,7 @@ TEST(Params, DefaultsWithoutAny)
     EXPECT_TRUE(parameters.tools.empty());
     EXPECT_EQ(parameters.scene.solver.iterations, scene.solver.iterations);
     EXPECT_DOUBLE_EQ(parameters.tool_max_age, 0.05);
+    EXPECT_DOUBLE_EQ(parameters.tool_hold, 0.1);
     EXPECT_EQ(parameters.background, PLIANT_BACKGROUND_LIVE) << "no step waits";
 }
 

@@ -10,7 +10,7 @@ namespace {
 
 using diagnostic_msgs::DiagnosticStatus;
 
-const double slow_tool = 100; /* poses a second below which forces feel rough [Hz] */
+const double slow_tool = 50; /* poses a second below which forces feel rough [Hz]; robots send 100 or more */
 
 std::string host_name()
 {
@@ -73,7 +73,7 @@ void Diagnostics::tool(size_t index, diagnostic_updater::DiagnosticStatusWrapper
     if (index >= tool_health_.size()) return;
     const ToolHealth &tool = tool_health_[index];
     if (!tool.present) status.summary(DiagnosticStatus::WARN, "no tool: " + tool.why);
-    else if (tool.rate < slow_tool) status.summary(DiagnosticStatus::OK, "slow: a robot sends 100 poses a second");
+    else if (tool.rate < slow_tool) status.summary(DiagnosticStatus::OK, "slow: fewer than 50 poses a second");
     else status.summary(DiagnosticStatus::OK, "tracked");
     status.add("rate [Hz]", tool.rate);
     status.add("age [ms]", std::isfinite(tool.age) ? std::to_string(1e3 * tool.age) : "no pose");

@@ -17,8 +17,8 @@ using XmlRpc::XmlRpcValue;
 
 const char *const node_names[] = {"scene",        "scan",          "scan/path",     "scan_root",   "output_root",
                                   "parent_frame", "tissue_frame",  "tissue_pose",   "background",  "tools",
-                                  "tool_max_age", "jaw_close",     "jaw_release",   "slice/axial", "slice/coronal",
-                                  "slice/sagittal"};
+                                  "tool_max_age", "tool_hold",     "jaw_close",     "jaw_release", "slice/axial",
+                                  "slice/coronal", "slice/sagittal"};
 
 [[noreturn]] void refuse(const std::string &message) { throw std::invalid_argument(message); }
 
@@ -218,6 +218,7 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "tissue_pose") out->tissue_pose = read_pose(name, value);
     else if (name == "background") out->background = read_background(value);
     else if (name == "tool_max_age") out->tool_max_age = number(name, value, 1e-3, 10);
+    else if (name == "tool_hold") out->tool_hold = number(name, value, 0, 10);
     else if (name == "jaw_close") out->jaw_close = number(name, value, -M_PI, M_PI);
     else if (name == "jaw_release") out->jaw_release = number(name, value, -M_PI, M_PI);
     else if (name == "scene" || name == "tools") return true; /* read before all others */
@@ -255,6 +256,7 @@ void set_defaults(Parameters *out)
     out->tissue_pose = identity();
     out->background = PLIANT_BACKGROUND_LIVE;
     out->tool_max_age = 0.05;
+    out->tool_hold = 0.1;
     out->jaw_close = 0.05;
     out->jaw_release = 0.20;
     std::fill(out->slice, out->slice + 3, 0.5);

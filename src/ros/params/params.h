@@ -29,13 +29,14 @@ struct Parameters {
     std::vector<ToolParameters> tools;
     pliant_background_kind background;      /* live: no step waits; planned: the same on every machine */
     double tool_max_age;                    /* [s] */
+    double tool_hold;                       /* what holds stays so for as long after that [s] */
     double jaw_close, jaw_release;          /* [rad] */
     double slice[3];                        /* axial, coronal, sagittal: fraction of the volume's box */
 };
 
 /* From the tree of private parameters (a struct, or invalid for none). Every option of a scene is a parameter of its
    path, solver/iterations; beside them: scene (file), scan or scan/path, scan_root, output_root, parent_frame,
-   tissue_frame, tissue_pose, background, tools, tool/<name>/{mode,blade}, tool_max_age, jaw_close, jaw_release,
+   tissue_frame, tissue_pose, background, tools, tool/<name>/{mode,blade}, tool_max_age, tool_hold, jaw_close, jaw_release,
    slice/{axial,coronal,sagittal}. Anything else is an error that names the nearest known one.
    The tree is not changed; XmlRpcValue has no constant access. */
 bool read_parameters(XmlRpc::XmlRpcValue tree, Parameters *out, std::string *why);

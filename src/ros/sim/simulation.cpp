@@ -252,6 +252,9 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
         ToolSample &sample = samples_[i];
         sample = tools_->sample(i, now);
         sample.present = sample.present && !forgotten;
+        const bool loses = !sample.present || (sample.jaw == JAW_UNKNOWN && tools_->parameters(i).grasps);
+        if (loses && tool_state(*data_, static_cast<int>(i)).holding)
+            ROS_WARN("tool %s lets go of what it holds: %s", tools_->name(i).c_str(), forgotten ? "time went back" : sample.why.c_str());
         ToolInput &input = out->tools[i];
         input.present = sample.present;
         std::copy(sample.in_tissue.translation, sample.in_tissue.translation + 3, input.tip.begin());

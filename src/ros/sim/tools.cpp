@@ -10,15 +10,15 @@ namespace pliant_ros {
 
 namespace {
 
-enum { CONTACT_RATE = 30 /* [Hz] */, CUT_QUEUE = 256 /* a recorder that is held up misses none */ };
+enum { CONTACT_RATE = 30 /* [Hz] */, CUT_QUEUE = 256 /* a recorder that is held up misses none */, MOST_WAITING = 256 /* poses: a quarter of a second at 1 kHz */ };
 
 std::string milliseconds(double seconds) { return std::to_string(std::lround(1e3 * seconds)) + " ms"; }
 
 } // namespace
 
 Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<const tf2_ros::Buffer> frames)
-    : tissue_frame_(parameters.tissue_frame), max_age_(parameters.tool_max_age), jaw_close_(parameters.jaw_close),
-      jaw_release_(parameters.jaw_release), frames_(std::move(frames))
+    : tissue_frame_(parameters.tissue_frame), max_age_(parameters.tool_max_age), hold_(parameters.tool_hold),
+      jaw_close_(parameters.jaw_close), jaw_release_(parameters.jaw_release), frames_(std::move(frames))
 {
     ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
     for (const ToolParameters &each : parameters.tools) {
@@ -31,7 +31,7 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
         tool->contact_out = handle.advertise<ContactState>(each.name + "/contact", 1);
         tool->marker_out = handle.advertise<visualization_msgs::MarkerArray>(each.name + "/marker", 1);
         tool->pose_in = handle.subscribe<geometry_msgs::PoseStamped>(
-            each.name + "/measured_cp", 1,
+            each.name + "/measured_cp", 8,
             [this, tool](const geometry_msgs::PoseStampedConstPtr &message) { take_pose(tool, *message); },
             ros::VoidConstPtr(), hints);
         if (each.has_blade()) listen_for_blade(handle, tool);
@@ -65,17 +65,20 @@ void Tools::take_pose(Tool *tool, const geometry_msgs::PoseStamped &message)
     Rigid pose;
     std::string why;
     bool good = tool_pose_from_message(message, &pose, &why);
+    std::string frame = message.header.frame_id;
+    if (!frame.empty() && frame[0] == '/') frame.erase(0, 1); /* tf of old */
     std::lock_guard<std::mutex> hold(tool->lock);
     ++tool->received;
     tool->has_pose = good;
-    tool->why = why;
+    tool->refused = why;
     if (!good) {
+        tool->waiting.clear();
         tool->has_last = false; /* an invalid pose says that the tool is gone, not that it stays */
         return;
     }
-    tool->pose = pose;
-    tool->header = message.header;
-    if (tool->header.frame_id[0] == '/') tool->header.frame_id.erase(0, 1); /* tf of old */
+    tool->stamp = message.header.stamp;
+    tool->waiting.push_back({message.header.stamp, frame, pose});
+    if (tool->waiting.size() > MOST_WAITING) tool->waiting.pop_front();
 }
 
 void Tools::take_jaw(Tool *tool, const sensor_msgs::JointState &message)
@@ -89,39 +92,61 @@ void Tools::take_jaw(Tool *tool, const sensor_msgs::JointState &message)
     tool->jaw_stamp = message.header.stamp;
 }
 
-bool Tools::is_fresh(const ros::Time &stamp, const ros::Time &now) const
+bool Tools::is_fresh(const ros::Time &stamp, const ros::Time &now, bool held) const
 {
-    return std::fabs(seconds_between(stamp, now)) <= max_age_;
+    const double age = seconds_between(stamp, now);
+    return age >= -max_age_ && age <= max_age_ + (held ? hold_ : 0);
 }
 
-/* The newest pose into the tissue frame, by its own stamp. Its transform may come a little later than the pose: until
-   then the one before stays in use, for as long as it is fresh. */
+/* The newest of the waiting poses that tf can place at its own stamp; what is older than that is of no use any more. */
 void Tools::transform(Tool *tool)
 {
-    if (!tool->has_pose || (tool->has_last && tool->last_stamp == tool->header.stamp)) return;
-    Rigid tissue_from_frame = identity();
-    if (tool->header.frame_id != tissue_frame_) {
-        try {
-            geometry_msgs::TransformStamped found =
-                frames_->lookupTransform(tissue_frame_, tool->header.frame_id, tool->header.stamp);
-            if (!rigid_from_message(found.transform, &tissue_from_frame, &tool->why)) return;
-        } catch (const std::exception &missing) { /* tf2's own, or of a stamp that it cannot calculate with */
-            tool->why = missing.what();
-            return;
+    tool->untransformed.clear();
+    for (size_t i = tool->waiting.size(); i-- > 0;) {
+        const Waiting &candidate = tool->waiting[i];
+        const bool newest = i + 1 == tool->waiting.size();
+        Rigid tissue_from_frame = identity();
+        std::string why;
+        bool found = candidate.frame == tissue_frame_;
+        if (!found) {
+            try {
+                const tf2::BufferCore &frames = *frames_;
+                found = frames.canTransform(tissue_frame_, candidate.frame, candidate.stamp, newest ? &why : nullptr) &&
+                        rigid_from_message(frames.lookupTransform(tissue_frame_, candidate.frame, candidate.stamp).transform, &tissue_from_frame, &why);
+            } catch (const std::exception &missing) { /* tf2's own, or of a stamp that it cannot calculate with */
+                why = missing.what();
+            }
         }
+        if (newest && !found) tool->untransformed = why;
+        if (!found) continue;
+        tool->has_last = true;
+        tool->last_stamp = candidate.stamp;
+        tool->last_frame = candidate.frame;
+        tool->last_in_tissue = multiply(tissue_from_frame, candidate.pose);
+        tool->last_tissue_in_frame = inverse(tissue_from_frame);
+        tool->waiting.erase(tool->waiting.begin(), tool->waiting.begin() + static_cast<std::ptrdiff_t>(i) + 1);
+        return;
     }
-    tool->has_last = true;
-    tool->last_stamp = tool->header.stamp;
-    tool->last_frame = tool->header.frame_id;
-    tool->last_in_tissue = multiply(tissue_from_frame, tool->pose);
-    tool->last_tissue_in_frame = inverse(tissue_from_frame);
 }
 
 void Tools::update_jaw(Tool *tool, const ros::Time &now)
 {
-    if (!tool->has_jaw || !is_fresh(tool->jaw_stamp, now)) tool->state = JAW_UNKNOWN;
+    if (!tool->has_jaw || !is_fresh(tool->jaw_stamp, now, tool->state == JAW_CLOSED)) tool->state = JAW_UNKNOWN;
     else if (tool->jaw < jaw_close_) tool->state = JAW_CLOSED;
     else if (tool->jaw > jaw_release_) tool->state = JAW_OPEN;
+}
+
+/* why there is no tool now */
+std::string Tools::reason(const Tool &tool, const ros::Time &now) const
+{
+    if (!tool.refused.empty()) return tool.refused;
+    if (!tool.has_pose) return tool.why;
+    const double age = seconds_between(tool.stamp, now);
+    if (age < -max_age_) return "its clock is " + milliseconds(-age) + " ahead, more than " + milliseconds(max_age_);
+    if (age > max_age_) return "the newest pose is " + milliseconds(age) + " old, more than " + milliseconds(max_age_);
+    if (!tool.untransformed.empty()) return "its pose has no transform: " + tool.untransformed;
+    return "the newest pose that has a transform is " + milliseconds(seconds_between(tool.last_stamp, now)) + " old, more than " +
+           milliseconds(max_age_);
 }
 
 ToolSample Tools::sample(size_t index, const ros::Time &now)
@@ -130,14 +155,11 @@ ToolSample Tools::sample(size_t index, const ros::Time &now)
     std::lock_guard<std::mutex> hold(tool->lock);
     transform(tool);
     update_jaw(tool, now);
-    bool fresh = tool->has_last && is_fresh(tool->last_stamp, now);
-    if (tool->has_last && !fresh)
-        tool->why = "the newest usable pose is " + milliseconds(seconds_between(tool->last_stamp, now)) + " old, more than " +
-                    milliseconds(max_age_);
-    tool->present = fresh;
     ToolSample out;
-    out.present = fresh;
-    out.in_tissue = fresh ? tool->last_in_tissue : identity();
+    out.present = tool->present = tool->has_last && is_fresh(tool->last_stamp, now, tool->present);
+    if (!tool->present) out.why = tool->why = reason(*tool, now);
+    else if (tool->state == JAW_UNKNOWN && tool->parameters.grasps) out.why = "its jaw sends no valid angle, or none that is new";
+    out.in_tissue = out.present ? tool->last_in_tissue : identity();
     out.jaw = tool->state;
     out.blade = tool->blade;
     out.energy = tool->energy;
@@ -152,8 +174,9 @@ void Tools::clear()
     for (auto &tool : tools_) {
         std::lock_guard<std::mutex> hold(tool->lock);
         tool->has_pose = tool->has_last = tool->has_jaw = tool->present = false;
+        tool->waiting.clear();
         tool->state = JAW_UNKNOWN;
-        tool->why = "time jumped";
+        tool->why = "no pose since time jumped";
     }
 }
 
@@ -213,7 +236,7 @@ std::vector<ToolHealth> Tools::health(const ros::Time &now)
         ToolHealth health;
         health.name = tool.parameters.name;
         health.rate = elapsed > 0 ? (tool.received - tool.counted) / elapsed : 0;
-        health.age = tool.has_pose ? seconds_between(tool.header.stamp, now) : std::numeric_limits<double>::infinity();
+        health.age = tool.has_pose ? seconds_between(tool.stamp, now) : std::numeric_limits<double>::infinity();
         health.present = tool.present;
         health.why = tool.present ? "" : tool.why;
         tool.counted = tool.received;

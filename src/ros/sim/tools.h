@@ -8,6 +8,7 @@
 #include <ros/node_handle.h>
 #include <tf2_ros/buffer.h>
 
+#include <deque>
 #include <memory>
 #include <mutex>
 
@@ -30,6 +31,7 @@ struct ToolSample {
     bool blade, energy;          /* as they were switched last; off before that */
     double frame_from_tissue[4]; /* quaternion, into the axes that the pose came in */
     std::string frame;           /* of the pose; the tissue frame before the first one */
+    std::string why;             /* not present, or a jaw of which nothing is known: the reason */
 };
 
 /* For diagnostics. */
@@ -49,8 +51,9 @@ public:
     const std::string &name(size_t tool) const { return tools_[tool]->parameters.name; }
     const ToolParameters &parameters(size_t tool) const { return tools_[tool]->parameters; }
 
-    /* The tool now: absent when its pose is invalid, has no transform into the tissue frame, or its stamp is more than
-       tool_max_age from now. Called by the simulation only. */
+    /* The tool now, by the newest of its poses that has a transform into the tissue frame. Absent when the last pose is invalid, none
+       has a transform, or its stamp is more than tool_max_age from now; one that is there stays where it was for tool_hold longer.
+       Called by the simulation only. */
     ToolSample sample(size_t tool, const ros::Time &now);
     /* Forget all poses and jaws: time jumped. */
     void clear();
@@ -65,6 +68,11 @@ public:
     std::vector<ToolHealth> health(const ros::Time &now);
 
 private:
+    struct Waiting {
+        ros::Time stamp;
+        std::string frame;
+        Rigid pose;
+    };
     struct Tool {
         ToolParameters parameters;
         ros::Publisher force_out, contact_out, marker_out, cut_out;
@@ -73,16 +81,18 @@ private:
         std::mutex lock;
         /* written by callbacks */
         bool has_pose = false;
-        std_msgs::Header header;
-        Rigid pose;
+        ros::Time stamp;          /* of the newest */
+        std::deque<Waiting> waiting; /* newer than the one in use, newest last: tf may be behind them */
         bool has_jaw = false;
         ros::Time jaw_stamp;
         double jaw = 0;
         bool blade = false, energy = false;
         uint64_t received = 0;
-        std::string why = "no pose yet";
+        std::string refused; /* why the last pose was */
         /* written by sample */
         bool has_last = false, present = false;
+        std::string untransformed; /* why the newest pose is */
+        std::string why = "no pose yet";
         Jaw state = JAW_UNKNOWN;
         ros::Time last_stamp;
         Rigid last_in_tissue, last_tissue_in_frame;
@@ -101,10 +111,12 @@ private:
     void listen_for_blade(ros::NodeHandle handle, Tool *tool);
     void transform(Tool *tool);
     void update_jaw(Tool *tool, const ros::Time &now);
-    bool is_fresh(const ros::Time &stamp, const ros::Time &now) const;
+    /* held: it may be older by tool_hold */
+    bool is_fresh(const ros::Time &stamp, const ros::Time &now, bool held) const;
+    std::string reason(const Tool &tool, const ros::Time &now) const;
 
     const std::string tissue_frame_;
-    const double max_age_, jaw_close_, jaw_release_;
+    const double max_age_, hold_, jaw_close_, jaw_release_;
     std::shared_ptr<const tf2_ros::Buffer> frames_;
     std::vector<std::unique_ptr<Tool>> tools_;
 };
