@@ -32,8 +32,9 @@ extern "C" pliant_status pliant_cuda_preconditioner_create(const pliant_system *
 {
     memset(out, 0, sizeof *out);
     const bool layered = choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > LARGEST_DENSE);
-    const bool reaches = system->macros && !system->macros->cell; /* over cubes: that has no coarser lattice */
-    if (layered && !reaches) {
+    /* an octree, or macro-elements that reach over cubes, have no coarser lattice */
+    const bool nested = system->mesh->lattice_of_tet && (!system->macros || system->macros->cell);
+    if (layered && nested) {
         CUDA_TRY(pliant_cuda_multigrid_create(system, COARSEST, stream, &out->multigrid));
         if (out->multigrid) {
             out->bytes = pliant_cuda_multigrid_bytes(out->multigrid);

@@ -67,7 +67,7 @@ struct Bone {
         pliant_mesh_free(&mesh);
         fixed.resize(material.size());
         for (size_t v = 0; v < fixed.size(); v++) fixed[v] = material[v] == 1;
-        pliant_status status = octree_depth > 0 ? pliant_mesh_octree(&geometry, cells.data(), octree_depth, 1, true, material.data(), &table, &mesh, &found)
+        pliant_status status = octree_depth > 0 ? pliant_mesh_octree(&geometry, cells.data(), octree_depth, 1, true, false, material.data(), &table, &mesh, &found)
                                                 : pliant_mesh_grid(&geometry, cells.data(), keep, &mesh);
         EXPECT_EQ(status, PLIANT_OK);
         materials.resize(static_cast<size_t>(mesh.num_tets));

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <map>
+#include <set>
 #include <random>
 
 namespace {
@@ -41,12 +42,13 @@ struct Field {
         pliant_mesh_free(&mesh);
         pliant_free(materials);
     }
+    bool hexahedra = false;
     pliant_status build(std::array<int32_t, 3> roots, int depth, double purity = 1, bool keep_air = false)
     {
         pliant_mesh_free(&mesh);
         pliant_free(materials);
         materials = nullptr;
-        return pliant_mesh_octree(&geometry, roots.data(), depth, purity, keep_air, material.data(), &table, &mesh, &materials);
+        return pliant_mesh_octree(&geometry, roots.data(), depth, purity, keep_air, hexahedra, material.data(), &table, &mesh, &materials);
     }
     // some balls of random materials, some single voxels
     void scatter(unsigned seed)
@@ -183,6 +185,45 @@ TEST(Octree, NeighboursDifferByOneLevelAtMost)
                     ASSERT_LE(std::abs(own - other), 1);
                 }
     pliant_octree_free(&tree);
+}
+
+// For hexahedra: what is in the middle of an edge or face of a larger leaf follows its corners, and none of these is in such a middle itself.
+TEST(Octree, NoNodeFollowsOneThatFollows)
+{
+    size_t followers = 0;
+    for (unsigned seed = 0; seed < 12; seed++) {
+        Field field({32, 32, 32});
+        field.scatter(seed);
+        const int32_t roots[3] = {2, 2, 2};
+        pliant_octree tree{};
+        ASSERT_EQ(pliant_octree_create(roots, 4, 1, &field.geometry, field.material.data(), &tree), PLIANT_OK);
+        const int32_t *cells = tree.cells[4];
+        std::map<int32_t, std::set<int32_t>> follows;
+        std::set<int32_t> corners;
+        for (int pass = 0; pass < 2; pass++)
+            for (int32_t leaf = 0; leaf < tree.num_leaves; leaf++) {
+                const int32_t size = 1 << (4 - tree.level[leaf]);
+                for (int i = 0; i < 27; i++) {
+                    const int32_t halves[3] = {i % 3, i / 3 % 3, i / 9}, middles = (halves[0] == 1) + (halves[1] == 1) + (halves[2] == 1);
+                    if (size == 1 ? middles > 0 : middles == 3) continue;
+                    const int32_t node = pliant_octree_place(cells, tree.origin[leaf], size, halves);
+                    if (pass == 0 && middles == 0) corners.insert(node);
+                    if (pass == 0 || middles == 0 || !corners.count(node)) continue;
+                    for (int v = 0; v < 8; v++) {
+                        int32_t end[3];
+                        for (int d = 0; d < 3; d++) end[d] = halves[d] == 1 ? 2 * (v >> d & 1) : halves[d];
+                        follows[node].insert(pliant_octree_place(cells, tree.origin[leaf], size, end));
+                    }
+                }
+            }
+        for (const auto &one : follows) {
+            followers++;
+            ASSERT_TRUE(one.second.size() == 2 || one.second.size() == 4);
+            for (int32_t other : one.second) ASSERT_EQ(follows.count(other), 0u) << seed;
+        }
+        pliant_octree_free(&tree);
+    }
+    EXPECT_GT(followers, 1000u);
 }
 
 TEST(Octree, DepthZeroIsTheLattice)

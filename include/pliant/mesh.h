@@ -46,9 +46,10 @@ PLIANT_API pliant_status pliant_mesh_grid(const pliant_geometry *geometry, const
  *  smallest leaves their own.
  *  @param roots     cells along each axis before any is split
  *  @param keep_air  keep leaves and tetrahedra without tissue
+ *  @param hexahedra leaves with tissue are whole
  *  @param materials out, (num_tets), freed with pliant_free. Errors: ARGUMENT, SCENE (no tissue, too many cells), MEMORY. */
 PLIANT_API pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t roots[3], int32_t depth,
-                                            double purity, bool keep_air, const uint8_t *material_of_voxel,
+                                            double purity, bool keep_air, bool hexahedra, const uint8_t *material_of_voxel,
                                             const pliant_material_table *table, pliant_mesh *out,
                                             pliant_tet_material **materials);
 

@@ -34,7 +34,7 @@ typedef struct pliant_pattern {
 
 /* How fine nodes follow the solved ones; absent when the fine mesh is solved. */
 typedef struct pliant_upsample {
-    /* linear in one coarse tetrahedron, or trilinear in one coarse cube */
+    /* linear in one coarse tetrahedron, or trilinear in one coarse cube or larger leaf */
     int corners;              /* 4, or 8 */
     int32_t *node;            /* (fine nodes x corners) solved node */
     double *weights;          /* (fine nodes x corners), sum 1 a node */
@@ -155,6 +155,10 @@ double pliant_system_mean_diagonal(const pliant_system *system);
 /* ---- hexahedra.c: in place of pliant_system_elements */
 /* A hexahedron for every whole cube of the lattice, tetrahedra for the rest. Errors: MEMORY. */
 pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material);
+/* ---- octree_hexahedra.c: one for every leaf. A node in the middle of an edge or face of a larger leaf follows its corners, as the centre of a divided
+ * one does: upsample has how. fixed: (nodes) in: what the body fixes; out: and what follows, and what is followed by something fixed. Errors: MEMORY. */
+pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material, uint8_t *fixed);
+/* ---- hexahedra.c */
 /* Nodes of the cubes of a lattice of whole ones, without stiffness: start, node, cell. Errors: MEMORY. */
 pliant_status pliant_system_cubes(pliant_system *system);
 

@@ -15,7 +15,7 @@
 typedef struct octree_builder {
     const pliant_octree *tree;
     const pliant_tet_material *cell_material; /* (5 * smallest cells) */
-    bool keep_air, flipped;
+    bool keep_air, hexahedra, flipped;
     uint8_t *kept;            /* (leaves) */
     pliant_tet_material *leaf_material;       /* (leaves) */
     uint8_t *corner;          /* (lattice nodes) a corner of a kept leaf */
@@ -27,11 +27,7 @@ typedef struct octree_builder {
 
 static int32_t size_of(const pliant_octree *tree, int32_t leaf) { return 1 << (tree->depth - tree->level[leaf]); }
 
-static int32_t node_at(const pliant_octree *tree, const int32_t at[3])
-{
-    const int32_t *cells = tree->cells[tree->depth];
-    return at[0] + (cells[0] + 1) * (at[1] + (cells[1] + 1) * at[2]);
-}
+static int32_t node_at(const pliant_octree *tree, const int32_t at[3]) { return pliant_octree_node(tree->cells[tree->depth], at); }
 
 /* mean over the tetrahedra of the smallest cells in a leaf, by their voxels */
 static void sum_leaf(octree_builder *build, int32_t leaf)
@@ -140,7 +136,7 @@ static void cut_in_five(octree_builder *build, int32_t leaf)
     for (int d = 0; d < 3; d++) parity ^= tree->origin[leaf][d] / size & 1;
     const pliant_tet_material *own = build->cell_material + 5 * pliant_octree_flat(tree, tree->depth, tree->origin[leaf]);
     for (int slot = 0; slot < 5; slot++) {
-        if (size == 1 && !build->keep_air && !(own[slot].tissue > 0)) continue;
+        if (size == 1 && !build->keep_air && !build->hexahedra && !(own[slot].tissue > 0)) continue;
         int bits[4];
         int32_t corners[4][3];
         pliant_mesh_slot_corners(parity, slot, bits);
@@ -259,7 +255,7 @@ static pliant_status check(const int32_t roots[3], int32_t depth)
 }
 
 pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t roots[3], int32_t depth, double purity, bool keep_air,
-                                 const uint8_t *material_of_voxel, const pliant_material_table *table, pliant_mesh *out,
+                                 bool hexahedra, const uint8_t *material_of_voxel, const pliant_material_table *table, pliant_mesh *out,
                                  pliant_tet_material **materials)
 {
     pliant_status status = check(roots, depth);
@@ -269,7 +265,7 @@ pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t 
     pliant_tet_material *cells = NULL;
     const double *m = geometry->direction;
     double handed = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
-    octree_builder build = {.tree = &tree, .keep_air = keep_air, .flipped = handed < 0, .mesh = &mesh};
+    octree_builder build = {.tree = &tree, .keep_air = keep_air, .hexahedra = hexahedra, .flipped = handed < 0, .mesh = &mesh};
     if ((status = pliant_octree_create(roots, depth, purity, geometry, material_of_voxel, &tree)) != PLIANT_OK) goto done;
     for (int d = 0; d < 3; d++) {
         mesh.cells[d] = tree.cells[depth][d];

@@ -32,13 +32,13 @@ pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_
     made->holders = pliant_calloc(1, sizeof *made->holders);
     made->system = pliant_calloc(1, sizeof *made->system);
     size_t coarse_nodes = (size_t)body->coarse.num_nodes;
-    if (body->coarse_fixed && (out->coarse_fixed = pliant_calloc(coarse_nodes, 1))) memcpy(out->coarse_fixed, body->coarse_fixed, coarse_nodes);
-    if (!made->holders || !made->system || (body->coarse_fixed && !out->coarse_fixed)) {
+    if (body->coarse_fixed && (out->solved_fixed = pliant_calloc(coarse_nodes, 1))) memcpy(out->solved_fixed, body->coarse_fixed, coarse_nodes);
+    if (!made->holders || !made->system || (body->coarse_fixed && !out->solved_fixed)) {
         pliant_free(made->holders);
         pliant_free(made->system);
         pliant_free(made);
-        pliant_free(out->coarse_fixed);
-        out->coarse_fixed = NULL;
+        pliant_free(out->solved_fixed);
+        out->solved_fixed = NULL;
         return pliant_fail_memory("what is solved");
     }
     atomic_init(&made->holders->count, 1);
@@ -54,7 +54,7 @@ pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_
 
 void pliant_discretizing_end(pliant_discretizing *work)
 {
-    pliant_free(work->coarse_fixed);
+    pliant_free(work->solved_fixed);
     pliant_discretization_release(work->made);
     memset(work, 0, sizeof *work);
 }
@@ -70,7 +70,7 @@ static pliant_status hold_homogenized(pliant_discretizing *work)
     int32_t pieces = 0;
     pliant_status status = held && stands && loose ? PLIANT_OK : pliant_fail_memory("the fixed nodes");
     if (status == PLIANT_OK) {
-        memcpy(stands, work->coarse_fixed, (size_t)coarse->num_nodes);
+        memcpy(stands, work->solved_fixed, (size_t)coarse->num_nodes);
         for (int32_t v = 0; v < 4 * coarse->num_tets; v++)
             if (grounded[v / 4]) stands[coarse->tets[v]] = 1;
         memcpy(held, stands, (size_t)coarse->num_nodes);
@@ -78,7 +78,7 @@ static pliant_status hold_homogenized(pliant_discretizing *work)
         status = pliant_mesh_hold(coarse, PLIANT_FIXED_AT_REST, whole, held, loose, &pieces);
     }
     for (int32_t n = 0; status == PLIANT_OK && n < coarse->num_nodes; n++)
-        if (held[n] && !stands[n]) work->coarse_fixed[n] = 1;
+        if (held[n] && !stands[n]) work->solved_fixed[n] = 1;
     if (status == PLIANT_OK && pieces > 0)
         pliant_log(PLIANT_LOG_WARNING, "%d pieces of the coarse mesh hang on fewer than three nodes; they are held where they are", pieces);
     pliant_free(held);
@@ -128,6 +128,19 @@ static pliant_status homogenize_tets(pliant_discretizing *work, const pliant_tet
     return pliant_homogenize(system, work->scene, &body->fine, body->fine_fixed, material, body->coarse_of_fine, kept, work->progress);
 }
 
+/* hexahedra on the leaves of an octree; nodes in the middle of larger ones follow */
+static pliant_status homogenize_octree(pliant_discretizing *work)
+{
+    const pliant_body *body = work->made->body;
+    const size_t nodes = (size_t)body->fine.num_nodes;
+    if (body->node_parent || body->tet_parent)
+        return pliant_fail(PLIANT_ERROR_SCENE, "element/kind: hexahedra are whole leaves of an octree, which cannot be divided; take linear, or "
+                                               "mesh/kind lattice");
+    if (!(work->solved_fixed = pliant_calloc(nodes, 1))) return pliant_fail_memory("what is solved");
+    memcpy(work->solved_fixed, body->fine_fixed, nodes);
+    return pliant_system_octree_hexahedra(work->made->system, body->fine_material, work->solved_fixed);
+}
+
 pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
 {
     const pliant_scene *scene = work->scene;
@@ -136,6 +149,7 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     if (scene->solver.kind == PLIANT_TLED) return pliant_tled_system_create(scene, body, work->kept ? work->kept->before->tled : NULL, &work->made->tled);
     const pliant_kept *kept = work->kept;
     const pliant_system *before = kept ? kept->before->system : NULL;
+    if (!is_coarse(scene) && scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_OCTREE) return homogenize_octree(work);
     if (!is_coarse(scene))
         return scene->element.kind == PLIANT_HEXAHEDRA ? pliant_system_hexahedra(system, body->fine_material)
                                                        : pliant_system_elements(system, body->fine_material, before, kept ? kept->fine : NULL);
@@ -152,16 +166,16 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
         if (body->node_parent || body->tet_parent)
             return pliant_fail(PLIANT_ERROR_SCENE, "model/method: lod interpolates within whole cubes of the lattice, which cannot be divided; take "
                                                    "averaged or another one");
-        pliant_status status = pliant_lod_ground(system, body->fine_fixed, work->coarse_fixed, body->coarse_of_fine);
+        pliant_status status = pliant_lod_ground(system, body->fine_fixed, work->solved_fixed, body->coarse_of_fine);
         if (status == PLIANT_OK) status = hold_homogenized(work);
         if (status != PLIANT_OK) return status;
-        return pliant_lod(system, scene, body->fine_fixed, work->coarse_fixed, body->fine_material, work->progress);
+        return pliant_lod(system, scene, body->fine_fixed, work->solved_fixed, body->fine_material, work->progress);
     }
     pliant_tet_material *light = NULL;
     pliant_status status = body->pieces ? without_pieces(body, &light) : PLIANT_OK;
     const pliant_tet_material *material = light ? light : body->fine_material;
     if (status == PLIANT_OK && hexahedra)
-        status = pliant_homogenize_cubes(system, &body->fine, body->fine_fixed, work->coarse_fixed, material, body->coarse_of_fine, work->progress);
+        status = pliant_homogenize_cubes(system, &body->fine, body->fine_fixed, work->solved_fixed, material, body->coarse_of_fine, work->progress);
     else if (status == PLIANT_OK)
         status = homogenize_tets(work, material);
     pliant_free(light);
@@ -190,7 +204,7 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
     const pliant_scene *scene = work->scene;
     pliant_system *system = work->made->system;
     if (work->made->tled) return PLIANT_OK; /* no matrix */
-    pliant_status status = pliant_system_number(system, is_coarse(scene) ? work->coarse_fixed : work->made->body->fine_fixed);
+    pliant_status status = pliant_system_number(system, work->solved_fixed ? work->solved_fixed : work->made->body->fine_fixed);
     if (status == PLIANT_OK) status = gravity_mass(work->made);
     if (status == PLIANT_OK && (!work->kept || work->needs_pattern)) status = pliant_system_find_pattern(system);
     if (status != PLIANT_OK || work->kept) return status;

@@ -13,7 +13,7 @@ extern "C" {
 typedef struct pliant_discretizing {
     const pliant_scene *scene;
     pliant_progress progress;
-    uint8_t *coarse_fixed;       /* (coarse nodes) those of the body and what hangs on too few of them; NULL: no coarse mesh */
+    uint8_t *solved_fixed;       /* (solved nodes) those of the body, what hangs on too few of them or follows others; NULL: the fine nodes of the body */
     pliant_discretization *made; /* empty, but for the body */
     const pliant_kept *kept;     /* Nullable: of the next body: there is no factor yet, nor a pattern, unless it is needed at once */
     bool needs_pattern;

@@ -57,7 +57,7 @@ static pliant_status cut_up(builder *build)
     int32_t ratio = model->scene.mesh.ratio, cells[3] = {coarse_cells[0] * ratio, coarse_cells[1] * ratio, coarse_cells[2] * ratio};
     if (model->scene.mesh.kind == PLIANT_OCTREE) {
         return pliant_mesh_octree(geometry, coarse_cells, model->scene.mesh.depth, model->scene.mesh.purity, model->scene.mesh.keep_air,
-                                  model->material_of_voxel, &model->materials, &body->fine, &body->fine_material);
+                                  model->scene.element.kind == PLIANT_HEXAHEDRA,                                  model->material_of_voxel, &model->materials, &body->fine, &body->fine_material);
     }
     if ((double)cells[0] * cells[1] * cells[2] > 4e7)
         return pliant_fail(PLIANT_ERROR_SCENE, "mesh/coarse_cells times mesh/ratio make %d x %d x %d fine cells: at most 4e7", cells[0],
@@ -314,8 +314,10 @@ static pliant_status check(const pliant_scene *scene, const pliant_material_tabl
         (scene->model.method == PLIANT_SCHUR || scene->model.method == PLIANT_CALIBRATED || scene->model.method == PLIANT_LOD))
         status = pliant_fail(PLIANT_ERROR_SCENE, "model/method: schur, calibrated and lod are made of tetrahedra; set it to averaged, coarse or fine, or "
                                                  "element/kind to linear");
-    if (status == PLIANT_OK && scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind != PLIANT_LATTICE)
-        status = pliant_fail(PLIANT_ERROR_SCENE, "element/kind: hexahedra are cubes of a lattice: set mesh/kind to lattice, or element/kind to linear");
+    if (status == PLIANT_OK && scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_OCTREE &&
+        (scene->solver.kind == PLIANT_TLED || scene->cut.kind != PLIANT_CUT_NONE))
+        status = pliant_fail(PLIANT_ERROR_SCENE, "element/kind: hexahedra of an octree are for the corotational solver and are not cut: set mesh/kind to "
+                                                 "lattice, or element/kind to linear");
     if (status == PLIANT_OK && scene->element.kind == PLIANT_HEXAHEDRA && scene->model.method != PLIANT_FINE && scene->model.patch > 0)
         status = pliant_fail(PLIANT_ERROR_SCENE, "model/patch: a patch is made of tetrahedra; set it to 0, or element/kind to linear");
     return status == PLIANT_OK ? pliant_material_table_check(materials) : status;

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <map>
 #include <string>
 
 namespace {
@@ -210,6 +211,88 @@ TEST_F(Block, SaysWhatItDoesNotGoWith)
     body.scene.model.patch = 0.01;
     EXPECT_EQ(body.build(), PLIANT_ERROR_SCENE);
     EXPECT_NE(std::string(pliant_last_error()).find("model/patch"), std::string::npos);
+}
+
+// An octree: one label in balls and specks makes it fine there, so that there are hanging nodes at all of its faces.
+struct Octree : Body {
+    static std::vector<Material> materials(double contrast) { return {{2000, 0.45, 1000, false}, {2000 * contrast, 0.45, 1000, false}}; }
+    explicit Octree(double contrast, double height = 0.08)
+        : Body(std::array<int, 3>{16, 16, static_cast<int>(200 * height)}.data(), std::array<double, 3>{0.08, 0.08, height}.data(), materials(contrast),
+               [](int i, int j, int k) {
+                   double dx = i - 4.2, dy = j - 5.1, dz = k - 9.7;
+                   return dx * dx + dy * dy + dz * dz < 6 || (i == 12 && j == 11 && k == 4) || (i == 15 && j == 0 && k > 13) ? 1 : 0;
+               })
+    {
+        scene.element.kind = PLIANT_HEXAHEDRA;
+        scene.mesh.kind = PLIANT_OCTREE;
+        scene.mesh.depth = 2;
+        scene.mesh.purity = 1;
+        cells(2, 2, static_cast<int>(25 * height), 1);
+        fix_plane(0, 0, 1e-4, 0, 0, 1);
+    }
+};
+
+TEST(OctreeHexahedra, PassThePatchTestAndTurn)
+{
+    Octree body(1);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    const pliant_mesh &fine = body.model->body->fine;
+    const pliant_upsample &upsample = *body.model->system->upsample;
+    double a[9] = {1.02, 0.01, 0, 0.01, 0.97, 0.02, 0, 0.02, 1.01}, b[3] = {0.01, 0, 0};
+    std::vector<double> stretched = affine(fine, a, b), force = body.elastic_force(stretched), follows(stretched.size());
+    double inside = 0;
+    int hanging = 0;
+    for (int32_t n = 0; n < fine.num_nodes; n++) {
+        bool edge = false;
+        for (int d = 0; d < 3; d++) edge = edge || fine.rest[3 * n + d] < 1e-9 || fine.rest[3 * n + d] > 0.08 - 1e-9;
+        for (int d = 0; d < 3 && !edge; d++) inside = std::fmax(inside, std::fabs(force[3 * n + d]));
+        hanging += upsample.node[8 * n] != n;
+    }
+    EXPECT_GT(hanging, 30);
+    EXPECT_LT(inside, 1e-6 * largest(force));
+    pliant_upsample_positions(body.model->system, stretched.data(), follows.data());
+    for (int32_t n = 0; n < 3 * fine.num_nodes; n++)
+        if (!body.model->body->fine_fixed[n / 3]) ASSERT_NEAR(follows[n], stretched[n], 1e-12);
+    pliant_upsample_positions(body.model->system, fine.rest, follows.data());
+    EXPECT_EQ(std::memcmp(follows.data(), fine.rest, follows.size() * sizeof(double)), 0);
+    double r[9], f[9] = {0.36, 0.48, -0.8, -0.8, 0.6, 0, 0.48, 0.64, 0.6}, shift[3] = {0.3, -0.2, 0.1};
+    pliant_rotation_signed_svd(f, r);
+    EXPECT_LT(largest(body.elastic_force(affine(fine, r, shift))), 1e-6 * largest(force));
+}
+
+// Between a ball a hundred times as stiff and the rest it goes where a lattice as fine as its smallest leaves goes, and nearer than tetrahedra's octree.
+TEST(OctreeHexahedra, GoWhereTheFineLatticeGoes)
+{
+    double sum[3], most = 0;
+    std::map<int32_t, std::array<double, 3>> reference;
+    for (int which = 0; which < 3; which++) { // fine lattice, octree, octree of tetrahedra
+        Octree body(100);
+        body.scene.model.gravity[1] = -0.5;
+        body.scene.solver.tolerance = 1e-5;
+        if (which == 0) {
+            body.scene.mesh.kind = PLIANT_LATTICE;
+            body.cells(8, 8, 8, 1);
+        }
+        if (which == 2) body.scene.element.kind = PLIANT_LINEAR;
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(body.settle(), PLIANT_OK) << body.data->statistics.residual;
+        const pliant_mesh &fine = body.model->body->fine;
+        sum[which] = 0;
+        for (int32_t n = 0; n < fine.num_nodes; n++) {
+            const double *x = body.data->positions + 3 * n;
+            if (which == 0) {
+                reference[fine.lattice_of_node[n]] = {{x[0], x[1], x[2]}};
+                most = std::fmax(most, std::fabs(x[1] - fine.rest[3 * n + 1]));
+                continue;
+            }
+            const std::array<double, 3> &at = reference[fine.lattice_of_node[n]];
+            sum[which] += std::hypot(std::hypot(x[0] - at[0], x[1] - at[1]), x[2] - at[2]) / fine.num_nodes;
+        }
+    }
+    std::printf("mean error against the fine lattice of hexahedra, of the largest way: octree of hexahedra %.2f %%, of tetrahedra %.2f %%\n", 100 * sum[1] / most,
+                100 * sum[2] / most);
+    EXPECT_LT(sum[1], 0.05 * most);
+    EXPECT_LT(sum[1], 0.5 * sum[2]);
 }
 
 // Where the fine nodes of a body of three materials go under its weight, one a thin sheet; the mean distance from `from`, of the largest way.

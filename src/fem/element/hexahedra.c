@@ -204,7 +204,7 @@ static void stiffness_of(const pliant_cube_shape *shape, const pliant_cube *cube
 
 /* ---- as macro-elements */
 
-static pliant_status keep_root(pliant_macros *macros, int32_t element, int32_t unknowns, const double *stiffness)
+pliant_status pliant_macros_keep(pliant_macros *macros, int32_t element, int32_t unknowns, const double *stiffness)
 {
     double root[UNKNOWNS * UNKNOWNS];
     int32_t rank = macros->rank[element] = pliant_dense_root(unknowns, stiffness, root);
@@ -224,7 +224,7 @@ static pliant_status add_hexahedron(const pliant_tet_material *material, const p
     stiffness_of(shape, cube, material, k);
     for (int slot = 0; slot < 5; slot++) shear += shape->volume[slot] * material[cube->tet[slot]].mu;
     macros->shear[element] = shear;
-    return keep_root(macros, element, UNKNOWNS, k);
+    return pliant_macros_keep(macros, element, UNKNOWNS, k);
 }
 
 static pliant_status add_tetrahedron(const pliant_mesh *mesh, const pliant_tet_material *material, int32_t tet, pliant_macros *macros,
@@ -234,10 +234,10 @@ static pliant_status add_tetrahedron(const pliant_mesh *mesh, const pliant_tet_m
     for (int v = 0; v < CORNERS; v++) macros->own[8 * element + v] = v < 4 ? mesh->tets[4 * tet + v] : -1;
     macros->shear[element] = material[tet].mu * pliant_mesh_gradients(mesh, tet, macros->gradient + 24 * (size_t)element);
     pliant_tet_stiffness(mesh, tet, material + tet, k);
-    return keep_root(macros, element, 12, k);
+    return pliant_macros_keep(macros, element, 12, k);
 }
 
-static pliant_status allocate(pliant_macros *macros, size_t count, size_t corners)
+pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners)
 {
     bool good = (macros->start = pliant_calloc(count + 1, sizeof *macros->start)) &&
                 (macros->node = pliant_calloc(corners, sizeof *macros->node)) && (macros->held = pliant_calloc(corners, 1)) &&
@@ -301,7 +301,7 @@ pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_ma
         corners += whole[cell] ? CORNERS : 4 * (size_t)count[cell];
     }
     if (status == PLIANT_OK && !(system->macros = pliant_calloc(1, sizeof *system->macros))) status = pliant_fail_memory("the hexahedra");
-    if (status == PLIANT_OK) status = allocate(system->macros, elements, corners);
+    if (status == PLIANT_OK) status = pliant_macros_allocate(system->macros, elements, corners);
     if (status == PLIANT_OK) status = fill(system, material, first, next, whole, cells);
     system->num_blocks = (int32_t)((corners + 4 * LANES - 1) / (4 * LANES)); /* for forces of four corners a lane, and a rotation a lane */
     pliant_free(first);

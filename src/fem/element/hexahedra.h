@@ -26,6 +26,10 @@ void pliant_cube_integrate(const pliant_mesh *mesh, const pliant_cube *cube, int
 double pliant_cube_gradients(double x[8][3], const double at[3], double gradient[8][3]);
 /* K without its change of volume: out (24 x 24). Returns k, of which K has k b b' more. */
 double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube *cube, const pliant_tet_material *material, double *out);
+/* For count elements with so many corners in all. Errors: MEMORY. */
+pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners);
+/* The stiffness of one of them, (unknowns x unknowns). Errors: MEMORY. */
+pliant_status pliant_macros_keep(pliant_macros *macros, int32_t element, int32_t unknowns, const double *stiffness);
 int pliant_cell_parity(const pliant_mesh *mesh, int32_t cell);
 /* (num_tets of the mesh) macro-element that each tetrahedron is, or is part of. Errors: MEMORY. */
 pliant_status pliant_hexahedra_of_tets(const pliant_mesh *mesh, const pliant_macros *macros, int32_t **out);
