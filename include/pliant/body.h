@@ -78,6 +78,29 @@ typedef struct pliant_cuts {
     int32_t num_pieces;        /**< with tissue, that hang together at a node at least */
 } pliant_cuts;
 
+/** Where a node is that a cut has put on an edge: end[0] + share (end[1] - end[0]), at rest and in the state that it takes after them. Both have
+ *  lower numbers. Of a copy: twice its source, and 0. */
+typedef struct pliant_between {
+    int32_t end[2];
+    double share;
+} pliant_between;
+
+/** A node that lies on the way of a blade's stroke, which may go on. */
+typedef struct pliant_cut_mark {
+    uint32_t blade, stroke;
+    int32_t node;
+} pliant_cut_mark;
+
+/** Of a body whose tetrahedra cuts subdivide (cut/kind: subdivide). Each is a tetrahedron of its own, all of whose inside is its own. */
+typedef struct pliant_subdivision {
+    int32_t load_nodes;        /**< nodes at load */
+    double least_edge;         /**< nearer to a node than this no edge is cut: the node itself is [m] */
+    double least_volume;       /**< no tetrahedron that a cut makes has less [m^3] */
+    pliant_between *between;   /**< (fine.num_nodes - load_nodes) of those appended since load; NULL: none */
+    int32_t num_marks;
+    pliant_cut_mark *mark;     /**< (num_marks) the last stroke of every blade */
+} pliant_subdivision;
+
 /** Pieces that have come off since load: nothing that is fixed holds them any more. Those that touch, if only at a node, count as one. */
 typedef struct pliant_pieces {
     int32_t count;
@@ -118,6 +141,7 @@ typedef struct pliant_body {
 
     const pliant_voxels *voxels; /**< Nullable: only where a scene may cut; one holder of them */
     pliant_cuts *cuts;         /**< Nullable: nothing is severed */
+    pliant_subdivision *subdivision; /**< Nullable: only where cuts subdivide tetrahedra; then there are no voxels and no cuts */
 
     pliant_body_changes changes;
     const struct pliant_body *lender;    /**< Nullable: whose are the tables of the lattice, which never change; one holder of it */
@@ -135,7 +159,10 @@ PLIANT_API pliant_status pliant_body_create(uint64_t revision, pliant_body **out
  *  holds it. @param revision a simulation's last_revision + 1. Errors: MEMORY, ARGUMENT (not above this one's). */
 PLIANT_API pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, pliant_body **out);
 
-/** What a cut makes of the fine mesh. Elements keep their shape; a node's copies lie where it does. */
+/** Whether a scene may cut this body. */
+static inline bool pliant_body_may_be_cut(const pliant_body *body) { return body->voxels || body->subdivision; }
+
+/** What a cut makes of the fine mesh. Elements keep their shape, unless it is subdivided; a node's copies lie where it does. */
 typedef struct pliant_division {
     int32_t num_tets;          /**< of the next body: those of the body before, and fragments of them that are appended */
     const int32_t *tet_source; /**< (those appended) tetrahedron of the body before that each is a fragment of; NULL: none are appended */
@@ -143,6 +170,8 @@ typedef struct pliant_division {
                                 *   Every node keeps a corner at least */
     const pliant_tet_material *material; /**< (num_tets) means over the whole tetrahedron of what is in the fragment; NULL: as before, no fragments */
     const uint8_t *copy_fixed; /**< (nodes appended) pliant_fixing; NULL: as their sources */
+    const pliant_between *between; /**< (nodes appended) of a body with a subdivision: corners may be any nodes then, and sources are whose
+                                *   material and state a tetrahedron takes; NULL: all that is appended is copies */
     int32_t num_touched;       /**< tetrahedra of the body before whose voxels changed, too, where nothing else tells */
     const int32_t *touched;    /**< (num_touched) */
     int32_t num_joints;
@@ -187,10 +216,18 @@ PLIANT_API bool pliant_body_same(const pliant_body *a, const pliant_body *b);
 typedef struct pliant_body_map {
     int32_t *node, *tet;               /**< (of the body `to`) */
     int32_t *coarse_node, *coarse_tet; /**< likewise; NULL: no coarse mesh */
+    int32_t num_nodes;                 /**< of the body `to` */
+    pliant_between *between;           /**< (num_nodes) of nodes that lie between others of the body `to`; end[0] < 0: it is as `node` says; NULL: all are */
 } pliant_body_map;
 /** Errors: MEMORY, ARGUMENT (bodies of different loads). */
 PLIANT_API pliant_status pliant_body_map_create(const pliant_body *from, const pliant_body *to, pliant_body_map *out);
 PLIANT_API void pliant_body_map_free(pliant_body_map *map);
+/** Vectors at the fine nodes of the body `to`, from those of the other. @param from, out (nodes x 3) of each */
+PLIANT_API void pliant_body_map_vectors(const pliant_body_map *map, const double *from, double *out);
+
+/** Room for what cuts leave in a body at load that they subdivide. @param snap part of the shortest edge that no cut goes below.
+ *  Errors: MEMORY. */
+PLIANT_API pliant_status pliant_subdivision_create(const pliant_mesh *fine, double snap, pliant_subdivision **out);
 
 #ifdef __cplusplus
 }

@@ -15,13 +15,14 @@ typedef struct pliant_cut_sweep {
     int32_t count;
     const double *from, *to;          /**< (count x 3) the same points along the edge, before and now; `from` has moved with the tissue */
     const uint8_t *material_of_voxel; /**< Nullable; (voxels) for the report */
+    uint32_t blade, stroke;           /**< sweeps of one stroke of one blade go on from where the last one ended; stroke 0: from nowhere */
 } pliant_cut_sweep;
 
 /** What was newly severed. */
 typedef struct pliant_cut_report {
     int32_t num_links, num_bridges;
     int32_t touched;      /**< tetrahedra */
-    double area;          /**< at rest, of links with tissue on both ends [m^2] */
+    double area;          /**< at rest, of links with tissue on both ends, or of triangles at which tetrahedra with tissue part [m^2] */
     double area_of[256];  /**< the same by material of material_of_voxel [m^2] */
     int32_t pieces;       /**< of the next body */
 } pliant_cut_report;
@@ -29,7 +30,8 @@ typedef struct pliant_cut_report {
 /** The next body, of which the sweep has severed what it passes through: every end of a link is where its fragment has moved it.
  *  What would be joined to nobody, a voxel or less than about 3 % of a tetrahedron, keeps its links to one side.
  *  Sweeps without an area, with numbers that are none, or through air sever nothing.
- *  @param body      with voxels; its fragments and what was severed before are in body->cuts
+ *  @param body      with voxels; its fragments and what was severed before are in body->cuts. Or with a subdivision: edges that the sweep
+ *                   passes through are cut, and its tetrahedra part at triangles of which it has crossed all corners; the report tells no links
  *  @param revision  as for pliant_body_next
  *  @param positions (body->fine.num_nodes x 3) [m]
  *  @param out       Nullable: then only the report is made (pieces: 0). *out NULL: nothing was severed

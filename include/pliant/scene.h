@@ -30,7 +30,7 @@ extern "C" {
 #define PLIANT_ELEMENT_LIST(X) X(PLIANT_LINEAR, linear) X(PLIANT_HEXAHEDRA, hexahedra)
 #define PLIANT_WARP_LIST(X) X(PLIANT_RASTERIZE, rasterize) X(PLIANT_FIT, fit)
 #define PLIANT_SEGMENT_LIST(X) X(PLIANT_SEGMENT_NONE, none) X(PLIANT_SEGMENT_GMM, gmm)
-#define PLIANT_CUT_LIST(X) X(PLIANT_CUT_NONE, none) X(PLIANT_CUT_SEVER, sever)
+#define PLIANT_CUT_LIST(X) X(PLIANT_CUT_NONE, none) X(PLIANT_CUT_SEVER, sever) X(PLIANT_CUT_SUBDIVIDE, subdivide)
 #define PLIANT_TRIGGER_LIST(X)                                                                    \
     X(PLIANT_TRIGGER_ALWAYS, always) X(PLIANT_TRIGGER_JAW, jaw) X(PLIANT_TRIGGER_ENERGY, energy)  \
     X(PLIANT_TRIGGER_SERVICE, service)
@@ -151,7 +151,8 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     X(REAL, damping, 0.0, 0.0, 1e9, "N s/m", "damper beside the spring")                                              \
     X(REAL, radius, 0.006, 0.0, 1.0, "m", "the grasped blob; 0: a point")
 #define PLIANT_SCENE_CUT(X)                                                                                            \
-    X(CUT, kind, PLIANT_CUT_NONE, 0, 0, "", "sever: blades part the scan's voxels, and tetrahedra fall into fragments; none: nothing is cut, and nothing is kept for it") \
+    X(CUT, kind, PLIANT_CUT_NONE, 0, 0, "", "sever: blades part the scan's voxels, and tetrahedra fall into fragments; subdivide: blades cut edges, and tetrahedra into smaller ones ([C] 5.2), without resistance; none: nothing is cut, and nothing is kept for it") \
+    X(REAL, snap, 0.1, 0.01, 0.45, "", "of subdivide: part of the shortest edge below which no edge is cut; the node that is so near is parted itself") \
     X(TRIGGER, trigger, PLIANT_TRIGGER_SERVICE, 0, 0, "", "when a robot's tool with a blade cuts: always, while its jaw is closed, while it has energy, or by service alone") \
     X(REAL, resistance, 1.0, 0.0, 1000.0, "", "factor on the materials' toughness: what the tissue takes to part; 0: it parts without a force") \
     X(REAL, drag, 0.003, 1e-6, 1.0, "m", "how far a blade drags the tissue along before it parts; a voxel at least")                       \

@@ -40,6 +40,7 @@ static void free_body(pliant_body *body)
     pliant_free(body->coarse_fixed);
     pliant_voxels_release(body->voxels);
     pliant_cuts_free(body->cuts);
+    pliant_subdivision_free(body->subdivision);
     pliant_pieces_free(body->pieces);
     pliant_free(body->changes.touched);
     pliant_free(body->changes.touched_coarse);
@@ -133,6 +134,7 @@ pliant_status pliant_body_begin(const pliant_body *body, uint64_t revision, bool
     status = good ? PLIANT_OK : pliant_fail_memory("the next body");
     if (body->voxels) next->voxels = pliant_voxels_retain(body->voxels);
     if (status == PLIANT_OK && with_cuts && body->cuts) status = pliant_cuts_copy(body->cuts, &next->cuts);
+    if (status == PLIANT_OK && body->subdivision) status = pliant_subdivision_copy(body->subdivision, body->fine.num_nodes, &next->subdivision);
     if (status == PLIANT_OK && body->pieces) status = pliant_pieces_copy(body->pieces, &next->pieces);
     if (status != PLIANT_OK) {
         pliant_body_release(next);

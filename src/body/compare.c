@@ -56,18 +56,47 @@ bool pliant_body_same(const pliant_body *a, const pliant_body *b)
 /* the number at load; NULL parents: each its own */
 static int32_t parent_of(const int32_t *parent, int32_t index) { return parent ? parent[index] : index; }
 
-/* Numbers stay. What was appended since takes after its source where `to` is the next of `from`, else after what it was at load. */
+/* Numbers stay. What was appended since takes after its source where `to` is the next of `from`, else after what it was at load.
+ * rest_before, rest: of nodes, whose number stays only with the place; else NULL */
 static pliant_status list_sources(int32_t count, int32_t before, const int32_t *from_parent, const int32_t *to_parent, const int32_t *source,
-                                  int32_t **out)
+                                  const double *rest_before, const double *rest, int32_t **out)
 {
     int32_t *list = *out = pliant_calloc((size_t)count, sizeof *list);
     if (!list) return pliant_fail_memory("what became of the body before");
     for (int32_t i = 0; i < count; i++) {
-        bool kept = i < before && parent_of(from_parent, i) == parent_of(to_parent, i);
+        bool kept = i < before && parent_of(from_parent, i) == parent_of(to_parent, i) &&
+                    (!rest || memcmp(rest_before + 3 * (size_t)i, rest + 3 * (size_t)i, 3 * sizeof *rest) == 0);
         list[i] = kept ? i : source && i >= before ? source[i - before] : parent_of(to_parent, i);
         if (list[i] < 0 || list[i] >= before) return pliant_fail(PLIANT_ERROR_ARGUMENT, "these two bodies are not of one mesh");
     }
     return PLIANT_OK;
+}
+
+/* nodes on edges that were not there before */
+static pliant_status list_between(const pliant_body *from, const pliant_body *to, pliant_body_map *map)
+{
+    const int32_t load = to->subdivision->load_nodes;
+    if (!(map->between = pliant_calloc((size_t)to->fine.num_nodes, sizeof *map->between))) return pliant_fail_memory("what became of the body before");
+    for (int32_t n = 0; n < to->fine.num_nodes; n++) {
+        const bool kept = n < load || (n < from->fine.num_nodes && map->node[n] == n);
+        map->between[n] = kept ? (pliant_between){.end = {-1, -1}} : to->subdivision->between[n - load];
+    }
+    return PLIANT_OK;
+}
+
+void pliant_body_map_vectors(const pliant_body_map *map, const double *from, double *out)
+{
+    for (int32_t n = 0; n < map->num_nodes; n++) {
+        const pliant_between *between = map->between && map->between[n].end[0] >= 0 ? map->between + n : NULL;
+        for (int d = 0; d < 3; d++) {
+            if (!between) {
+                out[3 * (size_t)n + d] = from[3 * (size_t)map->node[n] + d];
+                continue;
+            }
+            const double a = out[3 * (size_t)between->end[0] + d], b = out[3 * (size_t)between->end[1] + d];
+            out[3 * (size_t)n + d] = a + between->share * (b - a);
+        }
+    }
 }
 
 pliant_status pliant_body_map_create(const pliant_body *from, const pliant_body *to, pliant_body_map *out)
@@ -76,15 +105,17 @@ pliant_status pliant_body_map_create(const pliant_body *from, const pliant_body 
     bool next = changes->since == from->revision;
     pliant_body_map map = {0};
     pliant_status status = list_sources(to->fine.num_nodes, from->fine.num_nodes, from->node_parent, to->node_parent,
-                                        next ? changes->node_source : NULL, &map.node);
+                                        next ? changes->node_source : NULL, from->fine.rest, to->fine.rest, &map.node);
     if (status == PLIANT_OK)
-        status = list_sources(to->fine.num_tets, from->fine.num_tets, from->tet_parent, to->tet_parent, next ? changes->tet_source : NULL, &map.tet);
+        status = list_sources(to->fine.num_tets, from->fine.num_tets, from->tet_parent, to->tet_parent, next ? changes->tet_source : NULL, NULL, NULL, &map.tet);
     if (status == PLIANT_OK && to->coarse.num_nodes > 0)
         status = list_sources(to->coarse.num_nodes, from->coarse.num_nodes, from->coarse_node_parent, to->coarse_node_parent,
-                              next ? changes->coarse_node_source : NULL, &map.coarse_node);
+                              next ? changes->coarse_node_source : NULL, NULL, NULL, &map.coarse_node);
     if (status == PLIANT_OK && to->coarse.num_nodes > 0)
         status = list_sources(to->coarse.num_tets, from->coarse.num_tets, from->coarse_tet_parent, to->coarse_tet_parent,
-                              next ? changes->coarse_tet_source : NULL, &map.coarse_tet);
+                              next ? changes->coarse_tet_source : NULL, NULL, NULL, &map.coarse_tet);
+    map.num_nodes = to->fine.num_nodes;
+    if (status == PLIANT_OK && to->subdivision && to->fine.num_nodes > to->subdivision->load_nodes) status = list_between(from, to, &map);
     if (status != PLIANT_OK) {
         pliant_body_map_free(&map);
         return status;
@@ -99,5 +130,6 @@ void pliant_body_map_free(pliant_body_map *map)
     pliant_free(map->tet);
     pliant_free(map->coarse_node);
     pliant_free(map->coarse_tet);
+    pliant_free(map->between);
     memset(map, 0, sizeof *map);
 }

@@ -70,10 +70,25 @@ static int32_t count_nodes(const pliant_body *body, const pliant_division *divis
     return nodes;
 }
 
+/* of nodes on edges, the nearer end */
+static pliant_status find_nearest(const pliant_body *body, const pliant_division *division, int32_t nodes, int32_t *source)
+{
+    for (int32_t v = 0; v < 4 * division->num_tets; v++) source[division->corners[v]] = division->corners[v];
+    for (int32_t n = body->fine.num_nodes; n < nodes; n++) {
+        const pliant_between *between = division->between + (n - body->fine.num_nodes);
+        bool good = source[n] >= 0 && between->share >= 0 && between->share <= 1;
+        for (int end = 0; end < 2; end++) good = good && between->end[end] >= 0 && between->end[end] < n;
+        if (!good) return pliant_fail(PLIANT_ERROR_ARGUMENT, "node %d of a division lies between none that are there, or has no corner", n);
+        source[n] = between->end[between->share > 0.5];
+    }
+    return PLIANT_OK;
+}
+
 /* source: (nodes afterwards) zeroed room. Every corner's node is the one that was there or a copy of it; none is left out. */
 static pliant_status find_sources(const pliant_body *body, const pliant_division *division, int32_t nodes, int32_t *source)
 {
     memset(source, 0xff, (size_t)nodes * sizeof *source);
+    if (division->between) return find_nearest(body, division, nodes, source);
     for (int32_t v = 0; v < 4 * division->num_tets; v++) {
         int32_t node = division->corners[v], was = body->fine.tets[4 * source_of_tet(body, division, v / 4) + v % 4];
         if ((source[node] >= 0 && source[node] != was) || (node < body->fine.num_nodes && node != was))
@@ -97,6 +112,7 @@ pliant_status pliant_body_append_nodes(pliant_body *next, int32_t appended, cons
     if (status == PLIANT_OK) status = pliant_body_append(&fine->place_of_node, sizeof *fine->place_of_node, before, appended, source);
     if (status == PLIANT_OK) status = pliant_body_append(&next->fine_fixed, sizeof *next->fine_fixed, before, appended, source);
     if (status == PLIANT_OK) status = pliant_body_append(&next->node_mass, sizeof *next->node_mass, before, appended, source);
+    if (status == PLIANT_OK && next->subdivision) status = pliant_subdivision_append(next->subdivision, before, appended, source);
     if (status != PLIANT_OK || appended == 0) return status;
     const int32_t already = before - changes->nodes_before;
     if (!(sources = pliant_resize(changes->node_source, (size_t)(already + appended), sizeof *sources))) return pliant_fail_memory("the next body");
@@ -170,6 +186,18 @@ static pliant_status renew_masses(const pliant_body *body, pliant_body *next)
     return PLIANT_OK;
 }
 
+/* appended nodes to where they lie on their edges */
+static void place_nodes(const pliant_division *division, int32_t before, pliant_body *next)
+{
+    double *rest = next->fine.rest;
+    for (int32_t n = before; n < next->fine.num_nodes; n++) {
+        const pliant_between *between = next->subdivision->between + (n - next->subdivision->load_nodes);
+        next->subdivision->between[n - next->subdivision->load_nodes] = division->between[n - before];
+        const double *a = rest + 3 * (size_t)between->end[0], *b = rest + 3 * (size_t)between->end[1];
+        for (int d = 0; d < 3; d++) rest[3 * (size_t)n + (size_t)d] = a[d] + between->share * (b[d] - a[d]);
+    }
+}
+
 static pliant_status divide(const pliant_body *body, const pliant_division *division, int32_t nodes, const int32_t *source, pliant_body *next)
 {
     const int32_t before = next->fine.num_nodes;
@@ -177,6 +205,7 @@ static pliant_status divide(const pliant_body *body, const pliant_division *divi
     if (status == PLIANT_OK && division->copy_fixed && nodes > before) memcpy(next->fine_fixed + before, division->copy_fixed, (size_t)(nodes - before));
     if (status == PLIANT_OK) status = append_tets(next, division);
     if (status != PLIANT_OK) return status;
+    if (division->between) place_nodes(division, before, next);
     memcpy(next->fine.tets, division->corners, 4 * (size_t)division->num_tets * sizeof *division->corners);
     if (division->material) memcpy(next->fine_material, division->material, (size_t)division->num_tets * sizeof *division->material);
     status = pliant_body_find_across(body, division->cuts, next);

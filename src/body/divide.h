@@ -22,6 +22,13 @@ pliant_status pliant_body_append_nodes(pliant_body *next, int32_t appended, cons
 /* ---- across.c: next->across; cuts: of next, where fragments are of voxels, else NULL */
 pliant_status pliant_body_find_across(const pliant_body *before, const pliant_cuts *cuts, pliant_body *next);
 
+/* ---- subdivision.c */
+void pliant_subdivision_free(pliant_subdivision *subdivision); /* Nullable */
+/* nodes: of the body that has it */
+pliant_status pliant_subdivision_copy(const pliant_subdivision *from, int32_t nodes, pliant_subdivision **out);
+/* Nodes appended to those that were there: what each lies between. source: where between is NULL, copies of these */
+pliant_status pliant_subdivision_append(pliant_subdivision *subdivision, int32_t nodes, int32_t appended, const int32_t *source);
+
 /* ---- pieces.c */
 /* Lists what nothing holds any more in next, of which the topology is there; fixes its nodes, and gives it copies of those that it hangs on. */
 pliant_status pliant_body_find_pieces(pliant_body *next, const pliant_division *division);

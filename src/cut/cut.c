@@ -32,8 +32,7 @@ static void tell_severed(const cut_work *work, const pliant_cut_sweep *sweep, pl
     }
 }
 
-/* Pieces with tissue; they hang together where they have nodes in common, or joints. */
-static pliant_status count_pieces(const pliant_body *body, int32_t *pieces)
+pliant_status pliant_cut_count_pieces(const pliant_body *body, int32_t *pieces)
 {
     const pliant_mesh *fine = &body->fine;
     int32_t *piece = pliant_calloc((size_t)fine->num_nodes, sizeof *piece);
@@ -145,7 +144,7 @@ static pliant_status make_next(cut_work *work, uint64_t revision, pliant_body **
     if (status != PLIANT_OK) return status;
     /* nobody has the next body yet: its cuts are written to */
     if (work->in_one && work->cuts) (*out)->cuts->num_pieces = work->cuts->num_pieces;
-    else status = count_pieces(*out, &(*out)->cuts->num_pieces);
+    else status = pliant_cut_count_pieces(*out, &(*out)->cuts->num_pieces);
     if (status == PLIANT_OK) return PLIANT_OK;
     pliant_body_release(*out);
     *out = NULL;
@@ -198,12 +197,17 @@ static pliant_status refuse_whole(void)
 pliant_status pliant_body_cut(const pliant_body *body, uint64_t revision, const double *positions, const pliant_cut_sweep *sweep, pliant_body **out,
                               pliant_cut_report *report)
 {
-    if (!body->voxels) return refuse_whole();
+    if (!pliant_body_may_be_cut(body)) return refuse_whole();
     cut_work work = {.body = body, .voxels = body->voxels, .cuts = body->cuts, .positions = positions};
     pliant_cut_report told = {0};
     pliant_body *next = NULL;
-    pliant_status status = cut(&work, revision, sweep, out ? &next : NULL, &told);
-    free_work(&work);
+    pliant_status status;
+    if (body->subdivision) {
+        status = pliant_cut_subdivide(body, revision, positions, sweep, out ? &next : NULL, &told);
+    } else {
+        status = cut(&work, revision, sweep, out ? &next : NULL, &told);
+        free_work(&work);
+    }
     if (status != PLIANT_OK) return status;
     if (out) *out = next;
     if (report) *report = told;

@@ -14,10 +14,6 @@
 static inline double lesser(double a, double b) { return a < b ? a : b; }
 static inline double greater(double a, double b) { return a > b ? a : b; }
 
-typedef struct triangle {
-    double corner[9], normal[3], low[3], high[3];
-} triangle;
-
 /* x = axes index + origin, of a fragment's voxels */
 typedef struct voxel_map {
     double axes[9], origin[3];
@@ -29,9 +25,7 @@ typedef struct severing {
     double slack;            /* [m] */
     double reach;            /* two voxels in a stretched tetrahedron, over its extent */
     double handed;           /* of the scan: 1 or -1 */
-    int32_t num_triangles;
-    triangle *triangles;
-    double low[3], high[3];  /* of all triangles */
+    cut_strip strip;
     int32_t *near;           /* triangles near a fragment */
     int32_t num_near;
     double slab[5];          /* of a fragment: only voxels with slab[3] <= slab[0..2] . index <= slab[4] are near them */
@@ -39,47 +33,6 @@ typedef struct severing {
     int32_t num_maps, map_room;
     voxel_map *maps;
 } severing;
-
-/* ---- the strip */
-
-static void add_triangle(severing *cut, const double *p, const double *q, const double *r)
-{
-    triangle *made = cut->triangles + cut->num_triangles;
-    double u[3], v[3], squares = 0;
-    for (int d = 0; d < 3; d++) {
-        made->corner[d] = p[d];
-        made->corner[3 + d] = q[d];
-        made->corner[6 + d] = r[d];
-        u[d] = q[d] - p[d];
-        v[d] = r[d] - p[d];
-        made->low[d] = lesser(p[d], lesser(q[d], r[d]));
-        made->high[d] = greater(p[d], greater(q[d], r[d]));
-    }
-    for (int d = 0; d < 3; d++) {
-        made->normal[d] = u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3];
-        squares += made->normal[d] * made->normal[d];
-    }
-    if (!(squares > 0) || !isfinite(squares)) return; /* no area, or not a number */
-    for (int d = 0; d < 3; d++) {
-        if (cut->num_triangles == 0 || made->low[d] < cut->low[d]) cut->low[d] = made->low[d];
-        if (cut->num_triangles == 0 || made->high[d] > cut->high[d]) cut->high[d] = made->high[d];
-    }
-    cut->num_triangles++;
-}
-
-static pliant_status list_triangles(severing *cut, const pliant_cut_sweep *sweep)
-{
-    if (sweep->count < 2) return PLIANT_OK;
-    const size_t most = 2 * ((size_t)sweep->count - 1);
-    cut->triangles = pliant_calloc(most, sizeof *cut->triangles);
-    cut->near = pliant_calloc(most, sizeof *cut->near);
-    if (!cut->triangles || !cut->near) return pliant_fail_memory("the sweep of a blade");
-    for (int32_t i = 0; i + 1 < sweep->count; i++) {
-        add_triangle(cut, sweep->from + 3 * i, sweep->from + 3 * (i + 1), sweep->to + 3 * i);
-        add_triangle(cut, sweep->from + 3 * (i + 1), sweep->to + 3 * (i + 1), sweep->to + 3 * i);
-    }
-    return PLIANT_OK;
-}
 
 /* ---- maps */
 
@@ -127,7 +80,7 @@ static void place_in(const voxel_map *map, const int32_t at[3], double out[3])
 /* ---- the predicate */
 
 /* the triangle that parts two points, or NULL */
-static const triangle *parted(const severing *cut, const double a[3], const double b[3])
+static const cut_triangle *parted(const severing *cut, const double a[3], const double b[3])
 {
     double low[3], high[3];
     for (int d = 0; d < 3; d++) {
@@ -135,7 +88,7 @@ static const triangle *parted(const severing *cut, const double a[3], const doub
         high[d] = greater(a[d], b[d]) + cut->slack;
     }
     for (int32_t n = 0; n < cut->num_near; n++) {
-        const triangle *one = cut->triangles + cut->near[n];
+        const cut_triangle *one = cut->strip.triangles + cut->near[n];
         if (one->low[0] > high[0] || one->high[0] < low[0] || one->low[1] > high[1] || one->high[1] < low[1] || one->low[2] > high[2] ||
             one->high[2] < low[2])
             continue;
@@ -212,7 +165,7 @@ static pliant_status try_link(severing *cut, int32_t tet, int32_t voxel, const i
     if (!to || !from) return pliant_fail_memory("the maps of fragments");
     place_in(from, at, a);
     place_in(to, there, b);
-    const triangle *one = way > 0 ? parted(cut, a, b) : parted(cut, b, a); /* the same bits from both ends */
+    const cut_triangle *one = way > 0 ? parted(cut, a, b) : parted(cut, b, a); /* the same bits from both ends */
     if (!one) return PLIANT_OK;
     const pliant_links links = {.voxels = voxels, .cuts = work->cuts};
     const int32_t lower = way > 0 ? voxel : other;
@@ -246,8 +199,8 @@ static bool find_near(severing *cut, double low[3], double high[3])
 {
     double from[3] = {INFINITY, INFINITY, INFINITY}, to[3] = {-INFINITY, -INFINITY, -INFINITY};
     cut->num_near = 0;
-    for (int32_t t = 0; t < cut->num_triangles; t++) {
-        const triangle *one = cut->triangles + t;
+    for (int32_t t = 0; t < cut->strip.count; t++) {
+        const cut_triangle *one = cut->strip.triangles + t;
         if (one->low[0] > high[0] || one->high[0] < low[0] || one->low[1] > high[1] || one->high[1] < low[1] || one->low[2] > high[2] ||
             one->high[2] < low[2])
             continue;
@@ -295,10 +248,10 @@ static void find_slab(severing *cut, const voxel_map *map)
 {
     double normal[3] = {0}, low = INFINITY, high = -INFINITY, steps = 0, offset = 0;
     for (int32_t n = 0; n < cut->num_near; n++)
-        for (int d = 0; d < 3; d++) normal[d] += cut->triangles[cut->near[n]].normal[d];
+        for (int d = 0; d < 3; d++) normal[d] += cut->strip.triangles[cut->near[n]].normal[d];
     for (int32_t n = 0; n < cut->num_near; n++)
         for (int v = 0; v < 3; v++) {
-            const double *corner = cut->triangles[cut->near[n]].corner + 3 * v;
+            const double *corner = cut->strip.triangles[cut->near[n]].corner + 3 * v;
             const double at = normal[0] * corner[0] + normal[1] * corner[1] + normal[2] * corner[2];
             low = lesser(low, at);
             high = greater(high, at);
@@ -349,7 +302,7 @@ static pliant_status try_fragment(severing *cut, int32_t tet)
         low[d] = lesser(lesser(x[0], x[1]), lesser(x[2], x[3]));
         high[d] = greater(greater(x[0], x[1]), greater(x[2], x[3]));
         const double more = cut->reach * (high[d] - low[d]) + cut->slack;
-        if (!(low[d] - more <= cut->high[d] && high[d] + more >= cut->low[d])) return PLIANT_OK;
+        if (!(low[d] - more <= cut->strip.high[d] && high[d] + more >= cut->strip.low[d])) return PLIANT_OK;
     }
     const voxel_map *map = map_of(cut, tet);
     if (!map) return pliant_fail_memory("the maps of fragments");
@@ -423,14 +376,15 @@ pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
     /* the least height of the lattice's tetrahedra is 0.58 of a cube's side, of one on bone less */
     cut.reach = (work->body->fine.num_moved > 0 ? 8 : 4) * greater(geometry->spacing[0], greater(geometry->spacing[1], geometry->spacing[2])) /
                 lesser(cell[0], lesser(cell[1], cell[2]));
-    pliant_status status = list_triangles(&cut, sweep);
-    if (status == PLIANT_OK && cut.num_triangles > 0) {
+    pliant_status status = pliant_cut_strip(sweep, &cut.strip);
+    if (status == PLIANT_OK && cut.strip.count > 0) {
+        cut.near = pliant_calloc((size_t)cut.strip.count, sizeof *cut.near);
         cut.map_of = pliant_calloc((size_t)work->body->fine.num_tets, sizeof *cut.map_of);
-        if (!cut.map_of) status = pliant_fail_memory("the maps of fragments");
+        if (!cut.near || !cut.map_of) status = pliant_fail_memory("the maps of fragments");
         for (int32_t t = 0; t < work->body->fine.num_tets && status == PLIANT_OK; t++) status = try_fragment(&cut, t);
         if (status == PLIANT_OK) status = pliant_cut_sort_severed(work);
     }
-    pliant_free(cut.triangles);
+    pliant_free(cut.strip.triangles);
     pliant_free(cut.near);
     pliant_free(cut.map_of);
     pliant_free(cut.maps);

@@ -9,6 +9,18 @@
 extern "C" {
 #endif
 
+/* One that a blade sweeps. normal: of any length */
+typedef struct cut_triangle {
+    double corner[9], normal[3], low[3], high[3];
+} cut_triangle;
+
+/* Between where a blade's edge was and where it is; without those that have no area. */
+typedef struct cut_strip {
+    int32_t count;
+    cut_triangle *triangles;
+    double low[3], high[3]; /* of all of them */
+} cut_strip;
+
 /* Of its tetrahedron's voxels, a fragment with less is a chip, if nobody needs it between them; what nobody holds, dust. */
 #define CUT_LEAST_SHARE 0.03
 
@@ -93,6 +105,14 @@ static inline bool cut_share_face(const cut_work *work, int32_t a, int32_t b)
     const int32_t *across = work->voxels->across + 4 * (size_t)a;
     return across[0] == b || across[1] == b || across[2] == b || across[3] == b;
 }
+
+/* freed with pliant_free(out->triangles). Errors: MEMORY. */
+pliant_status pliant_cut_strip(const pliant_cut_sweep *sweep, cut_strip *out);
+/* subdivide.c: pliant_body_cut for a body with a subdivision; *out is NULL where nothing changes */
+pliant_status pliant_cut_subdivide(const pliant_body *body, uint64_t revision, const double *positions, const pliant_cut_sweep *sweep, pliant_body **out,
+                                   pliant_cut_report *report);
+/* cut.c: pieces with tissue; they hang together where they have nodes in common, or joints */
+pliant_status pliant_cut_count_pieces(const pliant_body *body, int32_t *pieces);
 
 /* Links and bridges that the sweep severs; slack: [m] */
 pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep);

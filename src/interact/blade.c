@@ -67,7 +67,7 @@ pliant_status pliant_tool_set_cutting(pliant_data *data, int index, bool on)
     pliant_tool *tool = NULL;
     pliant_status status = find_tool(data, index, &tool);
     if (status != PLIANT_OK) return status;
-    if (on && !data->body->voxels)
+    if (on && !pliant_body_may_be_cut(data->body))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: this scene does not cut: set cut/kind to sever and build the model again", tool->name);
     if (on && !pliant_blade_is_there(&tool->blade))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no blade (pliant_tool_set_blade)", tool->name);

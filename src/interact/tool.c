@@ -132,7 +132,8 @@ static bool is_cut(const pliant_cuts *cuts, int32_t tet)
 static int32_t find_tet(const pliant_body *body, const double rest[3], double barycentric[4])
 {
     int32_t tet = pliant_mesh_locate(&body->fine, rest, barycentric);
-    if (tet < 0 || !is_cut(body->cuts, tet)) return tet; /* the other search goes through the whole mesh */
+    const bool elsewhere = tet < 0 && body->subdivision && body->tet_parent; /* perhaps in what was appended */
+    if (!elsewhere && (tet < 0 || !is_cut(body->cuts, tet))) return tet; /* the other search goes through the whole mesh */
     return pliant_body_locate(body, body->fine.rest, rest, &tet, barycentric) ? tet : -1;
 }
 

@@ -48,7 +48,7 @@ static pliant_status prepare_positions(const adaptation *work)
     int32_t nodes = made->body->fine.num_nodes;
     double *positions = made->positions = pliant_calloc((size_t)nodes, 3 * sizeof *positions);
     if (!positions) return pliant_fail_memory("the simulation state");
-    for (int32_t n = 0; n < nodes; n++) memcpy(positions + 3 * n, data->positions + 3 * work->map.node[n], 3 * sizeof *positions);
+    pliant_body_map_vectors(&work->map, data->positions, positions);
     pliant_status status = pliant_falling_create(&work->model->scene, made->discretization->body, positions, data->falling, &work->map, &made->falling);
     for (int32_t n = 0; status == PLIANT_OK && n < nodes; n++) {
         const double *home = pliant_falling_has(made->falling, n) ? NULL : pliant_falling_home(data->falling, work->map.node[n]);

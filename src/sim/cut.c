@@ -81,7 +81,8 @@ static double energy_of(const knife *work, const pliant_cut_report *report)
 /* The tissue parts between two places of the edge's points. false: it could not, and nothing has changed. */
 static bool part(const knife *work, const double *from, const double *to, pliant_cut_report *report)
 {
-    pliant_cut_sweep sweep = {.count = work->tool->blade.edge.count, .from = from, .to = to, .material_of_voxel = work->model->material_of_voxel};
+    pliant_cut_sweep sweep = {.count = work->tool->blade.edge.count, .from = from, .to = to, .material_of_voxel = work->model->material_of_voxel,
+                              .blade = (uint32_t)work->index, .stroke = (uint32_t)work->tool->blade.stroke};
     memset(report, 0, sizeof *report);
     const uint64_t before = work->data->body->revision;
     if (pliant_data_sever(work->model, work->data, work->index, &sweep, report) != PLIANT_OK) {
@@ -324,7 +325,8 @@ static void cut_with(const knife *work)
         pliant_blade_points(blade, tip, rotation, blade->edge.now);
         pliant_blade_follow(work->data, &blade->edge);
         if (!blade->drags && longest_way(&blade->edge) <= stirs * work->least) continue;
-        if (work->model->scene.cut.resistance > 0 && !pliant_tool_grips(tool)) press(work, last);
+        const bool resists = work->model->scene.cut.resistance > 0 && work->data->body->voxels; /* of voxels ahead */
+        if (resists && !pliant_tool_grips(tool)) press(work, last);
         else part_freely(work);
     }
     pliant_blade_middle(&blade->edge, blade->edge.now, middle);

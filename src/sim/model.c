@@ -217,6 +217,8 @@ static pliant_status fix(builder *build)
 static pliant_status link_voxels(builder *build)
 {
     pliant_model *model = build->model;
+    if (model->scene.cut.kind == PLIANT_CUT_SUBDIVIDE)
+        return pliant_subdivision_create(&model->body->fine, model->scene.cut.snap, &model->body->subdivision);
     if (model->scene.cut.kind != PLIANT_CUT_SEVER) return PLIANT_OK;
     return pliant_voxels_create(model->body, &model->scan->geometry, model->material_of_voxel, &model->materials, &model->body->voxels);
 }
@@ -292,6 +294,18 @@ static void warn_of_unused(const pliant_scene *scene)
     pliant_log(PLIANT_LOG_WARNING, "%s: only solver/kind: tled has these; this scene's is corotational, and goes without", names);
 }
 
+/* what a scene whose cuts subdivide cannot have */
+static pliant_status check_subdivide(const pliant_scene *scene)
+{
+    const char *other = NULL;
+    if (scene->model.method != PLIANT_FINE) other = "model/method: coarse elements hold whole tetrahedra; set fine";
+    else if (scene->mesh.kind != PLIANT_LATTICE) other = "mesh/kind: octree; set lattice";
+    else if (scene->element.kind == PLIANT_HEXAHEDRA) other = "element/kind: hexahedra are no tetrahedra; set linear";
+    else if (scene->solver.backend == PLIANT_CUDA) other = "solver/backend: cuda; set cpu or auto";
+    else if (scene->warp.kind == PLIANT_FIT) other = "warp/kind: a fit gathers across what is cut; set rasterize";
+    return other ? pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: subdivide does not go with %s, or cut/kind to sever", other) : PLIANT_OK;
+}
+
 /* what does not go together */
 static pliant_status check(const pliant_scene *scene, const pliant_material_table *materials)
 {
@@ -320,6 +334,7 @@ static pliant_status check(const pliant_scene *scene, const pliant_material_tabl
                                                  "lattice, or element/kind to linear");
     if (status == PLIANT_OK && scene->element.kind == PLIANT_HEXAHEDRA && scene->model.method != PLIANT_FINE && scene->model.patch > 0)
         status = pliant_fail(PLIANT_ERROR_SCENE, "model/patch: a patch is made of tetrahedra; set it to 0, or element/kind to linear");
+    if (status == PLIANT_OK && scene->cut.kind == PLIANT_CUT_SUBDIVIDE) status = check_subdivide(scene);
     return status == PLIANT_OK ? pliant_material_table_check(materials) : status;
 }
 

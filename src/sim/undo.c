@@ -76,7 +76,7 @@ static int32_t sample_line(int32_t count, const double *points, double spacing, 
 pliant_status pliant_data_cut(const pliant_model *model, pliant_data *data, int32_t count, const double *points, const double depth[3],
                               pliant_cut_report *report)
 {
-    if (!data->body->voxels) return pliant_fail(PLIANT_ERROR_SCENE, "this scene does not cut: set cut/kind to sever and build the model again");
+    if (!pliant_body_may_be_cut(data->body)) return pliant_fail(PLIANT_ERROR_SCENE, "this scene does not cut: set cut/kind to sever and build the model again");
     bool good = count >= 2 && isfinite(depth[0]) && isfinite(depth[1]) && isfinite(depth[2]);
     for (int32_t n = 0; good && n < 3 * count; n++) good = isfinite(points[n]) && fabs(points[n]) < 1e3;
     if (!good) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a cut needs two points or more, within 1000 m, and a direction, all of them finite");

@@ -366,12 +366,11 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
     memcpy(tled->passed, from->passed, sizeof tled->passed);
     tled->passed_step = from->passed_step;
     const double faster = tled->time_step / from->time_step; /* increments are of a sub-step; those of relaxation are of none */
+    pliant_body_map_vectors(map, from->u, tled->u);
+    pliant_body_map_vectors(map, from->d, tled->d);
     for (int32_t n = 0; n < system->mesh->num_nodes; n++) {
         const bool moves = tled->inverse_mass[n] > 0 && !system->quasi_static;
-        for (int d = 0; d < 3; d++) {
-            tled->u[3 * n + d] = from->u[3 * map->node[n] + d];
-            tled->d[3 * n + d] = moves ? faster * from->d[3 * map->node[n] + d] : 0;
-        }
+        for (int d = 0; d < 3; d++) tled->d[3 * n + d] *= moves ? faster : 0;
     }
     for (int32_t t = 0; tled->memory && t < system->mesh->num_tets; t++) {
         int32_t to = place_of(system, t), source = place_of(from->system, map->tet[t]);

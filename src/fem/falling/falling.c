@@ -159,6 +159,12 @@ static void fill(pliant_falling *falling, const double *positions, const pliant_
             falling->piece_of[i] = p;
             memcpy(falling->x + 3 * (size_t)i, positions + 3 * (size_t)node, 3 * sizeof *positions);
             memcpy(falling->home + 3 * (size_t)i, was ? was : positions + 3 * (size_t)node, 3 * sizeof *positions);
+            const pliant_between *between = was && map->between && map->between[node].end[0] >= 0 ? map->between + node : NULL;
+            const int32_t ends[2] = {between ? falling->place[between->end[0]] : -1, between ? falling->place[between->end[1]] : -1};
+            for (int d = 0; d < 3 && ends[0] >= 0 && ends[1] >= 0; d++) { /* they come before it */
+                const double a = falling->home[3 * (size_t)ends[0] + d], b = falling->home[3 * (size_t)ends[1] + d];
+                falling->home[3 * (size_t)i + d] = a + between->share * (b - a);
+            }
             if (was && source < 0) source = from->piece_of[from->place[map->node[node]]];
         }
         if (source >= 0) go_on(falling, p, from, source);

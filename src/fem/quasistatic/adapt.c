@@ -69,14 +69,16 @@ static pliant_status carry(pliant_solver *solver, const pliant_solver *from, con
     return status == PLIANT_OK ? pliant_refresh_carry(solver, from, node) : status;
 }
 
-pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_system *system, const pliant_solver *from, const int32_t *node,
-                                   const int32_t *tet, pliant_solver **out)
+pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_system *system, const pliant_solver *from,
+                                   const pliant_body_map *map, pliant_solver **out)
 {
+    const int32_t *node = map->coarse_node ? map->coarse_node : map->node, *tet = map->coarse_node ? map->coarse_tet : map->tet;
     pliant_solver *solver = NULL;
     pliant_status status = system->macros ? pliant_solver_create(scene, system, &solver) : pliant_solver_create_without(scene, system, &solver);
     if (status != PLIANT_OK) return status;
     carry_limits(solver, from);
-    for (int32_t n = 0; n < system->mesh->num_nodes; n++) /* also where the next body holds what moved before */
+    if (!map->coarse_node) pliant_body_map_vectors(map, from->now.x, solver->now.x); /* also where the next body holds what moved before */
+    for (int32_t n = 0; map->coarse_node && n < system->mesh->num_nodes; n++)
         memcpy(solver->now.x + 3 * n, from->now.x + 3 * node[n], 3 * sizeof *solver->now.x);
     if (!system->macros) status = carry(solver, from, node, tet);
     if (status != PLIANT_OK) {

@@ -1,0 +1,207 @@
+/* Edges that a blade passes through are cut there, one after the other: an edge is bisected in all tetrahedra around it at once, so that
+ * neighbours always have the same faces, and the pattern of cut edges of a tetrahedron decides how it is split (fem/NUMERICS.md 11). */
+#include "cut/subdivide.h"
+
+#include "cut/sweep.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* the six edges of a tetrahedron */
+static const int ends_of[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
+
+typedef struct edge {
+    int32_t end[2]; /* the lower one first */
+    double share;   /* of the way to the second where the blade passes */
+    double length;  /* at rest [m] */
+} edge;
+
+typedef struct edge_list {
+    int32_t count, room;
+    edge *edges;
+} edge_list;
+
+static bool boxes_meet(const double low[3], const double high[3], const double other_low[3], const double other_high[3])
+{
+    for (int d = 0; d < 3; d++)
+        if (!(low[d] <= other_high[d] && high[d] >= other_low[d])) return false;
+    return true;
+}
+
+static void box_of(const cut_splitting *work, const int32_t *nodes, int count, double low[3], double high[3])
+{
+    for (int d = 0; d < 3; d++) {
+        low[d] = high[d] = work->positions[3 * (size_t)nodes[0] + d];
+        for (int v = 1; v < count; v++) {
+            low[d] = fmin(low[d], work->positions[3 * (size_t)nodes[v] + d]);
+            high[d] = fmax(high[d], work->positions[3 * (size_t)nodes[v] + d]);
+        }
+        low[d] -= work->slack;
+        high[d] += work->slack;
+    }
+}
+
+/* the edges of tetrahedra near the strip, some of them several times */
+static pliant_status list_near(const cut_splitting *work, edge_list *list)
+{
+    const cut_strip *strip = work->strip;
+    for (int32_t t = 0; t < work->num_tets; t++) {
+        const int32_t *nodes = work->corners + 4 * (size_t)t;
+        double low[3], high[3];
+        bool near = false;
+        box_of(work, nodes, 4, low, high);
+        if (!boxes_meet(low, high, strip->low, strip->high)) continue;
+        for (int32_t n = 0; n < strip->count && !near; n++) near = boxes_meet(low, high, strip->triangles[n].low, strip->triangles[n].high);
+        if (!near) continue;
+        if (list->count + 6 > list->room) {
+            const int32_t room = 2 * list->room + 256;
+            edge *longer = pliant_resize(list->edges, (size_t)room, sizeof *longer);
+            if (!longer) return pliant_fail_memory("the edges that a blade cuts");
+            list->edges = longer;
+            list->room = room;
+        }
+        for (int e = 0; e < 6; e++) {
+            const int32_t a = nodes[ends_of[e][0]], b = nodes[ends_of[e][1]];
+            list->edges[list->count++] = (edge){.end = {a < b ? a : b, a < b ? b : a}};
+        }
+    }
+    return PLIANT_OK;
+}
+
+static int by_ends(const void *a, const void *b)
+{
+    const edge *i = a, *j = b;
+    if (i->end[0] != j->end[0]) return i->end[0] < j->end[0] ? -1 : 1;
+    return i->end[1] < j->end[1] ? -1 : i->end[1] > j->end[1];
+}
+
+static int by_length(const void *a, const void *b)
+{
+    const edge *i = a, *j = b;
+    return i->length > j->length ? -1 : i->length < j->length ? 1 : by_ends(a, b);
+}
+
+/* where the strip passes through an edge; that it passes twice and more leaves its ends where they were, if it is even often */
+static bool is_crossed(const cut_splitting *work, edge *one)
+{
+    const double *a = work->positions + 3 * (size_t)one->end[0], *b = work->positions + 3 * (size_t)one->end[1];
+    double low[3], high[3];
+    int passes = 0;
+    box_of(work, one->end, 2, low, high);
+    for (int32_t n = 0; n < work->strip->count; n++) {
+        const cut_triangle *triangle = work->strip->triangles + n;
+        if (!boxes_meet(low, high, triangle->low, triangle->high) || !pliant_passes_through(a, b, triangle->corner, triangle->normal, work->slack)) continue;
+        double from = 0, to = 0;
+        for (int d = 0; d < 3; d++) {
+            from += triangle->normal[d] * (a[d] - triangle->corner[d]);
+            to += triangle->normal[d] * (b[d] - triangle->corner[d]);
+        }
+        const double share = fmin(fmax(from / (from - to), 0), 1);
+        if (passes++ == 0 || share < one->share) one->share = share;
+    }
+    return passes % 2 == 1;
+}
+
+static void find_crossed(const cut_splitting *work, edge_list *list)
+{
+    int32_t count = 0;
+    qsort(list->edges, (size_t)list->count, sizeof *list->edges, by_ends);
+    for (int32_t e = 0; e < list->count; e++) {
+        edge one = list->edges[e];
+        if ((e > 0 && by_ends(&one, list->edges + e - 1) == 0) || !is_crossed(work, &one)) continue;
+        double squares = 0;
+        for (int d = 0; d < 3; d++) {
+            const double way = work->rest[3 * (size_t)one.end[1] + d] - work->rest[3 * (size_t)one.end[0] + d];
+            squares += way * way;
+        }
+        one.length = sqrt(squares);
+        list->edges[count++] = one; /* count is at most e: what is compared with is behind it, or itself */
+    }
+    list->count = count;
+    qsort(list->edges, (size_t)count, sizeof *list->edges, by_length);
+}
+
+/* Ends that the blade passes so closely lie on its way. */
+static void snap(cut_splitting *work, const edge_list *list)
+{
+    const double least = work->body->subdivision->least_edge;
+    for (int32_t e = 0; e < list->count; e++) {
+        const edge *one = list->edges + e;
+        const int nearer = one->share > 0.5;
+        if ((nearer ? 1 - one->share : one->share) * one->length < least) work->on[one->end[nearer]] = 1;
+    }
+}
+
+static int corner_of(const cut_splitting *work, int32_t tet, int32_t node)
+{
+    for (int v = 0; v < 4; v++)
+        if (work->corners[4 * (size_t)tet + v] == node) return v;
+    return -1;
+}
+
+/* whether both parts of all tetrahedra around an edge are large enough; work->around: those */
+static bool parts_are_large(const cut_splitting *work, const edge *one, const double middle[3])
+{
+    for (int32_t i = 0; i < work->num_around; i++)
+        for (int end = 0; end < 2; end++) {
+            const int32_t *nodes = work->corners + 4 * (size_t)work->around[i];
+            const double *corner[4];
+            for (int v = 0; v < 4; v++) corner[v] = nodes[v] == one->end[end] ? middle : work->rest + 3 * (size_t)nodes[v];
+            if (!(pliant_split_volume(corner[0], corner[1], corner[2], corner[3]) >= work->body->subdivision->least_volume)) return false;
+        }
+    return true;
+}
+
+static uint8_t fixed_between(uint8_t a, uint8_t b) { return a == PLIANT_MOVES || b == PLIANT_MOVES ? PLIANT_MOVES : a == b ? a : PLIANT_FIXED_WHERE_IT_WAS; }
+
+/* The first part keeps the number of its tetrahedron, the second one is appended. */
+static pliant_status bisect(cut_splitting *work, const edge *one)
+{
+    const int32_t a = one->end[0], b = one->end[1];
+    double middle[3];
+    for (int d = 0; d < 3; d++) {
+        const double *from = work->rest + 3 * (size_t)a, *to = work->rest + 3 * (size_t)b;
+        middle[d] = from[d] + one->share * (to[d] - from[d]);
+    }
+    pliant_status status = pliant_split_around(work, a);
+    if (status != PLIANT_OK) return status;
+    int32_t count = 0;
+    for (int32_t i = 0; i < work->num_around; i++)
+        if (corner_of(work, work->around[i] / 4, b) >= 0) work->around[count++] = work->around[i] / 4;
+    work->num_around = count;
+    if (!parts_are_large(work, one, middle)) {
+        work->on[one->end[one->share > 0.5]] = 1;
+        return PLIANT_OK;
+    }
+    const int32_t node = work->num_nodes;
+    status = pliant_split_add_node(work, (pliant_between){{a, b}, one->share}, fixed_between(work->fixed[a], work->fixed[b]));
+    if (status == PLIANT_OK) work->on[node] = 1;
+    for (int32_t i = 0; i < count && status == PLIANT_OK; i++) {
+        const int32_t tet = work->around[i];
+        int32_t second[4];
+        memcpy(second, work->corners + 4 * (size_t)tet, sizeof second);
+        second[corner_of(work, tet, a)] = node;
+        pliant_split_set_corner(work, tet, corner_of(work, tet, b), node);
+        status = pliant_split_add_tet(work, second, work->source[tet]);
+    }
+    return status;
+}
+
+pliant_status pliant_split_edges(cut_splitting *work)
+{
+    edge_list list = {0};
+    pliant_status status = list_near(work, &list);
+    if (status == PLIANT_OK && list.count > 0) {
+        find_crossed(work, &list);
+        snap(work, &list);
+        for (int32_t e = 0; e < list.count && status == PLIANT_OK; e++) { /* what begins on the way of the blade is not cut again */
+            const edge *one = list.edges + e;
+            if (!work->on[one->end[0]] && !work->on[one->end[1]]) status = bisect(work, one);
+        }
+    }
+    pliant_free(list.edges);
+    return status;
+}

@@ -1,0 +1,212 @@
+/* Where tetrahedra part: at faces of which a stroke has crossed all three corners. A node is copied where its tetrahedra then hang together
+ * by no other face. */
+#include "body/parts.h"
+#include "cut/subdivide.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* a face on the way of the stroke, 4 tetrahedron + corner of both sides */
+typedef struct face {
+    int32_t side[2];
+    double area;
+    bool flat; /* all four corners of one side are on the way */
+} face;
+
+typedef struct face_list {
+    int32_t count, room;
+    face *faces;
+} face_list;
+
+static int num_on(const cut_splitting *work, int32_t tet)
+{
+    int count = 0;
+    for (int v = 0; v < 4; v++) count += work->on[work->corners[4 * (size_t)tet + v]];
+    return count;
+}
+
+/* the corner of another tetrahedron that is opposite a face of this one; -1: it has no such face */
+static int opposite(const int32_t *nodes, int corner, const int32_t *other)
+{
+    int found = 0, last = 6;
+    for (int w = 0; w < 4; w++)
+        for (int v = 0; v < 4; v++)
+            if (v != corner && nodes[v] == other[w]) {
+                found++;
+                last -= w;
+            }
+    return found == 3 ? last : -1;
+}
+
+/* 4 tetrahedron + corner across a face; -1: none */
+static int32_t across(const cut_splitting *work, int32_t tet, int corner)
+{
+    const int32_t *nodes = work->corners + 4 * (size_t)tet;
+    for (int32_t at = work->first[nodes[corner == 0]]; at >= 0; at = work->next[at]) {
+        const int back = at / 4 == tet ? -1 : opposite(nodes, corner, work->corners + 4 * (size_t)(at / 4));
+        if (back >= 0) return 4 * (at / 4) + back;
+    }
+    return -1;
+}
+
+static double area_of(const cut_splitting *work, int32_t tet, int corner)
+{
+    const double *x[3];
+    double u[3], v[3], squares = 0;
+    for (int c = 0, n = 0; c < 4; c++)
+        if (c != corner) x[n++] = work->rest + 3 * (size_t)work->corners[4 * (size_t)tet + c];
+    for (int d = 0; d < 3; d++) {
+        u[d] = x[1][d] - x[0][d];
+        v[d] = x[2][d] - x[0][d];
+    }
+    for (int d = 0; d < 3; d++) {
+        const double normal = u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3];
+        squares += normal * normal;
+    }
+    return 0.5 * sqrt(squares);
+}
+
+static pliant_status list_faces(const cut_splitting *work, face_list *list)
+{
+    for (int32_t t = 0; t < work->num_tets; t++) {
+        const int count = num_on(work, t);
+        for (int c = 0; c < 4 && count >= 3; c++) {
+            if (count - work->on[work->corners[4 * (size_t)t + c]] < 3) continue;
+            const int32_t other = across(work, t, c);
+            if (other / 4 <= t) continue; /* none, or listed from there */
+            if (list->count == list->room) {
+                const int32_t room = 2 * list->room + 64;
+                face *longer = pliant_resize(list->faces, (size_t)room, sizeof *longer);
+                if (!longer) return pliant_fail_memory("the faces that a blade parts");
+                list->faces = longer;
+                list->room = room;
+            }
+            list->faces[list->count++] = (face){{4 * t + c, other}, area_of(work, t, c), count == 4 || num_on(work, other / 4) == 4};
+        }
+    }
+    return PLIANT_OK;
+}
+
+static int by_area(const void *a, const void *b)
+{
+    const face *i = a, *j = b;
+    if (i->area < j->area || i->area > j->area) return i->area > j->area ? -1 : 1;
+    return i->side[0] < j->side[0] ? -1 : i->side[0] > j->side[0];
+}
+
+/* All but those that hold what lies flat on the way of the stroke, with all of its corners: it stays with one neighbour, across the largest
+ * of its faces that leads to one. */
+static pliant_status sever(cut_splitting *work, face_list *list)
+{
+    int32_t *group = pliant_calloc((size_t)work->num_tets, sizeof *group);
+    uint8_t *held = pliant_calloc((size_t)work->num_tets, 1);
+    bool good = group && held;
+    for (int32_t t = 0; good && t < work->num_tets; t++) {
+        group[t] = t;
+        held[t] = num_on(work, t) < 4;
+    }
+    qsort(list->faces, (size_t)list->count, sizeof *list->faces, by_area);
+    for (int32_t f = 0; good && f < list->count; f++) {
+        const int32_t *side = list->faces[f].side;
+        if (list->faces[f].flat) {
+            const int32_t a = first_of(group, side[0] / 4), b = first_of(group, side[1] / 4);
+            if (a == b || !(held[a] && held[b])) {
+                const uint8_t either = held[a] | held[b];
+                join(group, a, b);
+                held[first_of(group, a)] = either;
+                continue;
+            }
+        }
+        for (int s = 0; s < 2; s++) work->severed[side[s]] = 1 + side[1 - s];
+    }
+    pliant_free(group);
+    pliant_free(held);
+    return good ? PLIANT_OK : pliant_fail_memory("the faces that a blade parts");
+}
+
+/* part: of the corners around a node, those that hang together; where they did so at an edge or the node alone before, they still do */
+static int32_t find_parts(const cut_splitting *work, int32_t *part, int32_t *whole)
+{
+    const int32_t count = work->num_around;
+    for (int32_t i = 0; i < count; i++) part[i] = whole[i] = i;
+    for (int32_t i = 0; i < count; i++)
+        for (int32_t j = i + 1; j < count; j++) {
+            const int32_t s = work->around[i] / 4, t = work->around[j] / 4;
+            for (int c = 0; c < 4; c++) {
+                const int32_t severed = work->severed[4 * (size_t)s + (size_t)c] - 1; /* its other nodes may be parted already */
+                if (c == work->around[i] % 4) continue;
+                if (severed >= 0 ? severed / 4 == t : opposite(work->corners + 4 * (size_t)s, c, work->corners + 4 * (size_t)t) >= 0) {
+                    join(whole, i, j);
+                    if (severed < 0) join(part, i, j);
+                }
+            }
+        }
+    int32_t parts = 0;
+    for (int32_t i = 0; i < count; i++)
+        if (whole[i] == i) join(part, 0, i);
+    for (int32_t i = 0; i < count; i++) parts += part[i] == i;
+    return parts;
+}
+
+static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **room, int32_t *room_size)
+{
+    bool severed = false;
+    pliant_status status = pliant_split_around(work, node);
+    const int32_t count = work->num_around;
+    if (status != PLIANT_OK) return status;
+    for (int32_t i = 0; i < count && !severed; i++)
+        for (int c = 0; c < 4; c++) severed = severed || work->severed[4 * (work->around[i] / 4) + c];
+    if (!severed) return PLIANT_OK;
+    if (2 * count > *room_size) {
+        int32_t *longer = pliant_resize(*room, 4 * (size_t)count, sizeof *longer);
+        if (!longer) return pliant_fail_memory("the nodes that a blade parts");
+        *room = longer;
+        *room_size = 4 * count;
+    }
+    int32_t *part = *room, *whole = *room + count;
+    if (find_parts(work, part, whole) == 1) return PLIANT_OK;
+    for (int32_t i = 1; i < count && status == PLIANT_OK; i++) { /* the first keeps the node */
+        if (part[i] != i) continue;
+        const int32_t copy = work->num_nodes;
+        status = pliant_split_add_node(work, (pliant_between){{node, node}, 0}, work->fixed[node]);
+        if (status == PLIANT_OK) work->on[copy] = 1;
+        for (int32_t j = i; j < count && status == PLIANT_OK; j++)
+            if (first_of(part, j) == i) pliant_split_set_corner(work, work->around[j] / 4, work->around[j] % 4, copy);
+    }
+    return status;
+}
+
+/* what has opened: faces that are no longer shared */
+static void tell_opened(const cut_splitting *work, const face_list *list, const pliant_cut_sweep *sweep, pliant_cut_report *report)
+{
+    for (int32_t f = 0; f < list->count; f++) {
+        const int32_t *side = list->faces[f].side, *a = work->corners + 4 * (size_t)(side[0] / 4), *b = work->corners + 4 * (size_t)(side[1] / 4);
+        const pliant_tet_material *material[2];
+        for (int s = 0; s < 2; s++) material[s] = work->body->fine_material + work->source[side[s] / 4];
+        if (opposite(a, side[0] % 4, b) >= 0 || !(material[0]->tissue > 0 && material[1]->tissue > 0)) continue;
+        const double area = 0.5 * (material[0]->tissue + material[1]->tissue) * list->faces[f].area; /* as much of it as is tissue */
+        report->area += area;
+        for (int s = 0; s < 2 && sweep->material_of_voxel; s++) report->area_of[material[s]->material] += 0.5 * area;
+    }
+}
+
+pliant_status pliant_split_faces(cut_splitting *work, const pliant_cut_sweep *sweep, pliant_cut_report *report)
+{
+    face_list list = {0};
+    int32_t *room = NULL, room_size = 0;
+    const int32_t nodes = work->num_nodes;
+    pliant_status status = list_faces(work, &list);
+    if (status == PLIANT_OK && list.count > 0) {
+        status = sever(work, &list);
+        for (int32_t n = 0; n < nodes && status == PLIANT_OK; n++)
+            if (work->on[n]) status = split_node(work, n, &room, &room_size);
+        if (status == PLIANT_OK) tell_opened(work, &list, sweep, report);
+    }
+    pliant_free(list.faces);
+    pliant_free(room);
+    return status;
+}

@@ -1,0 +1,396 @@
+// Cuts that subdivide tetrahedra (cut/kind: subdivide): what becomes of the mesh, of its state, and what cannot be had with it.
+#include "cuts.h"
+#include "state/model.h"
+
+#include <array>
+
+namespace {
+
+const int size[3] = {40, 20, 20};
+const double box[3] = {0.2, 0.1, 0.1}, surface = 2 * (0.2 * 0.1 + 0.2 * 0.1 + 0.1 * 0.1);
+
+std::unique_ptr<Body> bar(const std::function<void(pliant_scene &)> &set = [](pliant_scene &) {})
+{
+    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}}, [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; }));
+    body->fix_plane(1e-6, 0, 0, 1, 0, 0);
+    body->cells(8, 4, 4, 1);
+    body->scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
+    set(body->scene);
+    EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+    return body;
+}
+
+// A body and what cuts have made of it, and where its nodes are
+struct Split {
+    std::unique_ptr<Body> body;
+    const pliant_body *now;
+    std::vector<double> positions;
+    pliant_cut_report report{};
+    explicit Split(std::unique_ptr<Body> made) : body(std::move(made)), now(pliant_body_retain(body->model->body))
+    {
+        positions.assign(now->fine.rest, now->fine.rest + 3 * now->fine.num_nodes);
+    }
+    Split(const Split &) = delete;
+    ~Split() { pliant_body_release(now); }
+    bool cut(const std::vector<double> &from, const std::vector<double> &to, uint32_t stroke = 0)
+    {
+        const pliant_cut_sweep sweep{static_cast<int32_t>(from.size() / 3), from.data(), to.data(), body->model->material_of_voxel, 0, stroke};
+        pliant_body *next = nullptr;
+        EXPECT_EQ(pliant_body_cut(now, now->revision + 1, positions.data(), &sweep, &next, &report), PLIANT_OK) << pliant_last_error();
+        if (!next) return false;
+        pliant_body_map map{};
+        EXPECT_EQ(pliant_body_map_create(now, next, &map), PLIANT_OK) << pliant_last_error();
+        std::vector<double> moved(3 * static_cast<size_t>(next->fine.num_nodes));
+        pliant_body_map_vectors(&map, positions.data(), moved.data());
+        pliant_body_map_free(&map);
+        positions = moved;
+        pliant_body_release(now);
+        now = next;
+        return true;
+    }
+    bool cut_plane(const double point[3], const double normal[3])
+    {
+        std::vector<double> from, to;
+        Cuttable::plane(point, normal, 10, from, to);
+        return cut(from, to);
+    }
+};
+
+double area_of(const pliant_body &body)
+{
+    double sum = 0;
+    for (int32_t t = 0; t < body.num_triangles; t++) {
+        double u[3], v[3], squares = 0;
+        for (int d = 0; d < 3; d++) {
+            u[d] = body.fine.rest[3 * body.triangles[3 * t + 1] + d] - body.fine.rest[3 * body.triangles[3 * t] + d];
+            v[d] = body.fine.rest[3 * body.triangles[3 * t + 2] + d] - body.fine.rest[3 * body.triangles[3 * t] + d];
+        }
+        for (int d = 0; d < 3; d++) squares += std::pow(u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3], 2);
+        sum += 0.5 * std::sqrt(squares);
+    }
+    return sum;
+}
+
+// All volumes positive, and faces that are not shared are the box's and both sides of what has been opened: where neighbours split a
+// face in other ways, there would be more of them.
+void expect_sound(const pliant_body &body, double opened)
+{
+    double gradients[12], volume = 0, least = 1;
+    for (int32_t t = 0; t < body.fine.num_tets; t++) {
+        const double one = pliant_mesh_gradients(&body.fine, t, gradients);
+        least = std::fmin(least, one);
+        volume += one;
+    }
+    EXPECT_GE(least, (1 - 1e-9) * body.subdivision->least_volume);
+    EXPECT_NEAR(volume, 0.2 * 0.1 * 0.1, 1e-12 * volume);
+    EXPECT_NEAR(area_of(body), surface + 2 * opened, 1e-9 * surface);
+}
+
+// of all edges with a node that was appended
+double shortest_edge(const pliant_body &body)
+{
+    double least = 1;
+    for (int32_t t = 0; t < body.fine.num_tets; t++)
+        for (int a = 0; a < 4; a++)
+            for (int b = 0; b < a; b++) {
+                double squares = 0;
+                for (int d = 0; d < 3; d++) squares += std::pow(body.fine.rest[3 * body.fine.tets[4 * t + a] + d] - body.fine.rest[3 * body.fine.tets[4 * t + b] + d], 2);
+                least = std::fmin(least, std::sqrt(squares));
+            }
+    return least;
+}
+
+TEST(Subdivide, APlaneMakesTwoPiecesThatAddUp)
+{
+    std::mt19937 random(1);
+    std::uniform_real_distribution<double> unit(-1, 1);
+    for (int plane = 0; plane < 30; plane++) {
+        Split block(bar());
+        const double mass = total_mass(*block.now), point[3] = {0.1 + 0.03 * unit(random), 0.05, 0.05}, normal[3] = {1, 0.4 * unit(random), 0.4 * unit(random)};
+        const double section = 0.01 * std::sqrt(1 + normal[1] * normal[1] + normal[2] * normal[2]);
+        ASSERT_TRUE(block.cut_plane(point, normal));
+        EXPECT_EQ(block.report.pieces, 2);
+        EXPECT_EQ(num_pieces(*block.now), 2);
+        EXPECT_NEAR(block.report.area, section, 0.05 * section);
+        EXPECT_NEAR(block.report.area_of[0] + block.report.area_of[1], block.report.area, 1e-12);
+        EXPECT_NEAR(total_mass(*block.now), mass, 1e-12 * mass);
+        expect_sound(*block.now, block.report.area);
+        // every piece is on its side, but for what the plane was snapped by
+        const std::vector<int32_t> pieces = mesh_pieces(*block.now);
+        std::map<int32_t, std::array<double, 2>> reach;
+        for (int32_t v = 0; v < 4 * block.now->fine.num_tets; v++) {
+            double side = 0;
+            for (int d = 0; d < 3; d++) side += normal[d] * (block.now->fine.rest[3 * block.now->fine.tets[v] + d] - point[d]);
+            auto at = reach.insert({pieces[v / 4], {{side, side}}}).first;
+            at->second = {{std::fmin(at->second[0], side), std::fmax(at->second[1], side)}};
+        }
+        for (const auto &one : reach) EXPECT_LT(std::fmin(-one.second[0], one.second[1]), 1.3 * block.now->subdivision->least_edge);
+        block.cut_plane(point, normal);
+        EXPECT_LT(block.report.area, 0.06 * section) << "again: nothing is left but what was snapped";
+    }
+}
+
+// A plane that misses all nodes by far cuts each tetrahedron into four (a corner off) or six (two corners from two), as many as it has cut edges and one more or two.
+TEST(Subdivide, TetrahedraAreSplitByTheNumberOfTheirCutEdges)
+{
+    Split block(bar());
+    const double point[3] = {0.0875, 0.05, 0.05}, normal[3] = {1, 0, 0};
+    std::vector<int> cut_edges(static_cast<size_t>(block.now->fine.num_tets)), parts(cut_edges.size(), 1);
+    for (int32_t t = 0; t < block.now->fine.num_tets; t++)
+        for (int a = 0; a < 4; a++)
+            for (int b = 0; b < a; b++)
+                cut_edges[t] += (block.now->fine.rest[3 * block.now->fine.tets[4 * t + a]] > point[0]) != (block.now->fine.rest[3 * block.now->fine.tets[4 * t + b]] > point[0]);
+    ASSERT_TRUE(block.cut_plane(point, normal));
+    for (int32_t t = block.body->model->body->fine.num_tets; t < block.now->fine.num_tets; t++) parts[block.now->tet_parent[t]]++;
+    std::set<int> patterns;
+    for (size_t t = 0; t < parts.size(); t++) {
+        EXPECT_EQ(parts[t], cut_edges[t] == 0 ? 1 : cut_edges[t] == 3 ? 4 : 6);
+        patterns.insert(cut_edges[t]);
+    }
+    EXPECT_EQ(patterns, (std::set<int>{0, 3, 4}));
+    EXPECT_NEAR(block.report.area, 0.01, 1e-12);
+}
+
+// What the state is taken from keeps every affine map, and the smaller tetrahedra are at rest in it as those before were.
+TEST(Subdivide, AffineMapsPassThrough)
+{
+    auto body = bar([](pliant_scene &) {});
+    Split block(std::move(body));
+    const double a[9] = {1.1, 0.05, 0, -0.02, 0.95, 0.1, 0, 0.03, 1.02}, b[3] = {0.01, 0, 0.02};
+    block.positions = affine(block.now->fine, a, b);
+    std::mt19937 random(2);
+    std::uniform_real_distribution<double> unit(0, 1);
+    for (int stroke = 0; stroke < 8; stroke++) {
+        std::vector<double> from, to;
+        for (int p = 0; p < 9; p++)
+            for (int d = 0; d < 3; d++) {
+                from.push_back(box[d] * unit(random));
+                to.push_back(box[d] * unit(random));
+            }
+        block.cut(from, to);
+        const std::vector<double> expected = affine(block.now->fine, a, b);
+        for (size_t n = 0; n < expected.size(); n++) ASSERT_NEAR(block.positions[n], expected[n], 1e-14);
+    }
+    ASSERT_GT(block.now->fine.num_tets, 2 * block.body->model->body->fine.num_tets);
+}
+
+std::unique_ptr<Body> uniform(const std::function<void(pliant_scene &)> &set = [](pliant_scene &) {})
+{
+    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}}));
+    body->fix_plane(1e-6, 0, 0, 1, 0, 0);
+    body->cells(8, 4, 4, 1);
+    body->scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
+    set(body->scene);
+    EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+    return body;
+}
+
+TEST(Subdivide, ThePatchTestHolds)
+{
+    auto body = uniform();
+    const double points[6] = {0.05, -0.01, 0.11, 0.12, 0.07, 0.11}, depth[3] = {0.013, 0.004, -0.07};
+    ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+    const pliant_body &now = *body->data->body;
+    ASSERT_GT(now.fine.num_tets, body->model->body->fine.num_tets + 50);
+    const double a[9] = {1.001, 0.0005, 0, -0.0002, 0.999, 0.0001, 0, 0.0003, 1.0002}, b[3] = {0, 0, 0};
+    const pliant_system *system = body->data->discretization->system;
+    const std::vector<double> positions = affine(now.fine, a, b);
+    std::vector<double> forces(12 * LANES * static_cast<size_t>(system->num_blocks)), sum(positions.size());
+    auto blocks = reinterpret_cast<double (*)[12][LANES]>(forces.data());
+    pliant_system_element_forces(system, positions.data(), blocks);
+    for (int32_t t = 0; t < now.fine.num_tets; t++)
+        for (int m = 0; m < 12; m++) sum[3 * now.fine.tets[4 * t + m / 3] + m % 3] += blocks[t / LANES][m][t % LANES];
+    std::set<int32_t> outside(now.triangles, now.triangles + 3 * now.num_triangles);
+    double most = 0, inside = 0;
+    for (int32_t n = 0; n < now.fine.num_nodes; n++)
+        for (int d = 0; d < 3; d++) (outside.count(n) ? most : inside) = std::fmax(outside.count(n) ? most : inside, std::fabs(sum[3 * n + d]));
+    EXPECT_GT(most, 1e-4);
+    EXPECT_LT(inside, 1e-5 * most); // single precision
+}
+
+void random_strokes(Split &block, int strokes)
+{
+    std::mt19937 random(7);
+    std::uniform_real_distribution<double> unit(-1, 1);
+    const double mass = total_mass(*block.now);
+    double opened = 0;
+    for (int s = 0; s < strokes; s++) {
+        for (int32_t n = 0; n < block.now->fine.num_nodes; n++) { // a smooth motion of some millimetres
+            const double *x = block.now->fine.rest + 3 * n;
+            for (int d = 0; d < 3; d++) block.positions[3 * n + d] = x[d] + 0.004 * std::sin(30 * x[(d + 1) % 3] + s);
+        }
+        double middle[3], along[3], ahead[3];
+        for (int d = 0; d < 3; d++) {
+            middle[d] = box[d] * (0.5 + 0.5 * unit(random));
+            along[d] = 0.04 * unit(random);
+            ahead[d] = 0.04 * unit(random);
+        }
+        std::vector<double> from, to;
+        for (int p = -8; p <= 8; p++)
+            for (int d = 0; d < 3; d++) {
+                from.push_back(middle[d] + along[d] * p / 8 - ahead[d]);
+                to.push_back(middle[d] + along[d] * p / 8 + ahead[d] + 0.004 * (p % 2));
+            }
+        if (!block.cut(from, to)) continue;
+        opened += block.report.area;
+        EXPECT_EQ(block.report.pieces, num_pieces(*block.now));
+        EXPECT_NEAR(total_mass(*block.now), mass, 1e-12 * mass);
+        expect_sound(*block.now, opened);
+    }
+}
+
+TEST(Subdivide, FiftyRandomStrokesLeaveASoundMesh)
+{
+    Split block(bar()), again(bar());
+    random_strokes(block, 50);
+    EXPECT_GE(shortest_edge(*block.now), 0.1 * block.now->subdivision->least_edge);
+    EXPECT_GT(block.now->fine.num_tets, 3000);
+    random_strokes(again, 50);
+    EXPECT_TRUE(pliant_body_same(block.now, again.now)) << "the same strokes, other bits";
+}
+
+// ---- in a simulation
+
+// A blade goes down through the bar, a millimetre a step, while it sags
+void stroke_through(Body &body, int tool, double x, double to)
+{
+    double at[3] = {x, 0.05, 0.115};
+    for (bool first = true; at[2] > to; at[2] -= 0.001, first = false) {
+        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, at, nullptr), PLIANT_OK);
+        if (first) {
+            ASSERT_EQ(pliant_tool_set_cutting(body.data, tool, true), PLIANT_OK) << pliant_last_error();
+        }
+        ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+        for (int32_t n = 0; n < 3 * body.data->body->fine.num_nodes; n++) ASSERT_TRUE(std::isfinite(body.data->positions[n]));
+    }
+    ASSERT_EQ(pliant_tool_set_cutting(body.data, tool, false), PLIANT_OK);
+}
+
+int add_knife(Body &body)
+{
+    const double from[3] = {0, -0.07, 0}, to[3] = {0, 0.07, 0};
+    int tool = -1;
+    EXPECT_EQ(pliant_tool_add(body.model, body.data, "knife", &tool), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_set_blade(body.data, tool, from, to), PLIANT_OK);
+    return tool;
+}
+
+TEST(Subdivide, ABladeCutsAsItGoes)
+{
+    for (int cycles = 0; cycles < 2; cycles++) {
+        auto body = uniform([&](pliant_scene &scene) {
+            scene.solver.iterations = 8;
+            scene.solver.tolerance = 1e-3;
+            scene.solver.preconditioner = cycles ? PLIANT_MULTIGRID : PLIANT_DIRECT;
+            scene.model.gravity[2] = -0.5;
+        });
+        const int tool = add_knife(*body);
+        const double mass = total_mass(*body->data->body);
+        stroke_through(*body, tool, 0.112, 0.05);
+        EXPECT_EQ(num_pieces(*body->data->body), 1);
+        stroke_through(*body, tool, 0.162, -0.03);
+        pliant_tool_state state{};
+        ASSERT_EQ(pliant_tool_get(body->data, tool, &state), PLIANT_OK);
+        EXPECT_EQ(num_pieces(*body->data->body), 2);
+        EXPECT_EQ(state.pieces, 2);
+        EXPECT_NEAR(total_mass(*body->data->body), mass, 1e-12 * mass);
+        ASSERT_NE(body->data->body->pieces, nullptr) << "the end falls";
+        expect_sound(*body->data->body, state.severed_area);
+    }
+}
+
+TEST(Subdivide, ExplicitStepsShrinkWithTheSmallestTetrahedron)
+{
+    auto body = uniform([](pliant_scene &scene) {
+        scene.solver.kind = PLIANT_TLED;
+        scene.tled.damping = 20;
+        scene.model.gravity[2] = -0.5;
+    });
+    pliant_dynamics before{}, after{};
+    ASSERT_EQ(pliant_data_get_dynamics(body->model, body->data, &before), PLIANT_OK);
+    const int tool = add_knife(*body);
+    stroke_through(*body, tool, 0.112, -0.04);
+    EXPECT_EQ(num_pieces(*body->data->body), 2);
+    ASSERT_EQ(pliant_data_get_dynamics(body->model, body->data, &after), PLIANT_OK);
+    EXPECT_NEAR(after.edge_bound / before.edge_bound, shortest_edge(*body->data->body) / shortest_edge(*body->model->body), 1e-9);
+    EXPECT_LT(after.eigenvalue_bound, 0.9 * before.eigenvalue_bound);
+    EXPECT_LE(after.time_step, after.eigenvalue_bound);
+}
+
+// Velocity is inherited with the place: what moves as one goes on as one.
+TEST(Subdivide, MotionGoesOn)
+{
+    auto body = uniform([](pliant_scene &scene) {
+        scene.solver.kind = PLIANT_TLED;
+        scene.tled.damping = 0;
+        scene.fixed.num_planes = 0;
+        scene.ground.normal[2] = 1;
+        scene.ground.point[2] = -1;
+        scene.model.gravity[2] = -9.81;
+    });
+    for (int s = 0; s < 5; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
+    const double before = body->data->positions[2] - body->data->body->fine.rest[2];
+    const double points[6] = {0.09, -0.01, 0.2, 0.12, 0.11, 0.2}, depth[3] = {0, 0, -0.4};
+    ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(num_pieces(*body->data->body), 2);
+    for (int s = 0; s < 3; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
+    const double time = 8 * body->scene.solver.step;
+    EXPECT_LT(before, 0);
+    for (int32_t n = 0; n < body->data->body->fine.num_nodes; n++)
+        EXPECT_NEAR(body->data->positions[3 * n + 2] - body->data->body->fine.rest[3 * n + 2], -0.5 * 9.81 * time * time, 0.03 * 0.5 * 9.81 * time * time);
+}
+
+TEST(Subdivide, UndoReturnsBits)
+{
+    auto body = uniform([](pliant_scene &scene) { scene.model.gravity[2] = -0.5; });
+    body->settle(3);
+    const std::vector<double> before(body->data->positions, body->data->positions + 3 * body->data->body->fine.num_nodes);
+    const pliant_body *load = body->data->body;
+    const double points[6] = {0.1, -0.01, 0.12, 0.12, 0.11, 0.12}, depth[3] = {0.01, 0, -0.08};
+    pliant_cut_report report;
+    for (int cut = 0; cut < 2; cut++) {
+        ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, &report), PLIANT_OK) << pliant_last_error();
+        EXPECT_GT(report.area, 0.002);
+        ASSERT_EQ(pliant_data_undo_cut(body->model, body->data), PLIANT_OK);
+        EXPECT_TRUE(pliant_body_same(body->data->body, load));
+        EXPECT_EQ(std::memcmp(before.data(), body->data->positions, before.size() * sizeof(double)), 0);
+    }
+}
+
+TEST(Subdivide, NothingIsCutByWhatSweepsNothing)
+{
+    Split block(bar());
+    const double nan = std::nan("");
+    EXPECT_FALSE(block.cut({0.1, 0.05, 0.05, 0.1, 0.06, 0.05}, {0.1, 0.05, 0.05, 0.1, 0.06, 0.05})) << "no area";
+    EXPECT_FALSE(block.cut({nan, 0, 0, 0.1, nan, 0}, {0.1, 0.1, 0.1, 0.2, 0, 0}));
+    EXPECT_FALSE(block.cut({0.5, 0, 0, 0.5, 0.1, 0}, {0.5, 0, 0.1, 0.5, 0.1, 0.1})) << "in air";
+    EXPECT_FALSE(block.cut({}, {}));
+    const pliant_body *before = block.now;
+    EXPECT_FALSE(block.cut({0.1, 0.051, 0.051, 0.1, 0.052, 0.051}, {0.1, 0.051, 0.052, 0.1, 0.052, 0.052})) << "smaller than a face";
+    EXPECT_EQ(block.now, before);
+}
+
+TEST(Subdivide, WhatItDoesNotGoWithIsRefused)
+{
+    const std::function<void(pliant_scene &)> others[] = {
+        [](pliant_scene &scene) {
+            scene.model.method = PLIANT_AVERAGED;
+            scene.mesh.ratio = 2;
+        },
+        [](pliant_scene &scene) { scene.model.method = PLIANT_COARSE; },
+        [](pliant_scene &scene) { scene.mesh.kind = PLIANT_OCTREE; },
+        [](pliant_scene &scene) { scene.element.kind = PLIANT_HEXAHEDRA; },
+        [](pliant_scene &scene) { scene.solver.backend = PLIANT_CUDA; },
+        [](pliant_scene &scene) { scene.warp.kind = PLIANT_FIT; },
+    };
+    for (const auto &set : others) {
+        Body body(size, box, {{4000, 0.4, 1000, false}});
+        body.cells(8, 4, 4, 1);
+        body.scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
+        set(body.scene);
+        EXPECT_EQ(body.build(), PLIANT_ERROR_SCENE);
+        EXPECT_NE(std::string(pliant_last_error()).find("cut/kind"), std::string::npos) << pliant_last_error();
+    }
+}
+
+} // namespace
