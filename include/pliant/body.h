@@ -160,7 +160,7 @@ PLIANT_API pliant_status pliant_body_create(uint64_t revision, pliant_body **out
 PLIANT_API pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, pliant_body **out);
 
 /** Whether a scene may cut this body. */
-static inline bool pliant_body_may_be_cut(const pliant_body *body) { return body->voxels || body->subdivision; }
+PLIANT_API bool pliant_body_may_be_cut(const pliant_body *body);
 
 /** What a cut makes of the fine mesh. Elements keep their shape, unless it is subdivided; a node's copies lie where it does. */
 typedef struct pliant_division {

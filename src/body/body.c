@@ -78,6 +78,8 @@ void pliant_body_release(const pliant_body *body)
     if (body && atomic_fetch_sub_explicit(&body->holders->count, 1, memory_order_acq_rel) == 1) free_body((pliant_body *)body);
 }
 
+bool pliant_body_may_be_cut(const pliant_body *body) { return body->voxels || body->subdivision; }
+
 /* *to: a copy of count elements; NULL stays NULL. false: no memory */
 static bool copy(const void *from, size_t count, size_t size, void *to)
 {
