@@ -12,7 +12,7 @@
 
 namespace {
 
-// Converged sags of quadratic hexahedra, neo-Hookean: 6.87, 6.79, 6.75 mm.
+// Converged sags of quadratic hexahedra, neo-Hookean: 6.87, 6.79, 6.75 mm; by CalculiX (NUMERICS 12) 6.88, 6.80, 6.80 mm.
 TEST(Hexahedra, BeamSagsAsTheConvergedOne)
 {
     const double poisson[3] = {0.45, 0.49, 0.499}, converged[3] = {6.87e-3, 6.79e-3, 6.75e-3};
