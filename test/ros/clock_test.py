@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""Simulated time that jumps back: tools are forgotten, forces are zero, and the node works on."""
+"""Simulated time that has not begun is told of; when it jumps back, tools are forgotten, forces are zero, and the node works on."""
 import os
+import re
 import sys
 import threading
 import time
@@ -8,6 +9,7 @@ import unittest
 
 import rospy
 import rostest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rosgraph_msgs.msg import Clock
 
@@ -31,6 +33,11 @@ class ClockTest(unittest.TestCase):
         self.start = 1000.0
         rospy.init_node("clock_test")
         self.clock = rospy.Publisher("/clock", Clock, queue_size=1)
+        diagnostics = Latest("/diagnostics", DiagnosticArray)
+        stands_still = re.compile("time stands still.*/clock")
+        wait_for(lambda: diagnostics.message and any(stands_still.search(status.message) for status in diagnostics.message.status),
+                 "a word on the clock that nobody sends")
+        diagnostics.close()
         threading.Thread(target=self.run_clock, daemon=True).start()
         node, tool = Node(), Tool("grasper", "tissue")
         force = Latest("grasper/measured_cf", WrenchStamped)

@@ -129,6 +129,7 @@ class ReplayTest(unittest.TestCase):
             launch.stop()
             volumes.close()
         self.assertEqual(volumes.gaps, 0)
+        self.assertFalse(rospy.get_param("/use_sim_time", False), "the next node waits for a clock that nobody sends")
         return volumes.all()
 
     def assert_same(self, replayed, live):

@@ -139,6 +139,7 @@ void Tools::update_jaw(Tool *tool, const ros::Time &now)
 /* why there is no tool now */
 std::string Tools::reason(const Tool &tool, const ros::Time &now) const
 {
+    if (now.isZero()) return "time stands still: /use_sim_time is true, and nothing has come on /clock";
     if (!tool.refused.empty()) return tool.refused;
     if (!tool.has_pose) return tool.why;
     const double age = seconds_between(tool.stamp, now);
