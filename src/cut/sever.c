@@ -34,6 +34,10 @@ typedef struct severing {
     voxel_map *maps;
 } severing;
 
+/* A strip is moved aside by less than a fiftieth of a voxel, along no axis or diagonal: of voxels whose centres are on a blade, up to the
+ * rounding and the tolerance of where the tissue is, all are beyond it. */
+static const double tie[3] = {-1. / 64, -0.7549 / 64, -0.5698 / 64};
+
 /* ---- maps */
 
 static void find_map(const severing *cut, int32_t tet, voxel_map *map)
@@ -97,19 +101,18 @@ static const cut_triangle *parted(const severing *cut, const double a[3], const 
     return NULL;
 }
 
-/* The share of a severed link in the area at rest: a plane with unit normal n severs area |n_d| / A_d links along axis d, A_d the face between
- * two voxels. */
+/* The share of a severed link in the area at rest, |n_d| A_d: n the unit normal of the blade, A_d the face between two voxels. Stairs of such
+ * faces have the area of the plane that they follow then (Gauss). */
 static double area_of(const severing *cut, const voxel_map *map, const double normal[3], int axis)
 {
     const double *spacing = cut->work->voxels->geometry.spacing;
-    double along[3], squares = 0, sum = 0;
+    double along[3], squares = 0;
     for (int d = 0; d < 3; d++) { /* normals go back by the transposed map */
         along[d] = (map->axes[d] * normal[0] + map->axes[3 + d] * normal[1] + map->axes[6 + d] * normal[2]) / spacing[d];
         squares += along[d] * along[d];
-        sum += fabs(along[d]);
     }
     const double face = spacing[(axis + 1) % 3] * spacing[(axis + 2) % 3];
-    return sum > 0 ? face * sqrt(squares) / sum : face;
+    return squares > 0 ? face * fabs(along[axis]) / sqrt(squares) : face;
 }
 
 static pliant_status add_link(cut_work *work, uint32_t link, double area)
@@ -368,7 +371,9 @@ pliant_status pliant_cut_sort_severed(cut_work *work)
 pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
 {
     const pliant_geometry *geometry = &work->voxels->geometry;
-    severing cut = {.work = work, .slack = 1e-9 * lesser(geometry->spacing[0], lesser(geometry->spacing[1], geometry->spacing[2]))};
+    const double spacing = lesser(geometry->spacing[0], lesser(geometry->spacing[1], geometry->spacing[2]));
+    severing cut = {.work = work, .slack = 1e-9 * spacing};
+    const double aside[3] = {tie[0] * spacing, tie[1] * spacing, tie[2] * spacing};
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++) cut.rest_of_index[3 * r + c] = geometry->direction[3 * r + c] * geometry->spacing[c];
     const double *cell = work->body->fine.cell_size; /* of an octree, of its smallest leaves */
@@ -376,7 +381,7 @@ pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
     /* the least height of the lattice's tetrahedra is 0.58 of a cube's side, of one on bone less */
     cut.reach = (work->body->fine.num_moved > 0 ? 8 : 4) * greater(geometry->spacing[0], greater(geometry->spacing[1], geometry->spacing[2])) /
                 lesser(cell[0], lesser(cell[1], cell[2]));
-    pliant_status status = pliant_cut_strip(sweep, &cut.strip);
+    pliant_status status = pliant_cut_strip(sweep, aside, &cut.strip);
     if (status == PLIANT_OK && cut.strip.count > 0) {
         cut.near = pliant_calloc((size_t)cut.strip.count, sizeof *cut.near);
         cut.map_of = pliant_calloc((size_t)work->body->fine.num_tets, sizeof *cut.map_of);

@@ -219,7 +219,8 @@ pliant_status pliant_cut_subdivide(const pliant_body *body, uint64_t revision, c
 {
     cut_strip strip;
     cut_splitting work = {0};
-    pliant_status status = pliant_cut_strip(sweep, &strip);
+    const double aside[3] = {0};
+    pliant_status status = pliant_cut_strip(sweep, aside, &strip);
     if (status == PLIANT_OK && strip.count > 0) {
         status = pliant_split_begin(body, positions, &strip, &work);
         if (status == PLIANT_OK) status = subdivide(&work, revision, sweep, out, report);

@@ -106,8 +106,8 @@ static inline bool cut_share_face(const cut_work *work, int32_t a, int32_t b)
     return across[0] == b || across[1] == b || across[2] == b || across[3] == b;
 }
 
-/* freed with pliant_free(out->triangles). Errors: MEMORY. */
-pliant_status pliant_cut_strip(const pliant_cut_sweep *sweep, cut_strip *out);
+/* aside: all of it is moved by that [m]; freed with pliant_free(out->triangles). Errors: MEMORY. */
+pliant_status pliant_cut_strip(const pliant_cut_sweep *sweep, const double aside[3], cut_strip *out);
 /* subdivide.c: pliant_body_cut for a body with a subdivision; *out is NULL where nothing changes */
 pliant_status pliant_cut_subdivide(const pliant_body *body, uint64_t revision, const double *positions, const pliant_cut_sweep *sweep, pliant_body **out,
                                    pliant_cut_report *report);
