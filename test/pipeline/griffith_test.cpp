@@ -1,0 +1,135 @@
+// A cut part of the way through a bar is a crack: what it releases per area is Griffith's, whether by its compliance, the J-integral or a handbook.
+#include "../cuts.h"
+
+namespace {
+
+// A bar that hangs along x, of height 1 (y) and thickness 1/8 (z), in units of 80 mm; nu = 0, so that plane stress is plane strain.
+constexpr double height = 0.08, thickness = 0.01, length = 4 * height, young = 1e4, density = 1000, gravity = 1e-3;
+
+struct Bar {
+    std::unique_ptr<Body> body;
+    double plane, cell, depth = 0, area = 0;
+
+    // across: cells over its height; offset: of the cut from a plane of the lattice [cells]
+    Bar(int across, double offset) : cell(height / across)
+    {
+        const int thick = std::max(1, across / 8), size[3] = {16 * across, 4 * across, 4 * thick};
+        const double box[3] = {length, height, thickness};
+        body.reset(new Body(size, box, {{young, 0.0, density, false}}));
+        body->fix_plane(1e-6, 0, 0, 1, 0, 0);
+        body->cells(4 * across, across, thick, 1);
+        body->scene.cut.kind = PLIANT_CUT_SEVER;
+        body->scene.model.gravity[0] = gravity; // small strains: 3e-5
+        EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+        plane = 0.5 * length + offset * cell;
+        EXPECT_EQ(body->settle(), PLIANT_OK);
+    }
+    void cut_to(double deep)
+    {
+        const double points[6] = {plane, depth - 0.5 * height * (depth == 0), -1, plane, depth - 0.5 * height * (depth == 0), 1};
+        const double way[3] = {0, deep - points[1], 0};
+        pliant_cut_report report;
+        ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, way, &report), PLIANT_OK) << pliant_last_error();
+        depth = deep;
+        area += report.area;
+        EXPECT_EQ(body->settle(), PLIANT_OK);
+    }
+    // what the load has done, of which half is stored: with a dead load as much again is released
+    double stored() const
+    {
+        const pliant_body &now = *body->data->body;
+        double work = 0;
+        for (int32_t n = 0; n < now.fine.num_nodes; n++) work += now.node_mass[n] * gravity * (body->data->positions[3 * n] - now.fine.rest[3 * n]);
+        return 0.5 * work;
+    }
+    // J as an integral over a domain around the tip (Li, Shih and Needleman 1985), with the body force; mean over the thickness
+    double j_integral() const
+    {
+        const pliant_body &now = *body->data->body;
+        const double *x = body->data->positions, near = 1.5 * cell, far = 0.35 * height;
+        double sum = 0;
+        for (int32_t t = 0; t < now.fine.num_tets; t++) {
+            const int32_t *nodes = now.fine.tets + 4 * t;
+            double gradients[12], strain[9], u[9] = {0}, q[3] = {0}, middle = 0, trace = 0, energy = 0;
+            const double volume = pliant_mesh_gradients(&now.fine, t, gradients);
+            const pliant_tet_material &m = now.fine_material[t];
+            for (int v = 0; v < 4; v++) {
+                const double *rest = now.fine.rest + 3 * nodes[v];
+                const double away = std::max(std::fabs(rest[0] - plane), std::fabs(rest[1] - depth));
+                const double weight = std::min(1., std::max(0., (far - away) / (far - near)));
+                middle += 0.25 * weight;
+                for (int i = 0; i < 3; i++) {
+                    q[i] += weight * gradients[3 * v + i];
+                    for (int j = 0; j < 3; j++) u[3 * j + i] += (x[3 * nodes[v] + j] - rest[j]) * gradients[3 * v + i];
+                }
+            }
+            for (int i = 0; i < 9; i++) strain[i] = 0.5 * (u[i] + u[3 * (i % 3) + i / 3]);
+            for (int i = 0; i < 3; i++) trace += strain[4 * i];
+            for (int i = 0; i < 9; i++) energy += m.mu * strain[i] * strain[i];
+            energy += 0.5 * m.lambda * trace * trace;
+            for (int i = 0; i < 3; i++) {
+                double flow = i == 1 ? -energy : 0;
+                for (int j = 0; j < 3; j++) flow += (2 * m.mu * strain[3 * i + j] + (i == j ? m.lambda * trace : 0)) * u[3 * j + 1];
+                sum += volume * flow * q[i];
+            }
+            sum -= volume * middle * m.density * gravity * u[1];
+        }
+        return sum / thickness;
+    }
+};
+
+// Of an edge crack under tension, K^2 / E (Brown and Srawley 1966), integrated over its area
+double handbook(double depth)
+{
+    const double stress = density * gravity * 0.5 * length;
+    double sum = 0;
+    for (int i = 0; i < 1000; i++) {
+        const double a = (i + 0.5) / 1000 * depth / height, f = 1.12 + a * (-0.231 + a * (10.55 + a * (-21.72 + a * 30.39)));
+        sum += stress * stress * M_PI * a * height * f * f / young * depth / 1000 * thickness;
+    }
+    return sum;
+}
+
+// In a plane of the lattice the mesh has its notch, and only nodes are parted; between planes tetrahedra are.
+const double planes[2] = {0, 0.4};
+
+TEST(Griffith, EnergyReleasedIsTheJIntegral)
+{
+    for (double offset : planes) {
+        Bar bar(16, offset);
+        double j[3], stored[3];
+        for (int i = 0; i < 3; i++) { // deeper by a period of the lattice each time
+            bar.cut_to((4 + 2 * i) * bar.cell);
+            j[i] = bar.j_integral();
+            stored[i] = bar.stored();
+        }
+        const double area = 4 * bar.cell * thickness, released = (stored[2] - stored[0]) / area, mean = (j[0] + 4 * j[1] + j[2]) / 6; // Simpson
+        EXPECT_NEAR(bar.area, 8 * bar.cell * thickness, 1e-3 * area);
+        EXPECT_NEAR(released, mean, 0.03 * mean) << offset;
+        EXPECT_GT(j[2], 5 * j[0]);
+    }
+}
+
+// The tip of a crack is singular: linear elements lose energy there in proportion to their size.
+TEST(Griffith, ConvergesToTheNotch)
+{
+    double released[2][3];
+    const double theory = handbook(0.5 * height);
+    for (int p = 0; p < 2; p++)
+        for (int n = 0; n < 3; n++) {
+            Bar bar(4 << n, planes[p]);
+            const double whole = bar.stored();
+            bar.cut_to(0.5 * height);
+            EXPECT_NEAR(bar.area, 0.5 * height * thickness, 1e-3 * bar.area);
+            released[p][n] = bar.stored() - whole;
+        }
+    for (int p = 0; p < 2; p++) {
+        EXPECT_NEAR(2 * released[p][2] - released[p][1], theory, 0.08 * theory) << "extrapolated";
+        for (int n = 1; n < 3; n++) EXPECT_LT(theory - released[p][n], 0.63 * (theory - released[p][n - 1]));
+    }
+    for (int n = 1; n < 3; n++) // to the bar that is meshed with its notch
+        EXPECT_LT(1 - released[1][n] / released[0][n], 0.6 * (1 - released[1][n - 1] / released[0][n - 1]));
+    EXPECT_LT(std::fabs(1 - released[1][2] / released[0][2]), 0.08);
+}
+
+} // namespace
