@@ -1,6 +1,7 @@
 // The deformed volume of a body that is cut: against the scan, against each side interpolated by itself, and from body to body.
 #include "cut_cases.h"
 #include "pliant/memory.h"
+#include "pliant/pick.h"
 #include "warp/state.h"
 
 #include <cstring>
@@ -190,6 +191,71 @@ TEST(cut_warp, each_side_is_drawn_from_its_own_voxels)
                     EXPECT_LT(counts.doubtful, 1500);
                 }
     }
+}
+
+TEST(cut_warp, saved_while_it_is_open)
+{
+    Scene scene(PLIANT_INT16, 0);
+    const Sides sides = {scene.middle, normals[0], 3.3, 0};
+    CutBody cut(*scene.mesh, *scene.voxels, {plane(scene.middle, sides.normal)});
+    auto warp = scene.draw(cut, grown(scene.geometry, 6), part_sides(cut, scene.geometry, sides));
+    const std::string path = testing::TempDir() + "pliant_open_cut.nii.gz";
+    ASSERT_EQ(pliant_volume_write(path.c_str(), pliant_warp_volume(warp.get())), PLIANT_OK) << pliant_last_error();
+    pliant_volume saved{};
+    ASSERT_EQ(pliant_volume_read(path.c_str(), nullptr, 0, &saved), PLIANT_OK) << pliant_last_error();
+    std::remove(path.c_str());
+    EXPECT_TRUE(bytes_of(saved) == bytes_of(*pliant_warp_volume(warp.get())));
+    const Counts counts = compare_sides(scene, saved, sides);
+    EXPECT_EQ(counts.wrong + counts.holes + counts.ghosts, 0);
+    size_t gap = 0; // voxels between the sides
+    for (size_t v = 0; v < pliant_geometry_voxels(&saved.geometry); v++) {
+        const int32_t *size = saved.geometry.size;
+        vector3 at = {double(v % size_t(size[0])), double(v / size_t(size[0]) % size_t(size[1])), double(v / size_t(size[0]) / size_t(size[1]))};
+        double world[3];
+        pliant_geometry_to_world(&saved.geometry, at.data(), world);
+        pliant_geometry_to_index(&scene.geometry, world, at.data());
+        bool within = true;
+        for (size_t d = 0; d < 3; d++) within = within && at[d] > 4 && at[d] < scene.geometry.size[d] - 5;
+        if (!within || std::fabs(side_of(at, sides.through, sides.normal)) > 0.4) continue;
+        EXPECT_EQ(stored(saved, v), scene.scan->background);
+        gap++;
+    }
+    EXPECT_GT(gap, 200u);
+    pliant_volume_free(&saved);
+}
+
+// Rays into an open cut: the tissue that they meet is on the side that the fragment is of.
+TEST(cut_warp, a_ray_finds_the_side_that_is_there)
+{
+    Scene scene(PLIANT_UINT8, 1);
+    std::fill_n(static_cast<uint8_t *>(scene.scan->voxels), pliant_geometry_voxels(&scene.geometry), uint8_t(200));
+    const Sides sides = {scene.middle, {0.99, 0.1, 0.1}, 5, 0};
+    CutBody cut(*scene.mesh, *scene.voxels, {plane(scene.middle, sides.normal)});
+    const positions x = part_sides(cut, scene.geometry, sides);
+    auto warp = scene.draw(cut, grown(scene.geometry, 6), x);
+    std::vector<int> above(size_t(cut.body.fine.num_tets), -1);
+    for (int32_t v = 0; v < int32_t(pliant_geometry_voxels(&scene.geometry)); v++)
+        if (scene.voxels->owner[v] >= 0) above[size_t(cut.fragment_of(v))] = side_of(cut.place(v), sides.through, sides.normal) >= 0;
+    int hits[2] = {0, 0};
+    for (int n = 0; n < 400; n++) {
+        const vector3 from = {scene.middle[0] + 0.03 * (n - 200), scene.middle[1] + 0.04 * (n % 40 - 20), 60}, to = {from[0] + 0.02 * (n % 7 - 3), from[1], 0};
+        pliant_ray ray{};
+        double end[3];
+        pliant_geometry_to_world(&scene.geometry, from.data(), ray.origin);
+        pliant_geometry_to_world(&scene.geometry, to.data(), end);
+        for (int d = 0; d < 3; d++) ray.direction[d] = end[d] - ray.origin[d];
+        pliant_picked picked{};
+        ASSERT_EQ(pliant_pick_warped(warp.get(), x.data(), &ray, 100, &picked), PLIANT_OK) << pliant_last_error();
+        if (!picked.hit) continue;
+        vector3 rest;
+        pliant_geometry_to_index(&scene.geometry, picked.rest, rest.data());
+        const int side = above[size_t(picked.tetrahedron)];
+        ASSERT_GE(side, 0);
+        EXPECT_GT((side ? 1 : -1) * side_of(rest, sides.through, sides.normal), -1.5) << "ray " << n;
+        hits[side]++;
+    }
+    EXPECT_GT(hits[0], 60);
+    EXPECT_GT(hits[1], 60);
 }
 
 // one intensity on each side of a bent cut: nothing in between is ever drawn, whichever way the pieces are bent and pulled

@@ -21,7 +21,7 @@ typedef struct pliant_picked {
     double point[3];       /**< on the isosurface, LPS [m] */
     double distance;       /**< from the origin [m] */
     float intensity;       /**< value of the deformed volume there; CT: Hounsfield units */
-    int32_t tetrahedron;   /**< of the fine mesh */
+    int32_t tetrahedron;   /**< of the fine mesh; of what is cut, the fragment whose tissue that is (pliant_pick_warped) */
     double barycentric[4]; /**< of the point in it */
     double rest[3];        /**< the same piece of tissue at rest, LPS [m] */
 } pliant_picked;

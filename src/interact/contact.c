@@ -1,4 +1,5 @@
 /* How far a tool's tip is from the tissue. */
+#include "pliant/cut.h"
 #include "state/data.h"
 
 #include <math.h>
@@ -57,6 +58,8 @@ double pliant_tool_clearance(const pliant_model *model, const pliant_data *data,
         nearest = fmin(nearest, squared_distance(tip, data->positions + 3 * nodes[0], data->positions + 3 * nodes[1],
                                                  data->positions + 3 * nodes[2]));
     }
-    bool inside = pliant_mesh_locate_deformed(&data->body->fine, data->positions, tip, barycentric) >= 0;
+    int32_t tet;
+    bool inside = data->body->cuts ? pliant_body_locate(data->body, data->positions, tip, &tet, barycentric)
+                                   : pliant_mesh_locate_deformed(&data->body->fine, data->positions, tip, barycentric) >= 0;
     return inside ? -sqrt(nearest) : sqrt(nearest);
 }

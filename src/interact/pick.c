@@ -1,8 +1,9 @@
 /* A ray marched through the deformed volume to its isosurface ([H] 3.2). */
 #include "base/fail.h"
+#include "pliant/cut.h"
 #include "scan/march.h"
 #include "pliant/pick.h"
-#include "warp/raster.h"
+#include "warp/state.h"
 
 /* the surface of the tissue and the isosurface may lie this many voxels apart: the volume is interpolated across it */
 static const double skin = 2.0;
@@ -40,14 +41,16 @@ static bool enter_box(const pliant_geometry *geometry, const double origin[3], c
     return ray->enter <= ray->leave;
 }
 
-/* the tissue at a point of the isosurface, or up to two voxels behind it */
-static int32_t tissue_at(const march_ray *ray, const pliant_mesh *mesh, const double *positions, const double origin[3],
+/* the tissue at a point of the isosurface, or up to two voxels behind it; body: Nullable, to tell fragments of a tetrahedron apart */
+static int32_t tissue_at(const march_ray *ray, const pliant_body *body, const pliant_mesh *mesh, const double *positions, const double origin[3],
                          const double unit[3], double t, double barycentric[4])
 {
+    const bool cut = body && body->cuts;
     for (double behind = 0; behind <= 2 * skin; behind += 1) {
         double point[3];
         for (int d = 0; d < 3; d++) point[d] = origin[d] + (t + behind * ray->stride) * unit[d];
-        int32_t tet = pliant_mesh_locate_deformed(mesh, positions, point, barycentric);
+        int32_t tet = cut ? -1 : pliant_mesh_locate_deformed(mesh, positions, point, barycentric);
+        if (cut && !pliant_body_locate(body, positions, point, &tet, barycentric)) continue;
         if (tet >= 0) return tet;
     }
     return -1;
@@ -109,9 +112,10 @@ static pliant_status pick(place in, const pliant_geometry *geometry, const plian
     march_ray ray = {.threshold = threshold};
     *out = (pliant_picked){.hit = false};
     if (!enter_box(geometry, given->origin, unit, given->near, given->far, &ray)) return PLIANT_OK;
+    const pliant_body *body = in.warp ? in.warp->body : NULL;
     march_crossing at = next_crossing(&in, &ray, 0);
     while (at.sample >= 0) {
-        int32_t tet = tissue_at(&ray, mesh, positions, given->origin, unit, at.t, barycentric);
+        int32_t tet = tissue_at(&ray, body, mesh, positions, given->origin, unit, at.t, barycentric);
         if (tet >= 0) {
             fill(mesh, given->origin, unit, &at, tet, barycentric, out);
             return PLIANT_OK;
