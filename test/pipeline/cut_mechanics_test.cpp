@@ -1,4 +1,4 @@
-// A cut part of the way through a bar is a crack: what it releases per area is Griffith's, whether by its compliance, the J-integral or a handbook.
+// The mechanics of a cut: one that ends in a bar is a crack, which releases Griffith's energy per area; homogenized models follow the fine one.
 #include "../cuts.h"
 
 namespace {
@@ -130,6 +130,76 @@ TEST(Griffith, ConvergesToTheNotch)
     for (int n = 1; n < 3; n++) // to the bar that is meshed with its notch
         EXPECT_LT(1 - released[1][n] / released[0][n], 0.6 * (1 - released[1][n - 1] / released[0][n - 1]));
     EXPECT_LT(std::fabs(1 - released[1][2] / released[0][2]), 0.08);
+}
+
+// ---- homogenized models: a coarse tetrahedron parts when it is cut through, so the cuts end on planes of the coarse lattice
+
+struct Beam {
+    std::unique_ptr<Body> body;
+    static constexpr double pull = 0.05;
+
+    Beam(pliant_method method, int ratio)
+    {
+        const int size[3] = {64, 32, 16};
+        const double box[3] = {0.16, 0.08, 0.04};
+        body.reset(new Body(size, box, {{5000, 0.4, 1000, false}, {20000, 0.4, 1000, false}}, [](int i, int j, int k) { return (i / 6 + j / 5 + k / 4) % 2; }));
+        body->fix_plane(1e-6, 0, 0, 1, 0, 0);
+        body->scene.model.method = method;
+        body->cells(16 / ratio, 8 / ratio, 4 / ratio, ratio);
+        body->scene.cut.kind = PLIANT_CUT_SEVER;
+        body->scene.model.gravity[1] = -pull;
+        EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(body->settle(), PLIANT_OK);
+    }
+    void cut_to(double deep)
+    {
+        const double plane = 0.081, points[6] = {plane, 0.2, -1, plane, 0.2, 1}, way[3] = {0, -0.12 - deep, 0};
+        ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, way, nullptr), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(body->settle(), PLIANT_OK);
+    }
+    // of the load; the potential energy at rest is minus a half of it
+    double work() const
+    {
+        const pliant_body &now = *body->data->body;
+        double sum = 0;
+        for (int32_t n = 0; n < now.fine.num_nodes; n++) sum += now.node_mass[n] * pull * (now.fine.rest[3 * n + 1] - body->data->positions[3 * n + 1]);
+        return sum;
+    }
+    double error_against(const Beam &fine) const
+    {
+        const pliant_mesh &mesh = fine.body->data->body->fine;
+        EXPECT_EQ(mesh.num_nodes, body->data->body->fine.num_nodes);
+        double apart = 0, whole = 0;
+        for (int32_t i = 0; i < 3 * mesh.num_nodes; i++) {
+            apart += std::pow(body->data->positions[i] - fine.body->data->positions[i], 2);
+            whole += std::pow(fine.body->data->positions[i] - mesh.rest[i], 2);
+        }
+        return std::sqrt(apart / whole);
+    }
+};
+
+TEST(Homogenized, FollowsTheFineOneAfterTheSameCuts)
+{
+    Beam fine(PLIANT_FINE, 1), averaged(PLIANT_AVERAGED, 2), larger(PLIANT_AVERAGED, 4), coarse(PLIANT_COARSE, 2), calibrated(PLIANT_CALIBRATED, 2);
+    Beam *all[] = {&averaged, &larger, &coarse, &calibrated};
+    double before[4], work[5] = {fine.work()};
+    for (int b = 0; b < 4; b++) {
+        before[b] = all[b]->error_against(fine);
+        work[b + 1] = all[b]->work();
+        EXPECT_LT(before[b], b == 1 ? 0.35 : 0.13);
+    }
+    for (double deep : {0.02, 0.04}) {
+        const double last = fine.work();
+        fine.cut_to(deep);
+        EXPECT_GT(fine.work(), last);
+        for (int b = 0; b < 4; b++) {
+            all[b]->cut_to(deep);
+            EXPECT_LT(all[b]->error_against(fine), 1.5 * before[b]) << b << ", cut to " << deep;
+            EXPECT_GE(all[b]->work(), (1 - 1e-9) * work[b + 1]) << "energy never rises by a cut: " << b;
+            work[b + 1] = all[b]->work();
+        }
+    }
+    EXPECT_GT(fine.work(), 1.3 * work[0]); // that it was cut counts
 }
 
 } // namespace
