@@ -17,17 +17,20 @@ struct cuda_data {
     pliant_cuda_solver *solver;
     const double *d_positions;   /* (fine nodes x 3) of this step */
     double *arriving;            /* (fine nodes x 3) of the host; changes places with data->positions when complete */
-    bool page_locked[2];         /* arriving; data->positions at first */
-    double *first_positions;
+    double *page_locked[2];      /* those two, where they could be; either may be the other by now */
+    double *landing;             /* in their place where there may be cuts: page-locked, with room for more nodes; is copied from */
+    size_t landing_room;         /* bytes */
 };
+
+static double *target_of(const cuda_data *state) { return state->landing ? state->landing : state->arriving; }
 
 static cuda_data *state_of(const pliant_data *data) { return static_cast<cuda_data *>(data->backend_state); }
 
-static bool lock_pages(void *block, size_t bytes)
+static double *lock_pages(double *block, size_t bytes)
 {
-    bool locked = cudaHostRegister(block, bytes, cudaHostRegisterDefault) == cudaSuccess;
+    const bool locked = cudaHostRegister(block, bytes, cudaHostRegisterDefault) == cudaSuccess;
     cudaGetLastError();
-    return locked;
+    return locked ? block : nullptr;
 }
 
 static void destroy(pliant_data *data)
@@ -37,9 +40,9 @@ static void destroy(pliant_data *data)
     cudaSetDevice(state->device);
     if (state->stream) cudaStreamSynchronize(state->stream);
     pliant_cuda_solver_free(state->solver);
-    double *other = state->first_positions == data->positions ? state->arriving : data->positions;
-    if (state->page_locked[0]) cudaHostUnregister(other);
-    if (state->page_locked[1]) cudaHostUnregister(state->first_positions);
+    pliant_cuda_release_host(state->landing);
+    for (double *block : state->page_locked)
+        if (block) cudaHostUnregister(block);
     if (state->stream) cudaStreamDestroy(state->stream);
     cudaGetLastError();
     pliant_free(state->arriving);
@@ -47,17 +50,35 @@ static void destroy(pliant_data *data)
     data->backend_state = NULL;
 }
 
-static pliant_status fill(const pliant_model *model, const pliant_data *data, cuda_data *state)
+static pliant_status make_landing(const pliant_data *data, cuda_data *state)
+{
+    const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->landing;
+    if (state->landing && bytes <= state->landing_room) return PLIANT_OK;
+    pliant_cuda_release_host(state->landing);
+    state->landing = nullptr;
+    state->landing_room = bytes + bytes / 4;
+    return pliant_cuda_allocate_host(state->landing_room, "the simulation state", reinterpret_cast<void **>(&state->landing));
+}
+
+static pliant_status lock_positions(const pliant_data *data, cuda_data *state)
 {
     const size_t count = 3 * (size_t)data->body->fine.num_nodes;
-    CUDA_TRY(pliant_cuda_current_device(&state->device));
-    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithFlags(&state->stream, cudaStreamNonBlocking)));
-    state->first_positions = data->positions;
     state->arriving = static_cast<double *>(pliant_calloc(count, sizeof *state->arriving));
     if (!state->arriving) return pliant_fail_memory("the simulation state");
     state->page_locked[0] = lock_pages(state->arriving, count * sizeof *state->arriving);
     state->page_locked[1] = lock_pages(data->positions, count * sizeof *data->positions);
-    return pliant_cuda_solver_create(data->solver, model->scene.solver.preconditioner, state->device, state->stream, &state->solver);
+    return PLIANT_OK;
+}
+
+static pliant_status fill(const pliant_model *model, const pliant_data *data, cuda_data *state)
+{
+    const bool grows = model->scene.cut.kind != PLIANT_CUT_NONE;
+    int least = 0, greatest = 0;
+    CUDA_TRY(pliant_cuda_current_device(&state->device));
+    CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&least, &greatest)));
+    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&state->stream, cudaStreamNonBlocking, greatest)));
+    CUDA_TRY(grows ? make_landing(data, state) : lock_positions(data, state));
+    return pliant_cuda_solver_create(data->solver, model->scene.solver.preconditioner, grows, state->device, state->stream, &state->solver);
 }
 
 static pliant_status create(const pliant_model *model, pliant_data *data)
@@ -68,6 +89,17 @@ static pliant_status create(const pliant_model *model, pliant_data *data)
     pliant_status status = fill(model, data, state);
     if (status != PLIANT_OK) destroy(data);
     return status;
+}
+
+/* Back to the body at load, all is as it was at load, to the bit. */
+static pliant_status follow(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map, bool *possible)
+{
+    cuda_data *state = state_of(data);
+    const int32_t *node = data->solver->system->mesh == data->solver->system->fine ? map->node : map->coarse_node;
+    *possible = state->landing && data->discretization != model->discretization;
+    if (!*possible) return PLIANT_OK;
+    CUDA_TRY(make_landing(data, state));
+    return pliant_cuda_solver_follow(state->solver, data->solver, before->solver, node, possible);
 }
 
 static pliant_status restart(const pliant_model *model, pliant_data *data)
@@ -88,6 +120,7 @@ static void download(const pliant_model *model, pliant_data *data)
 static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     (void)model;
+    data->solver->background = &data->background;
     pliant_cuda_section_begin("solve");
     pliant_status status = pliant_cuda_solver_step(state_of(data)->solver, data->solver, data->gravity, &data->statistics);
     pliant_cuda_section_end();
@@ -99,16 +132,20 @@ static pliant_status enqueue_upsample(const pliant_data *data)
     cuda_data *state = state_of(data);
     CUDA_TRY(pliant_cuda_solver_upsample(state->solver, &state->d_positions));
     const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->arriving;
-    return CUDA_CALL(cudaMemcpyAsync(state->arriving, state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
+    return CUDA_CALL(cudaMemcpyAsync(target_of(state), state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
 }
 
 /* what has arrived becomes the host's */
 static void take(pliant_data *data, const double *h_solved)
 {
     cuda_data *state = state_of(data);
-    double *arrived = state->arriving;
-    state->arriving = data->positions;
-    data->positions = arrived;
+    if (state->landing) {
+        memcpy(data->positions, state->landing, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
+    } else {
+        double *arrived = state->arriving;
+        state->arriving = data->positions;
+        data->positions = arrived;
+    }
     if (h_solved) memcpy(data->solver->now.x, h_solved, 3 * (size_t)data->solver->system->mesh->num_nodes * sizeof *h_solved);
     pliant_pull_report(data);
 }
@@ -167,6 +204,7 @@ static constexpr pliant_backend table()
     made.probe = pliant_cuda_text;
     made.create = create;
     made.free = destroy;
+    made.follow = follow;
     made.restart = restart;
     made.download = download;
     made.solve = solve;

@@ -30,6 +30,9 @@ bool pliant_cuda_fails_now(void);
 
 /* Device memory, not zeroed; *out is untouched on failure. what: for the message. Errors: MEMORY, with figures. */
 pliant_status pliant_cuda_allocate(size_t bytes, const char *what, void **out);
+/* Room for so many bytes at *d_block, which has *room of them: where they are too few, another block takes its place, with nothing in it;
+ * grows: larger by a quarter than asked for. */
+pliant_status pliant_cuda_ensure(size_t bytes, bool grows, const char *what, void **d_block, size_t *room);
 /* Page-locked host memory, zeroed. */
 pliant_status pliant_cuda_allocate_host(size_t bytes, const char *what, void **out);
 void pliant_cuda_release(void *d_block);      /* Nullable */

@@ -44,6 +44,18 @@ extern "C" pliant_status pliant_cuda_allocate(size_t bytes, const char *what, vo
     return PLIANT_OK;
 }
 
+extern "C" pliant_status pliant_cuda_ensure(size_t bytes, bool grows, const char *what, void **d_block, size_t *room)
+{
+    if (*d_block && bytes <= *room) return PLIANT_OK;
+    const size_t more = grows ? bytes + bytes / 4 : bytes;
+    void *longer;
+    CUDA_TRY(pliant_cuda_allocate(more, what, &longer));
+    pliant_cuda_release(*d_block);
+    *d_block = longer;
+    *room = more;
+    return PLIANT_OK;
+}
+
 extern "C" pliant_status pliant_cuda_allocate_host(size_t bytes, const char *what, void **out)
 {
     void *block = nullptr;

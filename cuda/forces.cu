@@ -15,7 +15,7 @@ static __device__ __forceinline__ void load_corners(const gpu_system &system, co
 #pragma unroll
         for (int d = 0; d < 3; d++) out.x[3 * v + d] = x[3 * (size_t)node[v] + d];
 #pragma unroll
-    for (int m = 0; m < 12; m++) out.g[m] = system.d_gradients[(size_t)m * system.num_tets + t];
+    for (int m = 0; m < 12; m++) out.g[m] = system.d_gradients[(size_t)m * system.tet_stride + t];
 }
 
 static __device__ __forceinline__ void homogenized_force(const gpu_system &system, int t, const corners &c, const double *r, double *out)
@@ -27,7 +27,7 @@ static __device__ __forceinline__ void homogenized_force(const gpu_system &syste
     for (int v = 0; v < 4; v++)
 #pragma unroll
         for (int d = 0; d < 3; d++) rest[3 * v + d] = system.d_rest[3 * (size_t)node[v] + d];
-    pliant_homogenized_force(system.d_stiffness + t, (size_t)system.num_tets, c.x, rest, r, system.d_grounded && system.d_grounded[t], out);
+    pliant_homogenized_force(system.d_stiffness + t, (size_t)system.tet_stride, c.x, rest, r, system.d_grounded && system.d_grounded[t], out);
 }
 
 static __device__ __forceinline__ void element_rotation(const gpu_system &system, int t, const double *f, double *r)
@@ -87,7 +87,7 @@ static __global__ void __launch_bounds__(ELEMENT_THREADS) force_kernel(gpu_syste
     pliant_deformation(c.x, c.g, f);
     element_rotation(system, t, f, r);
     if (system.d_stiffness) homogenized_force(system, t, c, r, force);
-    else pliant_corotational_force(f, r, system.d_lame[t], system.d_lame[(size_t)system.num_tets + t], c.g, force);
+    else pliant_corotational_force(f, r, system.d_lame[t], system.d_lame[(size_t)system.tet_stride + t], c.g, force);
     double2 *out = reinterpret_cast<double2 *>(iteration.d_element_force + 16 * (size_t)t);
 #pragma unroll
     for (int v = 0; v < 4; v++) {
@@ -148,7 +148,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) rotation_kernel(gpu_sys
     const bool turns = !(system.d_grounded && system.d_grounded[t]);
     if (system.d_stiffness) element_rotation(system, t, f, r);
     for (int m = 0; m < 9; m++) {
-        const double own = system.d_stiffness ? r[m] : system.d_lame[(size_t)system.num_tets + t] * (turns ? f[m] : m % 4 == 0);
+        const double own = system.d_stiffness ? r[m] : system.d_lame[(size_t)system.tet_stride + t] * (turns ? f[m] : m % 4 == 0);
         iteration.d_element_force[16 * (size_t)t + m] = own; /* room that is not in use between steps */
     }
 }

@@ -1,24 +1,15 @@
 #include "check.h"
 #include "base/fail.h"
 #include "inverse.h"
+#include "sweep.cuh"
 
 #include <cstring>
 
-enum { TILE = INVERSE_TILE, SWEEP = 64, SWEEP_TILE = SWEEP * SWEEP, THREADS = 256 };
-
-static __host__ __device__ __forceinline__ size_t triangle(size_t i, size_t j) { return i * (i + 1) / 2 + j; }
+enum { TILE = INVERSE_TILE, THREADS = 256 };
 
 /* ---- the matrix at rest, in tiles of SWEEP */
 
 struct sparse { int num_columns, num_blocks; const int *start, *row; const double *values; };
-
-static __device__ void put(double *tiles, int row, int column, double value)
-{
-    int i = row / SWEEP, j = column / SWEEP, r = row % SWEEP, c = column % SWEEP;
-    double *tile = tiles + SWEEP_TILE * triangle(i, j);
-    tile[SWEEP * r + c] = value;
-    if (i == j) tile[SWEEP * c + r] = value;
-}
 
 /* one thread a block of the pattern (src/fem/linear/pattern.c says how the numbers lie) */
 static __global__ void scatter_kernel(sparse matrix, double *tiles)
@@ -46,97 +37,7 @@ static __global__ void pad_kernel(double *tiles, int size, int padded)
     if (n < padded) put(tiles, n, n, 1);
 }
 
-/* ---- symmetric sweep of SWEEP unknowns at a time: after all of them the tiles hold minus the inverse
- * P = A_kk^-1, C = A_ik, B = C P;  A_ij -= B_i C_j',  A_ik = B,  A_kk = -P */
-
-static __global__ void __launch_bounds__(THREADS) pivot_kernel(double *tile, double *pivot, int *failed)
-{
-    __shared__ double a[SWEEP][SWEEP], row[SWEEP], column[SWEEP];
-    for (int n = (int)threadIdx.x; n < SWEEP_TILE; n += THREADS) a[n / SWEEP][n % SWEEP] = tile[n];
-    __syncthreads();
-    for (int p = 0; p < SWEEP; p++) {
-        if (threadIdx.x < SWEEP) {
-            row[threadIdx.x] = a[p][threadIdx.x];
-            column[threadIdx.x] = a[threadIdx.x][p];
-        }
-        __syncthreads();
-        double d = row[p];
-        if (!(d > 0)) {
-            if (threadIdx.x == 0) *failed = 1;
-            return; /* the same for all threads */
-        }
-        d = 1 / d;
-        for (int n = (int)threadIdx.x; n < SWEEP_TILE; n += THREADS) {
-            int r = n / SWEEP, c = n % SWEEP;
-            double by = column[r] * d;
-            a[r][c] = r == p ? (c == p ? d : row[c] * d) : c == p ? -by : a[r][c] - by * row[c];
-        }
-        __syncthreads();
-    }
-    for (int n = (int)threadIdx.x; n < SWEEP_TILE; n += THREADS) {
-        pivot[n] = a[n / SWEEP][n % SWEEP];
-        tile[n] = -a[n / SWEEP][n % SWEEP];
-    }
-}
-
-/* sum over m of left[r][m] * right[c][m] for 4 x 4 numbers a thread */
-static __device__ __forceinline__ void multiply(const double *left, const double *right, double sum[4][4])
-{
-    enum { DEEP = 16 };
-    __shared__ double a[DEEP][SWEEP + 2], b[DEEP][SWEEP + 2];
-    const int thread = (int)threadIdx.x, x = thread % 16, y = thread / 16;
-    for (int begin = 0; begin < SWEEP; begin += DEEP) {
-        __syncthreads();
-        for (int n = thread; n < SWEEP * DEEP; n += THREADS) {
-            a[n % DEEP][n / DEEP] = left[SWEEP * (n / DEEP) + begin + n % DEEP];
-            b[n % DEEP][n / DEEP] = right[SWEEP * (n / DEEP) + begin + n % DEEP];
-        }
-        __syncthreads();
-#pragma unroll
-        for (int m = 0; m < DEEP; m++)
-#pragma unroll
-            for (int r = 0; r < 4; r++)
-#pragma unroll
-                for (int c = 0; c < 4; c++) sum[r][c] += a[m][4 * y + r] * b[m][4 * x + c];
-    }
-}
-
-static __global__ void __launch_bounds__(THREADS) copy_panel_kernel(const double *tiles, int k, double *old)
-{
-    int i = (int)blockIdx.x;
-    const double *tile = tiles + SWEEP_TILE * (i >= k ? triangle(i, k) : triangle(k, i));
-    for (int n = (int)threadIdx.x; n < SWEEP_TILE; n += THREADS)
-        old[(size_t)SWEEP_TILE * i + n] = i >= k ? tile[n] : tile[SWEEP * (n % SWEEP) + n / SWEEP];
-}
-
-/* P is symmetric: its rows are its columns */
-static __global__ void __launch_bounds__(THREADS) panel_kernel(double *tiles, int k, const double *pivot, const double *old, double *panel)
-{
-    int i = (int)blockIdx.x;
-    if (i == k) return;
-    double sum[4][4] = {};
-    multiply(old + (size_t)SWEEP_TILE * i, pivot, sum);
-    double *tile = tiles + SWEEP_TILE * (i >= k ? triangle(i, k) : triangle(k, i));
-    const int x = (int)threadIdx.x % 16, y = (int)threadIdx.x / 16;
-    for (int r = 0; r < 4; r++)
-        for (int c = 0; c < 4; c++) {
-            int row = 4 * y + r, column = 4 * x + c;
-            panel[(size_t)SWEEP_TILE * i + SWEEP * row + column] = sum[r][c];
-            tile[i >= k ? SWEEP * row + column : SWEEP * column + row] = sum[r][c];
-        }
-}
-
-static __global__ void __launch_bounds__(THREADS) update_kernel(double *tiles, int k, const double *old, const double *panel)
-{
-    int i = (int)blockIdx.y, j = (int)blockIdx.x;
-    if (j > i || i == k || j == k) return;
-    double sum[4][4] = {};
-    multiply(panel + (size_t)SWEEP_TILE * i, old + (size_t)SWEEP_TILE * j, sum);
-    double *tile = tiles + SWEEP_TILE * triangle(i, j);
-    const int x = (int)threadIdx.x % 16, y = (int)threadIdx.x / 16;
-    for (int r = 0; r < 4; r++)
-        for (int c = 0; c < 4; c++) tile[SWEEP * (4 * y + r) + 4 * x + c] -= sum[r][c];
-}
+/* ---- the inverse, from minus what a sweep over all unknowns leaves */
 
 static __global__ void narrow_kernel(const double *sweep, float *tiles)
 {
@@ -150,30 +51,18 @@ static __global__ void narrow_kernel(const double *sweep, float *tiles)
     }
 }
 
-struct workspace { double *d_sweep, *d_old, *d_panel, *d_pivot; int *d_failed; void *d_start, *d_row, *d_values; };
+struct workspace { gpu_sweep sweep; void *d_start, *d_row, *d_values; };
 
 static void workspace_free(workspace *work)
 {
-    void *blocks[] = {work->d_sweep, work->d_old, work->d_panel, work->d_pivot, work->d_failed, work->d_start, work->d_row, work->d_values};
+    void *blocks[] = {work->sweep.d_tiles, work->sweep.d_room, work->sweep.d_failed, work->d_start, work->d_row, work->d_values};
     for (void *block : blocks) pliant_cuda_release(block);
 }
 
-static pliant_status allocate(size_t count, double **d_out)
-{
-    return pliant_cuda_allocate(count * sizeof(double), "the inverse", reinterpret_cast<void **>(d_out));
-}
-
-static pliant_status sweep_all(const workspace &work, int sweeps, cudaStream_t stream)
+static pliant_status find_failed(const gpu_sweep *sweep, cudaStream_t stream)
 {
     int h_failed = 0;
-    for (int k = 0; k < sweeps; k++) {
-        pivot_kernel<<<1, THREADS, 0, stream>>>(work.d_sweep + SWEEP_TILE * triangle(k, k), work.d_pivot, work.d_failed);
-        copy_panel_kernel<<<(unsigned)sweeps, THREADS, 0, stream>>>(work.d_sweep, k, work.d_old);
-        panel_kernel<<<(unsigned)sweeps, THREADS, 0, stream>>>(work.d_sweep, k, work.d_pivot, work.d_old, work.d_panel);
-        update_kernel<<<dim3((unsigned)sweeps, (unsigned)sweeps), THREADS, 0, stream>>>(work.d_sweep, k, work.d_old, work.d_panel);
-        CUDA_TRY(CUDA_LAUNCHED("update_kernel"));
-    }
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(&h_failed, work.d_failed, sizeof h_failed, cudaMemcpyDeviceToHost, stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(&h_failed, sweep->d_failed, sizeof h_failed, cudaMemcpyDeviceToHost, stream)));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
     if (h_failed) return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness matrix is not positive definite: it has no inverse on the GPU");
     return PLIANT_OK;
@@ -182,25 +71,25 @@ static pliant_status sweep_all(const workspace &work, int sweeps, cudaStream_t s
 static pliant_status invert(const pliant_pattern *pattern, const double *h_values, cudaStream_t stream, workspace *work, gpu_inverse *out)
 {
     const int padded = out->tiles * TILE, sweeps = padded / SWEEP;
-    const size_t count = SWEEP_TILE * triangle((size_t)sweeps, 0), panel = (size_t)SWEEP_TILE * (size_t)sweeps;
-    CUDA_TRY(allocate(count, &work->d_sweep));
-    CUDA_TRY(allocate(panel, &work->d_old));
-    CUDA_TRY(allocate(panel, &work->d_panel));
-    CUDA_TRY(allocate(SWEEP_TILE, &work->d_pivot));
-    CUDA_TRY(pliant_cuda_allocate(sizeof(int), "the inverse", reinterpret_cast<void **>(&work->d_failed)));
+    const size_t bytes = pliant_cuda_sweep_bytes(sweeps);
+    gpu_sweep *sweep = &work->sweep;
+    CUDA_TRY(pliant_cuda_allocate(bytes, "the inverse", reinterpret_cast<void **>(&sweep->d_tiles)));
+    CUDA_TRY(pliant_cuda_allocate(pliant_cuda_sweep_room(sweeps), "the inverse", reinterpret_cast<void **>(&sweep->d_room)));
+    CUDA_TRY(pliant_cuda_allocate(sizeof(int), "the inverse", reinterpret_cast<void **>(&sweep->d_failed)));
     CUDA_TRY(pliant_cuda_upload(pattern->start, ((size_t)pattern->num_columns + 1) * sizeof *pattern->start, "the matrix", stream, &work->d_start));
     CUDA_TRY(pliant_cuda_upload(pattern->row, (size_t)pattern->num_blocks * sizeof *pattern->row, "the matrix", stream, &work->d_row));
     CUDA_TRY(pliant_cuda_upload(h_values, (size_t)pattern->num_values * sizeof *h_values, "the matrix", stream, &work->d_values));
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(work->d_sweep, 0, count * sizeof(double), stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(work->d_failed, 0, sizeof(int), stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_tiles, 0, bytes, stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_failed, 0, sizeof(int), stream)));
     sparse matrix = {pattern->num_columns, pattern->num_blocks, static_cast<int *>(work->d_start), static_cast<int *>(work->d_row),
                      static_cast<double *>(work->d_values)};
-    scatter_kernel<<<(unsigned)((matrix.num_blocks + THREADS - 1) / THREADS), THREADS, 0, stream>>>(matrix, work->d_sweep);
+    scatter_kernel<<<(unsigned)((matrix.num_blocks + THREADS - 1) / THREADS), THREADS, 0, stream>>>(matrix, sweep->d_tiles);
     CUDA_TRY(CUDA_LAUNCHED("scatter_kernel"));
-    pad_kernel<<<1, TILE, 0, stream>>>(work->d_sweep, out->size, padded);
+    pad_kernel<<<1, TILE, 0, stream>>>(sweep->d_tiles, out->size, padded);
     CUDA_TRY(CUDA_LAUNCHED("pad_kernel"));
-    CUDA_TRY(sweep_all(*work, sweeps, stream));
-    narrow_kernel<<<dim3((unsigned)out->tiles, (unsigned)out->tiles), THREADS, 0, stream>>>(work->d_sweep, out->d_tiles);
+    CUDA_TRY(pliant_cuda_sweep(sweep, nullptr, sweeps, sweeps, stream));
+    CUDA_TRY(find_failed(sweep, stream));
+    narrow_kernel<<<dim3((unsigned)out->tiles, (unsigned)out->tiles), THREADS, 0, stream>>>(sweep->d_tiles, out->d_tiles);
     CUDA_TRY(CUDA_LAUNCHED("narrow_kernel"));
     return CUDA_CALL(cudaStreamSynchronize(stream));
 }
@@ -211,7 +100,7 @@ extern "C" size_t pliant_cuda_inverse_room(int32_t size, size_t *kept)
 {
     size_t padded = (size_t)pliant_cuda_inverse_padded(size), tiles = padded / TILE;
     *kept = triangle(tiles, 0) * TILE * TILE * sizeof(float) + tiles * padded * sizeof(float);
-    return *kept + triangle(padded / SWEEP, 0) * SWEEP_TILE * sizeof(double) + 2 * padded * SWEEP * sizeof(double);
+    return *kept + pliant_cuda_sweep_bytes((int32_t)(padded / SWEEP)) + pliant_cuda_sweep_room((int32_t)(padded / SWEEP));
 }
 
 extern "C" pliant_status pliant_cuda_inverse_create(const pliant_pattern *pattern, const double *h_values, cudaStream_t stream, gpu_inverse *out)

@@ -9,7 +9,21 @@
 extern "C" {
 #endif
 
-enum { INVERSE_TILE = 128 };
+enum { INVERSE_TILE = 128, INVERSE_SWEEP = 64 };
+
+/* Symmetric sweeps over a matrix in double, in tiles of INVERSE_SWEEP unknowns, the lower triangle of them row after row (sweep.cu). */
+typedef struct gpu_sweep {
+    double *d_tiles;      /* pliant_cuda_sweep_bytes */
+    double *d_room;       /* pliant_cuda_sweep_room */
+    int *d_failed;        /* out: 1: not positive definite */
+} gpu_sweep;
+
+size_t pliant_cuda_sweep_bytes(int32_t tiles);
+size_t pliant_cuda_sweep_room(int32_t tiles);
+/* Enqueue sweeps over the unknowns p of the first `pivots` of so many tiles along each side, in place: A_pp becomes -A_pp^-1, A_op becomes
+ * A_op A_pp^-1; columns beyond are not used. d_whole: Nullable: (SWEEP pivots) the diagonal: where next to nothing is left of it, an unknown
+ * is held by as much, in place of a failure. */
+pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, int32_t pivots, int32_t tiles, cudaStream_t stream);
 
 typedef struct gpu_inverse {
     int32_t size, tiles;  /* unknowns; tiles along each side */

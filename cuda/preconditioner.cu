@@ -31,6 +31,7 @@ extern "C" pliant_status pliant_cuda_preconditioner_create(const pliant_system *
                                                            gpu_preconditioner *out)
 {
     memset(out, 0, sizeof *out);
+    out->num_free = system->num_free;
     const bool layered = choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > LARGEST_DENSE);
     /* an octree, or macro-elements that reach over cubes, have no coarser lattice */
     const bool nested = system->mesh->lattice_of_tet && (!system->macros || system->macros->cell);
@@ -54,13 +55,23 @@ extern "C" void pliant_cuda_preconditioner_free(gpu_preconditioner *precondition
 {
     pliant_cuda_inverse_free(&preconditioner->inverse);
     pliant_cuda_multigrid_free(preconditioner->multigrid);
+    pliant_cuda_carried_free(&preconditioner->carried, &preconditioner->room);
     memset(preconditioner, 0, sizeof *preconditioner);
+}
+
+static pliant_status apply_base(const gpu_preconditioner *preconditioner, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream)
+{
+    if (preconditioner->multigrid) return pliant_cuda_multigrid_apply(preconditioner->multigrid, d_skip, d_right, d_left, stream);
+    return pliant_cuda_inverse_apply(&preconditioner->inverse, d_skip, d_right, d_left, stream);
 }
 
 static pliant_status apply(const gpu_preconditioner *preconditioner, const int32_t *d_skip, const gpu_iteration *iteration, cudaStream_t stream)
 {
-    if (preconditioner->multigrid) return pliant_cuda_multigrid_apply(preconditioner->multigrid, d_skip, iteration->d_right, iteration->d_left, stream);
-    return pliant_cuda_inverse_apply(&preconditioner->inverse, d_skip, iteration->d_right, iteration->d_left, stream);
+    const gpu_carried *carried = &preconditioner->carried;
+    if (carried->base_free == 0) return apply_base(preconditioner, d_skip, iteration->d_right, iteration->d_left, stream);
+    CUDA_TRY(pliant_cuda_carried_below(carried, d_skip, iteration->d_right, stream));
+    CUDA_TRY(apply_base(preconditioner, d_skip, carried->d_right, carried->d_left, stream));
+    return pliant_cuda_carried_above(carried, d_skip, iteration->d_left, stream);
 }
 
 extern "C" pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, cudaStream_t stream)
@@ -90,7 +101,8 @@ static __global__ void __launch_bounds__(THREADS) turn_left_kernel(gpu_iteration
 extern "C" pliant_status pliant_cuda_respond(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, const gpu_tool *tool,
                                              double *d_response, cudaStream_t stream)
 {
-    if (!preconditioner->multigrid) return pliant_cuda_inverse_response(&preconditioner->inverse, iteration, tool, d_response, stream);
+    if (!preconditioner->multigrid && preconditioner->carried.base_free == 0)
+        return pliant_cuda_inverse_response(&preconditioner->inverse, iteration, tool, d_response, stream);
     const size_t n = 3 * (size_t)iteration->num_free;
     for (int d = 0; d < 3; d++) {
         CUDA_TRY(CUDA_CALL(cudaMemsetAsync(iteration->d_right, 0, n * sizeof(float), stream)));

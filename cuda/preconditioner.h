@@ -2,6 +2,7 @@
 #ifndef PLIANT_CUDA_PRECONDITIONER_H
 #define PLIANT_CUDA_PRECONDITIONER_H
 
+#include "carried.h"
 #include "multigrid.h"
 
 #ifdef __cplusplus
@@ -11,10 +12,13 @@ extern "C" {
 typedef struct gpu_preconditioner {
     gpu_inverse inverse;
     gpu_multigrid *multigrid; /* NULL: the inverse */
+    int32_t num_free;         /* that it is of: those of a body before, where it is carried over */
     size_t bytes;
+    gpu_carried carried;
+    gpu_carried_room room;
 } gpu_preconditioner;
 
-/* auto: whatever is quicker for so many nodes. Errors: MEMORY (with figures), NUMERIC, UNAVAILABLE. */
+/* Finds the system's pattern where it has none. auto: whatever is quicker for so many nodes. Errors: MEMORY (with figures), NUMERIC, UNAVAILABLE. */
 pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, cudaStream_t stream,
                                                 gpu_preconditioner *out);
 void pliant_cuda_preconditioner_free(gpu_preconditioner *preconditioner);

@@ -4,140 +4,43 @@
 #include "device.h"
 #include "forces.h"
 #include "pliant/memory.h"
-#include "preconditioner.h"
-#include "solve.h"
+#include "solver.h"
+#include "state/discretization.h"
 #include "upsample.h"
 
 #include <cmath>
 #include <cstddef>
 #include <cstring>
 
-struct tool_arrays { int32_t *d_unknown; double *d_block, *d_response; };
-
-struct pliant_cuda_solver {
-    int device;
-    cudaStream_t stream; /* borrowed */
-    gpu_system system;
-    gpu_preconditioner preconditioner;
-    gpu_iteration iteration;
-    int gather_blocks;
-    cudaGraphExec_t evaluation;
-    gpu_state *h_state;        /* page-locked; its first part is what comes back */
-    double *d_fine, *d_solved, *h_solved;
-    tool_arrays tools[PLIANT_MAX_TOOLS];
-    uint64_t serial;           /* counts turns of the preconditioner, from 1 */
-    uint64_t turned_at;        /* step */
-    bool served_badly;         /* the preconditioner, since then */
-    int64_t evaluations;       /* since then; -1: the axes are those of rest */
-    bool fresh;                /* the state was taken from the host */
-    double foreseen;           /* error of the last step [m] */
-    uint64_t forgotten;        /* of the host's solver */
-    double gravity[3];
-    bool loaded;
-    int32_t last_iterations;
-    size_t bytes;
-};
-
 /* a hold that the GPU knows, whose response was not asked for */
 static const uint64_t no_response = UINT64_MAX;
 
-static pliant_status allocate(pliant_cuda_solver *gpu, size_t bytes, void **d_out)
-{
-    CUDA_TRY(pliant_cuda_allocate(bytes, "the solver", d_out));
-    gpu->bytes += bytes;
-    return CUDA_CALL(cudaMemsetAsync(*d_out, 0, bytes, gpu->stream));
-}
-
-static pliant_status allocate(pliant_cuda_solver *gpu, size_t count, double **d_out)
-{
-    return allocate(gpu, count * sizeof(double), reinterpret_cast<void **>(d_out));
-}
-
-static pliant_status allocate_iteration(pliant_cuda_solver *gpu, const pliant_solver *solver)
-{
-    gpu_iteration *it = &gpu->iteration;
-    const size_t n = 3 * (size_t)gpu->system.num_free, nodes = 3 * (size_t)gpu->system.num_nodes;
-    it->num_free = gpu->system.num_free;
-    it->num_nodes = gpu->system.num_nodes;
-    it->d_node_of_free = gpu->system.d_node_of_free;
-    it->d_rest = gpu->system.d_rest;
-    it->room = solver->rules.room;
-    const size_t history = n * (size_t)(it->room > 0 ? it->room : 1);
-    const size_t padded = (size_t)pliant_cuda_inverse_padded((int32_t)n) * sizeof(float);
-    CUDA_TRY(allocate(gpu, sizeof(gpu_state), reinterpret_cast<void **>(&it->d_state)));
-    CUDA_TRY(allocate(gpu, sizeof(gpu_history), reinterpret_cast<void **>(&it->d_history)));
-    for (int b = 0; b < 2; b++) {
-        CUDA_TRY(allocate(gpu, nodes, &it->d_x[b]));
-        CUDA_TRY(allocate(gpu, n, &it->d_step[b]));
-        CUDA_TRY(allocate(gpu, n, &it->d_residual[b]));
-    }
-    CUDA_TRY(allocate(gpu, n, &it->d_load));
-    CUDA_TRY(allocate(gpu, n, &it->d_extra));
-    CUDA_TRY(allocate(gpu, history, &it->d_secant_x));
-    CUDA_TRY(allocate(gpu, history, &it->d_secant_step));
-    CUDA_TRY(allocate(gpu, history, &it->d_secant_residual));
-    const gpu_macros *macros = &gpu->system.macros;
-    const size_t of_corners = 4 * (size_t)macros->corners, of_frames = 16 * (size_t)macros->count;
-    const size_t forces = macros->count == 0 ? 16 * (size_t)gpu->system.num_tets : of_corners > of_frames ? of_corners : of_frames;
-    CUDA_TRY(allocate(gpu, forces, &it->d_element_force));
-    CUDA_TRY(allocate(gpu, 3 * n, &it->d_axes));
-    CUDA_TRY(allocate(gpu, padded, reinterpret_cast<void **>(&it->d_right)));
-    CUDA_TRY(allocate(gpu, padded, reinterpret_cast<void **>(&it->d_left)));
-    gpu->gather_blocks = pliant_cuda_gather_blocks(&gpu->system);
-    CUDA_TRY(allocate(gpu, (size_t)GATHER_SUMS * (size_t)gpu->gather_blocks + (size_t)DOT_SUMS * (size_t)pliant_cuda_dot_blocks(it), &it->d_sums));
-    CUDA_TRY(allocate(gpu, 3 * (size_t)gpu->system.num_fine, &gpu->d_fine));
-    if (gpu->system.d_fine_rest) {
-        CUDA_TRY(allocate(gpu, nodes, &gpu->d_solved));
-        CUDA_TRY(pliant_cuda_allocate_host(nodes * sizeof(double), "the solved nodes", reinterpret_cast<void **>(&gpu->h_solved)));
-    }
-    return pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state));
-}
-
-static pliant_status enqueue_evaluation(const pliant_cuda_solver *gpu)
-{
-    const gpu_iteration *it = &gpu->iteration;
-    CUDA_TRY(pliant_cuda_forces(&gpu->system, it, gpu->stream));
-    CUDA_TRY(pliant_cuda_gather(&gpu->system, it, gpu->stream));
-    CUDA_TRY(pliant_cuda_precondition(&gpu->preconditioner, it, gpu->stream));
-    CUDA_TRY(pliant_cuda_complete(it, gpu->gather_blocks, gpu->stream));
-    CUDA_TRY(pliant_cuda_decide(it, gpu->gather_blocks, gpu->stream));
-    return pliant_cuda_propose(it, gpu->stream);
-}
-
-/* one evaluation as a graph: all its kernels for the price of one launch */
-static pliant_status record_evaluation(pliant_cuda_solver *gpu)
-{
-    cudaGraph_t graph = nullptr;
-    CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
-    pliant_status status = enqueue_evaluation(gpu), ended = CUDA_CALL(cudaStreamEndCapture(gpu->stream, &graph));
-    if (status == PLIANT_OK) status = ended;
-    if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphInstantiateWithFlags(&gpu->evaluation, graph, 0));
-    if (graph) cudaGraphDestroy(graph);
-    return status;
-}
-
-static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_preconditioner_choice choice)
+static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
-    CUDA_TRY(pliant_cuda_system_create(solver->system, gpu->stream, &gpu->system));
-    CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, choice, gpu->stream, &gpu->preconditioner));
-    CUDA_TRY(allocate_iteration(gpu, solver));
-    CUDA_TRY(record_evaluation(gpu));
+    if (solver->system->of) CUDA_TRY(pliant_system_find_pattern(solver->system->of->system));
+    CUDA_TRY(pliant_cuda_system_create(solver->system, gpu->stream, &gpu->system, &gpu->system_room));
+    CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, gpu->choice, gpu->stream, &gpu->preconditioner));
+    CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
+    CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state)));
+    CUDA_TRY(pliant_cuda_solver_record(gpu));
     return pliant_cuda_solver_restart(gpu, solver);
 }
 
-extern "C" pliant_status pliant_cuda_solver_create(const pliant_solver *solver, pliant_preconditioner_choice choice, int device, cudaStream_t stream, pliant_cuda_solver **out)
+extern "C" pliant_status pliant_cuda_solver_create(const pliant_solver *solver, pliant_preconditioner_choice choice, bool grows, int device, cudaStream_t stream,
+                                                   pliant_cuda_solver **out)
 {
     pliant_cuda_solver *gpu = static_cast<pliant_cuda_solver *>(pliant_calloc(1, sizeof *gpu));
     if (!gpu) return pliant_fail_memory("the solver");
     gpu->device = device;
     gpu->stream = stream;
-    pliant_status status = fill(gpu, solver, choice);
+    gpu->choice = choice;
+    gpu->system_room.grows = grows;
+    pliant_status status = fill(gpu, solver);
     if (status != PLIANT_OK) {
         pliant_cuda_solver_free(gpu);
         return status;
     }
-    gpu->bytes += gpu->preconditioner.bytes;
     *out = gpu;
     return PLIANT_OK;
 }
@@ -145,13 +48,14 @@ extern "C" pliant_status pliant_cuda_solver_create(const pliant_solver *solver, 
 extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
 {
     if (!gpu) return;
+    pliant_cuda_renewal_free(gpu);
     if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
     gpu_iteration *it = &gpu->iteration;
     void *blocks[] = {it->d_state, it->d_history, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_residual[0], it->d_residual[1], it->d_load, it->d_extra,
                       it->d_secant_x, it->d_secant_step, it->d_secant_residual, it->d_element_force, it->d_axes, it->d_right, it->d_left,
-                      it->d_sums, gpu->d_fine, gpu->d_solved};
+                      it->d_sums, gpu->d_fine, gpu->d_solved, gpu->d_between};
     for (void *block : blocks) pliant_cuda_release(block);
-    for (tool_arrays &tool : gpu->tools) {
+    for (gpu_tool_arrays &tool : gpu->tools) {
         pliant_cuda_release(tool.d_unknown);
         pliant_cuda_release(tool.d_block);
         pliant_cuda_release(tool.d_response);
@@ -159,28 +63,33 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     pliant_cuda_release_host(gpu->h_state);
     pliant_cuda_release_host(gpu->h_solved);
     pliant_cuda_preconditioner_free(&gpu->preconditioner);
-    pliant_cuda_system_free(&gpu->system);
+    pliant_cuda_system_free(&gpu->system, &gpu->system_room);
     pliant_free(gpu);
 }
 
-extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver)
+extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
-    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     const size_t bytes = 3 * (size_t)gpu->system.num_nodes * sizeof(double);
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_state, 0, sizeof(gpu_state), gpu->stream)));
-    CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, true, gpu->stream));
     gpu->serial++;
     for (int b = 0; b < 2; b++)
         CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[b], solver->now.x, bytes, cudaMemcpyHostToDevice, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
     gpu->loaded = false;
-    gpu->served_badly = false;
-    gpu->turned_at = 0;
-    gpu->evaluations = -1;
     gpu->fresh = true;
     gpu->foreseen = 0;
     gpu->last_iterations = 2;
     return PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver)
+{
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_state, 0, sizeof(gpu_state), gpu->stream)));
+    CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, true, gpu->stream));
+    gpu->served_badly = false;
+    gpu->turned_at = 0;
+    gpu->evaluations = -1;
+    return pliant_cuda_solver_begin(gpu, solver);
 }
 
 /* ---- in a step */
@@ -195,13 +104,22 @@ static pliant_status send_load(pliant_cuda_solver *gpu, const pliant_solver *sol
     return PLIANT_OK;
 }
 
+template <class T> static pliant_status ensure(const pliant_cuda_solver *gpu, size_t count, T **d_out, size_t *room)
+{
+    void *d_block = *d_out;
+    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), gpu->system_room.grows, "the solver", &d_block, room));
+    if (d_block == *d_out) return PLIANT_OK;
+    *d_out = static_cast<T *>(d_block);
+    return CUDA_CALL(cudaMemsetAsync(d_block, 0, *room, gpu->stream));
+}
+
 /* W of a tool that took hold */
-static pliant_status send_hold(pliant_cuda_solver *gpu, const pliant_handle *handle, tool_arrays *arrays)
+static pliant_status send_hold(pliant_cuda_solver *gpu, const pliant_handle *handle, gpu_tool_arrays *arrays)
 {
     const size_t most = (size_t)gpu->system.num_free, count = (size_t)handle->count;
-    if (!arrays->d_unknown) CUDA_TRY(allocate(gpu, most * sizeof(int32_t), reinterpret_cast<void **>(&arrays->d_unknown)));
-    if (!arrays->d_block) CUDA_TRY(allocate(gpu, 9 * most, &arrays->d_block));
-    if (!arrays->d_response) CUDA_TRY(allocate(gpu, 9 * most, &arrays->d_response));
+    CUDA_TRY(ensure(gpu, most, &arrays->d_unknown, &arrays->unknown_room));
+    CUDA_TRY(ensure(gpu, 9 * most, &arrays->d_block, &arrays->block_room));
+    CUDA_TRY(ensure(gpu, 9 * most, &arrays->d_response, &arrays->response_room));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(arrays->d_unknown, handle->unknown, count * sizeof(int32_t), cudaMemcpyHostToDevice, gpu->stream)));
     return CUDA_CALL(cudaMemcpyAsync(arrays->d_block, handle->block, 9 * count * sizeof(double), cudaMemcpyHostToDevice, gpu->stream));
 }
@@ -212,7 +130,7 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
     bool fresh = false;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         pliant_handle *handle = solver->handles + t;
-        tool_arrays *arrays = gpu->tools + t;
+        gpu_tool_arrays *arrays = gpu->tools + t;
         gpu_tool *tool = step->tools + t;
         memcpy(tool->force, handle->force, sizeof tool->force);
         if (!handle->active || handle->count == 0) continue;
@@ -279,8 +197,9 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
 extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
 {
     gpu_step step = {};
-    bool forget;
+    bool forget, renewed = false;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    CUDA_TRY(pliant_cuda_renewal_step(gpu, solver, statistics, &renewed));
     CUDA_TRY(send_load(gpu, solver, gravity));
     CUDA_TRY(turn(gpu, solver, statistics, &forget));
     CUDA_TRY(send_tools(gpu, solver, &step));
@@ -293,7 +212,7 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     step.cycle_contraction = limits->cycle_contraction;
     step.smallest_scale = solver->smallest_scale;
     step.restart = gpu->fresh;
-    step.forget = forget || gpu->forgotten != solver->forgotten;
+    step.forget = forget || renewed || gpu->forgotten != solver->forgotten;
     gpu->forgotten = solver->forgotten;
     CUDA_TRY(run(gpu, &step));
     gpu->fresh = false;
@@ -332,5 +251,3 @@ extern "C" pliant_status pliant_cuda_solver_place(pliant_cuda_solver *gpu, const
     const size_t bytes = 3 * (size_t)gpu->system.num_fine * sizeof(double);
     return CUDA_CALL(cudaMemcpyAsync(gpu->d_fine, h_fine, bytes, cudaMemcpyHostToDevice, gpu->stream));
 }
-
-extern "C" size_t pliant_cuda_solver_bytes(const pliant_cuda_solver *gpu) { return gpu->bytes; }

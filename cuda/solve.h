@@ -14,7 +14,13 @@ extern "C" {
 typedef struct pliant_cuda_solver pliant_cuda_solver;
 
 /* From the present state of the host's solver. Errors: MEMORY, NUMERIC, UNAVAILABLE; the message has figures. */
-pliant_status pliant_cuda_solver_create(const pliant_solver *solver, pliant_preconditioner_choice choice, int device, cudaStream_t stream, pliant_cuda_solver **out);
+/* grows: there may be cuts: its arrays have room for more. */
+pliant_status pliant_cuda_solver_create(const pliant_solver *solver, pliant_preconditioner_choice choice, bool grows, int device, cudaStream_t stream,
+                                        pliant_cuda_solver **out);
+/* To the solver of the next body, which has followed the one before; what stands for the inverse of the stiffness is carried over, and what
+ * is the same is not sent again. node: (nodes of the solved mesh) what each takes after. Where this is not possible, or fails, it is left
+ * for being freed. Errors: MEMORY, UNAVAILABLE. */
+pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, const pliant_solver *solver, const pliant_solver *before, const int32_t *node, bool *possible);
 void pliant_cuda_solver_free(pliant_cuda_solver *gpu); /* Nullable */
 /* Take the host's state again (after a reset). */
 pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver);
@@ -27,7 +33,6 @@ pliant_status pliant_cuda_solver_upsample(pliant_cuda_solver *gpu, const double 
 pliant_status pliant_cuda_solver_bring(pliant_cuda_solver *gpu, const double **h_solved);
 /* Enqueue other fine positions (fine nodes x 3) where those of the last upsampling are. */
 pliant_status pliant_cuda_solver_place(pliant_cuda_solver *gpu, const double *h_fine);
-size_t pliant_cuda_solver_bytes(const pliant_cuda_solver *gpu);
 
 #ifdef __cplusplus
 }

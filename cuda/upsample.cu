@@ -36,7 +36,7 @@ static __device__ void shaped_position(const gpu_system &system, const double *d
         for (int d = 0; d < 3; d++) {
             x[3 * v + d] = d_x[3 * node[v] + d];
             corner[3 * v + d] = system.d_rest[3 * node[v] + d];
-            gradients[3 * v + d] = system.d_gradients[(size_t)(3 * v + d) * system.num_tets + tet];
+            gradients[3 * v + d] = system.d_gradients[(size_t)(3 * v + d) * system.tet_stride + tet];
         }
     pliant_shaped_frame frame;
     if (system.d_grounded && system.d_grounded[tet]) {

@@ -35,6 +35,9 @@ struct pliant_backend {
     /* STATE of a data, from its host state. Errors: MEMORY, NUMERIC, UNAVAILABLE. */
     pliant_status (*create)(const pliant_model *model, pliant_data *data);
     void (*free)(pliant_data *data); /* NULL on the host */
+    /* The host's state is of the next body, and before has that of the one before: take what differs. map: pliant_data_set_body. Where
+     * *possible is false, or on an error, it is made anew. Nullable: it always is. Errors: MEMORY, UNAVAILABLE. */
+    pliant_status (*follow)(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map, bool *possible);
     pliant_status (*restart)(const pliant_model *model, pliant_data *data); /* the host's state was changed: take it */
     void (*download)(const pliant_model *model, pliant_data *data); /* the state of the last step to the host's solver; NULL: it is there */
 
@@ -71,8 +74,9 @@ const pliant_host_solver *pliant_host_solver_of(const pliant_model *model);
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data);
 /* The host's state was changed: the backend takes it, or the CPU goes on. Errors: none but those of neither. */
 pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *data);
-/* The host's state is of another body, and the backend's is freed: the backend makes its own anew, or the CPU goes on. */
-void pliant_backend_renew(const pliant_model *model, pliant_data *data);
+/* The host's state is of another body than before's, whose arrays are still there: the backend follows, makes its own anew, or the CPU
+ * goes on. */
+void pliant_backend_follow(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map);
 /* After a failure of the backend: the CPU goes on from the last good state. false: it was the CPU's own failure. */
 bool pliant_backend_leave(const pliant_model *model, pliant_data *data, pliant_status status);
 

@@ -49,11 +49,16 @@ bool pliant_backend_leave(const pliant_model *model, pliant_data *data, pliant_s
     return true;
 }
 
-void pliant_backend_renew(const pliant_model *model, pliant_data *data)
+void pliant_backend_follow(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map)
 {
-    if (data->backend->on_host || data->backend->create(model, data) == PLIANT_OK) return;
+    const pliant_backend *backend = data->backend;
+    bool possible = false;
+    if (backend->on_host) return;
+    if (backend->follow && backend->follow(model, data, before, map, &possible) == PLIANT_OK && possible) return;
+    backend->free(data);
+    if (backend->create(model, data) == PLIANT_OK) return;
     pliant_log(PLIANT_LOG_WARNING, "backend: %s; the CPU goes on with the new body", pliant_last_error());
-    data->backend = data->backend->kind->cpu;
+    data->backend = backend->kind->cpu;
     if (data->warp) pliant_warp_leave(data->warp);
 }
 

@@ -48,7 +48,7 @@ static pliant_status create(const pliant_model *model, pliant_data *data)
 static pliant_status follow(const pliant_model *model, const pliant_data *data, const pliant_body_map *map, pliant_data *next)
 {
     const pliant_discretization *discretization = next->discretization;
-    pliant_status status = pliant_solver_follow(&model->scene, discretization->system, data->solver, map, &next->solver);
+    pliant_status status = pliant_solver_follow(&model->scene, discretization->system, data->solver, map, !data->backend->on_host, &next->solver);
     return status == PLIANT_OK && discretization->fine_system ? pliant_patch_create(&model->scene, discretization, &next->patch) : status;
 }
 

@@ -233,10 +233,12 @@ pliant_status pliant_preconditioner_within(const pliant_basis *basis, const plia
 pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads, pliant_preconditioner **out);
 void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int num_threads); /* from now on */
 /* One of a body before, carried over to this system (carried.h): with numbers once that one, the base, is handed over to it. of_base: the
- * system that it is of, one of those of `of`. source: (num_free) unknown there or -1, taken over, also on an error; positions (num_nodes x 3),
- * axes (num_free x 9) Nullable: now */
+ * system that it is of, one of those of `of`. source: (num_free) unknown there or -1, taken over, also on an error; positions (num_nodes x 3)
+ * NULL: it is mended later; axes (num_free x 9) Nullable: now */
 pliant_status pliant_preconditioner_carry(const pliant_system *system, const pliant_discretization *of, const pliant_system *of_base, int32_t *source,
                                           const double *positions, const double *axes, pliant_preconditioner **out);
+/* One that was carried over to be mended later, before it solves anything; others stay as they are. Errors: MEMORY, NUMERIC. */
+pliant_status pliant_preconditioner_mend(pliant_preconditioner *preconditioner, const double *positions, const double *axes);
 void pliant_preconditioner_hand_over(pliant_preconditioner *carried, pliant_preconditioner **base); /* *base becomes NULL */
 /* Where a carried one keeps its base; NULL: it is not carried. */
 pliant_preconditioner **pliant_preconditioner_base(pliant_preconditioner *preconditioner);

@@ -27,7 +27,7 @@ static pliant_status prepare_discretization(const adaptation *work)
     const pliant_discretization *load = work->model->discretization;
     if (!pliant_body_same(work->made->body, load->body))
         return pliant_discretization_next(&work->model->scene, work->data->discretization, work->made->body, &work->map,
-                                          !work->data->backend->on_host, &work->made->discretization);
+                                          &work->made->discretization);
     work->made->discretization = pliant_discretization_retain(load);
     return PLIANT_OK;
 }
@@ -185,15 +185,14 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
     made->body = pliant_body_retain(body);
     pliant_status status = prepare(&work);
     if (status == PLIANT_OK) {
-        if (data->backend_state) data->backend->free(data); /* it points to what goes */
         for (int a = 0; a < NUM_ADAPTERS; a++) adapters[a].swap(&work);
         take_body(data, body);
+        pliant_backend_follow(model, data, made, &work.map);
     }
     pliant_body_map_free(&work.map);
     pliant_warp_next_free(warp);
     pliant_data_free(made);
     if (status != PLIANT_OK) return status;
-    pliant_backend_renew(model, data);
     data->statistics.bytes += pliant_memory_in_use() - before;
     return PLIANT_OK;
 }

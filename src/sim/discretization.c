@@ -206,7 +206,7 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
     if (work->made->tled) return PLIANT_OK; /* no matrix */
     pliant_status status = pliant_system_number(system, work->solved_fixed ? work->solved_fixed : work->made->body->fine_fixed);
     if (status == PLIANT_OK) status = gravity_mass(work->made);
-    if (status == PLIANT_OK && (!work->kept || work->needs_pattern)) status = pliant_system_find_pattern(system);
+    if (status == PLIANT_OK && !work->kept) status = pliant_system_find_pattern(system);
     if (status != PLIANT_OK || work->kept) return status;
     /* the V-cycle's meshes nest by lattice, and its elements have nodes of their own cube alone */
     bool direct = scene->mesh.kind == PLIANT_OCTREE || scene->model.method == PLIANT_LOD;
@@ -277,7 +277,7 @@ static uint8_t *find_kept(const pliant_mesh *was, const pliant_mesh *mesh, const
 }
 
 pliant_status pliant_discretization_next(const pliant_scene *scene, const pliant_discretization *before, const pliant_body *body,
-                                         const pliant_body_map *map, bool needs_pattern, const pliant_discretization **out)
+                                         const pliant_body_map *map, const pliant_discretization **out)
 {
     const pliant_body *was = before->body;
     if (before->system->macros) return pliant_discretization_create(scene, body, out);
@@ -290,7 +290,6 @@ pliant_status pliant_discretization_next(const pliant_scene *scene, const pliant
         kept.coarse = find_kept(&was->coarse, &body->coarse, map->coarse_node, was->coarse_material, body->coarse_material, was->coarse_fixed, body->coarse_fixed);
     if (!kept.fine || (is_coarse(scene) && !kept.coarse)) status = pliant_fail_memory("what is solved");
     work.kept = &kept;
-    work.needs_pattern = needs_pattern;
     if (status == PLIANT_OK) status = run_stages(&work);
     if (status == PLIANT_OK) {
         *out = work.made;

@@ -67,6 +67,13 @@ PLIANT_INLINE double pliant_rotation_pass(int pass, double x[9])
 
 /* ---- isotropic tissue */
 
+/* Row r, column c of the block of corners a and b in K: gradients of their shape functions, times volume lambda and volume mu. */
+PLIANT_INLINE double pliant_isotropic_entry(const double a[3], const double b[3], double lambda, double mu, int r, int c)
+{
+    const double dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    return lambda * a[r] * b[c] + mu * (a[c] * b[r] + (r == c ? dot : 0));
+}
+
 /* e: xx yy zz xy xz yz */
 PLIANT_INLINE void pliant_corotational_strain(const double f[9], const double r[9], double e[6])
 {

@@ -52,13 +52,10 @@ pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_mat
 void pliant_element_stiffness(const double g[12], double volume_lambda, double volume_mu, double stiffness[144])
 {
     for (int a = 0; a < 4; a++)
-        for (int b = 0; b < 4; b++) {
-            double dot = g[3 * a] * g[3 * b] + g[3 * a + 1] * g[3 * b + 1] + g[3 * a + 2] * g[3 * b + 2];
+        for (int b = 0; b < 4; b++)
             for (int r = 0; r < 3; r++)
                 for (int c = 0; c < 3; c++)
-                    stiffness[12 * (3 * a + r) + 3 * b + c] = volume_lambda * g[3 * a + r] * g[3 * b + c] +
-                                                              volume_mu * (g[3 * a + c] * g[3 * b + r] + (r == c ? dot : 0));
-        }
+                    stiffness[12 * (3 * a + r) + 3 * b + c] = pliant_isotropic_entry(g + 3 * a, g + 3 * b, volume_lambda, volume_mu, r, c);
 }
 
 void pliant_tet_stiffness(const pliant_mesh *mesh, int32_t tet, const pliant_tet_material *material, double stiffness[144])

@@ -6,9 +6,6 @@
 
 #include <string.h>
 
-/* Elements around the cut whose unknowns are solved for there (test/bench/bench_adapt). */
-enum { RINGS = 1 };
-
 void pliant_carried_free(pliant_carried *carried)
 {
     if (!carried) return;
@@ -23,20 +20,27 @@ void pliant_carried_free(pliant_carried *carried)
     pliant_free(carried);
 }
 
-static pliant_status find_near(const pliant_system *system, const double *positions, const double *axes, pliant_carried *carried)
+pliant_status pliant_carried_opened(int32_t num_free, int32_t base_free, const int32_t *source, uint8_t *opened)
 {
-    int32_t *first = pliant_calloc((size_t)carried->base_free, sizeof *first); /* that takes after it, + 1 */
-    uint8_t *opened = pliant_calloc((size_t)carried->num_free, 1);
-    pliant_status status = first && opened ? PLIANT_OK : pliant_fail_memory("the preconditioner");
-    for (int32_t f = 0; status == PLIANT_OK && f < carried->num_free; f++) {
-        const int32_t source = carried->source[f];
-        opened[f] = source < 0 || first[source] > 0;
-        if (source >= 0 && first[source] > 0) opened[first[source] - 1] = 1;
-        else if (source >= 0) first[source] = f + 1;
+    int32_t *first = pliant_calloc((size_t)base_free, sizeof *first); /* that takes after it, + 1 */
+    if (!first) return pliant_fail_memory("the preconditioner");
+    for (int32_t f = 0; f < num_free; f++) {
+        opened[f] = source[f] < 0 || first[source[f]] > 0;
+        if (source[f] >= 0 && first[source[f]] > 0) opened[first[source[f]] - 1] = 1;
+        else if (source[f] >= 0) first[source[f]] = f + 1;
     }
-    if (status == PLIANT_OK) status = pliant_subdomain_create(system, opened, RINGS, positions, axes, &carried->near);
     pliant_free(first);
+    return PLIANT_OK;
+}
+
+pliant_status pliant_carried_mend(const pliant_system *system, const double *positions, const double *axes, pliant_carried *carried)
+{
+    if (carried->mended) return PLIANT_OK;
+    uint8_t *opened = pliant_calloc((size_t)carried->num_free, 1);
+    pliant_status status = opened ? pliant_carried_opened(carried->num_free, carried->base_free, carried->source, opened) : pliant_fail_memory("the preconditioner");
+    if (status == PLIANT_OK) status = pliant_subdomain_create(system, opened, PLIANT_CARRIED_RINGS, positions, axes, &carried->near);
     pliant_free(opened);
+    carried->mended = status == PLIANT_OK;
     return status;
 }
 
@@ -59,7 +63,7 @@ pliant_status pliant_carried_create(const pliant_system *system, const pliant_di
     carried->left = pliant_calloc((size_t)carried->base_free, 3 * sizeof *carried->left);
     pliant_status status = PLIANT_OK;
     if (!carried->rest || !carried->all || !carried->right || !carried->left) status = pliant_fail_memory("the preconditioner");
-    if (status == PLIANT_OK) status = find_near(system, positions, axes, carried);
+    if (status == PLIANT_OK && positions) status = pliant_carried_mend(system, positions, axes, carried);
     if (status != PLIANT_OK) {
         pliant_carried_free(carried);
         return status;

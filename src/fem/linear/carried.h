@@ -15,20 +15,28 @@
 extern "C" {
 #endif
 
+/* Elements around the cut whose unknowns are solved for there (test/bench/bench_adapt). */
+enum { PLIANT_CARRIED_RINGS = 1 };
+
 typedef struct pliant_carried {
     pliant_preconditioner *base;      /* V, owned; NULL until it is handed over */
     const pliant_discretization *of;  /* what it is of; retained */
     const pliant_system *system;      /* one of its systems: the base's */
     int32_t num_free, base_free;      /* here; there */
     int32_t *source;                  /* (num_free) unknown there, or -1 */
+    bool mended;                      /* near was found */
     pliant_subdomain *near;           /* Nullable: nothing is opened */
     double *rest, *all;               /* (3 num_free) room */
     double *right, *left;             /* (3 base_free) room */
 } pliant_carried;
 
-/* Around unknowns whose source is shared or missing. source is taken over, also on an error; base is handed over later. Errors: MEMORY, NUMERIC. */
+/* opened: (num_free) out: 1 where the source is shared or missing. Errors: MEMORY. */
+pliant_status pliant_carried_opened(int32_t num_free, int32_t base_free, const int32_t *source, uint8_t *opened);
+/* source is taken over, also on an error; base is handed over later. positions: NULL: not mended yet. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_carried_create(const pliant_system *system, const pliant_discretization *of, const pliant_system *of_base, int32_t *source,
                                     const double *positions, const double *axes, pliant_carried **out);
+/* S, around what is opened, where there is none yet; before the first solve. Errors: MEMORY, NUMERIC. */
+pliant_status pliant_carried_mend(const pliant_system *system, const double *positions, const double *axes, pliant_carried *carried);
 void pliant_carried_free(pliant_carried *carried); /* Nullable */
 /* out = M^-1 right; may be the same */
 pliant_status pliant_carried_solve(pliant_carried *carried, const double *right, double *out);

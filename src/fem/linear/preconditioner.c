@@ -120,6 +120,12 @@ pliant_status pliant_preconditioner_carry(const pliant_system *system, const pli
     return PLIANT_OK;
 }
 
+pliant_status pliant_preconditioner_mend(pliant_preconditioner *preconditioner, const double *positions, const double *axes)
+{
+    if (!preconditioner->carried) return PLIANT_OK;
+    return pliant_carried_mend(&preconditioner->system, positions, axes, preconditioner->carried);
+}
+
 void pliant_preconditioner_hand_over(pliant_preconditioner *carried, pliant_preconditioner **base)
 {
     carried->carried->base = *base;

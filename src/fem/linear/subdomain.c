@@ -37,19 +37,32 @@ typedef struct builder {
     int32_t *node;            /* (num_nodes of the whole) likewise, + 1 */
 } builder;
 
-/* unknowns a ring further: the free corners of the elements around those from `first` on */
-static void add_ring(builder *build, int32_t first)
+/* unknowns a ring further: the free corners of the elements around those of the list from `first` on; the new length */
+static int32_t add_ring(const pliant_system *whole, int32_t first, int32_t last, uint8_t *inner, int32_t *list)
 {
-    const pliant_system *whole = build->whole;
-    const int32_t last = build->count;
+    int32_t count = last;
     for (int32_t i = first; i < last; i++)
-        for (int32_t c = whole->corner_start[build->list[i]]; c < whole->corner_start[build->list[i] + 1]; c++)
+        for (int32_t c = whole->corner_start[list[i]]; c < whole->corner_start[list[i] + 1]; c++)
             for (int v = 0; v < 4; v++) {
                 int32_t f = whole->free_of_node[whole->mesh->tets[whole->corner[c] / 4 * 4 + v]];
-                if (f < 0 || build->inner[f]) continue;
-                build->inner[f] = 1;
-                build->list[build->count++] = f;
+                if (f < 0 || inner[f]) continue;
+                inner[f] = 1;
+                list[count++] = f;
             }
+    return count;
+}
+
+int32_t pliant_subdomain_inner(const pliant_system *system, int32_t rings, uint8_t *inner, int32_t *list)
+{
+    int32_t count = 0;
+    for (int32_t f = 0; f < system->num_free; f++)
+        if (inner[f]) list[count++] = f;
+    for (int32_t ring = 0, first = 0; ring < rings; ring++) {
+        const int32_t next = add_ring(system, first, count, inner, list);
+        first = count;
+        count = next;
+    }
+    return count;
 }
 
 static pliant_status find_mesh(builder *build)
@@ -178,14 +191,11 @@ pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t
     build.tet = pliant_calloc((size_t)system->mesh->num_tets, sizeof *build.tet);
     build.node = pliant_calloc((size_t)system->mesh->num_nodes, sizeof *build.node);
     pliant_status status = build.inner && build.list && build.tet && build.node ? PLIANT_OK : no_memory();
-    for (int32_t f = 0; status == PLIANT_OK && f < system->num_free; f++)
-        if ((build.inner[f] = opened[f])) build.list[build.count++] = f;
+    if (status == PLIANT_OK) {
+        memcpy(build.inner, opened, (size_t)system->num_free);
+        build.count = pliant_subdomain_inner(system, rings, build.inner, build.list);
+    }
     if (status == PLIANT_OK && build.count > 0) {
-        for (int32_t ring = 0, first = 0; ring < rings; ring++) {
-            const int32_t next = build.count;
-            add_ring(&build, first);
-            first = next;
-        }
         if (!(build.made = pliant_calloc(1, sizeof *build.made))) status = no_memory();
         if (status == PLIANT_OK) status = find_mesh(&build);
         if (status == PLIANT_OK) status = copy_elements(&build);

@@ -25,6 +25,8 @@ typedef struct pliant_subdomain {
  * Errors: MEMORY, NUMERIC. */
 pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t *opened, int32_t rings, const double *positions, const double *axes,
                                       pliant_subdomain **out);
+/* What is inner: inner (num_free): opened ones on entry; list (num_free): those first. Returns how many there are. */
+int32_t pliant_subdomain_inner(const pliant_system *system, int32_t rings, uint8_t *inner, int32_t *list);
 void pliant_subdomain_free(pliant_subdomain *subdomain); /* Nullable */
 
 /* z = S right, S the inverse of the inner stiffness, and rest = right - K z: zero within. All (3 num_free of the whole); rest and right

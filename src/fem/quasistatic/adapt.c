@@ -52,7 +52,7 @@ static int32_t *sources_of(const pliant_system *system, const pliant_solver *fro
     return source;
 }
 
-static pliant_status carry(pliant_solver *solver, const pliant_solver *from, const int32_t *node, const int32_t *tet)
+static pliant_status carry(pliant_solver *solver, const pliant_solver *from, const int32_t *node, const int32_t *tet, bool rests)
 {
     const pliant_system *system = solver->system;
     int32_t *source = pliant_calloc((size_t)system->num_free, sizeof *source);
@@ -65,12 +65,12 @@ static pliant_status carry(pliant_solver *solver, const pliant_solver *from, con
     if (!of) of = from->system->of;
     if (!(source = sources_of(system, from, node))) return pliant_fail_memory("the solver");
     const double *axes = solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL;
-    pliant_status status = pliant_preconditioner_carry(system, of, of->system, source, solver->now.x, axes, &solver->preconditioner);
+    pliant_status status = pliant_preconditioner_carry(system, of, of->system, source, rests ? NULL : solver->now.x, axes, &solver->preconditioner);
     return status == PLIANT_OK ? pliant_refresh_carry(solver, from, node) : status;
 }
 
 pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_system *system, const pliant_solver *from,
-                                   const pliant_body_map *map, pliant_solver **out)
+                                   const pliant_body_map *map, bool rests, pliant_solver **out)
 {
     const int32_t *node = map->coarse_node ? map->coarse_node : map->node, *tet = map->coarse_node ? map->coarse_tet : map->tet;
     pliant_solver *solver = NULL;
@@ -80,7 +80,7 @@ pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_syste
     if (!map->coarse_node) pliant_body_map_vectors(map, from->now.x, solver->now.x); /* also where the next body holds what moved before */
     for (int32_t n = 0; map->coarse_node && n < system->mesh->num_nodes; n++)
         memcpy(solver->now.x + 3 * n, from->now.x + 3 * node[n], 3 * sizeof *solver->now.x);
-    if (!system->macros) status = carry(solver, from, node, tet);
+    if (!system->macros) status = carry(solver, from, node, tet, rests);
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
         return status;

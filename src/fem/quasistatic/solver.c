@@ -184,6 +184,8 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
 {
     pliant_status status = pliant_refresh_step(solver, statistics);
     if (status == PLIANT_OK) turn_on(solver);
+    if (status == PLIANT_OK)
+        status = pliant_preconditioner_mend(solver->preconditioner, solver->now.x, solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL);
     if (status == PLIANT_OK) status = pliant_solver_respond(solver);
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {

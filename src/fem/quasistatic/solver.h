@@ -163,9 +163,9 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made);
 /* ---- adapt.c: the solver of the next body, and what it takes over from the one before */
 /* Its positions, limits, and axes; what stands for the inverse of its stiffness is carried over (carried.h). Nothing of the one before
  * changes, and the next one cannot step, until it has taken over what the other has.
- * Errors: MEMORY, NUMERIC. */
+ * rests: another backend solves: what only a step needs is made when one comes. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_system *system, const pliant_solver *from,
-                                   const pliant_body_map *map, pliant_solver **out);
+                                   const pliant_body_map *map, bool rests, pliant_solver **out);
 /* The preconditioner, and what is being made in the background: the one before can only be freed then. */
 void pliant_solver_take_over(pliant_solver *solver, pliant_solver *from);
 /* A tool's hold, on fine nodes of the next body, and its force. Errors: MEMORY. */

@@ -1,0 +1,71 @@
+/* What the quasi-static solve keeps on the GPU from step to step, for the files that make it, step it and carry it over. */
+#ifndef PLIANT_CUDA_SOLVER_H
+#define PLIANT_CUDA_SOLVER_H
+
+#include "preconditioner.h"
+#include "solve.h"
+#include "system.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct gpu_tool_arrays {
+    int32_t *d_unknown;
+    double *d_block, *d_response;
+    size_t unknown_room, block_room, response_room; /* bytes */
+} gpu_tool_arrays;
+
+enum { SOLVER_ARRAYS = 20 };
+
+typedef struct gpu_renewal gpu_renewal;
+
+struct pliant_cuda_solver {
+    int device;
+    cudaStream_t stream; /* borrowed */
+    pliant_preconditioner_choice choice;
+    gpu_system system;
+    gpu_system_room system_room;
+    gpu_preconditioner preconditioner;
+    gpu_renewal *renewal;      /* Nullable: the next preconditioner, in the background */
+    gpu_iteration iteration;
+    size_t room[SOLVER_ARRAYS]; /* bytes of its arrays, of d_fine and of d_solved */
+    double *d_between;         /* room to carry axes over */
+    size_t between_room;
+    int gather_blocks;
+    cudaGraphExec_t evaluation;
+    gpu_state *h_state;        /* page-locked; its first part is what comes back */
+    double *d_fine, *d_solved, *h_solved;
+    size_t solved_room;        /* bytes of h_solved */
+    gpu_tool_arrays tools[PLIANT_MAX_TOOLS];
+    uint64_t serial;           /* counts turns of the preconditioner, from 1 */
+    uint64_t turned_at;        /* step */
+    bool served_badly;         /* the preconditioner, since then */
+    int64_t evaluations;       /* since then; -1: the axes are those of rest */
+    bool fresh;                /* the state was taken from the host */
+    double foreseen;           /* error of the last step [m] */
+    uint64_t forgotten;        /* of the host's solver */
+    double gravity[3];
+    bool loaded;
+    int32_t last_iterations;
+};
+
+/* ---- solve.cu: the state is the host's, and nothing else is known of it. */
+pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const pliant_solver *solver);
+
+/* ---- adapt.cu: arrays of the iteration for the system at hand, and the evaluation as a graph. */
+pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const pliant_solver *solver);
+pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu);
+
+/* ---- renew.cu: a preconditioner of its own for a body whose one is carried over, made in the background */
+/* At the start of a step: what has arrived is put to use (*renewed), and the next one begun. Errors: MEMORY, UNAVAILABLE; where none
+ * could be made, the old one stays. */
+pliant_status pliant_cuda_renewal_step(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *renewed);
+/* The next body: what is under way will be of the one before. node: (nodes of the solved mesh) of that one's. Errors: MEMORY. */
+pliant_status pliant_cuda_renewal_follow(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node);
+void pliant_cuda_renewal_free(pliant_cuda_solver *gpu); /* waits for the background */
+
+#ifdef __cplusplus
+}
+#endif
+#endif
