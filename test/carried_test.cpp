@@ -34,6 +34,7 @@ struct Bar {
         EXPECT_TRUE(next) << pliant_last_error();
         EXPECT_EQ(pliant_body_map_create(load, next, &map), PLIANT_OK);
         EXPECT_EQ(pliant_discretization_next(&body->scene, body->model->discretization, next, &map, &made), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_system_find_pattern(made->system), PLIANT_OK);
         int32_t *source = static_cast<int32_t *>(pliant_calloc(static_cast<size_t>(system().num_free), sizeof(int32_t)));
         for (int32_t f = 0; f < system().num_free; f++) source[f] = body->model->system->free_of_node[map.node[system().node_of_free[f]]];
         EXPECT_EQ(pliant_preconditioner_carry(&system(), body->model->discretization, body->model->system, source, system().mesh->rest, nullptr, &carried), PLIANT_OK);

@@ -3,6 +3,9 @@
 //   bench_gpu warp [SIZE [RUNS]]   rasterization alone, for the sizes of the paper and 512^3, or one of the three
 //   bench_gpu run SCENE SCAN [FRAMES [group/name=value ...]]
 //                                  whole frames: a tool pulls 1 mm a frame, with a turn; error and time for each budget
+//   bench_gpu cut SCENE SCAN [FRAMES [group/name=value ...]]
+//                                  whole frames while a blade, 30 mm wide, goes 1.5 mm a frame through soft tissue that hangs, stroke beside stroke
+//                                  (solver/backend=cpu: the same there)
 //
 // Limits: identity sampling of a 3-D texture into a volume of the same size, and the copy of that to page-locked memory.
 #include "backend/backend.h"
@@ -325,6 +328,80 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
     pliant_volume_free(&scan);
 }
 
+/* ---- while cutting */
+
+enum { STROKE = 30, BETWEEN = 5 }; // frames
+
+struct CutFrames { std::vector<double> whole, stage[PLIANT_NUM_STEP_STAGES], evaluations; };
+
+void print_frames(const char *what, const CutFrames &frames)
+{
+    if (frames.whole.empty()) return;
+    std::printf("  %-8s %4zu frames: median %7.3f ms, p95 %7.3f, worst %7.3f (x %.2f); evaluations %.0f, at most %.0f;", what, frames.whole.size(), median(frames.whole),
+                percentile(frames.whole, 0.95), percentile(frames.whole, 1), percentile(frames.whole, 1) / median(frames.whole), median(frames.evaluations),
+                percentile(frames.evaluations, 1));
+    for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++)
+        std::printf(" %s %.3f (%.3f)", pliant_step_stage_name(s), median(frames.stage[s]), percentile(frames.stage[s], 1));
+    std::printf("\n");
+}
+
+void bench_cut(const char *scene_path, const char *scan_path, int frames, char **options, int num_options)
+{
+    pliant_scene scene;
+    pliant_volume scan = {};
+    pliant_labels labels = {};
+    pliant_material_table materials = {};
+    pliant_model *model = nullptr;
+    pliant_data *data = nullptr;
+    must(pliant_scene_read(scene_path, &scene));
+    scene.solver.backend = PLIANT_CUDA;
+    scene.cut.kind = PLIANT_CUT_SEVER;
+    scene.cut.resistance = 0;
+    scene.model.gravity[2] = -2;
+    for (int n = 0; n < num_options; n++) set_option(&scene, options[n]);
+    must(pliant_inputs_read(&scene, scan_path, &scan, &labels, &materials));
+    must(pliant_model_build(&scene, &scan, labels.voxels ? &labels : nullptr, &materials, {nullptr, nullptr}, &model));
+    must(pliant_data_create(model, &data));
+    must(pliant_data_set_warp(model, data, &model->scan->geometry));
+    double at[3], from[3] = {-0.015, 0, 0}, to[3] = {0.015, 0, 0};
+    int tool;
+    if (!find_front(model, at)) must(PLIANT_ERROR_ARGUMENT);
+    must(pliant_tool_add(model, data, "blade", &tool));
+    must(pliant_tool_set_blade(data, tool, from, to));
+    const pliant_background live = {PLIANT_BACKGROUND_LIVE, 0, 0};
+    data->background = live;
+    CutFrames cutting, other;
+    for (int f = -20; f < frames; f++) {
+        const int stroke = f < 0 ? 0 : f / (STROKE + BETWEEN), place = f < 0 ? -1 : f % (STROKE + BETWEEN);
+        const double tip[3] = {at[0] + 0.025 * (stroke % 3 - 1), at[1] - 0.02 + 0.0015 * place, at[2] + 0.012 * (stroke / 3 % 4)};
+        must(pliant_tool_set_pose(data, tool, tip, nullptr));
+        must(pliant_tool_set_cutting(data, tool, f >= 0 && place < STROKE));
+        const uint64_t revision = data->body->revision, factors = data->statistics.factors;
+        const double start = pliant_seconds();
+        must(pliant_step(model, data));
+        const double whole = 1e3 * (pliant_seconds() - start);
+        CutFrames &frame = data->body->revision != revision ? cutting : other;
+        if (std::getenv("VERBOSE"))
+            std::printf("    %4d %s %7.3f ms, cut %7.3f solve %7.3f warp %7.3f, %2d evaluations, %d nodes%s\n", f, &frame == &cutting ? "cuts" : "    ", whole,
+                        1e3 * data->statistics.seconds[PLIANT_STEP_cut], 1e3 * data->statistics.seconds[PLIANT_STEP_solve],
+                        1e3 * data->statistics.seconds[PLIANT_STEP_warp], data->statistics.iterations, data->body->fine.num_nodes,
+                        data->statistics.factors != factors ? ", renewed" : "");
+        if (f < 0) continue;
+        frame.whole.push_back(whole);
+        frame.evaluations.push_back(data->statistics.iterations);
+        for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++) frame.stage[s].push_back(1e3 * data->statistics.seconds[s]);
+    }
+    std::printf("%s: %d x %d x %d voxels, %d tetrahedra, %d nodes at load, %d at the end, %llu preconditioners\n", pliant_data_get_backend(data),
+                scan.geometry.size[0], scan.geometry.size[1], scan.geometry.size[2], model->body->fine.num_tets, model->body->fine.num_nodes, data->body->fine.num_nodes, (unsigned long long)data->statistics.factors);
+    print_frames("cutting", cutting);
+    print_frames("other", other);
+    pliant_data_free(data);
+    pliant_model_free(model);
+    pliant_material_table_free(&materials);
+    pliant_labels_free(&labels);
+    pliant_volume_free(&scan);
+}
+
 } // namespace
 
 int main(int count, char **arguments)
@@ -340,6 +417,10 @@ int main(int count, char **arguments)
         bench_run(arguments[2], arguments[3], count > 4 ? std::atoi(arguments[4]) : 60, arguments + 5, std::max(0, count - 5));
         return 0;
     }
-    std::fprintf(stderr, "usage: bench_gpu warp [SIZE [RUNS]] | bench_gpu run SCENE SCAN [FRAMES [group/name=value ...]]\n");
+    if (count >= 4 && std::strcmp(arguments[1], "cut") == 0) {
+        bench_cut(arguments[2], arguments[3], count > 4 ? std::atoi(arguments[4]) : 210, arguments + 5, std::max(0, count - 5));
+        return 0;
+    }
+    std::fprintf(stderr, "usage: bench_gpu warp [SIZE [RUNS]] | bench_gpu run|cut SCENE SCAN [FRAMES [group/name=value ...]]\n");
     return 2;
 }
