@@ -4,7 +4,7 @@
 //   bench_gpu run SCENE SCAN [FRAMES [group/name=value ...]]
 //                                  whole frames: a tool pulls 1 mm a frame, with a turn; error and time for each budget
 //   bench_gpu cut SCENE SCAN [FRAMES [group/name=value ...]]
-//                                  whole frames while a blade, 30 mm wide, goes 1.5 mm a frame through soft tissue that hangs, stroke beside stroke
+//                                  whole frames while a blade, 30 mm wide, goes 2 mm a frame through soft tissue that hangs, stroke beside stroke
 //                                  (solver/backend=cpu: the same there)
 //
 // Limits: identity sampling of a 3-D texture into a volume of the same size, and the copy of that to page-locked memory.
@@ -330,7 +330,7 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
 
 /* ---- while cutting */
 
-enum { STROKE = 30, BETWEEN = 5 }; // frames
+enum { STROKE = 40, BETWEEN = 5 }; // frames
 
 struct CutFrames { std::vector<double> whole, stage[PLIANT_NUM_STEP_STAGES], evaluations; };
 
@@ -373,7 +373,7 @@ void bench_cut(const char *scene_path, const char *scan_path, int frames, char *
     CutFrames cutting, other;
     for (int f = -20; f < frames; f++) {
         const int stroke = f < 0 ? 0 : f / (STROKE + BETWEEN), place = f < 0 ? -1 : f % (STROKE + BETWEEN);
-        const double tip[3] = {at[0] + 0.025 * (stroke % 3 - 1), at[1] - 0.02 + 0.0015 * place, at[2] + 0.012 * (stroke / 3 % 4)};
+        const double tip[3] = {at[0] + 0.027 * (stroke % 4 - 1.5), at[1] - 0.02 + 0.002 * place, at[2] + 0.02 * (stroke / 4 % 3)};
         must(pliant_tool_set_pose(data, tool, tip, nullptr));
         must(pliant_tool_set_cutting(data, tool, f >= 0 && place < STROKE));
         const uint64_t revision = data->body->revision, factors = data->statistics.factors;
@@ -393,6 +393,7 @@ void bench_cut(const char *scene_path, const char *scan_path, int frames, char *
     }
     std::printf("%s: %d x %d x %d voxels, %d tetrahedra, %d nodes at load, %d at the end, %llu preconditioners\n", pliant_data_get_backend(data),
                 scan.geometry.size[0], scan.geometry.size[1], scan.geometry.size[2], model->body->fine.num_tets, model->body->fine.num_nodes, data->body->fine.num_nodes, (unsigned long long)data->statistics.factors);
+    std::printf("  severed %.1f cm2, front at %.1f %.1f %.1f mm\n", 1e4 * data->tools[tool].blade.severed_area, 1e3 * at[0], 1e3 * at[1], 1e3 * at[2]);
     print_frames("cutting", cutting);
     print_frames("other", other);
     pliant_data_free(data);
@@ -418,7 +419,7 @@ int main(int count, char **arguments)
         return 0;
     }
     if (count >= 4 && std::strcmp(arguments[1], "cut") == 0) {
-        bench_cut(arguments[2], arguments[3], count > 4 ? std::atoi(arguments[4]) : 210, arguments + 5, std::max(0, count - 5));
+        bench_cut(arguments[2], arguments[3], count > 4 ? std::atoi(arguments[4]) : 270, arguments + 5, std::max(0, count - 5));
         return 0;
     }
     std::fprintf(stderr, "usage: bench_gpu warp [SIZE [RUNS]] | bench_gpu run|cut SCENE SCAN [FRAMES [group/name=value ...]]\n");

@@ -110,6 +110,43 @@ TEST(CudaCut, MeetsTheCpu)
     }
 }
 
+// One cut after the other, the next one also while a preconditioner is being made for the body before: what is carried over serves, and what is
+// made in the background is put to use.
+TEST(CudaCut, CutsOneAfterTheOther)
+{
+    NEEDS_GPU();
+    for (const Case &c : {Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR}, Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, PLIANT_LINEAR},
+                          Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR}}) {
+        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.preconditioner));
+        Body cpu(size, box, {{20000, 0.4, 1000, false}}), gpu(size, box, {{20000, 0.4, 1000, false}});
+        for (Body *body : {&cpu, &gpu}) {
+            body->scene.solver.refresh_delay = 2;
+            prepare(*body, c, body == &cpu ? PLIANT_CPU : PLIANT_CUDA);
+            pull(*body, 0);
+        }
+        const uint64_t before = gpu.data->statistics.factors;
+        double carried = 0, renewed = 0;
+        for (int s = 1; s < 30; s++) {
+            const bool cuts = s % 6 == 1 || s % 12 == 3;
+            const double x = 0.02 + 0.003 * s, points[6] = {x, -0.02, 0.14, x + 0.01, 0.14, 0.14}, depth[3] = {0.004, 0, -0.02 - 0.003 * s};
+            for (Body *body : {&cpu, &gpu}) {
+                if (cuts) ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+                pull(*body, s);
+            }
+            ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
+            ASSERT_EQ(cpu.data->body->fine.num_nodes, gpu.data->body->fine.num_nodes);
+            EXPECT_LT(farthest(cpu, gpu), 1e-5 * box[0]) << "step " << s;
+            (cuts ? carried : renewed) = gpu.data->statistics.iterations;
+        }
+        EXPECT_GE(gpu.data->statistics.factors, before + 4);
+        EXPECT_GT(gpu.data->body->fine.num_nodes, gpu.model->body->fine.num_nodes + 50);
+        // an old inverse, mended about the cut, takes some evaluations more, not many times as many
+        EXPECT_LT(carried, 5 * renewed + 10);
+        ASSERT_EQ(pliant_data_reset(gpu.model, gpu.data), PLIANT_OK);
+        EXPECT_EQ(gpu.data->body->fine.num_nodes, gpu.model->body->fine.num_nodes);
+    }
+}
+
 // what comes off is moved by the host, beside solvers without inertia, and stops out of sight
 TEST(CudaCut, WhatComesOffFallsAsOnTheCpu)
 {
