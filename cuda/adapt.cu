@@ -71,7 +71,14 @@ static pliant_status enqueue_evaluation(const pliant_cuda_solver *gpu)
     return pliant_cuda_propose(it, gpu->stream);
 }
 
-/* the same kernels with other numbers: much less than making it anew. false: they are not the same */
+/* Whether two graphs with as many kernels have the same ones. */
+static int kind_of(const gpu_preconditioner *preconditioner)
+{
+    const gpu_carried *carried = &preconditioner->carried;
+    return (preconditioner->multigrid ? 4 : 0) + (carried->base_free == 0 ? 0 : carried->inner == 0 ? 1 : 2);
+}
+
+/* the same kernels with other numbers: much less than making it anew. false: it is to be made anew all the same */
 static bool update(cudaGraphExec_t evaluation, cudaGraph_t graph)
 {
 #if CUDART_VERSION >= 12000
@@ -92,7 +99,13 @@ extern "C" pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu)
     CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
     pliant_status status = enqueue_evaluation(gpu), ended = CUDA_CALL(cudaStreamEndCapture(gpu->stream, &graph));
     if (status == PLIANT_OK) status = ended;
-    if (status == PLIANT_OK && !(gpu->evaluation && update(gpu->evaluation, graph))) {
+    size_t kernels = 0;
+    const int kind = kind_of(&gpu->preconditioner);
+    if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphGetNodes(graph, nullptr, &kernels));
+    const bool same = gpu->evaluation && kernels == gpu->kernels && kind == gpu->kind;
+    gpu->kernels = kernels;
+    gpu->kind = kind;
+    if (status == PLIANT_OK && !(same && update(gpu->evaluation, graph))) {
         if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
         gpu->evaluation = nullptr;
         status = CUDA_CALL(cudaGraphInstantiateWithFlags(&gpu->evaluation, graph, 0));

@@ -34,6 +34,8 @@ struct pliant_cuda_solver {
     size_t between_room;
     int gather_blocks;
     cudaGraphExec_t evaluation;
+    size_t kernels;            /* in it */
+    int kind;                  /* of preconditioner */
     gpu_state *h_state;        /* page-locked; its first part is what comes back */
     double *d_fine, *d_solved, *h_solved;
     size_t solved_room;        /* bytes of h_solved */
