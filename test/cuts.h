@@ -100,7 +100,8 @@ inline std::vector<int32_t> mesh_pieces(const pliant_body &body)
     return out;
 }
 
-// of the voxels that are owned, by links, diagonals and bridges that are not severed; -1: nobody owns it
+// of the voxels that are owned, by links and bridges that are not severed; -1: nobody owns it. A diagonal goes over two links through a voxel
+// that is owned, so that it joins only what these do.
 inline std::vector<int32_t> voxel_pieces(const pliant_body &body)
 {
     const pliant_voxels &voxels = *body.voxels;
@@ -114,18 +115,8 @@ inline std::vector<int32_t> voxel_pieces(const pliant_body &body)
     for (int32_t v = 0; v < count; v++) {
         if (voxels.owner[v] < 0) continue;
         const int32_t at[3] = {v % size[0], v / size[0] % size[1], v / size[0] / size[1]};
-        auto whole = [&](int32_t from, int axis) { return !(severed[from] >> axis & 1); };
-        for (int d = 0; d < 3; d++) {
-            if (at[d] + 1 < size[d] && voxels.owner[v + strides[d]] >= 0 && whole(v, d)) parts.join(v, v + strides[d]);
-            for (int e = 0; e < 3; e++) // across an edge: one forward along d, one back or forward along e
-                for (int way = -1; way <= 1 && e != d; way += 2) {
-                    if (at[d] + 1 >= size[d] || at[e] + way < 0 || at[e] + way >= size[e]) continue;
-                    const int32_t up = v + strides[d], side = v + way * strides[e], other = up + way * strides[e];
-                    if (voxels.owner[other] < 0) continue;
-                    auto sideways = [&](int32_t from) { return whole(way > 0 ? from : from - strides[e], e); };
-                    if ((voxels.owner[up] >= 0 && whole(v, d) && sideways(up)) || (voxels.owner[side] >= 0 && sideways(v) && whole(side, d))) parts.join(v, other);
-                }
-        }
+        for (int d = 0; d < 3; d++)
+            if (at[d] + 1 < size[d] && voxels.owner[v + strides[d]] >= 0 && !(severed[v] >> d & 1)) parts.join(v, v + strides[d]);
     }
     for (int32_t b = 0; b < voxels.num_bridges; b++)
         if (!bridges.count(b)) parts.join(voxels.bridge[2 * b], voxels.bridge[2 * b + 1]);
@@ -139,16 +130,25 @@ inline std::vector<int32_t> voxel_pieces(const pliant_body &body)
 inline int mismatches(const pliant_body &body)
 {
     const std::vector<int32_t> mesh = mesh_pieces(body), voxels = voxel_pieces(body);
-    std::map<int32_t, std::set<int32_t>> of_mesh, of_voxels;
+    struct Other {
+        int32_t first = -1;
+        bool more = false; // than one
+        void add(int32_t piece)
+        {
+            if (first < 0) first = piece;
+            else more = more || piece != first;
+        }
+    };
+    std::vector<Other> of_mesh(static_cast<size_t>(body.fine.num_nodes)), of_voxels(voxels.size());
     for (size_t v = 0; v < voxels.size(); v++) {
         if (voxels[v] < 0) continue;
         const int32_t tet = pliant_voxels_fragment(body.voxels, body.cuts, static_cast<int32_t>(v));
-        of_mesh[mesh[tet]].insert(voxels[v]);
-        of_voxels[voxels[v]].insert(mesh[tet]);
+        of_mesh[mesh[tet]].add(voxels[v]);
+        of_voxels[voxels[v]].add(mesh[tet]);
     }
     int wrong = 0;
-    for (const auto &piece : of_mesh) wrong += piece.second.size() != 1;
-    for (const auto &piece : of_voxels) wrong += piece.second.size() != 1;
+    for (const Other &piece : of_mesh) wrong += piece.more;
+    for (const Other &piece : of_voxels) wrong += piece.more;
     return wrong;
 }
 
