@@ -36,6 +36,7 @@ void explicit_dynamics(pliant_scene &scene, bool quasi_static)
     scene.tled.prony_share[0] = quasi_static ? 0 : 0.3;
     scene.tled.prony_time[0] = 0.1;
     scene.solver.step = 0.01;
+    scene.tled.damping = 20; // it comes to rest soon
 }
 
 const Case direct{"direct", [](pliant_scene &scene) { scene.solver.preconditioner = PLIANT_DIRECT; }};
@@ -301,7 +302,7 @@ TEST_P(EveryDivisible, ACutBodyMovesAsOneThatWasMadeApart)
     auto rest = [&](Body &body) {
         double moved = 1;
         std::vector<double> before(body.data->positions, body.data->positions + 3 * mesh.num_nodes);
-        for (int s = 0; s < 400 && moved > 1e-9; s++) {
+        for (int s = 0; s < 400 && moved > 2e-8; s++) {
             EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
             moved = 0;
             for (int32_t i = 0; i < 3 * mesh.num_nodes; i++) moved = std::fmax(moved, std::fabs(body.data->positions[i] - before[i]));
