@@ -106,7 +106,10 @@ TEST_F(Choice, TakesTheMostAccurateOfAllThatWasTried)
         most = std::fmax(most, each.second);
     }
     EXPECT_GT(most, 10 * least);
-    EXPECT_LE(100 * choice.error, 1.05 * least + 1e-6);
+    EXPECT_GT(choice.left_out, 0);
+    EXPECT_LE(100 * (choice.error + choice.left_out), 1.05 * (least + 100 * choice.left_out) + 1e-6);
+    EXPECT_EQ(choice.mesh, choice.left_out) << "the finest that was tried";
+    EXPECT_STREQ(pliant_results_cell(tables.choice, 0, pliant_results_column(tables.choice, "larger")), "mesh");
     EXPECT_EQ(choice.error, choice.p95);
     EXPECT_LE(choice.rms, choice.max);
     // nothing is as near to the fine solution on the finest mesh as itself
@@ -294,14 +297,14 @@ TEST(ChoiceOfPoints, NothingIsTakenThatLessWorkBetters)
 {
     // the second does less than the first and is better, but something else took its time
     const choice_point points[] = {point_of(0.58, 0.58, 6, 30, 5000), point_of(0.004, 0.004, 40, 2, 4000), point_of(0.001, 0.001, 50, 31, 4000)};
-    EXPECT_EQ(choice_best(points, 3, PLIANT_MEASURE_P95, 8e-3), points + 1);
+    EXPECT_EQ(choice_best(points, 3, PLIANT_MEASURE_P95, 0, 8e-3), points + 1);
     EXPECT_DOUBLE_EQ(choice_seconds(points, 3, points + 1), 6e-3);
     EXPECT_DOUBLE_EQ(choice_seconds(points, 3, points + 2), 50e-3) << "one evaluation more";
     // but not where it may well be slower: more evaluations on the smaller mesh, a patch, the GPU
     choice_point others[] = {points[0], point_of(0.004, 0.004, 40, 31, 4000), point_of(0.003, 0.003, 40, 2, 4000), point_of(0.002, 0.002, 40, 2, 4000)};
     others[2].candidate.by = {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, 0.05};
     others[3].on_host = false;
-    EXPECT_EQ(choice_best(others, 4, PLIANT_MEASURE_P95, 8e-3), others);
+    EXPECT_EQ(choice_best(others, 4, PLIANT_MEASURE_P95, 0, 8e-3), others);
     EXPECT_EQ(choice_quickest(others, 4), others);
 }
 
@@ -309,12 +312,33 @@ TEST(ChoiceOfPoints, TheWorstFrameFirstThenWhatComesLaterThenTime)
 {
     const choice_point patched = point_of(0.40, 0.03, 5, 3, 1000), coarse = point_of(0.30, 0.30, 1, 3, 500), fine = point_of(0.02, 0.02, 20, 2, 9000);
     const choice_point all[] = {patched, coarse, fine};
-    EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 0.1), all + 2);
-    EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 0.01), all) << "worst frames are alike";
-    EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 2e-3), all + 1);
-    EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 1e-4), nullptr);
+    EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 0, 0.1), all + 2);
+    EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 0, 0.01), all) << "worst frames are alike";
+    EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 0, 2e-3), all + 1);
+    EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 0, 1e-4), nullptr);
     const choice_point same[] = {point_of(0.1, 0.1, 9, 4, 10), point_of(0.1, 0.103, 8, 3, 10), point_of(0.1, 0.11, 7, 2, 10)};
-    EXPECT_EQ(choice_best(same, 3, PLIANT_MEASURE_MAX, 1), same + 1);
+    EXPECT_EQ(choice_best(same, 3, PLIANT_MEASURE_MAX, 0, 1), same + 1);
+}
+
+// u + C h^p on meshes of one, two and four times the resolution, the last of which is the reference.
+TEST(ChoiceOfPoints, IterationsAreNotSpentBelowTheErrorOfTheMesh)
+{
+    auto fine_of = [](int32_t ratio, double error, double milliseconds, double evaluations) {
+        choice_point point = point_of(error, error, milliseconds, evaluations, 1000 * ratio);
+        point.candidate = {{PLIANT_FINE, PLIANT_TOUCH_OVERLAP, 0}, {1, ratio}};
+        return point;
+    };
+    for (double order : {1.0, 2.0}) {
+        const double left_out = 0.01, half = left_out * (std::exp2(order) - 1), quarter = left_out * (std::exp2(2 * order) - 1);
+        const choice_point points[] = {fine_of(4, 0.006, 4, 2), fine_of(4, 0.0001, 9, 6), fine_of(2, half, 2, 6), fine_of(2, half + 0.02, 1, 1), fine_of(1, quarter, 1, 6)};
+        const double told = choice_reference_error(points, 5, 4, PLIANT_MEASURE_P95);
+        EXPECT_NEAR(told, half / (std::exp2(0.5 * (order + 2)) - 1), 1e-12);
+        if (order == 2) { EXPECT_NEAR(told, left_out, 1e-12); }
+        EXPECT_EQ(choice_reference_error(points, 4, 4, PLIANT_MEASURE_P95), 0) << "two resolutions tell no order";
+        EXPECT_EQ(choice_mesh_error(points, 5, 2, PLIANT_MEASURE_P95), half);
+        EXPECT_EQ(choice_best(points, 5, PLIANT_MEASURE_P95, 0, 0.1), points + 1);
+        EXPECT_EQ(choice_best(points, 5, PLIANT_MEASURE_P95, 0.2, 0.1), points + (order == 1 ? 2 : 0)) << "the quickest of those that the mesh makes alike";
+    }
 }
 
 TEST_F(Choice, TheSceneChoosesByTheMeasureThatItNames)

@@ -194,6 +194,8 @@ typedef struct pliant_choice {
     double error;                /**< the one of the three that choose/measure names */
     double max, p95, rms;        /**< measured on the probe load, worst frame: over the body, as a fraction of the largest displacement */
     double later;                /**< as error, from when a hold has its patch and the tissue has sagged under the scene's gravity */
+    double left_out;             /**< what the reference's own mesh is off by, estimated from three resolutions; 0: not known */
+    double mesh;                 /**< what the mesh that was taken is off by, that included; the rest of error + left_out is the solver's or the method's */
     double seconds;              /**< median step of the probe load, without the deformed volume [s] */
     bool within_budget;          /**< false: nothing was, and this is the quickest */
     int32_t reference_tetrahedra; /**< of the fine mesh that errors are against */
@@ -205,7 +207,8 @@ typedef struct pliant_choice {
  *  in ten frames, once by displacement, once by the force which that took; with a patch both from when the tool takes hold, and again
  *  when its patch is there. Where the scene has gravity, the first ten frames after a load, too. Errors are against the fine solution on a mesh of twice
  *  the scene's resolution where the mesh may vary and that is not too large, else on the scene's own. The largest error of a frame
- *  counts; where those are within a factor of two of the least, the one from when patches are there and the tissue has sagged; within
+ *  counts, with what the reference itself leaves out where three resolutions of the fine method tell it (Richardson), so that a budget is not spent on
+ *  iterations below the error of the mesh; where those are within a factor of two of the least, the one from when patches are there and the tissue has sagged; within
  *  5 % of that the quicker settings are taken. Times are medians over frames that begin solver/step apart, on the CPU those that
  *  the thread ran, and what does less work than another takes no longer. What cannot be built or does not converge is dropped; when nothing can be measured, the scene's own settings are told, with a warning in the log.
  *  A scene without choose/budget_ms costs nothing.

@@ -135,6 +135,8 @@ static pliant_status try_all(choice_state *state)
 
 /* ---- taking one */
 
+static bool mesh_is_larger(const pliant_choice *choice) { return choice->mesh > choice->error + choice->left_out - choice->mesh; }
+
 static pliant_status tell(const choice_state *state, const choice_point *point, const pliant_choice *choice)
 {
     const pliant_scene *scene = state->sweep.ground.input->scene;
@@ -160,6 +162,13 @@ static pliant_status tell(const choice_state *state, const choice_point *point, 
     row_number(&row, 100 * choice->rms);
     row_text(&row, choice_phase_text(point->worst[scene->choose.measure]));
     row_number(&row, 100 * choice->later);
+    if (choice->left_out > 0) {
+        row_number(&row, 100 * choice->left_out);
+        row_number(&row, 100 * choice->mesh);
+        row_text(&row, mesh_is_larger(choice) ? "mesh" : "solver");
+    } else {
+        row_empty(&row, 3);
+    }
     row_number(&row, 1e3 * choice->seconds);
     row_text(&row, choice->within_budget ? "yes" : "no");
     row_integer(&row, choice->reference_tetrahedra);
@@ -188,7 +197,9 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
 {
     const pliant_scene *scene = state->sweep.ground.input->scene;
     const pliant_measure measure = scene->choose.measure;
-    const choice_point *point = choice_best(state->points, state->num_points, measure, 1e-3 * scene->choose.budget_ms);
+    const int32_t finest = state->sweep.ground.reference.mesh.ratio;
+    const double left_out = choice_reference_error(state->points, state->num_points, finest, measure);
+    const choice_point *point = choice_best(state->points, state->num_points, measure, left_out, 1e-3 * scene->choose.budget_ms);
     pliant_choice choice = {.made = true,
                             .within_budget = point != NULL,
                             .tried = state->index,
@@ -205,6 +216,10 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
     choice.p95 = point->error[PLIANT_MEASURE_P95];
     choice.rms = point->error[PLIANT_MEASURE_RMS];
     choice.later = point->later[measure];
+    const choice_mesh *mesh = &point->candidate.mesh;
+    const double apart = choice_mesh_error(state->points, state->num_points, mesh->cells_factor * mesh->ratio, measure);
+    choice.left_out = left_out;
+    choice.mesh = left_out + (isnan(apart) || mesh->cells_factor * mesh->ratio == finest ? 0 : fmin(apart, choice.error));
     choice.seconds = choice_seconds(state->points, state->num_points, point);
     choice_describe(&point->candidate, scene, choice.options);
     size_t used = strlen(choice.options);
@@ -215,6 +230,9 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
     pliant_log(PLIANT_LOG_INFO, "choose: took %s: error %.3g %% of the largest displacement (%s), %s, %.3g %% later on; %.3g ms a step",
                choice.options, 100 * choice.error, measure_names[measure], choice_phase_text(point->worst[measure]), 100 * choice.later,
                1e3 * choice.seconds);
+    if (left_out > 0)
+        pliant_log(PLIANT_LOG_INFO, "choose: its mesh is off by some %.3g %%, of which the reference leaves out %.3g %%; %s", 100 * choice.mesh, 100 * left_out,
+                   mesh_is_larger(&choice) ? "a finer one would pay, or another element/kind" : "the solver is off by more");
     *out = choice;
     return PLIANT_OK;
 }

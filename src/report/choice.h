@@ -79,9 +79,15 @@ int choice_gather(const sweep_ground *ground, const choice_candidate *candidate,
 /* Median step of a point: as measured, or of the quickest that does at least as much work. Other programs may have taken time, but
  * less work takes no longer, so that nothing is taken that another one betters with less work. */
 double choice_seconds(const choice_point *points, int count, const choice_point *of);
-/* The point to take within a time. Settings whose worst frames are alike, within a factor of two, are told apart by what comes
+/* Least error of the fine method on a mesh so many times as fine as the scene's coarse one, which is that of the mesh where points have enough
+ * iterations; NAN: it was not tried. */
+double choice_mesh_error(const choice_point *points, int count, int32_t resolution, pliant_measure measure);
+/* What the reference's own mesh leaves out, from the errors against it of meshes of half and of a quarter of its resolution, which grow by 2^p + 1
+ * where errors of a mesh do by 2^p; that order is raised halfway to the theory's, as pliant_extrapolate does. 0: they were not tried. */
+double choice_reference_error(const choice_point *points, int count, int32_t resolution, pliant_measure measure);
+/* The point to take within a time. Errors count with what the reference leaves out, so that iterations are not spent below that. Settings whose worst frames are alike, within a factor of two, are told apart by what comes
  * later; within 5 % of that the quickest is taken. NULL: none is as quick. */
-const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double most_seconds);
+const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double left_out, double most_seconds);
 const choice_point *choice_quickest(const choice_point *points, int count); /* NULL: there is none */
 
 #ifdef __cplusplus

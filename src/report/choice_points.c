@@ -121,7 +121,26 @@ double choice_seconds(const choice_point *points, int count, const choice_point 
     return least;
 }
 
-const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double most_seconds)
+double choice_mesh_error(const choice_point *points, int count, int32_t resolution, pliant_measure measure)
+{
+    double least = NAN;
+    for (int p = 0; p < count; p++) {
+        const choice_candidate *by = &points[p].candidate;
+        if (by->by.method == PLIANT_FINE && by->mesh.cells_factor * by->mesh.ratio == resolution) least = fmin(least, points[p].error[measure]);
+    }
+    return least;
+}
+
+double choice_reference_error(const choice_point *points, int count, int32_t resolution, pliant_measure measure)
+{
+    const double half = choice_mesh_error(points, count, resolution / 2, measure), quarter = choice_mesh_error(points, count, resolution / 4, measure);
+    const double theory = 2, least = 0.2; /* orders */
+    if (resolution % 4 != 0 || !(half > 0) || !(quarter > 0)) return 0;
+    const double seen = quarter > half ? log2(quarter / half - 1) : least;
+    return half / (exp2(0.5 * (fmin(fmax(seen, least), theory) + theory)) - 1);
+}
+
+const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double left_out, double most_seconds)
 {
     const choice_point *best = NULL;
     double least = INFINITY, least_later = INFINITY, best_seconds = INFINITY;
@@ -131,10 +150,10 @@ const choice_point *choice_best(const choice_point *points, int count, pliant_me
         for (int p = 0; p < count; p++) {
             const choice_point *point = points + p;
             double seconds = choice_seconds(points, count, point), later = point->later[measure];
-            if (seconds > most_seconds || point->error[measure] > alike_at_worst * least) continue;
+            if (seconds > most_seconds || point->error[measure] + left_out > alike_at_worst * (least + left_out)) continue;
             if (pass == 0)
                 least_later = fmin(least_later, later);
-            else if (later > alike * least_later)
+            else if (later + left_out > alike * (least_later + left_out))
                 continue;
             else if (seconds < best_seconds || (seconds == best_seconds && point->error[measure] < best->error[measure])) {
                 best = point;

@@ -41,7 +41,7 @@ static const char *const stability_columns[] = {
     "largest_mm", "off_rest_mm", "inverted_most", "inverted_end", "not_converged", "refused_steps", "growth_bytes", "figure"};
 static const char *const choice_columns[] = {
     MODEL_COLUMNS, "budget", "options", "budget_ms", "max_error_percent", "measure", "max_percent", "p95_percent", "rms_percent", "worst", "later_percent",
-    "step_ms", "within_budget",
+    "left_out_percent", "mesh_percent", "larger", "step_ms", "within_budget",
     "reference_tetrahedra", "tried", "seconds"};
 
 static const char *const dynamics_columns[] = {

@@ -18,6 +18,10 @@ struct Beam : Body {
     {
         EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(settle(steps), PLIANT_OK) << data->statistics.residual;
+        return tip_sag();
+    }
+    double tip_sag() const
+    {
         double sum = 0;
         int count = 0;
         const pliant_mesh &fine = model->body->fine;
