@@ -3,6 +3,7 @@
 #include "check.h"
 #include "base/fail.h"
 #include "pliant/memory.h"
+#include "fem/dynamics/tled_cubes.h"
 #include "tled_state.h"
 
 #include <algorithm>
@@ -54,8 +55,8 @@ template <class T> static pliant_status upload(pliant_cuda_tled *gpu, const T *h
 static pliant_status upload_elements(pliant_cuda_tled *gpu, const pliant_tled *tled)
 {
     const pliant_tled_system *system = gpu->system;
-    const size_t nodes = (size_t)system->mesh->num_nodes, count = (size_t)system->mesh->num_tets;
-    gpu_tet *tets = static_cast<gpu_tet *>(pliant_calloc(count, sizeof *tets));
+    const size_t nodes = (size_t)system->mesh->num_nodes, count = (size_t)gpu->gpu.num_tets;
+    gpu_tet *tets = static_cast<gpu_tet *>(pliant_calloc(count + 1, sizeof *tets)); /* all may be hexahedra */
     gpu_node *records = static_cast<gpu_node *>(pliant_calloc(nodes, sizeof *records));
     for (size_t t = 0; tets && t < count; t++) {
         const size_t block = t / LANES, lane = t % LANES;
@@ -71,7 +72,7 @@ static pliant_status upload_elements(pliant_cuda_tled *gpu, const pliant_tled *t
         records[n].limit = tled->limit[n];
     }
     const gpu_node *d_nodes = NULL;
-    pliant_status status = tets && records ? upload(gpu, tets, count, &gpu->gpu.d_tets) : pliant_fail_memory("the elements");
+    pliant_status status = tets && records ? upload(gpu, tets, count + 1, &gpu->gpu.d_tets) : pliant_fail_memory("the elements");
     if (status == PLIANT_OK) status = upload(gpu, records, nodes, &d_nodes);
     gpu->gpu.d_nodes = const_cast<gpu_node *>(d_nodes);
     pliant_free(tets);
@@ -79,23 +80,45 @@ static pliant_status upload_elements(pliant_cuda_tled *gpu, const pliant_tled *t
     return status;
 }
 
+static pliant_status upload_cubes(pliant_cuda_tled *gpu)
+{
+    const pliant_tled_cubes *from = gpu->system->cubes;
+    gpu_tled *it = &gpu->gpu;
+    if (!from || from->num_blocks == 0) return PLIANT_OK;
+    const size_t count = (size_t)from->num_blocks * LANES;
+    gpu_cube *cubes = static_cast<gpu_cube *>(pliant_calloc(count, sizeof *cubes));
+    if (!cubes) return pliant_fail_memory("the elements");
+    for (size_t c = 0; c < count; c++) {
+        const size_t block = c / LANES, lane = c % LANES;
+        for (int v = 0; v < 8; v++) cubes[c].node[v] = from->nodes[block][v][lane];
+        cubes[c].shear = from->moduli[block][0][lane];
+        cubes[c].bulk = from->moduli[block][1][lane];
+        cubes[c].volume = from->moduli[block][2][lane];
+    }
+    memcpy(it->cube_gradient, from->gradient, sizeof it->cube_gradient);
+    memcpy(it->hourglass, from->hourglass, sizeof it->hourglass);
+    pliant_status status = upload(gpu, cubes, count, &it->d_cubes);
+    pliant_free(cubes);
+    return status;
+}
+
 static pliant_status allocate_state(pliant_cuda_tled *gpu)
 {
     gpu_tled *it = &gpu->gpu;
-    const size_t nodes = (size_t)it->num_nodes, memory = 8 * (size_t)it->num_prony * (size_t)it->num_tets;
+    const size_t nodes = (size_t)it->num_nodes, memory = 8 * (size_t)it->num_prony * (size_t)it->num_elements;
     const size_t blocks = (size_t)std::max(it->num_groups, (it->num_nodes + GPU_THREADS - 1) / GPU_THREADS);
     for (int b = 0; b < 2; b++) {
         CUDA_TRY(allocate(gpu, 4 * nodes, &it->d_u[b]));
+        CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_d[b]));
         if (it->viscous) CUDA_TRY(allocate(gpu, memory, &it->d_memory[b]));
     }
-    CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_d));
     CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_acceleration));
     if (it->still) CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_own));
     if (it->nodal) CUDA_TRY(allocate(gpu, nodes, &it->d_pressure));
     CUDA_TRY(allocate(gpu, blocks * PLIANT_NUM_SUMS, &it->d_sums));
     CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_positions));
     CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_packed_u));
-    if (it->viscous) CUDA_TRY(allocate(gpu, (size_t)gpu->system->num_blocks * 6 * PLIANT_PRONY_TERMS * LANES, &it->d_packed_memory));
+    if (it->viscous) CUDA_TRY(allocate(gpu, (size_t)pliant_tled_blocks(gpu->system) * 6 * PLIANT_PRONY_TERMS * LANES, &it->d_packed_memory));
     CUDA_TRY(allocate(gpu, 1, &gpu->d_exchange));
     it->d_frame = &gpu->d_exchange->frame;
     it->d_outcome = &gpu->d_exchange->outcome;
@@ -105,7 +128,7 @@ static pliant_status allocate_state(pliant_cuda_tled *gpu)
 /* copies to memory that cannot be page-locked are slower, no more */
 static void lock_pages(pliant_cuda_tled *gpu, const pliant_tled *tled)
 {
-    const size_t nodes = 3 * (size_t)gpu->gpu.num_nodes * sizeof(double), memory = (size_t)gpu->system->num_blocks * sizeof *tled->memory;
+    const size_t nodes = 3 * (size_t)gpu->gpu.num_nodes * sizeof(double), memory = (size_t)pliant_tled_blocks(gpu->system) * sizeof *tled->memory;
     void *const blocks[6] = {tled->u, tled->d, tled->kept_u, tled->kept_d, tled->memory, tled->kept_memory};
     for (int b = 0; b < 6; b++)
         if (blocks[b] && cudaHostRegister(blocks[b], b < 4 ? nodes : memory, cudaHostRegisterDefault) == cudaSuccess) gpu->locked[b] = blocks[b];
@@ -124,7 +147,9 @@ static pliant_status fill(pliant_cuda_tled *gpu, const pliant_tled *tled)
     it->nodal = system->nodal_pressure;
     it->still = system->quasi_static;
     it->num_nodes = system->mesh->num_nodes;
-    it->num_tets = system->mesh->num_tets;
+    it->num_tets = system->num_blocks * LANES;
+    it->num_elements = pliant_tled_blocks(system) * LANES;
+    it->damped = system->stiffness_damping > 0;
     it->num_prony = system->num_prony;
     it->num_walls = system->num_walls;
     memcpy(it->walls, system->walls, sizeof it->walls);
@@ -132,6 +157,7 @@ static pliant_status fill(pliant_cuda_tled *gpu, const pliant_tled *tled)
     it->restitution = system->restitution;
     CUDA_TRY(pliant_cuda_tled_groups(system, it, gpu->stream));
     CUDA_TRY(upload_elements(gpu, tled));
+    CUDA_TRY(upload_cubes(gpu));
     CUDA_TRY(upload(gpu, system->mesh->rest, 3 * nodes, &it->d_rest));
     if (it->nodal) {
         CUDA_TRY(upload(gpu, system->node_modulus, nodes, &it->d_node_modulus));
@@ -144,11 +170,6 @@ static pliant_status fill(pliant_cuda_tled *gpu, const pliant_tled *tled)
 
 extern "C" pliant_status pliant_cuda_tled_create(pliant_tled *tled, int device, pliant_cuda_tled **out)
 {
-    if (tled->system->stiffness_damping > 0)
-        return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tled/stiffness_damping is the CPU's alone: set solver/backend to cpu, or take tled/damping or tled/prony_share");
-    if (tled->system->cubes)
-        return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "element/kind: explicit dynamics of hexahedra is the CPU's alone: set solver/backend to cpu, or "
-                                                     "element/kind to linear");
     pliant_cuda_tled *gpu = static_cast<pliant_cuda_tled *>(pliant_calloc(1, sizeof *gpu));
     if (!gpu) return pliant_fail_memory("the dynamics");
     gpu->system = tled->system;
@@ -188,8 +209,8 @@ extern "C" void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
     for (void *block : gpu->locked)
         if (block) cudaHostUnregister(block);
     gpu_tled *it = &gpu->gpu;
-    const void *blocks[] = {it->d_group, it->d_order, it->d_element, it->d_corner_start, it->d_corner, it->d_tets, it->d_nodes, it->d_rest, it->d_node_modulus,
-                            it->d_node_volume, it->d_pressure, it->d_u[0], it->d_u[1], it->d_d, it->d_acceleration, it->d_own, it->d_memory[0],
+    const void *blocks[] = {it->d_group, it->d_order, it->d_element, it->d_corner_start, it->d_corner, it->d_tets, it->d_cubes, it->d_nodes, it->d_rest, it->d_node_modulus,
+                            it->d_node_volume, it->d_pressure, it->d_u[0], it->d_u[1], it->d_d[0], it->d_d[1], it->d_acceleration, it->d_own, it->d_memory[0],
                             it->d_memory[1], it->d_sums, it->d_positions, it->d_packed_u, it->d_packed_memory, gpu->d_exchange};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
     release_held(it);
@@ -215,9 +236,9 @@ extern "C" cudaStream_t pliant_cuda_tled_stream(const pliant_cuda_tled *gpu) { r
 static pliant_status send_state(pliant_cuda_tled *gpu, const pliant_tled *tled)
 {
     const gpu_tled *it = &gpu->gpu;
-    const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double), memory = (size_t)gpu->system->num_blocks * sizeof *tled->memory;
+    const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double), memory = (size_t)pliant_tled_blocks(gpu->system) * sizeof *tled->memory;
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_packed_u, tled->u, bytes, cudaMemcpyHostToDevice, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_d, tled->d, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_d[0], tled->d, bytes, cudaMemcpyHostToDevice, gpu->stream)));
     if (it->viscous) CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_packed_memory, tled->memory, memory, cudaMemcpyHostToDevice, gpu->stream)));
     if (it->still) CUDA_TRY(CUDA_CALL(cudaMemsetAsync(it->d_own, 0, bytes, gpu->stream)));
     CUDA_TRY(pliant_cuda_tled_unpack(it, gpu->stream));
@@ -316,6 +337,7 @@ static void set_frame(const pliant_tled *tled, gpu_frame *frame)
     frame->reach = tled->reach;
     frame->factor = rule.factor;
     frame->kept = rule.kept;
+    frame->damping = (float)system->stiffness_damping / (float)tled->time_step;
     frame->tolerance = tled->tolerance;
     frame->smallest_load = tled->smallest_load;
     frame->substeps = tled->substeps;
@@ -384,10 +406,10 @@ static pliant_status relax(pliant_cuda_tled *gpu, const pliant_tled *tled)
 static pliant_status download(pliant_cuda_tled *gpu, pliant_tled *tled)
 {
     const gpu_tled *it = &gpu->gpu;
-    const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double), memory = (size_t)gpu->system->num_blocks * sizeof *tled->memory;
+    const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double), memory = (size_t)pliant_tled_blocks(gpu->system) * sizeof *tled->memory;
     CUDA_TRY(pliant_cuda_tled_finish(it, gpu->stream));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_u, it->d_packed_u, bytes, cudaMemcpyDeviceToHost, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_d, it->d_d, bytes, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_d, it->d_d[0], bytes, cudaMemcpyDeviceToHost, gpu->stream)));
     if (it->viscous) CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_memory, it->d_packed_memory, memory, cudaMemcpyDeviceToHost, gpu->stream)));
     CUDA_TRY(bring_outcome(gpu));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));

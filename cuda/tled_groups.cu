@@ -12,8 +12,8 @@ struct grouping {
     place *places;             /* (num_nodes) */
     int32_t *group, *order, *element, *corner_start; /* as in gpu_tled; group and element have room for a group a node */
     uint16_t *corner;
-    int32_t *seen;             /* (num_tets) 1 + last group that has it */
-    int32_t *slot;             /* (num_tets) and where */
+    int32_t *seen;             /* (elements) 1 + last group that has it */
+    int32_t *slot;             /* (elements) and where */
     int32_t count, capacity;   /* groups; those that element has room for */
 };
 
@@ -39,7 +39,13 @@ static void sort_nodes(const pliant_mesh *mesh, place *places)
     std::sort(places, places + mesh->num_nodes, [](const place &a, const place &b) { return a.key != b.key ? a.key < b.key : a.node < b.node; });
 }
 
-static int32_t tet_of(int32_t corner) { return corner / (12 * LANES) * LANES + corner % LANES; }
+/* The element of a corner, by its lane: tetrahedra, then hexahedra; which of its corners. */
+static int32_t element_of(const pliant_tled_system *system, int32_t corner, int32_t *v)
+{
+    const int32_t tets = 12 * LANES * system->num_blocks, numbers = corner < tets ? 12 : 24, place = corner < tets ? corner : corner - tets;
+    *v = place / (3 * LANES) % (numbers / 3);
+    return (corner < tets ? 0 : system->num_blocks * LANES) + place / (numbers * LANES) * LANES + place % LANES;
+}
 
 static bool make_room(grouping *made)
 {
@@ -57,8 +63,9 @@ static bool make_room(grouping *made)
 /* a node's elements that the present group does not have */
 static int32_t new_elements(const pliant_tled_system *system, const grouping *made, int32_t node)
 {
-    int32_t count = 0;
-    for (int32_t c = system->corner_start[node]; c < system->corner_start[node + 1]; c++) count += made->seen[tet_of(system->corner[c])] != made->count;
+    int32_t count = 0, v;
+    for (int32_t c = system->corner_start[node]; c < system->corner_start[node + 1]; c++)
+        count += made->seen[element_of(system, system->corner[c], &v)] != made->count;
     return count;
 }
 
@@ -66,13 +73,13 @@ static void add_node(const pliant_tled_system *system, grouping *made, int32_t j
 {
     made->order[j] = node;
     for (int32_t c = system->corner_start[node]; c < system->corner_start[node + 1]; c++) {
-        const int32_t tet = tet_of(system->corner[c]), v = system->corner[c] / (3 * LANES) % 4;
-        if (made->seen[tet] != made->count) {
-            made->element[(size_t)(made->count - 1) * GPU_THREADS + (size_t)*elements] = 2 * tet + (made->seen[tet] == 0);
-            made->seen[tet] = made->count;
-            made->slot[tet] = (*elements)++;
+        int32_t v, element = element_of(system, system->corner[c], &v);
+        if (made->seen[element] != made->count) {
+            made->element[(size_t)(made->count - 1) * GPU_THREADS + (size_t)*elements] = 2 * element + (made->seen[element] == 0);
+            made->seen[element] = made->count;
+            made->slot[element] = (*elements)++;
         }
-        made->corner[made->corner_start[j + 1]++] = (uint16_t)(GPU_THREADS * v + made->slot[tet]);
+        made->corner[made->corner_start[j + 1]++] = (uint16_t)(GPU_THREADS * v + made->slot[element]);
     }
     made->corner_start[j + 2] = made->corner_start[j + 1];
 }
@@ -85,7 +92,7 @@ static pliant_status make(const pliant_tled_system *system, grouping *made)
     for (int32_t j = 0; j < nodes; j++) {
         const int32_t node = made->places[j].node, own = system->corner_start[node + 1] - system->corner_start[node];
         if (own > GPU_THREADS)
-            return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU's tled takes nodes of at most %d tetrahedra; node %d has %d", (int)GPU_THREADS, node, own);
+            return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU's tled takes nodes of at most %d elements; node %d has %d", (int)GPU_THREADS, node, own);
         if (made->count == 0 || j - made->group[made->count - 1] == GPU_GROUP_NODES || elements + new_elements(system, made, node) > GPU_THREADS) {
             if (!make_room(made)) return pliant_fail_memory("the groups of nodes");
             std::fill_n(made->element + (size_t)made->count * GPU_THREADS, (size_t)GPU_THREADS, -1);
@@ -116,15 +123,15 @@ static pliant_status upload_all(const pliant_tled_system *system, const grouping
     CUDA_TRY(upload(made->order, nodes, stream, &tled->d_order));
     CUDA_TRY(upload(made->element, groups * GPU_THREADS, stream, &tled->d_element));
     CUDA_TRY(upload(made->corner_start, nodes + 1, stream, &tled->d_corner_start));
-    return upload(made->corner, 4 * (size_t)system->mesh->num_tets, stream, &tled->d_corner);
+    return upload(made->corner, (size_t)system->corner_start[nodes], stream, &tled->d_corner);
 }
 
 extern "C" pliant_status pliant_cuda_tled_groups(const pliant_tled_system *system, gpu_tled *tled, cudaStream_t stream)
 {
-    const size_t nodes = (size_t)system->mesh->num_nodes, tets = (size_t)system->mesh->num_tets;
+    const size_t nodes = (size_t)system->mesh->num_nodes, elements = (size_t)pliant_tled_blocks(system) * LANES, corners = (size_t)system->corner_start[nodes];
     grouping made = {};
     bool room = allocate(nodes, &made.places) && allocate(nodes + 1, &made.group) && allocate(nodes, &made.order) && allocate(nodes + 2, &made.corner_start) &&
-                allocate(4 * tets, &made.corner) && allocate(tets, &made.seen) && allocate(tets, &made.slot);
+                allocate(corners, &made.corner) && allocate(elements, &made.seen) && allocate(elements, &made.slot);
     pliant_status status = room ? make(system, &made) : pliant_fail_memory("the groups of nodes");
     if (status == PLIANT_OK) status = upload_all(system, &made, tled, stream);
     void *blocks[] = {made.places, made.group, made.order, made.element, made.corner_start, made.corner, made.seen, made.slot};

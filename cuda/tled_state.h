@@ -29,6 +29,12 @@ typedef struct gpu_tet {
     float volume;              /* [m^3] */
 } gpu_tet;
 
+/* A hexahedron likewise (src/fem/dynamics/tled_cubes.h). */
+typedef struct gpu_cube {
+    int32_t node[8];
+    float shear, bulk, volume, gap;
+} gpu_cube;
+
 /* A node as one thread reads it. */
 typedef struct gpu_node { double inverse_mass, mass, limit, held; /* held: 1 by a tool, else 0 */ } gpu_node;
 
@@ -44,6 +50,8 @@ typedef struct gpu_frame {
     double gravity[3], time_step, reach;
     double factor, kept;       /* d+ = factor / M (R - F) + kept d; of dynamic relaxation worked out in every sub-step */
     float prony_part[PLIANT_PRONY_TERMS], prony_share[PLIANT_PRONY_TERMS];
+    float damping;             /* in proportion to stiffness, over the sub-step; 0: none */
+    float gap;
     double tolerance, smallest_load; /* of dynamic relaxation */
     int32_t substeps, num_tools, num_held; /* num_held: of d_held_node */
     gpu_hold tools[PLIANT_MAX_TOOLS];
@@ -66,20 +74,25 @@ typedef struct gpu_outcome {
 typedef struct gpu_tled {
     pliant_law law;
     bool viscous, nodal, still;
-    int32_t num_nodes, num_tets, num_groups, num_prony;
+    bool damped;               /* in proportion to stiffness */
+    int32_t num_nodes, num_groups, num_prony;
+    int32_t num_tets, num_elements; /* as lanes of the host's blocks: tetrahedra, and with hexahedra after them */
     const int32_t *d_group;    /* (num_groups + 1) first of a group's nodes in d_order */
     const int32_t *d_order;    /* (num_nodes) nodes by groups */
-    const int32_t *d_element;  /* (num_groups x GPU_THREADS) 2 tetrahedron + whether this group keeps its memory; -1: none */
+    const int32_t *d_element;  /* (num_groups x GPU_THREADS) 2 element + whether this group keeps its memory; -1: none */
     const int32_t *d_corner_start; /* (num_nodes + 1) of nodes by groups */
-    const uint16_t *d_corner;  /* (4 num_tets) GPU_THREADS times corner + place in d_element of the group, tetrahedra ascending */
+    const uint16_t *d_corner;  /* (corners) GPU_THREADS times corner + place in d_element of the group, elements ascending */
     const gpu_tet *d_tets;
+    const gpu_cube *d_cubes;   /* (num_elements - num_tets); NULL: all are tetrahedra */
+    float cube_gradient[9], hourglass[8]; /* struct pliant_tled_cubes */
     gpu_node *d_nodes;
     const double *d_rest;      /* (num_nodes x 3) */
     const float *d_node_modulus, *d_node_volume; /* nodal pressure, as is d_pressure */
     float *d_pressure;
     double *d_u[2];            /* (num_nodes x 4), three numbers and a gap */
-    double *d_d, *d_acceleration, *d_own; /* (num_nodes x 3); acceleration of held nodes only, but for dynamic relaxation */
-    float *d_memory[2];        /* (num_prony x num_tets x 8), six numbers and a gap */
+    double *d_d[2];            /* (num_nodes x 3) last increments, which change places likewise */
+    double *d_acceleration, *d_own; /* (num_nodes x 3); acceleration of held nodes only, but for dynamic relaxation */
+    float *d_memory[2];        /* (num_prony x num_elements x 8), six numbers and a gap */
     double *d_sums;            /* (blocks x PLIANT_NUM_SUMS) */
     gpu_frame *d_frame;
     gpu_outcome *d_outcome;

@@ -60,8 +60,9 @@ struct component {
     double u, d, gravity, factor, kept;
 };
 
-static __device__ __forceinline__ component load_component(const gpu_tled &tled, int32_t first, int32_t count, const double *d_u, double *d_next)
+static __device__ __forceinline__ component load_component(const gpu_tled &tled, int32_t first, int32_t count, int present, double *d_next)
 {
+    const double *d_u = tled.d_u[present];
     component out = {};
     const int lane = (int)threadIdx.x % 32;
     const int32_t j = (int32_t)threadIdx.x / 32 * 10 + lane / 3;
@@ -76,7 +77,8 @@ static __device__ __forceinline__ component load_component(const gpu_tled &tled,
     out.moves = masses.x != 0;
     out.u = d_u[4 * (size_t)out.n + out.k];
     if (!out.moves && !tled.still) d_next[4 * (size_t)out.n + out.k] = out.u;
-    out.d = tled.d_d[3 * (size_t)out.n + out.k];
+    out.d = tled.d_d[present][3 * (size_t)out.n + out.k];
+    if (!out.moves && !tled.still) tled.d_d[1 - present][3 * (size_t)out.n + out.k] = out.d;
     out.gravity = tled.d_frame->gravity[out.k];
     out.factor = tled.d_frame->factor;
     out.kept = tled.d_frame->kept;
@@ -95,7 +97,7 @@ static __device__ __forceinline__ double pick(const double all[3], int k) { retu
 
 /* A node that moves, by central differences: from its acceleration to where it is next. By all threads of a warp; returns the component of
  * the acceleration by all forces. */
-static __device__ __forceinline__ double move_component(const gpu_tled &tled, int32_t step, component at, double acceleration, double *d_next)
+static __device__ __forceinline__ double move_component(const gpu_tled &tled, int32_t step, component at, double acceleration, double *d_next, double *d_d)
 {
     double u[3], d[3], a[3];
     at.d = at.factor * acceleration + at.kept * at.d;
@@ -115,7 +117,7 @@ static __device__ __forceinline__ double move_component(const gpu_tled &tled, in
     if (!at.moves) return 0;
     if (at.node.held != 0) tled.d_acceleration[3 * (size_t)at.n + at.k] = acceleration;
     else if (at.k == 0 && !(d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= at.node.limit)) atomicMin(&tled.d_outcome->unsound, step);
-    tled.d_d[3 * (size_t)at.n + at.k] = at.d;
+    d_d[3 * (size_t)at.n + at.k] = at.d;
     d_next[4 * (size_t)at.n + at.k] = at.u;
     return acceleration;
 }
@@ -130,20 +132,24 @@ static __device__ __forceinline__ void keep_component(const gpu_tled &tled, cons
     tled.d_own[place] = tled.d_acceleration[place] = acceleration;
 }
 
-template <int LAW, bool VISCOUS, bool NODAL> __global__ void __launch_bounds__(GPU_THREADS) substep_kernel(const gpu_tled tled, int32_t number)
+/* MORE: there may be hexahedra, and damping in proportion to stiffness */
+template <int LAW, bool VISCOUS, bool NODAL, bool MORE>
+__global__ void __launch_bounds__(GPU_THREADS) substep_kernel(const gpu_tled tled, int32_t number)
 {
-    __shared__ float force[12][GPU_THREADS];
+    __shared__ float force[MORE ? 24 : 12][GPU_THREADS];
     __shared__ double scratch[3][GPU_THREADS / 32];
     const int32_t step = tled.d_outcome->base + number, element = tled.d_element[(size_t)blockIdx.x * GPU_THREADS + threadIdx.x];
     const int32_t first = tled.d_group[blockIdx.x], count = tled.d_group[blockIdx.x + 1] - first;
     const int from = tled.still ? 0 : number & 1;
     if ((VISCOUS || tled.still) && is_idle(tled, step)) return;
+    const bool is_tet = element >= 0 && (!MORE || element >> 1 < tled.num_tets);
     gpu_tet tet;
-    if (element >= 0) tet = load_tet(tled.d_tets, element >> 1); /* first, since the most follows from it */
+    if (is_tet) tet = load_tet(tled.d_tets, element >> 1); /* first, since the most follows from it */
     double *d_next = tled.d_u[1 - from];
     const int32_t substeps = tled.d_frame->substeps;
-    const component at = load_component(tled, first, count, tled.d_u[from], d_next);
-    if (element >= 0) element_forces<LAW, VISCOUS, NODAL>(tled, from, number & 1, element, tet, force);
+    const component at = load_component(tled, first, count, from, d_next);
+    if (is_tet) element_forces<LAW, VISCOUS, NODAL, MORE>(tled, from, number & 1, element, tet, force);
+    else if (MORE && element >= 0) cube_forces<LAW, VISCOUS>(tled, from, number & 1, element, force);
     __syncthreads();
     if (step >= substeps) return; /* only here, so that nothing before waits to know */
     double sum = 0;
@@ -160,7 +166,7 @@ template <int LAW, bool VISCOUS, bool NODAL> __global__ void __launch_bounds__(G
         if (is_last_block(tled.d_outcome)) choose_damping(tled, scratch[0]);
         return;
     }
-    acceleration = move_component(tled, step, at, acceleration, d_next);
+    acceleration = move_component(tled, step, at, acceleration, d_next, tled.d_d[1 - from]);
     if (step < substeps - 1) return;
     const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_RESIDUAL, PLIANT_SUM_LARGEST};
     if (at.moves && at.node.held == 0) sums[1] = acceleration * acceleration / at.node.inverse_mass;
@@ -174,7 +180,7 @@ __global__ void __launch_bounds__(GPU_THREADS) pull_kernel(const gpu_tled tled, 
     const int32_t step = tled.d_outcome->base + number, left = tled.d_frame->substeps - step;
     if (left <= 0) return;
     double residual;
-    if (pull_and_settle(tled, tled.d_frame->factor, left, tled.d_u[1 - (number & 1)], &work, &residual)) atomicMin(&tled.d_outcome->unsound, step);
+    if (pull_and_settle(tled, tled.d_frame->factor, left, tled.d_u[1 - (number & 1)], tled.d_d[1 - (number & 1)], &work, &residual)) atomicMin(&tled.d_outcome->unsound, step);
     if (threadIdx.x == 0) tled.d_outcome->sums[PLIANT_SUM_RESIDUAL] = residual;
 }
 
@@ -201,11 +207,11 @@ __global__ void __launch_bounds__(GPU_THREADS) relax_kernel(const gpu_tled tled,
         for (int k = 0; k < 3; k++) {
             const size_t at = 3 * (size_t)n + k;
             acceleration[k] = tled.d_acceleration[at];
-            d[k] = factor * acceleration[k] + kept * tled.d_d[at];
+            d[k] = factor * acceleration[k] + kept * tled.d_d[0][at];
             u[k] = tled.d_u[0][4 * (size_t)n + k] + d[k];
         }
         if (node.held == 0) unsound = settle(tled, n, node, factor, u, d, acceleration, &residual);
-        for (int k = 0; k < 3; k++) tled.d_d[3 * (size_t)n + k] = d[k];
+        for (int k = 0; k < 3; k++) tled.d_d[0][3 * (size_t)n + k] = d[k];
         store_u(tled.d_u[0], n, u);
     }
     residual = block_sum(residual, work.scratch);
@@ -214,7 +220,7 @@ __global__ void __launch_bounds__(GPU_THREADS) relax_kernel(const gpu_tled tled,
     if (!is_last_block(outcome)) return;
     const gpu_frame *frame = tled.d_frame;
     if (frame->num_held > 0) {
-        if (pull_and_settle(tled, factor, 1, tled.d_u[0], &work, &held_residual)) atomicMin(&outcome->unsound, step);
+        if (pull_and_settle(tled, factor, 1, tled.d_u[0], tled.d_d[0], &work, &held_residual)) atomicMin(&outcome->unsound, step);
     }
     const double total = total_of(tled.d_sums, (int32_t)gridDim.x, PLIANT_SUM_RESIDUAL, work.scratch) + held_residual;
     __syncthreads();
@@ -249,9 +255,9 @@ __global__ void __launch_bounds__(GPU_THREADS) pressure_kernel(const gpu_tled tl
 __global__ void bump_kernel(gpu_outcome *outcome, int32_t steps) { outcome->base += steps; }
 
 /* where the host keeps a number of an element's memory */
-static __device__ size_t host_place(int32_t tet, int term, int m)
+static __device__ size_t host_place(int32_t element, int term, int m)
 {
-    return ((size_t)(tet / LANES) * 6 * PLIANT_PRONY_TERMS + 6 * (size_t)term + (size_t)m) * LANES + (size_t)(tet % LANES);
+    return ((size_t)(element / LANES) * 6 * PLIANT_PRONY_TERMS + 6 * (size_t)term + (size_t)m) * LANES + (size_t)(element % LANES);
 }
 
 __global__ void finish_kernel(const gpu_tled tled)
@@ -264,13 +270,14 @@ __global__ void finish_kernel(const gpu_tled tled)
         for (int k = 0; k < 3; k++) {
             const double u = tled.d_u[from][4 * (size_t)n + k];
             tled.d_u[0][4 * (size_t)n + k] = u;
+            tled.d_d[0][3 * (size_t)n + k] = tled.d_d[from][3 * (size_t)n + k];
             tled.d_packed_u[3 * (size_t)n + k] = u;
             tled.d_positions[3 * (size_t)n + k] = tled.d_rest[3 * (size_t)n + k] + u;
         }
-    for (int32_t t = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); tled.viscous && t < tled.num_tets; t += threads)
+    for (int32_t t = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); tled.viscous && t < tled.num_elements; t += threads)
         for (int term = 0; term < tled.num_prony; term++)
             for (int m = 0; m < 6; m++) {
-                const size_t place = 8 * ((size_t)term * (size_t)tled.num_tets + (size_t)t) + (size_t)m;
+                const size_t place = 8 * ((size_t)term * (size_t)tled.num_elements + (size_t)t) + (size_t)m;
                 const float y = tled.d_memory[from_memory][place];
                 tled.d_memory[0][place] = y;
                 tled.d_packed_memory[host_place(t, term, m)] = y;
@@ -290,10 +297,10 @@ __global__ void unpack_kernel(const gpu_tled tled)
         double *d_u = tled.d_u[0] + 4 * (size_t)n;
         for (int k = 0; k < 3; k++) d_u[k] = tled.d_packed_u[3 * (size_t)n + k];
     }
-    for (int32_t t = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); tled.viscous && t < tled.num_tets; t += threads)
+    for (int32_t t = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); tled.viscous && t < tled.num_elements; t += threads)
         for (int term = 0; term < tled.num_prony; term++)
             for (int m = 0; m < 6; m++)
-                tled.d_memory[0][8 * ((size_t)term * (size_t)tled.num_tets + (size_t)t) + (size_t)m] = tled.d_packed_memory[host_place(t, term, m)];
+                tled.d_memory[0][8 * ((size_t)term * (size_t)tled.num_elements + (size_t)t) + (size_t)m] = tled.d_packed_memory[host_place(t, term, m)];
 }
 
 __global__ void release_kernel(gpu_node *d_nodes, int32_t num_nodes)
@@ -312,14 +319,19 @@ __global__ void hold_kernel(gpu_node *d_nodes, const int32_t *d_held_node, int32
 
 static unsigned blocks_for(int32_t count) { return (unsigned)((count + GPU_THREADS - 1) / GPU_THREADS); }
 
-template <int LAW> static void launch(const gpu_tled *tled, int32_t number, cudaStream_t stream)
+template <int LAW, bool VISCOUS> static void launch(const gpu_tled *tled, int32_t number, cudaStream_t stream)
 {
     const unsigned groups = (unsigned)tled->num_groups;
-    const bool nodal = tled->nodal && LAW != PLIANT_LAW_SAINT_VENANT_KIRCHHOFF;
-    if (tled->viscous && nodal) substep_kernel<LAW, true, LAW != PLIANT_LAW_SAINT_VENANT_KIRCHHOFF><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
-    else if (tled->viscous) substep_kernel<LAW, true, false><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
-    else if (nodal) substep_kernel<LAW, false, LAW != PLIANT_LAW_SAINT_VENANT_KIRCHHOFF><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
-    else substep_kernel<LAW, false, false><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
+    constexpr bool NODAL = LAW != PLIANT_LAW_SAINT_VENANT_KIRCHHOFF;
+    if (tled->d_cubes || tled->damped) substep_kernel<LAW, VISCOUS, NODAL, true><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
+    else if (tled->nodal) substep_kernel<LAW, VISCOUS, NODAL, false><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
+    else substep_kernel<LAW, VISCOUS, false, false><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
+}
+
+template <int LAW> static void launch(const gpu_tled *tled, int32_t number, cudaStream_t stream)
+{
+    if (tled->viscous) launch<LAW, true>(tled, number, stream);
+    else launch<LAW, false>(tled, number, stream);
 }
 
 extern "C" pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t number, bool pulled, cudaStream_t stream)
@@ -351,13 +363,13 @@ extern "C" pliant_status pliant_cuda_tled_bump(const gpu_tled *tled, int32_t ste
 
 extern "C" pliant_status pliant_cuda_tled_finish(const gpu_tled *tled, cudaStream_t stream)
 {
-    finish_kernel<<<blocks_for(tled->viscous ? tled->num_tets : tled->num_nodes), GPU_THREADS, 0, stream>>>(*tled);
+    finish_kernel<<<blocks_for(tled->viscous ? tled->num_elements : tled->num_nodes), GPU_THREADS, 0, stream>>>(*tled);
     return CUDA_LAUNCHED("the end of a frame");
 }
 
 extern "C" pliant_status pliant_cuda_tled_unpack(const gpu_tled *tled, cudaStream_t stream)
 {
-    unpack_kernel<<<blocks_for(tled->viscous ? tled->num_tets : tled->num_nodes), GPU_THREADS, 0, stream>>>(*tled);
+    unpack_kernel<<<blocks_for(tled->viscous ? tled->num_elements : tled->num_nodes), GPU_THREADS, 0, stream>>>(*tled);
     return CUDA_LAUNCHED("the state of the dynamics");
 }
 

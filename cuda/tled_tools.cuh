@@ -60,7 +60,7 @@ typedef struct gpu_tool_work {
 } gpu_tool_work;
 
 /* to point: in the order of the nodes, as on the CPU */
-static __device__ void held_point(const gpu_tled &tled, const gpu_hold &hold, const double *d_u, gpu_tool_work *work)
+static __device__ void held_point(const gpu_tled &tled, const gpu_hold &hold, const double *d_u, const double *d_d, gpu_tool_work *work)
 {
     double sum = 0;
     for (int32_t first = 0; first < hold.count; first += GPU_THREADS) {
@@ -71,7 +71,7 @@ static __device__ void held_point(const gpu_tled &tled, const gpu_hold &hold, co
             for (int k = 0; k < 3; k++) {
                 const double at = tled.d_rest[3 * node + k] + __ldcg(d_u + 4 * node + k);
                 work->tile[k][threadIdx.x] = weight * at;
-                work->tile[3 + k][threadIdx.x] = weight * (at - __ldcg(tled.d_d + 3 * node + k));
+                work->tile[3 + k][threadIdx.x] = weight * (at - __ldcg(d_d + 3 * node + k));
             }
         }
         __syncthreads();
@@ -83,16 +83,16 @@ static __device__ void held_point(const gpu_tled &tled, const gpu_hold &hold, co
     __syncthreads();
 }
 
-static __device__ void push(const gpu_tled &tled, const gpu_hold &hold, const double force[3], double factor, double *d_u)
+static __device__ void push(const gpu_tled &tled, const gpu_hold &hold, const double force[3], double factor, double *d_u, double *d_d)
 {
     for (int32_t h = (int32_t)threadIdx.x; h < hold.count; h += GPU_THREADS) {
         const size_t node = (size_t)tled.d_tool_node[hold.first + h];
         const double answer = tled.d_nodes[node].inverse_mass * tled.d_tool_weight[hold.first + h];
         for (int k = 0; k < 3; k++) {
             const double by = factor * answer * force[k];
-            double *d_d = tled.d_d + 3 * node + k, *d_at = d_u + 4 * node + k, *d_acceleration = tled.d_acceleration + 3 * node + k;
+            double *d_by = d_d + 3 * node + k, *d_at = d_u + 4 * node + k, *d_acceleration = tled.d_acceleration + 3 * node + k;
             *d_at = __ldcg(d_at) + by;
-            *d_d = __ldcg(d_d) + by;
+            *d_by = __ldcg(d_by) + by;
             *d_acceleration = __ldcg(d_acceleration) + answer * force[k];
         }
     }
@@ -124,7 +124,7 @@ static __device__ void add_force(const gpu_tled &tled, int32_t tool, const gpu_h
 }
 
 /* pliant_tled_pull, and its load to the outcome */
-static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, double *d_u, gpu_tool_work *work)
+static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, double *d_u, double *d_d, gpu_tool_work *work)
 {
     const gpu_frame *frame = &work->frame;
     int count = 0;
@@ -133,7 +133,7 @@ static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, 
         const gpu_hold &hold = frame->tools[t];
         if (!hold.active) continue;
         if (hold.drive == PLIANT_DRIVE_FORCE) {
-            push(tled, hold, hold.driving_force, factor, d_u);
+            push(tled, hold, hold.driving_force, factor, d_u, d_d);
             if (threadIdx.x == 0) add_force(tled, t, hold, hold.driving_force, &load);
         } else {
             if (threadIdx.x == 0) work->pulls[count] = t;
@@ -142,7 +142,7 @@ static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, 
     }
     __syncthreads();
     for (int i = 0; i < count; i++) {
-        held_point(tled, frame->tools[work->pulls[i]], d_u, work);
+        held_point(tled, frame->tools[work->pulls[i]], d_u, d_d, work);
         if (threadIdx.x == 0) set_row(tled, frame->tools[work->pulls[i]], factor, parts, i, work);
         __syncthreads();
     }
@@ -150,7 +150,7 @@ static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, 
     __syncthreads();
     for (int i = 0; i < count; i++) {
         const int32_t t = work->pulls[i];
-        push(tled, frame->tools[t], work->force[i], factor, d_u);
+        push(tled, frame->tools[t], work->force[i], factor, d_u, d_d);
         if (threadIdx.x == 0) add_force(tled, t, frame->tools[t], work->force[i], &load);
     }
     if (threadIdx.x == 0) tled.d_outcome->tool_load = load;
@@ -158,14 +158,15 @@ static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, 
 
 /* What moves held nodes after all others: the tools, then walls and limits as for any node. Their part of the residual; each thread tells
  * whether one of its own moved faster than sound. */
-static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, double factor, int32_t parts, double *d_u, gpu_tool_work *work, double *residual)
+static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, double factor, int32_t parts, double *d_u, double *d_d, gpu_tool_work *work,
+                                                       double *residual)
 {
     double sum = 0;
     bool unsound = false;
     const double *from = reinterpret_cast<const double *>(tled.d_frame);
     for (size_t m = threadIdx.x; m < sizeof(gpu_frame) / sizeof *from; m += GPU_THREADS) reinterpret_cast<double *>(&work->frame)[m] = from[m];
     __syncthreads();
-    pull(tled, factor, parts, d_u, work);
+    pull(tled, factor, parts, d_u, d_d, work);
     __syncthreads();
     for (int32_t h = (int32_t)threadIdx.x; h < work->frame.num_held; h += GPU_THREADS) {
         const int32_t n = tled.d_held_node[h];
@@ -174,14 +175,14 @@ static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, dou
         double u[3], d[3], acceleration[3], mine;
         for (int k = 0; k < 3; k++) {
             u[k] = __ldcg(d_u + 4 * (size_t)n + k);
-            d[k] = __ldcg(tled.d_d + 3 * (size_t)n + k);
+            d[k] = __ldcg(d_d + 3 * (size_t)n + k);
             acceleration[k] = __ldcg(tled.d_acceleration + 3 * (size_t)n + k);
         }
         unsound |= settle(tled, n, node, factor, u, d, acceleration, &mine);
         sum += mine;
         for (int k = 0; k < 3; k++) {
             d_u[4 * (size_t)n + k] = u[k];
-            tled.d_d[3 * (size_t)n + k] = d[k];
+            d_d[3 * (size_t)n + k] = d[k];
         }
     }
     *residual = block_sum(sum, work->scratch);

@@ -132,7 +132,7 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
 #define PLIANT_SCENE_TLED(X)                                                                                           \
     X(LAW, law, PLIANT_LAW_NEO_HOOKEAN, 0, 0, "", "strain energy: neo_hookean as in [C] 10, compressible (isochoric and volumetric parts), saint_venant_kirchhoff") \
     X(REAL, damping, 5.0, 0.0, 1e6, "1/s", "damping in proportion to mass; 0: none")                                  \
-    X(REAL, stiffness_damping, 0.0, 0.0, 10.0, "s", "damping in proportion to shear stiffness (Kelvin and Voigt): a swing of frequency f has the ratio pi f times this, whatever hangs on it; CPU; makes sub-steps shorter; 0: none") \
+    X(REAL, stiffness_damping, 0.0, 0.0, 10.0, "s", "damping in proportion to shear stiffness (Kelvin and Voigt): a swing of frequency f has the ratio pi f times this, whatever hangs on it; makes sub-steps shorter; 0: none") \
     X(REAL, safety, 0.9, 0.01, 10.0, "", "time step over the largest stable one at rest")                             \
     X(BOOL, nodal_pressure, false, 0, 1, "", "average nodal pressure, against locking of nearly incompressible tissue") \
     X(REAL3, prony_share, 0.0, 0.0, 1.0, "", "viscoelastic: parts of the shear modulus that relax; together less than 1") \

@@ -182,21 +182,21 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     return status == PLIANT_OK ? hold_homogenized(work) : status;
 }
 
-/* M_j = sum of m_i N_ij over the fine nodes, [H] 10 */
-static pliant_status gravity_mass(pliant_discretization *made)
+/* M_j = sum of m_i N_ij over the fine nodes, [H] 10; hexahedra: m by their own shape functions */
+static pliant_status gravity_mass(pliant_discretization *made, bool hexahedra)
 {
     const pliant_body *body = made->body;
     pliant_system *system = made->system;
     int32_t count = body->fine.num_nodes, *nodes = pliant_calloc((size_t)count, sizeof *nodes);
     system->gravity_mass = pliant_calloc((size_t)system->num_free, 9 * sizeof *system->gravity_mass);
-    if (!nodes || !system->gravity_mass) {
-        pliant_free(nodes);
-        return pliant_fail_memory("the gravity-mass matrices");
-    }
-    for (int32_t n = 0; n < count; n++) nodes[n] = n;
-    pliant_upsample_weights(system, system->mesh->rest, count, nodes, body->node_mass, system->gravity_mass);
+    double *mass = hexahedra ? pliant_calloc((size_t)count, sizeof *mass) : NULL;
+    pliant_status status = nodes && system->gravity_mass && (mass || !hexahedra) ? PLIANT_OK : pliant_fail_memory("the gravity-mass matrices");
+    if (status == PLIANT_OK && hexahedra) status = pliant_hexahedra_masses(&body->fine, body->fine_material, mass);
+    for (int32_t n = 0; status == PLIANT_OK && n < count; n++) nodes[n] = n;
+    if (status == PLIANT_OK) pliant_upsample_weights(system, system->mesh->rest, count, nodes, hexahedra ? mass : body->node_mass, system->gravity_mass);
     pliant_free(nodes);
-    return PLIANT_OK;
+    pliant_free(mass);
+    return status;
 }
 
 pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
@@ -205,7 +205,7 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
     pliant_system *system = work->made->system;
     if (work->made->tled) return PLIANT_OK; /* no matrix */
     pliant_status status = pliant_system_number(system, work->solved_fixed ? work->solved_fixed : work->made->body->fine_fixed);
-    if (status == PLIANT_OK) status = gravity_mass(work->made);
+    if (status == PLIANT_OK) status = gravity_mass(work->made, scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_LATTICE);
     if (status == PLIANT_OK && !work->kept) status = pliant_system_find_pattern(system);
     if (status != PLIANT_OK || work->kept) return status;
     /* the V-cycle's meshes nest by lattice, and its elements have nodes of their own cube alone */

@@ -57,7 +57,8 @@ static pliant_status cut_up(builder *build)
     int32_t ratio = model->scene.mesh.ratio, cells[3] = {coarse_cells[0] * ratio, coarse_cells[1] * ratio, coarse_cells[2] * ratio};
     if (model->scene.mesh.kind == PLIANT_OCTREE) {
         return pliant_mesh_octree(geometry, coarse_cells, model->scene.mesh.depth, model->scene.mesh.purity, model->scene.mesh.keep_air,
-                                  model->scene.element.kind == PLIANT_HEXAHEDRA,                                  model->material_of_voxel, &model->materials, &body->fine, &body->fine_material);
+                                  model->scene.element.kind == PLIANT_HEXAHEDRA, model->material_of_voxel, &model->materials, &body->fine,
+                                  &body->fine_material);
     }
     if ((double)cells[0] * cells[1] * cells[2] > 4e7)
         return pliant_fail(PLIANT_ERROR_SCENE, "mesh/coarse_cells times mesh/ratio make %d x %d x %d fine cells: at most 4e7", cells[0],

@@ -22,6 +22,8 @@ struct Case {
     double drive;
     int tools;
     double bound; // farthest node apart, over the largest displacement
+    pliant_element_kind element = PLIANT_LINEAR;
+    double stiffness_damping = 0;
 };
 
 const Case cases[] = {
@@ -37,6 +39,13 @@ const Case cases[] = {
     {"three rigid tools", PLIANT_LAW_COMPRESSIBLE, false, false, false, false, PLIANT_DRIVE_RIGID, 3, 1e-5},
     {"force, with walls", PLIANT_LAW_NEO_HOOKEAN, true, false, false, true, PLIANT_DRIVE_FORCE, 2, 1e-4},
     {"relaxation", PLIANT_LAW_NEO_HOOKEAN, false, false, true, false, nobody, 0, 1e-3},
+    {"damped by stiffness, spring", PLIANT_LAW_NEO_HOOKEAN, false, false, false, false, PLIANT_DRIVE_SPRING, 1, 1e-5, PLIANT_LINEAR, 0.002},
+    {"damped by stiffness, nodal pressure", PLIANT_LAW_COMPRESSIBLE, true, true, false, false, nobody, 0, 1e-5, PLIANT_LINEAR, 0.002},
+    {"hexahedra", PLIANT_LAW_NEO_HOOKEAN, false, false, false, false, nobody, 0, 1e-5, PLIANT_HEXAHEDRA},
+    {"hexahedra, viscous, saint venant kirchhoff, tools", PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, true, false, false, false, PLIANT_DRIVE_RIGID, 2, 1e-5, PLIANT_HEXAHEDRA},
+    {"hexahedra, damped by stiffness, viscous", PLIANT_LAW_COMPRESSIBLE, true, false, false, false, nobody, 0, 1e-5, PLIANT_HEXAHEDRA, 0.002},
+    {"hexahedra, fall", PLIANT_LAW_NEO_HOOKEAN, false, false, false, true, nobody, 0, 1e-4, PLIANT_HEXAHEDRA},
+    {"hexahedra, relaxation", PLIANT_LAW_NEO_HOOKEAN, false, false, true, false, nobody, 0, 1e-3, PLIANT_HEXAHEDRA},
     {"relaxation, spring", PLIANT_LAW_COMPRESSIBLE, false, true, true, false, PLIANT_DRIVE_SPRING, 2, 1e-3},
 };
 
@@ -51,6 +60,8 @@ struct Cube : Body {
         scene.solver.kind = PLIANT_TLED;
         scene.solver.backend = backend;
         scene.solver.step = 0.02;
+        scene.element.kind = c.element;
+        scene.tled.stiffness_damping = c.stiffness_damping;
         scene.tled.law = c.law;
         scene.tled.damping = 20;
         scene.tled.nodal_pressure = c.nodal;

@@ -167,6 +167,34 @@ TEST(Hexahedra, PatchTest)
     EXPECT_LT(inside, 1e-6 * largest(force));
 }
 
+// Gravity of cubes: what each weighs at its corners by the shape functions. Of one material an eighth; in all, what the tissue weighs.
+TEST_F(Block, WeighsAtItsCornersByTheShapeFunctions)
+{
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    const pliant_mesh &fine = body.model->body->fine;
+    std::vector<double> mass(static_cast<size_t>(fine.num_nodes)), plain(mass.size());
+    ASSERT_EQ(pliant_hexahedra_masses(&fine, body.model->body->fine_material, mass.data()), PLIANT_OK);
+    double sum = 0, whole = 0, moment[2] = {0, 0};
+    for (size_t n = 0; n < mass.size(); n++) {
+        sum += mass[n];
+        whole += body.model->body->node_mass[n];
+        moment[0] += mass[n] * fine.rest[3 * n]; // trilinear functions are linear, too: centres of mass are those of the tetrahedra
+        moment[1] += body.model->body->node_mass[n] * fine.rest[3 * n];
+    }
+    EXPECT_NEAR(sum, whole, 1e-12 * whole);
+    EXPECT_NEAR(moment[0], moment[1], 1e-12 * whole);
+    const pliant_system &system = *body.model->system;
+    for (int32_t f = 0; f < system.num_free; f++) EXPECT_EQ(system.gravity_mass[9 * f], mass[static_cast<size_t>(system.node_of_free[f])]);
+    std::vector<pliant_tet_material> one(static_cast<size_t>(fine.num_tets), body.model->body->fine_material[0]);
+    for (pliant_tet_material &material : one) material.density = 27;
+    ASSERT_EQ(pliant_hexahedra_masses(&fine, one.data(), plain.data()), PLIANT_OK);
+    for (int32_t n = 0; n < fine.num_nodes; n++) {
+        int cubes = 1;
+        for (int d = 0; d < 3; d++) cubes *= fine.rest[3 * n + d] > 1e-9 && fine.rest[3 * n + d] < box[d] - 1e-9 ? 2 : 1;
+        EXPECT_NEAR(plain[static_cast<size_t>(n)], cubes * 27 * 8e-6 / 8, 1e-15);
+    }
+}
+
 // Eigenvalues of a free cube, fine or made of eight: six rigid motions, nothing else without stiffness, also of a cube that tissue fills by one voxel.
 TEST_F(Block, NoSpuriousZeroModes)
 {

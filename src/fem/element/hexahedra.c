@@ -132,7 +132,7 @@ static void add_deviatoric(double gradient[CORNERS][3], double weight, double *o
 }
 
 /* Gauss points of a tetrahedron: those of the cube, collapsed (Stroud 1971); exact for the products of gradients in a box */
-static void integrate_slot(double x[CORNERS][3], const int corners[4], double *deviatoric, double *volume, double mean[UNKNOWNS])
+static void integrate_slot(double x[CORNERS][3], const int corners[4], double *deviatoric, double *volume, double mean[UNKNOWNS], double load[CORNERS])
 {
     static const double point[POINTS] = {0.1127016653792583, 0.5, 0.8872983346207417}, weight[POINTS] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
     double corner[4][3], edge[9];
@@ -152,6 +152,8 @@ static void integrate_slot(double x[CORNERS][3], const int corners[4], double *d
         add_deviatoric(gradient, part, deviatoric);
         *volume += part;
         for (int i = 0; i < UNKNOWNS; i++) mean[i] += part * gradient[i / 3][i % 3];
+        for (int c = 0; c < CORNERS; c++)
+            load[c] += part * (c & 1 ? at[0] : 1 - at[0]) * (c & 2 ? at[1] : 1 - at[1]) * (c & 4 ? at[2] : 1 - at[2]);
     }
 }
 
@@ -163,7 +165,7 @@ void pliant_cube_integrate(const pliant_mesh *mesh, const pliant_cube *cube, int
     for (int slot = 0; slot < 5; slot++) {
         int corners[4];
         pliant_mesh_slot_corners(parity, slot, corners);
-        integrate_slot(x, corners, out->deviatoric[slot], &out->volume[slot], out->mean);
+        integrate_slot(x, corners, out->deviatoric[slot], &out->volume[slot], out->mean, out->load[slot]);
         whole += out->volume[slot];
     }
     for (int i = 0; i < UNKNOWNS; i++) out->mean[i] /= whole;
@@ -200,6 +202,36 @@ static void stiffness_of(const pliant_cube_shape *shape, const pliant_cube *cube
     double bulk = pliant_cube_deviatoric(shape, cube, material, out);
     for (int i = 0; i < UNKNOWNS; i++)
         for (int j = 0; j < UNKNOWNS; j++) out[UNKNOWNS * i + j] += bulk * shape->mean[i] * shape->mean[j];
+}
+
+pliant_status pliant_hexahedra_masses(const pliant_mesh *mesh, const pliant_tet_material *material, double *mass)
+{
+    pliant_cube_shape *shape = pliant_calloc(2, sizeof *shape);
+    pliant_cube *cubes = NULL;
+    uint8_t *inside = pliant_calloc((size_t)mesh->num_tets, 1);
+    bool known[2] = {false, false};
+    int32_t count = 0;
+    pliant_status status = shape && inside ? pliant_cubes_find(mesh, false, &cubes, &count) : pliant_fail_memory("the masses");
+    if (status == PLIANT_OK) memset(mass, 0, (size_t)mesh->num_nodes * sizeof *mass);
+    for (int32_t c = 0; c < count; c++) {
+        const int parity = pliant_cell_parity(mesh, mesh->lattice_of_tet[cubes[c].tet[0]] / 5);
+        if (!known[parity] || mesh->num_moved > 0) pliant_cube_integrate(mesh, cubes + c, parity, shape + parity);
+        known[parity] = true;
+        for (int slot = 0; slot < 5; slot++) {
+            inside[cubes[c].tet[slot]] = 1;
+            for (int v = 0; v < CORNERS; v++) mass[cubes[c].node[v]] += shape[parity].load[slot][v] * material[cubes[c].tet[slot]].density;
+        }
+    }
+    for (int32_t t = 0; status == PLIANT_OK && t < mesh->num_tets; t++) {
+        double gradients[12];
+        if (inside[t]) continue;
+        double fourth = 0.25 * pliant_mesh_gradients(mesh, t, gradients) * material[t].density;
+        for (int v = 0; v < 4; v++) mass[mesh->tets[4 * t + v]] += fourth;
+    }
+    pliant_free(shape);
+    pliant_free(cubes);
+    pliant_free(inside);
+    return status;
 }
 
 /* ---- as macro-elements */

@@ -13,9 +13,10 @@ typedef struct pliant_cube {
     int32_t tet[5], node[8];
 } pliant_cube;
 
-/* What K of a cube of one shape is made of: of every slot the integral of 2 e : e - 2/3 div^2, its volume; b, the mean of the gradients */
+/* What K of a cube of one shape is made of: of every slot the integral of 2 e : e - 2/3 div^2, its volume; b, the mean of the gradients.
+ * load: of every slot the integrals of the shape functions */
 typedef struct pliant_cube_shape {
-    double deviatoric[5][576], volume[5], mean[24];
+    double deviatoric[5][576], volume[5], mean[24], load[5][8];
 } pliant_cube_shape;
 
 /* Cubes whose five tetrahedra meet at eight nodes, ascending: *out (*count). boxes: only those that no moved node bends. Errors: MEMORY. */
@@ -30,6 +31,9 @@ double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube 
 pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners);
 /* The stiffness of one of them, (unknowns x unknowns). Errors: MEMORY. */
 pliant_status pliant_macros_keep(pliant_macros *macros, int32_t element, int32_t unknowns, const double *stiffness);
+/* Consistent masses: of whole cubes what they weigh at their corners by the shape functions, of other tetrahedra a fourth: mass (num_nodes) [kg].
+ * Errors: MEMORY. */
+pliant_status pliant_hexahedra_masses(const pliant_mesh *mesh, const pliant_tet_material *material, double *mass);
 int pliant_cell_parity(const pliant_mesh *mesh, int32_t cell);
 /* (num_tets of the mesh) macro-element that each tetrahedron is, or is part of. Errors: MEMORY. */
 pliant_status pliant_hexahedra_of_tets(const pliant_mesh *mesh, const pliant_macros *macros, int32_t **out);
