@@ -11,11 +11,19 @@
 
 enum { BEGUN, CULLED, DRAWN, NUM_MARKS };
 
+/* Arrays that are of a body, and what they have room for. */
+enum { TETS, REST, FIXED, SETUP, GUESTS, ELEMENTS, BOXES, LABELS, PARTED, POSITIONS, BODY_ARRAYS };
+struct body_room { bool grows; size_t bytes[BODY_ARRAYS]; };
+
+struct cuda_next;
+
 struct pliant_cuda_warp {
     pliant_warp_parts parts;
     int device;
     cudaStream_t stream;       /* its own: updates from the host, copies to it */
     gpu_raster raster;
+    body_room room;
+    cuda_next *spare;          /* Nullable: arrays of the body before, for the next one */
     pliant_cuda_fit *fit;      /* NULL: rasterize */
     double *d_positions;       /* (num_nodes x 3) of updates from the host */
     cudaEvent_t marks[NUM_MARKS];
@@ -39,12 +47,18 @@ template <class T> static pliant_status allocate(size_t count, T **d_out)
     return pliant_cuda_allocate(count * sizeof(T), "the deformed volume", reinterpret_cast<void **>(d_out));
 }
 
-template <class T> static pliant_status upload(const T *h_from, size_t count, cudaStream_t stream, const T **d_out)
+template <class T> static pliant_status room_for(size_t count, int array, body_room *room, T **d_out)
 {
-    void *block;
-    CUDA_TRY(pliant_cuda_upload(h_from, count * sizeof(T), "the mesh to draw", stream, &block));
-    *d_out = static_cast<const T *>(block);
+    void *d_block = const_cast<void *>(static_cast<const void *>(*d_out));
+    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), room->grows, "the mesh to draw", &d_block, room->bytes + array));
+    *d_out = static_cast<T *>(d_block);
     return PLIANT_OK;
+}
+
+template <class T> static pliant_status send(const T *h_from, size_t count, int array, cudaStream_t stream, body_room *room, const T **d_out)
+{
+    CUDA_TRY(room_for(count, array, room, d_out));
+    return CUDA_CALL(cudaMemcpyAsync(const_cast<T *>(*d_out), h_from, count * sizeof(T), cudaMemcpyHostToDevice, stream));
 }
 
 static pliant_status upload_source(pliant_cuda_warp *gpu)
@@ -63,31 +77,38 @@ static pliant_status upload_source(pliant_cuda_warp *gpu)
     return status;
 }
 
-/* what is of a body; raster has none of it so far */
-static pliant_status fill_body(const pliant_warp_parts *parts, cudaStream_t stream, gpu_raster *raster)
+/* what is of a body */
+static pliant_status fill_body(const pliant_warp_parts *parts, cudaStream_t stream, gpu_raster *raster, body_room *room)
 {
-    const size_t tets = (size_t)parts->mesh->num_tets, nodes = (size_t)parts->mesh->num_nodes;
+    const size_t tets = (size_t)parts->mesh->num_tets, nodes = (size_t)parts->mesh->num_nodes, bricks = (size_t)raster->num_bricks;
     const pliant_parts *cut = parts->parts;
     const size_t guests = cut ? (size_t)cut->num_guests : 0, elements = tets + guests;
     if (elements >= (size_t)most_tets)
         return pliant_fail(PLIANT_ERROR_MEMORY, "%zu tetrahedra are too many for the GPU's warp: it takes fewer than %d", elements, most_tets);
     raster->num_tets = (int32_t)tets;
     raster->num_elements = (int32_t)elements;
-    CUDA_TRY(upload(parts->mesh->tets, 4 * tets, stream, &raster->d_tets));
-    CUDA_TRY(upload(parts->rest, 3 * nodes, stream, &raster->d_rest));
-    CUDA_TRY(allocate(12 * elements, &raster->d_fixed));
-    CUDA_TRY(pliant_cuda_allocate(elements * pliant_cuda_setup_bytes(), "the mesh to draw", &raster->d_setup));
+    uint8_t *d_setup = static_cast<uint8_t *>(raster->d_setup);
+    CUDA_TRY(send(parts->mesh->tets, 4 * tets, TETS, stream, room, &raster->d_tets));
+    CUDA_TRY(send(parts->rest, 3 * nodes, REST, stream, room, &raster->d_rest));
+    CUDA_TRY(room_for(12 * elements, FIXED, room, &raster->d_fixed));
+    CUDA_TRY(room_for(elements * pliant_cuda_setup_bytes(), SETUP, room, &d_setup));
+    raster->d_setup = d_setup;
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_setup, 0, elements * pliant_cuda_setup_bytes(), stream))); /* what is not drawn is carried, too */
-    if (!cut) return CUDA_CALL(cudaMemsetAsync(raster->d_fixed, 0, 12 * elements * sizeof *raster->d_fixed, stream));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_fixed, 0, 12 * elements * sizeof *raster->d_fixed, stream)));
+    if (!cut) {
+        raster->parts.num_elements = 0;
+        pliant_cuda_release(const_cast<part_element *>(raster->parts.elements)); /* tells whether there is a cut */
+        raster->parts.elements = nullptr;
+        return PLIANT_OK;
+    }
     memcpy(raster->parts.scan_size, cut->view.scan_size, sizeof raster->parts.scan_size);
     raster->parts.num_elements = cut->view.num_elements;
-    if (guests > 0) CUDA_TRY(upload(cut->guests, guests, stream, &raster->d_guests));
-    CUDA_TRY(upload(cut->view.elements, elements, stream, &raster->parts.elements));
-    if (cut->num_boxes > 0) CUDA_TRY(upload(cut->view.boxes, (size_t)cut->num_boxes, stream, &raster->parts.boxes));
-    if (cut->num_labels > 0) CUDA_TRY(upload(cut->view.labels, (size_t)cut->num_labels, stream, &raster->parts.labels));
-    CUDA_TRY(allocate((size_t)raster->num_bricks, &raster->d_parted));
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_parted, 0, (size_t)raster->num_bricks, stream)));
-    return CUDA_CALL(cudaMemsetAsync(raster->d_fixed, 0, 12 * elements * sizeof *raster->d_fixed, stream));
+    if (guests > 0) CUDA_TRY(send(cut->guests, guests, GUESTS, stream, room, &raster->d_guests));
+    CUDA_TRY(send(cut->view.elements, elements, ELEMENTS, stream, room, &raster->parts.elements));
+    if (cut->num_boxes > 0) CUDA_TRY(send(cut->view.boxes, (size_t)cut->num_boxes, BOXES, stream, room, &raster->parts.boxes));
+    if (cut->num_labels > 0) CUDA_TRY(send(cut->view.labels, (size_t)cut->num_labels, LABELS, stream, room, &raster->parts.labels));
+    CUDA_TRY(room_for(bricks, PARTED, room, &raster->d_parted));
+    return CUDA_CALL(cudaMemsetAsync(raster->d_parted, 0, bricks, stream));
 }
 
 static void release_body(const gpu_raster *raster)
@@ -103,7 +124,7 @@ static pliant_status fill_raster(pliant_cuda_warp *gpu)
     gpu_raster *raster = &gpu->raster;
     const size_t bricks = (size_t)raster->num_bricks;
     CUDA_TRY(upload_source(gpu));
-    CUDA_TRY(fill_body(&gpu->parts, gpu->stream, raster));
+    CUDA_TRY(fill_body(&gpu->parts, gpu->stream, raster, &gpu->room));
     CUDA_TRY(allocate(bricks, &raster->d_count));
     CUDA_TRY(allocate(bricks, &raster->d_dirty));
     CUDA_TRY(allocate(bricks * (size_t)raster->capacity, &raster->d_list));
@@ -124,7 +145,7 @@ static pliant_status fill(pliant_cuda_warp *gpu)
     CUDA_TRY(pliant_cuda_allocate(gpu->volume_bytes, "the deformed volume", &raster->d_volume));
     CUDA_TRY(allocate(bricks, &raster->d_changed));
     CUDA_TRY(allocate(1, &raster->d_longest));
-    CUDA_TRY(allocate(3 * nodes, &gpu->d_positions));
+    CUDA_TRY(room_for(3 * nodes, POSITIONS, &gpu->room, &gpu->d_positions));
     CUDA_TRY(allocate(1, &gpu->d_crossing));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_longest, 0, sizeof *raster->d_longest, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->d_crossing, 0, sizeof *gpu->d_crossing, gpu->stream)));
@@ -166,6 +187,8 @@ extern "C" pliant_status pliant_cuda_warp_create(const pliant_warp_parts *parts,
     return PLIANT_OK;
 }
 
+static void free_next(cuda_next *next);
+
 extern "C" void pliant_cuda_warp_free(pliant_cuda_warp *gpu)
 {
     if (!gpu) return;
@@ -178,6 +201,7 @@ extern "C" void pliant_cuda_warp_free(pliant_cuda_warp *gpu)
                             raster->d_longest, gpu->d_positions, gpu->d_crossing};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
     release_body(raster);
+    free_next(gpu->spare);
     pliant_cuda_fit_free(gpu->fit);
     pliant_cuda_release_host(gpu->h_changed);
     pliant_cuda_release_host(gpu->h_longest);
@@ -295,47 +319,73 @@ extern "C" pliant_status pliant_cuda_warp_cross(pliant_cuda_warp *gpu, const mar
 /* ---- another body */
 
 struct cuda_next {
+    pliant_cuda_warp *of;
     pliant_warp_parts parts;
     gpu_raster raster;         /* what is of a body */
+    body_room room;
     double *d_positions;
     pliant_cuda_fit *fit;
     uint8_t *d_gone;
+    int32_t *d_from;
+    size_t gone_room, from_room;
 };
 
-static void drop_next(cuda_next *next)
+static void free_next(cuda_next *next)
 {
     if (!next) return;
     release_body(&next->raster);
     pliant_cuda_release(next->d_positions);
     pliant_cuda_release(next->d_gone);
-    pliant_cuda_fit_free(next->fit);
+    pliant_cuda_release(next->d_from);
     pliant_free(next);
+}
+
+/* What it has is the spare of the one after. */
+static void drop_next(cuda_next *next)
+{
+    if (!next) return;
+    pliant_cuda_fit_free(next->fit);
+    next->fit = nullptr;
+    if (next->of->spare) free_next(next);
+    else next->of->spare = next;
+}
+
+template <class T> static pliant_status send_list(const T *h_from, int32_t count, cudaStream_t stream, T **d_out, size_t *room)
+{
+    void *d_block = *d_out;
+    CUDA_TRY(pliant_cuda_ensure((size_t)count * sizeof(T), true, "the mesh to draw", &d_block, room));
+    *d_out = static_cast<T *>(d_block);
+    return CUDA_CALL(cudaMemcpyAsync(d_block, h_from, (size_t)count * sizeof(T), cudaMemcpyHostToDevice, stream));
 }
 
 /* The elements of the next body as they were drawn; what was drawn before is only read. */
 static pliant_status carry(const pliant_cuda_warp *gpu, const pliant_warp_changes *changes, cuda_next *next)
 {
-    const int32_t *d_from;
-    const uint8_t *d_gone;
-    CUDA_TRY(fill_body(&next->parts, gpu->stream, &next->raster));
-    CUDA_TRY(upload(changes->gone, (size_t)changes->before, gpu->stream, &d_gone));
-    next->d_gone = const_cast<uint8_t *>(d_gone);
-    CUDA_TRY(upload(changes->from, (size_t)changes->now, gpu->stream, &d_from));
-    pliant_status status = pliant_cuda_carry_elements(&gpu->raster, &next->raster, d_from, gpu->stream);
-    if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(gpu->stream));
-    pliant_cuda_release(const_cast<int32_t *>(d_from));
-    return status;
+    CUDA_TRY(fill_body(&next->parts, gpu->stream, &next->raster, &next->room));
+    CUDA_TRY(send_list(changes->gone, changes->before, gpu->stream, &next->d_gone, &next->gone_room));
+    CUDA_TRY(send_list(changes->from, changes->now, gpu->stream, &next->d_from, &next->from_room));
+    CUDA_TRY(pliant_cuda_carry_elements(&gpu->raster, &next->raster, next->d_from, gpu->stream));
+    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
-static pliant_status prepare_next(const pliant_cuda_warp *gpu, const pliant_warp_parts *parts, const pliant_warp_changes *changes, cuda_next **out)
+static pliant_status fill_next(const pliant_cuda_warp *gpu, const pliant_warp_changes *changes, cuda_next *next)
+{
+    const pliant_warp_parts *parts = &next->parts;
+    CUDA_TRY(room_for(3 * (size_t)parts->mesh->num_nodes, POSITIONS, &next->room, &next->d_positions));
+    return parts->fit ? pliant_cuda_fit_create(parts->fit, parts->source, gpu->stream, &next->fit) : carry(gpu, changes, next);
+}
+
+static pliant_status prepare_next(pliant_cuda_warp *gpu, const pliant_warp_parts *parts, const pliant_warp_changes *changes, cuda_next **out)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
-    cuda_next *next = static_cast<cuda_next *>(pliant_calloc(1, sizeof *next));
+    cuda_next *next = gpu->spare ? gpu->spare : static_cast<cuda_next *>(pliant_calloc(1, sizeof *next));
     if (!next) return pliant_fail_memory("the warp");
+    gpu->spare = nullptr;
+    next->of = gpu;
     next->parts = *parts;
+    next->room.grows = true;
     next->raster.num_bricks = gpu->raster.num_bricks;
-    pliant_status status = allocate(3 * (size_t)parts->mesh->num_nodes, &next->d_positions);
-    if (status == PLIANT_OK) status = parts->fit ? pliant_cuda_fit_create(parts->fit, parts->source, gpu->stream, &next->fit) : carry(gpu, changes, next);
+    pliant_status status = fill_next(gpu, changes, next);
     if (status != PLIANT_OK) {
         drop_next(next);
         return status;
@@ -369,6 +419,7 @@ static void take_next(pliant_cuda_warp *gpu, cuda_next *next)
     exchange(&old->d_guests, &now->d_guests);
     exchange(&old->d_parted, &now->d_parted);
     exchange(&old->parts, &now->parts);
+    exchange(&gpu->room, &next->room);
     exchange(&gpu->d_positions, &next->d_positions);
     exchange(&gpu->fit, &next->fit);
 }

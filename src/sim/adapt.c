@@ -187,6 +187,8 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
     if (status == PLIANT_OK) {
         for (int a = 0; a < NUM_ADAPTERS; a++) adapters[a].swap(&work);
         take_body(data, body);
+        pliant_warp_next_free(warp); /* it is of the warp, which may go on without its device */
+        warp = NULL;
         pliant_backend_follow(model, data, made, &work.map);
     }
     pliant_body_map_free(&work.map);
