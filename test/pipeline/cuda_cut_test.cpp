@@ -148,6 +148,27 @@ TEST(CudaCut, CutsOneAfterTheOther)
     }
 }
 
+// a GPU that is lost after a cut: what the host had not made, since it did not step, is made then
+TEST(CudaCut, TheCpuGoesOnWithTheCutBody)
+{
+    NEEDS_GPU();
+    Body cpu(size, box, {{20000, 0.4, 1000, false}}), gpu(size, box, {{20000, 0.4, 1000, false}});
+    const Case c{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR};
+    prepare(cpu, c, PLIANT_CPU);
+    prepare(gpu, c, PLIANT_CUDA);
+    for (int s = 0; s < 6; s++) {
+        const double x = 0.03 + 0.01 * s, points[6] = {x, -0.02, 0.14, x, 0.14, 0.14}, depth[3] = {0, 0, -0.06};
+        for (Body *body : {&cpu, &gpu}) {
+            if (s == 1 || s == 4) ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+            if (s == 2 && body == &gpu) pliant_cuda_fail_after(2);
+            pull(*body, s);
+            pliant_cuda_fail_after(-1);
+        }
+        EXPECT_STREQ(pliant_data_get_backend(gpu.data), s < 2 ? "cuda" : "cpu");
+        EXPECT_LT(farthest(cpu, gpu), 1e-5 * box[0]) << "step " << s;
+    }
+}
+
 // what comes off is moved by the host, beside solvers without inertia, and stops out of sight
 TEST(CudaCut, WhatComesOffFallsAsOnTheCpu)
 {

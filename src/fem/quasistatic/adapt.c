@@ -25,6 +25,10 @@ static void carry_axes(pliant_solver *solver, const pliant_solver *from, const i
     const pliant_system *system = solver->system, *before = from->system;
     pliant_nodal_rotations *axes = solver->rotations;
     if (!axes) return;
+    if (!from->rotations) { /* it never stepped: those of rest */
+        pliant_nodal_rotations_refer(system, system->mesh->rest, axes);
+        return;
+    }
     axes->turned = from->rotations->turned;
     for (int32_t f = 0; f < system->num_free; f++)
         for (int m = 0; m < 9; m++)
@@ -74,7 +78,7 @@ pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_syste
 {
     const int32_t *node = map->coarse_node ? map->coarse_node : map->node, *tet = map->coarse_node ? map->coarse_tet : map->tet;
     pliant_solver *solver = NULL;
-    pliant_status status = system->macros ? pliant_solver_create(scene, system, &solver) : pliant_solver_create_without(scene, system, &solver);
+    pliant_status status = system->macros ? pliant_solver_create(scene, system, &solver) : pliant_solver_create_without(scene, system, rests, &solver);
     if (status != PLIANT_OK) return status;
     carry_limits(solver, from);
     if (!map->coarse_node) pliant_body_map_vectors(map, from->now.x, solver->now.x); /* also where the next body holds what moved before */

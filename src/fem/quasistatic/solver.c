@@ -180,9 +180,19 @@ static void turn_on(pliant_solver *solver)
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) solver->handles[t].response_of = 0;
 }
 
+/* One that rested goes on from another backend's state. */
+static pliant_status begin(pliant_solver *solver)
+{
+    if (solver->awake) return PLIANT_OK;
+    pliant_status status = pliant_solver_wake(solver);
+    if (status == PLIANT_OK) pliant_nodal_rotations_refer(solver->system, solver->system->mesh->rest, solver->rotations);
+    return status;
+}
+
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics)
 {
-    pliant_status status = pliant_refresh_step(solver, statistics);
+    pliant_status status = begin(solver);
+    if (status == PLIANT_OK) status = pliant_refresh_step(solver, statistics);
     if (status == PLIANT_OK) turn_on(solver);
     if (status == PLIANT_OK)
         status = pliant_preconditioner_mend(solver->preconditioner, solver->now.x, solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL);

@@ -82,6 +82,7 @@ struct pliant_solver {
 
     pliant_preconditioner *preconditioner; /* in use; below, "factor" means it */
     uint64_t factor_serial;     /* counts from 1 */
+    bool awake;                 /* there is what a step needs, which is what follows but for load, now.x, dense_weights and handles */
     pliant_nodal_rotations *rotations;          /* Nullable: the axes that it is used in */
     int64_t evaluations;        /* since they turned */
     pliant_refresh *refresh;    /* Nullable */
@@ -106,8 +107,10 @@ struct pliant_solver {
 
 /* Limits and intervals as the scene says. Both are borrowed. */
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
-/* the same without a preconditioner, nothing set */
-pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
+/* the same without a preconditioner, nothing set; rests: without what only a step of its own needs */
+pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, bool rests, pliant_solver **out);
+/* That is made where it is not there yet; axes refer to nothing. Errors: MEMORY. */
+pliant_status pliant_solver_wake(pliant_solver *solver);
 void pliant_solver_free(pliant_solver *solver);
 /* At rest, on the factor at rest, nothing held. Errors: MEMORY. */
 pliant_status pliant_solver_reset(pliant_solver *solver);

@@ -9,17 +9,57 @@
 static pliant_status iterate_create(const pliant_system *system, pliant_iterate *iterate)
 {
     size_t n = 3 * (size_t)system->num_free;
-    iterate->x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *iterate->x);
+    if (!iterate->x) iterate->x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *iterate->x);
     iterate->step = pliant_calloc(n, sizeof *iterate->step);
     iterate->residual = pliant_calloc(n, sizeof *iterate->residual);
     return iterate->x && iterate->step && iterate->residual ? PLIANT_OK : pliant_fail_memory("the solver");
 }
 
+/* x stays */
 static void iterate_free(pliant_iterate *iterate)
 {
-    pliant_free(iterate->x);
     pliant_free(iterate->step);
     pliant_free(iterate->residual);
+    iterate->step = iterate->residual = NULL;
+}
+
+/* what pliant_solver_wake makes */
+static void free_room(pliant_solver *solver)
+{
+    iterate_free(&solver->now);
+    iterate_free(&solver->trial);
+    pliant_free(solver->trial.x);
+    pliant_posterior_free(solver);
+    pliant_nodal_rotations_free(solver->rotations);
+    pliant_secants_free(solver->history);
+    pliant_free(solver->previous_x);
+    pliant_free(solver->element_forces);
+    solver->trial.x = solver->previous_x = NULL;
+    solver->rotations = NULL;
+    solver->element_forces = NULL;
+    memset(&solver->posterior, 0, sizeof solver->posterior);
+    memset(solver->history, 0, sizeof solver->history);
+    solver->awake = false;
+}
+
+pliant_status pliant_solver_wake(pliant_solver *solver)
+{
+    const pliant_system *system = solver->system;
+    if (solver->awake) return PLIANT_OK;
+    solver->previous_x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->previous_x);
+    solver->element_forces = pliant_calloc((size_t)system->num_blocks, sizeof *solver->element_forces);
+    pliant_status status = solver->previous_x && solver->element_forces ? PLIANT_OK : pliant_fail_memory("the solver");
+    if (status == PLIANT_OK) status = iterate_create(system, &solver->now);
+    if (status == PLIANT_OK) status = iterate_create(system, &solver->trial);
+    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.room, solver->history);
+    if (status == PLIANT_OK) status = pliant_posterior_create(solver);
+    if (status == PLIANT_OK) status = pliant_nodal_rotations_create(system, &solver->rotations);
+    if (status != PLIANT_OK) {
+        free_room(solver);
+        return status;
+    }
+    solver->awake = true;
+    return PLIANT_OK;
 }
 
 /* Steps that work in the background may take: its operations at a rate that a core of today has, so that the answer is the same
@@ -46,7 +86,7 @@ static double wall_clock(void *user)
     return pliant_seconds();
 }
 
-pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, pliant_solver **out)
+pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, bool rests, pliant_solver **out)
 {
     pliant_solver *solver = pliant_calloc(1, sizeof *solver);
     if (!solver) return pliant_fail_memory("the solver");
@@ -71,14 +111,9 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
     rules->length_of_merit = rules->smallest_displacement / solver->smallest_scale;
     solver->load = pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
     solver->dense_weights = pliant_calloc((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
-    solver->previous_x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->previous_x);
-    solver->element_forces = pliant_calloc((size_t)system->num_blocks, sizeof *solver->element_forces);
-    pliant_status status = solver->load && solver->dense_weights && solver->previous_x && solver->element_forces ? PLIANT_OK : pliant_fail_memory("the solver");
-    if (status == PLIANT_OK) status = iterate_create(system, &solver->now);
-    if (status == PLIANT_OK) status = iterate_create(system, &solver->trial);
-    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.room, solver->history);
-    if (status == PLIANT_OK) status = pliant_posterior_create(solver);
-    if (status == PLIANT_OK) status = pliant_nodal_rotations_create(system, &solver->rotations);
+    solver->now.x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->now.x);
+    pliant_status status = solver->load && solver->dense_weights && solver->now.x ? PLIANT_OK : pliant_fail_memory("the solver");
+    if (status == PLIANT_OK && !rests) status = pliant_solver_wake(solver);
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
         return status;
@@ -92,7 +127,7 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out)
 {
     pliant_solver *solver = NULL;
-    pliant_status status = pliant_solver_create_without(scene, system, &solver);
+    pliant_status status = pliant_solver_create_without(scene, system, false, &solver);
     if (status == PLIANT_OK) status = pliant_solver_reset(solver);
     if (status == PLIANT_OK && !system->basis && !pliant_preconditioner_refuses(solver->preconditioner)) status = pliant_solver_measure(solver);
     if (status != PLIANT_OK) {
@@ -143,15 +178,10 @@ void pliant_solver_free(pliant_solver *solver)
     if (!solver) return;
     pliant_refresh_free(solver);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
-    iterate_free(&solver->now);
-    iterate_free(&solver->trial);
-    pliant_posterior_free(solver);
-    pliant_nodal_rotations_free(solver->rotations);
-    pliant_secants_free(solver->history);
+    free_room(solver);
+    pliant_free(solver->now.x);
     pliant_free(solver->load);
     pliant_free(solver->dense_weights);
-    pliant_free(solver->previous_x);
-    pliant_free(solver->element_forces);
     pliant_preconditioner_free(solver->preconditioner);
     pliant_free(solver);
 }
