@@ -188,10 +188,31 @@ static void place_of(const pliant_mesh *mesh, const double *positions, const pli
     }
 }
 
+/* Where cuts subdivide, what is beside the tissue goes with its nearest point that is in it: no edge on the surface slips through between
+ * the two. */
+static void follow_beside(const pliant_edge *edge, int32_t p, const double from[3])
+{
+    const double *to = edge->place + 3 * p;
+    for (int way = -1; way <= 1; way += 2) {
+        int32_t end = p + way, last = end;
+        while (last >= 0 && last < edge->count && edge->tet[last] < 0) last += way;
+        const bool up_to_next = last >= 0 && last < edge->count;
+        for (; end != last; end += way) {
+            if (up_to_next && (last - end) * way < (end - p) * way + (way > 0)) break; /* nearer to the next one, or as near */
+            for (int d = 0; d < 3; d++) edge->place[3 * end + d] += to[d] - from[d];
+        }
+    }
+}
+
 void pliant_blade_follow(const pliant_data *data, pliant_edge *edge)
 {
-    for (int32_t p = 0; p < edge->count; p++)
-        if (edge->tet[p] >= 0) place_of(&data->body->fine, data->positions, edge, p, edge->place + 3 * p);
+    for (int32_t p = 0; p < edge->count; p++) {
+        double from[3];
+        if (edge->tet[p] < 0) continue;
+        memcpy(from, edge->place + 3 * p, sizeof from);
+        place_of(&data->body->fine, data->positions, edge, p, edge->place + 3 * p);
+        if (data->body->subdivision) follow_beside(edge, p, from);
+    }
 }
 
 pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, const pliant_data *data, const pliant_body *next,

@@ -124,8 +124,8 @@ int main(int argc, char **argv)
                 body = next;
                 if (all.size() == 1 || all.size() == 10 || all.size() == 100) {
                     const Least now = least_of(body);
-                    std::printf("after %zu: %d tetrahedra; of those at load: shortest edge %.3g %%, least height %.3g %%, least volume %.3g %%, explicit step %.3g %%\n",
-                                all.size(), body->fine.num_tets, 100 * now.edge / load.edge, 100 * now.height / load.height, 100 * now.volume / load.volume,
+                    std::printf("after %zu: %d tetrahedra, %d pieces; of those at load: shortest edge %.3g %%, least height %.3g %%, least volume %.3g %%, explicit step %.3g %%\n",
+                                all.size(), body->fine.num_tets, report.pieces, 100 * now.edge / load.edge, 100 * now.height / load.height, 100 * now.volume / load.volume,
                                 100 * now.step / load.step);
                 }
             } else {
