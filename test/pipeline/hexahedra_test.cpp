@@ -49,6 +49,25 @@ TEST(Hexahedra, CoarseBeamSagsAsTheConvergedOne)
         }
 }
 
+// What is told of a nearly incompressible beam: one change of volume a cube, small everywhere, while its five tetrahedra change theirs against each other.
+TEST(Hexahedra, ScalarsAreOfCubes)
+{
+    Beam beam(PLIANT_HEXAHEDRA, 0.499, 3);
+    beam.sag();
+    const pliant_body *body = beam.model->body;
+    std::vector<float> ratio(static_cast<size_t>(body->fine.num_tets)), stress(ratio.size());
+    pliant_data_tet_scalar(beam.model, body, beam.data->positions, PLIANT_SCALAR_VOLUME_RATIO, ratio.data());
+    pliant_data_tet_scalar(beam.model, body, beam.data->positions, PLIANT_SCALAR_VON_MISES, stress.data());
+    float most = 0;
+    for (size_t t = 0; t < ratio.size(); t++) {
+        const auto first = static_cast<size_t>(body->fine.tet_of_lattice[body->fine.lattice_of_tet[t] / 5 * 5]);
+        EXPECT_EQ(ratio[t], ratio[first]);
+        EXPECT_EQ(stress[t], stress[first]);
+        most = std::fmax(most, std::fabs(ratio[t] - 1));
+    }
+    EXPECT_LT(most, 0.01f);
+}
+
 // The same beam by explicit dynamics, relaxed: one point a cube, and what stands against hourglasses (tled_cubes.h).
 double relaxed_sag(pliant_element_kind kind, double poisson)
 {

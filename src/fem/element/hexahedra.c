@@ -37,25 +37,38 @@ static void list_tets(const pliant_mesh *mesh, int32_t *first, int32_t *next, in
     }
 }
 
+/* One more tetrahedron of a cube that was all -1: false where there is one in its slot, or another node at a corner. */
+static bool add_to_cube(const pliant_mesh *mesh, int32_t cell, int32_t tet, pliant_cube *out)
+{
+    const int32_t base[3] = {cell % mesh->cells[0], cell / mesh->cells[0] % mesh->cells[1], cell / mesh->cells[0] / mesh->cells[1]};
+    const int32_t nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1, slot = mesh->lattice_of_tet[tet] % 5;
+    if (out->tet[slot] >= 0) return false;
+    out->tet[slot] = tet;
+    for (int v = 0; v < 4; v++) { /* a tetrahedron's own order is turned where that makes it positive */
+        int32_t node = mesh->tets[4 * tet + v], at = mesh->lattice_of_node[node];
+        int corner = (at % nx - base[0]) | (at / nx % ny - base[1]) << 1 | (at / nx / ny - base[2]) << 2;
+        if (out->node[corner] >= 0 && out->node[corner] != node) return false;
+        out->node[corner] = node;
+    }
+    return true;
+}
+
 /* Five tetrahedra, one a slot, that meet at eight nodes. */
 static bool is_whole(const pliant_mesh *mesh, int32_t cell, int32_t first, const int32_t *next, pliant_cube *out)
 {
     memset(out, 0xff, sizeof *out);
-    int parity = pliant_cell_parity(mesh, cell);
-    for (int32_t t = first; t >= 0; t = next[t]) {
-        int slot = mesh->lattice_of_tet[t] % 5, corners[4];
-        if (out->tet[slot] >= 0) return false;
-        out->tet[slot] = t;
-        pliant_mesh_slot_corners(parity, slot, corners);
-        int32_t base[3] = {cell % mesh->cells[0], cell / mesh->cells[0] % mesh->cells[1], cell / mesh->cells[0] / mesh->cells[1]};
-        for (int v = 0; v < 4; v++) { /* a tetrahedron's own order is turned where that makes it positive */
-            int32_t node = mesh->tets[4 * t + v], at = mesh->lattice_of_node[node], nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1;
-            int corner = (at % nx - base[0]) | (at / nx % ny - base[1]) << 1 | (at / nx / ny - base[2]) << 2;
-            if (out->node[corner] >= 0 && out->node[corner] != node) return false;
-            out->node[corner] = node;
-        }
-    }
+    for (int32_t t = first; t >= 0; t = next[t])
+        if (!add_to_cube(mesh, cell, t, out)) return false;
     return true;
+}
+
+bool pliant_cube_of(const pliant_mesh *mesh, int32_t tet, pliant_cube *out)
+{
+    const int32_t cell = mesh->lattice_of_tet[tet] / 5, *tets = mesh->tet_of_lattice + 5 * (size_t)cell;
+    memset(out, 0xff, sizeof *out);
+    for (int slot = 0; slot < 5; slot++)
+        if (tets[slot] < 0 || !add_to_cube(mesh, cell, tets[slot], out)) return false;
+    return out->tet[mesh->lattice_of_tet[tet] % 5] == tet;
 }
 
 static bool is_box(const pliant_mesh *mesh, const pliant_cube *cube)

@@ -13,6 +13,9 @@ typedef struct pliant_cube {
     int32_t tet[5], node[8];
 } pliant_cube;
 
+/* The cube that a tetrahedron at load is of, where its five still meet at eight nodes: false elsewhere. */
+bool pliant_cube_of(const pliant_mesh *mesh, int32_t tet, pliant_cube *out);
+
 /* What K of a cube of one shape is made of: of every slot the integral of 2 e : e - 2/3 div^2, its volume; b, the mean of the gradients.
  * load: of every slot the integrals of the shape functions */
 typedef struct pliant_cube_shape {

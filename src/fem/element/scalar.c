@@ -1,5 +1,6 @@
 /* Numbers for people to look at: stress, energy, volume of the fine tetrahedra, brought to the nodes. */
 #include "base/fail.h"
+#include "fem/element/hexahedra.h"
 #include "fem/element/law.h"
 #include "fem/element/rotation.h"
 #include "state/data.h"
@@ -7,6 +8,21 @@
 
 #include <math.h>
 #include <string.h>
+
+/* F at the middle of the cube of a tetrahedron, where that is a hexahedron; f stays elsewhere. Five tetrahedra of nearly incompressible tissue change
+ * their volumes against each other where the cube does not. */
+static void cube_deformation(const pliant_mesh *mesh, const double *positions, int32_t tet, double f[9])
+{
+    const double middle[3] = {0.5, 0.5, 0.5};
+    double x[8][3], gradient[8][3];
+    pliant_cube cube;
+    if (!pliant_cube_of(mesh, tet, &cube)) return;
+    for (int v = 0; v < 8; v++) memcpy(x[v], mesh->rest + 3 * cube.node[v], sizeof x[v]);
+    pliant_cube_gradients(x, middle, gradient);
+    for (int m = 0; m < 9; m++) f[m] = 0;
+    for (int v = 0; v < 8; v++)
+        for (int m = 0; m < 9; m++) f[m] += (positions[3 * cube.node[v] + m / 3] - positions[3 * cube.node[0] + m / 3]) * gradient[v][m % 3];
+}
 
 /* rest volume, and F */
 static double deformation_of(const pliant_mesh *mesh, const double *positions, int32_t tet, double f[9])
@@ -44,6 +60,14 @@ static double mass_change(double volume, double ratio)
     return volume / fmax(ratio, least);
 }
 
+/* the same of the element that it is part of */
+static double element_deformation(const pliant_scene *scene, const pliant_mesh *mesh, const double *positions, int32_t tet, double f[9])
+{
+    double volume = deformation_of(mesh, positions, tet, f);
+    if (scene->element.kind == PLIANT_HEXAHEDRA && mesh->lattice_of_tet) cube_deformation(mesh, positions, tet, f);
+    return volume;
+}
+
 static double measure(const pliant_scene *scene, const double f[9], double volume, const pliant_tet_material *material, pliant_scalar scalar)
 {
     double stress[6], values[3], energy;
@@ -65,7 +89,7 @@ void pliant_data_tet_scalar(const pliant_model *model, const pliant_body *body, 
 {
     const pliant_mesh *mesh = &body->fine;
     for (int32_t t = 0; t < mesh->num_tets; t++) {
-        double f[9], volume = deformation_of(mesh, positions, t, f);
+        double f[9], volume = element_deformation(&model->scene, mesh, positions, t, f);
         out[t] = scalar == PLIANT_SCALAR_NONE ? 0 : (float)measure(&model->scene, f, volume, body->fine_material + t, scalar);
     }
 }
@@ -76,7 +100,7 @@ pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *b
     double *sum = pliant_calloc((size_t)mesh->num_nodes, 2 * sizeof *sum);
     if (!sum) return pliant_fail_memory("the scalar");
     for (int32_t t = 0; t < mesh->num_tets && scalar != PLIANT_SCALAR_NONE; t++) {
-        double f[9], volume = deformation_of(mesh, positions, t, f);
+        double f[9], volume = element_deformation(&model->scene, mesh, positions, t, f);
         double value = measure(&model->scene, f, volume, body->fine_material + t, scalar);
         for (int v = 0; v < 4; v++) {
             sum[2 * mesh->tets[4 * t + v]] += volume * value;
