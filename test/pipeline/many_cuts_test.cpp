@@ -1,0 +1,100 @@
+// Cut after cut in one simulation: nothing is left over, what does not change is shared, and what is drawn is what a warp made anew draws.
+#include "../cuts.h"
+
+namespace {
+
+const int size[3] = {28, 24, 24};
+const double box[3] = {0.14, 0.12, 0.12};
+
+struct ManyCuts : testing::Test {
+    Body body{size, box, {{4000, 0.4, 1000, false}}, [](int, int, int) { return 0; }};
+    std::mt19937 random{7};
+    void SetUp() override
+    {
+        auto *voxels = static_cast<uint8_t *>(body.scan.voxels);
+        body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+        body.cells(7, 6, 6, 1);
+        body.scene.cut.kind = PLIANT_CUT_SEVER;
+        body.scene.solver.iterations = 2;
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        for (size_t v = 0; v < pliant_geometry_voxels(&body.scan.geometry); v++) voxels[v] = static_cast<uint8_t>(random() % 200); // to be told apart
+        ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
+        ASSERT_GE(pliant_step(body.model, body.data), 0);
+    }
+    // 2 cm long, half as deep
+    void slit()
+    {
+        std::uniform_real_distribution<double> unit(-1, 1);
+        double points[6], depth[3];
+        for (int d = 0; d < 3; d++) {
+            const double at = 0.5 * box[d] * (1 + 0.8 * unit(random)), half = 0.01 * unit(random);
+            points[d] = at - half;
+            points[3 + d] = at + half;
+            depth[d] = 0.01 * unit(random);
+        }
+        ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+    }
+    void cuts(int count)
+    {
+        for (int c = 0; c < count; c++) {
+            slit();
+            if (c % 5 == 4 && body.data->undo.count > 0) {
+                ASSERT_EQ(pliant_data_undo_cut(body.model, body.data), PLIANT_OK);
+            }
+            if (c % 25 == 24) {
+                ASSERT_GE(pliant_step(body.model, body.data), 0);
+            }
+        }
+    }
+};
+
+TEST_F(ManyCuts, LeaveNothingBehind)
+{
+    ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
+    const size_t before = pliant_memory_in_use();
+    size_t held[3];
+    for (size_t &bytes : held) { // the same hundred
+        random.seed(3);
+        cuts(100);
+        EXPECT_GT(body.data->body->cuts->num_links, 300);
+        bytes = pliant_memory_in_use();
+        ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
+        EXPECT_LT(pliant_memory_in_use(), before + (before >> 4)); // lists of the warp keep their room
+    }
+    EXPECT_LT(held[2], held[0] + (held[0] >> 4));
+}
+
+TEST_F(ManyCuts, ShareWhatStays)
+{
+    cuts(60);
+    const pliant_body *last = pliant_body_retain(body.data->body);
+    int shared = 0;
+    for (int c = 0; c < 40; c++) {
+        slit();
+        const pliant_cuts *was = last->cuts, *is = body.data->body->cuts;
+        for (int32_t o = 0, n = 0; was != is && o < was->num_tets && n < is->num_tets; o += was->tet[o] <= is->tet[n], n++)
+            if (was->tet[o] == is->tet[n]) shared += was->voxel_fragment + was->voxel_start[o] == is->voxel_fragment + is->voxel_start[n];
+        pliant_body_release(last);
+        last = pliant_body_retain(body.data->body);
+    }
+    EXPECT_GT(shared, 40 * 100);
+    pliant_body_release(last);
+}
+
+TEST_F(ManyCuts, AreDrawnAsByAWarpMadeAnew)
+{
+    for (int round = 0; round < 3; round++) {
+        cuts(30);
+        ASSERT_GE(pliant_step(body.model, body.data), 0);
+        pliant_warp *anew = nullptr;
+        ASSERT_EQ(pliant_warp_create(&body.scan, &body.model->body->fine, &body.scan.geometry, 2, &anew), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_set_body(anew, body.model->body), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_set_body(anew, body.data->body), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_update(anew, body.data->positions), PLIANT_OK);
+        const pliant_volume *one = pliant_warp_volume(body.data->warp), *other = pliant_warp_volume(anew);
+        EXPECT_EQ(std::memcmp(one->voxels, other->voxels, pliant_geometry_voxels(&one->geometry)), 0) << "round " << round;
+        pliant_warp_free(anew);
+    }
+}
+
+} // namespace
