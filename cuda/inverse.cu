@@ -62,6 +62,7 @@ static void workspace_free(workspace *work)
 static pliant_status find_failed(const gpu_sweep *sweep, cudaStream_t stream)
 {
     int h_failed = 0;
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream))); /* the copy would wait all the same, and with it those of other threads */
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(&h_failed, sweep->d_failed, sizeof h_failed, cudaMemcpyDeviceToHost, stream)));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
     if (h_failed) return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness matrix is not positive definite: it has no inverse on the GPU");

@@ -139,7 +139,9 @@ static pliant_status fill(pliant_cuda_warp *gpu)
     gpu_raster *raster = &gpu->raster;
     const size_t nodes = (size_t)parts->mesh->num_nodes, bricks = (size_t)raster->num_bricks;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
-    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithFlags(&gpu->stream, cudaStreamNonBlocking)));
+    int least = 0, greatest = 0;
+    CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&least, &greatest)));
+    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&gpu->stream, cudaStreamNonBlocking, greatest)));
     for (cudaEvent_t &mark : gpu->marks) CUDA_TRY(CUDA_CALL(cudaEventCreate(&mark)));
     CUDA_TRY(parts->fit ? pliant_cuda_fit_create(parts->fit, parts->source, gpu->stream, &gpu->fit) : fill_raster(gpu));
     CUDA_TRY(pliant_cuda_allocate(gpu->volume_bytes, "the deformed volume", &raster->d_volume));
