@@ -100,6 +100,67 @@ TEST(Background, LiveNoStepWaits)
     }
 }
 
+// A factor that is put to use under a spring brings the tool's response to it, as the step would find it itself: the step after a factor has
+// come without one takes it from the thread.
+TEST(Background, AFactorBringsTheResponsesOfSprings)
+{
+    Body body(size, box, {{5000, 0.45, 1000, false}, {60000, 0.45, 1000, false}}, [](int i, int, int) { return i / 6 % 2; });
+    prepare(body, PLIANT_FINE);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    int tool, brought = 0;
+    const double point[3] = {0.06, 0.06, 0.11};
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_pose(body.data, tool, point, nullptr), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
+    pliant_solver *solver = body.data->solver;
+    pliant_handle *handle = solver->handles + tool;
+    for (int s = 0; s < 30; s++) {
+        const double tip[3] = {0.06, 0.06 + 0.0005 * s, 0.11 + 0.001 * s};
+        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_LIVE, 0), PLIANT_OK);
+        ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+        while (pliant_refresh_is_busy(solver)) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        pliant_statistics statistics = body.data->statistics;
+        const uint64_t serial = solver->factor_serial;
+        statistics.step++; // as the next step begins
+        ASSERT_EQ(pliant_refresh_step(solver, &statistics), PLIANT_OK) << pliant_last_error();
+        if (solver->factor_serial == serial) continue;
+        brought++;
+        ASSERT_EQ(handle->response_of, solver->factor_serial);
+        const std::vector<double> response(handle->response, handle->response + 3 * pliant_solver_unknowns(solver));
+        handle->response_of = 0;
+        ASSERT_EQ(pliant_solver_respond(solver), PLIANT_OK);
+        EXPECT_TRUE(std::equal(response.begin(), response.end(), handle->response));
+    }
+    EXPECT_GT(brought, 2);
+}
+
+// Where most steps are short, a live one is at most twice as long, and what it leaves is the next one's; a planned one ends when it is good.
+TEST(Background, NoLiveStepIsFarLongerThanTheOthers)
+{
+    for (pliant_background_kind kind : {PLIANT_BACKGROUND_PLANNED, PLIANT_BACKGROUND_LIVE}) {
+        SCOPED_TRACE(kind);
+        Body body(size, box, {{5000, 0.45, 1000, false}});
+        prepare(body, PLIANT_FINE);
+        body.scene.solver.iterations = 20;
+        body.scene.solver.refresh_interval = 0;
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        int most = 0, until = 0;
+        for (int s = 0; s < 2 * PLIANT_EVEN_STEPS; s++) {
+            const double gravity[3] = {s < PLIANT_EVEN_STEPS + 1 ? 0. : 9.81, 0, 0};
+            ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
+            ASSERT_EQ(pliant_data_set_background(body.data, kind, 0), PLIANT_OK) << pliant_last_error();
+            const pliant_status status = pliant_step(body.model, body.data);
+            ASSERT_GE(status, 0) << pliant_last_error();
+            most = std::max(most, body.data->statistics.iterations);
+            if (status == PLIANT_NOT_CONVERGED) until = s;
+        }
+        if (kind == PLIANT_BACKGROUND_LIVE) EXPECT_EQ(most, 4);
+        else EXPECT_GT(most, 6);
+        EXPECT_LT(until, PLIANT_EVEN_STEPS + 20);
+    }
+}
+
 TEST(Background, WhatCannotBeToldIsRefused)
 {
     Body body(size, box, {{5000, 0.45, 1000, false}});

@@ -4,6 +4,9 @@
 
 #include "state/data.h"
 
+/* No step waits; nor when the same is done again. background is Nullable: as planned */
+static inline bool pliant_background_is_live(const pliant_background *background) { return background && background->kind != PLIANT_BACKGROUND_PLANNED; }
+
 /* finished: it is ready. due: the step has come that it was planned for. background is Nullable: as planned */
 static inline bool pliant_background_arrives(pliant_background *background, uint32_t result, bool finished, bool due)
 {

@@ -38,26 +38,65 @@ static void held_point(const pliant_solver *solver, const pliant_handle *handle,
     }
 }
 
-void pliant_solver_release(pliant_solver *solver, int tool)
+static void free_arrays(pliant_handle *handle)
 {
-    pliant_handle *handle = solver->handles + tool;
     pliant_free(handle->unknown);
     pliant_free(handle->block);
     pliant_free(handle->turned);
     pliant_free(handle->response);
+}
+
+static pliant_status allocate(pliant_handle *handle, size_t unknowns)
+{
+    handle->unknown = pliant_calloc((size_t)handle->count, sizeof *handle->unknown);
+    handle->block = pliant_calloc((size_t)handle->count, 9 * sizeof *handle->block);
+    handle->turned = pliant_calloc((size_t)handle->count, 9 * sizeof *handle->turned);
+    handle->response = pliant_calloc(3 * unknowns, sizeof *handle->response);
+    if (handle->unknown && handle->block && handle->turned && handle->response) return PLIANT_OK;
+    free_arrays(handle);
+    return pliant_fail_memory("a tool's hold");
+}
+
+void pliant_handle_free(pliant_handle *handle)
+{
+    free_arrays(handle);
     memset(handle, 0, sizeof *handle);
+}
+
+pliant_status pliant_handle_copy(const pliant_handle *handle, size_t unknowns, pliant_handle *out)
+{
+    pliant_handle_free(out);
+    pliant_handle copy = *handle;
+    pliant_status status = allocate(&copy, unknowns);
+    if (status != PLIANT_OK) return status;
+    memcpy(copy.unknown, handle->unknown, (size_t)handle->count * sizeof *copy.unknown);
+    memcpy(copy.block, handle->block, 9 * (size_t)handle->count * sizeof *copy.block);
+    *out = copy;
+    return PLIANT_OK;
+}
+
+bool pliant_handle_same_hold(const pliant_handle *a, const pliant_handle *b)
+{
+    return a->count == b->count && memcmp(a->unknown, b->unknown, (size_t)a->count * sizeof *a->unknown) == 0 &&
+           memcmp(a->block, b->block, 9 * (size_t)a->count * sizeof *a->block) == 0;
+}
+
+void pliant_solver_release(pliant_solver *solver, int tool)
+{
+    pliant_handle_free(solver->handles + tool);
     pliant_solver_forget(solver);
+}
+
+void pliant_handle_turn(pliant_handle *handle, const pliant_nodal_rotations *rotations)
+{
+    if (handle->count == 0) return;
+    memcpy(handle->turned, handle->block, 9 * (size_t)handle->count * sizeof *handle->block);
+    for (int32_t row = 0; row < 3 * handle->count; row++) pliant_into_node_axes(rotations, handle->unknown[row / 3], handle->turned + 3 * row);
 }
 
 void pliant_solver_turned(pliant_solver *solver)
 {
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        pliant_handle *handle = solver->handles + t;
-        if (handle->count == 0) continue;
-        memcpy(handle->turned, handle->block, 9 * (size_t)handle->count * sizeof *handle->block);
-        for (int32_t row = 0; row < 3 * handle->count; row++)
-            pliant_into_node_axes(solver->rotations, handle->unknown[row / 3], handle->turned + 3 * row);
-    }
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_handle_turn(solver->handles + t, solver->rotations);
 }
 
 pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes, const double *weights,
@@ -77,19 +116,8 @@ pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count,
             }
     handle.unknown = NULL;
     handle.block = handle.turned = handle.response = NULL;
-    if (handle.count > 0) {
-        handle.unknown = pliant_calloc((size_t)handle.count, sizeof *handle.unknown);
-        handle.block = pliant_calloc((size_t)handle.count, 9 * sizeof *handle.block);
-        handle.turned = pliant_calloc((size_t)handle.count, 9 * sizeof *handle.turned);
-        handle.response = pliant_calloc(3 * pliant_solver_unknowns(solver), sizeof *handle.response);
-        if (!handle.unknown || !handle.block || !handle.turned || !handle.response) {
-            pliant_free(handle.unknown);
-            pliant_free(handle.block);
-            pliant_free(handle.turned);
-            pliant_free(handle.response);
-            return pliant_fail_memory("a tool's hold");
-        }
-    }
+    pliant_status status = handle.count > 0 ? allocate(&handle, pliant_solver_unknowns(solver)) : PLIANT_OK;
+    if (status != PLIANT_OK) return status;
     int32_t next = 0;
     for (int32_t n = 0; n < system->num_free; n++) {
         bool used = false;
@@ -99,14 +127,14 @@ pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count,
         memcpy(handle.block + 9 * next++, dense + 9 * n, 9 * sizeof *dense);
     }
     bool was_active = old->active;
-    pliant_free(old->unknown);
-    pliant_free(old->block);
-    pliant_free(old->turned);
-    pliant_free(old->response);
+    free_arrays(old);
     *old = handle;
     old->active = true;
     old->response_of = 0;
-    if (!was_active) memset(old->force, 0, sizeof old->force);
+    if (!was_active) {
+        memset(old->force, 0, sizeof old->force);
+        pliant_even_restart(&solver->even);
+    }
     double y[3] = {0, 0, 0}, moved[3];
     for (int32_t h = 0; h < count; h++)
         for (int d = 0; d < 3; d++) y[d] += weights[h] * fine_positions[3 * nodes[h] + d];
@@ -118,18 +146,22 @@ pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count,
     return PLIANT_OK;
 }
 
+pliant_status pliant_handle_respond(pliant_handle *handle, size_t unknowns, pliant_preconditioner *preconditioner)
+{
+    memset(handle->response, 0, 3 * unknowns * sizeof *handle->response);
+    for (int d = 0; d < 3; d++) {
+        double unit[3] = {d == 0, d == 1, d == 2};
+        pliant_handle_pull(handle, unit, handle->response + unknowns * (size_t)d);
+    }
+    return pliant_preconditioner_solve(preconditioner, 3, handle->response, handle->response);
+}
+
 pliant_status pliant_solver_respond(pliant_solver *solver)
 {
-    size_t n = pliant_solver_unknowns(solver);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         pliant_handle *handle = solver->handles + t;
-        if (!handle->active || handle->by_force || handle->count == 0 || handle->response_of == solver->factor_serial) continue;
-        memset(handle->response, 0, 3 * n * sizeof *handle->response);
-        for (int d = 0; d < 3; d++) {
-            double unit[3] = {d == 0, d == 1, d == 2};
-            pliant_handle_pull(handle, unit, handle->response + n * (size_t)d);
-        }
-        pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 3, handle->response, handle->response);
+        if (!pliant_handle_is_spring(handle) || handle->response_of == solver->factor_serial) continue;
+        pliant_status status = pliant_handle_respond(handle, pliant_solver_unknowns(solver), solver->preconditioner);
         if (status != PLIANT_OK) return status;
         handle->response_of = solver->factor_serial;
     }

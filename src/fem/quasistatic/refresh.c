@@ -1,8 +1,9 @@
 /* New factors in the background: started from the state of one step, put to use a fixed number of steps later, whether the
  * other thread was fast or not, so that timing never changes results; or as background.h says.
  *
- * Steps of the history belong to the factor that made them. They are made anew in the background, too, where no spring's
- * response goes into them: a second stay in the thread, on the secants that the solver has when the factor is there.
+ * Steps of the history belong to the factor that made them. They are made anew in the background, too: a second stay in the thread, on the
+ * secants that the solver has when the factor is there. Where springs pull, secants are given up: what they learned with the factor before
+ * holds the new one back (NUMERICS 13). Their responses are found there in live steps, which are not to take longer than others.
  *
  * The factor of a next body is made from the pattern on, in the order of the one before, with copies beside their sources. What is being
  * made for a body when the next one comes is of use all the same: it becomes the base of what is carried over (carried.h). The thread
@@ -47,6 +48,7 @@ struct pliant_refresh {
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY];
     uint64_t forgotten;         /* the solver's when it was copied */
+    pliant_handle handles[PLIANT_MAX_TOOLS]; /* copies of the springs; those of other tools are empty */
 };
 
 /* In the thread: what is needed once, of a next body its symbolic analysis. */
@@ -86,7 +88,13 @@ static void make_factor(pliant_refresh *refresh)
 static void convert_history(pliant_refresh *refresh)
 {
     const int32_t num_free = refresh->system.num_free;
+    const size_t unknowns = 3 * (size_t)num_free;
     pliant_nodal_rotations_update(&refresh->system, refresh->now, refresh->rotations);
+    for (int t = 0; t < PLIANT_MAX_TOOLS && refresh->status == PLIANT_OK; t++) {
+        if (!refresh->handles[t].active) continue;
+        pliant_handle_turn(refresh->handles + t, refresh->rotations);
+        refresh->status = pliant_handle_respond(refresh->handles + t, unknowns, refresh->preconditioner);
+    }
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY && refresh->status == PLIANT_OK; h++) {
         if (refresh->number[h] == 0) continue;
         pliant_secant *secant = refresh->history + h;
@@ -99,7 +107,7 @@ static void convert_history(pliant_refresh *refresh)
     for (int32_t a = 0; a < PLIANT_MAX_HISTORY; a++)
         for (int32_t b = 0; b <= a && refresh->number[a] > 0; b++)
             if (refresh->number[b] > 0) refresh->gram[a * PLIANT_MAX_HISTORY + b] = refresh->gram[b * PLIANT_MAX_HISTORY + a] =
-                pliant_dot(3 * (size_t)num_free, refresh->history[a].step, refresh->history[b].residual);
+                pliant_dot(unknowns, refresh->history[a].step, refresh->history[b].residual);
 }
 
 /* The base's order, and after every unknown those that are copies of it. */
@@ -174,13 +182,20 @@ static void join(pliant_refresh *refresh)
     refresh->running = false;
 }
 
-/* the history in the axes of all */
-static void copy_history(const pliant_solver *solver, pliant_refresh *refresh)
+/* What belongs to the factor: the springs' holds; where there are none, the history in the axes of all. */
+static pliant_status copy_history(const pliant_solver *solver, bool springs, pliant_refresh *refresh)
 {
     const int32_t num_free = solver->system->num_free;
     const size_t bytes = 3 * (size_t)num_free * sizeof(double);
-    memcpy(refresh->number, solver->rules.number, sizeof refresh->number);
+    memset(refresh->number, 0, sizeof refresh->number);
+    if (!springs) memcpy(refresh->number, solver->rules.number, sizeof refresh->number);
     refresh->forgotten = solver->forgotten;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        pliant_handle_free(refresh->handles + t);
+        if (!pliant_handle_is_spring(solver->handles + t)) continue;
+        pliant_status status = pliant_handle_copy(solver->handles + t, pliant_solver_unknowns(solver), refresh->handles + t);
+        if (status != PLIANT_OK) return status;
+    }
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
         if (refresh->number[h] == 0) continue;
         const pliant_secant *from = solver->history + h;
@@ -194,6 +209,20 @@ static void copy_history(const pliant_solver *solver, pliant_refresh *refresh)
             pliant_from_node_axes(solver->rotations, f, to->x + 3 * f);
             pliant_from_node_axes(solver->rotations, f, to->residual + 3 * f);
         }
+    }
+    return PLIANT_OK;
+}
+
+/* The thread has found them for the factor that is in use now. */
+static void take_responses(pliant_solver *solver)
+{
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        pliant_handle *found = solver->refresh->handles + t, *handle = solver->handles + t;
+        if (!found->active || !pliant_handle_is_spring(handle) || !pliant_handle_same_hold(found, handle)) continue;
+        double *response = handle->response;
+        handle->response = found->response;
+        handle->response_of = solver->factor_serial;
+        found->response = response;
     }
 }
 
@@ -216,6 +245,7 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
     pliant_solver_turned(solver);
     solver->factor_serial++;
     statistics->factors++;
+    if (refresh->converting) take_responses(solver);
     bool converted = refresh->converting && refresh->forgotten == solver->forgotten;
     refresh->converting = false;
     bool kept = solver->posterior.kept; /* a state stays what it is */
@@ -278,14 +308,19 @@ static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *sta
         refresh->converting = false;
         return;
     }
+    bool springs = false, responses = false;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        if (!pliant_handle_is_spring(solver->handles + t)) continue;
+        springs = true;
+        responses = responses || solver->handles[t].response_of == solver->factor_serial;
+    }
     /* what led to a refusal is better forgotten */
-    bool useless = pliant_anderson_secants(&solver->rules) == 0 || solver->rules.refused_any;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) useless = useless || pliant_handle_is_spring(solver->handles + t);
-    if (refresh->converting || useless) {
+    const bool learned = !springs && pliant_anderson_secants(&solver->rules) > 0 && !solver->rules.refused_any;
+    if (refresh->converting || !(learned || (responses && pliant_background_is_live(solver->background)))) {
         put_in(solver, statistics);
         return;
     }
-    copy_history(solver, refresh);
+    if ((refresh->status = copy_history(solver, springs, refresh)) != PLIANT_OK) return;
     memcpy(refresh->now, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *refresh->now);
     refresh->converting = true;
     start(refresh, convert_history, step + (uint64_t)solver->convert_delay);
@@ -351,6 +386,7 @@ void pliant_refresh_free(pliant_solver *solver)
     pliant_preconditioner_free(refresh->discarded);
     pliant_nodal_rotations_free(refresh->rotations);
     pliant_secants_free(refresh->history);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_handle_free(refresh->handles + t);
     pliant_free(refresh->x);
     pliant_free(refresh->now);
     pliant_free(refresh->tangents);

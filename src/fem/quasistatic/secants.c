@@ -39,6 +39,7 @@ void pliant_solver_moved(pliant_solver *solver)
 {
     pliant_solver_forget(solver);
     pliant_anderson_moved(&solver->rules);
+    pliant_even_restart(&solver->even);
     solver->evaluations = PLIANT_EVALUATIONS_A_TURN; /* the axes turn at once */
 }
 

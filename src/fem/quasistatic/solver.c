@@ -3,6 +3,7 @@
 #include "base/fail.h"
 #include "fem/linear/dense.h"
 #include "fem/linear/basis.h"
+#include "fem/quasistatic/background.h"
 
 #include <string.h>
 
@@ -189,6 +190,17 @@ static pliant_status begin(pliant_solver *solver)
     return status;
 }
 
+/* Iterations of a step that has others before and after it; one that has a budget needs no other limit. */
+static pliant_status iterate_evenly(pliant_solver *solver)
+{
+    const int32_t most = solver->rules.most_evaluations;
+    if (pliant_background_is_live(solver->background) && !(solver->budget > 0)) solver->rules.most_evaluations = pliant_even_limit(&solver->even, most);
+    pliant_status status = iterate(solver);
+    pliant_even_note(&solver->even, solver->rules.evaluations);
+    solver->rules.most_evaluations = most;
+    return status;
+}
+
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics)
 {
     pliant_status status = begin(solver);
@@ -203,7 +215,7 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
         if (!handle->by_force && handle->count == 0) memset(handle->force, 0, sizeof handle->force); /* all that it holds is fixed */
         memcpy(solver->now.force + 3 * t, handle->force, 3 * sizeof(double));
     }
-    status = iterate(solver);
+    status = iterate_evenly(solver);
     statistics->iterations = solver->rules.evaluations;
     statistics->rejected += (uint64_t)solver->rules.rejected;
     if (status != PLIANT_OK) return status;

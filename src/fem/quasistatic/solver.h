@@ -14,6 +14,7 @@
 #define PLIANT_FEM_QUASISTATIC_SOLVER_H
 
 #include "fem/quasistatic/anderson.h"
+#include "fem/quasistatic/even.h"
 #include "fem/quasistatic/nodal_rotations.h"
 #include "fem/system.h"
 #include "state/data.h"
@@ -88,6 +89,7 @@ struct pliant_solver {
     pliant_refresh *refresh;    /* Nullable */
     pliant_background *background; /* Nullable; borrowed: when what it makes is put to use */
     uint32_t takes_factor, takes_history; /* and what these are called there */
+    pliant_even even;           /* of live steps */
 
     double *load;               /* (3 num_free) gravity [N] */
     double gravity[3];          /* that it is of [m/s^2] */
@@ -140,6 +142,14 @@ static inline bool pliant_handle_is_spring(const pliant_handle *handle) { return
 /* v += W' f, v in the nodes' own axes; and in those of all */
 void pliant_handle_pull(const pliant_handle *handle, const double force[3], double *v);
 void pliant_handle_load(const pliant_handle *handle, const double force[3], double *v);
+/* Its weights in the nodes' axes. */
+void pliant_handle_turn(pliant_handle *handle, const pliant_nodal_rotations *rotations);
+/* Z of a spring, of this preconditioner. Errors: MEMORY, NUMERIC. */
+pliant_status pliant_handle_respond(pliant_handle *handle, size_t unknowns, pliant_preconditioner *preconditioner);
+/* A copy of what it holds, with room for Z; *out is freed first, and empty on errors. Errors: MEMORY. */
+pliant_status pliant_handle_copy(const pliant_handle *handle, size_t unknowns, pliant_handle *out);
+bool pliant_handle_same_hold(const pliant_handle *a, const pliant_handle *b);
+void pliant_handle_free(pliant_handle *handle); /* and empty */
 /* Z of the springs, where it belongs to another factor. */
 pliant_status pliant_solver_respond(pliant_solver *solver);
 /* dl = S^-1 (e - W g0), and the step with it: g = g0 + Z dl, K0 g = r + W' dl. false: S is singular */

@@ -154,6 +154,7 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     solver->evaluations = 0;
     solver->foreseen = 0;
     pliant_anderson_reset(&solver->rules);
+    pliant_even_restart(&solver->even);
     pliant_solver_forget(solver);
     memcpy(solver->now.x, solver->system->mesh->rest, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
     memset(solver->now.force, 0, sizeof solver->now.force);
