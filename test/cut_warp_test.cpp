@@ -376,14 +376,20 @@ TEST(cut_warp, a_fit_does_not_reach_across)
 bool same_parts(const pliant_parts &a, const pliant_parts &b)
 {
     auto same = [](const void *p, const void *q, size_t bytes) { return bytes == 0 || std::memcmp(p, q, bytes) == 0; };
-    if (a.num_boxes != b.num_boxes || a.num_labels != b.num_labels || a.num_guests != b.num_guests || a.view.num_elements != b.view.num_elements) return false;
+    if (a.num_boxes != b.num_boxes || a.live != b.live || a.num_guests != b.num_guests || a.view.num_elements != b.view.num_elements) return false;
     for (int32_t g = 0; g < a.num_guests; g++)
         if (a.guests[g].host != b.guests[g].host || a.guests[g].carrier != b.guests[g].carrier ||
             !same(a.guests[g].blend, b.guests[g].blend, sizeof a.guests[g].blend) || !same(a.guests[g].rest, b.guests[g].rest, sizeof a.guests[g].rest))
             return false;
-    return same(a.host, b.host, size_t(a.num_boxes) * 4) && same(a.view.boxes, b.view.boxes, size_t(a.num_boxes) * sizeof(part_box)) &&
+    for (int32_t n = 0; n < a.num_boxes; n++) { // where in the pool a box's labels begin is its own
+        const part_box &p = a.view.boxes[n], &q = b.view.boxes[n];
+        if (!same(p.low, q.low, sizeof p.low) || !same(p.size, q.size, sizeof p.size) ||
+            !same(a.view.labels + p.first, b.view.labels + q.first, size_t(p.size[0]) * size_t(p.size[1]) * size_t(p.size[2]) * sizeof(uint16_t)))
+            return false;
+    }
+    return same(a.host, b.host, size_t(a.num_boxes) * 4) && same(a.by_node, b.by_node, size_t(a.num_boxes)) &&
            same(a.carrier_start, b.carrier_start, size_t(a.num_boxes + 1) * 4) && same(a.carrier, b.carrier, size_t(a.carrier_start[a.num_boxes]) * 4) &&
-           same(a.view.labels, b.view.labels, size_t(a.num_labels) * 2) && same(a.view.elements, b.view.elements, size_t(a.view.num_elements) * sizeof(part_element));
+           same(a.view.elements, b.view.elements, size_t(a.view.num_elements) * sizeof(part_element));
 }
 
 TEST(cut_warp, from_body_to_body_equals_a_fresh_one)
