@@ -42,10 +42,6 @@ typedef enum pliant_anderson_next {
     PLIANT_NEXT_BLIND      /* take the proposed step; the step ends */
 } pliant_anderson_next;
 
-/* How a step ends: at a state that was evaluated, or that a trial was refused at; one blind step beyond an accepted trial, or beyond the
- * state that it began with. */
-typedef enum pliant_anderson_end { PLIANT_END_EVALUATED, PLIANT_END_BEYOND_TRIAL, PLIANT_END_BEYOND_FIRST, PLIANT_NUM_ENDS } pliant_anderson_end;
-
 typedef struct pliant_anderson {
     /* limits of a step */
     int32_t most_evaluations;
@@ -54,7 +50,6 @@ typedef struct pliant_anderson {
     int32_t limits_secants;    /* after refusals, secants may be too large to be used */
     double tolerance;          /* of the largest displacement: error at which a step ends */
     double smallest_displacement; /* which counts for at least so much [m] */
-    double length_of_merit;    /* of a merit, as one node's displacement against the mean stiffness of a node [m / sqrt(J)] */
     double cycle_contraction;  /* of slow errors by the preconditioner alone, as it was measured at rest (estimate.c); 0: not measured */
 
     /* from step to step */
@@ -69,11 +64,9 @@ typedef struct pliant_anderson {
     double descent;            /* longest damping of a plain step along which the potential energy fell; 0: none */
     double log_contraction;    /* of the merit by an evaluation, smoothed over steps: what is left of an error */
     int32_t shown;             /* evaluations have shown it */
-    int32_t end, last_end;     /* pliant_anderson_end of this step and the last */
-    int32_t known[PLIANT_NUM_ENDS]; /* ends of this kind that were judged afterwards */
-    double log_factor[PLIANT_NUM_ENDS]; /* by which their errors were larger than their measures, smoothed */
-    double move;               /* what the estimate follows from at first: what is left at an evaluated state, what a blind step moved [m] */
-    double measure, last_measure; /* and then: of what is left and what is proposed, and of the merit [m] */
+    int32_t blind_end;         /* the step ended one step beyond what was evaluated, and that was not evaluated either */
+    double move;               /* what the estimate follows from: what is left at an evaluated state, what a blind step moved [m] */
+    double told;               /* error of the last step [m] */
     uint64_t num_secants;      /* that there ever were */
     uint64_t number[PLIANT_MAX_HISTORY]; /* of the secant in a place, counted from 1; 0: none */
 
@@ -85,6 +78,7 @@ typedef struct pliant_anderson {
     double first_merit;        /* that the step began with */
     double before;             /* of the state before the present one */
     double error;              /* estimate of the state that the step ends with: largest distance of a node from where it would converge [m] */
+    double error_before;       /* the same of the step before, as this one's secants have it [m] */
 
     /* what is to be done, in this order */
     int32_t keep;              /* the secant from the present state to the one evaluated, in this place; -1: none */
@@ -160,25 +154,33 @@ PLIANT_INLINE double pliant_anderson_contraction(const pliant_anderson *rules)
 }
 
 /* Largest error of a node, from the move. When every evaluation leaves a part c of the error, corrections are a geometric series (Aitken),
- * and the error is 1 / (1 - c) of the next one; a blind step is worth less than an evaluated one, and more than none. Where ends of this
- * kind were judged by the steps after them, as those found of a measure that knows of lengths and of energy: a move alone is small by
- * chance, where secants explain what is left by little, and the energy of one node may be that of many (NUMERICS 9). */
+ * and the error is 1 / (1 - c) of the next one; a blind step is worth less than an evaluated one, and more than none. */
 PLIANT_INLINE double pliant_anderson_error(const pliant_anderson *rules)
 {
-    const double c = pliant_anderson_contraction(rules), foreseen = (rules->end == PLIANT_END_EVALUATED ? 1.0 : sqrt(c)) / (1 - c);
-    return rules->known[rules->end] > 0 ? rules->measure * exp(rules->log_factor[rules->end]) : rules->move * foreseen;
+    const double c = pliant_anderson_contraction(rules);
+    return rules->move * (rules->blind_end ? sqrt(c) : 1.0) / (1 - c);
 }
 
-/* The last step's error, as this step's evaluations have it (estimate.c). */
-PLIANT_INLINE void pliant_anderson_learn(pliant_anderson *rules, double error)
+/* The state beyond a blind step was evaluated as well. left: the largest move of a node that the secants and the residual call for there [m]. */
+PLIANT_INLINE void pliant_anderson_end(pliant_anderson *rules, double left)
 {
-    const double weight = 0.3, least = 1e-6, most = 1e6;
-    const int32_t end = rules->last_end;
-    if (!(rules->last_measure > 0) || !(error > 0) || !isfinite(error)) return;
-    const double found = log(fmin(fmax(error / rules->last_measure, least), most));
-    rules->log_factor[end] += (rules->known[end] > 0 ? weight : 1.0) * (found - rules->log_factor[end]);
-    rules->known[end]++;
+    rules->blind_end = 0;
+    rules->move = left;
+    rules->error = pliant_anderson_error(rules);
 }
+
+/* The last word of a step: on the step before. seen: its end was evaluated, with what is the preconditioner now; left: there, with the secants
+ * of now. These know the next corrections too, so that c^2 is missed; but a V-cycle hides the same slow errors from all. */
+PLIANT_INLINE void pliant_anderson_tell(pliant_anderson *rules, bool seen, double left, bool is_cycle)
+{
+    const double c = pliant_anderson_contraction(rules);
+    rules->error_before = seen ? left / (1 - (is_cycle ? c : c * c)) : rules->told;
+    rules->told = rules->error;
+}
+
+/* Whether the end of a step is evaluated, which the next one then need not do. Where the loads change from step to step, that costs a use of
+ * the preconditioner; then a factor is, a V-cycle is not, and no time that the step was given for getting better. */
+PLIANT_INLINE bool pliant_anderson_evaluates_end(bool loads_change, bool is_cycle, bool limited_time) { return !loads_change || (!is_cycle && !limited_time); }
 
 /* at rest, nothing known; limits stay */
 PLIANT_INLINE void pliant_anderson_reset(pliant_anderson *rules)
@@ -187,12 +189,8 @@ PLIANT_INLINE void pliant_anderson_reset(pliant_anderson *rules)
     rules->sound_merit = rules->rate = rules->descent = 0;
     rules->log_contraction = log(0.3);
     rules->shown = 0;
-    rules->error = rules->move = rules->measure = rules->last_measure = 0;
-    rules->end = rules->last_end = PLIANT_END_EVALUATED;
-    for (int32_t end = 0; end < PLIANT_NUM_ENDS; end++) {
-        rules->known[end] = 0;
-        rules->log_factor[end] = 0;
-    }
+    rules->error = rules->error_before = rules->told = rules->move = 0;
+    rules->blind_end = 0;
     rules->next = PLIANT_NEXT_DONE;
     pliant_anderson_forget(rules);
 }
@@ -208,8 +206,6 @@ PLIANT_INLINE void pliant_anderson_begin(pliant_anderson *rules)
 {
     rules->evaluations = rules->rejected = rules->accepted = rules->converged = rules->refused_any = 0;
     rules->merit = rules->before = INFINITY;
-    rules->last_end = rules->end;
-    rules->last_measure = rules->measure;
     rules->take = rules->forget = 0;
     rules->keep = -1;
     rules->next = PLIANT_NEXT_FIRST;
@@ -345,15 +341,13 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
  * call for; made: by the proposal [m]. */
 PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, double left, double made, double displacement)
 {
-    const double c = pliant_anderson_contraction(rules);
     /* secants whose products are no longer those of any vectors, by rounding, are of no use to any step */
     const bool useless = rules->mixes && !mixed && pliant_anderson_secants(rules) > 0;
     rules->mixes = rules->mixes && mixed;
     rules->forget = rules->next != PLIANT_NEXT_DONE && ((rules->refused == 2 && !rules->mixes) || useless);
-    rules->end = PLIANT_END_EVALUATED;
+    rules->blind_end = 0;
     rules->move = left;
-    rules->measure = isfinite(rules->merit) ? sqrt(fmax(left, made) * rules->length_of_merit * rules->merit) : 0;
-    rules->error = left / (1 - c); /* before it is known how such ends turn out: that must not change where steps end */
+    rules->error = pliant_anderson_error(rules);
     if (isfinite(rules->merit) && rules->error <= rules->tolerance * fmax(displacement, rules->smallest_displacement)) {
         rules->converged = 1;
         rules->forget = 0;
@@ -362,10 +356,10 @@ PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, do
     }
     if (rules->forget) pliant_anderson_forget(rules);
     if (rules->next == PLIANT_NEXT_BLIND && rules->refused == 0) {
-        rules->end = rules->accepted ? PLIANT_END_BEYOND_TRIAL : PLIANT_END_BEYOND_FIRST;
+        rules->blind_end = 1;
         rules->move = made;
+        rules->error = pliant_anderson_error(rules);
     }
-    rules->error = pliant_anderson_error(rules);
     if (rules->next != PLIANT_NEXT_BLIND) return;
     rules->blind = 1;
     if (rules->accepted || (rules->refused == 0 && rules->mixes)) return;

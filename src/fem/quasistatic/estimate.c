@@ -4,9 +4,9 @@
  * preconditioner nor the history knows; when every evaluation leaves a part c of the error, corrections are a geometric series
  * (Aitken) and the error is 1 / (1 - c) of the next one. c is learned from the merits of the steps so far.
  *
- * The state that a step ends with has seldom been evaluated: its last correction was made blindly. But the next step begins with
- * its evaluation, for other loads; the system is linear in those, so that the residual for the old ones costs little, and the
- * secants of the next step help to judge it. */
+ * The state that a step ends with was most often reached blindly. It is what the next step begins with, under other loads: its elastic
+ * forces stay what they are, and so does what the preconditioner makes of them where no load has changed but the tools' targets. So the
+ * evaluation is done at the end of a step in place of the beginning of the next one, and the step can tell how good its end is. */
 #include "base/fail.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
@@ -20,102 +20,43 @@ pliant_status pliant_posterior_create(pliant_solver *solver)
     pliant_posterior *posterior = &solver->posterior;
     posterior->at.step = pliant_calloc(n, sizeof *posterior->at.step);
     posterior->at.residual = pliant_calloc(n, sizeof *posterior->at.residual);
-    posterior->load = pliant_calloc(n, sizeof *posterior->load);
-    return posterior->at.step && posterior->at.residual && posterior->load ? PLIANT_OK : pliant_fail_memory("the solver");
+    return posterior->at.step && posterior->at.residual ? PLIANT_OK : pliant_fail_memory("the solver");
 }
 
 void pliant_posterior_free(pliant_solver *solver)
 {
     pliant_free(solver->posterior.at.step);
     pliant_free(solver->posterior.at.residual);
-    pliant_free(solver->posterior.load);
 }
 
-/* Back to the loads of then: the step anew where they were others. known: false where that would cost too much */
-static pliant_status add_loads(pliant_solver *solver, bool *known)
+pliant_known pliant_posterior_begin(pliant_solver *solver)
 {
-    const size_t n = 3 * (size_t)solver->system->num_free;
     pliant_posterior *posterior = &solver->posterior;
-    bool same = memcmp(posterior->load, solver->load, n * sizeof *solver->load) == 0;
+    const bool known = posterior->kept && posterior->evaluated;
+    posterior->kept = false; /* until this step has ended */
+    posterior->loads_change = memcmp(posterior->gravity, solver->gravity, sizeof posterior->gravity) != 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        same = same && !(solver->handles[t].by_force && memcmp(posterior->force + 3 * t, solver->handles[t].force, 3 * sizeof(double)) != 0);
-    /* a factor, not a V-cycle; and no time that the step was given for getting better */
-    *known = same || (pliant_preconditioner_refuses(solver->preconditioner) && !(solver->budget > 0));
-    if (same || !*known) return PLIANT_OK;
-    for (int32_t f = 0; f < solver->system->num_free; f++) {
-        double change[3];
-        for (int d = 0; d < 3; d++) change[d] = posterior->load[3 * f + d] - solver->load[3 * f + d];
-        pliant_into_node_axes(solver->rotations, f, change);
-        for (int d = 0; d < 3; d++) posterior->at.residual[3 * f + d] += change[d];
-    }
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        const pliant_handle *handle = solver->handles + t;
-        double change[3];
-        for (int d = 0; d < 3; d++) change[d] = posterior->force[3 * t + d] - handle->force[d];
-        if (handle->active && handle->by_force) pliant_handle_pull(handle, change, posterior->at.residual);
-    }
-    return pliant_preconditioner_solve(solver->preconditioner, 1, posterior->at.residual, posterior->at.step);
+        posterior->loads_change = posterior->loads_change || (solver->handles[t].by_force && memcmp(posterior->force + 3 * t, solver->handles[t].force, 3 * sizeof(double)) != 0);
+    posterior->seen = known && posterior->factor_serial == solver->factor_serial && posterior->axes_serial == solver->axes_serial;
+    if (!known) return PLIANT_KNOWN_NOTHING;
+    const bool same = posterior->seen && !posterior->loads_change && memcmp(posterior->force, solver->now.force, sizeof posterior->force) == 0;
+    return same ? PLIANT_KNOWN_STEP : PLIANT_KNOWN_FORCES;
 }
 
-static void swap_targets(pliant_solver *solver)
-{
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        for (int d = 0; d < 3; d++) {
-            double target = solver->handles[t].target[d];
-            solver->handles[t].target[d] = solver->posterior.target[3 * t + d];
-            solver->posterior.target[3 * t + d] = target;
-        }
-}
-
-pliant_status pliant_posterior_look(pliant_solver *solver)
-{
-    const size_t n = 3 * (size_t)solver->system->num_free;
-    pliant_posterior *posterior = &solver->posterior;
-    pliant_iterate *at = &posterior->at;
-    posterior->seen = false;
-    /* around a patch more has changed than its loads */
-    if (!posterior->kept || solver->system->basis || !isfinite(solver->now.merit)) return PLIANT_OK;
-    memcpy(at->step, solver->now.step, n * sizeof *at->step);
-    memcpy(at->residual, solver->now.residual, n * sizeof *at->residual);
-    /* without what the tools' new targets ask for */
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        const pliant_handle *handle = solver->handles + t;
-        if (!pliant_handle_is_spring(handle)) continue;
-        double back[3];
-        for (int d = 0; d < 3; d++) back[d] = -solver->now.step_force[3 * t + d];
-        pliant_handle_pull(handle, back, at->residual);
-        for (int d = 0; d < 3; d++)
-            for (size_t i = 0; i < n; i++) at->step[i] += back[d] * handle->response[n * (size_t)d + i];
-    }
-    bool known;
-    pliant_status status = add_loads(solver, &known);
-    if (status != PLIANT_OK || !known) return status;
-    swap_targets(solver);
-    at->x = solver->now.x;
-    memcpy(at->force, solver->now.force, sizeof at->force);
-    posterior->seen = pliant_solver_step_tools(solver, at);
-    at->x = NULL;
-    swap_targets(solver);
-    return PLIANT_OK;
-}
-
-double pliant_posterior_tell(const pliant_solver *solver)
-{
-    if (!solver->posterior.seen) return solver->foreseen;
-    double c = pliant_anderson_contraction(&solver->rules);
-    /* the next step's corrections are known too, so that c^2 is missed; but a V-cycle hides the same slow errors from both */
-    return pliant_secants_left(solver, &solver->posterior.at) / (1 - (pliant_preconditioner_refuses(solver->preconditioner) ? c * c : c));
-}
-
-void pliant_posterior_keep(pliant_solver *solver)
+void pliant_posterior_keep(pliant_solver *solver, bool evaluated)
 {
     pliant_posterior *posterior = &solver->posterior;
-    memcpy(posterior->load, solver->load, 3 * (size_t)solver->system->num_free * sizeof *solver->load);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        memcpy(posterior->force + 3 * t, solver->handles[t].force, 3 * sizeof(double));
-        memcpy(posterior->target + 3 * t, solver->handles[t].target, 3 * sizeof(double));
-    }
+    const size_t bytes = pliant_solver_unknowns(solver) * sizeof(double);
     posterior->kept = true;
+    posterior->evaluated = evaluated;
+    memcpy(posterior->gravity, solver->gravity, sizeof posterior->gravity);
+    memcpy(posterior->force, solver->now.force, sizeof posterior->force);
+    if (!evaluated) return;
+    memcpy(posterior->at.step, solver->now.step, bytes);
+    memcpy(posterior->at.residual, solver->now.residual, bytes);
+    memcpy(posterior->at.step_force, solver->now.step_force, sizeof posterior->at.step_force);
+    posterior->factor_serial = solver->factor_serial;
+    posterior->axes_serial = solver->axes_serial;
 }
 
 /* K x = f by x += M^-1 (f - K x) for a load in every direction, small enough for the elements not to turn. What a cycle leaves in the end is

@@ -26,8 +26,8 @@ double pliant_solver_product(const pliant_solver *solver, const double *a, const
 
 /* ---- one evaluation: forces, a solve, the merit of the state */
 
-/* From loads and tools' forces in residual and elastic forces in step: the residual, in the nodes' own axes, the load's norm, and how far
- * nodes are from rest. */
+/* From loads and tools' forces in residual and elastic forces: the residual, in the nodes' own axes, the load's norm, and how far nodes are
+ * from rest. */
 static void find_residual(const pliant_solver *solver, pliant_iterate *at)
 {
     const pliant_system *system = solver->system;
@@ -44,9 +44,9 @@ static void find_residual(const pliant_solver *solver, pliant_iterate *at)
                 double u = at->x[node + (size_t)d] - system->mesh->rest[node + (size_t)d];
                 double base = system->basis ? solver->load[3 * f + d] : 0; /* holds a patch where it does not move: not its tools' work */
                 work[p] += u * (at->residual[3 * f + d] - base);
-                elastic[p] += u * (at->step[3 * f + d] - base);
+                elastic[p] += u * (at->elastic[3 * f + d] - base);
                 squares += u * u;
-                at->residual[3 * f + d] -= at->step[3 * f + d];
+                at->residual[3 * f + d] -= at->elastic[3 * f + d];
             }
             farthest[p] = fmax(farthest[p], squares);
             pliant_into_node_axes(solver->rotations, f, at->residual + 3 * f);
@@ -61,22 +61,28 @@ static void find_residual(const pliant_solver *solver, pliant_iterate *at)
     at->displacement = sqrt(farthest[0]);
 }
 
-static pliant_status evaluate(pliant_solver *solver, pliant_iterate *at)
+static void find_elastic_forces(pliant_solver *solver, pliant_iterate *at)
 {
     const pliant_system *system = solver->system;
-    solver->evaluations++;
     pliant_system_element_forces(system, at->x, solver->element_forces);
-    pliant_system_gather(system, solver->element_forces, at->step);
-    if (system->basis) pliant_basis_far_forces(system->basis, at->x, at->step);
-    memcpy(at->residual, solver->load, pliant_solver_unknowns(solver) * sizeof *at->residual);
+    pliant_system_gather(system, solver->element_forces, at->elastic);
+    if (system->basis) pliant_basis_far_forces(system->basis, at->x, at->elastic);
+}
+
+static pliant_status evaluate(pliant_solver *solver, pliant_known known, pliant_iterate *at)
+{
+    const size_t bytes = pliant_solver_unknowns(solver) * sizeof *at->residual;
+    if (known == PLIANT_KNOWN_NOTHING) find_elastic_forces(solver, at);
+    memcpy(at->residual, solver->load, bytes);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         if (solver->handles[t].active)
             pliant_handle_load(solver->handles + t, solver->handles[t].by_force ? solver->handles[t].force : at->force + 3 * t, at->residual);
     find_residual(solver, at);
     at->merit = INFINITY;
     if (!isfinite(at->scale)) return PLIANT_OK; /* not a state: never accepted */
-    pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->step);
+    pliant_status status = known == PLIANT_KNOWN_STEP ? PLIANT_OK : pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
     if (status != PLIANT_OK) return status;
+    memcpy(at->step, at->free_step, bytes);
     if (!pliant_solver_step_tools(solver, at)) return PLIANT_OK;
     const double energy = pliant_solver_product(solver, at->step, at->residual) + pliant_solver_spring_energy(solver, at->step_force, at->step_force);
     at->merit = pliant_anderson_merit(energy, at->scale);
@@ -92,11 +98,19 @@ static void swap_iterates(pliant_solver *solver)
     solver->trial = swap;
 }
 
-/* whether one more evaluation as long as those so far would end within the budget */
-static bool time_left(const pliant_solver *solver, double start, int32_t evaluations)
+static bool evaluates_end(const pliant_solver *solver)
 {
-    double spent = solver->budget > 0 ? solver->clock(solver->clock_user) - start : 0;
-    return spent + spent / evaluations <= solver->budget;
+    /* around a patch more changes than its loads */
+    return !solver->system->basis &&
+           pliant_anderson_evaluates_end(solver->posterior.loads_change, !pliant_preconditioner_refuses(solver->preconditioner), solver->budget > 0);
+}
+
+/* whether one more evaluation, as long as those that were made so far, and that of the end would be done within the budget */
+static bool time_left(const pliant_solver *solver, double start, int32_t made)
+{
+    if (!(solver->budget > 0)) return true;
+    const double spent = solver->clock(solver->clock_user) - start, each = made > 0 ? spent / made : solver->evaluation_seconds;
+    return spent + (evaluates_end(solver) ? 2 : 1) * each <= solver->budget;
 }
 
 /* how the potential energy changes along the trial's step where it ends; springs have no part in it: where there are some, 0 */
@@ -143,26 +157,43 @@ static void prepare_next(pliant_solver *solver)
     if (rules->next == PLIANT_NEXT_BLIND) take_blind_step(solver);
 }
 
-static pliant_status iterate(pliant_solver *solver)
+static pliant_status iterate(pliant_solver *solver, double start, int32_t *made)
 {
     pliant_anderson *rules = &solver->rules;
     pliant_anderson_begin(rules);
-    const double start = solver->clock(solver->clock_user);
+    const pliant_known known = pliant_posterior_begin(solver);
     do {
         const bool first = rules->next == PLIANT_NEXT_FIRST;
         pliant_iterate *at = first ? &solver->now : &solver->trial;
-        pliant_status status = evaluate(solver, at);
-        if (status == PLIANT_OK && first) status = pliant_posterior_look(solver);
+        pliant_status status = evaluate(solver, first ? known : PLIANT_KNOWN_NOTHING, at);
         if (status != PLIANT_OK) return status;
+        solver->evaluations++;
+        *made += !first || known != PLIANT_KNOWN_STEP;
         const bool plain = !rules->mixes && (rules->next == PLIANT_NEXT_TRIAL || rules->next == PLIANT_NEXT_DESCENT);
         const double slope = plain && !(at->merit < solver->now.merit && rules->next == PLIANT_NEXT_TRIAL) ? slope_of(solver) : 0;
-        pliant_anderson_judge(rules, at->merit, slope, time_left(solver, start, rules->evaluations + 1));
+        pliant_anderson_judge(rules, at->merit, slope, time_left(solver, start, *made));
         if (rules->keep >= 0) pliant_solver_remember(solver, rules->keep, &solver->now, &solver->trial);
         if (rules->take) swap_iterates(solver);
         if (rules->forget) pliant_solver_forget(solver);
         prepare_next(solver);
     } while (rules->next != PLIANT_NEXT_DONE && rules->next != PLIANT_NEXT_BLIND);
     return PLIANT_OK;
+}
+
+/* The state that the step ends with, evaluated where that was not done (estimate.c); and what the step has to say of the one before. */
+static void look_at_end(pliant_solver *solver, double start, int32_t made)
+{
+    pliant_anderson *rules = &solver->rules;
+    const bool is_cycle = !pliant_preconditioner_refuses(solver->preconditioner);
+    bool evaluated = !solver->system->basis;
+    if (rules->next == PLIANT_NEXT_BLIND) {
+        evaluated = evaluates_end(solver) && evaluate(solver, PLIANT_KNOWN_NOTHING, &solver->now) == PLIANT_OK && isfinite(solver->now.merit);
+        if (evaluated) pliant_anderson_end(rules, pliant_secants_left(solver, &solver->now));
+        made += evaluated;
+    }
+    if (solver->budget > 0 && made > 0) solver->evaluation_seconds = (solver->clock(solver->clock_user) - start) / made;
+    pliant_anderson_tell(rules, solver->posterior.seen, solver->posterior.seen ? pliant_secants_left(solver, &solver->posterior.at) : 0, is_cycle);
+    pliant_posterior_keep(solver, evaluated);
 }
 
 /* The axes follow the tissue. Responses to springs hold for the axes that they were found in: those wait for the next factor. Of tools
@@ -178,6 +209,7 @@ static void turn_on(pliant_solver *solver)
     solver->evaluations = 0;
     pliant_nodal_rotations_update(solver->system, solver->now.x, solver->rotations);
     pliant_solver_turned(solver);
+    solver->axes_serial++;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) solver->handles[t].response_of = 0;
 }
 
@@ -191,11 +223,11 @@ static pliant_status begin(pliant_solver *solver)
 }
 
 /* Iterations of a step that has others before and after it; one that has a budget needs no other limit. */
-static pliant_status iterate_evenly(pliant_solver *solver)
+static pliant_status iterate_evenly(pliant_solver *solver, double start, int32_t *made)
 {
     const int32_t most = solver->rules.most_evaluations;
     if (pliant_background_is_live(solver->background) && !(solver->budget > 0)) solver->rules.most_evaluations = pliant_even_limit(&solver->even, most);
-    pliant_status status = iterate(solver);
+    pliant_status status = iterate(solver, start, made);
     pliant_even_note(&solver->even, solver->rules.evaluations);
     solver->rules.most_evaluations = most;
     return status;
@@ -215,21 +247,22 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
         if (!handle->by_force && handle->count == 0) memset(handle->force, 0, sizeof handle->force); /* all that it holds is fixed */
         memcpy(solver->now.force + 3 * t, handle->force, 3 * sizeof(double));
     }
-    status = iterate_evenly(solver);
+    const double start = solver->clock(solver->clock_user);
+    int32_t made = 0;
+    status = iterate_evenly(solver, start, &made);
     statistics->iterations = solver->rules.evaluations;
     statistics->rejected += (uint64_t)solver->rules.rejected;
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, solver->now.force + 3 * t, 3 * sizeof(double));
     if (!isfinite(solver->rules.merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
     statistics->residual = solver->rules.merit / solver->now.scale;
-    statistics->error_before = pliant_posterior_tell(solver);
-    if (solver->posterior.seen) pliant_anderson_learn(&solver->rules, statistics->error_before);
-    statistics->error = solver->foreseen = pliant_anderson_error(&solver->rules);
-    pliant_posterior_keep(solver);
     statistics->residual_force = 0;
     for (int32_t f = 0; f < solver->system->num_free; f++) {
         const double *r = solver->now.residual + 3 * f;
         statistics->residual_force = fmax(statistics->residual_force, sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]));
     }
+    look_at_end(solver, start, made);
+    statistics->error = solver->rules.error;
+    statistics->error_before = solver->rules.error_before;
     return solver->rules.converged ? PLIANT_OK : PLIANT_NOT_CONVERGED;
 }

@@ -51,6 +51,8 @@ typedef struct pliant_iterate {
     double force[PLIANT_MAX_ROWS];
     double *step;          /* (3 num_free) dx */
     double *residual;      /* (3 num_free) r + W' dl = K0 dx */
+    double *elastic;       /* (3 num_free) elastic forces [N] */
+    double *free_step;     /* (3 num_free) K0^-1 r: dx without the springs' share */
     double step_force[PLIANT_MAX_ROWS]; /* dl */
     double merit;          /* energy norm of the step [sqrt(J)] */
     double scale;          /* the same of the load: sqrt of its work */
@@ -62,14 +64,19 @@ typedef struct pliant_secant { /* differences of two iterates */
     double force[PLIANT_MAX_ROWS], step_force[PLIANT_MAX_ROWS];
 } pliant_secant;
 
-/* The state that the last step ended with, as the first evaluation of the next one sees it (estimate.c). */
+/* The state that the last step ended with (estimate.c). */
 typedef struct pliant_posterior {
     bool kept;                  /* there is one, and nothing but the loads has changed since */
-    bool seen;                  /* this step has evaluated it */
-    pliant_iterate at;          /* its step, pull and step_force; x and force are not used */
-    double *load;               /* (3 num_free) that it was solved for [N] */
-    double force[PLIANT_MAX_ROWS], target[PLIANT_MAX_ROWS]; /* of the tools */
+    bool evaluated;             /* now.elastic and now.free_step are of it */
+    bool seen;                  /* and what it was evaluated with is in use still */
+    bool loads_change;          /* from the step before to this one */
+    pliant_iterate at;          /* its step, residual and step_force; the rest is not used */
+    double gravity[3], force[PLIANT_MAX_ROWS]; /* that it was solved for */
+    uint64_t factor_serial, axes_serial; /* that it was evaluated with */
 } pliant_posterior;
+
+/* What is known of a state that is to be evaluated. */
+typedef enum pliant_known { PLIANT_KNOWN_NOTHING, PLIANT_KNOWN_FORCES, PLIANT_KNOWN_STEP } pliant_known;
 
 struct pliant_solver {
     const pliant_system *system;
@@ -78,11 +85,13 @@ struct pliant_solver {
     int32_t refresh_delay, convert_delay; /* steps until a factor is there, and then until the history fits it */
     double smallest_scale;
     double budget;              /* of the iterations of a step [s]; 0: none */
+    double evaluation_seconds;  /* in the last step that had one */
     double (*clock)(void *user); /* that it is measured by: the machine's, or a test's [s] */
     void *clock_user;
 
     pliant_preconditioner *preconditioner; /* in use; below, "factor" means it */
     uint64_t factor_serial;     /* counts from 1 */
+    uint64_t axes_serial;       /* counts turns of the axes */
     bool awake;                 /* there is what a step needs, which is what follows but for load, now.x, dense_weights and handles */
     pliant_nodal_rotations *rotations;          /* Nullable: the axes that it is used in */
     int64_t evaluations;        /* since they turned */
@@ -100,7 +109,6 @@ struct pliant_solver {
     double *previous_x, previous_force[PLIANT_MAX_ROWS]; /* before a blind step (3 num_nodes) */
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY]; /* energy products of the secants' steps */
-    double foreseen;            /* error of the last step, as it told at once [m] */
     pliant_posterior posterior;
     uint64_t forgotten;         /* times that the history was dropped, for backends that keep their own */
     double (*element_forces)[12][LANES];
@@ -188,15 +196,13 @@ pliant_status pliant_solver_carry_hold(pliant_solver *solver, const pliant_solve
 /* ---- estimate.c: how far nodes still are from where a step would converge to [m] */
 pliant_status pliant_posterior_create(pliant_solver *solver);
 void pliant_posterior_free(pliant_solver *solver);
-/* At the first evaluation of a step: what the state, unchanged since the step before ended, lacked for that step's loads. */
-pliant_status pliant_posterior_look(pliant_solver *solver);
-/* Of the step before, now that this step's secants are known, or as it was foreseen. 0: there was none */
-double pliant_posterior_tell(const pliant_solver *solver);
+/* At the beginning of a step: what is known of its first state. */
+pliant_known pliant_posterior_begin(pliant_solver *solver);
 /* How much of an error an evaluation leaves, before a step has shown it: a few cycles of a preconditioner that hides slow errors, in the
  * solver's own room, at rest. Errors: MEMORY. */
 pliant_status pliant_solver_measure(pliant_solver *solver);
-/* The step ends. */
-void pliant_posterior_keep(pliant_solver *solver);
+/* The step ends. evaluated: so is the state that it ends with. */
+void pliant_posterior_keep(pliant_solver *solver, bool evaluated);
 
 /* ---- refresh.c */
 /* Start and deliver factors at fixed steps. Errors of the factorization keep the old factor. */

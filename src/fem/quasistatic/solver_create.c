@@ -12,7 +12,9 @@ static pliant_status iterate_create(const pliant_system *system, pliant_iterate 
     if (!iterate->x) iterate->x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *iterate->x);
     iterate->step = pliant_calloc(n, sizeof *iterate->step);
     iterate->residual = pliant_calloc(n, sizeof *iterate->residual);
-    return iterate->x && iterate->step && iterate->residual ? PLIANT_OK : pliant_fail_memory("the solver");
+    iterate->elastic = pliant_calloc(n, sizeof *iterate->elastic);
+    iterate->free_step = pliant_calloc(n, sizeof *iterate->free_step);
+    return iterate->x && iterate->step && iterate->residual && iterate->elastic && iterate->free_step ? PLIANT_OK : pliant_fail_memory("the solver");
 }
 
 /* x stays */
@@ -20,7 +22,9 @@ static void iterate_free(pliant_iterate *iterate)
 {
     pliant_free(iterate->step);
     pliant_free(iterate->residual);
-    iterate->step = iterate->residual = NULL;
+    pliant_free(iterate->elastic);
+    pliant_free(iterate->free_step);
+    iterate->step = iterate->residual = iterate->elastic = iterate->free_step = NULL;
 }
 
 /* what pliant_solver_wake makes */
@@ -108,7 +112,6 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
     /* moving one node by a thousandth of the body: below that, the tolerance is taken of this */
     rules->smallest_displacement = 1e-3 * length;
     solver->smallest_scale = rules->smallest_displacement * sqrt(system->mean_diagonal);
-    rules->length_of_merit = rules->smallest_displacement / solver->smallest_scale;
     solver->load = pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
     solver->dense_weights = pliant_calloc((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
     solver->now.x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->now.x);
@@ -152,7 +155,6 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     solver->factor_serial = 1;
     pliant_nodal_rotations_refer(solver->system, solver->system->mesh->rest, solver->rotations);
     solver->evaluations = 0;
-    solver->foreseen = 0;
     pliant_anderson_reset(&solver->rules);
     pliant_even_restart(&solver->even);
     pliant_solver_forget(solver);
