@@ -19,9 +19,10 @@ template <class T> static sized_array array_of(T **d_block, size_t count, bool z
 
 static size_t count_of_forces(const gpu_system *system)
 {
-    const size_t of_corners = 4 * (size_t)system->macros.corners, of_frames = 16 * (size_t)system->macros.count;
-    return system->macros.count == 0 ? 16 * (size_t)system->num_tets : of_corners > of_frames ? of_corners : of_frames;
+    return system->macros.count == 0 ? 16 * (size_t)system->num_tets : 4 * (size_t)system->macros.corners;
 }
+
+static size_t count_of_rotations(const gpu_system *system) { return 16 * (size_t)(system->macros.count == 0 ? system->num_tets : system->macros.count); }
 
 extern "C" pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
@@ -42,6 +43,7 @@ extern "C" pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const 
         array_of(&it->d_residual[0], n),       array_of(&it->d_residual[1], n),            array_of(&it->d_load, n),
         array_of(&it->d_extra, n, true),       array_of(&it->d_secant_x, history),         array_of(&it->d_secant_step, history),
         array_of(&it->d_secant_residual, history), array_of(&it->d_element_force, count_of_forces(system)), array_of(&it->d_axes, 3 * n),
+        array_of(&it->d_past_step, n),         array_of(&it->d_past_residual, n),          array_of(&it->d_rotations, count_of_rotations(system)),
         array_of(&it->d_right, padded, true),  array_of(&it->d_left, padded),              array_of(&it->d_sums, sums),
         array_of(&gpu->d_fine, 3 * (size_t)system->num_fine), array_of(&gpu->d_solved, nodes),
     };

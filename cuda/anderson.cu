@@ -3,7 +3,7 @@
 #include "fem/quasistatic/anderson.h"
 
 enum { THREADS = 256 };
-enum { DECIDERS = 32 * (DOT_SUMS + GATHER_SUMS) }; /* a warp a sum */
+enum { DECIDERS = 32 * (SINGLE_SUMS + PLIANT_MAX_HISTORY + GATHER_SUMS) }; /* a warp a sum, but in a step's first evaluation */
 
 /* Sum over a warp, the same in every run; all lanes get it. */
 static __device__ __forceinline__ double warp_sum(double value)
@@ -80,7 +80,10 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
                 if (step.tools[t].spring) row_of[rows++] = 3 * t + d;
             }
         state.step = step;
-        state.done = state.iterations = 0;
+        state.done = state.iterations = state.ending = 0;
+        state.knows_forces = step.kept && state.evaluated;
+        state.seen = state.knows_forces && step.same_axes;
+        state.skips = state.seen && step.same_step;
         pliant_anderson &rules = state.rules;
         rules.cycle_contraction = step.cycle_contraction;
         if (step.restart) pliant_anderson_reset(&rules);
@@ -91,11 +94,11 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
         rules.limits_secants = 1;
         rules.tolerance = step.tolerance;
         rules.smallest_displacement = step.smallest_displacement;
-        rules.length_of_merit = step.smallest_displacement / step.smallest_scale;
         pliant_anderson_begin(&rules);
         state.rows = rows;
         for (int r = 0; r < rows; r++) state.row_of[r] = row_of[r];
     }
+    if (thread < GPU_ROWS) state.past_step_force[thread] = state.step_force[now][thread];
     __syncthreads();
     for (int m = thread; m < rows * rows; m += THREADS) { /* S = c I + W Z */
         int r = m / rows, c = m % rows;
@@ -193,8 +196,8 @@ static __device__ void finish_node(const gpu_iteration &iteration, const gpu_sta
     }
 }
 
-/* The step complete, and its products: with its own residual, crosswise with the present iterate's, secants' with its residual; the
- * largest nodal residual. One thread a node. */
+/* The step complete, and its products: with its own residual, crosswise with the present iterate's, with that of the state before, secants'
+ * with its residual, at first secants' with that of the state before; the largest nodal residual. One thread a node. */
 static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration iteration, int gather_blocks)
 {
     __shared__ spring_share share;
@@ -202,7 +205,8 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
     gpu_state &state = *iteration.d_state;
     if (state.done) return;
     const int thread = (int)threadIdx.x, warp = thread / 32, lane = thread % 32, target = gpu_target(&state), now = state.now;
-    const int node = (int)(blockIdx.x * NODES) + thread, num_sums = 4 + iteration.room;
+    const bool looks_back = state.seen && state.iterations == 0;
+    const int node = (int)(blockIdx.x * NODES) + thread, num_sums = SINGLE_SUMS + (looks_back ? 2 : 1) * iteration.room;
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * (size_t)node;
     const bool there = node < iteration.num_free;
     for (int d = 0; d < 3; d++) share.pull[thread][d] = 0;
@@ -211,11 +215,13 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
     find_spring_forces(iteration, state, target, share);
     find_spring_pull(state, node - thread, share);
     if (blockIdx.x == 0 && thread < GPU_ROWS) state.step_force[target][thread] = share.force[thread];
-    double step[3] = {0, 0, 0}, residual[3] = {0, 0, 0}, own = 0, by_now = 0, of_now = 0;
+    double step[3] = {0, 0, 0}, residual[3] = {0, 0, 0}, past[3] = {0, 0, 0}, own = 0, by_now = 0, of_now = 0, of_past = 0;
     if (there) {
         finish_node(iteration, state, share, target, (size_t)node, step, residual);
         for (int d = 0; d < 3; d++) {
             own += step[d] * residual[d];
+            if (state.seen) past[d] = iteration.d_past_residual[i + d];
+            of_past += step[d] * past[d];
             if (now == target) continue;
             by_now += step[d] * iteration.d_residual[now][i + d];
             of_now += iteration.d_step[now][i + d] * residual[d];
@@ -224,21 +230,25 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
     own = warp_sum(own);
     by_now = warp_sum(by_now);
     of_now = warp_sum(of_now);
+    of_past = warp_sum(of_past);
     double largest = warp_largest(sqrt(residual[0] * residual[0] + residual[1] * residual[1] + residual[2] * residual[2]));
     if (lane == 0) {
         sums[warp][0] = own;
         sums[warp][1] = by_now;
         sums[warp][2] = of_now;
         sums[warp][3] = largest;
+        sums[warp][4] = of_past;
     }
-    for (int a = 0; a < num_sums - 4; a++) {
+    for (int a = 0; a < num_sums - SINGLE_SUMS; a++) {
+        const int place = a % iteration.room;
+        const double *by = a < iteration.room ? residual : past;
         double along = 0;
-        if (there && state.rules.number[a] > 0) {
-            const double *secant = iteration.d_secant_step + n * (size_t)a + i;
-            along = secant[0] * residual[0] + secant[1] * residual[1] + secant[2] * residual[2];
+        if (there && state.rules.number[place] > 0) {
+            const double *secant = iteration.d_secant_step + n * (size_t)place + i;
+            along = secant[0] * by[0] + secant[1] * by[1] + secant[2] * by[2];
         }
-        if (state.rules.number[a] > 0) along = warp_sum(along); /* the same for all lanes */
-        if (lane == 0) sums[warp][4 + a] = along;
+        if (state.rules.number[place] > 0) along = warp_sum(along); /* the same for all lanes */
+        if (lane == 0) sums[warp][SINGLE_SUMS + a] = along;
     }
     __syncthreads();
     if (thread >= num_sums) return;
@@ -249,7 +259,7 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
 
 /* ---- decisions: one block, on a copy of the state in shared memory */
 
-enum { TRIAL, ESTIMATE, KINDS }; /* of weights */
+enum { TRIAL, ESTIMATE, PAST, KINDS }; /* of weights */
 
 struct decision {
     gpu_state state;
@@ -272,20 +282,23 @@ static __device__ void add_up(const gpu_iteration &iteration, int gather_blocks,
 {
     const int lane = (int)threadIdx.x % 32;
     const double *dots = iteration.d_sums + GATHER_SUMS * gather_blocks;
-    const int s = (int)threadIdx.x / 32;
-    double sum = 0;
-    if (s >= DOT_SUMS) {
+    const bool looks_back = now.state.seen && now.state.iterations == 0;
+    const int num_dots = SINGLE_SUMS + (looks_back ? 2 : 1) * iteration.room;
+    for (int s = (int)threadIdx.x / 32; s < num_dots + GATHER_SUMS; s += DECIDERS / 32) {
+        double sum = 0;
+        if (s >= num_dots) {
 #pragma unroll 16
-        for (int b = lane; b < gather_blocks; b += 32) sum += iteration.d_sums[gather_blocks * (s - DOT_SUMS) + b];
-    } else if (s < 4 + iteration.room) {
+            for (int b = lane; b < gather_blocks; b += 32) sum += iteration.d_sums[gather_blocks * (s - num_dots) + b];
+        } else {
 #pragma unroll 16
-        for (int b = lane; b < dot_blocks; b += 32) {
-            double part = dots[(size_t)dot_blocks * s + b];
-            sum = s == 3 ? fmax(sum, part) : sum + part;
+            for (int b = lane; b < dot_blocks; b += 32) {
+                double part = dots[(size_t)dot_blocks * s + b];
+                sum = s == 3 ? fmax(sum, part) : sum + part;
+            }
         }
+        sum = s == 3 ? warp_largest(sum) : warp_sum(sum);
+        if (lane == 0) *(s < num_dots ? now.sums + s : now.work + s - num_dots) = sum;
     }
-    sum = s == 3 ? warp_largest(sum) : warp_sum(sum);
-    if (lane == 0) *(s < DOT_SUMS ? now.sums + s : now.work + s - DOT_SUMS) = sum;
 }
 
 /* The products of the secant from the present iterate to what was evaluated: its row to new_row. */
@@ -293,13 +306,14 @@ static __device__ void find_products(decision &now)
 {
     gpu_state &state = now.state;
     const int place = state.rules.keep;
-    const double *along_trial = now.sums + 4;
+    double *along_trial = now.sums + SINGLE_SUMS;
     for (int a = 0; a < GPU_HISTORY; a++) now.new_row[a] = state.rules.number[a] > 0 ? along_trial[a] - state.along[a] : 0;
     const double own = now.sums[0], by_now = now.sums[1], of_now = now.sums[2];
     now.new_row[place] = own - by_now - of_now + state.energy;
     /* secant . residual, of the iterate that stays or of the one that is taken */
     state.along[place] = by_now - state.energy;
-    now.sums[4 + place] = own - of_now;
+    along_trial[place] = own - of_now;
+    state.past_along[place] = now.sums[4] - state.past_of_now;
 }
 
 static __device__ double find_merit(decision &now, int target)
@@ -312,7 +326,7 @@ static __device__ double find_merit(decision &now, int target)
 }
 
 /* accept or refuse; whether to go on, and how: anderson.h, as solver.c follows it */
-static __device__ void judge(decision &now)
+static __device__ void judge(decision &now, int room)
 {
     gpu_state &state = now.state;
     pliant_anderson &rules = state.rules;
@@ -320,18 +334,26 @@ static __device__ void judge(decision &now)
     const int target = gpu_target(&state);
     const double merit = find_merit(now, target);
     const bool plain = !rules.mixes && state.rows == 0 && (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_DESCENT);
-    pliant_anderson_judge(&rules, merit, plain ? now.sums[2] : 0.0, true);
+    state.evaluated = 1;
+    if (state.ending) state.evaluated = pliant_anderson_judge_end(&rules, merit);
+    else pliant_anderson_judge(&rules, merit, plain ? now.sums[2] : 0.0, true);
     state.iterations = rules.evaluations;
+    state.skips = 0;
+    state.last_target = target;
     state.old_now = state.now;
     if (rules.keep >= 0) find_products(now);
     if (rules.take || first) {
         state.now = target;
         state.energy = now.sums[0];
-        for (int a = 0; a < GPU_HISTORY; a++) state.along[a] = now.sums[4 + a];
+        state.past_of_now = now.sums[4];
+        for (int a = 0; a < room; a++) state.along[a] = now.sums[SINGLE_SUMS + a];
     }
-    state.told_scale = state.scale[state.now];
-    state.told_residual_force = state.residual_force[state.now];
-    for (int m = 0; m < 3; m++) state.largest[m] = 0;
+    for (int a = 0; first && state.seen && a < room; a++) state.past_along[a] = now.sums[SINGLE_SUMS + room + a];
+    if (!state.ending) {
+        state.told_scale = state.scale[state.now];
+        state.told_residual_force = state.residual_force[state.now];
+    }
+    for (int m = 0; m < 4; m++) state.largest[m] = 0;
     state.blocks = 0;
 }
 
@@ -356,9 +378,10 @@ static __device__ void fill_equations(decision &now, const gpu_history &history)
     for (int a = thread; a < KINDS * m; a += DECIDERS) {
         const int kind = a / m, h = a % m;
         double energy = history.gram[h][h] + spring_energy(state, history.step_force[h], history.step_force[h]);
-        const bool used = rules.number[h] > 0 && (kind == ESTIMATE || rules.mixes);
+        const bool used = rules.number[h] > 0 && (kind == TRIAL ? rules.mixes : kind == ESTIMATE || state.seen);
         now.scale[kind][h] = used ? pliant_anderson_scale(energy, kind == TRIAL ? rules.largest_secant : INFINITY) : 0;
-        double right = now.scale[kind][h] > 0 ? state.along[h] + spring_energy(state, history.step_force[h], state.step_force[state.now]) : 0;
+        const double *along = kind == PAST ? state.past_along : state.along, *force = kind == PAST ? state.past_step_force : state.step_force[state.now];
+        double right = now.scale[kind][h] > 0 ? along[h] + spring_energy(state, history.step_force[h], force) : 0;
         state.weights[kind][h] = right * now.scale[kind][h];
     }
     __syncthreads();
@@ -408,7 +431,7 @@ static __device__ bool solve_equations(decision &now, int kind)
 /* a tool's force in the iterate to come; that of a state before is still there */
 static __device__ void plan_force(gpu_state &state, const gpu_history &history, int row)
 {
-    if (state.rules.next == PLIANT_NEXT_PREVIOUS) return;
+    if (state.rules.next == PLIANT_NEXT_PREVIOUS || state.ending) return;
     double step = state.step_force[state.now][row];
     for (int a = 0; a < GPU_HISTORY; a++)
         if (state.weights[TRIAL][a] != 0) step -= state.weights[TRIAL][a] * (history.force[a][row] + history.step_force[a][row]);
@@ -433,7 +456,7 @@ static __global__ void __launch_bounds__(DECIDERS) decide_kernel(gpu_iteration i
     __syncthreads();
     add_up(iteration, gather_blocks, dot_blocks, now);
     __syncthreads();
-    if (thread == 0) judge(now);
+    if (thread == 0) judge(now, iteration.room);
     __syncthreads();
     gpu_history &history = *iteration.d_history;
     if (now.state.rules.keep >= 0) keep_secant(now.state, now.new_row, history);
@@ -449,8 +472,9 @@ static __global__ void __launch_bounds__(DECIDERS) decide_kernel(gpu_iteration i
     copy_state(now.state, *iteration.d_state);
 }
 
-/* The secant and the proposal at one node: what is left, and what the proposal moves, in the node's own axes. */
-static __device__ void propose_node(const gpu_iteration &iteration, const gpu_state &state, size_t node, double *left, double *made)
+/* The secant and the proposal at one node: what is left, what the proposal moves, and what was left at the state before, in the node's own
+ * axes. */
+static __device__ void propose_node(const gpu_iteration &iteration, const gpu_state &state, size_t node, double *left, double *made, double *past)
 {
     const pliant_anderson &rules = state.rules;
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * node, x = 3 * (size_t)iteration.d_node_of_free[node];
@@ -467,65 +491,78 @@ static __device__ void propose_node(const gpu_iteration &iteration, const gpu_st
             iteration.d_secant_residual[place + d] = iteration.d_residual[to][i + d] - iteration.d_residual[from][i + d];
         }
     }
-    for (int d = 0; d < 3; d++) left[d] = made[d] = iteration.d_step[now][i + d];
+    for (int d = 0; d < 3; d++) {
+        left[d] = made[d] = iteration.d_step[now][i + d];
+        past[d] = state.seen ? iteration.d_past_step[i + d] : 0;
+    }
     for (int a = 0; a < iteration.room; a++) {
-        const double by = state.weights[TRIAL][a], likely = state.weights[ESTIMATE][a];
-        if (by == 0 && likely == 0) continue;
+        const double by = state.weights[TRIAL][a], likely = state.weights[ESTIMATE][a], then = state.weights[PAST][a];
+        if (by == 0 && likely == 0 && then == 0) continue;
         for (int d = 0; d < 3; d++) {
             const size_t place = n * (size_t)a + i + d;
             const double secant = iteration.d_secant_x[place] + iteration.d_secant_step[place];
             made[d] -= by * secant;
             left[d] -= likely * secant;
+            past[d] -= then * secant;
         }
     }
-    if (rules.next == PLIANT_NEXT_PREVIOUS) return; /* it is there */
+    if (rules.next == PLIANT_NEXT_PREVIOUS || state.ending) return; /* it is there; it is kept */
     double out[3] = {made[0], made[1], made[2]};
     turn_out(iteration, node, out);
     for (int d = 0; d < 3; d++)
         iteration.d_x[1 - now][x + d] = rules.next == PLIANT_NEXT_REST ? iteration.d_rest[x + d] : iteration.d_x[now][x + d] + rules.damping * out[d];
 }
 
-/* All blocks are done: whether what is left is little enough, or else the blind step. */
+/* All blocks are done: whether what is left is little enough, or else the blind step, and then its end. */
 static __device__ void settle(gpu_state &state)
 {
     pliant_anderson &rules = state.rules;
-    double largest[3];
-    for (int m = 0; m < 3; m++) largest[m] = sqrt(__longlong_as_double((long long)atomicMax(&state.largest[m], 0ull))); /* past the cache */
-    if (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_BLIND || rules.next == PLIANT_NEXT_DONE)
+    double largest[4];
+    for (int m = 0; m < 4; m++) largest[m] = sqrt(__longlong_as_double((long long)atomicMax(&state.largest[m], 0ull))); /* past the cache */
+    if (!state.ending && (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_BLIND || rules.next == PLIANT_NEXT_DONE))
         pliant_anderson_settle(&rules, state.mixed, largest[0], rules.damping * largest[1], largest[2]);
-    if (rules.next == PLIANT_NEXT_BLIND) state.now = 1 - state.now; /* what it was stays where it is until the next step has looked */
-    state.done = rules.next == PLIANT_NEXT_BLIND || rules.next == PLIANT_NEXT_DONE;
+    else if (state.ending && state.evaluated)
+        pliant_anderson_settle_end(&rules, largest[0]);
+    state.done = state.ending || rules.next == PLIANT_NEXT_DONE;
+    if (!state.done) {
+        state.ending = rules.next == PLIANT_NEXT_BLIND;
+        return;
+    }
+    state.skips = 1;
+    state.evaluated = state.evaluated && state.now == state.last_target;
+    pliant_anderson_tell(&rules, state.seen, largest[3], state.step.is_cycle);
 }
 
 /* the secant, and the iterate to look at next; one thread a node */
 static __global__ void __launch_bounds__(NODES) propose_kernel(gpu_iteration iteration)
 {
-    __shared__ double most[3][NODES / 32];
+    __shared__ double most[4][NODES / 32];
     gpu_state &state = *iteration.d_state;
     if (state.done) return;
     const int node = (int)(blockIdx.x * NODES + threadIdx.x), lane = (int)threadIdx.x % 32, warp = (int)threadIdx.x / 32;
-    double squares[3] = {0, 0, 0};
+    double squares[4] = {0, 0, 0, 0};
     if (node < iteration.num_free) {
         const size_t x = 3 * (size_t)iteration.d_node_of_free[node];
         for (int d = 0; d < 3; d++) {
             double u = iteration.d_x[state.now][x + d] - iteration.d_rest[x + d];
             squares[2] += u * u;
         }
-        double left[3], made[3];
-        propose_node(iteration, state, (size_t)node, left, made);
+        double left[3], made[3], past[3];
+        propose_node(iteration, state, (size_t)node, left, made, past);
         for (int d = 0; d < 3; d++) {
             squares[0] += left[d] * left[d];
             squares[1] += made[d] * made[d];
+            squares[3] += past[d] * past[d];
         }
     }
-    for (int m = 0; m < 3; m++) {
+    for (int m = 0; m < 4; m++) {
         /* what is no number is no small one */
         const double largest = warp_largest(isfinite(squares[m]) ? squares[m] : INFINITY);
         if (lane == 0) most[m][warp] = largest;
     }
     __syncthreads();
     if (threadIdx.x > 0) return;
-    for (int m = 0; m < 3; m++) {
+    for (int m = 0; m < 4; m++) {
         double largest = most[m][0];
         for (int w = 1; w < NODES / 32; w++) largest = fmax(largest, most[m][w]);
         atomicMax(&state.largest[m], (unsigned long long)__double_as_longlong(largest)); /* any order gives the same */

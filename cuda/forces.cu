@@ -80,7 +80,7 @@ static __global__ void __launch_bounds__(ELEMENT_THREADS) force_kernel(gpu_syste
         return;
     }
     int t = (int)(blockIdx.x * ELEMENT_THREADS + threadIdx.x);
-    if (t >= system.num_tets) return;
+    if (t >= system.num_tets || gpu_knows_forces(&state)) return;
     corners c;
     double f[9], r[9], force[12];
     load_corners(system, iteration.d_x[gpu_target(&state)], t, c);
@@ -122,6 +122,10 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
         if (n < system.num_free && d < 3) turned += iteration.d_axes[9 * (size_t)n + 3 * e + d] * other;
     }
     if (n < system.num_free && d < 3) {
+        if (state.iterations == 0 && state.seen) { /* what the step before ended with, before it is overwritten */
+            iteration.d_past_step[3 * (size_t)n + d] = iteration.d_step[target][3 * (size_t)n + d];
+            iteration.d_past_residual[3 * (size_t)n + d] = iteration.d_residual[target][3 * (size_t)n + d];
+        }
         iteration.d_residual[target][3 * (size_t)n + d] = turned;
         iteration.d_right[3 * (size_t)n + d] = (float)turned;
     }
@@ -149,7 +153,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) rotation_kernel(gpu_sys
     if (system.d_stiffness) element_rotation(system, t, f, r);
     for (int m = 0; m < 9; m++) {
         const double own = system.d_stiffness ? r[m] : system.d_lame[(size_t)system.tet_stride + t] * (turns ? f[m] : m % 4 == 0);
-        iteration.d_element_force[16 * (size_t)t + m] = own; /* room that is not in use between steps */
+        iteration.d_rotations[16 * (size_t)t + m] = own;
     }
 }
 
@@ -162,7 +166,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) turn_kernel(gpu_system 
         for (int m = 0; m < 9; m++) sum[m] = 0;
         for (int c = system.d_corner_start[n]; c < system.d_corner_start[n + 1]; c++) {
             const int corner = system.d_corner[c], t = system.macros.count > 0 ? system.macros.d_cube_of_corner[corner] : corner / 4;
-            for (int m = 0; m < 9; m++) sum[m] += iteration.d_element_force[16 * (size_t)t + m];
+            for (int m = 0; m < 9; m++) sum[m] += iteration.d_rotations[16 * (size_t)t + m];
         }
     }
     rotation_of(sum, turn);

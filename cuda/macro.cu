@@ -148,7 +148,7 @@ static __global__ void __launch_bounds__(THREADS) macro_force_kernel(gpu_system 
     extern __shared__ double shared[];
     __shared__ pliant_macro_frame frame;
     const gpu_state &state = *iteration.d_state;
-    if (state.done) return;
+    if (state.done || gpu_knows_forces(&state)) return;
     const gpu_macros &macros = system.macros;
     const int cube = (int)blockIdx.x, begin = macros.d_start[cube], count = macros.d_start[cube + 1] - begin;
     double *q = shared, *row = shared + macros.most_unknowns;
@@ -167,7 +167,7 @@ static __global__ void __launch_bounds__(THREADS) macro_rotation_kernel(gpu_syst
     if (cube >= system.macros.count) return;
     pliant_macro_frame frame;
     frame_of(system, iteration.d_x[iteration.d_state->now], cube, &frame);
-    for (int m = 0; m < 9; m++) iteration.d_element_force[16 * (size_t)cube + m] = frame.rotation[m];
+    for (int m = 0; m < 9; m++) iteration.d_rotations[16 * (size_t)cube + m] = frame.rotation[m];
 }
 
 static __global__ void __launch_bounds__(THREADS) macro_position_kernel(gpu_system system, gpu_iteration iteration, double *d_fine)

@@ -33,7 +33,7 @@ void pliant_cuda_macros_free(gpu_macros *macros);
 
 /* Forces of the iterate under evaluation to d_element_force, four numbers a corner. */
 pliant_status pliant_cuda_macro_forces(const struct gpu_system *system, const struct gpu_iteration *iteration, cudaStream_t stream);
-/* Rotations of the cubes of the present iterate to d_element_force, 16 numbers a cube. */
+/* Rotations of the cubes of the present iterate to d_rotations, 16 numbers a cube. */
 pliant_status pliant_cuda_macro_rotations(const struct gpu_system *system, const struct gpu_iteration *iteration, cudaStream_t stream);
 /* Fine nodes of the present iterate. */
 pliant_status pliant_cuda_macro_positions(const struct gpu_system *system, const struct gpu_iteration *iteration, double *d_fine, cudaStream_t stream);

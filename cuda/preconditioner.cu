@@ -76,7 +76,7 @@ static pliant_status apply(const gpu_preconditioner *preconditioner, const int32
 
 extern "C" pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, cudaStream_t stream)
 {
-    return apply(preconditioner, &iteration->d_state->done, iteration, stream);
+    return apply(preconditioner, &iteration->d_state->skips, iteration, stream);
 }
 
 /* right = T' W' e_d, on a vector of zeros */

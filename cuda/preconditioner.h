@@ -22,7 +22,7 @@ typedef struct gpu_preconditioner {
 pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, cudaStream_t stream,
                                                 gpu_preconditioner *out);
 void pliant_cuda_preconditioner_free(gpu_preconditioner *preconditioner);
-/* d_left = M d_right of the iteration; nothing when the state is done. */
+/* d_left = M d_right of the iteration; nothing where the state says that it skips. */
 pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, cudaStream_t stream);
 /* Z = T M T' W' for one tool's W, with T the turn at each node: d_response (3 x 3 num_free). Takes d_right and d_left. */
 pliant_status pliant_cuda_respond(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, const gpu_tool *tool, double *d_response,

@@ -15,6 +15,56 @@
 /* a hold that the GPU knows, whose response was not asked for */
 static const uint64_t no_response = UINT64_MAX;
 
+/* As pliant_solver_measure, of this V-cycle: once, so that the host may look on. h_x (3 num_nodes), h_step, h_residual (3 num_free) */
+static pliant_status measure_in(pliant_cuda_solver *gpu, const pliant_solver *solver, double *h_x, float *h_step, double *h_residual)
+{
+    const pliant_system *system = solver->system;
+    gpu_iteration *it = &gpu->iteration;
+    const size_t n = 3 * (size_t)system->num_free, nodes = 3 * (size_t)system->mesh->num_nodes;
+    double load = 1, energy[PLIANT_MEASURED_CYCLES] = {};
+    memcpy(h_x, system->mesh->rest, nodes * sizeof *h_x);
+    CUDA_TRY(pliant_cuda_rotate(&gpu->system, it, true, gpu->stream));
+    for (int cycle = -1; cycle < PLIANT_MEASURED_CYCLES; cycle++) {
+        for (size_t i = 0; i < n; i++) h_residual[i] = load * system->gravity_mass[9 * (i / 3) + 4 * (i % 3)];
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_load, h_residual, n * sizeof *h_residual, cudaMemcpyHostToDevice, gpu->stream)));
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_x[0], h_x, nodes * sizeof *h_x, cudaMemcpyHostToDevice, gpu->stream)));
+        CUDA_TRY(pliant_cuda_forces(&gpu->system, it, gpu->stream));
+        CUDA_TRY(pliant_cuda_gather(&gpu->system, it, gpu->stream));
+        CUDA_TRY(pliant_cuda_precondition(&gpu->preconditioner, it, gpu->stream));
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(h_residual, it->d_residual[0], n * sizeof *h_residual, cudaMemcpyDeviceToHost, gpu->stream)));
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(h_step, it->d_left, n * sizeof *h_step, cudaMemcpyDeviceToHost, gpu->stream)));
+        CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+        double most = 0, sum = 0;
+        for (size_t i = 0; i < n; i++) {
+            most = fmax(most, fabs((double)h_step[i]));
+            sum += (double)h_step[i] * h_residual[i];
+        }
+        if (cycle < 0) {
+            if (!(most > 0) || !isfinite(most)) return PLIANT_OK;
+            load = solver->rules.smallest_displacement / most;
+            continue;
+        }
+        energy[cycle] = sum;
+        for (size_t i = 0; i < n; i++) h_x[3 * (size_t)system->node_of_free[i / 3] + i % 3] += h_step[i];
+    }
+    gpu->cycle_contraction = pliant_solver_left_by_a_cycle(energy);
+    return PLIANT_OK;
+}
+
+static pliant_status measure(pliant_cuda_solver *gpu, const pliant_solver *solver)
+{
+    if (!gpu->preconditioner.multigrid) return PLIANT_OK;
+    const size_t n = 3 * (size_t)solver->system->num_free;
+    double *h_x = static_cast<double *>(pliant_calloc((size_t)solver->system->mesh->num_nodes, 3 * sizeof *h_x));
+    float *h_step = static_cast<float *>(pliant_calloc(n, sizeof *h_step));
+    double *h_residual = static_cast<double *>(pliant_calloc(n, sizeof *h_residual));
+    pliant_status status = h_x && h_step && h_residual ? measure_in(gpu, solver, h_x, h_step, h_residual) : pliant_fail_memory("the solver");
+    pliant_free(h_x);
+    pliant_free(h_step);
+    pliant_free(h_residual);
+    return status;
+}
+
 static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
@@ -24,6 +74,7 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
     CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state)));
     CUDA_TRY(pliant_cuda_solver_record(gpu));
+    CUDA_TRY(measure(gpu, solver));
     return pliant_cuda_solver_restart(gpu, solver);
 }
 
@@ -51,8 +102,8 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     pliant_cuda_renewal_free(gpu);
     if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
     gpu_iteration *it = &gpu->iteration;
-    void *blocks[] = {it->d_state, it->d_history, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_residual[0], it->d_residual[1], it->d_load, it->d_extra,
-                      it->d_secant_x, it->d_secant_step, it->d_secant_residual, it->d_element_force, it->d_axes, it->d_right, it->d_left,
+    void *blocks[] = {it->d_state, it->d_history, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_residual[0], it->d_residual[1], it->d_past_step, it->d_past_residual, it->d_load, it->d_extra,
+                      it->d_secant_x, it->d_secant_step, it->d_secant_residual, it->d_element_force, it->d_rotations, it->d_axes, it->d_right, it->d_left,
                       it->d_sums, gpu->d_fine, gpu->d_solved, gpu->d_between};
     for (void *block : blocks) pliant_cuda_release(block);
     for (gpu_tool_arrays &tool : gpu->tools) {
@@ -76,8 +127,7 @@ extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
     gpu->loaded = false;
     gpu->fresh = true;
-    gpu->foreseen = 0;
-    gpu->last_iterations = 2;
+    gpu->last_launches = 3;
     return PLIANT_OK;
 }
 
@@ -94,9 +144,10 @@ extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, con
 
 /* ---- in a step */
 
-static pliant_status send_load(pliant_cuda_solver *gpu, const pliant_solver *solver, const double gravity[3])
+static pliant_status send_load(pliant_cuda_solver *gpu, const pliant_solver *solver, const double gravity[3], gpu_step *step)
 {
     if (gpu->loaded && memcmp(gpu->gravity, gravity, sizeof gpu->gravity) == 0) return PLIANT_OK;
+    step->same_step = 0;
     const size_t bytes = 3 * (size_t)gpu->system.num_free * sizeof(double);
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_load, solver->load, bytes, cudaMemcpyHostToDevice, gpu->stream)));
     memcpy(gpu->gravity, gravity, sizeof gpu->gravity);
@@ -133,6 +184,7 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
         gpu_tool_arrays *arrays = gpu->tools + t;
         gpu_tool *tool = step->tools + t;
         memcpy(tool->force, handle->force, sizeof tool->force);
+        if (memcmp(gpu->force + 3 * t, handle->force, sizeof handle->force) != 0) step->same_step = 0;
         if (!handle->active || handle->count == 0) continue;
         if (handle->response_of == 0) {
             CUDA_TRY(send_hold(gpu, handle, arrays));
@@ -151,6 +203,7 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
         handle->response_of = no_response;
         if (!tool->spring) continue;
         CUDA_TRY(pliant_cuda_respond(&gpu->preconditioner, &gpu->iteration, tool, arrays->d_response, gpu->stream));
+        step->same_step = 0; /* d_left was taken */
         handle->response_of = gpu->serial;
     }
     /* nodes that were held before keep no force */
@@ -161,15 +214,16 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
 
 /* The axes follow the tissue, as on the CPU. Responses to springs hold for the axes that they were found in, and homogenized elements have
  * but a rough notion of them: there the axes turn only where the preconditioner has served badly, since no new one is made here.
- * *forget: secants hold such responses. */
-static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *forget)
+ * Secants that hold such responses are forgotten. */
+static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, gpu_step *step)
 {
     const uint64_t interval = (uint64_t)solver->refresh_interval;
     bool waits = gpu->system.d_stiffness || gpu->system.macros.count > 0, follows = gpu->evaluations < 0 || gpu->evaluations >= PLIANT_EVALUATIONS_A_TURN;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         waits = waits || (pliant_handle_is_spring(solver->handles + t) && solver->handles[t].response_of == gpu->serial);
     if (waits) follows = gpu->served_badly && interval > 0 && statistics->step >= gpu->turned_at + interval;
-    *forget = follows && waits;
+    step->forget = follows && waits;
+    step->same_axes = !follows;
     if (!follows) return PLIANT_OK;
     CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream));
     gpu->serial++;
@@ -183,8 +237,8 @@ static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, 
 static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
 {
     CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
-    const int32_t most = step->most_evaluations + 3; /* one to look back at the state before a blind step, a descent, the body at rest */
-    int32_t ahead = gpu->last_iterations; /* a step takes about as many as the last one; those too many do nothing */
+    const int32_t most = step->most_evaluations + 4; /* one to look back at the state before a blind step, a descent, the body at rest, the end */
+    int32_t ahead = gpu->last_launches; /* a step takes about as many as the last one; those too many do nothing */
     for (int32_t spent = 0; spent < most; ahead = 1) {
         for (int32_t n = 0; n < ahead && spent < most; n++, spent++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream)));
         CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows), cudaMemcpyDeviceToHost, gpu->stream)));
@@ -197,11 +251,12 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
 extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
 {
     gpu_step step = {};
-    bool forget, renewed = false;
+    bool renewed = false;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     CUDA_TRY(pliant_cuda_renewal_step(gpu, solver, statistics, &renewed));
-    CUDA_TRY(send_load(gpu, solver, gravity));
-    CUDA_TRY(turn(gpu, solver, statistics, &forget));
+    step.same_step = 1;
+    CUDA_TRY(send_load(gpu, solver, gravity, &step));
+    CUDA_TRY(turn(gpu, solver, statistics, &step));
     CUDA_TRY(send_tools(gpu, solver, &step));
     const pliant_anderson *limits = &solver->rules;
     step.most_evaluations = limits->most_evaluations;
@@ -209,10 +264,13 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     step.room = limits->room;
     step.tolerance = limits->tolerance;
     step.smallest_displacement = limits->smallest_displacement;
-    step.cycle_contraction = limits->cycle_contraction;
+    step.cycle_contraction = gpu->cycle_contraction;
+    step.is_cycle = gpu->preconditioner.multigrid != nullptr;
     step.smallest_scale = solver->smallest_scale;
     step.restart = gpu->fresh;
-    step.forget = forget || renewed || gpu->forgotten != solver->forgotten;
+    step.kept = !gpu->fresh && gpu->forgotten == solver->forgotten;
+    step.same_axes = step.same_axes && !renewed;
+    step.forget = step.forget || renewed || gpu->forgotten != solver->forgotten;
     gpu->forgotten = solver->forgotten;
     CUDA_TRY(run(gpu, &step));
     gpu->fresh = false;
@@ -220,13 +278,15 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     const pliant_anderson *rules = &state->rules;
     if (!isfinite(rules->merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, state->force[state->now] + 3 * t, sizeof solver->handles[t].force);
-    statistics->iterations = gpu->last_iterations = rules->evaluations;
+    memcpy(gpu->force, state->force[state->now], sizeof gpu->force);
+    statistics->iterations = rules->evaluations;
+    gpu->last_launches = rules->evaluations + state->ending;
     gpu->evaluations += rules->evaluations;
     statistics->rejected += (uint64_t)rules->rejected;
     statistics->residual = rules->merit / state->told_scale;
     statistics->residual_force = state->told_residual_force;
-    statistics->error_before = gpu->foreseen;
-    statistics->error = gpu->foreseen = rules->error;
+    statistics->error = rules->error;
+    statistics->error_before = rules->error_before;
     gpu->served_badly = gpu->served_badly || rules->rate > PLIANT_SERVES_BADLY;
     return rules->converged ? PLIANT_OK : PLIANT_NOT_CONVERGED;
 }

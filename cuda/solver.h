@@ -16,7 +16,7 @@ typedef struct gpu_tool_arrays {
     size_t unknown_room, block_room, response_room; /* bytes */
 } gpu_tool_arrays;
 
-enum { SOLVER_ARRAYS = 20 };
+enum { SOLVER_ARRAYS = 23 };
 
 typedef struct gpu_renewal gpu_renewal;
 
@@ -45,11 +45,11 @@ struct pliant_cuda_solver {
     bool served_badly;         /* the preconditioner, since then */
     int64_t evaluations;       /* since then; -1: the axes are those of rest */
     bool fresh;                /* the state was taken from the host */
-    double foreseen;           /* error of the last step [m] */
+    double cycle_contraction;  /* of the V-cycle; 0: the inverse is used */
     uint64_t forgotten;        /* of the host's solver */
-    double gravity[3];
+    double gravity[3], force[PLIANT_MAX_ROWS]; /* of the last step */
     bool loaded;
-    int32_t last_iterations;
+    int32_t last_launches;     /* evaluations, that of the end among them */
 };
 
 /* ---- solve.cu: the state is the host's, and nothing else is known of it. */

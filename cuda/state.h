@@ -11,7 +11,7 @@
 extern "C" {
 #endif
 
-enum { GATHER_SUMS = 2, DOT_SUMS = 4 + PLIANT_MAX_HISTORY };
+enum { GATHER_SUMS = 2, SINGLE_SUMS = 5, DOT_SUMS = SINGLE_SUMS + 2 * PLIANT_MAX_HISTORY };
 enum { GPU_ROWS = PLIANT_MAX_ROWS, GPU_HISTORY = PLIANT_MAX_HISTORY, GPU_TOOLS = PLIANT_MAX_TOOLS };
 
 /* What a tool does to the unknowns in this step (struct pliant_handle). Pointers are of the device. */
@@ -27,6 +27,8 @@ typedef struct gpu_tool {
 typedef struct gpu_step {
     gpu_tool tools[GPU_TOOLS];
     int32_t restart, forget;   /* nothing is known of the state; the secants no longer hold */
+    int32_t kept, same_axes, same_step; /* since the step before: nothing but loads has changed; nor the axes; nor what the preconditioner gave */
+    int32_t is_cycle;          /* the preconditioner is a V-cycle */
     int32_t most_evaluations, depth, room;
     double tolerance, smallest_displacement, smallest_scale, cycle_contraction;
 } gpu_step;
@@ -34,8 +36,9 @@ typedef struct gpu_step {
 typedef struct gpu_state {
     gpu_step step;
     /* what the host reads */
-    int32_t now;               /* buffer of the present iterate; before a blind step the other one has the state before it */
+    int32_t now;               /* buffer of the present iterate; after a blind step the other one has the state before it */
     int32_t done, iterations;
+    int32_t ending;            /* a blind step was made: its end is evaluated */
     pliant_anderson rules;     /* as on the CPU */
     double scale[2], residual_force[2], force[2][GPU_ROWS];
     double told_scale, told_residual_force; /* of the last state that was evaluated and kept */
@@ -46,12 +49,20 @@ typedef struct gpu_state {
     /* Anderson */
     double energy;             /* step . residual of the present iterate, without springs */
     double along[GPU_HISTORY]; /* secants' step . residual of the present iterate */
-    double weights[2][GPU_HISTORY]; /* of the next proposal, and of the estimate of what is left */
+    double weights[3][GPU_HISTORY]; /* of the next proposal, of the estimate of what is left, and of that of the state before */
     int32_t mixed;             /* there are some of the first kind */
     int32_t old_now;           /* buffer that was present when what was evaluated last was proposed */
-    /* largest squares over the nodes, as bits: what is left, what the proposal moves, displacement */
-    unsigned long long largest[3];
+    /* largest squares over the nodes, as bits: what is left, what the proposal moves, displacement, what was left at the state before */
+    unsigned long long largest[4];
     unsigned long long blocks; /* that have found theirs */
+    /* pliant_posterior */
+    int32_t last_target;       /* buffer that was evaluated last */
+    int32_t evaluated;         /* d_element_force and d_left are of the state that the step ended with */
+    int32_t knows_forces, seen; /* by this step's beginning: of its first state, the forces; what it lacked for the loads of then */
+    int32_t skips;             /* the preconditioner has nothing to do */
+    double past_step_force[GPU_ROWS];
+    double past_of_now;        /* step of the present iterate . residual of then */
+    double past_along[GPU_HISTORY]; /* secants' step . residual of then */
 } gpu_state;
 
 /* What goes with it and is too much to be copied in every decision. */
@@ -70,9 +81,11 @@ typedef struct gpu_iteration {
     gpu_history *d_history;
     double *d_x[2];            /* (3 num_nodes) */
     double *d_step[2], *d_residual[2]; /* (n) in the nodes' own axes, as the secants */
+    double *d_past_step, *d_past_residual; /* (n) that the step before ended with */
     double *d_load, *d_extra;  /* (n) gravity; the tools' forces */
     double *d_secant_x, *d_secant_step, *d_secant_residual; /* (room x n) */
     double *d_element_force;   /* (num_tets x 4 x 4), three numbers and a gap; or (corners of macro-elements x 4) */
+    double *d_rotations;       /* (num_tets or macro-elements x 16) what elements say of the axes, nine numbers and a gap */
     double *d_axes;            /* (num_free x 9) the nodes' own axes */
     float *d_right, *d_left;   /* (n, padded) what the preconditioner takes and gives */
     double *d_sums;            /* (GATHER_SUMS x blocks of the gather), then (DOT_SUMS x blocks of the dot products) */
@@ -81,6 +94,8 @@ typedef struct gpu_iteration {
 #ifdef __CUDACC__
 /* the iterate that an evaluation is about */
 static __device__ __forceinline__ int gpu_target(const gpu_state *state) { return state->iterations == 0 ? state->now : 1 - state->now; }
+/* whose elastic forces are those of the end of the last step */
+static __device__ __forceinline__ bool gpu_knows_forces(const gpu_state *state) { return state->iterations == 0 && state->knows_forces; }
 #endif
 
 #ifdef __cplusplus

@@ -137,6 +137,62 @@ TEST(CudaRun, TheToleranceIsOfPositions)
     }
 }
 
+// What a step tells of its error, and of that of the step before: what the CPU tells, but for a preconditioner in float and what follows from it
+// in steps that do not converge; and within a factor of three of the truth.
+TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
+{
+    NEEDS_GPU();
+    const pliant_drive drives[] = {PLIANT_DRIVE_RIGID, PLIANT_DRIVE_SPRING, PLIANT_DRIVE_FORCE};
+    for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID})
+        for (int load = 0; load < 4; load++) { // the last: gravity alone, which turns
+            SCOPED_TRACE(load);
+            const Case c = {PLIANT_FINE, drives[load % 3], 2, 0, load < 3, choice};
+            Body exact(size, box, three, inclusions), cpu(size, box, three, inclusions), gpu(size, box, three, inclusions);
+            for (Body *body : {&exact, &cpu, &gpu}) {
+                prepare(*body, c, body == &gpu ? PLIANT_CUDA : PLIANT_CPU);
+                body->scene.solver.refresh_interval = 0;
+                body->scene.solver.iterations = body == &exact ? 200 : 2;
+                body->scene.solver.tolerance = 1e-10;
+                ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+            }
+            const int steps = 20;
+            int counted = 0, within = 0, judged = 0, within_before = 0;
+            double apart = 0, last_error = 0;
+            for (int s = 1; s <= steps; s++) {
+                const double gravity[3] = {2, load == 3 ? 4.0 * s / steps : 0, 0};
+                for (Body *body : {&exact, &cpu, &gpu}) {
+                    ASSERT_EQ(pliant_data_set_gravity(body->data, gravity), PLIANT_OK);
+                    step(*body, c, s, steps);
+                    for (int again = 0; body == &exact && again < 10 && body->data->statistics.error > 1e-11; again++)
+                        ASSERT_GE(pliant_step(body->model, body->data), 0);
+                }
+                ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
+                const pliant_statistics &a = cpu.data->statistics, &b = gpu.data->statistics;
+                if (a.error > 1e-7) apart = std::fmax(apart, std::fabs(a.error - b.error) / a.error);
+                if (a.error_before > 1e-7) apart = std::fmax(apart, std::fabs(a.error_before - b.error_before) / a.error_before);
+                if (last_error > 1e-7) {
+                    judged++;
+                    within_before += b.error_before > last_error / 3 && b.error_before < 3 * last_error;
+                }
+                double error = 0; // of a node
+                for (int32_t n = 0; n < 3 * gpu.model->body->fine.num_nodes; n += 3) {
+                    const double *x = gpu.data->positions + n, *y = exact.data->positions + n;
+                    error = std::fmax(error, std::hypot(std::hypot(x[0] - y[0], x[1] - y[1]), x[2] - y[2]));
+                }
+                last_error = error;
+                if (error <= 1e-7) continue;
+                counted++;
+                within += b.error > error / 3 && b.error < 3 * error;
+            }
+            std::printf("%s, load %d: within a factor of 3 in %d of %d frames, a step later in %d of %d; told %.1e of the CPU's apart\n",
+                        choice == PLIANT_DIRECT ? "direct" : "V-cycle", load, within, counted, within_before, judged, apart);
+            EXPECT_GT(counted, 3);
+            EXPECT_GE(within, 0.9 * counted);
+            EXPECT_GE(within_before, 0.9 * judged);
+            if (choice == PLIANT_DIRECT) EXPECT_LT(apart, 0.02);
+        }
+}
+
 // The coarse model on the GPU, patches on the host from where it has the fine nodes: where the CPU alone has them.
 TEST(CudaRun, PatchesMeetTheCpu)
 {

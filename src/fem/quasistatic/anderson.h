@@ -161,14 +161,6 @@ PLIANT_INLINE double pliant_anderson_error(const pliant_anderson *rules)
     return rules->move * (rules->blind_end ? sqrt(c) : 1.0) / (1 - c);
 }
 
-/* The state beyond a blind step was evaluated as well. left: the largest move of a node that the secants and the residual call for there [m]. */
-PLIANT_INLINE void pliant_anderson_end(pliant_anderson *rules, double left)
-{
-    rules->blind_end = 0;
-    rules->move = left;
-    rules->error = pliant_anderson_error(rules);
-}
-
 /* The last word of a step: on the step before. seen: its end was evaluated, with what is the preconditioner now; left: there, with the secants
  * of now. These know the next corrections too, so that c^2 is missed; but a V-cycle hides the same slow errors from all. */
 PLIANT_INLINE void pliant_anderson_tell(pliant_anderson *rules, bool seen, double left, bool is_cycle)
@@ -177,10 +169,6 @@ PLIANT_INLINE void pliant_anderson_tell(pliant_anderson *rules, bool seen, doubl
     rules->error_before = seen ? left / (1 - (is_cycle ? c : c * c)) : rules->told;
     rules->told = rules->error;
 }
-
-/* Whether the end of a step is evaluated, which the next one then need not do. Where the loads change from step to step, that costs a use of
- * the preconditioner; then a factor is, a V-cycle is not, and no time that the step was given for getting better. */
-PLIANT_INLINE bool pliant_anderson_evaluates_end(bool loads_change, bool is_cycle, bool limited_time) { return !loads_change || (!is_cycle && !limited_time); }
 
 /* at rest, nothing known; limits stay */
 PLIANT_INLINE void pliant_anderson_reset(pliant_anderson *rules)
@@ -365,6 +353,27 @@ PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, do
     if (rules->accepted || (rules->refused == 0 && rules->mixes)) return;
     rules->limited = 1; /* where it turns out to lead nowhere, these have been tried */
     rules->refused = rules->mixes ? 2 : rules->refused < 3 ? 3 : rules->refused + 1;
+}
+
+/* ---- after the blind step that a step ends with */
+
+/* The state there was evaluated as well, in place of the beginning of the next step: it is the present one now, and the way to it a secant.
+ * false: it is no state */
+PLIANT_INLINE bool pliant_anderson_judge_end(pliant_anderson *rules, double merit)
+{
+    const bool good = isfinite(merit);
+    rules->take = 1;
+    rules->forget = 0;
+    rules->keep = good && rules->depth > 0 ? pliant_anderson_place(rules) : -1;
+    return good;
+}
+
+/* left: the largest move of a node that the secants and the residual call for there [m] */
+PLIANT_INLINE void pliant_anderson_settle_end(pliant_anderson *rules, double left)
+{
+    rules->blind_end = 0;
+    rules->move = left;
+    rules->error = pliant_anderson_error(rules);
 }
 
 #ifdef __cplusplus

@@ -59,17 +59,23 @@ void pliant_posterior_keep(pliant_solver *solver, bool evaluated)
     posterior->axes_serial = solver->axes_serial;
 }
 
+double pliant_solver_left_by_a_cycle(const double energy[PLIANT_MEASURED_CYCLES])
+{
+    enum { LAST = PLIANT_MEASURED_CYCLES - 1, MEAN_OF = 3 };
+    const double left = pow(energy[LAST] / energy[LAST - MEAN_OF], 0.5 / MEAN_OF), most_left = 0.95;
+    return left > 0 ? fmin(left, most_left) : 0;
+}
+
 /* K x = f by x += M^-1 (f - K x) for a load in every direction, small enough for the elements not to turn. What a cycle leaves in the end is
  * what it leaves of the slowest error. */
 pliant_status pliant_solver_measure(pliant_solver *solver)
 {
-    enum { CYCLES = 8, LAST = 3 };
     const pliant_system *system = solver->system;
     const size_t n = pliant_solver_unknowns(solver);
     pliant_iterate *at = &solver->trial;
-    double load = 1, energy[CYCLES];
+    double load = 1, energy[PLIANT_MEASURED_CYCLES];
     memcpy(at->x, system->mesh->rest, 3 * (size_t)system->mesh->num_nodes * sizeof *at->x);
-    for (int cycle = -1; cycle < CYCLES; cycle++) { /* once more at first, to find the load */
+    for (int cycle = -1; cycle < PLIANT_MEASURED_CYCLES; cycle++) { /* once more at first, to find the load */
         pliant_system_element_forces(system, at->x, solver->element_forces);
         pliant_system_gather(system, solver->element_forces, at->step);
         double most = 0;
@@ -85,7 +91,6 @@ pliant_status pliant_solver_measure(pliant_solver *solver)
         energy[cycle] = pliant_solver_product(solver, at->step, at->residual);
         for (size_t i = 0; i < n; i++) at->x[3 * (size_t)system->node_of_free[i / 3] + i % 3] += at->step[i];
     }
-    const double left = pow(energy[CYCLES - 1] / energy[CYCLES - 1 - LAST], 0.5 / LAST), most_left = 0.95;
-    if (left > 0) solver->rules.cycle_contraction = fmin(left, most_left);
+    solver->rules.cycle_contraction = pliant_solver_left_by_a_cycle(energy);
     return PLIANT_OK;
 }

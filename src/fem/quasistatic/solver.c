@@ -98,11 +98,11 @@ static void swap_iterates(pliant_solver *solver)
     solver->trial = swap;
 }
 
+/* Around a patch more changes than its loads, and where these do from step to step, the next one could not do without an evaluation: no time
+ * that a step was given for getting better is spent on that. */
 static bool evaluates_end(const pliant_solver *solver)
 {
-    /* around a patch more changes than its loads */
-    return !solver->system->basis &&
-           pliant_anderson_evaluates_end(solver->posterior.loads_change, !pliant_preconditioner_refuses(solver->preconditioner), solver->budget > 0);
+    return !solver->system->basis && !(solver->posterior.loads_change && solver->budget > 0);
 }
 
 /* whether one more evaluation, as long as those that were made so far, and that of the end would be done within the budget */
@@ -180,19 +180,30 @@ static pliant_status iterate(pliant_solver *solver, double start, int32_t *made)
     return PLIANT_OK;
 }
 
-/* The state that the step ends with, evaluated where that was not done (estimate.c); and what the step has to say of the one before. */
+/* beyond a blind step: from what it began with, as a trial is */
+static bool evaluate_end(pliant_solver *solver)
+{
+    double *x = solver->now.x;
+    solver->now.x = solver->trial.x;
+    solver->trial.x = x;
+    memcpy(solver->trial.force, solver->now.force, sizeof solver->now.force);
+    memcpy(solver->now.force, solver->previous_force, sizeof solver->now.force);
+    bool good = evaluate(solver, PLIANT_KNOWN_NOTHING, &solver->trial) == PLIANT_OK;
+    good = pliant_anderson_judge_end(&solver->rules, good ? solver->trial.merit : INFINITY);
+    if (solver->rules.keep >= 0) pliant_solver_remember(solver, solver->rules.keep, &solver->now, &solver->trial);
+    swap_iterates(solver);
+    if (good) pliant_anderson_settle_end(&solver->rules, pliant_secants_left(solver, &solver->now));
+    return good;
+}
+
+/* The state that the step ends with (estimate.c), and what the step has to say of the one before. */
 static void look_at_end(pliant_solver *solver, double start, int32_t made)
 {
-    pliant_anderson *rules = &solver->rules;
-    const bool is_cycle = !pliant_preconditioner_refuses(solver->preconditioner);
-    bool evaluated = !solver->system->basis;
-    if (rules->next == PLIANT_NEXT_BLIND) {
-        evaluated = evaluates_end(solver) && evaluate(solver, PLIANT_KNOWN_NOTHING, &solver->now) == PLIANT_OK && isfinite(solver->now.merit);
-        if (evaluated) pliant_anderson_end(rules, pliant_secants_left(solver, &solver->now));
-        made += evaluated;
-    }
+    const bool evaluates = solver->rules.next == PLIANT_NEXT_BLIND && evaluates_end(solver), seen = solver->posterior.seen;
+    const bool evaluated = evaluates ? evaluate_end(solver) : solver->rules.next != PLIANT_NEXT_BLIND && !solver->system->basis;
+    made += evaluates;
     if (solver->budget > 0 && made > 0) solver->evaluation_seconds = (solver->clock(solver->clock_user) - start) / made;
-    pliant_anderson_tell(rules, solver->posterior.seen, solver->posterior.seen ? pliant_secants_left(solver, &solver->posterior.at) : 0, is_cycle);
+    pliant_anderson_tell(&solver->rules, seen, seen ? pliant_secants_left(solver, &solver->posterior.at) : 0, !pliant_preconditioner_refuses(solver->preconditioner));
     pliant_posterior_keep(solver, evaluated);
 }
 

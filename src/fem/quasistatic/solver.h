@@ -42,6 +42,7 @@ typedef struct pliant_handle {
 typedef struct pliant_refresh pliant_refresh; /* the background factorizer, refresh.c */
 
 enum { PLIANT_MAX_ROWS = 3 * PLIANT_MAX_TOOLS };
+enum { PLIANT_MEASURED_CYCLES = 8 };
 /* Fewer are sooner done by one thread. */
 enum { PLIANT_NODES_FOR_THREADS = 4096 };
 
@@ -201,6 +202,8 @@ pliant_known pliant_posterior_begin(pliant_solver *solver);
 /* How much of an error an evaluation leaves, before a step has shown it: a few cycles of a preconditioner that hides slow errors, in the
  * solver's own room, at rest. Errors: MEMORY. */
 pliant_status pliant_solver_measure(pliant_solver *solver);
+/* From the energies of that many corrections, one after the other: what the last cycles left. 0: not known */
+double pliant_solver_left_by_a_cycle(const double energy[PLIANT_MEASURED_CYCLES]);
 /* The step ends. evaluated: so is the state that it ends with. */
 void pliant_posterior_keep(pliant_solver *solver, bool evaluated);
 
