@@ -58,11 +58,9 @@ typedef struct pliant_statistics {
     double seconds[PLIANT_NUM_STEP_STAGES];
     int32_t iterations;         /**< of the last step, those of a patch among them */
     double residual;            /**< energy norm of the residual force over that of the load, last step; of a patch where that is larger */
-    double error;               /**< [m] how far a node may still be from where the step would converge to, foreseen from the last
-                                 *   evaluation; 0: not known (explicit dynamics) */
-    double error_before;        /**< [m] the same of the step before, in hindsight: more certain, but as it was foreseen on the GPU, and
-                                 *   where gravity or a given force has changed and solver/budget_ms or a V-cycle leaves no time; 0: not
-                                 *   known, or the first step */
+    double error;               /**< [m] how far a node still is from where the step would converge to, estimated where it ended (with
+                                 *   solver/budget_ms and loads that change, from the last evaluation before); 0: not known (explicit dynamics) */
+    double error_before;        /**< [m] the same of the step before, as this one has it; 0: not known, or the first step */
     double residual_force;      /**< largest nodal residual force [N] */
     int32_t falling;            /**< pieces that have come off and move */
     int32_t patched;            /**< tools that pull at a patch (model/patch), last step */

@@ -137,12 +137,13 @@ TEST(CudaRun, TheToleranceIsOfPositions)
     }
 }
 
-// What a step tells of its error, and of that of the step before: what the CPU tells, but for a preconditioner in float and what follows from it
-// in steps that do not converge; and within a factor of three of the truth.
+// What a step tells of its error, and of that of the step before: what the CPU tells, but for a preconditioner in float; under springs steps of
+// two evaluations go their own ways after some time, by what it has rounded. And within a factor of three of the truth.
 TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
 {
     NEEDS_GPU();
     const pliant_drive drives[] = {PLIANT_DRIVE_RIGID, PLIANT_DRIVE_SPRING, PLIANT_DRIVE_FORCE};
+    int counted = 0, within = 0, judged = 0, within_before = 0;
     for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID})
         for (int load = 0; load < 4; load++) { // the last: gravity alone, which turns
             SCOPED_TRACE(load);
@@ -155,8 +156,7 @@ TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
                 body->scene.solver.tolerance = 1e-10;
                 ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
             }
-            const int steps = 20;
-            int counted = 0, within = 0, judged = 0, within_before = 0;
+            const int steps = 20, alike = load < 2 ? 2 : steps;
             double apart = 0, last_error = 0;
             for (int s = 1; s <= steps; s++) {
                 const double gravity[3] = {2, load == 3 ? 4.0 * s / steps : 0, 0};
@@ -168,8 +168,8 @@ TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
                 }
                 ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
                 const pliant_statistics &a = cpu.data->statistics, &b = gpu.data->statistics;
-                if (a.error > 1e-7) apart = std::fmax(apart, std::fabs(a.error - b.error) / a.error);
-                if (a.error_before > 1e-7) apart = std::fmax(apart, std::fabs(a.error_before - b.error_before) / a.error_before);
+                if (s <= alike && a.error > 1e-7) apart = std::fmax(apart, std::fabs(a.error - b.error) / a.error);
+                if (s <= alike && a.error_before > 1e-7) apart = std::fmax(apart, std::fabs(a.error_before - b.error_before) / a.error_before);
                 if (last_error > 1e-7) {
                     judged++;
                     within_before += b.error_before > last_error / 3 && b.error_before < 3 * last_error;
@@ -184,13 +184,13 @@ TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
                 counted++;
                 within += b.error > error / 3 && b.error < 3 * error;
             }
-            std::printf("%s, load %d: within a factor of 3 in %d of %d frames, a step later in %d of %d; told %.1e of the CPU's apart\n",
-                        choice == PLIANT_DIRECT ? "direct" : "V-cycle", load, within, counted, within_before, judged, apart);
-            EXPECT_GT(counted, 3);
-            EXPECT_GE(within, 0.9 * counted);
-            EXPECT_GE(within_before, 0.9 * judged);
-            if (choice == PLIANT_DIRECT) EXPECT_LT(apart, 0.02);
+            std::printf("%s, load %d: told %.1e of the CPU's apart\n", choice == PLIANT_DIRECT ? "direct" : "V-cycle", load, apart);
+            if (choice == PLIANT_DIRECT) EXPECT_LT(apart, 1e-3);
         }
+    std::printf("within a factor of 3 in %d of %d frames, a step later in %d of %d\n", within, counted, within_before, judged);
+    EXPECT_GT(counted, 100);
+    EXPECT_GE(within, 0.9 * counted);
+    EXPECT_GE(within_before, 0.9 * judged);
 }
 
 // The coarse model on the GPU, patches on the host from where it has the fine nodes: where the CPU alone has them.

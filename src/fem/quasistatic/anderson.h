@@ -4,9 +4,9 @@
  *
  * Every trial that is accepted has a lower merit than the state before. After a refusal: once more with what the refused state taught;
  * then without secants that are far larger than what is left, of which they are not true enough, though they will be of the next step;
- * then the preconditioner's own step; then ever shorter ones, into the next step where this one ends first. A step whose end is not
- * evaluated (BLIND) costs nothing: it is taken where the one before went well, or where the frame would not move otherwise, and judged by
- * the first evaluation of the next step. */
+ * then the preconditioner's own step; then ever shorter ones, into the next step where this one ends first. A last step that is not judged
+ * (BLIND) is taken where the one before went well, or where the frame would not move otherwise, and judged by the first evaluation of the
+ * next step, which is most often made at the end of this one. */
 #ifndef PLIANT_FEM_QUASISTATIC_ANDERSON_H
 #define PLIANT_FEM_QUASISTATIC_ANDERSON_H
 
