@@ -251,6 +251,7 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     if (status == PLIANT_OK) turn_on(solver);
     if (status == PLIANT_OK)
         status = pliant_preconditioner_mend(solver->preconditioner, solver->now.x, solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL);
+    if (pliant_preconditioner_base(solver->preconditioner)) solver->axes_serial++; /* mended, it gives other steps */
     if (status == PLIANT_OK) status = pliant_solver_respond(solver);
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
