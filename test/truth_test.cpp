@@ -44,24 +44,24 @@ TEST(Truth, ErrorOfABeamsMeshIsEstimatedWithinAFactorOfOneAndAHalf)
 {
     const double poisson[2] = {0.45, 0.499}, converged[2] = {6.87e-3, 6.80e-3};
     for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA})
-        for (int across : {3, 6})
-            for (int n = 0; n < 2; n++) {
-                ReportedBeam beam(kind, poisson[n], across);
-                pliant_truth worst;
-                ASSERT_EQ(pliant_truth_run(&beam.input, &beam.sweep, &beam.tables, {nullptr, nullptr}, &worst), PLIANT_OK) << pliant_last_error();
-                const double truth = converged[n] - beam.sag();
-                std::printf("%s, cells of %d mm, nu %.3f: sag off by %.3f mm, estimated %.3f mm, order %.2f, solver %.4f mm\n", kind == PLIANT_LINEAR ? "linear" : "hexahedra",
-                            30 / across, poisson[n], 1e3 * truth, 1e3 * worst.mesh.max, worst.order, 1e3 * worst.solver.max);
-                EXPECT_LT(worst.mesh.max, 1.5 * std::fabs(truth));
-                EXPECT_GT(worst.mesh.max, std::fabs(truth) / 1.5);
-                EXPECT_EQ(beam.cell("larger"), "mesh");
-                EXPECT_NE(beam.cell("advice").find("mesh/ratio"), std::string::npos);
-            }
+        for (int n = 0; n < 2; n++) {
+            const int across = (kind == PLIANT_LINEAR) == (n == 0) ? 6 : 3; // every pair of kind, nu and size once
+            ReportedBeam beam(kind, poisson[n], across);
+            pliant_truth worst;
+            ASSERT_EQ(pliant_truth_run(&beam.input, &beam.sweep, &beam.tables, {nullptr, nullptr}, &worst), PLIANT_OK) << pliant_last_error();
+            const double truth = converged[n] - beam.sag();
+            std::printf("%s, cells of %d mm, nu %.3f: sag off by %.3f mm, estimated %.3f mm, order %.2f, solver %.4f mm\n", kind == PLIANT_LINEAR ? "linear" : "hexahedra",
+                        30 / across, poisson[n], 1e3 * truth, 1e3 * worst.mesh.max, worst.order, 1e3 * worst.solver.max);
+            EXPECT_LT(worst.mesh.max, 1.5 * std::fabs(truth));
+            EXPECT_GT(worst.mesh.max, std::fabs(truth) / 1.5);
+            EXPECT_EQ(beam.cell("larger"), "mesh");
+            EXPECT_NE(beam.cell("advice").find("mesh/ratio"), std::string::npos);
+        }
 }
 
 TEST(Truth, TellsWhereTheSolverIsTheLargerError)
 {
-    ReportedBeam beam(PLIANT_HEXAHEDRA, 0.45, 6);
+    ReportedBeam beam(PLIANT_HEXAHEDRA, 0.45, 3);
     beam.scene.solver.iterations = 1;
     beam.scene.solver.refresh_interval = 0;
     beam.scene.model.gravity[1] = -60;
