@@ -77,9 +77,14 @@ static inline bool part_same_list(const int32_t *a, int32_t a_count, const int32
     return a_count == b_count && memcmp(a, b, (size_t)a_count * sizeof *a) == 0;
 }
 
+static inline int32_t part_load_node(const part_maker *work, int32_t node) { return work->body->node_parent ? work->body->node_parent[node] : node; }
+
 /* parts.c: room for more, NULL: none */
 void *pliant_parts_grow(part_list *list, size_t more);
 pliant_status pliant_parts_no_memory(void);
+
+/* parts_box.c: of one tetrahedron; out->maker stays as it is where there is no box */
+pliant_status pliant_parts_make_box(part_maker *work, int32_t tet, const part_box *box, int32_t maker, part_made *out);
 
 /* parts_guests.c: a tetrahedron at rest, and the voxels around it */
 void pliant_parts_shape(const part_maker *work, int32_t tet, part_shape *out);

@@ -1,0 +1,347 @@
+/* The labels of the voxels around one tetrahedron that a cut passes. */
+#include "base/fail.h"
+#include "pliant/memory.h"
+#include "warp/parts_maker.h"
+
+#include <math.h>
+
+/* A voxel of another tetrahedron counts to a carrier that so many links lead to: as far as two corners of a cell lie apart. */
+enum { STEPS = 3 };
+enum { NO_LABEL = -1, IN_QUEUE = -2 };
+/* Cells along i are looked at so many at a time. */
+enum { MOST_ROW = 64 };
+
+static int32_t scan_voxel(const part_maker *work, int32_t local)
+{
+    int32_t at[3];
+    part_place_of(work->box.size, local, at);
+    for (int d = 0; d < 3; d++) at[d] += work->box.low[d];
+    return part_index_of(work->voxels->geometry.size, at);
+}
+
+static bool in_box(const part_box *box, const int32_t scan[3], int32_t *local)
+{
+    int32_t at[3];
+    for (int d = 0; d < 3; d++) {
+        at[d] = scan[d] - box->low[d];
+        if (at[d] < 0 || at[d] >= box->size[d]) return false;
+    }
+    *local = part_index_of(box->size, at);
+    return true;
+}
+
+/* ---- links */
+
+/* Those of the box, to severed; whether there are any. */
+static bool find_severed(part_maker *work)
+{
+    const part_box *box = &work->box;
+    const int32_t *size = work->voxels->geometry.size;
+    bool any = false;
+    memset(work->severed, 0, (size_t)work->count);
+    for (int32_t k = 0; k < box->size[2]; k++) {
+        const int32_t slice = size[0] * (box->low[1] + size[1] * (box->low[2] + k));
+        const uint32_t *link = work->cuts->link, *from = link + pliant_lower(link, work->cuts->num_links, 4 * (uint32_t)slice);
+        const uint32_t *end = link + pliant_lower(link, work->cuts->num_links, 4 * (uint32_t)(slice + size[0] * box->size[1]));
+        for (int32_t j = 0; j < box->size[1] && from < end; j++) {
+            const uint32_t row = (uint32_t)(slice + size[0] * j + box->low[0]);
+            from += pliant_lower(from, (int32_t)(end - from), 4 * row);
+            for (; from < end && *from / 4 < row + (uint32_t)box->size[0]; from++) {
+                work->severed[(int32_t)(*from / 4 - row) + box->size[0] * (j + box->size[1] * k)] |= (uint8_t)(1 << *from % 4);
+                any = true;
+            }
+        }
+    }
+    return any;
+}
+
+/* ---- carriers */
+
+static int32_t carrier_of(const part_maker *work, int32_t voxel)
+{
+    const int32_t tet = work->voxels->owner[voxel], cut = work->cut_of[tet];
+    return cut < 0 ? tet : work->cuts->voxel_fragment[work->cuts->voxel_start[cut] + pliant_voxel_in(work->voxels, tet, voxel)];
+}
+
+/* its label among the carriers of the box; -1: no memory */
+static int32_t label_of(part_maker *work, int32_t carrier)
+{
+    const int32_t *all = (const int32_t *)work->carriers.at + work->first_carrier;
+    for (int32_t n = 0; n < work->num_carriers; n++)
+        if (all[n] == carrier) return n;
+    int32_t *added = pliant_parts_grow(&work->carriers, 1);
+    if (!added) return -1;
+    *added = carrier;
+    return work->num_carriers++;
+}
+
+static bool list_fragments(part_maker *work)
+{
+    const int32_t cut = work->cut_of[work->tet];
+    work->first_carrier = (int32_t)work->carriers.count;
+    work->num_carriers = 0;
+    if (cut < 0 && label_of(work, work->tet) < 0) return false;
+    for (int32_t f = cut < 0 ? 0 : work->cuts->start[cut]; cut >= 0 && f < work->cuts->start[cut + 1]; f++)
+        if (label_of(work, work->cuts->fragment[f]) < 0) return false;
+    work->num_fragments = work->num_carriers;
+    return true;
+}
+
+/* ---- labels */
+
+/* What a cell's row and slice add to the barycentric coordinates of its corner with the most of each, in pliant_parts_touches' order. */
+typedef struct cell_planes {
+    const part_shape *at;
+    double most[4][MOST_ROW]; /* along a row */
+} cell_planes;
+
+static void begin_rows(const part_shape *at, int32_t low, int32_t count, cell_planes *out)
+{
+    out->at = at;
+    for (int v = 0; v < 4; v++)
+        for (int32_t i = 0; i < count; i++) out->most[v][i] = at->value[v] + part_most(at->slope[v][0], low + i, 1);
+}
+
+/* Which cells of a row the tetrahedron touches: pliant_parts_touches of each, bit for bit; whether one of them. */
+static bool touch_row(const cell_planes *planes, const int32_t low[3], int32_t count, uint8_t *touched)
+{
+    double along[4], down[4];
+    bool any = false;
+    for (int v = 0; v < 4; v++) {
+        along[v] = part_most(planes->at->slope[v][1], low[1], 1);
+        down[v] = part_most(planes->at->slope[v][2], low[2], 1);
+    }
+    for (int32_t i = 0; i < count; i++) {
+        bool inside = true;
+        for (int v = 0; v < 4; v++) inside &= !(planes->most[v][i] + along[v] + down[v] < -PART_GROWTH);
+        touched[i] = inside;
+        any |= inside;
+    }
+    return any;
+}
+
+/* Corners of the cells that the tetrahedron touches; whether one of these has a severed link. */
+static bool find_touched(part_maker *work)
+{
+    const int32_t *size = work->box.size, row = size[0], slice = size[0] * size[1];
+    const int32_t cells[3] = {size[0] > 1 ? size[0] - 1 : 1, size[1] > 1 ? size[1] - 1 : 1, size[2] > 1 ? size[2] - 1 : 1};
+    bool any = false;
+    uint8_t touched[MOST_ROW];
+    cell_planes planes;
+    memset(work->touched, 0, (size_t)work->count);
+    for (int32_t from = 0; from < cells[0]; from += MOST_ROW) {
+        const int32_t count = cells[0] - from < MOST_ROW ? cells[0] - from : MOST_ROW;
+        begin_rows(&work->at, work->box.low[0] + from, count, &planes);
+        for (int32_t k = 0; k < cells[2]; k++)
+            for (int32_t j = 0; j < cells[1]; j++) {
+                const int32_t low[3] = {work->box.low[0] + from, work->box.low[1] + j, work->box.low[2] + k};
+                if (!touch_row(&planes, low, count, touched)) continue;
+                for (int c = 0; c < 8; c++) {
+                    const int32_t step[3] = {c & 1, c >> 1 & 1, c >> 2};
+                    uint8_t links = 0;
+                    if (step[0] >= size[0] || j + step[1] >= size[1] || k + step[2] >= size[2]) continue;
+                    for (int d = 0; d < 3; d++) links |= (uint8_t)(!step[d] << d);
+                    const int32_t corner = from + step[0] + row * (j + step[1]) + slice * (k + step[2]);
+                    for (int32_t i = 0; i < count; i++) {
+                        work->touched[corner + i] |= touched[i];
+                        any |= touched[i] && work->severed[corner + i] & links;
+                    }
+                }
+            }
+    }
+    return any;
+}
+
+static bool label_own(part_maker *work, int32_t *queued)
+{
+    const pliant_voxels *voxels = work->voxels;
+    for (int32_t n = voxels->start[work->tet]; n < voxels->start[work->tet + 1]; n++) {
+        int32_t at[3], local;
+        pliant_place_of(voxels, voxels->voxel[n], at);
+        if (!in_box(&work->box, at, &local)) continue;
+        if ((work->label[local] = label_of(work, carrier_of(work, voxels->voxel[n]))) < 0) return false;
+        work->step[local] = 0;
+        work->queue[(*queued)++] = local;
+    }
+    return true;
+}
+
+/* From the voxels in the queue on over links to those without a label; where as many links lead to several carriers, the lowest label. */
+static void spread(part_maker *work, int32_t queued, int steps)
+{
+    const int32_t *size = work->box.size, stride[3] = {1, size[0], size[0] * size[1]};
+    for (int32_t head = 0; head < queued; head++) {
+        const int32_t from = work->queue[head];
+        int32_t at[3];
+        if (work->step[from] >= steps) continue;
+        part_place_of(size, from, at);
+        for (int d = 0; d < 3; d++)
+            for (int way = -1; way <= 1; way += 2) {
+                if (at[d] + way < 0 || at[d] + way >= size[d]) continue;
+                const int32_t to = from + way * stride[d];
+                if (work->severed[way > 0 ? from : to] >> d & 1) continue;
+                if (work->label[to] < 0) {
+                    work->label[to] = work->label[from];
+                    work->step[to] = (uint8_t)(work->step[from] + 1);
+                    work->queue[queued++] = to;
+                } else if (work->step[to] == work->step[from] + 1 && work->label[from] < work->label[to]) {
+                    work->label[to] = work->label[from];
+                }
+            }
+    }
+}
+
+/* Whether a voxel beyond reach of links, at a sharp corner of the tetrahedron, is of a tetrahedron that has the same node there as one of
+ * the fragments: its label, or NO_LABEL. */
+static int32_t label_by_node(const part_maker *work, int32_t local)
+{
+    const int32_t *tets = work->body->fine.tets, voxel = scan_voxel(work, local), by = carrier_of(work, voxel);
+    int32_t at[3], corner = 0;
+    double most = -INFINITY;
+    pliant_place_of(work->voxels, voxel, at);
+    for (int v = 0; v < 4; v++) {
+        double weight = work->at.value[v];
+        for (int d = 0; d < 3; d++) weight += work->at.slope[v][d] * at[d];
+        if (weight > most) corner = v;
+        most = fmax(most, weight);
+    }
+    const int32_t *fragment = (const int32_t *)work->carriers.at + work->first_carrier;
+    for (int32_t label = 0; label < work->num_fragments; label++)
+        for (int v = 0; v < 4; v++)
+            if (tets[4 * (size_t)by + v] == tets[4 * (size_t)fragment[label] + corner]) return label;
+    return NO_LABEL;
+}
+
+/* Voxels from a first one on that are without a label, wanted, and hang together: in the queue. How many. */
+static int32_t hang_together(part_maker *work, int32_t first)
+{
+    const int32_t *size = work->box.size, stride[3] = {1, size[0], size[0] * size[1]};
+    int32_t queued = 0;
+    work->label[first] = IN_QUEUE;
+    work->queue[queued++] = first;
+    for (int32_t head = 0; head < queued; head++) {
+        int32_t at[3];
+        part_place_of(size, work->queue[head], at);
+        for (int d = 0; d < 3; d++)
+            for (int way = -1; way <= 1; way += 2) {
+                if (at[d] + way < 0 || at[d] + way >= size[d]) continue;
+                const int32_t from = work->queue[head], to = from + way * stride[d];
+                if (work->severed[way > 0 ? from : to] >> d & 1 || work->label[to] != NO_LABEL || !work->wanted[to]) continue;
+                work->label[to] = IN_QUEUE;
+                work->queue[queued++] = to;
+            }
+    }
+    return queued;
+}
+
+/* The carrier of most of the voxels in the queue; of as many, the lowest. */
+static int32_t most_of(const part_maker *work, int32_t queued)
+{
+    int32_t best = -1, most = 0;
+    for (int32_t n = 0; n < queued; n++) work->carried[n] = carrier_of(work, scan_voxel(work, work->queue[n]));
+    for (int32_t n = 0; n < queued; n++) {
+        const int32_t carrier = work->carried[n];
+        int32_t same = 0;
+        if (carrier < 0) continue;
+        for (int32_t m = n; m < queued; m++) {
+            if (work->carried[m] != carrier) continue;
+            same++;
+            work->carried[m] = -1; /* is counted */
+        }
+        if (same > most || (same == most && carrier < best)) {
+            best = carrier;
+            most = same;
+        }
+    }
+    return best;
+}
+
+/* Every voxel that is asked for gets a label. Where neither links nor a node lead to it, those that hang together have one carrier: that of most of them.
+ * Air goes with what is beside it. */
+static bool label_others(part_maker *work)
+{
+    int32_t queued = 0;
+    for (int32_t n = 0; n < work->count; n++) {
+        work->wanted[n] = work->label[n] < 0 && work->touched[n] && work->voxels->owner[scan_voxel(work, n)] >= 0;
+        if (!work->wanted[n]) continue;
+        work->label[n] = label_by_node(work, n);
+        work->by_node = true;
+    }
+    for (int32_t n = 0; n < work->count; n++) {
+        if (work->label[n] >= 0 || !work->wanted[n]) continue;
+        const int32_t together = hang_together(work, n), label = label_of(work, most_of(work, together));
+        if (label < 0) return false;
+        for (int32_t m = 0; m < together; m++) work->label[work->queue[m]] = label;
+    }
+    bool air = false;
+    for (int32_t n = 0; n < work->count; n++) {
+        air = air || (work->touched[n] && work->label[n] < 0);
+        if (work->label[n] < 0) continue;
+        work->step[n] = 0;
+        work->queue[queued++] = n;
+    }
+    if (air) spread(work, queued, UINT8_MAX - 1);
+    for (int32_t n = 0; n < work->count; n++)
+        if (work->label[n] < 0) work->label[n] = 0;
+    return true;
+}
+
+/* ---- a tetrahedron */
+
+static bool make_room(part_maker *work)
+{
+    work->count = work->box.size[0] * work->box.size[1] * work->box.size[2];
+    if (work->count <= work->room) return true;
+    void **blocks[] = {(void **)&work->label, (void **)&work->queue, (void **)&work->carried, (void **)&work->step, (void **)&work->severed, (void **)&work->touched, (void **)&work->wanted};
+    const size_t sizes[] = {sizeof *work->label, sizeof *work->queue, sizeof *work->carried, 1, 1, 1, 1};
+    work->room = 0;
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) {
+        pliant_free(*blocks[b]);
+        if (!(*blocks[b] = pliant_calloc((size_t)work->count, sizes[b]))) return false;
+    }
+    work->room = work->count;
+    return true;
+}
+
+static void write_labels(const part_maker *work, uint16_t *labels)
+{
+    const int32_t *size = work->box.size, step[3] = {size[0] > 1, size[1] > 1 ? size[0] : 0, size[2] > 1 ? size[0] * size[1] : 0};
+    for (int32_t n = 0; n < work->count; n++) {
+        int32_t at[3];
+        bool uniform = true;
+        part_place_of(size, n, at);
+        for (int d = 0; d < 3; d++) uniform = uniform && (size[d] < 2 || at[d] + 1 < size[d]);
+        for (int c = 1; c < 8 && uniform; c++)
+            uniform = work->label[n + (c & 1 ? step[0] : 0) + (c & 2 ? step[1] : 0) + (c & 4 ? step[2] : 0)] == work->label[n];
+        labels[n] = (uint16_t)((uint32_t)work->label[n] | (uniform ? PART_UNIFORM : 0));
+    }
+}
+
+pliant_status pliant_parts_make_box(part_maker *work, int32_t tet, const part_box *box, int32_t maker, part_made *out)
+{
+    int32_t queued = 0;
+    work->tet = tet;
+    work->by_node = false;
+    work->box = *box;
+    if (!make_room(work)) return pliant_parts_no_memory();
+    const bool severed = find_severed(work);
+    if (!severed && work->cut_of[tet] < 0) return PLIANT_OK;
+    pliant_parts_shape(work, tet, &work->at);
+    if (!find_touched(work) && work->cut_of[tet] < 0) return PLIANT_OK;
+    for (int32_t n = 0; n < work->count; n++) work->label[n] = NO_LABEL;
+    *out = (part_made){.carriers = (int32_t)work->carriers.count, .guests = (int32_t)work->guests.count, .labels = work->labels.count,
+                       .num_labels = work->count, .maker = -1};
+    if (!list_fragments(work) || !label_own(work, &queued)) return pliant_parts_no_memory();
+    spread(work, queued, STEPS);
+    if (!label_others(work)) return pliant_parts_no_memory();
+    if (work->num_carriers > PART_MOST_LABELS) return pliant_fail(PLIANT_ERROR_MEMORY, "more than %d fragments meet in one tetrahedron", PART_MOST_LABELS);
+    uint16_t *labels = pliant_parts_grow(&work->labels, (size_t)work->count);
+    if (!labels) return pliant_parts_no_memory();
+    write_labels(work, labels);
+    const pliant_status status = pliant_parts_add_guests(work);
+    out->maker = maker;
+    out->by_node = work->by_node;
+    out->num_carriers = work->num_carriers;
+    out->num_guests = (int32_t)work->guests.count - out->guests;
+    return status;
+}
