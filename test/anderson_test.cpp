@@ -30,13 +30,14 @@ struct Rules : pliant_anderson {
         room = PLIANT_MAX_HISTORY;
         limits_secants = 1;
         tolerance = 1e-3;
+        smallest_displacement = 0.1;
         pliant_anderson_reset(this);
         pliant_anderson_begin(this);
     }
-    void evaluate(double state_merit, bool mixed = true, bool time = true)
+    void evaluate(double state_merit, bool mixed = true, bool time = true, double made = 1)
     {
         pliant_anderson_judge(this, state_merit, 0, time);
-        if (next != PLIANT_NEXT_PREVIOUS && next != PLIANT_NEXT_REST && next != PLIANT_NEXT_DESCENT) pliant_anderson_settle(this, mixed, 1, 1, 1);
+        if (next != PLIANT_NEXT_PREVIOUS && next != PLIANT_NEXT_REST && next != PLIANT_NEXT_DESCENT) pliant_anderson_settle(this, mixed, 1, made, 1);
     }
 };
 
@@ -79,6 +80,26 @@ TEST(Anderson, WithoutTimeAfterARefusalAStepGoesOnBlindly)
     rules.evaluate(0.9, true, false);
     EXPECT_EQ(rules.next, PLIANT_NEXT_BLIND);
     EXPECT_TRUE(rules.mixes) << "that was good";
+}
+
+// Of tissue that hangs by little a plain step may be metres.
+TEST(Anderson, NoStepGoesFarBlindly)
+{
+    const double tenth = PLIANT_FARTHEST_DOUBTED * 0.1;
+    for (double made : {0.99 * tenth, 1.01 * tenth, static_cast<double>(INFINITY)}) {
+        Rules rules;
+        rules.evaluate(1);
+        rules.evaluate(2, true, false, made);
+        EXPECT_EQ(rules.next, made < tenth ? PLIANT_NEXT_BLIND : PLIANT_NEXT_DONE);
+        EXPECT_EQ(rules.blind, made < tenth);
+        EXPECT_EQ(rules.refused, 2) << "what was refused stays so";
+    }
+    for (double made : {1.01 * tenth, 1.01 * 0.1 * PLIANT_FARTHEST}) {
+        Rules rules;
+        rules.evaluate(1);
+        rules.evaluate(0.4, true, false, made);
+        EXPECT_EQ(rules.next, made < 2 * tenth ? PLIANT_NEXT_BLIND : PLIANT_NEXT_DONE) << "after what went well";
+    }
 }
 
 TEST(Anderson, UselessSecantsAreForgotten)

@@ -188,8 +188,7 @@ static void place_of(const pliant_mesh *mesh, const double *positions, const pli
     }
 }
 
-/* Where cuts subdivide, what is beside the tissue goes with its nearest point that is in it: no edge on the surface slips through between
- * the two. */
+/* What is beside the tissue goes with its nearest point that is in it: no edge and no link on the surface slips through between the two. */
 static void follow_beside(const pliant_edge *edge, int32_t p, const double from[3])
 {
     const double *to = edge->place + 3 * p;
@@ -211,7 +210,7 @@ void pliant_blade_follow(const pliant_data *data, pliant_edge *edge)
         if (edge->tet[p] < 0) continue;
         memcpy(from, edge->place + 3 * p, sizeof from);
         place_of(&data->body->fine, data->positions, edge, p, edge->place + 3 * p);
-        if (data->body->subdivision) follow_beside(edge, p, from);
+        follow_beside(edge, p, from);
     }
 }
 

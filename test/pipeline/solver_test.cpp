@@ -513,4 +513,30 @@ TEST(Solver, FailingAllocationsNeverLeak)
     }
 }
 
+// Under a load that would bring a body hundreds of its lengths away it stays where it was.
+TEST(Solver, WhatIsFarFromTheBodyIsNoState)
+{
+    const int voxels[3] = {8, 4, 4};
+    const double sides[3] = {0.2, 0.1, 0.1};
+    for (double gravity : {-0.5, -1e7}) {
+        Body bar(voxels, sides, {{4000, 0.4, 1000, false}});
+        bar.fix_plane(1e-6, 0, 0, 1, 0, 0);
+        bar.cells(4, 2, 2, 1);
+        bar.scene.solver.iterations = 6;
+        ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
+        const double down[3] = {0, 0, gravity};
+        ASSERT_EQ(pliant_data_set_gravity(bar.data, down), PLIANT_OK);
+        double farthest = 0;
+        pliant_status status = PLIANT_OK;
+        for (int step = 0; step < 20; step++) {
+            status = pliant_step(bar.model, bar.data);
+            for (int32_t i = 0; i < 3 * bar.data->body->fine.num_nodes; i++)
+                farthest = std::fmax(farthest, std::fabs(bar.data->positions[i] - bar.data->body->fine.rest[i]));
+        }
+        EXPECT_EQ(status, gravity > -1 ? PLIANT_OK : PLIANT_NOT_CONVERGED);
+        EXPECT_LT(farthest, 100 * sides[0]);
+        EXPECT_GT(farthest, gravity > -1 ? 0.01 : -1) << "a load that it bears";
+    }
+}
+
 } // namespace

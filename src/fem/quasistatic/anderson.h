@@ -32,6 +32,11 @@ enum { PLIANT_MOST_REFUSED = 12, PLIANT_MOST_SLOW = 10 };
 /* Evaluations after which the axes of the nodes follow the tissue (nodal_rotations.h): it costs little beside them. */
 #define PLIANT_EVALUATIONS_A_TURN 2
 
+/* In thousandths of the body's length (smallest_displacement): a blind step that nothing speaks for moves no node farther than this, where
+ * plain steps still mean something: of tissue that hangs by little they are metres; and what is farther from rest than that is no state. */
+#define PLIANT_FARTHEST_DOUBTED 100.0
+#define PLIANT_FARTHEST 100000.0
+
 typedef enum pliant_anderson_next {
     PLIANT_NEXT_DONE,      /* the step ends where it is */
     PLIANT_NEXT_FIRST,     /* the state that the step begins with */
@@ -343,14 +348,16 @@ PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, do
         rules->next = PLIANT_NEXT_DONE;
     }
     if (rules->forget) pliant_anderson_forget(rules);
+    const bool ends = rules->next == PLIANT_NEXT_BLIND, doubted = !rules->accepted && !(rules->refused == 0 && rules->mixes);
+    if (ends && !(made <= rules->smallest_displacement * (doubted ? PLIANT_FARTHEST_DOUBTED : PLIANT_FARTHEST))) rules->next = PLIANT_NEXT_DONE;
     if (rules->next == PLIANT_NEXT_BLIND && rules->refused == 0) {
         rules->blind_end = 1;
         rules->move = made;
         rules->error = pliant_anderson_error(rules);
     }
-    if (rules->next != PLIANT_NEXT_BLIND) return;
-    rules->blind = 1;
-    if (rules->accepted || (rules->refused == 0 && rules->mixes)) return;
+    if (!ends) return;
+    rules->blind = rules->next == PLIANT_NEXT_BLIND;
+    if (!doubted) return;
     rules->limited = 1; /* where it turns out to lead nowhere, these have been tried */
     rules->refused = rules->mixes ? 2 : rules->refused < 3 ? 3 : rules->refused + 1;
 }

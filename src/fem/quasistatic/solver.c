@@ -79,7 +79,8 @@ static pliant_status evaluate(pliant_solver *solver, pliant_known known, pliant_
             pliant_handle_load(solver->handles + t, solver->handles[t].by_force ? solver->handles[t].force : at->force + 3 * t, at->residual);
     find_residual(solver, at);
     at->merit = INFINITY;
-    if (!isfinite(at->scale)) return PLIANT_OK; /* not a state: never accepted */
+    const bool sensible = isfinite(at->scale) && at->displacement <= PLIANT_FARTHEST * solver->rules.smallest_displacement;
+    if (!sensible) return PLIANT_OK; /* not a state: never accepted */
     pliant_status status = known == PLIANT_KNOWN_STEP ? PLIANT_OK : pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
     if (status != PLIANT_OK) return status;
     memcpy(at->step, at->free_step, bytes);
