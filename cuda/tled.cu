@@ -457,6 +457,7 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
     out->settled = outcome->settled != 0;
     out->residual = still ? outcome->residual
                           : pliant_tled_relative(tled, outcome->sums[PLIANT_SUM_RESIDUAL], outcome->sums[PLIANT_SUM_LOAD] + outcome->tool_load);
+    if (!still) out->error = pliant_tled_frame_error(tled, outcome->sums[PLIANT_SUM_ERROR_BEFORE], outcome->sums[PLIANT_SUM_ERROR]);
     take(outcome, tled, tools, num_tools);
     gpu->stale = false;
     return PLIANT_OK;

@@ -13,19 +13,25 @@ static __device__ __forceinline__ bool is_idle(const gpu_tled &tled, int32_t ste
     return step >= tled.d_frame->substeps || (tled.still && (outcome->settled || outcome->unsound < step));
 }
 
-/* Sums of three numbers of all threads, in a tree; to d_sums. scratch: (3 x warps). */
+/* of errors the largest, of others the sum */
+static __device__ __forceinline__ double combine(int slot, double a, double b)
+{
+    return slot == PLIANT_SUM_ERROR_BEFORE || slot == PLIANT_SUM_ERROR ? fmax(a, b) : a + b;
+}
+
+/* Three numbers of all threads together, in a tree; to d_sums. scratch: (3 x warps). */
 static __device__ void add_up(double *d_sums, const int slot[3], const double numbers[3], double (*scratch)[GPU_THREADS / 32])
 {
     const int lane = (int)threadIdx.x % 32, warp = (int)threadIdx.x / 32;
     for (int s = 0; s < 3; s++) {
         double value = numbers[s];
-        for (int step = 16; step > 0; step /= 2) value += __shfl_xor_sync(0xffffffffu, value, step);
+        for (int step = 16; step > 0; step /= 2) value = combine(slot[s], value, __shfl_xor_sync(0xffffffffu, value, step));
         if (lane == 0) scratch[s][warp] = value;
     }
     __syncthreads();
     if (threadIdx.x >= 3) return;
     double sum = 0;
-    for (int w = 0; w < GPU_THREADS / 32; w++) sum += scratch[threadIdx.x][w];
+    for (int w = 0; w < GPU_THREADS / 32; w++) sum = combine(slot[threadIdx.x], sum, scratch[threadIdx.x][w]);
     d_sums[(size_t)blockIdx.x * PLIANT_NUM_SUMS + slot[threadIdx.x]] = sum;
 }
 
@@ -35,6 +41,19 @@ static __device__ double total_of(const double *d_sums, int32_t blocks, int slot
     double sum = 0;
     for (int32_t b = (int32_t)threadIdx.x; b < blocks; b += GPU_THREADS) sum += __ldcg(d_sums + (size_t)b * PLIANT_NUM_SUMS + slot);
     return block_sum(sum, scratch);
+}
+
+/* the largest of one number of all blocks, likewise */
+static __device__ double largest_of(const double *d_sums, int32_t blocks, int slot, double *scratch)
+{
+    double most = 0;
+    for (int32_t b = (int32_t)threadIdx.x; b < blocks; b += GPU_THREADS) most = fmax(most, __ldcg(d_sums + (size_t)b * PLIANT_NUM_SUMS + slot));
+    for (int step = 16; step > 0; step /= 2) most = fmax(most, __shfl_xor_sync(0xffffffffu, most, step));
+    __syncthreads();
+    if (threadIdx.x % 32 == 0) scratch[threadIdx.x / 32] = most;
+    __syncthreads();
+    for (int w = 0; w < GPU_THREADS / 32; w++) most = fmax(most, scratch[w]);
+    return most;
 }
 
 /* Dynamic relaxation: how much to damp. */
@@ -122,6 +141,22 @@ static __device__ __forceinline__ double move_component(const gpu_tled &tled, in
     return acceleration;
 }
 
+/* The error of time integration at a node that moves, before it does: error_at in src/fem/dynamics/tled_step.c. What its acceleration was follows from the
+ * last two increments. By all threads of a warp.
+ *  @param older the increment before the last */
+static __device__ __forceinline__ double error_of_component(const gpu_tled &tled, const component &at, double acceleration, double older)
+{
+    double u[3], d[3], changes[3];
+    share(at.d, at.k, d);
+    share(at.moves ? acceleration - (at.d - at.kept * older) / at.factor : 0, at.k, changes);
+    share(at.u, at.k, u);
+    if (!at.moves || at.node.held != 0 || at.k != 0) return 0;
+    if (pliant_substep_touches(tled.walls, tled.num_walls, tled.d_rest + 3 * (size_t)at.n, u)) return 0;
+    const double change = sqrt(changes[0] * changes[0] + changes[1] * changes[1] + changes[2] * changes[2]);
+    const double step = tled.d_frame->time_step;
+    return pliant_substep_error(tled.d_frame->substeps * step, step, change, sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]));
+}
+
 /* Dynamic relaxation: the acceleration is kept, and what tells how much to damp: sums of load, stiffness, inertia. */
 static __device__ __forceinline__ void keep_component(const gpu_tled &tled, const component &at, double acceleration, double sums[3])
 {
@@ -166,9 +201,11 @@ __global__ void __launch_bounds__(GPU_THREADS) substep_kernel(const gpu_tled tle
         if (is_last_block(tled.d_outcome)) choose_damping(tled, scratch[0]);
         return;
     }
+    const bool told = step >= substeps - 2;
+    if (told) sums[2] = error_of_component(tled, at, acceleration, at.moves ? tled.d_d[1 - from][3 * (size_t)at.n + at.k] : 0);
     acceleration = move_component(tled, step, at, acceleration, d_next, tled.d_d[1 - from]);
-    if (step < substeps - 1) return;
-    const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_RESIDUAL, PLIANT_SUM_LARGEST};
+    if (!told) return;
+    const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_RESIDUAL, step == substeps - 1 ? PLIANT_SUM_ERROR : PLIANT_SUM_ERROR_BEFORE};
     if (at.moves && at.node.held == 0) sums[1] = acceleration * acceleration / at.node.inverse_mass;
     add_up(tled.d_sums, slots, sums, scratch);
 }
@@ -285,7 +322,11 @@ __global__ void finish_kernel(const gpu_tled tled)
     if (tled.still || blockIdx.x > 0) return;
     const double load = total_of(tled.d_sums, tled.num_groups, PLIANT_SUM_LOAD, scratch);
     const double residual = total_of(tled.d_sums, tled.num_groups, PLIANT_SUM_RESIDUAL, scratch);
+    const double before = largest_of(tled.d_sums, tled.num_groups, PLIANT_SUM_ERROR_BEFORE, scratch);
+    const double error = largest_of(tled.d_sums, tled.num_groups, PLIANT_SUM_ERROR, scratch);
     if (threadIdx.x != 0) return;
+    outcome->sums[PLIANT_SUM_ERROR_BEFORE] = before;
+    outcome->sums[PLIANT_SUM_ERROR] = error;
     outcome->sums[PLIANT_SUM_LOAD] = load;
     outcome->sums[PLIANT_SUM_RESIDUAL] += residual;
 }

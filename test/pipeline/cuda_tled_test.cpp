@@ -124,7 +124,7 @@ TEST(CudaTled, MeetsTheCpu)
         ASSERT_EQ(gpu.build(), PLIANT_OK) << pliant_last_error();
         ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda");
         ASSERT_EQ(pliant_data_set_warp(gpu.model, gpu.data, &gpu.scan.geometry), PLIANT_OK) << pliant_last_error();
-        double worst = 0, force = 0, forces_apart = 0, residuals = 0;
+        double worst = 0, force = 0, forces_apart = 0, residuals = 0, error = 0, errors_apart = 0;
         for (int s = 1; s <= 15; s++) {
             cpu.step(s);
             gpu.step(s);
@@ -132,6 +132,8 @@ TEST(CudaTled, MeetsTheCpu)
             worst = std::fmax(worst, apart(cpu.positions(), gpu.data->positions));
             const double a = cpu.data->statistics.residual, b = gpu.data->statistics.residual;
             if (!c.still) residuals = std::fmax(residuals, std::fabs(a - b) / a);
+            error = std::fmax(error, cpu.data->statistics.error);
+            errors_apart = std::fmax(errors_apart, std::fabs(cpu.data->statistics.error - gpu.data->statistics.error));
             for (int t = 0; t < c.tools; t++)
                 for (int d = 0; d < 3; d++) {
                     force = std::fmax(force, std::fabs(cpu.data->tools[t].force[d]));
@@ -143,6 +145,8 @@ TEST(CudaTled, MeetsTheCpu)
         EXPECT_LT(worst, c.bound * moved);
         EXPECT_LT(forces_apart, 10 * c.bound * force + 1e-12);
         EXPECT_LT(residuals, 0.01);
+        EXPECT_EQ(error > 0, !c.still);
+        EXPECT_LE(errors_apart, 0.02 * error);
         pliant_dynamics here, there;
         ASSERT_EQ(pliant_data_get_dynamics(cpu.model, cpu.data, &here), PLIANT_OK);
         ASSERT_EQ(pliant_data_get_dynamics(gpu.model, gpu.data, &there), PLIANT_OK);

@@ -27,9 +27,11 @@ extern "C" {
 enum { PLIANT_PRONY_TERMS = 3, PLIANT_CHUNK = 256 /* nodes whose sums are formed together */ };
 
 /* Sums over the nodes of a chunk after a step, products weighted by mass: squares of residual and load; of dynamic relaxation the last
- * increment's product with itself and with the change of force that it made; and the largest increment, squared, over what is sound. */
+ * increment's product with itself and with the change of force that it made; and the largest increment, squared, over what is sound. Largest errors
+ * of time integration after a frame's last sub-step but one, and after its last [m]. */
 typedef enum pliant_tled_sum {
-    PLIANT_SUM_RESIDUAL, PLIANT_SUM_LOAD, PLIANT_SUM_INERTIA, PLIANT_SUM_STIFFNESS, PLIANT_SUM_LARGEST, PLIANT_NUM_SUMS
+    PLIANT_SUM_RESIDUAL, PLIANT_SUM_LOAD, PLIANT_SUM_INERTIA, PLIANT_SUM_STIFFNESS, PLIANT_SUM_LARGEST,
+    PLIANT_SUM_ERROR_BEFORE, PLIANT_SUM_ERROR, PLIANT_NUM_SUMS
 } pliant_tled_sum;
 
 /* What sub-steps take with one thread and with all: on a machine that does other work too, a barrier waits for a thread that has no core. Results
@@ -170,9 +172,12 @@ typedef struct pliant_tled_scheme { double factor, kept; } pliant_tled_scheme;
 pliant_tled_scheme pliant_tled_scheme_of(double dt, double alpha);
 /* The residual that is told, from PLIANT_SUM_RESIDUAL and PLIANT_SUM_LOAD with that of the tools. */
 double pliant_tled_relative(const pliant_tled *tled, double residual, double load);
+/* The error that is told, from PLIANT_SUM_ERROR_BEFORE and PLIANT_SUM_ERROR: their mean, as one alone may fall on where all turn; of two sub-steps the last,
+ * of one it is not known (0). */
+double pliant_tled_frame_error(const pliant_tled *tled, double before, double last);
 
 /* What came of a frame's sub-steps. sound: no node moved faster than sound; otherwise the state is the one before. */
-typedef struct pliant_tled_frame { int32_t steps; double residual; bool sound, settled; } pliant_tled_frame;
+typedef struct pliant_tled_frame { int32_t steps; double residual, error; bool sound, settled; } pliant_tled_frame;
 /* Runs a frame: u, d, memory, target and quotient go from one frame to the next; forces of sub-steps are added to the tools'. On an error
  * the state is the one before. */
 typedef pliant_status (*pliant_tled_runner)(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_tled_frame *out);

@@ -19,13 +19,38 @@ static int32_t end_of(const pliant_tled *tled, int32_t chunk)
     return (chunk + 1) * PLIANT_CHUNK < nodes ? (chunk + 1) * PLIANT_CHUNK : nodes;
 }
 
-/* Accelerations of a chunk's nodes from their elements' forces, and gravity. */
-static void accelerate(pliant_tled *tled, int32_t chunk)
+static bool is_held(const pliant_tool *tools, int num_tools, int32_t node)
+{
+    for (int t = 0; t < num_tools; t++)
+        for (int32_t h = 0; tools[t].holding && h < tools[t].num_held; h++)
+            if (tools[t].held[h] == node) return true;
+    return false;
+}
+
+/* The error of time integration at a node, whose acceleration of the sub-step before is still there; least where it is not larger, or not known. */
+static double error_at(const pliant_tled *tled, const pliant_tool *tools, int num_tools, int32_t node, const double acceleration[3], double least)
 {
     const pliant_tled_system *system = tled->system;
-    double load = 0, inertia = 0, stiffness = 0;
+    const size_t at = 3 * (size_t)node;
+    const double *d = tled->d + at, *before = tled->acceleration + at;
+    double change = 0, increment = 0;
+    for (int k = 0; k < 3; k++) {
+        change += (acceleration[k] - before[k]) * (acceleration[k] - before[k]);
+        increment += d[k] * d[k];
+    }
+    const double error = pliant_substep_error(tled->substeps * tled->time_step, tled->time_step, sqrt(change), sqrt(increment));
+    if (!(error > least) || is_held(tools, num_tools, node)) return least;
+    return pliant_substep_touches(system->walls, system->num_walls, system->mesh->rest + at, tled->u + at) ? least : error;
+}
+
+/* Accelerations of a chunk's nodes from their elements' forces, and gravity. left: sub-steps of the frame, this one too */
+static void accelerate(pliant_tled *tled, const pliant_tool *tools, int num_tools, int32_t left, int32_t chunk)
+{
+    const pliant_tled_system *system = tled->system;
+    const bool told = left <= 2 && !system->quasi_static;
+    double load = 0, inertia = 0, stiffness = 0, error = 0;
     for (int32_t n = chunk * PLIANT_CHUNK; n < end_of(tled, chunk); n++) {
-        double inverse = tled->inverse_mass[n], sum[3] = {0, 0, 0};
+        double inverse = tled->inverse_mass[n], sum[3] = {0, 0, 0}, now[3];
         if (inverse == 0) continue;
         for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++) {
             const float *force = tled->forces + system->corner[c];
@@ -33,9 +58,11 @@ static void accelerate(pliant_tled *tled, int32_t chunk)
             sum[1] += force[LANES];
             sum[2] += force[2 * LANES];
         }
+        for (int k = 0; k < 3; k++) now[k] = inverse * (system->node_mass[n] * tled->gravity[k] - sum[k]);
+        if (told) error = error_at(tled, tools, num_tools, n, now, error);
         for (int k = 0; k < 3; k++) {
             size_t at = 3 * (size_t)n + (size_t)k;
-            double weight = system->node_mass[n] * tled->gravity[k], acceleration = inverse * (weight - sum[k]);
+            double weight = system->node_mass[n] * tled->gravity[k], acceleration = now[k];
             tled->acceleration[at] = acceleration;
             load += inverse * weight * weight;
             if (!tled->own) continue;
@@ -47,6 +74,7 @@ static void accelerate(pliant_tled *tled, int32_t chunk)
     tled->sums[chunk][PLIANT_SUM_LOAD] = load;
     tled->sums[chunk][PLIANT_SUM_STIFFNESS] = stiffness;
     tled->sums[chunk][PLIANT_SUM_INERTIA] = inertia;
+    if (told) tled->sums[chunk][left == 1 ? PLIANT_SUM_ERROR : PLIANT_SUM_ERROR_BEFORE] = error;
 }
 
 static void advance(pliant_tled *tled, pliant_tled_scheme rule, int32_t chunk)
@@ -89,6 +117,7 @@ static void total_of(const pliant_tled *tled, int32_t chunks, double out[PLIANT_
     for (int32_t c = 0; c < chunks; c++) {
         const double *sum = tled->sums[c];
         for (int s = 0; s < PLIANT_SUM_LARGEST; s++) out[s] += sum[s];
+        for (int s = PLIANT_SUM_ERROR_BEFORE; s <= PLIANT_SUM_ERROR; s++) out[s] = fmax(out[s], sum[s]);
         double over = sum[PLIANT_SUM_LARGEST];
         out[PLIANT_SUM_LARGEST] = over > out[PLIANT_SUM_LARGEST] || over != over ? over : out[PLIANT_SUM_LARGEST];
     }
@@ -97,6 +126,11 @@ static void total_of(const pliant_tled *tled, int32_t chunks, double out[PLIANT_
 double pliant_tled_relative(const pliant_tled *tled, double residual, double load)
 {
     return pliant_substep_relative(tled->smallest_load, residual, load);
+}
+
+double pliant_tled_frame_error(const pliant_tled *tled, double before, double last)
+{
+    return tled->substeps > 2 ? 0.5 * (before + last) : tled->substeps == 2 ? last : 0;
 }
 
 static double lowest_frequency(const pliant_tled *tled, int32_t chunks, double quotient[4])
@@ -120,12 +154,12 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
         pliant_tled_element_forces(tled, tled->time_step);
         if (still) {
 #pragma omp for schedule(static)
-            for (int32_t chunk = 0; chunk < chunks; chunk++) accelerate(tled, chunk);
+            for (int32_t chunk = 0; chunk < chunks; chunk++) accelerate(tled, tools, num_tools, tled->substeps - result.steps, chunk);
             rule = pliant_tled_scheme_of(1, 2 * lowest_frequency(tled, chunks, quotient));
         }
 #pragma omp for schedule(static)
         for (int32_t chunk = 0; chunk < chunks; chunk++) {
-            if (!still) accelerate(tled, chunk);
+            if (!still) accelerate(tled, tools, num_tools, tled->substeps - result.steps, chunk);
             advance(tled, rule, chunk);
             if (!held) settle(tled, rule, chunk);
         }
@@ -138,6 +172,7 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
         total_of(tled, chunks, total);
         result.steps++;
         result.residual = pliant_tled_relative(tled, total[PLIANT_SUM_RESIDUAL], total[PLIANT_SUM_LOAD] + *tool_load);
+        if (!still) result.error = pliant_tled_frame_error(tled, total[PLIANT_SUM_ERROR_BEFORE], total[PLIANT_SUM_ERROR]);
         result.sound = total[PLIANT_SUM_LARGEST] <= (still ? INFINITY : 1);
         if (!result.sound) break;
         result.settled = still && result.residual <= tled->tolerance;
@@ -251,6 +286,8 @@ pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_
         statistics->iterations = frame.steps;
         if (frame.sound) {
             statistics->residual = frame.residual;
+            statistics->error_before = statistics->error;
+            statistics->error = frame.error;
             for (int t = 0; t < num_tools && !system->quasi_static; t++)
                 for (int k = 0; k < 3; k++) tools[t].force[k] /= frame.steps;
             return !system->quasi_static || frame.settled ? PLIANT_OK : PLIANT_NOT_CONVERGED;
