@@ -302,7 +302,7 @@ TEST(Knife, WhatHangsByLittleStaysWhereItHangs)
     double draws[6];
     for (int run = 0; run < 7; run++) {
         for (double &draw : draws) draw = unit(random);
-        if (run < 5) continue;
+        if (run != 3 && run != 6) continue;
         const int voxels[3] = {40, 20, 20};
         const double sides[3] = {0.2, 0.1, 0.1};
         Body bar(voxels, sides, {{4000, 0.4, 1000, false}});
@@ -319,7 +319,7 @@ TEST(Knife, WhatHangsByLittleStaysWhereItHangs)
         ASSERT_EQ(pliant_tool_add(bar.model, bar.data, "knife", &tool), PLIANT_OK);
         ASSERT_EQ(pliant_tool_set_blade(bar.data, tool, from, to), PLIANT_OK);
         double at[3] = {0.13 + 0.03 * draws[4], 0.05, 0.15}, farthest = 0;
-        for (; at[2] > -0.04; step++, at[2] -= 0.003, at[0] += 0.0009 * draws[5]) {
+        for (; at[2] > -0.045; step++, at[2] -= 0.003, at[0] += 0.0009 * draws[5]) {
             const double place[3] = {at[0] + 0.002 * (run % 3) * std::sin(0.7 * step), at[1], at[2]};
             ASSERT_EQ(pliant_tool_set_pose(bar.data, tool, place, nullptr), PLIANT_OK);
             ASSERT_EQ(pliant_tool_set_cutting(bar.data, tool, true), PLIANT_OK);
