@@ -165,17 +165,19 @@ TEST_F(Deform, StopsOnRequestWithWhatWasDone)
 // what schur does under gravity is said when it is loaded, and what came of it at the end
 TEST_F(Deform, WarnsOfSteepLoadsAndOfStepsThatDidNotConverge)
 {
-    const std::string hung = small_ + "--set 'model/gravity=0 9.81 0' --no-volume --steps 3 --out " + in("hung");
-    ASSERT_EQ(run(hung + " --quiet --set solver/iterations=1 --set model/method=schur"), 0) << err_;
-    for (const char *words : {"warning: model/method: schur is far too soft for model/gravity", "10 to 15 times", "of 3 steps did not converge",
+    const std::string hung = small_ + "--set 'model/gravity=0 9.81 0' --no-volume --out " + in("hung") + " --steps ";
+    /* steps that would leave the body's surroundings are not taken at once */
+    ASSERT_EQ(run(hung + "14 --quiet --set solver/iterations=1 --set model/method=schur"), 0) << err_;
+    for (const char *words : {"warning: model/method: schur is far too soft for model/gravity", "10 to 15 times", "of 14 steps did not converge",
                               "elements were turned inside out in", "averaged is not"})
         EXPECT_NE(err_.find(words), std::string::npos) << words << "\n" << err_;
-    EXPECT_EQ(table(in("hung/steps.csv"))[0].back(), "inverted");
-    EXPECT_GT(std::stoi(table(in("hung/steps.csv")).back().back()), 0);
-    ASSERT_EQ(run(hung + " --quiet --set solver/iterations=100 --set model/method=averaged"), 0) << err_;
+    const auto steps = table(in("hung/steps.csv"));
+    EXPECT_EQ(steps[0].back(), "inverted");
+    EXPECT_TRUE(std::any_of(steps.begin() + 1, steps.end(), [](const std::vector<std::string> &row) { return std::stoi(row.back()) > 0; }));
+    ASSERT_EQ(run(hung + "3 --quiet --set solver/iterations=100 --set model/method=averaged"), 0) << err_;
     EXPECT_NE(err_.find("averaged is off by tens of percent"), std::string::npos) << err_; // but converges
     EXPECT_EQ(err_.find('\n'), err_.size() - 1) << err_;
-    ASSERT_EQ(run(hung + " --quiet --set solver/iterations=1 --set solver/tolerance=1e-9"), 0) << err_;
+    ASSERT_EQ(run(hung + "3 --quiet --set solver/iterations=1 --set solver/tolerance=1e-9"), 0) << err_;
     EXPECT_NE(err_.find("3 of 3 steps did not converge, nor did the last one"), std::string::npos) << err_;
     EXPECT_NE(err_.find("solver/iterations"), std::string::npos) << err_;
 }
