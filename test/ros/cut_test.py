@@ -232,13 +232,17 @@ class CutTest(unittest.TestCase):
         # the volume of a state from its topology alone, and from the session made again: at a time that no step follows at once
         with rosbag.Bag(self.folder + "/session.bag") as bag:
             start = bag.get_start_time()
-            stamps = {message.header.stamp: when.to_sec() - start for _, message, when in bag.read_messages(NAMESPACE + "step")}
-            states = [(message.header.stamp, message.revision, when.to_sec() - start)
+            steps = [(when.to_sec() - start, message.header.stamp) for _, message, when in bag.read_messages(NAMESPACE + "step")]
+            states = [(when.to_sec() - start, message.header.stamp, message.revision)
                       for _, message, when in bag.read_messages(NAMESPACE + "mesh/state")]
-        self.assertGreater(len(set(revision for _, revision, _ in states)), 5)
-        # the last state may have been under way when the recorder went, or its step
-        last = next(max(when, stamps[stamp]) for stamp, _, when in reversed(states) if stamp in stamps)
-        at = ["--at", "%.6f" % (last + 1e-3)]
+        self.assertGreater(len(set(revision for _, _, revision in states)), 5)
+
+        def is_settled(time):
+            """The newest state is that of the newest step, and nothing follows within a millisecond."""
+            state, step = ([entry for entry in all if entry[0] <= time][-1] for all in (states, steps))
+            return state[1] == step[1] and not any(time < entry[0] < time + 1e-3 for entry in states + steps)
+        last = next(time for time in (when + 1e-3 for when, _, _ in reversed(states[len(states) // 2:-1])) if is_settled(time))
+        at = ["--at", "%.6f" % last]
         self.run_bag(*at, "--out", self.folder + "/states")
         self.run_bag(*at, "--simulate", "--out", self.folder + "/again")
         name = os.listdir(self.folder + "/states")[0]
