@@ -239,7 +239,7 @@ class CutTest(unittest.TestCase):
 
         def is_settled(time):
             """The newest state is that of the newest step, and nothing follows within a millisecond."""
-            state, step = ([entry for entry in all if entry[0] <= time][-1] for all in (states, steps))
+            state, step = ([entry for entry in entries if entry[0] <= time][-1] for entries in (states, steps))
             return state[1] == step[1] and not any(time < entry[0] < time + 1e-3 for entry in states + steps)
         last = next(time for time in (when + 1e-3 for when, _, _ in reversed(states[len(states) // 2:-1])) if is_settled(time))
         at = ["--at", "%.6f" % last]
