@@ -10,15 +10,20 @@ namespace {
 const int size[3] = {40, 20, 20};
 const double box[3] = {0.2, 0.1, 0.1}, surface = 2 * (0.2 * 0.1 + 0.2 * 0.1 + 0.1 * 0.1);
 
-std::unique_ptr<Body> bar(const std::function<void(pliant_scene &)> &set = [](pliant_scene &) {})
+std::unique_ptr<Body> built(std::unique_ptr<Body> body, const std::function<void(pliant_scene &)> &set)
 {
-    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}}, [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; }));
     body->fix_plane(1e-6, 0, 0, 1, 0, 0);
     body->cells(8, 4, 4, 1);
     body->scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
     set(body->scene);
     EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
     return body;
+}
+
+std::unique_ptr<Body> bar(const std::function<void(pliant_scene &)> &set = [](pliant_scene &) {})
+{
+    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}}, [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; }));
+    return built(std::move(body), set);
 }
 
 // A body and what cuts have made of it, and where its nodes are
@@ -178,12 +183,7 @@ TEST(Subdivide, AffineMapsPassThrough)
 std::unique_ptr<Body> uniform(const std::function<void(pliant_scene &)> &set = [](pliant_scene &) {})
 {
     std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}}));
-    body->fix_plane(1e-6, 0, 0, 1, 0, 0);
-    body->cells(8, 4, 4, 1);
-    body->scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
-    set(body->scene);
-    EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
-    return body;
+    return built(std::move(body), set);
 }
 
 TEST(Subdivide, ThePatchTestHolds)
