@@ -1,0 +1,50 @@
+/* Contact: where tissue touches instruments, ground, or tissue, and with what force.
+ *
+ * Who finds contacts (shapes.h: rigid obstacles; tissue.h: tissue that meets tissue) writes them as points; who solves (fem/quasistatic,
+ * fem/dynamics) reads these alone. At a point c the gap is
+ *     g(x) = n'(sum_k w_k x_k - p),   g >= 0,   l_n >= 0,   g l_n = 0   (Signorini),   |l_t| <= mu l_n   (Coulomb),
+ * where w are weights of fine nodes: of a point of the surface (sum 1) and, where tissue meets tissue, minus those of the other side (sum 0).
+ * p is a point of the obstacle, which moves with it; n points out of it. */
+#ifndef PLIANT_CONTACT_CONTACT_H
+#define PLIANT_CONTACT_CONTACT_H
+
+#include "pliant/body.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { PLIANT_CONTACT_NODES = 8 };
+
+/* What a point touches. */
+typedef enum pliant_obstacle { PLIANT_OBSTACLE_TOOL, PLIANT_OBSTACLE_GROUND, PLIANT_OBSTACLE_TISSUE } pliant_obstacle;
+
+typedef struct pliant_contact_point {
+    /* INPUT, by who finds it */
+    uint64_t feature;       /* of the surface (node, edge, triangle) and of the obstacle: the same from step to step while it is the same contact */
+    pliant_obstacle kind;
+    int32_t tool, part;     /* of PLIANT_OBSTACLE_TOOL; -1: another */
+    int32_t count;          /* of the nodes, all different */
+    int32_t node[PLIANT_CONTACT_NODES];   /* fine */
+    double weight[PLIANT_CONTACT_NODES];
+    double normal[3];       /* unit, out of the obstacle: tissue is pushed along it */
+    double place[3];        /* p, where the obstacle is at the end of the step [m] */
+    double drift[3];        /* how far p moved in the step, as a point of the obstacle [m] */
+    double area;            /* of the surface that it stands for, at rest [m^2] */
+    double friction;        /* Coulomb's mu */
+    /* OUTPUT, by who solves; kept from step to step for the same feature */
+    double force[3];        /* on the tissue at the weights' point [N] */
+    double anchor[3];       /* where it sticks, less where p is [m] */
+    bool sticks;
+} pliant_contact_point;
+
+/* All points of a step, ascending by feature. */
+typedef struct pliant_contacts {
+    int32_t count, room;
+    pliant_contact_point *point;
+} pliant_contacts;
+
+#ifdef __cplusplus
+}
+#endif
+#endif
