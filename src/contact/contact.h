@@ -8,6 +8,7 @@
 #ifndef PLIANT_CONTACT_CONTACT_H
 #define PLIANT_CONTACT_CONTACT_H
 
+#include "base/inline.h"
 #include "pliant/body.h"
 
 #ifdef __cplusplus
@@ -34,8 +35,8 @@ typedef struct pliant_contact_point {
     double friction;        /* Coulomb's mu */
     /* OUTPUT, by who solves; kept from step to step for the same feature */
     double force[3];        /* on the tissue at the weights' point [N] */
-    double anchor[3];       /* where it sticks, less where p is [m] */
-    bool sticks;
+    double anchor[3];       /* where it sticks on the obstacle, less p [m] */
+    bool begun;             /* false: a new contact; it sticks where the tissue is before the step, moved with the obstacle */
 } pliant_contact_point;
 
 /* All points of a step, ascending by feature. */
@@ -43,6 +44,20 @@ typedef struct pliant_contacts {
     int32_t count, room;
     pliant_contact_point *point;
 } pliant_contacts;
+
+/* Who finds contacts: what a point takes over from that of the same feature in the step before. Its anchor goes with the obstacle, and other
+ * weights than before are no slip.  positions: (fine nodes x 3) that the step begins with [m] */
+PLIANT_INLINE void pliant_contact_carry(const pliant_contact_point *before, const double *positions, pliant_contact_point *now)
+{
+    for (int d = 0; d < 3; d++) {
+        double moved = before->place[d] + now->drift[d] - now->place[d];
+        for (int32_t k = 0; k < now->count; k++) moved += now->weight[k] * positions[3 * now->node[k] + d];
+        for (int32_t k = 0; k < before->count; k++) moved -= before->weight[k] * positions[3 * before->node[k] + d];
+        now->anchor[d] = before->anchor[d] + moved;
+        now->force[d] = before->force[d];
+    }
+    now->begun = before->begun;
+}
 
 #ifdef __cplusplus
 }

@@ -62,6 +62,7 @@ void pliant_data_free(pliant_data *data)
     pliant_warp_free(data->warp);
     pliant_discretization_release(data->discretization);
     pliant_body_release(data->body);
+    pliant_free(data->contacts.point);
     pliant_free(data->positions);
     pliant_free(data);
 }

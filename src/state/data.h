@@ -2,6 +2,7 @@
 #ifndef PLIANT_STATE_DATA_H
 #define PLIANT_STATE_DATA_H
 
+#include "contact/contact.h"
 #include "pliant/data.h"
 #include "state/model.h"
 
@@ -110,6 +111,8 @@ struct pliant_data {
     pliant_tool tools[PLIANT_MAX_TOOLS];
     int32_t num_tools;
     double gravity[3];        /* LPS [m/s^2]; from the scene at first, changed by pliant_data_set_gravity */
+    /* CONTACT, SOLVE */
+    pliant_contacts contacts; /* of this step: points by who finds them, forces by who solves */
     /* SOLVE */
     pliant_solver *solver;    /* NULL: solver/kind tled */
     pliant_tled *tled;        /* Nullable: solver/kind tled */
