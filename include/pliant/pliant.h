@@ -39,6 +39,7 @@
 #include "pliant/data.h"
 #include "pliant/path.h"
 #include "pliant/pick.h"
+#include "pliant/layout.h"
 #include "pliant/report.h"
 
 #endif

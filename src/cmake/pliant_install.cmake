@@ -34,4 +34,11 @@ if(NOT PLIANT_MSGS_ONLY)
   install(DIRECTORY launch/ DESTINATION ${PLIANT_SHARE_DIR}/launch USE_SOURCE_PERMISSIONS
           FILES_MATCHING PATTERN "*.launch" PATTERN "*.yaml" PATTERN "*.rviz" PATTERN "*.py")
 endif()
+# pliant.py: beside the messages' modules where ROS is, of whose package it is the first file
+if(PLIANT_WITH_ROS AND NOT PLIANT_MSGS_ONLY)
+  configure_file(src/python/pliant.py ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant/__init__.py COPYONLY)
+  install(FILES src/python/pliant.py DESTINATION ${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant RENAME __init__.py)
+elseif(NOT PLIANT_WITH_ROS)
+  install(FILES src/python/pliant.py DESTINATION ${PLIANT_LIB_DIR}/python3/dist-packages)
+endif()
 install(FILES LICENSE README.md DESTINATION ${PLIANT_SHARE_DIR})

@@ -1,0 +1,81 @@
+#!/usr/bin/env python3
+"""How do I learn on living tissue?    gym_environment.py [EPISODES]
+
+A gymnasium environment: retract tissue. A forceps holds a point of the liver's surface and shall bring it to a goal without pulling hard.
+Observation: held point and goal relative to where it was grasped [m], force [N]. Action: how the tip moves in a step, -1 .. 1 for each axis.
+The reward is that of tissue manipulation tasks: minus the distance to the goal, minus a price of force, and 1 where the goal is reached.
+"""
+import sys
+
+import numpy as np
+import pliant
+
+try:
+    import gymnasium
+    Base, Box = gymnasium.Env, gymnasium.spaces.Box
+except ImportError:  # the environment is one without it, too: reset and step are all that an agent calls
+    Base, Box = object, None
+
+GRASP = np.array([0.05, -0.09, 0.06])  # in the liver of the phantom, LPS [m]
+STEP, REACHED, FARTHEST, FORCE_PRICE = 0.002, 0.002, 0.02, 0.01  # [m], [m], [m], 1 / N
+
+
+class Retraction(Base):
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 50}
+
+    def __init__(self, scene=None, scan="phantom:80x58x60", options=None, model=None, most_steps=100):
+        self.model = model or pliant.Model(scene, scan, options)  # environments may share one
+        self.sim, self.most_steps = pliant.Sim(model=self.model), most_steps
+        self.tool = self.sim.tool("forceps")
+        if Box:
+            self.action_space = Box(-1, 1, (3,), np.float32)
+            self.observation_space = Box(-np.inf, np.inf, (9,), np.float32)
+
+    def reset(self, *, seed=None, options=None):
+        if seed is not None or not hasattr(self, "random"):
+            self.random = np.random.default_rng(seed)
+        self.sim.reset()
+        self.tool.move(GRASP)
+        self.tool.grasp(GRASP)
+        way = self.random.normal(size=3)
+        self.goal = GRASP + FARTHEST * self.random.uniform(0.3, 1) * way / np.linalg.norm(way)
+        self.tip, self.steps = GRASP.copy(), 0
+        return self._observe(), {}
+
+    def step(self, action):
+        tip = self.tip + STEP * np.clip(action, -1, 1)
+        far = np.linalg.norm(tip - GRASP)
+        self.tip = GRASP + (tip - GRASP) * min(1, 2 * FARTHEST / max(far, 1e-9))
+        self.tool.move(self.tip)
+        converged = self.sim.step()
+        self.steps += 1
+        state = self.tool.state
+        distance = np.linalg.norm(state["held_point"] - self.goal)
+        reached = bool(distance < REACHED)
+        reward = -distance / FARTHEST - FORCE_PRICE * np.linalg.norm(state["force"]) + reached
+        told = {"distance": distance, "force": state["force"], "error": self.sim.error, "converged": converged}
+        return self._observe(), float(reward), reached, self.steps >= self.most_steps, told
+
+    def render(self):
+        """A slice of the deformed scan through the held point, grey from -200 to 300 Hounsfield units."""
+        volume = self.sim.volume()
+        index = volume.direction.T @ (self.tool.state["held_point"] - volume.origin) / volume.spacing
+        k = int(np.clip(round(index[2]), 0, volume.values.shape[0] - 1))
+        grey = np.clip((volume.slope * volume.values[k] + volume.intercept + 200) / 500, 0, 1)
+        return np.repeat((255 * grey).astype(np.uint8)[:, :, None], 3, axis=2)
+
+    def _observe(self):
+        state = self.tool.state
+        return np.concatenate([state["held_point"] - GRASP, self.goal - GRASP, state["force"]]).astype(np.float32)
+
+
+if __name__ == "__main__":
+    world = Retraction()
+    for episode in range(int(sys.argv[1]) if len(sys.argv) > 1 else 2):
+        seen, _ = world.reset(seed=episode)
+        total, done = 0.0, False
+        while not done:  # straight to the goal: what a policy has to beat
+            seen, reward, reached, late, told = world.step((seen[3:6] - seen[0:3]) / STEP)
+            total, done = total + reward, reached or late
+        print("episode %d: %s after %d steps, %.1f mm from the goal, %.2f N, reward %.2f" % (
+            episode, "reached" if reached else "not reached", world.steps, 1e3 * told["distance"], np.linalg.norm(told["force"]), total))

@@ -1,0 +1,160 @@
+#!/usr/bin/env python3
+"""pliant.py against the library: what it tells, what it refuses, the same bits, several at once."""
+import os
+import subprocess
+import sys
+import threading
+import unittest
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [os.path.join(HERE, "..", "src", folder) for folder in ("python", "examples")]
+import numpy as np
+import pliant
+
+SMALL = {"mesh/coarse_cells": [5, 4, 4], "mesh/ratio": 1, "solver/threads": 1, "solver/iterations": 4, "solver/refresh_interval": 0}
+SCAN = "phantom:48x36x36"
+LIVER = np.array([0.05, -0.09, 0.06])
+
+
+def pull(sim, steps=3):
+    tool = sim.tool("forceps")
+    tool.move(LIVER)
+    tool.grasp(LIVER)
+    for step in range(steps):
+        tool.move(LIVER + [0, -0.003 * (step + 1), 0])
+        sim.step()
+    return tool
+
+
+class Python(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.model = pliant.Model(scan=SCAN, options=SMALL)
+        cls.cuts = pliant.Model(scan=SCAN, options=dict(SMALL, **{"cut/kind": "sever"}))
+
+    def test_a_pulled_tissue_follows_and_pulls_back(self):
+        sim = pliant.Sim(model=self.model)
+        self.assertTrue(np.array_equal(sim.nodes, sim.rest))
+        tool = pull(sim)
+        self.assertTrue(tool.holding)
+        self.assertGreater(-tool.force[1], 0.01)  # it pulls the tissue to the front
+        state, moved = tool.state, np.linalg.norm(sim.nodes - sim.rest, axis=1)
+        np.testing.assert_allclose(tool.force, state["stiffness"] * (state["tip"] - state["held_point"]), rtol=1e-6, atol=1e-9)  # a spring's
+        self.assertGreater(moved.max(), 0.003)
+        self.assertTrue((moved[sim.fixed] == 0).all())
+        self.assertLess(sim.error, 1e-3)
+        self.assertEqual(sim.statistics["step"], 3)
+        lever = tool.state["held_point"] - tool.state["tip"]
+        np.testing.assert_allclose(sim.wrench("forceps"), np.concatenate([tool.force, np.cross(lever, tool.force)]))
+        tool.release()
+        self.assertFalse(tool.holding)
+
+    def test_arrays_belong_together_and_stay(self):
+        sim = pliant.Sim(model=self.model)
+        tets, rest, before = sim.tets, sim.rest, sim.nodes
+        self.assertEqual(tets.max() + 1, len(rest))
+        edges = rest[tets[:, 1:]] - rest[tets[:, :1]]
+        volume = np.linalg.det(edges) / 6
+        self.assertGreater(volume.min(), 0)
+        self.assertTrue((sim.triangles < len(rest)).all())
+        self.assertEqual(len(sim.materials), len(tets))
+        self.assertIn("organ", " ".join(self.model.materials))
+        self.assertGreater(sim.masses.sum(), 5)  # an abdomen, in kilograms
+        pull(sim)
+        self.assertTrue(np.array_equal(before, rest))  # a copy
+        self.assertGreater(np.abs(sim.scalar("von_mises")).max(), 1)
+        with self.assertRaisesRegex(ValueError, "von_mises"):
+            sim.scalar("temperature")
+
+    def test_the_volume_at_rest_is_the_scan_and_moves_with_the_tissue(self):
+        sim = pliant.Sim(model=self.model)
+        scan, rest = self.model.scan, sim.volume()
+        self.assertEqual(rest.values.shape, (36, 36, 48))
+        tissue = rest.values != rest.background
+        self.assertGreater(tissue.mean(), 0.2)
+        self.assertTrue((rest.values[tissue] == scan.values[tissue]).all())
+        pull(sim)
+        self.assertGreater((sim.volume().values != rest.values).sum(), 100)
+        self.assertEqual(rest.intensities.dtype, np.float32)
+
+    def test_the_same_bits_again_and_in_other_threads(self):
+        sims = [pliant.Sim(model=self.model) for _ in range(3)]
+        pull(sims[0])
+        threads = [threading.Thread(target=pull, args=(sim,)) for sim in sims[1:]]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        for sim in sims[1:]:
+            self.assertTrue(np.array_equal(sim.nodes, sims[0].nodes))
+        sims[0].reset()
+        pull(sims[0])
+        self.assertTrue(np.array_equal(sims[0].nodes, sims[1].nodes))
+
+    def test_a_cut_appends_and_can_be_undone(self):
+        sim = pliant.Sim(model=self.cuts)
+        before, tets = sim.revision, len(sim.tets)
+        cut = sim.cut([[0.02, -0.16, 0.06], [0.08, -0.16, 0.06]], [0, 0.06, 0])
+        self.assertGreater(cut.area, 1e-3)
+        self.assertGreater(cut.links, 10)
+        self.assertNotEqual(sim.revision, before)
+        self.assertGreater(len(sim.tets), tets)
+        self.assertEqual(len(sim.nodes), len(sim.rest))
+        whole = sim.volume()
+        pull(sim)
+        self.assertTrue((sim.volume().values != whole.values).any())
+        sim.undo_cut()
+        self.assertEqual(len(sim.tets), tets)
+        knife = sim.tool("knife")
+        knife.blade("scalpel")
+        knife.move([0, 0, 0.5])
+        knife.cutting()
+        self.assertTrue(knife.state["cutting"])
+
+    def test_an_environment_to_learn_in(self):
+        import gym_environment
+        rewards = []
+        for seed in (1, 1, 2):
+            world = gym_environment.Retraction(model=self.model, most_steps=20)
+            seen, _ = world.reset(seed=seed)
+            self.assertEqual(seen.shape, (9,))
+            for _ in range(5):
+                seen, reward, reached, late, told = world.step((seen[3:6] - seen[0:3]) / gym_environment.STEP)
+            rewards.append((reward, told["distance"]))
+        self.assertEqual(rewards[0], rewards[1])
+        self.assertNotEqual(rewards[0], rewards[2])
+        self.assertEqual(world.render().shape, (36, 48, 3))
+        self.assertGreater(world.render().std(), 10)
+
+    def test_what_is_wrong_is_said(self):
+        for call, text in ((lambda: pliant.Model(scan="no/such/file.nii"), "no/such/file.nii"),
+                           (lambda: pliant.Model(scan=SCAN, options={"solver/speed": 3}), "solver/speed"),
+                           (lambda: pliant.Model(scan=SCAN, options={"solver/iterations": 0}), "solver/iterations"),
+                           (lambda: pliant.Model(scene="none.yaml"), "none.yaml")):
+            with self.assertRaisesRegex(pliant.Error, text):
+                call()
+        sim = pliant.Sim(model=self.model)
+        with self.assertRaisesRegex(pliant.Error, "finite"):
+            sim.gravity = [0, 0, np.nan]
+        with self.assertRaises(pliant.Error):
+            sim.tool().grasp([5, 5, 5])
+        with self.assertRaises(ValueError):
+            sim.nodes = np.zeros((3, 3))
+        with self.assertRaises(pliant.Error):
+            pliant.Model(scan=SCAN, options=SMALL, progress=lambda fraction, stage: False)
+        self.assertTrue(sim.step())
+
+    @unittest.skipUnless(os.environ.get("PLIANT_PACKAGES"), "there is no ROS in this build")
+    def test_it_is_found_beside_the_messages(self):
+        paths = os.environ["PLIANT_PACKAGES"] + os.pathsep + os.environ.get("PYTHONPATH", "")
+        told = subprocess.run([sys.executable, "-c", "import pliant, pliant.msg; print(pliant.version(), pliant.msg.MeshState.__name__)"],
+                              env=dict(os.environ, PYTHONPATH=paths, PLIANT_LIBRARY=""), stdout=subprocess.PIPE, universal_newlines=True)
+        self.assertEqual(told.stdout.split(), [pliant.version(), "MeshState"])
+
+    def test_options_are_those_of_the_library(self):
+        self.assertEqual(pliant.options()["solver/iterations"]["default"], "6")
+        self.assertRegex(pliant.version(), r"^\d+\.\d+")
+
+
+if __name__ == "__main__":
+    unittest.main()
