@@ -91,6 +91,27 @@ class Python(unittest.TestCase):
         pull(sims[0])
         self.assertTrue(np.array_equal(sims[0].nodes, sims[1].nodes))
 
+    def test_what_is_saved_is_gone_back_to(self):
+        sim = pliant.Sim(model=self.cuts)
+        pull(sim)
+        sim.cut([[0.02, -0.16, 0.06], [0.08, -0.16, 0.06]], [0, 0.06, 0])
+        saved, seen = sim.save(), []
+        for _ in range(2):
+            forceps = sim.tool("forceps")
+            for step in range(3):
+                forceps.move(LIVER + [0.002 * step, -0.01, 0])
+                sim.step()
+            seen.append((sim.nodes, forceps.force, sim.revision, len(sim.tets)))
+            sim.undo_cut()
+            sim.reset()
+            sim.restore(saved)
+        for first, again in zip(*seen):
+            self.assertTrue(np.array_equal(first, again))
+        other = sim.copy()
+        self.assertTrue(np.array_equal(other.nodes, saved.nodes))
+        other.tool("forceps").release()
+        self.assertTrue(sim.tool("forceps").holding)
+
     def test_a_cut_appends_and_can_be_undone(self):
         sim = pliant.Sim(model=self.cuts)
         before, tets = sim.revision, len(sim.tets)

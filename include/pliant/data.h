@@ -107,6 +107,15 @@ PLIANT_API void pliant_data_free(pliant_data *data); /**< Nullable */
 /** Back to rest: positions, holds, history, gravity, statistics. Tools keep their poses. Errors: MEMORY (nothing changed). */
 PLIANT_API pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data);
 
+/** Another simulation of the model that goes on from where this one is: tissue and what moves in it, cuts and what can be undone, pieces that
+ *  have come off, tools with their holds and blades, gravity, limits, statistics. What only makes the next steps faster (factors, what the
+ *  solver has learned) begins anew, and there is no deformed volume until it is asked for. Of two copies the same steps give the same bits.
+ *  Errors: MEMORY, NUMERIC, SCENE. */
+PLIANT_API pliant_status pliant_data_copy(const pliant_model *model, pliant_data *data, pliant_data **out);
+/** This simulation becomes a copy of another one of its model, which stays as it is; its deformed volume follows. To be able to go back: copy
+ *  it, take that copy at once, and again whenever it is to go back; the same bits follow each time. Errors (as it was before): as of pliant_data_copy. */
+PLIANT_API pliant_status pliant_data_take(const pliant_model *model, pliant_data *data, pliant_data *from);
+
 /** From now on another body is true: the next one, or one from before. What is derived from a body is made for it first, and only
  *  then put to use: on an error everything goes on with the body before, bit for bit. Nodes keep their positions and velocities, copies
  *  begin with those of what they are copies of; tools keep hold. A body of the same topology changes no bits of what follows. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (not of this simulation's mesh). */

@@ -83,6 +83,7 @@ for _result, _name, *_arguments in (
         (_pointer, "model_get_scan", _pointer), (_pointer, "model_get_materials", _pointer), (_pointer, "model_get_scene", _pointer),
         (None, "material_table_free", _pointer), (None, "labels_free", _pointer), (None, "volume_free", _pointer),
         (_int, "data_create", _pointer, _pointer), (None, "data_free", _pointer), (_int, "data_reset", _pointer, _pointer),
+        (_int, "data_copy", _pointer, _pointer, _pointer), (_int, "data_take", _pointer, _pointer, _pointer),
         (_int, "step", _pointer, _pointer), (_pointer, "data_get_body", _pointer), (_pointer, "data_get_positions", _pointer, _pointer),
         (_pointer, "data_get_statistics", _pointer), (_text, "data_get_backend", _pointer), (None, "data_get_gravity", _pointer, _pointer),
         (_int, "data_set_gravity", _pointer, _pointer), (_int, "data_set_positions", _pointer, _pointer, _pointer),
@@ -267,7 +268,10 @@ class Sim:
         self.model = model or Model(scene, scan, options, progress)
         data = _pointer()
         _call("data_create", self.model._model, ctypes.byref(data))
-        self._data, self._tools, self._warp = data.value, {}, {"warp": None, "body": None, "drawn": None}
+        self._own(data.value)
+
+    def _own(self, data):
+        self._data, self._tools, self._warp = data, {}, {"warp": None, "body": None}
         self._free = weakref.finalize(self, _free_data, self._data, self.model, self._warp)
 
     def close(self):
@@ -283,6 +287,25 @@ class Sim:
     def reset(self):
         """Back to rest, whole; tools keep their poses and hold nothing."""
         _call("data_reset", self.model._model, self._data)
+
+    def copy(self):
+        """Another simulation that goes on from here."""
+        data, other = _pointer(), Sim.__new__(Sim)
+        _call("data_copy", self.model._model, self._data, ctypes.byref(data))
+        other.model = self.model
+        other._own(data.value)
+        other._tools = {name: Tool(other, tool._index) for name, tool in self._tools.items()}
+        return other
+
+    def save(self):
+        """What it is now, for restore. It goes on as one that was restored, so that the same steps give the same bits each time."""
+        saved = self.copy()
+        self.restore(saved)
+        return saved
+
+    def restore(self, saved):
+        _call("data_take", self.model._model, self._data, saved._data)
+        self._tools = {name: self._tools.get(name) or Tool(self, tool._index) for name, tool in saved._tools.items()}
 
     def limits(self, iterations, tolerance):
         _call("data_set_limits", self._data, iterations, tolerance)

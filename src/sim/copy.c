@@ -1,0 +1,124 @@
+/* Another simulation in the state of one: to go on from there twice, or to go back to. */
+#include "backend/backend.h"
+#include "base/fail.h"
+#include "fem/dynamics/tled.h"
+#include "fem/falling/falling.h"
+#include "fem/quasistatic/solver.h"
+#include "interact/tool.h"
+#include "pliant/memory.h"
+#include "sim/cut.h"
+#include "warp/device.h"
+
+#include <string.h>
+
+static void copy_solver(pliant_data *from, pliant_data *to)
+{
+    const pliant_solver *solver = from->solver;
+    memcpy(to->solver->now.x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
+    for (int32_t n = 0; solver->system->mesh == solver->system->fine && n < solver->system->mesh->num_nodes; n++) {
+        const double *home = pliant_falling_home(from->falling, n); /* as the rest of the body expects it */
+        if (home) memcpy(to->solver->now.x + 3 * (size_t)n, home, 3 * sizeof *home);
+    }
+    pliant_solver_moved(to->solver);
+    to->backend->kind->limits(to, solver->rules.most_evaluations, solver->rules.tolerance);
+}
+
+/* tissue: of the same body now */
+static pliant_status copy_tissue(const pliant_model *model, pliant_data *from, pliant_data *to)
+{
+    const pliant_body *body = to->discretization->body;
+    memcpy(to->positions, from->positions, 3 * (size_t)body->fine.num_nodes * sizeof *to->positions);
+    pliant_body_map map = {0};
+    pliant_status status = pliant_body_map_create(from->discretization->body, body, &map);
+    pliant_falling *falling = NULL;
+    if (status == PLIANT_OK) status = pliant_falling_create(&model->scene, body, to->positions, from->falling, &map, &falling);
+    if (status == PLIANT_OK) {
+        pliant_falling_free(to->falling);
+        to->falling = falling;
+        if (to->solver) copy_solver(from, to);
+        else pliant_tled_carry(to->tled, from->tled, &map);
+        if (to->tled && falling && body->has_inertia && !to->tled->own_inverse_mass) status = pliant_tled_may_stop(to->tled);
+    }
+    pliant_body_map_free(&map);
+    return status;
+}
+
+static pliant_status copy_tools(const pliant_data *from, pliant_data *to)
+{
+    pliant_status status = PLIANT_OK;
+    for (int t = 0; t < from->num_tools && status == PLIANT_OK; t++) {
+        pliant_tool *tool = to->tools + t;
+        to->num_tools = t + 1;
+        status = pliant_tool_carry(tool, from->tools + t, from, to->body, to->positions);
+        if (status == PLIANT_OK && to->solver && tool->holding && tool->attached)
+            status = pliant_solver_carry_hold(to->solver, from->solver, t, tool->num_held, tool->held, tool->weight, to->positions, tool->force);
+    }
+    return status;
+}
+
+static pliant_status copy_undo(const pliant_undo *from, int32_t room, pliant_undo *to)
+{
+    if (from->count == 0) return PLIANT_OK;
+    *to = *from;
+    if (!(to->body = pliant_calloc((size_t)room, sizeof *to->body))) {
+        to->count = 0;
+        return pliant_fail_memory("what a cut can be undone by");
+    }
+    for (int32_t b = 0; b < from->count; b++) to->body[b] = pliant_body_retain(from->body[b]);
+    return PLIANT_OK;
+}
+
+static pliant_status copy_contacts(const pliant_contacts *from, pliant_contacts *to)
+{
+    if (from->count == 0) return PLIANT_OK;
+    if (!(to->point = pliant_calloc((size_t)from->count, sizeof *to->point))) return pliant_fail_memory("contacts");
+    memcpy(to->point, from->point, (size_t)from->count * sizeof *to->point);
+    to->count = to->room = from->count;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_data_copy(const pliant_model *model, pliant_data *from, pliant_data **out)
+{
+    pliant_data *to = NULL;
+    if (from->backend->download) from->backend->download(model, from);
+    pliant_status status = pliant_data_create(model, &to);
+    if (status != PLIANT_OK) return status;
+    const size_t bytes = to->statistics.bytes, before = pliant_memory_in_use();
+    memcpy(to->gravity, from->gravity, sizeof to->gravity);
+    status = pliant_data_set_body(model, to, from->body);
+    if (status == PLIANT_OK) status = copy_tissue(model, from, to);
+    if (status == PLIANT_OK) status = copy_tools(from, to);
+    if (status == PLIANT_OK) status = copy_undo(&from->undo, model->scene.cut.undo, &to->undo);
+    if (status == PLIANT_OK) status = copy_contacts(&from->contacts, &to->contacts);
+    if (status == PLIANT_OK) status = pliant_backend_restart(model, to);
+    if (status < 0) {
+        pliant_data_free(to);
+        return status;
+    }
+    to->last_revision = from->last_revision;
+    to->background.kind = from->background.kind;
+    to->statistics = from->statistics;
+    to->statistics.bytes = bytes + pliant_memory_in_use() - before;
+    *out = to;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_data_take(const pliant_model *model, pliant_data *data, pliant_data *from)
+{
+    pliant_data *made = NULL;
+    pliant_warp_next *warp = NULL;
+    pliant_status status = pliant_data_copy(model, from, &made);
+    if (status == PLIANT_OK && data->warp) status = pliant_warp_prepare(data->warp, made->discretization->body, &warp);
+    if (status == PLIANT_OK) {
+        pliant_data old = *data;
+        if (warp) pliant_warp_take(old.warp, warp);
+        made->warp = old.warp;
+        old.warp = NULL;
+        if (old.last_revision > made->last_revision) made->last_revision = old.last_revision; /* no two bodies share one */
+        *data = *made;
+        *made = old;
+    }
+    pliant_warp_next_free(warp);
+    pliant_data_free(made);
+    return status;
+}
