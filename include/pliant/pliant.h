@@ -33,6 +33,7 @@
 #include "pliant/mesh.h"
 #include "pliant/body.h"
 #include "pliant/cut.h"
+#include "pliant/surface.h"
 #include "pliant/scene.h"
 #include "pliant/model.h"
 #include "pliant/warp.h"

@@ -7,12 +7,9 @@
 #include <math.h>
 #include <string.h>
 
-/* corners of the face opposite each corner, seen from outside counter-clockwise on a positive tetrahedron */
-static const int face_corners[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
-
 static void sorted_face(const int32_t *nodes, int face, int32_t out[3])
 {
-    for (int v = 0; v < 3; v++) out[v] = nodes[face_corners[face][v]];
+    for (int v = 0; v < 3; v++) out[v] = nodes[pliant_face_corners[face][v]];
     for (int pass = 0; pass < 2; pass++)
         for (int v = 0; v < 2; v++)
             if (out[v] > out[v + 1]) {
@@ -25,7 +22,7 @@ static void sorted_face(const int32_t *nodes, int face, int32_t out[3])
 /* whether the corners of a face, seen from outside, run as its nodes ascend: of two tetrahedra with it, those of one do */
 static bool runs_up(const int32_t *nodes, int face)
 {
-    const int32_t a = nodes[face_corners[face][0]], b = nodes[face_corners[face][1]], c = nodes[face_corners[face][2]];
+    const int32_t a = nodes[pliant_face_corners[face][0]], b = nodes[pliant_face_corners[face][1]], c = nodes[pliant_face_corners[face][2]];
     return (a < b && b < c) || (b < c && c < a) || (c < a && a < b);
 }
 
@@ -88,7 +85,7 @@ pliant_status pliant_mesh_surface_of(const pliant_mesh *mesh, const int32_t *nei
     if (!out) return pliant_fail_memory("the surface");
     for (int32_t f = 0; f < 4 * mesh->num_tets; f++)
         if (neighbours[f] < 0)
-            for (int v = 0; v < 3; v++) *next++ = mesh->tets[4 * (f / 4) + face_corners[f % 4][v]];
+            for (int v = 0; v < 3; v++) *next++ = mesh->tets[4 * (f / 4) + pliant_face_corners[f % 4][v]];
     *triangles = out;
     *count = outside;
     return PLIANT_OK;

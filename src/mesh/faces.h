@@ -8,6 +8,9 @@
 extern "C" {
 #endif
 
+/* corners of the face opposite each corner, seen from outside counter-clockwise on a positive tetrahedron */
+static const int pliant_face_corners[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
+
 /* as pliant_mesh_surface */
 pliant_status pliant_mesh_surface_of(const pliant_mesh *mesh, const int32_t *neighbours, int32_t **triangles, int32_t *count);
 /* as pliant_mesh_hold */
