@@ -52,14 +52,14 @@ static surface_block *find_block(const pliant_surface *surface, int32_t host)
 static void mark_nodes(const surface_work *work, int32_t host, uint8_t *of_node)
 {
     int32_t corner[4];
-    pliant_surpliant_face_corners(&work->maker, host, corner);
+    pliant_surface_corners(&work->maker, host, corner);
     for (int v = 0; v < 4; v++) of_node[corner[v]] = 1;
 }
 
 static bool has_marked(const surface_work *work, int32_t host, const uint8_t *of_node)
 {
     int32_t corner[4];
-    pliant_surpliant_face_corners(&work->maker, host, corner);
+    pliant_surface_corners(&work->maker, host, corner);
     return of_node[corner[0]] | of_node[corner[1]] | of_node[corner[2]] | of_node[corner[3]];
 }
 

@@ -163,8 +163,8 @@ static void find_face(const surface_maker *maker, int32_t host, int opposite, ho
     int32_t own[4], others[4] = {-1, -1, -1, -1};
     *out = (host_face){host, maker->voxels->across[4 * (size_t)host + (size_t)opposite], opposite, {-1, -1, -1, -1}};
     if (out->other < 0) return;
-    pliant_surpliant_face_corners(maker, host, own);
-    pliant_surpliant_face_corners(maker, out->other, others);
+    pliant_surface_corners(maker, host, own);
+    pliant_surface_corners(maker, out->other, others);
     for (int v = 0; v < 4; v++)
         for (int w = 0; v != opposite && w < 4; w++)
             if (own[v] == others[w]) out->corner[v] = w;
@@ -288,7 +288,7 @@ static int points_along(surface_maker *maker, int32_t host, int a, int b, surfac
 {
     int32_t corner[4];
     int count = 0;
-    pliant_surpliant_face_corners(maker, host, corner);
+    pliant_surface_corners(maker, host, corner);
     const bool refined = pliant_surface_is_refined(maker, corner[a], corner[b]);
     for (int n = 0; n < (refined ? maker->parts : 1); n++) {
         int32_t at[4] = {0, 0, 0, 0}, next[4] = {0, 0, 0, 0};
