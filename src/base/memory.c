@@ -1,11 +1,35 @@
 #include "pliant/memory.h"
 
+#include "base/room.h"
+
+#include <pthread.h>
 #include <stdatomic.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* The size stands in front of the block, in the 64 bytes that alignment leaves free. */
+/* What a block is stands in front of it, in the 64 bytes that alignment leaves free. */
 enum { ALIGNMENT = 64 };
+
+typedef struct header {
+    void *base;   /* as the system gave it */
+    size_t bytes; /* asked for */
+    size_t room;  /* there are */
+} header;
+
+/* From so many bytes on a block has room for an eighth more, at most, and may be kept. */
+static const size_t large = 1 << 18;
+
+enum { MOST_KEPT = 128 };
+
+/* Blocks that were freed; the one that was freed last is the last. */
+static struct {
+    pthread_mutex_t lock;
+    int64_t limit; /* [bytes] */
+    size_t bytes;
+    int count;
+    header *block[MOST_KEPT];
+} kept = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
 static atomic_size_t in_use, peak;
 static atomic_llong calls_left = -1;
@@ -24,36 +48,153 @@ static void count(size_t bytes)
     while (now > old && !atomic_compare_exchange_weak(&peak, &old, now)) {}
 }
 
-static size_t *size_of(void *block) { return (size_t *)((char *)block - ALIGNMENT); }
+static header *header_of(void *block) { return (header *)((char *)block - ALIGNMENT); }
 
-void *pliant_calloc(size_t number, size_t size)
+/* ---- blocks that are kept */
+
+/* Large ones are of few sizes, so that one fits in the place of another; of their own where what is written behind a block is looked for. */
+static size_t room_for(size_t bytes)
 {
-    if (number == 0 || size == 0 || number > (SIZE_MAX - 2 * ALIGNMENT) / size || fails_now()) return NULL;
-    size_t bytes = number * size;
-    size_t whole = (bytes + 2 * ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
-    char *base = aligned_alloc(ALIGNMENT, whole);
+    size_t step = 1;
+#ifdef __SANITIZE_ADDRESS__
+    return bytes;
+#endif
+    if (bytes < large) return bytes;
+    while (bytes / step >= 16) step *= 2;
+    return (bytes + step - 1) / step * step;
+}
+
+static header *remove_kept(int place)
+{
+    header *block = kept.block[place];
+    kept.bytes -= block->room;
+    kept.count--;
+    memmove(kept.block + place, kept.block + place + 1, (size_t)(kept.count - place) * sizeof *kept.block);
+    return block;
+}
+
+static header *take_kept(size_t room)
+{
+    header *found = NULL;
+    if (room < large) return NULL;
+    pthread_mutex_lock(&kept.lock);
+    for (int b = kept.count - 1; b >= 0 && !found; b--)
+        if (kept.block[b]->room == room) found = remove_kept(b);
+    pthread_mutex_unlock(&kept.lock);
+    return found;
+}
+
+/* those that were freed first go first */
+static void release_above(int64_t bytes, int blocks)
+{
+    while (kept.count > 0 && ((int64_t)kept.bytes > bytes || kept.count > blocks)) free(remove_kept(0)->base);
+}
+
+static bool keep(header *block)
+{
+    if (block->room < large) return false;
+    pthread_mutex_lock(&kept.lock);
+    const bool keeps = (int64_t)block->room <= kept.limit / 2;
+    if (keeps) {
+        release_above(kept.limit - (int64_t)block->room, MOST_KEPT - 1);
+        kept.block[kept.count++] = block;
+        kept.bytes += block->room;
+    }
+    pthread_mutex_unlock(&kept.lock);
+    return keeps;
+}
+
+void pliant_memory_keep(int64_t bytes)
+{
+    pthread_mutex_lock(&kept.lock);
+    kept.limit += bytes;
+    release_above(kept.limit, MOST_KEPT);
+    pthread_mutex_unlock(&kept.lock);
+}
+
+size_t pliant_memory_kept(void)
+{
+    pthread_mutex_lock(&kept.lock);
+    const size_t bytes = kept.bytes;
+    pthread_mutex_unlock(&kept.lock);
+    return bytes;
+}
+
+/* ---- blocks */
+
+static header *from_system(size_t room)
+{
+    char *base = calloc(room + 2 * ALIGNMENT, 1); /* the system knows which pages are clear */
     if (!base) return NULL;
-    memset(base, 0, whole);
-    *(size_t *)base = bytes;
+    header *block = (header *)(base + (ALIGNMENT - (uintptr_t)base % ALIGNMENT) % ALIGNMENT);
+    block->base = base;
+    block->room = room;
+    return block;
+}
+
+static bool may_be(size_t number, size_t size)
+{
+    return number > 0 && size > 0 && number <= (SIZE_MAX / 2 - 2 * ALIGNMENT) / size && !fails_now();
+}
+
+static void *allocate(size_t bytes, bool clear)
+{
+    const size_t room = room_for(bytes);
+    header *block = take_kept(room);
+    if (block && clear) memset((char *)block + ALIGNMENT, 0, bytes);
+    if (!block && !(block = from_system(room))) return NULL;
+    block->bytes = bytes;
     count(bytes);
-    return base + ALIGNMENT;
+    return (char *)block + ALIGNMENT;
+}
+
+void *pliant_calloc(size_t number, size_t size) { return may_be(number, size) ? allocate(number * size, true) : NULL; }
+
+void *pliant_room(size_t number, size_t size) { return may_be(number, size) ? allocate(number * size, false) : NULL; }
+
+void *pliant_copy_of(const void *from, size_t number, size_t size)
+{
+    if (number == 0) return pliant_calloc(1, size);
+    void *made = pliant_room(number, size);
+    if (made) memcpy(made, from, number * size);
+    return made;
+}
+
+/* longer or shorter where it is; false: there is no room */
+static bool stretch(header *block, size_t bytes)
+{
+    if (block->room < large || room_for(bytes) != block->room) return false;
+    if (bytes > block->bytes) {
+        memset((char *)block + ALIGNMENT + block->bytes, 0, bytes - block->bytes);
+        count(bytes - block->bytes);
+    } else {
+        atomic_fetch_sub(&in_use, block->bytes - bytes);
+    }
+    block->bytes = bytes;
+    return true;
 }
 
 void *pliant_resize(void *block, size_t number, size_t size)
 {
-    void *larger = pliant_calloc(number, size);
-    if (!larger || !block) return larger;
-    size_t old = *size_of(block), bytes = number * size;
-    memcpy(larger, block, old < bytes ? old : bytes);
+    if (!may_be(number, size)) return NULL;
+    const size_t bytes = number * size;
+    if (!block) return allocate(bytes, true);
+    if (stretch(header_of(block), bytes)) return block;
+    const size_t old = header_of(block)->bytes;
+    char *made = allocate(bytes, false);
+    if (!made) return NULL;
+    memcpy(made, block, old < bytes ? old : bytes);
+    if (bytes > old) memset(made + old, 0, bytes - old);
     pliant_free(block);
-    return larger;
+    return made;
 }
 
 void pliant_free(void *block)
 {
     if (!block) return;
-    atomic_fetch_sub(&in_use, *size_of(block));
-    free(size_of(block));
+    header *own = header_of(block);
+    atomic_fetch_sub(&in_use, own->bytes);
+    if (!keep(own)) free(own->base);
 }
 
 size_t pliant_memory_in_use(void) { return atomic_load(&in_use); }

@@ -1,6 +1,7 @@
 #include "body/divide.h"
 
 #include "base/fail.h"
+#include "base/room.h"
 #include "pliant/memory.h"
 
 #include <stdatomic.h>
@@ -84,11 +85,9 @@ bool pliant_body_may_be_cut(const pliant_body *body) { return body->voxels || bo
 static bool copy(const void *from, size_t count, size_t size, void *to)
 {
     if (!from) return true;
-    void *made = pliant_calloc(count > 0 ? count : 1, size);
-    if (!made) return false;
-    memcpy(made, from, count * size);
-    memcpy(to, &made, sizeof made);
-    return true;
+    void *made = pliant_copy_of(from, count, size);
+    if (made) memcpy(to, &made, sizeof made);
+    return made != NULL;
 }
 
 /* all but the tables of the lattice, which are lent */

@@ -1,6 +1,7 @@
 /* What has been severed, and the fragments that it leaves: a body's own copy, but for which voxels move with which, of which most stays the same
  * from body to body. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "body/links.h"
 #include "pliant/memory.h"
 
@@ -85,11 +86,9 @@ void pliant_cuts_free(pliant_cuts *cuts)
 
 static bool copy(const void *from, size_t count, size_t size, void *to)
 {
-    void *made = pliant_calloc(count > 0 ? count : 1, size);
-    if (!made) return false;
-    if (count > 0) memcpy(made, from, count * size);
-    memcpy(to, &made, sizeof made);
-    return true;
+    void *made = pliant_copy_of(from, count, size);
+    if (made) memcpy(to, &made, sizeof made);
+    return made != NULL;
 }
 
 pliant_status pliant_cuts_copy(const pliant_cuts *from, pliant_cuts **out)

@@ -2,6 +2,7 @@
  * a second pliant_data, from which nobody reads; then the two change places, which cannot fail; the old things go. */
 #include "backend/backend.h"
 #include "base/fail.h"
+#include "base/room.h"
 #include "fem/dynamics/tled.h"
 #include "fem/falling/falling.h"
 #include "fem/patch/patch.h"
@@ -170,6 +171,14 @@ static pliant_status prepare(adaptation *work)
     return status;
 }
 
+/* The next body is likely to want as much, and as much again until what is old now has gone. */
+static void keep_memory(pliant_data *data, size_t bytes)
+{
+    if (2 * bytes <= data->keeps) return;
+    pliant_memory_keep((int64_t)(2 * bytes - data->keeps));
+    data->keeps = 2 * bytes;
+}
+
 pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data, const pliant_body *body)
 {
     if (pliant_body_same(body, data->discretization->body)) { /* what is derived points to that one's arrays, which it holds */
@@ -185,6 +194,7 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
     made->body = pliant_body_retain(body);
     pliant_status status = prepare(&work);
     if (status == PLIANT_OK) {
+        keep_memory(data, pliant_memory_in_use() - before);
         for (int a = 0; a < NUM_ADAPTERS; a++) adapters[a].swap(&work);
         take_body(data, body);
         pliant_warp_next_free(warp); /* it is of the warp, which may go on without its device */

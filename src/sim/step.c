@@ -1,6 +1,7 @@
 /* The mutable data, and the step. */
 #include "backend/backend.h"
 #include "base/fail.h"
+#include "base/room.h"
 #include "fem/patch/patch.h"
 #include "fem/dynamics/tled.h"
 #include "fem/falling/falling.h"
@@ -64,6 +65,7 @@ void pliant_data_free(pliant_data *data)
     pliant_body_release(data->body);
     pliant_free(data->contacts.point);
     pliant_free(data->positions);
+    pliant_memory_keep(-(int64_t)data->keeps);
     pliant_free(data);
 }
 

@@ -107,6 +107,7 @@ struct pliant_data {
 
     /* CUT */
     pliant_undo undo;
+    size_t keeps;             /* of the memory that a cut leaves, for the next one (base/room.h) [bytes] */
     /* INTERACT */
     pliant_tool tools[PLIANT_MAX_TOOLS];
     int32_t num_tools;

@@ -1,0 +1,26 @@
+/* Memory that a simulation which is cut asks for over and over: what a next body and all that follows from it are made in. */
+#ifndef PLIANT_BASE_ROOM_H
+#define PLIANT_BASE_ROOM_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* As pliant_calloc, but with whatever was there: who asks writes all of it. */
+void *pliant_room(size_t count, size_t size);
+/* A copy of count elements; room for one where there are none. NULL: out of memory. */
+void *pliant_copy_of(const void *from, size_t count, size_t size);
+
+/* So many bytes more, or less, of large blocks that are freed are kept for those who ask next: pages that the system has to find and to clear
+ * cost more than what is written to them. None at first. */
+void pliant_memory_keep(int64_t bytes);
+/* Bytes that are kept now; they do not count as in use. */
+size_t pliant_memory_kept(void);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

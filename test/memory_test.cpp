@@ -1,0 +1,98 @@
+// Blocks of the library's own, and large ones that are kept for who asks next.
+#include "base/room.h"
+#include "pliant/memory.h"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <vector>
+
+namespace {
+
+const size_t LARGE = size_t{1} << 20;
+
+struct Keeping {
+    int64_t bytes;
+    explicit Keeping(int64_t limit) : bytes(limit) { pliant_memory_keep(bytes); }
+    ~Keeping() { pliant_memory_keep(-bytes); }
+};
+
+bool is(const void *block, int value, size_t bytes)
+{
+    const auto *at = static_cast<const unsigned char *>(block);
+    for (size_t b = 0; b < bytes; b++)
+        if (at[b] != value) return false;
+    return true;
+}
+
+TEST(Memory, WhatWasFreedIsGivenAgainCleared)
+{
+    const size_t before = pliant_memory_in_use();
+    Keeping keeping(16 * int64_t(LARGE));
+    void *block = pliant_calloc(LARGE, 1);
+    ASSERT_NE(block, nullptr);
+    std::memset(block, 7, LARGE);
+    pliant_free(block);
+    EXPECT_EQ(pliant_memory_in_use(), before) << "what is kept is not in use";
+    EXPECT_GE(pliant_memory_kept(), LARGE);
+    void *again = pliant_calloc(LARGE, 1);
+    EXPECT_EQ(again, block);
+    EXPECT_EQ(pliant_memory_kept(), 0u);
+    EXPECT_TRUE(is(again, 0, LARGE));
+    EXPECT_EQ(pliant_memory_in_use(), before + LARGE);
+    pliant_free(again);
+    void *room = pliant_room(LARGE, 1);
+    EXPECT_EQ(room, block);
+    pliant_free(room);
+}
+
+TEST(Memory, NoMoreIsKeptThanWasSaid)
+{
+    {
+        std::vector<void *> blocks;
+        Keeping keeping(4 * int64_t(LARGE));
+        for (int b = 0; b < 8; b++) blocks.push_back(pliant_calloc(LARGE, 1));
+        for (void *block : blocks) pliant_free(block);
+        EXPECT_LE(pliant_memory_kept(), 4 * LARGE);
+        EXPECT_GE(pliant_memory_kept(), 3 * LARGE);
+        pliant_free(pliant_calloc(3 * LARGE, 1)); // more than half of it
+        EXPECT_GE(pliant_memory_kept(), 3 * LARGE) << "one that is too large takes no other's place";
+    }
+    EXPECT_EQ(pliant_memory_kept(), 0u);
+    pliant_free(pliant_calloc(LARGE, 1));
+    EXPECT_EQ(pliant_memory_kept(), 0u) << "nothing is, unless somebody says so";
+}
+
+TEST(Memory, WhatIsLongerKeepsItsBeginningAndIsClearBehindIt)
+{
+    Keeping keeping(16 * int64_t(LARGE));
+    const size_t before = pliant_memory_in_use();
+    auto *block = static_cast<char *>(pliant_room(LARGE, 1));
+    std::memset(block, 5, LARGE);
+    for (size_t bytes : {LARGE + 100, LARGE + 1000, LARGE - 50, 2 * LARGE, LARGE, size_t{100}, size_t{5000}}) {
+        block = static_cast<char *>(pliant_resize(block, bytes, 1));
+        ASSERT_NE(block, nullptr);
+        EXPECT_EQ(pliant_memory_in_use(), before + bytes);
+        EXPECT_TRUE(is(block, 5, std::min<size_t>(bytes, 100)));
+    }
+    EXPECT_TRUE(is(block + 100, 0, 4900));
+    std::memset(block, 5, 5000);
+    pliant_memory_fail_after(0);
+    EXPECT_EQ(pliant_resize(block, LARGE, 1), nullptr);
+    EXPECT_TRUE(is(block, 5, 5000)) << "a block that could not grow stays";
+    pliant_free(block);
+}
+
+TEST(Memory, CopiesAreWholeAndNothingIsSomething)
+{
+    const double values[3] = {1, 2, 3};
+    auto *copy = static_cast<double *>(pliant_copy_of(values, 3, sizeof *values));
+    EXPECT_EQ(std::memcmp(copy, values, sizeof values), 0);
+    auto *one = static_cast<double *>(pliant_copy_of(nullptr, 0, sizeof *values));
+    ASSERT_NE(one, nullptr);
+    EXPECT_EQ(*one, 0);
+    pliant_free(copy);
+    pliant_free(one);
+}
+
+} // namespace
