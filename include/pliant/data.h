@@ -13,7 +13,7 @@ extern "C" {
 #endif
 
 /** Stages of a step, in order. */
-#define PLIANT_STEP_STAGE_LIST(X) X(cut) X(interact) X(solve) X(upsample) X(patch) X(warp)
+#define PLIANT_STEP_STAGE_LIST(X) X(cut) X(interact) X(contact) X(solve) X(upsample) X(patch) X(warp)
 typedef enum pliant_step_stage {
 #define PLIANT_STAGE_ENUM(name) PLIANT_STEP_##name,
     PLIANT_STEP_STAGE_LIST(PLIANT_STAGE_ENUM)
@@ -179,7 +179,7 @@ typedef struct pliant_dynamics {
 /** Errors: ARGUMENT (another solver/kind). */
 PLIANT_API pliant_status pliant_data_get_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out);
 
-/** One step of the scene: cut, interact, solve, upsample, warp; quasi-static, but for tled with inertia. NOT_CONVERGED keeps the best state reached so far;
+/** One step of the scene: cut, interact, contact, solve, upsample, warp; quasi-static, but for tled with inertia. NOT_CONVERGED keeps the best state reached so far;
  *  NUMERIC and MEMORY keep the state before the step. Positions are never NaN. */
 PLIANT_API pliant_status pliant_step(const pliant_model *model, pliant_data *data);
 

@@ -150,6 +150,8 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     X(REAL, stiffness, 1000.0, 1e-3, 1e12, "N/m", "spring between a grasping tool and the tissue")                    \
     X(REAL, damping, 0.0, 0.0, 1e9, "N s/m", "damper beside the spring")                                              \
     X(REAL, radius, 0.006, 0.0, 1.0, "m", "the grasped blob; 0: a point")
+#define PLIANT_SCENE_CONTACT(X)                                                                                        \
+    X(REAL, friction, 0.2, 0.0, 100.0, "", "Coulomb's coefficient between tissue and instruments or obstacles")
 #define PLIANT_SCENE_CUT(X)                                                                                            \
     X(CUT, kind, PLIANT_CUT_NONE, 0, 0, "", "sever: blades part the scan's voxels, and tetrahedra fall into fragments; subdivide: blades cut edges, and tetrahedra into smaller ones ([C] 5.2), without resistance; none: nothing is cut, and nothing is kept for it") \
     X(REAL, snap, 0.1, 0.01, 0.45, "", "of subdivide: part of the shortest edge below which no edge is cut; the node that is so near is parted itself") \
@@ -171,7 +173,7 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
 #define PLIANT_SCENE_GROUPS(G)                                                                                         \
     G(scan, PLIANT_SCENE_SCAN) G(segment, PLIANT_SCENE_SEGMENT) G(material, PLIANT_SCENE_MATERIAL) G(mesh, PLIANT_SCENE_MESH)                           \
     G(element, PLIANT_SCENE_ELEMENT) G(model, PLIANT_SCENE_MODEL) G(solver, PLIANT_SCENE_SOLVER) G(choose, PLIANT_SCENE_CHOOSE)                         \
-    G(tled, PLIANT_SCENE_TLED) G(ground, PLIANT_SCENE_GROUND) G(grasp, PLIANT_SCENE_GRASP) G(cut, PLIANT_SCENE_CUT) G(warp, PLIANT_SCENE_WARP)          \
+    G(tled, PLIANT_SCENE_TLED) G(ground, PLIANT_SCENE_GROUND) G(grasp, PLIANT_SCENE_GRASP) G(contact, PLIANT_SCENE_CONTACT) G(cut, PLIANT_SCENE_CUT) G(warp, PLIANT_SCENE_WARP)          \
     G(output, PLIANT_SCENE_OUTPUT)
 
 enum { PLIANT_MAX_FIXED = 32 };

@@ -1,6 +1,7 @@
 #include "interact/blade.h"
 
 #include "base/fail.h"
+#include "base/rotate.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
 
@@ -102,39 +103,11 @@ static pliant_status make_edge(int32_t count, pliant_edge *edge)
     return pliant_fail_memory("the edge of a blade");
 }
 
-/* v turned by a quaternion x y z w that need not be of length 1: v + 2 w (q x v) + 2 q x (q x v), over its squared length */
-static void turn(const double quaternion[4], const double v[3], double out[3])
-{
-    const double *q = quaternion, w = q[3], size = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + w * w;
-    double a[3] = {q[1] * v[2] - q[2] * v[1], q[2] * v[0] - q[0] * v[2], q[0] * v[1] - q[1] * v[0]};
-    double b[3] = {q[1] * a[2] - q[2] * a[1], q[2] * a[0] - q[0] * a[2], q[0] * a[1] - q[1] * a[0]};
-    for (int d = 0; d < 3; d++) out[d] = size > 0 ? v[d] + 2 * (w * a[d] + b[d]) / size : v[d];
-}
-
-/* Shoemake, Animating rotation with quaternion curves, Computer Graphics 19:245 (1985) */
-void pliant_rotation_between(const double from[4], const double to[4], double t, double out[4])
-{
-    double cosine = 0, sizes[2] = {0, 0};
-    for (int d = 0; d < 4; d++) {
-        cosine += from[d] * to[d];
-        sizes[0] += from[d] * from[d];
-        sizes[1] += to[d] * to[d];
-    }
-    const double size = sqrt(sizes[0] * sizes[1]), sign = cosine < 0 ? -1 : 1;
-    const double angle = size > 0 ? acos(fmin(fabs(cosine) / size, 1)) : 0, sine = sin(angle);
-    if (t >= 1 || sine < 1e-9) {
-        memcpy(out, to, 4 * sizeof *out);
-        return;
-    }
-    for (int d = 0; d < 4; d++)
-        out[d] = sin((1 - t) * angle) / sine * from[d] / sqrt(sizes[0]) + sign * sin(t * angle) / sine * to[d] / sqrt(sizes[1]);
-}
-
 void pliant_blade_points(const pliant_blade *blade, const double tip[3], const double rotation[4], double *out)
 {
     double from[3], to[3];
-    turn(rotation, blade->from, from);
-    turn(rotation, blade->to, to);
+    pliant_rotate(rotation, blade->from, from);
+    pliant_rotate(rotation, blade->to, to);
     for (int32_t p = 0; p < blade->edge.count; p++) {
         double part = (double)p / (blade->edge.count - 1);
         for (int d = 0; d < 3; d++) out[3 * p + d] = tip[d] + (1 - part) * from[d] + part * to[d];

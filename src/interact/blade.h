@@ -20,8 +20,6 @@ void pliant_blade_reset(pliant_tool *tool);
 pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, const pliant_data *data, const pliant_body *next,
                                  const double *positions);
 
-/* Between two quaternions x y z w, t from 0 to 1, the shorter way round. */
-void pliant_rotation_between(const double from[4], const double to[4], double t, double out[4]);
 /* Points of the edge of a tool in a pose. @param out (edge.count x 3) */
 void pliant_blade_points(const pliant_blade *blade, const double tip[3], const double rotation[4], double *out);
 /* Points in tissue to where it is now. */

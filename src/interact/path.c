@@ -1,6 +1,7 @@
 #include "pliant/path.h"
 
 #include "base/fail.h"
+#include "base/rotate.h"
 #include "scene/yaml.h"
 #include "interact/blade.h"
 #include "pliant/memory.h"

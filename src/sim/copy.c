@@ -6,6 +6,7 @@
 #include "fem/quasistatic/solver.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
+#include "sim/contact.h"
 #include "sim/cut.h"
 #include "warp/device.h"
 
@@ -68,15 +69,6 @@ static pliant_status copy_undo(const pliant_undo *from, int32_t room, pliant_und
     return PLIANT_OK;
 }
 
-static pliant_status copy_contacts(const pliant_contacts *from, pliant_contacts *to)
-{
-    if (from->count == 0) return PLIANT_OK;
-    if (!(to->point = pliant_calloc((size_t)from->count, sizeof *to->point))) return pliant_fail_memory("contacts");
-    memcpy(to->point, from->point, (size_t)from->count * sizeof *to->point);
-    to->count = to->room = from->count;
-    return PLIANT_OK;
-}
-
 pliant_status pliant_data_copy(const pliant_model *model, pliant_data *from, pliant_data **out)
 {
     pliant_data *to = NULL;
@@ -89,7 +81,7 @@ pliant_status pliant_data_copy(const pliant_model *model, pliant_data *from, pli
     if (status == PLIANT_OK) status = copy_tissue(model, from, to);
     if (status == PLIANT_OK) status = copy_tools(from, to);
     if (status == PLIANT_OK) status = copy_undo(&from->undo, model->scene.cut.undo, &to->undo);
-    if (status == PLIANT_OK) status = copy_contacts(&from->contacts, &to->contacts);
+    if (status == PLIANT_OK) status = pliant_contact_copy(from, to);
     if (status == PLIANT_OK) status = pliant_backend_restart(model, to);
     if (status < 0) {
         pliant_data_free(to);

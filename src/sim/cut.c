@@ -7,6 +7,7 @@
  * Chanthasopeephan measured in liver (Ann Biomed Eng 31:1372, 2003), whose mean is toughness times width. What the parted area came to is
  * booked, so that over a stroke the work is toughness times area. */
 #include "base/fail.h"
+#include "base/rotate.h"
 #include "interact/blade.h"
 #include "interact/tool.h"
 #include "sim/cut.h"

@@ -8,6 +8,7 @@
 #include "interact/blade.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
+#include "sim/contact.h"
 #include "sim/cut.h"
 #include "sim/discretization.h"
 
@@ -63,7 +64,7 @@ void pliant_data_free(pliant_data *data)
     pliant_warp_free(data->warp);
     pliant_discretization_release(data->discretization);
     pliant_body_release(data->body);
-    pliant_free(data->contacts.point);
+    pliant_contact_free(data);
     pliant_free(data->positions);
     pliant_memory_keep(-(int64_t)data->keeps);
     pliant_free(data);
@@ -81,6 +82,7 @@ pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
         pliant_blade_reset(data->tools + t);
     }
     pliant_undo_clear(data);
+    pliant_contact_forget(data);
     memcpy(data->positions, data->body->fine.rest, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
     memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
     size_t bytes = data->statistics.bytes;
@@ -142,13 +144,13 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
     data->background.taken = 0;
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; stage++) {
         const pliant_backend *backend = data->backend;
-        pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {pliant_cut_stage, backend->kind->interact, backend->solve, backend->upsample, patch, backend->warp};
+        pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {pliant_cut_stage, backend->kind->interact, pliant_contact_stage, backend->solve, backend->upsample, patch, backend->warp};
         _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
         double start = pliant_seconds();
         pliant_status status = stages[stage](model, data);
         data->statistics.seconds[stage] = pliant_seconds() - start;
-        /* the first two stages are the host's own */
-        if (status < 0 && stage > PLIANT_STEP_interact && pliant_backend_leave(model, data, status)) {
+        /* the first stages are the host's own */
+        if (status < 0 && stage > PLIANT_STEP_contact && pliant_backend_leave(model, data, status)) {
             bool on_host = backend->solves_on_host || (pliant_host_moves(data) && stage == PLIANT_STEP_warp); /* only this stage is done again */
             stage = on_host ? stage - 1 : PLIANT_STEP_solve - 1; /* again, by the CPU */
             continue;
@@ -164,6 +166,7 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
         pliant_log(PLIANT_LOG_WARNING, "step %llu: what it was to take (pliant_data_set_background: %u) was not under way: another run than the recorded one",
                    (unsigned long long)data->statistics.step, (unsigned)missing);
     data->background.prescribed = 0;
+    pliant_contact_end(data);
     data->statistics.step++;
     data->statistics.not_converged += caveat == PLIANT_NOT_CONVERGED;
     return caveat;

@@ -3,7 +3,7 @@
 #define PLIANT_STATE_DATA_H
 
 #include "contact/contact.h"
-#include "pliant/data.h"
+#include "pliant/contact.h"
 #include "state/model.h"
 
 #ifdef __cplusplus
@@ -62,6 +62,10 @@ typedef struct pliant_tool {
     double grip[3];        /* tip minus held point when it took hold; the tip pulls the held point to tip - grip [m] */
     double grasped[3], grasped_radius; /* the blob that it holds, at rest [m] */
     pliant_blade blade;
+    /* SHAPE, written by pliant_tool_set_shape, _set_jaw */
+    pliant_tool_shape shape;
+    double jaw;            /* angle [rad] */
+    struct { bool known; double tip[3], rotation[4], jaw; } last; /* where it was as the last step ended */
     /* OUTPUT of the last step */
     double held_point[3];  /* where the held point is [m] */
     double force[3];       /* of the tool on the tissue [N] */
@@ -83,6 +87,8 @@ typedef struct pliant_undo {
     uint64_t stroke;
     bool told;                /* that there are no more of them */
 } pliant_undo;
+
+typedef struct pliant_contact_search pliant_contact_search; /* room, and sides of parts on which the tissue is (src/sim/contact.c) */
 
 typedef struct pliant_backend pliant_backend; /* functions of a step's stages (src/backend) */
 typedef struct pliant_solver pliant_solver; /* iteration history, factors, the background factorizer (src/fem) */
@@ -113,6 +119,7 @@ struct pliant_data {
     int32_t num_tools;
     double gravity[3];        /* LPS [m/s^2]; from the scene at first, changed by pliant_data_set_gravity */
     /* CONTACT, SOLVE */
+    pliant_contact_search *contact_search; /* Nullable: there was nothing to touch yet */
     pliant_contacts contacts; /* of this step: points by who finds them, forces by who solves */
     /* SOLVE */
     pliant_solver *solver;    /* NULL: solver/kind tled */

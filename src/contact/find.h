@@ -1,0 +1,50 @@
+/* Contacts of the tissue's surface with rigid parts that move: the points of a step. */
+#ifndef PLIANT_CONTACT_FIND_H
+#define PLIANT_CONTACT_FIND_H
+
+#include "contact/contact.h"
+#include "contact/shapes.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* A part while a step goes on. */
+typedef struct pliant_moving_part {
+    const pliant_part *part;
+    pliant_obstacle kind;
+    int32_t tool, index;     /* of PLIANT_OBSTACLE_TOOL: tool and part; otherwise -1 and which obstacle */
+    double friction;
+    int32_t num_poses;       /* at least 1 */
+    const pliant_pose *pose; /* (num_poses) from where it was, at equal times, to where it is at the end of the step */
+    double stride;           /* no point of it goes further from one pose to the next [m] */
+    double margin;           /* points are looked for up to this distance, and the tissue's own way [m] */
+    double recovery;         /* of how far tissue is in it as the step begins, at most this is undone [m] */
+    bool remembers;          /* where it is now is where it was at the end of the last step: which side of it tissue was on still holds */
+    int32_t num_held;
+    const int32_t *held;     /* (num_held) ascending: nodes that its tool holds, and that it does not touch */
+} pliant_moving_part;
+
+/* Room for the search, and which side of parts the tissue was on. */
+typedef struct pliant_finder pliant_finder;
+pliant_status pliant_finder_create(pliant_finder **out); /* Errors: MEMORY */
+void pliant_finder_free(pliant_finder *finder);          /* Nullable */
+/* Sides are forgotten, and how the tissue moved. */
+void pliant_finder_forget(pliant_finder *finder);
+
+/* What is known of the step before, of the same body. Errors: MEMORY (nothing changed) */
+pliant_status pliant_finder_copy(const pliant_finder *from, pliant_finder *to);
+
+/* Room for more points. Errors: MEMORY (nothing changed). */
+pliant_status pliant_contacts_reserve(pliant_contacts *contacts, int32_t room);
+
+/* Append the points of parts, in their order, each part's ascending by feature. The feature's top byte is 16 tool + part, or 128 + the obstacle's number;
+ * then come two bits for what of the surface it is (0: a node, 1: an edge, 2 and 3: a triangle), and 27 for each of two node numbers.
+ * A step that is undone is searched for again. @param positions (fine nodes x 3) as the step begins. Errors: MEMORY */
+pliant_status pliant_contact_find(pliant_finder *finder, const pliant_body *body, const double *positions, int32_t count, const pliant_moving_part *parts,
+                                  pliant_contacts *out);
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,184 @@
+#include "contact/shapes.h"
+
+#include "base/rotate.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+static const double thinnest = 5e-5; /* radius [m] */
+
+static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static double length(const double *a) { return sqrt(dot(a, a)); }
+
+/* ---- distances */
+
+/* from a point, grown by a radius */
+static double from_centre(const double apart[3], double radius, double normal[3])
+{
+    const double far = length(apart);
+    for (int d = 0; d < 3; d++) normal[d] = far > 0 ? apart[d] / far : 0;
+    return far - radius;
+}
+
+static double from_capsule(const pliant_part *part, const double p[3], double normal[3])
+{
+    double along[3], apart[3];
+    for (int d = 0; d < 3; d++) {
+        along[d] = part->to[d] - part->from[d];
+        apart[d] = p[d] - part->from[d];
+    }
+    const double size = dot(along, along), share = size > 0 ? fmin(fmax(dot(apart, along) / size, 0), 1) : 0;
+    for (int d = 0; d < 3; d++) apart[d] -= share * along[d];
+    return from_centre(apart, part->radius, normal);
+}
+
+static double from_box(const pliant_part *part, const double p[3], double normal[3])
+{
+    double beyond[3], outside[3], inside = -INFINITY;
+    int nearest = 0;
+    for (int d = 0; d < 3; d++) {
+        const double from_middle = p[d] - 0.5 * (part->from[d] + part->to[d]);
+        beyond[d] = fabs(from_middle) - 0.5 * (part->to[d] - part->from[d]);
+        outside[d] = copysign(fmax(beyond[d], 0), from_middle);
+        if (beyond[d] > inside) {
+            inside = beyond[d];
+            nearest = d;
+        }
+    }
+    if (inside > 0) return from_centre(outside, part->radius, normal);
+    for (int d = 0; d < 3; d++) normal[d] = d == nearest ? copysign(1, p[d] - 0.5 * (part->from[d] + part->to[d])) : 0;
+    return inside - part->radius;
+}
+
+double pliant_part_distance(const pliant_part *part, const double p[3], double normal[3])
+{
+    if (part->kind == PLIANT_PART_CAPSULE) return from_capsule(part, p, normal);
+    if (part->kind == PLIANT_PART_BOX) return from_box(part, p, normal);
+    const double apart[3] = {p[0] - part->from[0], p[1] - part->from[1], p[2] - part->from[2]};
+    if (part->kind == PLIANT_PART_SPHERE) return from_centre(apart, part->radius, normal);
+    const double size = length(part->to);
+    for (int d = 0; d < 3; d++) normal[d] = part->to[d] / size;
+    return dot(apart, normal);
+}
+
+void pliant_part_leave(const pliant_part *part, const double p[3], const double direction[3], double out[3])
+{
+    enum { MOST_STEPS = 64 };
+    double normal[3], distance = pliant_part_distance(part, p, normal);
+    const double rounding = 1e-9;
+    memcpy(out, p, 3 * sizeof *out);
+    /* what is left of the way is at least the distance */
+    for (int step = 0; step < MOST_STEPS && distance < -rounding; step++) {
+        for (int d = 0; d < 3; d++) out[d] -= distance * direction[d];
+        distance = pliant_part_distance(part, out, normal);
+    }
+}
+
+double pliant_part_depth(const pliant_part *part)
+{
+    if (part->kind == PLIANT_PART_HALF_SPACE) return INFINITY;
+    if (part->kind != PLIANT_PART_BOX) return part->radius;
+    return part->radius + 0.5 * fmin(fmin(part->to[0] - part->from[0], part->to[1] - part->from[1]), part->to[2] - part->from[2]);
+}
+
+double pliant_part_reach(const pliant_part *part, const double from[3])
+{
+    double far = 0;
+    for (int corner = 0; corner < 8; corner++) { /* the ends of a capsule are two of the corners */
+        double apart = 0;
+        for (int d = 0; d < 3; d++) {
+            const bool high = corner >> d & 1 && part->kind != PLIANT_PART_SPHERE;
+            apart += pow((high ? part->to : part->from)[d] - from[d], 2);
+        }
+        far = fmax(far, sqrt(apart));
+    }
+    return far + part->radius;
+}
+
+/* ---- what a part may be */
+
+static const char *complain(char *reason, size_t size, const char *text)
+{
+    snprintf(reason, size, "%s", text);
+    return reason;
+}
+
+const char *pliant_part_check(const pliant_part *part, bool of_tool, char *reason, size_t size)
+{
+    const double most = 10; /* [m] */
+    for (int d = 0; d < 3; d++) {
+        if (!(fabs(part->from[d]) <= most) || (part->kind != PLIANT_PART_SPHERE && !(fabs(part->to[d]) <= most)))
+            return complain(reason, size, "its numbers must be finite, and metres: at most 10");
+    }
+    if (part->kind == PLIANT_PART_HALF_SPACE) {
+        if (of_tool) return complain(reason, size, "a half-space is an obstacle of the scene; a tool's part is a sphere, capsule or box");
+        return length(part->to) > 0 ? NULL : complain(reason, size, "its normal must not be zero");
+    }
+    if (part->kind == PLIANT_PART_BOX)
+        for (int d = 0; d < 3; d++)
+            if (!(part->from[d] <= part->to[d])) {
+                snprintf(reason, size, "axis %d: low %g must not be above high %g", d, part->from[d], part->to[d]);
+                return reason;
+            }
+    if (!(part->radius >= 0 && part->radius <= most)) return complain(reason, size, "its radius must be between 0 and 10 m");
+    if (!(pliant_part_depth(part) >= thinnest)) return complain(reason, size, "it is thinner than 0.1 mm");
+    return NULL;
+}
+
+/* ---- poses */
+
+void pliant_pose_turn(const pliant_pose *pose, const double local[3], double out[3])
+{
+    for (int d = 0; d < 3; d++) out[d] = dot(pose->rotation + 3 * d, local);
+}
+
+void pliant_pose_turn_back(const pliant_pose *pose, const double v[3], double out[3])
+{
+    for (int d = 0; d < 3; d++) out[d] = pose->rotation[d] * v[0] + pose->rotation[3 + d] * v[1] + pose->rotation[6 + d] * v[2];
+}
+
+void pliant_pose_to(const pliant_pose *pose, const double local[3], double out[3])
+{
+    pliant_pose_turn(pose, local, out);
+    for (int d = 0; d < 3; d++) out[d] += pose->place[d];
+}
+
+void pliant_pose_from(const pliant_pose *pose, const double x[3], double out[3])
+{
+    const double apart[3] = {x[0] - pose->place[0], x[1] - pose->place[1], x[2] - pose->place[2]};
+    pliant_pose_turn_back(pose, apart, out);
+}
+
+void pliant_part_pose(const pliant_tool_shape *shape, pliant_part_frame frame, const double tip[3], const double rotation[4], double jaw,
+                      pliant_pose *out)
+{
+    const double half = frame == PLIANT_FRAME_TIP ? 0 : frame == PLIANT_FRAME_JAW_PLUS ? 0.5 * jaw : -0.5 * jaw;
+    const double size = length(shape->axis), sine = size > 0 ? sin(0.5 * half) / size : 0;
+    const double about[4] = {sine * shape->axis[0], sine * shape->axis[1], sine * shape->axis[2], cos(0.5 * half)};
+    double joint[3], turned[3];
+    for (int column = 0; column < 3; column++) {
+        const double unit[3] = {column == 0, column == 1, column == 2};
+        pliant_rotate(about, unit, turned);
+        pliant_rotate(rotation, turned, joint);
+        for (int d = 0; d < 3; d++) out->rotation[3 * d + column] = joint[d];
+    }
+    /* the joint stays: l -> joint + turned (l - joint), then the tool's pose */
+    pliant_rotate(rotation, shape->joint, joint);
+    pliant_pose_turn(out, shape->joint, turned);
+    for (int d = 0; d < 3; d++) out->place[d] = tip[d] + joint[d] - turned[d];
+}
+
+void pliant_part_box(const pliant_part *part, const pliant_pose *pose, double low[3], double high[3])
+{
+    double middle[3], from[3], to[3];
+    for (int d = 0; d < 3; d++) middle[d] = 0.5 * (part->from[d] + part->to[d]);
+    pliant_pose_to(pose, part->kind == PLIANT_PART_BOX ? middle : part->from, from);
+    pliant_pose_to(pose, part->kind == PLIANT_PART_CAPSULE ? part->to : part->kind == PLIANT_PART_BOX ? middle : part->from, to);
+    for (int d = 0; d < 3; d++) {
+        double grow = part->kind == PLIANT_PART_HALF_SPACE ? INFINITY : part->radius;
+        for (int e = 0; part->kind == PLIANT_PART_BOX && e < 3; e++) grow += 0.5 * fabs(pose->rotation[3 * d + e]) * (part->to[e] - part->from[e]);
+        low[d] = fmin(from[d], to[d]) - grow;
+        high[d] = fmax(from[d], to[d]) + grow;
+    }
+}

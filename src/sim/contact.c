@@ -1,0 +1,228 @@
+#include "sim/contact.h"
+
+#include "base/fail.h"
+#include "base/rotate.h"
+#include "contact/find.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+static const double fastest = 2.0;    /* of a tool's tip [m/s]; beyond it, it has jumped, and touches nothing on its way */
+static const double base_margin = 1e-3; /* [m] that tissue may move in a step without a reason that is seen beforehand */
+static const double recovery = 0.1;   /* [m/s] at which tissue comes out of what it was deep in */
+enum { MOST_POSES = 4096, MOST_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS };
+
+struct pliant_contact_search {
+    pliant_finder *finder;
+    pliant_contacts made;      /* room: those of the step before, once this one has its own */
+    int32_t num_poses, room_poses;
+    pliant_pose *pose;
+    int32_t num_parts;
+    pliant_moving_part part[MOST_PARTS];
+    int32_t first[MOST_PARTS]; /* of its poses */
+};
+
+/* ---- what a tool is told */
+
+static pliant_status find_tool(pliant_data *data, int index, pliant_tool **out)
+{
+    if (index < 0 || index >= data->num_tools)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no tool %d: %d were added", index, data->num_tools);
+    *out = data->tools + index;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_tool_set_shape(pliant_data *data, int index, const pliant_tool_shape *shape)
+{
+    pliant_tool *tool = NULL;
+    char reason[160];
+    bool turns = false;
+    pliant_status status = find_tool(data, index, &tool);
+    if (status != PLIANT_OK) return status;
+    if (shape->num_parts < 0 || shape->num_parts > PLIANT_MAX_PARTS)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: its shape has %d parts; up to %d are possible", tool->name, shape->num_parts, PLIANT_MAX_PARTS);
+    for (int32_t p = 0; p < shape->num_parts; p++) {
+        turns = turns || shape->part[p].frame != PLIANT_FRAME_TIP;
+        if (pliant_part_check(shape->part + p, true, reason, sizeof reason))
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: part %d of its shape: %s", tool->name, p + 1, reason);
+    }
+    double axis = 0;
+    for (int d = 0; d < 3; d++) axis += shape->axis[d] * shape->axis[d] + 0 * shape->joint[d];
+    if (turns && !(axis > 0 && isfinite(axis)))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: the joint of its jaws needs a point and an axis that is not 0", tool->name);
+    tool->shape = *shape;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_tool_set_jaw(pliant_data *data, int index, double angle)
+{
+    pliant_tool *tool = NULL;
+    pliant_status status = find_tool(data, index, &tool);
+    if (status != PLIANT_OK) return status;
+    if (!isfinite(angle)) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: the angle of its jaw is not finite", tool->name);
+    tool->jaw = angle;
+    return PLIANT_OK;
+}
+
+/* ---- parts as they move in this step */
+
+static double distance(const double *a, const double *b) { return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2)); }
+
+static pliant_status reserve_poses(pliant_contact_search *search, int32_t more)
+{
+    const int32_t room = search->num_poses + more;
+    if (room <= search->room_poses) return PLIANT_OK;
+    pliant_pose *pose = pliant_resize(search->pose, 2 * (size_t)room, sizeof *pose);
+    if (!pose) return pliant_fail_memory("contacts");
+    search->pose = pose;
+    search->room_poses = 2 * room;
+    return PLIANT_OK;
+}
+
+/* No further from one pose to the next than half of how deep the part is: what it has passed through it has been seen in. */
+static pliant_status add_part(pliant_contact_search *search, const pliant_tool *tool, int t, int32_t p, double step, double friction)
+{
+    const pliant_part *part = tool->shape.part + p;
+    const double origin[3] = {0, 0, 0};
+    const bool goes_on = tool->last.known && distance(tool->tip, tool->last.tip) <= fastest * step;
+    double way = 0;
+    if (goes_on) {
+        const double turn = part->frame == PLIANT_FRAME_TIP ? 0 : 0.5 * fabs(tool->jaw - tool->last.jaw);
+        way = distance(tool->tip, tool->last.tip) + turn * pliant_part_reach(part, tool->shape.joint) +
+              pliant_rotation_angle(tool->last.rotation, tool->rotation) * pliant_part_reach(part, origin);
+    }
+    const double steps = ceil(way / (0.5 * pliant_part_depth(part)));
+    const int32_t poses = way > 0 ? 1 + (int32_t)fmin(fmax(steps, 1), MOST_POSES) : 1;
+    pliant_status status = reserve_poses(search, poses);
+    if (status != PLIANT_OK) return status;
+    pliant_pose *pose = search->pose + search->num_poses;
+    for (int32_t n = 0; n < poses; n++) {
+        const double share = poses > 1 ? (double)n / (poses - 1) : 1;
+        double tip[3], rotation[4], jaw = tool->jaw;
+        memcpy(tip, tool->tip, sizeof tip);
+        memcpy(rotation, tool->rotation, sizeof rotation);
+        if (share < 1) {
+            for (int d = 0; d < 3; d++) tip[d] = tool->last.tip[d] + share * (tool->tip[d] - tool->last.tip[d]);
+            pliant_rotation_between(tool->last.rotation, tool->rotation, share, rotation);
+            jaw = tool->last.jaw + share * (tool->jaw - tool->last.jaw);
+        }
+        pliant_part_pose(&tool->shape, part->frame, tip, rotation, jaw, pose + n);
+    }
+    search->first[search->num_parts] = search->num_poses;
+    search->part[search->num_parts++] = (pliant_moving_part){
+        .part = part, .kind = PLIANT_OBSTACLE_TOOL, .tool = t, .index = p, .friction = friction, .num_poses = poses,
+        .stride = poses > 1 ? way / (poses - 1) : 0, .margin = base_margin + way, .recovery = recovery * step, .remembers = goes_on,
+        .num_held = pliant_tool_grips(tool) ? tool->num_held : 0, .held = tool->held,
+    };
+    search->num_poses += poses;
+    return PLIANT_OK;
+}
+
+static pliant_status gather_parts(const pliant_model *model, pliant_data *data)
+{
+    pliant_contact_search *search = data->contact_search;
+    pliant_status status = PLIANT_OK;
+    search->num_parts = search->num_poses = 0;
+    for (int t = 0; t < data->num_tools; t++) {
+        const pliant_tool *tool = data->tools + t;
+        for (int32_t p = 0; tool->present && p < tool->shape.num_parts && status == PLIANT_OK; p++)
+            if (!(tool->shape.part[p].cuts && tool->blade.cutting))
+                status = add_part(search, tool, t, p, model->scene.solver.step, model->scene.contact.friction);
+    }
+    for (int32_t p = 0; p < search->num_parts; p++) search->part[p].pose = search->pose + search->first[p];
+    return status;
+}
+
+/* ---- the stage */
+
+static bool has_nothing_to_touch(const pliant_data *data)
+{
+    for (int t = 0; t < data->num_tools; t++)
+        if (data->tools[t].present && data->tools[t].shape.num_parts > 0) return false;
+    return true;
+}
+
+/* What touches goes on where it was in touch before; both are ascending. */
+static void carry(const pliant_data *data, const pliant_contacts *before, pliant_contacts *now)
+{
+    int32_t b = 0;
+    for (int32_t n = 0; n < now->count; n++) {
+        while (b < before->count && before->point[b].feature < now->point[n].feature) b++;
+        if (b == before->count || before->point[b].feature != now->point[n].feature) continue;
+        bool there = true; /* not of a body that an undone cut has taken back */
+        for (int32_t k = 0; k < before->point[b].count; k++) there = there && before->point[b].node[k] < data->body->fine.num_nodes;
+        if (there) pliant_contact_carry(before->point + b, data->positions, now->point + n);
+    }
+}
+
+static pliant_status begin(pliant_data *data)
+{
+    if (data->contact_search) return PLIANT_OK;
+    pliant_contact_search *search = pliant_calloc(1, sizeof *search);
+    if (!search) return pliant_fail_memory("contacts");
+    pliant_status status = pliant_finder_create(&search->finder);
+    if (status == PLIANT_OK) data->contact_search = search;
+    else pliant_free(search);
+    return status;
+}
+
+pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
+{
+    if (has_nothing_to_touch(data)) {
+        pliant_contact_forget(data);
+        return PLIANT_OK;
+    }
+    pliant_status status = begin(data);
+    if (status != PLIANT_OK) return status;
+    pliant_contact_search *search = data->contact_search;
+    search->made.count = 0;
+    status = gather_parts(model, data);
+    if (status == PLIANT_OK) status = pliant_contact_find(search->finder, data->body, data->positions, search->num_parts, search->part, &search->made);
+    if (status != PLIANT_OK) return status;
+    carry(data, &data->contacts, &search->made);
+    const pliant_contacts before = data->contacts;
+    data->contacts = search->made;
+    search->made = before;
+    return PLIANT_OK;
+}
+
+void pliant_contact_end(pliant_data *data)
+{
+    for (int t = 0; t < data->num_tools; t++) {
+        pliant_tool *tool = data->tools + t;
+        tool->last.known = tool->present;
+        memcpy(tool->last.tip, tool->tip, sizeof tool->tip);
+        memcpy(tool->last.rotation, tool->rotation, sizeof tool->rotation);
+        tool->last.jaw = tool->jaw;
+    }
+}
+
+void pliant_contact_forget(pliant_data *data)
+{
+    data->contacts.count = 0;
+    if (data->contact_search) pliant_finder_forget(data->contact_search->finder);
+}
+
+pliant_status pliant_contact_copy(const pliant_data *from, pliant_data *to)
+{
+    if (!from->contact_search) return PLIANT_OK;
+    pliant_status status = begin(to);
+    if (status == PLIANT_OK && from->contacts.count > 0) status = pliant_contacts_reserve(&to->contacts, from->contacts.count);
+    if (status == PLIANT_OK) status = pliant_finder_copy(from->contact_search->finder, to->contact_search->finder);
+    if (status != PLIANT_OK || from->contacts.count == 0) return status;
+    memcpy(to->contacts.point, from->contacts.point, (size_t)from->contacts.count * sizeof *to->contacts.point);
+    to->contacts.count = from->contacts.count;
+    return PLIANT_OK;
+}
+
+void pliant_contact_free(pliant_data *data)
+{
+    if (data->contact_search) {
+        pliant_finder_free(data->contact_search->finder);
+        pliant_free(data->contact_search->made.point);
+        pliant_free(data->contact_search->pose);
+        pliant_free(data->contact_search);
+    }
+    pliant_free(data->contacts.point);
+}

@@ -1,0 +1,25 @@
+/* A stage of the step: where tools touch the tissue. */
+#ifndef PLIANT_SIM_CONTACT_H
+#define PLIANT_SIM_CONTACT_H
+
+#include "state/data.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* The points of this step; what was in touch in the last one goes on. Errors: MEMORY (those of the last step stay) */
+pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data);
+/* The step is done: tools were where they are now. */
+void pliant_contact_end(pliant_data *data);
+/* Nothing has touched yet. */
+void pliant_contact_forget(pliant_data *data);
+/* Of a simulation that goes on as another one, of the same body. Errors: MEMORY */
+pliant_status pliant_contact_copy(const pliant_data *from, pliant_data *to);
+void pliant_contact_free(pliant_data *data);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,238 @@
+// Distances from rigid parts, against what is sampled densely; where an edge or a triangle is nearest to one.
+#include "contact/shapes.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+#include <vector>
+
+namespace {
+
+using Point = std::vector<double>;
+
+pliant_part sphere() { return {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0.01, -0.02, 0.005}, {0, 0, 0}, 0.008, false}; }
+pliant_part capsule() { return {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0.01, -0.02, 0.005}, {-0.02, 0.01, 0.015}, 0.004, false}; }
+pliant_part box() { return {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.01, -0.02, 0.005}, {0.015, -0.005, 0.025}, 0, false}; }
+pliant_part round_box() { return {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.01, -0.02, 0.005}, {0.015, -0.005, 0.025}, 0.003, false}; }
+pliant_part half_space() { return {PLIANT_PART_HALF_SPACE, PLIANT_FRAME_TIP, {0.001, 0.002, 0.003}, {1, 2, -2}, 0, false}; }
+
+struct Random {
+    std::mt19937 engine{7};
+    double operator()(double low, double high) { return low + (high - low) * std::uniform_real_distribution<double>()(engine); }
+    Point point(double size) { return {(*this)(-size, size), (*this)(-size, size), (*this)(-size, size)}; }
+};
+
+double apart(const double *a, const double *b) { return std::sqrt(std::pow(a[0] - b[0], 2) + std::pow(a[1] - b[1], 2) + std::pow(a[2] - b[2], 2)); }
+
+// By the definition, from points of the part's inside: the distance to what the part is grown around.
+double outside_of(const pliant_part &part, const double *p)
+{
+    double least = INFINITY;
+    const int n = part.kind == PLIANT_PART_CAPSULE ? 4000 : 0;
+    for (int s = 0; s <= n; s++) {
+        double at[3];
+        for (int d = 0; d < 3; d++) {
+            at[d] = part.from[d];
+            if (n) at[d] += (part.to[d] - part.from[d]) * s / n;
+            if (part.kind == PLIANT_PART_BOX) at[d] = std::fmin(std::fmax(p[d], part.from[d]), part.to[d]);
+        }
+        least = std::fmin(least, apart(p, at));
+    }
+    return least - part.radius;
+}
+
+TEST(Shapes, DistancesOutsideAreThoseToTheNearestPoint)
+{
+    Random random;
+    for (const pliant_part &part : {sphere(), capsule(), box(), round_box()})
+        for (int n = 0; n < 300; n++) {
+            double normal[3];
+            const Point p = random.point(0.05);
+            const double distance = pliant_part_distance(&part, p.data(), normal);
+            if (distance > 0) EXPECT_NEAR(distance, outside_of(part, p.data()), 2e-8);
+            else EXPECT_LE(outside_of(part, p.data()), 2e-8);
+        }
+}
+
+TEST(Shapes, TheNormalIsTheGradientAndLeadsToTheSurface)
+{
+    Random random;
+    const double step = 1e-7;
+    for (const pliant_part &part : {sphere(), capsule(), box(), round_box(), half_space()}) {
+        int off = 0;
+        for (int n = 0; n < 500; n++) {
+            const Point p = random.point(0.03);
+            double normal[3], there[3], foot[3];
+            const double distance = pliant_part_distance(&part, p.data(), normal);
+            EXPECT_NEAR(std::sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]), 1, 1e-12);
+            for (int d = 0; d < 3; d++) foot[d] = p[d] - distance * normal[d];
+            EXPECT_NEAR(pliant_part_distance(&part, foot, there), 0, 1e-12);
+            for (int d = 0; d < 3; d++) {
+                Point low = p, high = p;
+                low[d] -= step;
+                high[d] += step;
+                const double slope = (pliant_part_distance(&part, high.data(), there) - pliant_part_distance(&part, low.data(), there)) / (2 * step);
+                off += std::fabs(slope - normal[d]) > 1e-4; // on a ridge inside a box there is none
+            }
+        }
+        EXPECT_LE(off, 2);
+    }
+}
+
+TEST(Shapes, WhatIsInsideLeavesAlongADirection)
+{
+    Random random;
+    for (const pliant_part &part : {sphere(), capsule(), box(), round_box()})
+        for (int n = 0, found = 0; n < 20000 && found < 50; n++) {
+            Point p = random.point(0.03), direction = random.point(1);
+            double normal[3], out[3], size = std::sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
+            for (double &v : direction) v /= size;
+            if (pliant_part_distance(&part, p.data(), normal) >= 0) continue;
+            found++;
+            pliant_part_leave(&part, p.data(), direction.data(), out);
+            EXPECT_NEAR(pliant_part_distance(&part, out, normal), 0, 1e-6);
+            double way = 0, off = 0;
+            for (int d = 0; d < 3; d++) way += (out[d] - p[d]) * direction[d];
+            for (int d = 0; d < 3; d++) off += std::fabs(out[d] - p[d] - way * direction[d]);
+            EXPECT_GT(way, 0);
+            EXPECT_LT(off, 1e-12);
+        }
+}
+
+TEST(Shapes, TheNearestPointOfAnEdgeIsThatOfManySamples)
+{
+    Random random;
+    for (const pliant_part &part : {sphere(), capsule(), box(), round_box(), half_space()})
+        for (int n = 0; n < 400; n++) {
+            const Point a = random.point(0.03), b = random.point(0.03);
+            double at[2][3] = {{a[0], a[1], a[2]}, {b[0], b[1], b[2]}}, weight[2], normal[3], there[3], least = INFINITY;
+            const double found = pliant_edge_minimum(&part, at, 1, weight, normal);
+            for (int s = 0; s <= 1000; s++) {
+                const double w = s / 1000.0, p[3] = {a[0] + w * (b[0] - a[0]), a[1] + w * (b[1] - a[1]), a[2] + w * (b[2] - a[2])};
+                least = std::fmin(least, pliant_part_distance(&part, p, there));
+            }
+            const double size = apart(at[0], at[1]);
+            EXPECT_LT(found, least + 2e-4 * size);
+            EXPECT_GT(found, least - 1e-3 * size); // between two samples
+            EXPECT_NEAR(weight[0] + weight[1], 1, 1e-12);
+            double p[3];
+            for (int d = 0; d < 3; d++) p[d] = weight[0] * at[0][d] + weight[1] * at[1][d];
+            EXPECT_NEAR(pliant_part_distance(&part, p, there), found, 1e-12);
+        }
+}
+
+TEST(Shapes, TheNearestPointOfATriangleIsThatOfManySamples)
+{
+    Random random;
+    for (const pliant_part &part : {sphere(), capsule(), box(), round_box(), half_space()}) {
+        double worst = 0;
+        for (int n = 0; n < 300; n++) {
+            const Point a = random.point(0.03), b = random.point(0.03), c = random.point(0.03);
+            double at[3][3] = {{a[0], a[1], a[2]}, {b[0], b[1], b[2]}, {c[0], c[1], c[2]}}, weight[3], normal[3], there[3], p[3], least = INFINITY;
+            const double found = pliant_face_minimum(&part, at, 1, weight, normal);
+            for (int s = 0; s <= 100; s++)
+                for (int t = 0; s + t <= 100; t++) {
+                    for (int d = 0; d < 3; d++) p[d] = (s * at[0][d] + t * at[1][d] + (100 - s - t) * at[2][d]) / 100;
+                    least = std::fmin(least, pliant_part_distance(&part, p, there));
+                }
+            const double size = std::fmax(apart(at[0], at[1]), std::fmax(apart(at[1], at[2]), apart(at[2], at[0])));
+            worst = std::fmax(worst, (found - least) / size);
+            EXPECT_GT(found, least - 0.012 * size);
+            EXPECT_GE(std::fmin(weight[0], std::fmin(weight[1], weight[2])), 0);
+            for (int d = 0; d < 3; d++) p[d] = weight[0] * at[0][d] + weight[1] * at[1][d] + weight[2] * at[2][d];
+            EXPECT_NEAR(pliant_part_distance(&part, p, there), found, 1e-12);
+        }
+        std::printf("kind %d: at most %.2e of the triangle's size above the samples' least\n", part.kind, worst);
+        EXPECT_LT(worst, 2e-3);
+    }
+}
+
+TEST(Shapes, ABoundIsToldWhereADistanceIsFarEnough)
+{
+    Random random;
+    const pliant_part part = capsule();
+    for (int n = 0; n < 300; n++) {
+        const Point a = random.point(0.1), b = random.point(0.1), c = random.point(0.1);
+        double at[3][3] = {{a[0], a[1], a[2]}, {b[0], b[1], b[2]}, {c[0], c[1], c[2]}}, weight[3], normal[3];
+        const double edge = pliant_edge_minimum(&part, at, 1, weight, normal), face = pliant_face_minimum(&part, at, 1, weight, normal);
+        const double edge_bound = pliant_edge_minimum(&part, at, 0.001, weight, normal), face_bound = pliant_face_minimum(&part, at, 0.001, weight, normal);
+        EXPECT_LE(edge_bound, edge);
+        EXPECT_LE(face_bound, face + 1e-5);
+        if (edge_bound <= 0.001) EXPECT_EQ(edge_bound, edge);
+        if (face_bound <= 0.001) EXPECT_EQ(face_bound, face);
+    }
+}
+
+TEST(Shapes, JawsTurnAboutTheirJointByHalfTheAngle)
+{
+    pliant_tool_shape shape{};
+    shape.joint[2] = -0.01;
+    shape.axis[0] = 2;
+    const double tip[3] = {1, 2, 3}, quarter[4] = {0, 0, 1, 1}; // about z, not of length 1
+    const double angle = 1, end[3] = {0, 0, 0};
+    for (int sign : {1, -1}) {
+        pliant_pose pose;
+        pliant_part_pose(&shape, sign > 0 ? PLIANT_FRAME_JAW_PLUS : PLIANT_FRAME_JAW_MINUS, tip, quarter, angle, &pose);
+        double at[3], joint[3], back[3];
+        pliant_pose_to(&pose, end, at);
+        pliant_pose_to(&pose, shape.joint, joint);
+        // about x by half the angle: (0, 0, 0.01) from the joint -> (0, -0.01 sin, 0.01 cos); then about z by a quarter: (x, y) -> (-y, x)
+        EXPECT_NEAR(at[0], 1 + sign * 0.01 * std::sin(0.5), 1e-12);
+        EXPECT_NEAR(at[1], 2, 1e-12);
+        EXPECT_NEAR(at[2], 3 - 0.01 + 0.01 * std::cos(0.5), 1e-12);
+        EXPECT_NEAR(joint[2], 2.99, 1e-12);
+        pliant_pose_from(&pose, at, back);
+        for (double v : back) EXPECT_NEAR(v, 0, 1e-12);
+    }
+}
+
+TEST(Shapes, ABoxAroundAPartHoldsItsPoints)
+{
+    Random random;
+    for (const pliant_part &part : {sphere(), capsule(), box(), round_box()}) {
+        pliant_tool_shape shape{};
+        pliant_pose pose;
+        const double tip[3] = {0.1, 0.2, 0.3}, rotation[4] = {0.3, -0.5, 0.2, 0.8};
+        pliant_part_pose(&shape, PLIANT_FRAME_TIP, tip, rotation, 0, &pose);
+        double low[3], high[3], least[3] = {1, 1, 1}, most[3] = {-1, -1, -1};
+        pliant_part_box(&part, &pose, low, high);
+        for (int n = 0; n < 100000; n++) {
+            const Point p = random.point(0.04);
+            double normal[3], at[3], foot[3];
+            const double distance = pliant_part_distance(&part, p.data(), normal);
+            for (int d = 0; d < 3; d++) foot[d] = p[d] - distance * normal[d];
+            pliant_pose_to(&pose, foot, at);
+            for (int d = 0; d < 3; d++) {
+                least[d] = std::fmin(least[d], at[d]);
+                most[d] = std::fmax(most[d], at[d]);
+            }
+        }
+        for (int d = 0; d < 3; d++) {
+            EXPECT_GE(least[d], low[d] - 1e-12);
+            EXPECT_LE(most[d], high[d] + 1e-12);
+            EXPECT_NEAR(least[d], low[d], 1e-3);
+            EXPECT_NEAR(most[d], high[d], 1e-3);
+        }
+    }
+}
+
+TEST(Shapes, WhatIsNoPartIsRefused)
+{
+    char reason[160];
+    pliant_part part = capsule();
+    EXPECT_EQ(pliant_part_check(&part, true, reason, sizeof reason), nullptr);
+    part.radius = 1e-6;
+    EXPECT_STREQ(pliant_part_check(&part, true, reason, sizeof reason), "it is thinner than 0.1 mm");
+    part = capsule();
+    part.to[1] = NAN;
+    EXPECT_NE(pliant_part_check(&part, true, reason, sizeof reason), nullptr);
+    part = box();
+    std::swap(part.from[2], part.to[2]);
+    EXPECT_STREQ(pliant_part_check(&part, true, reason, sizeof reason), "axis 2: low 0.025 must not be above high 0.005");
+    part = half_space();
+    EXPECT_EQ(pliant_part_check(&part, false, reason, sizeof reason), nullptr);
+    EXPECT_NE(pliant_part_check(&part, true, reason, sizeof reason), nullptr);
+}
+
+} // namespace
