@@ -58,11 +58,11 @@ bool overlap_exactly(const Tetrahedron &a, const Tetrahedron &b)
 
 bool overlap(const Tetrahedron &a, const Tetrahedron &b, double unit = 1)
 {
-    double x[12], y[12];
+    double x[3][4], y[3][4];
     for (int v = 0; v < 4; v++)
         for (int d = 0; d < 3; d++) {
-            x[3 * v + d] = unit * double(a[v][d]);
-            y[3 * v + d] = unit * double(b[v][d]);
+            x[d][v] = unit * double(a[v][d]);
+            y[d][v] = unit * double(b[v][d]);
         }
     return pliant_tets_overlap(x, y) != 0;
 }
@@ -159,12 +159,11 @@ TEST(Overlap, DoesNotDependOnTheUnit)
 
 TEST(Overlap, OfNumbersThatAreNone)
 {
-    double a[12] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1}, b[12];
-    std::copy(a, a + 12, b);
-    b[4] = std::numeric_limits<double>::quiet_NaN();
-    pliant_tets_overlap(a, b);
-    for (double &x : b) x = std::numeric_limits<double>::quiet_NaN();
+    const double none = std::numeric_limits<double>::quiet_NaN();
+    double a[3][4] = {{0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}};
+    double b[3][4] = {{none, none, none, none}, {none, none, none, none}, {none, none, none, none}};
     EXPECT_FALSE(pliant_tets_overlap(a, b));
+    EXPECT_FALSE(pliant_tets_overlap(b, a));
 }
 
 } // namespace

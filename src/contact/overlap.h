@@ -11,20 +11,20 @@
 #include "base/inline.h"
 
 /* Heights of the corners of b over the faces of a, face f opposite its corner f, outwards positive, times twice the area of the face.
- * inside: a bit for each corner that lies below. Returns whether none of the faces separates them. */
-PLIANT_INLINE int pliant_overlap_faces(const double *a, const double *b, double height[4][4], int inside[4])
+ * Returns whether none of the faces separates them. */
+PLIANT_INLINE int pliant_overlap_faces(double a[3][4], double b[3][4], double height[4][4])
 {
-    double edge[3][3], normal[4][3], volume;
+    double edge[3][3], normal[4][3];
     for (int v = 0; v < 3; v++)
-        for (int d = 0; d < 3; d++) edge[v][d] = a[3 * v + 3 + d] - a[d];
+        for (int d = 0; d < 3; d++) edge[v][d] = a[d][v + 1] - a[d][0];
     PLIANT_UNROLL
-    for (int f = 1; f < 4; f++) { /* through corner 0, inwards: of unturned ones positive at corner f */
+    for (int f = 1; f < 4; f++) { /* through corner 0; inwards, unless it is turned inside out */
         const double *u = edge[f % 3], *w = edge[(f + 1) % 3];
         normal[f][0] = u[1] * w[2] - u[2] * w[1];
         normal[f][1] = u[2] * w[0] - u[0] * w[2];
         normal[f][2] = u[0] * w[1] - u[1] * w[0];
     }
-    volume = normal[1][0] * edge[0][0] + normal[1][1] * edge[0][1] + normal[1][2] * edge[0][2];
+    const double volume = normal[1][0] * edge[0][0] + normal[1][1] * edge[0][1] + normal[1][2] * edge[0][2];
     if (volume == 0) return 0;
     const double sign = volume > 0 ? -1.0 : 1.0;
     PLIANT_UNROLL
@@ -34,39 +34,48 @@ PLIANT_INLINE int pliant_overlap_faces(const double *a, const double *b, double 
     }
     PLIANT_UNROLL
     for (int f = 3; f >= 0; f--) {
-        const double *through = f > 0 ? a : a + 3;
-        inside[f] = 0;
-        for (int v = 0; v < 4; v++) {
-            height[f][v] = normal[f][0] * (b[3 * v] - through[0]) + normal[f][1] * (b[3 * v + 1] - through[1]) + normal[f][2] * (b[3 * v + 2] - through[2]);
-            inside[f] |= (height[f][v] < 0) << v;
-        }
-        if (inside[f] == 0) return 0;
+        const int through = f == 0;
+        for (int v = 0; v < 4; v++)
+            height[f][v] = normal[f][0] * (b[0][v] - a[0][through]) + normal[f][1] * (b[1][v] - a[1][through]) + normal[f][2] * (b[2][v] - a[2][through]);
+        if (!((height[f][0] < 0) | (height[f][1] < 0) | (height[f][2] < 0) | (height[f][3] < 0))) return 0;
     }
     return 1;
+}
+
+/* a bit for each corner below each face */
+PLIANT_INLINE void pliant_overlap_below(double height[4][4], int below[4])
+{
+    PLIANT_UNROLL
+    for (int f = 0; f < 4; f++) below[f] = (height[f][0] < 0) | (height[f][1] < 0) << 1 | (height[f][2] < 0) << 2 | (height[f][3] < 0) << 3;
 }
 
 /* Whether there is a plane through an edge that has a on one side and b on the other, from heights over the faces beside it. */
 PLIANT_INLINE int pliant_overlap_edge(const double f[4], const double g[4], int below_f, int below_g)
 {
-    if (below_f & below_g) return 0;
-    for (int p = 0; p < 4; p++)
+    int reaches = below_f & below_g;
+    if (reaches) return 0;
+    for (int p = 0; p < 4; p++) {
+        if (!(below_f >> p & 1)) continue;
         for (int q = 0; q < 4; q++) /* from below f alone to below g alone: through the wedge, or around it */
-            if ((below_f >> p & 1) && (below_g >> q & 1) && g[p] * f[q] < f[p] * g[q]) return 0;
-    return 1;
+            reaches |= (below_g >> q & 1) & (g[p] * f[q] < f[p] * g[q]);
+    }
+    return !reaches;
 }
 
-/* @param a, b four corners each */
-PLIANT_INLINE int pliant_tets_overlap(const double *a, const double *b)
+/* @param a, b x, y, z of four corners each */
+PLIANT_INLINE int pliant_tets_overlap(double a[3][4], double b[3][4])
 {
     double height[4][4], back[4][4];
-    int inside[4], back_inside[4];
-    if (!pliant_overlap_faces(a, b, height, inside) || !pliant_overlap_faces(b, a, back, back_inside)) return 0;
-    if ((inside[0] & inside[1] & inside[2] & inside[3]) || (back_inside[0] & back_inside[1] & back_inside[2] & back_inside[3])) return 1;
+    int below[4], below_back[4];
+    if (!pliant_overlap_faces(a, b, height) || !pliant_overlap_faces(b, a, back)) return 0;
+    pliant_overlap_below(height, below);
+    pliant_overlap_below(back, below_back);
+    if ((below[0] & below[1] & below[2] & below[3]) || (below_back[0] & below_back[1] & below_back[2] & below_back[3])) return 1;
     PLIANT_UNROLL
     for (int f = 0; f < 3; f++) {
         PLIANT_UNROLL
         for (int g = f + 1; g < 4; g++)
-            if (pliant_overlap_edge(height[f], height[g], inside[f], inside[g])) return 0;
+            if (pliant_overlap_edge(height[f], height[g], below[f], below[g])) return 0;
     }
     return 1;
 }
