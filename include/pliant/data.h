@@ -64,6 +64,8 @@ typedef struct pliant_statistics {
                                  *   0: not known (dynamic relaxation) */
     double error_before;        /**< [m] the same of the step before, as this one has it; 0: not known, or the first step */
     double residual_force;      /**< largest nodal residual force [N] */
+    int32_t contacts;           /**< points at which tissue is pressed, last step */
+    double penetration;         /**< [m] how deep the deepest of them lies in what it touches */
     int32_t falling;            /**< pieces that have come off and move */
     int32_t patched;            /**< tools that pull at a patch (model/patch), last step */
     int32_t patch_waiting;      /**< tools whose patch is still being made */

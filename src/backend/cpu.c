@@ -21,6 +21,8 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     (void)model;
     data->solver->background = &data->background;
+    pliant_status status = pliant_solver_touch(data->solver, &data->contacts, data->positions);
+    if (status != PLIANT_OK) return status;
     return pliant_solver_step(data->solver, &data->statistics);
 }
 

@@ -39,7 +39,7 @@ pliant_known pliant_posterior_begin(pliant_solver *solver)
         posterior->loads_change = posterior->loads_change || (solver->handles[t].by_force && memcmp(posterior->force + 3 * t, solver->handles[t].force, 3 * sizeof(double)) != 0);
     posterior->seen = known && posterior->factor_serial == solver->factor_serial && posterior->axes_serial == solver->axes_serial;
     if (!known) return PLIANT_KNOWN_NOTHING;
-    const bool same = posterior->seen && !posterior->loads_change && memcmp(posterior->force, solver->now.force, sizeof posterior->force) == 0;
+    const bool same = !posterior->touched && !pliant_touches_any(solver->touches) && posterior->seen && !posterior->loads_change && memcmp(posterior->force, solver->now.force, sizeof posterior->force) == 0;
     return same ? PLIANT_KNOWN_STEP : PLIANT_KNOWN_FORCES;
 }
 
@@ -49,6 +49,7 @@ void pliant_posterior_keep(pliant_solver *solver, bool evaluated)
     const size_t bytes = pliant_solver_unknowns(solver) * sizeof(double);
     posterior->kept = true;
     posterior->evaluated = evaluated;
+    posterior->touched = pliant_touches_any(solver->touches);
     memcpy(posterior->gravity, solver->gravity, sizeof posterior->gravity);
     memcpy(posterior->force, solver->now.force, sizeof posterior->force);
     if (!evaluated) return;

@@ -6,8 +6,7 @@
 
 #include <string.h>
 
-/* out += W v, v in the nodes' own axes */
-static void apply_rows(const pliant_handle *handle, const double *v, double out[3])
+void pliant_handle_apply(const pliant_handle *handle, const double *v, double out[3])
 {
     for (int32_t h = 0; h < handle->count; h++) {
         const double *block = handle->turned + 9 * h, *at = v + 3 * handle->unknown[h];
@@ -168,6 +167,22 @@ pliant_status pliant_solver_respond(pliant_solver *solver)
     return PLIANT_OK;
 }
 
+/* target - y - c l */
+static void find_stretch(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3])
+{
+    const pliant_handle *handle = solver->handles + tool;
+    double y[3];
+    held_point(solver, handle, at->x, y);
+    for (int d = 0; d < 3; d++) out[d] = handle->target[d] - y[d] - handle->compliance * at->force[3 * tool + d];
+}
+
+void pliant_handle_gap(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3])
+{
+    find_stretch(solver, tool, at, out);
+    for (int d = 0; d < 3; d++) out[d] = -out[d];
+    pliant_handle_apply(solver->handles + tool, at->free_step, out);
+}
+
 bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at)
 {
     const pliant_handle *list[PLIANT_MAX_TOOLS];
@@ -183,15 +198,14 @@ bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at)
     double s[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS] = {0}, right[PLIANT_MAX_ROWS];
     int rows = 3 * count;
     for (int a = 0; a < count; a++) {
-        double y[3], w[3] = {0, 0, 0};
-        held_point(solver, list[a], at->x, y);
-        apply_rows(list[a], at->step, w);
-        for (int d = 0; d < 3; d++)
-            right[3 * a + d] = list[a]->target[d] - y[d] - list[a]->compliance * at->force[3 * index[a] + d] - w[d];
+        double w[3] = {0, 0, 0};
+        find_stretch(solver, index[a], at, right + 3 * a);
+        pliant_handle_apply(list[a], at->step, w);
+        for (int d = 0; d < 3; d++) right[3 * a + d] -= w[d];
         for (int b = 0; b < count; b++)
             for (int d = 0; d < 3; d++) {
                 double column[3] = {0, 0, 0};
-                apply_rows(list[a], list[b]->response + n * (size_t)d, column);
+                pliant_handle_apply(list[a], list[b]->response + n * (size_t)d, column);
                 for (int r = 0; r < 3; r++) s[(3 * a + r) * rows + 3 * b + d] = column[r] + (a == b && r == d ? list[a]->compliance : 0);
             }
     }

@@ -77,6 +77,7 @@ static pliant_status evaluate(pliant_solver *solver, pliant_known known, pliant_
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         if (solver->handles[t].active)
             pliant_handle_load(solver->handles + t, solver->handles[t].by_force ? solver->handles[t].force : at->force + 3 * t, at->residual);
+    if (pliant_touches_any(solver->touches)) pliant_touches_load(solver->touches, at->residual);
     find_residual(solver, at);
     at->merit = INFINITY;
     const bool sensible = isfinite(at->scale) && at->displacement <= PLIANT_FARTHEST * solver->rules.smallest_displacement;
@@ -84,6 +85,7 @@ static pliant_status evaluate(pliant_solver *solver, pliant_known known, pliant_
     pliant_status status = known == PLIANT_KNOWN_STEP ? PLIANT_OK : pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
     if (status != PLIANT_OK) return status;
     memcpy(at->step, at->free_step, bytes);
+    if (pliant_touches_any(solver->touches) && (status = pliant_touches_step(solver, at)) != PLIANT_OK) return status;
     if (!pliant_solver_step_tools(solver, at)) return PLIANT_OK;
     const double energy = pliant_solver_product(solver, at->step, at->residual) + pliant_solver_spring_energy(solver, at->step_force, at->step_force);
     at->merit = pliant_anderson_merit(energy, at->scale);
@@ -114,9 +116,10 @@ static bool time_left(const pliant_solver *solver, double start, int32_t made)
     return spent + (evaluates_end(solver) ? 2 : 1) * each <= solver->budget;
 }
 
-/* how the potential energy changes along the trial's step where it ends; springs have no part in it: where there are some, 0 */
+/* how the potential energy changes along the trial's step where it ends; springs and contacts have no part in it: where there are some, 0 */
 static double slope_of(const pliant_solver *solver)
 {
+    if (pliant_touches_any(solver->touches)) return 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         if (pliant_handle_is_spring(solver->handles + t)) return 0;
     return pliant_solver_product(solver, solver->now.step, solver->trial.residual);
@@ -175,6 +178,7 @@ static pliant_status iterate(pliant_solver *solver, double start, int32_t *made)
         pliant_anderson_judge(rules, at->merit, slope, time_left(solver, start, *made));
         if (rules->keep >= 0) pliant_solver_remember(solver, rules->keep, &solver->now, &solver->trial);
         if (rules->take) swap_iterates(solver);
+        if (pliant_touches_any(solver->touches) && (first || rules->take)) pliant_touches_take(solver->touches);
         if (rules->forget) pliant_solver_forget(solver);
         prepare_next(solver);
     } while (rules->next != PLIANT_NEXT_DONE && rules->next != PLIANT_NEXT_BLIND);
@@ -193,6 +197,7 @@ static bool evaluate_end(pliant_solver *solver)
     good = pliant_anderson_judge_end(&solver->rules, good ? solver->trial.merit : INFINITY);
     if (solver->rules.keep >= 0) pliant_solver_remember(solver, solver->rules.keep, &solver->now, &solver->trial);
     swap_iterates(solver);
+    if (good && pliant_touches_any(solver->touches)) pliant_touches_take(solver->touches);
     if (good) pliant_anderson_settle_end(&solver->rules, pliant_secants_left(solver, &solver->now));
     return good;
 }
@@ -254,6 +259,7 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
         status = pliant_preconditioner_mend(solver->preconditioner, solver->now.x, solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL);
     if (pliant_preconditioner_base(solver->preconditioner)) solver->axes_serial++; /* mended, it gives other steps */
     if (status == PLIANT_OK) status = pliant_solver_respond(solver);
+    if (status == PLIANT_OK) status = pliant_touches_respond(solver);
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         pliant_handle *handle = solver->handles + t;
@@ -275,6 +281,7 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
         statistics->residual_force = fmax(statistics->residual_force, sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]));
     }
     look_at_end(solver, start, made);
+    pliant_touches_report(solver, statistics);
     statistics->error = solver->rules.error;
     statistics->error_before = solver->rules.error_before;
     return solver->rules.converged ? PLIANT_OK : PLIANT_NOT_CONVERGED;

@@ -14,6 +14,7 @@
 #define PLIANT_FEM_QUASISTATIC_SOLVER_H
 
 #include "fem/quasistatic/anderson.h"
+#include "fem/quasistatic/contact.h"
 #include "fem/quasistatic/even.h"
 #include "fem/quasistatic/nodal_rotations.h"
 #include "fem/system.h"
@@ -47,7 +48,7 @@ enum { PLIANT_MEASURED_CYCLES = 8 };
 enum { PLIANT_NODES_FOR_THREADS = 4096 };
 
 /* A state and what is known about it. */
-typedef struct pliant_iterate {
+struct pliant_iterate {
     double *x;             /* (3 num_nodes) positions of the solved mesh, fixed nodes too */
     double force[PLIANT_MAX_ROWS];
     double *step;          /* (3 num_free) dx */
@@ -58,7 +59,7 @@ typedef struct pliant_iterate {
     double merit;          /* energy norm of the step [sqrt(J)] */
     double scale;          /* the same of the load: sqrt of its work */
     double displacement;   /* of the node that is farthest from rest [m] */
-} pliant_iterate;
+};
 
 typedef struct pliant_secant { /* differences of two iterates */
     double *x, *step, *residual;
@@ -70,6 +71,7 @@ typedef struct pliant_posterior {
     bool kept;                  /* there is one, and nothing but the loads has changed since */
     bool evaluated;             /* now.elastic and now.free_step are of it */
     bool seen;                  /* and what it was evaluated with is in use still */
+    bool touched;               /* there were contacts */
     bool loads_change;          /* from the step before to this one */
     pliant_iterate at;          /* its step, residual and step_force; the rest is not used */
     double gravity[3], force[PLIANT_MAX_ROWS]; /* that it was solved for */
@@ -105,6 +107,7 @@ struct pliant_solver {
     double gravity[3];          /* that it is of [m/s^2] */
     bool loaded;
     pliant_handle handles[PLIANT_MAX_TOOLS];
+    pliant_touches *touches;    /* Nullable: nothing has been touched yet */
 
     pliant_iterate now, trial;
     double *previous_x, previous_force[PLIANT_MAX_ROWS]; /* before a blind step (3 num_nodes) */
@@ -148,6 +151,10 @@ double pliant_solver_product(const pliant_solver *solver, const double *a, const
 
 /* ---- handle.c */
 static inline bool pliant_handle_is_spring(const pliant_handle *handle) { return handle->active && !handle->by_force && handle->count > 0; }
+/* out += W v, v in the nodes' own axes */
+void pliant_handle_apply(const pliant_handle *handle, const double *v, double out[3]);
+/* W (x + free step) + c l - target of a spring */
+void pliant_handle_gap(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3]);
 /* v += W' f, v in the nodes' own axes; and in those of all */
 void pliant_handle_pull(const pliant_handle *handle, const double force[3], double *v);
 void pliant_handle_load(const pliant_handle *handle, const double force[3], double *v);

@@ -152,6 +152,8 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     }
     pliant_refresh_free(solver);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
+    pliant_touches_free(solver->touches);
+    solver->touches = NULL;
     solver->factor_serial = 1;
     pliant_nodal_rotations_refer(solver->system, solver->system->mesh->rest, solver->rotations);
     solver->evaluations = 0;
@@ -182,6 +184,7 @@ void pliant_solver_free(pliant_solver *solver)
     pliant_refresh_free(solver);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
     free_room(solver);
+    pliant_touches_free(solver->touches);
     pliant_free(solver->now.x);
     pliant_free(solver->load);
     pliant_free(solver->dense_weights);

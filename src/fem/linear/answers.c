@@ -1,0 +1,107 @@
+#include "fem/linear/answers.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+void pliant_answers_free(pliant_answers *answers)
+{
+    pliant_free(answers->slot);
+    pliant_free(answers->unknown);
+    pliant_free(answers->of);
+    pliant_free(answers->block);
+    pliant_free(answers->column);
+    memset(answers, 0, sizeof *answers);
+}
+
+pliant_status pliant_answers_create(int32_t num_free, pliant_answers *out)
+{
+    pliant_answers answers = {.num_free = num_free};
+    answers.slot = pliant_calloc((size_t)num_free, sizeof *answers.slot);
+    answers.column = pliant_calloc((size_t)num_free, 9 * sizeof *answers.column);
+    if (!answers.slot || !answers.column) {
+        pliant_answers_free(&answers);
+        return pliant_fail_memory("answers to contact");
+    }
+    for (int32_t f = 0; f < num_free; f++) answers.slot[f] = -1;
+    *out = answers;
+    return PLIANT_OK;
+}
+
+/* With room for what is missing, of what is known only what is asked for. */
+static pliant_status make_room(pliant_answers *answers, int32_t count, const int32_t *unknown)
+{
+    const int32_t least = 32, room = 2 * count > least ? 2 * count : least;
+    int32_t *kept = pliant_calloc((size_t)room, sizeof *kept), num_kept = 0;
+    uint64_t *of = pliant_calloc((size_t)room, sizeof *of);
+    double *block = pliant_calloc((size_t)room * (size_t)room, 9 * sizeof *block);
+    if (!kept || !of || !block) {
+        pliant_free(kept);
+        pliant_free(of);
+        pliant_free(block);
+        return pliant_fail_memory("answers to contact");
+    }
+    for (int32_t i = 0; i < count; i++)
+        if (answers->slot[unknown[i]] >= 0) kept[num_kept++] = unknown[i];
+    for (int32_t a = 0; a < num_kept; a++) {
+        of[a] = answers->of[answers->slot[kept[a]]];
+        for (int32_t b = 0; b < num_kept; b++)
+            memcpy(block + 9 * ((size_t)a * (size_t)room + (size_t)b), pliant_answer(answers, kept[a], kept[b]), 9 * sizeof *block);
+    }
+    for (int32_t s = 0; s < answers->count; s++) answers->slot[answers->unknown[s]] = -1;
+    for (int32_t a = 0; a < num_kept; a++) answers->slot[kept[a]] = a;
+    pliant_free(answers->unknown);
+    pliant_free(answers->of);
+    pliant_free(answers->block);
+    answers->unknown = kept;
+    answers->of = of;
+    answers->block = block;
+    answers->count = num_kept;
+    answers->room = room;
+    return PLIANT_OK;
+}
+
+static pliant_status find_column(pliant_answers *answers, pliant_preconditioner *preconditioner, uint64_t serial, int32_t slot)
+{
+    const size_t n = 3 * (size_t)answers->num_free, room = (size_t)answers->room, s = (size_t)slot;
+    memset(answers->column, 0, 3 * n * sizeof *answers->column);
+    for (size_t d = 0; d < 3; d++) answers->column[n * d + 3 * (size_t)answers->unknown[slot] + d] = 1;
+    pliant_status status = pliant_preconditioner_solve(preconditioner, 3, answers->column, answers->column);
+    if (status != PLIANT_OK) return status;
+    for (size_t b = 0; b < (size_t)answers->count; b++)
+        for (size_t r = 0; r < 3; r++)
+            for (size_t c = 0; c < 3; c++)
+                answers->block[9 * (b * room + s) + 3 * r + c] = answers->block[9 * (s * room + b) + 3 * c + r] =
+                    answers->column[n * c + 3 * (size_t)answers->unknown[b] + r];
+    answers->of[slot] = serial;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, uint64_t serial, int32_t count, const int32_t *unknown,
+                                  int32_t most)
+{
+    int32_t missing = 0;
+    for (int32_t i = 0; i < count; i++) missing += answers->slot[unknown[i]] < 0;
+    pliant_status status = answers->count + missing > answers->room ? make_room(answers, count, unknown) : PLIANT_OK;
+    for (int32_t i = 0; i < count && status == PLIANT_OK; i++) {
+        if (answers->slot[unknown[i]] >= 0) continue;
+        const int32_t slot = answers->count++;
+        answers->unknown[slot] = unknown[i];
+        answers->slot[unknown[i]] = slot;
+        status = find_column(answers, preconditioner, serial, slot);
+        if (status == PLIANT_OK) continue;
+        answers->slot[unknown[i]] = -1;
+        answers->count--;
+    }
+    for (; most > 0 && status == PLIANT_OK; most--) {
+        int32_t oldest = -1;
+        for (int32_t i = 0; i < count; i++) {
+            const int32_t slot = answers->slot[unknown[i]];
+            if (answers->of[slot] != serial && (oldest < 0 || answers->of[slot] < answers->of[oldest])) oldest = slot;
+        }
+        if (oldest < 0) break;
+        status = find_column(answers, preconditioner, serial, oldest);
+    }
+    return status;
+}

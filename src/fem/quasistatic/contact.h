@@ -1,0 +1,73 @@
+/* Contact in the quasi-static solve. Points (contact/contact.h) enter a step as the tools' springs do, with forces in cones in place of springs'.
+ *
+ * At a state x with forces l the residual is r = load + W' l - f_int(x). The step without a change of the forces is g0 = K0^-1 r; forces
+ * l + dl are those that keep the points x + g0 + U dl out of the obstacles, by the rules of Signorini and Coulomb (cones.h), with
+ * A = W U for what a change moves; then the step is g = K0^-1 (r + W' dl). With U = K0^-1 W' it ends where the obstacles are touched; with
+ * another, steps converge to the same state, since nothing of U is left where g = 0 and dl = 0. So A may be of an older factor. */
+#ifndef PLIANT_FEM_QUASISTATIC_CONTACT_H
+#define PLIANT_FEM_QUASISTATIC_CONTACT_H
+
+#include "contact/contact.h"
+#include "fem/linear/answers.h"
+#include "fem/system.h"
+#include "state/data.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pliant_iterate pliant_iterate;
+
+/* Forces of all points, as one evaluation found them. */
+typedef struct pliant_touch_forces {
+    double *force;         /* (room x 3) l + dl: along the normal, and two tangents [N] */
+    double *motion;        /* (room x 3) of the point at x + g from where it touches and sticks, likewise [m] */
+} pliant_touch_forces;
+
+struct pliant_touches {
+    pliant_contacts *points; /* borrowed, for a step */
+    /* POINTS that some unknown moves */
+    int32_t count, room;
+    int32_t *point;        /* (room) which of the step's */
+    double *frame;         /* (room x 9) rows: normal, two tangents */
+    double *goal;          /* (room x 3) where W x touches and sticks [m] */
+    int32_t *start;        /* (room + 1) into the weights */
+    double *friction;      /* (room + PLIANT_MAX_TOOLS) */
+    int32_t num_weights, room_weights;
+    int32_t *unknown;      /* (room_weights) */
+    double *block;         /* (room_weights x 9) dy/dx, in the axes of all */
+    double *turned;        /* (room_weights x 9) rows of the frame, x in the nodes' axes */
+    /* FORCES */
+    pliant_touch_forces taken, found; /* of the state of the step; of the one evaluated last */
+    double *change;        /* (room x 3) dl of that */
+    /* ANSWERS */
+    pliant_answers answers;
+    int32_t *touched;      /* (num_free) unknowns that points are moved by, in the order of points */
+    uint8_t *seen;         /* (num_free) room */
+    double *matrix;        /* A, tools' springs after the points; (rows x rows) */
+    double *motion, *force, *sweeps; /* (rows) room; cones.h */
+    size_t room_matrix;
+    double *step;          /* (3 num_free) room */
+};
+typedef struct pliant_touches pliant_touches;
+
+/* The points of the next step; none: NULL. fine_positions: of all fine nodes, now. Errors: MEMORY. */
+pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points, const double *fine_positions);
+void pliant_touches_free(pliant_touches *touches); /* Nullable */
+static inline bool pliant_touches_any(const pliant_touches *touches) { return touches && touches->count > 0; }
+
+/* A, before the evaluations of a step. Errors: MEMORY, NUMERIC. */
+pliant_status pliant_touches_respond(pliant_solver *solver);
+/* residual += W' l, in the axes of all */
+void pliant_touches_load(const pliant_touches *touches, double *residual);
+/* From the free step: the forces; step += U W' dl and residual += W' dl. Errors: MEMORY. */
+pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at);
+/* what was evaluated last becomes the state of the step */
+void pliant_touches_take(pliant_touches *touches);
+/* Forces and anchors to the points, how deep the deepest lies. */
+void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

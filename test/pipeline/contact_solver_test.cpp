@@ -1,0 +1,249 @@
+// What the quasi-static solver makes of contacts, held against theory: Hertz, Coulomb, what is fixed.
+#include "../contacts.h"
+
+namespace {
+
+const double young = 5000;
+
+// n x n x h cells
+struct Block : Body {
+    const double edge, height;
+    Block(int n, int h, double poisson, double along = 0.12) : Block(n, h, along, {{young, poisson, 1000, false}}, [](int, int, int) { return 0; }) {}
+    Block(int n, int h, double along, const std::vector<Material> &materials, const std::function<int(int, int, int)> &material)
+        : Body(std::vector<int>{n, n, h}.data(), std::vector<double>{along, along, along * h / n}.data(), materials, material), edge(along), height(along * h / n)
+    {
+        for (double &g : scene.model.gravity) g = 0;
+        cells(n, n, h, 1);
+        scene.solver.tolerance = 1e-7;
+        scene.solver.refresh_interval = 0;
+        scene.solver.threads = 1;
+    }
+    void fix_below() { fix_plane(0, 0, 1e-4, 0, 0, 1); }
+    // of what is fixed on the tissue
+    void reaction(double out[3]) const
+    {
+        const int32_t nodes = model->system->mesh->num_nodes;
+        const std::vector<double> elastic = elastic_force(std::vector<double>(data->solver->now.x, data->solver->now.x + 3 * nodes));
+        out[0] = out[1] = out[2] = 0;
+        for (int32_t n = 0; n < nodes; n++)
+            for (int d = 0; d < 3; d++)
+                if (model->system->free_of_node[n] < 0) out[d] += elastic[3 * n + d];
+    }
+};
+
+Obstacle plate(double x, double y, double z, double nx, double ny, double nz, double friction)
+{
+    return {Obstacle::HALF_SPACE, {x, y, z}, {nx, ny, nz}, 0, friction, {0, 0, 0}, 0};
+}
+
+// Displacement by Hertz's pressure, of Boussinesq's point loads (Johnson, Contact Mechanics, 3.18 and 4.2); z down.
+void hertz_moves(double force, double a, double nu, const double x[3], double u[3])
+{
+    const int rings = 6, around = 12;
+    const double shear = young / 2 / (1 + nu);
+    u[0] = u[1] = u[2] = 0;
+    for (int i = 0; i < rings; i++)
+        for (int k = 0; k < around; k++) { /* each of as much force */
+            const double part = (i + 0.5) / rings, at = a * std::sqrt(1 - std::pow(1 - part, 2.0 / 3)), turn = 2 * M_PI * (k + 0.5 * i) / around;
+            const double from[2] = {x[0] - at * std::cos(turn), x[1] - at * std::sin(turn)}, z = x[2];
+            const double r = std::hypot(std::hypot(from[0], from[1]), z), share = force / rings / around / (4 * M_PI * shear * r);
+            for (int d = 0; d < 2; d++) u[d] += share * from[d] * (z / r / r - (1 - 2 * nu) / (r + z));
+            u[2] += share * (2 * (1 - nu) + z * z / r / r);
+        }
+}
+
+// Hertz: F = 4/3 E* sqrt(R) d^1.5. The block is cut out of the half-space: its sides and bottom stand where the half-space is.
+TEST(ContactSolver, SphereOnAHalfSpaceAsHertz)
+{
+    const int n = 16;
+    const double nu = 0.3, edge = 0.08, eps = 1e-4, radius = 1;
+    Block block(n, n / 2, nu, edge);
+    block.scene.element.kind = PLIANT_HEXAHEDRA;
+    block.fix_below();
+    block.fix_plane(eps, 0, 0, 1, 0, 0);
+    block.fix_plane(edge - eps, 0, 0, -1, 0, 0);
+    block.fix_plane(0, eps, 0, 0, 1, 0);
+    block.fix_plane(0, edge - eps, 0, 0, -1, 0);
+    ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+    const pliant_mesh &mesh = block.model->body->fine;
+    Toucher toucher(block.data->body);
+    toucher.obstacles.push_back({Obstacle::SPHERE, {edge / 2, edge / 2, block.height + radius}, {0, 0, 0}, radius, 0, {0, 0, 0}, 0});
+    toucher.reach = 0.001;
+    double before = 0;
+    for (double a : {0.015, 0.018, 0.021, 0.024}) { // 3 to 4.8 elements
+        const double depth = a * a / radius, hertz = 4.0 / 3 * young / (1 - nu * nu) * std::sqrt(radius) * std::pow(depth, 1.5);
+        for (int32_t i = 0; i < mesh.num_nodes; i++) {
+            if (block.model->system->free_of_node[i] >= 0) continue;
+            const double *rest = mesh.rest + 3 * i, x[3] = {rest[0] - edge / 2, rest[1] - edge / 2, block.height - rest[2]};
+            double u[3];
+            hertz_moves(hertz, a, nu, x, u);
+            for (int d = 0; d < 3; d++) block.data->solver->now.x[3 * i + d] = rest[d] + (d < 2 ? u[d] : -u[d]);
+        }
+        pliant_solver_moved(block.data->solver);
+        toucher.obstacles[0].move(0, 0, before - depth);
+        before = depth;
+        ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK);
+        double force[3];
+        Toucher::force(block.data, force);
+        EXPECT_NEAR(-force[2], hertz, 0.03 * hertz) << "a " << a;
+        EXPECT_LT(std::hypot(force[0], force[1]), 1e-4 * hertz);
+        EXPECT_LT(block.data->statistics.penetration, 1e-4 * depth);
+    }
+}
+
+// A plate on a bar that does not widen: F = E A d / h, evenly; what is fixed holds against it.
+TEST(ContactSolver, PlateOnABarPressesEvenly)
+{
+    for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_LOD})
+        for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
+            if (method == PLIANT_LOD && choice != PLIANT_DIRECT) continue;
+            Block block(4, 4, 0);
+            block.scene.model.method = method;
+            block.scene.solver.preconditioner = choice;
+            if (method != PLIANT_FINE) block.cells(2, 2, 2, 2);
+            block.fix_below();
+            ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+            Toucher toucher(block.data->body);
+            const double depth = 0.004, expected = young * block.edge * block.edge * depth / block.height;
+            toucher.obstacles.push_back(plate(0, 0, block.height, 0, 0, -1, 0.3));
+            toucher.obstacles[0].move(0, 0, -depth);
+            ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK) << "method " << method;
+            double force[3], held[3];
+            Toucher::force(block.data, force);
+            block.reaction(held);
+            const bool exact = method == PLIANT_FINE || method == PLIANT_COARSE; // others are stiffer where they are fixed
+            EXPECT_NEAR(-force[2], expected, (exact ? 1e-5 : 0.15) * expected) << "method " << method << ", preconditioner " << choice;
+            for (int d = 0; d < 3 && exact; d++) EXPECT_NEAR(held[d], -force[d], 1e-5 * expected) << "method " << method;
+            EXPECT_LT(block.data->statistics.penetration, 1e-7);
+            // let go, it is where it was
+            toucher.obstacles[0].move(0, 0, 2 * depth);
+            ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK);
+            EXPECT_EQ(block.data->statistics.contacts, 0);
+            double apart = 0;
+            for (int32_t i = 0; i < 3 * block.model->body->fine.num_nodes; i++)
+                apart = std::fmax(apart, std::fabs(block.data->positions[i] - block.model->body->fine.rest[i]));
+            EXPECT_LT(apart, 1e-6);
+        }
+}
+
+// Pressed and moved aside: it sticks as a bar that is sheared, then slides, and the force stands at the edge of Coulomb's cone.
+TEST(ContactSolver, SticksAndSlidesAtMu)
+{
+    Block block(4, 4, 0.3);
+    block.fix_below();
+    ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+    Toucher toucher(block.data->body);
+    const double friction = 0.3;
+    toucher.obstacles.push_back(plate(0, 0, block.height, 0, 0, -1, friction));
+    toucher.obstacles[0].move(0, 0, -0.006);
+    ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK);
+    std::vector<double> pulled;
+    for (int s = 0; s < 16; s++) {
+        toucher.obstacles[0].move(0.001, 0, 0);
+        ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK) << s;
+        double force[3];
+        Toucher::force(block.data, force);
+        pulled.push_back(force[0] / -force[2]);
+        for (int32_t p = 0; p < block.data->contacts.count; p++) {
+            const double *f = block.data->contacts.point[p].force;
+            EXPECT_LE(std::hypot(f[0], f[1]), friction * -f[2] * (1 + 1e-9));
+        }
+    }
+    EXPECT_LT(pulled[0], 0.5 * friction);
+    EXPECT_NEAR(pulled[1] / pulled[0], 2, 0.1); // it sticks
+    EXPECT_NEAR(pulled.back(), friction, 0.01 * friction);
+    EXPECT_NEAR(pulled[14], friction, 0.01 * friction);
+}
+
+// A block on a soft foot between two jaws: by friction they lift it until the foot pulls at it with 2 mu N, then it slips.
+TEST(ContactSolver, JawsLiftByFrictionAndSlip)
+{
+    const double friction = 0.4;
+    Block block(4, 8, 0.02, {{young, 0.3, 1000, false}, {young / 10, 0.3, 1000, false}}, [](int, int, int k) { return k < 2 ? 1 : 0; });
+    block.fix_below();
+    ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+    Toucher toucher(block.data->body);
+    for (int side : {0, 1}) {
+        toucher.obstacles.push_back(plate(side * block.edge, block.edge / 2, 0.03, side ? -1 : 1, 0, 0, friction));
+        toucher.obstacles.back().radius = 0.012;
+        toucher.obstacles.back().move(side ? -0.0005 : 0.0005, 0, 0);
+    }
+    ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK);
+    auto top = [&] {
+        double sum = 0;
+        int count = 0;
+        for (int32_t n = 0; n < block.model->body->fine.num_nodes; n++)
+            if (block.model->body->fine.rest[3 * n + 2] > block.height - 1e-9) {
+                sum += block.data->positions[3 * n + 2] - block.height;
+                count++;
+            }
+        return sum / count;
+    };
+    const double first = top(), step = 0.00025;
+    for (int s = 1; s <= 24; s++) {
+        for (auto &jaw : toucher.obstacles) jaw.move(0, 0, step);
+        ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK) << s;
+        if (s == 2) { EXPECT_NEAR(top() - first, 2 * step, 0.3 * step); }
+    }
+    EXPECT_LT(top() - first, 20 * step);
+    for (int side : {0, 1}) {
+        double force[3];
+        Toucher::force(block.data, force, side);
+        EXPECT_NEAR(force[2], friction * std::fabs(force[0]), 0.01 * force[2]);
+    }
+}
+
+// The same input gives the same bits, with one thread or two.
+TEST(ContactSolver, SameBits)
+{
+    std::vector<double> results[3];
+    for (int run = 0; run < 3; run++) {
+        Block block(6, 4, 0.3);
+        block.scene.solver.threads = run == 2 ? 1 : 2;
+        block.scene.solver.iterations = 4;
+        block.scene.solver.refresh_interval = 3;
+        block.fix_below();
+        ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+        Toucher toucher(block.data->body);
+        toucher.obstacles.push_back({Obstacle::SPHERE, {0.06, 0.06, block.height + 0.06}, {0, 0, 0}, 0.06, 0.2, {0, 0, 0}, 0});
+        for (int s = 0; s < 20; s++) {
+            toucher.obstacles[0].move(s < 10 ? 0 : 0.001, 0, s < 10 ? -0.001 : 0);
+            ASSERT_GE(toucher.step(block.model, block.data), PLIANT_OK);
+        }
+        results[run].assign(block.data->positions, block.data->positions + 3 * block.model->body->fine.num_nodes);
+        for (int32_t p = 0; p < block.data->contacts.count; p++)
+            results[run].insert(results[run].end(), block.data->contacts.point[p].force, block.data->contacts.point[p].force + 3);
+        EXPECT_GT(block.data->statistics.contacts, 3);
+    }
+    EXPECT_EQ(results[0], results[1]);
+    EXPECT_EQ(results[0], results[2]);
+}
+
+// Every allocation that fails leaves the state as it was; then the step goes on as if nothing had been.
+TEST(ContactSolver, FailingAllocationsChangeNothing)
+{
+    std::vector<double> results[2];
+    for (int run = 0; run < 2; run++) {
+        Block block(4, 2, 0.3);
+        block.fix_below();
+        ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+        Toucher toucher(block.data->body);
+        toucher.obstacles.push_back(plate(0, 0, block.height - 0.002, 0, 0, -1, 0.3));
+        toucher.find(block.data);
+        int failed = 0;
+        for (int64_t after = 0; run == 1; after++) {
+            pliant_memory_fail_after(after);
+            const pliant_status status = pliant_step(block.model, block.data);
+            pliant_memory_fail_after(-1);
+            if (status != PLIANT_ERROR_MEMORY) break;
+            failed++;
+            for (int32_t i = 0; i < 3 * block.model->body->fine.num_nodes; i++) ASSERT_EQ(block.data->positions[i], block.model->body->fine.rest[i]);
+        }
+        if (run == 0) { ASSERT_EQ(pliant_step(block.model, block.data), PLIANT_OK); }
+        else EXPECT_GT(failed, 8);
+        results[run].assign(block.data->positions, block.data->positions + 3 * block.model->body->fine.num_nodes);
+    }
+    EXPECT_EQ(results[0], results[1]);
+}
+
+} // namespace
