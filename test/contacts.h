@@ -3,10 +3,8 @@
 #define PLIANT_TEST_CONTACTS_H
 
 #include "pipeline/body.h"
+#include "backend/backend.h"
 #include "pliant/memory.h"
-
-#include <map>
-#include <set>
 
 struct Obstacle {
     enum Kind { HALF_SPACE, SPHERE, PUNCH } kind;
@@ -102,11 +100,20 @@ public:
         data->contacts.count = data->contacts.room = static_cast<int32_t>(points.size());
         for (size_t p = 0; p < points.size(); p++) data->contacts.point[p] = points[p];
     }
+    // the stages of a step with these contacts in place of those of tools
+    static pliant_status solve(const pliant_model *model, pliant_data *data)
+    {
+        pliant_status status = data->backend->kind->interact(model, data);
+        if (status >= 0) status = data->backend->solve(model, data);
+        if (status >= 0) data->backend->upsample(model, data);
+        if (status >= 0) data->statistics.step++;
+        return status;
+    }
     // find, a step, and the obstacles rest
     pliant_status step(const pliant_model *model, pliant_data *data)
     {
         find(data);
-        const pliant_status status = pliant_step(model, data);
+        const pliant_status status = solve(model, data);
         for (auto &o : obstacles) o.drift[0] = o.drift[1] = o.drift[2] = 0;
         return status;
     }

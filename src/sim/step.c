@@ -147,7 +147,8 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
         pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {pliant_cut_stage, backend->kind->interact, pliant_contact_stage, backend->solve, backend->upsample, patch, backend->warp};
         _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
         double start = pliant_seconds();
-        pliant_status status = stages[stage](model, data);
+        const bool beyond = stage == PLIANT_STEP_solve && data->contacts.count > 0 && !backend->on_host;
+        pliant_status status = beyond ? pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tools are near the tissue, and contact is the CPU's") : stages[stage](model, data);
         data->statistics.seconds[stage] = pliant_seconds() - start;
         /* the first stages are the host's own */
         if (status < 0 && stage > PLIANT_STEP_contact && pliant_backend_leave(model, data, status)) {

@@ -233,13 +233,13 @@ TEST(ContactSolver, FailingAllocationsChangeNothing)
         int failed = 0;
         for (int64_t after = 0; run == 1; after++) {
             pliant_memory_fail_after(after);
-            const pliant_status status = pliant_step(block.model, block.data);
+            const pliant_status status = Toucher::solve(block.model, block.data);
             pliant_memory_fail_after(-1);
             if (status != PLIANT_ERROR_MEMORY) break;
             failed++;
             for (int32_t i = 0; i < 3 * block.model->body->fine.num_nodes; i++) ASSERT_EQ(block.data->positions[i], block.model->body->fine.rest[i]);
         }
-        if (run == 0) { ASSERT_EQ(pliant_step(block.model, block.data), PLIANT_OK); }
+        if (run == 0) { ASSERT_EQ(Toucher::solve(block.model, block.data), PLIANT_OK); }
         else EXPECT_GT(failed, 8);
         results[run].assign(block.data->positions, block.data->positions + 3 * block.model->body->fine.num_nodes);
     }
