@@ -147,6 +147,22 @@ TEST(Surface, APlaneLeavesTwoClosedHalves)
     }
 }
 
+// Tetrahedra smaller than a voxel, which own none, part along their faces alone.
+TEST(Surface, PartsBetweenTetrahedraWithoutVoxels)
+{
+    auto all = block(4, 2, 2, 1);
+    const double point[3] = {0.0021, 0.001, 0.001}, normal[3] = {1, 0, 0};
+    ASSERT_TRUE(all->cut_plane(point, normal));
+    Surface surface(all->now);
+    EXPECT_EQ(open_edges(*surface.made), 0);
+    double area, volume;
+    measure(*surface.made, surface.places(all->now->fine.rest), surface.made->first_cut, &area, &volume);
+    EXPECT_NEAR(area, 2 * 0.002 * 0.002, 1e-12);
+    Surface load(&all->load());
+    Surface again(all->now, load.made);
+    expect_same(*again.made, *surface.made);
+}
+
 // Strokes from all sides: closed, the same whatever was before, and after an undo the old one.
 TEST(Surface, FollowsFromBodyToBody)
 {

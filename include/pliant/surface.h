@@ -28,15 +28,24 @@ typedef struct pliant_surface {
 
 /** The surface of a body. Of one that is not cut, or whose tetrahedra cuts subdivide, it is that of the mesh, without vertices of its own.
  *  @param before Nullable: of another body of the same load; what is the same is taken from there. The outcome is the same, bit for bit;
- *                the time is that of what differs, and of copying the rest. A surface and those made from it: one thread at a time.
+ *                the time is that of what differs, and of copying the rest.
  *  Errors: MEMORY. */
 PLIANT_API pliant_status pliant_surface_create(const pliant_body *body, const pliant_surface *before, pliant_surface **out);
 PLIANT_API void pliant_surface_free(pliant_surface *surface); /**< Nullable */
 
-/** What every vertex has of numbers at the nodes: positions, scalars.
+/** Numbers at the vertices from those at the nodes: positions, scalars.
  *  @param nodes (fine.num_nodes x size)
  *  @param out   (num_vertices x size) */
 PLIANT_API void pliant_surface_at_vertices(const pliant_surface *surface, int size, const double *nodes, double *out);
+
+/** A file (PLY, text) that other programs show: where every point is, its rest position and material, and numbers; of every triangle whether a cut
+ *  has made it. Points that no triangle has are left out.
+ *  @param positions (fine.num_nodes x 3) [m]
+ *  @param values    (num_values x fine.num_nodes) one after the other; NULL where there are none
+ *  @param names     (num_values) what they are called in the file: letters, digits and _
+ *  Errors: MEMORY, FILE. */
+PLIANT_API pliant_status pliant_surface_write(const char *path, const pliant_surface *surface, const double *positions, int num_values,
+                                              const char *const *names, const float *values);
 
 #ifdef __cplusplus
 }

@@ -22,8 +22,9 @@ typedef struct surface_work {
     const pliant_body *body;
     const pliant_surface *before;  /* Nullable: nothing can be taken over */
     int32_t *cut_of;               /* (tetrahedra at load) */
-    uint8_t *near_other, *near_split; /* (nodes at load) of a tetrahedron that differs from before; that is split */
+    uint8_t *near_other, *near_split; /* (nodes at load) of a tetrahedron that differs from before; that is split, or of which there are copies */
     surface_block **block;         /* (tetrahedra at load) */
+    uint8_t *is_new;               /* (tetrahedra at load) that block is made here */
     surface_maker maker;
 } surface_work;
 
@@ -31,7 +32,7 @@ typedef struct surface_work {
 
 static void release_block(surface_block *block)
 {
-    if (!block || --block->holders > 0) return;
+    if (!block || atomic_fetch_sub_explicit(&block->holders, 1, memory_order_acq_rel) != 1) return;
     pliant_free(block->label);
     pliant_free(block->vertex);
     pliant_free(block->triangle);
@@ -77,7 +78,21 @@ static bool differs(const pliant_body *old, const pliant_body *now, int32_t host
     return carriers != new_carriers && memcmp(carriers, new_carriers, voxels * sizeof *carriers) != 0;
 }
 
-/* Nodes of what differs from before; tetrahedra that are in no cuts are as they were at load. */
+/* Tetrahedra that are in no cuts differ by copies of their nodes at most. */
+static void mark_by_copies(const surface_work *work, const pliant_body *with)
+{
+    const pliant_voxels *voxels = work->body->voxels;
+    const int32_t *old = work->before->body->fine.tets, *now = work->body->fine.tets;
+    for (int32_t n = voxels->num_nodes; n < with->fine.num_nodes; n++) {
+        const int32_t parent = with->node_parent[n];
+        for (int32_t a = voxels->around_start[parent]; a < voxels->around_start[parent + 1]; a++) {
+            const size_t first = 4 * (size_t)(voxels->around[a] / 4);
+            if (memcmp(old + first, now + first, 4 * sizeof *now) != 0) mark_nodes(work, voxels->around[a] / 4, work->near_other);
+        }
+    }
+}
+
+/* Nodes of what differs from before. */
 static void mark_others(const surface_work *work)
 {
     const pliant_body *old = work->before->body, *now = work->body;
@@ -90,6 +105,8 @@ static void mark_others(const surface_work *work)
         o += in_old;
         n += in_now;
     }
+    mark_by_copies(work, old);
+    mark_by_copies(work, now);
 }
 
 static pliant_status add_block(surface_work *work, int32_t host)
@@ -97,14 +114,17 @@ static pliant_status add_block(surface_work *work, int32_t host)
     surface_block *block = pliant_calloc(1, sizeof *block);
     if (!block) return pliant_surface_no_memory();
     work->block[host] = block;
-    *block = (surface_block){.holders = 1, .host = host, .split = pliant_surface_is_split(&work->maker, host)};
+    work->is_new[host] = 1;
+    atomic_init(&block->holders, 1);
+    block->host = host;
+    block->split = pliant_surface_is_split(&work->maker, host);
     if (!block->split) return PLIANT_OK;
     if (!(block->label = pliant_calloc(SURFACE_LATTICE, sizeof *block->label))) return pliant_surface_no_memory();
     pliant_surface_find_labels(&work->maker, host, block->label);
     return PLIANT_OK;
 }
 
-/* Those of the cuts and of all that have a node of one that is split: taken over, or made. */
+/* Of all that have a node of one that is split, or one of which there are copies: taken over, or made. */
 static pliant_status find_blocks(surface_work *work, int32_t *count)
 {
     const pliant_voxels *voxels = work->body->voxels;
@@ -113,12 +133,13 @@ static pliant_status find_blocks(surface_work *work, int32_t *count)
     if (work->before) mark_others(work);
     for (int32_t n = 0; n < cuts->num_tets; n++)
         if (pliant_surface_is_split(&work->maker, cuts->tet[n])) mark_nodes(work, cuts->tet[n], work->near_split);
+    for (int32_t n = voxels->num_nodes; n < work->body->fine.num_nodes; n++) work->near_split[work->body->node_parent[n]] = 1;
     for (int32_t t = 0; t < voxels->num_tets && status == PLIANT_OK; t++) {
-        if (work->cut_of[t] < 0 && !has_marked(work, t, work->near_split)) continue;
+        if (!has_marked(work, t, work->near_split)) continue;
         surface_block *kept = work->before && !has_marked(work, t, work->near_other) ? find_block(work->before, t) : NULL;
         (*count)++;
         if (kept) {
-            kept->holders++;
+            atomic_fetch_add_explicit(&kept->holders, 1, memory_order_relaxed);
             work->block[t] = kept;
         } else {
             status = add_block(work, t);
@@ -131,7 +152,7 @@ static pliant_status fill_blocks(surface_work *work)
 {
     pliant_status status = PLIANT_OK;
     for (int32_t t = 0; t < work->body->voxels->num_tets && status == PLIANT_OK; t++)
-        if (work->block[t] && work->block[t]->holders == 1) status = pliant_surface_fill(&work->maker, work->block[t]);
+        if (work->is_new[t]) status = pliant_surface_fill(&work->maker, work->block[t]);
     return status;
 }
 
@@ -215,7 +236,7 @@ static pliant_status keep_blocks(surface_work *work, int32_t count, struct plian
     for (int32_t t = 0; t < work->body->voxels->num_tets; t++) {
         if (!work->block[t]) continue;
         out->block[out->num_blocks++] = work->block[t];
-        work->block[t]->holders++;
+        atomic_fetch_add_explicit(&work->block[t]->holders, 1, memory_order_relaxed);
     }
     return PLIANT_OK;
 }
@@ -244,7 +265,7 @@ static void free_work(surface_work *work)
     for (int32_t t = 0; work->block && t < work->body->voxels->num_tets; t++) release_block(work->block[t]);
     pliant_surface_map_free(&work->maker.crossings);
     pliant_surface_map_free(&work->maker.vertices);
-    void *blocks[] = {work->cut_of, work->near_other, work->near_split, work->block, work->maker.where.at, work->maker.near.at, work->maker.made.at,
+    void *blocks[] = {work->cut_of, work->near_other, work->near_split, work->block, work->is_new, work->maker.where.at, work->maker.near.at, work->maker.made.at,
                       work->maker.triangles[0].at, work->maker.triangles[1].at};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
@@ -277,8 +298,9 @@ pliant_status pliant_surface_create(const pliant_body *body, const pliant_surfac
         work.near_other = pliant_calloc(nodes, 1);
         work.near_split = pliant_calloc(nodes, 1);
         work.block = pliant_calloc(tets, sizeof(surface_block *));
+        work.is_new = pliant_calloc(tets, 1);
         surface->kept = pliant_calloc(1, sizeof *surface->kept);
-        status = work.cut_of && work.near_other && work.near_split && work.block && surface->kept ? create_cut(&work, surface) : pliant_surface_no_memory();
+        status = work.cut_of && work.near_other && work.near_split && work.block && work.is_new && surface->kept ? create_cut(&work, surface) : pliant_surface_no_memory();
         free_work(&work);
     }
     if (status != PLIANT_OK) {

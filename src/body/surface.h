@@ -10,6 +10,8 @@
 #include "body/links.h"
 #include "pliant/surface.h"
 
+#include <stdatomic.h>
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -43,7 +45,8 @@ typedef struct surface_vertex {
 
 /* What one host adds; shared by the surfaces that have it. */
 typedef struct surface_block {
-    int32_t holders, host;
+    atomic_int holders;
+    int32_t host;
     bool split;                /* it is refined */
     int32_t *label;            /* (SURFACE_LATTICE) of the points of its lattice: the fragment; NULL: it is not split */
     int32_t num_vertices, num_outer, num_cut;

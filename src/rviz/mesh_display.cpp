@@ -159,6 +159,10 @@ void MeshDisplay::receive_topology(const pliant::MeshTopology::ConstPtr &message
     topology.rest_parent = message->rest_parent;
     topology.tetrahedra = message->tetrahedra;
     topology.triangles = message->triangles;
+    topology.first_cut = message->first_cut;
+    topology.vertex_tetrahedron = message->vertex_tetrahedron;
+    topology.vertex_weight = message->vertex_weight;
+    topology.vertex_material = message->vertex_material;
     topology.material = message->material;
     std::string error = check(topology);
     if (!error.empty()) {
@@ -250,10 +254,10 @@ bool MeshDisplay::coloured_by_scalar() const
 
 Rgb MeshDisplay::scalar_colour(double t) const { return scalar_name_ == "volume_ratio" ? diverging_colour(t) : sequential_colour(t); }
 
-Rgb MeshDisplay::colour_of(size_t node, uint16_t material) const
+Rgb MeshDisplay::colour_of(uint32_t node, uint16_t material) const
 {
     if (coloured_by_scalar()) {
-        float value = mesh_.scalar()[node];
+        float value = mesh_.scalar_of(node);
         if (!std::isfinite(value)) return {{0.5, 0.5, 0.5}};
         return scalar_colour((value - low_) / (high_ - low_));
     }

@@ -63,7 +63,7 @@ private:
     void add_section(const Shape &shape, const std::vector<uint32_t> &indices, bool lines);
     void show_bar();
     bool place();
-    Rgb colour_of(size_t node, uint16_t material) const;
+    Rgb colour_of(uint32_t node, uint16_t material) const;
     Rgb scalar_colour(double t) const;
     bool coloured_by_scalar() const;
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <sstream>
+#include <tuple>
 
 namespace pliant_rviz {
 
@@ -69,12 +70,17 @@ std::string check(const Topology &topology)
     size_t nodes = topology.rest.size() / 3;
     if (!finite(topology.rest)) return "rest_nodes holds NaN or infinite numbers";
     std::string error = check_nodes(topology.tetrahedra, nodes, 4, "tetrahedra");
-    if (error.empty()) error = check_nodes(topology.triangles, nodes, 3, "triangles");
+    const size_t vertices = topology.vertex_tetrahedron.size();
+    if (error.empty()) error = check_nodes(topology.triangles, nodes + vertices, 3, "triangles");
     if (error.empty()) error = check_nodes(topology.rest_parent, nodes, 1, "rest_parent");
     if (!error.empty()) return error;
     if (!topology.rest_parent.empty() && topology.rest_parent.size() != nodes) return "rest_parent must have one number a node";
     if (!topology.material.empty() && topology.material.size() != topology.tetrahedra.size() / 4)
         return "material must have one number a tetrahedron";
+    for (uint32_t tet : topology.vertex_tetrahedron)
+        if (tet >= topology.tetrahedra.size() / 4) return "vertex_tetrahedron names a tetrahedron that is not there";
+    if (topology.vertex_weight.size() != 4 * vertices || !finite(topology.vertex_weight)) return "vertex_weight must have four numbers a vertex";
+    if (topology.vertex_material.size() != vertices) return "vertex_material must have one number a vertex";
     return "";
 }
 
@@ -108,6 +114,23 @@ MeshShape::Result MeshShape::put(uint32_t revision, const std::vector<float> &no
     nodes_ = nodes;
     scalar_ = scalar;
     return SHOWN;
+}
+
+// of numbers at nodes, `each` of them a node, one at a vertex of the surface's own
+float MeshShape::at_vertex(uint32_t vertex, const std::vector<float> &nodes, size_t each, size_t which) const
+{
+    float sum = 0;
+    for (size_t v = 0; v < 4; v++) {
+        const size_t node = topology_.tetrahedra[4 * size_t(topology_.vertex_tetrahedron[vertex]) + v];
+        sum += topology_.vertex_weight[4 * size_t(vertex) + v] * nodes[each * node + which];
+    }
+    return sum;
+}
+
+float MeshShape::scalar_of(uint32_t node) const
+{
+    const size_t nodes = nodes_.size() / 3;
+    return node < nodes ? scalar_[node] : at_vertex(node - uint32_t(nodes), scalar_, 1, 0);
 }
 
 bool MeshShape::scalar_range(float *low, float *high) const
@@ -154,46 +177,57 @@ void MeshShape::find_faces()
 
 void MeshShape::find_edges(Shape *shape) const
 {
-    std::vector<std::array<uint32_t, 4>> edges; // nodes low, high; vertices
+    struct Edge {
+        uint32_t low, high, vertex[2];
+        bool cut;
+        bool operator<(const Edge &other) const { return std::tie(low, high, cut) < std::tie(other.low, other.high, other.cut); }
+        bool same(const Edge &other) const { return low == other.low && high == other.high; }
+    };
+    const size_t cut = 3 * size_t(topology_.first_cut), nodes = nodes_.size() / 3;
+    std::vector<Edge> edges;
     for (size_t n = 0; n < shape->triangles.size(); n += 3)
         for (size_t v = 0; v < 3; v++) {
-            uint32_t a = shape->triangles[n + v], b = shape->triangles[n + (v + 1) % 3];
-            uint32_t node_a = shape->nodes[a], node_b = shape->nodes[b];
-            edges.push_back({{std::min(node_a, node_b), std::max(node_a, node_b), a, b}});
+            const uint32_t a = shape->triangles[n + v], b = shape->triangles[n + (v + 1) % 3];
+            const uint32_t node_a = shape->nodes[a], node_b = shape->nodes[b];
+            edges.push_back({std::min(node_a, node_b), std::max(node_a, node_b), {a, b}, cut > 0 && n >= cut});
         }
-    std::sort(edges.begin(), edges.end());
-    for (size_t n = 0; n < edges.size(); n++) {
-        if (n > 0 && edges[n][0] == edges[n - 1][0] && edges[n][1] == edges[n - 1][1]) continue;
-        shape->edges.insert(shape->edges.end(), {edges[n][2], edges[n][3]});
+    std::stable_sort(edges.begin(), edges.end());
+    for (size_t n = 0, end; n < edges.size(); n = end) {
+        for (end = n; end < edges.size() && edges[end].same(edges[n]);) end++;
+        const bool rim = !edges[n].cut && edges[end - 1].cut;
+        if (edges[n].high < nodes || rim) shape->edges.insert(shape->edges.end(), {edges[n].vertex[0], edges[n].vertex[1]});
     }
 }
 
 Shape MeshShape::surface() const
 {
     Shape shape;
-    size_t nodes = nodes_.size() / 3;
+    const size_t nodes = nodes_.size() / 3, all = nodes + topology_.vertex_tetrahedron.size(), cut = 3 * size_t(topology_.first_cut);
     const uint32_t none = 0xffffffff;
-    std::vector<uint32_t> vertex(nodes, none);
-    for (uint32_t node : topology_.triangles) {
-        if (vertex[node] == none) {
-            vertex[node] = uint32_t(shape.nodes.size());
+    std::vector<uint32_t> vertex(2 * all, none); // outside, on faces of cuts
+    for (size_t n = 0; n < topology_.triangles.size(); n++) {
+        const uint32_t node = topology_.triangles[n];
+        uint32_t &place = vertex[node + (cut > 0 && n >= cut ? all : 0)];
+        if (place == none) {
+            place = uint32_t(shape.nodes.size());
             shape.nodes.push_back(node);
-            shape.vertices.insert(shape.vertices.end(), {nodes_[3 * node], nodes_[3 * node + 1], nodes_[3 * node + 2]});
+            shape.material.push_back(node < nodes ? uint16_t(0) : topology_.vertex_material[node - nodes]);
+            for (size_t d = 0; d < 3; d++) shape.vertices.push_back(node < nodes ? nodes_[3 * node + d] : at_vertex(node - uint32_t(nodes), nodes_, 3, d));
         }
-        shape.triangles.push_back(vertex[node]);
+        shape.triangles.push_back(place);
     }
     shape.normals.assign(shape.vertices.size(), 0);
-    shape.material.assign(shape.nodes.size(), 0);
     if (!topology_.material.empty())
         for (const Face &face : faces_)
             if (face.outer < 0)
                 for (uint32_t node : face.nodes)
-                    if (vertex[node] != none) shape.material[vertex[node]] = topology_.material[size_t(face.inner)];
-    const std::vector<uint32_t> &triangles = topology_.triangles;
-    for (size_t n = 0; n < triangles.size(); n += 3) {
-        Vector normal = normal_of(at(nodes_, triangles[n]), at(nodes_, triangles[n + 1]), at(nodes_, triangles[n + 2]));
+                    for (uint32_t place : {vertex[node], vertex[node + all]})
+                        if (place != none) shape.material[place] = topology_.material[size_t(face.inner)];
+    for (size_t n = 0; n < shape.triangles.size(); n += 3) {
+        const uint32_t *corner = &shape.triangles[n];
+        Vector normal = normal_of(at(shape.vertices, corner[0]), at(shape.vertices, corner[1]), at(shape.vertices, corner[2]));
         for (size_t v = 0; v < 3; v++)
-            for (size_t d = 0; d < 3; d++) shape.normals[3 * vertex[triangles[n + v]] + d] += float(normal[d]);
+            for (size_t d = 0; d < 3; d++) shape.normals[3 * corner[v] + d] += float(normal[d]);
     }
     for (size_t n = 0; n < shape.normals.size(); n += 3) normalise(&shape.normals[n]);
     find_edges(&shape);

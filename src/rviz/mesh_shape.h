@@ -18,8 +18,12 @@ struct Topology {
     std::vector<float> rest;            // x y z of every node [m]
     std::vector<uint32_t> rest_parent;  // node that a node was split from
     std::vector<uint32_t> tetrahedra;   // four nodes each
-    std::vector<uint32_t> triangles;    // three nodes each, outwards
+    std::vector<uint32_t> triangles;    // three each, outwards: nodes, and after them vertices of the surface's own
+    uint32_t first_cut = 0;             // triangle from which on they are faces of cuts
     std::vector<uint16_t> material;     // of each tetrahedron, or none
+    std::vector<uint32_t> vertex_tetrahedron; // of the surface's own vertices: what each moves with,
+    std::vector<float> vertex_weight;         // four each, of its nodes,
+    std::vector<uint16_t> vertex_material;    // and the scan there
 };
 
 // "" or what is wrong with it.
@@ -28,7 +32,7 @@ std::string check(const Topology &topology);
 // What to draw: vertex by vertex.
 struct Shape {
     std::vector<float> vertices, normals;     // x y z
-    std::vector<uint32_t> nodes;              // node of each vertex
+    std::vector<uint32_t> nodes;              // node of each vertex, or, after those, of the surface's own
     std::vector<uint16_t> material;           // of each vertex: of the tetrahedron in front; 0 where there is none
     std::vector<uint32_t> triangles, edges;   // three, two vertices each
 };
@@ -47,9 +51,11 @@ public:
     const Topology &topology() const { return topology_; }
     const std::vector<float> &nodes() const { return nodes_; }
     const std::vector<float> &scalar() const { return scalar_; } // of each node, or none
+    float scalar_of(uint32_t node) const;                        // of a node or, after those, of the surface's own vertices
     bool scalar_range(float *low, float *high) const;            // of the finite ones; false: there are none
 
-    // The whole surface, with normals that are the mean of the faces around a node.
+    // The whole surface, with normals that are the mean of the faces around a node; faces of cuts have vertices of their own, so that their
+    // rim is sharp. Edges: those of the mesh, and the rim.
     Shape surface() const;
     // The tetrahedra whose middle lies on the kept side of the plane: their outer faces, one normal a face.
     Shape cut(const Plane &plane) const;
@@ -61,6 +67,7 @@ private:
     };
     void find_faces();
     void find_edges(Shape *shape) const;
+    float at_vertex(uint32_t vertex, const std::vector<float> &nodes, size_t each, size_t which) const;
 
     Topology topology_;
     std::vector<float> nodes_, scalar_;

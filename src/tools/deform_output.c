@@ -4,6 +4,7 @@
 #include "picture.h"
 #include "picture_scalar.h"
 #include "pliant/memory.h"
+#include "pliant/surface.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -153,6 +154,20 @@ static pliant_status write_pictures(const deform_run *run, const char *number, c
     return status;
 }
 
+static pliant_status write_surface(const deform_run *run, const char *number, const scalar_values *scalars)
+{
+    char path[4096];
+    const char *names[PLIANT_NUM_SCALARS];
+    pliant_surface *surface;
+    for (int s = 0; s < scalars->num_scalars; ++s) names[s] = column_of(run->arguments->scalars[s]);
+    pliant_status status = pliant_surface_create(pliant_data_get_body(run->data), NULL, &surface);
+    if (status < 0) return status;
+    snprintf(path, sizeof path, "%s/surface%s.ply", run->folder, number);
+    status = pliant_surface_write(path, surface, pliant_data_get_positions(run->data, NULL), scalars->num_scalars, names, scalars->of_node);
+    pliant_surface_free(surface);
+    return status;
+}
+
 pliant_status deform_write(const deform_run *run, long step)
 {
     const deform_arguments *arguments = run->arguments;
@@ -163,6 +178,7 @@ pliant_status deform_write(const deform_run *run, long step)
     if (status < 0) return status;
     status = write_nodes(run, number, &scalars);
     if (status >= 0 && (step == 0 || arguments->num_scalars > 0)) status = write_elements(run, number, &scalars);
+    if (status >= 0) status = write_surface(run, number, &scalars);
     if (status >= 0 && pliant_data_get_warp(run->data)) {
         snprintf(path, sizeof path, "%s/deformed%s.nii.gz", run->folder, number);
         status = pliant_volume_write(path, pliant_warp_volume(pliant_data_get_warp(run->data)));

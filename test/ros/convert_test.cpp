@@ -305,8 +305,9 @@ protected:
         body.fine.num_tets = 1;
         body.fine.rest = rest;
         body.fine.tets = tets;
-        body.triangles = triangles;
-        body.num_triangles = 4;
+        surface.body = &body;
+        surface.triangle = triangles;
+        surface.num_triangles = surface.first_cut = 4;
         body.fine_material = &material;
         model.body = &body;
         material.material = 7;
@@ -315,13 +316,14 @@ protected:
     int32_t tets[4] = {0, 1, 2, 3}, triangles[12] = {0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3};
     pliant_tet_material material{};
     pliant_body body{};
+    pliant_surface surface{};
     pliant_model model{};
 };
 
 TEST_F(ConvertModel, Topology)
 {
     MeshTopology message;
-    topology_message(body, &message);
+    topology_message(surface, &message);
     EXPECT_EQ(message.rest_nodes.size(), 12u);
     EXPECT_FLOAT_EQ(message.rest_nodes[11], 0.1f);
     EXPECT_EQ(message.tetrahedra, (std::vector<uint32_t>{0, 1, 2, 3}));
@@ -383,7 +385,7 @@ struct ConvertBodies : ::testing::Test {
         out.scan_id = "block";
         out.scan_checksum = loaded->scan->checksum;
         out.revision = revision_of(*loaded, body.revision);
-        topology_message(body, &out);
+        topology_message(*surface_of(body, nullptr), &out);
         return out;
     }
     std::shared_ptr<Loaded> loaded;
@@ -404,7 +406,11 @@ TEST_F(ConvertBodies, OfTwoRevisionsHaveTwoTopologies)
         EXPECT_EQ(after.rest_parent[n], parent);
         for (int d = 0; d < 3; ++d) EXPECT_EQ(after.rest_nodes[3 * n + d], before.rest_nodes[3 * parent + d]);
     }
-    EXPECT_GT(after.triangles.size(), before.triangles.size()) << "cut faces are surface";
+    EXPECT_EQ(before.first_cut, before.triangles.size() / 3);
+    EXPECT_GT(after.triangles.size() / 3, after.first_cut) << "cut faces are surface";
+    EXPECT_EQ(after.vertex_weight.size(), 4 * after.vertex_tetrahedron.size());
+    EXPECT_EQ(after.vertex_material.size(), after.vertex_tetrahedron.size());
+    for (uint32_t corner : after.triangles) ASSERT_LT(corner, after.rest_parent.size() + after.vertex_tetrahedron.size());
     MeshState state;
     EXPECT_EQ(mesh_state_message(*loaded->model, *cut, cut->fine.rest, &state), PLIANT_OK);
     EXPECT_EQ(state.nodes.size(), after.rest_nodes.size());
@@ -456,7 +462,7 @@ TEST_F(ConvertModel, MarkerIsColouredByDisplacement)
     std::memcpy(moved, rest, sizeof rest);
     moved[9] += 0.02; /* node 3 along x */
     visualization_msgs::Marker marker;
-    marker_message(body, moved, {}, &marker);
+    marker_message(surface, moved, {}, &marker);
     ASSERT_EQ(marker.points.size(), 12u);
     ASSERT_EQ(marker.colors.size(), 12u);
     EXPECT_DOUBLE_EQ(marker.points[5].x, 0.02);
@@ -467,7 +473,7 @@ TEST_F(ConvertModel, MarkerIsColouredByDisplacement)
 TEST_F(ConvertModel, MarkerIsLightInFrontAndDarkBehind)
 {
     visualization_msgs::Marker marker;
-    marker_message(body, rest, {}, &marker);
+    marker_message(surface, rest, {}, &marker);
     EXPECT_GT(marker.colors[3].b, marker.colors[0].b) << "the second triangle faces -y, the first -z";
     EXPECT_GT(marker.colors[0].b, 0);
 }

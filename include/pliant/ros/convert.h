@@ -87,7 +87,7 @@ void volume_message(const pliant_volume &volume, const Box &box, Volume *out);
  *  @param low,high smallest and largest value of the scan */
 void scan_info_message(const pliant_model &model, float low, float high, ScanInfo *out);
 /** Header, scan_id and revision are the caller's. */
-void topology_message(const pliant_body &body, MeshTopology *out);
+void topology_message(const pliant_surface &surface, MeshTopology *out);
 /** Header, revision and step are the caller's.
  *  @param positions (fine.num_nodes x 3) [m]. Errors: those of pliant_data_scalar; then *out holds no scalar. */
 pliant_status mesh_state_message(const pliant_model &model, const pliant_body &body, const double *positions, MeshState *out);
@@ -125,7 +125,7 @@ CutInput cut_from_message(const CutLine::Request &request, const Rigid &tissue_f
 /** The surface for stock rviz, coloured by displacement from rest (blue 0, red the largest, at least 1 mm) or, where
  *  given, by the scalar (blue its smallest, red its largest), with light from the front. Header is the caller's.
  *  @param scalar (fine.num_nodes) or empty */
-void marker_message(const pliant_body &body, const double *positions, const std::vector<float> &scalar,
+void marker_message(const pliant_surface &surface, const double *positions, const std::vector<float> &scalar,
                     visualization_msgs::Marker *out);
 /** A tool for stock rviz: a ball at its tip (grey: in the air, yellow: in the tissue, green: it holds) and an arrow
  *  from there along its force on the tissue, 5 mm a newton, at most 0.2 m. (A Wrench display draws its arrow at the

@@ -197,15 +197,21 @@ void scan_info_message(const pliant_model &model, float low, float high, ScanInf
     out->condition_estimate = static_cast<float>(statistics.condition_estimate);
 }
 
-void topology_message(const pliant_body &body, MeshTopology *out)
+void topology_message(const pliant_surface &surface, MeshTopology *out)
 {
+    const pliant_body &body = *surface.body;
     const pliant_mesh &mesh = body.fine;
     size_t nodes = static_cast<size_t>(mesh.num_nodes), tets = static_cast<size_t>(mesh.num_tets);
     append_floats(mesh.rest, 3 * nodes, &out->rest_nodes);
     out->rest_parent.resize(nodes);
     for (size_t i = 0; i < nodes; ++i) out->rest_parent[i] = body.node_parent ? static_cast<uint32_t>(body.node_parent[i]) : static_cast<uint32_t>(i);
     out->tetrahedra.assign(mesh.tets, mesh.tets + 4 * tets);
-    out->triangles.assign(body.triangles, body.triangles + 3 * static_cast<size_t>(body.num_triangles));
+    out->triangles.assign(surface.triangle, surface.triangle + 3 * static_cast<size_t>(surface.num_triangles));
+    out->first_cut = static_cast<uint32_t>(surface.first_cut);
+    const size_t vertices = static_cast<size_t>(surface.num_vertices);
+    out->vertex_tetrahedron.assign(surface.tet, surface.tet + vertices);
+    append_floats(surface.weight, 4 * vertices, &out->vertex_weight);
+    out->vertex_material.assign(surface.material, surface.material + vertices);
     out->material.resize(tets);
     for (size_t i = 0; i < tets; ++i) out->material[i] = body.fine_material[i].material;
     out->cut_end.clear();

@@ -9,12 +9,21 @@ namespace pliant_ros {
 
 namespace {
 
-float displacement(const pliant_mesh &mesh, const double *positions, size_t node)
+float displacement(const double *rest, const double *positions, size_t node)
 {
     double squared = 0;
-    for (size_t i = 3 * node; i < 3 * node + 3; ++i)
-        squared += (positions[i] - mesh.rest[i]) * (positions[i] - mesh.rest[i]);
+    for (size_t i = 3 * node; i < 3 * node + 3; ++i) squared += (positions[i] - rest[i]) * (positions[i] - rest[i]);
     return static_cast<float>(std::sqrt(squared));
+}
+
+/* of nodes, and after them of the surface's vertices */
+std::vector<double> with_vertices(const pliant_surface &surface, int size, const double *nodes)
+{
+    const size_t count = static_cast<size_t>(size) * static_cast<size_t>(surface.body->fine.num_nodes);
+    std::vector<double> out(nodes, nodes + count);
+    out.resize(count + static_cast<size_t>(size) * static_cast<size_t>(surface.num_vertices));
+    pliant_surface_at_vertices(&surface, size, nodes, out.data() + count);
+    return out;
 }
 
 /* 0 blue, 1/2 yellow, 1 red; dimmed by light, see-through enough to find a tool inside */
@@ -105,19 +114,22 @@ void tool_markers_message(const pliant_tool_state &tool, double clearance, const
     arrow.color = rgb(1, 0.5f, 0);
 }
 
-void marker_message(const pliant_body &body, const double *positions, const std::vector<float> &scalar,
+void marker_message(const pliant_surface &surface, const double *positions, const std::vector<float> &scalar,
                     visualization_msgs::Marker *out)
 {
-    const pliant_mesh &mesh = body.fine;
-    size_t nodes = static_cast<size_t>(mesh.num_nodes), corners = 3 * static_cast<size_t>(body.num_triangles);
-    std::vector<float> value(scalar);
-    float low = 0, high = 1e-3f;
-    if (value.size() == nodes && nodes > 0) {
+    const pliant_mesh &mesh = surface.body->fine;
+    const size_t nodes = static_cast<size_t>(mesh.num_nodes), corners = 3 * static_cast<size_t>(surface.num_triangles);
+    const std::vector<double> at = with_vertices(surface, 3, positions);
+    std::vector<double> value;
+    double low = 0, high = 1e-3;
+    if (scalar.size() == nodes && nodes > 0) {
+        value = with_vertices(surface, 1, std::vector<double>(scalar.begin(), scalar.end()).data());
         low = *std::min_element(value.begin(), value.end());
         high = *std::max_element(value.begin(), value.end());
     } else {
-        value.resize(nodes);
-        for (size_t i = 0; i < nodes; ++i) high = std::max(high, value[i] = displacement(mesh, positions, i));
+        const std::vector<double> rest = with_vertices(surface, 3, mesh.rest);
+        value.resize(at.size() / 3);
+        for (size_t i = 0; i < value.size(); ++i) high = std::max<double>(high, value[i] = displacement(rest.data(), at.data(), i));
     }
     out->ns = "surface";
     out->id = 0;
@@ -129,12 +141,12 @@ void marker_message(const pliant_body &body, const double *positions, const std:
     out->points.resize(corners);
     out->colors.resize(corners);
     for (size_t triangle = 0; triangle < corners; triangle += 3) {
-        const int32_t *nodes_of = &body.triangles[triangle];
-        float light = light_on(&positions[3 * nodes_of[0]], &positions[3 * nodes_of[1]], &positions[3 * nodes_of[2]]);
+        const int32_t *corner_of = &surface.triangle[triangle];
+        float light = light_on(&at[3 * static_cast<size_t>(corner_of[0])], &at[3 * static_cast<size_t>(corner_of[1])], &at[3 * static_cast<size_t>(corner_of[2])]);
         for (size_t corner = 0; corner < 3; ++corner) {
-            size_t node = static_cast<size_t>(nodes_of[corner]);
-            out->points[triangle + corner] = point(&positions[3 * node]);
-            out->colors[triangle + corner] = colour(high > low ? (value[node] - low) / (high - low) : 0.0f, light);
+            const size_t vertex = static_cast<size_t>(corner_of[corner]);
+            out->points[triangle + corner] = point(&at[3 * vertex]);
+            out->colors[triangle + corner] = colour(high > low ? static_cast<float>((value[vertex] - low) / (high - low)) : 0.0f, light);
         }
     }
 }
@@ -157,7 +169,7 @@ void points_message(const pliant_body &body, const double *positions, const std:
     out->data.resize(static_cast<size_t>(out->row_step));
     for (size_t i = 0; i < nodes; ++i) {
         float row[5] = {static_cast<float>(positions[3 * i]), static_cast<float>(positions[3 * i + 1]),
-                        static_cast<float>(positions[3 * i + 2]), displacement(mesh, positions, i),
+                        static_cast<float>(positions[3 * i + 2]), displacement(mesh.rest, positions, i),
                         has_scalar ? scalar[i] : 0.0f};
         std::memcpy(&out->data[i * out->point_step], row, out->point_step);
     }

@@ -57,7 +57,8 @@ void MeshOutput::publish_topology(const Loaded &loaded, const pliant_body &body,
     topology->scan_id = loaded.scan->volume.id;
     topology->scan_checksum = loaded.scan->checksum;
     topology->revision = topology_revision_ = revision;
-    topology_message(body, topology.get());
+    surface_ = surface_of(body, surface_);
+    topology_message(*surface_, topology.get());
     topology_.publish(topology);
 }
 
@@ -141,12 +142,14 @@ void MeshOutput::publish(const Snapshot &snapshot)
     if (!state_due && !marker_due && !points_due) return;
     boost::shared_ptr<MeshState> state = state_of(snapshot);
     if (state_due) send_state(snapshot, state);
+    if (marker_due) surface_ = surface_of(*snapshot.body, surface_);
+    const std::shared_ptr<const pliant_surface> surface = surface_;
     hold.unlock();
     const double *positions = snapshot.positions.data();
     if (marker_due) {
         auto marker = boost::make_shared<visualization_msgs::Marker>();
         marker->header = state->header;
-        marker_message(*snapshot.body, positions, state->scalar, marker.get());
+        marker_message(*surface, positions, state->scalar, marker.get());
         marker_.publish(marker);
     }
     if (points_due) {

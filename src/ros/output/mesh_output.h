@@ -46,6 +46,7 @@ private:
     std::mutex lock_; /* of the states and the topology */
     const Loaded *shown_ = nullptr; /* that the latched topology is of, and its revision there */
     uint32_t topology_revision_ = 0;
+    std::shared_ptr<const pliant_surface> surface_; /* the newest that was asked for */
     ros::Time state_stamp_;
     uint64_t state_step_ = 0;
     Rate state_rate_, topology_rate_, marker_rate_, points_rate_;

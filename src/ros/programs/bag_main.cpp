@@ -54,6 +54,7 @@ private:
     void write_simulated(const std::vector<double> &times, rosbag::View *steps);
     std::shared_ptr<const Snapshot> snapshot(double time, const rosbag::MessageInstance &recorded);
     void write(double time, const Snapshot &snapshot);
+    void write_surface(double time, const Snapshot &snapshot);
     template <class Message, class Lines> void write_table(rosbag::View *view, Lines *table);
     void write_steps();
     void write_cuts();
@@ -72,6 +73,7 @@ private:
     std::map<uint32_t, std::string> differs_; /* by revision; empty: it is known here */
     std::map<uint32_t, std::shared_ptr<const pliant_body>> bodies_; /* those */
     std::unique_ptr<Warped> warped_;
+    std::shared_ptr<const pliant_surface> surface_;
     std::unique_ptr<Rerun> rerun_;
     int written_ = 0;
 };
@@ -152,7 +154,16 @@ void Extraction::write(double time, const Snapshot &snapshot)
     char name[64];
     std::snprintf(name, sizeof name, "/deformed_%08.3f.nii.gz", time);
     check(pliant_volume_write((arguments_.folder + name).c_str(), &warped_->volume()));
+    if (arguments_.surfaces) write_surface(time, snapshot);
     ++written_;
+}
+
+void Extraction::write_surface(double time, const Snapshot &snapshot)
+{
+    surface_ = surface_of(*snapshot.body, surface_);
+    char name[64];
+    std::snprintf(name, sizeof name, "/surface_%08.3f.ply", time);
+    check(pliant_surface_write((arguments_.folder + name).c_str(), surface_.get(), snapshot.positions.data(), 0, nullptr, nullptr));
 }
 
 void Extraction::write_recorded(const std::vector<double> &times, rosbag::View *states)

@@ -29,6 +29,7 @@ const char help[] =
     "  --at TIMES         seconds since the start of the bag, as rosbag play --start counts: 1.0 or 1.0,2.5\n"
     "  --every SECONDS    from the first state of the bag to its end\n"
     "  --out DIR          folder for the volumes; made if it is missing\n"
+    "  --surfaces         with every volume the surface and its cut faces too, DIR/surface_SSSS.SSS.ply\n"
     "  --simulate         make every step again from what the tools did, from the first load or reset in the bag on; volumes come from\n"
     "                     there. Fails where positions are not those of the recording, to the bit\n"
     "  --steps FILE       table (CSV) of every step: time, seconds by stage, what was put to use of work in the background\n"
@@ -41,16 +42,16 @@ const char help[] =
     "\n"
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C (what was written so far stays).\n";
 
-enum { SCAN = 256, SCENE, SET, AT, EVERY, OUT, SIMULATE, STEPS, CUTS, NAME, QUIET, HELP };
+enum { SCAN = 256, SCENE, SET, AT, EVERY, OUT, SURFACES, SIMULATE, STEPS, CUTS, NAME, QUIET, HELP };
 
 const struct option options[] = {
     {"scan", required_argument, nullptr, SCAN},   {"scene", required_argument, nullptr, SCENE},
     {"set", required_argument, nullptr, SET},     {"at", required_argument, nullptr, AT},
     {"every", required_argument, nullptr, EVERY}, {"out", required_argument, nullptr, OUT},
-    {"simulate", no_argument, nullptr, SIMULATE}, {"steps", required_argument, nullptr, STEPS},
-    {"cuts", required_argument, nullptr, CUTS},   {"ns", required_argument, nullptr, NAME},
-    {"quiet", no_argument, nullptr, QUIET},       {"help", no_argument, nullptr, HELP},
-    {nullptr, 0, nullptr, 0},
+    {"surfaces", no_argument, nullptr, SURFACES}, {"simulate", no_argument, nullptr, SIMULATE},
+    {"steps", required_argument, nullptr, STEPS}, {"cuts", required_argument, nullptr, CUTS},
+    {"ns", required_argument, nullptr, NAME},     {"quiet", no_argument, nullptr, QUIET},
+    {"help", no_argument, nullptr, HELP},         {nullptr, 0, nullptr, 0},
 };
 
 bool refuse(const std::string &message)
@@ -133,6 +134,7 @@ bool read_bag_arguments(int argc, char **argv, BagArguments *out, int *exit_code
             read.times.clear();
             break;
         case OUT: read.folder = optarg; break;
+        case SURFACES: read.surfaces = true; break;
         case SIMULATE: read.simulate = true; break;
         case STEPS: read.steps = optarg; break;
         case CUTS: read.cuts = optarg; break;

@@ -14,6 +14,7 @@ struct BagArguments {
     std::string bag, scan, folder, name = "tissue"; /* name: the namespace that was recorded */
     std::vector<double> times;                      /* since the start of the bag [s], ascending; or */
     double every = 0;                               /* [s]; 0: times */
+    bool surfaces = false;                          /* beside the volumes */
     bool simulate = false;                          /* every step is made again; volumes come from there */
     std::string steps, cuts;                        /* files for tables of the recorded steps and cuts; empty: none */
     bool quiet = false;

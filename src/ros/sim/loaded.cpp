@@ -123,6 +123,14 @@ std::shared_ptr<const pliant_body> share(const pliant_body *body)
     return std::shared_ptr<const pliant_body>(pliant_body_retain(body), pliant_body_release);
 }
 
+std::shared_ptr<const pliant_surface> surface_of(const pliant_body &body, const std::shared_ptr<const pliant_surface> &last)
+{
+    if (last && last->body == &body) return last;
+    pliant_surface *made = nullptr;
+    check(pliant_surface_create(&body, last.get(), &made));
+    return std::shared_ptr<const pliant_surface>(made, [](const pliant_surface *done) { pliant_surface_free(const_cast<pliant_surface *>(done)); });
+}
+
 int threads_of(const pliant_scene &scene)
 {
     if (scene.solver.threads > 0) return scene.solver.threads;

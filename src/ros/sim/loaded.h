@@ -48,6 +48,8 @@ struct Loaded {
 
 /* One more holder of a body. */
 std::shared_ptr<const pliant_body> share(const pliant_body *body);
+/* The surface of a body; of the one that was asked for last, Nullable, what is the same is taken over. Throws. */
+std::shared_ptr<const pliant_surface> surface_of(const pliant_body &body, const std::shared_ptr<const pliant_surface> &last);
 /* What messages call a body: no two of a node's life have the same number. */
 inline uint32_t revision_of(const Loaded &loaded, uint64_t body) { return loaded.revision + static_cast<uint32_t>(body - 1); }
 
