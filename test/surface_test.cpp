@@ -2,6 +2,8 @@
 #include "cuts.h"
 #include "pliant/surface.h"
 
+#include <fstream>
+
 namespace {
 
 struct Surface {
@@ -221,6 +223,48 @@ TEST(Surface, SaysWhatItIsMadeOf)
     }
     EXPECT_GT(seen[0], 10);
     EXPECT_GT(seen[1], 10);
+}
+
+TEST(Surface, IsWrittenAsAFile)
+{
+    auto bar = block(16, 16, 16, 8);
+    const double point[3] = {0.0083, 0.008, 0.008}, normal[3] = {1, 0.1, 0.05};
+    ASSERT_TRUE(bar->cut_plane(point, normal));
+    Surface surface(bar->now);
+    std::vector<double> moved = bar->positions;
+    std::vector<float> values(static_cast<size_t>(bar->now->fine.num_nodes));
+    for (size_t n = 0; n < values.size(); n++) {
+        moved[3 * n] += 0.1;
+        values[n] = static_cast<float>(2000 * bar->now->fine.rest[3 * n + 1]);
+    }
+    char folder[] = "/tmp/pliant_surface_XXXXXX";
+    ASSERT_TRUE(mkdtemp(folder));
+    const std::string path = std::string(folder) + "/a.ply";
+    const char *const names[] = {"height"};
+    ASSERT_EQ(pliant_surface_write(path.c_str(), surface.made, moved.data(), 1, names, values.data()), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(pliant_surface_write((path + "/b").c_str(), surface.made, moved.data(), 0, nullptr, nullptr), PLIANT_ERROR_FILE);
+    std::ifstream file(path);
+    std::string line;
+    size_t rows = 0, triangles = 0, cut = 0;
+    while (std::getline(file, line) && line != "end_header") {
+        if (line.compare(0, 15, "element vertex ") == 0) rows = std::stoul(line.substr(15));
+        if (line.compare(0, 13, "element face ") == 0) triangles = std::stoul(line.substr(13));
+    }
+    ASSERT_EQ(triangles, static_cast<size_t>(surface.made->num_triangles));
+    for (size_t row = 0; row < rows; row++) {
+        double at[3], rest[3], material, value;
+        ASSERT_TRUE(file >> at[0] >> at[1] >> at[2] >> rest[0] >> rest[1] >> rest[2] >> material >> value);
+        EXPECT_NEAR(at[0], rest[0] + 0.1, 1e-9);
+        EXPECT_NEAR(value, 2000 * rest[1], 1e-4);
+    }
+    for (size_t t = 0; t < triangles; t++) {
+        size_t count, corner[3], by_cut;
+        ASSERT_TRUE(file >> count >> corner[0] >> corner[1] >> corner[2] >> by_cut);
+        for (size_t c : corner) EXPECT_LT(c, rows);
+        cut += by_cut;
+    }
+    EXPECT_EQ(cut, triangles - static_cast<size_t>(surface.made->first_cut));
+    EXPECT_EQ(std::remove(path.c_str()) | std::remove(folder), 0);
 }
 
 TEST(Surface, EveryAllocationMayFail)

@@ -109,6 +109,9 @@ class CutTest(unittest.TestCase):
         self.assertEqual(len(pieces), 2, pieces)
         self.assertGreater(min(pieces), 0.3 * sum(pieces))
         self.assertGreater(len(topology.rest_parent), len(self.first.rest_parent))
+        self.assertEqual(self.first.first_cut, len(self.first.triangles) // 3)
+        self.assertGreater(len(topology.triangles) // 3, topology.first_cut, "faces of the cut")
+        self.assertLess(max(topology.triangles), len(topology.rest_parent) + len(topology.vertex_tetrahedron))
         cut = wait_for(lambda: self.cut.message if self.cut.message.revision == topology.revision and not self.cut.message.cutting else None, "knife/cut")
         self.assertEqual(cut.stroke, told + 1)
         width, depth = self.high[0] - self.low[0], self.high[1] - self.low[1]
@@ -243,9 +246,12 @@ class CutTest(unittest.TestCase):
             return state[1] == step[1] and not any(time < entry[0] < time + 1e-3 for entry in states + steps)
         last = next(time for time in (when + 1e-3 for when, _, _ in reversed(states[len(states) // 2:-1])) if is_settled(time))
         at = ["--at", "%.6f" % last]
-        self.run_bag(*at, "--out", self.folder + "/states")
+        self.run_bag(*at, "--surfaces", "--out", self.folder + "/states")
         self.run_bag(*at, "--simulate", "--out", self.folder + "/again")
-        name = os.listdir(self.folder + "/states")[0]
+        surface, = [name for name in os.listdir(self.folder + "/states") if name.endswith(".ply")]
+        with open(os.path.join(self.folder, "states", surface)) as file:
+            self.assertTrue(any(line.startswith("3 ") and line.endswith(" 1\n") for line in file), "faces that cuts have made")
+        name = os.listdir(self.folder + "/again")[0]
         numpy.testing.assert_array_equal(nifti_voxels(self.folder + "/states/" + name), nifti_voxels(self.folder + "/again/" + name))
 
 

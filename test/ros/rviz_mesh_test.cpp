@@ -74,6 +74,10 @@ TEST(TopologyCheck, SaysWhatIsWrong)
     broken([](Topology &t) { t.rest_parent.pop_back(); }, "rest_parent");
     broken([](Topology &t) { t.rest_parent[0] = 99; }, "rest_parent");
     broken([](Topology &t) { t.material.pop_back(); }, "material");
+    broken([](Topology &t) { t.vertex_tetrahedron = {10}; }, "vertex_tetrahedron");
+    broken([](Topology &t) { t.vertex_tetrahedron = {0}; }, "vertex_weight");
+    broken([](Topology &t) { t.vertex_tetrahedron = {0}, t.vertex_weight = {1, 0, 0, 0}; }, "vertex_material");
+    broken([](Topology &t) { t.triangles = {0, 1, 12}; }, "there are 12");
 }
 
 TEST(MeshShape, StatesThatDoNotMatchAreDropped)
@@ -175,6 +179,41 @@ TEST(MeshShape, SurfaceNormalsPointOutwards)
     }
     // each edge once: Euler's formula for a closed surface, V - E + F = 2
     EXPECT_EQ(int(surface.nodes.size()) - int(surface.edges.size() / 2) + int(surface.triangles.size() / 3), 2);
+}
+
+// A surface that ends at a cut: its own vertices move with their tetrahedra, and its rim is sharp.
+TEST(MeshShape, VerticesOfASurfaceMoveWithTheirTetrahedra)
+{
+    MeshShape mesh;
+    Topology topology = row(1);
+    const std::array<uint32_t, 4> first{{topology.tetrahedra[0], topology.tetrahedra[1], topology.tetrahedra[2], topology.tetrahedra[3]}};
+    topology.vertex_tetrahedron = {0};
+    topology.vertex_weight = {0.5f, 0.25f, 0.25f, 0};
+    topology.vertex_material = {9};
+    topology.triangles = {first[0], first[1], 8, first[1], first[0], first[2], 8, first[0], first[2]};
+    topology.first_cut = 2;
+    ASSERT_EQ(check(topology), "");
+    mesh.start(topology);
+    std::vector<float> moved = topology.rest, scalar(8, 0.0f);
+    for (size_t n = 0; n < 8; n++)
+        for (size_t d = 0; d < 3; d++) moved[3 * n + d] += 0.1f * float(n);
+    for (size_t n = 0; n < 8; n++) scalar[n] = float(n);
+    ASSERT_EQ(mesh.put(3, moved, scalar), MeshShape::SHOWN);
+    EXPECT_FLOAT_EQ(mesh.scalar_of(8), 0.5f * float(first[0]) + 0.25f * float(first[1]) + 0.25f * float(first[2]));
+    EXPECT_EQ(mesh.scalar_of(3), 3);
+    const Shape shape = mesh.surface();
+    ASSERT_EQ(shape.nodes.size(), 7u) << "four outside, three of the face of a cut";
+    int own = 0;
+    for (size_t n = 0; n < shape.nodes.size(); n++) {
+        if (shape.nodes[n] != 8) continue;
+        own++;
+        EXPECT_EQ(shape.material[n], 9);
+        for (size_t d = 0; d < 3; d++)
+            EXPECT_NEAR(shape.vertices[3 * n + d], 0.5f * moved[3 * first[0] + d] + 0.25f * moved[3 * first[1] + d] + 0.25f * moved[3 * first[2] + d], 1e-6);
+    }
+    EXPECT_EQ(own, 2);
+    // between nodes, three, which are on the rim or not; and the rim that ends at the vertex
+    EXPECT_EQ(shape.edges.size() / 2, 4u);
 }
 
 TEST(MeshShape, TheRangeLeavesOutWhatIsNoNumber)
