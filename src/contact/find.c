@@ -8,8 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double least_share = 0.01; /* of a corner's weight: below it, an edge or a triangle is touched at its border */
-static const double least_sag = 0.02;   /* of an edge's length: an edge or a triangle counts where it is deeper by that than its nodes are */
+/* an edge or a triangle counts where it is deeper than what borders it by this part of its size, of the part's depth, and by this much [m] */
+static const double sag_of_size = 0.02, sag_of_depth = 0.1, most_sag = 5e-5;
 static const double turned_away = 0.25; /* cosine between the part's normal and the tissue's beyond which the part is behind the surface */
 
 /* A node, an edge or a triangle of the surface, and where a part meets it. */
@@ -339,14 +339,14 @@ static void look(const search *on, feature *of)
         p += 1 + (int32_t)fmin(fmax(distance, 0) / part->stride, last);
         if (p > last) p = last;
     }
-    for (int32_t k = 0; of->count > 1 && k < of->count; k++) of->touches = of->touches && of->weight[k] >= least_share;
     if (of->count > 1 && !of->touches) of->gap = INFINITY;
 }
 
 /* an edge or a triangle touches where it is deeper than what borders it */
-static void keep_if_deeper(feature *of, double gap, double size)
+static void keep_if_deeper(const search *on, feature *of, double gap, double size)
 {
-    of->touches = of->touches && of->gap < gap - least_sag * size;
+    const double sag = fmin(fmin(sag_of_size * size, sag_of_depth * pliant_part_depth(on->part->part)), most_sag);
+    of->touches = of->touches && of->gap < gap - sag;
     if (!of->touches) of->gap = INFINITY;
 }
 
@@ -359,7 +359,7 @@ static void look_at_all(search *on)
         const double *a = on->positions + 3 * edge->node[0], *b = on->positions + 3 * edge->node[1];
         look(on, edge);
         if (edge->touches)
-            keep_if_deeper(edge, fmin(finder->node[finder->slot[edge->node[0]]].gap, finder->node[finder->slot[edge->node[1]]].gap),
+            keep_if_deeper(on, edge, fmin(finder->node[finder->slot[edge->node[0]]].gap, finder->node[finder->slot[edge->node[1]]].gap),
                            sqrt(pow(b[0] - a[0], 2) + pow(b[1] - a[1], 2) + pow(b[2] - a[2], 2)));
     }
     for (int32_t t = 0; t < on->triangles; t++) {
@@ -369,7 +369,7 @@ static void look_at_all(search *on)
         if (!face->touches) continue;
         for (int v = 0; v < 3; v++)
             gap = fmin(gap, fmin(finder->node[finder->slot[face->node[v]]].gap, finder->edge[finder->edge_of[3 * t + v]].gap));
-        keep_if_deeper(face, gap, sqrt(sqrt(dot(face->outwards, face->outwards))));
+        keep_if_deeper(on, face, gap, sqrt(sqrt(dot(face->outwards, face->outwards))));
     }
 }
 

@@ -1,0 +1,162 @@
+// Where parts that move touch the surface of the tissue: nothing passes, points are the same for everybody, and stand for the area in touch.
+#include "contact/find.h"
+#include "pipeline/body.h"
+#include "pliant/memory.h"
+
+#include <random>
+
+namespace {
+
+struct Found {
+    pliant_contacts contacts{};
+    Found() = default;
+    Found(const Found &) = delete;
+    Found &operator=(const Found &) = delete;
+    ~Found() { pliant_free(contacts.point); }
+};
+
+// A part that goes from pose to pose, in steps of half its depth.
+struct Moving {
+    pliant_part part;
+    std::vector<pliant_pose> poses;
+    pliant_moving_part moving{};
+
+    Moving(const pliant_part &what, const double from[3], const double to[3], const double rotation_from[4] = nullptr, const double rotation_to[4] = nullptr) : part(what)
+    {
+        const double identity[4] = {0, 0, 0, 1};
+        if (!rotation_from) rotation_from = rotation_to = identity;
+        double way = 0;
+        const double origin[3] = {0, 0, 0};
+        for (int d = 0; d < 3; d++) way += std::pow(to[d] - from[d], 2);
+        way = std::sqrt(way);
+        for (int d = 0; d < 4; d++) way += 2 * std::fabs(rotation_to[d] - rotation_from[d]) * pliant_part_reach(&part, origin);
+        const int steps = std::max(1, static_cast<int>(std::ceil(way / (0.5 * pliant_part_depth(&part)))));
+        pliant_tool_shape shape{};
+        for (int n = 0; n <= (way > 0 ? steps : 0); n++) {
+            const double share = way > 0 ? static_cast<double>(n) / steps : 1;
+            double tip[3], rotation[4];
+            for (int d = 0; d < 3; d++) tip[d] = from[d] + share * (to[d] - from[d]);
+            for (int d = 0; d < 4; d++) rotation[d] = rotation_from[d] + share * (rotation_to[d] - rotation_from[d]);
+            pliant_pose pose;
+            pliant_part_pose(&shape, PLIANT_FRAME_TIP, tip, rotation, 0, &pose);
+            poses.push_back(pose);
+        }
+        moving.kind = PLIANT_OBSTACLE_TOOL;
+        moving.friction = 0.2;
+        moving.num_poses = static_cast<int32_t>(poses.size());
+        moving.stride = way / steps;
+        moving.margin = 1e-3 + way;
+        moving.recovery = 2e-3;
+        moving.remembers = true;
+    }
+    const pliant_moving_part *get()
+    {
+        moving.part = &part;
+        moving.pose = poses.data();
+        return &moving;
+    }
+};
+
+// A sheet of one layer of cubes of 10 mm, 2 mm thick, at z = 0 to 2 mm.
+struct Sheet : Body {
+    Sheet(int across = 10) : Body(size, box, {{4000, 0.45, 1000, false}})
+    {
+        fix_plane(0.001, 0, 0, 1, 0, 0);
+        cells(across, across, 1, 1);
+        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_finder_create(&finder), PLIANT_OK);
+    }
+    ~Sheet() { pliant_finder_free(finder); }
+    pliant_status find(const pliant_moving_part *part, Found &found, int count = 1)
+    {
+        found.contacts.count = 0;
+        return pliant_contact_find(finder, data->body, data->positions, count, part, &found.contacts);
+    }
+    pliant_finder *finder = nullptr;
+
+private:
+    static constexpr int size[3] = {20, 20, 2};
+    static constexpr double box[3] = {0.1, 0.1, 0.002};
+};
+constexpr int Sheet::size[3];
+constexpr double Sheet::box[3];
+
+pliant_part ball(double radius) { return {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, radius, false}; }
+pliant_part rod(double radius, double length) { return {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, length}, radius, false}; }
+
+double gap_of(const Sheet &sheet, const pliant_contact_point &point)
+{
+    double gap = 0;
+    for (int d = 0; d < 3; d++) {
+        double at = -point.place[d];
+        for (int k = 0; k < point.count; k++) at += point.weight[k] * sheet.data->positions[3 * point.node[k] + d];
+        gap += point.normal[d] * at;
+    }
+    return gap;
+}
+
+void check(const Sheet &sheet, const pliant_contacts &contacts)
+{
+    for (int32_t n = 0; n < contacts.count; n++) {
+        const pliant_contact_point &point = contacts.point[n];
+        if (n > 0) ASSERT_LT(contacts.point[n - 1].feature, point.feature);
+        double sum = 0, size = 0;
+        for (int k = 0; k < point.count; k++) sum += point.weight[k];
+        for (double v : point.normal) size += v * v;
+        ASSERT_NEAR(sum, 1, 1e-12);
+        ASSERT_NEAR(size, 1, 1e-9);
+        ASSERT_TRUE(std::isfinite(gap_of(sheet, point)));
+        ASSERT_GT(point.area, 0);
+    }
+}
+
+TEST(Find, ABallAboveTheSheetTouchesTheTriangleUnderItAlone)
+{
+    Sheet sheet;
+    Found found;
+    const double at[3] = {0.0533, 0.0522, 0.002 + 0.0009}; // a needle's tip between nodes
+    Moving needle(ball(0.0005), at, at);
+    ASSERT_EQ(sheet.find(needle.get(), found), PLIANT_OK);
+    check(sheet, found.contacts);
+    ASSERT_EQ(found.contacts.count, 1);
+    const pliant_contact_point &point = found.contacts.point[0];
+    EXPECT_EQ(point.count, 3);
+    EXPECT_NEAR(point.normal[2], -1, 1e-6);
+    EXPECT_NEAR(gap_of(sheet, point), 0.0004, 1e-9);
+    EXPECT_NEAR(point.place[2], 0.0024, 1e-9);
+}
+
+// Nothing passes: a point holds the tissue before the part as far as it went.
+TEST(Find, NoneOfManySweepsPassesUndetected)
+{
+    Sheet sheet;
+    Found found;
+    std::mt19937 engine(1);
+    auto random = [&](double low, double high) { return low + (high - low) * std::uniform_real_distribution<double>()(engine); };
+    int missed = 0, behind = 0;
+    for (int n = 0; n < 10000; n++) {
+        const bool needle = n % 2;
+        const pliant_part part = rod(needle ? 0.0005 : 0.0042, needle ? 0.05 : 0.2);
+        const double side = n % 4 < 2 ? 1 : -1; // from above and from below
+        const double from[3] = {random(0.03, 0.07), random(0.03, 0.07), side > 0 ? 0.002 + part.radius + random(1e-4, 0.008) : -part.radius - random(1e-4, 0.008)};
+        const double to[3] = {from[0] + random(-0.005, 0.005), from[1] + random(-0.005, 0.005), side > 0 ? -random(0, 0.01) : 0.002 + random(0, 0.01)};
+        // the rod stands away from the sheet, at up to 60 degrees
+        const double tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI), half = 0.5 * (side > 0 ? tilt : M_PI - tilt);
+        const double rotation[4] = {std::sin(half) * std::cos(about), std::sin(half) * std::sin(about), 0, std::cos(half)};
+        Moving moving(part, from, to, rotation, rotation);
+        pliant_finder_forget(sheet.finder);
+        ASSERT_EQ(sheet.find(moving.get(), found), PLIANT_OK);
+        check(sheet, found.contacts);
+        double deepest = 0;
+        for (int32_t p = 0; p < found.contacts.count; p++)
+            if (found.contacts.point[p].normal[2] * side < 0) deepest = std::fmin(deepest, gap_of(sheet, found.contacts.point[p]));
+        missed += found.contacts.count == 0;
+        // the tissue under the tip has to go at least half as far as the tip has beyond the sheet
+        const double beyond = side > 0 ? 0.002 - (to[2] - part.radius) : to[2] + part.radius;
+        behind += deepest > -0.5 * beyond;
+    }
+    EXPECT_EQ(missed, 0);
+    EXPECT_EQ(behind, 0);
+}
+
+} // namespace
