@@ -222,6 +222,74 @@ TEST_F(Path, RefusesBladesThatCannotCut)
     refuses("cuts: [{time: 1, points: [[0, 0, 0]], depth: [0, 0, 1]}]", "");
 }
 
+const char shaped[] = "tools:\n"
+                      "  - name: driver\n"
+                      "    shape: {name: LARGE_NEEDLE_DRIVER_400006, offset: [0, 0, 0.001]}\n"
+                      "    poses: [{time: 0, position: [0, 0, 0]}, {time: 1, position: [0, 0, 0.01], jaw: 0.8}]\n"
+                      "  - name: own\n"
+                      "    shape:\n"
+                      "      parts:\n"
+                      "        - {kind: sphere, from: [0, 0, -0.01], radius: 0.002}\n"
+                      "        - {kind: box, from: [0, -0.001, -0.01], to: [0.002, 0.001, 0], moves: jaw_minus, cuts: true}\n"
+                      "      joint: [0, 0, -0.01]\n"
+                      "      axis: [0, 1, 0]\n"
+                      "    poses: [{time: 0, position: [0, 0, 0]}]\n";
+
+TEST_F(Path, ToolsHaveShapesAndJaws)
+{
+    ASSERT_EQ(read(shaped), PLIANT_OK) << pliant_last_error();
+    pliant_tool_shape driver;
+    ASSERT_EQ(pliant_tool_shape_find("large_needle_driver", &driver), PLIANT_OK);
+    const pliant_tool_shape &first = path_.tools[0].shape, &own = path_.tools[1].shape;
+    ASSERT_EQ(first.num_parts, driver.num_parts);
+    EXPECT_DOUBLE_EQ(first.part[0].to[2], driver.part[0].to[2] + 0.001);
+    EXPECT_DOUBLE_EQ(first.joint[2], driver.joint[2] + 0.001);
+    EXPECT_DOUBLE_EQ(pliant_path_jaw_at(&path_.tools[0], 0.25), 0.2);
+    EXPECT_DOUBLE_EQ(pliant_path_jaw_at(&path_.tools[0], 5), 0.8);
+    ASSERT_EQ(own.num_parts, 2);
+    EXPECT_EQ(own.part[0].kind, PLIANT_PART_SPHERE);
+    EXPECT_EQ(own.part[1].kind, PLIANT_PART_BOX);
+    EXPECT_EQ(own.part[1].frame, PLIANT_FRAME_JAW_MINUS);
+    EXPECT_TRUE(own.part[1].cuts);
+    EXPECT_FALSE(own.part[0].cuts);
+    EXPECT_DOUBLE_EQ(own.part[1].to[0], 0.002);
+    EXPECT_DOUBLE_EQ(own.axis[1], 1);
+}
+
+TEST_F(Path, RefusesShapesThatAreNone)
+{
+    auto with = [](const std::string &from, const std::string &to) {
+        std::string text = shaped;
+        text.replace(text.find(from), from.size(), to);
+        return text;
+    };
+    refuses(with("LARGE_NEEDLE_DRIVER_400006", "large_needle"), "line 2: tool 1 'driver': shape/name: there is no instrument 'large_needle': large_needle_driver, prograsp");
+    refuses(with("LARGE_NEEDLE_DRIVER_400006", "large_needle_driver_x"), "there is no instrument");
+    refuses(with("jaw: 0.8", "jaw: wide"), "poses/jaw: 'wide' is not a number");
+    refuses(with("kind: box", "kind: cone"), "line 5: tool 2 'own': shape/parts/kind: 'cone' is neither sphere, capsule nor box");
+    refuses(with("kind: sphere", "kind: capsule"), "shape/parts: a capsule needs from and to");
+    refuses(with(", radius: 0.002", ""), "shape/parts: a sphere needs a radius [m]");
+    refuses(with("jaw_minus", "jaw"), "shape/parts/moves: 'jaw' is neither tip, jaw_plus nor jaw_minus");
+    refuses(with("to: [0.002, 0.001, 0]", "to: [-0.002, 0.001, 0]"), "shape/parts: number 2: axis 0: low 0 must not be above high -0.002");
+    refuses(with("      axis: [0, 1, 0]\n", ""), "shape: jaws turn about a joint and an axis");
+    refuses(with("{name: LARGE_NEEDLE_DRIVER_400006, offset: [0, 0, 0.001]}", "{offset: [0, 0, 0.001]}"), "shape: needs a name");
+}
+
+TEST_F(Path, ReadsAShapeFromAFileOfItsOwn)
+{
+    pliant_tool_shape shape;
+    std::ofstream(name_) << "name: probe\noffset: [0, 0, 0.02]\n";
+    ASSERT_EQ(pliant_tool_shape_read(name_, &shape), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(shape.num_parts, 1);
+    EXPECT_DOUBLE_EQ(shape.part[0].to[2], 0.02 - shape.part[0].radius);
+    std::ofstream(name_) << "parts: [{kind: sphere, from: [0, 0, 0], radius: 0.00001}]\n";
+    EXPECT_EQ(pliant_tool_shape_read(name_, &shape), PLIANT_ERROR_FORMAT);
+    EXPECT_NE(std::string(pliant_last_error()).find(std::string(name_) + ": shape/parts: number 1: it is thinner than 0.1 mm"), std::string::npos) << pliant_last_error();
+    std::ofstream(name_) << "";
+    EXPECT_EQ(pliant_tool_shape_read(name_, &shape), PLIANT_ERROR_FORMAT);
+    EXPECT_EQ(shape.num_parts, 1) << "as it was";
+}
+
 TEST_F(Path, NamesAFileThatIsNotThere)
 {
     EXPECT_EQ(pliant_path_read("/nonexistent/path.yaml", &path_), PLIANT_ERROR_FILE);

@@ -217,6 +217,40 @@ TEST(Shapes, ABoxAroundAPartHoldsItsPoints)
     }
 }
 
+// What closed jaws are: side by side, their ends at the tip; open, apart by the angle.
+TEST(Shapes, InstrumentsHaveTheirTipsAtTheOrigin)
+{
+    for (const char *name : {"large_needle_driver", "prograsp_forceps", "monopolar_curved_scissors", "maryland_bipolar_forceps", "fenestrated_bipolar_forceps",
+                             "permanent_cautery_hook", "probe", "camera"}) {
+        pliant_tool_shape shape;
+        ASSERT_EQ(pliant_tool_shape_find(name, &shape), PLIANT_OK) << pliant_last_error();
+        double foremost = -1, tips[3][2] = {}, least = 1;
+        const double tip[3] = {0, 0, 0}, rotation[4] = {0, 0, 0, 1};
+        for (int32_t p = 0; p < shape.num_parts; p++) {
+            char reason[160];
+            const pliant_part &part = shape.part[p];
+            EXPECT_EQ(pliant_part_check(&part, true, reason, sizeof reason), nullptr) << reason;
+            double normal[3];
+            least = std::fmin(least, std::fabs(pliant_part_distance(&part, tip, normal)));
+            foremost = std::fmax(foremost, std::fmax(part.from[2], part.to[2]) + part.radius);
+            for (int open = 0; open < 2; open++) {
+                pliant_pose pose;
+                double end[3];
+                pliant_part_pose(&shape, part.frame, tip, rotation, open, &pose);
+                pliant_pose_to(&pose, part.to, end);
+                tips[part.frame][open] = end[1];
+            }
+        }
+        EXPECT_LT(foremost, 0.001) << name;
+        EXPECT_LT(least, 0.002) << name;
+        EXPECT_LE(tips[PLIANT_FRAME_JAW_PLUS][0], tips[PLIANT_FRAME_JAW_MINUS][0]) << name;
+        if (tips[PLIANT_FRAME_JAW_PLUS][0] != 0) {
+            EXPECT_NEAR(tips[1][1] - tips[1][0], tips[2][0] - tips[2][1], 1e-12) << "alike " << name;
+            EXPECT_LT(tips[1][1], tips[1][0] - 0.003) << name;
+        }
+    }
+}
+
 TEST(Shapes, WhatIsNoPartIsRefused)
 {
     char reason[160];

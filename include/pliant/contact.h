@@ -36,6 +36,16 @@ typedef struct pliant_tool_shape {
     double joint[3], axis[3]; /**< a point on the jaws' joint, and its direction */
 } pliant_tool_shape;
 
+/** The shape of an instrument by its name, that of the dVRK's tool files with or without the model's number: LARGE_NEEDLE_DRIVER_400006, prograsp_forceps;
+ *  also probe and camera. Where dimensions are published and where they are estimates stands in src/contact/instruments.c. The jaws turn about x;
+ *  a robot whose frame lies on their joint, as the dVRK's, needs what pliant_tool_shape_move does.
+ *  Errors: ARGUMENT (another name; the message lists them). */
+PLIANT_API pliant_status pliant_tool_shape_find(const char *name, pliant_tool_shape *out);
+/** A shape from a YAML file, as a tool of a path has it (path.h). Errors name file, field and line: FILE, FORMAT, MEMORY. */
+PLIANT_API pliant_status pliant_tool_shape_read(const char *path, pliant_tool_shape *out);
+/** By an offset in the tool's frame [m]. */
+PLIANT_API void pliant_tool_shape_move(pliant_tool_shape *shape, const double offset[3]);
+
 /** From the next step on; copied. No parts: the tool touches nothing, as at first.
  *  Errors: ARGUMENT (no such tool; a part that is none: not finite, thinner than 0.1 mm, an axis of no length). */
 PLIANT_API pliant_status pliant_tool_set_shape(pliant_data *data, int tool, const pliant_tool_shape *shape);

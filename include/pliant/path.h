@@ -19,13 +19,19 @@
  *             blade: {name: scalpel}   # or its edge in the tool's frame [m]: {from: [0, 0, -0.03], to: [0, 0, 0]}
  *             poses: [{time: 0, position: [x, y, z], rotation: [0, 0, 0, 1]}, ...]    # of its tip [m], LPS; quaternion x y z w
  *             cut: [{from: 0.2, to: 1.4}]                                             # [s]
+ *  Any tool with poses may have a shape, which pushes tissue that it touches, and a pose an angle of its jaws, 0 where it says none:
+ *             shape: {name: large_needle_driver}                                      # contact.h lists them; or its own parts [m]:
+ *             shape: {parts: [{kind: capsule, from: [0, 0, -0.1], to: [0, 0, 0], radius: 0.004}], offset: [0, 0, 0.01]}
+ *             poses: [{time: 0, position: [x, y, z], jaw: 0.5}, ...]                  # [rad]
+ *  Parts are of kind sphere (from: its centre), capsule (from, to: its axis) or box (from, to: corners); moves: jaw_plus or jaw_minus turns one about
+ *  the shape's joint: [x, y, z] and axis: [x, y, z]; cuts: true leaves it out while the blade is on; offset moves the whole.
  *  Cuts at once, without a tool, along a line of points of the tissue as it lies then, and as deep as `depth` [m]:
  *      cuts: [{time: 1, points: [[x, y, z], [x, y, z]], depth: [0, 0.05, 0]}]
  */
 #ifndef PLIANT_PATH_H
 #define PLIANT_PATH_H
 
-#include "pliant/data.h"
+#include "pliant/contact.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -38,6 +44,7 @@ typedef struct pliant_path_key {
 typedef struct pliant_path_pose {
     double time;                      /**< [s] */
     double position[3], rotation[4];  /**< LPS [m], quaternion x y z w */
+    double jaw;                       /**< angle [rad] */
 } pliant_path_pose;
 typedef struct pliant_path_span { double from, to; } pliant_path_span; /**< [s], both ends among it */
 typedef struct pliant_path_cut {
@@ -55,6 +62,7 @@ typedef struct pliant_path_tool {
     pliant_path_key *motion;  /**< of what it grasps; NULL: it has poses */
     uint32_t num_motion;
     double blade_from[3], blade_to[3]; /**< its edge, in its frame [m]; both equal: none */
+    pliant_tool_shape shape;  /**< without parts: none */
     pliant_path_pose *poses;  /**< Nullable */
     uint32_t num_poses;
     pliant_path_span *cut;    /**< Nullable; when its blade is on */
@@ -82,6 +90,8 @@ PLIANT_API void pliant_path_free(pliant_path *path);
 PLIANT_API bool pliant_path_at(const pliant_path_tool *tool, double time, double value[3]);
 /** Pose of a tool at a time, held before the first and after the last; false: it has none. */
 PLIANT_API bool pliant_path_pose_at(const pliant_path_tool *tool, double time, double position[3], double rotation[4]);
+/** Angle of its jaw at a time [rad], likewise; 0 of a tool without poses. */
+PLIANT_API double pliant_path_jaw_at(const pliant_path_tool *tool, double time);
 /** Whether its blade is on. */
 PLIANT_API bool pliant_path_cuts(const pliant_path_tool *tool, double time);
 /** Gravity at a time; false: the path says nothing of it. */

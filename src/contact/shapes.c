@@ -126,6 +126,17 @@ const char *pliant_part_check(const pliant_part *part, bool of_tool, char *reaso
     return NULL;
 }
 
+void pliant_tool_shape_move(pliant_tool_shape *shape, const double offset[3])
+{
+    for (int d = 0; d < 3; d++) {
+        shape->joint[d] += offset[d];
+        for (int32_t p = 0; p < shape->num_parts; p++) {
+            shape->part[p].from[d] += offset[d];
+            if (shape->part[p].kind != PLIANT_PART_HALF_SPACE) shape->part[p].to[d] += offset[d];
+        }
+    }
+}
+
 /* ---- poses */
 
 void pliant_pose_turn(const pliant_pose *pose, const double local[3], double out[3])

@@ -4,6 +4,7 @@
 #include "base/rotate.h"
 #include "scene/yaml.h"
 #include "interact/blade.h"
+#include "interact/shape_text.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -23,7 +24,7 @@ typedef struct text_blade {
 } text_blade;
 
 typedef struct text_pose {
-    char *time, **position, **rotation;
+    char *time, **position, **rotation, *jaw;
 } text_pose;
 
 typedef struct text_span {
@@ -36,6 +37,7 @@ typedef struct text_tool {
     text_key *motion;
     uint32_t num_motion;
     text_blade *blade;
+    pliant_shape_text *shape;
     text_pose *poses;
     uint32_t num_poses;
     text_span *cut;
@@ -87,6 +89,7 @@ static const cyaml_schema_field_t pose_fields[] = {
     CYAML_FIELD_STRING_PTR("time", CYAML_FLAG_POINTER, text_pose, time, 0, CYAML_UNLIMITED),
     CYAML_FIELD_SEQUENCE_FIXED("position", CYAML_FLAG_POINTER, text_pose, position, &word, 3),
     CYAML_FIELD_SEQUENCE_FIXED("rotation", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_pose, rotation, &word, 4),
+    CYAML_FIELD_STRING_PTR("jaw", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_pose, jaw, 0, CYAML_UNLIMITED),
     CYAML_FIELD_END,
 };
 static const cyaml_schema_value_t pose_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_pose, pose_fields)};
@@ -112,6 +115,7 @@ static const cyaml_schema_field_t tool_fields[] = {
     CYAML_FIELD_SEQUENCE_FIXED("grasp", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, grasp, &word, 3),
     CYAML_FIELD_SEQUENCE_COUNT("motion", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, motion, num_motion, &key_value, 1, MOST_KEYS),
     CYAML_FIELD_MAPPING_PTR("blade", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, blade, blade_fields),
+    CYAML_FIELD_MAPPING_PTR("shape", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, shape, pliant_shape_fields),
     CYAML_FIELD_SEQUENCE_COUNT("poses", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, poses, num_poses, &pose_value, 1, MOST_KEYS),
     CYAML_FIELD_SEQUENCE_COUNT("cut", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, cut, num_cut, &span_value, 1, MOST_KEYS),
     CYAML_FIELD_END,
@@ -230,7 +234,8 @@ static bool read_poses(const text_tool *text, pliant_path_tool *out, char reason
         if (!read_number("poses/time", from->time, &pose->time, reason) ||
             !check_time("poses/time", pose->time, p > 0, p > 0 ? pose[-1].time : 0, reason) ||
             !read_numbers("poses/position", from->position, 3, pose->position, reason) ||
-            (from->rotation && !read_numbers("poses/rotation", from->rotation, 4, pose->rotation, reason)))
+            (from->rotation && !read_numbers("poses/rotation", from->rotation, 4, pose->rotation, reason)) ||
+            (from->jaw && !read_number("poses/jaw", from->jaw, &pose->jaw, reason)))
             return false;
         double size = 0;
         for (int d = 0; d < 4; ++d) size += pose->rotation[d] * pose->rotation[d];
@@ -282,6 +287,7 @@ static bool read_posed(const text_tool *text, pliant_path_tool *out, char reason
         snprintf(reason, REASON_SIZE, "cut: needs a blade, as in blade: {name: scalpel}");
         return false;
     }
+    if (text->shape && !pliant_shape_from_text(text->shape, &out->shape, reason, REASON_SIZE)) return false;
     return read_poses(text, out, reason) && (!text->blade || read_blade(text, out, reason)) && (!text->cut || read_spans(text, out, reason));
 }
 
@@ -309,8 +315,8 @@ static bool read_tool(const text_tool *text, pliant_path_tool *out, char reason[
 {
     if (!read_name(text->name, out->name, sizeof out->name, reason)) return false;
     if (text->poses) return read_posed(text, out, reason);
-    if (!text->grasp || !text->motion || text->blade || text->cut) {
-        snprintf(reason, REASON_SIZE, "grasp: a tool needs grasp and motion, or poses; one with a blade has poses");
+    if (!text->grasp || !text->motion || text->blade || text->shape || text->cut) {
+        snprintf(reason, REASON_SIZE, "grasp: a tool needs grasp and motion, or poses; one with a blade or a shape has poses");
         return false;
     }
     if (!read_drive(text->drive, &out->drive, reason)) return false;
@@ -342,6 +348,15 @@ static pliant_status read_probes(const text_path *text, const char *yaml, const 
     return PLIANT_OK;
 }
 
+/* of tools, their blades and shapes: libcyaml has accepted the document, and every tool has one name, which comes first */
+static int names_before(const text_path *text, uint32_t tool)
+{
+    int count = 0;
+    for (uint32_t n = 0; n < tool; ++n)
+        count += 1 + (text->tools[n].blade && text->tools[n].blade->name) + (text->tools[n].shape && text->tools[n].shape->name);
+    return count;
+}
+
 static pliant_status convert(const text_path *text, const char *yaml, const char *name, pliant_path *out)
 {
     for (uint32_t n = 0; n < text->num_tools; ++n) {
@@ -354,9 +369,8 @@ static pliant_status convert(const text_path *text, const char *yaml, const char
             }
         if (good) continue;
         if (!reason[0]) return pliant_fail_memory("a tool path");
-        /* the line of the tool: libcyaml has accepted the document, and every tool has one name */
         return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: tool %u '%.48s': %s", name,
-                           pliant_yaml_line(yaml, "name", (int)n, 1), n + 1, text->tools[n].name, reason);
+                           pliant_yaml_line(yaml, "name", names_before(text, n), 1), n + 1, text->tools[n].name, reason);
     }
     for (uint32_t n = 0; n < text->num_cuts; ++n) {
         char wrong[REASON_SIZE] = "";
@@ -452,16 +466,32 @@ bool pliant_path_at(const pliant_path_tool *tool, double time, double value[3])
     return tool->release <= 0.0 || time < tool->release;
 }
 
+/* The poses before and after a time, and how far it is between them. */
+static double find_poses(const pliant_path_tool *tool, double time, const pliant_path_pose **before, const pliant_path_pose **after)
+{
+    uint32_t next = 0;
+    while (next < tool->num_poses && tool->poses[next].time <= time) ++next;
+    *before = tool->poses + (next > 0 ? next - 1 : 0);
+    *after = next < tool->num_poses ? tool->poses + next : *before;
+    return (*after)->time > (*before)->time ? fmax((time - (*before)->time) / ((*after)->time - (*before)->time), 0) : 0;
+}
+
 bool pliant_path_pose_at(const pliant_path_tool *tool, double time, double position[3], double rotation[4])
 {
     if (tool->num_poses == 0) return false;
-    uint32_t after = 0;
-    while (after < tool->num_poses && tool->poses[after].time <= time) ++after;
-    const pliant_path_pose *a = tool->poses + (after > 0 ? after - 1 : 0), *b = after < tool->num_poses ? tool->poses + after : a;
-    double part = b->time > a->time ? fmax((time - a->time) / (b->time - a->time), 0) : 0;
+    const pliant_path_pose *a, *b;
+    const double part = find_poses(tool, time, &a, &b);
     for (int d = 0; d < 3; ++d) position[d] = a->position[d] + part * (b->position[d] - a->position[d]);
     pliant_rotation_between(a->rotation, b->rotation, part, rotation);
     return true;
+}
+
+double pliant_path_jaw_at(const pliant_path_tool *tool, double time)
+{
+    if (tool->num_poses == 0) return 0;
+    const pliant_path_pose *a, *b;
+    const double part = find_poses(tool, time, &a, &b);
+    return a->jaw + part * (b->jaw - a->jaw);
 }
 
 bool pliant_path_cuts(const pliant_path_tool *tool, double time)

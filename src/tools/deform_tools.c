@@ -1,5 +1,6 @@
 #include "deform_tools.h"
 
+#include "pliant/contact.h"
 #include "pliant/fail.h"
 
 #include <errno.h>
@@ -21,6 +22,8 @@ static pliant_status begin_tool(const pliant_path_tool *tool, const pliant_model
     if (status < 0) return status;
     if (pliant_path_pose_at(tool, 0.0, tip, rotation)) {
         status = pliant_tool_set_pose(data, index, tip, rotation);
+        if (status >= 0) status = pliant_tool_set_shape(data, index, &tool->shape);
+        if (status >= 0) status = pliant_tool_set_jaw(data, index, pliant_path_jaw_at(tool, 0.0));
         return status < 0 ? status : pliant_tool_set_blade(data, index, tool->blade_from, tool->blade_to);
     }
     status = pliant_tool_set_pose(data, index, tool->grasp, NULL);
@@ -71,13 +74,14 @@ static void print_stroke(deform_tools *tools, const pliant_data *data, int index
     tools->before[index] = state.severed_area;
 }
 
-static pliant_status move_blade(deform_tools *tools, pliant_data *data, int index, double time)
+static pliant_status move_posed(deform_tools *tools, pliant_data *data, int index, double time)
 {
     const pliant_path_tool *tool = &tools->path->tools[index];
     double tip[3], rotation[4];
     pliant_tool_state state;
     pliant_path_pose_at(tool, time, tip, rotation);
     pliant_status status = pliant_tool_set_pose(data, index, tip, rotation);
+    if (status >= 0) status = pliant_tool_set_jaw(data, index, pliant_path_jaw_at(tool, time));
     if (status >= 0) status = pliant_tool_get(data, index, &state);
     const bool cuts = pliant_path_cuts(tool, time);
     if (status < 0 || cuts == state.cutting) return status;
@@ -101,7 +105,7 @@ pliant_status deform_tools_move(deform_tools *tools, const pliant_model *model, 
     const pliant_path *path = tools->path;
     pliant_status status = PLIANT_OK;
     for (uint32_t n = 0; n < path->num_tools && status >= 0; ++n)
-        status = path->tools[n].num_poses > 0 ? move_blade(tools, data, (int)n, time) : move_hold(&path->tools[n], data, (int)n, time);
+        status = path->tools[n].num_poses > 0 ? move_posed(tools, data, (int)n, time) : move_hold(&path->tools[n], data, (int)n, time);
     for (; tools->next < path->num_cuts && path->cuts[tools->next].time <= time && status >= 0; ++tools->next) {
         const pliant_path_cut *cut = &path->cuts[tools->next];
         pliant_cut_report report;

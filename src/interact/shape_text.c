@@ -1,0 +1,117 @@
+#include "interact/shape_text.h"
+
+#include "base/fail.h"
+#include "contact/shapes.h"
+#include "pliant/memory.h"
+
+#include <stdio.h>
+#include <string.h>
+
+static const cyaml_schema_value_t word = {CYAML_VALUE_STRING(CYAML_FLAG_POINTER, char, 0, CYAML_UNLIMITED)};
+#define OPTIONAL (CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL)
+#define WORD_FIELD(type, name, flags) CYAML_FIELD_STRING_PTR(#name, flags, type, name, 0, CYAML_UNLIMITED)
+#define VECTOR_FIELD(type, name, flags) CYAML_FIELD_SEQUENCE_FIXED(#name, flags, type, name, &word, 3)
+static const cyaml_schema_field_t part_fields[] = {
+    WORD_FIELD(pliant_part_text, kind, CYAML_FLAG_POINTER), WORD_FIELD(pliant_part_text, moves, OPTIONAL), WORD_FIELD(pliant_part_text, radius, OPTIONAL),
+    WORD_FIELD(pliant_part_text, cuts, OPTIONAL), VECTOR_FIELD(pliant_part_text, from, CYAML_FLAG_POINTER), VECTOR_FIELD(pliant_part_text, to, OPTIONAL),
+    CYAML_FIELD_END,
+};
+static const cyaml_schema_value_t part_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, pliant_part_text, part_fields)};
+const cyaml_schema_field_t pliant_shape_fields[] = {
+    WORD_FIELD(pliant_shape_text, name, OPTIONAL), VECTOR_FIELD(pliant_shape_text, offset, OPTIONAL),
+    CYAML_FIELD_SEQUENCE_COUNT("parts", OPTIONAL, pliant_shape_text, parts, num_parts, &part_value, 1, PLIANT_MAX_PARTS),
+    VECTOR_FIELD(pliant_shape_text, joint, OPTIONAL), VECTOR_FIELD(pliant_shape_text, axis, OPTIONAL), CYAML_FIELD_END,
+};
+static const cyaml_schema_value_t shape_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_POINTER, pliant_shape_text, pliant_shape_fields)};
+
+static bool read_number(const char *field, const char *text, double *out, char *reason, size_t size)
+{
+    if (pliant_parse_real(text, out)) return true;
+    snprintf(reason, size, "shape/%s: '%.64s' is not a number", field, text);
+    return false;
+}
+
+static bool read_vector(const char *field, char *const *text, double out[3], char *reason, size_t size)
+{
+    for (int d = 0; text && d < 3; d++)
+        if (!read_number(field, text[d], &out[d], reason, size)) return false;
+    return true;
+}
+
+/* one of count names; a NULL text is the first. -1: another */
+static int choose(const char *text, const char *const *names, int count)
+{
+    for (int n = 0; n < count; n++)
+        if (!text || strcmp(text, names[n]) == 0) return n;
+    return -1;
+}
+
+static bool read_part(const pliant_part_text *text, pliant_part *out, char *reason, size_t size)
+{
+    static const char *const kinds[] = {"sphere", "capsule", "box"}, *const frames[] = {"tip", "jaw_plus", "jaw_minus"};
+    const int kind = choose(text->kind, kinds, 3), frame = choose(text->moves, frames, 3);
+    if (kind < 0) snprintf(reason, size, "shape/parts/kind: '%.64s' is neither sphere, capsule nor box", text->kind);
+    else if (frame < 0) snprintf(reason, size, "shape/parts/moves: '%.64s' is neither tip, jaw_plus nor jaw_minus", text->moves);
+    else if (!text->to != (kind == PLIANT_PART_SPHERE))
+        snprintf(reason, size, kind == PLIANT_PART_SPHERE ? "shape/parts/to: a sphere has its centre alone, from" : "shape/parts: a %s needs from and to", kinds[kind]);
+    else if (!text->radius && kind != PLIANT_PART_BOX) snprintf(reason, size, "shape/parts: a %s needs a radius [m]", kinds[kind]);
+    else if (text->cuts && !pliant_parse_bool(text->cuts, &out->cuts)) snprintf(reason, size, "shape/parts/cuts: '%.64s' is neither true nor false", text->cuts);
+    else {
+        out->kind = (pliant_part_kind)kind;
+        out->frame = (pliant_part_frame)frame;
+        return read_vector("parts/from", text->from, out->from, reason, size) && read_vector("parts/to", text->to, out->to, reason, size) &&
+               (!text->radius || read_number("parts/radius", text->radius, &out->radius, reason, size));
+    }
+    return false;
+}
+
+static bool read_parts(const pliant_shape_text *text, pliant_tool_shape *out, char *reason, size_t size)
+{
+    char why[160];
+    bool turns = false;
+    out->num_parts = (int32_t)text->num_parts;
+    for (uint32_t p = 0; p < text->num_parts; p++) {
+        if (!read_part(text->parts + p, out->part + p, reason, size)) return false;
+        turns = turns || out->part[p].frame != PLIANT_FRAME_TIP;
+        if (!pliant_part_check(out->part + p, true, why, sizeof why)) continue;
+        snprintf(reason, size, "shape/parts: number %u: %s", p + 1, why);
+        return false;
+    }
+    if (turns && (!text->joint || !text->axis)) {
+        snprintf(reason, size, "shape: jaws turn about a joint and an axis, as in joint: [0, 0, -0.01], axis: [1, 0, 0]");
+        return false;
+    }
+    return read_vector("joint", text->joint, out->joint, reason, size) && read_vector("axis", text->axis, out->axis, reason, size);
+}
+
+bool pliant_shape_from_text(const pliant_shape_text *text, pliant_tool_shape *out, char *reason, size_t size)
+{
+    pliant_tool_shape shape = {.num_parts = 0};
+    double offset[3] = {0, 0, 0};
+    if (!text->name == !text->parts || (text->name && (text->joint || text->axis))) {
+        snprintf(reason, size, "shape: needs a name, as in {name: probe}, or parts, as in {parts: [{kind: sphere, from: [0, 0, 0], radius: 0.004}]}");
+        return false;
+    }
+    if (text->name && pliant_tool_shape_find(text->name, &shape) != PLIANT_OK) {
+        snprintf(reason, size, "shape/name: %.230s", pliant_last_error());
+        return false;
+    }
+    if (!text->name && !read_parts(text, &shape, reason, size)) return false;
+    if (!read_vector("offset", text->offset, offset, reason, size)) return false;
+    pliant_tool_shape_move(&shape, offset);
+    *out = shape;
+    return true;
+}
+
+pliant_status pliant_tool_shape_read(const char *path, pliant_tool_shape *out)
+{
+    char *yaml = NULL, reason[256];
+    void *document = NULL;
+    pliant_status status = pliant_text_read(path, &yaml);
+    if (status == PLIANT_OK) status = pliant_yaml_load(yaml, path, &shape_value, &document);
+    if (status == PLIANT_OK && !document) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is empty; a name or parts are needed", path);
+    if (status == PLIANT_OK && !pliant_shape_from_text(document, out, reason, sizeof reason)) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s", path, reason);
+    pliant_yaml_free(&shape_value, document);
+    pliant_free(yaml);
+    return status;
+}
