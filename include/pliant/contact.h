@@ -52,6 +52,21 @@ PLIANT_API pliant_status pliant_tool_set_shape(pliant_data *data, int tool, cons
 /** Angle between the jaws [rad], from the next step on; 0: closed. Errors: ARGUMENT (no such tool, not finite). */
 PLIANT_API pliant_status pliant_tool_set_jaw(pliant_data *data, int tool, double angle);
 
+/** Where tissue is pressed. */
+typedef struct pliant_contact {
+    int32_t tool, part;    /**< that presses; -1: what does not move, or tissue */
+    bool tissue;           /**< tissue presses */
+    double place[3];       /**< LPS [m] */
+    double normal[3];      /**< unit, into the tissue that is pressed */
+    double force[3];       /**< on it [N] */
+    double area;           /**< that it stands for, at rest [m^2] */
+    double depth;          /**< of it in what presses; below 0: it has moved away again [m] */
+} pliant_contact;
+/** Of the last step, in an order that stays the same while they are the same. @param room of out. @return how many there are, which may be more */
+PLIANT_API int32_t pliant_data_get_contacts(const pliant_data *data, int32_t room, pliant_contact *out);
+/** Force by contact on every node of the fine mesh in the last step. @param out (body's fine.num_nodes x 3) [N] */
+PLIANT_API void pliant_data_get_contact_forces(const pliant_data *data, double *out);
+
 #ifdef __cplusplus
 }
 #endif

@@ -45,6 +45,8 @@ typedef struct pliant_tool_state {
     int32_t num_held;      /**< fine nodes that share the force */
     double held_point[3];  /**< where the held point is after the last step, LPS [m] */
     double force[3];       /**< of the tool on the tissue in the last step, by its hold or its blade [N] */
+    double contact_force[3];  /**< and by its shape (contact.h) [N] */
+    double contact_torque[3]; /**< the same about its tip [N m] */
     bool cutting;          /**< its blade is on */
     bool engaged;          /**< and in tissue */
     double engaged_length; /**< of its edge that is [m] */

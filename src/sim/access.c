@@ -1,6 +1,6 @@
 /* What a model and a data tell of themselves. */
 #include "base/fail.h"
-#include "state/data.h"
+#include "sim/contact.h"
 
 #include <string.h>
 
@@ -63,6 +63,7 @@ pliant_status pliant_tool_get(const pliant_data *data, int tool, pliant_tool_sta
     memcpy(told.driving_force, from->driving_force, sizeof told.driving_force);
     memcpy(told.held_point, from->held_point, sizeof told.held_point);
     memcpy(told.force, from->force, sizeof told.force);
+    pliant_contact_wrench(data, tool, told.contact_force, told.contact_torque);
     *out = told;
     return PLIANT_OK;
 }

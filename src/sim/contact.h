@@ -17,6 +17,8 @@ void pliant_contact_forget(pliant_data *data);
 /* Of a simulation that goes on as another one, of the same body. Errors: MEMORY */
 pliant_status pliant_contact_copy(const pliant_data *from, pliant_data *to);
 void pliant_contact_free(pliant_data *data);
+/* ---- contact_access.c: of a tool's parts on the tissue in the last step, about where its tip was [N, N m] */
+void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], double torque[3]);
 
 #ifdef __cplusplus
 }

@@ -193,6 +193,63 @@ TEST(ContactSolver, JawsLiftByFrictionAndSlip)
     }
 }
 
+// A tool's sphere that is pushed in at a slant: its wrench is what holds the block, and what the points and nodes tell.
+TEST(ContactSolver, WrenchOfAToolIsTheReaction)
+{
+    Block block(8, 6, 0.3);
+    block.fix_below();
+    ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+    pliant_data *data = block.data;
+    int tool;
+    pliant_tool_shape shape{};
+    shape.num_parts = 1;
+    shape.part[0].kind = PLIANT_PART_SPHERE;
+    shape.part[0].from[2] = 0.01; // its tip is the sphere's lowest point
+    shape.part[0].radius = 0.01;
+    ASSERT_EQ(pliant_tool_add(block.model, data, "probe", &tool), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_shape(data, tool, &shape), PLIANT_OK) << pliant_last_error();
+    double tip[3] = {0.055, 0.065, block.height + 0.001};
+    for (int s = 0; s < 12; s++) {
+        ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_GE(pliant_step(block.model, data), 0);
+        tip[0] += 0.0002;
+        tip[2] -= 0.0005;
+    }
+    for (int s = 0; s < 5; s++) ASSERT_GE(pliant_step(block.model, data), 0);
+    pliant_tool_state state;
+    ASSERT_EQ(pliant_tool_get(data, tool, &state), PLIANT_OK);
+    double held[3], sum[3] = {0, 0, 0}, nodes[3] = {0, 0, 0}, torque[3] = {0, 0, 0};
+    block.reaction(held);
+    EXPECT_LT(state.contact_force[2], -0.01);
+    for (int d = 0; d < 3; d++) EXPECT_NEAR(state.contact_force[d], -held[d], 1e-3 * -state.contact_force[2]);
+    std::vector<pliant_contact> told(static_cast<size_t>(pliant_data_get_contacts(data, 0, nullptr)));
+    ASSERT_GT(told.size(), 0u);
+    EXPECT_EQ(told.size(), static_cast<size_t>(data->statistics.contacts));
+    EXPECT_EQ(pliant_data_get_contacts(data, static_cast<int32_t>(told.size()), told.data()), static_cast<int32_t>(told.size()));
+    for (const pliant_contact &c : told) {
+        EXPECT_EQ(c.tool, tool);
+        EXPECT_LT(std::fabs(c.depth), 2e-5);
+        for (int d = 0; d < 3; d++) {
+            const int e = (d + 1) % 3, f = (d + 2) % 3;
+            sum[d] += c.force[d];
+            torque[d] += (c.place[e] - state.tip[e]) * c.force[f] - (c.place[f] - state.tip[f]) * c.force[e];
+        }
+    }
+    std::vector<double> forces(3 * static_cast<size_t>(block.model->body->fine.num_nodes));
+    pliant_data_get_contact_forces(data, forces.data());
+    for (size_t i = 0; i < forces.size(); i++) nodes[i % 3] += forces[i];
+    for (int d = 0; d < 3; d++) {
+        EXPECT_NEAR(sum[d], state.contact_force[d], 1e-12);
+        EXPECT_NEAR(nodes[d], state.contact_force[d], 1e-9);
+        EXPECT_NEAR(torque[d], state.contact_torque[d], 1e-12);
+    }
+    pliant_tool_lost(data, tool);
+    ASSERT_GE(pliant_step(block.model, data), 0);
+    EXPECT_EQ(data->statistics.contacts, 0);
+    ASSERT_EQ(pliant_tool_get(data, tool, &state), PLIANT_OK);
+    EXPECT_EQ(state.contact_force[2], 0);
+}
+
 // The same input gives the same bits, with one thread or two.
 TEST(ContactSolver, SameBits)
 {

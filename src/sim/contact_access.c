@@ -1,0 +1,77 @@
+/* What a step tells of contacts. */
+#include "base/fail.h"
+#include "sim/contact.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Where a point's force acts: on the side that it is of. */
+static void place_of(const pliant_data *data, const pliant_contact_point *point, double out[3])
+{
+    double whole = 0;
+    memset(out, 0, 3 * sizeof *out);
+    for (int32_t k = 0; k < point->count; k++) {
+        if (!(point->weight[k] > 0)) continue;
+        whole += point->weight[k];
+        for (int d = 0; d < 3; d++) out[d] += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
+    }
+    for (int d = 0; d < 3; d++) out[d] /= whole;
+}
+
+/* not of a body that an undone cut has taken back */
+static bool presses(const pliant_data *data, const pliant_contact_point *point)
+{
+    for (int32_t k = 0; k < point->count; k++)
+        if (point->node[k] >= data->body->fine.num_nodes) return false;
+    return point->force[0] != 0 || point->force[1] != 0 || point->force[2] != 0;
+}
+
+int32_t pliant_data_get_contacts(const pliant_data *data, int32_t room, pliant_contact *out)
+{
+    int32_t count = 0;
+    for (int32_t p = 0; p < data->contacts.count; p++) {
+        const pliant_contact_point *point = data->contacts.point + p;
+        if (!presses(data, point)) continue;
+        if (count++ >= room) continue;
+        pliant_contact *told = out + count - 1;
+        *told = (pliant_contact){.tool = point->kind == PLIANT_OBSTACLE_TOOL ? point->tool : -1, .part = point->part, .area = point->area};
+        told->tissue = point->kind == PLIANT_OBSTACLE_TISSUE;
+        place_of(data, point, told->place);
+        memcpy(told->normal, point->normal, sizeof told->normal);
+        memcpy(told->force, point->force, sizeof told->force);
+        for (int d = 0; d < 3; d++) {
+            double apart = -point->place[d];
+            for (int32_t k = 0; k < point->count; k++) apart += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
+            told->depth -= point->normal[d] * apart;
+        }
+    }
+    return count;
+}
+
+void pliant_data_get_contact_forces(const pliant_data *data, double *out)
+{
+    memset(out, 0, 3 * (size_t)data->body->fine.num_nodes * sizeof *out);
+    for (int32_t p = 0; p < data->contacts.count; p++) {
+        const pliant_contact_point *point = data->contacts.point + p;
+        for (int32_t k = 0; k < point->count && presses(data, point); k++)
+            for (int d = 0; d < 3; d++) out[3 * (size_t)point->node[k] + (size_t)d] += point->weight[k] * point->force[d];
+    }
+}
+
+void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], double torque[3])
+{
+    const double *tip = data->tools[tool].last.tip;
+    memset(force, 0, 3 * sizeof *force);
+    memset(torque, 0, 3 * sizeof *torque);
+    for (int32_t p = 0; p < data->contacts.count; p++) {
+        const pliant_contact_point *point = data->contacts.point + p;
+        if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != tool || !presses(data, point)) continue;
+        double arm[3];
+        place_of(data, point, arm);
+        for (int d = 0; d < 3; d++) arm[d] -= tip[d];
+        for (int d = 0; d < 3; d++) {
+            force[d] += point->force[d];
+            torque[d] += arm[(d + 1) % 3] * point->force[(d + 2) % 3] - arm[(d + 2) % 3] * point->force[(d + 1) % 3];
+        }
+    }
+}
