@@ -1,0 +1,92 @@
+/* Tissue that meets tissue: of one piece that folds, of pieces, of the two sides of a cut.
+ *
+ * Outer surfaces: a node of the surface touches a triangle of it, of tetrahedra that have no node in common with the node or those beside it. From
+ * outside it does where it lies above the triangle, within a margin; inside, where it lies in a tetrahedron, it is pushed out along the shortest way.
+ * Edges that cross, of overlapping tetrahedra none of whose nodes touch anything, touch one another. Weights are those of the node or the edge, and
+ * less those of the point across from it: they sum to 0, and the force of one side is that on the other.
+ *
+ * Cut faces, where voxels are parted (cut/kind sever): fragments are copies of whole tetrahedra, which overlap at rest; all that they own is voxels.
+ * They touch, therefore, by the links that were severed between them: the middle of those is a point of either fragment, the same one at rest.
+ * Fragments have no part in the contact of outer surfaces. */
+#ifndef PLIANT_CONTACT_TISSUE_H
+#define PLIANT_CONTACT_TISSUE_H
+
+#include "contact/contact.h"
+#include "contact/grid.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* A triangle of the surface, outwards, and its tetrahedron. */
+typedef struct pliant_skin {
+    int32_t node[3], tet;
+    int32_t beside[3];         /* across the edge from node[k] to node[k + 1]; -1: none */
+} pliant_skin;
+
+/* What two fragments have between them: the links that are severed. */
+typedef struct pliant_cut_face {
+    int32_t tet[2];
+    double at[2][4];           /* the middle, barycentric in either */
+    double along[2][2][4];     /* two directions in the face, likewise (sum 0); the first times the second points to tet[0] */
+    double area;               /* at rest [m^2] */
+} pliant_cut_face;
+
+/* deep: how far from the surface, and more where the node's own surface does not face that of the triangle */
+typedef struct pliant_touching { int32_t skin; double weight[3], gap, deep; } pliant_touching;
+enum { PLIANT_TOUCHINGS = 3 /* at most, of a node */ };
+
+typedef struct pliant_tissue {
+    const pliant_body *body;   /* retained */
+    uint64_t revision;         /* of it; 0: none */
+    int threads;
+    /* ---- of the body */
+    int32_t *across;           /* (tetrahedra x 4), borrowed from the body where it has them */
+    int32_t *own_across;
+    uint8_t *apart;            /* (tetrahedra) neither a fragment nor without tissue: it takes part */
+    int32_t num_skins;
+    pliant_skin *skin;
+    int32_t num_tets, *tet;    /* with a skin, ascending */
+    int32_t *skin_start;       /* (num_tets + 1) into skin, which are by tetrahedron */
+    int32_t num_nodes, *node;  /* of the surface, ascending */
+    int32_t *around_start, *around; /* (num_nodes + 1): nodes that share an edge of the surface with each */
+    int32_t *fan_start, *fan;  /* (num_nodes + 1): skins that have each */
+    double *area;              /* (num_nodes) at rest [m^2] */
+    double shortest;           /* edge of the surface at rest [m] */
+    int32_t num_faces;
+    pliant_cut_face *face;
+    /* ---- of a step */
+    pliant_grid grid;
+    double (*normal)[3];       /* (num_skins) */
+    int32_t *count;            /* (num_nodes) how many triangles each touches */
+    pliant_touching *touching; /* (num_nodes x PLIANT_TOUCHINGS) shallowest first */
+    int32_t *last;             /* (num_nodes) the triangle that it touched in the step before; -1: none */
+    int32_t num_overlaps;      /* pairs of tetrahedra */
+} pliant_tissue;
+
+void pliant_tissue_free(pliant_tissue *tissue); /* what it holds */
+/* Another body, unless it is this one. Errors: MEMORY, FORMAT; nothing changes. */
+pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *body, int threads);
+/* Nothing has touched yet. */
+void pliant_tissue_forget(pliant_tissue *tissue);
+
+typedef struct pliant_tissue_rule {
+    double margin;             /* outside of the surface, points are found so far away [m] */
+    double recovery;           /* of how deep tissue lies in tissue as a step begins, at most this is undone [m] */
+    double friction;
+} pliant_tissue_rule;
+
+/* Appends the points, ascending by feature: its top byte is 240 for nodes, 241 for edges and 242 for cut faces.
+ * @param positions (nodes x 3) as the step begins [m]. Errors: MEMORY. */
+pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule, pliant_contacts *out);
+
+/* ---- tissue_cut.c */
+/* The cut faces of a body, freed with pliant_free; none: NULL. Errors: MEMORY. */
+pliant_status pliant_cut_faces(const pliant_body *body, pliant_cut_face **out, int32_t *count);
+/* Whether the sides are nearer than that, and their point. */
+bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face, const double *positions, const pliant_tissue_rule *rule, pliant_contact_point *out);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

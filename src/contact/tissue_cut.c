@@ -1,0 +1,280 @@
+/* The two sides of a cut through voxels. */
+#include "contact/tissue.h"
+
+#include "base/fail.h"
+#include "body/links.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double folded = 0.1; /* a face that lies less than so far along the cut around it is none: of its links' area */
+
+/* of a severed link */
+typedef struct parting {
+    int32_t tet[2], number;
+    double middle[3], towards[3]; /* at rest [m]; to tet[0], as long as the link's area [m^2] */
+} parting;
+
+static int compare_partings(const void *a, const void *b)
+{
+    const parting *x = a, *y = b;
+    for (int k = 0; k < 2; k++)
+        if (x->tet[k] != y->tet[k]) return x->tet[k] < y->tet[k] ? -1 : 1;
+    return (x->number > y->number) - (x->number < y->number);
+}
+
+static bool has_tissue(const pliant_voxels *voxels, int32_t voxel)
+{
+    const int32_t tet = voxels->owner[voxel];
+    return tet >= 0 && voxels->of_material[voxels->material[voxels->start[tet] + pliant_voxel_in(voxels, tet, voxel)]].tissue > 0;
+}
+
+static bool find_parting(const pliant_body *body, int32_t number, parting *out)
+{
+    const pliant_voxels *voxels = body->voxels;
+    const pliant_geometry *geometry = &voxels->geometry;
+    const int axis = (int)(body->cuts->link[number] % 4);
+    const int32_t voxel = (int32_t)(body->cuts->link[number] / 4), other = voxel + pliant_stride_of(voxels, axis);
+    int32_t at[3];
+    if (!has_tissue(voxels, voxel) || !has_tissue(voxels, other)) return false;
+    out->number = number;
+    out->tet[0] = pliant_voxels_fragment(voxels, body->cuts, voxel);
+    out->tet[1] = pliant_voxels_fragment(voxels, body->cuts, other);
+    if (out->tet[0] == out->tet[1]) return false;
+    const bool turned = out->tet[0] > out->tet[1];
+    if (turned) {
+        const int32_t first = out->tet[0];
+        out->tet[0] = out->tet[1];
+        out->tet[1] = first;
+    }
+    pliant_place_of(voxels, voxel, at);
+    double middle[3] = {at[0], at[1], at[2]};
+    middle[axis] += 0.5;
+    pliant_geometry_to_world(geometry, middle, out->middle);
+    const double area = geometry->spacing[(axis + 1) % 3] * geometry->spacing[(axis + 2) % 3];
+    for (int d = 0; d < 3; d++) out->towards[d] = (turned ? area : -area) * geometry->direction[3 * d + axis];
+    return true;
+}
+
+/* What links towards one face's first fragment have in common with those around it. */
+typedef struct patch {
+    int32_t first, count;   /* of the partings */
+    double middle[3], own[3], normal[3], area; /* own: the sum of its links */
+} patch;
+
+static void gather(const parting *list, patch *one)
+{
+    for (int32_t n = one->first; n < one->first + one->count; n++) {
+        double square = 0;
+        for (int d = 0; d < 3; d++) {
+            one->middle[d] += list[n].middle[d] / one->count;
+            one->own[d] += list[n].towards[d];
+            square += list[n].towards[d] * list[n].towards[d];
+        }
+        one->area += sqrt(square);
+    }
+}
+
+/* Voxels leave steps, each of which would hold the other side: normals are those of all faces of either fragment, twice over.
+ * sum: (tetrahedra x 3) room, all 0 */
+static void smooth(const parting *list, int32_t count, patch *patches, double *sum)
+{
+    for (int32_t p = 0; p < count; p++) memcpy(patches[p].normal, patches[p].own, sizeof patches[p].own);
+    for (int again = 0; again < 2; again++) {
+        for (int pass = 0; pass < 3; pass++)
+            for (int32_t p = 0; p < count; p++) {
+                patch *one = patches + p;
+                const int32_t *tet = list[one->first].tet;
+                double square = 0;
+                for (int d = 0; d < 3; d++) {
+                    double *towards = sum + 3 * (size_t)tet[0] + d, *away = sum + 3 * (size_t)tet[1] + d;
+                    if (pass == 0) {
+                        *towards += one->normal[d];
+                        *away -= one->normal[d];
+                    } else if (pass == 1) {
+                        one->normal[d] = *towards - *away;
+                    } else {
+                        *towards = *away = 0;
+                    }
+                    square += one->normal[d] * one->normal[d];
+                }
+                for (int d = 0; d < 3 && pass == 2 && square > 0; d++) one->normal[d] *= one->area / sqrt(square);
+            }
+    }
+}
+
+/* false: its links point into no direction */
+static bool find_face(const pliant_mesh *mesh, const int32_t tet[2], const patch *one, pliant_cut_face *out)
+{
+    double normal[3], along[2][3], square = 0;
+    for (int d = 0; d < 3; d++) square += one->normal[d] * one->normal[d];
+    if (!(square > 0)) return false;
+    int least = 0;
+    out->area = 0;
+    for (int d = 0; d < 3; d++) {
+        normal[d] = one->normal[d] / sqrt(square);
+        out->area += normal[d] * one->own[d];
+        if (fabs(normal[d]) < fabs(normal[least])) least = d;
+    }
+    if (!(out->area > folded * one->area)) return false;
+    for (int d = 0; d < 3; d++) along[0][d] = (d == least) - normal[least] * normal[d];
+    for (int d = 0; d < 3; d++) along[1][d] = normal[(d + 1) % 3] * along[0][(d + 2) % 3] - normal[(d + 2) % 3] * along[0][(d + 1) % 3];
+    for (int side = 0; side < 2; side++) {
+        double gradients[12];
+        out->tet[side] = tet[side];
+        pliant_mesh_barycentric(mesh, tet[side], one->middle, out->at[side]);
+        pliant_mesh_gradients(mesh, tet[side], gradients);
+        for (int k = 0; k < 2; k++)
+            for (int v = 0; v < 4; v++) {
+                out->along[side][k][v] = 0;
+                for (int d = 0; d < 3; d++) out->along[side][k][v] += gradients[3 * v + d] * along[k][d];
+            }
+    }
+    return true;
+}
+
+static bool same_face(const parting *a, const parting *b) { return a->tet[0] == b->tet[0] && a->tet[1] == b->tet[1]; }
+
+/* of partings in order */
+static pliant_status make_faces(const pliant_body *body, const parting *list, int32_t found, pliant_cut_face **out, int32_t *count)
+{
+    int32_t num_patches = 0;
+    for (int32_t n = 0; n < found; n++) num_patches += n == 0 || !same_face(list + n, list + n - 1);
+    if (num_patches == 0) return PLIANT_OK;
+    patch *patches = pliant_calloc((size_t)num_patches, sizeof *patches);
+    double *sum = pliant_calloc((size_t)body->fine.num_tets, 3 * sizeof *sum);
+    pliant_cut_face *face = pliant_calloc((size_t)num_patches, sizeof *face);
+    const bool there = patches && sum && face;
+    num_patches = 0;
+    for (int32_t n = 0; n < found && there; n++) {
+        if (n == 0 || !same_face(list + n, list + n - 1)) patches[num_patches++].first = n;
+        patches[num_patches - 1].count++;
+    }
+    for (int32_t p = 0; p < num_patches && there; p++) gather(list, patches + p);
+    if (there) smooth(list, num_patches, patches, sum);
+    for (int32_t p = 0; p < num_patches && there; p++) *count += find_face(&body->fine, list[patches[p].first].tet, patches + p, face + *count);
+    pliant_free(patches);
+    pliant_free(sum);
+    if (!there) {
+        pliant_free(face);
+        return pliant_fail_memory("the faces of a cut");
+    }
+    *out = face;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_cut_faces(const pliant_body *body, pliant_cut_face **out, int32_t *count)
+{
+    *out = NULL;
+    *count = 0;
+    const int32_t links = body->voxels && body->cuts ? body->cuts->num_links : 0;
+    if (links == 0) return PLIANT_OK;
+    parting *list = pliant_calloc((size_t)links, sizeof *list);
+    if (!list) return pliant_fail_memory("the faces of a cut");
+    int32_t found = 0;
+    for (int32_t n = 0; n < links; n++) found += find_parting(body, n, list + found);
+    if (found > 0) qsort(list, (size_t)found, sizeof *list, compare_partings);
+    pliant_status status = make_faces(body, list, found, out, count);
+    pliant_free(list);
+    return status;
+}
+
+/* ---- in a step */
+
+static void add_node(pliant_contact_point *point, int32_t node, double weight)
+{
+    int32_t k = 0;
+    while (k < point->count && point->node[k] != node) k++;
+    if (k == point->count) {
+        point->node[k] = node;
+        point->weight[k] = 0;
+        point->count++;
+    }
+    point->weight[k] += weight;
+}
+
+/* The second side's point is moved along its face to the foot of the first one's: forces along the normal then turn neither. false: it is flat */
+static bool find_foot(const double normal[3], const double apart[3], double along[2][3], const double weights[2][4], double at[4])
+{
+    double product[2][2] = {{0}}, right[2] = {0};
+    for (int k = 0; k < 2; k++) {
+        double out = 0;
+        for (int d = 0; d < 3; d++) out += along[k][d] * normal[d];
+        for (int d = 0; d < 3; d++) along[k][d] -= out * normal[d];
+    }
+    for (int k = 0; k < 2; k++)
+        for (int d = 0; d < 3; d++) {
+            right[k] += along[k][d] * apart[d];
+            for (int l = 0; l < 2; l++) product[k][l] += along[k][d] * along[l][d];
+        }
+    const double determinant = product[0][0] * product[1][1] - product[0][1] * product[1][0];
+    if (!(determinant > 1e-6 * product[0][0] * product[1][1])) return false;
+    const double way[2] = {(right[0] * product[1][1] - right[1] * product[0][1]) / determinant,
+                           (right[1] * product[0][0] - right[0] * product[1][0]) / determinant};
+    for (int v = 0; v < 4; v++) at[v] += way[0] * weights[0][v] + way[1] * weights[1][v];
+    return true;
+}
+
+static void point_of(const double *positions, const int32_t *node, const double weight[4], double out[3])
+{
+    for (int d = 0; d < 3; d++) {
+        out[d] = 0;
+        for (int v = 0; v < 4; v++) out[d] += weight[v] * positions[3 * (size_t)node[v] + (size_t)d];
+    }
+}
+
+/* a fragment's first edge at rest, squared */
+static double size_of(const pliant_mesh *mesh, int32_t tet)
+{
+    const int32_t *node = mesh->tets + 4 * (size_t)tet;
+    double square = 0;
+    for (int d = 0; d < 3; d++) square += pow(mesh->rest[3 * (size_t)node[0] + (size_t)d] - mesh->rest[3 * (size_t)node[1] + (size_t)d], 2);
+    return square;
+}
+
+static bool any_moves(const pliant_body *body, const int32_t *node)
+{
+    bool moves = !body->fine_fixed;
+    for (int v = 0; v < 4 && !moves; v++) moves = body->fine_fixed[node[v]] == PLIANT_MOVES;
+    return moves;
+}
+
+bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face, const double *positions, const pliant_tissue_rule *rule,
+                           pliant_contact_point *out)
+{
+    const int32_t *node[2] = {body->fine.tets + 4 * (size_t)face->tet[0], body->fine.tets + 4 * (size_t)face->tet[1]};
+    double place[2][3], along[2][2][3], mean[2][3], *normal = out->normal, apart[3], length = 0, gap = 0, off = 0, foot[4];
+    for (int side = 0; side < 2; side++) {
+        point_of(positions, node[side], face->at[side], place[side]);
+        for (int k = 0; k < 2; k++) point_of(positions, node[side], face->along[side][k], along[side][k]);
+    }
+    for (int k = 0; k < 2; k++)
+        for (int d = 0; d < 3; d++) mean[k][d] = along[0][k][d] + along[1][k][d];
+    for (int d = 0; d < 3; d++) normal[d] = mean[0][(d + 1) % 3] * mean[1][(d + 2) % 3] - mean[0][(d + 2) % 3] * mean[1][(d + 1) % 3];
+    for (int d = 0; d < 3; d++) length += normal[d] * normal[d];
+    if (!(length > 0) || (!any_moves(body, node[0]) && !any_moves(body, node[1]))) return false;
+    for (int d = 0; d < 3; d++) {
+        normal[d] /= sqrt(length);
+        apart[d] = place[0][d] - place[1][d];
+        gap += normal[d] * apart[d];
+    }
+    for (int d = 0; d < 3; d++) off += pow(apart[d] - gap * normal[d], 2);
+    if (!(gap <= rule->margin) || off > size_of(&body->fine, face->tet[0])) return false; /* opposite something else by now */
+    memcpy(foot, face->at[1], sizeof foot);
+    if (!find_foot(normal, apart, along[1], face->along[1], foot)) return false;
+    out->count = 0;
+    for (int v = 0; v < 4; v++) add_node(out, node[0][v], face->at[0][v]);
+    for (int v = 0; v < 4; v++) add_node(out, node[1][v], -foot[v]);
+    int32_t kept = 0;
+    for (int32_t k = 0; k < out->count; k++) {
+        if (fabs(out->weight[k]) < 1e-12) continue;
+        out->node[kept] = out->node[k];
+        out->weight[kept++] = out->weight[k];
+    }
+    out->count = kept;
+    out->area = face->area;
+    for (int d = 0; d < 3; d++) out->place[d] = fmin(gap + rule->recovery, 0) * normal[d];
+    return kept > 0;
+}

@@ -1,0 +1,226 @@
+/* What of a body can touch: its outer surface, and who is beside whom on it. */
+#include "contact/tissue.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}; /* outwards, of the face opposite each corner */
+
+static void free_surface(pliant_tissue *tissue)
+{
+    void *blocks[] = {tissue->own_across, tissue->apart,  tissue->skin,   tissue->tet,   tissue->skin_start, tissue->node,
+                      tissue->around_start, tissue->around, tissue->fan_start, tissue->fan, tissue->area, tissue->face, tissue->normal,     tissue->count,
+                      tissue->touching,   tissue->last};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+}
+
+void pliant_tissue_free(pliant_tissue *tissue)
+{
+    free_surface(tissue);
+    pliant_grid_free(&tissue->grid);
+    pliant_body_release(tissue->body);
+    memset(tissue, 0, sizeof *tissue);
+}
+
+void pliant_tissue_forget(pliant_tissue *tissue)
+{
+    for (int32_t n = 0; n < tissue->num_nodes; n++) tissue->last[n] = -1;
+}
+
+static pliant_status no_memory(void) { return pliant_fail_memory("contacts of tissue with tissue"); }
+
+/* ---- who takes part */
+
+static pliant_status find_members(pliant_tissue *tissue)
+{
+    const pliant_body *body = tissue->body;
+    const size_t tets = (size_t)body->fine.num_tets;
+    if (!(tissue->apart = pliant_calloc(tets, 1))) return no_memory();
+    for (size_t t = 0; t < tets; t++) tissue->apart[t] = !body->fine_material || body->fine_material[t].tissue > 0;
+    const pliant_cuts *cuts = body->cuts;
+    for (int32_t c = 0; cuts && c < cuts->num_tets; c++)
+        if (cuts->start[c + 1] - cuts->start[c] > 1)
+            for (int32_t f = cuts->start[c]; f < cuts->start[c + 1]; f++) tissue->apart[cuts->fragment[f]] = 0;
+    tissue->across = body->across;
+    if (tissue->across) return PLIANT_OK;
+    if (!(tissue->own_across = pliant_calloc(4 * tets, sizeof *tissue->own_across))) return no_memory();
+    tissue->across = tissue->own_across;
+    return pliant_mesh_neighbours(&body->fine, tissue->own_across);
+}
+
+/* Beside air, or what has no tissue; a face to a fragment is none of the surface. */
+static bool is_outer(const pliant_tissue *tissue, int32_t tet, int corner)
+{
+    const int32_t across = tissue->across[4 * (size_t)tet + (size_t)corner];
+    return across < 0 || (tissue->body->fine_material && !(tissue->body->fine_material[across].tissue > 0));
+}
+
+static pliant_status find_skins(pliant_tissue *tissue)
+{
+    const pliant_mesh *mesh = &tissue->body->fine;
+    for (int pass = 0; pass < 2; pass++) {
+        tissue->num_skins = tissue->num_tets = 0;
+        for (int32_t t = 0; t < mesh->num_tets; t++) {
+            const int32_t before = tissue->num_skins;
+            for (int c = 0; c < 4 && tissue->apart[t]; c++) {
+                if (!is_outer(tissue, t, c)) continue;
+                if (pass) {
+                    pliant_skin *skin = tissue->skin + tissue->num_skins;
+                    skin->tet = t;
+                    for (int v = 0; v < 3; v++) {
+                        skin->node[v] = mesh->tets[4 * (size_t)t + (size_t)corners_of[c][v]];
+                        skin->beside[v] = -1;
+                    }
+                }
+                tissue->num_skins++;
+            }
+            if (tissue->num_skins == before) continue;
+            if (pass) {
+                tissue->tet[tissue->num_tets] = t;
+                tissue->skin_start[tissue->num_tets] = before;
+            }
+            tissue->num_tets++;
+        }
+        if (pass) tissue->skin_start[tissue->num_tets] = tissue->num_skins;
+        if (pass || tissue->num_skins == 0) break;
+        tissue->skin = pliant_calloc((size_t)tissue->num_skins, sizeof *tissue->skin);
+        tissue->normal = pliant_calloc((size_t)tissue->num_skins, sizeof *tissue->normal);
+        tissue->tet = pliant_calloc((size_t)tissue->num_tets, sizeof *tissue->tet);
+        tissue->skin_start = pliant_calloc((size_t)tissue->num_tets + 1, sizeof *tissue->skin_start);
+        if (!tissue->skin || !tissue->normal || !tissue->tet || !tissue->skin_start) return no_memory();
+    }
+    return PLIANT_OK;
+}
+
+/* ---- who is beside whom */
+
+typedef struct half_edge { int32_t low, high, skin; } half_edge; /* skin: 3 of it + edge */
+
+static int compare_edges(const void *a, const void *b)
+{
+    const half_edge *x = a, *y = b;
+    if (x->low != y->low) return x->low < y->low ? -1 : 1;
+    if (x->high != y->high) return x->high < y->high ? -1 : 1;
+    return (x->skin > y->skin) - (x->skin < y->skin);
+}
+
+static int compare_numbers(const void *a, const void *b)
+{
+    const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
+    return (x > y) - (x < y);
+}
+
+static int32_t index_of(const pliant_tissue *tissue, int32_t node)
+{
+    const int32_t *found = bsearch(&node, tissue->node, (size_t)tissue->num_nodes, sizeof node, compare_numbers);
+    return (int32_t)(found - tissue->node);
+}
+
+static pliant_status find_nodes(pliant_tissue *tissue)
+{
+    const size_t corners = 3 * (size_t)tissue->num_skins;
+    if (!(tissue->node = pliant_calloc(corners, sizeof *tissue->node))) return no_memory();
+    for (size_t i = 0; i < corners; i++) tissue->node[i] = tissue->skin[i / 3].node[i % 3];
+    qsort(tissue->node, corners, sizeof *tissue->node, compare_numbers);
+    for (size_t i = 0; i < corners; i++)
+        if (i == 0 || tissue->node[i] != tissue->node[tissue->num_nodes - 1]) tissue->node[tissue->num_nodes++] = tissue->node[i];
+    const size_t nodes = (size_t)tissue->num_nodes;
+    tissue->around_start = pliant_calloc(nodes + 1, sizeof *tissue->around_start);
+    tissue->fan_start = pliant_calloc(nodes + 1, sizeof *tissue->fan_start);
+    tissue->fan = pliant_calloc(corners, sizeof *tissue->fan);
+    tissue->area = pliant_calloc(nodes, sizeof *tissue->area);
+    tissue->count = pliant_calloc(nodes, sizeof *tissue->count);
+    tissue->last = pliant_calloc(nodes, sizeof *tissue->last);
+    tissue->touching = pliant_calloc(PLIANT_TOUCHINGS * nodes, sizeof *tissue->touching);
+    if (!tissue->around_start || !tissue->fan_start || !tissue->fan || !tissue->area || !tissue->count || !tissue->last || !tissue->touching) return no_memory();
+    pliant_tissue_forget(tissue);
+    for (size_t i = 0; i < corners; i++) tissue->fan_start[index_of(tissue, tissue->skin[i / 3].node[i % 3])]++;
+    for (size_t n = 1; n <= nodes; n++) tissue->fan_start[n] += tissue->fan_start[n - 1];
+    for (size_t i = corners; i-- > 0;) tissue->fan[--tissue->fan_start[index_of(tissue, tissue->skin[i / 3].node[i % 3])]] = (int32_t)(i / 3);
+    return PLIANT_OK;
+}
+
+static void measure(pliant_tissue *tissue)
+{
+    const double *rest = tissue->body->fine.rest;
+    tissue->shortest = INFINITY;
+    for (int32_t s = 0; s < tissue->num_skins; s++) {
+        const int32_t *node = tissue->skin[s].node;
+        double a[3], b[3], square = 0;
+        for (int d = 0; d < 3; d++) {
+            a[d] = rest[3 * (size_t)node[1] + (size_t)d] - rest[3 * (size_t)node[0] + (size_t)d];
+            b[d] = rest[3 * (size_t)node[2] + (size_t)d] - rest[3 * (size_t)node[0] + (size_t)d];
+        }
+        for (int d = 0; d < 3; d++) square += pow(a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3], 2);
+        for (int v = 0; v < 3; v++) tissue->area[index_of(tissue, node[v])] += sqrt(square) / 6;
+        tissue->shortest = fmin(tissue->shortest, sqrt(fmin(a[0] * a[0] + a[1] * a[1] + a[2] * a[2], b[0] * b[0] + b[1] * b[1] + b[2] * b[2])));
+    }
+}
+
+static pliant_status find_sides(pliant_tissue *tissue)
+{
+    const size_t count = 3 * (size_t)tissue->num_skins;
+    half_edge *edge = pliant_calloc(count, sizeof *edge);
+    tissue->around = pliant_calloc(2 * count, sizeof *tissue->around);
+    if (!edge || !tissue->around) {
+        pliant_free(edge);
+        return no_memory();
+    }
+    for (size_t i = 0; i < count; i++) {
+        const int32_t a = tissue->skin[i / 3].node[i % 3], b = tissue->skin[i / 3].node[(i + 1) % 3];
+        edge[i] = (half_edge){a < b ? a : b, a < b ? b : a, (int32_t)i};
+    }
+    qsort(edge, count, sizeof *edge, compare_edges);
+    for (int pass = 0; pass < 2; pass++) {
+        for (size_t i = 0; i < count; i++) {
+            const bool again = i > 0 && edge[i].low == edge[i - 1].low && edge[i].high == edge[i - 1].high;
+            if (again && !pass) {
+                int32_t *mine = tissue->skin[edge[i].skin / 3].beside + edge[i].skin % 3, *other = tissue->skin[edge[i - 1].skin / 3].beside + edge[i - 1].skin % 3;
+                if (*other < 0) {
+                    *mine = edge[i - 1].skin / 3;
+                    *other = edge[i].skin / 3;
+                }
+            }
+            if (again) continue;
+            const int32_t low = index_of(tissue, edge[i].low), high = index_of(tissue, edge[i].high);
+            if (pass) {
+                tissue->around[--tissue->around_start[low]] = edge[i].high;
+                tissue->around[--tissue->around_start[high]] = edge[i].low;
+            } else {
+                tissue->around_start[low]++;
+                tissue->around_start[high]++;
+            }
+        }
+        for (int32_t n = 1; n <= tissue->num_nodes && !pass; n++) tissue->around_start[n] += tissue->around_start[n - 1];
+    }
+    pliant_free(edge);
+    return PLIANT_OK;
+}
+
+pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *body, int threads)
+{
+    if (tissue->revision == body->revision && tissue->body == body) return PLIANT_OK;
+    pliant_tissue next = {.body = body, .revision = body->revision, .threads = threads};
+    pliant_status status = find_members(&next);
+    if (status == PLIANT_OK) status = find_skins(&next);
+    if (status == PLIANT_OK && next.num_skins > 0) {
+        status = find_nodes(&next);
+        if (status == PLIANT_OK) status = find_sides(&next);
+        if (status == PLIANT_OK) measure(&next);
+    }
+    if (status == PLIANT_OK) status = pliant_cut_faces(body, &next.face, &next.num_faces);
+    if (status != PLIANT_OK) {
+        free_surface(&next);
+        return status;
+    }
+    next.grid = tissue->grid;
+    pliant_body_retain(body);
+    free_surface(tissue);
+    pliant_body_release(tissue->body);
+    *tissue = next;
+    return PLIANT_OK;
+}
