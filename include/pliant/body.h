@@ -166,14 +166,18 @@ PLIANT_API bool pliant_body_may_be_cut(const pliant_body *body);
 typedef struct pliant_division {
     int32_t num_tets;          /**< of the next body: those of the body before, and fragments of them that are appended */
     const int32_t *tet_source; /**< (those appended) tetrahedron of the body before that each is a fragment of; NULL: none are appended */
-    const int32_t *corners;    /**< (num_tets x 4) node of every corner: the one of the body before, or a copy, numbered from there on.
+    int32_t num_changed;
+    const int32_t *changed;    /**< (num_changed) ascending tetrahedra of the body before: corners and material list only these, then those
+                                *   appended; NULL: all of them */
+    const int32_t *corners;    /**< (those listed x 4) node of every corner: the one of the body before, or a copy, numbered from there on.
                                 *   Every node keeps a corner at least */
-    const pliant_tet_material *material; /**< (num_tets) means over the whole tetrahedron of what is in the fragment; NULL: as before, no fragments */
+    const pliant_tet_material *material; /**< (those listed) means over the whole tetrahedron of what is in the fragment; NULL: as before, no
+                                *   fragments */
     const uint8_t *copy_fixed; /**< (nodes appended) pliant_fixing; NULL: as their sources */
     const pliant_between *between; /**< (nodes appended) of a body with a subdivision: corners may be any nodes then, and sources are whose
                                 *   material and state a tetrahedron takes; NULL: all that is appended is copies */
     int32_t num_touched;       /**< tetrahedra of the body before whose voxels changed, too, where nothing else tells */
-    const int32_t *touched;    /**< (num_touched) */
+    const int32_t *touched;    /**< (num_touched) ascending */
     int32_t num_joints;
     const int32_t *joint;      /**< (num_joints x 2) corners, 4 tetrahedron + corner, of what is left of the joints of its pieces; NULL: all of it */
     bool same_pieces;          /**< no piece comes off another: it is not looked for what falls */

@@ -2,6 +2,7 @@
 #include "body/divide.h"
 
 #include "base/fail.h"
+#include "base/room.h"
 #include "pliant/memory.h"
 
 #include <string.h>
@@ -53,11 +54,13 @@ pliant_status pliant_body_find_across(const pliant_body *before, const pliant_cu
 {
     const size_t tets = (size_t)next->fine.num_tets, old = (size_t)before->fine.num_tets;
     const int32_t *known = before->across ? before->across : before->voxels && before->revision == 1 ? before->voxels->across : NULL;
-    if (!(next->across = pliant_calloc(tets, 4 * sizeof *next->across))) return pliant_fail_memory("the next body");
+    if (!(next->across = pliant_room(tets, 4 * sizeof *next->across))) return pliant_fail_memory("the next body");
     if (!cuts || !known) return pliant_mesh_neighbours(&next->fine, next->across);
     memcpy(next->across, known, 4 * old * sizeof *known);
-    for (size_t t = 0; t < tets; t++)
-        if (t >= old || memcmp(before->fine.tets + 4 * t, next->fine.tets + 4 * t, 4 * sizeof *next->fine.tets) != 0)
-            find_around(next, cuts, (int32_t)t);
+    for (int32_t i = 0; i < next->changes.num_touched; i++) {
+        const size_t t = (size_t)next->changes.touched[i];
+        if (memcmp(before->fine.tets + 4 * t, next->fine.tets + 4 * t, 4 * sizeof *next->fine.tets) != 0) find_around(next, cuts, (int32_t)t);
+    }
+    for (size_t t = old; t < tets; t++) find_around(next, cuts, (int32_t)t);
     return PLIANT_OK;
 }

@@ -1,7 +1,10 @@
 /* The next body, of what a cut makes of the fine mesh. */
 #include "body/divide.h"
+#include "body/links.h"
+#include "body/parts.h"
 
 #include "base/fail.h"
+#include "base/room.h"
 #include "mesh/faces.h"
 #include "pliant/memory.h"
 
@@ -46,6 +49,18 @@ static int32_t source_of_tet(const pliant_body *body, const pliant_division *div
     return tet < body->fine.num_tets ? tet : division->tet_source[tet - body->fine.num_tets];
 }
 
+/* how many tetrahedra a division lists, and which each is */
+static int32_t count_rows(const pliant_body *body, const pliant_division *division)
+{
+    return division->changed ? division->num_changed + division->num_tets - body->fine.num_tets : division->num_tets;
+}
+
+static int32_t tet_of_row(const pliant_body *body, const pliant_division *division, int32_t row)
+{
+    if (!division->changed) return row;
+    return row < division->num_changed ? division->changed[row] : body->fine.num_tets + row - division->num_changed;
+}
+
 /* how many nodes there are afterwards; 0: something is wrong, and said */
 static int32_t count_nodes(const pliant_body *body, const pliant_division *division)
 {
@@ -60,9 +75,14 @@ static int32_t count_nodes(const pliant_body *body, const pliant_division *divis
             pliant_fail(PLIANT_ERROR_ARGUMENT, "fragment %d is of tetrahedron %d of %d", t, source_of_tet(body, division, t), tets);
             return 0;
         }
-    for (int32_t v = 0; v < 4 * division->num_tets; v++) {
+    for (int32_t c = 0; c < division->num_changed; c++)
+        if (division->changed[c] < 0 || division->changed[c] >= tets || (c > 0 && division->changed[c] <= division->changed[c - 1])) {
+            pliant_fail(PLIANT_ERROR_ARGUMENT, "tetrahedra that a division changes must ascend, within %d: %d does not", tets, division->changed[c]);
+            return 0;
+        }
+    for (int32_t v = 0; v < 4 * count_rows(body, division); v++) {
         if (division->corners[v] < 0 || division->corners[v] >= body->fine.num_nodes + 4 * division->num_tets) {
-            pliant_fail(PLIANT_ERROR_ARGUMENT, "tetrahedron %d of a division names node %d", v / 4, division->corners[v]);
+            pliant_fail(PLIANT_ERROR_ARGUMENT, "tetrahedron %d of a division names node %d", tet_of_row(body, division, v / 4), division->corners[v]);
             return 0;
         }
         if (division->corners[v] >= nodes) nodes = division->corners[v] + 1;
@@ -89,14 +109,14 @@ static pliant_status find_sources(const pliant_body *body, const pliant_division
 {
     memset(source, 0xff, (size_t)nodes * sizeof *source);
     if (division->between) return find_nearest(body, division, nodes, source);
-    for (int32_t v = 0; v < 4 * division->num_tets; v++) {
-        int32_t node = division->corners[v], was = body->fine.tets[4 * source_of_tet(body, division, v / 4) + v % 4];
+    for (int32_t v = 0; v < 4 * count_rows(body, division); v++) {
+        int32_t node = division->corners[v], was = body->fine.tets[4 * source_of_tet(body, division, tet_of_row(body, division, v / 4)) + v % 4];
         if ((source[node] >= 0 && source[node] != was) || (node < body->fine.num_nodes && node != was))
             return pliant_fail(PLIANT_ERROR_ARGUMENT, "node %d of a division is at the corners of two nodes, %d and %d", node, was,
                                node < body->fine.num_nodes ? node : source[node]);
         source[node] = was;
     }
-    for (int32_t n = 0; n < nodes; n++)
+    for (int32_t n = division->changed ? body->fine.num_nodes : 0; n < nodes; n++) /* what is not listed keeps its nodes */
         if (source[n] < 0) return pliant_fail(PLIANT_ERROR_ARGUMENT, "node %d of a division has no corner", n);
     return PLIANT_OK;
 }
@@ -139,51 +159,103 @@ static pliant_status append_tets(pliant_body *next, const pliant_division *divis
     return PLIANT_OK;
 }
 
-/* tetrahedra of the body before that have other corners or another material, or other voxels */
-static pliant_status list_touched(const pliant_body *body, const pliant_division *division, pliant_body *next)
+static bool differs(const pliant_body *body, const pliant_body *next, int32_t tet)
 {
-    int32_t tets = body->fine.num_tets, count = 0;
-    uint8_t *touched = pliant_calloc((size_t)tets, 1);
-    if (!touched) return pliant_fail_memory("the next body");
-    for (int32_t i = 0; i < division->num_touched; i++) touched[division->touched[i]] = 1;
-    for (int32_t t = 0; t < tets; t++) {
-        touched[t] = touched[t] || memcmp(body->fine.tets + 4 * t, next->fine.tets + 4 * t, 4 * sizeof *body->fine.tets) != 0 ||
-                     memcmp(body->fine_material + t, next->fine_material + t, sizeof *body->fine_material) != 0;
-        count += touched[t];
-    }
-    if (count > 0) next->changes.touched = pliant_calloc((size_t)count, sizeof *next->changes.touched);
-    bool good = count == 0 || next->changes.touched;
-    for (int32_t t = 0; good && t < tets; t++)
-        if (touched[t]) next->changes.touched[next->changes.num_touched++] = t;
-    pliant_free(touched);
-    return good ? PLIANT_OK : pliant_fail_memory("the next body");
+    return memcmp(body->fine.tets + 4 * (size_t)tet, next->fine.tets + 4 * (size_t)tet, 4 * sizeof *body->fine.tets) != 0 ||
+           memcmp(body->fine_material + tet, next->fine_material + tet, sizeof *body->fine_material) != 0;
 }
 
-/* Masses at the nodes of what changed, anew; each the sum in the same order as if all were. */
-static pliant_status renew_masses(const pliant_body *body, pliant_body *next)
+/* Tetrahedra of the body before that have other corners or another material, or other voxels. all: any may; else those that the division lists */
+static pliant_status list_touched(const pliant_body *body, const pliant_division *division, bool all, pliant_body *next)
 {
-    const pliant_mesh *fine = &next->fine;
-    uint8_t *changed = pliant_calloc((size_t)fine->num_nodes, 1);
-    if (!changed) return pliant_fail_memory("the next body");
-    for (int32_t i = 0; i < next->changes.num_touched + fine->num_tets - body->fine.num_tets; i++) {
-        const int32_t t = i < next->changes.num_touched ? next->changes.touched[i] : body->fine.num_tets + i - next->changes.num_touched;
+    const int32_t tets = body->fine.num_tets, most = division->num_touched + (all ? tets : division->num_changed);
+    int32_t *touched = pliant_calloc((size_t)most + 1, sizeof *touched), count = 0;
+    if (!touched) return pliant_fail_memory("the next body");
+    for (int32_t i = 0; i < division->num_touched; i++) touched[count++] = division->touched[i];
+    for (int32_t i = 0; i < most - division->num_touched; i++) {
+        const int32_t tet = all ? i : division->changed[i];
+        if (differs(body, next, tet)) touched[count++] = tet;
+    }
+    count = sort_once(touched, count);
+    if (count > 0 && !(next->changes.touched = pliant_copy_of(touched, (size_t)count, sizeof *touched))) {
+        pliant_free(touched);
+        return pliant_fail_memory("the next body");
+    }
+    next->changes.num_touched = count;
+    pliant_free(touched);
+    return PLIANT_OK;
+}
+
+/* ---- masses at the nodes of what changed, anew; each the sum in the same order as if all were */
+
+static double share_of_mass(const pliant_body *body, int32_t tet)
+{
+    double gradients[12];
+    return 0.25 * pliant_mesh_gradients(&body->fine, tet, gradients) * body->fine_material[tet].density;
+}
+
+/* (list) nodes of what is touched, before and after, ascending; returns how many, -1: no memory */
+static int32_t list_nodes(const pliant_body *body, const pliant_body *next, int32_t **list)
+{
+    const pliant_body_changes *changes = &next->changes;
+    const int32_t appended = next->fine.num_tets - body->fine.num_tets;
+    int32_t *nodes = *list = pliant_calloc(8 * ((size_t)changes->num_touched + (size_t)appended) + 1, sizeof *nodes), count = 0;
+    for (int32_t i = 0; nodes && i < changes->num_touched + appended; i++) {
+        const int32_t t = i < changes->num_touched ? changes->touched[i] : body->fine.num_tets + i - changes->num_touched;
         for (int v = 0; v < 4; v++) {
-            changed[fine->tets[4 * (size_t)t + v]] = 1;
-            if (t < body->fine.num_tets) changed[body->fine.tets[4 * (size_t)t + v]] = 1;
+            nodes[count++] = next->fine.tets[4 * (size_t)t + v];
+            if (t < body->fine.num_tets) nodes[count++] = body->fine.tets[4 * (size_t)t + v];
         }
     }
-    for (int32_t n = 0; n < fine->num_nodes; n++)
-        if (changed[n]) next->node_mass[n] = 0;
-    for (int32_t t = 0; t < fine->num_tets; t++) {
-        const int32_t *nodes = fine->tets + 4 * (size_t)t;
-        if (!(changed[nodes[0]] | changed[nodes[1]] | changed[nodes[2]] | changed[nodes[3]])) continue;
-        double gradients[12];
-        const double volume = pliant_mesh_gradients(fine, t, gradients);
-        for (int v = 0; v < 4; v++)
-            if (changed[nodes[v]]) next->node_mass[nodes[v]] += 0.25 * volume * next->fine_material[t].density;
+    return nodes ? sort_once(nodes, count) : -1;
+}
+
+/* Of a node of fragments of voxels: the tetrahedra at load around it tell which of their fragments have it. */
+static pliant_status renew_mass(const pliant_body *next, const pliant_cuts *cuts, int32_t node, int32_t **room, int32_t *most)
+{
+    const pliant_voxels *voxels = next->voxels;
+    const int32_t load = next->node_parent ? next->node_parent[node] : node;
+    int32_t count = 0;
+    for (int32_t a = voxels->around_start[load]; a < voxels->around_start[load + 1]; a++) {
+        const int32_t tet = voxels->around[a] / 4, corner = voxels->around[a] % 4, at = place_of(cuts->tet, cuts->num_tets, tet);
+        const int32_t *fragment = at < 0 ? &tet : cuts->fragment + cuts->start[at], fragments = at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
+        if (count + fragments > *most) {
+            int32_t *longer = pliant_resize(*room, 2 * (size_t)(count + fragments), sizeof *longer);
+            if (!longer) return pliant_fail_memory("the next body");
+            *room = longer;
+            *most = 2 * (count + fragments);
+        }
+        for (int32_t f = 0; f < fragments; f++)
+            if (next->fine.tets[4 * (size_t)fragment[f] + corner] == node) (*room)[count++] = fragment[f];
     }
-    pliant_free(changed);
+    count = sort_once(*room, count);
+    next->node_mass[node] = 0;
+    for (int32_t i = 0; i < count; i++) next->node_mass[node] += share_of_mass(next, (*room)[i]);
     return PLIANT_OK;
+}
+
+static pliant_status renew_masses(const pliant_body *body, const pliant_cuts *cuts, pliant_body *next)
+{
+    const pliant_mesh *fine = &next->fine;
+    int32_t *nodes, *room = NULL, most = 0;
+    const int32_t count = list_nodes(body, next, &nodes);
+    pliant_status status = count < 0 ? pliant_fail_memory("the next body") : PLIANT_OK;
+    if (cuts && next->voxels) {
+        for (int32_t i = 0; i < count && status == PLIANT_OK; i++) status = renew_mass(next, cuts, nodes[i], &room, &most);
+    } else if (count > 0) {
+        uint8_t *changed = pliant_calloc((size_t)fine->num_nodes, 1);
+        if (!changed) status = pliant_fail_memory("the next body");
+        for (int32_t i = 0; changed && i < count; i++) {
+            changed[nodes[i]] = 1;
+            next->node_mass[nodes[i]] = 0;
+        }
+        for (int32_t v = 0; changed && v < 4 * fine->num_tets; v++)
+            if (changed[fine->tets[v]]) next->node_mass[fine->tets[v]] += share_of_mass(next, v / 4);
+        pliant_free(changed);
+    }
+    pliant_free(nodes);
+    pliant_free(room);
+    return status;
 }
 
 /* appended nodes to where they lie on their edges */
@@ -206,12 +278,21 @@ static pliant_status divide(const pliant_body *body, const pliant_division *divi
     if (status == PLIANT_OK) status = append_tets(next, division);
     if (status != PLIANT_OK) return status;
     if (division->between) place_nodes(division, before, next);
-    memcpy(next->fine.tets, division->corners, 4 * (size_t)division->num_tets * sizeof *division->corners);
-    if (division->material) memcpy(next->fine_material, division->material, (size_t)division->num_tets * sizeof *division->material);
-    status = pliant_body_find_across(body, division->cuts, next);
-    if (status == PLIANT_OK && !(division->same_pieces && !body->pieces)) status = pliant_body_find_pieces(next, division);
-    if (status == PLIANT_OK) status = list_touched(body, division, next);
-    if (status == PLIANT_OK) status = renew_masses(body, next);
+    for (int32_t r = 0; r < count_rows(body, division); r++) {
+        const int32_t tet = tet_of_row(body, division, r);
+        memcpy(next->fine.tets + 4 * (size_t)tet, division->corners + 4 * (size_t)r, 4 * sizeof *division->corners);
+        if (division->material) next->fine_material[tet] = division->material[r];
+    }
+    const bool pieces = body->pieces || !division->same_pieces; /* may get nodes of their own */
+    status = list_touched(body, division, !division->changed, next);
+    if (status == PLIANT_OK) status = pliant_body_find_across(body, division->cuts, next);
+    if (status == PLIANT_OK && pieces) status = pliant_body_find_pieces(next, division);
+    if (status == PLIANT_OK && pieces) {
+        pliant_free(next->changes.touched);
+        next->changes.touched = NULL;
+        status = list_touched(body, division, true, next);
+    }
+    if (status == PLIANT_OK) status = renew_masses(body, division->cuts, next);
     if (status != PLIANT_OK) return status;
     status = pliant_mesh_surface_of(&next->fine, next->across, &next->triangles, &next->num_triangles);
     return status == PLIANT_OK && next->coarse.num_tets > 0 ? pliant_body_nest(body, next) : status;

@@ -19,7 +19,7 @@ pliant_status pliant_body_append_parents(int32_t **parent, int32_t count, int32_
 /* ---- divide.c: copies of fine nodes of next, at its end */
 pliant_status pliant_body_append_nodes(pliant_body *next, int32_t appended, const int32_t *source);
 
-/* ---- across.c: next->across; cuts: of next, where fragments are of voxels, else NULL */
+/* ---- across.c: next->across, by what next->changes lists; cuts: of next, where fragments are of voxels, else NULL */
 pliant_status pliant_body_find_across(const pliant_body *before, const pliant_cuts *cuts, pliant_body *next);
 
 /* ---- subdivision.c */

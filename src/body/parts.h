@@ -1,8 +1,9 @@
-/* Parts of a set, by union and find; the root of a part is its first element. */
+/* Parts of a set, by union and find; the root of a part is its first element. Numbers in order. */
 #ifndef PLIANT_BODY_PARTS_H
 #define PLIANT_BODY_PARTS_H
 
 #include <stdint.h>
+#include <stdlib.h>
 
 static inline int32_t first_of(int32_t *part, int32_t i)
 {
@@ -14,6 +15,34 @@ static inline void join(int32_t *part, int32_t i, int32_t j)
 {
     int32_t a = first_of(part, i), b = first_of(part, j);
     part[a > b ? a : b] = a > b ? b : a;
+}
+
+/* where a number is among ascending ones; -1: nowhere */
+static inline int32_t place_of(const int32_t *sorted, int32_t count, int32_t number)
+{
+    int32_t low = 0, high = count;
+    while (low < high) {
+        const int32_t middle = low + (high - low) / 2;
+        if (sorted[middle] < number) low = middle + 1;
+        else high = middle;
+    }
+    return low < count && sorted[low] == number ? low : -1;
+}
+
+static inline int by_number(const void *a, const void *b)
+{
+    const int32_t *i = (const int32_t *)a, *j = (const int32_t *)b;
+    return *i < *j ? -1 : *i > *j;
+}
+
+/* in order, each once; returns how many */
+static inline int32_t sort_once(int32_t *number, int32_t count)
+{
+    int32_t kept = 0;
+    qsort(number, (size_t)count, sizeof *number, by_number);
+    for (int32_t i = 0; i < count; i++)
+        if (kept == 0 || number[i] != number[kept - 1]) number[kept++] = number[i];
+    return kept;
 }
 
 #endif

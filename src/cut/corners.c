@@ -234,12 +234,6 @@ static pliant_status split_node(splitting *split, int32_t node)
     return status;
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const int32_t *i = a, *j = b;
-    return *i < *j ? -1 : *i > *j;
-}
-
 static pliant_status split_nodes(splitting *split)
 {
     const cut_work *work = split->work;
@@ -249,12 +243,28 @@ static pliant_status split_nodes(splitting *split)
     for (int32_t f = 0; f < work->num_fragments; f++)
         memcpy(split->own + 4 * f, work->body->fine.tets + 4 * (size_t)work->fragment[f].source, 4 * sizeof *split->own);
     memcpy(nodes, split->own, (size_t)corners * sizeof *nodes);
-    qsort(nodes, (size_t)corners, sizeof *nodes, ascending);
+    qsort(nodes, (size_t)corners, sizeof *nodes, by_number);
     pliant_status status = PLIANT_OK;
     for (int32_t i = 0; i < corners && status == PLIANT_OK; i++)
         if (i == 0 || nodes[i] != nodes[i - 1]) status = split_node(split, nodes[i]);
     pliant_free(nodes);
     return status;
+}
+
+/* tetrahedra of the body that voxels or other corners change */
+static pliant_status list_changed(splitting *split)
+{
+    cut_work *work = split->work;
+    const int32_t tets = work->body->fine.num_tets;
+    int32_t *changed = work->changed = pliant_calloc((size_t)work->num_fragments + (size_t)split->num_moved + 1, sizeof *changed), count = 0;
+    if (!changed) return no_memory();
+    for (int32_t f = 0; f < work->num_fragments; f++) {
+        const int32_t number = cut_number(work, tets + f);
+        if (number < tets) changed[count++] = number;
+    }
+    for (int32_t m = 0; m < split->num_moved; m++) changed[count++] = split->moved[2 * m] / 4;
+    work->num_changed = sort_once(changed, count);
+    return PLIANT_OK;
 }
 
 /* Fragments with the same four nodes stay two: later cuts may part them without a link of their own. */
@@ -268,15 +278,19 @@ static pliant_status number(splitting *split)
         if (one->into < 0) one->number = one->stays ? one->source : work->num_tets++;
     }
     work->num_nodes = work->body->fine.num_nodes + split->copies;
-    work->corners = pliant_calloc((size_t)work->num_tets, 4 * sizeof *work->corners);
+    pliant_status status = list_changed(split);
+    if (status != PLIANT_OK) return status;
+    work->corners = pliant_calloc((size_t)(work->num_changed + work->num_tets - tets) + 1, 4 * sizeof *work->corners);
     work->tet_source = pliant_calloc((size_t)(work->num_tets - tets) + 1, sizeof *work->tet_source);
     if (!work->corners || !work->tet_source) return no_memory();
-    memcpy(work->corners, work->body->fine.tets, 4 * (size_t)tets * sizeof *work->corners);
-    for (int32_t m = 0; m < split->num_moved; m++) work->corners[split->moved[2 * m]] = split->moved[2 * m + 1];
+    for (int32_t r = 0; r < work->num_changed; r++)
+        memcpy(work->corners + 4 * (size_t)r, work->body->fine.tets + 4 * (size_t)work->changed[r], 4 * sizeof *work->corners);
+    for (int32_t m = 0; m < split->num_moved; m++)
+        work->corners[4 * cut_row(work, split->moved[2 * m] / 4) + split->moved[2 * m] % 4] = split->moved[2 * m + 1];
     for (int32_t f = 0; f < work->num_fragments; f++) {
         const cut_fragment *one = work->fragment + f;
         if (one->into >= 0) continue;
-        memcpy(work->corners + 4 * (size_t)one->number, split->own + 4 * f, 4 * sizeof *split->own);
+        memcpy(work->corners + 4 * (size_t)cut_row(work, one->number), split->own + 4 * f, 4 * sizeof *split->own);
         if (one->number >= tets) work->tet_source[one->number - tets] = one->source;
     }
     return PLIANT_OK;
@@ -351,7 +365,7 @@ static pliant_status keep_fixed(splitting *split, int32_t node)
     const cut_work *work = split->work;
     pliant_status status = find_around(split, node);
     for (int32_t i = 0; i < split->count && status == PLIANT_OK; i++)
-        if (work->corners[4 * (size_t)cut_number(work, split->around[i].end) + split->around[i].corner] == node)
+        if (cut_corners(work, cut_number(work, split->around[i].end))[split->around[i].corner] == node)
             return add_joint(split->work, split->around + i, split->around + i);
     return status;
 }

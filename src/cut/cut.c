@@ -63,6 +63,8 @@ static pliant_status divide(cut_work *work, uint64_t revision, pliant_body **out
 {
     const pliant_division division = {.num_tets = work->num_tets,
                                       .tet_source = work->tet_source,
+                                      .num_changed = work->num_changed,
+                                      .changed = work->changed,
                                       .corners = work->corners,
                                       .material = work->material,
                                       .copy_fixed = work->copy_fixed,
@@ -109,7 +111,7 @@ static pliant_status write_down(cut_work *work)
 static void forget(cut_work *work)
 {
     void *blocks[] = {work->state, work->touched, work->start,      work->first,      work->voxel,    work->part,  work->fragment,     work->edge,
-                      work->table, work->corners, work->tet_source, work->copy_fixed, work->material, work->place, work->links.severed, work->joint};
+                      work->table, work->changed, work->corners, work->tet_source, work->copy_fixed, work->material, work->place, work->links.severed, work->joint};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_cuts_free(work->next);
     *work = (cut_work){.body = work->body, .voxels = work->voxels, .cuts = work->cuts, .positions = work->positions,

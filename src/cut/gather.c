@@ -14,12 +14,6 @@ static int by_pair(const void *a, const void *b)
     return i[1] < j[1] ? -1 : i[1] > j[1];
 }
 
-static int by_number(const void *a, const void *b)
-{
-    const int32_t *i = a, *j = b;
-    return *i < *j ? -1 : *i > *j;
-}
-
 /* pairs in order, each once; returns how many */
 static int32_t sort_pairs(int32_t *pair, int32_t count)
 {

@@ -74,9 +74,9 @@ pliant_status pliant_cut_materials(cut_work *work)
 {
     const pliant_body *body = work->body;
     const int32_t tets = body->fine.num_tets;
-    work->material = pliant_calloc((size_t)work->num_tets, sizeof *work->material);
+    work->material = pliant_calloc((size_t)(work->num_changed + work->num_tets - tets) + 1, sizeof *work->material);
     if (!work->material) return pliant_fail_memory("the materials of fragments");
-    memcpy(work->material, body->fine_material, (size_t)tets * sizeof *work->material);
+    for (int32_t r = 0; r < work->num_changed; r++) work->material[r] = body->fine_material[work->changed[r]];
     for (int pass = 0; pass < 2; pass++) /* chips after those that take them */
         for (int32_t t = 0; t < work->num_touched; t++) {
             const int32_t tet = work->touched[t];
@@ -91,10 +91,9 @@ pliant_status pliant_cut_materials(cut_work *work)
                 double gradients[12];
                 add_up(work, t, end, &own);
                 share_material(work, tet, &own, &all, &made);
-                if (pass == 0) work->material[cut_number(work, end)] = made;
-                else
-                    add_chip(&made, pliant_mesh_gradients(&body->fine, tet, gradients) / pliant_mesh_gradients(&body->fine, with, gradients),
-                             work->material + cut_number(work, end));
+                pliant_tet_material *out = work->material + cut_row(work, cut_number(work, end));
+                if (pass == 0) *out = made;
+                else add_chip(&made, pliant_mesh_gradients(&body->fine, tet, gradients) / pliant_mesh_gradients(&body->fine, with, gradients), out);
             }
         }
     return PLIANT_OK;

@@ -336,12 +336,6 @@ static int by_link(const void *a, const void *b)
     return i->link < j->link ? -1 : i->link > j->link;
 }
 
-static int by_number(const void *a, const void *b)
-{
-    const int32_t *i = a, *j = b;
-    return *i < *j ? -1 : *i > *j;
-}
-
 pliant_status pliant_cut_sort_severed(cut_work *work)
 {
     if (work->num_links > 0) {
@@ -358,13 +352,7 @@ pliant_status pliant_cut_sort_severed(cut_work *work)
         work->num_links = count;
         pliant_free(all);
     }
-    if (work->num_bridges > 0) {
-        int32_t count = 0;
-        qsort(work->bridge, (size_t)work->num_bridges, sizeof *work->bridge, by_number);
-        for (int32_t i = 0; i < work->num_bridges; i++)
-            if (count == 0 || work->bridge[count - 1] != work->bridge[i]) work->bridge[count++] = work->bridge[i];
-        work->num_bridges = count;
-    }
+    if (work->num_bridges > 0) work->num_bridges = sort_once(work->bridge, work->num_bridges);
     return PLIANT_OK;
 }
 

@@ -21,7 +21,7 @@ static pliant_status no_memory(void) { return pliant_fail_memory("what a blade l
 
 static bool have_node_in_common(const cut_work *work, int32_t a, int32_t b)
 {
-    const int32_t *of_a = work->corners + 4 * (size_t)cut_number(work, a), *of_b = work->corners + 4 * (size_t)cut_number(work, b);
+    const int32_t *of_a = cut_corners(work, cut_number(work, a)), *of_b = cut_corners(work, cut_number(work, b));
     for (int v = 0; v < 4; v++)
         for (int w = 0; w < 4; w++)
             if (of_a[v] == of_b[w]) return true;
@@ -44,6 +44,8 @@ static pliant_status list_pairs(unheld *all)
     return PLIANT_OK;
 }
 
+static int32_t joint_node(const cut_work *work, int32_t end) { return cut_corners(work, work->joint[end] / 4)[work->joint[end] % 4]; }
+
 /* Of these, those that hang together elsewhere, or by joints, are held. */
 static pliant_status leave_out_held(unheld *all)
 {
@@ -51,11 +53,14 @@ static pliant_status leave_out_held(unheld *all)
     int32_t *part = pliant_calloc((size_t)work->num_nodes, sizeof *part), kept = 0;
     if (!part) return no_memory();
     for (int32_t n = 0; n < work->num_nodes; n++) part[n] = n;
-    for (int32_t v = 0; v < 4 * work->num_tets; v++) join(part, work->corners[v], work->corners[v / 4 * 4]);
-    for (int32_t j = 0; j < work->num_joints; j++) join(part, work->corners[work->joint[2 * j]], work->corners[work->joint[2 * j + 1]]);
+    for (int32_t t = 0; t < work->num_tets; t++) {
+        const int32_t *nodes = cut_corners(work, t);
+        for (int v = 1; v < 4; v++) join(part, nodes[0], nodes[v]);
+    }
+    for (int32_t j = 0; j < work->num_joints; j++) join(part, joint_node(work, 2 * j), joint_node(work, 2 * j + 1));
     for (int32_t p = 0; p < all->count; p++) {
         const int32_t *pair = all->pair + 2 * p;
-        if (first_of(part, work->corners[4 * (size_t)cut_number(work, pair[0])]) == first_of(part, work->corners[4 * (size_t)cut_number(work, pair[1])])) continue;
+        if (first_of(part, cut_corners(work, cut_number(work, pair[0]))[0]) == first_of(part, cut_corners(work, cut_number(work, pair[1]))[0])) continue;
         memmove(all->pair + 2 * kept++, pair, 2 * sizeof *pair);
     }
     all->count = kept;

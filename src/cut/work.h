@@ -3,6 +3,7 @@
 #define PLIANT_CUT_WORK_H
 
 #include "body/links.h"
+#include "body/parts.h"
 #include "pliant/cut.h"
 
 #ifdef __cplusplus
@@ -69,14 +70,15 @@ typedef struct cut_work {
     int32_t *table;                  /* hash: 1 + edge */
     /* ---- corners.c */
     int32_t num_tets, num_nodes;     /* of the next body */
-    int32_t *corners;                /* (num_tets x 4) */
+    int32_t num_changed, *changed;   /* tetrahedra of the body that are fragments now, or have other corners; ascending */
+    int32_t *corners;                /* (num_changed and those appended x 4) */
     int32_t *tet_source;             /* (appended) */
     uint8_t *copy_fixed;             /* (appended nodes) */
     int32_t num_joints, joint_room;
     int32_t *joint;                  /* (num_joints x 2) of pliant_division */
     bool in_one;                     /* all around what is touched still hangs together by faces there */
     /* ---- materials.c */
-    pliant_tet_material *material;   /* (num_tets) */
+    pliant_tet_material *material;   /* (num_changed and those appended) */
 } cut_work;
 
 /* the tetrahedron at load of a fine one of the body before */
@@ -98,6 +100,18 @@ static inline int32_t cut_number(const cut_work *work, int32_t end)
 {
     end = cut_final(work, end);
     return end < work->body->fine.num_tets ? end : work->fragment[end - work->body->fine.num_tets].number;
+}
+/* where a tetrahedron of the next body is listed in corners; -1: it is as it was */
+static inline int32_t cut_row(const cut_work *work, int32_t tet)
+{
+    if (tet >= work->body->fine.num_tets) return work->num_changed + tet - work->body->fine.num_tets;
+    return place_of(work->changed, work->num_changed, tet);
+}
+/* its nodes */
+static inline const int32_t *cut_corners(const cut_work *work, int32_t tet)
+{
+    const int32_t row = cut_row(work, tet);
+    return row < 0 ? work->body->fine.tets + 4 * (size_t)tet : work->corners + 4 * (size_t)row;
 }
 /* whether two tetrahedra at load have a face in common */
 static inline bool cut_share_face(const cut_work *work, int32_t a, int32_t b)
