@@ -74,18 +74,24 @@ static bool inside(const pliant_mesh *mesh, const double *positions, int32_t tet
     return in;
 }
 
-static void box_of(const pliant_mesh *mesh, const double *positions, int32_t tet, double low[3], double high[3])
+/* The box of a tetrahedron. false: it is not between least and most; most of all are told by their first axis */
+static bool is_between(const pliant_mesh *mesh, const double *positions, int32_t tet, const double least[3], const double most[3], double low[3],
+                       double high[3])
 {
     const int32_t *nodes = mesh->tets + 4 * (size_t)tet;
     for (int d = 0; d < 3; d++) {
-        const double x[4] = {positions[3 * (size_t)nodes[0] + d], positions[3 * (size_t)nodes[1] + d], positions[3 * (size_t)nodes[2] + d],
-                             positions[3 * (size_t)nodes[3] + d]};
-        low[d] = fmin(fmin(x[0], x[1]), fmin(x[2], x[3]));
-        high[d] = fmax(fmax(x[0], x[1]), fmax(x[2], x[3]));
+        low[d] = high[d] = positions[3 * (size_t)nodes[0] + d];
+        for (int v = 1; v < 4; v++) {
+            const double x = positions[3 * (size_t)nodes[v] + d];
+            low[d] = x < low[d] ? x : low[d];
+            high[d] = x > high[d] ? x : high[d];
+        }
         const double slack = tolerance * (high[d] - low[d]);
         low[d] -= slack;
         high[d] += slack;
+        if (!(low[d] <= most[d] && high[d] >= least[d])) return false;
     }
+    return true;
 }
 
 /* tetrahedra in ascending order against all points that are still open, in their common box */
@@ -102,8 +108,7 @@ void pliant_body_locate_points(const pliant_body *body, const double *positions,
         }
     }
     for (int32_t t = 0; t < mesh->num_tets; t++) {
-        box_of(mesh, positions, t, from, to);
-        if (!(from[0] <= high[0] && to[0] >= low[0] && from[1] <= high[1] && to[1] >= low[1] && from[2] <= high[2] && to[2] >= low[2])) continue;
+        if (!is_between(mesh, positions, t, low, high, from, to)) continue;
         for (int32_t p = 0; p < count; p++) {
             const double *point = points + 3 * p;
             if (tet[p] >= 0 || !(point[0] >= from[0] && point[0] <= to[0] && point[1] >= from[1] && point[1] <= to[1] && point[2] >= from[2] &&

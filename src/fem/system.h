@@ -110,6 +110,7 @@ struct pliant_system {
     pliant_pattern pattern;   /* of the next body's system empty until a background thread needs it, which makes it */
     pliant_preconditioner *preconditioner; /* at rest; shared, never changed. NULL: the next body's, until the solver has made its own */
     double mean_diagonal;     /* of that matrix [N/m] */
+    double *trace;            /* (num_blocks) what each adds to that diagonal's sum */
 
     pliant_upsample *upsample; /* Nullable */
     pliant_basis *basis;      /* Nullable: of a patch (basis.h): what lies beyond its elements pulls, too */
@@ -137,11 +138,20 @@ void pliant_system_gather(const pliant_system *system, double (*forces)[12][LANE
 /* (num_blocks) at these positions. */
 void pliant_system_tangents(const pliant_system *system, const double *positions, pliant_twist twist, pliant_tangent *tangents);
 
-/* ---- pattern.c */
-/* Number free nodes (fixed: (num_nodes)), gather lists and pattern. */
-pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed);
-/* the same in two: without the pattern; the pattern, where there is none yet */
+/* ---- unknowns.c */
+/* Number free nodes (fixed: (num_nodes)), and gather lists. */
 pliant_status pliant_system_number(pliant_system *system, const uint8_t *fixed);
+/* Likewise, with the lists of before where all tetrahedra around a node are kept. kept: Nullable */
+pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fixed, const pliant_system *before, const uint8_t *kept);
+/* system->mean_diagonal; turning the elements does not change it. before, kept: Nullable: those of another system that are the same. Errors: MEMORY. */
+pliant_status pliant_system_find_mean_diagonal(pliant_system *system, const pliant_system *before, const uint8_t *kept);
+/* the first from one on that is not kept; count: there is none */
+int32_t pliant_next_not_kept(const uint8_t *kept, int32_t count, int32_t from);
+
+/* ---- pattern.c */
+/* pliant_system_number and pliant_system_find_pattern. */
+pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed);
+/* where there is none yet */
 pliant_status pliant_system_find_pattern(pliant_system *system);
 /* Stiffness at given tangents (num_blocks): values (pattern.num_values), lower triangle by columns. */
 void pliant_system_assemble(const pliant_system *system, const pliant_tangent *tangents, double *values);
@@ -149,8 +159,6 @@ void pliant_system_assemble(const pliant_system *system, const pliant_tangent *t
 void pliant_system_assemble_block(const pliant_system *system, const pliant_tangent *tangents, int32_t index, double block[9]);
 /* one 12 x 12 of it: an element's */
 void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t tet, double stiffness[144]);
-/* mean of the matrix's diagonal; turning the elements does not change it [N/m] */
-double pliant_system_mean_diagonal(const pliant_system *system);
 
 /* ---- hexahedra.c: in place of pliant_system_elements */
 /* A hexahedron for every whole cube of the lattice, tetrahedra for the rest. Errors: MEMORY. */

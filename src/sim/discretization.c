@@ -199,12 +199,20 @@ static pliant_status gravity_mass(pliant_discretization *made, bool hexahedra)
     return status;
 }
 
+/* tetrahedra of the solved mesh that are kept, with whatever holds them; NULL: unknown, what is homogenized holds nodes of its own */
+static const uint8_t *kept_of_solved(const pliant_discretizing *work)
+{
+    return work->kept && !is_coarse(work->scene) ? work->kept->fine : NULL;
+}
+
 pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
 {
     const pliant_scene *scene = work->scene;
     pliant_system *system = work->made->system;
     if (work->made->tled) return PLIANT_OK; /* no matrix */
-    pliant_status status = pliant_system_number(system, work->solved_fixed ? work->solved_fixed : work->made->body->fine_fixed);
+    const pliant_kept *kept = work->kept;
+    pliant_status status = pliant_system_number_next(system, work->solved_fixed ? work->solved_fixed : work->made->body->fine_fixed,
+                                                     kept ? kept->before->system : NULL, kept_of_solved(work));
     if (status == PLIANT_OK) status = gravity_mass(work->made, scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_LATTICE);
     if (status == PLIANT_OK && !work->kept) status = pliant_system_find_pattern(system);
     if (status != PLIANT_OK || work->kept) return status;
@@ -219,7 +227,8 @@ pliant_status pliant_discretizing_factorize(pliant_discretizing *work)
     pliant_system *system = made->system;
     if (made->tled) return PLIANT_OK;
     if (work->kept) {
-        system->mean_diagonal = pliant_system_mean_diagonal(system);
+        pliant_status found = pliant_system_find_mean_diagonal(system, work->kept->before->system, kept_of_solved(work));
+        if (found != PLIANT_OK) return found;
         if (!pliant_patch_asked(work->scene)) return PLIANT_OK;
         const pliant_discretization *before = work->kept->before;
         made->first = pliant_discretization_retain(before->first ? before->first : before);
@@ -228,8 +237,8 @@ pliant_status pliant_discretizing_factorize(pliant_discretizing *work)
     pliant_tangent *tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents);
     if (!tangents) return pliant_fail_memory("the stiffness matrix");
     pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, tangents);
-    system->mean_diagonal = pliant_system_mean_diagonal(system);
-    pliant_status status = pliant_preconditioner_numeric(system->preconditioner, tangents);
+    pliant_status status = pliant_system_find_mean_diagonal(system, NULL, NULL);
+    if (status == PLIANT_OK) status = pliant_preconditioner_numeric(system->preconditioner, tangents);
     if (status == PLIANT_OK) made->condition_estimate = pliant_preconditioner_condition(system->preconditioner);
     pliant_free(tangents);
     if (status == PLIANT_OK && pliant_patch_asked(work->scene))
@@ -261,6 +270,23 @@ pliant_status pliant_discretization_create(const pliant_scene *scene, const plia
 
 /* ---- of the next body */
 
+static bool same_holds(const uint8_t *a, const uint8_t *b, int32_t count)
+{
+    if (memcmp(a, b, (size_t)count) == 0) return true;
+    for (int32_t n = 0; n < count; n++)
+        if (!a[n] != !b[n]) return false;
+    return true;
+}
+
+/* Of the body that comes next: it lists what is not kept. NULL: no memory */
+static uint8_t *kept_by_list(const pliant_body *was, const pliant_body *body)
+{
+    uint8_t *kept = pliant_calloc((size_t)body->fine.num_tets, 1);
+    if (kept) memset(kept, 1, (size_t)was->fine.num_tets);
+    for (int32_t i = 0; kept && i < body->changes.num_touched; i++) kept[body->changes.touched[i]] = 0;
+    return kept;
+}
+
 /* Tetrahedra whose number, corners and material are the same as in the body before; material NULL: of any. */
 static uint8_t *find_kept(const pliant_mesh *was, const pliant_mesh *mesh, const int32_t *node, const pliant_tet_material *material_was,
                           const pliant_tet_material *material, const uint8_t *fixed_was, const uint8_t *fixed)
@@ -285,7 +311,10 @@ pliant_status pliant_discretization_next(const pliant_scene *scene, const pliant
     pliant_discretizing work;
     pliant_status status = pliant_discretizing_begin(scene, body, (pliant_progress){NULL, NULL}, &work);
     if (status != PLIANT_OK) return status;
-    kept.fine = find_kept(&was->fine, &body->fine, map->node, was->fine_material, body->fine_material, was->fine_fixed, body->fine_fixed);
+    if (body->changes.since == was->revision && same_holds(was->fine_fixed, body->fine_fixed, was->fine.num_nodes))
+        kept.fine = kept_by_list(was, body);
+    else
+        kept.fine = find_kept(&was->fine, &body->fine, map->node, was->fine_material, body->fine_material, was->fine_fixed, body->fine_fixed);
     if (is_coarse(scene))
         kept.coarse = find_kept(&was->coarse, &body->coarse, map->coarse_node, was->coarse_material, body->coarse_material, was->coarse_fixed, body->coarse_fixed);
     if (!kept.fine || (is_coarse(scene) && !kept.coarse)) status = pliant_fail_memory("what is solved");

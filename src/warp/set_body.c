@@ -42,10 +42,15 @@ void pliant_warp_next_free(pliant_warp_next *next)
     pliant_free(next);
 }
 
-static pliant_status check(const pliant_warp *warp, const pliant_mesh *mesh)
+/* whether a body follows the one that is drawn: it lists what differs */
+static bool is_next(const pliant_warp *warp, const pliant_body *body) { return warp->body && body->changes.since == warp->body->revision; }
+
+static pliant_status check(const pliant_warp *warp, const pliant_body *body)
 {
+    const pliant_mesh *mesh = &body->fine;
     if (memcmp(mesh->cells, warp->mesh->cells, sizeof mesh->cells) != 0 || memcmp(mesh->corner, warp->mesh->corner, sizeof mesh->corner) != 0)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "a body of another load cannot take the place of the one that is drawn");
+    if (is_next(warp, body)) return PLIANT_OK;
     for (int32_t v = 0; v < 4 * mesh->num_tets; v++)
         if (mesh->tets[v] < 0 || mesh->tets[v] >= mesh->num_nodes)
             return pliant_fail(PLIANT_ERROR_ARGUMENT, "tetrahedron %d of the warped mesh names node %d of %d", v / 4, mesh->tets[v], mesh->num_nodes);
@@ -141,9 +146,14 @@ static void carry_guests(const pliant_warp *warp, pliant_warp_next *next)
 static void find_changes(const pliant_warp *warp, pliant_warp_next *next)
 {
     const int32_t before = warp->mesh->num_tets, now = next->mesh->num_tets;
+    const pliant_body_changes *changes = &next->body->changes;
+    const bool listed = is_next(warp, next->body);
     memset(next->gone, 1, (size_t)warp->num_elements);
-    for (int32_t t = 0; t < now; t++) {
-        next->from[t] = t < before && !differs(warp, next, t) ? t : -1;
+    for (int32_t t = 0, i = 0; t < now; t++) {
+        while (listed && i < changes->num_touched && changes->touched[i] < t) i++;
+        const bool may = !listed || (i < changes->num_touched && changes->touched[i] == t);
+        const bool parted = t < before && (box_of(warp->parts, t) >= 0 || box_of(next->parts, t) >= 0);
+        next->from[t] = t < before && !((may || parted) && differs(warp, next, t)) ? t : -1;
         if (next->from[t] >= 0) next->gone[t] = 0;
     }
     carry_guests(warp, next);
@@ -190,7 +200,7 @@ static pliant_status prepare_fit(const pliant_warp *warp, pliant_warp_next *next
 
 pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pliant_warp_next **out)
 {
-    pliant_status status = check(warp, &body->fine);
+    pliant_status status = check(warp, body);
     if (status != PLIANT_OK) return status;
     pliant_warp_next *next = pliant_calloc(1, sizeof *next);
     if (!next) return pliant_fail_memory("the warp");

@@ -43,6 +43,7 @@ static pliant_status assemble_fine(lod_builder *lod)
     pliant_system *whole = &lod->whole;
     pliant_tangent *tangents = NULL;
     pliant_status status = pliant_system_elements(whole, lod->material, NULL, NULL);
+    if (status == PLIANT_OK) status = pliant_system_find_mean_diagonal(whole, NULL, NULL);
     if (status != PLIANT_OK) return status;
     tangents = pliant_calloc((size_t)whole->num_blocks, sizeof *tangents);
     lod->values = pliant_calloc((size_t)whole->pattern.num_values, sizeof *lod->values);
@@ -55,7 +56,7 @@ static pliant_status assemble_fine(lod_builder *lod)
             for (int l = 0; l < LANES; l++) tangents[b].rotation[m][l] = 1;
     pliant_system_assemble(whole, tangents, lod->values);
     const double share = 1e-6; /* of the stiffness that a coarse node has, which grows with the cube */
-    lod->support = share * lod->ratio * pliant_system_mean_diagonal(whole);
+    lod->support = share * lod->ratio * whole->mean_diagonal;
     pliant_free(tangents);
     return PLIANT_OK;
 }

@@ -1,4 +1,5 @@
 #include "base/fail.h"
+#include "base/room.h"
 #include "fem/element/deformation.h"
 #include "fem/element/rotation.h"
 #include "fem/system.h"
@@ -20,32 +21,47 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
     return PLIANT_OK;
 }
 
+/* padding: the last element again, without stiffness */
+static void make_element(pliant_system *system, const pliant_tet_material *material, int32_t e)
+{
+    const int32_t block = e / LANES, lane = e % LANES, tets = system->mesh->num_tets, tet = e < tets ? e : tets - 1;
+    double gradients[12];
+    const double volume = pliant_mesh_gradients(system->mesh, tet, gradients);
+    for (int m = 0; m < 12; m++) system->gradients[block][m][lane] = gradients[m];
+    system->lame[block][0][lane] = tet == e ? volume * material[tet].lambda : 0;
+    system->lame[block][1][lane] = tet == e ? volume * material[tet].mu : 0;
+}
+
+static void copy_blocks(pliant_system *system, const pliant_system *before, int32_t blocks)
+{
+    enum { PIECE = 512 };
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t from = 0; from < blocks; from += PIECE) {
+        const size_t count = (size_t)(blocks - from < PIECE ? blocks - from : PIECE);
+        memcpy(system->gradients + from, before->gradients + from, count * sizeof *system->gradients);
+        memcpy(system->lame + from, before->lame + from, count * sizeof *system->lame);
+    }
+}
+
 pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept)
 {
     const pliant_mesh *mesh = system->mesh;
     system->num_blocks = (mesh->num_tets + LANES - 1) / LANES;
-    system->gradients = pliant_calloc((size_t)system->num_blocks, sizeof *system->gradients);
-    system->lame = pliant_calloc((size_t)system->num_blocks, sizeof *system->lame);
+    system->gradients = pliant_room((size_t)system->num_blocks, sizeof *system->gradients);
+    system->lame = pliant_room((size_t)system->num_blocks, sizeof *system->lame);
     if (!system->gradients || !system->lame) return pliant_fail_memory("the elements");
     pliant_status status = fill(system, material);
     if (status != PLIANT_OK) return status;
-#pragma omp parallel for num_threads(system->num_threads)
-    for (int32_t e = 0; e < system->num_blocks * LANES; e++) {
-        int32_t block = e / LANES, lane = e % LANES;
-        /* padding: the last element again, without stiffness */
-        int32_t tet = e < mesh->num_tets ? e : mesh->num_tets - 1;
-        double gradients[12];
-        if (kept && kept[tet]) {
-            for (int m = 0; m < 12; m++) system->gradients[block][m][lane] = before->gradients[tet / LANES][m][tet % LANES];
-            for (int m = 0; m < 2 && tet == e; m++) system->lame[block][m][lane] = before->lame[block][m][lane];
-            continue;
-        }
-        double volume = pliant_mesh_gradients(mesh, tet, gradients);
-        for (int m = 0; m < 12; m++) system->gradients[block][m][lane] = gradients[m];
-        if (tet != e) continue;
-        system->lame[block][0][lane] = volume * material[tet].lambda;
-        system->lame[block][1][lane] = volume * material[tet].mu;
+    if (kept) {
+        const int32_t blocks = before->num_blocks < system->num_blocks ? before->num_blocks : system->num_blocks;
+        copy_blocks(system, before, blocks);
+        for (int32_t t = pliant_next_not_kept(kept, mesh->num_tets, 0); t < mesh->num_tets; t = pliant_next_not_kept(kept, mesh->num_tets, t + 1))
+            make_element(system, material, t);
+        for (int32_t e = mesh->num_tets; e < system->num_blocks * LANES; e++) make_element(system, material, e);
+        return PLIANT_OK;
     }
+#pragma omp parallel for num_threads(system->num_threads)
+    for (int32_t e = 0; e < system->num_blocks * LANES; e++) make_element(system, material, e);
     return PLIANT_OK;
 }
 
@@ -229,6 +245,7 @@ void pliant_system_clear(pliant_system *system)
     pliant_free(system->node_of_free);
     pliant_free(system->corner_start);
     pliant_free(system->corner);
+    pliant_free(system->trace);
     pliant_free(system->pattern.start);
     pliant_free(system->pattern.row);
     pliant_free(system->pattern.term_start);

@@ -155,8 +155,8 @@ static pliant_status near_system(basis_builder *build, const uint8_t *fixed)
     pliant_status status = pliant_system_elements(system, build->material, NULL, NULL);
     if (status == PLIANT_OK) status = pliant_system_unknowns(system, build->still);
     if (status == PLIANT_OK) status = pliant_linearized_create(system, build->near_x, &build->near);
+    if (status == PLIANT_OK) status = pliant_system_find_mean_diagonal(system, NULL, NULL);
     if (status != PLIANT_OK) return status;
-    system->mean_diagonal = pliant_system_mean_diagonal(system);
     build->tangents = pliant_calloc((size_t)system->num_blocks, sizeof *build->tangents);
     return build->tangents ? PLIANT_OK : pliant_fail_memory("a patch");
 }

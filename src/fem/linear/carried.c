@@ -1,6 +1,7 @@
 #include "fem/linear/carried.h"
 
 #include "base/fail.h"
+#include "base/room.h"
 #include "pliant/memory.h"
 #include "state/discretization.h"
 
@@ -57,10 +58,10 @@ pliant_status pliant_carried_create(const pliant_system *system, const pliant_di
     carried->source = source;
     carried->num_free = system->num_free;
     carried->base_free = of_base->num_free;
-    carried->rest = pliant_calloc((size_t)carried->num_free, 3 * sizeof *carried->rest);
-    carried->all = pliant_calloc((size_t)carried->num_free, 3 * sizeof *carried->all);
-    carried->right = pliant_calloc((size_t)carried->base_free, 3 * sizeof *carried->right);
-    carried->left = pliant_calloc((size_t)carried->base_free, 3 * sizeof *carried->left);
+    carried->rest = pliant_room((size_t)carried->num_free, 3 * sizeof *carried->rest); /* written by every solve */
+    carried->all = pliant_room((size_t)carried->num_free, 3 * sizeof *carried->all);
+    carried->right = pliant_room((size_t)carried->base_free, 3 * sizeof *carried->right);
+    carried->left = pliant_room((size_t)carried->base_free, 3 * sizeof *carried->left);
     pliant_status status = PLIANT_OK;
     if (!carried->rest || !carried->all || !carried->right || !carried->left) status = pliant_fail_memory("the preconditioner");
     if (status == PLIANT_OK && positions) status = pliant_carried_mend(system, positions, axes, carried);

@@ -1,43 +1,9 @@
-/* Which nodes move, which element forces they gather, and the pattern and values of the matrix. */
+/* The pattern and values of the matrix. */
 #include "base/fail.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 
-#include <math.h>
 #include <string.h>
-
-static pliant_status number_free(pliant_system *system, const uint8_t *fixed)
-{
-    const pliant_mesh *mesh = system->mesh;
-    system->free_of_node = pliant_calloc((size_t)mesh->num_nodes, sizeof *system->free_of_node);
-    system->node_of_free = pliant_calloc((size_t)mesh->num_nodes, sizeof *system->node_of_free);
-    if (!system->free_of_node || !system->node_of_free) return pliant_fail_memory("the unknowns");
-    for (int32_t n = 0; n < mesh->num_nodes; n++) {
-        system->free_of_node[n] = fixed[n] ? -1 : system->num_free;
-        if (!fixed[n]) system->node_of_free[system->num_free++] = n;
-    }
-    if (system->num_free == 0) return pliant_fail(PLIANT_ERROR_SCENE, "every node is fixed: nothing can move");
-    return PLIANT_OK;
-}
-
-static pliant_status list_corners(pliant_system *system)
-{
-    const pliant_mesh *mesh = system->mesh;
-    system->corner_start = pliant_calloc((size_t)system->num_free + 2, sizeof *system->corner_start);
-    system->corner = pliant_calloc((size_t)mesh->num_tets, 4 * sizeof *system->corner);
-    if (!system->corner_start || !system->corner) return pliant_fail_memory("the unknowns");
-    int32_t *start = system->corner_start;
-    for (int32_t v = 0; v < 4 * mesh->num_tets; v++) {
-        int32_t n = system->free_of_node[mesh->tets[v]];
-        if (n >= 0) start[n + 2]++;
-    }
-    for (int32_t n = 0; n < system->num_free; n++) start[n + 2] += start[n + 1];
-    for (int32_t v = 0; v < 4 * mesh->num_tets; v++) {
-        int32_t n = system->free_of_node[mesh->tets[v]];
-        if (n >= 0) system->corner[start[n + 1]++] = v;
-    }
-    return PLIANT_OK;
-}
 
 typedef struct pair {
     int32_t row, column, term;
@@ -97,13 +63,6 @@ static pliant_status fill_pattern(pliant_pattern *pattern, const pair *pairs, in
     /* a diagonal block has 6 numbers in the lower triangle, any other 9 */
     pattern->num_values = 9 * (int64_t)blocks - 3 * (int64_t)pattern->num_columns;
     return PLIANT_OK;
-}
-
-pliant_status pliant_system_number(pliant_system *system, const uint8_t *fixed)
-{
-    pliant_status status = number_free(system, fixed);
-    if (status == PLIANT_OK && system->macros) return pliant_macro_unknowns(system);
-    return status == PLIANT_OK ? list_corners(system) : status;
 }
 
 pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed)
@@ -216,22 +175,4 @@ void pliant_system_assemble(const pliant_system *system, const pliant_tangent *t
                 for (int r = n == 0 ? c : 0; r < 3; r++) *out[c]++ = block[3 * r + c];
         }
     }
-}
-
-double pliant_system_mean_diagonal(const pliant_system *system)
-{
-    if (system->macros) return pliant_macro_mean_diagonal(system);
-    double sum = 0;
-    for (int32_t f = 0; f < system->num_free; f++)
-        for (int32_t c = system->corner_start[f]; c < system->corner_start[f + 1]; c++) {
-            int32_t element = system->corner[c] / 4, corner = system->corner[c] % 4, lane = element % LANES;
-            if (system->stiffness) {
-                for (int d = 0; d < 3; d++) sum += system->stiffness[144 * (size_t)element + 13 * (size_t)(3 * corner + d)];
-                continue;
-            }
-            double squares = 0;
-            for (int d = 0; d < 3; d++) squares += pow(system->gradients[element / LANES][3 * corner + d][lane], 2);
-            sum += squares * (system->lame[element / LANES][0][lane] + 4 * system->lame[element / LANES][1][lane]);
-        }
-    return sum / (3.0 * system->num_free);
 }

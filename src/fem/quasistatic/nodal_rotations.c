@@ -1,6 +1,7 @@
 #include "fem/quasistatic/nodal_rotations.h"
 
 #include "base/fail.h"
+#include "base/room.h"
 #include "fem/coarse/macro_element.h"
 #include "fem/element/deformation.h"
 #include "fem/element/rotation.h"
@@ -14,9 +15,9 @@ pliant_status pliant_nodal_rotations_create(const pliant_system *system, pliant_
     if (system->stiffness || system->basis || (system->macros && !system->macros->shear)) return PLIANT_OK;
     pliant_nodal_rotations *rotations = pliant_calloc(1, sizeof *rotations);
     if (rotations) {
-        rotations->rotation = pliant_calloc((size_t)system->num_free, 9 * sizeof *rotations->rotation);
-        rotations->before = pliant_calloc((size_t)system->num_blocks, sizeof *rotations->before);
-        rotations->product = pliant_calloc((size_t)system->num_blocks, sizeof *rotations->product);
+        rotations->rotation = pliant_room((size_t)system->num_free, 9 * sizeof *rotations->rotation); /* written when they refer, and turn */
+        rotations->before = pliant_room((size_t)system->num_blocks, sizeof *rotations->before);
+        rotations->product = pliant_room((size_t)system->num_blocks, sizeof *rotations->product);
     }
     if (!rotations || !rotations->rotation || !rotations->before || !rotations->product) {
         pliant_nodal_rotations_free(rotations);

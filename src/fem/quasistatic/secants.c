@@ -1,5 +1,6 @@
 /* The history of Anderson's method: secants, the weights that mix them, and the proposals made with them. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "fem/linear/dense.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
@@ -11,9 +12,9 @@ pliant_status pliant_secants_create(const pliant_system *system, int32_t count, 
     size_t n = 3 * (size_t)system->num_free;
     for (int32_t h = 0; h < count; h++) {
         pliant_secant *secant = secants + h;
-        secant->x = pliant_calloc(n, sizeof *secant->x);
-        secant->step = pliant_calloc(n, sizeof *secant->step);
-        secant->residual = pliant_calloc(n, sizeof *secant->residual);
+        secant->x = pliant_room(n, sizeof *secant->x); /* written when it is remembered */
+        secant->step = pliant_room(n, sizeof *secant->step);
+        secant->residual = pliant_room(n, sizeof *secant->residual);
         if (!secant->x || !secant->step || !secant->residual) return pliant_fail_memory("the solver's history");
     }
     return PLIANT_OK;

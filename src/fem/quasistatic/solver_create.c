@@ -1,5 +1,6 @@
 /* Making and unmaking a solver, its load. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
 
@@ -51,7 +52,7 @@ pliant_status pliant_solver_wake(pliant_solver *solver)
     const pliant_system *system = solver->system;
     if (solver->awake) return PLIANT_OK;
     solver->previous_x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->previous_x);
-    solver->element_forces = pliant_calloc((size_t)system->num_blocks, sizeof *solver->element_forces);
+    solver->element_forces = pliant_room((size_t)system->num_blocks, sizeof *solver->element_forces);
     pliant_status status = solver->previous_x && solver->element_forces ? PLIANT_OK : pliant_fail_memory("the solver");
     if (status == PLIANT_OK) status = iterate_create(system, &solver->now);
     if (status == PLIANT_OK) status = iterate_create(system, &solver->trial);
