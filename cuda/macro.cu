@@ -10,7 +10,7 @@
 #include <new>
 #include <vector>
 
-enum { THREADS = 256, WARP = 32 };
+enum { THREADS = 256, WARP = 32, CUBES = THREADS / WARP, FRAMES = 64 };
 
 /* ---- what they are made of */
 
@@ -64,6 +64,9 @@ static size_t shared_bytes(const gpu_macros *macros)
     return ((size_t)macros->most_unknowns + (size_t)macros->most_rank) * sizeof(double);
 }
 
+/* Cubes of a few corners: a warp each. */
+static bool is_small(const gpu_macros *macros) { return macros->most_unknowns <= WARP; }
+
 static __global__ void macro_force_kernel(gpu_system system, gpu_iteration iteration);
 
 extern "C" pliant_status pliant_cuda_macros_create(const pliant_macros *macros, cudaStream_t stream, gpu_macros *out)
@@ -79,6 +82,7 @@ extern "C" pliant_status pliant_cuda_macros_create(const pliant_macros *macros, 
     CUDA_TRY(upload(macros->gradient, 24 * count, stream, &out->d_gradient));
     CUDA_TRY(upload(macros->rank, count, stream, &out->d_rank));
     CUDA_TRY(upload(macros->cube_of_corner, corners, stream, &out->d_cube_of_corner));
+    CUDA_TRY(pliant_cuda_allocate(count * sizeof(pliant_macro_frame), "the macro-elements", reinterpret_cast<void **>(&out->d_frame)));
     try {
         CUDA_TRY(upload_roots(macros, stream, out));
         CUDA_TRY(upload_followers(macros, stream, out));
@@ -91,13 +95,13 @@ extern "C" pliant_status pliant_cuda_macros_create(const pliant_macros *macros, 
 extern "C" void pliant_cuda_macros_free(gpu_macros *macros)
 {
     void *blocks[] = {macros->d_start, macros->d_node, macros->d_own, macros->d_rank, macros->d_cube_of_corner, macros->d_fine_start, macros->d_fine,
-                      macros->d_held, macros->d_grounded, macros->d_gradient, macros->d_root_start, macros->d_root, macros->d_entry_start,
+                      macros->d_held, macros->d_grounded, macros->d_gradient, macros->d_frame, macros->d_root_start, macros->d_root, macros->d_entry_start,
                       macros->d_entry_corner, macros->d_entry_shape};
     for (void *block : blocks) pliant_cuda_release(block);
     memset(macros, 0, sizeof *macros);
 }
 
-/* ---- one block of threads a cube */
+/* ---- frames: a thread a cube */
 
 static __device__ void frame_of(const gpu_system &system, const double *x, int cube, pliant_macro_frame *out)
 {
@@ -110,16 +114,25 @@ static __device__ void frame_of(const gpu_system &system, const double *x, int c
         rotation_of(f, out->rotation);
 }
 
-/* the frame, and q of every corner; all threads of the block */
-static __device__ void corners_in_frame(const gpu_system &system, const double *x, int cube, pliant_macro_frame *frame, double *q)
+/* evaluates: of the iterate under evaluation, or else of the present one */
+static __global__ void __launch_bounds__(FRAMES) macro_frame_kernel(gpu_system system, gpu_iteration iteration, bool evaluates)
+{
+    const gpu_state &state = *iteration.d_state;
+    const int cube = (int)(blockIdx.x * FRAMES + threadIdx.x);
+    if (cube >= system.macros.count || (evaluates && (state.done || gpu_knows_forces(&state)))) return;
+    frame_of(system, iteration.d_x[evaluates ? gpu_target(&state) : state.now], cube, system.macros.d_frame + cube);
+}
+
+/* ---- one block of threads a cube */
+
+/* q of every corner; all threads of the block */
+static __device__ void corners_in_frame(const gpu_system &system, const double *x, int cube, double *q)
 {
     const gpu_macros &macros = system.macros;
     const int begin = macros.d_start[cube], count = macros.d_start[cube + 1] - begin;
-    if (threadIdx.x == 0) frame_of(system, x, cube, frame);
-    __syncthreads();
     for (int c = (int)threadIdx.x; c < count; c += THREADS) {
         const size_t node = 3 * (size_t)macros.d_node[begin + c];
-        pliant_macro_corner(frame, macros.d_held[begin + c], x + node, system.d_rest + node, q + 3 * c);
+        pliant_macro_corner(macros.d_frame + cube, macros.d_held[begin + c], x + node, system.d_rest + node, q + 3 * c);
     }
     __syncthreads();
 }
@@ -146,24 +159,58 @@ static __device__ void apply_root(const float *root, int rank, int n, double *q,
 static __global__ void __launch_bounds__(THREADS) macro_force_kernel(gpu_system system, gpu_iteration iteration)
 {
     extern __shared__ double shared[];
-    __shared__ pliant_macro_frame frame;
     const gpu_state &state = *iteration.d_state;
     if (state.done || gpu_knows_forces(&state)) return;
     const gpu_macros &macros = system.macros;
     const int cube = (int)blockIdx.x, begin = macros.d_start[cube], count = macros.d_start[cube + 1] - begin;
     double *q = shared, *row = shared + macros.most_unknowns;
-    corners_in_frame(system, iteration.d_x[gpu_target(&state)], cube, &frame, q);
+    corners_in_frame(system, iteration.d_x[gpu_target(&state)], cube, q);
     apply_root(macros.d_root + macros.d_root_start[cube], macros.d_rank[cube], 3 * count, q, row);
     for (int c = (int)threadIdx.x; c < count; c += THREADS) {
         double force[3];
-        pliant_macro_turn(frame.rotation, q + 3 * c, force);
+        pliant_macro_turn(macros.d_frame[cube].rotation, q + 3 * c, force);
         for (int d = 0; d < 3; d++) iteration.d_element_force[4 * (size_t)(begin + c) + d] = force[d];
     }
 }
 
-static __global__ void __launch_bounds__(THREADS) macro_rotation_kernel(gpu_system system, gpu_iteration iteration)
+/* The same for cubes with no more unknowns than a warp has lanes: a warp a cube, a lane an unknown, each row read once. */
+static __global__ void __launch_bounds__(THREADS) small_force_kernel(gpu_system system, gpu_iteration iteration)
 {
-    const int cube = (int)(blockIdx.x * THREADS + threadIdx.x);
+    __shared__ double shared[CUBES][WARP];
+    const gpu_state &state = *iteration.d_state;
+    const gpu_macros &macros = system.macros;
+    const int lane = (int)threadIdx.x % WARP, cube = (int)(blockIdx.x * THREADS + threadIdx.x) / WARP;
+    if (state.done || gpu_knows_forces(&state) || cube >= macros.count) return;
+    const int begin = macros.d_start[cube], count = macros.d_start[cube + 1] - begin, n = 3 * count, rank = macros.d_rank[cube];
+    const float *root = macros.d_root + macros.d_root_start[cube];
+    const double *x = iteration.d_x[gpu_target(&state)];
+    double *q = shared[threadIdx.x / WARP];
+    if (lane < count) {
+        const size_t node = 3 * (size_t)macros.d_node[begin + lane];
+        pliant_macro_corner(macros.d_frame + cube, macros.d_held[begin + lane], x + node, system.d_rest + node, q + 3 * lane);
+    }
+    __syncwarp();
+    const double own = lane < n ? q[lane] : 0;
+    double force = 0;
+#pragma unroll 8
+    for (int m = 0; m < rank; m++) {
+        const double entry = lane < n ? (double)root[m * n + lane] : 0;
+        double row = entry * own;
+        for (int half = WARP / 2; half > 0; half /= 2) row += __shfl_xor_sync(0xffffffff, row, half);
+        force += entry * row;
+    }
+    __syncwarp();
+    if (lane < n) q[lane] = force;
+    __syncwarp();
+    if (lane >= count) return;
+    double turned[3];
+    pliant_macro_turn(macros.d_frame[cube].rotation, q + 3 * lane, turned);
+    for (int d = 0; d < 3; d++) iteration.d_element_force[4 * (size_t)(begin + lane) + d] = turned[d];
+}
+
+static __global__ void __launch_bounds__(FRAMES) macro_rotation_kernel(gpu_system system, gpu_iteration iteration)
+{
+    const int cube = (int)(blockIdx.x * FRAMES + threadIdx.x);
     if (cube >= system.macros.count) return;
     pliant_macro_frame frame;
     frame_of(system, iteration.d_x[iteration.d_state->now], cube, &frame);
@@ -173,29 +220,41 @@ static __global__ void __launch_bounds__(THREADS) macro_rotation_kernel(gpu_syst
 static __global__ void __launch_bounds__(THREADS) macro_position_kernel(gpu_system system, gpu_iteration iteration, double *d_fine)
 {
     extern __shared__ double q[];
-    __shared__ pliant_macro_frame frame;
     const gpu_macros &macros = system.macros;
     const int cube = (int)blockIdx.x;
-    corners_in_frame(system, iteration.d_x[iteration.d_state->now], cube, &frame, q);
+    corners_in_frame(system, iteration.d_x[iteration.d_state->now], cube, q);
     for (int i = macros.d_fine_start[cube] + (int)threadIdx.x; i < macros.d_fine_start[cube + 1]; i += THREADS) {
         const size_t node = 3 * (size_t)macros.d_fine[i];
         double w[3], x[3];
         for (int d = 0; d < 3; d++) x[d] = system.d_fine_rest[node + d];
         pliant_macro_shaped(macros.d_entry_start[i], macros.d_entry_start[i + 1], macros.d_entry_corner, macros.d_entry_shape, q, w);
-        pliant_macro_follow(&frame, macros.d_grounded[cube], w, x);
+        pliant_macro_follow(macros.d_frame + cube, macros.d_grounded[cube], w, x);
         for (int d = 0; d < 3; d++) d_fine[node + d] = x[d];
     }
 }
 
+static unsigned blocks_for(int count, int threads) { return (unsigned)((count + threads - 1) / threads); }
+
+static pliant_status find_frames(const gpu_system *system, const gpu_iteration *iteration, bool evaluates, cudaStream_t stream)
+{
+    macro_frame_kernel<<<blocks_for(system->macros.count, FRAMES), FRAMES, 0, stream>>>(*system, *iteration, evaluates);
+    return CUDA_LAUNCHED("macro_frame_kernel");
+}
+
 extern "C" pliant_status pliant_cuda_macro_forces(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
 {
+    CUDA_TRY(find_frames(system, iteration, true, stream));
+    if (is_small(&system->macros)) {
+        small_force_kernel<<<blocks_for(system->macros.count, CUBES), THREADS, 0, stream>>>(*system, *iteration);
+        return CUDA_LAUNCHED("small_force_kernel");
+    }
     macro_force_kernel<<<(unsigned)system->macros.count, THREADS, shared_bytes(&system->macros), stream>>>(*system, *iteration);
     return CUDA_LAUNCHED("macro_force_kernel");
 }
 
 extern "C" pliant_status pliant_cuda_macro_rotations(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
 {
-    macro_rotation_kernel<<<(unsigned)((system->macros.count + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*system, *iteration);
+    macro_rotation_kernel<<<blocks_for(system->macros.count, FRAMES), FRAMES, 0, stream>>>(*system, *iteration);
     return CUDA_LAUNCHED("macro_rotation_kernel");
 }
 
@@ -205,6 +264,7 @@ extern "C" pliant_status pliant_cuda_macro_positions(const gpu_system *system, c
     const size_t bytes = 3 * (size_t)system->num_fine * sizeof *d_fine;
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_fine, system->d_fine_rest, bytes, cudaMemcpyDeviceToDevice, stream)));
     const size_t shared = (size_t)system->macros.most_unknowns * sizeof(double);
+    CUDA_TRY(find_frames(system, iteration, false, stream));
     macro_position_kernel<<<(unsigned)system->macros.count, THREADS, shared, stream>>>(*system, *iteration, d_fine);
     return CUDA_LAUNCHED("macro_position_kernel");
 }

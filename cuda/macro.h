@@ -2,6 +2,7 @@
 #ifndef PLIANT_CUDA_MACRO_H
 #define PLIANT_CUDA_MACRO_H
 
+#include "fem/coarse/macro_element.h"
 #include "fem/system.h"
 
 #include <cuda_runtime_api.h>
@@ -20,6 +21,7 @@ typedef struct gpu_macros {
     int32_t *d_start, *d_node, *d_own, *d_rank, *d_cube_of_corner, *d_fine_start, *d_fine;
     uint8_t *d_held, *d_grounded;
     double *d_gradient;
+    pliant_macro_frame *d_frame; /* (count) of the iterate that was asked for last */
     int64_t *d_root_start;     /* (count) into d_root */
     float *d_root;
     int32_t *d_entry_start;    /* (fine nodes that follow + 1) into the entries */
