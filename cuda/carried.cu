@@ -325,3 +325,14 @@ extern "C" pliant_status pliant_cuda_carried_above(const gpu_carried *carried, c
     above_kernel<<<near + rest, COLUMNS * GROUPS, 0, stream>>>(*carried, d_skip, d_left);
     return CUDA_LAUNCHED("above_kernel");
 }
+
+extern "C" pliant_status pliant_cuda_carried_load(void)
+{
+    const void *kernels[] = {reinterpret_cast<const void *>(assemble_kernel), reinterpret_cast<const void *>(pad_kernel), reinterpret_cast<const void *>(narrow_kernel),
+                             reinterpret_cast<const void *>(near_kernel),     reinterpret_cast<const void *>(below_kernel), reinterpret_cast<const void *>(above_kernel)};
+    for (const void *kernel : kernels) {
+        cudaFuncAttributes attributes;
+        CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&attributes, kernel)));
+    }
+    return PLIANT_OK;
+}

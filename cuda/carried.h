@@ -44,6 +44,10 @@ pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_sys
 void pliant_cuda_carried_clear(gpu_carried *carried, gpu_carried_room *room); /* nothing is carried over; arrays stay */
 void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_room *room);
 
+/* Kernels are loaded when they are first used, which waits for all that the device does: what steps may want while something is made in the
+ * background is loaded ahead. */
+pliant_status pliant_cuda_carried_load(void);
+
 /* The two halves of a product, before and after the base's d_left = V d_right. */
 pliant_status pliant_cuda_carried_below(const gpu_carried *carried, const int32_t *d_skip, const float *d_right, cudaStream_t stream);
 pliant_status pliant_cuda_carried_above(const gpu_carried *carried, const int32_t *d_skip, float *d_left, cudaStream_t stream);

@@ -37,6 +37,10 @@ pliant_status pliant_cuda_ensure(size_t bytes, bool grows, const char *what, voi
 pliant_status pliant_cuda_allocate_host(size_t bytes, const char *what, void **out);
 void pliant_cuda_release(void *d_block);      /* Nullable */
 void pliant_cuda_release_host(void *h_block); /* Nullable */
+/* A thread that works on the device while steps go on, from and to here: what others give back in between is kept until it ends, since
+ * the device gives back nothing before it has done all that it was given. */
+void pliant_cuda_background_begin(void);
+void pliant_cuda_background_end(void);
 /* Allocate, and copy from the host before it returns. */
 pliant_status pliant_cuda_upload(const void *h_from, size_t bytes, const char *what, cudaStream_t stream, void **out);
 

@@ -1,12 +1,14 @@
 #include "check.h"
 #include "base/fail.h"
 #include "device.h"
+#include "pliant/memory.h"
 
 #include <nvtx3/nvToolsExt.h>
 
 #include <atomic>
 #include <cstdio>
 #include <cstring>
+#include <mutex>
 
 static std::atomic<long long> calls_left{-1};
 
@@ -70,16 +72,70 @@ extern "C" pliant_status pliant_cuda_allocate_host(size_t bytes, const char *wha
     return PLIANT_OK;
 }
 
+/* ---- giving back: CUDA waits for all that the device is doing, and nobody shall wait for what is done in the background */
+
+struct retired { void *block; bool of_host; };
+
+static std::mutex retired_lock;
+static retired *retired_blocks;
+static size_t num_retired, retired_room;
+static int num_background; /* under the lock */
+static thread_local bool in_background;
+
 /* a device that is lost cannot give back either: nothing to do about it, and no reason to say more */
-extern "C" void pliant_cuda_release(void *d_block)
+static void give_back(const retired &of)
 {
-    if (d_block && cudaFree(d_block) != cudaSuccess) cudaGetLastError();
+    if ((of.of_host ? cudaFreeHost(of.block) : cudaFree(of.block)) != cudaSuccess) cudaGetLastError();
 }
 
-extern "C" void pliant_cuda_release_host(void *h_block)
+static bool retire(const retired &of)
 {
-    if (h_block && cudaFreeHost(h_block) != cudaSuccess) cudaGetLastError();
+    std::lock_guard<std::mutex> lock(retired_lock);
+    if (num_background == 0 || in_background) return false;
+    if (num_retired == retired_room) {
+        const size_t more = 2 * retired_room + 16;
+        void *longer = pliant_resize(retired_blocks, more, sizeof *retired_blocks);
+        if (!longer) return false;
+        retired_blocks = static_cast<retired *>(longer);
+        retired_room = more;
+    }
+    retired_blocks[num_retired++] = of;
+    return true;
 }
+
+static void release(void *block, bool of_host)
+{
+    const retired of = {block, of_host};
+    if (block && !retire(of)) give_back(of);
+}
+
+extern "C" void pliant_cuda_background_begin(void)
+{
+    std::lock_guard<std::mutex> lock(retired_lock);
+    num_background++;
+    in_background = true;
+}
+
+extern "C" void pliant_cuda_background_end(void)
+{
+    retired *blocks = nullptr;
+    size_t count = 0;
+    {
+        std::lock_guard<std::mutex> lock(retired_lock);
+        in_background = false;
+        if (--num_background == 0) {
+            blocks = retired_blocks;
+            count = num_retired;
+            retired_blocks = nullptr;
+            num_retired = retired_room = 0;
+        }
+    }
+    for (size_t n = 0; n < count; n++) give_back(blocks[n]);
+    pliant_free(blocks);
+}
+
+extern "C" void pliant_cuda_release(void *d_block) { release(d_block, false); }
+extern "C" void pliant_cuda_release_host(void *h_block) { release(h_block, true); }
 
 extern "C" pliant_status pliant_cuda_upload(const void *h_from, size_t bytes, const char *what, cudaStream_t stream, void **out)
 {

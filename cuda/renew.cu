@@ -51,7 +51,9 @@ static void *in_background(void *argument)
     gpu_renewal *renewal = static_cast<gpu_renewal *>(argument);
     pliant_threads_step_back();
     pliant_fail_quietly(true);
+    pliant_cuda_background_begin();
     renewal->status = make(renewal);
+    pliant_cuda_background_end();
     pliant_fail_quietly(false);
     renewal->finished = true;
     return nullptr;

@@ -74,6 +74,7 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
     CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state)));
     CUDA_TRY(pliant_cuda_solver_record(gpu));
+    if (gpu->system_room.grows) CUDA_TRY(pliant_cuda_carried_load());
     CUDA_TRY(measure(gpu, solver));
     return pliant_cuda_solver_restart(gpu, solver);
 }
@@ -102,7 +103,7 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     pliant_cuda_renewal_free(gpu);
     if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
     gpu_iteration *it = &gpu->iteration;
-    void *blocks[] = {it->d_state, it->d_history, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_residual[0], it->d_residual[1], it->d_past_step, it->d_past_residual, it->d_load, it->d_extra,
+    void *blocks[] = {it->d_state, it->d_history, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_residual[0], it->d_residual[1], it->d_free_residual, it->d_past_step, it->d_past_residual, it->d_load, it->d_extra,
                       it->d_secant_x, it->d_secant_step, it->d_secant_residual, it->d_element_force, it->d_rotations, it->d_axes, it->d_right, it->d_left,
                       it->d_sums, gpu->d_fine, gpu->d_solved, gpu->d_between};
     for (void *block : blocks) pliant_cuda_release(block);
@@ -234,13 +235,20 @@ static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, 
     return PLIANT_OK;
 }
 
+/* The last step's end was evaluated, and what is asked there now is the same: as begin_kernel finds it, too. */
+static bool knows_first(const pliant_cuda_solver *gpu, const gpu_step *step)
+{
+    return step->kept && step->same_axes && step->same_step && gpu->h_state->evaluated;
+}
+
 static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
 {
     CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
+    CUDA_TRY(pliant_cuda_solver_evaluate_first(gpu, knows_first(gpu, step)));
     const int32_t most = step->most_evaluations + 4; /* one to look back at the state before a blind step, a descent, the body at rest, the end */
     int32_t ahead = gpu->last_launches; /* a step takes about as many as the last one; those too many do nothing */
-    for (int32_t spent = 0; spent < most; ahead = 1) {
-        for (int32_t n = 0; n < ahead && spent < most; n++, spent++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream)));
+    for (int32_t spent = 1; spent < most; ahead = 2) {
+        for (int32_t n = 1; n < ahead && spent < most; n++, spent++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream)));
         CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows), cudaMemcpyDeviceToHost, gpu->stream)));
         CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
         if (gpu->h_state->done) return PLIANT_OK;
