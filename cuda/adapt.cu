@@ -1,4 +1,4 @@
-/* What the solver keeps on the GPU is sized, recorded as a graph, and carried over to the next body. */
+/* What the solver keeps on the GPU is sized, and carried over to the next body. */
 #include "anderson.h"
 #include "base/fail.h"
 #include "check.h"
@@ -43,7 +43,8 @@ extern "C" pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const 
         array_of(&it->d_residual[0], n),       array_of(&it->d_residual[1], n),            array_of(&it->d_load, n),
         array_of(&it->d_extra, n, true),       array_of(&it->d_secant_x, history),         array_of(&it->d_secant_step, history),
         array_of(&it->d_secant_residual, history), array_of(&it->d_element_force, count_of_forces(system)), array_of(&it->d_axes, 3 * n),
-        array_of(&it->d_past_step, n),         array_of(&it->d_past_residual, n),          array_of(&it->d_rotations, count_of_rotations(system)),
+        array_of(&it->d_free_residual, n),     array_of(&it->d_past_step, n),              array_of(&it->d_past_residual, n),
+        array_of(&it->d_rotations, count_of_rotations(system)),
         array_of(&it->d_right, padded, true),  array_of(&it->d_left, padded),              array_of(&it->d_sums, sums),
         array_of(&gpu->d_fine, 3 * (size_t)system->num_fine), array_of(&gpu->d_solved, nodes),
     };
@@ -58,62 +59,6 @@ extern "C" pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const 
     gpu->h_solved = nullptr;
     gpu->solved_room = (gpu->system_room.grows ? nodes + nodes / 4 : nodes) * sizeof(double);
     return pliant_cuda_allocate_host(gpu->solved_room, "the solved nodes", reinterpret_cast<void **>(&gpu->h_solved));
-}
-
-/* ---- one evaluation as a graph: all its kernels for the price of one launch */
-
-static pliant_status enqueue_evaluation(const pliant_cuda_solver *gpu)
-{
-    const gpu_iteration *it = &gpu->iteration;
-    CUDA_TRY(pliant_cuda_forces(&gpu->system, it, gpu->stream));
-    CUDA_TRY(pliant_cuda_gather(&gpu->system, it, gpu->stream));
-    CUDA_TRY(pliant_cuda_precondition(&gpu->preconditioner, it, gpu->stream));
-    CUDA_TRY(pliant_cuda_complete(it, gpu->gather_blocks, gpu->stream));
-    CUDA_TRY(pliant_cuda_decide(it, gpu->gather_blocks, gpu->stream));
-    return pliant_cuda_propose(it, gpu->stream);
-}
-
-/* Whether two graphs with as many kernels have the same ones. */
-static int kind_of(const gpu_preconditioner *preconditioner)
-{
-    const gpu_carried *carried = &preconditioner->carried;
-    return (preconditioner->multigrid ? 4 : 0) + (carried->base_free == 0 ? 0 : carried->inner == 0 ? 1 : 2);
-}
-
-/* the same kernels with other numbers: much less than making it anew. false: it is to be made anew all the same */
-static bool update(cudaGraphExec_t evaluation, cudaGraph_t graph)
-{
-#if CUDART_VERSION >= 12000
-    cudaGraphExecUpdateResultInfo result;
-    const bool updated = cudaGraphExecUpdate(evaluation, graph, &result) == cudaSuccess;
-#else
-    cudaGraphNode_t node;
-    cudaGraphExecUpdateResult result;
-    const bool updated = cudaGraphExecUpdate(evaluation, graph, &node, &result) == cudaSuccess;
-#endif
-    if (!updated) cudaGetLastError();
-    return updated;
-}
-
-extern "C" pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu)
-{
-    cudaGraph_t graph = nullptr;
-    CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
-    pliant_status status = enqueue_evaluation(gpu), ended = CUDA_CALL(cudaStreamEndCapture(gpu->stream, &graph));
-    if (status == PLIANT_OK) status = ended;
-    size_t kernels = 0;
-    const int kind = kind_of(&gpu->preconditioner);
-    if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphGetNodes(graph, nullptr, &kernels));
-    const bool same = gpu->evaluation && kernels == gpu->kernels && kind == gpu->kind;
-    gpu->kernels = kernels;
-    gpu->kind = kind;
-    if (status == PLIANT_OK && !(same && update(gpu->evaluation, graph))) {
-        if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
-        gpu->evaluation = nullptr;
-        status = CUDA_CALL(cudaGraphInstantiateWithFlags(&gpu->evaluation, graph, 0));
-    }
-    if (graph) cudaGraphDestroy(graph);
-    return status;
 }
 
 /* ---- the next body */

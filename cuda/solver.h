@@ -16,7 +16,7 @@ typedef struct gpu_tool_arrays {
     size_t unknown_room, block_room, response_room; /* bytes */
 } gpu_tool_arrays;
 
-enum { SOLVER_ARRAYS = 23 };
+enum { SOLVER_ARRAYS = 24 };
 
 typedef struct gpu_renewal gpu_renewal;
 
@@ -55,9 +55,14 @@ struct pliant_cuda_solver {
 /* ---- solve.cu: the state is the host's, and nothing else is known of it. */
 pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const pliant_solver *solver);
 
-/* ---- adapt.cu: arrays of the iteration for the system at hand, and the evaluation as a graph. */
+/* ---- adapt.cu: arrays of the iteration for the system at hand. */
 pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const pliant_solver *solver);
+
+/* ---- evaluate.cu: the evaluation as a graph. */
 pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu);
+/* A step's first evaluation; known: as pliant_cuda_complete has it. Few kernels go one by one: the GPU begins with the first of them sooner
+ * than with a graph, and works on those while graphs follow. */
+pliant_status pliant_cuda_solver_evaluate_first(const pliant_cuda_solver *gpu, bool known);
 
 /* ---- renew.cu: a preconditioner of its own for a body whose one is carried over, made in the background */
 /* At the start of a step: what has arrived is put to use (*renewed), and the next one begun. Errors: MEMORY, UNAVAILABLE; where none

@@ -39,6 +39,7 @@ typedef struct gpu_state {
     int32_t now;               /* buffer of the present iterate; after a blind step the other one has the state before it */
     int32_t done, iterations;
     int32_t ending;            /* a blind step was made: its end is evaluated */
+    int32_t evaluated;         /* d_element_force and d_left are of the state that the step ended with */
     pliant_anderson rules;     /* as on the CPU */
     double scale[2], residual_force[2], force[2][GPU_ROWS];
     double told_scale, told_residual_force; /* of the last state that was evaluated and kept */
@@ -57,7 +58,6 @@ typedef struct gpu_state {
     unsigned long long blocks; /* that have found theirs */
     /* pliant_posterior */
     int32_t last_target;       /* buffer that was evaluated last */
-    int32_t evaluated;         /* d_element_force and d_left are of the state that the step ended with */
     int32_t knows_forces, seen; /* by this step's beginning: of its first state, the forces; what it lacked for the loads of then */
     int32_t skips;             /* the preconditioner has nothing to do */
     double past_step_force[GPU_ROWS];
@@ -65,11 +65,14 @@ typedef struct gpu_state {
     double past_along[GPU_HISTORY]; /* secants' step . residual of then */
 } gpu_state;
 
-/* What goes with it and is too much to be copied in every decision. */
-typedef struct gpu_history {
-    double inverse[GPU_ROWS * GPU_ROWS];   /* of S, its leading rows x rows */
+typedef struct gpu_secants {
     double gram[GPU_HISTORY][GPU_HISTORY]; /* secants' step . secants' residual */
     double force[GPU_HISTORY][GPU_ROWS], step_force[GPU_HISTORY][GPU_ROWS]; /* secants' of the tools */
+} gpu_secants;
+
+typedef struct gpu_history {
+    double inverse[GPU_ROWS * GPU_ROWS];   /* of S, its leading rows x rows */
+    gpu_secants secants;
 } gpu_history;
 
 /* Arrays of the iteration. Pointers are of the device; n = 3 num_free. */
@@ -81,6 +84,7 @@ typedef struct gpu_iteration {
     gpu_history *d_history;
     double *d_x[2];            /* (3 num_nodes) */
     double *d_step[2], *d_residual[2]; /* (n) in the nodes' own axes, as the secants */
+    double *d_free_residual;   /* (n) that of the last evaluation, but for what springs were to change in it */
     double *d_past_step, *d_past_residual; /* (n) that the step before ended with */
     double *d_load, *d_extra;  /* (n) gravity; the tools' forces */
     double *d_secant_x, *d_secant_step, *d_secant_residual; /* (room x n) */

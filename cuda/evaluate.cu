@@ -1,0 +1,67 @@
+/* Evaluations: their kernels, and those of one as a graph, all for the price of one launch. */
+#include "anderson.h"
+#include "check.h"
+#include "forces.h"
+#include "solver.h"
+
+static pliant_status enqueue(const pliant_cuda_solver *gpu, bool known)
+{
+    const gpu_iteration *it = &gpu->iteration;
+    if (!known) {
+        CUDA_TRY(pliant_cuda_forces(&gpu->system, it, gpu->stream));
+        CUDA_TRY(pliant_cuda_gather(&gpu->system, it, gpu->stream));
+        CUDA_TRY(pliant_cuda_precondition(&gpu->preconditioner, it, gpu->stream));
+    }
+    CUDA_TRY(pliant_cuda_complete(it, known, gpu->gather_blocks, gpu->stream));
+    CUDA_TRY(pliant_cuda_decide(it, gpu->gather_blocks, gpu->stream));
+    return pliant_cuda_propose(it, gpu->stream);
+}
+
+extern "C" pliant_status pliant_cuda_solver_evaluate_first(const pliant_cuda_solver *gpu, bool known)
+{
+    if (known || !gpu->preconditioner.multigrid) return enqueue(gpu, known);
+    return CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream));
+}
+
+/* Whether two graphs with as many kernels have the same ones. */
+static int kind_of(const gpu_preconditioner *preconditioner)
+{
+    const gpu_carried *carried = &preconditioner->carried;
+    return (preconditioner->multigrid ? 4 : 0) + (carried->base_free == 0 ? 0 : carried->inner == 0 ? 1 : 2);
+}
+
+/* the same kernels with other numbers: much less than making it anew. false: it is to be made anew all the same */
+static bool update(cudaGraphExec_t evaluation, cudaGraph_t graph)
+{
+#if CUDART_VERSION >= 12000
+    cudaGraphExecUpdateResultInfo result;
+    const bool updated = cudaGraphExecUpdate(evaluation, graph, &result) == cudaSuccess;
+#else
+    cudaGraphNode_t node;
+    cudaGraphExecUpdateResult result;
+    const bool updated = cudaGraphExecUpdate(evaluation, graph, &node, &result) == cudaSuccess;
+#endif
+    if (!updated) cudaGetLastError();
+    return updated;
+}
+
+extern "C" pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu)
+{
+    cudaGraph_t graph = nullptr;
+    CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
+    pliant_status status = enqueue(gpu, false), ended = CUDA_CALL(cudaStreamEndCapture(gpu->stream, &graph));
+    if (status == PLIANT_OK) status = ended;
+    size_t kernels = 0;
+    const int kind = kind_of(&gpu->preconditioner);
+    if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphGetNodes(graph, nullptr, &kernels));
+    const bool same = gpu->evaluation && kernels == gpu->kernels && kind == gpu->kind;
+    gpu->kernels = kernels;
+    gpu->kind = kind;
+    if (status == PLIANT_OK && !(same && update(gpu->evaluation, graph))) {
+        if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
+        gpu->evaluation = nullptr;
+        status = CUDA_CALL(cudaGraphInstantiateWithFlags(&gpu->evaluation, graph, 0));
+    }
+    if (graph) cudaGraphDestroy(graph);
+    return status;
+}
