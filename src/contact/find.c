@@ -10,7 +10,9 @@
 
 /* an edge or a triangle counts where it is deeper than what borders it by this part of its size, of the part's depth, and by this much [m] */
 static const double sag_of_size = 0.02, sag_of_depth = 0.1, most_sag = 5e-5;
-static const double turned_away = 0.25; /* cosine between the part's normal and the tissue's beyond which the part is behind the surface */
+static const double still_deep = 1e-4; /* [m] beyond a point of the last step: it holds on */
+static const double turns_away = 0.5; /* cosine of how far a part may turn with tissue before it: beyond, that slips off it */
+static const double behind = 0.25; /* cosine between the part's normal and the tissue's, beyond which the part is behind the surface */
 
 /* A node, an edge or a triangle of the surface, and where a part meets it. */
 typedef struct feature {
@@ -19,8 +21,16 @@ typedef struct feature {
     double outwards[3];     /* of the tissue; twice the area of its triangles */
     double gap;             /* as the step ends, if the tissue stays where it is [m]; INFINITY: it is left out */
     bool touches;
-    double weight[3], normal[3], place[3], drift[3], area;
+    double weight[3], normal[3], place[3], drift[3], found[3], area;
 } feature;
+
+/* A point of the last step, in the part's frame: what it has not held back yet is still to be held, wherever it is now. */
+typedef struct kept_point {
+    uint64_t feature;
+    int32_t count, node[3];
+    double weight[3], normal[3], place[3], area;
+    double found[3]; /* its normal when it was found, not in the part's frame */
+} kept_point;
 
 /* Which side of a part a node is on: the normal of their last contact, in the part's frame. */
 typedef struct side {
@@ -39,6 +49,8 @@ struct pliant_finder {
     int32_t *slot;          /* (fine nodes) which feature of a part */
     int32_t num_sides, room_sides, num_next, room_next;
     side *sides, *next;     /* ascending by key; of this step */
+    int32_t num_kept, room_kept, num_keep, room_keep;
+    kept_point *kept, *keep;      /* ascending by feature; of this step */
 };
 
 /* A part and the tissue around it, while they are searched. */
@@ -70,12 +82,14 @@ void pliant_finder_free(pliant_finder *finder)
     pliant_free(finder->slot);
     pliant_free(finder->sides);
     pliant_free(finder->next);
+    pliant_free(finder->kept);
+    pliant_free(finder->keep);
     pliant_free(finder);
 }
 
 void pliant_finder_forget(pliant_finder *finder)
 {
-    finder->num_sides = 0;
+    finder->num_sides = finder->num_kept = 0;
     finder->broad.knows_last = false;
 }
 
@@ -95,10 +109,16 @@ pliant_status pliant_finder_copy(const pliant_finder *from, pliant_finder *to)
         if (!grow(&to->sides, (size_t)from->num_sides, sizeof *to->sides)) return pliant_fail_memory("contacts");
         to->room_sides = from->num_sides;
     }
+    if (from->num_kept > to->room_kept) {
+        if (!grow(&to->kept, (size_t)from->num_kept, sizeof *to->kept)) return pliant_fail_memory("contacts");
+        to->room_kept = from->num_kept;
+    }
     pliant_status status = pliant_broad_copy(&from->broad, &to->broad);
     if (status != PLIANT_OK) return status;
     if (from->num_sides > 0) memcpy(to->sides, from->sides, (size_t)from->num_sides * sizeof *to->sides);
     to->num_sides = from->num_sides;
+    if (from->num_kept > 0) memcpy(to->kept, from->kept, (size_t)from->num_kept * sizeof *to->kept);
+    to->num_kept = from->num_kept;
     return PLIANT_OK;
 }
 
@@ -150,7 +170,7 @@ static int compare_features(const void *a, const void *b)
 static int32_t sort_keys(uint64_t *keys, int32_t count)
 {
     int32_t left = 0;
-    qsort(keys, (size_t)count, sizeof *keys, compare_keys);
+    if (count > 0) qsort(keys, (size_t)count, sizeof *keys, compare_keys);
     for (int32_t k = 0; k < count; k++)
         if (k == 0 || keys[k] != keys[k - 1]) keys[left++] = keys[k];
     return left;
@@ -296,8 +316,10 @@ static bool meet(const search *on, feature *of, int32_t p, double distance, doub
     } else
         for (int d = 0; d < 3; d++) place[d] = local[d] - distance * normal[d];
     pliant_pose_turn(pose, normal, world);
-    if (!known && dot(world, of->outwards) > turned_away * area) return false;
+    if (!known && dot(world, of->outwards) > behind * area) return false;
     pliant_pose_turn(end, normal, of->normal);
+    if (p < part->num_poses - 1 && dot(world, of->normal) < turns_away) return false;
+    memcpy(of->found, of->normal, sizeof of->found);
     pliant_pose_to(end, place, of->place);
     pliant_pose_to(part->pose, place, before);
     of->gap = 0;
@@ -394,17 +416,50 @@ static void share_areas(const search *on)
 
 /* ---- what comes of it */
 
+/* What a point of the last step has not held back, where the part is at the end of this one. false: it has, or its nodes are no more. */
+static bool still_holds(const search *on, const kept_point *last, feature *of)
+{
+    const pliant_pose *begin = on->part->pose, *end = begin + on->part->num_poses - 1;
+    double normal[3], before[3], gap = 0;
+    *of = (feature){.key = last->feature & (((uint64_t)1 << 56) - 1), .count = last->count, .area = last->area};
+    pliant_pose_turn(begin, last->normal, normal);
+    pliant_pose_to(begin, last->place, before);
+    for (int32_t k = 0; k < last->count; k++) {
+        of->node[k] = last->node[k];
+        of->weight[k] = last->weight[k];
+        if (last->node[k] >= on->body->fine.num_nodes) return false;
+        for (int d = 0; d < 3; d++) gap += last->weight[k] * normal[d] * (on->positions[3 * last->node[k] + d] - before[d]);
+    }
+    pliant_pose_turn(end, last->normal, of->normal);
+    pliant_pose_to(end, last->place, of->place);
+    for (int d = 0; d < 3; d++) of->drift[d] = of->place[d] - before[d];
+    memcpy(of->found, last->found, sizeof of->found);
+    return gap < -still_deep && dot(of->normal, of->found) >= turns_away && !is_left_out(on, of);
+}
+
 static void write_point(const search *on, const feature *of, pliant_contact_point *out)
 {
+    pliant_finder *finder = on->finder;
+    const pliant_pose *end = on->part->pose + on->part->num_poses - 1;
     *out = (pliant_contact_point){
         .feature = on->part_key << 56 | of->key, .kind = on->part->kind, .tool = on->part->kind == PLIANT_OBSTACLE_TOOL ? on->part->tool : -1,
         .part = on->part->index, .count = of->count, .area = of->area, .friction = on->part->friction,
     };
-    memcpy(out->node, of->node, (size_t)of->count * sizeof *of->node);
-    memcpy(out->weight, of->weight, (size_t)of->count * sizeof *of->weight);
+    kept_point *keep = finder->keep + finder->num_keep++;
+    *keep = (kept_point){.feature = out->feature, .count = of->count, .area = of->area};
+    for (int32_t k = 0; k < of->count; k++) {
+        out->node[k] = keep->node[k] = of->node[k];
+        out->weight[k] = keep->weight[k] = of->weight[k];
+        side *next = finder->next + finder->num_next++;
+        next->key = side_key(on, of->node[k]);
+        pliant_pose_turn_back(end, of->normal, next->normal);
+    }
     memcpy(out->normal, of->normal, sizeof of->normal);
     memcpy(out->place, of->place, sizeof of->place);
     memcpy(out->drift, of->drift, sizeof of->drift);
+    memcpy(keep->found, of->found, sizeof of->found);
+    pliant_pose_turn_back(end, of->normal, keep->normal);
+    pliant_pose_from(end, of->place, keep->place);
 }
 
 /* touching features in order, of two with one key the deeper. @return how many */
@@ -413,7 +468,7 @@ static int32_t compact(feature *features, int32_t count)
     int32_t left = 0;
     for (int32_t n = 0; n < count; n++)
         if (features[n].touches) features[left++] = features[n];
-    qsort(features, (size_t)left, sizeof *features, compare_features);
+    if (left > 0) qsort(features, (size_t)left, sizeof *features, compare_features);
     count = left;
     left = 0;
     for (int32_t n = 0; n < count; n++) {
@@ -423,37 +478,70 @@ static int32_t compact(feature *features, int32_t count)
     return left;
 }
 
-static pliant_status append(search *on, pliant_contacts *out)
+/* room for so many more points */
+static pliant_status reserve(pliant_finder *finder, int32_t points, pliant_contacts *out)
 {
-    pliant_finder *finder = on->finder;
-    feature *const kinds[] = {finder->node, finder->edge, finder->face};
-    const int32_t counts[] = {compact(finder->node, on->nodes), compact(finder->edge, on->edges), compact(finder->face, on->triangles)};
-    const int32_t total = counts[0] + counts[1] + counts[2], sides = finder->num_next + counts[0] + 2 * counts[1] + 3 * counts[2];
-    pliant_status status = total > 0 ? pliant_contacts_reserve(out, out->count + total) : PLIANT_OK;
+    pliant_status status = pliant_contacts_reserve(out, out->count + points);
+    const int32_t sides = finder->num_next + 3 * points, keep = finder->num_keep + points;
     if (status != PLIANT_OK) return status;
     if (sides > finder->room_next) {
         if (!grow(&finder->next, (size_t)sides * 2, sizeof *finder->next)) return pliant_fail_memory("contacts");
         finder->room_next = 2 * sides;
     }
-    const pliant_pose *end = on->part->pose + on->part->num_poses - 1;
-    for (int kind = 0; kind < 3; kind++)
-        for (int32_t n = 0; n < counts[kind]; n++) {
-            const feature *of = kinds[kind] + n;
-            write_point(on, of, out->point + out->count++);
-            for (int32_t k = 0; k < of->count; k++) {
-                side *next = finder->next + finder->num_next++;
-                next->key = side_key(on, of->node[k]);
-                pliant_pose_turn_back(end, of->normal, next->normal);
-            }
-        }
+    if (keep > finder->room_keep) {
+        if (!grow(&finder->keep, (size_t)keep * 2, sizeof *finder->keep)) return pliant_fail_memory("contacts");
+        finder->room_keep = 2 * keep;
+    }
     return PLIANT_OK;
 }
 
-/* the mean of what was said of a node; they stand in order but for parts' order of kinds */
-static void take_sides(pliant_finder *finder)
+/* those of the last step of this part */
+static const kept_point *find_kept(const search *on, int32_t *count)
 {
-    qsort(finder->next, (size_t)finder->num_next, sizeof *finder->next, compare_keys);
+    const pliant_finder *finder = on->finder;
+    int32_t low = 0, high = on->part->remembers ? finder->num_kept : 0;
+    *count = 0;
+    while (low < high) {
+        const int32_t middle = (low + high) / 2;
+        if (finder->kept[middle].feature >> 56 < on->part_key) low = middle + 1;
+        else high = middle;
+    }
+    while (on->part->remembers && low + *count < finder->num_kept && finder->kept[low + *count].feature >> 56 == on->part_key) ++*count;
+    return finder->kept + low;
+}
+
+/* Points found and points that go on, of one feature the latter, ascending. */
+static pliant_status append(search *on, pliant_contacts *out)
+{
+    pliant_finder *finder = on->finder;
+    feature *const kinds[] = {finder->node, finder->edge, finder->face};
+    const int32_t counts[] = {compact(finder->node, on->nodes), compact(finder->edge, on->edges), compact(finder->face, on->triangles)};
+    int32_t num_kept;
+    const kept_point *last = find_kept(on, &num_kept), *const end = last + num_kept;
+    const int32_t total = counts[0] + counts[1] + counts[2] + num_kept;
+    pliant_status status = total > 0 ? reserve(finder, total, out) : PLIANT_OK;
+    if (status != PLIANT_OK) return status;
+    feature goes_on;
+    for (int kind = 0; kind < 3; kind++)
+        for (int32_t n = 0; n < counts[kind]; n++) {
+            const feature *of = kinds[kind] + n;
+            const uint64_t key = on->part_key << 56 | of->key;
+            for (; last < end && last->feature < key; last++)
+                if (still_holds(on, last, &goes_on)) write_point(on, &goes_on, out->point + out->count++);
+            const bool same = last < end && last->feature == key && still_holds(on, last, &goes_on);
+            write_point(on, same ? &goes_on : of, out->point + out->count++);
+            if (last < end && last->feature == key) last++;
+        }
+    for (; last < end; last++)
+        if (still_holds(on, last, &goes_on)) write_point(on, &goes_on, out->point + out->count++);
+    return PLIANT_OK;
+}
+
+/* What the next step asks for: of sides the mean of what was said of a node. */
+static void remember_all(pliant_finder *finder)
+{
     int32_t left = 0;
+    if (finder->num_next > 0) qsort(finder->next, (size_t)finder->num_next, sizeof *finder->next, compare_keys);
     for (int32_t n = 0; n < finder->num_next; n++) {
         if (left > 0 && finder->next[n].key == finder->next[left - 1].key) add(finder->next[left - 1].normal, finder->next[n].normal);
         else finder->next[left++] = finder->next[n];
@@ -465,6 +553,13 @@ static void take_sides(pliant_finder *finder)
     finder->room_sides = finder->room_next;
     finder->next = sides;
     finder->room_next = room;
+    kept_point *keep = finder->kept;
+    const int32_t room_kept = finder->room_kept;
+    finder->kept = finder->keep;
+    finder->num_kept = finder->num_keep;
+    finder->room_kept = finder->room_keep;
+    finder->keep = keep;
+    finder->room_keep = room_kept;
 }
 
 pliant_status pliant_contact_find(pliant_finder *finder, const pliant_body *body, const double *positions, int32_t count, const pliant_moving_part *parts,
@@ -473,20 +568,18 @@ pliant_status pliant_contact_find(pliant_finder *finder, const pliant_body *body
     if (count == 0) return PLIANT_OK;
     pliant_status status = pliant_broad_begin(&finder->broad, body, positions, count, parts);
     if (status == PLIANT_OK) status = make_room(finder, body);
-    finder->num_next = 0;
+    finder->num_next = finder->num_keep = 0;
     for (int32_t p = 0; p < count && status == PLIANT_OK; p++) {
         search on = {.finder = finder, .body = body, .positions = positions, .part = parts + p};
         on.part_key = on.part->kind == PLIANT_OBSTACLE_TOOL ? (uint64_t)(PLIANT_MAX_PARTS * on.part->tool + on.part->index) : 128 + (uint64_t)on.part->index;
         on.triangles = pliant_broad_find(&finder->broad, on.part, finder->triangle);
-        if (on.triangles == 0) continue;
         gather(&on);
         look_at_all(&on);
         share_areas(&on);
         status = append(&on, out);
     }
     if (status != PLIANT_OK) return status;
-    if (finder->num_next > 0) take_sides(finder);
-    else finder->num_sides = 0;
+    remember_all(finder);
     pliant_broad_end(&finder->broad, positions);
     return PLIANT_OK;
 }

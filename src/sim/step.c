@@ -80,6 +80,7 @@ pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) {
         pliant_tool_forget(data->tools + t);
         pliant_blade_reset(data->tools + t);
+        data->tools[t].last.known = false;
     }
     pliant_undo_clear(data);
     pliant_contact_forget(data);

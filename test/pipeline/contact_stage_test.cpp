@@ -1,0 +1,320 @@
+// The stage of a step that finds where instruments touch: whatever they do, nothing passes, nothing explodes, and it costs nothing where nothing can touch.
+#include "body.h"
+#include "contact/shapes.h"
+#include "pliant/memory.h"
+#include "sim/contact.h"
+
+namespace {
+
+// A sheet of 60 x 60 x 4 mm at z = 0 to 4 mm, fixed at two sides.
+struct Sheet : Body {
+    explicit Sheet(int threads = 2) : Body(size, box, {{4000, 0.4, 1000, false}})
+    {
+        fix_plane(0.001, 0, 0, 1, 0, 0);
+        fix_plane(0.059, 0, 0, -1, 0, 0);
+        cells(6, 6, 1, 1);
+        scene.solver.threads = threads;
+        scene.solver.iterations = 30;
+        scene.solver.tolerance = 1e-4;
+        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
+    }
+    int add(const char *name, const pliant_tool_shape &shape, double x, double y, double z)
+    {
+        int tool = -1;
+        const double tip[3] = {x, y, z};
+        EXPECT_EQ(pliant_tool_add(model, data, name, &tool), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_shape(data, tool, &shape), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
+        return tool;
+    }
+    void move(int tool, double x, double y, double z, const double *rotation = nullptr)
+    {
+        const double tip[3] = {x, y, z};
+        ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, rotation), PLIANT_OK);
+    }
+    // of any node from where it rests; NAN: a position is none
+    double farthest() const
+    {
+        double most = 0;
+        const pliant_mesh &fine = model->body->fine;
+        for (int32_t n = 0; n < 3 * fine.num_nodes; n++) {
+            if (!std::isfinite(data->positions[n])) return NAN;
+            most = std::fmax(most, std::fabs(data->positions[n] - fine.rest[n]));
+        }
+        return most;
+    }
+    // the deepest that a node is in a tool
+    double deepest(int index) const
+    {
+        const pliant_tool &tool = data->tools[index];
+        double least = 0;
+        for (int32_t p = 0; p < tool.shape.num_parts; p++) {
+            pliant_pose pose;
+            pliant_part_pose(&tool.shape, tool.shape.part[p].frame, tool.tip, tool.rotation, tool.jaw, &pose);
+            for (int32_t n = 0; n < model->body->fine.num_nodes; n++) {
+                double local[3], normal[3];
+                pliant_pose_from(&pose, data->positions + 3 * n, local);
+                least = std::fmin(least, pliant_part_distance(&tool.shape.part[p], local, normal));
+            }
+        }
+        return -least;
+    }
+
+private:
+    static constexpr int size[3] = {12, 12, 2};
+    static constexpr double box[3] = {0.06, 0.06, 0.004};
+};
+constexpr int Sheet::size[3];
+constexpr double Sheet::box[3];
+
+// along y, across the sheet
+pliant_tool_shape rod(double radius, double length = 0.1)
+{
+    pliant_tool_shape shape{};
+    shape.num_parts = 1;
+    shape.part[0] = {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.5 * length, 0}, {0, 0.5 * length, 0}, radius, false};
+    return shape;
+}
+
+pliant_tool_shape ball(double radius)
+{
+    pliant_tool_shape shape{};
+    shape.num_parts = 1;
+    shape.part[0] = {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, radius, false};
+    return shape;
+}
+
+TEST(ContactStage, CostsNothingWhereNothingCanTouch)
+{
+    Sheet sheet;
+    int tool;
+    ASSERT_EQ(pliant_tool_add(sheet.model, sheet.data, "tool", &tool), PLIANT_OK);
+    sheet.move(tool, 0.03, 0.03, 0.002);
+    ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+    EXPECT_EQ(sheet.data->contact_search, nullptr);
+    EXPECT_EQ(sheet.data->contacts.room, 0);
+}
+
+// At 1 m/s, 20 mm a step, a thin and a thick rod carry the sheet along that they would jump over.
+TEST(ContactStage, ARodAtOneMetreASecondCarriesTheSheetAlong)
+{
+    for (double speed : {-1.0, 1.0})
+        for (double radius : {speed < 0 ? 0.0042 : 0.0005}) {
+            Sheet sheet;
+            double z = speed < 0 ? 0.004 + radius + 0.012 : -radius - 0.012;
+            const int tool = sheet.add("rod", rod(radius), 0.0307, 0.03, z);
+            ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+            for (int step = 0; step < 2; step++) {
+                z += speed * 0.02;
+                sheet.move(tool, 0.0307, 0.03, z);
+                ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+            }
+            for (int step = 0; step < 6; step++) ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+            // nodes before it are before it
+            int passed = 0;
+            for (int32_t n = 0; n < sheet.model->body->fine.num_nodes; n++) {
+                const double *x = sheet.data->positions + 3 * n;
+                passed += std::fabs(x[0] - 0.0307) < radius && (x[2] - z) * speed < 0;
+            }
+            EXPECT_EQ(passed, 0) << radius << " " << speed;
+            EXPECT_GT(sheet.farthest(), 0.015) << radius << " " << speed;
+            EXPECT_LT(sheet.deepest(tool), 2e-4) << radius << " " << speed;
+        }
+}
+
+// Into the sheet at once, and out of it: what is more than half inside comes out on the other side or stays, as far as it was in, and no further.
+TEST(ContactStage, AToolThatJumpsIntoTheTissueDoesNotExplode)
+{
+    for (double z : {0.006, 0.003, 0.001}) {
+        Sheet sheet;
+        const int tool = sheet.add("ball", ball(0.004), 0.03, 0.03, 0.1);
+        ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+        sheet.move(tool, 0.0311, 0.0292, z);
+        for (int step = 0; step < 8; step++) {
+            ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+            EXPECT_LT(sheet.farthest(), 0.010) << z << " step " << step;
+        }
+        sheet.move(tool, 0.03, 0.03, 0.1);
+        for (int step = 0; step < 8; step++) ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+        EXPECT_LT(sheet.farthest(), 1e-4) << z;
+        EXPECT_EQ(sheet.data->contacts.count, 0);
+    }
+}
+
+TEST(ContactStage, AToolInTheTissueAtLoadIsLeftAndFeltFromOutside)
+{
+    Sheet sheet;
+    const int tool = sheet.add("needle", rod(0.001, 0.02), 0.03, 0.03, 0.002); // wholly inside
+    for (int step = 0; step < 10; step++) {
+        ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+        EXPECT_LT(sheet.farthest(), 0.002) << step;
+    }
+    sheet.move(tool, 0.03, 0.03, 0.012); // out, without hindrance
+    for (int step = 0; step < 10; step++) ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+    EXPECT_LT(sheet.farthest(), 2e-4);
+    sheet.move(tool, 0.03, 0.03, -0.004);
+    for (int step = 0; step < 10; step++) ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+    EXPECT_GT(sheet.farthest(), 0.004) << "and pushes from now on";
+}
+
+TEST(ContactStage, ASpinningToolStaysOutOfTheTissue)
+{
+    Sheet sheet;
+    pliant_tool_shape paddle{};
+    paddle.num_parts = 1;
+    paddle.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.012, -0.01, -0.001}, {0.012, 0.01, 0.001}, 0, false};
+    const int tool = sheet.add("paddle", paddle, 0.03, 0.03, 0.009); // its edge reaches 7 mm below the middle of the sheet
+    double most = 0;
+    for (int step = 0; step < 10; step++) {
+        const double half = 0.5 * 2.1 * step, rotation[4] = {0, std::sin(half), 0, std::cos(half)};
+        sheet.move(tool, 0.03, 0.03, 0.009, rotation);
+        ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+        ASSERT_LT(sheet.farthest(), 0.05) << step;
+        most = std::fmax(most, sheet.farthest());
+    }
+    EXPECT_GT(most, 0.004);
+}
+
+TEST(ContactStage, WhatIsNotFiniteIsRefusedAndChangesNothing)
+{
+    Sheet sheet;
+    const int tool = sheet.add("ball", ball(0.004), 0.03, 0.03, 0.0075);
+    const double nowhere[3] = {0.03, NAN, 0.0075}, tip[3] = {0.03, 0.03, 0.0075}, turned[4] = {0, 0, INFINITY, 1};
+    EXPECT_EQ(pliant_tool_set_pose(sheet.data, tool, nowhere, nullptr), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_tool_set_pose(sheet.data, tool, tip, turned), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_tool_set_jaw(sheet.data, tool, NAN), PLIANT_ERROR_ARGUMENT);
+    pliant_tool_shape shape = ball(0.004);
+    shape.part[0].from[2] = NAN;
+    EXPECT_EQ(pliant_tool_set_shape(sheet.data, tool, &shape), PLIANT_ERROR_ARGUMENT);
+    EXPECT_NE(std::string(pliant_last_error()).find("tool ball: part 1 of its shape"), std::string::npos) << pliant_last_error();
+    shape = ball(0.004);
+    shape.part[0].frame = PLIANT_FRAME_JAW_PLUS;
+    EXPECT_EQ(pliant_tool_set_shape(sheet.data, tool, &shape), PLIANT_ERROR_ARGUMENT) << "no axis";
+    shape.num_parts = PLIANT_MAX_PARTS + 1;
+    EXPECT_EQ(pliant_tool_set_shape(sheet.data, tool, &shape), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_tool_set_shape(sheet.data, 3, &shape), PLIANT_ERROR_ARGUMENT);
+    ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+    EXPECT_GT(sheet.data->contacts.count, 0);
+    EXPECT_NEAR(sheet.deepest(tool), 0, 1e-4);
+}
+
+// Eight instruments of six parts and more; the same points, in the same order, for every number of threads.
+TEST(ContactStage, EightToolsTouchAlikeForEveryNumberOfThreads)
+{
+    std::vector<pliant_contact_point> first;
+    for (int threads : {1, 2, 3}) {
+        Sheet sheet(threads);
+        const char *const names[] = {"large_needle_driver", "prograsp_forceps", "monopolar_curved_scissors", "maryland_bipolar_forceps",
+                                     "fenestrated_bipolar_forceps", "permanent_cautery_hook", "probe", "camera"};
+        const double down[4] = {1, 0, 0, 0}; // z down
+        for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+            pliant_tool_shape shape;
+            ASSERT_EQ(pliant_tool_shape_find(names[t], &shape), PLIANT_OK);
+            const double x = 0.012 + 0.012 * (t % 4), y = t < 4 ? 0.015 : 0.045;
+            const int tool = sheet.add(names[t], shape, x, y, 0.003);
+            sheet.move(tool, x, y, 0.003, down);
+            ASSERT_EQ(pliant_tool_set_jaw(sheet.data, tool, 0.6), PLIANT_OK);
+        }
+        ASSERT_EQ(pliant_contact_stage(sheet.model, sheet.data), PLIANT_OK);
+        const pliant_contacts &contacts = sheet.data->contacts;
+        if (first.empty()) {
+            first.assign(contacts.point, contacts.point + contacts.count);
+            bool seen[PLIANT_MAX_TOOLS] = {};
+            for (const pliant_contact_point &point : first) seen[point.tool] = true;
+            for (bool each : seen) EXPECT_TRUE(each);
+        }
+        ASSERT_EQ(static_cast<size_t>(contacts.count), first.size());
+        for (int32_t n = 0; n < contacts.count; n++) {
+            if (n > 0) EXPECT_LT(contacts.point[n - 1].feature, contacts.point[n].feature);
+            EXPECT_EQ(contacts.point[n].feature, first[n].feature);
+            EXPECT_EQ(std::memcmp(contacts.point[n].place, first[n].place, sizeof first[n].place), 0);
+            EXPECT_EQ(std::memcmp(contacts.point[n].normal, first[n].normal, sizeof first[n].normal), 0);
+        }
+        for (int step = 0; step < 3; step++) ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+        EXPECT_LT(sheet.farthest(), 0.02);
+    }
+}
+
+TEST(ContactStage, WhatAToolHoldsItDoesNotPush)
+{
+    Sheet sheet;
+    const int tool = sheet.add("ball", ball(0.004), 0.03, 0.03, 0.005);
+    ASSERT_EQ(pliant_contact_stage(sheet.model, sheet.data), PLIANT_OK);
+    EXPECT_GT(sheet.data->contacts.count, 0);
+    sheet.data->tools[tool].radius = 0.02;
+    const double middle[3] = {0.03, 0.03, 0.002};
+    ASSERT_EQ(pliant_tool_grasp(sheet.model, sheet.data, tool, middle), PLIANT_OK);
+    ASSERT_EQ(pliant_contact_stage(sheet.model, sheet.data), PLIANT_OK);
+    EXPECT_EQ(sheet.data->contacts.count, 0);
+    pliant_tool_release(sheet.data, tool);
+    ASSERT_EQ(pliant_contact_stage(sheet.model, sheet.data), PLIANT_OK);
+    EXPECT_GT(sheet.data->contacts.count, 0);
+}
+
+// An allocation that fails leaves positions and points as they were; the next step goes on as if nothing had been.
+TEST(ContactStage, FailingAllocationsChangeNothing)
+{
+    Sheet sheet, again;
+    Sheet *const both[] = {&sheet, &again};
+    for (Sheet *one : both) one->add("rod", rod(0.0042), 0.03, 0.03, 0.009);
+    int failures = 0;
+    for (int64_t calls = 0;; calls++) {
+        const std::vector<double> before(sheet.data->positions, sheet.data->positions + 3 * sheet.model->body->fine.num_nodes);
+        const int32_t count = sheet.data->contacts.count;
+        pliant_memory_fail_after(calls);
+        const pliant_status status = pliant_contact_stage(sheet.model, sheet.data);
+        pliant_memory_fail_after(-1);
+        if (status == PLIANT_OK) break;
+        ASSERT_EQ(status, PLIANT_ERROR_MEMORY);
+        failures++;
+        EXPECT_EQ(sheet.data->contacts.count, count);
+        EXPECT_EQ(std::memcmp(before.data(), sheet.data->positions, before.size() * sizeof before[0]), 0);
+    }
+    EXPECT_GT(failures, 5);
+    for (int step = 0; step < 3; step++)
+        for (Sheet *one : both) {
+            one->move(0, 0.03, 0.03, 0.008 - 0.002 * step);
+            ASSERT_GE(pliant_step(one->model, one->data), 0);
+        }
+    EXPECT_EQ(std::memcmp(sheet.data->positions, again.data->positions, 3 * static_cast<size_t>(sheet.model->body->fine.num_nodes) * sizeof(double)), 0);
+}
+
+// A copy goes on bit for bit, sides and motion of the tissue with it; a reset begins anew.
+TEST(ContactStage, ACopyGoesOnAndAResetBeginsAnew)
+{
+    Sheet sheet;
+    const int tool = sheet.add("rod", rod(0.002), 0.03, 0.03, 0.007);
+    auto run = [&](pliant_data *data) {
+        std::vector<double> out;
+        for (int step = 0; step < 4; step++) {
+            const double tip[3] = {0.03 + 0.001 * step, 0.03, 0.006 - 0.0015 * step};
+            EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
+            EXPECT_GE(pliant_step(sheet.model, data), 0);
+        }
+        for (int32_t n = 0; n < data->contacts.count; n++)
+            out.insert(out.end(), data->contacts.point[n].place, data->contacts.point[n].place + 3);
+        return out;
+    };
+    const std::vector<double> first = run(sheet.data);
+    ASSERT_FALSE(first.empty());
+    pliant_data *copy = nullptr;
+    ASSERT_EQ(pliant_data_copy(sheet.model, sheet.data, &copy), PLIANT_OK);
+    const double tip[3] = {0.034, 0.03, 0.0};
+    for (pliant_data *data : {sheet.data, copy}) {
+        ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_contact_stage(sheet.model, data), PLIANT_OK);
+    }
+    ASSERT_EQ(copy->contacts.count, sheet.data->contacts.count);
+    for (int32_t n = 0; n < copy->contacts.count; n++) {
+        EXPECT_EQ(copy->contacts.point[n].feature, sheet.data->contacts.point[n].feature);
+        EXPECT_EQ(std::memcmp(copy->contacts.point[n].place, sheet.data->contacts.point[n].place, 3 * sizeof(double)), 0);
+    }
+    pliant_data_free(copy);
+    ASSERT_EQ(pliant_data_reset(sheet.model, sheet.data), PLIANT_OK);
+    EXPECT_EQ(sheet.data->contacts.count, 0);
+    sheet.move(tool, 0.03, 0.03, 0.007);
+    const std::vector<double> second = run(sheet.data);
+    ASSERT_EQ(second.size(), first.size());
+}
+
+} // namespace
