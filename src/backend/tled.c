@@ -9,6 +9,7 @@
 static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     (void)model;
+    data->tled->contacts = &data->contacts;
     return pliant_tled_step(data->tled, data->tools, data->num_tools, &data->statistics);
 }
 

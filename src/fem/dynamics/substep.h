@@ -131,6 +131,43 @@ PLIANT_INLINE void pliant_substep_forces(int count, double (*matrix)[PLIANT_MAX_
     }
 }
 
+/* ---- contact */
+
+/* A point that a sub-step has led into what it touches is put back on it, and its way along it is cut short by friction, as far as the pressure of now
+ * allows (Coulomb). As much as it was going in is taken from its speed, and along the surface no more than all of it; the rest moves it without
+ * any, so that no contact ever adds to what swings.
+ *  @param gap    along the normal, from where it may be [m]
+ *  @param moved  increment of now, against the obstacle's [m]
+ *  @param slip   across the normal, from where it sticks; out: what is left of it, once it slides [m]
+ *  @param push   out: to be added to place and increment [m]; shift: to the place alone
+ *  @return false: it does not touch */
+PLIANT_INLINE bool pliant_substep_press(const double normal[3], double friction, double gap, const double moved[3], double slip[3], double push[3],
+                                        double shift[3])
+{
+    double into = 0, speed = 0, left = 0, along[3];
+    if (gap >= 0) return false;
+    for (int k = 0; k < 3; k++) into -= normal[k] * moved[k];
+    const double stop = fmin(fmax(into, 0.0), -gap), most = friction * stop;
+    for (int k = 0; k < 3; k++) {
+        along[k] = moved[k] + into * normal[k];
+        speed += along[k] * along[k];
+    }
+    speed = sqrt(speed);
+    const double kept = speed > most ? most / speed : 1;
+    for (int k = 0; k < 3; k++) {
+        push[k] = stop * normal[k] - kept * along[k];
+        slip[k] -= kept * along[k];
+        left += slip[k] * slip[k];
+    }
+    left = sqrt(left);
+    const double room = fmax(most - kept * speed, 0.0), back = left > room ? room / left : 1;
+    for (int k = 0; k < 3; k++) {
+        shift[k] = (-gap - stop) * normal[k] - back * slip[k];
+        slip[k] -= back * slip[k];
+    }
+    return true;
+}
+
 /* ---- walls and limits */
 
 /* A node behind a wall is put back on it; its way along the wall is cut short by friction, in proportion to how far it was pushed

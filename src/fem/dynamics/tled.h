@@ -84,6 +84,15 @@ struct pliant_tled_system {
     double eigenvalue_bound;                /* that of the element of the largest frequency, with what damps it */
 };
 
+/* A contact in a frame. */
+typedef struct pliant_tled_touch {
+    double answer;                          /* sum of squared weights over masses [1/kg] */
+    double deep;                            /* in what it touches as the frame begins; comes out in its course [m] */
+    double anchor[3];                       /* where it sticks now [m] */
+    double force[3];                        /* summed over the frame; of dynamic relaxation the last one [N] */
+    bool pressed;                           /* in the last sub-step */
+} pliant_tled_touch;
+
 struct pliant_tled {
     const pliant_tled_system *system;
     double frame;                           /* time of a step of the scene [s] */
@@ -110,6 +119,10 @@ struct pliant_tled {
     double quotient[4];                     /* dynamic relaxation: pliant_substep_frequency */
     pliant_pace pace;                       /* of its threads */
     double smallest_load;                   /* dynamic relaxation: what the residual is taken of where there is no load; as PLIANT_SUM_LOAD */
+    pliant_contacts *contacts;              /* Nullable: borrowed, for a frame */
+    pliant_tled_touch *touch;               /* (room_touch) of these */
+    int32_t room_touch;
+    uint8_t *touched;                       /* Nullable: (num_nodes) by some of them */
     double reach;                           /* longest way of a held point in a sub-step [m] */
 
     /* WORK */
@@ -195,6 +208,14 @@ double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, do
 double pliant_tled_answer(const pliant_tled *tled, const pliant_tool *a, const pliant_tool *b);
 /* Nodes behind walls are put back on them. */
 void pliant_tled_collide(pliant_tled *tled, double factor, int32_t first, int32_t end);
+
+/* ---- tled_contact.c */
+static inline bool pliant_tled_touches(const pliant_tled *tled) { return tled->contacts && tled->contacts->count > 0; }
+pliant_status pliant_tled_touch_begin(pliant_tled *tled); /* of a frame. Errors: MEMORY */
+/* Contact of all points, after a sub-step and what tools pull; made: sub-steps of the frame before it. Returns their load, as pliant_tled_pull. */
+double pliant_tled_touch_all(pliant_tled *tled, double factor, int32_t made);
+void pliant_tled_touch_end(pliant_tled *tled, int32_t steps, pliant_statistics *statistics); /* to the points */
+void pliant_tled_touch_free(pliant_tled *tled);
 
 /* Before a frame: a tool that took hold pulls from where the tissue is. */
 void pliant_tled_interact(pliant_tled *tled, const double gravity[3], pliant_tool *tools, int num_tools);

@@ -419,5 +419,6 @@ void pliant_tled_free(pliant_tled *tled)
     void *blocks[] = {tled->u,    tled->d,           tled->memory, tled->kept_u,   tled->kept_d, tled->kept_memory,
                       tled->forces, tled->change, tled->pressure, tled->sums,   tled->limit, tled->acceleration, tled->own, tled->own_inverse_mass};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    pliant_tled_touch_free(tled);
     pliant_free(tled);
 }

@@ -39,7 +39,7 @@ static double error_at(const pliant_tled *tled, const pliant_tool *tools, int nu
         increment += d[k] * d[k];
     }
     const double error = pliant_substep_error(tled->substeps * tled->time_step, tled->time_step, sqrt(change), sqrt(increment));
-    if (!(error > least) || is_held(tools, num_tools, node)) return least;
+    if (!(error > least) || is_held(tools, num_tools, node) || (pliant_tled_touches(tled) && tled->touched[node])) return least;
     return pliant_substep_touches(system->walls, system->num_walls, system->mesh->rest + at, tled->u + at) ? least : error;
 }
 
@@ -145,7 +145,7 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
 {
     const pliant_tled_system *system = tled->system;
     const int32_t chunks = (system->mesh->num_nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK;
-    const bool still = system->quasi_static;
+    const bool still = system->quasi_static, acted = held || pliant_tled_touches(tled);
     pliant_tled_scheme rule = pliant_tled_scheme_of(tled->time_step, system->damping);
     pliant_tled_frame result = {.sound = true, .steps = first};
     double total[PLIANT_NUM_SUMS], quotient[4] = {tled->quotient[0], tled->quotient[1], tled->quotient[2], tled->quotient[3]};
@@ -161,11 +161,14 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
         for (int32_t chunk = 0; chunk < chunks; chunk++) {
             if (!still) accelerate(tled, tools, num_tools, tled->substeps - result.steps, chunk);
             advance(tled, rule, chunk);
-            if (!held) settle(tled, rule, chunk);
+            if (!acted) settle(tled, rule, chunk);
         }
-        if (held) {
+        if (acted) {
 #pragma omp single
-            *tool_load = pliant_tled_pull(tled, tools, num_tools, rule.factor, still ? 1 : tled->substeps - result.steps);
+            {
+                *tool_load = held ? pliant_tled_pull(tled, tools, num_tools, rule.factor, still ? 1 : tled->substeps - result.steps) : 0;
+                if (pliant_tled_touches(tled)) *tool_load += pliant_tled_touch_all(tled, rule.factor, result.steps);
+            }
 #pragma omp for schedule(static)
             for (int32_t chunk = 0; chunk < chunks; chunk++) settle(tled, rule, chunk);
         }
@@ -234,6 +237,8 @@ static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools
     bool held = false;
     double tool_load = 0;
     for (int t = 0; t < num_tools; t++) held = held || tools[t].holding;
+    pliant_status status = pliant_tled_touch_begin(tled);
+    if (status != PLIANT_OK) return status;
     keep(tled, false);
     pliant_tled_frame done = {.sound = true};
     while (done.sound && !done.settled && done.steps < tled->substeps) {
@@ -290,6 +295,7 @@ pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_
             statistics->error = frame.error;
             for (int t = 0; t < num_tools && !system->quasi_static; t++)
                 for (int k = 0; k < 3; k++) tools[t].force[k] /= frame.steps;
+            pliant_tled_touch_end(tled, frame.steps, statistics);
             return !system->quasi_static || frame.settled ? PLIANT_OK : PLIANT_NOT_CONVERGED;
         }
         if (system->quasi_static) pliant_tled_calm(tled);

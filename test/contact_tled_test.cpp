@@ -1,0 +1,142 @@
+// Contacts in explicit dynamics: what is conserved, what is lost, and what stays.
+#include "contacts.h"
+
+#include "fem/dynamics/tled.h"
+
+namespace {
+
+const double young = 5000;
+
+struct Cube : Body {
+    static constexpr double edge = 0.04, mass = 1000 * edge * edge * edge;
+    explicit Cube(double poisson = 0.3) : Body(std::vector<int>{4, 4, 4}.data(), std::vector<double>{edge, edge, edge}.data(), {{young, poisson, 1000, false}})
+    {
+        cells(4, 4, 4, 1);
+        scene.solver.kind = PLIANT_TLED;
+        scene.solver.threads = 1;
+        scene.tled.damping = 0;
+        scene.ground.normal[2] = 1;
+        scene.ground.point[2] = -10; // what falls is allowed
+        for (double &g : scene.model.gravity) g = 0;
+    }
+    // mean of the lowest nodes
+    double foot() const
+    {
+        double sum = 0;
+        int count = 0;
+        for (int32_t n = 0; n < body().num_nodes; n++)
+            if (body().rest[3 * n + 2] < 1e-9) {
+                sum += data->positions[3 * n];
+                count++;
+            }
+        return sum / count;
+    }
+    // half a sub-step ago
+    void momentum(double out[3]) const
+    {
+        out[0] = out[1] = out[2] = 0;
+        for (int32_t i = 0; i < 3 * body().num_nodes; i++) out[i % 3] += data->tled->system->node_mass[i / 3] * data->tled->d[i] / data->tled->time_step;
+    }
+    double energy() const
+    {
+        pliant_dynamics told;
+        EXPECT_EQ(pliant_data_get_dynamics(model, data, &told), PLIANT_OK);
+        return told.kept_energy;
+    }
+    const pliant_mesh &body() const { return model->body->fine; }
+};
+constexpr double Cube::edge, Cube::mass;
+
+Obstacle floor_of(double friction) { return {Obstacle::HALF_SPACE, {0, 0, 0}, {0, 0, 1}, 0, friction, {0, 0, 0}, -1}; }
+
+// On a slope it stays where tan is below mu, and above it slides with g (sin - mu cos).
+TEST(ContactTled, ABlockOnASlope)
+{
+    const double friction = 0.4;
+    for (double slope : {0.3, 0.6}) {
+        Cube cube;
+        const double down = 9.81 * slope / std::sqrt(1 + slope * slope), press = 9.81 / std::sqrt(1 + slope * slope);
+        cube.scene.tled.stiffness_damping = 0.005;
+        cube.scene.model.gravity[2] = -press;
+        ASSERT_EQ(cube.build(), PLIANT_OK) << pliant_last_error();
+        Toucher toucher(cube.data->body);
+        toucher.obstacles.push_back(floor_of(friction));
+        auto run = [&](double time) {
+            for (double t = 0; t < time; t += cube.scene.solver.step) ASSERT_GE(toucher.step(cube.model, cube.data), 0) << pliant_last_error();
+        };
+        run(1);
+        const double gravity[3] = {0.9 * std::fmin(down, friction * press), 0, -press};
+        ASSERT_EQ(pliant_data_set_gravity(cube.data, gravity), PLIANT_OK);
+        run(1); // leans
+        double force[3], start[3], end[3];
+        const double whole[3] = {down, 0, -press};
+        ASSERT_EQ(pliant_data_set_gravity(cube.data, whole), PLIANT_OK);
+        run(0.5);
+        const double from = cube.foot();
+        cube.momentum(start);
+        const uint64_t first = cube.data->statistics.step;
+        run(0.5);
+        cube.momentum(end);
+        Toucher::force(cube.data, force);
+        const double time = (cube.data->statistics.step - first) * cube.scene.solver.step;
+        if (slope < friction) { EXPECT_NEAR(cube.foot(), from, 1e-6); }
+        else EXPECT_NEAR((end[0] - start[0]) / Cube::mass / time, down - friction * press, 0.01 * (down - friction * press));
+        EXPECT_NEAR(force[2], Cube::mass * press, 0.02 * Cube::mass * press);
+    }
+}
+
+// Thrown at the floor and at a sphere, with friction: no step adds to what is kept, and the change of momentum is the force's.
+TEST(ContactTled, EnergyNeverGrowsAndForceIsTheChangeOfMomentum)
+{
+    Cube cube;
+    ASSERT_EQ(cube.build(), PLIANT_OK) << pliant_last_error();
+    Toucher toucher(cube.data->body);
+    toucher.obstacles.push_back(floor_of(0.5));
+    toucher.obstacles.push_back({Obstacle::SPHERE, {0.06, 0.02, 0.02}, {0, 0, 0}, 0.01, 0.5, {0, 0, 0}, 0});
+    toucher.obstacles[0].place[2] = -0.005;
+    for (int32_t n = 0; n < cube.body().num_nodes; n++) {
+        const double speed[3] = {0.3, 0.02, -0.4};
+        for (int d = 0; d < 3; d++) cube.data->tled->d[3 * n + d] = speed[d] * cube.data->tled->time_step;
+    }
+    double energy = cube.energy(), begun = energy, most = 0;
+    for (int s = 0; s < 60; s++) {
+        double before[3], after[3], force[3];
+        cube.momentum(before);
+        ASSERT_GE(toucher.step(cube.model, cube.data), 0) << pliant_last_error();
+        cube.momentum(after);
+        Toucher::force(cube.data, force);
+        most = std::fmax(most, force[2]);
+        for (int d = 0; d < 3; d++) EXPECT_NEAR(after[d] - before[d], force[d] * cube.scene.solver.step, 1e-4 * Cube::mass);
+        const double now = cube.energy();
+        EXPECT_LE(now, energy + 1e-3 * begun) << s;
+        energy = now;
+    }
+    EXPECT_LT(energy, 0.85 * begun);
+    EXPECT_GT(most, 0.1);
+}
+
+// Dynamic relaxation under a plate comes to the force of a bar, and goes back when it is let go.
+TEST(ContactTled, RelaxesUnderAPlate)
+{
+    const double depth = 0.0002;
+    Cube cube(0);
+    cube.scene.tled.quasi_static = true;
+    cube.scene.tled.relaxation_steps = 2000;
+    cube.scene.solver.tolerance = 1e-5;
+    cube.fix_plane(0, 0, 1e-4, 0, 0, 1);
+    ASSERT_EQ(cube.build(), PLIANT_OK) << pliant_last_error();
+    Toucher toucher(cube.data->body);
+    toucher.obstacles.push_back({Obstacle::HALF_SPACE, {0, 0, Cube::edge}, {0, 0, -1}, 0, 0.2, {0, 0, 0}, 0});
+    toucher.obstacles[0].move(0, 0, -depth);
+    ASSERT_EQ(toucher.settle(cube.model, cube.data), PLIANT_OK);
+    double force[3];
+    Toucher::force(cube.data, force);
+    EXPECT_NEAR(-force[2], young * Cube::edge * depth, 0.01 * young * Cube::edge * depth);
+    EXPECT_LT(std::hypot(force[0], force[1]), 1e-3 * -force[2]);
+    toucher.obstacles[0].move(0, 0, 2 * depth);
+    ASSERT_EQ(toucher.settle(cube.model, cube.data), PLIANT_OK);
+    EXPECT_EQ(cube.data->statistics.contacts, 0);
+    for (int32_t i = 0; i < 3 * cube.body().num_nodes; i++) EXPECT_NEAR(cube.data->positions[i], cube.body().rest[i], 1e-5);
+}
+
+} // namespace
