@@ -88,7 +88,8 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
 #define PLIANT_SCENE_MATERIAL(X)                                                                                       \
     X(STRING, file, "", 0, 0, "", "material table (YAML), relative to the scene file; empty: the built-in one")       \
     X(STRING, labels, "", 0, 0, "", "label map on the scan's grid; empty: intensity ranges only")                     \
-    X(BOOL, deformable_bone, false, 0, 1, "", "bone deforms instead of being fixed")
+    X(BOOL, deformable_bone, false, 0, 1, "", "bone deforms instead of being fixed")                                  \
+    X(STRING, slides, "", 0, 0, "", "materials that slide along all others, by name, with commas between: they are parted at load, as by cuts, and touch; with cut/kind: sever")
 #define PLIANT_SCENE_MESH(X)                                                                                           \
     X(MESH, kind, PLIANT_LATTICE, 0, 0, "", "lattice: cubes of one size; octree: smaller ones where materials meet ([C] 4.2), method fine") \
     X(INT3, coarse_cells, 7, 1, 256, "cells", "coarse cubes along i, j, k")                                           \
@@ -151,7 +152,8 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     X(REAL, damping, 0.0, 0.0, 1e9, "N s/m", "damper beside the spring")                                              \
     X(REAL, radius, 0.006, 0.0, 1.0, "m", "the grasped blob; 0: a point")
 #define PLIANT_SCENE_CONTACT(X)                                                                                        \
-    X(REAL, friction, 0.2, 0.0, 100.0, "", "Coulomb's coefficient between tissue and instruments or obstacles")
+    X(REAL, friction, 0.2, 0.0, 100.0, "", "Coulomb's coefficient between tissue and instruments or obstacles, and between tissue and tissue")                   \
+    X(BOOL, self, false, 0, 1, "", "tissue touches tissue: what folds, pieces, the sides of a cut; with material/slides always")
 #define PLIANT_SCENE_CUT(X)                                                                                            \
     X(CUT, kind, PLIANT_CUT_NONE, 0, 0, "", "sever: blades part the scan's voxels, and tetrahedra fall into fragments; subdivide: blades cut edges, and tetrahedra into smaller ones ([C] 5.2), without resistance; none: nothing is cut, and nothing is kept for it") \
     X(REAL, snap, 0.1, 0.01, 0.45, "", "of subdivide: part of the shortest edge below which no edge is cut; the node that is so near is parted itself") \

@@ -70,6 +70,9 @@ pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *b
 /* Nothing has touched yet. */
 void pliant_tissue_forget(pliant_tissue *tissue);
 
+/* What is known of the step before. Errors: MEMORY, FORMAT; nothing changes. */
+pliant_status pliant_tissue_copy(const pliant_tissue *from, pliant_tissue *to);
+
 typedef struct pliant_tissue_rule {
     double margin;             /* outside of the surface, points are found so far away [m] */
     double recovery;           /* of how deep tissue lies in tissue as a step begins, at most this is undone [m] */

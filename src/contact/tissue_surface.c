@@ -224,3 +224,11 @@ pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *b
     *tissue = next;
     return PLIANT_OK;
 }
+
+pliant_status pliant_tissue_copy(const pliant_tissue *from, pliant_tissue *to)
+{
+    if (!from->body) return PLIANT_OK;
+    pliant_status status = pliant_tissue_set_body(to, from->body, from->threads);
+    if (status == PLIANT_OK && from->num_nodes > 0) memcpy(to->last, from->last, (size_t)from->num_nodes * sizeof *to->last);
+    return status;
+}

@@ -3,6 +3,8 @@
 #include "base/fail.h"
 #include "base/rotate.h"
 #include "contact/find.h"
+#include "contact/tissue.h"
+#include "fem/system.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -10,11 +12,13 @@
 
 static const double fastest = 2.0;    /* of a tool's tip [m/s]; beyond it, it has jumped, and touches nothing on its way */
 static const double base_margin = 1e-3; /* [m] that tissue may move in a step without a reason that is seen beforehand */
+static const double self_margin = 0.25; /* of the surface's shortest edge at rest: tissue that is nearer to tissue is looked at */
 static const double recovery = 0.1;   /* [m/s] at which tissue comes out of what it was deep in */
 enum { MOST_POSES = 4096, MOST_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS };
 
 struct pliant_contact_search {
     pliant_finder *finder;
+    pliant_tissue tissue;      /* contact/self */
     pliant_contacts made;      /* room: those of the step before, once this one has its own */
     int32_t num_poses, room_poses;
     pliant_pose *pose;
@@ -136,8 +140,11 @@ static pliant_status gather_parts(const pliant_model *model, pliant_data *data)
 
 /* ---- the stage */
 
-static bool has_nothing_to_touch(const pliant_data *data)
+static bool touches_itself(const pliant_model *model) { return model->scene.contact.self || model->scene.material.slides[0]; }
+
+static bool has_nothing_to_touch(const pliant_model *model, const pliant_data *data)
 {
+    if (touches_itself(model)) return false;
     for (int t = 0; t < data->num_tools; t++)
         if (data->tools[t].present && data->tools[t].shape.num_parts > 0) return false;
     return true;
@@ -167,9 +174,18 @@ static pliant_status begin(pliant_data *data)
     return status;
 }
 
+static pliant_status find_tissue(const pliant_model *model, pliant_data *data, pliant_contacts *out)
+{
+    pliant_tissue *tissue = &data->contact_search->tissue;
+    pliant_status status = pliant_tissue_set_body(tissue, data->body, data->discretization->system->num_threads);
+    const pliant_tissue_rule rule = {.margin = self_margin * tissue->shortest, .recovery = recovery * model->scene.solver.step,
+                                     .friction = model->scene.contact.friction};
+    return status == PLIANT_OK && tissue->num_skins > 0 ? pliant_tissue_find(tissue, data->positions, &rule, out) : status;
+}
+
 pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
 {
-    if (has_nothing_to_touch(data)) {
+    if (has_nothing_to_touch(model, data)) {
         pliant_contact_forget(data);
         return PLIANT_OK;
     }
@@ -179,6 +195,7 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     search->made.count = 0;
     status = gather_parts(model, data);
     if (status == PLIANT_OK) status = pliant_contact_find(search->finder, data->body, data->positions, search->num_parts, search->part, &search->made);
+    if (status == PLIANT_OK && touches_itself(model)) status = find_tissue(model, data, &search->made);
     if (status != PLIANT_OK) return status;
     carry(data, &data->contacts, &search->made);
     const pliant_contacts before = data->contacts;
@@ -201,7 +218,9 @@ void pliant_contact_end(pliant_data *data)
 void pliant_contact_forget(pliant_data *data)
 {
     data->contacts.count = 0;
-    if (data->contact_search) pliant_finder_forget(data->contact_search->finder);
+    if (!data->contact_search) return;
+    pliant_finder_forget(data->contact_search->finder);
+    pliant_tissue_forget(&data->contact_search->tissue);
 }
 
 pliant_status pliant_contact_copy(const pliant_data *from, pliant_data *to)
@@ -210,6 +229,7 @@ pliant_status pliant_contact_copy(const pliant_data *from, pliant_data *to)
     pliant_status status = begin(to);
     if (status == PLIANT_OK && from->contacts.count > 0) status = pliant_contacts_reserve(&to->contacts, from->contacts.count);
     if (status == PLIANT_OK) status = pliant_finder_copy(from->contact_search->finder, to->contact_search->finder);
+    if (status == PLIANT_OK) status = pliant_tissue_copy(&from->contact_search->tissue, &to->contact_search->tissue);
     if (status != PLIANT_OK || from->contacts.count == 0) return status;
     memcpy(to->contacts.point, from->contacts.point, (size_t)from->contacts.count * sizeof *to->contacts.point);
     to->contacts.count = from->contacts.count;
@@ -220,6 +240,7 @@ void pliant_contact_free(pliant_data *data)
 {
     if (data->contact_search) {
         pliant_finder_free(data->contact_search->finder);
+        pliant_tissue_free(&data->contact_search->tissue);
         pliant_free(data->contact_search->made.point);
         pliant_free(data->contact_search->pose);
         pliant_free(data->contact_search);

@@ -7,6 +7,7 @@
 #include "sim/discretization.h"
 #include "scene/options.h"
 #include "sim/fixed.h"
+#include "sim/slides.h"
 
 #include <string.h>
 
@@ -221,7 +222,8 @@ static pliant_status link_voxels(builder *build)
     if (model->scene.cut.kind == PLIANT_CUT_SUBDIVIDE)
         return pliant_subdivision_create(&model->body->fine, model->scene.cut.snap, &model->body->subdivision);
     if (model->scene.cut.kind != PLIANT_CUT_SEVER) return PLIANT_OK;
-    return pliant_voxels_create(model->body, &model->scan->geometry, model->material_of_voxel, &model->materials, &model->body->voxels);
+    pliant_status status = pliant_voxels_create(model->body, &model->scan->geometry, model->material_of_voxel, &model->materials, &model->body->voxels);
+    return status == PLIANT_OK ? pliant_model_part_slides(model) : status;
 }
 
 static pliant_status homogenize(builder *build)
@@ -335,6 +337,8 @@ static pliant_status check(const pliant_scene *scene, const pliant_material_tabl
                                                  "lattice, or element/kind to linear");
     if (status == PLIANT_OK && scene->element.kind == PLIANT_HEXAHEDRA && scene->model.method != PLIANT_FINE && scene->model.patch > 0)
         status = pliant_fail(PLIANT_ERROR_SCENE, "model/patch: a patch is made of tetrahedra; set it to 0, or element/kind to linear");
+    if (status == PLIANT_OK && scene->material.slides[0] && scene->cut.kind != PLIANT_CUT_SEVER)
+        status = pliant_fail(PLIANT_ERROR_SCENE, "material/slides parts the voxels of the scan: set cut/kind to sever");
     if (status == PLIANT_OK && scene->cut.kind == PLIANT_CUT_SUBDIVIDE) status = check_subdivide(scene);
     return status == PLIANT_OK ? pliant_material_table_check(materials) : status;
 }

@@ -1,0 +1,18 @@
+/* Organs that slide along others (material/slides). */
+#ifndef PLIANT_SIM_SLIDES_H
+#define PLIANT_SIM_SLIDES_H
+
+#include "state/model.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* The body at load, whose voxels are there: parted where a material that slides meets another one. Errors: SCENE (no such
+ * material), and those of pliant_body_sever. */
+pliant_status pliant_model_part_slides(pliant_model *model);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
