@@ -89,15 +89,16 @@ static __device__ __forceinline__ bool find_box(const raster_grid &grid, const i
     return any;
 }
 
-/* pliant_raster_tet. own_rest: of its own node; out: NULL where there is none. All four threads come here together. */
-static __device__ __forceinline__ void set_up(const gpu_raster &raster, const int fixed[4][3], const double *own_rest, gpu_tet *out, footprint &foot)
+/* pliant_raster_tet. own_rest: of its own node; wanted: it is drawn; out: NULL where there is none. All four threads come here together. */
+static __device__ __forceinline__ void set_up(const gpu_raster &raster, const int fixed[4][3], const double *own_rest, bool wanted, gpu_tet *out,
+                                              footprint &foot)
 {
     const raster_grid &grid = raster.grid;
     const int v = (int)threadIdx.x % 4, axis = v < 3 ? v : 0;
     long long normal[3];
     const double volume = gpu_normals(fixed, v, normal);
     gpu_box &box = foot.box;
-    const bool drawn = (grid.mirrored ? volume < 0 : volume > 0) & find_box(grid, fixed, box.low, box.high);
+    const bool drawn = wanted & (grid.mirrored ? volume < 0 : volume > 0) & find_box(grid, fixed, box.low, box.high);
     double rest[4], map[4], rounded[4], exact[3];
     for (int d = 0; d < 3; d++) exact[d] = (double)normal[d]; /* below 2^53 */
     for (int n = 0; n < 4; n++) {
@@ -181,7 +182,7 @@ template <bool PARTS> static __global__ void __launch_bounds__(THREADS, 4) cull_
     if (__any_sync(0xffffffff, there && !still)) { /* setting up one that stayed gives what it was */
         if (there)
             for (int d = 0; d < 3; d++) last[d] = mine[d];
-        set_up(raster, fixed, rest, there ? stored : NULL, foot);
+        set_up(raster, fixed, rest, !PARTS || !raster.d_zone || raster.d_zone[t] > 0, there ? stored : NULL, foot);
         __syncwarp();
     }
     if (!there) return;

@@ -3,6 +3,7 @@
 #include "check.h"
 #include "base/fail.h"
 #include "pliant/memory.h"
+#include "raster_math.cuh"
 #include "scan.cuh"
 
 enum { SORT_THREADS = 1024, TET_THREADS = 128, MAP_THREADS = 32, DRAW_THREADS = BRICK * BRICK };
@@ -13,6 +14,7 @@ struct pliant_cuda_fit {
     raster_source source;
     int32_t *d_cursor;         /* (bins) */
     void *d_voxels;
+    int32_t *d_owner;          /* (target voxels) element of the zone that owns each, -1: none; NULL: nothing is cut */
 };
 
 /* ---- nodes by bins, by one block: of some thousands of nodes each part takes a microsecond or two */
@@ -102,8 +104,9 @@ __global__ void __launch_bounds__(TET_THREADS) cover_kernel(const fit_view *d_vi
     const int32_t lane = (int32_t)(thread % 32);
     fit_tet tet;
     int32_t first[2], last[2];
-    if (t >= d_view->num_tets || !fit_tet_at(d_view, (int32_t)t, &tet)) return;
+    if (t >= d_view->num_tets || !fit_covers(d_view, (int32_t)t, true) || !fit_tet_at(d_view, (int32_t)t, &tet)) return;
     if (lane == 0) fit_want(d_view, &tet, 0, d_view->size[2]);
+    if (!fit_covers(d_view, (int32_t)t, false)) return;
     for (int d = 0; d < 2; d++)
         if (!fit_range(tet.low[d + 1], tet.high[d + 1], d_view->target.size[d + 1], first + d, last + d)) return;
     const int64_t across = last[0] - first[0] + 1, rows = across * (last[1] - first[1] + 1);
@@ -122,7 +125,7 @@ __global__ void __launch_bounds__(MAP_THREADS) map_kernel(const fit_view *d_view
 }
 
 /* a brick a block, a column along k a thread */
-__global__ void __launch_bounds__(DRAW_THREADS) draw_kernel(const fit_view *d_view, const raster_source source, void *d_volume, uint8_t *d_changed)
+__global__ void __launch_bounds__(DRAW_THREADS) draw_kernel(const fit_view *d_view, const raster_source source, const gpu_raster raster, const int32_t *d_owner)
 {
     const int32_t *size = d_view->target.size;
     const int32_t i = (int32_t)(blockIdx.x * BRICK + threadIdx.x % BRICK), j = (int32_t)(blockIdx.y * BRICK + threadIdx.x / BRICK);
@@ -133,11 +136,17 @@ __global__ void __launch_bounds__(DRAW_THREADS) draw_kernel(const fit_view *d_vi
             const double target[3] = {(double)i, (double)j, (double)k};
             const size_t v = (size_t)i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k);
             double index[3] = {0, 0, 0};
+            if (d_owner && d_owner[v] >= 0) {
+                const double(*map)[4] = static_cast<const gpu_tet *>(raster.d_setup)[d_owner[v]].map;
+                for (int d = 0; d < 3; d++) index[d] = part_index(map[d][0], map[d][1], map[d][2], map[d][3], target);
+                other |= fit_draw_owned(d_view, &raster.parts, &source, d_owner[v], target, index, raster.d_volume, v);
+                continue;
+            }
             const bool known = d_view->covered[v] && fit_map_at(d_view, target, index);
-            other |= fit_draw_voxel(d_view, &source, known, index, d_volume, v);
+            other |= fit_draw_voxel(d_view, &source, known, index, raster.d_volume, v);
         }
     other = __syncthreads_or(other) != 0;
-    if (threadIdx.x == 0) d_changed[blockIdx.x + (size_t)gridDim.x * (blockIdx.y + (size_t)gridDim.y * blockIdx.z)] = other;
+    if (threadIdx.x == 0) raster.d_changed[blockIdx.x + (size_t)gridDim.x * (blockIdx.y + (size_t)gridDim.y * blockIdx.z)] = other;
 }
 
 /* ---- the host's side */
@@ -177,6 +186,14 @@ static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const ras
     CUDA_TRY(allocate(most_bins, &fit->d_cursor));
     CUDA_TRY(pliant_cuda_upload(source->voxels, (size_t)source->count * pliant_encoding_size(source->encoding), "the scan", stream, &fit->d_voxels));
     fit->source.voxels = fit->d_voxels;
+    if (parts->zone) {
+        uint8_t *d_zone, *d_near;
+        CUDA_TRY(upload(parts->zone, (size_t)parts->num_elements, stream, &d_zone));
+        view->zone = d_zone;
+        CUDA_TRY(upload(parts->near, nodes, stream, &d_near));
+        view->near = d_near;
+        CUDA_TRY(allocate(target_voxels(parts), &fit->d_owner));
+    }
     return upload(view, 1, stream, &fit->d_view);
 }
 
@@ -191,6 +208,7 @@ extern "C" pliant_status pliant_cuda_fit_create(const fit_view *parts, const ras
     view->map = NULL;
     view->tets = NULL;
     view->tissue = view->covered = view->wanted = NULL;
+    view->zone = view->near = NULL;
     view->bin_start = view->bin_node = NULL;
     pliant_status status = fill(fit, parts, source, stream);
     if (status != PLIANT_OK) {
@@ -206,7 +224,7 @@ extern "C" void pliant_cuda_fit_free(pliant_cuda_fit *fit)
     if (!fit) return;
     const fit_view *view = &fit->view;
     const void *blocks[] = {view->rest, view->tets, view->tissue, view->covered, view->wanted, view->map, view->at, view->sorted, view->bin_node, view->bin_start,
-                            fit->d_cursor, fit->d_voxels, fit->d_view};
+                            fit->d_cursor, fit->d_voxels, fit->d_view, view->zone, view->near, fit->d_owner};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
     pliant_free(fit);
 }
@@ -223,9 +241,17 @@ extern "C" pliant_status pliant_cuda_fit_map(const pliant_cuda_fit *fit, const d
     return CUDA_LAUNCHED("the fit");
 }
 
-extern "C" pliant_status pliant_cuda_fit_draw(const pliant_cuda_fit *fit, const int32_t bricks[3], void *d_volume, uint8_t *d_changed, cudaStream_t stream)
+extern "C" const uint8_t *pliant_cuda_fit_zone(const pliant_cuda_fit *fit) { return fit->view.zone; }
+
+extern "C" pliant_status pliant_cuda_fit_own(const pliant_cuda_fit *fit, const gpu_raster *raster, cudaStream_t stream)
 {
+    return pliant_cuda_find_owners(raster, fit->d_owner, stream);
+}
+
+extern "C" pliant_status pliant_cuda_fit_draw(const pliant_cuda_fit *fit, const gpu_raster *raster, cudaStream_t stream)
+{
+    const int32_t *bricks = raster->grid.bricks;
     const dim3 grid((unsigned)bricks[0], (unsigned)bricks[1], (unsigned)bricks[2]);
-    draw_kernel<<<grid, DRAW_THREADS, 0, stream>>>(fit->d_view, fit->source, d_volume, d_changed);
+    draw_kernel<<<grid, DRAW_THREADS, 0, stream>>>(fit->d_view, fit->source, *raster, fit->d_owner);
     return CUDA_LAUNCHED("the voxels of the fit");
 }

@@ -268,6 +268,45 @@ template <class Voxel, bool PARTS> static __global__ void __launch_bounds__(THRE
     draw_by_voxel<Voxel, PARTS>(raster, list, count, origin, brick);
 }
 
+/* ---- owners alone */
+
+/* One block a brick. Bricks with more candidates than their lists hold are drawn again: here they have nobody. */
+static __global__ void __launch_bounds__(THREADS) owners_kernel(gpu_raster raster, int32_t *d_owner)
+{
+    __shared__ brick_state brick;
+    const int origin[3] = {(int)blockIdx.x * BRICK, (int)blockIdx.y * BRICK, (int)blockIdx.z * BRICK}, *size = raster.grid.target.size;
+    const int b = (int)(blockIdx.x + gridDim.x * (blockIdx.y + gridDim.y * blockIdx.z)), thread = (int)threadIdx.x;
+    const int *list = raster.d_list + (size_t)b * raster.capacity, count = raster.d_count[b];
+    const part whole = {{0, 0, 0}, BRICK};
+    const bool any = count > 0 && count <= raster.capacity;
+    __syncthreads(); /* all have read it */
+    if (thread == 0) {
+        raster.d_count[b] = 0;
+        raster.d_dirty[b] = raster.d_parted[b] = 0;
+        if (count > *raster.d_longest) atomicMax(raster.d_longest, count);
+    }
+    if (any) {
+        clear_brick(brick);
+        if (count <= MOST && thread < count) brick.id[thread] = list[thread];
+        if (count <= MOST) find_owners<true>(raster, whole, count, origin, brick);
+        else find_owners_by_voxel<true>(raster, list, count, origin, brick);
+        __syncthreads();
+    }
+    for (int n = thread; n < BRICK_VOXELS; n += THREADS) {
+        const int i = origin[0] + n % BRICK, j = origin[1] + n / BRICK % BRICK, k = origin[2] + n / BRICK_ROWS;
+        if (i >= size[0] || j >= size[1] || k >= size[2]) continue;
+        const unsigned owner = any ? brick.owner[ROW_STEP * (n / BRICK) + n % BRICK] : ~0u;
+        d_owner[(size_t)i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k)] = owner == ~0u ? -1 : (int32_t)(owner >> 8);
+    }
+}
+
+extern "C" pliant_status pliant_cuda_find_owners(const gpu_raster *raster, int32_t *d_owner, cudaStream_t stream)
+{
+    const dim3 blocks((unsigned)raster->grid.bricks[0], (unsigned)raster->grid.bricks[1], (unsigned)raster->grid.bricks[2]);
+    owners_kernel<<<blocks, THREADS, 0, stream>>>(*raster, d_owner);
+    return CUDA_LAUNCHED("owners_kernel");
+}
+
 /* ---- source and volume */
 
 static __device__ __forceinline__ float2 in_source(float voxel, float right) { return make_float2(voxel, right - voxel); }

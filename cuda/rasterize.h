@@ -27,6 +27,7 @@ typedef struct gpu_raster {
     const part_guest *d_guests;      /* (num_elements - num_tets) */
     part_view parts;                 /* elements NULL: nothing is cut */
     uint8_t *d_parted;               /* (num_bricks) an element that is parted touches it; 0 between updates */
+    const uint8_t *d_zone;           /* (num_elements) of a fit: 0: not drawn by its own map; NULL: all are */
     const double *d_rest;            /* (num_nodes x 3) continuous index in the scan */
     int32_t *d_fixed;                /* (num_elements x 12) fixed-point corners of the last update */
     void *d_setup;                   /* (num_elements) gpu_tet of the last update */
@@ -51,6 +52,8 @@ pliant_status pliant_cuda_cull(const gpu_raster *raster, const double *d_positio
 /* Bricks with more candidates than pliant_cuda_longest_usual() are drawn with crowded only, by another kernel. */
 pliant_status pliant_cuda_rasterize(const gpu_raster *raster, bool crowded, cudaStream_t stream);
 int32_t pliant_cuda_longest_usual(void);
+/* In place of values, who owns every voxel: d_owner (voxels of the target), -1: nobody. Of bricks with parts. */
+pliant_status pliant_cuda_find_owners(const gpu_raster *raster, int32_t *d_owner, cudaStream_t stream);
 
 /* Elements of another body, with how they were drawn; d_from: pliant_warp_changes. */
 pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, const int32_t *d_from, cudaStream_t stream);

@@ -118,19 +118,28 @@ static void release_body(const gpu_raster *raster)
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
 }
 
-/* what rasterization needs, where there is no fit */
-static pliant_status fill_raster(pliant_cuda_warp *gpu)
+/* which elements touch which bricks; once */
+static pliant_status fill_lists(pliant_cuda_warp *gpu)
 {
     gpu_raster *raster = &gpu->raster;
     const size_t bricks = (size_t)raster->num_bricks;
-    CUDA_TRY(upload_source(gpu));
-    CUDA_TRY(fill_body(&gpu->parts, gpu->stream, raster, &gpu->room));
-    CUDA_TRY(allocate(bricks, &raster->d_count));
-    CUDA_TRY(allocate(bricks, &raster->d_dirty));
-    CUDA_TRY(allocate(bricks * (size_t)raster->capacity, &raster->d_list));
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_list, 0, bricks * (size_t)raster->capacity * sizeof *raster->d_list, gpu->stream)));
+    if (raster->d_list) return PLIANT_OK;
+    if (!raster->d_count) CUDA_TRY(allocate(bricks, &raster->d_count));
+    if (!raster->d_dirty) CUDA_TRY(allocate(bricks, &raster->d_dirty));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_dirty, 0, bricks * sizeof *raster->d_dirty, gpu->stream)));
-    return CUDA_CALL(cudaMemsetAsync(raster->d_count, 0, bricks * sizeof *raster->d_count, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_count, 0, bricks * sizeof *raster->d_count, gpu->stream)));
+    int32_t *d_list;
+    CUDA_TRY(allocate(bricks * (size_t)raster->capacity, &d_list));
+    raster->d_list = d_list;
+    return CUDA_CALL(cudaMemsetAsync(raster->d_list, 0, bricks * (size_t)raster->capacity * sizeof *raster->d_list, gpu->stream));
+}
+
+/* what the elements' own maps need: where there is no fit, and of a fit where tissue is cut */
+static pliant_status fill_raster(pliant_cuda_warp *gpu)
+{
+    if (!gpu->parts.fit) CUDA_TRY(upload_source(gpu));
+    CUDA_TRY(fill_body(&gpu->parts, gpu->stream, &gpu->raster, &gpu->room));
+    return fill_lists(gpu);
 }
 
 static pliant_status fill(pliant_cuda_warp *gpu)
@@ -143,7 +152,8 @@ static pliant_status fill(pliant_cuda_warp *gpu)
     CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&least, &greatest)));
     CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&gpu->stream, cudaStreamNonBlocking, greatest)));
     for (cudaEvent_t &mark : gpu->marks) CUDA_TRY(CUDA_CALL(cudaEventCreate(&mark)));
-    CUDA_TRY(parts->fit ? pliant_cuda_fit_create(parts->fit, parts->source, gpu->stream, &gpu->fit) : fill_raster(gpu));
+    if (parts->fit) CUDA_TRY(pliant_cuda_fit_create(parts->fit, parts->source, gpu->stream, &gpu->fit));
+    if (!parts->fit || parts->parts) CUDA_TRY(fill_raster(gpu));
     CUDA_TRY(pliant_cuda_allocate(gpu->volume_bytes, "the deformed volume", &raster->d_volume));
     CUDA_TRY(allocate(bricks, &raster->d_changed));
     CUDA_TRY(allocate(1, &raster->d_longest));
@@ -216,12 +226,14 @@ extern "C" void pliant_cuda_warp_free(pliant_cuda_warp *gpu)
 
 static pliant_status draw(pliant_cuda_warp *gpu, const double *d_positions, bool all, cudaStream_t stream)
 {
-    const gpu_raster *raster = &gpu->raster;
+    gpu_raster *raster = &gpu->raster;
+    raster->d_zone = gpu->fit ? pliant_cuda_fit_zone(gpu->fit) : nullptr;
     CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[BEGUN], stream)));
-    CUDA_TRY(gpu->fit ? pliant_cuda_fit_map(gpu->fit, d_positions, stream) : pliant_cuda_cull(raster, d_positions, all, stream));
+    if (gpu->fit) CUDA_TRY(pliant_cuda_fit_map(gpu->fit, d_positions, stream));
+    if (!gpu->fit || raster->d_zone) CUDA_TRY(pliant_cuda_cull(raster, d_positions, all || gpu->fit, stream));
     CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[CULLED], stream)));
-    CUDA_TRY(gpu->fit ? pliant_cuda_fit_draw(gpu->fit, raster->grid.bricks, raster->d_volume, raster->d_changed, stream)
-                      : pliant_cuda_rasterize(raster, gpu->crowded, stream));
+    if (raster->d_zone) CUDA_TRY(pliant_cuda_fit_own(gpu->fit, raster, stream));
+    CUDA_TRY(gpu->fit ? pliant_cuda_fit_draw(gpu->fit, raster, stream) : pliant_cuda_rasterize(raster, gpu->crowded, stream));
     CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[DRAWN], stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_changed, raster->d_changed, (size_t)raster->num_bricks, cudaMemcpyDeviceToHost, stream)));
     return CUDA_CALL(cudaMemcpyAsync(gpu->h_longest, raster->d_longest, sizeof *gpu->h_longest, cudaMemcpyDeviceToHost, stream));
@@ -370,11 +382,16 @@ static pliant_status carry(const pliant_cuda_warp *gpu, const pliant_warp_change
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
-static pliant_status fill_next(const pliant_cuda_warp *gpu, const pliant_warp_changes *changes, cuda_next *next)
+static pliant_status fill_next(pliant_cuda_warp *gpu, const pliant_warp_changes *changes, cuda_next *next)
 {
     const pliant_warp_parts *parts = &next->parts;
     CUDA_TRY(room_for(3 * (size_t)parts->mesh->num_nodes, POSITIONS, &next->room, &next->d_positions));
-    return parts->fit ? pliant_cuda_fit_create(parts->fit, parts->source, gpu->stream, &next->fit) : carry(gpu, changes, next);
+    if (!parts->fit) return carry(gpu, changes, next);
+    CUDA_TRY(pliant_cuda_fit_create(parts->fit, parts->source, gpu->stream, &next->fit));
+    if (!parts->parts) return PLIANT_OK;
+    CUDA_TRY(fill_lists(gpu));
+    CUDA_TRY(fill_body(parts, gpu->stream, &next->raster, &next->room)); /* all is set up anew in every update */
+    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
 static pliant_status prepare_next(pliant_cuda_warp *gpu, const pliant_warp_parts *parts, const pliant_warp_changes *changes, cuda_next **out)

@@ -19,8 +19,7 @@ struct pliant_fit {
     const pliant_mesh *mesh;
     int num_threads;
     const pliant_parts *parts;
-    uint8_t *near;  /* (nodes) 1: within the kernel's reach of a cut */
-    uint8_t *zone;  /* (elements) how many of its corners are; NULL: nothing is cut */
+    uint8_t *near, *zone; /* of the view */
 };
 
 static double mean_edge(const pliant_mesh *mesh)
@@ -133,6 +132,9 @@ pliant_status pliant_fit_next(const pliant_fit *fit, const pliant_body *body, co
         find_near(body, parts, next->near);
         for (int32_t e = 0; e < parts->view.num_elements; e++)
             for (int v = 0; v < 4; v++) next->zone[e] += e >= body->fine.num_tets || next->near[body->fine.tets[4 * (size_t)e + v]];
+        next->view.num_elements = parts->view.num_elements;
+        next->view.zone = next->zone;
+        next->view.near = next->near;
     }
     *out = next;
     return PLIANT_OK;
@@ -183,7 +185,7 @@ static void sort_nodes(pliant_fit *fit, const double *positions)
 }
 
 /* Slices begin to end of the target, want_begin to want_end of the lattice: what the tetrahedra cover there, and want. */
-FIT_VECTORIZED static void cover(const fit_view *view, const uint8_t *zone, int32_t begin, int32_t end, int32_t want_begin, int32_t want_end)
+FIT_VECTORIZED static void cover(const fit_view *view, int32_t begin, int32_t end, int32_t want_begin, int32_t want_end)
 {
     const int32_t *size = view->target.size;
     const size_t slice = (size_t)size[0] * (size_t)size[1], wanted = (size_t)view->size[0] * (size_t)view->size[1];
@@ -192,9 +194,9 @@ FIT_VECTORIZED static void cover(const fit_view *view, const uint8_t *zone, int3
     for (int32_t t = 0; t < view->num_tets; t++) {
         fit_tet tet;
         int32_t first[3], last[3];
-        if ((zone && zone[t] == 4) || !fit_tet_at(view, t, &tet)) continue;
+        if (!fit_covers(view, t, true) || !fit_tet_at(view, t, &tet)) continue;
         fit_want(view, &tet, want_begin, want_end);
-        if (zone && zone[t] > 0) continue;
+        if (!fit_covers(view, t, false)) continue;
         bool beside = true;
         for (int d = 1; d < 3; d++) beside = beside && fit_range(tet.low[d], tet.high[d], size[d], first + d, last + d);
         if (!beside) continue;
@@ -208,7 +210,7 @@ static void cover_all(const pliant_fit *fit)
     const int64_t parts = fit->num_threads, slices = fit->view.target.size[2], wanted = fit->view.size[2];
 #pragma omp parallel for num_threads(fit->num_threads) schedule(static, 1)
     for (int64_t part = 0; part < parts; part++)
-        cover(&fit->view, fit->zone, (int32_t)(slices * part / parts), (int32_t)(slices * (part + 1) / parts), (int32_t)(wanted * part / parts),
+        cover(&fit->view, (int32_t)(slices * part / parts), (int32_t)(slices * (part + 1) / parts), (int32_t)(wanted * part / parts),
               (int32_t)(wanted * (part + 1) / parts));
 }
 
@@ -258,33 +260,6 @@ FIT_VECTORIZED static bool draw_row(const fit_view *view, const raster_source *s
     return other;
 }
 
-/* What a voxel of an element of the zone was: by its own map, or between that and the fit's where not all of its corners are near a cut. */
-static void blend(const pliant_fit *fit, int32_t element, const raster_tet *tet, const double voxel[3], double index[3])
-{
-    double fitted[3], near = 0;
-    for (int d = 0; d < 3; d++) index[d] = part_index(tet->map[0][d], tet->map[1][d], tet->map[2][d], tet->map[3][d], voxel);
-    if (fit->zone[element] == 4 || !fit_map_at(&fit->view, voxel, fitted)) return;
-    const int32_t *node = fit->mesh->tets + 4 * (size_t)element;
-    double at[3][3], inverse[3][3], from[3], weight[4] = {1, 0, 0, 0};
-    const double *first = fit->view.rest + 3 * (size_t)node[0];
-    for (int v = 0; v < 3; v++)
-        for (int d = 0; d < 3; d++) at[d][v] = fit->view.rest[3 * (size_t)node[v + 1] + (size_t)d] - first[d];
-    double determinant = 0;
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++)
-            inverse[c][r] = at[(r + 1) % 3][(c + 1) % 3] * at[(r + 2) % 3][(c + 2) % 3] - at[(r + 1) % 3][(c + 2) % 3] * at[(r + 2) % 3][(c + 1) % 3];
-    for (int d = 0; d < 3; d++) {
-        determinant += at[0][d] * inverse[d][0];
-        from[d] = index[d] - first[d];
-    }
-    for (int v = 0; v < 3; v++) {
-        for (int d = 0; d < 3; d++) weight[v + 1] += inverse[v][d] * from[d] / determinant;
-        weight[0] -= weight[v + 1];
-    }
-    for (int v = 0; v < 4; v++) near += fit->near[node[v]] ? weight[v] : 0;
-    for (int d = 0; d < 3; d++) index[d] = fitted[d] + near * (index[d] - fitted[d]);
-}
-
 static bool draw_owned(const pliant_fit *fit, const raster_source *source, const raster_tet *tets, const int32_t low[3], const raster_brick *owned, void *voxels)
 {
     const int32_t *size = fit->view.target.size;
@@ -294,13 +269,11 @@ static bool draw_owned(const pliant_fit *fit, const raster_source *source, const
         const int32_t at[3] = {low[0] + place % BRICK, low[1] + place / BRICK % BRICK, low[2] + place / BRICK_ROWS};
         const double voxel[3] = {at[0], at[1], at[2]};
         const size_t v = (size_t)at[0] + (size_t)size[0] * ((size_t)at[1] + (size_t)size[1] * (size_t)at[2]);
+        const double(*map)[4] = tets[element].map;
         double index[3];
-        blend(fit, element, &tets[element], voxel, index);
-        const part_element of = fit->parts->view.elements[element];
-        const bool masked = of.box >= 0 && part_claims(&fit->parts->view, of, index) == PART_MASKED;
-        const double value = masked ? pliant_raster_masked_value(source, &fit->parts->view, of, index) : fit_sample(source, index);
+        for (int d = 0; d < 3; d++) index[d] = part_index(map[0][d], map[1][d], map[2][d], map[3][d], voxel);
         fit->view.covered[v] = FIT_DRAWN;
-        other |= fit_put_voxel(source, value, true, voxels, v);
+        other |= fit_draw_owned(&fit->view, &fit->parts->view, source, element, voxel, index, voxels, v);
     }
     return other;
 }

@@ -5,7 +5,7 @@
 #define PLIANT_WARP_FIT_POINT_H
 
 #include "base/inline.h"
-#include "warp/raster.h"
+#include "warp/part_sample.h"
 
 #include <math.h>
 #include <string.h>
@@ -44,7 +44,14 @@ typedef struct fit_view {
     int32_t *bin_start, *bin_node;
     double *at;               /* (num_nodes x 3) */
     double *sorted;           /* (num_nodes x 6) by bins: where a node is, and rest */
+    /* CUTS; NULL: nothing is cut */
+    int32_t num_elements;
+    const uint8_t *zone;      /* (num_elements) how many of its corners are near a cut */
+    const uint8_t *near;      /* (num_nodes) 1: within the kernel's reach of a cut */
 } fit_view;
+
+/* Whether the fit alone says what a tetrahedron covers; only_wanted: or a part of it. */
+PLIANT_INLINE bool fit_covers(const fit_view *fit, int32_t tet, bool only_wanted) { return !fit->zone || fit->zone[tet] < (only_wanted ? 4 : 1); }
 
 PLIANT_INLINE int32_t fit_bin_of(const fit_view *fit, int d, double at)
 {
@@ -341,11 +348,7 @@ PLIANT_INLINE double fit_sample(const raster_source *source, const double index[
             place += corner >> d & 1 ? source->step[d] : 0;
             weight *= corner >> d & 1 ? part[d] : 1 - part[d];
         }
-        switch (source->encoding) {
-        case PLIANT_UINT8: value += weight * ((const uint8_t *)source->voxels)[place]; break;
-        case PLIANT_INT16: value += weight * ((const int16_t *)source->voxels)[place]; break;
-        case PLIANT_FLOAT32: value += weight * (double)((const float *)source->voxels)[place]; break;
-        }
+        value += weight * raster_stored(source, place);
     }
     return value;
 }
@@ -387,6 +390,44 @@ PLIANT_INLINE bool fit_draw_voxel(const fit_view *fit, const raster_source *sour
 {
     const bool inside = known && fit_in_tissue(fit, index);
     return fit_put_voxel(source, inside ? fit_sample(source, index) : 0, inside, voxels, v);
+}
+
+/* What a voxel of an element of the zone was: by its own map (in index), or between that and the fit's where not all of its corners are near a
+ * cut. */
+PLIANT_INLINE void fit_blend(const fit_view *fit, int32_t element, const double voxel[3], double index[3])
+{
+    double fitted[3], near = 0;
+    if (fit->zone[element] == 4 || !fit_map_at(fit, voxel, fitted)) return;
+    const int32_t *node = fit->tets + 4 * (size_t)element;
+    double at[3][3], inverse[3][3], from[3], weight[4] = {1, 0, 0, 0};
+    const double *first = fit->rest + 3 * (size_t)node[0];
+    for (int v = 0; v < 3; v++)
+        for (int d = 0; d < 3; d++) at[d][v] = fit->rest[3 * (size_t)node[v + 1] + (size_t)d] - first[d];
+    double determinant = 0;
+    PLIANT_UNROLL for (int r = 0; r < 3; r++)
+        PLIANT_UNROLL for (int c = 0; c < 3; c++)
+            inverse[c][r] = at[(r + 1) % 3][(c + 1) % 3] * at[(r + 2) % 3][(c + 2) % 3] - at[(r + 1) % 3][(c + 2) % 3] * at[(r + 2) % 3][(c + 1) % 3];
+    for (int d = 0; d < 3; d++) {
+        determinant += at[0][d] * inverse[d][0];
+        from[d] = index[d] - first[d];
+    }
+    for (int v = 0; v < 3; v++) {
+        for (int d = 0; d < 3; d++) weight[v + 1] += inverse[v][d] * from[d] / determinant;
+        weight[0] -= weight[v + 1];
+    }
+    for (int v = 0; v < 4; v++) near += fit->near[node[v]] ? weight[v] : 0;
+    for (int d = 0; d < 3; d++) index[d] = fitted[d] + near * (index[d] - fitted[d]);
+}
+
+/* A voxel that an element of the zone owns, from where its own map says it was; true when it is another than before. */
+PLIANT_INLINE bool fit_draw_owned(const fit_view *fit, const part_view *parts, const raster_source *source, int32_t element, const double voxel[3],
+                                  double index[3], void *voxels, size_t v)
+{
+    fit_blend(fit, element, voxel, index);
+    const part_element of = parts->elements[element];
+    const bool masked = of.box >= 0 && part_claims(parts, of, index) == PART_MASKED;
+    const double value = masked ? part_sample(source, parts, of, index) : fit_sample(source, index);
+    return fit_put_voxel(source, value, true, voxels, v);
 }
 
 #endif

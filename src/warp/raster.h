@@ -152,9 +152,7 @@ static inline int32_t raster_lowest_bit(uint64_t bits)
 /* rasterize.c: nobody owns a voxel of a brick, of this extent inside the target */
 void pliant_raster_clear(const int32_t extent[3], raster_brick *brick);
 
-/* rasterize_parts.c: an element's value at a rest point of its own (part_claims: PART_MASKED) */
-double pliant_raster_masked_value(const raster_source *source, const part_view *parts, part_element element, const double index[3]);
-/* the masked voxels of a brick; out, row_step, slice_step: as of write */
+/* rasterize_parts.c: the masked voxels of a brick; out, row_step, slice_step: as of write */
 void pliant_raster_write_masked(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t origin[3],
                                 const raster_brick *brick, void *out, ptrdiff_t row_step, ptrdiff_t slice_step);
 

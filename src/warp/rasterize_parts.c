@@ -1,5 +1,6 @@
 /* Voxels of candidates that own a part of what they hold, where tissue is cut: few, one by one, the same for all inner loops. */
 #include "warp/sample.h"
+#include "warp/part_sample.h"
 #include "warp/owners.h"
 
 #include <math.h>
@@ -52,26 +53,6 @@ int32_t pliant_raster_claim_part(const part_view *parts, int32_t element, const 
     return claimed;
 }
 
-static double stored(const raster_source *source, ptrdiff_t place)
-{
-    switch (source->encoding) {
-    case PLIANT_UINT8: return ((const uint8_t *)source->voxels)[place];
-    case PLIANT_INT16: return ((const int16_t *)source->voxels)[place];
-    default: return (double)((const float *)source->voxels)[place];
-    }
-}
-
-double pliant_raster_masked_value(const raster_source *source, const part_view *parts, part_element element, const double index[3])
-{
-    double values[8];
-    part_cell cell;
-    part_find_cell(parts->scan_size, index, &cell);
-    const ptrdiff_t from = cell.low[0] * source->step[0] + cell.low[1] * source->step[1] + cell.low[2] * source->step[2];
-    for (int c = 0; c < 8; c++)
-        values[c] = stored(source, from + (c & 1 ? source->step[0] : 0) + (c & 2 ? source->step[1] : 0) + (c & 4 ? source->step[2] : 0));
-    return part_value(parts, element, &cell, values);
-}
-
 void pliant_raster_write_masked(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t origin[3],
                                 const raster_brick *brick, void *out, ptrdiff_t row_step, ptrdiff_t slice_step)
 {
@@ -79,7 +60,7 @@ void pliant_raster_write_masked(const raster_source *source, const part_view *pa
         const int32_t voxel = brick->masked[n], i = voxel % BRICK, j = voxel / BRICK % BRICK, k = voxel / BRICK_ROWS;
         double index[3];
         find_index(&tets[brick->masked_by[n]], origin, i, j, k, index);
-        const double value = pliant_raster_masked_value(source, parts, parts->elements[brick->masked_by[n]], index);
+        const double value = part_sample(source, parts, parts->elements[brick->masked_by[n]], index);
         const ptrdiff_t to = i + j * row_step + k * slice_step;
         switch (source->encoding) {
         case PLIANT_UINT8: ((uint8_t *)out)[to] = (uint8_t)lrint(value); break;

@@ -212,7 +212,7 @@ pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pl
         status = pliant_fail_memory("the warp");
     if (status == PLIANT_OK) find_changes(warp, next);
     if (status == PLIANT_OK && warp->fit) status = prepare_fit(warp, next);
-    if (status == PLIANT_OK && warp->accelerated && !(next->fit && next->parts)) status = prepare_device(warp, next);
+    if (status == PLIANT_OK && warp->accelerated) status = prepare_device(warp, next);
     if (status != PLIANT_OK) {
         pliant_warp_next_free(next);
         return status;
@@ -254,11 +254,6 @@ void pliant_warp_take(pliant_warp *warp, pliant_warp_next *next)
     swap(&warp->guest_fixed, &next->guest_fixed);
     if (next->fit) swap(&warp->fit, &next->fit);
     if (next->device_next) warp->device->take(warp->accelerated, next->device_next);
-    else if (warp->accelerated && pliant_warp_told_to_cpu(warp->fit, warp->parts)) {
-        pliant_warp_volume(warp); /* what it has drawn last is the host's */
-        warp->device->free(warp->accelerated);
-        warp->accelerated = NULL;
-    }
 }
 
 pliant_status pliant_warp_set_body(pliant_warp *warp, const pliant_body *body)

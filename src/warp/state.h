@@ -48,7 +48,5 @@ struct pliant_warp {
 void pliant_warp_leave_bricks(pliant_warp *warp, int32_t element);
 
 pliant_warp_parts pliant_warp_device_parts(pliant_warp *warp);
-/* Whether no device draws it: a line in the log says so. */
-bool pliant_warp_told_to_cpu(const pliant_fit *fit, const pliant_parts *parts);
 
 #endif

@@ -453,13 +453,6 @@ pliant_warp_parts pliant_warp_device_parts(pliant_warp *warp)
                                warp->changed, warp->seconds, warp->fit ? pliant_fit_parts(warp->fit) : NULL, warp->parts};
 }
 
-bool pliant_warp_told_to_cpu(const pliant_fit *fit, const pliant_parts *parts)
-{
-    if (!fit || !parts) return false;
-    pliant_log(PLIANT_LOG_WARNING, "a fit of what is cut is drawn by the CPU (warp/kind)");
-    return true;
-}
-
 pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choice)
 {
     const pliant_warp_device *device = PLIANT_ON_GPU(pliant_cuda_warp_device);
@@ -468,7 +461,6 @@ pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choic
     bool use;
     pliant_status status = pliant_gpu_choose(choice, device ? device->probe : NULL, text, &use);
     if (status != PLIANT_OK) return status;
-    if (use && pliant_warp_told_to_cpu(warp->fit, warp->parts)) use = false;
     if (use) {
         pliant_warp_parts parts = pliant_warp_device_parts(warp);
         status = device->create(&parts, &accelerated);

@@ -1,6 +1,8 @@
 // The fit on the GPU: the CPU's voxels, bit for bit. Skipped without a GPU.
 #include "body.h"
 #include "cuda_warps.h"
+#include "cut_cases.h"
+#include "warp/state.h"
 
 #include <string>
 
@@ -59,6 +61,39 @@ TEST(CudaFit, OtherTargetsEqualToo)
         fits.update_and_compare(fits.rest(), "at rest");
         fits.update_and_compare(fits.wave(0.005, 0.0005, 4), "wave");
     }
+}
+
+// What is near a cut is drawn by its own elements, what lies further by the fit; crowded: more elements in a brick than the usual kernel names
+TEST(CudaFit, WhatIsCutEqualsToo)
+{
+    NEEDS_GPU();
+    for (bool crowded : {false, true})
+        for (pliant_encoding encoding : {PLIANT_UINT8, PLIANT_INT16, PLIANT_FLOAT32}) {
+            if (crowded && encoding != PLIANT_INT16) continue;
+            SCOPED_TRACE(encoding);
+            const int32_t few[3] = {14, 12, 6}, many[3] = {20, 20, 16};
+            pliant_geometry geometry = crowded ? geometry_of(48, 48, 40) : geometry_of(75, 61, 50), target = geometry;
+            for (int d = 0; d < 3; d++) target.size[d] += 9, target.origin[d] -= 4.5 * target.spacing[d];
+            Fits fits(encoding, geometry, crowded ? many : few, target, 4);
+            const auto voxels = cut_cases::make_voxels(fits.mesh, geometry);
+            const cut_cases::vector3 middle = {12.3, 0.5 * geometry.size[1] + 0.2, 0.5 * geometry.size[2] - 0.6};
+            auto upto = [=](double i) { return cut_cases::plane(middle, {0.83, 0.31, -0.26}, [=](const cut_cases::vector3 &at) { return at[1] < i; }); };
+            const cut_cases::CutBody none(fits.mesh, *voxels, {}), some(fits.mesh, *voxels, {upto(20)}), whole(fits.mesh, *voxels, {upto(100)}, 2);
+            fits.update_and_compare(fits.rest(), "before");
+            for (double apart : {0.0, 0.004}) {
+                set_and_compare(fits, some, apart, "a cut");
+                set_and_compare(fits, whole, apart, "is whole");
+                set_and_compare(fits, some, apart, "undone");
+                set_and_compare(fits, none, apart, "healed");
+                set_and_compare(fits, whole, apart, "again");
+            }
+            if (!crowded) { // some are drawn by their own maps, some partly, some by the fit alone
+                const fit_view *view = pliant_fit_parts(fits.cpu->fit);
+                int by[5] = {0, 0, 0, 0, 0};
+                for (int32_t e = 0; e < view->num_elements; e++) by[view->zone[e]]++;
+                EXPECT_TRUE(by[0] > 100 && by[4] > 100 && by[1] + by[2] + by[3] > 100) << by[0] << " " << by[4];
+            }
+        }
 }
 
 // in a scene, after explicit dynamics: positions do not leave the GPU

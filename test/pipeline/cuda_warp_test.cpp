@@ -73,22 +73,6 @@ TEST(CudaWarp, CrowdedBricksEqualToo)
     warps.update_and_compare(x, "all pressed together");
 }
 
-// the same body in both; copies of nodes a little apart
-void set_and_compare(Warps &warps, const cut_cases::CutBody &cut, double apart, const char *what)
-{
-    ASSERT_EQ(pliant_warp_set_body(warps.cpu, &cut.body), PLIANT_OK) << pliant_last_error();
-    ASSERT_EQ(pliant_warp_set_body(warps.gpu, &cut.body), PLIANT_OK) << pliant_last_error();
-    std::vector<double> x(cut.body.fine.rest, cut.body.fine.rest + 3 * cut.body.fine.num_nodes);
-    for (size_t n = 0; n < cut.node_parent.size(); n++) {
-        if (int32_t(n) >= warps.mesh.num_nodes) x[3 * n] += apart, x[3 * n + 2] += 0.6 * apart;
-        x[3 * n + 1] += 0.3 * apart * std::sin(90 * x[3 * n + 2]);
-    }
-    warps.update_and_compare(x, what);
-    warps.update_and_compare(x, "nothing moved");
-    for (double &v : x) v += 0.0003;
-    warps.update_and_compare(x, "all moved");
-}
-
 TEST(CudaWarp, WhatIsCutEqualsToo)
 {
     NEEDS_GPU();

@@ -102,6 +102,22 @@ struct Warps {
     }
 };
 
+// the same body in both; copies of nodes a little apart
+template <class CutBody> void set_and_compare(Warps &warps, const CutBody &cut, double apart, const char *what)
+{
+    ASSERT_EQ(pliant_warp_set_body(warps.cpu, &cut.body), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_warp_set_body(warps.gpu, &cut.body), PLIANT_OK) << pliant_last_error();
+    std::vector<double> x(cut.body.fine.rest, cut.body.fine.rest + 3 * cut.body.fine.num_nodes);
+    for (size_t n = 0; n < cut.node_parent.size(); n++) {
+        if (int32_t(n) >= warps.mesh.num_nodes) x[3 * n] += apart, x[3 * n + 2] += 0.6 * apart;
+        x[3 * n + 1] += 0.3 * apart * std::sin(90 * x[3 * n + 2]);
+    }
+    warps.update_and_compare(x, what);
+    warps.update_and_compare(x, "nothing moved");
+    for (double &v : x) v += 0.0003;
+    warps.update_and_compare(x, "all moved");
+}
+
 inline pliant_geometry geometry_of(int i, int j, int k)
 {
     return {{i, j, k}, {-0.02, 0.03, 0.1}, {0.001, 0.0015, 0.002}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
