@@ -164,13 +164,13 @@ template <class T> static pliant_status upload(const T *h_from, size_t count, cu
 static size_t target_voxels(const fit_view *view) { return pliant_geometry_voxels(&view->target); }
 static size_t lattice_points(const fit_view *view) { return (size_t)view->size[0] * (size_t)view->size[1] * (size_t)view->size[2]; }
 
-static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const raster_source *source, cudaStream_t stream)
+static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const double *rest, const raster_source *source, cudaStream_t stream)
 {
     const size_t edge = (size_t)FIT_MOST_BINS + 2, nodes = (size_t)parts->num_nodes, most_bins = edge * edge * edge;
     const size_t points = lattice_points(parts), scan = (size_t)parts->scan_size[0] * (size_t)parts->scan_size[1] * (size_t)parts->scan_size[2];
     double *d_rest;
     fit_view *view = &fit->view;
-    CUDA_TRY(upload(parts->rest, 3 * nodes, stream, &d_rest));
+    CUDA_TRY(upload(rest, 3 * nodes, stream, &d_rest));
     view->rest = d_rest;
     int32_t *d_tets;
     CUDA_TRY(upload(parts->tets, 4 * (size_t)parts->num_tets, stream, &d_tets));
@@ -197,7 +197,7 @@ static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const ras
     return upload(view, 1, stream, &fit->d_view);
 }
 
-extern "C" pliant_status pliant_cuda_fit_create(const fit_view *parts, const raster_source *source, cudaStream_t stream, pliant_cuda_fit **out)
+extern "C" pliant_status pliant_cuda_fit_create(const fit_view *parts, const double *rest, const raster_source *source, cudaStream_t stream, pliant_cuda_fit **out)
 {
     pliant_cuda_fit *fit = static_cast<pliant_cuda_fit *>(pliant_calloc(1, sizeof *fit));
     if (!fit) return pliant_fail_memory("the fit");
@@ -210,7 +210,7 @@ extern "C" pliant_status pliant_cuda_fit_create(const fit_view *parts, const ras
     view->tissue = view->covered = view->wanted = NULL;
     view->zone = view->near = NULL;
     view->bin_start = view->bin_node = NULL;
-    pliant_status status = fill(fit, parts, source, stream);
+    pliant_status status = fill(fit, parts, rest, source, stream);
     if (status != PLIANT_OK) {
         pliant_cuda_fit_free(fit);
         return status;

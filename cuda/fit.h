@@ -13,8 +13,8 @@ extern "C" {
 
 typedef struct pliant_cuda_fit pliant_cuda_fit;
 
-/* parts, source: of the host, copied. Errors: MEMORY (with figures), UNAVAILABLE. */
-pliant_status pliant_cuda_fit_create(const fit_view *parts, const raster_source *source, cudaStream_t stream, pliant_cuda_fit **out);
+/* parts, source: of the host, copied. rest: in place of that of parts, of which the next body's may still be missing. Errors: MEMORY (with figures), UNAVAILABLE. */
+pliant_status pliant_cuda_fit_create(const fit_view *parts, const double *rest, const raster_source *source, cudaStream_t stream, pliant_cuda_fit **out);
 void pliant_cuda_fit_free(pliant_cuda_fit *fit); /* Nullable */
 /* Enqueue the map for positions on the GPU (num_nodes x 3). */
 pliant_status pliant_cuda_fit_map(const pliant_cuda_fit *fit, const double *d_positions, cudaStream_t stream);

@@ -152,7 +152,7 @@ static pliant_status fill(pliant_cuda_warp *gpu)
     CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&least, &greatest)));
     CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&gpu->stream, cudaStreamNonBlocking, greatest)));
     for (cudaEvent_t &mark : gpu->marks) CUDA_TRY(CUDA_CALL(cudaEventCreate(&mark)));
-    if (parts->fit) CUDA_TRY(pliant_cuda_fit_create(parts->fit, parts->source, gpu->stream, &gpu->fit));
+    if (parts->fit) CUDA_TRY(pliant_cuda_fit_create(parts->fit, parts->rest, parts->source, gpu->stream, &gpu->fit));
     if (!parts->fit || parts->parts) CUDA_TRY(fill_raster(gpu));
     CUDA_TRY(pliant_cuda_allocate(gpu->volume_bytes, "the deformed volume", &raster->d_volume));
     CUDA_TRY(allocate(bricks, &raster->d_changed));
@@ -265,7 +265,9 @@ static pliant_status draw_again(pliant_cuda_warp *gpu, const double *d_positions
     gpu->crowded = *gpu->h_longest > pliant_cuda_longest_usual();
     if (*gpu->h_longest > gpu->raster.capacity) CUDA_TRY(lengthen(&gpu->raster, *gpu->h_longest, stream));
     CUDA_TRY(pliant_cuda_warp_enqueue(gpu, d_positions, stream));
-    return CUDA_CALL(cudaStreamSynchronize(stream));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
+    memset(gpu->h_changed, 1, (size_t)gpu->raster.num_bricks); /* the first time may have changed what this one did not */
+    return PLIANT_OK;
 }
 
 extern "C" pliant_status pliant_cuda_warp_finish(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
@@ -387,7 +389,7 @@ static pliant_status fill_next(pliant_cuda_warp *gpu, const pliant_warp_changes 
     const pliant_warp_parts *parts = &next->parts;
     CUDA_TRY(room_for(3 * (size_t)parts->mesh->num_nodes, POSITIONS, &next->room, &next->d_positions));
     if (!parts->fit) return carry(gpu, changes, next);
-    CUDA_TRY(pliant_cuda_fit_create(parts->fit, parts->source, gpu->stream, &next->fit));
+    CUDA_TRY(pliant_cuda_fit_create(parts->fit, parts->rest, parts->source, gpu->stream, &next->fit));
     if (!parts->parts) return PLIANT_OK;
     CUDA_TRY(fill_lists(gpu));
     CUDA_TRY(fill_body(parts, gpu->stream, &next->raster, &next->room)); /* all is set up anew in every update */
