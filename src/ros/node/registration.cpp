@@ -1,0 +1,154 @@
+#include "ros/node/registration.h"
+
+#include "ros/node/start.h"
+
+#include <Eigen/Dense>
+#include <ros/console.h>
+#include <tf2_eigen/tf2_eigen.h>
+
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <iterator>
+#include <stdexcept>
+
+namespace pliant_ros {
+
+namespace {
+
+/* the second direction of the points has to be this part of the first, or a turn about the first is anybody's guess */
+const double LEAST_WIDTH = 0.02;
+
+Eigen::Matrix3Xd matrix_of(const std::vector<geometry_msgs::Point> &points)
+{
+    Eigen::Matrix3Xd out(3, points.size());
+    for (size_t p = 0; p < points.size(); ++p) out.col(static_cast<Eigen::Index>(p)) << points[p].x, points[p].y, points[p].z;
+    return out;
+}
+
+bool spans_a_plane(const Eigen::Matrix3Xd &points)
+{
+    const Eigen::Matrix3Xd spread = points.colwise() - points.rowwise().mean().eval();
+    const Eigen::Vector3d widths = Eigen::JacobiSVD<Eigen::Matrix3Xd>(spread).singularValues();
+    return widths[0] > 0 && widths[1] > LEAST_WIDTH * widths[0];
+}
+
+} // namespace
+
+bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<geometry_msgs::Point> &to, Rigid *out, std::vector<double> *errors,
+               std::string *why)
+{
+    if (from.size() != to.size() || from.size() < 3) {
+        *why = std::to_string(from.size()) + " points of the tissue and " + std::to_string(to.size()) + " of the room: three pairs or more are needed";
+        return false;
+    }
+    const Eigen::Matrix3Xd a = matrix_of(from), b = matrix_of(to);
+    if (!a.allFinite() || !b.allFinite()) {
+        *why = "points must be finite";
+        return false;
+    }
+    if (!spans_a_plane(a) || !spans_a_plane(b)) {
+        *why = "the points lie on a line: the tissue could be turned about it; take one that is off it";
+        return false;
+    }
+    const Eigen::Matrix4d fitted = Eigen::umeyama(a, b, false);
+    const Eigen::Matrix3d turn = fitted.topLeftCorner<3, 3>();
+    Eigen::Map<Eigen::Quaterniond>(out->rotation) = Eigen::Quaterniond(turn).normalized();
+    Eigen::Map<Eigen::Vector3d>(out->translation) = fitted.topRightCorner<3, 1>();
+    errors->clear();
+    for (Eigen::Index p = 0; p < a.cols(); ++p) errors->push_back((turn * a.col(p) + fitted.topRightCorner<3, 1>() - b.col(p)).norm());
+    return true;
+}
+
+std::string registration_text(const std::string &parent_frame, const Rigid &pose)
+{
+    const double *t = pose.translation, *q = pose.rotation;
+    char numbers[256];
+    std::snprintf(numbers, sizeof numbers, "%.17g %.17g %.17g %.17g %.17g %.17g %.17g", t[0], t[1], t[2], q[0], q[1], q[2], q[3]);
+    return "# pose of the tissue in the parent frame: x y z [m] qx qy qz qw\nparent_frame: " + parent_frame + "\ntissue_pose: " + numbers + "\n";
+}
+
+bool registration_from_text(const std::string &text, const std::string &parent_frame, Rigid *out, std::string *why)
+{
+    const size_t frame = text.find("parent_frame: "), pose = text.find("tissue_pose: ");
+    geometry_msgs::Pose read;
+    geometry_msgs::Point &t = read.position;
+    geometry_msgs::Quaternion &q = read.orientation;
+    if (frame == std::string::npos || pose == std::string::npos ||
+        std::sscanf(text.c_str() + pose, "tissue_pose: %lf %lf %lf %lf %lf %lf %lf", &t.x, &t.y, &t.z, &q.x, &q.y, &q.z, &q.w) != 7) {
+        *why = "it needs the lines parent_frame: NAME and tissue_pose: x y z qx qy qz qw";
+        return false;
+    }
+    const size_t begin = frame + std::string("parent_frame: ").size();
+    const std::string named = text.substr(begin, text.find('\n', begin) - begin);
+    if (named != parent_frame) {
+        *why = "it is of the parent frame " + named + ", not of " + parent_frame;
+        return false;
+    }
+    return rigid_from_message(read, out, why);
+}
+
+Registration::Registration(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<tf2_ros::Buffer> frames)
+    : parameters_(parameters), frames_(std::move(frames))
+{
+    if (parameters.parent_frame.empty()) return;
+    Rigid pose = parameters.tissue_pose;
+    std::ifstream file(parameters.registration);
+    if (!parameters.registration.empty() && file) {
+        const std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+        std::string why;
+        if (!registration_from_text(text, parameters.parent_frame, &pose, &why)) throw std::runtime_error("~registration: " + parameters.registration + ": " + why);
+        ROS_INFO("the tissue lies where %s says", parameters.registration.c_str());
+    }
+    place(pose);
+    server_ = handle.advertiseService("register", &Registration::by_points, this);
+}
+
+void Registration::place(const Rigid &pose)
+{
+    Parameters at = parameters_;
+    at.tissue_pose = pose;
+    const geometry_msgs::TransformStamped transform = tissue_transform(at);
+    broadcaster_.sendTransform(transform);
+    frames_->setTransform(transform, "pliant", true); /* for this node, without the way over the network */
+}
+
+std::string Registration::store(const Rigid &pose) const
+{
+    if (parameters_.registration.empty()) return "; not stored: ~registration names no file";
+    std::ofstream file(parameters_.registration);
+    file << registration_text(parameters_.parent_frame, pose);
+    file.close();
+    return file ? "; stored in " + parameters_.registration : "; NOT stored: " + parameters_.registration + " cannot be written";
+}
+
+bool Registration::by_points(pliant::Register::Request &request, pliant::Register::Response &response)
+{
+    try {
+        Rigid in_parent = identity(), pose;
+        std::vector<double> errors;
+        std::string why;
+        if (request.header.frame_id != parameters_.parent_frame &&
+            !rigid_from_message(frames_->lookupTransform(parameters_.parent_frame, request.header.frame_id, request.header.stamp).transform, &in_parent, &why))
+            throw std::runtime_error(why);
+        if (!fit_rigid(request.tissue, request.room, &pose, &errors, &why)) throw std::runtime_error(why);
+        pose = multiply(in_parent, pose);
+        double squares = 0;
+        for (double error : errors) {
+            squares += error * error;
+            response.largest = std::max(response.largest, error);
+        }
+        response.error = std::sqrt(squares / static_cast<double>(errors.size()));
+        place(pose);
+        response.pose = tf2::toMsg(Eigen::Isometry3d(tf2::transformToEigen(transform_message(pose))));
+        char told[160];
+        std::snprintf(told, sizeof told, "%zu pairs, %.2f mm off in the mean (root mean square), %.2f mm at most", errors.size(), 1e3 * response.error, 1e3 * response.largest);
+        response.message = told + store(pose);
+        response.success = true;
+    } catch (const std::exception &failed) {
+        response.message = failed.what();
+    }
+    return true;
+}
+
+} // namespace pliant_ros

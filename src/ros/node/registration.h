@@ -1,0 +1,44 @@
+/* Where the tissue lies in the room: as the parameters say, as a file does that an earlier registration has left, or by points. */
+#ifndef PLIANT_ROS_NODE_REGISTRATION_H
+#define PLIANT_ROS_NODE_REGISTRATION_H
+
+#include "ros/params/params.h"
+
+#include <pliant/Register.h>
+#include <ros/node_handle.h>
+#include <tf2_ros/buffer.h>
+#include <tf2_ros/static_transform_broadcaster.h>
+
+#include <memory>
+
+namespace pliant_ros {
+
+/* The rigid motion that takes the points of one set to those of the other with the least sum of squares (Arun, Huang and Blostein, IEEE PAMI
+ * 9:698, 1987; Umeyama, IEEE PAMI 13:376, 1991). False for less than three pairs, points that are not finite, or that lie on a line.
+ * errors: what is left of every pair [m] */
+bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<geometry_msgs::Point> &to, Rigid *out, std::vector<double> *errors,
+               std::string *why);
+
+/* Text of a file with a pose and the frame that it is in, and back. */
+std::string registration_text(const std::string &parent_frame, const Rigid &pose);
+bool registration_from_text(const std::string &text, const std::string &parent_frame, Rigid *out, std::string *why);
+
+class Registration {
+public:
+    /* Places the tissue; throws std::runtime_error where ~registration names a file that cannot be read, or one of another frame. */
+    Registration(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<tf2_ros::Buffer> frames);
+
+private:
+    bool by_points(pliant::Register::Request &request, pliant::Register::Response &response);
+    void place(const Rigid &pose);
+    std::string store(const Rigid &pose) const;
+
+    const Parameters parameters_;
+    std::shared_ptr<tf2_ros::Buffer> frames_;
+    tf2_ros::StaticTransformBroadcaster broadcaster_;
+    ros::ServiceServer server_;
+};
+
+} // namespace pliant_ros
+
+#endif

@@ -1,0 +1,170 @@
+/* Arms that speak CRTK as a dVRK console does, for tests and for people without one: /ARM/measured_cp, setpoint_cp, measured_cv and
+ * jaw/measured_js at ~rate, tf of the arms' bases at half of it; they follow /ARM/servo_cp, move_cp and jaw/servo_jp, no faster than arms do.
+ *
+ * Private parameters: arms ("PSM1"), prefix (""), rate (100) [Hz], frame ("" : ARM_base, each), parent ("world"), base ("0 0 0": of the arms in
+ * it) [m], tip ("0 0 -0.1": where they begin, in their frame) [m], speed (0.2) [m/s], jaw (true), shake (0: of measured poses) [m].
+ * What can go wrong is switched by /ARM/fault (std_msgs/String): none, silent (a console that has died), invalid (stamp 0), frozen (old
+ * stamps), nan, teleport (30 cm off), ahead, behind (its clock, by 10 s), unknown_frame. */
+#include <geometry_msgs/PoseStamped.h>
+#include <geometry_msgs/TwistStamped.h>
+#include <ros/ros.h>
+#include <sensor_msgs/JointState.h>
+#include <std_msgs/String.h>
+#include <tf2_ros/transform_broadcaster.h>
+
+#include <Eigen/Geometry>
+#include <tf2_eigen/tf2_eigen.h>
+
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <random>
+#include <sstream>
+
+namespace {
+
+struct Settings {
+    std::string prefix, frame, parent;
+    Eigen::Vector3d base, tip;
+    double rate, speed, shake;
+    bool jaw;
+};
+
+Eigen::Vector3d three(const ros::NodeHandle &own, const char *name, const char *otherwise)
+{
+    Eigen::Vector3d out = Eigen::Vector3d::Zero();
+    std::istringstream text(own.param<std::string>(name, otherwise));
+    if (!(text >> out.x() >> out.y() >> out.z())) throw std::runtime_error(std::string("~") + name + " must be three numbers: x y z");
+    return out;
+}
+
+class Arm {
+public:
+    Arm(ros::NodeHandle handle, const std::string &name, const Settings &settings)
+        : settings_(settings), frame_(settings.frame.empty() ? name + "_base" : settings.frame), random_(std::hash<std::string>()(name))
+    {
+        const std::string own = settings.prefix + "/" + name + "/";
+        measured_ = handle.advertise<geometry_msgs::PoseStamped>(own + "measured_cp", 1);
+        setpoint_ = handle.advertise<geometry_msgs::PoseStamped>(own + "setpoint_cp", 1);
+        velocity_ = handle.advertise<geometry_msgs::TwistStamped>(own + "measured_cv", 1);
+        if (settings.jaw) jaw_out_ = handle.advertise<sensor_msgs::JointState>(own + "jaw/measured_js", 1);
+        const auto go = [this](const geometry_msgs::PoseStampedConstPtr &message) { goal_from(*message); };
+        servo_in_ = handle.subscribe<geometry_msgs::PoseStamped>(own + "servo_cp", 1, go);
+        move_in_ = handle.subscribe<geometry_msgs::PoseStamped>(own + "move_cp", 1, go);
+        jaw_in_ = handle.subscribe<sensor_msgs::JointState>(own + "jaw/servo_jp", 1, [this](const sensor_msgs::JointStateConstPtr &message) {
+            if (!message->position.empty() && std::isfinite(message->position[0])) jaw_goal_ = message->position[0];
+        });
+        fault_in_ = handle.subscribe<std_msgs::String>(own + "fault", 1, [this](const std_msgs::StringConstPtr &message) { fault_ = message->data; });
+        at_ = goal_ = Eigen::Translation3d(settings.tip) * Eigen::Quaterniond::Identity();
+    }
+
+    void turn(double elapsed, const ros::Time &now)
+    {
+        const Eigen::Vector3d before = at_.translation();
+        follow(elapsed);
+        if (fault_ != "frozen") stamp_ = now;
+        if (fault_ == "silent") return;
+        geometry_msgs::PoseStamped pose;
+        pose.header.stamp = fault_ == "invalid" ? ros::Time() : stamp_ + ros::Duration(fault_ == "ahead" ? 10 : fault_ == "behind" ? -10 : 0);
+        pose.header.frame_id = fault_ == "unknown_frame" ? "nowhere" : frame_;
+        pose.pose = tf2::toMsg(at_);
+        setpoint_.publish(with(pose, tf2::toMsg(goal_)));
+        std::normal_distribution<double> shake(0, settings_.shake);
+        if (settings_.shake > 0) pose.pose.position.x += shake(random_), pose.pose.position.y += shake(random_), pose.pose.position.z += shake(random_);
+        if (fault_ == "nan") pose.pose.position.y = std::numeric_limits<double>::quiet_NaN();
+        if (fault_ == "teleport") pose.pose.position.x += 0.3;
+        measured_.publish(pose);
+        geometry_msgs::TwistStamped twist;
+        twist.header = pose.header;
+        const Eigen::Vector3d speed = elapsed > 0 ? Eigen::Vector3d((at_.translation() - before) / elapsed) : Eigen::Vector3d::Zero();
+        twist.twist.linear.x = speed.x(), twist.twist.linear.y = speed.y(), twist.twist.linear.z = speed.z();
+        velocity_.publish(twist);
+        if (!settings_.jaw) return;
+        sensor_msgs::JointState jaw;
+        jaw.header = pose.header;
+        jaw.name.push_back("jaw");
+        jaw.position.push_back(jaw_);
+        jaw_out_.publish(jaw);
+    }
+
+    geometry_msgs::TransformStamped base(const ros::Time &now) const
+    {
+        geometry_msgs::TransformStamped out = tf2::eigenToTransform(Eigen::Isometry3d(Eigen::Translation3d(settings_.base)));
+        out.header.stamp = now;
+        out.header.frame_id = settings_.parent;
+        out.child_frame_id = frame_;
+        return out;
+    }
+
+private:
+    static geometry_msgs::PoseStamped with(geometry_msgs::PoseStamped message, const geometry_msgs::Pose &pose)
+    {
+        message.pose = pose;
+        return message;
+    }
+
+    void goal_from(const geometry_msgs::PoseStamped &message)
+    {
+        Eigen::Vector3d place;
+        Eigen::Quaterniond turn;
+        tf2::fromMsg(message.pose.position, place);
+        tf2::fromMsg(message.pose.orientation, turn);
+        if (!place.allFinite() || !turn.coeffs().allFinite() || std::fabs(turn.norm() - 1) > 0.01) return; /* as a console does: it stays */
+        goal_ = Eigen::Translation3d(place) * turn.normalized();
+    }
+
+    void follow(double elapsed)
+    {
+        const double turn_speed = 3, jaw_speed = 3; /* [rad/s] */
+        const Eigen::Vector3d way = goal_.translation() - at_.translation();
+        const double part = way.norm() > settings_.speed * elapsed ? settings_.speed * elapsed / way.norm() : 1;
+        const Eigen::Quaterniond now(at_.rotation()), then(goal_.rotation());
+        const double angle = now.angularDistance(then), share = angle > turn_speed * elapsed ? turn_speed * elapsed / angle : 1;
+        at_ = Eigen::Translation3d(at_.translation() + part * way) * now.slerp(share, then);
+        jaw_ += std::max(-jaw_speed * elapsed, std::min(jaw_speed * elapsed, jaw_goal_ - jaw_));
+    }
+
+    const Settings settings_;
+    const std::string frame_;
+    std::mt19937_64 random_;
+    Eigen::Isometry3d at_, goal_;
+    double jaw_ = 0.5, jaw_goal_ = 0.5;
+    std::string fault_;
+    ros::Time stamp_;
+    ros::Publisher measured_, setpoint_, velocity_, jaw_out_;
+    ros::Subscriber servo_in_, move_in_, jaw_in_, fault_in_;
+};
+
+} // namespace
+
+int main(int argc, char **argv)
+{
+    ros::init(argc, argv, "sim_robot");
+    ros::NodeHandle handle, own("~");
+    std::vector<std::unique_ptr<Arm>> arms;
+    Settings settings;
+    try {
+        settings = {own.param<std::string>("prefix", ""), own.param<std::string>("frame", ""), own.param<std::string>("parent", "world"),
+                    three(own, "base", "0 0 0"), three(own, "tip", "0 0 -0.1"), own.param("rate", 100.0), own.param("speed", 0.2), own.param("shake", 0.0),
+                    own.param("jaw", true)};
+        std::istringstream names(own.param<std::string>("arms", "PSM1"));
+        for (std::string name; names >> name;) arms.emplace_back(new Arm(handle, name, settings));
+    } catch (const std::exception &wrong) {
+        ROS_FATAL("%s", wrong.what());
+        return 1;
+    }
+    tf2_ros::TransformBroadcaster frames;
+    ros::WallRate turn(std::min(std::max(settings.rate, 1.0), 1000.0));
+    ros::SteadyTime before = ros::SteadyTime::now();
+    for (unsigned long count = 0; ros::ok(); ++count) {
+        ros::spinOnce();
+        const ros::SteadyTime steady = ros::SteadyTime::now();
+        const ros::Time now = ros::Time::now();
+        for (auto &arm : arms) arm->turn((steady - before).toSec(), now);
+        before = steady;
+        if (count % 2 == 0)
+            for (auto &arm : arms) frames.sendTransform(arm->base(now));
+        turn.sleep();
+    }
+    return 0;
+}

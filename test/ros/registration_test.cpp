@@ -1,0 +1,130 @@
+// Where the tissue lies, from pairs of points: exact ones, measured ones, and those that say nothing; and the file that keeps it.
+#include "ros/node/registration.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+using namespace pliant_ros;
+
+namespace {
+
+using Points = std::vector<geometry_msgs::Point>;
+
+geometry_msgs::Point point(double x, double y, double z)
+{
+    geometry_msgs::Point out;
+    out.x = x, out.y = y, out.z = z;
+    return out;
+}
+
+const Rigid there{{0.3, -0.2, 0.05}, {0.5 * std::sqrt(0.5), 0.5 * std::sqrt(0.5), -std::sqrt(0.25), std::sqrt(0.5)}}; // a unit quaternion
+
+Points moved(const Points &points, double noise = 0)
+{
+    Points out;
+    unsigned seed = 3;
+    for (const geometry_msgs::Point &each : points) {
+        const double p[3] = {each.x, each.y, each.z};
+        double q[3];
+        rotate(there.rotation, p, q);
+        for (int d = 0; d < 3; ++d) {
+            seed = seed * 1664525u + 1013904223u;
+            q[d] += there.translation[d] + noise * (static_cast<double>(seed) / 2147483648.0 - 1);
+        }
+        out.push_back(point(q[0], q[1], q[2]));
+    }
+    return out;
+}
+
+const Points landmarks{point(0, 0, 0), point(0.1, 0, 0.02), point(0.02, 0.15, 0), point(-0.05, 0.04, 0.12)};
+
+void expect_there(const Rigid &pose, double metres, double radians)
+{
+    double dot = 0;
+    for (int d = 0; d < 3; ++d) EXPECT_NEAR(pose.translation[d], there.translation[d], metres);
+    for (int d = 0; d < 4; ++d) dot += pose.rotation[d] * there.rotation[d];
+    EXPECT_NEAR(2 * std::acos(std::min(1.0, std::fabs(dot))), 0, radians);
+}
+
+TEST(Registration, ExactPairsGiveThePoseBack)
+{
+    for (size_t count : {3u, 4u}) {
+        Rigid pose;
+        std::vector<double> errors;
+        std::string why;
+        const Points some(landmarks.begin(), landmarks.begin() + static_cast<std::ptrdiff_t>(count));
+        ASSERT_TRUE(fit_rigid(some, moved(some), &pose, &errors, &why)) << why;
+        expect_there(pose, 1e-12, 1e-7);
+        ASSERT_EQ(errors.size(), count);
+        for (double error : errors) EXPECT_LT(error, 1e-12);
+    }
+}
+
+TEST(Registration, MeasuredPairsAreToldHowFarTheyAreOff)
+{
+    Rigid pose;
+    std::vector<double> errors;
+    std::string why;
+    ASSERT_TRUE(fit_rigid(landmarks, moved(landmarks, 1e-3), &pose, &errors, &why)) << why;
+    expect_there(pose, 2e-3, 0.03);
+    double most = 0;
+    for (double error : errors) most = std::max(most, error);
+    EXPECT_GT(most, 1e-4);
+    EXPECT_LT(most, 2e-3);
+}
+
+TEST(Registration, NeverTurnsTheTissueInsideOut)
+{
+    Points mirrored = landmarks;
+    for (geometry_msgs::Point &each : mirrored) each.x = -each.x;
+    Rigid pose;
+    std::vector<double> errors;
+    std::string why;
+    ASSERT_TRUE(fit_rigid(landmarks, mirrored, &pose, &errors, &why)); // a rotation all the same, and an error that says so
+    double square = 0, most = 0;
+    for (double q : pose.rotation) square += q * q;
+    for (double error : errors) most = std::max(most, error);
+    EXPECT_NEAR(square, 1, 1e-12);
+    EXPECT_GT(most, 0.01);
+}
+
+TEST(Registration, RefusesWhatSaysTooLittle)
+{
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    const Points line{point(0, 0, 0), point(0.1, 0.1, 0), point(0.2, 0.2001, 0), point(0.4, 0.4, 0)}, same(4, point(1, 2, 3));
+    const std::pair<Points, Points> refused[] = {
+        {{}, {}},
+        {{landmarks[0], landmarks[1]}, {landmarks[0], landmarks[1]}},
+        {landmarks, {landmarks[0], landmarks[1], landmarks[2]}},
+        {line, moved(line)},
+        {same, same},
+        {landmarks, same},
+        {landmarks, {point(nan, 0, 0), point(1, 0, 0), point(0, 1, 0), point(0, 0, 1)}},
+    };
+    for (const auto &each : refused) {
+        Rigid pose;
+        std::vector<double> errors;
+        std::string why;
+        EXPECT_FALSE(fit_rigid(each.first, each.second, &pose, &errors, &why));
+        EXPECT_FALSE(why.empty());
+    }
+}
+
+TEST(Registration, IsKeptInAFileOfItsFrame)
+{
+    Rigid pose;
+    std::string why;
+    const std::string text = registration_text("ECM", there);
+    ASSERT_TRUE(registration_from_text(text, "ECM", &pose, &why)) << why;
+    for (int d = 0; d < 3; ++d) EXPECT_EQ(pose.translation[d], there.translation[d]);
+    for (int d = 0; d < 4; ++d) EXPECT_NEAR(pose.rotation[d], there.rotation[d], 1e-15);
+    EXPECT_FALSE(registration_from_text(text, "PSM1_base", &pose, &why));
+    EXPECT_NE(why.find("ECM"), std::string::npos);
+    for (const char *bad : {"", "parent_frame: ECM\n", "parent_frame: ECM\ntissue_pose: 1 2 3 4\n", "parent_frame: ECM\ntissue_pose: 0 0 0 0 0 0 0\n",
+                            "parent_frame: ECM\ntissue_pose: 0 0 nan 0 0 0 1\n"})
+        EXPECT_FALSE(registration_from_text(bad, "ECM", &pose, &why)) << bad;
+}
+
+} // namespace
