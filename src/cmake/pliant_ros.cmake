@@ -9,7 +9,7 @@ set(PLIANT_RVIZ_REPORT "no, there is no ROS")
 
 set(pliant_ros_messages message_generation std_msgs geometry_msgs)
 set(pliant_ros_nodes roscpp nodelet pluginlib tf2_ros tf2_eigen diagnostic_updater diagnostic_msgs
-    dynamic_reconfigure sensor_msgs visualization_msgs std_srvs interactive_markers rosbag)
+    dynamic_reconfigure sensor_msgs visualization_msgs std_srvs interactive_markers rosbag topic_tools)
 set(pliant_ros_components ${pliant_ros_messages})
 if(NOT PLIANT_MSGS_ONLY)
   list(APPEND pliant_ros_components ${pliant_ros_nodes})

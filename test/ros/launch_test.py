@@ -14,9 +14,10 @@ import roslaunch.xmlloader
 
 SOURCE = os.path.realpath(sys.argv.pop(1)) if len(sys.argv) > 1 else ""
 FILES = sorted(glob.glob(SOURCE + "/launch/*.launch"))
-REQUIRED = {"replay.launch": ["bag:=/data/a.bag"], "report.launch": ["out:=/tmp/report"]}
+REQUIRED = {"replay.launch": ["bag:=/data/a.bag"], "report.launch": ["out:=/tmp/report"], "crtk.launch": ["arms:=PSM1"]}
 MORE = {"tissue.launch": [["rviz:=true"], ["arm:=PSM1"], ["nodelet:=true"], ["rviz:=true", "arm:=PSM1"],
                           ["tools:=", "labels:=/a.nii", "step:=0.02", "mesh_rate:=1", "volume_rate:=1", "slice_rate:=1"]],
+        "dvrk.launch": [["arm:=PSM3", "haptic:=true"]],
         "record.launch": [["bag:=/data/a.bag", "split:=true"]],
         "scripted.launch": [["rviz:=true"]],
         "replay.launch": [["bag:=/data/a.bag", "sim_time:=false", "loop:=true", "rviz:=true"]]}
@@ -75,6 +76,43 @@ class LaunchTest(unittest.TestCase):
         params = load(path + "tissue.launch", ["tools:=PSM1", "parent_frame:=PSM1_base"]).params
         self.assertEqual(params["/tissue/sim/parent_frame"].value, "PSM1_base")
         self.assertEqual(params["/tissue/sim/tools"].value, "PSM1")
+
+    def robot(self, name, *arguments):
+        config = load(SOURCE + "/launch/" + name, list(arguments))
+        nodes = {node.name: node for node in config.nodes}
+        return dict(nodes["sim"].remap_args), {path: param.value for path, param in config.params.items()}, nodes
+
+    def test_robots_plug_in_by_their_names(self):
+        topics, params, nodes = self.robot("dvrk.launch", "arms:=PSM1 PSM2", "rviz:=true", "blade:=scalpel")
+        for arm in ("PSM1", "PSM2"):
+            self.assertEqual(topics[arm + "/measured_cp"], "/%s/measured_cp" % arm)
+            self.assertEqual(topics[arm + "/jaw/measured_js"], "/%s/jaw/measured_js" % arm)
+            self.assertEqual(topics[arm + "/energy"], "/footpedals/coag")
+            self.assertEqual(params["/tissue/sim/tool/%s/blade" % arm], "scalpel")
+        self.assertEqual(params["/tissue/sim/tools"], "PSM1 PSM2 mouse")
+        self.assertEqual(params["/tissue/sim/parent_frame"], "PSM1_base")
+        self.assertFalse([path for path in params if "none_" in path])
+        self.assertNotIn("force_guard", nodes)
+
+        topics, params, nodes = self.robot("dvrk.launch", "arm:=PSM2", "haptic:=true", "gain:=0.1")
+        guard = dict(nodes["force_guard"].remap_args)
+        self.assertEqual(guard["following"], "/MTML_PSM2/following")
+        self.assertEqual(guard["servo_cf"], "/MTML/body/servo_cf")
+        self.assertEqual(guard["PSM2/measured_cp"], "/PSM2/measured_cp")
+        self.assertEqual(params["/tissue/force_guard/gain"], 0.1)
+        self.assertEqual(params["/tissue/force_guard/tool"], "PSM2")
+
+        topics, params, _ = self.robot("raven.launch")
+        self.assertEqual(topics["arm1/measured_cp"], "/arm1/measured_cp")
+        self.assertEqual([topics["arm%d/jaw/measured_js" % a] for a in (1, 2)], ["/grasp1/measured_js", "/grasp2/measured_js"])
+        topics, params, _ = self.robot("ambf.launch", "arms:=psm1 psm2 psm3")
+        self.assertEqual(topics["psm3/measured_cp"], "/CRTK/psm3/measured_cp")
+        self.assertEqual(topics["psm2/jaw/measured_js"], "/CRTK/psm2/jaw/servo_jp")
+        self.assertEqual(params["/tissue/sim/tool/psm3/jaw"], "setpoint")
+        self.assertEqual(params["/tissue/sim/parent_frame"], "psm1/baselink")
+        topics, params, _ = self.robot("crtk.launch", "arms:=hand", "prefix:=/lab", "arm_frame:=table")
+        self.assertEqual(topics["hand/measured_cp"], "/lab/hand/measured_cp")
+        self.assertEqual(params["/tissue/sim/tool/hand/frame"], "table")
 
 
 if __name__ == "__main__":

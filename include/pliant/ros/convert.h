@@ -11,6 +11,7 @@
 
 #include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/Transform.h>
+#include <geometry_msgs/TransformStamped.h>
 #include <geometry_msgs/WrenchStamped.h>
 #include <pliant/ContactState.h>
 #include <pliant/Cut.h>
@@ -25,6 +26,7 @@
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/JointState.h>
 #include <sensor_msgs/PointCloud2.h>
+#include <topic_tools/shape_shifter.h>
 #include <visualization_msgs/Marker.h>
 #include <visualization_msgs/MarkerArray.h>
 
@@ -61,8 +63,11 @@ geometry_msgs::Transform transform_message(const Rigid &motion);
 
 /** CRTK: stamp 0 marks invalid data. False for it, for what rigid_from_message refuses and without frame_id. */
 bool tool_pose_from_message(const geometry_msgs::PoseStamped &message, Rigid *out, std::string *why);
-/** Opening of a jaw [rad]. False for stamp 0, no position, or one that is not finite. */
-bool jaw_from_message(const sensor_msgs::JointState &message, double *angle, std::string *why);
+/** measured_cp of any robot: a TransformStamped before 2022, and still on some (RAVEN's CRTK). @param frame of one that names none. False for
+ *  any other type. */
+bool pose_from_any_message(const topic_tools::ShapeShifter &message, const std::string &frame, geometry_msgs::PoseStamped *out, std::string *why);
+/** Opening of a jaw [rad]. False for stamp 0, which a setpoint may have, no position, or one that is not finite. */
+bool jaw_from_message(const sensor_msgs::JointState &message, double *angle, std::string *why, bool setpoint = false);
 
 /** Pose of voxel 0, 0, 0 whose axes are those of the grid; a left-handed grid has its third axis turned over and
  *  *flipped set. */

@@ -108,6 +108,27 @@ bool rigid_from_message(const geometry_msgs::Transform &transform, Rigid *out, s
 
 geometry_msgs::Transform transform_message(const Rigid &motion) { return tf2::eigenToTransform(isometry(motion)).transform; }
 
+bool pose_from_any_message(const topic_tools::ShapeShifter &message, const std::string &frame, geometry_msgs::PoseStamped *out, std::string *why)
+{
+    const std::string type = message.getDataType();
+    if (type == "geometry_msgs/PoseStamped") {
+        *out = *message.instantiate<geometry_msgs::PoseStamped>();
+    } else if (type == "geometry_msgs/TransformStamped") {
+        const geometry_msgs::TransformStampedConstPtr sent = message.instantiate<geometry_msgs::TransformStamped>();
+        out->header = sent->header;
+        out->pose.position.x = sent->transform.translation.x;
+        out->pose.position.y = sent->transform.translation.y;
+        out->pose.position.z = sent->transform.translation.z;
+        out->pose.orientation = sent->transform.rotation;
+    } else {
+        *why = "it is a " + type + "; it must be a geometry_msgs/PoseStamped or TransformStamped";
+        return false;
+    }
+    if (!out->header.frame_id.empty() && out->header.frame_id[0] == '/') out->header.frame_id.erase(0, 1); /* tf of old */
+    if (out->header.frame_id.empty()) out->header.frame_id = frame;
+    return true;
+}
+
 bool tool_pose_from_message(const geometry_msgs::PoseStamped &message, Rigid *out, std::string *why)
 {
     if (message.header.stamp.isZero()) {
@@ -121,9 +142,9 @@ bool tool_pose_from_message(const geometry_msgs::PoseStamped &message, Rigid *ou
     return rigid_from_message(message.pose, out, why);
 }
 
-bool jaw_from_message(const sensor_msgs::JointState &message, double *angle, std::string *why)
+bool jaw_from_message(const sensor_msgs::JointState &message, double *angle, std::string *why, bool setpoint)
 {
-    if (message.header.stamp.isZero()) *why = "stamp 0 marks the jaw as invalid";
+    if (!setpoint && message.header.stamp.isZero()) *why = "stamp 0 marks the jaw as invalid";
     else if (message.position.empty()) *why = "the jaw has no position";
     else if (!std::isfinite(message.position[0])) *why = "the position of the jaw is not finite";
     else {

@@ -130,7 +130,7 @@ void read_tools(XmlRpcValue &value, Parameters *out)
         check_tool_name(name);
         for (const ToolParameters &other : out->tools)
             if (other.name == name) refuse("~tools: " + name + " is named twice");
-        out->tools.push_back(ToolParameters{name, true, {}, {}});
+        out->tools.push_back(ToolParameters{name, true, "", false, {}, {}});
     }
 }
 
@@ -158,11 +158,21 @@ void read_tool(const std::string &name, XmlRpcValue &value, Parameters *out)
 {
     for (ToolParameters &tool : out->tools) {
         if (tool.name != name) continue;
-        if (value.getType() != XmlRpcValue::TypeStruct) refuse("~tool/" + name + " must hold mode or blade");
+        if (value.getType() != XmlRpcValue::TypeStruct) refuse("~tool/" + name + " must hold mode, blade, frame or jaw");
         for (auto &entry : value) {
             std::string path = "tool/" + name + "/" + entry.first;
             if (entry.first == "blade") {
                 read_blade(path, entry.second, &tool);
+                continue;
+            }
+            if (entry.first == "frame") {
+                tool.frame = text(path, entry.second);
+                continue;
+            }
+            if (entry.first == "jaw") {
+                const std::string kind = text(path, entry.second);
+                if (kind != "measured" && kind != "setpoint") refuse("~" + path + " is " + kind + "; it must be measured or setpoint");
+                tool.jaw_setpoint = kind == "setpoint";
                 continue;
             }
             if (entry.first != "mode") refuse("~" + path + " is unknown; did you mean ~tool/" + name + "/mode?");

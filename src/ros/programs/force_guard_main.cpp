@@ -73,10 +73,11 @@ int main(int argc, char **argv)
 
     pliant_ros::Guard guard(settings);
     ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
-    auto pose = handle.subscribe<geometry_msgs::PoseStamped>(tool + "/measured_cp", 1, [&](const geometry_msgs::PoseStampedConstPtr &message) {
+    auto pose = handle.subscribe<topic_tools::ShapeShifter>(tool + "/measured_cp", 1, [&](const topic_tools::ShapeShifter::ConstPtr &message) {
+        geometry_msgs::PoseStamped sent;
         pliant_ros::Rigid tip;
         std::string why;
-        guard.pose(monotonic(), pliant_ros::tool_pose_from_message(*message, &tip, &why));
+        guard.pose(monotonic(), pliant_ros::pose_from_any_message(*message, "any", &sent, &why) && pliant_ros::tool_pose_from_message(sent, &tip, &why));
     }, ros::VoidConstPtr(), hints);
     std::string frame;
     auto wrench = handle.subscribe<geometry_msgs::WrenchStamped>(tool + "/measured_cf", 1, [&](const geometry_msgs::WrenchStampedConstPtr &message) {

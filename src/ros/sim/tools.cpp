@@ -17,7 +17,7 @@ std::string milliseconds(double seconds) { return std::to_string(std::lround(1e3
 } // namespace
 
 Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<const tf2_ros::Buffer> frames)
-    : tissue_frame_(parameters.tissue_frame), max_age_(parameters.tool_max_age), hold_(parameters.tool_hold),
+    : tissue_frame_(parameters.tissue_frame), parent_frame_(parameters.parent_frame), max_age_(parameters.tool_max_age), hold_(parameters.tool_hold),
       jaw_close_(parameters.jaw_close), jaw_release_(parameters.jaw_release), frames_(std::move(frames))
 {
     ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
@@ -30,9 +30,9 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
         tool->force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/measured_cf", 1);
         tool->contact_out = handle.advertise<ContactState>(each.name + "/contact", 1);
         tool->marker_out = handle.advertise<visualization_msgs::MarkerArray>(each.name + "/marker", 1);
-        tool->pose_in = handle.subscribe<geometry_msgs::PoseStamped>(
+        tool->pose_in = handle.subscribe<topic_tools::ShapeShifter>(
             each.name + "/measured_cp", 8,
-            [this, tool](const geometry_msgs::PoseStampedConstPtr &message) { take_pose(tool, *message); },
+            [this, tool](const topic_tools::ShapeShifter::ConstPtr &message) { take_pose(tool, *message); },
             ros::VoidConstPtr(), hints);
         if (each.has_blade()) listen_for_blade(handle, tool);
         if (!each.grasps && !each.has_blade()) continue;
@@ -60,13 +60,13 @@ void Tools::listen_for_blade(ros::NodeHandle handle, Tool *tool)
     });
 }
 
-void Tools::take_pose(Tool *tool, const geometry_msgs::PoseStamped &message)
+void Tools::take_pose(Tool *tool, const topic_tools::ShapeShifter &message)
 {
+    geometry_msgs::PoseStamped sent;
     Rigid pose;
     std::string why;
-    bool good = tool_pose_from_message(message, &pose, &why);
-    std::string frame = message.header.frame_id;
-    if (!frame.empty() && frame[0] == '/') frame.erase(0, 1); /* tf of old */
+    const std::string &own = tool->parameters.frame;
+    const bool good = pose_from_any_message(message, own.empty() ? parent_frame_ : own, &sent, &why) && tool_pose_from_message(sent, &pose, &why);
     std::lock_guard<std::mutex> hold(tool->lock);
     ++tool->received;
     tool->has_pose = good;
@@ -76,8 +76,8 @@ void Tools::take_pose(Tool *tool, const geometry_msgs::PoseStamped &message)
         tool->has_last = false; /* an invalid pose says that the tool is gone, not that it stays */
         return;
     }
-    tool->stamp = message.header.stamp;
-    tool->waiting.push_back({message.header.stamp, frame, pose});
+    tool->stamp = sent.header.stamp;
+    tool->waiting.push_back({sent.header.stamp, sent.header.frame_id, pose});
     if (tool->waiting.size() > MOST_WAITING) tool->waiting.pop_front();
 }
 
@@ -85,7 +85,7 @@ void Tools::take_jaw(Tool *tool, const sensor_msgs::JointState &message)
 {
     double angle = 0;
     std::string why;
-    bool good = jaw_from_message(message, &angle, &why);
+    bool good = jaw_from_message(message, &angle, &why, tool->parameters.jaw_setpoint);
     std::lock_guard<std::mutex> hold(tool->lock);
     tool->has_jaw = good;
     tool->jaw = angle;
@@ -131,7 +131,8 @@ void Tools::transform(Tool *tool)
 
 void Tools::update_jaw(Tool *tool, const ros::Time &now)
 {
-    if (!tool->has_jaw || !is_fresh(tool->jaw_stamp, now, tool->state == JAW_CLOSED)) tool->state = JAW_UNKNOWN;
+    const bool fresh = tool->parameters.jaw_setpoint || is_fresh(tool->jaw_stamp, now, tool->state == JAW_CLOSED);
+    if (!tool->has_jaw || !fresh) tool->state = JAW_UNKNOWN;
     else if (tool->jaw < jaw_close_) tool->state = JAW_CLOSED;
     else if (tool->jaw > jaw_release_) tool->state = JAW_OPEN;
 }

@@ -7,6 +7,7 @@
 
 #include <ros/node_handle.h>
 #include <tf2_ros/buffer.h>
+#include <topic_tools/shape_shifter.h>
 
 #include <deque>
 #include <memory>
@@ -106,7 +107,7 @@ private:
         ros::Subscriber pose_in, jaw_in, blade_in, energy_in;
     };
 
-    void take_pose(Tool *tool, const geometry_msgs::PoseStamped &message);
+    void take_pose(Tool *tool, const topic_tools::ShapeShifter &message);
     void take_jaw(Tool *tool, const sensor_msgs::JointState &message);
     void listen_for_blade(ros::NodeHandle handle, Tool *tool);
     void transform(Tool *tool);
@@ -115,7 +116,7 @@ private:
     bool is_fresh(const ros::Time &stamp, const ros::Time &now, bool held) const;
     std::string reason(const Tool &tool, const ros::Time &now) const;
 
-    const std::string tissue_frame_;
+    const std::string tissue_frame_, parent_frame_;
     const double max_age_, hold_, jaw_close_, jaw_release_;
     std::shared_ptr<const tf2_ros::Buffer> frames_;
     std::vector<std::unique_ptr<Tool>> tools_;
