@@ -1,11 +1,11 @@
 #include "pliant/ros/node.h"
 
 #include "ros/node/diagnostics.h"
+#include "ros/node/registration.h"
 #include "ros/node/services.h"
 #include "ros/node/start.h"
 #include "ros/output/volume_output.h"
 
-#include <tf2_ros/static_transform_broadcaster.h>
 #include <tf2_ros/transform_listener.h>
 
 namespace pliant_ros {
@@ -14,24 +14,20 @@ namespace pliant_ros {
 struct Node::Parts {
     Parts(ros::NodeHandle handle, ros::NodeHandle private_handle)
         : parameters(parameters_of(private_handle)), frames(std::make_shared<tf2_ros::Buffer>()), listener(*frames),
-          state(handle, parameters.tissue_frame), live(private_handle, parameters), tools(handle, parameters, frames),
+          registration(handle, parameters, frames), state(handle, parameters.tissue_frame), live(private_handle, parameters), tools(handle, parameters, frames),
           mesh_output(handle, parameters, &live, &snapshots),
           volume_output(handle, parameters, &live, &snapshots, &mesh_output),
           simulation(handle, parameters, &state, &live, &tools, &snapshots),
           services(handle, parameters, &state, &live, &simulation, &mesh_output, &volume_output, frames),
           diagnostics(handle, private_handle, &state, &simulation, &tools, &mesh_output, &volume_output)
     {
-        if (parameters.parent_frame.empty()) return;
-        geometry_msgs::TransformStamped transform = tissue_transform(parameters);
-        broadcaster.sendTransform(transform);
-        frames->setTransform(transform, "pliant", true); /* for this node, without the way over the network */
     }
 
     const Parameters parameters;
     Snapshots snapshots;
     std::shared_ptr<tf2_ros::Buffer> frames;
     tf2_ros::TransformListener listener;
-    tf2_ros::StaticTransformBroadcaster broadcaster;
+    Registration registration;
     State state;
     Live live;
     Tools tools;

@@ -226,6 +226,7 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "parent_frame") out->parent_frame = text(name, value);
     else if (name == "tissue_frame") out->tissue_frame = text(name, value);
     else if (name == "tissue_pose") out->tissue_pose = read_pose(name, value);
+    else if (name == "registration") out->registration = text(name, value);
     else if (name == "background") out->background = read_background(value);
     else if (name == "tool_max_age") out->tool_max_age = number(name, value, 1e-3, 10);
     else if (name == "tool_hold") out->tool_hold = number(name, value, 0, 10);

@@ -28,6 +28,7 @@ struct Parameters {
     std::string scan_root, output_root;     /* empty: services may name no file */
     std::string parent_frame, tissue_frame; /* parent empty: no transform is published */
     Rigid tissue_pose;                      /* of the tissue frame in the parent */
+    std::string registration;               /* file that has it instead, once the service register has written it; empty: none */
     std::vector<ToolParameters> tools;
     pliant_background_kind background;      /* live: no step waits; planned: the same on every machine */
     double tool_max_age;                    /* [s] */
@@ -38,7 +39,7 @@ struct Parameters {
 
 /* From the tree of private parameters (a struct, or invalid for none). Every option of a scene is a parameter of its
    path, solver/iterations; beside them: scene (file), scan or scan/path, scan_root, output_root, parent_frame,
-   tissue_frame, tissue_pose, background, tools, tool/<name>/{mode,blade,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release,
+   tissue_frame, tissue_pose, registration, background, tools, tool/<name>/{mode,blade,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release,
    slice/{axial,coronal,sagittal}. Anything else is an error that names the nearest known one.
    The tree is not changed; XmlRpcValue has no constant access. */
 bool read_parameters(XmlRpc::XmlRpcValue tree, Parameters *out, std::string *why);
