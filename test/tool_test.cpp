@@ -113,4 +113,46 @@ TEST(ToolOnAFace, APointIsHeldOnEverySide)
     EXPECT_EQ(pliant_tool_grasp(air.model, air.data, index, off), PLIANT_ERROR_ARGUMENT);
 }
 
+// stiff tissue: what a grip by a spring takes is bounded in every step, quasi-static or not, and it ends where the tissue has slipped out
+TEST(Slip, AGripGivesWayAtItsForceAndIsLostOnceItHasSlippedOut)
+{
+    for (pliant_solver_kind kind : {PLIANT_COROTATIONAL, PLIANT_TLED}) {
+        Body stiff(size, box, {{40000, 0.45, 1000, false}});
+        stiff.fix_plane(0, 0, 0.041, 0, 0, 1);
+        stiff.cells(6, 6, 6, 1);
+        stiff.scene.solver.kind = kind;
+        stiff.scene.solver.step = 0.005;
+        stiff.scene.grasp.slip = 0.5;
+        ASSERT_EQ(stiff.build(), PLIANT_OK) << pliant_last_error();
+        int tool = -1;
+        const double held[3] = {0.06, 0.06, 0.11};
+        ASSERT_EQ(pliant_tool_add(stiff.model, stiff.data, "forceps", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(stiff.model, stiff.data, tool, held), PLIANT_OK);
+        pliant_tool_state state;
+        double most = 0;
+        int steps = 0;
+        for (bool holding = true; holding && steps < 200; ++steps) {
+            const double tip[3] = {0.06, 0.06, 0.11 + 0.0005 * steps};
+            ASSERT_EQ(pliant_tool_set_pose(stiff.data, tool, tip, nullptr), PLIANT_OK);
+            ASSERT_GE(pliant_step(stiff.model, stiff.data), 0) << pliant_last_error();
+            ASSERT_EQ(pliant_tool_get(stiff.data, tool, &state), PLIANT_OK);
+            most = std::max(most, std::fabs(state.force[2]));
+            holding = state.holding;
+        }
+        EXPECT_LT(most, 0.51);
+        EXPECT_GT(most, 0.3);
+        EXPECT_GT(steps, 20); // 12 mm, the blob's width, in half millimetres
+        EXPECT_LT(steps, 60);
+        EXPECT_EQ(state.force[2], 0);
+
+        ASSERT_EQ(pliant_tool_grasp(stiff.model, stiff.data, tool, held), PLIANT_OK);
+        const double far[3] = {0.36, 0.06, 0.11}; // one that teleports
+        ASSERT_EQ(pliant_tool_set_pose(stiff.data, tool, far, nullptr), PLIANT_OK);
+        ASSERT_GE(pliant_step(stiff.model, stiff.data), 0);
+        ASSERT_EQ(pliant_tool_get(stiff.data, tool, &state), PLIANT_OK);
+        EXPECT_FALSE(state.holding);
+        EXPECT_EQ(state.force[0], 0);
+    }
+}
+
 } // namespace

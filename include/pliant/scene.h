@@ -150,6 +150,7 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
 #define PLIANT_SCENE_GRASP(X)                                                                                          \
     X(REAL, stiffness, 1000.0, 1e-3, 1e12, "N/m", "spring between a grasping tool and the tissue")                    \
     X(REAL, damping, 0.0, 0.0, 1e9, "N s/m", "damper beside the spring")                                              \
+    X(REAL, slip, 0.0, 0.0, 1e6, "N", "a grip by a spring that would take more than this slips, and is lost once it has slipped as far as the blob is wide; 0: it holds whatever comes") \
     X(REAL, radius, 0.006, 0.0, 1.0, "m", "the grasped blob; 0: a point")
 #define PLIANT_SCENE_CONTACT(X)                                                                                        \
     X(REAL, friction, 0.2, 0.0, 100.0, "", "Coulomb's coefficient between tissue and instruments or obstacles, and between tissue and tissue")                   \

@@ -296,12 +296,35 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
     for (int d = 0; d < 3; d++) tool->grip[d] = tool->tip[d] - tool->held_point[d];
     memcpy(tool->last_target, tool->held_point, sizeof tool->last_target);
     tool->holding = true;
+    tool->slipped = 0;
     tool->hold++;
     tell_what_is_fixed(data, tool);
     return PLIANT_OK;
 }
 
 /* ---- in a step */
+
+/* The tip has gone on while the tissue is where the last step has left it: what spring and damper would take at once is more than
+ * any step lets them take. */
+void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int index)
+{
+    pliant_tool *tool = data->tools + index;
+    if (!(scene->grasp.slip > 0) || !pliant_tool_grips(tool) || tool->drive != PLIANT_DRIVE_SPRING) return;
+    const double most = scene->grasp.slip / (tool->stiffness + tool->damping / scene->solver.step);
+    double way[3], length = 0;
+    for (int d = 0; d < 3; d++) {
+        way[d] = tool->tip[d] - tool->grip[d] - tool->held_point[d];
+        length += way[d] * way[d];
+    }
+    length = sqrt(length);
+    if (length <= most) return;
+    if (tool->slipped == 0) pliant_log(PLIANT_LOG_INFO, "tool %s: its grip slips at %g N (grasp/slip)", tool->name, scene->grasp.slip);
+    tool->slipped += length - most;
+    for (int d = 0; d < 3; d++) tool->grip[d] += (1 - most / length) * way[d];
+    if (tool->slipped <= 2 * tool->grasped_radius) return;
+    pliant_log(PLIANT_LOG_WARNING, "tool %s: the tissue has slipped out of its grip (grasp/slip)", tool->name);
+    pliant_tool_forget(tool);
+}
 
 void pliant_tool_report(pliant_data *data, int index, const double *force)
 {

@@ -15,6 +15,8 @@ void pliant_tool_report(pliant_data *data, int tool, const double *force);
  * free both. */
 pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, const pliant_data *data, const pliant_body *next,
                                 const double *positions);
+/* Before a step: a spring that would take more than grasp/slip slips, so that it takes that; one that has slipped too far lets go. */
+void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int tool);
 /* free the hold; the solver is told at the next step */
 void pliant_tool_drop(pliant_tool *tool);
 /* and pull by the spring again */

@@ -119,6 +119,12 @@ pliant_status pliant_data_set_gravity(pliant_data *data, const double gravity[3]
     return PLIANT_OK;
 }
 
+static pliant_status interact(const pliant_model *model, pliant_data *data)
+{
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_slip(&model->scene, data, t);
+    return data->backend->kind->interact(model, data);
+}
+
 static pliant_status move_patch(const pliant_model *model, pliant_data *data)
 {
     if (!data->patch) return PLIANT_OK;
@@ -145,7 +151,7 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
     data->background.taken = 0;
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; stage++) {
         const pliant_backend *backend = data->backend;
-        pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {pliant_cut_stage, backend->kind->interact, pliant_contact_stage, backend->solve, backend->upsample, patch, backend->warp};
+        pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {pliant_cut_stage, interact, pliant_contact_stage, backend->solve, backend->upsample, patch, backend->warp};
         _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
         double start = pliant_seconds();
         const bool beyond = stage == PLIANT_STEP_solve && data->contacts.count > 0 && !backend->on_host;

@@ -61,6 +61,7 @@ typedef struct pliant_tool {
     double last_target[3]; /* where the held point was pulled to in the last step [m] */
     double grip[3];        /* tip minus held point when it took hold; the tip pulls the held point to tip - grip [m] */
     double grasped[3], grasped_radius; /* the blob that it holds, at rest [m] */
+    double slipped;        /* how far, in this hold (grasp/slip) [m] */
     pliant_blade blade;
     /* SHAPE, written by pliant_tool_set_shape, _set_jaw */
     pliant_tool_shape shape;

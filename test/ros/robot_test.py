@@ -1,0 +1,104 @@
+#!/usr/bin/env python3
+"""Beside a robot that is made up (sim_robot), by the launch file for a real one: it takes hold, pulls, and what goes wrong with it does no harm."""
+import os
+import sys
+import time
+import unittest
+
+import rospy
+import rostest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Point, PoseStamped, WrenchStamped
+from pliant.srv import Register
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header, String
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
+from node_client import Latest, Node, call, wait_for  # noqa: E402
+
+BEHIND = {"silent": "old", "invalid": "stamp 0", "frozen": "old", "nan": "finite", "unknown_frame": "nowhere", "ahead": "ahead", "behind": "old"}
+
+
+class RobotTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("robot_test")
+        cls.node = Node("PSM1")
+        cls.diagnostics = Latest("/diagnostics", DiagnosticArray)
+        cls.forces = []
+        rospy.Subscriber("/tissue/PSM1/measured_cf", WrenchStamped, lambda message: cls.forces.append(message.wrench.force), queue_size=100)
+        publish = lambda topic, kind: rospy.Publisher("/PSM1/" + topic, kind, queue_size=1, latch=True)
+        cls.servo, cls.jaw, cls.fault = publish("servo_cp", PoseStamped), publish("jaw/servo_jp", JointState), publish("fault", String)
+        wait_for(lambda: cls.node.contact.fresh().present, "the arm", 60)
+
+    def go(self, place):
+        """In the arm's frame, whose origin is 0.2 above the tissue's."""
+        message = PoseStamped()
+        message.pose.position = Point(place[0], place[1], place[2] - 0.2)
+        message.pose.orientation.w = 1
+        self.servo.publish(message)
+
+    def close(self, closed):
+        self.jaw.publish(JointState(position=[0.0 if closed else 0.6]))
+
+    def take_hold(self):
+        self.fault.publish("none")
+        self.close(False)
+        inside = self.node.front()
+        self.go(inside)
+        wait_for(lambda: self.node.contact.fresh().touching, "the tip in the tissue")
+        wait_for(lambda: not self.node.contact.fresh().grasped, "the jaw to open")
+        time.sleep(0.2)
+        self.close(True)
+        wait_for(lambda: self.node.contact.fresh().grasped, "a hold")
+        return inside
+
+    def why(self):
+        statuses = self.diagnostics.message.status if self.diagnostics.message else []
+        return " ".join(status.message for status in statuses if status.name.endswith("tool PSM1"))
+
+    def test_a_pull_is_felt_and_bounded(self):
+        inside = self.take_hold()
+        del self.forces[:]
+        self.go([inside[0], inside[1] - 0.004, inside[2]])
+        wait_for(lambda: any(abs(force.y) > 0.05 for force in self.forces), "a force")
+        self.go([inside[0], inside[1] - 0.15, inside[2]])  # slip is 5 N
+        wait_for(lambda: not self.node.contact.fresh().grasped, "the grip to slip")
+        self.assertLess(max((f.x ** 2 + f.y ** 2 + f.z ** 2) ** 0.5 for f in self.forces), 5.5)
+
+    def test_what_goes_wrong_lets_go_and_is_told(self):
+        for fault, words in BEHIND.items():
+            with self.subTest(fault=fault):
+                self.take_hold()
+                self.fault.publish(fault)
+                wait_for(lambda: not self.node.contact.fresh().present, "no tool")
+                wait_for(lambda: words in self.why(), "the reason %r in %r" % (words, self.why()))
+                last = self.forces[-1]
+                self.assertEqual((last.x, last.y, last.z), (0, 0, 0))
+        self.take_hold()
+
+    def test_a_teleport_is_no_pull(self):
+        self.take_hold()
+        del self.forces[:]
+        self.fault.publish("teleport")
+        wait_for(lambda: not self.node.contact.fresh().grasped, "the grip to be lost")
+        self.fault.publish("none")
+        self.assertLess(max([(f.x ** 2 + f.y ** 2 + f.z ** 2) ** 0.5 for f in self.forces] + [0]), 5.5)
+
+    def test_the_tissue_lies_where_points_say(self):
+        landmarks = [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1)]
+        room = [Point(x + 0.01, y, z - 0.2) for x, y, z in landmarks]
+        answer = call("register", Register, Header(frame_id="PSM1_base"), [Point(*p) for p in landmarks], room)
+        self.assertTrue(answer.success, answer.message)
+        self.assertLess(answer.error, 1e-9)
+        self.assertAlmostEqual(answer.pose.position.x, 0.01)
+        self.assertAlmostEqual(answer.pose.position.z, -0.2)
+        answer = call("register", Register, Header(frame_id="PSM1_base"), [Point(*p) for p in landmarks[:2]], room[:2])
+        self.assertFalse(answer.success)
+        self.assertIn("three", answer.message)
+        back = [Point(x, y, z - 0.2) for x, y, z in landmarks]
+        self.assertTrue(call("register", Register, Header(frame_id="PSM1_base"), [Point(*p) for p in landmarks], back).success)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("pliant", "robot", RobotTest)
