@@ -139,7 +139,7 @@ TEST(Slip, AGripGivesWayAtItsForceAndIsLostOnceItHasSlippedOut)
             most = std::max(most, std::fabs(state.force[2]));
             holding = state.holding;
         }
-        EXPECT_LT(most, 0.51);
+        EXPECT_LT(most, 0.55); // the held point springs back a little within a step
         EXPECT_GT(most, 0.3);
         EXPECT_GT(steps, 20); // 12 mm, the blob's width, in half millimetres
         EXPECT_LT(steps, 60);

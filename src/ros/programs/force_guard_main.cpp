@@ -6,7 +6,7 @@
  * hand controller's; /diagnostics.
  * Private parameters: tool, haptic (false), needs_following (true), gain, max_force [N], max_rate [N/s], cutoff [Hz], ramp [s], tail [s],
  * timeout [s], max_error [m; below 0: any], rate (200) [Hz]. */
-#include "ros/convert/convert.h"
+#include "pliant/ros/convert.h"
 #include "ros/guard/guard.h"
 
 #include <diagnostic_updater/diagnostic_updater.h>
