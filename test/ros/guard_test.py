@@ -33,19 +33,26 @@ class Guarded(unittest.TestCase):
     @classmethod
     def play(cls):
         while not rospy.is_shutdown():
-            if cls.playing:
-                now = rospy.Time.now()
-                pose, wrench = PoseStamped(), WrenchStamped()
-                pose.header.stamp = wrench.header.stamp = now
-                pose.header.frame_id = wrench.header.frame_id = "PSM1_base"
-                pose.pose.orientation.w = 1
-                wrench.wrench.force.z = -4
-                cls.pose.publish(pose)
-                cls.wrench.publish(wrench)
-                timing = StepTiming(error=1e-4)
-                timing.header.stamp = now
-                cls.timing.publish(timing)
+            try:
+                cls.play_once()
+            except rospy.ROSException:
+                return  # shutting down
             time.sleep(0.01)
+
+    @classmethod
+    def play_once(cls):
+        if cls.playing:
+            now = rospy.Time.now()
+            pose, wrench = PoseStamped(), WrenchStamped()
+            pose.header.stamp = wrench.header.stamp = now
+            pose.header.frame_id = wrench.header.frame_id = "PSM1_base"
+            pose.pose.orientation.w = 1
+            wrench.wrench.force.z = -4
+            cls.pose.publish(pose)
+            cls.wrench.publish(wrench)
+            timing = StepTiming(error=1e-4)
+            timing.header.stamp = now
+            cls.timing.publish(timing)
 
     def wait(self, condition, what, seconds=30):
         end = time.time() + seconds
