@@ -27,7 +27,7 @@ extern "C" {
     X(PLIANT_LAW_NEO_HOOKEAN, neo_hookean) X(PLIANT_LAW_COMPRESSIBLE, compressible)               \
     X(PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, saint_venant_kirchhoff)
 #define PLIANT_MESH_LIST(X) X(PLIANT_LATTICE, lattice) X(PLIANT_OCTREE, octree)
-#define PLIANT_ELEMENT_LIST(X) X(PLIANT_LINEAR, linear) X(PLIANT_HEXAHEDRA, hexahedra)
+#define PLIANT_ELEMENT_LIST(X) X(PLIANT_ELEMENT_AUTO, auto) X(PLIANT_LINEAR, linear) X(PLIANT_HEXAHEDRA, hexahedra)
 #define PLIANT_WARP_LIST(X) X(PLIANT_RASTERIZE, rasterize) X(PLIANT_FIT, fit)
 #define PLIANT_SEGMENT_LIST(X) X(PLIANT_SEGMENT_NONE, none) X(PLIANT_SEGMENT_GMM, gmm)
 #define PLIANT_CUT_LIST(X) X(PLIANT_CUT_NONE, none) X(PLIANT_CUT_SEVER, sever) X(PLIANT_CUT_SUBDIVIDE, subdivide)
@@ -99,7 +99,7 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     X(BOOL, keep_air, false, 0, 1, "", "keep tetrahedra that hold no tissue, as a filler that neither turns nor tears; without them the deformed volume has the scan's background there, not its air") \
     X(BOOL, bone_surface, false, 0, 1, "", "nodes beside what is fixed (bone, regions) are moved onto its surface ([H] 4.2)")
 #define PLIANT_SCENE_ELEMENT(X)                                                                                        \
-    X(ELEMENT, kind, PLIANT_LINEAR, 0, 0, "", "linear: the papers' tetrahedra, too stiff where tissue bends or is nearly incompressible; hexahedra: cubes with one change of volume each, which do neither (methods fine, coarse and averaged; explicit dynamics on the lattice)")
+    X(ELEMENT, kind, PLIANT_ELEMENT_AUTO, 0, 0, "", "hexahedra: cubes with one change of volume each; linear: the papers' tetrahedra, too stiff where tissue bends or is nearly incompressible; auto: hexahedra but for what is made of tetrahedra (methods schur, calibrated and lod, patches, cuts that subdivide, cuts and explicit dynamics of an octree, nodal pressure); the log says which")
 #define PLIANT_SCENE_MODEL(X)                                                                                          \
     X(METHOD, method, PLIANT_FINE, 0, 0, "", "what is solved: the fine mesh, or a coarse one by one of these methods") \
     X(TOUCH, touch, PLIANT_TOUCH_OVERLAP, 0, 0, "", "schur: fine tetrahedra that overlap the coarse one, or share a face with it too") \
@@ -215,6 +215,12 @@ PLIANT_API pliant_status pliant_scene_set(pliant_scene *scene, const char *optio
 
 /** Every option is in its range. Errors: SCENE, naming the option, its value and its range. */
 PLIANT_API pliant_status pliant_scene_check(const pliant_scene *scene);
+
+/** What the scene is made of: element/kind, or what auto becomes in this scene. A model's own scene (pliant_model_get_scene) has that.
+ *  @param why Nullable, out: what made auto linear ("option: reason", static); NULL: nothing */
+PLIANT_API pliant_element_kind pliant_scene_element_kind(const pliant_scene *scene, const char **why);
+/** One kind for all methods that are compared (bit m: method m), in place of the scene's own. */
+PLIANT_API pliant_element_kind pliant_scene_element_kind_of_methods(const pliant_scene *scene, uint32_t methods, const char **why);
 
 /** Every option, for tables and parameter loaders. Strings are static. */
 typedef struct pliant_option_info {

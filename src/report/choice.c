@@ -93,7 +93,9 @@ static pliant_status make_reference(choice_state *state)
 {
     sweep_ground *ground = &state->sweep.ground;
     const uint8_t all[MOST_CASES] = {1, 1, 1};
-    ground->reference = ground->scene = *ground->input->scene;
+    ground->scene = *ground->input->scene;
+    ground->scene.element.kind = pliant_scene_element_kind(&ground->scene, NULL);
+    ground->reference = ground->scene;
     ground->reference.mesh.ratio = choice_reference_ratio(ground->input->scene, state->settings.twice_limit);
     state->settings.twice_limit = 0; /* it is the only one */
     sweep_list_cases(ground);

@@ -73,6 +73,17 @@ static bool same_method(const choice_method *a, const choice_method *b)
     return a->method == b->method && a->touch == b->touch && (!patched || a->patch == b->patch);
 }
 
+/* whether a method has the scene's elements */
+static bool has_elements(const pliant_scene *scene, const choice_method *by)
+{
+    pliant_scene other = *scene;
+    if (pliant_scene_element_kind(scene, NULL) == PLIANT_LINEAR) return true;
+    other.element.kind = PLIANT_ELEMENT_AUTO;
+    other.model.method = by->method;
+    other.model.patch = by->patch;
+    return pliant_scene_element_kind(&other, NULL) == PLIANT_HEXAHEDRA;
+}
+
 int choice_list_candidates(const pliant_scene *scene, int32_t finest, choice_candidate out[CHOICE_CANDIDATES])
 {
     choice_mesh meshes[CHOICE_MESHES];
@@ -82,7 +93,7 @@ int choice_list_candidates(const pliant_scene *scene, int32_t finest, choice_can
     out[count++] = (choice_candidate){own, {1, scene->mesh.ratio}};
     for (int n = -1; n < (scene->choose.method ? CHOICE_METHODS : 0); n++) {
         const choice_method *by = n < 0 ? &own : methods + n;
-        if (n >= 0 && same_method(by, &own)) continue;
+        if (n >= 0 && (same_method(by, &own) || !has_elements(scene, by))) continue;
         for (int m = 0; m < num_meshes; m++) {
             bool fine = by->method == PLIANT_FINE;
             choice_mesh mesh = meshes[m];
@@ -99,6 +110,7 @@ int choice_list_candidates(const pliant_scene *scene, int32_t finest, choice_can
 pliant_status choice_scene(const pliant_scene *scene, const choice_candidate *candidate, pliant_scene *out)
 {
     *out = *scene;
+    out->element.kind = pliant_scene_element_kind(scene, NULL); /* a candidate has the scene's own elements */
     out->model.method = candidate->by.method;
     out->model.touch = candidate->by.touch;
     out->model.patch = candidate->by.patch;

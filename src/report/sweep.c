@@ -18,13 +18,27 @@ static const char *const touch_names[] = {PLIANT_TOUCH_LIST(NAME)};
 #undef NAME
 enum { NUM_METHODS = sizeof method_names / sizeof *method_names, NUM_TOUCHES = sizeof touch_names / sizeof *touch_names };
 
+/* methods that the scene's elements have */
+static uint32_t with_elements(const pliant_scene *scene)
+{
+    const bool linear = pliant_scene_element_kind(scene, NULL) == PLIANT_LINEAR;
+    uint32_t methods = 0;
+    pliant_scene other = *scene;
+    other.element.kind = PLIANT_ELEMENT_AUTO;
+    for (int m = 0; m < NUM_METHODS; m++) {
+        other.model.method = (pliant_method)m;
+        if (linear || pliant_scene_element_kind(&other, NULL) == PLIANT_HEXAHEDRA) methods |= 1u << m;
+    }
+    return methods;
+}
+
 void pliant_sweep_defaults(const pliant_scene *scene, pliant_sweep *out)
 {
     static const int32_t iterations[] = {1, 2, 4, 0}, relaxation[] = {30, 100, 300, 0};
     const bool tled = scene->solver.kind == PLIANT_TLED;
     const int32_t *budgets = tled ? relaxation : iterations;
     memset(out, 0, sizeof *out);
-    out->methods = tled || scene->mesh.kind == PLIANT_OCTREE ? 1u << PLIANT_FINE : (1u << NUM_METHODS) - 1;
+    out->methods = tled || scene->mesh.kind == PLIANT_OCTREE ? 1u << PLIANT_FINE : with_elements(scene);
     out->ratios[out->num_ratios++] = scene->mesh.ratio;
     for (size_t b = 0; b < sizeof iterations / sizeof *iterations; b++) out->iterations[out->num_iterations++] = budgets[b];
     const double pull[3] = {0.004, -0.029, 0.006}; /* 3 cm, forward and a little up and aside, so that no axis is special */
@@ -442,6 +456,16 @@ static pliant_status choose_reference(sweep_ground *ground)
     return PLIANT_OK;
 }
 
+/* what is compared is made of the same elements */
+static void choose_elements(sweep_state *state, bool counting)
+{
+    pliant_scene *scene = &state->ground.scene;
+    const char *why;
+    const pliant_element_kind kind = pliant_scene_element_kind_of_methods(scene, state->ground.sweep->methods, &why);
+    if (why && !counting) pliant_log(PLIANT_LOG_INFO, "element/kind: auto is linear for all that is compared; %s", why);
+    scene->element.kind = kind;
+}
+
 /* counting: how many runs there are to do; else they are done */
 static pliant_status each_ground(sweep_state *state, bool counting)
 {
@@ -457,6 +481,7 @@ static pliant_status each_ground(sweep_state *state, bool counting)
                 status = pliant_scene_set(&state->ground.scene, sweep->option, sweep->values[v]);
                 if (status < 0) break;
             }
+            choose_elements(state, counting);
             if ((status = choose_reference(&state->ground)) < 0) break;
             if (counting) {
                 sweep_list_cases(&state->ground);

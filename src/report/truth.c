@@ -58,6 +58,7 @@ static void ladder_free(ladder *all)
 static bool scaled(const pliant_scene *scene, double scale, pliant_scene *out)
 {
     *out = *scene;
+    out->element.kind = pliant_scene_element_kind(scene, NULL); /* of the method that was asked for */
     for (int d = 0; d < 3; d++) {
         const double cells = scene->mesh.coarse_cells[d] * scene->mesh.ratio * scale;
         if (cells < 1 || cells != floor(cells)) return false;

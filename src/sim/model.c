@@ -5,6 +5,7 @@
 #include "fem/system.h"
 #include "pliant/memory.h"
 #include "sim/discretization.h"
+#include "scene/elements.h"
 #include "scene/options.h"
 #include "sim/fixed.h"
 #include "sim/slides.h"
@@ -297,13 +298,22 @@ static void warn_of_unused(const pliant_scene *scene)
     pliant_log(PLIANT_LOG_WARNING, "%s: only solver/kind: tled has these; this scene's is corotational, and goes without", names);
 }
 
+/* element/kind: auto becomes one of the others */
+static void choose_elements(pliant_scene *scene)
+{
+    const char *why;
+    const pliant_element_kind kind = pliant_scene_element_kind(scene, &why);
+    if (why) pliant_log(PLIANT_LOG_INFO, "element/kind: auto is linear here; %s", why);
+    else if (scene->element.kind == PLIANT_ELEMENT_AUTO) pliant_log(PLIANT_LOG_INFO, "element/kind: auto is hexahedra here");
+    scene->element.kind = kind;
+}
+
 /* what a scene whose cuts subdivide cannot have */
 static pliant_status check_subdivide(const pliant_scene *scene)
 {
     const char *other = NULL;
     if (scene->model.method != PLIANT_FINE) other = "model/method: coarse elements hold whole tetrahedra; set fine";
     else if (scene->mesh.kind != PLIANT_LATTICE) other = "mesh/kind: octree; set lattice";
-    else if (scene->element.kind == PLIANT_HEXAHEDRA) other = "element/kind: hexahedra are no tetrahedra; set linear";
     else if (scene->solver.backend == PLIANT_CUDA) other = "solver/backend: cuda; set cpu or auto";
     else if (scene->warp.kind == PLIANT_FIT) other = "warp/kind: a fit gathers across what is cut; set rasterize";
     return other ? pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: subdivide does not go with %s, or cut/kind to sever", other) : PLIANT_OK;
@@ -327,16 +337,7 @@ static pliant_status check(const pliant_scene *scene, const pliant_material_tabl
     if (status == PLIANT_OK && scene->cut.kind != PLIANT_CUT_NONE && scene->model.method == PLIANT_LOD)
         status = pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: lod interpolates within whole cubes of the lattice, which cannot be divided; set "
                                                  "model/method to averaged or another one, or cut/kind to none");
-    if (status == PLIANT_OK && scene->element.kind == PLIANT_HEXAHEDRA &&
-        (scene->model.method == PLIANT_SCHUR || scene->model.method == PLIANT_CALIBRATED || scene->model.method == PLIANT_LOD))
-        status = pliant_fail(PLIANT_ERROR_SCENE, "model/method: schur, calibrated and lod are made of tetrahedra; set it to averaged, coarse or fine, or "
-                                                 "element/kind to linear");
-    if (status == PLIANT_OK && scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_OCTREE &&
-        (scene->solver.kind == PLIANT_TLED || scene->cut.kind != PLIANT_CUT_NONE))
-        status = pliant_fail(PLIANT_ERROR_SCENE, "element/kind: hexahedra of an octree are for the corotational solver and are not cut: set mesh/kind to "
-                                                 "lattice, or element/kind to linear");
-    if (status == PLIANT_OK && scene->element.kind == PLIANT_HEXAHEDRA && scene->model.method != PLIANT_FINE && scene->model.patch > 0)
-        status = pliant_fail(PLIANT_ERROR_SCENE, "model/patch: a patch is made of tetrahedra; set it to 0, or element/kind to linear");
+    if (status == PLIANT_OK) status = pliant_scene_check_elements(scene);
     if (status == PLIANT_OK && scene->material.slides[0] && scene->cut.kind != PLIANT_CUT_SEVER)
         status = pliant_fail(PLIANT_ERROR_SCENE, "material/slides parts the voxels of the scan: set cut/kind to sever");
     if (status == PLIANT_OK && scene->cut.kind == PLIANT_CUT_SUBDIVIDE) status = check_subdivide(scene);
@@ -354,6 +355,7 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
     if (!model) return pliant_fail_memory("the model");
     builder build = {.model = model, .labels = labels, .progress = progress};
     model->scene = *scene;
+    choose_elements(&model->scene);
     model->scan = scan;
     status = pliant_body_create(1, &model->body);
     if (status == PLIANT_OK) status = pliant_material_table_copy(materials, &model->materials);

@@ -27,7 +27,7 @@ static const char help[] =
     "  --quick             one pull, the scene's ratio, a few budgets (the default: an hour on two busy\n"
     "                       cores)\n"
     "  --full              three pulls, ratios 2 and 4, more budgets (several hours)\n"
-    "  --methods A,B       of the methods that scenes know (default: all)\n"
+    "  --methods A,B       of the methods that scenes know (default: all that have the scene's elements)\n"
     "  --ratios 1,2        fine cells along a coarse one\n"
     "  --budgets 1,2,0     iterations a step; 0: until the scene's tolerance is met\n"
     "  --vary OPTION=A,B   one more option of the scene, with each of these values\n"

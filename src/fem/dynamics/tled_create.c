@@ -83,9 +83,6 @@ static pliant_status set_options(pliant_tled_system *system, const pliant_scene 
     system->num_walls = pliant_tled_walls(scene, system->walls);
     system->friction = scene->ground.friction;
     system->restitution = scene->ground.restitution;
-    if (system->nodal_pressure && scene->element.kind == PLIANT_HEXAHEDRA)
-        return pliant_fail(PLIANT_ERROR_SCENE, "tled/nodal_pressure: hexahedra have one change of volume each and need none; set it to false, or "
-                                               "element/kind to linear");
     return PLIANT_OK;
 }
 

@@ -1,0 +1,60 @@
+#include "scene/elements.h"
+
+#include "base/fail.h"
+
+#include <stddef.h>
+
+/* Something that is made of tetrahedra alone. */
+typedef struct tetrahedral {
+    bool asked;
+    const char *what;    /* option and reason */
+    const char *instead; /* what goes with hexahedra */
+} tetrahedral;
+
+/* The first such thing that a scene asks for; .what NULL: none. */
+static tetrahedral first_tetrahedral(const pliant_scene *scene)
+{
+    const pliant_method method = scene->model.method;
+    const bool octree = scene->mesh.kind == PLIANT_OCTREE, tled = scene->solver.kind == PLIANT_TLED;
+    const tetrahedral all[] = {
+        {method == PLIANT_SCHUR || method == PLIANT_CALIBRATED || method == PLIANT_LOD,
+         "model/method: schur, calibrated and lod are made of tetrahedra", "averaged, coarse or fine"},
+        {method != PLIANT_FINE && scene->model.patch > 0, "model/patch: a patch is made of tetrahedra", "0"},
+        {scene->cut.kind == PLIANT_CUT_SUBDIVIDE, "cut/kind: subdivide cuts tetrahedra", "sever"},
+        {octree && scene->cut.kind != PLIANT_CUT_NONE, "cut/kind: hexahedra of an octree are not cut", "none, mesh/kind to lattice"},
+        {octree && tled, "mesh/kind: explicit dynamics has no hexahedra of an octree", "lattice"},
+        {tled && scene->tled.nodal_pressure, "tled/nodal_pressure: hexahedra have one change of volume each and need none", "false"},
+    };
+    for (size_t n = 0; n < sizeof all / sizeof *all; n++)
+        if (all[n].asked) return all[n];
+    return (tetrahedral){false, NULL, NULL};
+}
+
+pliant_element_kind pliant_scene_element_kind(const pliant_scene *scene, const char **why)
+{
+    const bool is_auto = scene->element.kind == PLIANT_ELEMENT_AUTO;
+    const char *what = is_auto ? first_tetrahedral(scene).what : NULL;
+    if (why) *why = what;
+    if (!is_auto) return scene->element.kind;
+    return what ? PLIANT_LINEAR : PLIANT_HEXAHEDRA;
+}
+
+pliant_element_kind pliant_scene_element_kind_of_methods(const pliant_scene *scene, uint32_t methods, const char **why)
+{
+    pliant_scene one = *scene;
+    pliant_element_kind kind = scene->element.kind;
+    if (why) *why = NULL;
+    for (int method = 0; methods >> method && kind != PLIANT_LINEAR; method++) {
+        if (!(methods >> method & 1)) continue;
+        one.model.method = (pliant_method)method;
+        kind = pliant_scene_element_kind(&one, why);
+    }
+    return kind;
+}
+
+pliant_status pliant_scene_check_elements(const pliant_scene *scene)
+{
+    if (scene->element.kind != PLIANT_HEXAHEDRA) return PLIANT_OK;
+    const tetrahedral first = first_tetrahedral(scene);
+    return first.what ? pliant_fail(PLIANT_ERROR_SCENE, "%s; set it to %s, or element/kind to auto or linear", first.what, first.instead) : PLIANT_OK;
+}
