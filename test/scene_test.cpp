@@ -298,6 +298,51 @@ TEST(scene, a_decimal_comma_in_the_locale_changes_nothing)
     EXPECT_EQ(scene.solver.step, 0.25);
 }
 
+// element/kind: auto is hexahedra but for what is made of tetrahedra; what is compared has elements of one kind
+TEST(scene, auto_elements_are_what_the_scene_can_have)
+{
+    struct row {
+        std::vector<std::pair<const char *, const char *>> options;
+        const char *why; // NULL: hexahedra
+    };
+    const row rows[] = {
+        {{}, nullptr},
+        {{{"model/method", "averaged"}}, nullptr},
+        {{{"solver/kind", "tled"}, {"cut/kind", "sever"}}, nullptr},
+        {{{"mesh/kind", "octree"}}, nullptr},
+        {{{"model/patch", "0.05"}}, nullptr}, // of the fine mesh it is nothing
+        {{{"tled/nodal_pressure", "true"}}, nullptr}, // nor of the corotational solver
+        {{{"model/method", "schur"}}, "model/method"},
+        {{{"model/method", "calibrated"}}, "model/method"},
+        {{{"model/method", "lod"}}, "model/method"},
+        {{{"model/method", "coarse"}, {"model/patch", "0.05"}}, "model/patch"},
+        {{{"cut/kind", "subdivide"}}, "cut/kind"},
+        {{{"mesh/kind", "octree"}, {"cut/kind", "sever"}}, "cut/kind"},
+        {{{"mesh/kind", "octree"}, {"solver/kind", "tled"}}, "mesh/kind"},
+        {{{"solver/kind", "tled"}, {"tled/nodal_pressure", "true"}}, "tled/nodal_pressure"},
+    };
+    for (const row &r : rows) {
+        pliant_scene scene;
+        pliant_scene_defaults(&scene);
+        for (const auto &option : r.options) ASSERT_EQ(pliant_scene_set(&scene, option.first, option.second), PLIANT_OK) << pliant_last_error();
+        const char *why = "";
+        EXPECT_EQ(pliant_scene_element_kind(&scene, &why), r.why ? PLIANT_LINEAR : PLIANT_HEXAHEDRA);
+        EXPECT_EQ(why != nullptr, r.why != nullptr);
+        if (why && r.why) EXPECT_EQ(std::string(why).compare(0, std::strlen(r.why), r.why), 0) << why;
+        for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) { // a name is not changed
+            scene.element.kind = kind;
+            EXPECT_EQ(pliant_scene_element_kind(&scene, nullptr), kind);
+        }
+    }
+    pliant_scene scene;
+    const char *why = "";
+    pliant_scene_defaults(&scene);
+    EXPECT_EQ(pliant_scene_element_kind_of_methods(&scene, 1u << PLIANT_FINE | 1u << PLIANT_AVERAGED, &why), PLIANT_HEXAHEDRA);
+    EXPECT_EQ(why, nullptr);
+    EXPECT_EQ(pliant_scene_element_kind_of_methods(&scene, 1u << PLIANT_FINE | 1u << PLIANT_SCHUR | 1u << PLIANT_AVERAGED, &why), PLIANT_LINEAR);
+    EXPECT_NE(why, nullptr);
+}
+
 TEST(scene, every_scene_that_is_shipped_is_good)
 {
     for (const char *name : {"demo", "abdomen_ct", "abdomen_labels", "paper_256", "paper_524", "hang", "fall", "breast"}) {

@@ -48,6 +48,7 @@ public:
     {
         EXPECT_EQ(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/demo.yaml", &scene), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(pliant_inputs_read(&scene, scan_name, &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
+        scene.element.kind = PLIANT_LINEAR; // bounds are theirs
         scene.solver.threads = 2;
         scene.solver.backend = PLIANT_CPU;
         scene.solver.iterations = exact ? 50 : 1000;

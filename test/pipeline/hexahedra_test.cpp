@@ -249,6 +249,30 @@ TEST_F(Block, SettlesBetweenSoftAndStiff)
     EXPECT_EQ(pliant_data_get_inverted(body.data), 0);
 }
 
+// Not asked for by name it takes hexahedra, or tetrahedra where something else is made of those alone; its model tells which.
+TEST_F(Block, TheDefaultIsHexahedraWhereTheyCanBeHad)
+{
+    pliant_scene defaults;
+    pliant_scene_defaults(&defaults);
+    for (bool pressure : {false, true}) {
+        body.scene.element.kind = defaults.element.kind;
+        body.scene.solver.kind = pressure ? PLIANT_TLED : PLIANT_COROTATIONAL;
+        body.scene.tled.nodal_pressure = pressure;
+        std::string told;
+        pliant_set_log(
+            [](pliant_log_level, const char *message, void *user) {
+                if (std::strstr(message, "element/kind")) *static_cast<std::string *>(user) += message;
+            },
+            &told);
+        const pliant_status status = body.build();
+        pliant_set_log(nullptr, nullptr);
+        ASSERT_EQ(status, PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_model_get_scene(body.model)->element.kind, pressure ? PLIANT_LINEAR : PLIANT_HEXAHEDRA);
+        EXPECT_NE(told.find(pressure ? "linear here; tled/nodal_pressure" : "hexahedra here"), std::string::npos) << told;
+        if (!pressure) EXPECT_NE(body.model->system->macros, nullptr);
+    }
+}
+
 TEST_F(Block, SaysWhatItDoesNotGoWith)
 {
     body.scene.model.method = PLIANT_CALIBRATED;

@@ -8,8 +8,8 @@
 #include <string.h>
 
 /* Above this many free nodes a V-cycle is cheaper than the two triangular solves (test/bench/bench_budget, bench_elements); a factor of
- * hexahedra has twice the numbers, and their V-cycle needs as few evaluations. */
-enum { LARGEST_DIRECT = 8000, LARGEST_DIRECT_HEXAHEDRA = 1500, COARSEST = 1000 };
+ * hexahedra has twice the numbers (NUMERICS 5). */
+enum { LARGEST_DIRECT = 8000, LARGEST_DIRECT_HEXAHEDRA = 4000, COARSEST = 1000 };
 
 struct pliant_preconditioner {
     pliant_system system;      /* a view of the constant system, with this one's number of threads */
