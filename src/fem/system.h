@@ -161,8 +161,9 @@ void pliant_system_assemble_block(const pliant_system *system, const pliant_tang
 void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t tet, double stiffness[144]);
 
 /* ---- hexahedra.c: in place of pliant_system_elements */
-/* A hexahedron for every whole cube of the lattice, tetrahedra for the rest. Errors: MEMORY. */
-pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material);
+/* A hexahedron for every whole cube of the lattice, tetrahedra for the rest. before, kept: Nullable: those of another system that are the same.
+ * Errors: MEMORY. */
+pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept);
 /* ---- octree_hexahedra.c: one for every leaf. A node in the middle of an edge or face of a larger leaf follows its corners, as the centre of a divided
  * one does: upsample has how. fixed: (nodes) in: what the body fixes; out: and what follows, and what is followed by something fixed. Errors: MEMORY. */
 pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material, uint8_t *fixed);
@@ -192,7 +193,8 @@ pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene
 
 /* ---- cubes.c: the same of hexahedra on the coarse cubes. Errors: MEMORY, NUMERIC, CANCELLED. */
 pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
-                                      const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress);
+                                      const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
+                                      pliant_progress progress); /* kept: Nullable */
 
 /* ---- upsample.c */
 pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine, const pliant_kept *kept); /* kept: Nullable */

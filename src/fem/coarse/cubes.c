@@ -32,6 +32,8 @@ typedef struct cube_work {
     pliant_cube_shape *shapes;       /* (2) by parity */
     pliant_submesh_lists lists;      /* fine tetrahedra by element */
     int32_t linear;                  /* elements that fall apart */
+    const pliant_macros *earlier;    /* Nullable: of the body before */
+    int32_t *kept;                   /* (elements) 1 + the one before with the same stiffness; 0: none */
 } cube_work;
 
 /* what a thread needs besides its submesh */
@@ -308,6 +310,8 @@ static pliant_status make_element(cube_work *work, pliant_submesh *submesh, cube
         double gradients[12];
         macros->shear[element] += pliant_mesh_gradients(submesh->fine, list[t], gradients) * work->material[list[t]].mu;
     }
+    const int32_t was = work->kept && !macros->grounded[element] ? work->kept[element] : 0;
+    if (was > 0) return pliant_macros_copy_root(work->earlier, was - 1, macros, element);
     pliant_status status = pliant_submesh_load(submesh, count, list);
     if (status != PLIANT_OK) return status;
     return whole ? make_cube(work, submesh, room, element) : make_tet(work, submesh, element);
@@ -413,13 +417,41 @@ static pliant_status find_fine_cubes(cube_work *work)
     return PLIANT_OK;
 }
 
+/* Whole cubes that were not grounded, are made of the same coarse tetrahedra as before, and of fine ones that are kept: a cut that parts these
+ * parts their nodes. */
+static pliant_status find_kept(cube_work *work, const pliant_kept *kept)
+{
+    const pliant_system *system = work->system, *before = kept->before->system;
+    const pliant_macros *macros = system->macros, *earlier = work->earlier = before->macros;
+    const int32_t cells = system->mesh->cells[0] * system->mesh->cells[1] * system->mesh->cells[2];
+    int32_t *element = pliant_calloc((size_t)cells, sizeof *element), *fine = pliant_calloc((size_t)earlier->count, sizeof *fine);
+    if (element && fine) work->kept = pliant_calloc((size_t)macros->count, sizeof *work->kept);
+    for (int32_t e = 0; work->kept && e < earlier->count; e++)
+        if (earlier->start[e + 1] - earlier->start[e] == CORNERS && !earlier->grounded[e]) element[earlier->cell[e]] = e + 1;
+    const pliant_body *was = kept->before->body;
+    for (int32_t t = 0; work->kept && t < was->fine.num_tets; t++) { /* fine ones by the cube that they were in */
+        const int32_t e = element[was->coarse.lattice_of_tet[was->coarse_of_fine[t]] / 5];
+        if (e > 0) fine[e - 1]++;
+    }
+    for (int32_t e = 0; work->kept && e < macros->count; e++) {
+        const int32_t *list = work->lists.tets + work->lists.start[e], count = work->lists.start[e + 1] - work->lists.start[e];
+        const int32_t now = macros->start[e + 1] - macros->start[e] == CORNERS ? element[macros->cell[e]] : 0;
+        bool same = now > 0 && fine[now - 1] == count;
+        for (int32_t t = 0; same && t < count; t++) same = kept->fine[list[t]];
+        if (same) work->kept[e] = now;
+    }
+    pliant_free(element);
+    pliant_free(fine);
+    return work->kept ? PLIANT_OK : pliant_fail_memory("the coarse hexahedra");
+}
+
 /* coarse elements without stiffness, and which of them everything belongs to */
 static pliant_status find_elements(cube_work *work, const int32_t *coarse_of_fine)
 {
     pliant_system *system = work->system;
     const size_t tets = (size_t)system->mesh->num_tets, fine = (size_t)system->fine->num_tets;
     pliant_tet_material *none = pliant_calloc(tets, sizeof *none);
-    pliant_status status = none ? pliant_system_hexahedra(system, none) : pliant_fail_memory("the coarse hexahedra");
+    pliant_status status = none ? pliant_system_hexahedra(system, none, NULL, NULL) : pliant_fail_memory("the coarse hexahedra");
     pliant_free(none);
     if (status == PLIANT_OK) status = pliant_hexahedra_of_tets(system->mesh, system->macros, &work->element_of_tet);
     if (status != PLIANT_OK) return status;
@@ -433,7 +465,8 @@ static pliant_status find_elements(cube_work *work, const int32_t *coarse_of_fin
 }
 
 pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
-                                      const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress)
+                                      const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
+                                      pliant_progress progress)
 {
     cube_work work = {.system = system, .material = fine_material, .fixed = fine_fixed};
     pliant_status status = find_elements(&work, coarse_of_fine);
@@ -443,7 +476,8 @@ pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_mesh *
     if (status == PLIANT_OK) {
         system->upsample->still = fine_fixed;
         find_grounded(&work, coarse_fixed);
-        status = make_all(&work, progress);
+        if (kept) status = find_kept(&work, kept);
+        if (status == PLIANT_OK) status = make_all(&work, progress);
     }
     if (status == PLIANT_OK) status = ground(system->macros);
     if (status == PLIANT_OK) status = hold_empty(system, coarse_fixed);
@@ -451,7 +485,7 @@ pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_mesh *
         pliant_log(PLIANT_LOG_INFO, "homogenize: %d of %d coarse hexahedra hold loose fragments and follow their corners linearly", work.linear,
                    system->macros->count);
     pliant_submesh_lists_free(&work.lists);
-    void *blocks[] = {work.element_of_tet, work.element_of_fine, work.tet_of_element, work.cubes, work.cube_of_tet, work.shapes};
+    void *blocks[] = {work.element_of_tet, work.element_of_fine, work.tet_of_element, work.cubes, work.cube_of_tet, work.shapes, work.kept};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     return status;
 }

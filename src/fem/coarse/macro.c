@@ -269,21 +269,29 @@ double pliant_macro_operations(const pliant_system *system)
     return sum;
 }
 
-/* the trace of a diagonal block: of a cube that has the node twice, with what is between the two */
-double pliant_macro_mean_diagonal(const pliant_system *system)
+/* what a cube adds to the trace: where it has a node twice, with what is between the two */
+static double trace_of(const pliant_system *system, int32_t cube)
 {
     const pliant_macros *macros = system->macros;
+    const int32_t begin = macros->start[cube], end = macros->start[cube + 1], n = 3 * (end - begin);
     double sum = 0;
-    for (int32_t f = 0; f < system->num_free; f++)
-        for (int32_t e = system->corner_start[f]; e < system->corner_start[f + 1]; e++)
-            for (int32_t g = system->corner_start[f]; g < system->corner_start[f + 1]; g++) {
-                int32_t a = system->corner[e], b = system->corner[g], cube = macros->cube_of_corner[a], begin = macros->start[cube];
-                if (macros->cube_of_corner[b] != cube) continue;
-                size_t n = 3 * (size_t)(macros->start[cube + 1] - begin), at = 3 * (size_t)(a - begin), other = 3 * (size_t)(b - begin);
-                const float *row = macros->root[cube];
-                for (int32_t m = 0; m < macros->rank[cube]; m++, row += n)
-                    for (size_t d = 0; d < 3; d++) sum += (double)row[at + d] * row[other + d];
-            }
+    for (int32_t a = begin; a < end; a++) {
+        if (system->free_of_node[macros->node[a]] < 0) continue;
+        for (int32_t b = begin; b < end; b++) {
+            if (macros->node[b] != macros->node[a]) continue;
+            const float *at = macros->root[cube] + 3 * (a - begin), *other = macros->root[cube] + 3 * (b - begin);
+            for (int32_t m = 0; m < macros->rank[cube]; m++)
+                for (int32_t d = n * m; d < n * m + 3; d++) sum += (double)at[d] * other[d];
+        }
+    }
+    return sum;
+}
+
+double pliant_macro_mean_diagonal(const pliant_system *system)
+{
+    double sum = 0;
+    for (int32_t cube = 0; cube < system->macros->count; cube++)
+        if (system->macros->rank[cube] > 0) sum += trace_of(system, cube);
     return sum / (3.0 * system->num_free);
 }
 

@@ -5,6 +5,7 @@
  * over the five tetrahedra t of the cube, which carry the voxels' material: [H] 2.1 taken over a cube. What is not whole, beside a cut,
  * stays tetrahedra. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "fem/element/hexahedra.h"
 #include "fem/linear/dense.h"
 #include "fem/system.h"
@@ -171,11 +172,22 @@ static void integrate_slot(double x[CORNERS][3], const int corners[4], double *d
     }
 }
 
+/* where a corner is from the first one; as a lattice has it where no node was moved, so that its cubes are alike to the last bit */
+static void corner_of(const pliant_mesh *mesh, const pliant_cube *cube, int corner, double x[3])
+{
+    const bool alike = mesh->num_moved == 0 && !mesh->leaf_of_cell;
+    for (int d = 0; d < 3; d++) {
+        x[d] = alike ? 0 : mesh->rest[3 * cube->node[corner] + d] - mesh->rest[3 * cube->node[0] + d];
+        for (int axis = 0; alike && axis < 3; axis++)
+            if (corner >> axis & 1) x[d] += mesh->direction[3 * d + axis] * mesh->cell_size[axis];
+    }
+}
+
 void pliant_cube_integrate(const pliant_mesh *mesh, const pliant_cube *cube, int parity, pliant_cube_shape *out)
 {
     double x[CORNERS][3], whole = 0;
     memset(out, 0, sizeof *out);
-    for (int v = 0; v < CORNERS; v++) memcpy(x[v], mesh->rest + 3 * cube->node[v], sizeof x[v]);
+    for (int v = 0; v < CORNERS; v++) corner_of(mesh, cube, v, x[v]);
     for (int slot = 0; slot < 5; slot++) {
         int corners[4];
         pliant_mesh_slot_corners(parity, slot, corners);
@@ -295,9 +307,49 @@ pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t
     return good ? PLIANT_OK : pliant_fail_memory("the hexahedra");
 }
 
+/* Hexahedra of the body before, by cell. */
+typedef struct earlier_cubes {
+    const pliant_macros *macros;
+    const uint8_t *kept;      /* (tetrahedra) */
+    int32_t *element;         /* (cells) 1 + a hexahedron; 0: none */
+} earlier_cubes;
+
+static pliant_status list_earlier(const pliant_system *before, const uint8_t *kept, int32_t cells, earlier_cubes *out)
+{
+    *out = (earlier_cubes){.macros = before->macros, .kept = kept, .element = pliant_calloc((size_t)cells, sizeof *out->element)};
+    if (!out->element) return pliant_fail_memory("the hexahedra");
+    for (int32_t e = 0; e < out->macros->count; e++)
+        if (out->macros->start[e + 1] - out->macros->start[e] == CORNERS) out->element[out->macros->cell[e]] = e + 1;
+    return PLIANT_OK;
+}
+
+/* -1: there was none, or of another material */
+static int32_t find_earlier(const earlier_cubes *earlier, int32_t cell, const pliant_cube *cube)
+{
+    bool same = earlier->element[cell] > 0;
+    for (int slot = 0; slot < 5; slot++) same = same && earlier->kept[cube->tet[slot]];
+    return same ? earlier->element[cell] - 1 : -1;
+}
+
+pliant_status pliant_macros_copy_root(const pliant_macros *from, int32_t was, pliant_macros *macros, int32_t element)
+{
+    const size_t count = 3 * (size_t)from->rank[was] * (size_t)(from->start[was + 1] - from->start[was]);
+    macros->rank[element] = from->rank[was];
+    if (count > 0 && !(macros->root[element] = pliant_copy_of(from->root[was], count, sizeof **macros->root))) return pliant_fail_memory("the hexahedra");
+    return PLIANT_OK;
+}
+
+static pliant_status copy_hexahedron(const pliant_macros *from, int32_t was, const pliant_cube *cube, pliant_macros *macros, int32_t element)
+{
+    memcpy(macros->own + 8 * (size_t)element, cube->node, sizeof cube->node);
+    memcpy(macros->gradient + 24 * (size_t)element, from->gradient + 24 * (size_t)was, 24 * sizeof *macros->gradient);
+    macros->shear[element] = from->shear[was];
+    return pliant_macros_copy_root(from, was, macros, element);
+}
+
 /* first, next: the lists of list_tets; whole: (cells) */
 static pliant_status fill(pliant_system *system, const pliant_tet_material *material, const int32_t *first, const int32_t *next,
-                          const uint8_t *whole, int32_t cells)
+                          const uint8_t *whole, int32_t cells, const earlier_cubes *earlier)
 {
     const pliant_mesh *mesh = system->mesh;
     pliant_macros *macros = system->macros;
@@ -312,7 +364,9 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
             is_whole(mesh, cell, first[cell] - 1, next, &cube);
             if (!known[parity] || mesh->num_moved > 0) pliant_cube_integrate(mesh, &cube, parity, &shape[parity]);
             known[parity] = true;
-            status = add_hexahedron(material, &cube, &shape[parity], macros, element);
+            const int32_t was = earlier ? find_earlier(earlier, cell, &cube) : -1;
+            status = was >= 0 ? copy_hexahedron(earlier->macros, was, &cube, macros, element)
+                              : add_hexahedron(material, &cube, &shape[parity], macros, element);
             memcpy(macros->node + corner, cube.node, sizeof cube.node);
             corner += CORNERS;
             macros->cell[element] = cell;
@@ -330,7 +384,7 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
     return status;
 }
 
-pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material)
+pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept)
 {
     const pliant_mesh *mesh = system->mesh;
     const int32_t cells = mesh->cells[0] * mesh->cells[1] * mesh->cells[2];
@@ -348,7 +402,10 @@ pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_ma
     }
     if (status == PLIANT_OK && !(system->macros = pliant_calloc(1, sizeof *system->macros))) status = pliant_fail_memory("the hexahedra");
     if (status == PLIANT_OK) status = pliant_macros_allocate(system->macros, elements, corners);
-    if (status == PLIANT_OK) status = fill(system, material, first, next, whole, cells);
+    earlier_cubes earlier = {0};
+    if (status == PLIANT_OK && kept) status = list_earlier(before, kept, cells, &earlier);
+    if (status == PLIANT_OK) status = fill(system, material, first, next, whole, cells, kept ? &earlier : NULL);
+    pliant_free(earlier.element);
     system->num_blocks = (int32_t)((corners + 4 * LANES - 1) / (4 * LANES)); /* for forces of four corners a lane, and a rotation a lane */
     pliant_free(first);
     pliant_free(count);

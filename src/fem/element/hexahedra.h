@@ -34,6 +34,8 @@ double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube 
 pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners);
 /* The stiffness of one of them, (unknowns x unknowns). Errors: MEMORY. */
 pliant_status pliant_macros_keep(pliant_macros *macros, int32_t element, int32_t unknowns, const double *stiffness);
+/* That of an element of other ones, with as many corners. Errors: MEMORY. */
+pliant_status pliant_macros_copy_root(const pliant_macros *from, int32_t was, pliant_macros *macros, int32_t element);
 /* Consistent masses: of whole cubes what they weigh at their corners by the shape functions, of other tetrahedra a fourth: mass (num_nodes) [kg].
  * Errors: MEMORY. */
 pliant_status pliant_hexahedra_masses(const pliant_mesh *mesh, const pliant_tet_material *material, double *mass);

@@ -78,8 +78,12 @@ pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_syste
 {
     const int32_t *node = map->coarse_node ? map->coarse_node : map->node, *tet = map->coarse_node ? map->coarse_tet : map->tet;
     pliant_solver *solver = NULL;
-    pliant_status status = system->macros ? pliant_solver_create(scene, system, &solver) : pliant_solver_create_without(scene, system, rests, &solver);
+    pliant_status status = pliant_solver_create_without(scene, system, rests && !system->macros, &solver);
     if (status != PLIANT_OK) return status;
+    if (system->macros && (status = pliant_solver_reset(solver)) != PLIANT_OK) {
+        pliant_solver_free(solver);
+        return status;
+    }
     carry_limits(solver, from);
     if (!map->coarse_node) pliant_body_map_vectors(map, from->now.x, solver->now.x); /* also where the next body holds what moved before */
     for (int32_t n = 0; map->coarse_node && n < system->mesh->num_nodes; n++)
