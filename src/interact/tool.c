@@ -114,7 +114,7 @@ pliant_status pliant_tool_set_mass(pliant_data *data, int tool, double mass)
 
 /* ---- taking hold */
 
-enum { BLOB_POINTS = 9 }; /* along the diameter of the blob */
+enum { BLOB_POINTS = 9, MOST_POINTS = BLOB_POINTS * BLOB_POINTS * BLOB_POINTS }; /* along the diameter of the blob; in the box around it */
 
 /* whether a tetrahedron at load is in fragments, or gave voxels away */
 static bool is_cut(const pliant_cuts *cuts, int32_t tet)
@@ -128,37 +128,58 @@ static bool is_cut(const pliant_cuts *cuts, int32_t tet)
     return cuts && low < cuts->num_tets && cuts->tet[low] == tet;
 }
 
-/* the tetrahedron at a rest point, of fragments the one whose voxels are there; -1: none */
-static int32_t find_tet(const pliant_body *body, const double rest[3], double barycentric[4])
+/* what points at rest are in, and how */
+typedef struct rest_points {
+    int32_t count;
+    double at[3 * MOST_POINTS], weight[4 * MOST_POINTS];
+    int32_t tet[MOST_POINTS];   /* -1: no tissue there */
+} rest_points;
+
+/* The tetrahedra at rest points, of fragments those whose voxels are there: what is cut is looked for in the whole mesh, once for all. */
+static void find_tets(const pliant_body *body, rest_points *points)
 {
-    int32_t tet = pliant_mesh_locate(&body->fine, rest, barycentric);
-    const bool elsewhere = tet < 0 && body->subdivision && body->tet_parent; /* perhaps in what was appended */
-    if (!elsewhere && (tet < 0 || !is_cut(body->cuts, tet))) return tet; /* the other search goes through the whole mesh */
-    return pliant_body_locate(body, body->fine.rest, rest, &tet, barycentric) ? tet : -1;
+    rest_points open = {0};
+    int32_t place[MOST_POINTS];
+    for (int32_t p = 0; p < points->count; p++) {
+        int32_t tet = points->tet[p] = pliant_mesh_locate(&body->fine, points->at + 3 * p, points->weight + 4 * p);
+        const bool elsewhere = tet < 0 && body->subdivision && body->tet_parent; /* perhaps in what was appended */
+        if (!elsewhere && (tet < 0 || !is_cut(body->cuts, tet))) continue;
+        memcpy(open.at + 3 * open.count, points->at + 3 * p, 3 * sizeof *open.at);
+        place[open.count++] = p;
+    }
+    if (open.count > 0) pliant_body_locate_points(body, body->fine.rest, open.count, open.at, open.tet, open.weight);
+    for (int32_t o = 0; o < open.count; o++) {
+        points->tet[place[o]] = open.tet[o];
+        memcpy(points->weight + 4 * place[o], open.weight + 4 * o, 4 * sizeof *open.weight);
+    }
 }
 
-/* weights of the fine nodes at one rest point, added up; false: no tissue there */
-static bool add_point(const pliant_body *body, const double rest[3], double *weights)
+/* weights of the fine nodes at rest points, added up; how many are in tissue */
+static int32_t add_points(const pliant_body *body, rest_points *points, double *weights)
 {
-    double barycentric[4];
-    int32_t tet = find_tet(body, rest, barycentric);
-    if (tet < 0) return false;
-    for (int v = 0; v < 4; v++) weights[body->fine.tets[4 * tet + v]] += barycentric[v];
-    return true;
-}
-
-static int blob_weights(const pliant_body *body, const double centre[3], double radius, double *weights)
-{
-    int inside = 0;
-    for (int k = 0; k < BLOB_POINTS; k++)
-        for (int j = 0; j < BLOB_POINTS; j++)
-            for (int i = 0; i < BLOB_POINTS; i++) {
-                double unit[3] = {2.0 * i / (BLOB_POINTS - 1) - 1, 2.0 * j / (BLOB_POINTS - 1) - 1, 2.0 * k / (BLOB_POINTS - 1) - 1};
-                if (unit[0] * unit[0] + unit[1] * unit[1] + unit[2] * unit[2] > 1 + 1e-9) continue;
-                double point[3] = {centre[0] + radius * unit[0], centre[1] + radius * unit[1], centre[2] + radius * unit[2]};
-                inside += add_point(body, point, weights);
-            }
+    int32_t inside = 0;
+    find_tets(body, points);
+    for (int32_t p = 0; p < points->count; p++) {
+        if (points->tet[p] < 0) continue;
+        inside++;
+        for (int v = 0; v < 4; v++) weights[body->fine.tets[4 * points->tet[p] + v]] += points->weight[4 * p + v];
+    }
     return inside;
+}
+
+/* a grid of points in a ball; of no radius its centre */
+static void list_points(const double centre[3], double radius, rest_points *out)
+{
+    out->count = radius > 0 ? 0 : 1;
+    memcpy(out->at, centre, 3 * sizeof *centre);
+    for (int n = 0; radius > 0 && n < MOST_POINTS; n++) {
+        const int at[3] = {n % BLOB_POINTS, n / BLOB_POINTS % BLOB_POINTS, n / BLOB_POINTS / BLOB_POINTS};
+        double unit[3];
+        for (int d = 0; d < 3; d++) unit[d] = 2.0 * at[d] / (BLOB_POINTS - 1) - 1;
+        if (unit[0] * unit[0] + unit[1] * unit[1] + unit[2] * unit[2] > 1 + 1e-9) continue;
+        for (int d = 0; d < 3; d++) out->at[3 * out->count + d] = centre[d] + radius * unit[d];
+        out->count++;
+    }
 }
 
 /* Nothing to hold at a point: where the tissue is, and whether millimetres were meant. */
@@ -188,9 +209,9 @@ static pliant_status list_held(const pliant_body *body, const pliant_tool *tool,
     if (!weights) return pliant_fail_memory("a tool's hold");
     int32_t count = 0, *held = NULL;
     double *weight = NULL;
-    pliant_status status = PLIANT_OK;
-    if (!(radius > 0 ? blob_weights(body, centre, radius, weights) > 0 : add_point(body, centre, weights)))
-        status = fail_no_tissue(mesh, tool->name, centre);
+    rest_points points;
+    list_points(centre, radius, &points);
+    pliant_status status = add_points(body, &points, weights) > 0 ? PLIANT_OK : fail_no_tissue(mesh, tool->name, centre);
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
         count += weights[n] != 0;
         total += weights[n];

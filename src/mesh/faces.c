@@ -32,24 +32,25 @@ static bool fragments_of_one(const pliant_mesh *mesh, int32_t a, int32_t b)
     return mesh->lattice_of_node[mesh->tets[a]] == mesh->lattice_of_node[mesh->tets[b]];
 }
 
-/* Faces are put in buckets by their smallest node, in order; only a few share one, so that they are found by comparing. */
-static pliant_status pair_faces(const pliant_mesh *mesh, const int32_t *faces, int32_t count, int32_t *neighbours)
+/* A face in the bucket of its smallest node, and its other two, ascending. */
+typedef struct listed_face {
+    int32_t face, second, third;
+} listed_face;
+
+/* Few faces share a bucket, in which they are in order: they are found by comparing. */
+static pliant_status pair_faces(const pliant_mesh *mesh, const listed_face *faces, int32_t count, int32_t smallest, int32_t *neighbours)
 {
-    int32_t key[3], other[3];
-    for (int32_t a = 0; a < count; a++) {
-        sorted_face(mesh->tets + 4 * (faces[a] / 4), faces[a] % 4, key);
-        bool up = runs_up(mesh->tets + 4 * (faces[a] / 4), faces[a] % 4);
+    for (int32_t a = 0; a < count; a++)
         for (int32_t b = 0; b < count; b++) {
-            sorted_face(mesh->tets + 4 * (faces[b] / 4), faces[b] % 4, other);
-            if (b == a || memcmp(key, other, sizeof key) != 0) continue;
-            if (up != runs_up(mesh->tets + 4 * (faces[b] / 4), faces[b] % 4)) {
-                if (neighbours[faces[a]] < 0) neighbours[faces[a]] = faces[b] / 4;
-            } else if (!fragments_of_one(mesh, faces[a], faces[b])) {
-                return pliant_fail(PLIANT_ERROR_FORMAT, "tetrahedra %d and %d are on one side of the face %d %d %d", faces[a] / 4, faces[b] / 4,
-                                   key[0], key[1], key[2]);
+            if (faces[b].second != faces[a].second || faces[b].third != faces[a].third || b == a) continue;
+            const int32_t one = faces[a].face, other = faces[b].face;
+            if (runs_up(mesh->tets + 4 * (one / 4), one % 4) != runs_up(mesh->tets + 4 * (other / 4), other % 4)) {
+                if (neighbours[one] < 0) neighbours[one] = other / 4;
+            } else if (!fragments_of_one(mesh, one, other)) {
+                return pliant_fail(PLIANT_ERROR_FORMAT, "tetrahedra %d and %d are on one side of the face %d %d %d", one / 4, other / 4, smallest,
+                                   faces[a].second, faces[a].third);
             }
         }
-    }
     return PLIANT_OK;
 }
 
@@ -57,7 +58,7 @@ pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbour
 {
     int32_t num_faces = 4 * mesh->num_tets;
     int32_t *start = pliant_calloc((size_t)mesh->num_nodes + 2, sizeof *start);
-    int32_t *faces = pliant_calloc((size_t)num_faces, sizeof *faces);
+    listed_face *faces = pliant_calloc((size_t)num_faces, sizeof *faces);
     pliant_status status = start && faces ? PLIANT_OK : pliant_fail_memory("the faces of the mesh");
     int32_t key[3];
     for (int32_t f = 0; status == PLIANT_OK && f < num_faces; f++) {
@@ -67,11 +68,11 @@ pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbour
     for (int32_t n = 0; status == PLIANT_OK && n < mesh->num_nodes; n++) start[n + 2] += start[n + 1];
     for (int32_t f = 0; status == PLIANT_OK && f < num_faces; f++) {
         sorted_face(mesh->tets + 4 * (f / 4), f % 4, key);
-        faces[start[key[0] + 1]++] = f;
+        faces[start[key[0] + 1]++] = (listed_face){f, key[1], key[2]};
     }
     memset(neighbours, 0xff, (size_t)num_faces * sizeof *neighbours);
     for (int32_t n = 0; n < mesh->num_nodes && status == PLIANT_OK; n++)
-        status = pair_faces(mesh, faces + start[n], start[n + 1] - start[n], neighbours);
+        status = pair_faces(mesh, faces + start[n], start[n + 1] - start[n], n, neighbours);
     pliant_free(start);
     pliant_free(faces);
     return status;
