@@ -250,6 +250,43 @@ TEST(ContactSolver, WrenchOfAToolIsTheReaction)
     EXPECT_EQ(state.contact_force[2], 0);
 }
 
+// A tool goes on pressing while the block under it is cut through: what is fixed holds the pieces, and the tool stays outside.
+TEST(ContactSolver, GoesOnAfterACut)
+{
+    Block block(8, 4, 0.3);
+    block.scene.cut.kind = PLIANT_CUT_SEVER;
+    block.scene.solver.refresh_interval = 2;
+    block.fix_below();
+    ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+    pliant_data *data = block.data;
+    int tool;
+    pliant_tool_shape shape{};
+    shape.num_parts = 1;
+    shape.part[0].kind = PLIANT_PART_SPHERE;
+    shape.part[0].radius = 0.03;
+    ASSERT_EQ(pliant_tool_add(block.model, data, "probe", &tool), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_shape(data, tool, &shape), PLIANT_OK) << pliant_last_error();
+    double force[2] = {0, 0};
+    for (int s = 0; s < 16; s++) {
+        const double tip[3] = {0.06, 0.06, block.height + 0.03 - 0.001 * std::min(s, 6)};
+        ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_GE(pliant_step(block.model, data), 0) << pliant_last_error();
+        pliant_tool_state state;
+        ASSERT_EQ(pliant_tool_get(data, tool, &state), PLIANT_OK);
+        if (s == 7 || s == 8 || s == 14 || s == 15) force[s > 8] -= 0.5 * state.contact_force[2]; // two, as points move on their triangles
+        if (s == 8) {
+            const double line[6] = {0.052, -0.01, 0.07, 0.052, 0.13, 0.07}, depth[3] = {0, 0, -0.045};
+            pliant_cut_report report;
+            ASSERT_EQ(pliant_data_cut(block.model, data, 2, line, depth, &report), PLIANT_OK) << pliant_last_error();
+            ASSERT_GT(report.area, 0.003);
+        }
+        EXPECT_LT(data->statistics.penetration, 1e-5) << s;
+    }
+    EXPECT_GT(data->statistics.contacts, 3);
+    EXPECT_GT(force[1], 0.3 * force[0]);
+    EXPECT_LT(force[1], 0.98 * force[0]); // what is cut gives way
+}
+
 // The same input gives the same bits, with one thread or two.
 TEST(ContactSolver, SameBits)
 {

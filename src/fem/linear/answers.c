@@ -9,7 +9,6 @@ void pliant_answers_free(pliant_answers *answers)
 {
     pliant_free(answers->slot);
     pliant_free(answers->unknown);
-    pliant_free(answers->of);
     pliant_free(answers->block);
     pliant_free(answers->column);
     memset(answers, 0, sizeof *answers);
@@ -34,35 +33,30 @@ static pliant_status make_room(pliant_answers *answers, int32_t count, const int
 {
     const int32_t least = 32, room = 2 * count > least ? 2 * count : least;
     int32_t *kept = pliant_calloc((size_t)room, sizeof *kept), num_kept = 0;
-    uint64_t *of = pliant_calloc((size_t)room, sizeof *of);
     double *block = pliant_calloc((size_t)room * (size_t)room, 9 * sizeof *block);
-    if (!kept || !of || !block) {
+    if (!kept || !block) {
         pliant_free(kept);
-        pliant_free(of);
         pliant_free(block);
         return pliant_fail_memory("answers to contact");
     }
     for (int32_t i = 0; i < count; i++)
         if (answers->slot[unknown[i]] >= 0) kept[num_kept++] = unknown[i];
     for (int32_t a = 0; a < num_kept; a++) {
-        of[a] = answers->of[answers->slot[kept[a]]];
         for (int32_t b = 0; b < num_kept; b++)
             memcpy(block + 9 * ((size_t)a * (size_t)room + (size_t)b), pliant_answer(answers, kept[a], kept[b]), 9 * sizeof *block);
     }
     for (int32_t s = 0; s < answers->count; s++) answers->slot[answers->unknown[s]] = -1;
     for (int32_t a = 0; a < num_kept; a++) answers->slot[kept[a]] = a;
     pliant_free(answers->unknown);
-    pliant_free(answers->of);
     pliant_free(answers->block);
     answers->unknown = kept;
-    answers->of = of;
     answers->block = block;
     answers->count = num_kept;
     answers->room = room;
     return PLIANT_OK;
 }
 
-static pliant_status find_column(pliant_answers *answers, pliant_preconditioner *preconditioner, uint64_t serial, int32_t slot)
+static pliant_status find_column(pliant_answers *answers, pliant_preconditioner *preconditioner, int32_t slot)
 {
     const size_t n = 3 * (size_t)answers->num_free, room = (size_t)answers->room, s = (size_t)slot;
     memset(answers->column, 0, 3 * n * sizeof *answers->column);
@@ -74,13 +68,20 @@ static pliant_status find_column(pliant_answers *answers, pliant_preconditioner 
             for (size_t c = 0; c < 3; c++)
                 answers->block[9 * (b * room + s) + 3 * r + c] = answers->block[9 * (s * room + b) + 3 * c + r] =
                     answers->column[n * c + 3 * (size_t)answers->unknown[b] + r];
-    answers->of[slot] = serial;
     return PLIANT_OK;
 }
 
-pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, uint64_t serial, int32_t count, const int32_t *unknown,
-                                  int32_t most)
+/* of a preconditioner before: nothing is known */
+static void forget(pliant_answers *answers)
 {
+    for (int32_t s = 0; s < answers->count; s++) answers->slot[answers->unknown[s]] = -1;
+    answers->count = 0;
+}
+
+pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, uint64_t serial, int32_t count, const int32_t *unknown)
+{
+    if (serial != answers->serial) forget(answers);
+    answers->serial = serial;
     int32_t missing = 0;
     for (int32_t i = 0; i < count; i++) missing += answers->slot[unknown[i]] < 0;
     pliant_status status = answers->count + missing > answers->room ? make_room(answers, count, unknown) : PLIANT_OK;
@@ -89,19 +90,10 @@ pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner
         const int32_t slot = answers->count++;
         answers->unknown[slot] = unknown[i];
         answers->slot[unknown[i]] = slot;
-        status = find_column(answers, preconditioner, serial, slot);
+        status = find_column(answers, preconditioner, slot);
         if (status == PLIANT_OK) continue;
         answers->slot[unknown[i]] = -1;
         answers->count--;
-    }
-    for (; most > 0 && status == PLIANT_OK; most--) {
-        int32_t oldest = -1;
-        for (int32_t i = 0; i < count; i++) {
-            const int32_t slot = answers->slot[unknown[i]];
-            if (answers->of[slot] != serial && (oldest < 0 || answers->of[slot] < answers->of[oldest])) oldest = slot;
-        }
-        if (oldest < 0) break;
-        status = find_column(answers, preconditioner, serial, oldest);
     }
     return status;
 }

@@ -345,7 +345,11 @@ pliant_status pliant_touches_respond(pliant_solver *solver)
         touches->touched[num_touched++] = touches->unknown[w];
     }
     for (int32_t i = 0; i < num_touched; i++) touches->seen[touches->touched[i]] = 0;
-    pliant_status status = pliant_answers_find(&touches->answers, solver->preconditioner, solver->factor_serial, num_touched, touches->touched, num_touched);
+    /* one that is carried over from the body before is another in every step */
+    if (solver->preconditioner != touches->of || touches->of_factor != solver->factor_serial || pliant_preconditioner_base(solver->preconditioner)) touches->serial++;
+    touches->of = solver->preconditioner;
+    touches->of_factor = solver->factor_serial;
+    pliant_status status = pliant_answers_find(&touches->answers, solver->preconditioner, touches->serial, num_touched, touches->touched);
     if (status != PLIANT_OK) return status;
     int tool[PLIANT_MAX_TOOLS];
     const int num_tools = springs_of(solver, tool);

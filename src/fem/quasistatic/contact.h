@@ -2,8 +2,8 @@
  *
  * At a state x with forces l the residual is r = load + W' l - f_int(x). The step without a change of the forces is g0 = K0^-1 r; forces
  * l + dl are those that keep the points x + g0 + U dl out of the obstacles, by the rules of Signorini and Coulomb (cones.h), with
- * A = W U for what a change moves; then the step is g = K0^-1 (r + W' dl). With U = K0^-1 W' it ends where the obstacles are touched; with
- * another, steps converge to the same state, since nothing of U is left where g = 0 and dl = 0. So A may be of an older factor. */
+ * A = W U for what a change moves; then the step is g = K0^-1 (r + W' dl). Since U = K0^-1 W', it ends where the obstacles are touched. All of A is of one
+ * factor: of two, it is not positive, and steps go astray (NUMERICS 14). */
 #ifndef PLIANT_FEM_QUASISTATIC_CONTACT_H
 #define PLIANT_FEM_QUASISTATIC_CONTACT_H
 
@@ -42,6 +42,8 @@ struct pliant_touches {
     double *change;        /* (room x 3) dl of that */
     /* ANSWERS */
     pliant_answers answers;
+    const pliant_preconditioner *of; /* that they are of */
+    uint64_t of_factor, serial; /* how many there were */
     int32_t *touched;      /* (num_free) unknowns that points are moved by, in the order of points */
     uint8_t *seen;         /* (num_free) room */
     double *matrix;        /* A, tools' springs after the points; (rows x rows) */

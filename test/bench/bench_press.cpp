@@ -1,0 +1,148 @@
+// Six spheres pressed into the front of the belly and drawn along it, fine corotational: what contact costs a frame, how deep tissue lies in
+// them, and the forces against the same frames solved tightly.
+//
+//   bench_press FOLDER [group/name=value ...]     the test data; OMP_NUM_THREADS=1 for CPU time of one thread
+#include "frames.h"
+
+#include "pliant/contact.h"
+#include "pliant/memory.h"
+
+#include <array>
+#include <ctime>
+
+namespace {
+
+enum { TOOLS = 6, PRESS = 5, SLIDE = 10, REST = 4, FRAMES = PRESS + SLIDE + REST };
+const double radius = 0.008, speed = 0.1;
+
+struct Run {
+    std::vector<std::array<double, 3>> force; // (frames x tools) on the tissue
+    double contact = 0, solve = 0, deepest = 0;
+    int32_t evaluations = 0, most_contacts = 0, refused = 0;
+};
+
+// of this thread: that of the others is background
+double cpu()
+{
+    timespec now;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return double(now.tv_sec) + 1e-9 * double(now.tv_nsec);
+}
+
+// the foremost node of the surface near x, z
+void front_of(const pliant_body &body, double x, double z, double out[3])
+{
+    double best = 1e9;
+    for (int32_t i = 0; i < 3 * body.num_triangles; i++) {
+        const double *at = body.fine.rest + 3 * body.triangles[i];
+        const double apart = std::hypot(at[0] - x, at[2] - z);
+        if (apart > 0.02 || at[1] + 0.5 * apart > best) continue;
+        best = at[1] + 0.5 * apart;
+        std::copy(at, at + 3, out);
+    }
+}
+
+Run press(const pliant_model *model, const double middle[3], int iterations, double tolerance, int settle)
+{
+    Run run;
+    pliant_data *data = nullptr;
+    check(pliant_data_create(model, &data));
+    check(pliant_data_set_limits(data, iterations, tolerance));
+    pliant_tool_shape shape{};
+    shape.num_parts = 1;
+    shape.part[0].kind = PLIANT_PART_SPHERE;
+    shape.part[0].radius = radius;
+    double start[TOOLS][3];
+    for (int t = 0; t < TOOLS; t++) {
+        int tool;
+        check(pliant_tool_add(model, data, ("probe" + std::to_string(t)).c_str(), &tool));
+        check(pliant_tool_set_shape(data, tool, &shape));
+        front_of(*model->body, middle[0] + 0.04 * (t % 3 - 1), middle[2] + 0.04 * (t / 3 - 0.5), start[t]);
+        start[t][1] -= radius + 0.001;
+    }
+    const double step = pliant_model_get_scene(model)->solver.step;
+    for (int frame = 0; frame < FRAMES; frame++) {
+        const double in = speed * step * std::min(frame, int(PRESS)), along = 0.3 * speed * step * std::max(0, std::min(frame - PRESS, int(SLIDE)));
+        for (int t = 0; t < TOOLS; t++) {
+            const double tip[3] = {start[t][0] + along, start[t][1] + in, start[t][2]};
+            check(pliant_tool_set_pose(data, t, tip, nullptr));
+        }
+        for (int s = 0; s <= settle; s++) {
+            const pliant_status status = pliant_step(model, data);
+            check(status);
+            if (status == PLIANT_OK) break;
+        }
+        const pliant_statistics *told = pliant_data_get_statistics(data);
+        run.contact += told->seconds[PLIANT_STEP_contact];
+        run.solve += told->seconds[PLIANT_STEP_solve];
+        run.evaluations += told->iterations;
+        run.most_contacts = std::max(run.most_contacts, told->contacts);
+        run.deepest = std::max(run.deepest, told->penetration);
+        run.refused = int32_t(told->rejected);
+        for (int t = 0; t < TOOLS; t++) {
+            pliant_tool_state state;
+            check(pliant_tool_get(data, t, &state));
+            run.force.push_back({state.contact_force[0], state.contact_force[1], state.contact_force[2]});
+        }
+    }
+    pliant_data_free(data);
+    return run;
+}
+
+double length(const std::array<double, 3> &f) { return std::sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]); }
+
+} // namespace
+
+int main(int argc, char **argv)
+{
+    if (argc < 2) {
+        std::fprintf(stderr, "usage: bench_press FOLDER [group/name=value ...]\n");
+        return 2;
+    }
+    Inputs inputs;
+    const std::string scan = inputs.set_abdomen(argv[1]);
+    inputs.scene.mesh.keep_air = false;
+    inputs.scene.model.method = PLIANT_FINE;
+    inputs.set_options(argc, argv, 2);
+    inputs.read(scan);
+    const double middle[3] = {-0.03, 0, 0.39};
+    pliant_model *model = inputs.build();
+    std::printf("%d tetrahedra, %d nodes, frames of %g ms\n", model->body->fine.num_tets, model->body->fine.num_nodes, 1e3 * inputs.scene.solver.step);
+    { // the same solver without contact: gravity that turns
+        pliant_data *data = nullptr;
+        check(pliant_data_create(model, &data));
+        check(pliant_data_set_limits(data, 6, 1e-9));
+        double seconds = 0, used = cpu();
+        int32_t evaluations = 0;
+        for (int s = 0; s < 20; s++) {
+            const double gravity[3] = {9.81 * std::sin(0.05 * s), 9.81 * std::cos(0.05 * s), 0};
+            check(pliant_data_set_gravity(data, gravity));
+            check(pliant_step(model, data));
+            seconds += pliant_data_get_statistics(data)->seconds[PLIANT_STEP_solve];
+            evaluations += pliant_data_get_statistics(data)->iterations;
+        }
+        std::printf("without contact: %.2f ms an evaluation, %.2f ms a frame (CPU %.2f)\n", 1e3 * seconds / evaluations, 1e3 * seconds / 20, 1e3 * (cpu() - used) / 20);
+        pliant_data_free(data);
+    }
+    const Run exact = press(model, middle, 100, 1e-6, 10);
+    double most = 0;
+    for (const auto &f : exact.force) most = std::max(most, length(f));
+    std::printf("tightly: largest force of a tool %.3f N, deepest %.4f mm, up to %d contacts\n", most, 1e3 * exact.deepest, exact.most_contacts);
+    for (int iterations : {3, 4, 6, 10}) {
+        const double used = cpu();
+        const Run run = press(model, middle, iterations, 1e-9, 0);
+        const double spent = cpu() - used;
+        std::vector<double> errors;
+        for (size_t f = 0; f < run.force.size(); f++) {
+            std::array<double, 3> apart;
+            for (int d = 0; d < 3; d++) apart[d] = run.force[f][d] - exact.force[f][d];
+            if (length(exact.force[f]) > 0.05 * most) errors.push_back(100 * length(apart) / length(exact.force[f]));
+        }
+        std::sort(errors.begin(), errors.end());
+        std::printf("%2d iterations: solve %.2f ms a frame (%.2f an evaluation), contact stage %.2f, CPU %.2f; deepest %.4f mm; force off by %.2f %% (median), %.2f (95 %%), %.2f (worst); refused %d\n",
+                    iterations, 1e3 * run.solve / FRAMES, 1e3 * run.solve / run.evaluations, 1e3 * run.contact / FRAMES, 1e3 * spent / FRAMES, 1e3 * run.deepest,
+                    errors[errors.size() / 2], errors[errors.size() * 95 / 100], errors.back(), run.refused);
+    }
+    pliant_model_free(model);
+    return 0;
+}
