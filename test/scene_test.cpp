@@ -106,7 +106,14 @@ TEST(scene, reads_every_kind_and_keeps_what_is_not_named)
                                 "fixed:\n"
                                 "  boxes: [{low: [0, 0, 0], high: [1, 2, 3]}, {low: [-1, -1, -1], high: [0, 0, 0]}]\n"
                                 "  planes:\n"
-                                "    - {point: [0, 0.1, 0], normal: [0, -1, 0]}\n");
+                                "    - {point: [0, 0.1, 0], normal: [0, -1, 0]}\n"
+                                "obstacles:\n"
+                                "  planes: [{point: [0, 0, 0.2], normal: [0, 0, 1]}]\n"
+                                "  boxes: [{low: [0, 0, 0.5], high: [1, 2, 3]}]\n");
+    ASSERT_EQ(scene.obstacles.num_boxes, 1u);
+    ASSERT_EQ(scene.obstacles.num_planes, 1u);
+    EXPECT_EQ(scene.obstacles.boxes[0].low[2], 0.5);
+    EXPECT_EQ(scene.obstacles.planes[0].point[2], 0.2);
     EXPECT_EQ(scene.mesh.coarse_cells[0], 12);
     EXPECT_EQ(scene.mesh.coarse_cells[2], 5);
     EXPECT_EQ(scene.mesh.ratio, 3);
@@ -161,6 +168,9 @@ TEST(scene, errors_name_file_line_field_value_and_range)
     refused("fixed: {planes: [{point: [0, 0, 0], normal: [1e200, 0, 1e200]}]}\n", PLIANT_ERROR_SCENE,
             {"planes", "finite"});
     refused("fixed: {planes: [{point: [0, 0, 0]}]}\n", PLIANT_ERROR_FORMAT, {"line 1", "normal"});
+    refused("fixed:\n  boxes: [{low: [0, 0, 0], high: [1, 1, 1]}]\nobstacles:\n  boxes:\n    - {low: [0, 0, 0], high: [1, 0, 1]}\n", PLIANT_ERROR_SCENE,
+            {"line 5", "obstacles/boxes/low", "axis 1"});
+    refused("obstacles: {spheres: []}\n", PLIANT_ERROR_FORMAT, {"line 1", "spheres"});
     refused("mesh: [\n", PLIANT_ERROR_FORMAT, {"line 1"});
     refused("- 1\n", PLIANT_ERROR_FORMAT, {"MAPPING"});
 }

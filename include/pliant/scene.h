@@ -180,10 +180,17 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     G(output, PLIANT_SCENE_OUTPUT)
 
 enum { PLIANT_MAX_FIXED = 32 };
-/** Nodes inside an axis-parallel box do not move. [m], LPS. */
+/** An axis-parallel box. [m], LPS. */
 typedef struct pliant_fixed_box { double low[3], high[3]; } pliant_fixed_box;
-/** Nodes with normal . (x - point) <= 0 do not move. [m], LPS. */
+/** What lies behind a plane: normal . (x - point) <= 0. [m], LPS. */
 typedef struct pliant_fixed_plane { double point[3], normal[3]; } pliant_fixed_plane;
+
+typedef struct pliant_regions {
+    pliant_fixed_box boxes[PLIANT_MAX_FIXED];
+    uint32_t num_boxes;
+    pliant_fixed_plane planes[PLIANT_MAX_FIXED];
+    uint32_t num_planes;
+} pliant_regions;
 
 typedef struct pliant_scene {
 #define PLIANT_SCENE_FIELD(kind, name, value, low, high, unit, text) PLIANT_DECLARE_##kind(name)
@@ -191,12 +198,8 @@ typedef struct pliant_scene {
     PLIANT_SCENE_GROUPS(PLIANT_SCENE_GROUP)
 #undef PLIANT_SCENE_FIELD
 #undef PLIANT_SCENE_GROUP
-    struct {
-        pliant_fixed_box boxes[PLIANT_MAX_FIXED];
-        uint32_t num_boxes;
-        pliant_fixed_plane planes[PLIANT_MAX_FIXED];
-        uint32_t num_planes;
-    } fixed;
+    pliant_regions fixed;     /**< nodes in them do not move */
+    pliant_regions obstacles; /**< tissue stays out of them, and slides along with contact/friction */
 } pliant_scene;
 
 /** Every option at its default. */

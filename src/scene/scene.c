@@ -71,17 +71,17 @@ const char *pliant_fixed_plane_check(const pliant_fixed_plane *plane, char *reas
     return reason;
 }
 
-static pliant_status check_fixed(const pliant_scene *scene)
+static pliant_status check_regions(const pliant_regions *regions, const char *name)
 {
     char reason[REASON_SIZE];
-    if (scene->fixed.num_boxes > PLIANT_MAX_FIXED || scene->fixed.num_planes > PLIANT_MAX_FIXED)
-        return pliant_fail(PLIANT_ERROR_SCENE, "fixed: more than %d boxes or planes", PLIANT_MAX_FIXED);
-    for (uint32_t i = 0; i < scene->fixed.num_boxes; ++i)
-        if (pliant_fixed_box_check(&scene->fixed.boxes[i], reason, sizeof reason))
-            return pliant_fail(PLIANT_ERROR_SCENE, "fixed/boxes: number %u: %s", i + 1, reason);
-    for (uint32_t i = 0; i < scene->fixed.num_planes; ++i)
-        if (pliant_fixed_plane_check(&scene->fixed.planes[i], reason, sizeof reason))
-            return pliant_fail(PLIANT_ERROR_SCENE, "fixed/planes: number %u: %s", i + 1, reason);
+    if (regions->num_boxes > PLIANT_MAX_FIXED || regions->num_planes > PLIANT_MAX_FIXED)
+        return pliant_fail(PLIANT_ERROR_SCENE, "%s: more than %d boxes or planes", name, PLIANT_MAX_FIXED);
+    for (uint32_t i = 0; i < regions->num_boxes; ++i)
+        if (pliant_fixed_box_check(&regions->boxes[i], reason, sizeof reason))
+            return pliant_fail(PLIANT_ERROR_SCENE, "%s/boxes: number %u: %s", name, i + 1, reason);
+    for (uint32_t i = 0; i < regions->num_planes; ++i)
+        if (pliant_fixed_plane_check(&regions->planes[i], reason, sizeof reason))
+            return pliant_fail(PLIANT_ERROR_SCENE, "%s/planes: number %u: %s", name, i + 1, reason);
     return PLIANT_OK;
 }
 
@@ -123,5 +123,6 @@ pliant_status pliant_scene_check(const pliant_scene *scene)
     for (size_t i = 0; i < count; ++i)
         if (pliant_option_check(&options[i], scene, reason, sizeof reason))
             return pliant_fail(PLIANT_ERROR_SCENE, "%s/%s: %s", options[i].group, options[i].name, reason);
-    return check_fixed(scene);
+    pliant_status status = check_regions(&scene->fixed, "fixed");
+    return status == PLIANT_OK ? check_regions(&scene->obstacles, "obstacles") : status;
 }

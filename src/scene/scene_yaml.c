@@ -19,15 +19,15 @@ _Static_assert((int)MAX_GROUPS >= 0 PLIANT_SCENE_GROUPS(COUNT_GROUP), "room for 
 /* The document as it stands. An option is a char * (one word), or a char ** to three words, or NULL (not named). */
 typedef struct text_box { char **low, **high; } text_box;
 typedef struct text_plane { char **point, **normal; } text_plane;
-typedef struct text_fixed {
+typedef struct text_regions {
     text_box *boxes;
     uint32_t num_boxes;
     text_plane *planes;
     uint32_t num_planes;
-} text_fixed;
+} text_regions;
 typedef struct text_scene {
     void *options[MAX_OPTIONS];
-    text_fixed fixed;
+    text_regions fixed, obstacles;
 } text_scene;
 
 static const cyaml_schema_value_t word = {CYAML_VALUE_STRING(CYAML_FLAG_POINTER, char, 0, CYAML_UNLIMITED)};
@@ -40,17 +40,17 @@ static const cyaml_schema_field_t plane_fields[] = {VECTOR_FIELD(text_plane, poi
 #undef VECTOR_FIELD
 static const cyaml_schema_value_t box_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_box, box_fields)};
 static const cyaml_schema_value_t plane_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_plane, plane_fields)};
-static const cyaml_schema_field_t fixed_fields[] = {
-    CYAML_FIELD_SEQUENCE_COUNT("boxes", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_fixed, boxes, num_boxes,
+static const cyaml_schema_field_t region_fields[] = {
+    CYAML_FIELD_SEQUENCE_COUNT("boxes", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_regions, boxes, num_boxes,
                                &box_value, 0, PLIANT_MAX_FIXED),
-    CYAML_FIELD_SEQUENCE_COUNT("planes", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_fixed, planes, num_planes,
+    CYAML_FIELD_SEQUENCE_COUNT("planes", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_regions, planes, num_planes,
                                &plane_value, 0, PLIANT_MAX_FIXED),
     CYAML_FIELD_END,
 };
 
 /* libcyaml's schema of a scene, made from the table of options. */
 typedef struct scene_schema {
-    cyaml_schema_field_t groups[MAX_GROUPS + 2]; /* and fixed, and the end */
+    cyaml_schema_field_t groups[MAX_GROUPS + 3]; /* and fixed, obstacles, and the end */
     cyaml_schema_field_t options[MAX_OPTIONS + MAX_GROUPS];
     cyaml_schema_value_t value;
 } scene_schema;
@@ -82,8 +82,10 @@ static void make_schema(scene_schema *schema)
         /* a zeroed field ends a group */
         if (i + 1 == count || strcmp(options[i].group, options[i + 1].group) != 0) ++used;
     }
+    schema->groups[groups++] =
+        (cyaml_schema_field_t)CYAML_FIELD_MAPPING("fixed", CYAML_FLAG_OPTIONAL, text_scene, fixed, region_fields);
     schema->groups[groups] =
-        (cyaml_schema_field_t)CYAML_FIELD_MAPPING("fixed", CYAML_FLAG_OPTIONAL, text_scene, fixed, fixed_fields);
+        (cyaml_schema_field_t)CYAML_FIELD_MAPPING("obstacles", CYAML_FLAG_OPTIONAL, text_scene, obstacles, region_fields);
     schema->value = (cyaml_schema_value_t){CYAML_VALUE_MAPPING(CYAML_FLAG_POINTER, text_scene, schema->groups)};
 }
 
@@ -141,28 +143,34 @@ static bool read_vector(char *const *words, double out[3], char *reason)
     return true;
 }
 
-static pliant_status read_fixed(const text_fixed *document, const char *text, const char *name, pliant_scene *scene)
+/* in a list of a group */
+static pliant_status refuse_region(const char *text, const char *name, const char *group, const char *list, const char *key, uint32_t region, const char *reason)
+{
+    char path[48];
+    snprintf(path, sizeof path, "%s/%s", group, list);
+    int line = pliant_yaml_line(text, group, 0, 1);
+    if (line) line = pliant_yaml_line(text, list, 0, line);
+    if (line) line = pliant_yaml_line(text, key, (int)region, line);
+    return line ? pliant_fail(PLIANT_ERROR_SCENE, "%s: line %d: %s/%s: %s", name, line, path, key, reason)
+                : pliant_fail(PLIANT_ERROR_SCENE, "%s: %s/%s: %s", name, path, key, reason);
+}
+
+static pliant_status read_regions(const text_regions *document, const char *text, const char *name, const char *group, pliant_regions *out)
 {
     char reason[REASON_SIZE];
-    scene->fixed.num_boxes = document->num_boxes;
+    out->num_boxes = document->num_boxes;
     for (uint32_t i = 0; i < document->num_boxes; ++i) {
-        pliant_fixed_box *box = &scene->fixed.boxes[i];
-        if (!read_vector(document->boxes[i].low, box->low, reason))
-            return refuse(text, name, "boxes", "low", (int)i, reason);
-        if (!read_vector(document->boxes[i].high, box->high, reason))
-            return refuse(text, name, "boxes", "high", (int)i, reason);
-        if (pliant_fixed_box_check(box, reason, sizeof reason))
-            return refuse(text, name, "boxes", "low", (int)i, reason);
+        pliant_fixed_box *box = &out->boxes[i];
+        if (!read_vector(document->boxes[i].low, box->low, reason)) return refuse_region(text, name, group, "boxes", "low", i, reason);
+        if (!read_vector(document->boxes[i].high, box->high, reason)) return refuse_region(text, name, group, "boxes", "high", i, reason);
+        if (pliant_fixed_box_check(box, reason, sizeof reason)) return refuse_region(text, name, group, "boxes", "low", i, reason);
     }
-    scene->fixed.num_planes = document->num_planes;
+    out->num_planes = document->num_planes;
     for (uint32_t i = 0; i < document->num_planes; ++i) {
-        pliant_fixed_plane *plane = &scene->fixed.planes[i];
-        if (!read_vector(document->planes[i].point, plane->point, reason))
-            return refuse(text, name, "planes", "point", (int)i, reason);
-        if (!read_vector(document->planes[i].normal, plane->normal, reason))
-            return refuse(text, name, "planes", "normal", (int)i, reason);
-        if (pliant_fixed_plane_check(plane, reason, sizeof reason))
-            return refuse(text, name, "planes", "normal", (int)i, reason);
+        pliant_fixed_plane *plane = &out->planes[i];
+        if (!read_vector(document->planes[i].point, plane->point, reason)) return refuse_region(text, name, group, "planes", "point", i, reason);
+        if (!read_vector(document->planes[i].normal, plane->normal, reason)) return refuse_region(text, name, group, "planes", "normal", i, reason);
+        if (pliant_fixed_plane_check(plane, reason, sizeof reason)) return refuse_region(text, name, group, "planes", "normal", i, reason);
     }
     return PLIANT_OK;
 }
@@ -179,7 +187,8 @@ pliant_status pliant_scene_parse(const char *yaml, const char *name_for_messages
     const text_scene *document = loaded;
     if (document) {
         status = read_options(document, yaml, name_for_messages, base, &scene);
-        if (status == PLIANT_OK) status = read_fixed(&document->fixed, yaml, name_for_messages, &scene);
+        if (status == PLIANT_OK) status = read_regions(&document->fixed, yaml, name_for_messages, "fixed", &scene.fixed);
+        if (status == PLIANT_OK) status = read_regions(&document->obstacles, yaml, name_for_messages, "obstacles", &scene.obstacles);
     }
     if (status == PLIANT_OK) *out = scene;
     pliant_yaml_free(&schema.value, loaded);

@@ -14,7 +14,7 @@ static const double fastest = 2.0;    /* of a tool's tip [m/s]; beyond it, it ha
 static const double base_margin = 1e-3; /* [m] that tissue may move in a step without a reason that is seen beforehand */
 static const double self_margin = 0.25; /* of the surface's shortest edge at rest: tissue that is nearer to tissue is looked at */
 static const double recovery = 0.1;   /* [m/s] at which tissue comes out of what it was deep in */
-enum { MOST_POSES = 4096, MOST_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS };
+enum { MOST_POSES = 4096, MOST_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 * PLIANT_MAX_FIXED };
 
 struct pliant_contact_search {
     pliant_finder *finder;
@@ -25,6 +25,7 @@ struct pliant_contact_search {
     int32_t num_parts;
     pliant_moving_part part[MOST_PARTS];
     int32_t first[MOST_PARTS]; /* of its poses */
+    pliant_part obstacle[2 * PLIANT_MAX_FIXED];
 };
 
 /* ---- what a tool is told */
@@ -123,6 +124,41 @@ static pliant_status add_part(pliant_contact_search *search, const pliant_tool *
     return PLIANT_OK;
 }
 
+/* What stands still. */
+static pliant_status add_obstacle(pliant_contact_search *search, int32_t index, double step, double friction)
+{
+    pliant_status status = reserve_poses(search, 1);
+    if (status != PLIANT_OK) return status;
+    search->pose[search->num_poses] = (pliant_pose){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    search->first[search->num_parts] = search->num_poses++;
+    search->part[search->num_parts++] = (pliant_moving_part){
+        .part = search->obstacle + index, .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .index = index, .friction = friction, .num_poses = 1,
+        .margin = base_margin, .recovery = recovery * step, .remembers = true,
+    };
+    return PLIANT_OK;
+}
+
+static pliant_status add_obstacles(const pliant_scene *scene, pliant_contact_search *search)
+{
+    const pliant_regions *regions = &scene->obstacles;
+    pliant_status status = PLIANT_OK;
+    int32_t count = 0;
+    for (uint32_t b = 0; b < regions->num_boxes; b++) {
+        pliant_part *part = search->obstacle + count++;
+        *part = (pliant_part){.kind = PLIANT_PART_BOX};
+        memcpy(part->from, regions->boxes[b].low, sizeof part->from);
+        memcpy(part->to, regions->boxes[b].high, sizeof part->to);
+    }
+    for (uint32_t p = 0; p < regions->num_planes; p++) {
+        pliant_part *part = search->obstacle + count++;
+        *part = (pliant_part){.kind = PLIANT_PART_HALF_SPACE};
+        memcpy(part->from, regions->planes[p].point, sizeof part->from);
+        memcpy(part->to, regions->planes[p].normal, sizeof part->to);
+    }
+    for (int32_t n = 0; n < count && status == PLIANT_OK; n++) status = add_obstacle(search, n, scene->solver.step, scene->contact.friction);
+    return status;
+}
+
 static pliant_status gather_parts(const pliant_model *model, pliant_data *data)
 {
     pliant_contact_search *search = data->contact_search;
@@ -134,6 +170,7 @@ static pliant_status gather_parts(const pliant_model *model, pliant_data *data)
             if (!(tool->shape.part[p].cuts && tool->blade.cutting))
                 status = add_part(search, tool, t, p, model->scene.solver.step, model->scene.contact.friction);
     }
+    if (status == PLIANT_OK) status = add_obstacles(&model->scene, search);
     for (int32_t p = 0; p < search->num_parts; p++) search->part[p].pose = search->pose + search->first[p];
     return status;
 }
@@ -145,6 +182,7 @@ static bool touches_itself(const pliant_model *model) { return model->scene.cont
 static bool has_nothing_to_touch(const pliant_model *model, const pliant_data *data)
 {
     if (touches_itself(model)) return false;
+    if (model->scene.obstacles.num_boxes + model->scene.obstacles.num_planes > 0) return false;
     for (int t = 0; t < data->num_tools; t++)
         if (data->tools[t].present && data->tools[t].shape.num_parts > 0) return false;
     return true;

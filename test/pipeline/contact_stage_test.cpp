@@ -251,6 +251,38 @@ TEST(ContactStage, WhatAToolHoldsItDoesNotPush)
     EXPECT_GT(sheet.data->contacts.count, 0);
 }
 
+// A bar that sags rests on a box, and on a plane, by its weight.
+TEST(ContactStage, TissueRestsOnObstacles)
+{
+    for (bool plane : {false, true}) {
+        Sheet sheet;
+        sheet.scene.model.gravity[2] = -9.81;
+        ASSERT_EQ(sheet.build(), PLIANT_OK);
+        for (int step = 0; step < 12; step++) ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+        const double sag = sheet.farthest();
+        ASSERT_GT(sag, 0.002);
+        if (plane) sheet.scene.obstacles.planes[sheet.scene.obstacles.num_planes++] = {{0, 0, -0.001}, {0, 0, 2}};
+        else sheet.scene.obstacles.boxes[sheet.scene.obstacles.num_boxes++] = {{0.02, -0.01, -0.02}, {0.04, 0.07, -0.001}};
+        ASSERT_EQ(sheet.build(), PLIANT_OK);
+        for (int step = 0; step < 12; step++) ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+        EXPECT_GT(sheet.data->contacts.count, 0);
+        double lowest = 0, force = 0;
+        for (int32_t n = 0; n < sheet.model->body->fine.num_nodes; n++) {
+            const double *x = sheet.data->positions + 3 * n;
+            if (plane || std::fabs(x[0] - 0.03) < 0.01) lowest = std::fmin(lowest, x[2]); // beside the box it hangs lower
+        }
+        for (int32_t n = 0; n < sheet.data->contacts.count; n++) {
+            EXPECT_EQ(sheet.data->contacts.point[n].kind, PLIANT_OBSTACLE_GROUND);
+            EXPECT_EQ(sheet.data->contacts.point[n].tool, -1);
+            force += sheet.data->contacts.point[n].force[2];
+        }
+        EXPECT_GT(lowest, -0.00105);
+        EXPECT_LT(lowest, -0.0009);
+        EXPECT_GT(force, 0.02); // of a weight of 0.14 N; the sides carry the rest
+        EXPECT_LT(force, 0.14);
+    }
+}
+
 // An allocation that fails leaves positions and points as they were; the next step goes on as if nothing had been.
 TEST(ContactStage, FailingAllocationsChangeNothing)
 {
