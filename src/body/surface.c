@@ -172,7 +172,7 @@ static pliant_status find_outside(const surface_work *work, struct pliant_surfac
 }
 
 /* A vertex of a block in the whole surface: a node, or one with a number of its own; -1: no memory */
-static int32_t number_of(surface_map *all, const pliant_body *body, const surface_vertex *vertex, pliant_surface *surface)
+static int32_t number_of(surface_map *all, const surface_vertex *vertex, uint8_t *is_lattice, pliant_surface *surface)
 {
     if (vertex->key.weight[1] == 0) return vertex->key.node[0];
     const int32_t number = pliant_surface_number(all, &vertex->key);
@@ -181,16 +181,18 @@ static int32_t number_of(surface_map *all, const pliant_body *body, const surfac
         surface->tet[number] = vertex->tet;
         surface->material[number] = vertex->material;
         memcpy(surface->weight + 4 * (size_t)number, vertex->weight, sizeof vertex->weight);
+        is_lattice[number] = 1;
+        for (int v = 0; v < 4; v++) is_lattice[number] &= vertex->key.weight[v] % SURFACE_SHARE == 0;
         surface->num_vertices++;
     }
-    return body->fine.num_nodes + number;
+    return surface->body->fine.num_nodes + number;
 }
 
-static bool add_triangles(surface_map *all, const surface_block *block, bool cut, pliant_surface *surface)
+static bool add_triangles(surface_map *all, const surface_block *block, bool cut, uint8_t *is_lattice, pliant_surface *surface)
 {
     const int32_t *from = block->triangle + (cut ? 3 * (size_t)block->num_outer : 0), count = cut ? block->num_cut : block->num_outer;
     for (int32_t v = 0; v < 3 * count; v++) {
-        const int32_t number = number_of(all, surface->body, block->vertex + from[v], surface);
+        const int32_t number = number_of(all, block->vertex + from[v], is_lattice, surface);
         if (number < 0) return false;
         surface->triangle[3 * (size_t)surface->num_triangles + (size_t)v] = number;
     }
@@ -212,7 +214,11 @@ static pliant_status gather(const surface_work *work, pliant_surface *surface)
     surface->weight = pliant_calloc(vertices, 4 * sizeof *surface->weight);
     surface->material = pliant_calloc(vertices, sizeof *surface->material);
     surface->triangle = pliant_calloc(triangles, 3 * sizeof *surface->triangle);
-    if (!surface->tet || !surface->weight || !surface->material || !surface->triangle) return pliant_surface_no_memory();
+    uint8_t *is_lattice = pliant_calloc(vertices, 1);
+    if (!surface->tet || !surface->weight || !surface->material || !surface->triangle || !is_lattice) {
+        pliant_free(is_lattice);
+        return pliant_surface_no_memory();
+    }
     for (int32_t f = 0; f < kept->num_outside; f++) {
         const int32_t host = kept->outside[f] / 4;
         if (work->block[host]) continue;
@@ -224,10 +230,12 @@ static pliant_status gather(const surface_work *work, pliant_surface *surface)
     bool good = true;
     for (int cut = 0; cut < 2; cut++) {
         surface->first_cut = surface->num_triangles;
-        for (int32_t b = 0; good && b < kept->num_blocks; b++) good = add_triangles(&all, kept->block[b], cut, surface);
+        for (int32_t b = 0; good && b < kept->num_blocks; b++) good = add_triangles(&all, kept->block[b], cut, is_lattice, surface);
     }
+    const pliant_status status = good ? pliant_surface_flatten(&work->maker, is_lattice, surface) : pliant_surface_no_memory();
     pliant_surface_map_free(&all);
-    return good ? PLIANT_OK : pliant_surface_no_memory();
+    pliant_free(is_lattice);
+    return status;
 }
 
 static pliant_status keep_blocks(surface_work *work, int32_t count, struct pliant_surface_kept *out)

@@ -116,6 +116,11 @@ uint16_t pliant_surface_material(const surface_maker *maker, int32_t host, int32
 pliant_status pliant_surface_fill(surface_maker *maker, surface_block *block);
 pliant_status pliant_surface_no_memory(void);
 
+/* ---- surface_flatten.c */
+
+/* Tips on the faces of cuts; there is room for a vertex for each. is_lattice: (num_vertices) a corner of small tetrahedra. Errors: MEMORY. */
+pliant_status pliant_surface_flatten(const surface_maker *maker, const uint8_t *is_lattice, pliant_surface *surface);
+
 #ifdef __cplusplus
 }
 #endif
