@@ -72,7 +72,6 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
         state.seen = state.knows_forces && step.same_axes;
         state.skips = state.seen && step.same_step;
         pliant_anderson &rules = state.rules;
-        rules.cycle_contraction = step.cycle_contraction;
         if (step.restart) pliant_anderson_reset(&rules);
         if (step.forget) pliant_anderson_forget(&rules);
         rules.most_evaluations = step.most_evaluations;
@@ -80,6 +79,7 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
         rules.room = step.room;
         rules.limits_secants = 1;
         rules.tolerance = step.tolerance;
+        rules.is_cycle = step.is_cycle;
         rules.smallest_displacement = step.smallest_displacement;
         pliant_anderson_begin(&rules);
         state.rows = rows;
@@ -314,18 +314,20 @@ static __device__ void propose_node(const gpu_iteration &iteration, const gpu_st
             iteration.d_secant_residual[place + d] = iteration.d_residual[to][i + d] - iteration.d_residual[from][i + d];
         }
     }
+    const double unexplained = pliant_anderson_unexplained(&rules);
     for (int d = 0; d < 3; d++) {
-        left[d] = made[d] = iteration.d_step[now][i + d];
-        past[d] = state.seen ? iteration.d_past_step[i + d] : 0;
+        made[d] = iteration.d_step[now][i + d];
+        left[d] = unexplained * made[d];
+        past[d] = state.seen ? unexplained * iteration.d_past_step[i + d] : 0;
     }
 #pragma unroll 4
     for (int u = 0; u < list.count; u++)
         for (int d = 0; d < 3; d++) {
             const size_t place = n * (size_t)list.place[u] + i + d;
-            const double secant = iteration.d_secant_x[place] + iteration.d_secant_step[place];
-            made[d] -= list.weight[u][0] * secant;
-            left[d] -= list.weight[u][1] * secant;
-            past[d] -= list.weight[u][2] * secant;
+            const double moved = iteration.d_secant_x[place], step = iteration.d_secant_step[place], left_by = moved + unexplained * step;
+            made[d] -= list.weight[u][0] * (moved + step);
+            left[d] -= list.weight[u][1] * left_by;
+            past[d] -= list.weight[u][2] * left_by;
         }
     if (stays) return;
     double out[3] = {made[0], made[1], made[2]};
@@ -341,7 +343,7 @@ static __device__ void settle(gpu_state &state, pliant_anderson &rules)
     if (!state.ending && (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_BLIND || rules.next == PLIANT_NEXT_DONE))
         pliant_anderson_settle(&rules, state.mixed, largest[0], rules.damping * largest[1], largest[2]);
     else if (state.ending && state.evaluated)
-        pliant_anderson_settle_end(&rules, largest[0]);
+        rules.error = pliant_anderson_error(largest[0]);
     const bool done = state.ending || rules.next == PLIANT_NEXT_DONE;
     state.done = done;
     if (!done) {
@@ -350,7 +352,7 @@ static __device__ void settle(gpu_state &state, pliant_anderson &rules)
     }
     state.skips = 1;
     state.evaluated = state.evaluated && state.now == state.last_target;
-    pliant_anderson_tell(&rules, state.seen, largest[3], state.step.is_cycle);
+    pliant_anderson_tell(&rules, state.seen, largest[3]);
 }
 
 static __device__ void copy_rules(const pliant_anderson *from, pliant_anderson *to)

@@ -83,7 +83,7 @@ static __device__ void judge(decision &now, int room)
     const bool plain = !rules.mixes && state.rows == 0 && (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_DESCENT);
     state.evaluated = 1;
     if (state.ending) state.evaluated = pliant_anderson_judge_end(&rules, merit);
-    else pliant_anderson_judge(&rules, merit, plain ? now.sums[2] : 0.0, true);
+    else pliant_anderson_judge(&rules, merit, plain ? now.sums[2] : 0.0, INT32_MAX);
     state.iterations = rules.evaluations;
     state.skips = 0;
     state.last_target = target;
@@ -146,7 +146,7 @@ static __device__ int fill_equations(decision &now, int kind)
     __syncwarp();
     for (int n = h; n < count * count; n += 32) {
         const int a = n / count, b = n % count, first = now.used[kind][a], second = now.used[kind][b];
-        const double noise = kind == TRIAL ? PLIANT_NOISE_OF_TRIAL : PLIANT_NOISE_OF_ESTIMATE, by = now.scale[kind][a] * now.scale[kind][b];
+        const double noise = kind == TRIAL ? PLIANT_NOISE_OF_TRIAL : pliant_anderson_noise(&rules, first), by = now.scale[kind][a] * now.scale[kind][b];
         const double product = secants.gram[first][second] + spring_energy(state, secants.step_force[first], secants.step_force[second]);
         now.gram[kind][a][b] = a == b ? 1 + noise * noise : product * by;
     }

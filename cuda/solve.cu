@@ -15,56 +15,6 @@
 /* a hold that the GPU knows, whose response was not asked for */
 static const uint64_t no_response = UINT64_MAX;
 
-/* As pliant_solver_measure, of this V-cycle: once, so that the host may look on. h_x (3 num_nodes), h_step, h_residual (3 num_free) */
-static pliant_status measure_in(pliant_cuda_solver *gpu, const pliant_solver *solver, double *h_x, float *h_step, double *h_residual)
-{
-    const pliant_system *system = solver->system;
-    gpu_iteration *it = &gpu->iteration;
-    const size_t n = 3 * (size_t)system->num_free, nodes = 3 * (size_t)system->mesh->num_nodes;
-    double load = 1, energy[PLIANT_MEASURED_CYCLES] = {};
-    memcpy(h_x, system->mesh->rest, nodes * sizeof *h_x);
-    CUDA_TRY(pliant_cuda_rotate(&gpu->system, it, true, gpu->stream));
-    for (int cycle = -1; cycle < PLIANT_MEASURED_CYCLES; cycle++) {
-        for (size_t i = 0; i < n; i++) h_residual[i] = load * system->gravity_mass[9 * (i / 3) + 4 * (i % 3)];
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_load, h_residual, n * sizeof *h_residual, cudaMemcpyHostToDevice, gpu->stream)));
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_x[0], h_x, nodes * sizeof *h_x, cudaMemcpyHostToDevice, gpu->stream)));
-        CUDA_TRY(pliant_cuda_forces(&gpu->system, it, gpu->stream));
-        CUDA_TRY(pliant_cuda_gather(&gpu->system, it, gpu->stream));
-        CUDA_TRY(pliant_cuda_precondition(&gpu->preconditioner, it, gpu->stream));
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(h_residual, it->d_residual[0], n * sizeof *h_residual, cudaMemcpyDeviceToHost, gpu->stream)));
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(h_step, it->d_left, n * sizeof *h_step, cudaMemcpyDeviceToHost, gpu->stream)));
-        CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
-        double most = 0, sum = 0;
-        for (size_t i = 0; i < n; i++) {
-            most = fmax(most, fabs((double)h_step[i]));
-            sum += (double)h_step[i] * h_residual[i];
-        }
-        if (cycle < 0) {
-            if (!(most > 0) || !isfinite(most)) return PLIANT_OK;
-            load = solver->rules.smallest_displacement / most;
-            continue;
-        }
-        energy[cycle] = sum;
-        for (size_t i = 0; i < n; i++) h_x[3 * (size_t)system->node_of_free[i / 3] + i % 3] += h_step[i];
-    }
-    gpu->cycle_contraction = pliant_solver_left_by_a_cycle(energy);
-    return PLIANT_OK;
-}
-
-static pliant_status measure(pliant_cuda_solver *gpu, const pliant_solver *solver)
-{
-    if (!gpu->preconditioner.multigrid) return PLIANT_OK;
-    const size_t n = 3 * (size_t)solver->system->num_free;
-    double *h_x = static_cast<double *>(pliant_calloc((size_t)solver->system->mesh->num_nodes, 3 * sizeof *h_x));
-    float *h_step = static_cast<float *>(pliant_calloc(n, sizeof *h_step));
-    double *h_residual = static_cast<double *>(pliant_calloc(n, sizeof *h_residual));
-    pliant_status status = h_x && h_step && h_residual ? measure_in(gpu, solver, h_x, h_step, h_residual) : pliant_fail_memory("the solver");
-    pliant_free(h_x);
-    pliant_free(h_step);
-    pliant_free(h_residual);
-    return status;
-}
-
 static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
@@ -75,7 +25,6 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
     CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state)));
     CUDA_TRY(pliant_cuda_solver_record(gpu));
     if (gpu->system_room.grows) CUDA_TRY(pliant_cuda_carried_load());
-    CUDA_TRY(measure(gpu, solver));
     return pliant_cuda_solver_restart(gpu, solver);
 }
 
@@ -245,7 +194,7 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
 {
     CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
     CUDA_TRY(pliant_cuda_solver_evaluate_first(gpu, knows_first(gpu, step)));
-    const int32_t most = step->most_evaluations + 4; /* one to look back at the state before a blind step, a descent, the body at rest, the end */
+    const int32_t most = step->most_evaluations + 4; /* one to look back at the state before a blind step, a descent, the body at rest, the end or the trial in its place */
     int32_t ahead = gpu->last_launches; /* a step takes about as many as the last one; those too many do nothing */
     for (int32_t spent = 1; spent < most; ahead = 2) {
         for (int32_t n = 1; n < ahead && spent < most; n++, spent++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream)));
@@ -272,7 +221,6 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     step.room = limits->room;
     step.tolerance = limits->tolerance;
     step.smallest_displacement = limits->smallest_displacement;
-    step.cycle_contraction = gpu->cycle_contraction;
     step.is_cycle = gpu->preconditioner.multigrid != nullptr;
     step.smallest_scale = solver->smallest_scale;
     step.restart = gpu->fresh;
@@ -287,7 +235,7 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     if (!isfinite(rules->merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, state->force[state->now] + 3 * t, sizeof solver->handles[t].force);
     memcpy(gpu->force, state->force[state->now], sizeof gpu->force);
-    statistics->iterations = rules->evaluations;
+    statistics->iterations = rules->evaluations - rules->last;
     gpu->last_launches = rules->evaluations + state->ending;
     gpu->evaluations += rules->evaluations;
     statistics->rejected += (uint64_t)rules->rejected;

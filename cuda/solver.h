@@ -45,7 +45,6 @@ struct pliant_cuda_solver {
     bool served_badly;         /* the preconditioner, since then */
     int64_t evaluations;       /* since then; -1: the axes are those of rest */
     bool fresh;                /* the state was taken from the host */
-    double cycle_contraction;  /* of the V-cycle; 0: the inverse is used */
     uint64_t forgotten;        /* of the host's solver */
     double gravity[3], force[PLIANT_MAX_ROWS]; /* of the last step */
     bool loaded;

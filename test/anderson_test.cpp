@@ -36,7 +36,7 @@ struct Rules : pliant_anderson {
     }
     void evaluate(double state_merit, bool mixed = true, bool time = true, double made = 1)
     {
-        pliant_anderson_judge(this, state_merit, 0, time);
+        pliant_anderson_judge(this, state_merit, 0, time ? INT32_MAX : 0);
         if (next != PLIANT_NEXT_PREVIOUS && next != PLIANT_NEXT_REST && next != PLIANT_NEXT_DESCENT) pliant_anderson_settle(this, mixed, 1, made, 1);
     }
 };

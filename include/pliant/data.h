@@ -61,7 +61,7 @@ typedef struct pliant_statistics {
     int32_t iterations;         /**< of the last step, those of a patch among them */
     double residual;            /**< energy norm of the residual force over that of the load, last step; of a patch where that is larger */
     double error;               /**< [m] how far a node still is from where the step would converge to, estimated where it ended (with
-                                 *   solver/budget_ms and loads that change, from the last evaluation before). Explicit dynamics: what its
+                                 *   solver/budget_ms and no time for that, from the evaluation before). Explicit dynamics: what its
                                  *   sub-steps left in this step at the farthest node that no tool holds, without springs, walls, stiffness_damping.
                                  *   0: not known (dynamic relaxation) */
     double error_before;        /**< [m] the same of the step before, as this one has it; 0: not known, or the first step */

@@ -348,41 +348,6 @@ TEST(Solver, BeginsWithWhatTheStepBeforeKnows)
         }
 }
 
-// A cycle hides slow errors, and steps of two evaluations do not show how slow: what plain cycles leave in the end is measured beforehand.
-TEST(Solver, KnowsWhatACycleHides)
-{
-    Body body(size, box, two, stripes), direct(size, box, two, stripes);
-    for (Body *each : {&body, &direct}) {
-        prepare(*each);
-        each->scene.solver.preconditioner = each == &body ? PLIANT_MULTIGRID : PLIANT_DIRECT;
-        each->scene.solver.iterations = 1;
-        each->scene.solver.history = 0;
-        each->scene.solver.tolerance = 1e-12;
-        ASSERT_EQ(each->build(), PLIANT_OK);
-    }
-    const double gravity[3] = {0.01, 0.01, 0.01};
-    ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
-    double residual[10];
-    for (double &r : residual) { // a plain cycle each
-        ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
-        r = body.data->statistics.residual;
-    }
-    const double left = std::pow(residual[9] / residual[6], 1 / 3.0);
-    EXPECT_GT(left, 0.2);
-    EXPECT_NEAR(body.data->solver->rules.cycle_contraction, left, 0.05);
-    EXPECT_EQ(direct.data->solver->rules.cycle_contraction, 0) << "a factor hides nothing";
-    // and what is told before evaluations show anything counts on it
-    double told[2];
-    for (double &first : told) {
-        ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
-        ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
-        if (&first > told) body.data->solver->rules.cycle_contraction = 0.9;
-        ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
-        first = body.data->statistics.error;
-    }
-    EXPECT_GT(told[1], 1.5 * told[0]);
-}
-
 TEST(Solver, ExtremesStayFiniteAndComeBack)
 {
     for (double along : {1.2, -0.5, 12.0}) { // ten times the body; through itself; a hundred times

@@ -10,8 +10,6 @@ static void carry_limits(pliant_solver *solver, const pliant_solver *from)
     solver->rules.most_evaluations = from->rules.most_evaluations;
     solver->rules.tolerance = from->rules.tolerance;
     solver->rules.log_contraction = from->rules.log_contraction;
-    solver->rules.shown = from->rules.shown;
-    solver->rules.cycle_contraction = from->rules.cycle_contraction;
     solver->refresh_delay = from->refresh_delay;
     solver->convert_delay = from->convert_delay;
     solver->budget = from->budget;

@@ -23,10 +23,8 @@ extern "C" {
 enum { PLIANT_MAX_HISTORY = 20 };
 enum { PLIANT_MOST_REFUSED = 12, PLIANT_MOST_SLOW = 10 };
 
-/* Secants are not exact: of their steps, relative. In a trial that is looked at before it is taken, and in an estimate of what is left,
- * where secants taken for exact explain small residuals by large moves that cancel. */
+/* Secants are not exact: of their steps, relative, in a trial that is looked at before it is taken. */
 #define PLIANT_NOISE_OF_TRIAL 1e-5
-#define PLIANT_NOISE_OF_ESTIMATE 0.01
 /* Merit after over before an evaluation above which the preconditioner serves badly: it is made anew, or in other axes. */
 #define PLIANT_SERVES_BADLY 0.15
 /* Evaluations after which the axes of the nodes follow the tissue (nodal_rotations.h): it costs little beside them. */
@@ -55,7 +53,7 @@ typedef struct pliant_anderson {
     int32_t limits_secants;    /* after refusals, secants may be too large to be used */
     double tolerance;          /* of the largest displacement: error at which a step ends */
     double smallest_displacement; /* which counts for at least so much [m] */
-    double cycle_contraction;  /* of slow errors by the preconditioner alone, as it was measured at rest (estimate.c); 0: not measured */
+    int32_t is_cycle;          /* the preconditioner is a V-cycle */
 
     /* from step to step */
     int32_t refused;           /* trials since the last accepted one */
@@ -67,10 +65,7 @@ typedef struct pliant_anderson {
     double sound_merit;        /* that the last step began with that was compared with the state before a blind step, or followed none */
     double rate;               /* merit after over before an evaluation, last step's mean; 0: there was nothing to do */
     double descent;            /* longest damping of a plain step along which the potential energy fell; 0: none */
-    double log_contraction;    /* of the merit by an evaluation, smoothed over steps: what is left of an error */
-    int32_t shown;             /* evaluations have shown it */
-    int32_t blind_end;         /* the step ended one step beyond what was evaluated, and that was not evaluated either */
-    double move;               /* what the estimate follows from: what is left at an evaluated state, what a blind step moved [m] */
+    double log_contraction;    /* of the merit by an evaluation, smoothed over steps: what it leaves of an error at least */
     double told;               /* error of the last step [m] */
     uint64_t num_secants;      /* that there ever were */
     uint64_t number[PLIANT_MAX_HISTORY]; /* of the secant in a place, counted from 1; 0: none */
@@ -78,6 +73,7 @@ typedef struct pliant_anderson {
     /* this step */
     int32_t evaluations, rejected;
     int32_t accepted;          /* a trial was */
+    int32_t last;              /* the trial is in place of a blind step and the evaluation of its end */
     int32_t converged;
     double merit;              /* of the present state */
     double first_merit;        /* that the step began with */
@@ -147,31 +143,37 @@ PLIANT_INLINE int32_t pliant_anderson_place(pliant_anderson *rules)
 /* Of a secant whose step has this energy: what it is divided by in the equations of the weights, as an inverse; 0: it is not used. */
 PLIANT_INLINE double pliant_anderson_scale(double energy, double largest) { return energy > 0 && energy <= largest ? 1.0 / sqrt(energy) : 0.0; }
 
-/* What an evaluation leaves of an error. Until evaluations have shown it: alone, what a cycle leaves of a slow one, r; with all secants,
- * what conjugate gradients leave, (1 - sqrt(1 - r)) / (1 + sqrt(1 - r)), as which Anderson's method does (Walker and Ni 2011, theorem 2.2;
- * Golub and Van Loan, 11.3.3); with those of so many evaluations as a step has, something in between. */
-PLIANT_INLINE double pliant_anderson_contraction(const pliant_anderson *rules)
+/* And in an estimate of what is left, where secants taken for exact explain small residuals by large moves that cancel: the less exact, the
+ * more secants have come since the one in a place. */
+PLIANT_INLINE double pliant_anderson_noise(const pliant_anderson *rules, int32_t place)
 {
-    const double most = 0.8;
-    if (rules->shown || !(rules->cycle_contraction > 0)) return fmin(exp(rules->log_contraction), most);
-    const double root = sqrt(1 - rules->cycle_contraction), all = (1 - root) / (1 + root), alone = 1.0 / (rules->evaluations > 1 ? rules->evaluations : 1);
-    return pow(all, 1 - alone) * pow(rules->cycle_contraction, alone);
+    const double newest = 0.01, aged = 0.03, age = (double)(rules->num_secants - rules->number[place]);
+    return newest + aged * age * age;
 }
 
-/* Largest error of a node, from the move. When every evaluation leaves a part c of the error, corrections are a geometric series (Aitken),
- * and the error is 1 / (1 - c) of the next one; a blind step is worth less than an evaluated one, and more than none. */
-PLIANT_INLINE double pliant_anderson_error(const pliant_anderson *rules)
+/* Of an error that no secant explains every evaluation leaves a part c: half, of a V-cycle, which hides slow errors, more, and no less than the
+ * merits have shown. Corrections are a geometric series then (Aitken), and that part of the error is so many times the next one, 1 / (1 - c). */
+PLIANT_INLINE double pliant_anderson_unexplained(const pliant_anderson *rules)
 {
-    const double c = pliant_anderson_contraction(rules);
-    return rules->move * (rules->blind_end ? sqrt(c) : 1.0) / (1 - c);
+    const double factor = 0.5, cycle = 0.7, most = 0.8;
+    return 1 / (1 - fmin(fmax(rules->is_cycle ? cycle : factor, exp(rules->log_contraction)), most));
 }
+
+/* Largest error of a node, from what is left at an evaluated state, of which secants explain a little too much away. */
+PLIANT_INLINE double pliant_anderson_error(double left)
+{
+    const double too_little = 1.25;
+    return too_little * left;
+}
+
+/* Evaluations of a step, but for that of its end, and the trial in its place. */
+PLIANT_INLINE int32_t pliant_anderson_iterations(const pliant_anderson *rules) { return rules->evaluations - rules->last; }
 
 /* The last word of a step: on the step before. seen: its end was evaluated, with what is the preconditioner now; left: there, with the secants
- * of now. These know the next corrections too, so that c^2 is missed; but a V-cycle hides the same slow errors from all. */
-PLIANT_INLINE void pliant_anderson_tell(pliant_anderson *rules, bool seen, double left, bool is_cycle)
+ * of now. */
+PLIANT_INLINE void pliant_anderson_tell(pliant_anderson *rules, bool seen, double left)
 {
-    const double c = pliant_anderson_contraction(rules);
-    rules->error_before = seen ? left / (1 - (is_cycle ? c : c * c)) : rules->told;
+    rules->error_before = seen ? pliant_anderson_error(left) : rules->told;
     rules->told = rules->error;
 }
 
@@ -180,10 +182,8 @@ PLIANT_INLINE void pliant_anderson_reset(pliant_anderson *rules)
 {
     rules->refused = rules->limited = rules->slow = rules->blind = rules->refused_any = rules->last_evaluations = 0;
     rules->sound_merit = rules->rate = rules->descent = 0;
+    rules->error = rules->error_before = rules->told = 0;
     rules->log_contraction = log(0.3);
-    rules->shown = 0;
-    rules->error = rules->error_before = rules->told = rules->move = 0;
-    rules->blind_end = 0;
     rules->next = PLIANT_NEXT_DONE;
     pliant_anderson_forget(rules);
 }
@@ -197,7 +197,7 @@ PLIANT_INLINE void pliant_anderson_moved(pliant_anderson *rules)
 
 PLIANT_INLINE void pliant_anderson_begin(pliant_anderson *rules)
 {
-    rules->evaluations = rules->rejected = rules->accepted = rules->converged = rules->refused_any = 0;
+    rules->evaluations = rules->rejected = rules->accepted = rules->converged = rules->refused_any = rules->last = 0;
     rules->merit = rules->before = INFINITY;
     rules->take = rules->forget = 0;
     rules->keep = -1;
@@ -217,12 +217,8 @@ PLIANT_INLINE void pliant_anderson_first(pliant_anderson *rules, bool sound)
 PLIANT_INLINE void pliant_anderson_judge_trial(pliant_anderson *rules, double merit, bool falls)
 {
     if (merit < rules->merit) {
-        const double weight = 0.2, least = 1e-3, ratio = fmin(fmax(merit / rules->merit, least), 1.0);
-        if (rules->accepted) {
-            if (!rules->shown) rules->log_contraction = log(pliant_anderson_contraction(rules));
-            rules->log_contraction += weight * (log(ratio) - rules->log_contraction);
-            rules->shown = 1;
-        }
+        const double weight = 0.2, least = 1e-3;
+        if (rules->accepted) rules->log_contraction += weight * (log(fmax(merit / rules->merit, least)) - rules->log_contraction);
         rules->keep = isfinite(merit) && rules->depth > 0 ? 0 : -1;
         rules->take = rules->accepted = 1;
         rules->before = rules->merit;
@@ -303,8 +299,9 @@ PLIANT_INLINE void pliant_anderson_propose(pliant_anderson *rules)
 }
 
 /* After an evaluation of what was asked for. slope: for a trial without secants its step's own product with the residual where it leads
- * to; 0 where springs pull, which have no part in the potential energy. time: whether there is some for another evaluation. */
-PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, double slope, bool time)
+ * to; 0 where springs pull, which have no part in the potential energy. affordable: evaluations that there is time for, that of the step's
+ * end too. A step that would not end blindly has another trial in its place. */
+PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, double slope, int32_t affordable)
 {
     const double went_well = 0.5; /* merit over the merit before */
     const bool falls = isfinite(merit) && slope > 0;
@@ -322,25 +319,26 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
         return;
     }
     pliant_anderson_propose(rules);
-    if (time && rules->evaluations < rules->most_evaluations && rules->refused < PLIANT_MOST_REFUSED) {
+    const int32_t iterations = rules->most_evaluations + 1 - rules->evaluations, left = iterations < affordable ? iterations : affordable;
+    const bool goes_on = rules->accepted ? rules->refused == 0 && rules->merit < went_well * rules->before : isfinite(rules->merit);
+    if (rules->refused < PLIANT_MOST_REFUSED && !rules->last && (left > 1 || (left == 1 && !goes_on))) {
+        rules->last = left == 1;
         rules->next = PLIANT_NEXT_TRIAL;
         return;
     }
-    const bool goes_on = rules->accepted ? rules->refused == 0 && rules->merit < went_well * rules->before : isfinite(rules->merit);
-    rules->next = !pliant_anderson_finish(rules) ? PLIANT_NEXT_REST : goes_on ? PLIANT_NEXT_BLIND : PLIANT_NEXT_DONE;
+    rules->next = !pliant_anderson_finish(rules) ? PLIANT_NEXT_REST : goes_on && !rules->last ? PLIANT_NEXT_BLIND : PLIANT_NEXT_DONE;
 }
 
 /* After a proposal (TRIAL, BLIND, DONE). mixed: weights were to be had. left: the largest move of a node that the secants and the residual
  * call for; made: by the proposal [m]. */
 PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, double left, double made, double displacement)
 {
+    const double foreseen = 0.3;
     /* secants whose products are no longer those of any vectors, by rounding, are of no use to any step */
     const bool useless = rules->mixes && !mixed && pliant_anderson_secants(rules) > 0;
     rules->mixes = rules->mixes && mixed;
     rules->forget = rules->next != PLIANT_NEXT_DONE && ((rules->refused == 2 && !rules->mixes) || useless);
-    rules->blind_end = 0;
-    rules->move = left;
-    rules->error = pliant_anderson_error(rules);
+    rules->error = pliant_anderson_error(left);
     if (isfinite(rules->merit) && rules->error <= rules->tolerance * fmax(displacement, rules->smallest_displacement)) {
         rules->converged = 1;
         rules->forget = 0;
@@ -350,12 +348,8 @@ PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, do
     if (rules->forget) pliant_anderson_forget(rules);
     const bool ends = rules->next == PLIANT_NEXT_BLIND, doubted = !rules->accepted && !(rules->refused == 0 && rules->mixes);
     if (ends && !(made <= rules->smallest_displacement * (doubted ? PLIANT_FARTHEST_DOUBTED : PLIANT_FARTHEST))) rules->next = PLIANT_NEXT_DONE;
-    if (rules->next == PLIANT_NEXT_BLIND && rules->refused == 0) {
-        rules->blind_end = 1;
-        rules->move = made;
-        rules->error = pliant_anderson_error(rules);
-    }
     if (!ends) return;
+    if (rules->next == PLIANT_NEXT_BLIND && rules->refused == 0) rules->error *= foreseen; /* until the end is evaluated, if it is */
     rules->blind = rules->next == PLIANT_NEXT_BLIND;
     if (!doubted) return;
     rules->limited = 1; /* where it turns out to lead nowhere, these have been tried */
@@ -373,14 +367,6 @@ PLIANT_INLINE bool pliant_anderson_judge_end(pliant_anderson *rules, double meri
     rules->forget = 0;
     rules->keep = good && rules->depth > 0 ? pliant_anderson_place(rules) : -1;
     return good;
-}
-
-/* left: the largest move of a node that the secants and the residual call for there [m] */
-PLIANT_INLINE void pliant_anderson_settle_end(pliant_anderson *rules, double left)
-{
-    rules->blind_end = 0;
-    rules->move = left;
-    rules->error = pliant_anderson_error(rules);
 }
 
 #ifdef __cplusplus

@@ -86,12 +86,12 @@ bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at,
     return any;
 }
 
-bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], double noise, double largest,
-                        double weights[PLIANT_MAX_HISTORY])
+bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], bool estimates, double weights[PLIANT_MAX_HISTORY])
 {
     /* secants differ in size by orders: scale to a unit diagonal, then a little regularization */
     double equations[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY], scale[PLIANT_MAX_HISTORY], right[PLIANT_MAX_HISTORY];
     int32_t used[PLIANT_MAX_HISTORY], m = 0;
+    const double largest = estimates ? INFINITY : solver->rules.largest_secant;
     memset(weights, 0, PLIANT_MAX_HISTORY * sizeof *weights);
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
         scale[h] = solver->rules.number[h] > 0 ? pliant_anderson_scale(solver->gram[h * PLIANT_MAX_HISTORY + h], largest) : 0;
@@ -99,6 +99,7 @@ bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_M
     }
     if (m == 0) return false;
     for (int32_t a = 0; a < m; a++) {
+        const double noise = estimates ? pliant_anderson_noise(&solver->rules, used[a]) : PLIANT_NOISE_OF_TRIAL;
         right[a] = along[used[a]] * scale[used[a]];
         for (int32_t b = 0; b < m; b++)
             equations[a * m + b] = a == b ? 1 + noise * noise : solver->gram[used[a] * PLIANT_MAX_HISTORY + used[b]] * scale[used[a]] * scale[used[b]];
@@ -113,15 +114,16 @@ double pliant_secants_left(const pliant_solver *solver, const pliant_iterate *at
 {
     double along[PLIANT_MAX_HISTORY], weights[PLIANT_MAX_HISTORY], largest = 0;
     pliant_secants_along(solver, at, along);
-    pliant_secants_mix(solver, along, PLIANT_NOISE_OF_ESTIMATE, INFINITY, weights);
+    pliant_secants_mix(solver, along, true, weights);
     const pliant_system *system = solver->system;
+    const double unexplained = pliant_anderson_unexplained(&solver->rules);
 #pragma omp parallel for schedule(static) num_threads(system->num_threads) reduction(max : largest) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
     for (int32_t f = 0; f < system->num_free; f++) {
         double squares = 0;
         for (size_t i = 3 * (size_t)f; i < 3 * (size_t)f + 3; i++) {
-            double step = at->step[i];
+            double step = unexplained * at->step[i];
             for (int32_t a = 0; a < PLIANT_MAX_HISTORY; a++)
-                if (weights[a] != 0) step -= weights[a] * (solver->history[a].x[i] + solver->history[a].step[i]);
+                if (weights[a] != 0) step -= weights[a] * (solver->history[a].x[i] + unexplained * solver->history[a].step[i]);
             squares += step * step;
         }
         largest = fmax(largest, squares);
@@ -138,12 +140,13 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made)
     double along[PLIANT_MAX_HISTORY], weights[PLIANT_MAX_HISTORY] = {0}, likely[PLIANT_MAX_HISTORY] = {0};
     bool mixed = false;
     if (pliant_secants_along(solver, at, along)) {
-        mixed = rules->mixes && pliant_secants_mix(solver, along, PLIANT_NOISE_OF_TRIAL, rules->largest_secant, weights);
-        pliant_secants_mix(solver, along, PLIANT_NOISE_OF_ESTIMATE, INFINITY, likely);
+        mixed = rules->mixes && pliant_secants_mix(solver, along, false, weights);
+        pliant_secants_mix(solver, along, true, likely);
     }
     int32_t used[PLIANT_MAX_HISTORY], m = 0;
     for (int32_t a = 0; a < PLIANT_MAX_HISTORY; a++)
         if (weights[a] != 0 || likely[a] != 0) used[m++] = a;
+    const double unexplained = pliant_anderson_unexplained(rules);
     double most_left = 0, most_made = 0;
     memcpy(trial->x, at->x, 3 * (size_t)system->mesh->num_nodes * sizeof *trial->x);
 #pragma omp parallel for schedule(static) num_threads(system->num_threads) reduction(max : most_left, most_made) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
@@ -151,11 +154,12 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made)
         double step[3], estimate[3];
         for (int d = 0; d < 3; d++) {
             size_t i = 3 * (size_t)f + (size_t)d;
-            step[d] = estimate[d] = at->step[i];
+            step[d] = at->step[i];
+            estimate[d] = unexplained * at->step[i];
             for (int32_t u = 0; u < m; u++) {
-                const double secant = solver->history[used[u]].x[i] + solver->history[used[u]].step[i];
-                step[d] -= weights[used[u]] * secant;
-                estimate[d] -= likely[used[u]] * secant;
+                const pliant_secant *secant = solver->history + used[u];
+                step[d] -= weights[used[u]] * (secant->x[i] + secant->step[i]);
+                estimate[d] -= likely[used[u]] * (secant->x[i] + unexplained * secant->step[i]);
             }
         }
         most_left = fmax(most_left, estimate[0] * estimate[0] + estimate[1] * estimate[1] + estimate[2] * estimate[2]);

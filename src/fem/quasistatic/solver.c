@@ -72,6 +72,7 @@ static void find_elastic_forces(pliant_solver *solver, pliant_iterate *at)
 static pliant_status evaluate(pliant_solver *solver, pliant_known known, pliant_iterate *at)
 {
     const size_t bytes = pliant_solver_unknowns(solver) * sizeof *at->residual;
+    solver->evaluations += known != PLIANT_KNOWN_STEP;
     if (known == PLIANT_KNOWN_NOTHING) find_elastic_forces(solver, at);
     memcpy(at->residual, solver->load, bytes);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
@@ -101,19 +102,19 @@ static void swap_iterates(pliant_solver *solver)
     solver->trial = swap;
 }
 
-/* Around a patch more changes than its loads, and where these do from step to step, the next one could not do without an evaluation: no time
- * that a step was given for getting better is spent on that. */
-static bool evaluates_end(const pliant_solver *solver)
-{
-    return !solver->system->basis && !(solver->posterior.loads_change && solver->budget > 0);
-}
+/* Time that a step may take, and what its evaluations take. */
+typedef struct step_time {
+    double start, begun; /* the step, its first whole evaluation [s] */
+    int32_t whole;       /* evaluations that were made from the forces on */
+} step_time;
 
-/* whether one more evaluation, as long as those that were made so far, and that of the end would be done within the budget */
-static bool time_left(const pliant_solver *solver, double start, int32_t made)
+/* how many more evaluations would be done within the budget */
+static int32_t affordable(const pliant_solver *solver, const step_time *time)
 {
-    if (!(solver->budget > 0)) return true;
-    const double spent = solver->clock(solver->clock_user) - start, each = made > 0 ? spent / made : solver->evaluation_seconds;
-    return spent + (evaluates_end(solver) ? 2 : 1) * each <= solver->budget;
+    if (!(solver->budget > 0)) return INT32_MAX;
+    const double now = solver->clock(solver->clock_user), each = time->whole > 0 ? (now - time->begun) / time->whole : solver->evaluation_seconds;
+    const double left = time->start + solver->budget - now;
+    return each > 0 && left < 1e6 * each ? (int32_t)fmax(left / each, 0) : INT32_MAX;
 }
 
 /* how the potential energy changes along the trial's step where it ends; springs and contacts have no part in it: where there are some, 0 */
@@ -161,7 +162,7 @@ static void prepare_next(pliant_solver *solver)
     if (rules->next == PLIANT_NEXT_BLIND) take_blind_step(solver);
 }
 
-static pliant_status iterate(pliant_solver *solver, double start, int32_t *made)
+static pliant_status iterate(pliant_solver *solver, step_time *time)
 {
     pliant_anderson *rules = &solver->rules;
     pliant_anderson_begin(rules);
@@ -171,11 +172,11 @@ static pliant_status iterate(pliant_solver *solver, double start, int32_t *made)
         pliant_iterate *at = first ? &solver->now : &solver->trial;
         pliant_status status = evaluate(solver, first ? known : PLIANT_KNOWN_NOTHING, at);
         if (status != PLIANT_OK) return status;
-        solver->evaluations++;
-        *made += !first || known != PLIANT_KNOWN_STEP;
+        if (!first || known == PLIANT_KNOWN_NOTHING) time->whole++;
+        else time->begun = solver->clock(solver->clock_user);
         const bool plain = !rules->mixes && (rules->next == PLIANT_NEXT_TRIAL || rules->next == PLIANT_NEXT_DESCENT);
         const double slope = plain && !(at->merit < solver->now.merit && rules->next == PLIANT_NEXT_TRIAL) ? slope_of(solver) : 0;
-        pliant_anderson_judge(rules, at->merit, slope, time_left(solver, start, *made));
+        pliant_anderson_judge(rules, at->merit, slope, affordable(solver, time));
         if (rules->keep >= 0) pliant_solver_remember(solver, rules->keep, &solver->now, &solver->trial);
         if (rules->take) swap_iterates(solver);
         if (pliant_touches_any(solver->touches) && (first || rules->take)) pliant_touches_take(solver->touches);
@@ -198,19 +199,21 @@ static bool evaluate_end(pliant_solver *solver)
     if (solver->rules.keep >= 0) pliant_solver_remember(solver, solver->rules.keep, &solver->now, &solver->trial);
     swap_iterates(solver);
     if (good && pliant_touches_any(solver->touches)) pliant_touches_take(solver->touches);
-    if (good) pliant_anderson_settle_end(&solver->rules, pliant_secants_left(solver, &solver->now));
+    if (good) solver->rules.error = pliant_anderson_error(pliant_secants_left(solver, &solver->now));
     return good;
 }
 
-/* The state that the step ends with (estimate.c), and what the step has to say of the one before. */
-static void look_at_end(pliant_solver *solver, double start, int32_t made)
+/* The state that the step ends with (estimate.c), and what the step has to say of the one before. Around a patch more changes than its loads:
+ * what is found here is of no use to the next step. */
+static void look_at_end(pliant_solver *solver, step_time *time)
 {
-    const bool evaluates = solver->rules.next == PLIANT_NEXT_BLIND && evaluates_end(solver), seen = solver->posterior.seen;
-    const bool evaluated = evaluates ? evaluate_end(solver) : solver->rules.next != PLIANT_NEXT_BLIND && !solver->system->basis;
-    made += evaluates;
-    if (solver->budget > 0 && made > 0) solver->evaluation_seconds = (solver->clock(solver->clock_user) - start) / made;
-    pliant_anderson_tell(&solver->rules, seen, seen ? pliant_secants_left(solver, &solver->posterior.at) : 0, !pliant_preconditioner_refuses(solver->preconditioner));
-    pliant_posterior_keep(solver, evaluated);
+    const bool blind = solver->rules.next == PLIANT_NEXT_BLIND, seen = solver->posterior.seen;
+    const bool evaluates = blind && affordable(solver, time) > 0;
+    const bool evaluated = evaluates ? evaluate_end(solver) : !blind;
+    time->whole += evaluates;
+    if (solver->budget > 0 && time->whole > 0) solver->evaluation_seconds = (solver->clock(solver->clock_user) - time->begun) / time->whole;
+    pliant_anderson_tell(&solver->rules, seen, seen ? pliant_secants_left(solver, &solver->posterior.at) : 0);
+    pliant_posterior_keep(solver, evaluated && !solver->system->basis);
 }
 
 /* The axes follow the tissue. Responses to springs hold for the axes that they were found in: those wait for the next factor. Of tools
@@ -240,12 +243,12 @@ static pliant_status begin(pliant_solver *solver)
 }
 
 /* Iterations of a step that has others before and after it; one that has a budget needs no other limit. */
-static pliant_status iterate_evenly(pliant_solver *solver, double start, int32_t *made)
+static pliant_status iterate_evenly(pliant_solver *solver, step_time *time)
 {
     const int32_t most = solver->rules.most_evaluations;
     if (pliant_background_is_live(solver->background) && !(solver->budget > 0)) solver->rules.most_evaluations = pliant_even_limit(&solver->even, most);
-    pliant_status status = iterate(solver, start, made);
-    pliant_even_note(&solver->even, solver->rules.evaluations);
+    pliant_status status = iterate(solver, time);
+    pliant_even_note(&solver->even, pliant_anderson_iterations(&solver->rules));
     solver->rules.most_evaluations = most;
     return status;
 }
@@ -266,10 +269,11 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
         if (!handle->by_force && handle->count == 0) memset(handle->force, 0, sizeof handle->force); /* all that it holds is fixed */
         memcpy(solver->now.force + 3 * t, handle->force, 3 * sizeof(double));
     }
-    const double start = solver->clock(solver->clock_user);
-    int32_t made = 0;
-    status = iterate_evenly(solver, start, &made);
-    statistics->iterations = solver->rules.evaluations;
+    step_time time = {.start = solver->clock(solver->clock_user)};
+    time.begun = time.start;
+    solver->rules.is_cycle = !pliant_preconditioner_refuses(solver->preconditioner);
+    status = iterate_evenly(solver, &time);
+    statistics->iterations = pliant_anderson_iterations(&solver->rules);
     statistics->rejected += (uint64_t)solver->rules.rejected;
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, solver->now.force + 3 * t, 3 * sizeof(double));
@@ -280,7 +284,7 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
         const double *r = solver->now.residual + 3 * f;
         statistics->residual_force = fmax(statistics->residual_force, sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]));
     }
-    look_at_end(solver, start, made);
+    look_at_end(solver, &time);
     pliant_touches_report(solver, statistics);
     statistics->error = solver->rules.error;
     statistics->error_before = solver->rules.error_before;

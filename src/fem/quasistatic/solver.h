@@ -43,7 +43,6 @@ typedef struct pliant_handle {
 typedef struct pliant_refresh pliant_refresh; /* the background factorizer, refresh.c */
 
 enum { PLIANT_MAX_ROWS = 3 * PLIANT_MAX_TOOLS };
-enum { PLIANT_MEASURED_CYCLES = 8 };
 /* Fewer are sooner done by one thread. */
 enum { PLIANT_NODES_FOR_THREADS = 4096 };
 
@@ -72,7 +71,6 @@ typedef struct pliant_posterior {
     bool evaluated;             /* now.elastic and now.free_step are of it */
     bool seen;                  /* and what it was evaluated with is in use still */
     bool touched;               /* there were contacts */
-    bool loads_change;          /* from the step before to this one */
     pliant_iterate at;          /* its step, residual and step_force; the rest is not used */
     double gravity[3], force[PLIANT_MAX_ROWS]; /* that it was solved for */
     uint64_t factor_serial, axes_serial; /* that it was evaluated with */
@@ -88,7 +86,7 @@ struct pliant_solver {
     int32_t refresh_delay, convert_delay; /* steps until a factor is there, and then until the history fits it */
     double smallest_scale;
     double budget;              /* of the iterations of a step [s]; 0: none */
-    double evaluation_seconds;  /* in the last step that had one */
+    double evaluation_seconds;  /* of a whole one, in the last step that had one */
     double (*clock)(void *user); /* that it is measured by: the machine's, or a test's [s] */
     void *clock_user;
 
@@ -97,7 +95,7 @@ struct pliant_solver {
     uint64_t axes_serial;       /* counts turns of the axes */
     bool awake;                 /* there is what a step needs, which is what follows but for load, now.x, dense_weights and handles */
     pliant_nodal_rotations *rotations;          /* Nullable: the axes that it is used in */
-    int64_t evaluations;        /* since they turned */
+    int64_t evaluations;        /* since they turned, those that took time */
     pliant_refresh *refresh;    /* Nullable */
     pliant_background *background; /* Nullable; borrowed: when what it makes is put to use */
     uint32_t takes_factor, takes_history; /* and what these are called there */
@@ -181,10 +179,9 @@ void pliant_solver_remember(pliant_solver *solver, int32_t place, const pliant_i
 /* Products of the secants' steps with a residual; false: there is no secant. */
 bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at, double along[PLIANT_MAX_HISTORY]);
 /* Weights that make the step smallest in the energy norm: min |dx - sum w_i (secant of dx)_i|_K0; false: none, all 0.
- * noise: of a secant, relative. largest: square of the energy norm of a secant's step above which it is not used [J] */
-bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], double noise, double largest,
-                        double weights[PLIANT_MAX_HISTORY]);
-/* Largest move of a node that the secants and the residual of a state still call for [m]. */
+ * estimates: for an estimate of what is left, not for a trial */
+bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], bool estimates, double weights[PLIANT_MAX_HISTORY]);
+/* Largest move of a node that the secants and the residual of a state still call for, now and later [m]. */
 double pliant_secants_left(const pliant_solver *solver, const pliant_iterate *at);
 /* trial = now + damping * (mixed step), as the rules say. left: as pliant_secants_left; made: largest move of a node [m]. false: not mixed */
 bool pliant_solver_propose(pliant_solver *solver, double *left, double *made);
@@ -206,11 +203,6 @@ pliant_status pliant_posterior_create(pliant_solver *solver);
 void pliant_posterior_free(pliant_solver *solver);
 /* At the beginning of a step: what is known of its first state. */
 pliant_known pliant_posterior_begin(pliant_solver *solver);
-/* How much of an error an evaluation leaves, before a step has shown it: a few cycles of a preconditioner that hides slow errors, in the
- * solver's own room, at rest. Errors: MEMORY. */
-pliant_status pliant_solver_measure(pliant_solver *solver);
-/* From the energies of that many corrections, one after the other: what the last cycles left. 0: not known */
-double pliant_solver_left_by_a_cycle(const double energy[PLIANT_MEASURED_CYCLES]);
 /* The step ends. evaluated: so is the state that it ends with. */
 void pliant_posterior_keep(pliant_solver *solver, bool evaluated);
 

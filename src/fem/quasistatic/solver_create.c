@@ -133,7 +133,6 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
     pliant_solver *solver = NULL;
     pliant_status status = pliant_solver_create_without(scene, system, false, &solver);
     if (status == PLIANT_OK) status = pliant_solver_reset(solver);
-    if (status == PLIANT_OK && !system->basis && !pliant_preconditioner_refuses(solver->preconditioner)) status = pliant_solver_measure(solver);
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
         return status;

@@ -307,7 +307,7 @@ void timing_message(const pliant_statistics &statistics, StepTiming *out)
     }
     out->iterations = static_cast<uint32_t>(statistics.iterations);
     out->residual = static_cast<float>(statistics.residual);
-    out->error = static_cast<float>(statistics.error_before);
+    out->error = static_cast<float>(statistics.error);
     out->not_converged = statistics.not_converged;
     out->failed = statistics.failed;
 }
