@@ -149,12 +149,53 @@ static void all_loads(const pliant_submesh *submesh, const cube_room *room, doub
 
 /* ---- stiffness */
 
+/* root of g' h^-1 g where h is well conditioned: L^-1 g with h = L L' */
+static bool root_by_factor(const double h[MODES * MODES], const double g[MODES * UNKNOWNS], double *root)
+{
+    const double least = 1e-6; /* square of a pivot over the largest diagonal */
+    double l[MODES * MODES], most = 0;
+    memcpy(l, h, sizeof l);
+    for (int m = 0; m < MODES; m++) most = fmax(most, h[(MODES + 1) * m]);
+    if (!pliant_dense_cholesky(MODES, l)) return false;
+    for (int m = 0; m < MODES; m++) {
+        const double pivot = l[(MODES + 1) * m];
+        if (!(pivot * pivot > least * most)) return false;
+        for (int i = 0; i < UNKNOWNS; i++) {
+            double sum = g[UNKNOWNS * m + i];
+            for (int n = 0; n < m; n++) sum -= l[MODES * m + n] * root[UNKNOWNS * n + i];
+            root[UNKNOWNS * m + i] = sum / pivot;
+            if (!isfinite(root[UNKNOWNS * m + i])) return false;
+        }
+    }
+    return true;
+}
+
+/* The same where stresses cannot all be told apart by what is there of the cube: returns how many rows. h is overwritten. */
+static int32_t root_by_eigenvalues(double h[MODES * MODES], const double g[MODES * UNKNOWNS], double *root)
+{
+    double values[MODES], vectors[MODES * MODES], most = 0;
+    pliant_dense_symmetric_eigen(MODES, h, values, vectors);
+    for (int m = 0; m < MODES; m++) most = fmax(most, values[m]);
+    int32_t rank = 0;
+    for (int m = 0; m < MODES; m++) {
+        if (!(values[m] > 1e-10 * most)) continue;
+        double *row = root + UNKNOWNS * rank++;
+        for (int i = 0; i < UNKNOWNS; i++) {
+            row[i] = 0;
+            for (int n = 0; n < MODES; n++) row[i] += vectors[MODES * n + m] * g[UNKNOWNS * n + i];
+            row[i] /= sqrt(values[m]);
+            if (!isfinite(row[i])) return 0;
+        }
+    }
+    return rank;
+}
+
 /* root of K_c (at most 18 rows of 24): returns how many rows, 0: the fine elements fall apart */
 static int32_t condense(pliant_submesh *submesh, const cube_room *room, double *root)
 {
     const int32_t size = 3 * submesh->num_nodes;
     double *phi = submesh->work, *z = phi + (size_t)size * MODES, *modes = z + (size_t)size * MODES;
-    double h[MODES * MODES] = {0}, g[MODES * UNKNOWNS] = {0}, values[MODES], vectors[MODES * MODES], most = 0;
+    double h[MODES * MODES] = {0}, g[MODES * UNKNOWNS] = {0};
     all_loads(submesh, room, phi);
     if (!pliant_submesh_factor(submesh, modes)) return 0;
     memcpy(z, phi, (size_t)size * MODES * sizeof *z);
@@ -167,20 +208,7 @@ static int32_t condense(pliant_submesh *submesh, const cube_room *room, double *
         }
     for (int m = 0; m < MODES; m++)
         for (int n = 0; n < m; n++) h[MODES * m + n] = h[MODES * n + m] = 0.5 * (h[MODES * m + n] + h[MODES * n + m]);
-    pliant_dense_symmetric_eigen(MODES, h, values, vectors);
-    for (int m = 0; m < MODES; m++) most = fmax(most, values[m]);
-    int32_t rank = 0;
-    for (int m = 0; m < MODES; m++) {
-        if (!(values[m] > 1e-10 * most)) continue; /* of a stress that what is there of the cube does not tell from others */
-        double *row = root + UNKNOWNS * rank++;
-        for (int i = 0; i < UNKNOWNS; i++) {
-            row[i] = 0;
-            for (int n = 0; n < MODES; n++) row[i] += vectors[MODES * n + m] * g[UNKNOWNS * n + i];
-            row[i] /= sqrt(values[m]);
-            if (!isfinite(row[i])) return 0;
-        }
-    }
-    return rank;
+    return root_by_factor(h, g, root) ? MODES : root_by_eigenvalues(h, g, root);
 }
 
 /* one fine element's part of P'KP without the changes of volume, and of their mean */
