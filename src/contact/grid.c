@@ -197,7 +197,7 @@ static int share_a_node(const int32_t *a, const int32_t *b)
     return same;
 }
 
-PLIANT_VECTORIZED static int overlap(const double *positions, const int32_t *one, const int32_t *other)
+static int overlap(const double *positions, const int32_t *one, const int32_t *other)
 {
     double x[3][4], y[3][4];
     for (int v = 0; v < 4; v++)
@@ -212,8 +212,10 @@ static void take_pair(const pair_search *search, const int32_t at[3], int32_t i,
 {
     const pliant_grid *grid = search->grid;
     const pliant_grid_box *one = grid->box + i, *other = grid->box + j;
-    for (int d = 0; d < 3; d++) /* a pair is of the cell that holds the lowest corner of what its boxes have in common */
+    for (int d = 0; d < 3; d++) { /* a pair is of the cell that holds the lowest corner of what its boxes have in common */
         if ((one->cell[d] > other->cell[d] ? one->cell[d] : other->cell[d]) != at[d]) return;
+        if (!(one->low[d] < other->high[d] && other->low[d] < one->high[d])) return; /* a tile's are larger by rounding */
+    }
     const int32_t a = grid->tet[i], b = grid->tet[j];
     const int32_t *nodes = search->tets + 4 * (size_t)a, *others = search->tets + 4 * (size_t)b;
     if (share_a_node(nodes, others) || !overlap(search->positions, nodes, others)) return;

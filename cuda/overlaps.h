@@ -1,0 +1,28 @@
+/* Tetrahedra that overlap, found on the GPU by the rules of contact/grid.c and contact/overlap.h: the same pairs. */
+#ifndef PLIANT_CUDA_OVERLAPS_H
+#define PLIANT_CUDA_OVERLAPS_H
+
+#include "check.h"
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct gpu_overlaps gpu_overlaps;
+
+/* @param tets (num_tets x 4) nodes; @param tet (count, one at least) those that are looked at; @param side of the grid's cells, best as large as they are [m].
+ * Errors: MEMORY, UNAVAILABLE. */
+pliant_status gpu_overlaps_create(int32_t num_tets, const int32_t *tets, int32_t count, const int32_t *tet, double side, cudaStream_t stream,
+                                  gpu_overlaps **out);
+void gpu_overlaps_free(gpu_overlaps *overlaps); /* Nullable */
+/* Waits for the stream, which is none of the default ones. @param d_positions (nodes x 3) [m]; @param count out: pairs. Errors: MEMORY, UNAVAILABLE. */
+pliant_status gpu_overlaps_find(gpu_overlaps *overlaps, const double *d_positions, cudaStream_t stream, int32_t *count);
+/* The pairs that were found last, lower tetrahedron first, ascending. @param pair (count x 2) out. Errors: UNAVAILABLE. */
+pliant_status gpu_overlaps_get_pairs(const gpu_overlaps *overlaps, cudaStream_t stream, int32_t *pair);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

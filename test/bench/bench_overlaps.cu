@@ -1,0 +1,76 @@
+// What it takes the GPU to find the tetrahedra that overlap, beside the CPU, whose pairs must be the same: of the blocks of bench_contact.
+//
+//   bench_overlaps [RUNS [small]]   small: 13,720 tetrahedra alone, as for compute-sanitizer
+#include "../../cuda/overlaps.h"
+#include "contact/grid.h"
+#include "rolled.h"
+
+#include <cuda_runtime.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+
+namespace {
+
+void must(pliant_status status)
+{
+    if (status >= 0) return;
+    std::fprintf(stderr, "bench_overlaps: %s\n", pliant_last_error());
+    std::exit(1);
+}
+
+double now() { return 1e-6 * double(std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count()); }
+
+bool measure(int32_t cells, int runs)
+{
+    Rolled block(cells);
+    double *d_positions = nullptr;
+    cudaStream_t stream = nullptr;
+    bool same = true;
+    if (cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking) != cudaSuccess || cudaMalloc(&d_positions, block.positions.size() * sizeof(double)) != cudaSuccess ||
+        cudaMemcpy(d_positions, block.positions.data(), block.positions.size() * sizeof(double), cudaMemcpyHostToDevice) != cudaSuccess)
+        std::exit(1);
+    for (const std::vector<int32_t> *list : {&block.surface, &block.all}) {
+        gpu_overlaps *overlaps = nullptr;
+        pliant_grid grid{};
+        int32_t count = 0, expected = 0;
+        const int32_t listed = static_cast<int32_t>(list->size());
+        must(gpu_overlaps_create(block.mesh.num_tets, block.mesh.tets, listed, list->data(), 1.3 * block.mesh.cell_size[0], stream, &overlaps));
+        std::vector<double> ms;
+        for (int run = 0; run < runs; run++) {
+            const double start = now();
+            must(gpu_overlaps_find(overlaps, d_positions, stream, &count));
+            if (run > 2) ms.push_back(now() - start);
+        }
+        std::sort(ms.begin(), ms.end());
+        must(pliant_grid_fill(&grid, listed, list->data(), block.mesh.tets, block.positions.data(), 0, 8));
+        must(pliant_grid_overlaps(&grid, block.mesh.tets, block.positions.data(), 8, &expected));
+        std::vector<int32_t> mine(2 * static_cast<size_t>(count));
+        std::vector<std::pair<int32_t, int32_t>> truth;
+        must(gpu_overlaps_get_pairs(overlaps, stream, mine.data()));
+        for (const pliant_grid_pairs &found : grid.found)
+            for (int32_t p = 0; p < found.count; p++) truth.emplace_back(found.pair[2 * p], found.pair[2 * p + 1]);
+        std::sort(truth.begin(), truth.end());
+        bool equal = count == expected;
+        for (int32_t p = 0; equal && p < count; p++) equal = truth[p].first == mine[2 * p] && truth[p].second == mine[2 * p + 1];
+        same = same && equal;
+        std::printf("%d tetrahedra, %d in the grid, %d pairs overlap, %s as on the CPU: %.4f ms (median of %zu with what waits for it; least %.4f)\n",
+                    block.mesh.num_tets, listed, count, equal ? "the same" : "NOT THE SAME", ms[ms.size() / 2], ms.size(), ms[0]);
+        gpu_overlaps_free(overlaps);
+        pliant_grid_free(&grid);
+    }
+    cudaFree(d_positions);
+    cudaStreamDestroy(stream);
+    return same;
+}
+
+} // namespace
+
+int main(int argc, char **argv)
+{
+    const int runs = argc > 1 ? std::atoi(argv[1]) : 100;
+    const bool small = measure(14, runs), large = argc > 2 || measure(58, runs);
+    return small && large ? 0 : 1;
+}
