@@ -145,6 +145,7 @@ TEST(Tissue, NothingTouchesAtRest)
     blocks.find();
     EXPECT_EQ(blocks.contacts.count, 0);
     EXPECT_EQ(blocks.tissue.num_overlaps, 0);
+    pliant_tissue_forget(&blocks.tissue);
     blocks.map(0, [](double *x) { // far from rest, without folding
         x[1] += 0.6 * x[0];
         x[0] *= 0.7;

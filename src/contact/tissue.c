@@ -2,6 +2,7 @@
 #include "contact/tissue.h"
 
 #include "base/fail.h"
+#include "contact/follow.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -327,13 +328,12 @@ static pliant_status tell_nodes(const finding *on, pliant_contacts *out)
             const pliant_skin *skin = tissue->skin + list[k].skin;
             pliant_contact_point *point = append(out);
             if (!point) return pliant_fail_memory("contacts of tissue with tissue");
-            point->feature = (uint64_t)240 << 56 | (uint64_t)tissue->node[n] << 2 | (uint64_t)k;
+            point->feature = (uint64_t)PLIANT_TISSUE_NODE << 56 | (uint64_t)tissue->node[n] << 2 | (uint64_t)k;
             point->node[0] = tissue->node[n];
             point->weight[0] = 1;
             point->count = 1;
             for (int v = 0; v < 3; v++) {
                 const double weight = fmax(list[k].weight[v], 0) / (fmax(list[k].weight[0], 0) + fmax(list[k].weight[1], 0) + fmax(list[k].weight[2], 0));
-                if (weight == 0) continue;
                 point->node[point->count] = skin->node[v];
                 point->weight[point->count++] = -weight;
             }
@@ -419,7 +419,7 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
     const double weight[4] = {1 - s, s, t - 1, -t};
     const uint64_t first = edge_number(tissue, a, i), second = edge_number(tissue, b, j);
     const bool turned = first > second; /* the lower one is pushed, whoever was found first */
-    point->feature = (uint64_t)241 << 56 | (turned ? second : first) << 28 | (turned ? first : second);
+    point->feature = (uint64_t)PLIANT_TISSUE_EDGE << 56 | (turned ? second : first) << 28 | (turned ? first : second);
     point->count = 4;
     for (int v = 0; v < 4; v++) {
         point->node[v] = node[turned ? (v + 2) % 4 : v];
@@ -472,15 +472,40 @@ static pliant_status tell_faces(const finding *on, pliant_contacts *out)
     for (int32_t f = 0; f < tissue->num_faces; f++) {
         pliant_contact_point *point = append(out);
         if (!point) return pliant_fail_memory("contacts of tissue with tissue");
-        point->feature = (uint64_t)242 << 56 | (uint64_t)tissue->face[f].tet[0] << 28 | (uint64_t)tissue->face[f].tet[1];
+        point->feature = (uint64_t)PLIANT_TISSUE_CUT << 56 | (uint64_t)tissue->face[f].tet[0] << 28 | (uint64_t)tissue->face[f].tet[1];
         point->friction = on->rule->friction;
         if (!pliant_cut_face_point(tissue->body, tissue->face + f, on->positions, on->rule, point)) out->count--;
     }
     return PLIANT_OK;
 }
 
-pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule, pliant_contacts *out)
+/* What two nodes may come nearer in a step, by the one before: a step that begins apart must not end deep inside. At most the shortest edge. */
+static double find_margin(const pliant_tissue *tissue, const double *positions, double margin)
 {
+    double mean[3] = {0, 0, 0}, most = 0;
+    if (!tissue->has_place) return margin;
+    for (int pass = 0; pass < 2; pass++)
+        for (int32_t n = 0; n < tissue->num_nodes; n++) {
+            double square = 0;
+            for (int d = 0; d < 3; d++) {
+                const double way = positions[3 * (size_t)tissue->node[n] + (size_t)d] - tissue->place[3 * (size_t)n + (size_t)d];
+                if (!pass) mean[d] += way / tissue->num_nodes;
+                else square += (way - mean[d]) * (way - mean[d]);
+            }
+            most = fmax(most, square);
+        }
+    return fmin(margin + 2 * sqrt(most), fmax(margin, tissue->shortest));
+}
+
+static void keep_places(pliant_tissue *tissue, const double *positions)
+{
+    for (int32_t n = 0; n < tissue->num_nodes; n++) memcpy(tissue->place + 3 * (size_t)n, positions + 3 * (size_t)tissue->node[n], 3 * sizeof *positions);
+    tissue->has_place = true;
+}
+
+pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given, pliant_contacts *out)
+{
+    const pliant_tissue_rule moving = {find_margin(tissue, positions, given->margin), given->recovery, given->friction}, *rule = &moving;
     const finding on = {.tissue = tissue, .positions = positions, .rule = rule};
     const pliant_mesh *mesh = &tissue->body->fine;
     const int32_t before_all = out->count;
@@ -500,6 +525,7 @@ pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions,
     status = tell_nodes(&on, out);
     if (status == PLIANT_OK) status = tell_edges(&on, out);
     if (status == PLIANT_OK) status = tell_faces(&on, out);
-    if (status != PLIANT_OK) out->count = before_all;
+    if (status == PLIANT_OK) keep_places(tissue, positions);
+    else out->count = before_all;
     return status;
 }

@@ -61,6 +61,8 @@ typedef struct pliant_tissue {
     int32_t *count;            /* (num_nodes) how many triangles each touches */
     pliant_touching *touching; /* (num_nodes x PLIANT_TOUCHINGS) shallowest first */
     int32_t *last;             /* (num_nodes) the triangle that it touched in the step before; -1: none */
+    bool has_place;
+    double *place;             /* (num_nodes x 3) where nodes were as the step before began [m] */
     int32_t num_overlaps;      /* pairs of tetrahedra */
 } pliant_tissue;
 
@@ -74,14 +76,14 @@ void pliant_tissue_forget(pliant_tissue *tissue);
 pliant_status pliant_tissue_copy(const pliant_tissue *from, pliant_tissue *to);
 
 typedef struct pliant_tissue_rule {
-    double margin;             /* outside of the surface, points are found so far away [m] */
+    double margin;             /* outside of the surface, points are found so far away, and as far as nodes went in the step before [m] */
     double recovery;           /* of how deep tissue lies in tissue as a step begins, at most this is undone [m] */
     double friction;
 } pliant_tissue_rule;
 
-/* Appends the points, ascending by feature: its top byte is 240 for nodes, 241 for edges and 242 for cut faces.
+/* Appends the points, ascending by feature: its top byte is PLIANT_TISSUE_NODE, _EDGE or _CUT (follow.h).
  * @param positions (nodes x 3) as the step begins [m]. Errors: MEMORY. */
-pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule, pliant_contacts *out);
+pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given, pliant_contacts *out);
 
 /* ---- tissue_cut.c */
 /* The cut faces of a body, freed with pliant_free; none: NULL. Errors: MEMORY. */

@@ -14,7 +14,7 @@ static void free_surface(pliant_tissue *tissue)
 {
     void *blocks[] = {tissue->own_across, tissue->apart,  tissue->skin,   tissue->tet,   tissue->skin_start, tissue->node,
                       tissue->around_start, tissue->around, tissue->fan_start, tissue->fan, tissue->area, tissue->face, tissue->normal,     tissue->count,
-                      tissue->touching,   tissue->last};
+                      tissue->touching,   tissue->last,   tissue->place};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -29,6 +29,7 @@ void pliant_tissue_free(pliant_tissue *tissue)
 void pliant_tissue_forget(pliant_tissue *tissue)
 {
     for (int32_t n = 0; n < tissue->num_nodes; n++) tissue->last[n] = -1;
+    tissue->has_place = false;
 }
 
 static pliant_status no_memory(void) { return pliant_fail_memory("contacts of tissue with tissue"); }
@@ -135,8 +136,9 @@ static pliant_status find_nodes(pliant_tissue *tissue)
     tissue->area = pliant_calloc(nodes, sizeof *tissue->area);
     tissue->count = pliant_calloc(nodes, sizeof *tissue->count);
     tissue->last = pliant_calloc(nodes, sizeof *tissue->last);
+    tissue->place = pliant_calloc(nodes, 3 * sizeof *tissue->place);
     tissue->touching = pliant_calloc(PLIANT_TOUCHINGS * nodes, sizeof *tissue->touching);
-    if (!tissue->around_start || !tissue->fan_start || !tissue->fan || !tissue->area || !tissue->count || !tissue->last || !tissue->touching) return no_memory();
+    if (!tissue->around_start || !tissue->fan_start || !tissue->fan || !tissue->area || !tissue->count || !tissue->last || !tissue->place || !tissue->touching) return no_memory();
     pliant_tissue_forget(tissue);
     for (size_t i = 0; i < corners; i++) tissue->fan_start[index_of(tissue, tissue->skin[i / 3].node[i % 3])]++;
     for (size_t n = 1; n <= nodes; n++) tissue->fan_start[n] += tissue->fan_start[n - 1];
@@ -229,6 +231,9 @@ pliant_status pliant_tissue_copy(const pliant_tissue *from, pliant_tissue *to)
 {
     if (!from->body) return PLIANT_OK;
     pliant_status status = pliant_tissue_set_body(to, from->body, from->threads);
-    if (status == PLIANT_OK && from->num_nodes > 0) memcpy(to->last, from->last, (size_t)from->num_nodes * sizeof *to->last);
-    return status;
+    if (status != PLIANT_OK || from->num_nodes == 0) return status;
+    memcpy(to->last, from->last, (size_t)from->num_nodes * sizeof *to->last);
+    memcpy(to->place, from->place, 3 * (size_t)from->num_nodes * sizeof *to->place);
+    to->has_place = from->has_place;
+    return PLIANT_OK;
 }

@@ -2,6 +2,7 @@
 #include "fem/dynamics/tled.h"
 
 #include "base/fail.h"
+#include "contact/follow.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -79,15 +80,34 @@ static void move(pliant_tled *tled, const pliant_contact_point *point, double fa
     }
 }
 
+/* Tissue on tissue: the sides face each other elsewhere by now, which is no slip. */
+static void follow(pliant_tled *tled, pliant_contact_point *point, pliant_tled_touch *touch)
+{
+    double x[4][3], before[3], after[3];
+    if (point->kind != PLIANT_OBSTACLE_TISSUE || point->count != 4) return;
+    for (int k = 0; k < 4; k++)
+        for (int d = 0; d < 3; d++) {
+            const size_t at = 3 * (size_t)point->node[k] + (size_t)d;
+            x[k][d] = tled->system->mesh->rest[at] + tled->u[at];
+        }
+    place_of(tled, point, before);
+    if (!pliant_contact_follow(x, point)) return;
+    place_of(tled, point, after);
+    touch->answer = 0;
+    for (int k = 0; k < 4; k++) touch->answer += point->weight[k] * point->weight[k] * tled->inverse_mass[point->node[k]];
+    for (int d = 0; d < 3; d++) touch->anchor[d] += after[d] - before[d];
+}
+
 double pliant_tled_touch_all(pliant_tled *tled, double factor, int32_t made)
 {
     const bool still = tled->system->quasi_static;
     const double done = still ? 1 : (double)(made + 1) / tled->substeps, part = still ? 1 : 1.0 / tled->substeps;
     double load = 0;
     for (int32_t p = 0; p < tled->contacts->count; p++) {
-        const pliant_contact_point *point = tled->contacts->point + p;
+        pliant_contact_point *point = tled->contacts->point + p;
         pliant_tled_touch *touch = tled->touch + p;
         double y[3], moved[3], slip[3], push[3], shift[3], gap = touch->deep * (1 - done), along = 0;
+        follow(tled, point, touch);
         if (!(touch->answer > 0)) continue;
         place_of(tled, point, y);
         apply_weights(point, tled->d, moved);

@@ -1,0 +1,168 @@
+// Blocks in explicit dynamics that fall on one another, lie in a stack, and collide in flight.
+#include "body.h"
+#include "fem/dynamics/tled.h"
+
+#include <algorithm>
+#include <numeric>
+
+namespace {
+
+constexpr double h = 0.01; // of an element
+
+// Blocks of 3 x 3 x 2 elements one above the other, with an element of nothing between them
+struct Pile : Body {
+    static std::vector<int> size_of(int blocks) { return {6, 6, 2 * (3 * blocks - 1)}; }
+    static std::vector<double> box_of(int blocks) { return {3 * h, 3 * h, (3 * blocks - 1) * h}; }
+    int blocks;
+
+    explicit Pile(int count)
+        : Body(size_of(count).data(), box_of(count).data(), {{20e3, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k / 2 % 3 == 2; }), blocks(count)
+    {
+        cells(3, 3, 3 * count - 1, 1);
+        scene.solver.kind = PLIANT_TLED;
+        scene.element.kind = PLIANT_LINEAR;
+        scene.solver.step = 0.01;
+        scene.contact.self = true;
+        scene.ground.normal[2] = 1;
+        scene.tled.damping = 20;
+        scene.model.gravity[2] = -9.81;
+    }
+    int block_of(int32_t node) const { return static_cast<int>(data->body->fine.rest[3 * node + 2] / (3 * h) + 1e-6); }
+    // lowest or highest point of a block
+    double end(int block, bool top) const
+    {
+        double out = top ? -1 : 1;
+        for (int32_t n = 0; n < data->body->fine.num_nodes; n++)
+            if (block_of(n) == block) out = top ? std::max(out, data->positions[3 * n + 2]) : std::min(out, data->positions[3 * n + 2]);
+        return out;
+    }
+    void run(int steps)
+    {
+        for (int s = 0; s < steps; s++) ASSERT_EQ(pliant_step(model, data), PLIANT_OK) << pliant_last_error();
+    }
+    // of what presses: how far the points are from each other
+    double worst_gap() const
+    {
+        double worst = 0;
+        for (int32_t c = 0; c < data->contacts.count; c++) {
+            const pliant_contact_point &point = data->contacts.point[c];
+            double gap = 0;
+            for (int32_t k = 0; k < point.count; k++)
+                for (int d = 0; d < 3; d++) gap += point.weight[k] * point.normal[d] * data->positions[3 * point.node[k] + d];
+            if (point.force[2] != 0) worst = std::max(worst, std::fabs(gap));
+        }
+        return worst;
+    }
+    double kinetic() const
+    {
+        pliant_dynamics dynamics;
+        EXPECT_EQ(pliant_data_get_dynamics(model, data, &dynamics), PLIANT_OK);
+        return dynamics.kinetic_energy;
+    }
+};
+
+TEST(SelfDynamics, TwoDroppedBlocksRestOnEachOther)
+{
+    Pile pile(2);
+    ASSERT_EQ(pile.build(), PLIANT_OK) << pliant_last_error();
+    pile.run(60);
+    
+    EXPECT_LT(pile.worst_gap(), 0.01 * h);
+    EXPECT_LT(pile.data->statistics.penetration, 0.01 * h);
+    EXPECT_LT(pile.kinetic(), 1e-8);
+    double force[3] = {0, 0, 0};
+    std::vector<pliant_contact> contacts(1000);
+    const int32_t count = pliant_data_get_contacts(pile.data, 1000, contacts.data());
+    for (int32_t c = 0; c < count; c++)
+        for (int d = 0; d < 3; d++) force[d] += contacts[c].tissue ? contacts[c].force[d] * (contacts[c].normal[2] > 0 ? 1 : -1) : 0;
+    const double weight = 9 * 2 * h * h * h * 1000 * 9.81;
+    EXPECT_NEAR(force[2], weight, 0.02 * weight) << "the upper one's";
+}
+
+TEST(SelfDynamics, AStackOfFiveStays)
+{
+    Pile pile(5);
+    pile.scene.tled.damping = 40;
+    ASSERT_EQ(pile.build(), PLIANT_OK) << pliant_last_error();
+    pile.run(80);
+    const double top = pile.end(4, true);
+    std::vector<double> before(pile.data->positions, pile.data->positions + 3 * pile.data->body->fine.num_nodes);
+    pile.run(25);
+    double most = 0;
+    for (size_t i = 0; i < before.size(); i++) most = std::max(most, std::fabs(pile.data->positions[i] - before[i]));
+    EXPECT_LT(pile.worst_gap(), 0.01 * h);
+    EXPECT_LT(most, 0.01 * h);
+    EXPECT_GT(top, 0.9 * 10 * h);
+}
+
+// Two blocks in flight that meet off their centres, and turn
+struct Flight : Pile {
+    double substep = 0;
+
+    explicit Flight(double friction) : Pile(2)
+    {
+        scene.tled.damping = 0;
+        scene.model.gravity[2] = 0;
+        scene.ground.point[2] = -1;
+        scene.contact.friction = friction;
+        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
+        substep = data->tled->time_step;
+        const double speed = 0.3;
+        for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
+            data->tled->u[3 * n] += block_of(n) ? 1.3 * h : 0;
+            data->tled->d[3 * n + 2] = (block_of(n) ? -speed : speed) * substep;
+            data->tled->d[3 * n] = (block_of(n) ? -0.2 : 0.2) * speed * substep;
+        }
+    }
+    // momentum [N s] and its moment [N m s], of half a sub-step ago
+    void momenta(double out[6]) const
+    {
+        std::fill(out, out + 6, 0);
+        const pliant_tled *tled = data->tled;
+        for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
+            const double m = data->body->node_mass[n] / tled->time_step, *d = tled->d + 3 * n;
+            double x[3];
+            for (int k = 0; k < 3; k++) x[k] = data->body->fine.rest[3 * n + k] + tled->u[3 * n + k] - 0.5 * d[k];
+            for (int k = 0; k < 3; k++) {
+                out[k] += m * d[k];
+                out[3 + k] += m * (x[(k + 1) % 3] * d[(k + 2) % 3] - x[(k + 2) % 3] * d[(k + 1) % 3]);
+            }
+        }
+    }
+    double energy() const
+    {
+        pliant_dynamics dynamics;
+        EXPECT_EQ(pliant_data_get_dynamics(model, data, &dynamics), PLIANT_OK);
+        return dynamics.kept_energy;
+    }
+};
+
+TEST(SelfDynamics, CollisionsKeepMomentum)
+{
+    for (double friction : {0.0, 0.5}) {
+        Flight flight(friction);
+        double first[6], now[6], scale = 0, arm = 0, most = 0, touched = 0, energy = flight.energy(), start = energy, gains = 0;
+        flight.momenta(first);
+        for (int32_t n = 0; n < flight.data->body->fine.num_nodes; n++) scale += flight.data->body->node_mass[n] * 0.3;
+        arm = scale * 3 * h;
+        double turned = 0, lost = 0;
+        for (int s = 0; s < 15; s++) {
+            flight.run(1);
+            flight.momenta(now);
+            for (int k = 0; k < 3; k++) lost = std::max(lost, std::fabs(now[k] - first[k]) / scale);
+            for (int k = 0; k < 3; k++) turned = std::max(turned, std::fabs(now[3 + k] - first[3 + k]) / arm);
+            touched += flight.data->statistics.contacts;
+            const double e = flight.energy();
+            gains = std::max(gains, (e - energy) / start);
+            most = std::max(most, e / start);
+            energy = e;
+        }
+        EXPECT_GT(touched, 10);
+        EXPECT_LT(lost, 1e-6);
+        EXPECT_LT(turned, 0.01) << "what shifts a point out of what it touches has no speed, and a moment of its own";
+        EXPECT_LT(most, 1 + 1e-6);
+        EXPECT_LT(gains, 0.005);
+    }
+}
+
+} // namespace
