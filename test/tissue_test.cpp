@@ -322,8 +322,8 @@ std::unique_ptr<Body> bar()
     return body;
 }
 
-// which of two sides of a cut at z0 every node is on
-std::vector<bool> beyond(const Cuttable &cut, double z0)
+// which nodes hang together with the highest one
+std::vector<bool> beyond(const Cuttable &cut)
 {
     const pliant_body &body = *cut.now;
     std::vector<bool> out(static_cast<size_t>(body.fine.num_nodes), false);
@@ -336,7 +336,6 @@ std::vector<bool> beyond(const Cuttable &cut, double z0)
     for (int32_t n = 0; n < body.fine.num_nodes; n++)
         if (body.fine.rest[3 * n + 2] > body.fine.rest[3 * top + 2]) top = n;
     for (int32_t n = 0; n < body.fine.num_nodes; n++) out[n] = first(n) == first(top);
-    (void)z0;
     return out;
 }
 
@@ -347,7 +346,7 @@ TEST(Tissue, SidesOfACutTouchWhereTheyWereOne)
         Cuttable cut(bar());
         ASSERT_TRUE(cut.cut_plane(point, normal.data()));
         ASSERT_EQ(cut.report.pieces, 2);
-        const std::vector<bool> up = beyond(cut, point[2]);
+        const std::vector<bool> up = beyond(cut);
         const double length = std::sqrt(normal[0] * normal[0] + normal[2] * normal[2]);
         pliant_tissue tissue{};
         pliant_contacts contacts{};

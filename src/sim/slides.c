@@ -36,7 +36,7 @@ static bool parts(const pliant_model *model, const uint8_t slides[256], int32_t 
            !model->materials.materials[other].empty;
 }
 
-/* links, ascending, and bridges after them; as many as there is room for. @return how many there are */
+/* links, ascending, and bridges after them. @param out Nullable. @return how many there are */
 static int32_t list_severed(const pliant_model *model, const uint8_t slides[256], uint32_t *out)
 {
     const pliant_voxels *voxels = model->body->voxels;
