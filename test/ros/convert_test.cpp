@@ -495,21 +495,24 @@ TEST_F(ConvertModel, PointsCarryDisplacementAndScalar)
 TEST(Convert, WrenchIsTurnedIntoTheFrameOfThePose)
 {
     /* the frame is a quarter turn about z from the tissue: tissue x is its y */
-    const double frame_from_tissue[4] = {0, 0, M_SQRT1_2, M_SQRT1_2}, force[3] = {2, 0, 1};
+    const double frame_from_tissue[4] = {0, 0, M_SQRT1_2, M_SQRT1_2}, force[3] = {2, 0, 1}, torque[3] = {0, 3, 0};
     geometry_msgs::WrenchStamped message;
-    wrench_message(force, frame_from_tissue, &message);
+    wrench_message(force, torque, frame_from_tissue, &message);
     EXPECT_NEAR(message.wrench.force.x, 0, 1e-15);
     EXPECT_NEAR(message.wrench.force.y, 2, 1e-15);
     EXPECT_NEAR(message.wrench.force.z, 1, 1e-15);
+    EXPECT_NEAR(message.wrench.torque.x, -3, 1e-15);
+    EXPECT_NEAR(message.wrench.torque.y, 0, 1e-15);
 }
 
 TEST(Convert, AForceThatIsNotFiniteBecomesZero)
 {
     const double turn[4] = {0, 0, 0, 1}, force[3] = {1, nan_value, 0};
     geometry_msgs::WrenchStamped message;
-    wrench_message(force, turn, &message);
+    wrench_message(force, turn, turn, &message);
     EXPECT_EQ(message.wrench.force.x, 0);
     EXPECT_EQ(message.wrench.force.y, 0);
+    EXPECT_EQ(message.wrench.torque.x, 0);
 }
 
 TEST(Convert, ContactOfAToolThatIsNotThere)
@@ -517,17 +520,44 @@ TEST(Convert, ContactOfAToolThatIsNotThere)
     pliant_tool_state tool{};
     std::strcpy(tool.name, "grasper");
     ContactState message;
-    contact_message(tool, std::numeric_limits<double>::infinity(), &message);
+    contact_message(tool, std::numeric_limits<double>::infinity(), {}, &message);
     EXPECT_EQ(message.tool, "grasper");
     EXPECT_FALSE(message.present);
     EXPECT_FALSE(message.touching);
     EXPECT_TRUE(std::isinf(message.clearance));
     tool.present = tool.holding = true;
     tool.num_held = 3;
-    contact_message(tool, -0.01, &message);
+    pliant_contact pressed{};
+    pressed.place[0] = 0.1;
+    pressed.normal[1] = -1;
+    pressed.force[1] = -2;
+    pressed.area = 0.25;
+    contact_message(tool, -0.01, {pressed}, &message);
     EXPECT_TRUE(message.touching);
     EXPECT_TRUE(message.grasped);
     EXPECT_EQ(message.held_nodes, 3u);
+    ASSERT_EQ(message.points.size(), 1u);
+    EXPECT_EQ(message.points[0].x, 0.1);
+    EXPECT_EQ(message.normals[0].y, -1);
+    EXPECT_EQ(message.forces[0].y, -2);
+    EXPECT_EQ(message.areas[0], 0.25f);
+    contact_message(tool, -0.01, {}, &message);
+    EXPECT_TRUE(message.points.empty());
+}
+
+TEST(Convert, WrenchOfAToolIsThatOfGraspAndContact)
+{
+    pliant_tool_state tool{};
+    double force[3], torque[3];
+    tool.force[0] = 1;
+    tool.contact_force[0] = 2;
+    tool.contact_torque[2] = 3;
+    tool_wrench(tool, force, torque);
+    EXPECT_EQ(force[0], 2);
+    tool.holding = true;
+    tool_wrench(tool, force, torque);
+    EXPECT_EQ(force[0], 3);
+    EXPECT_EQ(torque[2], 3);
 }
 
 TEST(Convert, ForceArrowStartsAtTheTip)

@@ -100,10 +100,12 @@ pliant_status mesh_state_message(const pliant_model &model, const pliant_body &b
 /** Of the tool on the tissue, at its tip, in the axes of the frame the tool's pose came in. Never NaN: a force that
  *  is not finite becomes zero. Header is the caller's.
  *  @param frame_from_tissue quaternion that turns tissue axes into those of the frame */
-void wrench_message(const double force[3], const double frame_from_tissue[4], geometry_msgs::WrenchStamped *out);
+void wrench_message(const double force[3], const double torque[3], const double frame_from_tissue[4], geometry_msgs::WrenchStamped *out);
+/* what a tool does to the tissue by all that it has, about its tip [N, N m] */
+void tool_wrench(const pliant_tool_state &tool, double force[3], double torque[3]);
 /** Header is the caller's.
  *  @param clearance of pliant_tool_clearance [m] */
-void contact_message(const pliant_tool_state &tool, double clearance, ContactState *out);
+void contact_message(const pliant_tool_state &tool, double clearance, const std::vector<pliant_contact> &contacts, ContactState *out);
 /** What a tool's blade does. Header and revision are the caller's. */
 void cut_message(const pliant_tool_state &tool, Cut *out);
 /** Stages, seconds and counters of the last step. Header, percentiles, missed_deadlines and inverted are the

@@ -258,17 +258,39 @@ pliant_status mesh_state_message(const pliant_model &model, const pliant_body &b
     return status;
 }
 
-void wrench_message(const double force[3], const double frame_from_tissue[4], geometry_msgs::WrenchStamped *out)
+void wrench_message(const double force[3], const double torque[3], const double frame_from_tissue[4], geometry_msgs::WrenchStamped *out)
 {
-    const Map<const Vector3d> given(force);
-    const Vector3d turned = given.allFinite() ? Map<const Quaterniond>(frame_from_tissue) * Vector3d(given) : Vector3d::Zero();
-    tf2::toMsg(turned, out->wrench.force);
-    /* the force acts at the tip itself */
-    out->wrench.torque = geometry_msgs::Vector3();
+    const Map<const Vector3d> given(force), about(torque);
+    const Map<const Quaterniond> turn(frame_from_tissue);
+    const bool finite = given.allFinite() && about.allFinite();
+    tf2::toMsg(finite ? Vector3d(turn * Vector3d(given)) : Vector3d::Zero(), out->wrench.force);
+    tf2::toMsg(finite ? Vector3d(turn * Vector3d(about)) : Vector3d::Zero(), out->wrench.torque);
 }
 
-void contact_message(const pliant_tool_state &tool, double clearance, ContactState *out)
+void tool_wrench(const pliant_tool_state &tool, double force[3], double torque[3])
 {
+    const bool grips = tool.holding || tool.cutting;
+    for (int d = 0; d < 3; ++d) {
+        force[d] = (grips ? tool.force[d] : 0) + tool.contact_force[d]; /* the first acts at the tip itself */
+        torque[d] = tool.contact_torque[d];
+    }
+}
+
+void contact_message(const pliant_tool_state &tool, double clearance, const std::vector<pliant_contact> &contacts, ContactState *out)
+{
+    out->points.clear();
+    out->normals.clear();
+    out->forces.clear();
+    out->areas.clear();
+    for (const pliant_contact &contact : contacts) {
+        out->points.emplace_back();
+        out->normals.emplace_back();
+        out->forces.emplace_back();
+        tf2::toMsg(Vector3d(contact.place[0], contact.place[1], contact.place[2]), out->points.back());
+        tf2::toMsg(Vector3d(contact.normal[0], contact.normal[1], contact.normal[2]), out->normals.back());
+        tf2::toMsg(Vector3d(contact.force[0], contact.force[1], contact.force[2]), out->forces.back());
+        out->areas.push_back(static_cast<float>(contact.area));
+    }
     out->tool = tool.name;
     out->present = tool.present;
     out->touching = tool.present && clearance <= 0;

@@ -151,4 +151,12 @@ pliant_tool_state tool_state(const pliant_data &data, int tool)
     return state;
 }
 
+std::vector<pliant_contact> tool_contacts(const pliant_data &data, int tool)
+{
+    std::vector<pliant_contact> contacts(static_cast<size_t>(pliant_data_get_contacts(&data, 0, nullptr)));
+    pliant_data_get_contacts(&data, static_cast<int32_t>(contacts.size()), contacts.data());
+    contacts.erase(std::remove_if(contacts.begin(), contacts.end(), [tool](const pliant_contact &each) { return each.tool != tool; }), contacts.end());
+    return contacts;
+}
+
 } // namespace pliant_ros

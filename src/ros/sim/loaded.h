@@ -7,6 +7,7 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 namespace pliant_ros {
 
@@ -75,6 +76,8 @@ using Data = std::unique_ptr<pliant_data, DataDeleter>;
 Data create_data(const pliant_model &model);
 /* Throws when there is no such tool. */
 pliant_tool_state tool_state(const pliant_data &data, int tool);
+/* Where its shape presses. */
+std::vector<pliant_contact> tool_contacts(const pliant_data &data, int tool);
 
 } // namespace pliant_ros
 

@@ -306,7 +306,9 @@ void Simulation::publish(const ros::Time &now)
     bool acts = !paused_ && state_->state() == SimState::RUNNING;
     for (size_t i = 0; i < samples_.size(); ++i) {
         const pliant_tool_state tool = tool_state(*data_, static_cast<int>(i));
-        tools_->publish_force(i, samples_[i], acts && (tool.holding || tool.cutting) ? tool.force : no_force, now);
+        double force[3], torque[3];
+        tool_wrench(tool, force, torque);
+        tools_->publish_force(i, samples_[i], acts ? force : no_force, acts ? torque : no_force, now);
         tools_->publish_cut(i, *data_, revision(), now);
         tools_->publish_contact(i, *current_->model, *data_, now);
     }

@@ -182,14 +182,14 @@ void Tools::clear()
     }
 }
 
-void Tools::publish_force(size_t index, const ToolSample &sample, const double force[3], const ros::Time &now)
+void Tools::publish_force(size_t index, const ToolSample &sample, const double force[3], const double torque[3], const ros::Time &now)
 {
     Tool &tool = *tools_[index];
     if (tool.force_out.getNumSubscribers() == 0) return;
     geometry_msgs::WrenchStamped message;
     message.header.stamp = now;
     message.header.frame_id = sample.frame;
-    wrench_message(force, sample.frame_from_tissue, &message);
+    wrench_message(force, torque, sample.frame_from_tissue, &message);
     tool.force_out.publish(message);
 }
 
@@ -204,7 +204,7 @@ void Tools::publish_contact(size_t index, const pliant_model &model, const plian
     contact.header.stamp = now;
     contact.header.frame_id = tissue_frame_;
     const pliant_tool_state state = tool_state(data, static_cast<int>(index));
-    contact_message(state, clearance, &contact);
+    contact_message(state, clearance, tool_contacts(data, static_cast<int>(index)), &contact);
     if (contact_due) tool.contact_out.publish(contact);
     if (!marker_due) return;
     visualization_msgs::MarkerArray markers;

@@ -59,7 +59,7 @@ public:
     /* Forget all poses and jaws: time jumped. */
     void clear();
 
-    void publish_force(size_t tool, const ToolSample &sample, const double force[3], const ros::Time &now);
+    void publish_force(size_t tool, const ToolSample &sample, const double force[3], const double torque[3], const ros::Time &now);
     /* Contact and markers, at most 30 a second. */
     void publish_contact(size_t tool, const pliant_model &model, const pliant_data &data, const ros::Time &now);
 
