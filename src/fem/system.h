@@ -224,6 +224,12 @@ pliant_status pliant_factor_clone(const pliant_factor *factor, pliant_factor **o
 pliant_status pliant_factor_numeric(pliant_factor *factor, double *values);
 /* right, out: (columns x 3 num_columns); may be the same. Errors: MEMORY. */
 pliant_status pliant_factor_solve(pliant_factor *factor, int32_t columns, const double *right, double *out);
+/* A solve in two parts, and columns of the inverse, at some nodes (panels.h). possible: the factor has panels; else the other three cannot be called.
+ * Errors: MEMORY. */
+pliant_status pliant_factor_reach(pliant_factor *factor, int32_t count, const int32_t *nodes, bool *possible);
+void pliant_factor_begin(pliant_factor *factor, const double *right, double *out);
+void pliant_factor_end(pliant_factor *factor, const double *more, double *out);
+void pliant_factor_column(pliant_factor *factor, int32_t unknown, double *out);
 double pliant_factor_condition(pliant_factor *factor);
 /* Floating-point operations of a numeric factorization, as the analysis counted them; 0 for clones. */
 double pliant_factor_operations(const pliant_factor *factor);
@@ -260,6 +266,7 @@ int32_t pliant_preconditioner_order(const pliant_preconditioner *preconditioner,
 pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents);
 /* right, out: (columns x 3 num_free); may be the same. */
 pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner, int32_t columns, const double *right, double *out);
+pliant_factor *pliant_preconditioner_factor(pliant_preconditioner *preconditioner); /* NULL: it is none */
 /* whether a matrix that is not positive definite is refused; a multigrid does not see it */
 bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner);
 double pliant_preconditioner_condition(pliant_preconditioner *preconditioner); /* 0: not known */

@@ -56,13 +56,17 @@ static pliant_status make_room(pliant_answers *answers, int32_t count, const int
     return PLIANT_OK;
 }
 
-static pliant_status find_column(pliant_answers *answers, pliant_preconditioner *preconditioner, int32_t slot)
+static pliant_status find_column(pliant_answers *answers, pliant_preconditioner *preconditioner, pliant_factor *within, int32_t slot)
 {
     const size_t n = 3 * (size_t)answers->num_free, room = (size_t)answers->room, s = (size_t)slot;
-    memset(answers->column, 0, 3 * n * sizeof *answers->column);
-    for (size_t d = 0; d < 3; d++) answers->column[n * d + 3 * (size_t)answers->unknown[slot] + d] = 1;
-    pliant_status status = pliant_preconditioner_solve(preconditioner, 3, answers->column, answers->column);
-    if (status != PLIANT_OK) return status;
+    if (within) {
+        for (size_t d = 0; d < 3; d++) pliant_factor_column(within, 3 * answers->unknown[slot] + (int32_t)d, answers->column + n * d);
+    } else {
+        memset(answers->column, 0, 3 * n * sizeof *answers->column);
+        for (size_t d = 0; d < 3; d++) answers->column[n * d + 3 * (size_t)answers->unknown[slot] + d] = 1;
+        pliant_status status = pliant_preconditioner_solve(preconditioner, 3, answers->column, answers->column);
+        if (status != PLIANT_OK) return status;
+    }
     for (size_t b = 0; b < (size_t)answers->count; b++)
         for (size_t r = 0; r < 3; r++)
             for (size_t c = 0; c < 3; c++)
@@ -78,19 +82,21 @@ static void forget(pliant_answers *answers)
     answers->count = 0;
 }
 
-pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, uint64_t serial, int32_t count, const int32_t *unknown)
+pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, pliant_factor *within, uint64_t serial, int32_t count,
+                                  const int32_t *unknown)
 {
     if (serial != answers->serial) forget(answers);
     answers->serial = serial;
     int32_t missing = 0;
     for (int32_t i = 0; i < count; i++) missing += answers->slot[unknown[i]] < 0;
-    pliant_status status = answers->count + missing > answers->room ? make_room(answers, count, unknown) : PLIANT_OK;
+    /* a column is known at the nodes of its reach alone: what is not asked for now would be missing in it */
+    pliant_status status = missing > 0 && (within || answers->count + missing > answers->room) ? make_room(answers, count, unknown) : PLIANT_OK;
     for (int32_t i = 0; i < count && status == PLIANT_OK; i++) {
         if (answers->slot[unknown[i]] >= 0) continue;
         const int32_t slot = answers->count++;
         answers->unknown[slot] = unknown[i];
         answers->slot[unknown[i]] = slot;
-        status = find_column(answers, preconditioner, slot);
+        status = find_column(answers, preconditioner, within, slot);
         if (status == PLIANT_OK) continue;
         answers->slot[unknown[i]] = -1;
         answers->count--;

@@ -21,8 +21,10 @@ typedef struct pliant_answers {
 /* Errors: MEMORY. */
 pliant_status pliant_answers_create(int32_t num_free, pliant_answers *out);
 void pliant_answers_free(pliant_answers *answers);
-/* Makes sure of these unknowns (all different), by the preconditioner of this number. Errors: MEMORY, NUMERIC. */
-pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, uint64_t serial, int32_t count, const int32_t *unknown);
+/* Makes sure of these unknowns (all different), by the preconditioner of this number. within: Nullable: its factor, whose reach has all these.
+ * Errors: MEMORY, NUMERIC. */
+pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, pliant_factor *within, uint64_t serial, int32_t count,
+                                  const int32_t *unknown);
 static inline const double *pliant_answer(const pliant_answers *answers, int32_t a, int32_t b)
 {
     return answers->block + 9 * ((size_t)answers->slot[a] * (size_t)answers->room + (size_t)answers->slot[b]);

@@ -16,6 +16,7 @@ struct pliant_factor {
     int *column_start, *row; /* (size + 1), (values): the pattern in CHOLMOD's form, int indices */
     cholmod_dense *solution, *workspace, *workspace_sparse;
     pliant_panels panels;  /* the numbers again, where the factor is supernodal; empty: CHOLMOD solves */
+    pliant_reach reach;    /* of pliant_factor_reach; empty: never asked for */
 };
 
 /* CHOLMOD calls BLAS, from the stepping and from the factoring thread at once. OpenBLAS built for one thread is not safe
@@ -270,6 +271,34 @@ pliant_status pliant_factor_solve(pliant_factor *factor, int32_t columns, const 
     return status;
 }
 
+pliant_status pliant_factor_reach(pliant_factor *factor, int32_t count, const int32_t *nodes, bool *possible)
+{
+    *possible = factor->panels.value != NULL;
+    if (!*possible) return PLIANT_OK;
+    pliant_supernodes supernodes = supernodes_of(factor);
+    pliant_status status = factor->reach.of ? PLIANT_OK : pliant_reach_create(&supernodes, factor->size, &factor->reach);
+    if (status == PLIANT_OK) pliant_reach_mark(&factor->reach, &supernodes, count, nodes);
+    return status;
+}
+
+void pliant_factor_begin(pliant_factor *factor, const double *right, double *out)
+{
+    pliant_supernodes supernodes = supernodes_of(factor);
+    pliant_panels_begin(&factor->panels, &supernodes, &factor->reach, factor->size, right, out);
+}
+
+void pliant_factor_end(pliant_factor *factor, const double *more, double *out)
+{
+    pliant_supernodes supernodes = supernodes_of(factor);
+    pliant_panels_end(&factor->panels, &supernodes, &factor->reach, factor->size, more, out);
+}
+
+void pliant_factor_column(pliant_factor *factor, int32_t unknown, double *out)
+{
+    pliant_supernodes supernodes = supernodes_of(factor);
+    pliant_panels_column(&factor->panels, &supernodes, &factor->reach, unknown, out);
+}
+
 double pliant_factor_condition(pliant_factor *factor)
 {
     double reciprocal = cholmod_rcond(factor->cholesky, &factor->common);
@@ -293,5 +322,6 @@ void pliant_factor_free(pliant_factor *factor)
     pliant_free(factor->column_start);
     pliant_free(factor->row);
     pliant_panels_free(&factor->panels);
+    pliant_reach_free(&factor->reach);
     pliant_free(factor);
 }

@@ -83,23 +83,142 @@ PLIANT_VECTORIZED static void backward(int columns, int rows, const float *panel
     }
 }
 
+static void forward_through(pliant_panels *panels, const pliant_supernodes *of, int32_t s, double *x)
+{
+    double *y = panels->column;
+    const int columns = of->first[s + 1] - of->first[s], rows = of->row_start[s + 1] - of->row_start[s], *row = of->row + of->row_start[s];
+    for (int i = 0; i < rows; i++) y[i] = x[row[i]];
+    forward(columns, rows, panels->value + of->value_start[s], y);
+    for (int i = 0; i < rows; i++) x[row[i]] = y[i];
+}
+
+static void backward_through(pliant_panels *panels, const pliant_supernodes *of, int32_t s, double *x)
+{
+    double *y = panels->column;
+    const int columns = of->first[s + 1] - of->first[s], rows = of->row_start[s + 1] - of->row_start[s], *row = of->row + of->row_start[s];
+    for (int i = 0; i < rows; i++) y[i] = x[row[i]];
+    backward(columns, rows, panels->value + of->value_start[s], y);
+    for (int i = 0; i < columns; i++) x[row[i]] = y[i];
+}
+
 void pliant_panels_solve(pliant_panels *panels, const pliant_supernodes *of, int32_t size, const double *right, double *out)
 {
-    double *x = panels->x, *y = panels->column;
+    double *x = panels->x;
     for (int32_t i = 0; i < size; i++) x[i] = right[of->permutation[i]];
-    for (int32_t s = 0; s < of->count; s++) {
-        int columns = of->first[s + 1] - of->first[s], rows = of->row_start[s + 1] - of->row_start[s];
-        const int *row = of->row + of->row_start[s];
-        for (int i = 0; i < rows; i++) y[i] = x[row[i]];
-        forward(columns, rows, panels->value + of->value_start[s], y);
-        for (int i = 0; i < rows; i++) x[row[i]] = y[i];
-    }
-    for (int32_t s = of->count - 1; s >= 0; s--) {
-        int columns = of->first[s + 1] - of->first[s], rows = of->row_start[s + 1] - of->row_start[s];
-        const int *row = of->row + of->row_start[s];
-        for (int i = 0; i < rows; i++) y[i] = x[row[i]];
-        backward(columns, rows, panels->value + of->value_start[s], y);
-        for (int i = 0; i < columns; i++) x[row[i]] = y[i];
-    }
+    for (int32_t s = 0; s < of->count; s++) forward_through(panels, of, s, x);
+    for (int32_t s = of->count - 1; s >= 0; s--) backward_through(panels, of, s, x);
     for (int32_t i = 0; i < size; i++) out[of->permutation[i]] = x[i];
+}
+
+/* ---- at some unknowns */
+
+void pliant_reach_free(pliant_reach *reach)
+{
+    pliant_free(reach->above);
+    pliant_free(reach->of);
+    pliant_free(reach->place);
+    pliant_free(reach->marked);
+    pliant_free(reach->supernode);
+    pliant_free(reach->node);
+    pliant_free(reach->x);
+    memset(reach, 0, sizeof *reach);
+}
+
+pliant_status pliant_reach_create(const pliant_supernodes *of, int32_t size, pliant_reach *out)
+{
+    const size_t count = (size_t)of->count, unknowns = (size_t)size;
+    pliant_reach reach = {0};
+    reach.above = pliant_calloc(count, sizeof *reach.above);
+    reach.of = pliant_calloc(unknowns, sizeof *reach.of);
+    reach.place = pliant_calloc(unknowns, sizeof *reach.place);
+    reach.marked = pliant_calloc(count, 1);
+    reach.supernode = pliant_calloc(count, sizeof *reach.supernode);
+    reach.node = pliant_calloc(unknowns, sizeof *reach.node);
+    reach.x = pliant_calloc(unknowns, sizeof *reach.x);
+    if (!reach.above || !reach.of || !reach.place || !reach.marked || !reach.supernode || !reach.node || !reach.x) {
+        pliant_reach_free(&reach);
+        return pliant_fail_memory("solves at a few unknowns");
+    }
+    for (int32_t s = 0; s < of->count; s++)
+        for (int c = of->first[s]; c < of->first[s + 1]; c++) {
+            reach.of[of->permutation[c]] = s;
+            reach.place[of->permutation[c]] = c;
+        }
+    for (int32_t s = 0; s < of->count; s++) {
+        const int columns = of->first[s + 1] - of->first[s], rows = of->row_start[s + 1] - of->row_start[s];
+        reach.above[s] = rows > columns ? reach.of[of->permutation[of->row[of->row_start[s] + columns]]] : -1;
+    }
+    *out = reach;
+    return PLIANT_OK;
+}
+
+void pliant_reach_mark(pliant_reach *reach, const pliant_supernodes *of, int32_t count, const int32_t *nodes)
+{
+    memset(reach->marked, 0, (size_t)of->count);
+    memcpy(reach->node, nodes, (size_t)count * sizeof *nodes);
+    reach->num_nodes = count;
+    for (int32_t n = 0; n < 3 * count; n++)
+        for (int32_t s = reach->of[3 * nodes[n / 3] + n % 3]; s >= 0 && !reach->marked[s]; s = reach->above[s]) reach->marked[s] = 1;
+    reach->count = 0;
+    for (int32_t s = 0; s < of->count; s++)
+        if (reach->marked[s]) reach->supernode[reach->count++] = s;
+}
+
+/* x of the reach's columns, to zero or from another */
+static void set_reach(const pliant_reach *reach, const pliant_supernodes *of, const double *from)
+{
+    for (int32_t i = 0; i < reach->count; i++) {
+        const int first = of->first[reach->supernode[i]];
+        const size_t bytes = (size_t)(of->first[reach->supernode[i] + 1] - first) * sizeof *from;
+        if (from) memcpy(reach->x + first, from + first, bytes);
+        else memset(reach->x + first, 0, bytes);
+    }
+}
+
+static void finish_at_nodes(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, double *out)
+{
+    for (int32_t i = reach->count - 1; i >= 0; i--) backward_through(panels, of, reach->supernode[i], reach->x);
+    for (int32_t n = 0; n < 3 * reach->num_nodes; n++) {
+        const int32_t unknown = 3 * reach->node[n / 3] + n % 3;
+        out[unknown] = reach->x[reach->place[unknown]];
+    }
+}
+
+void pliant_panels_begin(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size, const double *right, double *out)
+{
+    for (int32_t i = 0; i < size; i++) panels->x[i] = right[of->permutation[i]];
+    for (int32_t s = 0; s < of->count; s++) forward_through(panels, of, s, panels->x);
+    set_reach(reach, of, panels->x);
+    finish_at_nodes(panels, of, reach, out);
+}
+
+void pliant_panels_end(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size, const double *more, double *out)
+{
+    double *x = panels->x;
+    if (more) {
+        set_reach(reach, of, NULL);
+        for (int32_t n = 0; n < 3 * reach->num_nodes; n++) {
+            const int32_t unknown = 3 * reach->node[n / 3] + n % 3;
+            reach->x[reach->place[unknown]] = more[unknown];
+        }
+        for (int32_t i = 0; i < reach->count; i++) {
+            const int32_t s = reach->supernode[i];
+            forward_through(panels, of, s, reach->x);
+            for (int c = of->first[s]; c < of->first[s + 1]; c++) x[c] += reach->x[c];
+        }
+    }
+    for (int32_t s = of->count - 1; s >= 0; s--) backward_through(panels, of, s, x);
+    for (int32_t i = 0; i < size; i++) out[of->permutation[i]] = x[i];
+}
+
+void pliant_panels_column(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t unknown, double *out)
+{
+    set_reach(reach, of, NULL);
+    reach->x[reach->place[unknown]] = 1;
+    bool begun = false;
+    for (int32_t i = 0; i < reach->count; i++) {
+        begun = begun || reach->supernode[i] == reach->of[unknown];
+        if (begun) forward_through(panels, of, reach->supernode[i], reach->x);
+    }
+    finish_at_nodes(panels, of, reach, out);
 }

@@ -16,6 +16,18 @@ typedef struct pliant_supernodes {
     const double *value;
 } pliant_supernodes;
 
+/* Supernodes that some unknowns stand in, and all that these are eliminated into: what is solved for at those unknowns alone goes through no others
+ * (Liu, SIAM J. Matrix Anal. Appl. 11:134, 1990). */
+typedef struct pliant_reach {
+    int32_t *above;     /* (supernodes) that one is eliminated into, or -1 */
+    int32_t *of;        /* (size) supernode of an unknown */
+    int32_t *place;     /* (size) its place in the order of elimination */
+    uint8_t *marked;    /* (supernodes) */
+    int32_t count, *supernode; /* ascending */
+    int32_t num_nodes, *node;  /* (size / 3) unknowns, three numbers each */
+    double *x;          /* (size) room */
+} pliant_reach;
+
 typedef struct pliant_panels {
     size_t num_values;
     float *value;       /* (num_values), the diagonal inverted */
@@ -28,5 +40,15 @@ void pliant_panels_fill(pliant_panels *panels, const pliant_supernodes *from);
 /* out = (L L')^-1 right, (size) each; may be the same. */
 void pliant_panels_solve(pliant_panels *panels, const pliant_supernodes *of, int32_t size, const double *right, double *out);
 void pliant_panels_free(pliant_panels *panels);
+
+/* Errors: MEMORY. */
+pliant_status pliant_reach_create(const pliant_supernodes *of, int32_t size, pliant_reach *out);
+void pliant_reach_free(pliant_reach *reach);
+void pliant_reach_mark(pliant_reach *reach, const pliant_supernodes *of, int32_t count, const int32_t *nodes);
+/* The same solve in two parts. The first gives out at the nodes of the reach; then right may still change there, by more (Nullable), before the second. */
+void pliant_panels_begin(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size, const double *right, double *out);
+void pliant_panels_end(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size, const double *more, double *out);
+/* out at the nodes of the reach, by a unit at one of them, in between */
+void pliant_panels_column(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t unknown, double *out);
 
 #endif

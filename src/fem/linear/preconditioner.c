@@ -173,6 +173,8 @@ pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner,
     return PLIANT_OK;
 }
 
+pliant_factor *pliant_preconditioner_factor(pliant_preconditioner *preconditioner) { return preconditioner->factor; }
+
 bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner)
 {
     return !preconditioner->multigrid && !preconditioner->carried;

@@ -344,15 +344,27 @@ pliant_status pliant_touches_respond(pliant_solver *solver)
         touches->seen[touches->unknown[w]] = 1;
         touches->touched[num_touched++] = touches->unknown[w];
     }
+    int tool[PLIANT_MAX_TOOLS];
+    const int num_tools = springs_of(solver, tool);
+    const int32_t num_answers = num_touched;
+    for (int t = 0; t < num_tools; t++)
+        for (int32_t h = 0; h < solver->handles[tool[t]].count; h++) {
+            const int32_t unknown = solver->handles[tool[t]].unknown[h];
+            if (!touches->seen[unknown]) touches->touched[num_touched++] = unknown;
+            touches->seen[unknown] = 1;
+        }
     for (int32_t i = 0; i < num_touched; i++) touches->seen[touches->touched[i]] = 0;
+    bool splits = false;
+    pliant_factor *factor = pliant_preconditioner_factor(solver->preconditioner);
+    pliant_status status = factor ? pliant_factor_reach(factor, num_touched, touches->touched, &splits) : PLIANT_OK;
+    touches->factor = status == PLIANT_OK && splits ? factor : NULL;
+    if (status != PLIANT_OK) return status;
     /* one that is carried over from the body before is another in every step */
     if (solver->preconditioner != touches->of || touches->of_factor != solver->factor_serial || pliant_preconditioner_base(solver->preconditioner)) touches->serial++;
     touches->of = solver->preconditioner;
     touches->of_factor = solver->factor_serial;
-    pliant_status status = pliant_answers_find(&touches->answers, solver->preconditioner, touches->serial, num_touched, touches->touched);
+    status = pliant_answers_find(&touches->answers, solver->preconditioner, touches->factor, touches->serial, num_answers, touches->touched);
     if (status != PLIANT_OK) return status;
-    int tool[PLIANT_MAX_TOOLS];
-    const int num_tools = springs_of(solver, tool);
     const size_t row = 3 * (size_t)(touches->count + num_tools);
     if ((status = make_matrix(touches, row)) != PLIANT_OK) return status;
     for (int32_t a = 0; a < touches->count; a++)
@@ -383,6 +395,13 @@ void pliant_touches_load(const pliant_touches *touches, double *residual)
     }
 }
 
+pliant_status pliant_touches_begin(pliant_solver *solver, pliant_iterate *at)
+{
+    if (!solver->touches->factor) return pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
+    pliant_factor_begin(solver->touches->factor, at->residual, at->free_step);
+    return PLIANT_OK;
+}
+
 pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at)
 {
     pliant_touches *touches = solver->touches;
@@ -408,10 +427,14 @@ pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at)
         touches->change[i] = touches->force[i] - touches->taken.force[i];
         changed = changed || touches->change[i] != 0;
     }
-    if (!changed) return PLIANT_OK;
+    if (!changed && !touches->factor) return PLIANT_OK;
     memset(touches->step, 0, n * sizeof *touches->step);
     pull(touches, touches->change, touches->step);
     pull(touches, touches->change, at->residual);
+    if (touches->factor) {
+        pliant_factor_end(touches->factor, touches->step, at->step);
+        return PLIANT_OK;
+    }
     pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, touches->step, touches->step);
     for (size_t i = 0; i < n; i++) at->step[i] += touches->step[i];
     return status;

@@ -44,6 +44,7 @@ struct pliant_touches {
     pliant_answers answers;
     const pliant_preconditioner *of; /* that they are of */
     uint64_t of_factor, serial; /* how many there were */
+    pliant_factor *factor; /* Nullable: solves in two parts, for now at these unknowns; borrowed */
     int32_t *touched;      /* (num_free) unknowns that points are moved by, in the order of points */
     uint8_t *seen;         /* (num_free) room */
     double *matrix;        /* A, tools' springs after the points; (rows x rows) */
@@ -62,6 +63,8 @@ static inline bool pliant_touches_any(const pliant_touches *touches) { return to
 pliant_status pliant_touches_respond(pliant_solver *solver);
 /* residual += W' l, in the axes of all */
 void pliant_touches_load(const pliant_touches *touches, double *residual);
+/* The free step, of a factor at the points alone. Errors: MEMORY. */
+pliant_status pliant_touches_begin(pliant_solver *solver, pliant_iterate *at);
 /* From the free step: the forces; step += U W' dl and residual += W' dl. Errors: MEMORY. */
 pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at);
 /* what was evaluated last becomes the state of the step */

@@ -83,10 +83,13 @@ static pliant_status evaluate(pliant_solver *solver, pliant_known known, pliant_
     at->merit = INFINITY;
     const bool sensible = isfinite(at->scale) && at->displacement <= PLIANT_FARTHEST * solver->rules.smallest_displacement;
     if (!sensible) return PLIANT_OK; /* not a state: never accepted */
-    pliant_status status = known == PLIANT_KNOWN_STEP ? PLIANT_OK : pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
+    const bool touches = pliant_touches_any(solver->touches);
+    pliant_status status = known == PLIANT_KNOWN_STEP ? PLIANT_OK
+                           : touches                  ? pliant_touches_begin(solver, at)
+                                                      : pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
     if (status != PLIANT_OK) return status;
     memcpy(at->step, at->free_step, bytes);
-    if (pliant_touches_any(solver->touches) && (status = pliant_touches_step(solver, at)) != PLIANT_OK) return status;
+    if (touches && (status = pliant_touches_step(solver, at)) != PLIANT_OK) return status;
     if (!pliant_solver_step_tools(solver, at)) return PLIANT_OK;
     const double energy = pliant_solver_product(solver, at->step, at->residual) + pliant_solver_spring_energy(solver, at->step_force, at->step_force);
     at->merit = pliant_anderson_merit(energy, at->scale);

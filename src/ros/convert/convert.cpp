@@ -286,9 +286,11 @@ void contact_message(const pliant_tool_state &tool, double clearance, const std:
         out->points.emplace_back();
         out->normals.emplace_back();
         out->forces.emplace_back();
-        tf2::toMsg(Vector3d(contact.place[0], contact.place[1], contact.place[2]), out->points.back());
-        tf2::toMsg(Vector3d(contact.normal[0], contact.normal[1], contact.normal[2]), out->normals.back());
-        tf2::toMsg(Vector3d(contact.force[0], contact.force[1], contact.force[2]), out->forces.back());
+        out->points.back().x = contact.place[0];
+        out->points.back().y = contact.place[1];
+        out->points.back().z = contact.place[2];
+        tf2::toMsg(Vector3d(Map<const Vector3d>(contact.normal)), out->normals.back());
+        tf2::toMsg(Vector3d(Map<const Vector3d>(contact.force)), out->forces.back());
         out->areas.push_back(static_cast<float>(contact.area));
     }
     out->tool = tool.name;
