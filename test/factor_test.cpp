@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <csignal>
 #include <set>
 #include <thread>
@@ -87,6 +88,49 @@ TEST(Factor, IsRefusedWhereAPivotIsNotPositive)
             pliant_factor_free(factor);
         }
     }
+}
+
+// In two parts, with a right-hand side that changes at some nodes in between, it is the same solve; and columns are those of the inverse.
+TEST(Factor, SolvesInTwoParts)
+{
+    const Grid grid(10);
+    const pliant_pattern &pattern = grid.pattern;
+    const size_t size = 3 * static_cast<size_t>(pattern.num_columns);
+    std::vector<double> values(static_cast<size_t>(pattern.num_values));
+    for (int32_t column = 0, next = 0; column < pattern.num_columns; column++)
+        for (int c = 0; c < 3; c++)
+            for (int32_t n = pattern.start[column]; n < pattern.start[column + 1]; n++)
+                for (int r = n == pattern.start[column] ? c : 0; r < 3; r++) // diagonally dominant
+                    values[static_cast<size_t>(next++)] = pattern.row[n] == column && r == c ? 90 : -1 + 0.2 * std::sin(next);
+    pliant_factor *factor = nullptr;
+    ASSERT_EQ(pliant_factor_analyze(&pattern, &factor), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_factor_numeric(factor, values.data()), PLIANT_OK) << pliant_last_error();
+    const std::vector<int32_t> nodes = {3, 517, 40, 999, 500};
+    bool possible = false;
+    ASSERT_EQ(pliant_factor_reach(factor, static_cast<int32_t>(nodes.size()), nodes.data(), &possible), PLIANT_OK);
+    ASSERT_TRUE(possible);
+    std::vector<double> right(size), more(size), both(size), whole(size), sum(size), part(size), out(size), column(size);
+    for (size_t i = 0; i < size; i++) right[i] = std::cos(static_cast<double>(i));
+    for (int32_t n : nodes)
+        for (int d = 0; d < 3; d++) more[static_cast<size_t>(3 * n + d)] = 10 + n + d;
+    for (size_t i = 0; i < size; i++) both[i] = right[i] + more[i];
+    ASSERT_EQ(pliant_factor_solve(factor, 1, right.data(), whole.data()), PLIANT_OK);
+    ASSERT_EQ(pliant_factor_solve(factor, 1, both.data(), sum.data()), PLIANT_OK);
+    pliant_factor_begin(factor, right.data(), part.data());
+    pliant_factor_column(factor, 3 * nodes[1] + 2, column.data()); // does not disturb it
+    pliant_factor_end(factor, more.data(), out.data());
+    for (int32_t n : nodes)
+        for (int d = 0; d < 3; d++) EXPECT_NEAR(part[static_cast<size_t>(3 * n + d)], whole[static_cast<size_t>(3 * n + d)], 1e-13);
+    for (size_t i = 0; i < size; i++) ASSERT_NEAR(out[i], sum[i], 1e-10) << i;
+    pliant_factor_begin(factor, right.data(), part.data());
+    pliant_factor_end(factor, nullptr, out.data());
+    for (size_t i = 0; i < size; i++) ASSERT_EQ(out[i], whole[i]) << i;
+    std::vector<double> unit(size), inverse(size);
+    unit[static_cast<size_t>(3 * nodes[1] + 2)] = 1;
+    ASSERT_EQ(pliant_factor_solve(factor, 1, unit.data(), inverse.data()), PLIANT_OK);
+    for (int32_t n : nodes)
+        for (int d = 0; d < 3; d++) EXPECT_NEAR(column[static_cast<size_t>(3 * n + d)], inverse[static_cast<size_t>(3 * n + d)], 1e-15);
+    pliant_factor_free(factor);
 }
 
 } // namespace

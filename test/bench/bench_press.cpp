@@ -12,7 +12,7 @@
 
 namespace {
 
-enum { TOOLS = 6, PRESS = 5, SLIDE = 10, REST = 4, FRAMES = PRESS + SLIDE + REST };
+enum { TOOLS = 6, PRESS = 8, SLIDE = 10, REST = 4, FRAMES = PRESS + SLIDE + REST };
 const double radius = 0.008, speed = 0.1;
 
 struct Run {
