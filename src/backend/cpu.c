@@ -1,5 +1,6 @@
 /* The corotational solver's stages on the CPU, and what its other backends leave to the host. */
 #include "backend/backend.h"
+#include "base/fail.h"
 #include "fem/patch/patch.h"
 
 #include <stdio.h>
@@ -21,6 +22,8 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     (void)model;
     data->solver->background = &data->background;
+    if (data->patch && data->contacts.count > 0 && !data->solver->touches)
+        pliant_log(PLIANT_LOG_WARNING, "contact: shapes of tools push the coarse mesh; a patch (model/patch) does not know of them, and may move tissue into one");
     pliant_status status = pliant_solver_touch(data->solver, &data->contacts, data->positions);
     if (status != PLIANT_OK) return status;
     return pliant_solver_step(data->solver, &data->statistics);
