@@ -30,19 +30,26 @@ static int32_t *owners_of(const pliant_mesh *fine, const int32_t *element_of_fin
     return owner;
 }
 
+/* From so many corners each; the owners are the caller's to free. */
+static pliant_status begin(pliant_system *system, int32_t corners, const int32_t *element_of_fine, int32_t **owner)
+{
+    const size_t count = (size_t)system->fine->num_nodes, of_each = (size_t)corners;
+    pliant_upsample *upsample = system->upsample = pliant_calloc(1, sizeof *upsample);
+    if (!upsample) return pliant_fail_memory("the upsampling");
+    upsample->corners = corners;
+    upsample->node = pliant_calloc(count, of_each * sizeof *upsample->node);
+    upsample->weights = pliant_calloc(count, of_each * sizeof *upsample->weights);
+    *owner = upsample->node && upsample->weights ? owners_of(system->fine, element_of_fine) : NULL;
+    return *owner ? PLIANT_OK : pliant_fail_memory("the upsampling");
+}
+
 pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine, const pliant_kept *kept)
 {
     const pliant_mesh *fine = system->fine, *coarse = system->mesh;
-    pliant_upsample *upsample = system->upsample = pliant_calloc(1, sizeof *upsample);
-    if (!upsample) return pliant_fail_memory("the upsampling");
-    int32_t *owner = owners_of(fine, coarse_of_fine);
-    upsample->corners = 4;
-    upsample->node = pliant_calloc((size_t)fine->num_nodes, 4 * sizeof *upsample->node);
-    upsample->weights = pliant_calloc((size_t)fine->num_nodes, 4 * sizeof *upsample->weights);
-    if (!owner || !upsample->node || !upsample->weights) {
-        pliant_free(owner);
-        return pliant_fail_memory("the upsampling");
-    }
+    int32_t *owner;
+    pliant_status status = begin(system, 4, coarse_of_fine, &owner);
+    if (status != PLIANT_OK) return status;
+    pliant_upsample *upsample = system->upsample;
     const pliant_system *before = kept ? kept->before->system : NULL;
     for (int32_t n = 0; n < fine->num_nodes; n++) {
         const int32_t *nodes = coarse->tets + 4 * owner[n];
@@ -78,16 +85,10 @@ pliant_status pliant_upsample_trilinear(pliant_system *system, const int32_t *el
 {
     const pliant_mesh *fine = system->fine;
     const pliant_macros *macros = system->macros;
-    pliant_upsample *upsample = system->upsample = pliant_calloc(1, sizeof *upsample);
-    if (!upsample) return pliant_fail_memory("the upsampling");
-    int32_t *owner = owners_of(fine, element_of_fine);
-    upsample->corners = 8;
-    upsample->node = pliant_calloc((size_t)fine->num_nodes, 8 * sizeof *upsample->node);
-    upsample->weights = pliant_calloc((size_t)fine->num_nodes, 8 * sizeof *upsample->weights);
-    if (!owner || !upsample->node || !upsample->weights) {
-        pliant_free(owner);
-        return pliant_fail_memory("the upsampling");
-    }
+    int32_t *owner;
+    pliant_status status = begin(system, 8, element_of_fine, &owner);
+    if (status != PLIANT_OK) return status;
+    pliant_upsample *upsample = system->upsample;
     for (int32_t n = 0; n < fine->num_nodes; n++) {
         const int32_t element = owner[n], *nodes = macros->node + macros->start[element], corners = macros->start[element + 1] - macros->start[element];
         double *weights = upsample->weights + 8 * (size_t)n, gradients[12];

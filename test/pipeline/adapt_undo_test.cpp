@@ -1,0 +1,145 @@
+// Bodies that follow one another: how coarse ones nest, the way back, what is refused, and simulations that share a model.
+#include "adapt_cases.h"
+
+namespace {
+
+// A plane through coarse tetrahedra: they fall into fragments, which hang together as the fine mesh does.
+TEST(Adapt, FragmentsOfCoarseTetrahedraNest)
+{
+    const double x = 0.06;
+    for (const Case *each : {&plain, &averaged}) {
+        std::unique_ptr<Body> body = make(*each), fine = make(direct);
+        for (double &g : body->scene.model.gravity) g = 0;
+        ASSERT_EQ(body->build(), PLIANT_OK);
+        cut(*body, x);
+        const pliant_body *now = body->data->body, *load = body->model->body;
+        EXPECT_GT(now->coarse.num_tets, load->coarse.num_tets);
+        EXPECT_EQ(now->coarse.num_tets - load->coarse.num_tets, std::count_if(now->changes.touched_coarse, now->changes.touched_coarse + now->changes.num_touched_coarse, [&](int32_t t) {
+            bool left = false, right = false;
+            for (int v = 0; v < 4; v++) (load->coarse.rest[3 * load->coarse.tets[4 * t + v]] < x ? left : right) = true;
+            return left && right;
+        }));
+        // no node, fine or coarse, is of both sides
+        for (int c = 0; c < 2; c++) {
+            const pliant_mesh &mesh = c ? now->coarse : now->fine;
+            std::vector<int> sides(static_cast<size_t>(mesh.num_nodes));
+            for (int32_t t = 0; t < now->fine.num_tets; t++) {
+                double centre = 0;
+                for (int v = 0; v < 4; v++) centre += now->fine.rest[3 * now->fine.tets[4 * t + v]] / 4;
+                for (int v = 0; v < 4; v++) sides[mesh.tets[4 * (c ? now->coarse_of_fine[t] : t) + v]] |= centre < x ? 1 : 2;
+            }
+            EXPECT_EQ(std::count(sides.begin(), sides.end(), 3), 0);
+            EXPECT_EQ(std::count(sides.begin(), sides.end(), 0), 0);
+        }
+        for (int32_t n = 0; n < now->coarse.num_nodes; n++) {
+            int32_t node = now->fine_of_coarse[n];
+            for (int d = 0; d < 3 && node >= 0; d++) EXPECT_NEAR(now->fine.rest[3 * node + d], now->coarse.rest[3 * n + d], 1e-12);
+        }
+        // a pull at the right part does not reach the left one, and moves its own as far as on the fine mesh, as far as coarse elements can
+        double moved[2] = {0, 0};
+        for (Body *one : {body.get(), fine.get()}) {
+            int tool;
+            const double at[3] = {0.13, 0.08, 0.15};
+            for (double &g : one->data->gravity) g = 0;
+            if (one == fine.get()) cut(*one, x);
+            ASSERT_EQ(pliant_tool_add(one->model, one->data, "tool", &tool), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_grasp(one->model, one->data, tool, at), PLIANT_OK);
+            const double force[3] = {0, 0.2, 0};
+            ASSERT_EQ(pliant_tool_set_drive(one->data, tool, PLIANT_DRIVE_FORCE, force), PLIANT_OK);
+            ASSERT_EQ(pliant_data_set_limits(one->data, 200, 1e-9), PLIANT_OK);
+            for (int s = 0; s < 30; s++) ASSERT_GE(pliant_step(one->model, one->data), 0);
+            const pliant_mesh &mesh = one->data->body->fine;
+            double left = 0;
+            for (int32_t t = 0; t < mesh.num_tets; t++)
+                for (int v = 0; v < 4; v++) {
+                    double centre = 0;
+                    for (int w = 0; w < 4; w++) centre += mesh.rest[3 * mesh.tets[4 * t + w]] / 4;
+                    int32_t i = 3 * mesh.tets[4 * t + v] + 1;
+                    double by = std::fabs(one->data->positions[i] - mesh.rest[i]);
+                    if (centre < x) left = std::fmax(left, by);
+                    else moved[one == fine.get()] = std::fmax(moved[one == fine.get()], by);
+                }
+            EXPECT_LT(left, 1e-12) << each->name;
+        }
+        EXPECT_GT(moved[1], 2e-3);
+        EXPECT_NEAR(moved[0] / moved[1], 1, 0.4) << each->name;
+    }
+}
+
+TEST(Adapt, UndoTakesTheBodyBeforeAndResetTheFirst)
+{
+    std::unique_ptr<Body> body = make(direct);
+    take_hold(*body);
+    step(*body, 3);
+    cut(*body, 0.08, 0.05);
+    const pliant_body *first = pliant_body_retain(body->data->body);
+    step(*body, 3);
+    cut(*body, 0.04, 0.05);
+    EXPECT_EQ(body->data->body->revision, 3u);
+    EXPECT_EQ(body->data->body->changes.since, 2u);
+    step(*body, 3);
+    ASSERT_EQ(pliant_data_set_body(body->model, body->data, first), PLIANT_OK) << pliant_last_error(); // undo
+    EXPECT_EQ(body->data->body->revision, 2u);
+    pliant_body_release(first);
+    step(*body, 3);
+    EXPECT_EQ(body->data->last_revision, 3u);
+    ASSERT_EQ(pliant_data_reset(body->model, body->data), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(body->data->body, body->model->body);
+    // as if it had just been made
+    std::unique_ptr<Body> fresh = make(direct);
+    take_hold(*fresh);
+    take_hold(*body);
+    for (int t = 0; t < 2; t++) ASSERT_EQ(pliant_tool_set_pose(body->data, t, fresh->data->tools[t].tip, nullptr), PLIANT_OK);
+    for (int t = 0; t < 2; t++) std::copy(fresh->data->tools[t].grip, fresh->data->tools[t].grip + 3, body->data->tools[t].grip);
+    step(*body, 4);
+    step(*fresh, 4);
+    EXPECT_EQ(state(*body), state(*fresh));
+}
+
+TEST(Adapt, LodRefusesWhatItCannotDivide)
+{
+    std::unique_ptr<Body> body = make(lod), other = make(lod);
+    step(*body, 2);
+    step(*other, 2);
+    const pliant_body *next = divide(body->data->body, 2, split(*body->data->body, 0.08, 0.05));
+    ASSERT_TRUE(next);
+    EXPECT_EQ(pliant_data_set_body(body->model, body->data, next), PLIANT_ERROR_SCENE);
+    pliant_body_release(next);
+    step(*body, 2);
+    step(*other, 2);
+    EXPECT_EQ(state(*body), state(*other));
+}
+
+// ---- a model is shared
+
+TEST(Adapt, TwoSimulationsOfOneModelOnTwoThreads)
+{
+    for (const Case *each : {&direct, &multigrid, &averaged, &patch, &dynamic}) {
+        std::unique_ptr<Body> one = make(*each);
+        pliant_data *second = nullptr;
+        ASSERT_EQ(pliant_data_create(one->model, &second), PLIANT_OK);
+        auto run = [](Body &body) {
+            take_hold(body);
+            step(body, 4);
+            cut(body, 0.08, 0.09);
+            step(body, 4);
+        };
+        // the same model under another data; a view that owns nothing
+        std::unique_ptr<Body> alone = make(*each);
+        run(*alone);
+        Body view(size, box, {{4000, 0.4, 1000, false}});
+        view.scene = one->scene;
+        view.model = one->model;
+        view.data = second;
+        std::thread other([&] { run(view); });
+        run(*one);
+        other.join();
+        EXPECT_EQ(state(*one), state(*alone)) << each->name;
+        EXPECT_EQ(state(view), state(*alone)) << each->name;
+        pliant_data_free(second);
+        view.data = nullptr;
+        view.model = nullptr;
+    }
+}
+
+} // namespace
