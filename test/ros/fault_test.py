@@ -188,6 +188,7 @@ class FaultTest(unittest.TestCase):
         backend, values = found["backend"]
         self.assertIn(backend.message, ("cpu", "cuda"))
         self.assertEqual(values["threads"], "1")
+        self.assertEqual(values["elements"], "hexahedra", "what element/kind: auto became")
         self.assertEqual(found["output"][0].level, 0)
 
     def start(self, name, value):

@@ -88,6 +88,7 @@ void Diagnostics::backend(diagnostic_updater::DiagnosticStatusWrapper &status)
     if (std::shared_ptr<const Loaded> loaded = simulation_->loaded()) {
         status.add("threads", threads_of(*pliant_model_get_scene(loaded->model)));
         status.add("scan", loaded->scan->volume.id);
+        status.add("elements", pliant_model_get_scene(loaded->model)->element.kind == PLIANT_HEXAHEDRA ? "hexahedra" : "tetrahedra");
         status.add("nodes", pliant_model_get_body(loaded->model)->fine.num_nodes);
         status.add("tetrahedra", pliant_model_get_body(loaded->model)->fine.num_tets);
         if (loaded->choice.made) {
