@@ -140,6 +140,7 @@ TEST(Solver, AStepThatNoLongerLeadsDownIsLeft)
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
     ASSERT_EQ(body.settle(), PLIANT_OK);
+    body.data->solver->rules.converged = false;
     body.data->solver->rules.tolerance = 0; // down to rounding, where every trial is refused sooner or later
     const uint64_t rejected = body.data->statistics.rejected;
     for (int f = 0; f < 3; f++) {
@@ -346,6 +347,45 @@ TEST(Solver, BeginsWithWhatTheStepBeforeKnows)
             for (size_t f = 0; f < out[0].positions.size(); f++) ASSERT_EQ(out[0].positions[f], out[1].positions[f]) << "load " << load << ", frame " << f;
             EXPECT_EQ(out[0].now, out[1].now) << "load " << load;
         }
+}
+
+// nothing moves, nothing is computed; whatever is asked for ends that
+TEST(Solver, AStepThatWouldFindNothingToDoDoesNothing)
+{
+    const int size[3] = {8, 8, 8};
+    const double box[3] = {0.08, 0.08, 0.08}, top[3] = {0.04, 0.04, 0.075};
+    Body body(size, box, {{4000, 0.45, 1000, false}});
+    body.fix_plane(0, 0, 0, 0, 0, 1);
+    body.cells(4, 4, 4, 1);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    int tool = -1;
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "tool", &tool), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, top), PLIANT_OK);
+    double tip[3] = {0.04, 0.04, 0.085};
+    const auto asks = [&](const char *what) {
+        ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK) << what << ": " << pliant_last_error();
+        EXPECT_GT(body.data->statistics.iterations, 0) << what;
+        ASSERT_EQ(body.settle(), PLIANT_OK);
+        const std::vector<double> still(body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes);
+        const double error = body.data->statistics.error;
+        ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK);
+        EXPECT_EQ(body.data->statistics.iterations, 0) << what;
+        EXPECT_EQ(body.data->statistics.error, error);
+        EXPECT_EQ(std::vector<double>(body.data->positions, body.data->positions + still.size()), still);
+    };
+    pliant_tool_set_pose(body.data, tool, tip, nullptr);
+    asks("a pose");
+    const double gravity[3] = {0, 0, -9.81}, force[3] = {0.01, 0, 0};
+    ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
+    asks("gravity");
+    ASSERT_EQ(pliant_tool_set_spring(body.data, tool, 300, 0), PLIANT_OK);
+    asks("a spring");
+    ASSERT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_FORCE, force), PLIANT_OK);
+    asks("a force");
+    ASSERT_EQ(pliant_data_set_limits(body.data, 20, 1e-7), PLIANT_OK);
+    asks("a tolerance");
+    pliant_tool_release(body.data, tool);
+    asks("letting go");
 }
 
 TEST(Solver, ExtremesStayFiniteAndComeBack)

@@ -42,6 +42,20 @@ pliant_known pliant_posterior_begin(pliant_solver *solver)
     return same ? PLIANT_KNOWN_STEP : PLIANT_KNOWN_FORCES;
 }
 
+bool pliant_posterior_rests(const pliant_solver *solver)
+{
+    const pliant_posterior *posterior = &solver->posterior;
+    bool same = posterior->kept && posterior->evaluated && solver->rules.converged && !posterior->touched && !pliant_touches_any(solver->touches) &&
+                memcmp(posterior->gravity, solver->gravity, sizeof posterior->gravity) == 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS && same; t++) {
+        const pliant_handle *handle = solver->handles + t;
+        if (!handle->active) continue;
+        same = memcmp(posterior->force + 3 * t, handle->force, sizeof handle->force) == 0 && posterior->compliance[t] == handle->compliance &&
+               memcmp(posterior->target + 3 * t, handle->target, sizeof handle->target) == 0;
+    }
+    return same;
+}
+
 void pliant_posterior_keep(pliant_solver *solver, bool evaluated)
 {
     pliant_posterior *posterior = &solver->posterior;
@@ -51,6 +65,10 @@ void pliant_posterior_keep(pliant_solver *solver, bool evaluated)
     posterior->touched = pliant_touches_any(solver->touches);
     memcpy(posterior->gravity, solver->gravity, sizeof posterior->gravity);
     memcpy(posterior->force, solver->now.force, sizeof posterior->force);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        posterior->compliance[t] = solver->handles[t].compliance;
+        memcpy(posterior->target + 3 * t, solver->handles[t].target, sizeof solver->handles[t].target);
+    }
     if (!evaluated) return;
     memcpy(posterior->at.step, solver->now.step, bytes);
     memcpy(posterior->at.residual, solver->now.residual, bytes);

@@ -260,6 +260,10 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
 {
     pliant_status status = begin(solver);
     if (status == PLIANT_OK) status = pliant_refresh_step(solver, statistics);
+    if (status == PLIANT_OK && pliant_posterior_rests(solver)) {
+        statistics->iterations = 0;
+        return PLIANT_OK;
+    }
     if (status == PLIANT_OK) turn_on(solver);
     if (status == PLIANT_OK)
         status = pliant_preconditioner_mend(solver->preconditioner, solver->now.x, solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL);

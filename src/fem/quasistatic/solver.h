@@ -73,6 +73,7 @@ typedef struct pliant_posterior {
     bool touched;               /* there were contacts */
     pliant_iterate at;          /* its step, residual and step_force; the rest is not used */
     double gravity[3], force[PLIANT_MAX_ROWS]; /* that it was solved for */
+    double target[PLIANT_MAX_ROWS], compliance[PLIANT_MAX_TOOLS]; /* and of the springs */
     uint64_t factor_serial, axes_serial; /* that it was evaluated with */
 } pliant_posterior;
 
@@ -203,6 +204,8 @@ pliant_status pliant_posterior_create(pliant_solver *solver);
 void pliant_posterior_free(pliant_solver *solver);
 /* At the beginning of a step: what is known of its first state. */
 pliant_known pliant_posterior_begin(pliant_solver *solver);
+/* Whether a step would find nothing to do: the last one has converged, and nothing has changed since. */
+bool pliant_posterior_rests(const pliant_solver *solver);
 /* The step ends. evaluated: so is the state that it ends with. */
 void pliant_posterior_keep(pliant_solver *solver, bool evaluated);
 
