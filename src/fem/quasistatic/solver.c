@@ -261,6 +261,7 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     pliant_status status = begin(solver);
     if (status == PLIANT_OK) status = pliant_refresh_step(solver, statistics);
     if (status == PLIANT_OK && pliant_posterior_rests(solver)) {
+        pliant_even_note(&solver->even, 1); /* what looking would have taken */
         statistics->iterations = 0;
         return PLIANT_OK;
     }
