@@ -46,7 +46,7 @@ TEST(Adapt, FragmentsOfCoarseTetrahedraNest)
             ASSERT_EQ(pliant_tool_grasp(one->model, one->data, tool, at), PLIANT_OK);
             const double force[3] = {0, 0.2, 0};
             ASSERT_EQ(pliant_tool_set_drive(one->data, tool, PLIANT_DRIVE_FORCE, force), PLIANT_OK);
-            ASSERT_EQ(pliant_data_set_limits(one->data, 200, 1e-9), PLIANT_OK);
+            ASSERT_EQ(pliant_data_set_limits(one->data, 200, 1e-10), PLIANT_OK);
             for (int s = 0; s < 30; s++) ASSERT_GE(pliant_step(one->model, one->data), 0);
             const pliant_mesh &mesh = one->data->body->fine;
             double left = 0;
