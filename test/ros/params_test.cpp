@@ -69,6 +69,23 @@ TEST(Params, ABladeHasANameOrAnEdge)
     EXPECT_NE(refusal(tree).find("~tool/knife/blade"), std::string::npos);
 }
 
+TEST(Params, AShapeHasANameOrAFile)
+{
+    XmlRpcValue tree;
+    tree["tools"] = "PSM1 PSM2";
+    tree["tool"]["PSM1"]["shape"] = "PROGRASP_FORCEPS_420093";
+    Parameters parameters = read(tree);
+    EXPECT_EQ(parameters.tools[0].shape.num_parts, 4);
+    EXPECT_TRUE(parameters.tools[0].grasps);
+    EXPECT_EQ(parameters.tools[1].shape.num_parts, 0);
+    tree["tool"]["PSM1"]["shape"] = "spoon";
+    EXPECT_NE(refusal(tree).find("~tool/PSM1/shape: there is no instrument 'spoon'"), std::string::npos) << refusal(tree);
+    tree["tool"]["PSM1"]["shape"] = "/nowhere/shape.yaml";
+    EXPECT_NE(refusal(tree).find("/nowhere/shape.yaml: cannot be opened"), std::string::npos) << refusal(tree);
+    tree["tool"]["PSM1"]["shape"] = 3;
+    EXPECT_NE(refusal(tree).find("~tool/PSM1/shape"), std::string::npos);
+}
+
 TEST(Params, BackgroundIsLiveOrPlanned)
 {
     XmlRpcValue tree;

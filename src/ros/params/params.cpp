@@ -130,7 +130,7 @@ void read_tools(XmlRpcValue &value, Parameters *out)
         check_tool_name(name);
         for (const ToolParameters &other : out->tools)
             if (other.name == name) refuse("~tools: " + name + " is named twice");
-        out->tools.push_back(ToolParameters{name, true, "", false, {}, {}});
+        out->tools.push_back(ToolParameters{name, true, "", false, {}, {}, {}});
     }
 }
 
@@ -154,6 +154,15 @@ void read_blade(const std::string &name, XmlRpcValue &value, ToolParameters *too
     if (!tool->has_blade()) refuse("~" + name + ": from and to are the same point: no edge");
 }
 
+/* a name, or a YAML file */
+void read_shape(const std::string &name, XmlRpcValue &value, ToolParameters *tool)
+{
+    const std::string what = text(name, value);
+    const bool file = what.find('/') != std::string::npos || what.find(".yaml") != std::string::npos;
+    const pliant_status status = file ? pliant_tool_shape_read(what.c_str(), &tool->shape) : pliant_tool_shape_find(what.c_str(), &tool->shape);
+    if (status < 0) refuse("~" + name + ": " + pliant_last_error());
+}
+
 void read_tool(const std::string &name, XmlRpcValue &value, Parameters *out)
 {
     for (ToolParameters &tool : out->tools) {
@@ -163,6 +172,10 @@ void read_tool(const std::string &name, XmlRpcValue &value, Parameters *out)
             std::string path = "tool/" + name + "/" + entry.first;
             if (entry.first == "blade") {
                 read_blade(path, entry.second, &tool);
+                continue;
+            }
+            if (entry.first == "shape") {
+                read_shape(path, entry.second, &tool);
                 continue;
             }
             if (entry.first == "frame") {

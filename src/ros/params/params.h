@@ -18,6 +18,7 @@ struct ToolParameters {
     std::string frame; /* of poses that name none; empty: the parent frame */
     bool jaw_setpoint; /* its jaw topic tells what the jaw is to do: what came last stays true, with or without a stamp */
     double blade_from[3], blade_to[3]; /* edge of its blade in its frame [m]; both equal: none */
+    pliant_tool_shape shape;           /* what of it touches tissue; no parts: nothing */
 
     bool has_blade() const { return !std::equal(blade_from, blade_from + 3, blade_to); }
 };
@@ -39,7 +40,7 @@ struct Parameters {
 
 /* From the tree of private parameters (a struct, or invalid for none). Every option of a scene is a parameter of its
    path, solver/iterations; beside them: scene (file), scan or scan/path, scan_root, output_root, parent_frame,
-   tissue_frame, tissue_pose, registration, background, tools, tool/<name>/{mode,blade,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release,
+   tissue_frame, tissue_pose, registration, background, tools, tool/<name>/{mode,blade,shape,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release,
    slice/{axial,coronal,sagittal}. Anything else is an error that names the nearest known one.
    The tree is not changed; XmlRpcValue has no constant access. */
 bool read_parameters(XmlRpc::XmlRpcValue tree, Parameters *out, std::string *why);

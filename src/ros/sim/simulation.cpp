@@ -257,6 +257,7 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
             ROS_WARN("tool %s lets go of what it holds: %s", tools_->name(i).c_str(), forgotten ? "time went back" : sample.why.c_str());
         ToolInput &input = out->tools[i];
         input.present = sample.present;
+        input.jaw = sample.angle;
         std::copy(sample.in_tissue.translation, sample.in_tissue.translation + 3, input.tip.begin());
         std::copy(sample.in_tissue.rotation, sample.in_tissue.rotation + 4, input.rotation.begin());
         /* a jaw takes hold as it closes; one that comes closed pushes past the tissue */
@@ -267,7 +268,7 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
     }
 }
 
-/* Of no motion: with their names and blades. */
+/* Of no motion: with their names, blades and shapes. */
 std::vector<ToolInput> Simulation::tool_inputs() const
 {
     std::vector<ToolInput> out(tools_->size());
@@ -276,6 +277,7 @@ std::vector<ToolInput> Simulation::tool_inputs() const
         out[i].name = parameters.name;
         std::copy(parameters.blade_from, parameters.blade_from + 3, out[i].blade_from.begin());
         std::copy(parameters.blade_to, parameters.blade_to + 3, out[i].blade_to.begin());
+        set_shape(parameters.shape, &out[i]);
     }
     return out;
 }

@@ -22,6 +22,7 @@ void apply_tool(const pliant_model &model, const ToolInput &input, pliant_data *
         if (tool_state(*data, tool).present) pliant_tool_lost(data, tool);
         return;
     }
+    pliant_tool_set_jaw(data, tool, input.jaw);
     if (input.closes) pliant_tool_grasp(&model, data, tool, nullptr);
     if (!input.closed && tool_state(*data, tool).holding) pliant_tool_release(data, tool);
     if (input.cuts != tool_state(*data, tool).cutting) pliant_tool_set_cutting(data, tool, input.cuts);
@@ -40,12 +41,58 @@ uint64_t checksum(const double *values, size_t count)
 
 } // namespace
 
+void set_shape(const pliant_tool_shape &shape, ToolInput *out)
+{
+    out->shape.clear();
+    for (int32_t p = 0; p < shape.num_parts; ++p) {
+        const pliant_part &part = shape.part[p];
+        pliant::ToolPart message;
+        message.kind = static_cast<uint8_t>(part.kind);
+        message.moves = static_cast<uint8_t>(part.frame);
+        std::copy(part.from, part.from + 3, message.begin.begin());
+        std::copy(part.to, part.to + 3, message.end.begin());
+        message.radius = part.radius;
+        message.cuts = part.cuts;
+        out->shape.push_back(message);
+    }
+    std::copy(shape.joint, shape.joint + 3, out->joint.begin());
+    std::copy(shape.axis, shape.axis + 3, out->joint_axis.begin());
+}
+
+namespace {
+
+pliant_tool_shape shape_of(const ToolInput &input)
+{
+    pliant_tool_shape shape{};
+    if (input.shape.size() > PLIANT_MAX_PARTS)
+        throw Failure(PLIANT_ERROR_ARGUMENT, "tool " + input.name + " of " + std::to_string(input.shape.size()) + " parts: " +
+                                                 std::to_string(PLIANT_MAX_PARTS) + " are possible");
+    for (const pliant::ToolPart &message : input.shape) {
+        if (message.kind > pliant::ToolPart::BOX || message.moves > pliant::ToolPart::JAW_MINUS)
+            throw Failure(PLIANT_ERROR_ARGUMENT, "tool " + input.name + ": a part of no known kind, or that moves with nothing known");
+        pliant_part &part = shape.part[shape.num_parts++];
+        part.kind = static_cast<pliant_part_kind>(message.kind);
+        part.frame = static_cast<pliant_part_frame>(message.moves);
+        std::copy(message.begin.begin(), message.begin.end(), part.from);
+        std::copy(message.end.begin(), message.end.end(), part.to);
+        part.radius = message.radius;
+        part.cuts = message.cuts;
+    }
+    std::copy(input.joint.begin(), input.joint.end(), shape.joint);
+    std::copy(input.joint_axis.begin(), input.joint_axis.end(), shape.axis);
+    return shape;
+}
+
+} // namespace
+
 void add_tools(const pliant_model &model, pliant_data *data, const std::vector<ToolInput> &tools)
 {
     for (const ToolInput &tool : tools) {
         int index;
         check(pliant_tool_add(&model, data, tool.name.c_str(), &index));
         check(pliant_tool_set_blade(data, index, tool.blade_from.data(), tool.blade_to.data()));
+        const pliant_tool_shape shape = shape_of(tool);
+        check(pliant_tool_set_shape(data, index, &shape));
     }
 }
 

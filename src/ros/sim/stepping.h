@@ -12,7 +12,9 @@ using pliant::CutInput;
 using pliant::Step;
 using pliant::ToolInput;
 
-/* The tools of a new simulation, with their blades. Throws Failure. */
+/* A tool's shape to its message. */
+void set_shape(const pliant_tool_shape &shape, ToolInput *out);
+/* The tools of a new simulation, with their blades and shapes. Throws Failure. */
 void add_tools(const pliant_model &model, pliant_data *data, const std::vector<ToolInput> &tools);
 /* A cut at once, or an undo. Throws Failure, and then nothing has changed. report: of a cut. */
 void make_cut(const pliant_model &model, pliant_data *data, const CutInput &cut, pliant_cut_report *report);

@@ -35,7 +35,7 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
             [this, tool](const topic_tools::ShapeShifter::ConstPtr &message) { take_pose(tool, *message); },
             ros::VoidConstPtr(), hints);
         if (each.has_blade()) listen_for_blade(handle, tool);
-        if (!each.grasps && !each.has_blade()) continue;
+        if (!each.grasps && !each.has_blade() && each.shape.num_parts == 0) continue;
         tool->jaw_in = handle.subscribe<sensor_msgs::JointState>(
             each.name + "/jaw/measured_js", 1,
             [this, tool](const sensor_msgs::JointStateConstPtr &message) { take_jaw(tool, *message); },
@@ -89,6 +89,7 @@ void Tools::take_jaw(Tool *tool, const sensor_msgs::JointState &message)
     std::lock_guard<std::mutex> hold(tool->lock);
     tool->has_jaw = good;
     tool->jaw = angle;
+    if (good) tool->last_jaw = angle;
     tool->jaw_stamp = message.header.stamp;
 }
 
@@ -163,6 +164,7 @@ ToolSample Tools::sample(size_t index, const ros::Time &now)
     else if (tool->state == JAW_UNKNOWN && tool->parameters.grasps) out.why = "its jaw sends no valid angle, or none that is new";
     out.in_tissue = out.present ? tool->last_in_tissue : identity();
     out.jaw = tool->state;
+    out.angle = tool->last_jaw;
     out.blade = tool->blade;
     out.energy = tool->energy;
     Rigid turn = tool->has_last ? tool->last_tissue_in_frame : identity();

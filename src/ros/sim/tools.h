@@ -29,6 +29,7 @@ struct ToolSample {
     bool present;
     Rigid in_tissue;             /* pose of the tip in the tissue frame */
     Jaw jaw;                     /* with hysteresis; unknown for a probe, and when no valid and fresh jaw is there */
+    double angle;                /* of the jaw, the last valid one [rad]; 0 before that */
     bool blade, energy;          /* as they were switched last; off before that */
     double frame_from_tissue[4]; /* quaternion, into the axes that the pose came in */
     std::string frame;           /* of the pose; the tissue frame before the first one */
@@ -86,7 +87,7 @@ private:
         std::deque<Waiting> waiting; /* newer than the one in use, newest last: tf may be behind them */
         bool has_jaw = false;
         ros::Time jaw_stamp;
-        double jaw = 0;
+        double jaw = 0, last_jaw = 0; /* last: that was valid */
         bool blade = false, energy = false;
         uint64_t received = 0;
         std::string refused; /* why the last pose was */
