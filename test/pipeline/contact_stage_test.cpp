@@ -269,14 +269,14 @@ TEST(ContactStage, TissueRestsOnObstacles)
         double lowest = 0, force = 0;
         for (int32_t n = 0; n < sheet.model->body->fine.num_nodes; n++) {
             const double *x = sheet.data->positions + 3 * n;
-            if (plane || std::fabs(x[0] - 0.03) < 0.01) lowest = std::fmin(lowest, x[2]); // beside the box it hangs lower
+            if (plane || std::fabs(x[0] - 0.03) < 0.009) lowest = std::fmin(lowest, x[2]); // at its edges and beside it, the sheet hangs lower
         }
         for (int32_t n = 0; n < sheet.data->contacts.count; n++) {
             EXPECT_EQ(sheet.data->contacts.point[n].kind, PLIANT_OBSTACLE_GROUND);
             EXPECT_EQ(sheet.data->contacts.point[n].tool, -1);
             force += sheet.data->contacts.point[n].force[2];
         }
-        EXPECT_GT(lowest, -0.00105);
+        EXPECT_GT(lowest, -0.00105) << plane;
         EXPECT_LT(lowest, -0.0009);
         EXPECT_GT(force, 0.02); // of a weight of 0.14 N; the sides carry the rest
         EXPECT_LT(force, 0.14);
