@@ -327,6 +327,7 @@ TEST(scene, auto_elements_are_what_the_scene_can_have)
         {{{"model/method", "lod"}}, "model/method"},
         {{{"model/method", "coarse"}, {"model/patch", "0.05"}}, "model/patch"},
         {{{"cut/kind", "subdivide"}}, "cut/kind"},
+        {{{"cut/kind", "sever"}}, "cut/kind"}, // it goes, at ten times the time of a cut
         {{{"mesh/kind", "octree"}, {"cut/kind", "sever"}}, "cut/kind"},
         {{{"mesh/kind", "octree"}, {"solver/kind", "tled"}}, "mesh/kind"},
         {{{"solver/kind", "tled"}, {"tled/nodal_pressure", "true"}}, "tled/nodal_pressure"},

@@ -4,15 +4,15 @@
 
 #include <stddef.h>
 
-/* Something that is made of tetrahedra alone. */
+/* Something that is made of tetrahedra. */
 typedef struct tetrahedral {
     bool asked;
     const char *what;    /* option and reason */
-    const char *instead; /* what goes with hexahedra */
+    const char *instead; /* what goes with hexahedra; NULL: it goes, but far better with tetrahedra */
 } tetrahedral;
 
-/* The first such thing that a scene asks for; .what NULL: none. */
-static tetrahedral first_tetrahedral(const pliant_scene *scene)
+/* The first such thing that a scene asks for; .what NULL: none. alone: that goes with nothing else. */
+static tetrahedral first_tetrahedral(const pliant_scene *scene, bool alone)
 {
     const pliant_method method = scene->model.method;
     const bool octree = scene->mesh.kind == PLIANT_OCTREE, tled = scene->solver.kind == PLIANT_TLED;
@@ -23,17 +23,18 @@ static tetrahedral first_tetrahedral(const pliant_scene *scene)
         {scene->cut.kind == PLIANT_CUT_SUBDIVIDE, "cut/kind: subdivide cuts tetrahedra", "sever"},
         {octree && scene->cut.kind != PLIANT_CUT_NONE, "cut/kind: hexahedra of an octree are not cut", "none, mesh/kind to lattice"},
         {octree && tled, "mesh/kind: explicit dynamics has no hexahedra of an octree", "lattice"},
+        {!tled && scene->cut.kind != PLIANT_CUT_NONE, "cut/kind: of hexahedra a cut makes pattern and preconditioner anew, within a step", NULL},
         {tled && scene->tled.nodal_pressure, "tled/nodal_pressure: hexahedra have one change of volume each and need none", "false"},
     };
     for (size_t n = 0; n < sizeof all / sizeof *all; n++)
-        if (all[n].asked) return all[n];
+        if (all[n].asked && (all[n].instead || !alone)) return all[n];
     return (tetrahedral){false, NULL, NULL};
 }
 
 pliant_element_kind pliant_scene_element_kind(const pliant_scene *scene, const char **why)
 {
     const bool is_auto = scene->element.kind == PLIANT_ELEMENT_AUTO;
-    const char *what = is_auto ? first_tetrahedral(scene).what : NULL;
+    const char *what = is_auto ? first_tetrahedral(scene, false).what : NULL;
     if (why) *why = what;
     if (!is_auto) return scene->element.kind;
     return what ? PLIANT_LINEAR : PLIANT_HEXAHEDRA;
@@ -55,6 +56,6 @@ pliant_element_kind pliant_scene_element_kind_of_methods(const pliant_scene *sce
 pliant_status pliant_scene_check_elements(const pliant_scene *scene)
 {
     if (scene->element.kind != PLIANT_HEXAHEDRA) return PLIANT_OK;
-    const tetrahedral first = first_tetrahedral(scene);
+    const tetrahedral first = first_tetrahedral(scene, true);
     return first.what ? pliant_fail(PLIANT_ERROR_SCENE, "%s; set it to %s, or element/kind to auto or linear", first.what, first.instead) : PLIANT_OK;
 }
