@@ -321,6 +321,7 @@ TEST(scene, auto_elements_are_what_the_scene_can_have)
         {{{"solver/kind", "tled"}, {"cut/kind", "sever"}}, nullptr},
         {{{"mesh/kind", "octree"}}, nullptr},
         {{{"model/patch", "0.05"}}, nullptr}, // of the fine mesh it is nothing
+        {{{"contact/self", "true"}}, "contact/self"},
         {{{"tled/nodal_pressure", "true"}}, nullptr}, // nor of the corotational solver
         {{{"model/method", "schur"}}, "model/method"},
         {{{"model/method", "calibrated"}}, "model/method"},

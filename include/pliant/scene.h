@@ -99,7 +99,7 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     X(BOOL, keep_air, false, 0, 1, "", "keep tetrahedra that hold no tissue, as a filler that neither turns nor tears; without them the deformed volume has the scan's background there, not its air") \
     X(BOOL, bone_surface, false, 0, 1, "", "nodes beside what is fixed (bone, regions) are moved onto its surface ([H] 4.2)")
 #define PLIANT_SCENE_ELEMENT(X)                                                                                        \
-    X(ELEMENT, kind, PLIANT_ELEMENT_AUTO, 0, 0, "", "hexahedra: cubes with one change of volume each; linear: the papers' tetrahedra, too stiff where tissue bends or is nearly incompressible; auto: hexahedra but for what is made of tetrahedra (methods schur, calibrated and lod, patches, cuts but in explicit dynamics, explicit dynamics of an octree, nodal pressure); the log says which")
+    X(ELEMENT, kind, PLIANT_ELEMENT_AUTO, 0, 0, "", "hexahedra: cubes with one change of volume each; linear: the papers' tetrahedra, too stiff where tissue bends or is nearly incompressible; auto: hexahedra but for what is made of tetrahedra (methods schur, calibrated and lod, patches, cuts but in explicit dynamics, explicit dynamics of an octree, nodal pressure) and where tissue is touched (contact/self, obstacles, tools with a shape); the log says which")
 #define PLIANT_SCENE_MODEL(X)                                                                                          \
     X(METHOD, method, PLIANT_FINE, 0, 0, "", "what is solved: the fine mesh, or a coarse one by one of these methods") \
     X(TOUCH, touch, PLIANT_TOUCH_OVERLAP, 0, 0, "", "schur: fine tetrahedra that overlap the coarse one, or share a face with it too") \
@@ -222,6 +222,9 @@ PLIANT_API pliant_status pliant_scene_check(const pliant_scene *scene);
 /** What the scene is made of: element/kind, or what auto becomes in this scene. A model's own scene (pliant_model_get_scene) has that.
  *  @param why Nullable, out: what made auto linear ("option: reason", static); NULL: nothing */
 PLIANT_API pliant_element_kind pliant_scene_element_kind(const pliant_scene *scene, const char **why);
+/** The scene will have tools with a shape (contact.h): auto elements become linear, since what touches the outside of a mesh of cubes feels cubes
+ *  that tissue hardly fills, soft ones, before it feels tissue. */
+PLIANT_API void pliant_scene_for_shapes(pliant_scene *scene);
 /** One kind for all methods that are compared (bit m: method m), in place of the scene's own. */
 PLIANT_API pliant_element_kind pliant_scene_element_kind_of_methods(const pliant_scene *scene, uint32_t methods, const char **why);
 

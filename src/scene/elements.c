@@ -24,6 +24,8 @@ static tetrahedral first_tetrahedral(const pliant_scene *scene, bool alone)
         {octree && scene->cut.kind != PLIANT_CUT_NONE, "cut/kind: hexahedra of an octree are not cut", "none, mesh/kind to lattice"},
         {octree && tled, "mesh/kind: explicit dynamics has no hexahedra of an octree", "lattice"},
         {!tled && scene->cut.kind != PLIANT_CUT_NONE, "cut/kind: of hexahedra a cut makes pattern and preconditioner anew, within a step", NULL},
+        {scene->contact.self || scene->obstacles.num_boxes > 0 || scene->obstacles.num_planes > 0,
+         "contact/self, obstacles: what touches feels cubes that tissue hardly fills before it feels tissue", NULL},
         {tled && scene->tled.nodal_pressure, "tled/nodal_pressure: hexahedra have one change of volume each and need none", "false"},
     };
     for (size_t n = 0; n < sizeof all / sizeof *all; n++)
@@ -38,6 +40,11 @@ pliant_element_kind pliant_scene_element_kind(const pliant_scene *scene, const c
     if (why) *why = what;
     if (!is_auto) return scene->element.kind;
     return what ? PLIANT_LINEAR : PLIANT_HEXAHEDRA;
+}
+
+void pliant_scene_for_shapes(pliant_scene *scene)
+{
+    if (scene->element.kind == PLIANT_ELEMENT_AUTO) scene->element.kind = PLIANT_LINEAR;
 }
 
 pliant_element_kind pliant_scene_element_kind_of_methods(const pliant_scene *scene, uint32_t methods, const char **why)

@@ -125,6 +125,8 @@ static pliant_status prepare(deform_run *run)
     const deform_arguments *arguments = run->arguments;
     const deform_inputs *inputs = run->inputs;
     pliant_choice choice;
+    for (uint32_t t = 0; t < inputs->path.num_tools; t++)
+        if (inputs->path.tools[t].shape.num_parts > 0) pliant_scene_for_shapes(&run->scene);
     pliant_report_input input = {&run->scene, &inputs->scan, inputs->labels.voxels ? &inputs->labels : NULL, &inputs->materials};
     pliant_status status = command_line_folder(run->folder);
     if (status >= 0) status = choice_output(&input, run->folder, arguments->pictures, &choice);

@@ -310,6 +310,8 @@ bool read_parameters(XmlRpcValue tree, Parameters *out, std::string *why)
             if (tree.hasMember("tools")) read_tools(tree["tools"], &read);
             for (auto &entry : tree) read_one(entry.first, entry.second, &read);
         }
+        for (const ToolParameters &tool : read.tools)
+            if (tool.shape.num_parts > 0) pliant_scene_for_shapes(&read.scene);
         if (pliant_scene_check(&read.scene) < 0) refuse(pliant_last_error());
         if (!(read.jaw_close < read.jaw_release)) refuse("~jaw_close must be less than ~jaw_release");
         check_frames(read);
