@@ -421,6 +421,9 @@ static void take(const gpu_outcome *outcome, pliant_tled *tled, pliant_tool *too
     std::swap(tled->d, tled->kept_d);
     std::swap(tled->memory, tled->kept_memory);
     memcpy(tled->target, outcome->target, sizeof tled->target);
+    memcpy(tled->passed, outcome->passed, sizeof tled->passed);
+    memcpy(tled->passed_target, outcome->passed_target, sizeof tled->passed_target);
+    tled->passed_step = outcome->passed_step;
     memcpy(tled->quotient, outcome->quotient, sizeof tled->quotient);
     for (int t = 0; t < num_tools; t++)
         for (int d = 0; d < 3; d++) tools[t].force[d] += outcome->force[t][d];
@@ -440,6 +443,9 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
     gpu->stale = true; /* until this frame is whole and sound */
     memset(gpu->h_exchange, 0, sizeof *gpu->h_exchange);
     memcpy(outcome->target, tled->target, sizeof outcome->target);
+    memcpy(outcome->passed, tled->passed, sizeof outcome->passed);
+    memcpy(outcome->passed_target, tled->passed_target, sizeof outcome->passed_target);
+    outcome->passed_step = tled->passed_step;
     memcpy(outcome->quotient, tled->quotient, sizeof outcome->quotient);
     outcome->unsound = INT32_MAX;
     set_frame(tled, frame);

@@ -60,6 +60,7 @@ typedef struct gpu_frame {
 
 /* What a frame makes of it, and what goes from frame to frame. */
 typedef struct gpu_outcome {
+    double passed[PLIANT_MAX_TOOLS][3], passed_target[PLIANT_MAX_TOOLS][3], passed_step; /* struct pliant_tled */
     double target[PLIANT_MAX_TOOLS][3], force[PLIANT_MAX_TOOLS][3], quotient[4];
     double factor, kept;       /* dynamic relaxation: of this sub-step */
     double tool_load, sums[PLIANT_NUM_SUMS], residual;

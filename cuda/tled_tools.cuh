@@ -104,15 +104,23 @@ static __device__ void set_row(const gpu_tled &tled, const gpu_hold &hold, doubl
 {
     const gpu_frame *frame = &work->frame;
     const int32_t tool = work->pulls[i];
-    double *target = tled.d_outcome->target[tool];
-    const double old[3] = {target[0], target[1], target[2]};
+    gpu_outcome *outcome = tled.d_outcome;
+    double *target = outcome->target[tool], *passed = outcome->passed[tool], *passed_target = outcome->passed_target[tool];
+    const double old[3] = {target[0], target[1], target[2]}, none[3] = {0, 0, 0}; /* tools with a mass are the CPU's: pliant_cuda_tled_run */
     pliant_substep_approach(target, hold.goal, parts, frame->reach);
     const bool spring = hold.drive == PLIANT_DRIVE_SPRING;
-    const double damper = spring && !tled.still ? hold.damping / frame->time_step : 0;
-    const double none[3] = {0, 0, 0}; /* tools with a mass are the CPU's: pliant_cuda_tled_run */
-    const double compliance = pliant_substep_gap(spring ? hold.stiffness : 0, damper, 0, target, old, work->point, work->point + 3, none, none, work->force[i]);
+    double stiffness = spring ? hold.stiffness : 0, damper = spring && !tled.still ? hold.damping / frame->time_step : 0;
+    double gap[3], older[3], pushed[3] = {0, 0, 0};
+    for (int k = 0; k < 3; k++) {
+        gap[k] = old[k] - work->point[3 + k];
+        older[k] = passed_target[k] - passed[k];
+        passed[k] = work->point[3 + k];
+        passed_target[k] = old[k];
+    }
     for (int j = 0; j <= i; j++) work->matrix[i][j] = factor * frame->answer[tool][work->pulls[j]];
-    work->matrix[i][i] += compliance;
+    if (spring && !tled.still)
+        pliant_substep_center(work->matrix[i][i], frame->time_step / outcome->passed_step, gap, older, &stiffness, &damper, pushed);
+    work->matrix[i][i] += pliant_substep_gap(stiffness, damper, 0, target, old, work->point, work->point + 3, none, pushed, work->force[i]);
 }
 
 /* by one thread: summed over a frame's motion; of dynamic relaxation only the last counts */
@@ -146,7 +154,10 @@ static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, 
         if (threadIdx.x == 0) set_row(tled, frame->tools[work->pulls[i]], factor, parts, i, work);
         __syncthreads();
     }
-    if (threadIdx.x == 0) pliant_substep_forces(count, work->matrix, work->force);
+    if (threadIdx.x == 0) {
+        tled.d_outcome->passed_step = frame->time_step;
+        pliant_substep_forces(count, work->matrix, work->force);
+    }
     __syncthreads();
     for (int i = 0; i < count; i++) {
         const int32_t t = work->pulls[i];

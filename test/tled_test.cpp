@@ -61,6 +61,42 @@ TEST_P(EveryKind, KeepsItsEnergyOverAHundredThousandSteps)
     EXPECT_LT(drift, 1e-3);
 }
 
+// A spring that sub-steps can follow takes next to none of what swings; none gives any, up to one that is rigid.
+TEST_P(EveryKind, ASpringOfAnyStiffnessGivesNoEnergy)
+{
+    for (double stiffness : {5.0, 2e3, 5e4, 1e9}) {
+        Bar bar(2, 4, 0.08, {5e3, 0.4, 1000, false});
+        bar.scene.solver.threads = 1;
+        ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
+        pliant_tled *tled = bar.data->tled;
+        const double at[3] = {0.02, 0.02, 0.07};
+        int tool;
+        ASSERT_EQ(pliant_tool_add(bar.model, bar.data, "spring", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(bar.data, tool, at, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(bar.model, bar.data, tool, at), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_drive(bar.data, tool, PLIANT_DRIVE_SPRING, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_spring(bar.data, tool, stiffness, 0), PLIANT_OK);
+        ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
+        for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++) // pushed
+            tled->d[3 * n] = 2e-5 * bar.model->body->fine.rest[3 * n + 2] / 0.08;
+        double first = 0, last = 0, most = 0;
+        for (int64_t steps = 0; steps < 10000; steps += tled->substeps) {
+            ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
+            last = discrete_energy(bar);
+            for (int d = 0; d < 3; d++) {
+                const double gap = tled->target[tool][d] - bar.data->tools[tool].held_point[d];
+                const double before = tled->passed_target[tool][d] - tled->passed[tool][d];
+                last += 0.25 * stiffness * (gap * gap + before * before);
+            }
+            if (first == 0) first = last;
+            most = std::fmax(most, last);
+        }
+        std::printf("%g N/m: %.4f of the energy is left, at most it was %.4f\n", stiffness, last / first, most / first);
+        EXPECT_LT(most, 1.002 * first);
+        if (stiffness < 10) EXPECT_GT(last, 0.95 * first);
+    }
+}
+
 TEST_P(EveryKind, AWaveRunsAlongABarAtTheSpeedOfSound)
 {
     // no Poisson ratio: a bar is one-dimensional, c = sqrt(E / rho) = 2 m/s

@@ -62,7 +62,7 @@ typedef struct pliant_statistics {
     double residual;            /**< energy norm of the residual force over that of the load, last step; of a patch where that is larger */
     double error;               /**< [m] how far a node still is from where the step would converge to, estimated where it ended (with
                                  *   solver/budget_ms and no time for that, from the evaluation before). Explicit dynamics: what its
-                                 *   sub-steps left in this step at the farthest node that no tool holds, without springs, walls, stiffness_damping.
+                                 *   sub-steps left in this step at the farthest node that no tool holds, without walls and stiffness_damping.
                                  *   0: not known (dynamic relaxation) */
     double error_before;        /**< [m] the same of the step before, as this one has it; 0: not known, or the first step */
     double residual_force;      /**< largest nodal residual force [N] */

@@ -105,6 +105,27 @@ PLIANT_INLINE double pliant_substep_gap(double stiffness, double damper, double 
     return whole > 0 ? 1 / whole : 0;
 }
 
+/* Forces of a sub-step h are those at its start; a spring's from its gap, target - y, at the end are early by h: an error of first order. A mean of the
+ * gaps at end, start and the start before has none, and gives no energy whatever the stiffness (Newmark's average acceleration); but what is stiffer than
+ * h can follow would swing to and fro undamped. There the end counts for more, up to all, where the spring is rigid:
+ *     force = k (p m+ + (1 - p) m) + b (m+ - m) / h,   m+ = p gap+ + (1 - p) gap,   m = p gap + (1 - p) gap-,   1/2 <= p <= 1
+ * What of it is known goes to pushed; stiffness and damper (b / h) keep what gap+ takes, for pliant_substep_gap.
+ *  @param answer  of the held point to a force in this sub-step [m/N]
+ *  @param since   h over that of the sub-step before
+ *  @param gap     at the start of this sub-step; older: of the one before [m] */
+PLIANT_INLINE void pliant_substep_center(double answer, double since, const double gap[3], const double older[3], double *stiffness, double *damper,
+                                         double pushed[3])
+{
+    const double limit = 4; /* of (w h)^2, that of central differences */
+    const double p = 1 - 0.5 * limit / (limit + answer * (*stiffness + *damper));
+    for (int k = 0; k < 3; k++) {
+        const double change = since * (gap[k] - older[k]);
+        pushed[k] += (1 - p) * (*stiffness * ((1 + p) * gap[k] - (1 - p) * change) + *damper * change);
+    }
+    *stiffness *= p * p;
+    *damper *= p;
+}
+
 /* Solve for the tools' forces by Cholesky, in place, from the lower triangle; a tool that cannot move anything (all it holds is fixed)
  * gets none. */
 PLIANT_INLINE void pliant_substep_forces(int count, double (*matrix)[PLIANT_MAX_TOOLS], double (*force)[3])

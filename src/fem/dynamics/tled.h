@@ -114,8 +114,9 @@ struct pliant_tled {
     float (*kept_memory)[6 * PLIANT_PRONY_TERMS][LANES];
     double target[PLIANT_MAX_TOOLS][3];     /* where held points are pulled to now [m] */
     double kept_target[PLIANT_MAX_TOOLS][3];
-    double passed[PLIANT_MAX_TOOLS][3];     /* where held points were one sub-step before the last [m], for those with a mass */
-    double passed_step, kept_passed[PLIANT_MAX_TOOLS][3]; /* time between that and the last sub-step [s] */
+    double passed[PLIANT_MAX_TOOLS][3];     /* where held points were one sub-step before the last [m] */
+    double passed_target[PLIANT_MAX_TOOLS][3]; /* their targets then */
+    double passed_step, kept_passed[PLIANT_MAX_TOOLS][3], kept_passed_target[PLIANT_MAX_TOOLS][3]; /* time between that and the last sub-step [s] */
     double quotient[4];                     /* dynamic relaxation: pliant_substep_frequency */
     pliant_pace pace;                       /* of its threads */
     double smallest_load;                   /* dynamic relaxation: what the residual is taken of where there is no load; as PLIANT_SUM_LOAD */

@@ -361,6 +361,7 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
     }
     memcpy(tled->target, from->target, sizeof tled->target);
     memcpy(tled->passed, from->passed, sizeof tled->passed);
+    memcpy(tled->passed_target, from->passed_target, sizeof tled->passed_target);
     tled->passed_step = from->passed_step;
     const double faster = tled->time_step / from->time_step; /* increments are of a sub-step; those of relaxation are of none */
     pliant_body_map_vectors(map, from->u, tled->u);

@@ -193,6 +193,7 @@ static void keep(pliant_tled *tled, bool back)
     memcpy(back ? tled->d : tled->kept_d, back ? tled->kept_d : tled->d, nodes * sizeof *tled->d);
     memcpy(back ? tled->target : tled->kept_target, back ? tled->kept_target : tled->target, sizeof tled->target);
     memcpy(back ? tled->passed : tled->kept_passed, back ? tled->kept_passed : tled->passed, sizeof tled->passed);
+    memcpy(back ? tled->passed_target : tled->kept_passed_target, back ? tled->kept_passed_target : tled->passed_target, sizeof tled->passed_target);
     if (tled->memory)
         memcpy(back ? tled->memory : tled->kept_memory, back ? tled->kept_memory : tled->memory, blocks * sizeof *tled->memory);
 }

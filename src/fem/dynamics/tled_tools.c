@@ -24,6 +24,7 @@ void pliant_tled_interact(pliant_tled *tled, const double gravity[3], pliant_too
         if (!tools[t].holding || tools[t].attached) continue;
         held_point(tled, tools + t, NULL, 0, tled->target[t]);
         held_point(tled, tools + t, tled->d, -1, tled->passed[t]);
+        memcpy(tled->passed_target[t], tled->passed[t], sizeof tled->passed[t]);
         tled->passed_step = tled->time_step;
         tools[t].attached = true;
     }
@@ -69,24 +70,31 @@ double pliant_tled_answer(const pliant_tled *tled, const pliant_tool *a, const p
     return sum;
 }
 
-/* One row of the equations for the forces of tools that pull at a point. */
-static double set_gap(pliant_tled *tled, const pliant_tool *tool, int index, int32_t parts, double gap[3])
+/* One row of the equations for the forces of tools that pull at a point.
+ *  @param answer of that point to a unit force in this sub-step [m/N] */
+static double set_gap(pliant_tled *tled, const pliant_tool *tool, int index, int32_t parts, double answer, double gap[3])
 {
     const pliant_drive drive = pliant_tool_drive(tool);
     const bool spring = drive == PLIANT_DRIVE_SPRING, rigid = drive == PLIANT_DRIVE_RIGID, still = tled->system->quasi_static;
-    const double dt = tled->time_step, damper = spring && !still ? pliant_tool_damping(tool) / dt : 0, inertia = rigid || still ? 0 : pliant_tool_mass(tool) / (dt * dt);
-    double goal[3], now[3], before[3], ahead[3], pushed[3], old_target[3], *target = tled->target[index], *passed = tled->passed[index];
+    const double dt = tled->time_step, since = dt / tled->passed_step, inertia = rigid || still ? 0 : pliant_tool_mass(tool) / (dt * dt);
+    double stiffness = spring ? pliant_tool_stiffness(tool) : 0, damper = spring && !still ? pliant_tool_damping(tool) / dt : 0;
+    double goal[3], now[3], before[3], ahead[3], pushed[3], start[3], older[3], old_target[3];
+    double *target = tled->target[index], *passed = tled->passed[index], *passed_target = tled->passed_target[index];
     for (int d = 0; d < 3; d++) goal[d] = tool->tip[d] - tool->grip[d];
     memcpy(old_target, target, sizeof old_target);
     pliant_substep_approach(target, goal, parts, tled->reach);
     held_point(tled, tool, NULL, 0, now);
     held_point(tled, tool, tled->d, -1, before);
     for (int d = 0; d < 3; d++) {
-        ahead[d] = before[d] + (before[d] - passed[d]) * (dt / tled->passed_step);
+        start[d] = old_target[d] - before[d];
+        older[d] = passed_target[d] - passed[d];
+        ahead[d] = before[d] + since * (before[d] - passed[d]);
         pushed[d] = rigid ? 0 : pliant_tool_mass(tool) * tled->gravity[d] + (drive == PLIANT_DRIVE_FORCE ? tool->driving_force[d] : 0);
     }
     memcpy(passed, before, sizeof before);
-    return pliant_substep_gap(spring ? pliant_tool_stiffness(tool) : 0, damper, inertia, target, old_target, now, before, ahead, pushed, gap);
+    memcpy(passed_target, old_target, sizeof old_target);
+    if (spring && !still) pliant_substep_center(answer, since, start, older, &stiffness, &damper, pushed);
+    return pliant_substep_gap(stiffness, damper, inertia, target, old_target, now, before, ahead, pushed, gap);
 }
 
 double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, double factor, int32_t parts)
@@ -111,9 +119,8 @@ double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, do
     }
     for (int i = 0; i < count; i++) {
         const pliant_tool *tool = pulls[i].tool;
-        double compliance = set_gap(tled, tool, pulls[i].index, parts, force[i]);
         for (int j = 0; j <= i; j++) matrix[i][j] = factor * pliant_tled_answer(tled, tool, pulls[j].tool);
-        matrix[i][i] += compliance;
+        matrix[i][i] += set_gap(tled, tool, pulls[i].index, parts, matrix[i][i], force[i]);
     }
     tled->passed_step = tled->time_step;
     pliant_substep_forces(count, matrix, force);
