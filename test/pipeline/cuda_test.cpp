@@ -493,7 +493,13 @@ void fail_every_call(const Case &c, double patch, int stride)
     pliant_data_free(body.data);
     body.data = nullptr;
     int calls = 0, left = 0;
+    std::string how, said; // of the last one that failed
+    pliant_set_log([](pliant_log_level level, const char *message, void *user) {
+        if (level >= PLIANT_LOG_WARNING && std::strstr(message, "backend")) *static_cast<std::string *>(user) = message;
+    }, &said);
     for (bool failed = true; failed; calls += stride) {
+        ASSERT_LT(calls, 5000) << "a run without a failure is not as it should be: " << how << ", said: " << said;
+        said.clear();
         pliant_cuda_fail_after(calls);
         ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK) << "call " << calls << ": " << pliant_last_error();
         ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << "call " << calls;
@@ -502,17 +508,22 @@ void fail_every_call(const Case &c, double patch, int stride)
         ASSERT_LT(farthest(good, body), 1e-5 * box[0]) << "call " << calls;
         failed = std::string(pliant_data_get_backend(body.data)) == "cpu" || !pliant_warp_accelerated(body.data->warp);
         left += failed;
+        how = std::string(pliant_data_get_backend(body.data)) == "cpu" ? "the CPU went on" : "the CPU draws";
         pliant_cuda_fail_after(-1);
         if (!failed) { // the last call was beyond all of them, or the volume was not fetched
             pliant_warp *warp = nullptr;
             ASSERT_EQ(pliant_warp_create(&body.scan, &body.model->body->fine, &body.scan.geometry, 2, &warp), PLIANT_OK);
             ASSERT_EQ(pliant_warp_update(warp, body.data->positions), PLIANT_OK);
-            if (std::memcmp(pliant_warp_volume(warp)->voxels, volume->voxels, 24 * 24 * 24) != 0) failed = true;
+            if (std::memcmp(pliant_warp_volume(warp)->voxels, volume->voxels, 24 * 24 * 24) != 0) {
+                failed = true;
+                how = "the volume differs";
+            }
             pliant_warp_free(warp);
         }
         pliant_data_free(body.data);
         body.data = nullptr;
     }
+    pliant_set_log(nullptr, nullptr);
     EXPECT_GT(left, 50 / stride);
     ::testing::Test::RecordProperty("failed_calls", std::to_string(left).c_str());
 }
