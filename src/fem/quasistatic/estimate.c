@@ -45,7 +45,8 @@ pliant_known pliant_posterior_begin(pliant_solver *solver)
 bool pliant_posterior_rests(const pliant_solver *solver)
 {
     const pliant_posterior *posterior = &solver->posterior;
-    bool same = posterior->kept && posterior->evaluated && solver->rules.converged && !posterior->touched && !pliant_touches_any(solver->touches) &&
+    /* around a patch more changes than is looked at here */
+    bool same = !solver->system->basis && posterior->kept && posterior->evaluated && solver->rules.converged && !posterior->touched && !pliant_touches_any(solver->touches) &&
                 memcmp(posterior->gravity, solver->gravity, sizeof posterior->gravity) == 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS && same; t++) {
         const pliant_handle *handle = solver->handles + t;

@@ -256,6 +256,17 @@ static pliant_status iterate_evenly(pliant_solver *solver, step_time *time)
     return status;
 }
 
+/* of the state that was judged last; in a step that rests that of the step before, since when a patch may have told its own */
+static void tell_residual(const pliant_solver *solver, pliant_statistics *statistics)
+{
+    statistics->residual = solver->rules.merit / solver->now.scale;
+    statistics->residual_force = 0;
+    for (int32_t f = 0; f < solver->system->num_free; f++) {
+        const double *r = solver->now.residual + 3 * f;
+        statistics->residual_force = fmax(statistics->residual_force, sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]));
+    }
+}
+
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics)
 {
     pliant_status status = begin(solver);
@@ -263,6 +274,8 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     if (status == PLIANT_OK && pliant_posterior_rests(solver)) {
         pliant_even_note(&solver->even, 1); /* what looking would have taken */
         statistics->iterations = 0;
+        tell_residual(solver, statistics);
+        statistics->error = statistics->error_before = solver->rules.error;
         return PLIANT_OK;
     }
     if (status == PLIANT_OK) turn_on(solver);
@@ -286,12 +299,7 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, solver->now.force + 3 * t, 3 * sizeof(double));
     if (!isfinite(solver->rules.merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
-    statistics->residual = solver->rules.merit / solver->now.scale;
-    statistics->residual_force = 0;
-    for (int32_t f = 0; f < solver->system->num_free; f++) {
-        const double *r = solver->now.residual + 3 * f;
-        statistics->residual_force = fmax(statistics->residual_force, sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]));
-    }
+    tell_residual(solver, statistics);
     look_at_end(solver, &time);
     pliant_touches_report(solver, statistics);
     statistics->error = solver->rules.error;
