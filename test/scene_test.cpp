@@ -2,6 +2,7 @@
 #include "state/data.h"
 #include "pliant/memory.h"
 #include "pliant/scene.h"
+#include "pliant/session.h"
 
 #include <gtest/gtest.h>
 
@@ -366,6 +367,43 @@ TEST(scene, every_scene_that_is_shipped_is_good)
         ASSERT_EQ(pliant_material_table_read(scene.material.file, &table), PLIANT_OK) << pliant_last_error();
         pliant_material_table_free(&table);
     }
+}
+
+std::string text_of(const pliant_scene &scene)
+{
+    std::string text(pliant_scene_text(&scene, 0, nullptr), '\0');
+    EXPECT_EQ(pliant_scene_text(&scene, text.size() + 1, &text[0]), text.size());
+    return text;
+}
+
+TEST(scene, told_as_text_is_the_same_scene_to_the_bit)
+{
+    pliant_scene scene = defaults();
+    scene.model.gravity[1] = 1.0 / 3;
+    scene.grasp.stiffness = 123456.789012345678;
+    scene.mesh.coarse_cells[2] = 17;
+    scene.cut.kind = PLIANT_CUT_SEVER;
+    scene.contact.self = true;
+    strcpy(scene.material.labels, "/a folder/with \"quotes\", a \\ and: a colon # or so.nii.gz");
+    scene.fixed.num_boxes = 2;
+    scene.fixed.boxes[0] = {{-0.1, 0, 1e-300}, {0.1, 1.0 / 7, 5}};
+    scene.fixed.boxes[1] = {{-1, -1, -1}, {1, 1, 1}};
+    scene.obstacles.num_planes = 1;
+    scene.obstacles.planes[0] = {{0.3, 0, 0}, {0, -1, 0.1}};
+    const std::string text = text_of(scene);
+    const pliant_scene again = parsed(text);
+    EXPECT_EQ(memcmp(&again.fixed, &scene.fixed, sizeof scene.fixed), 0) << text;
+    EXPECT_EQ(memcmp(&again.obstacles, &scene.obstacles, sizeof scene.obstacles), 0) << text;
+    EXPECT_EQ(text_of(again), text);
+    EXPECT_EQ(again.model.gravity[1], scene.model.gravity[1]);
+    EXPECT_EQ(again.grasp.stiffness, scene.grasp.stiffness);
+    EXPECT_EQ(again.mesh.coarse_cells[2], 17);
+    EXPECT_EQ(again.cut.kind, PLIANT_CUT_SEVER);
+    EXPECT_TRUE(again.contact.self);
+    EXPECT_STREQ(again.material.labels, scene.material.labels);
+    char few[10];
+    EXPECT_EQ(pliant_scene_text(&scene, sizeof few, few), text.size());
+    EXPECT_EQ(std::string(few), text.substr(0, 9));
 }
 
 TEST(scene, failing_allocations_leave_nothing_behind)

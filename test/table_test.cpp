@@ -1,9 +1,11 @@
 /* Material tables: what is read, what is refused and with which words, and what a failing allocation leaves behind. */
 #include "pliant/material.h"
 #include "pliant/memory.h"
+#include "pliant/session.h"
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <string>
 
@@ -178,6 +180,30 @@ TEST(table, every_table_that_is_shipped_is_good)
             EXPECT_LE(t.materials[m].poisson_ratio, 0.49) << name << " " << t.materials[m].name;
         }
         EXPECT_TRUE(air && bone) << name;
+    }
+}
+
+TEST(table, told_as_text_is_the_same_table)
+{
+    Table table, again;
+    ASSERT_EQ(pliant_material_table_parse(with("187", "187.00000000000003").c_str(), "t.yaml", &table), PLIANT_OK) << pliant_last_error();
+    std::string text(pliant_material_table_text(&table, 0, nullptr), '\0');
+    EXPECT_EQ(pliant_material_table_text(&table, text.size() + 1, &text[0]), text.size());
+    ASSERT_EQ(pliant_material_table_parse(text.c_str(), "text", &again), PLIANT_OK) << pliant_last_error() << text;
+    ASSERT_EQ(again.num_materials, table.num_materials);
+    for (uint32_t m = 0; m < table.num_materials; ++m) {
+        const pliant_material &a = table.materials[m], &b = again.materials[m];
+        EXPECT_STREQ(a.name, b.name);
+        EXPECT_EQ(a.young_modulus, b.young_modulus);
+        EXPECT_EQ(a.poisson_ratio, b.poisson_ratio);
+        EXPECT_EQ(a.density, b.density);
+        EXPECT_EQ(a.toughness, b.toughness);
+        EXPECT_EQ(a.fixed, b.fixed);
+        EXPECT_EQ(a.empty, b.empty);
+        ASSERT_EQ(a.num_range, b.num_range);
+        EXPECT_TRUE(std::equal(a.range, a.range + a.num_range, b.range));
+        ASSERT_EQ(a.num_labels, b.num_labels);
+        EXPECT_TRUE(std::equal(a.labels, a.labels + a.num_labels, b.labels));
     }
 }
 

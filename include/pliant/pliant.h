@@ -38,6 +38,7 @@
 #include "pliant/model.h"
 #include "pliant/warp.h"
 #include "pliant/data.h"
+#include "pliant/session.h"
 #include "pliant/contact.h"
 #include "pliant/path.h"
 #include "pliant/pick.h"

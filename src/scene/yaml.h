@@ -24,4 +24,15 @@ bool pliant_parse_real(const char *text, double *out); /* finite */
 bool pliant_parse_integer(const char *text, int64_t *out);
 bool pliant_parse_bool(const char *text, bool *out); /* true yes on 1, false no off 0 */
 
+/* And back: text that is written where there is room, and counted whether or not. */
+typedef struct pliant_text_out {
+    char *out; /* Nullable */
+    size_t room, length;
+} pliant_text_out;
+void pliant_text_add(pliant_text_out *text, const char *words);
+void pliant_text_add_real(pliant_text_out *text, double value); /* the fewest digits that are read as the same number */
+void pliant_text_add_quoted(pliant_text_out *text, const char *words);
+/* "[a, b, c]" */
+void pliant_text_add_reals(pliant_text_out *text, const double *values, int count);
+
 #endif
