@@ -4,7 +4,7 @@
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "fem/dynamics/tled_cubes.h"
-#include "tled_state.h"
+#include "tled_touch.h"
 
 #include <algorithm>
 #include <climits>
@@ -13,8 +13,8 @@
 /* sub-steps of a graph: the longer, the longer it takes to be made; dynamic relaxation is looked at so often */
 static const int32_t longest_graph = 256, relaxation_graph = 32;
 
-/* nodes that any tool holds, ascending; each tool's; room for so many here and on the GPU */
-struct held_nodes { int32_t *held, *node; double *weight; int32_t capacity; };
+/* nodes that any tool holds or a contact has, ascending; each tool's; those of contacts; room for so many here and on the GPU */
+struct held_nodes { int32_t *held, *node, *near; double *weight; int32_t capacity; };
 
 /* what goes up at the beginning of a frame; the outcome comes down at its end */
 struct exchange { gpu_frame frame; gpu_outcome outcome; };
@@ -26,7 +26,8 @@ struct pliant_cuda_tled {
     gpu_tled gpu;
     exchange *h_exchange, *d_exchange; /* page-locked */
     held_nodes h_held;                 /* page-locked; what was sent last */
-    int32_t sent_held, sent_total;     /* of h_held */
+    int32_t sent_held, sent_total, sent_near; /* of h_held */
+    gpu_touching touching;
     cudaGraphExec_t graph;
     int32_t graph_steps;               /* 0: there is none */
     bool repeated, pulled;             /* it counts what it did; it has kernels for tools */
@@ -188,6 +189,7 @@ static void free_held(held_nodes *held)
 {
     pliant_cuda_release_host(held->held);
     pliant_cuda_release_host(held->node);
+    pliant_cuda_release_host(held->near);
     pliant_cuda_release_host(held->weight);
     *held = {};
 }
@@ -197,7 +199,8 @@ static void release_held(gpu_tled *it)
     pliant_cuda_release(it->d_held_node);
     pliant_cuda_release(it->d_tool_node);
     pliant_cuda_release(it->d_tool_weight);
-    it->d_held_node = it->d_tool_node = NULL;
+    pliant_cuda_release(it->d_near);
+    it->d_held_node = it->d_tool_node = it->d_near = NULL;
     it->d_tool_weight = NULL;
 }
 
@@ -215,6 +218,7 @@ extern "C" void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
     release_held(it);
     free_held(&gpu->h_held);
+    pliant_cuda_touching_free(&gpu->touching, it);
     pliant_cuda_release_host(gpu->h_exchange);
     if (gpu->graph) cudaGraphExecDestroy(gpu->graph);
     if (gpu->stream) cudaStreamDestroy(gpu->stream);
@@ -262,22 +266,36 @@ static pliant_status make_room(pliant_cuda_tled *gpu, int32_t count)
     gpu->graph_steps = 0; /* it has the old places */
     CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", reinterpret_cast<void **>(&held->held)));
     CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", reinterpret_cast<void **>(&held->node)));
+    CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", reinterpret_cast<void **>(&held->near)));
     CUDA_TRY(pliant_cuda_allocate_host(weights, "the held nodes", reinterpret_cast<void **>(&held->weight)));
     CUDA_TRY(allocate(indices, reinterpret_cast<void **>(&it->d_held_node)));
     CUDA_TRY(allocate(indices, reinterpret_cast<void **>(&it->d_tool_node)));
+    CUDA_TRY(allocate(indices, reinterpret_cast<void **>(&it->d_near)));
     CUDA_TRY(allocate(weights, reinterpret_cast<void **>(&it->d_tool_weight)));
     held->capacity = capacity;
     return PLIANT_OK;
 }
 
-/* The nodes that tools hold, where they are others than in the last frame; each tool's place among them to the frame. */
+static pliant_status upload_held(pliant_cuda_tled *gpu, int32_t total, int32_t near)
+{
+    const held_nodes *held = &gpu->h_held;
+    const size_t indices = (size_t)total * sizeof *held->node, weights = (size_t)total * sizeof *held->weight;
+    if (total + near == 0) return PLIANT_OK;
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_held_node, held->held, (size_t)gpu->sent_held * sizeof *held->held, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_node, held->node, indices, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_near, held->near, (size_t)near * sizeof *held->near, cudaMemcpyHostToDevice, gpu->stream)));
+    return CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_weight, held->weight, weights, cudaMemcpyHostToDevice, gpu->stream));
+}
+
+/* The nodes that tools hold and those that contacts have, where they are others than in the last frame; each tool's place among them to the frame. */
 static pliant_status send_holds(pliant_cuda_tled *gpu, const pliant_tool *tools, int num_tools, gpu_frame *frame)
 {
     int32_t total = 0;
     held_nodes *held = &gpu->h_held;
+    const int32_t num_near = gpu->touching.num_near;
     for (int t = 0; t < num_tools; t++) total += tools[t].holding ? tools[t].num_held : 0;
-    CUDA_TRY(make_room(gpu, total));
-    bool same = total == gpu->sent_total;
+    CUDA_TRY(make_room(gpu, total + num_near));
+    bool same = total == gpu->sent_total && num_near == gpu->sent_near;
     int32_t at = 0;
     for (int t = 0; t < num_tools; t++) {
         if (!tools[t].holding) continue;
@@ -290,23 +308,35 @@ static pliant_status send_holds(pliant_cuda_tled *gpu, const pliant_tool *tools,
         memcpy(held->weight + at, tools[t].weight, count * sizeof *held->weight);
         at += tools[t].num_held;
     }
+    same = same && (num_near == 0 || memcmp(held->near, gpu->touching.near, (size_t)num_near * sizeof *held->near) == 0);
     if (!same) {
-        const size_t indices = (size_t)total * sizeof *held->node;
-        if (total > 0) memcpy(held->held, held->node, indices);
-        std::sort(held->held, held->held + total);
-        gpu->sent_held = (int32_t)(std::unique(held->held, held->held + total) - held->held);
+        std::copy(held->node, held->node + total, held->held);
+        std::copy(gpu->touching.near, gpu->touching.near + num_near, held->held + total);
+        std::copy(gpu->touching.near, gpu->touching.near + num_near, held->near);
+        std::sort(held->held, held->held + total + num_near);
+        gpu->sent_held = (int32_t)(std::unique(held->held, held->held + total + num_near) - held->held);
         gpu->sent_total = -1; /* until it is there */
-        if (total > 0) {
-            CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_held_node, held->held, indices, cudaMemcpyHostToDevice, gpu->stream)));
-            CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_node, held->node, indices, cudaMemcpyHostToDevice, gpu->stream)));
-            const size_t weights = (size_t)total * sizeof *held->weight;
-            CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_weight, held->weight, weights, cudaMemcpyHostToDevice, gpu->stream)));
-        }
+        CUDA_TRY(upload_held(gpu, total, num_near));
         CUDA_TRY(pliant_cuda_tled_hold(&gpu->gpu, gpu->sent_held, gpu->stream));
         gpu->sent_total = total;
+        gpu->sent_near = num_near;
     }
     frame->num_held = gpu->sent_held;
     return PLIANT_OK;
+}
+
+/* What touches in this frame. */
+static pliant_status send_touching(pliant_cuda_tled *gpu, pliant_tled *tled, gpu_frame *frame)
+{
+    bool moved = false;
+    CUDA_TRY(pliant_tled_touch_begin(tled));
+    const pliant_status status = pliant_cuda_touching_sort(tled, &gpu->touching, &gpu->gpu, &moved);
+    if (moved || status != PLIANT_OK) gpu->graph_steps = 0; /* it has the old places */
+    CUDA_TRY(status);
+    frame->num_points = gpu->touching.num_points;
+    frame->num_levels = gpu->touching.num_levels;
+    frame->num_near = gpu->touching.num_near;
+    return pliant_cuda_touching_send(&gpu->touching, &gpu->gpu, gpu->stream);
 }
 
 static void set_tools(const pliant_tled *tled, const pliant_tool *tools, int num_tools, gpu_frame *frame)
@@ -411,6 +441,7 @@ static pliant_status download(pliant_cuda_tled *gpu, pliant_tled *tled)
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_u, it->d_packed_u, bytes, cudaMemcpyDeviceToHost, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_d, it->d_d[0], bytes, cudaMemcpyDeviceToHost, gpu->stream)));
     if (it->viscous) CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_memory, it->d_packed_memory, memory, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(pliant_cuda_touching_bring(&gpu->touching, it, gpu->stream));
     CUDA_TRY(bring_outcome(gpu));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
@@ -450,6 +481,7 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
     outcome->unsound = INT32_MAX;
     set_frame(tled, frame);
     set_tools(tled, tools, num_tools, frame);
+    CUDA_TRY(send_touching(gpu, tled, frame));
     CUDA_TRY(send_holds(gpu, tools, num_tools, frame));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_exchange, gpu->h_exchange, sizeof *gpu->h_exchange, cudaMemcpyHostToDevice, gpu->stream)));
     CUDA_TRY(still ? relax(gpu, tled) : enqueue_frame(gpu, tled));
@@ -465,6 +497,7 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
                           : pliant_tled_relative(tled, outcome->sums[PLIANT_SUM_RESIDUAL], outcome->sums[PLIANT_SUM_LOAD] + outcome->tool_load);
     if (!still) out->error = pliant_tled_frame_error(tled, outcome->sums[PLIANT_SUM_ERROR_BEFORE], outcome->sums[PLIANT_SUM_ERROR]);
     take(outcome, tled, tools, num_tools);
+    pliant_cuda_touching_take(&gpu->touching, tled);
     gpu->stale = false;
     return PLIANT_OK;
 }

@@ -32,6 +32,7 @@ static pliant_status restart(const pliant_model *, pliant_data *data)
 static pliant_status solve(const pliant_model *, pliant_data *data)
 {
     pliant_cuda_section_begin("solve");
+    data->tled->contacts = &data->contacts;
     pliant_status status = pliant_tled_step_by(pliant_cuda_tled_run, state_of(data), data->tled, data->tools, data->num_tools, &data->statistics);
     pliant_cuda_section_end();
     return status;
@@ -64,7 +65,7 @@ static constexpr pliant_backend table()
     pliant_backend made{};
     made.name = "cuda";
     made.kind = &pliant_explicit;
-    made.solves_on_host = true;
+    made.solves_on_host = made.touches = true;
     made.probe = pliant_cuda_text;
     made.create = create;
     made.free = destroy;

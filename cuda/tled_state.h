@@ -20,6 +20,7 @@ extern "C" {
 #endif
 
 enum { GPU_THREADS = 256 /* of a block: most elements of a group */, GPU_GROUP_NODES = 10 * (GPU_THREADS / 32) };
+enum { NEAR_NUMBERS = 13 /* of a node that contacts have: rest, displacement, increment, acceleration, inverse mass */ };
 
 /* An element as one thread reads it; the moduli come times the rest volume. */
 typedef struct gpu_tet {
@@ -36,7 +37,7 @@ typedef struct gpu_cube {
 } gpu_cube;
 
 /* A node as one thread reads it. */
-typedef struct gpu_node { double inverse_mass, mass, limit, held; /* held: 1 by a tool, else 0 */ } gpu_node;
+typedef struct gpu_node { double inverse_mass, mass, limit, held; /* held: 1 by a tool or a contact, else 0 */ } gpu_node;
 
 /* What a tool does in a frame: struct pliant_tool. */
 typedef struct gpu_hold {
@@ -54,6 +55,7 @@ typedef struct gpu_frame {
     float gap;
     double tolerance, smallest_load; /* of dynamic relaxation */
     int32_t substeps, num_tools, num_held; /* num_held: of d_held_node */
+    int32_t num_points, num_levels, num_near; /* of contacts */
     gpu_hold tools[PLIANT_MAX_TOOLS];
     double answer[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS]; /* sums of weight times weight over mass of nodes that two tools share */
 } gpu_frame;
@@ -97,8 +99,15 @@ typedef struct gpu_tled {
     double *d_sums;            /* (blocks x PLIANT_NUM_SUMS) */
     gpu_frame *d_frame;
     gpu_outcome *d_outcome;
-    int32_t *d_held_node, *d_tool_node; /* nodes that any tool holds, ascending; each tool's */
+    int32_t *d_held_node, *d_tool_node; /* nodes that any tool holds or a contact has, ascending; each tool's */
     double *d_tool_weight;
+    int32_t *d_near;           /* nodes that contacts have */
+    int32_t room_points, room_near; /* of contacts; of these nodes */
+    size_t shared_bytes;       /* in which contacts are put right; 0: in d_near_room */
+    pliant_contact_point *d_point; /* by levels; tled_touch.h */
+    pliant_tled_touch *d_touch;
+    int32_t *d_level;
+    double *d_near_room;       /* (room_near x NEAR_NUMBERS) */
     double *d_positions, *d_packed_u; /* (num_nodes x 3) what others are given */
     float *d_packed_memory;    /* as the host's */
     int32_t num_walls;
@@ -109,8 +118,15 @@ typedef struct gpu_tled {
 /* ---- tled_groups.cu: sets what is said of groups. Errors: MEMORY, UNAVAILABLE (a node of too many tetrahedra). */
 pliant_status pliant_cuda_tled_groups(const pliant_tled_system *system, gpu_tled *tled, cudaStream_t stream);
 
-/* ---- tled_step.cu: enqueue */
-/* The sub-step with this number in its graph; whether it is one of the frame is seen there. pulled: tools hold nodes. */
+/* ---- tled_step.cu */
+static inline size_t pliant_cuda_touch_bytes(int32_t points, int32_t near)
+{
+    return (size_t)points * (sizeof(pliant_contact_point) + sizeof(pliant_tled_touch)) + (size_t)near * NEAR_NUMBERS * sizeof(double);
+}
+/* Contacts in so many bytes of shared memory, if the kernel has as many left of those. */
+pliant_status pliant_cuda_tled_share(gpu_tled *tled, size_t bytes, size_t most);
+/* enqueue */
+/* The sub-step with this number in its graph; whether it is one of the frame is seen there. pulled: tools hold nodes, or contacts have some. */
 pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t number, bool pulled, cudaStream_t stream);
 /* Later graphs of this frame have done so many sub-steps before. */
 pliant_status pliant_cuda_tled_bump(const gpu_tled *tled, int32_t steps, cudaStream_t stream);

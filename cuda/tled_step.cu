@@ -210,14 +210,16 @@ __global__ void __launch_bounds__(GPU_THREADS) substep_kernel(const gpu_tled tle
     add_up(tled.d_sums, slots, sums, scratch);
 }
 
-/* The tools, after all nodes were moved; one block. */
+/* Tools and contacts, after all nodes were moved; one block. */
 __global__ void __launch_bounds__(GPU_THREADS) pull_kernel(const gpu_tled tled, int32_t number)
 {
+    extern __shared__ double touch_block[];
     __shared__ gpu_tool_work work;
-    const int32_t step = tled.d_outcome->base + number, left = tled.d_frame->substeps - step;
+    const int32_t step = tled.d_outcome->base + number, left = tled.d_frame->substeps - step, to = 1 - (number & 1);
     if (left <= 0) return;
     double residual;
-    if (pull_and_settle(tled, tled.d_frame->factor, left, tled.d_u[1 - (number & 1)], tled.d_d[1 - (number & 1)], &work, &residual)) atomicMin(&tled.d_outcome->unsound, step);
+    const gpu_touch_room room = make_touch_room(tled, tled.shared_bytes > 0, touch_block);
+    if (pull_and_settle(tled, tled.d_frame->factor, left, step, tled.d_u[to], tled.d_d[to], &work, room, &residual)) atomicMin(&tled.d_outcome->unsound, step);
     if (threadIdx.x == 0) tled.d_outcome->sums[PLIANT_SUM_RESIDUAL] = residual;
 }
 
@@ -257,7 +259,8 @@ __global__ void __launch_bounds__(GPU_THREADS) relax_kernel(const gpu_tled tled,
     if (!is_last_block(outcome)) return;
     const gpu_frame *frame = tled.d_frame;
     if (frame->num_held > 0) {
-        if (pull_and_settle(tled, factor, 1, tled.d_u[0], tled.d_d[0], &work, &held_residual)) atomicMin(&outcome->unsound, step);
+        const gpu_touch_room room = make_touch_room(tled, false, nullptr);
+        if (pull_and_settle(tled, factor, 1, step, tled.d_u[0], tled.d_d[0], &work, room, &held_residual)) atomicMin(&outcome->unsound, step);
     }
     const double total = total_of(tled.d_sums, (int32_t)gridDim.x, PLIANT_SUM_RESIDUAL, work.scratch) + held_residual;
     __syncthreads();
@@ -375,6 +378,14 @@ template <int LAW> static void launch(const gpu_tled *tled, int32_t number, cuda
     else launch<LAW, false>(tled, number, stream);
 }
 
+extern "C" pliant_status pliant_cuda_tled_share(gpu_tled *tled, size_t bytes, size_t most)
+{
+    cudaFuncAttributes kernel;
+    CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&kernel, pull_kernel)));
+    tled->shared_bytes = bytes + kernel.sharedSizeBytes <= most ? bytes : 0;
+    return tled->shared_bytes == 0 ? PLIANT_OK : CUDA_CALL(cudaFuncSetAttribute(pull_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)bytes));
+}
+
 extern "C" pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t number, bool pulled, cudaStream_t stream)
 {
     if (tled->nodal) {
@@ -388,7 +399,7 @@ extern "C" pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t 
     }
     CUDA_TRY(CUDA_LAUNCHED("a sub-step"));
     if (!tled->still && pulled) {
-        pull_kernel<<<1, GPU_THREADS, 0, stream>>>(*tled, number);
+        pull_kernel<<<1, GPU_THREADS, tled->shared_bytes, stream>>>(*tled, number);
         return CUDA_LAUNCHED("the tools");
     }
     if (!tled->still) return PLIANT_OK;

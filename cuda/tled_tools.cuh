@@ -1,8 +1,8 @@
-/* What touches the tissue in a sub-step, as in src/fem/dynamics/tled_tools.c: walls, node by node; tools, by one block when all nodes are moved. */
+/* What touches the tissue in a sub-step, as in src/fem/dynamics/tled_tools.c: walls, node by node; tools and contacts, by one block when all nodes are moved. */
 #ifndef PLIANT_CUDA_TLED_TOOLS_CUH
 #define PLIANT_CUDA_TLED_TOOLS_CUH
 
-#include "tled_state.h"
+#include "tled_touch.cuh"
 
 /* Sum over a block, in a tree: the same for all threads. scratch: (GPU_THREADS / 32). */
 static __device__ double block_sum(double value, double *scratch)
@@ -167,10 +167,11 @@ static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, 
     if (threadIdx.x == 0) tled.d_outcome->tool_load = load;
 }
 
-/* What moves held nodes after all others: the tools, then walls and limits as for any node. Their part of the residual; each thread tells
- * whether one of its own moved faster than sound. */
-static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, double factor, int32_t parts, double *d_u, double *d_d, gpu_tool_work *work,
-                                                       double *residual)
+/* What moves held nodes after all others: the tools, contacts, then walls and limits as for any node. Their part of the residual; each thread tells
+ * whether one of its own moved faster than sound.
+ *  @param made sub-steps of the frame before this one */
+static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, double factor, int32_t parts, int32_t made, double *d_u, double *d_d,
+                                                       gpu_tool_work *work, const gpu_touch_room &room, double *residual)
 {
     double sum = 0;
     bool unsound = false;
@@ -179,6 +180,10 @@ static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, dou
     __syncthreads();
     pull(tled, factor, parts, d_u, d_d, work);
     __syncthreads();
+    if (work->frame.num_points > 0) {
+        const double load = block_sum(touch_all(tled, work->frame, factor, made, d_u, d_d, room), work->scratch);
+        if (threadIdx.x == 0) tled.d_outcome->tool_load += load;
+    }
     for (int32_t h = (int32_t)threadIdx.x; h < work->frame.num_held; h += GPU_THREADS) {
         const int32_t n = tled.d_held_node[h];
         const gpu_node node = tled.d_nodes[n];

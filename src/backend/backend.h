@@ -30,6 +30,7 @@ struct pliant_backend {
     const pliant_host_solver *kind;
     bool on_host; /* keeps no state of its own: nothing to download or to free, and none to fall back on when it fails */
     bool solves_on_host; /* what a solve leads to is the host's as soon as it ends: when a later stage fails, it is not done again */
+    bool touches; /* its solve knows of contacts, as those on the host do */
     pliant_probe probe;
 
     /* STATE of a data, from its host state. Errors: MEMORY, NUMERIC, UNAVAILABLE. */

@@ -17,7 +17,7 @@
 
 #include "fem/element/law.h"
 #include "base/lanes.h"
-#include "fem/dynamics/substep.h"
+#include "fem/dynamics/touch.h"
 #include "state/data.h"
 
 #ifdef __cplusplus
@@ -83,15 +83,6 @@ struct pliant_tled_system {
                                              * fragments that cuts can make of them */
     double eigenvalue_bound;                /* that of the element of the largest frequency, with what damps it */
 };
-
-/* A contact in a frame. */
-typedef struct pliant_tled_touch {
-    double answer;                          /* sum of squared weights over masses [1/kg] */
-    double deep;                            /* in what it touches as the frame begins; comes out in its course [m] */
-    double anchor[3];                       /* where it sticks now [m] */
-    double force[3];                        /* summed over the frame; of dynamic relaxation the last one [N] */
-    bool pressed;                           /* in the last sub-step */
-} pliant_tled_touch;
 
 struct pliant_tled {
     const pliant_tled_system *system;

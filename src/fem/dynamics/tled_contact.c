@@ -1,8 +1,7 @@
-/* Contacts (contact/contact.h) in sub-steps: points are put right one after the other, where a sub-step that knew nothing of them has led. */
+/* Contacts (contact/contact.h) in a frame of sub-steps: touch.h. */
 #include "fem/dynamics/tled.h"
 
 #include "base/fail.h"
-#include "contact/follow.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -14,20 +13,10 @@ void pliant_tled_touch_free(pliant_tled *tled)
     pliant_free(tled->touched);
 }
 
-static void apply_weights(const pliant_contact_point *point, const double *v, double out[3])
-{
-    memset(out, 0, 3 * sizeof *out);
-    for (int32_t k = 0; k < point->count; k++)
-        for (int d = 0; d < 3; d++) out[d] += point->weight[k] * v[3 * (size_t)point->node[k] + (size_t)d];
-}
-
 /* y of the point */
 static void place_of(const pliant_tled *tled, const pliant_contact_point *point, double out[3])
 {
-    double moved[3];
-    apply_weights(point, tled->system->mesh->rest, out);
-    apply_weights(point, tled->u, moved);
-    for (int d = 0; d < 3; d++) out[d] += moved[d];
+    pliant_touch_place(point, tled->system->mesh->rest, tled->u, out);
 }
 
 /* Where the obstacle was as the frame began; what is in it then may come out over the frame. */
@@ -67,76 +56,12 @@ pliant_status pliant_tled_touch_begin(pliant_tled *tled)
     return PLIANT_OK;
 }
 
-static void move(pliant_tled *tled, const pliant_contact_point *point, double factor, double answer, const double push[3], const double shift[3])
-{
-    for (int32_t k = 0; k < point->count; k++) {
-        const size_t node = (size_t)point->node[k];
-        const double share = point->weight[k] * tled->inverse_mass[node] / answer;
-        for (size_t d = 0; d < 3; d++) {
-            tled->u[3 * node + d] += share * (push[d] + shift[d]);
-            tled->d[3 * node + d] += share * push[d];
-            tled->acceleration[3 * node + d] += share * push[d] / factor;
-        }
-    }
-}
-
-/* Tissue on tissue: the sides face each other elsewhere by now, which is no slip. */
-static void follow(pliant_tled *tled, pliant_contact_point *point, pliant_tled_touch *touch)
-{
-    double x[4][3], before[3], after[3];
-    if (point->kind != PLIANT_OBSTACLE_TISSUE || point->count != 4) return;
-    for (int k = 0; k < 4; k++)
-        for (int d = 0; d < 3; d++) {
-            const size_t at = 3 * (size_t)point->node[k] + (size_t)d;
-            x[k][d] = tled->system->mesh->rest[at] + tled->u[at];
-        }
-    place_of(tled, point, before);
-    if (!pliant_contact_follow(x, point)) return;
-    place_of(tled, point, after);
-    touch->answer = 0;
-    for (int k = 0; k < 4; k++) touch->answer += point->weight[k] * point->weight[k] * tled->inverse_mass[point->node[k]];
-    for (int d = 0; d < 3; d++) touch->anchor[d] += after[d] - before[d];
-}
-
 double pliant_tled_touch_all(pliant_tled *tled, double factor, int32_t made)
 {
-    const bool still = tled->system->quasi_static;
-    const double done = still ? 1 : (double)(made + 1) / tled->substeps, part = still ? 1 : 1.0 / tled->substeps;
+    const pliant_touch_time time = pliant_touch_time_of(tled->system->quasi_static, factor, tled->substeps, made);
+    const pliant_touch_nodes nodes = {.rest = tled->system->mesh->rest, .inverse_mass = tled->inverse_mass, .u = tled->u, .d = tled->d, .acceleration = tled->acceleration};
     double load = 0;
-    for (int32_t p = 0; p < tled->contacts->count; p++) {
-        pliant_contact_point *point = tled->contacts->point + p;
-        pliant_tled_touch *touch = tled->touch + p;
-        double y[3], moved[3], slip[3], push[3], shift[3], gap = touch->deep * (1 - done), along = 0;
-        follow(tled, point, touch);
-        if (!(touch->answer > 0)) continue;
-        place_of(tled, point, y);
-        apply_weights(point, tled->d, moved);
-        for (int d = 0; d < 3; d++) {
-            moved[d] -= part * point->drift[d] * (still ? 0 : 1);
-            touch->anchor[d] += still && made > 0 ? 0 : part * point->drift[d];
-            gap += point->normal[d] * (y[d] - point->place[d] + (1 - done) * point->drift[d]);
-            slip[d] = y[d] - touch->anchor[d];
-        }
-        for (int d = 0; d < 3; d++) along += point->normal[d] * slip[d];
-        for (int d = 0; d < 3; d++) slip[d] -= along * point->normal[d];
-        touch->pressed = pliant_substep_press(point->normal, point->friction, gap, moved, slip, push, shift);
-        if (still) memset(touch->force, 0, sizeof touch->force);
-        if (!touch->pressed) {
-            memcpy(touch->anchor, y, sizeof touch->anchor);
-            continue;
-        }
-        for (int d = 0; d < 3 && still; d++) { /* no speed that must not grow, and what moves is not at rest */
-            push[d] += shift[d];
-            shift[d] = 0;
-        }
-        move(tled, point, factor, touch->answer, push, shift);
-        for (int d = 0; d < 3; d++) {
-            const double force = push[d] / (factor * touch->answer);
-            touch->force[d] += force;
-            touch->anchor[d] += slip[d]; /* what is left */
-            load += touch->answer * force * force;
-        }
-    }
+    for (int32_t p = 0; p < tled->contacts->count; p++) load += pliant_touch_press(&nodes, &time, tled->contacts->point + p, tled->touch + p);
     return load;
 }
 

@@ -1,0 +1,126 @@
+/* A contact point (contact/contact.h) in a sub-step: what the CPU and kernels share. Points are put right one after the other, where a sub-step that
+ * knew nothing of them has led; those that have no node in common may come in any order. */
+#ifndef PLIANT_FEM_DYNAMICS_TOUCH_H
+#define PLIANT_FEM_DYNAMICS_TOUCH_H
+
+#include "contact/follow.h"
+#include "fem/dynamics/substep.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* A contact in a frame. */
+typedef struct pliant_tled_touch {
+    double answer;                          /* sum of squared weights over masses [1/kg] */
+    double deep;                            /* in what it touches as the frame begins; comes out in its course [m] */
+    double anchor[3];                       /* where it sticks now [m] */
+    double force[3];                        /* summed over the frame; of dynamic relaxation the last one [N] */
+    bool pressed;                           /* in the last sub-step */
+} pliant_tled_touch;
+
+/* By the numbers that points have of nodes; three numbers a node, but for the masses. */
+typedef struct pliant_touch_nodes {
+    const double *rest, *inverse_mass;
+    double *u, *d, *acceleration;
+} pliant_touch_nodes;
+
+typedef struct pliant_touch_time {
+    double factor;             /* A over the inverse mass [s^2] */
+    double done, part;         /* of the frame: at the end of this sub-step, by it */
+    bool still;                /* dynamic relaxation */
+    bool first;                /* of the frame */
+} pliant_touch_time;
+
+/* made: sub-steps of the frame before this one */
+PLIANT_INLINE pliant_touch_time pliant_touch_time_of(bool still, double factor, int32_t substeps, int32_t made)
+{
+    pliant_touch_time time;
+    time.factor = factor;
+    time.done = still ? 1 : (double)(made + 1) / substeps;
+    time.part = still ? 1 : 1.0 / substeps;
+    time.still = still;
+    time.first = made == 0;
+    return time;
+}
+
+PLIANT_INLINE void pliant_touch_weigh(const pliant_contact_point *point, const double *v, double out[3])
+{
+    for (int d = 0; d < 3; d++) out[d] = 0;
+    for (int k = 0; k < point->count; k++)
+        for (int d = 0; d < 3; d++) out[d] += point->weight[k] * v[3 * point->node[k] + d];
+}
+
+/* y of the point */
+PLIANT_INLINE void pliant_touch_place(const pliant_contact_point *point, const double *rest, const double *u, double out[3])
+{
+    double moved[3];
+    pliant_touch_weigh(point, rest, out);
+    pliant_touch_weigh(point, u, moved);
+    for (int d = 0; d < 3; d++) out[d] += moved[d];
+}
+
+/* Tissue on tissue: the sides face each other elsewhere by now, which is no slip. */
+PLIANT_INLINE void pliant_touch_follow(const pliant_touch_nodes *nodes, pliant_contact_point *point, pliant_tled_touch *touch)
+{
+    double x[4][3], before[3], after[3];
+    if (point->kind != PLIANT_OBSTACLE_TISSUE || point->count != 4) return;
+    for (int k = 0; k < 4; k++)
+        for (int d = 0; d < 3; d++) x[k][d] = nodes->rest[3 * point->node[k] + d] + nodes->u[3 * point->node[k] + d];
+    pliant_touch_place(point, nodes->rest, nodes->u, before);
+    if (!pliant_contact_follow(x, point)) return;
+    pliant_touch_place(point, nodes->rest, nodes->u, after);
+    touch->answer = 0;
+    for (int k = 0; k < 4; k++) touch->answer += point->weight[k] * point->weight[k] * nodes->inverse_mass[point->node[k]];
+    for (int d = 0; d < 3; d++) touch->anchor[d] += after[d] - before[d];
+}
+
+/* One point after a sub-step. Returns its load, as PLIANT_SUM_LOAD. */
+PLIANT_INLINE double pliant_touch_press(const pliant_touch_nodes *nodes, const pliant_touch_time *time, pliant_contact_point *point, pliant_tled_touch *touch)
+{
+    double y[3], moved[3], slip[3], push[3], shift[3], gap = touch->deep * (1 - time->done), along = 0, load = 0;
+    pliant_touch_follow(nodes, point, touch);
+    if (!(touch->answer > 0)) return 0;
+    pliant_touch_place(point, nodes->rest, nodes->u, y);
+    pliant_touch_weigh(point, nodes->d, moved);
+    for (int d = 0; d < 3; d++) {
+        moved[d] -= time->part * point->drift[d] * (time->still ? 0 : 1);
+        touch->anchor[d] += time->still && !time->first ? 0 : time->part * point->drift[d];
+        gap += point->normal[d] * (y[d] - point->place[d] + (1 - time->done) * point->drift[d]);
+        slip[d] = y[d] - touch->anchor[d];
+    }
+    for (int d = 0; d < 3; d++) along += point->normal[d] * slip[d];
+    for (int d = 0; d < 3; d++) slip[d] -= along * point->normal[d];
+    touch->pressed = pliant_substep_press(point->normal, point->friction, gap, moved, slip, push, shift);
+    for (int d = 0; d < 3; d++) {
+        if (time->still) touch->force[d] = 0;
+        if (!touch->pressed) touch->anchor[d] = y[d];
+    }
+    if (!touch->pressed) return 0;
+    for (int d = 0; d < 3; d++) {
+        if (time->still) { /* no speed that must not grow, and what moves is not at rest */
+            push[d] += shift[d];
+            shift[d] = 0;
+        }
+        const double force = push[d] / (time->factor * touch->answer);
+        touch->force[d] += force;
+        touch->anchor[d] += slip[d]; /* what is left */
+        load += touch->answer * force * force;
+    }
+    for (int k = 0; k < point->count; k++) {
+        const int node = point->node[k];
+        const double share = point->weight[k] * nodes->inverse_mass[node] / touch->answer;
+        for (int d = 0; d < 3; d++) {
+            nodes->u[3 * node + d] += share * (push[d] + shift[d]);
+            nodes->d[3 * node + d] += share * push[d];
+            nodes->acceleration[3 * node + d] += share * push[d] / time->factor;
+        }
+    }
+    return load;
+}
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
