@@ -2,6 +2,7 @@
 #include "backend/backend.h"
 #include "check.h"
 #include "base/fail.h"
+#include "base/room.h"
 #include "device.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
@@ -26,13 +27,6 @@ static double *target_of(const cuda_data *state) { return state->landing ? state
 
 static cuda_data *state_of(const pliant_data *data) { return static_cast<cuda_data *>(data->backend_state); }
 
-static double *lock_pages(double *block, size_t bytes)
-{
-    const bool locked = cudaHostRegister(block, bytes, cudaHostRegisterDefault) == cudaSuccess;
-    cudaGetLastError();
-    return locked ? block : nullptr;
-}
-
 static void destroy(pliant_data *data)
 {
     cuda_data *state = state_of(data);
@@ -42,7 +36,7 @@ static void destroy(pliant_data *data)
     pliant_cuda_solver_free(state->solver);
     pliant_cuda_release_host(state->landing);
     for (double *block : state->page_locked)
-        if (block) cudaHostUnregister(block);
+        if (block) pliant_cuda_unlock_pages(block);
     if (state->stream) cudaStreamDestroy(state->stream);
     cudaGetLastError();
     pliant_free(state->arriving);
@@ -63,10 +57,11 @@ static pliant_status make_landing(const pliant_data *data, cuda_data *state)
 static pliant_status lock_positions(const pliant_data *data, cuda_data *state)
 {
     const size_t count = 3 * (size_t)data->body->fine.num_nodes;
-    state->arriving = static_cast<double *>(pliant_calloc(count, sizeof *state->arriving));
+    state->arriving = static_cast<double *>(pliant_pages(count, sizeof *state->arriving));
     if (!state->arriving) return pliant_fail_memory("the simulation state");
-    state->page_locked[0] = lock_pages(state->arriving, count * sizeof *state->arriving);
-    state->page_locked[1] = lock_pages(data->positions, count * sizeof *data->positions);
+    double *const blocks[2] = {state->arriving, data->positions};
+    for (int b = 0; b < 2; b++)
+        if (pliant_cuda_lock_pages(blocks[b], count * sizeof(double))) state->page_locked[b] = blocks[b];
     return PLIANT_OK;
 }
 

@@ -35,6 +35,9 @@ pliant_status pliant_cuda_allocate(size_t bytes, const char *what, void **out);
 pliant_status pliant_cuda_ensure(size_t bytes, bool grows, const char *what, void **d_block, size_t *room);
 /* Page-locked host memory, zeroed. */
 pliant_status pliant_cuda_allocate_host(size_t bytes, const char *what, void **out);
+/* The pages of a block of the host (pliant_pages), before it is freed to be unlocked; false: they are not, and copies are slower, no more. */
+bool pliant_cuda_lock_pages(void *h_block, size_t bytes);
+void pliant_cuda_unlock_pages(void *h_block);
 void pliant_cuda_release(void *d_block);      /* Nullable */
 void pliant_cuda_release_host(void *h_block); /* Nullable */
 /* A thread that works on the device while steps go on, from and to here: what others give back in between is kept until it ends, since

@@ -1,5 +1,6 @@
 #include "check.h"
 #include "base/fail.h"
+#include "base/room.h"
 #include "device.h"
 #include "pliant/memory.h"
 
@@ -70,6 +71,20 @@ extern "C" pliant_status pliant_cuda_allocate_host(size_t bytes, const char *wha
     memset(block, 0, bytes);
     *out = block;
     return PLIANT_OK;
+}
+
+/* A copy from or to a block that shares a page with a locked one would be refused. */
+extern "C" bool pliant_cuda_lock_pages(void *h_block, size_t bytes)
+{
+    if (!pliant_has_pages(h_block)) return false;
+    const bool locked = cudaHostRegister(h_block, bytes, cudaHostRegisterDefault) == cudaSuccess;
+    cudaGetLastError();
+    return locked;
+}
+
+extern "C" void pliant_cuda_unlock_pages(void *h_block)
+{
+    if (cudaHostUnregister(h_block) != cudaSuccess) cudaGetLastError();
 }
 
 /* ---- giving back: CUDA waits for all that the device is doing, and nobody shall wait for what is done in the background */

@@ -126,14 +126,12 @@ static pliant_status allocate_state(pliant_cuda_tled *gpu)
     return pliant_cuda_allocate_host(sizeof *gpu->h_exchange, "the dynamics", reinterpret_cast<void **>(&gpu->h_exchange));
 }
 
-/* copies to memory that cannot be page-locked are slower, no more */
 static void lock_pages(pliant_cuda_tled *gpu, const pliant_tled *tled)
 {
     const size_t nodes = 3 * (size_t)gpu->gpu.num_nodes * sizeof(double), memory = (size_t)pliant_tled_blocks(gpu->system) * sizeof *tled->memory;
     void *const blocks[6] = {tled->u, tled->d, tled->kept_u, tled->kept_d, tled->memory, tled->kept_memory};
     for (int b = 0; b < 6; b++)
-        if (blocks[b] && cudaHostRegister(blocks[b], b < 4 ? nodes : memory, cudaHostRegisterDefault) == cudaSuccess) gpu->locked[b] = blocks[b];
-    cudaGetLastError();
+        if (blocks[b] && pliant_cuda_lock_pages(blocks[b], b < 4 ? nodes : memory)) gpu->locked[b] = blocks[b];
 }
 
 static pliant_status fill(pliant_cuda_tled *gpu, const pliant_tled *tled)
@@ -210,7 +208,7 @@ extern "C" void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
     cudaSetDevice(gpu->device);
     if (gpu->stream) cudaStreamSynchronize(gpu->stream);
     for (void *block : gpu->locked)
-        if (block) cudaHostUnregister(block);
+        if (block) pliant_cuda_unlock_pages(block);
     gpu_tled *it = &gpu->gpu;
     const void *blocks[] = {it->d_group, it->d_order, it->d_element, it->d_corner_start, it->d_corner, it->d_tets, it->d_cubes, it->d_nodes, it->d_rest, it->d_node_modulus,
                             it->d_node_volume, it->d_pressure, it->d_u[0], it->d_u[1], it->d_d[0], it->d_d[1], it->d_acceleration, it->d_own, it->d_memory[0],

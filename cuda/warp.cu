@@ -165,9 +165,7 @@ static pliant_status fill(pliant_cuda_warp *gpu)
     CUDA_TRY(pliant_cuda_allocate_host(bricks, "the deformed volume", reinterpret_cast<void **>(&gpu->h_changed)));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof *gpu->h_longest, "the deformed volume", reinterpret_cast<void **>(&gpu->h_longest)));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof *gpu->h_crossing, "the pick", reinterpret_cast<void **>(&gpu->h_crossing)));
-    /* copies to memory that cannot be page-locked are slower, no more */
-    gpu->page_locked = cudaHostRegister(parts->volume->voxels, gpu->volume_bytes, cudaHostRegisterDefault) == cudaSuccess;
-    cudaGetLastError();
+    gpu->page_locked = pliant_cuda_lock_pages(parts->volume->voxels, gpu->volume_bytes);
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
@@ -205,7 +203,7 @@ extern "C" void pliant_cuda_warp_free(pliant_cuda_warp *gpu)
 {
     if (!gpu) return;
     if (gpu->stream) cudaStreamSynchronize(gpu->stream);
-    if (gpu->page_locked) cudaHostUnregister(gpu->parts.volume->voxels);
+    if (gpu->page_locked) pliant_cuda_unlock_pages(gpu->parts.volume->voxels);
     for (cudaEvent_t mark : gpu->marks)
         if (mark) cudaEventDestroy(mark);
     gpu_raster *raster = &gpu->raster;

@@ -5,7 +5,10 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
+#include <utility>
 #include <vector>
+
+#include <unistd.h>
 
 namespace {
 
@@ -44,6 +47,40 @@ TEST(Memory, WhatWasFreedIsGivenAgainCleared)
     void *room = pliant_room(LARGE, 1);
     EXPECT_EQ(room, block);
     pliant_free(room);
+}
+
+// A device that locks the pages of a block must not find others on them.
+TEST(Memory, ABlockOfPagesIsAlone)
+{
+#ifdef __SANITIZE_ADDRESS__
+    GTEST_SKIP() << "blocks end where they end, so that what is written behind them is found";
+#endif
+    const auto page = size_t(sysconf(_SC_PAGESIZE));
+    const size_t before = pliant_memory_in_use();
+    std::vector<std::pair<uintptr_t, size_t>> alone;
+    std::vector<void *> blocks;
+    for (size_t bytes : {size_t{1}, page - 64, page, page + 1, 3 * page - 1, LARGE + 1}) {
+        blocks.push_back(pliant_calloc(100, 1));
+        void *block = pliant_pages(bytes, 1);
+        ASSERT_NE(block, nullptr);
+        EXPECT_TRUE(pliant_has_pages(block));
+        EXPECT_TRUE(is(block, 0, bytes));
+        std::memset(block, 7, bytes);
+        EXPECT_EQ(uintptr_t(block) % page, 0u);
+        alone.emplace_back(uintptr_t(block) / page, (bytes + page - 1) / page);
+        blocks.push_back(block);
+    }
+    for (int b = 0; b < 200; b++) blocks.push_back(pliant_calloc(200 + 61 * size_t(b), 1));
+    for (void *block : blocks) {
+        if (pliant_has_pages(block)) continue;
+        const uintptr_t of = (uintptr_t(block) - 64) / page; // with what stands in front of it
+        for (const auto &pages : alone) EXPECT_FALSE(of >= pages.first && of < pages.first + pages.second);
+    }
+    for (void *block : blocks) pliant_free(block);
+    EXPECT_EQ(pliant_memory_in_use(), before);
+    pliant_memory_fail_after(0);
+    EXPECT_EQ(pliant_pages(10, 1), nullptr);
+    pliant_memory_fail_after(-1);
 }
 
 TEST(Memory, NoMoreIsKeptThanWasSaid)

@@ -7,6 +7,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 /* What a block is stands in front of it, in the 64 bytes that alignment leaves free. */
 enum { ALIGNMENT = 64 };
@@ -15,6 +16,7 @@ typedef struct header {
     void *base;   /* as the system gave it */
     size_t bytes; /* asked for */
     size_t room;  /* there are */
+    bool pages;   /* nothing else is on its pages */
 } header;
 
 /* From so many bytes on a block has room for an eighth more, at most, and may be kept. */
@@ -122,11 +124,13 @@ size_t pliant_memory_kept(void)
 
 /* ---- blocks */
 
-static header *from_system(size_t room)
+/* The header stands in front of an aligned address. */
+static header *from_system(size_t room, size_t alignment)
 {
-    char *base = calloc(room + 2 * ALIGNMENT, 1); /* the system knows which pages are clear */
+    char *base = calloc(room + ALIGNMENT + alignment, 1); /* the system knows which pages are clear */
     if (!base) return NULL;
-    header *block = (header *)(base + (ALIGNMENT - (uintptr_t)base % ALIGNMENT) % ALIGNMENT);
+    char *aligned = base + ALIGNMENT + (alignment - ((uintptr_t)base + ALIGNMENT) % alignment) % alignment;
+    header *block = header_of(aligned);
     block->base = base;
     block->room = room;
     return block;
@@ -142,13 +146,30 @@ static void *allocate(size_t bytes, bool clear)
     const size_t room = room_for(bytes);
     header *block = take_kept(room);
     if (block && clear) memset((char *)block + ALIGNMENT, 0, bytes);
-    if (!block && !(block = from_system(room))) return NULL;
+    if (!block && !(block = from_system(room, ALIGNMENT))) return NULL;
     block->bytes = bytes;
     count(bytes);
     return (char *)block + ALIGNMENT;
 }
 
 void *pliant_calloc(size_t number, size_t size) { return may_be(number, size) ? allocate(number * size, true) : NULL; }
+
+void *pliant_pages(size_t number, size_t size)
+{
+#ifdef __SANITIZE_ADDRESS__
+    return pliant_calloc(number, size); /* what is written behind it is looked for */
+#endif
+    const size_t page = (size_t)sysconf(_SC_PAGESIZE);
+    if (!may_be(number, size)) return NULL;
+    header *block = from_system((number * size + page - 1) / page * page, page);
+    if (!block) return NULL;
+    block->pages = true;
+    block->bytes = number * size;
+    count(block->bytes);
+    return (char *)block + ALIGNMENT;
+}
+
+bool pliant_has_pages(const void *block) { return ((const header *)((const char *)block - ALIGNMENT))->pages; }
 
 void *pliant_room(size_t number, size_t size) { return may_be(number, size) ? allocate(number * size, false) : NULL; }
 

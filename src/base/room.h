@@ -1,7 +1,9 @@
-/* Memory that a simulation which is cut asks for over and over: what a next body and all that follows from it are made in. */
+/* Memory that a simulation which is cut asks for over and over: what a next body and all that follows from it are made in; and memory that a
+ * device copies from and to. */
 #ifndef PLIANT_BASE_ROOM_H
 #define PLIANT_BASE_ROOM_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -13,6 +15,11 @@ extern "C" {
 void *pliant_room(size_t count, size_t size);
 /* A copy of count elements; room for one where there are none. NULL: out of memory. */
 void *pliant_copy_of(const void *from, size_t count, size_t size);
+
+/* As pliant_calloc, on pages that nothing else is on: a device that reads and writes a block locks whole pages, and may then refuse what lies
+ * on such a page in part. pliant_has_pages: whether a block of the library is alone on its pages. */
+void *pliant_pages(size_t count, size_t size);
+bool pliant_has_pages(const void *block);
 
 /* So many bytes more, or less, of large blocks that are freed are kept for those who ask next: pages that the system has to find and to clear
  * cost more than what is written to them. None at first. */

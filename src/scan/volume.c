@@ -2,6 +2,7 @@
 
 #include "base/fail.h"
 #include "base/free_memory.h"
+#include "base/room.h"
 #include "pliant/memory.h"
 #include "scan/stored.h"
 
@@ -111,7 +112,7 @@ pliant_status pliant_volume_create(const pliant_geometry *geometry, pliant_encod
     char what[80];
     snprintf(what, sizeof what, "a volume of %d x %d x %d voxels", geometry->size[0], geometry->size[1], geometry->size[2]);
     if ((status = pliant_memory_suffices((double)count * (double)size, what)) != PLIANT_OK) return status;
-    void *voxels = pliant_calloc(count, size);
+    void *voxels = pliant_pages(count, size);
     if (!voxels) return pliant_fail_memory("the voxels of a volume");
     pliant_volume volume = {.geometry = *geometry, .encoding = encoding, .slope = 1.0f, .voxels = voxels};
     *out = volume;

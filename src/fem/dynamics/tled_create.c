@@ -1,5 +1,6 @@
 /* What TLED computes once: gradients, moduli, masses, gather lists, the largest stable time step. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "base/threads.h"
 #include "fem/dynamics/tled_cubes.h"
 #include "pliant/memory.h"
@@ -238,10 +239,10 @@ static pliant_status allocate_state(pliant_tled *tled)
 {
     const pliant_tled_system *system = tled->system;
     size_t nodes = (size_t)system->mesh->num_nodes, blocks = (size_t)pliant_tled_blocks(system);
-    tled->u = pliant_calloc(nodes, 3 * sizeof *tled->u);
-    tled->d = pliant_calloc(nodes, 3 * sizeof *tled->d);
-    tled->kept_u = pliant_calloc(nodes, 3 * sizeof *tled->kept_u);
-    tled->kept_d = pliant_calloc(nodes, 3 * sizeof *tled->kept_d);
+    tled->u = pliant_pages(nodes, 3 * sizeof *tled->u);
+    tled->d = pliant_pages(nodes, 3 * sizeof *tled->d);
+    tled->kept_u = pliant_pages(nodes, 3 * sizeof *tled->kept_u);
+    tled->kept_d = pliant_pages(nodes, 3 * sizeof *tled->kept_d);
     tled->acceleration = pliant_calloc(nodes, 3 * sizeof *tled->acceleration);
     tled->forces = pliant_calloc(pliant_tled_force_count(system), sizeof *tled->forces);
     tled->sums = pliant_calloc((nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK, sizeof *tled->sums);
@@ -249,8 +250,8 @@ static pliant_status allocate_state(pliant_tled *tled)
     bool good = tled->u && tled->d && tled->kept_u && tled->kept_d && tled->acceleration && tled->forces && tled->sums && tled->limit;
     if (good && system->quasi_static) good = (tled->own = pliant_calloc(nodes, 3 * sizeof *tled->own)) != NULL;
     if (good && system->num_prony > 0) {
-        tled->memory = pliant_calloc(blocks, sizeof *tled->memory);
-        tled->kept_memory = pliant_calloc(blocks, sizeof *tled->kept_memory);
+        tled->memory = pliant_pages(blocks, sizeof *tled->memory);
+        tled->kept_memory = pliant_pages(blocks, sizeof *tled->kept_memory);
         good = tled->memory && tled->kept_memory;
     }
     if (good && system->nodal_pressure) {
