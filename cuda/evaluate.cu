@@ -49,8 +49,9 @@ extern "C" pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu)
 {
     cudaGraph_t graph = nullptr;
     CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
-    pliant_status status = enqueue(gpu, false), ended = CUDA_CALL(cudaStreamEndCapture(gpu->stream, &graph));
-    if (status == PLIANT_OK) status = ended;
+    pliant_status status = enqueue(gpu, false);
+    const cudaError_t ended = cudaStreamEndCapture(gpu->stream, &graph); /* whatever failed: while a stream records, nothing can be given back */
+    if (status == PLIANT_OK) status = CUDA_CALL(ended);
     size_t kernels = 0;
     const int kind = kind_of(&gpu->preconditioner);
     if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphGetNodes(graph, nullptr, &kernels));

@@ -392,8 +392,9 @@ static pliant_status record(pliant_cuda_tled *gpu, int32_t count, bool repeated)
     gpu->graph = nullptr;
     gpu->graph_steps = 0;
     CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
-    pliant_status status = enqueue_substeps(gpu, count, repeated, pulled), ended = CUDA_CALL(cudaStreamEndCapture(gpu->stream, &graph));
-    if (status == PLIANT_OK) status = ended;
+    pliant_status status = enqueue_substeps(gpu, count, repeated, pulled);
+    const cudaError_t ended = cudaStreamEndCapture(gpu->stream, &graph); /* whatever failed: while a stream records, nothing can be given back */
+    if (status == PLIANT_OK) status = CUDA_CALL(ended);
     if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphInstantiateWithFlags(&gpu->graph, graph, 0));
     if (graph) cudaGraphDestroy(graph);
     if (status != PLIANT_OK) return status;

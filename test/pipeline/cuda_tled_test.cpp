@@ -356,6 +356,7 @@ TEST(CudaTled, TheCpuGoesOn)
     int left = 0;
     const size_t held = pliant_memory_in_use();
     for (int calls = 0, failed = 1; failed; calls += 1 + calls / 20) {
+        ASSERT_LT(calls, 5000) << "the GPU is not taken again: " << pliant_last_error();
         pliant_cuda_fail_after(calls);
         ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK) << "call " << calls << ": " << pliant_last_error();
         for (int s = 1; s <= 3; s++) body.step(s);
