@@ -200,4 +200,152 @@ TEST(Hold, ToldAndTakenAgainPullsAsBefore)
     EXPECT_FALSE(b.holding);
 }
 
+// A block that one tool holds, and perhaps another, pulled by the first one.
+struct Pulled : Body {
+    int tool = -1;
+    double tip[3] = {0.06, 0.06, 0.11};
+    const double turned[4] = {0, 0, std::sin(0.1), std::cos(0.1)};
+
+    Pulled(const std::function<void(pliant_scene &)> &set, bool two = false) : Body(size, box, {{4000, 0.45, 1000, false}})
+    {
+        fix_plane(0, 0, 0.041, 0, 0, 1);
+        cells(6, 6, 6, 1);
+        scene.solver.threads = 1;
+        for (double &g : scene.model.gravity) g = 0;
+        set(scene);
+        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
+        const double other[3] = {0.04, 0.05, 0.11};
+        int second;
+        EXPECT_EQ(pliant_tool_add(model, data, "one", &tool), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_grasp(model, data, tool, tip), PLIANT_OK) << pliant_last_error();
+        if (!two) return;
+        EXPECT_EQ(pliant_tool_add(model, data, "two", &second), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_grasp(model, data, second, other), PLIANT_OK) << pliant_last_error();
+    }
+    // its wrench there, once nothing changes any more
+    void wrench_at(const double to[3], double out[6], int steps = 6)
+    {
+        pliant_tool_linear linear{};
+        ASSERT_EQ(pliant_tool_set_pose(data, tool, to, turned), PLIANT_OK);
+        for (int s = 0; s < steps; s++) ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
+        ASSERT_EQ(pliant_tool_linearize(data, tool, &linear), PLIANT_OK) << pliant_last_error();
+        std::copy(linear.wrench, linear.wrench + 6, out);
+    }
+    // the largest difference of its stiffness from what its own force does, over the largest entry of that
+    double off()
+    {
+        pliant_tool_linear linear{};
+        double measured[36] = {}, most = 0, difference = 0, here[6];
+        wrench_at(tip, here);
+        EXPECT_EQ(pliant_tool_linearize(data, tool, &linear), PLIANT_OK);
+        EXPECT_TRUE(linear.known);
+        EXPECT_FALSE(linear.by_secants);
+        const double step = 2e-5;
+        for (int d = 0; d < 3; d++) {
+            double plus[6], minus[6], to[3] = {tip[0], tip[1], tip[2]};
+            to[d] += step;
+            wrench_at(to, plus);
+            to[d] -= 2 * step;
+            wrench_at(to, minus);
+            for (int a = 0; a < 6; a++) measured[6 * a + d] = (plus[a] - minus[a]) / (2 * step);
+        }
+        for (int m = 0; m < 36; m++) {
+            most = std::fmax(most, std::fabs(measured[m]));
+            difference = std::fmax(difference, std::fabs(measured[m] - linear.stiffness[m]));
+            EXPECT_EQ(linear.stiffness[m], linear.stiffness[m % 6 * 6 + m / 6]);
+        }
+        return difference / most;
+    }
+};
+
+TEST(Linear, StiffnessIsWhatTheForceDoes)
+{
+    const auto as_it_is = [](pliant_scene &) {};
+    const auto hexahedra = [](pliant_scene &scene) { scene.element.kind = PLIANT_HEXAHEDRA; };
+    const auto averaged = [](pliant_scene &scene) {
+        scene.model.method = PLIANT_AVERAGED;
+        scene.mesh.coarse_cells[0] = scene.mesh.coarse_cells[1] = scene.mesh.coarse_cells[2] = 3;
+        scene.mesh.ratio = 2;
+    };
+    const auto damped = [](pliant_scene &scene) { scene.grasp.damping = 5; };
+    EXPECT_LT(Pulled(as_it_is).off(), 0.005);
+    EXPECT_LT(Pulled(as_it_is, true).off(), 0.005);
+    EXPECT_LT(Pulled(hexahedra).off(), 0.005);
+    EXPECT_LT(Pulled(averaged).off(), 0.005);
+    Pulled pulled(as_it_is);
+    pulled.tip[2] += 0.003;
+    pulled.tip[0] += 0.0015;
+    EXPECT_LT(pulled.off(), 0.1); // the factor is that at rest
+    // a damper resists what changes within a step
+    Pulled with(damped), without(as_it_is);
+    pliant_tool_linear stiff{}, soft{};
+    double wrench[6];
+    with.wrench_at(with.tip, wrench);
+    without.wrench_at(without.tip, wrench);
+    ASSERT_EQ(pliant_tool_linearize(with.data, with.tool, &stiff), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_linearize(without.data, without.tool, &soft), PLIANT_OK);
+    EXPECT_GT(stiff.stiffness[0], 1.02 * soft.stiffness[0]);
+}
+
+// how far off the next force is that is foreseen, over how much it changes; alone: by the factor, without secants
+double foresight(Pulled &pulled, bool by_secants, bool alone = false)
+{
+    pliant_tool_linear linear{};
+    double late = 0, foreseen = 0;
+    for (int s = 0; s < 70; s++) {
+        const double to[3] = {0.06 + 0.01 * std::sin(0.1 * s), 0.06 + 0.008 * std::sin(0.13 * s), 0.12 + 0.02 * std::sin(0.08 * s)};
+        double wrench[6], guess[6];
+        pliant_tool_linear_wrench(&linear, to, pulled.turned, INFINITY, guess);
+        pliant_tool_linear before = linear;
+        pulled.wrench_at(to, wrench, 1);
+        if (alone) linear = pliant_tool_linear{};
+        EXPECT_EQ(pliant_tool_linearize(pulled.data, pulled.tool, &linear), PLIANT_OK);
+        EXPECT_EQ(linear.by_secants, by_secants);
+        for (int d = 0; d < 3 && s >= 20; d++) {
+            late += std::pow(wrench[d] - before.wrench[d], 2);
+            foreseen += std::pow(wrench[d] - guess[d], 2);
+        }
+    }
+    return std::sqrt(foreseen / late);
+}
+
+TEST(Linear, TheNextForceIsForeseen)
+{
+    const auto few = [](pliant_scene &scene) { scene.solver.iterations = 4; };
+    const auto cycles = [](pliant_scene &scene) {
+        scene.solver.iterations = 4;
+        scene.solver.preconditioner = PLIANT_MULTIGRID;
+    };
+    const auto explicitly = [](pliant_scene &scene) {
+        scene.solver.kind = PLIANT_TLED;
+        scene.tled.damping = 60;
+    };
+    Pulled corotational(few), factor(few), multigrid(cycles), tled(explicitly);
+    EXPECT_LT(foresight(corotational, false), 0.05);
+    EXPECT_LT(foresight(factor, false, true), 0.25);
+    EXPECT_LT(foresight(multigrid, false), 0.05);
+    EXPECT_LT(foresight(tled, true), 0.25);
+}
+
+TEST(Linear, IsBoundedAndForgetsWhatWasHeld)
+{
+    Pulled pulled([](pliant_scene &) {});
+    pulled.tip[2] += 0.01;
+    double wrench[6], there[6];
+    pulled.wrench_at(pulled.tip, wrench);
+    pliant_tool_linear linear{};
+    ASSERT_EQ(pliant_tool_linearize(pulled.data, pulled.tool, &linear), PLIANT_OK);
+    const double far[3] = {0.36, 0.06, 0.12};
+    pliant_tool_linear_wrench(&linear, far, pulled.turned, 0.5, there);
+    EXPECT_NEAR(std::sqrt(std::pow(there[0] - wrench[0], 2) + std::pow(there[1] - wrench[1], 2) + std::pow(there[2] - wrench[2], 2)), 0.5, 1e-9);
+    pliant_tool_linear_wrench(&linear, pulled.tip, pulled.turned, 0.5, there);
+    for (int d = 0; d < 6; d++) EXPECT_EQ(there[d], wrench[d]);
+    pliant_tool_release(pulled.data, pulled.tool);
+    ASSERT_GE(pliant_step(pulled.model, pulled.data), 0);
+    ASSERT_EQ(pliant_tool_linearize(pulled.data, pulled.tool, &linear), PLIANT_OK);
+    for (int d = 0; d < 36; d++) EXPECT_EQ(linear.stiffness[d], 0);
+    for (int d = 0; d < 6; d++) EXPECT_EQ(linear.wrench[d], 0);
+    EXPECT_EQ(pliant_tool_linearize(pulled.data, 7, &linear), PLIANT_ERROR_ARGUMENT);
+}
+
 } // namespace

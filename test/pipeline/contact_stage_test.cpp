@@ -349,4 +349,47 @@ TEST(ContactStage, ACopyGoesOnAndAResetBeginsAnew)
     ASSERT_EQ(second.size(), first.size());
 }
 
+// Of a ball, or a rod, that presses and sticks: what its forces do as it moves, against what the solver's own do.
+TEST(ContactStage, StiffnessOfAToolThatPresses)
+{
+    for (bool is_ball : {true, false}) {
+        Sheet sheet(1);
+        sheet.scene.solver.tolerance = 1e-8;
+        sheet.scene.contact.friction = 50;
+        ASSERT_EQ(sheet.build(), PLIANT_OK);
+        pliant_tool_shape shape = is_ball ? ball(0.01) : rod(0.005, 0.03);
+        const double above[3] = {0, 0, is_ball ? 0.01 : 0.005};
+        pliant_tool_shape_move(&shape, above); // the tip is on its lowest line
+        const int tool = sheet.add("presses", shape, 0.03, 0.03, 0.006);
+        pliant_tool_linear linear{};
+        const auto change = [&](int axis, double step, double out[6]) {
+            for (int sign = -1; sign < 2; sign += 2) {
+                const double turn = axis > 2 ? sign * step : 0, rotation[4] = {std::sin(0.5 * turn), 0, 0, std::cos(0.5 * turn)};
+                double to[3] = {0.03, 0.03, linear.tip[2]};
+                if (axis < 3) to[axis] += sign * step;
+                pliant_tool_linear there{};
+                for (int s = 0; s < 30; s++) {
+                    sheet.move(tool, to[0], to[1], to[2], rotation);
+                    ASSERT_GE(pliant_step(sheet.model, sheet.data), 0) << pliant_last_error();
+                }
+                ASSERT_EQ(pliant_tool_linearize(sheet.data, tool, &there), PLIANT_OK);
+                for (int a = 0; a < 6; a++) out[a] = (there.wrench[a] - (sign > 0 ? out[a] : 0)) / (sign > 0 ? 2 * step : 1);
+            }
+        };
+        for (int s = 0; s < 40; s++) {
+            sheet.move(tool, 0.03, 0.03, 0.006 - 0.0001 * std::min(s, 35));
+            ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+        }
+        ASSERT_EQ(pliant_tool_linearize(sheet.data, tool, &linear), PLIANT_OK);
+        ASSERT_FALSE(linear.by_secants);
+        ASSERT_LT(linear.wrench[2], -0.005);
+        double measured[6];
+        for (int axis = is_ball ? 0 : 2; axis < (is_ball ? 3 : 4); axis++) {
+            change(axis, axis < 3 ? 2e-6 : 1e-4, measured);
+            EXPECT_GT(linear.stiffness[7 * axis], 1e-6);
+            EXPECT_NEAR(linear.stiffness[7 * axis], measured[axis], 0.15 * measured[axis]) << axis;
+        }
+    }
+}
+
 } // namespace

@@ -1,0 +1,124 @@
+/* Rows W of a step: three for every spring, and for every point that presses its normal and, while it sticks, its tangents. Their motion by
+ * the forces on them is A = c I + W K^-1 W' (c of springs alone), which the step has made. A tool that moves by m, translation and rotation
+ * vector about its tip, moves the rows' targets by G m: forces change by A^-1 G m, its wrench by G' A^-1 G m. */
+#include "fem/quasistatic/stiffness.h"
+
+#include "base/fail.h"
+#include "fem/linear/dense.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Rows of the step's matrix that are in A now, and G of them. */
+typedef struct held_rows {
+    int32_t count;
+    int32_t *row;   /* of the whole matrix */
+    double *motion; /* G (count x 6) */
+} held_rows;
+
+static void add_row(held_rows *rows, int32_t row, const double *motion)
+{
+    rows->row[rows->count] = row;
+    if (motion) memcpy(rows->motion + 6 * (size_t)rows->count, motion, 6 * sizeof *motion);
+    rows->count++;
+}
+
+/* A direction of a point of the tool at an arm from the tip: v . (translation + rotation x arm) */
+static void move_with_tool(const double direction[3], const double arm[3], double motion[6])
+{
+    memcpy(motion, direction, 3 * sizeof *motion);
+    for (int d = 0; d < 3; d++) motion[3 + d] = arm[(d + 1) % 3] * direction[(d + 2) % 3] - arm[(d + 2) % 3] * direction[(d + 1) % 3];
+}
+
+static void list_points(const pliant_touches *touches, int tool, const double tip[3], held_rows *rows)
+{
+    for (int32_t c = 0; c < touches->count; c++) {
+        const pliant_contact_point *point = touches->points->point + touches->point[c];
+        const double *force = touches->taken.force + 3 * (size_t)c, *frame = touches->frame + 9 * (size_t)c;
+        if (!(force[0] > 0)) continue;
+        const bool sticks = hypot(force[1], force[2]) < (1 - 1e-6) * touches->friction[c] * force[0];
+        const bool moves = point->kind == PLIANT_OBSTACLE_TOOL && point->tool == tool;
+        double arm[3];
+        for (int d = 0; d < 3; d++) arm[d] = point->place[d] - tip[d];
+        for (int r = 0; r < (sticks ? 3 : 1); r++) {
+            double motion[6];
+            move_with_tool(frame + 3 * r, arm, motion);
+            add_row(rows, 3 * c + r, moves ? motion : NULL);
+        }
+    }
+}
+
+/* A spring pulls at the tip: no arm. */
+static void list_spring(bool moves, int32_t row, held_rows *rows)
+{
+    for (int d = 0; d < 3; d++) {
+        const double motion[6] = {d == 0, d == 1, d == 2, 0, 0, 0};
+        add_row(rows, row + d, moves ? motion : NULL);
+    }
+}
+
+/* A of springs alone */
+static void fill_springs(const pliant_solver *solver, const int *tool, int count, double *matrix)
+{
+    const size_t n = pliant_solver_unknowns(solver), row = 3 * (size_t)count;
+    for (size_t a = 0; a < (size_t)count; a++)
+        for (size_t b = 0; b < (size_t)count; b++)
+            for (size_t d = 0; d < 3; d++) {
+                double moved[3] = {0, 0, 0};
+                pliant_handle_apply(solver->handles + tool[a], solver->handles[tool[b]].response + n * d, moved);
+                for (size_t r = 0; r < 3; r++) matrix[(3 * a + r) * row + 3 * b + d] = moved[r] + (a == b && r == d ? solver->handles[tool[a]].compliance : 0);
+            }
+}
+
+/* G' A^-1 G. A gets a little on its diagonal: points of one triangle may ask more of it than its nodes can do. */
+static bool condense(const held_rows *rows, const double *whole, size_t width, double *matrix, double *right, double stiffness[36])
+{
+    const size_t count = (size_t)rows->count;
+    double trace = 0;
+    for (size_t i = 0; i < count; i++) {
+        for (size_t j = 0; j < count; j++) matrix[count * i + j] = whole[width * (size_t)rows->row[i] + (size_t)rows->row[j]];
+        trace += matrix[count * i + i];
+    }
+    for (size_t i = 0; i < count; i++) matrix[count * i + i] += 1e-9 * trace;
+    memcpy(right, rows->motion, 6 * count * sizeof *right);
+    if (!pliant_dense_solve(rows->count, matrix, 6, right)) return false;
+    for (size_t a = 0; a < 6; a++)
+        for (size_t b = 0; b < 6; b++) {
+            double sum = 0;
+            for (size_t i = 0; i < count; i++) sum += rows->motion[6 * i + a] * right[6 * i + b] + rows->motion[6 * i + b] * right[6 * i + a];
+            stiffness[6 * a + b] = 0.5 * sum;
+        }
+    return true;
+}
+
+pliant_status pliant_solver_stiffness(const pliant_solver *solver, int tool, const double tip[3], double stiffness[36], bool *known)
+{
+    int spring[PLIANT_MAX_TOOLS], num_springs = 0;
+    memset(stiffness, 0, 36 * sizeof *stiffness);
+    *known = true;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        if (!pliant_handle_is_spring(solver->handles + t)) continue;
+        spring[num_springs++] = t;
+        if (solver->handles[t].response_of == 0) *known = false;
+    }
+    const pliant_touches *touches = pliant_touches_any(solver->touches) ? solver->touches : NULL;
+    const size_t width = 3 * ((size_t)num_springs + (touches ? (size_t)touches->count : 0));
+    if (!*known || width == 0) return PLIANT_OK;
+    held_rows rows = {.row = pliant_calloc(width, sizeof *rows.row), .motion = pliant_calloc(width, 6 * sizeof *rows.motion)};
+    double *whole = touches ? NULL : pliant_calloc(width, width * sizeof *whole);
+    double *matrix = pliant_calloc(width, width * sizeof *matrix), *right = pliant_calloc(width, 6 * sizeof *right);
+    pliant_status status = rows.row && rows.motion && matrix && right && (whole || touches) ? PLIANT_OK : pliant_fail_memory("a tool's stiffness");
+    if (status == PLIANT_OK) {
+        if (touches) list_points(touches, tool, tip, &rows);
+        else fill_springs(solver, spring, num_springs, whole);
+        for (int s = 0; s < num_springs; s++) list_spring(spring[s] == tool, (int32_t)width - 3 * (num_springs - s), &rows);
+        if (rows.count > 0) *known = condense(&rows, touches ? touches->matrix : whole, width, matrix, right, stiffness);
+    }
+    pliant_free(rows.row);
+    pliant_free(rows.motion);
+    pliant_free(whole);
+    pliant_free(matrix);
+    pliant_free(right);
+    return status;
+}
