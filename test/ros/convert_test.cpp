@@ -545,6 +545,17 @@ TEST(Convert, ContactOfAToolThatIsNotThere)
     EXPECT_TRUE(message.points.empty());
 }
 
+// moved to the origin of the frame: r x f with it, and nothing of the power of a motion is lost
+TEST(Convert, TorqueIsAboutAnotherPoint)
+{
+    const double origin[3] = {0.1, 0.2, 0.3}, tip[3] = {0.1, 0.7, 0.3}, force[3] = {0, 0, 2}, torque[3] = {0.5, 0, 0};
+    double about[3];
+    torque_about(origin, tip, force, torque, about);
+    EXPECT_NEAR(about[0], 1.5, 1e-12);
+    EXPECT_NEAR(about[1], 0, 1e-12);
+    EXPECT_NEAR(about[2], 0, 1e-12);
+}
+
 TEST(Convert, WrenchOfAToolIsThatOfGraspAndContact)
 {
     pliant_tool_state tool{};

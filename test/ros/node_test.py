@@ -95,6 +95,10 @@ class NodeTest(unittest.TestCase):
         force = self.force.fresh().wrench.force
         return numpy.array([force.x, force.y, force.z])
 
+    def wrench_of(self, latest):
+        wrench = latest.fresh().wrench
+        return [numpy.array([v.x, v.y, v.z]) for v in (wrench.force, wrench.torque)]
+
     def whole_volume(self):
         volume = WholeVolume()
         self.addCleanup(volume.close)
@@ -136,6 +140,17 @@ class NodeTest(unittest.TestCase):
         self.pull(to_world)
         wrench = self.force.fresh()
         self.assertEqual(wrench.header.frame_id, "world")
+        body, spatial = Latest("grasper/body/measured_cf", WrenchStamped), Latest("grasper/spatial/measured_cf", WrenchStamped)
+        self.addCleanup(body.close)
+        self.addCleanup(spatial.close)
+        wait_for(lambda: body.message and spatial.message, "forces in the other frames")
+        def agree():
+            given, of_body, of_spatial = self.wrench_of(self.force), self.wrench_of(body), self.wrench_of(spatial)
+            about_origin = given[1] + numpy.cross(self.tool.position, given[0])
+            pairs = (of_body[0], given[0]), (of_spatial[0], given[0]), (of_spatial[1], about_origin)
+            return all(numpy.allclose(a, b, rtol=0.02, atol=1e-3) for a, b in pairs)
+        wait_for(agree, "the same force in all three; this tool's axes are those of the world")
+        self.assertEqual((body.message.header.frame_id, spatial.message.header.frame_id), ("world", "world"))
         force = self.force_now()
         self.assertGreater(force[0], 0.1, "tissue -y is world x")
         self.assertLess(abs(force[1]), 0.5 * force[0])

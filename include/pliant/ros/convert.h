@@ -101,6 +101,9 @@ pliant_status mesh_state_message(const pliant_model &model, const pliant_body &b
  *  is not finite becomes zero. Header is the caller's.
  *  @param frame_from_tissue quaternion that turns tissue axes into those of the frame */
 void wrench_message(const double force[3], const double torque[3], const double frame_from_tissue[4], geometry_msgs::WrenchStamped *out);
+/** The torque of a wrench about another point, in the same axes.
+ *  @param torque about the point that the force acts at, at [m, N, N m] */
+void torque_about(const double point[3], const double at[3], const double force[3], const double torque[3], double out[3]);
 /* what a tool does to the tissue by all that it has, about its tip [N, N m] */
 void tool_wrench(const pliant_tool_state &tool, double force[3], double torque[3]);
 /** Header is the caller's.

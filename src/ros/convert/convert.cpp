@@ -267,6 +267,12 @@ void wrench_message(const double force[3], const double torque[3], const double 
     tf2::toMsg(finite ? Vector3d(turn * Vector3d(about)) : Vector3d::Zero(), out->wrench.torque);
 }
 
+void torque_about(const double point[3], const double at[3], const double force[3], const double torque[3], double out[3])
+{
+    const Vector3d arm = Map<const Vector3d>(at) - Map<const Vector3d>(point);
+    Map<Vector3d>{out} = Map<const Vector3d>(torque) + arm.cross(Vector3d(Map<const Vector3d>(force)));
+}
+
 void tool_wrench(const pliant_tool_state &tool, double force[3], double torque[3])
 {
     const bool grips = tool.holding || tool.cutting;

@@ -28,6 +28,8 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
         tool->last_frame = tissue_frame_;
         tool->counted_at = ros::WallTime::now();
         tool->force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/measured_cf", 1);
+        tool->body_force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/body/measured_cf", 1);
+        tool->spatial_force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/spatial/measured_cf", 1);
         tool->contact_out = handle.advertise<ContactState>(each.name + "/contact", 1);
         tool->marker_out = handle.advertise<visualization_msgs::MarkerArray>(each.name + "/marker", 1);
         tool->pose_in = handle.subscribe<topic_tools::ShapeShifter>(
@@ -167,8 +169,7 @@ ToolSample Tools::sample(size_t index, const ros::Time &now)
     out.angle = tool->last_jaw;
     out.blade = tool->blade;
     out.energy = tool->energy;
-    Rigid turn = tool->has_last ? tool->last_tissue_in_frame : identity();
-    std::copy(turn.rotation, turn.rotation + 4, out.frame_from_tissue);
+    out.frame_from_tissue = tool->has_last ? tool->last_tissue_in_frame : identity();
     out.frame = tool->last_frame;
     return out;
 }
@@ -184,15 +185,26 @@ void Tools::clear()
     }
 }
 
-void Tools::publish_force(size_t index, const ToolSample &sample, const double force[3], const double torque[3], const ros::Time &now)
+void Tools::publish_force(size_t index, const ToolSample &sample, const double force[3], const double torque[3], const ros::Time &stamp)
 {
     Tool &tool = *tools_[index];
-    if (tool.force_out.getNumSubscribers() == 0) return;
     geometry_msgs::WrenchStamped message;
-    message.header.stamp = now;
-    message.header.frame_id = sample.frame;
-    wrench_message(force, torque, sample.frame_from_tissue, &message);
-    tool.force_out.publish(message);
+    message.header.stamp = stamp;
+    message.header.frame_id = sample.frame; /* CRTK: the frame of the poses; namespaces say in which axes, and about which point */
+    if (tool.force_out.getNumSubscribers() > 0) {
+        wrench_message(force, torque, sample.frame_from_tissue.rotation, &message);
+        tool.force_out.publish(message);
+    }
+    if (tool.body_force_out.getNumSubscribers() > 0) {
+        wrench_message(force, torque, inverse(sample.in_tissue).rotation, &message);
+        tool.body_force_out.publish(message);
+    }
+    if (tool.spatial_force_out.getNumSubscribers() > 0) {
+        double about_origin[3];
+        torque_about(inverse(sample.frame_from_tissue).translation, sample.in_tissue.translation, force, torque, about_origin);
+        wrench_message(force, about_origin, sample.frame_from_tissue.rotation, &message);
+        tool.spatial_force_out.publish(message);
+    }
 }
 
 void Tools::publish_contact(size_t index, const pliant_model &model, const pliant_data &data, const ros::Time &now)

@@ -31,7 +31,7 @@ struct ToolSample {
     Jaw jaw;                     /* with hysteresis; unknown for a probe, and when no valid and fresh jaw is there */
     double angle;                /* of the jaw, the last valid one [rad]; 0 before that */
     bool blade, energy;          /* as they were switched last; off before that */
-    double frame_from_tissue[4]; /* quaternion, into the axes that the pose came in */
+    Rigid frame_from_tissue;     /* into the frame that the pose came in */
     std::string frame;           /* of the pose; the tissue frame before the first one */
     std::string why;             /* not present, or a jaw of which nothing is known: the reason */
 };
@@ -60,7 +60,9 @@ public:
     /* Forget all poses and jaws: time jumped. */
     void clear();
 
-    void publish_force(size_t tool, const ToolSample &sample, const double force[3], const double torque[3], const ros::Time &now);
+    /* In all three of CRTK's frames, where somebody subscribes. Any thread.
+       force, torque: on the tissue, about the tip, in tissue axes [N, N m] */
+    void publish_force(size_t tool, const ToolSample &sample, const double force[3], const double torque[3], const ros::Time &stamp);
     /* Contact and markers, at most 30 a second. */
     void publish_contact(size_t tool, const pliant_model &model, const pliant_data &data, const ros::Time &now);
 
@@ -77,7 +79,7 @@ private:
     };
     struct Tool {
         ToolParameters parameters;
-        ros::Publisher force_out, contact_out, marker_out, cut_out;
+        ros::Publisher force_out, body_force_out, spatial_force_out, contact_out, marker_out, cut_out;
         Rate contact_rate, marker_rate;
 
         std::mutex lock;
