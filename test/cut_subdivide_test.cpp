@@ -1,5 +1,6 @@
 // Cuts that subdivide tetrahedra (cut/kind: subdivide): what becomes of the mesh, of its state, and what cannot be had with it.
 #include "cuts.h"
+#include "pliant/surface.h"
 #include "pliant/warp.h"
 #include "state/model.h"
 
@@ -62,14 +63,14 @@ struct Split {
     }
 };
 
-double area_of(const pliant_body &body)
+double area_of(const pliant_mesh &mesh, const int32_t *triangles, int32_t first, int32_t last)
 {
     double sum = 0;
-    for (int32_t t = 0; t < body.num_triangles; t++) {
+    for (int32_t t = first; t < last; t++) {
         double u[3], v[3], squares = 0;
         for (int d = 0; d < 3; d++) {
-            u[d] = body.fine.rest[3 * body.triangles[3 * t + 1] + d] - body.fine.rest[3 * body.triangles[3 * t] + d];
-            v[d] = body.fine.rest[3 * body.triangles[3 * t + 2] + d] - body.fine.rest[3 * body.triangles[3 * t] + d];
+            u[d] = mesh.rest[3 * triangles[3 * t + 1] + d] - mesh.rest[3 * triangles[3 * t] + d];
+            v[d] = mesh.rest[3 * triangles[3 * t + 2] + d] - mesh.rest[3 * triangles[3 * t] + d];
         }
         for (int d = 0; d < 3; d++) squares += std::pow(u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3], 2);
         sum += 0.5 * std::sqrt(squares);
@@ -89,7 +90,13 @@ void expect_sound(const pliant_body &body, double opened)
     }
     EXPECT_GE(least, (1 - 1e-9) * body.subdivision->least_volume);
     EXPECT_NEAR(volume, 0.2 * 0.1 * 0.1, 1e-12 * volume);
-    EXPECT_NEAR(area_of(body), surface + 2 * opened, 1e-9 * surface);
+    EXPECT_NEAR(area_of(body.fine, body.triangles, 0, body.num_triangles), surface + 2 * opened, 1e-9 * surface);
+    pliant_surface *seen = nullptr;
+    ASSERT_EQ(pliant_surface_create(&body, nullptr, &seen), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(seen->num_triangles, body.num_triangles);
+    EXPECT_NEAR(area_of(body.fine, seen->triangle, 0, seen->first_cut), surface, 1e-9 * surface);
+    EXPECT_NEAR(area_of(body.fine, seen->triangle, seen->first_cut, seen->num_triangles), 2 * opened, 1e-9 * surface);
+    pliant_surface_free(seen);
 }
 
 // of all edges with a node that was appended

@@ -286,7 +286,7 @@ static pliant_status copy_triangles(pliant_surface *surface)
     if (!surface->triangle) return pliant_surface_no_memory();
     if (body->num_triangles > 0) memcpy(surface->triangle, body->triangles, 3 * (size_t)body->num_triangles * sizeof *body->triangles);
     surface->num_triangles = surface->first_cut = body->num_triangles;
-    return PLIANT_OK;
+    return body->subdivision && body->subdivision->between ? pliant_surface_part_subdivided(surface) : PLIANT_OK;
 }
 
 pliant_status pliant_surface_create(const pliant_body *body, const pliant_surface *before, pliant_surface **out)

@@ -121,6 +121,11 @@ pliant_status pliant_surface_no_memory(void);
 /* Tips on the faces of cuts; there is room for a vertex for each. is_lattice: (num_vertices) a corner of small tetrahedra. Errors: MEMORY. */
 pliant_status pliant_surface_flatten(const surface_maker *maker, const uint8_t *is_lattice, pliant_surface *surface);
 
+/* ---- surface_subdivided.c */
+
+/* Of a body whose tetrahedra cuts have subdivided: its triangles, faces of cuts last. triangle has room. Errors: MEMORY. */
+pliant_status pliant_surface_part_subdivided(pliant_surface *surface);
+
 #ifdef __cplusplus
 }
 #endif

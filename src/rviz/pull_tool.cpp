@@ -107,20 +107,22 @@ static void find_volumes(rviz::DisplayGroup *group, std::vector<VolumeDisplay *>
     }
 }
 
-VolumeDisplay *PullTool::shown_volume(const Ogre::Ray &ray, double *near, double *far) const
+VolumeDisplay *PullTool::shown_volume(const Ogre::Ray &ray, std::vector<Part> *parts) const
 {
     std::vector<VolumeDisplay *> volumes;
     find_volumes(context_->getRootDisplayGroup(), &volumes);
-    for (VolumeDisplay *volume : volumes)
-        if (volume->clip_to_drawn(ray.getOrigin(), ray.getDirection(), near, far)) return volume;
+    for (VolumeDisplay *volume : volumes) {
+        *parts = volume->clip_to_drawn(ray.getOrigin(), ray.getDirection());
+        if (!parts->empty()) return volume;
+    }
     return nullptr;
 }
 
 void PullTool::ask(const Ogre::Ray &ray)
 {
-    double near = 0, far = 0;
-    VolumeDisplay *volume = shown_volume(ray, &near, &far);
     question_ = std::make_shared<Question>();
+    VolumeDisplay *volume = shown_volume(ray, &question_->parts);
+    if (!volume) question_->parts.push_back({0, 0}); /* all of it */
     pliant::Pick::Request &request = question_->service.request;
     request.header.frame_id = context_->getFixedFrame().toStdString();
     request.origin.x = ray.getOrigin().x;
@@ -129,13 +131,16 @@ void PullTool::ask(const Ogre::Ray &ray)
     request.direction.x = ray.getDirection().x;
     request.direction.y = ray.getDirection().y;
     request.direction.z = ray.getDirection().z;
-    request.near = near;
-    request.far = far;
     request.threshold = float(volume ? volume->threshold() : threshold_->getFloat());
     std::shared_ptr<Question> question = question_;
     std::string name = topic("pick");
     std::thread([question, name] {
-        question->reached = ros::service::call(name, question->service);
+        for (const Part &part : question->parts) {
+            question->service.request.near = part.near;
+            question->service.request.far = part.far;
+            question->reached = ros::service::call(name, question->service);
+            if (!question->reached || question->service.response.success) break;
+        }
         question->answered = true;
     }).detach();
 }

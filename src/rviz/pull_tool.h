@@ -4,6 +4,7 @@
 
 #ifndef Q_MOC_RUN
 #include "rviz/mouse_robot.h"
+#include "rviz/slices.h"
 
 #include <OgreMaterial.h>
 #include <OgreQuaternion.h>
@@ -53,12 +54,13 @@ private:
     // a question to the node, asked in a thread of its own: rviz must not wait for it
     struct Question {
         pliant::Pick service;
+        std::vector<Part> parts; // of the ray, one after the other until there is tissue
         std::atomic<bool> answered{false};
         bool reached = false; // there is such a service
     };
 
     std::string topic(const std::string &name) const;
-    VolumeDisplay *shown_volume(const Ogre::Ray &ray, double *near, double *far) const;
+    VolumeDisplay *shown_volume(const Ogre::Ray &ray, std::vector<Part> *parts) const;
     void ask(const Ogre::Ray &ray);
     void take_answer();
     void drag(rviz::ViewportMouseEvent &event);

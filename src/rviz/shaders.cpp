@@ -20,6 +20,7 @@ uniform sampler3D table;
 uniform vec3 scale, offset, step_i, spacing;
 uniform vec4 window;
 uniform vec4 eye;
+uniform vec3 away_low, away_high;
 uniform float shading, apart;
 varying vec3 local;
 
@@ -27,6 +28,7 @@ float texel(vec3 at) { return texture3D(volume, at).r; }
 
 void main()
 {
+    if (all(greaterThan(local, away_low)) && all(lessThan(local, away_high))) discard;
     vec3 towards = eye.w > 0.5 ? normalize(eye.xyz - local) : -eye.xyz;
     /* each ray through its slices a little nearer or farther: what would be stripes between slices becomes fine noise */
     float grain = fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(0.06711056, 0.00583715))));
@@ -61,7 +63,7 @@ uniform mat4 worldviewproj;
 uniform vec3 scale, offset, step_i, spacing;
 uniform vec4 window;
 uniform vec4 eye;
-uniform vec3 low, high;
+uniform vec3 low, high, away_low, away_high;
 uniform vec4 plane;
 uniform vec4 colour;
 uniform float threshold, stride, steps, nearest, direction_of_values;
@@ -85,14 +87,28 @@ void main()
     else if (side < 0.0) discard;
     if (enter > leave) discard;
 
+    /* what is cut away: from hole to end */
+    vec3 c = (away_low - origin) / rate, d = (away_high - origin) / rate;
+    first = min(c, d);
+    last = max(c, d);
+    float hole = max(max(first.x, first.y), first.z), end = min(min(last.x, last.y), last.z);
+    if (hole >= end) hole = end = 1e30;
+    if (enter >= hole && enter < end) enter = end;
+    if (enter > leave) discard;
+
     float t = enter, before = enter;
     bool cut = above(origin + ahead * t) >= 0.0, met = cut;
     if (!met) {
         for (float n = 0.0; n < steps; n += 1.0) {
             if (met || before >= leave) break;
             t = min(before + stride, leave);
+            if (before < hole) t = min(t, hole);
             if (above(origin + ahead * t) >= 0.0) met = true;
             else before = t;
+            if (!met && before >= hole && before < end) {
+                before = t = end;
+                met = cut = end < leave && above(origin + ahead * end) >= 0.0;
+            }
         }
     }
     if (!met) discard;

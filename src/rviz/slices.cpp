@@ -125,4 +125,14 @@ bool clip_ray(const Bounds &box, const std::vector<Plane> &planes, const Vector 
     return true;
 }
 
+std::vector<Part> outside(const Bounds &box, const Vector &origin, const Vector &direction, const Part &part)
+{
+    double enter, leave;
+    if (box.empty() || !clip_ray(box, {}, origin, direction, &enter, &leave) || leave <= part.near || enter >= part.far) return {part};
+    std::vector<Part> left;
+    if (enter > part.near) left.push_back({part.near, enter});
+    if (leave < part.far) left.push_back({leave, part.far});
+    return left;
+}
+
 } // namespace pliant_rviz

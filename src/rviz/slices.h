@@ -43,5 +43,9 @@ Slices make_slices(const Bounds &box, const std::vector<Plane> &planes, const Ve
 bool clip_ray(const Bounds &box, const std::vector<Plane> &planes, const Vector &origin, const Vector &direction, double *near,
               double *far);
 
+// Of a part of a ray, those outside of a box: two at most, the nearer first. An empty box leaves it whole.
+struct Part { double near, far; };
+std::vector<Part> outside(const Bounds &box, const Vector &origin, const Vector &direction, const Part &part);
+
 } // namespace pliant_rviz
 #endif

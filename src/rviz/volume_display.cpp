@@ -98,6 +98,10 @@ void VolumeDisplay::make_clip_properties()
                                              SLOT(change_look()), this);
     plane_point_ = new rviz::VectorProperty("Point", Ogre::Vector3(0, 0, 0), "A point of the plane in the volume's frame [m].",
                                             clip_plane_, SLOT(change_look()), this);
+    cut_away_ = new rviz::BoolProperty("Cut Away", false, "Show all but a box of the volume, and so the faces of cuts inside.", this, SLOT(change_look()));
+    cut_away_->setDisableChildrenIfFalse(true);
+    away_low_ = new rviz::VectorProperty("From", Ogre::Vector3(0.5f, 0, 0.5f), "Fractions of the volume along i, j, k.", cut_away_, SLOT(change_look()), this);
+    away_high_ = new rviz::VectorProperty("To", Ogre::Vector3(1, 0.5f, 1), "Fractions of the volume along i, j, k.", cut_away_, SLOT(change_look()), this);
 }
 
 void VolumeDisplay::onInitialize()
@@ -359,6 +363,11 @@ void VolumeDisplay::set_look(unsigned slices)
             look.clip_low[d] = box_low_->getVector()[d];
             look.clip_high[d] = box_high_->getVector()[d];
         }
+    if (cut_away_->getBool())
+        for (int d = 0; d < 3; d++) {
+            look.away_low[d] = away_low_->getVector()[d];
+            look.away_high[d] = away_high_->getVector()[d];
+        }
     Ogre::Vector3 normal = plane_normal_->getVector();
     if (clip_plane_->getBool() && normal.squaredLength() > 0) {
         // from the frame of the message to the volume's own axes
@@ -479,9 +488,9 @@ double VolumeDisplay::threshold() const
     return look.isosurface ? look.surface : seen_from(look.transfer, look.low, look.high, look.opacity);
 }
 
-bool VolumeDisplay::clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *near, double *far) const
+std::vector<Part> VolumeDisplay::clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction) const
 {
-    return isEnabled() && visual_ && visual_->clip_to_drawn(origin, direction, near, far);
+    return isEnabled() && visual_ ? visual_->clip_to_drawn(origin, direction) : std::vector<Part>();
 }
 
 } // namespace pliant_rviz

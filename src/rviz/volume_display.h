@@ -42,7 +42,7 @@ public:
     // Value of the surface that is seen: of the isosurface, or where the transfer function becomes clearly opaque.
     double threshold() const;
     // Part of a ray in the fixed frame that is drawn; false: it passes by, or nothing is shown.
-    bool clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *near, double *far) const;
+    std::vector<Part> clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction) const;
 
 protected:
     void onInitialize() override;
@@ -101,11 +101,11 @@ private:
 
     rviz::RosTopicProperty *topic_;
     rviz::EnumProperty *mode_, *preset_;
-    rviz::BoolProperty *automatic_, *clip_box_, *clip_plane_, *bar_shown_;
+    rviz::BoolProperty *automatic_, *clip_box_, *clip_plane_, *cut_away_, *bar_shown_;
     rviz::FloatProperty *level_, *window_, *opacity_, *shading_, *surface_;
     rviz::ColorProperty *surface_colour_;
     rviz::IntProperty *slices_, *slices_moving_, *memory_;
-    rviz::VectorProperty *box_low_, *box_high_, *plane_normal_, *plane_point_;
+    rviz::VectorProperty *box_low_, *box_high_, *plane_normal_, *plane_point_, *away_low_, *away_high_;
 };
 
 } // namespace pliant_rviz

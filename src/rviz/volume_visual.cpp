@@ -173,14 +173,24 @@ Bounds VolumeVisual::bounds_of(const Box &texels) const
     return bounds;
 }
 
+// fractions along i, j, k
+Bounds VolumeVisual::between(const std::array<double, 3> &low, const std::array<double, 3> &high) const
+{
+    Bounds bounds;
+    for (size_t d = 0; d < 3; d++) {
+        double first = sign_[d] * spacing_[d] * (low[d] * full_size_[d] - 0.5), last = sign_[d] * spacing_[d] * (high[d] * full_size_[d] - 0.5);
+        bounds.low[d] = std::min(first, last);
+        bounds.high[d] = std::max(first, last);
+    }
+    return bounds;
+}
+
 Bounds VolumeVisual::clipped() const
 {
-    Bounds bounds = bounds_of(visible_);
-    for (int d = 0; d < 3; d++) {
-        double first = sign_[d] * spacing_[d] * (look_.clip_low[d] * full_size_[d] - 0.5);
-        double last = sign_[d] * spacing_[d] * (look_.clip_high[d] * full_size_[d] - 0.5);
-        bounds.low[d] = std::max(bounds.low[d], std::min(first, last));
-        bounds.high[d] = std::min(bounds.high[d], std::max(first, last));
+    Bounds bounds = bounds_of(visible_), kept = between(look_.clip_low, look_.clip_high);
+    for (size_t d = 0; d < 3; d++) {
+        bounds.low[d] = std::max(bounds.low[d], kept.low[d]);
+        bounds.high[d] = std::min(bounds.high[d], kept.high[d]);
     }
     return bounds;
 }
@@ -255,6 +265,9 @@ void VolumeVisual::set_numbers(Ogre::Pass *pass, const Ogre::Camera *camera)
     numbers->setNamedConstant("window", Ogre::Vector4(float(value_scale_ / width), float((value_offset_ - look_.low) / width),
                                                       float(transparent_up_to(look_.transfer)), 0));
     numbers->setNamedConstant("eye", Ogre::Vector4(eye.x, eye.y, eye.z, perspective ? 1.0f : 0.0f));
+    Bounds away = between(look_.away_low, look_.away_high);
+    numbers->setNamedConstant("away_low", Ogre::Vector3(float(away.low[0]), float(away.low[1]), float(away.low[2])));
+    numbers->setNamedConstant("away_high", Ogre::Vector3(float(away.high[0]), float(away.high[1]), float(away.high[2])));
     if (!look_.isosurface) {
         numbers->setNamedConstant("step_i", step);
         numbers->setNamedConstant("shading", float(look_.shading));
@@ -279,12 +292,14 @@ void VolumeVisual::set_numbers(Ogre::Pass *pass, const Ogre::Camera *camera)
     numbers->setNamedConstant("nearest", float(camera->getNearClipDistance()));
 }
 
-bool VolumeVisual::clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *near, double *far) const
+std::vector<Part> VolumeVisual::clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction) const
 {
-    if (!has_texture() || visible_.voxels() == 0 || clipped().empty()) return false;
+    if (!has_texture() || visible_.voxels() == 0 || clipped().empty()) return {};
     Ogre::Quaternion turn = node_->_getDerivedOrientation().Inverse();
-    return clip_ray(clipped(), look_.planes, vector_of(turn * (origin - node_->_getDerivedPosition())), vector_of(turn * direction),
-                    near, far);
+    Vector from = vector_of(turn * (origin - node_->_getDerivedPosition())), along = vector_of(turn * direction);
+    Part part;
+    if (!clip_ray(clipped(), look_.planes, from, along, &part.near, &part.far)) return {};
+    return outside(between(look_.away_low, look_.away_high), from, along, part);
 }
 
 } // namespace pliant_rviz

@@ -42,6 +42,7 @@ struct Look {
     unsigned slices = 256;    // over the volume's diagonal
     std::array<double, 3> clip_low{{0, 0, 0}}, clip_high{{1, 1, 1}}; // fractions along i, j, k
     std::vector<Plane> planes; // at most one; in the volume's axes, from its voxel 0, 0, 0 [m]
+    std::array<double, 3> away_low{{0, 0, 0}}, away_high{{0, 0, 0}}; // a box that is not seen, in the same fractions; empty: there is none
 };
 
 class VolumeVisual {
@@ -69,8 +70,8 @@ public:
     // Geometry and shader numbers for this camera.
     void draw(const Ogre::Camera *camera);
 
-    // The part [near, far] of a ray in the fixed frame that is drawn of it; false: the ray passes by. Unit direction.
-    bool clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *near, double *far) const;
+    // The parts of a ray in the fixed frame that are drawn of it, the nearest first; none: the ray passes by. Unit direction.
+    std::vector<Part> clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction) const;
 
     size_t slices_drawn() const { return slices_drawn_; }
     double diagonal() const; // of the whole volume [m]
@@ -82,6 +83,7 @@ private:
     void draw_slices(const Vector &direction);
     void draw_hull();
     Bounds bounds_of(const Box &texels) const;
+    Bounds between(const std::array<double, 3> &low, const std::array<double, 3> &high) const;
     Bounds clipped() const;
 
     Ogre::SceneManager *manager_;

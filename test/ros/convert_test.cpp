@@ -447,6 +447,41 @@ TEST_F(ConvertBodies, AreFoundAgainFromTheirTopologies)
     EXPECT_FALSE(body_of(*loaded, wrong, nullptr, &why));
 }
 
+// the same of tetrahedra that cuts subdivide: nodes on edges, to the bit
+TEST_F(ConvertBodies, AreFoundAgainWhereCutsSubdivide)
+{
+    pliant_scene scene = loaded->asked;
+    scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
+    const std::shared_ptr<Loaded> other = build(scene, loaded->scan, *pliant_model_get_materials(loaded->model), pliant_progress{nullptr, nullptr});
+    const double from[] = {0.0096, -1, -1, 0.0096, 1, -1}, to[] = {0.0144, -1, 1, 0.0144, 1, 1};
+    const pliant_cut_sweep sweep{2, from, to, nullptr, 1, 1};
+    pliant_body *made = nullptr;
+    ASSERT_EQ(pliant_body_cut(other->model->body, 2, other->model->body->fine.rest, &sweep, &made, nullptr), PLIANT_OK) << pliant_last_error();
+    ASSERT_TRUE(made);
+    const std::shared_ptr<const pliant_body> once(made, pliant_body_release), twice = part(*once, 0.0012, 3);
+    loaded = other;
+    std::string why;
+    std::shared_ptr<const pliant_body> last;
+    for (const pliant_body *body : std::initializer_list<const pliant_body *>{other->model->body, once.get(), twice.get(), once.get()}) {
+        const std::shared_ptr<const pliant_body> found = body_of(*other, topology(*body), last, &why);
+        ASSERT_TRUE(found) << why;
+        ASSERT_EQ(found->fine.num_nodes, body->fine.num_nodes);
+        ASSERT_EQ(found->fine.num_tets, body->fine.num_tets);
+        EXPECT_EQ(std::memcmp(found->fine.rest, body->fine.rest, 3 * static_cast<size_t>(body->fine.num_nodes) * sizeof(double)), 0);
+        EXPECT_EQ(std::memcmp(found->fine.tets, body->fine.tets, 4 * static_cast<size_t>(body->fine.num_tets) * sizeof(int32_t)), 0);
+        last = found;
+    }
+    ASSERT_GT(once->fine.num_tets, other->model->body->fine.num_tets);
+    ASSERT_GT(twice->fine.num_tets, once->fine.num_tets);
+    MeshTopology wrong = topology(*twice);
+    wrong.between.back() = static_cast<uint32_t>(twice->fine.num_nodes);
+    EXPECT_FALSE(body_of(*other, wrong, nullptr, &why));
+    wrong = topology(*twice);
+    wrong.tetrahedron_parent.pop_back();
+    EXPECT_FALSE(body_of(*other, wrong, nullptr, &why));
+    EXPECT_NE(why.find("no parts of those at load"), std::string::npos) << why;
+}
+
 TEST_F(ConvertModel, StateWithoutScalar)
 {
     MeshState message;

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """A blade over topics and the services that cut: two pieces, every topology before its states, undo, reset; the session again."""
+import contextlib
 import csv
 import os
 import shutil
@@ -14,7 +15,7 @@ import rospy
 import rostest
 from geometry_msgs.msg import Point, Vector3
 from pliant.msg import Cut, MeshState, MeshTopology, Step
-from pliant.srv import CutLine, SaveVolume
+from pliant.srv import CutLine, LoadScan, SaveVolume
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool, Header
 from std_srvs.srv import Trigger
@@ -165,12 +166,25 @@ class CutTest(unittest.TestCase):
             self.assertTrue(answer.message)
         self.assertEqual(self.revision(), self.first.revision)
 
+    @contextlib.contextmanager
+    def loaded(self, *options):
+        """The scan with other options; in the end as it was."""
+        def load(options):
+            before = self.topologies[-1].revision
+            answer = call("load_scan", LoadScan, "phantom:72x48x60", "", list(options))
+            self.assertTrue(answer.success, answer.message)
+            type(self).first = wait_for(lambda: self.topologies[-1] if self.topologies[-1].revision > before else None, "the mesh", SECONDS)
+        try:
+            load(options)
+            yield
+        finally:
+            self.tool.reset()
+            load([])
+            self.assertEqual(len(self.first.tetrahedra), len(self.topologies[0].tetrahedra))
+
     def test_a_pedal_and_a_jaw_switch_the_blade(self):
         options = ["mesh/coarse_cells=6 5 5"]
-        from pliant.srv import LoadScan  # the trigger is an option of the scene
-        try:
-            answer = call("load_scan", LoadScan, "phantom:72x48x60", "", options + ["cut/trigger=energy"])
-            self.assertTrue(answer.success, answer.message)
+        with self.loaded("cut/trigger=energy", *options):
             self.appear([0, 0, 0])
             self.energy.publish(Joy(buttons=[1]))
             wait_for(lambda: self.state.fresh().tools[0].cuts, "the pedal to switch it on")
@@ -182,13 +196,6 @@ class CutTest(unittest.TestCase):
             wait_for(lambda: self.state.fresh().tools[0].cuts, "the jaw to switch it on")
             self.tool.closed = False
             wait_for(lambda: not self.state.fresh().tools[0].cuts, "and off")
-        finally:
-            self.tool.reset()
-            before = self.topologies[-1].revision
-            answer = call("load_scan", LoadScan, "phantom:72x48x60", "", [])
-            self.assertTrue(answer.success, answer.message)
-            type(self).first = wait_for(lambda: self.topologies[-1] if self.topologies[-1].revision > before else None, "the first mesh again")
-            self.assertEqual(len(self.first.tetrahedra), len(self.topologies[0].tetrahedra))
 
     def test_save_volume_has_the_cut(self):
         def saved(name):
@@ -202,9 +209,9 @@ class CutTest(unittest.TestCase):
 
     # ---- a session, recorded
 
-    def run_bag(self, *arguments):
+    def run_bag(self, kind, *arguments):
         scene = ["--scan", "phantom:72x48x60"]
-        for option in ("mesh/coarse_cells=12 9 10", "mesh/ratio=1", "cut/kind=sever", "cut/resistance=0", "material/file=" + rospy.get_param(NAMESPACE + "sim/material/file")):
+        for option in ("mesh/coarse_cells=12 9 10", "mesh/ratio=1", "cut/kind=" + kind, "cut/resistance=0", "material/file=" + rospy.get_param(NAMESPACE + "sim/material/file")):
             scene += ["--set", option]
         done = subprocess.run(["pliant_bag", self.folder + "/session.bag"] + scene + list(arguments), stdout=subprocess.PIPE,
                               stderr=subprocess.PIPE, universal_newlines=True, timeout=4 * SECONDS)
@@ -212,6 +219,22 @@ class CutTest(unittest.TestCase):
         return done.stdout
 
     def test_a_recorded_session_is_cut_again(self):
+        self.record_and_cut_again("sever")
+
+    def test_a_recorded_session_is_subdivided_again(self):
+        with self.loaded("cut/kind=subdivide"):
+            topology = self.record_and_cut_again("subdivide")
+            self.assertEqual(len(topology.severed), 0)
+            self.assertEqual(len(topology.tetrahedron_parent), len(topology.material) - len(self.first.material))
+            self.assertEqual(len(topology.between_share), len(topology.rest_parent) - len(self.first.rest_parent))
+            self.assertGreater(sum(0 < share < 1 for share in topology.between_share), 0.3 * len(topology.between_share), "nodes on edges")
+            self.assertEqual(len(large_pieces(topology)), 2)
+            self.assertTrue(call("undo_cut", Trigger).success)
+            self.assertTrue(call("undo_cut", Trigger).success)
+            self.assertEqual(self.wait_for_revision(self.first.revision).tetrahedra, self.first.tetrahedra)
+
+    def record_and_cut_again(self, kind):
+        """A stroke, taken back, a cut by the service and a stroke into what is left; its last topology."""
         recorder = Launch("record.launch", bag=self.folder + "/session.bag")
         try:
             for topic in ("mesh/topology", "mesh/state", "step", "knife/cut", "cut"):
@@ -222,11 +245,11 @@ class CutTest(unittest.TestCase):
             answer = self.cut_line()
             self.assertTrue(answer.success, answer.message)
             self.wait_for_revision(answer.revision)
-            self.stroke(0.3)
+            topology = self.stroke(0.3)
             time.sleep(0.5)
         finally:
             recorder.stop()
-        said = self.run_bag("--simulate", "--cuts", self.folder + "/cuts.csv")
+        said = self.run_bag(kind, "--simulate", "--cuts", self.folder + "/cuts.csv")
         self.assertIn("each as recorded, to the bit", said)
         with open(self.folder + "/cuts.csv") as file:
             rows = list(csv.DictReader(file))
@@ -246,13 +269,16 @@ class CutTest(unittest.TestCase):
             return state[1] == step[1] and not any(time < entry[0] < time + 1e-3 for entry in states + steps)
         last = next(time for time in (when + 1e-3 for when, _, _ in reversed(states[len(states) // 2:-1])) if is_settled(time))
         at = ["--at", "%.6f" % last]
-        self.run_bag(*at, "--surfaces", "--out", self.folder + "/states")
-        self.run_bag(*at, "--simulate", "--out", self.folder + "/again")
+        self.run_bag(kind, *at, "--surfaces", "--out", self.folder + "/states")
+        self.run_bag(kind, *at, "--simulate", "--out", self.folder + "/again")
         surface, = [name for name in os.listdir(self.folder + "/states") if name.endswith(".ply")]
         with open(os.path.join(self.folder, "states", surface)) as file:
             self.assertTrue(any(line.startswith("3 ") and line.endswith(" 1\n") for line in file), "faces that cuts have made")
         name = os.listdir(self.folder + "/again")[0]
         numpy.testing.assert_array_equal(nifti_voxels(self.folder + "/states/" + name), nifti_voxels(self.folder + "/again/" + name))
+        for folder in ("states", "again"):
+            shutil.rmtree(os.path.join(self.folder, folder))
+        return topology
 
 
 if __name__ == "__main__":

@@ -42,6 +42,11 @@ CLIPPED_BOX = """  Clip Box:
     From: {X: 0, Y: 0.5, Z: 0}
     To: {X: 1, Y: 1, Z: 1}
 """
+CUT_AWAY = """  Cut Away:
+    Value: true
+    From: {X: 0.5, Y: 0, Z: 0.5}
+    To: {X: 1, Y: 1, Z: 1}
+"""
 MESH = """
 - Class: pliant/Mesh
   Name: %(name)s
@@ -116,6 +121,7 @@ class Pictures(unittest.TestCase):
         for name in ["placed", "ordered", "bricks", "oblique", "broken", "around", "thin", "lossy"]:
             displays += volume_display(name)
         displays += volume_display("clipped") + CLIPPED + volume_display("boxed") + CLIPPED_BOX
+        displays += volume_display("away") + CUT_AWAY + volume_display("hollow", "Isosurface") + CUT_AWAY
         displays += volume_display("surface", "Isosurface") + volume_display("large", memory=1)
         displays += MESH % dict(name="mesh")
         view = {"Class": "rviz/TopDownOrtho", "Scale": 380, "X": 1.5 * X_STEP, "Y": X_STEP, "Angle": 0, "Near Clip Distance": 0.01}
@@ -269,6 +275,21 @@ class Pictures(unittest.TestCase):
         at = spot(3, 1)
         self.publish("boxed/volume", volume(voxels, [0.005] * 3, at + [-0.0725, -0.0725, 0]))
         self.stage.agrees(lambda picture: self.assert_box(picture, 3, 1, at[:2] + [-0.075, 0], at[:2] + [0.075, 0.075]))
+
+    def test_what_is_cut_away_is_not_seen_but_what_is_behind_it(self):
+        voxels = numpy.full((10, 24, 24), 255, numpy.uint8)
+        voxels[:5] = 200
+        at = spot(1, 2)
+        for name, x in (("away", -0.09), ("hollow", 0.09)):
+            self.publish(name + "/volume", volume(voxels, [0.005] * 3, at + [x - 0.0575, -0.0575, -0.0225]))
+
+        def check(picture):
+            for x in (-0.09, 0.09):
+                self.assertGreater(self.grey(picture, at + [x - 0.03, 0, 0]), 235, "the upper half, where it is left")
+                behind = self.grey(picture, at + [x + 0.03, 0, 0])
+                self.assertGreater(behind, 120, "the lower half is seen where the upper one is cut away")
+                self.assertLess(behind, 180, "the upper half is cut away")
+        self.stage.agrees(check)
 
     def test_one_brick_changes_only_its_region(self):
         voxels = numpy.zeros((32, 48, 48), numpy.int16)

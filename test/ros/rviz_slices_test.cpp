@@ -109,4 +109,27 @@ TEST(ClipRay, BoxAndPlane)
     EXPECT_FALSE(clip_ray(CUBE, {{unit(0, 1, 0), 0.75}}, {{-2, 0.5, 0.5}}, {{1, 0, 0}}, &near, &far));
 }
 
+TEST(ClipRay, OutsideOfWhatIsCutAway)
+{
+    const Vector from{{-2, 0.5, 0.5}}, along{{1, 0, 0}};
+    const Part whole{2, 3};
+    const auto left = [&](const Bounds &box) { return outside(box, from, along, whole); };
+    std::vector<Part> parts = left({{{0.25, 0, 0}}, {{0.5, 1, 1}}});
+    ASSERT_EQ(parts.size(), 2u);
+    EXPECT_DOUBLE_EQ(parts[0].near, 2);
+    EXPECT_DOUBLE_EQ(parts[0].far, 2.25);
+    EXPECT_DOUBLE_EQ(parts[1].near, 2.5);
+    EXPECT_DOUBLE_EQ(parts[1].far, 3);
+    parts = left({{{-1, 0, 0}}, {{0.5, 1, 1}}});
+    ASSERT_EQ(parts.size(), 1u);
+    EXPECT_DOUBLE_EQ(parts[0].near, 2.5);
+    EXPECT_TRUE(left({{{-1, 0, 0}}, {{2, 1, 1}}}).empty());
+    for (const Bounds &box : {Bounds{{{0.25, 0.6, 0}}, {{0.5, 1, 1}}}, Bounds{{{1.5, 0, 0}}, {{2, 1, 1}}}, Bounds{{{0.5, 0.5, 0.5}}, {{0.5, 0.5, 0.5}}}}) {
+        parts = left(box);
+        ASSERT_EQ(parts.size(), 1u);
+        EXPECT_DOUBLE_EQ(parts[0].near, 2);
+        EXPECT_DOUBLE_EQ(parts[0].far, 3);
+    }
+}
+
 } // namespace

@@ -237,6 +237,19 @@ void topology_message(const pliant_surface &surface, MeshTopology *out)
     for (size_t i = 0; i < tets; ++i) out->material[i] = body.fine_material[i].material;
     out->cut_end.clear();
     out->severed.clear();
+    out->tetrahedron_parent.clear();
+    out->between.clear();
+    out->between_share.clear();
+    if (body.subdivision && body.subdivision->between) {
+        const size_t added = nodes - static_cast<size_t>(body.subdivision->load_nodes);
+        for (size_t i = 0; i < added; ++i) {
+            const pliant_between &between = body.subdivision->between[i];
+            for (int32_t end : between.end) out->between.push_back(static_cast<uint32_t>(end));
+            out->between_share.push_back(between.share);
+        }
+        for (size_t i = 0; body.tet_parent && i < tets; ++i) /* those at load are their own */
+            if (static_cast<size_t>(body.tet_parent[i]) != i) out->tetrahedron_parent.push_back(static_cast<uint32_t>(body.tet_parent[i]));
+    }
     const pliant_cuts *cuts = body.cuts;
     if (!cuts || cuts->num_cuts == 0) return;
     out->cut_end.assign(cuts->cut_end, cuts->cut_end + cuts->num_cuts);

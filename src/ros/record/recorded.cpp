@@ -44,6 +44,40 @@ bool sever(const MeshTopology &recorded, std::shared_ptr<const pliant_body> *bod
     return true;
 }
 
+/* What cuts have made of the body at load that subdivide tetrahedra, at once. */
+bool subdivide(const MeshTopology &recorded, std::shared_ptr<const pliant_body> *body)
+{
+    if (recorded.between.empty()) return true;
+    const pliant_body &load = **body;
+    const size_t tets = static_cast<size_t>(load.fine.num_tets), all = recorded.tetrahedra.size() / 4, added = recorded.between_share.size();
+    bool good = load.subdivision && recorded.tetrahedra.size() % 4 == 0 && all >= tets && recorded.tetrahedron_parent.size() == all - tets &&
+                recorded.between.size() == 2 * added && recorded.rest_nodes.size() == 3 * (static_cast<size_t>(load.fine.num_nodes) + added);
+    for (uint32_t parent : recorded.tetrahedron_parent) good = good && parent < tets;
+    for (uint32_t node : recorded.tetrahedra) good = good && node < recorded.rest_nodes.size() / 3;
+    if (!good) {
+        pliant_fail(PLIANT_ERROR_FORMAT, "its nodes and tetrahedra are no parts of those at load");
+        return false;
+    }
+    std::vector<int32_t> source(recorded.tetrahedron_parent.begin(), recorded.tetrahedron_parent.end());
+    const std::vector<int32_t> corners(recorded.tetrahedra.begin(), recorded.tetrahedra.end());
+    std::vector<pliant_tet_material> material(load.fine_material, load.fine_material + tets);
+    for (int32_t parent : source) material.push_back(load.fine_material[parent]);
+    std::vector<pliant_between> between(added);
+    for (size_t i = 0; i < added; ++i)
+        between[i] = pliant_between{{static_cast<int32_t>(recorded.between[2 * i]), static_cast<int32_t>(recorded.between[2 * i + 1])}, recorded.between_share[i]};
+    source.push_back(0); /* so that none of them is a null pointer */
+    pliant_division division{};
+    division.num_tets = static_cast<int32_t>(all);
+    division.tet_source = source.data();
+    division.corners = corners.data();
+    division.material = material.data();
+    division.between = between.data();
+    pliant_body *made = nullptr;
+    if (pliant_body_divide(&load, load.revision + 1, &division, &made) < 0) return false;
+    body->reset(made, pliant_body_release);
+    return true;
+}
+
 bool has_mesh(const pliant_mesh &mesh, const MeshTopology &recorded, std::string *why)
 {
     size_t nodes = static_cast<size_t>(mesh.num_nodes), tets = static_cast<size_t>(mesh.num_tets);
@@ -70,13 +104,13 @@ std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopol
 {
     const char *id = loaded.scan->volume.id;
     std::shared_ptr<const pliant_body> body = share(pliant_model_get_body(loaded.model));
-    if (near && begins(*near, recorded)) body = near;
+    if (near && !near->subdivision && begins(*near, recorded)) body = near;
     if (recorded.scan_id != id) {
         *why = "the recording is of scan \"" + recorded.scan_id + "\", the one here is \"" + id + "\": name that scan";
     } else if (recorded.scan_checksum != loaded.scan->checksum) {
         *why = "the voxels of \"" + recorded.scan_id +
                "\" are not those of the recording: same name, but another scan or size";
-    } else if (!sever(recorded, &body)) {
+    } else if (!sever(recorded, &body) || !subdivide(recorded, &body)) {
         *why = std::string("the recording's mesh was cut, but this one cannot be: ") + pliant_last_error() + "; " + same_scene;
     } else if (has_mesh(body->fine, recorded, why)) {
         return body;

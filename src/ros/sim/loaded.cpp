@@ -57,8 +57,6 @@ std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::stri
 std::shared_ptr<Loaded> build(const pliant_scene &scene, std::shared_ptr<const Scan> scan,
                               const pliant_material_table &materials, pliant_progress progress)
 {
-    if (scene.cut.kind == PLIANT_CUT_SUBDIVIDE) /* topology messages tell what is severed, by which a recording is made again */
-        throw Failure(PLIANT_ERROR_SCENE, "cut/kind: subdivide is for pliant_deform and programs; over ROS set sever, whose cuts are recorded");
     auto loaded = std::make_shared<Loaded>();
     loaded->scan = std::move(scan);
     const pliant_labels *labels = loaded->scan->labels.voxels ? &loaded->scan->labels : nullptr;
