@@ -44,9 +44,21 @@ static __device__ __forceinline__ void fill_nobody(const limits &limit, slot &ou
 static __device__ __forceinline__ double stored(unsigned pair, uint8_t) { return (double)(pair & 0xffff); }
 static __device__ __forceinline__ double stored(unsigned pair, int16_t) { return (double)((int)(pair & 0xffff) - 0x8000); }
 static __device__ __forceinline__ double stored(float2 voxel, float) { return (double)voxel.x; }
+static __device__ __forceinline__ double stored(unsigned pair, nearest_label) { return (double)(pair & 0xffff); }
+static __device__ __forceinline__ nearest_label rounded(double value, nearest_label) { return nearest_label((uint8_t)__double2int_rn(value)); }
 static __device__ __forceinline__ uint8_t rounded(double value, uint8_t) { return (uint8_t)__double2int_rn(value); }
 static __device__ __forceinline__ int16_t rounded(double value, int16_t) { return (int16_t)__double2int_rn(value); }
 static __device__ __forceinline__ float rounded(double value, float) { return (float)value; }
+
+/* of a parted element, from its own voxels */
+template <class Voxel> static __device__ __forceinline__ double own_value(const gpu_raster &raster, int id, const part_cell &cell, const double *values, Voxel)
+{
+    return part_value(&raster.parts, raster.parts.elements[id], &cell, values);
+}
+static __device__ __forceinline__ double own_value(const gpu_raster &raster, int id, const part_cell &cell, const double *values, nearest_label)
+{
+    return part_nearest(&raster.parts, raster.parts.elements[id], &cell, values);
+}
 
 /* A voxel of an element that is parted, from its own voxels alone; false: all around it are, and nothing else is to be done. Not for
  * those that copy. */
@@ -63,7 +75,7 @@ template <class Voxel> static __device__ __noinline__ bool draw_masked(const gpu
     part_find_cell(raster.parts.scan_size, index, &cell);
     const source *from = static_cast<const source *>(raster.d_source) + (cell.low[0] * step[0] + cell.low[1] * step[1] + cell.low[2] * step[2]);
     for (int c = 0; c < 8; c++) values[c] = stored(from[(c & 1 ? step[0] : 0) + (c & 2 ? step[1] : 0) + (c & 4 ? step[2] : 0)], Voxel());
-    *out = rounded(part_value(&raster.parts, raster.parts.elements[id], &cell, values), Voxel());
+    *out = rounded(own_value(raster, id, cell, values, Voxel()), Voxel());
     return true;
 }
 
@@ -389,7 +401,7 @@ extern "C" int32_t pliant_cuda_longest_usual(void) { return MOST; }
 extern "C" pliant_status pliant_cuda_rasterize(const gpu_raster *raster, bool crowded, cudaStream_t stream)
 {
     switch (raster->encoding) {
-    case PLIANT_UINT8: return draw<uint8_t>(*raster, crowded, stream);
+    case PLIANT_UINT8: return raster->background.nearest ? draw<nearest_label>(*raster, crowded, stream) : draw<uint8_t>(*raster, crowded, stream);
     case PLIANT_INT16: return draw<int16_t>(*raster, crowded, stream);
     default: return draw<float>(*raster, crowded, stream);
     }

@@ -21,7 +21,7 @@ typedef struct gpu_raster {
     const void *d_source;            /* (voxels of the scan): 8 and 16 bit ones as 32 bits, the voxel in the low half and its right
                                       * neighbour in the high one, 16 bit ones plus 2^15 so that none is negative; floats as two,
                                       * the voxel and what its right neighbour has more */
-    raster_source background;        /* only its background is used */
+    raster_source background;        /* only its background is used, and whether labels are drawn: the nearest voxel's */
     int32_t num_tets, num_elements, num_bricks; /* elements: tetrahedra, and after them guests */
     const int32_t *d_tets;           /* (num_tets x 4) */
     const part_guest *d_guests;      /* (num_elements - num_tets) */

@@ -112,6 +112,23 @@ template <class Voxel> static __device__ __forceinline__ Voxel value_in(const ce
     return how::voxel(between(low, high, from.z));
 }
 
+/* A label of 8 bits: the nearest voxel's. */
+struct nearest_label {
+    uint8_t value;
+    __device__ __forceinline__ nearest_label() : value(0) {}
+    __device__ __forceinline__ nearest_label(uint8_t of) : value(of) {}
+};
+template <> struct sampler<nearest_label> {
+    typedef unsigned source;
+    static const bool copies = false;
+};
+template <> __device__ __forceinline__ nearest_label value_in<nearest_label>(const cell<nearest_label> &from)
+{
+    const unsigned low = from.y >= 0.5f ? from.c10 : from.c00, high = from.y >= 0.5f ? from.c11 : from.c01, pair = from.z >= 0.5f ? high : low;
+    return nearest_label((uint8_t)(from.x >= 0.5f ? pair >> 16 : pair));
+}
+
+static __device__ __forceinline__ nearest_label background_of(const gpu_raster &raster, nearest_label) { return nearest_label(raster.background.background.u8); }
 static __device__ __forceinline__ uint8_t background_of(const gpu_raster &raster, uint8_t) { return raster.background.background.u8; }
 static __device__ __forceinline__ int16_t background_of(const gpu_raster &raster, int16_t) { return raster.background.background.i16; }
 static __device__ __forceinline__ float background_of(const gpu_raster &raster, float) { return raster.background.background.f32; }

@@ -54,7 +54,7 @@ TEST(Folders, IncludeEachOtherInNoCircle)
     }
     EXPECT_GT(graph.size(), 10u);
     for (const char *folder :
-         {"base", "scene", "scan", "material", "mesh", "body", "cut", "state", "warp", "interact", "contact", "fem", "fem/element", "fem/linear", "fem/coarse",
+         {"base", "scene", "scan", "material", "mesh", "body", "cut", "state", "warp", "render", "interact", "contact", "fem", "fem/element", "fem/linear", "fem/coarse",
           "fem/quasistatic", "fem/patch", "fem/dynamics", "fem/falling", "backend", "sim", "report", "tools", "rviz", "ros/params", "ros/convert", "ros/sim", "ros/output", "ros/guard", "ros/record", "ros/node"}) {
         EXPECT_TRUE(graph.count(folder)) << folder;
         std::set<std::string> seen;

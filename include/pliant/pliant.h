@@ -39,6 +39,7 @@
 #include "pliant/warp.h"
 #include "pliant/data.h"
 #include "pliant/session.h"
+#include "pliant/render.h"
 #include "pliant/contact.h"
 #include "pliant/linear.h"
 #include "pliant/path.h"

@@ -53,6 +53,10 @@ PLIANT_API pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_c
  *  pliant_warp_backend says who does it. Within the kernel's reach of what is cut tetrahedra draw as without a fit, on the CPU. Errors (as it was before): ARGUMENT (step below 1), MEMORY. */
 PLIANT_API pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step);
 
+/** From now on every voxel has the value of the scan's nearest one in place of an interpolated one: for labels. On the CPU until
+ *  pliant_warp_backend says who does the updates. Errors (as it was before): ARGUMENT (not UINT8, or a fit). */
+PLIANT_API pliant_status pliant_warp_nearest(pliant_warp *warp);
+
 /** Redo what the new positions change. Non-finite positions are refused (ARGUMENT) and change nothing.
  *  A tetrahedron that is inverted or flat draws nothing. Tissue that leaves the target is cut off, with a line in the log the first time.
  *  @param positions (num_nodes x 3) LPS [m] */

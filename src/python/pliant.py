@@ -20,7 +20,7 @@ import weakref
 
 import numpy as np
 
-__all__ = ["Error", "Model", "Sim", "Tool", "Volume", "Cut", "options", "version"]
+__all__ = ["Error", "Model", "Sim", "Tool", "Volume", "Cut", "Picture", "look_at", "options", "version"]
 
 
 class Error(RuntimeError):
@@ -100,6 +100,11 @@ for _result, _name, *_arguments in (
         (_int, "warp_target", _pointer, _pointer, ctypes.c_int32, _double, _size, _pointer),
         (_int, "warp_create", _pointer, _pointer, _pointer, _int, _pointer), (None, "warp_free", _pointer),
         (_int, "warp_set_body", _pointer, _pointer), (_int, "warp_update", _pointer, _pointer), (_pointer, "warp_volume", _pointer),
+        (None, "camera_of_view", ctypes.c_int32, ctypes.c_int32, _double, _pointer), (_int, "camera_look_at", _pointer, _pointer, _pointer, _pointer),
+        (_int, "c_arm_camera", _pointer, _pointer), (_int, "style_defaults", _pointer, _pointer),
+        (_int, "view_create", _pointer, _pointer, _pointer), (None, "view_free", _pointer),
+        (_int, "view_set", _pointer, _pointer, _pointer, _pointer), (_int, "view_render", _pointer, _pointer, _pointer, _pointer),
+        (_int, "view_radiograph", _pointer, _pointer, _double, _pointer),
         (_pointer, "body_retain", _pointer), (None, "body_release", _pointer)):
     _declare(_result, _name, *_arguments)
 
@@ -131,6 +136,13 @@ class _Struct:
             return ctypes.string_at(self.address + offset).decode(errors="replace")
         values = struct.unpack("@%d%s" % (count, kind), ctypes.string_at(self.address + offset, count * struct.calcsize("@" + kind)))
         return values[0] if count == 1 else np.array(values)
+
+    def __setitem__(self, name, value):
+        kind, offset, count = self.fields[name]
+        values = np.ravel(value).tolist()
+        if len(values) != count:
+            raise ValueError("%s: expected %d numbers, not %d" % (name, count, len(values)))
+        ctypes.memmove(self.address + offset, struct.pack("@%d%s" % (count, kind), *values), count * struct.calcsize("@" + kind))
 
 
 def _array(address, kind, *shape):
@@ -230,6 +242,7 @@ def _free_model(model, scan):
 
 
 def _free_data(data, model, warp):  # model: kept until then
+    _library.pliant_view_free(warp["view"])
     if warp["warp"]:
         _library.pliant_warp_free(warp["warp"])
         _library.pliant_body_release(warp["body"])
@@ -259,6 +272,34 @@ class Cut:
         self.area, self.links, self.touched, self.pieces = report["area"], report["num_links"], report["touched"], report["pieces"]
 
 
+class Picture:
+    """What a camera sees: rgb (height, width, 3) uint8, depth along z [m], NaN where nothing is, label (height, width) of the tissue: a number in
+    Model.materials plus 1, 0 for none."""
+
+    def __init__(self, height, width):
+        self.rgb, self.depth = np.zeros((height, width, 3), np.uint8), np.zeros((height, width), np.float32)
+        self.label = np.zeros((height, width), np.uint8)
+
+
+def look_at(point, at, up=(0, 0, 1)):
+    """T of a camera at a point that looks at another one [m]; up: direction that is up in its image."""
+    camera = _Struct("pliant_camera")
+    numbers = [_numbers(v, 3) for v in (point, at, up)]
+    _call("camera_look_at", camera.address, *(address for _, address in numbers))
+    return np.vstack([camera["pose"].reshape(3, 4), (0, 0, 0, 1)])
+
+
+def _camera(K, T, size, near, far):
+    camera = _Struct("pliant_camera")
+    K, T = np.asarray(K, np.float64), np.asarray(T, np.float64)
+    if K.shape != (3, 3) or T.shape not in ((3, 4), (4, 4)):
+        raise ValueError("expected K of shape (3, 3) and T of (4, 4), not %s and %s" % (K.shape, T.shape))
+    camera["width"], camera["height"] = size
+    for name, value in (("fx", K[0, 0]), ("fy", K[1, 1]), ("cx", K[0, 2]), ("cy", K[1, 2]), ("pose", T[:3]), ("near", near), ("far", far)):
+        camera[name] = value
+    return camera
+
+
 # ---- what moves
 
 class Sim:
@@ -271,7 +312,7 @@ class Sim:
         self._own(data.value)
 
     def _own(self, data):
-        self._data, self._tools, self._warp = data, {}, {"warp": None, "body": None}
+        self._data, self._tools, self._warp = data, {}, {"warp": None, "body": None, "view": None}
         self._free = weakref.finalize(self, _free_data, self._data, self.model, self._warp)
 
     def close(self):
@@ -427,6 +468,54 @@ class Sim:
             kept["body"] = _library.pliant_body_retain(body)
         _call("warp_update", kept["warp"], _library.pliant_data_get_positions(self._data, None))
         return Volume(_library.pliant_warp_volume(kept["warp"]))
+
+    # PICTURES
+    def _view(self):
+        kept = self._warp
+        if not kept["view"]:
+            view = _pointer()
+            _call("view_create", self.model._model, None, ctypes.byref(view))
+            kept["view"] = view.value
+        _call("view_set", kept["view"], _library.pliant_data_get_body(self._data), _library.pliant_data_get_positions(self._data, None), None)
+        return kept["view"]
+
+    def render(self, K, T, size=(640, 480), near=0.0, far=0.0, **style):
+        """What a camera sees of the tissue as it is now.
+
+        K: (3, 3) intrinsics [pixels]; T: (4, 4) from the camera's axes (x right, y down, z forward) to LPS [m], as look_at makes it; size: width,
+        height; near, far: along z [m], tissue at near is cut there and shows the scan. style: threshold=HU, shown=[names of materials] (the
+        surface of these alone), colours=[(value, r, g, b), ...], beneath, ambient, diffuse, specular, background."""
+        camera, image = _camera(K, T, size, near, far), _Struct("pliant_image")
+        picture, of = Picture(size[1], size[0]), _Struct("pliant_style")
+        _call("style_defaults", _library.pliant_model_get_scan(self.model._model), of.address)
+        if "shown" in style:
+            names, wanted = self.model.materials, style.pop("shown")
+            of["by_label"] = True
+            of["shown"] = [int(0 < n <= len(names) and names[n - 1] in wanted) for n in range(256)]
+        if "colours" in style:
+            colours = np.asarray(style.pop("colours"), np.float64)
+            of["num_colours"] = len(colours)
+            of["colours"] = np.concatenate([colours.ravel(), np.zeros(64 - colours.size)])
+        for name, value in style.items():
+            of[name] = value
+        image["rgb"], image["depth"], image["label"] = (array.ctypes.data for array in (picture.rgb, picture.depth, picture.label))
+        _call("view_render", self._view(), camera.address, of.address, image.address)
+        return picture
+
+    def radiograph(self, isocentre, primary=0.0, secondary=0.0, size=(512, 512), pixel=0.001, source_to_isocentre=0.8, source_to_detector=1.2,
+                   water=20.59):
+        """(height, width) line integrals of attenuation, as a C-arm around a point [m] projects them; exp(-these) is what its detector measures.
+
+        primary, secondary: DICOM's angles of the positioner (LAO, cranial) [rad]; pixel: edge of a detector's pixel [m]; water: attenuation of
+        water [1/m], at 60 keV unless it is given."""
+        arm, camera = _Struct("pliant_c_arm"), _Struct("pliant_camera")
+        for name, value in (("isocentre", isocentre), ("source_to_isocentre", source_to_isocentre), ("source_to_detector", source_to_detector),
+                            ("primary_angle", primary), ("secondary_angle", secondary), ("width", size[0]), ("height", size[1]), ("pixel", pixel)):
+            arm[name] = value
+        _call("c_arm_camera", arm.address, camera.address)
+        out = np.zeros((size[1], size[0]), np.float32)
+        _call("view_radiograph", self._view(), camera.address, water, out.ctypes.data)
+        return out
 
     # CUTS (scenes with cut/kind)
     def cut(self, points, depth):

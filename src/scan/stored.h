@@ -5,15 +5,19 @@
 #include "base/inline.h"
 #include "pliant/scan.h"
 
+PLIANT_INLINE float pliant_stored_number(const void *voxels, pliant_encoding encoding, size_t index)
+{
+    switch (encoding) {
+    case PLIANT_UINT8: return ((const uint8_t *)voxels)[index];
+    case PLIANT_INT16: return ((const int16_t *)voxels)[index];
+    case PLIANT_FLOAT32: return ((const float *)voxels)[index];
+    }
+    return 0.0f;
+}
+
 PLIANT_INLINE float pliant_stored_value(const void *voxels, pliant_encoding encoding, float slope, float intercept, size_t index)
 {
-    float stored = 0.0f;
-    switch (encoding) {
-    case PLIANT_UINT8: stored = ((const uint8_t *)voxels)[index]; break;
-    case PLIANT_INT16: stored = ((const int16_t *)voxels)[index]; break;
-    case PLIANT_FLOAT32: stored = ((const float *)voxels)[index]; break;
-    }
-    return slope * stored + intercept;
+    return slope * pliant_stored_number(voxels, encoding, index) + intercept;
 }
 
 #endif

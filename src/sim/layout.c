@@ -1,6 +1,7 @@
 /* Fields and sizes of public structs, for bindings of other languages. */
 #include "pliant/data.h"
 #include "pliant/layout.h"
+#include "pliant/render.h"
 
 #include <string.h>
 
@@ -44,6 +45,16 @@ static const pliant_field_layout fields[] = {
     INTS(pliant_cut_report, num_links), INTS(pliant_cut_report, num_bridges), INTS(pliant_cut_report, touched), REALS(pliant_cut_report, area),
     INTS(pliant_cut_report, pieces),
 
+    INTS(pliant_camera, width), INTS(pliant_camera, height), REALS(pliant_camera, fx), REALS(pliant_camera, fy), REALS(pliant_camera, cx),
+    REALS(pliant_camera, cy), REALS(pliant_camera, pose), REALS(pliant_camera, near), REALS(pliant_camera, far),
+    REALS(pliant_c_arm, isocentre), REALS(pliant_c_arm, source_to_isocentre), REALS(pliant_c_arm, source_to_detector), REALS(pliant_c_arm, primary_angle),
+    REALS(pliant_c_arm, secondary_angle), INTS(pliant_c_arm, width), INTS(pliant_c_arm, height), REALS(pliant_c_arm, pixel),
+    FLAG(pliant_style, by_label), FIELD(pliant_style, threshold, 'f', float), FIELD(pliant_style, shown, 'B', uint8_t),
+    INTS(pliant_style, num_colours), {"pliant_style", "colours", 'f', offsetof(pliant_style, colours), 4 * PLIANT_MOST_COLOURS}, FIELD(pliant_style, beneath, 'f', float),
+    FIELD(pliant_style, ambient, 'f', float), FIELD(pliant_style, diffuse, 'f', float), FIELD(pliant_style, specular, 'f', float),
+    FIELD(pliant_style, background, 'f', float),
+    POINTER(pliant_image, rgb), POINTER(pliant_image, depth), POINTER(pliant_image, label),
+
     INTS(pliant_scene, solver.threads), REALS(pliant_scene, solver.step),
 };
 
@@ -59,7 +70,7 @@ size_t pliant_layout_size(const char *of)
     static const struct { const char *name; size_t bytes; } sizes[] = {
         SIZE(pliant_geometry), SIZE(pliant_volume), SIZE(pliant_labels), SIZE(pliant_material), SIZE(pliant_material_table),
         SIZE(pliant_tet_material), SIZE(pliant_body), SIZE(pliant_statistics), SIZE(pliant_tool_state), SIZE(pliant_cut_report),
-        SIZE(pliant_scene),
+        SIZE(pliant_scene), SIZE(pliant_camera), SIZE(pliant_c_arm), SIZE(pliant_style), SIZE(pliant_image),
     };
 #undef SIZE
     for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++)

@@ -11,6 +11,9 @@
 extern "C" {
 #endif
 
+struct render_scene;
+struct render_output;
+
 /* What a device needs to know of a warp. All is borrowed and outlives its object. */
 typedef struct pliant_warp_parts {
     const pliant_mesh *mesh;
@@ -40,6 +43,9 @@ typedef struct pliant_warp_device {
     pliant_status (*fetch)(void *object); /* the volume to the host, where it changed since the last time */
     /* pliant_warp_cross in the volume of the last update; NULL: the volume is fetched, and the CPU's */
     pliant_status (*cross)(void *object, const march_ray *ray, int64_t first, march_crossing *out);
+    /* A picture of the volume of the last update (render/ray.h). labels: Nullable, object of a warp of labels. NULL: the volume is fetched,
+     * and the CPU draws it */
+    pliant_status (*see)(void *object, void *labels, const struct render_scene *scene, const struct render_output *out);
     /* For the next body, as pliant_warp_prepare and pliant_warp_take; drop: what was prepared, taken or not */
     pliant_status (*prepare)(void *object, const pliant_warp_parts *parts, const pliant_warp_changes *changes, void **next);
     void (*take)(void *object, void *next);

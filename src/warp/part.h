@@ -129,4 +129,20 @@ PLIANT_INLINE double part_value(const part_view *view, part_element element, con
     return sum / weights;
 }
 
+/* The value of the one of an element's own voxels that weighs most there. */
+PLIANT_INLINE double part_nearest(const part_view *view, part_element element, const part_cell *cell, const double values[8])
+{
+    uint16_t label[8];
+    double most = -1, nearest = 0;
+    const part_box *box = &view->boxes[element.box];
+    part_labels(view, box, part_first(box, cell), label);
+    PLIANT_UNROLL for (int c = 0; c < 8; c++) {
+        const double weight = part_weight(cell, c);
+        if (label[c] != element.label || !(weight > most)) continue;
+        most = weight;
+        nearest = values[c];
+    }
+    return nearest;
+}
+
 #endif

@@ -23,7 +23,7 @@ PLIANT_INLINE double part_sample(const raster_source *source, const part_view *p
     const ptrdiff_t from = cell.low[0] * source->step[0] + cell.low[1] * source->step[1] + cell.low[2] * source->step[2];
     PLIANT_UNROLL for (int c = 0; c < 8; c++)
         values[c] = raster_stored(source, from + (c & 1 ? source->step[0] : 0) + (c & 2 ? source->step[1] : 0) + (c & 4 ? source->step[2] : 0));
-    return part_value(parts, element, &cell, values);
+    return source->nearest ? part_nearest(parts, element, &cell, values) : part_value(parts, element, &cell, values);
 }
 
 #endif

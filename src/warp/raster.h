@@ -70,6 +70,7 @@ typedef struct raster_source {
     ptrdiff_t step[3]; /* voxels from one to the next along each axis; 0 along an axis of one voxel */
     ptrdiff_t count;
     union { uint8_t u8; int16_t i16; float f32; } background;
+    bool nearest;      /* of 8 bits: the nearest voxel's value, in place of an interpolated one */
 } raster_source;
 
 /* The map of one tetrahedron relative to one brick and one corner of the source. */

@@ -92,6 +92,7 @@ static inline uint8_t sample_u8(const raster_source *source, const raster_brick 
     const uint8_t *voxels = source->voxels;
     sample_cell cell = find_cell(source, brick, at);
     float along_x[4];
+    if (source->nearest) return voxels[cell.corner[(cell.y >= 0.5f ? 1 : 0) + (cell.z >= 0.5f ? 2 : 0)] + (cell.x >= 0.5f ? cell.right : 0)];
     for (int c = 0; c < 4; c++)
         along_x[c] = (float)weigh(&cell, voxels[cell.corner[c]], voxels[cell.corner[c] + cell.right]);
     return (uint8_t)lrintf(blend(&cell, along_x) * (1.0f / SAMPLE_ONE));

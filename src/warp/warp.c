@@ -131,6 +131,7 @@ failed:
 
 bool pliant_warp_use(pliant_warp *warp, raster_set set)
 {
+    if (warp->source.nearest && set != RASTER_PORTABLE) return false;
     switch (set) {
     case RASTER_AVX512: return pliant_raster_kernels_avx512(&warp->source, &warp->kernels);
     case RASTER_AVX2: return pliant_raster_kernels_avx2(&warp->source, &warp->kernels);
@@ -444,6 +445,18 @@ pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step)
     warp->accelerated = NULL;
     pliant_fit_free(warp->fit);
     warp->fit = fit;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_warp_nearest(pliant_warp *warp)
+{
+    if (warp->volume.encoding != PLIANT_UINT8 || warp->fit)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a warp takes nearest voxels of labels: of 8 bits, and not by a fit");
+    if (warp->accelerated) warp->device->free(warp->accelerated);
+    warp->accelerated = NULL;
+    warp->source.nearest = true;
+    warp->drawn = false;
+    pliant_warp_use(warp, RASTER_PORTABLE);
     return PLIANT_OK;
 }
 

@@ -1,0 +1,329 @@
+/* A pixel of a picture: the same operations on the CPU (render/render.c) and on a GPU (cuda/render.cu), one by one and without fused
+ * multiply-adds, so that both draw the same bits.
+ *
+ * A ray is followed from where it enters the volume's box, in voxel indices: index(s) = start + s * step, s along the camera's z [m].
+ * Bricks of RENDER_BRICK^3 cells whose largest value lies below what is looked for are passed over. */
+#ifndef PLIANT_RENDER_RAY_H
+#define PLIANT_RENDER_RAY_H
+
+#include "pliant/render.h"
+#include "scan/stored.h"
+
+#include <math.h>
+
+enum { RENDER_BRICK = 8, RENDER_HALVINGS = 12, RENDER_PEEKS = 8 };
+
+/* Pointers are of where it runs. */
+typedef struct render_scene {
+    /* VOLUME */
+    const void *voxels;
+    const uint8_t *labels;          /* Nullable */
+    float *brick_high;              /* (bricks) largest value in their cells; by label: 1 where one is shown, else 0 */
+    pliant_encoding encoding;
+    float slope, intercept;
+    int32_t size[3], bricks[3];
+    float spacing[3], per_spacing[3]; /* [m], [1/m] */
+    /* CAMERA: rays in indices of the volume, a metre along z */
+    int32_t width, height;
+    double from[3], right[3], down[3], ahead[3];
+    double near, far;               /* far: may be infinite */
+    /* STYLE */
+    pliant_style style;
+    float level;                    /* what a sample is compared with: the threshold, or half */
+    double water;                   /* of radiographs [1/m] */
+} render_scene;
+
+/* Each Nullable; with integral it is a radiograph. */
+typedef struct render_output {
+    uint8_t *rgb;
+    float *depth;
+    uint8_t *label;
+    float *integral;
+} render_output;
+
+typedef struct render_ray {
+    double enter;                   /* z [m] */
+    float start[3], step[3];
+    float stride, length;           /* half a voxel, and up to where the ray leaves, from enter on: along z [m] */
+    float metres;                   /* of the ray a metre along z */
+} render_ray;
+
+/* what is not a number is low */
+PLIANT_INLINE float render_limit(float value, float low, float high) { return value > low ? (value < high ? value : high) : low; }
+
+/* Where a ray enters the box of the voxels' edges; false: it passes by. */
+PLIANT_INLINE bool render_enter(const render_scene *scene, int32_t column, int32_t row, render_ray *ray)
+{
+    double enter = scene->near, leave = scene->far, step[3], voxels = 0.0;
+    float metres = 0.0f;
+    for (int d = 0; d < 3; d++) {
+        step[d] = scene->ahead[d] + column * scene->right[d] + row * scene->down[d];
+        voxels += step[d] * step[d];
+        const double low = -0.5 - scene->from[d], high = scene->size[d] - 0.5 - scene->from[d];
+        if (step[d] == 0.0) {
+            if (low > 0.0 || high < 0.0) return false;
+            continue;
+        }
+        const double a = low / step[d], b = high / step[d], first = a < b ? a : b, last = a < b ? b : a;
+        enter = first > enter ? first : enter;
+        leave = last < leave ? last : leave;
+    }
+    if (!(enter < leave)) return false;
+    ray->enter = enter;
+    for (int d = 0; d < 3; d++) {
+        ray->start[d] = (float)(scene->from[d] + enter * step[d]);
+        ray->step[d] = (float)step[d];
+        metres += ray->step[d] * scene->spacing[d] * (ray->step[d] * scene->spacing[d]);
+    }
+    ray->metres = sqrtf(metres);
+    ray->stride = (float)(0.5 / sqrt(voxels));
+    ray->length = (float)(leave - enter);
+    return true;
+}
+
+/* A cell of voxels, and where in it: beyond the centres of the outermost voxels their values go on. */
+typedef struct render_cell {
+    size_t first, along[3]; /* its first corner; from there to its others, 0 where there are none */
+    float part[3];
+    int32_t low[3];
+} render_cell;
+
+PLIANT_INLINE void render_find_cell(const render_scene *scene, const float at[3], render_cell *cell)
+{
+    size_t pitch = 1;
+    cell->first = 0;
+    PLIANT_UNROLL for (int d = 0; d < 3; d++) {
+        const float inside = render_limit(at[d], 0.0f, (float)(scene->size[d] - 1));
+        cell->low[d] = (int32_t)inside;
+        cell->part[d] = inside - (float)cell->low[d];
+        cell->along[d] = cell->low[d] + 1 < scene->size[d] ? pitch : 0;
+        cell->first += (size_t)cell->low[d] * pitch;
+        pitch *= (size_t)scene->size[d];
+    }
+}
+
+PLIANT_INLINE void render_at(const render_ray *ray, float s, float at[3])
+{
+    PLIANT_UNROLL for (int d = 0; d < 3; d++) at[d] = ray->start[d] + s * ray->step[d];
+}
+
+PLIANT_INLINE float render_between(const float corner[8], const float part[3])
+{
+    float along[4];
+    PLIANT_UNROLL for (int c = 0; c < 4; c++) along[c] = corner[2 * c] + part[0] * (corner[2 * c + 1] - corner[2 * c]);
+    const float low = along[0] + part[1] * (along[1] - along[0]), high = along[2] + part[1] * (along[3] - along[2]);
+    return low + part[2] * (high - low);
+}
+
+PLIANT_INLINE size_t render_corner(const render_cell *cell, int c)
+{
+    return cell->first + (c & 1 ? cell->along[0] : 0) + (c & 2 ? cell->along[1] : 0) + (c & 4 ? cell->along[2] : 0);
+}
+
+/* The scan's value. encoding: that of the scene, known to the compiler. */
+PLIANT_INLINE float render_value(const render_scene *scene, pliant_encoding encoding, const float at[3])
+{
+    render_cell cell;
+    float corner[8];
+    render_find_cell(scene, at, &cell);
+    PLIANT_UNROLL for (int c = 0; c < 8; c++) corner[c] = pliant_stored_number(scene->voxels, encoding, render_corner(&cell, c));
+    return scene->slope * render_between(corner, cell.part) + scene->intercept;
+}
+
+/* How much of what is around is shown, 0 to 1. */
+PLIANT_INLINE float render_shown(const render_scene *scene, const float at[3])
+{
+    render_cell cell;
+    float corner[8];
+    render_find_cell(scene, at, &cell);
+    PLIANT_UNROLL for (int c = 0; c < 8; c++) corner[c] = scene->style.shown[scene->labels[render_corner(&cell, c)]] ? 1.0f : 0.0f;
+    return render_between(corner, cell.part);
+}
+
+PLIANT_INLINE float render_field(const render_scene *scene, pliant_encoding encoding, bool by_label, const float at[3])
+{
+    return by_label ? render_shown(scene, at) : render_value(scene, encoding, at);
+}
+
+/* Whether anything can be found in the brick at a point; if not, the first sample that may lie beyond it. */
+PLIANT_INLINE bool render_brick(const render_scene *scene, const render_ray *ray, const float at[3], float level, int32_t sample, int32_t *next)
+{
+    int32_t brick[3];
+    float beyond = ray->length;
+    PLIANT_UNROLL for (int d = 0; d < 3; d++) brick[d] = (int32_t)render_limit(at[d], 0.0f, (float)(scene->size[d] - 1)) / RENDER_BRICK;
+    if (scene->brick_high[brick[0] + scene->bricks[0] * (brick[1] + scene->bricks[1] * brick[2])] >= level) return true;
+    PLIANT_UNROLL for (int d = 0; d < 3; d++) {
+        if (ray->step[d] == 0.0f) continue;
+        const float end = ((float)(ray->step[d] > 0.0f ? (brick[d] + 1) * RENDER_BRICK : brick[d] * RENDER_BRICK) - ray->start[d]) / ray->step[d];
+        beyond = end < beyond ? end : beyond;
+    }
+    const int32_t last = (int32_t)render_limit(beyond / ray->stride, 0.0f, 1e9f); /* the last one that lies in it, or the one before */
+    *next = last > sample ? last : sample + 1;
+    return false;
+}
+
+/* Where the ray meets the surface; false: nowhere. first: it was beneath it from the beginning. */
+PLIANT_INLINE bool render_find(const render_scene *scene, pliant_encoding encoding, bool by_label, const render_ray *ray, float *hit, bool *first)
+{
+    float at[3];
+    for (int32_t n = 0;;) {
+        const float s = (float)n * ray->stride;
+        int32_t next = n + 1;
+        if (s >= ray->length) return false;
+        render_at(ray, s, at);
+        if (render_brick(scene, ray, at, scene->level, n, &next) && render_field(scene, encoding, by_label, at) >= scene->level) {
+            float low = n > 0 ? (float)(n - 1) * ray->stride : s, high = s;
+            *first = n == 0;
+            for (int h = 0; n > 0 && h < RENDER_HALVINGS; h++) {
+                const float middle = 0.5f * (low + high);
+                render_at(ray, middle, at);
+                if (render_field(scene, encoding, by_label, at) >= scene->level) high = middle;
+                else low = middle;
+            }
+            *hit = high;
+            return true;
+        }
+        n = next;
+    }
+}
+
+/* Unit vector into what is shown, along the scan's axes: where most of it lies around, in 14 directions; a difference between two
+ * neighbours alone shows every step of a surface that is sharper than a voxel. first, or nothing around: along the ray. */
+PLIANT_INLINE void render_inward(const render_scene *scene, pliant_encoding encoding, bool by_label, const render_ray *ray, const float at[3], bool first,
+                                 float out[3])
+{
+    const float along = 2.0f, oblique = 1.25f; /* [voxels] */
+    float length = 0.0f;
+    for (int d = 0; d < 3; d++) out[d] = 0.0f;
+    for (int n = 0; n < (first ? 0 : 14); n++) {
+        float place[3], by[3];
+        for (int d = 0; d < 3; d++) {
+            by[d] = n < 8 ? (n >> d & 1 ? oblique : -oblique) : (n - 8) / 2 != d ? 0.0f : n & 1 ? along : -along;
+            place[d] = at[d] + by[d];
+        }
+        const float value = render_field(scene, encoding, by_label, place);
+        for (int d = 0; d < 3; d++) out[d] += value * by[d];
+    }
+    for (int d = 0; d < 3; d++) {
+        out[d] *= scene->per_spacing[d];
+        length += out[d] * out[d];
+    }
+    if (!(length > 0.0f)) {
+        for (int d = 0; d < 3; d++) out[d] = ray->step[d] * scene->spacing[d];
+        length = ray->metres * ray->metres;
+    }
+    const float unit = 1.0f / sqrtf(length);
+    for (int d = 0; d < 3; d++) out[d] *= unit;
+}
+
+PLIANT_INLINE void render_colour(const pliant_style *style, float value, float rgb[3])
+{
+    int above = 0;
+    while (above < style->num_colours && style->colours[above].value < value) above++;
+    const pliant_colour *high = &style->colours[above < style->num_colours ? above : style->num_colours - 1];
+    const pliant_colour *low = &style->colours[above > 0 ? above - 1 : 0];
+    const float part = high->value > low->value ? render_limit((value - low->value) / (high->value - low->value), 0.0f, 1.0f) : 0.0f;
+    for (int c = 0; c < 3; c++) rgb[c] = low->rgb[c] + part * (high->rgb[c] - low->rgb[c]);
+}
+
+/* A light at the camera, after B. T. Phong, Communications of the ACM 18:311, 1975: both the light and the eye lie along the ray. */
+PLIANT_INLINE void render_shade(const pliant_style *style, float cosine, float rgb[3])
+{
+    float shine = cosine * cosine;
+    for (int n = 0; n < 4; n++) shine *= shine;
+    for (int c = 0; c < 3; c++) rgb[c] = rgb[c] * (style->ambient + style->diffuse * cosine) + style->specular * shine;
+}
+
+/* The label of the nearest voxel, or of the next one inwards that has any. */
+PLIANT_INLINE uint8_t render_label(const render_scene *scene, bool by_label, const float at[3], const float inward[3])
+{
+    for (int n = 0; scene->labels && n < RENDER_PEEKS; n++) {
+        size_t index = 0, pitch = 1;
+        PLIANT_UNROLL for (int d = 0; d < 3; d++) {
+            const float peek = at[d] + 0.25f * (float)n * inward[d];
+            index += (size_t)(int32_t)(render_limit(peek, 0.0f, (float)(scene->size[d] - 1)) + 0.5f) * pitch;
+            pitch *= (size_t)scene->size[d];
+        }
+        const uint8_t label = scene->labels[index];
+        if (label && (!by_label || scene->style.shown[label])) return label;
+    }
+    return 0;
+}
+
+PLIANT_INLINE uint8_t render_byte(float value) { return (uint8_t)(int32_t)(render_limit(value, 0.0f, 1.0f) * 255.0f + 0.5f); }
+
+/* What a camera's pixel sees. */
+PLIANT_INLINE void render_surface(const render_scene *scene, pliant_encoding encoding, bool by_label, int32_t column, int32_t row, const render_output *out)
+{
+    const size_t pixel = (size_t)row * (size_t)scene->width + (size_t)column;
+    float rgb[3] = {scene->style.background[0], scene->style.background[1], scene->style.background[2]}, depth = NAN, hit = 0.0f;
+    uint8_t label = 0;
+    bool first = false;
+    render_ray ray;
+    if (render_enter(scene, column, row, &ray) && render_find(scene, encoding, by_label, &ray, &hit, &first)) {
+        float at[3], inward[3], beneath[3], peek[3], cosine = 0.0f;
+        depth = (float)(ray.enter + (double)hit);
+        render_at(&ray, hit, at);
+        render_inward(scene, encoding, by_label, &ray, at, first, inward);
+        for (int d = 0; d < 3; d++) {
+            cosine += inward[d] * (ray.step[d] * scene->spacing[d]);
+            peek[d] = inward[d] * scene->per_spacing[d] * scene->spacing[0];
+            beneath[d] = at[d] + (first ? 0.0f : inward[d] * scene->per_spacing[d] * scene->style.beneath);
+        }
+        label = render_label(scene, by_label, at, peek);
+        if (out->rgb) {
+            const float value = render_value(scene, encoding, beneath);
+            render_colour(&scene->style, by_label || value > scene->level ? value : scene->level, rgb);
+            if (!first) render_shade(&scene->style, render_limit(cosine / ray.metres, 0.0f, 1.0f), rgb);
+        }
+    }
+    if (out->rgb)
+        for (int c = 0; c < 3; c++) out->rgb[3 * pixel + (size_t)c] = render_byte(rgb[c]);
+    if (out->depth) out->depth[pixel] = depth;
+    if (out->label) out->label[pixel] = label;
+}
+
+/* The line integral of attenuation along a camera's pixel: the middles of equal steps, of half a voxel at most. */
+PLIANT_INLINE void render_integral(const render_scene *scene, pliant_encoding encoding, int32_t column, int32_t row, const render_output *out)
+{
+    double sum = 0.0;
+    render_ray ray;
+    if (render_enter(scene, column, row, &ray)) {
+        const int32_t count = (int32_t)(ray.length / ray.stride) + 1;
+        ray.stride = ray.length / (float)count;
+        for (int32_t n = 0; n < count;) {
+            float at[3];
+            int32_t next = n + 1;
+            render_at(&ray, ((float)n + 0.5f) * ray.stride, at);
+            if (render_brick(scene, &ray, at, scene->level, n, &next)) {
+                const float density = 1.0f + 1e-3f * render_value(scene, encoding, at); /* of water */
+                sum += density > 0.0f ? (double)density : 0.0;
+            }
+            n = next;
+        }
+        sum *= (double)ray.stride * (double)ray.metres * scene->water;
+    }
+    out->integral[(size_t)row * (size_t)scene->width + (size_t)column] = (float)sum;
+}
+
+/* The largest value of a brick's cells, or whether any of its labels is shown. */
+PLIANT_INLINE float render_brick_high(const render_scene *scene, pliant_encoding encoding, bool by_label, const int32_t brick[3])
+{
+    float high = -INFINITY;
+    int32_t begin[3], end[3];
+    for (int d = 0; d < 3; d++) {
+        begin[d] = brick[d] * RENDER_BRICK;
+        end[d] = begin[d] + RENDER_BRICK + 1 < scene->size[d] ? begin[d] + RENDER_BRICK + 1 : scene->size[d];
+    }
+    for (int32_t k = begin[2]; k < end[2]; k++)
+        for (int32_t j = begin[1]; j < end[1]; j++)
+            for (int32_t i = begin[0]; i < end[0]; i++) {
+                const size_t index = (size_t)i + (size_t)scene->size[0] * ((size_t)j + (size_t)scene->size[1] * (size_t)k);
+                const float value = by_label ? (scene->style.shown[scene->labels[index]] ? 1.0f : 0.0f)
+                                             : pliant_stored_value(scene->voxels, encoding, scene->slope, scene->intercept, index);
+                high = value > high ? value : high;
+            }
+    return high;
+}
+
+#endif

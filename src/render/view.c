@@ -1,0 +1,215 @@
+/* What sees a model's tissue: its deformed volume and the labels of that, drawn when a picture asks for them. */
+#include "base/fail.h"
+#include "base/threads.h"
+#include "pliant/memory.h"
+#include "render/render.h"
+#include "state/model.h"
+#include "warp/state.h"
+
+#include <string.h>
+
+/* A warp of the view's own, and how far it has come. */
+typedef struct view_warp {
+    pliant_warp *warp;       /* NULL: nothing has asked for it yet */
+    const pliant_body *body; /* retained: that it draws */
+    bool fresh;              /* it has drawn the positions of now */
+} view_warp;
+
+struct pliant_view {
+    const pliant_model *model;
+    pliant_geometry target;
+    pliant_style style;      /* of the scan */
+    pliant_volume materials; /* UINT8, on the scan's grid; without voxels until labels are asked for */
+    view_warp values, labels;
+    const pliant_warp *drawn; /* Nullable: borrowed, in place of values */
+    const pliant_body *body; /* retained */
+    double *positions;
+    size_t room;             /* nodes that those have room for */
+    float *bricks;           /* NULL until the CPU needs them */
+    enum { BRICKS_NONE, BRICKS_VALUES, BRICKS_LABELS } bricks_of;
+    uint8_t shown[PLIANT_NUM_LABELS]; /* BRICKS_LABELS: of these */
+};
+
+static int threads_of(const pliant_view *view) { return pliant_threads_of(view->model->scene.solver.threads); }
+
+static void free_warp(view_warp *of)
+{
+    pliant_warp_free(of->warp);
+    pliant_body_release(of->body);
+}
+
+void pliant_view_free(pliant_view *view)
+{
+    if (!view) return;
+    free_warp(&view->values);
+    free_warp(&view->labels);
+    pliant_volume_free(&view->materials);
+    pliant_body_release(view->body);
+    pliant_free(view->positions);
+    pliant_free(view->bricks);
+    pliant_free(view);
+}
+
+pliant_status pliant_view_create(const pliant_model *model, const pliant_geometry *target, pliant_view **out)
+{
+    const pliant_mesh *mesh = &model->body->fine;
+    pliant_view *view = pliant_calloc(1, sizeof *view);
+    if (!view) return pliant_fail_memory("a view");
+    view->model = model;
+    pliant_status status = PLIANT_OK;
+    if (target) view->target = *target;
+    else status = pliant_warp_target(&model->scan->geometry, mesh->rest, mesh->num_nodes, model->scene.warp.margin, (size_t)INT32_MAX, &view->target);
+    if (status == PLIANT_OK) status = pliant_style_defaults(model->scan, &view->style);
+    if (status == PLIANT_OK) status = pliant_view_set(view, model->body, mesh->rest, NULL);
+    if (status != PLIANT_OK) {
+        pliant_view_free(view);
+        return status;
+    }
+    *out = view;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_view_set(pliant_view *view, const pliant_body *body, const double *positions, const pliant_warp *drawn)
+{
+    const size_t nodes = (size_t)body->fine.num_nodes;
+    for (size_t v = 0; v < 3 * nodes; v++)
+        if (!isfinite(positions[v])) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the position of node %zu is not finite; the view stays as it is", v / 3);
+    if (drawn && !pliant_geometry_equal(&view->target, pliant_warp_geometry(drawn)))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the volume that a view is to see must be drawn on the view's own grid");
+    if (nodes > view->room) {
+        double *longer = pliant_calloc(nodes + nodes / 4, 3 * sizeof *longer);
+        if (!longer) return pliant_fail_memory("a view");
+        pliant_free(view->positions);
+        view->positions = longer;
+        view->room = nodes + nodes / 4;
+    }
+    memcpy(view->positions, positions, 3 * nodes * sizeof *positions);
+    pliant_body_retain(body);
+    pliant_body_release(view->body);
+    view->body = body;
+    view->drawn = drawn;
+    view->values.fresh = view->labels.fresh = false;
+    view->bricks_of = BRICKS_NONE;
+    return PLIANT_OK;
+}
+
+/* Labels of the scan's voxels: materials, plus 1, but for empty ones. */
+static pliant_status find_materials(pliant_view *view)
+{
+    const pliant_model *model = view->model;
+    pliant_status status = pliant_volume_create(&model->scan->geometry, PLIANT_UINT8, &view->materials);
+    if (status != PLIANT_OK) return status;
+    uint8_t *labels = view->materials.voxels;
+    const size_t voxels = pliant_geometry_voxels(&model->scan->geometry);
+    view->materials.slope = 1;
+    for (size_t v = 0; v < voxels; v++)
+        if (!model->materials.materials[model->material_of_voxel[v]].empty) labels[v] = (uint8_t)(model->material_of_voxel[v] + 1);
+    return PLIANT_OK;
+}
+
+static pliant_status create_warp(pliant_view *view, bool labels, view_warp *of)
+{
+    const pliant_scene *scene = &view->model->scene;
+    const pliant_body *body = view->model->body;
+    pliant_warp *warp;
+    pliant_status status = labels && !view->materials.voxels ? find_materials(view) : PLIANT_OK;
+    if (status == PLIANT_OK)
+        status = pliant_warp_create(labels ? &view->materials : view->model->scan, &body->fine, &view->target, threads_of(view), &warp);
+    if (status != PLIANT_OK) return status;
+    if (body->cuts) status = pliant_warp_set_body(warp, body);
+    if (status == PLIANT_OK && labels) status = pliant_warp_nearest(warp);
+    if (status == PLIANT_OK && !labels && scene->warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp, scene->warp.fit_step);
+    if (status == PLIANT_OK) status = pliant_warp_backend(warp, scene->solver.backend);
+    if (status != PLIANT_OK) {
+        pliant_warp_free(warp);
+        return status;
+    }
+    *of = (view_warp){.warp = warp, .body = pliant_body_retain(body)};
+    return PLIANT_OK;
+}
+
+/* The warp of the positions of now. */
+static pliant_status draw_warp(pliant_view *view, bool labels, const pliant_warp **out)
+{
+    view_warp *of = labels ? &view->labels : &view->values;
+    if (!labels && view->drawn) {
+        *out = view->drawn;
+        return PLIANT_OK;
+    }
+    pliant_status status = of->warp ? PLIANT_OK : create_warp(view, labels, of);
+    if (status == PLIANT_OK && of->body != view->body) {
+        status = pliant_warp_set_body(of->warp, view->body);
+        if (status == PLIANT_OK) {
+            pliant_body_release(of->body);
+            of->body = pliant_body_retain(view->body);
+        }
+    }
+    if (status == PLIANT_OK && !of->fresh) status = pliant_warp_update(of->warp, view->positions);
+    if (status != PLIANT_OK) return status;
+    of->fresh = true;
+    *out = of->warp;
+    return PLIANT_OK;
+}
+
+/* On the GPU, where all that is seen lies there. false: the CPU is to draw. */
+static bool draw_there(const pliant_warp *values, const pliant_warp *labels, const render_scene *scene, const render_output *out)
+{
+    if (!values->accelerated || !values->device->see || (labels && !labels->accelerated)) return false;
+    if (values->device->see(values->accelerated, labels ? labels->accelerated : NULL, scene, out) == PLIANT_OK) return true;
+    pliant_log(PLIANT_LOG_WARNING, "the CPU draws pictures: %s", pliant_last_error());
+    return false;
+}
+
+/* Once for all pictures of the same volume, or of the same labels in it. */
+static void fill_bricks(pliant_view *view, const render_scene *scene, bool by_label)
+{
+    const bool kept = by_label ? view->bricks_of == BRICKS_LABELS && memcmp(view->shown, scene->style.shown, sizeof view->shown) == 0
+                               : view->bricks_of == BRICKS_VALUES;
+    if (kept) return;
+    render_fill_bricks(scene, by_label, threads_of(view));
+    view->bricks_of = by_label ? BRICKS_LABELS : BRICKS_VALUES;
+    memcpy(view->shown, scene->style.shown, sizeof view->shown);
+}
+
+static pliant_status draw(pliant_view *view, render_scene *scene, const render_output *out)
+{
+    const bool by_label = render_by_label(scene, out), labelled = by_label || out->label;
+    const pliant_warp *values, *labels = NULL;
+    pliant_status status = draw_warp(view, false, &values);
+    if (status == PLIANT_OK && labelled) status = draw_warp(view, true, &labels);
+    if (status != PLIANT_OK) return status;
+    if (draw_there(values, labels, scene, out)) return PLIANT_OK;
+    if (!view->bricks && !(view->bricks = pliant_calloc(render_num_bricks(scene), sizeof *view->bricks))) return pliant_fail_memory("a view");
+    scene->voxels = pliant_warp_volume(values)->voxels;
+    scene->labels = labels ? pliant_warp_volume(labels)->voxels : NULL;
+    scene->brick_high = view->bricks;
+    fill_bricks(view, scene, by_label);
+    render_draw(scene, out, threads_of(view));
+    return PLIANT_OK;
+}
+
+/* A volume's header on the target: what a scene is made of. */
+static pliant_volume header(const pliant_view *view)
+{
+    pliant_volume volume = *view->model->scan;
+    volume.geometry = view->target;
+    return volume;
+}
+
+pliant_status pliant_view_render(pliant_view *view, const pliant_camera *camera, const pliant_style *style, const pliant_image *out)
+{
+    const render_output output = {.rgb = out->rgb, .depth = out->depth, .label = out->label};
+    const pliant_volume seen = header(view);
+    render_scene scene;
+    pliant_status status = render_scene_of(&seen, camera, style ? style : &view->style, 0, &scene);
+    return status == PLIANT_OK ? draw(view, &scene, &output) : status;
+}
+
+pliant_status pliant_view_radiograph(pliant_view *view, const pliant_camera *camera, double water, float *out)
+{
+    const render_output output = {.integral = out};
+    const pliant_volume seen = header(view);
+    render_scene scene;
+    pliant_status status = render_scene_of(&seen, camera, NULL, water, &scene);
+    return status == PLIANT_OK ? draw(view, &scene, &output) : status;
+}
