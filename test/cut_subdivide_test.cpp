@@ -499,7 +499,6 @@ TEST(Subdivide, WhatItDoesNotGoWithIsRefused)
         [](pliant_scene &scene) { scene.model.method = PLIANT_COARSE; },
         [](pliant_scene &scene) { scene.mesh.kind = PLIANT_OCTREE; },
         [](pliant_scene &scene) { scene.element.kind = PLIANT_HEXAHEDRA; },
-        [](pliant_scene &scene) { scene.solver.backend = PLIANT_CUDA; },
         [](pliant_scene &scene) { scene.warp.kind = PLIANT_FIT; },
     };
     for (const auto &set : others) {

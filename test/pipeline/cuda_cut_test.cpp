@@ -16,6 +16,7 @@ struct Case {
     pliant_solver_kind kind;
     pliant_preconditioner_choice preconditioner;
     pliant_element_kind element;
+    pliant_cut_kind cut = PLIANT_CUT_SEVER;
 };
 
 void prepare(Body &body, const Case &c, pliant_backend_choice backend)
@@ -28,7 +29,7 @@ void prepare(Body &body, const Case &c, pliant_backend_choice backend)
     body.scene.model.gravity[2] = -2;
     body.scene.solver.iterations = 200;
     body.scene.solver.tolerance = 1e-8;
-    body.scene.cut.kind = PLIANT_CUT_SEVER;
+    body.scene.cut.kind = c.cut;
     body.cells(4, 4, 4, 2);
     body.fix_plane(0, 0, 0.001, 0, 0, 1);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
@@ -71,8 +72,12 @@ TEST(CudaCut, MeetsTheCpu)
                           Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR},
                           Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
                           Case{PLIANT_FINE, PLIANT_TLED, PLIANT_DIRECT, PLIANT_LINEAR},
-                          Case{PLIANT_FINE, PLIANT_TLED, PLIANT_DIRECT, PLIANT_HEXAHEDRA}}) {
-        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.preconditioner) + " " + std::to_string(c.element));
+                          Case{PLIANT_FINE, PLIANT_TLED, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE},
+                          Case{PLIANT_FINE, PLIANT_TLED, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE}}) {
+        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.preconditioner) + " " + std::to_string(c.element) + " " +
+                     std::to_string(c.cut));
         const std::vector<Material> two = {{5000, 0.4, 1000, false}, {60000, 0.4, 1100, false}};
         auto inclusions = [](int i, int j, int) { return i / 6 % 2 && j / 8 % 2 ? 1 : 0; };
         Body cpu(size, box, two, inclusions), gpu(size, box, two, inclusions);
@@ -117,8 +122,9 @@ TEST(CudaCut, CutsOneAfterTheOther)
 {
     NEEDS_GPU();
     for (const Case &c : {Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR}, Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, PLIANT_LINEAR},
-                          Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR}}) {
-        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.preconditioner));
+                          Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE}}) {
+        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.preconditioner) + " " + std::to_string(c.cut));
         Body cpu(size, box, {{20000, 0.4, 1000, false}}), gpu(size, box, {{20000, 0.4, 1000, false}});
         for (Body *body : {&cpu, &gpu}) {
             body->scene.solver.refresh_delay = 2;
@@ -173,17 +179,18 @@ TEST(CudaCut, TheCpuGoesOnWithTheCutBody)
 TEST(CudaCut, WhatComesOffFallsAsOnTheCpu)
 {
     NEEDS_GPU();
-    struct Engine { pliant_method method; pliant_solver_kind kind; bool quasi_static; pliant_preconditioner_choice preconditioner; };
+    struct Engine { pliant_method method; pliant_solver_kind kind; bool quasi_static; pliant_preconditioner_choice preconditioner; pliant_cut_kind cut = PLIANT_CUT_SEVER; };
     for (const Engine &c : {Engine{PLIANT_FINE, PLIANT_COROTATIONAL, false, PLIANT_DIRECT}, Engine{PLIANT_FINE, PLIANT_COROTATIONAL, false, PLIANT_MULTIGRID},
                             Engine{PLIANT_AVERAGED, PLIANT_COROTATIONAL, false, PLIANT_DIRECT}, Engine{PLIANT_FINE, PLIANT_TLED, true, PLIANT_DIRECT},
-                            Engine{PLIANT_FINE, PLIANT_TLED, false, PLIANT_DIRECT}}) {
-        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.quasi_static));
+                            Engine{PLIANT_FINE, PLIANT_TLED, false, PLIANT_DIRECT}, Engine{PLIANT_FINE, PLIANT_COROTATIONAL, false, PLIANT_DIRECT, PLIANT_CUT_SUBDIVIDE},
+                            Engine{PLIANT_FINE, PLIANT_TLED, false, PLIANT_DIRECT, PLIANT_CUT_SUBDIVIDE}}) {
+        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.quasi_static) + " " + std::to_string(c.cut));
         Body cpu(size, box, {{20000, 0.4, 1000, false}}), gpu(size, box, {{20000, 0.4, 1000, false}});
         for (Body *body : {&cpu, &gpu}) {
             body->scene.tled.quasi_static = c.quasi_static;
             body->scene.warp.margin = 0.06;
             body->scene.ground.box_high[0] = 0.2; // beside it
-            prepare(*body, Case{c.method, c.kind, c.preconditioner, PLIANT_LINEAR}, body == &cpu ? PLIANT_CPU : PLIANT_CUDA);
+            prepare(*body, Case{c.method, c.kind, c.preconditioner, PLIANT_LINEAR, c.cut}, body == &cpu ? PLIANT_CPU : PLIANT_CUDA);
             const double sideways[3] = {6, 0, 8}, points[6] = {-0.02, -0.02, 0.063, 0.14, -0.02, 0.071}, depth[3] = {0, 0.2, 0};
             ASSERT_EQ(pliant_data_set_gravity(body->data, sideways), PLIANT_OK);
             for (int s = 0; s < 3; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();

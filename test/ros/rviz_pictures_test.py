@@ -278,7 +278,7 @@ class Pictures(unittest.TestCase):
 
     def test_what_is_cut_away_is_not_seen_but_what_is_behind_it(self):
         voxels = numpy.full((10, 24, 24), 255, numpy.uint8)
-        voxels[:5] = 200
+        voxels[:6] = 200
         at = spot(1, 2)
         for name, x in (("away", -0.09), ("hollow", 0.09)):
             self.publish(name + "/volume", volume(voxels, [0.005] * 3, at + [x - 0.0575, -0.0575, -0.0225]))
@@ -287,7 +287,7 @@ class Pictures(unittest.TestCase):
             for x in (-0.09, 0.09):
                 self.assertGreater(self.grey(picture, at + [x - 0.03, 0, 0]), 235, "the upper half, where it is left")
                 behind = self.grey(picture, at + [x + 0.03, 0, 0])
-                self.assertGreater(behind, 120, "the lower half is seen where the upper one is cut away")
+                self.assertGreater(behind, 120, "what is below is seen where the upper half is cut away")
                 self.assertLess(behind, 180, "the upper half is cut away")
         self.stage.agrees(check)
 
