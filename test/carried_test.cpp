@@ -20,7 +20,7 @@ struct Bar {
     pliant_preconditioner *carried = nullptr;
     std::vector<double> values;
 
-    explicit Bar(pliant_preconditioner_choice choice)
+    explicit Bar(pliant_preconditioner_choice choice, pliant_element_kind kind = PLIANT_LINEAR)
     {
         const int size[3] = {24, 12, 12};
         const double box[3] = {0.24, 0.12, 0.12};
@@ -28,6 +28,7 @@ struct Bar {
         body->fix_plane(1e-6, 0, 0, 1, 0, 0);
         body->cells(12, 6, 6, 1);
         body->scene.solver.preconditioner = choice;
+        body->scene.element.kind = kind;
         EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
         const pliant_body *load = body->model->body;
         next = sever_plane(load, 2, {{0.11, 0.06, 0.06}, {1, 0.1, 0.2}}, [](const double *x) { return x[2] > 0.05; });
@@ -90,11 +91,12 @@ std::vector<double> noise(size_t count, unsigned seed)
     return out;
 }
 
-struct EveryBase : testing::TestWithParam<pliant_preconditioner_choice> {};
+struct EveryBase : testing::TestWithParam<std::tuple<pliant_preconditioner_choice, pliant_element_kind>> {
+    Bar bar{std::get<0>(GetParam()), std::get<1>(GetParam())};
+};
 
 TEST_P(EveryBase, IsSymmetricAndPositive)
 {
-    Bar bar(GetParam());
     EXPECT_GT(bar.next->fine.num_nodes, bar.body->model->body->fine.num_nodes + 20);
     for (unsigned seed = 0; seed < 20; seed++) {
         const std::vector<double> a = noise(bar.unknowns(), 2 * seed), b = noise(bar.unknowns(), 2 * seed + 1), ma = bar.solve(a), mb = bar.solve(b);
@@ -107,7 +109,6 @@ TEST_P(EveryBase, IsSymmetricAndPositive)
 // by conjugate gradients, K x = right; how many products bring the residual's norm down to a thousandth
 TEST_P(EveryBase, NearlyInvertsTheDividedStiffness)
 {
-    Bar bar(GetParam());
     std::vector<double> right(bar.unknowns()); // weight, which opens the cut
     for (size_t i = 0; i < right.size(); i += 3) right[i + 2] = -1;
     std::vector<double> x(bar.unknowns()), r = right, z = bar.solve(r), p = z;
@@ -181,6 +182,6 @@ TEST(Carried, AFactorInAGivenOrder)
     pliant_factor_free(free_choice);
 }
 
-INSTANTIATE_TEST_SUITE_P(Choices, EveryBase, testing::Values(PLIANT_DIRECT, PLIANT_MULTIGRID));
+INSTANTIATE_TEST_SUITE_P(Choices, EveryBase, testing::Combine(testing::Values(PLIANT_DIRECT, PLIANT_MULTIGRID), testing::Values(PLIANT_LINEAR, PLIANT_HEXAHEDRA)));
 
 } // namespace

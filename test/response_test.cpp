@@ -113,7 +113,7 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
     pliant_linearized linearized{};
     pliant_basis *basis = nullptr;
     ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
-    ASSERT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_material, body.model->body->fine_fixed, 0.04, 1, &foothold, 1, &block, 2,
+    ASSERT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_fixed, 0.04, 1, &foothold, 1, &block, 2,
                                   &basis),
               PLIANT_OK)
         << pliant_last_error();
@@ -216,7 +216,7 @@ TEST_F(Response, WhatASpaceTakesIsForetold)
     pliant_linearized linearized{};
     pliant_basis *basis = nullptr;
     ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
-    ASSERT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_material, body.model->body->fine_fixed, radius, 1, &foothold, 1, &block, 2, &basis),
+    ASSERT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_fixed, radius, 1, &foothold, 1, &block, 2, &basis),
               PLIANT_OK)
         << pliant_last_error();
     pliant_basis_size size = pliant_basis_measure(fine, radius, 1, &foothold, 1), none = size;
@@ -256,7 +256,7 @@ TEST_F(Response, EndsWhenItIsNoLongerWanted)
         left = calls;
         EXPECT_EQ(pliant_response_crossed(&linearized, fine->preconditioner, modes.data(), modes.data(), out.data()), PLIANT_ERROR_CANCELLED);
         left = calls;
-        EXPECT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_material, body.model->body->fine_fixed, 0.04, 1, &foothold, 1, &block, 2, &basis),
+        EXPECT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_fixed, 0.04, 1, &foothold, 1, &block, 2, &basis),
                   PLIANT_ERROR_CANCELLED);
         EXPECT_EQ(basis, nullptr);
         EXPECT_EQ(pliant_memory_in_use(), bytes);

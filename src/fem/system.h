@@ -65,6 +65,7 @@ typedef struct pliant_macros {
     float **root;             /* (count) (rank x 3 corners) [sqrt(N/m)], single: what is read most in a step */
     int32_t *cube_of_corner;  /* (corners) with the unknowns */
     int32_t *cell;            /* Nullable: (count) where it lies in the lattice; of hexahedra */
+    double *rest;             /* Nullable: (solved nodes x 3) at rest; NULL: as the mesh has them */
     /* only where the solved mesh is not the fine one */
     int32_t *fine_start;      /* Nullable: (count + 1) into the fine nodes */
     int32_t *fine;            /* (fine nodes that are not fixed) by the cube that they follow */
@@ -117,6 +118,16 @@ struct pliant_system {
     double *gravity_mass;     /* (num_free x 9) M_j of [H] 10 [kg] */
 };
 
+/* ---- elements of either kind: tetrahedra of the solved mesh, or macro-elements */
+enum { PLIANT_ELEMENT_UNKNOWNS = 24 }; /* of a tetrahedron or a hexahedron, at most */
+
+static inline int32_t pliant_element_count(const pliant_system *system) { return system->macros ? system->macros->count : system->mesh->num_tets; }
+/* its first corner, by the number that forces are gathered by; and that of the next element */
+static inline int32_t pliant_element_begin(const pliant_system *system, int32_t element) { return system->macros ? system->macros->start[element] : 4 * element; }
+/* (corners) solved node */
+static inline const int32_t *pliant_element_nodes(const pliant_system *system) { return system->macros ? system->macros->node : system->mesh->tets; }
+static inline int32_t pliant_element_of_corner(const pliant_system *system, int32_t corner) { return system->macros ? system->macros->cube_of_corner[corner] : corner / 4; }
+
 /* What the system of a next body takes over from the one before: a tetrahedron is kept where its number, corners, material and what is
  * fixed of it are the same. */
 typedef struct pliant_kept {
@@ -157,8 +168,14 @@ pliant_status pliant_system_find_pattern(pliant_system *system);
 void pliant_system_assemble(const pliant_system *system, const pliant_tangent *tangents, double *values);
 /* one 3 x 3 block of it, by its place in the pattern */
 void pliant_system_assemble_block(const pliant_system *system, const pliant_tangent *tangents, int32_t index, double block[9]);
-/* one 12 x 12 of it: an element's */
-void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t tet, double stiffness[144]);
+/* An element's part of it, (3 corners x 3 corners), of at most PLIANT_ELEMENT_UNKNOWNS. */
+void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t element, double *stiffness);
+
+/* ---- part.c */
+/* Some elements of a system as a system of their own, without unknowns, on a mesh of their nodes. place: (nodes of the whole) number there, or -1;
+ * mesh: num_nodes is set; cells, cell_size, rest and, of tetrahedra, tets are made. Errors: MEMORY; what was made is the caller's to free. */
+pliant_status pliant_system_take(const pliant_system *whole, int32_t count, const int32_t *element, const int32_t *place, pliant_mesh *mesh,
+                                 pliant_system *out);
 
 /* ---- hexahedra.c: in place of pliant_system_elements */
 /* A hexahedron for every whole cube of the lattice, tetrahedra for the rest. before, kept: Nullable: those of another system that are the same.
@@ -175,7 +192,8 @@ pliant_status pliant_system_cubes(pliant_system *system);
 void pliant_macro_forces(const pliant_system *system, const double *positions, double *forces);
 void pliant_macro_gather(const pliant_system *system, const double *forces, double *out);
 void pliant_macro_tangents(const pliant_system *system, const double *positions, pliant_tangent *tangents);
-pliant_status pliant_macro_unknowns(pliant_system *system); /* free nodes are numbered already */
+pliant_status pliant_macro_number(pliant_system *system); /* free nodes are numbered already */
+pliant_status pliant_macro_find_pattern(pliant_system *system);
 void pliant_macro_assemble(const pliant_system *system, const pliant_tangent *tangents, double *values);
 /* of the stiffness of a corner's cube the column of blocks of that corner: blocks (corners of the cube x 9) */
 void pliant_macro_column(const pliant_system *system, const pliant_tangent *tangents, int32_t corner, double *blocks);

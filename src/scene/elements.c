@@ -19,11 +19,11 @@ static tetrahedral first_tetrahedral(const pliant_scene *scene, bool alone)
     const tetrahedral all[] = {
         {method == PLIANT_SCHUR || method == PLIANT_CALIBRATED || method == PLIANT_LOD,
          "model/method: schur, calibrated and lod are made of tetrahedra", "averaged, coarse or fine"},
-        {method != PLIANT_FINE && scene->model.patch > 0, "model/patch: a patch is made of tetrahedra", "0"},
         {scene->cut.kind == PLIANT_CUT_SUBDIVIDE, "cut/kind: subdivide cuts tetrahedra", "sever"},
         {octree && scene->cut.kind != PLIANT_CUT_NONE, "cut/kind: hexahedra of an octree are not cut", "none, mesh/kind to lattice"},
         {octree && tled, "mesh/kind: explicit dynamics has no hexahedra of an octree", "lattice"},
-        {!tled && scene->cut.kind != PLIANT_CUT_NONE, "cut/kind: of hexahedra a cut makes pattern and preconditioner anew, within a step", NULL},
+        {!tled && scene->cut.kind != PLIANT_CUT_NONE && scene->solver.backend != PLIANT_CPU,
+         "cut/kind: what stands for the inverse of hexahedra's stiffness is carried over a cut on the CPU (solver/backend cpu); a GPU makes it anew, within a step", NULL},
         {scene->contact.self || scene->obstacles.num_boxes > 0 || scene->obstacles.num_planes > 0,
          "contact/self, obstacles: what touches feels cubes that tissue hardly fills before it feels tissue", NULL},
         {tled && scene->tled.nodal_pressure, "tled/nodal_pressure: hexahedra have one change of volume each and need none", "false"},

@@ -141,23 +141,21 @@ static pliant_status homogenize_octree(pliant_discretizing *work)
     return pliant_system_octree_hexahedra(work->made->system, body->fine_material, work->solved_fixed);
 }
 
-static const pliant_system *alike_system(const pliant_discretizing *work) { return work->alike ? work->alike->before->system : NULL; }
-
 pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
 {
     const pliant_scene *scene = work->scene;
     const pliant_body *body = work->made->body;
     pliant_system *system = work->made->system;
     if (scene->solver.kind == PLIANT_TLED) return pliant_tled_system_create(scene, body, work->kept ? work->kept->before->tled : NULL, &work->made->tled);
-    const pliant_kept *kept = work->kept, *alike = work->alike;
+    const pliant_kept *kept = work->kept;
     const pliant_system *before = kept ? kept->before->system : NULL;
     if (!is_coarse(scene) && scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_OCTREE) return homogenize_octree(work);
     if (!is_coarse(scene))
-        return scene->element.kind == PLIANT_HEXAHEDRA ? pliant_system_hexahedra(system, body->fine_material, alike_system(work), alike ? alike->fine : NULL)
+        return scene->element.kind == PLIANT_HEXAHEDRA ? pliant_system_hexahedra(system, body->fine_material, before, kept ? kept->fine : NULL)
                                                        : pliant_system_elements(system, body->fine_material, before, kept ? kept->fine : NULL);
     const bool hexahedra = scene->element.kind == PLIANT_HEXAHEDRA;
     if (scene->model.method == PLIANT_COARSE && hexahedra) {
-        pliant_status status = pliant_system_hexahedra(system, body->coarse_material, alike_system(work), alike ? alike->coarse : NULL);
+        pliant_status status = pliant_system_hexahedra(system, body->coarse_material, before, kept ? kept->coarse : NULL);
         return status == PLIANT_OK ? follow_hexahedra(system, body->coarse_of_fine) : status;
     }
     if (scene->model.method == PLIANT_COARSE) {
@@ -177,7 +175,7 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     pliant_status status = body->pieces ? without_pieces(body, &light) : PLIANT_OK;
     const pliant_tet_material *material = light ? light : body->fine_material;
     if (status == PLIANT_OK && hexahedra)
-        status = pliant_homogenize_cubes(system, &body->fine, body->fine_fixed, work->solved_fixed, material, body->coarse_of_fine, alike, work->progress);
+        status = pliant_homogenize_cubes(system, &body->fine, body->fine_fixed, work->solved_fixed, material, body->coarse_of_fine, kept, work->progress);
     else if (status == PLIANT_OK)
         status = homogenize_tets(work, material);
     pliant_free(light);
@@ -234,7 +232,7 @@ pliant_status pliant_discretizing_factorize(pliant_discretizing *work)
         if (!pliant_patch_asked(work->scene)) return PLIANT_OK;
         const pliant_discretization *before = work->kept->before;
         made->first = pliant_discretization_retain(before->first ? before->first : before);
-        return pliant_patch_next_system(made->body, system->num_threads, work->kept, &made->fine_system);
+        return pliant_patch_next_system(work->scene, made->body, system->num_threads, work->kept, &made->fine_system);
     }
     pliant_tangent *tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents);
     if (!tangents) return pliant_fail_memory("the stiffness matrix");
@@ -319,8 +317,7 @@ pliant_status pliant_discretization_next(const pliant_scene *scene, const pliant
     if (is_coarse(scene))
         kept.coarse = find_kept(&was->coarse, &body->coarse, map->coarse_node, was->coarse_material, body->coarse_material, was->coarse_fixed, body->coarse_fixed);
     if (!kept.fine || (is_coarse(scene) && !kept.coarse)) status = pliant_fail_memory("what is solved");
-    if (before->system->macros) work.alike = &kept;
-    else work.kept = &kept;
+    work.kept = &kept;
     if (status == PLIANT_OK) status = run_stages(&work);
     if (status == PLIANT_OK) {
         *out = work.made;

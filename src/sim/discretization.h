@@ -16,7 +16,6 @@ typedef struct pliant_discretizing {
     uint8_t *solved_fixed;       /* (solved nodes) those of the body, what hangs on too few of them or follows others; NULL: the fine nodes of the body */
     pliant_discretization *made; /* empty, but for the body */
     const pliant_kept *kept;     /* Nullable: of the next body: there is no factor yet, nor a pattern */
-    const pliant_kept *alike;    /* Nullable: likewise, of macro-elements, whose factor and pattern are made at once */
 } pliant_discretizing;
 /* The body is retained. Errors: MEMORY. */
 pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_body *body, pliant_progress progress, pliant_discretizing *out);
@@ -30,7 +29,7 @@ void pliant_discretizing_end(pliant_discretizing *work);
 /* all of this */
 pliant_status pliant_discretization_create(const pliant_scene *scene, const pliant_body *body, const pliant_discretization **out);
 /* Of a body that follows another: what a cut has not touched is copied, with the bits that making it anew would give. What stands for the
- * inverse of the stiffness is made later, in the background: system->preconditioner is NULL, and the pattern empty. Of macro-elements both are made anew. Errors: MEMORY, NUMERIC, SCENE. */
+ * inverse of the stiffness is made later, in the background: system->preconditioner is NULL, and the pattern empty. Errors: MEMORY, NUMERIC, SCENE. */
 pliant_status pliant_discretization_next(const pliant_scene *scene, const pliant_discretization *before, const pliant_body *body,
                                          const pliant_body_map *map, const pliant_discretization **out);
 

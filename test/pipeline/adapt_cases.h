@@ -65,6 +65,10 @@ const Case patch{"patch", [](pliant_scene &scene) {
                      scene.model.patch = 0.04;
                      scene.model.patch_delay = 3;
                  }};
+const Case patch_hexahedra{"patch_hexahedra", [](pliant_scene &scene) {
+                               patch.set(scene);
+                               scene.element.kind = PLIANT_HEXAHEDRA;
+                           }};
 const Case octree{"octree", [](pliant_scene &scene) {
                       scene.mesh.kind = PLIANT_OCTREE;
                       scene.mesh.depth = 1;

@@ -19,8 +19,9 @@ public:
     Body body{size, box, {{4000, 0.45, 1000, false}, {30000, 0.3, 1000, false}},
               [](int i, int j, int k) { return (i / 6 + j / 5 + k / 7) % 2; }};
 
-    explicit Patched(pliant_method method, double patch, int ratio = 2)
+    explicit Patched(pliant_method method, double patch, int ratio = 2, pliant_element_kind kind = PLIANT_LINEAR)
     {
+        body.scene.element.kind = kind;
         body.fix_plane(0, 0, 0, 0, 0, 1);
         body.cells(4, 4, 4, ratio);
         body.scene.model.method = method;
@@ -82,17 +83,20 @@ TEST(GrabPatch, SmallPullsAreTheFineSolutionWhateverTheMethod)
 {
     const double by[3] = {1e-5, -2e-5, 3e-5};
     double force[3], found[3];
-    Patched fine(PLIANT_FINE, 0);
-    const std::vector<double> exact = pulled(fine, by, force);
-    const double moved = apart(exact, fine.rest());
-    for (pliant_method method : {PLIANT_COARSE, PLIANT_SCHUR, PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_LOD}) {
-        Patched patched(method, 0.04), bare(method, 0);
-        EXPECT_LT(apart(pulled(patched, by, found), exact), 2e-3 * moved) << method;
-        for (int d = 0; d < 3; d++) EXPECT_NEAR(found[d], force[d], 2e-3 * std::fabs(force[2])) << method;
-        EXPECT_GT(apart(pulled(bare, by, found), exact), 0.1 * moved) << method;
-        EXPECT_GT(patched.body.data->statistics.patch_iterations, 0);
-        EXPECT_LE(patched.body.data->statistics.patch_residual, patched.body.scene.solver.tolerance);
-        EXPECT_NEAR(patched.body.data->statistics.patch_moved, moved, 0.01 * moved);
+    for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {
+        Patched fine(PLIANT_FINE, 0, 2, kind);
+        const std::vector<double> exact = pulled(fine, by, force);
+        const double moved = apart(exact, fine.rest());
+        for (pliant_method method : {PLIANT_COARSE, PLIANT_SCHUR, PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_LOD}) {
+            if (kind == PLIANT_HEXAHEDRA && method != PLIANT_COARSE && method != PLIANT_AVERAGED) continue;
+            Patched patched(method, 0.04, 2, kind), bare(method, 0, 2, kind);
+            EXPECT_LT(apart(pulled(patched, by, found), exact), 2e-3 * moved) << method;
+            for (int d = 0; d < 3; d++) EXPECT_NEAR(found[d], force[d], 2e-3 * std::fabs(force[2])) << method;
+            EXPECT_GT(apart(pulled(bare, by, found), exact), 0.1 * moved) << method;
+            EXPECT_GT(patched.body.data->statistics.patch_iterations, 0);
+            EXPECT_LE(patched.body.data->statistics.patch_residual, patched.body.scene.solver.tolerance);
+            EXPECT_NEAR(patched.body.data->statistics.patch_moved, moved, 0.01 * moved);
+        }
     }
 }
 
@@ -100,17 +104,21 @@ TEST(GrabPatch, LargePullsAreNearTheFineSolution)
 {
     const double by[3] = {0.012, -0.015, 0.025};
     double force[3], found[3];
-    Patched fine(PLIANT_FINE, 0), patched(PLIANT_AVERAGED, 0.05);
-    const std::vector<double> exact = pulled(fine, by, force), near = pulled(patched, by, found);
-    EXPECT_LT(apart(near, exact), 0.05 * apart(exact, fine.rest()));
-    for (int d = 0; d < 3; d++) EXPECT_NEAR(found[d], force[d], 0.05 * std::fabs(force[2]));
-    // the same by that force
-    Patched by_force(PLIANT_AVERAGED, 0.05);
-    int tool = by_force.take("tool", top);
-    by_force.wait(1);
-    ASSERT_EQ(pliant_tool_set_drive(by_force.body.data, tool, PLIANT_DRIVE_FORCE, found), PLIANT_OK);
-    EXPECT_EQ(by_force.body.settle(), PLIANT_OK);
-    EXPECT_LT(apart(by_force.positions(), near), 1e-4 * apart(near, patched.rest()));
+    for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {
+        Patched fine(PLIANT_FINE, 0, 2, kind), patched(PLIANT_AVERAGED, 0.05, 2, kind);
+        const std::vector<double> exact = pulled(fine, by, force), near = pulled(patched, by, found);
+        const double off = apart(near, exact) / apart(exact, fine.rest());
+        std::printf("%s: %.2f %% of the way, %.2f %% of the force\n", kind == PLIANT_LINEAR ? "tetrahedra" : "hexahedra", 100 * off, 100 * (found[2] / force[2] - 1));
+        EXPECT_LT(off, 0.05);
+        for (int d = 0; d < 3; d++) EXPECT_NEAR(found[d], force[d], 0.05 * std::fabs(force[2]));
+        // the same by that force
+        Patched by_force(PLIANT_AVERAGED, 0.05, 2, kind);
+        int tool = by_force.take("tool", top);
+        by_force.wait(1);
+        ASSERT_EQ(pliant_tool_set_drive(by_force.body.data, tool, PLIANT_DRIVE_FORCE, found), PLIANT_OK);
+        EXPECT_EQ(by_force.body.settle(), PLIANT_OK);
+        EXPECT_LT(apart(by_force.positions(), near), 1e-4 * apart(near, patched.rest()));
+    }
 }
 
 TEST(GrabPatch, NothingHeldIsTheSameBits)

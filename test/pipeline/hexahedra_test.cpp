@@ -278,10 +278,6 @@ TEST_F(Block, SaysWhatItDoesNotGoWith)
     body.scene.model.method = PLIANT_CALIBRATED;
     EXPECT_EQ(body.build(), PLIANT_ERROR_SCENE);
     EXPECT_NE(std::string(pliant_last_error()).find("element/kind"), std::string::npos);
-    body.scene.model.method = PLIANT_AVERAGED;
-    body.scene.model.patch = 0.01;
-    EXPECT_EQ(body.build(), PLIANT_ERROR_SCENE);
-    EXPECT_NE(std::string(pliant_last_error()).find("model/patch"), std::string::npos);
 }
 
 // An octree: one label in balls and specks makes it fine there, so that there are hanging nodes at all of its faces.

@@ -12,6 +12,8 @@
 /* rotations of a block of cubes; function of its own, so that it becomes vector code */
 PLIANT_VECTORIZED static void rotations_of(double f[9][LANES], double out[9][LANES]) { pliant_rotations(f, out); }
 
+static const double *rest_of(const pliant_system *system) { return system->macros->rest ? system->macros->rest : system->mesh->rest; }
+
 /* of cubes [first, first + LANES) */
 static void frames_of(const pliant_system *system, const double *x, int32_t first, pliant_macro_frame out[LANES])
 {
@@ -21,7 +23,7 @@ static void frames_of(const pliant_system *system, const double *x, int32_t firs
         int32_t cube = first + l;
         double one[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
         if (cube < macros->count)
-            pliant_macro_place(macros->own + 8 * (size_t)cube, macros->gradient + 24 * (size_t)cube, x, system->mesh->rest, one, out + l);
+            pliant_macro_place(macros->own + 8 * (size_t)cube, macros->gradient + 24 * (size_t)cube, x, rest_of(system), one, out + l);
         for (int m = 0; m < 9; m++) f[m][l] = cube >= macros->count || macros->grounded[cube] ? m % 4 == 0 : one[m];
     }
     rotations_of(f, r);
@@ -33,8 +35,9 @@ static void frames_of(const pliant_system *system, const double *x, int32_t firs
 static void corners_in_frame(const pliant_system *system, const double *x, int32_t cube, const pliant_macro_frame *frame, double *q)
 {
     const pliant_macros *macros = system->macros;
+    const double *rest = rest_of(system);
     for (int32_t c = macros->start[cube]; c < macros->start[cube + 1]; c++, q += 3)
-        pliant_macro_corner(frame, macros->held[c], x + 3 * macros->node[c], system->mesh->rest + 3 * macros->node[c], q);
+        pliant_macro_corner(frame, macros->held[c], x + 3 * macros->node[c], rest + 3 * macros->node[c], q);
 }
 
 /* f = root' (root q), n numbers; every row is read once */
@@ -152,17 +155,24 @@ static int32_t *cubes_of_corners(const pliant_macros *macros)
     return cubes;
 }
 
-pliant_status pliant_macro_unknowns(pliant_system *system)
+pliant_status pliant_macro_number(pliant_system *system)
+{
+    pliant_macros *macros = system->macros;
+    pliant_status status = list_corners(system);
+    if (status == PLIANT_OK && !macros->cube_of_corner && !(macros->cube_of_corner = cubes_of_corners(macros))) status = pliant_fail_memory("the unknowns");
+    return status;
+}
+
+pliant_status pliant_macro_find_pattern(pliant_system *system)
 {
     pliant_pattern *pattern = &system->pattern;
-    pliant_status status = list_corners(system);
-    if (status != PLIANT_OK) return status;
+    pliant_status status = PLIANT_OK;
     size_t free_nodes = (size_t)system->num_free;
-    int32_t *cubes = system->macros->cube_of_corner = cubes_of_corners(system->macros);
+    const int32_t *cubes = system->macros->cube_of_corner;
     int32_t *seen = pliant_calloc(free_nodes, sizeof *seen), *rows = pliant_calloc(free_nodes, sizeof *rows);
     pattern->num_columns = system->num_free;
     pattern->start = pliant_calloc(free_nodes + 1, sizeof *pattern->start);
-    bool good = cubes && seen && rows && pattern->start;
+    bool good = seen && rows && pattern->start;
     for (int pass = 0; pass < 2 && good; pass++) {
         int64_t count = 0;
         memset(seen, 0, free_nodes * sizeof *seen);
@@ -356,7 +366,7 @@ void pliant_macros_free(pliant_macros *macros)
     }
     void *blocks[] = {macros->start, macros->node, macros->held, macros->grounded, macros->own, macros->gradient, macros->rank,
                       macros->root, macros->fine_start, macros->fine, macros->cube_of_fine, macros->entry_start, macros->entry_corner,
-                      macros->entry_shape, macros->cube_of_corner, macros->cell, macros->shear};
+                      macros->entry_shape, macros->cube_of_corner, macros->cell, macros->shear, macros->rest};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(macros);
 }

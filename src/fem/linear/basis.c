@@ -77,8 +77,7 @@ typedef struct basis_builder {
     pliant_basis *basis;
     int32_t num_footholds;
     const pliant_foothold *footholds;
-    uint8_t *near_tet;             /* (fine tetrahedra) */
-    pliant_tet_material *material; /* (near tetrahedra) */
+    int32_t num_near, *near_element; /* of the fine system, ascending */
     uint8_t *still;                /* (near nodes) */
     uint8_t *is_own;               /* (near unknowns) */
     pliant_linearized near;        /* the near part around the same state */
@@ -96,55 +95,45 @@ static bool within(int32_t num_footholds, const pliant_foothold *footholds, cons
     return false;
 }
 
-/* nodes and tetrahedra within twice the radius; a tetrahedron is when one of its corners is, or is held */
-static pliant_status near_mesh(basis_builder *build, const pliant_tet_material *material, double radius)
+/* nodes and elements within twice the radius; an element is when one of its corners is, or is held */
+static pliant_status near_elements(basis_builder *build, double radius)
 {
-    const pliant_mesh *fine = build->fine->mesh;
+    const pliant_system *fine = build->fine;
+    const pliant_mesh *mesh = fine->mesh;
+    const int32_t *nodes = pliant_element_nodes(fine);
     pliant_basis *basis = build->basis;
-    pliant_mesh *mesh = &basis->mesh;
-    uint8_t *close = pliant_calloc((size_t)fine->num_nodes, 1);
-    build->near_tet = pliant_calloc((size_t)fine->num_tets, 1);
-    basis->near_node = pliant_calloc((size_t)fine->num_nodes, sizeof *basis->near_node);
-    pliant_status status = PLIANT_ERROR_MEMORY;
-    if (!close || !build->near_tet || !basis->near_node) goto done;
+    const size_t count = (size_t)mesh->num_nodes;
+    uint8_t *close = pliant_calloc(count, 1);
+    build->near_element = pliant_calloc((size_t)pliant_element_count(fine), sizeof *build->near_element);
+    basis->near_node = pliant_calloc(count, sizeof *basis->near_node);
+    basis->fine_node = pliant_calloc(count, sizeof *basis->fine_node);
+    if (!close || !build->near_element || !basis->near_node || !basis->fine_node) {
+        pliant_free(close);
+        return pliant_fail_memory("a patch");
+    }
     for (int32_t t = 0; t < build->num_footholds; t++)
         for (int32_t h = 0; h < build->footholds[t].count; h++) close[build->footholds[t].nodes[h]] = 1;
-    for (int32_t n = 0; n < fine->num_nodes; n++) close[n] = close[n] || within(build->num_footholds, build->footholds, fine->rest + 3 * n, 2 * radius);
-    for (int32_t v = 0; v < 4 * fine->num_tets; v++) build->near_tet[v / 4] |= close[fine->tets[v]];
-    for (int32_t v = 0; v < 4 * fine->num_tets; v++)
-        if (build->near_tet[v / 4]) basis->near_node[fine->tets[v]] = 1;
-    for (int32_t t = 0; t < fine->num_tets; t++) mesh->num_tets += build->near_tet[t];
-    for (int32_t n = 0; n < fine->num_nodes; n++) basis->near_node[n] = basis->near_node[n] ? mesh->num_nodes++ : -1;
-    memcpy(mesh->cells, fine->cells, sizeof mesh->cells);
-    memcpy(mesh->cell_size, fine->cell_size, sizeof mesh->cell_size);
-    mesh->rest = pliant_calloc((size_t)mesh->num_nodes, 3 * sizeof *mesh->rest);
-    mesh->tets = pliant_calloc((size_t)mesh->num_tets, 4 * sizeof *mesh->tets);
-    basis->fine_node = pliant_calloc((size_t)mesh->num_nodes, sizeof *basis->fine_node);
-    build->material = pliant_calloc((size_t)mesh->num_tets, sizeof *build->material);
-    if (!mesh->rest || !mesh->tets || !basis->fine_node || !build->material) goto done;
-    for (int32_t n = 0; n < fine->num_nodes; n++) {
-        if (basis->near_node[n] < 0) continue;
-        basis->fine_node[basis->near_node[n]] = n;
-        memcpy(mesh->rest + 3 * basis->near_node[n], fine->rest + 3 * n, 3 * sizeof *mesh->rest);
+    for (int32_t n = 0; n < mesh->num_nodes; n++) close[n] = close[n] || within(build->num_footholds, build->footholds, mesh->rest + 3 * n, 2 * radius);
+    for (int32_t e = 0; e < pliant_element_count(fine); e++) {
+        const int32_t begin = pliant_element_begin(fine, e), end = pliant_element_begin(fine, e + 1);
+        bool near = false;
+        for (int32_t v = begin; v < end; v++) near = near || close[nodes[v]];
+        if (!near) continue;
+        build->near_element[build->num_near++] = e;
+        for (int32_t v = begin; v < end; v++) basis->near_node[nodes[v]] = 1;
     }
-    int32_t next = 0;
-    for (int32_t t = 0; t < fine->num_tets; t++) {
-        if (!build->near_tet[t]) continue;
-        for (int v = 0; v < 4; v++) mesh->tets[4 * next + v] = basis->near_node[fine->tets[4 * t + v]];
-        build->material[next++] = material[t];
+    for (int32_t n = 0; n < mesh->num_nodes; n++) {
+        if (basis->near_node[n]) basis->fine_node[basis->mesh.num_nodes] = n;
+        basis->near_node[n] = basis->near_node[n] ? basis->mesh.num_nodes++ : -1;
     }
-    status = PLIANT_OK;
-done:
     pliant_free(close);
-    return status == PLIANT_OK ? PLIANT_OK : pliant_fail_memory("a patch");
+    return PLIANT_OK;
 }
 
 static pliant_status near_system(basis_builder *build, const uint8_t *fixed)
 {
     pliant_basis *basis = build->basis;
     pliant_system *system = &basis->system;
-    system->mesh = system->fine = &basis->mesh;
-    system->num_threads = 1;
     build->still = pliant_calloc((size_t)basis->mesh.num_nodes, 1);
     build->near_x = pliant_calloc((size_t)basis->mesh.num_nodes, 3 * sizeof *build->near_x);
     if (!build->still || !build->near_x) return pliant_fail_memory("a patch");
@@ -152,7 +141,7 @@ static pliant_status near_system(basis_builder *build, const uint8_t *fixed)
         build->still[n] = fixed[basis->fine_node[n]];
         memcpy(build->near_x + 3 * n, build->linearized->x + 3 * basis->fine_node[n], 3 * sizeof *build->near_x);
     }
-    pliant_status status = pliant_system_elements(system, build->material, NULL, NULL);
+    pliant_status status = pliant_system_take(build->fine, build->num_near, build->near_element, basis->near_node, &basis->mesh, system);
     if (status == PLIANT_OK) status = pliant_system_unknowns(system, build->still);
     if (status == PLIANT_OK) status = pliant_linearized_create(system, build->near_x, &build->near);
     if (status == PLIANT_OK) status = pliant_system_find_mean_diagonal(system, NULL, NULL);
@@ -176,7 +165,7 @@ static pliant_status own_nodes(basis_builder *build, double radius)
     }
     if (basis->num_own == 0) return PLIANT_OK;
     basis->inner = (pliant_system){.mesh = system->mesh, .fine = system->fine, .num_threads = 1, .num_blocks = system->num_blocks,
-                                   .gradients = system->gradients, .lame = system->lame};
+                                   .gradients = system->gradients, .lame = system->lame, .macros = system->macros};
     pliant_status status = pliant_system_unknowns(&basis->inner, build->still);
     return status == PLIANT_OK ? pliant_factor_analyze(&basis->inner.pattern, &basis->analyzed) : status;
 }
@@ -270,8 +259,7 @@ static pliant_status first_numbers(basis_builder *build)
 
 static void builder_clear(basis_builder *build)
 {
-    pliant_free(build->near_tet);
-    pliant_free(build->material);
+    pliant_free(build->near_element);
     pliant_free(build->still);
     pliant_free(build->is_own);
     pliant_free(build->near_x);
@@ -279,14 +267,13 @@ static void builder_clear(basis_builder *build)
     pliant_linearized_free(&build->near);
 }
 
-pliant_status pliant_basis_create(const pliant_system *fine, pliant_linearized *linearized, const pliant_tet_material *material,
-                                  const uint8_t *fixed, double radius, int32_t num_footholds, const pliant_foothold *footholds,
+pliant_status pliant_basis_create(const pliant_system *fine, pliant_linearized *linearized, const uint8_t *fixed, double radius, int32_t num_footholds, const pliant_foothold *footholds,
                                   int32_t num_blocks, const double *const *blocks, int num_threads, pliant_basis **out)
 {
     pliant_basis *basis = pliant_calloc(1, sizeof *basis);
     if (!basis) return pliant_fail_memory("a patch");
     basis_builder build = {.fine = fine, .linearized = linearized, .basis = basis, .num_footholds = num_footholds, .footholds = footholds};
-    pliant_status status = near_mesh(&build, material, radius);
+    pliant_status status = near_elements(&build, radius);
     if (status == PLIANT_OK) status = near_system(&build, fixed);
     if (status == PLIANT_OK) status = own_nodes(&build, radius);
     if (status == PLIANT_OK) status = orthonormal_modes(&build, num_blocks, blocks);
@@ -330,7 +317,7 @@ double pliant_basis_operations(const pliant_system *fine, pliant_basis_size size
     double modes = (double)PLIANT_RESPONSE_MODES * size.blocks;
     /* a product a mode, and for every two modes: a scalar product and, twice, a difference; then the reduction (reduction.c) */
     double fields = 2 * modes * pliant_response_force_operations(fine) + 4 * modes * modes * 3 * fine->num_free;
-    double images = (288.0 * fine->mesh->num_tets / fine->num_free + 12 * modes) * modes * size.near;
+    double images = (pliant_reduction_element_operations(fine) / fine->num_free + 12 * modes) * modes * size.near;
     return fields + images + factor_operations(size) + 4 * modes * factor_numbers(size);
 }
 
@@ -346,6 +333,7 @@ void pliant_basis_free(pliant_basis *basis)
     if (!basis) return;
     basis->inner.gradients = NULL; /* the system's */
     basis->inner.lame = NULL;
+    basis->inner.macros = NULL;
     pliant_system_clear(&basis->inner);
     pliant_system_clear(&basis->system);
     pliant_mesh_free(&basis->mesh);

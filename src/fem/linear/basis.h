@@ -60,13 +60,11 @@ typedef struct pliant_foothold {
 /* Errors: MEMORY, NUMERIC, SCENE (nothing around the holds can move), CANCELLED.
  * @param fine        the system of the fine mesh
  * @param linearized  around the state that the stiffness is taken at
- * @param material    (fine tetrahedra)
  * @param fixed       (fine nodes)
  * @param radius      of the patch, at rest [m]
  * @param blocks      (num_blocks) of nine modes (9 x 3 fine free nodes), response.h
  * @param num_threads of steps */
-pliant_status pliant_basis_create(const pliant_system *fine, pliant_linearized *linearized, const pliant_tet_material *material,
-                                  const uint8_t *fixed, double radius, int32_t num_footholds, const pliant_foothold *footholds,
+pliant_status pliant_basis_create(const pliant_system *fine, pliant_linearized *linearized, const uint8_t *fixed, double radius, int32_t num_footholds, const pliant_foothold *footholds,
                                   int32_t num_blocks, const double *const *blocks, int num_threads, pliant_basis **out);
 void pliant_basis_free(pliant_basis *basis); /* Nullable */
 
@@ -87,6 +85,7 @@ void pliant_reduction_free(pliant_reduction *reduction); /* Nullable */
 /* At these tangents of the near elements. Errors: NUMERIC, MEMORY; the old numbers are gone then. */
 pliant_status pliant_reduction_numeric(const pliant_basis *basis, const pliant_tangent *tangents, pliant_reduction *reduction);
 double pliant_reduction_operations(const pliant_basis *basis); /* of that */
+double pliant_reduction_element_operations(const pliant_system *system); /* of products of one vector with all elements */
 /* out = (the basis's stiffness)^-1 right, (3 system.num_free); may be the same. Errors: MEMORY. */
 pliant_status pliant_reduction_solve(const pliant_basis *basis, pliant_reduction *reduction, const double *right, double *out);
 /* Add what lies beyond: x (3 mesh.num_nodes), forces (3 system.num_free) [N]. */

@@ -74,6 +74,7 @@ pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed
 pliant_status pliant_system_find_pattern(pliant_system *system)
 {
     if (system->pattern.start) return PLIANT_OK;
+    if (system->macros) return pliant_macro_find_pattern(system);
     pliant_status status = PLIANT_OK;
     size_t most = 10 * (size_t)system->mesh->num_tets;
     if (most > INT32_MAX / 16) return pliant_fail(PLIANT_ERROR_SCENE, "%d tetrahedra are too many for the matrix", system->mesh->num_tets);
@@ -133,14 +134,19 @@ static void add_term(const pliant_system *system, const pliant_tangent *tangents
             block[3 * i + j] += left[3 * i] * r[3 * j] + left[3 * i + 1] * r[3 * j + 1] + left[3 * i + 2] * r[3 * j + 2];
 }
 
-void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t tet, double stiffness[144])
+void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t element, double *stiffness)
 {
-    for (int a = 0; a < 4; a++)
-        for (int b = 0; b < 4; b++) {
-            double block[9] = {0};
-            add_term(system, tangents, tet, a, b, block);
-            for (int m = 0; m < 9; m++) stiffness[12 * (3 * a + m / 3) + 3 * b + m % 3] = block[m];
+    const int32_t begin = pliant_element_begin(system, element), corners = pliant_element_begin(system, element + 1) - begin, n = 3 * corners;
+    double blocks[PLIANT_ELEMENT_UNKNOWNS / 3 * 9];
+    for (int32_t b = 0; b < corners; b++) {
+        if (system->macros) pliant_macro_column(system, tangents, begin + b, blocks);
+        else memset(blocks, 0, sizeof blocks);
+        for (int32_t a = 0; a < corners; a++) {
+            double *block = blocks + 9 * a;
+            if (!system->macros) add_term(system, tangents, element, a, b, block);
+            for (int m = 0; m < 9; m++) stiffness[n * (3 * a + m / 3) + 3 * b + m % 3] = block[m];
         }
+    }
 }
 
 void pliant_system_assemble_block(const pliant_system *system, const pliant_tangent *tangents, int32_t index, double block[9])

@@ -55,18 +55,20 @@ static void images(const pliant_basis *basis, const pliant_tangent *tangents, do
     const pliant_system *system = &basis->system;
     size_t n = 3 * (size_t)system->num_free;
     memset(image, 0, n * (size_t)basis->num_modes * sizeof *image);
-    for (int32_t t = 0; t < basis->mesh.num_tets; t++) {
-        double stiffness[144];
-        pliant_system_element(system, tangents, t, stiffness);
+    for (int32_t e = 0; e < pliant_element_count(system); e++) {
+        const int32_t begin = pliant_element_begin(system, e), unknowns = 3 * (pliant_element_begin(system, e + 1) - begin);
+        const int32_t *nodes = pliant_element_nodes(system) + begin;
+        double stiffness[PLIANT_ELEMENT_UNKNOWNS * PLIANT_ELEMENT_UNKNOWNS];
+        pliant_system_element(system, tangents, e, stiffness);
         for (int32_t m = 0; m < basis->num_modes; m++) {
-            double local[12];
-            for (int i = 0; i < 12; i++) {
-                int32_t at = system->free_of_node[basis->mesh.tets[4 * t + i / 3]];
+            double local[PLIANT_ELEMENT_UNKNOWNS];
+            for (int i = 0; i < unknowns; i++) {
+                int32_t at = system->free_of_node[nodes[i / 3]];
                 local[i] = at < 0 ? 0 : basis->modes[n * (size_t)m + 3 * (size_t)at + (size_t)(i % 3)];
             }
-            for (int i = 0; i < 12; i++) {
-                int32_t at = system->free_of_node[basis->mesh.tets[4 * t + i / 3]];
-                if (at >= 0) image[n * (size_t)m + 3 * (size_t)at + (size_t)(i % 3)] += pliant_dot(12, stiffness + 12 * i, local);
+            for (int i = 0; i < unknowns; i++) {
+                int32_t at = system->free_of_node[nodes[i / 3]];
+                if (at >= 0) image[n * (size_t)m + 3 * (size_t)at + (size_t)(i % 3)] += pliant_dot((size_t)unknowns, stiffness + unknowns * i, local);
             }
         }
     }
@@ -115,9 +117,19 @@ pliant_status pliant_reduction_numeric(const pliant_basis *basis, const pliant_t
     return schur_complement(basis, reduction);
 }
 
+double pliant_reduction_element_operations(const pliant_system *system)
+{
+    double sum = 0;
+    for (int32_t e = 0; e < pliant_element_count(system); e++) {
+        const double unknowns = 3.0 * (pliant_element_begin(system, e + 1) - pliant_element_begin(system, e));
+        sum += 2 * unknowns * unknowns;
+    }
+    return sum;
+}
+
 double pliant_reduction_operations(const pliant_basis *basis)
 {
-    double modes = basis->num_modes, operations = 288 * modes * basis->mesh.num_tets + 12 * modes * modes * basis->system.num_free;
+    double modes = basis->num_modes, operations = modes * pliant_reduction_element_operations(&basis->system) + 12 * modes * modes * basis->system.num_free;
     if (!basis->analyzed) return operations;
     return operations + pliant_factor_operations(basis->analyzed) + 4 * modes * pliant_factor_values(basis->analyzed);
 }

@@ -14,6 +14,7 @@ void pliant_subdomain_free(pliant_subdomain *subdomain)
     pliant_free(subdomain->mesh.rest);
     pliant_free(subdomain->mesh.tets);
     pliant_free(subdomain->unknown);
+    pliant_free(subdomain->start);
     pliant_free(subdomain->stiffness);
     pliant_free(subdomain->axes);
     pliant_factor_free(subdomain->factor);
@@ -32,23 +33,26 @@ typedef struct builder {
     pliant_subdomain *made;
     uint8_t *inner;           /* (num_free of the whole) */
     int32_t *list, count;     /* (num_free) the inner unknowns */
-    int32_t *tet;             /* (num_tets of the whole) by the number here, + 1; 0: not here */
-    int32_t *tets;            /* (mesh.num_tets) the other way round */
-    int32_t *node;            /* (num_nodes of the whole) likewise, + 1 */
+    uint8_t *is_here;         /* (elements of the whole) */
+    int32_t *element;         /* (elements here) */
+    int32_t *node;            /* (num_nodes of the whole) number here, or -1 */
 } builder;
 
 /* unknowns a ring further: the free corners of the elements around those of the list from `first` on; the new length */
 static int32_t add_ring(const pliant_system *whole, int32_t first, int32_t last, uint8_t *inner, int32_t *list)
 {
+    const int32_t *nodes = pliant_element_nodes(whole);
     int32_t count = last;
     for (int32_t i = first; i < last; i++)
-        for (int32_t c = whole->corner_start[list[i]]; c < whole->corner_start[list[i] + 1]; c++)
-            for (int v = 0; v < 4; v++) {
-                int32_t f = whole->free_of_node[whole->mesh->tets[whole->corner[c] / 4 * 4 + v]];
+        for (int32_t c = whole->corner_start[list[i]]; c < whole->corner_start[list[i] + 1]; c++) {
+            const int32_t element = pliant_element_of_corner(whole, whole->corner[c]);
+            for (int32_t v = pliant_element_begin(whole, element); v < pliant_element_begin(whole, element + 1); v++) {
+                int32_t f = whole->free_of_node[nodes[v]];
                 if (f < 0 || inner[f]) continue;
                 inner[f] = 1;
                 list[count++] = f;
             }
+        }
     return count;
 }
 
@@ -65,61 +69,35 @@ int32_t pliant_subdomain_inner(const pliant_system *system, int32_t rings, uint8
     return count;
 }
 
-static pliant_status find_mesh(builder *build)
+/* the elements that an inner unknown has a corner of, and their nodes */
+static pliant_status find_elements(builder *build)
 {
     const pliant_system *whole = build->whole;
+    const int32_t *nodes = pliant_element_nodes(whole);
     pliant_subdomain *made = build->made;
     pliant_mesh *mesh = &made->mesh;
-    int32_t most = 0;
-    for (int32_t i = 0; i < build->count; i++) most += whole->corner_start[build->list[i] + 1] - whole->corner_start[build->list[i]];
-    build->tets = pliant_calloc((size_t)most, sizeof *build->tets);
-    mesh->tets = pliant_calloc((size_t)most, 4 * sizeof *mesh->tets);
-    mesh->rest = pliant_calloc((size_t)most, 12 * sizeof *mesh->rest);
-    made->unknown = pliant_calloc((size_t)most, 4 * sizeof *made->unknown);
-    if (!build->tets || !mesh->tets || !mesh->rest || !made->unknown) return no_memory();
-    memcpy(mesh->cells, whole->mesh->cells, sizeof mesh->cells);
-    memcpy(mesh->cell_size, whole->mesh->cell_size, sizeof mesh->cell_size);
+    const size_t whole_nodes = (size_t)whole->mesh->num_nodes;
+    size_t corners = 0, most = 0;
+    for (int32_t i = 0; i < build->count; i++) most += (size_t)(whole->corner_start[build->list[i] + 1] - whole->corner_start[build->list[i]]);
+    build->element = pliant_calloc(most, sizeof *build->element);
+    build->node = pliant_calloc(whole_nodes, sizeof *build->node);
+    if (!build->element || !build->node) return no_memory();
+    memset(build->node, 0xff, whole_nodes * sizeof *build->node);
     for (int32_t i = 0; i < build->count; i++)
         for (int32_t c = whole->corner_start[build->list[i]]; c < whole->corner_start[build->list[i] + 1]; c++) {
-            const int32_t t = whole->corner[c] / 4, *nodes = whole->mesh->tets + 4 * t;
-            if (build->tet[t] > 0) continue;
-            build->tets[mesh->num_tets] = t;
-            build->tet[t] = mesh->num_tets + 1;
-            for (int v = 0; v < 4; v++) {
-                if (build->node[nodes[v]] == 0) {
-                    made->unknown[mesh->num_nodes] = whole->free_of_node[nodes[v]];
-                    memcpy(mesh->rest + 3 * mesh->num_nodes, whole->mesh->rest + 3 * nodes[v], 3 * sizeof *mesh->rest);
-                    build->node[nodes[v]] = ++mesh->num_nodes;
-                }
-                mesh->tets[4 * mesh->num_tets + v] = build->node[nodes[v]] - 1;
-            }
-            mesh->num_tets++;
+            const int32_t element = pliant_element_of_corner(whole, whole->corner[c]);
+            if (build->is_here[element]) continue;
+            build->is_here[element] = 1;
+            build->element[made->num_elements++] = element;
+            corners += (size_t)(pliant_element_begin(whole, element + 1) - pliant_element_begin(whole, element));
         }
-    return PLIANT_OK;
-}
-
-/* the elements as the whole has them */
-static pliant_status copy_elements(builder *build)
-{
-    const pliant_system *whole = build->whole;
-    pliant_system *system = &build->made->system;
-    system->mesh = system->fine = &build->made->mesh;
-    system->num_threads = 1;
-    system->num_blocks = (system->mesh->num_tets + LANES - 1) / LANES;
-    const size_t blocks = (size_t)system->num_blocks, tets = (size_t)system->mesh->num_tets;
-    system->gradients = pliant_calloc(blocks, sizeof *system->gradients);
-    system->lame = pliant_calloc(blocks, sizeof *system->lame);
-    if (whole->stiffness) system->stiffness = pliant_calloc(tets, 144 * sizeof *system->stiffness);
-    if (whole->grounded) system->grounded = pliant_calloc(blocks, LANES * sizeof *system->grounded);
-    if (!system->gradients || !system->lame || (whole->stiffness && !system->stiffness) || (whole->grounded && !system->grounded)) return no_memory();
-    for (int32_t e = 0; e < system->num_blocks * LANES; e++) {
-        const int32_t at = e < system->mesh->num_tets ? e : system->mesh->num_tets - 1, t = build->tets[at];
-        for (int m = 0; m < 12; m++) system->gradients[e / LANES][m][e % LANES] = whole->gradients[t / LANES][m][t % LANES];
-        if (e != at) continue;
-        for (int m = 0; m < 2; m++) system->lame[e / LANES][m][e % LANES] = whole->lame[t / LANES][m][t % LANES];
-        if (whole->stiffness) memcpy(system->stiffness + 144 * (size_t)e, whole->stiffness + 144 * (size_t)t, 144 * sizeof *system->stiffness);
-        if (whole->grounded) system->grounded[e] = whole->grounded[t];
-    }
+    if (!(made->unknown = pliant_calloc(corners, sizeof *made->unknown))) return no_memory();
+    for (int32_t e = 0; e < made->num_elements; e++)
+        for (int32_t v = pliant_element_begin(whole, build->element[e]); v < pliant_element_begin(whole, build->element[e] + 1); v++) {
+            if (build->node[nodes[v]] >= 0) continue;
+            made->unknown[mesh->num_nodes] = whole->free_of_node[nodes[v]];
+            build->node[nodes[v]] = mesh->num_nodes++;
+        }
     return PLIANT_OK;
 }
 
@@ -157,22 +135,27 @@ static pliant_status find_numbers(const builder *build, const double *positions,
 {
     pliant_subdomain *made = build->made;
     const pliant_system *system = &made->system;
-    const size_t nodes = (size_t)made->mesh.num_nodes, tets = (size_t)made->mesh.num_tets;
+    const size_t nodes = (size_t)made->mesh.num_nodes;
     pliant_tangent *tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents);
     made->x = pliant_calloc(nodes, 3 * sizeof *made->x);
     made->y = pliant_calloc(nodes, 3 * sizeof *made->y);
     made->inner = pliant_calloc((size_t)system->num_free, 3 * sizeof *made->inner);
-    made->stiffness = pliant_calloc(tets, 144 * sizeof *made->stiffness);
+    if ((made->start = pliant_calloc((size_t)made->num_elements + 1, sizeof *made->start)))
+        for (int32_t e = 0; e < made->num_elements; e++) {
+            const int64_t n = 3 * (int64_t)(pliant_element_begin(system, e + 1) - pliant_element_begin(system, e));
+            made->start[e + 1] = made->start[e] + n * n;
+        }
+    if (made->start) made->stiffness = pliant_calloc((size_t)made->start[made->num_elements], sizeof *made->stiffness);
     made->values = pliant_calloc((size_t)system->pattern.num_values, sizeof *made->values);
     if (axes) made->axes = pliant_calloc(nodes, 9 * sizeof *made->axes);
     pliant_status status = tangents && made->x && made->y && made->inner && made->stiffness && made->values && (!axes || made->axes) ? PLIANT_OK : no_memory();
     if (status == PLIANT_OK) {
         for (int32_t n = 0; n < build->whole->mesh->num_nodes; n++)
-            if (build->node[n] > 0) memcpy(made->x + 3 * (build->node[n] - 1), positions + 3 * n, 3 * sizeof *made->x);
+            if (build->node[n] >= 0) memcpy(made->x + 3 * build->node[n], positions + 3 * n, 3 * sizeof *made->x);
         for (size_t n = 0; axes && n < nodes; n++)
             if (made->unknown[n] >= 0) memcpy(made->axes + 9 * n, axes + 9 * (size_t)made->unknown[n], 9 * sizeof *axes);
         pliant_system_tangents(system, made->x, PLIANT_TWIST_POSITIVE, tangents);
-        for (int32_t t = 0; t < made->mesh.num_tets; t++) pliant_system_element(system, tangents, t, made->stiffness + 144 * (size_t)t);
+        for (int32_t e = 0; e < made->num_elements; e++) pliant_system_element(system, tangents, e, made->stiffness + made->start[e]);
         pliant_system_assemble(system, tangents, made->values);
         status = pliant_factor_analyze(&system->pattern, &made->factor);
     }
@@ -188,21 +171,21 @@ pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t
     *out = NULL;
     build.inner = pliant_calloc((size_t)system->num_free, 1);
     build.list = pliant_calloc((size_t)system->num_free, sizeof *build.list);
-    build.tet = pliant_calloc((size_t)system->mesh->num_tets, sizeof *build.tet);
-    build.node = pliant_calloc((size_t)system->mesh->num_nodes, sizeof *build.node);
-    pliant_status status = build.inner && build.list && build.tet && build.node ? PLIANT_OK : no_memory();
+    build.is_here = pliant_calloc((size_t)pliant_element_count(system), 1);
+    pliant_status status = build.inner && build.list && build.is_here ? PLIANT_OK : no_memory();
     if (status == PLIANT_OK) {
         memcpy(build.inner, opened, (size_t)system->num_free);
         build.count = pliant_subdomain_inner(system, rings, build.inner, build.list);
     }
     if (status == PLIANT_OK && build.count > 0) {
         if (!(build.made = pliant_calloc(1, sizeof *build.made))) status = no_memory();
-        if (status == PLIANT_OK) status = find_mesh(&build);
-        if (status == PLIANT_OK) status = copy_elements(&build);
+        if (status == PLIANT_OK) status = find_elements(&build);
+        if (status == PLIANT_OK)
+            status = pliant_system_take(system, build.made->num_elements, build.element, build.node, &build.made->mesh, &build.made->system);
         if (status == PLIANT_OK) status = number_inner(&build);
         if (status == PLIANT_OK) status = find_numbers(&build, positions, axes);
     }
-    void *blocks[] = {build.inner, build.list, build.tet, build.tets, build.node};
+    void *blocks[] = {build.inner, build.list, build.is_here, build.element, build.node};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     if (status == PLIANT_OK) *out = build.made;
     else pliant_subdomain_free(build.made);
@@ -226,16 +209,17 @@ static const double *axes_of(const pliant_subdomain *subdomain, int32_t node) { 
 /* y = K x on all nodes of the elements */
 static void multiply(pliant_subdomain *subdomain)
 {
-    const pliant_mesh *mesh = &subdomain->mesh;
-    memset(subdomain->y, 0, 3 * (size_t)mesh->num_nodes * sizeof *subdomain->y);
-    for (int32_t t = 0; t < mesh->num_tets; t++) {
-        const double *k = subdomain->stiffness + 144 * (size_t)t;
-        double x[12];
-        for (int m = 0; m < 12; m++) x[m] = subdomain->x[3 * mesh->tets[4 * t + m / 3] + m % 3];
-        for (int i = 0; i < 12; i++) {
+    const pliant_system *system = &subdomain->system;
+    memset(subdomain->y, 0, 3 * (size_t)subdomain->mesh.num_nodes * sizeof *subdomain->y);
+    for (int32_t e = 0; e < subdomain->num_elements; e++) {
+        const double *k = subdomain->stiffness + subdomain->start[e];
+        const int32_t begin = pliant_element_begin(system, e), n = 3 * (pliant_element_begin(system, e + 1) - begin), *nodes = pliant_element_nodes(system) + begin;
+        double x[PLIANT_ELEMENT_UNKNOWNS];
+        for (int m = 0; m < n; m++) x[m] = subdomain->x[3 * nodes[m / 3] + m % 3];
+        for (int i = 0; i < n; i++) {
             double sum = 0;
-            for (int j = 0; j < 12; j++) sum += k[12 * i + j] * x[j];
-            subdomain->y[3 * mesh->tets[4 * t + i / 3] + i % 3] += sum;
+            for (int j = 0; j < n; j++) sum += k[n * i + j] * x[j];
+            subdomain->y[3 * nodes[i / 3] + i % 3] += sum;
         }
     }
 }

@@ -143,7 +143,7 @@ static pliant_status list_corners_next(pliant_system *system, const pliant_syste
 pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fixed, const pliant_system *before, const uint8_t *kept)
 {
     pliant_status status = number_free(system, fixed);
-    if (status == PLIANT_OK && system->macros) return pliant_macro_unknowns(system);
+    if (status == PLIANT_OK && system->macros) return pliant_macro_number(system);
     if (status != PLIANT_OK) return status;
     return kept && !before->macros && numbered_alike(system, before) ? list_corners_next(system, before, kept) : list_corners(system);
 }

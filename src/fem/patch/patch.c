@@ -9,6 +9,13 @@
 
 enum { LARGEST_DIRECT = 40000 }; /* free nodes; a factor of some 300 MB */
 
+/* before, kept: Nullable: those of the body before that are the same */
+static pliant_status make_elements(const pliant_scene *scene, const pliant_body *body, const pliant_system *before, const uint8_t *kept, pliant_system *system)
+{
+    return scene->element.kind == PLIANT_HEXAHEDRA ? pliant_system_hexahedra(system, body->fine_material, before, kept)
+                                                   : pliant_system_elements(system, body->fine_material, before, kept);
+}
+
 pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *body, int num_threads, pliant_system **out)
 {
     pliant_system *system = pliant_calloc(1, sizeof *system);
@@ -16,7 +23,7 @@ pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *
     if (!system) return pliant_fail_memory("the fine mesh of patches");
     system->mesh = system->fine = &body->fine;
     system->num_threads = num_threads;
-    pliant_status status = pliant_system_elements(system, body->fine_material, NULL, NULL);
+    pliant_status status = make_elements(scene, body, NULL, NULL, system);
     if (status == PLIANT_OK) status = pliant_system_unknowns(system, body->fine_fixed);
     /* nine solves with one matrix: a factor pays for longer than in a solver, which makes it anew */
     pliant_preconditioner_choice choice = scene->solver.preconditioner;
@@ -37,13 +44,13 @@ pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *
     return PLIANT_OK;
 }
 
-pliant_status pliant_patch_next_system(const pliant_body *body, int num_threads, const pliant_kept *kept, pliant_system **out)
+pliant_status pliant_patch_next_system(const pliant_scene *scene, const pliant_body *body, int num_threads, const pliant_kept *kept, pliant_system **out)
 {
     pliant_system *system = pliant_calloc(1, sizeof *system);
     if (!system) return pliant_fail_memory("the fine mesh of patches");
     system->mesh = system->fine = &body->fine;
     system->num_threads = num_threads;
-    pliant_status status = pliant_system_elements(system, body->fine_material, kept->before->fine_system, kept->fine);
+    pliant_status status = make_elements(scene, body, kept->before->fine_system, kept->fine, system);
     if (status == PLIANT_OK) status = pliant_system_number(system, body->fine_fixed);
     if (status != PLIANT_OK) {
         pliant_system_free(system);

@@ -23,7 +23,7 @@ static inline bool pliant_patch_asked(const pliant_scene *scene) { return scene-
 pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *body, int num_threads, pliant_system **out);
 
 /* That of the next body: without a factor; patches carry over the one of the body at load. Errors: MEMORY. */
-pliant_status pliant_patch_next_system(const pliant_body *body, int num_threads, const pliant_kept *kept, pliant_system **out);
+pliant_status pliant_patch_next_system(const pliant_scene *scene, const pliant_body *body, int num_threads, const pliant_kept *kept, pliant_system **out);
 
 /* The scene is borrowed. */
 pliant_status pliant_patch_create(const pliant_scene *scene, const pliant_discretization *discretization, pliant_patch **out);

@@ -156,7 +156,7 @@ static pliant_status make_basis(pliant_patch *patch)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++)
             if (job->blocks[t][u]) blocks[num_blocks++] = job->blocks[t][u];
     if (status == PLIANT_OK)
-        status = pliant_basis_create(fine, &linearized, body->fine_material, body->fine_fixed, patch->scene->model.patch, count, footholds, num_blocks,
+        status = pliant_basis_create(fine, &linearized, body->fine_fixed, patch->scene->model.patch, count, footholds, num_blocks,
                                      blocks, patch->discretization->system->num_threads, &job->basis);
     if (status == PLIANT_OK) status = pliant_solver_create(patch->scene, &job->basis->system, &job->solver);
     pliant_linearized_free(&linearized);

@@ -1,5 +1,6 @@
 /* From the solver of one body to that of the next. */
 #include "base/fail.h"
+#include "fem/element/hexahedra.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
 
@@ -17,28 +18,54 @@ static void carry_limits(pliant_solver *solver, const pliant_solver *from)
     solver->clock_user = from->clock_user;
 }
 
-/* What the preconditioner's axes are of stays as it was; where the stiffness of an element is another, its weight changes. */
-static void carry_axes(pliant_solver *solver, const pliant_solver *from, const int32_t *source, const int32_t *tet)
+/* What an element was at the preconditioner's state, V mu F0; where its stiffness is another now, its weight changes. */
+static float weigh_again(float before, double was, double now) { return now == was ? before : was > 0 ? (float)(now / was * before) : 0; }
+
+static void carry_tets_before(const pliant_system *system, const pliant_solver *from, const int32_t *tet, pliant_nodal_rotations *axes)
 {
-    const pliant_system *system = solver->system, *before = from->system;
+    const pliant_system *before = from->system;
+    for (int32_t e = 0; e < LANES * system->num_blocks; e++) {
+        const int32_t t = tet[e < system->mesh->num_tets ? e : system->mesh->num_tets - 1];
+        const double now = system->lame[e / LANES][1][e % LANES], was = before->lame[t / LANES][1][t % LANES];
+        for (int m = 0; m < 9; m++) axes->before[e / LANES][m][e % LANES] = weigh_again(from->rotations->before[t / LANES][m][t % LANES], was, now);
+    }
+}
+
+/* Every hexahedron, or tetrahedron beside a cut, as the element that had its tetrahedra before. Errors: MEMORY. */
+static pliant_status carry_macros_before(const pliant_system *system, const pliant_solver *from, const int32_t *tet, pliant_nodal_rotations *axes)
+{
+    const pliant_system *before = from->system;
+    int32_t *now_of = NULL, *was_of = NULL;
+    pliant_status status = pliant_hexahedra_of_tets(system->mesh, system->macros, &now_of);
+    if (status == PLIANT_OK) status = pliant_hexahedra_of_tets(before->mesh, before->macros, &was_of);
+    for (int32_t t = 0; status == PLIANT_OK && t < system->mesh->num_tets; t++) {
+        const int32_t e = now_of[t], w = was_of[tet[t]];
+        for (int m = 0; m < 9; m++)
+            axes->before[e / LANES][m][e % LANES] =
+                weigh_again(from->rotations->before[w / LANES][m][w % LANES], before->macros->shear[w], system->macros->shear[e]);
+    }
+    pliant_free(now_of);
+    pliant_free(was_of);
+    return status;
+}
+
+/* What the preconditioner's axes are of stays as it was. Errors: MEMORY. */
+static pliant_status carry_axes(pliant_solver *solver, const pliant_solver *from, const int32_t *source, const int32_t *tet)
+{
+    const pliant_system *system = solver->system;
     pliant_nodal_rotations *axes = solver->rotations;
-    if (!axes) return;
+    if (!axes) return PLIANT_OK;
     if (!from->rotations) { /* it never stepped: those of rest */
         pliant_nodal_rotations_refer(system, system->mesh->rest, axes);
-        return;
+        return PLIANT_OK;
     }
     axes->turned = from->rotations->turned;
     for (int32_t f = 0; f < system->num_free; f++)
         for (int m = 0; m < 9; m++)
             axes->rotation[9 * (size_t)f + (size_t)m] = source[f] >= 0 ? from->rotations->rotation[9 * (size_t)source[f] + (size_t)m] : m % 4 == 0;
-    for (int32_t e = 0; e < LANES * system->num_blocks; e++) {
-        const int32_t t = tet[e < system->mesh->num_tets ? e : system->mesh->num_tets - 1];
-        const double now = system->lame[e / LANES][1][e % LANES], was = before->lame[t / LANES][1][t % LANES];
-        for (int m = 0; m < 9; m++)
-            axes->before[e / LANES][m][e % LANES] = now == was ? from->rotations->before[t / LANES][m][t % LANES]
-                                                    : was > 0  ? (float)(now / was * from->rotations->before[t / LANES][m][t % LANES])
-                                                               : 0;
-    }
+    if (system->macros) return carry_macros_before(system, from, tet, axes);
+    carry_tets_before(system, from, tet, axes);
+    return PLIANT_OK;
 }
 
 /* (num_free) unknown of the system that the preconditioner at hand, or its base, is of */
@@ -60,14 +87,15 @@ static pliant_status carry(pliant_solver *solver, const pliant_solver *from, con
     int32_t *source = pliant_calloc((size_t)system->num_free, sizeof *source);
     if (!source) return pliant_fail_memory("the solver");
     for (int32_t f = 0; f < system->num_free; f++) source[f] = from->system->free_of_node[node[system->node_of_free[f]]];
-    carry_axes(solver, from, source, tet);
+    pliant_status status = carry_axes(solver, from, source, tet);
     pliant_free(source);
+    if (status != PLIANT_OK) return status;
     const int32_t *below;
     const pliant_discretization *of = pliant_preconditioner_source(from->preconditioner, &below);
     if (!of) of = from->system->of;
     if (!(source = sources_of(system, from, node))) return pliant_fail_memory("the solver");
     const double *axes = solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL;
-    pliant_status status = pliant_preconditioner_carry(system, of, of->system, source, rests ? NULL : solver->now.x, axes, &solver->preconditioner);
+    status = pliant_preconditioner_carry(system, of, of->system, source, rests ? NULL : solver->now.x, axes, &solver->preconditioner);
     return status == PLIANT_OK ? pliant_refresh_carry(solver, from, node) : status;
 }
 
@@ -76,17 +104,13 @@ pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_syste
 {
     const int32_t *node = map->coarse_node ? map->coarse_node : map->node, *tet = map->coarse_node ? map->coarse_tet : map->tet;
     pliant_solver *solver = NULL;
-    pliant_status status = pliant_solver_create_without(scene, system, rests && !system->macros, &solver);
+    pliant_status status = pliant_solver_create_without(scene, system, rests, &solver);
     if (status != PLIANT_OK) return status;
-    if (system->macros && (status = pliant_solver_reset(solver)) != PLIANT_OK) {
-        pliant_solver_free(solver);
-        return status;
-    }
     carry_limits(solver, from);
     if (!map->coarse_node) pliant_body_map_vectors(map, from->now.x, solver->now.x); /* also where the next body holds what moved before */
     for (int32_t n = 0; map->coarse_node && n < system->mesh->num_nodes; n++)
         memcpy(solver->now.x + 3 * n, from->now.x + 3 * node[n], 3 * sizeof *solver->now.x);
-    if (!system->macros) status = carry(solver, from, node, tet, rests);
+    status = carry(solver, from, node, tet, rests);
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
         return status;
