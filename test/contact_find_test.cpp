@@ -2,6 +2,7 @@
 #include "contact/find.h"
 #include "pipeline/body.h"
 #include "pliant/memory.h"
+#include "solids.h"
 
 #include <random>
 
@@ -157,6 +158,45 @@ TEST(Find, NoneOfManySweepsPassesUndetected)
     }
     EXPECT_EQ(missed, 0);
     EXPECT_EQ(behind, 0);
+}
+
+// Nor does a solid: a rod with a flat end, by its field and as a hull.
+TEST(Find, NoSolidPassesUndetected)
+{
+    Sheet sheet;
+    Found found;
+    std::mt19937 engine(2);
+    auto random = [&](double low, double high) { return low + (high - low) * std::uniform_real_distribution<double>()(engine); };
+    for (const bool convex : {false, true})
+        for (const double radius : {0.0006, 0.003}) {
+            pliant_solid *solid = nullptr;
+            pliant_solid_options options{};
+            options.convex = convex;
+            options.resolution = 0.4 * radius;
+            ASSERT_EQ(rod_surface(radius, 0.015).make(options, &solid), PLIANT_OK) << pliant_last_error();
+            pliant_part part{};
+            part.kind = PLIANT_PART_SOLID;
+            part.solid = solid;
+            int missed = 0, behind = 0;
+            for (int n = 0; n < 100; n++) {
+                const double from[3] = {random(0.03, 0.07), random(0.03, 0.07), 0.002 + radius + random(1e-4, 0.008)};
+                const double to[3] = {from[0] + random(-0.005, 0.005), from[1] + random(-0.005, 0.005), -random(0, 0.01)};
+                const double tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI), half = 0.5 * tilt;
+                const double rotation[4] = {std::sin(half) * std::cos(about), std::sin(half) * std::sin(about), 0, std::cos(half)};
+                Moving moving(part, from, to, rotation, rotation);
+                pliant_finder_forget(sheet.finder);
+                ASSERT_EQ(sheet.find(moving.get(), found), PLIANT_OK);
+                check(sheet, found.contacts);
+                double deepest = 0;
+                for (int32_t p = 0; p < found.contacts.count; p++)
+                    if (found.contacts.point[p].normal[2] < 0) deepest = std::fmin(deepest, gap_of(sheet, found.contacts.point[p]));
+                missed += found.contacts.count == 0;
+                behind += deepest > -0.1 * (0.002 - to[2]); // the middle of its end; a side that goes aslant pushes less
+            }
+            EXPECT_EQ(missed, 0) << convex << radius;
+            EXPECT_EQ(behind, 0) << convex << radius;
+            pliant_solid_release(solid);
+        }
 }
 
 } // namespace

@@ -6,6 +6,8 @@
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
+#include "solids.h"
+
 #include <gtest/gtest.h>
 #include <string>
 #include <unistd.h>
@@ -266,7 +268,7 @@ TEST_F(Path, RefusesShapesThatAreNone)
     refuses(with("LARGE_NEEDLE_DRIVER_400006", "large_needle"), "line 2: tool 1 'driver': shape/name: there is no instrument 'large_needle': large_needle_driver, prograsp");
     refuses(with("LARGE_NEEDLE_DRIVER_400006", "large_needle_driver_x"), "there is no instrument");
     refuses(with("jaw: 0.8", "jaw: wide"), "poses/jaw: 'wide' is not a number");
-    refuses(with("kind: box", "kind: cone"), "line 5: tool 2 'own': shape/parts/kind: 'cone' is neither sphere, capsule nor box");
+    refuses(with("kind: box", "kind: cone"), "line 5: tool 2 'own': shape/parts/kind: 'cone' is neither sphere, capsule, box, convex nor mesh");
     refuses(with("kind: sphere", "kind: capsule"), "shape/parts: a capsule needs from and to");
     refuses(with(", radius: 0.002", ""), "shape/parts: a sphere needs a radius [m]");
     refuses(with("jaw_minus", "jaw"), "shape/parts/moves: 'jaw' is neither tip, jaw_plus nor jaw_minus");
@@ -288,6 +290,56 @@ TEST_F(Path, ReadsAShapeFromAFileOfItsOwn)
     std::ofstream(name_) << "";
     EXPECT_EQ(pliant_tool_shape_read(name_, &shape), PLIANT_ERROR_FORMAT);
     EXPECT_EQ(shape.num_parts, 1) << "as it was";
+}
+
+// An STL file beside the path, in millimetres, and a hull of points.
+TEST_F(Path, PartsMayBeSolids)
+{
+    const std::string stl = std::string(name_) + ".stl";
+    const size_t before = pliant_memory_in_use();
+    std::ofstream(stl, std::ios::binary) << binary_stl(corner(), 0.001);
+    const std::string text = "tools:\n"
+                             "  - name: own\n"
+                             "    shape:\n"
+                             "      parts:\n"
+                             "        - {kind: mesh, file: " + stl.substr(stl.rfind('/') + 1) + ", unit: mm, from: [0, 0, -0.02], resolution: 0.001}\n"
+                             "        - {kind: convex, points: [[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]], rpy: [0, 0, 3.14159265358979], radius: 0.001}\n"
+                             "      offset: [0, 0, 0.001]\n"
+                             "    poses: [{time: 0, position: [0, 0, 0]}]\n";
+    ASSERT_EQ(read(text), PLIANT_OK) << pliant_last_error();
+    const pliant_tool_shape &shape = path_.tools[0].shape;
+    ASSERT_EQ(shape.num_parts, 2);
+    EXPECT_EQ(shape.part[0].kind, PLIANT_PART_SOLID);
+    EXPECT_DOUBLE_EQ(shape.part[0].from[2], -0.019);
+    EXPECT_DOUBLE_EQ(shape.part[1].radius, 0.001);
+    pliant_solid_surface mesh, hull;
+    pliant_solid_get_surface(shape.part[0].solid, &mesh);
+    pliant_solid_get_surface(shape.part[1].solid, &hull);
+    EXPECT_NEAR(mesh.volume, (0.02 * 0.006 + 0.014 * 0.006) * 0.008, 1e-12);
+    EXPECT_DOUBLE_EQ(mesh.resolution, 0.001);
+    EXPECT_TRUE(hull.convex);
+    double least = 0;
+    for (int c = 0; c < 3 * hull.num_points; c++) least = std::min(least, hull.points[c]);
+    EXPECT_NEAR(least, -0.01, 1e-12) << "turned about z by half a turn";
+    pliant_path_free(&path_);
+    EXPECT_EQ(pliant_memory_in_use(), before);
+    auto with = [&](const std::string &from, const std::string &to) {
+        std::string other = text;
+        EXPECT_NE(other.find(from), std::string::npos) << from;
+        return other.replace(other.find(from), from.size(), to);
+    };
+    refuses(with("unit: mm", "unit: inch"), "line 2: tool 1 'own': shape/parts/unit: 'inch' is neither m nor mm");
+    refuses(with("unit: mm", "unit: m"), "is 20 m large; is it in millimetres (unit: mm)?");
+    refuses(with("file: ", "file: no/"), "cannot be opened");
+    refuses(with("file: ", "to: [0, 0, 0], file: "), "shape/parts/to: a mesh has the place of its origin alone, from");
+    refuses(with("kind: convex", "kind: mesh"), "shape/parts: a mesh needs a file (STL)");
+    refuses(with("kind: convex", "kind: sphere"), "shape/parts: file, unit, resolution, rpy and points are of kinds convex and mesh, not of a sphere");
+    refuses(with("[0, 0, 0.01]]", "[0.01, 0.01, 0]]"), "its points: its points lie in a plane");
+    refuses(with(", [0, 0, 0.01]]", "]"), "points");
+    std::ofstream(stl, std::ios::binary) << binary_stl(corner(), 0.001).substr(0, 500);
+    refuses(text, "it is truncated");
+    EXPECT_EQ(pliant_memory_in_use(), before);
+    std::remove(stl.c_str());
 }
 
 TEST_F(Path, NamesAFileThatIsNotThere)

@@ -5,12 +5,13 @@
 #define PLIANT_CONTACT_H
 
 #include "pliant/data.h"
+#include "pliant/solid.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-typedef enum pliant_part_kind { PLIANT_PART_SPHERE, PLIANT_PART_CAPSULE, PLIANT_PART_BOX, PLIANT_PART_HALF_SPACE } pliant_part_kind;
+typedef enum pliant_part_kind { PLIANT_PART_SPHERE, PLIANT_PART_CAPSULE, PLIANT_PART_BOX, PLIANT_PART_HALF_SPACE, PLIANT_PART_SOLID } pliant_part_kind;
 
 /** What a part of an instrument moves with. */
 typedef enum pliant_part_frame {
@@ -24,9 +25,10 @@ typedef struct pliant_part {
     pliant_part_kind kind;
     pliant_part_frame frame;
     double from[3], to[3]; /**< sphere: its centre, and nothing; capsule: ends of its axis; box: low and high corner; half-space: a point of its
-                            *   surface, and its outward normal (of a scene's obstacles alone) */
-    double radius;         /**< sphere, capsule; a box is rounded off outside itself by it */
+                            *   surface, and its outward normal (of a scene's obstacles alone); solid: its origin, and nothing */
+    double radius;         /**< sphere, capsule; a box or a solid is rounded off outside itself by it */
     bool cuts;             /**< touches nothing while the tool's blade is on */
+    const pliant_solid *solid; /**< PLIANT_PART_SOLID; a part does not count as holding it, but who reads or keeps a shape does */
 } pliant_part;
 
 enum { PLIANT_MAX_PARTS = 16 };
@@ -41,12 +43,15 @@ typedef struct pliant_tool_shape {
  *  a robot whose frame lies on their joint, as the dVRK's, needs what pliant_tool_shape_move does.
  *  Errors: ARGUMENT (another name; the message lists them). */
 PLIANT_API pliant_status pliant_tool_shape_find(const char *name, pliant_tool_shape *out);
-/** A shape from a YAML file, as a tool of a path has it (path.h). Errors name file, field and line: FILE, FORMAT, MEMORY. */
+/** A shape from a YAML file, as a tool of a path has it (path.h); files of solids lie relative to it. Errors name file, field and line: FILE, FORMAT,
+ *  MEMORY. Free with pliant_tool_shape_free. */
 PLIANT_API pliant_status pliant_tool_shape_read(const char *path, pliant_tool_shape *out);
+/** Releases the solids of a shape that was read, and leaves it without parts. */
+PLIANT_API void pliant_tool_shape_free(pliant_tool_shape *shape);
 /** By an offset in the tool's frame [m]. */
 PLIANT_API void pliant_tool_shape_move(pliant_tool_shape *shape, const double offset[3]);
 
-/** From the next step on; copied. No parts: the tool touches nothing, as at first.
+/** From the next step on; copied, and its solids retained. No parts: the tool touches nothing, as at first.
  *  Errors: ARGUMENT (no such tool; a part that is none: not finite, thinner than 0.1 mm, an axis of no length). */
 PLIANT_API pliant_status pliant_tool_set_shape(pliant_data *data, int tool, const pliant_tool_shape *shape);
 /** Angle between the jaws [rad], from the next step on; 0: closed. Errors: ARGUMENT (no such tool, not finite). */

@@ -25,6 +25,10 @@
  *             poses: [{time: 0, position: [x, y, z], jaw: 0.5}, ...]                  # [rad]
  *  Parts are of kind sphere (from: its centre), capsule (from, to: its axis) or box (from, to: corners); moves: jaw_plus or jaw_minus turns one about
  *  the shape's joint: [x, y, z] and axis: [x, y, z]; cuts: true leaves it out while the blade is on; offset moves the whole.
+ *  Solids of one's own (solid.h) are of kind mesh, a closed surface from an STL file, or convex, the hull of such a file or of points:
+ *             {kind: mesh, file: retractor.stl, unit: mm, rpy: [0, 0, 1.57], from: [0, 0, -0.02], resolution: 0.0003}
+ *             {kind: convex, points: [[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]], radius: 0.001}
+ *  file lies relative to this one; unit is m or mm; rpy turns (roll, pitch, yaw [rad]), from is where the file's origin lies; radius rounds off outside.
  *  Cuts at once, without a tool, along a line of points of the tissue as it lies then, and as deep as `depth` [m]:
  *      cuts: [{time: 1, points: [[x, y, z], [x, y, z]], depth: [0, 0.05, 0]}]
  */

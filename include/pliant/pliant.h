@@ -40,6 +40,7 @@
 #include "pliant/data.h"
 #include "pliant/session.h"
 #include "pliant/render.h"
+#include "pliant/solid.h"
 #include "pliant/contact.h"
 #include "pliant/linear.h"
 #include "pliant/path.h"

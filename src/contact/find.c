@@ -12,6 +12,7 @@
 static const double sag_of_size = 0.02, sag_of_depth = 0.1, most_sag = 5e-5;
 static const double still_deep = 1e-4; /* [m] beyond a point of the last step: it holds on */
 static const double turns_away = 0.5; /* cosine of how far a part may turn with tissue before it: beyond, that slips off it */
+static const double aslant = -0.7; /* cosine likewise, above which a part that is deepest in the middle of a triangle meets it with an edge or a corner */
 static const double behind = 0.25; /* cosine between the part's normal and the tissue's, beyond which the part is behind the surface */
 
 /* A node, an edge or a triangle of the surface, and where a part meets it. */
@@ -304,7 +305,11 @@ static bool meet(const search *on, feature *of, int32_t p, double distance, doub
         for (int d = 0; d < 3; d++) point[d] += of->weight[k] * on->positions[3 * of->node[k] + d];
     pliant_pose_from(pose, point, local);
     const double area = sqrt(dot(of->outwards, of->outwards));
-    const bool known = remember(on, of, kept), nowhere = dot(normal, normal) < 0.5;
+    const bool known = remember(on, of, kept);
+    pliant_pose_turn(pose, normal, world);
+    const bool on_its_way = p < part->num_poses - 1; /* the tissue's own normal counts then */
+    const bool sharp = on_its_way && of->count == 3 && distance < 0 && dot(world, of->outwards) > aslant * area;
+    const bool nowhere = dot(normal, normal) < 0.5 || sharp;
     if (known && distance < 0 && (nowhere || dot(normal, kept) < 0)) {
         memcpy(normal, kept, sizeof kept);
         pliant_part_leave(part->part, local, normal, place);
@@ -318,7 +323,7 @@ static bool meet(const search *on, feature *of, int32_t p, double distance, doub
     pliant_pose_turn(pose, normal, world);
     if (!known && dot(world, of->outwards) > behind * area) return false;
     pliant_pose_turn(end, normal, of->normal);
-    if (p < part->num_poses - 1 && dot(world, of->normal) < turns_away) return false;
+    if (on_its_way && dot(world, of->normal) < turns_away) return false;
     memcpy(of->found, of->normal, sizeof of->found);
     pliant_pose_to(end, place, of->place);
     pliant_pose_to(part->pose, place, before);
@@ -330,7 +335,7 @@ static bool meet(const search *on, feature *of, int32_t p, double distance, doub
         gap_before += world[d] * (point[d] - before[d]);
         of->drift[d] = of->place[d] - before[d];
     }
-    if (p < part->num_poses - 1 && of->gap > 0) return false;
+    if (on_its_way && of->gap > 0) return false;
     /* what was deep in it already comes out little by little */
     const double waits = fmin(gap_before + part->recovery, 0);
     for (int d = 0; d < 3; d++) of->place[d] += waits * of->normal[d];

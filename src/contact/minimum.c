@@ -1,7 +1,8 @@
 /* Where an edge or a triangle of the tissue is nearest to a rigid part, or deepest in it: local optimization on the signed distance, as
  * M. Macklin, K. Erleben, M. Mueller, N. Chentanez, S. Jeschke, Z. Corse: Local Optimization for Robust Signed Distance Field Collision,
  * Proc. ACM Comput. Graph. Interact. Tech. 3(1), 2020. The distance is convex where the part is; a line's minimum is then where its slope
- * changes sign, which takes fewer evaluations than golden section. */
+ * changes sign, which takes fewer evaluations than golden section. Of a solid that is not convex an edge or a triangle is halved first, as long as
+ * a part of it may lie lower than what was found: a distance changes by at most what one goes (Piyavskii, USSR Comp. Math. Math. Phys. 12:57, 1972). */
 #include "contact/shapes.h"
 
 #include <math.h>
@@ -54,7 +55,7 @@ static double find_turn(const line *on, double slope_low, double high, double sl
     return distance;
 }
 
-double pliant_edge_minimum(const pliant_part *part, const double at[2][3], double enough, double weight[2], double normal[3])
+static double descend_edge(const pliant_part *part, const double at[2][3], double enough, double weight[2], double normal[3])
 {
     line on = {.part = part};
     double normals[2][3], slope[2], distance[2], share = 0;
@@ -93,7 +94,7 @@ static double across(const pliant_part *part, const double at[3][3], double shar
         ends[0][d] = at[0][d] + share * (at[2][d] - at[0][d]);
         ends[1][d] = at[1][d] + share * (at[2][d] - at[1][d]);
     }
-    const double distance = pliant_edge_minimum(part, (const double(*)[3])ends, INFINITY, along, normal);
+    const double distance = descend_edge(part, (const double(*)[3])ends, INFINITY, along, normal);
     weight[0] = along[0] * (1 - share);
     weight[1] = along[1] * (1 - share);
     weight[2] = share;
@@ -125,7 +126,7 @@ static double search_lines(const pliant_part *part, const double at[3][3], doubl
 
 /* Frank and Wolfe's method, in pairs: weight goes from the corner that is uphill most to the one that is downhill most (Lacoste-Julien and Jaggi,
  * On the Global Linear Convergence of Frank-Wolfe Optimization Variants, 2015). */
-double pliant_face_minimum(const pliant_part *part, const double at[3][3], double enough, double weight[3], double normal[3])
+static double descend_face(const pliant_part *part, const double at[3][3], double enough, double weight[3], double normal[3])
 {
     enum { MOST_STEPS = 12 };
     line on = {.part = part};
@@ -161,4 +162,128 @@ double pliant_face_minimum(const pliant_part *part, const double at[3][3], doubl
     memcpy(weight, share, sizeof share);
     memcpy(normal, gradient, sizeof gradient);
     return distance;
+}
+
+/* ---- parts that are not convex */
+
+enum { DEEPEST = 8 /* halvings */, MOST_PIECES = 4 * DEEPEST };
+static const double half = 0.5; /* of the way to the nearest is bound enough */
+static const double steepest = 1.1; /* of a field between its points */
+
+/* A part of an edge or a triangle, by its corners' weights. */
+typedef struct piece {
+    double corner[3][3], middle[3], radius;
+    double distance, least; /* in its middle, and the lowest that it can be anywhere */
+    int level;
+} piece;
+
+static void place_at(const double (*at)[3], int corners, const double weight[3], double out[3])
+{
+    for (int d = 0; d < 3; d++) {
+        out[d] = 0;
+        for (int v = 0; v < corners; v++) out[d] += weight[v] * at[v][d];
+    }
+}
+
+static void look_at(const pliant_part *part, const double (*at)[3], int corners, piece *of)
+{
+    double place[3], corner[3], normal[3];
+    memset(of->middle, 0, sizeof of->middle);
+    of->radius = 0;
+    for (int k = 0; k < corners; k++)
+        for (int v = 0; v < corners; v++) of->middle[v] += of->corner[k][v] / corners;
+    place_at(at, corners, of->middle, place);
+    for (int k = 0; k < corners; k++) {
+        place_at(at, corners, of->corner[k], corner);
+        of->radius = fmax(of->radius, apart(corner, place));
+    }
+    of->distance = pliant_part_distance(part, place, normal);
+    of->least = of->distance - steepest * of->radius;
+}
+
+/* an edge into 2, a triangle into 4 */
+static int split(const piece *of, int corners, piece *out)
+{
+    double middle[3][3];
+    for (int k = 0; k < corners; k++)
+        for (int v = 0; v < 3; v++) middle[k][v] = 0.5 * (of->corner[k][v] + of->corner[(k + 1) % corners][v]);
+    for (int n = 0; n < (corners == 2 ? 2 : 4); n++) {
+        out[n] = *of;
+        out[n].level++;
+        for (int k = 0; k < corners; k++)
+            if (corners == 2) memcpy(out[n].corner[k], k == n ? of->corner[n] : middle[0], sizeof middle[0]);
+            else memcpy(out[n].corner[k], n == 3 ? middle[k] : k == n ? of->corner[n] : middle[(k + 1) % 3 == n ? (n + 2) % 3 : n], sizeof middle[0]);
+    }
+    return corners == 2 ? 2 : 4;
+}
+
+/* That which is lowest in its middle, of the whole and of parts down to the field's cells. Where all of it is above `enough`: in its `least` a bound of
+ * half the way at least. */
+static piece find_lowest(const pliant_part *part, const double (*at)[3], int corners, double enough)
+{
+    piece stack[MOST_PIECES], child[4], best = {.corner = {{1, 0, 0}, {0, 1, 0}, {0, 0, corners == 3}}};
+    const double grain = pliant_part_grain(part);
+    double bound = INFINITY;
+    int depth = 0;
+    look_at(part, at, corners, &best);
+    for (stack[depth++] = best; depth > 0;) {
+        const piece of = stack[--depth];
+        if (of.least >= best.distance || of.least > fmax(enough, half * best.distance)) {
+            bound = fmin(bound, of.least);
+            continue;
+        }
+        const int count = split(&of, corners, child);
+        for (int n = 0; n < count; n++) {
+            look_at(part, at, corners, child + n);
+            if (child[n].distance < best.distance) best = child[n];
+            if (child[n].radius > grain && child[n].level < DEEPEST) stack[depth++] = child[n];
+            else bound = fmin(bound, fmin(child[n].distance, fmax(child[n].least, enough)));
+        }
+    }
+    best.least = best.distance > enough ? fmin(bound, best.distance) : -INFINITY;
+    return best;
+}
+
+/* A part with the same middle, of two cells' size. */
+static void resize_to(double size, int corners, piece *of)
+{
+    const double scale = of->radius > 0 ? size / of->radius : 1;
+    for (int k = 0; k < corners; k++) {
+        double sum = 0;
+        for (int v = 0; v < corners; v++) {
+            of->corner[k][v] = fmax(of->middle[v] + scale * (of->corner[k][v] - of->middle[v]), 0);
+            sum += of->corner[k][v];
+        }
+        for (int v = 0; v < corners; v++) of->corner[k][v] /= sum;
+    }
+}
+
+static double search(const pliant_part *part, const double (*at)[3], int corners, double enough, double *weight, double normal[3])
+{
+    piece best = find_lowest(part, at, corners, enough);
+    double place[3][3] = {{0}}, share[3];
+    if (best.least > enough) return best.least;
+    resize_to(2 * pliant_part_grain(part), corners, &best);
+    for (int k = 0; k < corners; k++) place_at(at, corners, best.corner[k], place[k]);
+    const double least = corners == 2 ? descend_edge(part, (const double(*)[3])place, INFINITY, share, normal)
+                                      : descend_face(part, (const double(*)[3])place, INFINITY, share, normal);
+    memset(weight, 0, (size_t)corners * sizeof *weight);
+    for (int k = 0; k < corners; k++)
+        for (int v = 0; v < corners; v++) weight[v] += share[k] * best.corner[k][v];
+    if (least <= best.distance) return least;
+    memcpy(weight, best.middle, (size_t)corners * sizeof *weight);
+    place_at(at, corners, best.middle, place[0]);
+    return pliant_part_distance(part, place[0], normal);
+}
+
+/* ---- all */
+
+double pliant_edge_minimum(const pliant_part *part, const double at[2][3], double enough, double weight[2], double normal[3])
+{
+    return pliant_part_grain(part) > 0 ? search(part, at, 2, enough, weight, normal) : descend_edge(part, at, enough, weight, normal);
+}
+
+double pliant_face_minimum(const pliant_part *part, const double at[3][3], double enough, double weight[3], double normal[3])
+{
+    return pliant_part_grain(part) > 0 ? search(part, at, 3, enough, weight, normal) : descend_face(part, at, enough, weight, normal);
 }

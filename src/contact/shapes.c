@@ -1,6 +1,7 @@
 #include "contact/shapes.h"
 
 #include "base/rotate.h"
+#include "contact/solid.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -57,6 +58,7 @@ double pliant_part_distance(const pliant_part *part, const double p[3], double n
     if (part->kind == PLIANT_PART_BOX) return from_box(part, p, normal);
     const double apart[3] = {p[0] - part->from[0], p[1] - part->from[1], p[2] - part->from[2]};
     if (part->kind == PLIANT_PART_SPHERE) return from_centre(apart, part->radius, normal);
+    if (part->kind == PLIANT_PART_SOLID) return pliant_solid_distance(part->solid, apart, normal) - part->radius;
     const double size = length(part->to);
     for (int d = 0; d < 3; d++) normal[d] = part->to[d] / size;
     return dot(apart, normal);
@@ -78,18 +80,30 @@ void pliant_part_leave(const pliant_part *part, const double p[3], const double 
 double pliant_part_depth(const pliant_part *part)
 {
     if (part->kind == PLIANT_PART_HALF_SPACE) return INFINITY;
+    if (part->kind == PLIANT_PART_SOLID) /* one that is not convex may be thin elsewhere, as thin as its field tells */
+        return part->radius + (part->solid->convex ? part->solid->depth : fmin(part->solid->depth, 2 * part->solid->cell));
     if (part->kind != PLIANT_PART_BOX) return part->radius;
     return part->radius + 0.5 * fmin(fmin(part->to[0] - part->from[0], part->to[1] - part->from[1]), part->to[2] - part->from[2]);
 }
 
+/* Low and high corner of what is grown by the radius; a capsule's ends as they are. */
+static void corners_of(const pliant_part *part, double low[3], double high[3])
+{
+    const bool is_solid = part->kind == PLIANT_PART_SOLID;
+    for (int d = 0; d < 3; d++) {
+        low[d] = part->from[d] + (is_solid ? part->solid->low[d] : 0);
+        high[d] = part->kind == PLIANT_PART_SPHERE ? part->from[d] : is_solid ? part->from[d] + part->solid->high[d] : part->to[d];
+    }
+}
+
 double pliant_part_reach(const pliant_part *part, const double from[3])
 {
-    double far = 0;
+    double far = 0, low[3], high[3];
+    corners_of(part, low, high);
     for (int corner = 0; corner < 8; corner++) { /* the ends of a capsule are two of the corners */
         double apart = 0;
         for (int d = 0; d < 3; d++) {
-            const bool high = corner >> d & 1 && part->kind != PLIANT_PART_SPHERE;
-            apart += pow((high ? part->to : part->from)[d] - from[d], 2);
+            apart += pow((corner >> d & 1 ? high : low)[d] - from[d], 2);
         }
         far = fmax(far, sqrt(apart));
     }
@@ -108,11 +122,12 @@ const char *pliant_part_check(const pliant_part *part, bool of_tool, char *reaso
 {
     const double most = 10; /* [m] */
     for (int d = 0; d < 3; d++) {
-        if (!(fabs(part->from[d]) <= most) || (part->kind != PLIANT_PART_SPHERE && !(fabs(part->to[d]) <= most)))
+        const bool has_end = part->kind != PLIANT_PART_SPHERE && part->kind != PLIANT_PART_SOLID;
+        if (!(fabs(part->from[d]) <= most) || (has_end && !(fabs(part->to[d]) <= most)))
             return complain(reason, size, "its numbers must be finite, and metres: at most 10");
     }
     if (part->kind == PLIANT_PART_HALF_SPACE) {
-        if (of_tool) return complain(reason, size, "a half-space is an obstacle of the scene; a tool's part is a sphere, capsule or box");
+        if (of_tool) return complain(reason, size, "a half-space is an obstacle of the scene; a tool's part is a sphere, capsule, box or solid");
         return length(part->to) > 0 ? NULL : complain(reason, size, "its normal must not be zero");
     }
     if (part->kind == PLIANT_PART_BOX)
@@ -121,6 +136,7 @@ const char *pliant_part_check(const pliant_part *part, bool of_tool, char *reaso
                 snprintf(reason, size, "axis %d: low %g must not be above high %g", d, part->from[d], part->to[d]);
                 return reason;
             }
+    if (part->kind == PLIANT_PART_SOLID && !part->solid) return complain(reason, size, "it has no solid");
     if (!(part->radius >= 0 && part->radius <= most)) return complain(reason, size, "its radius must be between 0 and 10 m");
     if (!(pliant_part_depth(part) >= thinnest)) return complain(reason, size, "it is thinner than 0.1 mm");
     return NULL;
@@ -132,10 +148,23 @@ void pliant_tool_shape_move(pliant_tool_shape *shape, const double offset[3])
         shape->joint[d] += offset[d];
         for (int32_t p = 0; p < shape->num_parts; p++) {
             shape->part[p].from[d] += offset[d];
-            if (shape->part[p].kind != PLIANT_PART_HALF_SPACE) shape->part[p].to[d] += offset[d];
+            if (shape->part[p].kind != PLIANT_PART_HALF_SPACE && shape->part[p].kind != PLIANT_PART_SOLID) shape->part[p].to[d] += offset[d];
         }
     }
 }
+
+void pliant_tool_shape_free(pliant_tool_shape *shape)
+{
+    for (int32_t p = 0; p < shape->num_parts; p++) pliant_solid_release(shape->part[p].solid);
+    *shape = (pliant_tool_shape){.num_parts = 0};
+}
+
+void pliant_tool_shape_retain(const pliant_tool_shape *shape)
+{
+    for (int32_t p = 0; p < shape->num_parts; p++) pliant_solid_retain(shape->part[p].solid);
+}
+
+double pliant_part_grain(const pliant_part *part) { return part->kind == PLIANT_PART_SOLID && !part->solid->convex ? part->solid->cell : 0; }
 
 /* ---- poses */
 
@@ -182,13 +211,15 @@ void pliant_part_pose(const pliant_tool_shape *shape, pliant_part_frame frame, c
 
 void pliant_part_box(const pliant_part *part, const pliant_pose *pose, double low[3], double high[3])
 {
-    double middle[3], from[3], to[3];
-    for (int d = 0; d < 3; d++) middle[d] = 0.5 * (part->from[d] + part->to[d]);
-    pliant_pose_to(pose, part->kind == PLIANT_PART_BOX ? middle : part->from, from);
-    pliant_pose_to(pose, part->kind == PLIANT_PART_CAPSULE ? part->to : part->kind == PLIANT_PART_BOX ? middle : part->from, to);
+    const bool has_corners = part->kind == PLIANT_PART_BOX || part->kind == PLIANT_PART_SOLID;
+    double ends[2][3], middle[3], from[3], to[3];
+    corners_of(part, ends[0], ends[1]);
+    for (int d = 0; d < 3; d++) middle[d] = 0.5 * (ends[0][d] + ends[1][d]);
+    pliant_pose_to(pose, has_corners ? middle : part->from, from);
+    pliant_pose_to(pose, part->kind == PLIANT_PART_CAPSULE ? part->to : has_corners ? middle : part->from, to);
     for (int d = 0; d < 3; d++) {
         double grow = part->kind == PLIANT_PART_HALF_SPACE ? INFINITY : part->radius;
-        for (int e = 0; part->kind == PLIANT_PART_BOX && e < 3; e++) grow += 0.5 * fabs(pose->rotation[3 * d + e]) * (part->to[e] - part->from[e]);
+        for (int e = 0; has_corners && e < 3; e++) grow += 0.5 * fabs(pose->rotation[3 * d + e]) * (ends[1][e] - ends[0][e]);
         low[d] = fmin(from[d], to[d]) - grow;
         high[d] = fmax(from[d], to[d]) + grow;
     }

@@ -20,6 +20,11 @@ double pliant_part_reach(const pliant_part *part, const double from[3]);
 /* NULL, or what is wrong with it. */
 const char *pliant_part_check(const pliant_part *part, bool of_tool, char *reason, size_t size);
 
+/* Distance of points that tell a part that is not convex [m]; 0: it is convex. */
+double pliant_part_grain(const pliant_part *part);
+/* Holds a shape's solids once more. */
+void pliant_tool_shape_retain(const pliant_tool_shape *shape);
+
 /* x = rotation l + place of a point l in a frame; row-major. */
 typedef struct pliant_pose { double rotation[9], place[3]; } pliant_pose;
 

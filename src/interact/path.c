@@ -11,7 +11,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { MOST_KEYS = 1000000, REASON_SIZE = 256 };
+enum { MOST_KEYS = 1000000, REASON_SIZE = 512 };
 
 /* The document as it stands, before its numbers are read. */
 typedef struct text_key {
@@ -277,7 +277,7 @@ static bool read_spans(const text_tool *text, pliant_path_tool *out, char reason
 }
 
 /* A tool that goes from pose to pose. */
-static bool read_posed(const text_tool *text, pliant_path_tool *out, char reason[REASON_SIZE])
+static bool read_posed(const text_tool *text, const char *file, pliant_path_tool *out, char reason[REASON_SIZE])
 {
     if (text->grasp || text->motion || text->drive || text->release) {
         snprintf(reason, REASON_SIZE, "poses: a tool with poses has no grasp, motion, drive or release; those are of one that holds tissue");
@@ -287,7 +287,7 @@ static bool read_posed(const text_tool *text, pliant_path_tool *out, char reason
         snprintf(reason, REASON_SIZE, "cut: needs a blade, as in blade: {name: scalpel}");
         return false;
     }
-    if (text->shape && !pliant_shape_from_text(text->shape, &out->shape, reason, REASON_SIZE)) return false;
+    if (text->shape && !pliant_shape_from_text(text->shape, file, &out->shape, reason, REASON_SIZE)) return false;
     return read_poses(text, out, reason) && (!text->blade || read_blade(text, out, reason)) && (!text->cut || read_spans(text, out, reason));
 }
 
@@ -311,10 +311,10 @@ static bool read_name(const char *text, char *out, size_t size, char reason[REAS
     return true;
 }
 
-static bool read_tool(const text_tool *text, pliant_path_tool *out, char reason[REASON_SIZE])
+static bool read_tool(const text_tool *text, const char *file, pliant_path_tool *out, char reason[REASON_SIZE])
 {
     if (!read_name(text->name, out->name, sizeof out->name, reason)) return false;
-    if (text->poses) return read_posed(text, out, reason);
+    if (text->poses) return read_posed(text, file, out, reason);
     if (!text->grasp || !text->motion || text->blade || text->shape || text->cut) {
         snprintf(reason, REASON_SIZE, "grasp: a tool needs grasp and motion, or poses; one with a blade or a shape has poses");
         return false;
@@ -361,7 +361,7 @@ static pliant_status convert(const text_path *text, const char *yaml, const char
 {
     for (uint32_t n = 0; n < text->num_tools; ++n) {
         char reason[REASON_SIZE] = "";
-        bool good = read_tool(&text->tools[n], &out->tools[n], reason);
+        bool good = read_tool(&text->tools[n], name, &out->tools[n], reason);
         for (uint32_t k = 0; good && k < n; ++k)
             if (strcmp(out->tools[k].name, out->tools[n].name) == 0) {
                 snprintf(reason, sizeof reason, "name: another tool has it too");
@@ -432,6 +432,7 @@ void pliant_path_free(pliant_path *path)
         pliant_free(path->tools[n].motion);
         pliant_free(path->tools[n].poses);
         pliant_free(path->tools[n].cut);
+        pliant_tool_shape_free(&path->tools[n].shape);
     }
     for (uint32_t n = 0; path->cuts && n < path->num_cuts; ++n) pliant_free(path->cuts[n].points);
     pliant_free(path->tools);

@@ -1,6 +1,7 @@
 /* Tools: where they are, what they hold, how they pull. [H] 3.2, equation 11: a force at a point of the volume is spread over
  * the nodes by the weights that interpolate its displacement. A blob is a set of such points. */
 #include "base/fail.h"
+#include "contact/shapes.h"
 #include "interact/blade.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
@@ -77,6 +78,7 @@ void pliant_tool_free(pliant_tool *tool)
 {
     pliant_blade_end(tool);
     pliant_tool_drop(tool);
+    pliant_tool_shape_free(&tool->shape);
 }
 
 void pliant_tool_release(pliant_data *data, int tool)
@@ -243,6 +245,7 @@ pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, cons
                                 const double *positions)
 {
     *tool = *from;
+    pliant_tool_shape_retain(&tool->shape);
     tool->held = NULL;
     tool->weight = NULL;
     tool->num_held = 0;

@@ -56,6 +56,8 @@ pliant_status pliant_tool_set_shape(pliant_data *data, int index, const pliant_t
     for (int d = 0; d < 3; d++) axis += shape->axis[d] * shape->axis[d] + 0 * shape->joint[d];
     if (turns && !(axis > 0 && isfinite(axis)))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: the joint of its jaws needs a point and an axis that is not 0", tool->name);
+    pliant_tool_shape_retain(shape);
+    pliant_tool_shape_free(&tool->shape);
     tool->shape = *shape;
     return PLIANT_OK;
 }

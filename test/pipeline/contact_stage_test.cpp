@@ -3,6 +3,7 @@
 #include "contact/shapes.h"
 #include "pliant/memory.h"
 #include "sim/contact.h"
+#include "solids.h"
 
 namespace {
 
@@ -281,6 +282,50 @@ TEST(ContactStage, TissueRestsOnObstacles)
         EXPECT_GT(force, 0.02); // of a weight of 0.14 N; the sides carry the rest
         EXPECT_LT(force, 0.14);
     }
+}
+
+// What a box presses with, the same box presses with as a hull and as an STL's field; which of the points that are as near counts is chance.
+TEST(ContactStage, SolidsPressAsTheShapeThatTheyAre)
+{
+    const double low[3] = {-0.006, -0.006, 0}, high[3] = {0.006, 0.006, 0.01};
+    double force[3] = {0, 0, 0};
+    for (int kind = 0; kind < 3; kind++) {
+        pliant_solid *solid = nullptr;
+        pliant_solid_options options{};
+        options.convex = kind == 1;
+        options.resolution = 4e-4;
+        ASSERT_EQ(block(low, high).make(options, &solid), PLIANT_OK) << pliant_last_error();
+        const size_t before = pliant_memory_in_use();
+        {
+            Sheet sheet;
+            pliant_tool_shape shape{};
+            shape.num_parts = 1;
+            shape.part[0].kind = kind ? PLIANT_PART_SOLID : PLIANT_PART_BOX;
+            shape.part[0].solid = kind ? solid : nullptr;
+            for (int d = 0; d < 3 && !kind; d++) {
+                shape.part[0].from[d] = low[d];
+                shape.part[0].to[d] = high[d];
+            }
+            const int tool = sheet.add("block", shape, 0.031, 0.029, 0.0045);
+            ASSERT_EQ(pliant_tool_set_shape(sheet.data, tool, &shape), PLIANT_OK) << "again";
+            for (int step = 0; step < 6; step++) {
+                sheet.move(tool, 0.031, 0.029, 0.0045 - 0.0005 * (step + 1));
+                ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+            }
+            EXPECT_LT(sheet.deepest(tool), 2e-5);
+            double torque[3], total[3];
+            pliant_contact_wrench(sheet.data, tool, total, torque);
+            force[kind] = -total[2];
+            pliant_data *copy = nullptr;
+            ASSERT_EQ(pliant_data_copy(sheet.model, sheet.data, &copy), PLIANT_OK); // holds the solid, too
+            pliant_data_free(copy);
+        }
+        EXPECT_EQ(pliant_memory_in_use(), before);
+        pliant_solid_release(solid);
+    }
+    EXPECT_GT(force[0], 0.015);
+    EXPECT_NEAR(force[1], force[0], 0.03 * force[0]);
+    EXPECT_NEAR(force[2], force[0], 0.03 * force[0]);
 }
 
 // An allocation that fails leaves positions and points as they were; the next step goes on as if nothing had been.

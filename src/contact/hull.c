@@ -1,0 +1,143 @@
+/* The convex hull of points, one after the other: what sees a point goes, and its border is joined to it. */
+#include "contact/solid.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+static const double in_plane = 1e-7; /* of the size: points that are no higher over a triangle lie in it */
+enum { ROOM = 4 * PLIANT_HULL_TRIANGLES };
+
+typedef struct facet { int32_t node[3]; double normal[3], along; } facet;
+typedef struct hull {
+    const double *points;
+    int32_t count, horizon;
+    double least;
+    facet face[ROOM];
+    int32_t edge[2 * ROOM][2];
+} hull;
+
+static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+static const double *place(const hull *of, int32_t point) { return of->points + 3 * (size_t)point; }
+
+static bool add_face(hull *of, int32_t a, int32_t b, int32_t c)
+{
+    facet *face = of->face + of->count;
+    double u[3], w[3];
+    if (of->count == ROOM) return false;
+    *face = (facet){.node = {a, b, c}};
+    for (int d = 0; d < 3; d++) {
+        u[d] = place(of, b)[d] - place(of, a)[d];
+        w[d] = place(of, c)[d] - place(of, a)[d];
+    }
+    for (int d = 0; d < 3; d++) face->normal[d] = u[(d + 1) % 3] * w[(d + 2) % 3] - u[(d + 2) % 3] * w[(d + 1) % 3];
+    const double size = sqrt(dot(face->normal, face->normal));
+    for (int d = 0; d < 3; d++) face->normal[d] = size > 0 ? face->normal[d] / size : 0;
+    face->along = dot(face->normal, place(of, a));
+    of->count++;
+    return true;
+}
+
+/* squared distance of a point from what 1, 2 or 3 points span */
+static double beyond(const hull *of, const int32_t *base, int count, int32_t point)
+{
+    double to[3], along[2][3];
+    for (int d = 0; d < 3; d++) {
+        to[d] = place(of, point)[d] - place(of, base[0])[d];
+        for (int k = 0; k < count - 1; k++) along[k][d] = place(of, base[k + 1])[d] - place(of, base[0])[d];
+    }
+    for (int k = 0; k < count - 1; k++) { /* Gram and Schmidt */
+        if (k == 1) {
+            const double share = dot(along[1], along[0]) / dot(along[0], along[0]);
+            for (int d = 0; d < 3; d++) along[1][d] -= share * along[0][d];
+        }
+        const double share = dot(to, along[k]) / dot(along[k], along[k]);
+        for (int d = 0; d < 3; d++) to[d] -= share * along[k][d];
+    }
+    return dot(to, to);
+}
+
+/* Four points that are far from being in a plane. false: there are none */
+static bool begin(hull *of, int32_t num_points)
+{
+    int32_t base[4] = {0, 0, 0, 0};
+    for (int k = 1; k < 4; k++) {
+        double most = -1;
+        for (int32_t p = 0; p < num_points; p++) {
+            const double square = beyond(of, base, k, p);
+            if (square > most) {
+                most = square;
+                base[k] = p;
+            }
+        }
+        if (k == 1) of->least = in_plane * sqrt(most);
+        if (!(most > of->least * of->least) || most == 0) return false;
+    }
+    add_face(of, base[0], base[1], base[2]);
+    const bool above = dot(of->face[0].normal, place(of, base[3])) > of->face[0].along;
+    of->count = 0;
+    const int32_t b = base[above ? 2 : 1], c = base[above ? 1 : 2];
+    add_face(of, base[0], b, c);
+    add_face(of, base[0], c, base[3]);
+    add_face(of, c, b, base[3]);
+    add_face(of, b, base[0], base[3]);
+    return true;
+}
+
+/* Edges of what sees the point, without those that two of them share. */
+static void leave_edge(hull *of, int32_t a, int32_t b)
+{
+    for (int32_t e = 0; e < of->horizon; e++)
+        if (of->edge[e][0] == b && of->edge[e][1] == a) {
+            memcpy(of->edge[e], of->edge[--of->horizon], sizeof of->edge[e]);
+            return;
+        }
+    of->edge[of->horizon][0] = a;
+    of->edge[of->horizon++][1] = b;
+}
+
+static bool add_point(hull *of, int32_t point)
+{
+    int32_t left = 0;
+    of->horizon = 0;
+    for (int32_t f = 0; f < of->count; f++) {
+        const facet *face = of->face + f;
+        if (dot(face->normal, place(of, point)) - face->along <= of->least) {
+            if (left != f) of->face[left] = *face;
+            left++;
+            continue;
+        }
+        if (of->horizon + 3 > 2 * ROOM) return false;
+        for (int k = 0; k < 3; k++) leave_edge(of, face->node[k], face->node[(k + 1) % 3]);
+    }
+    of->count = left;
+    for (int32_t e = 0; e < of->horizon; e++)
+        if (!add_face(of, of->edge[e][0], of->edge[e][1], point)) return false;
+    return true;
+}
+
+pliant_status pliant_hull_find(int32_t num_points, const double *points, const char *name, int32_t *num_triangles, int32_t **triangles)
+{
+    hull *of = pliant_calloc(1, sizeof *of);
+    pliant_status status = PLIANT_OK;
+    bool fits = true;
+    if (!of) return pliant_fail_memory(name);
+    of->points = points;
+    if (num_points < 4 || !begin(of, num_points)) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: its points lie in a plane: a solid needs four that do not", name);
+    for (int32_t p = 0; p < num_points && status == PLIANT_OK && fits; p++) fits = add_point(of, p);
+    if (status == PLIANT_OK && (!fits || of->count > PLIANT_HULL_TRIANGLES))
+        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: its convex hull has more than %d triangles; as a mesh it may have %d", name, PLIANT_HULL_TRIANGLES,
+                             PLIANT_SOLID_TRIANGLES);
+    int32_t *made = status == PLIANT_OK ? pliant_calloc((size_t)of->count, 3 * sizeof *made) : NULL;
+    if (status == PLIANT_OK && !made) status = pliant_fail_memory(name);
+    if (status == PLIANT_OK) {
+        for (int32_t f = 0; f < of->count; f++) memcpy(made + 3 * f, of->face[f].node, sizeof of->face[f].node);
+        *num_triangles = of->count;
+        *triangles = made;
+    }
+    pliant_free(of);
+    return status;
+}
