@@ -41,7 +41,8 @@ extern "C" pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const 
         array_of(&it->d_state, 1, true),       array_of(&it->d_history, 1, true),          array_of(&it->d_x[0], nodes),
         array_of(&it->d_x[1], nodes),          array_of(&it->d_step[0], n),                array_of(&it->d_step[1], n),
         array_of(&it->d_residual[0], n),       array_of(&it->d_residual[1], n),            array_of(&it->d_load, n),
-        array_of(&it->d_extra, n, true),       array_of(&it->d_secant_x, history),         array_of(&it->d_secant_step, history),
+        array_of(&it->d_extra, n, true),       array_of(&it->d_touch, n, true),
+             array_of(&it->d_secant_x, history),         array_of(&it->d_secant_step, history),
         array_of(&it->d_secant_residual, history), array_of(&it->d_element_force, count_of_forces(system)), array_of(&it->d_axes, 3 * n),
         array_of(&it->d_free_residual, n),     array_of(&it->d_past_step, n),              array_of(&it->d_past_residual, n),
         array_of(&it->d_rotations, count_of_rotations(system)),
@@ -114,6 +115,7 @@ extern "C" pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, cons
     pliant_free(h_before);
     if (status != PLIANT_OK || !*possible) return status;
     CUDA_TRY(pliant_cuda_renewal_follow(gpu, system->mesh->num_nodes, node));
+    pliant_cuda_answers_forget(&gpu->touches.answers);
     CUDA_TRY(pliant_cuda_solver_record(gpu));
     return pliant_cuda_solver_begin(gpu, solver);
 }

@@ -67,7 +67,7 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
                 if (step.tools[t].spring) row_of[rows++] = 3 * t + d;
             }
         state.step = step;
-        state.done = state.iterations = state.ending = 0;
+        state.done = state.iterations = state.ending = state.took = 0;
         state.knows_forces = step.kept && state.evaluated;
         state.seen = state.knows_forces && step.same_axes;
         state.skips = state.seen && step.same_step;

@@ -114,10 +114,11 @@ static void download(const pliant_model *model, pliant_data *data)
 
 static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
-    (void)model;
     data->solver->background = &data->background;
     pliant_cuda_section_begin("solve");
-    pliant_status status = pliant_cuda_solver_step(state_of(data)->solver, data->solver, data->gravity, &data->statistics);
+    if (data->contacts.count > 0) download(model, data);
+    pliant_status status = pliant_push(data);
+    if (status == PLIANT_OK) status = pliant_cuda_solver_step(state_of(data)->solver, data->solver, data->gravity, &data->statistics);
     pliant_cuda_section_end();
     return status;
 }
@@ -196,6 +197,7 @@ static constexpr pliant_backend table()
     pliant_backend made{};
     made.name = "cuda";
     made.kind = &pliant_corotational;
+    made.touches = true;
     made.probe = pliant_cuda_text;
     made.create = create;
     made.free = destroy;

@@ -4,17 +4,42 @@
 #include "forces.h"
 #include "solver.h"
 
-static pliant_status enqueue(const pliant_cuda_solver *gpu, bool known)
+static pliant_status enqueue_look(const pliant_cuda_solver *gpu)
 {
     const gpu_iteration *it = &gpu->iteration;
-    if (!known) {
-        CUDA_TRY(pliant_cuda_forces(&gpu->system, it, gpu->stream));
-        CUDA_TRY(pliant_cuda_gather(&gpu->system, it, gpu->stream));
-        CUDA_TRY(pliant_cuda_precondition(&gpu->preconditioner, it, gpu->stream));
-    }
+    CUDA_TRY(pliant_cuda_forces(&gpu->system, it, gpu->stream));
+    CUDA_TRY(pliant_cuda_gather(&gpu->system, it, gpu->stream));
+    return pliant_cuda_precondition(&gpu->preconditioner, it, gpu->stream);
+}
+
+static pliant_status enqueue_judge(const pliant_cuda_solver *gpu, bool known)
+{
+    const gpu_iteration *it = &gpu->iteration;
     CUDA_TRY(pliant_cuda_complete(it, known, gpu->gather_blocks, gpu->stream));
     CUDA_TRY(pliant_cuda_decide(it, gpu->gather_blocks, gpu->stream));
     return pliant_cuda_propose(it, gpu->stream);
+}
+
+static pliant_status enqueue(const pliant_cuda_solver *gpu, bool known)
+{
+    if (!known) CUDA_TRY(enqueue_look(gpu));
+    return enqueue_judge(gpu, known);
+}
+
+extern "C" pliant_status pliant_cuda_solver_judge(const pliant_cuda_solver *gpu) { return enqueue_judge(gpu, false); }
+
+/* Of a V-cycle as a graph, made when it is first asked for. */
+extern "C" pliant_status pliant_cuda_solver_look(pliant_cuda_solver *gpu)
+{
+    cudaGraph_t graph = nullptr;
+    if (!gpu->preconditioner.multigrid) return enqueue_look(gpu);
+    if (gpu->look) return CUDA_CALL(cudaGraphLaunch(gpu->look, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
+    pliant_status status = enqueue_look(gpu), ended = CUDA_CALL(cudaStreamEndCapture(gpu->stream, &graph));
+    if (status == PLIANT_OK) status = ended;
+    if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphInstantiateWithFlags(&gpu->look, graph, 0));
+    if (graph) cudaGraphDestroy(graph);
+    return status == PLIANT_OK ? CUDA_CALL(cudaGraphLaunch(gpu->look, gpu->stream)) : status;
 }
 
 extern "C" pliant_status pliant_cuda_solver_evaluate_first(const pliant_cuda_solver *gpu, bool known)
@@ -48,6 +73,8 @@ static bool update(cudaGraphExec_t evaluation, cudaGraph_t graph)
 extern "C" pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu)
 {
     cudaGraph_t graph = nullptr;
+    if (gpu->look) cudaGraphExecDestroy(gpu->look);
+    gpu->look = nullptr;
     CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
     pliant_status status = enqueue(gpu, false);
     const cudaError_t ended = cudaStreamEndCapture(gpu->stream, &graph); /* whatever failed: while a stream records, nothing can be given back */

@@ -110,7 +110,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
 #pragma unroll 4
         for (int c = system.d_corner_start[n]; c < end; c++) sum += iteration.d_element_force[4 * (size_t)system.d_corner[c] + d];
         const size_t i = 3 * (size_t)n + d, x = 3 * (size_t)system.d_node_of_free[n] + d;
-        double load = iteration.d_load[i] + iteration.d_extra[i], u = iteration.d_x[target][x] - system.d_rest[x];
+        double load = iteration.d_load[i] + iteration.d_extra[i] + iteration.d_touch[i], u = iteration.d_x[target][x] - system.d_rest[x];
         work = u * load;
         elastic = u * sum;
         residual = load - sum;

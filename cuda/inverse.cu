@@ -230,6 +230,21 @@ static __device__ __forceinline__ float entry(const gpu_inverse &inverse, int ro
     return inverse.d_tiles[(size_t)TILE * TILE * triangle((size_t)(high / TILE), (size_t)(low / TILE)) + TILE * (high % TILE) + low % TILE];
 }
 
+static __global__ void __launch_bounds__(THREADS) column_kernel(gpu_inverse inverse, const int32_t *d_which, size_t stride, float *d_column)
+{
+    const int n = (int)(blockIdx.x * THREADS + threadIdx.x), axis = (int)blockIdx.y % 3;
+    const int32_t *which = d_which + 2 * (size_t)(blockIdx.y / 3);
+    if (n < inverse.size) d_column[stride * (size_t)(which[1] + axis) + n] = entry(inverse, n, 3 * which[0] + axis);
+}
+
+extern "C" pliant_status pliant_cuda_inverse_columns(const gpu_inverse *inverse, int32_t count, const int32_t *d_which, size_t stride, float *d_column,
+                                                     cudaStream_t stream)
+{
+    const unsigned blocks = (unsigned)((inverse->size + THREADS - 1) / THREADS);
+    column_kernel<<<dim3(blocks, 3 * (unsigned)count), THREADS, 0, stream>>>(*inverse, d_which, stride, d_column);
+    return CUDA_LAUNCHED("column_kernel");
+}
+
 enum { RESPONSE_NODES = 64, RESPONSE_ROWS = 3 * RESPONSE_NODES, RESPONSE_CHUNK = 32 };
 
 /* one thread an unknown */

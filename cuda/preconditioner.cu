@@ -114,3 +114,27 @@ extern "C" pliant_status pliant_cuda_respond(const gpu_preconditioner *precondit
     }
     return PLIANT_OK;
 }
+
+static __global__ void unit_kernel(float *d_right, int clear, int set)
+{
+    if (clear >= 0) d_right[clear] = 0;
+    d_right[set] = 1;
+}
+
+extern "C" pliant_status pliant_cuda_columns(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, int32_t count, const int32_t *h_which,
+                                             const int32_t *d_which, size_t stride, float *d_column, cudaStream_t stream)
+{
+    if (!preconditioner->multigrid && preconditioner->carried.base_free == 0)
+        return pliant_cuda_inverse_columns(&preconditioner->inverse, count, d_which, stride, d_column, stream);
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(iteration->d_right, 0, 3 * (size_t)iteration->num_free * sizeof(float), stream)));
+    for (int32_t n = 0, before = -1; n < 3 * count; n++) {
+        gpu_iteration to = *iteration;
+        const int32_t unknown = 3 * h_which[2 * (n / 3)] + n % 3;
+        to.d_left = d_column + stride * (size_t)(h_which[2 * (n / 3) + 1] + n % 3);
+        unit_kernel<<<1, 1, 0, stream>>>(iteration->d_right, before, unknown);
+        CUDA_TRY(CUDA_LAUNCHED("unit_kernel"));
+        CUDA_TRY(apply(preconditioner, NULL, &to, stream));
+        before = unknown;
+    }
+    return PLIANT_OK;
+}

@@ -28,6 +28,11 @@ pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner,
 pliant_status pliant_cuda_respond(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, const gpu_tool *tool, double *d_response,
                                   cudaStream_t stream);
 
+/* Columns of M, at rest: three for each unknown node. which: (count x 2) unknown node and the first of the slots of its columns, of the host and of the
+ * GPU; d_column + stride slot: a column, padded. Takes d_right. */
+pliant_status pliant_cuda_columns(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, int32_t count, const int32_t *h_which,
+                                  const int32_t *d_which, size_t stride, float *d_column, cudaStream_t stream);
+
 #ifdef __cplusplus
 }
 #endif

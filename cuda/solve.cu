@@ -51,8 +51,10 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     if (!gpu) return;
     pliant_cuda_renewal_free(gpu);
     if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
+    if (gpu->look) cudaGraphExecDestroy(gpu->look);
+    pliant_cuda_touches_free(&gpu->touches);
     gpu_iteration *it = &gpu->iteration;
-    void *blocks[] = {it->d_state, it->d_history, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_residual[0], it->d_residual[1], it->d_free_residual, it->d_past_step, it->d_past_residual, it->d_load, it->d_extra,
+    void *blocks[] = {it->d_state, it->d_history, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_residual[0], it->d_residual[1], it->d_free_residual, it->d_past_step, it->d_past_residual, it->d_load, it->d_extra, it->d_touch,
                       it->d_secant_x, it->d_secant_step, it->d_secant_residual, it->d_element_force, it->d_rotations, it->d_axes, it->d_right, it->d_left,
                       it->d_sums, gpu->d_fine, gpu->d_solved, gpu->d_between};
     for (void *block : blocks) pliant_cuda_release(block);
@@ -228,7 +230,13 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     step.same_axes = step.same_axes && !renewed;
     step.forget = step.forget || renewed || gpu->forgotten != solver->forgotten;
     gpu->forgotten = solver->forgotten;
-    CUDA_TRY(run(gpu, &step));
+    step.touches = pliant_touches_any(solver->touches);
+    if (step.touches || gpu->touched) {
+        step.same_step = 0; /* what points change in it is another in every step */
+        CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_touch, 0, 3 * (size_t)gpu->system.num_free * sizeof(double), gpu->stream)));
+    }
+    gpu->touched = step.touches;
+    CUDA_TRY(step.touches ? pliant_cuda_touches_run(gpu, solver, &step) : run(gpu, &step));
     gpu->fresh = false;
     const gpu_state *state = gpu->h_state;
     const pliant_anderson *rules = &state->rules;
@@ -243,6 +251,7 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     statistics->residual_force = state->told_residual_force;
     statistics->error = rules->error;
     statistics->error_before = rules->error_before;
+    pliant_touches_tell(solver->touches, pliant_cuda_touches_moved(&gpu->touches), statistics);
     gpu->served_badly = gpu->served_badly || rules->rate > PLIANT_SERVES_BADLY;
     return rules->converged ? PLIANT_OK : PLIANT_NOT_CONVERGED;
 }

@@ -5,6 +5,7 @@
 #include "preconditioner.h"
 #include "solve.h"
 #include "system.h"
+#include "touch.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -16,7 +17,7 @@ typedef struct gpu_tool_arrays {
     size_t unknown_room, block_room, response_room; /* bytes */
 } gpu_tool_arrays;
 
-enum { SOLVER_ARRAYS = 24 };
+enum { SOLVER_ARRAYS = 25 };
 
 typedef struct gpu_renewal gpu_renewal;
 
@@ -33,13 +34,15 @@ struct pliant_cuda_solver {
     double *d_between;         /* room to carry axes over */
     size_t between_room;
     int gather_blocks;
-    cudaGraphExec_t evaluation;
+    cudaGraphExec_t evaluation, look; /* of the latter: Nullable: not used yet */
     size_t kernels;            /* in it */
     int kind;                  /* of preconditioner */
     gpu_state *h_state;        /* page-locked; its first part is what comes back */
     double *d_fine, *d_solved, *h_solved;
     size_t solved_room;        /* bytes of h_solved */
     gpu_tool_arrays tools[PLIANT_MAX_TOOLS];
+    gpu_touches touches;
+    bool touched;              /* in the last step */
     uint64_t serial;           /* counts turns of the preconditioner, from 1 */
     uint64_t turned_at;        /* step */
     bool served_badly;         /* the preconditioner, since then */
@@ -62,6 +65,9 @@ pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu);
 /* A step's first evaluation; known: as pliant_cuda_complete has it. Few kernels go one by one: the GPU begins with the first of them sooner
  * than with a graph, and works on those while graphs follow. */
 pliant_status pliant_cuda_solver_evaluate_first(const pliant_cuda_solver *gpu, bool known);
+/* The two halves of an evaluation, between which contacts find their forces: up to the free step, and from there on. */
+pliant_status pliant_cuda_solver_look(pliant_cuda_solver *gpu);
+pliant_status pliant_cuda_solver_judge(const pliant_cuda_solver *gpu);
 
 /* ---- renew.cu: a preconditioner of its own for a body whose one is carried over, made in the background */
 /* At the start of a step: what has arrived is put to use (*renewed), and the next one begun. Errors: MEMORY, UNAVAILABLE; where none

@@ -26,6 +26,7 @@ typedef struct gpu_tool {
 /* What the host says at the beginning of a step. */
 typedef struct gpu_step {
     gpu_tool tools[GPU_TOOLS];
+    int32_t touches;           /* there are contacts (touch.h) */
     int32_t restart, forget;   /* nothing is known of the state; the secants no longer hold */
     int32_t kept, same_axes, same_step; /* since the step before: nothing but loads has changed; nor the axes; nor what the preconditioner gave */
     int32_t is_cycle;          /* the preconditioner is a V-cycle */
@@ -40,6 +41,7 @@ typedef struct gpu_state {
     int32_t done, iterations;
     int32_t ending;            /* a blind step was made: its end is evaluated */
     int32_t evaluated;         /* d_element_force and d_left are of the state that the step ended with */
+    int32_t took;              /* what was evaluated last became the present state */
     pliant_anderson rules;     /* as on the CPU */
     double scale[2], residual_force[2], force[2][GPU_ROWS];
     double told_scale, told_residual_force; /* of the last state that was evaluated and kept */
@@ -87,6 +89,7 @@ typedef struct gpu_iteration {
     double *d_free_residual;   /* (n) that of the last evaluation, but for what springs were to change in it */
     double *d_past_step, *d_past_residual; /* (n) that the step before ended with */
     double *d_load, *d_extra;  /* (n) gravity; the tools' forces */
+    double *d_touch;           /* (n) those of contacts */
     double *d_secant_x, *d_secant_step, *d_secant_residual; /* (room x n) */
     double *d_element_force;   /* (num_tets x 4 x 4), three numbers and a gap; or (corners of macro-elements x 4) */
     double *d_rotations;       /* (num_tets or macro-elements x 16) what elements say of the axes, nine numbers and a gap */

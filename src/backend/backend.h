@@ -59,6 +59,8 @@ pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data)
 
 /* Before the corotational solve: what a tool pulls at, and where to. Errors: MEMORY. */
 pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int tool);
+/* Before it, too: the points of contact, where the host's solver knows the positions. Errors: MEMORY. */
+pliant_status pliant_push(pliant_data *data);
 /* After a solve: where every tool's held point is, and what force it took. */
 void pliant_pull_report(pliant_data *data);
 

@@ -18,13 +18,18 @@ pliant_status pliant_cpu_nothing(const pliant_model *model, pliant_data *data)
     return PLIANT_OK;
 }
 
+pliant_status pliant_push(pliant_data *data)
+{
+    if (data->patch && data->contacts.count > 0 && !data->solver->touches)
+        pliant_log(PLIANT_LOG_WARNING, "contact: shapes of tools push the coarse mesh; a patch (model/patch) does not know of them, and may move tissue into one");
+    return pliant_solver_touch(data->solver, &data->contacts, data->positions);
+}
+
 static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     (void)model;
     data->solver->background = &data->background;
-    if (data->patch && data->contacts.count > 0 && !data->solver->touches)
-        pliant_log(PLIANT_LOG_WARNING, "contact: shapes of tools push the coarse mesh; a patch (model/patch) does not know of them, and may move tissue into one");
-    pliant_status status = pliant_solver_touch(data->solver, &data->contacts, data->positions);
+    pliant_status status = pliant_push(data);
     if (status != PLIANT_OK) return status;
     return pliant_solver_step(data->solver, &data->statistics);
 }

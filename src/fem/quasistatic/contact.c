@@ -277,7 +277,7 @@ static void answer_of(const pliant_touches *touches, int32_t a, int32_t b, doubl
     }
 }
 
-static int springs_of(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS])
+int pliant_touches_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS])
 {
     int count = 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
@@ -308,9 +308,10 @@ static void set_springs(const pliant_solver *solver, const int *tool, int num_to
         }
 }
 
-static pliant_status make_matrix(pliant_touches *touches, size_t row)
+pliant_status pliant_touches_make_matrix(pliant_touches *touches, int num_tools)
 {
-    const size_t room = 2 * row;
+    const size_t row = 3 * (size_t)(touches->count + num_tools), room = 2 * row;
+    for (int t = 0; t < num_tools; t++) touches->friction[touches->count + t] = PLIANT_CONE_HELD;
     if (row <= touches->room_matrix) return PLIANT_OK;
     double *matrix = pliant_calloc(room, room * sizeof *matrix), *motion = pliant_calloc(room, sizeof *motion), *force = pliant_calloc(room, sizeof *force);
     double *sweeps = pliant_calloc(room, PLIANT_CONE_ROOM * sizeof *sweeps);
@@ -345,7 +346,7 @@ pliant_status pliant_touches_respond(pliant_solver *solver)
         touches->touched[num_touched++] = touches->unknown[w];
     }
     int tool[PLIANT_MAX_TOOLS];
-    const int num_tools = springs_of(solver, tool);
+    const int num_tools = pliant_touches_springs(solver, tool);
     const int32_t num_answers = num_touched;
     for (int t = 0; t < num_tools; t++)
         for (int32_t h = 0; h < solver->handles[tool[t]].count; h++) {
@@ -366,7 +367,7 @@ pliant_status pliant_touches_respond(pliant_solver *solver)
     status = pliant_answers_find(&touches->answers, solver->preconditioner, touches->factor, touches->serial, num_answers, touches->touched);
     if (status != PLIANT_OK) return status;
     const size_t row = 3 * (size_t)(touches->count + num_tools);
-    if ((status = make_matrix(touches, row)) != PLIANT_OK) return status;
+    if ((status = pliant_touches_make_matrix(touches, num_tools)) != PLIANT_OK) return status;
     for (int32_t a = 0; a < touches->count; a++)
         for (int32_t b = 0; b <= a; b++) {
             double block[9];
@@ -376,7 +377,6 @@ pliant_status pliant_touches_respond(pliant_solver *solver)
                     touches->matrix[(3 * (size_t)a + r) * row + 3 * (size_t)b + c] = touches->matrix[(3 * (size_t)b + c) * row + 3 * (size_t)a + r] = block[3 * r + c];
         }
     set_springs(solver, tool, num_tools, row);
-    for (int t = 0; t < num_tools; t++) touches->friction[touches->count + t] = PLIANT_CONE_HELD;
     return PLIANT_OK;
 }
 
@@ -402,11 +402,27 @@ pliant_status pliant_touches_begin(pliant_solver *solver, pliant_iterate *at)
     return PLIANT_OK;
 }
 
+bool pliant_touches_find(pliant_touches *touches, int num_tools, const double *matrix)
+{
+    const size_t points = 3 * (size_t)touches->count;
+    memcpy(touches->force, touches->taken.force, points * sizeof *touches->force);
+    memset(touches->force + points, 0, 3 * (size_t)num_tools * sizeof *touches->force);
+    pliant_cones_solve(touches->count + num_tools, matrix, touches->friction, touches->motion, touches->force, touches->sweeps);
+    memcpy(touches->found.force, touches->force, points * sizeof *touches->force);
+    memcpy(touches->found.motion, touches->motion, points * sizeof *touches->motion);
+    bool changed = false;
+    for (size_t i = 0; i < points; i++) {
+        touches->change[i] = touches->force[i] - touches->taken.force[i];
+        changed = changed || touches->change[i] != 0;
+    }
+    return changed;
+}
+
 pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at)
 {
     pliant_touches *touches = solver->touches;
     int tool[PLIANT_MAX_TOOLS];
-    const int num_tools = springs_of(solver, tool);
+    const int num_tools = pliant_touches_springs(solver, tool);
     const size_t points = 3 * (size_t)touches->count, n = pliant_solver_unknowns(solver);
     for (int32_t c = 0; c < touches->count; c++) {
         double y[3], *motion = touches->motion + 3 * (size_t)c;
@@ -417,16 +433,7 @@ pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at)
     }
     for (int t = 0; t < num_tools; t++)
         pliant_handle_gap(solver, tool[t], at, touches->motion + points + 3 * (size_t)t);
-    memcpy(touches->force, touches->taken.force, points * sizeof *touches->force);
-    memset(touches->force + points, 0, 3 * (size_t)num_tools * sizeof *touches->force);
-    pliant_cones_solve(touches->count + num_tools, touches->matrix, touches->friction, touches->motion, touches->force, touches->sweeps);
-    memcpy(touches->found.force, touches->force, points * sizeof *touches->force);
-    memcpy(touches->found.motion, touches->motion, points * sizeof *touches->motion);
-    bool changed = false;
-    for (size_t i = 0; i < points; i++) {
-        touches->change[i] = touches->force[i] - touches->taken.force[i];
-        changed = changed || touches->change[i] != 0;
-    }
+    const bool changed = pliant_touches_find(touches, num_tools, touches->matrix);
     if (!changed && !touches->factor) return PLIANT_OK;
     memset(touches->step, 0, n * sizeof *touches->step);
     pull(touches, touches->change, touches->step);
@@ -447,9 +454,8 @@ void pliant_touches_take(pliant_touches *touches)
     touches->found = swap;
 }
 
-void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics)
+void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_statistics *statistics)
 {
-    pliant_touches *touches = solver->touches;
     statistics->contacts = 0;
     statistics->penetration = 0;
     for (int32_t p = 0; touches && touches->points && p < touches->points->count; p++) {
@@ -460,13 +466,19 @@ void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics)
     for (int32_t c = 0; touches && c < touches->count; c++) {
         pliant_contact_point *point = touches->points->point + touches->point[c];
         const double *frame = touches->frame + 9 * (size_t)c, *force = touches->taken.force + 3 * (size_t)c, *motion = touches->taken.motion + 3 * (size_t)c;
-        double y[3], depth = 0;
-        moved_point(solver->system, touches, c, solver->now.x, y);
-        for (int d = 0; d < 3; d++) depth -= frame[d] * (y[d] - touches->goal[3 * (size_t)c + (size_t)d]);
+        double depth = 0;
+        for (int d = 0; d < 3; d++) depth -= frame[d] * (moved[3 * (size_t)c + (size_t)d] - touches->goal[3 * (size_t)c + (size_t)d]);
         statistics->penetration = fmax(statistics->penetration, depth);
         from_frame(frame, force, point->force);
         point->begun = force[0] > 0;
         statistics->contacts += point->begun;
         for (int d = 0; d < 3; d++) point->anchor[d] += motion[1] * frame[3 + d] + motion[2] * frame[6 + d]; /* where it sticks, no motion is left */
     }
+}
+
+void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics)
+{
+    pliant_touches *touches = solver->touches;
+    for (int32_t c = 0; touches && c < touches->count; c++) moved_point(solver->system, touches, c, solver->now.x, touches->motion + 3 * (size_t)c);
+    pliant_touches_tell(touches, touches ? touches->motion : NULL, statistics);
 }

@@ -67,10 +67,17 @@ void pliant_touches_load(const pliant_touches *touches, double *residual);
 pliant_status pliant_touches_begin(pliant_solver *solver, pliant_iterate *at);
 /* From the free step: the forces; step += U W' dl and residual += W' dl. Errors: MEMORY. */
 pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at);
+/* Of that, once motion has the free step's: the forces, by a matrix A. false: none changes */
+bool pliant_touches_find(pliant_touches *touches, int num_tools, const double *matrix);
+/* Tools that pull by springs, in A after the points; returns how many. Room for A and what is found with it. Errors: MEMORY. */
+int pliant_touches_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS]);
+pliant_status pliant_touches_make_matrix(pliant_touches *touches, int num_tools);
 /* what was evaluated last becomes the state of the step */
 void pliant_touches_take(pliant_touches *touches);
 /* Forces and anchors to the points, how deep the deepest lies. */
 void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics);
+/* The same with moved (count x 3), W x of the points where the step has led. touches: Nullable */
+void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_statistics *statistics);
 
 #ifdef __cplusplus
 }

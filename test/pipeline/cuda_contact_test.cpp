@@ -1,0 +1,309 @@
+// Contact on the GPU against the CPU's: tools that press and slide, tissue on tissue, blocks that fall. Skipped without a GPU.
+#include "body.h"
+#include "cuda_warps.h"
+#include "fem/dynamics/tled.h"
+
+#include <cstdio>
+#include <string>
+
+namespace {
+
+const double h = 0.005; // of an element [m]
+
+pliant_tool_shape shape_of(pliant_part_kind kind, double size)
+{
+    pliant_tool_shape shape{};
+    shape.num_parts = 1;
+    if (kind == PLIANT_PART_SPHERE) shape.part[0] = {kind, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, size, false};
+    else if (kind == PLIANT_PART_CAPSULE) shape.part[0] = {kind, PLIANT_FRAME_TIP, {0, -0.01, 0}, {0, 0.01, 0}, size, false};
+    else shape.part[0] = {kind, PLIANT_FRAME_TIP, {-size, -size, 0}, {size, size, 0.01}, 1e-3, false};
+    return shape;
+}
+
+struct Case {
+    const char *name;
+    pliant_method method;
+    int ratio;
+    pliant_preconditioner_choice preconditioner;
+    bool spring, slot; // a tool pulls beside; a slot is closed
+    double bound;      // of the forces, over the largest
+    pliant_element_kind element = PLIANT_LINEAR;
+};
+
+const Case cases[] = {
+    {"fine, inverse", PLIANT_FINE, 1, PLIANT_DIRECT, false, false, 1e-6},
+    {"fine, V-cycle", PLIANT_FINE, 1, PLIANT_MULTIGRID, false, false, 1e-6},
+    {"fine, inverse, a spring beside", PLIANT_FINE, 1, PLIANT_DIRECT, true, false, 1e-6},
+    {"coarse, inverse", PLIANT_COARSE, 2, PLIANT_DIRECT, false, false, 1e-6},
+    {"averaged, inverse, a spring beside", PLIANT_AVERAGED, 2, PLIANT_DIRECT, true, false, 1e-6},
+    {"hexahedra, inverse", PLIANT_FINE, 1, PLIANT_DIRECT, false, false, 1e-6, PLIANT_HEXAHEDRA},
+    {"tissue on tissue, inverse", PLIANT_FINE, 1, PLIANT_DIRECT, false, true, 1e-6},
+};
+
+// 60 x 40 x 25 mm on what is fixed, with a slot that is open on one side, or without
+struct Block : Body {
+    const Case &c;
+    Block(const Case &of, pliant_backend_choice backend)
+        : Body(std::vector<int>{24, 16, 10}.data(), std::vector<double>{12 * h, 8 * h, 5 * h}.data(), {{4000, 0.4, 1000, false}, {1, 0.3, 1, true}},
+               [&of](int i, int, int k) { return of.slot && k / 2 == 2 && i >= 8; }),
+          c(of)
+    {
+        fix_plane(0, 0, 1e-6, 0, 0, 1);
+        cells(12 / c.ratio, 8 / c.ratio, c.ratio == 1 ? 5 : 2, c.ratio);
+        scene.model.method = c.method;
+        scene.element.kind = c.element;
+        scene.solver.backend = backend;
+        scene.solver.preconditioner = c.preconditioner;
+        scene.solver.iterations = 400;
+        scene.solver.tolerance = 1e-10;
+        scene.contact.friction = 0.3;
+        scene.contact.self = c.slot;
+    }
+    void add(const char *name, pliant_part_kind kind, double size, double x, double y)
+    {
+        int tool = -1;
+        const double tip[3] = {x, y, 5 * h + (kind == PLIANT_PART_BOX ? 2e-3 : size + 1e-3)};
+        const pliant_tool_shape shape = shape_of(kind, size);
+        ASSERT_EQ(pliant_tool_add(model, data, name, &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_shape(data, tool, &shape), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
+    }
+    pliant_status begin()
+    {
+        const pliant_status status = build();
+        if (status != PLIANT_OK) return status;
+        add("ball", PLIANT_PART_SPHERE, 0.006, 0.042, 0.0212);
+        if (!c.slot) {
+            add("shaft", PLIANT_PART_CAPSULE, 0.003, 0.021, 0.0193);
+            add("pad", PLIANT_PART_BOX, 0.004, 0.0093, 0.0103);
+        }
+        if (!c.spring) return PLIANT_OK;
+        int tool;
+        const double point[3] = {12 * h, 4 * h, 4 * h};
+        pliant_tool_add(model, data, "pull", &tool);
+        data->tools[tool].stiffness = 20;
+        data->tools[tool].radius = 0.006;
+        pliant_tool_set_pose(data, tool, point, nullptr);
+        return pliant_tool_grasp(model, data, tool, nullptr);
+    }
+    // presses, then slides
+    pliant_status step(int s)
+    {
+        const double down = c.slot ? 0.0012 : 0.0008, along = 0.0004;
+        for (int t = 0; t < data->num_tools; t++) {
+            double tip[3];
+            std::memcpy(tip, data->tools[t].tip, sizeof tip);
+            if (data->tools[t].holding) tip[0] += 3e-4;
+            else if (s <= 7) tip[2] -= down;
+            else tip[t % 2] += along;
+            EXPECT_EQ(pliant_tool_set_pose(data, t, tip, nullptr), PLIANT_OK);
+        }
+        return pliant_step(model, data);
+    }
+};
+
+void forces_of(const pliant_data *data, int tool, double out[3])
+{
+    out[0] = out[1] = out[2] = 0;
+    for (int32_t p = 0; p < data->contacts.count; p++)
+        for (int d = 0; d < 3; d++)
+            if (tool < 0 || data->contacts.point[p].tool == tool) out[d] += data->contacts.point[p].force[d];
+}
+
+double farthest(const double *a, const double *b, int32_t nodes)
+{
+    double most = 0;
+    for (int32_t n = 0; n < 3 * nodes; n++) most = std::fmax(most, std::fabs(a[n] - b[n]));
+    return most;
+}
+
+TEST(CudaContact, MeetsTheCpu)
+{
+    NEEDS_GPU();
+    for (const Case &c : cases) {
+        SCOPED_TRACE(c.name);
+        Block cpu(c, PLIANT_CPU), gpu(c, PLIANT_CUDA);
+        ASSERT_EQ(cpu.begin(), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(gpu.begin(), PLIANT_OK) << pliant_last_error();
+        double force = 0, apart = 0, worst = 0, deep = 0, pulls = 0;
+        int32_t most = 0, unlike = 0, evaluations = 0;
+        for (int s = 1; s <= 11; s++) {
+            ASSERT_GE(cpu.step(s), 0) << pliant_last_error();
+            ASSERT_GE(gpu.step(s), 0) << pliant_last_error();
+            ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
+            const pliant_statistics &a = cpu.data->statistics, &b = gpu.data->statistics;
+            most = std::max(most, b.contacts);
+            evaluations += b.iterations;
+            unlike += a.contacts != b.contacts;
+            deep = std::fmax(deep, std::fabs(a.penetration - b.penetration));
+            worst = std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
+            for (int t = -1; t < cpu.data->num_tools; t++) {
+                double here[3], there[3];
+                forces_of(cpu.data, t, here);
+                forces_of(gpu.data, t, there);
+                for (int d = 0; d < 3; d++) {
+                    force = std::fmax(force, std::fabs(here[d]));
+                    apart = std::fmax(apart, std::fabs(here[d] - there[d]));
+                    if (t >= 0) pulls = std::fmax(pulls, std::fabs(cpu.data->tools[t].force[d] - gpu.data->tools[t].force[d]));
+                }
+            }
+        }
+        std::printf("%-36s %3d contacts, forces %.1e of %.2g N apart, springs %.1e N, positions %.1e m, depths %.1e m, %d evaluations\n", c.name, most, apart / force, force,
+                    pulls, worst, deep, evaluations);
+        EXPECT_GT(most, 3);
+        EXPECT_GT(force, 0.02);
+        EXPECT_LT(apart, c.bound * force);
+        EXPECT_LT(worst, 1e-8);
+        EXPECT_LE(unlike, 2); // what hardly touches
+    }
+}
+
+TEST(CudaContact, SameInputSameBits)
+{
+    NEEDS_GPU();
+    for (int number : {1, 2, 6}) {
+        SCOPED_TRACE(cases[number].name);
+        std::vector<double> results[2];
+        for (std::vector<double> &result : results) {
+            Block body(cases[number], PLIANT_CUDA);
+            body.scene.solver.iterations = 6;
+            ASSERT_EQ(body.begin(), PLIANT_OK) << pliant_last_error();
+            for (int s = 1; s <= 9; s++) ASSERT_GE(body.step(s), 0) << pliant_last_error();
+            EXPECT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();
+            result.assign(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
+        }
+        EXPECT_EQ(results[0], results[1]);
+    }
+}
+
+// after contact it goes on as the CPU does, and a failure amid it leaves nothing behind
+TEST(CudaContact, LetsGoAndTheCpuGoesOn)
+{
+    NEEDS_GPU();
+    Block cpu(cases[0], PLIANT_CPU), gpu(cases[0], PLIANT_CUDA);
+    ASSERT_EQ(cpu.begin(), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(gpu.begin(), PLIANT_OK) << pliant_last_error();
+    for (Block *body : {&cpu, &gpu}) {
+        for (int s = 1; s <= 4; s++) ASSERT_GE(body->step(s), 0) << pliant_last_error();
+        const double away[3] = {0, 0, 1};
+        for (int t = 0; t < 3; t++) ASSERT_EQ(pliant_tool_set_pose(body->data, t, away, nullptr), PLIANT_OK);
+        for (int s = 0; s < 3; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
+        EXPECT_EQ(body->data->statistics.contacts, 0);
+    }
+    EXPECT_LT(farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes), 1e-8);
+    EXPECT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
+    for (int64_t calls : {0, 7, 20, 33}) {
+        Block body(cases[0], PLIANT_AUTO);
+        ASSERT_EQ(body.begin(), PLIANT_OK) << pliant_last_error();
+        for (int s = 1; s <= 3; s++) ASSERT_GE(body.step(s), 0) << pliant_last_error();
+        pliant_cuda_fail_after(calls);
+        for (int s = 4; s <= 5; s++) ASSERT_GE(body.step(s), 0) << pliant_last_error();
+        pliant_cuda_fail_after(-1);
+        EXPECT_STREQ(pliant_data_get_backend(body.data), "cpu") << calls;
+        EXPECT_GT(body.data->statistics.contacts, 3);
+    }
+}
+
+struct Fall : Body {
+    // blocks of 3 x 3 x 2 elements one above the other, with an element of nothing between them, over a floor that is an obstacle or a wall
+    Fall(int blocks, bool self, bool still, pliant_backend_choice backend)
+        : Body(std::vector<int>{6, 6, 2 * (3 * blocks - 1)}.data(), std::vector<double>{0.03, 0.03, 0.01 * (3 * blocks - 1)}.data(),
+               {{20e3, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k / 2 % 3 == 2; })
+    {
+        cells(3, 3, 3 * blocks - 1, 1);
+        scene.solver.kind = PLIANT_TLED;
+        scene.solver.backend = backend;
+        scene.solver.step = 0.01;
+        scene.contact.self = self;
+        scene.contact.friction = 0.4;
+        scene.tled.quasi_static = still;
+        scene.tled.relaxation_steps = 2000;
+        scene.tled.damping = 20;
+        scene.model.gravity[0] = 1;
+        scene.model.gravity[2] = -9.81;
+        if (still) {
+            scene.solver.tolerance = 1e-4;
+            fix_plane(0, 0, 1e-6, 0, 0, 1);
+        } else {
+            scene.ground.normal[2] = 1;
+            scene.ground.point[2] = self ? 0 : -10; // what falls is allowed
+        }
+        if (!still && !self) {
+            scene.obstacles.num_planes = 1;
+            scene.obstacles.planes[0] = {{0, 0, -0.002}, {0, 0, 1}};
+        }
+    }
+    pliant_status begin()
+    {
+        const pliant_status status = build();
+        int tool;
+        if (status != PLIANT_OK) return status;
+        const pliant_tool_shape shape = shape_of(PLIANT_PART_SPHERE, 0.008);
+        pliant_tool_add(model, data, "ball", &tool);
+        return pliant_tool_set_shape(data, tool, &shape);
+    }
+    pliant_status step(int s)
+    {
+        const double top = 0.01 * (data->body->fine.num_nodes > 64 ? 5 : 2), tip[3] = {0.0153, 0.0147 + 2e-4 * s, top + 0.008 - 3e-4 * s};
+        EXPECT_EQ(pliant_tool_set_pose(data, 0, tip, nullptr), PLIANT_OK);
+        return pliant_step(model, data);
+    }
+};
+
+TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
+{
+    NEEDS_GPU();
+    struct { const char *name; int blocks; bool self, still; double bound; } runs[] = {
+        {"a block falls and is pressed", 1, false, false, 1e-4}, {"blocks on each other", 2, true, false, 1e-3}, {"relaxation", 1, false, true, 1e-2}};
+    for (const auto &run : runs) {
+        SCOPED_TRACE(run.name);
+        Fall cpu(run.blocks, run.self, run.still, PLIANT_CPU), gpu(run.blocks, run.self, run.still, PLIANT_CUDA), again(run.blocks, run.self, run.still, PLIANT_CUDA);
+        double force = 0, apart = 0, worst = 0, first = 0;
+        int32_t most = 0;
+        for (Fall *body : {&cpu, &gpu, &again}) ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
+        for (int s = 1; s <= 14; s++) {
+            for (Fall *body : {&cpu, &gpu, &again}) ASSERT_GE(body->step(s), 0) << pliant_last_error();
+            ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
+            double here[3], there[3];
+            forces_of(cpu.data, -1, here);
+            forces_of(gpu.data, -1, there);
+            most = std::max(most, gpu.data->statistics.contacts);
+            for (int d = 0; d < 3; d++) {
+                force = std::fmax(force, std::fabs(here[d]));
+                apart = std::fmax(apart, std::fabs(here[d] - there[d]));
+            }
+            if (s <= 7) first = force > 0 ? apart / force : 0;
+            worst = std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
+        }
+        const double moved = farthest(cpu.data->positions, cpu.model->body->fine.rest, cpu.model->body->fine.num_nodes);
+        std::printf("%-30s %3d contacts, forces %.1e of %.2g N apart (%.1e in the first half), positions %.1e of %.1f mm\n", run.name, most, apart / force, force, first,
+                    worst / moved, 1e3 * moved);
+        EXPECT_GT(most, 3);
+        EXPECT_LT(apart, run.bound * force);
+        EXPECT_LT(worst, run.bound * moved);
+        EXPECT_EQ(std::memcmp(gpu.data->positions, again.data->positions, 3 * sizeof(double) * static_cast<size_t>(gpu.model->body->fine.num_nodes)), 0);
+    }
+}
+
+// every kernel, in little time: for compute-sanitizer
+TEST(CudaContact, EveryKernelOnce)
+{
+    NEEDS_GPU();
+    for (int number : {1, 2}) {
+        Block body(cases[number], PLIANT_CUDA);
+        body.scene.solver.iterations = 3;
+        ASSERT_EQ(body.begin(), PLIANT_OK) << pliant_last_error();
+        for (int s = 1; s <= 3; s++) ASSERT_GE(body.step(s), 0) << pliant_last_error();
+        EXPECT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();
+        EXPECT_GT(body.data->statistics.contacts, 3);
+    }
+    for (bool still : {false, true}) {
+        Fall body(1, false, still, PLIANT_CUDA);
+        body.scene.tled.relaxation_steps = 64;
+        ASSERT_EQ(body.begin(), PLIANT_OK) << pliant_last_error();
+        for (int s = 4; s <= 6; s++) ASSERT_GE(body.step(s), 0) << pliant_last_error();
+        EXPECT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();
+    }
+}
+
+} // namespace
