@@ -2,6 +2,8 @@
 #include "body.h"
 #include "cuda_warps.h"
 #include "fem/dynamics/tled.h"
+#include "pliant/memory.h"
+#include "sim/contact.h"
 
 #include <cstdio>
 #include <string>
@@ -26,7 +28,7 @@ struct Case {
     int ratio;
     pliant_preconditioner_choice preconditioner;
     bool spring, slot; // a tool pulls beside; a slot is closed
-    double bound;      // of the forces, over the largest
+    double bound;      // of a point's force, over the largest
     pliant_element_kind element = PLIANT_LINEAR;
 };
 
@@ -86,8 +88,13 @@ struct Block : Body {
         pliant_tool_set_pose(data, tool, point, nullptr);
         return pliant_tool_grasp(model, data, tool, nullptr);
     }
-    // presses, then slides
     pliant_status step(int s)
+    {
+        move(s);
+        return pliant_step(model, data);
+    }
+    // presses, then slides
+    void move(int s)
     {
         const double down = c.slot ? 0.0012 : 0.0008, along = 0.0004;
         for (int t = 0; t < data->num_tools; t++) {
@@ -98,16 +105,14 @@ struct Block : Body {
             else tip[t % 2] += along;
             EXPECT_EQ(pliant_tool_set_pose(data, t, tip, nullptr), PLIANT_OK);
         }
-        return pliant_step(model, data);
     }
 };
 
-void forces_of(const pliant_data *data, int tool, double out[3])
+void forces_of(const pliant_data *data, double out[3])
 {
     out[0] = out[1] = out[2] = 0;
     for (int32_t p = 0; p < data->contacts.count; p++)
-        for (int d = 0; d < 3; d++)
-            if (tool < 0 || data->contacts.point[p].tool == tool) out[d] += data->contacts.point[p].force[d];
+        for (int d = 0; d < 3; d++) out[d] += data->contacts.point[p].force[d];
 }
 
 double farthest(const double *a, const double *b, int32_t nodes)
@@ -117,6 +122,27 @@ double farthest(const double *a, const double *b, int32_t nodes)
     return most;
 }
 
+// What the CPU has found, and where it is now.
+void take_over(const pliant_data *from, const pliant_model *model, pliant_data *to)
+{
+    const size_t count = static_cast<size_t>(from->contacts.count);
+    ASSERT_EQ(pliant_data_set_positions(model, to, from->positions), PLIANT_OK);
+    pliant_free(to->contacts.point);
+    to->contacts.point = static_cast<pliant_contact_point *>(pliant_calloc(count + 1, sizeof *to->contacts.point));
+    to->contacts.count = to->contacts.room = from->contacts.count;
+    std::copy(from->contacts.point, from->contacts.point + count, to->contacts.point);
+}
+
+pliant_status solve(const pliant_model *model, pliant_data *data)
+{
+    pliant_status status = data->backend->solve(model, data);
+    if (status >= 0 && data->backend->upsample(model, data) == PLIANT_OK && data->backend->warp(model, data) == PLIANT_OK) data->statistics.step++;
+    else ADD_FAILURE() << pliant_last_error();
+    return status;
+}
+
+// A step of each from the CPU's state, with the points that the CPU has found: where an edge or a face is touched hangs by a hair, and 1e-9 m in a tool's pose
+// make a difference of 3 % after ten steps on the CPU itself.
 TEST(CudaContact, MeetsTheCpu)
 {
     NEEDS_GPU();
@@ -126,35 +152,40 @@ TEST(CudaContact, MeetsTheCpu)
         ASSERT_EQ(cpu.begin(), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(gpu.begin(), PLIANT_OK) << pliant_last_error();
         double force = 0, apart = 0, worst = 0, deep = 0, pulls = 0;
-        int32_t most = 0, unlike = 0, evaluations = 0;
+        int32_t most = 0, unlike = 0, compared = 0;
         for (int s = 1; s <= 11; s++) {
-            ASSERT_GE(cpu.step(s), 0) << pliant_last_error();
-            ASSERT_GE(gpu.step(s), 0) << pliant_last_error();
+            for (Block *body : {&cpu, &gpu}) {
+                body->move(s);
+                ASSERT_EQ(body->data->backend->kind->interact(body->model, body->data), PLIANT_OK);
+            }
+            ASSERT_EQ(pliant_contact_stage(cpu.model, cpu.data), PLIANT_OK) << pliant_last_error();
+            take_over(cpu.data, gpu.model, gpu.data);
+            const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK, there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
+            pliant_contact_end(cpu.data);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             const pliant_statistics &a = cpu.data->statistics, &b = gpu.data->statistics;
+            if (!settles || !there_too) continue; // what opens and closes in turns
+            compared += a.contacts > 0;
             most = std::max(most, b.contacts);
-            evaluations += b.iterations;
             unlike += a.contacts != b.contacts;
             deep = std::fmax(deep, std::fabs(a.penetration - b.penetration));
             worst = std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
-            for (int t = -1; t < cpu.data->num_tools; t++) {
-                double here[3], there[3];
-                forces_of(cpu.data, t, here);
-                forces_of(gpu.data, t, there);
+            for (int32_t p = 0; p < cpu.data->contacts.count; p++)
                 for (int d = 0; d < 3; d++) {
-                    force = std::fmax(force, std::fabs(here[d]));
-                    apart = std::fmax(apart, std::fabs(here[d] - there[d]));
-                    if (t >= 0) pulls = std::fmax(pulls, std::fabs(cpu.data->tools[t].force[d] - gpu.data->tools[t].force[d]));
+                    force = std::fmax(force, std::fabs(cpu.data->contacts.point[p].force[d]));
+                    apart = std::fmax(apart, std::fabs(cpu.data->contacts.point[p].force[d] - gpu.data->contacts.point[p].force[d]));
                 }
-            }
+            for (int t = 0; t < cpu.data->num_tools; t++)
+                for (int d = 0; d < 3; d++) pulls = std::fmax(pulls, std::fabs(cpu.data->tools[t].force[d] - gpu.data->tools[t].force[d]));
         }
-        std::printf("%-36s %3d contacts, forces %.1e of %.2g N apart, springs %.1e N, positions %.1e m, depths %.1e m, %d evaluations\n", c.name, most, apart / force, force,
-                    pulls, worst, deep, evaluations);
+        std::printf("%-36s %2d steps, %3d contacts, a point's force %.1e of %.2g N apart, springs %.1e N, positions %.1e m, depths %.1e m\n", c.name, compared, most,
+                    apart / force, force, pulls, worst, deep);
+        EXPECT_GE(compared, 2);
         EXPECT_GT(most, 3);
-        EXPECT_GT(force, 0.02);
+        EXPECT_GT(force, 0.002);
         EXPECT_LT(apart, c.bound * force);
         EXPECT_LT(worst, 1e-8);
-        EXPECT_LE(unlike, 2); // what hardly touches
+        EXPECT_EQ(unlike, 0);
     }
 }
 
@@ -265,8 +296,8 @@ TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
             for (Fall *body : {&cpu, &gpu, &again}) ASSERT_GE(body->step(s), 0) << pliant_last_error();
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             double here[3], there[3];
-            forces_of(cpu.data, -1, here);
-            forces_of(gpu.data, -1, there);
+            forces_of(cpu.data, here);
+            forces_of(gpu.data, there);
             most = std::max(most, gpu.data->statistics.contacts);
             for (int d = 0; d < 3; d++) {
                 force = std::fmax(force, std::fabs(here[d]));
