@@ -5,6 +5,7 @@
 #include "pick.h"
 #include "pliant/memory.h"
 #include "rasterize.h"
+#include "render.h"
 #include "warp.h"
 
 #include <cstring>
@@ -30,6 +31,7 @@ struct pliant_cuda_warp {
     uint8_t *h_changed;        /* (num_bricks), page-locked */
     int32_t *h_longest;        /* page-locked */
     march_crossing *d_crossing, *h_crossing; /* of a pick; page-locked */
+    gpu_pictures pictures;
     uint8_t *stale;            /* (slabs of bricks along k) to be fetched */
     bool drawn;
     bool crowded;              /* there was a brick that the usual kernel cannot draw */
@@ -216,6 +218,7 @@ extern "C" void pliant_cuda_warp_free(pliant_cuda_warp *gpu)
     pliant_cuda_release_host(gpu->h_changed);
     pliant_cuda_release_host(gpu->h_longest);
     pliant_cuda_release_host(gpu->h_crossing);
+    pliant_cuda_pictures_free(&gpu->pictures);
     if (gpu->stream) cudaStreamDestroy(gpu->stream);
     cudaGetLastError();
     pliant_free(gpu->stale);
@@ -328,6 +331,16 @@ extern "C" pliant_status pliant_cuda_warp_cross(pliant_cuda_warp *gpu, const mar
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
     *out = *gpu->h_crossing;
     return PLIANT_OK;
+}
+
+/* labels: drawn on a stream of their own, which their update has waited for */
+static pliant_status see(pliant_cuda_warp *gpu, const pliant_cuda_warp *labels, const render_scene *given, const render_output *out)
+{
+    render_scene scene = *given;
+    scene.voxels = gpu->raster.d_volume;
+    scene.labels = labels ? static_cast<const uint8_t *>(labels->raster.d_volume) : nullptr;
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    return pliant_cuda_see(&gpu->pictures, &scene, out, gpu->stream);
 }
 
 /* ---- another body */
@@ -463,6 +476,11 @@ static pliant_status cross_object(void *object, const march_ray *ray, int64_t fi
     return pliant_cuda_warp_cross(static_cast<pliant_cuda_warp *>(object), ray, first, out);
 }
 
+static pliant_status see_object(void *object, void *labels, const render_scene *scene, const render_output *out)
+{
+    return see(static_cast<pliant_cuda_warp *>(object), static_cast<pliant_cuda_warp *>(labels), scene, out);
+}
+
 static pliant_status prepare_object(void *object, const pliant_warp_parts *parts, const pliant_warp_changes *changes, void **next)
 {
     cuda_next *made = NULL;
@@ -483,6 +501,7 @@ static constexpr pliant_warp_device table()
     made.update = update_object;
     made.fetch = fetch_object;
     made.cross = cross_object;
+    made.see = see_object;
     made.prepare = prepare_object;
     made.take = take_object;
     made.drop = drop_object;

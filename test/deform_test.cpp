@@ -79,8 +79,8 @@ TEST_F(Deform, PullsAndWritesWhatItPromises)
     // the abdominal wall in front, pulled forward by a centimetre
     std::ofstream(in("pull.yaml")) << "tools:\n  - name: grasper\n    drive: rigid\n    grasp: [0.0, " << front
                                    << ", 0.0]\n    motion: [{time: 0, offset: [0, 0, 0]}, {time: 0.1, offset: [0, -0.01, 0]}]\n";
-    ASSERT_EQ(run(small_ + "--tools " + in("pull.yaml") + " --every 2 --pictures --out " + in("a/b")), 0) << err_;
-    for (const char *name : {"axial.png", "coronal.png", "sagittal.png", "build.csv", "nodes_000002.csv", "deformed_000004.nii.gz"})
+    ASSERT_EQ(run(small_ + "--tools " + in("pull.yaml") + " --every 2 --pictures --camera 0.1,-0.6,0.2:0,0,0 --radiograph 0,0 --out " + in("a/b")), 0) << err_;
+    for (const char *name : {"axial.png", "coronal.png", "sagittal.png", "camera.png", "camera_000002.png", "radiograph.png", "build.csv", "nodes_000002.csv", "deformed_000004.nii.gz"})
         EXPECT_EQ(access(in(std::string("a/b/") + name).c_str(), R_OK), 0) << name;
 
     pliant_volume deformed{};

@@ -132,6 +132,34 @@ class Python(unittest.TestCase):
         knife.cutting()
         self.assertTrue(knife.state["cutting"])
 
+    def test_a_camera_sees_the_tissue_move(self):
+        sim = pliant.Sim(model=self.model)
+        K, size = [[150, 0, 79.5], [0, 150, 59.5], [0, 0, 1]], (160, 120)
+        T = pliant.look_at(LIVER + [0, -0.25, 0], LIVER)
+        before, film = sim.render(K, T, size), sim.radiograph(LIVER, size=(64, 48), pixel=0.008)
+        tool = pull(sim)
+        after = sim.render(K, T, size)
+        self.assertEqual(after.rgb.shape, (120, 160, 3))
+        seen = np.isfinite(before.depth) & np.isfinite(after.depth)
+        self.assertGreater(seen.mean(), 0.5)
+        nearer = np.where(seen, before.depth - after.depth, 0)
+        middle = nearer[50:70, 70:90].mean()  # the liver is pulled towards the camera
+        self.assertGreater(middle, 0.0005)
+        self.assertLess(middle, 0.012)
+        self.assertGreater(middle, 2 * nearer.mean())
+        names = self.model.materials
+        self.assertTrue(set(before.label[seen]) <= set(range(1, len(names) + 1)))
+        bone = sim.render(K, T, size, shown=["bone"])
+        self.assertEqual(set(bone.label[np.isfinite(bone.depth)]) - {0}, {names.index("bone") + 1})
+        self.assertGreater(np.nanmedian(bone.depth), np.nanmedian(before.depth) + 0.02)  # behind what covers it
+        self.assertEqual(film.shape, (48, 64))
+        self.assertTrue(2 < film.max() < 12)  # 0.3 m of water: 6
+        self.assertTrue((sim.radiograph(LIVER, size=(64, 48), pixel=0.008) != film).any())
+        with self.assertRaisesRegex(pliant.Error, "rotation"):
+            sim.render(K, 2 * T, size)
+        with self.assertRaises(ValueError):
+            sim.render(np.eye(2), T, size)
+
     def test_an_environment_to_learn_in(self):
         import gym_environment
         rewards = []

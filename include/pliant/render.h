@@ -57,7 +57,7 @@ typedef struct pliant_style {
     uint8_t shown[PLIANT_NUM_LABELS];  /**< 1: the label is seen; of a view labels are numbers of materials, plus 1 */
     int32_t num_colours;               /**< transfer function: by ascending value, interpolated between, the outermost go on */
     pliant_colour colours[PLIANT_MOST_COLOURS];
-    float beneath;                     /**< how far below the surface the value is taken for its colour [m] */
+    float beneath;                     /**< down to where below the surface values are taken for its colour [m] */
     float ambient, diffuse, specular;  /**< of a light at the camera */
     float background[3];               /**< where no surface is, 0 .. 1 */
 } pliant_style;

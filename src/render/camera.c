@@ -75,7 +75,7 @@ pliant_status pliant_style_defaults(const pliant_volume *scan, pliant_style *out
     if (status != PLIANT_OK) return status;
     pliant_style style = {.ambient = 0.25f, .diffuse = 0.75f, .specular = 0.15f};
     memset(style.shown + 1, 1, PLIANT_NUM_LABELS - 1);
-    for (int d = 0; d < 3; d++) style.beneath = fmaxf(style.beneath, 1.25f * (float)scan->geometry.spacing[d]);
+    for (int d = 0; d < 3; d++) style.beneath = fmaxf(style.beneath, 2 * (float)scan->geometry.spacing[d]);
     if (scan->modality == PLIANT_MODALITY_CT || (scan->modality == PLIANT_MODALITY_UNKNOWN && value[0] < -500)) {
         style.threshold = -300;
         style.num_colours = (int32_t)(sizeof ct_colours / sizeof *ct_colours);

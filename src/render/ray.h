@@ -11,7 +11,7 @@
 
 #include <math.h>
 
-enum { RENDER_BRICK = 8, RENDER_HALVINGS = 12, RENDER_PEEKS = 8 };
+enum { RENDER_BRICK = 8, RENDER_HALVINGS = 12, RENDER_PEEKS = 8, RENDER_DEPTHS = 4 };
 
 /* Pointers are of where it runs. */
 typedef struct render_scene {
@@ -216,6 +216,20 @@ PLIANT_INLINE void render_inward(const render_scene *scene, pliant_encoding enco
     for (int d = 0; d < 3; d++) out[d] *= unit;
 }
 
+/* The scan's value below the surface: the mean of some depths, since skin may be a voxel thin, and of no less than what the surface has. */
+PLIANT_INLINE float render_beneath(const render_scene *scene, pliant_encoding encoding, bool by_label, const float at[3], const float inward[3], bool first)
+{
+    float sum = 0.0f;
+    for (int n = 1; n <= RENDER_DEPTHS; n++) {
+        const float deep = first ? 0.0f : scene->style.beneath * (float)n * (1.0f / RENDER_DEPTHS);
+        const float place[3] = {at[0] + deep * inward[0] * scene->per_spacing[0], at[1] + deep * inward[1] * scene->per_spacing[1],
+                                at[2] + deep * inward[2] * scene->per_spacing[2]};
+        const float value = render_value(scene, encoding, place);
+        sum += by_label || value > scene->level ? value : scene->level;
+    }
+    return sum * (1.0f / RENDER_DEPTHS);
+}
+
 PLIANT_INLINE void render_colour(const pliant_style *style, float value, float rgb[3])
 {
     int above = 0;
@@ -261,19 +275,17 @@ PLIANT_INLINE void render_surface(const render_scene *scene, pliant_encoding enc
     bool first = false;
     render_ray ray;
     if (render_enter(scene, column, row, &ray) && render_find(scene, encoding, by_label, &ray, &hit, &first)) {
-        float at[3], inward[3], beneath[3], peek[3], cosine = 0.0f;
+        float at[3], inward[3], peek[3], cosine = 0.0f;
         depth = (float)(ray.enter + (double)hit);
         render_at(&ray, hit, at);
         render_inward(scene, encoding, by_label, &ray, at, first, inward);
         for (int d = 0; d < 3; d++) {
             cosine += inward[d] * (ray.step[d] * scene->spacing[d]);
             peek[d] = inward[d] * scene->per_spacing[d] * scene->spacing[0];
-            beneath[d] = at[d] + (first ? 0.0f : inward[d] * scene->per_spacing[d] * scene->style.beneath);
         }
         label = render_label(scene, by_label, at, peek);
         if (out->rgb) {
-            const float value = render_value(scene, encoding, beneath);
-            render_colour(&scene->style, by_label || value > scene->level ? value : scene->level, rgb);
+            render_colour(&scene->style, render_beneath(scene, encoding, by_label, at, inward, first), rgb);
             if (!first) render_shade(&scene->style, render_limit(cosine / ray.metres, 0.0f, 1.0f), rgb);
         }
     }
@@ -306,8 +318,8 @@ PLIANT_INLINE void render_integral(const render_scene *scene, pliant_encoding en
     out->integral[(size_t)row * (size_t)scene->width + (size_t)column] = (float)sum;
 }
 
-/* The largest value of a brick's cells, or whether any of its labels is shown. */
-PLIANT_INLINE float render_brick_high(const render_scene *scene, pliant_encoding encoding, bool by_label, const int32_t brick[3])
+/* The largest value of a brick's cells, or whether any of its labels is shown: of its rows along i first, first + step, ... */
+PLIANT_INLINE float render_brick_high(const render_scene *scene, pliant_encoding encoding, bool by_label, const int32_t brick[3], int32_t first, int32_t step)
 {
     float high = -INFINITY;
     int32_t begin[3], end[3];
@@ -315,14 +327,16 @@ PLIANT_INLINE float render_brick_high(const render_scene *scene, pliant_encoding
         begin[d] = brick[d] * RENDER_BRICK;
         end[d] = begin[d] + RENDER_BRICK + 1 < scene->size[d] ? begin[d] + RENDER_BRICK + 1 : scene->size[d];
     }
-    for (int32_t k = begin[2]; k < end[2]; k++)
-        for (int32_t j = begin[1]; j < end[1]; j++)
-            for (int32_t i = begin[0]; i < end[0]; i++) {
-                const size_t index = (size_t)i + (size_t)scene->size[0] * ((size_t)j + (size_t)scene->size[1] * (size_t)k);
-                const float value = by_label ? (scene->style.shown[scene->labels[index]] ? 1.0f : 0.0f)
-                                             : pliant_stored_value(scene->voxels, encoding, scene->slope, scene->intercept, index);
-                high = value > high ? value : high;
-            }
+    const int32_t down = end[1] - begin[1], rows = down * (end[2] - begin[2]);
+    for (int32_t row = first; row < rows; row += step) {
+        const size_t j = (size_t)(begin[1] + row % down), k = (size_t)(begin[2] + row / down);
+        for (int32_t i = begin[0]; i < end[0]; i++) {
+            const size_t index = (size_t)i + (size_t)scene->size[0] * (j + (size_t)scene->size[1] * k);
+            const float value = by_label ? (scene->style.shown[scene->labels[index]] ? 1.0f : 0.0f)
+                                         : pliant_stored_value(scene->voxels, encoding, scene->slope, scene->intercept, index);
+            high = value > high ? value : high;
+        }
+    }
     return high;
 }
 

@@ -84,9 +84,9 @@ void render_fill_bricks(const render_scene *scene, bool by_label, int num_thread
     for (ptrdiff_t b = 0; b < count; b++) {
         const int32_t brick[3] = {(int32_t)(b % bricks[0]), (int32_t)(b / bricks[0] % bricks[1]), (int32_t)(b / bricks[0] / bricks[1])};
         switch (scene->encoding) { /* so that the compiler knows it in the loops */
-        case PLIANT_UINT8: scene->brick_high[b] = render_brick_high(scene, PLIANT_UINT8, by_label, brick); break;
-        case PLIANT_INT16: scene->brick_high[b] = render_brick_high(scene, PLIANT_INT16, by_label, brick); break;
-        case PLIANT_FLOAT32: scene->brick_high[b] = render_brick_high(scene, PLIANT_FLOAT32, by_label, brick); break;
+        case PLIANT_UINT8: scene->brick_high[b] = render_brick_high(scene, PLIANT_UINT8, by_label, brick, 0, 1); break;
+        case PLIANT_INT16: scene->brick_high[b] = render_brick_high(scene, PLIANT_INT16, by_label, brick, 0, 1); break;
+        case PLIANT_FLOAT32: scene->brick_high[b] = render_brick_high(scene, PLIANT_FLOAT32, by_label, brick, 0, 1); break;
         }
     }
 }

@@ -1,5 +1,6 @@
 #include "deform_arguments.h"
 #include "command_line.h"
+#include "deform_view.h"
 #include "options_table.h"
 
 #include <stdio.h>
@@ -21,6 +22,9 @@ static const char help[] =
     "  --every N          write volume, tables and pictures every N steps too (default: at the end only)\n"
     "  --no-volume        do not compute the deformed volume\n"
     "  --pictures         write axial.png, coronal.png, sagittal.png: before, after, difference\n"
+    "  --camera FROM:AT   write camera.png, what a camera sees of the deformed scan: X,Y,Z:X,Y,Z[:DEGREES] [m, LPS], from where,\n"
+    "                     at what, the field of view (50)\n"
+    "  --radiograph P,S   write radiograph.png: by a C-arm of these angles, primary (LAO) and secondary (cranial) [degrees]\n"
     "  --scalars A,B      numbers for every node and element, in the tables and, with --pictures, in colours: von_mises,\n"
     "                     strain_energy, volume_ratio, principal_stress, mass_change\n"
     "  --compare A,B,C    the same by each of these methods, into DIR/A and so on; errors against the last one in\n"
@@ -42,13 +46,14 @@ static const char help[] =
     "\n"
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C (what was done so far is written).\n";
 
-enum { SCAN = 256, TOOLS, OUT, SET, STEPS, EVERY, NO_VOLUME, PICTURES, SCALARS, COMPARE, QUIET, OPTIONS, HELP };
+enum { SCAN = 256, TOOLS, OUT, SET, STEPS, EVERY, NO_VOLUME, PICTURES, CAMERA, RADIOGRAPH, SCALARS, COMPARE, QUIET, OPTIONS, HELP };
 
 static const struct option options[] = {
     {"scan", required_argument, NULL, SCAN},   {"tools", required_argument, NULL, TOOLS},
     {"out", required_argument, NULL, OUT},     {"set", required_argument, NULL, SET},
     {"steps", required_argument, NULL, STEPS}, {"every", required_argument, NULL, EVERY},
     {"no-volume", no_argument, NULL, NO_VOLUME}, {"pictures", no_argument, NULL, PICTURES},
+    {"camera", required_argument, NULL, CAMERA}, {"radiograph", required_argument, NULL, RADIOGRAPH},
     {"scalars", required_argument, NULL, SCALARS}, {"compare", required_argument, NULL, COMPARE},
     {"quiet", no_argument, NULL, QUIET},       {"options", no_argument, NULL, OPTIONS},
     {"help", no_argument, NULL, HELP},         {NULL, 0, NULL, 0},
@@ -132,6 +137,12 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
             break;
         case NO_VOLUME: out->volume = false; break;
         case PICTURES: out->pictures = true; break;
+        case CAMERA:
+            if (!(out->has_camera = deform_view_read_camera(optarg, &out->camera))) return false;
+            break;
+        case RADIOGRAPH:
+            if (!(out->has_arm = deform_view_read_arm(optarg, out->arm))) return false;
+            break;
         case SCALARS:
             if (!read_scalars(optarg, out)) return false;
             break;

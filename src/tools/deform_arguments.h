@@ -2,7 +2,7 @@
 #ifndef PLIANT_TOOLS_DEFORM_ARGUMENTS_H
 #define PLIANT_TOOLS_DEFORM_ARGUMENTS_H
 
-#include "pliant/scene.h"
+#include "pliant/render.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -23,6 +23,9 @@ typedef struct deform_arguments {
     long steps;            /* 0: to the end of the tool path and until the solver has converged */
     long every;            /* 0: results at the end only */
     bool pictures, volume, quiet;
+    bool has_camera, has_arm; /* what they see is written, too */
+    pliant_camera camera;
+    double arm[2];         /* angles of a C-arm: primary, secondary [degrees] */
     int num_scalars;       /* per node and element, in nodes.csv and elements.csv, and as pictures */
     pliant_scalar scalars[PLIANT_NUM_SCALARS];
     int num_compared;      /* 0: the scene's own method alone */

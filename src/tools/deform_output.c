@@ -1,5 +1,6 @@
 #include "deform_output.h"
 
+#include "deform_view.h"
 #include "pliant/fail.h"
 #include "picture.h"
 #include "picture_scalar.h"
@@ -184,6 +185,7 @@ pliant_status deform_write(const deform_run *run, long step)
         status = pliant_volume_write(path, pliant_warp_volume(pliant_data_get_warp(run->data)));
         if (status >= 0 && arguments->pictures) status = write_pictures(run, number, &scalars);
     }
+    if (status >= 0) status = deform_view_write(run, number);
     free_scalars(&scalars);
     return status;
 }

@@ -228,3 +228,67 @@ TEST(CudaFailure, AFullGpuIsToldWithFigures)
 }
 
 } // namespace
+
+// what a camera sees, and a radiograph, of a volume and of labels that the GPU has drawn: the CPU's bits; a failure and the CPU goes on
+TEST(CudaWarp, PicturesHaveTheBitsOfTheCpu)
+{
+    NEEDS_GPU();
+    const int32_t size[3] = {64, 47, 51};
+    pliant_scene scene;
+    pliant_volume scan{};
+    pliant_material_table materials{};
+    pliant_scene_defaults(&scene);
+    scene.element.kind = PLIANT_LINEAR;
+    scene.cut.kind = PLIANT_CUT_SEVER;
+    ASSERT_EQ(pliant_phantom(size, 3, &scan, nullptr), PLIANT_OK);
+    ASSERT_EQ(pliant_material_table_default(&materials), PLIANT_OK);
+    std::vector<uint8_t> rgb[3], label[3];
+    std::vector<float> depth[3], line[3];
+    pliant_camera camera;
+    const double from[3] = {0.1, -0.5, 0.2}, at[3] = {0, 0, 0}, up[3] = {0, 0, 1};
+    pliant_camera_of_view(150, 110, 0.7, &camera);
+    ASSERT_EQ(pliant_camera_look_at(&camera, from, at, up), PLIANT_OK);
+    for (int run = 0; run < 3; run++) { // the CPU, the GPU, and one that fails
+        scene.solver.backend = run == 0 ? PLIANT_CPU : PLIANT_CUDA;
+        pliant_model *model = nullptr;
+        pliant_data *data = nullptr;
+        pliant_view *view = nullptr;
+        ASSERT_EQ(pliant_model_build(&scene, &scan, nullptr, &materials, pliant_progress{}, &model), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
+        const double points[6] = {-0.15, -0.2, 0.01, 0.15, -0.2, 0.01}, deep[3] = {0, 0.15, 0};
+        ASSERT_EQ(pliant_data_cut(model, data, 2, points, deep, nullptr), PLIANT_OK) << pliant_last_error();
+        const pliant_body *body = pliant_data_get_body(data);
+        std::vector<double> x(body->fine.rest, body->fine.rest + 3 * body->fine.num_nodes);
+        for (size_t n = 0; n < x.size(); n += 3) x[n + 1] += 0.006 * std::sin(30 * x[n] + 20 * x[n + 2] + 0.001 * double(n));
+        ASSERT_EQ(pliant_view_create(model, nullptr, &view), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_view_set(view, body, x.data(), nullptr), PLIANT_OK);
+        for (int by_label = 0; by_label < 2; by_label++) {
+            pliant_style style;
+            ASSERT_EQ(pliant_style_defaults(&scan, &style), PLIANT_OK);
+            style.by_label = by_label;
+            if (by_label) style.shown[2] = style.shown[3] = 0;
+            std::vector<uint8_t> one(3 * 150 * 110), tissue(150 * 110);
+            std::vector<float> far(150 * 110);
+            const pliant_image image = {one.data(), far.data(), tissue.data()};
+            if (run == 2) ASSERT_EQ(pliant_view_render(view, &camera, &style, &image), PLIANT_OK);
+            if (run == 2) pliant_cuda_fail_after(1);
+            EXPECT_EQ(pliant_view_render(view, &camera, &style, &image), PLIANT_OK) << pliant_last_error();
+            pliant_cuda_fail_after(-1);
+            rgb[run].insert(rgb[run].end(), one.begin(), one.end());
+            label[run].insert(label[run].end(), tissue.begin(), tissue.end());
+            depth[run].insert(depth[run].end(), far.begin(), far.end());
+        }
+        line[run].resize(150 * 110);
+        EXPECT_EQ(pliant_view_radiograph(view, &camera, PLIANT_WATER_ATTENUATION, line[run].data()), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(rgb[run], rgb[0]) << run;
+        EXPECT_EQ(label[run], label[0]) << run;
+        EXPECT_EQ(std::memcmp(depth[run].data(), depth[0].data(), depth[0].size() * sizeof(float)), 0) << run;
+        EXPECT_EQ(line[run], line[0]) << run;
+        pliant_view_free(view);
+        pliant_data_free(data);
+        pliant_model_free(model);
+    }
+    EXPECT_GT(std::count_if(depth[0].begin(), depth[0].end(), [](float z) { return z > 0; }), 5000);
+    pliant_material_table_free(&materials);
+    pliant_volume_free(&scan);
+}
