@@ -12,11 +12,13 @@ extern "C" {
 #endif
 
 enum { PLIANT_CONE_HISTORY = 8, PLIANT_CONE_ROOM = 5 + 3 * PLIANT_CONE_HISTORY };
+enum { PLIANT_CONE_TOGETHER = 192 /* rows of all that touch, at most, for Newton's method */, PLIANT_CONE_EQUATIONS = PLIANT_CONE_TOGETHER * (PLIANT_CONE_TOGETHER + 1) };
 #define PLIANT_CONE_HELD (-1.0) /* in place of mu: any force, v = 0 */
 
-/* Anderson's method (anderson.h) mixes the sweeps: a block between two jaws takes 200 and does not get there without it.
+/* After two sweeps a step of Newton's method takes all points at once: where none begins or ceases to slide, they are done. As long as sweeps after it change
+ * more than those before, it waits, and Anderson's method (anderson.h) mixes the sweeps: a block between two jaws takes 200 and does not get there without it.
  * matrix: A, symmetric positive definite, (3 count x 3 count); friction (count): mu; motion, force (3 count): v0, f0 in, v, f out;
- * room: (PLIANT_CONE_ROOM x 3 count). Returns the sweeps that it took. */
+ * room: (PLIANT_CONE_ROOM x 3 count + PLIANT_CONE_EQUATIONS). Returns the sweeps that it took. */
 int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *friction, double *motion, double *force, double *room);
 
 #ifdef __cplusplus

@@ -314,7 +314,7 @@ pliant_status pliant_touches_make_matrix(pliant_touches *touches, int num_tools)
     for (int t = 0; t < num_tools; t++) touches->friction[touches->count + t] = PLIANT_CONE_HELD;
     if (row <= touches->room_matrix) return PLIANT_OK;
     double *matrix = pliant_calloc(room, room * sizeof *matrix), *motion = pliant_calloc(room, sizeof *motion), *force = pliant_calloc(room, sizeof *force);
-    double *sweeps = pliant_calloc(room, PLIANT_CONE_ROOM * sizeof *sweeps);
+    double *sweeps = pliant_calloc(room * PLIANT_CONE_ROOM + PLIANT_CONE_EQUATIONS, sizeof *sweeps);
     if (!matrix || !motion || !force || !sweeps) {
         pliant_free(matrix);
         pliant_free(motion);
