@@ -220,6 +220,8 @@ pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coars
 void pliant_trilinear_weights(const pliant_system *system, int32_t cell, const double *point, double weights[8]);
 /* the same in coarse hexahedra, and the tetrahedra beside a cut. element_of_fine: (fine tetrahedra) macro-element */
 pliant_status pliant_upsample_trilinear(pliant_system *system, const int32_t *element_of_fine);
+/* that, by the coarse tetrahedra that the elements are made of */
+pliant_status pliant_upsample_cubes(pliant_system *system, const int32_t *coarse_of_fine);
 /* whether weights turn with the tissue, so that they change from step to step */
 bool pliant_upsample_turns(const pliant_system *system);
 void pliant_upsample_positions(const pliant_system *system, const double *solved, double *fine);

@@ -103,18 +103,6 @@ static pliant_status without_pieces(const pliant_body *body, pliant_tet_material
     return PLIANT_OK;
 }
 
-/* fine nodes follow the coarse cubes that they lie in */
-static pliant_status follow_hexahedra(pliant_system *system, const int32_t *coarse_of_fine)
-{
-    int32_t *element = NULL, *of_fine = pliant_calloc((size_t)system->fine->num_tets, sizeof *of_fine);
-    pliant_status status = of_fine ? pliant_hexahedra_of_tets(system->mesh, system->macros, &element) : pliant_fail_memory("the upsampling");
-    for (int32_t t = 0; status == PLIANT_OK && t < system->fine->num_tets; t++) of_fine[t] = element[coarse_of_fine[t]];
-    if (status == PLIANT_OK) status = pliant_upsample_trilinear(system, of_fine);
-    pliant_free(element);
-    pliant_free(of_fine);
-    return status;
-}
-
 static pliant_status homogenize_tets(pliant_discretizing *work, const pliant_tet_material *material)
 {
     const pliant_body *body = work->made->body;
@@ -156,7 +144,7 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     const bool hexahedra = scene->element.kind == PLIANT_HEXAHEDRA;
     if (scene->model.method == PLIANT_COARSE && hexahedra) {
         pliant_status status = pliant_system_hexahedra(system, body->coarse_material, before, kept ? kept->coarse : NULL);
-        return status == PLIANT_OK ? follow_hexahedra(system, body->coarse_of_fine) : status;
+        return status == PLIANT_OK ? pliant_upsample_cubes(system, body->coarse_of_fine) : status;
     }
     if (scene->model.method == PLIANT_COARSE) {
         pliant_status status = pliant_system_elements(system, body->coarse_material, before, kept ? kept->coarse : NULL);
@@ -166,7 +154,7 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
         if (body->node_parent || body->tet_parent)
             return pliant_fail(PLIANT_ERROR_SCENE, "model/method: lod interpolates within whole cubes of the lattice, which cannot be divided; take "
                                                    "averaged or another one");
-        pliant_status status = pliant_lod_ground(system, body->fine_fixed, work->solved_fixed, body->coarse_of_fine);
+        pliant_status status = pliant_lod_ground(system, hexahedra, body->fine_fixed, work->solved_fixed, body->coarse_of_fine);
         if (status == PLIANT_OK) status = hold_homogenized(work);
         if (status != PLIANT_OK) return status;
         return pliant_lod(system, scene, body->fine_fixed, work->solved_fixed, body->fine_material, work->progress);

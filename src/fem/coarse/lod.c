@@ -12,11 +12,22 @@
 
 /* ---- grounded cubes */
 
-pliant_status pliant_lod_ground(pliant_system *system, const uint8_t *fine_fixed, const uint8_t *coarse_fixed,
+/* P: in coarse tetrahedra, or trilinear in coarse cubes */
+static pliant_status interpolate(pliant_system *system, bool hexahedra, const int32_t *coarse_of_fine)
+{
+    if (!hexahedra) return pliant_upsample_linear(system, coarse_of_fine, NULL);
+    pliant_status status = pliant_system_cubes(system);
+    if (status == PLIANT_OK) status = pliant_upsample_cubes(system, coarse_of_fine);
+    pliant_macros_free(system->macros);
+    system->macros = NULL;
+    return status;
+}
+
+pliant_status pliant_lod_ground(pliant_system *system, bool hexahedra, const uint8_t *fine_fixed, const uint8_t *coarse_fixed,
                                 const int32_t *coarse_of_fine)
 {
     const pliant_mesh *fine = system->fine, *coarse = system->mesh;
-    pliant_status status = pliant_upsample_linear(system, coarse_of_fine, NULL);
+    pliant_status status = interpolate(system, hexahedra, coarse_of_fine);
     if (status != PLIANT_OK) return status;
     system->upsample->still = fine_fixed;
     size_t cells = (size_t)coarse->cells[0] * (size_t)coarse->cells[1] * (size_t)coarse->cells[2];
@@ -25,8 +36,8 @@ pliant_status pliant_lod_ground(pliant_system *system, const uint8_t *fine_fixed
     if (!cell || !system->grounded) status = pliant_fail_memory("the coarse elements");
     const lod_builder lod = {.system = system};
     for (int32_t v = 0; status == PLIANT_OK && v < 4 * fine->num_tets; v++) {
-        int32_t node = fine->tets[v], nodes[4];
-        double weights[4];
+        int32_t node = fine->tets[v], nodes[LOD_LEANS];
+        double weights[LOD_LEANS];
         if (!fine_fixed[node]) continue;
         int leans = lod_interpolation(&lod, node, nodes, weights);
         for (int c = 0; c < leans; c++)
@@ -37,27 +48,31 @@ pliant_status pliant_lod_ground(pliant_system *system, const uint8_t *fine_fixed
     return status;
 }
 
-/* the matrix of the fine mesh at rest, by its free nodes */
+/* the fine mesh's elements, at rest */
+static pliant_status make_fine(lod_builder *lod, bool hexahedra)
+{
+    pliant_system *whole = &lod->whole;
+    whole->mesh = whole->fine = lod->system->fine;
+    whole->num_threads = lod->system->num_threads;
+    pliant_status status = hexahedra ? pliant_system_hexahedra(whole, lod->material, NULL, NULL) : pliant_system_elements(whole, lod->material, NULL, NULL);
+    if (status != PLIANT_OK) return status;
+    if (!(lod->at_rest = pliant_calloc((size_t)whole->num_blocks, sizeof *lod->at_rest))) return pliant_fail_memory("the stiffness of the fine mesh");
+    for (int32_t b = 0; b < whole->num_blocks; b++)
+        for (int m = 0; m < 9; m += 4)
+            for (int l = 0; l < LANES; l++) lod->at_rest[b].rotation[m][l] = 1;
+    return PLIANT_OK;
+}
+
+/* their matrix, by the free nodes */
 static pliant_status assemble_fine(lod_builder *lod)
 {
     pliant_system *whole = &lod->whole;
-    pliant_tangent *tangents = NULL;
-    pliant_status status = pliant_system_elements(whole, lod->material, NULL, NULL);
-    if (status == PLIANT_OK) status = pliant_system_find_mean_diagonal(whole, NULL, NULL);
+    pliant_status status = pliant_system_find_mean_diagonal(whole, NULL, NULL);
     if (status != PLIANT_OK) return status;
-    tangents = pliant_calloc((size_t)whole->num_blocks, sizeof *tangents);
-    lod->values = pliant_calloc((size_t)whole->pattern.num_values, sizeof *lod->values);
-    if (!tangents || !lod->values) {
-        pliant_free(tangents);
-        return pliant_fail_memory("the stiffness of the fine mesh");
-    }
-    for (int32_t b = 0; b < whole->num_blocks; b++)
-        for (int m = 0; m < 9; m += 4)
-            for (int l = 0; l < LANES; l++) tangents[b].rotation[m][l] = 1;
-    pliant_system_assemble(whole, tangents, lod->values);
+    if (!(lod->values = pliant_calloc((size_t)whole->pattern.num_values, sizeof *lod->values))) return pliant_fail_memory("the stiffness of the fine mesh");
+    pliant_system_assemble(whole, lod->at_rest, lod->values);
     const double share = 1e-6; /* of the stiffness that a coarse node has, which grows with the cube */
     lod->support = share * lod->ratio * whole->mean_diagonal;
-    pliant_free(tangents);
     return PLIANT_OK;
 }
 
@@ -67,10 +82,13 @@ static pliant_status assemble_fine(lod_builder *lod)
  * (nested dissection) and whose numbers as nodes^(4/3); a solve for every column; and for the macro-element N'(K_C N). */
 static const double factor_numbers = 110;
 
-static double seconds_of(double nodes, double means, double own)
+/* fill: a factor of hexahedra has so many times the numbers (NUMERICS 5) */
+static double fill_of(const lod_builder *lod) { return lod->whole.macros ? 1.8 : 1; }
+
+static double seconds_of(double fill, double nodes, double means, double own)
 {
-    double columns = 24 + 3 * means, numbers = pow(nodes, 4.0 / 3);
-    return 3.5e-5 * nodes + 60 * nodes * nodes / 1.5e10 + 1.2e-8 * columns * numbers + 1e-9 * own * columns * columns;
+    double columns = 24 + 3 * means, numbers = fill * pow(nodes, 4.0 / 3);
+    return 3.5e-5 * nodes + 60 * pow(fill * nodes, 2) / 1.5e10 + 1.2e-8 * columns * numbers + 1e-9 * own * columns * columns;
 }
 
 typedef struct lod_cost { double seconds, mib; } lod_cost;
@@ -85,10 +103,10 @@ static lod_cost cost_of(const lod_builder *lod, int32_t ratio, int32_t layers)
     for (int32_t cube = 0; cube < lod->count; cube++) {
         double nodes = lod->patch_nodes[cube] * finer * wider, means = lod->patch_means[cube] * more_means, columns = 3 * means;
         double own = 3 * pow(ratio + 1, 3);
-        cost.seconds += seconds_of(nodes, means, own) / threads;
+        cost.seconds += seconds_of(fill_of(lod), nodes, means, own) / threads;
         /* corrector, root, entries; in the making: K^-1 [G, Phi] three times and the factor */
         cost.mib += 4 * (72 * nodes + fmin(own, columns) * columns + 3 * own * means);
-        largest = fmax(largest, 8 * (3 * (24 + columns) * 3 * nodes + factor_numbers * pow(nodes, 4.0 / 3)));
+        largest = fmax(largest, 8 * (3 * (24 + columns) * 3 * nodes + fill_of(lod) * factor_numbers * pow(nodes, 4.0 / 3)));
     }
     cost.mib = (cost.mib + largest * threads) / 1048576;
     return cost;
@@ -147,7 +165,7 @@ static void builder_free(lod_builder *lod)
         pliant_free(lod->correctors[cube].node);
         pliant_free(lod->correctors[cube].value);
     }
-    void *blocks[] = {lod->cell, lod->cube_of_cell, lod->tet_start, lod->tets, lod->own, lod->grounded, lod->patch_nodes, lod->patch_means,
+    void *blocks[] = {lod->cell, lod->cube_of_cell, lod->element_start, lod->elements, lod->at_rest, lod->own, lod->grounded, lod->patch_nodes, lod->patch_means,
                       lod->values, lod->mass, lod->reach, lod->correctors};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_system_clear(&lod->whole);
@@ -160,9 +178,8 @@ pliant_status pliant_lod(pliant_system *system, const pliant_scene *scene, const
                        .layers = scene->model.lod_layers, .ratio = system->fine->cells[0] / system->mesh->cells[0]};
     const double correctors_share = 0.9; /* of the time */
     lod_room room = {0};
-    lod.whole.mesh = lod.whole.fine = system->fine;
-    lod.whole.num_threads = system->num_threads;
-    pliant_status status = lod_list_cubes(&lod);
+    pliant_status status = make_fine(&lod, scene->element.kind == PLIANT_HEXAHEDRA);
+    if (status == PLIANT_OK) status = lod_list_cubes(&lod);
     if (status == PLIANT_OK) status = lod_measure_fine(&lod);
     if (status == PLIANT_OK) status = pliant_system_unknowns(&lod.whole, fine_fixed);
     if (status == PLIANT_OK) status = lod_room_create(&lod, &room);

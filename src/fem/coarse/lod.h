@@ -17,8 +17,8 @@
 extern "C" {
 #endif
 
-/* system->upsample (P), and system->grounded by the tetrahedra of the coarse mesh. Errors: MEMORY. */
-pliant_status pliant_lod_ground(pliant_system *system, const uint8_t *fine_fixed, const uint8_t *coarse_fixed,
+/* system->upsample (P; of hexahedra trilinear), and system->grounded by the tetrahedra of the coarse mesh. Errors: MEMORY. */
+pliant_status pliant_lod_ground(pliant_system *system, bool hexahedra, const uint8_t *fine_fixed, const uint8_t *coarse_fixed,
                                 const int32_t *coarse_of_fine);
 /* After that: system->macros. Errors: SCENE (beyond the scene's limits), MEMORY, NUMERIC, CANCELLED. */
 pliant_status pliant_lod(pliant_system *system, const pliant_scene *scene, const uint8_t *fine_fixed, const uint8_t *coarse_fixed,

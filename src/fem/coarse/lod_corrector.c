@@ -13,8 +13,8 @@ typedef struct patch_problem {
     int32_t count, num_means;  /* free fine nodes, constrained coarse ones */
     int32_t *node;             /* (count) in the numbering of lod->whole, ascending */
     int32_t *mean;             /* (num_means) coarse nodes */
-    int32_t *lean;             /* (count x 4) the means that a node counts in, or -1 */
-    double *weight;            /* (count x 4) m_i lambda_j(x_i) [kg] */
+    int32_t *lean;             /* (count x LOD_LEANS) the means that a node counts in, or -1 */
+    double *weight;            /* (count x LOD_LEANS) m_i lambda_j(x_i) [kg] */
     pliant_pattern pattern;    /* of the patch */
     double *values;
     double *z;                 /* ((24 + 3 num_means) x 3 count): K^-1 [G, Phi] */
@@ -50,19 +50,19 @@ static void find_nodes(const lod_builder *lod, lod_room *room, const int32_t low
 static void find_means(const lod_builder *lod, lod_room *room, patch_problem *patch)
 {
     for (int32_t i = 0; i < patch->count; i++) {
-        int32_t fine_node = lod->whole.node_of_free[patch->node[i]], nodes[4];
-        double weights[4];
+        int32_t fine_node = lod->whole.node_of_free[patch->node[i]], nodes[LOD_LEANS];
+        double weights[LOD_LEANS];
         int leans = lod_interpolation(lod, fine_node, nodes, weights);
-        for (int v = 0; v < 4; v++) {
+        for (int v = 0; v < LOD_LEANS; v++) {
             bool counts = v < leans && !lod->coarse_fixed[nodes[v]];
-            patch->lean[4 * i + v] = -1;
+            patch->lean[LOD_LEANS * i + v] = -1;
             if (!counts) continue;
             if (room->slot[nodes[v]] < 0) {
                 room->slot[nodes[v]] = patch->num_means;
                 patch->mean[patch->num_means++] = nodes[v];
             }
-            patch->lean[4 * i + v] = room->slot[nodes[v]];
-            patch->weight[4 * i + v] = weights[v] * lod->mass[fine_node];
+            patch->lean[LOD_LEANS * i + v] = room->slot[nodes[v]];
+            patch->weight[LOD_LEANS * i + v] = weights[v] * lod->mass[fine_node];
         }
     }
 }
@@ -85,8 +85,8 @@ static pliant_status number(const lod_builder *lod, lod_room *room, int32_t cube
     }
     patch->node = pliant_calloc(most, sizeof *patch->node);
     patch->mean = pliant_calloc(means, sizeof *patch->mean);
-    patch->lean = pliant_calloc(most, 4 * sizeof *patch->lean);
-    patch->weight = pliant_calloc(most, 4 * sizeof *patch->weight);
+    patch->lean = pliant_calloc(most, LOD_LEANS * sizeof *patch->lean);
+    patch->weight = pliant_calloc(most, LOD_LEANS * sizeof *patch->weight);
     if (!patch->node || !patch->mean || !patch->lean || !patch->weight) return pliant_fail_memory("a corrector");
     find_nodes(lod, room, low, side, patch);
     find_means(lod, room, patch);
@@ -142,26 +142,25 @@ static pliant_status take_matrix(const lod_builder *lod, const lod_room *room, p
 /* K_C P, by column of the cube's corners: g (24 x 3 count) */
 static void load_of_cube(const lod_builder *lod, const lod_room *room, int32_t cube, const patch_problem *patch, double *g)
 {
-    const pliant_mesh *fine = lod->system->fine;
-    size_t size = 3 * (size_t)patch->count;
-    for (int32_t t = lod->tet_start[cube]; t < lod->tet_start[cube + 1]; t++) {
-        const int32_t *tet = fine->tets + 4 * lod->tets[t];
-        double k[144];
-        pliant_tet_stiffness(fine, lod->tets[t], lod->material + lod->tets[t], k);
-        for (int b = 0; b < 4; b++) {
-            int32_t nodes[4];
-            double weights[4];
-            if (lod->grounded[cube] && lod->fine_fixed[tet[b]]) continue;
-            int leans = lod_interpolation(lod, tet[b], nodes, weights);
+    const size_t size = 3 * (size_t)patch->count;
+    for (int32_t e = lod->element_start[cube]; e < lod->element_start[cube + 1]; e++) {
+        const int32_t *of_element;
+        double k[PLIANT_ELEMENT_UNKNOWNS * PLIANT_ELEMENT_UNKNOWNS];
+        const int corners = lod_element(lod, lod->elements[e], &of_element, k), n = 3 * corners;
+        for (int b = 0; b < corners; b++) {
+            int32_t nodes[LOD_LEANS];
+            double weights[LOD_LEANS];
+            if (lod->grounded[cube] && lod->fine_fixed[of_element[b]]) continue;
+            int leans = lod_interpolation(lod, of_element[b], nodes, weights);
             for (int v = 0; v < leans; v++) {
                 int corner = lod_corner(lod, cube, nodes[v]);
-                for (int a = 0; a < 4; a++) {
-                    int32_t unknown = lod->whole.free_of_node[tet[a]];
+                for (int a = 0; a < corners; a++) {
+                    int32_t unknown = lod->whole.free_of_node[of_element[a]];
                     if (unknown < 0 || room->local[unknown] < 0) continue;
-                    for (int e = 0; e < 3; e++)
+                    for (int c = 0; c < 3; c++)
                         for (int d = 0; d < 3; d++)
-                            g[size * (size_t)(3 * corner + e) + 3 * (size_t)room->local[unknown] + (size_t)d] +=
-                                weights[v] * k[12 * (3 * a + d) + 3 * b + e];
+                            g[size * (size_t)(3 * corner + c) + 3 * (size_t)room->local[unknown] + (size_t)d] +=
+                                weights[v] * k[n * (3 * a + d) + 3 * b + c];
                 }
             }
         }
@@ -172,18 +171,18 @@ static void load_of_cube(const lod_builder *lod, const lod_room *room, int32_t c
 static void fill_means(const patch_problem *patch, double *phi)
 {
     size_t size = 3 * (size_t)patch->count;
-    for (int32_t i = 0; i < 4 * patch->count; i++)
+    for (int32_t i = 0; i < LOD_LEANS * patch->count; i++)
         for (int32_t d = 0; d < 3 && patch->lean[i] >= 0; d++)
-            phi[size * (size_t)(3 * patch->lean[i] + d) + (size_t)(3 * (i / 4) + d)] = patch->weight[i];
+            phi[size * (size_t)(3 * patch->lean[i] + d) + (size_t)(3 * (i / LOD_LEANS) + d)] = patch->weight[i];
 }
 
 /* out (3 num_means x columns) = Phi' of columns (columns x 3 count) */
 static void take_means(const patch_problem *patch, int32_t columns, const double *from, double *out)
 {
     for (int32_t c = 0; c < columns; c++, from += 3 * (size_t)patch->count)
-        for (int32_t i = 0; i < 4 * patch->count; i++)
+        for (int32_t i = 0; i < LOD_LEANS * patch->count; i++)
             for (int32_t d = 0; d < 3 && patch->lean[i] >= 0; d++)
-                out[(size_t)(3 * patch->lean[i] + d) * (size_t)columns + (size_t)c] += patch->weight[i] * from[3 * (i / 4) + d];
+                out[(size_t)(3 * patch->lean[i] + d) * (size_t)columns + (size_t)c] += patch->weight[i] * from[3 * (i / LOD_LEANS) + d];
 }
 
 /* Q = Z_G - Z_Phi (Phi' Z_Phi)^-1 Phi' Z_G, in place of Z_G. Means that depend on each other on what little of the patch is free

@@ -1,6 +1,7 @@
 #include "fem/coarse/lod_cubes.h"
 
 #include "base/fail.h"
+#include "fem/element/hexahedra.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -39,14 +40,15 @@ int lod_near(const lod_builder *lod, int32_t cube, int32_t near[PLIANT_MAX_NEAR]
     return count;
 }
 
-int lod_interpolation(const lod_builder *lod, int32_t fine_node, int32_t nodes[4], double weights[4])
+int lod_interpolation(const lod_builder *lod, int32_t fine_node, int32_t nodes[LOD_LEANS], double weights[LOD_LEANS])
 {
     const pliant_upsample *upsample = lod->system->upsample;
+    const size_t first = (size_t)upsample->corners * (size_t)fine_node;
     int count = 0;
-    for (int v = 0; v < 4; v++) {
-        double weight = upsample->weights[4 * (size_t)fine_node + (size_t)v];
-        if (fabs(weight) < 1e-9) continue; /* nested: zero, or at least one over the ratio */
-        nodes[count] = upsample->node[4 * (size_t)fine_node + (size_t)v];
+    for (size_t v = first; v < first + (size_t)upsample->corners; v++) {
+        double weight = upsample->weights[v];
+        if (fabs(weight) < 1e-9) continue; /* nested: zero, or at least one over the ratio, of cubes its third power */
+        nodes[count] = upsample->node[v];
         weights[count++] = weight;
     }
     return count;
@@ -76,12 +78,22 @@ void lod_room_free(lod_room *room)
     pliant_free(room->slot);
 }
 
+int lod_element(const lod_builder *lod, int32_t element, const int32_t **nodes, double stiffness[PLIANT_ELEMENT_UNKNOWNS * PLIANT_ELEMENT_UNKNOWNS])
+{
+    const pliant_system *whole = &lod->whole;
+    const int32_t begin = pliant_element_begin(whole, element);
+    *nodes = pliant_element_nodes(whole) + begin;
+    if (stiffness) pliant_system_element(whole, lod->at_rest, element, stiffness);
+    return pliant_element_begin(whole, element + 1) - begin;
+}
+
 /* ---- cubes and the fine mesh */
 
-static int32_t cell_of_tet(const lod_builder *lod, int32_t fine_tet)
+/* the coarse cell that a fine element lies in */
+static int32_t cell_of(const lod_builder *lod, int32_t element)
 {
     const pliant_mesh *fine = lod->system->fine, *coarse = lod->system->mesh;
-    int32_t cell = fine->lattice_of_tet[fine_tet] / 5, r = lod->ratio;
+    int32_t cell = lod->whole.macros ? lod->whole.macros->cell[element] : fine->lattice_of_tet[element] / 5, r = lod->ratio;
     int32_t i = cell % fine->cells[0] / r, j = cell / fine->cells[0] % fine->cells[1] / r, k = cell / fine->cells[0] / fine->cells[1] / r;
     return i + coarse->cells[0] * (j + coarse->cells[1] * k);
 }
@@ -103,16 +115,16 @@ static void find_own(lod_builder *lod)
 
 pliant_status lod_list_cubes(lod_builder *lod)
 {
-    const pliant_mesh *fine = lod->system->fine, *coarse = lod->system->mesh;
-    int32_t cells = coarse->cells[0] * coarse->cells[1] * coarse->cells[2];
+    const pliant_mesh *coarse = lod->system->mesh;
+    const int32_t cells = coarse->cells[0] * coarse->cells[1] * coarse->cells[2], elements = pliant_element_count(&lod->whole);
     lod->cube_of_cell = pliant_calloc((size_t)cells, sizeof *lod->cube_of_cell);
-    lod->tets = pliant_calloc((size_t)fine->num_tets, sizeof *lod->tets);
-    if (!lod->cube_of_cell || !lod->tets) return pliant_fail_memory("the coarse cubes");
-    for (int32_t t = 0; t < fine->num_tets; t++) lod->cube_of_cell[cell_of_tet(lod, t)]++;
+    lod->elements = pliant_calloc((size_t)elements, sizeof *lod->elements);
+    if (!lod->cube_of_cell || !lod->elements) return pliant_fail_memory("the coarse cubes");
+    for (int32_t e = 0; e < elements; e++) lod->cube_of_cell[cell_of(lod, e)]++;
     for (int32_t c = 0; c < cells; c++) lod->count += lod->cube_of_cell[c] > 0;
     size_t count = (size_t)lod->count;
     bool good = (lod->cell = pliant_calloc(count, sizeof *lod->cell)) &&
-                (lod->tet_start = pliant_calloc(count + 2, sizeof *lod->tet_start)) &&
+                (lod->element_start = pliant_calloc(count + 2, sizeof *lod->element_start)) &&
                 (lod->own = pliant_calloc(count, 8 * sizeof *lod->own)) && (lod->grounded = pliant_calloc(count, sizeof *lod->grounded)) &&
                 (lod->patch_nodes = pliant_calloc(count, sizeof *lod->patch_nodes)) &&
                 (lod->patch_means = pliant_calloc(count, sizeof *lod->patch_means)) &&
@@ -120,13 +132,13 @@ pliant_status lod_list_cubes(lod_builder *lod)
     if (!good) return pliant_fail_memory("the coarse cubes");
     int32_t cube = 0;
     for (int32_t c = 0; c < cells; c++) {
-        int32_t tets = lod->cube_of_cell[c];
-        lod->cube_of_cell[c] = tets > 0 ? cube : -1;
-        if (tets == 0) continue;
-        lod->tet_start[cube + 2] = lod->tet_start[cube + 1] + tets;
+        int32_t here = lod->cube_of_cell[c];
+        lod->cube_of_cell[c] = here > 0 ? cube : -1;
+        if (here == 0) continue;
+        lod->element_start[cube + 2] = lod->element_start[cube + 1] + here;
         lod->cell[cube++] = c;
     }
-    for (int32_t t = 0; t < fine->num_tets; t++) lod->tets[lod->tet_start[lod->cube_of_cell[cell_of_tet(lod, t)] + 1]++] = t;
+    for (int32_t e = 0; e < elements; e++) lod->elements[lod->element_start[lod->cube_of_cell[cell_of(lod, e)] + 1]++] = e;
     find_own(lod);
     return PLIANT_OK;
 }
@@ -140,15 +152,21 @@ pliant_status lod_measure_fine(lod_builder *lod)
     lod->reach = pliant_calloc(count, 6 * sizeof *lod->reach);
     if (!lod->mass || !lod->reach) return pliant_fail_memory("the fine nodes");
     for (size_t n = 0; n < count; n++) memset(lod->reach + 6 * n, 0xff, 3);
+    if (lod->whole.macros) {
+        pliant_status status = pliant_hexahedra_masses(fine, lod->material, lod->mass);
+        if (status != PLIANT_OK) return status;
+    }
     for (int32_t t = 0; t < fine->num_tets; t++) {
-        const int32_t *nodes = fine->tets + 4 * t;
-        double gradients[12];
-        double volume = pliant_mesh_gradients(fine, t, gradients);
+        double gradients[12], volume = pliant_mesh_gradients(fine, t, gradients), density = massless + (lod->whole.macros ? 0 : lod->material[t].density);
+        for (int v = 0; v < 4; v++) lod->mass[fine->tets[4 * t + v]] += 0.25 * volume * density;
+    }
+    for (int32_t e = 0; e < pliant_element_count(&lod->whole); e++) {
+        const int32_t *nodes;
         int32_t at[3];
-        place_of(coarse->cells, cell_of_tet(lod, t), at);
-        for (int v = 0; v < 4; v++) {
+        place_of(coarse->cells, cell_of(lod, e), at);
+        const int corners = lod_element(lod, e, &nodes, NULL);
+        for (int v = 0; v < corners; v++) {
             uint8_t *reach = lod->reach + 6 * (size_t)nodes[v];
-            lod->mass[nodes[v]] += 0.25 * volume * (lod->material[t].density + massless);
             for (int d = 0; d < 3; d++) { /* at most 256 cells along an axis */
                 if (at[d] < reach[d]) reach[d] = (uint8_t)at[d];
                 if (at[d] > reach[3 + d]) reach[3 + d] = (uint8_t)at[d];

@@ -53,11 +53,14 @@ static void list_followers(const lod_builder *lod, pliant_macros *macros)
     const pliant_mesh *fine = lod->system->fine;
     memset(macros->cube_of_fine, 0xff, (size_t)fine->num_nodes * sizeof *macros->cube_of_fine);
     for (int32_t cube = 0; cube < lod->count; cube++)
-        for (int32_t v = 4 * lod->tet_start[cube]; v < 4 * lod->tet_start[cube + 1]; v++) {
-            int32_t node = fine->tets[4 * lod->tets[v / 4] + v % 4];
-            if (macros->cube_of_fine[node] >= 0 || lod->fine_fixed[node]) continue;
-            macros->cube_of_fine[node] = cube;
-            macros->fine_start[cube + 1]++;
+        for (int32_t e = lod->element_start[cube]; e < lod->element_start[cube + 1]; e++) {
+            const int32_t *nodes;
+            const int corners = lod_element(lod, lod->elements[e], &nodes, NULL);
+            for (int v = 0; v < corners; v++) {
+                if (macros->cube_of_fine[nodes[v]] >= 0 || lod->fine_fixed[nodes[v]]) continue;
+                macros->cube_of_fine[nodes[v]] = cube;
+                macros->fine_start[cube + 1]++;
+            }
         }
     for (int32_t cube = 0; cube < lod->count; cube++) macros->fine_start[cube + 1] += macros->fine_start[cube];
     for (int32_t node = fine->num_nodes - 1; node >= 0; node--) { /* from the back, so that starts end where they belong */
@@ -147,13 +150,16 @@ static pliant_status work_create(const lod_builder *lod, lod_room *room, int32_t
 {
     const pliant_macros *macros = lod->system->macros;
     work->num_corners = macros->start[cube + 1] - macros->start[cube];
-    int32_t most = 4 * (lod->tet_start[cube + 1] - lod->tet_start[cube]);
-    if (!(work->node = pliant_calloc((size_t)most, sizeof *work->node))) return pliant_fail_memory("a macro-element");
-    for (int32_t v = 4 * lod->tet_start[cube]; v < 4 * lod->tet_start[cube + 1]; v++) {
-        int32_t node = lod->system->fine->tets[4 * lod->tets[v / 4] + v % 4];
-        if (room->local[node] >= 0) continue;
-        room->local[node] = work->num_nodes;
-        work->node[work->num_nodes++] = node;
+    size_t most = PLIANT_ELEMENT_UNKNOWNS / 3 * (size_t)(lod->element_start[cube + 1] - lod->element_start[cube]);
+    if (!(work->node = pliant_calloc(most, sizeof *work->node))) return pliant_fail_memory("a macro-element");
+    for (int32_t e = lod->element_start[cube]; e < lod->element_start[cube + 1]; e++) {
+        const int32_t *nodes;
+        const int corners = lod_element(lod, lod->elements[e], &nodes, NULL);
+        for (int v = 0; v < corners; v++) {
+            if (room->local[nodes[v]] >= 0) continue;
+            room->local[nodes[v]] = work->num_nodes;
+            work->node[work->num_nodes++] = nodes[v];
+        }
     }
     size_t rows = 3 * (size_t)work->num_nodes, columns = 3 * (size_t)work->num_corners;
     if (columns == 0) return PLIANT_OK; /* grounded on fixed nodes alone */
@@ -170,8 +176,8 @@ static void fill_shape(const lod_builder *lod, const lod_room *room, int32_t cub
     size_t columns = 3 * (size_t)work->num_corners;
     bool grounded = lod->grounded[cube];
     for (int32_t i = 0; i < work->num_nodes; i++) {
-        int32_t nodes[4];
-        double weights[4];
+        int32_t nodes[LOD_LEANS];
+        double weights[LOD_LEANS];
         if (grounded && lod->fine_fixed[work->node[i]]) continue;
         int leans = lod_interpolation(lod, work->node[i], nodes, weights);
         for (int v = 0; v < leans; v++) {
@@ -199,17 +205,16 @@ static void fill_shape(const lod_builder *lod, const lod_room *room, int32_t cub
 /* K_C N */
 static void fill_force(const lod_builder *lod, const lod_room *room, int32_t cube, cube_work *work)
 {
-    const pliant_mesh *fine = lod->system->fine;
-    size_t columns = 3 * (size_t)work->num_corners;
-    for (int32_t t = lod->tet_start[cube]; t < lod->tet_start[cube + 1]; t++) {
-        const int32_t *nodes = fine->tets + 4 * lod->tets[t];
-        double k[144];
-        pliant_tet_stiffness(fine, lod->tets[t], lod->material + lod->tets[t], k);
-        for (int a = 0; a < 12; a++)
-            for (int b = 0; b < 12; b++) {
+    const size_t columns = 3 * (size_t)work->num_corners;
+    for (int32_t e = lod->element_start[cube]; e < lod->element_start[cube + 1]; e++) {
+        const int32_t *nodes;
+        double k[PLIANT_ELEMENT_UNKNOWNS * PLIANT_ELEMENT_UNKNOWNS];
+        const int n = 3 * lod_element(lod, lod->elements[e], &nodes, k);
+        for (int a = 0; a < n; a++)
+            for (int b = 0; b < n; b++) {
                 double *to = work->force + columns * (3 * (size_t)room->local[nodes[a / 3]] + (size_t)(a % 3));
                 const double *from = work->shape + columns * (3 * (size_t)room->local[nodes[b / 3]] + (size_t)(b % 3));
-                for (size_t c = 0; c < columns; c++) to[c] += k[12 * a + b] * from[c];
+                for (size_t c = 0; c < columns; c++) to[c] += k[n * a + b] * from[c];
             }
     }
 }

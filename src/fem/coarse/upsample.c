@@ -1,6 +1,7 @@
 /* From solved nodes to fine nodes, and forces the other way by the same weights ([H] 2.3 and 3). */
 #include "base/fail.h"
 #include "fem/coarse/shaped.h"
+#include "fem/element/hexahedra.h"
 #include "fem/element/rotation.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
@@ -106,6 +107,17 @@ pliant_status pliant_upsample_trilinear(pliant_system *system, const int32_t *el
     }
     pliant_free(owner);
     return PLIANT_OK;
+}
+
+pliant_status pliant_upsample_cubes(pliant_system *system, const int32_t *coarse_of_fine)
+{
+    int32_t *element = NULL, *of_fine = pliant_calloc((size_t)system->fine->num_tets, sizeof *of_fine);
+    pliant_status status = of_fine ? pliant_hexahedra_of_tets(system->mesh, system->macros, &element) : pliant_fail_memory("the upsampling");
+    for (int32_t t = 0; status == PLIANT_OK && t < system->fine->num_tets; t++) of_fine[t] = element[coarse_of_fine[t]];
+    if (status == PLIANT_OK) status = pliant_upsample_trilinear(system, of_fine);
+    pliant_free(element);
+    pliant_free(of_fine);
+    return status;
 }
 
 typedef struct tet_frame {
