@@ -80,10 +80,11 @@ static __device__ void judge(decision &now, int room)
     const bool first = rules.next == PLIANT_NEXT_FIRST;
     const int target = gpu_target(&state);
     const double merit = find_merit(now, target);
+    const int32_t left = pliant_even_left(&state.step.limit, rules.evaluations + 1, first ? merit : rules.first_merit);
     const bool plain = !rules.mixes && state.rows == 0 && !state.step.touches && (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_DESCENT);
     state.evaluated = 1;
     if (state.ending) state.evaluated = pliant_anderson_judge_end(&rules, merit);
-    else pliant_anderson_judge(&rules, merit, plain ? now.sums[2] : 0.0, INT32_MAX);
+    else pliant_anderson_judge(&rules, merit, plain ? now.sums[2] : 0.0, left);
     state.took = state.ending ? state.evaluated : rules.take || first;
     state.iterations = rules.evaluations;
     state.skips = 0;

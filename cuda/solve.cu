@@ -236,6 +236,9 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
         CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_touch, 0, 3 * (size_t)gpu->system.num_free * sizeof(double), gpu->stream)));
     }
     gpu->touched = step.touches;
+    const int32_t known = knows_first(gpu, &step);
+    step.limit = pliant_solver_limit(solver);
+    if (step.limit.evaluations < INT32_MAX) step.limit.evaluations += known;
     CUDA_TRY(step.touches ? pliant_cuda_touches_run(gpu, solver, &step) : run(gpu, &step));
     gpu->fresh = false;
     const gpu_state *state = gpu->h_state;
@@ -245,6 +248,7 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     memcpy(gpu->force, state->force[state->now], sizeof gpu->force);
     statistics->iterations = rules->evaluations - rules->last;
     gpu->last_launches = rules->evaluations + state->ending;
+    pliant_even_note(&solver->even, gpu->last_launches - known, rules->first_merit);
     gpu->evaluations += rules->evaluations;
     statistics->rejected += (uint64_t)rules->rejected;
     statistics->residual = rules->merit / state->told_scale;

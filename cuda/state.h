@@ -31,6 +31,7 @@ typedef struct gpu_step {
     int32_t kept, same_axes, same_step; /* since the step before: nothing but loads has changed; nor the axes; nor what the preconditioner gave */
     int32_t is_cycle;          /* the preconditioner is a V-cycle */
     int32_t most_evaluations, depth, room;
+    pliant_even_limit limit;   /* one more where the first costs nothing */
     double tolerance, smallest_displacement, smallest_scale;
 } gpu_step;
 

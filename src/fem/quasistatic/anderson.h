@@ -241,7 +241,7 @@ PLIANT_INLINE bool pliant_anderson_judge_state(pliant_anderson *rules, double me
     const bool lower = merit < rules->merit;
     switch (rules->next) {
     case PLIANT_NEXT_FIRST:
-        rules->merit = merit;
+        rules->merit = rules->first_merit = merit;
         if (rules->blind && !(merit < too_high * rules->sound_merit)) {
             rules->next = PLIANT_NEXT_PREVIOUS;
             return true;

@@ -109,12 +109,14 @@ static void swap_iterates(pliant_solver *solver)
 typedef struct step_time {
     double start, begun; /* the step, its first whole evaluation [s] */
     int32_t whole;       /* evaluations that were made from the forces on */
+    int32_t solved;      /* and those that the preconditioner was used in */
+    pliant_even_limit limit;
 } step_time;
 
-/* how many more evaluations would be done within the budget */
-static int32_t affordable(const pliant_solver *solver, const step_time *time)
+/* how many more evaluations would be done within the budget, or as even steps have them */
+static int32_t affordable(const pliant_solver *solver, const step_time *time, double first_merit)
 {
-    if (!(solver->budget > 0)) return INT32_MAX;
+    if (!(solver->budget > 0)) return pliant_even_left(&time->limit, time->solved, first_merit);
     const double now = solver->clock(solver->clock_user), each = time->whole > 0 ? (now - time->begun) / time->whole : solver->evaluation_seconds;
     const double left = time->start + solver->budget - now;
     return each > 0 && left < 1e6 * each ? (int32_t)fmax(left / each, 0) : INT32_MAX;
@@ -175,11 +177,12 @@ static pliant_status iterate(pliant_solver *solver, step_time *time)
         pliant_iterate *at = first ? &solver->now : &solver->trial;
         pliant_status status = evaluate(solver, first ? known : PLIANT_KNOWN_NOTHING, at);
         if (status != PLIANT_OK) return status;
+        time->solved += !first || known != PLIANT_KNOWN_STEP;
         if (!first || known == PLIANT_KNOWN_NOTHING) time->whole++;
         else time->begun = solver->clock(solver->clock_user);
         const bool plain = !rules->mixes && (rules->next == PLIANT_NEXT_TRIAL || rules->next == PLIANT_NEXT_DESCENT);
         const double slope = plain && !(at->merit < solver->now.merit && rules->next == PLIANT_NEXT_TRIAL) ? slope_of(solver) : 0;
-        pliant_anderson_judge(rules, at->merit, slope, affordable(solver, time));
+        pliant_anderson_judge(rules, at->merit, slope, affordable(solver, time, first ? at->merit : rules->first_merit));
         if (rules->keep >= 0) pliant_solver_remember(solver, rules->keep, &solver->now, &solver->trial);
         if (rules->take) swap_iterates(solver);
         if (pliant_touches_any(solver->touches) && (first || rules->take)) pliant_touches_take(solver->touches);
@@ -211,9 +214,10 @@ static bool evaluate_end(pliant_solver *solver)
 static void look_at_end(pliant_solver *solver, step_time *time)
 {
     const bool blind = solver->rules.next == PLIANT_NEXT_BLIND, seen = solver->posterior.seen;
-    const bool evaluates = blind && affordable(solver, time) > 0;
+    const bool evaluates = blind && affordable(solver, time, solver->rules.first_merit) > 0;
     const bool evaluated = evaluates ? evaluate_end(solver) : !blind;
     time->whole += evaluates;
+    time->solved += evaluates;
     if (solver->budget > 0 && time->whole > 0) solver->evaluation_seconds = (solver->clock(solver->clock_user) - time->begun) / time->whole;
     pliant_anderson_tell(&solver->rules, seen, seen ? pliant_secants_left(solver, &solver->posterior.at) : 0);
     pliant_posterior_keep(solver, evaluated && !solver->system->basis);
@@ -245,15 +249,9 @@ static pliant_status begin(pliant_solver *solver)
     return status;
 }
 
-/* Iterations of a step that has others before and after it; one that has a budget needs no other limit. */
-static pliant_status iterate_evenly(pliant_solver *solver, step_time *time)
+pliant_even_limit pliant_solver_limit(const pliant_solver *solver)
 {
-    const int32_t most = solver->rules.most_evaluations;
-    if (pliant_background_is_live(solver->background) && !(solver->budget > 0)) solver->rules.most_evaluations = pliant_even_limit(&solver->even, most);
-    pliant_status status = iterate(solver, time);
-    pliant_even_note(&solver->even, pliant_anderson_iterations(&solver->rules));
-    solver->rules.most_evaluations = most;
-    return status;
+    return pliant_even_next(&solver->even, pliant_background_is_live(solver->background));
 }
 
 /* of the state that was judged last; in a step that rests that of the step before, since when a patch may have told its own */
@@ -272,7 +270,6 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     pliant_status status = begin(solver);
     if (status == PLIANT_OK) status = pliant_refresh_step(solver, statistics);
     if (status == PLIANT_OK && pliant_posterior_rests(solver)) {
-        pliant_even_note(&solver->even, 1); /* what looking would have taken */
         statistics->iterations = 0;
         tell_residual(solver, statistics);
         statistics->error = statistics->error_before = solver->rules.error;
@@ -290,10 +287,10 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
         if (!handle->by_force && handle->count == 0) memset(handle->force, 0, sizeof handle->force); /* all that it holds is fixed */
         memcpy(solver->now.force + 3 * t, handle->force, 3 * sizeof(double));
     }
-    step_time time = {.start = solver->clock(solver->clock_user)};
+    step_time time = {.start = solver->clock(solver->clock_user), .limit = pliant_solver_limit(solver)};
     time.begun = time.start;
     solver->rules.is_cycle = !pliant_preconditioner_refuses(solver->preconditioner);
-    status = iterate_evenly(solver, &time);
+    status = iterate(solver, &time);
     statistics->iterations = pliant_anderson_iterations(&solver->rules);
     statistics->rejected += (uint64_t)solver->rules.rejected;
     if (status != PLIANT_OK) return status;
@@ -301,6 +298,7 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     if (!isfinite(solver->rules.merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
     tell_residual(solver, statistics);
     look_at_end(solver, &time);
+    pliant_even_note(&solver->even, time.solved, solver->rules.first_merit);
     pliant_touches_report(solver, statistics);
     statistics->error = solver->rules.error;
     statistics->error_before = solver->rules.error_before;

@@ -118,6 +118,9 @@ struct pliant_solver {
     double *dense_weights;      /* (9 num_free) room to build W */
 };
 
+/* Of the next step's evaluations: those of live steps are even. */
+pliant_even_limit pliant_solver_limit(const pliant_solver *solver);
+
 /* Limits and intervals as the scene says. Both are borrowed. */
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
 /* the same without a preconditioner, nothing set; rests: without what only a step of its own needs */
