@@ -112,6 +112,24 @@ TEST_F(Deform, PullsAndWritesWhatItPromises)
     EXPECT_NEAR(std::stod(tools.back()[6]), front - 0.01, 1e-3);
 }
 
+// A ball that presses the wall: its force and torque in tools.csv, that on the nodes as a scalar.
+TEST_F(Deform, TellsForcesOfContact)
+{
+    std::ofstream(in("press.yaml")) << "tools:\n  - name: ball\n    shape: {parts: [{kind: sphere, from: [0, 0, 0], radius: 0.02}]}\n    poses: [{time: 0, position: [0, "
+                                       "-0.17, 0]}, {time: 0.1, position: [0, -0.13, 0]}]\n";
+    ASSERT_EQ(run(small_ + "--quiet --tools " + in("press.yaml") + " --scalars contact_force --out " + in("c")), 0) << err_;
+    auto tools = table(in("c/tools.csv")), nodes = table(in("c/nodes.csv"));
+    ASSERT_GT(tools.size(), 1u);
+    EXPECT_EQ(tools[0][9], "contact_y_n");
+    EXPECT_EQ(tools.back()[1], "ball");
+    EXPECT_GT(std::stod(tools.back()[9]), 0.01) << "of the ball on the tissue, into it";
+    EXPECT_EQ(std::stod(tools.back()[3]), 0) << "it holds nothing";
+    ASSERT_EQ(nodes[0].back(), "contact_force_n");
+    double sum = 0;
+    for (size_t n = 1; n < nodes.size(); ++n) sum += std::stod(nodes[n].back());
+    EXPECT_GE(sum, 0.99 * std::stod(tools.back()[9]));
+}
+
 // The room around the tissue is warp/margin, wherever a tool goes; that is said, and when tissue leaves it.
 TEST_F(Deform, KeepsTheVolumeToItsMargin)
 {

@@ -67,6 +67,24 @@ inline Surface ring(double radius, double tube, int around = 48, int across = 24
     return out;
 }
 
+inline Surface ball_surface(double radius, int around = 32, int across = 14)
+{
+    Surface out;
+    for (int a = 1; a < across; a++)
+        for (int k = 0; k < around; k++) {
+            const double u = M_PI * a / across, v = 2 * M_PI * k / around;
+            out.add(radius * std::sin(u) * std::cos(v), radius * std::sin(u) * std::sin(v), radius * std::cos(u));
+        }
+    const int32_t top = out.add(0, 0, radius), bottom = out.add(0, 0, -radius);
+    for (int k = 0; k < around; k++) {
+        const int next = (k + 1) % around, last = (across - 2) * around;
+        out.triangles.insert(out.triangles.end(), {top, k, next});
+        out.triangles.insert(out.triangles.end(), {bottom, last + next, last + k});
+        for (int a = 0; a + 2 < across; a++) out.add_quad(a * around + k, (a + 1) * around + k, (a + 1) * around + next, a * around + next);
+    }
+    return out;
+}
+
 // a rod about z from 0 to a length, with flat ends
 inline Surface rod_surface(double radius, double length, int around = 24)
 {

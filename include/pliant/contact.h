@@ -62,7 +62,7 @@ typedef struct pliant_contact {
     int32_t tool, part;    /**< that presses; -1: what does not move, or tissue */
     bool tissue;           /**< tissue presses */
     double place[3];       /**< LPS [m] */
-    double normal[3];      /**< unit, into the tissue that is pressed */
+    double normal[3];      /**< unit, into the tissue that is pressed; 0 0 0 of a node that is slowed (contact/response: paper) */
     double force[3];       /**< on it [N] */
     double area;           /**< that it stands for, at rest [m^2] */
     double depth;          /**< of it in what presses; below 0: it has moved away again [m] */

@@ -21,7 +21,8 @@ extern "C" {
 #define PLIANT_SCALAR_LIST(X)                                                                     \
     X(PLIANT_SCALAR_NONE, none) X(PLIANT_SCALAR_VON_MISES, von_mises)                             \
     X(PLIANT_SCALAR_STRAIN_ENERGY, strain_energy) X(PLIANT_SCALAR_VOLUME_RATIO, volume_ratio)     \
-    X(PLIANT_SCALAR_PRINCIPAL_STRESS, principal_stress) X(PLIANT_SCALAR_MASS_CHANGE, mass_change)
+    X(PLIANT_SCALAR_PRINCIPAL_STRESS, principal_stress) X(PLIANT_SCALAR_MASS_CHANGE, mass_change) \
+    X(PLIANT_SCALAR_CONTACT_FORCE, contact_force)
 #define PLIANT_SOLVER_LIST(X) X(PLIANT_COROTATIONAL, corotational) X(PLIANT_TLED, tled)
 #define PLIANT_LAW_LIST(X)                                                                        \
     X(PLIANT_LAW_NEO_HOOKEAN, neo_hookean) X(PLIANT_LAW_COMPRESSIBLE, compressible)               \
@@ -34,6 +35,7 @@ extern "C" {
 #define PLIANT_TRIGGER_LIST(X)                                                                    \
     X(PLIANT_TRIGGER_ALWAYS, always) X(PLIANT_TRIGGER_JAW, jaw) X(PLIANT_TRIGGER_ENERGY, energy)  \
     X(PLIANT_TRIGGER_SERVICE, service)
+#define PLIANT_RESPONSE_LIST(X) X(PLIANT_RESPONSE_PUSH, push) X(PLIANT_RESPONSE_PAPER, paper)
 #define PLIANT_MEASURE_LIST(X) X(PLIANT_MEASURE_MAX, max) X(PLIANT_MEASURE_P95, p95) X(PLIANT_MEASURE_RMS, rms)
 
 #define PLIANT_CHOICE_ENUM(name, yaml) name,
@@ -51,6 +53,7 @@ typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pli
 typedef enum pliant_cut_kind { PLIANT_CUT_LIST(PLIANT_CHOICE_ENUM) } pliant_cut_kind;
 typedef enum pliant_trigger { PLIANT_TRIGGER_LIST(PLIANT_CHOICE_ENUM) } pliant_trigger;
 typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_measure;
+typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant_response;
 #undef PLIANT_CHOICE_ENUM
 
 /** C types of the kinds of option. INT3 and REAL3 take one default and one range for all three numbers. */
@@ -73,6 +76,7 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
 #define PLIANT_DECLARE_CUT(name) pliant_cut_kind name;
 #define PLIANT_DECLARE_TRIGGER(name) pliant_trigger name;
 #define PLIANT_DECLARE_MEASURE(name) pliant_measure name;
+#define PLIANT_DECLARE_RESPONSE(name) pliant_response name;
 #define PLIANT_DECLARE_LAW(name) pliant_law name;
 
 /* X(kind, name, default, low, high, unit, text) for every group; strings have no range */
@@ -153,8 +157,12 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     X(REAL, slip, 0.0, 0.0, 1e6, "N", "a grip by a spring that would take more than this slips, and is lost once it has slipped as far as the blob is wide; 0: it holds whatever comes") \
     X(REAL, radius, 0.006, 0.0, 1.0, "m", "the grasped blob; 0: a point")
 #define PLIANT_SCENE_CONTACT(X)                                                                                        \
-    X(REAL, friction, 0.2, 0.0, 100.0, "", "Coulomb's coefficient between tissue and instruments or obstacles, and between tissue and tissue")                   \
-    X(BOOL, self, false, 0, 1, "", "tissue touches tissue: what folds, pieces, the sides of a cut; with material/slides always")
+    X(REAL, friction, 0.08, 0.0, 100.0, "", "Coulomb's coefficient between tissue and instruments or obstacles, and between tissue and tissue; measured 0.03 to 0.08, peritoneum on smooth glass in saline (Loring et al., J. Biomech. 38:2390, 2005); toothed jaws hold more") \
+    X(BOOL, self, false, 0, 1, "", "tissue touches tissue: what folds, pieces, the sides of a cut; with material/slides always") \
+    X(STRING, obstacles, "", 0, 0, "", "YAML file of what stands still, relative to the scene file: parts as a tool's shape has them, solids from STL files among them, in LPS")       \
+    X(RESPONSE, response, PLIANT_RESPONSE_PUSH, 0, 0, "", "of tissue that overlaps tissue: push: out, the shortest way; paper (tled): nodes of tetrahedra that overlap are slowed down ([C] 5.2), which does nothing at rest") \
+    X(REAL, punishment, 0.5, 0.0, 1.0, "", "of paper, which names no size: the part of such a node's way in a sub-step that its force takes away") \
+    X(BOOL, delay, true, 0, 1, "", "of paper: what overlapped as the step before ended is slowed down in all of this one ([C] algorithm 2); false: looked for in every sub-step")
 #define PLIANT_SCENE_CUT(X)                                                                                            \
     X(CUT, kind, PLIANT_CUT_NONE, 0, 0, "", "sever: blades part the scan's voxels, and tetrahedra fall into fragments; subdivide: blades cut edges, and tetrahedra into smaller ones ([C] 5.2), without resistance; none: nothing is cut, and nothing is kept for it") \
     X(REAL, snap, 0.1, 0.01, 0.45, "", "of subdivide: part of the shortest edge below which no edge is cut; the node that is so near is parted itself") \
@@ -168,7 +176,7 @@ typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_m
     X(REAL, margin, 0.03, 0.0, 10.0, "m", "room that the deformed volume has around the tissue at rest; what is moved further is cut off") \
     X(REAL, rate, 10.0, 0.0, 1000.0, "Hz", "most deformed volumes a second")
 #define PLIANT_SCENE_OUTPUT(X)                                                                                         \
-    X(SCALAR, scalar, PLIANT_SCALAR_NONE, 0, 0, "", "number per node on mesh/state: none, von_mises [Pa], strain_energy [J/m^3], volume_ratio, principal_stress (largest) [Pa], mass_change (rest volume over volume ratio, [C] 13) [m^3]") \
+    X(SCALAR, scalar, PLIANT_SCALAR_NONE, 0, 0, "", "number per node on mesh/state: none, von_mises [Pa], strain_energy [J/m^3], volume_ratio, principal_stress (largest) [Pa], mass_change (rest volume over volume ratio, [C] 13) [m^3], contact_force [N]") \
     X(REAL, mesh_rate, 30.0, 0.0, 1000.0, "Hz", "most mesh states a second")                                          \
     X(REAL, slice_rate, 15.0, 0.0, 1000.0, "Hz", "most slices a second")
 

@@ -9,7 +9,7 @@ extern "C" {
 #endif
 
 /* kinds of points: the top byte of their features */
-enum { PLIANT_TISSUE_NODE = 240, PLIANT_TISSUE_EDGE = 241, PLIANT_TISSUE_CUT = 242 };
+enum { PLIANT_TISSUE_NODE = 240, PLIANT_TISSUE_EDGE = 241, PLIANT_TISSUE_CUT = 242, PLIANT_TISSUE_SLOWED = 243 /* contact/response: paper */ };
 
 /* A point moves to where its two sides face each other now, along its normal, at the positions of its four nodes: a node over a triangle, or two edges.
  * The force then acts along one line on both, and turns neither. Sides of a cut stay as they were found. @return whether it is another one now */
@@ -46,6 +46,13 @@ PLIANT_INLINE bool pliant_contact_follow(double x[4][3], pliant_contact_point *p
     }
     point->weight[3] = -t;
     return true;
+}
+
+/* Whether a point is a node of a tetrahedron that overlaps, by the paper's rule: it has one node, no normal, and in place of friction the part of its way
+ * in a sub-step that is taken away. */
+PLIANT_INLINE bool pliant_contact_slows(const pliant_contact_point *point)
+{
+    return point->kind == PLIANT_OBSTACLE_TISSUE && (int)(point->feature >> 56) == PLIANT_TISSUE_SLOWED;
 }
 
 #ifdef __cplusplus

@@ -85,6 +85,12 @@ typedef struct pliant_tissue_rule {
  * @param positions (nodes x 3) as the step begins [m]. Errors: MEMORY. */
 pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given, pliant_contacts *out);
 
+/* ---- tissue_slowed.c */
+/* Which nodes are of a tetrahedron that overlaps. @param overlaps (nodes) out. Errors: MEMORY. */
+pliant_status pliant_tissue_overlapping(pliant_tissue *tissue, const double *positions, uint8_t *overlaps);
+/* Appends a point for each of them that can move, ascending (follow.h). Errors: MEMORY. */
+pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8_t *overlaps, double punishment, pliant_contacts *out);
+
 /* ---- tissue_cut.c */
 /* The cut faces of a body, freed with pliant_free; none: NULL. Errors: MEMORY. */
 pliant_status pliant_cut_faces(const pliant_body *body, pliant_cut_face **out, int32_t *count);

@@ -23,7 +23,7 @@ static tetrahedral first_tetrahedral(const pliant_scene *scene, bool alone)
         {octree && tled, "mesh/kind: explicit dynamics has no hexahedra of an octree", "lattice"},
         {!tled && scene->cut.kind != PLIANT_CUT_NONE && scene->solver.backend != PLIANT_CPU,
          "cut/kind: what stands for the inverse of hexahedra's stiffness is carried over a cut on the CPU (solver/backend cpu); a GPU makes it anew, within a step", NULL},
-        {scene->contact.self || scene->obstacles.num_boxes > 0 || scene->obstacles.num_planes > 0,
+        {scene->contact.self || scene->contact.obstacles[0] || scene->obstacles.num_boxes > 0 || scene->obstacles.num_planes > 0,
          "contact/self, obstacles: what touches feels cubes that tissue hardly fills before it feels tissue", NULL},
         {tled && scene->tled.nodal_pressure, "tled/nodal_pressure: hexahedra have one change of volume each and need none", "false"},
     };

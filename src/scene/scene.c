@@ -123,6 +123,8 @@ pliant_status pliant_scene_check(const pliant_scene *scene)
     for (size_t i = 0; i < count; ++i)
         if (pliant_option_check(&options[i], scene, reason, sizeof reason))
             return pliant_fail(PLIANT_ERROR_SCENE, "%s/%s: %s", options[i].group, options[i].name, reason);
+    if (scene->contact.response == PLIANT_RESPONSE_PAPER && (scene->solver.kind != PLIANT_TLED || scene->tled.quasi_static))
+        return pliant_fail(PLIANT_ERROR_SCENE, "contact/response: paper pushes against motion, and is of explicit dynamics alone: solver/kind tled, without tled/quasi_static");
     pliant_status status = check_regions(&scene->fixed, "fixed");
     return status == PLIANT_OK ? check_regions(&scene->obstacles, "obstacles") : status;
 }

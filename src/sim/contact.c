@@ -4,6 +4,7 @@
 #include "base/rotate.h"
 #include "contact/find.h"
 #include "contact/tissue.h"
+#include "fem/dynamics/tled.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 
@@ -14,7 +15,7 @@ static const double fastest = 2.0;    /* of a tool's tip [m/s]; beyond it, it ha
 static const double base_margin = 1e-3; /* [m] that tissue may move in a step without a reason that is seen beforehand */
 static const double self_margin = 0.25; /* of the surface's shortest edge at rest: tissue that is nearer to tissue is looked at */
 static const double recovery = 0.1;   /* [m/s] at which tissue comes out of what it was deep in */
-enum { MOST_POSES = 4096, MOST_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 * PLIANT_MAX_FIXED };
+enum { MOST_POSES = 4096, MOST_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 * PLIANT_MAX_FIXED + PLIANT_MAX_PARTS };
 
 struct pliant_contact_search {
     pliant_finder *finder;
@@ -26,6 +27,9 @@ struct pliant_contact_search {
     pliant_moving_part part[MOST_PARTS];
     int32_t first[MOST_PARTS]; /* of its poses */
     pliant_part obstacle[2 * PLIANT_MAX_FIXED];
+    int32_t room_nodes;        /* contact/response: paper */
+    uint8_t *overlaps;         /* (room_nodes) */
+    double *place;             /* (room_nodes x 3) */
 };
 
 /* ---- what a tool is told */
@@ -127,21 +131,22 @@ static pliant_status add_part(pliant_contact_search *search, const pliant_tool *
 }
 
 /* What stands still. */
-static pliant_status add_obstacle(pliant_contact_search *search, int32_t index, double step, double friction)
+static pliant_status add_obstacle(pliant_contact_search *search, const pliant_part *part, int32_t index, double step, double friction)
 {
     pliant_status status = reserve_poses(search, 1);
     if (status != PLIANT_OK) return status;
     search->pose[search->num_poses] = (pliant_pose){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     search->first[search->num_parts] = search->num_poses++;
     search->part[search->num_parts++] = (pliant_moving_part){
-        .part = search->obstacle + index, .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .index = index, .friction = friction, .num_poses = 1,
+        .part = part, .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .index = index, .friction = friction, .num_poses = 1,
         .margin = base_margin, .recovery = recovery * step, .remembers = true,
     };
     return PLIANT_OK;
 }
 
-static pliant_status add_obstacles(const pliant_scene *scene, pliant_contact_search *search)
+static pliant_status add_obstacles(const pliant_model *model, pliant_contact_search *search)
 {
+    const pliant_scene *scene = &model->scene;
     const pliant_regions *regions = &scene->obstacles;
     pliant_status status = PLIANT_OK;
     int32_t count = 0;
@@ -157,7 +162,8 @@ static pliant_status add_obstacles(const pliant_scene *scene, pliant_contact_sea
         memcpy(part->from, regions->planes[p].point, sizeof part->from);
         memcpy(part->to, regions->planes[p].normal, sizeof part->to);
     }
-    for (int32_t n = 0; n < count && status == PLIANT_OK; n++) status = add_obstacle(search, n, scene->solver.step, scene->contact.friction);
+    for (int32_t n = 0; n < count + model->obstacles.num_parts && status == PLIANT_OK; n++)
+        status = add_obstacle(search, n < count ? search->obstacle + n : model->obstacles.part + (n - count), n, scene->solver.step, scene->contact.friction);
     return status;
 }
 
@@ -172,7 +178,7 @@ static pliant_status gather_parts(const pliant_model *model, pliant_data *data)
             if (!(tool->shape.part[p].cuts && tool->blade.cutting))
                 status = add_part(search, tool, t, p, model->scene.solver.step, model->scene.contact.friction);
     }
-    if (status == PLIANT_OK) status = add_obstacles(&model->scene, search);
+    if (status == PLIANT_OK) status = add_obstacles(model, search);
     for (int32_t p = 0; p < search->num_parts; p++) search->part[p].pose = search->pose + search->first[p];
     return status;
 }
@@ -184,7 +190,7 @@ static bool touches_itself(const pliant_model *model) { return model->scene.cont
 static bool has_nothing_to_touch(const pliant_model *model, const pliant_data *data)
 {
     if (touches_itself(model)) return false;
-    if (model->scene.obstacles.num_boxes + model->scene.obstacles.num_planes > 0) return false;
+    if (model->scene.obstacles.num_boxes + model->scene.obstacles.num_planes > 0 || model->obstacles.num_parts > 0) return false;
     for (int t = 0; t < data->num_tools; t++)
         if (data->tools[t].present && data->tools[t].shape.num_parts > 0) return false;
     return true;
@@ -214,13 +220,38 @@ static pliant_status begin(pliant_data *data)
     return status;
 }
 
+/* contact/response: paper. Without a delay every node of the surface's tetrahedra has a point, and the sub-steps know which of them are slowed. */
+static pliant_status find_slowed(const pliant_model *model, pliant_data *data, pliant_contacts *out)
+{
+    pliant_contact_search *search = data->contact_search;
+    const pliant_tissue *tissue = &search->tissue;
+    const pliant_mesh *mesh = &data->body->fine;
+    if (mesh->num_nodes > search->room_nodes) {
+        uint8_t *overlaps = pliant_resize(search->overlaps, (size_t)mesh->num_nodes, 1);
+        if (overlaps) search->overlaps = overlaps;
+        double *place = pliant_resize(search->place, (size_t)mesh->num_nodes, 3 * sizeof *place);
+        if (place) search->place = place;
+        if (!overlaps || !place) return pliant_fail_memory("contacts of tissue with tissue");
+        search->room_nodes = mesh->num_nodes;
+    }
+    pliant_status status = pliant_tissue_overlapping(&search->tissue, data->positions, search->overlaps);
+    for (int32_t t = 0; !model->scene.contact.delay && t < tissue->num_tets; t++)
+        for (int v = 0; v < 4; v++) search->overlaps[mesh->tets[4 * (size_t)tissue->tet[t] + (size_t)v]] = 1;
+    if (status == PLIANT_OK) status = pliant_tissue_find_slowed(tissue, search->overlaps, model->scene.contact.punishment, out);
+    if (status == PLIANT_OK && !model->scene.contact.delay)
+        data->tled->slowing = (pliant_tled_slowing){.tissue = &search->tissue, .overlaps = search->overlaps, .place = search->place};
+    return status;
+}
+
 static pliant_status find_tissue(const pliant_model *model, pliant_data *data, pliant_contacts *out)
 {
     pliant_tissue *tissue = &data->contact_search->tissue;
     pliant_status status = pliant_tissue_set_body(tissue, data->body, data->discretization->system->num_threads);
     const pliant_tissue_rule rule = {.margin = self_margin * tissue->shortest, .recovery = recovery * model->scene.solver.step,
                                      .friction = model->scene.contact.friction};
-    return status == PLIANT_OK && tissue->num_skins > 0 ? pliant_tissue_find(tissue, data->positions, &rule, out) : status;
+    if (status != PLIANT_OK || tissue->num_skins == 0) return status;
+    if (model->scene.contact.response == PLIANT_RESPONSE_PAPER) return find_slowed(model, data, out);
+    return pliant_tissue_find(tissue, data->positions, &rule, out);
 }
 
 pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
@@ -283,6 +314,8 @@ void pliant_contact_free(pliant_data *data)
         pliant_tissue_free(&data->contact_search->tissue);
         pliant_free(data->contact_search->made.point);
         pliant_free(data->contact_search->pose);
+        pliant_free(data->contact_search->overlaps);
+        pliant_free(data->contact_search->place);
         pliant_free(data->contact_search);
     }
     pliant_free(data->contacts.point);

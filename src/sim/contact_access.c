@@ -1,5 +1,6 @@
 /* What a step tells of contacts. */
 #include "base/fail.h"
+#include "pliant/memory.h"
 #include "sim/contact.h"
 
 #include <math.h>
@@ -56,6 +57,21 @@ void pliant_data_get_contact_forces(const pliant_data *data, double *out)
         for (int32_t k = 0; k < point->count && presses(data, point); k++)
             for (int d = 0; d < 3; d++) out[3 * (size_t)point->node[k] + (size_t)d] += point->weight[k] * point->force[d];
     }
+}
+
+pliant_status pliant_data_get_scalar(const pliant_model *model, const pliant_data *data, pliant_scalar scalar, float *out)
+{
+    const int32_t nodes = data->body->fine.num_nodes;
+    if (scalar != PLIANT_SCALAR_CONTACT_FORCE) return pliant_data_scalar(model, data->body, data->positions, scalar, out);
+    double *force = pliant_calloc((size_t)nodes, 3 * sizeof *force);
+    if (!force) return pliant_fail_memory("the scalar");
+    pliant_data_get_contact_forces(data, force);
+    for (int32_t n = 0; n < nodes; n++) {
+        const double *of = force + 3 * (size_t)n;
+        out[n] = (float)sqrt(of[0] * of[0] + of[1] * of[1] + of[2] * of[2]);
+    }
+    pliant_free(force);
+    return PLIANT_OK;
 }
 
 void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], double torque[3])

@@ -357,6 +357,7 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
     choose_elements(&model->scene);
     model->scan = scan;
     status = pliant_body_create(1, &model->body);
+    if (status == PLIANT_OK && scene->contact.obstacles[0]) status = pliant_tool_shape_read(scene->contact.obstacles, &model->obstacles);
     if (status == PLIANT_OK) status = pliant_material_table_copy(materials, &model->materials);
     int threads = pliant_threads_begin(scene->solver.threads);
     if (status == PLIANT_OK) status = run_stages(&build);
@@ -377,6 +378,7 @@ void pliant_model_free(pliant_model *model)
     if (!model) return;
     pliant_discretization_release(model->discretization);
     pliant_material_table_free(&model->materials);
+    pliant_tool_shape_free(&model->obstacles);
     pliant_free(model->material_of_voxel);
     pliant_body_release(model->body);
     pliant_free(model);

@@ -2,6 +2,7 @@
 #ifndef PLIANT_STATE_MODEL_H
 #define PLIANT_STATE_MODEL_H
 
+#include "pliant/contact.h"
 #include "pliant/model.h"
 
 #ifdef __cplusplus
@@ -27,6 +28,7 @@ struct pliant_model {
     pliant_scene scene;
     const pliant_volume *scan;        /* borrowed; outlives the model */
     pliant_material_table materials;
+    pliant_tool_shape obstacles;      /* contact/obstacles */
 
     /* MATERIAL */
     uint8_t *material_of_voxel;       /* (voxels) */

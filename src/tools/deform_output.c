@@ -20,6 +20,7 @@ static const char *column_of(pliant_scalar scalar)
     case PLIANT_SCALAR_VOLUME_RATIO: return "volume_ratio";
     case PLIANT_SCALAR_PRINCIPAL_STRESS: return "principal_stress_pa";
     case PLIANT_SCALAR_MASS_CHANGE: return "mass_change_m3";
+    case PLIANT_SCALAR_CONTACT_FORCE: return "contact_force_n";
     case PLIANT_SCALAR_NONE: break;
     }
     return "";
@@ -50,7 +51,7 @@ static pliant_status find_scalars(const deform_run *run, scalar_values *out)
     if (!out->of_node || !out->of_tet) status = pliant_fail_memory("the scalars");
     const double *positions = pliant_data_get_positions(run->data, NULL);
     for (int s = 0; status >= 0 && s < arguments->num_scalars; ++s) {
-        status = pliant_data_scalar(run->model, body, positions, arguments->scalars[s], out->of_node + (size_t)s * (size_t)mesh->num_nodes);
+        status = pliant_data_get_scalar(run->model, run->data, arguments->scalars[s], out->of_node + (size_t)s * (size_t)mesh->num_nodes);
         if (status >= 0)
             pliant_data_tet_scalar(run->model, body, positions, arguments->scalars[s], out->of_tet + (size_t)s * (size_t)mesh->num_tets);
     }

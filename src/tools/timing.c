@@ -37,7 +37,7 @@ pliant_status timing_start(const char *folder, step_times *out)
     fputs("step,status,iterations,residual,residual_force_n", times.steps);
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage) fprintf(times.steps, ",%s_s", pliant_step_stage_name(stage));
     fputs(",cull_s,rasterize_s,step_s,inverted\n", times.steps);
-    fputs("step,tool,force_x_n,force_y_n,force_z_n,held_x_m,held_y_m,held_z_m\n", times.tools);
+    fputs("step,tool,force_x_n,force_y_n,force_z_n,held_x_m,held_y_m,held_z_m,contact_x_n,contact_y_n,contact_z_n,contact_torque_x_nm,contact_torque_y_nm,contact_torque_z_nm\n", times.tools);
     *out = times;
     return PLIANT_OK;
 }
@@ -76,10 +76,12 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
     fprintf(times->steps, ",%d\n", (int)inverted);
     for (int n = 0; n < pliant_data_get_num_tools(data); ++n) {
         pliant_tool_state tool;
-        if (pliant_tool_get(data, n, &tool) < 0 || !(tool.holding || tool.cutting)) continue;
+        if (pliant_tool_get(data, n, &tool) < 0) continue;
+        const double *contact = tool.contact_force, *torque = tool.contact_torque;
+        if (!tool.holding && !tool.cutting && contact[0] == 0 && contact[1] == 0 && contact[2] == 0) continue;
         const double *at = tool.holding ? tool.held_point : tool.tip;
-        fprintf(times->tools, "%zu,%s,%.6g,%.6g,%.6g,%.7g,%.7g,%.7g\n", times->num_steps, tool.name, tool.force[0], tool.force[1],
-                tool.force[2], at[0], at[1], at[2]);
+        fprintf(times->tools, "%zu,%s,%.6g,%.6g,%.6g,%.7g,%.7g,%.7g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", times->num_steps, tool.name, tool.force[0],
+                tool.force[1], tool.force[2], at[0], at[1], at[2], contact[0], contact[1], contact[2], torque[0], torque[1], torque[2]);
     }
     return PLIANT_OK;
 }

@@ -12,7 +12,7 @@ extern "C" {
 
 typedef struct step_times {
     FILE *steps;         /* steps.csv, a row a step */
-    FILE *tools;         /* tools.csv, a row a step and tool that holds or cuts */
+    FILE *tools;         /* tools.csv, a row a step and tool that holds, cuts or presses */
     double *seconds;     /* (num_steps x columns): the stages, the two parts of the warp, the whole step */
     double median;       /* of the whole step [s], after timing_end */
     size_t num_steps, capacity;

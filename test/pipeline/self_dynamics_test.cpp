@@ -23,6 +23,7 @@ struct Pile : Body {
         scene.element.kind = PLIANT_LINEAR;
         scene.solver.step = 0.01;
         scene.contact.self = true;
+        scene.contact.friction = 0.2;
         scene.ground.normal[2] = 1;
         scene.tled.damping = 20;
         scene.model.gravity[2] = -9.81;
@@ -163,6 +164,68 @@ TEST(SelfDynamics, CollisionsKeepMomentum)
         EXPECT_LT(most, 1 + 1e-6);
         EXPECT_LT(gains, 0.005);
     }
+}
+
+// [C] 5.2: nodes of tetrahedra that overlap are pushed against their own movement, one cycle later, or at once; what is at rest stays where it is.
+struct Slowed : Flight {
+    explicit Slowed(bool delay, double speed, double apart, double punishment = 0.5) : Flight(0)
+    {
+        scene.contact.response = PLIANT_RESPONSE_PAPER;
+        scene.contact.delay = delay;
+        scene.contact.punishment = punishment;
+        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
+        for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
+            data->tled->u[3 * n + 2] = block_of(n) ? apart - h : 0;
+            data->tled->d[3 * n + 2] = block_of(n) ? -speed * data->tled->time_step : 0;
+            for (int d = 0; d < 3; d++) data->positions[3 * n + d] = data->body->fine.rest[3 * n + d] + data->tled->u[3 * n + d];
+        }
+    }
+    double momentum() const
+    {
+        double out[6];
+        momenta(out);
+        return out[2];
+    }
+};
+
+TEST(SelfDynamics, ThePapersResponseSlowsWhatOverlaps)
+{
+    for (const bool delay : {true, false}) {
+        Slowed pile(delay, 0.5, 0.1 * h);
+        const double start = pile.momentum();
+        pile.run(1); // it goes by 5 mm, and begins apart
+        EXPECT_EQ(pile.data->statistics.contacts > 0, !delay);
+        EXPECT_EQ(std::fabs(pile.momentum() - start) > 0.02 * std::fabs(start), !delay);
+        const double before = pile.momentum();
+        pile.run(1);
+        EXPECT_GT(pile.data->statistics.contacts, 0);
+        EXPECT_LT(std::fabs(pile.momentum()), 0.9 * std::fabs(before)) << delay;
+        int against = 0, pressed = 0;
+        for (int32_t c = 0; c < pile.data->contacts.count; c++) {
+            const pliant_contact_point &point = pile.data->contacts.point[c];
+            ASSERT_EQ(point.count, 1);
+            pressed += point.force[2] != 0;
+            against += point.force[2] > 0 && pile.block_of(point.node[0]) == 1;
+        }
+        EXPECT_GT(against, 5);
+        EXPECT_GE(pressed, against);
+    }
+    Slowed still(true, 0, -0.2 * h), free(true, 0, -0.2 * h, 0);
+    still.run(3);
+    free.run(3);
+    EXPECT_GT(still.data->contacts.count, 0);
+    for (int32_t c = 0; c < still.data->contacts.count; c++)
+        for (double force : still.data->contacts.point[c].force) EXPECT_EQ(force, 0) << "at rest it does nothing";
+    EXPECT_LT(still.worst_gap(), 1e-12);
+}
+
+TEST(SelfDynamics, ThePapersResponseIsOfExplicitDynamics)
+{
+    Pile pile(2);
+    pile.scene.contact.response = PLIANT_RESPONSE_PAPER;
+    pile.scene.solver.kind = PLIANT_COROTATIONAL;
+    EXPECT_EQ(pile.build(), PLIANT_ERROR_SCENE);
+    EXPECT_NE(std::string(pliant_last_error()).find("contact/response: paper pushes against motion"), std::string::npos) << pliant_last_error();
 }
 
 } // namespace

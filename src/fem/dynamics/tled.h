@@ -17,6 +17,7 @@
 
 #include "fem/element/law.h"
 #include "base/lanes.h"
+#include "contact/tissue.h"
 #include "fem/dynamics/touch.h"
 #include "state/data.h"
 
@@ -84,6 +85,14 @@ struct pliant_tled_system {
     double eigenvalue_bound;                /* that of the element of the largest frequency, with what damps it */
 };
 
+/* contact/response paper without contact/delay: what overlaps is looked for in every sub-step. */
+typedef struct pliant_tled_slowing {
+    pliant_tissue *tissue;                  /* Nullable: not asked for */
+    uint8_t *overlaps;                      /* (num_nodes) */
+    double *place;                          /* (num_nodes x 3) room [m] */
+    pliant_status status;                   /* of the search */
+} pliant_tled_slowing;
+
 struct pliant_tled {
     const pliant_tled_system *system;
     double frame;                           /* time of a step of the scene [s] */
@@ -115,6 +124,7 @@ struct pliant_tled {
     pliant_tled_touch *touch;               /* (room_touch) of these */
     int32_t room_touch;
     uint8_t *touched;                       /* Nullable: (num_nodes) by some of them */
+    pliant_tled_slowing slowing;            /* borrowed, for a frame */
     double reach;                           /* longest way of a held point in a sub-step [m] */
 
     /* WORK */

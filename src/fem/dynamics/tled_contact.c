@@ -35,13 +35,14 @@ static void begin_point(const pliant_tled *tled, const pliant_contact_point *poi
     for (int32_t k = 0; k < point->count; k++) {
         const double inverse = tled->inverse_mass[point->node[k]];
         touch->answer += point->weight[k] * point->weight[k] * inverse;
-        if (inverse > 0) tled->touched[point->node[k]] = 1;
+        if (inverse > 0 && !tled->slowing.tissue) tled->touched[point->node[k]] = 1;
     }
 }
 
 pliant_status pliant_tled_touch_begin(pliant_tled *tled)
 {
     const pliant_contacts *contacts = tled->contacts;
+    tled->slowing.status = PLIANT_OK;
     if (!pliant_tled_touches(tled)) return PLIANT_OK;
     if (!tled->touched && !(tled->touched = pliant_calloc((size_t)tled->system->mesh->num_nodes, 1))) return pliant_fail_memory("contact");
     if (contacts->count > tled->room_touch) {
@@ -56,12 +57,34 @@ pliant_status pliant_tled_touch_begin(pliant_tled *tled)
     return PLIANT_OK;
 }
 
+/* Positions of now, and what overlaps in them. */
+static void search_overlaps(pliant_tled *tled)
+{
+    pliant_tled_slowing *slowing = &tled->slowing;
+    const double *rest = tled->system->mesh->rest;
+    if (!slowing->tissue || slowing->status != PLIANT_OK) return;
+    for (int32_t n = 0; n < 3 * tled->system->mesh->num_nodes; n++) slowing->place[n] = rest[n] + tled->u[n];
+    slowing->status = pliant_tissue_overlapping(slowing->tissue, slowing->place, slowing->overlaps);
+}
+
+/* whether a node that may be slowed overlaps nothing now */
+static bool is_free(const pliant_tled *tled, const pliant_contact_point *point)
+{
+    return tled->slowing.tissue && pliant_contact_slows(point) && !tled->slowing.overlaps[point->node[0]];
+}
+
 double pliant_tled_touch_all(pliant_tled *tled, double factor, int32_t made)
 {
     const pliant_touch_time time = pliant_touch_time_of(tled->system->quasi_static, factor, tled->substeps, made);
     const pliant_touch_nodes nodes = {.rest = tled->system->mesh->rest, .inverse_mass = tled->inverse_mass, .u = tled->u, .d = tled->d, .acceleration = tled->acceleration};
     double load = 0;
-    for (int32_t p = 0; p < tled->contacts->count; p++) load += pliant_touch_press(&nodes, &time, tled->contacts->point + p, tled->touch + p);
+    search_overlaps(tled);
+    for (int32_t p = 0; p < tled->contacts->count; p++) {
+        tled->touch[p].pressed = false;
+        if (!is_free(tled, tled->contacts->point + p)) load += pliant_touch_press(&nodes, &time, tled->contacts->point + p, tled->touch + p);
+        for (int32_t k = 0; tled->slowing.tissue && tled->touch[p].pressed && k < tled->contacts->point[p].count; k++)
+            tled->touched[tled->contacts->point[p].node[k]] = 1;
+    }
     return load;
 }
 

@@ -242,7 +242,7 @@ static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools
     if (status != PLIANT_OK) return status;
     keep(tled, false);
     pliant_tled_frame done = {.sound = true};
-    while (done.sound && !done.settled && done.steps < tled->substeps) {
+    while (tled->slowing.status == PLIANT_OK && done.sound && !done.settled && done.steps < tled->substeps) {
         const int all = choose_pace(tled);
         const bool trial = tled->pace.trying || tled->pace.seconds[all] == 0;
         const int32_t first = done.steps, most = trial ? TRIAL : BURST, end = tled->substeps - first > most ? first + most : tled->substeps;
@@ -256,8 +256,8 @@ static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools
         tled->pace.seconds[all] = (pliant_seconds() - start) / (done.steps - first);
     }
     *out = done;
-    if (!out->sound) keep(tled, true);
-    return PLIANT_OK;
+    if (!out->sound || tled->slowing.status != PLIANT_OK) keep(tled, true);
+    return tled->slowing.status;
 }
 
 static void halve(pliant_tled *tled)

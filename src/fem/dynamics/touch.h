@@ -75,12 +75,30 @@ PLIANT_INLINE void pliant_touch_follow(const pliant_touch_nodes *nodes, pliant_c
     for (int d = 0; d < 3; d++) touch->anchor[d] += after[d] - before[d];
 }
 
+/* contact/response paper: [C] 5.2, a force against the node's own movement, as large as takes a part of that away. Returns its load. */
+PLIANT_INLINE double pliant_touch_slow(const pliant_touch_nodes *nodes, const pliant_touch_time *time, const pliant_contact_point *point, pliant_tled_touch *touch)
+{
+    const int node = point->node[0];
+    double load = 0;
+    touch->pressed = true;
+    for (int d = 0; d < 3; d++) {
+        const double push = -point->friction * nodes->d[3 * node + d], force = push / (time->factor * touch->answer);
+        nodes->u[3 * node + d] += push;
+        nodes->d[3 * node + d] += push;
+        nodes->acceleration[3 * node + d] += push / time->factor;
+        touch->force[d] += force;
+        load += touch->answer * force * force;
+    }
+    return load;
+}
+
 /* One point after a sub-step. Returns its load, as PLIANT_SUM_LOAD. */
 PLIANT_INLINE double pliant_touch_press(const pliant_touch_nodes *nodes, const pliant_touch_time *time, pliant_contact_point *point, pliant_tled_touch *touch)
 {
     double y[3], moved[3], slip[3], push[3], shift[3], gap = touch->deep * (1 - time->done), along = 0, load = 0;
     pliant_touch_follow(nodes, point, touch);
     if (!(touch->answer > 0)) return 0;
+    if (pliant_contact_slows(point)) return pliant_touch_slow(nodes, time, point, touch);
     pliant_touch_place(point, nodes->rest, nodes->u, y);
     pliant_touch_weigh(point, nodes->d, moved);
     for (int d = 0; d < 3; d++) {

@@ -90,13 +90,15 @@ void pliant_data_tet_scalar(const pliant_model *model, const pliant_body *body, 
     const pliant_mesh *mesh = &body->fine;
     for (int32_t t = 0; t < mesh->num_tets; t++) {
         double f[9], volume = element_deformation(&model->scene, mesh, positions, t, f);
-        out[t] = scalar == PLIANT_SCALAR_NONE ? 0 : (float)measure(&model->scene, f, volume, body->fine_material + t, scalar);
+        out[t] = scalar == PLIANT_SCALAR_NONE || scalar == PLIANT_SCALAR_CONTACT_FORCE ? 0 : (float)measure(&model->scene, f, volume, body->fine_material + t, scalar);
     }
 }
 
 pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar, float *out)
 {
     const pliant_mesh *mesh = &body->fine;
+    if (scalar == PLIANT_SCALAR_CONTACT_FORCE)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "contact_force is of a simulation, not of positions: pliant_data_get_scalar tells it");
     double *sum = pliant_calloc((size_t)mesh->num_nodes, 2 * sizeof *sum);
     if (!sum) return pliant_fail_memory("the scalar");
     for (int32_t t = 0; t < mesh->num_tets && scalar != PLIANT_SCALAR_NONE; t++) {

@@ -256,7 +256,7 @@ void topology_message(const pliant_surface &surface, MeshTopology *out)
     out->severed.assign(cuts->severed, cuts->severed + cuts->cut_end[cuts->num_cuts - 1]);
 }
 
-pliant_status mesh_state_message(const pliant_model &model, const pliant_body &body, const double *positions, MeshState *out)
+pliant_status mesh_state_message(const pliant_model &model, const pliant_body &body, const double *positions, const std::vector<float> &contact_force, MeshState *out)
 {
     size_t nodes = static_cast<size_t>(body.fine.num_nodes);
     append_floats(positions, 3 * nodes, &out->nodes);
@@ -265,7 +265,9 @@ pliant_status mesh_state_message(const pliant_model &model, const pliant_body &b
     out->scalar_name.clear();
     if (scalar == PLIANT_SCALAR_NONE) return PLIANT_OK;
     out->scalar.resize(nodes);
-    pliant_status status = pliant_data_scalar(&model, &body, positions, scalar, out->scalar.data());
+    pliant_status status = PLIANT_OK;
+    if (scalar != PLIANT_SCALAR_CONTACT_FORCE) status = pliant_data_scalar(&model, &body, positions, scalar, out->scalar.data());
+    else if (contact_force.size() == nodes) out->scalar.assign(contact_force.begin(), contact_force.end());
     if (status < 0) out->scalar.clear();
     else name_of(scalar_names, scalar, &out->scalar_name);
     return status;

@@ -130,7 +130,7 @@ void read_tools(XmlRpcValue &value, Parameters *out)
         check_tool_name(name);
         for (const ToolParameters &other : out->tools)
             if (other.name == name) refuse("~tools: " + name + " is named twice");
-        out->tools.push_back(ToolParameters{name, true, "", false, {}, {}, {}});
+        out->tools.push_back(ToolParameters{name, true, "", false, {}, {}, {}, {}});
     }
 }
 
@@ -161,6 +161,10 @@ void read_shape(const std::string &name, XmlRpcValue &value, ToolParameters *too
     const bool file = what.find('/') != std::string::npos || what.find(".yaml") != std::string::npos;
     const pliant_status status = file ? pliant_tool_shape_read(what.c_str(), &tool->shape) : pliant_tool_shape_find(what.c_str(), &tool->shape);
     if (status < 0) refuse("~" + name + ": " + pliant_last_error());
+    tool->solids = std::shared_ptr<pliant_tool_shape>(new pliant_tool_shape(tool->shape), [](pliant_tool_shape *shape) {
+        pliant_tool_shape_free(shape);
+        delete shape;
+    });
 }
 
 void read_tool(const std::string &name, XmlRpcValue &value, Parameters *out)

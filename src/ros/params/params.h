@@ -7,6 +7,7 @@
 #include <XmlRpcValue.h>
 
 #include <algorithm>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,7 @@ struct ToolParameters {
     std::string frame; /* of poses that name none; empty: the parent frame */
     bool jaw_setpoint; /* its jaw topic tells what the jaw is to do: what came last stays true, with or without a stamp */
     double blade_from[3], blade_to[3]; /* edge of its blade in its frame [m]; both equal: none */
+    std::shared_ptr<const void> solids; /* holds those of its shape */
     pliant_tool_shape shape;           /* what of it touches tissue; no parts: nothing */
 
     bool has_blade() const { return !std::equal(blade_from, blade_from + 3, blade_to); }

@@ -43,6 +43,7 @@ struct Snapshot {
     std::shared_ptr<const Loaded> loaded;
     std::shared_ptr<const pliant_body> body; /* of then */
     std::vector<double> positions; /* (body's fine.num_nodes x 3) LPS [m], rounded to float, as a MeshState carries them */
+    std::vector<float> contact_force; /* (fine.num_nodes) [N], where output/scalar asks for it */
     uint32_t revision;             /* of the mesh/topology that they belong to */
     uint64_t step;
     ros::Time stamp;
@@ -54,6 +55,10 @@ inline void take_snapshot(std::shared_ptr<const Loaded> loaded, const pliant_dat
     const pliant_body *body = pliant_data_get_body(&data);
     const double *positions = pliant_data_get_positions(&data, nullptr);
     out->body = share(body);
+    if (pliant_model_get_scene(loaded->model)->output.scalar == PLIANT_SCALAR_CONTACT_FORCE) {
+        out->contact_force.resize(static_cast<size_t>(body->fine.num_nodes));
+        if (pliant_data_get_scalar(loaded->model, &data, PLIANT_SCALAR_CONTACT_FORCE, out->contact_force.data()) < 0) out->contact_force.clear();
+    }
     out->revision = revision_of(*loaded, body->revision);
     out->loaded = std::move(loaded);
     out->step = pliant_data_get_statistics(&data)->step;

@@ -53,6 +53,14 @@ void set_shape(const pliant_tool_shape &shape, ToolInput *out)
         std::copy(part.to, part.to + 3, message.end.begin());
         message.radius = part.radius;
         message.cuts = part.cuts;
+        if (part.kind == PLIANT_PART_SOLID) {
+            pliant_solid_surface surface;
+            pliant_solid_get_surface(part.solid, &surface);
+            message.points.assign(surface.points, surface.points + 3 * static_cast<size_t>(surface.num_points));
+            message.triangles.assign(surface.triangles, surface.triangles + 3 * static_cast<size_t>(surface.num_triangles));
+            message.convex = surface.convex;
+            message.resolution = surface.resolution;
+        }
         out->shape.push_back(message);
     }
     std::copy(shape.joint, shape.joint + 3, out->joint.begin());
@@ -61,14 +69,33 @@ void set_shape(const pliant_tool_shape &shape, ToolInput *out)
 
 namespace {
 
-pliant_tool_shape shape_of(const ToolInput &input)
+struct Shape : pliant_tool_shape {
+    Shape() : pliant_tool_shape{} {}
+    ~Shape() { pliant_tool_shape_free(this); }
+    Shape(const Shape &) = delete;
+    Shape &operator=(const Shape &) = delete;
+};
+
+const pliant_solid *solid_of(const std::string &tool, const pliant::ToolPart &message)
 {
-    pliant_tool_shape shape{};
+    pliant_solid *solid = nullptr;
+    pliant_solid_options options{};
+    options.convex = message.convex;
+    options.resolution = message.resolution;
+    check(pliant_solid_create(static_cast<int32_t>(std::min<size_t>(message.points.size() / 3, INT32_MAX)), message.points.data(),
+                              static_cast<int32_t>(std::min<size_t>(message.triangles.size() / 3, INT32_MAX)), message.triangles.data(), &options, tool.c_str(), &solid));
+    return solid;
+}
+
+void read_shape(const ToolInput &input, Shape *out)
+{
+    pliant_tool_shape &shape = *out;
     if (input.shape.size() > PLIANT_MAX_PARTS)
         throw Failure(PLIANT_ERROR_ARGUMENT, "tool " + input.name + " of " + std::to_string(input.shape.size()) + " parts: " +
                                                  std::to_string(PLIANT_MAX_PARTS) + " are possible");
     for (const pliant::ToolPart &message : input.shape) {
-        if (message.kind > pliant::ToolPart::BOX || message.moves > pliant::ToolPart::JAW_MINUS)
+        const bool solid = message.kind == pliant::ToolPart::SOLID;
+        if ((message.kind > pliant::ToolPart::BOX && !solid) || message.moves > pliant::ToolPart::JAW_MINUS)
             throw Failure(PLIANT_ERROR_ARGUMENT, "tool " + input.name + ": a part of no known kind, or that moves with nothing known");
         pliant_part &part = shape.part[shape.num_parts++];
         part.kind = static_cast<pliant_part_kind>(message.kind);
@@ -77,10 +104,10 @@ pliant_tool_shape shape_of(const ToolInput &input)
         std::copy(message.end.begin(), message.end.end(), part.to);
         part.radius = message.radius;
         part.cuts = message.cuts;
+        if (solid) part.solid = solid_of(input.name, message);
     }
     std::copy(input.joint.begin(), input.joint.end(), shape.joint);
     std::copy(input.joint_axis.begin(), input.joint_axis.end(), shape.axis);
-    return shape;
 }
 
 } // namespace
@@ -91,7 +118,8 @@ void add_tools(const pliant_model &model, pliant_data *data, const std::vector<T
         int index;
         check(pliant_tool_add(&model, data, tool.name.c_str(), &index));
         check(pliant_tool_set_blade(data, index, tool.blade_from.data(), tool.blade_to.data()));
-        const pliant_tool_shape shape = shape_of(tool);
+        Shape shape;
+        read_shape(tool, &shape);
         check(pliant_tool_set_shape(data, index, &shape));
     }
 }

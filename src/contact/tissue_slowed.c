@@ -1,0 +1,36 @@
+/* The rule of [C] 5.2: a tetrahedron that overlaps another has a force on its four corners, against their own movement. */
+#include "contact/tissue.h"
+
+#include "base/fail.h"
+#include "contact/find.h"
+#include "contact/follow.h"
+
+#include <string.h>
+
+pliant_status pliant_tissue_overlapping(pliant_tissue *tissue, const double *positions, uint8_t *overlaps)
+{
+    const pliant_mesh *mesh = &tissue->body->fine;
+    pliant_status status = pliant_grid_fill(&tissue->grid, tissue->num_tets, tissue->tet, mesh->tets, positions, 0, tissue->threads);
+    if (status == PLIANT_OK) status = pliant_grid_overlaps(&tissue->grid, mesh->tets, positions, tissue->threads, &tissue->num_overlaps);
+    if (status != PLIANT_OK) return status;
+    memset(overlaps, 0, (size_t)mesh->num_nodes);
+    for (int c = 0; c < PLIANT_GRID_CHUNKS; c++)
+        for (int32_t p = 0; p < 2 * tissue->grid.found[c].count; p++)
+            for (int v = 0; v < 4; v++) overlaps[mesh->tets[4 * (size_t)tissue->grid.found[c].pair[p] + (size_t)v]] = 1;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8_t *overlaps, double punishment, pliant_contacts *out)
+{
+    const uint8_t *fixed = tissue->body->fine_fixed;
+    int32_t count = 0;
+    for (int32_t n = 0; n < tissue->body->fine.num_nodes; n++) count += overlaps[n] && !(fixed && fixed[n] != PLIANT_MOVES);
+    pliant_status status = count > 0 ? pliant_contacts_reserve(out, out->count + count) : PLIANT_OK;
+    for (int32_t n = 0; status == PLIANT_OK && n < tissue->body->fine.num_nodes; n++)
+        if (overlaps[n] && !(fixed && fixed[n] != PLIANT_MOVES))
+            out->point[out->count++] = (pliant_contact_point){
+                .feature = (uint64_t)PLIANT_TISSUE_SLOWED << 56 | (uint64_t)n, .kind = PLIANT_OBSTACLE_TISSUE, .tool = -1, .part = -1,
+                .count = 1, .node = {n}, .weight = {1}, .friction = punishment,
+            };
+    return status;
+}
