@@ -23,6 +23,7 @@ typedef struct pliant_tool_hold {
     double rest[3], radius; /**< middle of the blob at rest, LPS [m]; of it [m] */
     double grip[3];         /**< the tip pulls the held point to tip - grip [m] */
     double slipped;         /**< how far it has slipped in this hold (grasp/slip) [m] */
+    double force[3];        /**< of the tool on the tissue in the last step [N] */
 } pliant_tool_hold;
 /** Errors: ARGUMENT (no such tool). */
 PLIANT_API pliant_status pliant_tool_get_hold(const pliant_data *data, int tool, pliant_tool_hold *out);

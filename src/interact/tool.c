@@ -336,6 +336,7 @@ pliant_status pliant_tool_get_hold(const pliant_data *data, int index, pliant_to
     if (hold.holding) {
         memcpy(hold.rest, tool->grasped, sizeof hold.rest);
         memcpy(hold.grip, tool->grip, sizeof hold.grip);
+        memcpy(hold.force, tool->force, sizeof hold.force);
         hold.radius = tool->grasped_radius;
         hold.slipped = tool->slipped;
     }
@@ -353,14 +354,15 @@ pliant_status pliant_tool_set_hold(const pliant_model *model, pliant_data *data,
         return PLIANT_OK;
     }
     if (!tool->present) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no pose: it cannot hold", tool->name);
-    if (!finite3(hold->grip) || !isfinite(hold->slipped) || !(hold->radius >= 0 && hold->radius <= 1))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: its grip, what has slipped of it and its radius (0 to 1 m) must be finite", tool->name);
+    if (!finite3(hold->grip) || !finite3(hold->force) || !isfinite(hold->slipped) || !(hold->radius >= 0 && hold->radius <= 1))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: its grip, its force, what has slipped of it and its radius (0 to 1 m) must be finite", tool->name);
     const double radius = tool->radius;
     tool->radius = hold->radius;
     status = pliant_tool_grasp(model, data, index, hold->rest);
     tool->radius = radius;
     if (status != PLIANT_OK) return status;
     memcpy(tool->grip, hold->grip, sizeof tool->grip);
+    memcpy(tool->force, hold->force, sizeof tool->force);
     tool->slipped = hold->slipped;
     return PLIANT_OK;
 }

@@ -2,6 +2,7 @@
 #ifndef PLIANT_ROS_NODE_DIAGNOSTICS_H
 #define PLIANT_ROS_NODE_DIAGNOSTICS_H
 
+#include "ros/node/keeper.h"
 #include "ros/sim/simulation.h"
 #include "ros/output/volume_output.h"
 
@@ -12,7 +13,7 @@ namespace pliant_ros {
 class Diagnostics {
 public:
     Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation, Tools *tools,
-                const MeshOutput *mesh_output, const VolumeOutput *volume_output);
+                const MeshOutput *mesh_output, const VolumeOutput *volume_output, const Keeper *keeper);
 
 private:
     void update();
@@ -27,6 +28,7 @@ private:
     Tools *tools_;
     const MeshOutput *mesh_output_;
     const VolumeOutput *volume_output_;
+    const Keeper *keeper_;
     diagnostic_updater::Updater updater_;
     std::vector<ToolHealth> tool_health_;
     uint64_t missed_before_ = 0;

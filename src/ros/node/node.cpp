@@ -1,6 +1,7 @@
 #include "pliant/ros/node.h"
 
 #include "ros/node/diagnostics.h"
+#include "ros/node/keeper.h"
 #include "ros/node/registration.h"
 #include "ros/node/services.h"
 #include "ros/node/start.h"
@@ -14,13 +15,15 @@ namespace pliant_ros {
 struct Node::Parts {
     Parts(ros::NodeHandle handle, ros::NodeHandle private_handle)
         : parameters(parameters_of(private_handle)), frames(std::make_shared<tf2_ros::Buffer>()), listener(*frames),
-          registration(handle, parameters, frames), state(handle, parameters.tissue_frame), live(private_handle, parameters), tools(handle, parameters, frames),
+          registration(handle, parameters, frames), state(handle, parameters.tissue_frame), sessions(handle, parameters.tissue_frame), live(private_handle, parameters), tools(handle, parameters, frames),
           mesh_output(handle, parameters, &live, &snapshots),
           volume_output(handle, parameters, &live, &snapshots, &mesh_output),
           simulation(handle, parameters, &state, &live, &tools, &snapshots),
-          services(handle, parameters, &state, &live, &simulation, &mesh_output, &volume_output, frames),
-          diagnostics(handle, private_handle, &state, &simulation, &tools, &mesh_output, &volume_output)
+          services(handle, parameters, &state, &live, &sessions, &simulation, &mesh_output, &volume_output, &registration, frames),
+          keeper(handle, parameters, &simulation, &sessions, &services, &registration),
+          diagnostics(handle, private_handle, &state, &simulation, &tools, &mesh_output, &volume_output, &keeper)
     {
+        live.when_changed([this](const LiveSettings &settings) { sessions.set(settings); });
     }
 
     const Parameters parameters;
@@ -29,12 +32,14 @@ struct Node::Parts {
     tf2_ros::TransformListener listener;
     Registration registration;
     State state;
+    Sessions sessions;
     Live live;
     Tools tools;
     MeshOutput mesh_output;
     VolumeOutput volume_output;
     Simulation simulation;
     Services services;
+    Keeper keeper;
     Diagnostics diagnostics;
 };
 

@@ -98,14 +98,33 @@ Registration::Registration(ros::NodeHandle handle, const Parameters &parameters,
         const std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
         std::string why;
         if (!registration_from_text(text, parameters.parent_frame, &pose, &why)) throw std::runtime_error("~registration: " + parameters.registration + ": " + why);
+        stored_ = true;
         ROS_INFO("the tissue lies where %s says", parameters.registration.c_str());
     }
     place(pose);
     server_ = handle.advertiseService("register", &Registration::by_points, this);
 }
 
+geometry_msgs::Pose Registration::pose_message() const
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    return tf2::toMsg(Eigen::Isometry3d(tf2::transformToEigen(transform_message(pose_))));
+}
+
+void Registration::go_on(const std::string &parent_frame, const geometry_msgs::Pose &pose)
+{
+    Rigid read;
+    std::string why;
+    if (stored_ || parent_frame.empty() || parent_frame != parameters_.parent_frame || !rigid_from_message(pose, &read, &why)) return;
+    place(read);
+}
+
 void Registration::place(const Rigid &pose)
 {
+    {
+        std::lock_guard<std::mutex> hold(lock_);
+        pose_ = pose;
+    }
     Parameters at = parameters_;
     at.tissue_pose = pose;
     const geometry_msgs::TransformStamped transform = tissue_transform(at);
@@ -140,7 +159,7 @@ bool Registration::by_points(pliant::Register::Request &request, pliant::Registe
         }
         response.error = std::sqrt(squares / static_cast<double>(errors.size()));
         place(pose);
-        response.pose = tf2::toMsg(Eigen::Isometry3d(tf2::transformToEigen(transform_message(pose))));
+        response.pose = pose_message();
         char told[160];
         std::snprintf(told, sizeof told, "%zu pairs, %.2f mm off in the mean (root mean square), %.2f mm at most", errors.size(), 1e3 * response.error, 1e3 * response.largest);
         response.message = told + store(pose);

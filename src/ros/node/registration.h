@@ -10,6 +10,7 @@
 #include <tf2_ros/static_transform_broadcaster.h>
 
 #include <memory>
+#include <mutex>
 
 namespace pliant_ros {
 
@@ -28,6 +29,11 @@ public:
     /* Places the tissue; throws std::runtime_error where ~registration names a file that cannot be read, or one of another frame. */
     Registration(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<tf2_ros::Buffer> frames);
 
+    /* Of the tissue in the parent frame, now. Any thread may ask. */
+    geometry_msgs::Pose pose_message() const;
+    /* Where a process before this one had it, unless a file says where it lies. */
+    void go_on(const std::string &parent_frame, const geometry_msgs::Pose &pose);
+
 private:
     bool by_points(pliant::Register::Request &request, pliant::Register::Response &response);
     void place(const Rigid &pose);
@@ -35,6 +41,9 @@ private:
 
     const Parameters parameters_;
     std::shared_ptr<tf2_ros::Buffer> frames_;
+    mutable std::mutex lock_; /* of the pose */
+    Rigid pose_ = identity();
+    bool stored_ = false; /* a file says where it lies */
     tf2_ros::StaticTransformBroadcaster broadcaster_;
     ros::ServiceServer server_;
 };

@@ -3,7 +3,9 @@
 #include "ros/node/confine.h"
 
 #include <cmath>
+#include <cstdio>
 #include <limits>
+#include <unistd.h>
 
 namespace pliant_ros {
 
@@ -47,11 +49,11 @@ void Recomputed::apply(pliant_scene *scene) const
     if (ratio > 0) scene->mesh.ratio = ratio;
 }
 
-Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live,
-                   Simulation *simulation, MeshOutput *mesh_output, VolumeOutput *volume_output,
+Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Sessions *sessions,
+                   Simulation *simulation, MeshOutput *mesh_output, VolumeOutput *volume_output, Registration *registration,
                    std::shared_ptr<const tf2_ros::Buffer> frames)
-    : parameters_(parameters), state_(state), live_(live), simulation_(simulation), mesh_output_(mesh_output),
-      volume_output_(volume_output), frames_(std::move(frames))
+    : parameters_(parameters), state_(state), live_(live), sessions_(sessions), simulation_(simulation), mesh_output_(mesh_output),
+      volume_output_(volume_output), registration_(registration), frames_(std::move(frames))
 {
     handle.setCallbackQueue(&queue_);
     servers_.push_back(handle.advertiseService("load_scan", &Services::load_scan, this));
@@ -118,21 +120,88 @@ void Services::put_in(const std::shared_ptr<Loaded> &next, bool takes_live)
     check_target(*next);
     simulation_->swap(next);
     if (takes_live || next->choice.made) live_->assign(*pliant_model_get_scene(next->model));
-    state_->chose(next->choice);
-    mesh_output_->publish_model(*next);
+    tell_of(*next);
+}
+
+void Services::tell_of(const Loaded &next)
+{
+    sessions_->loaded(next, live_->get());
+    state_->chose(next.choice);
+    mesh_output_->publish_model(next);
+}
+
+void Services::keep(Checkpoint *out) const
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    out->start_scan = parameters_.scan;
+    out->start_scene = scene_text(parameters_.scene);
+    out->method = recomputed_.method;
+    std::copy(recomputed_.coarse_cells, recomputed_.coarse_cells + 3, out->coarse_cells.begin());
+    out->ratio = recomputed_.ratio;
+    out->own_materials = materials_.table.num_materials > 0;
+}
+
+bool Services::is_begun_alike(const Checkpoint &rest) const
+{
+    return rest.start_scan == parameters_.scan && rest.start_scene == scene_text(parameters_.scene);
+}
+
+/* What a checkpoint tells is put in as it was, cuts, positions, holds and all. */
+std::string Services::go_on(const Saved &saved)
+{
+    if (!is_begun_alike(saved.rest)) throw Failure(PLIANT_ERROR_ARGUMENT, "it is of a node that was started with another scan or scene (" + saved.rest.start_scan + ")");
+    const Session &session = saved.session;
+    std::shared_ptr<Loaded> next = build_session(session, Shelf().find(session), progress());
+    check_target(*next);
+    const Moment moment = moment_of(saved, next);
+    pliant_scene live = *pliant_model_get_scene(next->model);
+    apply_settings(session, &live);
+    live_->assign(live);
+    registration_->go_on(saved.rest.parent_frame, saved.rest.tissue_pose);
+    simulation_->swap(next, &moment);
+    tell_of(*next);
+    std::lock_guard<std::mutex> locked(lock_);
+    recomputed_.method = saved.rest.method;
+    std::copy(saved.rest.coarse_cells.begin(), saved.rest.coarse_cells.end(), recomputed_.coarse_cells);
+    recomputed_.ratio = saved.rest.ratio;
+    if (saved.rest.own_materials) check(pliant_material_table_copy(pliant_model_get_materials(next->model), &materials_.table));
+    std::string text = "went on from " + parameters_.checkpoint + ", step " + std::to_string(saved.state.step) + ": " + session.scan + ", " +
+                       std::to_string(saved.topology.cut_end.size()) + " cuts";
+    for (const pliant::ToolHold &hold : saved.rest.holds) text += ", " + hold.tool + " was holding";
+    return text;
+}
+
+std::string Services::load_given()
+{
+    Materials materials;
+    std::shared_ptr<const Scan> scan = read_scan(parameters_.scene, parameters_.scan, &materials);
+    std::shared_ptr<Loaded> next = build_chosen(parameters_.scene, scan, materials.table, progress());
+    put_in(next);
+    return "loaded " + parameters_.scan + ": " + size_text(*next->model);
 }
 
 void Services::load_first()
 {
     std::string message;
-    bool good = exclusively("loading " + parameters_.scan, &message, [this] {
-        Materials materials;
-        std::shared_ptr<const Scan> scan = read_scan(parameters_.scene, parameters_.scan, &materials);
-        std::shared_ptr<Loaded> next = build_chosen(parameters_.scene, scan, materials.table, progress());
-        put_in(next);
-        return "loaded " + parameters_.scan + ": " + size_text(*next->model);
+    bool of_checkpoint = false;
+    bool good = exclusively("loading " + parameters_.scan, &message, [&] {
+        const std::string &checkpoint = parameters_.checkpoint;
+        if (checkpoint.empty() || access(checkpoint.c_str(), F_OK) != 0) return load_given();
+        of_checkpoint = true;
+        std::string why;
+        try {
+            return go_on(read_saved(checkpoint));
+        } catch (const Failure &failed) {
+            if (failed.status == PLIANT_ERROR_CANCELLED) throw;
+            why = failed.what();
+        }
+        const std::string aside = checkpoint + ".refused";
+        std::rename(checkpoint.c_str(), aside.c_str());
+        ROS_ERROR("the checkpoint %s is refused, and kept as %s: %s", checkpoint.c_str(), aside.c_str(), why.c_str());
+        return load_given() + "; the checkpoint " + checkpoint + " was refused, and is kept as " + aside + ": " + why;
     });
     if (!good) state_->set(SimState::FAULT, message);
+    else if (of_checkpoint) state_->note(message);
 }
 
 std::string Services::allowed(const std::string &path) const
@@ -208,7 +277,10 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
         }
         choice_message(next->choice, &response);
         put_in(next);
-        recomputed_.take(request);
+        {
+            std::lock_guard<std::mutex> hold(lock_);
+            recomputed_.take(request);
+        }
         pliant_build_statistics statistics;
         pliant_model_get_statistics(next->model, &statistics);
         response.condition_estimate = static_cast<float>(statistics.condition_estimate);
@@ -229,6 +301,7 @@ bool Services::set_materials(SetMaterials::Request &request, SetMaterials::Respo
         pliant_scene scene = old->asked;
         live_->apply(&scene);
         put_in(build_chosen(scene, old->scan, materials.table, progress()));
+        std::lock_guard<std::mutex> hold(lock_);
         std::swap(materials_.table, materials.table);
         return std::to_string(materials_.table.num_materials) + " materials are in use";
     });

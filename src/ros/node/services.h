@@ -2,7 +2,9 @@
 #ifndef PLIANT_ROS_NODE_SERVICES_H
 #define PLIANT_ROS_NODE_SERVICES_H
 
+#include "ros/node/registration.h"
 #include "ros/output/mesh_output.h"
+#include "ros/record/checkpoint.h"
 #include "ros/sim/simulation.h"
 #include "ros/output/volume_output.h"
 
@@ -41,14 +43,20 @@ struct Recomputed {
    builds a model swaps it in at a step boundary, or fails and leaves everything as it was. */
 class Services {
 public:
-    Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Simulation *simulation,
-             MeshOutput *mesh_output, VolumeOutput *volume_output, std::shared_ptr<const tf2_ros::Buffer> frames);
+    Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Sessions *sessions, Simulation *simulation,
+             MeshOutput *mesh_output, VolumeOutput *volume_output, Registration *registration, std::shared_ptr<const tf2_ros::Buffer> frames);
     ~Services();
+
+    /* What a node that goes on after this one needs to know: how it was started, what later loads keep. Any thread may ask. */
+    void keep(Checkpoint *out) const;
 
 private:
     /* Run work unless other work runs; what it throws becomes *message. */
     bool exclusively(const std::string &name, std::string *message, const std::function<std::string()> &work);
     void load_first();
+    std::string load_given();
+    std::string go_on(const Saved &saved);
+    bool is_begun_alike(const Checkpoint &rest) const;
     bool load_scan(LoadScan::Request &request, LoadScan::Response &response);
     bool recompute(RecomputeHomogenization::Request &request, RecomputeHomogenization::Response &response);
     bool set_materials(SetMaterials::Request &request, SetMaterials::Response &response);
@@ -62,6 +70,7 @@ private:
 
     std::string allowed(const std::string &path) const;
     void put_in(const std::shared_ptr<Loaded> &next, bool takes_live = false); /* the options that may change while running, too */
+    void tell_of(const Loaded &next);
     std::shared_ptr<const Loaded> current() const;
     /* a part of the bar */
     pliant_progress progress(double from = 0, double to = 1);
@@ -69,12 +78,15 @@ private:
     const Parameters parameters_;
     State *state_;
     Live *live_;
+    Sessions *sessions_;
     Simulation *simulation_;
     MeshOutput *mesh_output_;
     VolumeOutput *volume_output_;
+    Registration *registration_;
     std::shared_ptr<const tf2_ros::Buffer> frames_;
     std::atomic<bool> stopping_{false};
     double progress_from_ = 0, progress_to_ = 1;
+    mutable std::mutex lock_; /* of the next two, where they change or another thread reads them */
     Recomputed recomputed_;
     Materials materials_; /* as set_materials set them; empty: as the scene says */
     ros::CallbackQueue queue_;

@@ -16,7 +16,7 @@ namespace {
 using XmlRpc::XmlRpcValue;
 
 const char *const node_names[] = {"scene",        "scan",          "scan/path",     "scan_root",   "output_root",
-                                  "parent_frame", "tissue_frame",  "tissue_pose",   "background",  "tools",
+                                  "parent_frame", "tissue_frame",  "tissue_pose",   "registration", "checkpoint", "checkpoint_period", "background",  "tools",
                                   "tool_max_age", "tool_hold",     "jaw_close",     "jaw_release", "slice/axial",
                                   "slice/coronal", "slice/sagittal"};
 
@@ -244,6 +244,8 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "tissue_frame") out->tissue_frame = text(name, value);
     else if (name == "tissue_pose") out->tissue_pose = read_pose(name, value);
     else if (name == "registration") out->registration = text(name, value);
+    else if (name == "checkpoint") out->checkpoint = text(name, value);
+    else if (name == "checkpoint_period") out->checkpoint_period = number(name, value, 0.05, 3600);
     else if (name == "background") out->background = read_background(value);
     else if (name == "tool_max_age") out->tool_max_age = number(name, value, 1e-3, 10);
     else if (name == "tool_hold") out->tool_hold = number(name, value, 0, 10);
@@ -283,6 +285,7 @@ void set_defaults(Parameters *out)
     out->tissue_frame = "tissue";
     out->tissue_pose = identity();
     out->background = PLIANT_BACKGROUND_LIVE;
+    out->checkpoint_period = 1;
     out->tool_max_age = 0.05;
     out->tool_hold = 0.1;
     out->jaw_close = 0.05;

@@ -32,6 +32,8 @@ struct Parameters {
     std::string parent_frame, tissue_frame; /* parent empty: no transform is published */
     Rigid tissue_pose;                      /* of the tissue frame in the parent */
     std::string registration;               /* file that has it instead, once the service register has written it; empty: none */
+    std::string checkpoint;                 /* file to go on from after the node was killed; empty: none is kept */
+    double checkpoint_period;               /* [s] */
     std::vector<ToolParameters> tools;
     pliant_background_kind background;      /* live: no step waits; planned: the same on every machine */
     double tool_max_age;                    /* [s] */
@@ -42,7 +44,7 @@ struct Parameters {
 
 /* From the tree of private parameters (a struct, or invalid for none). Every option of a scene is a parameter of its
    path, solver/iterations; beside them: scene (file), scan or scan/path, scan_root, output_root, parent_frame,
-   tissue_frame, tissue_pose, registration, background, tools, tool/<name>/{mode,blade,shape,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release,
+   tissue_frame, tissue_pose, registration, checkpoint, checkpoint_period, background, tools, tool/<name>/{mode,blade,shape,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release,
    slice/{axial,coronal,sagittal}. Anything else is an error that names the nearest known one.
    The tree is not changed; XmlRpcValue has no constant access. */
 bool read_parameters(XmlRpc::XmlRpcValue tree, Parameters *out, std::string *why);

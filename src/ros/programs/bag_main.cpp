@@ -4,6 +4,7 @@
 #include "ros/record/recorded.h"
 #include "ros/record/rerun.h"
 #include "ros/record/tables.h"
+#include "ros/sim/session.h"
 #include "ros/output/warped.h"
 
 #include "command_line.h" /* the exit codes */
@@ -16,6 +17,8 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <iterator>
+#include <limits>
 #include <map>
 #include <memory>
 #include <sys/stat.h>
@@ -47,8 +50,9 @@ public:
 
 private:
     void open();
-    void load();
-    void read_topologies();
+    void read_sessions();
+    void load(uint32_t revision);
+    void read_topologies(uint32_t end);
     std::vector<double> times_of(rosbag::View *states) const;
     void write_recorded(const std::vector<double> &times, rosbag::View *states);
     void write_simulated(const std::vector<double> &times, rosbag::View *steps);
@@ -69,10 +73,14 @@ private:
     const BagArguments &arguments_;
     rosbag::Bag bag_;
     ros::Time start_, end_;
+    std::map<uint32_t, Session> sessions_; /* by the revision at load; empty: the arguments say what the model is */
+    std::unique_ptr<Shelf> shelf_;
     std::shared_ptr<const Loaded> loaded_;
+    uint32_t load_ = 0; /* revision at load of that, with sessions */
     std::map<uint32_t, std::string> differs_; /* by revision; empty: it is known here */
     std::map<uint32_t, std::shared_ptr<const pliant_body>> bodies_; /* those */
     std::unique_ptr<Warped> warped_;
+    std::shared_ptr<const Loaded> warped_of_;
     std::shared_ptr<const pliant_surface> surface_;
     std::unique_ptr<Rerun> rerun_;
     int written_ = 0;
@@ -87,15 +95,44 @@ void Extraction::open()
     end_ = all.getEndTime();
 }
 
-void Extraction::load()
+void Extraction::read_sessions()
 {
-    Materials materials;
-    std::shared_ptr<const Scan> scan = read_scan(arguments_.scene, arguments_.scan, &materials);
-    loaded_ = build(arguments_.scene, scan, materials.table, console_progress());
-    console_progress_end();
+    if (!arguments_.described) return;
+    rosbag::View view(bag_, rosbag::TopicQuery(topic("session")));
+    for (const rosbag::MessageInstance &recorded : view) {
+        Session::ConstPtr session = recorded.instantiate<Session>();
+        if (!session) throw Failure(PLIANT_ERROR_FORMAT, topic("session") + other_kind);
+        sessions_[session->load] = *session;
+    }
+    shelf_.reset(new Shelf(arguments_.scan, arguments_.scene.material.labels));
 }
 
-void Extraction::read_topologies()
+/* The model that a revision of the mesh is of, and what is known of its bodies. */
+void Extraction::load(uint32_t revision)
+{
+    auto after = sessions_.upper_bound(revision);
+    if (loaded_ && (sessions_.empty() || (after != sessions_.begin() && std::prev(after)->first == load_))) return;
+    bodies_.clear();
+    differs_.clear();
+    surface_.reset();
+    if (sessions_.empty()) {
+        Materials materials;
+        std::shared_ptr<const Scan> scan = read_scan(arguments_.scene, arguments_.scan, &materials);
+        loaded_ = build(arguments_.scene, scan, materials.table, console_progress());
+    } else {
+        if (after == sessions_.begin()) throw Failure(PLIANT_ERROR_FORMAT, arguments_.bag + ": what revision " + std::to_string(revision) + " was made from is not in it");
+        const Session &session = std::prev(after)->second;
+        load_ = session.load;
+        loaded_ = build_session(session, shelf_->find(session), console_progress());
+    }
+    console_progress_end();
+    read_topologies(after == sessions_.end() ? std::numeric_limits<uint32_t>::max() : after->first);
+    if (rerun_) rerun_->set_model(loaded_);
+    else if (arguments_.simulate) rerun_.reset(new Rerun(loaded_));
+}
+
+/* of this load, below that revision */
+void Extraction::read_topologies(uint32_t end)
 {
     rosbag::View view(bag_, rosbag::TopicQuery(topic("mesh/topology")));
     bool any = false;
@@ -104,6 +141,7 @@ void Extraction::read_topologies()
     for (const rosbag::MessageInstance &recorded : view) {
         MeshTopology::ConstPtr topology = recorded.instantiate<MeshTopology>();
         if (!topology) throw Failure(PLIANT_ERROR_FORMAT, topic("mesh/topology") + other_kind);
+        if (topology->revision < load_ || topology->revision >= end) continue;
         why.clear();
         std::shared_ptr<const pliant_body> body = body_of(*loaded_, *topology, newest, &why);
         if (body) newest = body;
@@ -136,6 +174,7 @@ std::shared_ptr<const Snapshot> Extraction::snapshot(double time, const rosbag::
 {
     MeshState::ConstPtr state = recorded.instantiate<MeshState>();
     if (!state) throw Failure(PLIANT_ERROR_FORMAT, topic("mesh/state") + other_kind);
+    load(state->revision);
     auto differs = differs_.find(state->revision);
     char where[64];
     std::snprintf(where, sizeof where, "%.3f s: ", time);
@@ -148,7 +187,8 @@ std::shared_ptr<const Snapshot> Extraction::snapshot(double time, const rosbag::
 
 void Extraction::write(double time, const Snapshot &snapshot)
 {
-    if (!warped_) warped_.reset(new Warped(loaded_, snapshot.body));
+    if (!warped_ || warped_of_ != snapshot.loaded) warped_.reset(new Warped(snapshot.loaded, snapshot.body));
+    warped_of_ = snapshot.loaded;
     warped_->set_body(snapshot.body);
     warped_->update(snapshot.positions);
     char name[64];
@@ -190,6 +230,7 @@ void Extraction::write_simulated(const std::vector<double> &times, rosbag::View 
         Step::ConstPtr step = recorded.instantiate<Step>();
         if (!step) throw Failure(PLIANT_ERROR_FORMAT, topic("step") + other_kind);
         for (; time != times.end() && newest && since_start(recorded.getTime()) > *time + 1e-9; ++time) write(*time, *newest);
+        load(step->load);
         if (rerun_->take(*step) && time != times.end()) newest = rerun_->snapshot();
         console_progress().function(static_cast<double>(++done) / steps->size(), "steps", nullptr);
     }
@@ -237,11 +278,9 @@ void Extraction::run()
     rosbag::View wanted(bag_, rosbag::TopicQuery(topic(name)));
     if (wanted.size() == 0) throw nothing_on(name);
     const std::vector<double> times = volumes ? times_of(&wanted) : std::vector<double>();
-    load();
-    read_topologies();
+    read_sessions();
     if (volumes) make_folder(arguments_.folder);
     if (arguments_.simulate) {
-        rerun_.reset(new Rerun(loaded_));
         write_simulated(times, &wanted);
     } else {
         write_recorded(times, &wanted);

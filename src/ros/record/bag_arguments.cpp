@@ -24,8 +24,9 @@ const char help[] =
     "  BAG                the recording; of a session in several bags, any of them\n"
     "  --scan PATH        the scan of the recording: DICOM folder, NIfTI, NRRD or MetaImage file; phantom or\n"
     "                     phantom:IxJxK for the built-in scan\n"
-    "  --scene FILE       scene file (YAML) of the recording; without one every option has its default\n"
-    "  --set OPTION=VALUE change a scene option, e.g. --set material/labels=labels.nii.gz; may be repeated\n"
+    "  --scene FILE       scene file (YAML) of the recording, where the bag does not say itself what it was made from (it does by its\n"
+    "                     topic session, every load of it); without one every option has its default\n"
+    "  --set OPTION=VALUE the same of a scene option, e.g. --set material/labels=labels.nii.gz; may be repeated\n"
     "  --at TIMES         seconds since the start of the bag, as rosbag play --start counts: 1.0 or 1.0,2.5\n"
     "  --every SECONDS    from the first state of the bag to its end\n"
     "  --out DIR          folder for the volumes; made if it is missing\n"
@@ -148,6 +149,7 @@ bool read_bag_arguments(int argc, char **argv, BagArguments *out, int *exit_code
         }
     if (argc - optind > 1) return refuse(std::string(argv[optind + 1]) + ": one bag is enough");
     if (optind < argc) read.bag = argv[optind];
+    read.described = scene.empty() && sets.empty();
     if (!is_complete(read) || !read_scene(scene, sets, &read.scene, exit_code)) return false;
     *out = read;
     return true;

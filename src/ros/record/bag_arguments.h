@@ -11,6 +11,7 @@ namespace pliant_ros {
 
 struct BagArguments {
     pliant_scene scene;
+    bool described = true;                          /* by the bag, where it has a session: no scene was named */
     std::string bag, scan, folder, name = "tissue"; /* name: the namespace that was recorded */
     std::vector<double> times;                      /* since the start of the bag [s], ascending; or */
     double every = 0;                               /* [s]; 0: times */

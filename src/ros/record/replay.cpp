@@ -3,6 +3,8 @@
 #include "ros/node/start.h"
 
 #include <ros/ros.h>
+#include <rosbag/bag.h>
+#include <rosbag/view.h>
 #include <std_srvs/SetBool.h>
 
 #include <cstdio>
@@ -11,16 +13,20 @@ namespace pliant_ros {
 
 namespace {
 
-enum { PATIENCE_SECONDS = 2 /* for a topology that comes after its states */, PLAYER_SECONDS = 60 };
+enum { PATIENCE_SECONDS = 2 /* for a topology that comes after its states */, PLAYER_SECONDS = 60, MOST_RECENT = 16 /* topologies */ };
+
+const pliant_progress while_ok{[](double, const char *, void *) { return ros::ok(); }, nullptr};
 
 } // namespace
 
-Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std::string &player, bool simulates)
-    : parameters_(parameters_of(private_handle)), simulates_(simulates), live_(private_handle, parameters_),
-      volume_output_(handle, parameters_, &live_, &snapshots_, nullptr)
+Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std::string &player, bool simulates, const std::vector<std::string> &bags)
+    : parameters_(parameters_of(private_handle)), simulates_(simulates), shelf_(parameters_.scan, parameters_.scene.material.labels),
+      live_(private_handle, parameters_), volume_output_(handle, parameters_, &live_, &snapshots_, nullptr)
 {
     log_to_rosconsole();
+    described_ = find_session(bags, handle.resolveName("session"));
     /* before the scan is loaded, and with all the room that there is: nothing is lost meanwhile */
+    if (described_) sessions_ = handle.subscribe("session", 0, &Replay::take_session, this);
     topologies_ = handle.subscribe("mesh/topology", 0, &Replay::take_topology, this);
     if (simulates_) steps_ = handle.subscribe("step", 0, &Replay::take_step, this, ros::TransportHints().tcpNoDelay());
     else states_ = handle.subscribe("mesh/state", 0, &Replay::take_state, this, ros::TransportHints().tcpNoDelay());
@@ -32,6 +38,7 @@ Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std
 
 Replay::~Replay()
 {
+    sessions_.shutdown();
     topologies_.shutdown();
     states_.shutdown();
     steps_.shutdown();
@@ -40,21 +47,74 @@ Replay::~Replay()
     if (rerun_) std::printf("replay: %s\n", rerun_->summary().c_str());
 }
 
+/* The first one in the bags, so that its model is there before they are played. */
+bool Replay::find_session(const std::vector<std::string> &bags, const std::string &topic)
+{
+    for (const std::string &path : bags) {
+        rosbag::Bag bag(path, rosbag::bagmode::Read);
+        rosbag::View view(bag, rosbag::TopicQuery(topic));
+        if (view.begin() == view.end()) continue;
+        const Session::ConstPtr first = view.begin()->instantiate<Session>();
+        if (!first) throw std::runtime_error(path + ": " + topic + " is of another version of Pliant");
+        session_ = *first;
+        return true;
+    }
+    return false;
+}
+
 void Replay::load()
 {
+    if (described_) {
+        put_in(build_session(session_, shelf_.find(session_), while_ok));
+        return;
+    }
     Materials materials;
     std::shared_ptr<const Scan> scan = read_scan(parameters_.scene, parameters_.scan, &materials);
-    pliant_progress progress{[](double, const char *, void *) { return ros::ok(); }, nullptr};
-    loaded_ = build(parameters_.scene, scan, materials.table, progress);
-    if (simulates_) rerun_.reset(new Rerun(loaded_));
+    put_in(build(parameters_.scene, scan, materials.table, while_ok));
+}
+
+void Replay::put_in(std::shared_ptr<const Loaded> loaded)
+{
+    before_ = loaded_;
+    loaded_ = std::move(loaded);
+    newest_.reset();
+    /* what has overtaken the session may still be of the model before; older ones are over */
+    for (auto known = bodies_.begin(); known != bodies_.end();)
+        known = known->second.loaded == before_ ? std::next(known) : bodies_.erase(known);
+    if (simulates_ && !rerun_) rerun_.reset(new Rerun(loaded_));
+    else if (simulates_) rerun_->set_model(loaded_);
+    if (described_) {
+        pliant_scene live = *pliant_model_get_scene(loaded_->model);
+        apply_settings(session_, &live);
+        live_.assign(live);
+    }
     auto info = boost::make_shared<ScanInfo>();
     info->header.stamp = ros::Time::now();
     info->header.frame_id = parameters_.tissue_frame;
-    info->scan_id = scan->volume.id;
-    scan_info_message(*loaded_->model, scan->low, scan->high, info.get());
+    info->scan_id = loaded_->scan->volume.id;
+    scan_info_message(*loaded_->model, loaded_->scan->low, loaded_->scan->high, info.get());
     scan_info_.publish(info);
-    ROS_INFO("replay: loaded %s: %d nodes, %d tetrahedra", parameters_.scan.c_str(), pliant_model_get_body(loaded_->model)->fine.num_nodes,
-             pliant_model_get_body(loaded_->model)->fine.num_tets);
+    ROS_INFO("replay: loaded %s%s: %d nodes, %d tetrahedra", loaded_->scan->path.c_str(), described_ ? " as the bag says" : "",
+             pliant_model_get_body(loaded_->model)->fine.num_nodes, pliant_model_get_body(loaded_->model)->fine.num_tets);
+}
+
+void Replay::take_session(const pliant::SessionConstPtr &session)
+{
+    work_off();
+    const bool same = loaded_ && same_model(session_, *session), other_load = session->load != session_.load;
+    session_ = *session;
+    if (same && !other_load) return;
+    try {
+        if (!same) put_in(build_session(session_, shelf_.find(session_), while_ok));
+        else if (simulates_) rerun_->set_model(loaded_);
+    } catch (const Failure &failed) {
+        before_ = loaded_;
+        loaded_.reset();
+        ROS_ERROR("replay: what was loaded from revision %u on is not shown: %s", session_.load, failed.what());
+    }
+    for (const pliant::MeshTopologyConstPtr &topology : recent_)
+        if (topology->revision >= session_.load && topology->header.stamp >= session_.header.stamp) fit(*topology);
+    work_off();
 }
 
 /* ros::service::waitForService would wait by a clock that stands still until the player plays. */
@@ -74,16 +134,23 @@ void Replay::start_player(const std::string &name)
 
 void Replay::take_topology(const pliant::MeshTopologyConstPtr &topology)
 {
-    std::string why;
-    std::shared_ptr<const pliant_body> body = body_of(*loaded_, *topology, newest_, &why);
-    if (body) newest_ = body;
-    auto known = bodies_.find(topology->revision);
-    /* a bag in a loop says it again and again */
-    bool is_news = known == bodies_.end() || !known->second != !body || (body && !pliant_body_same(body.get(), known->second.get()));
-    if (is_news) bodies_[topology->revision] = body;
-    if (is_news && body) ROS_INFO("replay: revision %u of the mesh is known here", topology->revision);
-    if (is_news && !body) ROS_ERROR("replay: revision %u is not shown: %s", topology->revision, why.c_str());
+    recent_.push_back(topology);
+    if (recent_.size() > MOST_RECENT) recent_.pop_front();
+    fit(*topology);
     work_off();
+}
+
+void Replay::fit(const MeshTopology &topology)
+{
+    std::string why = "its model could not be made";
+    std::shared_ptr<const pliant_body> body = loaded_ ? body_of(*loaded_, topology, newest_, &why) : nullptr;
+    if (body) newest_ = body;
+    auto known = bodies_.find(topology.revision);
+    /* a bag in a loop says it again and again */
+    const bool is_news = known == bodies_.end() || !known->second.body != !body || (body && !pliant_body_same(body.get(), known->second.body.get()));
+    bodies_[topology.revision] = Known{loaded_, body};
+    if (is_news && body) ROS_INFO("replay: revision %u of the mesh is known here", topology.revision);
+    if (is_news && !body) ROS_ERROR("replay: revision %u is not shown: %s", topology.revision, why.c_str());
 }
 
 void Replay::take_state(const pliant::MeshStateConstPtr &state)
@@ -98,18 +165,27 @@ void Replay::take_step(const pliant::StepConstPtr &step)
     work_off();
 }
 
+/* For its topology; or, where steps are made again, for the session that it is of. */
+bool Replay::waits(const Pending &next) const
+{
+    const auto known = bodies_.find(next.topology);
+    if (known == bodies_.end()) return true;
+    const bool may_be_of_another = described_ && !known->second.body && session_.load < next.topology;
+    return may_be_of_another || (described_ && next.step && next.step->load > session_.load);
+}
+
 void Replay::work_off()
 {
     while (!pending_.empty()) {
         const Pending &next = pending_.front();
+        const bool is_late = Clock::now() - next.arrival > std::chrono::seconds(PATIENCE_SECONDS);
+        if (waits(next) && !is_late) return;
         auto known = bodies_.find(next.topology);
-        bool is_late = Clock::now() - next.arrival > std::chrono::seconds(PATIENCE_SECONDS);
-        if (known == bodies_.end() && !is_late) return;
         if (known == bodies_.end()) {
             ++dropped_;
             ROS_WARN_THROTTLE(5, "replay: states of revision %u are dropped: its mesh/topology has not been played; "
                               "play the bag from its start", next.topology);
-        } else if (!known->second) {
+        } else if (!known->second.body) {
             ++dropped_;
             ROS_WARN_THROTTLE(5, "replay: %lu states of another scan or mesh are dropped",
                               static_cast<unsigned long>(dropped_));
@@ -120,11 +196,11 @@ void Replay::work_off()
     }
 }
 
-void Replay::show(const Pending &next, std::shared_ptr<const pliant_body> body)
+void Replay::show(const Pending &next, const Known &of)
 {
     try {
         if (next.state) {
-            snapshots_.put(snapshot_of(loaded_, std::move(body), *next.state));
+            snapshots_.put(snapshot_of(of.loaded, of.body, *next.state));
         } else if (rerun_->take(*next.step)) {
             snapshots_.put(rerun_->snapshot());
         } else {

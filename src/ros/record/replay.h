@@ -5,6 +5,7 @@
 #include "ros/output/mesh_output.h"
 #include "ros/record/recorded.h"
 #include "ros/record/rerun.h"
+#include "ros/sim/session.h"
 #include "ros/output/volume_output.h"
 
 #include <tf2_ros/static_transform_broadcaster.h>
@@ -14,14 +15,16 @@
 
 namespace pliant_ros {
 
-/* Takes mesh/topology and mesh/state as a bag plays them, publishes volume and its slices with the stamps of the
-   states, and scan_info of the scan here. Parameters as the node's. A topology that is not the model's is refused, and
-   so are the states of its revision. What simulates takes `step` in place of the states. */
+/* Takes session, mesh/topology and mesh/state as a bag plays them, publishes volume and its slices with the stamps of the
+   states, and scan_info of the scan here. Models are made as the bag's sessions say, or, where no bag has any, as the parameters do, which are
+   the node's. A topology that is not the model's is refused, and so are the states of its revision. What simulates takes `step` in place of
+   the states. */
 class Replay {
 public:
     /* Loads the scan, and returns when that is done. Throws std::runtime_error with a message for a person.
-       player: node name of a `rosbag play --pause` to set going then, or empty. */
-    Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std::string &player, bool simulates);
+       player: node name of a `rosbag play --pause` to set going then, or empty. bags: that it will play, where they are to say what the model
+       is; empty: the parameters do. */
+    Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std::string &player, bool simulates, const std::vector<std::string> &bags);
     ~Replay();
 
 private:
@@ -32,22 +35,36 @@ private:
         Clock::time_point arrival;
     };
 
+    struct Known {
+        std::shared_ptr<const Loaded> loaded;
+        std::shared_ptr<const pliant_body> body; /* empty: another scan or mesh */
+    };
+
     void load();
+    void put_in(std::shared_ptr<const Loaded> loaded);
+    bool find_session(const std::vector<std::string> &bags, const std::string &topic);
+    void take_session(const pliant::SessionConstPtr &session);
+    void fit(const pliant::MeshTopology &topology);
+    bool waits(const Pending &next) const;
     void start_player(const std::string &name);
     void take_topology(const pliant::MeshTopologyConstPtr &topology);
     void take_state(const pliant::MeshStateConstPtr &state);
     void take_step(const pliant::StepConstPtr &step);
     /* Topics overtake each other: states and steps wait for their topology, for a while. */
     void work_off();
-    void show(const Pending &next, std::shared_ptr<const pliant_body> body);
+    void show(const Pending &next, const Known &of);
 
     const Parameters parameters_;
     tf2_ros::StaticTransformBroadcaster broadcaster_;
     const bool simulates_;
-    ros::Subscriber topologies_, states_, steps_;
-    std::shared_ptr<const Loaded> loaded_;
+    ros::Subscriber sessions_, topologies_, states_, steps_;
+    bool described_ = false; /* by the bags */
+    Shelf shelf_;
+    Session session_;        /* that the model was made of; load is that of the newest like it */
+    std::shared_ptr<const Loaded> loaded_, before_;
+    std::deque<pliant::MeshTopologyConstPtr> recent_; /* topics overtake each other: one may be of a session that comes after it */
     std::unique_ptr<Rerun> rerun_; /* where it simulates, once loaded */
-    std::map<uint32_t, std::shared_ptr<const pliant_body>> bodies_; /* by revision; empty: another scan or mesh */
+    std::map<uint32_t, Known> bodies_; /* by revision */
     std::shared_ptr<const pliant_body> newest_; /* that a topology was of */
     std::deque<Pending> pending_;
     uint64_t shown_ = 0, dropped_ = 0;

@@ -10,6 +10,13 @@ void Rerun::begin(const Step &first)
     begun_ = true;
 }
 
+void Rerun::set_model(std::shared_ptr<const Loaded> loaded)
+{
+    data_.reset(); /* before its model */
+    begun_ = false;
+    loaded_ = std::move(loaded);
+}
+
 bool Rerun::take(const Step &recorded)
 {
     if (recorded.sequence == 1) begin(recorded);

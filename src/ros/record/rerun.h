@@ -12,6 +12,8 @@ public:
     /* Model: that of the recording (scan, scene, threads, backend). */
     explicit Rerun(std::shared_ptr<const Loaded> loaded) : loaded_(std::move(loaded)) {}
 
+    /* From the next turn on that follows a load. */
+    void set_model(std::shared_ptr<const Loaded> loaded);
     /* The next turn. False while there is nothing to begin with: a rerun begins where a load or a reset was recorded. Throws Failure where
        messages are missing, and waits for the next reset then. */
     bool take(const Step &recorded);

@@ -163,7 +163,17 @@ bool Live::serve(Reconfigure::Request &request, Reconfigure::Response &response)
     return true;
 }
 
-void Live::publish() { updates_.publish(config_of(settings_)); }
+void Live::when_changed(std::function<void(const LiveSettings &)> tell)
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    tell_ = std::move(tell);
+}
+
+void Live::publish()
+{
+    updates_.publish(config_of(settings_));
+    if (tell_) tell_(settings_);
+}
 
 LiveSettings Live::get() const
 {

@@ -8,6 +8,7 @@
 #include <dynamic_reconfigure/Reconfigure.h>
 #include <ros/node_handle.h>
 
+#include <functional>
 #include <mutex>
 
 namespace pliant_ros {
@@ -29,6 +30,8 @@ public:
     Live(ros::NodeHandle handle, const Parameters &parameters);
 
     LiveSettings get() const;
+    /* Called with what is set from now on, whenever that changes. */
+    void when_changed(std::function<void(const LiveSettings &)> tell);
     /* What another scene says of these; slices stay. */
     void assign(const pliant_scene &scene);
     /* Into a scene that is to be built. */
@@ -40,6 +43,7 @@ private:
 
     mutable std::mutex lock_;
     LiveSettings settings_;
+    std::function<void(const LiveSettings &)> tell_;
     ros::Publisher descriptions_, updates_;
     ros::ServiceServer service_;
 };

@@ -50,7 +50,10 @@ std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::stri
         scan->low = std::min(scan->low, value);
         scan->high = std::max(scan->high, value);
     }
+    scan->path = path;
     scan->checksum = checksum(scan->volume);
+    if (scan->labels.voxels)
+        scan->labels_checksum = hash(0xcbf29ce484222325u, scan->labels.voxels, pliant_geometry_voxels(&scan->labels.geometry) * sizeof *scan->labels.voxels);
     return scan;
 }
 

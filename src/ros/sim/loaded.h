@@ -29,8 +29,10 @@ struct Materials {
 struct Scan {
     pliant_volume volume{};
     pliant_labels labels{}; /* voxels NULL: none */
+    std::string path;        /* as it was named */
     float low = 0, high = 0; /* smallest and largest value */
     uint64_t checksum = 0;   /* of size, encoding and voxels (FNV-1a, 64 bits) */
+    uint64_t labels_checksum = 0; /* of their voxels; 0: none */
     Scan() = default;
     Scan(const Scan &) = delete;
     ~Scan();

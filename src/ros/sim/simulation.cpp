@@ -8,7 +8,7 @@ namespace pliant_ros {
 
 namespace {
 
-enum { TIMING_RATE = 10 /* [Hz] */, STEP_QUEUE = 1024 /* a recorder that is held up misses none */ };
+enum { TIMING_RATE = 10 /* [Hz] */, HOLD_SECONDS = 2 /* that tools have to come back */, STEP_QUEUE = 1024 /* a recorder that is held up misses none */ };
 
 const double no_force[3] = {0, 0, 0};
 
@@ -70,17 +70,22 @@ void Simulation::do_boundary_work()
     for (auto &task : work) task();
 }
 
-void Simulation::swap(std::shared_ptr<Loaded> next)
+void Simulation::swap(std::shared_ptr<Loaded> next, const Moment *from)
 {
     Data data = create_data(*next->model);
     add_tools(*next->model, data.get(), tool_inputs());
+    if (from) put_back(*from, *next->model, data.get());
     at_boundary([&] {
+        if (from) paused_ = from->paused;
         state_->set(paused_ ? SimState::PAUSED : SimState::READY, "");
-        next->revision = current_ ? revision_of(*current_, pliant_data_get_last_revision(data_.get())) + 1 : 1;
+        next->revision = current_ ? revision_of(*current_, pliant_data_get_last_revision(data_.get())) + 1 : from ? from->snapshot.revision + 1 : 1;
         current_.swap(next);
         data_.swap(data);
-        sequence_ = 0;
+        sequence_ = from ? from->sequence + 1 : 0; /* a gap: nobody can compute this from a load or a reset on */
         made_.clear();
+        made_count_ = from ? from->strokes : made_count_;
+        lost_ = from ? from->holds : decltype(lost_)();
+        lost_until_ = Clock::now() + std::chrono::seconds(HOLD_SECONDS);
         std::fill(was_open_.begin(), was_open_.end(), false); /* a closed jaw must open before it grasps again */
         std::lock_guard<std::mutex> hold(lock_);
         shown_ = current_;
@@ -109,6 +114,20 @@ Snapshot Simulation::snapshot()
     return out;
 }
 
+Moment Simulation::moment()
+{
+    Moment out;
+    at_boundary([&] {
+        if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
+        take_snapshot(current_, *data_, last_time_, &out.snapshot);
+        out.sequence = sequence_;
+        out.strokes = made_count_;
+        out.paused = paused_;
+        out.holds = lost_.empty() ? holds_of(*data_) : lost_;
+    });
+    return out;
+}
+
 void Simulation::reset()
 {
     at_boundary([&] {
@@ -117,6 +136,7 @@ void Simulation::reset()
         check(pliant_data_reset(current_->model, data_.get()));
         sequence_ = 0;
         made_.clear();
+        lost_.clear();
         if (revision() != before) publish_cut(CutInput(), pliant_cut_report{});
         made_.clear();
         std::fill(was_open_.begin(), was_open_.end(), false);
@@ -203,9 +223,10 @@ void Simulation::turn(Clock::time_point start)
     step.cuts.swap(made_);
     take_settings(&step);
     take_tools(now, jumped_back(now), &step);
+    step.paused = hold_again(step) || paused_;
     pliant_status status = make_step(*current_->model, data_.get(), background_, step);
     if (status < 0) state_->set(SimState::FAULT, pliant_last_error());
-    else if (!broke_ && !paused_) state_->set(SimState::RUNNING, ""); /* after a turn that broke off, only once one is whole */
+    else if (!broke_ && !step.paused) state_->set(SimState::RUNNING, ""); /* after a turn that broke off, only once one is whole */
     show(now);
     publish(now);
     publish_step(status, &step);
@@ -266,6 +287,26 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
         input.cuts = sample.present && cuts_now(i, sample);
         was_open_[i] = sample.present && sample.jaw == JAW_OPEN;
     }
+}
+
+/* What tools held when the process before this one ended, they hold again once they are there, with their jaws closed still. Until then
+ * the tissue stays as it was: true while it does. */
+bool Simulation::hold_again(const Step &step)
+{
+    for (size_t i = 0; i < step.tools.size() && !lost_.empty(); ++i) {
+        const ToolInput &tool = step.tools[i];
+        const auto held = std::find_if(lost_.begin(), lost_.end(), [&](const auto &each) { return each.first == tool.name; });
+        if (held == lost_.end() || !tool.present) continue;
+        const int index = static_cast<int>(i);
+        const bool holds = tool.closed && pliant_tool_set_pose(data_.get(), index, tool.tip.data(), tool.rotation.data()) >= 0 &&
+                           pliant_tool_set_hold(current_->model, data_.get(), index, &held->second) >= 0;
+        ROS_WARN("tool %s %s", tool.name.c_str(), holds ? "holds again what it held" : "has opened meanwhile: it holds nothing");
+        lost_.erase(held);
+    }
+    if (lost_.empty() || Clock::now() < lost_until_) return !lost_.empty();
+    for (const auto &each : lost_) ROS_WARN("tool %s has not come back: what it held is let go", each.first.c_str());
+    lost_.clear();
+    return false;
 }
 
 /* Of no motion: with their names, blades and shapes. */
@@ -358,6 +399,7 @@ void Simulation::measure(double seconds)
     health_.residual = statistics.residual;
     health_.bytes = statistics.bytes;
     health_.backend = pliant_data_get_backend(data_.get());
+    health_.revision = revision();
     durations_.emplace_back(now, seconds);
     while (now - durations_.front().first > std::chrono::seconds(1)) durations_.pop_front();
 }

@@ -4,6 +4,7 @@
 
 #include "ros/sim/live.h"
 #include "ros/sim/loaded.h"
+#include "ros/sim/moment.h"
 #include "ros/sim/snapshot.h"
 #include "ros/sim/state.h"
 #include "ros/sim/stepping.h"
@@ -25,6 +26,7 @@ struct StepHealth {
     int32_t iterations, inverted;
     double residual;
     size_t bytes;
+    uint32_t revision;   /* after the last step; 0: none was made */
     const char *backend; /* who runs the steps: cpu or cuda; NULL: nothing is loaded */
 };
 
@@ -35,12 +37,15 @@ public:
     ~Simulation();
 
     /* Put another model in at the next step boundary, at rest and with the same tools; it gets its revision. The old one
-       stays until then, and is freed by the calling thread. Throws Failure, and then nothing changed. */
-    void swap(std::shared_ptr<Loaded> next);
+       stays until then, and is freed by the calling thread. from: Nullable; of that model, to go on from instead. Throws Failure, and
+       then nothing changed. */
+    void swap(std::shared_ptr<Loaded> next, const Moment *from = nullptr);
     /* Empty before the first swap. */
     std::shared_ptr<const Loaded> loaded() const;
     /* Positions now. Throws Failure when nothing is loaded. */
     Snapshot snapshot();
+    /* And what else another process needs to go on. */
+    Moment moment();
     /* Body 0 again. */
     void reset();
     /* Cut at once, or undo; after: the revision from then on. Throws Failure, and then nothing changed. */
@@ -58,6 +63,7 @@ private:
     bool jumped_back(const ros::Time &now);
     void take_settings(Step *out) const;
     void take_tools(const ros::Time &now, bool forgotten, Step *out);
+    bool hold_again(const Step &step);
     void show(const ros::Time &now);
     void publish(const ros::Time &now);
     void publish_timing(const ros::Time &now);
@@ -85,6 +91,8 @@ private:
     uint64_t sequence_ = 0; /* turns since load or reset */
     std::vector<CutInput> made_; /* cuts since the last turn */
     uint64_t made_count_ = 0;
+    std::vector<std::pair<std::string, pliant_tool_hold>> lost_; /* holds of the process before, until their tools are there */
+    Clock::time_point lost_until_;
     std::vector<ToolSample> samples_;
     std::vector<bool> was_open_; /* the jaw, at the step before */
     ros::Time last_time_;

@@ -26,6 +26,8 @@ public:
     void progress(double fraction, const std::string &stage);
     /* Message: how it ended. That of a failure stays, wherever set() has nothing to say, until some work succeeds. */
     void end(bool good, const std::string &message);
+    /* Stays likewise: what else everybody should know of what was put in last. */
+    void note(const std::string &message);
 
     /* What was chosen for the model that was put in last. */
     void chose(const pliant_choice &choice);
@@ -38,7 +40,7 @@ private:
     mutable std::mutex lock_;
     ros::Publisher publisher_;
     SimState current_;
-    std::string work_, failure_;
+    std::string work_, stays_;
 };
 
 } // namespace pliant_ros

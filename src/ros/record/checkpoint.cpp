@@ -1,0 +1,135 @@
+#include "ros/record/checkpoint.h"
+
+#include "ros/record/recorded.h"
+
+#include <rosbag/bag.h>
+#include <rosbag/view.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <fcntl.h>
+#include <unistd.h>
+
+namespace pliant_ros {
+
+namespace {
+
+Failure no_file(const std::string &path, const char *what)
+{
+    return Failure(PLIANT_ERROR_FILE, path + ": " + what + ": " + std::strerror(errno));
+}
+
+/* on the disk, not on its way there */
+void flush_file(const std::string &path)
+{
+    const int file = open(path.c_str(), O_RDONLY);
+    if (file < 0) throw no_file(path, "cannot be opened");
+    const int failed = fsync(file);
+    close(file);
+    if (failed) throw no_file(path, "cannot be written");
+}
+
+template <class Message> Message only(rosbag::View *view, const std::string &path)
+{
+    const std::string type = ros::message_traits::datatype<Message>();
+    for (const rosbag::MessageInstance &recorded : *view) {
+        if (recorded.getDataType() != type) continue;
+        typename Message::ConstPtr message = recorded.instantiate<Message>();
+        if (!message) throw Failure(PLIANT_ERROR_FORMAT, path + ": " + type + " is of another version of Pliant");
+        return *message;
+    }
+    throw Failure(PLIANT_ERROR_FORMAT, path + ": there is no " + type + " in it: it is no checkpoint");
+}
+
+} // namespace
+
+void saved_message(const Moment &moment, const std::string &frame, std::shared_ptr<const pliant_surface> *surface, Saved *out)
+{
+    const Snapshot &now = moment.snapshot;
+    std_msgs::Header header;
+    header.stamp = now.stamp;
+    header.frame_id = frame;
+    out->topology = MeshTopology();
+    out->topology.header = out->state.header = out->rest.header = header;
+    out->topology.scan_id = now.loaded->scan->volume.id;
+    out->topology.scan_checksum = now.loaded->scan->checksum;
+    out->topology.revision = out->state.revision = now.revision;
+    *surface = surface_of(*now.body, *surface);
+    topology_message(**surface, &out->topology);
+    out->state.step = now.step;
+    out->state.nodes.assign(now.positions.begin(), now.positions.end());
+    out->rest.sequence = moment.sequence;
+    out->rest.strokes = moment.strokes;
+    out->rest.paused = moment.paused;
+    out->rest.holds.clear();
+    for (const auto &each : moment.holds) {
+        pliant::ToolHold hold;
+        hold.tool = each.first;
+        std::copy(each.second.rest, each.second.rest + 3, hold.rest.begin());
+        std::copy(each.second.grip, each.second.grip + 3, hold.grip.begin());
+        std::copy(each.second.force, each.second.force + 3, hold.force.begin());
+        hold.radius = each.second.radius;
+        hold.slipped = each.second.slipped;
+        out->rest.holds.push_back(hold);
+    }
+}
+
+void write_saved(const std::string &path, const std::string &name, const Saved &saved)
+{
+    const std::string next = path + ".new";
+    try {
+        const ros::Time now(ros::WallTime::now().toSec()); /* /clock may stand at 0, which no bag takes */
+        rosbag::Bag bag(next, rosbag::bagmode::Write);
+        bag.setCompression(rosbag::compression::LZ4);
+        bag.write(name + "session", now, saved.session);
+        bag.write(name + "mesh/topology", now, saved.topology);
+        bag.write(name + "mesh/state", now, saved.state);
+        bag.write(name + "checkpoint", now, saved.rest);
+        bag.close();
+        flush_file(next);
+    } catch (const rosbag::BagException &failed) {
+        std::remove(next.c_str());
+        throw Failure(PLIANT_ERROR_FILE, next + ": " + failed.what());
+    } catch (...) {
+        std::remove(next.c_str());
+        throw;
+    }
+    if (std::rename(next.c_str(), path.c_str()) != 0) throw no_file(path, "cannot be replaced");
+}
+
+Saved read_saved(const std::string &path)
+{
+    try {
+        rosbag::Bag bag(path, rosbag::bagmode::Read);
+        rosbag::View view(bag);
+        return Saved{only<Session>(&view, path), only<MeshTopology>(&view, path), only<MeshState>(&view, path), only<Checkpoint>(&view, path)};
+    } catch (const rosbag::BagException &failed) {
+        throw Failure(PLIANT_ERROR_FORMAT, path + ": " + failed.what());
+    }
+}
+
+Moment moment_of(const Saved &saved, std::shared_ptr<const Loaded> loaded)
+{
+    std::string why;
+    std::shared_ptr<const pliant_body> body = body_of(*loaded, saved.topology, nullptr, &why);
+    if (!body) throw Failure(PLIANT_ERROR_FORMAT, why);
+    Moment out;
+    out.snapshot = *snapshot_of(std::move(loaded), body, saved.state);
+    out.sequence = saved.rest.sequence;
+    out.strokes = saved.rest.strokes;
+    out.paused = saved.rest.paused;
+    for (const pliant::ToolHold &hold : saved.rest.holds) {
+        pliant_tool_hold made{};
+        made.holding = true;
+        std::copy(hold.rest.begin(), hold.rest.end(), made.rest);
+        std::copy(hold.grip.begin(), hold.grip.end(), made.grip);
+        std::copy(hold.force.begin(), hold.force.end(), made.force);
+        made.radius = hold.radius;
+        made.slipped = hold.slipped;
+        out.holds.emplace_back(hold.tool, made);
+    }
+    return out;
+}
+
+} // namespace pliant_ros

@@ -1,0 +1,130 @@
+#!/usr/bin/env python3
+"""A node that is killed (-9) comes back within 5 s with its scan, materials, cuts, holds and pose, and says so; what is no
+checkpoint of it is refused, and kept."""
+import os
+import signal
+import sys
+import time
+import unittest
+import xmlrpc.client
+
+import numpy
+import rosgraph
+import rospy
+import rostest
+import tf2_ros
+from dynamic_reconfigure.msg import Config, DoubleParameter
+from dynamic_reconfigure.srv import Reconfigure
+from geometry_msgs.msg import Point, Vector3, WrenchStamped
+from pliant.msg import Session, SimState
+from pliant.srv import CutLine, Register
+from std_msgs.msg import Header
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
+from node_client import NAMESPACE, Latest, Node, Tool, call, wait_for  # noqa: E402
+
+SECONDS = 5.0  # until it is back
+
+
+class CheckpointTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("checkpoint_test")
+        cls.folder = rospy.get_param("~folder")
+        os.makedirs(cls.folder, exist_ok=True)
+        cls.file = cls.folder + "/session.checkpoint"
+        cls.node, cls.session = Node(), Latest("session", Session)
+        cls.node.wait_until_running()
+
+    def kill(self):
+        """And wait for the next one to run. When it was killed."""
+        address = rosgraph.Master("/checkpoint_test").lookupNode(NAMESPACE + "sim")
+        os.kill(xmlrpc.client.ServerProxy(address).getPid("/checkpoint_test")[2], signal.SIGKILL)
+        return rospy.Time.now()
+
+    def wait_for_file(self):
+        now = time.time()
+        wait_for(lambda: os.path.exists(self.file) and os.path.getmtime(self.file) > now, "a checkpoint")
+
+    def nodes(self):
+        def matching():
+            state = self.node.mesh.fresh()
+            return state if state.revision == self.node.topology.message.revision else None
+        return numpy.array(wait_for(matching, "a mesh state of this revision").nodes).reshape(-1, 3)
+
+    def runs_again(self, killed):
+        def runs():
+            state = self.node.state.message
+            return state.header.stamp > killed and state.state == SimState.RUNNING and not state.is_busy
+        wait_for(runs, "the node to be back")
+        return (self.node.state.message.header.stamp - killed).to_sec()
+
+    def test_1_it_comes_back_as_it_was(self):
+        node = self.node
+        with open(rospy.get_param(NAMESPACE + "sim/material/file")) as file:
+            answer = node.set_materials(file.read().replace("name: liver", "name: jelly"))
+        self.assertTrue(answer.success, answer.message)
+        change = rospy.ServiceProxy(NAMESPACE + "sim/set_parameters", Reconfigure)
+        change(Config(doubles=[DoubleParameter("gravity_z", -1.5)]))
+        corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+        placed = call("register", Register, Header(frame_id="world"), [Point(*p) for p in corners], [Point(x, y, z + 0.25) for x, y, z in corners])
+        self.assertTrue(placed.success, placed.message)
+        front, materials = node.front(), node.info.message.material_names
+        line = [Point(front[0] + 0.03, front[1] - 0.1, front[2] + dz) for dz in (-0.03, 0.03)]
+        cut = call("cut", CutLine, Header(frame_id="tissue"), line, Vector3(0, 0.12, 0))
+        self.assertTrue(cut.success and cut.severed_area > 1e-3, cut.message)
+        tool, force = Tool("grasper", "tissue"), Latest("grasper/measured_cf", WrenchStamped)
+        self.addCleanup(tool.reset)
+        tool.appear(front)
+        wait_for(lambda: node.contact.fresh().touching, "the tool to touch")
+        tool.take_hold(node.contact)
+        tool.position = list(front - [0, 0.02, 0])
+        wait_for(lambda: force.fresh().wrench.force.y < -0.05, "a force")
+        time.sleep(1)  # it comes to rest
+        self.wait_for_file()
+        before, topology, pulled = self.nodes(), node.topology.message, force.fresh().wrench.force.y
+        self.assertGreater(numpy.abs(before - numpy.array(topology.rest_nodes).reshape(-1, 3)).max(), 2e-3)
+
+        killed = self.kill()
+        seconds = self.runs_again(killed)
+        print("back after %.2f s: %s" % (seconds, node.state.message.message))
+        self.assertLess(seconds, SECONDS)
+        self.assertRegex(node.state.message.message, "went on from .*session.checkpoint.* 1 cuts, grasper was holding")
+        wait_for(lambda: node.topology.message.header.stamp > killed and len(node.topology.message.cut_end) == 1, "the topology with its cut")
+        self.assertGreater(node.topology.message.revision, topology.revision)
+        self.assertEqual(node.topology.message.severed, topology.severed)
+        self.assertEqual(node.info.since(killed).material_names, materials)
+        self.assertIn("jelly", materials)
+        self.assertTrue(node.contact.fresh().grasped)
+        after = self.nodes()
+        print("nodes differ by %.2e m at most, the force by %.2e N" % (numpy.abs(after - before).max(), abs(force.fresh().wrench.force.y - pulled)))
+        self.assertLess(numpy.abs(after - before).max(), 2e-5)
+        self.assertAlmostEqual(force.fresh().wrench.force.y, pulled, delta=0.01 * abs(pulled))
+        self.assertEqual(self.session.since(killed).gravity[2], -1.5)
+        frames = tf2_ros.Buffer()
+        tf2_ros.TransformListener(frames)
+        wait_for(lambda: frames.can_transform("world", "tissue", rospy.Time(0)), "the tissue's frame")
+        self.assertAlmostEqual(frames.lookup_transform("world", "tissue", rospy.Time(0)).transform.translation.z, 0.25)
+        # and what is done from there on is the same tissue
+        tool.closed = False
+        wait_for(lambda: not node.contact.fresh().grasped, "the tool to let go")
+
+    def test_2_what_does_not_fit_is_refused_and_kept(self):
+        for content, words in ((b"no bag at all", "session.checkpoint"), (None, "another scan")):
+            self.wait_for_file()
+            if content is None:
+                rospy.set_param(NAMESPACE + "sim/scan/path", "phantom:48x32x40")
+            start = time.time()
+            killed = self.kill()
+            if content:
+                with open(self.file, "wb") as file:
+                    file.write(content)
+            self.runs_again(killed)
+            self.assertRegex(self.node.state.message.message, "refused.*" + words)
+            self.assertGreaterEqual(os.path.getmtime(self.file + ".refused"), start - 1)
+            self.assertEqual(len(self.node.topology.since(killed).cut_end), 0)
+        self.assertEqual(list(self.node.info.message.size), [48, 32, 40])
+
+
+if __name__ == "__main__":
+    rostest.rosrun("pliant", "checkpoint", CheckpointTest)
