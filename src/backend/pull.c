@@ -3,6 +3,8 @@
 #include "fem/patch/patch.h"
 #include "interact/tool.h"
 
+#include <string.h>
+
 /* A spring k and a damper b in parallel over a step h: k (p - y) + b ((p - p0) - (y - y0)) / h = l is the spring of stiffness
  * k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h).
  * The weight of the tool's mass is a target that lies further. */

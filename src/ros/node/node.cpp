@@ -4,7 +4,7 @@
 #include "ros/node/keeper.h"
 #include "ros/node/registration.h"
 #include "ros/node/services.h"
-#include "ros/node/start.h"
+#include "ros/params/start.h"
 #include "ros/output/volume_output.h"
 
 #include <tf2_ros/transform_listener.h>

@@ -1,6 +1,6 @@
 #include "ros/node/registration.h"
 
-#include "ros/node/start.h"
+#include "ros/params/start.h"
 
 #include <Eigen/Dense>
 #include <ros/console.h>

@@ -1,6 +1,6 @@
 #include "ros/record/replay.h"
 
-#include "ros/node/start.h"
+#include "ros/params/start.h"
 
 #include <ros/ros.h>
 #include <rosbag/bag.h>

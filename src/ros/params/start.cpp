@@ -1,4 +1,4 @@
-#include "ros/node/start.h"
+#include "ros/params/start.h"
 
 #include <ros/console.h>
 #include <ros/param.h>

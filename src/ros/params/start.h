@@ -1,6 +1,6 @@
 /* What every node of Pliant does at its start. */
-#ifndef PLIANT_ROS_NODE_START_H
-#define PLIANT_ROS_NODE_START_H
+#ifndef PLIANT_ROS_PARAMS_START_H
+#define PLIANT_ROS_PARAMS_START_H
 
 #include "ros/params/params.h"
 
