@@ -4,6 +4,7 @@
 
 #include "pliant/memory.h"
 #include "pliant/report.h"
+#include "report/validation.h"
 
 #include <array>
 #include <fstream>
@@ -178,6 +179,103 @@ TEST(Moduli, OfTheMeasuredBeam)
     }
     EXPECT_LT(young[0], 0.7 * young[1]) << "tetrahedra that lock ask for soft tissue";
     EXPECT_NEAR(young[1], 263.8e3, 0.1 * 263.8e3);
+}
+
+// A ball on a stem of 6 mm at the tip of a beam that bends: its centre goes where the stem turns it, as two points across the tip tell.
+TEST(Validation, AMarkerThatStandsOffTurnsWithTheTissue)
+{
+    Body beam(std::array<int, 3>{20, 6, 6}.data(), std::array<double, 3>{0.1, 0.03, 0.03}.data(), {{150e3, 0.45, 1070, false}});
+    beam.cells(10, 3, 3, 1);
+    beam.fix_plane(0, 0, 0, 1, 0, 0);
+    beam.scene.element.kind = PLIANT_HEXAHEDRA;
+    beam.scene.model.gravity[2] = -9.8;
+    ASSERT_EQ(beam.build(), PLIANT_OK) << pliant_last_error();
+    pliant_marker markers[4]{};
+    const double at[4][3] = {{0.1, 0.015, 0.03}, {0.1, 0.015, 0.03}, {0.1, 0.015, 0}, {0.1, 0, 0.015}};
+    for (int m = 0; m < 4; m++) std::memcpy(markers[m].rest, at[m], sizeof at[m]);
+    markers[0].offset[2] = 0.006;
+    markers[3].offset[1] = -0.006; // to the side: about the axis of bending nothing turns it
+    double moved[12];
+    ASSERT_EQ(report_markers_move(beam.model, nullptr, 0, 4, markers, moved), PLIANT_OK) << pliant_last_error();
+    const double *top = moved + 3, *bottom = moved + 6;
+    const double lean = std::atan2(top[0] - bottom[0], 0.03 + top[2] - bottom[2]);
+    EXPECT_GT(lean, 0.05);
+    EXPECT_NEAR(moved[0] - top[0], 0.006 * std::sin(lean), 0.05 * 0.006 * lean);
+    EXPECT_NEAR(moved[2] - top[2], 0.006 * (std::cos(lean) - 1), 0.05 * 0.006 * lean);
+    EXPECT_NEAR(moved[1] - top[1], 0, 1e-6);
+    EXPECT_NEAR(moved[10], 0, 2e-5);
+}
+
+// A folder of one's own: two loads, the first is fitted on; what the same scene has made is predicted to the noise.
+TEST(Validation, PredictsTheLoadThatWasNotFittedOn)
+{
+    Bar bar(20e3, 7e3);
+    measure(&bar, 1);
+    char folder[] = "/tmp/pliant_validation_XXXXXX";
+    ASSERT_NE(mkdtemp(folder), nullptr);
+    const std::string in = std::string(folder) + "/";
+    ASSERT_EQ(pliant_volume_write((in + "scan.nrrd").c_str(), &bar.scan), PLIANT_OK) << pliant_last_error();
+    std::ofstream(in + "materials.yaml") << "materials:\n  - {name: m0, range: [-0.5, 0.5], young_modulus: 19000, poisson_ratio: 0.45, density: 1000}\n"
+                                            "  - {name: m1, range: [0.5, 1.5], young_modulus: 7500, poisson_ratio: 0.4, density: 1000}\n";
+    std::ofstream(in + "scene.yaml") << "material: {file: " << in << "materials.yaml}\nmesh: {coarse_cells: [3, 3, 9], ratio: 1}\nelement: {kind: linear}\n"
+                                        "fixed: {planes: [{point: [0, 0, 1.0e-6], normal: [0, 0, 1]}]}\n";
+    std::ofstream(in + "load_1.yaml") << "gravity:\n  - {time: 0, acceleration: [0, -3, 0]}\n";
+    std::ofstream(in + "load_2.yaml") << "gravity:\n  - {time: 0, acceleration: [0, 0, -9]}\n";
+    std::ofstream markers(in + "markers.csv");
+    markers.precision(12);
+    for (const pliant_marker &m : bar.markers)
+        markers << m.load + 1 << "," << m.rest[0] << "," << m.rest[1] << "," << m.rest[2] << "," << m.moved[0] << "," << m.moved[1] << "," << m.moved[2] << ",2e-5\n";
+    markers.close();
+    pliant_report_tables tables{};
+    ASSERT_EQ(pliant_report_open(nullptr, &tables), PLIANT_OK);
+    ASSERT_EQ(pliant_validation_run(folder, 0, nullptr, &tables, {nullptr, nullptr}), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_results_rows(tables.validation), 2u);
+    const auto cell = [&](size_t row, const char *name) { return std::string(pliant_results_cell(tables.validation, row, pliant_results_column(tables.validation, name))); };
+    EXPECT_EQ(cell(0, "role"), "fitted");
+    EXPECT_EQ(cell(1, "role"), "predicted");
+    EXPECT_EQ(cell(1, "state"), "load 2");
+    for (size_t row = 0; row < 2; row++) EXPECT_NEAR(std::stod(cell(row, "rms_mm")), 0.02 * std::sqrt(3.0), 0.01) << row;
+    EXPECT_GT(std::stod(cell(1, "moved_rms_mm")), 0.3);
+    EXPECT_EQ(cell(1, "fitted").find("E of m0 "), 0u) << cell(1, "fitted");
+    EXPECT_NEAR(std::stod(cell(1, "fitted").substr(8)), 20, 0.2);
+    pliant_report_close(&tables);
+    std::ofstream(in + "markers.csv") << "0,0.01,0.01,0.01,0,0,0\n";
+    measured_body body;
+    EXPECT_EQ(measured_body_read(folder, &body), PLIANT_ERROR_FORMAT);
+    std::remove((in + "scene.yaml").c_str());
+    EXPECT_EQ(measured_body_read(folder, &body), PLIANT_ERROR_FILE);
+    EXPECT_NE(std::string(pliant_last_error()).find("gravity_markers.csv"), std::string::npos) << pliant_last_error();
+    EXPECT_EQ(measured_body_read("/nonexistent", &body), PLIANT_ERROR_FILE);
+    std::ofstream(in + "gravity_markers.csv") << "recording,marker,state,beam_x,beam_y\n";
+    EXPECT_EQ(measured_body_read(folder, &body), PLIANT_ERROR_FORMAT);
+    EXPECT_NE(std::string(pliant_last_error()).find("beam_z"), std::string::npos) << pliant_last_error();
+    std::ofstream(in + "gravity_markers.csv") << "recording,marker,state,beam_x,beam_y,beam_z\na,Tip-1,rest,0,0.015,nan\n";
+    EXPECT_EQ(measured_body_read(folder, &body), PLIANT_ERROR_FORMAT);
+    EXPECT_NE(std::string(pliant_last_error()).find("line 2"), std::string::npos) << pliant_last_error();
+    EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
+}
+
+// What the handed-over measurements are read as; pliant_report --validate simulates them.
+TEST(Validation, MeasuredBodiesAreRead)
+{
+    measured_body body;
+    if (measured_body_read(PLIANT_TEST_DATA "/reference", &body) < 0) GTEST_SKIP() << "no measured cube in " PLIANT_TEST_DATA;
+    EXPECT_EQ(body.num_states, 3);
+    EXPECT_EQ(body.num_markers, 3 * 343);
+    double lowest = 1, highest = 0;
+    for (int32_t m = 0; m < body.num_markers; m++) {
+        lowest = std::fmin(lowest, body.markers[m].rest[2]);
+        highest = std::fmax(highest, body.markers[m].rest[2]);
+    }
+    EXPECT_NEAR(lowest, 0.08 - highest, 0.002); // in the middle of the cube
+    measured_body_free(&body);
+    ASSERT_EQ(measured_body_read(PLIANT_TEST_DATA "/beam", &body), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(body.num_states, 2);
+    ASSERT_EQ(body.num_markers, 6);
+    EXPECT_LT(body.markers[0].moved[2], -0.006);
+    EXPECT_NEAR(body.markers[0].offset[2], 0.006, 0.001);
+    EXPECT_EQ(body.markers[0].rest[2], 0.03);
+    measured_body_free(&body);
 }
 
 class Fit : public Program {

@@ -145,6 +145,7 @@ typedef struct pliant_sweep {
                                *   else the clock's. Runs are repeated only where there were some */
     bool paced;               /**< frames begin solver/step apart, as in a running simulation, not one at the end of the other */
     bool warp;                /**< the deformed volume is made in every frame and its time is told */
+    int32_t shard, shards;    /**< the part that is run, 1 to shards: every so-manieth model; 0, 0: all */
 } pliant_sweep;
 
 /** All methods and cases, the scene's ratio, a few budgets, one point to pull at, 3 cm in 30 frames. The points are left to
@@ -163,12 +164,16 @@ typedef struct pliant_report_tables {
     pliant_results *choice;    /**< what pliant_choose took */
     pliant_results *dynamics;  /**< a row per setup: time steps and energy of explicit dynamics */
     pliant_results *truth;     /**< a row per case: error of the scene's mesh, beside that of its solver */
+    pliant_results *validation; /**< a row per measured state: where markers were measured and where they are simulated */
 } pliant_report_tables;
 
 /** Opens folder/sweep.csv and so on. @param folder Nullable: in memory only. Errors: FILE, FORMAT, MEMORY. */
 PLIANT_API pliant_status pliant_report_open(const char *folder, pliant_report_tables *out);
 /** The tables as they are to folder/sweep.csv and so on, over what is there. Errors: FILE. */
 PLIANT_API pliant_status pliant_report_write(const char *folder, const pliant_report_tables *tables);
+/** Rows of another report, with the slices that they name, that are not in this one: sweeps that were run in parts.
+ *  @param from, folder  the other's folder, and this one's. Errors: FILE, FORMAT, MEMORY. */
+PLIANT_API pliant_status pliant_report_merge(const char *from, const char *folder, const pliant_report_tables *tables);
 PLIANT_API void pliant_report_close(pliant_report_tables *tables);
 
 /** folder/report.json: machine, threads, backend, version, and the rows of this setup. Errors: FILE. */
@@ -259,8 +264,9 @@ enum { PLIANT_MAX_MODULI = 8 };
 /** A point whose displacement was measured. */
 typedef struct pliant_marker {
     int32_t load;                /**< under which load, from 0 */
-    double rest[3], moved[3];    /**< LPS [m] */
+    double rest[3], moved[3];    /**< point of the tissue, and by how much the marker moved, LPS [m] */
     double deviation;            /**< standard deviation of each of the three numbers [m] */
+    double offset[3];            /**< from the tissue's point to the marker's centre: it turns with the tissue; zero: the marker is the point [m] */
 } pliant_marker;
 
 typedef struct pliant_moduli_data {
@@ -289,6 +295,25 @@ PLIANT_API pliant_status pliant_markers_read(const char *path, double deviation,
  *  NOT_CONVERGED: *out is the best that was found. */
 PLIANT_API pliant_status pliant_moduli_fit(const pliant_report_input *input, const pliant_moduli_data *data, int32_t count, const char *const *names,
                                            pliant_progress progress, pliant_moduli *out);
+
+/* ---- VALIDATION (validation.c): measured bodies, fitted on one state, predicted in the others */
+
+/** What is measured in a folder: its kind is told from the files in it.
+ *  - gravity_markers.csv: silicone beams of 30 x 30 x 100 mm, 1070 kg/m^3, clamped and released under their own weight, a state a recording:
+ *    columns recording, marker, state (rest, end) and beam_x, beam_y, beam_z [m], the beam between x -0.1 (clamp) and 0. Young's modulus
+ *    is fitted on the first recording.
+ *  - truthcube*.csv: beads in a cube of 80 mm between plates (Kerdok et al. 2003, Medical Image Analysis 7): lines of
+ *    three indices and twelve coordinates [mm], at 0, 5, 12.5 and 18.25 % nominal strain. Displacements say nothing of a modulus: Poisson's ratio
+ *    is fitted, at 5 %. A rigid motion of all beads is left out of every state: how the scanner lay to the plates is not known.
+ *  - scene.yaml, scan.* and markers.csv (pliant_markers_read), and for each load load_1.yaml, load_2.yaml, ... (pliant_path_read), or none for
+ *    the scene's own gravity: moduli of the materials are fitted on the first load.
+ *  Rows go to tables->validation: a state with how far the markers moved and how far the simulation is from where they were measured (root mean
+ *  square and largest [mm]), beside what the measurement itself is good for: its spread (over recordings of the same state, or about a smooth field
+ *  where hundreds of beads were measured) and the deviation that its notes tell.
+ *  @param names (count) materials of a scene.yaml to fit; 0: all that are not empty and not fixed
+ *  Errors: FILE (no folder, or nothing in it that is known), FORMAT, those of pliant_moduli_fit, CANCELLED. */
+PLIANT_API pliant_status pliant_validation_run(const char *folder, int32_t count, const char *const *names, pliant_report_tables *tables,
+                                               pliant_progress progress);
 
 /* ---- STABILITY */
 

@@ -2,6 +2,7 @@
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/report.h"
+#include "report/validation.h"
 #include "state/data.h"
 
 #include <math.h>
@@ -68,22 +69,89 @@ static pliant_status settle(const pliant_model *model, pliant_data *data, const 
     return status;
 }
 
-static pliant_status solve_load(const pliant_model *model, const pliant_moduli_data *data, int32_t load, double *moved)
+/* Points that are followed for a marker: its point of the tissue, and for one that stands off from it three more, which tell how the tissue there turns. */
+enum { FOLLOWED = 3 };
+
+/* Inwards from the marker, and to a side. */
+static void beside(const pliant_marker *marker, double sign, int axis, double out[3 * FOLLOWED])
+{
+    const double far = sqrt(marker->offset[0] * marker->offset[0] + marker->offset[1] * marker->offset[1] + marker->offset[2] * marker->offset[2]);
+    for (int d = 0; d < 3; d++) {
+        out[d] = marker->rest[d];
+        out[3 + d] = marker->rest[d] - marker->offset[d];
+        out[6 + d] = out[3 + d] + (d == axis ? sign * far : 0);
+    }
+}
+
+/* The axis that is most across the offset, on the side where there is tissue. */
+static pliant_status place(const pliant_mesh *mesh, const pliant_marker *marker, double out[3 * FOLLOWED])
+{
+    int axis = 0;
+    for (int d = 1; d < 3; d++)
+        if (fabs(marker->offset[d]) < fabs(marker->offset[axis])) axis = d;
+    for (int side = 0; side < 2; side++) {
+        pliant_points trial;
+        beside(marker, side ? -1 : 1, axis, out);
+        pliant_status status = pliant_points_create(mesh, FOLLOWED, out, &trial);
+        if (status < 0) return status;
+        const bool all = trial.num_found == FOLLOWED;
+        pliant_points_free(&trial);
+        if (all) break;
+    }
+    return PLIANT_OK;
+}
+
+/* A right-handed frame whose first direction is b - a and whose second lies in the plane of c. */
+static void frame(const double *a, double out[9])
+{
+    double x[3], y[3], length = 0, along = 0;
+    for (int d = 0; d < 3; d++) x[d] = a[3 + d] - a[d], y[d] = a[6 + d] - a[3 + d], length += x[d] * x[d];
+    for (int d = 0; d < 3; d++) x[d] /= sqrt(length), along += x[d] * y[d];
+    length = 0;
+    for (int d = 0; d < 3; d++) y[d] -= along * x[d], length += y[d] * y[d];
+    for (int d = 0; d < 3; d++) {
+        out[d] = x[d];
+        out[3 + d] = y[d] / sqrt(length);
+    }
+    for (int d = 0; d < 3; d++) out[6 + d] = out[(d + 1) % 3] * out[3 + (d + 2) % 3] - out[(d + 2) % 3] * out[3 + (d + 1) % 3];
+}
+
+/* Of a marker's centre: its point of the tissue, and its offset turned as the tissue there has turned. */
+static void displacement(const pliant_marker *marker, const double rest[3 * FOLLOWED], const double now[3 * FOLLOWED], double out[3])
+{
+    double before[9], after[9];
+    for (int d = 0; d < 3; d++) out[d] = now[d] - rest[d];
+    if (marker->offset[0] == 0 && marker->offset[1] == 0 && marker->offset[2] == 0) return;
+    frame(rest, before);
+    frame(now, after);
+    for (int d = 0; d < 3; d++) {
+        out[d] -= marker->offset[d];
+        for (int k = 0; k < 3; k++)
+            for (int e = 0; e < 3; e++) out[d] += after[3 * k + d] * before[3 * k + e] * marker->offset[e];
+    }
+}
+
+pliant_status report_markers_move(const pliant_model *model, const pliant_path *load, int32_t state, int32_t num_markers, const pliant_marker *markers,
+                                  double *moved)
 {
     pliant_data *simulation = NULL;
     pliant_points points = {0};
-    double *rest = pliant_calloc((size_t)data->num_markers, 3 * sizeof *rest), *now = pliant_calloc((size_t)data->num_markers, 3 * sizeof *now);
+    const size_t room = FOLLOWED * 3 * (size_t)num_markers;
+    double *rest = pliant_calloc(room, sizeof *rest), *now = pliant_calloc(room, sizeof *now);
     pliant_status status = rest && now ? pliant_data_create(model, &simulation) : pliant_fail_memory("the markers");
-    for (int32_t m = 0; status >= 0 && m < data->num_markers; m++) memcpy(rest + 3 * m, data->markers[m].rest, 3 * sizeof *rest);
-    if (status >= 0) status = pliant_points_create(&model->body->fine, data->num_markers, rest, &points);
-    for (int32_t m = 0; status >= 0 && m < data->num_markers; m++)
-        if (!points.found[m])
-            status = pliant_fail(PLIANT_ERROR_ARGUMENT, "marker %d: there is no tissue at (%.4f %.4f %.4f) m", m + 1, rest[3 * m], rest[3 * m + 1], rest[3 * m + 2]);
-    if (status >= 0) status = settle(model, simulation, data->loads ? data->loads + load : NULL);
-    if (status == PLIANT_NOT_CONVERGED) status = pliant_fail(PLIANT_ERROR_NUMERIC, "load %d does not come to rest", load + 1);
+    for (int32_t m = 0; status >= 0 && m < num_markers; m++) status = place(&model->body->fine, markers + m, rest + 3 * FOLLOWED * m);
+    if (status >= 0) status = pliant_points_create(&model->body->fine, FOLLOWED * num_markers, rest, &points);
+    for (int32_t m = 0; status >= 0 && m < num_markers; m++)
+        for (int f = 0; status >= 0 && f < FOLLOWED; f++)
+            if (!points.found[FOLLOWED * m + f]) {
+                const double *at = rest + 3 * (FOLLOWED * m + f);
+                status = pliant_fail(PLIANT_ERROR_ARGUMENT, "marker %d: there is no tissue at (%.4f %.4f %.4f) m", m + 1, at[0], at[1], at[2]);
+            }
+    if (status >= 0) status = settle(model, simulation, load);
+    if (status == PLIANT_NOT_CONVERGED) status = pliant_fail(PLIANT_ERROR_NUMERIC, "load %d does not come to rest", state + 1);
     if (status >= 0) pliant_points_move(&points, simulation->positions, now);
-    for (int32_t m = 0; status >= 0 && m < data->num_markers; m++)
-        for (int d = 0; d < 3 && data->markers[m].load == load; d++) moved[3 * m + d] = now[3 * m + d] - rest[3 * m + d];
+    for (int32_t m = 0; status >= 0 && m < num_markers; m++)
+        if (markers[m].load == state) displacement(markers + m, rest + 3 * FOLLOWED * m, now + 3 * FOLLOWED * m, moved + 3 * m);
     pliant_points_free(&points);
     pliant_data_free(simulation);
     pliant_free(rest);
@@ -99,7 +167,8 @@ static pliant_status residuals(fitting *fit, const double *logs, double *out)
     if (!pliant_report_progress(fit->progress, 1 - 1 / (1 + 0.05 * fit->solves++), "moduli")) return pliant_fail(PLIANT_ERROR_CANCELLED, "the fit was stopped");
     for (int32_t p = 0; p < fit->count; p++) fit->table.materials[fit->material[p]].young_modulus = exp(logs[p]);
     pliant_status status = pliant_model_build(fit->input->scene, fit->input->scan, fit->input->labels, &fit->table, (pliant_progress){NULL, NULL}, &model);
-    for (int32_t load = 0; status >= 0 && load < data->num_loads; load++) status = solve_load(model, data, load, out);
+    for (int32_t load = 0; status >= 0 && load < data->num_loads; load++)
+        status = report_markers_move(model, data->loads ? data->loads + load : NULL, load, data->num_markers, data->markers, out);
     pliant_model_free(model);
     for (int32_t m = 0; status >= 0 && m < data->num_markers; m++)
         for (int d = 0; d < 3; d++) out[3 * m + d] = (out[3 * m + d] - data->markers[m].moved[d]) / data->markers[m].deviation;

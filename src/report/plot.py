@@ -6,6 +6,7 @@ Reads the tables in FOLDER (of the newest setup unless one is named) and writes
   histogram.png                      per-voxel error in the warped image
   error_CASE_POINT_RATIO.png         slices of the same
   stages.png                         what was left out
+  validation.png                     measured bodies: how far markers are from where they were measured
   stability.png                      verdicts
 """
 import csv
@@ -237,6 +238,32 @@ def draw_stages(folder, rows):
     plt.close(figure)
 
 
+def draw_validation(folder, rows):
+    if not rows:
+        return
+    figure, axis = plt.subplots(figsize=(8, 0.5 * len(rows) + 1.8))
+    for y, row in enumerate(rows):
+        fitted = row["role"] == "fitted"
+        axis.barh(y, number(row, "rms_mm"), color="#9ecae9" if fitted else "#4c78a8", height=0.6)
+        axis.plot(number(row, "max_mm"), y, "|", color="#555555", markersize=12)
+        spread, deviation = number(row, "spread_mm"), number(row, "deviation_mm")
+        axis.plot([spread], [y], "o", color="#e45756", label="spread of the measurement" if y == 0 else None)
+        axis.plot([deviation], [y], "D", color="#f58518", markersize=5, label="deviation told with it" if y == 0 else None)
+        axis.annotate("%.2f mm of %.1f (%.0f %%)" % (number(row, "rms_mm"), number(row, "moved_rms_mm"), number(row, "percent")),
+                      (max(number(row, "max_mm"), number(row, "rms_mm")), y), xytext=(6, 0), textcoords="offset points", va="center", fontsize=8)
+    axis.set_yticks(range(len(rows)))
+    axis.set_yticklabels(["%s, %s: %s" % (row["body"], row["state"], row["role"]) for row in rows], fontsize=8)
+    axis.invert_yaxis()
+    axis.set_xlim(0, 1.6 * max(max(number(row, "max_mm") for row in rows), max(np.nan_to_num(number(row, "deviation_mm")) for row in rows)))
+    axis.set_xlabel("simulated from measured: root mean square (bar) and largest (tick) [mm]")
+    axis.legend(loc="lower right", fontsize=8)
+    fits = in_order("%s: %s" % (row["body"], row["fitted"]) for row in rows)
+    figure.suptitle("Fitted on one state, predicted in the others\n" + "\n".join(fits), fontsize=10)
+    figure.tight_layout()
+    figure.savefig(os.path.join(folder, "validation.png"), dpi=110)
+    plt.close(figure)
+
+
 def draw_stability(folder, rows):
     if not rows:
         return
@@ -282,6 +309,7 @@ def main():
     draw_histograms(folder, read(folder, "histogram", setup))
     draw_slices(folder, read(folder, "slices", setup))
     draw_stages(folder, read(folder, "stages", setup))
+    draw_validation(folder, read(folder, "validation"))
     draw_stability(folder, read(folder, "stability"))
 
 

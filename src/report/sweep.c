@@ -61,6 +61,8 @@ static pliant_status check(const pliant_sweep *sweep)
         if (sweep->ratios[r] < 1 || sweep->ratios[r] > 8) return pliant_fail(PLIANT_ERROR_ARGUMENT, "ratio %d: 1 to 8 is wanted", sweep->ratios[r]);
     for (int b = 0; b < sweep->num_iterations; b++)
         if (sweep->iterations[b] < 0) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a budget of %d iterations: 0 or more is wanted", sweep->iterations[b]);
+    if (sweep->shards != 0 && (sweep->shard < 1 || sweep->shard > sweep->shards))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "part %d of %d: 1 to %d is wanted", sweep->shard, sweep->shards, sweep->shards);
     return PLIANT_OK;
 }
 
@@ -90,12 +92,23 @@ static void run_key(const sweep_ground *ground, int index, int budget, report_ro
 
 static int num_touches(int method) { return method == PLIANT_SCHUR ? NUM_TOUCHES : 1; }
 
+/* Models are dealt out in turn, in the order in which they are run. */
+static bool in_shard(const sweep_state *state, int method, int touch)
+{
+    const pliant_sweep *sweep = state->ground.sweep;
+    int models = 0, before = 0;
+    for (int m = 0; m < NUM_METHODS; m++)
+        for (int t = 0; (sweep->methods >> m & 1) && t < num_touches(m); t++, models++) before += m < method || (m == method && t < touch);
+    return sweep->shards == 0 || (state->grounds * models + before) % sweep->shards == sweep->shard - 1;
+}
+
 /* runs of a model that are not in the table yet; missing (Nullable): (cases) set to 1 for theirs */
 static int count_missing(const sweep_state *state, int method, int touch, uint8_t *missing)
 {
     const sweep_ground *ground = &state->ground;
     report_row row;
     int count = 0;
+    if (!in_shard(state, method, touch)) return 0;
     model_key(state, method, touch, false, &row);
     size_t rows = pliant_results_rows(ground->tables->builds);
     int status = pliant_results_column(ground->tables->builds, "status");
@@ -474,6 +487,7 @@ static pliant_status each_ground(sweep_state *state, bool counting)
     pliant_status status = PLIANT_OK;
     for (int v = 0; status >= 0 && v < variants; v++)
         for (int r = 0; status >= 0 && r < sweep->num_ratios; r++) {
+            state->grounds = v * sweep->num_ratios + r;
             state->ground.scene = *state->ground.input->scene;
             state->ground.scene.mesh.ratio = sweep->ratios[r];
             if (sweep->option[0] && sweep->num_values > 0) {

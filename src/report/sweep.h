@@ -60,6 +60,7 @@ typedef struct sweep_state {
     char setup[9];
     char variant[112];
     char doing[160];
+    int grounds; /* ratios and variants before this one */
     int done, total;
 } sweep_state;
 

@@ -53,15 +53,18 @@ static const char *const truth_columns[] = {
     "setup", "case", "point", "status", "message", "fine_tetrahedra", "tetrahedra_of_three", "order", "largest_mm", "mesh_max_mm", "mesh_rms_mm", "mesh_p95_mm",
     "mesh_p95_percent", "solver_max_mm", "solver_rms_mm", "solver_p95_mm", "solver_p95_percent", "larger", "mesh_p95_percent_at_twice", "advice"};
 
+static const char *const validation_columns[] = {
+    "setup", "body", "state", "status", "message", "role", "fitted", "markers", "moved_rms_mm", "rms_mm", "max_mm", "percent", "spread_mm", "deviation_mm", "seconds"};
+
 #define COLUMNS(list) list, (int)(sizeof(list) / sizeof *(list))
 
-enum { NUM_TABLES = 10 };
+enum { NUM_TABLES = 11 };
 
 static void list_tables(pliant_report_tables *tables, pliant_results **out[NUM_TABLES])
 {
     pliant_results **const list[NUM_TABLES] = {&tables->sweep,  &tables->frames, &tables->builds,   &tables->histogram,
                                                &tables->slices, &tables->stages, &tables->stability, &tables->choice,
-                                               &tables->dynamics, &tables->truth};
+                                               &tables->dynamics, &tables->truth, &tables->validation};
     memcpy(out, list, sizeof list);
 }
 
@@ -74,7 +77,7 @@ static const struct {
     {"builds", COLUMNS(build_columns), MODEL_KEYS},  {"histogram", COLUMNS(histogram_columns), RUN_KEYS + 1},
     {"slices", COLUMNS(slice_columns), RUN_KEYS + 1}, {"stages", COLUMNS(stage_columns), 2},
     {"stability", COLUMNS(stability_columns), 4}, {"choice", COLUMNS(choice_columns), 1},
-    {"dynamics", COLUMNS(dynamics_columns), 1}, {"truth", COLUMNS(truth_columns), 3},
+    {"dynamics", COLUMNS(dynamics_columns), 1}, {"truth", COLUMNS(truth_columns), 3}, {"validation", COLUMNS(validation_columns), 3},
 };
 
 pliant_status pliant_report_open(const char *folder, pliant_report_tables *out)
@@ -120,6 +123,54 @@ void pliant_report_close(pliant_report_tables *tables)
         pliant_results_close(*list[t]);
         *list[t] = NULL;
     }
+}
+
+/* ---- parts of a sweep */
+
+static pliant_status copy_file(const char *from, const char *to, const char *name)
+{
+    char source[4096], target[4096], block[65536];
+    size_t got;
+    if (!name[0]) return PLIANT_OK;
+    snprintf(source, sizeof source, "%s/%s", from, name);
+    snprintf(target, sizeof target, "%s/%s", to, name);
+    FILE *in = fopen(source, "rb"), *out = in ? fopen(target, "wb") : NULL;
+    bool good = in && out;
+    while (good && (got = fread(block, 1, sizeof block, in)) > 0) good = fwrite(block, 1, got, out) == got;
+    good = good && !ferror(in);
+    if (in) fclose(in);
+    if (out) good &= fclose(out) == 0;
+    return good ? PLIANT_OK : pliant_fail(PLIANT_ERROR_FILE, "%s could not be copied to %s", source, target);
+}
+
+static pliant_status merge_table(const char *from, const char *folder, const pliant_results *other, pliant_results *table)
+{
+    const char *cells[ROW_CELLS];
+    const int columns = pliant_results_columns(other);
+    const int files[2] = {pliant_results_column(other, "error_file"), pliant_results_column(other, "image_file")};
+    pliant_status status = PLIANT_OK;
+    for (size_t r = 0; status == PLIANT_OK && r < pliant_results_rows(other); r++) {
+        for (int c = 0; c < columns; c++) cells[c] = pliant_results_cell(other, r, c);
+        if (pliant_results_has(table, cells)) continue;
+        for (int f = 0; status == PLIANT_OK && f < 2; f++)
+            if (files[f] >= 0) status = copy_file(from, folder, cells[files[f]]);
+        if (status == PLIANT_OK) status = pliant_results_add(table, cells);
+    }
+    return status;
+}
+
+pliant_status pliant_report_merge(const char *from, const char *folder, const pliant_report_tables *tables)
+{
+    pliant_report_tables other, all = *tables;
+    pliant_results **theirs[NUM_TABLES], **ours[NUM_TABLES];
+    if (access(from, R_OK) != 0) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", from, strerror(errno));
+    pliant_status status = pliant_report_open(from, &other);
+    if (status != PLIANT_OK) return status;
+    list_tables(&other, theirs);
+    list_tables(&all, ours);
+    for (int t = 0; status == PLIANT_OK && t < NUM_TABLES; t++) status = merge_table(from, folder, *theirs[t], *ours[t]);
+    pliant_report_close(&other);
+    return status;
 }
 
 /* ---- JSON */
@@ -177,8 +228,8 @@ pliant_status pliant_report_json(const char *folder, const char *setup, const pl
     pliant_status status = PLIANT_OK;
     for (int t = 0; status == PLIANT_OK && t < NUM_TABLES; t++) {
         fprintf(file, ",\n\"%s\": ", kinds[t].name);
-        /* stability may be of another body than the scan's: its rows say which */
-        status = pliant_results_json(*list[t], *list[t] == tables->stability ? NULL : setup, file);
+        /* stability and validation may be of other bodies than the scan's: their rows say which */
+        status = pliant_results_json(*list[t], *list[t] == tables->stability || *list[t] == tables->validation ? NULL : setup, file);
     }
     fputs("}\n", file);
     bool failed = ferror(file);

@@ -1,6 +1,7 @@
 #include "report_arguments.h"
 #include "command_line.h"
 
+#include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,6 +19,9 @@ static const char help[] =
     "What is done (default: all of it):\n"
     "  --sweep             error against run time\n"
     "  --truth             error of the mesh, from three resolutions, beside that of the solver: which one is larger\n"
+    "  --validate FOLDER   measured bodies: fitted on one state, predicted in the others; may be repeated, and needs no scan. FOLDER holds\n"
+    "                       gravity_markers.csv, truthcube*.csv, or scene.yaml, scan.* and markers.csv (as of pliant_fit) with load_1.yaml ...\n"
+    "  --materials A,B     whose moduli a scene.yaml's fit looks for (default: all that are not empty and not fixed)\n"
     "  --left-out          time and memory without each stage of the scene\n"
     "  --stability         extreme cases, on a small block; with --full also loads on the scan (needs no scan otherwise)\n"
     "  --case NAME         one stability case only; --cases prints their names\n"
@@ -39,24 +43,27 @@ static const char help[] =
     "  --frames N          of a pull (default: 30)\n"
     "  --repeats N         runs of the same; the quickest of each frame is told, for a machine that does other work too\n"
     "  --twice N           most tetrahedra of the mesh of twice the resolution, which is solved too (0: never)\n"
+    "  --shard I/N         one part of N of the sweep's models, I from 1 to N, each in a folder of its own; results do not depend on N\n"
+    "  --merge DIR         rows of DIR, which a part was written to, into --out; may be repeated, and needs no scan\n"
     "  --no-warp           no deformed volume: no times and errors of it\n"
     "\n"
     "  --no-pictures       tables only\n"
     "  --quiet             no progress and no tables, warnings and errors only\n"
     "  --help              print this and end\n"
     "\n"
-    "Results in DIR: sweep.csv (a row a run), frames.csv, builds.csv, histogram.csv, slices.csv, stages.csv, truth.csv,\n"
+    "Results in DIR: sweep.csv (a row a run), frames.csv, builds.csv, histogram.csv, slices.csv, stages.csv, truth.csv, validation.csv,\n"
     "dynamics.csv (of tled), stability.csv, report.json (all of it, with machine, threads, backend and version), plot.py and its pictures;\n"
     "reference_*.bin hold the fine solutions that errors are against, for a sweep that goes on.\n"
     "\n"
     "Exit codes: 0 done, 1 failed or a stability case was broken, 2 wrong usage, 130 stopped by Ctrl-C (what was done is kept).\n";
 
-enum { SCAN = 256, OUT, SET, SWEEP, TRUTH, LEFT_OUT, STABILITY, CASE, CASES, STEPS, QUICK, FULL, METHODS, RATIOS, BUDGETS, VARY, AT, LABELS, POINTS,
-       PULL, FRAMES, REPEATS, TWICE, NO_WARP, NO_PICTURES, QUIET, HELP };
+enum { SCAN = 256, OUT, SET, SWEEP, TRUTH, VALIDATE, MATERIALS, LEFT_OUT, STABILITY, CASE, CASES, STEPS, QUICK, FULL, METHODS, RATIOS, BUDGETS, VARY, AT, LABELS, POINTS,
+       PULL, FRAMES, REPEATS, TWICE, SHARD, MERGE, NO_WARP, NO_PICTURES, QUIET, HELP };
 
 static const struct option options[] = {
     {"scan", required_argument, NULL, SCAN},       {"out", required_argument, NULL, OUT},
     {"set", required_argument, NULL, SET},         {"sweep", no_argument, NULL, SWEEP},           {"truth", no_argument, NULL, TRUTH},
+    {"validate", required_argument, NULL, VALIDATE}, {"materials", required_argument, NULL, MATERIALS},
     {"left-out", no_argument, NULL, LEFT_OUT},     {"stability", no_argument, NULL, STABILITY},
     {"case", required_argument, NULL, CASE},       {"cases", no_argument, NULL, CASES},
     {"steps", required_argument, NULL, STEPS},     {"quick", no_argument, NULL, QUICK},
@@ -65,7 +72,7 @@ static const struct option options[] = {
     {"vary", required_argument, NULL, VARY},       {"at", required_argument, NULL, AT},
     {"labels", required_argument, NULL, LABELS},   {"points", required_argument, NULL, POINTS},
     {"pull", required_argument, NULL, PULL},       {"frames", required_argument, NULL, FRAMES},
-    {"repeats", required_argument, NULL, REPEATS},
+    {"repeats", required_argument, NULL, REPEATS}, {"shard", required_argument, NULL, SHARD}, {"merge", required_argument, NULL, MERGE},
     {"twice", required_argument, NULL, TWICE},     {"no-warp", no_argument, NULL, NO_WARP},
     {"no-pictures", no_argument, NULL, NO_PICTURES}, {"quiet", no_argument, NULL, QUIET},
     {"help", no_argument, NULL, HELP},             {NULL, 0, NULL, 0},
@@ -114,6 +121,17 @@ static bool read_methods(const char *text, uint32_t *out)
         at += length;
         if (!*at) return true;
     }
+}
+
+/* "a,b", in place */
+static bool read_names(char *text, report_arguments *out)
+{
+    out->num_names = 0;
+    for (char *name = strtok(text, ","); name; name = strtok(NULL, ",")) {
+        if (out->num_names == PLIANT_MAX_MODULI) return wrong("--materials", name, "there are too many");
+        out->names[out->num_names++] = name;
+    }
+    return true;
 }
 
 /* "group/name=a,b" */
@@ -183,6 +201,11 @@ static bool read_one(int code, report_arguments *out)
     case OUT: out->folder = optarg; break;
     case SWEEP: out->do_sweep = true; break;
     case TRUTH: out->do_truth = true; break;
+    case VALIDATE:
+        if (out->num_measured == MOST_MEASURED) return wrong("--validate", optarg, "that is one folder too many");
+        out->measured[out->num_measured++] = optarg;
+        break;
+    case MATERIALS: good = read_names(optarg, out); break;
     case LEFT_OUT: out->do_left_out = true; break;
     case STABILITY: out->do_stability = true; break;
     case CASE:
@@ -221,6 +244,16 @@ static bool read_one(int code, report_arguments *out)
         sweep->repeats = (int32_t)number;
         break;
     case TWICE: good = read_number("--twice", optarg, 0, 1e12, &sweep->twice_limit); break;
+    case SHARD: {
+        char rest;
+        if (sscanf(optarg, "%" SCNd32 "/%" SCNd32 "%c", &sweep->shard, &sweep->shards, &rest) != 2 || sweep->shards < 1 || sweep->shard < 1 || sweep->shard > sweep->shards)
+            return wrong("--shard", optarg, "a part and how many there are is wanted, as 2/8");
+        break;
+    }
+    case MERGE:
+        if (out->num_parts == MOST_PARTS) return wrong("--merge", optarg, "that is one folder too many");
+        out->parts[out->num_parts++] = optarg;
+        break;
     case NO_WARP: sweep->warp = false; break;
     case NO_PICTURES: out->pictures = false; break;
     case QUIET: out->quiet = true; break;
@@ -254,7 +287,7 @@ bool report_arguments_read(int argc, char **argv, report_arguments *out, int *ex
     if (!read_scene(argc, argv, out, exit_code)) return false;
     for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
         if (!read_one(code, out)) return false;
-    if (!out->do_sweep && !out->do_truth && !out->do_left_out && !out->do_stability)
+    if (!out->do_sweep && !out->do_truth && !out->do_left_out && !out->do_stability && !out->num_measured && !out->num_parts)
         out->do_sweep = out->do_truth = out->do_left_out = out->do_stability = true;
     if (!out->folder) return wrong("--out", "DIR", "is missing; pliant_report --help tells more");
     if (!out->scan && (out->do_sweep || out->do_truth || out->do_left_out)) return wrong("--scan", "PATH", "is missing: only --stability needs no scan");

@@ -8,10 +8,16 @@
 extern "C" {
 #endif
 
+enum { MOST_MEASURED = 16, MOST_PARTS = 256 };
+
 typedef struct report_arguments {
     pliant_scene scene;           /* of the scene file and --set */
     const char *scan;             /* Nullable: only stability, on a block */
     const char *folder;
+    const char *measured[MOST_MEASURED]; /* folders to validate on */
+    const char *names[PLIANT_MAX_MODULI];
+    const char *parts[MOST_PARTS];       /* folders whose rows are taken over */
+    int num_measured, num_names, num_parts;
     pliant_sweep sweep;           /* its points: those given with --at */
     int32_t labels[PLIANT_MAX_PULLS];
     int num_labels, num_points;   /* most points to pull at, where none are given */

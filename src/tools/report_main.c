@@ -116,6 +116,16 @@ static void print_truth(const pliant_results *table, const char *setup)
     }
 }
 
+static void print_validation(const pliant_results *table)
+{
+    printf("\n%-16s %-22s %-10s %8s %14s %14s %10s %8s %12s %14s   distances of markers, root mean square\n", "body", "state", "role", "markers", "moved mm", "off by mm", "most mm",
+           "off by %", "spread mm", "deviation mm");
+    for (size_t r = 0; r < pliant_results_rows(table); r++)
+        printf("%-16s %-22s %-10s %8s %14s %14s %10s %8s %12s %14s   %s\n", cell(table, r, "body"), cell(table, r, "state"), cell(table, r, "role"), cell(table, r, "markers"),
+               cell(table, r, "moved_rms_mm"), cell(table, r, "rms_mm"), cell(table, r, "max_mm"), cell(table, r, "percent"), cell(table, r, "spread_mm"),
+               cell(table, r, "deviation_mm"), cell(table, r, "fitted"));
+}
+
 static void print_stages(const pliant_results *table, const char *setup)
 {
     printf("\n%-12s %14s %10s %10s %10s\n", "left out", "frame [ms]", "saved", "held [MB]", "saved");
@@ -158,7 +168,12 @@ static pliant_status run(report_program *program)
     if (status >= 0) status = pliant_report_open(arguments->folder, &program->tables);
     if (status >= 0) status = read_inputs(program);
     if (status < 0) return status;
-    bool choosable = arguments->scene.solver.kind == PLIANT_COROTATIONAL && arguments->scene.mesh.kind == PLIANT_LATTICE;
+    for (int m = 0; status >= 0 && m < arguments->num_parts; m++) status = pliant_report_merge(arguments->parts[m], arguments->folder, &program->tables);
+    if (status < 0) return status;
+    const size_t merged = pliant_results_rows(program->tables.sweep);
+    if (arguments->num_parts && !arguments->scan && merged > 0) /* the newest rows are shown */
+        snprintf(program->setup, sizeof program->setup, "%s", pliant_results_cell(program->tables.sweep, merged - 1, 0));
+    bool choosable = arguments->sweep.shard <= 1 && arguments->scene.solver.kind == PLIANT_COROTATIONAL && arguments->scene.mesh.kind == PLIANT_LATTICE;
     if (arguments->do_sweep && choosable) { /* what a load of this scene would take */
         pliant_choice choice;
         status = choice_output(&program->input, arguments->folder, arguments->pictures, &choice);
@@ -172,6 +187,8 @@ static pliant_status run(report_program *program)
         status = pliant_left_out_run(&program->input, &arguments->sweep, &program->tables, console_progress());
     if (status >= 0 && arguments->scene.solver.kind == PLIANT_TLED && (arguments->do_sweep || arguments->do_left_out))
         status = pliant_dynamics_run(&program->input, &arguments->sweep, &program->tables, console_progress());
+    for (int m = 0; status >= 0 && m < arguments->num_measured; m++)
+        status = pliant_validation_run(arguments->measured[m], arguments->num_names, arguments->names, &program->tables, console_progress());
     console_progress_end();
     if (status >= 0 && arguments->do_stability) status = run_stability(program);
     return status < 0 ? status : swept;
@@ -181,8 +198,9 @@ static pliant_status finish(report_program *program)
 {
     report_arguments *arguments = program->arguments;
     bool drawn = false;
-    if (arguments->do_sweep && arguments->scan) print_sweep(program->tables.sweep, program->setup);
+    if ((arguments->do_sweep && arguments->scan) || arguments->num_parts) print_sweep(program->tables.sweep, program->setup);
     if (arguments->do_truth && arguments->scan) print_truth(program->tables.truth, program->setup);
+    if (arguments->num_measured) print_validation(program->tables.validation);
     if (arguments->do_left_out && arguments->scan) print_stages(program->tables.stages, program->setup);
     if (arguments->scan) print_dynamics(program->tables.dynamics, program->setup);
     if (arguments->do_stability) print_stability(program->tables.stability);

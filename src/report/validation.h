@@ -1,0 +1,43 @@
+/* Measured bodies: what validation_bodies.c reads and validation.c fits and predicts. */
+#ifndef PLIANT_REPORT_VALIDATION_H
+#define PLIANT_REPORT_VALIDATION_H
+
+#include "pliant/report.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { MOST_STATES = 64 };
+
+typedef struct measured_body {
+    char name[64];
+    pliant_scene scene;
+    pliant_volume scan;
+    pliant_labels labels;
+    pliant_material_table materials;
+    int32_t num_states;
+    char state[MOST_STATES][48];
+    pliant_path load[MOST_STATES]; /* of each state */
+    bool loaded;                   /* false: the scene's own gravity is the load of all */
+    int32_t fitted;                /* the state that is fitted on; all others are predicted */
+    bool fits_poisson;             /* displacements alone are prescribed: no modulus can be seen */
+    bool free_motion;              /* a rigid motion of all markers of a state is not known */
+    bool recordings;               /* states are repetitions of one experiment */
+    pliant_marker *markers;        /* marker.load: its state */
+    int32_t num_markers;
+} measured_body;
+
+/* What is in the folder, by the files that are there. Free with measured_body_free. FILE: nothing that is known. */
+pliant_status measured_body_read(const char *folder, measured_body *out);
+void measured_body_free(measured_body *body);
+
+/* Displacements of markers at rest under one load, as moduli.c fits them. @param load Nullable: the scene's own gravity
+ * @param moved (num_markers x 3) of the markers of this state [m] */
+pliant_status report_markers_move(const pliant_model *model, const pliant_path *load, int32_t state, int32_t num_markers, const pliant_marker *markers,
+                                  double *moved);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,339 @@
+/* Measured bodies from the files in a folder. */
+#define _POSIX_C_SOURCE 200809L
+#include "report/validation.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+#include "pliant/pliant.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { MOST_CELLS = 32, LINE = 1024 };
+
+void measured_body_free(measured_body *body)
+{
+    for (int32_t s = 0; s < body->num_states; s++) pliant_path_free(&body->load[s]);
+    pliant_volume_free(&body->scan);
+    pliant_labels_free(&body->labels);
+    pliant_material_table_free(&body->materials);
+    pliant_free(body->markers);
+    *body = (measured_body){.num_states = 0};
+}
+
+/* ---- a box of silicone, and a plate on it */
+
+typedef struct silicone {
+    double box[3], young, poisson, density;
+    int cells[3], plate; /* cells along each axis; the last `plate` along z are stiff */
+} silicone;
+
+static void name_material(pliant_material *material, int index, const char *name, double young, double poisson, double density)
+{
+    memset(material, 0, sizeof *material);
+    snprintf(material->name, sizeof material->name, "%s", name);
+    material->young_modulus = young;
+    material->poisson_ratio = poisson;
+    material->density = density;
+    material->toughness = PLIANT_DEFAULT_TOUGHNESS;
+    material->num_range = 2;
+    material->range[0] = index - 0.5;
+    material->range[1] = index + 0.5;
+}
+
+/* Two voxels a cell along each axis. */
+static pliant_status make_silicone(const silicone *what, measured_body *out)
+{
+    const double stiffer = 1e4;
+    pliant_geometry geometry = {.size = {0}};
+    for (int d = 0; d < 3; d++) {
+        geometry.size[d] = 2 * what->cells[d];
+        geometry.spacing[d] = what->box[d] / geometry.size[d];
+        geometry.origin[d] = 0.5 * geometry.spacing[d];
+        geometry.direction[4 * d] = 1;
+    }
+    pliant_scene_defaults(&out->scene);
+    for (int d = 0; d < 3; d++) out->scene.mesh.coarse_cells[d] = what->cells[d];
+    out->scene.mesh.ratio = 1;
+    out->scene.model.method = PLIANT_FINE;
+    out->scene.element.kind = PLIANT_HEXAHEDRA; /* tetrahedra of this size ask for a modulus that is a third too low */
+    out->scene.solver.backend = PLIANT_CPU;
+    pliant_status status = pliant_volume_create(&geometry, PLIANT_UINT8, &out->scan);
+    if (status < 0) return status;
+    out->scan.slope = 1;
+    uint8_t *voxel = out->scan.voxels;
+    const size_t layer = (size_t)geometry.size[0] * (size_t)geometry.size[1];
+    for (int k = 0; k < geometry.size[2]; k++) memset(voxel + layer * (size_t)k, k >= geometry.size[2] - 2 * what->plate, layer);
+    out->materials.materials = pliant_calloc(2, sizeof *out->materials.materials);
+    if (!out->materials.materials) return pliant_fail_memory("the materials");
+    out->materials.num_materials = what->plate ? 2 : 1;
+    name_material(out->materials.materials, 0, "silicone", what->young, what->poisson, what->density);
+    if (what->plate) name_material(out->materials.materials + 1, 1, "plate", stiffer * what->young, 0.3, what->density);
+    return PLIANT_OK;
+}
+
+static pliant_status add_marker(measured_body *body, int32_t *room, const pliant_marker *marker)
+{
+    if (body->num_markers == *room) {
+        pliant_marker *larger = pliant_resize(body->markers, 2 * (size_t)*room + 64, sizeof *larger);
+        if (!larger) return pliant_fail_memory("the markers");
+        body->markers = larger;
+        *room = 2 * *room + 64;
+    }
+    body->markers[body->num_markers++] = *marker;
+    return PLIANT_OK;
+}
+
+/* Cells of a line, in place; returns how many. */
+static int split(char *line, char *cells[MOST_CELLS])
+{
+    int count = 0;
+    line[strcspn(line, "\r\n")] = '\0';
+    for (char *at = line; at && count < MOST_CELLS;) {
+        cells[count++] = at;
+        at = strchr(at, ',');
+        if (at) *at++ = '\0';
+    }
+    return count;
+}
+
+static bool number(const char *text, double *out)
+{
+    char *end;
+    *out = strtod(text, &end);
+    return end != text && *end == '\0' && isfinite(*out);
+}
+
+/* ---- the beam that is released under its own weight */
+
+static const double beam_size[3] = {0.1, 0.03, 0.03}; /* the frame's x is -0.1 at the clamp, 0 at the tip */
+
+typedef struct beam_line {
+    char recording[48], marker[32];
+    bool end;
+    double at[3]; /* in the frame of the box, whose corner is at zero [m] */
+} beam_line;
+
+/* Lines of markers on the silicone. FORMAT: a column is missing, or not a number. */
+static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line **out)
+{
+    static const char *const wanted[6] = {"recording", "marker", "state", "beam_x", "beam_y", "beam_z"};
+    int column[6] = {-1, -1, -1, -1, -1, -1}, at = 0;
+    char line[LINE], *cells[MOST_CELLS];
+    int32_t room = 0;
+    pliant_status status = PLIANT_OK;
+    FILE *file = fopen(path, "r");
+    if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
+    *count = 0;
+    *out = NULL;
+    for (bool header = true; status >= 0 && fgets(line, sizeof line, file);) {
+        beam_line one = {.end = false};
+        at++;
+        if (line[0] == '#' || line[strspn(line, " \t\r\n")] == '\0') continue;
+        const int num_cells = split(line, cells);
+        if (header) {
+            for (int w = 0; w < 6; w++) {
+                for (int c = 0; c < num_cells; c++)
+                    if (strcmp(cells[c], wanted[w]) == 0) column[w] = c;
+                if (column[w] < 0) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: there is no column %s", path, at, wanted[w]);
+            }
+            header = false;
+            continue;
+        }
+        bool good = true;
+        for (int w = 0; w < 6; w++) good = good && column[w] < num_cells;
+        for (int d = 0; good && d < 3; d++) good = number(cells[column[3 + d]], &one.at[d]);
+        if (!good) {
+            status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: a recording, a marker, a state and three coordinates in metres are wanted", path, at);
+            break;
+        }
+        if (strncmp(cells[column[1]], "Base", 4) == 0) continue; /* on the clamp */
+        if (strcmp(cells[column[2]], "rest") != 0 && strcmp(cells[column[2]], "end") != 0) {
+            pliant_log(PLIANT_LOG_WARNING, "%s: line %d: state %s is left out: of rest and end alone the load is known", path, at, cells[column[2]]);
+            continue;
+        }
+        snprintf(one.recording, sizeof one.recording, "%s", cells[column[0]]);
+        snprintf(one.marker, sizeof one.marker, "%s", cells[column[1]]);
+        one.end = strcmp(cells[column[2]], "end") == 0;
+        one.at[0] += beam_size[0];
+        if (*count == room) {
+            beam_line *larger = pliant_resize(*out, 2 * (size_t)room + 64, sizeof *larger);
+            if (!larger) {
+                status = pliant_fail_memory("the markers");
+                break;
+            }
+            *out = larger;
+            room = 2 * room + 64;
+        }
+        (*out)[(*count)++] = one;
+    }
+    fclose(file);
+    return status;
+}
+
+static int32_t state_of(measured_body *body, const char *name)
+{
+    for (int32_t s = 0; s < body->num_states; s++)
+        if (strncmp(body->state[s], name, sizeof body->state[s] - 1) == 0) return s;
+    if (body->num_states == MOST_STATES) return -1;
+    snprintf(body->state[body->num_states], sizeof body->state[0], "%s", name);
+    return body->num_states++;
+}
+
+static pliant_status read_beam(const char *path, measured_body *out)
+{
+    const silicone dragon_skin = {{beam_size[0], beam_size[1], beam_size[2]}, 150e3, 0.499, 1070, {20, 6, 6}, 0};
+    int32_t count = 0, room = 0;
+    beam_line *lines = NULL;
+    snprintf(out->name, sizeof out->name, "silicone beam");
+    pliant_status status = make_silicone(&dragon_skin, out);
+    if (status >= 0) status = read_beam_lines(path, &count, &lines);
+    out->scene.fixed.planes[out->scene.fixed.num_planes++] = (pliant_fixed_plane){{1e-6, 0, 0}, {1, 0, 0}};
+    out->scene.model.gravity[2] = -9.807;
+    out->recordings = true;
+    for (int32_t e = 0; status >= 0 && e < count; e++) {
+        const beam_line *end = lines + e, *rest = NULL;
+        for (int32_t r = 0; end->end && r < count; r++)
+            if (!lines[r].end && strcmp(lines[r].recording, end->recording) == 0 && strcmp(lines[r].marker, end->marker) == 0) rest = lines + r;
+        if (!rest) continue;
+        pliant_marker marker = {.load = state_of(out, end->recording), .deviation = 1e-3 /* the tip was held before, to within that */};
+        if (marker.load < 0) {
+            status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: more than %d recordings", path, MOST_STATES);
+            break;
+        }
+        for (int d = 0; d < 3; d++) {
+            marker.rest[d] = fmin(fmax(rest->at[d], 0), beam_size[d]); /* the point below the ball */
+            marker.offset[d] = rest->at[d] - marker.rest[d];
+            marker.moved[d] = end->at[d] - rest->at[d];
+        }
+        status = add_marker(out, &room, &marker);
+    }
+    pliant_free(lines);
+    if (status >= 0 && out->num_markers == 0) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: no marker on the silicone has both states, rest and end", path);
+    return status;
+}
+
+/* ---- the cube between plates */
+
+/* A plate comes down by `shortened`, in a second, held at points all over it: it stays flat. */
+static pliant_status press(double edge, double plate, double shortened, pliant_path *out)
+{
+    enum { ACROSS = 2 };
+    out->tools = pliant_calloc(ACROSS * ACROSS, sizeof *out->tools);
+    if (!out->tools) return pliant_fail_memory("the load");
+    for (int n = 0; n < ACROSS * ACROSS; n++) {
+        pliant_path_tool *tool = out->tools + out->num_tools++;
+        snprintf(tool->name, sizeof tool->name, "plate %d", n + 1);
+        tool->drive = PLIANT_DRIVE_RIGID;
+        tool->grasp[0] = (n % ACROSS + 0.5) / ACROSS * edge;
+        tool->grasp[1] = (n / ACROSS + 0.5) / ACROSS * edge;
+        tool->grasp[2] = edge + 0.5 * plate;
+        tool->motion = pliant_calloc(2, sizeof *tool->motion);
+        if (!tool->motion) return pliant_fail_memory("the load");
+        tool->num_motion = 2;
+        tool->motion[1] = (pliant_path_key){1, {0, 0, -shortened}};
+    }
+    return PLIANT_OK;
+}
+
+static pliant_status read_cube(const char *path, measured_body *out)
+{
+    enum { STATES = 3, CELLS = 12 };
+    static const double strains[STATES] = {0.05, 0.125, 0.1825};
+    const double edge = 0.08, plate = edge / CELLS;
+    const silicone cube = {{edge, edge, edge + plate}, 15.3e3, 0.499, 980, {CELLS, CELLS, CELLS + 1}, 1};
+    double centre[3] = {0, 0, 0};
+    char line[LINE], *cells[MOST_CELLS];
+    int32_t room = 0;
+    snprintf(out->name, sizeof out->name, "Truth Cube");
+    pliant_status status = make_silicone(&cube, out);
+    out->scene.fixed.planes[out->scene.fixed.num_planes++] = (pliant_fixed_plane){{0, 0, 1e-6}, {0, 0, 1}};
+    out->fits_poisson = out->free_motion = out->loaded = true;
+    out->scene.solver.kind = PLIANT_TLED; /* a law for large strains */
+    out->scene.tled.quasi_static = true;
+    for (int s = 0; status >= 0 && s < STATES; s++) {
+        snprintf(out->state[s], sizeof out->state[s], "%g %%", 100 * strains[s]);
+        out->num_states++;
+        status = press(edge, plate, strains[s] * edge, &out->load[s]);
+    }
+    FILE *file = status >= 0 ? fopen(path, "r") : NULL;
+    if (status >= 0 && !file) status = pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
+    while (status >= 0 && fgets(line, sizeof line, file)) {
+        double value[15];
+        bool good = split(line, cells) >= 15;
+        for (int c = 0; good && c < 15; c++) good = number(cells[c], &value[c]);
+        for (int s = 0; status >= 0 && good && s < STATES; s++) {
+            pliant_marker bead = {.load = s, .deviation = 5e-4};
+            for (int d = 0; d < 3; d++) {
+                bead.rest[d] = 1e-3 * value[3 + d];
+                bead.moved[d] = 1e-3 * (value[6 + 3 * s + d] - value[3 + d]);
+                centre[d] += bead.rest[d];
+            }
+            status = add_marker(out, &room, &bead);
+        }
+    }
+    if (file) fclose(file);
+    if (status >= 0 && out->num_markers < 10 * STATES)
+        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: %d beads: lines of three indices and four times three coordinates in mm are wanted", path, out->num_markers / STATES);
+    for (int32_t m = 0; status >= 0 && m < out->num_markers; m++)
+        for (int d = 0; d < 3; d++) out->markers[m].rest[d] += 0.5 * edge - centre[d] / out->num_markers;
+    return status;
+}
+
+/* ---- a scene of the user's */
+
+static pliant_status read_scene_folder(const char *folder, const char *scan, measured_body *out)
+{
+    char path[4096];
+    snprintf(out->name, sizeof out->name, "%s", strrchr(folder, '/') && strrchr(folder, '/')[1] ? strrchr(folder, '/') + 1 : folder);
+    snprintf(path, sizeof path, "%s/scene.yaml", folder);
+    pliant_status status = pliant_scene_read(path, &out->scene);
+    if (status >= 0) status = pliant_inputs_read(&out->scene, scan, &out->scan, &out->labels, &out->materials);
+    snprintf(path, sizeof path, "%s/markers.csv", folder);
+    if (status >= 0) status = pliant_markers_read(path, 5e-4, &out->num_markers, &out->markers);
+    for (int32_t m = 0; status >= 0 && m < out->num_markers; m++) {
+        if (out->markers[m].load < 0 || out->markers[m].load >= MOST_STATES)
+            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: marker %d: load %d: 1 to %d are wanted", path, m + 1, out->markers[m].load + 1, MOST_STATES);
+        while (out->num_states <= out->markers[m].load) {
+            snprintf(out->state[out->num_states], sizeof out->state[0], "load %d", out->num_states + 1);
+            out->num_states++;
+        }
+    }
+    for (int32_t s = 0; status >= 0 && s < out->num_states; s++) {
+        snprintf(path, sizeof path, "%s/load_%d.yaml", folder, s + 1);
+        if (s == 0) out->loaded = access(path, F_OK) == 0;
+        if (out->loaded) status = pliant_path_read(path, &out->load[s]);
+    }
+    return status;
+}
+
+pliant_status measured_body_read(const char *folder, measured_body *out)
+{
+    char cube[4096] = "", beam[4096] = "", scan[4096] = "", scene[4096] = "", *const found[4] = {cube, beam, scan, scene};
+    static const char *const begins[4] = {"truthcube", "gravity_markers.csv", "scan", "scene.yaml"};
+    measured_body body = {.num_states = 0};
+    DIR *opened = opendir(folder);
+    if (!opened) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", folder, strerror(errno));
+    for (struct dirent *entry; (entry = readdir(opened));)
+        for (int f = 0; f < 4; f++)
+            if (strncmp(entry->d_name, begins[f], strlen(begins[f])) == 0 && (f != 0 || strstr(entry->d_name, ".csv")))
+                snprintf(found[f], 4096, "%s/%s", folder, entry->d_name);
+    closedir(opened);
+    pliant_status status;
+    if (*beam) status = read_beam(beam, &body);
+    else if (*cube) status = read_cube(cube, &body);
+    else if (*scene && *scan) status = read_scene_folder(folder, scan, &body);
+    else status = pliant_fail(PLIANT_ERROR_FILE, "%s: nothing measured is known here: gravity_markers.csv, truthcube*.csv, or scene.yaml with scan.* and markers.csv are wanted",
+                              folder);
+    if (status < 0) {
+        measured_body_free(&body);
+        return status;
+    }
+    *out = body;
+    return PLIANT_OK;
+}
