@@ -242,6 +242,43 @@ TEST_P(EveryStroke, WhileItMoves)
 INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain, schur, averaged, calibrated, patch, dynamic, cubes, relaxed), name_of);
 
 // what a live run took of what was made in the background, while it was cut, makes the same bits again
+// A bar that sags is cut half through at once: where it hangs then, by as many evaluations as any step has.
+TEST(FirstStep, OfACutTurnsWhatHangsOnLess)
+{
+    const int cells[3] = {16, 4, 4};
+    const double bar[3] = {0.28, 0.07, 0.07};
+    const Plane plane{{0.078, 0.035, 0.035}, {1, 0.05, 0.02}};
+    for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
+        Body fast(cells, bar, {{10000, 0.4, 1000, false}}), tight(cells, bar, {{10000, 0.4, 1000, false}});
+        for (Body *body : {&fast, &tight}) {
+            body->fix_plane(1e-6, 0, 0, 1, 0, 0);
+            body->cells(16, 4, 4, 1);
+            body->scene.solver.preconditioner = choice;
+            body->scene.solver.iterations = body == &fast ? 6 : 200;
+            body->scene.solver.tolerance = 1e-7;
+            body->scene.model.gravity[2] = -0.6;
+            ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+            for (int s = 0; s < 30; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
+            const pliant_body *next = sever_plane(body->data->body, 2, plane, [&](const double *x) { return x[2] > 0.035; });
+            ASSERT_TRUE(next);
+            ASSERT_EQ(pliant_data_set_body(body->model, body->data, next), PLIANT_OK) << pliant_last_error();
+            pliant_body_release(next);
+        }
+        for (int s = 0; s < 20; s++) ASSERT_GE(pliant_step(tight.model, tight.data), 0) << pliant_last_error();
+        const size_t nodes = static_cast<size_t>(tight.data->body->fine.num_nodes);
+        const auto apart = [&](const double *a, const double *b) {
+            double most = 0;
+            for (size_t n = 0; n < 3 * nodes; n += 3) most = std::fmax(most, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
+            return most;
+        };
+        const double whole = apart(tight.data->positions, tight.data->body->fine.rest), before = apart(fast.data->positions, tight.data->positions);
+        EXPECT_GT(before, 0.15 * whole);
+        ASSERT_GE(pliant_step(fast.model, fast.data), 0) << pliant_last_error();
+        EXPECT_LE(fast.data->statistics.iterations, 6);
+        EXPECT_LT(apart(fast.data->positions, tight.data->positions), 0.02 * whole);
+    }
+}
+
 struct EveryReplay : testing::TestWithParam<Case> {};
 TEST_P(EveryReplay, OfALiveRunThatIsCut)
 {

@@ -111,6 +111,7 @@ pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_syste
     for (int32_t n = 0; map->coarse_node && n < system->mesh->num_nodes; n++)
         memcpy(solver->now.x + 3 * n, from->now.x + 3 * node[n], 3 * sizeof *solver->now.x);
     status = carry(solver, from, node, tet, rests);
+    solver->opened = true;
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
         return status;

@@ -42,6 +42,7 @@ void pliant_solver_moved(pliant_solver *solver)
     pliant_anderson_moved(&solver->rules);
     pliant_even_restart(&solver->even);
     solver->evaluations = PLIANT_EVALUATIONS_A_TURN; /* the axes turn at once */
+    solver->opened = false;
 }
 
 void pliant_solver_remember(pliant_solver *solver, int32_t place, const pliant_iterate *from, const pliant_iterate *to)

@@ -61,7 +61,7 @@ static void find_residual(const pliant_solver *solver, pliant_iterate *at)
     at->displacement = sqrt(farthest[0]);
 }
 
-static void find_elastic_forces(pliant_solver *solver, pliant_iterate *at)
+void pliant_solver_elastic_forces(pliant_solver *solver, pliant_iterate *at)
 {
     const pliant_system *system = solver->system;
     pliant_system_element_forces(system, at->x, solver->element_forces);
@@ -73,7 +73,7 @@ static pliant_status evaluate(pliant_solver *solver, pliant_known known, pliant_
 {
     const size_t bytes = pliant_solver_unknowns(solver) * sizeof *at->residual;
     solver->evaluations += known != PLIANT_KNOWN_STEP;
-    if (known == PLIANT_KNOWN_NOTHING) find_elastic_forces(solver, at);
+    if (known == PLIANT_KNOWN_NOTHING) pliant_solver_elastic_forces(solver, at);
     memcpy(at->residual, solver->load, bytes);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         if (solver->handles[t].active)
@@ -95,6 +95,8 @@ static pliant_status evaluate(pliant_solver *solver, pliant_known known, pliant_
     at->merit = pliant_anderson_merit(energy, at->scale);
     return PLIANT_OK;
 }
+
+pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_iterate *at) { return evaluate(solver, PLIANT_KNOWN_NOTHING, at); }
 
 /* ---- a step, as anderson.h says */
 
@@ -254,6 +256,19 @@ pliant_even_limit pliant_solver_limit(const pliant_solver *solver)
     return pliant_even_next(&solver->even, pliant_background_is_live(solver->background));
 }
 
+/* Newton's step after a cut and the iterations together take no more evaluations than any step. */
+static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time, int32_t *evaluations)
+{
+    const int32_t most = solver->rules.most_evaluations;
+    pliant_status status = pliant_solver_open(solver, evaluations);
+    solver->rules.most_evaluations -= *evaluations;
+    time->solved += *evaluations;
+    if (status == PLIANT_OK) status = iterate(solver, time);
+    solver->rules.most_evaluations = most;
+    *evaluations += pliant_anderson_iterations(&solver->rules);
+    return status;
+}
+
 /* of the state that was judged last; in a step that rests that of the step before, since when a patch may have told its own */
 static void tell_residual(const pliant_solver *solver, pliant_statistics *statistics)
 {
@@ -290,8 +305,7 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     step_time time = {.start = solver->clock(solver->clock_user), .limit = pliant_solver_limit(solver)};
     time.begun = time.start;
     solver->rules.is_cycle = !pliant_preconditioner_refuses(solver->preconditioner);
-    status = iterate(solver, &time);
-    statistics->iterations = pliant_anderson_iterations(&solver->rules);
+    status = iterate_from_newton(solver, &time, &statistics->iterations);
     statistics->rejected += (uint64_t)solver->rules.rejected;
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, solver->now.force + 3 * t, 3 * sizeof(double));

@@ -97,6 +97,7 @@ struct pliant_solver {
     bool awake;                 /* there is what a step needs, which is what follows but for load, now.x, dense_weights and handles */
     pliant_nodal_rotations *rotations;          /* Nullable: the axes that it is used in */
     int64_t evaluations;        /* since they turned, those that took time */
+    bool opened;                /* the next step is the first one after a cut */
     pliant_refresh *refresh;    /* Nullable */
     pliant_background *background; /* Nullable; borrowed: when what it makes is put to use */
     uint32_t takes_factor, takes_history; /* and what these are called there */
@@ -150,6 +151,15 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
 
 /* a . b over the unknowns; the same for any number of threads */
 double pliant_solver_product(const pliant_solver *solver, const double *a, const double *b);
+
+/* Of a state that nothing is known of: its elastic forces; and residual, step, and merit. Errors: MEMORY. */
+void pliant_solver_elastic_forces(pliant_solver *solver, pliant_iterate *at);
+pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_iterate *at);
+
+/* ---- opened.c */
+/* Before the first step after a cut: Newton's, where nothing pulls by a spring or touches. evaluations: out: how many it took of those that a step may
+ * make; 0: this is no such step. Errors: MEMORY. */
+pliant_status pliant_solver_open(pliant_solver *solver, int32_t *evaluations);
 
 /* ---- handle.c */
 static inline bool pliant_handle_is_spring(const pliant_handle *handle) { return handle->active && !handle->by_force && handle->count > 0; }

@@ -157,6 +157,7 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     solver->factor_serial = 1;
     pliant_nodal_rotations_refer(solver->system, solver->system->mesh->rest, solver->rotations);
     solver->evaluations = 0;
+    solver->opened = false;
     pliant_anderson_reset(&solver->rules);
     pliant_even_restart(&solver->even);
     pliant_solver_forget(solver);
