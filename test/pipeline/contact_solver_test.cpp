@@ -1,5 +1,8 @@
 // What the quasi-static solver makes of contacts, held against theory: Hertz, Coulomb, what is fixed.
 #include "../contacts.h"
+#include "fem/quasistatic/cones.h"
+
+#include <random>
 
 namespace {
 
@@ -50,6 +53,50 @@ void hertz_moves(double force, double a, double nu, const double x[3], double u[
             for (int d = 0; d < 2; d++) u[d] += share * from[d] * (z / r / r - (1 - 2 * nu) / (r + z));
             u[2] += share * (2 * (1 - nu) + z * z / r / r);
         }
+}
+
+// Points that push, slide and lift off at random, some of them twice over: the conditions hold, and it takes few sweeps.
+TEST(Cones, AllAtOnceWhereWhoSlidesIsClear)
+{
+    std::mt19937 random(3);
+    std::normal_distribution<double> normal;
+    const int count = 20, rows = 3 * count, inner = 70;
+    int32_t sweeps = 0;
+    for (int trial = 0; trial < 20; trial++) {
+        std::vector<double> shares(rows * inner), matrix(rows * rows), friction(count), start(rows), force(rows), room(PLIANT_CONE_ROOM * rows + PLIANT_CONE_EQUATIONS);
+        for (double &share : shares) share = normal(random);
+        for (int i = 0; i < 3 * inner; i++) shares[3 * inner + i] = shares[i]; // the second point is the first
+        for (int a = 0; a < rows; a++)
+            for (int b = 0; b < rows; b++)
+                for (int k = 0; k < inner; k++) matrix[a * rows + b] += shares[a * inner + k] * shares[b * inner + k] * std::exp(-0.05 * k);
+        for (int p = 0; p < count; p++) friction[p] = p % 5 == 4 ? PLIANT_CONE_HELD : 0.3;
+        friction[1] = friction[0];
+        for (double &v : start) v = normal(random);
+        for (int k = 0; k < 3; k++) start[3 + k] = start[k];
+        std::vector<double> motion = start;
+        sweeps += pliant_cones_solve(count, matrix.data(), friction.data(), motion.data(), force.data(), room.data());
+        double largest = 0;
+        for (double f : force) largest = std::fmax(largest, std::fabs(f));
+        for (int i = 0; i < rows; i++) {
+            double v = start[i];
+            for (int j = 0; j < rows; j++) v += matrix[i * rows + j] * force[j];
+            EXPECT_NEAR(motion[i], v, 1e-9);
+        }
+        for (int p = 0; p < count; p++) {
+            const double *f = &force[3 * p], *v = &motion[3 * p], slide = std::hypot(f[1], f[2]), speed = std::hypot(v[1], v[2]);
+            if (friction[p] < 0) {
+                for (int k = 0; k < 3; k++) EXPECT_NEAR(v[k], 0, 1e-5);
+                continue;
+            }
+            EXPECT_GE(f[0], 0);
+            EXPECT_GE(v[0], -1e-5);
+            EXPECT_LE(slide, friction[p] * f[0] * (1 + 1e-9));
+            if (f[0] > 1e-6 * largest) { EXPECT_NEAR(v[0], 0, 1e-5); }
+            if (slide < 0.999 * friction[p] * f[0]) { EXPECT_NEAR(speed, 0, 1e-5); }
+            else if (f[0] > 1e-6 * largest && speed > 1e-4) EXPECT_LT(f[1] * v[1] + f[2] * v[2], -0.999 * slide * speed);
+        }
+    }
+    EXPECT_LT(sweeps, 20 * 7);
 }
 
 // Hertz: F = 4/3 E* sqrt(R) d^1.5. The block is cut out of the half-space: its sides and bottom stand where the half-space is.

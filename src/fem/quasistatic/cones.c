@@ -175,6 +175,7 @@ static void set_sliding(const doing *of, double friction, const double v[3], con
  * are too many, or no solution; nothing is changed. room: (MOST_ROWS x (MOST_ROWS + 1)) */
 static bool step_together(size_t row, const double *matrix, const double *friction, double *motion, double *force, double *change, double *room)
 {
+    const double tiny = 1e-12; /* of points that nothing tells apart, each has a part */
     size_t index[MOST_ROWS / 3], points = 0;
     doing doings[MOST_ROWS / 3];
     for (size_t i = 0; i < row; i += 3) {
@@ -198,7 +199,10 @@ static bool step_together(size_t row, const double *matrix, const double *fricti
                 for (int c = 0; c < 3; c++) out[r * width + 3 * q + c] = a[index[q] + c];
         }
         if (doings[p].kind == SLIDES) set_sliding(doings + p, friction[i / 3], motion + i, force + i, rows, 3 * p, out, right);
-        for (int r = 0; r < 3; r++) out[r * width + rows] = right[r];
+        for (int r = 0; r < 3; r++) {
+            out[r * width + rows] = right[r];
+            out[r * width + 3 * p + (size_t)r] *= 1 + tiny;
+        }
     }
     if (!eliminate(rows, room)) return false;
     for (size_t p = 0; p < points; p++)
@@ -228,8 +232,9 @@ int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *fr
         memcpy(begun, force, row * sizeof *force);
         const double square = sweep(row, matrix, friction, motion, force);
         if (!together) largest = fmax(largest, square);
-        if (square <= enough * enough * largest || made == MOST_SWEEPS) return made; /* after a sweep all forces are in their cones */
-        if (together && !(square < last)) { /* astray */
+        const bool astray = together && !(square < last);
+        if (!astray && square <= enough * enough * largest) return made; /* after a sweep all forces are in their cones */
+        if (astray) {
             memcpy(force, before[1], row * sizeof *force);
             memcpy(motion, before[2], row * sizeof *motion);
             together = mixes = false;
@@ -237,8 +242,9 @@ int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *fr
             waits *= 2;
             last = INFINITY;
             history.count = history.next = 0;
-            continue;
         }
+        if (made >= MOST_SWEEPS) return made;
+        if (astray) continue;
         for (size_t i = 0; i < row; i++) begun[i] = force[i] - begun[i];
         if (--wait > 0 || left <= 0) {
             if (square > 4 * last) history.count = history.next = 0;
