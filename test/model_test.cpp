@@ -97,6 +97,25 @@ TEST(Model, APlaneBetweenNodesIsTold)
     pliant_set_log(nullptr, nullptr);
 }
 
+TEST(Model, ProgressNeverGoesBack)
+{
+    Body body(size, box, {{5e3, 0.45, 1000, false}});
+    body.cells(4, 4, 4, 2);
+    body.fix_plane(0.001, 0, 0, 1, 0, 0);
+    body.scene.model.method = PLIANT_AVERAGED;
+    std::vector<double> told;
+    pliant_model *model = nullptr;
+    const pliant_progress progress = {[](double fraction, const char *, void *user) {
+                                          static_cast<std::vector<double> *>(user)->push_back(fraction);
+                                          return true;
+                                      }, &told};
+    ASSERT_EQ(pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, progress, &model), PLIANT_OK) << pliant_last_error();
+    pliant_model_free(model);
+    EXPECT_GT(told.size(), PLIANT_NUM_BUILD_STAGES + 1u); // parts of the longest stage, too
+    for (size_t n = 1; n < told.size(); n++) EXPECT_GE(told[n], told[n - 1]);
+    EXPECT_EQ(told.back(), 1);
+}
+
 TEST(Model, OptionsThatTheSolverHasNoUseForAreTold)
 {
     const int voxels[3] = {4, 4, 4};

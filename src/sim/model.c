@@ -227,9 +227,17 @@ static pliant_status link_voxels(builder *build)
     return status == PLIANT_OK ? pliant_model_part_slides(model) : status;
 }
 
+/* how far this stage is, as a part of all of them */
+static bool homogenized(double fraction, const char *stage, void *user)
+{
+    const builder *build = user;
+    return pliant_report_progress(build->progress, (PLIANT_BUILD_homogenize + fraction) / PLIANT_NUM_BUILD_STAGES, stage);
+}
+
 static pliant_status homogenize(builder *build)
 {
-    pliant_status status = pliant_discretizing_begin(&build->model->scene, build->model->body, build->progress, &build->discretizing);
+    const pliant_progress progress = {homogenized, build};
+    pliant_status status = pliant_discretizing_begin(&build->model->scene, build->model->body, progress, &build->discretizing);
     return status == PLIANT_OK ? pliant_discretizing_homogenize(&build->discretizing) : status;
 }
 static pliant_status analyze(builder *build) { return pliant_discretizing_analyze(&build->discretizing); }
