@@ -209,8 +209,8 @@ pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene
                                 const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
                                 pliant_progress progress); /* kept: Nullable */
 
-/* ---- cubes.c: the same of hexahedra on the coarse cubes. Errors: MEMORY, NUMERIC, CANCELLED. */
-pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
+/* ---- cubes.c: the same of hexahedra on the coarse cubes, averaged or calibrated. Errors: MEMORY, NUMERIC, CANCELLED. */
+pliant_status pliant_homogenize_cubes(pliant_system *system, bool calibrated, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
                                       const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
                                       pliant_progress progress); /* kept: Nullable */
 

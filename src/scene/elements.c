@@ -17,7 +17,7 @@ static tetrahedral first_tetrahedral(const pliant_scene *scene, bool alone)
     const pliant_method method = scene->model.method;
     const bool octree = scene->mesh.kind == PLIANT_OCTREE, tled = scene->solver.kind == PLIANT_TLED;
     const tetrahedral all[] = {
-        {method == PLIANT_SCHUR || method == PLIANT_CALIBRATED, "model/method: schur and calibrated are made of tetrahedra", "averaged, lod, coarse or fine"},
+        {method == PLIANT_SCHUR, "model/method: schur is made of tetrahedra", "averaged, calibrated, lod, coarse or fine"},
         {scene->cut.kind == PLIANT_CUT_SUBDIVIDE, "cut/kind: subdivide cuts tetrahedra", "sever"},
         {octree && scene->cut.kind != PLIANT_CUT_NONE, "cut/kind: hexahedra of an octree are not cut", "none, mesh/kind to lattice"},
         {octree && tled, "mesh/kind: explicit dynamics has no hexahedra of an octree", "lattice"},

@@ -163,7 +163,8 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     pliant_status status = body->pieces ? without_pieces(body, &light) : PLIANT_OK;
     const pliant_tet_material *material = light ? light : body->fine_material;
     if (status == PLIANT_OK && hexahedra)
-        status = pliant_homogenize_cubes(system, &body->fine, body->fine_fixed, work->solved_fixed, material, body->coarse_of_fine, kept, work->progress);
+        status = pliant_homogenize_cubes(system, scene->model.method == PLIANT_CALIBRATED, &body->fine, body->fine_fixed, work->solved_fixed, material,
+                                         body->coarse_of_fine, kept, work->progress);
     else if (status == PLIANT_OK)
         status = homogenize_tets(work, material);
     pliant_free(light);

@@ -11,6 +11,7 @@
  * in all, R = I; so, but for the last, are cubes whose fine elements fall apart. Beside a cut, where cubes are not whole, there are tetrahedra. */
 #include "base/fail.h"
 #include "base/threads.h"
+#include "fem/coarse/calibrate.h"
 #include "fem/coarse/submesh.h"
 #include "fem/linear/dense.h"
 #include "pliant/memory.h"
@@ -31,6 +32,7 @@ typedef struct cube_work {
     int32_t *cube_of_tet;            /* (fine tetrahedra) or -1 */
     pliant_cube_shape *shapes;       /* (2) by parity */
     pliant_submesh_lists lists;      /* fine tetrahedra by element */
+    bool calibrated;                 /* where that is possible */
     int32_t linear;                  /* elements that fall apart */
     const pliant_macros *earlier;    /* Nullable: of the body before */
     int32_t *kept;                   /* (elements) 1 + the one before with the same stiffness; 0: none */
@@ -291,13 +293,33 @@ static pliant_status keep_root(pliant_macros *macros, int32_t element, int32_t u
     return PLIANT_OK;
 }
 
+/* Condensed on the corners, and brought to what a hexahedron is of homogeneous tissue (calibrate.h): returns the rank of its root, 0: it cannot be */
+static int32_t calibrate(const cube_work *work, pliant_submesh *submesh, int32_t element, double *root)
+{
+    const pliant_mesh *coarse = work->system->mesh;
+    const pliant_tet_material reference = pliant_submesh_reference(submesh), same[5] = {reference, reference, reference, reference, reference};
+    pliant_cube cube = {.tet = {0, 1, 2, 3, 4}};
+    pliant_cube_shape shape;
+    int32_t corner[CORNERS];
+    double condensed[UNKNOWNS * UNKNOWNS], of_reference[UNKNOWNS * UNKNOWNS], truth[UNKNOWNS * UNKNOWNS], k[UNKNOWNS * UNKNOWNS];
+    memcpy(cube.node, work->system->macros->own + CORNERS * (size_t)element, sizeof cube.node);
+    for (int v = 0; v < CORNERS; v++) corner[v] = pliant_submesh_corner(submesh, cube.node[v]);
+    pliant_cube_integrate(coarse, &cube, pliant_cell_parity(coarse, work->system->macros->cell[element]), &shape);
+    const double bulk = pliant_cube_deviatoric(&shape, &cube, same, truth);
+    for (int i = 0; i < UNKNOWNS; i++)
+        for (int j = 0; j < UNKNOWNS; j++) truth[UNKNOWNS * i + j] += bulk * shape.mean[i] * shape.mean[j];
+    if (!pliant_submesh_condense_both(submesh, CORNERS, corner, &reference, condensed, of_reference)) return 0;
+    return pliant_calibrate_cube(truth, condensed, of_reference, k) ? pliant_dense_root(UNKNOWNS, k, root) : 0;
+}
+
 static pliant_status make_cube(cube_work *work, pliant_submesh *submesh, cube_room *room, int32_t element)
 {
     pliant_macros *macros = work->system->macros;
     double root[UNKNOWNS * UNKNOWNS], k[UNKNOWNS * UNKNOWNS];
     pliant_status status = place_nodes(work, submesh, element, room);
     if (status != PLIANT_OK) return status;
-    int32_t rank = macros->grounded[element] ? 0 : condense(submesh, room, root);
+    int32_t rank = work->calibrated && !macros->grounded[element] ? calibrate(work, submesh, element, root) : 0;
+    if (rank == 0 && !macros->grounded[element]) rank = condense(submesh, room, root);
     if (rank > 0) return keep_root(macros, element, UNKNOWNS, rank, root);
     for (int32_t n = 0; macros->grounded[element] && n < submesh->num_nodes; n++)
         if (work->fixed[submesh->node[n]]) memset(room->weights + CORNERS * (size_t)n, 0, CORNERS * sizeof *room->weights);
@@ -492,11 +514,11 @@ static pliant_status find_elements(cube_work *work, const int32_t *coarse_of_fin
     return PLIANT_OK;
 }
 
-pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
+pliant_status pliant_homogenize_cubes(pliant_system *system, bool calibrated, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
                                       const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
                                       pliant_progress progress)
 {
-    cube_work work = {.system = system, .material = fine_material, .fixed = fine_fixed};
+    cube_work work = {.system = system, .calibrated = calibrated, .material = fine_material, .fixed = fine_fixed};
     pliant_status status = find_elements(&work, coarse_of_fine);
     if (status == PLIANT_OK) status = find_fine_cubes(&work);
     if (status == PLIANT_OK) status = pliant_submesh_list(fine, work.element_of_fine, system->macros->count, PLIANT_TOUCH_OVERLAP, &work.lists);

@@ -168,12 +168,17 @@ static bool is_semidefinite(const double k[144])
     return !any || (isfinite(trace) && pliant_dense_cholesky(12, shifted));
 }
 
+static void find_corners(const pliant_submesh *submesh, int32_t tet, int32_t corner[4])
+{
+    for (int v = 0; v < 4; v++) corner[v] = pliant_submesh_corner(submesh, submesh->coarse->tets[4 * tet + v]);
+}
+
 /* Fragments that a cut has left without a fine node at a corner cannot be condensed on it: their nodes follow the corners linearly. */
 static bool has_corners(const pliant_submesh *submesh, int32_t tet)
 {
-    for (int v = 0; v < 4; v++)
-        if (pliant_submesh_corner(submesh, tet, v) < 0) return false;
-    return true;
+    int32_t corner[4];
+    find_corners(submesh, tet, corner);
+    return corner[0] >= 0 && corner[1] >= 0 && corner[2] >= 0 && corner[3] >= 0;
 }
 
 static void linear_shapes(const pliant_submesh *submesh, int32_t tet, double *shape)
@@ -188,72 +193,21 @@ static void linear_shapes(const pliant_submesh *submesh, int32_t tet, double *sh
     }
 }
 
-/* Schur complement on the corners, [H] 3, and shape functions [H] 6: shape (num_nodes x 36), 3 x 12 a node. Fixed nodes are
- * removed from the problem and their shape functions are zero ([H] 4.2). */
 static bool schur_stiffness(pliant_submesh *submesh, int32_t tet, double out[144], double *shape)
 {
-    int32_t size = 3 * submesh->num_nodes, inner = 0, corner[4];
-    int32_t *slot = submesh->slot; /* place among the inner nodes, or -1 */
-    double *kff = submesh->square, *kfc = submesh->work;
-    for (int v = 0; v < 4; v++) {
-        corner[v] = pliant_submesh_corner(submesh, tet, v);
-        if (corner[v] < 0) return false;
-    }
-    for (int32_t n = 0; n < submesh->num_nodes; n++) {
-        bool is_corner = n == corner[0] || n == corner[1] || n == corner[2] || n == corner[3];
-        slot[n] = is_corner || submesh->fixed[submesh->node[n]] ? -1 : inner++;
-    }
-    int32_t m = 3 * inner;
-    for (int32_t i = 0; i < size; i++) {
-        if (slot[i / 3] < 0) continue;
-        int32_t row = 3 * slot[i / 3] + i % 3;
-        for (int32_t j = 0; j < size; j++)
-            if (slot[j / 3] >= 0) kff[(size_t)row * m + 3 * slot[j / 3] + j % 3] = submesh->stiffness[(size_t)i * size + j];
-        for (int c = 0; c < 12; c++) kfc[12 * row + c] = -submesh->stiffness[(size_t)i * size + 3 * corner[c / 3] + c % 3];
-    }
-    bool good = pliant_dense_cholesky(m, kff);
-    if (good) pliant_dense_cholesky_solve(m, kff, 12, kfc); /* N = -Kff^-1 Kfc */
-    memset(shape, 0, 36 * (size_t)submesh->num_nodes * sizeof *shape);
-    for (int32_t n = 0; n < submesh->num_nodes; n++)
-        if (slot[n] >= 0) memcpy(shape + 36 * (size_t)n, kfc + 36 * (size_t)slot[n], 36 * sizeof *shape);
-    for (int v = 0; v < 4; v++)
-        for (int d = 0; d < 3; d++) shape[36 * (size_t)corner[v] + 12 * d + 3 * v + d] = !submesh->fixed[submesh->node[corner[v]]];
-    /* K = Kcc + Kcf N */
-    for (int i = 0; i < 12; i++)
-        for (int j = 0; j < 12; j++) {
-            const double *row = submesh->stiffness + (size_t)(3 * corner[i / 3] + i % 3) * size;
-            double sum = row[3 * corner[j / 3] + j % 3];
-            for (int32_t f = 0; f < size; f++)
-                if (slot[f / 3] >= 0) sum += row[f] * shape[36 * (size_t)(f / 3) + 12 * (f % 3) + j];
-            out[12 * i + j] = sum;
-        }
-    symmetrize(out);
-    return good;
-}
-
-/* The reference that a submesh is calibrated on: Young's modulus 1, the mean Poisson's ratio of its tissue. */
-static pliant_tet_material reference_of(const pliant_submesh *submesh)
-{
-    double total = 0, nu = 0;
-    for (int32_t t = 0; t < submesh->num_tets; t++) {
-        const pliant_tet_material *material = submesh->material + submesh->tets[t];
-        double weight = material->tissue + 1e-3; /* tetrahedra of a submesh hardly differ in volume; air as in average_rows */
-        total += weight;
-        nu += weight * material->lambda / (2 * (material->lambda + material->mu));
-    }
-    nu /= total;
-    return (pliant_tet_material){.lambda = nu / ((1 + nu) * (1 - 2 * nu)), .mu = 0.5 / (1 + nu)};
+    int32_t corner[4];
+    find_corners(submesh, tet, corner);
+    return pliant_submesh_condense(submesh, 4, corner, out, shape);
 }
 
 /* K' = V B' (S C S) B from the condensed K and the condensed stiffness of the reference */
 static bool calibrated_stiffness(pliant_submesh *submesh, int32_t tet, double out[144])
 {
-    double condensed[144], of_reference[144], gradients[12], *shape = submesh->work + 36 * (size_t)submesh->num_nodes;
-    pliant_tet_material reference = reference_of(submesh);
-    if (!schur_stiffness(submesh, tet, condensed, shape)) return false;
-    pliant_submesh_assemble(submesh, &reference);
-    bool good = schur_stiffness(submesh, tet, of_reference, shape);
-    pliant_submesh_assemble(submesh, NULL);
+    double condensed[144], of_reference[144], gradients[12];
+    int32_t corner[4];
+    const pliant_tet_material reference = pliant_submesh_reference(submesh);
+    find_corners(submesh, tet, corner);
+    const bool good = pliant_submesh_condense_both(submesh, 4, corner, &reference, condensed, of_reference);
     double volume = pliant_mesh_gradients(submesh->coarse, tet, gradients);
     return good && pliant_calibrate(gradients, volume, &reference, condensed, of_reference, out);
 }

@@ -146,13 +146,19 @@ const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, con
     return room;
 }
 
-static void assemble_cube(pliant_submesh *submesh, const pliant_cube *cube)
+static void assemble_cube(pliant_submesh *submesh, const pliant_cube *cube, const pliant_tet_material *everywhere)
 {
     const size_t size = 3 * (size_t)submesh->num_nodes;
     double k[576];
     pliant_cube_shape room;
+    pliant_tet_material same[5];
+    pliant_cube alone = *cube;
+    for (int slot = 0; everywhere && slot < 5; slot++) {
+        same[slot] = *everywhere;
+        alone.tet[slot] = slot;
+    }
     const pliant_cube_shape *shape = pliant_submesh_shape(submesh, cube, &room);
-    double bulk = pliant_cube_deviatoric(shape, cube, submesh->material, k);
+    double bulk = pliant_cube_deviatoric(shape, &alone, everywhere ? same : submesh->material, k);
     for (int a = 0; a < 24; a++)
         for (int b = 0; b < 24; b++) {
             size_t row = 3 * (size_t)submesh->local_of[cube->node[a / 3]] + (size_t)(a % 3);
@@ -172,7 +178,7 @@ void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material 
         double element[144];
         if (submesh->cubes && submesh->cube_of_tet[submesh->tets[t]] >= 0) {
             const pliant_cube *cube = submesh->cubes + submesh->cube_of_tet[submesh->tets[t]];
-            if (cube->tet[0] == submesh->tets[t]) assemble_cube(submesh, cube);
+            if (cube->tet[0] == submesh->tets[t]) assemble_cube(submesh, cube, everywhere);
             continue;
         }
         pliant_tet_stiffness(fine, submesh->tets[t], material, element);
@@ -184,10 +190,10 @@ void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material 
     }
 }
 
-int32_t pliant_submesh_corner(const pliant_submesh *submesh, int32_t tet, int corner)
+int32_t pliant_submesh_corner(const pliant_submesh *submesh, int32_t coarse_node)
 {
     /* where a cut has made copies, one of them: the first that is here */
-    int32_t at = pliant_mesh_lattice_in(submesh->fine, submesh->coarse, submesh->coarse->tets[4 * tet + corner]), found = -1;
+    int32_t at = pliant_mesh_lattice_in(submesh->fine, submesh->coarse, coarse_node), found = -1;
     for (int32_t n = 0; n < submesh->num_nodes; n++)
         if (submesh->fine->lattice_of_node[submesh->node[n]] == at && (found < 0 || submesh->node[n] < submesh->node[found])) found = n;
     return found;

@@ -20,7 +20,7 @@ pliant_status pliant_submesh_list(const pliant_mesh *fine, const int32_t *coarse
                                   pliant_submesh_lists *out);
 void pliant_submesh_lists_free(pliant_submesh_lists *lists);
 
-enum { PLIANT_SUBMESH_COLUMNS = 44 };
+enum { PLIANT_SUBMESH_COLUMNS = 48 };
 
 typedef struct pliant_submesh {
     const pliant_mesh *fine, *coarse;
@@ -50,11 +50,22 @@ void pliant_submesh_free(pliant_submesh *submesh);
 pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, const int32_t *tets);
 /* The stiffness again, of one material everywhere; NULL: of its own. */
 void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material *everywhere);
-/* The node of it, by its number there, at a corner of the coarse tetrahedron; -1: none */
-int32_t pliant_submesh_corner(const pliant_submesh *submesh, int32_t tet, int corner);
+/* The node of it, by its number there, at a node of the coarse mesh; -1: none */
+int32_t pliant_submesh_corner(const pliant_submesh *submesh, int32_t coarse_node);
 /* of a hexahedron of it; room: for a shape of its own */
 const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, const pliant_cube *cube, pliant_cube_shape *room);
 bool pliant_submesh_has_fixed(const pliant_submesh *submesh);
+
+/* ---- condense.c */
+/* Schur complement on some of its nodes, [H] 3, and shape functions [H] 6: out (n x n), shape (num_nodes x 3 x n), n = 3 corners, at most 24, by the
+ * first n columns of work. Fixed nodes are removed from the problem and their shape functions are zero ([H] 4.2). corner: by their numbers there, or
+ * -1. False: one is missing, or what is left falls apart. */
+bool pliant_submesh_condense(pliant_submesh *submesh, int corners, const int32_t *corner, double *out, double *shape);
+/* The reference that it is calibrated on: Young's modulus 1, the mean Poisson's ratio of its tissue. */
+pliant_tet_material pliant_submesh_reference(const pliant_submesh *submesh);
+/* Condensed, of its own material and all of this one: out, of_reference (n x n); as above, with twice n columns. */
+bool pliant_submesh_condense_both(pliant_submesh *submesh, int corners, const int32_t *corner, const pliant_tet_material *reference, double *out,
+                                  double *of_reference);
 
 /* ---- homogenize.c */
 /* Its stiffness with a stiff term on its six rigid modes, factored into square: for loads without resultant the answer is that of any six
