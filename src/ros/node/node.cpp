@@ -16,9 +16,10 @@ struct Node::Parts {
     Parts(ros::NodeHandle handle, ros::NodeHandle private_handle)
         : parameters(parameters_of(private_handle)), frames(std::make_shared<tf2_ros::Buffer>()), listener(*frames),
           registration(handle, parameters, frames), state(handle, parameters.tissue_frame), sessions(handle, parameters.tissue_frame), live(private_handle, parameters), tools(handle, parameters, frames),
+          fast_forces(handle, parameters, &tools),
           mesh_output(handle, parameters, &live, &snapshots),
           volume_output(handle, parameters, &live, &snapshots, &mesh_output),
-          simulation(handle, parameters, &state, &live, &tools, &snapshots),
+          simulation(handle, parameters, &state, &live, &tools, &fast_forces, &snapshots),
           services(handle, parameters, &state, &live, &sessions, &simulation, &mesh_output, &volume_output, &registration, frames),
           keeper(handle, parameters, &simulation, &sessions, &services, &registration),
           diagnostics(handle, private_handle, &state, &simulation, &tools, &mesh_output, &volume_output, &keeper)
@@ -35,6 +36,7 @@ struct Node::Parts {
     Sessions sessions;
     Live live;
     Tools tools;
+    FastForces fast_forces;
     MeshOutput mesh_output;
     VolumeOutput volume_output;
     Simulation simulation;

@@ -17,7 +17,7 @@ using XmlRpc::XmlRpcValue;
 
 const char *const node_names[] = {"scene",        "scan",          "scan/path",     "scan_root",   "output_root",
                                   "parent_frame", "tissue_frame",  "tissue_pose",   "registration", "checkpoint", "checkpoint_period", "background",  "tools",
-                                  "tool_max_age", "tool_hold",     "jaw_close",     "jaw_release", "slice/axial",
+                                  "tool_max_age", "tool_hold",     "jaw_close",     "jaw_release", "wrench_rate",  "wrench_bound",  "slice/axial",
                                   "slice/coronal", "slice/sagittal"};
 
 [[noreturn]] void refuse(const std::string &message) { throw std::invalid_argument(message); }
@@ -251,6 +251,8 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "tool_hold") out->tool_hold = number(name, value, 0, 10);
     else if (name == "jaw_close") out->jaw_close = number(name, value, -M_PI, M_PI);
     else if (name == "jaw_release") out->jaw_release = number(name, value, -M_PI, M_PI);
+    else if (name == "wrench_rate") out->wrench_rate = number(name, value, 0, 10000);
+    else if (name == "wrench_bound") out->wrench_bound = number(name, value, 1e-3, 1000);
     else if (name == "scene" || name == "tools") return true; /* read before all others */
     else {
         for (int plane = 0; plane < 3; ++plane)
@@ -290,6 +292,8 @@ void set_defaults(Parameters *out)
     out->tool_hold = 0.1;
     out->jaw_close = 0.05;
     out->jaw_release = 0.20;
+    out->wrench_rate = 0;
+    out->wrench_bound = 5;
     std::fill(out->slice, out->slice + 3, 0.5);
 }
 

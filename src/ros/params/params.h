@@ -39,13 +39,15 @@ struct Parameters {
     double tool_max_age;                    /* [s] */
     double tool_hold;                       /* what holds stays so for as long after that [s] */
     double jaw_close, jaw_release;          /* [rad] */
+    double wrench_rate;                     /* of forces between steps [Hz]; 0: forces come with steps alone */
+    double wrench_bound;                    /* that they may differ from those of the last step [N] */
     double slice[3];                        /* axial, coronal, sagittal: fraction of the volume's box */
 };
 
 /* From the tree of private parameters (a struct, or invalid for none). Every option of a scene is a parameter of its
    path, solver/iterations; beside them: scene (file), scan or scan/path, scan_root, output_root, parent_frame,
    tissue_frame, tissue_pose, registration, checkpoint, checkpoint_period, background, tools, tool/<name>/{mode,blade,shape,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release,
-   slice/{axial,coronal,sagittal}. Anything else is an error that names the nearest known one.
+   wrench_rate, wrench_bound, slice/{axial,coronal,sagittal}. Anything else is an error that names the nearest known one.
    The tree is not changed; XmlRpcValue has no constant access. */
 bool read_parameters(XmlRpc::XmlRpcValue tree, Parameters *out, std::string *why);
 

@@ -23,8 +23,8 @@ double percentile(const std::vector<double> &sorted, double fraction)
 } // namespace
 
 Simulation::Simulation(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Tools *tools,
-                       Snapshots *snapshots)
-    : frame_(parameters.tissue_frame), background_(parameters.background), state_(state), live_(live), tools_(tools),
+                       FastForces *fast_forces, Snapshots *snapshots)
+    : frame_(parameters.tissue_frame), background_(parameters.background), state_(state), live_(live), tools_(tools), fast_forces_(fast_forces),
       snapshots_(snapshots), samples_(tools->size()), was_open_(tools->size(), false)
 {
     timing_ = handle.advertise<StepTiming>("timing", 1);
@@ -351,7 +351,8 @@ void Simulation::publish(const ros::Time &now)
         const pliant_tool_state tool = tool_state(*data_, static_cast<int>(i));
         double force[3], torque[3];
         tool_wrench(tool, force, torque);
-        tools_->publish_force(i, samples_[i], acts ? force : no_force, acts ? torque : no_force, now);
+        if (fast_forces_->is_on()) fast_forces_->frame(i, *data_, samples_[i], acts);
+        else tools_->publish_force(i, samples_[i], acts ? force : no_force, acts ? torque : no_force, now);
         tools_->publish_cut(i, *data_, revision(), now);
         tools_->publish_contact(i, *current_->model, *data_, now);
     }

@@ -2,6 +2,7 @@
 #ifndef PLIANT_ROS_SIM_SIMULATION_H
 #define PLIANT_ROS_SIM_SIMULATION_H
 
+#include "ros/sim/fast_forces.h"
 #include "ros/sim/live.h"
 #include "ros/sim/loaded.h"
 #include "ros/sim/moment.h"
@@ -33,7 +34,7 @@ struct StepHealth {
 class Simulation {
 public:
     Simulation(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Tools *tools,
-               Snapshots *snapshots);
+               FastForces *fast_forces, Snapshots *snapshots);
     ~Simulation();
 
     /* Put another model in at the next step boundary, at rest and with the same tools; it gets its revision. The old one
@@ -80,6 +81,7 @@ private:
     State *state_;
     Live *live_;
     Tools *tools_;
+    FastForces *fast_forces_;
     Snapshots *snapshots_;
     ros::Publisher timing_, steps_, cuts_;
     Rate timing_rate_, inverted_rate_;

@@ -27,9 +27,10 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
         tool->parameters = each;
         tool->last_frame = tissue_frame_;
         tool->counted_at = ros::WallTime::now();
-        tool->force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/measured_cf", 1);
-        tool->body_force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/body/measured_cf", 1);
-        tool->spatial_force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/spatial/measured_cf", 1);
+        const uint32_t room = parameters.wrench_rate > 0 ? 16 : 1; /* forces between steps come in bursts where a process waits for its turn */
+        tool->force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/measured_cf", room);
+        tool->body_force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/body/measured_cf", room);
+        tool->spatial_force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/spatial/measured_cf", room);
         tool->contact_out = handle.advertise<ContactState>(each.name + "/contact", 1);
         tool->marker_out = handle.advertise<visualization_msgs::MarkerArray>(each.name + "/marker", 1);
         tool->pose_in = handle.subscribe<topic_tools::ShapeShifter>(

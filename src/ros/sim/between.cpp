@@ -1,0 +1,122 @@
+#include "ros/sim/between.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace pliant_ros {
+
+namespace {
+
+const double shortest_blend = 0.005, longest_blend = 0.05, rise = 0.2; /* [s]; rise: after nothing acted */
+const double arm = 0.02;       /* of a turn, when it is weighed against a translation [m] */
+const double slowest = 0.02;   /* poses further apart than that tell nothing of the motion [s] */
+const double remembers = 0.2;  /* the longest motion fades so fast [s] */
+const double foreseen = 4;     /* motions back */
+const double most_reach = 0.001; /* [m] */
+
+double product(const double a[6], const double b[6])
+{
+    double sum = 0;
+    for (int i = 0; i < 6; ++i) sum += a[i] * b[i];
+    return sum;
+}
+
+/* from one pose to another: translation and rotation vector */
+void motion_between(const pliant_tool_linear &from, const double tip[3], const double rotation[4], double out[6])
+{
+    pliant_tool_linear unit{}; /* whose wrench is the motion itself */
+    std::copy(from.tip, from.tip + 3, unit.tip);
+    std::copy(from.rotation, from.rotation + 4, unit.rotation);
+    for (int i = 0; i < 6; ++i) unit.stiffness[7 * i] = 1;
+    pliant_tool_linear_wrench(&unit, tip, rotation, INFINITY, out);
+}
+
+} // namespace
+
+/* holds and touches nothing */
+bool Between::is_free() const
+{
+    return std::all_of(linear_.wrench, linear_.wrench + 6, [](double x) { return x == 0; }) &&
+           std::all_of(linear_.stiffness, linear_.stiffness + 36, [](double x) { return x == 0; });
+}
+
+void Between::wanted(double now, const double tip[3], const double rotation[4], double out[6]) const
+{
+    pliant_tool_linear_wrench(&linear_, tip, rotation, most_, out);
+    const double left = blend_for_ > 0 ? std::max(0.0, 1 - (now - blend_from_) / blend_for_) : 0;
+    for (int i = 0; i < 6; ++i) out[i] += left * offset_[i];
+}
+
+void Between::frame(double now, const pliant_tool_linear &linear, bool acts)
+{
+    double before[6], after[6];
+    const bool goes_on = acts_ && answered_;
+    if (goes_on) wanted(now, last_.tip, last_.rotation, before);
+    blend_for_ = goes_on ? std::min(std::max(now - frame_at_, shortest_blend), longest_blend) : 0;
+    if (!acts_) rise_from_ = now;
+    linear_ = linear;
+    frame_at_ = blend_from_ = now;
+    acts_ = acts && linear.known;
+    if (goes_on) pliant_tool_linear_wrench(&linear_, last_.tip, last_.rotation, most_, after);
+    for (int i = 0; i < 6; ++i) offset_[i] = goes_on ? before[i] - after[i] : 0;
+    if (!is_free()) return;
+    energy_ = 0;                /* the next stroke begins with nothing */
+    rise_from_ = now - 2 * rise; /* and from no force */
+}
+
+/* What the last answer has done since; an answer that was asked for again at the same pose tells of no motion. */
+void Between::move(double now, const double motion[6])
+{
+    double length = 0;
+    for (int i = 0; i < 6; ++i) length += std::pow(motion[i] * (i < 3 ? 1 : arm), 2);
+    energy_ += product(last_.wrench, motion);
+    if (!(length > 0)) return;
+    reach_ = std::max(reach_ * std::exp(-(now - moved_at_) / remembers), std::sqrt(length));
+    std::copy(motion, motion + 6, motion_);
+    for (int i = 0; i < 6; ++i) trend_[i] += 0.1 * (motion[i] - trend_[i]);
+    moved_at_ = now;
+}
+
+/* A stroke begins with nothing, and something must be risked for it: what the longest motion makes of the stiffness. */
+double Between::credit() const
+{
+    const double reach = std::min(reach_, most_reach);
+    return std::max({linear_.stiffness[0], linear_.stiffness[7], linear_.stiffness[14]}) * reach * reach;
+}
+
+void Between::keep_passive(double wrench[6])
+{
+    double size = 0;
+    for (int i = 0; i < 6; ++i) size += std::pow(wrench[i] / (i < 3 ? 1 : arm), 2);
+    /* on the way back it ends softly: some motions ahead */
+    const double taken = std::sqrt(size) * reach_ * (product(wrench, trend_) < 0 ? foreseen : 1), there = std::max(energy_, -0.5 * credit()) + credit();
+    if (!(taken > there)) return;
+    ++held_back_;
+    for (int i = 0; i < 6; ++i) wrench[i] *= there / taken;
+}
+
+void Between::answer(double now, const double tip[3], const double rotation[4], double out[6])
+{
+    double motion[6] = {}, ahead[3];
+    if (answered_) {
+        motion_between(last_, tip, rotation, motion);
+        move(now, motion);
+    }
+    std::fill(out, out + 6, 0.0);
+    if (acts_) {
+        const bool goes_on = moved_at_ >= 0 && now - moved_at_ < slowest;
+        for (int d = 0; d < 3; ++d) ahead[d] = tip[d] + (goes_on ? 0.5 * motion_[d] : 0);
+        wanted(now, ahead, rotation, out);
+        const double risen = std::min((now - rise_from_) / rise, 1.0);
+        for (int i = 0; i < 6; ++i) out[i] *= risen;
+        keep_passive(out);
+    } else {
+        energy_ = 0;
+    }
+    answered_ = true;
+    std::copy(tip, tip + 3, last_.tip);
+    std::copy(rotation, rotation + 4, last_.rotation);
+    std::copy(out, out + 6, last_.wrench);
+}
+
+} // namespace pliant_ros

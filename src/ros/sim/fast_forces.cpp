@@ -1,0 +1,120 @@
+#include "ros/sim/fast_forces.h"
+
+#include <ros/poll_manager.h>
+
+#include <pthread.h>
+
+namespace pliant_ros {
+
+namespace {
+
+enum { PRIORITY = 10 /* among real-time threads, where the system lets us be one */ };
+const double longest_step = 0.5; /* after which a linearization is of no use [s] */
+
+bool take_priority(pthread_t thread)
+{
+    sched_param priority{};
+    priority.sched_priority = PRIORITY;
+    return pthread_setschedparam(thread, SCHED_FIFO, &priority) == 0;
+}
+
+double seconds(Clock::time_point time) { return std::chrono::duration<double>(time.time_since_epoch()).count(); }
+
+} // namespace
+
+FastForces::FastForces(ros::NodeHandle handle, const Parameters &parameters, Tools *tools)
+    : rate_(parameters.wrench_rate), hold_(parameters.tool_max_age + parameters.tool_hold), tools_(tools)
+{
+    if (!is_on()) return;
+    handle.setCallbackQueue(&queue_);
+    for (size_t i = 0; i < tools->size(); ++i) {
+        const ToolParameters &tool = parameters.tools[i];
+        arms_.emplace_back(new Arm(parameters.wrench_bound));
+        Arm *arm = arms_.back().get();
+        arm->index = i;
+        arm->own_frame = tool.frame.empty() ? parameters.parent_frame : tool.frame;
+        arm->tissue_from_frame = identity();
+        arm->pose_in = handle.subscribe<topic_tools::ShapeShifter>(
+            tool.name + "/measured_cp", 1, [this, arm](const topic_tools::ShapeShifter::ConstPtr &message) { take_pose(arm, *message); },
+            ros::VoidConstPtr(), ros::TransportHints().tcpNoDelay());
+    }
+    thread_ = std::thread(&FastForces::run, this);
+    if (!take_priority(thread_.native_handle())) {
+        ROS_INFO("~wrench_rate: answers come when the system finds time: this user may start no real-time threads (limits.conf: rtprio)");
+        return;
+    }
+    /* and the thread that reads and writes this process's connections, from inside */
+    networking_ = ros::PollManager::instance()->addPollThreadListener([this] {
+        if (!networking_raised_.exchange(true)) take_priority(pthread_self());
+    });
+}
+
+FastForces::~FastForces()
+{
+    stopping_ = true;
+    if (networking_.connected()) ros::PollManager::instance()->removePollThreadListener(networking_);
+    if (thread_.joinable()) thread_.join();
+}
+
+void FastForces::run()
+{
+    const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1 / rate_));
+    while (!stopping_) {
+        queue_.callAvailable(ros::WallDuration(1 / rate_));
+        const Clock::time_point now = Clock::now();
+        for (auto &arm : arms_) {
+            std::lock_guard<InheritingMutex> hold(arm->lock);
+            if (arm->has_pose && now - arm->answered_at >= period) answer(arm.get(), ros::Time::now());
+        }
+    }
+}
+
+void FastForces::take_pose(Arm *arm, const topic_tools::ShapeShifter &message)
+{
+    geometry_msgs::PoseStamped sent;
+    Rigid pose;
+    std::string why;
+    if (!pose_from_any_message(message, arm->own_frame, &sent, &why) || !tool_pose_from_message(sent, &pose, &why)) return; /* as if it were silent */
+    std::lock_guard<InheritingMutex> hold(arm->lock);
+    if (sent.header.frame_id != arm->sample.frame) return; /* a step knows where that is */
+    arm->sample.in_tissue = multiply(arm->tissue_from_frame, pose);
+    arm->has_pose = true;
+    arm->pose_at = Clock::now();
+    answer(arm, sent.header.stamp);
+}
+
+bool FastForces::is_stale(const Arm &arm, Clock::time_point now) const
+{
+    return seconds(now) - seconds(arm.pose_at) > hold_ || seconds(now) - seconds(arm.frame_at) > longest_step;
+}
+
+void FastForces::answer(Arm *arm, const ros::Time &stamp)
+{
+    const Clock::time_point now = Clock::now();
+    double wrench[6];
+    if (is_stale(*arm, now)) arm->between.stop();
+    arm->between.answer(seconds(now), arm->sample.in_tissue.translation, arm->sample.in_tissue.rotation, wrench);
+    arm->answered_at = now;
+    tools_->publish_force(arm->index, arm->sample, wrench, wrench + 3, stamp);
+}
+
+void FastForces::frame(size_t tool, const pliant_data &data, const ToolSample &sample, bool acts)
+{
+    Arm &arm = *arms_[tool];
+    check(pliant_tool_linearize(&data, static_cast<int>(tool), &arm.linear));
+    std::lock_guard<InheritingMutex> hold(arm.lock);
+    const Clock::time_point now = Clock::now();
+    const bool known = arm.has_pose && arm.sample.frame == sample.frame;
+    const Rigid in_tissue = known ? arm.sample.in_tissue : sample.in_tissue;
+    arm.sample = sample;
+    arm.sample.in_tissue = in_tissue; /* the newest pose, not that of the step */
+    arm.tissue_from_frame = inverse(sample.frame_from_tissue);
+    arm.frame_at = now;
+    if (!known && sample.present) {
+        arm.has_pose = true;
+        arm.pose_at = now;
+    }
+    arm.between.frame(seconds(now), arm.linear, acts && sample.present);
+}
+
+} // namespace pliant_ros

@@ -1,0 +1,158 @@
+// Forces between steps, against a simulation whose steps are late, as in the node: poses come at 1 kHz, a step begins every 20 ms and is there
+// 12 ms later. No ROS, no clock.
+#include "../pipeline/body.h"
+#include "ros/sim/between.h"
+
+#include <algorithm>
+
+namespace {
+
+using pliant_ros::Between;
+
+const int size[3] = {6, 6, 6};
+const double box[3] = {0.12, 0.12, 0.12}, still[4] = {0, 0, 0, 1};
+enum { STEP = 20, LATE = 12 /* [ms] */ };
+
+// A stroke: where the tip is, from where it takes hold.
+struct Way {
+    const char *name;
+    double (*at)(int millisecond, int axis);
+    int milliseconds;
+};
+
+double fast(int t, int axis) { return (axis == 2 ? 0.02 : 0.008) * std::pow(std::sin(M_PI * t / 200), 2); } // 0.3 m/s
+double slow(int t, int axis) { return (axis == 2 ? 0.02 : 0.008) * std::pow(std::sin(M_PI * t / 1500), 2); }
+double pushed(int t, int axis) { return (axis == 2 ? -0.01 : 0.004) * std::pow(std::sin(M_PI * t / 600), 2); }
+double shaken(int t, int axis) { return slow(t, axis) + 5e-4 * std::sin(0.3 * t + axis); } // 48 Hz
+double noisy(int t, int axis) { return slow(t, axis) + 2e-5 * ((t * 7919 + axis * 104729) % 101 / 50.0 - 1); } // an encoder's
+double stepped(int t, int axis) { return slow(t / 10 * 10, axis); } // poses at 100 Hz
+const Way ways[] = {{"fast", fast, 600}, {"slow", slow, 3000}, {"pushed", pushed, 1200}, {"shaken", shaken, 3000}, {"noisy", noisy, 3000}, {"stepped", stepped, 3000}};
+
+struct Told {
+    double in = 0, out = 0, least = 0; // energy put in, given out; the least that was left of it [J]
+    double jump = 0, zero_order = 0;   // the largest change of the force from one answer to the next; of the steps' own forces [N]
+    double off = 0, most = 0;          // from the step's own force at that step's pose [N]; the largest force
+};
+
+struct Held : Body {
+    int tool = -1;
+    const double rest[3] = {0.06, 0.06, 0.11};
+
+    explicit Held(pliant_solver_kind kind) : Body(size, box, {{4000, 0.45, 1000, false}})
+    {
+        fix_plane(0, 0, 0.041, 0, 0, 1);
+        cells(6, 6, 6, 1);
+        for (double &g : scene.model.gravity) g = 0;
+        scene.solver.kind = kind;
+        scene.solver.iterations = 4;
+        scene.solver.threads = 1;
+        scene.solver.step = 0.001 * STEP;
+        scene.tled.damping = 60;
+        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_tool_add(model, data, "hand", &tool), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_pose(data, tool, rest, still), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_grasp(model, data, tool, nullptr), PLIANT_OK) << pliant_last_error();
+        EXPECT_GE(pliant_step(model, data), 0);
+    }
+
+    Told stroke(const Way &way, double most = 5)
+    {
+        Told told;
+        Between between(most);
+        pliant_tool_linear linear{}, ready{};
+        double before[6] = {}, last[3] = {}, answered[STEP][6] = {}, step_force[3] = {};
+        EXPECT_EQ(pliant_tool_linearize(data, tool, &linear), PLIANT_OK);
+        pliant_tool_linear nothing{};
+        nothing.known = true;
+        between.frame(-0.021, nothing, true); // before it took hold
+        between.frame(-0.001, linear, true);
+        for (int t = 0; t <= way.milliseconds + 500; t++) {
+            double tip[3], now[6], moved = 0, changed = 0;
+            for (int d = 0; d < 3; d++) tip[d] = rest[d] + way.at(std::min(t, way.milliseconds), d);
+            if (t % STEP == 0) {
+                EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, still), PLIANT_OK);
+                EXPECT_GE(pliant_step(model, data), 0) << pliant_last_error();
+                EXPECT_EQ(pliant_tool_linearize(data, tool, &linear), PLIANT_OK);
+                ready = linear;
+            }
+            if (t % STEP == LATE) between.frame(0.001 * t - 0.0005, ready, true);
+            between.answer(0.001 * t, tip, still, now);
+            for (int d = 0; d < 3 && t > 0; d++) moved += before[d] * (tip[d] - last[d]);
+            (moved > 0 ? told.in : told.out) += std::fabs(moved);
+            told.least = std::min(told.least, told.in - told.out);
+            for (int d = 0; d < 3 && t > 0; d++) changed += std::pow(now[d] - before[d], 2);
+            told.jump = std::max(told.jump, std::sqrt(changed));
+            std::copy(now, now + 6, answered[t % STEP]);
+            if (t % STEP == LATE) {
+                double off = 0, force = 0, jump = 0;
+                for (int d = 0; d < 3; d++) {
+                    off += std::pow(answered[0][d] - ready.wrench[d], 2);
+                    force += std::pow(ready.wrench[d], 2);
+                    jump += std::pow(ready.wrench[d] - step_force[d], 2);
+                    step_force[d] = ready.wrench[d];
+                }
+                told.off = std::max(told.off, std::sqrt(off));
+                told.most = std::max(told.most, std::sqrt(force));
+                told.zero_order = std::max(told.zero_order, std::sqrt(jump));
+            }
+            std::copy(now, now + 6, before);
+            std::copy(tip, tip + 3, last);
+        }
+        return told;
+    }
+};
+
+TEST(Between, GivesNoMoreThanItGot)
+{
+    for (pliant_solver_kind kind : {PLIANT_COROTATIONAL, PLIANT_TLED})
+        for (const Way &way : ways) {
+            Held held(kind);
+            const Told told = held.stroke(way);
+            SCOPED_TRACE(way.name);
+            printf("%s %s: in %.5f J, out %.5f, least left %.2g (%.3f %%); jump %.3f N of %.3f; off %.3f of %.3f\n", kind == PLIANT_TLED ? "tled" : "quasi-static",
+                   way.name, told.in, told.out, told.least, 100 * told.least / told.in, told.jump, told.zero_order, told.off, told.most);
+            EXPECT_GE(told.least, -0.01 * told.in);
+            EXPECT_GT(told.in, 0.015);
+            if (way.at == slow || way.at == pushed || way.at == stepped) { // steps alone jump by 0.15 to 0.2 N
+                EXPECT_LT(told.jump, 0.15 * told.most / 4);
+                EXPECT_LT(told.off, 0.06 * told.most);
+            }
+            if (kind == PLIANT_COROTATIONAL) EXPECT_GT(told.out, 0.95 * told.in); // and it is the tissue's spring still
+        }
+}
+
+// it may differ from the step's force by the bound alone, ends at once, and comes back by a ramp
+TEST(Between, IsBoundedAndRises)
+{
+    Held held(PLIANT_COROTATIONAL);
+    Between between(0.5);
+    pliant_tool_linear linear{};
+    const double pulled[3] = {0.06, 0.06, 0.12}, far[3] = {0.06, 0.06, 0.42};
+    double out[6];
+    for (int s = 0; s < 10; s++) {
+        ASSERT_EQ(pliant_tool_set_pose(held.data, held.tool, pulled, still), PLIANT_OK);
+        ASSERT_GE(pliant_step(held.model, held.data), 0);
+    }
+    ASSERT_EQ(pliant_tool_linearize(held.data, held.tool, &linear), PLIANT_OK);
+    const double force = linear.wrench[2];
+    ASSERT_GT(force, 1);
+    between.frame(0, linear, true);
+    double last = 0;
+    for (int t = 0; t < 300; t++) {
+        double tip[3] = {0.06, 0.06, std::min(0.12, 0.11 + 0.0001 * t)};
+        between.answer(0.001 * t, tip, still, out);
+        EXPECT_LT(std::fabs(out[2] - last), 0.03) << t;
+        last = out[2];
+    }
+    EXPECT_NEAR(last, force, 1e-9);
+    between.answer(0.301, far, still, out);
+    EXPECT_LE(out[2], force + 0.5 + 1e-9);
+    between.stop();
+    between.answer(0.302, far, still, out);
+    for (double x : out) EXPECT_EQ(x, 0);
+    between.frame(0.32, linear, true);
+    between.answer(0.321, pulled, still, out);
+    EXPECT_LT(std::fabs(out[2]), 0.1 * force);
+}
+
+} // namespace
