@@ -59,6 +59,21 @@ TEST_F(Confine, RefusesDotsAndAbsolutePathsOutside)
     EXPECT_FALSE(may_read("/etc/passwd"));
 }
 
+// nobody learns what there is outside
+TEST_F(Confine, WhatIsNotThereOutsideIsRefusedLikeWhatIs)
+{
+    for (const char *name : {"../secret.nii", "../nothing.nii", "../nothing/of/that.nii", "/nothing/at/all.nii"}) {
+        EXPECT_FALSE(may_read(name));
+        EXPECT_EQ(why, std::string(name) + " is outside " + root);
+    }
+    EXPECT_FALSE(may_write("../nothing/of/that.nii"));
+    EXPECT_NE(why.find("is outside"), std::string::npos) << why;
+    EXPECT_FALSE(may_read("nothing.nii"));
+    EXPECT_NE(why.find("No such file"), std::string::npos) << why;
+    EXPECT_FALSE(may_write("nothing/scan.nii"));
+    EXPECT_NE(why.find("No such file"), std::string::npos) << why;
+}
+
 TEST_F(Confine, ANameThatBeginsLikeTheRootIsOutside)
 {
     ASSERT_EQ(mkdir((root + "2").c_str(), 0755), 0);

@@ -34,6 +34,16 @@ std::string joined(const std::string &folder, const std::string &path)
     return !path.empty() && path[0] == '/' ? path : folder + "/" + path;
 }
 
+/* Whether the nearest folder of a path that is there is inside: nobody learns what there is where nothing may be read. */
+bool would_be_inside(const std::string &root, std::string path)
+{
+    std::string found;
+    do {
+        path = folder_of(path);
+    } while (!real(path, &found) && path != "/" && path != ".");
+    return is_inside(root, found);
+}
+
 bool real_root(const std::string &root, std::string *out, std::string *why)
 {
     if (root.empty()) *why = "no folder is set from which callers may name files";
@@ -52,11 +62,13 @@ bool confine_existing(const std::string &root, const std::string &path, std::str
         *why = "no file is named";
         return false;
     }
-    if (!real(joined(top, path), &found)) {
-        *why = path + ": " + std::strerror(errno);
+    const bool there = real(joined(top, path), &found);
+    const int missing = errno;
+    if (!there && would_be_inside(top, joined(top, path))) {
+        *why = path + ": " + std::strerror(missing);
         return false;
     }
-    if (!is_inside(top, found)) {
+    if (!there || !is_inside(top, found)) {
         *why = path + " is outside " + top;
         return false;
     }
@@ -75,11 +87,13 @@ bool confine_new(const std::string &root, const std::string &path, std::string *
         *why = "\"" + path + "\" names no file";
         return false;
     }
-    if (!real(folder_of(whole), &folder)) {
-        *why = folder_of(whole) + ": " + std::strerror(errno);
+    const bool there = real(folder_of(whole), &folder);
+    const int missing = errno;
+    if (!there && would_be_inside(top, folder_of(whole))) {
+        *why = folder_of(whole) + ": " + std::strerror(missing);
         return false;
     }
-    if (!is_inside(top, folder)) {
+    if (!there || !is_inside(top, folder)) {
         *why = path + " is outside " + top;
         return false;
     }
