@@ -152,7 +152,7 @@ static pliant_status hand_over(pliant_data *data)
     const double *h_solved;
     CUDA_TRY(enqueue_upsample(data));
     if (!pliant_host_moves(data)) return PLIANT_OK;
-    CUDA_TRY(pliant_cuda_solver_bring(state_of(data)->solver, &h_solved));
+    CUDA_TRY(pliant_cuda_solver_download(state_of(data)->solver, &h_solved));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state_of(data)->stream)));
     take(data, h_solved);
     return PLIANT_OK;
@@ -173,7 +173,7 @@ static pliant_status finish(pliant_data *data)
     cuda_data *state = state_of(data);
     pliant_cuda_warp *warp = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
     const double *h_solved = NULL;
-    if (!pliant_host_moves(data)) CUDA_TRY(pliant_cuda_solver_bring(state->solver, &h_solved));
+    if (!pliant_host_moves(data)) CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
     else if (warp && (data->falling || data->statistics.patched > 0)) CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
     if (warp) CUDA_TRY(pliant_cuda_warp_enqueue(warp, state->d_positions, state->stream));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));

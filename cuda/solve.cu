@@ -267,7 +267,7 @@ extern "C" pliant_status pliant_cuda_solver_upsample(pliant_cuda_solver *gpu, co
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_solver_bring(pliant_cuda_solver *gpu, const double **h_solved)
+extern "C" pliant_status pliant_cuda_solver_download(pliant_cuda_solver *gpu, const double **h_solved)
 {
     *h_solved = gpu->h_solved;
     if (!gpu->h_solved) return PLIANT_OK;

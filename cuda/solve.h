@@ -30,7 +30,7 @@ pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *so
 /* Enqueue the upsampling. *d_positions: (fine nodes x 3), valid when the stream has come so far */
 pliant_status pliant_cuda_solver_upsample(pliant_cuda_solver *gpu, const double **d_positions);
 /* Enqueue the solved nodes' copy to the host; NULL when they are the fine nodes. Valid after the stream was synchronized. */
-pliant_status pliant_cuda_solver_bring(pliant_cuda_solver *gpu, const double **h_solved);
+pliant_status pliant_cuda_solver_download(pliant_cuda_solver *gpu, const double **h_solved);
 /* Enqueue other fine positions (fine nodes x 3) where those of the last upsampling are. */
 pliant_status pliant_cuda_solver_place(pliant_cuda_solver *gpu, const double *h_fine);
 

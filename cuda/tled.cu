@@ -404,7 +404,7 @@ static pliant_status record(pliant_cuda_tled *gpu, int32_t count, bool repeated)
     return PLIANT_OK;
 }
 
-static pliant_status bring_outcome(pliant_cuda_tled *gpu)
+static pliant_status download_outcome(pliant_cuda_tled *gpu)
 {
     return CUDA_CALL(cudaMemcpyAsync(&gpu->h_exchange->outcome, gpu->gpu.d_outcome, sizeof gpu->h_exchange->outcome, cudaMemcpyDeviceToHost, gpu->stream));
 }
@@ -424,7 +424,7 @@ static pliant_status relax(pliant_cuda_tled *gpu, const pliant_tled *tled)
     CUDA_TRY(record(gpu, relaxation_graph, true));
     for (int32_t done = 0; done < tled->substeps; done += relaxation_graph) {
         CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->graph, gpu->stream)));
-        CUDA_TRY(bring_outcome(gpu));
+        CUDA_TRY(download_outcome(gpu));
         CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
         if (outcome->settled || outcome->unsound < INT32_MAX) break;
     }
@@ -440,8 +440,8 @@ static pliant_status download(pliant_cuda_tled *gpu, pliant_tled *tled)
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_u, it->d_packed_u, bytes, cudaMemcpyDeviceToHost, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_d, it->d_d[0], bytes, cudaMemcpyDeviceToHost, gpu->stream)));
     if (it->viscous) CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_memory, it->d_packed_memory, memory, cudaMemcpyDeviceToHost, gpu->stream)));
-    CUDA_TRY(pliant_cuda_touching_bring(&gpu->touching, it, gpu->stream));
-    CUDA_TRY(bring_outcome(gpu));
+    CUDA_TRY(pliant_cuda_touching_download(&gpu->touching, it, gpu->stream));
+    CUDA_TRY(download_outcome(gpu));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 

@@ -165,7 +165,7 @@ extern "C" pliant_status pliant_cuda_touching_send(const gpu_touching *touching,
     return CUDA_CALL(cudaMemcpyAsync(gpu->d_level, touching->h_level, levels * sizeof *gpu->d_level, cudaMemcpyHostToDevice, stream));
 }
 
-extern "C" pliant_status pliant_cuda_touching_bring(const gpu_touching *touching, const gpu_tled *gpu, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_touching_download(const gpu_touching *touching, const gpu_tled *gpu, cudaStream_t stream)
 {
     const size_t count = (size_t)touching->num_points;
     if (count == 0) return PLIANT_OK;

@@ -29,7 +29,7 @@ void pliant_cuda_touching_free(gpu_touching *touching, gpu_tled *tled);
 pliant_status pliant_cuda_touching_sort(const pliant_tled *tled, gpu_touching *touching, gpu_tled *gpu, bool *moved);
 pliant_status pliant_cuda_touching_send(const gpu_touching *touching, const gpu_tled *gpu, cudaStream_t stream);
 /* enqueue; then, when they have come, to the host's */
-pliant_status pliant_cuda_touching_bring(const gpu_touching *touching, const gpu_tled *gpu, cudaStream_t stream);
+pliant_status pliant_cuda_touching_download(const gpu_touching *touching, const gpu_tled *gpu, cudaStream_t stream);
 void pliant_cuda_touching_take(const gpu_touching *touching, pliant_tled *tled);
 
 #ifdef __cplusplus

@@ -20,7 +20,7 @@ typedef struct pliant_host_solver {
     pliant_status (*interact)(const pliant_model *model, pliant_data *data); /* the first stage of a step: what the tools pull at */
     void (*set_positions)(const pliant_model *model, pliant_data *data, const double *positions); /* data's own positions too */
     void (*limits)(pliant_data *data, int iterations, double tolerance);
-    void (*left)(pliant_data *data); /* another backend failed: what it made is not to be used. Nullable */
+    void (*fell_back)(pliant_data *data); /* another backend failed: what it made is not to be used. Nullable */
     const pliant_backend *cpu, *cuda; /* who can run its steps; cuda is NULL in a build without */
 } pliant_host_solver;
 extern const pliant_host_solver pliant_corotational, pliant_explicit;
@@ -81,7 +81,7 @@ pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *dat
  * goes on. */
 void pliant_backend_follow(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map);
 /* After a failure of the backend: the CPU goes on from the last good state. false: it was the CPU's own failure. */
-bool pliant_backend_leave(const pliant_model *model, pliant_data *data, pliant_status status);
+bool pliant_backend_fall_back(const pliant_model *model, pliant_data *data, pliant_status status);
 
 #ifdef __cplusplus
 }

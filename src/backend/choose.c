@@ -35,7 +35,7 @@ pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data
     return status;
 }
 
-bool pliant_backend_leave(const pliant_model *model, pliant_data *data, pliant_status status)
+bool pliant_backend_fall_back(const pliant_model *model, pliant_data *data, pliant_status status)
 {
     if (data->backend->on_host || (status != PLIANT_ERROR_UNAVAILABLE && status != PLIANT_ERROR_MEMORY)) return false;
     pliant_log(PLIANT_LOG_WARNING, "backend: %s; the CPU goes on from the last good state", pliant_last_error());
@@ -43,8 +43,8 @@ bool pliant_backend_leave(const pliant_model *model, pliant_data *data, pliant_s
     if (data->backend->download) data->backend->download(model, data);
     data->backend->free(data);
     data->backend = kind->cpu;
-    if (kind->left) kind->left(data);
-    if (data->warp) pliant_warp_leave(data->warp);
+    if (kind->fell_back) kind->fell_back(data);
+    if (data->warp) pliant_warp_fall_back(data->warp);
     return true;
 }
 
@@ -58,13 +58,13 @@ void pliant_backend_follow(const pliant_model *model, pliant_data *data, const p
     if (backend->create(model, data) == PLIANT_OK) return;
     pliant_log(PLIANT_LOG_WARNING, "backend: %s; the CPU goes on with the new body", pliant_last_error());
     data->backend = backend->kind->cpu;
-    if (data->warp) pliant_warp_leave(data->warp);
+    if (data->warp) pliant_warp_fall_back(data->warp);
 }
 
 pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = data->backend->restart(model, data);
-    return status < 0 && pliant_backend_leave(model, data, status) ? PLIANT_OK : status;
+    return status < 0 && pliant_backend_fall_back(model, data, status) ? PLIANT_OK : status;
 }
 
 const char *pliant_data_get_backend(const pliant_data *data) { return data->backend->name; }

@@ -103,14 +103,14 @@ static void limits(pliant_data *data, int iterations, double tolerance)
     data->solver->rules.converged = false; /* by these it may not be */
 }
 
-static void left(pliant_data *data)
+static void fell_back(pliant_data *data)
 {
     pliant_solver_forget(data->solver);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) data->solver->handles[t].response_of = 0;
 }
 
 const pliant_host_solver pliant_corotational = {
-    .create = create, .follow = follow, .reset = reset, .interact = interact, .set_positions = set_positions, .limits = limits, .left = left,
+    .create = create, .follow = follow, .reset = reset, .interact = interact, .set_positions = set_positions, .limits = limits, .fell_back = fell_back,
     .cpu = &pliant_cpu_backend, .cuda = PLIANT_ON_GPU(pliant_cuda_backend),
 };
 

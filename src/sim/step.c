@@ -161,7 +161,7 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
         pliant_status status = beyond ? pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tools are near the tissue, and contact is the CPU's") : stages[stage](model, data);
         data->statistics.seconds[stage] = pliant_seconds() - start;
         /* the first stages are the host's own */
-        if (status < 0 && stage > PLIANT_STEP_contact && pliant_backend_leave(model, data, status)) {
+        if (status < 0 && stage > PLIANT_STEP_contact && pliant_backend_fall_back(model, data, status)) {
             bool on_host = backend->solves_on_host || (pliant_host_moves(data) && stage == PLIANT_STEP_warp); /* only this stage is done again */
             stage = on_host ? stage - 1 : PLIANT_STEP_solve - 1; /* again, by the CPU */
             continue;

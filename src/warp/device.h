@@ -63,7 +63,7 @@ void pliant_warp_take(pliant_warp *warp, pliant_warp_next *next); /* next goes t
 void pliant_warp_next_free(pliant_warp_next *next); /* Nullable */
 /* The device's object, NULL when the CPU does the updates; and the end of that, when it failed. */
 void *pliant_warp_accelerated(const pliant_warp *warp);
-void pliant_warp_leave(pliant_warp *warp);
+void pliant_warp_fall_back(pliant_warp *warp);
 
 #ifdef __cplusplus
 }

@@ -386,7 +386,7 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
     tell_cut_off(warp, positions);
     if (warp->accelerated) {
         if (warp->device->update(warp->accelerated, positions) == PLIANT_OK) return PLIANT_OK;
-        pliant_warp_leave(warp);
+        pliant_warp_fall_back(warp);
     }
     if (warp->fit) {
         pliant_fit_map(warp->fit, positions);
@@ -490,7 +490,7 @@ pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choic
 
 void *pliant_warp_accelerated(const pliant_warp *warp) { return warp->accelerated; }
 
-void pliant_warp_leave(pliant_warp *warp)
+void pliant_warp_fall_back(pliant_warp *warp)
 {
     if (!warp->accelerated) return;
     pliant_log(PLIANT_LOG_WARNING, "the deformed volume is drawn by the CPU from now on: %s", pliant_last_error());

@@ -150,7 +150,7 @@ pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_sy
 void pliant_tled_free(pliant_tled *tled); /* Nullable */
 void pliant_tled_reset(pliant_tled *tled);
 /* At rest where it is: dynamic relaxation begins anew. */
-void pliant_tled_calm(pliant_tled *tled);
+void pliant_tled_stop_motion(pliant_tled *tled);
 /* Largest eigenvalue of B'DB of an isotropic tetrahedron, over its volume [N/m^4], from its gradients (4 x 3). */
 double pliant_element_largest_eigenvalue(const double gradients[12], double lambda, double mu);
 /* the same of any element with one strain: gram = sum of g_v g_v' over its corners, xx yy zz xy xz yz */

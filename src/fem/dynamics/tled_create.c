@@ -330,10 +330,10 @@ void pliant_tled_reset(pliant_tled *tled)
     size_t nodes = (size_t)tled->system->mesh->num_nodes;
     memset(tled->u, 0, 3 * nodes * sizeof *tled->u);
     if (tled->memory) memset(tled->memory, 0, (size_t)pliant_tled_blocks(tled->system) * sizeof *tled->memory);
-    pliant_tled_calm(tled);
+    pliant_tled_stop_motion(tled);
 }
 
-void pliant_tled_calm(pliant_tled *tled)
+void pliant_tled_stop_motion(pliant_tled *tled)
 {
     size_t nodes = (size_t)tled->system->mesh->num_nodes;
     memset(tled->d, 0, 3 * nodes * sizeof *tled->d);

@@ -299,7 +299,7 @@ pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_
             pliant_tled_touch_end(tled, frame.steps, statistics);
             return !system->quasi_static || frame.settled ? PLIANT_OK : PLIANT_NOT_CONVERGED;
         }
-        if (system->quasi_static) pliant_tled_calm(tled);
+        if (system->quasi_static) pliant_tled_stop_motion(tled);
         if (system->quasi_static || tled->time_step > fmin(system->edge_bound, system->eigenvalue_bound) || halvings == MOST_HALVINGS) {
             status = diverged(tled, frame.steps);
         } else {
