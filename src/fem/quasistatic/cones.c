@@ -175,7 +175,6 @@ static void set_sliding(const doing *of, double friction, const double v[3], con
  * are too many, or no solution; nothing is changed. room: (MOST_ROWS x (MOST_ROWS + 1)) */
 static bool step_together(size_t row, const double *matrix, const double *friction, double *motion, double *force, double *change, double *room)
 {
-    const double tiny = 1e-12; /* of points that nothing tells apart, each has a part */
     size_t index[MOST_ROWS / 3], points = 0;
     doing doings[MOST_ROWS / 3];
     for (size_t i = 0; i < row; i += 3) {
@@ -199,10 +198,7 @@ static bool step_together(size_t row, const double *matrix, const double *fricti
                 for (int c = 0; c < 3; c++) out[r * width + 3 * q + c] = a[index[q] + c];
         }
         if (doings[p].kind == SLIDES) set_sliding(doings + p, friction[i / 3], motion + i, force + i, rows, 3 * p, out, right);
-        for (int r = 0; r < 3; r++) {
-            out[r * width + rows] = right[r];
-            out[r * width + 3 * p + (size_t)r] *= 1 + tiny;
-        }
+        for (int r = 0; r < 3; r++) out[r * width + rows] = right[r];
     }
     if (!eliminate(rows, room)) return false;
     for (size_t p = 0; p < points; p++)
