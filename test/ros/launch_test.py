@@ -93,6 +93,9 @@ class LaunchTest(unittest.TestCase):
         self.assertEqual(params["/tissue/sim/parent_frame"], "PSM1_base")
         self.assertFalse([path for path in params if "none_" in path])
         self.assertNotIn("force_guard", nodes)
+        self.assertEqual(dict(nodes["rviz"].remap_args)["grasper/marker"], "PSM1/marker")
+        nodes = self.robot("tissue.launch", "rviz:=true")[2]
+        self.assertEqual(dict(nodes["rviz"].remap_args)["grasper/marker"], "grasper/marker")
 
         topics, params, nodes = self.robot("dvrk.launch", "arm:=PSM2", "haptic:=true", "gain:=0.1")
         guard = dict(nodes["force_guard"].remap_args)
