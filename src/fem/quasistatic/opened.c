@@ -84,15 +84,16 @@ static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_
 /* The state is Newton's, and the axes are of it. */
 static void take_step(pliant_solver *solver, const newton_step *found)
 {
-    const double straight = 20; /* thousandths of the body's length that are gone at once */
-    const int most = 8, parts = (int)fmin(fmax(ceil(longest(solver, found->way) / (straight * solver->rules.smallest_displacement)), 1), most);
+    const double straight = 20, farthest = 250; /* thousandths of the body's length that are gone at once; in all: what hangs by little is sent metres away */
+    const double length = longest(solver, found->way) / solver->rules.smallest_displacement, share = fmin(1, farthest / length);
+    const int most = 8, parts = (int)fmin(fmax(ceil(share * length / straight), 1), most);
     const size_t bytes = 3 * (size_t)solver->system->mesh->num_nodes * sizeof(double);
     memcpy(solver->previous_x, solver->now.x, bytes);
     memcpy(solver->previous_force, solver->now.force, sizeof solver->previous_force);
     solver->rules.blind = 1;
     solver->rules.sound_merit = sqrt(found->energy);
     for (int p = 0; p < parts; p++) {
-        place_trial(solver, found->way, 1.0 / parts);
+        place_trial(solver, found->way, share / parts);
         memcpy(solver->now.x, solver->trial.x, bytes);
         if (solver->rotations) pliant_nodal_rotations_update(solver->system, solver->now.x, solver->rotations);
     }
