@@ -39,15 +39,16 @@ Obstacle plate(double x, double y, double z, double nx, double ny, double nz, do
     return {Obstacle::HALF_SPACE, {x, y, z}, {nx, ny, nz}, 0, friction, {0, 0, 0}, 0};
 }
 
-// Displacement by Hertz's pressure, of Boussinesq's point loads (Johnson, Contact Mechanics, 3.18 and 4.2); z down.
-void hertz_moves(double force, double a, double nu, const double x[3], double u[3])
+// Displacement by a pressure on a circle, of Boussinesq's point loads (Johnson, Contact Mechanics, 3.18); z down.
+// Within r lies the part 1 - (1 - (r/a)^2)^power of the force: 3/2 for a sphere (4.2), 1/2 for a flat punch (3.34).
+void circle_moves(double power, double force, double a, double nu, const double x[3], double u[3])
 {
     const int rings = 6, around = 12;
     const double shear = young / 2 / (1 + nu);
     u[0] = u[1] = u[2] = 0;
     for (int i = 0; i < rings; i++)
         for (int k = 0; k < around; k++) { /* each of as much force */
-            const double part = (i + 0.5) / rings, at = a * std::sqrt(1 - std::pow(1 - part, 2.0 / 3)), turn = 2 * M_PI * (k + 0.5 * i) / around;
+            const double part = (i + 0.5) / rings, at = a * std::sqrt(1 - std::pow(1 - part, 1 / power)), turn = 2 * M_PI * (k + 0.5 * i) / around;
             const double from[2] = {x[0] - at * std::cos(turn), x[1] - at * std::sin(turn)}, z = x[2];
             const double r = std::hypot(std::hypot(from[0], from[1]), z), share = force / rings / around / (4 * M_PI * shear * r);
             for (int d = 0; d < 2; d++) u[d] += share * from[d] * (z / r / r - (1 - 2 * nu) / (r + z));
@@ -99,34 +100,47 @@ TEST(Cones, AllAtOnceWhereWhoSlidesIsClear)
     EXPECT_LT(sweeps, 20 * 14); // 370 without Newton's method
 }
 
-// Hertz: F = 4/3 E* sqrt(R) d^1.5. The block is cut out of the half-space: its sides and bottom stand where the half-space is.
+// Cut out of a half-space: its sides and bottom stand where the half-space is that is pressed.
+struct HalfSpace : Block {
+    explicit HalfSpace(int n) : Block(n, n / 2, nu, 0.08)
+    {
+        const double eps = 1e-4;
+        scene.element.kind = PLIANT_HEXAHEDRA;
+        fix_below();
+        fix_plane(eps, 0, 0, 1, 0, 0);
+        fix_plane(edge - eps, 0, 0, -1, 0, 0);
+        fix_plane(0, eps, 0, 0, 1, 0);
+        fix_plane(0, edge - eps, 0, 0, -1, 0);
+        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
+    }
+    void move_far(double power, double force, double a)
+    {
+        const pliant_mesh &mesh = model->body->fine;
+        for (int32_t i = 0; i < mesh.num_nodes; i++) {
+            if (model->system->free_of_node[i] >= 0) continue;
+            const double *rest = mesh.rest + 3 * i, x[3] = {rest[0] - edge / 2, rest[1] - edge / 2, height - rest[2]};
+            double u[3];
+            circle_moves(power, force, a, nu, x, u);
+            for (int d = 0; d < 3; d++) data->solver->now.x[3 * i + d] = rest[d] + (d < 2 ? u[d] : -u[d]);
+        }
+        pliant_solver_moved(data->solver);
+    }
+    static constexpr double nu = 0.3;
+};
+constexpr double HalfSpace::nu;
+
+// Hertz: F = 4/3 E* sqrt(R) d^1.5.
 TEST(ContactSolver, SphereOnAHalfSpaceAsHertz)
 {
-    const int n = 16;
-    const double nu = 0.3, edge = 0.08, eps = 1e-4, radius = 1;
-    Block block(n, n / 2, nu, edge);
-    block.scene.element.kind = PLIANT_HEXAHEDRA;
-    block.fix_below();
-    block.fix_plane(eps, 0, 0, 1, 0, 0);
-    block.fix_plane(edge - eps, 0, 0, -1, 0, 0);
-    block.fix_plane(0, eps, 0, 0, 1, 0);
-    block.fix_plane(0, edge - eps, 0, 0, -1, 0);
-    ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
-    const pliant_mesh &mesh = block.model->body->fine;
+    const double radius = 1;
+    HalfSpace block(16);
     Toucher toucher(block.data->body);
-    toucher.obstacles.push_back({Obstacle::SPHERE, {edge / 2, edge / 2, block.height + radius}, {0, 0, 0}, radius, 0, {0, 0, 0}, 0});
+    toucher.obstacles.push_back({Obstacle::SPHERE, {block.edge / 2, block.edge / 2, block.height + radius}, {0, 0, 0}, radius, 0, {0, 0, 0}, 0});
     toucher.reach = 0.001;
     double before = 0;
     for (double a : {0.015, 0.018, 0.021, 0.024}) { // 3 to 4.8 elements
-        const double depth = a * a / radius, hertz = 4.0 / 3 * young / (1 - nu * nu) * std::sqrt(radius) * std::pow(depth, 1.5);
-        for (int32_t i = 0; i < mesh.num_nodes; i++) {
-            if (block.model->system->free_of_node[i] >= 0) continue;
-            const double *rest = mesh.rest + 3 * i, x[3] = {rest[0] - edge / 2, rest[1] - edge / 2, block.height - rest[2]};
-            double u[3];
-            hertz_moves(hertz, a, nu, x, u);
-            for (int d = 0; d < 3; d++) block.data->solver->now.x[3 * i + d] = rest[d] + (d < 2 ? u[d] : -u[d]);
-        }
-        pliant_solver_moved(block.data->solver);
+        const double depth = a * a / radius, hertz = 4.0 / 3 * young / (1 - block.nu * block.nu) * std::sqrt(radius) * std::pow(depth, 1.5);
+        block.move_far(1.5, hertz, a);
         toucher.obstacles[0].move(0, 0, before - depth);
         before = depth;
         ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK);
@@ -135,6 +149,67 @@ TEST(ContactSolver, SphereOnAHalfSpaceAsHertz)
         EXPECT_NEAR(-force[2], hertz, 0.03 * hertz) << "a " << a;
         EXPECT_LT(std::hypot(force[0], force[1]), 1e-4 * hertz);
         EXPECT_LT(block.data->statistics.penetration, 1e-4 * depth);
+    }
+}
+
+// F = 2 E* a d (Sneddon, Int. J. Engng Sci. 3:47, 1965; Johnson, 3.36). Pressure is infinite at the edge, and the force of a mesh too small by as much
+// as its elements are large over a, which is that of a circle of as much area as the nodes under the punch have: a line through five meshes ends at F.
+TEST(ContactSolver, FlatPunchOnAHalfSpaceAsSneddon)
+{
+    const double radius = 0.0201, depth = 2e-4;
+    double sum[5] = {};
+    for (int n : {8, 12, 16, 20, 24}) {
+        HalfSpace block(n);
+        Toucher toucher(block.data->body);
+        toucher.obstacles.push_back({Obstacle::PUNCH, {block.edge / 2, block.edge / 2, block.height}, {0, 0, 0}, radius, 0, {0, 0, 0}, 0});
+        toucher.reach = 0.001;
+        const double slope = 2 * young / (1 - block.nu * block.nu) * depth;
+        block.move_far(0.5, slope * radius, radius);
+        toucher.obstacles[0].move(0, 0, -depth);
+        ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK);
+        double force[3], area = 0;
+        Toucher::force(block.data, force);
+        for (int32_t c = 0; c < block.data->contacts.count; c++) area += block.data->contacts.point[c].area;
+        const double ratio = -force[2] / (slope * std::sqrt(area / M_PI)), size = block.edge / n / radius;
+        EXPECT_LT(ratio, 1);
+        EXPECT_GT(ratio, 1 - 0.8 * size);
+        const double terms[] = {1, size, ratio, size * size, size * ratio};
+        for (int k = 0; k < 5; k++) sum[k] += terms[k];
+    }
+    EXPECT_NEAR((sum[2] * sum[3] - sum[1] * sum[4]) / (sum[0] * sum[3] - sum[1] * sum[1]), 1, 0.03);
+}
+
+// A sphere of 1 m that is pressed 0.1 mm into a block of 40 x 40 x 20 mm on the ground, friction 0.3, and moved aside by 0.02 mm, so that it slips at the
+// border and sticks within (Mindlin). CalculiX 2.20: C3D8I, *STATIC without NLGEOM, the sphere a cap of C3D8 that is moved, surface to surface with
+// pressure-overclosure LINEAR of 50 N/mm^3 and as much stick slope, E = 1 N/mm^2, nu 0.3. With 8 and 12 elements along: 2.5214 and 2.4288 N pressed,
+// 0.31263 and 0.30513 N aside, which go on as squares of the element's size to 2.355 and 0.299 N. Pliant has to be as near as its own meshes are apart.
+TEST(ContactSolver, SpherePressedAndMovedAsideAsCalculiX)
+{
+    const double pressed = 2.355, aside = 0.299, scale = young * 1e-6;
+    double found[2][2];
+    for (int fine = 0; fine < 2; fine++) {
+        const int n = fine ? 16 : 8;
+        Block block(n, n / 2, 0.3, 0.04);
+        block.scene.element.kind = PLIANT_HEXAHEDRA;
+        block.fix_below();
+        ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+        Toucher toucher(block.data->body);
+        toucher.obstacles.push_back({Obstacle::SPHERE, {block.edge / 2, block.edge / 2, block.height + 1}, {0, 0, 0}, 1, 0.3, {0, 0, 0}, 0});
+        toucher.reach = 0.001;
+        for (int k = 0; k < 4; k++) {
+            double force[3];
+            toucher.obstacles[0].move(k < 2 ? 0 : 1e-5, 0, k < 2 ? -5e-5 : 0);
+            ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK);
+            Toucher::force(block.data, force);
+            if (k == 1) found[fine][0] = -force[2] / scale;
+            if (k == 3) found[fine][1] = force[0] / scale;
+        }
+    }
+    std::printf("pressed %.4f and %.4f, aside %.4f and %.4f N\n", found[0][0], found[1][0], found[0][1], found[1][1]);
+    const double known[] = {pressed, aside};
+    for (int k = 0; k < 2; k++) {
+        EXPECT_NEAR(found[1][k], known[k], std::fabs(found[1][k] - found[0][k]));
+        EXPECT_NEAR(found[1][k], known[k], 0.02 * known[k]);
     }
 }
 
