@@ -643,4 +643,39 @@ TEST(Convert, RayIsTurnedIntoTheTissueFrame)
     EXPECT_NEAR(ray.direction[2], 0, 1e-15);
 }
 
+TEST(Convert, CamerasLookAlongTheirConvention)
+{
+    const Rigid frame = {{1, 2, 3}, {0, 0, M_SQRT1_2, M_SQRT1_2}}; // a quarter turn about z: x to y, y to -x
+    pliant_camera camera{};
+    pliant_camera_of_view(4, 2, 1.0, &camera);
+    camera_from_frame(frame, OPTICAL, 0.5, &camera);
+    const double optical[12] = {0, -1, 0, 1, 1, 0, 0, 2.5, 0, 0, 1, 3}, ambf[12] = {-1, 0, 0, 1, 0, 0, -1, 2, 0, -1, 0, 3};
+    for (int n = 0; n < 12; ++n) EXPECT_NEAR(camera.pose[n], optical[n], 1e-15) << n;
+    camera_from_frame(frame, AMBF, 0, &camera);
+    for (int n = 0; n < 12; ++n) EXPECT_NEAR(camera.pose[n], ambf[n], 1e-15) << n;
+
+    sensor_msgs::CameraInfo info;
+    pliant_camera again{};
+    EXPECT_FALSE(camera_from_info(info, &again));
+    camera_info_message(camera, 0.004, &info);
+    EXPECT_DOUBLE_EQ(info.P[3], -0.004 * camera.fx);
+    ASSERT_TRUE(camera_from_info(info, &again));
+    EXPECT_EQ(again.width, 4);
+    EXPECT_DOUBLE_EQ(again.cy, camera.cy);
+
+    const float depth[8] = {1, 1, 1, 2, 1, 1, 1, std::nanf("")};
+    const uint8_t rgb[24] = {1, 2, 3};
+    sensor_msgs::PointCloud2 cloud;
+    camera_points_message(camera, AMBF, rgb, depth, &cloud);
+    float point[4];
+    std::memcpy(point, &cloud.data[3 * cloud.point_step], sizeof point);
+    EXPECT_FLOAT_EQ(point[0], -2);
+    EXPECT_FLOAT_EQ(point[1], float(1.5 / camera.fx * 2));
+    EXPECT_FLOAT_EQ(point[2], float(0.5 / camera.fx * 2));
+    std::memcpy(point, &cloud.data[7 * cloud.point_step], sizeof point);
+    EXPECT_TRUE(std::isnan(point[0]));
+    EXPECT_EQ(cloud.data[14], 1);
+    EXPECT_EQ(cloud.data[12], 3);
+}
+
 } // namespace

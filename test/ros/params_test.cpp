@@ -234,4 +234,30 @@ TEST(Params, FramesMustDiffer)
     EXPECT_NE(refusal(slash).find("slash"), std::string::npos);
 }
 
+TEST(Params, Cameras)
+{
+    XmlRpcValue good, stranger, word, order;
+    good["cameras"] = "front scope";
+    good["camera"]["scope"]["convention"] = "ambf";
+    good["camera"]["scope"]["baseline"] = 0.004;
+    good["camera"]["scope"]["shown"] = "liver, bone";
+    good["camera"]["front"]["frame"] = "endoscope_optical";
+    const std::vector<pliant_ros::CameraParameters> cameras = read(good).cameras;
+    ASSERT_EQ(cameras.size(), 2u);
+    EXPECT_EQ(cameras[0].frame, "endoscope_optical");
+    EXPECT_FALSE(cameras[0].ambf);
+    EXPECT_EQ(cameras[1].frame, "scope");
+    EXPECT_TRUE(cameras[1].ambf);
+    EXPECT_EQ(cameras[1].shown, (std::vector<std::string>{"liver", "bone"}));
+    stranger["camera"]["front"]["width"] = 10;
+    EXPECT_NE(refusal(stranger).find("~cameras"), std::string::npos);
+    word["cameras"] = "front";
+    word["camera"]["front"]["fov"] = 60;
+    EXPECT_NE(refusal(word).find("field_of_view"), std::string::npos);
+    order["cameras"] = "front";
+    order["camera"]["front"]["near"] = 0.2;
+    order["camera"]["front"]["far"] = 0.1;
+    EXPECT_NE(refusal(order).find("far"), std::string::npos);
+}
+
 } // namespace

@@ -23,6 +23,7 @@
 #include <pliant/ScanInfo.h>
 #include <pliant/StepTiming.h>
 #include <pliant/Volume.h>
+#include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/JointState.h>
 #include <sensor_msgs/PointCloud2.h>
@@ -147,6 +148,25 @@ void tool_markers_message(const pliant_tool_state &tool, double clearance, const
 /** Nodes with fields x, y, z, displacement [m] and, where given, scalar. Header is the caller's. */
 void points_message(const pliant_body &body, const double *positions, const std::vector<float> &scalar,
                     sensor_msgs::PointCloud2 *out);
+
+/** Whose axes a camera's frame has. */
+enum CameraConvention {
+    OPTICAL, /**< z forward, x right, y down (REP 103) */
+    AMBF     /**< x backwards, y right, z up */
+};
+/** Where a camera is, from where its frame is in the tissue.
+ *  @param aside how far it is to the right of that [m]: the other eye */
+void camera_from_frame(const Rigid &tissue_from_frame, CameraConvention convention, double aside, pliant_camera *camera);
+/** Its calibration: no distortion. Header is the caller's.
+ *  @param baseline of a stereo camera's right eye, else 0 [m] */
+void camera_info_message(const pliant_camera &camera, double baseline, sensor_msgs::CameraInfo *out);
+/** Size and pixels as a calibration has them, for pictures without distortion. False where it is none. */
+bool camera_from_info(const sensor_msgs::CameraInfo &info, pliant_camera *camera);
+/** A picture with one channel of 32FC1 or 8UC1, or with three of rgb8. Header is the caller's. */
+void camera_image_message(const pliant_camera &camera, const std::string &encoding, const void *pixels, sensor_msgs::Image *out);
+/** What a camera sees as points, in the axes of its frame: x, y, z, rgb, a point a pixel; NaN where nothing is seen. Header is the caller's. */
+void camera_points_message(const pliant_camera &camera, CameraConvention convention, const uint8_t *rgb, const float *depth,
+                           sensor_msgs::PointCloud2 *out);
 
 /** Planes of the patient, looked at as radiologists do. */
 enum Plane {

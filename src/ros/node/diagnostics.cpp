@@ -22,8 +22,8 @@ std::string host_name()
 } // namespace
 
 Diagnostics::Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation,
-                         Tools *tools, const MeshOutput *mesh_output, const VolumeOutput *volume_output, const Keeper *keeper)
-    : state_(state), simulation_(simulation), tools_(tools), mesh_output_(mesh_output), volume_output_(volume_output), keeper_(keeper),
+                         Tools *tools, const MeshOutput *mesh_output, const VolumeOutput *volume_output, const CameraOutput *camera_output, const Keeper *keeper)
+    : state_(state), simulation_(simulation), tools_(tools), mesh_output_(mesh_output), volume_output_(volume_output), camera_output_(camera_output), keeper_(keeper),
       updater_(handle, private_handle, private_handle.getNamespace())
 {
     updater_.setHardwareID(host_name());
@@ -101,8 +101,9 @@ void Diagnostics::backend(diagnostic_updater::DiagnosticStatusWrapper &status)
 void Diagnostics::output(diagnostic_updater::DiagnosticStatusWrapper &status)
 {
     status.summary(DiagnosticStatus::OK, "what is wanted is published");
-    for (const std::string &problem : {mesh_output_->problem(), volume_output_->problem(), keeper_->problem()})
+    for (const std::string &problem : {mesh_output_->problem(), volume_output_->problem(), camera_output_->problem(), keeper_->problem()})
         if (!problem.empty()) status.mergeSummary(DiagnosticStatus::ERROR, problem);
+    if (camera_output_->any()) status.add("pictures", camera_output_->drawn());
 }
 
 } // namespace pliant_ros

@@ -4,6 +4,7 @@
 
 #include "ros/node/keeper.h"
 #include "ros/sim/simulation.h"
+#include "ros/output/camera_output.h"
 #include "ros/output/volume_output.h"
 
 #include <diagnostic_updater/diagnostic_updater.h>
@@ -13,7 +14,7 @@ namespace pliant_ros {
 class Diagnostics {
 public:
     Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation, Tools *tools,
-                const MeshOutput *mesh_output, const VolumeOutput *volume_output, const Keeper *keeper);
+                const MeshOutput *mesh_output, const VolumeOutput *volume_output, const CameraOutput *camera_output, const Keeper *keeper);
 
 private:
     void update();
@@ -28,6 +29,7 @@ private:
     Tools *tools_;
     const MeshOutput *mesh_output_;
     const VolumeOutput *volume_output_;
+    const CameraOutput *camera_output_;
     const Keeper *keeper_;
     diagnostic_updater::Updater updater_;
     std::vector<ToolHealth> tool_health_;

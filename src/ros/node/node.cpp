@@ -5,6 +5,7 @@
 #include "ros/node/registration.h"
 #include "ros/node/services.h"
 #include "ros/params/start.h"
+#include "ros/output/camera_output.h"
 #include "ros/output/volume_output.h"
 
 #include <tf2_ros/transform_listener.h>
@@ -19,10 +20,11 @@ struct Node::Parts {
           fast_forces(handle, parameters, &tools),
           mesh_output(handle, parameters, &live, &snapshots),
           volume_output(handle, parameters, &live, &snapshots, &mesh_output),
+          camera_output(handle, parameters, &snapshots, frames),
           simulation(handle, parameters, &state, &live, &tools, &fast_forces, &snapshots),
           services(handle, parameters, &state, &live, &sessions, &simulation, &mesh_output, &volume_output, &registration, frames),
           keeper(handle, parameters, &simulation, &sessions, &services, &registration),
-          diagnostics(handle, private_handle, &state, &simulation, &tools, &mesh_output, &volume_output, &keeper)
+          diagnostics(handle, private_handle, &state, &simulation, &tools, &mesh_output, &volume_output, &camera_output, &keeper)
     {
         live.when_changed([this](const LiveSettings &settings) { sessions.set(settings); });
     }
@@ -39,6 +41,7 @@ struct Node::Parts {
     FastForces fast_forces;
     MeshOutput mesh_output;
     VolumeOutput volume_output;
+    CameraOutput camera_output;
     Simulation simulation;
     Services services;
     Keeper keeper;

@@ -18,7 +18,7 @@ using XmlRpc::XmlRpcValue;
 const char *const node_names[] = {"scene",        "scan",          "scan/path",     "scan_root",   "output_root",
                                   "parent_frame", "tissue_frame",  "tissue_pose",   "registration", "checkpoint", "checkpoint_period", "background",  "tools",
                                   "tool_max_age", "tool_hold",     "jaw_close",     "jaw_release", "wrench_rate",  "wrench_bound",  "slice/axial",
-                                  "slice/coronal", "slice/sagittal"};
+                                  "slice/coronal", "slice/sagittal", "cameras"};
 
 [[noreturn]] void refuse(const std::string &message) { throw std::invalid_argument(message); }
 
@@ -103,31 +103,37 @@ bool is_option(const std::string &name)
 }
 
 /* a graph resource name without slashes, which becomes part of topic names */
-void check_tool_name(const std::string &name)
+void check_name(const std::string &of, const std::string &what, const std::string &name)
 {
     bool good = !name.empty() && name.size() < sizeof(pliant_tool_state::name) &&
                 std::isalpha(static_cast<unsigned char>(name[0])) &&
                 std::all_of(name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) || c == '_'; });
-    if (!good) refuse("~tools: \"" + name + "\" is no name of a tool: 47 letters, digits and _, a letter first");
+    if (!good) refuse("~" + of + ": \"" + name + "\" is no name of a " + what + ": 47 letters, digits and _, a letter first");
 }
 
-void read_tools(XmlRpcValue &value, Parameters *out)
+/* a list, or "PSM1 PSM2", as a launch argument can give it */
+std::vector<std::string> read_names(const std::string &of, XmlRpcValue &value)
 {
     std::vector<std::string> names;
     if (value.getType() == XmlRpcValue::TypeString) {
-        /* "PSM1 PSM2", as a launch argument can give it */
         std::string all = value, name;
         for (char c : all + " ") {
             if (c != ' ' && c != ',') name += c;
             else if (!name.empty()) names.push_back(name), name.clear();
         }
     } else if (value.getType() == XmlRpcValue::TypeArray) {
-        for (int i = 0; i < value.size(); ++i) names.push_back(text("tools", value[i]));
-    } else refuse("~tools must be a list of names");
+        for (int i = 0; i < value.size(); ++i) names.push_back(text(of, value[i]));
+    } else refuse("~" + of + " must be a list of names");
+    return names;
+}
+
+void read_tools(XmlRpcValue &value, Parameters *out)
+{
+    const std::vector<std::string> names = read_names("tools", value);
     if (names.size() > PLIANT_MAX_TOOLS) refuse("~tools: at most " + std::to_string(PLIANT_MAX_TOOLS) + " tools");
     out->tools.clear();
     for (const std::string &name : names) {
-        check_tool_name(name);
+        check_name("tools", "tool", name);
         for (const ToolParameters &other : out->tools)
             if (other.name == name) refuse("~tools: " + name + " is named twice");
         out->tools.push_back(ToolParameters{name, true, "", false, {}, {}, {}, {}});
@@ -204,6 +210,53 @@ void read_tool(const std::string &name, XmlRpcValue &value, Parameters *out)
     refuse("~tool/" + name + ": no tool of this name is in ~tools");
 }
 
+void read_cameras(XmlRpcValue &value, Parameters *out)
+{
+    for (const std::string &name : read_names("cameras", value)) {
+        check_name("cameras", "camera", name);
+        for (const CameraParameters &other : out->cameras)
+            if (other.name == name) refuse("~cameras: " + name + " is named twice");
+        CameraParameters camera;
+        camera.name = camera.frame = name;
+        out->cameras.push_back(camera);
+    }
+}
+
+void read_camera_entry(const std::string &path, const std::string &name, XmlRpcValue &value, CameraParameters *camera)
+{
+    const int most_pixels = 8192;
+    if (name == "frame") camera->frame = text(path, value);
+    else if (name == "info_url") camera->info_url = text(path, value);
+    else if (name == "width") camera->width = static_cast<int>(number(path, value, 1, most_pixels));
+    else if (name == "height") camera->height = static_cast<int>(number(path, value, 1, most_pixels));
+    else if (name == "field_of_view") camera->field_of_view = number(path, value, 0.1, 170);
+    else if (name == "rate") camera->rate = number(path, value, 0.01, 1000);
+    else if (name == "near") camera->near = number(path, value, 0, 1e3);
+    else if (name == "far") camera->far = number(path, value, 0, 1e3);
+    else if (name == "baseline") camera->baseline = number(path, value, 0, 1);
+    else if (name == "threshold") camera->threshold = number(path, value, -1e9, 1e9);
+    else if (name == "shown") camera->shown = read_names(path, value);
+    else if (name == "convention") {
+        const std::string kind = text(path, value);
+        if (kind != "optical" && kind != "ambf") refuse("~" + path + " is " + kind + "; it must be optical or ambf");
+        camera->ambf = kind == "ambf";
+    } else
+        refuse("~" + path + " is unknown: a camera has frame, convention, width, height, field_of_view, rate, near, far, baseline, threshold, shown, info_url");
+}
+
+void read_camera(const std::string &name, XmlRpcValue &value, Parameters *out)
+{
+    for (CameraParameters &camera : out->cameras) {
+        if (camera.name != name) continue;
+        if (value.getType() != XmlRpcValue::TypeStruct) refuse("~camera/" + name + " must hold frame, width, height, field_of_view or the like");
+        for (auto &entry : value) read_camera_entry("camera/" + name + "/" + entry.first, entry.first, entry.second, &camera);
+        if (camera.far > 0 && camera.far <= camera.near) refuse("~camera/" + name + ": far must be more than near, or 0");
+        if (camera.frame.empty() || camera.frame[0] == '/') refuse("~camera/" + name + "/frame: tf2 wants a name without a leading slash");
+        return;
+    }
+    refuse("~camera/" + name + ": no camera of this name is in ~cameras");
+}
+
 /* "x y z qx qy qz qw" or a list of the seven */
 Rigid read_pose(const std::string &name, XmlRpcValue &value)
 {
@@ -253,7 +306,7 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "jaw_release") out->jaw_release = number(name, value, -M_PI, M_PI);
     else if (name == "wrench_rate") out->wrench_rate = number(name, value, 0, 10000);
     else if (name == "wrench_bound") out->wrench_bound = number(name, value, 1e-3, 1000);
-    else if (name == "scene" || name == "tools") return true; /* read before all others */
+    else if (name == "scene" || name == "tools" || name == "cameras") return true; /* read before all others */
     else {
         for (int plane = 0; plane < 3; ++plane)
             if (name == planes[plane]) {
@@ -271,6 +324,7 @@ void read_one(const std::string &name, XmlRpcValue &value, Parameters *out)
     if (value.getType() == XmlRpcValue::TypeStruct && !is_option(name) && name.find('/') == std::string::npos) {
         for (auto &entry : value) {
             if (name == "tool") read_tool(entry.first, entry.second, out);
+            else if (name == "camera") read_camera(entry.first, entry.second, out);
             else read_one(name + "/" + entry.first, entry.second, out);
         }
         return;
@@ -319,6 +373,7 @@ bool read_parameters(XmlRpcValue tree, Parameters *out, std::string *why)
                     refuse(std::string("~scene: ") + pliant_last_error());
             }
             if (tree.hasMember("tools")) read_tools(tree["tools"], &read);
+            if (tree.hasMember("cameras")) read_cameras(tree["cameras"], &read);
             for (auto &entry : tree) read_one(entry.first, entry.second, &read);
         }
         for (const ToolParameters &tool : read.tools)

@@ -7,6 +7,7 @@
 #include <XmlRpcValue.h>
 
 #include <algorithm>
+#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
@@ -25,6 +26,21 @@ struct ToolParameters {
     bool has_blade() const { return !std::equal(blade_from, blade_from + 3, blade_to); }
 };
 
+/* What looks at the tissue. Angles in degrees, as cameras are sold. */
+struct CameraParameters {
+    std::string name;
+    std::string frame;          /* of tf, where it is; empty: its name */
+    bool ambf = false;          /* the frame's axes are AMBF's (x backwards, y right, z up), else optical (z forward, x right, y down) */
+    int width = 640, height = 480; /* [pixels] */
+    double field_of_view = 60;  /* along the width [degrees] */
+    double rate = 30;           /* [Hz] */
+    double near = 0, far = 0;   /* [m]; far 0: without end */
+    double baseline = 0;        /* of a stereo camera, whose left eye is at the frame [m]; 0: mono */
+    double threshold = std::numeric_limits<double>::quiet_NaN(); /* of the surface [values of the scan]; NaN: pliant_style_defaults */
+    std::vector<std::string> shown; /* names of materials that alone are seen; none: by the threshold */
+    std::string info_url;       /* a calibration, as of camera_info_manager */
+};
+
 struct Parameters {
     pliant_scene scene;
     std::string scan;                       /* as of pliant_inputs_read */
@@ -35,6 +51,7 @@ struct Parameters {
     std::string checkpoint;                 /* file to go on from after the node was killed; empty: none is kept */
     double checkpoint_period;               /* [s] */
     std::vector<ToolParameters> tools;
+    std::vector<CameraParameters> cameras;
     pliant_background_kind background;      /* live: no step waits; planned: the same on every machine */
     double tool_max_age;                    /* [s] */
     double tool_hold;                       /* what holds stays so for as long after that [s] */
@@ -47,7 +64,8 @@ struct Parameters {
 /* From the tree of private parameters (a struct, or invalid for none). Every option of a scene is a parameter of its
    path, solver/iterations; beside them: scene (file), scan or scan/path, scan_root, output_root, parent_frame,
    tissue_frame, tissue_pose, registration, checkpoint, checkpoint_period, background, tools, tool/<name>/{mode,blade,shape,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release,
-   wrench_rate, wrench_bound, slice/{axial,coronal,sagittal}. Anything else is an error that names the nearest known one.
+   wrench_rate, wrench_bound, cameras,
+   camera/<name>/{frame,convention,width,height,field_of_view,rate,near,far,baseline,threshold,shown,info_url}, slice/{axial,coronal,sagittal}. Anything else is an error that names the nearest known one.
    The tree is not changed; XmlRpcValue has no constant access. */
 bool read_parameters(XmlRpc::XmlRpcValue tree, Parameters *out, std::string *why);
 

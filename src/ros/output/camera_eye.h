@@ -1,0 +1,53 @@
+/* One eye of a camera: its topics and its calibration. */
+#ifndef PLIANT_ROS_OUTPUT_CAMERA_EYE_H
+#define PLIANT_ROS_OUTPUT_CAMERA_EYE_H
+
+#include "ros/params/params.h"
+#include "ros/sim/snapshot.h"
+
+#include <ros/node_handle.h>
+#ifdef PLIANT_WITH_IMAGE_TRANSPORT
+#include <image_transport/image_transport.h>
+#endif
+#ifdef PLIANT_WITH_CAMERA_INFO
+#include <camera_info_manager/camera_info_manager.h>
+#endif
+
+namespace pliant_ros {
+
+/* With image_transport where it is installed, so that subscribers may have pictures compressed. */
+#ifdef PLIANT_WITH_IMAGE_TRANSPORT
+using ImagePublisher = image_transport::Publisher;
+#else
+using ImagePublisher = ros::Publisher;
+#endif
+
+class CameraEye {
+public:
+    /* @param side left, right, or empty: a camera of one eye */
+    CameraEye(ros::NodeHandle handle, const CameraParameters &parameters, const std::string &side);
+
+    const CameraParameters &parameters() const { return parameters_; }
+    bool is_wanted() const;
+    bool due() { return rate_.due(parameters_.rate); }
+    /* Draws what somebody subscribes to, and publishes it. @param style as pliant_style_defaults has it. Errors: throws Failure. */
+    void look(pliant_view *view, const Loaded &loaded, const Rigid &tissue_from_frame, const ros::Time &stamp, pliant_style style);
+
+private:
+    pliant_camera camera() const;
+    void publish_info(const ros::Time &stamp);
+    void apply(const Loaded &loaded, pliant_style *style) const;
+
+    const CameraParameters parameters_;
+    const double aside_; /* to the right of the frame [m] */
+    Rate rate_;
+    ImagePublisher image_, depth_, label_;
+    ros::Publisher info_, depth_info_, points_;
+#ifdef PLIANT_WITH_CAMERA_INFO
+    std::unique_ptr<camera_info_manager::CameraInfoManager> calibration_;
+#endif
+};
+
+} // namespace pliant_ros
+
+#endif

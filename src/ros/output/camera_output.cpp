@@ -1,0 +1,106 @@
+#include "ros/output/camera_output.h"
+
+#include "ros/output/camera_eye.h"
+
+#ifdef __linux__
+#include <sys/resource.h>
+#endif
+
+namespace pliant_ros {
+
+namespace {
+
+enum { POLL_MILLISECONDS = 100, NICER = 5 };
+
+} // namespace
+
+/* Of the model that is loaded; nothing while nobody looks. */
+struct CameraOutput::View {
+    std::shared_ptr<const Loaded> loaded;
+    std::shared_ptr<const Snapshot> shown;
+    pliant_view *view = nullptr;
+    pliant_style style{};
+
+    ~View() { drop(); }
+    void drop()
+    {
+        pliant_view_free(view);
+        view = nullptr;
+        loaded.reset();
+        shown.reset();
+    }
+    void show(const std::shared_ptr<const Snapshot> &snapshot)
+    {
+        if (snapshot == shown) return;
+        if (loaded != snapshot->loaded) {
+            drop();
+            check(pliant_view_create(snapshot->loaded->model, nullptr, &view));
+            check(pliant_style_defaults(&snapshot->loaded->scan->volume, &style));
+            loaded = snapshot->loaded;
+        }
+        check(pliant_view_set(view, snapshot->body.get(), snapshot->positions.data(), nullptr));
+        shown = snapshot;
+    }
+};
+
+CameraOutput::CameraOutput(ros::NodeHandle handle, const Parameters &parameters, Snapshots *snapshots, std::shared_ptr<const tf2_ros::Buffer> frames)
+    : tissue_frame_(parameters.tissue_frame), snapshots_(snapshots), frames_(std::move(frames))
+{
+    for (const CameraParameters &camera : parameters.cameras) {
+        const std::vector<std::string> sides = camera.baseline > 0 ? std::vector<std::string>{"left", "right"} : std::vector<std::string>{""};
+        for (const std::string &side : sides) eyes_.emplace_back(new CameraEye(handle, camera, side));
+        fastest_ = std::max(fastest_, camera.rate);
+    }
+    if (any()) thread_ = std::thread(&CameraOutput::run, this);
+}
+
+CameraOutput::~CameraOutput()
+{
+    stopping_ = true;
+    if (thread_.joinable()) thread_.join();
+}
+
+void CameraOutput::run()
+{
+#ifdef __linux__
+    setpriority(PRIO_PROCESS, 0, NICER); /* of this thread and those that it starts: steps go first */
+#endif
+    Snapshots::Reader reader(snapshots_);
+    std::shared_ptr<const Snapshot> newest;
+    View view;
+    const std::chrono::milliseconds most(POLL_MILLISECONDS), wait = std::min(most, std::chrono::milliseconds(1 + static_cast<int>(500 / std::max(fastest_, 1.0))));
+    while (!stopping_) {
+        const bool wanted = std::any_of(eyes_.begin(), eyes_.end(), [](const std::unique_ptr<CameraEye> &eye) { return eye->is_wanted(); });
+        reader.want(wanted);
+        if (!wanted) {
+            newest.reset();
+            view.drop(); /* what nobody looks at holds no memory */
+            problem_.set("");
+            std::this_thread::sleep_for(most);
+            continue;
+        }
+        if (std::shared_ptr<const Snapshot> next = reader.wait(wait)) newest = next;
+        if (!newest) continue;
+        try {
+            bool looked = false;
+            /* a camera moves while the tissue rests */
+            for (const std::unique_ptr<CameraEye> &eye : eyes_) {
+                if (!eye->is_wanted() || !eye->due()) continue;
+                std::string why;
+                Rigid tissue_from_frame;
+                if (!rigid_from_message(frames_->lookupTransform(tissue_frame_, eye->parameters().frame, ros::Time(0)).transform, &tissue_from_frame, &why))
+                    throw Failure(PLIANT_ERROR_ARGUMENT, "camera " + eye->parameters().name + ": " + why);
+                view.show(newest);
+                eye->look(view.view, *newest->loaded, tissue_from_frame, newest->stamp, view.style);
+                ++drawn_;
+                looked = true;
+            }
+            if (looked) problem_.set("");
+        } catch (const std::exception &failed) {
+            problem_.set(std::string("no picture: ") + failed.what());
+            ROS_WARN_THROTTLE(5, "no picture: %s", failed.what());
+        }
+    }
+}
+
+} // namespace pliant_ros

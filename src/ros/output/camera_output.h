@@ -1,0 +1,48 @@
+/* What cameras see of the tissue: pictures, depth, tissues under pixels, points, with their calibration. In a thread of its own, and only what
+   somebody subscribes to. */
+#ifndef PLIANT_ROS_OUTPUT_CAMERA_OUTPUT_H
+#define PLIANT_ROS_OUTPUT_CAMERA_OUTPUT_H
+
+#include "ros/params/params.h"
+#include "ros/params/problem.h"
+#include "ros/sim/snapshot.h"
+
+#include <ros/node_handle.h>
+#include <tf2_ros/buffer.h>
+
+#include <atomic>
+#include <memory>
+#include <thread>
+
+namespace pliant_ros {
+
+class CameraEye;
+
+class CameraOutput {
+public:
+    CameraOutput(ros::NodeHandle handle, const Parameters &parameters, Snapshots *snapshots, std::shared_ptr<const tf2_ros::Buffer> frames);
+    ~CameraOutput();
+
+    std::string problem() const { return problem_.get(); }
+    /* Pictures that were drawn so far. */
+    uint64_t drawn() const { return drawn_; }
+    bool any() const { return !eyes_.empty(); }
+
+private:
+    struct View;
+    void run();
+
+    const std::string tissue_frame_;
+    Snapshots *snapshots_;
+    const std::shared_ptr<const tf2_ros::Buffer> frames_;
+    std::vector<std::unique_ptr<CameraEye>> eyes_;
+    double fastest_ = 0; /* rate of a camera [Hz] */
+    std::atomic<uint64_t> drawn_{0};
+    std::atomic<bool> stopping_{false};
+    Problem problem_;
+    std::thread thread_;
+};
+
+} // namespace pliant_ros
+
+#endif

@@ -1,0 +1,142 @@
+#!/usr/bin/env python3
+"""Cameras over topics: pictures, depth, tissues, points and calibration; a tool pulls what they see; nobody looks, nothing is drawn."""
+import os
+import sys
+import time
+import unittest
+
+import numpy
+import rospy
+import rostest
+import tf2_ros
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TransformStamped
+from pliant.msg import ContactState, ScanInfo
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
+from node_client import NAMESPACE, Latest, Tool, wait_for  # noqa: E402
+
+POINT = numpy.array([0.05, -0.09, 0.06])  # of the phantom's liver [m, tissue]
+AWAY = 0.3  # of the cameras in front of it [m]
+HALF = numpy.sqrt(0.5)
+
+
+def transform(child, translation, rotation):
+    out = TransformStamped()
+    out.header.stamp, out.header.frame_id, out.child_frame_id = rospy.Time.now(), "tissue", child
+    out.transform.translation.x, out.transform.translation.y, out.transform.translation.z = translation
+    out.transform.rotation.x, out.transform.rotation.y, out.transform.rotation.z, out.transform.rotation.w = rotation
+    return out
+
+
+def pixels_of(message):
+    types = {"rgb8": (numpy.uint8, 3), "32FC1": (numpy.float32, 1), "8UC1": (numpy.uint8, 1)}
+    dtype, channels = types[message.encoding]
+    shape = (message.height, message.width, channels) if channels > 1 else (message.height, message.width)
+    assert message.step == message.width * channels * numpy.dtype(dtype).itemsize
+    return numpy.frombuffer(message.data, dtype).reshape(shape)
+
+
+def points_of(message):
+    """(height, width, 3) and the colours (height, width, 3)."""
+    raw = numpy.frombuffer(message.data, numpy.float32).reshape(message.height, message.width, 4)
+    colours = raw[..., 3].copy().view(numpy.uint32)
+    return raw[..., :3], numpy.stack([colours >> shift & 255 for shift in (16, 8, 0)], axis=-1)
+
+
+class CameraTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("camera_test")
+        cls.frames = tf2_ros.StaticTransformBroadcaster()
+        place = POINT + [0, -AWAY, 0]
+        # optical: x to the patient's left, y to the feet, z to the back: a quarter turn about x; AMBF: x to the front, y left, z to the head
+        cls.frames.sendTransform([transform("front_optical", place, (-HALF, 0, 0, HALF)), transform("scope", place, (0, 0, -HALF, HALF))])
+        cls.pictures = None
+        cls.diagnostics = rospy.Subscriber("/diagnostics", DiagnosticArray, cls.count)
+        cls.tool = Tool("grasper", "tissue")
+        info = Latest("scan_info", ScanInfo)
+        cls.names = wait_for(lambda: info.message, "the scan", 120).material_names
+
+    @classmethod
+    def count(cls, message):
+        for status in message.status:
+            for pair in status.values:
+                if pair.key == "pictures":
+                    cls.pictures = int(pair.value)
+
+    def tearDown(self):
+        self.tool.reset()
+
+    def test_calibration_is_there_before_any_picture(self):
+        mono, right = Latest("front/camera_info", CameraInfo), Latest("scope/right/camera_info", CameraInfo)
+        info = wait_for(lambda: mono.message, "a calibration")
+        other = wait_for(lambda: right.message, "another one")
+        focal = 80 / numpy.tan(numpy.radians(30))
+        numpy.testing.assert_allclose(info.K, [focal, 0, 79.5, 0, focal, 59.5, 0, 0, 1], rtol=1e-9)
+        self.assertEqual((info.width, info.height, info.header.frame_id), (160, 120, "front_optical"))
+        self.assertEqual(list(info.D), [0] * 5)
+        self.assertAlmostEqual(other.P[3], -0.004 * other.P[0])
+        mono.close(), right.close()
+
+    def test_nobody_looks_and_nothing_is_drawn(self):
+        wait_for(lambda: self.pictures is not None, "diagnostics")
+        looks = Latest("front/image_raw", Image)
+        wait_for(lambda: looks.message, "a picture")
+        looks.close()
+        time.sleep(1.5)  # what is under way ends
+        before = self.pictures
+        self.assertGreater(wait_for(lambda: self.pictures, "pictures"), 0)
+        seen = []
+        rospy.Subscriber("/diagnostics", DiagnosticArray, seen.append)
+        wait_for(lambda: len(seen) > 3, "more diagnostics")
+        self.assertLessEqual(self.pictures - before, 1)
+
+    def test_the_side_that_a_tool_pulls_comes_nearer(self):
+        image, depth, label, points = (Latest("front/" + topic, kind) for topic, kind in (
+            ("image_raw", Image), ("depth/image_rect", Image), ("label/image_raw", Image), ("points", PointCloud2)))
+        before = pixels_of(wait_for(lambda: depth.message, "depth"))
+        picture, tissue = pixels_of(wait_for(lambda: image.message, "a picture")), pixels_of(wait_for(lambda: label.message, "labels"))
+        self.assertEqual(image.message.header.frame_id, "front_optical")
+        middle = before[60, 80]
+        self.assertTrue(0.1 < middle < AWAY)  # the wall lies in front of the liver
+        self.assertGreater(picture[60, 80].max(), 60)
+        self.assertIn(self.names[tissue[60, 80] - 1], ("skin", "fat"))
+        self.assertTrue(((tissue > 0) == numpy.isfinite(before)).mean() > 0.98)
+        place, colours = points_of(wait_for(lambda: points.message, "points"))
+        numpy.testing.assert_allclose(place[60, 80], [0.5 / 138.56 * place[60, 80, 2], 0.5 / 138.56 * place[60, 80, 2], place[60, 80, 2]], atol=1e-4)
+        self.assertAlmostEqual(place[60, 80, 2], middle, delta=1e-3)
+        self.assertTrue((colours[60, 80] == picture[60, 80]).all())
+
+        wall = POINT + [0, middle - AWAY + 0.006, 0]  # a little below the skin
+        contact = Latest("grasper/contact", ContactState)
+        self.tool.appear(wall)
+        self.tool.take_hold(contact)
+        self.tool.position = list(wall - [0, 0.02, 0])
+        nearer = wait_for(lambda: (lambda now: now if before[60, 80] - now[60, 80] > 0.008 else None)(pixels_of(depth.message)), "the wall to come nearer")
+        moved = numpy.where(numpy.isfinite(before) & numpy.isfinite(nearer), before - nearer, 0)
+        self.assertLess(moved[60, 80], 0.03)
+        self.assertGreater(moved[50:70, 70:90].mean(), 3 * abs(moved[:, :20]).mean())  # there, and not at the side
+        for latest in (image, depth, label, points, contact):
+            latest.close()
+
+    def test_two_eyes_see_bone_through_the_wall(self):
+        left, right, cloud = Latest("scope/left/depth/image_rect", Image), Latest("scope/right/depth/image_rect", Image), Latest("scope/left/points", PointCloud2)
+        a, b = pixels_of(wait_for(lambda: left.message, "a left eye")), pixels_of(wait_for(lambda: right.message, "a right eye"))
+        self.assertGreater(numpy.isfinite(a).mean(), 0.02)
+        self.assertGreater(numpy.nanmin(a), 0.15)
+        self.assertTrue((numpy.nan_to_num(a) != numpy.nan_to_num(b)).any())
+        place, _ = points_of(wait_for(lambda: cloud.message, "points"))
+        seen = numpy.isfinite(place[..., 0])
+        self.assertLess(place[..., 0][seen].max(), -0.15)  # AMBF's x points backwards
+        row, column = numpy.argwhere(seen)[0]
+        z = -place[row, column, 0]
+        focal = 40 / numpy.tan(numpy.radians(25))
+        numpy.testing.assert_allclose(place[row, column, 1:], [(column - 39.5) / focal * z, -(row - 29.5) / focal * z], atol=1e-5)
+        for latest in (left, right, cloud):
+            latest.close()
+
+
+if __name__ == "__main__":
+    rostest.rosrun("pliant", "camera", CameraTest)
