@@ -16,9 +16,9 @@ import tf2_ros
 from dynamic_reconfigure.msg import Config, DoubleParameter
 from dynamic_reconfigure.srv import Reconfigure
 from geometry_msgs.msg import Point, Vector3, WrenchStamped
-from pliant.msg import Session, SimState
+from pliant.msg import Session, SimState, Step
 from pliant.srv import CutLine, Register
-from std_msgs.msg import Header
+from std_msgs.msg import Header, String
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from node_client import NAMESPACE, Latest, Node, Tool, call, wait_for  # noqa: E402
@@ -108,6 +108,18 @@ class CheckpointTest(unittest.TestCase):
         # and what is done from there on is the same tissue
         tool.closed = False
         wait_for(lambda: not node.contact.fresh().grasped, "the tool to let go")
+
+    def test_3_an_instrument_that_is_exchanged_has_another_shape(self):
+        step, tool_type = Latest("step", Step), rospy.Publisher(NAMESPACE + "grasper/tool_type", String, queue_size=1, latch=True)
+        self.assertEqual(len(step.fresh().tools[0].shape), 0)
+        before = []
+        for name in ("LARGE_NEEDLE_DRIVER:400006", "PERMANENT_CAUTERY_HOOK:400183"):
+            tool_type.publish(name)
+            wait_for(lambda: step.fresh().tools[0].shape not in ([], before), "the shape of " + name)
+            before = step.message.tools[0].shape
+        tool_type.publish("A_SPOON:1")
+        wait_for(lambda: len(step.fresh().tools[0].shape) == 0, "no shape of what nobody knows")
+        self.node.goes_on()
 
     def test_2_what_does_not_fit_is_refused_and_kept(self):
         for content, words in ((b"no bag at all", "session.checkpoint"), (None, "another scan")):

@@ -127,4 +127,29 @@ TEST(Registration, IsKeptInAFileOfItsFrame)
         EXPECT_FALSE(registration_from_text(bad, "ECM", &pose, &why)) << bad;
 }
 
+TEST(HandEye, AFileOfTheCameraRegistrationSaysWhereAnArmsBaseLies)
+{
+    std::string frame, why;
+    Rigid pose;
+    const std::string rows = "[[0.0, -1.0, 0.0, 0.12], [1.0, 0.0, 0.0, -3.5e-2], [0.0, 0.0, 1.0, 0.2], [0.0, 0.0, 0.0, 1.0]]";
+    ASSERT_TRUE(hand_eye_from_text("{\n\"base-frame\": {\"reference-frame\": \"camera\", \"transform\": " + rows + "}\n}\n", &frame, &pose, &why)) << why;
+    EXPECT_EQ(frame, "camera");
+    EXPECT_NEAR(pose.translation[0], 0.12, 1e-15);
+    EXPECT_NEAR(pose.translation[1], -0.035, 1e-15);
+    EXPECT_NEAR(pose.rotation[2], std::sqrt(0.5), 1e-12);
+    EXPECT_NEAR(pose.rotation[3], std::sqrt(0.5), 1e-12);
+    // as it is copied into a console's file
+    EXPECT_TRUE(hand_eye_from_text("\"base-frame\": {\"transform\": " + rows + ", \"reference-frame\": \"ECM\"}", &frame, &pose, &why)) << why;
+    EXPECT_EQ(frame, "ECM");
+    for (const std::string &wrong : {std::string("{\"name\": \"PSM1\"}"), std::string("{\"reference-frame\": \"camera\", \"transform\": [[1, 0, 0, 0]]}"),
+                                     "{\"reference-frame\": \"\", \"transform\": " + rows + "}"}) {
+        EXPECT_FALSE(hand_eye_from_text(wrong, &frame, &pose, &why)) << wrong;
+        EXPECT_NE(why.find("reference-frame"), std::string::npos) << why;
+    }
+    std::string mirrored = "{\"reference-frame\": \"camera\", \"transform\": " + rows + "}";
+    mirrored.replace(mirrored.find("-1.0"), 4, "01.0");
+    EXPECT_FALSE(hand_eye_from_text(mirrored, &frame, &pose, &why));
+    EXPECT_NE(why.find("no rotation"), std::string::npos) << why;
+}
+
 } // namespace

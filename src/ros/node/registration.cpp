@@ -8,8 +8,11 @@
 
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
+#include <cstring>
 #include <fstream>
 #include <iterator>
+#include <sstream>
 #include <stdexcept>
 
 namespace pliant_ros {
@@ -88,9 +91,40 @@ bool registration_from_text(const std::string &text, const std::string &parent_f
     return rigid_from_message(read, out, why);
 }
 
+bool hand_eye_from_text(const std::string &text, std::string *frame, Rigid *out, std::string *why)
+{
+    *why = "it needs \"reference-frame\": NAME and \"transform\": four rows of four numbers, the last one 0 0 0 1";
+    const std::string named = "\"reference-frame\"", matrix = "\"transform\"";
+    const size_t name = text.find(named), rows = text.find(matrix);
+    if (name == std::string::npos || rows == std::string::npos) return false;
+    const size_t begin = text.find('"', name + named.size()), end = begin == std::string::npos ? begin : text.find('"', begin + 1);
+    if (end == std::string::npos || end <= begin + 1) return false;
+    Eigen::Matrix4d read;
+    const char *at = text.c_str() + rows + matrix.size();
+    for (int k = 0; k < 16; ++k) {
+        at += std::strspn(at, " :,[]\t\r\n");
+        char *after;
+        read(k / 4, k % 4) = std::strtod(at, &after);
+        if (after == at) return false;
+        at = after;
+    }
+    if (!read.allFinite() || (read.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).norm() > 1e-9) return false;
+    const Eigen::Matrix3d turn = read.topLeftCorner<3, 3>();
+    if ((turn * turn.transpose() - Eigen::Matrix3d::Identity()).norm() > 1e-2 || turn.determinant() < 0) {
+        *why = "the first three columns of its transform are no rotation";
+        return false;
+    }
+    Eigen::Map<Eigen::Quaterniond>(out->rotation) = Eigen::Quaterniond(turn).normalized();
+    Eigen::Map<Eigen::Vector3d>(out->translation) = read.topRightCorner<3, 1>();
+    *frame = text.substr(begin + 1, end - begin - 1);
+    why->clear();
+    return true;
+}
+
 Registration::Registration(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<tf2_ros::Buffer> frames)
     : parameters_(parameters), frames_(std::move(frames))
 {
+    place_arms();
     if (parameters.parent_frame.empty()) return;
     Rigid pose = parameters.tissue_pose;
     std::ifstream file(parameters.registration);
@@ -119,6 +153,34 @@ void Registration::go_on(const std::string &parent_frame, const geometry_msgs::P
     place(read);
 }
 
+void Registration::send(const geometry_msgs::TransformStamped &transform)
+{
+    broadcaster_.sendTransform(transform);
+    frames_->setTransform(transform, "pliant", true); /* for this node, without the way over the network */
+}
+
+void Registration::place_arms()
+{
+    std::istringstream all(parameters_.hand_eye);
+    for (std::string word; all >> word;) {
+        const size_t sign = word.find('=');
+        if (sign == std::string::npos || sign == 0) throw std::runtime_error("~hand_eye: " + word + ": FRAME=FILE is wanted, such as PSM1_base=/data/PSM1-registration-open-cv.json");
+        const std::string path = word.substr(sign + 1);
+        std::ifstream file(path);
+        if (!file) throw std::runtime_error("~hand_eye: " + path + " cannot be read");
+        const std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+        geometry_msgs::TransformStamped transform;
+        Rigid pose;
+        std::string why;
+        if (!hand_eye_from_text(text, &transform.header.frame_id, &pose, &why)) throw std::runtime_error("~hand_eye: " + path + ": " + why);
+        transform.header.stamp = ros::Time::now();
+        transform.child_frame_id = word.substr(0, sign);
+        transform.transform = transform_message(pose);
+        send(transform);
+        ROS_INFO("%s lies in %s as %s says", transform.child_frame_id.c_str(), transform.header.frame_id.c_str(), path.c_str());
+    }
+}
+
 void Registration::place(const Rigid &pose)
 {
     {
@@ -127,9 +189,7 @@ void Registration::place(const Rigid &pose)
     }
     Parameters at = parameters_;
     at.tissue_pose = pose;
-    const geometry_msgs::TransformStamped transform = tissue_transform(at);
-    broadcaster_.sendTransform(transform);
-    frames_->setTransform(transform, "pliant", true); /* for this node, without the way over the network */
+    send(tissue_transform(at));
 }
 
 std::string Registration::store(const Rigid &pose) const

@@ -24,9 +24,14 @@ bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<
 std::string registration_text(const std::string &parent_frame, const Rigid &pose);
 bool registration_from_text(const std::string &text, const std::string &parent_frame, Rigid *out, std::string *why);
 
+/* The pose of an arm's base, and the frame that it is in, from a file of dVRK's camera registration (2.4, for consoles that are not told of
+ * it: NAME-registration-open-cv.json, or what was copied to a console's file): "base-frame": {"reference-frame": NAME, "transform": 4 x 4}. */
+bool hand_eye_from_text(const std::string &text, std::string *frame, Rigid *out, std::string *why);
+
 class Registration {
 public:
-    /* Places the tissue; throws std::runtime_error where ~registration names a file that cannot be read, or one of another frame. */
+    /* Places the tissue, and the bases of arms that ~hand_eye names; throws std::runtime_error where a file cannot be read, or is of another
+       frame. */
     Registration(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<tf2_ros::Buffer> frames);
 
     /* Of the tissue in the parent frame, now. Any thread may ask. */
@@ -37,6 +42,8 @@ public:
 private:
     bool by_points(pliant::Register::Request &request, pliant::Register::Response &response);
     void place(const Rigid &pose);
+    void send(const geometry_msgs::TransformStamped &transform);
+    void place_arms();
     std::string store(const Rigid &pose) const;
 
     const Parameters parameters_;

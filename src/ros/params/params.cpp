@@ -16,7 +16,7 @@ namespace {
 using XmlRpc::XmlRpcValue;
 
 const char *const node_names[] = {"scene",        "scan",          "scan/path",     "scan_root",   "output_root",
-                                  "parent_frame", "tissue_frame",  "tissue_pose",   "registration", "checkpoint", "checkpoint_period", "background",  "tools",
+                                  "parent_frame", "tissue_frame",  "tissue_pose",   "registration", "hand_eye", "checkpoint", "checkpoint_period", "background",  "tools",
                                   "tool_max_age", "tool_hold",     "jaw_close",     "jaw_release", "wrench_rate",  "wrench_bound",  "slice/axial",
                                   "slice/coronal", "slice/sagittal", "cameras"};
 
@@ -136,7 +136,7 @@ void read_tools(XmlRpcValue &value, Parameters *out)
         check_name("tools", "tool", name);
         for (const ToolParameters &other : out->tools)
             if (other.name == name) refuse("~tools: " + name + " is named twice");
-        out->tools.push_back(ToolParameters{name, true, "", false, {}, {}, {}, {}});
+        out->tools.push_back(ToolParameters{name, true, "", false, {}, {}, {}, {}, false});
     }
 }
 
@@ -160,10 +160,11 @@ void read_blade(const std::string &name, XmlRpcValue &value, ToolParameters *too
     if (!tool->has_blade()) refuse("~" + name + ": from and to are the same point: no edge");
 }
 
-/* a name, or a YAML file */
+/* a name, a YAML file, or tool_type: as the topic of that name says */
 void read_shape(const std::string &name, XmlRpcValue &value, ToolParameters *tool)
 {
     const std::string what = text(name, value);
+    if ((tool->shape_follows = what == "tool_type")) return;
     const bool file = what.find('/') != std::string::npos || what.find(".yaml") != std::string::npos;
     const pliant_status status = file ? pliant_tool_shape_read(what.c_str(), &tool->shape) : pliant_tool_shape_find(what.c_str(), &tool->shape);
     if (status < 0) refuse("~" + name + ": " + pliant_last_error());
@@ -297,6 +298,7 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "tissue_frame") out->tissue_frame = text(name, value);
     else if (name == "tissue_pose") out->tissue_pose = read_pose(name, value);
     else if (name == "registration") out->registration = text(name, value);
+    else if (name == "hand_eye") out->hand_eye = text(name, value);
     else if (name == "checkpoint") out->checkpoint = text(name, value);
     else if (name == "checkpoint_period") out->checkpoint_period = number(name, value, 0.05, 3600);
     else if (name == "background") out->background = read_background(value);
@@ -377,7 +379,7 @@ bool read_parameters(XmlRpcValue tree, Parameters *out, std::string *why)
             for (auto &entry : tree) read_one(entry.first, entry.second, &read);
         }
         for (const ToolParameters &tool : read.tools)
-            if (tool.shape.num_parts > 0) pliant_scene_for_shapes(&read.scene);
+            if (tool.shape.num_parts > 0 || tool.shape_follows) pliant_scene_for_shapes(&read.scene);
         if (pliant_scene_check(&read.scene) < 0) refuse(pliant_last_error());
         if (!(read.jaw_close < read.jaw_release)) refuse("~jaw_close must be less than ~jaw_release");
         check_frames(read);

@@ -22,6 +22,7 @@ struct ToolParameters {
     double blade_from[3], blade_to[3]; /* edge of its blade in its frame [m]; both equal: none */
     std::shared_ptr<const void> solids; /* holds those of its shape */
     pliant_tool_shape shape;           /* what of it touches tissue; no parts: nothing */
+    bool shape_follows;                /* that of the instrument which its topic tool_type names */
 
     bool has_blade() const { return !std::equal(blade_from, blade_from + 3, blade_to); }
 };
@@ -48,6 +49,7 @@ struct Parameters {
     std::string parent_frame, tissue_frame; /* parent empty: no transform is published */
     Rigid tissue_pose;                      /* of the tissue frame in the parent */
     std::string registration;               /* file that has it instead, once the service register has written it; empty: none */
+    std::string hand_eye;                   /* "FRAME=FILE ...": files that say where the bases of arms lie, as dVRK's camera registration writes them */
     std::string checkpoint;                 /* file to go on from after the node was killed; empty: none is kept */
     double checkpoint_period;               /* [s] */
     std::vector<ToolParameters> tools;
@@ -63,7 +65,7 @@ struct Parameters {
 
 /* From the tree of private parameters (a struct, or invalid for none). Every option of a scene is a parameter of its
    path, solver/iterations; beside them: scene (file), scan or scan/path, scan_root, output_root, parent_frame,
-   tissue_frame, tissue_pose, registration, checkpoint, checkpoint_period, background, tools, tool/<name>/{mode,blade,shape,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release,
+   tissue_frame, tissue_pose, registration, hand_eye, checkpoint, checkpoint_period, background, tools, tool/<name>/{mode,blade,shape,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release,
    wrench_rate, wrench_bound, cameras,
    camera/<name>/{frame,convention,width,height,field_of_view,rate,near,far,baseline,threshold,shown,info_url}, slice/{axial,coronal,sagittal}. Anything else is an error that names the nearest known one.
    The tree is not changed; XmlRpcValue has no constant access. */

@@ -2,7 +2,10 @@
  * jaw/measured_js at ~rate, tf of the arms' bases at half of it; they follow /ARM/servo_cp, move_cp and jaw/servo_jp, no faster than arms do.
  *
  * Private parameters: arms ("PSM1"), prefix (""), rate (100) [Hz], frame ("" : ARM_base, each), parent ("world"), base ("0 0 0": of the arms in
- * it) [m], tip ("0 0 -0.1": where they begin, in their frame) [m], speed (0.2) [m/s], jaw (true), shake (0: of measured poses) [m].
+ * it) [m], tip ("0 0 -0.1": where they begin, in their frame) [m], speed (0.2) [m/s], jaw (true), shake (0: of measured poses) [m],
+ * camera ("": none; or the camera's arm, such as ECM: with setup joints poses are in its frame, and local/measured_cp in ARM_base), setup
+ * ("0 0 0": of ARM_base in the camera's frame) [m], instrument ("": on tool_type, latched), keyboard (false; true: w s a d r f move the first arm
+ * by 2 mm, blank opens and closes its jaw).
  * What can go wrong is switched by /ARM/fault (std_msgs/String): none, silent (a console that has died), invalid (stamp 0), frozen (old
  * stamps), nan, teleport (30 cm off), ahead, behind (its clock, by 10 s), unknown_frame. */
 #include <geometry_msgs/PoseStamped.h>
@@ -16,16 +19,20 @@
 #include <tf2_eigen/tf2_eigen.h>
 
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <memory>
 #include <random>
 #include <sstream>
+#include <termios.h>
+#include <unistd.h>
+#include <vector>
 
 namespace {
 
 struct Settings {
-    std::string prefix, frame, parent;
-    Eigen::Vector3d base, tip;
+    std::string prefix, frame, parent, camera, instrument;
+    Eigen::Vector3d base, tip, setup;
     double rate, speed, shake;
     bool jaw;
 };
@@ -41,12 +48,20 @@ Eigen::Vector3d three(const ros::NodeHandle &own, const char *name, const char *
 class Arm {
 public:
     Arm(ros::NodeHandle handle, const std::string &name, const Settings &settings)
-        : settings_(settings), frame_(settings.frame.empty() ? name + "_base" : settings.frame), random_(std::hash<std::string>()(name))
+        : settings_(settings), base_frame_(name + "_base"),
+          frame_(!settings.camera.empty() ? settings.camera : settings.frame.empty() ? base_frame_ : settings.frame), random_(std::hash<std::string>()(name))
     {
         const std::string own = settings.prefix + "/" + name + "/";
         measured_ = handle.advertise<geometry_msgs::PoseStamped>(own + "measured_cp", 1);
         setpoint_ = handle.advertise<geometry_msgs::PoseStamped>(own + "setpoint_cp", 1);
         velocity_ = handle.advertise<geometry_msgs::TwistStamped>(own + "measured_cv", 1);
+        if (!settings.camera.empty()) local_ = handle.advertise<geometry_msgs::PoseStamped>(own + "local/measured_cp", 1);
+        if (!settings.instrument.empty()) {
+            type_ = handle.advertise<std_msgs::String>(own + "tool_type", 1, true);
+            std_msgs::String type;
+            type.data = settings.instrument;
+            type_.publish(type);
+        }
         if (settings.jaw) jaw_out_ = handle.advertise<sensor_msgs::JointState>(own + "jaw/measured_js", 1);
         const auto go = [this](const geometry_msgs::PoseStampedConstPtr &message) { goal_from(*message); };
         servo_in_ = handle.subscribe<geometry_msgs::PoseStamped>(own + "servo_cp", 1, go);
@@ -74,6 +89,12 @@ public:
         if (fault_ == "nan") pose.pose.position.y = std::numeric_limits<double>::quiet_NaN();
         if (fault_ == "teleport") pose.pose.position.x += 0.3;
         measured_.publish(pose);
+        if (local_) {
+            geometry_msgs::PoseStamped local = pose;
+            local.header.frame_id = base_frame_;
+            local.pose.position.x -= settings_.setup.x(), local.pose.position.y -= settings_.setup.y(), local.pose.position.z -= settings_.setup.z();
+            local_.publish(local);
+        }
         geometry_msgs::TwistStamped twist;
         twist.header = pose.header;
         const Eigen::Vector3d speed = elapsed > 0 ? Eigen::Vector3d((at_.translation() - before) / elapsed) : Eigen::Vector3d::Zero();
@@ -87,16 +108,32 @@ public:
         jaw_out_.publish(jaw);
     }
 
-    geometry_msgs::TransformStamped base(const ros::Time &now) const
+    /* what tf is told */
+    std::vector<geometry_msgs::TransformStamped> frames(const ros::Time &now) const
     {
-        geometry_msgs::TransformStamped out = tf2::eigenToTransform(Eigen::Isometry3d(Eigen::Translation3d(settings_.base)));
-        out.header.stamp = now;
-        out.header.frame_id = settings_.parent;
-        out.child_frame_id = frame_;
+        std::vector<geometry_msgs::TransformStamped> out{frame(settings_.parent, frame_, settings_.base, now)};
+        if (!settings_.camera.empty()) out.push_back(frame(frame_, base_frame_, settings_.setup, now));
         return out;
     }
 
+    void key(char pressed)
+    {
+        static const char ways[] = "dawsrf"; /* +x -x +y -y +z -z */
+        const char *way = std::strchr(ways, pressed);
+        if (pressed == ' ') jaw_goal_ = jaw_goal_ > 0.2 ? 0 : 0.5;
+        else if (pressed && way) goal_.translation()[(way - ways) / 2] += (way - ways) % 2 ? -0.002 : 0.002;
+    }
+
 private:
+    static geometry_msgs::TransformStamped frame(const std::string &in, const std::string &name, const Eigen::Vector3d &place, const ros::Time &now)
+    {
+        geometry_msgs::TransformStamped out = tf2::eigenToTransform(Eigen::Isometry3d(Eigen::Translation3d(place)));
+        out.header.stamp = now;
+        out.header.frame_id = in;
+        out.child_frame_id = name;
+        return out;
+    }
+
     static geometry_msgs::PoseStamped with(geometry_msgs::PoseStamped message, const geometry_msgs::Pose &pose)
     {
         message.pose = pose;
@@ -125,14 +162,37 @@ private:
     }
 
     const Settings settings_;
-    const std::string frame_;
+    const std::string base_frame_, frame_;
     std::mt19937_64 random_;
     Eigen::Isometry3d at_, goal_;
     double jaw_ = 0.5, jaw_goal_ = 0.5;
     std::string fault_;
     ros::Time stamp_;
-    ros::Publisher measured_, setpoint_, velocity_, jaw_out_;
+    ros::Publisher measured_, setpoint_, velocity_, jaw_out_, local_, type_;
     ros::Subscriber servo_in_, move_in_, jaw_in_, fault_in_;
+};
+
+/* Keys as they are pressed, where there is a terminal. */
+class Keyboard {
+public:
+    explicit Keyboard(bool wanted) : on_(wanted && tcgetattr(STDIN_FILENO, &before_) == 0)
+    {
+        if (!on_) return;
+        termios now = before_;
+        now.c_lflag &= ~static_cast<tcflag_t>(ICANON | ECHO);
+        now.c_cc[VMIN] = now.c_cc[VTIME] = 0;
+        tcsetattr(STDIN_FILENO, TCSANOW, &now);
+    }
+    ~Keyboard()
+    {
+        if (on_) tcsetattr(STDIN_FILENO, TCSANOW, &before_);
+    }
+    Keyboard(const Keyboard &) = delete;
+    bool next(char *pressed) const { return on_ && read(STDIN_FILENO, pressed, 1) == 1; }
+
+private:
+    termios before_;
+    const bool on_;
 };
 
 } // namespace
@@ -145,7 +205,8 @@ int main(int argc, char **argv)
     Settings settings;
     try {
         settings = {own.param<std::string>("prefix", ""), own.param<std::string>("frame", ""), own.param<std::string>("parent", "world"),
-                    three(own, "base", "0 0 0"), three(own, "tip", "0 0 -0.1"), own.param("rate", 100.0), own.param("speed", 0.2), own.param("shake", 0.0),
+                    own.param<std::string>("camera", ""), own.param<std::string>("instrument", ""), three(own, "base", "0 0 0"),
+                    three(own, "tip", "0 0 -0.1"), three(own, "setup", "0 0 0"), own.param("rate", 100.0), own.param("speed", 0.2), own.param("shake", 0.0),
                     own.param("jaw", true)};
         std::istringstream names(own.param<std::string>("arms", "PSM1"));
         for (std::string name; names >> name;) arms.emplace_back(new Arm(handle, name, settings));
@@ -153,17 +214,19 @@ int main(int argc, char **argv)
         ROS_FATAL("%s", wrong.what());
         return 1;
     }
+    const Keyboard keyboard(own.param("keyboard", false));
     tf2_ros::TransformBroadcaster frames;
     ros::WallRate turn(std::min(std::max(settings.rate, 1.0), 1000.0));
     ros::SteadyTime before = ros::SteadyTime::now();
     for (unsigned long count = 0; ros::ok(); ++count) {
         ros::spinOnce();
+        for (char pressed; !arms.empty() && keyboard.next(&pressed);) arms.front()->key(pressed);
         const ros::SteadyTime steady = ros::SteadyTime::now();
         const ros::Time now = ros::Time::now();
         for (auto &arm : arms) arm->turn((steady - before).toSec(), now);
         before = steady;
         if (count % 2 == 0)
-            for (auto &arm : arms) frames.sendTransform(arm->base(now));
+            for (auto &arm : arms) frames.sendTransform(arm->frames(now));
         turn.sleep();
     }
     return 0;

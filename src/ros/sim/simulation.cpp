@@ -86,6 +86,7 @@ void Simulation::swap(std::shared_ptr<Loaded> next, const Moment *from)
         made_count_ = from ? from->strokes : made_count_;
         lost_ = from ? from->holds : decltype(lost_)();
         lost_until_ = Clock::now() + std::chrono::seconds(HOLD_SECONDS);
+        anew_ = true;
         std::fill(was_open_.begin(), was_open_.end(), false); /* a closed jaw must open before it grasps again */
         std::lock_guard<std::mutex> hold(lock_);
         shown_ = current_;
@@ -285,8 +286,13 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
         input.closed = sample.present && sample.jaw == JAW_CLOSED && tools_->parameters(i).grasps;
         input.closes = input.closed && was_open_[i];
         input.cuts = sample.present && cuts_now(i, sample);
+        pliant_tool_shape shape{};
+        const bool news = tools_->exchanged(i, &shape);
+        if (tools_->parameters(i).shape_follows) set_shape(shape, &input);
+        input.exchanged = tools_->parameters(i).shape_follows && (news || anew_);
         was_open_[i] = sample.present && sample.jaw == JAW_OPEN;
     }
+    anew_ = false;
 }
 
 /* What tools held when the process before this one ended, they hold again once they are there, with their jaws closed still. Until then

@@ -97,6 +97,7 @@ private:
     Clock::time_point lost_until_;
     std::vector<ToolSample> samples_;
     std::vector<bool> was_open_; /* the jaw, at the step before */
+    bool anew_ = false;          /* no turn yet of this simulation: it does not know the instruments */
     ros::Time last_time_;
 
     mutable std::mutex lock_; /* of what follows */

@@ -110,6 +110,13 @@ void read_shape(const ToolInput &input, Shape *out)
     std::copy(input.joint_axis.begin(), input.joint_axis.end(), shape.axis);
 }
 
+void apply_shape(const ToolInput &input, pliant_data *data, int tool)
+{
+    Shape shape;
+    read_shape(input, &shape);
+    check(pliant_tool_set_shape(data, tool, &shape));
+}
+
 } // namespace
 
 void add_tools(const pliant_model &model, pliant_data *data, const std::vector<ToolInput> &tools)
@@ -118,9 +125,7 @@ void add_tools(const pliant_model &model, pliant_data *data, const std::vector<T
         int index;
         check(pliant_tool_add(&model, data, tool.name.c_str(), &index));
         check(pliant_tool_set_blade(data, index, tool.blade_from.data(), tool.blade_to.data()));
-        Shape shape;
-        read_shape(tool, &shape);
-        check(pliant_tool_set_shape(data, index, &shape));
+        apply_shape(tool, data, index);
     }
 }
 
@@ -142,7 +147,10 @@ pliant_status make_step(const pliant_model &model, pliant_data *data, pliant_bac
         throw Failure(PLIANT_ERROR_ARGUMENT, "a step of " + std::to_string(step.tools.size()) + " tools, where the simulation has " +
                                                  std::to_string(pliant_data_get_num_tools(data)));
     apply_settings(step, data);
-    for (size_t i = 0; i < step.tools.size(); ++i) apply_tool(model, step.tools[i], data, static_cast<int>(i));
+    for (size_t i = 0; i < step.tools.size(); ++i) {
+        if (step.tools[i].exchanged) apply_shape(step.tools[i], data, static_cast<int>(i));
+        apply_tool(model, step.tools[i], data, static_cast<int>(i));
+    }
     if (step.paused) return PLIANT_OK;
     check(pliant_data_set_background(data, kind, kind == PLIANT_BACKGROUND_PRESCRIBED ? step.background : 0));
     return pliant_step(&model, data);

@@ -2,6 +2,7 @@
 
 #include <sensor_msgs/Joy.h>
 #include <std_msgs/Bool.h>
+#include <std_msgs/String.h>
 
 #include <cmath>
 #include <limits>
@@ -38,12 +39,40 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
             [this, tool](const topic_tools::ShapeShifter::ConstPtr &message) { take_pose(tool, *message); },
             ros::VoidConstPtr(), hints);
         if (each.has_blade()) listen_for_blade(handle, tool);
-        if (!each.grasps && !each.has_blade() && each.shape.num_parts == 0) continue;
+        if (each.shape_follows)
+            tool->type_in = handle.subscribe<std_msgs::String>(each.name + "/tool_type", 1,
+                                                               [this, tool](const std_msgs::StringConstPtr &message) { take_type(tool, message->data); });
+        if (!each.grasps && !each.has_blade() && each.shape.num_parts == 0 && !each.shape_follows) continue;
         tool->jaw_in = handle.subscribe<sensor_msgs::JointState>(
             each.name + "/jaw/measured_js", 1,
             [this, tool](const sensor_msgs::JointStateConstPtr &message) { take_jaw(tool, *message); },
             ros::VoidConstPtr(), hints);
     }
+}
+
+/* As the dVRK names it, NAME:MODEL. One that is not known touches nothing: better than what another one would. */
+void Tools::take_type(Tool *tool, const std::string &type)
+{
+    pliant_tool_shape shape{};
+    const bool known = pliant_tool_shape_find(type.c_str(), &shape) >= 0;
+    std::lock_guard<std::mutex> hold(tool->lock);
+    if (tool->type == type) return;
+    tool->type = type;
+    tool->shape = shape;
+    tool->exchanged = true;
+    if (known) ROS_INFO("tool %s: the instrument is %s now", tool->parameters.name.c_str(), type.c_str());
+    else ROS_WARN("tool %s touches nothing: %s", tool->parameters.name.c_str(), pliant_last_error());
+}
+
+bool Tools::exchanged(size_t index, pliant_tool_shape *shape)
+{
+    Tool &tool = *tools_[index];
+    if (!tool.parameters.shape_follows) return false;
+    std::lock_guard<std::mutex> hold(tool.lock);
+    *shape = tool.shape;
+    const bool is_news = tool.exchanged;
+    tool.exchanged = false;
+    return is_news;
 }
 
 void Tools::listen_for_blade(ros::NodeHandle handle, Tool *tool)

@@ -57,6 +57,8 @@ public:
        has a transform, or its stamp is more than tool_max_age from now; one that is there stays where it was for tool_hold longer.
        Called by the simulation only. */
     ToolSample sample(size_t tool, const ros::Time &now);
+    /* True when another instrument has been put on since the last call, of this shape. Called by the simulation only. */
+    bool exchanged(size_t tool, pliant_tool_shape *shape);
     /* Forget all poses and jaws: time jumped. */
     void clear();
 
@@ -91,6 +93,9 @@ private:
         ros::Time jaw_stamp;
         double jaw = 0, last_jaw = 0; /* last: that was valid */
         bool blade = false, energy = false;
+        std::string type;         /* of the instrument, where the shape follows that */
+        bool exchanged = false;
+        pliant_tool_shape shape{};
         uint64_t received = 0;
         std::string refused; /* why the last pose was */
         /* written by sample */
@@ -107,11 +112,12 @@ private:
         uint64_t counted = 0;
         ros::WallTime counted_at;
         /* last: they go first, and with them the callbacks that write the above */
-        ros::Subscriber pose_in, jaw_in, blade_in, energy_in;
+        ros::Subscriber pose_in, jaw_in, blade_in, energy_in, type_in;
     };
 
     void take_pose(Tool *tool, const topic_tools::ShapeShifter &message);
     void take_jaw(Tool *tool, const sensor_msgs::JointState &message);
+    void take_type(Tool *tool, const std::string &type);
     void listen_for_blade(ros::NodeHandle handle, Tool *tool);
     void transform(Tool *tool);
     void update_jaw(Tool *tool, const ros::Time &now);

@@ -1,0 +1,95 @@
+#!/usr/bin/env python3
+"""A scripted operation of many simulated hours, as fast as it runs: pull, push, cut, and now and then the scan loaded anew. Memory and the
+99th percentile of a step's time must stay as they are.
+
+    PLIANT_LIBRARY=build/src/libpliant.so python3 test/bench/soak.py [HOURS=8] [SECONDS that it may take]
+
+Of every two simulated minutes: steps, CPU time of a step (median, p99, worst), what the library holds and the process has in memory. Fails
+where memory, or p99, is higher in the last fifth than in the second by more than 2 %, or 20 %."""
+import os
+import sys
+import time
+
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "../../src/python"))
+import pliant  # noqa: E402
+
+STEP, ROUND, RELOAD, ROW = 0.02, 10.0, 20, 120  # [s]; of a round; rounds until the scan is loaded anew; [s] of a row
+OPTIONS = {"mesh/coarse_cells": "7 5 6", "mesh/ratio": 2, "model/method": "averaged", "solver/threads": 1, "cut/kind": "sever", "cut/resistance": 0,
+           "solver/step": STEP, "element/kind": "linear", "grasp/stiffness": 500}
+
+
+class Operation:
+    """Rounds of the same kind on other places: four strokes of pulling and pushing, a cut, the same again, and all is healed."""
+
+    def __init__(self):
+        self.random, self.rounds = np.random.default_rng(1), 0
+        self.load()
+
+    def load(self):
+        self.sim = pliant.Sim(scan="phantom:48x32x40", options=OPTIONS)
+        self.forceps = self.sim.tool("forceps")
+        rest, free = self.sim.rest, ~self.sim.fixed
+        front = rest[:, 1] < np.quantile(rest[free][:, 1], 0.25)
+        self.places = rest[free & front]
+
+    def round(self, seconds):
+        """One more; every step's seconds are appended."""
+        if self.rounds % RELOAD == RELOAD - 1:
+            self.sim.close()
+            self.load()
+        self.rounds += 1
+        self.sim.reset()
+        steps = int(ROUND / STEP)
+        for at in range(steps):
+            part, phase = at * 8 // steps, (at * 8 % steps) / steps
+            if at * 8 % steps < 8:
+                self.begin(part)
+            if self.forceps.holding:
+                way = 0.02 * np.sin(2 * np.pi * phase) * (1 if part % 2 else -1)
+                self.forceps.move(self.held + [0.3 * way, way, 0.2 * way])
+            start = time.thread_time()
+            self.sim.step()
+            seconds.append(time.thread_time() - start)
+
+    def begin(self, part):
+        self.forceps.release()
+        if part == 4:
+            x, y, z = self.places[self.random.integers(len(self.places))]
+            self.sim.cut([[x, y - 0.05, z - 0.02], [x, y - 0.05, z + 0.02]], [0, 0.08, 0])
+        place = self.places[self.random.integers(len(self.places))]
+        try:
+            self.forceps.grasp(place)
+        except pliant.Error:
+            return  # cut away from there
+        self.held = np.array(self.forceps.state["tip"])
+
+
+def resident():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def main():
+    hours = float(sys.argv[1]) if len(sys.argv) > 1 else 8
+    patience = float(sys.argv[2]) if len(sys.argv) > 2 else float("inf")
+    operation, rows, begin = Operation(), [], time.time()
+    while len(rows) * ROW < hours * 3600 and time.time() - begin < patience:
+        seconds = []
+        for _ in range(int(ROW / ROUND)):
+            operation.round(seconds)
+        milliseconds = 1e3 * np.array(seconds)
+        rows.append([np.quantile(milliseconds, 0.99), resident() / 1e6])
+        print("%6.2f h %8d steps: median %.3f ms, p99 %.3f, worst %.3f; %.1f MB held, %.1f MB in memory; inverted %d" % (
+            len(rows) * ROW / 3600, len(seconds), np.median(milliseconds), rows[-1][0], milliseconds.max(), operation.sim.statistics["bytes"] / 1e6, rows[-1][1],
+            operation.sim.inverted), flush=True)
+    fifth = max(1, len(rows) // 5)
+    early, late = np.array(rows[fifth:2 * fifth] or rows), np.array(rows[-fifth:])
+    p99, memory = np.median(late[:, 0]) / np.median(early[:, 0]), np.median(late[:, 1]) / np.median(early[:, 1])
+    print("%.1f simulated hours in %.0f s: p99 x %.3f, memory x %.3f" % (len(rows) * ROW / 3600, time.time() - begin, p99, memory))
+    return 0 if p99 < 1.2 and memory < 1.02 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
