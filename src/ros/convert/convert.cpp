@@ -109,7 +109,7 @@ bool rigid_from_message(const geometry_msgs::Transform &transform, Rigid *out, s
 geometry_msgs::Transform transform_message(const Rigid &motion) { return tf2::eigenToTransform(isometry(motion)).transform; }
 
 bool pose_from_any_message(const topic_tools::ShapeShifter &message, const std::string &frame, geometry_msgs::PoseStamped *out, std::string *why)
-{
+try {
     const std::string type = message.getDataType();
     if (type == "geometry_msgs/PoseStamped") {
         *out = *message.instantiate<geometry_msgs::PoseStamped>();
@@ -127,6 +127,9 @@ bool pose_from_any_message(const topic_tools::ShapeShifter &message, const std::
     if (!out->header.frame_id.empty() && out->header.frame_id[0] == '/') out->header.frame_id.erase(0, 1); /* tf of old */
     if (out->header.frame_id.empty()) out->header.frame_id = frame;
     return true;
+} catch (const std::exception &broken) { /* another message than its sender says */
+    *why = std::string("it cannot be read: ") + broken.what();
+    return false;
 }
 
 bool tool_pose_from_message(const geometry_msgs::PoseStamped &message, Rigid *out, std::string *why)
