@@ -1,7 +1,7 @@
 /* Which tetrahedra overlap: lists of those in every cell of a grid, pairs of a list whose boxes meet, and which of those overlap.
  *
- * Cells have no bounds: a table takes them by a hash of their place, and an entry tells which cell it is of. Lists are linked, in the order in which
- * threads come; pairs are the same in any order, and are sorted where they are asked for. */
+ * Cells have no bounds: a table takes them by a hash of their place, and an entry tells which cell it is of. How long each list is is counted first, then
+ * lists lie one after the other, and threads share what comes after each entry. Pairs are the same in any order, and are sorted where they are asked for. */
 #include "overlaps.h"
 
 #include "contact/overlap.h"
@@ -13,13 +13,13 @@
 
 namespace {
 
-enum { THREADS = 128, MOST_CELLS = 16 /* that a box lies in along an axis */ };
+enum { THREADS = 128, WARPS = THREADS / 32, LANES_OF_TET = 8 /* threads that share the cells of one */, LANES_OF_ENTRY = 8 /* or its list */, MOST_CELLS = 16 /* that a box lies in along an axis */ };
 
-struct entry { unsigned long long cell; int32_t next, tet; float low[3], high[3]; /* outwards */ };
+struct entry { unsigned long long cell; int32_t tet, end; float low[3], high[3]; }; /* end: of its list; box: outwards */
 struct tet_box { double low[3], high[3]; };
 
 /* how many there are, and the most cells along an axis that a box lies in */
-enum { ENTRIES, CANDIDATES, PAIRS, CELLS, NUM_COUNTS };
+enum { ENTRIES, PAIRS, CELLS, NUM_COUNTS };
 
 /* what kernels see */
 struct view {
@@ -28,10 +28,13 @@ struct view {
     const int32_t *tets, *tet;
     const double *positions;
     tet_box *box;        /* (count) */
-    int32_t *head;       /* (table + 1) the first entry of each list; -1: none */
+    int32_t *counts;     /* (NUM_COUNTS), then: */
+    int32_t *length;     /* (table + 1) of each list */
+    int32_t *start;      /* (table + 1) its first entry */
+    int32_t *next;       /* (table + 1) where the next one goes */
     entry *entries;
-    int2 *candidates, *pairs;
-    int32_t room[CELLS], *counts;
+    int2 *pairs;
+    int32_t room[CELLS];
 };
 
 __device__ __forceinline__ int32_t cell_of(const view &v, double x) { return (int32_t)fmin(fmax(floor(x / v.side), -1e9), 1e9); }
@@ -47,98 +50,193 @@ __device__ __forceinline__ unsigned long long key_of(int32_t a, int32_t b, int32
     return ((unsigned long long)a & mask) | ((unsigned long long)b & mask) << 21 | ((unsigned long long)c & mask) << 42;
 }
 
-__global__ void fill_kernel(view v)
-{
-    const int32_t i = (int32_t)(blockIdx.x * THREADS + threadIdx.x);
-    if (i >= v.count) return;
-    const int32_t *node = v.tets + 4 * (size_t)v.tet[i];
-    tet_box box;
-    double sum = 0;
-    for (int d = 0; d < 3; d++) {
-        box.low[d] = box.high[d] = v.positions[3 * (size_t)node[0] + d];
-        for (int k = 0; k < 4; k++) {
-            const double x = v.positions[3 * (size_t)node[k] + d];
-            box.low[d] = fmin(box.low[d], x);
-            box.high[d] = fmax(box.high[d], x);
-            sum += x;
+/* Cells that a box lies in, one after the other; none where it is no box, or too large. */
+struct cells {
+    int32_t low[3], wide[3], count;
+    __device__ cells(const view &v, const tet_box &box) : count(0)
+    {
+        double sum = 0;
+        for (int d = 0; d < 3; d++) sum += box.low[d] + box.high[d];
+        if (!isfinite(sum)) return;
+        const double widest = fmax(box.high[0] - box.low[0], fmax(box.high[1] - box.low[1], box.high[2] - box.low[2])) / v.side;
+        if (widest > MOST_CELLS) {
+            atomicMax(v.counts + CELLS, (int32_t)fmin(widest, 1e9));
+            return;
+        }
+        count = 1;
+        for (int d = 0; d < 3; d++) {
+            low[d] = cell_of(v, box.low[d]);
+            wide[d] = cell_of(v, box.high[d]) - low[d] + 1;
+            count *= wide[d];
         }
     }
-    v.box[i] = box;
-    if (!isfinite(sum)) return;
-    const double widest = fmax(box.high[0] - box.low[0], fmax(box.high[1] - box.low[1], box.high[2] - box.low[2])) / v.side;
-    if (widest > MOST_CELLS) {
-        atomicMax(v.counts + CELLS, (int32_t)fmin(widest, 1e9));
-        return;
+    __device__ void place(int32_t n, int32_t at[3]) const
+    {
+        at[0] = low[0] + n % wide[0];
+        at[1] = low[1] + n / wide[0] % wide[1];
+        at[2] = low[2] + n / (wide[0] * wide[1]);
     }
-    const int32_t low[3] = {cell_of(v, box.low[0]), cell_of(v, box.low[1]), cell_of(v, box.low[2])};
-    const int32_t high[3] = {cell_of(v, box.high[0]), cell_of(v, box.high[1]), cell_of(v, box.high[2])};
-    for (int32_t c = low[2]; c <= high[2]; c++)
-        for (int32_t b = low[1]; b <= high[1]; b++)
-            for (int32_t a = low[0]; a <= high[0]; a++) {
-                const int32_t at = atomicAdd(v.counts + ENTRIES, 1);
-                if (at >= v.room[ENTRIES]) continue;
-                entry one;
-                one.tet = i;
-                one.cell = key_of(a, b, c);
-                for (int d = 0; d < 3; d++) {
-                    one.low[d] = __double2float_rd(box.low[d]);
-                    one.high[d] = __double2float_ru(box.high[d]);
-                }
-                one.next = atomicExch(v.head + hash_of(v, a, b, c), at);
-                v.entries[at] = one;
-            }
+};
+
+__global__ void __launch_bounds__(THREADS) count_kernel(view v)
+{
+    const int32_t i = (int32_t)(blockIdx.x * THREADS + threadIdx.x) / LANES_OF_TET, lane = (int32_t)threadIdx.x % LANES_OF_TET;
+    if (i >= v.count) return;
+    const int4 nodes = *(const int4 *)(v.tets + 4 * (size_t)v.tet[i]);
+    const int32_t node[4] = {nodes.x, nodes.y, nodes.z, nodes.w};
+    tet_box box;
+    bool finite = true;
+    for (int d = 0; d < 3; d++) {
+        double x[4];
+        for (int k = 0; k < 4; k++) {
+            x[k] = v.positions[3 * (size_t)node[k] + d];
+            finite = finite && isfinite(x[k]);
+        }
+        box.low[d] = fmin(fmin(x[0], x[1]), fmin(x[2], x[3]));
+        box.high[d] = fmax(fmax(x[0], x[1]), fmax(x[2], x[3]));
+    }
+    if (!finite) box.low[0] = NAN; /* which minima leave out */
+    if (lane == 0) v.box[i] = box;
+    const cells of(v, box);
+    for (int32_t n = lane; n < of.count; n += LANES_OF_TET) {
+        int32_t at[3];
+        of.place(n, at);
+        atomicAdd(v.length + hash_of(v, at[0], at[1], at[2]), 1);
+    }
 }
 
-__device__ __forceinline__ void append(const view &v, int what, int2 *list, int32_t a, int32_t b)
+/* a thread a list: where it begins, in the order in which warps come */
+__global__ void __launch_bounds__(THREADS) start_kernel(view v)
 {
-    const int32_t at = atomicAdd(v.counts + what, 1);
-    if (at < v.room[what]) list[at] = make_int2(a, b);
+    const int32_t list = (int32_t)(blockIdx.x * THREADS + threadIdx.x), lane = (int32_t)threadIdx.x % 32;
+    const int32_t length = list <= v.table ? v.length[list] : 0;
+    int32_t before = length, first = 0;
+    for (int step = 1; step < 32; step *= 2) {
+        const int32_t other = __shfl_up_sync(0xffffffffu, before, step);
+        if (lane >= step) before += other;
+    }
+    if (lane == 31) first = atomicAdd(v.counts + ENTRIES, before);
+    first = __shfl_sync(0xffffffffu, first, 31) + before - length;
+    if (list <= v.table) v.start[list] = v.next[list] = first;
+}
+
+__global__ void __launch_bounds__(THREADS) fill_kernel(view v)
+{
+    const int32_t i = (int32_t)(blockIdx.x * THREADS + threadIdx.x) / LANES_OF_TET, lane = (int32_t)threadIdx.x % LANES_OF_TET;
+    if (i >= v.count) return;
+    const tet_box box = v.box[i];
+    const cells of(v, box);
+    entry one;
+    one.tet = i;
+    for (int d = 0; d < 3; d++) {
+        one.low[d] = __double2float_rd(box.low[d]);
+        one.high[d] = __double2float_ru(box.high[d]);
+    }
+    for (int32_t n = lane; n < of.count; n += LANES_OF_TET) {
+        int32_t at[3];
+        of.place(n, at);
+        const uint32_t list = hash_of(v, at[0], at[1], at[2]);
+        const int32_t where = atomicAdd(v.next + list, 1);
+        one.cell = key_of(at[0], at[1], at[2]);
+        one.end = v.start[list] + v.length[list];
+        if (where < v.room[ENTRIES]) v.entries[where] = one;
+    }
+}
+
+struct met { unsigned long long cell; int32_t a, b; };
+
+/* Of one warp: pairs whose boxes meet, and those of them that are to be tested, until there are enough for all its threads. */
+struct desk { met pairs[64]; int2 tests[64]; };
+struct waiting { int pairs, tests; };
+
+/* In the cell of the lowest corner of what their boxes have in common alone, of tetrahedra without a common node. */
+__device__ bool is_for_test(const view &v, const met &pair)
+{
+    const tet_box mine = v.box[pair.a], other = v.box[pair.b];
+    const int4 m = *(const int4 *)(v.tets + 4 * (size_t)v.tet[pair.a]), o = *(const int4 *)(v.tets + 4 * (size_t)v.tet[pair.b]);
+    const int32_t a[4] = {m.x, m.y, m.z, m.w}, b[4] = {o.x, o.y, o.z, o.w};
+    int32_t home[3];
+    bool is = true;
+    for (int k = 0; k < 4; k++)
+        for (int l = 0; l < 4; l++) is = is && a[k] != b[l];
+    for (int d = 0; d < 3; d++) {
+        is = is && mine.low[d] < other.high[d] && other.low[d] < mine.high[d];
+        home[d] = cell_of(v, fmax(mine.low[d], other.low[d]));
+    }
+    return is && key_of(home[0], home[1], home[2]) == pair.cell;
+}
+
+__device__ bool overlap(const view &v, int2 pair)
+{
+    const int32_t *a = v.tets + 4 * (size_t)v.tet[pair.x], *b = v.tets + 4 * (size_t)v.tet[pair.y];
+    double x[3][4], y[3][4];
+    for (int k = 0; k < 4; k++)
+        for (int d = 0; d < 3; d++) {
+            x[d][k] = v.positions[3 * (size_t)a[k] + d];
+            y[d][k] = v.positions[3 * (size_t)b[k] + d];
+        }
+    return pliant_tets_overlap(x, y);
+}
+
+/* The last `count` of the tests that wait, one a thread. */
+__device__ void test(const view &v, const desk &on, waiting &left, int count)
+{
+    const int lane = (int)threadIdx.x % 32;
+    __syncwarp();
+    left.tests -= count;
+    const int2 pair = lane < count ? on.tests[left.tests + lane] : make_int2(0, 0);
+    const bool is = lane < count && overlap(v, pair);
+    const unsigned all = __ballot_sync(0xffffffffu, is);
+    int32_t first = 0;
+    if (lane == 0 && all != 0) first = atomicAdd(v.counts + PAIRS, __popc(all));
+    first = __shfl_sync(0xffffffffu, first, 0) + __popc(all & ((1u << lane) - 1));
+    if (is && first < v.room[PAIRS]) v.pairs[first] = make_int2(min(v.tet[pair.x], v.tet[pair.y]), max(v.tet[pair.x], v.tet[pair.y]));
+    __syncwarp();
+}
+
+/* The last `count` of the pairs that wait, likewise. */
+__device__ void look(const view &v, desk &on, waiting &left, int count)
+{
+    const int lane = (int)threadIdx.x % 32;
+    __syncwarp();
+    left.pairs -= count;
+    const bool is = lane < count && is_for_test(v, on.pairs[left.pairs + lane]);
+    const unsigned all = __ballot_sync(0xffffffffu, is);
+    if (is) on.tests[left.tests + __popc(all & ((1u << lane) - 1))] = make_int2(on.pairs[left.pairs + lane].a, on.pairs[left.pairs + lane].b);
+    left.tests += __popc(all);
+    if (left.tests >= 32) test(v, on, left, 32);
+    __syncwarp();
 }
 
 /* each entry with those after it in its list */
-__global__ void pair_kernel(view v)
+__global__ void __launch_bounds__(THREADS) pair_kernel(view v)
 {
+    __shared__ desk desks[WARPS];
+    desk &on = desks[threadIdx.x / 32];
+    waiting left = {0, 0};
+    const int lane = (int)threadIdx.x % 32, step = 32 / LANES_OF_ENTRY;
     const int32_t entries = min(v.counts[ENTRIES], v.room[ENTRIES]);
-    for (int32_t at = (int32_t)(blockIdx.x * THREADS + threadIdx.x); at < entries; at += (int32_t)(gridDim.x * THREADS)) {
-        const entry mine = v.entries[at];
-        const tet_box box = v.box[mine.tet];
-        const int4 node = *(const int4 *)(v.tets + 4 * (size_t)v.tet[mine.tet]);
-        for (int32_t next = mine.next; next >= 0;) {
-            const entry other = v.entries[next];
-            next = other.next;
-            bool meets = other.cell == mine.cell;
-            for (int d = 0; d < 3; d++) meets = meets && mine.low[d] < other.high[d] && other.low[d] < mine.high[d];
-            if (!meets) continue;
-            const tet_box beside = v.box[other.tet];
-            int32_t home[3];
-            for (int d = 0; d < 3; d++) { /* the cell of the lowest corner of what they have in common */
-                meets = meets && box.low[d] < beside.high[d] && beside.low[d] < box.high[d];
-                home[d] = cell_of(v, fmax(box.low[d], beside.low[d]));
+    for (int32_t first = (int32_t)(blockIdx.x * WARPS + threadIdx.x / 32) * step; first < entries; first += (int32_t)(gridDim.x * WARPS) * step) {
+        const int32_t at = first + lane / LANES_OF_ENTRY;
+        const entry mine = v.entries[min(at, entries - 1)];
+        const int32_t end = at < entries ? min(mine.end, entries) : 0;
+        for (int32_t k = at + 1 + lane % LANES_OF_ENTRY; __any_sync(0xffffffffu, k < end); k += LANES_OF_ENTRY) {
+            bool meets = k < end;
+            int32_t other = 0;
+            if (meets) {
+                const entry one = v.entries[k];
+                other = one.tet;
+                meets = one.cell == mine.cell;
+                for (int d = 0; d < 3; d++) meets = meets && mine.low[d] < one.high[d] && one.low[d] < mine.high[d];
             }
-            if (!meets || key_of(home[0], home[1], home[2]) != mine.cell) continue;
-            const int4 to = *(const int4 *)(v.tets + 4 * (size_t)v.tet[other.tet]);
-            const int32_t a[4] = {node.x, node.y, node.z, node.w}, b[4] = {to.x, to.y, to.z, to.w};
-            bool shared = false;
-            for (int k = 0; k < 4; k++)
-                for (int l = 0; l < 4; l++) shared = shared || a[k] == b[l];
-            if (!shared) append(v, CANDIDATES, v.candidates, min(mine.tet, other.tet), max(mine.tet, other.tet));
+            const unsigned all = __ballot_sync(0xffffffffu, meets);
+            if (meets) on.pairs[left.pairs + __popc(all & ((1u << lane) - 1))] = {mine.cell, min(mine.tet, other), max(mine.tet, other)};
+            left.pairs += __popc(all);
+            if (left.pairs >= 32) look(v, on, left, 32);
         }
     }
-}
-
-__global__ void test_kernel(view v)
-{
-    const int32_t candidates = min(v.counts[CANDIDATES], v.room[CANDIDATES]);
-    for (int32_t at = (int32_t)(blockIdx.x * THREADS + threadIdx.x); at < candidates; at += (int32_t)(gridDim.x * THREADS)) {
-        const int32_t a = v.tet[v.candidates[at].x], b = v.tet[v.candidates[at].y];
-        double x[3][4], y[3][4];
-        for (int k = 0; k < 4; k++)
-            for (int d = 0; d < 3; d++) {
-                x[d][k] = v.positions[3 * (size_t)v.tets[4 * (size_t)a + k] + d];
-                y[d][k] = v.positions[3 * (size_t)v.tets[4 * (size_t)b + k] + d];
-            }
-        if (pliant_tets_overlap(x, y)) append(v, PAIRS, v.pairs, min(a, b), max(a, b));
-    }
+    look(v, on, left, left.pairs);
+    test(v, on, left, left.tests);
 }
 
 } // namespace
@@ -146,7 +244,7 @@ __global__ void test_kernel(view v)
 struct gpu_overlaps {
     view v;
     int32_t *d_tets, *d_tet, *h_counts;
-    size_t entries_bytes, candidates_bytes, pairs_bytes;
+    size_t entries_bytes, pairs_bytes;
     int blocks; /* that the device runs at once */
     cudaGraphExec_t graph; /* Nullable: of what it was made for */
     view made_for;
@@ -157,7 +255,7 @@ void gpu_overlaps_free(gpu_overlaps *overlaps)
 {
     if (!overlaps) return;
     if (overlaps->graph) cudaGraphExecDestroy(overlaps->graph);
-    void *blocks[] = {overlaps->d_tets, overlaps->d_tet, overlaps->v.box, overlaps->v.head, overlaps->v.entries, overlaps->v.candidates, overlaps->v.pairs, overlaps->v.counts};
+    void *blocks[] = {overlaps->d_tets, overlaps->d_tet, overlaps->v.box, overlaps->v.counts, overlaps->v.entries, overlaps->v.pairs};
     for (void *block : blocks) pliant_cuda_release(block);
     pliant_cuda_release_host(overlaps->h_counts);
     pliant_free(overlaps);
@@ -168,10 +266,8 @@ static pliant_status make_room(gpu_overlaps *overlaps, const int32_t counts[CELL
 {
     view *v = &overlaps->v;
     CUDA_TRY(pliant_cuda_ensure((size_t)counts[ENTRIES] * sizeof *v->entries, true, "cells of tetrahedra", (void **)&v->entries, &overlaps->entries_bytes));
-    CUDA_TRY(pliant_cuda_ensure((size_t)counts[CANDIDATES] * sizeof *v->candidates, true, "pairs of tetrahedra", (void **)&v->candidates, &overlaps->candidates_bytes));
     CUDA_TRY(pliant_cuda_ensure((size_t)counts[PAIRS] * sizeof *v->pairs, true, "pairs of tetrahedra", (void **)&v->pairs, &overlaps->pairs_bytes));
     v->room[ENTRIES] = (int32_t)std::min<size_t>(overlaps->entries_bytes / sizeof *v->entries, INT32_MAX);
-    v->room[CANDIDATES] = (int32_t)std::min<size_t>(overlaps->candidates_bytes / sizeof *v->candidates, INT32_MAX);
     v->room[PAIRS] = (int32_t)std::min<size_t>(overlaps->pairs_bytes / sizeof *v->pairs, INT32_MAX);
     return PLIANT_OK;
 }
@@ -180,22 +276,24 @@ static pliant_status prepare(gpu_overlaps *overlaps, int32_t num_tets, const int
 {
     view *v = &overlaps->v;
     int device = 0, processors = 0;
-    const int32_t counts[CELLS] = {8 * count + 1024, 8 * count + 1024, 2 * count + 1024};
+    const int32_t counts[CELLS] = {8 * count + 1024, 2 * count + 1024};
     int32_t table = 1024;
-    while (table < 4 * (int64_t)count && table < 1 << 28) table *= 2;
+    while (table < (int64_t)count && table < 1 << 28) table *= 2;
     v->count = count;
     v->table = table - 1;
     v->side = side;
     CUDA_TRY(CUDA_CALL(cudaGetDevice(&device)));
     CUDA_TRY(CUDA_CALL(cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device)));
-    overlaps->blocks = 8 * processors;
+    overlaps->blocks = 16 * processors;
     CUDA_TRY(pliant_cuda_upload(tets, 4 * (size_t)num_tets * sizeof *tets, "tetrahedra", stream, (void **)&overlaps->d_tets));
     CUDA_TRY(pliant_cuda_upload(tet, (size_t)count * sizeof *tet, "tetrahedra at the surface", stream, (void **)&overlaps->d_tet));
     v->tets = overlaps->d_tets;
     v->tet = overlaps->d_tet;
     CUDA_TRY(pliant_cuda_allocate((size_t)count * sizeof *v->box, "boxes of tetrahedra", (void **)&v->box));
-    CUDA_TRY(pliant_cuda_allocate((size_t)table * sizeof *v->head, "cells of tetrahedra", (void **)&v->head));
-    CUDA_TRY(pliant_cuda_allocate(NUM_COUNTS * sizeof *v->counts, "pairs of tetrahedra", (void **)&v->counts));
+    CUDA_TRY(pliant_cuda_allocate((NUM_COUNTS + 3 * (size_t)table) * sizeof *v->counts, "cells of tetrahedra", (void **)&v->counts));
+    v->length = v->counts + NUM_COUNTS;
+    v->start = v->length + table;
+    v->next = v->start + table;
     CUDA_TRY(pliant_cuda_allocate_host(NUM_COUNTS * sizeof *overlaps->h_counts, "pairs of tetrahedra", (void **)&overlaps->h_counts));
     return make_room(overlaps, counts);
 }
@@ -214,14 +312,16 @@ pliant_status gpu_overlaps_create(int32_t num_tets, const int32_t *tets, int32_t
 static pliant_status enqueue(gpu_overlaps *overlaps, cudaStream_t stream)
 {
     const view &v = overlaps->v;
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(v.head, 0xff, ((size_t)v.table + 1) * sizeof *v.head, stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(v.counts, 0, NUM_COUNTS * sizeof *v.counts, stream)));
-    fill_kernel<<<(unsigned)((v.count + THREADS - 1) / THREADS), THREADS, 0, stream>>>(v);
+    const unsigned shared = (unsigned)(((size_t)v.count * LANES_OF_TET + THREADS - 1) / THREADS), lists = (unsigned)((v.table + THREADS) / THREADS);
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(v.counts, 0, (NUM_COUNTS + (size_t)v.table + 1) * sizeof *v.counts, stream)));
+    count_kernel<<<shared, THREADS, 0, stream>>>(v);
+    CUDA_TRY(CUDA_LAUNCHED("count_kernel"));
+    start_kernel<<<lists, THREADS, 0, stream>>>(v);
+    CUDA_TRY(CUDA_LAUNCHED("start_kernel"));
+    fill_kernel<<<shared, THREADS, 0, stream>>>(v);
     CUDA_TRY(CUDA_LAUNCHED("fill_kernel"));
     pair_kernel<<<(unsigned)overlaps->blocks, THREADS, 0, stream>>>(v);
     CUDA_TRY(CUDA_LAUNCHED("pair_kernel"));
-    test_kernel<<<(unsigned)overlaps->blocks, THREADS, 0, stream>>>(v);
-    CUDA_TRY(CUDA_LAUNCHED("test_kernel"));
     return CUDA_CALL(cudaMemcpyAsync(overlaps->h_counts, v.counts, NUM_COUNTS * sizeof *v.counts, cudaMemcpyDeviceToHost, stream));
 }
 
@@ -254,7 +354,7 @@ pliant_status gpu_overlaps_find(gpu_overlaps *overlaps, const double *d_position
     overlaps->found = *count = 0;
     overlaps->v.positions = d_positions;
     if (overlaps->v.count == 0) return PLIANT_OK;
-    for (bool again = true; again;) { /* what had no room is counted, as far as what is before it had */
+    for (bool again = true; again;) { /* what had no room is counted */
         CUDA_TRY(run(overlaps, stream));
         again = overlaps->h_counts[CELLS] > 0;
         if (again) overlaps->v.side *= overlaps->h_counts[CELLS] / 2.0;
