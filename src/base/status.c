@@ -56,7 +56,7 @@ pliant_status pliant_fail(pliant_status status, const char *format, ...)
     vsnprintf(message, sizeof message, format, arguments);
     va_end(arguments);
     memcpy(last_error, message, sizeof message);
-    bool known = status == PLIANT_ERROR_CANCELLED || (quietly && status == PLIANT_ERROR_NUMERIC); /* whoever cancelled knows of it */
+    bool known = status == PLIANT_ERROR_CANCELLED || (quietly && (status == PLIANT_ERROR_NUMERIC || status == PLIANT_ERROR_SCENE)); /* whoever cancelled knows of it */
     send(known ? PLIANT_LOG_DEBUG : PLIANT_LOG_ERROR, message);
     return status;
 }

@@ -151,7 +151,9 @@ static pliant_status hold_coarse(builder *build)
     uint8_t *loose = pliant_calloc((size_t)coarse->num_tets, 1);
     int32_t pieces = 0, ratio = model->scene.mesh.ratio;
     if (!loose) return pliant_fail_memory("the fixed nodes");
+    pliant_fail_quietly(true); /* what cannot be held so is held otherwise */
     pliant_status status = pliant_mesh_hold(coarse, PLIANT_FIXED_AT_REST, true, body->coarse_fixed, loose, &pieces);
+    pliant_fail_quietly(false);
     if (status == PLIANT_ERROR_SCENE) {
         for (int32_t n = 0; n < fine->num_nodes; n++) {
             if (!body->fine_fixed[n]) continue;
