@@ -38,7 +38,7 @@ static const char help[] =
     "with its cut faces: deformed and rest positions, material, scalars; of every triangle whether a cut has made it), steps.csv\n"
     "(iterations, residual, seconds per stage, of the warp cull_s and rasterize_s too, inverted elements; a row a step),\n"
     "tools.csv (force and held point of every tool, of a blade or a shape its tip; force and torque by contact), cuts.csv (with a path that cuts: area,\n"
-    "pieces and mesh after every step that parted tissue),\n"
+    "pieces, mesh and seconds of every step that parted tissue),\n"
     "probes.csv (where the tool path's probes are), build.csv (seconds and bytes of every stage of the build).\n"
     "Where the scene has choose/budget_ms, DIR/choice holds what was tried: CSV and JSON as of pliant_report, and its\n"
     "picture with --pictures.\n"

@@ -44,18 +44,18 @@ pliant_status deform_tools_begin(const pliant_path *path, const char *folder, co
         snprintf(name, sizeof name, "%s/cuts.csv", folder);
         tools.cuts = fopen(name, "w");
         if (!tools.cuts) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", name, strerror(errno));
-        fputs("step,time_s,tool,stroke,area_m2,severed_area_m2,pieces,revision,nodes,tetrahedra\n", tools.cuts);
+        fputs("step,time_s,tool,stroke,area_m2,severed_area_m2,pieces,revision,nodes,tetrahedra,cut_s\n", tools.cuts);
     }
     *out = tools;
     return PLIANT_OK;
 }
 
 static void add_row(const deform_tools *tools, const pliant_data *data, long step, double time, const char *name, uint64_t stroke, double area,
-                    double severed, int32_t pieces)
+                    double severed, int32_t pieces, double seconds)
 {
     const pliant_body *body = pliant_data_get_body(data);
-    fprintf(tools->cuts, "%ld,%.6g,%s,%llu,%.6g,%.6g,%d,%llu,%d,%d\n", step, time, name, (unsigned long long)stroke, area, severed, (int)pieces,
-            (unsigned long long)body->revision, (int)body->fine.num_nodes, (int)body->fine.num_tets);
+    fprintf(tools->cuts, "%ld,%.6g,%s,%llu,%.6g,%.6g,%d,%llu,%d,%d,%.4g\n", step, time, name, (unsigned long long)stroke, area, severed, (int)pieces,
+            (unsigned long long)body->revision, (int)body->fine.num_nodes, (int)body->fine.num_tets, seconds);
 }
 
 static void print_cut(const pliant_data *data, double time, const char *name, double area, int32_t pieces)
@@ -109,9 +109,10 @@ pliant_status deform_tools_move(deform_tools *tools, const pliant_model *model, 
     for (; tools->next < path->num_cuts && path->cuts[tools->next].time <= time && status >= 0; ++tools->next) {
         const pliant_path_cut *cut = &path->cuts[tools->next];
         pliant_cut_report report;
+        const double start = pliant_seconds();
         status = pliant_data_cut(model, data, (int32_t)cut->num_points, cut->points, cut->depth, &report);
         if (status < 0) break;
-        add_row(tools, data, step, time, "", tools->next + 1, report.area, report.area, report.pieces);
+        add_row(tools, data, step, time, "", tools->next + 1, report.area, report.area, report.pieces, pliant_seconds() - start);
         print_cut(data, time, "the path", report.area, report.pieces);
     }
     return status;
@@ -122,7 +123,7 @@ void deform_tools_tell(deform_tools *tools, const pliant_data *data, long step, 
     for (int n = 0; n < pliant_data_get_num_tools(data); ++n) {
         pliant_tool_state state;
         if (pliant_tool_get(data, n, &state) < 0 || state.severed_area == tools->area[n]) continue;
-        add_row(tools, data, step, time, state.name, state.stroke, state.severed_area - tools->area[n], state.severed_area, state.pieces);
+        add_row(tools, data, step, time, state.name, state.stroke, state.severed_area - tools->area[n], state.severed_area, state.pieces, pliant_data_get_statistics(data)->seconds[PLIANT_STEP_cut]);
         tools->area[n] = state.severed_area;
     }
 }
