@@ -6,6 +6,7 @@
 
 Of every two simulated minutes: steps, CPU time of a step (median, p99, worst), what the library holds and the process has in memory. Fails
 where memory, or p99, is higher in the last fifth than in the second by more than 2 %, or 20 %."""
+import gc
 import os
 import sys
 import time
@@ -38,6 +39,7 @@ class Operation:
         """One more; every step's seconds are appended."""
         if self.rounds % RELOAD == RELOAD - 1:
             self.sim.close()
+            gc.collect()  # it and its tools hold each other
             self.load()
         self.rounds += 1
         self.sim.reset()

@@ -1,0 +1,140 @@
+#!/usr/bin/env python3
+"""Peers that never read, that come and go, that send what is no pose, and that ask without end: the simulation goes on, and its memory
+stays as it is."""
+import os
+import socket
+import struct
+import sys
+import time
+import unittest
+import xmlrpc.client
+
+import rosgraph
+import rospy
+import rostest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from pliant.msg import MeshState, Step
+from pliant.srv import Pick
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
+from node_client import NAMESPACE, Latest, Node, Tool, call, wait_for  # noqa: E402
+
+MOST = 40e6  # bytes that queues and connections of a test may take
+
+
+class HostileTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("hostile_test")
+        cls.node, cls.step = Node(), Latest("step", Step)
+        cls.node.wait_until_running()
+        address = rosgraph.Master("/hostile_test").lookupNode(NAMESPACE + "sim")
+        cls.api = xmlrpc.client.ServerProxy(address)
+        cls.pid = cls.api.getPid("/hostile_test")[2]
+
+    def setUp(self):
+        self.before = self.resident()
+
+    def resident(self):
+        with open("/proc/%d/statm" % self.pid) as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    def goes_on(self):
+        """As before: steps at their rate, none of which failed."""
+        self.node.goes_on()
+        first = self.step.fresh()
+        time.sleep(0.5)
+        made = self.step.fresh().sequence - first.sequence
+        self.assertGreater(made, 5)
+        self.assertLess(self.resident() - self.before, MOST)
+
+    def never_reads(self, topic, kind):
+        """A connection as of a subscriber, whose socket nobody reads."""
+        code, text, (_, host, port) = self.api.requestTopic("/never_reads", NAMESPACE + topic, [["TCPROS"]])
+        self.assertEqual(code, 1, text)
+        link = socket.socket()
+        link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        link.connect((host, port))
+        fields = ["callerid=/never_reads", "topic=" + NAMESPACE + topic, "type=" + kind._type, "md5sum=" + kind._md5sum]
+        body = b"".join(struct.pack("<I", len(field)) + field.encode() for field in fields)
+        link.sendall(struct.pack("<I", len(body)) + body)
+        self.addCleanup(link.close)
+
+    def test_subscribers_that_never_read(self):
+        for _ in range(4):
+            self.never_reads("mesh/state", MeshState)
+            self.never_reads("step", Step)
+        time.sleep(1.5)
+        self.goes_on()
+
+    def test_fifty_that_come_and_go(self):
+        for _ in range(50):
+            subscriber = rospy.Subscriber(NAMESPACE + "mesh/state", MeshState, lambda message: None)
+            pose = rospy.Publisher(NAMESPACE + "grasper/measured_cp", PoseStamped, queue_size=1)
+            subscriber.unregister()
+            pose.unregister()
+        self.goes_on()
+
+    def test_messages_that_are_none(self):
+        joints = rospy.Publisher(NAMESPACE + "grasper/jaw/measured_js", JointState, queue_size=4)
+        pedal = rospy.Publisher(NAMESPACE + "knife/energy", Joy, queue_size=4)
+        wrong = rospy.Publisher(NAMESPACE + "grasper/measured_cp", String, queue_size=4)
+        wait_for(lambda: joints.get_num_connections() and pedal.get_num_connections(), "the node to listen")
+        huge = JointState(position=[0.1] * 400000, name=["j"])
+        huge.header.stamp = rospy.Time.now()
+        for _ in range(5):
+            joints.publish(huge)
+            joints.publish(JointState())
+            joints.publish(JointState(position=[float("nan")]))
+            pedal.publish(Joy())
+            pedal.publish(Joy(buttons=[7] * 300000))
+            wrong.publish("no pose")
+            time.sleep(0.1)
+        for publisher in (joints, pedal, wrong):
+            publisher.unregister()
+        self.goes_on()
+
+    def test_poses_without_a_pause(self):
+        poses = rospy.Publisher(NAMESPACE + "grasper/measured_cp", PoseStamped, queue_size=10000)
+        wait_for(poses.get_num_connections, "the node to listen")
+        message, sent, end = PoseStamped(), 0, time.time() + 1.5
+        message.header.frame_id = "tissue"
+        message.pose.orientation.w = 1
+        while time.time() < end:
+            message.header.stamp = rospy.Time.now()
+            poses.publish(message)
+            sent += 1
+        print("%d poses a second" % (sent / 1.5))
+        poses.unregister()
+        self.goes_on()
+
+    def test_services_in_a_loop(self):
+        pick = rospy.ServiceProxy(NAMESPACE + "pick", Pick)
+        end = time.time() + 1
+        while time.time() < end:
+            pick(Pick._request_class())
+            self.assertTrue(call("reset", Trigger).success)
+            self.assertFalse(call("undo_cut", Trigger).success)
+        self.goes_on()
+
+    def test_a_checkpoint_that_cannot_be_written_is_told(self):
+        diagnostics = Latest("/diagnostics", DiagnosticArray)
+        wait_for(lambda: diagnostics.message and any("no checkpoint" in status.message and "/nowhere/at/all" in status.message
+                                                     for status in diagnostics.message.status), "diagnostics to tell")
+        diagnostics.close()
+        self.goes_on()
+
+    def test_a_tool_among_them_is_there(self):
+        tool = Tool("grasper", "tissue")
+        self.addCleanup(tool.reset)
+        self.never_reads("mesh/state", MeshState)
+        tool.appear(self.node.front())
+        tool.take_hold(self.node.contact)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("pliant", "hostile", HostileTest)
