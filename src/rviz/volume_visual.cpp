@@ -11,6 +11,7 @@
 #include <OgreSceneManager.h>
 #include <OgreSceneNode.h>
 #include <OgreTextureUnitState.h>
+#include <OgreViewport.h>
 
 #include <algorithm>
 #include <cmath>
@@ -28,6 +29,7 @@ VolumeVisual::VolumeVisual(Ogre::SceneManager *manager, Ogre::SceneNode *parent)
     node_->attachObject(object_);
     node_->setVisible(false);
     look_.transfer = presets().front();
+    manager_->addListener(this);
 
     table_ = make_texture(name + "/table", TABLE_SIZE, 1, 1, Ogre::PF_SHORT_RGBA);
     slice_material_ = make_material(name + "/slices", volume_vertex_shader, slice_fragment_shader, false);
@@ -48,6 +50,7 @@ VolumeVisual::VolumeVisual(Ogre::SceneManager *manager, Ogre::SceneNode *parent)
 
 VolumeVisual::~VolumeVisual()
 {
+    manager_->removeListener(this);
     clear();
     manager_->destroyManualObject(object_);
     manager_->destroySceneNode(node_);
@@ -119,7 +122,11 @@ void VolumeVisual::set_look(const Look &look)
     make_table();
 }
 
-void VolumeVisual::set_visible(bool visible) { node_->setVisible(visible); }
+void VolumeVisual::set_visible(bool visible)
+{
+    drawn_ = visible;
+    node_->setVisible(visible);
+}
 
 void VolumeVisual::make_table()
 {
@@ -209,8 +216,19 @@ void VolumeVisual::draw(const Ogre::Camera *camera)
     else draw_slices(vector_of(direction));
 }
 
+void VolumeVisual::preFindVisibleObjects(Ogre::SceneManager *, Ogre::SceneManager::IlluminationRenderStage, Ogre::Viewport *view)
+{
+    const Ogre::Camera *camera = view ? view->getCamera() : nullptr;
+    if (!drawn_ || !camera) return;
+    Ogre::Vector3 direction = node_->_getDerivedOrientation().Inverse() * camera->getDerivedDirection();
+    direction.normalise();
+    set_numbers(pass_of(look_.isosurface ? surface_material_ : slice_material_), camera);
+    if (!look_.isosurface && vector_of(direction) != facing_) draw_slices(vector_of(direction));
+}
+
 void VolumeVisual::draw_slices(const Vector &direction)
 {
+    facing_ = direction;
     double spacing = diagonal() / std::max(look_.slices, 1u);
     Slices slices = make_slices(clipped(), look_.planes, direction, spacing, look_.slices + 2);
     slices_drawn_ = slices.count;
@@ -226,6 +244,9 @@ void VolumeVisual::draw_slices(const Vector &direction)
         object_->position(slices.vertices[n], slices.vertices[n + 1], slices.vertices[n + 2]);
     for (uint32_t index : slices.triangles) object_->index(index);
     object_->end();
+    /* of all that may be drawn, since views are sorted out before slices are made for them */
+    const Bounds box = clipped();
+    object_->setBoundingBox(Ogre::AxisAlignedBox(float(box.low[0]), float(box.low[1]), float(box.low[2]), float(box.high[0]), float(box.high[1]), float(box.high[2])));
     set_visible(true);
 }
 

@@ -9,6 +9,7 @@
 #include <OgreColourValue.h>
 #include <OgreMaterial.h>
 #include <OgreQuaternion.h>
+#include <OgreSceneManager.h>
 #include <OgreTexture.h>
 
 #include <array>
@@ -24,7 +25,6 @@
 namespace Ogre {
 class Camera;
 class ManualObject;
-class SceneManager;
 class SceneNode;
 }
 
@@ -45,7 +45,7 @@ struct Look {
     std::array<double, 3> away_low{{0, 0, 0}}, away_high{{0, 0, 0}}; // a box that is not seen, in the same fractions; empty: there is none
 };
 
-class VolumeVisual {
+class VolumeVisual : private Ogre::SceneManager::Listener {
 public:
     VolumeVisual(Ogre::SceneManager *manager, Ogre::SceneNode *parent);
     ~VolumeVisual();
@@ -67,7 +67,8 @@ public:
     void find_visible(const VolumeImage &image);
     void set_visible(bool visible);
 
-    // Geometry and shader numbers for this camera.
+    // Geometry and shader numbers for this camera; from then on, until it is made invisible, for the camera of each view as it is drawn:
+    // slices that face one of them lie edge on, or the wrong way round, for another.
     void draw(const Ogre::Camera *camera);
 
     // The parts of a ray in the fixed frame that are drawn of it, the nearest first; none: the ray passes by. Unit direction.
@@ -78,6 +79,7 @@ public:
     Ogre::Vector3 middle() const; // of it, in the fixed frame
 
 private:
+    void preFindVisibleObjects(Ogre::SceneManager *source, Ogre::SceneManager::IlluminationRenderStage stage, Ogre::Viewport *view) override;
     void make_table();
     void set_numbers(Ogre::Pass *pass, const Ogre::Camera *camera);
     void draw_slices(const Vector &direction);
@@ -101,6 +103,8 @@ private:
     Box visible_;
     Look look_;
     size_t slices_drawn_ = 0;
+    bool drawn_ = false;   // there is something to be seen
+    Vector facing_{{0, 0, 0}}; // direction that the slices were made for
 };
 
 } // namespace pliant_rviz
