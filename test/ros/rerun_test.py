@@ -9,6 +9,7 @@ import sys
 import time
 import unittest
 
+import numpy as np
 import rosbag
 import rospy
 import rostest
@@ -153,6 +154,22 @@ class RerunTest(unittest.TestCase):
         finally:
             launch.stop()
         self.assertIn("each as recorded, to the bit", launch.said())
+
+    def test_arrays_of_the_last_episode(self):
+        code, _, errors = self.run_bag(self.bag, "--export", "numpy", "--rate", "50", "--out", self.folder + "/arrays")
+        self.assertEqual(code, 0, errors)
+        state, action, steps, episodes = (np.load("%s/arrays/%s.npy" % (self.folder, name)) for name in ("state", "action", "steps", "episodes"))
+        rows = episodes == episodes[-1]
+        begin = max(i for i, step in enumerate(self.steps) if step.sequence == 1)
+        tools = {step.step: step.tools[0] for step in self.steps[begin:]}
+        self.assertGreater(np.count_nonzero(rows), 50)
+        for number, now in zip(steps[rows], state[rows]):
+            told = tools[number]
+            self.assertEqual(list(now[:9]), list(told.tip) + list(told.rotation) + [told.jaw, told.closed] if told.present else [0] * 9)
+        np.testing.assert_array_equal(action[rows][:-1], state[rows][1:, :10])
+        holds = (state[rows][:, 10:13] == 1).all(axis=1)
+        self.assertGreater(np.count_nonzero(holds), 10)
+        self.assertGreater(np.linalg.norm(state[rows][holds][:, 13:16], axis=1).max(), 0.01)  # it pulls [N]
 
     def test_table_of_steps(self):
         path = self.folder + "/steps.csv"

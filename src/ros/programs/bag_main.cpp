@@ -1,6 +1,7 @@
 /* pliant_bag: a recorded session and its scan in; deformed volumes at chosen times, its steps made again, and tables out. No master is
    needed. */
 #include "ros/record/bag_arguments.h"
+#include "ros/record/export.h"
 #include "ros/record/recorded.h"
 #include "ros/record/rerun.h"
 #include "ros/record/tables.h"
@@ -9,6 +10,7 @@
 
 #include "command_line.h" /* the exit codes */
 #include "console.h"
+#include "python_run.h"
 
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
@@ -22,6 +24,7 @@
 #include <map>
 #include <memory>
 #include <sys/stat.h>
+#include <unistd.h>
 
 namespace pliant_ros {
 
@@ -62,6 +65,8 @@ private:
     template <class Message, class Lines> void write_table(rosbag::View *view, Lines *table);
     void write_steps();
     void write_cuts();
+    void write_arrays();
+    void write_lerobot(const std::string &arrays) const;
     double since_start(const ros::Time &time) const { return (time - start_).toSec(); }
     std::string topic(const char *name) const { return "/" + arguments_.name + "/" + name; }
     Failure nothing_on(const char *name) const
@@ -84,6 +89,7 @@ private:
     std::shared_ptr<const pliant_surface> surface_;
     std::unique_ptr<Rerun> rerun_;
     int written_ = 0;
+    std::string exported_; /* what was, for a person */
 };
 
 void Extraction::open()
@@ -267,11 +273,38 @@ void Extraction::write_cuts()
     write_table<Cut>(&view, &table);
 }
 
+void Extraction::write_arrays()
+{
+    const bool lerobot = arguments_.exported == "lerobot";
+    const std::string folder = arguments_.folder + (lerobot ? "/numpy" : "");
+    make_folder(folder);
+    exported_ = export_numpy(bag_, arguments_.name, arguments_.rate, folder);
+    if (!lerobot) return;
+    write_lerobot(folder);
+    exported_ += "LeRobot's layout of them in " + arguments_.folder + "\n";
+}
+
+/* By the program of Python beside this one. */
+void Extraction::write_lerobot(const std::string &arrays) const
+{
+    char own[4096];
+    const ssize_t length = readlink("/proc/self/exe", own, sizeof own);
+    const std::string path(own, length > 0 ? static_cast<size_t>(length) : 0);
+    const std::string program = path.substr(0, path.rfind('/') + 1) + "pliant_lerobot";
+    const char *python = python_find("numpy, pyarrow");
+    if (!python)
+        throw Failure(PLIANT_ERROR_UNAVAILABLE, "python3 with numpy and pyarrow was not found (pip install numpy pyarrow). The arrays are in " + arrays +
+                                                    "; with both installed: python3 " + program + " " + arrays + " " + arguments_.folder);
+    const char *words[] = {python, program.c_str(), arrays.c_str(), arguments_.folder.c_str(), "--task", arguments_.task.c_str(), nullptr};
+    if (python_run(words) != 0) throw Failure(PLIANT_ERROR_FILE, program + " failed; the arrays are in " + arrays);
+}
+
 void Extraction::run()
 {
     open();
     if (!arguments_.steps.empty()) write_steps();
     if (!arguments_.cuts.empty()) write_cuts();
+    if (!arguments_.exported.empty()) return write_arrays();
     const bool volumes = !arguments_.folder.empty();
     if (!volumes && !arguments_.simulate) return;
     const char *name = arguments_.simulate ? "step" : "mesh/state";
@@ -289,8 +322,8 @@ void Extraction::run()
 
 std::string Extraction::summary() const
 {
-    std::string text = rerun_ ? rerun_->summary() + "\n" : "";
-    if (!arguments_.folder.empty()) text += std::to_string(written_) + " volumes in " + arguments_.folder + "\n";
+    std::string text = exported_ + (rerun_ ? rerun_->summary() + "\n" : "");
+    if (!arguments_.folder.empty() && exported_.empty()) text += std::to_string(written_) + " volumes in " + arguments_.folder + "\n";
     if (!arguments_.steps.empty()) text += "steps in " + arguments_.steps + "\n";
     if (!arguments_.cuts.empty()) text += "cuts in " + arguments_.cuts + "\n";
     return text;

@@ -17,9 +17,10 @@ const char help[] =
     "Usage: pliant_bag BAG [--scene FILE] --scan PATH --at TIMES | --every SECONDS --out DIR [options]\n"
     "       pliant_bag BAG [--scene FILE] --scan PATH --simulate [options]\n"
     "       pliant_bag BAG --steps FILE --cuts FILE\n"
+    "       pliant_bag BAG --export numpy|lerobot --out DIR\n"
     "\n"
     "Writes the deformed volume at chosen times of a bag that record.launch made, to the bit what was shown live; makes its steps\n"
-    "again and compares them with what was recorded; writes tables of it.\n"
+    "again and compares them with what was recorded; writes tables of it, and arrays to learn from.\n"
     "\n"
     "  BAG                the recording; of a session in several bags, any of them\n"
     "  --scan PATH        the scan of the recording: DICOM folder, NIfTI, NRRD or MetaImage file; phantom or\n"
@@ -35,6 +36,12 @@ const char help[] =
     "                     there. Fails where positions are not those of the recording, to the bit\n"
     "  --steps FILE       table (CSV) of every step: time, seconds by stage, what was put to use of work in the background\n"
     "  --cuts FILE        table (CSV) of what blades and the services cut: time, tool, stroke, severed area, revision, pieces, where\n"
+    "  --export numpy     arrays (.npy): poses, jaws, wrenches and recorded pictures, the next poses as actions; every load and reset\n"
+    "                     begins an episode. DIR/columns.json names their columns\n"
+    "  --export lerobot   the same in LeRobot's layout, version 2.1, and the arrays in DIR/numpy. Python with numpy and pyarrow writes it;\n"
+    "                     pictures become mp4 where ffmpeg is installed, png where not\n"
+    "  --rate HZ          rows of that a second (default: 30)\n"
+    "  --task TEXT        what LeRobot is told was done (default: tissue)\n"
     "  --ns NAME          namespace that was recorded (default: tissue)\n"
     "  --quiet            no progress, warnings and errors only\n"
     "  --help             print this and end\n"
@@ -43,7 +50,7 @@ const char help[] =
     "\n"
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C (what was written so far stays).\n";
 
-enum { SCAN = 256, SCENE, SET, AT, EVERY, OUT, SURFACES, SIMULATE, STEPS, CUTS, NAME, QUIET, HELP };
+enum { SCAN = 256, SCENE, SET, AT, EVERY, OUT, SURFACES, SIMULATE, STEPS, CUTS, EXPORT, RATE, TASK, NAME, QUIET, HELP };
 
 const struct option options[] = {
     {"scan", required_argument, nullptr, SCAN},   {"scene", required_argument, nullptr, SCENE},
@@ -51,8 +58,10 @@ const struct option options[] = {
     {"every", required_argument, nullptr, EVERY}, {"out", required_argument, nullptr, OUT},
     {"surfaces", no_argument, nullptr, SURFACES}, {"simulate", no_argument, nullptr, SIMULATE},
     {"steps", required_argument, nullptr, STEPS}, {"cuts", required_argument, nullptr, CUTS},
-    {"ns", required_argument, nullptr, NAME},     {"quiet", no_argument, nullptr, QUIET},
-    {"help", no_argument, nullptr, HELP},         {nullptr, 0, nullptr, 0},
+    {"export", required_argument, nullptr, EXPORT}, {"rate", required_argument, nullptr, RATE},
+    {"task", required_argument, nullptr, TASK},   {"ns", required_argument, nullptr, NAME},
+    {"quiet", no_argument, nullptr, QUIET},       {"help", no_argument, nullptr, HELP},
+    {nullptr, 0, nullptr, 0},
 };
 
 bool refuse(const std::string &message)
@@ -73,6 +82,15 @@ bool read_times(const std::string &text, std::vector<double> *out)
     } while (*rest);
     std::sort(out->begin(), out->end());
     return text.back() != ',';
+}
+
+bool read_rate(const std::string &text, int *out)
+{
+    char *end;
+    const long rate = std::strtol(text.c_str(), &end, 10);
+    if (text.empty() || *end || rate < 1 || rate > 1000) return refuse("--rate " + text + ": a whole number from 1 to 1000 is wanted");
+    *out = static_cast<int>(rate);
+    return true;
 }
 
 /* "group/name=value" */
@@ -103,6 +121,12 @@ bool is_complete(const BagArguments &arguments)
 {
     const bool volumes = !arguments.times.empty() || arguments.every > 0 || !arguments.folder.empty();
     if (arguments.bag.empty()) return refuse("the name of a bag is missing");
+    if (!arguments.exported.empty()) {
+        if (arguments.exported != "numpy" && arguments.exported != "lerobot") return refuse("--export " + arguments.exported + ": numpy or lerobot is wanted");
+        if (arguments.folder.empty()) return refuse("--out DIR is missing");
+        if (!arguments.times.empty() || arguments.every > 0 || arguments.simulate) return refuse("--export goes without --at, --every and --simulate");
+        return true;
+    }
     if (!volumes && !arguments.simulate && !(arguments.steps.empty() && arguments.cuts.empty())) return true;
     if (arguments.scan.empty()) return refuse("--scan PATH is missing: a bag holds no voxels");
     if (!volumes && arguments.simulate) return true;
@@ -139,6 +163,11 @@ bool read_bag_arguments(int argc, char **argv, BagArguments *out, int *exit_code
         case SIMULATE: read.simulate = true; break;
         case STEPS: read.steps = optarg; break;
         case CUTS: read.cuts = optarg; break;
+        case EXPORT: read.exported = optarg; break;
+        case RATE:
+            if (!read_rate(optarg, &read.rate)) return false;
+            break;
+        case TASK: read.task = optarg; break;
         case NAME: read.name = optarg; break;
         case QUIET: read.quiet = true; break;
         case HELP:

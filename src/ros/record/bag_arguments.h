@@ -18,6 +18,9 @@ struct BagArguments {
     bool surfaces = false;                          /* beside the volumes */
     bool simulate = false;                          /* every step is made again; volumes come from there */
     std::string steps, cuts;                        /* files for tables of the recorded steps and cuts; empty: none */
+    std::string exported;                           /* "numpy" or "lerobot", into the folder; empty: neither */
+    std::string task = "tissue";                    /* for LeRobot, in words */
+    int rate = 30;                                  /* rows of that a second */
     bool quiet = false;
 };
 

@@ -1,0 +1,159 @@
+#!/usr/bin/env python3
+"""The arrays of pliant_bag --export numpy as a dataset in LeRobot's layout, version 2.1 (huggingface.co/docs/lerobot).
+
+    pliant_lerobot ARRAYS DATASET [--task TEXT]
+
+Needs numpy and pyarrow. Colour pictures become mp4 (H.264) where ffmpeg is installed and both sides are even, png inside the tables where not;
+maps of labels and depths stay arrays.
+"""
+import argparse
+import json
+import os
+import shutil
+import struct
+import subprocess
+import sys
+import zlib
+
+try:
+    import numpy as np
+    import pyarrow as pa
+    import pyarrow.parquet
+except ImportError as missing:
+    sys.exit("%s is missing: pip install %s" % (missing.name, missing.name))
+
+CHUNK = 1000  # episodes in a folder
+DATA = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
+VIDEO = "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4"
+INDICES = ("frame_index", "episode_index", "index", "task_index")
+
+
+def png(picture):
+    """An array, height x width x 3, as a file."""
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    height, width = picture.shape[:2]
+    lines = np.concatenate([np.zeros((height, 1), np.uint8), picture.reshape(height, -1)], axis=1)  # each begins with its filter: none
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(lines.tobytes(), 6)) + chunk(b"IEND", b"")
+
+
+def write_video(path, pictures, fps):
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    height, width = pictures.shape[1:3]
+    encoder = subprocess.Popen(["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "%dx%d" % (width, height), "-r",
+                                str(fps), "-i", "-", "-c:v", "libx264", "-crf", "18", "-g", "2", "-pix_fmt", "yuv420p", path], stdin=subprocess.PIPE)
+    try:
+        for picture in pictures:
+            encoder.stdin.write(picture.tobytes())
+        encoder.stdin.close()
+    except BrokenPipeError:
+        pass  # ffmpeg has said why
+    if encoder.wait() != 0:
+        sys.exit("ffmpeg could not write " + path)
+
+
+def statistics(values):
+    """Of one episode; of pictures by colour, from 0 to 1, over at most 100 of them."""
+    pictures = values.ndim == 4
+    if pictures:
+        values = values[::-(-len(values) // 100)]
+    count = len(values)
+    if pictures:
+        values = values.reshape(-1, 3) / 255.0
+    values = values.reshape(len(values), -1).astype(np.float64)
+    out = {name: getattr(values, name)(axis=0) for name in ("min", "max", "mean", "std")}
+    if pictures:
+        out = {name: value.reshape(3, 1, 1) for name, value in out.items()}
+    return dict({name: value.tolist() for name, value in out.items()}, count=[count])
+
+
+class Dataset:
+    def __init__(self, arrays, folder, task):
+        self.arrays, self.folder, self.task = arrays, folder, task
+        with open(os.path.join(arrays, "columns.json")) as file:
+            self.columns = json.load(file)
+        self.episodes, self.state, self.action = self.load("episodes"), self.load("state"), self.load("action")
+        pictures = {name: self.load("image_" + name) for name in self.columns["images"]}
+        self.pictures = {"observation.images." + name: each for name, each in pictures.items() if each.ndim == 4}
+        even = [key for key, each in self.pictures.items() if each.shape[1] % 2 == 0 and each.shape[2] % 2 == 0]
+        self.videos = even if shutil.which("ffmpeg") else []
+
+    def load(self, name):
+        return np.load(os.path.join(self.arrays, name + ".npy"), mmap_mode="r")
+
+    def path(self, name):
+        path = os.path.join(self.folder, name)
+        os.makedirs(os.path.dirname(path), exist_ok=True)
+        return path
+
+    def features(self):
+        out = {}
+        for key, column, array in (("observation.state", "state", self.state), ("action", "action", self.action)):
+            out[key] = {"dtype": "float32", "shape": [array.shape[1]], "names": self.columns[column]}
+        for key, each in self.pictures.items():
+            out[key] = {"dtype": "image", "shape": list(each.shape[1:]), "names": ["height", "width", "channels"]}
+            if key in self.videos:
+                height, width, fps = each.shape[1], each.shape[2], self.columns["fps"]
+                out[key].update(dtype="video", info={
+                    "video.height": height, "video.width": width, "video.fps": fps, "video.channels": 3, "video.codec": "h264",
+                    "video.pix_fmt": "yuv420p", "video.is_depth_map": False, "has_audio": False})
+        out["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
+        out.update({key: {"dtype": "int64", "shape": [1], "names": None} for key in INDICES})
+        return out
+
+    def write_episode(self, episode, rows):
+        """Its table and videos. Returns its statistics."""
+        length = rows.stop - rows.start
+        number = np.arange(length)
+        values = {"observation.state": self.state[rows].astype(np.float32), "action": self.action[rows].astype(np.float32)}
+        values.update({key: each[rows] for key, each in self.pictures.items()})
+        values["timestamp"] = (number / self.columns["fps"]).astype(np.float32)
+        values.update(zip(INDICES, (number, np.full(length, episode), number + rows.start, np.zeros(length, np.int64))))
+        where = {"episode_chunk": episode // CHUNK, "episode_index": episode}
+        columns, kinds = {}, {}  # kinds: what the package datasets reads of a table
+        for key, array in values.items():
+            if key in self.videos:
+                write_video(self.path(VIDEO.format(video_key=key, **where)), array, self.columns["fps"])
+            elif key in self.pictures:
+                files = [{"bytes": png(each), "path": "frame_%06d.png" % n} for n, each in enumerate(array)]
+                columns[key] = pa.array(files, pa.struct([("bytes", pa.binary()), ("path", pa.string())]))
+                kinds[key] = {"_type": "Image"}
+            elif array.ndim == 2:
+                columns[key] = pa.FixedSizeListArray.from_arrays(pa.array(array.ravel()), array.shape[1])
+                kinds[key] = {"feature": {"dtype": str(array.dtype), "_type": "Value"}, "length": array.shape[1], "_type": "Sequence"}
+            else:
+                columns[key] = pa.array(array)
+                kinds[key] = {"dtype": str(array.dtype), "_type": "Value"}
+        table = pa.table(columns).replace_schema_metadata({"huggingface": json.dumps({"info": {"features": kinds}})})
+        pa.parquet.write_table(table, self.path(DATA.format(**where)))
+        return {key: statistics(array) for key, array in values.items()}
+
+    def write(self):
+        if os.path.exists(os.path.join(self.folder, "meta")):
+            sys.exit("%s holds a dataset already: name another folder" % self.folder)
+        count = int(self.episodes[-1]) + 1
+        bounds = np.searchsorted(self.episodes, np.arange(count + 1))
+        lines = {"episodes": [], "episodes_stats": [], "tasks": [{"task_index": 0, "task": self.task}]}
+        for episode in range(count):
+            rows = slice(int(bounds[episode]), int(bounds[episode + 1]))
+            lines["episodes_stats"].append({"episode_index": episode, "stats": self.write_episode(episode, rows)})
+            lines["episodes"].append({"episode_index": episode, "tasks": [self.task], "length": rows.stop - rows.start})
+        for name, each in lines.items():
+            with open(self.path("meta/%s.jsonl" % name), "w") as file:
+                file.writelines(json.dumps(line) + "\n" for line in each)
+        info = {"codebase_version": "v2.1", "robot_type": "pliant", "total_episodes": count, "total_frames": len(self.episodes), "total_tasks": 1,
+                "total_videos": count * len(self.videos), "total_chunks": (count + CHUNK - 1) // CHUNK, "chunks_size": CHUNK,
+                "fps": self.columns["fps"], "splits": {"train": "0:%d" % count}, "data_path": DATA, "video_path": VIDEO if self.videos else None,
+                "features": self.features()}
+        with open(self.path("meta/info.json"), "w") as file:
+            json.dump(info, file, indent=4)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("arrays", help="folder of pliant_bag --export numpy")
+    parser.add_argument("dataset", help="folder to make")
+    parser.add_argument("--task", default="tissue", help="what was done, in words")
+    arguments = parser.parse_args()
+    Dataset(arguments.arrays, arguments.dataset, arguments.task).write()

@@ -1,0 +1,32 @@
+#define _POSIX_C_SOURCE 200809L
+#include "python_run.h"
+
+#include <stddef.h>
+#include <stdio.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+int python_run(const char *const *words)
+{
+    pid_t child = fork();
+    if (child == 0) {
+        execvp(words[0], (char *const *)words);
+        _exit(127);
+    }
+    int state = 0;
+    if (child < 0 || waitpid(child, &state, 0) < 0 || !WIFEXITED(state)) return 127;
+    return WEXITSTATUS(state);
+}
+
+const char *python_find(const char *packages)
+{
+    /* another python3 may come first on the path than the one that the distribution's packages belong to */
+    static const char *const pythons[] = {"python3", "/usr/bin/python3"};
+    char probe[256];
+    snprintf(probe, sizeof probe, "import sys\ntry: import %s\nexcept ImportError: sys.exit(3)", packages);
+    for (size_t p = 0; p < sizeof pythons / sizeof *pythons; p++) {
+        const char *words[] = {pythons[p], "-c", probe, NULL};
+        if (python_run(words) == 0) return pythons[p];
+    }
+    return NULL;
+}
