@@ -18,7 +18,7 @@ REQUIRED = {"replay.launch": ["bag:=/data/a.bag"], "report.launch": ["out:=/tmp/
 MORE = {"tissue.launch": [["rviz:=true"], ["arm:=PSM1"], ["nodelet:=true"], ["rviz:=true", "arm:=PSM1"],
                           ["tools:=", "labels:=/a.nii", "step:=0.02", "mesh_rate:=1", "volume_rate:=1", "slice_rate:=1"]],
         "dvrk.launch": [["arm:=PSM3", "haptic:=true"]],
-        "record.launch": [["bag:=/data/a.bag", "split:=true"]],
+        "record.launch": [["bag:=/data/a.bag", "split:=true"], ["cameras:=true"]],
         "scripted.launch": [["rviz:=true"]],
         "replay.launch": [["bag:=/data/a.bag", "sim_time:=false", "loop:=true", "rviz:=true"]]}
 
