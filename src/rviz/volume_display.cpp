@@ -214,7 +214,7 @@ void VolumeDisplay::receive(const pliant::Volume::ConstPtr &message)
         to.error = error;
         return;
     }
-    bool gap = !to.image.empty() && message->sequence > to.sequence + 1;
+    bool gap = !to.image.empty() && message->since > to.sequence;
     bool whole = view.box.size == view.full_size;
     VolumeImage::Result result = to.image.put(view, to.limits);
     if (result == VolumeImage::WAITS) {

@@ -227,7 +227,7 @@ protected:
 TEST_F(ConvertVolume, BoxHoldsItsVoxels)
 {
     Volume message;
-    volume_message(volume, Box{{1, 2, 3}, {2, 3, 2}}, &message);
+    volume_message(volume, Box{{0, 0, 0}, {4, 5, 6}}, Box{{1, 2, 3}, {2, 3, 2}}, &message);
     ASSERT_EQ(message.data.size(), 2u * 3 * 2 * 2);
     EXPECT_EQ(message.full_size[2], 6u);
     EXPECT_EQ(message.encoding, Volume::INT16);
@@ -239,6 +239,89 @@ TEST_F(ConvertVolume, BoxHoldsItsVoxels)
                 std::memcpy(&value, &message.data[2 * (i + 2 * (j + 3 * k))], 2);
                 EXPECT_EQ(value, stored[(i + 1) + 4 * ((j + 2) + 5 * (k + 3))]);
             }
+}
+
+TEST_F(ConvertVolume, ARegionIsAVolumeOfItsOwn)
+{
+    const Box region{{1, 1, 2}, {3, 3, 4}};
+    Volume message, preview;
+    volume_message(volume, region, Box{{2, 2, 3}, {1, 1, 1}}, &message);
+    int16_t value;
+    std::memcpy(&value, message.data.data(), 2);
+    EXPECT_EQ(value, stored[2 + 4 * (2 + 5 * 3)]);
+    preview_message(volume, region, 2, &preview);
+    const double first[3] = {1, 1, 2};
+    double world[3];
+    pliant_geometry_to_world(&volume.geometry, first, world);
+    for (const Volume *each : {&message, &preview}) {
+        EXPECT_DOUBLE_EQ(each->origin.position.x, world[0]);
+        EXPECT_DOUBLE_EQ(each->origin.position.z, world[2]);
+    }
+    for (int d = 0; d < 3; ++d) {
+        EXPECT_EQ(message.full_size[d], region.size[d]);
+        EXPECT_EQ(message.offset[d], 1u);
+        EXPECT_EQ(preview.full_size[d], 2u);
+        EXPECT_EQ(preview.size[d], 2u);
+    }
+    EXPECT_DOUBLE_EQ(preview.spacing.y, 2 * volume.geometry.spacing[1]);
+    ASSERT_EQ(preview.data.size(), 16u);
+    std::memcpy(&value, &preview.data[2 * 7], 2);
+    EXPECT_EQ(value, stored[3 + 4 * (3 + 5 * 4)]);
+}
+
+TEST_F(ConvertVolume, RegionsHoldTheCentresBetweenTheirCorners)
+{
+    const double *origin = volume.geometry.origin; /* spacing 1, 2, 3 mm */
+    double low[3], high[3];
+    for (int d = 0; d < 3; ++d) low[d] = origin[d] + 0.0005, high[d] = origin[d] + 0.006;
+    const Box box = region_box(volume.geometry, low, high);
+    const uint32_t offset[] = {1, 1, 1}, size[] = {3, 3, 2};
+    for (int d = 0; d < 3; ++d) EXPECT_EQ(box.offset[d], offset[d]);
+    for (int d = 0; d < 3; ++d) EXPECT_EQ(box.size[d], size[d]);
+    for (int d = 0; d < 3; ++d) low[d] = -INFINITY, high[d] = INFINITY;
+    const Box all = region_box(volume.geometry, low, high);
+    for (int d = 0; d < 3; ++d) EXPECT_EQ(all.size[d], static_cast<uint32_t>(volume.geometry.size[d]));
+    for (int d = 0; d < 3; ++d) low[d] = high[d] = 50;
+    for (int d = 0; d < 3; ++d) EXPECT_EQ(region_box(volume.geometry, low, high).size[d], 1u) << "outside: the nearest";
+}
+
+TEST(Convert, TheNearestBoxesAreMerged)
+{
+    const std::vector<Box> boxes{{{0, 0, 0}, {4, 4, 4}}, {{90, 0, 0}, {4, 4, 4}}, {{5, 0, 0}, {4, 4, 4}}};
+    const std::vector<Box> two = merged_boxes(boxes, 2);
+    ASSERT_EQ(two.size(), 2u);
+    EXPECT_EQ(two[0].size[0], 9u);
+    EXPECT_EQ(two[1].offset[0], 90u);
+    EXPECT_EQ(merged_boxes(boxes, 3).size(), 3u);
+    const std::vector<Box> one = merged_boxes(std::vector<Box>(1000, boxes[2]), 8);
+    ASSERT_EQ(one.size(), 1u);
+    EXPECT_EQ(one[0].size[0], 4u);
+    EXPECT_EQ(common_box(boxes[0], boxes[2]).size[0], 0u);
+    EXPECT_EQ(common_box(two[0], boxes[2]).offset[0], 5u);
+}
+
+TEST_F(ConvertVolume, APlacedSliceLiesWhereItsVoxelsDo)
+{
+    sensor_msgs::Image image;
+    Volume placed;
+    slice_message(volume, CORONAL, 0.5, &image);
+    placed_slice_message(volume, CORONAL, 0.5, &placed);
+    EXPECT_EQ(placed.data, image.data);
+    EXPECT_EQ(placed.encoding, Volume::FLOAT32);
+    EXPECT_EQ(placed.size[0], image.width);
+    EXPECT_EQ(placed.size[1], image.height);
+    EXPECT_EQ(placed.size[2], 1u);
+    const uint32_t size[3] = {placed.size[0], placed.size[1], placed.size[2]};
+    pliant_geometry grid;
+    std::string why;
+    ASSERT_TRUE(geometry_from_message(size, placed.origin, placed.flipped, placed.spacing, &grid, &why)) << why;
+    const double pixel_at[3] = {3, 17, 0}; /* the last: patient's left, inferior */
+    double world[3], index[3];
+    pliant_geometry_to_world(&grid, pixel_at, world);
+    pliant_geometry_to_index(&volume.geometry, world, index);
+    EXPECT_NEAR(index[0], 3, 1e-6);
+    EXPECT_NEAR(index[1], 2, 1e-6) << "the middle of five";
+    EXPECT_NEAR(index[2], -1.0 / 3, 1e-6) << "1 mm below the first centre";
 }
 
 /* spacing 1, 2, 3 mm along x, y, z: pixels of 1 mm */

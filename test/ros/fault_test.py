@@ -7,6 +7,7 @@ import sys
 import time
 import unittest
 
+import numpy
 import roslib.packages
 import rospy
 import rostest
@@ -16,10 +17,11 @@ from geometry_msgs.msg import TransformStamped
 from pliant.msg import SimState
 from pliant.srv import LoadScan, RecomputeHomogenization
 from rosgraph_msgs.msg import Log
+from std_msgs.msg import Empty
 from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
-from node_client import Latest, Node, Tool, call, wait_for  # noqa: E402
+from node_client import Latest, Node, Tool, WholeVolume, call, wait_for  # noqa: E402
 
 
 SMALL = "phantom:48x32x40"
@@ -119,6 +121,35 @@ class FaultTest(unittest.TestCase):
         lost = wait_for(lambda: [line for line in logged if "lets go" in line], "a word on why")
         watch.unregister()
         self.assertRegex(lost[0], "tool grasper lets go.* old")
+
+    def test_small_changes_and_what_is_outside_the_region_are_not_sent(self):
+        """volume_threshold 100, volume_region up to x = 0.01 m"""
+        self.load_small()
+        volume = WholeVolume()
+        self.addCleanup(volume.close)
+        rest = wait_for(volume.copy, "the whole volume")
+        ask = rospy.Publisher("/tissue/volume/resend", Empty, queue_size=1)
+        wait_for(ask.get_num_connections, "the node to listen")
+        whole = volume.message
+        last = whole.origin.position.x + (whole.full_size[0] - 1) * whole.spacing.x
+        self.assertLessEqual(last, 0.01 + 1e-6)
+        self.assertGreater(last + whole.spacing.x, 0.01)
+        tool = Tool("grasper", "tissue")
+        self.addCleanup(tool.reset)
+        point = self.node.front()
+        tool.appear(point)
+        tool.take_hold(self.node.contact)
+        tool.position = list(point - [0, 0.02, 0])
+        volume.when(lambda pulled: numpy.count_nonzero(pulled != rest) > 20, "the volume to change")
+        self.assertTrue(call("pause", SetBool, True).success)
+        self.addCleanup(call, "pause", SetBool, False)
+        time.sleep(1)  # what is on its way
+        boxes, first = volume.copy(), volume.sequence
+        ask.publish()
+        wait_for(lambda: volume.sequence > first and volume.since_whole == 0, "the whole volume again")
+        difference = numpy.abs(volume.copy().astype(float) - boxes)
+        self.assertLess(difference.max(), 100)
+        self.assertGreater(difference.max(), 0, "what changed by less was not sent")
 
     def test_diagnostics_tell_why_there_is_no_tool(self):
         self.load_small()

@@ -2,6 +2,7 @@
 another way, or is older than what it is to tell of, may come at any time: they wait for its stamp or identity."""
 import gzip
 import os
+import resource
 import signal
 import struct
 import subprocess
@@ -44,6 +45,14 @@ def is_sent(node, topic, reader):
     code, text, connections = xmlrpc.client.ServerProxy(address).getBusInfo("/node_client")
     assert code == 1, text
     return any(to == reader and way == "o" and name == NAMESPACE + topic for _, to, way, _, name, *_ in connections)
+
+
+def resident_bytes(node):
+    """Memory of a node."""
+    code, text, process = xmlrpc.client.ServerProxy(rosgraph.Master("/node_client").lookupNode(NAMESPACE + node)).getPid("/node_client")
+    assert code == 1, text
+    with open("/proc/%d/statm" % process) as file:
+        return int(file.read().split()[1]) * resource.getpagesize()
 
 
 def nifti_voxels(path):
@@ -169,7 +178,7 @@ class WholeVolume:
         self.subscribe()
 
     def subscribe(self):
-        self.voxels, self.sequence, self.since_whole, self.is_lost = None, None, 0, False
+        self.voxels, self.sequence, self.since_whole, self.is_lost, self.bytes, self.message = None, None, 0, False, 0, None
         self.subscriber = rospy.Subscriber(NAMESPACE + "volume", Volume, self.take, buff_size=1 << 27)
 
     def take(self, message):
@@ -177,8 +186,10 @@ class WholeVolume:
         size = tuple(reversed(message.size))
         box = numpy.frombuffer(message.data, dtype=types[message.encoding]).reshape(size)
         with self.lock:
-            self.is_lost = self.is_lost or self.sequence not in (None, message.sequence - 1)
+            self.is_lost = self.is_lost or self.sequence is not None and message.since > self.sequence
             self.sequence = message.sequence
+            self.bytes += len(message.data)
+            self.message = message
             if message.size == message.full_size:
                 self.voxels, self.since_whole = box.copy(), 0
             elif self.voxels is not None:

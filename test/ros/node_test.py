@@ -3,10 +3,12 @@
 import math
 import os
 import shutil
+import subprocess
 import sys
 import threading
 import time
 import unittest
+import zlib
 
 import numpy
 import rospy
@@ -17,10 +19,11 @@ from geometry_msgs.msg import WrenchStamped
 from pliant.msg import MeshState, SimState, StepTiming, Volume
 from pliant.srv import LoadScan, Pick, SaveVolume
 from sensor_msgs.msg import Image
+from std_msgs.msg import Empty
 from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
-from node_client import NAMESPACE, Latest, Node, Tool, WholeVolume, call, nifti_voxels, wait_for  # noqa: E402
+from node_client import NAMESPACE, Latest, Node, Tool, WholeVolume, call, nifti_voxels, resident_bytes, wait_for  # noqa: E402
 
 ORIGIN = numpy.array([0.5, 0.25, 1.0])  # tissue in world, as in node.test
 
@@ -249,6 +252,86 @@ class NodeTest(unittest.TestCase):
         boxes.close()
         fresh = self.whole_volume()
         numpy.testing.assert_array_equal(wait_for(fresh.copy, "the whole volume"), whole)
+
+    def test_a_slow_reader_gets_what_it_missed_and_costs_no_memory(self):
+        """It reads one message, then none while the tissue moves, then all that are left."""
+        script = '''
+import sys, threading, zlib
+import rospy
+from node_client import WholeVolume
+rospy.init_node("slow_reader")
+gate = threading.Event()
+class Slow(WholeVolume):
+    def take(self, message):
+        super().take(message)
+        print("took", message.sequence, flush=True)
+        gate.wait()
+volume = Slow()
+for line in sys.stdin:
+    gate.set()
+    print("holds", volume.is_lost, zlib.crc32(volume.voxels.tobytes()), flush=True)
+'''
+        fast = self.whole_volume()
+        size = wait_for(fast.copy, "the whole volume").nbytes
+        point = self.grasp()
+
+        def pull_to_and_fro(volumes):
+            start, first = time.time(), fast.bytes
+            while fast.bytes - first < volumes * size and time.time() < start + 60:
+                self.tool.position = list(point - [0, 0.01 + 0.01 * numpy.sin(3 * time.time()), 0])
+                time.sleep(0.05)
+            self.assertGreaterEqual(fast.bytes - first, volumes * size, "this one is not held up")
+        pull_to_and_fro(4)
+        before = resident_bytes("sim")
+        slow = subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, universal_newlines=True,
+                                cwd=os.path.dirname(os.path.abspath(__file__)))
+        self.addCleanup(slow.stdout.close)
+        self.addCleanup(slow.stdin.close)
+        self.addCleanup(slow.wait)
+        self.addCleanup(slow.kill)
+        self.assertTrue(slow.stdout.readline().startswith("took"))
+        pull_to_and_fro(20)
+        self.assertFalse(fast.is_lost)
+        self.assertLess(resident_bytes("sim") - before, 8 * size)
+        self.assertTrue(call("pause", SetBool, True).success)
+        self.assertTrue(call("save_volume", SaveVolume, "slow.nii.gz").success)
+        whole = "holds False %d" % zlib.crc32(nifti_voxels(self.folder + "/output/slow.nii.gz").tobytes())
+        said = []
+
+        def holds_the_whole():
+            slow.stdin.write("\n")
+            slow.stdin.flush()
+            while not said or not said[-1].startswith("holds"):
+                said.append(slow.stdout.readline().strip())
+            return said.pop() == whole
+        wait_for(holds_the_whole, "the slow reader to hold the whole")
+        self.assertLess(len(said), 12, "newest wins: it did not read all that the other one got")
+
+    def test_resend_sends_the_whole(self):
+        volume = self.whole_volume()
+        wait_for(volume.copy, "the whole volume")
+        first, ask = volume.sequence, rospy.Publisher(NAMESPACE + "volume/resend", Empty, queue_size=1)
+        wait_for(lambda: ask.get_num_connections(), "the node to listen")
+        for _ in range(200):
+            ask.publish()
+        wait_for(lambda: volume.sequence > first and volume.since_whole == 0, "the whole volume again")
+        self.assertLessEqual(volume.sequence, first + 3, "asked in a loop, sent once a second")
+
+    def test_preview_and_placed_slices(self):
+        size = wait_for(self.whole_volume().copy, "the whole volume").shape
+        preview = Latest("volume/preview", Volume)
+        self.assertEqual(tuple(reversed(wait_for(lambda: preview.message, "the preview").size)), tuple((n - 1) // 4 + 1 for n in size))
+        first = preview.message.sequence
+        self.pull()
+        wait_for(lambda: preview.message.sequence > first, "the preview to follow")
+        preview.close()
+        image, placed = Latest("volume/slice/axial", Image), Latest("volume/slice/axial/placed", Volume)
+        wait_for(lambda: image.message and placed.message, "both slices")
+        self.assertEqual(list(placed.message.size), [image.message.width, image.message.height, 1])
+        self.assertEqual(placed.message.header.frame_id, "tissue")
+        self.assertGreater(placed.message.spacing.x, 0)
+        image.close()
+        placed.close()
 
     def test_slices_hold_values_of_the_scan(self):
         info = self.node.info.message

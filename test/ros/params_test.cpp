@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <unistd.h>
 
+#include <cmath>
 #include <cstdio>
 #include <fstream>
 
@@ -181,6 +182,26 @@ TEST(Params, ValuesOutOfRangeAreRefusedByName)
     EXPECT_NE(refusal(slice).find("slice/axial"), std::string::npos);
     jaw["jaw_close"] = 0.5;
     EXPECT_NE(refusal(jaw).find("jaw_release"), std::string::npos);
+}
+
+TEST(Params, WhatOfTheVolumeIsSent)
+{
+    XmlRpcValue tree, turned, step, empty;
+    empty["jaw_close"] = 0.05;
+    EXPECT_TRUE(std::isinf(read(empty).volume_low[0]) && std::isinf(read(empty).volume_high[2])) << "all";
+    for (int d = 0; d < 3; ++d) tree["volume_region"]["low"][d] = -0.1, tree["volume_region"]["high"][d] = 0.2;
+    tree["volume_threshold"] = 10;
+    tree["preview_step"] = 2;
+    const Parameters parameters = read(tree);
+    EXPECT_DOUBLE_EQ(parameters.volume_low[1], -0.1);
+    EXPECT_DOUBLE_EQ(parameters.volume_high[2], 0.2);
+    EXPECT_DOUBLE_EQ(parameters.volume_threshold, 10);
+    EXPECT_EQ(parameters.preview_step, 2);
+    turned = tree;
+    turned["volume_region"]["low"][1] = 0.3;
+    EXPECT_NE(refusal(turned).find("volume_region"), std::string::npos);
+    step["preview_step"] = 9;
+    EXPECT_NE(refusal(step).find("preview_step"), std::string::npos);
 }
 
 TEST(Params, ToolsAndTheirModes)

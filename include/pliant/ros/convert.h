@@ -86,8 +86,18 @@ struct Box {
 /** The smallest boxes (in voxels of the volume) around each connected group of changed bricks; one box where
  *  several would hold more voxels. Empty when nothing changed. */
 std::vector<Box> changed_boxes(const int32_t count[3], const uint8_t *changed, const int32_t size[3]);
-/** Header, scan_id, revision and sequence are the caller's. The box must lie inside the volume. */
-void volume_message(const pliant_volume &volume, const Box &box, Volume *out);
+/** At most so many boxes that hold the same voxels: those whose union adds the fewest others become one. Of more than 128 boxes: the one that holds all. */
+std::vector<Box> merged_boxes(std::vector<Box> boxes, size_t most);
+/** What two boxes share; a size of 0 along an axis: nothing. */
+Box common_box(const Box &a, const Box &b);
+/** The voxels whose centres lie between two corners of a box in LPS [m], those of a turned grid in the box around it. At least one voxel. */
+Box region_box(const pliant_geometry &geometry, const double low[3], const double high[3]);
+/** Header, scan_id, revision, sequence and since are the caller's.
+ *  @param region what is the whole; must lie inside the volume
+ *  @param box    must lie inside the region */
+void volume_message(const pliant_volume &volume, const Box &region, const Box &box, Volume *out);
+/** Every step-th voxel of a region along each axis, from its first one on. The caller's is the same. */
+void preview_message(const pliant_volume &volume, const Box &region, uint32_t step, Volume *out);
 
 /** Names, sizes and statistics of a model. Header and scan_id are the caller's.
  *  @param low,high smallest and largest value of the scan */
@@ -180,6 +190,9 @@ enum Plane {
  *  @param fraction where the plane cuts the box along the patient axis: 0 at its right, anterior or inferior side, 1 at
  *                  the other */
 void slice_message(const pliant_volume &volume, Plane plane, double fraction, sensor_msgs::Image *out);
+/** The same with pose and spacing: a volume of one voxel's thickness (float32), whose i axis is the image's right and j its down.
+ *  The caller's is as of volume_message. */
+void placed_slice_message(const pliant_volume &volume, Plane plane, double fraction, Volume *out);
 
 } // namespace pliant_ros
 

@@ -9,7 +9,7 @@ namespace pliant_ros {
 
 namespace {
 
-enum { MAX_SLICE_PIXELS = 2048 };
+enum { MAX_SLICE_PIXELS = 2048, MAX_MERGED = 128 };
 
 size_t voxels_of(const Box &box) { return static_cast<size_t>(box.size[0]) * box.size[1] * box.size[2]; }
 
@@ -141,6 +141,47 @@ Raster raster_of(const pliant_geometry &geometry, Plane plane, double fraction)
     return raster;
 }
 
+std::vector<float> pixels_of(const pliant_volume &volume, const Raster &raster)
+{
+    std::vector<float> pixels(static_cast<size_t>(raster.width) * raster.height);
+    switch (volume.encoding) {
+    case PLIANT_UINT8: sample<uint8_t>(volume, raster, pixels.data()); break;
+    case PLIANT_INT16: sample<int16_t>(volume, raster, pixels.data()); break;
+    case PLIANT_FLOAT32: sample<float>(volume, raster, pixels.data()); break;
+    }
+    return pixels;
+}
+
+/* the grid of every step-th voxel of a region, the whole of it */
+void describe(const pliant_volume &volume, const Box &region, uint32_t step, Volume *out)
+{
+    pliant_geometry grid = volume.geometry;
+    const double first[3] = {double(region.offset[0]), double(region.offset[1]), double(region.offset[2])};
+    pliant_geometry_to_world(&volume.geometry, first, grid.origin);
+    for (int d = 0; d < 3; ++d) {
+        grid.spacing[d] *= step;
+        out->full_size[d] = out->size[d] = (region.size[d] - 1) / step + 1;
+        out->offset[d] = 0;
+    }
+    bool flipped;
+    geometry_to_message(grid, &out->origin, &flipped, &out->spacing);
+    out->flipped = flipped;
+    out->encoding = static_cast<uint8_t>(volume.encoding);
+    out->slope = volume.slope;
+    out->intercept = volume.intercept;
+}
+
+/* the smallest that holds both */
+Box box_around(const Box &a, const Box &b)
+{
+    Box around;
+    for (int d = 0; d < 3; ++d) {
+        around.offset[d] = std::min(a.offset[d], b.offset[d]);
+        around.size[d] = std::max(a.offset[d] + a.size[d], b.offset[d] + b.size[d]) - around.offset[d];
+    }
+    return around;
+}
+
 } // namespace
 
 std::vector<Box> changed_boxes(const int32_t count[3], const uint8_t *changed, const int32_t size[3])
@@ -167,20 +208,73 @@ std::vector<Box> changed_boxes(const int32_t count[3], const uint8_t *changed, c
     return boxes;
 }
 
-void volume_message(const pliant_volume &volume, const Box &box, Volume *out)
+Box common_box(const Box &a, const Box &b)
+{
+    Box common;
+    for (int d = 0; d < 3; ++d) {
+        const uint32_t end = std::min(a.offset[d] + a.size[d], b.offset[d] + b.size[d]);
+        common.offset[d] = std::max(a.offset[d], b.offset[d]);
+        common.size[d] = end > common.offset[d] ? end - common.offset[d] : 0;
+    }
+    return common;
+}
+
+std::vector<Box> merged_boxes(std::vector<Box> boxes, size_t most)
+{
+    if (boxes.size() > MAX_MERGED) {
+        for (const Box &box : boxes) boxes[0] = box_around(boxes[0], box);
+        boxes.resize(1);
+    }
+    while (boxes.size() > most) {
+        size_t first = 0, second = 1, fewest = SIZE_MAX;
+        for (size_t a = 0; a < boxes.size(); ++a)
+            for (size_t b = a + 1; b < boxes.size(); ++b) {
+                const size_t around = voxels_of(box_around(boxes[a], boxes[b])), both = voxels_of(boxes[a]) + voxels_of(boxes[b]);
+                const size_t added = around > both ? around - both : 0;
+                if (added < fewest) first = a, second = b, fewest = added;
+            }
+        boxes[first] = box_around(boxes[first], boxes[second]);
+        boxes.erase(boxes.begin() + static_cast<std::ptrdiff_t>(second));
+    }
+    return boxes;
+}
+
+Box region_box(const pliant_geometry &geometry, const double low[3], const double high[3])
+{
+    double world_low[3], world_high[3], from[3], to[3];
+    world_box(geometry, world_low, world_high);
+    for (int d = 0; d < 3; ++d) {
+        world_low[d] = std::min(std::max(low[d], world_low[d]), world_high[d]);
+        world_high[d] = std::max(std::min(high[d], world_high[d]), world_low[d]);
+    }
+    std::fill(from, from + 3, INFINITY);
+    std::fill(to, to + 3, -INFINITY);
+    for (int corner = 0; corner < 8; ++corner) {
+        double world[3], index[3];
+        for (int d = 0; d < 3; ++d) world[d] = corner >> d & 1 ? world_high[d] : world_low[d];
+        pliant_geometry_to_index(&geometry, world, index);
+        for (int d = 0; d < 3; ++d) from[d] = std::min(from[d], index[d]), to[d] = std::max(to[d], index[d]);
+    }
+    Box box;
+    const double little = 1e-6; /* of a voxel: a corner on a centre holds it */
+    for (int d = 0; d < 3; ++d) {
+        const int32_t last = geometry.size[d] - 1;
+        const int32_t first = std::min(std::max(static_cast<int32_t>(std::ceil(from[d] - little)), 0), last);
+        const int32_t end = std::min(std::max(static_cast<int32_t>(std::floor(to[d] + little)), first), last);
+        box.offset[d] = static_cast<uint32_t>(first);
+        box.size[d] = static_cast<uint32_t>(end - first + 1);
+    }
+    return box;
+}
+
+void volume_message(const pliant_volume &volume, const Box &region, const Box &box, Volume *out)
 {
     const int32_t *size = volume.geometry.size;
+    describe(volume, region, 1, out);
     for (int d = 0; d < 3; ++d) {
-        out->full_size[d] = static_cast<uint32_t>(size[d]);
-        out->offset[d] = box.offset[d];
+        out->offset[d] = box.offset[d] - region.offset[d];
         out->size[d] = box.size[d];
     }
-    bool flipped;
-    geometry_to_message(volume.geometry, &out->origin, &flipped, &out->spacing);
-    out->flipped = flipped;
-    out->encoding = static_cast<uint8_t>(volume.encoding);
-    out->slope = volume.slope;
-    out->intercept = volume.intercept;
     size_t bytes = pliant_encoding_size(volume.encoding), row = box.size[0] * bytes;
     out->data.resize(voxels_of(box) * bytes);
     const uint8_t *voxels = static_cast<const uint8_t *>(volume.voxels);
@@ -189,6 +283,22 @@ void volume_message(const pliant_volume &volume, const Box &box, Volume *out)
         for (uint32_t j = 0; j < box.size[1]; ++j, to += row) {
             size_t plane = static_cast<size_t>(box.offset[2] + k) * size[1] + box.offset[1] + j;
             std::memcpy(to, voxels + (plane * size[0] + box.offset[0]) * bytes, row);
+        }
+}
+
+void preview_message(const pliant_volume &volume, const Box &region, uint32_t step, Volume *out)
+{
+    describe(volume, region, step, out);
+    const int32_t *size = volume.geometry.size;
+    const size_t bytes = pliant_encoding_size(volume.encoding);
+    out->data.resize(bytes * out->size[0] * out->size[1] * out->size[2]);
+    const uint8_t *voxels = static_cast<const uint8_t *>(volume.voxels);
+    uint8_t *to = out->data.data();
+    for (uint32_t k = 0; k < out->size[2]; ++k)
+        for (uint32_t j = 0; j < out->size[1]; ++j) {
+            const size_t plane = static_cast<size_t>(region.offset[2] + k * step) * size[1] + region.offset[1] + j * step;
+            const uint8_t *from = voxels + (plane * size[0] + region.offset[0]) * bytes;
+            for (uint32_t i = 0; i < out->size[0]; ++i, to += bytes) std::memcpy(to, from + i * step * bytes, bytes);
         }
 }
 
@@ -201,13 +311,39 @@ void slice_message(const pliant_volume &volume, Plane plane, double fraction, se
     out->is_bigendian = 0;
     out->step = static_cast<uint32_t>(raster.width * sizeof(float));
     out->data.resize(static_cast<size_t>(out->step) * raster.height);
-    std::vector<float> pixels(static_cast<size_t>(raster.width) * raster.height);
-    switch (volume.encoding) {
-    case PLIANT_UINT8: sample<uint8_t>(volume, raster, pixels.data()); break;
-    case PLIANT_INT16: sample<int16_t>(volume, raster, pixels.data()); break;
-    case PLIANT_FLOAT32: sample<float>(volume, raster, pixels.data()); break;
-    }
+    const std::vector<float> pixels = pixels_of(volume, raster);
     std::memcpy(out->data.data(), pixels.data(), out->data.size());
+}
+
+void placed_slice_message(const pliant_volume &volume, Plane plane, double fraction, Volume *out)
+{
+    const Raster raster = raster_of(volume.geometry, plane, fraction);
+    pliant_volume slice{};
+    pliant_geometry &placed = slice.geometry;
+    placed.size[0] = static_cast<int32_t>(raster.width);
+    placed.size[1] = static_cast<int32_t>(raster.height);
+    placed.size[2] = 1;
+    pliant_geometry_to_world(&volume.geometry, raster.start, placed.origin);
+    const double *steps[] = {raster.right, raster.down};
+    double axes[3][3];
+    for (int axis = 0; axis < 2; ++axis) {
+        double index[3], world[3], length = 0;
+        for (int d = 0; d < 3; ++d) index[d] = raster.start[d] + steps[axis][d];
+        pliant_geometry_to_world(&volume.geometry, index, world);
+        for (int d = 0; d < 3; ++d) length += (world[d] - placed.origin[d]) * (world[d] - placed.origin[d]);
+        placed.spacing[axis] = std::sqrt(length);
+        for (int d = 0; d < 3; ++d) axes[axis][d] = (world[d] - placed.origin[d]) / placed.spacing[axis];
+    }
+    placed.spacing[2] = placed.spacing[0];
+    for (int d = 0; d < 3; ++d) axes[2][d] = axes[0][(d + 1) % 3] * axes[1][(d + 2) % 3] - axes[0][(d + 2) % 3] * axes[1][(d + 1) % 3];
+    for (int d = 0; d < 3; ++d)
+        for (int axis = 0; axis < 3; ++axis) placed.direction[3 * d + axis] = axes[axis][d];
+    slice.encoding = PLIANT_FLOAT32;
+    slice.slope = 1;
+    std::vector<float> pixels = pixels_of(volume, raster);
+    slice.voxels = pixels.data();
+    const Box all{{0, 0, 0}, {raster.width, raster.height, 1}};
+    volume_message(slice, all, all, out);
 }
 
 } // namespace pliant_ros

@@ -6,25 +6,22 @@ namespace pliant_ros {
 
 namespace {
 
-enum {
-    POLL_MILLISECONDS = 100,
-    LIVE_QUEUE = 16,    /* boxes; who falls behind gets the newest, and a gap */
-    REPLAY_QUEUE = 1024 /* states come as fast as a bag is played, and none is to be missed */
-};
+enum { POLL_MILLISECONDS = 100, SOON_MILLISECONDS = 2 /* where somebody is not ready yet */ };
 
 } // namespace
 
 VolumeOutput::VolumeOutput(ros::NodeHandle handle, const Parameters &parameters, Live *live, Snapshots *snapshots,
                            MeshOutput *mesh_output)
-    : frame_(parameters.tissue_frame), live_(live), snapshots_(snapshots), mesh_output_(mesh_output)
+    : frame_(parameters.tissue_frame), stream_(handle, parameters, snapshots->keeps_all()), live_(live), snapshots_(snapshots), mesh_output_(mesh_output),
+      preview_step_(static_cast<uint32_t>(parameters.preview_step))
 {
-    uint32_t room = snapshots_->keeps_all() ? REPLAY_QUEUE : LIVE_QUEUE;
-    volume_ = handle.advertise<Volume>("volume", room,
-                                       [this](const ros::SingleSubscriberPublisher &) { whole_wanted_ = true; });
     static const char *const topics[] = {"volume/slice/axial", "volume/slice/coronal", "volume/slice/sagittal"};
-    for (int plane = 0; plane < 3; ++plane)
-        slices_[plane] = handle.advertise<sensor_msgs::Image>(
-            topics[plane], 1, [this](const ros::SingleSubscriberPublisher &) { slices_fresh_ = true; });
+    const auto looked_at = [this](const ros::SingleSubscriberPublisher &) { slices_fresh_ = true; };
+    for (int plane = 0; plane < 3; ++plane) {
+        slices_[plane] = handle.advertise<sensor_msgs::Image>(topics[plane], 1, looked_at);
+        placed_[plane] = handle.advertise<Volume>(std::string(topics[plane]) + "/placed", 1, looked_at);
+    }
+    preview_ = handle.advertise<Volume>("volume/preview", 1, [this](const ros::SingleSubscriberPublisher &) { preview_fresh_ = true; });
     thread_ = std::thread(&VolumeOutput::run, this);
 }
 
@@ -33,20 +30,22 @@ VolumeOutput::~VolumeOutput()
     stopping_ = true;
     thread_.join();
     /* before what their callbacks write */
-    volume_.shutdown();
+    preview_.shutdown();
     for (ros::Publisher &slice : slices_) slice.shutdown();
+    for (ros::Publisher &slice : placed_) slice.shutdown();
 }
 
 bool VolumeOutput::slice_wanted() const
 {
-    return std::any_of(slices_, slices_ + 3, [](const ros::Publisher &slice) { return slice.getNumSubscribers() > 0; });
+    const auto wanted = [](const ros::Publisher &slice) { return slice.getNumSubscribers() > 0; };
+    return std::any_of(slices_, slices_ + 3, wanted) || std::any_of(placed_, placed_ + 3, wanted);
 }
 
 void VolumeOutput::run()
 {
     Snapshots::Reader reader(snapshots_);
     while (!stopping_) {
-        bool wanted = volume_.getNumSubscribers() > 0 || slice_wanted();
+        bool wanted = stream_.wanted() || preview_wanted() || slice_wanted();
         reader.want(wanted);
         if (!wanted) {
             drop(); /* what nobody looks at holds no memory */
@@ -54,7 +53,7 @@ void VolumeOutput::run()
             std::this_thread::sleep_for(std::chrono::milliseconds(POLL_MILLISECONDS));
             continue;
         }
-        std::shared_ptr<const Snapshot> snapshot = reader.wait(std::chrono::milliseconds(POLL_MILLISECONDS));
+        std::shared_ptr<const Snapshot> snapshot = reader.wait(std::chrono::milliseconds(stream_.waits() ? SOON_MILLISECONDS : POLL_MILLISECONDS));
         try {
             if (!snapshot) {
                 publish_again();
@@ -75,6 +74,7 @@ void VolumeOutput::drop()
     std::lock_guard<std::mutex> hold(lock_);
     warped_.reset();
     shown_now_.reset();
+    stream_.start();
 }
 
 bool VolumeOutput::look(const std::function<void(const Warped &, const Snapshot &)> &function)
@@ -98,16 +98,15 @@ void VolumeOutput::publish(const std::shared_ptr<const Snapshot> &newest)
             shown_now_.reset();
             warped_.reset(); /* before the next one takes its memory */
             warped_.reset(new Warped(snapshot.loaded, snapshot.body));
+            stream_.start();
         }
         warped_->set_body(snapshot.body);
         warped_->update(snapshot.positions);
         shown_now_ = newest;
-        std::vector<Box> boxes = warped_->changed();
-        changed = is_new || !boxes.empty();
-        bool whole = whole_wanted_.exchange(false) || is_new;
-        if (whole) boxes.assign(1, whole_box());
-        if (volume_.getNumSubscribers() > 0) publish_boxes(snapshot, boxes);
+        changed = stream_.add(*warped_) || is_new;
     }
+    stream_.send(*warped_, *shown_now_);
+    publish_preview(*shown_now_, changed);
     publish_slices(shown_now_->stamp, settings, changed);
 }
 
@@ -115,28 +114,28 @@ void VolumeOutput::publish_again()
 {
     std::lock_guard<std::mutex> hold(lock_);
     if (!warped_ || !shown_now_) return;
-    if (whole_wanted_.exchange(false)) publish_boxes(*shown_now_, std::vector<Box>(1, whole_box()));
+    stream_.send(*warped_, *shown_now_);
+    publish_preview(*shown_now_, false);
     publish_slices(shown_now_->stamp, live_->get(), false);
 }
 
-Box VolumeOutput::whole_box() const
+void VolumeOutput::describe(const ros::Time &stamp, uint64_t *sequence, Volume *message) const
 {
-    const int32_t *size = warped_->target().size;
-    return Box{{0, 0, 0}, {uint32_t(size[0]), uint32_t(size[1]), uint32_t(size[2])}};
+    message->header.stamp = stamp;
+    message->header.frame_id = frame_;
+    message->scan_id = shown_now_->loaded->scan->volume.id;
+    message->revision = shown_now_->revision;
+    message->sequence = ++*sequence;
 }
 
-void VolumeOutput::publish_boxes(const Snapshot &snapshot, const std::vector<Box> &boxes)
+void VolumeOutput::publish_preview(const Snapshot &snapshot, bool is_new)
 {
-    for (const Box &box : boxes) {
-        auto message = boost::make_shared<Volume>();
-        message->header.stamp = snapshot.stamp;
-        message->header.frame_id = frame_;
-        message->scan_id = snapshot.loaded->scan->volume.id;
-        message->revision = snapshot.revision;
-        message->sequence = ++sequence_;
-        volume_message(warped_->volume(), box, message.get());
-        volume_.publish(message);
-    }
+    if (is_new) preview_fresh_ = true;
+    if (!preview_wanted() || !preview_fresh_.exchange(false)) return;
+    auto message = boost::make_shared<Volume>();
+    describe(snapshot.stamp, &preview_sequence_, message.get());
+    preview_message(warped_->volume(), stream_.region(), preview_step_, message.get());
+    preview_.publish(message);
 }
 
 /* A slice is sent again when the volume or its place has changed, or somebody new looks. */
@@ -148,6 +147,12 @@ void VolumeOutput::publish_slices(const ros::Time &stamp, const LiveSettings &se
     slices_fresh_ = false;
     std::copy(settings.slice, settings.slice + 3, shown_);
     for (int plane = 0; plane < 3; ++plane) {
+        if (placed_[plane].getNumSubscribers() > 0) {
+            auto placed = boost::make_shared<Volume>();
+            describe(stamp, &placed_sequence_[plane], placed.get());
+            placed_slice_message(warped_->volume(), static_cast<Plane>(plane), settings.slice[plane], placed.get());
+            placed_[plane].publish(placed);
+        }
         if (slices_[plane].getNumSubscribers() == 0) continue;
         auto image = boost::make_shared<sensor_msgs::Image>();
         image->header.stamp = stamp;

@@ -4,7 +4,7 @@
 
 #include "ros/sim/live.h"
 #include "ros/output/mesh_output.h"
-#include "ros/output/warped.h"
+#include "ros/output/volume_stream.h"
 
 #include <ros/node_handle.h>
 
@@ -34,22 +34,25 @@ private:
     void publish(const std::shared_ptr<const Snapshot> &snapshot);
     /* What is still wanted of the last one, while no other comes. */
     void publish_again();
-    Box whole_box() const;
-    void publish_boxes(const Snapshot &snapshot, const std::vector<Box> &boxes);
+    bool preview_wanted() const { return preview_.getNumSubscribers() > 0; }
+    void publish_preview(const Snapshot &snapshot, bool is_new);
+    void describe(const ros::Time &stamp, uint64_t *sequence, Volume *message) const;
     void publish_slices(const ros::Time &stamp, const LiveSettings &settings, bool is_new);
 
     const std::string frame_;
+    VolumeStream stream_;
     Live *live_;
     Snapshots *snapshots_;
     MeshOutput *mesh_output_;
-    ros::Publisher volume_, slices_[3];
-    std::atomic<bool> whole_wanted_{false}, slices_fresh_{false}, stopping_{false};
+    const uint32_t preview_step_;
+    ros::Publisher preview_, slices_[3], placed_[3];
+    std::atomic<bool> preview_fresh_{false}, slices_fresh_{false}, stopping_{false};
     Rate warp_rate_, slice_rate_;
     std::mutex lock_; /* of the warp, and of what made it */
     std::unique_ptr<Warped> warped_;
     std::shared_ptr<const Snapshot> shown_now_;
     double shown_[3] = {-1, -1, -1}; /* where the slices published last lie */
-    uint64_t sequence_ = 0;
+    uint64_t preview_sequence_ = 0, placed_sequence_[3] = {};
     Problem problem_;
     std::thread thread_;
 };

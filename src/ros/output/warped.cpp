@@ -44,12 +44,24 @@ void Warped::set_body(std::shared_ptr<const pliant_body> body)
 
 void Warped::update(const std::vector<double> &positions) { check(pliant_warp_update(warp_, positions.data())); }
 
-std::vector<Box> Warped::changed() const
+bool Warped::add_changed(std::vector<uint8_t> *bricks) const
 {
     int32_t count[3];
     const uint8_t *changed;
     pliant_warp_bricks(warp_, count, &changed);
-    return changed_boxes(count, changed, target_.size);
+    bricks->resize(static_cast<size_t>(count[0]) * count[1] * count[2]);
+    bool any = false;
+    for (size_t i = 0; i < bricks->size(); ++i)
+        if (changed[i]) (*bricks)[i] = any = true;
+    return any;
+}
+
+std::vector<Box> Warped::boxes_of(const std::vector<uint8_t> &bricks) const
+{
+    int32_t count[3];
+    const uint8_t *changed;
+    pliant_warp_bricks(warp_, count, &changed);
+    return changed_boxes(count, bricks.data(), target_.size);
 }
 
 pliant_picked Warped::pick(const std::vector<double> &positions, const pliant_ray &ray, double threshold) const

@@ -31,7 +31,10 @@ public:
     const pliant_volume &volume() const { return *pliant_warp_volume(warp_); }
     /* In what the last update drew, where it drew it. positions: of that update. Throws Failure. */
     pliant_picked pick(const std::vector<double> &positions, const pliant_ray &ray, double threshold) const;
-    std::vector<Box> changed() const;
+    /* Sets those that the last update changed. False: none. */
+    bool add_changed(std::vector<uint8_t> *bricks) const;
+    /* Around these bricks. */
+    std::vector<Box> boxes_of(const std::vector<uint8_t> &bricks) const;
 
 private:
     std::shared_ptr<const Loaded> loaded_;

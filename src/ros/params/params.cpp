@@ -18,7 +18,7 @@ using XmlRpc::XmlRpcValue;
 const char *const node_names[] = {"scene",        "scan",          "scan/path",     "scan_root",   "output_root",
                                   "parent_frame", "tissue_frame",  "tissue_pose",   "registration", "hand_eye", "checkpoint", "checkpoint_period", "background",  "tools",
                                   "tool_max_age", "tool_hold",     "jaw_close",     "jaw_release", "wrench_rate",  "wrench_bound",  "slice/axial",
-                                  "slice/coronal", "slice/sagittal", "cameras"};
+                                  "slice/coronal", "slice/sagittal", "cameras", "volume_threshold", "volume_region/low", "volume_region/high", "preview_step"};
 
 [[noreturn]] void refuse(const std::string &message) { throw std::invalid_argument(message); }
 
@@ -140,10 +140,10 @@ void read_tools(XmlRpcValue &value, Parameters *out)
     }
 }
 
-void read_point(const std::string &name, XmlRpcValue &value, double out[3])
+void read_point(const std::string &name, XmlRpcValue &value, double out[3], double most = 1)
 {
     if (value.getType() != XmlRpcValue::TypeArray || value.size() != 3) refuse("~" + name + " must be three numbers [m]");
-    for (int d = 0; d < 3; ++d) out[d] = number(name, value[d], -1, 1);
+    for (int d = 0; d < 3; ++d) out[d] = number(name, value[d], -most, most);
 }
 
 /* a name, or {from: [x, y, z], to: [x, y, z]} */
@@ -308,6 +308,10 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "jaw_release") out->jaw_release = number(name, value, -M_PI, M_PI);
     else if (name == "wrench_rate") out->wrench_rate = number(name, value, 0, 10000);
     else if (name == "wrench_bound") out->wrench_bound = number(name, value, 1e-3, 1000);
+    else if (name == "volume_threshold") out->volume_threshold = number(name, value, 0, 1e9);
+    else if (name == "volume_region/low") read_point(name, value, out->volume_low, 100);
+    else if (name == "volume_region/high") read_point(name, value, out->volume_high, 100);
+    else if (name == "preview_step") out->preview_step = static_cast<int>(number(name, value, 2, 8));
     else if (name == "scene" || name == "tools" || name == "cameras") return true; /* read before all others */
     else {
         for (int plane = 0; plane < 3; ++plane)
@@ -351,6 +355,16 @@ void set_defaults(Parameters *out)
     out->wrench_rate = 0;
     out->wrench_bound = 5;
     std::fill(out->slice, out->slice + 3, 0.5);
+    out->volume_threshold = 0;
+    std::fill(out->volume_low, out->volume_low + 3, -INFINITY);
+    std::fill(out->volume_high, out->volume_high + 3, INFINITY);
+    out->preview_step = 4;
+}
+
+void check_region(const Parameters &parameters)
+{
+    for (int d = 0; d < 3; ++d)
+        if (!(parameters.volume_low[d] < parameters.volume_high[d])) refuse("~volume_region: low must be below high along every axis");
 }
 
 void check_frames(const Parameters &parameters)
@@ -383,6 +397,7 @@ bool read_parameters(XmlRpcValue tree, Parameters *out, std::string *why)
         if (pliant_scene_check(&read.scene) < 0) refuse(pliant_last_error());
         if (!(read.jaw_close < read.jaw_release)) refuse("~jaw_close must be less than ~jaw_release");
         check_frames(read);
+        check_region(read);
         *out = read;
         return true;
     } catch (const std::invalid_argument &refused) {

@@ -61,13 +61,17 @@ struct Parameters {
     double wrench_rate;                     /* of forces between steps [Hz]; 0: forces come with steps alone */
     double wrench_bound;                    /* that they may differ from those of the last step [N] */
     double slice[3];                        /* axial, coronal, sagittal: fraction of the volume's box */
+    double volume_threshold;                /* bricks whose voxels have all changed by less since they were sent are not sent [values of the scan] */
+    double volume_low[3], volume_high[3];   /* what of the volume is sent, LPS [m]; infinite: all */
+    int preview_step;                       /* every so many-th voxel is in volume/preview */
 };
 
 /* From the tree of private parameters (a struct, or invalid for none). Every option of a scene is a parameter of its
    path, solver/iterations; beside them: scene (file), scan or scan/path, scan_root, output_root, parent_frame,
    tissue_frame, tissue_pose, registration, hand_eye, checkpoint, checkpoint_period, background, tools, tool/<name>/{mode,blade,shape,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release,
    wrench_rate, wrench_bound, cameras,
-   camera/<name>/{frame,convention,width,height,field_of_view,rate,near,far,baseline,threshold,shown,info_url}, slice/{axial,coronal,sagittal}. Anything else is an error that names the nearest known one.
+   camera/<name>/{frame,convention,width,height,field_of_view,rate,near,far,baseline,threshold,shown,info_url}, slice/{axial,coronal,sagittal}, volume_threshold,
+   volume_region/{low,high}, preview_step. Anything else is an error that names the nearest known one.
    The tree is not changed; XmlRpcValue has no constant access. */
 bool read_parameters(XmlRpc::XmlRpcValue tree, Parameters *out, std::string *why);
 

@@ -1,0 +1,224 @@
+#include "ros/output/volume_stream.h"
+
+#include <ros/topic_manager.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+namespace pliant_ros {
+
+namespace {
+
+enum {
+    MOST_BOXES = 8,       /* that one update is sent as */
+    REPLAY_QUEUE = 1024   /* states come as fast as a bag is played, and none is to be missed */
+};
+const std::chrono::milliseconds patience(100);  /* that a slow subscriber holds up the others for */
+const std::chrono::seconds forgotten_after(60); /* who is that far behind gets the whole once it is ready */
+const double resend_rate = 1;                   /* [Hz] */
+
+bool any(const std::vector<uint8_t> &bricks)
+{
+    return std::find(bricks.begin(), bricks.end(), 1) != bricks.end();
+}
+
+bool same(const Box &a, const Box &b)
+{
+    return std::equal(a.offset, a.offset + 3, b.offset) && std::equal(a.size, a.size + 3, b.size);
+}
+
+size_t voxel_at(const int32_t size[3], uint32_t i, uint32_t j, uint32_t k)
+{
+    return i + static_cast<size_t>(size[0]) * (j + static_cast<size_t>(size[1]) * k);
+}
+
+/* by this much or more, somewhere in the box */
+template <class Voxel> bool differs(const void *a, const void *b, const int32_t size[3], const Box &box, double stored)
+{
+    const Voxel *x = static_cast<const Voxel *>(a), *y = static_cast<const Voxel *>(b);
+    for (uint32_t k = box.offset[2]; k < box.offset[2] + box.size[2]; ++k)
+        for (uint32_t j = box.offset[1]; j < box.offset[1] + box.size[1]; ++j) {
+            const size_t row = voxel_at(size, box.offset[0], j, k);
+            for (size_t at = row; at < row + box.size[0]; ++at)
+                if (!(std::abs(static_cast<double>(x[at]) - y[at]) < stored)) return true;
+        }
+    return false;
+}
+
+} // namespace
+
+VolumeStream::VolumeStream(ros::NodeHandle handle, const Parameters &parameters, bool keeps_all)
+    : frame_(parameters.tissue_frame), keeps_all_(keeps_all), threshold_(parameters.volume_threshold)
+{
+    std::copy(parameters.volume_low, parameters.volume_low + 3, low_);
+    std::copy(parameters.volume_high, parameters.volume_high + 3, high_);
+    publisher_ = handle.advertise<Volume>("volume", keeps_all ? REPLAY_QUEUE : 1,
+                                          [this](const ros::SingleSubscriberPublisher &) { whole_wanted_ = true; });
+    resend_ = handle.subscribe<std_msgs::Empty>("volume/resend", 1, [this](const std_msgs::Empty::ConstPtr &) { resend_wanted_ = true; });
+}
+
+VolumeStream::~VolumeStream()
+{
+    /* before what their callbacks write */
+    resend_.shutdown();
+    publisher_.shutdown();
+}
+
+void VolumeStream::start()
+{
+    whole_wanted_ = true;
+    is_behind_ = gap_ = false;
+    clear_at_ = Clock::now();
+    std::vector<uint8_t>().swap(sent_);
+    fresh_.clear();
+    unsure_.clear();
+    pending_.clear();
+}
+
+bool VolumeStream::add(const Warped &warped)
+{
+    if (fresh_.empty()) region_ = region_box(warped.target(), low_, high_);
+    const bool changed = warped.add_changed(&fresh_);
+    unsure_.resize(fresh_.size());
+    return changed;
+}
+
+bool VolumeStream::somebody_is_ready() const
+{
+    return last_.use_count() - 1 < static_cast<long>(publisher_.getNumSubscribers());
+}
+
+void VolumeStream::send(const Warped &warped, const Snapshot &snapshot)
+{
+    if (!wanted()) return;
+    if (resend_wanted_ && resend_rate_.due(resend_rate)) {
+        resend_wanted_ = false;
+        whole_wanted_ = true;
+    }
+    const bool held = is_held();
+    const Clock::time_point now = Clock::now();
+    if (!held) {
+        if (gap_) whole_wanted_ = true;
+        gap_ = false;
+        clear_at_ = now;
+        base_ = sequence_;
+    }
+    is_behind_ = whole_wanted_ || !pending_.empty() || any(fresh_);
+    if (!is_behind_ || (held && (!somebody_is_ready() || now - sent_at_ < patience))) return;
+    if (now - clear_at_ > forgotten_after) {
+        gap_ = true;
+        clear_at_ = now;
+        base_ = sequence_;
+        if (pending_.empty()) std::fill(unsure_.begin(), unsure_.end(), 0);
+    }
+    if (whole_wanted_.exchange(false)) send_whole(warped, snapshot, held);
+    else send_changes(warped, snapshot, held);
+    is_behind_ = !pending_.empty();
+}
+
+/* What is sent while nobody holds anything is written at once by every link: no newer message takes its place. */
+void VolumeStream::send_whole(const Warped &warped, const Snapshot &snapshot, bool held)
+{
+    publish(warped, snapshot, region_);
+    for (size_t i = 0; i < fresh_.size(); ++i) unsure_[i] = held && (unsure_[i] || fresh_[i]);
+    std::fill(fresh_.begin(), fresh_.end(), 0);
+    pending_.clear();
+    if (!held) base_ = sequence_;
+}
+
+void VolumeStream::send_changes(const Warped &warped, const Snapshot &snapshot, bool held)
+{
+    if (held || pending_.empty()) {
+        drop_small_changes(warped.volume());
+        if (pending_.empty() && !any(fresh_)) return;
+        for (size_t i = 0; i < fresh_.size(); ++i) unsure_[i] = fresh_[i] || (held && unsure_[i]);
+        std::fill(fresh_.begin(), fresh_.end(), 0);
+        pending_ = merged_boxes(changed_boxes_of(warped), held ? 1 : MOST_BOXES);
+    }
+    while (!pending_.empty()) {
+        publish(warped, snapshot, pending_.back());
+        pending_.pop_back();
+        if (held) continue;
+        base_ = sequence_;
+        if (is_held()) break;
+    }
+}
+
+std::vector<Box> VolumeStream::changed_boxes_of(const Warped &warped) const
+{
+    std::vector<Box> boxes = warped.boxes_of(unsure_), inside;
+    for (const Box &box : boxes) {
+        const Box common = common_box(box, region_);
+        if (common.size[0] && common.size[1] && common.size[2]) inside.push_back(common);
+    }
+    return inside;
+}
+
+void VolumeStream::drop_small_changes(const pliant_volume &volume)
+{
+    if (sent_.empty()) return;
+    const double stored = threshold_ / std::abs(volume.slope);
+    const int32_t *size = volume.geometry.size;
+    uint32_t count[3];
+    for (int d = 0; d < 3; ++d) count[d] = (static_cast<uint32_t>(size[d]) + PLIANT_BRICK_SIZE - 1) / PLIANT_BRICK_SIZE;
+    for (size_t brick = 0; brick < fresh_.size(); ++brick) {
+        if (!fresh_[brick]) continue;
+        const size_t at[3] = {brick % count[0], brick / count[0] % count[1], brick / count[0] / count[1]};
+        Box box;
+        for (int d = 0; d < 3; ++d) {
+            box.offset[d] = static_cast<uint32_t>(at[d]) * PLIANT_BRICK_SIZE;
+            box.size[d] = std::min<uint32_t>(PLIANT_BRICK_SIZE, static_cast<uint32_t>(size[d]) - box.offset[d]);
+        }
+        box = common_box(box, region_);
+        if (!(box.size[0] && box.size[1] && box.size[2])) fresh_[brick] = 0;
+        else if (volume.encoding == PLIANT_UINT8) fresh_[brick] = differs<uint8_t>(volume.voxels, sent_.data(), size, box, stored);
+        else if (volume.encoding == PLIANT_INT16) fresh_[brick] = differs<int16_t>(volume.voxels, sent_.data(), size, box, stored);
+        else fresh_[brick] = differs<float>(volume.voxels, sent_.data(), size, box, stored);
+    }
+}
+
+void VolumeStream::keep_sent(const pliant_volume &volume, const Box &box)
+{
+    const int32_t *size = volume.geometry.size;
+    const size_t bytes = pliant_encoding_size(volume.encoding);
+    sent_.resize(bytes * static_cast<size_t>(size[0]) * size[1] * size[2]);
+    const uint8_t *voxels = static_cast<const uint8_t *>(volume.voxels);
+    for (uint32_t k = box.offset[2]; k < box.offset[2] + box.size[2]; ++k)
+        for (uint32_t j = box.offset[1]; j < box.offset[1] + box.size[1]; ++j) {
+            const size_t row = bytes * voxel_at(size, box.offset[0], j, k);
+            std::memcpy(&sent_[row], voxels + row, bytes * box.size[0]);
+        }
+}
+
+void VolumeStream::publish(const Warped &warped, const Snapshot &snapshot, const Box &box)
+{
+    const pliant_volume &volume = warped.volume();
+    auto message = boost::make_shared<Volume>();
+    message->header.stamp = snapshot.stamp;
+    message->header.frame_id = frame_;
+    message->scan_id = snapshot.loaded->scan->volume.id;
+    message->revision = snapshot.revision;
+    message->since = same(box, region_) ? 0 : base_;
+    message->sequence = ++sequence_;
+    volume_message(volume, region_, box, message.get());
+    if (threshold_ > 0) keep_sent(volume, box);
+    sent_at_ = Clock::now();
+    if (keeps_all_) {
+        publisher_.publish(message);
+        return;
+    }
+    /* as Publisher::publish, which does not tell what links still hold */
+    ros::SerializedMessage serialized;
+    serialized.type_info = &typeid(Volume);
+    serialized.message = message;
+    last_.reset();
+    const auto serialize = [this, &message] {
+        ros::SerializedMessage made = ros::serialization::serializeMessage<Volume>(*message);
+        last_ = made.buf;
+        return made;
+    };
+    ros::TopicManager::instance()->publish(publisher_.getTopic(), serialize, serialized);
+}
+
+} // namespace pliant_ros
