@@ -8,7 +8,7 @@ foreach(name rviz_image_test rviz_slices_test rviz_transfer_test rviz_mesh_test)
 endforeach()
 
 # 77: skipped, with the reason
-foreach(name rviz_pictures_test rviz_pull_test)
+foreach(name rviz_pictures_test rviz_views_test rviz_pull_test)
   add_test(NAME ${name} COMMAND ${CMAKE_COMMAND} -E env PLIANT_SETUP=${CATKIN_DEVEL_PREFIX}/setup.bash
                                 ${CMAKE_CURRENT_LIST_DIR}/rviz_run ${CMAKE_CURRENT_LIST_DIR}/${name}.py)
   set_tests_properties(${name} PROPERTIES TIMEOUT 400 SKIP_RETURN_CODE 77 RUN_SERIAL TRUE
