@@ -12,8 +12,8 @@ enum { POLL_MILLISECONDS = 100, SOON_MILLISECONDS = 2 /* where somebody is not r
 
 VolumeOutput::VolumeOutput(ros::NodeHandle handle, const Parameters &parameters, Live *live, Snapshots *snapshots,
                            MeshOutput *mesh_output)
-    : frame_(parameters.tissue_frame), stream_(handle, parameters, snapshots->keeps_all()), live_(live), snapshots_(snapshots), mesh_output_(mesh_output),
-      preview_step_(static_cast<uint32_t>(parameters.preview_step))
+    : frame_(parameters.tissue_frame), stream_(handle, parameters, snapshots->keeps_all()), live_(live), snapshots_(snapshots),
+      mesh_output_(mesh_output), preview_step_(static_cast<uint32_t>(parameters.preview_step))
 {
     static const char *const topics[] = {"volume/slice/axial", "volume/slice/coronal", "volume/slice/sagittal"};
     const auto looked_at = [this](const ros::SingleSubscriberPublisher &) { slices_fresh_ = true; };
@@ -53,7 +53,8 @@ void VolumeOutput::run()
             std::this_thread::sleep_for(std::chrono::milliseconds(POLL_MILLISECONDS));
             continue;
         }
-        std::shared_ptr<const Snapshot> snapshot = reader.wait(std::chrono::milliseconds(stream_.waits() ? SOON_MILLISECONDS : POLL_MILLISECONDS));
+        const std::chrono::milliseconds patience(stream_.waits() ? SOON_MILLISECONDS : POLL_MILLISECONDS);
+        std::shared_ptr<const Snapshot> snapshot = reader.wait(patience);
         try {
             if (!snapshot) {
                 publish_again();
