@@ -89,6 +89,9 @@ extern "C" pliant_status pliant_cuda_macros_create(const pliant_macros *macros, 
     } catch (const std::bad_alloc &) {
         return pliant_fail_memory("the macro-elements");
     }
+    cudaFuncAttributes kernel;
+    CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&kernel, macro_force_kernel)));
+    if (shared_bytes(out) <= (size_t)kernel.maxDynamicSharedSizeBytes) return PLIANT_OK; /* of the kernel: another model may need more */
     return CUDA_CALL(cudaFuncSetAttribute(macro_force_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)shared_bytes(out)));
 }
 

@@ -383,7 +383,9 @@ extern "C" pliant_status pliant_cuda_tled_share(gpu_tled *tled, size_t bytes, si
     cudaFuncAttributes kernel;
     CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&kernel, pull_kernel)));
     tled->shared_bytes = bytes + kernel.sharedSizeBytes <= most ? bytes : 0;
-    return tled->shared_bytes == 0 ? PLIANT_OK : CUDA_CALL(cudaFuncSetAttribute(pull_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)bytes));
+    /* of the kernel, not of this simulation: another one may need more */
+    if (tled->shared_bytes <= (size_t)kernel.maxDynamicSharedSizeBytes) return PLIANT_OK;
+    return CUDA_CALL(cudaFuncSetAttribute(pull_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)bytes));
 }
 
 extern "C" pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t number, bool pulled, cudaStream_t stream)

@@ -235,10 +235,10 @@ TEST_F(Choice, ItsOwnTimeLimitIsNoError)
             const std::string text = stage;
             if (at->waited || text.find(at->when) == std::string::npos || text.find("budget 2") == std::string::npos) return true;
             at->waited = true;
-            std::this_thread::sleep_for(std::chrono::seconds(10));
+            std::this_thread::sleep_for(std::chrono::seconds(4));
             return true;
         };
-        body.scene.choose.seconds = 10;
+        body.scene.choose.seconds = 4;
         pliant_choice taken;
         ASSERT_EQ(pliant_choose(&input, nullptr, {wait, &seen}, &taken), PLIANT_OK);
         ASSERT_TRUE(seen.waited);

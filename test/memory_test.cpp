@@ -52,7 +52,7 @@ TEST(Memory, WhatWasFreedIsGivenAgainCleared)
 // A device that locks the pages of a block must not find others on them.
 TEST(Memory, ABlockOfPagesIsAlone)
 {
-#ifdef __SANITIZE_ADDRESS__
+#ifdef PLIANT_SANITIZED
     GTEST_SKIP() << "blocks end where they end, so that what is written behind them is found";
 #endif
     const auto page = size_t(sysconf(_SC_PAGESIZE));

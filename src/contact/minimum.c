@@ -168,7 +168,7 @@ static double descend_face(const pliant_part *part, const double at[3][3], doubl
 
 enum { DEEPEST = 8 /* halvings */, MOST_PIECES = 4 * DEEPEST };
 static const double half = 0.5; /* of the way to the nearest is bound enough */
-static const double steepest = 1.1; /* of a field between its points */
+static const double steepest = 1.7320508; /* of a field between its points: the slope along each axis is at most 1 there */
 
 /* A part of an edge or a triangle, by its corners' weights. */
 typedef struct piece {

@@ -90,17 +90,24 @@ static pliant_status read_text(const char *path, const char *text, int32_t *coun
 {
     text_reader reader = {.path = path, .at = text, .line = 1};
     int corners = 0;
-    bool ends = false;
+    bool ends = false, open = false;
+    double facet[12]; /* room for the corner that is too many */
     *count = 0;
     while (next_word(&reader)) {
-        double corner[3];
-        if (!strcmp(reader.word, "facet")) corners = 0;
-        else if (!strcmp(reader.word, "vertex") && corners < 4) {
-            pliant_status status = read_corner(&reader, points && corners < 3 ? points + 9 * (size_t)*count + 3 * (size_t)corners : corner);
+        const bool ends_facet = !strcmp(reader.word, "endfacet");
+        if (open && (!strcmp(reader.word, "facet") || !strcmp(reader.word, "endsolid")))
+            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: the facet before has no 'endfacet'", path, reader.line);
+        if (!strcmp(reader.word, "facet")) {
+            corners = 0;
+            open = true;
+        } else if (!strcmp(reader.word, "vertex") && corners < 4) {
+            pliant_status status = read_corner(&reader, facet + 3 * corners);
             if (status != PLIANT_OK) return status;
             corners++;
-        } else if (!strcmp(reader.word, "endfacet")) {
-            if (corners != 3) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: a facet needs 3 corners ('vertex x y z')", path, reader.line);
+        } else if (ends_facet) {
+            if (!open || corners != 3) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: a facet needs 3 corners ('vertex x y z')", path, reader.line);
+            if (points) memcpy(points + 9 * (size_t)*count, facet, 9 * sizeof *facet);
+            open = false;
             if (++*count > PLIANT_SOLID_TRIANGLES) return PLIANT_OK;
         } else if (!strcmp(reader.word, "solid") || !strcmp(reader.word, "endsolid")) { /* a name, or none, on the rest of its line */
             ends = reader.word[0] == 'e';

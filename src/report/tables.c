@@ -132,6 +132,7 @@ static pliant_status copy_file(const char *from, const char *to, const char *nam
     char source[4096], target[4096], block[65536];
     size_t got;
     if (!name[0]) return PLIANT_OK;
+    if (strchr(name, '/')) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s is no name of a file in it", from, name);
     snprintf(source, sizeof source, "%s/%s", from, name);
     snprintf(target, sizeof target, "%s/%s", to, name);
     FILE *in = fopen(source, "rb"), *out = in ? fopen(target, "wb") : NULL;

@@ -79,6 +79,10 @@ static double spread_of_recordings(const measured_body *body, int32_t count, con
     double *mean = pliant_calloc((size_t)count, 3 * sizeof *mean);
     for (int32_t s = 0; other && mean && s < body->num_states; s++) {
         if (markers_of(body, s, other) != count) continue;
+        bool same = true; /* places at rest tell markers apart: they are the same ones to a centimetre */
+        for (int32_t m = 0; m < count; m++)
+            for (int d = 0; d < 3; d++) same = same && fabs(other[m]->rest[d] - markers[m]->rest[d]) < 0.01;
+        if (!same) continue;
         others++;
         for (int32_t m = 0; m < count; m++)
             for (int d = 0; d < 3; d++) mean[3 * m + d] += other[m]->moved[d];

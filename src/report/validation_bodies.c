@@ -312,17 +312,25 @@ static pliant_status read_scene_folder(const char *folder, const char *scan, mea
     return status;
 }
 
+static bool is_named(const char *name, const char *wanted, bool whole)
+{
+    return whole ? strcmp(name, wanted) == 0 : strncmp(name, wanted, strlen(wanted)) == 0;
+}
+
 pliant_status measured_body_read(const char *folder, measured_body *out)
 {
+    char path[4096];
     char cube[4096] = "", beam[4096] = "", scan[4096] = "", scene[4096] = "", *const found[4] = {cube, beam, scan, scene};
-    static const char *const begins[4] = {"truthcube", "gravity_markers.csv", "scan", "scene.yaml"};
+    static const char *const begins[4] = {"truthcube", "gravity_markers.csv", "scan.", "scene.yaml"};
     measured_body body = {.num_states = 0};
     DIR *opened = opendir(folder);
     if (!opened) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", folder, strerror(errno));
     for (struct dirent *entry; (entry = readdir(opened));)
         for (int f = 0; f < 4; f++)
-            if (strncmp(entry->d_name, begins[f], strlen(begins[f])) == 0 && (f != 0 || strstr(entry->d_name, ".csv")))
-                snprintf(found[f], 4096, "%s/%s", folder, entry->d_name);
+            if (is_named(entry->d_name, begins[f], f % 2 == 1) && (f != 0 || strstr(entry->d_name, ".csv"))) {
+                snprintf(path, sizeof path, "%s/%s", folder, entry->d_name);
+                if (!*found[f] || strcmp(path, found[f]) < 0) memcpy(found[f], path, sizeof path); /* of several the first by name */
+            }
     closedir(opened);
     pliant_status status;
     if (*beam) status = read_beam(beam, &body);

@@ -151,6 +151,12 @@ struct CutBody : testing::TestWithParam<Mesh> {
 };
 std::string name_of(const testing::TestParamInfo<Mesh> &info) { return info.param.name; }
 
+#ifdef PLIANT_SANITIZED
+const int STROKES = 25; // each takes five times as long
+#else
+const int STROKES = 100;
+#endif
+
 TEST_P(CutBody, PiecesOfThePhantomAreThoseOfItsVoxels)
 {
     Scan scan;
@@ -159,7 +165,7 @@ TEST_P(CutBody, PiecesOfThePhantomAreThoseOfItsVoxels)
     const int32_t size[3] = {96, 80, 72};
     ASSERT_EQ(pliant_phantom(size, 1, &scan.volume, &scan.labels), PLIANT_OK);
     ASSERT_EQ(pliant_material_table_default(&scan.table), PLIANT_OK);
-    strokes(scene, scan, 100);
+    strokes(scene, scan, STROKES);
 }
 
 TEST_P(CutBody, PiecesOfACtAreThoseOfItsVoxels)
@@ -172,7 +178,7 @@ TEST_P(CutBody, PiecesOfACtAreThoseOfItsVoxels)
     pliant_scene_defaults(&scene);
     ASSERT_EQ(pliant_scene_set(&scene, "scan/resample", "128 96 80"), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_inputs_read(&scene, path.c_str(), &scan.volume, &scan.labels, &scan.table), PLIANT_OK) << pliant_last_error();
-    strokes(scene, scan, 100);
+    strokes(scene, scan, STROKES);
 }
 INSTANTIATE_TEST_SUITE_P(Meshes, CutBody, testing::Values(lattice, air, bone, octree), name_of);
 

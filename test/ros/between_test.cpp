@@ -155,4 +155,31 @@ TEST(Between, IsBoundedAndRises)
     EXPECT_LT(std::fabs(out[2]), 0.1 * force);
 }
 
+// A spring of 500 N/m that holds a force; 1 kHz of poses with an encoder's noise, steps of 20 ms. The force after three seconds.
+double after_a_while(double force_at(int millisecond), double outlier_at(int millisecond))
+{
+    Between between(5);
+    pliant_tool_linear linear{};
+    linear.known = true;
+    linear.rotation[3] = 1;
+    for (int i = 0; i < 3; i++) linear.stiffness[7 * i] = 500;
+    double out[6] = {};
+    for (int t = 0; t < 3000; t++) {
+        const double now = 0.001 * t, tip[3] = {0, 0, outlier_at(t) + 2e-5 * ((t * 7919) % 101 / 50.0 - 1)};
+        linear.wrench[2] = force_at(t);
+        if (t % STEP == 0) between.frame(now, linear, true);
+        between.answer(now, tip, still, out);
+    }
+    return out[2];
+}
+
+TEST(Between, AForceThatStaysComesBack)
+{
+    const auto straight = [](int) { return 0.0; };
+    EXPECT_NEAR(after_a_while([](int) { return 5.0; }, straight), 5, 0.1) << "held again after a pause";
+    EXPECT_NEAR(after_a_while([](int t) { return std::min(4.0, 0.002 * t); }, straight), 4, 0.1) << "another hand pulls the tissue";
+    EXPECT_NEAR(after_a_while([](int) { return 5.0; }, [](int t) { return t == 1500 ? -0.03 : 0.0; }), 5, 0.1) << "a pose that was far off";
+    EXPECT_NEAR(after_a_while([](int) { return 2.5; }, [](int t) { return t < 1000 ? 0.005 - 3e-4 * std::min(t, 16) : 2e-4; }), 2.5, 0.2) << "back fast, then still";
+}
+
 } // namespace

@@ -11,6 +11,6 @@ endforeach()
 foreach(name rviz_pictures_test rviz_views_test rviz_pull_test)
   add_test(NAME ${name} COMMAND ${CMAKE_COMMAND} -E env PLIANT_SETUP=${CATKIN_DEVEL_PREFIX}/setup.bash
                                 ${CMAKE_CURRENT_LIST_DIR}/rviz_run ${CMAKE_CURRENT_LIST_DIR}/${name}.py)
-  set_tests_properties(${name} PROPERTIES TIMEOUT 400 SKIP_RETURN_CODE 77 RUN_SERIAL TRUE
+  set_tests_properties(${name} PROPERTIES TIMEOUT 400 SKIP_RETURN_CODE 77 RESOURCE_LOCK rviz
                        ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1;OMP_WAIT_POLICY=passive")
 endforeach()

@@ -90,12 +90,13 @@ def rotation(q):
                         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
 
 
-def volume(voxels, spacing, origin, orientation=(0, 0, 0, 1), frame="stage", sequence=1, flipped=False, offset=None, full=None):
+def volume(voxels, spacing, origin, orientation=(0, 0, 0, 1), frame="stage", sequence=1, flipped=False, offset=None, full=None, since=0):
     """voxels[k, j, i] of uint8, int16 or float32 as a message."""
     message = Volume()
     message.header.frame_id = frame
     message.scan_id = "test"
     message.sequence = sequence
+    message.since = since
     message.size = list(voxels.shape[::-1])
     message.full_size = list(full) if full else message.size
     message.offset = list(offset) if offset else [0, 0, 0]
@@ -332,7 +333,7 @@ class Pictures(unittest.TestCase):
         publisher.publish(volume(voxels, [0.002] * 3, origin, sequence=2))
         time.sleep(4)
         self.assertEqual(len(connected), 1, "nothing was lost")
-        publisher.publish(volume(voxels[:2, :2, :2], [0.002] * 3, origin, sequence=4, offset=[1, 1, 1], full=[8, 8, 8]))
+        publisher.publish(volume(voxels[:2, :2, :2], [0.002] * 3, origin, sequence=4, offset=[1, 1, 1], full=[8, 8, 8], since=3))
         self.stage.wait(lambda: len(connected) == 2, what="the display that subscribes anew")
         # a reset (rviz does it when time jumps back, too) forgets everything: it must be sent again. The button is at the lower left.
         self.stage.mouse("mousemove", 33, self.stage.height - 14, "click", 1)

@@ -164,6 +164,7 @@ TEST(Wrench, AHandAtOneKilohertz)
     std::vector<double> late;
     for (const auto &answer : answers) late.push_back(1e3 * answer.second.seconds);
     std::sort(late.begin(), late.end());
+    ASSERT_FALSE(late.empty());
     printf("%zu poses, %zu answered, %zu forces in all; pose in to wrench out p50 %.3f ms, p99 %.3f, p99.9 %.3f, worst %.3f\n", way.size(), answers.size(),
            hand.received(), share(late, 0.5), share(late, 0.99), share(late, 0.999), late.empty() ? 0 : late.back());
     EXPECT_GT(answers.size(), 0.5 * way.size());
@@ -189,6 +190,7 @@ TEST(Wrench, AHandAtOneKilohertz)
     EXPECT_GT(most, 0.3);
     EXPECT_GT(moves, 0.9 * answers.size()) << "forces of steps alone change 50 times a second";
     if (late.back() < 20) EXPECT_GE(least, -0.01 * in); // what is on its way for longer, no node can know
+    else printf("an answer took %.0f ms: energy was not judged\n", late.back());
     EXPECT_TRUE(keep(&hand, at, false, 5, [&] { return !hand.contact.grasped; }));
 }
 

@@ -34,7 +34,9 @@ void camera_info_message(const pliant_camera &camera, double baseline, sensor_ms
 
 bool camera_from_info(const sensor_msgs::CameraInfo &info, pliant_camera *camera)
 {
-    if (info.width == 0 || info.height == 0 || !(info.P[0] > 0) || !(info.P[5] > 0)) return false;
+    const uint32_t most = 8192; /* pixels a side, as of the parameters */
+    if (info.width < 1 || info.height < 1 || info.width > most || info.height > most) return false;
+    if (!(info.P[0] > 1e-3 && info.P[0] < 1e9 && info.P[5] > 1e-3 && info.P[5] < 1e9) || !std::isfinite(info.P[2]) || !std::isfinite(info.P[6])) return false;
     camera->width = static_cast<int32_t>(info.width);
     camera->height = static_cast<int32_t>(info.height);
     camera->fx = info.P[0];

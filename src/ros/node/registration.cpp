@@ -195,10 +195,12 @@ void Registration::place(const Rigid &pose)
 std::string Registration::store(const Rigid &pose) const
 {
     if (parameters_.registration.empty()) return "; not stored: ~registration names no file";
-    std::ofstream file(parameters_.registration);
+    const std::string next = parameters_.registration + ".new"; /* so that the one before stays where this cannot be written */
+    std::ofstream file(next);
     file << registration_text(parameters_.parent_frame, pose);
     file.close();
-    return file ? "; stored in " + parameters_.registration : "; NOT stored: " + parameters_.registration + " cannot be written";
+    const bool stored = file && std::rename(next.c_str(), parameters_.registration.c_str()) == 0;
+    return stored ? "; stored in " + parameters_.registration : "; NOT stored: " + parameters_.registration + " cannot be written";
 }
 
 bool Registration::by_points(pliant::Register::Request &request, pliant::Register::Response &response)

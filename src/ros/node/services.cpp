@@ -156,9 +156,9 @@ std::string Services::go_on(const Saved &saved)
     const Moment moment = moment_of(saved, next);
     pliant_scene live = *pliant_model_get_scene(next->model);
     apply_settings(session, &live);
+    simulation_->swap(next, &moment); /* what is refused changes nothing */
     live_->assign(live);
     registration_->go_on(saved.rest.parent_frame, saved.rest.tissue_pose);
-    simulation_->swap(next, &moment);
     tell_of(*next);
     std::lock_guard<std::mutex> locked(lock_);
     recomputed_.method = saved.rest.method;
@@ -193,6 +193,8 @@ void Services::load_first()
             return go_on(read_saved(checkpoint));
         } catch (const Failure &failed) {
             if (failed.status == PLIANT_ERROR_CANCELLED) throw;
+            why = failed.what();
+        } catch (const std::exception &failed) { /* a message that is not whole, or too large */
             why = failed.what();
         }
         const std::string aside = checkpoint + ".refused";

@@ -81,11 +81,13 @@ void CameraOutput::run()
         }
         if (std::shared_ptr<const Snapshot> next = reader.wait(wait)) newest = next;
         if (!newest) continue;
-        try {
-            bool looked = false;
-            /* a camera moves while the tissue rests */
-            for (const std::unique_ptr<CameraEye> &eye : eyes_) {
-                if (!eye->is_wanted() || !eye->due()) continue;
+        /* a camera moves while the tissue rests; what one cannot be given, others are */
+        std::string problem;
+        bool looked = false;
+        for (const std::unique_ptr<CameraEye> &eye : eyes_) {
+            if (!eye->is_wanted() || !eye->due()) continue;
+            looked = true;
+            try {
                 std::string why;
                 Rigid tissue_from_frame;
                 if (!rigid_from_message(frames_->lookupTransform(tissue_frame_, eye->parameters().frame, ros::Time(0)).transform, &tissue_from_frame, &why))
@@ -93,13 +95,12 @@ void CameraOutput::run()
                 view.show(newest);
                 eye->look(view.view, *newest->loaded, tissue_from_frame, newest->stamp, view.style);
                 ++drawn_;
-                looked = true;
+            } catch (const std::exception &failed) {
+                problem += std::string(problem.empty() ? "no picture: " : "; ") + failed.what();
+                ROS_WARN_THROTTLE(5, "no picture: %s", failed.what());
             }
-            if (looked) problem_.set("");
-        } catch (const std::exception &failed) {
-            problem_.set(std::string("no picture: ") + failed.what());
-            ROS_WARN_THROTTLE(5, "no picture: %s", failed.what());
         }
+        if (looked) problem_.set(problem);
     }
 }
 

@@ -37,6 +37,14 @@ double number(const std::string &name, XmlRpcValue &value, double low, double hi
     return x;
 }
 
+/* 0: none */
+double read_rate(const std::string &name, XmlRpcValue &value)
+{
+    const double rate = number(name, value, 0, 10000);
+    if (rate > 0 && rate < 1) refuse("~" + name + " is " + std::to_string(rate) + "; it must be 0 or from 1 to 10000");
+    return rate;
+}
+
 std::string text(const std::string &name, XmlRpcValue &value)
 {
     if (value.getType() != XmlRpcValue::TypeString) refuse("~" + name + " must be text");
@@ -306,7 +314,7 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "tool_hold") out->tool_hold = number(name, value, 0, 10);
     else if (name == "jaw_close") out->jaw_close = number(name, value, -M_PI, M_PI);
     else if (name == "jaw_release") out->jaw_release = number(name, value, -M_PI, M_PI);
-    else if (name == "wrench_rate") out->wrench_rate = number(name, value, 0, 10000);
+    else if (name == "wrench_rate") out->wrench_rate = read_rate(name, value);
     else if (name == "wrench_bound") out->wrench_bound = number(name, value, 1e-3, 1000);
     else if (name == "volume_threshold") out->volume_threshold = number(name, value, 0, 1e9);
     else if (name == "volume_region/low") read_point(name, value, out->volume_low, 100);

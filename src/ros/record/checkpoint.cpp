@@ -9,6 +9,8 @@
 #include <cstdio>
 #include <cstring>
 #include <fcntl.h>
+#include <memory>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 namespace pliant_ros {
@@ -75,25 +77,38 @@ void saved_message(const Moment &moment, const std::string &frame, std::shared_p
     }
 }
 
+/* A bag that cannot be written whole is better not begun. */
+static void check_room(const std::string &path, const Saved &saved)
+{
+    using ros::serialization::serializationLength;
+    const double needed = 65536.0 + serializationLength(saved.session) + serializationLength(saved.topology) + serializationLength(saved.state) +
+                          serializationLength(saved.rest);
+    const size_t slash = path.rfind('/');
+    struct statvfs room;
+    if (statvfs(slash == std::string::npos ? "." : path.substr(0, slash + 1).c_str(), &room) != 0) return; /* opening it tells more */
+    if (static_cast<double>(room.f_bavail) * static_cast<double>(room.f_frsize) < needed)
+        throw Failure(PLIANT_ERROR_FILE, path + ": the disk is full");
+}
+
 void write_saved(const std::string &path, const std::string &name, const Saved &saved)
 {
     const std::string next = path + ".new";
+    check_room(path, saved);
+    std::unique_ptr<rosbag::Bag> bag;
     try {
         const ros::Time now(ros::WallTime::now().toSec()); /* /clock may stand at 0, which no bag takes */
-        rosbag::Bag bag(next, rosbag::bagmode::Write);
-        bag.setCompression(rosbag::compression::LZ4);
-        bag.write(name + "session", now, saved.session);
-        bag.write(name + "mesh/topology", now, saved.topology);
-        bag.write(name + "mesh/state", now, saved.state);
-        bag.write(name + "checkpoint", now, saved.rest);
-        bag.close();
+        bag.reset(new rosbag::Bag(next, rosbag::bagmode::Write));
+        bag->setCompression(rosbag::compression::LZ4);
+        bag->write(name + "session", now, saved.session);
+        bag->write(name + "mesh/topology", now, saved.topology);
+        bag->write(name + "mesh/state", now, saved.state);
+        bag->write(name + "checkpoint", now, saved.rest);
+        bag->close();
         flush_file(next);
-    } catch (const rosbag::BagException &failed) {
+    } catch (const std::exception &failed) {
+        bag.release(); /* its destructor would write again, and throw: that ends the process */
         std::remove(next.c_str());
         throw Failure(PLIANT_ERROR_FILE, next + ": " + failed.what());
-    } catch (...) {
-        std::remove(next.c_str());
-        throw;
     }
     if (std::rename(next.c_str(), path.c_str()) != 0) throw no_file(path, "cannot be replaced");
 }

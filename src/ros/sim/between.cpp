@@ -13,6 +13,7 @@ const double slowest = 0.02;   /* poses further apart than that tell nothing of 
 const double remembers = 0.2;  /* the longest motion fades so fast [s] */
 const double foreseen = 4;     /* motions back */
 const double most_reach = 0.001; /* [m] */
+const double rests = 1e-4, rests_for = 0.2; /* a hand that goes no further in this time [m, s] */
 
 double product(const double a[6], const double b[6])
 {
@@ -44,7 +45,11 @@ void Between::wanted(double now, const double tip[3], const double rotation[4], 
 {
     pliant_tool_linear_wrench(&linear_, tip, rotation, most_, out);
     const double left = blend_for_ > 0 ? std::max(0.0, 1 - (now - blend_from_) / blend_for_) : 0;
+    double apart = 0;
     for (int i = 0; i < 6; ++i) out[i] += left * offset_[i];
+    for (int d = 0; d < 3; ++d) apart += std::pow(out[d] - linear_.wrench[d], 2);
+    const double part = std::sqrt(apart) > most_ ? most_ / std::sqrt(apart) : 1;
+    for (int d = 0; d < 3; ++d) out[d] = linear_.wrench[d] + part * (out[d] - linear_.wrench[d]);
 }
 
 void Between::frame(double now, const pliant_tool_linear &linear, bool acts)
@@ -59,6 +64,8 @@ void Between::frame(double now, const pliant_tool_linear &linear, bool acts)
     acts_ = acts && linear.known;
     if (goes_on) pliant_tool_linear_wrench(&linear_, last_.tip, last_.rotation, most_, after);
     for (int i = 0; i < 6; ++i) offset_[i] = goes_on ? before[i] - after[i] : 0;
+    /* while the hand rests, the tissue holds what it is strained by: by whom, and what was counted of it, is all one */
+    if (acts_ && now - rests_from_ > rests_for) energy_ = std::max(energy_, elastic());
     if (!is_free()) return;
     energy_ = 0;                /* the next stroke begins with nothing */
     rise_from_ = now - 2 * rise; /* and from no force */
@@ -69,12 +76,21 @@ void Between::move(double now, const double motion[6])
 {
     double length = 0;
     for (int i = 0; i < 6; ++i) length += std::pow(motion[i] * (i < 3 ? 1 : arm), 2);
-    energy_ += product(last_.wrench, motion);
+    energy_ = std::max(energy_ + product(last_.wrench, motion), -0.5 * credit()); /* one pose that is far off is no debt for ever */
     if (!(length > 0)) return;
     reach_ = std::max(reach_ * std::exp(-(now - moved_at_) / remembers), std::sqrt(length));
     std::copy(motion, motion + 6, motion_);
     for (int i = 0; i < 6; ++i) trend_[i] += 0.1 * (motion[i] - trend_[i]);
     moved_at_ = now;
+}
+
+/* Of a spring as stiff as the stiffest direction here: the least that such a force takes [J]. */
+double Between::elastic() const
+{
+    const double stiffness = std::max({linear_.stiffness[0], linear_.stiffness[7], linear_.stiffness[14]});
+    double square = 0;
+    for (int d = 0; d < 3; ++d) square += linear_.wrench[d] * linear_.wrench[d];
+    return stiffness > 0 ? 0.5 * square / stiffness : 0;
 }
 
 /* A stroke begins with nothing, and something must be risked for it: what the longest motion makes of the stiffness. */
@@ -84,12 +100,14 @@ double Between::credit() const
     return std::max({linear_.stiffness[0], linear_.stiffness[7], linear_.stiffness[14]}) * reach * reach;
 }
 
-void Between::keep_passive(double wrench[6])
+void Between::keep_passive(double now, double wrench[6])
 {
     double size = 0;
     for (int i = 0; i < 6; ++i) size += std::pow(wrench[i] / (i < 3 ? 1 : arm), 2);
     /* on the way back it ends softly: some motions ahead */
-    const double taken = std::sqrt(size) * reach_ * (product(wrench, trend_) < 0 ? foreseen : 1), there = std::max(energy_, -0.5 * credit()) + credit();
+    const double faded = std::exp(-(now - moved_at_) / remembers);
+    const bool back = now - moved_at_ < remembers && product(wrench, trend_) < 0;
+    const double taken = std::sqrt(size) * reach_ * faded * (back ? foreseen : 1), there = std::max(energy_, -0.5 * credit()) + credit();
     if (!(taken > there)) return;
     ++held_back_;
     for (int i = 0; i < 6; ++i) wrench[i] *= there / taken;
@@ -109,9 +127,15 @@ void Between::answer(double now, const double tip[3], const double rotation[4], 
         wanted(now, ahead, rotation, out);
         const double risen = std::min((now - rise_from_) / rise, 1.0);
         for (int i = 0; i < 6; ++i) out[i] *= risen;
-        keep_passive(out);
+        keep_passive(now, out);
     } else {
         energy_ = 0;
+    }
+    double gone = 0;
+    for (int d = 0; d < 3; ++d) gone += std::pow(tip[d] - rests_at_[d], 2);
+    if (!answered_ || gone > rests * rests) {
+        std::copy(tip, tip + 3, rests_at_);
+        rests_from_ = now;
     }
     answered_ = true;
     std::copy(tip, tip + 3, last_.tip);

@@ -31,8 +31,9 @@ public:
 private:
     void wanted(double now, const double tip[3], const double rotation[4], double out[6]) const;
     void move(double now, const double motion[6]);
-    void keep_passive(double wrench[6]);
+    void keep_passive(double now, double wrench[6]);
     double credit() const;
+    double elastic() const;
     bool is_free() const;
 
     const double most_;
@@ -42,6 +43,7 @@ private:
     bool answered_ = false;
     pliant_tool_linear last_{}; /* pose and wrench of the last answer */
     double motion_[6] = {}, trend_[6] = {}, moved_at_ = -1, reach_ = 0; /* the last motion, the mean and the longest of the last ones */
+    double rests_at_[3] = {}, rests_from_ = 0; /* the hand is where it was then */
     double energy_ = 0;
     unsigned long held_back_ = 0;
 };

@@ -2,6 +2,7 @@
 
 #include <ros/poll_manager.h>
 
+#include <algorithm>
 #include <pthread.h>
 
 namespace pliant_ros {
@@ -60,7 +61,7 @@ void FastForces::run()
 {
     const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1 / rate_));
     while (!stopping_) {
-        queue_.callAvailable(ros::WallDuration(1 / rate_));
+        queue_.callAvailable(ros::WallDuration(std::min(1 / rate_, 0.1)));
         const Clock::time_point now = Clock::now();
         for (auto &arm : arms_) {
             std::lock_guard<InheritingMutex> hold(arm->lock);

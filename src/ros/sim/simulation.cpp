@@ -304,7 +304,9 @@ bool Simulation::hold_again(const Step &step)
         const auto held = std::find_if(lost_.begin(), lost_.end(), [&](const auto &each) { return each.first == tool.name; });
         if (held == lost_.end() || !tool.present) continue;
         const int index = static_cast<int>(i);
-        const bool holds = tool.closed && pliant_tool_set_pose(data_.get(), index, tool.tip.data(), tool.rotation.data()) >= 0 &&
+        const bool unknown = samples_[i].jaw == JAW_UNKNOWN; /* nothing of its jaw has come yet, or it stands in between: not open */
+        if (unknown && Clock::now() < lost_until_) continue;
+        const bool holds = (tool.closed || unknown) && pliant_tool_set_pose(data_.get(), index, tool.tip.data(), tool.rotation.data()) >= 0 &&
                            pliant_tool_set_hold(current_->model, data_.get(), index, &held->second) >= 0;
         ROS_WARN("tool %s %s", tool.name.c_str(), holds ? "holds again what it held" : "has opened meanwhile: it holds nothing");
         lost_.erase(held);
