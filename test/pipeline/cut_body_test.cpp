@@ -119,7 +119,7 @@ void stroke_after_stroke(const pliant_model *model, int strokes, unsigned seed, 
     std::printf("links %d, chips %d, fragments in one %d, pieces %d, tetrahedra %d of %d, nodes %d of %d\n", severed, now->cuts ? now->cuts->num_chips : 0, most,
                 num_pieces(*now), now->fine.num_tets, load.fine.num_tets, now->fine.num_nodes, load.fine.num_nodes);
     EXPECT_GT(severed, 10000);
-    EXPECT_GT(num_pieces(*now), 10);
+    EXPECT_GT(num_pieces(*now), strokes < 100 ? 1 : 10);
     pliant_body_release(now);
 }
 
