@@ -1,0 +1,421 @@
+/* Forces in cones at some points at once (cones.h): what the CPU and a block of the GPU's threads share.
+ *
+ * Forces are right where f = P(f - s v), P onto the point's cone and s any number of times its own stiffness. What is left of that falls by steps of
+ * Newton's method (Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92:353, 1991), as long as one takes it; where none does, by sweeps of projected
+ * Gauss-Seidel. All of a problem's threads come to the same decisions. */
+#ifndef PLIANT_FEM_QUASISTATIC_CONE_RULES_H
+#define PLIANT_FEM_QUASISTATIC_CONE_RULES_H
+
+#include "base/inline.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { PLIANT_CONE_TOGETHER = 192 /* rows of all that touch, at most */, PLIANT_CONE_EQUATIONS = PLIANT_CONE_TOGETHER * (PLIANT_CONE_TOGETHER + 1) };
+#define PLIANT_CONE_HELD (-1.0) /* in place of mu: any force, v = 0 */
+
+/* Threads that work on one problem, each on its part of every loop. */
+typedef struct pliant_team { int rank, size; double *sums; } pliant_team; /* sums: (a warp each) room, of the GPU */
+
+/* for others' parts of the loops before */
+PLIANT_INLINE void pliant_team_wait(void)
+{
+#ifdef __CUDACC__
+    __syncthreads();
+#endif
+}
+
+/* Sum over the threads; all get the same, and have waited. */
+PLIANT_INLINE double pliant_team_sum(const pliant_team *team, double own)
+{
+#ifdef __CUDACC__
+    for (int half = 16; half > 0; half /= 2) own += __shfl_xor_sync(0xffffffff, own, half);
+    if (team->rank % 32 == 0) team->sums[team->rank / 32] = own;
+    __syncthreads();
+    own = 0;
+    for (int w = 0; w < team->size / 32; w++) own += team->sums[w];
+    __syncthreads();
+#else
+    (void)team;
+#endif
+    return own;
+}
+
+enum { PLIANT_CONE_OPEN, PLIANT_CONE_STICKS /* or is held */, PLIANT_CONE_SLIDES };
+
+/* What a point does, for now; where it slides, along z = f_t - soft v_t, of which the cone keeps a part. */
+typedef struct pliant_cone_point {
+    int32_t kind, unused;
+    double soft[2];            /* across, and along both tangents: how much force a motion makes, of the point alone [N/m] */
+    double along[2], keeps;
+    double size;               /* of the equations' block as it was set, that its determinant is small beside */
+} pliant_cone_point;
+
+typedef struct pliant_cones {
+    int32_t count;
+    const double *matrix;      /* A, (3 count x 3 count) */
+    const double *friction;    /* (count) mu, or PLIANT_CONE_HELD */
+    double *motion, *force;    /* (3 count) */
+    /* ROOM */
+    pliant_cone_point *point;  /* (count) */
+    int32_t *list;             /* (count) points that are not open */
+    double *change, *moved;    /* (3 count) of the forces by a step; of motions by that */
+    double *equations;         /* PLIANT_CONE_EQUATIONS */
+} pliant_cones;
+
+/* s: times a point's own stiffness. With 1, as sweeps have it, a step that lowers what is left is not found in one of six problems of six tools that
+ * press and slide, with 10 in one of 20 (NUMERICS 14). */
+#define PLIANT_CONE_TIMES 10.0
+
+PLIANT_INLINE void pliant_cones_begin(const pliant_team *team, const pliant_cones *on)
+{
+    const size_t row = 3 * (size_t)on->count;
+    for (int32_t p = team->rank; p < on->count; p += team->size) {
+        const double *n = on->matrix + 3 * (size_t)p * (row + 1), *t = n + row, *s = t + row;
+        const double mean = 0.5 * (t[1] + s[2]), apart = 0.5 * (t[1] - s[2]), stiff = mean + sqrt(apart * apart + t[2] * t[2]);
+        on->point[p].soft[0] = n[0] > 0 ? 1 / n[0] : 0;
+        on->point[p].soft[1] = stiff > 0 ? 1 / stiff : 0;
+    }
+    pliant_team_wait();
+}
+
+/* f - times v, of a point, before the cone has it: its normal part, and z along the tangents */
+PLIANT_INLINE double pliant_cone_trial(const pliant_cone_point *point, double times, const double v[3], const double f[3], double z[2])
+{
+    for (int k = 0; k < 2; k++) z[k] = f[1 + k] - times * point->soft[1] * v[1 + k];
+    return f[0] - times * point->soft[0] * v[0];
+}
+
+/* P of that, less f */
+PLIANT_INLINE void pliant_cone_lacks(const pliant_cone_point *point, double friction, double times, const double v[3], const double f[3], double out[3])
+{
+    double z[2];
+    const double normal = fmax(pliant_cone_trial(point, times, v, f, z), 0.0), most = friction * normal, length = sqrt(z[0] * z[0] + z[1] * z[1]);
+    const double part = length > most ? most / length : 1.0;
+    out[0] = normal - f[0];
+    for (int k = 0; k < 2; k++) out[1 + k] = part * z[k] - f[1 + k];
+}
+
+/* What is left, squared, where so much of a step is taken. */
+PLIANT_INLINE double pliant_cones_left(const pliant_team *team, const pliant_cones *on, double length)
+{
+    double sum = 0;
+    for (int32_t p = team->rank; p < on->count; p += team->size) {
+        double v[3], f[3], out[3];
+        for (int k = 0; k < 3; k++) {
+            const size_t i = 3 * (size_t)p + (size_t)k;
+            v[k] = on->motion[i];
+            f[k] = on->force[i];
+            if (length == 0) continue;
+            v[k] += length * on->moved[i];
+            f[k] += length * on->change[i];
+        }
+        if (on->friction[p] < 0)
+            for (int k = 0; k < 3; k++) out[k] = v[k] * on->point[p].soft[k > 0];
+        else
+            pliant_cone_lacks(on->point + p, on->friction[p], PLIANT_CONE_TIMES, v, f, out);
+        sum += out[0] * out[0] + out[1] * out[1] + out[2] * out[2];
+    }
+    return pliant_team_sum(team, sum);
+}
+
+/* moved = A change, where changes of points that are not open count only with all */
+PLIANT_INLINE void pliant_cones_move(const pliant_team *team, const pliant_cones *on, bool all)
+{
+    const size_t row = 3 * (size_t)on->count;
+#ifdef __CUDACC__
+    for (size_t i = (size_t)team->rank; i < row; i += (size_t)team->size) {
+        double sum = 0;
+        for (int32_t p = 0; p < on->count; p++) {
+            const double *by = on->change + 3 * (size_t)p, *a = on->matrix + 3 * (size_t)p * row + i; /* symmetric */
+            if (all || on->point[p].kind == PLIANT_CONE_OPEN) sum += a[0] * by[0] + a[row] * by[1] + a[2 * row] * by[2];
+        }
+        on->moved[i] = sum;
+    }
+#else
+    (void)team;
+    for (size_t i = 0; i < row; i++) on->moved[i] = 0;
+    for (int32_t p = 0; p < on->count; p++) {
+        const double *by = on->change + 3 * (size_t)p, *a = on->matrix + 3 * (size_t)p * row, *b = a + row, *c = b + row;
+        if ((!all && on->point[p].kind != PLIANT_CONE_OPEN) || (by[0] == 0 && by[1] == 0 && by[2] == 0)) continue;
+        for (size_t i = 0; i < row; i++) on->moved[i] += a[i] * by[0] + b[i] * by[1] + c[i] * by[2]; /* in vectors */
+    }
+#endif
+    pliant_team_wait();
+}
+
+/* ---- a step of Newton's method */
+
+PLIANT_INLINE void pliant_cone_look(const pliant_cones *on, int32_t p)
+{
+    pliant_cone_point *point = on->point + p;
+    const double *v = on->motion + 3 * (size_t)p, *f = on->force + 3 * (size_t)p, friction = on->friction[p];
+    double z[2];
+    point->kind = PLIANT_CONE_STICKS;
+    if (friction < 0) return;
+    const double normal = pliant_cone_trial(point, PLIANT_CONE_TIMES, v, f, z), length = sqrt(z[0] * z[0] + z[1] * z[1]);
+    if (!(normal > 0)) point->kind = PLIANT_CONE_OPEN;
+    if (!(normal > 0) || !(length > friction * normal)) return;
+    point->kind = PLIANT_CONE_SLIDES;
+    for (int k = 0; k < 2; k++) point->along[k] = z[k] / length;
+    point->keeps = friction * normal / length;
+}
+
+/* Who is open, and loses its force; the list of all others. Returns how many those are. */
+PLIANT_INLINE int32_t pliant_cones_look(const pliant_team *team, const pliant_cones *on)
+{
+    double own = 0;
+    for (int32_t p = team->rank; p < on->count; p += team->size) {
+        pliant_cone_look(on, p);
+        const bool open = on->point[p].kind == PLIANT_CONE_OPEN;
+        for (size_t i = 3 * (size_t)p; i < 3 * (size_t)p + 3; i++) on->change[i] = open ? -on->force[i] : 0;
+        own += !open;
+    }
+    pliant_team_wait();
+    for (int32_t p = team->rank, place = 0, q = 0; p < on->count; p += team->size) {
+        for (; q < p; q++) place += on->point[q].kind != PLIANT_CONE_OPEN;
+        if (on->point[p].kind != PLIANT_CONE_OPEN) on->list[place] = p;
+    }
+    return (int32_t)pliant_team_sum(team, own);
+}
+
+/* The last two rows of a block of A become those of  f_t + df_t = mu (f_n + df_n) along + keeps Q (z + dz),  Q across along.
+ *  @param own the point's own columns */
+PLIANT_INLINE void pliant_cone_slide_rows(const pliant_cone_point *of, double friction, bool own, double block[9])
+{
+    const double *s = of->along, part = of->keeps * PLIANT_CONE_TIMES * of->soft[1];
+    const double across[2][2] = {{1 - s[0] * s[0], -s[0] * s[1]}, {-s[0] * s[1], 1 - s[1] * s[1]}};
+    for (int c = 0; c < 3; c++) {
+        const double a[2] = {block[3 + c], block[6 + c]};
+        for (int k = 0; k < 2; k++) block[3 + 3 * k + c] = part * (across[k][0] * a[0] + across[k][1] * a[1]);
+    }
+    for (int k = 0; k < 2 && own; k++) {
+        block[3 + 3 * k] -= friction * s[k];
+        for (int l = 0; l < 2; l++) block[4 + 3 * k + l] += (k == l) - of->keeps * across[k][l];
+    }
+}
+
+/* What a point's rows are to bring; open points' changes move it already. */
+PLIANT_INLINE void pliant_cone_set_right(const pliant_cones *on, int32_t p, double right[3])
+{
+    const pliant_cone_point *of = on->point + p;
+    const double *v = on->motion + 3 * (size_t)p, *f = on->force + 3 * (size_t)p, *moved = on->moved + 3 * (size_t)p, *s = of->along;
+    const double part = of->keeps * PLIANT_CONE_TIMES * of->soft[1];
+    for (int k = 0; k < 3; k++) right[k] = -v[k] - moved[k];
+    if (of->kind != PLIANT_CONE_SLIDES) return;
+    const double across[2][2] = {{1 - s[0] * s[0], -s[0] * s[1]}, {-s[0] * s[1], 1 - s[1] * s[1]}};
+    for (int k = 0; k < 2; k++) right[1 + k] = on->friction[p] * f[0] * s[k] - f[1 + k] - part * (across[k][0] * moved[1] + across[k][1] * moved[2]);
+}
+
+/* (3 points x (3 points + 1)) */
+PLIANT_INLINE void pliant_cones_set_equations(const pliant_team *team, const pliant_cones *on, int32_t points)
+{
+    const size_t row = 3 * (size_t)on->count, width = 3 * (size_t)points + 1;
+    for (int32_t e = team->rank; e < points * points; e += team->size) {
+        const int32_t i = e / points, j = e % points, p = on->list[i], q = on->list[j];
+        pliant_cone_point *point = on->point + p;
+        double block[9], *out = on->equations + 3 * (size_t)i * width + 3 * (size_t)j;
+        for (int r = 0; r < 3; r++)
+            for (int c = 0; c < 3; c++) block[3 * r + c] = on->matrix[(3 * (size_t)p + (size_t)r) * row + 3 * (size_t)q + (size_t)c];
+        if (point->kind == PLIANT_CONE_SLIDES) pliant_cone_slide_rows(point, on->friction[p], i == j, block);
+        for (int r = 0; r < 3; r++)
+            for (int c = 0; c < 3; c++) out[(size_t)r * width + (size_t)c] = block[3 * r + c];
+        if (i != j) continue;
+        double right[3];
+        point->size = 1;
+        for (int r = 0; r < 3; r++) point->size *= fmax(fmax(fabs(block[3 * r]), fabs(block[3 * r + 1])), fabs(block[3 * r + 2]));
+        pliant_cone_set_right(on, p, right);
+        for (int r = 0; r < 3; r++) on->equations[(3 * (size_t)i + (size_t)r) * width + width - 1] = right[r];
+    }
+    pliant_team_wait();
+}
+
+/* of the block whose first number it is, by Cramer's rule; 0 where points before it say all that it does: its force stays */
+PLIANT_INLINE void pliant_cone_invert(const double *m, size_t width, double size, double out[9])
+{
+    const double least = 1e-13, *a = m, *b = a + width, *c = b + width;
+    out[0] = b[1] * c[2] - b[2] * c[1];
+    out[1] = a[2] * c[1] - a[1] * c[2];
+    out[2] = a[1] * b[2] - a[2] * b[1];
+    out[3] = b[2] * c[0] - b[0] * c[2];
+    out[4] = a[0] * c[2] - a[2] * c[0];
+    out[5] = a[2] * b[0] - a[0] * b[2];
+    out[6] = b[0] * c[1] - b[1] * c[0];
+    out[7] = a[1] * c[0] - a[0] * c[1];
+    out[8] = a[0] * b[1] - a[1] * b[0];
+    const double whole = a[0] * out[0] + a[1] * out[3] + a[2] * out[6], by = fabs(whole) > least * size ? 1 / whole : 0.0;
+    for (int i = 0; i < 9; i++) out[i] *= by;
+}
+
+/* Gauss and Jordan by blocks of three: the last column becomes the solution. */
+PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_cones *on, int32_t points)
+{
+    const int32_t rows = 3 * points, width = rows + 1;
+    double *const all = on->equations;
+    for (int32_t p = 0; p < rows; p += 3) {
+        double inverse[9], *const pivot = all + (size_t)p * (size_t)width;
+        const int32_t left = width - p - 3;
+        pliant_cone_invert(pivot + p, (size_t)width, on->point[on->list[p / 3]].size, inverse);
+        for (int32_t k = p + 3 + team->rank; k < width; k += team->size) {
+            const double x[3] = {pivot[k], pivot[width + k], pivot[2 * width + k]};
+            for (int r = 0; r < 3; r++) pivot[r * width + k] = inverse[3 * r] * x[0] + inverse[3 * r + 1] * x[1] + inverse[3 * r + 2] * x[2];
+        }
+        pliant_team_wait();
+#ifdef __CUDACC__
+        for (int32_t e = team->rank; e < rows * left; e += team->size) {
+            const int32_t r = e / left, k = p + 3 + e % left;
+            double *to = all + (size_t)r * (size_t)width;
+            if (r < p || r >= p + 3) to[k] -= to[p] * pivot[k] + to[p + 1] * pivot[width + k] + to[p + 2] * pivot[2 * width + k];
+        }
+#else
+        for (int32_t r = 0; r < rows && left > 0; r++) { /* row by row: in vectors */
+            double *to = all + (size_t)r * (size_t)width;
+            if (r >= p && r < p + 3) continue;
+            for (int32_t k = p + 3; k < width; k++) to[k] -= to[p] * pivot[k] + to[p + 1] * pivot[width + k] + to[p + 2] * pivot[2 * width + k];
+        }
+#endif
+        pliant_team_wait();
+    }
+}
+
+/* The equations of all that are not open, linear around where they are, to change and moved. false: there are too many */
+PLIANT_INLINE bool pliant_cones_newton(const pliant_team *team, const pliant_cones *on)
+{
+    const int32_t points = pliant_cones_look(team, on);
+    if (3 * points > PLIANT_CONE_TOGETHER) return false;
+    pliant_cones_move(team, on, false);
+    pliant_cones_set_equations(team, on, points);
+    pliant_cones_eliminate(team, on, points);
+    for (int32_t r = team->rank; r < 3 * points; r += team->size)
+        on->change[3 * (size_t)on->list[r / 3] + (size_t)(r % 3)] = on->equations[(size_t)r * (size_t)(3 * points + 1) + 3 * (size_t)points];
+    pliant_team_wait();
+    pliant_cones_move(team, on, true);
+    return true;
+}
+
+PLIANT_INLINE void pliant_cones_take(const pliant_team *team, const pliant_cones *on, double length)
+{
+    for (size_t i = (size_t)team->rank; i < 3 * (size_t)on->count; i += (size_t)team->size) {
+        on->force[i] += length * on->change[i];
+        on->motion[i] += length * on->moved[i];
+    }
+    pliant_team_wait();
+}
+
+/* The first length that halves what is left, or that which leaves least. false: none leaves less to speak of, and nothing is taken. left: in and out */
+PLIANT_INLINE bool pliant_cones_search(const pliant_team *team, const pliant_cones *on, double *left)
+{
+    const double shortest = 0.01, well = 0.5, any = 0.9;
+    double best = INFINITY, of = 0;
+    for (double length = 1; length > shortest && !(best < well * *left); length *= 0.5) {
+        const double square = pliant_cones_left(team, on, length);
+        if (!(square < best)) continue;
+        best = square;
+        of = length;
+    }
+    if (!(best < any * *left)) return false;
+    pliant_cones_take(team, on, of);
+    *left = best;
+    return true;
+}
+
+/* ---- sweeps */
+
+/* new - old force of a point in a cone */
+PLIANT_INLINE void pliant_cone_slide(const pliant_cones *on, int32_t p, double change[3])
+{
+    const size_t row = 3 * (size_t)on->count;
+    const pliant_cone_point *point = on->point + p;
+    const double *n = on->matrix + 3 * (size_t)p * (row + 1), *v = on->motion + 3 * (size_t)p, *f = on->force + 3 * (size_t)p;
+    const double normal = fmax(f[0] - v[0] * point->soft[0], 0.0), most = on->friction[p] * normal;
+    double along[2];
+    change[0] = normal - f[0];
+    for (int k = 0; k < 2; k++) along[k] = f[1 + k] - (v[1 + k] + n[1 + k] * change[0]) * point->soft[1];
+    const double length = sqrt(along[0] * along[0] + along[1] * along[1]), part = length > most ? most / length : 1.0;
+    for (int k = 0; k < 2; k++) change[1 + k] = part * along[k] - f[1 + k];
+}
+
+/* v = 0 */
+PLIANT_INLINE void pliant_cone_hold(const pliant_cones *on, int32_t p, double change[3])
+{
+    const size_t row = 3 * (size_t)on->count;
+    const double *v = on->motion + 3 * (size_t)p;
+    double inverse[9];
+    pliant_cone_invert(on->matrix + 3 * (size_t)p * (row + 1), row, 0.0, inverse);
+    for (int k = 0; k < 3; k++) change[k] = -(inverse[3 * k] * v[0] + inverse[3 * k + 1] * v[1] + inverse[3 * k + 2] * v[2]);
+}
+
+/* Every point in turn; returns the sum of the squares of the changes. */
+PLIANT_INLINE double pliant_cones_sweep(const pliant_team *team, const pliant_cones *on)
+{
+    const size_t row = 3 * (size_t)on->count;
+    double sum = 0;
+    for (int32_t p = 0; p < on->count; p++) {
+        double change[3], *f = on->force + 3 * (size_t)p;
+        const double *a = on->matrix + 3 * (size_t)p * row, *b = a + row, *c = b + row;
+        if (on->friction[p] < 0) pliant_cone_hold(on, p, change);
+        else if (f[0] == 0 && f[1] == 0 && f[2] == 0 && on->motion[3 * (size_t)p] >= 0) continue; /* open */
+        else pliant_cone_slide(on, p, change);
+        const double square = change[0] * change[0] + change[1] * change[1] + change[2] * change[2];
+        if (square == 0) continue;
+        sum += square;
+        pliant_team_wait();
+        for (int k = team->rank; k < 3; k += team->size) f[k] += change[k];
+        for (size_t j = (size_t)team->rank; j < row; j += (size_t)team->size) on->motion[j] += a[j] * change[0] + b[j] * change[1] + c[j] * change[2];
+        pliant_team_wait();
+    }
+    return sum;
+}
+
+/* ---- all of it */
+
+/* All forces into their cones, from where that changes next to nothing. */
+PLIANT_INLINE void pliant_cones_end(const pliant_team *team, const pliant_cones *on)
+{
+    for (int32_t p = team->rank; p < on->count; p += team->size) {
+        const size_t i = 3 * (size_t)p;
+        for (int k = 0; k < 3; k++) on->change[i + (size_t)k] = 0;
+        if (on->friction[p] >= 0) pliant_cone_lacks(on->point + p, on->friction[p], 1.0, on->motion + i, on->force + i, on->change + i);
+    }
+    pliant_team_wait();
+    pliant_cones_move(team, on, true);
+    pliant_cones_take(team, on, 1.0);
+}
+
+/* Forces and motions from what is known of them. Returns the steps and sweeps that it took; negative: so many sweeps, and there are too many points for
+ * more than that. */
+PLIANT_INLINE int32_t pliant_cones_find(const pliant_team *team, const pliant_cones *on)
+{
+    const double enough = 1e-7; /* of the forces */
+    const int32_t most_steps = 60, most_sweeps = 200, most_at_once = 32;
+    int32_t steps = 0, sweeps = 0, at_once = 1;
+    pliant_cones_begin(team, on);
+    for (double left = pliant_cones_left(team, on, 0.0);;) {
+        double own = 0;
+        for (size_t i = (size_t)team->rank; i < 3 * (size_t)on->count; i += (size_t)team->size) own += on->force[i] * on->force[i];
+        if (left <= enough * enough * pliant_team_sum(team, own)) {
+            pliant_cones_end(team, on);
+            return steps + sweeps;
+        }
+        if (steps == most_steps || sweeps >= most_sweeps) break;
+        if (!pliant_cones_newton(team, on)) return -sweeps - 1;
+        steps++;
+        if (pliant_cones_search(team, on, &left)) continue;
+        if (at_once < most_at_once) at_once *= 2;
+        for (int32_t n = 0; n < at_once; n++, sweeps++) pliant_cones_sweep(team, on);
+        left = pliant_cones_left(team, on, 0.0);
+    }
+    pliant_cones_sweep(team, on); /* after it all forces are in their cones */
+    return steps + sweeps + 1;
+}
+
+#ifdef __cplusplus
+}
+#endif
+#endif
