@@ -1,6 +1,7 @@
 /* The corotational solver's stages on the CPU, and what its other backends leave to the host. */
 #include "backend/backend.h"
 #include "base/fail.h"
+#include "fem/falling/falling.h"
 #include "fem/patch/patch.h"
 
 #include <stdio.h>
@@ -22,7 +23,7 @@ pliant_status pliant_push(pliant_data *data)
 {
     if (data->patch && data->contacts.count > 0 && !data->solver->touches)
         pliant_log(PLIANT_LOG_WARNING, "contact: shapes of tools push the coarse mesh; a patch (model/patch) does not know of them, and may move tissue into one");
-    return pliant_solver_touch(data->solver, &data->contacts, data->positions);
+    return pliant_solver_touch(data->solver, &data->contacts, data->falling ? pliant_falling_touch_pieces(data->falling) : NULL, data->positions);
 }
 
 static pliant_status solve(const pliant_model *model, pliant_data *data)

@@ -262,7 +262,7 @@ static bool is_left_out(const search *on, const feature *of)
     bool held = true, fixed = true;
     for (int32_t k = 0; k < of->count; k++) {
         held = held && is_held(on->part, of->node[k]);
-        fixed = fixed && on->body->fine_fixed[of->node[k]] != PLIANT_MOVES;
+        fixed = fixed && on->body->fine_fixed[of->node[k]] == PLIANT_FIXED_AT_REST;
     }
     return held || fixed;
 }

@@ -107,10 +107,22 @@ static int32_t walk(const finding *on, int32_t tet, const double point[3])
     return -1;
 }
 
+/* Whether nodes are copies of one, less than an edge apart: a cut through voxels has parted them, and its faces touch by their links. */
+static bool were_one(const finding *on, int32_t a, int32_t b)
+{
+    const pliant_body *body = on->tissue->body;
+    if (!body->cuts || !body->node_parent || body->node_parent[a] != body->node_parent[b]) return false;
+    double apart[3];
+    between(place_of(on, a), place_of(on, b), apart);
+    return dot(apart, apart) < on->tissue->shortest * on->tissue->shortest;
+}
+
 static bool has_node(const finding *on, int32_t tet, int32_t node)
 {
     const int32_t *of = on->tissue->body->fine.tets + 4 * (size_t)tet;
-    return of[0] == node || of[1] == node || of[2] == node || of[3] == node;
+    for (int v = 0; v < 4; v++)
+        if (of[v] == node || were_one(on, of[v], node)) return true;
+    return false;
 }
 
 /* whether a tetrahedron has a node of the surface, or one beside it */
@@ -126,13 +138,25 @@ static bool is_near(const finding *on, int32_t index, int32_t tet)
 static bool is_fixed(const finding *on, int32_t node)
 {
     const uint8_t *fixed = on->tissue->body->fine_fixed;
-    return fixed && fixed[node] != PLIANT_MOVES;
+    return fixed && fixed[node] == PLIANT_FIXED_AT_REST;
 }
 
+/* which piece that has come off a node is of; -1: none */
+static int32_t piece_of(const finding *on, int32_t node) { return on->tissue->piece ? on->tissue->piece[node] : -1; }
+
+/* what is rigid does not touch itself */
 static bool can_move(const finding *on, int32_t node, int32_t skin)
 {
-    const int32_t *of = on->tissue->skin[skin].node;
+    const int32_t *of = on->tissue->skin[skin].node, piece = piece_of(on, node);
+    if (piece >= 0 && piece_of(on, of[0]) == piece) return false;
     return !(is_fixed(on, node) && is_fixed(on, of[0]) && is_fixed(on, of[1]) && is_fixed(on, of[2]));
+}
+
+/* how far away they are looked for */
+static double margin_of(const finding *on, int32_t node, int32_t skin)
+{
+    const bool piece = piece_of(on, node) >= 0 || piece_of(on, on->tissue->skin[skin].node[0]) >= 0;
+    return piece ? fmax(on->rule->margin, on->rule->pieces_go) : on->rule->margin;
 }
 
 /* ---- a node */
@@ -182,7 +206,7 @@ static void try_skin(const finding *on, int32_t index, int32_t skin)
     const int32_t node = tissue->node[index], tet = tissue->skin[skin].tet;
     const double *point = place_of(on, node);
     pliant_touching one = {.skin = skin};
-    if (!look_down(on, skin, point, one.weight, &one.gap) || !(one.gap <= on->rule->margin)) return;
+    if (!look_down(on, skin, point, one.weight, &one.gap) || !(one.gap <= margin_of(on, node, skin))) return;
     if (one.weight[0] < -border || one.weight[1] < -border || one.weight[2] < -border) return;
     if (is_near(on, index, tet) || !can_move(on, node, skin)) return;
     if (one.gap < 0) {
@@ -413,6 +437,7 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
     }
     if (!is_below(tissue, b, j, across[0]) || !is_below(tissue, a, i, across[1])) return PLIANT_OK;
     if (!(gap < 0 && gap > -farthest * tissue->shortest) || !(dot(normal, outwards[0]) < 0) || !(dot(normal, outwards[1]) > 0)) return PLIANT_OK;
+    if (piece_of(on, node[0]) >= 0 && piece_of(on, node[0]) == piece_of(on, node[2])) return PLIANT_OK;
     if (is_fixed(on, node[0]) && is_fixed(on, node[1]) && is_fixed(on, node[2]) && is_fixed(on, node[3])) return PLIANT_OK;
     pliant_contact_point *point = append(out);
     if (!point) return pliant_fail_memory("contacts of tissue with tissue");
@@ -470,6 +495,8 @@ static pliant_status tell_faces(const finding *on, pliant_contacts *out)
 {
     const pliant_tissue *tissue = on->tissue;
     for (int32_t f = 0; f < tissue->num_faces; f++) {
+        const int32_t *tets = tissue->body->fine.tets, *tet = tissue->face[f].tet, piece = piece_of(on, tets[4 * (size_t)tet[0]]);
+        if (piece >= 0 && piece == piece_of(on, tets[4 * (size_t)tet[1]])) continue;
         pliant_contact_point *point = append(out);
         if (!point) return pliant_fail_memory("contacts of tissue with tissue");
         point->feature = (uint64_t)PLIANT_TISSUE_CUT << 56 | (uint64_t)tissue->face[f].tet[0] << 28 | (uint64_t)tissue->face[f].tet[1];
@@ -505,11 +532,12 @@ static void keep_places(pliant_tissue *tissue, const double *positions)
 
 pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given, pliant_contacts *out)
 {
-    const pliant_tissue_rule moving = {find_margin(tissue, positions, given->margin), given->recovery, given->friction}, *rule = &moving;
+    const pliant_tissue_rule moving = {find_margin(tissue, positions, given->margin), given->recovery, given->friction, given->pieces_go},
+                             *rule = &moving;
     const finding on = {.tissue = tissue, .positions = positions, .rule = rule};
     const pliant_mesh *mesh = &tissue->body->fine;
     const int32_t before_all = out->count;
-    pliant_status status = pliant_grid_fill(&tissue->grid, tissue->num_tets, tissue->tet, mesh->tets, positions, rule->margin, tissue->threads);
+    pliant_status status = pliant_grid_fill(&tissue->grid, tissue->num_tets, tissue->tet, mesh->tets, positions, fmax(rule->margin, rule->pieces_go), tissue->threads);
     if (status == PLIANT_OK) status = pliant_grid_overlaps(&tissue->grid, mesh->tets, positions, tissue->threads, &tissue->num_overlaps);
     if (status != PLIANT_OK) return status;
     find_normals(&on);

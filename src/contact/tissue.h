@@ -53,6 +53,7 @@ typedef struct pliant_tissue {
     int32_t *fan_start, *fan;  /* (num_nodes + 1): skins that have each */
     double *area;              /* (num_nodes) at rest [m^2] */
     double shortest;           /* edge of the surface at rest [m] */
+    int32_t *piece;            /* (fine nodes) of pieces that have come off which one, and -1; NULL: none, or they move as everything */
     int32_t num_faces;
     pliant_cut_face *face;
     /* ---- of a step */
@@ -79,6 +80,7 @@ typedef struct pliant_tissue_rule {
     double margin;             /* outside of the surface, points are found so far away, and as far as nodes went in the step before [m] */
     double recovery;           /* of how deep tissue lies in tissue as a step begins, at most this is undone [m] */
     double friction;
+    double pieces_go;          /* quasi-static: how far pieces that have come off may go in this step, which are looked for so far away [m] */
 } pliant_tissue_rule;
 
 /* Appends the points, ascending by feature: its top byte is PLIANT_TISSUE_NODE, _EDGE or _CUT (follow.h).

@@ -237,7 +237,7 @@ static double size_of(const pliant_mesh *mesh, int32_t tet)
 static bool any_moves(const pliant_body *body, const int32_t *node)
 {
     bool moves = !body->fine_fixed;
-    for (int v = 0; v < 4 && !moves; v++) moves = body->fine_fixed[node[v]] == PLIANT_MOVES;
+    for (int v = 0; v < 4 && !moves; v++) moves = body->fine_fixed[node[v]] != PLIANT_FIXED_AT_REST;
     return moves;
 }
 
@@ -260,7 +260,7 @@ bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face,
         apart[d] = place[0][d] - place[1][d];
         gap += normal[d] * apart[d];
     }
-    for (int d = 0; d < 3; d++) off += pow(apart[d] - gap * normal[d], 2);
+    for (int d = 0; d < 3; d++) off += pow(apart[d] - fmax(gap, 0) * normal[d], 2); /* nor is anything as deep as an element is long */
     if (!(gap <= rule->margin) || off > size_of(&body->fine, face->tet[0])) return false; /* opposite something else by now */
     memcpy(foot, face->at[1], sizeof foot);
     if (!find_foot(normal, apart, along[1], face->along[1], foot)) return false;

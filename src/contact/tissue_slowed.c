@@ -24,10 +24,10 @@ pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8
 {
     const uint8_t *fixed = tissue->body->fine_fixed;
     int32_t count = 0;
-    for (int32_t n = 0; n < tissue->body->fine.num_nodes; n++) count += overlaps[n] && !(fixed && fixed[n] != PLIANT_MOVES);
+    for (int32_t n = 0; n < tissue->body->fine.num_nodes; n++) count += overlaps[n] && !(fixed && fixed[n] == PLIANT_FIXED_AT_REST);
     pliant_status status = count > 0 ? pliant_contacts_reserve(out, out->count + count) : PLIANT_OK;
     for (int32_t n = 0; status == PLIANT_OK && n < tissue->body->fine.num_nodes; n++)
-        if (overlaps[n] && !(fixed && fixed[n] != PLIANT_MOVES))
+        if (overlaps[n] && !(fixed && fixed[n] == PLIANT_FIXED_AT_REST))
             out->point[out->count++] = (pliant_contact_point){
                 .feature = (uint64_t)PLIANT_TISSUE_SLOWED << 56 | (uint64_t)n, .kind = PLIANT_OBSTACLE_TISSUE, .tool = -1, .part = -1,
                 .count = 1, .node = {n}, .weight = {1}, .friction = punishment,

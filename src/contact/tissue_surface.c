@@ -14,7 +14,7 @@ static void free_surface(pliant_tissue *tissue)
 {
     void *blocks[] = {tissue->own_across, tissue->apart,  tissue->skin,   tissue->tet,   tissue->skin_start, tissue->node,
                       tissue->around_start, tissue->around, tissue->fan_start, tissue->fan, tissue->area, tissue->face, tissue->normal,     tissue->count,
-                      tissue->touching,   tissue->last,   tissue->place};
+                      tissue->touching,   tissue->last,   tissue->place,      tissue->piece};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -42,6 +42,12 @@ static pliant_status find_members(pliant_tissue *tissue)
     const size_t tets = (size_t)body->fine.num_tets;
     if (!(tissue->apart = pliant_calloc(tets, 1))) return no_memory();
     for (size_t t = 0; t < tets; t++) tissue->apart[t] = !body->fine_material || body->fine_material[t].tissue > 0;
+    if (body->pieces && !body->has_inertia) {
+        if (!(tissue->piece = pliant_calloc((size_t)body->fine.num_nodes, sizeof *tissue->piece))) return no_memory();
+        memset(tissue->piece, 0xff, (size_t)body->fine.num_nodes * sizeof *tissue->piece);
+        for (int32_t p = 0; p < body->pieces->count; p++)
+            for (int32_t i = body->pieces->start[p]; i < body->pieces->start[p + 1]; i++) tissue->piece[body->pieces->node[i]] = p;
+    }
     const pliant_cuts *cuts = body->cuts;
     for (int32_t c = 0; cuts && c < cuts->num_tets; c++)
         if (cuts->start[c + 1] - cuts->start[c] > 1)

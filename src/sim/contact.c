@@ -5,6 +5,7 @@
 #include "contact/find.h"
 #include "contact/tissue.h"
 #include "fem/dynamics/tled.h"
+#include "fem/falling/falling.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 
@@ -243,12 +244,13 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
     return status;
 }
 
-static pliant_status find_tissue(const pliant_model *model, pliant_data *data, pliant_contacts *out)
+/* pieces_go: how far in this step, of those that have come off [m] */
+static pliant_status find_tissue(const pliant_model *model, pliant_data *data, double pieces_go, pliant_contacts *out)
 {
     pliant_tissue *tissue = &data->contact_search->tissue;
     pliant_status status = pliant_tissue_set_body(tissue, data->body, data->discretization->system->num_threads);
     const pliant_tissue_rule rule = {.margin = self_margin * tissue->shortest, .recovery = recovery * model->scene.solver.step,
-                                     .friction = model->scene.contact.friction};
+                                     .friction = model->scene.contact.friction, .pieces_go = pieces_go};
     if (status != PLIANT_OK || tissue->num_skins == 0) return status;
     if (model->scene.contact.response == PLIANT_RESPONSE_PAPER) return find_slowed(model, data, out);
     return pliant_tissue_find(tissue, data->positions, &rule, out);
@@ -264,9 +266,11 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     if (status != PLIANT_OK) return status;
     pliant_contact_search *search = data->contact_search;
     search->made.count = 0;
+    const double pieces_go = data->falling ? pliant_falling_foresee(data) : 0;
     status = gather_parts(model, data);
     if (status == PLIANT_OK) status = pliant_contact_find(search->finder, data->body, data->positions, search->num_parts, search->part, &search->made);
-    if (status == PLIANT_OK && touches_itself(model)) status = find_tissue(model, data, &search->made);
+    if (status == PLIANT_OK && touches_itself(model)) status = find_tissue(model, data, pieces_go, &search->made);
+    if (status == PLIANT_OK && data->falling) status = pliant_falling_find_walls(data, &search->made);
     if (status != PLIANT_OK) return status;
     carry(data, &data->contacts, &search->made);
     const pliant_contacts before = data->contacts;

@@ -135,6 +135,163 @@ TEST(SelfContact, WhatSlidesMustBeThere)
     EXPECT_NE(std::strstr(pliant_last_error(), "cut/kind"), nullptr) << pliant_last_error();
 }
 
+// A block of 20 mm stands on a plate, another hangs 10 mm above it from a plate. What is cut off the upper one falls on the lower one.
+struct Drop : Body {
+    explicit Drop(pliant_cut_kind kind, double friction = 0.3)
+        : Body(size, box, {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k >= 8 && k < 12; })
+    {
+        cells(3, 3, 12, 1);
+        scene.solver.threads = 1;
+        fix_plane(0, 0, 1e-4, 0, 0, 1);
+        fix_plane(0, 0, box[2] - 1e-4, 0, 0, -1);
+        scene.model.gravity[2] = -9.81;
+        scene.cut.kind = kind;
+        scene.contact.self = true;
+        scene.contact.friction = friction;
+        scene.warp.margin = 1;
+        scene.solver.iterations = 30;
+        scene.solver.tolerance = 1e-5;
+        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
+    }
+    void cut(double z)
+    {
+        const double corners[6] = {-0.01, -0.01, z, 0.03, -0.01, z}, across[3] = {0, 0.04, 0};
+        ASSERT_EQ(pliant_data_cut(model, data, 2, corners, across, nullptr), PLIANT_OK) << pliant_last_error();
+    }
+    void run(int steps)
+    {
+        for (int s = 0; s < steps; s++) ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
+    }
+    // of a piece: mass, or its lowest point
+    double mass(int p) const
+    {
+        double sum = 0;
+        const pliant_pieces *pieces = data->body->pieces;
+        for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) sum += data->body->node_mass[pieces->node[i]];
+        return sum;
+    }
+    double lowest(int p, int axis = 2) const
+    {
+        double least = INFINITY;
+        const pliant_pieces *pieces = data->body->pieces;
+        for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) least = std::fmin(least, data->positions[3 * pieces->node[i] + axis]);
+        return least;
+    }
+    // by contact, on a piece, or what does not fall (-1)
+    double force(int p, int axis = 2) const
+    {
+        std::vector<double> all(3 * static_cast<size_t>(data->body->fine.num_nodes));
+        pliant_data_get_contact_forces(data, all.data());
+        double sum = 0;
+        for (size_t n = 0; n < all.size() / 3; n++) {
+            int32_t of = -1;
+            const pliant_pieces *pieces = data->body->pieces;
+            for (int32_t i = 0; i < pieces->start[pieces->count]; i++)
+                if (pieces->node[i] == static_cast<int32_t>(n))
+                    for (of = 0; pieces->start[of + 1] <= i;) of++;
+            if (of == p) sum += all[3 * n + static_cast<size_t>(axis)];
+        }
+        return sum;
+    }
+    static constexpr int size[3] = {6, 6, 24};
+    static constexpr double box[3] = {0.015, 0.015, 0.06};
+};
+constexpr int Drop::size[3];
+constexpr double Drop::box[3];
+
+TEST(SelfContact, WhatIsCutOffComesToRestOnWhatIsBelowIt)
+{
+    for (pliant_cut_kind kind : {PLIANT_CUT_SUBDIVIDE, PLIANT_CUT_SEVER}) {
+        Drop drop(kind);
+        drop.cut(0.0437);
+        ASSERT_TRUE(drop.data->body->pieces);
+        ASSERT_EQ(drop.data->body->pieces->count, 1);
+        drop.run(30);
+        EXPECT_NEAR(drop.force(0), drop.mass(0) * 9.81, 0.001 * drop.mass(0) * 9.81);
+        EXPECT_NEAR(drop.force(-1), -drop.force(0), 1e-9);
+        EXPECT_LT(drop.data->statistics.penetration, 1e-4);
+        EXPECT_GT(drop.lowest(0), 0.019) << "the lower block gives way";
+        EXPECT_LT(drop.lowest(0), 0.020);
+    }
+}
+
+// tan of the slope below and above the friction
+TEST(SelfContact, ASlabThatIsCutOffStaysOrSlidesAsFrictionSays)
+{
+    for (pliant_cut_kind kind : {PLIANT_CUT_SUBDIVIDE, PLIANT_CUT_SEVER})
+        for (double slope : {0.1, 0.35}) {
+            Drop drop(kind);
+            drop.cut(0.0117);
+            ASSERT_EQ(drop.data->body->pieces->count, 1);
+            const double weight = drop.mass(0) * 9.81, gravity[3] = {9.81 * slope, 0, -9.81};
+            drop.run(8);
+            EXPECT_NEAR(drop.force(0), weight, 0.005 * weight);
+            ASSERT_EQ(pliant_data_set_gravity(drop.data, gravity), PLIANT_OK);
+            drop.run(3);
+            const double x = drop.lowest(0, 0);
+            drop.run(3);
+            EXPECT_NEAR(drop.force(-1, 0), -drop.force(0, 0), 1e-9);
+            EXPECT_NEAR(drop.force(0), weight, 0.02 * weight);
+            EXPECT_GT(drop.lowest(0), 0.0092);
+            if (slope < 0.3) {
+                EXPECT_NEAR(drop.force(0, 0), -slope * weight, 0.01 * slope * weight);
+                EXPECT_NEAR(drop.lowest(0, 0), x, 1e-5);
+            } else {
+                EXPECT_GT(drop.lowest(0, 0), x + 1e-3);
+                EXPECT_LE(-drop.force(0, 0), 0.3 * 1.001 * weight);
+                EXPECT_GT(-drop.force(0, 0), 0.1 * weight);
+            }
+        }
+}
+
+TEST(SelfContact, PiecesLieOnEachOther)
+{
+    Drop drop(PLIANT_CUT_SUBDIVIDE);
+    drop.cut(0.0117);
+    drop.cut(0.0437);
+    ASSERT_EQ(drop.data->body->pieces->count, 2);
+    drop.run(20);
+    const double both = (drop.mass(0) + drop.mass(1)) * 9.81;
+    const int upper = drop.lowest(0) > drop.lowest(1) ? 0 : 1;
+    EXPECT_NEAR(drop.force(-1), -both, 0.01 * both);
+    EXPECT_NEAR(drop.force(upper), drop.mass(upper) * 9.81, 0.01 * both);
+    EXPECT_NEAR(drop.lowest(upper), 0.02, 5e-4);
+    EXPECT_NEAR(drop.lowest(1 - upper), 0.0117, 5e-4);
+}
+
+// The piece lies on the ground: what presses it down, the ground bears; it gives way where it is pressed, but neither lets the other through.
+TEST(SelfContact, APieceBetweenAToolAndTheGroundCarriesTheForce)
+{
+    Drop drop(PLIANT_CUT_SUBDIVIDE);
+    drop.scene.ground.normal[2] = 1;
+    drop.scene.ground.point[2] = 0.022;
+    ASSERT_EQ(drop.build(), PLIANT_OK);
+    drop.cut(0.0437);
+    drop.run(40);
+    ASSERT_NEAR(drop.lowest(0), 0.022, 1e-6);
+    pliant_tool_shape ball{};
+    ball.num_parts = 1;
+    ball.part[0].kind = PLIANT_PART_SPHERE;
+    ball.part[0].radius = 0.004;
+    int tool;
+    ASSERT_EQ(pliant_tool_add(drop.model, drop.data, "ball", &tool), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_shape(drop.data, tool, &ball), PLIANT_OK);
+    for (int s = 0; s < 30; s++) {
+        const double tip[3] = {0.0078, 0.0073, 0.040 - 0.0002 * std::min(s, 20)}; // its top lies at 0.0357
+        ASSERT_EQ(pliant_tool_set_pose(drop.data, tool, tip, nullptr), PLIANT_OK);
+        drop.run(1);
+    }
+    double ground = 0, tip = 0;
+    for (int32_t c = 0; c < drop.data->contacts.count; c++) {
+        const pliant_contact_point &point = drop.data->contacts.point[c];
+        if (point.kind == PLIANT_OBSTACLE_GROUND) ground += point.force[2];
+        else if (point.kind == PLIANT_OBSTACLE_TOOL) tip += point.force[2];
+    }
+    EXPECT_LT(tip, -0.05);
+    EXPECT_NEAR(ground, drop.mass(0) * 9.81 - tip, 0.01 * ground);
+    EXPECT_NEAR(drop.lowest(0), 0.022, 1e-6);
+}
+
 // off, it costs nothing and changes nothing; on, it changes nothing where nothing touches
 TEST(SelfContact, IsOffUnlessItIsAskedFor)
 {

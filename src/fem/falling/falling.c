@@ -1,7 +1,7 @@
 #include "fem/falling/falling.h"
 
 #include "base/fail.h"
-#include "fem/falling/rigid.h"
+#include "fem/falling/pieces.h"
 #include "fem/dynamics/tled.h"
 #include "fem/element/rotation.h"
 #include "fem/quasistatic/solver.h"
@@ -9,44 +9,6 @@
 
 #include <math.h>
 #include <string.h>
-
-typedef struct piece {
-    double velocity[3], momentum[3]; /* as in rigid.h */
-    double quiet;                    /* for how long it has hardly moved on a wall [s] */
-    bool rests, gone;                /* until something pulls at it; the latter: where nobody sees it */
-    bool shaped;                     /* has its shape at rest */
-} piece;
-
-/* A tool's part in a piece. */
-typedef struct grip {
-    int tool, piece;
-    uint64_t hold;
-    double share;                    /* of the tool's weights */
-    double apart[3];                 /* the piece's held point minus that of the whole hold, when they were first seen together [m] */
-    double last[3];                  /* where it was pulled to in the last step [m] */
-    double point[3];                 /* the piece's held point [m] */
-} grip;
-
-enum { MOST_GRIPS = 8 * PLIANT_MAX_TOOLS };
-
-struct pliant_falling {
-    const pliant_body *body;
-    double step;                     /* of the scene [s] */
-    pliant_wall walls[PLIANT_MAX_WALLS];
-    int num_walls;
-    double friction, restitution;
-    double low[3], high[3];          /* what is beyond is not drawn [m] */
-    bool told;
-    piece *pieces;                   /* (body->pieces->count) */
-    double *x, *home;                /* (nodes of pieces x 3) now, and when they came off [m] */
-    int32_t *place;                  /* (fine nodes) in the list of nodes of pieces, or -1 */
-    int32_t *piece_of;               /* (nodes of pieces) */
-    double (*joint_at)[3];           /* (joints) where it hung in the last step [m] */
-    double gravity[3];               /* of the last step */
-    grip grips[MOST_GRIPS];
-    int num_grips;
-    double *arms, *near_walls;       /* (nodes of the largest piece x 3) room */
-};
 
 static int32_t nodes_of(const pliant_falling *falling) { return falling->body->pieces->start[falling->body->pieces->count]; }
 
@@ -73,10 +35,12 @@ static pliant_status allocate(pliant_falling *falling)
     falling->home = pliant_calloc(nodes, 3 * sizeof *falling->home);
     falling->piece_of = pliant_calloc(nodes, sizeof *falling->piece_of);
     falling->place = pliant_calloc((size_t)falling->body->fine.num_nodes, sizeof *falling->place);
+    falling->of_node = pliant_calloc((size_t)falling->body->fine.num_nodes, sizeof *falling->of_node);
+    falling->touch = pliant_calloc((size_t)pieces->count, sizeof *falling->touch);
     falling->joint_at = pliant_calloc((size_t)pieces->num_joints + 1, sizeof *falling->joint_at);
     falling->arms = pliant_calloc(largest, 3 * sizeof *falling->arms);
     falling->near_walls = pliant_calloc(largest, 3 * sizeof *falling->near_walls);
-    return falling->pieces && falling->x && falling->home && falling->piece_of && falling->place && falling->joint_at && falling->arms &&
+    return falling->pieces && falling->x && falling->home && falling->piece_of && falling->place && falling->of_node && falling->touch && falling->joint_at && falling->arms &&
                    falling->near_walls
                ? PLIANT_OK
                : pliant_fail_memory("the pieces that have come off");
@@ -108,7 +72,7 @@ static void centre_of(const pliant_falling *falling, int32_t p, const double *x,
     for (int d = 0; d < 3; d++) centre[d] = *mass > 0 ? centre[d] / *mass : 0;
 }
 
-static void set_rigid(const pliant_falling *falling, int32_t p, pliant_rigid *out)
+void pliant_falling_rigid(const pliant_falling *falling, int32_t p, pliant_rigid *out)
 {
     const pliant_pieces *pieces = falling->body->pieces;
     memset(out, 0, sizeof *out);
@@ -134,8 +98,8 @@ static void go_on(pliant_falling *falling, int32_t p, const pliant_falling *from
     piece *now = falling->pieces + p;
     pliant_rigid was, is;
     double spin[3];
-    set_rigid(from, source, &was);
-    set_rigid(falling, p, &is);
+    pliant_falling_rigid(from, source, &was);
+    pliant_falling_rigid(falling, p, &is);
     pliant_rigid_spin(&was, spin);
     for (int d = 0; d < 3; d++) {
         const int e = (d + 1) % 3, f = (d + 2) % 3;
@@ -146,17 +110,37 @@ static void go_on(pliant_falling *falling, int32_t p, const pliant_falling *from
     now->gone = before->gone;
 }
 
+/* Young's modulus of a piece: the mean over its tetrahedra */
+static void find_moduli(pliant_falling *falling)
+{
+    const pliant_body *body = falling->body;
+    for (int32_t p = 0; p < body->pieces->count; p++) {
+        double sum = 0;
+        int32_t count = 0;
+        for (int32_t t = 0; t < body->fine.num_tets; t++) {
+            if (falling->of_node[body->fine.tets[4 * (size_t)t]] != p || !body->fine_material || !(body->fine_material[t].tissue > 0)) continue;
+            const double lambda = body->fine_material[t].lambda, mu = body->fine_material[t].mu;
+            if (!(lambda + mu > 0)) continue;
+            sum += mu * (3 * lambda + 2 * mu) / (lambda + mu);
+            count++;
+        }
+        falling->touch[p].young = count > 0 ? sum / count : 0;
+    }
+}
+
 static void fill(pliant_falling *falling, const double *positions, const pliant_falling *from, const pliant_body_map *map)
 {
     const pliant_pieces *pieces = falling->body->pieces;
     memset(falling->place, 0xff, (size_t)falling->body->fine.num_nodes * sizeof *falling->place);
+    memset(falling->of_node, 0xff, (size_t)falling->body->fine.num_nodes * sizeof *falling->of_node);
+    falling->together = (pliant_touch_pieces){falling->of_node, falling->touch};
     for (int32_t p = 0; p < pieces->count; p++) {
         int32_t source = -1;
         for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) {
             const int32_t node = pieces->node[i];
             const double *was = from ? pliant_falling_home(from, map->node[node]) : NULL;
             falling->place[node] = i;
-            falling->piece_of[i] = p;
+            falling->piece_of[i] = falling->of_node[node] = p;
             memcpy(falling->x + 3 * (size_t)i, positions + 3 * (size_t)node, 3 * sizeof *positions);
             memcpy(falling->home + 3 * (size_t)i, was ? was : positions + 3 * (size_t)node, 3 * sizeof *positions);
             const pliant_between *between = was && map->between && map->between[node].end[0] >= 0 ? map->between + node : NULL;
@@ -169,6 +153,7 @@ static void fill(pliant_falling *falling, const double *positions, const pliant_
         }
         if (source >= 0) go_on(falling, p, from, source);
     }
+    find_moduli(falling);
     for (int32_t j = 0; j < pieces->num_joints; j++) {
         const int32_t to = pieces->joint[2 * j + 1];
         const bool still = to == pieces->joint[2 * j];
@@ -209,7 +194,7 @@ void pliant_falling_free(pliant_falling *falling)
 {
     if (!falling) return;
     void *blocks[] = {falling->pieces, falling->x,        falling->home, falling->piece_of,
-                      falling->place,  falling->joint_at, falling->arms, falling->near_walls};
+                      falling->place,  falling->of_node,  falling->touch, falling->joint_at, falling->arms, falling->near_walls};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(falling);
 }
@@ -231,8 +216,7 @@ static grip *find_grip(grip *list, int count, int tool, int32_t p)
     return NULL;
 }
 
-/* Tools that hold nodes of pieces, with the pieces' held points. */
-static void find_grips(pliant_falling *falling, const pliant_data *data)
+void pliant_falling_find_grips(pliant_falling *falling, const pliant_data *data)
 {
     grip found[MOST_GRIPS];
     int count = 0;
@@ -269,7 +253,7 @@ static void find_grips(pliant_falling *falling, const pliant_data *data)
     falling->num_grips = count;
 }
 
-static pliant_rigid_pull pull_of(grip *at, const pliant_tool *tool, const double centre[3])
+static pliant_rigid_pull pull_of(const grip *at, const pliant_tool *tool, const double centre[3])
 {
     pliant_rigid_pull pull = {.given = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE};
     if (pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING) {
@@ -280,13 +264,13 @@ static pliant_rigid_pull pull_of(grip *at, const pliant_tool *tool, const double
         pull.arm[d] = at->point[d] - centre[d];
         pull.force[d] = pull.given ? at->share * tool->driving_force[d] : 0;
         pull.from[d] = at->last[d];
-        pull.to[d] = at->last[d] = tool->tip[d] - tool->grip[d] + at->apart[d];
+        pull.to[d] = tool->tip[d] - tool->grip[d] + at->apart[d];
     }
     return pull;
 }
 
 /* What the piece hangs on pulls it along. */
-static int add_joints(pliant_falling *falling, int32_t p, const double *positions, const double centre[3], int count, pliant_rigid_pull *pulls)
+static int add_joints(const pliant_falling *falling, int32_t p, const double *positions, const double centre[3], int count, pliant_rigid_pull *pulls)
 {
     const pliant_pieces *pieces = falling->body->pieces;
     for (int32_t j = 0; j < pieces->num_joints && count < PLIANT_RIGID_PULLS; j++) {
@@ -297,9 +281,34 @@ static int add_joints(pliant_falling *falling, int32_t p, const double *position
         for (int d = 0; d < 3; d++) {
             pull->arm[d] = falling->x[3 * (size_t)place + (size_t)d] - centre[d];
             pull->from[d] = falling->joint_at[j][d];
-            pull->to[d] = falling->joint_at[j][d] = (own == to ? falling->body->fine.rest : positions)[3 * (size_t)to + (size_t)d];
+            pull->to[d] = (own == to ? falling->body->fine.rest : positions)[3 * (size_t)to + (size_t)d];
         }
     }
+    return count;
+}
+
+int pliant_falling_pulls(const pliant_falling *falling, const pliant_data *data, int32_t p, const double centre[3], int num_grips, grip *const *grips,
+                         pliant_rigid_pull pulls[PLIANT_RIGID_PULLS])
+{
+    for (int g = 0; g < num_grips; g++) pulls[g] = pull_of(grips[g], data->tools + grips[g]->tool, centre);
+    return add_joints(falling, p, data->positions, centre, num_grips, pulls);
+}
+
+/* The next step pulls from where this one has pulled to. */
+static void keep_pulls(pliant_falling *falling, int32_t p, int num_grips, grip *const *grips, const pliant_rigid_pull *pulls)
+{
+    const pliant_pieces *pieces = falling->body->pieces;
+    int count = num_grips;
+    for (int g = 0; g < num_grips; g++) memcpy(grips[g]->last, pulls[g].to, sizeof grips[g]->last);
+    for (int32_t j = 0; j < pieces->num_joints && count < PLIANT_RIGID_PULLS; j++)
+        if (falling->piece_of[falling->place[pieces->joint[2 * j]]] == p) memcpy(falling->joint_at[j], pulls[count++].to, sizeof falling->joint_at[j]);
+}
+
+int pliant_falling_grips(pliant_falling *falling, int32_t p, grip **out)
+{
+    int count = 0;
+    for (int g = 0; g < falling->num_grips && count < PLIANT_MAX_TOOLS; g++)
+        if (falling->grips[g].piece == p) out[count++] = falling->grips + g;
     return count;
 }
 
@@ -420,10 +429,9 @@ static void move(pliant_falling *falling, pliant_data *data, int32_t p, int num_
     pliant_rigid body;
     pliant_rigid_pull pulls[PLIANT_RIGID_PULLS];
     double way = 0, speed = 0, reach, spin[3];
-    set_rigid(falling, p, &body);
+    pliant_falling_rigid(falling, p, &body);
     if (!(body.mass > 0)) return;
-    for (int g = 0; g < num_grips; g++) pulls[g] = pull_of(grips[g], data->tools + grips[g]->tool, body.centre);
-    const int num_pulls = add_joints(falling, p, data->positions, body.centre, num_grips, pulls);
+    const int num_pulls = pliant_falling_pulls(falling, data, p, body.centre, num_grips, grips, pulls);
     for (int k = 0; k < num_pulls; k++)
         for (int d = 0; d < 3; d++) way += fabs(pulls[k].to[d] - body.centre[d] - pulls[k].arm[d]);
     for (int d = 0; d < 3; d++) way += falling->step * (fabs(body.velocity[d]) + falling->step * fabs(data->gravity[d]));
@@ -431,7 +439,9 @@ static void move(pliant_falling *falling, pliant_data *data, int32_t p, int num_
     const int32_t near_walls = list_arms(falling, p, &body, way, &reach);
     const pliant_rigid_walls around = {.walls = falling->walls, .count = falling->num_walls, .friction = falling->friction,
                                        .restitution = falling->restitution, .num_points = near_walls, .arm = falling->near_walls};
-    const bool touches = pliant_rigid_step(&body, data->gravity, falling->step, num_pulls, pulls, &around);
+    const bool touches = !at->touched && pliant_rigid_step(&body, data->gravity, falling->step, num_pulls, pulls, &around);
+    if (at->touched) pliant_falling_move_touched(falling, data, p, &body, num_pulls, pulls);
+    keep_pulls(falling, p, num_grips, grips, pulls);
     place_nodes(falling, p, &body);
     stay_in_front(falling, p);
     memcpy(at->velocity, body.velocity, sizeof at->velocity);
@@ -460,14 +470,12 @@ static void move_all(pliant_falling *falling, pliant_data *data)
     const pliant_pieces *pieces = falling->body->pieces;
     const bool turned = memcmp(falling->gravity, data->gravity, sizeof falling->gravity) != 0;
     memcpy(falling->gravity, data->gravity, sizeof falling->gravity);
-    find_grips(falling, data);
+    pliant_falling_find_grips(falling, data);
     for (int32_t p = 0; p < pieces->count; p++) {
         piece *at = falling->pieces + p;
         grip *grips[PLIANT_MAX_TOOLS];
-        int num_grips = 0;
-        for (int g = 0; g < falling->num_grips && num_grips < PLIANT_MAX_TOOLS; g++)
-            if (falling->grips[g].piece == p) grips[num_grips++] = falling->grips + g;
-        if (num_grips > 0 || turned) at->rests = false;
+        const int num_grips = pliant_falling_grips(falling, p, grips);
+        if (num_grips > 0 || turned || at->touched) at->rests = false;
         if (num_grips > 0) at->gone = false;
         if (at->rests || at->gone) continue;
         data->statistics.falling++;
@@ -498,6 +506,7 @@ bool pliant_falling_step(pliant_data *data)
     bool anew = false;
     data->statistics.falling = 0;
     if (!falling->body->has_inertia) {
+        pliant_falling_is_touched(falling, &data->contacts);
         move_all(falling, data);
         move_origins(falling, data);
         for (int32_t i = 0; i < nodes_of(falling); i++)

@@ -5,10 +5,14 @@
  * it springs back: what quasi-static elasticity says of a body on which no force is. What lies on the ground or hangs on a tool keeps that
  * shape. A piece that hangs on one node or two swings there; what it hangs on does not feel it.
  *
+ * What a piece touches (tissue, tools, obstacles) it feels, and is felt by: the solver finds these forces with those of all contacts, and knows of
+ * pieces what they weigh (fem/quasistatic/contact_pieces.c). A piece near something goes a step by implicit Euler, by the same answer.
+ *
  * Explicit dynamics moves pieces as it moves everything. In either case, one that has left all that is ever drawn stops there. */
 #ifndef PLIANT_FEM_FALLING_FALLING_H
 #define PLIANT_FEM_FALLING_FALLING_H
 
+#include "fem/quasistatic/contact.h"
 #include "state/data.h"
 
 #ifdef __cplusplus
@@ -24,6 +28,16 @@ void pliant_falling_free(pliant_falling *falling); /* Nullable */
 /* A step of the scene, from data->positions of all else: pieces' nodes in data->positions, what tools feel of them, statistics. true: explicit
  * dynamics must take the state of the host anew. */
 bool pliant_falling_step(pliant_data *data);
+/* ---- touched.c, of quasi-static solvers. data->falling is there */
+/* Before contacts are looked for: how pieces go on if nothing touches them. @return how far any node of them goes at most [m] */
+double pliant_falling_foresee(pliant_data *data);
+/* Where pieces that touch something get to walls (ground), after all other points. Errors: MEMORY. */
+pliant_status pliant_falling_find_walls(pliant_data *data, pliant_contacts *contacts);
+/* Whether a point is of any piece. */
+bool pliant_falling_is_touched(pliant_falling *falling, const pliant_contacts *contacts);
+/* As foreseen; NULL: explicit dynamics moves them. */
+const pliant_touch_pieces *pliant_falling_touch_pieces(const pliant_falling *falling);
+
 /* They are there, and do not move. */
 void pliant_falling_set_positions(pliant_falling *falling, const double *positions);
 

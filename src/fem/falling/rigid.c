@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-enum { DIRECTIONS = 8, MOST_CONTACTS = PLIANT_MAX_WALLS * (DIRECTIONS + 1), ITERATIONS = 30, MOST_SUBSTEPS = 100 };
+enum { DIRECTIONS = PLIANT_RIGID_DIRECTIONS, MOST_CONTACTS = PLIANT_MAX_WALLS * (DIRECTIONS + 1), ITERATIONS = 30, MOST_SUBSTEPS = 100 };
 
 static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
 
@@ -45,8 +45,7 @@ static void invert(const double m[9], double out[9])
         }
 }
 
-/* turn: by Rodrigues' formula, out = exp(angle) m; angle [rad] */
-static void turn(const double angle[3], const double m[9], double out[9])
+void pliant_rigid_turn(const double angle[3], const double m[9], double out[9])
 {
     const double square = dot(angle, angle), size = sqrt(square);
     const double s = size > 1e-6 ? sin(size) / size : 1 - square / 6, c = size > 1e-6 ? (1 - cos(size)) / square : 0.5;
@@ -163,7 +162,40 @@ static void press(moving *now, contact *at, double friction)
     push(now, at->arm, impulse);
 }
 
-/* Of the points that would go through a wall: the deepest, and those farthest out along the wall. Fewer carry the body as well. */
+void pliant_rigid_choose(const double normal[3], pliant_rigid_choice *choice)
+{
+    double axis[3] = {0, 0, 0};
+    axis[fabs(normal[0]) < 0.6 ? 0 : 1] = 1;
+    cross(normal, axis, choice->side);
+    cross(normal, choice->side, choice->up);
+    for (int k = 0; k <= DIRECTIONS; k++) {
+        choice->chosen[k] = -1;
+        choice->most[k] = -INFINITY;
+    }
+}
+
+void pliant_rigid_offer(pliant_rigid_choice *choice, int32_t point, const double arm[3], double gap)
+{
+    for (int k = 0; k <= DIRECTIONS; k++) {
+        const double angle = 0.78539816339744831 * k, far = k == DIRECTIONS ? -gap : cos(angle) * dot(choice->side, arm) + sin(angle) * dot(choice->up, arm);
+        if (far <= choice->most[k]) continue;
+        choice->most[k] = far;
+        choice->chosen[k] = point;
+    }
+}
+
+int pliant_rigid_chosen(const pliant_rigid_choice *choice, int32_t out[DIRECTIONS + 1])
+{
+    int count = 0;
+    for (int k = 0; k <= DIRECTIONS; k++) {
+        bool again = choice->chosen[k] < 0;
+        for (int before = 0; before < k; before++) again = again || choice->chosen[before] == choice->chosen[k];
+        if (!again) out[count++] = choice->chosen[k];
+    }
+    return count;
+}
+
+/* Of the points that would go through a wall, few. */
 static int find_contacts(const pliant_rigid *body, const moving *now, const double gravity[3], double step, const pliant_rigid_walls *around,
                          contact *out)
 {
@@ -171,32 +203,18 @@ static int find_contacts(const pliant_rigid *body, const moving *now, const doub
     const double slow = 4 * step * sqrt(dot(gravity, gravity)); /* [m/s] what lies still has such speeds, and does not bounce */
     for (int w = 0; w < around->count; w++) {
         const pliant_wall *wall = around->walls + w;
+        pliant_rigid_choice choice;
         int32_t chosen[DIRECTIONS + 1];
-        double most[DIRECTIONS + 1], side[3], up[3], axis[3] = {0, 0, 0};
-        axis[fabs(wall->normal[0]) < 0.6 ? 0 : 1] = 1;
-        cross(wall->normal, axis, side);
-        cross(wall->normal, side, up);
-        for (int k = 0; k <= DIRECTIONS; k++) {
-            chosen[k] = -1;
-            most[k] = -INFINITY;
-        }
+        pliant_rigid_choose(wall->normal, &choice);
         for (int32_t p = 0; p < around->num_points; p++) {
             double arm[3], velocity[3];
             apply(body->rotation, around->arm + 3 * p, arm);
             velocity_at(now, arm, velocity);
             const double gap = dot(wall->normal, body->centre) + dot(wall->normal, arm) - wall->offset, ahead = gap + step * dot(wall->normal, velocity);
-            if (ahead >= 0) continue;
-            for (int k = 0; k <= DIRECTIONS; k++) {
-                const double angle = 0.78539816339744831 * k, far = k == DIRECTIONS ? -ahead : cos(angle) * dot(side, arm) + sin(angle) * dot(up, arm);
-                if (far <= most[k]) continue;
-                most[k] = far;
-                chosen[k] = p;
-            }
+            if (ahead < 0) pliant_rigid_offer(&choice, p, arm, ahead);
         }
-        for (int k = 0; k <= DIRECTIONS; k++) {
-            bool again = chosen[k] < 0;
-            for (int before = 0; before < k; before++) again = again || chosen[before] == chosen[k];
-            if (again) continue;
+        const int num_chosen = pliant_rigid_chosen(&choice, chosen);
+        for (int k = 0; k < num_chosen; k++) {
             contact *at = out + count++;
             memset(at, 0, sizeof *at);
             at->normal = wall->normal;
@@ -220,7 +238,7 @@ static void middle_of(const pliant_rigid *body, const double inverse[9], double 
         multiply(half, rotation, true, out->inverse_inertia);
         apply(out->inverse_inertia, body->momentum, out->spin);
         for (int d = 0; d < 3; d++) angle[d] = 0.5 * step * out->spin[d];
-        turn(angle, body->rotation, rotation);
+        pliant_rigid_turn(angle, body->rotation, rotation);
     }
 }
 
@@ -274,7 +292,7 @@ static bool substep(pliant_rigid *body, const double inverse[9], const double gr
     }
     /* without torques the momentum stays to the bit */
     if (num_pulls + num_contacts > 0) apply(inertia, now.spin, body->momentum);
-    turn(angle, body->rotation, rotation);
+    pliant_rigid_turn(angle, body->rotation, rotation);
     memcpy(body->rotation, rotation, sizeof rotation);
     return num_contacts > 0;
 }

@@ -44,6 +44,21 @@ typedef struct pliant_rigid_walls {
 /* true: it has touched a wall */
 bool pliant_rigid_step(pliant_rigid *body, const double gravity[3], double time, int num_pulls, pliant_rigid_pull *pulls,
                        const pliant_rigid_walls *around);
+/* out = exp(angle) m, by Rodrigues' formula [rad] */
+void pliant_rigid_turn(const double angle[3], const double m[9], double out[9]);
+
+enum { PLIANT_RIGID_DIRECTIONS = 8 };
+/* Of points before a wall those that carry a body as well as all do: the one that is nearest to it or deepest in it, and those farthest out along it. */
+typedef struct pliant_rigid_choice {
+    double side[3], up[3], most[PLIANT_RIGID_DIRECTIONS + 1];
+    int32_t chosen[PLIANT_RIGID_DIRECTIONS + 1]; /* -1: none */
+} pliant_rigid_choice;
+void pliant_rigid_choose(const double normal[3], pliant_rigid_choice *choice);
+/* One more, this far out from the body's centre and before the wall. */
+void pliant_rigid_offer(pliant_rigid_choice *choice, int32_t point, const double arm[3], double gap);
+/* Each once. @return how many */
+int pliant_rigid_chosen(const pliant_rigid_choice *choice, int32_t out[PLIANT_RIGID_DIRECTIONS + 1]);
+
 /* inverse (inertia at the start of the step) times the angular momentum [rad/s] */
 void pliant_rigid_spin(const pliant_rigid *body, double out[3]);
 

@@ -16,6 +16,7 @@ static void free_points(pliant_touches *touches)
     pliant_free(touches->frame);
     pliant_free(touches->goal);
     pliant_free(touches->start);
+    pliant_free(touches->arm_start);
     pliant_free(touches->friction);
     pliant_free(touches->taken.force);
     pliant_free(touches->taken.motion);
@@ -30,6 +31,7 @@ void pliant_touches_free(pliant_touches *touches)
     free_points(touches);
     pliant_answers_free(&touches->answers);
     pliant_free(touches->unknown);
+    pliant_free(touches->arm);
     pliant_free(touches->block);
     pliant_free(touches->turned);
     pliant_free(touches->touched);
@@ -70,13 +72,14 @@ static pliant_status make_room(pliant_touches *touches, int32_t count)
     made.frame = pliant_calloc(size, 9 * sizeof *made.frame);
     made.goal = pliant_calloc(size, 3 * sizeof *made.goal);
     made.start = pliant_calloc(size + 1, sizeof *made.start);
+    made.arm_start = pliant_calloc(size + 1, sizeof *made.arm_start);
     made.friction = pliant_calloc(size + PLIANT_MAX_TOOLS, sizeof *made.friction);
     made.taken.force = pliant_calloc(size, 3 * sizeof *made.taken.force);
     made.taken.motion = pliant_calloc(size, 3 * sizeof *made.taken.motion);
     made.found.force = pliant_calloc(size, 3 * sizeof *made.found.force);
     made.found.motion = pliant_calloc(size, 3 * sizeof *made.found.motion);
     made.change = pliant_calloc(size, 3 * sizeof *made.change);
-    if (!made.point || !made.frame || !made.goal || !made.start || !made.friction || !made.taken.force || !made.taken.motion || !made.found.force ||
+    if (!made.point || !made.frame || !made.goal || !made.start || !made.arm_start || !made.friction || !made.taken.force || !made.taken.motion || !made.found.force ||
         !made.found.motion || !made.change) {
         free_points(&made);
         return pliant_fail_memory("contact");
@@ -87,6 +90,7 @@ static pliant_status make_room(pliant_touches *touches, int32_t count)
     touches->frame = made.frame;
     touches->goal = made.goal;
     touches->start = made.start;
+    touches->arm_start = made.arm_start;
     touches->friction = made.friction;
     touches->taken = made.taken;
     touches->found = made.found;
@@ -197,22 +201,26 @@ static void set_point(const pliant_solver *solver, pliant_contact_point *point, 
     memset(touches->taken.motion + 3 * (size_t)c, 0, 3 * sizeof *touches->taken.motion);
 }
 
-pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points, const double *fine_positions)
+pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points, const pliant_touch_pieces *pieces, const double *fine_positions)
 {
     if ((!points || points->count == 0) && !solver->touches) return PLIANT_OK;
     pliant_status status = solver->touches ? PLIANT_OK : create(solver);
     if (status != PLIANT_OK) return status;
     pliant_touches *touches = solver->touches;
     touches->points = points;
-    touches->count = touches->num_weights = 0;
+    touches->pieces = pieces;
+    touches->count = touches->num_weights = touches->num_arms = 0;
     if (!points) return PLIANT_OK;
     status = make_room(touches, points->count);
     for (int32_t p = 0; p < points->count && status == PLIANT_OK; p++) {
         const int32_t c = touches->count;
         touches->start[c] = touches->num_weights;
+        touches->arm_start[c] = touches->num_arms;
         status = add_weights(solver, points->point + p);
-        if (status != PLIANT_OK || touches->num_weights == touches->start[c]) continue; /* nothing moves it */
+        if (status == PLIANT_OK && pieces) status = pliant_touches_add_arms(touches, points->point + p, fine_positions);
+        if (status != PLIANT_OK || (touches->num_weights == touches->start[c] && touches->num_arms == touches->arm_start[c])) continue; /* nothing moves it */
         touches->start[c + 1] = touches->num_weights;
+        touches->arm_start[c + 1] = touches->num_arms;
         touches->point[c] = p;
         set_frame(points->point[p].normal, touches->frame + 9 * (size_t)c);
         set_point(solver, points->point + p, c, fine_positions);
@@ -372,6 +380,7 @@ pliant_status pliant_touches_respond(pliant_solver *solver)
         for (int32_t b = 0; b <= a; b++) {
             double block[9];
             answer_of(touches, a, b, block);
+            if (touches->pieces) pliant_touches_answer_pieces(touches, a, b, block);
             for (size_t r = 0; r < 3; r++)
                 for (size_t c = 0; c < 3; c++)
                     touches->matrix[(3 * (size_t)a + r) * row + 3 * (size_t)b + c] = touches->matrix[(3 * (size_t)b + c) * row + 3 * (size_t)a + r] = block[3 * r + c];
@@ -431,6 +440,7 @@ pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at)
         into_frame(touches->frame + 9 * (size_t)c, y, motion);
         apply_rows(touches, c, at->free_step, motion);
     }
+    if (touches->pieces) pliant_touches_move_pieces(touches, touches->taken.force, false, touches->motion);
     for (int t = 0; t < num_tools; t++)
         pliant_handle_gap(solver, tool[t], at, touches->motion + points + 3 * (size_t)t);
     const bool changed = pliant_touches_find(touches, num_tools, touches->matrix);
@@ -479,6 +489,16 @@ void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_st
 void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics)
 {
     pliant_touches *touches = solver->touches;
-    for (int32_t c = 0; touches && c < touches->count; c++) moved_point(solver->system, touches, c, solver->now.x, touches->motion + 3 * (size_t)c);
+    const int32_t count = touches ? touches->count : 0;
+    for (int32_t c = 0; c < count; c++) moved_point(solver->system, touches, c, solver->now.x, touches->motion + 3 * (size_t)c);
+    if (count > 0 && touches->pieces) {
+        memset(touches->found.motion, 0, 3 * (size_t)count * sizeof(double));
+        pliant_touches_move_pieces(touches, touches->taken.force, true, touches->found.motion);
+        for (int32_t c = 0; c < count; c++) {
+            double by[3];
+            from_frame(touches->frame + 9 * (size_t)c, touches->found.motion + 3 * (size_t)c, by);
+            for (int d = 0; d < 3; d++) touches->motion[3 * (size_t)c + (size_t)d] += by[d];
+        }
+    }
     pliant_touches_tell(touches, touches ? touches->motion : NULL, statistics);
 }

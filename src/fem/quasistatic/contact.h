@@ -18,6 +18,21 @@ extern "C" {
 
 typedef struct pliant_iterate pliant_iterate;
 
+/* A piece that has come off (fem/falling) while it touches something: a rigid body through a step, to first order. */
+typedef struct pliant_touch_piece {
+    double centre[3];      /* of mass, as the step begins [m] */
+    double free[6];        /* how far it goes, and turns about its centre, if nothing touches it [m, rad] */
+    double answer[36];     /* what a force and a torque about its centre add to that [m/N, rad/(N m)] */
+    double young;          /* of its tissue, by which points of it give way [Pa] */
+} pliant_touch_piece;
+typedef struct pliant_touch_pieces {
+    const int32_t *of_node; /* (fine nodes) which piece; -1: none */
+    const pliant_touch_piece *piece;
+} pliant_touch_pieces;
+
+/* What a point has of a piece: where its weights' nodes are, times the weights, from the piece's centre. */
+typedef struct pliant_touch_arm { int32_t piece; double weight, arm[3]; } pliant_touch_arm;
+
 /* Forces of all points, as one evaluation found them. */
 typedef struct pliant_touch_forces {
     double *force;         /* (room x 3) l + dl: along the normal, and two tangents [N] */
@@ -37,6 +52,11 @@ struct pliant_touches {
     int32_t *unknown;      /* (room_weights) */
     double *block;         /* (room_weights x 9) dy/dx, in the axes of all */
     double *turned;        /* (room_weights x 9) rows of the frame, x in the nodes' axes */
+    /* PIECES (contact_pieces.c) */
+    const pliant_touch_pieces *pieces; /* Nullable: none has come off; borrowed, for a step */
+    int32_t num_arms, room_arms;
+    int32_t *arm_start;    /* (room + 1) */
+    pliant_touch_arm *arm; /* (room_arms) */
     /* FORCES */
     pliant_touch_forces taken, found; /* of the state of the step; of the one evaluated last */
     double *change;        /* (room x 3) dl of that */
@@ -54,8 +74,8 @@ struct pliant_touches {
 };
 typedef struct pliant_touches pliant_touches;
 
-/* The points of the next step; none: NULL. fine_positions: of all fine nodes, now. Errors: MEMORY. */
-pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points, const double *fine_positions);
+/* The points of the next step; none: NULL. fine_positions: of all fine nodes, now. pieces: Nullable. Errors: MEMORY. */
+pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points, const pliant_touch_pieces *pieces, const double *fine_positions);
 void pliant_touches_free(pliant_touches *touches); /* Nullable */
 static inline bool pliant_touches_any(const pliant_touches *touches) { return touches && touches->count > 0; }
 
@@ -78,6 +98,15 @@ void pliant_touches_take(pliant_touches *touches);
 void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics);
 /* The same with moved (count x 3), W x of the points where the step has led. touches: Nullable */
 void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_statistics *statistics);
+
+/* ---- contact_pieces.c: what is rigid adds its own answer to A. Rigid bodies between rigid jaws have none along the line between them: points of a piece
+ * give way by 1 / (E sqrt(area)), as an elastic half-space does under a patch of that area (Johnson, Contact Mechanics, 3.4). */
+/* What the point has of pieces. Errors: MEMORY. */
+pliant_status pliant_touches_add_arms(pliant_touches *touches, const pliant_contact_point *point, const double *fine_positions);
+/* out += block of A of two points, in their frames */
+void pliant_touches_answer_pieces(const pliant_touches *touches, int32_t a, int32_t b, double out[9]);
+/* motion (count x 3) += of the points by the pieces, where these forces are on (in the points' frames); bare: without what the points themselves give way */
+void pliant_touches_move_pieces(const pliant_touches *touches, const double *force, bool bare, double *motion);
 
 #ifdef __cplusplus
 }

@@ -1,0 +1,227 @@
+/* Pieces that touch something: how they would go on, and how they do. */
+#include "fem/falling/pieces.h"
+
+#include "contact/find.h"
+#include "contact/follow.h"
+#include "fem/linear/dense.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double drag = 5; /* [1/s] as of what touches a wall (rigid.c) */
+
+/* ---- implicit Euler of a rigid body: (M / h^2 + springs) q = M v / h + forces, q = a way and a turn */
+
+static void cross(const double a[3], const double b[3], double out[3])
+{
+    for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
+}
+
+/* load += of a force at an arm */
+static void add_load(const double arm[3], const double force[3], double load[6])
+{
+    double torque[3];
+    cross(arm, force, torque);
+    for (int d = 0; d < 3; d++) {
+        load[d] += force[d];
+        load[3 + d] += torque[d];
+    }
+}
+
+/* of a pull as a spring, and what it pulls with before the body moves; a rigid one is a thousand times as stiff as what it holds is inert */
+static double stiffness_of(const pliant_rigid_pull *pull, const pliant_rigid *body, double step, double force[3])
+{
+    const double spring = pull->compliance > 0 ? 1 / pull->compliance : 1e3 * body->mass / (step * step), damper = pull->compliance > 0 ? pull->damping / step : 0;
+    for (int d = 0; d < 3; d++)
+        force[d] = pull->given ? pull->force[d] : spring * (pull->to[d] - body->centre[d] - pull->arm[d]) + damper * (pull->to[d] - pull->from[d]);
+    return pull->given ? 0 : spring + damper;
+}
+
+/* k (t + w x r) at r adds to the matrix of (t, w) */
+static void add_spring(const double arm[3], double stiffness, double matrix[36])
+{
+    const double turn[3][3] = {{0, arm[2], -arm[1]}, {-arm[2], 0, arm[0]}, {arm[1], -arm[0], 0}}; /* w x r = turn w */
+    for (int r = 0; r < 3; r++) {
+        matrix[7 * r] += stiffness;
+        for (int c = 0; c < 3; c++) {
+            matrix[6 * r + 3 + c] += stiffness * turn[r][c];
+            matrix[6 * (3 + c) + r] += stiffness * turn[r][c];
+            for (int k = 0; k < 3; k++) matrix[6 * (3 + r) + 3 + c] += stiffness * turn[k][r] * turn[k][c];
+        }
+    }
+}
+
+static void foresee(const pliant_falling *falling, const double gravity[3], const pliant_rigid *body, int num_pulls, const pliant_rigid_pull *pulls,
+                    pliant_touch_piece *out)
+{
+    const double step = falling->step, rate = 1 / (step * step), trace = body->inertia[0] + body->inertia[4] + body->inertia[8];
+    double matrix[36] = {0};
+    memset(out->free, 0, sizeof out->free);
+    memset(out->answer, 0, sizeof out->answer);
+    memcpy(out->centre, body->centre, sizeof out->centre);
+    for (int r = 0; r < 3; r++) {
+        matrix[7 * r] = body->mass * rate;
+        for (int c = 0; c < 3; c++) matrix[6 * (3 + r) + 3 + c] = rate * (body->inertia[3 * r + c] + (r == c ? 1e-9 * trace : 0)); /* of a needle */
+        out->free[r] = body->mass * (body->velocity[r] / step + gravity[r]);
+        out->free[3 + r] = body->momentum[r] / step;
+    }
+    for (int p = 0; p < num_pulls; p++) {
+        double force[3];
+        add_spring(pulls[p].arm, stiffness_of(pulls + p, body, step, force), matrix);
+        add_load(pulls[p].arm, force, out->free);
+    }
+    for (int k = 0; k < 6; k++) out->answer[7 * k] = 1;
+    if (!pliant_dense_cholesky(6, matrix)) {
+        memset(out->free, 0, sizeof out->free);
+        memset(out->answer, 0, sizeof out->answer);
+        return;
+    }
+    pliant_dense_cholesky_solve(6, matrix, 6, out->answer);
+    pliant_dense_cholesky_solve(6, matrix, 1, out->free);
+}
+
+double pliant_falling_foresee(pliant_data *data)
+{
+    pliant_falling *falling = data->falling;
+    double farthest = 0;
+    if (falling->body->has_inertia) return 0;
+    pliant_falling_find_grips(falling, data);
+    for (int32_t p = 0; p < falling->body->pieces->count; p++) {
+        piece *at = falling->pieces + p;
+        pliant_touch_piece *touch = falling->touch + p;
+        pliant_rigid body;
+        pliant_rigid_pull pulls[PLIANT_RIGID_PULLS];
+        grip *grips[PLIANT_MAX_TOOLS];
+        pliant_falling_rigid(falling, p, &body);
+        const int num_grips = pliant_falling_grips(falling, p, grips);
+        if (!(body.mass > 0) || (at->gone && num_grips == 0)) { /* as what is fixed */
+            *touch = (pliant_touch_piece){.young = touch->young};
+            at->way = 0;
+            continue;
+        }
+        foresee(falling, data->gravity, &body, pliant_falling_pulls(falling, data, p, body.centre, num_grips, grips, pulls), pulls, touch);
+        double reach = 0;
+        for (int32_t i = falling->body->pieces->start[p]; i < falling->body->pieces->start[p + 1]; i++) {
+            const double *x = falling->x + 3 * (size_t)i;
+            reach = fmax(reach, pow(x[0] - body.centre[0], 2) + pow(x[1] - body.centre[1], 2) + pow(x[2] - body.centre[2], 2));
+        }
+        const double *go = touch->free, *turn = go + 3;
+        at->way = sqrt(go[0] * go[0] + go[1] * go[1] + go[2] * go[2]) + sqrt(reach * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]));
+        if (!at->rests) farthest = fmax(farthest, at->way);
+    }
+    return farthest;
+}
+
+const pliant_touch_pieces *pliant_falling_touch_pieces(const pliant_falling *falling) { return falling->body->has_inertia ? NULL : &falling->together; }
+
+/* ---- points */
+
+bool pliant_falling_is_touched(pliant_falling *falling, const pliant_contacts *contacts)
+{
+    bool any = false;
+    for (int32_t p = 0; p < falling->body->pieces->count; p++) falling->pieces[p].touched = false;
+    for (int32_t c = 0; c < contacts->count; c++)
+        for (int32_t k = 0; k < contacts->point[c].count; k++) {
+            const int32_t node = contacts->point[c].node[k], p = node < falling->body->fine.num_nodes ? falling->of_node[node] : -1;
+            if (p >= 0) any = falling->pieces[p].touched = true;
+        }
+    return any && !falling->body->has_inertia;
+}
+
+static int compare_nodes(const void *a, const void *b)
+{
+    const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
+    return (x > y) - (x < y);
+}
+
+static double gap_of(const pliant_wall *wall, const double x[3]) { return wall->normal[0] * x[0] + wall->normal[1] * x[1] + wall->normal[2] * x[2] - wall->offset; }
+
+/* of a piece and a wall, ascending */
+static int choose_nodes(const pliant_falling *falling, int32_t p, const pliant_wall *wall, int32_t out[PLIANT_RIGID_DIRECTIONS + 1])
+{
+    const double margin = 1e-3; /* [m] */
+    const pliant_pieces *pieces = falling->body->pieces;
+    pliant_rigid_choice choice;
+    pliant_rigid_choose(wall->normal, &choice);
+    for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) {
+        const double *x = falling->x + 3 * (size_t)i, gap = gap_of(wall, x);
+        double arm[3];
+        for (int d = 0; d < 3; d++) arm[d] = x[d] - falling->touch[p].centre[d];
+        if (gap < falling->pieces[p].way + margin) pliant_rigid_offer(&choice, i, arm, gap);
+    }
+    const int count = pliant_rigid_chosen(&choice, out);
+    qsort(out, (size_t)count, sizeof *out, compare_nodes);
+    return count;
+}
+
+pliant_status pliant_falling_find_walls(pliant_data *data, pliant_contacts *contacts)
+{
+    pliant_falling *falling = data->falling;
+    const pliant_pieces *pieces = falling->body->pieces;
+    if (!pliant_falling_is_touched(falling, contacts)) return PLIANT_OK;
+    for (int w = 0; w < falling->num_walls; w++)
+        for (int32_t p = 0; p < pieces->count; p++) {
+            const pliant_wall *wall = falling->walls + w;
+            int32_t chosen[PLIANT_RIGID_DIRECTIONS + 1];
+            const int count = falling->pieces[p].touched ? choose_nodes(falling, p, wall, chosen) : 0;
+            pliant_status status = count > 0 ? pliant_contacts_reserve(contacts, contacts->count + count) : PLIANT_OK;
+            if (status != PLIANT_OK) return status;
+            for (int c = 0; c < count; c++) {
+                pliant_contact_point *point = contacts->point + contacts->count++;
+                const double *x = falling->x + 3 * (size_t)chosen[c], *centre = falling->touch[p].centre, gap = gap_of(wall, x);
+                const double apart = pow(x[0] - centre[0], 2) + pow(x[1] - centre[1], 2) + pow(x[2] - centre[2], 2);
+                *point = (pliant_contact_point){
+                    .feature = (uint64_t)PLIANT_PIECE_ON_WALL << 56 | (uint64_t)w << 48 | (uint64_t)chosen[c], .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .part = -1,
+                    .count = 1, .node = {pieces->node[chosen[c]]}, .weight = {1}, .friction = falling->friction, .area = apart,
+                };
+                memcpy(point->normal, wall->normal, sizeof point->normal);
+                for (int d = 0; d < 3; d++) point->place[d] = x[d] - gap * wall->normal[d];
+            }
+        }
+    return PLIANT_OK;
+}
+
+/* ---- a step */
+
+/* Forces of contact in the step that is being solved, on a piece. */
+static void contact_load(const pliant_falling *falling, const pliant_contacts *contacts, int32_t p, double load[6])
+{
+    memset(load, 0, 6 * sizeof *load);
+    for (int32_t c = 0; c < contacts->count; c++)
+        for (int32_t k = 0; k < contacts->point[c].count; k++) {
+            const pliant_contact_point *point = contacts->point + c;
+            if (falling->of_node[point->node[k]] != p) continue;
+            double arm[3], force[3];
+            for (int d = 0; d < 3; d++) {
+                arm[d] = falling->x[3 * (size_t)falling->place[point->node[k]] + (size_t)d] - falling->touch[p].centre[d];
+                force[d] = point->weight[k] * point->force[d];
+            }
+            add_load(arm, force, load);
+        }
+}
+
+void pliant_falling_move_touched(const pliant_falling *falling, const pliant_data *data, int32_t p, pliant_rigid *body, int num_pulls, pliant_rigid_pull *pulls)
+{
+    const pliant_touch_piece *touch = falling->touch + p;
+    const double step = falling->step, kept = exp(-drag * step), still[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    double load[6], moved[6];
+    contact_load(falling, &data->contacts, p, load);
+    for (int k = 0; k < 6; k++) {
+        moved[k] = touch->free[k];
+        for (int l = 0; l < 6; l++) moved[k] += touch->answer[6 * k + l] * load[l];
+    }
+    for (int g = 0; g < num_pulls; g++) {
+        double force[3], turned[3];
+        const double stiffness = stiffness_of(pulls + g, body, step, force);
+        cross(moved + 3, pulls[g].arm, turned);
+        for (int d = 0; d < 3; d++) pulls[g].impulse[d] = step * (force[d] - stiffness * (moved[d] + turned[d]));
+    }
+    pliant_rigid_turn(moved + 3, still, body->rotation);
+    for (int d = 0; d < 3; d++) {
+        body->centre[d] += moved[d];
+        body->velocity[d] = kept * moved[d] / step;
+        body->momentum[d] = 0;
+        for (int k = 0; k < 3; k++) body->momentum[d] += kept * body->inertia[3 * d + k] * moved[3 + k] / step;
+    }
+}
