@@ -294,6 +294,18 @@ TEST_F(Deform, ComparesMethodsSideBySide)
     for (size_t m = 1; m < 4; ++m) EXPECT_GT(std::stod(rows[m][1]), 0) << "milliseconds a step";
     for (const char *name : {"axial.png", "coronal.png", "sagittal.png", "coarse/axial.png", "averaged/nodes.csv", "fine/deformed.nii.gz"})
         EXPECT_EQ(access(in(std::string("c/") + name).c_str(), R_OK), 0) << name;
+    const double all = std::stod(rows[1][3]);
+    // what an isosurface shows: of fewer voxels, no error is larger; air that the mesh keeps counts in neither
+    ASSERT_EQ(run(small_ + "--quiet --steps 6 --set mesh/keep_air=true --compare coarse,fine --tools " + in("pull.yaml") + " --out " + in("k")), 0) << err_;
+    auto kept = table(in("k/compare.csv"));
+    ASSERT_EQ(run(small_ + "--quiet --steps 6 --set mesh/keep_air=true --seen 150 --compare coarse,fine --tools " + in("pull.yaml") + " --out " + in("k")), 0) << err_;
+    auto seen = table(in("k/compare.csv"));
+    EXPECT_LT(std::stod(seen[1][2]), std::stod(kept[1][2]));
+    EXPECT_GT(std::stod(seen[1][2]), 0);
+    EXPECT_LT(std::stod(kept[2][4]), 1.5 * std::stod(rows[3][4])) << "air beside the tool moves further";
+    EXPECT_GT(all, 0);
+    EXPECT_EQ(run("--out x --compare fine --seen high"), 2);
+    EXPECT_EQ(run("--out x --compare fine --seen 100 --no-volume"), 2);
     EXPECT_EQ(run("--out x --compare fine,fast"), 2);
     EXPECT_NE(err_.find("'fast' is none of fine coarse schur"), std::string::npos) << err_;
 }

@@ -3,6 +3,7 @@
 #include "deform_view.h"
 #include "options_table.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -29,6 +30,7 @@ static const char help[] =
     "                     strain_energy, volume_ratio, principal_stress, mass_change, contact_force\n"
     "  --compare A,B,C    the same by each of these methods, into DIR/A and so on; errors against the last one in\n"
     "                     DIR/compare.csv, with --pictures the scan and the methods side by side in DIR/axial.png ...\n"
+    "  --seen VALUE       errors of --compare count voxels of at least this value alone, as an isosurface shows them\n"
     "  --quiet            no progress and no tables, warnings and errors only\n"
     "  --options          print every scene option as a table and end\n"
     "  --help             print this and end\n"
@@ -46,7 +48,7 @@ static const char help[] =
     "\n"
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C (what was done so far is written).\n";
 
-enum { SCAN = 256, TOOLS, OUT, SET, STEPS, EVERY, NO_VOLUME, PICTURES, CAMERA, RADIOGRAPH, SCALARS, COMPARE, QUIET, OPTIONS, HELP };
+enum { SCAN = 256, TOOLS, OUT, SET, STEPS, EVERY, NO_VOLUME, PICTURES, CAMERA, RADIOGRAPH, SCALARS, COMPARE, SEEN, QUIET, OPTIONS, HELP };
 
 static const struct option options[] = {
     {"scan", required_argument, NULL, SCAN},   {"tools", required_argument, NULL, TOOLS},
@@ -55,6 +57,7 @@ static const struct option options[] = {
     {"no-volume", no_argument, NULL, NO_VOLUME}, {"pictures", no_argument, NULL, PICTURES},
     {"camera", required_argument, NULL, CAMERA}, {"radiograph", required_argument, NULL, RADIOGRAPH},
     {"scalars", required_argument, NULL, SCALARS}, {"compare", required_argument, NULL, COMPARE},
+    {"seen", required_argument, NULL, SEEN},
     {"quiet", no_argument, NULL, QUIET},       {"options", no_argument, NULL, OPTIONS},
     {"help", no_argument, NULL, HELP},         {NULL, 0, NULL, 0},
 };
@@ -116,12 +119,22 @@ static bool read_compared(const char *text, deform_arguments *out)
     return out->num_compared > 0;
 }
 
+static bool read_seen(const char *text, double *out)
+{
+    char *end;
+    *out = strtod(text, &end);
+    if (*text && !*end && isfinite(*out)) return true;
+    fprintf(stderr, "--seen %s: a voxel's value is wanted\n", text);
+    return false;
+}
+
 bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *exit_code)
 {
     memset(out, 0, sizeof *out);
     pliant_scene_defaults(&out->scene);
     out->scan = "phantom";
     out->volume = true;
+    out->seen = -INFINITY;
     *exit_code = EXIT_USAGE;
     for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
         switch (code) {
@@ -149,6 +162,9 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
         case COMPARE:
             if (!read_compared(optarg, out)) return false;
             break;
+        case SEEN:
+            if (!read_seen(optarg, &out->seen)) return false;
+            break;
         case QUIET: out->quiet = true; break;
         case OPTIONS:
             options_table_print(stdout);
@@ -164,8 +180,8 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
         fputs("--out DIR is missing; pliant_deform --help tells more\n", stderr);
         return false;
     }
-    if (out->pictures && !out->volume) {
-        fputs("--pictures needs the volume: leave --no-volume out\n", stderr);
+    if (!out->volume && (out->pictures || isfinite(out->seen))) {
+        fprintf(stderr, "%s needs the volume: leave --no-volume out\n", out->pictures ? "--pictures" : "--seen");
         return false;
     }
     return command_line_scene(argc, argv, options, SET, &out->scene, exit_code);

@@ -30,6 +30,7 @@ typedef struct deform_arguments {
     pliant_scalar scalars[PLIANT_NUM_SCALARS];
     int num_compared;      /* 0: the scene's own method alone */
     pliant_method compared[PLIANT_NUM_METHODS]; /* the last one is the reference */
+    double seen;           /* voxels below it do not count in errors; -INFINITY: all that show tissue do */
 } deform_arguments;
 
 /* True: go on. False: end now with *exit_code (help, a list that was asked for, or wrong usage told on stderr). */

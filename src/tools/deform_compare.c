@@ -1,49 +1,43 @@
 #include "deform_compare.h"
 
 #include "pliant/fail.h"
+#include "pliant/report.h"
 #include "command_line.h"
 #include "console.h"
 #include "deform_output.h"
 #include "picture.h"
 
 #include <errno.h>
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-/* The nodes of one run against those of the reference, where their places at rest are the same; meshes may differ by what they leave out. */
-typedef struct node_errors {
-    double largest, rms;           /* [m] */
-    double largest_displacement;   /* of the reference [m] */
-} node_errors;
+/* Over the voxels that show tissue, of at least --seen: how far what is seen there is from where the reference has it, and how far the
+ * reference has moved it ([H] figure 2). */
+typedef struct run_errors {
+    pliant_error apart, moved; /* [m] */
+} run_errors;
 
-static double length_of(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
-
-static node_errors errors_of(const deform_run *run, const deform_run *reference)
+static pliant_status summarize(const deform_run *run, const deform_run *other, const double *positions, pliant_error *out)
 {
-    const pliant_mesh *mesh = &pliant_data_get_body(run->data)->fine, *other = &pliant_data_get_body(reference->data)->fine;
-    const double *positions = pliant_data_get_positions(run->data, NULL), *others = pliant_data_get_positions(reference->data, NULL);
-    node_errors errors = {0.0, 0.0, 0.0};
-    double sum = 0.0;
-    int32_t count = 0;
-    for (int32_t n = 0; n < other->num_nodes; ++n) {
-        const double *rest = other->rest + 3 * n, *to = others + 3 * n;
-        double weights[4], apart[3], moved[3];
-        int32_t tet = pliant_mesh_locate(mesh, rest, weights);
-        if (tet < 0) continue;
-        for (int d = 0; d < 3; ++d) {
-            apart[d] = -to[d];
-            moved[d] = to[d] - rest[d];
-            for (int v = 0; v < 4; ++v) apart[d] += weights[v] * positions[3 * mesh->tets[4 * tet + v] + d];
-        }
-        double error = length_of(apart);
-        errors.largest = fmax(errors.largest, error);
-        errors.largest_displacement = fmax(errors.largest_displacement, length_of(moved));
-        sum += error * error;
-        ++count;
-    }
-    errors.rms = count > 0 ? sqrt(sum / count) : 0.0;
-    return errors;
+    const pliant_volume *shown = run->arguments->volume ? pliant_warp_volume(pliant_data_get_warp(run->data)) : NULL;
+    const pliant_geometry *target = shown ? &shown->geometry : &run->inputs->scan.geometry;
+    pliant_volume voxels;
+    uint64_t count;
+    pliant_status status = pliant_error_voxels(run->model, pliant_data_get_positions(run->data, NULL), &pliant_data_get_body(other->data)->fine,
+                                               positions, target, &voxels);
+    if (status < 0) return status;
+    const size_t size = pliant_geometry_voxels(target);
+    for (size_t v = 0; shown && v < size; ++v)
+        if (pliant_volume_value(shown, v) < run->arguments->seen) ((float *)voxels.voxels)[v] = -1; /* as without tissue */
+    status = pliant_error_histogram(&voxels, 1, 1.0, &count, out);
+    pliant_volume_free(&voxels);
+    return status;
+}
+
+static pliant_status errors_of(const deform_run *run, const deform_run *reference, run_errors *out)
+{
+    pliant_status status = summarize(run, reference, pliant_data_get_positions(reference->data, NULL), &out->apart);
+    return status < 0 ? status : summarize(reference, reference, pliant_data_get_body(reference->data)->fine.rest, &out->moved);
 }
 
 static pliant_status write_table(const deform_arguments *arguments, const deform_run *runs)
@@ -54,17 +48,20 @@ static pliant_status write_table(const deform_arguments *arguments, const deform
     snprintf(path, sizeof path, "%s/compare.csv", arguments->folder);
     FILE *file = fopen(path, "w");
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
-    fputs("method,step_median_ms,largest_error_mm,rms_error_mm,largest_displacement_mm,largest_error_percent\n", file);
-    printf("\n%-12s %14s %18s %14s %10s   against %s\n", "method", "step [ms]", "largest error [mm]", "rms [mm]", "[%]", reference_name);
-    for (int m = 0; m < arguments->num_compared; ++m) {
+    fputs("method,step_median_ms,largest_error_mm,rms_error_mm,largest_displacement_mm,largest_error_percent,p95_error_mm\n", file);
+    printf("\n%-12s %14s %18s %14s %10s   of voxels with tissue, against %s\n", "method", "step [ms]", "largest error [mm]", "rms [mm]", "[%]", reference_name);
+    pliant_status status = PLIANT_OK;
+    for (int m = 0; status >= 0 && m < arguments->num_compared; ++m) {
         const char *name = deform_method_name(runs[m].scene.model.method);
-        node_errors errors = errors_of(&runs[m], reference);
-        double median = 1e3 * runs[m].times.median, part = errors.largest_displacement > 0.0 ? 100.0 * errors.largest / errors.largest_displacement : 0.0;
-        fprintf(file, "%s,%.6g,%.6g,%.6g,%.6g,%.6g\n", name, median, 1e3 * errors.largest, 1e3 * errors.rms, 1e3 * errors.largest_displacement, part);
-        printf("%-12s %14.2f %18.3f %14.3f %10.2f\n", name, median, 1e3 * errors.largest, 1e3 * errors.rms, part);
+        run_errors errors;
+        if ((status = errors_of(&runs[m], reference, &errors)) < 0) break;
+        const pliant_error *apart = &errors.apart;
+        double median = 1e3 * runs[m].times.median, part = errors.moved.max > 0.0 ? 100.0 * apart->max / errors.moved.max : 0.0;
+        fprintf(file, "%s,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", name, median, 1e3 * apart->max, 1e3 * apart->rms, 1e3 * errors.moved.max, part, 1e3 * apart->p95);
+        printf("%-12s %14.2f %18.3f %14.3f %10.2f\n", name, median, 1e3 * apart->max, 1e3 * apart->rms, part);
     }
     int failed = ferror(file) | fclose(file);
-    return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno)) : PLIANT_OK;
+    return status < 0 ? status : failed ? pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno)) : PLIANT_OK;
 }
 
 static pliant_status write_row(const deform_arguments *arguments, const deform_inputs *inputs, const deform_run *runs)
