@@ -101,7 +101,7 @@ static void limits(pliant_data *data, int iterations, double tolerance)
 {
     data->solver->rules.most_evaluations = iterations;
     data->solver->rules.tolerance = tolerance;
-    data->solver->rules.converged = false; /* by these it may not be */
+    data->solver->asked.converged = false; /* by these it may not be */
 }
 
 static void fell_back(pliant_data *data)

@@ -124,12 +124,12 @@ TEST(Background, AFactorBringsTheResponsesOfSprings)
         ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
         while (pliant_refresh_is_busy(solver)) std::this_thread::sleep_for(std::chrono::milliseconds(1));
         pliant_statistics statistics = body.data->statistics;
-        const uint64_t serial = solver->factor_serial;
+        const uint64_t factors = solver->factors;
         statistics.step++; // as the next step begins
         ASSERT_EQ(pliant_refresh_step(solver, &statistics), PLIANT_OK) << pliant_last_error();
-        if (solver->factor_serial == serial) continue;
+        if (solver->factors == factors) continue;
         brought++;
-        ASSERT_EQ(handle->response_of, solver->factor_serial);
+        ASSERT_EQ(handle->response_of, solver->in_use.number);
         const std::vector<double> response(handle->response, handle->response + 3 * pliant_solver_unknowns(solver));
         handle->response_of = 0;
         ASSERT_EQ(pliant_solver_respond(solver), PLIANT_OK);

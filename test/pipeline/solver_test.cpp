@@ -140,7 +140,7 @@ TEST(Solver, AStepThatNoLongerLeadsDownIsLeft)
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
     ASSERT_EQ(body.settle(), PLIANT_OK);
-    body.data->solver->rules.converged = false;
+    body.data->solver->asked.converged = false;
     body.data->solver->rules.tolerance = 0; // down to rounding, where every trial is refused sooner or later
     const uint64_t rejected = body.data->statistics.rejected;
     for (int f = 0; f < 3; f++) {
@@ -275,7 +275,7 @@ Frames frames(Body &body, Load load, bool settled, bool forgetful = false)
             EXPECT_EQ(pliant_tool_set_drive(body.data, tool, drives[load], force), PLIANT_OK);
             EXPECT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
         }
-        if (forgetful) body.data->solver->posterior.kept = false;
+        if (forgetful) body.data->solver->asked.kept = false;
         EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
         if (settled) EXPECT_EQ(body.settle(), PLIANT_OK);
         out.before.push_back(body.data->statistics.error_before);

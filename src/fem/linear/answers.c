@@ -75,18 +75,15 @@ static pliant_status find_column(pliant_answers *answers, pliant_preconditioner 
     return PLIANT_OK;
 }
 
-/* of a preconditioner before: nothing is known */
-static void forget(pliant_answers *answers)
+void pliant_answers_forget(pliant_answers *answers)
 {
     for (int32_t s = 0; s < answers->count; s++) answers->slot[answers->unknown[s]] = -1;
     answers->count = 0;
 }
 
-pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, pliant_factor *within, uint64_t serial, int32_t count,
+pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, pliant_factor *within, int32_t count,
                                   const int32_t *unknown)
 {
-    if (serial != answers->serial) forget(answers);
-    answers->serial = serial;
     int32_t missing = 0;
     for (int32_t i = 0; i < count; i++) missing += answers->slot[unknown[i]] < 0;
     /* a column is known at the nodes of its reach alone: what is not asked for now would be missing in it */

@@ -13,7 +13,6 @@ typedef struct pliant_answers {
     int32_t *slot;         /* (num_free) or -1 */
     int32_t count, room;   /* of slots */
     int32_t *unknown;      /* (room) */
-    uint64_t serial;       /* of the preconditioner that they are of */
     double *block;         /* (room x room x 9) what a force at the second moves at the first, in the axes of the preconditioner [m/N] */
     double *column;        /* (3 x 3 num_free) room to find them */
 } pliant_answers;
@@ -21,9 +20,11 @@ typedef struct pliant_answers {
 /* Errors: MEMORY. */
 pliant_status pliant_answers_create(int32_t num_free, pliant_answers *out);
 void pliant_answers_free(pliant_answers *answers);
-/* Makes sure of these unknowns (all different), by the preconditioner of this number. within: Nullable: its factor, whose reach has all these.
+/* They are of a preconditioner before: nothing is known. */
+void pliant_answers_forget(pliant_answers *answers);
+/* Makes sure of these unknowns (all different), by the same preconditioner as before. within: Nullable: its factor, whose reach has all these.
  * Errors: MEMORY, NUMERIC. */
-pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, pliant_factor *within, uint64_t serial, int32_t count,
+pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, pliant_factor *within, int32_t count,
                                   const int32_t *unknown);
 static inline const double *pliant_answer(const pliant_answers *answers, int32_t a, int32_t b)
 {

@@ -2,6 +2,8 @@
 #ifndef PLIANT_FEM_LINEAR_DENSE_H
 #define PLIANT_FEM_LINEAR_DENSE_H
 
+#include "base/dot.h"
+
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -9,17 +11,6 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-/* in a fixed order, four sums at a time */
-static inline double pliant_dot(size_t n, const double *a, const double *b)
-{
-    double sum[4] = {0, 0, 0, 0};
-    size_t i = 0;
-    for (; i + 4 <= n; i += 4)
-        for (size_t l = 0; l < 4; l++) sum[l] += a[i + l] * b[i + l];
-    for (; i < n; i++) sum[0] += a[i] * b[i];
-    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
-}
 
 /* In place: the lower triangle of a symmetric positive definite (n x n) becomes its Cholesky factor. False: it is not
  * positive definite. */

@@ -89,6 +89,12 @@ static bool still_held(const pliant_data *data, int tool, uint64_t hold)
     return hold != 0 && tool < data->num_tools && pliant_tool_grips(data->tools + tool) && data->tools[tool].hold == hold;
 }
 
+static bool serves(const pliant_data *data, int tool)
+{
+    const pliant_patch *patch = data->patch;
+    return patch && patch->basis && patch->serves[tool] && still_held(data, tool, patch->holds[tool].hold);
+}
+
 static pliant_status room_create(const pliant_discretization *discretization, const pliant_basis *basis, patch_room *out)
 {
     out->element_forces = pliant_calloc((size_t)basis->system.num_blocks, sizeof *out->element_forces);
@@ -116,7 +122,6 @@ static void basis_drop(pliant_patch *patch, pliant_data *data)
     patch->solver = NULL;
     patch->basis = NULL;
     memset(patch->serves, 0, sizeof patch->serves);
-    memset(patch->made_for, 0, sizeof patch->made_for);
 }
 
 void pliant_patch_reset(pliant_patch *patch)
@@ -184,13 +189,11 @@ static void take_over(pliant_patch *patch, pliant_data *data)
 {
     patch_job *job = &patch->job;
     bool goes_on = patch->basis != NULL;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        goes_on = goes_on && (!still_held(data, t, patch->made_for[t]) || job->holds[t].hold == patch->made_for[t]);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) goes_on = goes_on && (!serves(data, t) || job->holds[t].hold == patch->holds[t].hold);
     if (goes_on) start_at(data, job->basis, job->x, job->solver->now.x); /* the job is done with its x */
     basis_drop(patch, data);
     patch->basis = job->basis;
     patch->solver = job->solver;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) patch->made_for[t] = job->holds[t].hold;
     job->basis = NULL;
     job->solver = NULL;
 }
@@ -303,12 +306,6 @@ pliant_status pliant_patch_begin(pliant_data *data)
 }
 
 /* ---- tools */
-
-static bool serves(const pliant_data *data, int tool)
-{
-    const pliant_patch *patch = data->patch;
-    return patch && patch->basis && patch->serves[tool] && still_held(data, tool, patch->holds[tool].hold);
-}
 
 pliant_solver *pliant_patch_solver(const pliant_data *data, int tool) { return serves(data, tool) ? data->patch->solver : data->solver; }
 

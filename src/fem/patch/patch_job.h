@@ -55,7 +55,6 @@ struct pliant_patch {
     uint64_t refused[PLIANT_MAX_TOOLS]; /* holds that no patch could be made for */
     uint64_t refused_until[PLIANT_MAX_TOOLS]; /* step */
     pliant_basis *basis;      /* Nullable */
-    uint64_t made_for[PLIANT_MAX_TOOLS]; /* holds that it was made for */
     pliant_solver *solver;    /* of it */
     patch_room room;
 };

@@ -369,10 +369,9 @@ pliant_status pliant_touches_respond(pliant_solver *solver)
     touches->factor = status == PLIANT_OK && splits ? factor : NULL;
     if (status != PLIANT_OK) return status;
     /* one that is carried over from the body before is another in every step */
-    if (solver->preconditioner != touches->of || touches->of_factor != solver->factor_serial || pliant_preconditioner_base(solver->preconditioner)) touches->serial++;
-    touches->of = solver->preconditioner;
-    touches->of_factor = solver->factor_serial;
-    status = pliant_answers_find(&touches->answers, solver->preconditioner, touches->factor, touches->serial, num_answers, touches->touched);
+    if (touches->of_factor != solver->factors || pliant_preconditioner_base(solver->preconditioner)) pliant_answers_forget(&touches->answers);
+    touches->of_factor = solver->factors;
+    status = pliant_answers_find(&touches->answers, solver->preconditioner, touches->factor, num_answers, touches->touched);
     if (status != PLIANT_OK) return status;
     const size_t row = 3 * (size_t)(touches->count + num_tools);
     if ((status = pliant_touches_make_matrix(touches, num_tools)) != PLIANT_OK) return status;

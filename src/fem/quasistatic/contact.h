@@ -62,8 +62,7 @@ struct pliant_touches {
     double *change;        /* (room x 3) dl of that */
     /* ANSWERS */
     pliant_answers answers;
-    const pliant_preconditioner *of; /* that they are of */
-    uint64_t of_factor, serial; /* how many there were */
+    uint64_t of_factor;    /* pliant_solver.factors that they are of */
     pliant_factor *factor; /* Nullable: solves in two parts, for now at these unknowns; borrowed */
     int32_t *touched;      /* (num_free) unknowns that points are moved by, in the order of points */
     uint8_t *seen;         /* (num_free) room */

@@ -159,10 +159,10 @@ pliant_status pliant_solver_respond(pliant_solver *solver)
 {
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         pliant_handle *handle = solver->handles + t;
-        if (!pliant_handle_is_spring(handle) || handle->response_of == solver->factor_serial) continue;
+        if (!pliant_handle_is_spring(handle) || handle->response_of == solver->in_use.number) continue;
         pliant_status status = pliant_handle_respond(handle, pliant_solver_unknowns(solver), solver->preconditioner);
         if (status != PLIANT_OK) return status;
-        handle->response_of = solver->factor_serial;
+        handle->response_of = solver->in_use.number;
     }
     return PLIANT_OK;
 }

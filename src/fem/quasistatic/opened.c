@@ -99,8 +99,7 @@ static void take_step(pliant_solver *solver, const newton_step *found)
     }
     if (!solver->rotations) return;
     pliant_solver_turned(solver);
-    solver->axes_serial++;
-    solver->evaluations = 0;
+    pliant_in_use_turned(&solver->in_use);
 }
 
 /* Springs and contacts have a part in steps that products of the stiffness know nothing of; time is not counted here. */

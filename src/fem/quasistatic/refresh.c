@@ -47,7 +47,7 @@ struct pliant_refresh {
     uint64_t number[PLIANT_MAX_HISTORY]; /* as the rules have it */
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY];
-    uint64_t forgotten;         /* the solver's when it was copied */
+    bool forgotten;             /* the solver's was dropped since it was copied */
     pliant_handle handles[PLIANT_MAX_TOOLS]; /* copies of the springs; those of other tools are empty */
 };
 
@@ -189,7 +189,7 @@ static pliant_status copy_history(const pliant_solver *solver, bool springs, pli
     const size_t bytes = 3 * (size_t)num_free * sizeof(double);
     memset(refresh->number, 0, sizeof refresh->number);
     if (!springs) memcpy(refresh->number, solver->rules.number, sizeof refresh->number);
-    refresh->forgotten = solver->forgotten;
+    refresh->forgotten = false;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         pliant_handle_free(refresh->handles + t);
         if (!pliant_handle_is_spring(solver->handles + t)) continue;
@@ -221,7 +221,7 @@ static void take_responses(pliant_solver *solver)
         if (!found->active || !pliant_handle_is_spring(handle) || !pliant_handle_same_hold(found, handle)) continue;
         double *response = handle->response;
         handle->response = found->response;
-        handle->response_of = solver->factor_serial;
+        handle->response_of = solver->in_use.number;
         found->response = response;
     }
 }
@@ -243,14 +243,15 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
     solver->rotations = refresh->rotations;
     refresh->rotations = axes;
     pliant_solver_turned(solver);
-    solver->factor_serial++;
+    solver->factors++;
+    solver->in_use.number++;
     statistics->factors++;
     if (refresh->converting) take_responses(solver);
-    bool converted = refresh->converting && refresh->forgotten == solver->forgotten;
+    bool converted = refresh->converting && !refresh->forgotten;
     refresh->converting = false;
-    bool kept = solver->posterior.kept; /* a state stays what it is */
+    bool kept = solver->asked.kept; /* a state stays what it is */
     pliant_solver_forget(solver);
-    solver->posterior.kept = kept;
+    solver->asked.kept = kept;
     if (!converted) return;
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
         if (refresh->number[h] == 0) continue;
@@ -288,7 +289,8 @@ static pliant_status put_below(pliant_solver *solver, pliant_statistics *statist
     refresh->discarded = solver->preconditioner;
     solver->preconditioner = made;
     pliant_solver_turned(solver);
-    solver->factor_serial++;
+    solver->factors++;
+    solver->in_use.number++;
     statistics->factors++;
     pliant_solver_forget(solver);
     return PLIANT_OK;
@@ -312,7 +314,7 @@ static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *sta
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         if (!pliant_handle_is_spring(solver->handles + t)) continue;
         springs = true;
-        responses = responses || solver->handles[t].response_of == solver->factor_serial;
+        responses = responses || solver->handles[t].response_of == solver->in_use.number;
     }
     /* what led to a refusal is better forgotten */
     const bool learned = !springs && pliant_anderson_secants(&solver->rules) > 0 && !solver->rules.refused_any;
@@ -374,6 +376,11 @@ void pliant_refresh_take(pliant_solver *solver, pliant_solver *from)
     solver->refresh->source = NULL;
     from->refresh = solver->refresh;
     solver->refresh = refresh;
+}
+
+void pliant_refresh_forget(pliant_refresh *refresh)
+{
+    if (refresh) refresh->forgotten = true;
 }
 
 void pliant_refresh_free(pliant_solver *solver)

@@ -1,7 +1,7 @@
 /* The history of Anderson's method: secants, the weights that mix them, and the proposals made with them. */
 #include "base/fail.h"
 #include "base/room.h"
-#include "fem/linear/dense.h"
+#include "fem/quasistatic/secant_equations.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
 
@@ -32,8 +32,8 @@ void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY])
 void pliant_solver_forget(pliant_solver *solver)
 {
     pliant_anderson_forget(&solver->rules);
-    solver->posterior.kept = false;
-    solver->forgotten++;
+    solver->asked.kept = false;
+    pliant_refresh_forget(solver->refresh);
 }
 
 void pliant_solver_moved(pliant_solver *solver)
@@ -41,7 +41,7 @@ void pliant_solver_moved(pliant_solver *solver)
     pliant_solver_forget(solver);
     pliant_anderson_moved(&solver->rules);
     pliant_even_restart(&solver->even);
-    solver->evaluations = PLIANT_EVALUATIONS_A_TURN; /* the axes turn at once */
+    solver->in_use.evaluations = PLIANT_EVALUATIONS_A_TURN; /* the axes turn at once */
     solver->opened = false;
 }
 
@@ -89,26 +89,8 @@ bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at,
 
 bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], bool estimates, double weights[PLIANT_MAX_HISTORY])
 {
-    /* secants differ in size by orders: scale to a unit diagonal, then a little regularization */
-    double equations[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY], scale[PLIANT_MAX_HISTORY], right[PLIANT_MAX_HISTORY];
-    int32_t used[PLIANT_MAX_HISTORY], m = 0;
-    const double largest = estimates ? INFINITY : solver->rules.largest_secant;
-    memset(weights, 0, PLIANT_MAX_HISTORY * sizeof *weights);
-    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
-        scale[h] = solver->rules.number[h] > 0 ? pliant_anderson_scale(solver->gram[h * PLIANT_MAX_HISTORY + h], largest) : 0;
-        if (scale[h] > 0) used[m++] = h;
-    }
-    if (m == 0) return false;
-    for (int32_t a = 0; a < m; a++) {
-        const double noise = estimates ? pliant_anderson_noise(&solver->rules, used[a]) : PLIANT_NOISE_OF_TRIAL;
-        right[a] = along[used[a]] * scale[used[a]];
-        for (int32_t b = 0; b < m; b++)
-            equations[a * m + b] = a == b ? 1 + noise * noise : solver->gram[used[a] * PLIANT_MAX_HISTORY + used[b]] * scale[used[a]] * scale[used[b]];
-    }
-    if (!pliant_dense_cholesky(m, equations)) return false;
-    pliant_dense_cholesky_solve(m, equations, 1, right);
-    for (int32_t a = 0; a < m; a++) weights[used[a]] = right[a] * scale[used[a]];
-    return true;
+    pliant_secant_equations equations;
+    return pliant_secant_weights(0, 1, &solver->rules, solver->gram, along, estimates, &equations, weights);
 }
 
 double pliant_secants_left(const pliant_solver *solver, const pliant_iterate *at)

@@ -72,7 +72,7 @@ void pliant_solver_elastic_forces(pliant_solver *solver, pliant_iterate *at)
 static pliant_status evaluate(pliant_solver *solver, pliant_known known, pliant_iterate *at)
 {
     const size_t bytes = pliant_solver_unknowns(solver) * sizeof *at->residual;
-    solver->evaluations += known != PLIANT_KNOWN_STEP;
+    solver->in_use.evaluations += known != PLIANT_KNOWN_STEP;
     if (known == PLIANT_KNOWN_NOTHING) pliant_solver_elastic_forces(solver, at);
     memcpy(at->residual, solver->load, bytes);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
@@ -173,7 +173,7 @@ static pliant_status iterate(pliant_solver *solver, step_time *time)
 {
     pliant_anderson *rules = &solver->rules;
     pliant_anderson_begin(rules);
-    const pliant_known known = pliant_posterior_begin(solver);
+    const pliant_known known = pliant_solver_known(solver, &solver->in_use, &solver->posterior.seen);
     do {
         const bool first = rules->next == PLIANT_NEXT_FIRST;
         pliant_iterate *at = first ? &solver->now : &solver->trial;
@@ -222,24 +222,21 @@ static void look_at_end(pliant_solver *solver, step_time *time)
     time->solved += evaluates;
     if (solver->budget > 0 && time->whole > 0) solver->evaluation_seconds = (solver->clock(solver->clock_user) - time->begun) / time->whole;
     pliant_anderson_tell(&solver->rules, seen, seen ? pliant_secants_left(solver, &solver->posterior.at) : 0);
-    pliant_posterior_keep(solver, evaluated && !solver->system->basis);
+    const bool keeps = evaluated && !solver->system->basis;
+    pliant_solver_ended(solver, &solver->in_use, keeps, solver->rules.converged);
+    if (keeps) pliant_posterior_keep(solver);
 }
 
-/* The axes follow the tissue. Responses to springs hold for the axes that they were found in: those wait for the next factor. Of tools
- * that pull by force for now, they are found anew. */
-static void turn_on(pliant_solver *solver)
+/* A new factor comes where one serves badly, or never: secants are not given up for other axes. */
+static void turn_on(pliant_solver *solver, uint64_t step)
 {
-    bool follows = solver->rotations && (!solver->rotations->turned || solver->evaluations >= PLIANT_EVALUATIONS_A_TURN);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        const pliant_handle *handle = solver->handles + t;
-        if (pliant_handle_is_spring(handle) && handle->response_of == solver->factor_serial) follows = false;
-    }
-    if (!follows) return;
-    solver->evaluations = 0;
+    if (!solver->rotations) return;
+    solver->in_use.turned = solver->rotations->turned;
+    solver->in_use.renews = true;
+    if (pliant_solver_axes(solver, &solver->in_use, step) == PLIANT_AXES_STAY) return;
     pliant_nodal_rotations_update(solver->system, solver->now.x, solver->rotations);
     pliant_solver_turned(solver);
-    solver->axes_serial++;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) solver->handles[t].response_of = 0;
+    pliant_in_use_turned(&solver->in_use);
 }
 
 /* One that rested goes on from another backend's state. */
@@ -284,16 +281,16 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
 {
     pliant_status status = begin(solver);
     if (status == PLIANT_OK) status = pliant_refresh_step(solver, statistics);
-    if (status == PLIANT_OK && pliant_posterior_rests(solver)) {
+    if (status == PLIANT_OK && pliant_solver_rests(solver)) {
         statistics->iterations = 0;
         tell_residual(solver, statistics);
         statistics->error = statistics->error_before = solver->rules.error;
         return PLIANT_OK;
     }
-    if (status == PLIANT_OK) turn_on(solver);
+    if (status == PLIANT_OK) turn_on(solver, statistics->step);
     if (status == PLIANT_OK)
         status = pliant_preconditioner_mend(solver->preconditioner, solver->now.x, solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL);
-    if (pliant_preconditioner_base(solver->preconditioner)) solver->axes_serial++; /* mended, it gives other steps */
+    if (pliant_preconditioner_base(solver->preconditioner)) solver->asked.number = 0; /* mended, it gives other steps */
     if (status == PLIANT_OK) status = pliant_solver_respond(solver);
     if (status == PLIANT_OK) status = pliant_touches_respond(solver);
     if (status != PLIANT_OK) return status;

@@ -37,7 +37,7 @@ typedef struct pliant_handle {
     double *turned;        /* (count x 9) the same, x in the nodes' own axes; block itself where nothing turns */
     double origin[3];      /* y = origin + W x */
     double *response;      /* Z: (3 x 3 num_free), column by column */
-    uint64_t response_of;  /* factor that Z belongs to; 0: none */
+    uint64_t response_of;  /* pliant_in_use.number that Z belongs to; 0: none */
 } pliant_handle;
 
 typedef struct pliant_refresh pliant_refresh; /* the background factorizer, refresh.c */
@@ -67,18 +67,35 @@ typedef struct pliant_secant { /* differences of two iterates */
 
 /* The state that the last step ended with (estimate.c). */
 typedef struct pliant_posterior {
-    bool kept;                  /* there is one, and nothing but the loads has changed since */
-    bool evaluated;             /* now.elastic and now.free_step are of it */
-    bool seen;                  /* and what it was evaluated with is in use still */
-    bool touched;               /* there were contacts */
+    bool seen;                  /* at the beginning of this step it was known, and so was what it was evaluated with */
     pliant_iterate at;          /* its step, residual and step_force; the rest is not used */
-    double gravity[3], force[PLIANT_MAX_ROWS]; /* that it was solved for */
-    double target[PLIANT_MAX_ROWS], compliance[PLIANT_MAX_TOOLS]; /* and of the springs */
-    uint64_t factor_serial, axes_serial; /* that it was evaluated with */
 } pliant_posterior;
+
+/* The preconditioner in the axes that it is used in, by the backend that steps (begin.c). */
+typedef struct pliant_in_use {
+    uint64_t number;            /* from 1, another one with every factor and every turn of the axes: responses and ends of steps belong to one */
+    bool turned;                /* the axes are not those that the preconditioner was made in */
+    bool rough;                 /* elements have but a rough notion of how they turn: homogenized ones */
+    bool renews;                /* where it serves badly, a new preconditioner comes soon */
+    bool served_badly;          /* since the axes turned */
+    uint64_t turned_at;         /* step */
+    int64_t evaluations;        /* since then, those that took time */
+} pliant_in_use;
+
+/* What the last step was for, and how it ended (begin.c). */
+typedef struct pliant_asked {
+    bool kept;                  /* there was one, and nothing but what stands here has changed since */
+    bool evaluated;             /* the forces of its last state, and what the preconditioner gives there, are at hand */
+    bool converged, touched;    /* touched: there were contacts */
+    uint64_t number;            /* pliant_in_use that the last state was evaluated with; 0: one that is not used again */
+    double gravity[3], force[PLIANT_MAX_ROWS];
+    double target[PLIANT_MAX_ROWS], compliance[PLIANT_MAX_TOOLS];
+} pliant_asked;
 
 /* What is known of a state that is to be evaluated. */
 typedef enum pliant_known { PLIANT_KNOWN_NOTHING, PLIANT_KNOWN_FORCES, PLIANT_KNOWN_STEP } pliant_known;
+/* Whether the axes of the nodes turn with the tissue. */
+typedef enum pliant_axes { PLIANT_AXES_STAY, PLIANT_AXES_TURN, PLIANT_AXES_TURN_AND_FORGET } pliant_axes;
 
 struct pliant_solver {
     const pliant_system *system;
@@ -92,11 +109,11 @@ struct pliant_solver {
     void *clock_user;
 
     pliant_preconditioner *preconditioner; /* in use; below, "factor" means it */
-    uint64_t factor_serial;     /* counts from 1 */
-    uint64_t axes_serial;       /* counts turns of the axes */
+    uint64_t factors;           /* put to use so far; 1: it is that of rest */
+    pliant_in_use in_use;       /* of a backend of its own: it has its own */
+    pliant_asked asked;
     bool awake;                 /* there is what a step needs, which is what follows but for load, now.x, dense_weights and handles */
     pliant_nodal_rotations *rotations;          /* Nullable: the axes that it is used in */
-    int64_t evaluations;        /* since they turned, those that took time */
     bool opened;                /* the next step is the first one after a cut */
     pliant_refresh *refresh;    /* Nullable */
     pliant_background *background; /* Nullable; borrowed: when what it makes is put to use */
@@ -114,7 +131,6 @@ struct pliant_solver {
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY]; /* energy products of the secants' steps */
     pliant_posterior posterior;
-    uint64_t forgotten;         /* times that the history was dropped, for backends that keep their own */
     double (*element_forces)[12][LANES];
     double *dense_weights;      /* (9 num_free) room to build W */
 };
@@ -192,8 +208,7 @@ void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY]);
 void pliant_solver_remember(pliant_solver *solver, int32_t place, const pliant_iterate *from, const pliant_iterate *to);
 /* Products of the secants' steps with a residual; false: there is no secant. */
 bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at, double along[PLIANT_MAX_HISTORY]);
-/* Weights that make the step smallest in the energy norm: min |dx - sum w_i (secant of dx)_i|_K0; false: none, all 0.
- * estimates: for an estimate of what is left, not for a trial */
+/* Their weights (secant_equations.h). */
 bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], bool estimates, double weights[PLIANT_MAX_HISTORY]);
 /* Largest move of a node that the secants and the residual of a state still call for, now and later [m]. */
 double pliant_secants_left(const pliant_solver *solver, const pliant_iterate *at);
@@ -212,19 +227,29 @@ void pliant_solver_take_over(pliant_solver *solver, pliant_solver *from);
 pliant_status pliant_solver_carry_hold(pliant_solver *solver, const pliant_solver *from, int tool, int32_t count, const int32_t *nodes,
                                        const double *weights, const double *fine_positions, const double force[3]);
 
+/* ---- begin.c: how a step begins, decided here for every backend. in_use: of the one that steps */
+/* Whether a step would find nothing to do: the last one has converged, and nothing has changed since. */
+bool pliant_solver_rests(const pliant_solver *solver);
+/* Whether the axes turn with the tissue before it. */
+pliant_axes pliant_solver_axes(const pliant_solver *solver, const pliant_in_use *in_use, uint64_t step);
+/* They have. */
+void pliant_in_use_turned(pliant_in_use *in_use);
+/* What is known of its first state, with the tools' forces set. seen: and what it was evaluated with is in use still */
+pliant_known pliant_solver_known(pliant_solver *solver, const pliant_in_use *in_use, bool *seen);
+/* The step has ended. evaluated: so is the state that it ended with. */
+void pliant_solver_ended(pliant_solver *solver, const pliant_in_use *in_use, bool evaluated, bool converged);
+
 /* ---- estimate.c: how far nodes still are from where a step would converge to [m] */
 pliant_status pliant_posterior_create(pliant_solver *solver);
 void pliant_posterior_free(pliant_solver *solver);
-/* At the beginning of a step: what is known of its first state. */
-pliant_known pliant_posterior_begin(pliant_solver *solver);
-/* Whether a step would find nothing to do: the last one has converged, and nothing has changed since. */
-bool pliant_posterior_rests(const pliant_solver *solver);
-/* The step ends. evaluated: so is the state that it ends with. */
-void pliant_posterior_keep(pliant_solver *solver, bool evaluated);
+/* What is known of the state that a step ends with. */
+void pliant_posterior_keep(pliant_solver *solver);
 
 /* ---- refresh.c */
 /* Start and deliver factors at fixed steps. Errors of the factorization keep the old factor. */
 pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *statistics);
+/* The history is dropped: what is made of it is of no use. Nullable refresh */
+void pliant_refresh_forget(pliant_refresh *refresh);
 void pliant_refresh_free(pliant_solver *solver);
 size_t pliant_refresh_bytes(const pliant_solver *solver);
 bool pliant_refresh_is_busy(const pliant_solver *solver); /* freeing it would wait */

@@ -43,6 +43,7 @@ static void free_room(pliant_solver *solver)
     solver->rotations = NULL;
     solver->element_forces = NULL;
     memset(&solver->posterior, 0, sizeof solver->posterior);
+    solver->asked.kept = false;
     memset(solver->history, 0, sizeof solver->history);
     solver->awake = false;
 }
@@ -122,7 +123,7 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
         pliant_solver_free(solver);
         return status;
     }
-    solver->factor_serial = 1;
+    solver->factors = solver->in_use.number = 1;
     pliant_anderson_reset(rules);
     *out = solver;
     return PLIANT_OK;
@@ -143,7 +144,7 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
 
 pliant_status pliant_solver_reset(pliant_solver *solver)
 {
-    if (!solver->preconditioner || solver->factor_serial > 1 || pliant_preconditioner_base(solver->preconditioner)) {
+    if (!solver->preconditioner || solver->factors > 1 || pliant_preconditioner_base(solver->preconditioner)) {
         pliant_preconditioner *preconditioner;
         pliant_status status = pliant_preconditioner_clone(solver->system->preconditioner, solver->system->num_threads, &preconditioner);
         if (status != PLIANT_OK) return status;
@@ -154,9 +155,10 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
     pliant_touches_free(solver->touches);
     solver->touches = NULL;
-    solver->factor_serial = 1;
+    solver->factors = 1;
+    solver->in_use.number++;
     pliant_nodal_rotations_refer(solver->system, solver->system->mesh->rest, solver->rotations);
-    solver->evaluations = 0;
+    solver->in_use.evaluations = 0;
     solver->opened = false;
     pliant_anderson_reset(&solver->rules);
     pliant_even_restart(&solver->even);

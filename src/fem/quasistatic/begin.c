@@ -1,0 +1,73 @@
+/* How a step begins: whether there is anything to do, whether the axes of the nodes turn with the tissue, and what is known of its first state. What
+ * follows from that is done by the backend that steps; the rules are these for all. */
+#include "fem/quasistatic/solver.h"
+
+#include <string.h>
+
+static bool tool_asks_the_same(const pliant_asked *asked, const pliant_handle *handle, int tool)
+{
+    return memcmp(asked->force + 3 * tool, handle->force, sizeof handle->force) == 0 && asked->compliance[tool] == handle->compliance &&
+           memcmp(asked->target + 3 * tool, handle->target, sizeof handle->target) == 0;
+}
+
+bool pliant_solver_rests(const pliant_solver *solver)
+{
+    const pliant_asked *asked = &solver->asked;
+    /* around a patch more changes than is looked at here */
+    bool same = !solver->system->basis && asked->kept && asked->evaluated && asked->converged && !asked->touched && !pliant_touches_any(solver->touches) &&
+                memcmp(asked->gravity, solver->gravity, sizeof asked->gravity) == 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS && same; t++)
+        if (solver->handles[t].active) same = tool_asks_the_same(asked, solver->handles + t, t);
+    return same;
+}
+
+/* Responses to springs hold for the axes that they were found in, and homogenized elements have but a rough notion of these: there the axes wait for the
+ * next preconditioner, or turn where the one at hand has served badly and none will come. Secants that hold such responses are forgotten then. */
+pliant_axes pliant_solver_axes(const pliant_solver *solver, const pliant_in_use *in_use, uint64_t step)
+{
+    const uint64_t interval = (uint64_t)solver->refresh_interval;
+    bool waits = in_use->rough;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        waits = waits || (pliant_handle_is_spring(solver->handles + t) && solver->handles[t].response_of == in_use->number);
+    if (!waits) return !in_use->turned || in_use->evaluations >= PLIANT_EVALUATIONS_A_TURN ? PLIANT_AXES_TURN : PLIANT_AXES_STAY;
+    const bool follows = !in_use->renews && in_use->served_badly && interval > 0 && step >= in_use->turned_at + interval;
+    return follows ? PLIANT_AXES_TURN_AND_FORGET : PLIANT_AXES_STAY;
+}
+
+void pliant_in_use_turned(pliant_in_use *in_use)
+{
+    in_use->number++;
+    in_use->turned = true;
+    in_use->served_badly = false;
+    in_use->evaluations = 0;
+}
+
+pliant_known pliant_solver_known(pliant_solver *solver, const pliant_in_use *in_use, bool *seen)
+{
+    pliant_asked *asked = &solver->asked;
+    const bool known = asked->kept && asked->evaluated;
+    asked->kept = false; /* until this step has ended */
+    *seen = known && asked->number == in_use->number;
+    if (!known) return PLIANT_KNOWN_NOTHING;
+    /* what points of contact change in it is another in every step */
+    bool same = *seen && !asked->touched && !pliant_touches_any(solver->touches) && memcmp(asked->gravity, solver->gravity, sizeof asked->gravity) == 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) same = same && memcmp(asked->force + 3 * t, solver->handles[t].force, 3 * sizeof(double)) == 0;
+    return same ? PLIANT_KNOWN_STEP : PLIANT_KNOWN_FORCES;
+}
+
+void pliant_solver_ended(pliant_solver *solver, const pliant_in_use *in_use, bool evaluated, bool converged)
+{
+    pliant_asked *asked = &solver->asked;
+    asked->kept = true;
+    asked->evaluated = evaluated;
+    asked->converged = converged;
+    asked->touched = pliant_touches_any(solver->touches);
+    asked->number = in_use->number;
+    memcpy(asked->gravity, solver->gravity, sizeof asked->gravity);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        const pliant_handle *handle = solver->handles + t;
+        asked->compliance[t] = handle->compliance;
+        memcpy(asked->force + 3 * t, handle->force, sizeof handle->force);
+        memcpy(asked->target + 3 * t, handle->target, sizeof handle->target);
+    }
+}

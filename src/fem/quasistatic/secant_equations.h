@@ -1,0 +1,102 @@
+/* The weights of the secants (Walker and Ni 2011, 2.1): the normal equations, which of the secants have a part in them, and their solution, for the CPU and
+ * for a warp of the GPU: so many lanes take the rows in turns, and the same is done in the same order whoever does it. */
+#ifndef PLIANT_FEM_QUASISTATIC_SECANT_EQUATIONS_H
+#define PLIANT_FEM_QUASISTATIC_SECANT_EQUATIONS_H
+
+#include "base/dot.h"
+#include "fem/quasistatic/anderson.h"
+
+#ifdef __CUDACC__
+#define PLIANT_LANES_MEET() __syncwarp()
+#else
+#define PLIANT_LANES_MEET() ((void)0)
+#endif
+
+enum { PLIANT_EQUATIONS_ROW = PLIANT_MAX_HISTORY + 1 }; /* an odd row: a GPU's memory banks */
+
+/* Room, shared by the lanes. */
+typedef struct pliant_secant_equations {
+    int32_t used[PLIANT_MAX_HISTORY];
+    double scale[PLIANT_MAX_HISTORY], diagonal[PLIANT_MAX_HISTORY], right[PLIANT_MAX_HISTORY];
+    double matrix[PLIANT_MAX_HISTORY][PLIANT_EQUATIONS_ROW]; /* its lower triangle */
+} pliant_secant_equations;
+
+/* Places of the secants that are used, and how many. Secants differ in size by orders: they are scaled to a unit diagonal. */
+PLIANT_INLINE int32_t pliant_secant_choose(int32_t lane, int32_t lanes, const pliant_anderson *rules, const double *gram, double largest,
+                                           pliant_secant_equations *equations)
+{
+    int32_t count = 0;
+    for (int32_t h = lane; h < PLIANT_MAX_HISTORY; h += lanes)
+        equations->scale[h] = rules->number[h] > 0 ? pliant_anderson_scale(gram[h * PLIANT_MAX_HISTORY + h], largest) : 0.0;
+    PLIANT_LANES_MEET();
+    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
+        if (equations->scale[h] > 0 && h % lanes == lane) equations->used[count] = h;
+        count += equations->scale[h] > 0;
+    }
+    PLIANT_LANES_MEET();
+    return count;
+}
+
+/* The equations of those, with a little regularization: as secants are not exact. */
+PLIANT_INLINE void pliant_secant_fill(int32_t lane, int32_t lanes, const pliant_anderson *rules, const double *gram, const double *along, bool estimates,
+                                      int32_t count, pliant_secant_equations *equations)
+{
+    for (int32_t n = lane; n < count * count; n += lanes) {
+        const int32_t a = n / count, b = n % count, first = equations->used[a], second = equations->used[b];
+        const double noise = estimates ? pliant_anderson_noise(rules, first) : PLIANT_NOISE_OF_TRIAL;
+        if (a == b) equations->right[a] = along[first] * equations->scale[first];
+        equations->matrix[a][b] = a == b ? 1 + noise * noise : gram[first * PLIANT_MAX_HISTORY + second] * equations->scale[first] * equations->scale[second];
+    }
+    PLIANT_LANES_MEET();
+}
+
+/* By Cholesky, column by column (Golub and Van Loan, 4.2). false: they are no products of any vectors, by rounding */
+PLIANT_INLINE bool pliant_secant_solve(int32_t lane, int32_t lanes, int32_t count, pliant_secant_equations *equations)
+{
+    double(*matrix)[PLIANT_EQUATIONS_ROW] = equations->matrix, *right = equations->right;
+    for (int32_t c = 0; c < count; c++) {
+        for (int32_t r = lane; r < count; r += lanes) {
+            if (r < c) continue;
+            const double left = matrix[r][c] - pliant_dot((size_t)c, matrix[r], matrix[c]);
+            if (r > c) matrix[r][c] = left;
+            else equations->diagonal[c] = left > 1e-14 * matrix[c][c] ? sqrt(left) : 0.0;
+        }
+        PLIANT_LANES_MEET();
+        if (!(equations->diagonal[c] > 0)) return false; /* the same for all lanes */
+        for (int32_t r = lane; r < count; r += lanes)
+            if (r > c) matrix[r][c] /= equations->diagonal[c];
+        PLIANT_LANES_MEET();
+    }
+    for (int32_t c = 0; c < count; c++) {
+        if (c % lanes == lane) right[c] /= equations->diagonal[c];
+        PLIANT_LANES_MEET();
+        for (int32_t r = lane; r < count; r += lanes)
+            if (r > c) right[r] -= matrix[r][c] * right[c];
+        PLIANT_LANES_MEET();
+    }
+    for (int32_t c = count - 1; c >= 0; c--) {
+        if (c % lanes == lane) right[c] /= equations->diagonal[c];
+        PLIANT_LANES_MEET();
+        for (int32_t r = lane; r < c; r += lanes) right[r] -= matrix[c][r] * right[c];
+        PLIANT_LANES_MEET();
+    }
+    return true;
+}
+
+/* Weights that make a step smallest in the energy norm: min |dx - sum w_i (secant of dx)_i|_K0; false: none, all 0.
+ * @param gram  products of the secants' steps with their residuals, and of springs: (PLIANT_MAX_HISTORY) squared
+ * @param along the same with the residual of the state
+ * @param estimates for an estimate of what is left, not for a trial */
+PLIANT_INLINE bool pliant_secant_weights(int32_t lane, int32_t lanes, const pliant_anderson *rules, const double *gram, const double *along, bool estimates,
+                                         pliant_secant_equations *equations, double *weights)
+{
+    for (int32_t h = lane; h < PLIANT_MAX_HISTORY; h += lanes) weights[h] = 0;
+    const int32_t count = pliant_secant_choose(lane, lanes, rules, gram, estimates ? INFINITY : rules->largest_secant, equations);
+    if (count == 0) return false;
+    pliant_secant_fill(lane, lanes, rules, gram, along, estimates, count, equations);
+    if (!pliant_secant_solve(lane, lanes, count, equations)) return false;
+    for (int32_t a = lane; a < count; a += lanes) weights[equations->used[a]] = equations->right[a] * equations->scale[equations->used[a]];
+    return true;
+}
+
+#endif
