@@ -68,9 +68,8 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
             }
         state.step = step;
         state.done = state.iterations = state.ending = state.took = 0;
-        state.knows_forces = step.kept && state.evaluated;
-        state.seen = state.knows_forces && step.same_axes;
-        state.skips = state.seen && step.same_step;
+        state.seen = step.seen;
+        state.skips = step.known == PLIANT_KNOWN_STEP;
         pliant_anderson &rules = state.rules;
         if (step.restart) pliant_anderson_reset(&rules);
         if (step.forget) pliant_anderson_forget(&rules);

@@ -1,7 +1,7 @@
 /* What follows from an evaluation: one block, on a copy of the state in shared memory. */
 #include "anderson.h"
 #include "check.h"
-#include "fem/quasistatic/anderson.h"
+#include "fem/quasistatic/secant_equations.h"
 #include "warp_sum.cuh"
 
 enum { DECIDERS = 32 * (SINGLE_SUMS + PLIANT_MAX_HISTORY + GATHER_SUMS) }; /* a warp a sum, but in a step's first evaluation */
@@ -12,8 +12,8 @@ struct decision {
     gpu_state state;
     gpu_secants secants;
     double sums[DOT_SUMS], work[GATHER_SUMS];
-    double new_row[GPU_HISTORY], gram[KINDS][GPU_HISTORY][GPU_HISTORY], scale[KINDS][GPU_HISTORY], right[KINDS][GPU_HISTORY];
-    int used[KINDS][GPU_HISTORY];
+    double new_row[GPU_HISTORY], along[KINDS][GPU_HISTORY];
+    pliant_secant_equations equations[KINDS];
 };
 
 static __device__ double spring_energy(const gpu_state &state, const double *a, const double *b)
@@ -106,85 +106,37 @@ static __device__ void judge(decision &now, int room)
     state.blocks = 0;
 }
 
-/* the secant's part in the history */
-static __device__ void keep_secant(decision &now, gpu_secants &kept)
+/* the secant's part in the history: what springs do, by a thread a row; then its products, by a thread a secant */
+static __device__ void keep_springs(decision &now, gpu_secants &kept)
 {
     const gpu_state &state = now.state;
     const int place = state.rules.keep, thread = (int)threadIdx.x, from = state.old_now, to = 1 - from;
-    if (thread < GPU_ROWS) {
-        kept.force[place][thread] = now.secants.force[place][thread] = state.force[to][thread] - state.force[from][thread];
-        kept.step_force[place][thread] = now.secants.step_force[place][thread] = state.step_force[to][thread] - state.step_force[from][thread];
-    }
-    if (thread < GPU_HISTORY) {
-        const double product = now.new_row[thread];
-        kept.gram[thread][place] = kept.gram[place][thread] = now.secants.gram[thread][place] = now.secants.gram[place][thread] = product;
-    }
+    if (thread >= GPU_ROWS) return;
+    kept.force[place][thread] = now.secants.force[place][thread] = state.force[to][thread] - state.force[from][thread];
+    kept.step_force[place][thread] = now.secants.step_force[place][thread] = state.step_force[to][thread] - state.step_force[from][thread];
+}
+static __device__ void keep_products(decision &now, gpu_secants &kept)
+{
+    const int place = now.state.rules.keep, h = (int)threadIdx.x;
+    if (h >= GPU_HISTORY) return;
+    const double product = now.new_row[h] + spring_energy(now.state, now.secants.step_force[place], now.secants.step_force[h]);
+    const int one = place * GPU_HISTORY + h, other = h * GPU_HISTORY + place;
+    kept.gram[one] = kept.gram[other] = now.secants.gram[one] = now.secants.gram[other] = product;
 }
 
-/* The weights that make the step smallest in the energy norm: the normal equations of the secants that are used, scaled to a unit diagonal,
- * by one warp (GPU_HISTORY is less than 32). How many those are. */
-static __device__ int fill_equations(decision &now, int kind)
+/* Weights of one kind, by one warp (GPU_HISTORY is less than 32); false: none */
+static __device__ bool find_weights(decision &now, int kind)
 {
-    gpu_state &state = now.state;
-    const gpu_secants &secants = now.secants;
-    const pliant_anderson &rules = state.rules;
+    const gpu_state &state = now.state;
     const int h = (int)threadIdx.x % 32;
-    double scale = 0, right = 0;
+    const bool asked = kind == TRIAL ? state.rules.mixes : kind == ESTIMATE || state.seen; /* the same for all lanes */
     if (h < GPU_HISTORY) {
-        const double energy = secants.gram[h][h] + spring_energy(state, secants.step_force[h], secants.step_force[h]);
-        const bool used = rules.number[h] > 0 && (kind == TRIAL ? rules.mixes : kind == ESTIMATE || state.seen);
-        scale = used ? pliant_anderson_scale(energy, kind == TRIAL ? rules.largest_secant : INFINITY) : 0;
         const double *along = kind == PAST ? state.past_along : state.along, *force = kind == PAST ? state.past_step_force : state.step_force[state.now];
-        if (scale > 0) right = along[h] + spring_energy(state, secants.step_force[h], force);
-        state.weights[kind][h] = 0;
-    }
-    const unsigned all = __ballot_sync(0xffffffff, scale > 0);
-    const int count = __popc(all), place = __popc(all & ((1u << h) - 1));
-    if (scale > 0) {
-        now.used[kind][place] = h;
-        now.scale[kind][place] = scale;
-        now.right[kind][place] = right * scale;
+        now.along[kind][h] = along[h] + spring_energy(state, now.secants.step_force[h], force);
+        now.state.weights[kind][h] = 0;
     }
     __syncwarp();
-    for (int n = h; n < count * count; n += 32) {
-        const int a = n / count, b = n % count, first = now.used[kind][a], second = now.used[kind][b];
-        const double noise = kind == TRIAL ? PLIANT_NOISE_OF_TRIAL : pliant_anderson_noise(&rules, first), by = now.scale[kind][a] * now.scale[kind][b];
-        const double product = secants.gram[first][second] + spring_energy(state, secants.step_force[first], secants.step_force[second]);
-        now.gram[kind][a][b] = a == b ? 1 + noise * noise : product * by;
-    }
-    __syncwarp();
-    return count;
-}
-
-/* Cholesky by one warp, a lane a row; false: no weights to be had */
-static __device__ bool solve_equations(decision &now, int kind)
-{
-    const int count = fill_equations(now, kind), lane = (int)threadIdx.x % 32;
-    double(*gram)[GPU_HISTORY] = now.gram[kind];
-    double own = lane < count ? now.right[kind][lane] : 0;
-    bool good = count > 0;
-    for (int c = 0; good && c < count; c++) {
-        double pivot = gram[c][c];
-        good = pivot > 0; /* the same for all lanes */
-        double below = lane >= c && lane < count ? gram[lane][c] / sqrt(pivot) : 0;
-        __syncwarp();
-        if (lane >= c && lane < count) gram[lane][c] = below;
-        __syncwarp();
-        for (int b = c + 1; b <= lane && lane < count; b++) gram[lane][b] -= below * gram[b][c];
-        __syncwarp();
-    }
-    for (int c = 0; good && c < count; c++) {
-        double known = __shfl_sync(0xffffffff, own, c) / gram[c][c];
-        if (lane == c) own = known;
-        else if (lane > c && lane < count) own -= gram[lane][c] * known;
-    }
-    for (int c = count - 1; good && c >= 0; c--) {
-        double known = __shfl_sync(0xffffffff, own, c) / gram[c][c];
-        if (lane == c) own = known;
-        else if (lane < c) own -= gram[c][lane] * known;
-    }
-    if (good && lane < count) now.state.weights[kind][now.used[kind][lane]] = own * now.scale[kind][lane];
-    return good;
+    return asked && pliant_secant_weights(h, 32, &state.rules, now.secants.gram, now.along[kind], kind != TRIAL, now.equations + kind, now.state.weights[kind]);
 }
 
 /* a tool's force in the iterate to come; that of a state before is still there */
@@ -216,10 +168,12 @@ static __global__ void __launch_bounds__(DECIDERS) decide_kernel(gpu_iteration i
     if (now.state.done) return;
     if (thread == 0) judge(now, iteration.room);
     __syncthreads();
-    if (now.state.rules.keep >= 0) keep_secant(now, kept);
+    if (now.state.rules.keep >= 0) keep_springs(now, kept);
+    __syncthreads();
+    if (now.state.rules.keep >= 0) keep_products(now, kept);
     __syncthreads();
     if (thread < 32 * KINDS) {
-        bool mixed = solve_equations(now, thread / 32);
+        bool mixed = find_weights(now, thread / 32);
         if (thread == 0) now.state.mixed = mixed;
     }
     __syncthreads();

@@ -81,6 +81,7 @@ extern "C" pliant_status pliant_cuda_macros_create(const pliant_macros *macros, 
     CUDA_TRY(upload(macros->own, 8 * count, stream, &out->d_own));
     CUDA_TRY(upload(macros->gradient, 24 * count, stream, &out->d_gradient));
     CUDA_TRY(upload(macros->rank, count, stream, &out->d_rank));
+    CUDA_TRY(upload(macros->shear, macros->shear ? count : 0, stream, &out->d_shear));
     CUDA_TRY(upload(macros->cube_of_corner, corners, stream, &out->d_cube_of_corner));
     CUDA_TRY(pliant_cuda_allocate(count * sizeof(pliant_macro_frame), "the macro-elements", reinterpret_cast<void **>(&out->d_frame)));
     try {
@@ -99,17 +100,17 @@ extern "C" void pliant_cuda_macros_free(gpu_macros *macros)
 {
     void *blocks[] = {macros->d_start, macros->d_node, macros->d_own, macros->d_rank, macros->d_cube_of_corner, macros->d_fine_start, macros->d_fine,
                       macros->d_held, macros->d_grounded, macros->d_gradient, macros->d_frame, macros->d_root_start, macros->d_root, macros->d_entry_start,
-                      macros->d_entry_corner, macros->d_entry_shape};
+                      macros->d_entry_corner, macros->d_entry_shape, macros->d_shear};
     for (void *block : blocks) pliant_cuda_release(block);
     memset(macros, 0, sizeof *macros);
 }
 
 /* ---- frames: a thread a cube */
 
-static __device__ void frame_of(const gpu_system &system, const double *x, int cube, pliant_macro_frame *out)
+/* f: its deformation gradient */
+static __device__ void frame_of(const gpu_system &system, const double *x, int cube, double f[9], pliant_macro_frame *out)
 {
     const gpu_macros &macros = system.macros;
-    double f[9];
     pliant_macro_place(macros.d_own + 8 * (size_t)cube, macros.d_gradient + 24 * (size_t)cube, x, system.d_rest, f, out);
     if (macros.d_grounded[cube])
         for (int m = 0; m < 9; m++) out->rotation[m] = m % 4 == 0;
@@ -123,7 +124,8 @@ static __global__ void __launch_bounds__(FRAMES) macro_frame_kernel(gpu_system s
     const gpu_state &state = *iteration.d_state;
     const int cube = (int)(blockIdx.x * FRAMES + threadIdx.x);
     if (cube >= system.macros.count || (evaluates && (state.done || gpu_knows_forces(&state)))) return;
-    frame_of(system, iteration.d_x[evaluates ? gpu_target(&state) : state.now], cube, system.macros.d_frame + cube);
+    double f[9];
+    frame_of(system, iteration.d_x[evaluates ? gpu_target(&state) : state.now], cube, f, system.macros.d_frame + cube);
 }
 
 /* ---- one block of threads a cube */
@@ -215,9 +217,11 @@ static __global__ void __launch_bounds__(FRAMES) macro_rotation_kernel(gpu_syste
 {
     const int cube = (int)(blockIdx.x * FRAMES + threadIdx.x);
     if (cube >= system.macros.count) return;
+    const double *d_shear = system.macros.d_shear;
     pliant_macro_frame frame;
-    frame_of(system, iteration.d_x[iteration.d_state->now], cube, &frame);
-    for (int m = 0; m < 9; m++) iteration.d_rotations[16 * (size_t)cube + m] = frame.rotation[m];
+    double f[9];
+    frame_of(system, iteration.d_x[iteration.d_state->now], cube, f, &frame);
+    for (int m = 0; m < 9; m++) iteration.d_rotations[16 * (size_t)cube + m] = d_shear ? d_shear[cube] * f[m] : frame.rotation[m];
 }
 
 static __global__ void __launch_bounds__(THREADS) macro_position_kernel(gpu_system system, gpu_iteration iteration, double *d_fine)

@@ -20,7 +20,7 @@ typedef struct gpu_macros {
     int32_t most_unknowns, most_rank; /* of a cube */
     int32_t *d_start, *d_node, *d_own, *d_rank, *d_cube_of_corner, *d_fine_start, *d_fine;
     uint8_t *d_held, *d_grounded;
-    double *d_gradient;
+    double *d_gradient, *d_shear; /* the latter NULL: homogenized */
     pliant_macro_frame *d_frame; /* (count) of the iterate that was asked for last */
     int64_t *d_root_start;     /* (count) into d_root */
     float *d_root;
@@ -35,7 +35,7 @@ void pliant_cuda_macros_free(gpu_macros *macros);
 
 /* Forces of the iterate under evaluation to d_element_force, four numbers a corner. */
 pliant_status pliant_cuda_macro_forces(const struct gpu_system *system, const struct gpu_iteration *iteration, cudaStream_t stream);
-/* Rotations of the cubes of the present iterate to d_rotations, 16 numbers a cube. */
+/* What cubes of the present iterate say of the axes of their nodes (nodal_rotations.h) to d_rotations, 16 numbers a cube. */
 pliant_status pliant_cuda_macro_rotations(const struct gpu_system *system, const struct gpu_iteration *iteration, cudaStream_t stream);
 /* Fine nodes of the present iterate. */
 pliant_status pliant_cuda_macro_positions(const struct gpu_system *system, const struct gpu_iteration *iteration, double *d_fine, cudaStream_t stream);

@@ -135,7 +135,7 @@ static pliant_status deliver(pliant_cuda_solver *gpu, const pliant_solver *solve
     }
     forget_body(renewal);
     if (status != PLIANT_OK || !*renewed) return status;
-    gpu->serial++;
+    gpu->in_use.number++;
     pliant_cuda_answers_forget(&gpu->touches.answers);
     return pliant_cuda_solver_record(gpu);
 }

@@ -73,7 +73,7 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
 extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     const size_t bytes = 3 * (size_t)gpu->system.num_nodes * sizeof(double);
-    gpu->serial++;
+    gpu->in_use.number++;
     for (int b = 0; b < 2; b++)
         CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[b], solver->now.x, bytes, cudaMemcpyHostToDevice, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
@@ -88,18 +88,18 @@ extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, con
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_state, 0, sizeof(gpu_state), gpu->stream)));
     CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, true, gpu->stream));
-    gpu->served_badly = false;
-    gpu->turned_at = 0;
-    gpu->evaluations = -1;
+    pliant_in_use_turned(&gpu->in_use);
+    gpu->in_use.turned = false; /* back to those of rest */
+    gpu->in_use.turned_at = 0;
+    gpu->in_use.rough = gpu->system.d_stiffness || (gpu->system.macros.count > 0 && !gpu->system.macros.d_shear);
     return pliant_cuda_solver_begin(gpu, solver);
 }
 
 /* ---- in a step */
 
-static pliant_status send_load(pliant_cuda_solver *gpu, const pliant_solver *solver, const double gravity[3], gpu_step *step)
+static pliant_status send_load(pliant_cuda_solver *gpu, const pliant_solver *solver, const double gravity[3])
 {
     if (gpu->loaded && memcmp(gpu->gravity, gravity, sizeof gpu->gravity) == 0) return PLIANT_OK;
-    step->same_step = 0;
     const size_t bytes = 3 * (size_t)gpu->system.num_free * sizeof(double);
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_load, solver->load, bytes, cudaMemcpyHostToDevice, gpu->stream)));
     memcpy(gpu->gravity, gravity, sizeof gpu->gravity);
@@ -127,8 +127,8 @@ static pliant_status send_hold(pliant_cuda_solver *gpu, const pliant_handle *han
     return CUDA_CALL(cudaMemcpyAsync(arrays->d_block, handle->block, 9 * count * sizeof(double), cudaMemcpyHostToDevice, gpu->stream));
 }
 
-/* what the tools do in this step; the responses of those that took hold or that the preconditioner left behind */
-static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step)
+/* What the tools do in this step; the responses of those that took hold or that the preconditioner left behind: *responded, and what it gave is lost. */
+static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step, bool *responded)
 {
     bool fresh = false;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
@@ -136,7 +136,6 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
         gpu_tool_arrays *arrays = gpu->tools + t;
         gpu_tool *tool = step->tools + t;
         memcpy(tool->force, handle->force, sizeof tool->force);
-        if (memcmp(gpu->force + 3 * t, handle->force, sizeof handle->force) != 0) step->same_step = 0;
         if (!handle->active || handle->count == 0) continue;
         if (handle->response_of == 0) {
             CUDA_TRY(send_hold(gpu, handle, arrays));
@@ -151,51 +150,36 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
         tool->compliance = handle->compliance;
         memcpy(tool->target, handle->target, sizeof tool->target);
         memcpy(tool->origin, handle->origin, sizeof tool->origin);
-        if (handle->response_of == gpu->serial) continue;
+        if (handle->response_of == gpu->in_use.number) continue;
         handle->response_of = no_response;
         if (!tool->spring) continue;
         CUDA_TRY(pliant_cuda_respond(&gpu->preconditioner, &gpu->iteration, tool, arrays->d_response, gpu->stream));
-        step->same_step = 0; /* d_left was taken */
-        handle->response_of = gpu->serial;
+        *responded = true;
+        handle->response_of = gpu->in_use.number;
     }
     /* nodes that were held before keep no force */
-    if (fresh || gpu->forgotten != solver->forgotten)
+    if (fresh || !solver->asked.kept)
         CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_extra, 0, 3 * (size_t)gpu->system.num_free * sizeof(double), gpu->stream)));
     return PLIANT_OK;
 }
 
-/* The axes follow the tissue, as on the CPU. Responses to springs hold for the axes that they were found in, and homogenized elements have
- * but a rough notion of them: there the axes turn only where the preconditioner has served badly, since no new one is made here.
- * Secants that hold such responses are forgotten. */
 static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, gpu_step *step)
 {
-    const uint64_t interval = (uint64_t)solver->refresh_interval;
-    bool waits = gpu->system.d_stiffness || gpu->system.macros.count > 0, follows = gpu->evaluations < 0 || gpu->evaluations >= PLIANT_EVALUATIONS_A_TURN;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        waits = waits || (pliant_handle_is_spring(solver->handles + t) && solver->handles[t].response_of == gpu->serial);
-    if (waits) follows = gpu->served_badly && interval > 0 && statistics->step >= gpu->turned_at + interval;
-    step->forget = follows && waits;
-    step->same_axes = !follows;
-    if (!follows) return PLIANT_OK;
+    const pliant_axes axes = pliant_solver_axes(solver, &gpu->in_use, statistics->step);
+    if (axes == PLIANT_AXES_STAY) return PLIANT_OK;
     CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream));
-    gpu->serial++;
-    gpu->turned_at = statistics->step;
-    gpu->served_badly = false;
-    gpu->evaluations = 0;
-    statistics->factors += waits;
+    pliant_in_use_turned(&gpu->in_use);
+    gpu->in_use.turned_at = statistics->step;
+    if (axes == PLIANT_AXES_TURN) return PLIANT_OK;
+    step->forget = 1;
+    statistics->factors++;
     return PLIANT_OK;
-}
-
-/* The last step's end was evaluated, and what is asked there now is the same: as begin_kernel finds it, too. */
-static bool knows_first(const pliant_cuda_solver *gpu, const gpu_step *step)
-{
-    return step->kept && step->same_axes && step->same_step && gpu->h_state->evaluated;
 }
 
 static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
 {
     CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
-    CUDA_TRY(pliant_cuda_solver_evaluate_first(gpu, knows_first(gpu, step)));
+    CUDA_TRY(pliant_cuda_solver_evaluate_first(gpu, step->known == PLIANT_KNOWN_STEP));
     const int32_t most = step->most_evaluations + 4; /* one to look back at the state before a blind step, a descent, the body at rest, the end or the trial in its place */
     int32_t ahead = gpu->last_launches; /* a step takes about as many as the last one; those too many do nothing */
     for (int32_t spent = 1; spent < most; ahead = 2) {
@@ -207,56 +191,75 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
     return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not come to an end");
 }
 
+/* what the host's limits say of it, and what is known of its first state */
+static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics, bool renewed, gpu_step *step)
+{
+    bool responded = false, seen = false;
+    CUDA_TRY(send_load(gpu, solver, gravity));
+    CUDA_TRY(turn(gpu, solver, statistics, step));
+    step->forget = step->forget || renewed || !solver->asked.kept;
+    CUDA_TRY(send_tools(gpu, solver, step, &responded));
+    const pliant_anderson *limits = &solver->rules;
+    step->most_evaluations = limits->most_evaluations;
+    step->depth = limits->depth;
+    step->room = limits->room;
+    step->tolerance = limits->tolerance;
+    step->smallest_displacement = limits->smallest_displacement;
+    step->is_cycle = gpu->preconditioner.multigrid != nullptr;
+    step->smallest_scale = solver->smallest_scale;
+    step->restart = gpu->fresh;
+    step->known = pliant_solver_known(solver, &gpu->in_use, &seen);
+    step->seen = seen;
+    if (responded && step->known == PLIANT_KNOWN_STEP) step->known = PLIANT_KNOWN_FORCES;
+    step->touches = pliant_touches_any(solver->touches);
+    if (step->touches || gpu->touched)
+        CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_touch, 0, 3 * (size_t)gpu->system.num_free * sizeof(double), gpu->stream)));
+    gpu->touched = step->touches;
+    step->limit = pliant_solver_limit(solver);
+    if (step->limit.evaluations < INT32_MAX) step->limit.evaluations += step->known == PLIANT_KNOWN_STEP;
+    return PLIANT_OK;
+}
+
+/* what the last step that had something to do came to */
+static void tell(const pliant_cuda_solver *gpu, pliant_statistics *statistics)
+{
+    const gpu_state *state = gpu->h_state;
+    statistics->residual = state->rules.merit / state->told_scale;
+    statistics->residual_force = state->told_residual_force;
+    statistics->error = state->rules.error;
+}
+
 extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
 {
     gpu_step step = {};
     bool renewed = false;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     CUDA_TRY(pliant_cuda_renewal_step(gpu, solver, statistics, &renewed));
-    step.same_step = 1;
-    CUDA_TRY(send_load(gpu, solver, gravity, &step));
-    CUDA_TRY(turn(gpu, solver, statistics, &step));
-    CUDA_TRY(send_tools(gpu, solver, &step));
-    const pliant_anderson *limits = &solver->rules;
-    step.most_evaluations = limits->most_evaluations;
-    step.depth = limits->depth;
-    step.room = limits->room;
-    step.tolerance = limits->tolerance;
-    step.smallest_displacement = limits->smallest_displacement;
-    step.is_cycle = gpu->preconditioner.multigrid != nullptr;
-    step.smallest_scale = solver->smallest_scale;
-    step.restart = gpu->fresh;
-    step.kept = !gpu->fresh && gpu->forgotten == solver->forgotten;
-    step.same_axes = step.same_axes && !renewed;
-    step.forget = step.forget || renewed || gpu->forgotten != solver->forgotten;
-    gpu->forgotten = solver->forgotten;
-    step.touches = pliant_touches_any(solver->touches);
-    if (step.touches || gpu->touched) {
-        step.same_step = 0; /* what points change in it is another in every step */
-        CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_touch, 0, 3 * (size_t)gpu->system.num_free * sizeof(double), gpu->stream)));
+    if (gpu->fresh) pliant_solver_forget(solver);
+    if (pliant_solver_rests(solver)) {
+        statistics->iterations = 0;
+        tell(gpu, statistics);
+        statistics->error_before = statistics->error;
+        return PLIANT_OK;
     }
-    gpu->touched = step.touches;
-    const int32_t known = knows_first(gpu, &step);
-    step.limit = pliant_solver_limit(solver);
-    if (step.limit.evaluations < INT32_MAX) step.limit.evaluations += known;
+    CUDA_TRY(prepare(gpu, solver, gravity, statistics, renewed, &step));
     CUDA_TRY(step.touches ? pliant_cuda_touches_run(gpu, solver, &step) : run(gpu, &step));
     gpu->fresh = false;
     const gpu_state *state = gpu->h_state;
     const pliant_anderson *rules = &state->rules;
     if (!isfinite(rules->merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, state->force[state->now] + 3 * t, sizeof solver->handles[t].force);
-    memcpy(gpu->force, state->force[state->now], sizeof gpu->force);
-    statistics->iterations = rules->evaluations - rules->last;
+    pliant_solver_ended(solver, &gpu->in_use, state->evaluated, rules->converged);
     gpu->last_launches = rules->evaluations + state->ending;
-    pliant_even_note(&solver->even, gpu->last_launches - known, rules->first_merit);
-    gpu->evaluations += rules->evaluations;
+    const int32_t solved = gpu->last_launches - (step.known == PLIANT_KNOWN_STEP);
+    pliant_even_note(&solver->even, solved, rules->first_merit);
+    gpu->in_use.evaluations += solved;
+    gpu->in_use.served_badly = gpu->in_use.served_badly || rules->rate > PLIANT_SERVES_BADLY;
+    statistics->iterations = rules->evaluations - rules->last;
     statistics->rejected += (uint64_t)rules->rejected;
-    statistics->residual = rules->merit / state->told_scale;
-    statistics->residual_force = state->told_residual_force;
-    statistics->error = rules->error;
+    tell(gpu, statistics);
     statistics->error_before = rules->error_before;
     pliant_touches_tell(solver->touches, pliant_cuda_touches_moved(&gpu->touches), statistics);
-    gpu->served_badly = gpu->served_badly || rules->rate > PLIANT_SERVES_BADLY;
     return rules->converged ? PLIANT_OK : PLIANT_NOT_CONVERGED;
 }
 

@@ -43,13 +43,9 @@ struct pliant_cuda_solver {
     gpu_tool_arrays tools[PLIANT_MAX_TOOLS];
     gpu_touches touches;
     bool touched;              /* in the last step */
-    uint64_t serial;           /* counts turns of the preconditioner, from 1 */
-    uint64_t turned_at;        /* step */
-    bool served_badly;         /* the preconditioner, since then */
-    int64_t evaluations;       /* since then; -1: the axes are those of rest */
+    pliant_in_use in_use;
     bool fresh;                /* the state was taken from the host */
-    uint64_t forgotten;        /* of the host's solver */
-    double gravity[3], force[PLIANT_MAX_ROWS]; /* of the last step */
+    double gravity[3];         /* that d_load is of */
     bool loaded;
     int32_t last_launches;     /* evaluations, that of the end among them */
 };

@@ -28,7 +28,7 @@ typedef struct gpu_step {
     gpu_tool tools[GPU_TOOLS];
     int32_t touches;           /* there are contacts (touch.h) */
     int32_t restart, forget;   /* nothing is known of the state; the secants no longer hold */
-    int32_t kept, same_axes, same_step; /* since the step before: nothing but loads has changed; nor the axes; nor what the preconditioner gave */
+    int32_t known, seen;       /* pliant_known of its first state, and whether the preconditioner is as it was there */
     int32_t is_cycle;          /* the preconditioner is a V-cycle */
     int32_t most_evaluations, depth, room;
     pliant_even_limit limit;   /* one more where the first costs nothing */
@@ -61,7 +61,7 @@ typedef struct gpu_state {
     unsigned long long blocks; /* that have found theirs */
     /* pliant_posterior */
     int32_t last_target;       /* buffer that was evaluated last */
-    int32_t knows_forces, seen; /* by this step's beginning: of its first state, the forces; what it lacked for the loads of then */
+    int32_t seen;              /* by this step's beginning: what its first state lacked for the loads of then */
     int32_t skips;             /* the preconditioner has nothing to do */
     double past_step_force[GPU_ROWS];
     double past_of_now;        /* step of the present iterate . residual of then */
@@ -69,7 +69,7 @@ typedef struct gpu_state {
 } gpu_state;
 
 typedef struct gpu_secants {
-    double gram[GPU_HISTORY][GPU_HISTORY]; /* secants' step . secants' residual */
+    double gram[GPU_HISTORY * GPU_HISTORY]; /* secants' step . secants' residual, and of springs */
     double force[GPU_HISTORY][GPU_ROWS], step_force[GPU_HISTORY][GPU_ROWS]; /* secants' of the tools */
 } gpu_secants;
 
@@ -103,7 +103,7 @@ typedef struct gpu_iteration {
 /* the iterate that an evaluation is about */
 static __device__ __forceinline__ int gpu_target(const gpu_state *state) { return state->iterations == 0 ? state->now : 1 - state->now; }
 /* whose elastic forces are those of the end of the last step */
-static __device__ __forceinline__ bool gpu_knows_forces(const gpu_state *state) { return state->iterations == 0 && state->knows_forces; }
+static __device__ __forceinline__ bool gpu_knows_forces(const gpu_state *state) { return state->iterations == 0 && state->step.known != PLIANT_KNOWN_NOTHING; }
 #endif
 
 #ifdef __cplusplus
