@@ -63,7 +63,7 @@ INLINE void damp_block(float change[9][LANES], const float *mu, float factor, fl
 }
 
 /* rest volume times first Piola-Kirchhoff stress of a block, from H and, damped, its change; pressure: NULL where it follows from the law */
-INLINE void block_stress(const pliant_tled_system *system, pliant_law law, bool viscous, float dt, float h[9][LANES], float change[9][LANES],
+INLINE void block_stress(const pliant_tled_system *system, pliant_law law, bool viscous, bool damped, float dt, float h[9][LANES], float change[9][LANES],
                          float moduli[3][LANES], const float *pressure, float (*memory)[LANES], float out[9][LANES])
 {
     float p[9][LANES], cofactor[9][LANES], volume[9][LANES];
@@ -88,25 +88,25 @@ INLINE void block_stress(const pliant_tled_system *system, pliant_law law, bool 
         for (int m = 0; m < 9; m++) p[m][l] = stress[m];
     }
     if (viscous) relax_block(system, dt, h, cofactor, p, memory);
-    if (system->stiffness_damping > 0) damp_block(change, moduli[0], (float)system->stiffness_damping / dt, h, p);
-    for (int m = 0; m < 9; m++)
-        for (int l = 0; l < LANES; l++) out[m][l] = p[m][l] + volume[m][l];
+    if (damped) damp_block(change, moduli[0], (float)system->stiffness_damping / dt, h, p);
+    for (int l = 0; l < LANES; l++)
+        for (int m = 0; m < 9; m++) out[m][l] = p[m][l] + volume[m][l];
 }
 
-INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool nodal, int32_t block, float dt, float *out)
+INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool nodal, bool damped, int32_t block, float dt, float *out)
 {
     const pliant_tled_system *system = tled->system;
     float (*g)[LANES] = system->gradients[block], (*moduli)[LANES] = system->moduli[block];
     int32_t (*nodes)[LANES] = system->nodes[block];
     float h[9][LANES], change[9][LANES], p[9][LANES], pressure[LANES];
     load_gradient(tled->u, nodes, g, h);
-    if (system->stiffness_damping > 0) load_gradient(tled->d, nodes, g, change);
+    if (damped) load_gradient(tled->d, nodes, g, change);
     if (nodal)
         for (int l = 0; l < LANES; l++) {
             const float *at = tled->pressure;
             pressure[l] = 0.25f * moduli[2][l] * (at[nodes[0][l]] + at[nodes[1][l]] + at[nodes[2][l]] + at[nodes[3][l]]);
         }
-    block_stress(system, law, viscous, dt, h, change, moduli, nodal ? pressure : NULL, viscous ? tled->memory[block] : NULL, p);
+    block_stress(system, law, viscous, damped, dt, h, change, moduli, nodal ? pressure : NULL, viscous ? tled->memory[block] : NULL, p);
     for (int r = 0; r < 3; r++)
         for (int l = 0; l < LANES; l++) {
             float x = p[3 * r][l], y = p[3 * r + 1][l], z = p[3 * r + 2][l];
@@ -148,11 +148,10 @@ INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, int32_t 
                 h[3 * r + c][l] = w[r][1][l] * cubes->gradient[c] + w[r][2][l] * cubes->gradient[3 + c] + w[r][4][l] * cubes->gradient[6 + c];
 }
 
-INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool viscous, int32_t block, float dt, float *out)
+INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool damped, int32_t block, float dt, float *out)
 {
     const pliant_tled_system *system = tled->system;
     const pliant_tled_cubes *cubes = system->cubes;
-    const bool damped = system->stiffness_damping > 0;
     const float factor = damped ? (float)system->stiffness_damping / dt : 0;
     float (*moduli)[LANES] = cubes->moduli[block], w[3][8][LANES], more[3][8][LANES], h[9][LANES], change[9][LANES], p[9][LANES];
     load_modes(cubes, tled->u, cubes->nodes[block], w, h);
@@ -162,7 +161,7 @@ INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool viscous, i
             for (int m = 0; m < 8; m++)
                 for (int l = 0; l < LANES; l++) w[r][m][l] += factor * more[r][m][l];
     }
-    block_stress(system, law, viscous, dt, h, change, moduli, NULL, viscous ? tled->memory[system->num_blocks + block] : NULL, p);
+    block_stress(system, law, viscous, damped, dt, h, change, moduli, NULL, viscous ? tled->memory[system->num_blocks + block] : NULL, p);
     for (int r = 0; r < 3; r++) {
         for (int m = 0; m < 8; m++)
             for (int l = 0; l < LANES; l++) w[r][m][l] *= cubes->hourglass[m] * moduli[0][l];
@@ -180,7 +179,8 @@ INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool viscous, i
 #define DEFINE_FORCES(name, law, viscous, nodal)                                                                       \
     PLIANT_VECTORIZED static void name(const pliant_tled *tled, int32_t block, float dt, float *out)                  \
     {                                                                                                                  \
-        block_forces(tled, law, viscous, nodal, block, dt, out);                                                       \
+        if (tled->system->stiffness_damping > 0) block_forces(tled, law, viscous, nodal, true, block, dt, out);        \
+        else block_forces(tled, law, viscous, nodal, false, block, dt, out);                                           \
     }
 DEFINE_FORCES(neo_hookean, PLIANT_LAW_NEO_HOOKEAN, false, false)
 DEFINE_FORCES(neo_hookean_viscous, PLIANT_LAW_NEO_HOOKEAN, true, false)
@@ -196,7 +196,8 @@ DEFINE_FORCES(saint_venant_kirchhoff_viscous, PLIANT_LAW_SAINT_VENANT_KIRCHHOFF,
 #define DEFINE_CUBE_FORCES(name, law, viscous)                                                                         \
     PLIANT_VECTORIZED static void name(const pliant_tled *tled, int32_t block, float dt, float *out)                  \
     {                                                                                                                  \
-        cube_forces(tled, law, viscous, block, dt, out);                                                               \
+        if (tled->system->stiffness_damping > 0) cube_forces(tled, law, viscous, true, block, dt, out);                \
+        else cube_forces(tled, law, viscous, false, block, dt, out);                                                   \
     }
 DEFINE_CUBE_FORCES(neo_hookean_cubes, PLIANT_LAW_NEO_HOOKEAN, false)
 DEFINE_CUBE_FORCES(neo_hookean_viscous_cubes, PLIANT_LAW_NEO_HOOKEAN, true)
