@@ -200,6 +200,15 @@ class Python(unittest.TestCase):
                               env=dict(os.environ, PYTHONPATH=paths, PLIANT_LIBRARY=""), stdout=subprocess.PIPE, universal_newlines=True)
         self.assertEqual(told.stdout.split(), [pliant.version(), "MeshState"])
 
+    @unittest.skipUnless(os.environ.get("PLIANT_PACKAGES"), "there is no ROS in this build")
+    def test_messages_need_neither_numpy_nor_the_library(self):
+        paths = os.environ["PLIANT_PACKAGES"] + os.pathsep + os.environ.get("PYTHONPATH", "")
+        told = subprocess.run([sys.executable, "-c", "import sys; sys.modules['numpy'] = None; import pliant; from pliant import msg, srv; from pliant.msg import SimState; "
+                               "print(SimState.__name__, msg.Step.__name__, 'pliant.simulation' in sys.modules); pliant.Sim"],
+                              env=dict(os.environ, PYTHONPATH=paths, PLIANT_LIBRARY=""), stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True)
+        self.assertEqual(told.stdout.split(), ["SimState", "Step", "False"])
+        self.assertIn("numpy", told.stderr)
+
     def test_options_are_those_of_the_library(self):
         self.assertEqual(pliant.options()["solver/iterations"]["default"], "6")
         self.assertRegex(pliant.version(), r"^\d+\.\d+")

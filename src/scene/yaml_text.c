@@ -33,7 +33,14 @@ void pliant_text_add_quoted(pliant_text_out *text, const char *words)
 {
     add_char(text, '"');
     for (; *words; ++words) {
-        if (*words == '"' || *words == '\\') add_char(text, '\\');
+        const unsigned char c = (unsigned char)*words;
+        char escaped[5];
+        if (c < 0x20 || c == 0x7f) { /* not printable: YAML 1.2, 5.1 and 5.7 */
+            snprintf(escaped, sizeof escaped, "\\x%02X", c);
+            pliant_text_add(text, escaped);
+            continue;
+        }
+        if (c == '"' || c == '\\') add_char(text, '\\');
         add_char(text, *words);
     }
     add_char(text, '"');

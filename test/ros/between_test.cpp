@@ -2,6 +2,7 @@
 // 12 ms later. No ROS, no clock.
 #include "../pipeline/body.h"
 #include "ros/sim/between.h"
+#include "ros/sim/pose_filter.h"
 
 #include <algorithm>
 
@@ -60,14 +61,15 @@ struct Held : Body {
         Told told;
         Between between(most);
         pliant_tool_linear linear{}, ready{};
-        double before[6] = {}, last[3] = {}, answered[STEP][6] = {}, step_force[3] = {};
+        double now[6], before[6] = {}, last[3] = {}, answered[STEP][6] = {}, step_force[3] = {};
         EXPECT_EQ(pliant_tool_linearize(data, tool, &linear), PLIANT_OK);
         pliant_tool_linear nothing{};
         nothing.known = true;
         between.frame(-0.021, nothing, true); // before it took hold
+        between.answer(-0.011, rest, still, now);
         between.frame(-0.001, linear, true);
         for (int t = 0; t <= way.milliseconds + 500; t++) {
-            double tip[3], now[6], moved = 0, changed = 0;
+            double tip[3], moved = 0, changed = 0;
             for (int d = 0; d < 3; d++) tip[d] = rest[d] + way.at(std::min(t, way.milliseconds), d);
             if (t % STEP == 0) {
                 EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, still), PLIANT_OK);
@@ -121,7 +123,7 @@ TEST(Between, GivesNoMoreThanItGot)
         }
 }
 
-// it may differ from the step's force by the bound alone, ends at once, and comes back by a ramp
+// it may differ from the step's force by the bound alone, ends softly within 50 ms, and comes back by a ramp
 TEST(Between, IsBoundedAndRises)
 {
     Held held(PLIANT_COROTATIONAL);
@@ -145,14 +147,19 @@ TEST(Between, IsBoundedAndRises)
         last = out[2];
     }
     EXPECT_NEAR(last, force, 1e-9);
-    between.answer(0.301, far, still, out);
-    EXPECT_LE(out[2], force + 0.5 + 1e-9);
     between.stop();
-    between.answer(0.302, far, still, out);
+    between.answer(0.309, pulled, still, out);
+    EXPECT_GT(out[2], 0.5 * last);
+    EXPECT_LT(out[2], 0.9 * last);
+    between.answer(0.33, pulled, still, out);
     for (double x : out) EXPECT_EQ(x, 0);
-    between.frame(0.32, linear, true);
-    between.answer(0.321, pulled, still, out);
-    EXPECT_LT(std::fabs(out[2]), 0.1 * force);
+    between.frame(0.34, linear, true);
+    for (int t = 341; t < 400; t++) {
+        between.answer(0.001 * t, pulled, still, out);
+        EXPECT_LT(std::fabs(out[2]), 0.4 * force) << t;
+    }
+    between.answer(0.7, far, still, out);
+    EXPECT_LE(out[2], force + 0.5 + 1e-9);
 }
 
 // A spring of 500 N/m that holds a force; 1 kHz of poses with an encoder's noise, steps of 20 ms. The force after three seconds.
@@ -180,6 +187,52 @@ TEST(Between, AForceThatStaysComesBack)
     EXPECT_NEAR(after_a_while([](int t) { return std::min(4.0, 0.002 * t); }, straight), 4, 0.1) << "another hand pulls the tissue";
     EXPECT_NEAR(after_a_while([](int) { return 5.0; }, [](int t) { return t == 1500 ? -0.03 : 0.0; }), 5, 0.1) << "a pose that was far off";
     EXPECT_NEAR(after_a_while([](int) { return 2.5; }, [](int t) { return t < 1000 ? 0.005 - 3e-4 * std::min(t, 16) : 2e-4; }), 2.5, 0.2) << "back fast, then still";
+}
+
+// what steps alone tell: it begins where nothing acted at nothing, and what was lost falls; a force that begins by itself is as it is
+TEST(Ramp, BeginsAndEndsSoftly)
+{
+    pliant_ros::Ramp ramp;
+    const auto told = [&](double now, bool acts, double force) {
+        double wrench[6] = {0, 0, force, 0, 0, 0};
+        ramp.apply(now, acts, wrench);
+        return wrench[2];
+    };
+    EXPECT_EQ(told(0, true, 0), 0);
+    EXPECT_EQ(told(0.02, true, 3), 3) << "from no force";
+    EXPECT_NEAR(told(0.04, false, 0), 1, 1e-9) << "held still: two thirds of 30 ms on";
+    EXPECT_EQ(told(0.06, false, 7), 0);
+    EXPECT_EQ(told(1, true, 6), 0) << "running again";
+    EXPECT_NEAR(told(1.1, true, 6), 3, 1e-9);
+    EXPECT_EQ(told(1.3, true, 6), 6);
+}
+
+TEST(PoseFilter, TakesJitterWhereItIsAskedFor)
+{
+    pliant_ros::PoseFilter off, on(5);
+    pliant_ros::Rigid pose = pliant_ros::identity(), told;
+    double shaken = 0, smooth = 0;
+    for (int t = 0; t < 1000; t++) {
+        const double jitter = 1e-3 * ((t * 7919) % 101 / 50.0 - 1), half = 0.5 * (0.3 + jitter);
+        pose.translation[0] = 0.1 + jitter;
+        pose.rotation[2] = (t % 2 ? -1 : 1) * std::sin(half), pose.rotation[3] = (t % 2 ? -1 : 1) * std::cos(half); // both signs are one rotation
+        const pliant_ros::Rigid same = off.next(0.01 * t, "arm", pose);
+        for (int d = 0; d < 3; d++) ASSERT_EQ(same.translation[d], pose.translation[d]);
+        for (int i = 0; i < 4; i++) ASSERT_EQ(same.rotation[i], pose.rotation[i]);
+        told = on.next(0.01 * t, "arm", pose);
+        ASSERT_NEAR(2 * std::asin(std::fabs(told.rotation[2])), 0.3, t < 100 ? 1.1e-3 : 8e-4);
+        if (t < 100) continue;
+        shaken += std::pow(jitter, 2);
+        smooth += std::pow(told.translation[0] - 0.1, 2);
+    }
+    EXPECT_LT(smooth, 0.25 * shaken);
+    pose.translation[0] = 0.4;
+    EXPECT_EQ(on.next(11, "arm", pose).translation[0], 0.4) << "after a gap it begins anew";
+    pose.translation[0] = 0.1;
+    EXPECT_GT(on.next(11.01, "arm", pose).translation[0], 0.2);
+    EXPECT_EQ(on.next(11.02, "camera", pose).translation[0], 0.1) << "in another frame, too";
+    told = on.next(11.03, "camera", pose);
+    EXPECT_EQ(told.translation[0], 0.1);
 }
 
 } // namespace

@@ -1,13 +1,17 @@
 #!/usr/bin/env python3
-"""What goes wrong: a scan that is missing can be mended by load_scan, a wrong parameter ends the node, odd stamps and
+"""What goes wrong: a master is started anew, a scan that is missing can be mended by load_scan, a wrong parameter ends the node, odd stamps and
 scans that cannot be shown do no harm, and who comes late is told what failed."""
 import os
+import signal
+import socket
 import subprocess
 import sys
+import tempfile
 import time
 import unittest
 
 import numpy
+import rosgraph
 import roslib.packages
 import rospy
 import rostest
@@ -228,6 +232,57 @@ class FaultTest(unittest.TestCase):
         program = roslib.packages.find_node("pliant", "pliant_node")[0]
         return subprocess.run([program, "__ns:=/wrong", "__name:=sim"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                               timeout=60, universal_newlines=True)
+
+    def test_a_master_that_is_started_anew_knows_the_node_again(self):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        uri = "http://127.0.0.1:%d" % port
+        master, environment = rosgraph.Master("/fault_test", uri), dict(os.environ, ROS_MASTER_URI=uri, ROSCONSOLE_STDOUT_LINE_BUFFERED="1")
+        said = tempfile.TemporaryFile("w+")
+        self.addCleanup(said.close)
+
+        def start(*command):
+            process = subprocess.Popen(command, env=environment, stdout=said, stderr=subprocess.STDOUT)
+            self.addCleanup(process.wait)
+            self.addCleanup(process.kill)
+            return process
+
+        def start_master():
+            program = "from rosmaster.main import rosmaster_main; rosmaster_main()"
+            process = start(sys.executable, "-c", program, "--core", "-p", str(port))
+            wait_for(lambda: answers(master.is_online), "a master")
+            return process
+
+        def answers(question):
+            try:
+                return question()
+            except (OSError, rosgraph.MasterException):
+                return None
+
+        def known():
+            """What the master has of the node."""
+            state = answers(master.getSystemState)
+            return state and [set(name for name, nodes in kind if "/tissue/sim" in nodes) for kind in state]
+        first = start_master()
+        node = start(roslib.packages.find_node("pliant", "pliant_node")[0], "__ns:=/tissue", "__name:=sim", "_scan/path:=" + SMALL, "_tools:=grasper")
+        wait_for(lambda: answers(lambda: master.getParam("/tissue/sim/slice/axial")) is not None, "the node's live settings")
+        wait_for(lambda: known() and "/diagnostics" in known()[0], "the node")
+        wait_for(lambda: "/tissue/load_scan" in known()[2], "its services")
+        time.sleep(1.2)  # it looks once a second
+        before = known()
+        first.send_signal(signal.SIGINT)
+        first.wait()
+        start_master()
+        wait_for(lambda: known() == before, "the same topics and services")
+        wait_for(lambda: answers(lambda: master.getParam("/tissue/sim/slice/axial")) is not None, "its live settings")
+        self.assertEqual(master.getParam("/tissue/sim/scan/path"), SMALL)
+        told = subprocess.run(["rostopic", "echo", "-n", "1", "/diagnostics"], env=environment, stdout=subprocess.PIPE, universal_newlines=True, timeout=60)
+        self.assertRegex(told.stdout, 'key: "registered again"\n *value: "1"')
+        self.assertNotRegex(told.stdout, 'key: "steps in the last second"\n *value: "0"')
+        self.assertIsNone(node.poll())
+        said.seek(0)
+        self.assertIn("the master was started anew", said.read())
 
     def test_wrong_parameters_end_the_node(self):
         for name, value, named in (("solver/itterations", 3, "solver/iterations"), ("mesh/ratio", 99, "mesh/ratio"),

@@ -57,8 +57,11 @@ double size_of(const Guard::Output &out) { return std::sqrt(out.force[0] * out.f
 TEST(Guard, RisesFromZeroAndThenHandsOnAPartOfTheForceAgainstTheHand)
 {
     Bench bench;
-    EXPECT_FALSE(bench.guard.update(bench.now).send); // CLOSED: nothing has come
-    Guard::Output out = bench.turn();
+    Guard::Output out = bench.guard.update(bench.now); // nothing has come
+    EXPECT_EQ(bench.guard.state(), GuardState::ENDING);
+    EXPECT_TRUE(out.send);
+    EXPECT_EQ(size_of(out), 0);
+    out = bench.turn();
     EXPECT_EQ(bench.guard.state(), GuardState::RISING);
     EXPECT_TRUE(out.send);
     EXPECT_EQ(size_of(out), 0);
@@ -71,6 +74,22 @@ TEST(Guard, RisesFromZeroAndThenHandsOnAPartOfTheForceAgainstTheHand)
     EXPECT_NEAR(bench.now - 10, bench.settings.ramp, 3 * tick);
     EXPECT_NEAR(bench.turns(0.5).force[0], 0.25 * 4, 1e-6);
     EXPECT_EQ(bench.guard.state(), GuardState::OPEN);
+}
+
+// one before it may have been killed: the hand feels its last force still
+TEST(Guard, BeginsWithZerosWhateverElseIsThere)
+{
+    Bench bench;
+    bench.guard.following(false);
+    bench.now += 50; // since it was made: nobody listened
+    for (double end = bench.now + bench.settings.tail - 2 * tick; bench.now < end;) {
+        const Guard::Output out = bench.turn();
+        ASSERT_TRUE(out.send);
+        ASSERT_EQ(size_of(out), 0);
+    }
+    bench.turns(0.1);
+    EXPECT_EQ(bench.guard.state(), GuardState::CLOSED);
+    EXPECT_FALSE(bench.turn().send);
 }
 
 struct Closing {

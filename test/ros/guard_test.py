@@ -1,10 +1,14 @@
 #!/usr/bin/env python3
-"""The force guard as a node: what reaches the hand, and the zeros that it gets when something stops, or the guard is stopped itself."""
+"""The force guard as a node: what reaches the hand, and the zeros that it gets when something stops, the guard is stopped itself, or killed."""
+import os
+import signal
 import subprocess
 import threading
 import time
 import unittest
+import xmlrpc.client
 
+import rosgraph
 import rospy
 import rostest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -92,12 +96,37 @@ class Guarded(unittest.TestCase):
 
     def test_4_a_guard_that_is_stopped_says_zero_last(self):
         self.wait(lambda: self.feels(1), "a force")
-        subprocess.check_call(["rosnode", "kill", "/tissue/guard"], stdout=subprocess.DEVNULL)
-        self.wait(lambda: self.feels(0), "a last zero")
-        last = len(self.received)
-        time.sleep(0.5)
-        self.assertLessEqual(len(self.received), last + 1)
-        self.assertTrue(self.feels(0))
+        before, after = self.next_guard(lambda: subprocess.check_call(["rosnode", "kill", "/tissue/guard"], stdout=subprocess.DEVNULL))
+        self.assertEqual(before[-1][1].wrench.force.z, 0)
+        self.assertEqual(after[0][1].wrench.force.z, 0)
+        self.wait(lambda: self.feels(1), "the force again")
+
+    def next_guard(self, ends):
+        """The messages of the guard that ends, and of the one that is started for it."""
+        begin = len(self.received)
+        ends()
+
+        def change():  # of the publisher: it counts its messages
+            return [i for i in range(max(begin, 1), len(self.received)) if self.received[i][1].header.seq < self.received[i - 1][1].header.seq]
+        self.wait(change, "the next guard")
+        return self.received[:change()[0]], self.received[change()[0]:]
+
+    def test_5_the_guard_after_one_that_was_killed_begins_with_zeros(self):
+        self.wait(lambda: self.feels(1), "a force")
+        address = rosgraph.Master("/guard_test").lookupNode("/tissue/guard")
+        process = xmlrpc.client.ServerProxy(address).getPid("/guard_test")[2]
+
+        def kill():
+            os.kill(process, signal.SIGKILL)
+            self.following.publish(Bool(False))  # so that the next one has no reason to send but this
+        before, after = self.next_guard(kill)
+        print("%.2f s without a word" % (after[0][0] - before[-1][0]))
+        self.assertAlmostEqual(before[-1][1].wrench.force.z, 1, delta=0.02)  # which the hand has felt until now
+        first = self.received.index(after[0])
+        self.wait(lambda: time.time() - self.received[-1][0] > 0.5, "silence")
+        self.assertEqual(set(message.wrench.force.z for _, message in self.received[first:]), {0})
+        self.following.publish(Bool(True))
+        self.wait(lambda: self.feels(1), "the force again")
 
 
 if __name__ == "__main__":

@@ -2,13 +2,19 @@
 """Peers that never read, that come and go, that send what is no pose, and that ask without end: the simulation goes on, and its memory
 stays as it is."""
 import os
+import shutil
+import signal
 import socket
 import struct
+import subprocess
 import sys
+import tempfile
 import time
 import unittest
 import xmlrpc.client
 
+import numpy
+import rosbag
 import rosgraph
 import rospy
 import rostest
@@ -75,6 +81,7 @@ class HostileTest(unittest.TestCase):
         for _ in range(50):
             subscriber = rospy.Subscriber(NAMESPACE + "mesh/state", MeshState, lambda message: None)
             pose = rospy.Publisher(NAMESPACE + "grasper/measured_cp", PoseStamped, queue_size=1)
+            wait_for(lambda: subscriber.get_num_connections() and pose.get_num_connections(), "both links", pause=0.001)
             subscriber.unregister()
             pose.unregister()
         self.goes_on()
@@ -127,6 +134,42 @@ class HostileTest(unittest.TestCase):
                                                      for status in diagnostics.message.status), "diagnostics to tell")
         diagnostics.close()
         self.goes_on()
+
+    def test_a_disk_that_is_full_while_a_bag_is_recorded(self):
+        folder = tempfile.mkdtemp()
+        self.addCleanup(shutil.rmtree, folder)
+        alone = ["unshare", "-m" if os.geteuid() == 0 else "-rm"]
+        small = "mount -t tmpfs -o size=3m tmpfs %s/disk" % folder
+        os.makedirs(folder + "/disk")
+        if subprocess.run(alone + ["sh", "-c", small], stderr=subprocess.DEVNULL).returncode != 0:
+            self.skipTest("this user may not mount a small disk here")
+        said = {}
+        diagnostics = rospy.Subscriber("/diagnostics", DiagnosticArray,
+                                       lambda message: said.update({status.name.split(": ")[-1]: status.message for status in message.status}))
+        recorder = subprocess.Popen(alone + ["sh", "-c", "trap : INT; " + small + " && roslaunch pliant record.launch bag:=%s/disk/full.bag min_space:=1; cp %s/disk/* %s" % (folder, folder, folder)],
+                                    start_new_session=True)
+        self.addCleanup(recorder.wait)
+        self.addCleanup(lambda: recorder.poll() is None and os.killpg(recorder.pid, signal.SIGINT))
+        wait_for(lambda: said.get("recording") == "recording" or "nearly" in said.get("recording", ""), "diagnostics to tell that it is recorded")
+        pedal = rospy.Publisher("/some/energy", Joy, queue_size=1)
+        wait_for(pedal.get_num_connections, "the recorder")
+        self.step.fresh()
+        while "the disk is full" not in said.get("recording", ""):
+            pedal.publish(Joy(axes=numpy.random.rand(20000)))
+            time.sleep(0.05)
+        self.goes_on()
+        pedal.unregister()
+        os.killpg(recorder.pid, signal.SIGINT)
+        recorder.wait()
+        diagnostics.unregister()
+        left, = [name for name in os.listdir(folder) if ".bag" in name]
+        path = os.path.join(folder, left)
+        if left.endswith(".active"):
+            subprocess.check_call(["rosbag", "reindex", "-q", path])
+        with rosbag.Bag(path) as bag:
+            made = [message.sequence for _, message, _ in bag.read_messages(NAMESPACE + "step")]
+        self.assertGreater(len(made), 10)
+        self.assertEqual(made, list(range(made[0], made[0] + len(made))), "nothing is missing before the end")
 
     def test_a_tool_among_them_is_there(self):
         tool = Tool("grasper", "tissue")

@@ -23,14 +23,14 @@ NAMESPACE = "/tissue/"
 TIMEOUT = 30.0  # seconds that anything may take on a busy machine
 
 
-def wait_for(condition, what, timeout=TIMEOUT):
+def wait_for(condition, what, timeout=TIMEOUT, pause=0.02):
     """Poll until condition() is true, or an array; its value."""
     end = time.time() + timeout
     while time.time() < end and not rospy.is_shutdown():
         value = condition()
         if isinstance(value, numpy.ndarray) or value:
             return value
-        time.sleep(0.02)
+        time.sleep(pause)
     raise AssertionError("waited %g s in vain for %s" % (timeout, what))
 
 

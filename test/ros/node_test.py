@@ -176,7 +176,7 @@ class NodeTest(unittest.TestCase):
         self.pull()
         spoil()
         wait_for(lambda: not self.node.contact.fresh().present, "no tool after " + what)
-        numpy.testing.assert_array_equal(self.force_now(), 0)
+        wait_for(lambda: not self.force_now().any(), "no force")
         self.assertFalse(self.node.contact.fresh().grasped)
         self.assertTrue(math.isinf(self.node.contact.message.clearance))
         self.node.goes_on()
@@ -366,6 +366,9 @@ for line in sys.stdin:
         change = rospy.ServiceProxy(NAMESPACE + "sim/set_parameters", Reconfigure)
         change(Config(doubles=[DoubleParameter("gravity_y", 9.81)]))
         wait_for(lambda: self.node.displacement() > 1e-4, "the tissue to sag")
+        wait_for(lambda: rospy.get_param(NAMESPACE + "sim/model/gravity", None) == [0, 9.81, 0], "gravity on the parameter server")
+        self.assertEqual(rospy.get_param(NAMESPACE + "sim/grasp/stiffness"), 500)
+        self.assertEqual(rospy.get_param(NAMESPACE + "sim/slice/axial"), 0.5)
         answer = change(Config(doubles=[DoubleParameter("gravity_y", 0.0), DoubleParameter("gravity_x", float("nan"))]))
         values = {number.name: number.value for number in answer.config.doubles}
         self.assertEqual(values["gravity_x"], 0.0)
@@ -510,13 +513,25 @@ for line in sys.stdin:
 
     def test_pause(self):
         self.pull()
+        pulled = wait_for(lambda: abs(self.force_now()[1]), "a force")
         self.assertTrue(call("pause", SetBool, True).success)
         wait_for(lambda: self.node.state.message.state == SimState.PAUSED, "PAUSED")
         step = self.node.mesh.fresh().step
-        time.sleep(0.3)
+        wait_for(lambda: not self.force_now().any(), "no force")
         self.assertEqual(self.node.mesh.fresh().step, step)
-        numpy.testing.assert_array_equal(self.force_now(), 0)
-        self.assertTrue(call("pause", SetBool, False).success)
+        told = []
+        watch = rospy.Subscriber(NAMESPACE + "grasper/measured_cf", WrenchStamped, lambda message: told.append(abs(message.wrench.force.y)))
+        for _ in range(5):  # a machine that was busy just then has made no step while it rose
+            del told[:]
+            self.assertTrue(call("pause", SetBool, False).success)
+            wait_for(lambda: told and told[-1] > 0.9 * pulled, "the force to be back")
+            if any(0 < force < 0.8 * pulled for force in told):
+                break
+            self.assertTrue(call("pause", SetBool, True).success)
+            wait_for(lambda: told[-1] == 0, "no force")
+        else:
+            self.fail("the force jumps back: %s" % told)
+        watch.unregister()
         self.node.goes_on()
 
     def test_reset(self):

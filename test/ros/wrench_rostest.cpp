@@ -52,8 +52,14 @@ public:
             const geometry_msgs::Vector3 &f = message->wrench.force;
             answers_[sent->first] = {{f.x, f.y, f.z}, now - sent->second};
         }, ros::VoidConstPtr(), hints);
-        contact_in_ = handle_.subscribe<pliant::ContactState>("/tissue/hand/contact", 1, [this](const pliant::ContactStateConstPtr &message) { contact = *message; });
-        topology_in_ = handle_.subscribe<pliant::MeshTopology>("/tissue/mesh/topology", 1, [this](const pliant::MeshTopologyConstPtr &message) { topology = *message; });
+        contact_in_ = handle_.subscribe<pliant::ContactState>("/tissue/hand/contact", 1, [this](const pliant::ContactStateConstPtr &message) {
+            std::lock_guard<std::mutex> hold(lock_);
+            contact_ = *message;
+        });
+        topology_in_ = handle_.subscribe<pliant::MeshTopology>("/tissue/mesh/topology", 1, [this](const pliant::MeshTopologyConstPtr &message) {
+            std::lock_guard<std::mutex> hold(lock_);
+            topology_ = message;
+        });
         take_priority();
         bool raised = false;
         ros::PollManager::instance()->addPollThreadListener([raised]() mutable {
@@ -97,8 +103,16 @@ public:
         return answers_;
     }
     size_t received() const { return received_; }
-    pliant::ContactState contact;
-    pliant::MeshTopology topology;
+    pliant::ContactState contact()
+    {
+        std::lock_guard<std::mutex> hold(lock_);
+        return contact_;
+    }
+    pliant::MeshTopologyConstPtr topology() // empty: none has come
+    {
+        std::lock_guard<std::mutex> hold(lock_);
+        return topology_;
+    }
 
 private:
     ros::CallbackQueue queue_;
@@ -106,7 +120,9 @@ private:
     ros::Publisher pose_, jaw_;
     ros::Subscriber force_in_, contact_in_, topology_in_;
     std::unique_ptr<ros::AsyncSpinner> spinner_;
-    std::mutex lock_;
+    std::mutex lock_; // of what follows
+    pliant::ContactState contact_;
+    pliant::MeshTopologyConstPtr topology_;
     std::map<uint64_t, double> sent_;
     std::map<uint64_t, Answer> answers_;
     std::atomic<size_t> received_{0};
@@ -131,23 +147,24 @@ TEST(Wrench, AHandAtOneKilohertz)
 {
     Hand hand;
     double at[3] = {0, 0, 0};
-    ASSERT_TRUE(keep(&hand, at, false, 60, [&] { return !hand.topology.rest_nodes.empty(); }));
+    ASSERT_TRUE(keep(&hand, at, false, 60, [&] { return static_cast<bool>(hand.topology()); }));
     // a tetrahedron of the upper half, near the middle
-    const std::vector<float> &rest = hand.topology.rest_nodes;
+    const pliant::MeshTopologyConstPtr topology = hand.topology();
+    const std::vector<float> &rest = topology->rest_nodes;
     double low[3] = {1e9, 1e9, 1e9}, high[3] = {-1e9, -1e9, -1e9}, nearest = 1e9;
     for (size_t i = 0; i < rest.size(); ++i) low[i % 3] = std::min<double>(low[i % 3], rest[i]), high[i % 3] = std::max<double>(high[i % 3], rest[i]);
-    for (size_t t = 0; t + 3 < hand.topology.tetrahedra.size(); t += 4) {
+    for (size_t t = 0; t + 3 < topology->tetrahedra.size(); t += 4) {
         double centre[3] = {0, 0, 0}, away = 0;
         for (int v = 0; v < 4; ++v)
-            for (int d = 0; d < 3; ++d) centre[d] += 0.25 * rest[3 * hand.topology.tetrahedra[t + v] + d];
+            for (int d = 0; d < 3; ++d) centre[d] += 0.25 * rest[3 * topology->tetrahedra[t + v] + d];
         for (int d = 0; d < 3; ++d) away += std::pow(centre[d] - (low[d] + (d == 1 ? 0.25 : 0.5) * (high[d] - low[d])), 2);
         if (away < nearest) nearest = away, std::copy(centre, centre + 3, at);
     }
-    ASSERT_TRUE(keep(&hand, at, false, 30, [&] { return hand.contact.touching; }));
+    ASSERT_TRUE(keep(&hand, at, false, 30, [&] { return hand.contact().touching; }));
     bool holds = false;
     for (int tries = 0; tries < 10 && !holds; ++tries) {
         keep(&hand, at, false, 0.5, [] { return false; });
-        holds = keep(&hand, at, true, 2, [&] { return hand.contact.grasped; });
+        holds = keep(&hand, at, true, 2, [&] { return hand.contact().grasped; });
     }
     ASSERT_TRUE(holds);
 
@@ -191,7 +208,7 @@ TEST(Wrench, AHandAtOneKilohertz)
     EXPECT_GT(moves, 0.9 * answers.size()) << "forces of steps alone change 50 times a second";
     if (late.back() < 20) EXPECT_GE(least, -0.01 * in); // what is on its way for longer, no node can know
     else printf("an answer took %.0f ms: energy was not judged\n", late.back());
-    EXPECT_TRUE(keep(&hand, at, false, 5, [&] { return !hand.contact.grasped; }));
+    EXPECT_TRUE(keep(&hand, at, false, 5, [&] { return !hand.contact().grasped; }));
 }
 
 } // namespace

@@ -75,6 +75,7 @@ void Guard::filter(double elapsed)
 Guard::Output Guard::update(double now)
 {
     const double elapsed = began_ ? std::min(std::max(now - last_, 0.0), 0.1) : 0;
+    if (!began_) since_ = now;
     last_ = now;
     began_ = true;
     const bool open = why(now).empty(), moves = state_ == GuardState::RISING || state_ == GuardState::OPEN;

@@ -1,5 +1,7 @@
 /* Between the simulation's forces and a surgeon's hand: what may pass, and how fast it may change. No ROS, no clock of its own.
  *
+ * It begins in ENDING where it is enabled: one before it may have been killed, and the hand feels its last force still.
+ *
  *    state   | output                        | leaves when                                    | for
  *    CLOSED  | none                          | all gates are open                             | RISING
  *    RISING  | the force, times 0 to 1       | `ramp` has passed                              | OPEN
@@ -37,7 +39,7 @@ const char *guard_state_name(GuardState state);
 
 class Guard {
 public:
-    explicit Guard(const GuardSettings &settings) : settings_(settings) {}
+    explicit Guard(const GuardSettings &settings) : settings_(settings), state_(settings.enabled ? GuardState::ENDING : GuardState::CLOSED) {}
 
     /* What comes in, with the time at which it did: of one monotonic clock [s]. */
     void pose(double now, bool valid);
@@ -65,7 +67,7 @@ private:
     void filter(double elapsed);
 
     GuardSettings settings_;
-    GuardState state_ = GuardState::CLOSED;
+    GuardState state_;
     bool shut_ = false, following_ = false, runs_ = false, pose_valid_ = false, finite_ = false;
     double pose_at_ = -1e300, wrench_at_ = -1e300, error_at_ = -1e300, error_ = 0;
     double wanted_[3] = {0, 0, 0}, smooth_[3] = {0, 0, 0}, sent_[3] = {0, 0, 0};

@@ -22,14 +22,16 @@ std::string host_name()
 } // namespace
 
 Diagnostics::Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation,
-                         Tools *tools, const MeshOutput *mesh_output, const VolumeOutput *volume_output, const CameraOutput *camera_output, const Keeper *keeper)
-    : state_(state), simulation_(simulation), tools_(tools), mesh_output_(mesh_output), volume_output_(volume_output), camera_output_(camera_output), keeper_(keeper),
+                         Tools *tools, const MeshOutput *mesh_output, const VolumeOutput *volume_output, const CameraOutput *camera_output, const Keeper *keeper,
+                         const MasterWatch *master)
+    : state_(state), simulation_(simulation), tools_(tools), mesh_output_(mesh_output), volume_output_(volume_output), camera_output_(camera_output), keeper_(keeper), master_(master),
       updater_(handle, private_handle, private_handle.getNamespace())
 {
     updater_.setHardwareID(host_name());
     updater_.add("solver", this, &Diagnostics::solver);
     updater_.add("backend", this, &Diagnostics::backend);
     updater_.add("output", this, &Diagnostics::output);
+    updater_.add("master", this, &Diagnostics::master);
     for (size_t i = 0; i < tools->size(); ++i)
         updater_.add("tool " + tools->name(i),
                      [this, i](diagnostic_updater::DiagnosticStatusWrapper &status) { tool(i, status); });
@@ -96,6 +98,14 @@ void Diagnostics::backend(diagnostic_updater::DiagnosticStatusWrapper &status)
             status.add("error of that on the probe load [%]", 100 * loaded->choice.error);
         }
     }
+}
+
+void Diagnostics::master(diagnostic_updater::DiagnosticStatusWrapper &status)
+{
+    const std::string problem = master_->problem();
+    if (problem.empty()) status.summary(DiagnosticStatus::OK, "known there");
+    else status.summary(DiagnosticStatus::WARN, problem);
+    status.add("registered again", master_->returns());
 }
 
 void Diagnostics::output(diagnostic_updater::DiagnosticStatusWrapper &status)

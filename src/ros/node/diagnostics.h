@@ -6,6 +6,7 @@
 #include "ros/sim/simulation.h"
 #include "ros/output/camera_output.h"
 #include "ros/output/volume_output.h"
+#include "ros/params/master_watch.h"
 
 #include <diagnostic_updater/diagnostic_updater.h>
 
@@ -14,7 +15,8 @@ namespace pliant_ros {
 class Diagnostics {
 public:
     Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation, Tools *tools,
-                const MeshOutput *mesh_output, const VolumeOutput *volume_output, const CameraOutput *camera_output, const Keeper *keeper);
+                const MeshOutput *mesh_output, const VolumeOutput *volume_output, const CameraOutput *camera_output, const Keeper *keeper,
+                const MasterWatch *master);
 
 private:
     void update();
@@ -22,6 +24,7 @@ private:
     void tool(size_t index, diagnostic_updater::DiagnosticStatusWrapper &status);
     void backend(diagnostic_updater::DiagnosticStatusWrapper &status);
 
+    void master(diagnostic_updater::DiagnosticStatusWrapper &status);
     void output(diagnostic_updater::DiagnosticStatusWrapper &status);
 
     State *state_;
@@ -31,6 +34,7 @@ private:
     const VolumeOutput *volume_output_;
     const CameraOutput *camera_output_;
     const Keeper *keeper_;
+    const MasterWatch *master_;
     diagnostic_updater::Updater updater_;
     std::vector<ToolHealth> tool_health_;
     uint64_t missed_before_ = 0;

@@ -4,6 +4,7 @@
 #include "ros/node/keeper.h"
 #include "ros/node/registration.h"
 #include "ros/node/services.h"
+#include "ros/params/master_watch.h"
 #include "ros/params/start.h"
 #include "ros/output/camera_output.h"
 #include "ros/output/volume_output.h"
@@ -24,7 +25,8 @@ struct Node::Parts {
           simulation(handle, parameters, &state, &live, &tools, &fast_forces, &snapshots),
           services(handle, parameters, &state, &live, &sessions, &simulation, &mesh_output, &volume_output, &registration, frames),
           keeper(handle, parameters, &simulation, &sessions, &services, &registration),
-          diagnostics(handle, private_handle, &state, &simulation, &tools, &mesh_output, &volume_output, &camera_output, &keeper)
+          master(private_handle, [this] { live.store_again(); }),
+          diagnostics(handle, private_handle, &state, &simulation, &tools, &mesh_output, &volume_output, &camera_output, &keeper, &master)
     {
         live.when_changed([this](const LiveSettings &settings) { sessions.set(settings); });
     }
@@ -45,6 +47,7 @@ struct Node::Parts {
     Simulation simulation;
     Services services;
     Keeper keeper;
+    MasterWatch master;
     Diagnostics diagnostics;
 };
 

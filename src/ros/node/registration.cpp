@@ -63,6 +63,8 @@ bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<
     return true;
 }
 
+geometry_msgs::Pose pose_message(const Rigid &pose) { return tf2::toMsg(Eigen::Isometry3d(tf2::transformToEigen(transform_message(pose)))); }
+
 std::string registration_text(const std::string &parent_frame, const Rigid &pose)
 {
     const double *t = pose.translation, *q = pose.rotation;
@@ -142,7 +144,7 @@ Registration::Registration(ros::NodeHandle handle, const Parameters &parameters,
 geometry_msgs::Pose Registration::pose_message() const
 {
     std::lock_guard<std::mutex> hold(lock_);
-    return tf2::toMsg(Eigen::Isometry3d(tf2::transformToEigen(transform_message(pose_))));
+    return pliant_ros::pose_message(pose_);
 }
 
 void Registration::go_on(const std::string &parent_frame, const geometry_msgs::Pose &pose)

@@ -20,6 +20,8 @@ namespace pliant_ros {
 bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<geometry_msgs::Point> &to, Rigid *out, std::vector<double> *errors,
                std::string *why);
 
+geometry_msgs::Pose pose_message(const Rigid &pose);
+
 /* Text of a file with a pose and the frame that it is in, and back. */
 std::string registration_text(const std::string &parent_frame, const Rigid &pose);
 bool registration_from_text(const std::string &text, const std::string &parent_frame, Rigid *out, std::string *why);

@@ -135,6 +135,7 @@ void Services::keep(Checkpoint *out) const
     std::lock_guard<std::mutex> hold(lock_);
     out->start_scan = parameters_.scan;
     out->start_scene = scene_text(parameters_.scene);
+    out->start_pose = pose_message(parameters_.tissue_pose);
     out->method = recomputed_.method;
     std::copy(recomputed_.coarse_cells, recomputed_.coarse_cells + 3, out->coarse_cells.begin());
     out->ratio = recomputed_.ratio;
@@ -143,7 +144,12 @@ void Services::keep(Checkpoint *out) const
 
 bool Services::is_begun_alike(const Checkpoint &rest) const
 {
-    return rest.start_scan == parameters_.scan && rest.start_scene == scene_text(parameters_.scene);
+    /* what may change while it runs, and is then a parameter, is no other scene */
+    pliant_scene then = scene_of(rest.start_scene);
+    live_->apply(&then);
+    pliant_scene now = parameters_.scene;
+    live_->apply(&now);
+    return rest.start_scan == parameters_.scan && scene_text(then) == scene_text(now);
 }
 
 /* What a checkpoint tells is put in as it was, cuts, positions, holds and all. */
@@ -158,7 +164,7 @@ std::string Services::go_on(const Saved &saved)
     apply_settings(session, &live);
     simulation_->swap(next, &moment); /* what is refused changes nothing */
     live_->assign(live);
-    registration_->go_on(saved.rest.parent_frame, saved.rest.tissue_pose);
+    if (saved.rest.start_pose == pose_message(parameters_.tissue_pose)) registration_->go_on(saved.rest.parent_frame, saved.rest.tissue_pose);
     tell_of(*next);
     std::lock_guard<std::mutex> locked(lock_);
     recomputed_.method = saved.rest.method;

@@ -39,7 +39,8 @@ CameraEye::CameraEye(ros::NodeHandle handle, const CameraParameters &parameters,
     depth_info_ = own.advertise<sensor_msgs::CameraInfo>("depth/camera_info", 1, true);
     points_ = own.advertise<sensor_msgs::PointCloud2>("points", 1);
 #ifdef PLIANT_WITH_CAMERA_INFO
-    calibration_.reset(new camera_info_manager::CameraInfoManager(own, parameters.name + (side.empty() ? "" : "_" + side), parameters.info_url));
+    /* without a file to be named, the manager would take whatever ~/.ros has of this camera's name */
+    if (!parameters.info_url.empty()) calibration_.reset(new camera_info_manager::CameraInfoManager(own, parameters.name + (side.empty() ? "" : "_" + side), parameters.info_url));
 #else
     if (!parameters.info_url.empty())
         ROS_WARN("~camera/%s/info_url is not read: this was built without camera_info_manager", parameters.name.c_str());
@@ -59,7 +60,7 @@ pliant_camera CameraEye::camera() const
     camera.near = parameters_.near;
     camera.far = parameters_.far;
 #ifdef PLIANT_WITH_CAMERA_INFO
-    if (calibration_->isCalibrated()) camera_from_info(calibration_->getCameraInfo(), &camera);
+    if (calibration_ && calibration_->isCalibrated()) camera_from_info(calibration_->getCameraInfo(), &camera);
 #endif
     return camera;
 }

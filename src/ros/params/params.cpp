@@ -17,7 +17,7 @@ using XmlRpc::XmlRpcValue;
 
 const char *const node_names[] = {"scene",        "scan",          "scan/path",     "scan_root",   "output_root",
                                   "parent_frame", "tissue_frame",  "tissue_pose",   "registration", "hand_eye", "checkpoint", "checkpoint_period", "background",  "tools",
-                                  "tool_max_age", "tool_hold",     "jaw_close",     "jaw_release", "wrench_rate",  "wrench_bound",  "slice/axial",
+                                  "tool_max_age", "tool_hold",     "jaw_close",     "jaw_release", "pose_filter", "wrench_rate",  "wrench_bound",  "slice/axial",
                                   "slice/coronal", "slice/sagittal", "cameras", "volume_threshold", "volume_region/low", "volume_region/high", "preview_step"};
 
 [[noreturn]] void refuse(const std::string &message) { throw std::invalid_argument(message); }
@@ -314,6 +314,7 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "tool_hold") out->tool_hold = number(name, value, 0, 10);
     else if (name == "jaw_close") out->jaw_close = number(name, value, -M_PI, M_PI);
     else if (name == "jaw_release") out->jaw_release = number(name, value, -M_PI, M_PI);
+    else if (name == "pose_filter") out->pose_filter = number(name, value, 0, 1000);
     else if (name == "wrench_rate") out->wrench_rate = read_rate(name, value);
     else if (name == "wrench_bound") out->wrench_bound = number(name, value, 1e-3, 1000);
     else if (name == "volume_threshold") out->volume_threshold = number(name, value, 0, 1e9);
@@ -360,6 +361,7 @@ void set_defaults(Parameters *out)
     out->tool_hold = 0.1;
     out->jaw_close = 0.05;
     out->jaw_release = 0.20;
+    out->pose_filter = 0;
     out->wrench_rate = 0;
     out->wrench_bound = 5;
     std::fill(out->slice, out->slice + 3, 0.5);

@@ -58,6 +58,7 @@ struct Parameters {
     double tool_max_age;                    /* [s] */
     double tool_hold;                       /* what holds stays so for as long after that [s] */
     double jaw_close, jaw_release;          /* [rad] */
+    double pose_filter;                     /* cutoff of a low-pass over measured poses [Hz]; 0: none */
     double wrench_rate;                     /* of forces between steps [Hz]; 0: forces come with steps alone */
     double wrench_bound;                    /* that they may differ from those of the last step [N] */
     double slice[3];                        /* axial, coronal, sagittal: fraction of the volume's box */
@@ -68,7 +69,7 @@ struct Parameters {
 
 /* From the tree of private parameters (a struct, or invalid for none). Every option of a scene is a parameter of its
    path, solver/iterations; beside them: scene (file), scan or scan/path, scan_root, output_root, parent_frame,
-   tissue_frame, tissue_pose, registration, hand_eye, checkpoint, checkpoint_period, background, tools, tool/<name>/{mode,blade,shape,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release,
+   tissue_frame, tissue_pose, registration, hand_eye, checkpoint, checkpoint_period, background, tools, tool/<name>/{mode,blade,shape,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release, pose_filter,
    wrench_rate, wrench_bound, cameras,
    camera/<name>/{frame,convention,width,height,field_of_view,rate,near,far,baseline,threshold,shown,info_url}, slice/{axial,coronal,sagittal}, volume_threshold,
    volume_region/{low,high}, preview_step. Anything else is an error that names the nearest known one.

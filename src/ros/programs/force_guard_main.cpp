@@ -8,6 +8,7 @@
  * timeout [s], max_error [m; below 0: any], rate (200) [Hz]. */
 #include "pliant/ros/convert.h"
 #include "ros/guard/guard.h"
+#include "ros/params/master_watch.h"
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <geometry_msgs/PoseStamped.h>
@@ -100,12 +101,14 @@ int main(int argc, char **argv)
         yes.data = true;
         absolute.publish(yes);
     }
+    pliant_ros::MasterWatch master(own, nullptr);
     diagnostic_updater::Updater diagnostics;
     diagnostics.setHardwareID(tool);
     diagnostics.add("force guard", [&](diagnostic_updater::DiagnosticStatusWrapper &status) {
         const std::string why = guard.why(monotonic());
         status.summary(diagnostic_msgs::DiagnosticStatus::OK, why.empty() ? pliant_ros::guard_state_name(guard.state()) : "closed: " + why);
         status.add("state", pliant_ros::guard_state_name(guard.state()));
+        if (!master.problem().empty()) status.mergeSummary(diagnostic_msgs::DiagnosticStatus::WARN, master.problem());
         status.add("updates held back by max_force or max_rate", guard.clamped());
     });
 
@@ -117,9 +120,11 @@ int main(int argc, char **argv)
         message.wrench.force.x = output.force[0], message.wrench.force.y = output.force[1], message.wrench.force.z = output.force[2];
         out.publish(message);
     };
+    bool heard = false; /* by a hand controller: the first it gets are zeros */
     for (ros::WallRate turn(rate); ros::ok() && !stop; turn.sleep()) {
         ros::spinOnce();
-        send(guard.update(monotonic()));
+        heard = heard || out.getNumSubscribers() > 0;
+        if (heard) send(guard.update(monotonic()));
         diagnostics.update();
     }
     if (settings.enabled) send(guard.shut_down());

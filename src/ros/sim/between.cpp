@@ -7,7 +7,7 @@ namespace pliant_ros {
 
 namespace {
 
-const double shortest_blend = 0.005, longest_blend = 0.05, rise = 0.2; /* [s]; rise: after nothing acted */
+const double shortest_blend = 0.005, longest_blend = 0.05; /* [s] */
 const double arm = 0.02;       /* of a turn, when it is weighed against a translation [m] */
 const double slowest = 0.02;   /* poses further apart than that tell nothing of the motion [s] */
 const double remembers = 0.2;  /* the longest motion fades so fast [s] */
@@ -58,7 +58,6 @@ void Between::frame(double now, const pliant_tool_linear &linear, bool acts)
     const bool goes_on = acts_ && answered_;
     if (goes_on) wanted(now, last_.tip, last_.rotation, before);
     blend_for_ = goes_on ? std::min(std::max(now - frame_at_, shortest_blend), longest_blend) : 0;
-    if (!acts_) rise_from_ = now;
     linear_ = linear;
     frame_at_ = blend_from_ = now;
     acts_ = acts && linear.known;
@@ -66,9 +65,7 @@ void Between::frame(double now, const pliant_tool_linear &linear, bool acts)
     for (int i = 0; i < 6; ++i) offset_[i] = goes_on ? before[i] - after[i] : 0;
     /* while the hand rests, the tissue holds what it is strained by: by whom, and what was counted of it, is all one */
     if (acts_ && now - rests_from_ > rests_for) energy_ = std::max(energy_, elastic());
-    if (!is_free()) return;
-    energy_ = 0;                /* the next stroke begins with nothing */
-    rise_from_ = now - 2 * rise; /* and from no force */
+    if (is_free()) energy_ = 0; /* the next stroke begins with nothing */
 }
 
 /* What the last answer has done since; an answer that was asked for again at the same pose tells of no motion. */
@@ -125,12 +122,11 @@ void Between::answer(double now, const double tip[3], const double rotation[4], 
         const bool goes_on = moved_at_ >= 0 && now - moved_at_ < slowest;
         for (int d = 0; d < 3; ++d) ahead[d] = tip[d] + (goes_on ? 0.5 * motion_[d] : 0);
         wanted(now, ahead, rotation, out);
-        const double risen = std::min((now - rise_from_) / rise, 1.0);
-        for (int i = 0; i < 6; ++i) out[i] *= risen;
-        keep_passive(now, out);
-    } else {
-        energy_ = 0;
     }
+    ramp_.apply(now, acts_, out);
+    if (std::any_of(out, out + 6, [](double x) { return x != 0; })) keep_passive(now, out);
+    else if (!acts_) energy_ = 0;
+    if (acts_) ramp_.told(out);
     double gone = 0;
     for (int d = 0; d < 3; ++d) gone += std::pow(tip[d] - rests_at_[d], 2);
     if (!answered_ || gone > rests * rests) {

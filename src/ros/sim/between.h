@@ -10,6 +10,8 @@
 #ifndef PLIANT_ROS_SIM_BETWEEN_H
 #define PLIANT_ROS_SIM_BETWEEN_H
 
+#include "ros/sim/ramp.h"
+
 #include "pliant/linear.h"
 
 namespace pliant_ros {
@@ -19,7 +21,7 @@ public:
     /* most: that the force may differ from that of the last step [N] */
     explicit Between(double most) : most_(most) {}
 
-    /* After a step, at a time [s]. acts false: the answer is zero at once, until it is true again; then it rises from zero. */
+    /* After a step, at a time [s]. acts false: the answer falls to zero, until it is true again; then it rises from there (ramp.h). */
     void frame(double now, const pliant_tool_linear &linear, bool acts);
     void stop() { acts_ = false; } /* until a frame says otherwise */
     /* At a pose in tissue axes: of the tool on the tissue [N, N m]. */
@@ -39,7 +41,8 @@ private:
     const double most_;
     pliant_tool_linear linear_{};
     bool acts_ = false;
-    double frame_at_ = 0, rise_from_ = 0, blend_from_ = 0, blend_for_ = 0, offset_[6] = {};
+    double frame_at_ = 0, blend_from_ = 0, blend_for_ = 0, offset_[6] = {};
+    Ramp ramp_;
     bool answered_ = false;
     pliant_tool_linear last_{}; /* pose and wrench of the last answer */
     double motion_[6] = {}, trend_[6] = {}, moved_at_ = -1, reach_ = 0; /* the last motion, the mean and the longest of the last ones */

@@ -35,6 +35,7 @@ FastForces::FastForces(ros::NodeHandle handle, const Parameters &parameters, Too
         arm->index = i;
         arm->own_frame = tool.frame.empty() ? parameters.parent_frame : tool.frame;
         arm->tissue_from_frame = identity();
+        arm->filter = PoseFilter(parameters.pose_filter);
         arm->pose_in = handle.subscribe<topic_tools::ShapeShifter>(
             tool.name + "/measured_cp", 1, [this, arm](const topic_tools::ShapeShifter::ConstPtr &message) { take_pose(arm, *message); },
             ros::VoidConstPtr(), ros::TransportHints().tcpNoDelay());
@@ -78,6 +79,7 @@ void FastForces::take_pose(Arm *arm, const topic_tools::ShapeShifter &message)
     if (!pose_from_any_message(message, arm->own_frame, &sent, &why) || !tool_pose_from_message(sent, &pose, &why)) return; /* as if it were silent */
     std::lock_guard<InheritingMutex> hold(arm->lock);
     if (sent.header.frame_id != arm->sample.frame) return; /* a step knows where that is */
+    pose = arm->filter.next(sent.header.stamp.toSec(), sent.header.frame_id, pose);
     arm->sample.in_tissue = multiply(arm->tissue_from_frame, pose);
     arm->has_pose = true;
     arm->pose_at = Clock::now();
@@ -107,9 +109,11 @@ void FastForces::frame(size_t tool, const pliant_data &data, const ToolSample &s
     const Clock::time_point now = Clock::now();
     const bool known = arm.has_pose && arm.sample.frame == sample.frame;
     const Rigid in_tissue = known ? arm.sample.in_tissue : sample.in_tissue;
-    arm.sample = sample;
-    arm.sample.in_tissue = in_tissue; /* the newest pose, not that of the step */
-    arm.tissue_from_frame = inverse(sample.frame_from_tissue);
+    if (sample.present || !arm.sample.present) { /* what falls does so where the tool was last */
+        arm.sample = sample;
+        arm.sample.in_tissue = in_tissue; /* the newest pose, not that of the step */
+        arm.tissue_from_frame = inverse(sample.frame_from_tissue);
+    }
     arm.frame_at = now;
     if (!known && sample.present) {
         arm.has_pose = true;

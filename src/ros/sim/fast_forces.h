@@ -53,6 +53,7 @@ private:
         pliant_tool_linear linear{}; /* the simulation's own */
         InheritingMutex lock; /* of what follows */
         Between between;
+        PoseFilter filter;
         ToolSample sample{}; /* of the last step, at the last pose */
         Rigid tissue_from_frame;
         bool has_pose = false;

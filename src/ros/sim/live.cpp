@@ -1,6 +1,8 @@
 #include "ros/sim/live.h"
 
 #include <dynamic_reconfigure/ConfigDescription.h>
+#include <ros/master.h>
+#include <ros/this_node.h>
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +11,7 @@ namespace pliant_ros {
 
 namespace {
 
-/* One number of the settings. Option NULL: not of a scene but of the node. */
+/* One number of the settings. Option NULL: not of a scene but of the node, whose parameter has the name with a slash. */
 struct Entry {
     const char *name;
     const char *option;
@@ -88,6 +90,31 @@ void append(const Entry &entry, double value, dynamic_reconfigure::Config *confi
     }
 }
 
+/* As a parameter of its option; the three of a vector are one. */
+bool store(const std::string &path, const XmlRpc::XmlRpcValue &value)
+{
+    XmlRpc::XmlRpcValue request, response, payload;
+    request[0] = ros::this_node::getName();
+    request[1] = path;
+    request[2] = value;
+    return ros::master::execute("setParam", request, response, payload, false);
+}
+
+bool store(const std::string &name, LiveSettings settings)
+{
+    XmlRpc::XmlRpcValue gravity;
+    for (int d = 0; d < 3; ++d) gravity[d] = settings.gravity[d];
+    if (!store(name + "/model/gravity", gravity)) return false;
+    for (const Entry &entry : entries) {
+        std::string path = entry.option ? entry.option : entry.name;
+        if (path == "model/gravity") continue;
+        if (!entry.option) path[path.find('_')] = '/';
+        const double value = value_of(entry, settings);
+        if (!store(name + "/" + path, entry.real ? XmlRpc::XmlRpcValue(value) : XmlRpc::XmlRpcValue(static_cast<int>(value)))) return false;
+    }
+    return true;
+}
+
 void append_group(dynamic_reconfigure::Config *config)
 {
     config->groups.emplace_back();
@@ -138,7 +165,7 @@ void take(const pliant_scene &scene, LiveSettings *out)
 
 } // namespace
 
-Live::Live(ros::NodeHandle handle, const Parameters &parameters)
+Live::Live(ros::NodeHandle handle, const Parameters &parameters) : name_(handle.getNamespace())
 {
     take(parameters.scene, &settings_);
     std::copy(parameters.slice, parameters.slice + 3, settings_.slice);
@@ -147,6 +174,42 @@ Live::Live(ros::NodeHandle handle, const Parameters &parameters)
     descriptions_.publish(describe(settings_));
     publish();
     service_ = handle.advertiseService("set_parameters", &Live::serve, this);
+    storer_ = std::thread(&Live::keep_stored, this);
+}
+
+Live::~Live()
+{
+    {
+        std::lock_guard<std::mutex> hold(lock_);
+        stopping_ = true;
+    }
+    changed_.notify_all();
+    storer_.join();
+}
+
+void Live::keep_stored()
+{
+    const std::chrono::seconds patience(1);
+    std::unique_lock<std::mutex> hold(lock_);
+    while (!stopping_) {
+        changed_.wait(hold, [this] { return unstored_ || stopping_; });
+        if (stopping_) return;
+        unstored_ = false;
+        const LiveSettings settings = settings_;
+        hold.unlock();
+        const bool stored = store(name_, settings);
+        hold.lock();
+        if (stored) continue;
+        unstored_ = true;
+        changed_.wait_for(hold, patience, [this] { return stopping_; });
+    }
+}
+
+void Live::store_again()
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    unstored_ = true;
+    changed_.notify_all();
 }
 
 bool Live::serve(Reconfigure::Request &request, Reconfigure::Response &response)
@@ -172,6 +235,8 @@ void Live::when_changed(std::function<void(const LiveSettings &)> tell)
 void Live::publish()
 {
     updates_.publish(config_of(settings_));
+    unstored_ = true;
+    changed_.notify_all();
     if (tell_) tell_(settings_);
 }
 

@@ -1,4 +1,4 @@
-/* What may change while the simulation runs, by dynamic_reconfigure. Names, ranges and descriptions come from the
+/* What may change while the simulation runs, by dynamic_reconfigure; what holds is on the parameter server, too, under the options' names. Names, ranges and descriptions come from the
    scene's own list of options, at run time: no second list in a .cfg file can drift from it. */
 #ifndef PLIANT_ROS_SIM_LIVE_H
 #define PLIANT_ROS_SIM_LIVE_H
@@ -8,8 +8,10 @@
 #include <dynamic_reconfigure/Reconfigure.h>
 #include <ros/node_handle.h>
 
+#include <condition_variable>
 #include <functional>
 #include <mutex>
+#include <thread>
 
 namespace pliant_ros {
 
@@ -28,24 +30,34 @@ class Live {
 public:
     /* handle: private to the node. */
     Live(ros::NodeHandle handle, const Parameters &parameters);
+    ~Live();
+    Live(const Live &) = delete;
 
     LiveSettings get() const;
     /* Called with what is set from now on, whenever that changes. */
     void when_changed(std::function<void(const LiveSettings &)> tell);
     /* What another scene says of these; slices stay. */
     void assign(const pliant_scene &scene);
+    /* On the parameter server once more: it may be another one. */
+    void store_again();
     /* Into a scene that is to be built. */
     void apply(pliant_scene *scene) const;
 
 private:
     bool serve(Reconfigure::Request &request, Reconfigure::Response &response);
     void publish();
+    void keep_stored();
 
+    const std::string name_;
     mutable std::mutex lock_;
     LiveSettings settings_;
     std::function<void(const LiveSettings &)> tell_;
     ros::Publisher descriptions_, updates_;
     ros::ServiceServer service_;
+    /* a master that does not answer holds up nobody else */
+    std::condition_variable changed_;
+    bool unstored_ = true, stopping_ = false;
+    std::thread storer_;
 };
 
 } // namespace pliant_ros

@@ -10,8 +10,6 @@ namespace {
 
 enum { TIMING_RATE = 10 /* [Hz] */, HOLD_SECONDS = 2 /* that tools have to come back */, STEP_QUEUE = 1024 /* a recorder that is held up misses none */ };
 
-const double no_force[3] = {0, 0, 0};
-
 /* of sorted values */
 double percentile(const std::vector<double> &sorted, double fraction)
 {
@@ -25,7 +23,7 @@ double percentile(const std::vector<double> &sorted, double fraction)
 Simulation::Simulation(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Tools *tools,
                        FastForces *fast_forces, Snapshots *snapshots)
     : frame_(parameters.tissue_frame), background_(parameters.background), state_(state), live_(live), tools_(tools), fast_forces_(fast_forces),
-      snapshots_(snapshots), samples_(tools->size()), was_open_(tools->size(), false)
+      snapshots_(snapshots), samples_(tools->size()), acted_(samples_), ramps_(tools->size()), was_open_(tools->size(), false)
 {
     timing_ = handle.advertise<StepTiming>("timing", 1);
     steps_ = handle.advertise<Step>("step", STEP_QUEUE);
@@ -357,14 +355,23 @@ void Simulation::publish(const ros::Time &now)
     bool acts = !paused_ && state_->state() == SimState::RUNNING;
     for (size_t i = 0; i < samples_.size(); ++i) {
         const pliant_tool_state tool = tool_state(*data_, static_cast<int>(i));
-        double force[3], torque[3];
-        tool_wrench(tool, force, torque);
         if (fast_forces_->is_on()) fast_forces_->frame(i, *data_, samples_[i], acts);
-        else tools_->publish_force(i, samples_[i], acts ? force : no_force, acts ? torque : no_force, now);
+        else publish_force(i, tool, acts && samples_[i].present, now);
         tools_->publish_cut(i, *data_, revision(), now);
         tools_->publish_contact(i, *current_->model, *data_, now);
     }
     publish_timing(now);
+}
+
+void Simulation::publish_force(size_t tool, const pliant_tool_state &state, bool acts, const ros::Time &now)
+{
+    double wrench[6];
+    tool_wrench(state, wrench, wrench + 3);
+    ramps_[tool].apply(std::chrono::duration<double>(Clock::now().time_since_epoch()).count(), acts, wrench);
+    if (acts) acted_[tool] = samples_[tool];
+    /* what falls does so where the tool was last */
+    const bool falls = !acts && std::any_of(wrench, wrench + 6, [](double x) { return x != 0; });
+    tools_->publish_force(tool, falls ? acted_[tool] : samples_[tool], wrench, wrench + 3, now);
 }
 
 void Simulation::publish_timing(const ros::Time &now)

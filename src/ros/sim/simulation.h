@@ -6,6 +6,7 @@
 #include "ros/sim/live.h"
 #include "ros/sim/loaded.h"
 #include "ros/sim/moment.h"
+#include "ros/sim/ramp.h"
 #include "ros/sim/snapshot.h"
 #include "ros/sim/state.h"
 #include "ros/sim/stepping.h"
@@ -67,6 +68,7 @@ private:
     bool hold_again(const Step &step);
     void show(const ros::Time &now);
     void publish(const ros::Time &now);
+    void publish_force(size_t tool, const pliant_tool_state &state, bool acts, const ros::Time &now);
     void publish_timing(const ros::Time &now);
     void publish_cut(const CutInput &input, const pliant_cut_report &report);
     std::vector<ToolInput> tool_inputs() const;
@@ -95,7 +97,8 @@ private:
     uint64_t made_count_ = 0;
     std::vector<std::pair<std::string, pliant_tool_hold>> lost_; /* holds of the process before, until their tools are there */
     Clock::time_point lost_until_;
-    std::vector<ToolSample> samples_;
+    std::vector<ToolSample> samples_, acted_; /* acted: as a tool was there last */
+    std::vector<Ramp> ramps_;                 /* of the forces, one a tool */
     std::vector<bool> was_open_; /* the jaw, at the step before */
     bool anew_ = false;          /* no turn yet of this simulation: it does not know the instruments */
     ros::Time last_time_;

@@ -27,6 +27,7 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
         Tool *tool = tools_.back().get();
         tool->parameters = each;
         tool->last_frame = tissue_frame_;
+        tool->filter = PoseFilter(parameters.pose_filter);
         tool->counted_at = ros::WallTime::now();
         const uint32_t room = parameters.wrench_rate > 0 ? 16 : 1; /* forces between steps come in bursts where a process waits for its turn */
         tool->force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/measured_cf", room);
@@ -105,11 +106,12 @@ void Tools::take_pose(Tool *tool, const topic_tools::ShapeShifter &message)
     tool->refused = why;
     if (!good) {
         tool->waiting.clear();
+        tool->filter.forget();
         tool->has_last = false; /* an invalid pose says that the tool is gone, not that it stays */
         return;
     }
     tool->stamp = sent.header.stamp;
-    tool->waiting.push_back({sent.header.stamp, sent.header.frame_id, pose});
+    tool->waiting.push_back({sent.header.stamp, sent.header.frame_id, tool->filter.next(sent.header.stamp.toSec(), sent.header.frame_id, pose)});
     if (tool->waiting.size() > MOST_WAITING) tool->waiting.pop_front();
 }
 
@@ -210,6 +212,7 @@ void Tools::clear()
         std::lock_guard<std::mutex> hold(tool->lock);
         tool->has_pose = tool->has_last = tool->has_jaw = tool->present = false;
         tool->waiting.clear();
+        tool->filter.forget();
         tool->state = JAW_UNKNOWN;
         tool->why = "no pose since time jumped";
     }

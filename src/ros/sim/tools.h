@@ -3,6 +3,7 @@
 #define PLIANT_ROS_SIM_TOOLS_H
 
 #include "ros/params/params.h"
+#include "ros/sim/pose_filter.h"
 #include "ros/sim/snapshot.h"
 
 #include <ros/node_handle.h>
@@ -88,6 +89,7 @@ private:
         /* written by callbacks */
         bool has_pose = false;
         ros::Time stamp;          /* of the newest */
+        PoseFilter filter;
         std::deque<Waiting> waiting; /* newer than the one in use, newest last: tf may be behind them */
         bool has_jaw = false;
         ros::Time jaw_stamp;

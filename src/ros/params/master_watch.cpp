@@ -1,0 +1,149 @@
+#include "ros/params/master_watch.h"
+
+#include <ros/connection_manager.h>
+#include <ros/master.h>
+#include <ros/network.h>
+#include <ros/param.h>
+#include <ros/publication.h>
+#include <ros/this_node.h>
+#include <ros/topic_manager.h>
+#include <ros/xmlrpc_manager.h>
+
+#include <chrono>
+#include <set>
+
+namespace pliant_ros {
+
+namespace {
+
+using XmlRpc::XmlRpcValue;
+
+const std::chrono::seconds period(1);
+enum { LOOKS_PER_LIST = 16 /* what is advertised later is known then */ };
+
+/* The master's answer; false: none, or a refusal. */
+bool ask(const char *what, const std::vector<std::string> &words, XmlRpcValue *payload)
+{
+    XmlRpcValue request, response;
+    request[0] = ros::this_node::getName();
+    for (size_t i = 0; i < words.size(); ++i) request[static_cast<int>(i) + 1] = words[i];
+    return ros::master::execute(what, request, response, *payload, false);
+}
+
+/* that the master has of this process */
+std::vector<std::string> registered_services()
+{
+    XmlRpcValue state;
+    std::vector<std::string> out;
+    if (!ask("getSystemState", {}, &state)) return out;
+    for (int i = 0; i < state[2].size(); ++i)
+        for (int k = 0; k < state[2][i][1].size(); ++k)
+            if (static_cast<std::string>(state[2][i][1][k]) == ros::this_node::getName()) out.push_back(state[2][i][0]);
+    return out;
+}
+
+/* A call of this process's own interface, as a master would make it. */
+bool call_own(const char *what, const XmlRpcValue &request, XmlRpcValue *payload)
+{
+    std::string host;
+    uint32_t port;
+    XmlRpcValue response;
+    if (!ros::network::splitURI(ros::XMLRPCManager::instance()->getServerURI(), host, port)) return false;
+    XmlRpc::XmlRpcClient client(host.c_str(), static_cast<int>(port), "/");
+    return client.execute(what, request, response) && ros::XMLRPCManager::instance()->validateXmlrpcResponse(what, response, *payload);
+}
+
+/* Whoever publishes on a topic now, and whoever a link to is there: a master that was started anew does not know all of them. */
+void tell_publishers(const std::string &topic, XmlRpcValue known)
+{
+    std::set<std::string> all;
+    for (int i = 0; i < known.size(); ++i) all.insert(known[i]);
+    XmlRpcValue request, links, ignored;
+    request[0] = ros::this_node::getName();
+    if (all.empty() || !call_own("getBusInfo", request, &links)) return;
+    for (int i = 0; i < links.size(); ++i)
+        if (static_cast<std::string>(links[i][2]) == "i" && static_cast<std::string>(links[i][4]) == topic) all.insert(links[i][1]);
+    request[1] = topic;
+    int count = 0;
+    for (const std::string &uri : all) request[2][count++] = uri;
+    call_own("publisherUpdate", request, &ignored);
+}
+
+} // namespace
+
+MasterWatch::MasterWatch(ros::NodeHandle private_handle, std::function<void()> came_back)
+    : private_name_(private_handle.getNamespace()), came_back_(std::move(came_back))
+{
+    if (!ros::param::get(private_name_, parameters_)) parameters_ = XmlRpcValue();
+    thread_ = std::thread(&MasterWatch::run, this);
+}
+
+MasterWatch::~MasterWatch()
+{
+    {
+        std::lock_guard<std::mutex> hold(lock_);
+        stopping_ = true;
+    }
+    ends_.notify_all();
+    thread_.join();
+}
+
+void MasterWatch::run()
+{
+    std::unique_lock<std::mutex> hold(lock_);
+    while (!stopping_) {
+        hold.unlock();
+        try {
+            look();
+        } catch (const XmlRpc::XmlRpcException &) { /* no answer of a master's; the next one may be */
+        }
+        hold.lock();
+        ends_.wait_for(hold, period, [this] { return stopping_; });
+    }
+}
+
+void MasterWatch::look()
+{
+    XmlRpcValue process;
+    if (!ask("getPid", {}, &process)) {
+        if (problem_.get().empty()) ROS_WARN("the master does not answer: links that are there go on, nobody new is found");
+        problem_.set("the master does not answer: links that are there go on, nobody new is found");
+        return;
+    }
+    const int now = process;
+    if (master_ != 0 && now != master_) {
+        register_again();
+        ++returns_;
+        ROS_WARN("the master was started anew: topics, services and parameters of this node are registered again");
+        if (came_back_) came_back_();
+    } else if (looks_++ % LOOKS_PER_LIST == 0) {
+        const std::vector<std::string> services = registered_services();
+        if (!services.empty()) services_ = services;
+    }
+    master_ = now;
+    problem_.set("");
+}
+
+void MasterWatch::register_again()
+{
+    XmlRpcValue request, response, ignored;
+    request[0] = ros::this_node::getName();
+    request[1] = private_name_;
+    request[2] = parameters_;
+    if (parameters_.valid()) ros::master::execute("setParam", request, response, ignored, false);
+    const std::string own = ros::XMLRPCManager::instance()->getServerURI();
+    const std::string services = "rosrpc://" + ros::network::getHost() + ":" + std::to_string(ros::ConnectionManager::instance()->getTCPPort());
+    for (const std::string &service : services_) ask("registerService", {service, services, own}, &ignored);
+    std::vector<std::string> topics, subscribed;
+    ros::TopicManager::instance()->getAdvertisedTopics(topics);
+    for (const std::string &topic : topics)
+        if (ros::PublicationPtr publication = ros::TopicManager::instance()->lookupPublication(topic))
+            ask("registerPublisher", {topic, publication->getDataType(), own}, &ignored);
+    ros::TopicManager::instance()->getSubscribedTopics(subscribed);
+    for (const std::string &topic : subscribed) {
+        XmlRpcValue publishers;
+        if (ask("registerSubscriber", {topic, "*", own}, &publishers)) tell_publishers(topic, publishers);
+    }
+}
+
+} // namespace pliant_ros

@@ -1,0 +1,80 @@
+/* Tells on /diagnostics how a recording goes: rosbag record says nothing there when the disk is full, or when it has ended.
+ *
+ * Private parameters: prefix (path that the names of its bags begin with), min_space (1000) [MB]: with less free the recorder writes no
+ * more, which leaves it room to end its bag. */
+#include <diagnostic_updater/diagnostic_updater.h>
+#include <ros/ros.h>
+
+#include <dirent.h>
+#include <sys/stat.h>
+#include <sys/statvfs.h>
+
+#include <memory>
+#include <string>
+
+namespace {
+
+using diagnostic_msgs::DiagnosticStatus;
+
+/* The newest of the bags of a recording. */
+struct Bag {
+    std::string path;
+    double megabytes = 0;
+    bool open = false; /* the recorder writes it still */
+};
+
+Bag newest(const std::string &prefix)
+{
+    const size_t slash = prefix.rfind('/');
+    const std::string folder = slash == std::string::npos ? "./" : prefix.substr(0, slash + 1), begins = slash == std::string::npos ? prefix : prefix.substr(slash + 1);
+    Bag out;
+    timespec when{};
+    std::unique_ptr<DIR, int (*)(DIR *)> files(opendir(folder.c_str()), closedir);
+    for (const dirent *file; files && (file = readdir(files.get()));) {
+        const std::string name = file->d_name;
+        struct stat told;
+        if (name.compare(0, begins.size(), begins) != 0 || name.find(".bag") == std::string::npos || stat((folder + name).c_str(), &told) != 0) continue;
+        if (!out.path.empty() && (told.st_mtim.tv_sec < when.tv_sec || (told.st_mtim.tv_sec == when.tv_sec && told.st_mtim.tv_nsec <= when.tv_nsec))) continue;
+        when = told.st_mtim;
+        out = {folder + name, 1e-6 * static_cast<double>(told.st_size), name.size() > 7 && name.compare(name.size() - 7, 7, ".active") == 0};
+    }
+    return out;
+}
+
+} // namespace
+
+int main(int argc, char **argv)
+{
+    ros::init(argc, argv, "record_watch");
+    ros::NodeHandle handle, own("~");
+    const std::string prefix = own.param<std::string>("prefix", "");
+    const double least = own.param("min_space", 1000.0);
+    if (prefix.empty()) {
+        ROS_FATAL("~prefix: what the names of the bags begin with, such as /data/session");
+        return 1;
+    }
+    bool was_open = false;
+    diagnostic_updater::Updater diagnostics;
+    diagnostics.setHardwareID("none");
+    diagnostics.add("recording", [&](diagnostic_updater::DiagnosticStatusWrapper &status) {
+        const Bag bag = newest(prefix);
+        struct statvfs room;
+        const size_t slash = prefix.rfind('/');
+        const bool known = statvfs(slash == std::string::npos ? "." : prefix.substr(0, slash + 1).c_str(), &room) == 0;
+        const double free = known ? 1e-6 * static_cast<double>(room.f_bavail) * static_cast<double>(room.f_frsize) : 0;
+        if (known && free < least)
+            status.summary(DiagnosticStatus::ERROR, "the disk is full: nothing more is recorded; what there is stays (rosbag reindex makes a bag of a .active that was left)");
+        else if (!bag.open) status.summary(was_open ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN, was_open ? "the recorder has ended" : "nothing is recorded yet");
+        else if (known && free < 5 * least) status.summary(DiagnosticStatus::WARN, "the disk is nearly full");
+        else status.summary(DiagnosticStatus::OK, "recording");
+        was_open = was_open || bag.open;
+        status.add("bag", bag.path);
+        status.add("size [MB]", bag.megabytes);
+        status.add("free [MB]", free);
+    });
+    for (ros::WallRate turn(4); ros::ok(); turn.sleep()) {
+        ros::spinOnce();
+        diagnostics.update();
+    }
+    return 0;
+}
