@@ -385,7 +385,7 @@ TEST(scene, told_as_text_is_the_same_scene_to_the_bit)
     scene.mesh.coarse_cells[2] = 17;
     scene.cut.kind = PLIANT_CUT_SEVER;
     scene.contact.self = true;
-    strcpy(scene.material.labels, "/a folder/with \"quotes\", a \\ and: a colon # or so.nii.gz");
+    strcpy(scene.material.labels, "/a folder/with \"quotes\", a \\ and: a colon # or so,\ttab, \n line, \x01 and \x7f, \xc3\xa4.nii.gz");
     scene.fixed.num_boxes = 2;
     scene.fixed.boxes[0] = {{-0.1, 0, 1e-300}, {0.1, 1.0 / 7, 5}};
     scene.fixed.boxes[1] = {{-1, -1, -1}, {1, 1, 1}};
@@ -396,6 +396,7 @@ TEST(scene, told_as_text_is_the_same_scene_to_the_bit)
     EXPECT_EQ(memcmp(&again.fixed, &scene.fixed, sizeof scene.fixed), 0) << text;
     EXPECT_EQ(memcmp(&again.obstacles, &scene.obstacles, sizeof scene.obstacles), 0) << text;
     EXPECT_EQ(text_of(again), text);
+    EXPECT_STREQ(again.material.labels, scene.material.labels);
     EXPECT_EQ(again.model.gravity[1], scene.model.gravity[1]);
     EXPECT_EQ(again.grasp.stiffness, scene.grasp.stiffness);
     EXPECT_EQ(again.mesh.coarse_cells[2], 17);

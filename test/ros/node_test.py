@@ -452,11 +452,11 @@ for line in sys.stdin:
         timing = Latest("timing", StepTiming)
         self.assertEqual(self.node.state.message.choice, "")
         self.assertTrue(math.isnan(self.node.state.message.choice_error))
-        options = ["mesh/coarse_cells=4 4 4", "solver/step=0.01", "choose/budget_ms=1000", "choose/ratio=false", "choose/coarse_cells=false"]
+        options = ["mesh/coarse_cells=3 3 3", "solver/step=0.01", "choose/budget_ms=1000", "choose/ratio=false", "choose/coarse_cells=false", "choose/iterations=false"]
         answer = self.node.load("phantom:48x40x40", options=options)
         self.assertTrue(answer.success, answer.message)
         state = wait_for(lambda: self.node.state.message if self.node.state.message.choice else None, "the choice in state")
-        self.assertIn("model/method=fine mesh/coarse_cells=4,4,4 mesh/ratio=2", state.choice)
+        self.assertIn("model/method=fine mesh/coarse_cells=3,3,3 mesh/ratio=2", state.choice)
         self.assertGreater(state.choice_seconds, 0)
         self.assertLess(state.choice_error, 0.05)
         told = wait_for(lambda: timing.message if timing.fresh().choice else None, "the choice in timing")
