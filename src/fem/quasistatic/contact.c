@@ -463,6 +463,12 @@ void pliant_touches_take(pliant_touches *touches)
     touches->found = swap;
 }
 
+static double depth_of(const pliant_touches *touches, int32_t c, const double *moved)
+{
+    const double *frame = touches->frame + 9 * (size_t)c, *goal = touches->goal + 3 * (size_t)c;
+    return -(frame[0] * (moved[0] - goal[0]) + frame[1] * (moved[1] - goal[1]) + frame[2] * (moved[2] - goal[2]));
+}
+
 void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_statistics *statistics)
 {
     statistics->contacts = 0;
@@ -475,9 +481,7 @@ void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_st
     for (int32_t c = 0; touches && c < touches->count; c++) {
         pliant_contact_point *point = touches->points->point + touches->point[c];
         const double *frame = touches->frame + 9 * (size_t)c, *force = touches->taken.force + 3 * (size_t)c, *motion = touches->taken.motion + 3 * (size_t)c;
-        double depth = 0;
-        for (int d = 0; d < 3; d++) depth -= frame[d] * (moved[3 * (size_t)c + (size_t)d] - touches->goal[3 * (size_t)c + (size_t)d]);
-        statistics->penetration = fmax(statistics->penetration, depth);
+        statistics->penetration = fmax(statistics->penetration, depth_of(touches, c, moved + 3 * (size_t)c));
         from_frame(frame, force, point->force);
         point->begun = force[0] > 0;
         statistics->contacts += point->begun;
@@ -485,10 +489,11 @@ void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_st
     }
 }
 
-void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics)
+/* W x of all points where the solver is now */
+static void find_moved(const pliant_solver *solver)
 {
     pliant_touches *touches = solver->touches;
-    const int32_t count = touches ? touches->count : 0;
+    const int32_t count = touches->count;
     for (int32_t c = 0; c < count; c++) moved_point(solver->system, touches, c, solver->now.x, touches->motion + 3 * (size_t)c);
     if (count > 0 && touches->pieces) {
         memset(touches->found.motion, 0, 3 * (size_t)count * sizeof(double));
@@ -499,5 +504,19 @@ void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics)
             for (int d = 0; d < 3; d++) touches->motion[3 * (size_t)c + (size_t)d] += by[d];
         }
     }
+}
+
+double pliant_touches_depth(const pliant_solver *solver)
+{
+    double depth = 0;
+    find_moved(solver);
+    for (int32_t c = 0; c < solver->touches->count; c++) depth = fmax(depth, depth_of(solver->touches, c, solver->touches->motion + 3 * (size_t)c));
+    return depth;
+}
+
+void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics)
+{
+    pliant_touches *touches = solver->touches;
+    if (touches) find_moved(solver);
     pliant_touches_tell(touches, touches ? touches->motion : NULL, statistics);
 }

@@ -95,6 +95,8 @@ pliant_status pliant_touches_make_matrix(pliant_touches *touches, int num_tools)
 void pliant_touches_take(pliant_touches *touches);
 /* Forces and anchors to the points, how deep the deepest lies. */
 void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics);
+/* How deep the deepest lies where the solver is now [m]. */
+double pliant_touches_depth(const pliant_solver *solver);
 /* The same with moved (count x 3), W x of the points where the step has led. touches: Nullable */
 void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_statistics *statistics);
 

@@ -266,6 +266,35 @@ static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time,
     return status;
 }
 
+/* Whether tissue would be left where an instrument is: no step from the state has led out of there, or all of them not far enough. */
+static bool is_stuck(const pliant_solver *solver)
+{
+    const double deep = 5; /* thousandths of the body's length */
+    return pliant_touches_any(solver->touches) && !solver->rules.converged && pliant_touches_depth(solver) > deep * solver->rules.smallest_displacement;
+}
+
+/* What touches is pushed far and fast, and what stands for the inverse of the stiffness is of a shape that the tissue no longer has: with a new one
+ * the step goes on. */
+static pliant_status come_out(pliant_solver *solver, step_time *time, pliant_statistics *statistics)
+{
+    enum { MOST = 4 };
+    bool made = !(solver->budget > 0);
+    pliant_status status = PLIANT_OK;
+    time->limit.evaluations = INT32_MAX; /* even a live step is better late */
+    for (int again = 0; again < MOST && made && status == PLIANT_OK && is_stuck(solver); again++) {
+        int32_t more = 0;
+        status = pliant_refresh_now(solver, statistics, &made);
+        if (status != PLIANT_OK || !made) break;
+        turn_on(solver, statistics->step);
+        status = pliant_solver_respond(solver);
+        if (status == PLIANT_OK) status = pliant_touches_respond(solver);
+        if (status == PLIANT_OK) status = iterate_from_newton(solver, time, &more);
+        statistics->iterations += more;
+        statistics->rejected += (uint64_t)solver->rules.rejected;
+    }
+    return status;
+}
+
 /* of the state that was judged last; in a step that rests that of the step before, since when a patch may have told its own */
 static void tell_residual(const pliant_solver *solver, pliant_statistics *statistics)
 {
@@ -304,6 +333,7 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     solver->rules.is_cycle = !pliant_preconditioner_refuses(solver->preconditioner);
     status = iterate_from_newton(solver, &time, &statistics->iterations);
     statistics->rejected += (uint64_t)solver->rules.rejected;
+    if (status == PLIANT_OK) status = come_out(solver, &time, statistics);
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, solver->now.force + 3 * t, 3 * sizeof(double));
     if (!isfinite(solver->rules.merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);

@@ -250,6 +250,8 @@ void pliant_posterior_keep(pliant_solver *solver);
 pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *statistics);
 /* The history is dropped: what is made of it is of no use. Nullable refresh */
 void pliant_refresh_forget(pliant_refresh *refresh);
+/* A factor of the state of now, at once: what is under way is waited for. *made: there is one. Errors: MEMORY. */
+pliant_status pliant_refresh_now(pliant_solver *solver, pliant_statistics *statistics, bool *made);
 void pliant_refresh_free(pliant_solver *solver);
 size_t pliant_refresh_bytes(const pliant_solver *solver);
 bool pliant_refresh_is_busy(const pliant_solver *solver); /* freeing it would wait */
