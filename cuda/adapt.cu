@@ -95,15 +95,15 @@ static pliant_status carry(pliant_cuda_solver *gpu, const pliant_solver *solver,
     int32_t *h_source = static_cast<int32_t *>(pliant_calloc((size_t)count, sizeof *h_source));
     if (!h_source) return pliant_fail_memory("the preconditioner");
     for (int32_t f = 0; f < count; f++) h_source[f] = h_before[f] >= 0 && h_below ? h_below[h_before[f]] : h_before[f];
-    return pliant_cuda_carried_set(solver->system, &gpu->system, preconditioner->num_free, h_source, gpu->stream, &preconditioner->carried,
-                                   &preconditioner->room, possible);
+    return pliant_cuda_carried_set(solver->system, &gpu->system, preconditioner->num_free, h_source, preconditioner->h_whole, gpu->stream,
+                                   &preconditioner->carried, &preconditioner->room, possible);
 }
 
 extern "C" pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, const pliant_solver *solver, const pliant_solver *before, const int32_t *node,
                                                    bool *possible)
 {
     const pliant_system *system = solver->system;
-    *possible = !system->macros && !before->system->macros;
+    *possible = !system->macros == !before->system->macros && (!system->macros || !system->macros->fine_start);
     if (!*possible) return PLIANT_OK;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     int32_t *h_before = static_cast<int32_t *>(pliant_calloc((size_t)system->num_free, sizeof *h_before));

@@ -8,7 +8,7 @@
 
 #include <cstring>
 
-enum { THREADS = 128, ENTRIES = 36, WARP = 32, COLUMNS = 32, GROUPS = 8 };
+enum { THREADS = 128, ENTRIES = 36, MACRO_ENTRIES = 72, WARP = 32, COLUMNS = 32, GROUPS = 8 };
 /* sweeps that a frame has the time for: beyond, a preconditioner made anew is no slower */
 enum { MOST_SWEEPS = 32, MOST_TILES = 72 };
 
@@ -34,17 +34,19 @@ template <class T> static T *numbers(size_t count) { return static_cast<T *>(pli
 
 static void find_outer(const pliant_system *system, neighbours *found)
 {
-    const pliant_mesh *mesh = system->mesh;
+    const int32_t *nodes = pliant_element_nodes(system);
     for (int32_t i = 0; i < found->num_inner; i++) found->place[system->node_of_free[found->near[i]]] = i + 1;
     found->num_near = found->num_inner;
     for (int32_t i = 0; i < found->num_inner; i++)
-        for (int32_t c = system->corner_start[found->near[i]]; c < system->corner_start[found->near[i] + 1]; c++)
-            for (int v = 0; v < 4; v++) {
-                const int32_t node = mesh->tets[system->corner[c] / 4 * 4 + v], f = system->free_of_node[node];
+        for (int32_t c = system->corner_start[found->near[i]]; c < system->corner_start[found->near[i] + 1]; c++) {
+            const int32_t element = pliant_element_of_corner(system, system->corner[c]);
+            for (int32_t v = pliant_element_begin(system, element); v < pliant_element_begin(system, element + 1); v++) {
+                const int32_t node = nodes[v], f = system->free_of_node[node];
                 if (f < 0 || found->place[node] > 0) continue;
                 found->near[found->num_near++] = f;
                 found->place[node] = found->num_near;
             }
+        }
 }
 
 static void find_takers(int32_t num_free, int32_t base_free, const int32_t *source, neighbours *found)
@@ -59,7 +61,7 @@ static void find_takers(int32_t num_free, int32_t base_free, const int32_t *sour
     found->taker_start[base_free] = all;
 }
 
-static pliant_status find_neighbours(const pliant_system *system, int32_t base_free, const int32_t *source, neighbours *found)
+static pliant_status find_neighbours(const pliant_system *system, int32_t base_free, const int32_t *source, const uint8_t *whole, neighbours *found)
 {
     const size_t count = (size_t)system->num_free;
     found->inner = numbers<uint8_t>(count);
@@ -69,6 +71,7 @@ static pliant_status find_neighbours(const pliant_system *system, int32_t base_f
     found->taker = numbers<int32_t>(count);
     if (!found->inner || !found->near || !found->place || !found->taker_start || !found->taker) return pliant_fail_memory("the preconditioner");
     CUDA_TRY(pliant_carried_opened(system->num_free, base_free, source, found->inner));
+    pliant_carried_open_divided(system, whole, found->inner);
     found->num_inner = pliant_subdomain_inner(system, PLIANT_CARRIED_RINGS, found->inner, found->near);
     find_outer(system, found);
     find_takers(system->num_free, base_free, source, found);
@@ -105,14 +108,31 @@ static __device__ double entry_at_rest(const gpu_system &system, int tet, int ro
     return pliant_isotropic_entry(a, b, system.d_lame[tet], system.d_lame[stride + (size_t)tet], row % 3, column % 3);
 }
 
-/* One block an inner node: its columns, from the diagonal on down, element after element. */
-static __global__ void __launch_bounds__(ENTRIES) assemble_kernel(gpu_system system, gpu_carried carried, near_matrix matrix)
+/* of a hexahedron, or of a tetrahedron beside a cut, from its root */
+static __device__ double macro_entry_at_rest(const gpu_macros &macros, int element, int unknowns, int row, int column)
+{
+    const float *root = macros.d_root + macros.d_root_start[element];
+    double sum = 0;
+    for (int m = 0; m < macros.d_rank[element]; m++) sum += (double)root[m * unknowns + row] * root[m * unknowns + column];
+    return sum;
+}
+
+/* One block an inner node: its columns, from the diagonal on down, element after element; nine threads a corner of the element. */
+static __global__ void __launch_bounds__(MACRO_ENTRIES) assemble_kernel(gpu_system system, gpu_carried carried, near_matrix matrix)
 {
     const int own = (int)blockIdx.x, node = carried.d_near[own], at = unknown_of(matrix, own), w = (int)threadIdx.x / 9;
     const int r = (int)threadIdx.x / 3 % 3, c = (int)threadIdx.x % 3;
+    const gpu_macros &macros = system.macros;
+    const bool of_macros = macros.count > 0;
     for (int n = system.d_corner_start[node]; n < system.d_corner_start[node + 1]; n++) {
-        const int corner = system.d_corner[n], tet = corner / 4, place = carried.d_place[system.d_tets[4 * tet + w]] - 1;
-        if (place >= own && (place > own || r >= c)) add(matrix, unknown_of(matrix, place) + r, at + c, entry_at_rest(system, tet, 3 * w + r, 3 * (corner % 4) + c));
+        const int corner = system.d_corner[n], element = of_macros ? macros.d_cube_of_corner[corner] : corner / 4;
+        const int begin = of_macros ? macros.d_start[element] : 4 * element, corners = of_macros ? macros.d_start[element + 1] - begin : 4;
+        const int place = w < corners ? carried.d_place[(of_macros ? macros.d_node : system.d_tets)[begin + w]] - 1 : -1;
+        if (place >= own && (place > own || r >= c)) {
+            const int row = 3 * w + r, column = 3 * (corner - begin) + c;
+            add(matrix, unknown_of(matrix, place) + r, at + c,
+                of_macros ? macro_entry_at_rest(macros, element, 3 * corners, row, column) : entry_at_rest(system, element, row, column));
+        }
         __syncthreads();
     }
     if (threadIdx.x >= 3) return;
@@ -170,7 +190,7 @@ static pliant_status invert(const gpu_system *gpu, int32_t pivots, int32_t tiles
     const unsigned rows = 3 * (unsigned)(carried->inner + carried->outer);
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_tiles, 0, bytes, stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_failed, 0, sizes[2], stream)));
-    assemble_kernel<<<(unsigned)carried->inner, ENTRIES, 0, stream>>>(*gpu, *carried, matrix);
+    assemble_kernel<<<(unsigned)carried->inner, gpu->macros.count > 0 ? MACRO_ENTRIES : ENTRIES, 0, stream>>>(*gpu, *carried, matrix);
     CUDA_TRY(CUDA_LAUNCHED("assemble_kernel"));
     pad_kernel<<<1, SWEEP, 0, stream>>>(matrix);
     CUDA_TRY(CUDA_LAUNCHED("pad_kernel"));
@@ -200,11 +220,11 @@ static pliant_status send_all(const pliant_system *system, const gpu_system *gpu
     return invert(gpu, pivots, tiles, stream, carried, room);
 }
 
-extern "C" pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu, int32_t base_free, int32_t *h_source, cudaStream_t stream,
-                                                 gpu_carried *carried, gpu_carried_room *room, bool *possible)
+extern "C" pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu, int32_t base_free, int32_t *h_source, const uint8_t *h_whole,
+                                                 cudaStream_t stream, gpu_carried *carried, gpu_carried_room *room, bool *possible)
 {
     neighbours found = {};
-    pliant_status status = find_neighbours(system, base_free, h_source, &found);
+    pliant_status status = find_neighbours(system, base_free, h_source, h_whole, &found);
     const int32_t outer = found.num_near - found.num_inner, pivots = (3 * found.num_inner + SWEEP - 1) / SWEEP, tiles = pivots + (3 * outer + SWEEP - 1) / SWEEP;
     *possible = pivots <= MOST_SWEEPS && tiles <= MOST_TILES;
     if (status == PLIANT_OK && *possible) {

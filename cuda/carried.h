@@ -37,10 +37,10 @@ typedef struct gpu_carried_room {
     int32_t *h_source;            /* (num_free) of the host; NULL: nothing is carried over */
 } gpu_carried_room;
 
-/* h_source: (num_free) of pliant_alloc, taken over, also on an error. *possible: false: too much is opened, and nothing was done but that.
+/* h_source: (num_free) of pliant_alloc, taken over, also on an error; h_whole: pliant_carried_whole of the base. *possible: false: too much is opened, and nothing was done but that.
  * Errors: MEMORY, UNAVAILABLE. */
-pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu, int32_t base_free, int32_t *h_source, cudaStream_t stream,
-                                      gpu_carried *carried, gpu_carried_room *room, bool *possible);
+pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu, int32_t base_free, int32_t *h_source, const uint8_t *h_whole,
+                                      cudaStream_t stream, gpu_carried *carried, gpu_carried_room *room, bool *possible);
 void pliant_cuda_carried_clear(gpu_carried *carried, gpu_carried_room *room); /* nothing is carried over; arrays stay */
 void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_room *room);
 

@@ -14,16 +14,26 @@ enum { THREADS = 256, WARP = 32, CUBES = THREADS / WARP, FRAMES = 64 };
 
 /* ---- what they are made of */
 
-template <class T> static pliant_status upload(const T *h_from, size_t count, cudaStream_t stream, T **d_out)
+enum { START, NODE, HELD, GROUNDED, OWN, GRADIENT, RANK, CUBE_OF_CORNER, FRAME, ROOT_START, ROOT, FINE_START, FINE, ENTRY_START, ENTRY_CORNER, ENTRY_SHAPE, SHEAR };
+
+struct sending { bool grows; cudaStream_t stream; size_t *room; };
+
+template <class T> static pliant_status room_for(const sending &to, int array, size_t count, T **d_out)
 {
-    void *block;
-    if (count == 0) return PLIANT_OK;
-    CUDA_TRY(pliant_cuda_upload(h_from, count * sizeof(T), "the macro-elements", stream, &block));
-    *d_out = static_cast<T *>(block);
+    void *d_block = *d_out;
+    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), to.grows, "the macro-elements", &d_block, to.room + array));
+    *d_out = static_cast<T *>(d_block);
     return PLIANT_OK;
 }
 
-static pliant_status upload_roots(const pliant_macros *macros, cudaStream_t stream, gpu_macros *out)
+template <class T> static pliant_status upload(const sending &to, int array, const T *h_from, size_t count, T **d_out)
+{
+    if (count == 0) return PLIANT_OK;
+    CUDA_TRY(room_for(to, array, count, d_out));
+    return CUDA_CALL(cudaMemcpyAsync(*d_out, h_from, count * sizeof(T), cudaMemcpyHostToDevice, to.stream));
+}
+
+static pliant_status upload_roots(const pliant_macros *macros, const sending &to, gpu_macros *out)
 {
     std::vector<int64_t> start;
     std::vector<float> root;
@@ -34,11 +44,12 @@ static pliant_status upload_roots(const pliant_macros *macros, cudaStream_t stre
         if (unknowns > out->most_unknowns) out->most_unknowns = unknowns;
         if (rank > out->most_rank) out->most_rank = rank;
     }
-    CUDA_TRY(upload(start.data(), start.size(), stream, &out->d_root_start));
-    return upload(root.data(), root.size(), stream, &out->d_root);
+    CUDA_TRY(upload(to, ROOT_START, start.data(), start.size(), &out->d_root_start));
+    CUDA_TRY(upload(to, ROOT, root.data(), root.size(), &out->d_root));
+    return CUDA_CALL(cudaStreamSynchronize(to.stream)); /* what was sent goes */
 }
 
-static pliant_status upload_followers(const pliant_macros *macros, cudaStream_t stream, gpu_macros *out)
+static pliant_status upload_followers(const pliant_macros *macros, const sending &to, gpu_macros *out)
 {
     if (!macros->fine_start) return PLIANT_OK; /* they are of the fine mesh itself */
     std::vector<int32_t> start(1, 0);
@@ -52,11 +63,12 @@ static pliant_status upload_followers(const pliant_macros *macros, cudaStream_t 
         corner.insert(corner.end(), macros->entry_corner[cube], macros->entry_corner[cube] + entries);
         shape.insert(shape.end(), macros->entry_shape[cube], macros->entry_shape[cube] + 9 * entries);
     }
-    CUDA_TRY(upload(macros->fine_start, (size_t)macros->count + 1, stream, &out->d_fine_start));
-    CUDA_TRY(upload(macros->fine, (size_t)macros->fine_start[macros->count], stream, &out->d_fine));
-    CUDA_TRY(upload(start.data(), start.size(), stream, &out->d_entry_start));
-    CUDA_TRY(upload(corner.data(), corner.size(), stream, &out->d_entry_corner));
-    return upload(shape.data(), shape.size(), stream, &out->d_entry_shape);
+    CUDA_TRY(upload(to, FINE_START, macros->fine_start, (size_t)macros->count + 1, &out->d_fine_start));
+    CUDA_TRY(upload(to, FINE, macros->fine, (size_t)macros->fine_start[macros->count], &out->d_fine));
+    CUDA_TRY(upload(to, ENTRY_START, start.data(), start.size(), &out->d_entry_start));
+    CUDA_TRY(upload(to, ENTRY_CORNER, corner.data(), corner.size(), &out->d_entry_corner));
+    CUDA_TRY(upload(to, ENTRY_SHAPE, shape.data(), shape.size(), &out->d_entry_shape));
+    return CUDA_CALL(cudaStreamSynchronize(to.stream));
 }
 
 static size_t shared_bytes(const gpu_macros *macros)
@@ -69,24 +81,26 @@ static bool is_small(const gpu_macros *macros) { return macros->most_unknowns <=
 
 static __global__ void macro_force_kernel(gpu_system system, gpu_iteration iteration);
 
-extern "C" pliant_status pliant_cuda_macros_create(const pliant_macros *macros, cudaStream_t stream, gpu_macros *out)
+extern "C" pliant_status pliant_cuda_macros_set(const pliant_macros *macros, bool grows, cudaStream_t stream, size_t *room, gpu_macros *out)
 {
+    const sending to = {grows, stream, room};
     const size_t count = (size_t)macros->count, corners = (size_t)macros->start[count];
     out->count = macros->count;
     out->corners = macros->start[count];
-    CUDA_TRY(upload(macros->start, count + 1, stream, &out->d_start));
-    CUDA_TRY(upload(macros->node, corners, stream, &out->d_node));
-    CUDA_TRY(upload(macros->held, corners, stream, &out->d_held));
-    CUDA_TRY(upload(macros->grounded, count, stream, &out->d_grounded));
-    CUDA_TRY(upload(macros->own, 8 * count, stream, &out->d_own));
-    CUDA_TRY(upload(macros->gradient, 24 * count, stream, &out->d_gradient));
-    CUDA_TRY(upload(macros->rank, count, stream, &out->d_rank));
-    CUDA_TRY(upload(macros->shear, macros->shear ? count : 0, stream, &out->d_shear));
-    CUDA_TRY(upload(macros->cube_of_corner, corners, stream, &out->d_cube_of_corner));
-    CUDA_TRY(pliant_cuda_allocate(count * sizeof(pliant_macro_frame), "the macro-elements", reinterpret_cast<void **>(&out->d_frame)));
+    out->most_unknowns = out->most_rank = 0;
+    CUDA_TRY(upload(to, START, macros->start, count + 1, &out->d_start));
+    CUDA_TRY(upload(to, NODE, macros->node, corners, &out->d_node));
+    CUDA_TRY(upload(to, HELD, macros->held, corners, &out->d_held));
+    CUDA_TRY(upload(to, GROUNDED, macros->grounded, count, &out->d_grounded));
+    CUDA_TRY(upload(to, OWN, macros->own, 8 * count, &out->d_own));
+    CUDA_TRY(upload(to, GRADIENT, macros->gradient, 24 * count, &out->d_gradient));
+    CUDA_TRY(upload(to, RANK, macros->rank, count, &out->d_rank));
+    CUDA_TRY(upload(to, SHEAR, macros->shear, macros->shear ? count : 0, &out->d_shear));
+    CUDA_TRY(upload(to, CUBE_OF_CORNER, macros->cube_of_corner, corners, &out->d_cube_of_corner));
+    CUDA_TRY(room_for(to, FRAME, count, &out->d_frame));
     try {
-        CUDA_TRY(upload_roots(macros, stream, out));
-        CUDA_TRY(upload_followers(macros, stream, out));
+        CUDA_TRY(upload_roots(macros, to, out));
+        CUDA_TRY(upload_followers(macros, to, out));
     } catch (const std::bad_alloc &) {
         return pliant_fail_memory("the macro-elements");
     }
@@ -246,6 +260,11 @@ static pliant_status find_frames(const gpu_system *system, const gpu_iteration *
 {
     macro_frame_kernel<<<blocks_for(system->macros.count, FRAMES), FRAMES, 0, stream>>>(*system, *iteration, evaluates);
     return CUDA_LAUNCHED("macro_frame_kernel");
+}
+
+extern "C" pliant_status pliant_cuda_macro_frames(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
+{
+    return find_frames(system, iteration, false, stream);
 }
 
 extern "C" pliant_status pliant_cuda_macro_forces(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)

@@ -29,14 +29,19 @@ typedef struct gpu_macros {
     float *d_entry_shape;
 } gpu_macros;
 
-/* Errors: MEMORY, UNAVAILABLE. What was made until then is freed by the caller. */
-pliant_status pliant_cuda_macros_create(const pliant_macros *macros, cudaStream_t stream, gpu_macros *out);
+enum { MACRO_ARRAYS = 17 };
+
+/* Made, or those of the next body in the place of those before; room: (MACRO_ARRAYS) bytes of its arrays. Errors: MEMORY, UNAVAILABLE. What was made until
+ * then is freed by the caller. */
+pliant_status pliant_cuda_macros_set(const pliant_macros *macros, bool grows, cudaStream_t stream, size_t *room, gpu_macros *out);
 void pliant_cuda_macros_free(gpu_macros *macros);
 
 /* Forces of the iterate under evaluation to d_element_force, four numbers a corner. */
 pliant_status pliant_cuda_macro_forces(const struct gpu_system *system, const struct gpu_iteration *iteration, cudaStream_t stream);
 /* What cubes of the present iterate say of the axes of their nodes (nodal_rotations.h) to d_rotations, 16 numbers a cube. */
 pliant_status pliant_cuda_macro_rotations(const struct gpu_system *system, const struct gpu_iteration *iteration, cudaStream_t stream);
+/* Frames of the cubes of the present iterate, to d_frame. */
+pliant_status pliant_cuda_macro_frames(const struct gpu_system *system, const struct gpu_iteration *iteration, cudaStream_t stream);
 /* Fine nodes of the present iterate. */
 pliant_status pliant_cuda_macro_positions(const struct gpu_system *system, const struct gpu_iteration *iteration, double *d_fine, cudaStream_t stream);
 

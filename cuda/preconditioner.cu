@@ -1,5 +1,6 @@
 #include "check.h"
 #include "base/fail.h"
+#include "fem/linear/carried.h"
 #include "pliant/memory.h"
 #include "preconditioner.h"
 
@@ -32,6 +33,7 @@ extern "C" pliant_status pliant_cuda_preconditioner_create(const pliant_system *
 {
     memset(out, 0, sizeof *out);
     out->num_free = system->num_free;
+    CUDA_TRY(pliant_carried_whole(system, &out->h_whole));
     const bool layered = choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > LARGEST_DENSE);
     /* an octree, or macro-elements that reach over cubes, have no coarser lattice */
     const bool nested = system->mesh->lattice_of_tet && (!system->macros || system->macros->cell);
@@ -56,6 +58,7 @@ extern "C" void pliant_cuda_preconditioner_free(gpu_preconditioner *precondition
     pliant_cuda_inverse_free(&preconditioner->inverse);
     pliant_cuda_multigrid_free(preconditioner->multigrid);
     pliant_cuda_carried_free(&preconditioner->carried, &preconditioner->room);
+    pliant_free(preconditioner->h_whole);
     memset(preconditioner, 0, sizeof *preconditioner);
 }
 

@@ -13,6 +13,7 @@ typedef struct gpu_preconditioner {
     gpu_inverse inverse;
     gpu_multigrid *multigrid; /* NULL: the inverse */
     int32_t num_free;         /* that it is of: those of a body before, where it is carried over */
+    uint8_t *h_whole;         /* Nullable: which cubes of that body are hexahedra (pliant_carried_whole) */
     size_t bytes;
     gpu_carried carried;
     gpu_carried_room room;

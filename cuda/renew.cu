@@ -98,10 +98,12 @@ static void exchange_bases(gpu_preconditioner *a, gpu_preconditioner *b)
     a->inverse = b->inverse;
     a->multigrid = b->multigrid;
     a->num_free = b->num_free;
+    a->h_whole = b->h_whole;
     a->bytes = b->bytes;
     b->inverse = other.inverse;
     b->multigrid = other.multigrid;
     b->num_free = other.num_free;
+    b->h_whole = other.h_whole;
     b->bytes = other.bytes;
 }
 
@@ -113,7 +115,7 @@ static pliant_status put_below(pliant_cuda_solver *gpu, const pliant_system *sys
     if (!h_source) return pliant_fail_memory("the preconditioner");
     for (int32_t f = 0; f < system->num_free; f++) h_source[f] = renewal->of->system->free_of_node[renewal->source[system->node_of_free[f]]];
     gpu_preconditioner *now = &gpu->preconditioner;
-    return pliant_cuda_carried_set(system, &gpu->system, renewal->made.num_free, h_source, gpu->stream, &now->carried, &now->room, possible);
+    return pliant_cuda_carried_set(system, &gpu->system, renewal->made.num_free, h_source, renewal->made.h_whole, gpu->stream, &now->carried, &now->room, possible);
 }
 
 static pliant_status deliver(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *renewed)

@@ -111,7 +111,7 @@ static pliant_status send_elements(const passage &work, int array, const void *n
 
 /* ---- all of it */
 
-enum { TETS, REST, GRADIENTS, LAME, STIFFNESS, GROUNDED, NODE_OF_FREE, CORNER_START, CORNER, FINE_REST, UPSAMPLE_NODE, WEIGHTS, ENTRY_START, ENTRY_TET, ENTRY_SHARE, ENTRY_SHAPE, STILL };
+enum { TETS, REST, GRADIENTS, LAME, STIFFNESS, GROUNDED, NODE_OF_FREE, CORNER_START, CORNER, FINE_REST, UPSAMPLE_NODE, WEIGHTS, ENTRY_START, ENTRY_ELEMENT, ENTRY_SHARE, ENTRY_SHAPE, STILL };
 
 static pliant_status send_upsampling(const passage &work)
 {
@@ -129,9 +129,9 @@ static pliant_status send_upsampling(const passage &work)
     if (!up->start) return PLIANT_OK;
     const size_t entries = (size_t)up->start[fine], entries_was = was->start ? (size_t)was->start[fine_was] : 0;
     CUDA_TRY(send(work, ENTRY_START, up->start, fine + 1, was->start, fine_was + 1, what, &gpu->d_entry_start));
-    CUDA_TRY(send(work, ENTRY_TET, up->entry_tet, entries, was->entry_tet, entries_was, what, &gpu->d_entry_tet));
+    CUDA_TRY(send(work, ENTRY_ELEMENT, up->entry_element, entries, was->entry_element, entries_was, what, &gpu->d_entry_element));
     CUDA_TRY(send(work, ENTRY_SHARE, up->entry_share, entries, was->entry_share, entries_was, what, &gpu->d_entry_share));
-    return send(work, ENTRY_SHAPE, up->entry_shape, 36 * entries, was->entry_shape, 36 * entries_was, what, &gpu->d_entry_shape);
+    return send(work, ENTRY_SHAPE, up->entry_shape, 9 * corners * entries, was->entry_shape, 9 * corners_was * entries_was, what, &gpu->d_entry_shape);
 }
 
 static pliant_status send_all(const passage &work)
@@ -156,7 +156,7 @@ static pliant_status send_all(const passage &work)
     if (now->upsample)
         CUDA_TRY(send(work, FINE_REST, now->fine->rest, 3 * (size_t)gpu->num_fine, fine_was->rest, 3 * (size_t)fine_was->num_nodes, "the upsampling", &gpu->d_fine_rest));
     if (now->macros) {
-        CUDA_TRY(pliant_cuda_macros_create(now->macros, work.stream, &gpu->macros));
+        CUDA_TRY(pliant_cuda_macros_set(now->macros, work.room->grows, work.stream, work.room->macros, &gpu->macros));
         return now->upsample && !now->macros->fine_start ? send_upsampling(work) : PLIANT_OK;
     }
     CUDA_TRY(send(work, TETS, mesh->tets, 4 * tets, mesh_was->tets, 4 * (size_t)mesh_was->num_tets, what, &gpu->d_tets));
@@ -194,7 +194,7 @@ extern "C" void pliant_cuda_system_free(gpu_system *system, gpu_system_room *roo
 {
     void *blocks[] = {system->d_tets, system->d_rest, system->d_gradients, system->d_lame, system->d_stiffness, system->d_grounded,
                       system->d_node_of_free, system->d_corner_start, system->d_corner, system->d_fine_rest, system->d_upsample_node,
-                      system->d_weights, system->d_entry_start, system->d_entry_tet, system->d_entry_share, system->d_entry_shape,
+                      system->d_weights, system->d_entry_start, system->d_entry_element, system->d_entry_share, system->d_entry_shape,
                       system->d_still, room->d_passage};
     for (void *block : blocks) pliant_cuda_release(block);
     pliant_cuda_macros_free(&system->macros);

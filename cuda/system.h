@@ -27,7 +27,7 @@ typedef struct gpu_system {
     int corners;               /* 4, or 8 */
     int32_t *d_upsample_node;  /* (num_fine x corners); NULL: by homogenized shape functions, or by macro-elements */
     double *d_weights;         /* (num_fine x corners) */
-    int32_t *d_entry_start, *d_entry_tet;
+    int32_t *d_entry_start, *d_entry_element;
     double *d_entry_share, *d_entry_shape;
     uint8_t *d_still;          /* Nullable */
     gpu_macros macros;         /* in place of tetrahedra */
@@ -38,13 +38,13 @@ enum { SYSTEM_ARRAYS = 17 };
 /* How much its arrays have room for. */
 typedef struct gpu_system_room {
     bool grows;                /* more than there is now, for what cuts will add */
-    size_t bytes[SYSTEM_ARRAYS];
+    size_t bytes[SYSTEM_ARRAYS], macros[MACRO_ARRAYS];
     void *d_passage;           /* what elements go through on their way */
 } gpu_system_room;
 
 /* room: zeroed, but for grows. Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_system_create(const pliant_system *system, cudaStream_t stream, gpu_system *out, gpu_system_room *room);
-/* Of the next body, in place of the one before: what is the same is not sent again. No macros. After an error it is of neither. */
+/* Of the next body, in place of the one before: what is the same is not sent again, but of macros. After an error it is of neither. */
 pliant_status pliant_cuda_system_follow(const pliant_system *system, const pliant_system *before, cudaStream_t stream, gpu_system *gpu, gpu_system_room *room);
 void pliant_cuda_system_free(gpu_system *system, gpu_system_room *room);
 

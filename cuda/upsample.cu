@@ -1,4 +1,5 @@
 #include "check.h"
+#include "fem/coarse/macro_element.h"
 #include "fem/coarse/shaped.h"
 #include "rotation.cuh"
 #include "upsample.h"
@@ -48,6 +49,21 @@ static __device__ void shaped_position(const gpu_system &system, const double *d
     pliant_shaped_position(&frame, x, corner, shape, rest, out);
 }
 
+/* the same with one hexahedron, or a tetrahedron beside a cut, whose frame is known */
+static __device__ void macro_position(const gpu_system &system, const double *d_x, int element, const double *shape, const double *rest, double *out)
+{
+    const gpu_macros &macros = system.macros;
+    const int begin = macros.d_start[element], corners = macros.d_start[element + 1] - begin;
+    double q[24], w[3];
+    for (int c = 0; c < corners; c++) {
+        const size_t node = 3 * (size_t)macros.d_node[begin + c];
+        pliant_macro_corner(macros.d_frame + element, macros.d_held[begin + c], d_x + node, system.d_rest + node, q + 3 * c);
+    }
+    pliant_macro_shaped_by_all(corners, shape, q, w);
+    for (int d = 0; d < 3; d++) out[d] = rest[d];
+    pliant_macro_follow(macros.d_frame + element, macros.d_grounded[element], w, out);
+}
+
 static __global__ void __launch_bounds__(THREADS) shaped_kernel(gpu_system system, gpu_iteration iteration, double *d_fine)
 {
     int n = (int)(blockIdx.x * THREADS + threadIdx.x);
@@ -57,7 +73,9 @@ static __global__ void __launch_bounds__(THREADS) shaped_kernel(gpu_system syste
     if (!(system.d_still && system.d_still[n]))
         for (int e = system.d_entry_start[n]; e < system.d_entry_start[n + 1]; e++) {
             double at[3];
-            shaped_position(system, x, system.d_entry_tet[e], system.d_entry_shape + 36 * (size_t)e, rest, at);
+            const double *shape = system.d_entry_shape + 9 * (size_t)system.corners * e;
+            if (system.macros.count > 0) macro_position(system, x, system.d_entry_element[e], shape, rest, at);
+            else shaped_position(system, x, system.d_entry_element[e], shape, rest, at);
             for (int d = 0; d < 3; d++) sum[d] += system.d_entry_share[e] * (at[d] - rest[d]);
         }
     for (int d = 0; d < 3; d++) d_fine[3 * (size_t)n + d] = sum[d] + rest[d];
@@ -75,6 +93,7 @@ extern "C" pliant_status pliant_cuda_upsample(const gpu_system *system, const gp
     if (d_solved) CUDA_TRY(copy_present(iteration, 3 * system->num_nodes, d_solved, stream));
     if (!system->d_fine_rest) return copy_present(iteration, 3 * system->num_nodes, d_fine, stream);
     if (system->macros.d_fine_start) return pliant_cuda_macro_positions(system, iteration, d_fine, stream);
+    if (!system->d_upsample_node && system->macros.count > 0) CUDA_TRY(pliant_cuda_macro_frames(system, iteration, stream));
     if (system->d_upsample_node) linear_kernel<<<blocks, THREADS, 0, stream>>>(*system, *iteration, d_fine);
     else shaped_kernel<<<blocks, THREADS, 0, stream>>>(*system, *iteration, d_fine);
     return CUDA_LAUNCHED("upsample kernel");

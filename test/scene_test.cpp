@@ -324,7 +324,7 @@ TEST(scene, auto_elements_are_what_the_scene_can_have)
         {{{"model/patch", "0.05"}}, nullptr}, // of the fine mesh it is nothing
         {{{"contact/self", "true"}}, "contact/self"},
         {{{"tled/nodal_pressure", "true"}}, nullptr}, // nor of the corotational solver
-        {{{"model/method", "schur"}}, "model/method"},
+        {{{"model/method", "schur"}}, nullptr},
         {{{"model/method", "calibrated"}}, nullptr},
         {{{"model/method", "lod"}}, nullptr},
         {{{"model/method", "coarse"}, {"model/patch", "0.05"}}, nullptr},
@@ -348,13 +348,6 @@ TEST(scene, auto_elements_are_what_the_scene_can_have)
             EXPECT_EQ(pliant_scene_element_kind(&scene, nullptr), kind);
         }
     }
-    pliant_scene scene;
-    const char *why = "";
-    pliant_scene_defaults(&scene);
-    EXPECT_EQ(pliant_scene_element_kind_of_methods(&scene, 1u << PLIANT_FINE | 1u << PLIANT_AVERAGED, &why), PLIANT_HEXAHEDRA);
-    EXPECT_EQ(why, nullptr);
-    EXPECT_EQ(pliant_scene_element_kind_of_methods(&scene, 1u << PLIANT_FINE | 1u << PLIANT_SCHUR | 1u << PLIANT_AVERAGED, &why), PLIANT_LINEAR);
-    EXPECT_NE(why, nullptr);
 }
 
 TEST(scene, every_scene_that_is_shipped_is_good)

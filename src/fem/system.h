@@ -38,11 +38,11 @@ typedef struct pliant_upsample {
     int corners;              /* 4, or 8 */
     int32_t *node;            /* (fine nodes x corners) solved node */
     double *weights;          /* (fine nodes x corners), sum 1 a node */
-    /* homogenized shape functions ([H] 5 to 7): a fine node follows every coarse tetrahedron whose submesh holds it */
+    /* homogenized shape functions ([H] 5 to 7): a fine node follows every coarse element whose submesh holds it */
     int32_t *start;           /* (fine nodes + 1) into the entries; NULL: by the weights above */
-    int32_t *entry_tet;       /* (entries) coarse tetrahedron */
+    int32_t *entry_element;   /* (entries) coarse tetrahedron, or macro-element */
     double *entry_share;      /* (entries) inverse-distance weight, sum 1 a node */
-    double *entry_shape;      /* (entries x 36) N, 3 x 12, row-major */
+    double *entry_shape;      /* (entries x 9 corners) N, 3 x 3 times the element's corners, row-major */
     const uint8_t *still;     /* Nullable: (fine nodes) those that are PLIANT_FIXED_AT_REST stay there */
 } pliant_upsample;
 
@@ -64,7 +64,7 @@ typedef struct pliant_macros {
     int32_t *rank;            /* (count) rows of root */
     float **root;             /* (count) (rank x 3 corners) [sqrt(N/m)], single: what is read most in a step */
     int32_t *cube_of_corner;  /* (corners) with the unknowns */
-    int32_t *cell;            /* Nullable: (count) where it lies in the lattice; of hexahedra */
+    int32_t *cell;            /* Nullable: (count) where it lies in the lattice, or the leaf of an octree; of hexahedra */
     double *rest;             /* Nullable: (solved nodes x 3) at rest; NULL: as the mesh has them */
     /* only where the solved mesh is not the fine one */
     int32_t *fine_start;      /* Nullable: (count + 1) into the fine nodes */
@@ -182,8 +182,10 @@ pliant_status pliant_system_take(const pliant_system *whole, int32_t count, cons
  * Errors: MEMORY. */
 pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept);
 /* ---- octree_hexahedra.c: one for every leaf. A node in the middle of an edge or face of a larger leaf follows its corners, as the centre of a divided
- * one does: upsample has how. fixed: (nodes) in: what the body fixes; out: and what follows, and what is followed by something fixed. Errors: MEMORY. */
-pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material, uint8_t *fixed);
+ * one does: upsample has how. before, kept: Nullable: those of another system that are the same. fixed: (nodes) in: what the body fixes; out: and what follows,
+ * and what is followed by something fixed. Errors: MEMORY. */
+pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept,
+                                             uint8_t *fixed);
 /* ---- hexahedra.c */
 /* Nodes of the cubes of a lattice of whole ones, without stiffness: start, node, cell. Errors: MEMORY. */
 pliant_status pliant_system_cubes(pliant_system *system);
@@ -209,8 +211,8 @@ pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene
                                 const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
                                 pliant_progress progress); /* kept: Nullable */
 
-/* ---- cubes.c: the same of hexahedra on the coarse cubes, averaged or calibrated. Errors: MEMORY, NUMERIC, CANCELLED. */
-pliant_status pliant_homogenize_cubes(pliant_system *system, bool calibrated, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
+/* ---- cubes.c: the same of hexahedra on the coarse cubes. Errors: MEMORY, NUMERIC, CANCELLED. */
+pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
                                       const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
                                       pliant_progress progress); /* kept: Nullable */
 

@@ -474,7 +474,7 @@ static void choose_elements(sweep_state *state, bool counting)
 {
     pliant_scene *scene = &state->ground.scene;
     const char *why;
-    const pliant_element_kind kind = pliant_scene_element_kind_of_methods(scene, state->ground.sweep->methods, &why);
+    const pliant_element_kind kind = pliant_scene_element_kind(scene, &why);
     if (why && !counting) pliant_log(PLIANT_LOG_INFO, "element/kind: auto is linear for all that is compared; %s", why);
     scene->element.kind = kind;
 }

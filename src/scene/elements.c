@@ -14,15 +14,10 @@ typedef struct tetrahedral {
 /* The first such thing that a scene asks for; .what NULL: none. alone: that goes with nothing else. */
 static tetrahedral first_tetrahedral(const pliant_scene *scene, bool alone)
 {
-    const pliant_method method = scene->model.method;
     const bool octree = scene->mesh.kind == PLIANT_OCTREE, tled = scene->solver.kind == PLIANT_TLED;
     const tetrahedral all[] = {
-        {method == PLIANT_SCHUR, "model/method: schur is made of tetrahedra", "averaged, calibrated, lod, coarse or fine"},
         {scene->cut.kind == PLIANT_CUT_SUBDIVIDE, "cut/kind: subdivide cuts tetrahedra", "sever"},
-        {octree && scene->cut.kind != PLIANT_CUT_NONE, "cut/kind: hexahedra of an octree are not cut", "none, mesh/kind to lattice"},
         {octree && tled, "mesh/kind: explicit dynamics has no hexahedra of an octree", "lattice"},
-        {!tled && scene->cut.kind != PLIANT_CUT_NONE && scene->solver.backend != PLIANT_CPU,
-         "cut/kind: what stands for the inverse of hexahedra's stiffness is carried over a cut on the CPU (solver/backend cpu); a GPU makes it anew, within a step", NULL},
         {scene->contact.self || scene->contact.obstacles[0] || scene->obstacles.num_boxes > 0 || scene->obstacles.num_planes > 0,
          "contact/self, obstacles: what touches feels cubes that tissue hardly fills before it feels tissue", NULL},
         {tled && scene->tled.nodal_pressure, "tled/nodal_pressure: hexahedra have one change of volume each and need none", "false"},
@@ -44,19 +39,6 @@ pliant_element_kind pliant_scene_element_kind(const pliant_scene *scene, const c
 void pliant_scene_for_shapes(pliant_scene *scene)
 {
     if (scene->element.kind == PLIANT_ELEMENT_AUTO) scene->element.kind = PLIANT_LINEAR;
-}
-
-pliant_element_kind pliant_scene_element_kind_of_methods(const pliant_scene *scene, uint32_t methods, const char **why)
-{
-    pliant_scene one = *scene;
-    pliant_element_kind kind = scene->element.kind;
-    if (why) *why = NULL;
-    for (int method = 0; methods >> method && kind != PLIANT_LINEAR; method++) {
-        if (!(methods >> method & 1)) continue;
-        one.model.method = (pliant_method)method;
-        kind = pliant_scene_element_kind(&one, why);
-    }
-    return kind;
 }
 
 pliant_status pliant_scene_check_elements(const pliant_scene *scene)

@@ -121,12 +121,10 @@ static pliant_status homogenize_octree(pliant_discretizing *work)
 {
     const pliant_body *body = work->made->body;
     const size_t nodes = (size_t)body->fine.num_nodes;
-    if (body->node_parent || body->tet_parent)
-        return pliant_fail(PLIANT_ERROR_SCENE, "element/kind: hexahedra are whole leaves of an octree, which cannot be divided; take linear, or "
-                                               "mesh/kind lattice");
     if (!(work->solved_fixed = pliant_calloc(nodes, 1))) return pliant_fail_memory("what is solved");
     memcpy(work->solved_fixed, body->fine_fixed, nodes);
-    return pliant_system_octree_hexahedra(work->made->system, body->fine_material, work->solved_fixed);
+    const pliant_kept *kept = work->kept;
+    return pliant_system_octree_hexahedra(work->made->system, body->fine_material, kept ? kept->before->system : NULL, kept ? kept->fine : NULL, work->solved_fixed);
 }
 
 pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
@@ -163,7 +161,7 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     pliant_status status = body->pieces ? without_pieces(body, &light) : PLIANT_OK;
     const pliant_tet_material *material = light ? light : body->fine_material;
     if (status == PLIANT_OK && hexahedra)
-        status = pliant_homogenize_cubes(system, scene->model.method == PLIANT_CALIBRATED, &body->fine, body->fine_fixed, work->solved_fixed, material,
+        status = pliant_homogenize_cubes(system, scene, &body->fine, body->fine_fixed, work->solved_fixed, material,
                                          body->coarse_of_fine, kept, work->progress);
     else if (status == PLIANT_OK)
         status = homogenize_tets(work, material);

@@ -87,11 +87,9 @@ pliant_status deform_compare(const deform_arguments *arguments, const deform_inp
     deform_run runs[PLIANT_NUM_METHODS];
     char folders[PLIANT_NUM_METHODS][4096];
     pliant_status status = PLIANT_OK;
-    uint32_t methods = 0;
     const char *why;
     int done = 0;
-    for (int m = 0; m < arguments->num_compared; ++m) methods |= 1u << arguments->compared[m];
-    const pliant_element_kind elements = pliant_scene_element_kind_of_methods(&arguments->scene, methods, &why);
+    const pliant_element_kind elements = pliant_scene_element_kind(&arguments->scene, &why);
     if (why) pliant_log(PLIANT_LOG_INFO, "element/kind: auto is linear for all that is compared; %s", why);
     for (; status >= 0 && done < arguments->num_compared && !console_stop_asked(); ++done) {
         deform_run *run = &runs[done];

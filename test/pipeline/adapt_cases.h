@@ -58,6 +58,10 @@ const Case coarse_hexahedra{"coarse_hexahedra", [](pliant_scene &scene) {
                             }};
 const Case plain{"coarse", [](pliant_scene &scene) { coarse(scene, PLIANT_COARSE); }};
 const Case schur{"schur", [](pliant_scene &scene) { coarse(scene, PLIANT_SCHUR); }};
+const Case schur_hexahedra{"schur_hexahedra", [](pliant_scene &scene) {
+                               coarse(scene, PLIANT_SCHUR);
+                               scene.element.kind = PLIANT_HEXAHEDRA;
+                           }};
 const Case calibrated{"calibrated", [](pliant_scene &scene) { coarse(scene, PLIANT_CALIBRATED); }};
 const Case lod{"lod", [](pliant_scene &scene) { coarse(scene, PLIANT_LOD); }};
 const Case patch{"patch", [](pliant_scene &scene) {

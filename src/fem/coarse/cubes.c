@@ -12,7 +12,7 @@
 #include "base/fail.h"
 #include "base/threads.h"
 #include "fem/coarse/calibrate.h"
-#include "fem/coarse/submesh.h"
+#include "fem/coarse/cubes.h"
 #include "fem/linear/dense.h"
 #include "pliant/memory.h"
 
@@ -20,30 +20,6 @@
 #include <string.h>
 
 enum { MODES = 18, UNKNOWNS = 24, CORNERS = 8 };
-
-typedef struct cube_work {
-    pliant_system *system;
-    const pliant_tet_material *material;
-    const uint8_t *fixed;            /* (fine nodes) */
-    int32_t *element_of_tet;         /* (coarse tetrahedra) */
-    int32_t *element_of_fine;        /* (fine tetrahedra) */
-    int32_t *tet_of_element;         /* (elements) a coarse tetrahedron of it */
-    pliant_cube *cubes;              /* whole ones of the fine mesh */
-    int32_t *cube_of_tet;            /* (fine tetrahedra) or -1 */
-    pliant_cube_shape *shapes;       /* (2) by parity */
-    pliant_submesh_lists lists;      /* fine tetrahedra by element */
-    bool calibrated;                 /* where that is possible */
-    int32_t linear;                  /* elements that fall apart */
-    const pliant_macros *earlier;    /* Nullable: of the body before */
-    int32_t *kept;                   /* (elements) 1 + the one before with the same stiffness; 0: none */
-} cube_work;
-
-/* what a thread needs besides its submesh */
-typedef struct cube_room {
-    double *weights;  /* (nodes x 8) P */
-    double *local;    /* (nodes x 3) in [-1, 1] along the lattice */
-    int32_t nodes;
-} cube_room;
 
 /* ---- stresses */
 
@@ -92,7 +68,7 @@ static void add_loads(const pliant_mesh *coarse, const double y[3], double weigh
 /* the part of tissue, so that air beside it does not set the average (NUMERICS 2) */
 static double share_of(const pliant_tet_material *material) { return material->tissue + 1e-3; }
 
-static void cube_loads(const pliant_submesh *submesh, const cube_room *room, const pliant_cube *cube, double *phi)
+static void cube_loads(const pliant_submesh *submesh, const pliant_cube_room *room, const pliant_cube *cube, double *phi)
 {
     const double inset = 0.5 - 0.5 / sqrt(3);
     double x[CORNERS][3], share = 0;
@@ -115,7 +91,7 @@ static void cube_loads(const pliant_submesh *submesh, const cube_room *room, con
     }
 }
 
-static void tet_loads(const pliant_submesh *submesh, const cube_room *room, int32_t tet, double *phi)
+static void tet_loads(const pliant_submesh *submesh, const pliant_cube_room *room, int32_t tet, double *phi)
 {
     const double far = 0.5854101966249685, near = 0.1381966011250105; /* exact for squares */
     double flat[12], gradient[4][3], volume = pliant_mesh_gradients(submesh->fine, tet, flat);
@@ -138,7 +114,7 @@ static const pliant_cube *cube_at(const pliant_submesh *submesh, int32_t tet, bo
     return *alone || submesh->cubes[cube].tet[0] != tet ? NULL : submesh->cubes + cube;
 }
 
-static void all_loads(const pliant_submesh *submesh, const cube_room *room, double *phi)
+static void all_loads(const pliant_submesh *submesh, const pliant_cube_room *room, double *phi)
 {
     memset(phi, 0, 3 * MODES * (size_t)submesh->num_nodes * sizeof *phi);
     for (int32_t t = 0; t < submesh->num_tets; t++) {
@@ -193,7 +169,7 @@ static int32_t root_by_eigenvalues(double h[MODES * MODES], const double g[MODES
 }
 
 /* root of K_c (at most 18 rows of 24): returns how many rows, 0: the fine elements fall apart */
-static int32_t condense(pliant_submesh *submesh, const cube_room *room, double *root)
+static int32_t condense(pliant_submesh *submesh, const pliant_cube_room *room, double *root)
 {
     const int32_t size = 3 * submesh->num_nodes;
     double *phi = submesh->work, *z = phi + (size_t)size * MODES, *modes = z + (size_t)size * MODES;
@@ -228,7 +204,7 @@ static void add_galerkin(const double *k, int n, const int32_t *local_of, const 
         }
 }
 
-static void galerkin(const pliant_submesh *submesh, const cube_room *room, double *out)
+void pliant_cube_galerkin(const pliant_submesh *submesh, const pliant_cube_room *room, double *out)
 {
     double change[UNKNOWNS] = {0}, whole = 0, bulk = 0, k[UNKNOWNS * UNKNOWNS];
     int32_t local_of[CORNERS];
@@ -261,7 +237,7 @@ static void galerkin(const pliant_submesh *submesh, const cube_room *room, doubl
 
 /* ---- one element */
 
-static pliant_status place_nodes(const cube_work *work, const pliant_submesh *submesh, int32_t element, cube_room *room)
+static pliant_status place_nodes(const pliant_cube_work *work, const pliant_submesh *submesh, int32_t element, pliant_cube_room *room)
 {
     if (submesh->num_nodes > room->nodes) {
         room->nodes = 0;
@@ -283,7 +259,7 @@ static pliant_status place_nodes(const cube_work *work, const pliant_submesh *su
     return PLIANT_OK;
 }
 
-static pliant_status keep_root(pliant_macros *macros, int32_t element, int32_t unknowns, int32_t rank, const double *root)
+pliant_status pliant_cube_keep_root(pliant_macros *macros, int32_t element, int32_t unknowns, int32_t rank, const double *root)
 {
     const size_t count = (size_t)rank * (size_t)unknowns;
     macros->rank[element] = rank;
@@ -294,7 +270,7 @@ static pliant_status keep_root(pliant_macros *macros, int32_t element, int32_t u
 }
 
 /* Condensed on the corners, and brought to what a hexahedron is of homogeneous tissue (calibrate.h): returns the rank of its root, 0: it cannot be */
-static int32_t calibrate(const cube_work *work, pliant_submesh *submesh, int32_t element, double *root)
+static int32_t calibrate(const pliant_cube_work *work, pliant_submesh *submesh, int32_t element, double *root)
 {
     const pliant_mesh *coarse = work->system->mesh;
     const pliant_tet_material reference = pliant_submesh_reference(submesh), same[5] = {reference, reference, reference, reference, reference};
@@ -312,27 +288,25 @@ static int32_t calibrate(const cube_work *work, pliant_submesh *submesh, int32_t
     return pliant_calibrate_cube(truth, condensed, of_reference, k) ? pliant_dense_root(UNKNOWNS, k, root) : 0;
 }
 
-static pliant_status make_cube(cube_work *work, pliant_submesh *submesh, cube_room *room, int32_t element)
+static pliant_status make_cube(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room, int32_t element)
 {
     pliant_macros *macros = work->system->macros;
     double root[UNKNOWNS * UNKNOWNS], k[UNKNOWNS * UNKNOWNS];
-    pliant_status status = place_nodes(work, submesh, element, room);
-    if (status != PLIANT_OK) return status;
     int32_t rank = work->calibrated && !macros->grounded[element] ? calibrate(work, submesh, element, root) : 0;
     if (rank == 0 && !macros->grounded[element]) rank = condense(submesh, room, root);
-    if (rank > 0) return keep_root(macros, element, UNKNOWNS, rank, root);
+    if (rank > 0) return pliant_cube_keep_root(macros, element, UNKNOWNS, rank, root);
     for (int32_t n = 0; macros->grounded[element] && n < submesh->num_nodes; n++)
         if (work->fixed[submesh->node[n]]) memset(room->weights + CORNERS * (size_t)n, 0, CORNERS * sizeof *room->weights);
-    galerkin(submesh, room, k);
+    pliant_cube_galerkin(submesh, room, k);
     rank = pliant_dense_root(UNKNOWNS, k, root);
     if (!macros->grounded[element]) {
 #pragma omp atomic
         work->linear++;
     }
-    return keep_root(macros, element, UNKNOWNS, rank, root);
+    return pliant_cube_keep_root(macros, element, UNKNOWNS, rank, root);
 }
 
-static pliant_status make_tet(cube_work *work, pliant_submesh *submesh, int32_t element)
+static pliant_status make_tet(pliant_cube_work *work, pliant_submesh *submesh, int32_t element)
 {
     pliant_macros *macros = work->system->macros;
     double k[144], root[144];
@@ -343,10 +317,10 @@ static pliant_status make_tet(cube_work *work, pliant_submesh *submesh, int32_t 
 #pragma omp atomic
         work->linear++;
     }
-    return keep_root(macros, element, 12, pliant_dense_root(12, k, root), root);
+    return pliant_cube_keep_root(macros, element, 12, pliant_dense_root(12, k, root), root);
 }
 
-static pliant_status make_element(cube_work *work, pliant_submesh *submesh, cube_room *room, int32_t element)
+static pliant_status make_element(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room, int32_t element)
 {
     const pliant_submesh_lists *lists = &work->lists;
     pliant_macros *macros = work->system->macros;
@@ -363,18 +337,20 @@ static pliant_status make_element(cube_work *work, pliant_submesh *submesh, cube
     const int32_t was = work->kept && !macros->grounded[element] ? work->kept[element] : 0;
     if (was > 0) return pliant_macros_copy_root(work->earlier, was - 1, macros, element);
     pliant_status status = pliant_submesh_load(submesh, count, list);
+    if (status == PLIANT_OK && whole) status = place_nodes(work, submesh, element, room);
     if (status != PLIANT_OK) return status;
+    if (work->schur) return pliant_cubes_schur(work, submesh, room, element);
     return whole ? make_cube(work, submesh, room, element) : make_tet(work, submesh, element);
 }
 
-static pliant_status make_all(cube_work *work, pliant_progress progress)
+static pliant_status make_all(pliant_cube_work *work, pliant_progress progress)
 {
     const pliant_system *system = work->system;
     pliant_work all = {.what = "homogenization", .stage = "homogenize", .progress = progress, .end = 1, .count = system->macros->count, .interval = 16};
 #pragma omp parallel num_threads(system->num_threads)
     {
         pliant_submesh *submesh = NULL;
-        cube_room room = {NULL, NULL, 0};
+        pliant_cube_room room = {NULL, NULL, 0};
         pliant_status status = pliant_submesh_create(system->fine, system->mesh, work->fixed, work->material, work->lists.largest, &submesh);
 #pragma omp for schedule(dynamic, 2)
         for (int32_t element = 0; element < all.count; element++) {
@@ -391,13 +367,13 @@ static pliant_status make_all(cube_work *work, pliant_progress progress)
 
 /* ---- what is fixed */
 
-/* Elements with fixed fine nodes that do not follow fixed corners alone. */
-static void find_grounded(const cube_work *work, const uint8_t *coarse_fixed)
+/* Elements with fixed fine nodes that do not follow fixed corners alone; of schur, all with fixed fine nodes (pliant_cubes_schur_begin). */
+static void find_grounded(const pliant_cube_work *work, const uint8_t *coarse_fixed)
 {
     const pliant_system *system = work->system;
     const pliant_upsample *upsample = system->upsample;
     pliant_macros *macros = system->macros;
-    for (int32_t v = 0; v < 4 * system->fine->num_tets; v++) {
+    for (int32_t v = 0; !work->schur && v < 4 * system->fine->num_tets; v++) {
         const int32_t node = system->fine->tets[v];
         for (size_t c = CORNERS * (size_t)node; work->fixed[node] && c < CORNERS * (size_t)node + CORNERS; c++)
             if (upsample->weights[c] != 0 && !coarse_fixed[upsample->node[c]]) macros->grounded[work->element_of_fine[v / 4]] = 1;
@@ -425,7 +401,7 @@ static pliant_status ground(pliant_macros *macros)
             }
         pliant_free(macros->root[e]);
         macros->root[e] = NULL;
-        pliant_status status = keep_root(macros, e, n, pliant_dense_root(n, k, root), root);
+        pliant_status status = pliant_cube_keep_root(macros, e, n, pliant_dense_root(n, k, root), root);
         if (status != PLIANT_OK) return status;
     }
     return PLIANT_OK;
@@ -447,7 +423,7 @@ static pliant_status hold_empty(const pliant_system *system, uint8_t *coarse_fix
 
 /* ---- all of it */
 
-static pliant_status find_fine_cubes(cube_work *work)
+static pliant_status find_fine_cubes(pliant_cube_work *work)
 {
     const pliant_mesh *fine = work->system->fine;
     int32_t count = 0;
@@ -469,7 +445,7 @@ static pliant_status find_fine_cubes(cube_work *work)
 
 /* Whole cubes that were not grounded, are made of the same coarse tetrahedra as before, and of fine ones that are kept: a cut that parts these
  * parts their nodes. */
-static pliant_status find_kept(cube_work *work, const pliant_kept *kept)
+static pliant_status find_kept(pliant_cube_work *work, const pliant_kept *kept)
 {
     const pliant_system *system = work->system, *before = kept->before->system;
     const pliant_macros *macros = system->macros, *earlier = work->earlier = before->macros;
@@ -496,7 +472,7 @@ static pliant_status find_kept(cube_work *work, const pliant_kept *kept)
 }
 
 /* coarse elements without stiffness, and which of them everything belongs to */
-static pliant_status find_elements(cube_work *work, const int32_t *coarse_of_fine)
+static pliant_status find_elements(pliant_cube_work *work, const int32_t *coarse_of_fine)
 {
     pliant_system *system = work->system;
     const size_t tets = (size_t)system->mesh->num_tets, fine = (size_t)system->fine->num_tets;
@@ -514,27 +490,33 @@ static pliant_status find_elements(cube_work *work, const int32_t *coarse_of_fin
     return PLIANT_OK;
 }
 
-pliant_status pliant_homogenize_cubes(pliant_system *system, bool calibrated, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
+pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
                                       const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
                                       pliant_progress progress)
 {
-    cube_work work = {.system = system, .calibrated = calibrated, .material = fine_material, .fixed = fine_fixed};
+    const bool schur = scene->model.method == PLIANT_SCHUR;
+    const pliant_touch touch = schur ? scene->model.touch : PLIANT_TOUCH_OVERLAP;
+    pliant_cube_work work = {.system = system, .calibrated = scene->model.method == PLIANT_CALIBRATED, .material = fine_material, .fixed = fine_fixed};
     pliant_status status = find_elements(&work, coarse_of_fine);
     if (status == PLIANT_OK) status = find_fine_cubes(&work);
-    if (status == PLIANT_OK) status = pliant_submesh_list(fine, work.element_of_fine, system->macros->count, PLIANT_TOUCH_OVERLAP, &work.lists);
-    if (status == PLIANT_OK) status = pliant_upsample_trilinear(system, work.element_of_fine);
+    if (status == PLIANT_OK && schur) status = pliant_cubes_schur_begin(&work, touch);
+    else if (status == PLIANT_OK) status = pliant_submesh_list(fine, work.element_of_fine, system->macros->count, touch, &work.lists);
+    if (status == PLIANT_OK && !schur) status = pliant_upsample_trilinear(system, work.element_of_fine);
     if (status == PLIANT_OK) {
-        system->upsample->still = fine_fixed;
         find_grounded(&work, coarse_fixed);
-        if (kept) status = find_kept(&work, kept);
+        if (kept && touch == PLIANT_TOUCH_OVERLAP) status = find_kept(&work, kept);
+        if (status == PLIANT_OK && work.kept && schur) status = pliant_cubes_schur_keep(&work, kept->before->system);
         if (status == PLIANT_OK) status = make_all(&work, progress);
     }
-    if (status == PLIANT_OK) status = ground(system->macros);
+    if (status == PLIANT_OK && schur) status = pliant_shapes_sort(system, CORNERS, work.schur);
+    if (status == PLIANT_OK) system->upsample->still = fine_fixed;
+    if (status == PLIANT_OK && !schur) status = ground(system->macros);
     if (status == PLIANT_OK) status = hold_empty(system, coarse_fixed);
     if (status == PLIANT_OK && work.linear > 0)
         pliant_log(PLIANT_LOG_INFO, "homogenize: %d of %d coarse hexahedra hold loose fragments and follow their corners linearly", work.linear,
                    system->macros->count);
     pliant_submesh_lists_free(&work.lists);
+    pliant_shapes_free(work.schur, system->macros ? system->macros->count : 0);
     void *blocks[] = {work.element_of_tet, work.element_of_fine, work.tet_of_element, work.cubes, work.cube_of_tet, work.shapes, work.kept};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     return status;

@@ -10,7 +10,7 @@
 #include "base/threads.h"
 #include "fem/coarse/calibrate.h"
 #include "fem/linear/dense.h"
-#include "fem/coarse/submesh.h"
+#include "fem/coarse/shapes.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -200,6 +200,19 @@ static bool schur_stiffness(pliant_submesh *submesh, int32_t tet, double out[144
     return pliant_submesh_condense(submesh, 4, corner, out, shape);
 }
 
+pliant_status pliant_schur_tet(pliant_submesh *submesh, int32_t tet, double out[144], double *shape)
+{
+    if (!has_corners(submesh, tet)) {
+        linear_shapes(submesh, tet, shape);
+        galerkin_stiffness(submesh, tet, out);
+        return PLIANT_OK;
+    }
+    if (schur_stiffness(submesh, tet, out, shape) && is_semidefinite(out)) return PLIANT_OK;
+    /* the shape functions would be as wrong: no other stiffness can stand in */
+    return pliant_fail(PLIANT_ERROR_NUMERIC, "schur: the submesh of coarse tetrahedron %d cannot be condensed on its corners to a "
+                                             "positive semidefinite stiffness; use averaged", tet);
+}
+
 /* K' = V B' (S C S) B from the condensed K and the condensed stiffness of the reference */
 static bool calibrated_stiffness(pliant_submesh *submesh, int32_t tet, double out[144])
 {
@@ -212,66 +225,10 @@ static bool calibrated_stiffness(pliant_submesh *submesh, int32_t tet, double ou
     return good && pliant_calibrate(gradients, volume, &reference, condensed, of_reference, out);
 }
 
-/* shape functions of one coarse tetrahedron, kept until they are sorted by node */
-typedef struct shape_list {
-    int32_t count;
-    int32_t *node;
-    double *shape; /* (count x 36) */
-} shape_list;
-
-static pliant_status keep_shapes(const pliant_submesh *submesh, shape_list *list)
-{
-    list->count = submesh->num_nodes;
-    list->node = pliant_calloc((size_t)list->count, sizeof *list->node);
-    list->shape = pliant_calloc((size_t)list->count, 36 * sizeof *list->shape);
-    if (!list->node || !list->shape) return pliant_fail_memory("the shape functions");
-    memcpy(list->node, submesh->node, (size_t)list->count * sizeof *list->node);
-    return PLIANT_OK;
-}
-
-/* Entries by fine node, with inverse-distance shares; a node may lie on a centroid, so the distance is clamped. [H] 2.3 */
-static pliant_status sort_shapes(pliant_system *system, const shape_list *lists)
-{
-    const pliant_mesh *fine = system->fine, *coarse = system->mesh;
-    pliant_upsample *upsample = system->upsample = pliant_calloc(1, sizeof *upsample);
-    if (!upsample) return pliant_fail_memory("the shape functions");
-    int32_t total = 0;
-    upsample->start = pliant_calloc((size_t)fine->num_nodes + 2, sizeof *upsample->start);
-    if (!upsample->start) return pliant_fail_memory("the shape functions");
-    for (int32_t c = 0; c < coarse->num_tets; c++)
-        for (int32_t e = 0; e < lists[c].count; e++) upsample->start[lists[c].node[e] + 2]++;
-    for (int32_t n = 0; n < fine->num_nodes; n++) upsample->start[n + 2] += upsample->start[n + 1];
-    total = upsample->start[fine->num_nodes + 1];
-    upsample->entry_tet = pliant_calloc((size_t)total, sizeof *upsample->entry_tet);
-    upsample->entry_share = pliant_calloc((size_t)total, sizeof *upsample->entry_share);
-    upsample->entry_shape = pliant_calloc((size_t)total, 36 * sizeof *upsample->entry_shape);
-    if (!upsample->entry_tet || !upsample->entry_share || !upsample->entry_shape) return pliant_fail_memory("the shape functions");
-    double nearest = 1e-3 * fine->cell_size[0];
-    for (int32_t c = 0; c < coarse->num_tets; c++) {
-        double centre[3] = {0, 0, 0};
-        for (int v = 0; v < 4; v++)
-            for (int d = 0; d < 3; d++) centre[d] += 0.25 * coarse->rest[3 * coarse->tets[4 * c + v] + d];
-        for (int32_t e = 0; e < lists[c].count; e++) {
-            int32_t node = lists[c].node[e], at = upsample->start[node + 1]++;
-            const double *x = fine->rest + 3 * node;
-            double apart = hypot(hypot(x[0] - centre[0], x[1] - centre[1]), x[2] - centre[2]);
-            upsample->entry_tet[at] = c;
-            upsample->entry_share[at] = 1 / fmax(apart, nearest);
-            memcpy(upsample->entry_shape + 36 * (size_t)at, lists[c].shape + 36 * (size_t)e, 36 * sizeof(double));
-        }
-    }
-    for (int32_t n = 0; n < fine->num_nodes; n++) {
-        double sum = 0;
-        for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) sum += upsample->entry_share[e];
-        for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) upsample->entry_share[e] /= sum;
-    }
-    return PLIANT_OK;
-}
-
 typedef struct homogenization {
     pliant_system *system;
     const pliant_submesh_lists *lists;
-    shape_list *shapes; /* Nullable: calibrated, averaged */
+    pliant_shapes *shapes; /* Nullable: calibrated, averaged */
     bool calibrated;
     const pliant_system *before; /* Nullable: of the body before */
     uint8_t *kept;      /* (coarse tetrahedra) as they are there; NULL: none */
@@ -309,16 +266,8 @@ static pliant_status homogenize_one(homogenization *work, pliant_submesh *submes
     bool fixed = pliant_submesh_has_fixed(submesh);
     work->system->grounded[tet] = fixed;
     if (work->shapes) {
-        if ((status = keep_shapes(submesh, work->shapes + tet)) != PLIANT_OK) return status;
-        if (!has_corners(submesh, tet)) {
-            linear_shapes(submesh, tet, work->shapes[tet].shape);
-            galerkin_stiffness(submesh, tet, out);
-            return PLIANT_OK;
-        }
-        if (schur_stiffness(submesh, tet, out, work->shapes[tet].shape) && is_semidefinite(out)) return PLIANT_OK;
-        /* the shape functions would be as wrong: no other stiffness can stand in */
-        return pliant_fail(PLIANT_ERROR_NUMERIC, "schur: the submesh of coarse tetrahedron %d cannot be condensed on its corners to a "
-                                                 "positive semidefinite stiffness; use averaged", tet);
+        status = pliant_shapes_of(submesh, 4, work->shapes + tet);
+        return status == PLIANT_OK ? pliant_schur_tet(submesh, tet, out, work->shapes[tet].shape) : status;
     }
     bool linear;
     if (work->calibrated && !fixed && calibrated_stiffness(submesh, tet, out) && is_semidefinite(out)) return PLIANT_OK;
@@ -387,29 +336,15 @@ static pliant_status find_kept(const pliant_kept *kept, const pliant_system *sys
     return status;
 }
 
-/* The shape functions of what is kept, from where the body before has them by fine node. */
 static pliant_status keep_all_shapes(const homogenization *work)
 {
-    const pliant_upsample *from = work->before->upsample;
-    const int32_t nodes = work->before->fine->num_nodes, count = work->system->mesh->num_tets;
-    shape_list *shapes = work->shapes;
-    for (int32_t e = 0; e < from->start[nodes]; e++)
-        if (from->entry_tet[e] < count && work->kept[from->entry_tet[e]]) shapes[from->entry_tet[e]].count++;
-    for (int32_t c = 0; c < count; c++) {
-        if (!work->kept[c]) continue;
-        shapes[c].node = pliant_calloc((size_t)shapes[c].count, sizeof *shapes[c].node);
-        shapes[c].shape = pliant_calloc((size_t)shapes[c].count, 36 * sizeof *shapes[c].shape);
-        if (!shapes[c].node || !shapes[c].shape) return pliant_fail_memory("the shape functions");
-        shapes[c].count = 0;
-    }
-    for (int32_t n = 0; n < nodes; n++)
-        for (int32_t e = from->start[n]; e < from->start[n + 1]; e++) {
-            if (from->entry_tet[e] >= count || !work->kept[from->entry_tet[e]]) continue;
-            shape_list *list = shapes + from->entry_tet[e];
-            list->node[list->count] = n;
-            memcpy(list->shape + 36 * (size_t)list->count++, from->entry_shape + 36 * (size_t)e, 36 * sizeof *list->shape);
-        }
-    return PLIANT_OK;
+    const int32_t count = work->system->mesh->num_tets, most = work->before->mesh->num_tets;
+    int32_t *now = pliant_calloc((size_t)most, sizeof *now);
+    if (!now) return pliant_fail_memory("the shape functions");
+    for (int32_t c = 0; c < most; c++) now[c] = c < count && work->kept[c] ? c : -1;
+    pliant_status status = pliant_shapes_keep(work->before, now, work->shapes);
+    pliant_free(now);
+    return status;
 }
 
 static pliant_status make_room(homogenization *work, bool schur)
@@ -444,14 +379,10 @@ pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene
         if (work.galerkin > 0)
             pliant_log(PLIANT_LOG_INFO, "homogenize: %d of %d coarse tetrahedra hold loose fragments and follow their corners linearly", work.galerkin,
                        count);
-        status = schur ? sort_shapes(system, work.shapes) : pliant_upsample_linear(system, coarse_of_fine, kept);
+        status = schur ? pliant_shapes_sort(system, 4, work.shapes) : pliant_upsample_linear(system, coarse_of_fine, kept);
     }
     if (status == PLIANT_OK) system->upsample->still = fine_fixed;
-    for (int32_t c = 0; work.shapes && c < count; c++) {
-        pliant_free(work.shapes[c].node);
-        pliant_free(work.shapes[c].shape);
-    }
-    pliant_free(work.shapes);
+    pliant_shapes_free(work.shapes, count);
     pliant_free(work.kept);
     pliant_submesh_lists_free(&lists);
     return status;

@@ -59,6 +59,15 @@ PLIANT_INLINE void pliant_macro_shaped(int32_t begin, int32_t end, const uint16_
     }
 }
 
+/* the same of an element with so many corners, shape: N, 3 x 3 corners, row-major */
+PLIANT_INLINE void pliant_macro_shaped_by_all(int corners, const double *shape, const double *q, double out[3])
+{
+    for (int d = 0; d < 3; d++) {
+        out[d] = 0;
+        for (int m = 0; m < 3 * corners; m++) out[d] += shape[3 * corners * d + m] * q[m];
+    }
+}
+
 /* Where a fine node goes, x at rest, w = N q. As displacements, so that it is at rest exactly where the corners are:
  * (c - C) + (R - I)(X - C) + R w, or w alone where the cube is grounded. */
 PLIANT_INLINE void pliant_macro_follow(const pliant_macro_frame *frame, bool grounded, const double w[3], double x[3])

@@ -52,14 +52,14 @@ PLIANT_INLINE void pliant_shaped_position(const pliant_shaped_frame *frame, cons
         out[d] = rotation[3 * d] * local[0] + rotation[3 * d + 1] * local[1] + rotation[3 * d + 2] * local[2] + frame->centre[d];
 }
 
-/* dx_f / dx_v with the rotation kept ([H] 9 and 11): R N_v R', 3 x 3 */
-PLIANT_INLINE void pliant_shaped_weight(const double rotation[9], const double *shape, int v, double out[9])
+/* dx_f / dx_v of one of so many corners with the rotation kept ([H] 9 and 11): R N_v R', 3 x 3 */
+PLIANT_INLINE void pliant_shaped_weight(const double rotation[9], const double *shape, int corners, int v, double out[9])
 {
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
             out[3 * i + j] = 0;
             for (int k = 0; k < 3; k++)
-                for (int l = 0; l < 3; l++) out[3 * i + j] += rotation[3 * i + k] * shape[12 * k + 3 * v + l] * rotation[3 * j + l];
+                for (int l = 0; l < 3; l++) out[3 * i + j] += rotation[3 * i + k] * shape[3 * corners * k + 3 * v + l] * rotation[3 * j + l];
         }
 }
 

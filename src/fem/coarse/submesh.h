@@ -76,6 +76,10 @@ bool pliant_submesh_factor(pliant_submesh *submesh, double *modes);
  * followed linearly, since it falls apart. Errors: NUMERIC. */
 pliant_status pliant_averaged_tet(pliant_submesh *submesh, int32_t tet, bool grounded, double out[144], bool *linear);
 
+/* Condensed on its corners, and the shape functions (num_nodes x 36); a fragment that has none of its corners follows them linearly.
+ * Errors: NUMERIC. */
+pliant_status pliant_schur_tet(pliant_submesh *submesh, int32_t tet, double out[144], double *shape);
+
 #ifdef __cplusplus
 }
 #endif

@@ -1,5 +1,6 @@
 /* From solved nodes to fine nodes, and forces the other way by the same weights ([H] 2.3 and 3). */
 #include "base/fail.h"
+#include "fem/coarse/macro_element.h"
 #include "fem/coarse/shaped.h"
 #include "fem/element/hexahedra.h"
 #include "fem/element/rotation.h"
@@ -15,7 +16,7 @@ void pliant_upsample_free(pliant_upsample *upsample)
     pliant_free(upsample->node);
     pliant_free(upsample->weights);
     pliant_free(upsample->start);
-    pliant_free(upsample->entry_tet);
+    pliant_free(upsample->entry_element);
     pliant_free(upsample->entry_share);
     pliant_free(upsample->entry_shape);
     pliant_free(upsample);
@@ -120,6 +121,8 @@ pliant_status pliant_upsample_cubes(pliant_system *system, const int32_t *coarse
     return status;
 }
 
+/* ---- by homogenized shape functions */
+
 typedef struct tet_frame {
     double x[12], rest[12];
     pliant_shaped_frame frame;
@@ -142,6 +145,48 @@ static void frame_of(const pliant_system *system, const double *solved, int32_t 
     }
     pliant_shaped_place(out->x, out->rest, gradients, f, &out->frame);
     pliant_rotation_signed_svd(f, out->frame.rotation);
+}
+
+static void macro_frame_of(const pliant_system *system, const double *solved, int32_t element, pliant_macro_frame *out)
+{
+    const pliant_macros *macros = system->macros;
+    double f[9];
+    pliant_macro_place(macros->own + 8 * (size_t)element, macros->gradient + 24 * (size_t)element, solved, system->mesh->rest, f, out);
+    for (int m = 0; m < 9 && macros->grounded[element]; m++) f[m] = m % 4 == 0;
+    pliant_rotation_signed_svd(f, out->rotation);
+}
+
+/* where an entry's element alone takes a fine node, and dx_f/dx_v */
+static void entry_position(const pliant_system *system, const double *solved, int32_t entry, const double *rest, double x[3])
+{
+    const pliant_upsample *upsample = system->upsample;
+    const pliant_macros *macros = system->macros;
+    const int32_t element = upsample->entry_element[entry];
+    const double *shape = upsample->entry_shape + 9 * (size_t)upsample->corners * (size_t)entry;
+    if (!macros) {
+        tet_frame tet;
+        frame_of(system, solved, element, &tet);
+        pliant_shaped_position(&tet.frame, tet.x, tet.rest, shape, rest, x);
+        return;
+    }
+    double q[24], w[3];
+    pliant_macro_frame frame;
+    macro_frame_of(system, solved, element, &frame);
+    for (int32_t c = macros->start[element]; c < macros->start[element + 1]; c++)
+        pliant_macro_corner(&frame, macros->held[c], solved + 3 * macros->node[c], system->mesh->rest + 3 * macros->node[c], q + 3 * (c - macros->start[element]));
+    pliant_macro_shaped_by_all(macros->start[element + 1] - macros->start[element], shape, q, w);
+    memcpy(x, rest, 3 * sizeof *x);
+    pliant_macro_follow(&frame, macros->grounded[element], w, x);
+}
+
+static void entry_rotation(const pliant_system *system, const double *solved, int32_t entry, double out[9])
+{
+    const int32_t element = system->upsample->entry_element[entry];
+    tet_frame tet;
+    pliant_macro_frame macro;
+    if (system->macros) macro_frame_of(system, solved, element, &macro);
+    else frame_of(system, solved, element, &tet);
+    memcpy(out, system->macros ? macro.rotation : tet.frame.rotation, 9 * sizeof *out);
 }
 
 /* whether fine nodes follow macro-elements; otherwise those are the fine mesh's own */
@@ -177,9 +222,7 @@ void pliant_upsample_positions(const pliant_system *system, const double *solved
         } else {
             for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) {
                 double x[3];
-                tet_frame tet;
-                frame_of(system, solved, upsample->entry_tet[e], &tet);
-                pliant_shaped_position(&tet.frame, tet.x, tet.rest, upsample->entry_shape + 36 * (size_t)e, rest, x);
+                entry_position(system, solved, e, rest, x);
                 for (int d = 0; d < 3; d++) sum[d] += upsample->entry_share[e] * (x[d] - rest[d]);
             }
             for (int d = 0; d < 3; d++) sum[d] += rest[d];
@@ -212,14 +255,13 @@ void pliant_upsample_weights(const pliant_system *system, const double *solved, 
             for (size_t v = first; v < first + corners; v++) add_block(system, upsample->node[v], weights[h] * upsample->weights[v], NULL, dense);
         } else {
             for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) {
-                int32_t tet = upsample->entry_tet[e];
-                const double *shape = upsample->entry_shape + 36 * (size_t)e;
-                tet_frame frame;
-                frame_of(system, solved, tet, &frame);
-                for (int v = 0; v < 4; v++) {
-                    double turned[9];
-                    pliant_shaped_weight(frame.frame.rotation, shape, v, turned);
-                    add_block(system, system->mesh->tets[4 * tet + v], weights[h] * upsample->entry_share[e], turned, dense);
+                const int32_t begin = pliant_element_begin(system, upsample->entry_element[e]), end = pliant_element_begin(system, upsample->entry_element[e] + 1);
+                const double *shape = upsample->entry_shape + 9 * (size_t)upsample->corners * (size_t)e;
+                double rotation[9], turned[9];
+                entry_rotation(system, solved, e, rotation);
+                for (int32_t c = begin; c < end; c++) {
+                    pliant_shaped_weight(rotation, shape, end - begin, c - begin, turned);
+                    add_block(system, pliant_element_nodes(system)[c], weights[h] * upsample->entry_share[e], turned, dense);
                 }
             }
         }

@@ -26,6 +26,23 @@ int pliant_cell_parity(const pliant_mesh *mesh, int32_t cell)
     return (cell % nx + cell / nx % ny + cell / nx / ny) & 1;
 }
 
+int32_t pliant_cell_of_tet(const pliant_mesh *mesh, int32_t tet)
+{
+    if (mesh->lattice_of_tet) return mesh->lattice_of_tet[tet] / 5;
+    const int32_t nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1;
+    int32_t sum[3] = {0, 0, 0}; /* its middle lies within a smallest cell of its leaf, or between such cells */
+    for (int v = 0; v < 4; v++) {
+        const int32_t at = mesh->lattice_of_node[mesh->tets[4 * tet + v]];
+        sum[0] += at % nx, sum[1] += at / nx % ny, sum[2] += at / nx / ny;
+    }
+    return mesh->leaf_of_cell[sum[0] / 4 + mesh->cells[0] * (sum[1] / 4 + mesh->cells[1] * (sum[2] / 4))];
+}
+
+static size_t count_cells(const pliant_mesh *mesh)
+{
+    return mesh->lattice_of_tet ? (size_t)mesh->cells[0] * (size_t)mesh->cells[1] * (size_t)mesh->cells[2] : (size_t)mesh->num_leaves;
+}
+
 /* ---- which cubes are whole */
 
 /* (cells) tetrahedra of each: 1 + the first one, by a list through `next`; and how many */
@@ -285,8 +302,7 @@ static pliant_status add_hexahedron(const pliant_tet_material *material, const p
     return pliant_macros_keep(macros, element, UNKNOWNS, k);
 }
 
-static pliant_status add_tetrahedron(const pliant_mesh *mesh, const pliant_tet_material *material, int32_t tet, pliant_macros *macros,
-                                     int32_t element)
+pliant_status pliant_macros_add_tet(const pliant_mesh *mesh, const pliant_tet_material *material, int32_t tet, pliant_macros *macros, int32_t element)
 {
     double k[144];
     for (int v = 0; v < CORNERS; v++) macros->own[8 * element + v] = v < 4 ? mesh->tets[4 * tet + v] : -1;
@@ -373,7 +389,7 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
             macros->start[++element] = corner;
         }
         for (int32_t t = first[cell] - 1; status == PLIANT_OK && !whole[cell] && t >= 0; t = next[t]) {
-            status = add_tetrahedron(mesh, material, t, macros, element);
+            status = pliant_macros_add_tet(mesh, material, t, macros, element);
             memcpy(macros->node + corner, mesh->tets + 4 * t, 4 * sizeof *mesh->tets);
             corner += 4;
             macros->cell[element] = cell;
@@ -416,7 +432,7 @@ pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_ma
 
 pliant_status pliant_hexahedra_of_tets(const pliant_mesh *mesh, const pliant_macros *macros, int32_t **out)
 {
-    int32_t *next = pliant_calloc((size_t)mesh->cells[0] * mesh->cells[1] * mesh->cells[2], sizeof *next);
+    int32_t *next = pliant_calloc(count_cells(mesh), sizeof *next);
     int32_t *element = *out = pliant_calloc((size_t)mesh->num_tets, sizeof *element);
     if (!next || !element) {
         pliant_free(next);
@@ -426,7 +442,7 @@ pliant_status pliant_hexahedra_of_tets(const pliant_mesh *mesh, const pliant_mac
     }
     for (int32_t e = macros->count - 1; e >= 0; e--) next[macros->cell[e]] = e;
     for (int32_t t = 0; t < mesh->num_tets; t++) {
-        int32_t cell = mesh->lattice_of_tet[t] / 5;
+        const int32_t cell = pliant_cell_of_tet(mesh, t);
         element[t] = next[cell];
         next[cell] += macros->start[next[cell] + 1] - macros->start[next[cell]] == 4; /* the tetrahedra of a cube are in their own order */
     }

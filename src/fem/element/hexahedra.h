@@ -39,6 +39,10 @@ pliant_status pliant_macros_copy_root(const pliant_macros *from, int32_t was, pl
 /* Consistent masses: of whole cubes what they weigh at their corners by the shape functions, of other tetrahedra a fourth: mass (num_nodes) [kg].
  * Errors: MEMORY. */
 pliant_status pliant_hexahedra_masses(const pliant_mesh *mesh, const pliant_tet_material *material, double *mass);
+/* The cube of a lattice that a tetrahedron is in, or a fragment of; of an octree its leaf. */
+int32_t pliant_cell_of_tet(const pliant_mesh *mesh, int32_t tet);
+/* A tetrahedron that is in no hexahedron: all of it but corners and cell. Errors: MEMORY. */
+pliant_status pliant_macros_add_tet(const pliant_mesh *mesh, const pliant_tet_material *material, int32_t tet, pliant_macros *macros, int32_t element);
 int pliant_cell_parity(const pliant_mesh *mesh, int32_t cell);
 /* (num_tets of the mesh) macro-element that each tetrahedron is, or is part of. Errors: MEMORY. */
 pliant_status pliant_hexahedra_of_tets(const pliant_mesh *mesh, const pliant_macros *macros, int32_t **out);

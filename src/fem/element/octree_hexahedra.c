@@ -2,7 +2,10 @@
  * Method, 3.A), so that displacements are the same on both sides: u = C u_m, and an element with such corners has C'KC on the nodes that they
  * follow. These are eight again: a corner that follows is a middle of the cube twice the size that was split into this leaf and its seven brothers,
  * and follows the corners of that cube on this edge or face, of which one is opposite. None of them follows itself: a brother has it as its
- * corner, and would share an edge with a leaf four times its size. */
+ * corner, and would share an edge with a leaf four times its size.
+ *
+ * Leaves that a cut has parted are tetrahedra, whose corners follow nothing: so are larger leaves that have one of those corners in their middle, and what
+ * would follow nodes that a cut has made two of. */
 #include "base/fail.h"
 #include "fem/element/hexahedra.h"
 #include "mesh/octree.h"
@@ -10,23 +13,25 @@
 
 #include <string.h>
 
-enum { CORNERS = 8, UNKNOWNS = 24 };
+enum { CORNERS = 8, UNKNOWNS = 24, PLACES = 27 };
 
 typedef struct leaves {
     pliant_system *system;
-    int32_t count;          /* with tissue */
-    int32_t (*origin)[3];   /* (num_leaves) in smallest cells */
-    int32_t *size;          /* (num_leaves) likewise; 0: without tissue */
-    uint8_t *follows;       /* (nodes) */
+    int32_t (*origin)[3];     /* (num_leaves) in smallest cells */
+    int32_t *size;            /* (num_leaves) likewise; 0: without tissue */
+    int32_t *first, *next;    /* (num_leaves) tetrahedra of each: 1 + the first one, by a list through next (tetrahedra) */
+    int32_t (*node)[PLACES];  /* (num_leaves) nodes at its corners, middles and centre, x fastest; -1: none */
+    uint8_t *whole;           /* (num_leaves) it is a hexahedron */
+    uint8_t *follows, *of_tet; /* (nodes) it follows others; a tetrahedron has it */
+    bool changed;
     pliant_cube_shape *shape; /* (PLIANT_MAX_DEPTH + 1) x 2, by size and parity */
     bool known[PLIANT_MAX_DEPTH + 1][2];
+    const pliant_macros *earlier; /* Nullable: of the body before */
+    const uint8_t *kept;      /* (tetrahedra) */
+    int32_t *element;         /* (num_leaves) 1 + the hexahedron that it was there; 0: none */
 } leaves;
 
-static int32_t node_of(const leaves *work, int32_t leaf, const int32_t halves[3])
-{
-    const pliant_mesh *mesh = work->system->mesh;
-    return mesh->node_of_lattice[pliant_octree_place(mesh->cells, work->origin[leaf], work->size[leaf], halves)];
-}
+static int place_of_corner(int v) { return 2 * (v & 1) + 6 * (v >> 1 & 1) + 18 * (v >> 2); }
 
 static void find_leaves(leaves *work)
 {
@@ -37,16 +42,68 @@ static void find_leaves(leaves *work)
             for (at[0] = 0; at[0] < mesh->cells[0]; at[0]++, cell++) {
                 const int32_t leaf = mesh->leaf_of_cell[cell];
                 if (mesh->leaf_start[leaf] == mesh->leaf_start[leaf + 1]) continue;
-                if (work->size[leaf] == 0) {
-                    memcpy(work->origin[leaf], at, sizeof at);
-                    work->count++;
-                }
+                if (work->size[leaf] == 0) memcpy(work->origin[leaf], at, sizeof at);
                 work->size[leaf] = at[2] - work->origin[leaf][2] + 1;
             }
+    for (int32_t t = mesh->num_tets - 1; t >= 0; t--) {
+        const int32_t leaf = pliant_cell_of_tet(mesh, t);
+        work->next[t] = work->first[leaf] - 1;
+        work->first[leaf] = t + 1;
+    }
 }
 
-/* every node itself, and what is in the middle of a leaf its corners */
-static void find_followers(leaves *work, uint8_t *fixed)
+/* Nodes of a leaf by place; false: a cut has added a tetrahedron to it, or a node to a place. */
+static bool find_places(leaves *work, int32_t leaf)
+{
+    const pliant_mesh *mesh = work->system->mesh;
+    const int32_t nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1;
+    int32_t *node = work->node[leaf], tets = 0;
+    bool whole = true;
+    memset(node, 0xff, sizeof work->node[leaf]);
+    for (int32_t t = work->first[leaf] - 1; t >= 0; t = work->next[t], tets++)
+        for (int v = 0; v < 4; v++) {
+            const int32_t other = mesh->tets[4 * t + v], at = mesh->lattice_of_node[other], along[3] = {at % nx, at / nx % ny, at / nx / ny};
+            int place = 0;
+            for (int d = 2; d >= 0; d--) place = 3 * place + 2 * (along[d] - work->origin[leaf][d]) / work->size[leaf];
+            whole = whole && (node[place] < 0 || node[place] == other);
+            node[place] = other;
+        }
+    return whole && tets == mesh->leaf_start[leaf + 1] - mesh->leaf_start[leaf];
+}
+
+/* ---- what follows */
+
+/* The trilinear weights of a place, and the nodes that they are of. */
+static void follow_corners(const leaves *work, int32_t leaf, int place, int32_t node[CORNERS], double weight[CORNERS])
+{
+    const int32_t halves[3] = {place % 3, place / 3 % 3, place / 9};
+    for (int v = 0; v < CORNERS; v++) {
+        node[v] = work->node[leaf][place_of_corner(v)];
+        weight[v] = 1;
+        for (int d = 0; d < 3; d++) weight[v] *= halves[d] == 1 ? 0.5 : halves[d] == 2 * (v >> d & 1);
+    }
+}
+
+static bool follow_alike(const leaves *work, int32_t follower, const int32_t node[CORNERS], const double weight[CORNERS])
+{
+    const pliant_upsample *upsample = work->system->upsample;
+    for (int v = 0; v < CORNERS; v++) {
+        double other = 0;
+        for (int m = 0; m < CORNERS; m++)
+            if (upsample->node[CORNERS * follower + m] == node[v]) other += upsample->weights[CORNERS * follower + m];
+        if (weight[v] > 0 && other != weight[v]) return false;
+    }
+    return true;
+}
+
+static void divide(leaves *work, int32_t leaf)
+{
+    work->whole[leaf] = 0;
+    work->changed = true;
+}
+
+/* every node itself, and what is in the middle of a hexahedron its corners */
+static void find_followers(leaves *work)
 {
     const pliant_mesh *mesh = work->system->mesh;
     pliant_upsample *upsample = work->system->upsample;
@@ -54,18 +111,67 @@ static void find_followers(leaves *work, uint8_t *fixed)
         upsample->node[v] = v / CORNERS;
         upsample->weights[v] = v % CORNERS == 0;
     }
+    memset(work->follows, 0, (size_t)mesh->num_nodes);
     for (int32_t leaf = 0; leaf < mesh->num_leaves; leaf++)
-        for (int i = 0; work->size[leaf] > 1 && i < 27; i++) {
-            const int32_t halves[3] = {i % 3, i / 3 % 3, i / 9}, node = node_of(work, leaf, halves);
-            if (node < 0 || (halves[0] != 1 && halves[1] != 1 && halves[2] != 1)) continue;
-            work->follows[node] = 1;
-            for (int v = 0; v < CORNERS; v++) {
-                double weight = 1;
-                for (int d = 0; d < 3; d++) weight *= halves[d] == 1 ? 0.5 : halves[d] == 2 * (v >> d & 1);
-                upsample->node[CORNERS * node + v] = node_of(work, leaf, (int32_t[3]){2 * (v & 1), 2 * (v >> 1 & 1), 2 * (v >> 2)});
-                upsample->weights[CORNERS * node + v] = weight;
+        for (int place = 0; work->whole[leaf] && place < PLACES; place++) {
+            const int32_t follower = work->node[leaf][place];
+            int32_t node[CORNERS];
+            double weight[CORNERS];
+            if (follower < 0 || (place % 3 != 1 && place / 3 % 3 != 1 && place / 9 != 1)) continue;
+            follow_corners(work, leaf, place, node, weight);
+            if (work->of_tet[follower] || (work->follows[follower] && !follow_alike(work, follower, node, weight))) {
+                divide(work, leaf);
+                continue;
             }
+            work->follows[follower] = 1;
+            memcpy(upsample->node + CORNERS * (size_t)follower, node, sizeof node);
+            memcpy(upsample->weights + CORNERS * (size_t)follower, weight, sizeof weight);
         }
+}
+
+/* The nodes that a leaf's corners follow, and C. Returns how many, more than eight: of nodes that a cut has made two of. */
+static int followed(const leaves *work, int32_t leaf, int32_t node[CORNERS], double c[CORNERS][CORNERS])
+{
+    const pliant_upsample *upsample = work->system->upsample;
+    int count = 0;
+    memset(c, 0, CORNERS * sizeof *c);
+    for (int v = 0; v < CORNERS; v++)
+        for (int m = 0; m < CORNERS; m++) {
+            const size_t entry = CORNERS * (size_t)work->node[leaf][place_of_corner(v)] + (size_t)m;
+            const int32_t other = upsample->node[entry];
+            int at = 0;
+            if (!(upsample->weights[entry] > 0)) continue;
+            while (at < count && node[at] != other) at++;
+            if (at == CORNERS) return CORNERS + 1;
+            if (at == count) node[count++] = other;
+            c[v][at] += upsample->weights[entry];
+        }
+    return count;
+}
+
+/* Which leaves are hexahedra, until none has to be divided. */
+static void choose(leaves *work)
+{
+    const pliant_mesh *mesh = work->system->mesh;
+    for (int32_t leaf = 0; leaf < mesh->num_leaves; leaf++) work->whole[leaf] = work->size[leaf] > 0 && find_places(work, leaf);
+    do {
+        work->changed = false;
+        for (int32_t leaf = 0; leaf < mesh->num_leaves; leaf++)
+            for (int32_t t = work->first[leaf] - 1; !work->whole[leaf] && t >= 0; t = work->next[t])
+                for (int v = 0; v < 4; v++) work->of_tet[mesh->tets[4 * t + v]] = 1;
+        find_followers(work);
+        for (int32_t leaf = 0; leaf < mesh->num_leaves; leaf++) {
+            int32_t node[CORNERS];
+            double c[CORNERS][CORNERS];
+            if (work->whole[leaf] && followed(work, leaf, node, c) != CORNERS) divide(work, leaf);
+        }
+    } while (work->changed);
+}
+
+static void hold_followers(const leaves *work, uint8_t *fixed)
+{
+    const pliant_mesh *mesh = work->system->mesh;
+    const pliant_upsample *upsample = work->system->upsample;
     for (int32_t n = 0; n < mesh->num_nodes; n++)
         for (int v = 0; work->follows[n] && fixed[n] && v < CORNERS; v++)
             if (upsample->weights[CORNERS * n + v] > 0) fixed[upsample->node[CORNERS * n + v]] = fixed[n];
@@ -73,23 +179,7 @@ static void find_followers(leaves *work, uint8_t *fixed)
         if (work->follows[n]) fixed[n] = PLIANT_FIXED_AT_REST; /* as far as the solver goes */
 }
 
-/* the nodes that a leaf's corners follow, and C */
-static void followed(const leaves *work, const int32_t corner[CORNERS], int32_t node[CORNERS], double c[CORNERS][CORNERS])
-{
-    const pliant_upsample *upsample = work->system->upsample;
-    int count = 0;
-    memset(c, 0, CORNERS * sizeof *c);
-    for (int v = 0; v < CORNERS; v++)
-        for (int m = 0; m < CORNERS; m++) {
-            const int32_t other = upsample->node[CORNERS * corner[v] + m];
-            const double weight = upsample->weights[CORNERS * corner[v] + m];
-            int at = 0;
-            if (!(weight > 0)) continue;
-            while (at < count && node[at] != other) at++;
-            if (at == count) node[count++] = other;
-            c[v][at] += weight;
-        }
-}
+/* ---- elements */
 
 static const pliant_cube_shape *shape_of(leaves *work, int32_t leaf, const pliant_cube *cube)
 {
@@ -103,19 +193,26 @@ static const pliant_cube_shape *shape_of(leaves *work, int32_t leaf, const plian
     return shape;
 }
 
-static pliant_status add_leaf(leaves *work, int32_t leaf, const pliant_tet_material *material, int32_t element)
+/* What a leaf was, where its tetrahedra and the nodes that its corners follow are the same; -1: something else */
+static int32_t find_earlier(const leaves *work, int32_t leaf, const int32_t node[CORNERS])
 {
-    pliant_macros *macros = work->system->macros;
+    const int32_t was = work->earlier ? work->element[leaf] - 1 : -1;
+    bool same = was >= 0 && memcmp(work->earlier->own + CORNERS * (size_t)was, node, CORNERS * sizeof *node) == 0;
+    for (int32_t t = work->first[leaf] - 1; same && t >= 0; t = work->next[t]) same = work->kept[t];
+    return same ? was : -1;
+}
+
+/* C'KC of a leaf, and C' of its mean gradient */
+static void condense(leaves *work, int32_t leaf, const pliant_tet_material *material, double c[CORNERS][CORNERS], double *shear, double *gradient, double *out)
+{
     const int32_t *start = work->system->mesh->leaf_start + leaf;
     pliant_cube cube;
-    double c[CORNERS][CORNERS], k[UNKNOWNS * UNKNOWNS], half[UNKNOWNS * UNKNOWNS] = {0}, whole[UNKNOWNS * UNKNOWNS] = {0}, shear = 0;
-    int32_t node[CORNERS];
-    for (int v = 0; v < CORNERS; v++) cube.node[v] = node_of(work, leaf, (int32_t[3]){2 * (v & 1), 2 * (v >> 1 & 1), 2 * (v >> 2)});
+    double k[UNKNOWNS * UNKNOWNS], half[UNKNOWNS * UNKNOWNS] = {0};
+    for (int v = 0; v < CORNERS; v++) cube.node[v] = work->node[leaf][place_of_corner(v)];
     for (int slot = 0; slot < 5; slot++) cube.tet[slot] = start[1] - start[0] == 5 ? start[0] + slot : start[0]; /* what is divided is of one material */
-    followed(work, cube.node, node, c);
     const pliant_cube_shape *shape = shape_of(work, leaf, &cube);
     const double bulk = pliant_cube_deviatoric(shape, &cube, material, k);
-    double *gradient = macros->gradient + UNKNOWNS * (size_t)element;
+    memset(out, 0, UNKNOWNS * UNKNOWNS * sizeof *out);
     for (int i = 0; i < UNKNOWNS; i++)
         for (int j = 0; j < UNKNOWNS; j++) {
             const double value = k[UNKNOWNS * i + j] + bulk * shape->mean[i] * shape->mean[j];
@@ -124,14 +221,48 @@ static pliant_status add_leaf(leaves *work, int32_t leaf, const pliant_tet_mater
     for (int i = 0; i < UNKNOWNS; i++)
         for (int m = 0; m < CORNERS; m++) {
             gradient[3 * m + i % 3] += c[i / 3][m] * shape->mean[i];
-            for (int j = 0; j < UNKNOWNS; j++) whole[UNKNOWNS * (3 * m + i % 3) + j] += c[i / 3][m] * half[UNKNOWNS * i + j];
+            for (int j = 0; j < UNKNOWNS; j++) out[UNKNOWNS * (3 * m + i % 3) + j] += c[i / 3][m] * half[UNKNOWNS * i + j];
         }
-    for (int slot = 0; slot < 5; slot++) shear += shape->volume[slot] * material[cube.tet[slot]].mu;
-    macros->shear[element] = shear;
+    *shear = 0;
+    for (int slot = 0; slot < 5; slot++) *shear += shape->volume[slot] * material[cube.tet[slot]].mu;
+}
+
+static pliant_status add_leaf(leaves *work, int32_t leaf, const pliant_tet_material *material, int32_t element)
+{
+    pliant_macros *macros = work->system->macros;
+    double c[CORNERS][CORNERS], k[UNKNOWNS * UNKNOWNS], *gradient = macros->gradient + UNKNOWNS * (size_t)element;
+    int32_t node[CORNERS], begin = macros->start[element];
+    followed(work, leaf, node, c);
     memcpy(macros->own + CORNERS * (size_t)element, node, sizeof node);
-    memcpy(macros->node + CORNERS * (size_t)element, node, sizeof node);
-    macros->start[element + 1] = CORNERS * (element + 1);
-    return pliant_macros_keep(macros, element, UNKNOWNS, whole);
+    memcpy(macros->node + begin, node, sizeof node);
+    macros->start[element + 1] = begin + CORNERS;
+    macros->cell[element] = leaf;
+    const int32_t was = find_earlier(work, leaf, node);
+    if (was >= 0) {
+        memcpy(gradient, work->earlier->gradient + UNKNOWNS * (size_t)was, UNKNOWNS * sizeof *gradient);
+        macros->shear[element] = work->earlier->shear[was];
+        return pliant_macros_copy_root(work->earlier, was, macros, element);
+    }
+    condense(work, leaf, material, c, &macros->shear[element], gradient, k);
+    return pliant_macros_keep(macros, element, UNKNOWNS, k);
+}
+
+static pliant_status add_all(leaves *work, const pliant_tet_material *material)
+{
+    const pliant_mesh *mesh = work->system->mesh;
+    pliant_macros *macros = work->system->macros;
+    pliant_status status = PLIANT_OK;
+    int32_t element = 0;
+    for (int32_t leaf = 0; status == PLIANT_OK && leaf < mesh->num_leaves; leaf++) {
+        if (work->whole[leaf]) status = add_leaf(work, leaf, material, element++);
+        for (int32_t t = work->first[leaf] - 1; status == PLIANT_OK && !work->whole[leaf] && t >= 0; t = work->next[t]) {
+            memcpy(macros->node + macros->start[element], mesh->tets + 4 * t, 4 * sizeof *mesh->tets);
+            macros->start[element + 1] = macros->start[element] + 4;
+            macros->cell[element] = leaf;
+            status = pliant_macros_add_tet(mesh, material, t, macros, element++);
+        }
+    }
+    return status;
 }
 
 static pliant_status make_room(leaves *work)
@@ -140,28 +271,45 @@ static pliant_status make_room(leaves *work)
     const size_t num_leaves = (size_t)system->mesh->num_leaves, nodes = (size_t)system->mesh->num_nodes;
     pliant_upsample *upsample = system->upsample = pliant_calloc(1, sizeof *upsample);
     bool good = upsample && (work->origin = pliant_calloc(num_leaves, sizeof *work->origin)) && (work->size = pliant_calloc(num_leaves, sizeof *work->size)) &&
-                (work->follows = pliant_calloc(nodes, 1)) && (work->shape = pliant_calloc(2 * (PLIANT_MAX_DEPTH + 1), sizeof *work->shape)) &&
+                (work->first = pliant_calloc(num_leaves, sizeof *work->first)) && (work->next = pliant_calloc((size_t)system->mesh->num_tets, sizeof *work->next)) &&
+                (work->node = pliant_calloc(num_leaves, sizeof *work->node)) && (work->whole = pliant_calloc(num_leaves, 1)) &&
+                (work->follows = pliant_calloc(nodes, 1)) && (work->of_tet = pliant_calloc(nodes, 1)) &&
+                (work->shape = pliant_calloc(2 * (PLIANT_MAX_DEPTH + 1), sizeof *work->shape)) &&
+                (work->element = pliant_calloc(num_leaves, sizeof *work->element)) &&
                 (upsample->node = pliant_calloc(nodes, CORNERS * sizeof *upsample->node)) &&
                 (upsample->weights = pliant_calloc(nodes, CORNERS * sizeof *upsample->weights)) && (system->macros = pliant_calloc(1, sizeof *system->macros));
     if (!good) return pliant_fail_memory("the hexahedra");
     upsample->corners = CORNERS;
-    find_leaves(work);
-    return pliant_macros_allocate(system->macros, (size_t)work->count, CORNERS * (size_t)work->count);
+    return PLIANT_OK;
 }
 
-pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material, uint8_t *fixed)
+static pliant_status allocate_elements(leaves *work)
 {
-    leaves work = {.system = system};
-    int32_t element = 0;
+    size_t count = 0, corners = 0;
+    for (int32_t leaf = 0; leaf < work->system->mesh->num_leaves; leaf++) {
+        count += work->whole[leaf];
+        corners += work->whole[leaf] ? CORNERS : 0;
+        for (int32_t t = work->first[leaf] - 1; !work->whole[leaf] && t >= 0; t = work->next[t]) count++, corners += 4;
+    }
+    work->system->num_blocks = (int32_t)((corners + 4 * LANES - 1) / (4 * LANES)); /* as in hexahedra.c */
+    for (int32_t e = 0; work->earlier && e < work->earlier->count; e++)
+        if (work->earlier->start[e + 1] - work->earlier->start[e] == CORNERS) work->element[work->earlier->cell[e]] = e + 1;
+    return pliant_macros_allocate(work->system->macros, count, corners);
+}
+
+pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept,
+                                             uint8_t *fixed)
+{
+    leaves work = {.system = system, .earlier = before && kept ? before->macros : NULL, .kept = kept};
     pliant_status status = make_room(&work);
-    if (status == PLIANT_OK) find_followers(&work, fixed);
-    for (int32_t leaf = 0; status == PLIANT_OK && leaf < system->mesh->num_leaves; leaf++)
-        if (work.size[leaf] > 0) status = add_leaf(&work, leaf, material, element++);
-    const int32_t corners = CORNERS * element;
-    system->num_blocks = (corners + 4 * LANES - 1) / (4 * LANES); /* as in hexahedra.c */
-    pliant_free(work.origin);
-    pliant_free(work.size);
-    pliant_free(work.follows);
-    pliant_free(work.shape);
+    if (status == PLIANT_OK) {
+        find_leaves(&work);
+        choose(&work);
+        hold_followers(&work, fixed);
+        status = allocate_elements(&work);
+    }
+    if (status == PLIANT_OK) status = add_all(&work, material);
+    void *blocks[] = {work.origin, work.size, work.first, work.next, work.node, work.whole, work.follows, work.of_tet, work.shape, work.element};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     return status;
 }

@@ -34,29 +34,35 @@ pliant_status pliant_carried_opened(int32_t num_free, int32_t base_free, const i
     return PLIANT_OK;
 }
 
-/* Corners of hexahedra of the base that a cut has divided into tetrahedra, which are stiffer. Errors: MEMORY. */
-static pliant_status open_divided(const pliant_system *system, const pliant_system *base, uint8_t *opened)
+pliant_status pliant_carried_whole(const pliant_system *system, uint8_t **out)
 {
-    const pliant_macros *now = system->macros, *was = base->macros;
-    if (!now || !now->cell || !was || !was->cell) return PLIANT_OK;
-    uint8_t *whole = pliant_calloc((size_t)base->mesh->cells[0] * (size_t)base->mesh->cells[1] * (size_t)base->mesh->cells[2], 1);
-    if (!whole) return pliant_fail_memory("the preconditioner");
-    for (int32_t e = 0; e < was->count; e++) whole[was->cell[e]] = was->start[e + 1] - was->start[e] == 8;
-    for (int32_t e = 0; e < now->count; e++)
+    const pliant_macros *macros = system->macros;
+    *out = NULL;
+    if (!macros || !macros->cell) return PLIANT_OK;
+    *out = pliant_calloc((size_t)system->mesh->cells[0] * (size_t)system->mesh->cells[1] * (size_t)system->mesh->cells[2], 1);
+    if (!*out) return pliant_fail_memory("the preconditioner");
+    for (int32_t e = 0; e < macros->count; e++) (*out)[macros->cell[e]] = macros->start[e + 1] - macros->start[e] == 8;
+    return PLIANT_OK;
+}
+
+void pliant_carried_open_divided(const pliant_system *system, const uint8_t *whole, uint8_t *opened)
+{
+    const pliant_macros *now = system->macros;
+    for (int32_t e = 0; whole && now && now->cell && e < now->count; e++)
         for (int32_t c = now->start[e]; whole[now->cell[e]] && now->start[e + 1] - now->start[e] < 8 && c < now->start[e + 1]; c++)
             if (system->free_of_node[now->node[c]] >= 0) opened[system->free_of_node[now->node[c]]] = 1;
-    pliant_free(whole);
-    return PLIANT_OK;
 }
 
 pliant_status pliant_carried_mend(const pliant_system *system, const double *positions, const double *axes, pliant_carried *carried)
 {
     if (carried->mended) return PLIANT_OK;
-    uint8_t *opened = pliant_calloc((size_t)carried->num_free, 1);
+    uint8_t *opened = pliant_calloc((size_t)carried->num_free, 1), *whole = NULL;
     pliant_status status = opened ? pliant_carried_opened(carried->num_free, carried->base_free, carried->source, opened) : pliant_fail_memory("the preconditioner");
-    if (status == PLIANT_OK) status = open_divided(system, carried->system, opened);
+    if (status == PLIANT_OK) status = pliant_carried_whole(carried->system, &whole);
+    if (status == PLIANT_OK) pliant_carried_open_divided(system, whole, opened);
     if (status == PLIANT_OK) status = pliant_subdomain_create(system, opened, PLIANT_CARRIED_RINGS, positions, axes, &carried->near);
     pliant_free(opened);
+    pliant_free(whole);
     carried->mended = status == PLIANT_OK;
     return status;
 }

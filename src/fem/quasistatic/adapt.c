@@ -99,6 +99,22 @@ static pliant_status carry(pliant_solver *solver, const pliant_solver *from, con
     return status == PLIANT_OK ? pliant_refresh_carry(solver, from, node) : status;
 }
 
+/* Where solved nodes are, also those that follow others, which may be free in the next body. Errors: MEMORY. */
+static pliant_status carry_positions(const pliant_solver *from, const pliant_body_map *map, double *x)
+{
+    const pliant_system *before = from->system;
+    if (!before->upsample) {
+        pliant_body_map_vectors(map, from->now.x, x);
+        return PLIANT_OK;
+    }
+    double *all = pliant_calloc(3 * (size_t)before->fine->num_nodes, sizeof *all);
+    if (!all) return pliant_fail_memory("the solver");
+    pliant_upsample_positions(before, from->now.x, all);
+    pliant_body_map_vectors(map, all, x);
+    pliant_free(all);
+    return PLIANT_OK;
+}
+
 pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_system *system, const pliant_solver *from,
                                    const pliant_body_map *map, bool rests, pliant_solver **out)
 {
@@ -107,10 +123,10 @@ pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_syste
     pliant_status status = pliant_solver_create_without(scene, system, rests, &solver);
     if (status != PLIANT_OK) return status;
     carry_limits(solver, from);
-    if (!map->coarse_node) pliant_body_map_vectors(map, from->now.x, solver->now.x); /* also where the next body holds what moved before */
+    if (!map->coarse_node) status = carry_positions(from, map, solver->now.x); /* also where the next body holds what moved before */
     for (int32_t n = 0; map->coarse_node && n < system->mesh->num_nodes; n++)
         memcpy(solver->now.x + 3 * n, from->now.x + 3 * node[n], 3 * sizeof *solver->now.x);
-    status = carry(solver, from, node, tet, rests);
+    if (status == PLIANT_OK) status = carry(solver, from, node, tet, rests);
     solver->opened = true;
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
