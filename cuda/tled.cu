@@ -95,6 +95,7 @@ static pliant_status upload_cubes(pliant_cuda_tled *gpu)
         cubes[c].shear = from->moduli[block][0][lane];
         cubes[c].bulk = from->moduli[block][1][lane];
         cubes[c].volume = from->moduli[block][2][lane];
+        cubes[c].finer = from->finer[block][lane];
     }
     memcpy(it->cube_gradient, from->gradient, sizeof it->cube_gradient);
     memcpy(it->hourglass, from->hourglass, sizeof it->hourglass);

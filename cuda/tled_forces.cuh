@@ -55,7 +55,7 @@ static __device__ __forceinline__ void load_modes(const gpu_tled &tled, const do
     for (int k = 0; k < 3; k++) transform(w[k], false);
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
-            h[3 * r + c] = w[r][1] * tled.cube_gradient[c] + w[r][2] * tled.cube_gradient[3 + c] + w[r][4] * tled.cube_gradient[6 + c];
+            h[3 * r + c] = cube.finer * (w[r][1] * tled.cube_gradient[c] + w[r][2] * tled.cube_gradient[3 + c] + w[r][4] * tled.cube_gradient[6 + c]);
 }
 
 /* H = sum over corners 1 to 3 of (u_v - u_0) g_v', differences in double. Nothing writes to d_u while this runs. */
@@ -161,10 +161,10 @@ static __device__ __forceinline__ void cube_forces(const gpu_tled &tled, int fro
     }
     element_stress<LAW, VISCOUS>(tled, from_memory, element, h, tled.damped ? change : NULL, cube.shear, cube.bulk, NULL, p);
     for (int r = 0; r < 3; r++) {
-        for (int m = 0; m < 8; m++) w[r][m] *= tled.hourglass[m] * cube.shear;
+        for (int m = 0; m < 8; m++) w[r][m] *= tled.hourglass[m] * cube.shear * (cube.finer * cube.finer);
         for (int axis = 0; axis < 3; axis++)
-            w[r][1 << axis] = p[3 * r] * tled.cube_gradient[3 * axis] + p[3 * r + 1] * tled.cube_gradient[3 * axis + 1] +
-                              p[3 * r + 2] * tled.cube_gradient[3 * axis + 2];
+            w[r][1 << axis] = cube.finer * (p[3 * r] * tled.cube_gradient[3 * axis] + p[3 * r + 1] * tled.cube_gradient[3 * axis + 1] +
+                                            p[3 * r + 2] * tled.cube_gradient[3 * axis + 2]);
         transform(w[r], true);
         for (int v = 0; v < 8; v++) out[3 * v + r][threadIdx.x] = w[r][v];
     }

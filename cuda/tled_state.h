@@ -33,7 +33,7 @@ typedef struct gpu_tet {
 /* A hexahedron likewise (src/fem/dynamics/tled_cubes.h). */
 typedef struct gpu_cube {
     int32_t node[8];
-    float shear, bulk, volume, gap;
+    float shear, bulk, volume, finer; /* finer: 1 over the edge in smallest cells */
 } gpu_cube;
 
 /* A node as one thread reads it. */

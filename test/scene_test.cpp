@@ -329,10 +329,9 @@ TEST(scene, auto_elements_are_what_the_scene_can_have)
         {{{"model/method", "lod"}}, nullptr},
         {{{"model/method", "coarse"}, {"model/patch", "0.05"}}, nullptr},
         {{{"cut/kind", "subdivide"}}, "cut/kind"},
-        {{{"cut/kind", "sever"}}, "cut/kind"}, // it goes, but a GPU begins anew
-        {{{"cut/kind", "sever"}, {"solver/backend", "cpu"}}, nullptr},
-        {{{"mesh/kind", "octree"}, {"cut/kind", "sever"}}, "cut/kind"},
-        {{{"mesh/kind", "octree"}, {"solver/kind", "tled"}}, "mesh/kind"},
+        {{{"cut/kind", "sever"}}, nullptr},
+        {{{"mesh/kind", "octree"}, {"cut/kind", "sever"}}, nullptr},
+        {{{"mesh/kind", "octree"}, {"solver/kind", "tled"}}, nullptr},
         {{{"solver/kind", "tled"}, {"tled/nodal_pressure", "true"}}, "tled/nodal_pressure"},
     };
     for (const row &r : rows) {

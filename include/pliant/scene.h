@@ -103,7 +103,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(BOOL, keep_air, false, 0, 1, "", "keep tetrahedra that hold no tissue, as a filler that neither turns nor tears; without them the deformed volume has the scan's background there, not its air") \
     X(BOOL, bone_surface, false, 0, 1, "", "nodes beside what is fixed (bone, regions) are moved onto its surface ([H] 4.2)")
 #define PLIANT_SCENE_ELEMENT(X)                                                                                        \
-    X(ELEMENT, kind, PLIANT_ELEMENT_AUTO, 0, 0, "", "hexahedra: cubes with one change of volume each; linear: the papers' tetrahedra, too stiff where tissue bends or is nearly incompressible; auto: hexahedra but for what is made of tetrahedra (cuts by a blade where a GPU may solve or that subdivide, explicit dynamics of an octree, nodal pressure) and where tissue is touched (contact/self, obstacles, tools with a shape); the log says which")
+    X(ELEMENT, kind, PLIANT_ELEMENT_AUTO, 0, 0, "", "hexahedra: cubes with one change of volume each; linear: the papers' tetrahedra, too stiff where tissue bends or is nearly incompressible; auto: hexahedra but for what is made of tetrahedra (cuts that subdivide, nodal pressure) and where tissue is touched (contact/self, obstacles, tools with a shape); the log says which")
 #define PLIANT_SCENE_MODEL(X)                                                                                          \
     X(METHOD, method, PLIANT_FINE, 0, 0, "", "what is solved: the fine mesh, or a coarse one by one of these methods") \
     X(TOUCH, touch, PLIANT_TOUCH_OVERLAP, 0, 0, "", "schur: fine tetrahedra that overlap the coarse one, or share a face with it too") \

@@ -14,10 +14,9 @@ typedef struct tetrahedral {
 /* The first such thing that a scene asks for; .what NULL: none. alone: that goes with nothing else. */
 static tetrahedral first_tetrahedral(const pliant_scene *scene, bool alone)
 {
-    const bool octree = scene->mesh.kind == PLIANT_OCTREE, tled = scene->solver.kind == PLIANT_TLED;
+    const bool tled = scene->solver.kind == PLIANT_TLED;
     const tetrahedral all[] = {
         {scene->cut.kind == PLIANT_CUT_SUBDIVIDE, "cut/kind: subdivide cuts tetrahedra", "sever"},
-        {octree && tled, "mesh/kind: explicit dynamics has no hexahedra of an octree", "lattice"},
         {scene->contact.self || scene->contact.obstacles[0] || scene->obstacles.num_boxes > 0 || scene->obstacles.num_planes > 0,
          "contact/self, obstacles: what touches feels cubes that tissue hardly fills before it feels tissue", NULL},
         {tled && scene->tled.nodal_pressure, "tled/nodal_pressure: hexahedra have one change of volume each and need none", "false"},

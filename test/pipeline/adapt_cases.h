@@ -78,6 +78,10 @@ const Case octree{"octree", [](pliant_scene &scene) {
                       scene.mesh.depth = 1;
                       scene.mesh.coarse_cells[0] = scene.mesh.coarse_cells[1] = scene.mesh.coarse_cells[2] = 4;
                   }};
+const Case octree_hexahedra{"octree_hexahedra", [](pliant_scene &scene) {
+                                octree.set(scene);
+                                scene.element.kind = PLIANT_HEXAHEDRA;
+                            }};
 const Case cubes{"tled_hexahedra", [](pliant_scene &scene) {
                      explicit_dynamics(scene, false);
                      scene.element.kind = PLIANT_HEXAHEDRA;

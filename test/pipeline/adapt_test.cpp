@@ -32,7 +32,7 @@ TEST_P(EveryMethod, ARevisionOfTheSameTopologyChangesNoBits)
     EXPECT_EQ(state(*one), state(*other));
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
-                         testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain, schur, schur_hexahedra, averaged, calibrated, lod, patch, octree, dynamic, cubes, relaxed), name_of);
+                         testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain, schur, averaged, calibrated, lod, patch, octree, dynamic, cubes, relaxed), name_of);
 
 // ---- a real change
 
@@ -239,7 +239,7 @@ TEST_P(EveryStroke, WhileItMoves)
     EXPECT_GT(moved, 5e-3);
     EXPECT_LT(most, 1e-3 * moved);
 }
-INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain, schur, schur_hexahedra, averaged, calibrated, patch, dynamic, cubes, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain, schur, averaged, calibrated, patch, dynamic, cubes, relaxed), name_of);
 
 // what a live run took of what was made in the background, while it was cut, makes the same bits again
 // A bar that sags is cut half through at once: where it hangs then, by as many evaluations as any step has.
@@ -310,8 +310,8 @@ TEST_P(EveryReplay, OfALiveRunThatIsCut)
     EXPECT_GT(live->data->statistics.factors, 0u);
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryReplay, testing::Values(direct, multigrid, hexahedra, averaged, patch), name_of);
-INSTANTIATE_TEST_SUITE_P(Methods, EveryStroke, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, plain, schur, schur_hexahedra, averaged, calibrated, relaxed), name_of);
-INSTANTIATE_TEST_SUITE_P(Methods, EveryDivisible, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, plain, schur, averaged, calibrated, patch, patch_hexahedra, octree, dynamic, cubes, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryStroke, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, plain, schur, averaged, calibrated, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryDivisible, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, plain, schur, schur_hexahedra, averaged, calibrated, patch, patch_hexahedra, octree, octree_hexahedra, dynamic, cubes, relaxed), name_of);
 
 // ---- what no part of all this had a hand in: the left half of a body in two is the body of half the width
 

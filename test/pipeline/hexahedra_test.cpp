@@ -1,5 +1,6 @@
 // Trilinear hexahedra (element/kind): neither too stiff in bending nor where tissue is nearly incompressible.
 #include "beam.h"
+#include "fragments.h"
 
 #include "fem/dynamics/tled_cubes.h"
 #include "fem/element/rotation.h"
@@ -286,7 +287,7 @@ TEST_F(Block, TheDefaultIsHexahedraWhereTheyCanBeHad)
 
 TEST_F(Block, SaysWhatItDoesNotGoWith)
 {
-    body.scene.model.method = PLIANT_SCHUR;
+    body.scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
     EXPECT_EQ(body.build(), PLIANT_ERROR_SCENE);
     EXPECT_NE(std::string(pliant_last_error()).find("element/kind"), std::string::npos);
 }
@@ -336,6 +337,127 @@ TEST(OctreeHexahedra, PassThePatchTestAndTurn)
     double r[9], f[9] = {0.36, 0.48, -0.8, -0.8, 0.6, 0, 0.48, 0.64, 0.6}, shift[3] = {0.3, -0.2, 0.1};
     pliant_rotation_signed_svd(f, r);
     EXPECT_LT(largest(body.elastic_force(affine(fine, r, shift))), 1e-6 * largest(force));
+}
+
+// Cut half through, between large leaves and small ones: what is left of hexahedra passes the patch test, nothing that a tetrahedron has follows anything, nodes
+// that no longer follow begin where they were, and it hangs lower than tetrahedra, no lower than the fine lattice that is cut alike.
+TEST(OctreeHexahedra, AreCut)
+{
+    const Plane plane{{0.0405, 0.04, 0.04}, {1, 0.1, 0.05}};
+    double tip[3];
+    for (int which = 0; which < 3; which++) { // fine lattice, octree, octree of tetrahedra
+        Octree body(1);
+        body.scene.cut.kind = PLIANT_CUT_SEVER;
+        body.scene.model.gravity[0] = -1;
+        body.scene.solver.tolerance = 1e-5;
+        if (which == 0) {
+            body.scene.mesh.kind = PLIANT_LATTICE;
+            body.cells(8, 8, 8, 1);
+        }
+        if (which == 2) body.scene.element.kind = PLIANT_LINEAR;
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        ASSERT_GE(body.settle(), PLIANT_OK); // nodes that follow are where what they follow is, also once they are free
+        const pliant_body *next = sever_plane(body.data->body, 2, plane, [](const double *x) { return x[2] > 0.03; });
+        ASSERT_TRUE(next) << pliant_last_error();
+        const std::vector<double> before(body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes);
+        ASSERT_EQ(pliant_data_set_body(body.model, body.data, next), PLIANT_OK) << pliant_last_error();
+        pliant_body_release(next);
+        const pliant_mesh &fine = body.data->body->fine;
+        const pliant_system *system = body.data->discretization->system;
+        if (which == 1) {
+            const pliant_macros &macros = *system->macros;
+            int tets = 0, hexahedra = 0, freed = 0;
+            std::vector<bool> beside(static_cast<size_t>(fine.num_nodes));
+            for (int32_t e = 0; e < macros.count; e++) {
+                (macros.start[e + 1] - macros.start[e] == 8 ? hexahedra : tets)++;
+                for (int32_t c = macros.start[e]; c < macros.start[e + 1]; c++) {
+                    ASSERT_EQ(system->upsample->node[8 * macros.node[c]], macros.node[c]);
+                    if (macros.start[e + 1] - macros.start[e] == 4) beside[macros.node[c]] = true;
+                }
+            }
+            EXPECT_GT(tets, 50);
+            EXPECT_GT(hexahedra, 50);
+            for (size_t n = 0; n < before.size() / 3; n++) {
+                if (body.model->system->free_of_node[n] >= 0 || system->free_of_node[n] < 0) continue;
+                freed++;
+                for (int d = 0; d < 3; d++) EXPECT_NEAR(body.data->solver->now.x[3 * n + d], before[3 * n + d], 1e-12);
+            }
+            EXPECT_GT(freed, 0);
+            double a[9] = {1.02, 0.01, 0, 0.01, 0.97, 0.02, 0, 0.02, 1.01}, b[3] = {0.01, 0, 0}, inside = 0;
+            std::vector<double> stretched = affine(fine, a, b), force(3 * static_cast<size_t>(system->num_free));
+            std::vector<double> room(static_cast<size_t>(system->num_blocks) * 12 * LANES);
+            pliant_system_element_forces(system, stretched.data(), reinterpret_cast<double (*)[12][LANES]>(room.data()));
+            pliant_system_gather(system, reinterpret_cast<double (*)[12][LANES]>(room.data()), force.data());
+            for (int32_t f = 0; f < system->num_free; f++) {
+                const int32_t n = system->node_of_free[f];
+                bool edge = beside[n]; // forces of a face go to its corners otherwise in a tetrahedron
+                for (int d = 0; d < 3; d++) edge = edge || fine.rest[3 * n + d] < 1e-9 || fine.rest[3 * n + d] > 0.08 - 1e-9;
+                for (int d = 0; d < 3 && !edge; d++) inside = std::fmax(inside, std::fabs(force[3 * f + d]));
+            }
+            EXPECT_LT(inside, 1e-5 * largest(force));
+        }
+        ASSERT_EQ(body.settle(), PLIANT_OK) << body.data->statistics.residual;
+        tip[which] = 0;
+        for (int32_t n = 0; n < body.model->body->fine.num_nodes; n++)
+            if (fine.rest[3 * n + 2] > 0.0799) tip[which] = std::fmax(tip[which], fine.rest[3 * n] - body.data->positions[3 * n]);
+    }
+    std::printf("cut half through, largest way of the top: octree of hexahedra %.3f, of tetrahedra %.3f of the fine lattice's\n", tip[1] / tip[0], tip[2] / tip[0]);
+    EXPECT_LT(tip[1], 1.02 * tip[0]);
+    EXPECT_GT(tip[1], 1.05 * tip[2]);
+}
+
+// Explicit dynamics of an octree: leaves of every size have the forces of an affine displacement, and it relaxes nearer to the fine lattice than tetrahedra do.
+TEST(OctreeHexahedra, AreExplicitToo)
+{
+    double tip[3];
+    for (int which = 0; which < 3; which++) { // fine lattice, octree, octree of tetrahedra
+        Octree body(1);
+        body.scene.solver.kind = PLIANT_TLED;
+        body.scene.tled.quasi_static = true;
+        body.scene.tled.relaxation_steps = 600;
+        body.scene.solver.tolerance = 1e-3;
+        body.scene.model.gravity[0] = -0.5;
+        if (which == 0) {
+            body.scene.mesh.kind = PLIANT_LATTICE;
+            body.cells(8, 8, 8, 1);
+        }
+        if (which == 2) body.scene.element.kind = PLIANT_LINEAR;
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        const pliant_mesh &fine = body.model->body->fine;
+        const pliant_tled_system *system = body.model->tled;
+        pliant_tled *tled = body.data->tled;
+        if (which == 1) {
+            std::vector<bool> beside(static_cast<size_t>(fine.num_nodes));
+            int sizes[9] = {0};
+            for (int32_t c = 0; c < system->cubes->count; c++) sizes[system->cubes->size[c]]++;
+            for (int32_t t = 0; t < system->cubes->num_tets; t++)
+                for (int v = 0; v < 4; v++) beside[fine.tets[4 * system->cubes->tet[t] + v]] = true;
+            EXPECT_GT(sizes[1], 50);
+            EXPECT_GT(sizes[2] + sizes[4], 5);
+            const double a[9] = {0.02, 0.01, 0, 0.01, -0.03, 0.02, 0, 0.02, 0.01};
+            for (int32_t n = 0; n < 3 * fine.num_nodes; n++)
+                for (int d = 0; d < 3; d++) tled->u[n] += a[3 * (n % 3) + d] * fine.rest[n - n % 3 + d];
+            pliant_tled_element_forces(tled, tled->time_step);
+            double inside = 0, all = 0;
+            for (int32_t n = 0; n < fine.num_nodes; n++) {
+                double force[3] = {0, 0, 0};
+                bool edge = beside[n];
+                for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++)
+                    for (int d = 0; d < 3; d++) force[d] += tled->forces[system->corner[c] + d * LANES];
+                for (int d = 0; d < 3; d++) edge = edge || fine.rest[3 * n + d] < 1e-9 || fine.rest[3 * n + d] > 0.08 - 1e-9;
+                for (int d = 0; d < 3; d++) (edge ? all : inside) = std::fmax(edge ? all : inside, std::fabs(force[d]));
+            }
+            EXPECT_LT(inside, 1e-4 * all);
+            pliant_tled_reset(tled);
+        }
+        ASSERT_EQ(body.settle(), PLIANT_OK) << body.data->statistics.residual;
+        tip[which] = 0;
+        for (int32_t n = 0; n < fine.num_nodes; n++)
+            if (fine.rest[3 * n + 2] > 0.0799) tip[which] = std::fmax(tip[which], fine.rest[3 * n] - body.data->positions[3 * n]);
+    }
+    std::printf("explicit, largest way of the top: octree of hexahedra %.3f, of tetrahedra %.3f of the fine lattice's\n", tip[1] / tip[0], tip[2] / tip[0]);
+    EXPECT_LT(tip[1], 1.02 * tip[0]);
+    EXPECT_GT(tip[1], 1.05 * tip[2]);
 }
 
 // Between a ball a hundred times as stiff and the rest it goes where a lattice as fine as its smallest leaves goes, and nearer than tetrahedra's octree.

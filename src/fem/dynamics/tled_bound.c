@@ -61,11 +61,12 @@ static uint64_t *materials_around(const pliant_voxels *voxels)
 /* of hexahedra: an eighth of their mass is at each corner */
 static void take_cubes(const pliant_body *body, pliant_tled_system *system)
 {
-    const double *size = system->mesh->cell_size, edge = fmin(size[0], fmin(size[1], size[2]));
     for (int32_t c = 0; c < system->cubes->count; c++) {
         const pliant_cube *cube = system->cubes->cube + c;
-        double lambda, mu, density;
+        double size[3], lambda, mu, density;
         bool moves = false;
+        pliant_tled_cube_size(system->mesh, system->cubes, c, size);
+        const double edge = fmin(size[0], fmin(size[1], size[2]));
         pliant_tled_cube_mean(system->mesh, cube, body->fine_material, &lambda, &mu, &density);
         for (int v = 0; v < 8; v++) moves = moves || !body->fine_fixed[cube->node[v]];
         if (!moves || !(density > 0)) continue;

@@ -164,9 +164,10 @@ static void add_cubes(const pliant_tled_system *system, const pliant_tet_materia
 {
     for (int32_t c = 0; c < system->cubes->count; c++) {
         const pliant_cube *cube = system->cubes->cube + c;
-        double lambda, mu, density, volume = pliant_tled_cube_mean(system->mesh, cube, material, &lambda, &mu, &density);
+        double size[3], lambda, mu, density, volume = pliant_tled_cube_mean(system->mesh, cube, material, &lambda, &mu, &density);
+        pliant_tled_cube_size(system->mesh, system->cubes, c, size);
         for (int v = 0; v < 8; v++)
-            pseudo_mass[cube->node[v]] += 0.25 * volume * pliant_cube_largest_eigenvalue(system->mesh->cell_size, lambda, mu);
+            pseudo_mass[cube->node[v]] += 0.25 * volume * pliant_cube_largest_eigenvalue(size, lambda, mu);
     }
 }
 

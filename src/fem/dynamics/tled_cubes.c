@@ -32,6 +32,11 @@ double pliant_cube_largest_eigenvalue(const double size[3], double lambda, doubl
     return largest;
 }
 
+void pliant_tled_cube_size(const pliant_mesh *mesh, const pliant_tled_cubes *cubes, int32_t cube, double size[3])
+{
+    for (int d = 0; d < 3; d++) size[d] = mesh->cell_size[d] * (cubes->size ? cubes->size[cube] : 1);
+}
+
 double pliant_tled_cube_mean(const pliant_mesh *mesh, const pliant_cube *cube, const pliant_tet_material *material, double *lambda, double *mu,
                              double *density)
 {
@@ -49,16 +54,18 @@ double pliant_tled_cube_mean(const pliant_mesh *mesh, const pliant_cube *cube, c
 
 static pliant_status allocate(const pliant_mesh *mesh, pliant_tled_cubes *cubes)
 {
-    pliant_status status = pliant_cubes_find(mesh, true, &cubes->cube, &cubes->count);
+    pliant_status status = mesh->lattice_of_tet ? pliant_cubes_find(mesh, true, &cubes->cube, &cubes->count)
+                                                : pliant_octree_cubes_find(mesh, &cubes->cube, &cubes->size, &cubes->count);
     if (status != PLIANT_OK) return status;
     cubes->num_blocks = (cubes->count + LANES - 1) / LANES;
     cubes->num_tets = mesh->num_tets - 5 * cubes->count;
     cubes->nodes = pliant_calloc((size_t)cubes->num_blocks + 1, sizeof *cubes->nodes);
     cubes->moduli = pliant_calloc((size_t)cubes->num_blocks + 1, sizeof *cubes->moduli);
+    cubes->finer = pliant_calloc((size_t)cubes->num_blocks + 1, sizeof *cubes->finer);
     cubes->tet = pliant_calloc((size_t)cubes->num_tets + 1, sizeof *cubes->tet);
     cubes->element_of_tet = pliant_calloc((size_t)mesh->num_tets, sizeof *cubes->element_of_tet);
     cubes->node_mass = pliant_calloc((size_t)mesh->num_nodes, sizeof *cubes->node_mass);
-    return cubes->nodes && cubes->moduli && cubes->tet && cubes->element_of_tet && cubes->node_mass ? PLIANT_OK
+    return cubes->nodes && cubes->moduli && cubes->finer && cubes->tet && cubes->element_of_tet && cubes->node_mass ? PLIANT_OK
                                                                                                       : pliant_fail_memory("the hexahedra");
 }
 
@@ -90,6 +97,7 @@ static void fill(const pliant_mesh *mesh, const pliant_tet_material *material, p
     for (int32_t c = 0; c < cubes->num_blocks * LANES; c++) {
         const int32_t cube = c < cubes->count ? c : cubes->count - 1; /* padding: the last one again, without stiffness */
         for (int v = 0; v < 8; v++) cubes->nodes[c / LANES][v][c % LANES] = cubes->cube[cube].node[v];
+        cubes->finer[c / LANES][c % LANES] = 1.0f / (float)(cubes->size ? cubes->size[cube] : 1);
         if (cube != c) continue;
         fill_cube(mesh, material, law, cubes, c);
         for (int slot = 0; slot < 5; slot++) cubes->element_of_tet[cubes->cube[c].tet[slot]] = first + c;
@@ -121,7 +129,7 @@ pliant_status pliant_tled_cubes_create(const pliant_mesh *mesh, const pliant_tet
 void pliant_tled_cubes_free(pliant_tled_cubes *cubes)
 {
     if (!cubes) return;
-    void *blocks[] = {cubes->cube, cubes->nodes, cubes->moduli, cubes->tet, cubes->element_of_tet, cubes->node_mass};
+    void *blocks[] = {cubes->cube, cubes->nodes, cubes->moduli, cubes->finer, cubes->size, cubes->tet, cubes->element_of_tet, cubes->node_mass};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(cubes);
 }

@@ -5,7 +5,10 @@
  * out every linear displacement, |w_m| does not feel a rotation (Joldes, Wittek, Miller, Commun. Numer. Meth. Engng 24:1315, 2008), and
  *     W = V psi(F) + sum over m of 1/2 k_m |w_m / 8|^2
  * is an energy. k is no free parameter: it is what the deviatoric stress of the trilinear displacement costs in bending, V mu 10/7 (1/h_x^2 +
- * 1/h_y^2) for xy (the other axes' Poisson contraction taken in), V mu 40/81 (1/h_x^2 + 1/h_y^2 + 1/h_z^2) for xyz. */
+ * 1/h_y^2) for xy (the other axes' Poisson contraction taken in), V mu 40/81 (1/h_x^2 + 1/h_y^2 + 1/h_z^2) for xyz.
+ *
+ * Of an octree, leaves without smaller ones beside them are hexahedra; the others, whose nodes in the middle of edges and faces move by themselves, are
+ * tetrahedra. */
 #ifndef PLIANT_FEM_DYNAMICS_TLED_CUBES_H
 #define PLIANT_FEM_DYNAMICS_TLED_CUBES_H
 
@@ -21,8 +24,10 @@ struct pliant_tled_cubes {
     pliant_cube *cube;          /* (count) */
     int32_t (*nodes)[8][LANES]; /* (num_blocks) */
     float (*moduli)[3][LANES];  /* as of tetrahedra; padding carries nothing */
-    float gradient[9];          /* H = sum over axes a of w_a gradient_a' */
-    float hourglass[8];         /* k_m / 64 over V mu, what has relaxed in the end taken off */
+    float (*finer)[LANES];      /* (num_blocks) 1 over the edge in smallest cells, of an octree's leaves */
+    float gradient[9];          /* of a smallest cell: H = finer sum over axes a of w_a gradient_a' */
+    float hourglass[8];         /* likewise: k_m / 64 over V mu finer^2, what has relaxed in the end taken off */
+    int32_t *size;              /* (count) edge in smallest cells */
     int32_t num_tets;           /* that are in no cube */
     int32_t *tet;               /* (num_tets) */
     int32_t *element_of_tet;    /* (num_tets of the mesh) lane by lane: of the tetrahedra's blocks, then of the hexahedra's */
@@ -33,6 +38,8 @@ struct pliant_tled_cubes {
 pliant_status pliant_tled_cubes_create(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law, double prony,
                                        pliant_tled_cubes **out);
 void pliant_tled_cubes_free(pliant_tled_cubes *cubes); /* Nullable */
+/* edges of one [m] */
+void pliant_tled_cube_size(const pliant_mesh *mesh, const pliant_tled_cubes *cubes, int32_t cube, double size[3]);
 /* means over a cube; its volume [m^3] */
 double pliant_tled_cube_mean(const pliant_mesh *mesh, const pliant_cube *cube, const pliant_tet_material *material, double *lambda, double *mu,
                              double *density);

@@ -134,8 +134,10 @@ INLINE void transform(float w[8][LANES], float sign)
 }
 
 /* modes of a block of cubes, and the mean gradient: H or its change */
-INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, int32_t nodes[8][LANES], float w[3][8][LANES], float h[9][LANES])
+INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, int32_t block, float w[3][8][LANES], float h[9][LANES])
 {
+    int32_t (*nodes)[LANES] = cubes->nodes[block];
+    const float *finer = cubes->finer[block];
     for (int l = 0; l < LANES; l++) {
         const double *first = u + 3 * (size_t)nodes[0][l];
         for (int v = 0; v < 8; v++)
@@ -145,18 +147,18 @@ INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, int32_t 
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
             for (int l = 0; l < LANES; l++)
-                h[3 * r + c][l] = w[r][1][l] * cubes->gradient[c] + w[r][2][l] * cubes->gradient[3 + c] + w[r][4][l] * cubes->gradient[6 + c];
+                h[3 * r + c][l] = finer[l] * (w[r][1][l] * cubes->gradient[c] + w[r][2][l] * cubes->gradient[3 + c] + w[r][4][l] * cubes->gradient[6 + c]);
 }
 
 INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool damped, int32_t block, float dt, float *out)
 {
     const pliant_tled_system *system = tled->system;
     const pliant_tled_cubes *cubes = system->cubes;
-    const float factor = damped ? (float)system->stiffness_damping / dt : 0;
+    const float factor = damped ? (float)system->stiffness_damping / dt : 0, *finer = cubes->finer[block];
     float (*moduli)[LANES] = cubes->moduli[block], w[3][8][LANES], more[3][8][LANES], h[9][LANES], change[9][LANES], p[9][LANES];
-    load_modes(cubes, tled->u, cubes->nodes[block], w, h);
+    load_modes(cubes, tled->u, block, w, h);
     if (damped) {
-        load_modes(cubes, tled->d, cubes->nodes[block], more, change);
+        load_modes(cubes, tled->d, block, more, change);
         for (int r = 0; r < 3; r++)
             for (int m = 0; m < 8; m++)
                 for (int l = 0; l < LANES; l++) w[r][m][l] += factor * more[r][m][l];
@@ -164,11 +166,11 @@ INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool viscous, b
     block_stress(system, law, viscous, damped, dt, h, change, moduli, NULL, viscous ? tled->memory[system->num_blocks + block] : NULL, p);
     for (int r = 0; r < 3; r++) {
         for (int m = 0; m < 8; m++)
-            for (int l = 0; l < LANES; l++) w[r][m][l] *= cubes->hourglass[m] * moduli[0][l];
+            for (int l = 0; l < LANES; l++) w[r][m][l] *= cubes->hourglass[m] * moduli[0][l] * (finer[l] * finer[l]);
         for (int axis = 0; axis < 3; axis++)
             for (int l = 0; l < LANES; l++)
-                w[r][1 << axis][l] = p[3 * r][l] * cubes->gradient[3 * axis] + p[3 * r + 1][l] * cubes->gradient[3 * axis + 1] +
-                                     p[3 * r + 2][l] * cubes->gradient[3 * axis + 2];
+                w[r][1 << axis][l] = finer[l] * (p[3 * r][l] * cubes->gradient[3 * axis] + p[3 * r + 1][l] * cubes->gradient[3 * axis + 1] +
+                                                 p[3 * r + 2][l] * cubes->gradient[3 * axis + 2]);
         transform(w[r], -1);
         for (int v = 0; v < 8; v++)
             for (int l = 0; l < LANES; l++) out[(3 * v + r) * LANES + l] = w[r][v][l];

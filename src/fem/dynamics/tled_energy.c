@@ -13,9 +13,10 @@ static void deformation_of(const pliant_tled *tled, const int32_t nodes[4], cons
 }
 
 /* F of a cube, and its hourglass modes */
-static void modes_of(const pliant_tled *tled, const pliant_cube *cube, double back, double f[9], double w[8][3])
+static void modes_of(const pliant_tled *tled, int32_t index, double back, double f[9], double w[8][3])
 {
     const pliant_tled_cubes *cubes = tled->system->cubes;
+    const pliant_cube *cube = cubes->cube + index;
     for (int m = 0; m < 8; m++)
         for (int r = 0; r < 3; r++) {
             w[m][r] = 0;
@@ -28,14 +29,15 @@ static void modes_of(const pliant_tled *tled, const pliant_cube *cube, double ba
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++) {
             f[3 * r + c] = r == c;
-            for (int axis = 0; axis < 3; axis++) f[3 * r + c] += w[1 << axis][r] * cubes->gradient[3 * axis + c];
+            for (int axis = 0; axis < 3; axis++) f[3 * r + c] += w[1 << axis][r] * cubes->gradient[3 * axis + c] / (cubes->size ? cubes->size[index] : 1);
         }
 }
 
-static void cube_energies(const pliant_tled *tled, const pliant_tet_material *material, const pliant_cube *cube, double *strain, double *before,
-                          double *work)
+static void cube_energies(const pliant_tled *tled, const pliant_tet_material *material, int32_t index, double *strain, double *before, double *work)
 {
     const pliant_tled_system *system = tled->system;
+    const pliant_cube *cube = system->cubes->cube + index;
+    const double finer = 1.0 / (system->cubes->size ? system->cubes->size[index] : 1);
     double volume[5], lambda[5], mu[5], g[12], f[2][9], stress[2][9], w[2][8][3], whole = 0, mean[2] = {0, 0};
     for (int slot = 0; slot < 5; slot++) volume[slot] = pliant_mesh_gradients(system->mesh, cube->tet[slot], g);
     pliant_cube_moduli(cube, volume, material, lambda, mu);
@@ -46,16 +48,16 @@ static void cube_energies(const pliant_tled *tled, const pliant_tet_material *ma
     }
     for (int back = 0; back < 2; back++) {
         double *sum = back ? before : strain;
-        modes_of(tled, cube, back, f[back], w[back]);
+        modes_of(tled, index, back, f[back], w[back]);
         *sum += whole * pliant_law_response(system->law, mean[0] / whole, mean[1] / whole, f[back], stress[back]);
         for (int m = 3; m < 8; m++)
-            for (int r = 0; r < 3; r++) *sum += 0.5 * mean[1] * system->cubes->hourglass[m] * w[back][m][r] * w[back][m][r];
+            for (int r = 0; r < 3; r++) *sum += 0.5 * mean[1] * finer * finer * system->cubes->hourglass[m] * w[back][m][r] * w[back][m][r];
     }
     for (int m = 0; m < 9; m++) *work += whole * (stress[0][m] - stress[1][m]) * (f[0][m] - f[1][m]);
     for (int m = 3; m < 8; m++)
         for (int r = 0; r < 3; r++) {
             double apart = w[0][m][r] - w[1][m][r];
-            *work += mean[1] * system->cubes->hourglass[m] * apart * apart;
+            *work += mean[1] * finer * finer * system->cubes->hourglass[m] * apart * apart;
         }
 }
 
@@ -74,7 +76,7 @@ void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *ma
         *kinetic += 0.5 * square / (tled->inverse_mass[n] * tled->time_step * tled->time_step);
     }
     for (int32_t c = 0; system->cubes && c < system->cubes->count; c++)
-        cube_energies(tled, material, system->cubes->cube + c, strain, &before, &work);
+        cube_energies(tled, material, c, strain, &before, &work);
     for (int32_t e = 0; e < (system->cubes ? system->cubes->num_tets : mesh->num_tets); e++) {
         const int32_t t = system->cubes ? system->cubes->tet[e] : e;
         const int32_t *nodes = mesh->tets + 4 * (size_t)t;

@@ -90,13 +90,13 @@ bool pliant_cube_of(const pliant_mesh *mesh, int32_t tet, pliant_cube *out)
     return out->tet[mesh->lattice_of_tet[tet] % 5] == tet;
 }
 
-static bool is_box(const pliant_mesh *mesh, const pliant_cube *cube)
+bool pliant_cube_is_box(const pliant_mesh *mesh, const pliant_cube *cube, int32_t size)
 {
     for (int v = 1; v < CORNERS; v++)
         for (int d = 0; d < 3; d++) {
             double apart = mesh->rest[3 * cube->node[v] + d] - mesh->rest[3 * cube->node[0] + d];
             for (int axis = 0; axis < 3; axis++)
-                if (v >> axis & 1) apart -= mesh->direction[3 * d + axis] * mesh->cell_size[axis];
+                if (v >> axis & 1) apart -= mesh->direction[3 * d + axis] * mesh->cell_size[axis] * size;
             if (fabs(apart) > 1e-6 * mesh->cell_size[0]) return false;
         }
     return true;
@@ -112,7 +112,7 @@ pliant_status pliant_cubes_find(const pliant_mesh *mesh, bool boxes, pliant_cube
     pliant_status status = first && tets && next && *out ? PLIANT_OK : pliant_fail_memory("the hexahedra");
     if (status == PLIANT_OK) list_tets(mesh, first, next, tets);
     for (int32_t cell = 0; status == PLIANT_OK && (size_t)cell < cells; cell++)
-        if (tets[cell] == 5 && is_whole(mesh, cell, first[cell] - 1, next, *out + *count) && (!boxes || is_box(mesh, *out + *count))) ++*count;
+        if (tets[cell] == 5 && is_whole(mesh, cell, first[cell] - 1, next, *out + *count) && (!boxes || pliant_cube_is_box(mesh, *out + *count, 1))) ++*count;
     pliant_free(first);
     pliant_free(tets);
     pliant_free(next);

@@ -24,6 +24,11 @@ typedef struct pliant_cube_shape {
 
 /* Cubes whose five tetrahedra meet at eight nodes, ascending: *out (*count). boxes: only those that no moved node bends. Errors: MEMORY. */
 pliant_status pliant_cubes_find(const pliant_mesh *mesh, bool boxes, pliant_cube **out, int32_t *count);
+/* Leaves of an octree with five tetrahedra that meet at eight nodes, so none in the middle of an edge or face, and that no moved node bends; size: (*count)
+ * edge in smallest cells. Errors: MEMORY. */
+pliant_status pliant_octree_cubes_find(const pliant_mesh *mesh, pliant_cube **out, int32_t **size, int32_t *count);
+/* whether no moved node bends one whose edge is so many cells */
+bool pliant_cube_is_box(const pliant_mesh *mesh, const pliant_cube *cube, int32_t size);
 /* parity: of its cell */
 void pliant_cube_integrate(const pliant_mesh *mesh, const pliant_cube *cube, int parity, pliant_cube_shape *out);
 /* Gradients of the eight shape functions at a point of the cube [0, 1]^3, x its corners; returns the determinant of the map. */

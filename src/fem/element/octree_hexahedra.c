@@ -16,6 +16,7 @@
 enum { CORNERS = 8, UNKNOWNS = 24, PLACES = 27 };
 
 typedef struct leaves {
+    const pliant_mesh *mesh;
     pliant_system *system;
     int32_t (*origin)[3];     /* (num_leaves) in smallest cells */
     int32_t *size;            /* (num_leaves) likewise; 0: without tissue */
@@ -35,7 +36,7 @@ static int place_of_corner(int v) { return 2 * (v & 1) + 6 * (v >> 1 & 1) + 18 *
 
 static void find_leaves(leaves *work)
 {
-    const pliant_mesh *mesh = work->system->mesh;
+    const pliant_mesh *mesh = work->mesh;
     int32_t at[3], cell = 0;
     for (at[2] = 0; at[2] < mesh->cells[2]; at[2]++)
         for (at[1] = 0; at[1] < mesh->cells[1]; at[1]++)
@@ -55,7 +56,7 @@ static void find_leaves(leaves *work)
 /* Nodes of a leaf by place; false: a cut has added a tetrahedron to it, or a node to a place. */
 static bool find_places(leaves *work, int32_t leaf)
 {
-    const pliant_mesh *mesh = work->system->mesh;
+    const pliant_mesh *mesh = work->mesh;
     const int32_t nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1;
     int32_t *node = work->node[leaf], tets = 0;
     bool whole = true;
@@ -105,7 +106,7 @@ static void divide(leaves *work, int32_t leaf)
 /* every node itself, and what is in the middle of a hexahedron its corners */
 static void find_followers(leaves *work)
 {
-    const pliant_mesh *mesh = work->system->mesh;
+    const pliant_mesh *mesh = work->mesh;
     pliant_upsample *upsample = work->system->upsample;
     for (int32_t v = 0; v < CORNERS * mesh->num_nodes; v++) {
         upsample->node[v] = v / CORNERS;
@@ -152,8 +153,7 @@ static int followed(const leaves *work, int32_t leaf, int32_t node[CORNERS], dou
 /* Which leaves are hexahedra, until none has to be divided. */
 static void choose(leaves *work)
 {
-    const pliant_mesh *mesh = work->system->mesh;
-    for (int32_t leaf = 0; leaf < mesh->num_leaves; leaf++) work->whole[leaf] = work->size[leaf] > 0 && find_places(work, leaf);
+    const pliant_mesh *mesh = work->mesh;
     do {
         work->changed = false;
         for (int32_t leaf = 0; leaf < mesh->num_leaves; leaf++)
@@ -170,7 +170,7 @@ static void choose(leaves *work)
 
 static void hold_followers(const leaves *work, uint8_t *fixed)
 {
-    const pliant_mesh *mesh = work->system->mesh;
+    const pliant_mesh *mesh = work->mesh;
     const pliant_upsample *upsample = work->system->upsample;
     for (int32_t n = 0; n < mesh->num_nodes; n++)
         for (int v = 0; work->follows[n] && fixed[n] && v < CORNERS; v++)
@@ -183,7 +183,7 @@ static void hold_followers(const leaves *work, uint8_t *fixed)
 
 static const pliant_cube_shape *shape_of(leaves *work, int32_t leaf, const pliant_cube *cube)
 {
-    const pliant_mesh *mesh = work->system->mesh;
+    const pliant_mesh *mesh = work->mesh;
     int level = 0, parity = 0;
     while (1 << level < work->size[leaf]) level++;
     for (int d = 0; d < 3; d++) parity ^= work->origin[leaf][d] / work->size[leaf] & 1;
@@ -205,7 +205,7 @@ static int32_t find_earlier(const leaves *work, int32_t leaf, const int32_t node
 /* C'KC of a leaf, and C' of its mean gradient */
 static void condense(leaves *work, int32_t leaf, const pliant_tet_material *material, double c[CORNERS][CORNERS], double *shear, double *gradient, double *out)
 {
-    const int32_t *start = work->system->mesh->leaf_start + leaf;
+    const int32_t *start = work->mesh->leaf_start + leaf;
     pliant_cube cube;
     double k[UNKNOWNS * UNKNOWNS], half[UNKNOWNS * UNKNOWNS] = {0};
     for (int v = 0; v < CORNERS; v++) cube.node[v] = work->node[leaf][place_of_corner(v)];
@@ -249,7 +249,7 @@ static pliant_status add_leaf(leaves *work, int32_t leaf, const pliant_tet_mater
 
 static pliant_status add_all(leaves *work, const pliant_tet_material *material)
 {
-    const pliant_mesh *mesh = work->system->mesh;
+    const pliant_mesh *mesh = work->mesh;
     pliant_macros *macros = work->system->macros;
     pliant_status status = PLIANT_OK;
     int32_t element = 0;
@@ -265,15 +265,30 @@ static pliant_status add_all(leaves *work, const pliant_tet_material *material)
     return status;
 }
 
+static pliant_status begin(leaves *work)
+{
+    const size_t num_leaves = (size_t)work->mesh->num_leaves;
+    bool good = (work->origin = pliant_calloc(num_leaves, sizeof *work->origin)) && (work->size = pliant_calloc(num_leaves, sizeof *work->size)) &&
+                (work->first = pliant_calloc(num_leaves, sizeof *work->first)) && (work->next = pliant_calloc((size_t)work->mesh->num_tets, sizeof *work->next)) &&
+                (work->node = pliant_calloc(num_leaves, sizeof *work->node)) && (work->whole = pliant_calloc(num_leaves, 1));
+    if (!good) return pliant_fail_memory("the hexahedra");
+    find_leaves(work);
+    for (int32_t leaf = 0; leaf < work->mesh->num_leaves; leaf++) work->whole[leaf] = work->size[leaf] > 0 && find_places(work, leaf);
+    return PLIANT_OK;
+}
+
+static void end(leaves *work)
+{
+    void *blocks[] = {work->origin, work->size, work->first, work->next, work->node, work->whole, work->follows, work->of_tet, work->shape, work->element};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+}
+
 static pliant_status make_room(leaves *work)
 {
     pliant_system *system = work->system;
-    const size_t num_leaves = (size_t)system->mesh->num_leaves, nodes = (size_t)system->mesh->num_nodes;
+    const size_t num_leaves = (size_t)work->mesh->num_leaves, nodes = (size_t)work->mesh->num_nodes;
     pliant_upsample *upsample = system->upsample = pliant_calloc(1, sizeof *upsample);
-    bool good = upsample && (work->origin = pliant_calloc(num_leaves, sizeof *work->origin)) && (work->size = pliant_calloc(num_leaves, sizeof *work->size)) &&
-                (work->first = pliant_calloc(num_leaves, sizeof *work->first)) && (work->next = pliant_calloc((size_t)system->mesh->num_tets, sizeof *work->next)) &&
-                (work->node = pliant_calloc(num_leaves, sizeof *work->node)) && (work->whole = pliant_calloc(num_leaves, 1)) &&
-                (work->follows = pliant_calloc(nodes, 1)) && (work->of_tet = pliant_calloc(nodes, 1)) &&
+    bool good = upsample && (work->follows = pliant_calloc(nodes, 1)) && (work->of_tet = pliant_calloc(nodes, 1)) &&
                 (work->shape = pliant_calloc(2 * (PLIANT_MAX_DEPTH + 1), sizeof *work->shape)) &&
                 (work->element = pliant_calloc(num_leaves, sizeof *work->element)) &&
                 (upsample->node = pliant_calloc(nodes, CORNERS * sizeof *upsample->node)) &&
@@ -286,7 +301,7 @@ static pliant_status make_room(leaves *work)
 static pliant_status allocate_elements(leaves *work)
 {
     size_t count = 0, corners = 0;
-    for (int32_t leaf = 0; leaf < work->system->mesh->num_leaves; leaf++) {
+    for (int32_t leaf = 0; leaf < work->mesh->num_leaves; leaf++) {
         count += work->whole[leaf];
         corners += work->whole[leaf] ? CORNERS : 0;
         for (int32_t t = work->first[leaf] - 1; !work->whole[leaf] && t >= 0; t = work->next[t]) count++, corners += 4;
@@ -300,16 +315,34 @@ static pliant_status allocate_elements(leaves *work)
 pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept,
                                              uint8_t *fixed)
 {
-    leaves work = {.system = system, .earlier = before && kept ? before->macros : NULL, .kept = kept};
-    pliant_status status = make_room(&work);
+    leaves work = {.mesh = system->mesh, .system = system, .earlier = before && kept ? before->macros : NULL, .kept = kept};
+    pliant_status status = begin(&work);
+    if (status == PLIANT_OK) status = make_room(&work);
     if (status == PLIANT_OK) {
-        find_leaves(&work);
         choose(&work);
         hold_followers(&work, fixed);
         status = allocate_elements(&work);
     }
     if (status == PLIANT_OK) status = add_all(&work, material);
-    void *blocks[] = {work.origin, work.size, work.first, work.next, work.node, work.whole, work.follows, work.of_tet, work.shape, work.element};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    end(&work);
+    return status;
+}
+
+pliant_status pliant_octree_cubes_find(const pliant_mesh *mesh, pliant_cube **out, int32_t **size, int32_t *count)
+{
+    leaves work = {.mesh = mesh};
+    *count = 0;
+    *out = pliant_calloc((size_t)mesh->num_leaves, sizeof **out);
+    *size = pliant_calloc((size_t)mesh->num_leaves, sizeof **size);
+    pliant_status status = *out && *size ? begin(&work) : pliant_fail_memory("the hexahedra");
+    for (int32_t leaf = 0; status == PLIANT_OK && leaf < mesh->num_leaves; leaf++) {
+        pliant_cube *cube = *out + *count;
+        if (!work.whole[leaf] || mesh->leaf_start[leaf + 1] - mesh->leaf_start[leaf] != 5) continue;
+        for (int v = 0; v < CORNERS; v++) cube->node[v] = work.node[leaf][place_of_corner(v)];
+        for (int slot = 0; slot < 5; slot++) cube->tet[slot] = mesh->leaf_start[leaf] + slot;
+        (*size)[*count] = work.size[leaf];
+        *count += pliant_cube_is_box(mesh, cube, work.size[leaf]);
+    }
+    end(&work);
     return status;
 }
