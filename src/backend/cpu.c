@@ -21,9 +21,10 @@ pliant_status pliant_cpu_nothing(const pliant_model *model, pliant_data *data)
 
 pliant_status pliant_push(pliant_data *data)
 {
-    if (data->patch && data->contacts.count > 0 && !data->solver->touches)
-        pliant_log(PLIANT_LOG_WARNING, "contact: shapes of tools push the coarse mesh; a patch (model/patch) does not know of them, and may move tissue into one");
-    return pliant_solver_touch(data->solver, &data->contacts, data->falling ? pliant_falling_touch_pieces(data->falling) : NULL, data->positions);
+    pliant_contacts *points;
+    pliant_status status = pliant_patch_divide(data, &points);
+    if (status != PLIANT_OK) return status;
+    return pliant_solver_touch(data->solver, points, data->falling ? pliant_falling_touch_pieces(data->falling) : NULL, data->positions);
 }
 
 static pliant_status solve(const pliant_model *model, pliant_data *data)

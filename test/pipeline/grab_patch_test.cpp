@@ -1,5 +1,6 @@
 // Patches around what tools hold (model/patch), against the fine solution.
 #include "body.h"
+#include "pliant/contact.h"
 
 #include "state/data.h"
 #include "pliant/memory.h"
@@ -493,6 +494,41 @@ TEST(GrabPatch, SurvivesEveryFailureOfAllocation)
     EXPECT_TRUE(whole);
     EXPECT_GT(failed, 5);
     EXPECT_GT(refused, 20);
+}
+
+// A ball pressed into the top: force and depth as the fine mesh has them, though nothing is held; and where it presses next.
+TEST(GrabPatch, WhatPressesIsHeldByThePatchAsByTheFineMesh)
+{
+    double force[3][2];
+    std::vector<double> x[3];
+    for (int kind = 0; kind < 3; kind++) {
+        Patched block(kind == 0 ? PLIANT_FINE : PLIANT_AVERAGED, kind == 2 ? 0.07 : 0);
+        Body &body = block.body;
+        pliant_tool_shape ball{};
+        ball.num_parts = 1;
+        ball.part[0].kind = PLIANT_PART_SPHERE;
+        ball.part[0].radius = 0.03;
+        int tool;
+        ASSERT_EQ(pliant_tool_add(body.model, body.data, "ball", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_shape(body.data, tool, &ball), PLIANT_OK);
+        for (int place = 0; place < 2; place++) {
+            const double to = place ? 0.06 : 0.13;
+            for (int s = 0; s < 60; s++) {
+                const double tip[3] = {to, 0.1, side + 0.03 - 0.0005 * std::min(s, 24)};
+                ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+                ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+            }
+            if (kind == 2) EXPECT_EQ(body.data->statistics.patched, 1);
+            force[kind][place] = 0;
+            for (int32_t p = 0; p < body.data->contacts.count; p++) force[kind][place] -= body.data->contacts.point[p].force[2];
+        }
+        x[kind] = block.positions();
+    }
+    for (int place = 0; place < 2; place++) {
+        EXPECT_GT(force[1][place], 1.3 * force[0][place]) << "without it";
+        EXPECT_NEAR(force[2][place], force[0][place], 0.02 * force[0][place]) << place;
+    }
+    EXPECT_LT(apart(x[2], x[0]), 0.1 * apart(x[1], x[0]));
 }
 
 } // namespace

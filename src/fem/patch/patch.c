@@ -84,15 +84,10 @@ static void forget_hold(pliant_patch *patch, int tool)
     }
 }
 
-static bool still_held(const pliant_data *data, int tool, uint64_t hold)
-{
-    return hold != 0 && tool < data->num_tools && pliant_tool_grips(data->tools + tool) && data->tools[tool].hold == hold;
-}
-
 static bool serves(const pliant_data *data, int tool)
 {
     const pliant_patch *patch = data->patch;
-    return patch && patch->basis && patch->serves[tool] && still_held(data, tool, patch->holds[tool].hold);
+    return patch && patch->basis && patch->serves[tool] && patch_still_held(data, tool, patch->holds[tool].hold);
 }
 
 static pliant_status room_create(const pliant_discretization *discretization, const pliant_basis *basis, patch_room *out)
@@ -130,6 +125,7 @@ void pliant_patch_reset(pliant_patch *patch)
     basis_drop(patch, NULL);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) forget_hold(patch, t);
     memset(patch->refused, 0, sizeof patch->refused);
+    memset(patch->press, 0, sizeof patch->press);
 }
 
 void pliant_patch_free(pliant_patch *patch)
@@ -139,6 +135,7 @@ void pliant_patch_free(pliant_patch *patch)
     pliant_preconditioner_free(patch->preconditioner);
     pliant_patch_free(patch->before);
     pliant_discretization_release(patch->discretization);
+    patch_contact_free(patch);
     pliant_free(patch);
 }
 
@@ -210,7 +207,7 @@ static void refuse(pliant_patch *patch, const pliant_data *data, int tool)
 static bool is_abandoned(const pliant_patch *patch, const pliant_data *data)
 {
     bool held = false;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) held = held || still_held(data, t, patch->job.holds[t].hold);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) held = held || patch_still_held(data, t, patch->job.holds[t].hold);
     return patch->job.running && !held;
 }
 
@@ -241,8 +238,9 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
             forget_hold(patch, t);
             patch->holds[t] = job->holds[t];
             job->copied[t] = false;
+            patch->press[t].before = 0;
         }
-        patch->serves[t] = patch->basis && still_held(data, t, patch->holds[t].hold);
+        patch->serves[t] = patch->basis && patch_still_held(data, t, patch->holds[t].hold);
         if (!patch->serves[t]) continue;
         pliant_solver_release(data->solver, t); /* the coarse model is rid of it */
         data->tools[t].attached = false;
@@ -261,7 +259,8 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
 static bool waits(const pliant_data *data, int tool)
 {
     const pliant_patch *patch = data->patch;
-    return pliant_tool_grips(data->tools + tool) && !patch->serves[tool] && !patch_is_refused(patch, data, tool);
+    const uint64_t hold = patch_hold_of(data, tool);
+    return hold && !(patch->serves[tool] && patch->holds[tool].hold == hold) && !patch_is_refused(patch, data, tool);
 }
 
 /* what pliant_patch_step goes back to when it fails */
@@ -282,6 +281,7 @@ pliant_status pliant_patch_begin(pliant_data *data)
 {
     pliant_patch *patch = data->patch;
     free_before(patch);
+    patch_find_presses(data);
     bool abandoned = is_abandoned(patch, data);
     if (abandoned) atomic_store(&patch->stop, true); /* it ends by itself; nobody waits for that */
     else if (patch->job.running && arrives(patch, data, PLIANT_TAKES_PATCH, data->statistics.step >= patch->job.due)) {
@@ -290,7 +290,7 @@ pliant_status pliant_patch_begin(pliant_data *data)
     }
     bool used = false, wanted = false;
     for (int t = 0; t < data->num_tools; t++) {
-        bool held = still_held(data, t, patch->holds[t].hold);
+        bool held = patch_still_held(data, t, patch->holds[t].hold);
         if (patch->serves[t] && !held) { /* the others go on in the same basis */
             pliant_solver_release(patch->solver, t);
             patch->serves[t] = false;
@@ -395,11 +395,16 @@ pliant_status pliant_patch_step(pliant_data *data)
     solver->takes_history = PLIANT_TAKES_PATCH_HISTORY;
     if (data->solver->budget > 0) solver->budget = fmax(data->solver->budget - statistics->seconds[PLIANT_STEP_solve], 1e-9);
     follow(patch, data->positions);
-    pliant_status status = pliant_solver_step(solver, &own);
+    pliant_status status = pliant_solver_touch(solver, &patch->inside, NULL, solver->now.x);
+    if (status == PLIANT_OK) status = pliant_solver_step(solver, &own);
     if (status < 0) {
         undo(patch, data);
         return status;
     }
+    patch_merge(data);
+    statistics->contacts = 0;
+    for (int32_t p = 0; p < data->contacts.count; p++) statistics->contacts += data->contacts.point[p].begun;
+    statistics->penetration = fmax(patch->outside.count > 0 ? statistics->penetration : 0, own.penetration);
     pliant_basis_positions(basis, patch->discretization->fine_system, data->positions, solver->now.x, data->positions);
     for (int t = 0; t < data->num_tools; t++) statistics->patched += serves(data, t);
     statistics->patch_iterations = own.iterations;

@@ -1,4 +1,4 @@
-/* Patches: a local fine solution around what the tools hold, on top of a coarse model, which sees no point force (NUMERICS 3).
+/* Patches: a local fine solution around what the tools hold or press, on top of a coarse model, which sees no point force (NUMERICS 3).
  *
  * When a tool takes hold, the fine mesh's response to it is computed in the background, and the basis (basis.h) made of that and
  * of the nodes around all holds. It is put to use a fixed number of steps later, whether the other thread was fast or not; from
@@ -30,6 +30,8 @@ pliant_status pliant_patch_create(const pliant_scene *scene, const pliant_discre
 void pliant_patch_free(pliant_patch *patch); /* Nullable */
 /* The patches of the next body are there. Where threads still work for those before, these are freed later, by a step that need not wait. */
 void pliant_patch_succeed(pliant_patch *patch, pliant_patch *before);
+/* The step's points that the coarse model has to hold; all: data->contacts. Errors: MEMORY. */
+pliant_status pliant_patch_divide(pliant_data *data, pliant_contacts **coarse);
 /* Nothing held, nothing moved. */
 void pliant_patch_reset(pliant_patch *patch);
 

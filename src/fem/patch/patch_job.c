@@ -198,7 +198,7 @@ void patch_job_clear(pliant_patch *patch)
 
 bool patch_is_refused(const pliant_patch *patch, const pliant_data *data, int tool)
 {
-    return patch->refused[tool] == data->tools[tool].hold && data->statistics.step < patch->refused_until[tool];
+    return patch->refused[tool] == patch_hold_of(data, tool) && data->statistics.step < patch->refused_until[tool];
 }
 
 /* what two tools do together matters where their near parts touch */
@@ -233,9 +233,10 @@ pliant_status patch_job_start(pliant_patch *patch, pliant_data *data)
     pliant_status status = PLIANT_OK;
     for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
         const pliant_tool *tool = data->tools + t;
-        if (!pliant_tool_grips(tool) || patch_is_refused(patch, data, t)) continue;
-        job->copied[t] = patch->holds[t].hold != tool->hold;
-        if (job->copied[t]) status = hold_copy(&patch->discretization->body->fine, tool, job->holds + t);
+        const uint64_t hold = patch_hold_of(data, t);
+        if (!hold || patch_is_refused(patch, data, t)) continue;
+        job->copied[t] = patch->holds[t].hold != hold;
+        if (job->copied[t]) status = pliant_tool_grips(tool) ? hold_copy(&patch->discretization->body->fine, tool, job->holds + t) : patch_press_copy(data, t, job->holds + t);
         else job->holds[t] = patch->holds[t];
     }
     if (status == PLIANT_OK && !(job->x = pliant_calloc(bytes, 1))) status = pliant_fail_memory("a patch");

@@ -41,6 +41,13 @@ typedef struct patch_room {
     double force[PLIANT_MAX_ROWS];       /* of the tools, likewise */
 } patch_room;
 
+/* Where a tool presses by its shape (patch_contact.c). */
+typedef struct patch_press {
+    uint64_t hold;            /* in place of pliant_tool.hold; 0: nowhere */
+    uint64_t before;          /* what the patch in use is for, until that for hold is there; 0: none */
+    double centre[3];         /* at rest, when it was first wanted [m] */
+} patch_press;
+
 struct pliant_patch {
     const pliant_scene *scene;
     const pliant_discretization *discretization; /* retained */
@@ -57,7 +64,24 @@ struct pliant_patch {
     pliant_basis *basis;      /* Nullable */
     pliant_solver *solver;    /* of it */
     patch_room room;
+    patch_press press[PLIANT_MAX_TOOLS];
+    uint64_t num_presses;     /* that there ever were */
+    pliant_contacts inside, outside; /* the step's points: of the near part's nodes; those that the coarse model has */
+    int32_t room_of, *point_of; /* (room_of) of each point which of outside, or -1 - which of inside */
+    uint8_t *own;             /* (fine nodes) that the patch moves freely */
 };
+
+/* ---- patch_contact.c */
+/* What a tool has hold of or presses at; 0: nothing */
+uint64_t patch_hold_of(const pliant_data *data, int tool);
+bool patch_still_held(const pliant_data *data, int tool, uint64_t hold);
+/* Who presses, by the forces of the last step. */
+void patch_find_presses(pliant_data *data);
+/* As a hold. Errors: MEMORY. */
+pliant_status patch_press_copy(const pliant_data *data, int tool, patch_hold *out);
+/* Forces of inside and outside to the step's points. */
+void patch_merge(pliant_data *data);
+void patch_contact_free(pliant_patch *patch);
 
 void patch_hold_free(patch_hold *hold);
 /* whether no patch could be made for what a tool holds, and it is not time to try again */

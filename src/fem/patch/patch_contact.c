@@ -1,0 +1,165 @@
+/* Patches and contact. A tool whose shape presses gets a patch as one that holds does, around where it presses: what stands for its hold is how its force
+ * was spread when the patch was asked for. Points whose nodes the patch moves freely are solved in it; all others push the coarse model. */
+#include "base/fail.h"
+#include "contact/find.h"
+#include "fem/patch/patch_job.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+#define OF_A_PRESS ((uint64_t)1 << 63) /* no hold of a tool has such a number */
+
+uint64_t patch_hold_of(const pliant_data *data, int tool)
+{
+    return pliant_tool_grips(data->tools + tool) ? data->tools[tool].hold : data->patch->press[tool].hold;
+}
+
+bool patch_still_held(const pliant_data *data, int tool, uint64_t hold)
+{
+    if (hold == 0 || tool >= data->num_tools) return false;
+    if (pliant_tool_grips(data->tools + tool)) return data->tools[tool].hold == hold;
+    return data->patch->press[tool].hold == hold || data->patch->press[tool].before == hold;
+}
+
+static double size_of(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
+
+/* Where a tool presses, at rest. @return the sum of its forces [N]; -1: it is not near anything */
+static double find_centre(const pliant_data *data, int tool, double centre[3])
+{
+    double sum = -1;
+    memset(centre, 0, 3 * sizeof *centre);
+    for (int32_t p = 0; p < data->contacts.count; p++) {
+        const pliant_contact_point *point = data->contacts.point + p;
+        if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != tool) continue;
+        const double force = size_of(point->force);
+        sum = fmax(sum, 0) + force;
+        for (int32_t k = 0; k < point->count; k++)
+            for (int d = 0; d < 3; d++) centre[d] += force * point->weight[k] * data->body->fine.rest[3 * (size_t)point->node[k] + (size_t)d];
+    }
+    for (int d = 0; d < 3 && sum > 0; d++) centre[d] /= sum;
+    return sum;
+}
+
+void patch_find_presses(pliant_data *data)
+{
+    pliant_patch *patch = data->patch;
+    const double farther = 0.5; /* of the radius: then a patch is wanted elsewhere */
+    for (int t = 0; t < data->num_tools; t++) {
+        patch_press *press = patch->press + t;
+        double centre[3], apart[3];
+        const double force = pliant_tool_grips(data->tools + t) ? -1 : find_centre(data, t, centre);
+        if (force < 0) memset(press, 0, sizeof *press);
+        if (!(force > 0)) continue;
+        for (int d = 0; d < 3; d++) apart[d] = centre[d] - press->centre[d];
+        if (press->hold && size_of(apart) < farther * patch->scene->model.patch) continue;
+        if (press->hold && patch->job.running) continue; /* one after the other */
+        if (patch->serves[t] && press->hold) press->before = press->hold; /* until the next one is there */
+        press->hold = OF_A_PRESS | ++patch->num_presses;
+        memcpy(press->centre, centre, sizeof centre);
+    }
+}
+
+pliant_status patch_press_copy(const pliant_data *data, int tool, patch_hold *out)
+{
+    const pliant_patch *patch = data->patch;
+    pliant_foothold foothold = {.count = 0};
+    int32_t room = 0;
+    double sum = 0;
+    for (int32_t p = 0; p < data->contacts.count; p++) room += data->contacts.point[p].count;
+    foothold.nodes = pliant_calloc((size_t)room + 1, sizeof *foothold.nodes);
+    foothold.weights = pliant_calloc((size_t)room + 1, sizeof *foothold.weights);
+    if (!foothold.nodes || !foothold.weights) {
+        pliant_free(foothold.nodes);
+        pliant_free(foothold.weights);
+        return pliant_fail_memory("a patch");
+    }
+    for (int32_t p = 0; p < data->contacts.count; p++) {
+        const pliant_contact_point *point = data->contacts.point + p;
+        const double force = size_of(point->force);
+        if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != tool || !(force > 0)) continue;
+        for (int32_t k = 0; k < point->count; k++) {
+            int32_t h = 0;
+            while (h < foothold.count && foothold.nodes[h] != point->node[k]) h++;
+            if (h == foothold.count) foothold.nodes[foothold.count++] = point->node[k];
+            foothold.weights[h] += force * point->weight[k];
+            sum += force * point->weight[k];
+        }
+    }
+    for (int32_t h = 0; h < foothold.count; h++) foothold.weights[h] /= sum;
+    memcpy(foothold.centre, patch->press[tool].centre, sizeof foothold.centre);
+    *out = (patch_hold){.hold = patch->press[tool].hold, .foothold = foothold};
+    return PLIANT_OK;
+}
+
+/* ---- whose a point is */
+
+static pliant_status reserve(pliant_patch *patch, const pliant_data *data)
+{
+    const int32_t count = data->contacts.count, nodes = data->body->fine.num_nodes;
+    pliant_status status = pliant_contacts_reserve(&patch->inside, count);
+    if (status == PLIANT_OK) status = pliant_contacts_reserve(&patch->outside, count);
+    if (status != PLIANT_OK) return status;
+    if (count > patch->room_of) {
+        int32_t *of = pliant_resize(patch->point_of, 2 * (size_t)count, sizeof *of);
+        if (!of) return pliant_fail_memory("a patch");
+        patch->point_of = of;
+        patch->room_of = 2 * count;
+    }
+    if (!patch->own && !(patch->own = pliant_calloc((size_t)nodes, 1))) return pliant_fail_memory("a patch");
+    memset(patch->own, 0, (size_t)nodes);
+    const pliant_basis *basis = patch->basis;
+    for (int32_t n = 0; n < basis->num_own; n++) patch->own[basis->fine_node[basis->system.node_of_free[basis->own[n]]]] = 1;
+    return PLIANT_OK;
+}
+
+static bool is_inside(const pliant_patch *patch, const pliant_contact_point *point)
+{
+    for (int32_t k = 0; k < point->count; k++)
+        if (!patch->own[point->node[k]]) return false;
+    return true;
+}
+
+pliant_status pliant_patch_divide(pliant_data *data, pliant_contacts **coarse)
+{
+    pliant_patch *patch = data->patch;
+    *coarse = &data->contacts;
+    if (!patch) return PLIANT_OK;
+    patch->inside.count = patch->outside.count = 0;
+    if (!patch->basis || data->contacts.count == 0) return PLIANT_OK;
+    pliant_status status = reserve(patch, data);
+    if (status != PLIANT_OK) return status;
+    for (int32_t p = 0; p < data->contacts.count; p++) {
+        const pliant_contact_point *point = data->contacts.point + p;
+        const bool inside = is_inside(patch, point);
+        pliant_contacts *to = inside ? &patch->inside : &patch->outside;
+        patch->point_of[p] = inside ? -1 - to->count : to->count;
+        to->point[to->count] = *point;
+        for (int32_t k = 0; k < point->count && inside; k++) to->point[to->count].node[k] = patch->basis->near_node[point->node[k]];
+        to->count++;
+    }
+    *coarse = &patch->outside;
+    return PLIANT_OK;
+}
+
+void patch_merge(pliant_data *data)
+{
+    const pliant_patch *patch = data->patch;
+    if (patch->inside.count + patch->outside.count != data->contacts.count) return;
+    for (int32_t p = 0; p < data->contacts.count; p++) {
+        const int32_t of = patch->point_of[p];
+        const pliant_contact_point *from = of < 0 ? patch->inside.point + (-1 - of) : patch->outside.point + of;
+        pliant_contact_point *point = data->contacts.point + p;
+        memcpy(point->force, from->force, sizeof point->force);
+        memcpy(point->anchor, from->anchor, sizeof point->anchor);
+        point->begun = from->begun;
+    }
+}
+
+void patch_contact_free(pliant_patch *patch)
+{
+    pliant_free(patch->inside.point);
+    pliant_free(patch->outside.point);
+    pliant_free(patch->point_of);
+    pliant_free(patch->own);
+}
