@@ -14,6 +14,8 @@ static void carry_limits(pliant_solver *solver, const pliant_solver *from)
     solver->refresh_delay = from->refresh_delay;
     solver->convert_delay = from->convert_delay;
     solver->budget = from->budget;
+    solver->evaluation_seconds = from->evaluation_seconds;
+    solver->even = from->even;
     solver->clock = from->clock;
     solver->clock_user = from->clock_user;
 }

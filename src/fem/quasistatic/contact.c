@@ -246,8 +246,7 @@ static void turn(pliant_solver *solver)
         }
 }
 
-/* out += rows of the point on v, in the nodes' axes */
-static void apply_rows(const pliant_touches *touches, int32_t c, const double *v, double out[3])
+void pliant_touches_apply(const pliant_touches *touches, int32_t c, const double *v, double out[3])
 {
     for (int32_t w = touches->start[c]; w < touches->start[c + 1]; w++) {
         const double *block = touches->turned + 9 * (size_t)w, *at = v + 3 * (size_t)touches->unknown[w];
@@ -255,8 +254,7 @@ static void apply_rows(const pliant_touches *touches, int32_t c, const double *v
     }
 }
 
-/* v += the rows' transposes on the points' forces */
-static void pull(const pliant_touches *touches, const double *force, double *v)
+void pliant_touches_pull(const pliant_touches *touches, const double *force, double *v)
 {
     for (int32_t c = 0; c < touches->count; c++) {
         const double *f = force + 3 * (size_t)c;
@@ -303,7 +301,7 @@ static void set_springs(const pliant_solver *solver, const int *tool, int num_to
             const double *response = solver->handles[tool[t]].response + n * d;
             for (int32_t c = 0; c < touches->count; c++) {
                 double moved[3] = {0, 0, 0};
-                apply_rows(touches, c, response, moved);
+                pliant_touches_apply(touches, c, response, moved);
                 for (size_t r = 0; r < 3; r++)
                     touches->matrix[(3 * (size_t)c + r) * row + points + 3 * t + d] = touches->matrix[(points + 3 * t + d) * row + 3 * (size_t)c + r] = moved[r];
             }
@@ -437,7 +435,7 @@ pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at)
         moved_point(solver->system, touches, c, at->x, y);
         for (int d = 0; d < 3; d++) y[d] -= touches->goal[3 * (size_t)c + (size_t)d];
         into_frame(touches->frame + 9 * (size_t)c, y, motion);
-        apply_rows(touches, c, at->free_step, motion);
+        pliant_touches_apply(touches, c, at->free_step, motion);
     }
     if (touches->pieces) pliant_touches_move_pieces(touches, touches->taken.force, false, touches->motion);
     for (int t = 0; t < num_tools; t++)
@@ -445,8 +443,8 @@ pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at)
     const bool changed = pliant_touches_find(touches, num_tools, touches->matrix);
     if (!changed && !touches->factor) return PLIANT_OK;
     memset(touches->step, 0, n * sizeof *touches->step);
-    pull(touches, touches->change, touches->step);
-    pull(touches, touches->change, at->residual);
+    pliant_touches_pull(touches, touches->change, touches->step);
+    pliant_touches_pull(touches, touches->change, at->residual);
     if (touches->factor) {
         pliant_factor_end(touches->factor, touches->step, at->step);
         return PLIANT_OK;

@@ -91,6 +91,9 @@ bool pliant_touches_find(pliant_touches *touches, int num_tools, const double *m
 /* Tools that pull by springs, in A after the points; returns how many. Room for A and what is found with it. Errors: MEMORY. */
 int pliant_touches_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS]);
 pliant_status pliant_touches_make_matrix(pliant_touches *touches, int num_tools);
+/* out (3) += the rows of a point on v, and v += the rows' transposes on the forces (count x 3) of all; v in the nodes' own axes */
+void pliant_touches_apply(const pliant_touches *touches, int32_t point, const double *v, double out[3]);
+void pliant_touches_pull(const pliant_touches *touches, const double *force, double *v);
 /* what was evaluated last becomes the state of the step */
 void pliant_touches_take(pliant_touches *touches);
 /* Forces and anchors to the points, how deep the deepest lies. */

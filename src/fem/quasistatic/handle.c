@@ -167,8 +167,7 @@ pliant_status pliant_solver_respond(pliant_solver *solver)
     return PLIANT_OK;
 }
 
-/* target - y - c l */
-static void find_stretch(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3])
+void pliant_handle_stretch(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3])
 {
     const pliant_handle *handle = solver->handles + tool;
     double y[3];
@@ -178,45 +177,56 @@ static void find_stretch(const pliant_solver *solver, int tool, const pliant_ite
 
 void pliant_handle_gap(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3])
 {
-    find_stretch(solver, tool, at, out);
+    pliant_handle_stretch(solver, tool, at, out);
     for (int d = 0; d < 3; d++) out[d] = -out[d];
     pliant_handle_apply(solver->handles + tool, at->free_step, out);
 }
 
-bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at)
+int pliant_solver_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS], double matrix[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS])
 {
-    const pliant_handle *list[PLIANT_MAX_TOOLS];
-    int index[PLIANT_MAX_TOOLS], count = 0;
+    const size_t n = pliant_solver_unknowns(solver);
+    int count = 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        if (pliant_handle_is_spring(solver->handles + t)) {
-            index[count] = t;
-            list[count++] = solver->handles + t;
-        }
-    memset(at->step_force, 0, sizeof at->step_force);
-    if (count == 0) return true;
-    size_t n = pliant_solver_unknowns(solver);
-    double s[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS] = {0}, right[PLIANT_MAX_ROWS];
-    int rows = 3 * count;
-    for (int a = 0; a < count; a++) {
-        double w[3] = {0, 0, 0};
-        find_stretch(solver, index[a], at, right + 3 * a);
-        pliant_handle_apply(list[a], at->step, w);
-        for (int d = 0; d < 3; d++) right[3 * a + d] -= w[d];
+        if (pliant_handle_is_spring(solver->handles + t)) index[count++] = t;
+    const int rows = 3 * count;
+    for (int a = 0; a < count; a++)
         for (int b = 0; b < count; b++)
             for (int d = 0; d < 3; d++) {
                 double column[3] = {0, 0, 0};
-                pliant_handle_apply(list[a], list[b]->response + n * (size_t)d, column);
-                for (int r = 0; r < 3; r++) s[(3 * a + r) * rows + 3 * b + d] = column[r] + (a == b && r == d ? list[a]->compliance : 0);
+                pliant_handle_apply(solver->handles + index[a], solver->handles[index[b]].response + n * (size_t)d, column);
+                for (int r = 0; r < 3; r++)
+                    matrix[(3 * a + r) * rows + 3 * b + d] = column[r] + (a == b && r == d ? solver->handles[index[a]].compliance : 0);
             }
+    return count;
+}
+
+void pliant_solver_respond_to(const pliant_solver *solver, int tool, const double force[3], double *step)
+{
+    const size_t n = pliant_solver_unknowns(solver);
+    for (int d = 0; d < 3; d++) {
+        const double *z = solver->handles[tool].response + n * (size_t)d;
+        for (size_t i = 0; i < n; i++) step[i] += force[d] * z[i];
     }
-    if (!pliant_dense_solve(rows, s, 1, right)) return false;
+}
+
+bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at)
+{
+    int index[PLIANT_MAX_TOOLS];
+    double s[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS] = {0}, right[PLIANT_MAX_ROWS];
+    memset(at->step_force, 0, sizeof at->step_force);
+    const int count = pliant_solver_springs(solver, index, s);
+    if (count == 0) return true;
+    for (int a = 0; a < count; a++) {
+        double w[3] = {0, 0, 0};
+        pliant_handle_stretch(solver, index[a], at, right + 3 * a);
+        pliant_handle_apply(solver->handles + index[a], at->step, w);
+        for (int d = 0; d < 3; d++) right[3 * a + d] -= w[d];
+    }
+    if (!pliant_dense_solve(3 * count, s, 1, right)) return false;
     for (int a = 0; a < count; a++) {
         memcpy(at->step_force + 3 * index[a], right + 3 * a, 3 * sizeof *right);
-        pliant_handle_pull(list[a], right + 3 * a, at->residual);
-        for (int d = 0; d < 3; d++) {
-            const double *z = list[a]->response + n * (size_t)d;
-            for (size_t i = 0; i < n; i++) at->step[i] += right[3 * a + d] * z[i];
-        }
+        pliant_handle_pull(solver->handles + index[a], right + 3 * a, at->residual);
+        pliant_solver_respond_to(solver, index[a], right + 3 * a, at->step);
     }
     return true;
 }

@@ -4,18 +4,28 @@
  * with the tissue (modal warping: Choi and Ko, IEEE TVCG 11:91, 2005): on straight lines, what turns is stretched, and no measure of the residual would
  * take it. Whether it is good, the step's first evaluation tells, as of a blind step. */
 #include "base/fail.h"
-#include "fem/quasistatic/solver.h"
+#include "fem/quasistatic/held.h"
 #include "pliant/memory.h"
 
 #include <string.h>
 
 enum { MOST_PRODUCTS = 8 };
 
-/* in the nodes' own axes, (3 num_free) */
+/* in the nodes' own axes, (3 num_free), and the forces of what holds */
 typedef struct newton_step {
     double *way, *along; /* as far as it is found; the direction of now */
+    pliant_held_forces pulls, pulls_along, pulls_next;
     double energy;       /* of it: residual . way [J] */
+    pliant_held held;
 } newton_step;
+
+static void free_step(newton_step *found)
+{
+    pliant_free(found->way);
+    pliant_free(found->along);
+    pliant_free(found->pulls.row);
+    pliant_held_free(&found->held);
+}
 
 static double longest(const pliant_solver *solver, const double *v)
 {
@@ -50,6 +60,56 @@ static bool multiply(pliant_solver *solver, const double *v, double *out)
     return true;
 }
 
+/* forces = forces + share * other */
+static void add_forces(const pliant_held *held, double share, const pliant_held_forces *other, pliant_held_forces *forces)
+{
+    for (int r = 0; r < PLIANT_MAX_ROWS; r++) forces->tool[r] += share * other->tool[r];
+    for (int32_t r = 0; r < held->contact_rows; r++) forces->row[r] += share * other->row[r];
+}
+
+static void scale_forces(const pliant_held *held, double share, pliant_held_forces *forces)
+{
+    for (int r = 0; r < PLIANT_MAX_ROWS; r++) forces->tool[r] *= share;
+    for (int32_t r = 0; r < held->contact_rows; r++) forces->row[r] *= share;
+}
+
+/* Room, and from what was evaluated the first direction. *goes: it is one. */
+static pliant_status begin(const pliant_solver *solver, newton_step *found, bool *goes)
+{
+    const size_t n = pliant_solver_unknowns(solver);
+    pliant_status status = pliant_held_create(solver, &found->held, goes);
+    if (status != PLIANT_OK || !*goes) return status;
+    const size_t rows = (size_t)found->held.contact_rows;
+    found->way = pliant_calloc(n, sizeof *found->way);
+    found->along = pliant_calloc(n, sizeof *found->along);
+    found->pulls.row = pliant_calloc(3 * rows + 1, sizeof *found->pulls.row);
+    if (!found->way || !found->along || !found->pulls.row) return pliant_fail_memory("the solver");
+    found->pulls_along.row = found->pulls.row + rows;
+    found->pulls_next.row = found->pulls_along.row + rows;
+    memcpy(found->along, solver->now.step, n * sizeof *found->along);
+    memcpy(found->pulls_along.tool, solver->now.step_force, sizeof solver->now.step_force);
+    for (size_t r = 0; r < rows; r++) found->pulls_along.row[r] = solver->touches->change[found->held.contact_row[r]];
+    return PLIANT_OK;
+}
+
+/* Whether what holds has moved since the last step: the first direction goes with it then, and is to be gone as it is. */
+static bool is_led(const pliant_solver *solver, const newton_step *found)
+{
+    const double hardly = 0.01 * longest(solver, found->along);
+    double most = 0;
+    for (int t = 0; t < found->held.num_tools; t++) {
+        double stretch[3];
+        pliant_handle_stretch(solver, found->held.tool[t], &solver->now, stretch);
+        for (int d = 0; d < 3; d++) most = fmax(most, fabs(stretch[d]));
+    }
+    for (int32_t r = 0; r < found->held.contact_rows; r++) {
+        double moved[3] = {0, 0, 0};
+        pliant_touches_apply(solver->touches, found->held.contact_row[r] / 3, found->along, moved);
+        most = fmax(most, fabs(moved[found->held.contact_row[r] % 3]));
+    }
+    return most > hardly;
+}
+
 /* By conjugate gradients from what was evaluated. Returns in *products, at most so many on entry, how many it took. */
 static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_t *products)
 {
@@ -57,75 +117,130 @@ static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_
     const double enough = 0.01; /* of the norm of the residual, of which a hinge has a small part: with 0.05 it is left as it was (NUMERICS 10) */
     const int32_t most = *products;
     double *left = solver->trial.residual, *step = solver->trial.free_step, *pulled = solver->trial.step;
+    bool led = is_led(solver, found);
     memcpy(left, solver->now.residual, n * sizeof *left);
-    memcpy(step, solver->now.free_step, n * sizeof *step);
-    memcpy(found->along, step, n * sizeof *step);
-    double norm = pliant_solver_product(solver, left, step);
+    pliant_held_pull(solver, &found->held, &found->pulls_along, -1, left);
+    double norm = pliant_solver_product(solver, left, found->along);
     const double first = norm;
     for (*products = 0; *products < most && norm > enough * enough * first && multiply(solver, found->along, pulled);) {
-        const double curvature = pliant_solver_product(solver, found->along, pulled), share = norm / curvature;
+        const double curvature = pliant_solver_product(solver, found->along, pulled) + pliant_solver_spring_energy(solver, found->pulls_along.tool, found->pulls_along.tool);
+        const double share = led ? 1 : norm / curvature;
         ++*products;
         if (!(curvature > 0) || !isfinite(share)) break;
+        pliant_held_pull(solver, &found->held, &found->pulls_along, -1, pulled);
         for (size_t i = 0; i < n; i++) {
             found->way[i] += share * found->along[i];
             left[i] -= share * pulled[i];
         }
+        add_forces(&found->held, share, &found->pulls_along, &found->pulls);
         found->energy += share * norm;
         if (*products == most) break;
         pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, left, step);
+        if (status == PLIANT_OK) status = pliant_held_keep(solver, &found->held, step, &found->pulls_next);
         if (status != PLIANT_OK) return status;
         const double before = norm;
         norm = pliant_solver_product(solver, left, step);
-        for (size_t i = 0; i < n; i++) found->along[i] = step[i] + norm / before * found->along[i];
+        const double turned = led ? 0 : norm / before;
+        led = false;
+        for (size_t i = 0; i < n; i++) found->along[i] = step[i] + turned * found->along[i];
+        scale_forces(&found->held, turned, &found->pulls_along);
+        add_forces(&found->held, 1, &found->pulls_next, &found->pulls_along);
     }
     return PLIANT_OK;
 }
 
-/* The state is Newton's, and the axes are of it. */
-static void take_step(pliant_solver *solver, const newton_step *found)
+/* Contacts' forces after a share of the step, within their cones. */
+static void take_points(pliant_solver *solver, const newton_step *found, double share)
 {
-    const double straight = 20, farthest = 250; /* thousandths of the body's length that are gone at once; in all: what hangs by little is sent metres away */
+    pliant_touches *touches = solver->touches;
+    if (!pliant_touches_any(touches)) return;
+    pliant_touches_take(touches);
+    for (int32_t r = 0; r < found->held.contact_rows; r++) {
+        const int32_t row = found->held.contact_row[r];
+        touches->taken.force[row] += share * found->pulls.row[r] - touches->change[row];
+    }
+    for (int32_t c = 0; c < touches->count; c++) {
+        double *force = touches->taken.force + 3 * (size_t)c;
+        force[0] = fmax(force[0], 0);
+        const double slide = sqrt(force[1] * force[1] + force[2] * force[2]), most = touches->friction[c] * force[0];
+        for (int k = 1; k < 3 && slide > most; k++) force[k] *= most / slide;
+    }
+}
+
+/* How fast the potential energy falls along the way where it has led to, by elastic forces alone. */
+static double slope_at(pliant_solver *solver, const double *way)
+{
+    double *left = solver->trial.residual;
+    pliant_solver_elastic_forces(solver, &solver->now);
+    memcpy(left, solver->load, pliant_solver_unknowns(solver) * sizeof *left);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        if (solver->handles[t].active) pliant_handle_load(solver->handles + t, solver->handles[t].by_force ? solver->handles[t].force : solver->now.force + 3 * t, left);
+    if (pliant_touches_any(solver->touches)) pliant_touches_load(solver->touches, left);
+    for (int32_t f = 0; f < solver->system->num_free; f++) {
+        for (int d = 0; d < 3; d++) left[3 * f + d] -= solver->now.elastic[3 * f + d];
+        pliant_into_node_axes(solver->rotations, f, left + 3 * f);
+    }
+    return pliant_solver_product(solver, way, left);
+}
+
+static void go(pliant_solver *solver, const newton_step *found, double share)
+{
+    const size_t bytes = 3 * (size_t)solver->system->mesh->num_nodes * sizeof(double);
+    place_trial(solver, found->way, share);
+    memcpy(solver->now.x, solver->trial.x, bytes);
+    for (int r = 0; r < PLIANT_MAX_ROWS; r++) solver->now.force[r] += share * found->pulls.tool[r];
+    if (solver->rotations) pliant_nodal_rotations_update(solver->system, solver->now.x, solver->rotations);
+}
+
+/* The state is Newton's, and the axes are of it. */
+static pliant_status take_step(pliant_solver *solver, const newton_step *found)
+{
+    /* Thousandths of the body's length that are gone at once; from where on each part is looked at; in all: what hangs by little is sent metres away. */
+    const double straight = 20, doubted = 250, farthest = 800;
     const double length = longest(solver, found->way) / solver->rules.smallest_displacement, share = fmin(1, farthest / length);
     const int most = 8, parts = (int)fmin(fmax(ceil(share * length / straight), 1), most);
-    const size_t bytes = 3 * (size_t)solver->system->mesh->num_nodes * sizeof(double);
-    memcpy(solver->previous_x, solver->now.x, bytes);
+    double gone = 0, slope = found->energy;
+    memcpy(solver->previous_x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->previous_x);
     memcpy(solver->previous_force, solver->now.force, sizeof solver->previous_force);
     solver->rules.blind = 1;
     solver->rules.sound_merit = sqrt(found->energy);
     for (int p = 0; p < parts; p++) {
-        place_trial(solver, found->way, share / parts);
-        memcpy(solver->now.x, solver->trial.x, bytes);
-        if (solver->rotations) pliant_nodal_rotations_update(solver->system, solver->now.x, solver->rotations);
+        const double part = share / parts;
+        go(solver, found, part);
+        gone += part;
+        if (!(gone * length > doubted)) continue;
+        const double before = slope;
+        slope = slope_at(solver, found->way);
+        if (slope > 0) continue;
+        const double back = part * slope / (slope - before); /* to where it is lowest */
+        go(solver, found, -back);
+        gone -= back;
+        break;
     }
-    if (!solver->rotations) return;
+    take_points(solver, found, gone);
+    if (!solver->rotations) return PLIANT_OK;
     pliant_solver_turned(solver);
     pliant_in_use_turned(&solver->in_use);
+    pliant_status status = pliant_solver_respond(solver);
+    if (solver->touches) pliant_answers_forget(&solver->touches->answers);
+    return status == PLIANT_OK ? pliant_touches_respond(solver) : status;
 }
 
-/* Springs and contacts have a part in steps that products of the stiffness know nothing of; time is not counted here. */
-static bool is_for(const pliant_solver *solver)
+pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *evaluations)
 {
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        if (pliant_handle_is_spring(solver->handles + t)) return false;
     const int32_t least = 4; /* evaluations: the state, a product, what it leads to, and what is left of that */
-    return solver->opened && !(solver->budget > 0) && !solver->system->basis && !pliant_touches_any(solver->touches) && solver->rules.most_evaluations >= least;
-}
-
-pliant_status pliant_solver_open(pliant_solver *solver, int32_t *evaluations)
-{
-    const bool goes = is_for(solver);
+    bool goes = solver->opened && !solver->system->basis && most >= least;
     *evaluations = 0;
     solver->opened = false;
     if (!goes) return PLIANT_OK;
     pliant_status status = pliant_solver_evaluate(solver, &solver->now);
     if (status != PLIANT_OK || !isfinite(solver->now.merit) || !(solver->now.merit > 0)) return status;
-    const size_t n = pliant_solver_unknowns(solver);
-    newton_step found = {.way = pliant_calloc(n, sizeof *found.way), .along = pliant_calloc(n, sizeof *found.along)};
-    int32_t products = solver->rules.most_evaluations - 2 < MOST_PRODUCTS ? solver->rules.most_evaluations - 2 : MOST_PRODUCTS;
-    status = found.way && found.along ? find_step(solver, &found, &products) : pliant_fail_memory("the solver");
-    if (status == PLIANT_OK && found.energy > 0) take_step(solver, &found);
-    *evaluations = 1 + products;
-    pliant_free(found.way);
-    pliant_free(found.along);
+    newton_step found = {0};
+    int32_t products = most - 2 < MOST_PRODUCTS ? most - 2 : MOST_PRODUCTS;
+    status = begin(solver, &found, &goes);
+    if (status == PLIANT_OK && goes) status = find_step(solver, &found, &products);
+    if (status == PLIANT_OK && goes && found.energy > 0) status = take_step(solver, &found);
+    *evaluations = goes ? 1 + products : 1;
+    free_step(&found);
     return status;
 }

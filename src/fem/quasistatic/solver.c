@@ -253,13 +253,26 @@ pliant_even_limit pliant_solver_limit(const pliant_solver *solver)
     return pliant_even_next(&solver->even, pliant_background_is_live(solver->background));
 }
 
-/* Newton's step after a cut and the iterations together take no more evaluations than any step. */
-static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time, int32_t *evaluations)
+/* What the first step after a cut may take: a third more than any step, but live no more than twice the median, where that is more than usual, and
+ * no more than there is time for. */
+static int32_t first_evaluations(const pliant_solver *solver, const step_time *time)
 {
     const int32_t most = solver->rules.most_evaluations;
-    pliant_status status = pliant_solver_open(solver, evaluations);
-    solver->rules.most_evaluations -= *evaluations;
+    int32_t allowed = most + (most + 2) / 3;
+    if (solver->budget > 0) {
+        const int32_t possible = affordable(solver, time, INFINITY);
+        return possible < allowed ? possible : allowed;
+    }
+    return time->limit.evaluations < allowed ? (time->limit.evaluations > most ? time->limit.evaluations : most) : allowed;
+}
+
+static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time, int32_t *evaluations)
+{
+    const int32_t most = solver->rules.most_evaluations, allowed = first_evaluations(solver, time);
+    pliant_status status = pliant_solver_open(solver, allowed, evaluations);
+    if (*evaluations > 0) solver->rules.most_evaluations = allowed - *evaluations;
     time->solved += *evaluations;
+    time->whole += *evaluations;
     if (status == PLIANT_OK) status = iterate(solver, time);
     solver->rules.most_evaluations = most;
     *evaluations += pliant_anderson_iterations(&solver->rules);

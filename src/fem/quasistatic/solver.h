@@ -173,14 +173,16 @@ void pliant_solver_elastic_forces(pliant_solver *solver, pliant_iterate *at);
 pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_iterate *at);
 
 /* ---- opened.c */
-/* Before the first step after a cut: Newton's, where nothing pulls by a spring or touches. evaluations: out: how many it took of those that a step may
- * make; 0: this is no such step. Errors: MEMORY. */
-pliant_status pliant_solver_open(pliant_solver *solver, int32_t *evaluations);
+/* Before the first step after a cut: Newton's, of at most so many evaluations. evaluations: out: how many it took; 0: this is no such step.
+ * Errors: MEMORY, NUMERIC. */
+pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *evaluations);
 
 /* ---- handle.c */
 static inline bool pliant_handle_is_spring(const pliant_handle *handle) { return handle->active && !handle->by_force && handle->count > 0; }
 /* out += W v, v in the nodes' own axes */
 void pliant_handle_apply(const pliant_handle *handle, const double *v, double out[3]);
+/* target - y - c l of a spring */
+void pliant_handle_stretch(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3]);
 /* W (x + free step) + c l - target of a spring */
 void pliant_handle_gap(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3]);
 /* v += W' f, v in the nodes' own axes; and in those of all */
@@ -196,6 +198,10 @@ bool pliant_handle_same_hold(const pliant_handle *a, const pliant_handle *b);
 void pliant_handle_free(pliant_handle *handle); /* and empty */
 /* Z of the springs, where it belongs to another factor. */
 pliant_status pliant_solver_respond(pliant_solver *solver);
+/* Tools that pull by springs; returns how many. matrix: S of their rows. */
+int pliant_solver_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS], double matrix[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS]);
+/* step += Z force of one */
+void pliant_solver_respond_to(const pliant_solver *solver, int tool, const double force[3], double *step);
 /* dl = S^-1 (e - W g0), and the step with it: g = g0 + Z dl, K0 g = r + W' dl. false: S is singular */
 bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at);
 /* sum over springs of c a' b */
