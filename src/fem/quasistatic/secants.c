@@ -1,5 +1,6 @@
 /* The history of Anderson's method: secants, the weights that mix them, and the proposals made with them. */
 #include "base/fail.h"
+#include "base/lanes.h"
 #include "base/room.h"
 #include "fem/quasistatic/secant_equations.h"
 #include "fem/quasistatic/solver.h"
@@ -93,6 +94,33 @@ bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_M
     return pliant_secant_weights(0, 1, &solver->rules, solver->gram, along, estimates, &equations, weights);
 }
 
+/* Numbers that are worked on at once: those of all secants stay in a core's cache. */
+enum { PART_NODES = 32, PART = 3 * PART_NODES };
+
+/* a step - sum of weights (x + a step of the secants): of so many numbers from the first on. */
+PLIANT_VECTORIZED static void combine(const pliant_secant *history, const double *weights, double a, const double *step, size_t first, size_t count, double *out)
+{
+    for (size_t i = 0; i < count; i++) out[i] = a * step[first + i];
+    for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
+        if (weights[h] == 0) continue;
+        const double weight = weights[h], *x = history[h].x + first, *of_secant = history[h].step + first;
+        for (size_t i = 0; i < count; i++) out[i] -= weight * (x[i] + a * of_secant[i]);
+    }
+}
+
+/* of nodes, squared */
+static double longest_of(const double *v, int32_t nodes)
+{
+    double longest = 0;
+    for (int32_t n = 0; n < nodes; n++) longest = fmax(longest, v[3 * n] * v[3 * n] + v[3 * n + 1] * v[3 * n + 1] + v[3 * n + 2] * v[3 * n + 2]);
+    return longest;
+}
+
+static int32_t nodes_of_part(const pliant_system *system, int32_t first)
+{
+    return system->num_free - first < PART_NODES ? system->num_free - first : PART_NODES;
+}
+
 double pliant_secants_left(const pliant_solver *solver, const pliant_iterate *at)
 {
     double along[PLIANT_MAX_HISTORY], weights[PLIANT_MAX_HISTORY], largest = 0;
@@ -101,17 +129,24 @@ double pliant_secants_left(const pliant_solver *solver, const pliant_iterate *at
     const pliant_system *system = solver->system;
     const double unexplained = pliant_anderson_unexplained(&solver->rules);
 #pragma omp parallel for schedule(static) num_threads(system->num_threads) reduction(max : largest) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
-    for (int32_t f = 0; f < system->num_free; f++) {
-        double squares = 0;
-        for (size_t i = 3 * (size_t)f; i < 3 * (size_t)f + 3; i++) {
-            double step = unexplained * at->step[i];
-            for (int32_t a = 0; a < PLIANT_MAX_HISTORY; a++)
-                if (weights[a] != 0) step -= weights[a] * (solver->history[a].x[i] + unexplained * solver->history[a].step[i]);
-            squares += step * step;
-        }
-        largest = fmax(largest, squares);
+    for (int32_t first = 0; first < system->num_free; first += PART_NODES) {
+        const int32_t nodes = nodes_of_part(system, first);
+        double left[PART];
+        combine(solver->history, weights, unexplained, at->step, 3 * (size_t)first, 3 * (size_t)nodes, left);
+        largest = fmax(largest, longest_of(left, nodes));
     }
     return sqrt(largest);
+}
+
+/* the tools' forces */
+static void propose_forces(pliant_solver *solver, const double weights[PLIANT_MAX_HISTORY])
+{
+    for (int r = 0; r < PLIANT_MAX_ROWS; r++) {
+        double step = solver->now.step_force[r];
+        for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++)
+            if (weights[h] != 0) step -= weights[h] * (solver->history[h].force[r] + solver->history[h].step_force[r]);
+        solver->trial.force[r] = solver->now.force[r] + solver->rules.damping * step;
+    }
 }
 
 bool pliant_solver_propose(pliant_solver *solver, double *left, double *made)
@@ -119,42 +154,29 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made)
     const pliant_system *system = solver->system;
     const pliant_anderson *rules = &solver->rules;
     const pliant_iterate *at = &solver->now;
-    pliant_iterate *trial = &solver->trial;
-    double along[PLIANT_MAX_HISTORY], weights[PLIANT_MAX_HISTORY] = {0}, likely[PLIANT_MAX_HISTORY] = {0};
+    double along[PLIANT_MAX_HISTORY], weights[PLIANT_MAX_HISTORY] = {0}, likely[PLIANT_MAX_HISTORY] = {0}, *x = solver->trial.x;
     bool mixed = false;
     if (pliant_secants_along(solver, at, along)) {
         mixed = rules->mixes && pliant_secants_mix(solver, along, false, weights);
         pliant_secants_mix(solver, along, true, likely);
     }
-    int32_t used[PLIANT_MAX_HISTORY], m = 0;
-    for (int32_t a = 0; a < PLIANT_MAX_HISTORY; a++)
-        if (weights[a] != 0 || likely[a] != 0) used[m++] = a;
     const double unexplained = pliant_anderson_unexplained(rules);
     double most_left = 0, most_made = 0;
-    memcpy(trial->x, at->x, 3 * (size_t)system->mesh->num_nodes * sizeof *trial->x);
+    memcpy(x, at->x, 3 * (size_t)system->mesh->num_nodes * sizeof *x);
 #pragma omp parallel for schedule(static) num_threads(system->num_threads) reduction(max : most_left, most_made) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
-    for (int32_t f = 0; f < system->num_free; f++) {
-        double step[3], estimate[3];
-        for (int d = 0; d < 3; d++) {
-            size_t i = 3 * (size_t)f + (size_t)d;
-            step[d] = at->step[i];
-            estimate[d] = unexplained * at->step[i];
-            for (int32_t u = 0; u < m; u++) {
-                const pliant_secant *secant = solver->history + used[u];
-                step[d] -= weights[used[u]] * (secant->x[i] + secant->step[i]);
-                estimate[d] -= likely[used[u]] * (secant->x[i] + unexplained * secant->step[i]);
-            }
+    for (int32_t first = 0; first < system->num_free; first += PART_NODES) {
+        const int32_t nodes = nodes_of_part(system, first);
+        double step[PART], estimate[PART];
+        combine(solver->history, weights, 1, at->step, 3 * (size_t)first, 3 * (size_t)nodes, step);
+        combine(solver->history, likely, unexplained, at->step, 3 * (size_t)first, 3 * (size_t)nodes, estimate);
+        most_left = fmax(most_left, longest_of(estimate, nodes));
+        most_made = fmax(most_made, longest_of(step, nodes));
+        for (int32_t n = 0; n < nodes; n++) {
+            pliant_from_node_axes(solver->rotations, first + n, step + 3 * n);
+            for (int d = 0; d < 3; d++) x[3 * (size_t)system->node_of_free[first + n] + (size_t)d] += rules->damping * step[3 * n + d];
         }
-        most_left = fmax(most_left, estimate[0] * estimate[0] + estimate[1] * estimate[1] + estimate[2] * estimate[2]);
-        most_made = fmax(most_made, step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
-        pliant_from_node_axes(solver->rotations, f, step);
-        for (int d = 0; d < 3; d++) trial->x[3 * system->node_of_free[f] + d] += rules->damping * step[d];
     }
-    for (int r = 0; r < PLIANT_MAX_ROWS; r++) {
-        double step = at->step_force[r];
-        for (int32_t u = 0; u < m; u++) step -= weights[used[u]] * (solver->history[used[u]].force[r] + solver->history[used[u]].step_force[r]);
-        trial->force[r] = at->force[r] + rules->damping * step;
-    }
+    propose_forces(solver, weights);
     *left = sqrt(most_left);
     *made = rules->damping * sqrt(most_made);
     return mixed;
