@@ -194,8 +194,8 @@ struct Clock {
     static double tell(void *user)
     {
         Clock &clock = *static_cast<Clock *>(user);
-        if (clock.solver->evaluations < clock.counted) clock.counted = 0; // counted from the last turn of the axes
-        for (; clock.counted < clock.solver->evaluations; clock.counted++) {
+        if (clock.solver->in_use.evaluations < clock.counted) clock.counted = 0; // counted from the last turn of the axes
+        for (; clock.counted < clock.solver->in_use.evaluations; clock.counted++) {
             clock.random = clock.random * 1664525u + 1013904223u;
             clock.now += clock.each * (0.75 + 0.5 * (clock.random >> 8) / double(1 << 24));
         }
