@@ -3,8 +3,9 @@
 #include "check.h"
 #include "forces.h"
 #include "solver.h"
+#include "touch_kernels.h"
 
-static pliant_status enqueue_look(const pliant_cuda_solver *gpu)
+static pliant_status enqueue_look(pliant_cuda_solver *gpu)
 {
     const gpu_iteration *it = &gpu->iteration;
     CUDA_TRY(pliant_cuda_forces(&gpu->system, it, gpu->stream));
@@ -20,7 +21,7 @@ static pliant_status enqueue_judge(const pliant_cuda_solver *gpu, bool known)
     return pliant_cuda_propose(it, gpu->stream);
 }
 
-static pliant_status enqueue(const pliant_cuda_solver *gpu, bool known)
+static pliant_status enqueue(pliant_cuda_solver *gpu, bool known)
 {
     if (!known) CUDA_TRY(enqueue_look(gpu));
     return enqueue_judge(gpu, known);
@@ -28,21 +29,38 @@ static pliant_status enqueue(const pliant_cuda_solver *gpu, bool known)
 
 extern "C" pliant_status pliant_cuda_solver_judge(const pliant_cuda_solver *gpu) { return enqueue_judge(gpu, false); }
 
-/* Of a V-cycle as a graph, made when it is first asked for. */
-extern "C" pliant_status pliant_cuda_solver_look(pliant_cuda_solver *gpu)
+static pliant_status enqueue_touching(pliant_cuda_solver *gpu)
 {
-    cudaGraph_t graph = nullptr;
-    if (!gpu->preconditioner.multigrid) return enqueue_look(gpu);
-    if (gpu->look) return CUDA_CALL(cudaGraphLaunch(gpu->look, gpu->stream));
-    CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
-    pliant_status status = enqueue_look(gpu), ended = CUDA_CALL(cudaStreamEndCapture(gpu->stream, &graph));
-    if (status == PLIANT_OK) status = ended;
-    if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphInstantiateWithFlags(&gpu->look, graph, 0));
-    if (graph) cudaGraphDestroy(graph);
-    return status == PLIANT_OK ? CUDA_CALL(cudaGraphLaunch(gpu->look, gpu->stream)) : status;
+    const gpu_touch_view *d_view = static_cast<const gpu_touch_view *>(gpu->touches.d_block[TOUCH_VIEW]);
+    CUDA_TRY(pliant_cuda_touch_load(d_view, &gpu->iteration, gpu->stream));
+    CUDA_TRY(enqueue_look(gpu));
+    CUDA_TRY(pliant_cuda_touch_cones(d_view, &gpu->iteration, gpu->touches.shared_room, gpu->stream));
+    CUDA_TRY(pliant_cuda_touch_push(d_view, &gpu->iteration, gpu->stream));
+    return enqueue_judge(gpu, false);
 }
 
-extern "C" pliant_status pliant_cuda_solver_evaluate_first(const pliant_cuda_solver *gpu, bool known)
+/* A part of an evaluation as a graph, made when it is first asked for. */
+static pliant_status launch(pliant_cuda_solver *gpu, pliant_status (*enqueue_part)(pliant_cuda_solver *), cudaGraphExec_t *part)
+{
+    cudaGraph_t graph = nullptr;
+    if (*part) return CUDA_CALL(cudaGraphLaunch(*part, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
+    pliant_status status = enqueue_part(gpu);
+    const cudaError_t ended = cudaStreamEndCapture(gpu->stream, &graph); /* as below */
+    if (status == PLIANT_OK) status = CUDA_CALL(ended);
+    if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphInstantiateWithFlags(part, graph, 0));
+    if (graph) cudaGraphDestroy(graph);
+    return status == PLIANT_OK ? CUDA_CALL(cudaGraphLaunch(*part, gpu->stream)) : status;
+}
+
+extern "C" pliant_status pliant_cuda_solver_look(pliant_cuda_solver *gpu)
+{
+    return gpu->preconditioner.multigrid ? launch(gpu, enqueue_look, &gpu->look) : enqueue_look(gpu);
+}
+
+extern "C" pliant_status pliant_cuda_solver_evaluate_touching(pliant_cuda_solver *gpu) { return launch(gpu, enqueue_touching, &gpu->touching); }
+
+extern "C" pliant_status pliant_cuda_solver_evaluate_first(pliant_cuda_solver *gpu, bool known)
 {
     if (known || !gpu->preconditioner.multigrid) return enqueue(gpu, known);
     return CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream));
@@ -74,7 +92,8 @@ extern "C" pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu)
 {
     cudaGraph_t graph = nullptr;
     if (gpu->look) cudaGraphExecDestroy(gpu->look);
-    gpu->look = nullptr;
+    if (gpu->touching) cudaGraphExecDestroy(gpu->touching);
+    gpu->look = gpu->touching = nullptr;
     CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
     pliant_status status = enqueue(gpu, false);
     const cudaError_t ended = cudaStreamEndCapture(gpu->stream, &graph); /* whatever failed: while a stream records, nothing can be given back */

@@ -52,6 +52,7 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     pliant_cuda_renewal_free(gpu);
     if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
     if (gpu->look) cudaGraphExecDestroy(gpu->look);
+    if (gpu->touching) cudaGraphExecDestroy(gpu->touching);
     pliant_cuda_touches_free(&gpu->touches);
     gpu_iteration *it = &gpu->iteration;
     void *blocks[] = {it->d_state, it->d_history, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_residual[0], it->d_residual[1], it->d_free_residual, it->d_past_step, it->d_past_residual, it->d_load, it->d_extra, it->d_touch,

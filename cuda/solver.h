@@ -34,7 +34,7 @@ struct pliant_cuda_solver {
     double *d_between;         /* room to carry axes over */
     size_t between_room;
     int gather_blocks;
-    cudaGraphExec_t evaluation, look; /* of the latter: Nullable: not used yet */
+    cudaGraphExec_t evaluation, look, touching; /* the latter two: Nullable: not used yet */
     size_t kernels;            /* in it */
     int kind;                  /* of preconditioner */
     gpu_state *h_state;        /* page-locked; its first part is what comes back */
@@ -60,10 +60,12 @@ pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const pliant_solv
 pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu);
 /* A step's first evaluation; known: as pliant_cuda_complete has it. Few kernels go one by one: the GPU begins with the first of them sooner
  * than with a graph, and works on those while graphs follow. */
-pliant_status pliant_cuda_solver_evaluate_first(const pliant_cuda_solver *gpu, bool known);
+pliant_status pliant_cuda_solver_evaluate_first(pliant_cuda_solver *gpu, bool known);
 /* The two halves of an evaluation, between which contacts find their forces: up to the free step, and from there on. */
 pliant_status pliant_cuda_solver_look(pliant_cuda_solver *gpu);
 pliant_status pliant_cuda_solver_judge(const pliant_cuda_solver *gpu);
+/* One whose contacts' forces the GPU finds. */
+pliant_status pliant_cuda_solver_evaluate_touching(pliant_cuda_solver *gpu);
 
 /* ---- renew.cu: a preconditioner of its own for a body whose one is carried over, made in the background */
 /* At the start of a step: what has arrived is put to use (*renewed), and the next one begun. Errors: MEMORY, UNAVAILABLE; where none

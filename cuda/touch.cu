@@ -3,6 +3,7 @@
 #include "anderson.h"
 #include "base/fail.h"
 #include "check.h"
+#include "fem/quasistatic/cone_rules.h"
 #include "pliant/memory.h"
 #include "solver.h"
 #include "touch_kernels.h"
@@ -11,8 +12,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstring>
-
-enum { GOES_UP, STAYS, AT_EVALUATIONS };
 
 extern "C" void pliant_cuda_touches_free(gpu_touches *touches)
 {
@@ -110,10 +109,12 @@ static pliant_status send_points(pliant_cuda_solver *gpu, const pliant_touches *
     gpu_touches *touches = &gpu->touches;
     gpu_touch_view *view = &touches->view;
     const size_t points = (size_t)from->count, weights = (size_t)from->num_weights, count = (size_t)slots;
-    const size_t bytes = (15 * points + 9 * weights) * sizeof(double) + (points + 1 + 4 * weights + 3 * count + 1) * sizeof(int32_t);
-    CUDA_TRY(make_block(touches, GOES_UP, bytes, bytes));
-    packing at = {static_cast<char *>(touches->h_block[GOES_UP]), static_cast<char *>(touches->d_block[GOES_UP])};
-    memcpy(pack(&at, 3 * points, &view->d_force), from->taken.force, 3 * points * sizeof(double));
+    const size_t bytes = (18 * points + 9 * weights + points + (size_t)view->num_springs) * sizeof(double) + (points + 1 + 4 * weights + 3 * count + 1) * sizeof(int32_t);
+    CUDA_TRY(make_block(touches, TOUCH_GOES_UP, bytes, bytes));
+    packing at = {static_cast<char *>(touches->h_block[TOUCH_GOES_UP]), static_cast<char *>(touches->d_block[TOUCH_GOES_UP])};
+    memcpy(pack(&at, 3 * points, &view->d_force), from->taken.force, 3 * points * sizeof(double)); /* these two come back together */
+    memcpy(pack(&at, 3 * points, &view->d_taken_motion), from->taken.motion, 3 * points * sizeof(double));
+    pack(&at, from->friction, points + (size_t)view->num_springs, &view->d_friction);
     pack(&at, from->frame, 9 * points, &view->d_frame);
     pack(&at, from->goal, 3 * points, &view->d_goal);
     pack(&at, from->block, 9 * weights, &view->d_block);
@@ -121,7 +122,7 @@ static pliant_status send_points(pliant_cuda_solver *gpu, const pliant_touches *
     pack(&at, from->unknown, weights, &view->d_unknown);
     pack(&at, touches->touched, count, &view->d_touched);
     pack_slots(&at, from, touches, slots);
-    return CUDA_CALL(cudaMemcpyAsync(touches->d_block[GOES_UP], touches->h_block[GOES_UP], bytes, cudaMemcpyHostToDevice, gpu->stream));
+    return CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_GOES_UP], touches->h_block[TOUCH_GOES_UP], bytes, cudaMemcpyHostToDevice, gpu->stream));
 }
 
 /* what the GPU works out, and what comes back of it: motions, then A */
@@ -129,16 +130,26 @@ static pliant_status make_work(gpu_touches *touches, int32_t slots)
 {
     gpu_touch_view *view = &touches->view;
     const size_t points = 3 * (size_t)view->count, rows = points + 3 * (size_t)view->num_springs, back = (rows + rows * rows) * sizeof(double);
-    const size_t work = (9 * (size_t)view->num_weights + 3 * (size_t)slots) * sizeof(double);
-    CUDA_TRY(make_block(touches, STAYS, work + back, back));
-    CUDA_TRY(make_block(touches, AT_EVALUATIONS, 2 * points * sizeof(double), 2 * points * sizeof(double)));
-    view->d_motion = static_cast<double *>(touches->d_block[STAYS]);
+    const size_t work = (9 * (size_t)view->num_weights + 3 * (size_t)slots + PLIANT_CONE_EQUATIONS) * sizeof(double);
+    CUDA_TRY(make_block(touches, TOUCH_STAYS, work + back, back));
+    CUDA_TRY(make_block(touches, TOUCH_AT_EVALUATIONS, 3 * points * sizeof(double), 2 * points * sizeof(double)));
+    view->d_motion = static_cast<double *>(touches->d_block[TOUCH_STAYS]);
     view->d_matrix = view->d_motion + rows;
     view->d_turned = view->d_matrix + rows * rows;
     view->d_pull = view->d_turned + 9 * (size_t)view->num_weights;
-    view->d_change = static_cast<double *>(touches->d_block[AT_EVALUATIONS]);
+    view->d_equations = view->d_pull + 3 * (size_t)slots;
+    view->d_change = static_cast<double *>(touches->d_block[TOUCH_AT_EVALUATIONS]);
     view->d_found = view->d_change + points;
+    view->d_found_motion = view->d_found + points;
     return PLIANT_OK;
+}
+
+static pliant_status send_view(gpu_touches *touches, cudaStream_t stream)
+{
+    CUDA_TRY(make_block(touches, TOUCH_VIEW, sizeof touches->view, sizeof touches->view)); /* it stays where it is: a graph knows of it */
+    if (touches->shared_room == 0) CUDA_TRY(pliant_cuda_touch_cones_room(&touches->shared_room));
+    memcpy(touches->h_block[TOUCH_VIEW], &touches->view, sizeof touches->view);
+    return CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_VIEW], touches->h_block[TOUCH_VIEW], sizeof touches->view, cudaMemcpyHostToDevice, stream));
 }
 
 static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
@@ -161,6 +172,7 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
     if (status == PLIANT_OK) status = pliant_touches_make_matrix(from, view->num_springs);
     if (status == PLIANT_OK) status = make_work(touches, slots);
     if (status == PLIANT_OK) status = send_points(gpu, from, slots);
+    if (status == PLIANT_OK) status = send_view(touches, gpu->stream);
     for (int32_t s = 0; s < slots; s++) touches->place[touches->touched[s]] = -1;
     return status;
 }
@@ -171,8 +183,8 @@ static pliant_status find_forces(pliant_cuda_solver *gpu, pliant_touches *from)
     gpu_touches *touches = &gpu->touches;
     const gpu_touch_view *view = &touches->view;
     const size_t points = 3 * (size_t)view->count, rows = points + 3 * (size_t)view->num_springs;
-    const double *h_motion = static_cast<const double *>(touches->h_block[STAYS]);
-    double *h_change = static_cast<double *>(touches->h_block[AT_EVALUATIONS]), *h_found = h_change + points;
+    const double *h_motion = static_cast<const double *>(touches->h_block[TOUCH_STAYS]);
+    double *h_change = static_cast<double *>(touches->h_block[TOUCH_AT_EVALUATIONS]), *h_found = h_change + points;
     bool sensible = true;
     for (size_t i = 0; i < rows; i++) sensible = sensible && std::isfinite(h_motion[i]);
     memcpy(from->motion, h_motion, rows * sizeof *h_motion);
@@ -184,28 +196,31 @@ static pliant_status find_forces(pliant_cuda_solver *gpu, pliant_touches *from)
     memcpy(h_found, from->found.force, points * sizeof *h_found);
     if (changed) memcpy(h_change, from->change, points * sizeof *h_change);
     else memset(h_change, 0, points * sizeof *h_change);
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->d_block[AT_EVALUATIONS], h_change, 2 * points * sizeof *h_change, cudaMemcpyHostToDevice, gpu->stream)));
-    return changed ? pliant_cuda_touch_push(view, &gpu->iteration, gpu->stream) : PLIANT_OK;
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_AT_EVALUATIONS], h_change, 2 * points * sizeof *h_change, cudaMemcpyHostToDevice, gpu->stream)));
+    if (!changed) return PLIANT_OK;
+    CUDA_TRY(pliant_cuda_touch_pull(view, &gpu->iteration, gpu->stream));
+    return pliant_cuda_touch_push(static_cast<const gpu_touch_view *>(touches->d_block[TOUCH_VIEW]), &gpu->iteration, gpu->stream);
+}
+
+static pliant_status download_state(const pliant_cuda_solver *gpu)
+{
+    return CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows), cudaMemcpyDeviceToHost, gpu->stream));
 }
 
 /* The forces of an evaluation are found here while the GPU waits; whether it is taken, and what comes next, is told there, and seen with what the next
  * one measures. */
-extern "C" pliant_status pliant_cuda_touches_run(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step)
+static pliant_status run_with_host(pliant_cuda_solver *gpu, pliant_solver *solver, int32_t most)
 {
     gpu_touches *touches = &gpu->touches;
     const gpu_touch_view *view = &touches->view;
     const gpu_iteration *it = &gpu->iteration;
-    const int32_t most = step->most_evaluations + 4; /* as of a step without contact */
-    CUDA_TRY(prepare(gpu, solver));
-    CUDA_TRY(pliant_cuda_begin(it, step, gpu->stream));
-    CUDA_TRY(pliant_cuda_touch_begin(view, it, gpu->stream));
     const size_t rows = 3 * (size_t)(view->count + view->num_springs), whole = (rows + rows * rows) * sizeof(double);
     for (int32_t made = 0; made <= most; made++) {
-        CUDA_TRY(pliant_cuda_touch_load(view, it, gpu->stream));
+        CUDA_TRY(pliant_cuda_touch_load(static_cast<const gpu_touch_view *>(touches->d_block[TOUCH_VIEW]), it, gpu->stream));
         CUDA_TRY(pliant_cuda_solver_look(gpu));
         CUDA_TRY(pliant_cuda_touch_measure(view, it, gpu->stream));
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->h_block[STAYS], view->d_motion, made == 0 ? whole : rows * sizeof(double), cudaMemcpyDeviceToHost, gpu->stream)));
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_state, it->d_state, offsetof(gpu_state, rows), cudaMemcpyDeviceToHost, gpu->stream)));
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->h_block[TOUCH_STAYS], view->d_motion, made == 0 ? whole : rows * sizeof(double), cudaMemcpyDeviceToHost, gpu->stream)));
+        CUDA_TRY(download_state(gpu));
         CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
         if (gpu->h_state->took) pliant_touches_take(solver->touches);
         if (gpu->h_state->done) return PLIANT_OK;
@@ -215,4 +230,45 @@ extern "C" pliant_status pliant_cuda_touches_run(pliant_cuda_solver *gpu, pliant
     return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not come to an end");
 }
 
-extern "C" const double *pliant_cuda_touches_moved(const gpu_touches *touches) { return static_cast<const double *>(touches->h_block[STAYS]); }
+/* What of the points comes back: forces and motions of the state of the step, where it has led them. */
+static pliant_status download(pliant_cuda_solver *gpu)
+{
+    gpu_touches *touches = &gpu->touches;
+    const gpu_touch_view *view = &touches->view;
+    const size_t bytes = 3 * (size_t)view->count * sizeof(double);
+    CUDA_TRY(pliant_cuda_touch_load(static_cast<const gpu_touch_view *>(touches->d_block[TOUCH_VIEW]), &gpu->iteration, gpu->stream)); /* of the last evaluation */
+    CUDA_TRY(pliant_cuda_touch_measure(view, &gpu->iteration, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->h_block[TOUCH_STAYS], view->d_motion, bytes, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->h_block[TOUCH_AT_EVALUATIONS], view->d_force, 2 * bytes, cudaMemcpyDeviceToHost, gpu->stream)));
+    return download_state(gpu);
+}
+
+/* A step takes about as many evaluations as the last one; those too many do nothing. */
+static pliant_status run_on_gpu(pliant_cuda_solver *gpu, pliant_solver *solver, int32_t most)
+{
+    const size_t numbers = 3 * (size_t)gpu->touches.view.count;
+    for (int32_t spent = 0, ahead = gpu->last_launches; spent < most; ahead = 2) {
+        for (int32_t n = 0; n < ahead && spent < most; n++, spent++) CUDA_TRY(pliant_cuda_solver_evaluate_touching(gpu));
+        CUDA_TRY(download(gpu));
+        CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+        if (!gpu->h_state->done) continue;
+        const double *h_taken = static_cast<const double *>(gpu->touches.h_block[TOUCH_AT_EVALUATIONS]);
+        memcpy(solver->touches->taken.force, h_taken, numbers * sizeof *h_taken);
+        memcpy(solver->touches->taken.motion, h_taken + numbers, numbers * sizeof *h_taken);
+        return PLIANT_OK;
+    }
+    return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not come to an end");
+}
+
+extern "C" pliant_status pliant_cuda_touches_run(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step)
+{
+    const gpu_touch_view *view = &gpu->touches.view;
+    const int32_t most = step->most_evaluations + 4; /* as of a step without contact */
+    CUDA_TRY(prepare(gpu, solver));
+    CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
+    CUDA_TRY(pliant_cuda_touch_begin(view, &gpu->iteration, gpu->stream));
+    const bool few = 3 * (view->count + view->num_springs) <= PLIANT_CONE_TOGETHER;
+    return few ? run_on_gpu(gpu, solver, most) : run_with_host(gpu, solver, most);
+}
+
+extern "C" const double *pliant_cuda_touches_moved(const gpu_touches *touches) { return static_cast<const double *>(touches->h_block[TOUCH_STAYS]); }

@@ -1,9 +1,10 @@
 #include "touch_kernels.h"
 
 #include "check.h"
+#include "fem/quasistatic/cone_rules.h"
 #include "warp_sum.cuh"
 
-enum { THREADS = 128, ONE_BLOCK = 256, PAIRS = 16, LANES_OF_STEP = 32, GROUPS = 8 };
+enum { CONE_THREADS = 256, THREADS = 128, ONE_BLOCK = 256, PAIRS = 16, LANES_OF_STEP = 32, GROUPS = 8 };
 
 /* ---- as a step begins */
 
@@ -83,11 +84,15 @@ static __global__ void __launch_bounds__(ONE_BLOCK) spring_kernel(gpu_touch_view
 
 /* ---- evaluations */
 
-static __global__ void __launch_bounds__(ONE_BLOCK) load_kernel(gpu_touch_view view, gpu_iteration iteration)
+static __global__ void __launch_bounds__(ONE_BLOCK) load_kernel(const gpu_touch_view *d_view, gpu_iteration iteration)
 {
+    const gpu_touch_view view = *d_view;
     const gpu_state &state = *iteration.d_state;
+    for (int i = (int)threadIdx.x; state.took && i < 3 * view.count; i += ONE_BLOCK) {
+        view.d_force[i] = view.d_found[i];
+        view.d_taken_motion[i] = view.d_found_motion[i];
+    }
     if (state.done) return;
-    for (int i = (int)threadIdx.x; state.took && i < 3 * view.count; i += ONE_BLOCK) view.d_force[i] = view.d_found[i];
     __syncthreads();
     for (int m = (int)threadIdx.x; m < 3 * view.num_slots; m += ONE_BLOCK) {
         const int s = m / 3, k = m % 3;
@@ -102,7 +107,7 @@ static __global__ void __launch_bounds__(ONE_BLOCK) load_kernel(gpu_touch_view v
 }
 
 /* by a warp: one of the points */
-static __device__ void measure_point(const gpu_touch_view &view, const gpu_iteration &iteration, const gpu_state &state, int c)
+static __device__ void measure_point(const gpu_touch_view &view, const gpu_iteration &iteration, const gpu_state &state, int c, double *out)
 {
     const int lane = (int)threadIdx.x % 32;
     const double *x = iteration.d_x[state.done ? state.now : gpu_target(&state)];
@@ -125,12 +130,12 @@ static __device__ void measure_point(const gpu_touch_view &view, const gpu_itera
     for (int r = 0; r < 3; r++) {
         double motion = y[r];
         if (!state.done) motion = moved[r] + frame[3 * r] * (y[0] - goal[0]) + frame[3 * r + 1] * (y[1] - goal[1]) + frame[3 * r + 2] * (y[2] - goal[2]);
-        view.d_motion[3 * (size_t)c + r] = motion;
+        out[3 * (size_t)c + r] = motion;
     }
 }
 
 /* by a warp: what a spring holds */
-static __device__ void measure_spring(const gpu_touch_view &view, const gpu_iteration &iteration, const gpu_state &state, int s)
+static __device__ void measure_spring(const gpu_touch_view &view, const gpu_iteration &iteration, const gpu_state &state, int s, double *out)
 {
     const int lane = (int)threadIdx.x % 32, target = gpu_target(&state), t = view.spring[s];
     const gpu_tool &tool = state.step.tools[t];
@@ -146,7 +151,7 @@ static __device__ void measure_spring(const gpu_touch_view &view, const gpu_iter
     }
     for (int d = 0; d < 3; d++) {
         const double y = tool.origin[d] + warp_sum(moved[d]);
-        if (lane == 0) view.d_motion[3 * (size_t)(view.count + s) + d] = y + tool.compliance * state.force[target][3 * t + d] - tool.target[d];
+        if (lane == 0) out[3 * (size_t)(view.count + s) + d] = y + tool.compliance * state.force[target][3 * t + d] - tool.target[d];
     }
 }
 
@@ -154,17 +159,15 @@ static __global__ void __launch_bounds__(THREADS) measure_kernel(gpu_touch_view 
 {
     const gpu_state &state = *iteration.d_state;
     const int at = (int)(blockIdx.x * THREADS + threadIdx.x) / 32;
-    if (at < view.count) measure_point(view, iteration, state, at);
-    else if (at < view.count + view.num_springs && !state.done) measure_spring(view, iteration, state, at - view.count);
+    if (at < view.count) measure_point(view, iteration, state, at, view.d_motion);
+    else if (at < view.count + view.num_springs && !state.done) measure_spring(view, iteration, state, at - view.count, view.d_motion);
 }
 
-/* W' dl in the nodes' axes, to the residual, too */
-static __global__ void __launch_bounds__(ONE_BLOCK) pull_kernel(gpu_touch_view view, gpu_iteration iteration)
+/* W' dl in the nodes' axes, to the residual, too; by one block */
+static __device__ void pull(const gpu_touch_view &view, const gpu_iteration &iteration, const gpu_state &state)
 {
-    const gpu_state &state = *iteration.d_state;
-    if (state.done) return;
     double *residual = iteration.d_residual[gpu_target(&state)];
-    for (int m = (int)threadIdx.x; m < 3 * view.num_slots; m += ONE_BLOCK) {
+    for (int m = (int)threadIdx.x; m < 3 * view.num_slots; m += (int)blockDim.x) {
         const int s = m / 3, k = m % 3;
         double sum = 0;
         for (int i = view.d_weight_start[s]; i < view.d_weight_start[s + 1]; i++) {
@@ -177,11 +180,68 @@ static __global__ void __launch_bounds__(ONE_BLOCK) pull_kernel(gpu_touch_view v
     }
 }
 
+static __global__ void __launch_bounds__(ONE_BLOCK) pull_kernel(gpu_touch_view view, gpu_iteration iteration)
+{
+    if (!iteration.d_state->done) pull(view, iteration, *iteration.d_state);
+}
+
+/* Where a problem of the cones is: in shared memory, as much of it as there is room for. The rest stays where it is. */
+static __device__ pliant_cones place_cones(const gpu_touch_view &view, double *shared, size_t room)
+{
+    pliant_cones on;
+    const size_t count = (size_t)(view.count + view.num_springs), row = 3 * count, points = (sizeof(pliant_cone_point) + sizeof(double)) / sizeof(double) * count;
+    double *next = shared + 4 * row + points, *const end = shared + room;
+    on.count = (int32_t)count;
+    on.friction = view.d_friction;
+    on.motion = shared;
+    on.force = shared + row;
+    on.change = shared + 2 * row;
+    on.moved = shared + 3 * row;
+    on.point = reinterpret_cast<pliant_cone_point *>(shared + 4 * row);
+    on.list = reinterpret_cast<int32_t *>(on.point + count);
+    on.equations = next + row * (row + 1) <= end ? next : view.d_equations;
+    next += on.equations == next ? row * (row + 1) : 0;
+    on.matrix = next + row * row <= end ? next : view.d_matrix;
+    for (size_t i = threadIdx.x; on.matrix == next && i < row * row; i += CONE_THREADS) next[i] = view.d_matrix[i];
+    return on;
+}
+
+/* An evaluation's forces, by one block: from the free step to what they pull with. Where that is none, they stay. */
+static __global__ void __launch_bounds__(CONE_THREADS) cones_kernel(const gpu_touch_view *d_view, gpu_iteration iteration, int room)
+{
+    extern __shared__ double shared[];
+    __shared__ double sums[CONE_THREADS / 32];
+    const gpu_state &state = *iteration.d_state;
+    const gpu_touch_view &view = *d_view;
+    if (state.done) return;
+    const pliant_team team = {(int)threadIdx.x, CONE_THREADS, sums};
+    const pliant_cones on = place_cones(view, shared, (size_t)room / sizeof(double));
+    const int points = 3 * view.count;
+    for (int at = (int)threadIdx.x / 32; at < on.count; at += CONE_THREADS / 32) {
+        if (at < view.count) measure_point(view, iteration, state, at, on.motion);
+        else measure_spring(view, iteration, state, at - view.count, on.motion);
+    }
+    for (int i = (int)threadIdx.x; i < 3 * on.count; i += CONE_THREADS) on.force[i] = i < points ? view.d_force[i] : 0;
+    __syncthreads();
+    double wrong = 0;
+    for (int i = (int)threadIdx.x; i < 3 * on.count; i += CONE_THREADS) wrong += !isfinite(on.motion[i]);
+    const bool sensible = pliant_team_sum(&team, wrong) == 0;
+    if (sensible) pliant_cones_find(&team, &on);
+    for (int i = (int)threadIdx.x; i < points; i += CONE_THREADS) {
+        view.d_found[i] = on.force[i];
+        view.d_found_motion[i] = sensible ? on.motion[i] : view.d_taken_motion[i];
+        view.d_change[i] = on.force[i] - view.d_force[i];
+    }
+    __syncthreads();
+    pull(view, iteration, state);
+}
+
 /* Columns times that, to the free step: a group of threads a part of the columns. */
-static __global__ void __launch_bounds__(LANES_OF_STEP * GROUPS) push_kernel(gpu_touch_view view, gpu_iteration iteration)
+static __global__ void __launch_bounds__(LANES_OF_STEP * GROUPS) push_kernel(const gpu_touch_view *d_view, gpu_iteration iteration)
 {
     __shared__ double sums[GROUPS][LANES_OF_STEP];
     if (iteration.d_state->done) return;
+    const gpu_touch_view &view = *d_view;
     const int lane = (int)threadIdx.x, group = (int)threadIdx.y, i = (int)blockIdx.x * LANES_OF_STEP + lane;
     double sum = 0;
     if (i < 3 * iteration.num_free) {
@@ -215,9 +275,9 @@ extern "C" pliant_status pliant_cuda_touch_begin(const gpu_touch_view *view, con
     return CUDA_LAUNCHED("spring_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_touch_load(const gpu_touch_view *view, const gpu_iteration *iteration, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_touch_load(const gpu_touch_view *d_view, const gpu_iteration *iteration, cudaStream_t stream)
 {
-    load_kernel<<<1, ONE_BLOCK, 0, stream>>>(*view, *iteration);
+    load_kernel<<<1, ONE_BLOCK, 0, stream>>>(d_view, *iteration);
     return CUDA_LAUNCHED("load_kernel");
 }
 
@@ -227,10 +287,32 @@ extern "C" pliant_status pliant_cuda_touch_measure(const gpu_touch_view *view, c
     return CUDA_LAUNCHED("measure_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_touch_push(const gpu_touch_view *view, const gpu_iteration *iteration, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_touch_pull(const gpu_touch_view *view, const gpu_iteration *iteration, cudaStream_t stream)
 {
     pull_kernel<<<1, ONE_BLOCK, 0, stream>>>(*view, *iteration);
-    CUDA_TRY(CUDA_LAUNCHED("pull_kernel"));
-    push_kernel<<<blocks_for(3 * iteration->num_free, LANES_OF_STEP), dim3(LANES_OF_STEP, GROUPS), 0, stream>>>(*view, *iteration);
+    return CUDA_LAUNCHED("pull_kernel");
+}
+
+extern "C" pliant_status pliant_cuda_touch_push(const gpu_touch_view *d_view, const gpu_iteration *iteration, cudaStream_t stream)
+{
+    push_kernel<<<blocks_for(3 * iteration->num_free, LANES_OF_STEP), dim3(LANES_OF_STEP, GROUPS), 0, stream>>>(d_view, *iteration);
     return CUDA_LAUNCHED("push_kernel");
+}
+
+extern "C" pliant_status pliant_cuda_touch_cones_room(int32_t *bytes)
+{
+    int device = 0, most = 0;
+    cudaFuncAttributes own;
+    CUDA_TRY(CUDA_CALL(cudaGetDevice(&device)));
+    CUDA_TRY(CUDA_CALL(cudaDeviceGetAttribute(&most, cudaDevAttrMaxSharedMemoryPerBlockOptin, device)));
+    CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&own, cones_kernel)));
+    most -= (int)own.sharedSizeBytes;
+    *bytes = most;
+    return CUDA_CALL(cudaFuncSetAttribute(cones_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, most));
+}
+
+extern "C" pliant_status pliant_cuda_touch_cones(const gpu_touch_view *d_view, const gpu_iteration *iteration, int32_t bytes, cudaStream_t stream)
+{
+    cones_kernel<<<1, CONE_THREADS, (size_t)bytes, stream>>>(d_view, *iteration, bytes);
+    return CUDA_LAUNCHED("cones_kernel");
 }

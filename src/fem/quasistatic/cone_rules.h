@@ -392,21 +392,25 @@ PLIANT_INLINE void pliant_cones_end(const pliant_team *team, const pliant_cones 
  * more than that. */
 PLIANT_INLINE int32_t pliant_cones_find(const pliant_team *team, const pliant_cones *on)
 {
-    const double enough = 1e-7; /* of the forces */
+    const double wanted = 1e-12, enough = 1e-7; /* of the forces; where no step leads on */
     const int32_t most_steps = 60, most_sweeps = 200, most_at_once = 32;
     int32_t steps = 0, sweeps = 0, at_once = 1;
     pliant_cones_begin(team, on);
-    for (double left = pliant_cones_left(team, on, 0.0);;) {
+    for (double left = pliant_cones_left(team, on, 0.0); steps < most_steps && sweeps < most_sweeps;) {
         double own = 0;
         for (size_t i = (size_t)team->rank; i < 3 * (size_t)on->count; i += (size_t)team->size) own += on->force[i] * on->force[i];
-        if (left <= enough * enough * pliant_team_sum(team, own)) {
+        const double size = pliant_team_sum(team, own);
+        bool ends = left <= wanted * wanted * size;
+        if (!ends) {
+            if (!pliant_cones_newton(team, on)) return -sweeps - 1;
+            steps++;
+            if (pliant_cones_search(team, on, &left)) continue;
+            ends = left <= enough * enough * size;
+        }
+        if (ends) {
             pliant_cones_end(team, on);
             return steps + sweeps;
         }
-        if (steps == most_steps || sweeps >= most_sweeps) break;
-        if (!pliant_cones_newton(team, on)) return -sweeps - 1;
-        steps++;
-        if (pliant_cones_search(team, on, &left)) continue;
         if (at_once < most_at_once) at_once *= 2;
         for (int32_t n = 0; n < at_once; n++, sweeps++) pliant_cones_sweep(team, on);
         left = pliant_cones_left(team, on, 0.0);
