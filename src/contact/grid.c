@@ -281,3 +281,17 @@ pliant_status pliant_grid_overlaps(pliant_grid *grid, const int32_t *tets, const
     }
     return PLIANT_OK;
 }
+
+pliant_status pliant_grid_take_pairs(pliant_grid *grid, int32_t count, int32_t **pair)
+{
+    pliant_grid_pairs *found = grid->found;
+    for (int c = 0; c < PLIANT_GRID_CHUNKS; c++) grid->found[c].count = 0;
+    if (count > found->room) {
+        pliant_status status = make_room(&found->pair, &found->room, 2 * (size_t)count, sizeof *found->pair);
+        if (status != PLIANT_OK) return status;
+        found->room /= 2;
+    }
+    found->count = count;
+    *pair = found->pair;
+    return PLIANT_OK;
+}

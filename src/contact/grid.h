@@ -52,6 +52,9 @@ pliant_status pliant_grid_fill(pliant_grid *grid, int32_t count, const int32_t *
  * any number of threads. The arguments of pliant_grid_fill. Errors: MEMORY. */
 pliant_status pliant_grid_overlaps(pliant_grid *grid, const int32_t *tets, const double *positions, int threads, int32_t *count);
 
+/* Room for pairs that somebody else has found, in *pair, in place of those that were found last. Errors: MEMORY. */
+pliant_status pliant_grid_take_pairs(pliant_grid *grid, int32_t count, int32_t **pair);
+
 /* The cell of a point; -1: outside, or a number that is none. */
 int64_t pliant_grid_cell(const pliant_grid *grid, const double point[3]);
 

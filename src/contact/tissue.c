@@ -3,252 +3,34 @@
 
 #include "base/fail.h"
 #include "contact/follow.h"
+#include "contact/tissue_rules.h"
 #include "pliant/memory.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-static const double border = 1e-6;    /* weights that far below 0 are of points beside a triangle or a tetrahedron */
-static const double alike = 0.7;      /* cosine between normals of triangles that push one way: a node needs one of them */
-static const double facing = 0.1;     /* cosine between normals that face each other, and more */
 static const double blunt = 0.95;     /* cosine between normals on both sides of an edge, beyond which it is none */
 static const double farthest = 0.5;   /* of the shortest edge: edges that cross are no deeper */
-enum { MOST_WAY = 64 /* tetrahedra or triangles from one to a point */ };
 
 typedef struct finding {
     pliant_tissue *tissue;
-    const double *positions;
-    const pliant_tissue_rule *rule;
+    pliant_tissue_view view;
 } finding;
-
-static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
-}
-
-static void between(const double *from, const double *to, double out[3])
-{
-    for (int d = 0; d < 3; d++) out[d] = to[d] - from[d];
-}
-
-static const double *place_of(const finding *on, int32_t node) { return on->positions + 3 * (size_t)node; }
-
-/* ---- triangles */
-
-static void find_normals(const finding *on)
-{
-    pliant_tissue *tissue = on->tissue;
-#pragma omp parallel for schedule(static) num_threads(tissue->threads)
-    for (int32_t s = 0; s < tissue->num_skins; s++) {
-        const int32_t *node = tissue->skin[s].node;
-        double a[3], b[3], *normal = tissue->normal[s];
-        between(place_of(on, node[0]), place_of(on, node[1]), a);
-        between(place_of(on, node[0]), place_of(on, node[2]), b);
-        cross(a, b, normal);
-        const double length = sqrt(dot(normal, normal));
-        for (int d = 0; d < 3; d++) normal[d] = length > 0 ? normal[d] / length : 0;
-    }
-}
-
-/* Weights of the corners at the foot of a point, and how high it is. false: the triangle has no area. */
-static bool look_down(const finding *on, int32_t skin, const double point[3], double weight[3], double *gap)
-{
-    const int32_t *node = on->tissue->skin[skin].node;
-    const double *normal = on->tissue->normal[skin], *corner = place_of(on, node[0]);
-    double a[3], b[3], to[3], side[3];
-    between(corner, place_of(on, node[1]), a);
-    between(corner, place_of(on, node[2]), b);
-    between(corner, point, to);
-    cross(a, b, side);
-    const double whole = dot(side, normal);
-    if (!(whole > 0)) return false;
-    cross(to, b, side);
-    weight[1] = dot(side, normal) / whole;
-    cross(a, to, side);
-    weight[2] = dot(side, normal) / whole;
-    weight[0] = 1 - weight[1] - weight[2];
-    *gap = dot(to, normal);
-    return true;
-}
-
-/* ---- tetrahedra */
-
-/* From a tetrahedron towards a point; the one that holds it, or -1: it is outside, or too far. */
-static int32_t walk(const finding *on, int32_t tet, const double point[3])
-{
-    const pliant_tissue *tissue = on->tissue;
-    for (int way = 0; way < MOST_WAY; way++) {
-        const int32_t *node = tissue->body->fine.tets + 4 * (size_t)tet;
-        double edge[3][3], to[3], normal[3], weight[4], least = 0;
-        int out = -1;
-        for (int v = 0; v < 3; v++) between(place_of(on, node[0]), place_of(on, node[v + 1]), edge[v]);
-        between(place_of(on, node[0]), point, to);
-        cross(edge[1], edge[2], normal);
-        const double volume = dot(edge[0], normal);
-        if (!(volume > 0)) return -1;
-        weight[1] = dot(to, normal) / volume;
-        cross(edge[2], edge[0], normal);
-        weight[2] = dot(to, normal) / volume;
-        cross(edge[0], edge[1], normal);
-        weight[3] = dot(to, normal) / volume;
-        weight[0] = 1 - weight[1] - weight[2] - weight[3];
-        for (int v = 0; v < 4; v++)
-            if (weight[v] < least) {
-                least = weight[v];
-                out = v;
-            }
-        if (!(least < -border)) return tet;
-        tet = tissue->across[4 * (size_t)tet + (size_t)out];
-        if (tet < 0 || !tissue->apart[tet]) return -1;
-    }
-    return -1;
-}
-
-/* Whether nodes are copies of one, less than an edge apart: a cut through voxels has parted them, and its faces touch by their links. */
-static bool were_one(const finding *on, int32_t a, int32_t b)
-{
-    const pliant_body *body = on->tissue->body;
-    if (!body->cuts || !body->node_parent || body->node_parent[a] != body->node_parent[b]) return false;
-    double apart[3];
-    between(place_of(on, a), place_of(on, b), apart);
-    return dot(apart, apart) < on->tissue->shortest * on->tissue->shortest;
-}
-
-static bool has_node(const finding *on, int32_t tet, int32_t node)
-{
-    const int32_t *of = on->tissue->body->fine.tets + 4 * (size_t)tet;
-    for (int v = 0; v < 4; v++)
-        if (of[v] == node || were_one(on, of[v], node)) return true;
-    return false;
-}
-
-/* whether a tetrahedron has a node of the surface, or one beside it */
-static bool is_near(const finding *on, int32_t index, int32_t tet)
-{
-    const pliant_tissue *tissue = on->tissue;
-    if (has_node(on, tet, tissue->node[index])) return true;
-    for (int32_t a = tissue->around_start[index]; a < tissue->around_start[index + 1]; a++)
-        if (has_node(on, tet, tissue->around[a])) return true;
-    return false;
-}
-
-static bool is_fixed(const finding *on, int32_t node)
-{
-    const uint8_t *fixed = on->tissue->body->fine_fixed;
-    return fixed && fixed[node] == PLIANT_FIXED_AT_REST;
-}
-
-/* which piece that has come off a node is of; -1: none */
-static int32_t piece_of(const finding *on, int32_t node) { return on->tissue->piece ? on->tissue->piece[node] : -1; }
-
-/* what is rigid does not touch itself */
-static bool can_move(const finding *on, int32_t node, int32_t skin)
-{
-    const int32_t *of = on->tissue->skin[skin].node, piece = piece_of(on, node);
-    if (piece >= 0 && piece_of(on, of[0]) == piece) return false;
-    return !(is_fixed(on, node) && is_fixed(on, of[0]) && is_fixed(on, of[1]) && is_fixed(on, of[2]));
-}
-
-/* how far away they are looked for */
-static double margin_of(const finding *on, int32_t node, int32_t skin)
-{
-    const bool piece = piece_of(on, node) >= 0 || piece_of(on, on->tissue->skin[skin].node[0]) >= 0;
-    return piece ? fmax(on->rule->margin, on->rule->pieces_go) : on->rule->margin;
-}
-
-/* ---- a node */
-
-/* whether some of the surface around a node faces a triangle */
-static bool faces(const finding *on, int32_t index, int32_t skin)
-{
-    const pliant_tissue *tissue = on->tissue;
-    for (int32_t k = tissue->fan_start[index]; k < tissue->fan_start[index + 1]; k++)
-        if (dot(tissue->normal[tissue->fan[k]], tissue->normal[skin]) < -facing) return true;
-    return false;
-}
-
-static bool before(const pliant_touching *a, const pliant_touching *b) { return a->deep != b->deep ? a->deep < b->deep : a->skin < b->skin; }
-
-/* From inside the shortest way out alone, and that before any other; from outside what bounds the node's way, each direction once. */
-static void keep(const finding *on, int32_t index, pliant_touching *one)
-{
-    pliant_tissue *tissue = on->tissue;
-    const bool beside = !faces(on, index, one->skin); /* of blocks that lie flush, the walls of one are at the border of the other */
-    pliant_touching *list = tissue->touching + PLIANT_TOUCHINGS * (size_t)index;
-    int32_t count = tissue->count[index], at;
-    const double surface = 10 * border * tissue->shortest; /* what lies in it is inside, with no way to go */
-    const bool inside = count > 0 && list[0].gap < surface;
-    one->deep = fabs(one->gap) + (beside ? on->rule->margin : 0);
-    if (beside && one->gap >= surface) return;
-    if (inside && (one->gap >= surface || !before(one, list))) return;
-    if (inside || one->gap < surface) {
-        list[0] = *one;
-        tissue->count[index] = 1;
-        return;
-    }
-    for (int32_t n = 0; n < count; n++)
-        if (dot(tissue->normal[list[n].skin], tissue->normal[one->skin]) > alike) {
-            if (before(one, list + n)) list[n] = *one;
-            return;
-        }
-    if (count < PLIANT_TOUCHINGS) tissue->count[index]++;
-    else if (!before(one, list + count - 1)) return;
-    for (at = tissue->count[index] - 1; at > 0 && before(one, list + at - 1); at--) list[at] = list[at - 1];
-    list[at] = *one;
-}
-
-static void try_skin(const finding *on, int32_t index, int32_t skin)
-{
-    const pliant_tissue *tissue = on->tissue;
-    const int32_t node = tissue->node[index], tet = tissue->skin[skin].tet;
-    const double *point = place_of(on, node);
-    pliant_touching one = {.skin = skin};
-    if (!look_down(on, skin, point, one.weight, &one.gap) || !(one.gap <= margin_of(on, node, skin))) return;
-    if (one.weight[0] < -border || one.weight[1] < -border || one.weight[2] < -border) return;
-    if (is_near(on, index, tet) || !can_move(on, node, skin)) return;
-    if (one.gap < 0) {
-        const int32_t holder = walk(on, tet, point);
-        if (holder < 0 || is_near(on, index, holder)) return;
-    }
-    keep(on, index, &one);
-}
-
-/* The triangle under a point, from one near it over its neighbours. */
-static int32_t slide(const finding *on, int32_t skin, const double point[3])
-{
-    double weight[3], gap;
-    for (int way = 0; way < MOST_WAY; way++) {
-        int least = 0;
-        if (!look_down(on, skin, point, weight, &gap)) return skin;
-        for (int v = 1; v < 3; v++)
-            if (weight[v] < weight[least]) least = v;
-        if (!(weight[least] < -border)) return skin;
-        const int32_t beside = on->tissue->skin[skin].beside[(least + 1) % 3]; /* the edge opposite that corner */
-        if (beside < 0) return skin;
-        skin = beside;
-    }
-    return skin;
-}
 
 static void search_node(const finding *on, int32_t index)
 {
     pliant_tissue *tissue = on->tissue;
     const pliant_grid *grid = &tissue->grid;
-    const double *point = place_of(on, tissue->node[index]);
+    const double *point = pliant_tissue_place_of(&on->view, tissue->node[index]);
     const int64_t cell = pliant_grid_cell(grid, point);
     tissue->count[index] = 0;
     for (int32_t k = cell < 0 ? 0 : grid->start[cell]; cell >= 0 && k < grid->start[cell + 1]; k++) {
         const int32_t i = grid->item[k];
         const pliant_grid_box *box = grid->box + i;
-        if (!(point[0] >= box->low[0] && point[0] <= box->high[0] && point[1] >= box->low[1] && point[1] <= box->high[1] && point[2] >= box->low[2] &&
-              point[2] <= box->high[2]))
-            continue;
-        for (int32_t s = tissue->skin_start[i]; s < tissue->skin_start[i + 1]; s++) try_skin(on, index, s);
+        if (!pliant_tissue_is_in_box(point, box->low, box->high)) continue;
+        for (int32_t s = tissue->skin_start[i]; s < tissue->skin_start[i + 1]; s++) pliant_tissue_try_skin(&on->view, index, s);
     }
-    if (tissue->last[index] >= 0 && tissue->count[index] == 0) try_skin(on, index, slide(on, tissue->last[index], point)); /* deep inside */
+    pliant_tissue_try_last(&on->view, index);
 }
 
 /* ---- what lay deep inside before it was seen */
@@ -268,17 +50,17 @@ static int32_t index_of(const pliant_tissue *tissue, int32_t node)
 static void try_deep(const finding *on, int32_t index, int32_t tet)
 {
     const pliant_tissue *tissue = on->tissue;
-    const double *point = place_of(on, tissue->node[index]);
-    const int32_t holder = walk(on, tet, point);
-    if (holder < 0 || is_near(on, index, holder)) return;
+    const double *point = pliant_tissue_place_of(&on->view, tissue->node[index]);
+    const int32_t holder = pliant_tissue_walk(&on->view, tet, point);
+    if (holder < 0 || pliant_tissue_is_near(&on->view, index, holder)) return;
     pliant_touching best = {.skin = -1, .gap = -INFINITY};
     for (int32_t s = 0; s < tissue->num_skins; s++) {
         pliant_touching one = {.skin = s};
-        if (!look_down(on, s, point, one.weight, &one.gap) || !(one.gap < 0 && one.gap > best.gap)) continue;
-        if (one.weight[0] < -border || one.weight[1] < -border || one.weight[2] < -border) continue;
-        if (can_move(on, tissue->node[index], s) && walk(on, tissue->skin[s].tet, point) == holder) best = one;
+        if (!pliant_tissue_look_down(&on->view, s, point, one.weight, &one.gap) || !(one.gap < 0 && one.gap > best.gap)) continue;
+        if (one.weight[0] < -PLIANT_TISSUE_BORDER || one.weight[1] < -PLIANT_TISSUE_BORDER || one.weight[2] < -PLIANT_TISSUE_BORDER) continue;
+        if (pliant_tissue_can_move(&on->view, tissue->node[index], s) && pliant_tissue_walk(&on->view, tissue->skin[s].tet, point) == holder) best = one;
     }
-    if (best.skin >= 0) keep(on, index, &best);
+    if (best.skin >= 0) pliant_tissue_keep(&on->view, index, &best);
 }
 
 static int32_t grid_index(const pliant_tissue *tissue, int32_t tet)
@@ -363,8 +145,8 @@ static pliant_status tell_nodes(const finding *on, pliant_contacts *out)
             }
             memcpy(point->normal, tissue->normal[list[k].skin], sizeof point->normal);
             point->area = tissue->area[n];
-            point->friction = on->rule->friction;
-            set_place(point, list[k].gap, on->rule);
+            point->friction = on->view.rule.friction;
+            set_place(point, list[k].gap, &on->view.rule);
         }
     }
     return PLIANT_OK;
@@ -388,14 +170,14 @@ static bool edge_normal(const pliant_tissue *tissue, int32_t skin, int edge, dou
 {
     const int32_t beside = tissue->skin[skin].beside[edge];
     for (int d = 0; d < 3; d++) out[d] = tissue->normal[skin][d] + (beside >= 0 ? tissue->normal[beside][d] : 0);
-    return beside < 0 || dot(tissue->normal[skin], tissue->normal[beside]) < blunt;
+    return beside < 0 || pliant_tissue_dot(tissue->normal[skin], tissue->normal[beside]) < blunt;
 }
 
 /* whether a point, seen from the edge, is below both triangles */
 static bool is_below(const pliant_tissue *tissue, int32_t skin, int edge, const double to[3])
 {
     const int32_t beside = tissue->skin[skin].beside[edge];
-    return dot(to, tissue->normal[skin]) < 0 && (beside < 0 || dot(to, tissue->normal[beside]) < 0);
+    return pliant_tissue_dot(to, tissue->normal[skin]) < 0 && (beside < 0 || pliant_tissue_dot(to, tissue->normal[beside]) < 0);
 }
 
 /* the lower of an edge's two triangles, and which of its edges it is */
@@ -415,30 +197,30 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
     const int32_t *mine = tissue->skin[a].node, *other = tissue->skin[b].node;
     const int32_t node[4] = {mine[i], mine[(i + 1) % 3], other[j], other[(j + 1) % 3]};
     double u[3], w[3], to[3], normal[3], side[3], outwards[2][3];
-    between(place_of(on, node[0]), place_of(on, node[1]), u);
-    between(place_of(on, node[2]), place_of(on, node[3]), w);
-    between(place_of(on, node[2]), place_of(on, node[0]), to);
-    cross(u, w, normal);
-    const double square = dot(normal, normal);
-    if (!(square > 1e-4 * dot(u, u) * dot(w, w))) return PLIANT_OK;
-    cross(w, to, side);
-    const double s = dot(side, normal) / square; /* of the way along each, where they are nearest */
-    cross(u, to, side);
-    const double t = dot(side, normal) / square;
+    pliant_tissue_between(pliant_tissue_place_of(&on->view, node[0]), pliant_tissue_place_of(&on->view, node[1]), u);
+    pliant_tissue_between(pliant_tissue_place_of(&on->view, node[2]), pliant_tissue_place_of(&on->view, node[3]), w);
+    pliant_tissue_between(pliant_tissue_place_of(&on->view, node[2]), pliant_tissue_place_of(&on->view, node[0]), to);
+    pliant_tissue_cross(u, w, normal);
+    const double square = pliant_tissue_dot(normal, normal);
+    if (!(square > 1e-4 * pliant_tissue_dot(u, u) * pliant_tissue_dot(w, w))) return PLIANT_OK;
+    pliant_tissue_cross(w, to, side);
+    const double s = pliant_tissue_dot(side, normal) / square; /* of the way along each, where they are nearest */
+    pliant_tissue_cross(u, to, side);
+    const double t = pliant_tissue_dot(side, normal) / square;
     if (!(s > 0 && s < 1 && t > 0 && t < 1)) return PLIANT_OK;
     if (!edge_normal(tissue, a, i, outwards[0]) || !edge_normal(tissue, b, j, outwards[1])) return PLIANT_OK;
-    const double sign = dot(normal, outwards[1]) > 0 ? 1 : -1;
+    const double sign = pliant_tissue_dot(normal, outwards[1]) > 0 ? 1 : -1;
     for (int d = 0; d < 3; d++) normal[d] *= sign / sqrt(square);
-    const double gap = dot(to, normal);
+    const double gap = pliant_tissue_dot(to, normal);
     double across[2][3];
     for (int d = 0; d < 3; d++) {
-        across[0][d] = place_of(on, node[0])[d] + s * u[d] - place_of(on, node[2])[d];
-        across[1][d] = place_of(on, node[2])[d] + t * w[d] - place_of(on, node[0])[d];
+        across[0][d] = pliant_tissue_place_of(&on->view, node[0])[d] + s * u[d] - pliant_tissue_place_of(&on->view, node[2])[d];
+        across[1][d] = pliant_tissue_place_of(&on->view, node[2])[d] + t * w[d] - pliant_tissue_place_of(&on->view, node[0])[d];
     }
     if (!is_below(tissue, b, j, across[0]) || !is_below(tissue, a, i, across[1])) return PLIANT_OK;
-    if (!(gap < 0 && gap > -farthest * tissue->shortest) || !(dot(normal, outwards[0]) < 0) || !(dot(normal, outwards[1]) > 0)) return PLIANT_OK;
-    if (piece_of(on, node[0]) >= 0 && piece_of(on, node[0]) == piece_of(on, node[2])) return PLIANT_OK;
-    if (is_fixed(on, node[0]) && is_fixed(on, node[1]) && is_fixed(on, node[2]) && is_fixed(on, node[3])) return PLIANT_OK;
+    if (!(gap < 0 && gap > -farthest * tissue->shortest) || !(pliant_tissue_dot(normal, outwards[0]) < 0) || !(pliant_tissue_dot(normal, outwards[1]) > 0)) return PLIANT_OK;
+    if (pliant_tissue_piece_of(&on->view, node[0]) >= 0 && pliant_tissue_piece_of(&on->view, node[0]) == pliant_tissue_piece_of(&on->view, node[2])) return PLIANT_OK;
+    if (pliant_tissue_is_fixed(&on->view, node[0]) && pliant_tissue_is_fixed(&on->view, node[1]) && pliant_tissue_is_fixed(&on->view, node[2]) && pliant_tissue_is_fixed(&on->view, node[3])) return PLIANT_OK;
     pliant_contact_point *point = append(out);
     if (!point) return pliant_fail_memory("contacts of tissue with tissue");
     const double weight[4] = {1 - s, s, t - 1, -t};
@@ -451,9 +233,9 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
         point->weight[v] = turned ? -weight[(v + 2) % 4] : weight[v];
     }
     for (int d = 0; d < 3; d++) point->normal[d] = turned ? -normal[d] : normal[d];
-    point->area = 0.25 * (sqrt(dot(u, u) * dot(w, w)));
-    point->friction = on->rule->friction;
-    set_place(point, gap, on->rule);
+    point->area = 0.25 * (sqrt(pliant_tissue_dot(u, u) * pliant_tissue_dot(w, w)));
+    point->friction = on->view.rule.friction;
+    set_place(point, gap, &on->view.rule);
     return PLIANT_OK;
 }
 
@@ -495,13 +277,13 @@ static pliant_status tell_faces(const finding *on, pliant_contacts *out)
 {
     const pliant_tissue *tissue = on->tissue;
     for (int32_t f = 0; f < tissue->num_faces; f++) {
-        const int32_t *tets = tissue->body->fine.tets, *tet = tissue->face[f].tet, piece = piece_of(on, tets[4 * (size_t)tet[0]]);
-        if (piece >= 0 && piece == piece_of(on, tets[4 * (size_t)tet[1]])) continue;
+        const int32_t *tets = tissue->body->fine.tets, *tet = tissue->face[f].tet, piece = pliant_tissue_piece_of(&on->view, tets[4 * (size_t)tet[0]]);
+        if (piece >= 0 && piece == pliant_tissue_piece_of(&on->view, tets[4 * (size_t)tet[1]])) continue;
         pliant_contact_point *point = append(out);
         if (!point) return pliant_fail_memory("contacts of tissue with tissue");
         point->feature = (uint64_t)PLIANT_TISSUE_CUT << 56 | (uint64_t)tissue->face[f].tet[0] << 28 | (uint64_t)tissue->face[f].tet[1];
-        point->friction = on->rule->friction;
-        if (!pliant_cut_face_point(tissue->body, tissue->face + f, on->positions, on->rule, point)) out->count--;
+        point->friction = on->view.rule.friction;
+        if (!pliant_cut_face_point(tissue->body, tissue->face + f, on->view.positions, &on->view.rule, point)) out->count--;
     }
     return PLIANT_OK;
 }
@@ -530,19 +312,40 @@ static void keep_places(pliant_tissue *tissue, const double *positions)
     tissue->has_place = true;
 }
 
+/* By the CPU: pairs of tetrahedra that overlap, normals, what every node touches. */
+static pliant_status search(const finding *on)
+{
+    pliant_tissue *tissue = on->tissue;
+    const pliant_mesh *mesh = &tissue->body->fine;
+    const pliant_tissue_rule *rule = &on->view.rule;
+    pliant_status status = pliant_grid_fill(&tissue->grid, tissue->num_tets, tissue->tet, mesh->tets, on->view.positions, fmax(rule->margin, rule->pieces_go), tissue->threads);
+    if (status == PLIANT_OK) status = pliant_grid_overlaps(&tissue->grid, mesh->tets, on->view.positions, tissue->threads, &tissue->num_overlaps);
+    if (status != PLIANT_OK) return status;
+#pragma omp parallel for schedule(static) num_threads(tissue->threads)
+    for (int32_t s = 0; s < tissue->num_skins; s++) pliant_tissue_set_normal(&on->view, s);
+#pragma omp parallel for schedule(dynamic, 64) num_threads(tissue->threads)
+    for (int32_t n = 0; n < tissue->num_nodes; n++) search_node(on, n);
+    return PLIANT_OK;
+}
+
+pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule)
+{
+    const pliant_body *body = tissue->body;
+    return (pliant_tissue_view){
+        .positions = positions, .rule = *rule, .shortest = tissue->shortest, .tets = body->fine.tets, .across = tissue->across, .apart = tissue->apart,
+        .fixed = body->fine_fixed, .node_parent = body->cuts ? body->node_parent : NULL, .piece = tissue->piece, .skin = tissue->skin,
+        .skin_start = tissue->skin_start, .node = tissue->node, .around_start = tissue->around_start, .around = tissue->around,
+        .fan_start = tissue->fan_start, .fan = tissue->fan, .last = tissue->last, .normal = tissue->normal, .count = tissue->count, .touching = tissue->touching,
+    };
+}
+
 pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given, pliant_contacts *out)
 {
-    const pliant_tissue_rule moving = {find_margin(tissue, positions, given->margin), given->recovery, given->friction, given->pieces_go},
-                             *rule = &moving;
-    const finding on = {.tissue = tissue, .positions = positions, .rule = rule};
-    const pliant_mesh *mesh = &tissue->body->fine;
+    const pliant_tissue_rule moving = {find_margin(tissue, positions, given->margin), given->recovery, given->friction, given->pieces_go};
+    const finding on = {.tissue = tissue, .view = pliant_tissue_view_of(tissue, positions, &moving)};
     const int32_t before_all = out->count;
-    pliant_status status = pliant_grid_fill(&tissue->grid, tissue->num_tets, tissue->tet, mesh->tets, positions, fmax(rule->margin, rule->pieces_go), tissue->threads);
-    if (status == PLIANT_OK) status = pliant_grid_overlaps(&tissue->grid, mesh->tets, positions, tissue->threads, &tissue->num_overlaps);
+    pliant_status status = pliant_tissue_searched(tissue, positions, &moving) ? PLIANT_OK : search(&on);
     if (status != PLIANT_OK) return status;
-    find_normals(&on);
-#pragma omp parallel for schedule(dynamic, 64) num_threads(tissue->threads)
-    for (int32_t n = 0; n < tissue->num_nodes; n++) search_node(&on, n);
     for (int c = 0; c < PLIANT_GRID_CHUNKS; c++)
         for (int32_t p = 0; p < tissue->grid.found[c].count; p++) {
             const int32_t *pair = tissue->grid.found[c].pair + 2 * (size_t)p;

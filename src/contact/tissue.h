@@ -36,7 +36,17 @@ typedef struct pliant_cut_face {
 typedef struct pliant_touching { int32_t skin; double weight[3], gap, deep; } pliant_touching;
 enum { PLIANT_TOUCHINGS = 3 /* at most, of a node */ };
 
-typedef struct pliant_tissue {
+/* Who searches in place of the CPU, by the same rules (tissue_rules.h): a GPU. */
+typedef struct pliant_tissue pliant_tissue;
+typedef struct pliant_tissue_rule pliant_tissue_rule;
+typedef struct pliant_tissue_searcher {
+    /* Pairs of tetrahedra that overlap (pliant_grid_take_pairs); with a rule, whose margin is that of this step, also normals and what every node touches.
+     * *state: NULL at first, kept. Errors: MEMORY, UNAVAILABLE: the CPU searches. */
+    pliant_status (*search)(void **state, pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule);
+    void (*free)(void *state); /* Nullable state */
+} pliant_tissue_searcher;
+
+struct pliant_tissue {
     const pliant_body *body;   /* retained */
     uint64_t revision;         /* of it; 0: none */
     int threads;
@@ -65,7 +75,10 @@ typedef struct pliant_tissue {
     bool has_place;
     double *place;             /* (num_nodes x 3) where nodes were as the step before began [m] */
     int32_t num_overlaps;      /* pairs of tetrahedra */
-} pliant_tissue;
+    /* ---- of who searches */
+    const pliant_tissue_searcher *searcher; /* Nullable: the CPU */
+    void *searcher_state;
+};
 
 void pliant_tissue_free(pliant_tissue *tissue); /* what it holds */
 /* Another body, unless it is this one. Errors: MEMORY, FORMAT; nothing changes. */
@@ -76,16 +89,21 @@ void pliant_tissue_forget(pliant_tissue *tissue);
 /* What is known of the step before. Errors: MEMORY, FORMAT; nothing changes. */
 pliant_status pliant_tissue_copy(const pliant_tissue *from, pliant_tissue *to);
 
-typedef struct pliant_tissue_rule {
+struct pliant_tissue_rule {
     double margin;             /* outside of the surface, points are found so far away, and as far as nodes went in the step before [m] */
     double recovery;           /* of how deep tissue lies in tissue as a step begins, at most this is undone [m] */
     double friction;
     double pieces_go;          /* quasi-static: how far pieces that have come off may go in this step, which are looked for so far away [m] */
-} pliant_tissue_rule;
+};
 
 /* Appends the points, ascending by feature: its top byte is PLIANT_TISSUE_NODE, _EDGE or _CUT (follow.h).
  * @param positions (nodes x 3) as the step begins [m]. Errors: MEMORY. */
 pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given, pliant_contacts *out);
+
+/* From now on; NULL: the CPU. */
+void pliant_tissue_set_searcher(pliant_tissue *tissue, const pliant_tissue_searcher *searcher);
+/* Whether somebody else has searched. rule: NULL: for pairs alone */
+bool pliant_tissue_searched(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule);
 
 /* ---- tissue_slowed.c */
 /* Which nodes are of a tetrahedron that overlaps. @param overlaps (nodes) out. Errors: MEMORY. */

@@ -10,8 +10,9 @@
 pliant_status pliant_tissue_overlapping(pliant_tissue *tissue, const double *positions, uint8_t *overlaps)
 {
     const pliant_mesh *mesh = &tissue->body->fine;
-    pliant_status status = pliant_grid_fill(&tissue->grid, tissue->num_tets, tissue->tet, mesh->tets, positions, 0, tissue->threads);
-    if (status == PLIANT_OK) status = pliant_grid_overlaps(&tissue->grid, mesh->tets, positions, tissue->threads, &tissue->num_overlaps);
+    const bool searched = pliant_tissue_searched(tissue, positions, NULL);
+    pliant_status status = searched ? PLIANT_OK : pliant_grid_fill(&tissue->grid, tissue->num_tets, tissue->tet, mesh->tets, positions, 0, tissue->threads);
+    if (status == PLIANT_OK && !searched) status = pliant_grid_overlaps(&tissue->grid, mesh->tets, positions, tissue->threads, &tissue->num_overlaps);
     if (status != PLIANT_OK) return status;
     memset(overlaps, 0, (size_t)mesh->num_nodes);
     for (int c = 0; c < PLIANT_GRID_CHUNKS; c++)

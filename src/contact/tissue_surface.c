@@ -22,8 +22,26 @@ void pliant_tissue_free(pliant_tissue *tissue)
 {
     free_surface(tissue);
     pliant_grid_free(&tissue->grid);
+    pliant_tissue_set_searcher(tissue, NULL);
     pliant_body_release(tissue->body);
     memset(tissue, 0, sizeof *tissue);
+}
+
+void pliant_tissue_set_searcher(pliant_tissue *tissue, const pliant_tissue_searcher *searcher)
+{
+    if (tissue->searcher == searcher) return;
+    if (tissue->searcher) tissue->searcher->free(tissue->searcher_state);
+    tissue->searcher = searcher;
+    tissue->searcher_state = NULL;
+}
+
+bool pliant_tissue_searched(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule)
+{
+    if (!tissue->searcher) return false;
+    if (tissue->searcher->search(&tissue->searcher_state, tissue, positions, rule) == PLIANT_OK) return true;
+    pliant_log(PLIANT_LOG_WARNING, "the search for tissue that touches tissue goes on without a GPU: %s", pliant_last_error());
+    pliant_tissue_set_searcher(tissue, NULL);
+    return false;
 }
 
 void pliant_tissue_forget(pliant_tissue *tissue)
@@ -226,6 +244,8 @@ pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *b
         return status;
     }
     next.grid = tissue->grid;
+    next.searcher = tissue->searcher;
+    next.searcher_state = tissue->searcher_state;
     pliant_body_retain(body);
     free_surface(tissue);
     pliant_body_release(tissue->body);

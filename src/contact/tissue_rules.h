@@ -1,0 +1,256 @@
+/* What a node of the surface touches (tissue.h): what the CPU and kernels share. */
+#ifndef PLIANT_CONTACT_TISSUE_RULES_H
+#define PLIANT_CONTACT_TISSUE_RULES_H
+
+#include "base/inline.h"
+#include "contact/tissue.h"
+
+#include <math.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define PLIANT_TISSUE_BORDER 1e-6 /* weights that far below 0 are of points beside a triangle or a tetrahedron */
+enum { PLIANT_TISSUE_MOST_WAY = 64 /* tetrahedra or triangles from one to a point */ };
+
+/* Of struct pliant_tissue and its body, what the search asks. */
+typedef struct pliant_tissue_view {
+    const double *positions;
+    pliant_tissue_rule rule;
+    double shortest;
+    const int32_t *tets, *across;
+    const uint8_t *apart, *fixed;       /* fixed: Nullable */
+    const int32_t *node_parent, *piece; /* Nullable; the first where nothing is cut, too */
+    const pliant_skin *skin;
+    const int32_t *skin_start, *node, *around_start, *around, *fan_start, *fan, *last;
+    double (*normal)[3];
+    int32_t *count;
+    pliant_touching *touching;
+} pliant_tissue_view;
+
+/* of the host */
+pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule);
+
+PLIANT_INLINE double pliant_tissue_dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+PLIANT_INLINE void pliant_tissue_cross(const double a[3], const double b[3], double out[3])
+{
+    for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
+}
+
+PLIANT_INLINE void pliant_tissue_between(const double *from, const double *to, double out[3])
+{
+    for (int d = 0; d < 3; d++) out[d] = to[d] - from[d];
+}
+
+PLIANT_INLINE const double *pliant_tissue_place_of(const pliant_tissue_view *on, int32_t node) { return on->positions + 3 * (size_t)node; }
+
+/* ---- triangles */
+
+/* The triangle's normal; 0 where it has no area. */
+PLIANT_INLINE void pliant_tissue_set_normal(const pliant_tissue_view *on, int32_t skin)
+{
+    const int32_t *node = on->skin[skin].node;
+    double a[3], b[3], *normal = on->normal[skin];
+    pliant_tissue_between(pliant_tissue_place_of(on, node[0]), pliant_tissue_place_of(on, node[1]), a);
+    pliant_tissue_between(pliant_tissue_place_of(on, node[0]), pliant_tissue_place_of(on, node[2]), b);
+    pliant_tissue_cross(a, b, normal);
+    const double length = sqrt(pliant_tissue_dot(normal, normal));
+    for (int d = 0; d < 3; d++) normal[d] = length > 0 ? normal[d] / length : 0;
+}
+
+/* Weights of the corners at the foot of a point, and how high it is. false: the triangle has no area. */
+PLIANT_INLINE bool pliant_tissue_look_down(const pliant_tissue_view *on, int32_t skin, const double point[3], double weight[3], double *gap)
+{
+    const int32_t *node = on->skin[skin].node;
+    const double *normal = on->normal[skin], *corner = pliant_tissue_place_of(on, node[0]);
+    double a[3], b[3], to[3], side[3];
+    pliant_tissue_between(corner, pliant_tissue_place_of(on, node[1]), a);
+    pliant_tissue_between(corner, pliant_tissue_place_of(on, node[2]), b);
+    pliant_tissue_between(corner, point, to);
+    pliant_tissue_cross(a, b, side);
+    const double whole = pliant_tissue_dot(side, normal);
+    if (!(whole > 0)) return false;
+    pliant_tissue_cross(to, b, side);
+    weight[1] = pliant_tissue_dot(side, normal) / whole;
+    pliant_tissue_cross(a, to, side);
+    weight[2] = pliant_tissue_dot(side, normal) / whole;
+    weight[0] = 1 - weight[1] - weight[2];
+    *gap = pliant_tissue_dot(to, normal);
+    return true;
+}
+
+/* ---- tetrahedra */
+
+/* From a tetrahedron towards a point; the one that holds it, or -1: it is outside, or too far. */
+PLIANT_INLINE int32_t pliant_tissue_walk(const pliant_tissue_view *on, int32_t tet, const double point[3])
+{
+    for (int way = 0; way < PLIANT_TISSUE_MOST_WAY; way++) {
+        const int32_t *node = on->tets + 4 * (size_t)tet;
+        double edge[3][3], to[3], normal[3], weight[4], least = 0;
+        int out = -1;
+        for (int v = 0; v < 3; v++) pliant_tissue_between(pliant_tissue_place_of(on, node[0]), pliant_tissue_place_of(on, node[v + 1]), edge[v]);
+        pliant_tissue_between(pliant_tissue_place_of(on, node[0]), point, to);
+        pliant_tissue_cross(edge[1], edge[2], normal);
+        const double volume = pliant_tissue_dot(edge[0], normal);
+        if (!(volume > 0)) return -1;
+        weight[1] = pliant_tissue_dot(to, normal) / volume;
+        pliant_tissue_cross(edge[2], edge[0], normal);
+        weight[2] = pliant_tissue_dot(to, normal) / volume;
+        pliant_tissue_cross(edge[0], edge[1], normal);
+        weight[3] = pliant_tissue_dot(to, normal) / volume;
+        weight[0] = 1 - weight[1] - weight[2] - weight[3];
+        for (int v = 0; v < 4; v++)
+            if (weight[v] < least) {
+                least = weight[v];
+                out = v;
+            }
+        if (!(least < -PLIANT_TISSUE_BORDER)) return tet;
+        tet = on->across[4 * (size_t)tet + (size_t)out];
+        if (tet < 0 || !on->apart[tet]) return -1;
+    }
+    return -1;
+}
+
+/* Whether nodes are copies of one, less than an edge apart: a cut through voxels has parted them, and its faces touch by their links. */
+PLIANT_INLINE bool pliant_tissue_were_one(const pliant_tissue_view *on, int32_t a, int32_t b)
+{
+    if (!on->node_parent || on->node_parent[a] != on->node_parent[b]) return false;
+    double apart[3];
+    pliant_tissue_between(pliant_tissue_place_of(on, a), pliant_tissue_place_of(on, b), apart);
+    return pliant_tissue_dot(apart, apart) < on->shortest * on->shortest;
+}
+
+PLIANT_INLINE bool pliant_tissue_has_node(const pliant_tissue_view *on, int32_t tet, int32_t node)
+{
+    const int32_t *of = on->tets + 4 * (size_t)tet;
+    for (int v = 0; v < 4; v++)
+        if (of[v] == node || pliant_tissue_were_one(on, of[v], node)) return true;
+    return false;
+}
+
+/* whether a tetrahedron has a node of the surface, or one beside it */
+PLIANT_INLINE bool pliant_tissue_is_near(const pliant_tissue_view *on, int32_t index, int32_t tet)
+{
+    if (pliant_tissue_has_node(on, tet, on->node[index])) return true;
+    for (int32_t a = on->around_start[index]; a < on->around_start[index + 1]; a++)
+        if (pliant_tissue_has_node(on, tet, on->around[a])) return true;
+    return false;
+}
+
+PLIANT_INLINE bool pliant_tissue_is_fixed(const pliant_tissue_view *on, int32_t node)
+{
+    const uint8_t *fixed = on->fixed;
+    return fixed && fixed[node] == PLIANT_FIXED_AT_REST;
+}
+
+/* which piece that has come off a node is of; -1: none */
+PLIANT_INLINE int32_t pliant_tissue_piece_of(const pliant_tissue_view *on, int32_t node) { return on->piece ? on->piece[node] : -1; }
+
+/* what is rigid does not touch itself */
+PLIANT_INLINE bool pliant_tissue_can_move(const pliant_tissue_view *on, int32_t node, int32_t skin)
+{
+    const int32_t *of = on->skin[skin].node, piece = pliant_tissue_piece_of(on, node);
+    if (piece >= 0 && pliant_tissue_piece_of(on, of[0]) == piece) return false;
+    return !(pliant_tissue_is_fixed(on, node) && pliant_tissue_is_fixed(on, of[0]) && pliant_tissue_is_fixed(on, of[1]) && pliant_tissue_is_fixed(on, of[2]));
+}
+
+/* how far away they are looked for */
+PLIANT_INLINE double pliant_tissue_margin_of(const pliant_tissue_view *on, int32_t node, int32_t skin)
+{
+    const bool piece = pliant_tissue_piece_of(on, node) >= 0 || pliant_tissue_piece_of(on, on->skin[skin].node[0]) >= 0;
+    return piece ? fmax(on->rule.margin, on->rule.pieces_go) : on->rule.margin;
+}
+
+/* ---- a node */
+
+/* whether some of the surface around a node faces a triangle */
+PLIANT_INLINE bool pliant_tissue_faces(const pliant_tissue_view *on, int32_t index, int32_t skin)
+{
+    const double facing = 0.1; /* cosine between normals that face each other, and more */
+    for (int32_t k = on->fan_start[index]; k < on->fan_start[index + 1]; k++)
+        if (pliant_tissue_dot(on->normal[on->fan[k]], on->normal[skin]) < -facing) return true;
+    return false;
+}
+
+PLIANT_INLINE bool pliant_tissue_before(const pliant_touching *a, const pliant_touching *b) { return a->deep != b->deep ? a->deep < b->deep : a->skin < b->skin; }
+
+/* From inside the shortest way out alone, and that before any other; from outside what bounds the node's way, each direction once. */
+PLIANT_INLINE void pliant_tissue_keep(const pliant_tissue_view *on, int32_t index, pliant_touching *one)
+{
+    const double alike = 0.7; /* cosine between normals of triangles that push one way: a node needs one of them */
+    const bool beside = !pliant_tissue_faces(on, index, one->skin); /* of blocks that lie flush, the walls of one are at the border of the other */
+    pliant_touching *list = on->touching + PLIANT_TOUCHINGS * (size_t)index;
+    int32_t count = on->count[index], at;
+    const double surface = 10 * PLIANT_TISSUE_BORDER * on->shortest; /* what lies in it is inside, with no way to go */
+    const bool inside = count > 0 && list[0].gap < surface;
+    one->deep = fabs(one->gap) + (beside ? on->rule.margin : 0.0);
+    if (beside && one->gap >= surface) return;
+    if (inside && (one->gap >= surface || !pliant_tissue_before(one, list))) return;
+    if (inside || one->gap < surface) {
+        list[0] = *one;
+        on->count[index] = 1;
+        return;
+    }
+    for (int32_t n = 0; n < count; n++)
+        if (pliant_tissue_dot(on->normal[list[n].skin], on->normal[one->skin]) > alike) {
+            if (pliant_tissue_before(one, list + n)) list[n] = *one;
+            return;
+        }
+    if (count < PLIANT_TOUCHINGS) on->count[index]++;
+    else if (!pliant_tissue_before(one, list + count - 1)) return;
+    for (at = on->count[index] - 1; at > 0 && pliant_tissue_before(one, list + at - 1); at--) list[at] = list[at - 1];
+    list[at] = *one;
+}
+
+PLIANT_INLINE void pliant_tissue_try_skin(const pliant_tissue_view *on, int32_t index, int32_t skin)
+{
+    const int32_t node = on->node[index], tet = on->skin[skin].tet;
+    const double *point = pliant_tissue_place_of(on, node);
+    pliant_touching one;
+    one.skin = skin;
+    one.deep = 0;
+    if (!pliant_tissue_look_down(on, skin, point, one.weight, &one.gap) || !(one.gap <= pliant_tissue_margin_of(on, node, skin))) return;
+    if (one.weight[0] < -PLIANT_TISSUE_BORDER || one.weight[1] < -PLIANT_TISSUE_BORDER || one.weight[2] < -PLIANT_TISSUE_BORDER) return;
+    if (pliant_tissue_is_near(on, index, tet) || !pliant_tissue_can_move(on, node, skin)) return;
+    if (one.gap < 0) {
+        const int32_t holder = pliant_tissue_walk(on, tet, point);
+        if (holder < 0 || pliant_tissue_is_near(on, index, holder)) return;
+    }
+    pliant_tissue_keep(on, index, &one);
+}
+
+/* The triangle under a point, from one near it over its neighbours. */
+PLIANT_INLINE int32_t pliant_tissue_slide(const pliant_tissue_view *on, int32_t skin, const double point[3])
+{
+    double weight[3], gap;
+    for (int way = 0; way < PLIANT_TISSUE_MOST_WAY; way++) {
+        int least = 0;
+        if (!pliant_tissue_look_down(on, skin, point, weight, &gap)) return skin;
+        for (int v = 1; v < 3; v++)
+            if (weight[v] < weight[least]) least = v;
+        if (!(weight[least] < -PLIANT_TISSUE_BORDER)) return skin;
+        const int32_t beside = on->skin[skin].beside[(least + 1) % 3]; /* the edge opposite that corner */
+        if (beside < 0) return skin;
+        skin = beside;
+    }
+    return skin;
+}
+
+/* What it touched in the step before, where it touches nothing else: it may be deep inside. */
+PLIANT_INLINE void pliant_tissue_try_last(const pliant_tissue_view *on, int32_t index)
+{
+    if (on->last[index] >= 0 && on->count[index] == 0)
+        pliant_tissue_try_skin(on, index, pliant_tissue_slide(on, on->last[index], pliant_tissue_place_of(on, on->node[index])));
+}
+
+PLIANT_INLINE bool pliant_tissue_is_in_box(const double point[3], const double low[3], const double high[3])
+{
+    return point[0] >= low[0] && point[0] <= high[0] && point[1] >= low[1] && point[1] <= high[1] && point[2] >= low[2] && point[2] <= high[2];
+}
+
+#ifdef __cplusplus
+}
+#endif
+#endif
