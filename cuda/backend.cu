@@ -7,6 +7,7 @@
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
 #include "solve.h"
+#include "tissue.h"
 #include "warp.h"
 
 #include <cstdio>
@@ -199,6 +200,7 @@ static constexpr pliant_backend table()
     made.kind = &pliant_corotational;
     made.touches = true;
     made.probe = pliant_cuda_text;
+    made.searcher = &pliant_cuda_tissue_searcher;
     made.create = create;
     made.free = destroy;
     made.follow = follow;

@@ -2,53 +2,19 @@
  *
  * Cells have no bounds: a table takes them by a hash of their place, and an entry tells which cell it is of. How long each list is is counted first, then
  * lists lie one after the other, and threads share what comes after each entry. Pairs are the same in any order, and are sorted where they are asked for. */
-#include "overlaps.h"
+#include "overlaps.cuh"
 
 #include "contact/overlap.h"
 #include "pliant/fail.h"
 #include "pliant/memory.h"
 
-#include <algorithm>
 #include <cstring>
+
+using namespace overlaps;
 
 namespace {
 
 enum { THREADS = 128, WARPS = THREADS / 32, LANES_OF_TET = 8 /* threads that share the cells of one */, LANES_OF_ENTRY = 8 /* or its list */, MOST_CELLS = 16 /* that a box lies in along an axis */ };
-
-struct entry { unsigned long long cell; int32_t tet, end; float low[3], high[3]; }; /* end: of its list; box: outwards */
-struct tet_box { double low[3], high[3]; };
-
-/* how many there are, and the most cells along an axis that a box lies in */
-enum { ENTRIES, PAIRS, CELLS, NUM_COUNTS };
-
-/* what kernels see */
-struct view {
-    int32_t count, table; /* table: a power of two, less 1 */
-    double side;
-    const int32_t *tets, *tet;
-    const double *positions;
-    tet_box *box;        /* (count) */
-    int32_t *counts;     /* (NUM_COUNTS), then: */
-    int32_t *length;     /* (table + 1) of each list */
-    int32_t *start;      /* (table + 1) its first entry */
-    int32_t *next;       /* (table + 1) where the next one goes */
-    entry *entries;
-    int2 *pairs;
-    int32_t room[CELLS];
-};
-
-__device__ __forceinline__ int32_t cell_of(const view &v, double x) { return (int32_t)fmin(fmax(floor(x / v.side), -1e9), 1e9); }
-
-__device__ __forceinline__ uint32_t hash_of(const view &v, int32_t a, int32_t b, int32_t c)
-{
-    return ((uint32_t)a * 73856093u ^ (uint32_t)b * 19349663u ^ (uint32_t)c * 83492791u) & (uint32_t)v.table;
-}
-
-__device__ __forceinline__ unsigned long long key_of(int32_t a, int32_t b, int32_t c)
-{
-    const unsigned long long mask = (1ull << 21) - 1; /* no box reaches as far as a cell with the same key */
-    return ((unsigned long long)a & mask) | ((unsigned long long)b & mask) << 21 | ((unsigned long long)c & mask) << 42;
-}
 
 /* Cells that a box lies in, one after the other; none where it is no box, or too large. */
 struct cells {
@@ -58,15 +24,15 @@ struct cells {
         double sum = 0;
         for (int d = 0; d < 3; d++) sum += box.low[d] + box.high[d];
         if (!isfinite(sum)) return;
-        const double widest = fmax(box.high[0] - box.low[0], fmax(box.high[1] - box.low[1], box.high[2] - box.low[2])) / v.side;
+        const double side = v.now->side, widest = fmax(box.high[0] - box.low[0], fmax(box.high[1] - box.low[1], box.high[2] - box.low[2])) / side;
         if (widest > MOST_CELLS) {
-            atomicMax(v.counts + CELLS, (int32_t)fmin(widest, 1e9));
+            atomicMax(v.counts + CELLS, (number)fmin(widest, 1e9));
             return;
         }
         count = 1;
         for (int d = 0; d < 3; d++) {
-            low[d] = cell_of(v, box.low[d]);
-            wide[d] = cell_of(v, box.high[d]) - low[d] + 1;
+            low[d] = cell_of(side, box.low[d]);
+            wide[d] = cell_of(side, box.high[d]) - low[d] + 1;
             count *= wide[d];
         }
     }
@@ -80,7 +46,7 @@ struct cells {
 
 __global__ void __launch_bounds__(THREADS) count_kernel(view v)
 {
-    const int32_t i = (int32_t)(blockIdx.x * THREADS + threadIdx.x) / LANES_OF_TET, lane = (int32_t)threadIdx.x % LANES_OF_TET;
+    const int32_t i = (int32_t)(((size_t)blockIdx.x * THREADS + threadIdx.x) / LANES_OF_TET), lane = (int32_t)threadIdx.x % LANES_OF_TET;
     if (i >= v.count) return;
     const int4 nodes = *(const int4 *)(v.tets + 4 * (size_t)v.tet[i]);
     const int32_t node[4] = {nodes.x, nodes.y, nodes.z, nodes.w};
@@ -92,8 +58,8 @@ __global__ void __launch_bounds__(THREADS) count_kernel(view v)
             x[k] = v.positions[3 * (size_t)node[k] + d];
             finite = finite && isfinite(x[k]);
         }
-        box.low[d] = fmin(fmin(x[0], x[1]), fmin(x[2], x[3]));
-        box.high[d] = fmax(fmax(x[0], x[1]), fmax(x[2], x[3]));
+        box.low[d] = fmin(fmin(x[0], x[1]), fmin(x[2], x[3])) - v.now->margin;
+        box.high[d] = fmax(fmax(x[0], x[1]), fmax(x[2], x[3])) + v.now->margin;
     }
     if (!finite) box.low[0] = NAN; /* which minima leave out */
     if (lane == 0) v.box[i] = box;
@@ -110,20 +76,20 @@ __global__ void __launch_bounds__(THREADS) start_kernel(view v)
 {
     const int32_t list = (int32_t)(blockIdx.x * THREADS + threadIdx.x), lane = (int32_t)threadIdx.x % 32;
     const int32_t length = list <= v.table ? v.length[list] : 0;
-    int32_t before = length, first = 0;
+    number before = (number)length, first = 0;
     for (int step = 1; step < 32; step *= 2) {
-        const int32_t other = __shfl_up_sync(0xffffffffu, before, step);
+        const number other = __shfl_up_sync(0xffffffffu, before, step);
         if (lane >= step) before += other;
     }
     if (lane == 31) first = atomicAdd(v.counts + ENTRIES, before);
-    first = __shfl_sync(0xffffffffu, first, 31) + before - length;
-    if (list <= v.table) v.start[list] = v.next[list] = first;
+    first = __shfl_sync(0xffffffffu, first, 31) + before - (number)length;
+    if (list <= v.table) v.start[list] = v.next[list] = (int32_t)min(first, (number)INT32_MAX);
 }
 
 __global__ void __launch_bounds__(THREADS) fill_kernel(view v)
 {
-    const int32_t i = (int32_t)(blockIdx.x * THREADS + threadIdx.x) / LANES_OF_TET, lane = (int32_t)threadIdx.x % LANES_OF_TET;
-    if (i >= v.count) return;
+    const int32_t i = (int32_t)(((size_t)blockIdx.x * THREADS + threadIdx.x) / LANES_OF_TET), lane = (int32_t)threadIdx.x % LANES_OF_TET;
+    if (i >= v.count || !are_whole(v)) return;
     const tet_box box = v.box[i];
     const cells of(v, box);
     entry one;
@@ -139,7 +105,7 @@ __global__ void __launch_bounds__(THREADS) fill_kernel(view v)
         const int32_t where = atomicAdd(v.next + list, 1);
         one.cell = key_of(at[0], at[1], at[2]);
         one.end = v.start[list] + v.length[list];
-        if (where < v.room[ENTRIES]) v.entries[where] = one;
+        v.entries[where] = one;
     }
 }
 
@@ -161,7 +127,7 @@ __device__ bool is_for_test(const view &v, const met &pair)
         for (int l = 0; l < 4; l++) is = is && a[k] != b[l];
     for (int d = 0; d < 3; d++) {
         is = is && mine.low[d] < other.high[d] && other.low[d] < mine.high[d];
-        home[d] = cell_of(v, fmax(mine.low[d], other.low[d]));
+        home[d] = cell_of(v.now->side, fmax(mine.low[d], other.low[d]));
     }
     return is && key_of(home[0], home[1], home[2]) == pair.cell;
 }
@@ -187,9 +153,9 @@ __device__ void test(const view &v, const desk &on, waiting &left, int count)
     const int2 pair = lane < count ? on.tests[left.tests + lane] : make_int2(0, 0);
     const bool is = lane < count && overlap(v, pair);
     const unsigned all = __ballot_sync(0xffffffffu, is);
-    int32_t first = 0;
-    if (lane == 0 && all != 0) first = atomicAdd(v.counts + PAIRS, __popc(all));
-    first = __shfl_sync(0xffffffffu, first, 0) + __popc(all & ((1u << lane) - 1));
+    number first = 0;
+    if (lane == 0 && all != 0) first = atomicAdd(v.counts + PAIRS, (number)__popc(all));
+    first = __shfl_sync(0xffffffffu, first, 0) + (number)__popc(all & ((1u << lane) - 1));
     if (is && first < v.room[PAIRS]) v.pairs[first] = make_int2(min(v.tet[pair.x], v.tet[pair.y]), max(v.tet[pair.x], v.tet[pair.y]));
     __syncwarp();
 }
@@ -215,9 +181,10 @@ __global__ void __launch_bounds__(THREADS) pair_kernel(view v)
     desk &on = desks[threadIdx.x / 32];
     waiting left = {0, 0};
     const int lane = (int)threadIdx.x % 32, step = 32 / LANES_OF_ENTRY;
-    const int32_t entries = min(v.counts[ENTRIES], v.room[ENTRIES]);
-    for (int32_t first = (int32_t)(blockIdx.x * WARPS + threadIdx.x / 32) * step; first < entries; first += (int32_t)(gridDim.x * WARPS) * step) {
-        const int32_t at = first + lane / LANES_OF_ENTRY;
+    if (!are_whole(v)) return;
+    const int32_t entries = (int32_t)v.counts[ENTRIES];
+    for (int64_t first = (int64_t)(blockIdx.x * WARPS + threadIdx.x / 32) * step; first < entries; first += (int64_t)(gridDim.x * WARPS) * step) {
+        const int32_t at = (int32_t)min(first + lane / LANES_OF_ENTRY, (int64_t)entries);
         const entry mine = v.entries[min(at, entries - 1)];
         const int32_t end = at < entries ? min(mine.end, entries) : 0;
         for (int32_t k = at + 1 + lane % LANES_OF_ENTRY; __any_sync(0xffffffffu, k < end); k += LANES_OF_ENTRY) {
@@ -243,7 +210,10 @@ __global__ void __launch_bounds__(THREADS) pair_kernel(view v)
 
 struct gpu_overlaps {
     view v;
-    int32_t *d_tets, *d_tet, *h_counts;
+    int32_t *d_tets, *d_tet;
+    number *h_counts;
+    step *d_now, *h_now;
+    double side;
     size_t entries_bytes, pairs_bytes;
     int blocks; /* that the device runs at once */
     cudaGraphExec_t graph; /* Nullable: of what it was made for */
@@ -255,20 +225,23 @@ void gpu_overlaps_free(gpu_overlaps *overlaps)
 {
     if (!overlaps) return;
     if (overlaps->graph) cudaGraphExecDestroy(overlaps->graph);
-    void *blocks[] = {overlaps->d_tets, overlaps->d_tet, overlaps->v.box, overlaps->v.counts, overlaps->v.entries, overlaps->v.pairs};
+    void *blocks[] = {overlaps->d_tets, overlaps->d_tet, overlaps->d_now, overlaps->v.box, overlaps->v.counts, overlaps->v.entries, overlaps->v.pairs};
     for (void *block : blocks) pliant_cuda_release(block);
     pliant_cuda_release_host(overlaps->h_counts);
+    pliant_cuda_release_host(overlaps->h_now);
     pliant_free(overlaps);
 }
 
 /* Room for so many of each. */
-static pliant_status make_room(gpu_overlaps *overlaps, const int32_t counts[CELLS])
+static pliant_status make_room(gpu_overlaps *overlaps, const number counts[CELLS])
 {
     view *v = &overlaps->v;
+    if (counts[ENTRIES] > INT32_MAX || counts[PAIRS] > INT32_MAX)
+        return pliant_fail(PLIANT_ERROR_MEMORY, "tetrahedra that overlap: %llu places in the grid and %llu pairs are too many", counts[ENTRIES], counts[PAIRS]);
     CUDA_TRY(pliant_cuda_ensure((size_t)counts[ENTRIES] * sizeof *v->entries, true, "cells of tetrahedra", (void **)&v->entries, &overlaps->entries_bytes));
     CUDA_TRY(pliant_cuda_ensure((size_t)counts[PAIRS] * sizeof *v->pairs, true, "pairs of tetrahedra", (void **)&v->pairs, &overlaps->pairs_bytes));
-    v->room[ENTRIES] = (int32_t)std::min<size_t>(overlaps->entries_bytes / sizeof *v->entries, INT32_MAX);
-    v->room[PAIRS] = (int32_t)std::min<size_t>(overlaps->pairs_bytes / sizeof *v->pairs, INT32_MAX);
+    v->room[ENTRIES] = std::min<size_t>(overlaps->entries_bytes / sizeof *v->entries, INT32_MAX);
+    v->room[PAIRS] = std::min<size_t>(overlaps->pairs_bytes / sizeof *v->pairs, INT32_MAX);
     return PLIANT_OK;
 }
 
@@ -276,12 +249,12 @@ static pliant_status prepare(gpu_overlaps *overlaps, int32_t num_tets, const int
 {
     view *v = &overlaps->v;
     int device = 0, processors = 0;
-    const int32_t counts[CELLS] = {8 * count + 1024, 2 * count + 1024};
+    const number counts[CELLS] = {8 * (number)count + 1024, 2 * (number)count + 1024};
     int32_t table = 1024;
     while (table < (int64_t)count && table < 1 << 28) table *= 2;
     v->count = count;
     v->table = table - 1;
-    v->side = side;
+    overlaps->side = side;
     CUDA_TRY(CUDA_CALL(cudaGetDevice(&device)));
     CUDA_TRY(CUDA_CALL(cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device)));
     overlaps->blocks = 16 * processors;
@@ -290,11 +263,14 @@ static pliant_status prepare(gpu_overlaps *overlaps, int32_t num_tets, const int
     v->tets = overlaps->d_tets;
     v->tet = overlaps->d_tet;
     CUDA_TRY(pliant_cuda_allocate((size_t)count * sizeof *v->box, "boxes of tetrahedra", (void **)&v->box));
-    CUDA_TRY(pliant_cuda_allocate((NUM_COUNTS + 3 * (size_t)table) * sizeof *v->counts, "cells of tetrahedra", (void **)&v->counts));
-    v->length = v->counts + NUM_COUNTS;
+    CUDA_TRY(pliant_cuda_allocate(NUM_COUNTS * sizeof *v->counts + 3 * (size_t)table * sizeof *v->length, "cells of tetrahedra", (void **)&v->counts));
+    v->length = reinterpret_cast<int32_t *>(v->counts + NUM_COUNTS);
     v->start = v->length + table;
     v->next = v->start + table;
     CUDA_TRY(pliant_cuda_allocate_host(NUM_COUNTS * sizeof *overlaps->h_counts, "pairs of tetrahedra", (void **)&overlaps->h_counts));
+    CUDA_TRY(pliant_cuda_allocate(sizeof *overlaps->d_now, "pairs of tetrahedra", (void **)&overlaps->d_now));
+    CUDA_TRY(pliant_cuda_allocate_host(sizeof *overlaps->h_now, "pairs of tetrahedra", (void **)&overlaps->h_now));
+    v->now = overlaps->d_now;
     return make_room(overlaps, counts);
 }
 
@@ -313,7 +289,8 @@ static pliant_status enqueue(gpu_overlaps *overlaps, cudaStream_t stream)
 {
     const view &v = overlaps->v;
     const unsigned shared = (unsigned)(((size_t)v.count * LANES_OF_TET + THREADS - 1) / THREADS), lists = (unsigned)((v.table + THREADS) / THREADS);
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(v.counts, 0, (NUM_COUNTS + (size_t)v.table + 1) * sizeof *v.counts, stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(overlaps->d_now, overlaps->h_now, sizeof *overlaps->h_now, cudaMemcpyHostToDevice, stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(v.counts, 0, NUM_COUNTS * sizeof *v.counts + ((size_t)v.table + 1) * sizeof *v.length, stream)));
     count_kernel<<<shared, THREADS, 0, stream>>>(v);
     CUDA_TRY(CUDA_LAUNCHED("count_kernel"));
     start_kernel<<<lists, THREADS, 0, stream>>>(v);
@@ -342,28 +319,28 @@ static pliant_status record(gpu_overlaps *overlaps, cudaStream_t stream)
     return status;
 }
 
-static pliant_status run(gpu_overlaps *overlaps, cudaStream_t stream)
-{
-    CUDA_TRY(record(overlaps, stream));
-    CUDA_TRY(CUDA_CALL(cudaGraphLaunch(overlaps->graph, stream)));
-    return CUDA_CALL(cudaStreamSynchronize(stream));
-}
-
-pliant_status gpu_overlaps_find(gpu_overlaps *overlaps, const double *d_positions, cudaStream_t stream, int32_t *count)
+pliant_status gpu_overlaps_find(gpu_overlaps *overlaps, const double *d_positions, double margin, cudaStream_t stream, gpu_overlaps_more more, void *context, int32_t *count)
 {
     overlaps->found = *count = 0;
     overlaps->v.positions = d_positions;
     if (overlaps->v.count == 0) return PLIANT_OK;
     for (bool again = true; again;) { /* what had no room is counted */
-        CUDA_TRY(run(overlaps, stream));
-        again = overlaps->h_counts[CELLS] > 0;
-        if (again) overlaps->v.side *= overlaps->h_counts[CELLS] / 2.0;
-        for (int n = 0; n < CELLS; n++) again = again || overlaps->h_counts[n] > overlaps->v.room[n];
-        if (again) CUDA_TRY(make_room(overlaps, overlaps->h_counts));
+        const number *h_counts = overlaps->h_counts, most = 64 * (number)overlaps->v.count + 1024; /* places in the grid */
+        *overlaps->h_now = {overlaps->side, margin};
+        CUDA_TRY(record(overlaps, stream));
+        CUDA_TRY(CUDA_CALL(cudaGraphLaunch(overlaps->graph, stream)));
+        if (more) CUDA_TRY(more(context, overlaps));
+        CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
+        const bool coarser = h_counts[CELLS] > 0 || h_counts[ENTRIES] > most;
+        if (coarser) overlaps->side *= std::max(h_counts[CELLS] / 2.0, 2.0);
+        again = coarser || h_counts[ENTRIES] > overlaps->v.room[ENTRIES] || h_counts[PAIRS] > overlaps->v.room[PAIRS];
+        if (again && !coarser) CUDA_TRY(make_room(overlaps, h_counts));
     }
-    overlaps->found = *count = overlaps->h_counts[PAIRS];
+    overlaps->found = *count = (int32_t)overlaps->h_counts[PAIRS];
     return PLIANT_OK;
 }
+
+const view &gpu_overlaps_view(const gpu_overlaps *overlaps) { return overlaps->v; }
 
 pliant_status gpu_overlaps_get_pairs(const gpu_overlaps *overlaps, cudaStream_t stream, int32_t *pair)
 {

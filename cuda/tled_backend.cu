@@ -3,6 +3,7 @@
 #include "check.h"
 #include "device.h"
 #include "tled.h"
+#include "tissue.h"
 #include "warp.h"
 
 static pliant_cuda_tled *state_of(const pliant_data *data) { return static_cast<pliant_cuda_tled *>(data->backend_state); }
@@ -67,6 +68,7 @@ static constexpr pliant_backend table()
     made.kind = &pliant_explicit;
     made.solves_on_host = made.touches = true;
     made.probe = pliant_cuda_text;
+    made.searcher = &pliant_cuda_tissue_searcher;
     made.create = create;
     made.free = destroy;
     made.restart = restart;

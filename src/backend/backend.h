@@ -4,6 +4,7 @@
 #ifndef PLIANT_BACKEND_BACKEND_H
 #define PLIANT_BACKEND_BACKEND_H
 
+#include "contact/tissue.h"
 #include "state/data.h"
 #include "scene/gpu_choice.h"
 
@@ -32,6 +33,7 @@ struct pliant_backend {
     bool solves_on_host; /* what a solve leads to is the host's as soon as it ends: when a later stage fails, it is not done again */
     bool touches; /* its solve knows of contacts, as those on the host do */
     pliant_probe probe;
+    const pliant_tissue_searcher *searcher; /* of tissue that touches tissue; Nullable: the CPU */
 
     /* STATE of a data, from its host state. Errors: MEMORY, NUMERIC, UNAVAILABLE. */
     pliant_status (*create)(const pliant_model *model, pliant_data *data);

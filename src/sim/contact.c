@@ -1,5 +1,6 @@
 #include "sim/contact.h"
 
+#include "backend/backend.h"
 #include "base/fail.h"
 #include "base/rotate.h"
 #include "contact/find.h"
@@ -252,6 +253,7 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
     const pliant_tissue_rule rule = {.margin = self_margin * tissue->shortest, .recovery = recovery * model->scene.solver.step,
                                      .friction = model->scene.contact.friction, .pieces_go = pieces_go};
     if (status != PLIANT_OK || tissue->num_skins == 0) return status;
+    pliant_tissue_set_searcher(tissue, data->backend->searcher);
     if (model->scene.contact.response == PLIANT_RESPONSE_PAPER) return find_slowed(model, data, out);
     return pliant_tissue_find(tissue, data->positions, &rule, out);
 }

@@ -1,8 +1,11 @@
-// What it takes the GPU to find the tetrahedra that overlap, beside the CPU, whose pairs must be the same: of the blocks of bench_contact.
+// What it takes the GPU to find the tetrahedra that overlap, beside the CPU, whose pairs must be the same: of the blocks of bench_contact. Then the whole
+// search for points of tissue on tissue, with what goes to the GPU and comes back, beside one thread of the CPU.
 //
 //   bench_overlaps [RUNS [small]]   small: 13,720 tetrahedra alone, as for compute-sanitizer
 #include "../../cuda/overlaps.h"
+#include "../../cuda/tissue.h"
 #include "contact/grid.h"
+#include "pliant/memory.h"
 #include "rolled.h"
 
 #include <cuda_runtime.h>
@@ -41,7 +44,7 @@ bool measure(int32_t cells, int runs)
         std::vector<double> ms;
         for (int run = 0; run < runs; run++) {
             const double start = now();
-            must(gpu_overlaps_find(overlaps, d_positions, stream, &count));
+            must(gpu_overlaps_find(overlaps, d_positions, 0, stream, nullptr, nullptr, &count));
             if (run > 2) ms.push_back(now() - start);
         }
         std::sort(ms.begin(), ms.end());
@@ -66,11 +69,45 @@ bool measure(int32_t cells, int runs)
     return same;
 }
 
+// Points of the block as it is rolled up.
+bool measure_stage(int32_t cells, int runs)
+{
+    Rolled block(cells);
+    pliant_body *body = nullptr;
+    must(pliant_body_create(1, &body));
+    body->fine = block.mesh;
+    block.mesh = pliant_mesh{};
+    double median[2];
+    int32_t points[2] = {0, 0}, tets = body->fine.num_tets;
+    for (int where = 0; where < 2; where++) {
+        pliant_tissue tissue{};
+        pliant_contacts found{};
+        std::vector<double> ms;
+        const pliant_tissue_rule rule = {0.001, 1e-3, 0.3, 0};
+        must(pliant_tissue_set_body(&tissue, body, 1));
+        pliant_tissue_set_searcher(&tissue, where ? &pliant_cuda_tissue_searcher : nullptr);
+        for (int run = 0; run < (where ? runs : 7); run++) {
+            const double start = now();
+            found.count = 0;
+            must(pliant_tissue_find(&tissue, block.positions.data(), &rule, &found));
+            if (run > 2) ms.push_back(now() - start);
+        }
+        std::sort(ms.begin(), ms.end());
+        median[where] = ms[ms.size() / 2];
+        points[where] = found.count;
+        pliant_tissue_free(&tissue);
+        pliant_free(found.point);
+    }
+    std::printf("%d tetrahedra, the whole search: %d points, %.4f ms; one thread of the CPU %d points, %.3f ms\n", tets, points[1], median[1], points[0], median[0]);
+    pliant_body_release(body);
+    return points[0] == points[1];
+}
+
 } // namespace
 
 int main(int argc, char **argv)
 {
     const int runs = argc > 1 ? std::atoi(argv[1]) : 100;
-    const bool small = measure(14, runs), large = argc > 2 || measure(58, runs);
+    const bool small = measure(14, runs) && measure_stage(14, runs), large = argc > 2 || (measure(58, runs) && measure_stage(58, runs));
     return small && large ? 0 : 1;
 }

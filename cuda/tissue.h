@@ -1,0 +1,16 @@
+/* Who searches for tissue that touches tissue (contact/tissue.h): the GPU. */
+#ifndef PLIANT_CUDA_TISSUE_H
+#define PLIANT_CUDA_TISSUE_H
+
+#include "contact/tissue.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+extern const pliant_tissue_searcher pliant_cuda_tissue_searcher;
+
+#ifdef __cplusplus
+}
+#endif
+#endif
