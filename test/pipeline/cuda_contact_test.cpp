@@ -32,6 +32,7 @@ struct Case {
     bool spring, slot; // a tool pulls beside; a slot is closed
     double bound;      // of a node's force, over the largest
     pliant_element_kind element = PLIANT_LINEAR;
+    double friction = 0.3; // with that on hexahedra, one step has two ends: from other forces to begin with, the CPU does not come to its own
 };
 
 const Case cases[] = {
@@ -40,7 +41,7 @@ const Case cases[] = {
     {"fine, inverse, a spring beside", PLIANT_FINE, 1, PLIANT_DIRECT, true, false, 1e-6},
     {"coarse, inverse", PLIANT_COARSE, 2, PLIANT_DIRECT, false, false, 1e-6},
     {"averaged, inverse, a spring beside", PLIANT_AVERAGED, 2, PLIANT_DIRECT, true, false, 1e-6},
-    {"hexahedra, inverse", PLIANT_FINE, 1, PLIANT_DIRECT, false, false, 1e-6, PLIANT_HEXAHEDRA},
+    {"hexahedra, inverse", PLIANT_FINE, 1, PLIANT_DIRECT, false, false, 1e-6, PLIANT_HEXAHEDRA, 0.15},
     {"tissue on tissue, inverse", PLIANT_FINE, 1, PLIANT_DIRECT, false, true, 1e-6},
 };
 
@@ -60,7 +61,7 @@ struct Block : Body {
         scene.solver.preconditioner = c.preconditioner;
         scene.solver.iterations = 400;
         scene.solver.tolerance = 1e-10;
-        scene.contact.friction = 0.3;
+        scene.contact.friction = c.friction;
         scene.contact.self = c.slot;
     }
     void add(const char *name, pliant_part_kind kind, double size, double x, double y)
