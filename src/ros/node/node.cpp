@@ -17,8 +17,8 @@ namespace pliant_ros {
 struct Node::Parts {
     Parts(ros::NodeHandle handle, ros::NodeHandle private_handle)
         : parameters(parameters_of(private_handle)), frames(std::make_shared<tf2_ros::Buffer>()), listener(*frames),
-          registration(handle, parameters, frames), state(handle, parameters.tissue_frame), sessions(handle, parameters.tissue_frame), live(private_handle, parameters), tools(handle, parameters, frames),
-          fast_forces(handle, parameters, &tools),
+          registration(handle, parameters, frames), state(handle, parameters.tissue_frame), sessions(handle, parameters.tissue_frame), live(private_handle, parameters), tools(handle, parameters, frames, parameters.wrench_rate > 0 ? &hands : nullptr),
+          fast_forces(handle, parameters, &tools, &hands),
           mesh_output(handle, parameters, &live, &snapshots),
           volume_output(handle, parameters, &live, &snapshots, &mesh_output),
           camera_output(handle, parameters, &snapshots, frames),
@@ -39,6 +39,7 @@ struct Node::Parts {
     State state;
     Sessions sessions;
     Live live;
+    ros::CallbackQueue hands;
     Tools tools;
     FastForces fast_forces;
     MeshOutput mesh_output;

@@ -1,5 +1,7 @@
 #include "ros/output/camera_eye.h"
 
+#include "ros/sim/urgent.h"
+
 #include <sensor_msgs/image_encodings.h>
 
 #include <cmath>
@@ -23,7 +25,7 @@ void send(ImagePublisher &publisher, const pliant_camera &camera, const std_msgs
     auto image = boost::make_shared<sensor_msgs::Image>();
     image->header = header;
     camera_image_message(camera, encoding, pixels, image.get());
-    publisher.publish(image);
+    publish_urgently(publisher, image);
 }
 
 } // namespace
@@ -115,7 +117,7 @@ void CameraEye::look(pliant_view *view, const Loaded &loaded, const Rigid &tissu
     auto cloud = boost::make_shared<sensor_msgs::PointCloud2>();
     cloud->header = header;
     camera_points_message(seen, convention, rgb.data(), depth.data(), cloud.get());
-    points_.publish(cloud);
+    publish_urgently(points_, cloud);
 }
 
 } // namespace pliant_ros

@@ -1,5 +1,7 @@
 #include "ros/output/mesh_output.h"
 
+#include "ros/sim/urgent.h"
+
 namespace pliant_ros {
 
 namespace {
@@ -117,7 +119,7 @@ void MeshOutput::send_state(const Snapshot &snapshot, const boost::shared_ptr<Me
 {
     state_stamp_ = snapshot.stamp;
     state_step_ = snapshot.step;
-    state_.publish(state);
+    publish_urgently(state_, state);
 }
 
 void MeshOutput::publish_state(const Snapshot &snapshot)
@@ -150,13 +152,13 @@ void MeshOutput::publish(const Snapshot &snapshot)
         auto marker = boost::make_shared<visualization_msgs::Marker>();
         marker->header = state->header;
         marker_message(*surface, positions, state->scalar, marker.get());
-        marker_.publish(marker);
+        publish_urgently(marker_, marker);
     }
     if (points_due) {
         auto points = boost::make_shared<sensor_msgs::PointCloud2>();
         points->header = state->header;
         points_message(*snapshot.body, positions, state->scalar, points.get());
-        points_.publish(points);
+        publish_urgently(points_, points);
     }
 }
 

@@ -1,5 +1,7 @@
 #include "ros/output/volume_output.h"
 
+#include "ros/sim/urgent.h"
+
 #include <algorithm>
 
 namespace pliant_ros {
@@ -136,7 +138,7 @@ void VolumeOutput::publish_preview(const Snapshot &snapshot, bool is_new)
     auto message = boost::make_shared<Volume>();
     describe(snapshot.stamp, &preview_sequence_, message.get());
     preview_message(warped_->volume(), stream_.region(), preview_step_, message.get());
-    preview_.publish(message);
+    publish_urgently(preview_, message);
 }
 
 /* A slice is sent again when the volume or its place has changed, or somebody new looks. */
@@ -152,14 +154,14 @@ void VolumeOutput::publish_slices(const ros::Time &stamp, const LiveSettings &se
             auto placed = boost::make_shared<Volume>();
             describe(stamp, &placed_sequence_[plane], placed.get());
             placed_slice_message(warped_->volume(), static_cast<Plane>(plane), settings.slice[plane], placed.get());
-            placed_[plane].publish(placed);
+            publish_urgently(placed_[plane], placed);
         }
         if (slices_[plane].getNumSubscribers() == 0) continue;
         auto image = boost::make_shared<sensor_msgs::Image>();
         image->header.stamp = stamp;
         image->header.frame_id = frame_;
         slice_message(warped_->volume(), static_cast<Plane>(plane), settings.slice[plane], image.get());
-        slices_[plane].publish(image);
+        publish_urgently(slices_[plane], image);
     }
 }
 

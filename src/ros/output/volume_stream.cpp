@@ -1,5 +1,8 @@
 #include "ros/output/volume_stream.h"
 
+#include "ros/sim/urgent.h"
+
+#include <ros/publication.h>
 #include <ros/topic_manager.h>
 
 #include <algorithm>
@@ -205,7 +208,7 @@ void VolumeStream::publish(const Warped &warped, const Snapshot &snapshot, const
     if (threshold_ > 0) keep_sent(volume, box);
     sent_at_ = Clock::now();
     if (keeps_all_) {
-        publisher_.publish(message);
+        publish_urgently(publisher_, message);
         return;
     }
     /* as Publisher::publish, which does not tell what links still hold */
@@ -213,12 +216,19 @@ void VolumeStream::publish(const Warped &warped, const Snapshot &snapshot, const
     serialized.type_info = &typeid(Volume);
     serialized.message = message;
     last_.reset();
-    const auto serialize = [this, &message] {
-        ros::SerializedMessage made = ros::serialization::serializeMessage<Volume>(*message);
+    /* and before, not while it holds what all publications go through */
+    ros::SerializedMessage made;
+    bool over_links = false, in_process = false;
+    ros::TopicManager &topics = *ros::TopicManager::instance();
+    if (ros::PublicationPtr publication = topics.lookupPublication(publisher_.getTopic())) publication->getPublishTypes(over_links, in_process, typeid(Volume));
+    const auto serialize = [this, &message, &made] {
+        if (!made.buf) made = ros::serialization::serializeMessage<Volume>(*message);
         last_ = made.buf;
         return made;
     };
-    ros::TopicManager::instance()->publish(publisher_.getTopic(), serialize, serialized);
+    if (over_links) serialize();
+    const Urgent urgent;
+    topics.publish(publisher_.getTopic(), serialize, serialized);
 }
 
 } // namespace pliant_ros

@@ -3,31 +3,22 @@
 #include <ros/poll_manager.h>
 
 #include <algorithm>
-#include <pthread.h>
 
 namespace pliant_ros {
 
 namespace {
 
-enum { PRIORITY = 10 /* among real-time threads, where the system lets us be one */ };
 const double longest_step = 0.5; /* after which a linearization is of no use [s] */
-
-bool take_priority(pthread_t thread)
-{
-    sched_param priority{};
-    priority.sched_priority = PRIORITY;
-    return pthread_setschedparam(thread, SCHED_FIFO, &priority) == 0;
-}
 
 double seconds(Clock::time_point time) { return std::chrono::duration<double>(time.time_since_epoch()).count(); }
 
 } // namespace
 
-FastForces::FastForces(ros::NodeHandle handle, const Parameters &parameters, Tools *tools)
-    : rate_(parameters.wrench_rate), hold_(parameters.tool_max_age + parameters.tool_hold), tools_(tools)
+FastForces::FastForces(ros::NodeHandle handle, const Parameters &parameters, Tools *tools, ros::CallbackQueue *queue)
+    : rate_(parameters.wrench_rate), hold_(parameters.tool_max_age + parameters.tool_hold), tools_(tools), queue_(queue)
 {
     if (!is_on()) return;
-    handle.setCallbackQueue(&queue_);
+    handle.setCallbackQueue(queue_);
     for (size_t i = 0; i < tools->size(); ++i) {
         const ToolParameters &tool = parameters.tools[i];
         arms_.emplace_back(new Arm(parameters.wrench_bound));
@@ -41,13 +32,14 @@ FastForces::FastForces(ros::NodeHandle handle, const Parameters &parameters, Too
             ros::VoidConstPtr(), ros::TransportHints().tcpNoDelay());
     }
     thread_ = std::thread(&FastForces::run, this);
-    if (!take_priority(thread_.native_handle())) {
+    if (!make_urgent(thread_.native_handle())) {
         ROS_INFO("~wrench_rate: answers come when the system finds time: this user may start no real-time threads (limits.conf: rtprio)");
         return;
     }
+    answers_hands() = true;
     /* and the thread that reads and writes this process's connections, from inside */
     networking_ = ros::PollManager::instance()->addPollThreadListener([this] {
-        if (!networking_raised_.exchange(true)) take_priority(pthread_self());
+        if (!networking_raised_.exchange(true)) make_urgent(pthread_self());
     });
 }
 
@@ -62,7 +54,7 @@ void FastForces::run()
 {
     const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1 / rate_));
     while (!stopping_) {
-        queue_.callAvailable(ros::WallDuration(std::min(1 / rate_, 0.1)));
+        queue_->callAvailable(ros::WallDuration(std::min(1 / rate_, 0.1)));
         const Clock::time_point now = Clock::now();
         for (auto &arm : arms_) {
             std::lock_guard<InheritingMutex> hold(arm->lock);

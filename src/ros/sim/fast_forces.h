@@ -10,36 +10,15 @@
 
 #include <boost/signals2/connection.hpp>
 
-#include <pthread.h>
-
 #include <atomic>
 #include <thread>
 
 namespace pliant_ros {
 
-/* Whoever holds it gets on as fast as the most urgent thread that waits for it. */
-class InheritingMutex {
-public:
-    InheritingMutex()
-    {
-        pthread_mutexattr_t kind;
-        pthread_mutexattr_init(&kind);
-        pthread_mutexattr_setprotocol(&kind, PTHREAD_PRIO_INHERIT);
-        pthread_mutex_init(&mutex_, &kind);
-        pthread_mutexattr_destroy(&kind);
-    }
-    ~InheritingMutex() { pthread_mutex_destroy(&mutex_); }
-    InheritingMutex(const InheritingMutex &) = delete;
-    void lock() { pthread_mutex_lock(&mutex_); }
-    void unlock() { pthread_mutex_unlock(&mutex_); }
-
-private:
-    pthread_mutex_t mutex_;
-};
-
 class FastForces {
 public:
-    FastForces(ros::NodeHandle handle, const Parameters &parameters, Tools *tools);
+    /* queue: what the thread works off; the tools' poses and jaws come there, too, so that no ordinary thread holds it */
+    FastForces(ros::NodeHandle handle, const Parameters &parameters, Tools *tools, ros::CallbackQueue *queue);
     ~FastForces();
     bool is_on() const { return rate_ > 0; }
 
@@ -70,7 +49,7 @@ private:
 
     const double rate_, hold_;
     Tools *tools_;
-    ros::CallbackQueue queue_;
+    ros::CallbackQueue *queue_;
     std::vector<std::unique_ptr<Arm>> arms_;
     std::atomic<bool> stopping_{false}, networking_raised_{false};
     boost::signals2::connection networking_;

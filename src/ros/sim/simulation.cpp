@@ -387,7 +387,7 @@ void Simulation::publish_timing(const ros::Time &now)
     message.missed_deadlines = health.missed;
     choice_message(current_->choice, &message);
     message.inverted = static_cast<uint32_t>(pliant_data_get_inverted(data_.get()));
-    timing_.publish(message);
+    publish_urgently(timing_, message);
 }
 
 void Simulation::publish_step(pliant_status status, Step *step)
@@ -396,7 +396,7 @@ void Simulation::publish_step(pliant_status status, Step *step)
     step->load = current_->revision;
     step->revision = revision();
     tell_outcome(status, *data_, step);
-    steps_.publish(*step);
+    publish_urgently(steps_, *step);
 }
 
 void Simulation::measure(double seconds)

@@ -17,11 +17,13 @@ std::string milliseconds(double seconds) { return std::to_string(std::lround(1e3
 
 } // namespace
 
-Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<const tf2_ros::Buffer> frames)
+Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<const tf2_ros::Buffer> frames, ros::CallbackQueue *queue)
     : tissue_frame_(parameters.tissue_frame), parent_frame_(parameters.parent_frame), max_age_(parameters.tool_max_age), hold_(parameters.tool_hold),
       jaw_close_(parameters.jaw_close), jaw_release_(parameters.jaw_release), frames_(std::move(frames))
 {
     ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
+    ros::NodeHandle input = handle;
+    if (queue) input.setCallbackQueue(queue);
     for (const ToolParameters &each : parameters.tools) {
         tools_.emplace_back(new Tool);
         Tool *tool = tools_.back().get();
@@ -35,7 +37,7 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
         tool->spatial_force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/spatial/measured_cf", room);
         tool->contact_out = handle.advertise<ContactState>(each.name + "/contact", 1);
         tool->marker_out = handle.advertise<visualization_msgs::MarkerArray>(each.name + "/marker", 1);
-        tool->pose_in = handle.subscribe<topic_tools::ShapeShifter>(
+        tool->pose_in = input.subscribe<topic_tools::ShapeShifter>(
             each.name + "/measured_cp", 8,
             [this, tool](const topic_tools::ShapeShifter::ConstPtr &message) { take_pose(tool, *message); },
             ros::VoidConstPtr(), hints);
@@ -44,7 +46,7 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
             tool->type_in = handle.subscribe<std_msgs::String>(each.name + "/tool_type", 1,
                                                                [this, tool](const std_msgs::StringConstPtr &message) { take_type(tool, message->data); });
         if (!each.grasps && !each.has_blade() && each.shape.num_parts == 0 && !each.shape_follows) continue;
-        tool->jaw_in = handle.subscribe<sensor_msgs::JointState>(
+        tool->jaw_in = input.subscribe<sensor_msgs::JointState>(
             each.name + "/jaw/measured_js", 1,
             [this, tool](const sensor_msgs::JointStateConstPtr &message) { take_jaw(tool, *message); },
             ros::VoidConstPtr(), hints);
@@ -56,7 +58,7 @@ void Tools::take_type(Tool *tool, const std::string &type)
 {
     pliant_tool_shape shape{};
     const bool known = pliant_tool_shape_find(type.c_str(), &shape) >= 0;
-    std::lock_guard<std::mutex> hold(tool->lock);
+    std::lock_guard<InheritingMutex> hold(tool->lock);
     if (tool->type == type) return;
     tool->type = type;
     tool->shape = shape;
@@ -69,7 +71,7 @@ bool Tools::exchanged(size_t index, pliant_tool_shape *shape)
 {
     Tool &tool = *tools_[index];
     if (!tool.parameters.shape_follows) return false;
-    std::lock_guard<std::mutex> hold(tool.lock);
+    std::lock_guard<InheritingMutex> hold(tool.lock);
     *shape = tool.shape;
     const bool is_news = tool.exchanged;
     tool.exchanged = false;
@@ -83,12 +85,12 @@ void Tools::listen_for_blade(ros::NodeHandle handle, Tool *tool)
     tool->sent.tool = name;
     tool->sent.header.frame_id = tissue_frame_;
     tool->blade_in = handle.subscribe<std_msgs::Bool>(name + "/blade", 1, [tool](const std_msgs::BoolConstPtr &message) {
-        std::lock_guard<std::mutex> hold(tool->lock);
+        std::lock_guard<InheritingMutex> hold(tool->lock);
         tool->blade = message->data;
     });
     /* of a pedal: its first button */
     tool->energy_in = handle.subscribe<sensor_msgs::Joy>(name + "/energy", 1, [tool](const sensor_msgs::JoyConstPtr &message) {
-        std::lock_guard<std::mutex> hold(tool->lock);
+        std::lock_guard<InheritingMutex> hold(tool->lock);
         tool->energy = !message->buttons.empty() && message->buttons[0] == 1;
     });
 }
@@ -100,7 +102,7 @@ void Tools::take_pose(Tool *tool, const topic_tools::ShapeShifter &message)
     std::string why;
     const std::string &own = tool->parameters.frame;
     const bool good = pose_from_any_message(message, own.empty() ? parent_frame_ : own, &sent, &why) && tool_pose_from_message(sent, &pose, &why);
-    std::lock_guard<std::mutex> hold(tool->lock);
+    std::lock_guard<InheritingMutex> hold(tool->lock);
     ++tool->received;
     tool->has_pose = good;
     tool->refused = why;
@@ -120,7 +122,7 @@ void Tools::take_jaw(Tool *tool, const sensor_msgs::JointState &message)
     double angle = 0;
     std::string why;
     bool good = jaw_from_message(message, &angle, &why, tool->parameters.jaw_setpoint);
-    std::lock_guard<std::mutex> hold(tool->lock);
+    std::lock_guard<InheritingMutex> hold(tool->lock);
     tool->has_jaw = good;
     tool->jaw = angle;
     if (good) tool->last_jaw = angle;
@@ -189,7 +191,7 @@ std::string Tools::reason(const Tool &tool, const ros::Time &now) const
 ToolSample Tools::sample(size_t index, const ros::Time &now)
 {
     Tool *tool = tools_[index].get();
-    std::lock_guard<std::mutex> hold(tool->lock);
+    std::lock_guard<InheritingMutex> hold(tool->lock);
     transform(tool);
     update_jaw(tool, now);
     ToolSample out;
@@ -209,7 +211,7 @@ ToolSample Tools::sample(size_t index, const ros::Time &now)
 void Tools::clear()
 {
     for (auto &tool : tools_) {
-        std::lock_guard<std::mutex> hold(tool->lock);
+        std::lock_guard<InheritingMutex> hold(tool->lock);
         tool->has_pose = tool->has_last = tool->has_jaw = tool->present = false;
         tool->waiting.clear();
         tool->filter.forget();
@@ -252,11 +254,11 @@ void Tools::publish_contact(size_t index, const pliant_model &model, const plian
     contact.header.frame_id = tissue_frame_;
     const pliant_tool_state state = tool_state(data, static_cast<int>(index));
     contact_message(state, clearance, tool_contacts(data, static_cast<int>(index)), &contact);
-    if (contact_due) tool.contact_out.publish(contact);
+    if (contact_due) publish_urgently(tool.contact_out, contact);
     if (!marker_due) return;
     visualization_msgs::MarkerArray markers;
     tool_markers_message(state, clearance, contact.header, &markers);
-    tool.marker_out.publish(markers);
+    publish_urgently(tool.marker_out, markers);
 }
 
 void Tools::publish_cut(size_t index, const pliant_data &data, uint32_t revision, const ros::Time &now)
@@ -271,7 +273,7 @@ void Tools::publish_cut(size_t index, const pliant_data &data, uint32_t revision
     cut_message(state, &sent);
     sent.revision = revision;
     sent.header.stamp = now;
-    tool.cut_out.publish(sent);
+    publish_urgently(tool.cut_out, sent);
 }
 
 std::vector<ToolHealth> Tools::health(const ros::Time &now)
@@ -280,7 +282,7 @@ std::vector<ToolHealth> Tools::health(const ros::Time &now)
     ros::WallTime wall = ros::WallTime::now();
     for (auto &each : tools_) {
         Tool &tool = *each;
-        std::lock_guard<std::mutex> hold(tool.lock);
+        std::lock_guard<InheritingMutex> hold(tool.lock);
         double elapsed = (wall - tool.counted_at).toSec();
         ToolHealth health;
         health.name = tool.parameters.name;

@@ -5,7 +5,9 @@
 #include "ros/params/params.h"
 #include "ros/sim/pose_filter.h"
 #include "ros/sim/snapshot.h"
+#include "ros/sim/urgent.h"
 
+#include <ros/callback_queue.h>
 #include <ros/node_handle.h>
 #include <tf2_ros/buffer.h>
 #include <topic_tools/shape_shifter.h>
@@ -48,7 +50,8 @@ struct ToolHealth {
 
 class Tools {
 public:
-    Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<const tf2_ros::Buffer> frames);
+    /* queue: for poses and jaws; Nullable: the global one */
+    Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<const tf2_ros::Buffer> frames, ros::CallbackQueue *queue);
 
     size_t size() const { return tools_.size(); }
     const std::string &name(size_t tool) const { return tools_[tool]->parameters.name; }
@@ -85,7 +88,7 @@ private:
         ros::Publisher force_out, body_force_out, spatial_force_out, contact_out, marker_out, cut_out;
         Rate contact_rate, marker_rate;
 
-        std::mutex lock;
+        InheritingMutex lock;
         /* written by callbacks */
         bool has_pose = false;
         ros::Time stamp;          /* of the newest */
