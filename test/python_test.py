@@ -3,7 +3,9 @@
 import os
 import subprocess
 import sys
+import tempfile
 import threading
+import time
 import unittest
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -91,6 +93,28 @@ class Python(unittest.TestCase):
         pull(sims[0])
         self.assertTrue(np.array_equal(sims[0].nodes, sims[1].nodes))
 
+    def test_python_goes_on_during_a_step(self):
+        sim, counts, done = pliant.Sim(model=self.model), [0], []
+
+        def count():
+            while not done:
+                counts[0] += 1
+                time.sleep(1e-4)
+        thread, interval = threading.Thread(target=count), sys.getswitchinterval()
+        thread.start()
+        sys.setswitchinterval(60)  # threads take turns only where one lets go
+        try:
+            for _ in range(1000):
+                before = counts[0]
+                sim.step()
+                if counts[0] > before:
+                    break
+            self.assertGreater(counts[0], before)
+        finally:
+            sys.setswitchinterval(interval)
+            done.append(True)
+            thread.join()
+
     def test_what_is_saved_is_gone_back_to(self):
         sim = pliant.Sim(model=self.cuts)
         pull(sim)
@@ -174,6 +198,18 @@ class Python(unittest.TestCase):
         self.assertNotEqual(rewards[0], rewards[2])
         self.assertEqual(world.render().shape, (36, 48, 3))
         self.assertGreater(world.render().std(), 10)
+
+    def test_a_tour(self):
+        with tempfile.TemporaryDirectory() as folder:
+            paths = os.path.join(HERE, "..", "src", "python") + os.pathsep + os.environ.get("PYTHONPATH", "")
+            told = subprocess.run([sys.executable, os.path.join(HERE, "..", "src", "examples", "tour.py"), "phantom:60x44x46", folder],
+                                  env=dict(os.environ, PYTHONPATH=paths), stdout=subprocess.PIPE, universal_newlines=True, timeout=300)
+            self.assertEqual(told.returncode, 0)
+            for words in ("pulled by 20 mm", "cut [1-9]", "the nodes as they were: True", "10 mm along .* N"):
+                self.assertRegex(told.stdout, words)
+            for name in ("rest", "pulled", "cut", "rest_slice", "pulled_slice", "cut_slice", "radiograph"):
+                with open(os.path.join(folder, name + ".png"), "rb") as file:
+                    self.assertEqual(file.read(8), b"\x89PNG\r\n\x1a\n")
 
     def test_what_is_wrong_is_said(self):
         for call, text in ((lambda: pliant.Model(scan="no/such/file.nii"), "no/such/file.nii"),

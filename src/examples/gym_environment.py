@@ -16,12 +16,13 @@ try:
 except ImportError:  # the environment is one without it, too: reset and step are all that an agent calls
     Base, Box = object, None
 
-GRASP = np.array([0.05, -0.09, 0.06])  # in the liver of the phantom, LPS [m]
+GRASP = np.array([-0.06, -0.07, 0.1])  # front of the phantom's liver, LPS [m]
 STEP, REACHED, FARTHEST, FORCE_PRICE = 0.002, 0.002, 0.02, 0.01  # [m], [m], [m], 1 / N
 
 
 class Retraction(Base):
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50}
+    render_mode = "rgb_array"
 
     def __init__(self, scene=None, scan="phantom:80x58x60", options=None, model=None, most_steps=100):
         self.model = model or pliant.Model(scene, scan, options)  # environments may share one
@@ -32,7 +33,10 @@ class Retraction(Base):
             self.observation_space = Box(-np.inf, np.inf, (9,), np.float32)
 
     def reset(self, *, seed=None, options=None):
-        if seed is not None or not hasattr(self, "random"):
+        if Box:
+            super().reset(seed=seed)
+            self.random = self.np_random
+        elif seed is not None or not hasattr(self, "random"):
             self.random = np.random.default_rng(seed)
         self.sim.reset()
         self.tool.move(GRASP)

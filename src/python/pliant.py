@@ -577,7 +577,7 @@ class Tool:
         _library.pliant_tool_lost(self._sim._data, self._index)
 
     def drive(self, kind, force=None):
-        """spring: a damped spring to the tip; rigid: held at the tip; force: this force on the tissue [N]."""
+        """Of the present hold, after grasp: spring: a damped spring to the tip; rigid: held at the tip; force: this force on the tissue [N]."""
         array, address = (None, None) if force is None else _numbers(force, 3)
         _call("tool_set_drive", self._sim._data, self._index, self.drives.index(kind), address)
 
