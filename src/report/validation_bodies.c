@@ -14,7 +14,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { MOST_CELLS = 32, LINE = 1024 };
+enum { MOST_CELLS = 3 * (MOST_STATES + 2), LINE = 8192 };
 
 void measured_body_free(measured_body *body)
 {
@@ -241,47 +241,91 @@ static pliant_status press(double edge, double plate, double shortened, pliant_p
     return PLIANT_OK;
 }
 
+/* The columns that a line of the header names: 'no strain' (-1: it names none), and as 'N% strain' where each compression begins. */
+static int cube_columns(int count, char *const cells[], double strain[MOST_STATES], int column[MOST_STATES], int *rest)
+{
+    int states = 0;
+    *rest = -1;
+    for (int c = 0; c < count; c++) {
+        char *end;
+        const double percent = strtod(cells[c], &end);
+        if (strstr(cells[c], "no strain") || (end != cells[c] && percent == 0 && strstr(end, "strain"))) *rest = c;
+        else if (end != cells[c] && strstr(end, "%") && strstr(end, "strain") && percent > 0 && percent < 90 && states < MOST_STATES) {
+            strain[states] = 0.01 * percent;
+            column[states++] = c;
+        }
+    }
+    return states;
+}
+
+static bool three_numbers(int count, char *const cells[], int first, double out[3])
+{
+    bool good = first >= 0 && first + 3 <= count;
+    for (int d = 0; good && d < 3; d++) good = number(cells[first + d], &out[d]);
+    return good;
+}
+
+/* A bead of each line that has a place at rest; it counts in the states where it was found. */
+static pliant_status read_beads(FILE *file, const char *path, measured_body *out, double strain[MOST_STATES], double centre[3])
+{
+    char line[LINE], *cells[MOST_CELLS];
+    int column[MOST_STATES], rest = -1, beads[MOST_STATES] = {0}, lines = 0;
+    int32_t room = 0;
+    for (int d = 0; d < 3; d++) centre[d] = 0;
+    while (fgets(line, sizeof line, file)) {
+        const int count = split(line, cells);
+        pliant_marker bead = {.deviation = 5e-4};
+        double at[3], moved[3];
+        if (out->num_states == 0) {
+            out->num_states = cube_columns(count, cells, strain, column, &rest);
+            if (rest < 0) out->num_states = 0;
+            continue;
+        }
+        if (!three_numbers(count, cells, rest, at)) continue;
+        lines++;
+        for (int d = 0; d < 3; d++) centre[d] += bead.rest[d] = 1e-3 * at[d];
+        for (int s = 0; s < out->num_states; s++) {
+            if (!three_numbers(count, cells, column[s], moved)) continue;
+            bead.load = s;
+            for (int d = 0; d < 3; d++) bead.moved[d] = 1e-3 * (moved[d] - at[d]);
+            pliant_status status = add_marker(out, &room, &bead);
+            if (status < 0) return status;
+            beads[s]++;
+        }
+    }
+    if (out->num_states == 0)
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: no line names the states, as in ',,,no strain,,,5%% strain,,,12.5%% strain,,' above their coordinates in mm", path);
+    for (int s = 0; s < out->num_states; s++)
+        if (beads[s] < 10)
+            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %d beads at %g %%: lines with three coordinates in mm below 'no strain' and below each state are wanted", path, beads[s],
+                               100 * strain[s]);
+    for (int d = 0; d < 3; d++) centre[d] /= lines;
+    return PLIANT_OK;
+}
+
 static pliant_status read_cube(const char *path, measured_body *out)
 {
-    enum { STATES = 3, CELLS = 12 };
-    static const double strains[STATES] = {0.05, 0.125, 0.1825};
+    enum { CELLS = 12 };
     const double edge = 0.08, plate = edge / CELLS;
     const silicone cube = {{edge, edge, edge + plate}, 15.3e3, 0.499, 980, {CELLS, CELLS, CELLS + 1}, 1};
-    double centre[3] = {0, 0, 0};
-    char line[LINE], *cells[MOST_CELLS];
-    int32_t room = 0;
+    double centre[3], strain[MOST_STATES];
     snprintf(out->name, sizeof out->name, "Truth Cube");
     pliant_status status = make_silicone(&cube, out);
     out->scene.fixed.planes[out->scene.fixed.num_planes++] = (pliant_fixed_plane){{0, 0, 1e-6}, {0, 0, 1}};
     out->fits_poisson = out->free_motion = out->loaded = true;
     out->scene.solver.kind = PLIANT_TLED; /* a law for large strains */
     out->scene.tled.quasi_static = true;
-    for (int s = 0; status >= 0 && s < STATES; s++) {
-        snprintf(out->state[s], sizeof out->state[s], "%g %%", 100 * strains[s]);
-        out->num_states++;
-        status = press(edge, plate, strains[s] * edge, &out->load[s]);
+    if (status < 0) return status;
+    FILE *file = fopen(path, "r");
+    if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
+    status = read_beads(file, path, out, strain, centre);
+    fclose(file);
+    for (int s = 0; status >= 0 && s < out->num_states; s++) {
+        snprintf(out->state[s], sizeof out->state[s], "%g %%", 100 * strain[s]);
+        status = press(edge, plate, strain[s] * edge, &out->load[s]);
     }
-    FILE *file = status >= 0 ? fopen(path, "r") : NULL;
-    if (status >= 0 && !file) status = pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
-    while (status >= 0 && fgets(line, sizeof line, file)) {
-        double value[15];
-        bool good = split(line, cells) >= 15;
-        for (int c = 0; good && c < 15; c++) good = number(cells[c], &value[c]);
-        for (int s = 0; status >= 0 && good && s < STATES; s++) {
-            pliant_marker bead = {.load = s, .deviation = 5e-4};
-            for (int d = 0; d < 3; d++) {
-                bead.rest[d] = 1e-3 * value[3 + d];
-                bead.moved[d] = 1e-3 * (value[6 + 3 * s + d] - value[3 + d]);
-                centre[d] += bead.rest[d];
-            }
-            status = add_marker(out, &room, &bead);
-        }
-    }
-    if (file) fclose(file);
-    if (status >= 0 && out->num_markers < 10 * STATES)
-        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: %d beads: lines of three indices and four times three coordinates in mm are wanted", path, out->num_markers / STATES);
     for (int32_t m = 0; status >= 0 && m < out->num_markers; m++)
-        for (int d = 0; d < 3; d++) out->markers[m].rest[d] += 0.5 * edge - centre[d] / out->num_markers;
+        for (int d = 0; d < 3; d++) out->markers[m].rest[d] += 0.5 * edge - centre[d];
     return status;
 }
 
@@ -312,32 +356,51 @@ static pliant_status read_scene_folder(const char *folder, const char *scan, mea
     return status;
 }
 
-static bool is_named(const char *name, const char *wanted, bool whole)
+enum { BEAM, CUBE, SCAN, SCENE, OTHER, KINDS = OTHER };
+
+/* What a file is: by its name, or of a table of another name by its first lines. */
+static int kind_of(const char *name, const char *path)
 {
-    return whole ? strcmp(name, wanted) == 0 : strncmp(name, wanted, strlen(wanted)) == 0;
+    const size_t length = strlen(name);
+    char line[LINE];
+    int kind = OTHER;
+    if (strcmp(name, "scene.yaml") == 0) return SCENE;
+    if (strncmp(name, "scan.", 5) == 0) return SCAN;
+    if (length < 4 || strcmp(name + length - 4, ".csv") != 0 || strcmp(name, "markers.csv") == 0) return OTHER;
+    if (strcmp(name, "gravity_markers.csv") == 0) return BEAM;
+    if (strncmp(name, "truthcube", 9) == 0) return CUBE;
+    FILE *file = fopen(path, "r");
+    for (int n = 0; file && kind == OTHER && n < 50 && fgets(line, sizeof line, file); n++) {
+        if (line[0] == '#') continue;
+        if (strstr(line, "beam_x") && strstr(line, "recording")) kind = BEAM;
+        else if (strstr(line, "no strain")) kind = CUBE;
+    }
+    if (file) fclose(file);
+    return kind;
 }
 
 pliant_status measured_body_read(const char *folder, measured_body *out)
 {
-    char path[4096];
-    char cube[4096] = "", beam[4096] = "", scan[4096] = "", scene[4096] = "", *const found[4] = {cube, beam, scan, scene};
-    static const char *const begins[4] = {"truthcube", "gravity_markers.csv", "scan.", "scene.yaml"};
+    char path[4096], found[KINDS][4096] = {""};
     measured_body body = {.num_states = 0};
     DIR *opened = opendir(folder);
     if (!opened) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", folder, strerror(errno));
-    for (struct dirent *entry; (entry = readdir(opened));)
-        for (int f = 0; f < 4; f++)
-            if (is_named(entry->d_name, begins[f], f % 2 == 1) && (f != 0 || strstr(entry->d_name, ".csv"))) {
-                snprintf(path, sizeof path, "%s/%s", folder, entry->d_name);
-                if (!*found[f] || strcmp(path, found[f]) < 0) memcpy(found[f], path, sizeof path); /* of several the first by name */
-            }
+    for (struct dirent *entry; (entry = readdir(opened));) {
+        snprintf(path, sizeof path, "%s/%s", folder, entry->d_name);
+        const int kind = kind_of(entry->d_name, path);
+        if (kind == OTHER) continue;
+        const bool another = *found[kind], first = !another || strcmp(path, found[kind]) < 0; /* of several the first by name */
+        if (another) pliant_log(PLIANT_LOG_WARNING, "%s is left out: a folder holds one measurement", first ? found[kind] : path);
+        if (first) memcpy(found[kind], path, sizeof path);
+    }
     closedir(opened);
     pliant_status status;
-    if (*beam) status = read_beam(beam, &body);
-    else if (*cube) status = read_cube(cube, &body);
-    else if (*scene && *scan) status = read_scene_folder(folder, scan, &body);
-    else status = pliant_fail(PLIANT_ERROR_FILE, "%s: nothing measured is known here: gravity_markers.csv, truthcube*.csv, or scene.yaml with scan.* and markers.csv are wanted",
-                              folder);
+    if (*found[BEAM]) status = read_beam(found[BEAM], &body);
+    else if (*found[CUBE]) status = read_cube(found[CUBE], &body);
+    else if (*found[SCENE] && *found[SCAN]) status = read_scene_folder(folder, found[SCAN], &body);
+    else status = pliant_fail(PLIANT_ERROR_FILE,
+                              "%s: nothing measured is known here: a table of the beam (gravity_markers.csv) or of the cube (truthcube*.csv), or scene.yaml with scan.* and "
+                              "markers.csv are wanted; pliant/report.h tells what is in them", folder);
     if (status < 0) {
         measured_body_free(&body);
         return status;
