@@ -55,7 +55,7 @@ struct Blocks {
     void find(int threads = 1)
     {
         contacts.count = 0;
-        ASSERT_EQ(pliant_tissue_set_body(&tissue, body, threads), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_tissue_set_body(&tissue, body, nullptr, threads), PLIANT_OK) << pliant_last_error();
         tissue.threads = threads;
         ASSERT_EQ(pliant_tissue_find(&tissue, positions.data(), &rule, &contacts), PLIANT_OK) << pliant_last_error();
     }
@@ -351,7 +351,7 @@ TEST(Tissue, SidesOfACutTouchWhereTheyWereOne)
         pliant_tissue tissue{};
         pliant_contacts contacts{};
         pliant_tissue_rule rule{0.2 * h, 1.0, 0.3};
-        ASSERT_EQ(pliant_tissue_set_body(&tissue, cut.now, 2), PLIANT_OK);
+        ASSERT_EQ(pliant_tissue_set_body(&tissue, cut.now, nullptr, 2), PLIANT_OK);
         for (double away : {0.0, 0.1 * h, -0.1 * h}) {
             std::vector<double> positions = cut.positions;
             for (size_t n = 0; n < up.size(); n++)
@@ -394,7 +394,7 @@ TEST(Tissue, FailsWithoutMemory)
         pliant_tissue tissue{};
         pliant_contacts contacts{};
         pliant_memory_fail_after(calls);
-        pliant_status status = pliant_tissue_set_body(&tissue, cut.now, 1);
+        pliant_status status = pliant_tissue_set_body(&tissue, cut.now, nullptr, 1);
         if (status == PLIANT_OK) status = pliant_tissue_find(&tissue, cut.positions.data(), &rule, &contacts);
         pliant_memory_fail_after(-1);
         done = status == PLIANT_OK;

@@ -15,7 +15,7 @@
 extern "C" {
 #endif
 
-enum { PLIANT_CONTACT_NODES = 8 };
+enum { PLIANT_CONTACT_NODES = 16 }; /* of a corner of a surface within cubes and three others, four each (outside.h) */
 
 /* What a point touches. */
 typedef enum pliant_obstacle { PLIANT_OBSTACLE_TOOL, PLIANT_OBSTACLE_GROUND, PLIANT_OBSTACLE_TISSUE } pliant_obstacle;

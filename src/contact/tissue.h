@@ -53,6 +53,7 @@ struct pliant_tissue {
     /* ---- of the body */
     int32_t *across;           /* (tetrahedra x 4), borrowed from the body where it has them */
     int32_t *own_across;
+    uint8_t *inside;           /* (tetrahedra) with tissue */
     uint8_t *apart;            /* (tetrahedra) neither a fragment nor without tissue: it takes part */
     int32_t num_skins;
     pliant_skin *skin;
@@ -81,8 +82,8 @@ struct pliant_tissue {
 };
 
 void pliant_tissue_free(pliant_tissue *tissue); /* what it holds */
-/* Another body, unless it is this one. Errors: MEMORY, FORMAT; nothing changes. */
-pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *body, int threads);
+/* Another body, unless it is this one. solid: Nullable: (tetrahedra) what of it has a surface; NULL: all with tissue. Errors: MEMORY, FORMAT; nothing changes. */
+pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *body, const uint8_t *solid, int threads);
 /* Nothing has touched yet. */
 void pliant_tissue_forget(pliant_tissue *tissue);
 

@@ -12,7 +12,7 @@ static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}
 
 static void free_surface(pliant_tissue *tissue)
 {
-    void *blocks[] = {tissue->own_across, tissue->apart,  tissue->skin,   tissue->tet,   tissue->skin_start, tissue->node,
+    void *blocks[] = {tissue->own_across, tissue->inside, tissue->apart,  tissue->skin,   tissue->tet,   tissue->skin_start, tissue->node,
                       tissue->around_start, tissue->around, tissue->fan_start, tissue->fan, tissue->area, tissue->face, tissue->normal,     tissue->count,
                       tissue->touching,   tissue->last,   tissue->place,      tissue->piece};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
@@ -54,12 +54,12 @@ static pliant_status no_memory(void) { return pliant_fail_memory("contacts of ti
 
 /* ---- who takes part */
 
-static pliant_status find_members(pliant_tissue *tissue)
+static pliant_status find_members(pliant_tissue *tissue, const uint8_t *solid)
 {
     const pliant_body *body = tissue->body;
     const size_t tets = (size_t)body->fine.num_tets;
-    if (!(tissue->apart = pliant_calloc(tets, 1))) return no_memory();
-    for (size_t t = 0; t < tets; t++) tissue->apart[t] = !body->fine_material || body->fine_material[t].tissue > 0;
+    if (!(tissue->inside = pliant_calloc(tets, 1)) || !(tissue->apart = pliant_calloc(tets, 1))) return no_memory();
+    for (size_t t = 0; t < tets; t++) tissue->apart[t] = tissue->inside[t] = solid ? solid[t] : !body->fine_material || body->fine_material[t].tissue > 0;
     if (body->pieces && !body->has_inertia) {
         if (!(tissue->piece = pliant_calloc((size_t)body->fine.num_nodes, sizeof *tissue->piece))) return no_memory();
         memset(tissue->piece, 0xff, (size_t)body->fine.num_nodes * sizeof *tissue->piece);
@@ -81,7 +81,7 @@ static pliant_status find_members(pliant_tissue *tissue)
 static bool is_outer(const pliant_tissue *tissue, int32_t tet, int corner)
 {
     const int32_t across = tissue->across[4 * (size_t)tet + (size_t)corner];
-    return across < 0 || (tissue->body->fine_material && !(tissue->body->fine_material[across].tissue > 0));
+    return across < 0 || !tissue->inside[across];
 }
 
 static pliant_status find_skins(pliant_tissue *tissue)
@@ -227,11 +227,11 @@ static pliant_status find_sides(pliant_tissue *tissue)
     return PLIANT_OK;
 }
 
-pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *body, int threads)
+pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *body, const uint8_t *solid, int threads)
 {
     if (tissue->revision == body->revision && tissue->body == body) return PLIANT_OK;
     pliant_tissue next = {.body = body, .revision = body->revision, .threads = threads};
-    pliant_status status = find_members(&next);
+    pliant_status status = find_members(&next, solid);
     if (status == PLIANT_OK) status = find_skins(&next);
     if (status == PLIANT_OK && next.num_skins > 0) {
         status = find_nodes(&next);
@@ -256,7 +256,7 @@ pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *b
 pliant_status pliant_tissue_copy(const pliant_tissue *from, pliant_tissue *to)
 {
     if (!from->body) return PLIANT_OK;
-    pliant_status status = pliant_tissue_set_body(to, from->body, from->threads);
+    pliant_status status = pliant_tissue_set_body(to, from->body, from->inside, from->threads);
     if (status != PLIANT_OK || from->num_nodes == 0) return status;
     memcpy(to->last, from->last, (size_t)from->num_nodes * sizeof *to->last);
     memcpy(to->place, from->place, 3 * (size_t)from->num_nodes * sizeof *to->place);

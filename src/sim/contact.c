@@ -4,6 +4,7 @@
 #include "base/fail.h"
 #include "base/rotate.h"
 #include "contact/find.h"
+#include "contact/outside.h"
 #include "contact/tissue.h"
 #include "fem/dynamics/tled.h"
 #include "fem/falling/falling.h"
@@ -22,6 +23,7 @@ enum { MOST_POSES = 4096, MOST_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 *
 struct pliant_contact_search {
     pliant_finder *finder;
     pliant_tissue tissue;      /* contact/self */
+    pliant_outside outside;    /* of hexahedra */
     pliant_contacts made;      /* room: those of the step before, once this one has its own */
     int32_t num_poses, room_poses;
     pliant_pose *pose;
@@ -249,13 +251,30 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
 static pliant_status find_tissue(const pliant_model *model, pliant_data *data, double pieces_go, pliant_contacts *out)
 {
     pliant_tissue *tissue = &data->contact_search->tissue;
-    pliant_status status = pliant_tissue_set_body(tissue, data->body, data->discretization->system->num_threads);
+    const pliant_outside *outside = model->scene.element.kind == PLIANT_HEXAHEDRA ? &data->contact_search->outside : NULL;
+    pliant_status status = pliant_tissue_set_body(tissue, data->body, outside ? outside->solid : NULL, data->discretization->system->num_threads);
     const pliant_tissue_rule rule = {.margin = self_margin * tissue->shortest, .recovery = recovery * model->scene.solver.step,
                                      .friction = model->scene.contact.friction, .pieces_go = pieces_go};
     if (status != PLIANT_OK || tissue->num_skins == 0) return status;
     pliant_tissue_set_searcher(tissue, data->backend->searcher);
     if (model->scene.contact.response == PLIANT_RESPONSE_PAPER) return find_slowed(model, data, out);
-    return pliant_tissue_find(tissue, data->positions, &rule, out);
+    return pliant_tissue_find(tissue, outside ? outside->positions : data->positions, &rule, out);
+}
+
+/* Hexahedra touch where their tissue ends. *body, *positions: of the surface that is searched. Errors: MEMORY. */
+static pliant_status choose_surface(const pliant_model *model, pliant_data *data, const pliant_body **body, const double **positions)
+{
+    pliant_outside *outside = &data->contact_search->outside;
+    *body = data->body;
+    *positions = data->positions;
+    if (model->scene.element.kind != PLIANT_HEXAHEDRA) return PLIANT_OK;
+    const pliant_outside_voxels voxels = {model->body, &model->scan->geometry, model->material_of_voxel, &model->materials};
+    pliant_status status = pliant_outside_set_body(outside, &voxels, data->body);
+    if (status != PLIANT_OK) return status;
+    pliant_outside_place(outside, data->positions);
+    *body = &outside->view;
+    *positions = outside->positions;
+    return PLIANT_OK;
 }
 
 pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
@@ -269,9 +288,13 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     pliant_contact_search *search = data->contact_search;
     search->made.count = 0;
     const double pieces_go = data->falling ? pliant_falling_foresee(data) : 0;
+    const pliant_body *body = NULL;
+    const double *positions = NULL;
     status = gather_parts(model, data);
-    if (status == PLIANT_OK) status = pliant_contact_find(search->finder, data->body, data->positions, search->num_parts, search->part, &search->made);
+    if (status == PLIANT_OK) status = choose_surface(model, data, &body, &positions);
+    if (status == PLIANT_OK) status = pliant_contact_find(search->finder, body, positions, search->num_parts, search->part, &search->made);
     if (status == PLIANT_OK && touches_itself(model)) status = find_tissue(model, data, pieces_go, &search->made);
+    if (status == PLIANT_OK && body != data->body) pliant_outside_spread(&search->outside, &search->made);
     if (status == PLIANT_OK && data->falling) status = pliant_falling_find_walls(data, &search->made);
     if (status != PLIANT_OK) return status;
     carry(data, &data->contacts, &search->made);
@@ -318,6 +341,7 @@ void pliant_contact_free(pliant_data *data)
     if (data->contact_search) {
         pliant_finder_free(data->contact_search->finder);
         pliant_tissue_free(&data->contact_search->tissue);
+        pliant_outside_free(&data->contact_search->outside);
         pliant_free(data->contact_search->made.point);
         pliant_free(data->contact_search->pose);
         pliant_free(data->contact_search->overlaps);

@@ -30,14 +30,14 @@ double cpu()
     return double(now.tv_sec) + 1e-9 * double(now.tv_nsec);
 }
 
-// the foremost node of the surface near x, z
+// the foremost node near x, z of a tetrahedron that is tissue, whatever the elements are
 void front_of(const pliant_body &body, double x, double z, double out[3])
 {
     double best = 1e9;
-    for (int32_t i = 0; i < 3 * body.num_triangles; i++) {
-        const double *at = body.fine.rest + 3 * body.triangles[i];
+    for (int32_t i = 0; i < 4 * body.fine.num_tets; i++) {
+        const double *at = body.fine.rest + 3 * body.fine.tets[i];
         const double apart = std::hypot(at[0] - x, at[2] - z);
-        if (apart > 0.02 || at[1] + 0.5 * apart > best) continue;
+        if (apart > 0.02 || at[1] + 0.5 * apart > best || body.fine_material[i / 4].tissue < 0.5) continue;
         best = at[1] + 0.5 * apart;
         std::copy(at, at + 3, out);
     }

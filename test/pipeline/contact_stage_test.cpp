@@ -88,6 +88,44 @@ pliant_tool_shape ball(double radius)
     return shape;
 }
 
+// Tissue ends half way up the highest cubes, where a plate meets it: nothing is felt before, and then what a mesh
+// feels whose cubes end there.
+TEST(ContactStage, HexahedraAreTouchedWhereTheirTissueEnds)
+{
+    const int size[3] = {16, 16, 16};
+    const double box[3] = {0.08, 0.08, 0.08}, top = 0.07;
+    double force[2][2]; // coarse, fine; before, pressed
+    for (int fine = 0; fine < 2; fine++) {
+        Body block(size, box, {{4000, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k < 14 ? 0 : 1; });
+        block.scene.element.kind = PLIANT_HEXAHEDRA;
+        block.cells(fine ? 8 : 4, fine ? 8 : 4, fine ? 8 : 4, 1);
+        block.fix_plane(0, 0, 1e-6, 0, 0, 1);
+        block.scene.solver.iterations = 30;
+        block.scene.solver.tolerance = 1e-4;
+        ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+        pliant_tool_shape plate{};
+        plate.num_parts = 1;
+        plate.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.025, -0.025, 0}, {0.025, 0.025, 0.02}, 0, false};
+        int tool = -1;
+        double tip[3] = {0.04, 0.04, top + 0.001}, torque[3];
+        ASSERT_EQ(pliant_tool_add(block.model, block.data, "plate", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_shape(block.data, tool, &plate), PLIANT_OK) << pliant_last_error();
+        for (int pressed = 0; pressed < 2; pressed++) {
+            for (int s = 0; s < (pressed ? 6 : 1); s++) {
+                if (pressed && s < 4) tip[2] -= 0.002;
+                ASSERT_EQ(pliant_tool_set_pose(block.data, tool, tip, nullptr), PLIANT_OK);
+                ASSERT_GE(pliant_step(block.model, block.data), 0) << pliant_last_error();
+            }
+            double felt[3];
+            pliant_contact_wrench(block.data, tool, felt, torque);
+            force[fine][pressed] = -felt[2];
+        }
+    }
+    std::printf("plate 7 mm into tissue that ends within cubes: %.3f N, cubes that end with it: %.3f N; 1 mm above: %.3g N\n", force[0][1], force[1][1], force[0][0]);
+    EXPECT_LT(std::fabs(force[0][0]), 1e-6);
+    EXPECT_NEAR(force[0][1], force[1][1], 0.1 * force[1][1]);
+}
+
 TEST(ContactStage, CostsNothingWhereNothingCanTouch)
 {
     Sheet sheet;

@@ -1,0 +1,259 @@
+#include "contact/outside.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}; /* outwards, of the face opposite each corner */
+static const double farthest = 1;   /* of the shortest edge of a cube */
+static const double half = 0.5;     /* of a tetrahedron is tissue; of what is around a point */
+
+static pliant_status no_memory(void) { return pliant_fail_memory("contacts"); }
+
+static void free_body(pliant_outside *outside)
+{
+    void *blocks[] = {outside->solid, outside->tet, outside->triangles, outside->positions};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    outside->solid = NULL;
+    outside->tet = outside->triangles = NULL;
+    outside->positions = NULL;
+    outside->revision = 0;
+}
+
+static void free_load(pliant_outside *outside)
+{
+    pliant_free(outside->tet_at_load);
+    pliant_free(outside->share);
+    pliant_free(outside->solid_at_load);
+    outside->tet_at_load = NULL;
+    outside->share = NULL;
+    outside->solid_at_load = NULL;
+}
+
+void pliant_outside_free(pliant_outside *outside)
+{
+    free_body(outside);
+    free_load(outside);
+    memset(outside, 0, sizeof *outside);
+}
+
+/* ---- triangles between what is inside and what is not. out: Nullable */
+static int32_t list_triangles(const pliant_mesh *mesh, const int32_t *across, const uint8_t *solid, int32_t *out)
+{
+    int32_t count = 0;
+    for (int32_t t = 0; t < mesh->num_tets; t++)
+        for (int c = 0; c < 4 && solid[t]; c++) {
+            const int32_t other = across[4 * (size_t)t + (size_t)c];
+            if (other >= 0 && solid[other]) continue;
+            for (int v = 0; out && v < 3; v++) out[3 * (size_t)count + (size_t)v] = mesh->tets[4 * (size_t)t + (size_t)corners_of[c][v]];
+            count++;
+        }
+    return count;
+}
+
+/* The triangles of a body; NULL: no memory */
+static int32_t *triangles_of(const pliant_body *body, const uint8_t *solid, int32_t *count)
+{
+    int32_t *own = NULL, *triangles = NULL;
+    if (!body->across && !(own = pliant_calloc(4 * (size_t)body->fine.num_tets, sizeof *own))) return NULL;
+    if (!own || pliant_mesh_neighbours(&body->fine, own) == PLIANT_OK) {
+        const int32_t *across = own ? own : body->across;
+        *count = list_triangles(&body->fine, across, solid, NULL);
+        triangles = pliant_calloc(3 * (size_t)*count + 1, sizeof *triangles);
+        if (triangles) list_triangles(&body->fine, across, solid, triangles);
+    }
+    pliant_free(own);
+    return triangles;
+}
+
+/* ---- at load */
+
+static pliant_status find_solid(pliant_outside *outside, const pliant_body *load)
+{
+    const pliant_mesh *mesh = &load->fine;
+    uint8_t *full = pliant_calloc((size_t)mesh->num_nodes, 1);
+    outside->solid_at_load = pliant_calloc((size_t)mesh->num_tets, 1);
+    const bool good = full && outside->solid_at_load;
+    for (int32_t v = 0; good && v < 4 * mesh->num_tets; v++)
+        if (load->fine_material[v / 4].tissue >= half) full[mesh->tets[v]] = 1;
+    for (int32_t t = 0; good && t < mesh->num_tets; t++) {
+        const int32_t *node = mesh->tets + 4 * (size_t)t;
+        const bool beside = full[node[0]] || full[node[1]] || full[node[2]] || full[node[3]];
+        outside->solid_at_load[t] = load->fine_material[t].tissue >= half || (load->fine_material[t].tissue > 0 && !beside);
+    }
+    pliant_free(full);
+    return good ? PLIANT_OK : no_memory();
+}
+
+/* The part of tissue around a point, linear between voxels. */
+static double tissue_at(const pliant_outside_voxels *voxels, const double at[3])
+{
+    const pliant_geometry *geometry = voxels->geometry;
+    double index[3], sum = 0, origin[3];
+    int64_t low[3];
+    pliant_geometry_to_world(geometry, (const double[3]){0, 0, 0}, origin);
+    for (int axis = 0; axis < 3; axis++) {
+        index[axis] = 0;
+        for (int d = 0; d < 3; d++) index[axis] += geometry->direction[3 * d + axis] * (at[d] - origin[d]) / geometry->spacing[axis];
+        low[axis] = (int64_t)floor(index[axis]);
+    }
+    for (int n = 0; n < 8; n++) {
+        double weight = 1;
+        int64_t flat = 0;
+        bool within = true;
+        for (int axis = 2; axis >= 0; axis--) {
+            const int64_t i = low[axis] + (n >> axis & 1);
+            weight *= n >> axis & 1 ? index[axis] - (double)low[axis] : 1 - (index[axis] - (double)low[axis]);
+            within = within && i >= 0 && i < (int64_t)geometry->size[axis];
+            flat = flat * (int64_t)geometry->size[axis] + i;
+        }
+        if (within && !voxels->materials->materials[voxels->material_of_voxel[flat]].empty) sum += weight;
+    }
+    return sum;
+}
+
+/* From outside inwards, how far from a point tissue begins [m]; 0: it does not. */
+static double way_to_tissue(const pliant_outside_voxels *voxels, const double at[3], const double normal[3], double reach)
+{
+    const double *spacing = voxels->geometry->spacing, stride = 0.25 * fmin(spacing[0], fmin(spacing[1], spacing[2]));
+    double before = 0;
+    for (double way = reach; way >= -reach; way -= stride) {
+        double there[3];
+        for (int d = 0; d < 3; d++) there[d] = at[d] + way * normal[d];
+        const double tissue = tissue_at(voxels, there);
+        if (tissue >= half) return way == reach ? reach : way + stride * (tissue - half) / (tissue - before);
+        before = tissue;
+    }
+    return 0;
+}
+
+/* (nodes x 3) normals of the surface at its nodes, 0 elsewhere; NULL: no memory */
+static double *normals_of(const pliant_mesh *mesh, int32_t count, const int32_t *triangles)
+{
+    double *normal = pliant_calloc(3 * (size_t)mesh->num_nodes, sizeof *normal);
+    for (int32_t t = 0; normal && t < count; t++) {
+        double a[3], b[3];
+        for (int d = 0; d < 3; d++) {
+            a[d] = mesh->rest[3 * triangles[3 * t + 1] + d] - mesh->rest[3 * triangles[3 * t] + d];
+            b[d] = mesh->rest[3 * triangles[3 * t + 2] + d] - mesh->rest[3 * triangles[3 * t] + d];
+        }
+        for (int v = 0; v < 3; v++)
+            for (int d = 0; d < 3; d++) normal[3 * triangles[3 * t + v] + d] += a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
+    }
+    return normal;
+}
+
+static pliant_status find_corners(pliant_outside *outside, const pliant_outside_voxels *voxels)
+{
+    const pliant_mesh *mesh = &voxels->load->fine;
+    const double reach = farthest * fmin(mesh->cell_size[0], fmin(mesh->cell_size[1], mesh->cell_size[2]));
+    int32_t count = 0, *triangles = triangles_of(voxels->load, outside->solid_at_load, &count);
+    double *normal = triangles ? normals_of(mesh, count, triangles) : NULL;
+    outside->tet_at_load = pliant_calloc((size_t)mesh->num_nodes, sizeof *outside->tet_at_load);
+    outside->share = pliant_calloc((size_t)mesh->num_nodes, sizeof *outside->share);
+    const bool good = normal && outside->tet_at_load && outside->share;
+    for (int32_t n = 0; good && n < mesh->num_nodes; n++) {
+        const double *x = normal + 3 * (size_t)n, length = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
+        double unit[3], at[3];
+        outside->tet_at_load[n] = -1;
+        if (!(length > 0)) continue;
+        for (int d = 0; d < 3; d++) unit[d] = x[d] / length;
+        const double way = way_to_tissue(voxels, mesh->rest + 3 * n, unit, reach);
+        for (int d = 0; d < 3; d++) at[d] = mesh->rest[3 * n + d] + way * unit[d];
+        if (way != 0) outside->tet_at_load[n] = pliant_mesh_locate(mesh, at, outside->share[n]);
+    }
+    pliant_free(normal);
+    pliant_free(triangles);
+    return good ? PLIANT_OK : no_memory();
+}
+
+/* ---- of a body */
+
+/* For every node of a surface the tetrahedron that its corner is in: of fragments one that has the node, where there is one. */
+static void find_tets(pliant_outside *outside, const pliant_body *body)
+{
+    const pliant_mesh *mesh = &body->fine;
+    for (int32_t n = 0; n < mesh->num_nodes; n++) outside->tet[n] = outside->tet_at_load[body->node_parent ? body->node_parent[n] : n];
+    for (int32_t v = 0; body->tet_parent && v < 4 * mesh->num_tets; v++)
+        if (outside->tet[mesh->tets[v]] == body->tet_parent[v / 4]) outside->tet[mesh->tets[v]] = v / 4;
+}
+
+pliant_status pliant_outside_set_body(pliant_outside *outside, const pliant_outside_voxels *voxels, const pliant_body *body)
+{
+    pliant_status status = PLIANT_OK;
+    if (outside->revision == body->revision) return PLIANT_OK;
+    if (!outside->share) {
+        status = find_solid(outside, voxels->load);
+        if (status == PLIANT_OK) status = find_corners(outside, voxels);
+        if (status != PLIANT_OK) free_load(outside);
+    }
+    if (status != PLIANT_OK) return status;
+    free_body(outside);
+    outside->view = *body;
+    outside->view.num_triangles = 0;
+    outside->solid = pliant_calloc((size_t)body->fine.num_tets, 1);
+    outside->tet = pliant_calloc((size_t)body->fine.num_nodes, sizeof *outside->tet);
+    outside->positions = pliant_calloc(3 * (size_t)body->fine.num_nodes, sizeof *outside->positions);
+    if (!outside->solid || !outside->tet || !outside->positions) status = no_memory();
+    for (int32_t t = 0; status == PLIANT_OK && t < body->fine.num_tets; t++) outside->solid[t] = outside->solid_at_load[body->tet_parent ? body->tet_parent[t] : t];
+    if (status == PLIANT_OK && !(outside->triangles = triangles_of(body, outside->solid, &outside->view.num_triangles))) status = no_memory();
+    if (status != PLIANT_OK) {
+        free_body(outside);
+        return status;
+    }
+    find_tets(outside, body);
+    outside->view.triangles = outside->triangles;
+    outside->revision = body->revision;
+    return PLIANT_OK;
+}
+
+/* ---- of a step */
+
+static const double *share_of(const pliant_outside *outside, int32_t node)
+{
+    return outside->share[outside->view.node_parent ? outside->view.node_parent[node] : node];
+}
+
+void pliant_outside_place(pliant_outside *outside, const double *positions)
+{
+    const pliant_mesh *mesh = &outside->view.fine;
+    memcpy(outside->positions, positions, 3 * (size_t)mesh->num_nodes * sizeof *positions);
+    for (int32_t n = 0; n < mesh->num_nodes; n++) {
+        if (outside->tet[n] < 0) continue;
+        const int32_t *corner = mesh->tets + 4 * (size_t)outside->tet[n];
+        const double *share = share_of(outside, n);
+        double *at = outside->positions + 3 * (size_t)n;
+        for (int d = 0; d < 3; d++) {
+            at[d] = 0;
+            for (int v = 0; v < 4; v++) at[d] += share[v] * positions[3 * (size_t)corner[v] + (size_t)d];
+        }
+    }
+}
+
+static void add_weight(pliant_contact_point *point, int32_t node, double weight)
+{
+    int32_t k = 0;
+    if (weight == 0) return;
+    while (k < point->count && point->node[k] != node) k++;
+    if (k == point->count) {
+        point->node[point->count++] = node;
+        point->weight[k] = 0;
+    }
+    point->weight[k] += weight;
+}
+
+void pliant_outside_spread(const pliant_outside *outside, pliant_contacts *contacts)
+{
+    for (int32_t p = 0; p < contacts->count; p++) {
+        pliant_contact_point *point = contacts->point + p;
+        const pliant_contact_point was = *point;
+        point->count = 0;
+        for (int32_t k = 0; k < was.count; k++) {
+            const int32_t tet = outside->tet[was.node[k]];
+            if (tet < 0) add_weight(point, was.node[k], was.weight[k]);
+            for (int v = 0; tet >= 0 && v < 4; v++) add_weight(point, outside->view.fine.tets[4 * (size_t)tet + (size_t)v], was.weight[k] * share_of(outside, was.node[k])[v]);
+        }
+    }
+}
