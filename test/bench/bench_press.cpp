@@ -30,14 +30,14 @@ double cpu()
     return double(now.tv_sec) + 1e-9 * double(now.tv_nsec);
 }
 
-// the foremost node near x, z of a tetrahedron that is tissue, whatever the elements are
-void front_of(const pliant_body &body, double x, double z, double out[3])
+// the foremost node near x, z of a tetrahedron with tissue, of hexahedra with half or more: their surface is there
+void front_of(const pliant_body &body, bool hexahedra, double x, double z, double out[3])
 {
     double best = 1e9;
     for (int32_t i = 0; i < 4 * body.fine.num_tets; i++) {
         const double *at = body.fine.rest + 3 * body.fine.tets[i];
         const double apart = std::hypot(at[0] - x, at[2] - z);
-        if (apart > 0.02 || at[1] + 0.5 * apart > best || body.fine_material[i / 4].tissue < 0.5) continue;
+        if (apart > 0.02 || at[1] + 0.5 * apart > best || body.fine_material[i / 4].tissue < (hexahedra ? 0.5 : 0)) continue;
         best = at[1] + 0.5 * apart;
         std::copy(at, at + 3, out);
     }
@@ -67,7 +67,7 @@ Run press(const pliant_model *model, const double middle[3], int iterations, dou
         int tool;
         check(pliant_tool_add(model, data, ("probe" + std::to_string(t)).c_str(), &tool));
         check(pliant_tool_set_shape(data, tool, &shape));
-        front_of(*model->body, middle[0] + 0.04 * (t % 3 - 1), middle[2] + 0.04 * (t / 3 - 0.5), start[t]);
+        front_of(*model->body, model->scene.element.kind == PLIANT_HEXAHEDRA, middle[0] + 0.04 * (t % 3 - 1), middle[2] + 0.04 * (t / 3 - 0.5), start[t]);
         start[t][1] -= radius + 0.001;
     }
     const double step = pliant_model_get_scene(model)->solver.step;
