@@ -157,6 +157,26 @@ TEST(Convert, TheNearestBoxesAreMerged)
     EXPECT_EQ(common_box(two[0], boxes[2]).offset[0], 5u);
 }
 
+// what an update is sent as holds every voxel of every brick that has changed, whatever is merged
+TEST(Convert, MergedBoxesHoldAllThatChanged)
+{
+    unsigned seed = 3;
+    const auto random = [&seed](uint32_t below) { return (seed = seed * 1664525u + 1013904223u) / 65536u % below; };
+    for (int round = 0; round < 200; ++round) {
+        std::vector<Box> boxes;
+        for (uint32_t count = 1 + random(30); count > 0; --count) boxes.push_back({{random(12) * 16, random(9) * 16, random(7) * 16}, {1 + random(16), 1 + random(16), 1 + random(16)}});
+        for (size_t most : {1u, 8u}) {
+            const std::vector<Box> merged = merged_boxes(boxes, most);
+            ASSERT_LE(merged.size(), most);
+            for (const Box &box : boxes)
+                ASSERT_TRUE(std::any_of(merged.begin(), merged.end(), [&box](const Box &all) {
+                    const Box common = common_box(all, box);
+                    return std::equal(common.size, common.size + 3, box.size) && std::equal(common.offset, common.offset + 3, box.offset);
+                }));
+        }
+    }
+}
+
 TEST_F(ConvertVolume, APlacedSliceLiesWhereItsVoxelsDo)
 {
     sensor_msgs::Image image;

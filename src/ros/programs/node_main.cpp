@@ -2,9 +2,16 @@
 
 #include <ros/ros.h>
 
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
+
 int main(int argc, char **argv)
 {
     ros::init(argc, argv, "sim");
+#ifdef __GLIBC__
+    mallopt(M_MMAP_THRESHOLD, 1 << 20); /* volumes come and go: what is freed goes back to the system, in place of holes in the heap of every thread */
+#endif
     ros::NodeHandle handle, own("~"); /* without one, ROS shuts down, and its console with it */
     try {
         pliant_ros::Node node(handle, own);
