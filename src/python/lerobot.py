@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""The arrays of pliant_bag --export numpy as a dataset in LeRobot's layout, version 2.1 (huggingface.co/docs/lerobot).
+"""The arrays of pliant_bag --export numpy as a dataset in LeRobot's layout (huggingface.co/docs/lerobot): version 2.1, or 3.0 for LeRobot 0.4 and later.
 
-    pliant_lerobot ARRAYS DATASET [--task TEXT]
+    pliant_lerobot ARRAYS DATASET [--task TEXT] [--layout 2.1|3.0]
 
 Needs numpy and pyarrow. Colour pictures become mp4 (H.264) where ffmpeg is installed and both sides are even, png inside the tables where not;
 maps of labels and depths stay arrays.
@@ -23,8 +23,9 @@ except ImportError as missing:
     sys.exit("%s is missing: pip install %s" % (missing.name, missing.name))
 
 CHUNK = 1000  # episodes in a folder
-DATA = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
-VIDEO = "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4"
+DATA = {"2.1": "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet", "3.0": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"}
+VIDEO = {"2.1": "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
+         "3.0": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"}
 INDICES = ("frame_index", "episode_index", "index", "task_index")
 
 
@@ -69,9 +70,20 @@ def statistics(values):
     return dict({name: value.tolist() for name, value in out.items()}, count=[count])
 
 
+def together(each):
+    """Statistics of all episodes from those of each."""
+    count = np.array([stats["count"][0] for stats in each], np.float64)
+    mean, std = (np.array([stats[name] for stats in each]) for name in ("mean", "std"))
+    weight = (count / count.sum()).reshape([-1] + [1] * (mean.ndim - 1))
+    middle = (weight * mean).sum(axis=0)
+    out = {"min": np.min([stats["min"] for stats in each], axis=0), "max": np.max([stats["max"] for stats in each], axis=0), "mean": middle,
+           "std": np.sqrt((weight * (std ** 2 + (mean - middle) ** 2)).sum(axis=0))}
+    return dict({name: value.tolist() for name, value in out.items()}, count=[int(count.sum())])
+
+
 class Dataset:
-    def __init__(self, arrays, folder, task):
-        self.arrays, self.folder, self.task = arrays, folder, task
+    def __init__(self, arrays, folder, task, layout):
+        self.arrays, self.folder, self.task, self.layout = arrays, folder, task, layout
         with open(os.path.join(arrays, "columns.json")) as file:
             self.columns = json.load(file)
         self.episodes, self.state, self.action = self.load("episodes"), self.load("state"), self.load("action")
@@ -87,6 +99,11 @@ class Dataset:
         path = os.path.join(self.folder, name)
         os.makedirs(os.path.dirname(path), exist_ok=True)
         return path
+
+    @staticmethod
+    def where(episode):
+        """What stands for an episode in the names of files: a file of its own in either layout."""
+        return {"episode_chunk": episode // CHUNK, "episode_index": episode, "chunk_index": episode // CHUNK, "file_index": episode % CHUNK}
 
     def features(self):
         out = {}
@@ -111,11 +128,11 @@ class Dataset:
         values.update({key: each[rows] for key, each in self.pictures.items()})
         values["timestamp"] = (number / self.columns["fps"]).astype(np.float32)
         values.update(zip(INDICES, (number, np.full(length, episode), number + rows.start, np.zeros(length, np.int64))))
-        where = {"episode_chunk": episode // CHUNK, "episode_index": episode}
+        where = self.where(episode)
         columns, kinds = {}, {}  # kinds: what the package datasets reads of a table
         for key, array in values.items():
             if key in self.videos:
-                write_video(self.path(VIDEO.format(video_key=key, **where)), array, self.columns["fps"])
+                write_video(self.path(VIDEO[self.layout].format(video_key=key, **where)), array, self.columns["fps"])
             elif key in self.pictures:
                 files = [{"bytes": png(each), "path": "frame_%06d.png" % n} for n, each in enumerate(array)]
                 columns[key] = pa.array(files, pa.struct([("bytes", pa.binary()), ("path", pa.string())]))
@@ -127,7 +144,7 @@ class Dataset:
                 columns[key] = pa.array(array)
                 kinds[key] = {"dtype": str(array.dtype), "_type": "Value"}
         table = pa.table(columns).replace_schema_metadata({"huggingface": json.dumps({"info": {"features": kinds}})})
-        pa.parquet.write_table(table, self.path(DATA.format(**where)))
+        pa.parquet.write_table(table, self.path(DATA[self.layout].format(**where)))
         return {key: statistics(array) for key, array in values.items()}
 
     def write(self):
@@ -135,20 +152,52 @@ class Dataset:
             sys.exit("%s holds a dataset already: name another folder" % self.folder)
         count = int(self.episodes[-1]) + 1
         bounds = np.searchsorted(self.episodes, np.arange(count + 1))
-        lines = {"episodes": [], "episodes_stats": [], "tasks": [{"task_index": 0, "task": self.task}]}
+        episodes, stats = [], []
         for episode in range(count):
             rows = slice(int(bounds[episode]), int(bounds[episode + 1]))
-            lines["episodes_stats"].append({"episode_index": episode, "stats": self.write_episode(episode, rows)})
-            lines["episodes"].append({"episode_index": episode, "tasks": [self.task], "length": rows.stop - rows.start})
-        for name, each in lines.items():
-            with open(self.path("meta/%s.jsonl" % name), "w") as file:
-                file.writelines(json.dumps(line) + "\n" for line in each)
-        info = {"codebase_version": "v2.1", "robot_type": "pliant", "total_episodes": count, "total_frames": len(self.episodes), "total_tasks": 1,
-                "total_videos": count * len(self.videos), "total_chunks": (count + CHUNK - 1) // CHUNK, "chunks_size": CHUNK,
-                "fps": self.columns["fps"], "splits": {"train": "0:%d" % count}, "data_path": DATA, "video_path": VIDEO if self.videos else None,
-                "features": self.features()}
+            stats.append(self.write_episode(episode, rows))
+            episodes.append({"episode_index": episode, "tasks": [self.task], "length": rows.stop - rows.start})
+        info = {"codebase_version": "v" + self.layout, "robot_type": "pliant", "total_episodes": count, "total_frames": len(self.episodes), "total_tasks": 1,
+                "chunks_size": CHUNK, "fps": self.columns["fps"], "splits": {"train": "0:%d" % count}, "data_path": DATA[self.layout],
+                "video_path": VIDEO[self.layout] if self.videos else None, "features": self.features()}
+        if self.layout == "2.1":
+            info.update(total_videos=count * len(self.videos), total_chunks=(count + CHUNK - 1) // CHUNK)
+            self.write_lines("tasks", [{"task_index": 0, "task": self.task}])
+            self.write_lines("episodes", episodes)
+            self.write_lines("episodes_stats", [{"episode_index": episode, "stats": each} for episode, each in enumerate(stats)])
+        else:
+            info.update(data_files_size_in_mb=100, video_files_size_in_mb=500)
+            for feature in info["features"].values():
+                if feature["dtype"] != "video":
+                    feature["fps"] = self.columns["fps"]
+            self.write_tables(episodes, stats, bounds)
         with open(self.path("meta/info.json"), "w") as file:
             json.dump(info, file, indent=4)
+
+    def write_lines(self, name, lines):
+        with open(self.path("meta/%s.jsonl" % name), "w") as file:
+            file.writelines(json.dumps(line) + "\n" for line in lines)
+
+    def write_tables(self, episodes, stats, bounds):
+        """What layout 3.0 has in place of lines: tasks by their text, as pandas keeps an index, and a row an episode with where it is found."""
+        index = {"index_columns": ["__index_level_0__"], "column_indexes": [], "pandas_version": "2.0.0", "columns": [
+            {"name": None, "field_name": "__index_level_0__", "pandas_type": "unicode", "numpy_type": "object", "metadata": None},
+            {"name": "task_index", "field_name": "task_index", "pandas_type": "int64", "numpy_type": "int64", "metadata": None}]}
+        tasks = pa.table({"task_index": [0], "__index_level_0__": [self.task]}).replace_schema_metadata({"pandas": json.dumps(index)})
+        pa.parquet.write_table(tasks, self.path("meta/tasks.parquet"))
+        for row, each in zip(episodes, stats):
+            place = self.where(row["episode_index"])
+            at = {"/chunk_index": place["chunk_index"], "/file_index": place["file_index"]}
+            row.update({"data" + name: value for name, value in at.items()})
+            row.update(dataset_from_index=int(bounds[row["episode_index"]]), dataset_to_index=int(bounds[row["episode_index"] + 1]))
+            for key in self.videos:
+                row.update({"videos/" + key + name: value for name, value in at.items()})
+                row.update({"videos/%s/from_timestamp" % key: 0.0, "videos/%s/to_timestamp" % key: row["length"] / self.columns["fps"]})
+            row.update({"stats/%s/%s" % (key, name): value for key, of_key in each.items() for name, value in of_key.items()})
+            row.update({"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0})
+        pa.parquet.write_table(pa.Table.from_pylist(episodes), self.path("meta/episodes/chunk-000/file-000.parquet"))
+        with open(self.path("meta/stats.json"), "w") as file:
+            json.dump({key: together([each[key] for each in stats]) for key in stats[0]}, file, indent=4)
 
 
 if __name__ == "__main__":
@@ -156,5 +205,6 @@ if __name__ == "__main__":
     parser.add_argument("arrays", help="folder of pliant_bag --export numpy")
     parser.add_argument("dataset", help="folder to make")
     parser.add_argument("--task", default="tissue", help="what was done, in words")
+    parser.add_argument("--layout", choices=sorted(DATA), default="2.1", help="2.1: LeRobot before 0.4; 3.0: from then on")
     arguments = parser.parse_args()
-    Dataset(arguments.arrays, arguments.dataset, arguments.task).write()
+    Dataset(arguments.arrays, arguments.dataset, arguments.task, arguments.layout).write()
