@@ -4,13 +4,17 @@
 #include "rviz/material.h"
 #include "rviz/shaders.h"
 
+#include "pliant/scene.h"
+
 #include <OgreCamera.h>
 #include <OgreManualObject.h>
 #include <OgrePass.h>
 #include <OgreSceneManager.h>
 #include <OgreSceneNode.h>
 
+#include <dynamic_reconfigure/Reconfigure.h>
 #include <pluginlib/class_list_macros.hpp>
+#include <ros/service.h>
 #include <rviz/display_context.h>
 #include <rviz/frame_manager.h>
 #include <rviz/properties/bool_property.h>
@@ -18,17 +22,35 @@
 #include <rviz/properties/enum_property.h>
 #include <rviz/properties/float_property.h>
 #include <rviz/properties/ros_topic_property.h>
+#include <rviz/properties/string_property.h>
 #include <rviz/properties/vector_property.h>
 #include <rviz/view_controller.h>
 #include <rviz/view_manager.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <thread>
 
 namespace pliant_rviz {
 
 enum Mode { SURFACE, WIREFRAME, CUT_AWAY };
-enum ColourBy { BY_SCALAR, BY_MATERIAL, BY_ONE_COLOUR };
+enum ColourBy { BY_SCALAR, BY_MATERIAL, BY_ONE_COLOUR, BY_DISPLACEMENT };
+
+static const char *const DISPLACEMENT = "displacement";
+// names of the scene's option
+static const char *const SCALARS[] = {
+#define SCALAR_NAME(value, name) #name,
+    PLIANT_SCALAR_LIST(SCALAR_NAME)
+#undef SCALAR_NAME
+};
+
+struct MeshDisplay::Wish {
+    dynamic_reconfigure::Reconfigure service;
+    std::string name, scalar;
+    bool reached = false;
+    std::atomic<bool> answered{false};
+};
 
 MeshDisplay::MeshDisplay() { make_properties(); }
 
@@ -59,10 +81,16 @@ void MeshDisplay::make_properties()
     plane_point_ = new rviz::VectorProperty("Cut Point", Ogre::Vector3(0, 0, 0), "A point of the cut in the mesh's frame [m].", this,
                                             SLOT(change_look()));
     edges_ = new rviz::BoolProperty("Edges", true, "Draw the edges of the faces too.", this, SLOT(change_look()));
-    colour_by_ = new rviz::EnumProperty("Color By", "Scalar", "What the colour shows.", this, SLOT(change_look()));
+    colour_by_ = new rviz::EnumProperty("Color By", "Scalar", "What the colour shows.", this, SLOT(change_colour()));
     colour_by_->addOption("Scalar", BY_SCALAR);
     colour_by_->addOption("Material", BY_MATERIAL);
     colour_by_->addOption("One Color", BY_ONE_COLOUR);
+    colour_by_->addOption("Displacement", BY_DISPLACEMENT);
+    scalar_ = new rviz::EnumProperty("Scalar", "none", "The number that the node tells of each mesh node. Chosen here, it is so for all that listen.", this,
+                                     SLOT(change_scalar()));
+    for (const char *name : SCALARS) scalar_->addOption(name);
+    scalar_->setShouldBeSaved(false); /* it is the node's */
+    node_ = new rviz::StringProperty("Node", "sim", "Name of the node, with which its settings begin.", this);
     colour_ = new rviz::ColorProperty("Color", QColor(200, 150, 130), "Without a scalar or material.", this, SLOT(change_look()));
     opacity_ = new rviz::FloatProperty("Opacity", 1, "0 is not seen, 1 hides what is behind.", this, SLOT(change_look()));
     opacity_->setMin(0);
@@ -142,6 +170,7 @@ void MeshDisplay::reset()
     unsubscribe();
     mesh_.clear();
     early_.reset();
+    last_.reset();
     dropped_ = states_ = 0;
     range_known_ = changed_ = false;
     if (object_) object_->clear();
@@ -176,6 +205,7 @@ void MeshDisplay::receive_topology(const pliant::MeshTopology::ConstPtr &message
                  "revision " + std::to_string(message->revision) + ": " + std::to_string(message->rest_nodes.size() / 3) + " nodes, " +
                      std::to_string(message->tetrahedra.size() / 4) + " tetrahedra");
     if (!same_scan) range_known_ = false; // a cut does not change what the colours mean
+    last_.reset();
     change_look();
     if (early_ && early_->revision == message->revision) receive_state(pliant::MeshState::ConstPtr(early_));
 }
@@ -184,12 +214,20 @@ void MeshDisplay::receive_state(const pliant::MeshState::ConstPtr &message)
 {
     // it may overtake its topology, which is larger
     early_ = message->revision != mesh_.topology().revision ? message : nullptr;
-    MeshShape::Result result = mesh_.put(message->revision, message->nodes, message->scalar);
+    const bool moved = colour_by_->getOptionInt() == BY_DISPLACEMENT;
+    const std::string name = moved ? DISPLACEMENT : message->scalar_name;
+    const MeshShape::Result result = mesh_.put(message->revision, message->nodes,
+                                               moved ? displacements(mesh_.topology().rest, message->nodes) : message->scalar);
     states_++;
     if (result == MeshShape::SHOWN) {
         frame_ = message->header.frame_id;
-        if (scalar_name_ != message->scalar_name) range_known_ = false;
-        scalar_name_ = message->scalar_name;
+        last_ = message;
+        if (scalar_name_ != name) {
+            range_known_ = false;
+            bar_changed_ = true;
+        }
+        scalar_name_ = name;
+        follow_scalar();
         follow_range();
         changed_ = true;
     } else {
@@ -247,9 +285,52 @@ void MeshDisplay::change_look()
     if (context_) context_->queueRender();
 }
 
+void MeshDisplay::change_colour()
+{
+    change_look();
+    if (!last_) return;
+    states_--; /* the same one again */
+    receive_state(pliant::MeshState::ConstPtr(last_));
+}
+
+// What the node tells is what is chosen, but while it is asked for another.
+void MeshDisplay::follow_scalar()
+{
+    if (wish_ && wish_->answered) {
+        const bool granted = last_->scalar_name == wish_->scalar || (wish_->scalar == SCALARS[0] && last_->scalar_name.empty());
+        if (!wish_->reached) setStatusStd(rviz::StatusProperty::Error, "Scalar", "no answer from " + wish_->name + ": see the property Node");
+        if (granted || !wish_->reached) wish_.reset();
+    }
+    if (wish_) return;
+    following_ = true;
+    scalar_->setStdString(last_->scalar_name.empty() ? SCALARS[0] : last_->scalar_name);
+    following_ = false;
+}
+
+void MeshDisplay::change_scalar()
+{
+    if (following_) return;
+    deleteStatus("Scalar");
+    /* beside the mesh's topics */
+    const std::string topic = state_topic_->getTopicStd(), space = topic.substr(0, topic.rfind("mesh/state"));
+    wish_ = std::make_shared<Wish>();
+    wish_->name = space + node_->getStdString() + "/set_parameters";
+    wish_->scalar = scalar_->getStdString();
+    dynamic_reconfigure::StrParameter choice;
+    choice.name = "scalar";
+    choice.value = wish_->scalar;
+    wish_->service.request.config.strs.push_back(choice);
+    std::shared_ptr<Wish> wish = wish_;
+    std::thread([wish] {
+        wish->reached = ros::service::call(wish->name, wish->service);
+        wish->answered = true;
+    }).detach();
+}
+
 bool MeshDisplay::coloured_by_scalar() const
 {
-    return colour_by_->getOptionInt() == BY_SCALAR && !mesh_.scalar().empty();
+    const int by = colour_by_->getOptionInt();
+    return (by == BY_SCALAR || by == BY_DISPLACEMENT) && !mesh_.scalar().empty();
 }
 
 Rgb MeshDisplay::scalar_colour(double t) const { return scalar_name_ == "volume_ratio" ? diverging_colour(t) : sequential_colour(t); }
@@ -316,8 +397,8 @@ void MeshDisplay::show_bar()
     bool shown = legend_->getBool() && coloured_by_scalar();
     float range = std::fabs(high_ - low_);
     if (shown && (bar_changed_ || std::fabs(low_ - bar_low_) > 0.01f * range || std::fabs(high_ - bar_high_) > 0.01f * range)) {
-        QString unit = scalar_name_ == "von_mises" ? " [Pa]" : scalar_name_ == "strain_energy" ? " [J/m3]" : "";
-        QString title = QString::fromStdString(scalar_name_).replace('_', ' ') + unit;
+        const QString unit = QString::fromUtf8(scalar_unit(scalar_name_));
+        const QString title = QString::fromStdString(scalar_name_).replace('_', ' ') + (unit.isEmpty() ? "" : " [" + unit + "]");
         bar_->set(title, low_, high_, [this](double t) {
             Rgb colour = scalar_colour(t);
             return QColor::fromRgbF(colour[0], colour[1], colour[2]);

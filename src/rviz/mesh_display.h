@@ -24,6 +24,7 @@ class ColorProperty;
 class EnumProperty;
 class FloatProperty;
 class RosTopicProperty;
+class StringProperty;
 class VectorProperty;
 }
 
@@ -50,6 +51,8 @@ private Q_SLOTS:
     void change_topic();
     void change_look();
     void change_range();
+    void change_colour();
+    void change_scalar();
 
 private:
     void make_properties();
@@ -57,6 +60,7 @@ private:
     void unsubscribe();
     void receive_topology(const pliant::MeshTopology::ConstPtr &message);
     void receive_state(const pliant::MeshState::ConstPtr &message);
+    void follow_scalar();
     void report_state(MeshShape::Result result, uint32_t revision);
     void follow_range();
     void draw();
@@ -67,11 +71,15 @@ private:
     Rgb scalar_colour(double t) const;
     bool coloured_by_scalar() const;
 
+    struct Wish; // what the node was asked to tell, in a thread of its own
+
     ros::Subscriber topology_subscriber_, state_subscriber_;
     MeshShape mesh_;
     pliant::MeshState::ConstPtr early_; // a state whose topology has not come yet
+    pliant::MeshState::ConstPtr last_;  // that was shown
+    std::shared_ptr<Wish> wish_;
     std::string frame_, scalar_name_;
-    bool changed_ = false, bar_changed_ = false, range_known_ = false;
+    bool changed_ = false, bar_changed_ = false, range_known_ = false, following_ = false;
     uint64_t dropped_ = 0, states_ = 0;
     float low_ = 0, high_ = 1; // of the colours now
     float bar_low_ = 0, bar_high_ = 0;
@@ -81,7 +89,8 @@ private:
     std::unique_ptr<ColourBar> bar_;
 
     rviz::RosTopicProperty *topology_topic_, *state_topic_;
-    rviz::EnumProperty *mode_, *colour_by_;
+    rviz::EnumProperty *mode_, *colour_by_, *scalar_;
+    rviz::StringProperty *node_;
     rviz::ColorProperty *colour_;
     rviz::FloatProperty *opacity_, *range_low_, *range_high_;
     rviz::BoolProperty *edges_, *automatic_, *legend_;

@@ -265,6 +265,26 @@ Shape MeshShape::cut(const Plane &plane) const
     return shape;
 }
 
+const char *scalar_unit(const std::string &name)
+{
+    static const char *const units[][2] = {{"von_mises", "Pa"}, {"principal_stress", "Pa"}, {"strain_energy", "J/m\u00b3"}, {"mass_change", "m\u00b3"},
+                                           {"contact_force", "N"}, {"displacement", "m"}};
+    for (const auto &each : units)
+        if (name == each[0]) return each[1];
+    return "";
+}
+
+std::vector<float> displacements(const std::vector<float> &rest, const std::vector<float> &nodes)
+{
+    std::vector<float> out(nodes.size() / 3);
+    for (size_t n = 0; n < out.size() && 3 * n + 2 < rest.size(); n++) {
+        double sum = 0;
+        for (size_t d = 3 * n; d < 3 * n + 3; d++) sum += std::pow(double(nodes[d]) - rest[d], 2);
+        out[n] = float(std::sqrt(sum));
+    }
+    return out;
+}
+
 Rgb sequential_colour(double t)
 {
     static const std::vector<Rgb> colours = {

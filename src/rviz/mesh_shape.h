@@ -74,6 +74,12 @@ private:
     std::vector<Face> faces_;
 };
 
+// Unit of a number of MeshState, by its name; "": it has none.
+const char *scalar_unit(const std::string &name);
+
+// How far each node is from where it was at rest [m].
+std::vector<float> displacements(const std::vector<float> &rest, const std::vector<float> &nodes);
+
 // Red, green, blue in 0..1.
 using Rgb = std::array<double, 3>;
 Rgb sequential_colour(double t);           // from dark blue to red

@@ -1,7 +1,6 @@
 #include "rviz/pull_tool.h"
 
 #include "rviz/material.h"
-#include "rviz/volume_display.h"
 
 #include <OgreCamera.h>
 #include <OgreManualObject.h>
@@ -14,9 +13,7 @@
 #include <OgreViewport.h>
 
 #include <pluginlib/class_list_macros.hpp>
-#include <ros/service.h>
 #include <rviz/display_context.h>
-#include <rviz/display_group.h>
 #include <rviz/frame_manager.h>
 #include <rviz/properties/float_property.h>
 #include <rviz/properties/string_property.h>
@@ -25,7 +22,6 @@
 #include <rviz/viewport_mouse_event.h>
 
 #include <cmath>
-#include <thread>
 
 namespace pliant_rviz {
 
@@ -98,64 +94,13 @@ void PullTool::deactivate()
     contact_.shutdown();
 }
 
-static void find_volumes(rviz::DisplayGroup *group, std::vector<VolumeDisplay *> *out)
-{
-    for (int n = 0; n < group->numDisplays(); n++) {
-        rviz::Display *display = group->getDisplayAt(n);
-        if (VolumeDisplay *volume = dynamic_cast<VolumeDisplay *>(display)) out->push_back(volume);
-        if (rviz::DisplayGroup *inner = dynamic_cast<rviz::DisplayGroup *>(display)) find_volumes(inner, out);
-    }
-}
-
-VolumeDisplay *PullTool::shown_volume(const Ogre::Ray &ray, std::vector<Part> *parts) const
-{
-    std::vector<VolumeDisplay *> volumes;
-    find_volumes(context_->getRootDisplayGroup(), &volumes);
-    for (VolumeDisplay *volume : volumes) {
-        *parts = volume->clip_to_drawn(ray.getOrigin(), ray.getDirection());
-        if (!parts->empty()) return volume;
-    }
-    return nullptr;
-}
-
-void PullTool::ask(const Ogre::Ray &ray)
-{
-    question_ = std::make_shared<Question>();
-    VolumeDisplay *volume = shown_volume(ray, &question_->parts);
-    if (!volume) question_->parts.push_back({0, 0}); /* all of it */
-    pliant::Pick::Request &request = question_->service.request;
-    request.header.frame_id = context_->getFixedFrame().toStdString();
-    request.origin.x = ray.getOrigin().x;
-    request.origin.y = ray.getOrigin().y;
-    request.origin.z = ray.getOrigin().z;
-    request.direction.x = ray.getDirection().x;
-    request.direction.y = ray.getDirection().y;
-    request.direction.z = ray.getDirection().z;
-    request.threshold = float(volume ? volume->threshold() : threshold_->getFloat());
-    std::shared_ptr<Question> question = question_;
-    std::string name = topic("pick");
-    std::thread([question, name] {
-        for (const Part &part : question->parts) {
-            question->service.request.near = part.near;
-            question->service.request.far = part.far;
-            question->reached = ros::service::call(name, question->service);
-            if (!question->reached || question->service.response.success) break;
-        }
-        question->answered = true;
-    }).detach();
-}
-
 void PullTool::take_answer()
 {
-    std::shared_ptr<Question> question = question_;
-    question_.reset();
-    const pliant::Pick::Response &answer = question->service.response;
-    if (!question->reached) {
-        setStatus(QString("There is no answer from the service ") + QString::fromStdString(topic("pick")) + ".");
-        return;
-    }
-    if (!answer.success) {
-        setStatus(answer.message.empty() ? QString("There is no tissue here.") : QString::fromStdString(answer.message));
+    pliant::Pick::Response answer;
+    QString problem;
+    if (!picker_.take(&answer, &problem)) return;
+    if (!problem.isEmpty()) {
+        setStatus(problem);
         return;
     }
     picked_ = tip_ = held_ = Ogre::Vector3(float(answer.point.x), float(answer.point.y), float(answer.point.z));
@@ -167,15 +112,9 @@ void PullTool::take_answer()
 
 void PullTool::let_go()
 {
-    question_.reset();
+    picker_.forget();
     robot_.release();
     draw();
-}
-
-static Ogre::Ray ray_of(const rviz::ViewportMouseEvent &event)
-{
-    return event.viewport->getCamera()->getCameraToViewportRay(float(event.x) / float(event.viewport->getActualWidth()),
-                                                               float(event.y) / float(event.viewport->getActualHeight()));
 }
 
 // The tip stays in the plane through itself that faces the viewer.
@@ -193,11 +132,11 @@ void PullTool::drag(rviz::ViewportMouseEvent &event)
 
 int PullTool::processMouseEvent(rviz::ViewportMouseEvent &event)
 {
-    if (event.leftDown() && !event.alt() && !robot_.holding() && !question_ && connected_) {
-        ask(ray_of(event));
+    if (event.leftDown() && !event.alt() && !robot_.holding() && !picker_.asks() && connected_) {
+        picker_.ask(context_, ray_of(event), topic("pick"), threshold_->getFloat());
         return Render;
     }
-    if (event.leftUp() && (robot_.holding() || question_)) {
+    if (event.leftUp() && (robot_.holding() || picker_.asks())) {
         let_go();
         return Render;
     }
@@ -205,7 +144,7 @@ int PullTool::processMouseEvent(rviz::ViewportMouseEvent &event)
         drag(event);
         return Render;
     }
-    if (!question_ && context_->getViewManager()->getCurrent()) context_->getViewManager()->getCurrent()->handleMouseEvent(event);
+    if (!picker_.asks() && context_->getViewManager()->getCurrent()) context_->getViewManager()->getCurrent()->handleMouseEvent(event);
     return 0;
 }
 
@@ -255,7 +194,7 @@ void PullTool::draw()
 
 void PullTool::update(float, float)
 {
-    if (question_ && question_->answered) take_answer();
+    take_answer();
     if (robot_.holding()) draw();
 }
 

@@ -4,19 +4,14 @@
 
 #ifndef Q_MOC_RUN
 #include "rviz/mouse_robot.h"
-#include "rviz/slices.h"
+#include "rviz/picker.h"
 
 #include <OgreMaterial.h>
 #include <OgreQuaternion.h>
-#include <OgreRay.h>
 #include <pliant/ContactState.h>
-#include <pliant/Pick.h>
 #include <ros/subscriber.h>
 #include <rviz/tool.h>
 #endif
-
-#include <atomic>
-#include <memory>
 
 namespace Ogre {
 class ManualObject;
@@ -24,14 +19,11 @@ class Viewport;
 }
 
 namespace rviz {
-class DisplayGroup;
 class FloatProperty;
 class StringProperty;
 }
 
 namespace pliant_rviz {
-
-class VolumeDisplay;
 
 class PullTool : public rviz::Tool {
     Q_OBJECT
@@ -51,24 +43,14 @@ private Q_SLOTS:
     void connect_topics();
 
 private:
-    // a question to the node, asked in a thread of its own: rviz must not wait for it
-    struct Question {
-        pliant::Pick service;
-        std::vector<Part> parts; // of the ray, one after the other until there is tissue
-        std::atomic<bool> answered{false};
-        bool reached = false; // there is such a service
-    };
-
     std::string topic(const std::string &name) const;
-    VolumeDisplay *shown_volume(const Ogre::Ray &ray, std::vector<Part> *parts) const;
-    void ask(const Ogre::Ray &ray);
     void take_answer();
     void drag(rviz::ViewportMouseEvent &event);
     void let_go();
     void receive_contact(const pliant::ContactState::ConstPtr &message);
     void draw();
 
-    std::shared_ptr<Question> question_;
+    Picker picker_;
     MouseRobot robot_;
     ros::Subscriber contact_;
     Ogre::Vector3 picked_, tip_, held_, view_direction_;

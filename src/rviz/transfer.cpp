@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <sstream>
 
 namespace pliant_rviz {
 
@@ -63,6 +65,68 @@ Colour colour_at(const Preset &preset, double at)
     return points.back().colour;
 }
 
+std::string points_text(const std::vector<ControlPoint> &points)
+{
+    std::string out;
+    char text[96];
+    for (const ControlPoint &point : points) {
+        const Colour &c = point.colour;
+        std::snprintf(text, sizeof text, "%s%.4g, %.3g, %.3g, %.3g, %.4g", out.empty() ? "" : "; ", point.at, c.r, c.g, c.b, c.a);
+        out += text;
+    }
+    return out;
+}
+
+std::string points_from_text(const std::string &text, std::vector<ControlPoint> *out)
+{
+    std::vector<ControlPoint> read;
+    std::istringstream all(text);
+    for (std::string each; std::getline(all, each, ';');) {
+        ControlPoint point;
+        Colour &c = point.colour;
+        int end = 0;
+        const std::string name = "point " + std::to_string(read.size() + 1);
+        if (std::sscanf(each.c_str(), "%lf ,%lf ,%lf ,%lf ,%lf %n", &point.at, &c.r, &c.g, &c.b, &c.a, &end) != 5 || size_t(end) != each.size())
+            return name + " is not place, red, green, blue, opacity: " + each;
+        for (double number : {point.at, c.r, c.g, c.b, c.a})
+            if (!(number >= 0 && number <= 1)) return name + " has a number outside of 0 to 1: " + each;
+        if (!read.empty() && !(point.at > read.back().at)) return name + " lies before the one before it: " + each;
+        read.push_back(point);
+    }
+    if (read.size() < 2) return "two points or more are needed";
+    *out = read;
+    return "";
+}
+
+// the nearest that places of two points come [of the window]; text keeps four digits
+static const double APART = 0.001;
+
+void move_point(std::vector<ControlPoint> *points, size_t which, double at, double opacity)
+{
+    const double low = which > 0 ? (*points)[which - 1].at + APART : 0;
+    const double high = which + 1 < points->size() ? (*points)[which + 1].at - APART : 1;
+    if (low <= high) (*points)[which].at = std::min(std::max(at, low), high);
+    (*points)[which].colour.a = std::min(std::max(opacity, 0.0), 1.0);
+}
+
+size_t add_point(std::vector<ControlPoint> *points, double at)
+{
+    Preset line;
+    line.points = *points;
+    size_t which = 0;
+    while (which < points->size() && (*points)[which].at < at) which++;
+    points->insert(points->begin() + long(which), {at, colour_at(line, at)});
+    move_point(points, which, at, (*points)[which].colour.a);
+    return which;
+}
+
+bool remove_point(std::vector<ControlPoint> *points, size_t which)
+{
+    if (points->size() <= 2) return false;
+    points->erase(points->begin() + long(which));
+    return true;
+}
+
 double opacity_over(double opacity, double distance) { return 1 - std::pow(1 - std::min(std::max(opacity, 0.0), 1.0), distance); }
 
 Table make_table(const Preset &preset, double opacity, double distance)
@@ -101,17 +165,6 @@ double transparent_up_to(const Preset &preset)
         place = point.at;
     }
     return place;
-}
-
-double seen_from(const Preset &preset, double low, double high, double opacity)
-{
-    double most = 0;
-    for (int n = 0; n <= 1000; n++) most = std::max(most, opacity * colour_at(preset, n / 1000.0).a);
-    // 14 pieces of it hide half of what is behind
-    double least = std::min(0.05, 0.5 * most);
-    for (int n = 0; n <= 1000; n++)
-        if (opacity * colour_at(preset, n / 1000.0).a >= least) return low + (high - low) * n / 1000;
-    return high;
 }
 
 } // namespace pliant_rviz

@@ -35,6 +35,15 @@ const Preset &preset(const std::string &name); // the first one when there is no
 // Linear between the points; outside of them the nearest one's.
 Colour colour_at(const Preset &preset, double at);
 
+// As text, and back: "place, red, green, blue, opacity; ...", all from 0 to 1, places ascending, two points or more. "" or what is wrong with it.
+std::string points_text(const std::vector<ControlPoint> &points);
+std::string points_from_text(const std::string &text, std::vector<ControlPoint> *out);
+
+// What a hand does to them. A point stays between its neighbours; of two points none is taken away.
+void move_point(std::vector<ControlPoint> *points, size_t which, double at, double opacity);
+size_t add_point(std::vector<ControlPoint> *points, double at); // on the line; its number
+bool remove_point(std::vector<ControlPoint> *points, size_t which);
+
 // Premultiplied colours over the window, 16 bits a channel (the shaders know the size too), for slices that are `distance` apart (in units of the
 // control points' opacity: 1/256 of the diagonal).
 enum { TABLE_SIZE = 512 };
@@ -49,9 +58,6 @@ std::vector<bool> drawn_values(const Preset &preset, double low, double high, do
 
 // Highest place in the window below which nothing is seen; less than 0: the window's low end is seen.
 double transparent_up_to(const Preset &preset);
-
-// Lowest value that is clearly seen: a few per cent of the volume's diagonal of it hide what is behind.
-double seen_from(const Preset &preset, double low, double high, double opacity);
 
 } // namespace pliant_rviz
 #endif

@@ -1,7 +1,9 @@
 #include "rviz/volume_display.h"
 
 #include "rviz/colour_bar.h"
+#include "rviz/fit_view.h"
 #include "rviz/material.h"
+#include "rviz/side_marks.h"
 
 #include <OgreCamera.h>
 #include <OgreSceneNode.h>
@@ -16,6 +18,7 @@
 #include <rviz/properties/float_property.h>
 #include <rviz/properties/int_property.h>
 #include <rviz/properties/ros_topic_property.h>
+#include <rviz/properties/string_property.h>
 #include <rviz/properties/vector_property.h>
 #include <rviz/view_controller.h>
 #include <rviz/view_manager.h>
@@ -51,6 +54,9 @@ void VolumeDisplay::make_properties()
     preset_ = new rviz::EnumProperty("Preset", QString::fromStdString(presets().front().name), "Colours and opacities.", this,
                                      SLOT(change_preset()));
     for (size_t n = 0; n < presets().size(); n++) preset_->addOption(QString::fromStdString(presets()[n].name), int(n));
+    points_ = new rviz::StringProperty("Points", "", "Points of the transfer function: place in the window (0 to 1), red, green, blue, opacity, with "
+                                       "commas in between, by semicolons; empty: the preset's. The panel Transfer Function edits them with the mouse.",
+                                       this, SLOT(change_points()));
     automatic_ = new rviz::BoolProperty("Automatic", true, "Level, window and isosurface as the preset has them.", this,
                                         SLOT(change_preset()));
     level_ = new rviz::FloatProperty("Level", 0, "Middle of the window: the value (CT: Hounsfield) of the middle colour.", this,
@@ -77,6 +83,9 @@ void VolumeDisplay::make_properties()
     }
     make_clip_properties();
     bar_shown_ = new rviz::BoolProperty("Color Bar", true, "Show which value has which colour.", this, SLOT(change_look()));
+    sides_shown_ = new rviz::BoolProperty("Patient Sides", true, "Letters at the volume's sides: R L A P S I.", this, SLOT(change_look()));
+    fit_ = new rviz::BoolProperty("Fit View", false, "A scan that comes first, or another one, fills the view, from the side that it looks from. "
+                                  "Switched on it fits at once.", this, SLOT(change_fit()));
     memory_ = new rviz::IntProperty("Texture Memory", 1024, "Most memory of the texture [MiB]; a larger volume is shown subsampled.",
                                     this, SLOT(change_limits()));
     memory_->setMin(1);
@@ -108,6 +117,8 @@ void VolumeDisplay::onInitialize()
 {
     visual_.reset(new VolumeVisual(scene_manager_, scene_node_));
     bar_.reset(new ColourBar(ColourBar::RIGHT));
+    sides_.reset(new SideMarks(scene_manager_, scene_node_));
+    sides_->set_visible(false);
     {
         std::lock_guard<std::mutex> guard(received_.lock);
         received_.limits.edge = longest_texture_edge();
@@ -175,6 +186,7 @@ void VolumeDisplay::reset()
     texture_error_.clear();
     if (visual_) visual_->clear();
     if (bar_) bar_->set_visible(false);
+    if (sides_) sides_->set_visible(false);
     // rviz resets its displays when time jumps back: what is shown comes anew, even if nothing moves
     if (subscribed) subscribe();
 }
@@ -244,6 +256,8 @@ void VolumeDisplay::change_limits()
 void VolumeDisplay::change_preset()
 {
     if (loading_) return;
+    if (sender() == preset_) points_->setString("");
+    take_points();
     window_wanted_ = automatic_->getBool();
     change_look();
 }
@@ -252,6 +266,40 @@ void VolumeDisplay::change_window()
 {
     // edited by hand
     if (!loading_ && !window_wanted_) automatic_->setBool(false);
+    change_look();
+}
+
+void VolumeDisplay::take_points()
+{
+    transfer_ = presets()[size_t(preset_->getOptionInt())];
+    std::string error;
+    if (!points_->getStdString().empty()) error = points_from_text(points_->getStdString(), &transfer_.points);
+    if (error.empty()) deleteStatus("Points");
+    else setStatusStd(rviz::StatusProperty::Error, "Points", error);
+}
+
+void VolumeDisplay::change_points()
+{
+    if (loading_) return;
+    take_points();
+    change_look();
+}
+
+void VolumeDisplay::set_points(const std::vector<ControlPoint> &points) { points_->setStdString(points_text(points)); }
+
+double VolumeDisplay::low() const { return level_->getFloat() - 0.5 * window_->getFloat(); }
+
+double VolumeDisplay::high() const { return level_->getFloat() + 0.5 * window_->getFloat(); }
+
+std::vector<double> VolumeDisplay::histogram(size_t bins)
+{
+    std::lock_guard<std::mutex> guard(received_.lock);
+    return received_.image.histogram(low(), high(), bins);
+}
+
+void VolumeDisplay::change_fit()
+{
+    fit_wanted_ = !loading_ && fit_->getBool();
     change_look();
 }
 
@@ -264,7 +312,7 @@ void VolumeDisplay::change_look()
 // level, window and isosurface of the preset; relative ones wait for data
 void VolumeDisplay::take_window()
 {
-    const Preset &chosen = presets()[size_t(preset_->getOptionInt())];
+    const Preset &chosen = transfer_;
     double unit = 1;
     if (chosen.relative) {
         if (!visual_->has_texture()) return;
@@ -350,9 +398,9 @@ void VolumeDisplay::set_look(unsigned slices)
 {
     Look look;
     look.isosurface = mode_->getOptionInt() == ISOSURFACE;
-    look.transfer = presets()[size_t(preset_->getOptionInt())];
-    look.low = level_->getFloat() - 0.5 * window_->getFloat();
-    look.high = level_->getFloat() + 0.5 * window_->getFloat();
+    look.transfer = transfer_;
+    look.low = low();
+    look.high = high();
     look.opacity = opacity_->getFloat();
     look.shading = shading_->getFloat();
     look.surface = surface_->getFloat();
@@ -411,8 +459,10 @@ void VolumeDisplay::update(float wall_dt, float)
     if (look_changed_ || slices != visual_->look().slices) set_look(slices);
     if (look_changed_) show_bar();
     if (look_changed_ || uploaded_) find_visible();
+    if (placed) show_sides();
+    else sides_->set_visible(false);
     look_changed_ = uploaded_ = false;
-    if (placed && is_new_) turn_view_to_it();
+    if (placed && (is_new_ || fit_wanted_)) turn_view_to_it();
     if (placed) visual_->draw(context_->getViewManager()->getCurrent()->getCamera());
     report();
     ask_for_whole(wall_dt);
@@ -422,7 +472,11 @@ void VolumeDisplay::update(float wall_dt, float)
 // into it.
 void VolumeDisplay::turn_view_to_it()
 {
-    is_new_ = false;
+    is_new_ = fit_wanted_ = false;
+    if (fit_->getBool()) {
+        fit_view(context_, visual_->corners());
+        return;
+    }
     rviz::ViewController *view = context_->getViewManager()->getCurrent();
     const Ogre::Camera *camera = view->getCamera();
     Ogre::Vector3 seen = camera->getViewMatrix() * visual_->middle();
@@ -435,6 +489,13 @@ void VolumeDisplay::find_visible()
     if (!visual_->has_texture()) return;
     std::lock_guard<std::mutex> guard(received_.lock);
     visual_->find_visible(received_.image);
+}
+
+void VolumeDisplay::show_sides()
+{
+    const bool shown = sides_shown_->getBool() && visual_->draws();
+    if (shown) sides_->set(visual_->clipped(), visual_->node(), volume_orientation_);
+    sides_->set_visible(shown);
 }
 
 void VolumeDisplay::show_bar()
@@ -482,15 +543,11 @@ void VolumeDisplay::report()
     logged_ = received_.error;
 }
 
-double VolumeDisplay::threshold() const
+bool VolumeDisplay::see(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *distance, double *value)
 {
-    const Look &look = visual_->look();
-    return look.isosurface ? look.surface : seen_from(look.transfer, look.low, look.high, look.opacity);
-}
-
-std::vector<Part> VolumeDisplay::clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction) const
-{
-    return isEnabled() && visual_ ? visual_->clip_to_drawn(origin, direction) : std::vector<Part>();
+    if (!isEnabled() || !visual_) return false;
+    std::lock_guard<std::mutex> guard(received_.lock);
+    return visual_->see(received_.image, origin, direction, distance, value);
 }
 
 } // namespace pliant_rviz

@@ -21,12 +21,14 @@ class EnumProperty;
 class FloatProperty;
 class IntProperty;
 class RosTopicProperty;
+class StringProperty;
 class VectorProperty;
 }
 
 namespace pliant_rviz {
 
 class ColourBar;
+class SideMarks;
 
 class VolumeDisplay : public rviz::Display {
     Q_OBJECT
@@ -39,10 +41,16 @@ public:
     void reset() override;
     void update(float wall_dt, float ros_dt) override;
 
-    // Value of the surface that is seen: of the isosurface, or where the transfer function becomes clearly opaque.
-    double threshold() const;
-    // Part of a ray in the fixed frame that is drawn; false: it passes by, or nothing is shown.
-    std::vector<Part> clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction) const;
+    bool is_shown() const { return isEnabled() && visual_ && visual_->has_texture(); }
+    // Where a ray in the fixed frame meets what is seen of the volume as it is shown [m], and the value there; false: nowhere.
+    bool see(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *distance, double *value);
+
+    // The transfer function as it is shown, its window, and how many voxels have which value: for who edits it.
+    const Preset &transfer() const { return transfer_; }
+    double low() const;
+    double high() const;
+    std::vector<double> histogram(size_t bins); // over the window; parts of the most frequent
+    void set_points(const std::vector<ControlPoint> &points);
 
 protected:
     void onInitialize() override;
@@ -55,6 +63,8 @@ private Q_SLOTS:
     void change_window();
     void change_look();
     void change_limits();
+    void change_fit();
+    void change_points();
 
 private:
     void make_properties();
@@ -66,10 +76,12 @@ private:
     void upload();
     void find_visible();
     void turn_view_to_it();
+    void show_sides();
     bool place();
     void ask_for_whole(float wall_dt);
     void show_bar();
     void report();
+    void take_points();
     bool is_moving();
     unsigned slices_while_moving(float wall_dt);
     void set_look(unsigned slices);
@@ -87,12 +99,14 @@ private:
         uint64_t messages = 0, refused = 0, sequence = 0, lost = 0;
     };
     Received received_;
+    Preset transfer_; // the preset, with points of its own where somebody has set them
 
     ros::Subscriber subscriber_;
     std::unique_ptr<VolumeVisual> visual_;
     std::unique_ptr<ColourBar> bar_;
+    std::unique_ptr<SideMarks> sides_;
     std::string texture_error_, logged_;
-    bool look_changed_ = true, window_wanted_ = false, loading_ = false, whole_wanted_ = false, uploaded_ = false, is_new_ = false;
+    bool look_changed_ = true, window_wanted_ = false, loading_ = false, whole_wanted_ = false, uploaded_ = false, is_new_ = false, fit_wanted_ = false;
     bool drawn_moving_ = false;
     double moving_slices_ = 0; // as many as this machine draws in time
     Ogre::Vector3 camera_position_ = Ogre::Vector3::ZERO, volume_position_ = Ogre::Vector3::ZERO;
@@ -101,7 +115,8 @@ private:
 
     rviz::RosTopicProperty *topic_;
     rviz::EnumProperty *mode_, *preset_;
-    rviz::BoolProperty *automatic_, *clip_box_, *clip_plane_, *cut_away_, *bar_shown_;
+    rviz::StringProperty *points_;
+    rviz::BoolProperty *automatic_, *clip_box_, *clip_plane_, *cut_away_, *bar_shown_, *sides_shown_, *fit_;
     rviz::FloatProperty *level_, *window_, *opacity_, *shading_, *surface_;
     rviz::ColorProperty *surface_colour_;
     rviz::IntProperty *slices_, *slices_moving_, *memory_;

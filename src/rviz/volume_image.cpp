@@ -248,6 +248,29 @@ uint16_t VolumeImage::texel(size_t index) const
     return value;
 }
 
+double VolumeImage::value(const std::array<double, 3> &at) const
+{
+    size_t first[3], second[3];
+    double part[3], sum = 0;
+    for (size_t d = 0; d < 3; d++) {
+        const double inside = std::min(std::max(at[d], 0.0), size_[d] - 1.0);
+        first[d] = size_t(inside);
+        second[d] = std::min<size_t>(first[d] + 1, size_[d] - 1);
+        part[d] = inside - double(first[d]);
+    }
+    for (int corner = 0; corner < 8; corner++) {
+        double weight = 1;
+        size_t index[3];
+        for (int d = 0; d < 3; d++) {
+            const bool is_second = corner >> d & 1;
+            index[d] = is_second ? second[d] : first[d];
+            weight *= is_second ? part[d] : 1 - part[d];
+        }
+        sum += weight * texel(index[0] + size_[0] * (index[1] + size_[1] * index[2]));
+    }
+    return value_offset_ + value_scale_ * sum / 65535;
+}
+
 void VolumeImage::measure_bricks(const Box &texels)
 {
     Size first, last;
@@ -294,6 +317,19 @@ double VolumeImage::quantile(double fraction) const
     size_t n = lowest;
     while (n + 1 < HISTOGRAM && double(sum) < fraction * double(all)) sum += histogram_[++n];
     return value_offset_ + value_scale_ * (double(n) + 0.5) / double(HISTOGRAM);
+}
+
+std::vector<double> VolumeImage::histogram(double low, double high, size_t bins) const
+{
+    std::vector<double> out(bins, 0);
+    double most = 0;
+    for (size_t n = 0; n < histogram_.size(); n++) {
+        const double value = value_offset_ + value_scale_ * (double(n) + 0.5) / double(HISTOGRAM), place = (value - low) / (high - low);
+        if (place < 0 || place >= 1) continue;
+        most = std::max(most, out[size_t(place * double(bins))] += double(histogram_[n]));
+    }
+    for (double &each : out) each = most > 0 ? std::sqrt(each / most) : 0;
+    return out;
 }
 
 std::string VolumeImage::precision() const

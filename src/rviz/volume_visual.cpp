@@ -1,6 +1,7 @@
 #include "rviz/volume_visual.h"
 
 #include "rviz/material.h"
+#include "rviz/seen.h"
 #include "rviz/shaders.h"
 
 #include <OgreCamera.h>
@@ -165,6 +166,19 @@ Ogre::Vector3 VolumeVisual::middle() const
     return node_->_getDerivedPosition() + node_->_getDerivedOrientation() * half;
 }
 
+std::vector<Ogre::Vector3> VolumeVisual::corners() const
+{
+    std::vector<Ogre::Vector3> out;
+    if (!draws()) return out;
+    const Bounds box = clipped();
+    for (int corner = 0; corner < 8; corner++) {
+        Ogre::Vector3 at;
+        for (int d = 0; d < 3; d++) at[d] = float((corner >> d & 1 ? box.high : box.low)[d]);
+        out.push_back(node_->_getDerivedPosition() + node_->_getDerivedOrientation() * at);
+    }
+    return out;
+}
+
 // in the volume's axes; an outermost texel reaches to the edge of its voxel, an inner one to its centre
 Bounds VolumeVisual::bounds_of(const Box &texels) const
 {
@@ -205,7 +219,7 @@ Bounds VolumeVisual::clipped() const
 void VolumeVisual::draw(const Ogre::Camera *camera)
 {
     slices_drawn_ = 0;
-    if (!has_texture() || visible_.voxels() == 0 || clipped().empty()) {
+    if (!draws()) {
         set_visible(false);
         return;
     }
@@ -313,14 +327,29 @@ void VolumeVisual::set_numbers(Ogre::Pass *pass, const Ogre::Camera *camera)
     numbers->setNamedConstant("nearest", float(camera->getNearClipDistance()));
 }
 
-std::vector<Part> VolumeVisual::clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction) const
+bool VolumeVisual::see(const VolumeImage &image, const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *distance,
+                       double *value) const
 {
-    if (!has_texture() || visible_.voxels() == 0 || clipped().empty()) return {};
+    if (!draws() || image.empty()) return false;
     Ogre::Quaternion turn = node_->_getDerivedOrientation().Inverse();
-    Vector from = vector_of(turn * (origin - node_->_getDerivedPosition())), along = vector_of(turn * direction);
+    const Vector from = vector_of(turn * (origin - node_->_getDerivedPosition())), along = vector_of(turn * direction);
     Part part;
-    if (!clip_ray(clipped(), look_.planes, from, along, &part.near, &part.far)) return {};
-    return outside(between(look_.away_low, look_.away_high), from, along, part);
+    if (!clip_ray(clipped(), look_.planes, from, along, &part.near, &part.far)) return false;
+    const std::vector<Part> parts = outside(between(look_.away_low, look_.away_high), from, along, part);
+    auto value_at = [&](double t) {
+        std::array<double, 3> texel;
+        for (size_t d = 0; d < 3; d++) texel[d] = (from[d] + t * along[d]) / (sign_[d] * spacing_[d] * stride_);
+        return image.value(texel);
+    };
+    // four steps a piece of 1/256 of the diagonal, which opacities are of
+    const double step = diagonal() / 1024;
+    const bool found = look_.isosurface ? find_surface(parts, step, [&](double t) { return value_at(t) - look_.surface; }, distance)
+                                        : find_seen(parts, step, [&](double t) {
+                                              const double place = (value_at(t) - look_.low) / std::max(look_.high - look_.low, 1e-9);
+                                              return opacity_over(look_.opacity * colour_at(look_.transfer, place).a, 0.25);
+                                          }, distance);
+    if (found) *value = value_at(*distance);
+    return found;
 }
 
 } // namespace pliant_rviz

@@ -71,12 +71,16 @@ public:
     // slices that face one of them lie edge on, or the wrong way round, for another.
     void draw(const Ogre::Camera *camera);
 
-    // The parts of a ray in the fixed frame that are drawn of it, the nearest first; none: the ray passes by. Unit direction.
-    std::vector<Part> clip_to_drawn(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction) const;
+    // Where a ray in the fixed frame meets what is seen [m], and the value there; false: nowhere. Unit direction.
+    bool see(const VolumeImage &image, const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *distance, double *value) const;
 
     size_t slices_drawn() const { return slices_drawn_; }
     double diagonal() const; // of the whole volume [m]
     Ogre::Vector3 middle() const; // of it, in the fixed frame
+    std::vector<Ogre::Vector3> corners() const; // of the part that may be drawn, in the fixed frame; none: nothing is
+    const Ogre::SceneNode &node() const { return *node_; } // of the volume's own axes
+    Bounds clipped() const;                     // what may be drawn, in these [m]
+    bool draws() const { return has_texture() && visible_.voxels() > 0 && !clipped().empty(); }
 
 private:
     void preFindVisibleObjects(Ogre::SceneManager *source, Ogre::SceneManager::IlluminationRenderStage stage, Ogre::Viewport *view) override;
@@ -86,7 +90,6 @@ private:
     void draw_hull();
     Bounds bounds_of(const Box &texels) const;
     Bounds between(const std::array<double, 3> &low, const std::array<double, 3> &high) const;
-    Bounds clipped() const;
 
     Ogre::SceneManager *manager_;
     Ogre::SceneNode *node_;

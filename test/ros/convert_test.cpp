@@ -246,7 +246,7 @@ TEST_F(ConvertBodies, OfTwoRevisionsHaveTwoTopologies)
     EXPECT_EQ(after.vertex_material.size(), after.vertex_tetrahedron.size());
     for (uint32_t corner : after.triangles) ASSERT_LT(corner, after.rest_parent.size() + after.vertex_tetrahedron.size());
     MeshState state;
-    EXPECT_EQ(mesh_state_message(*loaded->model, *cut, cut->fine.rest, {}, &state), PLIANT_OK);
+    EXPECT_EQ(mesh_state_message(*loaded->model, *cut, cut->fine.rest, pliant_model_get_scene(loaded->model)->output.scalar, {}, &state), PLIANT_OK);
     EXPECT_EQ(state.nodes.size(), after.rest_nodes.size());
 }
 
@@ -259,7 +259,7 @@ TEST_F(ConvertBodies, AreFoundAgainFromTheirTopologies)
     ASSERT_TRUE(second) << why;
     EXPECT_TRUE(pliant_body_same(second.get(), cut.get()));
     MeshState state;
-    mesh_state_message(*loaded->model, *cut, cut->fine.rest, {}, &state);
+    mesh_state_message(*loaded->model, *cut, cut->fine.rest, pliant_model_get_scene(loaded->model)->output.scalar, {}, &state);
     EXPECT_EQ(snapshot_of(loaded, second, state)->positions.size(), state.nodes.size());
     EXPECT_THROW(snapshot_of(loaded, first, state), Failure);
     MeshTopology wrong = topology(*cut);
@@ -319,7 +319,7 @@ TEST_F(ConvertBodies, AreFoundAgainWhereCutsSubdivide)
 TEST_F(ConvertModel, StateWithoutScalar)
 {
     MeshState message;
-    EXPECT_EQ(mesh_state_message(model, body, rest, {}, &message), PLIANT_OK);
+    EXPECT_EQ(mesh_state_message(model, body, rest, pliant_model_get_scene(&model)->output.scalar, {}, &message), PLIANT_OK);
     EXPECT_EQ(message.nodes.size(), 12u);
     EXPECT_TRUE(message.scalar.empty());
     EXPECT_TRUE(message.scalar_name.empty());

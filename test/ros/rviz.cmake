@@ -1,6 +1,7 @@
 # Tests of the rviz displays: what needs no rviz by gtest, the pictures by rviz itself under Xvfb with software rendering.
 foreach(name rviz_image_test rviz_slices_test rviz_transfer_test rviz_mesh_test)
   add_executable(${name} ${CMAKE_CURRENT_LIST_DIR}/${name}.cpp)
+  target_include_directories(${name} PRIVATE ${PROJECT_SOURCE_DIR}/include)
   target_link_libraries(${name} PRIVATE pliant_rviz_plain GTest::gtest GTest::gtest_main Threads::Threads)
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_CURRENT_BINARY_DIR})
   add_test(NAME ${name} COMMAND ${name})

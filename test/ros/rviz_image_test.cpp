@@ -295,4 +295,32 @@ TEST(VolumeImage, QuantilesIgnoreTheLowestValue)
     EXPECT_NEAR(image.quantile(0.995), 199, 2);
 }
 
+TEST(VolumeImage, IsInterpolatedAsItsTexture)
+{
+    Source<int16_t> source({{3, 2, 2}}, INT16);
+    source.view.slope = 2;
+    source.view.intercept = -1000;
+    for (size_t n = 0; n < source.voxels.size(); n++) source.voxels[n] = int16_t(n * n);
+    VolumeImage image;
+    image.put(source.view, TextureLimits());
+    EXPECT_NEAR(image.value({{2, 1, 1}}), 2 * 121 - 1000, 1e-6);
+    EXPECT_NEAR(image.value({{0.5, 0, 0}}), 2 * 0.5 - 1000, 1e-6);
+    EXPECT_NEAR(image.value({{1, 0.25, 0.5}}), 2 * (0.5 * (0.75 * 1 + 0.25 * 16) + 0.5 * (0.75 * 49 + 0.25 * 100)) - 1000, 1e-6);
+    EXPECT_NEAR(image.value({{-5, 0, 0}}), -1000, 1e-6) << "beyond the outermost theirs go on";
+    EXPECT_NEAR(image.value({{9, 9, 9}}), 2 * 121 - 1000, 1e-6);
+}
+
+TEST(VolumeImage, HistogramsAreOfTheWindow)
+{
+    Source<uint8_t> source({{10, 10, 1}}, UINT8);
+    for (size_t n = 0; n < 100; n++) source.voxels[n] = n < 64 ? 50 : n < 80 ? 150 : 250;
+    VolumeImage image;
+    image.put(source.view, TextureLimits());
+    const std::vector<double> counted = image.histogram(0, 200, 4);
+    ASSERT_EQ(counted.size(), 4u);
+    EXPECT_DOUBLE_EQ(counted[1], 1);
+    EXPECT_DOUBLE_EQ(counted[0], 0);
+    EXPECT_NEAR(counted[3], std::sqrt(16.0 / 64), 1e-12) << "250 is beyond";
+}
+
 } // namespace

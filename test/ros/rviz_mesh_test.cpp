@@ -1,6 +1,8 @@
 // The mesh as it is drawn: checks, matching of states, faces of a cut.
 #include "rviz/mesh_shape.h"
 
+#include "pliant/scene.h"
+
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -243,6 +245,22 @@ TEST(Colours, StayInTheirRange)
             }
     EXPECT_EQ(diverging_colour(0.5), (Rgb{{0.92, 0.92, 0.92}}));
     EXPECT_NE(material_colour(1), material_colour(2));
+}
+
+TEST(Scalars, HaveUnits)
+{
+#define UNIT_OF(value, name) \
+    if (std::string(#name) != "none" && std::string(#name) != "volume_ratio") { EXPECT_STRNE(scalar_unit(#name), "") << #name; }
+    PLIANT_SCALAR_LIST(UNIT_OF)
+#undef UNIT_OF
+    EXPECT_STREQ(scalar_unit("von_mises"), "Pa");
+    EXPECT_STREQ(scalar_unit("displacement"), "m");
+    EXPECT_STREQ(scalar_unit("volume_ratio"), "");
+}
+
+TEST(Scalars, DisplacementsAreDistancesFromRest)
+{
+    EXPECT_EQ(displacements({0, 0, 0, 1, 1, 1}, {3, 4, 0, 1, 1, 1}), (std::vector<float>{5, 0}));
 }
 
 } // namespace

@@ -30,6 +30,7 @@ PLAIN = """
   Slices: 96
   Slices While Moving: 96
   Color Bar: false
+  Patient Sides: false
   Texture Memory: %(memory)d
 """
 CLIPPED = """  Clip Plane:

@@ -1,5 +1,8 @@
 // Geometry of slices: areas, volumes and order against what is known in closed form.
+#include "rviz/patient.h"
+#include "rviz/seen.h"
 #include "rviz/slices.h"
+#include "rviz/transfer.h"
 
 #include <gtest/gtest.h>
 
@@ -130,6 +133,69 @@ TEST(ClipRay, OutsideOfWhatIsCutAway)
         EXPECT_DOUBLE_EQ(parts[0].near, 2);
         EXPECT_DOUBLE_EQ(parts[0].far, 3);
     }
+}
+
+// a path in metres through layers of CT values, as the preset of the demo shows them
+TEST(Seen, IsTheLayerThatGivesMostLight)
+{
+    const Preset &abdomen = preset("CT abdomen");
+    struct Piece {
+        double to, value;
+    };
+    const double step = 0.0004; // a quarter of 1/256 of a diagonal of 0.41 m
+    auto look = [&](const std::vector<Piece> &path, const std::vector<Part> &parts, double *at) {
+        return find_seen(parts, step, [&](double t) {
+            size_t n = 0;
+            while (n + 1 < path.size() && path[n].to < t) n++;
+            const double low = abdomen.level - 0.5 * abdomen.window;
+            return opacity_over(colour_at(abdomen, (path[n].value - low) / abdomen.window).a, 0.25);
+        }, at);
+    };
+    /* air, the rim of the skin, skin, fat, liver */
+    const std::vector<Piece> body = {{0.1, -1000}, {0.1015, -500}, {0.104, -20}, {0.125, -100}, {0.2, 105}};
+    double at = 0;
+    ASSERT_TRUE(look(body, {{0, 0.2}}, &at));
+    EXPECT_GT(at, 0.125) << "not the skin, which is drawn faintly before it";
+    EXPECT_LT(at, 0.131) << "near its surface";
+    /* without a liver the skin is what is seen */
+    const std::vector<Piece> fat = {{0.1, -1000}, {0.1015, -500}, {0.104, -20}, {0.2, -100}};
+    ASSERT_TRUE(look(fat, {{0, 0.2}}, &at));
+    EXPECT_NEAR(at, 0.10075, 0.0005);
+    EXPECT_FALSE(look({{0.2, -1000}}, {{0, 0.2}}, &at));
+    /* what is cut away is not seen; what begins behind it is */
+    ASSERT_TRUE(look(body, {{0, 0.09}, {0.15, 0.2}}, &at));
+    EXPECT_GT(at, 0.15);
+    EXPECT_LT(at, 0.156);
+    /* two layers that touch are two: the brighter one is meant, where it begins */
+    const std::vector<Piece> touching = {{0.12, 30}, {0.2, 105}};
+    ASSERT_TRUE(look(touching, {{0.1, 0.2}}, &at));
+    EXPECT_GT(at, 0.12);
+    EXPECT_LT(at, 0.126);
+}
+
+TEST(Seen, ASurfaceIsMetWhereItIs)
+{
+    double at = 0;
+    const Along ball = [](double t) { return 0.01 - std::fabs(t - 0.05); };
+    ASSERT_TRUE(find_surface({{0, 0.1}}, 0.003, ball, &at));
+    EXPECT_NEAR(at, 0.04, 1e-5);
+    ASSERT_TRUE(find_surface({{0.045, 0.1}}, 0.003, ball, &at));
+    EXPECT_DOUBLE_EQ(at, 0.045) << "the face of a cut";
+    ASSERT_TRUE(find_surface({{0, 0.03}, {0.055, 0.1}}, 0.003, ball, &at));
+    EXPECT_DOUBLE_EQ(at, 0.055) << "behind what is cut away";
+    EXPECT_FALSE(find_surface({{0, 0.035}}, 0.003, ball, &at));
+}
+
+TEST(Patient, SidesHaveDicomsLetters)
+{
+    EXPECT_EQ(side_letters({{1, 0, 0}}), "L");
+    EXPECT_EQ(side_letters({{-2, 0, 0}}), "R");
+    EXPECT_EQ(side_letters({{0, -1, 0}}), "A");
+    EXPECT_EQ(side_letters({{0, 1, 0.1}}), "P");
+    EXPECT_EQ(side_letters({{0, 0, 1}}), "S");
+    EXPECT_EQ(side_letters({{0, 0, -1}}), "I");
+    EXPECT_EQ(side_letters({{0.4, -0.9, 0.1}}), "AL");
+    EXPECT_EQ(side_letters({{-0.5, 0.6, -0.62}}), "IPR");
 }
 
 } // namespace

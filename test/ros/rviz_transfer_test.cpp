@@ -91,20 +91,45 @@ TEST(TransparentUpTo, IsWhereTheOpacityBegins)
     EXPECT_LT(transparent_up_to(one), 0);
 }
 
-TEST(SeenFrom, IsInsideTheWindow)
+TEST(Points, AsTextAndBack)
 {
     for (const Preset &one : presets()) {
-        double low = one.level - 0.5 * one.window, high = one.level + 0.5 * one.window, seen = seen_from(one, low, high, 1);
-        EXPECT_GT(seen, low) << one.name;
-        EXPECT_LT(seen, high) << one.name;
-        EXPECT_GE(colour_at(one, (seen - low) / one.window).a, 0.049) << one.name;
-        EXPECT_GE(seen_from(one, low, high, 0.5), seen) << one.name << ": what is fainter is seen later";
+        std::vector<ControlPoint> read;
+        ASSERT_EQ(points_from_text(points_text(one.points), &read), "") << one.name;
+        ASSERT_EQ(read.size(), one.points.size());
+        for (size_t n = 0; n < read.size(); n++) {
+            EXPECT_DOUBLE_EQ(read[n].at, one.points[n].at);
+            EXPECT_DOUBLE_EQ(read[n].colour.a, one.points[n].colour.a);
+            EXPECT_DOUBLE_EQ(read[n].colour.g, one.points[n].colour.g);
+        }
     }
-    // muscle and organs, not fat, and not bone only
-    const Preset &soft = preset("CT soft tissue");
-    double seen = seen_from(soft, soft.level - 0.5 * soft.window, soft.level + 0.5 * soft.window, 1);
-    EXPECT_GT(seen, -20);
-    EXPECT_LT(seen, 60);
+    std::vector<ControlPoint> kept = presets().front().points;
+    const size_t count = kept.size();
+    for (const char *wrong : {"", "0.1, 0, 0, 0, 0", "0.1, 0, 0, 0; 0.2, 0, 0, 0, 1", "0.2, 0, 0, 0, 0; 0.1, 0, 0, 0, 1",
+                              "0.1, 0, 0, 0, 0; 0.2, 0, 0, 2, 1", "0.1, 0, 0, 0, 0; 0.2, 0, 0, 0, 1 more", "0.1, 0, 0, 0, 0; nan, 0, 0, 0, 1"})
+        EXPECT_NE(points_from_text(wrong, &kept), "") << wrong;
+    EXPECT_EQ(kept.size(), count) << "they stay as they were";
+}
+
+TEST(Points, StayInOrderUnderAHand)
+{
+    std::vector<ControlPoint> points = {{0.2, {0, 0, 0, 0}}, {0.4, {0, 0, 0, 0.5}}, {0.8, {1, 1, 1, 1}}};
+    move_point(&points, 1, 0.1, 2);
+    EXPECT_GT(points[1].at, 0.2);
+    EXPECT_LT(points[1].at, 0.21);
+    EXPECT_EQ(points[1].colour.a, 1);
+    move_point(&points, 2, 7, -1);
+    EXPECT_EQ(points[2].at, 1);
+    EXPECT_EQ(points[2].colour.a, 0);
+    points = {{0.2, {0, 0, 0, 0}}, {0.8, {1, 1, 1, 1}}};
+    EXPECT_EQ(add_point(&points, 0.5), 1u);
+    EXPECT_NEAR(points[1].colour.r, 0.5, 1e-12);
+    EXPECT_NEAR(points[1].colour.a, 0.5, 1e-12);
+    EXPECT_EQ(add_point(&points, 0.9), 3u);
+    EXPECT_TRUE(remove_point(&points, 0));
+    EXPECT_TRUE(remove_point(&points, 0));
+    EXPECT_FALSE(remove_point(&points, 0)) << "two are left";
+    EXPECT_EQ(points.size(), 2u);
 }
 
 } // namespace

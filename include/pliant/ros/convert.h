@@ -106,8 +106,11 @@ void scan_info_message(const pliant_model &model, float low, float high, ScanInf
 void topology_message(const pliant_surface &surface, MeshTopology *out);
 /** Header, revision and step are the caller's.
  *  @param positions (fine.num_nodes x 3) [m]
- *  @param contact_force (fine.num_nodes) [N], where output/scalar is contact_force; empty: none. Errors: those of pliant_data_scalar; then *out holds no scalar. */
-pliant_status mesh_state_message(const pliant_model &model, const pliant_body &body, const double *positions, const std::vector<float> &contact_force, MeshState *out);
+ *  @param contact_force (fine.num_nodes) [N], where scalar is contact_force; empty: none. Errors: those of pliant_data_scalar; then *out holds no scalar. */
+pliant_status mesh_state_message(const pliant_model &model, const pliant_body &body, const double *positions, pliant_scalar scalar,
+                                 const std::vector<float> &contact_force, MeshState *out);
+/** As the option output/scalar calls it. */
+const char *scalar_name(pliant_scalar scalar);
 
 /** Of the tool on the tissue, at its tip, in the axes of the frame the tool's pose came in. Never NaN: a force that
  *  is not finite becomes zero. Header is the caller's.

@@ -259,11 +259,11 @@ void topology_message(const pliant_surface &surface, MeshTopology *out)
     out->severed.assign(cuts->severed, cuts->severed + cuts->cut_end[cuts->num_cuts - 1]);
 }
 
-pliant_status mesh_state_message(const pliant_model &model, const pliant_body &body, const double *positions, const std::vector<float> &contact_force, MeshState *out)
+pliant_status mesh_state_message(const pliant_model &model, const pliant_body &body, const double *positions, pliant_scalar scalar,
+                                 const std::vector<float> &contact_force, MeshState *out)
 {
     size_t nodes = static_cast<size_t>(body.fine.num_nodes);
     append_floats(positions, 3 * nodes, &out->nodes);
-    pliant_scalar scalar = pliant_model_get_scene(&model)->output.scalar;
     out->scalar.clear();
     out->scalar_name.clear();
     if (scalar == PLIANT_SCALAR_NONE) return PLIANT_OK;
@@ -272,8 +272,15 @@ pliant_status mesh_state_message(const pliant_model &model, const pliant_body &b
     if (scalar != PLIANT_SCALAR_CONTACT_FORCE) status = pliant_data_scalar(&model, &body, positions, scalar, out->scalar.data());
     else if (contact_force.size() == nodes) out->scalar.assign(contact_force.begin(), contact_force.end());
     if (status < 0) out->scalar.clear();
-    else name_of(scalar_names, scalar, &out->scalar_name);
+    else out->scalar_name = scalar_name(scalar);
     return status;
+}
+
+const char *scalar_name(pliant_scalar scalar)
+{
+    for (const ScalarName &each : scalar_names)
+        if (each.value == scalar) return each.name;
+    return "none";
 }
 
 void wrench_message(const double force[3], const double torque[3], const double frame_from_tissue[4], geometry_msgs::WrenchStamped *out)

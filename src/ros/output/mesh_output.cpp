@@ -106,7 +106,7 @@ boost::shared_ptr<MeshState> MeshOutput::state_of(const Snapshot &snapshot) cons
     state->header = header(snapshot.stamp);
     state->revision = snapshot.revision;
     state->step = snapshot.step;
-    mesh_state_message(*snapshot.loaded->model, *snapshot.body, snapshot.positions.data(), snapshot.contact_force, state.get());
+    mesh_state_message(*snapshot.loaded->model, *snapshot.body, snapshot.positions.data(), snapshot.scalar, snapshot.contact_force, state.get());
     return state;
 }
 

@@ -51,7 +51,7 @@ bool Rerun::take(const Step &recorded)
 std::shared_ptr<const Snapshot> Rerun::snapshot() const
 {
     auto out = std::make_shared<Snapshot>();
-    take_snapshot(loaded_, *data_, last_.header.stamp, out.get());
+    take_snapshot(loaded_, *data_, last_.header.stamp, pliant_model_get_scene(loaded_->model)->output.scalar, out.get());
     out->revision = last_.revision;
     return out;
 }

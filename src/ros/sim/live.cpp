@@ -1,5 +1,7 @@
 #include "ros/sim/live.h"
 
+#include "pliant/ros/convert.h"
+
 #include <dynamic_reconfigure/ConfigDescription.h>
 #include <ros/master.h>
 #include <ros/this_node.h>
@@ -38,6 +40,9 @@ const Entry entries[] = {
     {"slice_sagittal", nullptr, [](LiveSettings *s) { return &s->slice[SAGITTAL]; }, nullptr,
      "where the sagittal slice lies: 0 at the right, 1 at the left of the patient"},
 };
+
+/* the one that is a choice */
+const char *const SCALAR = "scalar", *const SCALAR_OPTION = "output/scalar";
 
 struct Range {
     const char *option, *unit, *text;
@@ -112,7 +117,32 @@ bool store(const std::string &name, LiveSettings settings)
         const double value = value_of(entry, settings);
         if (!store(name + "/" + path, entry.real ? XmlRpc::XmlRpcValue(value) : XmlRpc::XmlRpcValue(static_cast<int>(value)))) return false;
     }
-    return true;
+    return store(name + "/" + SCALAR_OPTION, XmlRpc::XmlRpcValue(scalar_name(settings.scalar)));
+}
+
+void append_scalar(pliant_scalar scalar, dynamic_reconfigure::Config *config)
+{
+    config->strs.emplace_back();
+    config->strs.back().name = SCALAR;
+    config->strs.back().value = scalar_name(scalar);
+}
+
+/* As rqt_reconfigure has a choice: a dictionary of Python. */
+dynamic_reconfigure::ParamDescription describe_scalar()
+{
+    dynamic_reconfigure::ParamDescription out;
+    out.name = SCALAR;
+    out.type = "str";
+    for (const Range &range : ranges)
+        if (range.option && std::string(range.option) == SCALAR_OPTION) out.description = range.text;
+    for (const char *name : {
+#define SCALAR_CHOICE(value, name) #name,
+             PLIANT_SCALAR_LIST(SCALAR_CHOICE)
+#undef SCALAR_CHOICE
+         })
+        out.edit_method += std::string(out.edit_method.empty() ? "{'enum': [" : ", ") + "{'name': '" + name + "', 'type': 'str', 'value': '" + name + "', 'description': ''}";
+    out.edit_method += "], 'enum_description': ''}";
+    return out;
 }
 
 void append_group(dynamic_reconfigure::Config *config)
@@ -139,7 +169,11 @@ dynamic_reconfigure::ConfigDescription describe(const LiveSettings &settings)
         append(entry, range.high, &out.max);
         append(entry, value_of(entry, settings), &out.dflt);
     }
-    for (dynamic_reconfigure::Config *config : {&out.min, &out.max, &out.dflt}) append_group(config);
+    out.groups.back().parameters.push_back(describe_scalar());
+    for (dynamic_reconfigure::Config *config : {&out.min, &out.max, &out.dflt}) {
+        append_scalar(settings.scalar, config);
+        append_group(config);
+    }
     return out;
 }
 
@@ -147,6 +181,7 @@ dynamic_reconfigure::Config config_of(const LiveSettings &settings)
 {
     dynamic_reconfigure::Config out;
     for (const Entry &entry : entries) append(entry, value_of(entry, settings), &out);
+    append_scalar(settings.scalar, &out);
     append_group(&out);
     return out;
 }
@@ -161,6 +196,7 @@ void take(const pliant_scene &scene, LiveSettings *out)
     out->warp_rate = scene.warp.rate;
     out->mesh_rate = scene.output.mesh_rate;
     out->slice_rate = scene.output.slice_rate;
+    out->scalar = scene.output.scalar;
 }
 
 } // namespace
@@ -221,6 +257,13 @@ bool Live::serve(Reconfigure::Request &request, Reconfigure::Response &response)
         for (const auto &number : request.config.ints)
             if (number.name == entry.name) set_value(entry, number.value, &settings_);
     }
+    for (const auto &choice : request.config.strs) {
+        pliant_scene scene;
+        pliant_scene_defaults(&scene);
+        if (choice.name != SCALAR) continue;
+        if (pliant_scene_set(&scene, SCALAR_OPTION, choice.value.c_str()) == PLIANT_OK) settings_.scalar = scene.output.scalar;
+        else ROS_WARN("scalar: %s", pliant_last_error());
+    }
     response.config = config_of(settings_);
     publish();
     return true;
@@ -264,6 +307,7 @@ void Live::apply(pliant_scene *scene) const
     scene->warp.rate = settings.warp_rate;
     scene->output.mesh_rate = settings.mesh_rate;
     scene->output.slice_rate = settings.slice_rate;
+    scene->output.scalar = settings.scalar;
 }
 
 } // namespace pliant_ros

@@ -24,6 +24,7 @@ struct LiveSettings {
     double tolerance;
     double warp_rate, mesh_rate, slice_rate; /* [Hz] */
     double slice[3];              /* axial, coronal, sagittal: fraction */
+    pliant_scalar scalar;         /* on mesh/state */
 };
 
 class Live {

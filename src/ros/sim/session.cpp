@@ -1,5 +1,7 @@
 #include "ros/sim/session.h"
 
+#include "pliant/ros/convert.h"
+
 #include <algorithm>
 #include <unistd.h>
 
@@ -70,6 +72,7 @@ void settings_message(const LiveSettings &settings, Session *out)
     out->warp_rate = settings.warp_rate;
     out->mesh_rate = settings.mesh_rate;
     out->slice_rate = settings.slice_rate;
+    out->scalar = scalar_name(settings.scalar);
 }
 
 void apply_settings(const Session &session, pliant_scene *scene)
@@ -82,6 +85,7 @@ void apply_settings(const Session &session, pliant_scene *scene)
     scene->warp.rate = session.warp_rate;
     scene->output.mesh_rate = session.mesh_rate;
     scene->output.slice_rate = session.slice_rate;
+    if (!session.scalar.empty()) check(pliant_scene_set(scene, "output/scalar", session.scalar.c_str()));
 }
 
 bool same_model(const Session &a, const Session &b)

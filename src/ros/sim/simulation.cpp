@@ -108,7 +108,7 @@ Snapshot Simulation::snapshot()
     Snapshot out;
     at_boundary([&] {
         if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
-        take_snapshot(current_, *data_, last_time_, &out);
+        take_snapshot(current_, *data_, last_time_, live_->get().scalar, &out);
     });
     return out;
 }
@@ -118,7 +118,7 @@ Moment Simulation::moment()
     Moment out;
     at_boundary([&] {
         if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
-        take_snapshot(current_, *data_, last_time_, &out.snapshot);
+        take_snapshot(current_, *data_, last_time_, live_->get().scalar, &out.snapshot);
         out.sequence = sequence_;
         out.strokes = made_count_;
         out.paused = paused_;
@@ -346,7 +346,7 @@ void Simulation::show(const ros::Time &now)
 {
     if (!snapshots_->wanted()) return;
     auto snapshot = std::make_shared<Snapshot>();
-    take_snapshot(current_, *data_, now, snapshot.get());
+    take_snapshot(current_, *data_, now, live_->get().scalar, snapshot.get());
     snapshots_->put(snapshot);
 }
 

@@ -43,19 +43,21 @@ struct Snapshot {
     std::shared_ptr<const Loaded> loaded;
     std::shared_ptr<const pliant_body> body; /* of then */
     std::vector<double> positions; /* (body's fine.num_nodes x 3) LPS [m], rounded to float, as a MeshState carries them */
-    std::vector<float> contact_force; /* (fine.num_nodes) [N], where output/scalar asks for it */
+    pliant_scalar scalar;          /* that is asked for now */
+    std::vector<float> contact_force; /* (fine.num_nodes) [N], where that is it */
     uint32_t revision;             /* of the mesh/topology that they belong to */
     uint64_t step;
     ros::Time stamp;
 };
 
 /* Of a simulation now; of this load as it is numbered here. */
-inline void take_snapshot(std::shared_ptr<const Loaded> loaded, const pliant_data &data, const ros::Time &stamp, Snapshot *out)
+inline void take_snapshot(std::shared_ptr<const Loaded> loaded, const pliant_data &data, const ros::Time &stamp, pliant_scalar scalar, Snapshot *out)
 {
     const pliant_body *body = pliant_data_get_body(&data);
     const double *positions = pliant_data_get_positions(&data, nullptr);
     out->body = share(body);
-    if (pliant_model_get_scene(loaded->model)->output.scalar == PLIANT_SCALAR_CONTACT_FORCE) {
+    out->scalar = scalar;
+    if (scalar == PLIANT_SCALAR_CONTACT_FORCE) {
         out->contact_force.resize(static_cast<size_t>(body->fine.num_nodes));
         if (pliant_data_get_scalar(loaded->model, &data, PLIANT_SCALAR_CONTACT_FORCE, out->contact_force.data()) < 0) out->contact_force.clear();
     }

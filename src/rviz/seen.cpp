@@ -1,0 +1,82 @@
+#include "rviz/seen.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace pliant_rviz {
+
+namespace {
+
+// where opacities differ by this factor another layer begins
+const double CONTRAST = 4;
+// parts of the light: a layer that gives less is not seen; with less left, nothing behind is
+const double LEAST_LIGHT = 0.02;
+
+struct Layer {
+    std::vector<double> distance, light; // of every step
+    double opacity = 0, all = 0;         // sums
+
+    bool goes_on_with(double next) const
+    {
+        const double mean = opacity / double(light.size());
+        return !light.empty() && next * CONTRAST > mean && next < CONTRAST * mean;
+    }
+    double middle() const
+    {
+        double sum = 0;
+        size_t n = 0;
+        while (n + 1 < light.size() && (sum += light[n]) < 0.5 * all) n++;
+        return distance[n];
+    }
+};
+
+} // namespace
+
+bool find_seen(const std::vector<Part> &parts, double step, const Along &opacity, double *distance)
+{
+    Layer layer, brightest;
+    double left = 1; // of the light that comes from here
+    auto end_layer = [&] {
+        if (layer.all > brightest.all) std::swap(layer, brightest);
+        layer = Layer();
+    };
+    for (const Part &part : parts) {
+        end_layer();
+        for (double at = part.near + 0.5 * step; at < part.far && left > LEAST_LIGHT; at += step) {
+            const double here = opacity(at);
+            if (!layer.goes_on_with(here)) end_layer();
+            if (!(here > 0)) continue;
+            layer.distance.push_back(at);
+            layer.light.push_back(left * here);
+            layer.opacity += here;
+            layer.all += left * here;
+            left *= 1 - here;
+        }
+    }
+    end_layer();
+    if (brightest.all < LEAST_LIGHT) return false;
+    *distance = brightest.middle();
+    return true;
+}
+
+bool find_surface(const std::vector<Part> &parts, double step, const Along &above, double *distance)
+{
+    for (const Part &part : parts) {
+        double before = part.near, at = part.near;
+        while (at < part.far && above(at) < 0) {
+            before = at;
+            at = std::min(at + step, part.far);
+        }
+        if (above(at) < 0) continue;
+        for (int n = 0; n < 12 && at > part.near; n++) {
+            const double middle = 0.5 * (before + at);
+            if (above(middle) < 0) before = middle;
+            else at = middle;
+        }
+        *distance = at;
+        return true;
+    }
+    return false;
+}
+
+} // namespace pliant_rviz

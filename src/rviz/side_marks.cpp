@@ -1,0 +1,59 @@
+#include "rviz/side_marks.h"
+
+#include "rviz/patient.h"
+
+#include <OgreSceneNode.h>
+
+#include <rviz/ogre_helpers/movable_text.h>
+
+#include <cmath>
+
+namespace pliant_rviz {
+
+// parts of the box's diagonal
+static const double HEIGHT = 0.05, AWAY = 0.04;
+
+SideMarks::SideMarks(Ogre::SceneManager *manager, Ogre::SceneNode *parent) : manager_(manager)
+{
+    for (Mark &mark : marks_) {
+        mark.node = parent->createChildSceneNode();
+        mark.text.reset(new rviz::MovableText("?"));
+        mark.text->setTextAlignment(rviz::MovableText::H_CENTER, rviz::MovableText::V_CENTER);
+        mark.text->showOnTop();
+        mark.node->attachObject(mark.text.get());
+    }
+}
+
+SideMarks::~SideMarks()
+{
+    for (Mark &mark : marks_) {
+        mark.node->detachAllObjects();
+        manager_->destroySceneNode(mark.node);
+    }
+}
+
+void SideMarks::set(const Bounds &box, const Ogre::SceneNode &volume, const Ogre::Quaternion &to_patient)
+{
+    double diagonal = 0;
+    for (size_t d = 0; d < 3; d++) diagonal += std::pow(box.high[d] - box.low[d], 2);
+    diagonal = std::sqrt(diagonal);
+    for (size_t side = 0; side < 6; side++) {
+        const size_t axis = side / 2;
+        const double sign = side % 2 ? 1 : -1;
+        Ogre::Vector3 direction = Ogre::Vector3::ZERO, place;
+        direction[axis] = float(sign);
+        for (size_t d = 0; d < 3; d++) place[d] = float(0.5 * (box.low[d] + box.high[d]));
+        place[axis] = float((side % 2 ? box.high : box.low)[axis] + sign * AWAY * diagonal);
+        direction = to_patient * direction;
+        marks_[side].node->setPosition(volume.getPosition() + volume.getOrientation() * place);
+        marks_[side].text->setCaption(side_letters({{direction.x, direction.y, direction.z}}));
+        marks_[side].text->setCharacterHeight(float(HEIGHT * diagonal));
+    }
+}
+
+void SideMarks::set_visible(bool visible)
+{
+    for (Mark &mark : marks_) mark.node->setVisible(visible);
+}
+
+} // namespace pliant_rviz
