@@ -119,7 +119,9 @@ int MaterialTool::processMouseEvent(rviz::ViewportMouseEvent &event)
         if (!picker_.asks()) picker_.ask(context_, ray_of(event), topic("pick"), threshold_->getFloat());
         return Render;
     }
-    if ((event.alt() || !event.left()) && context_->getViewManager()->getCurrent()) context_->getViewManager()->getCurrent()->handleMouseEvent(event);
+    /* what only moves is not the view's: it would write over what was told */
+    const bool turns = event.alt() || event.middle() || event.right() || event.middleUp() || event.rightUp() || event.wheel_delta != 0;
+    if (turns && context_->getViewManager()->getCurrent()) context_->getViewManager()->getCurrent()->handleMouseEvent(event);
     return 0;
 }
 

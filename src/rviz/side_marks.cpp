@@ -12,6 +12,9 @@ namespace pliant_rviz {
 
 // parts of the box's diagonal
 static const double HEIGHT = 0.05, AWAY = 0.04;
+const double SideMarks::REACH = AWAY + 0.5 * HEIGHT;
+// cosine of the angle to the view above which a side faces the viewer
+static const float FACING = 0.85f;
 
 SideMarks::SideMarks(Ogre::SceneManager *manager, Ogre::SceneNode *parent) : manager_(manager)
 {
@@ -32,7 +35,7 @@ SideMarks::~SideMarks()
     }
 }
 
-void SideMarks::set(const Bounds &box, const Ogre::SceneNode &volume, const Ogre::Quaternion &to_patient)
+void SideMarks::show(const Bounds &box, const Ogre::SceneNode &volume, const Ogre::Quaternion &to_patient, const Ogre::Vector3 &ahead)
 {
     double diagonal = 0;
     for (size_t d = 0; d < 3; d++) diagonal += std::pow(box.high[d] - box.low[d], 2);
@@ -44,6 +47,7 @@ void SideMarks::set(const Bounds &box, const Ogre::SceneNode &volume, const Ogre
         direction[axis] = float(sign);
         for (size_t d = 0; d < 3; d++) place[d] = float(0.5 * (box.low[d] + box.high[d]));
         place[axis] = float((side % 2 ? box.high : box.low)[axis] + sign * AWAY * diagonal);
+        marks_[side].node->setVisible(std::fabs((volume.getOrientation() * direction).dotProduct(ahead)) < FACING);
         direction = to_patient * direction;
         marks_[side].node->setPosition(volume.getPosition() + volume.getOrientation() * place);
         marks_[side].text->setCaption(side_letters({{direction.x, direction.y, direction.z}}));
@@ -51,9 +55,9 @@ void SideMarks::set(const Bounds &box, const Ogre::SceneNode &volume, const Ogre
     }
 }
 
-void SideMarks::set_visible(bool visible)
+void SideMarks::hide()
 {
-    for (Mark &mark : marks_) mark.node->setVisible(visible);
+    for (Mark &mark : marks_) mark.node->setVisible(false);
 }
 
 } // namespace pliant_rviz

@@ -27,9 +27,13 @@ public:
     SideMarks(const SideMarks &) = delete;
     SideMarks &operator=(const SideMarks &) = delete;
 
-    // Beside a box in the axes of a volume that lies on this node [m]. to_patient: from these axes to the patient's.
-    void set(const Bounds &box, const Ogre::SceneNode &volume, const Ogre::Quaternion &to_patient);
-    void set_visible(bool visible);
+    // Beside a box in the axes of a volume that lies on this node [m]; sides that face the viewer, or away, have none.
+    // @param to_patient  from these axes to the patient's
+    // @param ahead       direction of the view in the fixed frame
+    void show(const Bounds &box, const Ogre::SceneNode &volume, const Ogre::Quaternion &to_patient, const Ogre::Vector3 &ahead);
+    void hide();
+    // How far letters reach beyond a box: part of its diagonal.
+    static const double REACH;
 
 private:
     struct Mark {

@@ -118,7 +118,7 @@ void VolumeDisplay::onInitialize()
     visual_.reset(new VolumeVisual(scene_manager_, scene_node_));
     bar_.reset(new ColourBar(ColourBar::RIGHT));
     sides_.reset(new SideMarks(scene_manager_, scene_node_));
-    sides_->set_visible(false);
+    sides_->hide();
     {
         std::lock_guard<std::mutex> guard(received_.lock);
         received_.limits.edge = longest_texture_edge();
@@ -186,7 +186,7 @@ void VolumeDisplay::reset()
     texture_error_.clear();
     if (visual_) visual_->clear();
     if (bar_) bar_->set_visible(false);
-    if (sides_) sides_->set_visible(false);
+    if (sides_) sides_->hide();
     // rviz resets its displays when time jumps back: what is shown comes anew, even if nothing moves
     if (subscribed) subscribe();
 }
@@ -460,7 +460,7 @@ void VolumeDisplay::update(float wall_dt, float)
     if (look_changed_) show_bar();
     if (look_changed_ || uploaded_) find_visible();
     if (placed) show_sides();
-    else sides_->set_visible(false);
+    else sides_->hide();
     look_changed_ = uploaded_ = false;
     if (placed && (is_new_ || fit_wanted_)) turn_view_to_it();
     if (placed) visual_->draw(context_->getViewManager()->getCurrent()->getCamera());
@@ -474,7 +474,7 @@ void VolumeDisplay::turn_view_to_it()
 {
     is_new_ = fit_wanted_ = false;
     if (fit_->getBool()) {
-        fit_view(context_, visual_->corners());
+        fit_view(context_, visual_->corners(sides_shown_->getBool() ? SideMarks::REACH : 0));
         return;
     }
     rviz::ViewController *view = context_->getViewManager()->getCurrent();
@@ -494,8 +494,8 @@ void VolumeDisplay::find_visible()
 void VolumeDisplay::show_sides()
 {
     const bool shown = sides_shown_->getBool() && visual_->draws();
-    if (shown) sides_->set(visual_->clipped(), visual_->node(), volume_orientation_);
-    sides_->set_visible(shown);
+    if (!shown) sides_->hide();
+    else sides_->show(visual_->clipped(), visual_->node(), volume_orientation_, context_->getViewManager()->getCurrent()->getCamera()->getDerivedDirection());
 }
 
 void VolumeDisplay::show_bar()

@@ -321,12 +321,17 @@ double VolumeImage::quantile(double fraction) const
 
 std::vector<double> VolumeImage::histogram(double low, double high, size_t bins) const
 {
-    std::vector<double> out(bins, 0);
+    std::vector<double> out(bins, 0), below(1, 0); /* how many texels lie below each limit of the bins that were counted */
+    for (uint64_t count : histogram_) below.push_back(below.back() + double(count));
+    auto below_value = [&](double value) {
+        const double place = std::min(std::max((value - value_offset_) / value_scale_, 0.0), 1.0) * double(below.size() - 1);
+        const size_t first = std::min(size_t(place), below.size() - 1), second = std::min(first + 1, below.size() - 1);
+        return below[first] + (place - double(first)) * (below[second] - below[first]);
+    };
     double most = 0;
-    for (size_t n = 0; n < histogram_.size(); n++) {
-        const double value = value_offset_ + value_scale_ * (double(n) + 0.5) / double(HISTOGRAM), place = (value - low) / (high - low);
-        if (place < 0 || place >= 1) continue;
-        most = std::max(most, out[size_t(place * double(bins))] += double(histogram_[n]));
+    for (size_t n = 0; n < bins; n++) {
+        const double step = (high - low) / double(bins), from = low + step * double(n);
+        most = std::max(most, out[n] = std::fabs(below_value(from + step) - below_value(from)));
     }
     for (double &each : out) each = most > 0 ? std::sqrt(each / most) : 0;
     return out;

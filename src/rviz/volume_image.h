@@ -71,7 +71,7 @@ public:
     double high() const { return high_; }
     // value below which a fraction of the voxels lies that are above the lowest value; from the first whole volume
     double quantile(double fraction) const;
-    // How many of the first whole volume's voxels have which value, in even bins from low to high: parts of the most frequent one's root.
+    // How many of the first whole volume's voxels have which value, in even bins from low to high: roots, the largest is 1.
     std::vector<double> histogram(double low, double high, size_t bins) const;
     std::string precision() const; // a few words
     // At a place in texels, interpolated as the texture is; beyond the outermost ones theirs go on.

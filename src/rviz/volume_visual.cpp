@@ -166,11 +166,17 @@ Ogre::Vector3 VolumeVisual::middle() const
     return node_->_getDerivedPosition() + node_->_getDerivedOrientation() * half;
 }
 
-std::vector<Ogre::Vector3> VolumeVisual::corners() const
+std::vector<Ogre::Vector3> VolumeVisual::corners(double beyond) const
 {
     std::vector<Ogre::Vector3> out;
     if (!draws()) return out;
-    const Bounds box = clipped();
+    Bounds box = clipped();
+    double diagonal = 0;
+    for (size_t d = 0; d < 3; d++) diagonal += std::pow(box.high[d] - box.low[d], 2);
+    for (size_t d = 0; d < 3; d++) {
+        box.low[d] -= beyond * std::sqrt(diagonal);
+        box.high[d] += beyond * std::sqrt(diagonal);
+    }
     for (int corner = 0; corner < 8; corner++) {
         Ogre::Vector3 at;
         for (int d = 0; d < 3; d++) at[d] = float((corner >> d & 1 ? box.high : box.low)[d]);

@@ -77,7 +77,8 @@ public:
     size_t slices_drawn() const { return slices_drawn_; }
     double diagonal() const; // of the whole volume [m]
     Ogre::Vector3 middle() const; // of it, in the fixed frame
-    std::vector<Ogre::Vector3> corners() const; // of the part that may be drawn, in the fixed frame; none: nothing is
+    // Of the part that may be drawn, in the fixed frame; none: nothing is. beyond: so much larger on each side, as part of its diagonal.
+    std::vector<Ogre::Vector3> corners(double beyond) const;
     const Ogre::SceneNode &node() const { return *node_; } // of the volume's own axes
     Bounds clipped() const;                     // what may be drawn, in these [m]
     bool draws() const { return has_texture() && visible_.voxels() > 0 && !clipped().empty(); }

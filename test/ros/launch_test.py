@@ -15,7 +15,7 @@ import roslaunch.xmlloader
 SOURCE = os.path.realpath(sys.argv.pop(1)) if len(sys.argv) > 1 else ""
 FILES = sorted(glob.glob(SOURCE + "/launch/*.launch"))
 REQUIRED = {"replay.launch": ["bag:=/data/a.bag"], "report.launch": ["out:=/tmp/report"], "crtk.launch": ["arms:=PSM1"]}
-MORE = {"tissue.launch": [["rviz:=true"], ["arm:=PSM1"], ["nodelet:=true"], ["rviz:=true", "arm:=PSM1"],
+MORE = {"tissue.launch": [["rviz:=true"], ["rviz:=true", "drag:=true"], ["arm:=PSM1"], ["nodelet:=true"], ["rviz:=true", "arm:=PSM1"],
                           ["tools:=", "labels:=/a.nii", "step:=0.02", "mesh_rate:=1", "volume_rate:=1", "slice_rate:=1"]],
         "dvrk.launch": [["arm:=PSM3", "haptic:=true"]],
         "record.launch": [["bag:=/data/a.bag", "split:=true"], ["cameras:=true"]],

@@ -313,7 +313,7 @@ TEST(VolumeImage, IsInterpolatedAsItsTexture)
 TEST(VolumeImage, HistogramsAreOfTheWindow)
 {
     Source<uint8_t> source({{10, 10, 1}}, UINT8);
-    for (size_t n = 0; n < 100; n++) source.voxels[n] = n < 64 ? 50 : n < 80 ? 150 : 250;
+    for (size_t n = 0; n < 100; n++) source.voxels[n] = n < 64 ? 60 : n < 80 ? 170 : 250;
     VolumeImage image;
     image.put(source.view, TextureLimits());
     const std::vector<double> counted = image.histogram(0, 200, 4);

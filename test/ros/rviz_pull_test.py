@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""The Pull tool with a real simulation and a synthetic mouse: a drag moves the tissue under the cursor.
+"""What a hand does in rviz, with a real simulation and a synthetic mouse: a drag moves the tissue under the cursor, a click takes hold of
+what is seen or tells its material, a marker places the tissue, a panel's points change the transfer function.
 
 The phantom is seen from the front without perspective: the fixed frame is turned against the tissue's, x left, y up.
 """
@@ -9,6 +10,7 @@ import time
 import unittest
 
 import numpy
+import yaml
 
 import rviz_stage
 
@@ -42,11 +44,11 @@ def front(point):
 
 class Pull(unittest.TestCase):
     @classmethod
-    def setUpClass(cls):
+    def begin(cls):
         view = {"Class": "rviz/TopDownOrtho", "Scale": 700, "X": 0, "Y": 0, "Angle": 0, "Near Clip Distance": 0.01}
-        cls.stage = rviz_stage.Stage(rviz_stage.config(DISPLAYS, view, fixed_frame="front", tools=TOOL), 560, 520)
+        cls.stage = rviz_stage.Stage(rviz_stage.config(DISPLAYS, view, fixed_frame="front", tools=TOOL), 760, 560)
         cls.stage.__enter__()
-        cls.stage.start([rviz_stage.program("pliant_node"), "__ns:=tissue"] + PARAMETERS, "node")
+        cls.stage.start([rviz_stage.program("pliant_node"), "__ns:=tissue", "_registration:=" + cls.stage.folder + "/registration.yaml"] + PARAMETERS, "node")
         rospy.init_node("rviz_pull_test", disable_signals=True)
         cls.poses, cls.jaws = [], []
         cls.contact = cls.state = cls.rest = None
@@ -64,7 +66,7 @@ class Pull(unittest.TestCase):
         cls.rest = cls.state
 
     @classmethod
-    def tearDownClass(cls):
+    def end(cls):
         if "PLIANT_TEST_PICTURE" in os.environ:
             cls.stage.picture(os.environ["PLIANT_TEST_PICTURE"])
         rospy.signal_shutdown("done")
@@ -156,14 +158,251 @@ class Pull(unittest.TestCase):
         self.assertFalse(self.contact.grasped)
 
 
+LOOK = """
+- Class: pliant/Volume
+  Name: volume
+  Enabled: true
+  Topic: tissue/volume
+  Rendering: Slices
+  Preset: CT abdomen
+  Slices: 128
+  Slices While Moving: 128
+  Color Bar: false
+  Patient Sides: %s
+  Fit View: true
+- Class: pliant/Mesh
+  Name: mesh
+  Enabled: true
+  Topology Topic: tissue/mesh/topology
+  State Topic: tissue/mesh/state
+  Rendering: Wireframe
+  Opacity: 0
+  Legend: false
+%s- Class: rviz/InteractiveMarkers
+  Name: registration
+  Enabled: true
+  Update Topic: tissue/registration/update
+"""
+TOOLS = """
+- Class: pliant/Pull
+  Namespace: tissue
+- Class: pliant/Material
+  Namespace: tissue
+"""
+PANELS = """Panels:
+  - Class: rviz/Tool Properties
+    Name: Tool Properties
+    Expanded: [/Material1]
+    Splitter Ratio: 0.5
+  - Class: pliant/TransferFunction
+    Name: Transfer Function
+"""
+
+
+class Seen(unittest.TestCase):
+    """As the demo shows the phantom: half transparent, from the front, the view fits by itself."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.stage = Pull.stage
+        # far too small, and aside
+        cls.view = {"Class": "rviz/TopDownOrtho", "Scale": 60, "X": 1, "Y": 0.5, "Angle": 0, "Near Clip Distance": 0.01}
+        cls.load("false")
+
+    @classmethod
+    def load(cls, sides, more="", scalar=""):
+        text = rviz_stage.config(LOOK % (sides, "  Scalar: %s\n" % scalar if scalar else "") + more, cls.view, fixed_frame="front", tools=TOOLS)
+        text = text.replace("Panels: []\n", PANELS).replace("Hide Left Dock: true", "Hide Left Dock: false")
+        cls.stage.load(text)
+
+    def body(self, picture):
+        """Rows and columns of what is not background in the 3-D view."""
+        view = self.stage.view(picture)
+        return numpy.argwhere(view.max(axis=2) > 40), view.shape
+
+    def pixel(self, point):
+        """Of a point of the fixed frame, by what rviz itself says of its view."""
+        view = self.stage.saved()["Views"]["Current"]
+        x, y, width, height = self.stage.window()
+        return numpy.round([x + width / 2 + (point[0] - view["X"]) * view["Scale"],
+                            y + height / 2 - (point[1] - view["Y"]) * view["Scale"]]).astype(int)
+
+    def test_0_the_view_fits_and_letters_tell_the_sides(self):
+        def fits(picture):
+            of_it, (height, width, _) = self.body(picture)
+            self.assertGreater(len(of_it), 0, "something is seen")
+            (top, left), (bottom, right) = of_it.min(axis=0), of_it.max(axis=0)
+            self.assertGreater(max((bottom - top) / height, (right - left) / width), 0.6, "it fills the view")
+            self.assertGreater(min(top, left, height - 1 - bottom, width - 1 - right), 0, "all of it is in view")
+        self.stage.agrees(fits)
+        without = self.stage.still().astype(int)
+        self.load("true")
+
+        def lettered(picture):
+            fits(picture)
+            rows, columns = numpy.argwhere((picture.min(axis=2) > 200) & (without.max(axis=2) < 40)).T
+            height, width = picture.shape[:2]
+            for there, name in ((columns < 0.3 * width, "right"), (columns > 0.5 * width, "left"), (rows < 0.4 * height, "superior"), (rows > 0.6 * height, "inferior")):
+                self.assertGreater(there.sum(), 15, "white letters on the side that is " + name)
+        self.stage.agrees(lettered)
+        if "PLIANT_TEST_PICTURE" in os.environ:
+            self.stage.picture(os.environ["PLIANT_TEST_PICTURE"] + ".letters.png")
+
+    def choose(self, key):
+        """A tool, by its key in the 3-D view."""
+        x, y, width, height = self.stage.window()
+        self.stage.mouse("mousemove", x + width // 2, y + height - 5, "key", key)
+
+    def value_at(self, point):
+        """Of the volume as the node sent it last, at the nearest voxel [HU]."""
+        volume = self.volume
+        voxel = numpy.round((numpy.array(point) - self.origin) / self.spacing).astype(int)
+        return volume[tuple(voxel[::-1])]
+
+    def take_volume(self, message):
+        if list(message.size) != list(message.full_size):
+            return
+        o, s = message.origin.position, message.spacing
+        self.origin, self.spacing = numpy.array([o.x, o.y, o.z]), numpy.array([s.x, s.y, s.z])
+        self.volume = message.slope * numpy.frombuffer(message.data, numpy.int16).reshape(message.size[::-1]) + message.intercept
+
+    def liver(self):
+        """A pixel where the liver is seen: dark red, over a wide patch."""
+        view = self.stage.view(self.stage.still()).astype(float)
+        red = (view[:, :, 0] > 60) & (view[:, :, 0] > 1.7 * view[:, :, 1]) & (view[:, :, 0] < 190)
+        x, y, width, height = self.stage.window()
+        best = max(((red[j - 8:j + 9, i - 8:i + 9].mean(), i, j) for j in range(20, height - 20, 4) for i in range(20, width - 20, 4)))
+        self.assertGreater(best[0], 0.6, "the liver is seen")
+        return numpy.array([x + best[1], y + best[2]])
+
+    def test_1_what_is_seen_is_taken_hold_of(self):
+        self.volume = None
+        reader = rospy.Subscriber("tissue/volume", Volume, self.take_volume)
+        self.stage.wait(lambda: self.volume is not None, what="the volume")
+        at = self.liver()
+        self.choose("u")
+        del Pull.poses[:]
+        try:
+            self.stage.mouse("mousemove", *at, "mousedown", 1)
+            self.stage.wait(lambda: Pull.contact.grasped, what="the grasp")
+            held = Pull.contact.held_point
+            self.assertGreater(self.value_at([held.x, held.y, held.z]), 60, "not the skin, which lies before it and is faint")
+        finally:
+            self.stage.mouse("mouseup", 1)
+            reader.unregister()
+        self.stage.wait(lambda: not Pull.contact.present, what="the tool gone")
+
+    def test_2_the_number_of_the_mesh_is_chosen_while_it_runs(self):
+        names = []
+        reader = rospy.Subscriber("tissue/mesh/state", MeshState, lambda m: names.append(m.scalar_name))
+        self.stage.wait(lambda: names, what="a state")
+        self.assertEqual(names[-1], "")
+        self.load("false", "", "von_mises")
+        self.stage.wait(lambda: names[-1] == "von_mises", what="the number that the display was set to")
+        reader.unregister()
+
+    def drag(self, start, by):
+        """From one pixel to another, slowly."""
+        self.stage.mouse("mousemove", *start)
+        time.sleep(0.3)
+        self.stage.mouse("mousedown", 1)
+        for part in numpy.linspace(0, 1, 8):
+            self.stage.mouse("mousemove", *numpy.round(numpy.array(start) + part * numpy.array(by)).astype(int))
+            time.sleep(0.05)
+        self.stage.mouse("mouseup", 1)
+
+    def test_3_a_point_of_the_transfer_function_follows_the_mouse(self):
+        def curve(picture):
+            there = numpy.argwhere((picture == [32, 32, 36]).all(axis=2))
+            return len(there) > 2000 and there
+        self.stage.wait_for(lambda p: curve(p) is not False, what="the panel")
+        before = self.stage.still().astype(int)
+        there = curve(before)
+        (top, left), (bottom, right) = there.min(axis=0), there.max(axis=0) + 1
+        # the skin of the preset: place 0.17, opacity 0.1, at the root of it; down to none
+        start = [left + 10 + 0.17 * (right - left - 20), bottom - 28 - numpy.sqrt(0.1) * (bottom - top - 38)]
+        self.drag(start, [0, numpy.sqrt(0.1) * (bottom - top - 38) + 3])
+        points = self.stage.wait(lambda: self.stage.saved()["Displays"][0]["Points"], what="points of its own")
+        at, *_, opacity = [float(number) for number in points.split(";")[1].split(",")]
+        self.assertAlmostEqual(at, 0.17, delta=0.03)
+        self.assertLess(opacity, 0.002)
+        self.stage.wait_for(lambda p: (abs(self.stage.view(p).astype(int) - self.stage.view(before)).max(axis=2) > 10).mean() > 0.02,
+                            what="the picture without skin")
+
+    def test_4_a_click_tells_the_material_and_a_number_changes_it(self):
+        session = []
+        reader = rospy.Subscriber("tissue/session", Session, session.append)
+        self.stage.wait(lambda: session, what="the session")
+        self.choose("a")
+        time.sleep(0.5)
+        self.stage.mouse("mousemove", *self.liver(), "click", 1)
+
+        def values(picture):
+            """Rows of text in the panel's second column, from the top; of the tool's eight the fourth is Young's modulus."""
+            x, y, _, height = self.stage.window()
+            dark = picture[y + 20:, x // 2 - 5:x // 2 + 25].min(axis=2).min(axis=1) < 110
+            edges = numpy.flatnonzero(numpy.diff(dark.astype(int)))
+            return [y + 21 + (a + b) / 2 for a, b in zip(edges[::2], edges[1::2])]
+        before = yaml.safe_load(session[-1].materials)["materials"]
+        row = self.stage.wait_for(lambda p: len(values(p)) >= 8, what="the numbers of a material")
+        self.stage.mouse("mousemove", self.stage.window()[0] // 2 + 20, round(values(row)[3]), "click", "--repeat", 2, "--delay", 60, 1)
+        self.stage.mouse("key", "ctrl+a", "type", "12345")
+        self.stage.mouse("key", "Return")
+        self.stage.wait(lambda: "12345" in session[-1].materials, what="the material in the simulation")
+        after = yaml.safe_load(session[-1].materials)["materials"]
+        differ = [(a, b) for a, b in zip(after, before) if a != b]
+        self.assertEqual(len(differ), 1, "one material is another")
+        self.assertEqual(differ[0][0], dict(differ[0][1], young_modulus=12345))
+        self.assertIn(differ[0][0]["name"], ("organ", "soft_tissue"), "the one that is seen")
+        reader.unregister()
+
+    def test_5_the_tissue_is_dragged_to_where_it_lies(self):
+        self.stage.start([rviz_stage.program("registration_marker"), "__ns:=tissue", "_parent_frame:=front"], "registration")
+        self.view.update({"Scale": 500, "X": 0, "Y": 0})
+        text = rviz_stage.config(LOOK.replace("Enabled: true", "Enabled: false", 2) % ("false", ""), self.view, fixed_frame="front")
+        self.stage.load(text)
+        frames = tf2_ros.Buffer()
+        listener = tf2_ros.TransformListener(frames)
+
+        def place():
+            at = frames.lookup_transform("front", "tissue", rospy.Time(0)).transform
+            return numpy.array([at.translation.x, at.translation.y, at.translation.z, at.rotation.x, at.rotation.y, at.rotation.z, at.rotation.w])
+        self.stage.wait(lambda: frames.can_transform("front", "tissue", rospy.Time(0)), what="where it lies")
+        before = place()
+
+        def arrow(picture):
+            """The rightmost of what is red: the arrow along x."""
+            red = numpy.argwhere((picture[:, :, 0] > 120) & (picture[:, :, 1:].max(axis=2) < 80))
+            return len(red) > 100 and red[red[:, 1] > red[:, 1].max() - 8].mean(axis=0)[::-1]
+        start = arrow(self.stage.wait_for(lambda p: arrow(p) is not False, what="the marker"))
+        self.drag(start, [40, 0])
+        self.stage.wait(lambda: abs(place()[0] - before[0] - 40 / 500) < 0.008, what="the tissue that follows")
+        numpy.testing.assert_allclose(place()[1:], before[1:], atol=1e-3)
+        with open(self.stage.folder + "/registration.yaml") as text:
+            stored = text.read()
+        self.assertIn("parent_frame: front", stored)
+        numbers = [float(number) for number in stored.split("tissue_pose: ")[1].split()]
+        numpy.testing.assert_allclose(numbers, place(), atol=1e-3)
+        listener.unregister()
+
+
+def setUpModule():
+    Pull.begin()
+
+
+def tearDownModule():
+    Pull.end()
+
+
 if __name__ == "__main__":
     absent = rviz_stage.missing()
     if absent:
         print("skipped: %s not found" % ", ".join(absent))
         sys.exit(rviz_stage.SKIPPED)
     import rospy
+    import tf2_ros
     from geometry_msgs.msg import Point, PoseStamped
-    from pliant.msg import ContactState, MeshState
+    from pliant.msg import ContactState, MeshState, Session, Volume
     from sensor_msgs.msg import JointState
     from visualization_msgs.msg import Marker
     unittest.main(warnings="ignore")  # rospy's own

@@ -220,6 +220,32 @@ class Stage:
         except AssertionError:
             raise self.disagreement
 
+    def _file(self, service, path):
+        """rviz's services for configurations: rviz/SendFilePath, whose python may not be installed."""
+        import rosservice
+        import rospy
+        import std_msgs.msg
+        kind = type("SendFilePath", (), dict(_type="rviz/SendFilePath", _md5sum="*", _request_class=std_msgs.msg.String,
+                                             _response_class=std_msgs.msg.Bool))
+        name = [each for each in rosservice.get_service_list() if each.endswith(service)][0]
+        if not rospy.ServiceProxy(name, kind)(path).data:
+            raise RuntimeError("rviz refused " + path)
+
+    def load(self, configuration):
+        """Another configuration in the same rviz."""
+        path = os.path.join(self.folder, "next.rviz")
+        with open(path, "w") as out:
+            out.write(configuration % (self.width, self.height))
+        self._file("/load_config_discarding_changes", path)
+
+    def saved(self):
+        """The configuration as rviz has it now: what a view, a display, a tool is set to."""
+        import yaml
+        path = os.path.join(self.folder, "saved.rviz")
+        self._file("/save_config", path)
+        with open(path) as text:
+            return yaml.safe_load(text)["Visualization Manager"]
+
     def still(self, seconds=60):
         """A picture that stays: nothing more is drawn for a second."""
         seen = []

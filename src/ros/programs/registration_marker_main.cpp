@@ -81,7 +81,7 @@ private:
         marker.header.frame_id = parent_;
         marker.name = NAME;
         marker.description = "registration";
-        marker.scale = static_cast<float>(0.7 * size_);
+        marker.scale = static_cast<float>(0.6 * size_);
         marker.pose = tf2::toMsg(pose_);
         for (int axis = 0; axis < 3; ++axis)
             for (bool turns : {false, true}) {
