@@ -164,7 +164,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(REAL, punishment, 0.5, 0.0, 1.0, "", "of paper, which names no size: the part of such a node's way in a sub-step that its force takes away") \
     X(BOOL, delay, true, 0, 1, "", "of paper: what overlapped as the step before ended is slowed down in all of this one ([C] algorithm 2); false: looked for in every sub-step")
 #define PLIANT_SCENE_CUT(X)                                                                                            \
-    X(CUT, kind, PLIANT_CUT_NONE, 0, 0, "", "sever: blades part the scan's voxels, and tetrahedra fall into fragments; subdivide: blades cut edges, and tetrahedra into smaller ones ([C] 5.2), without resistance; none: nothing is cut, and nothing is kept for it") \
+    X(CUT, kind, PLIANT_CUT_NONE, 0, 0, "", "sever: blades part the scan's voxels, and tetrahedra fall into fragments; subdivide: blades cut edges, and tetrahedra into smaller ones ([C] 5.2); none: nothing is cut, and nothing is kept for it") \
     X(REAL, snap, 0.1, 0.01, 0.45, "", "of subdivide: part of the shortest edge below which no edge is cut; the node that is so near is parted itself") \
     X(TRIGGER, trigger, PLIANT_TRIGGER_SERVICE, 0, 0, "", "when a robot's tool with a blade cuts: always, while its jaw is closed, while it has energy, or by service alone") \
     X(REAL, resistance, 1.0, 0.0, 1000.0, "", "factor on the materials' toughness: what the tissue takes to part; 0: it parts without a force") \

@@ -26,6 +26,7 @@ typedef struct knife {
     int index;
     pliant_tool *tool;
     double least, most; /* sizes of a voxel [m] */
+    double ahead;       /* how far a blade looks for what it would part: a voxel, or a tetrahedron [m] */
 } knife;
 
 static double dot3(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
@@ -120,15 +121,16 @@ static void part_freely(const knife *work)
 
 /* ---- resistance */
 
-/* What the tissue in front of the blade takes to part over the width that the edge is in [N]; 0: there is none up to a voxel ahead.
+/* What the tissue in front of the blade takes to part over the width that the edge is in [N]; 0: there is none ahead.
  * false: it cannot be known. */
 static bool look_ahead(const knife *work, double width, double *force)
 {
     pliant_blade *blade = &work->tool->blade;
     pliant_edge *edge = &blade->edge;
     pliant_cut_report report = {0};
-    extend(blade, edge->now, work->most, edge->swept);
-    pliant_cut_sweep sweep = {.count = edge->count, .from = edge->place, .to = edge->swept, .material_of_voxel = work->model->material_of_voxel};
+    extend(blade, edge->now, work->ahead, edge->swept);
+    pliant_cut_sweep sweep = {.count = edge->count, .from = edge->place, .to = edge->swept, .material_of_voxel = work->model->material_of_voxel,
+                              .blade = (uint32_t)work->index, .stroke = (uint32_t)blade->stroke};
     if (pliant_body_cut(work->data->body, work->data->last_revision + 1, work->data->positions, &sweep, NULL, &report) != PLIANT_OK) {
         tell_failure(work);
         return false;
@@ -198,12 +200,27 @@ static void drag(const knife *work, bool anew)
     for (int d = 0; d < 3; d++) tool->grip[d] = tool->tip[d] - (held[d] + way[d] - slide * along[d]);
 }
 
-/* Parts up to the blade, and books what that took; the blade is the cut's end. */
-static bool part_by_force(const knife *work)
+/* How far the points that are in tissue are from the blade, on average. */
+static double mean_way(const pliant_edge *edge)
+{
+    double sum = 0;
+    for (int32_t p = 0; p < edge->count; p++) {
+        double way[3];
+        for (int d = 0; d < 3; d++) way[d] = edge->now[3 * p + d] - edge->place[3 * p + d];
+        sum += edge->tet[p] >= 0 ? sqrt(dot3(way, way)) : 0;
+    }
+    const int32_t inside = pliant_blade_num_inside(edge);
+    return inside > 0 ? sum / inside : 0;
+}
+
+/* Parts up to the blade, and books what that took; the blade is the cut's end. Tetrahedra that are subdivided part a triangle at a time, behind the
+ * blade: what it swept is booked. */
+static bool part_by_force(const knife *work, double reach)
 {
     pliant_cut_report report;
+    const double swept = 0.5 * work->tool->blade.stiffness * reach * mean_way(&work->tool->blade.edge);
     if (!part_to_blade(work, &report)) return false;
-    work->tool->blade.work -= energy_of(work, &report);
+    work->tool->blade.work -= work->data->body->voxels ? energy_of(work, &report) : swept;
     pliant_blade_settle(work->data, &work->tool->blade.edge);
     return true;
 }
@@ -243,7 +260,7 @@ static void press(const knife *work, const double last[3])
     if (!blade->drags && !blade->slips) memset(blade->drawn, 0, sizeof blade->drawn);
     else draw(tool);
     const bool back = blade->slips && comes_back(work);
-    if (blade->slips && !part_by_force(work)) return;
+    if (blade->slips && !part_by_force(work, reach)) return;
     if (back) {
         memcpy(blade->anchor, last, sizeof blade->anchor);
         return;
@@ -326,8 +343,7 @@ static void cut_with(const knife *work)
         pliant_blade_points(blade, tip, rotation, blade->edge.now);
         pliant_blade_follow(work->data, &blade->edge);
         if (!blade->drags && longest_way(&blade->edge) <= stirs * work->least) continue;
-        const bool resists = work->model->scene.cut.resistance > 0 && work->data->body->voxels; /* of voxels ahead */
-        if (resists && !pliant_tool_grips(tool)) press(work, last);
+        if (work->model->scene.cut.resistance > 0 && !pliant_tool_grips(tool)) press(work, last);
         else part_freely(work);
     }
     pliant_blade_middle(&blade->edge, blade->edge.now, middle);
@@ -337,6 +353,13 @@ static void cut_with(const knife *work)
     blade->engaged_length = pliant_blade_num_inside(&blade->edge) * pliant_blade_length(blade) / blade->edge.count;
 }
 
+static double ahead_of(const pliant_model *model)
+{
+    const pliant_mesh *fine = &model->body->fine;
+    const double *size = model->body->voxels ? model->scan->geometry.spacing : fine->cell_size;
+    return fmax(size[0], fmax(size[1], size[2]));
+}
+
 pliant_status pliant_cut_stage(const pliant_model *model, pliant_data *data)
 {
     const double *size = model->scan->geometry.spacing;
@@ -344,7 +367,7 @@ pliant_status pliant_cut_stage(const pliant_model *model, pliant_data *data)
         pliant_tool *tool = data->tools + t;
         if (!tool->blade.cutting || !tool->present) continue;
         const knife work = {.model = model, .data = data, .index = t, .tool = tool, .least = fmin(size[0], fmin(size[1], size[2])),
-                            .most = fmax(size[0], fmax(size[1], size[2]))};
+                            .most = fmax(size[0], fmax(size[1], size[2])), .ahead = ahead_of(model)};
         cut_with(&work);
     }
     return PLIANT_OK;

@@ -324,7 +324,6 @@ static pliant_status check_subdivide(const pliant_scene *scene)
     const char *other = NULL;
     if (scene->model.method != PLIANT_FINE) other = "model/method: coarse elements hold whole tetrahedra; set fine";
     else if (scene->mesh.kind != PLIANT_LATTICE) other = "mesh/kind: octree; set lattice";
-    else if (scene->warp.kind == PLIANT_FIT) other = "warp/kind: a fit gathers across what is cut; set rasterize";
     return other ? pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: subdivide does not go with %s, or cut/kind to sever", other) : PLIANT_OK;
 }
 

@@ -250,6 +250,24 @@ pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry
     return PLIANT_OK;
 }
 
+pliant_status pliant_parts_whole(const pliant_body *body, const pliant_geometry *scan, pliant_parts **out)
+{
+    *out = NULL;
+    if (!body || !body->subdivision || !body->subdivision->between) return PLIANT_OK;
+    pliant_parts *parts = pliant_calloc(1, sizeof *parts);
+    part_element *elements = parts ? pliant_calloc((size_t)body->fine.num_tets, sizeof *elements) : NULL;
+    if (!elements) {
+        pliant_free(parts);
+        return pliant_parts_no_memory();
+    }
+    for (int32_t t = 0; t < body->fine.num_tets; t++) elements[t].box = -1;
+    memcpy(parts->view.scan_size, scan->size, sizeof parts->view.scan_size);
+    parts->view.num_elements = body->fine.num_tets;
+    parts->view.elements = elements;
+    *out = parts;
+    return PLIANT_OK;
+}
+
 void pliant_parts_free(pliant_parts *parts)
 {
     if (!parts) return;

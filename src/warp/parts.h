@@ -51,6 +51,8 @@ typedef struct pliant_parts {
  * Errors: MEMORY, ARGUMENT (voxels of another scan). */
 pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, const pliant_body *body_before, const pliant_parts *before,
                                   int num_threads, pliant_parts **out);
+/* Of a body whose tetrahedra cuts have subdivided: each draws all that it holds. NULL where none is, and for body NULL. Errors: MEMORY. */
+pliant_status pliant_parts_whole(const pliant_body *body, const pliant_geometry *scan, pliant_parts **out);
 void pliant_parts_free(pliant_parts *parts); /* Nullable */
 
 /* Whether a box is the same in parts and in those of the body before; both Nullable, and -1 where there is none. */

@@ -208,6 +208,7 @@ pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pl
     next->load_nodes = body->voxels ? body->voxels->num_nodes : 0;
     next->body = body;
     status = pliant_parts_create(body, &warp->scan, warp->body, warp->parts, warp->num_threads, &next->parts);
+    if (status == PLIANT_OK && warp->fit && !next->parts) status = pliant_parts_whole(body, &warp->scan, &next->parts);
     if (status == PLIANT_OK && (!allocate(warp, next) || !make_room(warp, (size_t)body->fine.num_nodes, (size_t)next->changes.now, next)))
         status = pliant_fail_memory("the warp");
     if (status == PLIANT_OK) find_changes(warp, next);

@@ -435,12 +435,17 @@ pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step)
 {
     pliant_fit *fit = NULL;
     pliant_status status = pliant_fit_create(warp->mesh, &warp->scan, warp->rest, &warp->volume.geometry, step, warp->num_threads, &fit);
+    if (status == PLIANT_OK && !warp->parts) status = pliant_parts_whole(warp->body, &warp->scan, &warp->parts);
     if (status == PLIANT_OK && warp->parts) {
         pliant_fit *whole = fit;
+        fit = NULL;
         status = pliant_fit_next(whole, warp->body, warp->parts, warp->rest, &fit);
         pliant_fit_free(whole);
     }
-    if (status != PLIANT_OK) return status;
+    if (status != PLIANT_OK) {
+        pliant_fit_free(fit);
+        return status;
+    }
     if (warp->accelerated) warp->device->free(warp->accelerated);
     warp->accelerated = NULL;
     pliant_fit_free(warp->fit);
