@@ -18,7 +18,7 @@ static tetrahedral first_tetrahedral(const pliant_scene *scene, bool alone)
     const tetrahedral all[] = {
         {scene->cut.kind == PLIANT_CUT_SUBDIVIDE, "cut/kind: subdivide cuts tetrahedra", "sever"},
         {scene->contact.self || scene->contact.obstacles[0] || scene->obstacles.num_boxes > 0 || scene->obstacles.num_planes > 0,
-         "contact/self, obstacles: what touches feels cubes that tissue hardly fills before it feels tissue", NULL},
+         "contact/self, obstacles: how small tools press hexahedra is not held against a finer mesh yet", NULL},
         {tled && scene->tled.nodal_pressure, "tled/nodal_pressure: hexahedra have one change of volume each and need none", "false"},
     };
     for (size_t n = 0; n < sizeof all / sizeof *all; n++)

@@ -84,7 +84,7 @@ bool measure_stage(int32_t cells, int runs)
         pliant_contacts found{};
         std::vector<double> ms;
         const pliant_tissue_rule rule = {0.001, 1e-3, 0.3, 0};
-        must(pliant_tissue_set_body(&tissue, body, 1));
+        must(pliant_tissue_set_body(&tissue, body, nullptr, 1));
         pliant_tissue_set_searcher(&tissue, where ? &pliant_cuda_tissue_searcher : nullptr);
         for (int run = 0; run < (where ? runs : 7); run++) {
             const double start = now();

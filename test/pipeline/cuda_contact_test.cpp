@@ -341,7 +341,7 @@ struct Searches {
     {
         for (int k = 0; k < 2; k++) {
             found[k].count = 0;
-            EXPECT_EQ(pliant_tissue_set_body(of + k, body, 1), PLIANT_OK) << pliant_last_error();
+            EXPECT_EQ(pliant_tissue_set_body(of + k, body, nullptr, 1), PLIANT_OK) << pliant_last_error();
             EXPECT_EQ(pliant_tissue_find(of + k, positions, &rule, found + k), PLIANT_OK) << pliant_last_error();
         }
         EXPECT_NE(of[1].searcher_state, nullptr) << "the GPU has not searched";

@@ -71,6 +71,7 @@ TEST(CudaCut, MeetsTheCpu)
                           Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
                           Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR},
                           Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
+                          Case{PLIANT_SCHUR, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
                           Case{PLIANT_FINE, PLIANT_TLED, PLIANT_DIRECT, PLIANT_LINEAR},
                           Case{PLIANT_FINE, PLIANT_TLED, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
                           Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE},
@@ -123,8 +124,9 @@ TEST(CudaCut, CutsOneAfterTheOther)
     NEEDS_GPU();
     for (const Case &c : {Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR}, Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, PLIANT_LINEAR},
                           Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA}, Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
                           Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE}}) {
-        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.preconditioner) + " " + std::to_string(c.cut));
+        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.preconditioner) + " " + std::to_string(c.element) + " " + std::to_string(c.cut));
         Body cpu(size, box, {{20000, 0.4, 1000, false}}), gpu(size, box, {{20000, 0.4, 1000, false}});
         for (Body *body : {&cpu, &gpu}) {
             body->scene.solver.refresh_delay = 2;
