@@ -429,6 +429,7 @@ for line in sys.stdin:
         self.node.goes_on()
 
     def test_recompute(self):
+        self.assertTrue(self.node.load("phantom:48x40x40", options=["mesh/coarse_cells=5 5 5", "mesh/ratio=2"]).success)
         revision = self.node.topology.message.revision
         for method in ("coarse", "averaged", "schur", "fine"):
             answer = self.node.recompute(method, probe=True)
