@@ -103,6 +103,7 @@ class LaunchTest(unittest.TestCase):
         self.assertEqual(guard["servo_cf"], "/MTML/body/servo_cf")
         self.assertEqual(guard["PSM2/measured_cp"], "/PSM2/measured_cp")
         self.assertEqual(params["/tissue/force_guard/gain"], 0.1)
+        self.assertTrue(nodes["force_guard"].respawn, "one that was killed is followed by one that begins with zeros")
         self.assertEqual(params["/tissue/force_guard/tool"], "PSM2")
 
         topics, params, _ = self.robot("raven.launch")
