@@ -160,7 +160,7 @@ TEST(SelfDynamics, CollisionsKeepMomentum)
         }
         EXPECT_GT(touched, 10);
         EXPECT_LT(lost, 1e-6);
-        EXPECT_LT(turned, 0.01) << "what shifts a point out of what it touches has no speed, and a moment of its own";
+        EXPECT_LT(turned, 0.003) << "what shifts a point out of what it touches has no speed, and a moment of its own";
         EXPECT_LT(most, 1 + 1e-6);
         EXPECT_LT(gains, 0.005);
     }

@@ -60,13 +60,14 @@ PLIANT_INLINE void pliant_touch_place(const pliant_contact_point *point, const d
     for (int d = 0; d < 3; d++) out[d] += moved[d];
 }
 
-/* Tissue on tissue: the sides face each other elsewhere by now, which is no slip. */
+/* Tissue on tissue: the sides face each other elsewhere by now, which is no slip. By where the sub-step began, of which elastic forces are: there a push
+ * along one line turns nothing. */
 PLIANT_INLINE void pliant_touch_follow(const pliant_touch_nodes *nodes, pliant_contact_point *point, pliant_tled_touch *touch)
 {
     double x[4][3], before[3], after[3];
     if (point->kind != PLIANT_OBSTACLE_TISSUE || point->count != 4) return;
     for (int k = 0; k < 4; k++)
-        for (int d = 0; d < 3; d++) x[k][d] = nodes->rest[3 * point->node[k] + d] + nodes->u[3 * point->node[k] + d];
+        for (int d = 0; d < 3; d++) x[k][d] = nodes->rest[3 * point->node[k] + d] + nodes->u[3 * point->node[k] + d] - nodes->d[3 * point->node[k] + d];
     pliant_touch_place(point, nodes->rest, nodes->u, before);
     if (!pliant_contact_follow(x, point)) return;
     pliant_touch_place(point, nodes->rest, nodes->u, after);
