@@ -69,10 +69,10 @@ bool measure(int32_t cells, int runs)
     return same;
 }
 
-// Points of the block as it is rolled up.
+// Points of ends that are a tenth of an element apart; what lies deep in each other is looked for by the host.
 bool measure_stage(int32_t cells, int runs)
 {
-    Rolled block(cells);
+    Rolled block(cells, -0.1);
     pliant_body *body = nullptr;
     must(pliant_body_create(1, &body));
     body->fine = block.mesh;
@@ -83,7 +83,7 @@ bool measure_stage(int32_t cells, int runs)
         pliant_tissue tissue{};
         pliant_contacts found{};
         std::vector<double> ms;
-        const pliant_tissue_rule rule = {0.001, 1e-3, 0.3, 0};
+        const pliant_tissue_rule rule = {0.25 * body->fine.cell_size[0], 1e-3, 0.3, 0};
         must(pliant_tissue_set_body(&tissue, body, nullptr, 1));
         pliant_tissue_set_searcher(&tissue, where ? &pliant_cuda_tissue_searcher : nullptr);
         for (int run = 0; run < (where ? runs : 7); run++) {

@@ -1,4 +1,4 @@
-// A block of cubes that is rolled up along x until its ends overlap by half an element.
+// A block of cubes that is rolled up along x until its ends overlap by a part of an element; less than 0: until they are so far apart.
 #ifndef PLIANT_BENCH_ROLLED_H
 #define PLIANT_BENCH_ROLLED_H
 
@@ -14,9 +14,9 @@ struct Rolled {
     std::vector<double> positions;
     std::vector<int32_t> surface, all; // tetrahedra
 
-    explicit Rolled(int32_t cells)
+    explicit Rolled(int32_t cells, double part = 0.5)
     {
-        const double length = 0.14, overlap = 0.5 * length / cells, radius = (length - overlap) / (2 * M_PI);
+        const double length = 0.14, overlap = part * length / cells, radius = (length - overlap) / (2 * M_PI);
         pliant_geometry geometry{};
         for (int d = 0; d < 3; d++) {
             geometry.size[d] = cells;

@@ -125,8 +125,8 @@ PLIANT_INLINE double pliant_cones_left(const pliant_team *team, const pliant_con
     return pliant_team_sum(team, sum);
 }
 
-/* moved = A change, where changes of points that are not open count only with all */
-PLIANT_INLINE void pliant_cones_move(const pliant_team *team, const pliant_cones *on, bool all)
+/* moved = A change */
+PLIANT_INLINE void pliant_cones_move(const pliant_team *team, const pliant_cones *on)
 {
     const size_t row = 3 * (size_t)on->count;
 #ifdef __CUDACC__
@@ -134,7 +134,7 @@ PLIANT_INLINE void pliant_cones_move(const pliant_team *team, const pliant_cones
         double sum = 0;
         for (int32_t p = 0; p < on->count; p++) {
             const double *by = on->change + 3 * (size_t)p, *a = on->matrix + 3 * (size_t)p * row + i; /* symmetric */
-            if (all || on->point[p].kind == PLIANT_CONE_OPEN) sum += a[0] * by[0] + a[row] * by[1] + a[2 * row] * by[2];
+            sum += a[0] * by[0] + a[row] * by[1] + a[2 * row] * by[2];
         }
         on->moved[i] = sum;
     }
@@ -143,7 +143,7 @@ PLIANT_INLINE void pliant_cones_move(const pliant_team *team, const pliant_cones
     for (size_t i = 0; i < row; i++) on->moved[i] = 0;
     for (int32_t p = 0; p < on->count; p++) {
         const double *by = on->change + 3 * (size_t)p, *a = on->matrix + 3 * (size_t)p * row, *b = a + row, *c = b + row;
-        if ((!all && on->point[p].kind != PLIANT_CONE_OPEN) || (by[0] == 0 && by[1] == 0 && by[2] == 0)) continue;
+        if (by[0] == 0 && by[1] == 0 && by[2] == 0) continue;
         for (size_t i = 0; i < row; i++) on->moved[i] += a[i] * by[0] + b[i] * by[1] + c[i] * by[2]; /* in vectors */
     }
 #endif
@@ -167,22 +167,28 @@ PLIANT_INLINE void pliant_cone_look(const pliant_cones *on, int32_t p)
     point->keeps = friction * normal / length;
 }
 
-/* Who is open, and loses its force; the list of all others. Returns how many those are. */
-PLIANT_INLINE int32_t pliant_cones_look(const pliant_team *team, const pliant_cones *on)
+/* Who is open, and loses its force (*opens: some have one); the list of all others. Returns how many those are. */
+PLIANT_INLINE int32_t pliant_cones_look(const pliant_team *team, const pliant_cones *on, bool *opens)
 {
+    const double many = 65536; /* more points than there are */
     double own = 0;
     for (int32_t p = team->rank; p < on->count; p += team->size) {
         pliant_cone_look(on, p);
         const bool open = on->point[p].kind == PLIANT_CONE_OPEN;
-        for (size_t i = 3 * (size_t)p; i < 3 * (size_t)p + 3; i++) on->change[i] = open ? -on->force[i] : 0;
-        own += !open;
+        for (size_t i = 3 * (size_t)p; i < 3 * (size_t)p + 3; i++) {
+            on->change[i] = open ? -on->force[i] : 0;
+            on->moved[i] = 0;
+        }
+        own += !open ? 1 : on->change[3 * (size_t)p] != 0 ? many : 0;
     }
     pliant_team_wait();
     for (int32_t p = team->rank, place = 0, q = 0; p < on->count; p += team->size) {
         for (; q < p; q++) place += on->point[q].kind != PLIANT_CONE_OPEN;
         if (on->point[p].kind != PLIANT_CONE_OPEN) on->list[place] = p;
     }
-    return (int32_t)pliant_team_sum(team, own);
+    own = pliant_team_sum(team, own);
+    *opens = own >= many;
+    return (int32_t)fmod(own, many);
 }
 
 /* The last two rows of a block of A become those of  f_t + df_t = mu (f_n + df_n) along + keeps Q (z + dz),  Q across along.
@@ -253,49 +259,45 @@ PLIANT_INLINE void pliant_cone_invert(const double *m, size_t width, double size
     for (int i = 0; i < 9; i++) out[i] *= by;
 }
 
-/* Gauss and Jordan by blocks of three: the last column becomes the solution. */
+/* Gauss and Jordan by blocks of three, which stay as they are: of the last column and those blocks, change is what is left to be found. */
 PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_cones *on, int32_t points)
 {
     const int32_t rows = 3 * points, width = rows + 1;
-    double *const all = on->equations;
+    double inverse[9], *const all = on->equations;
     for (int32_t p = 0; p < rows; p += 3) {
-        double inverse[9], *const pivot = all + (size_t)p * (size_t)width;
-        const int32_t left = width - p - 3;
+        const double *const pivot = all + (size_t)p * (size_t)width;
         pliant_cone_invert(pivot + p, (size_t)width, on->point[on->list[p / 3]].size, inverse);
-        for (int32_t k = p + 3 + team->rank; k < width; k += team->size) {
-            const double x[3] = {pivot[k], pivot[width + k], pivot[2 * width + k]};
-            for (int r = 0; r < 3; r++) pivot[r * width + k] = inverse[3 * r] * x[0] + inverse[3 * r + 1] * x[1] + inverse[3 * r + 2] * x[2];
-        }
-        pliant_team_wait();
 #ifdef __CUDACC__
-        for (int32_t e = team->rank; e < rows * left; e += team->size) {
-            const int32_t r = e / left, k = p + 3 + e % left;
-            double *to = all + (size_t)r * (size_t)width;
-            if (r < p || r >= p + 3) to[k] -= to[p] * pivot[k] + to[p + 1] * pivot[width + k] + to[p + 2] * pivot[2 * width + k];
-        }
+        const int32_t first = team->rank / 32, step = team->size / 32, lane = team->rank % 32, lanes = 32; /* a warp a row */
 #else
-        for (int32_t r = 0; r < rows && left > 0; r++) { /* row by row: in vectors */
-            double *to = all + (size_t)r * (size_t)width;
-            if (r >= p && r < p + 3) continue;
-            for (int32_t k = p + 3; k < width; k++) to[k] -= to[p] * pivot[k] + to[p + 1] * pivot[width + k] + to[p + 2] * pivot[2 * width + k];
-        }
+        const int32_t first = 0, step = 1, lane = 0, lanes = 1;
 #endif
+        for (int32_t r = first; r < rows; r += step) {
+            double by[3], *to = all + (size_t)r * (size_t)width;
+            if (r >= p && r < p + 3) continue;
+            for (int c = 0; c < 3; c++) by[c] = to[p] * inverse[c] + to[p + 1] * inverse[3 + c] + to[p + 2] * inverse[6 + c];
+            for (int32_t k = p + 3 + lane; k < width; k += lanes) to[k] -= by[0] * pivot[k] + by[1] * pivot[width + k] + by[2] * pivot[2 * width + k];
+        }
         pliant_team_wait();
     }
+    for (int32_t i = team->rank; i < points; i += team->size) {
+        const double *own = all + 3 * (size_t)i * (size_t)width, right[3] = {own[width - 1], own[2 * width - 1], own[3 * width - 1]};
+        pliant_cone_invert(own + 3 * i, (size_t)width, on->point[on->list[i]].size, inverse);
+        for (int r = 0; r < 3; r++) on->change[3 * (size_t)on->list[i] + (size_t)r] = inverse[3 * r] * right[0] + inverse[3 * r + 1] * right[1] + inverse[3 * r + 2] * right[2];
+    }
+    pliant_team_wait();
 }
 
 /* The equations of all that are not open, linear around where they are, to change and moved. false: there are too many */
 PLIANT_INLINE bool pliant_cones_newton(const pliant_team *team, const pliant_cones *on)
 {
-    const int32_t points = pliant_cones_look(team, on);
+    bool opens;
+    const int32_t points = pliant_cones_look(team, on, &opens);
     if (3 * points > PLIANT_CONE_TOGETHER) return false;
-    pliant_cones_move(team, on, false);
+    if (opens) pliant_cones_move(team, on);
     pliant_cones_set_equations(team, on, points);
     pliant_cones_eliminate(team, on, points);
-    for (int32_t r = team->rank; r < 3 * points; r += team->size)
-        on->change[3 * (size_t)on->list[r / 3] + (size_t)(r % 3)] = on->equations[(size_t)r * (size_t)(3 * points + 1) + 3 * (size_t)points];
-    pliant_team_wait();
-    pliant_cones_move(team, on, true);
+    pliant_cones_move(team, on);
     return true;
 }
 
@@ -384,7 +386,7 @@ PLIANT_INLINE void pliant_cones_end(const pliant_team *team, const pliant_cones 
         if (on->friction[p] >= 0) pliant_cone_lacks(on->point + p, on->friction[p], 1.0, on->motion + i, on->force + i, on->change + i);
     }
     pliant_team_wait();
-    pliant_cones_move(team, on, true);
+    pliant_cones_move(team, on);
     pliant_cones_take(team, on, 1.0);
 }
 
