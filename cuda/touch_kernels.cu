@@ -4,7 +4,7 @@
 #include "fem/quasistatic/cone_rules.h"
 #include "warp_sum.cuh"
 
-enum { CONE_THREADS = 256, THREADS = 128, ONE_BLOCK = 256, PAIRS = 16, LANES_OF_STEP = 32, GROUPS = 8 };
+enum { CONE_THREADS = 512, COPIES = 8, THREADS = 128, ONE_BLOCK = 256, PAIRS = 16, LANES_OF_STEP = 32, GROUPS = 8 };
 
 /* ---- as a step begins */
 
@@ -202,7 +202,13 @@ static __device__ pliant_cones place_cones(const gpu_touch_view &view, double *s
     on.equations = next + row * (row + 1) <= end ? next : view.d_equations;
     next += on.equations == next ? row * (row + 1) : 0;
     on.matrix = next + row * row <= end ? next : view.d_matrix;
-    for (size_t i = threadIdx.x; on.matrix == next && i < row * row; i += CONE_THREADS) next[i] = view.d_matrix[i];
+    if (on.matrix != next) return on;
+    for (size_t i = threadIdx.x; i < row * row; i += COPIES * CONE_THREADS) { /* on their way together */
+        double some[COPIES];
+        for (size_t c = 0; c < COPIES; c++) some[c] = i + c * CONE_THREADS < row * row ? view.d_matrix[i + c * CONE_THREADS] : 0;
+        for (size_t c = 0; c < COPIES; c++)
+            if (i + c * CONE_THREADS < row * row) next[i + c * CONE_THREADS] = some[c];
+    }
     return on;
 }
 
