@@ -333,9 +333,7 @@ class Seen(unittest.TestCase):
         session = []
         reader = rospy.Subscriber("tissue/session", Session, session.append)
         self.stage.wait(lambda: session, what="the session")
-        self.choose("a")
-        time.sleep(0.5)
-        self.stage.mouse("mousemove", *self.liver(), "click", 1)
+        liver = self.liver()
 
         def values(picture):
             """Rows of text in the panel's second column, from the top; of the tool's eight the fourth is Young's modulus."""
@@ -344,7 +342,22 @@ class Seen(unittest.TestCase):
             edges = numpy.flatnonzero(numpy.diff(dark.astype(int)))
             return [y + 21 + (a + b) / 2 for a, b in zip(edges[::2], edges[1::2])]
         before = yaml.safe_load(session[-1].materials)["materials"]
-        row = self.stage.wait_for(lambda p: len(values(p)) >= 8, what="the numbers of a material")
+
+        def is_told(picture):
+            """The third row is empty before."""
+            rows = values(picture)
+            return len(rows) > 5 and abs(rows[2] - 2 * rows[1] + rows[0]) < 5
+
+        def click():
+            self.choose("a")
+            time.sleep(0.5)
+            self.stage.mouse("mousemove", *liver)
+            time.sleep(0.3)
+            self.stage.mouse("click", 1)
+            time.sleep(2)
+            return is_told(self.stage.picture())
+        self.stage.wait(click, what="the numbers of a material")
+        row = self.stage.picture()
         self.stage.mouse("mousemove", self.stage.window()[0] // 2 + 20, round(values(row)[3]), "click", "--repeat", 2, "--delay", 60, 1)
         self.stage.mouse("key", "ctrl+a", "type", "12345")
         self.stage.mouse("key", "Return")
