@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """What a hand does in rviz, with a real simulation and a synthetic mouse: a drag moves the tissue under the cursor, a click takes hold of
-what is seen or tells its material, a marker places the tissue, a panel's points change the transfer function.
+what is seen, a marker places the tissue, a panel's points change the transfer function.
 
 The phantom is seen from the front without perspective: the fixed frame is turned against the tissue's, x left, y up.
 """
@@ -10,7 +10,6 @@ import time
 import unittest
 
 import numpy
-import yaml
 
 import rviz_stage
 
@@ -329,47 +328,7 @@ class Seen(unittest.TestCase):
         self.stage.wait_for(lambda p: (abs(self.stage.view(p).astype(int) - self.stage.view(before)).max(axis=2) > 10).mean() > 0.02,
                             what="the picture without skin")
 
-    def test_4_a_click_tells_the_material_and_a_number_changes_it(self):
-        session = []
-        reader = rospy.Subscriber("tissue/session", Session, session.append)
-        self.stage.wait(lambda: session, what="the session")
-        liver = self.liver()
-
-        def values(picture):
-            """Rows of text in the panel's second column, from the top; of the tool's eight the fourth is Young's modulus."""
-            x, y, _, height = self.stage.window()
-            dark = picture[y + 20:, x // 2 - 5:x // 2 + 25].min(axis=2).min(axis=1) < 110
-            edges = numpy.flatnonzero(numpy.diff(dark.astype(int)))
-            return [y + 21 + (a + b) / 2 for a, b in zip(edges[::2], edges[1::2])]
-        before = yaml.safe_load(session[-1].materials)["materials"]
-
-        def is_told(picture):
-            """The third row is empty before."""
-            rows = values(picture)
-            return len(rows) > 5 and abs(rows[2] - 2 * rows[1] + rows[0]) < 5
-
-        def click():
-            self.choose("a")
-            time.sleep(0.5)
-            self.stage.mouse("mousemove", *liver)
-            time.sleep(0.3)
-            self.stage.mouse("click", 1)
-            time.sleep(2)
-            return is_told(self.stage.picture())
-        self.stage.wait(click, what="the numbers of a material")
-        row = self.stage.picture()
-        self.stage.mouse("mousemove", self.stage.window()[0] // 2 + 20, round(values(row)[3]), "click", "--repeat", 2, "--delay", 60, 1)
-        self.stage.mouse("key", "ctrl+a", "type", "12345")
-        self.stage.mouse("key", "Return")
-        self.stage.wait(lambda: "12345" in session[-1].materials, what="the material in the simulation")
-        after = yaml.safe_load(session[-1].materials)["materials"]
-        differ = [(a, b) for a, b in zip(after, before) if a != b]
-        self.assertEqual(len(differ), 1, "one material is another")
-        self.assertEqual(differ[0][0], dict(differ[0][1], young_modulus=12345))
-        self.assertIn(differ[0][0]["name"], ("organ", "soft_tissue"), "the one that is seen")
-        reader.unregister()
-
-    def test_5_the_tissue_is_dragged_to_where_it_lies(self):
+    def test_4_the_tissue_is_dragged_to_where_it_lies(self):
         self.stage.start([rviz_stage.program("registration_marker"), "__ns:=tissue", "_parent_frame:=front"], "registration")
         self.view.update({"Scale": 500, "X": 0, "Y": 0})
         text = rviz_stage.config(LOOK.replace("Enabled: true", "Enabled: false", 2) % ("false", ""), self.view, fixed_frame="front")
@@ -415,7 +374,7 @@ if __name__ == "__main__":
     import rospy
     import tf2_ros
     from geometry_msgs.msg import Point, PoseStamped
-    from pliant.msg import ContactState, MeshState, Session, Volume
+    from pliant.msg import ContactState, MeshState, Volume
     from sensor_msgs.msg import JointState
     from visualization_msgs.msg import Marker
     unittest.main(warnings="ignore")  # rospy's own
