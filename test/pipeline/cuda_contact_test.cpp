@@ -10,6 +10,10 @@
 #include <random>
 #include <string>
 
+#ifndef PLIANT_WITH_CUDA
+const pliant_tissue_searcher pliant_cuda_tissue_searcher = {nullptr, nullptr};
+#endif
+
 namespace {
 
 const double h = 0.005; // of an element [m]
