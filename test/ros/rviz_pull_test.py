@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """What a hand does in rviz, with a real simulation and a synthetic mouse: a drag moves the tissue under the cursor, a click takes hold of
-what is seen, a marker places the tissue, a panel's points change the transfer function.
+what is seen or tells its material, a marker places the tissue, a panel's points change the transfer function.
 
 The phantom is seen from the front without perspective: the fixed frame is turned against the tissue's, x left, y up.
 """
@@ -10,6 +10,7 @@ import time
 import unittest
 
 import numpy
+import yaml
 
 import rviz_stage
 
@@ -45,7 +46,7 @@ class Pull(unittest.TestCase):
     @classmethod
     def begin(cls):
         view = {"Class": "rviz/TopDownOrtho", "Scale": 700, "X": 0, "Y": 0, "Angle": 0, "Near Clip Distance": 0.01}
-        cls.stage = rviz_stage.Stage(rviz_stage.config(DISPLAYS, view, fixed_frame="front", tools=TOOL), 760, 560)
+        cls.stage = rviz_stage.Stage(rviz_stage.config(DISPLAYS, view, fixed_frame="front", tools=TOOL), 760, 560, tells_rows=True)
         cls.stage.__enter__()
         cls.stage.start([rviz_stage.program("pliant_node"), "__ns:=tissue", "_registration:=" + cls.stage.folder + "/registration.yaml"] + PARAMETERS, "node")
         rospy.init_node("rviz_pull_test", disable_signals=True)
@@ -328,7 +329,33 @@ class Seen(unittest.TestCase):
         self.stage.wait_for(lambda p: (abs(self.stage.view(p).astype(int) - self.stage.view(before)).max(axis=2) > 10).mean() > 0.02,
                             what="the picture without skin")
 
-    def test_4_the_tissue_is_dragged_to_where_it_lies(self):
+    def test_4_a_click_tells_the_material_and_a_number_changes_it(self):
+        session = []
+        reader = rospy.Subscriber("tissue/session", Session, session.append)
+        self.stage.wait(lambda: session, what="the session")
+        before = yaml.safe_load(session[-1].materials)["materials"]
+        liver = self.liver()
+        self.choose("a")
+        self.stage.mouse("mousemove", *liver, "click", 1)
+
+        def told(name):
+            return self.stage.rows().get("Material/" + name, (None, ""))[1]
+        clicked = self.stage.wait(lambda: told("Material"), what="the material")
+        self.assertIn(clicked, ("organ", "soft_tissue"), "the one that is seen")
+        chosen = [material for material in before if material["name"] == clicked][0]
+        for row, key in (("Young's Modulus", "young_modulus"), ("Poisson Ratio", "poisson_ratio"), ("Density", "density")):
+            self.assertAlmostEqual(float(told(row)), chosen[key], delta=1e-5 * chosen[key])
+        place, _ = self.stage.rows()["Material/Young's Modulus"]
+        self.stage.mouse("mousemove", *place, "click", "--repeat", 2, "--delay", 60, 1)
+        self.stage.mouse("key", "ctrl+a", "type", "12345")
+        self.stage.mouse("key", "Return")
+        self.stage.wait(lambda: "12345" in session[-1].materials, what="the material in the simulation")
+        after = yaml.safe_load(session[-1].materials)["materials"]
+        self.assertEqual([(a, b) for a, b in zip(after, before) if a != b], [(dict(chosen, young_modulus=12345), chosen)])
+        self.assertEqual(float(told("Young's Modulus")), 12345)
+        reader.unregister()
+
+    def test_5_the_tissue_is_dragged_to_where_it_lies(self):
         self.stage.start([rviz_stage.program("registration_marker"), "__ns:=tissue", "_parent_frame:=front"], "registration")
         self.view.update({"Scale": 500, "X": 0, "Y": 0})
         text = rviz_stage.config(LOOK.replace("Enabled: true", "Enabled: false", 2) % ("false", ""), self.view, fixed_frame="front")
@@ -374,7 +401,7 @@ if __name__ == "__main__":
     import rospy
     import tf2_ros
     from geometry_msgs.msg import Point, PoseStamped
-    from pliant.msg import ContactState, MeshState, Volume
+    from pliant.msg import ContactState, MeshState, Session, Volume
     from sensor_msgs.msg import JointState
     from visualization_msgs.msg import Marker
     unittest.main(warnings="ignore")  # rospy's own

@@ -82,14 +82,15 @@ class Map:
 
 
 class Stage:
-    """`with Stage(config_text) as stage:`. ROS nodes of this process may start inside only."""
+    """`with Stage(config_text) as stage:`. ROS nodes of this process may start inside only. tells_rows: there is rows()."""
 
-    def __init__(self, configuration, width=480, height=400, plugin_path=None):
+    def __init__(self, configuration, width=480, height=400, plugin_path=None, tells_rows=False):
         self.configuration = configuration % (width, height)
         self.width, self.height = width, height
         self.processes = {}
         self.folder = tempfile.mkdtemp(prefix="pliant_rviz_")
         self.plugin_path = plugin_path
+        self.tells_rows = tells_rows
 
     def __enter__(self):
         # also when a test fails before it has begun, or takes too long and is told to end
@@ -129,7 +130,8 @@ class Stage:
         path = os.path.join(self.folder, "test.rviz")
         with open(path, "w") as out:
             out.write(self.configuration)
-        self.start(["rviz", "-d", path, "--disable-anti-aliasing"], "rviz")
+        rviz = [program("rviz_rows"), os.path.join(self.folder, "rows")] if self.tells_rows else ["rviz"]
+        self.start(rviz + ["-d", path, "--disable-anti-aliasing"], "rviz")
 
     def start(self, command, name, pass_fds=()):
         out = open(os.path.join(self.folder, name + ".log"), "wb")
@@ -245,6 +247,12 @@ class Stage:
         self._file("/save_config", path)
         with open(path) as text:
             return yaml.safe_load(text)["Visualization Manager"]
+
+    def rows(self):
+        """What is in view of the panels' rows now, by path: middle of the value (x, y) on the screen, its text."""
+        with open(os.path.join(self.folder, "rows")) as text:
+            lines = [line.rstrip("\n").split("\t") for line in text]
+        return {path: ((int(x), int(y)), value) for path, x, y, value in lines}
 
     def still(self, seconds=60):
         """A picture that stays: nothing more is drawn for a second."""
