@@ -15,7 +15,7 @@ import pliant
 
 SMALL = {"mesh/coarse_cells": [5, 4, 4], "mesh/ratio": 1, "solver/threads": 1, "solver/iterations": 4, "solver/refresh_interval": 0}
 SCAN = "phantom:48x36x36"
-LIVER = np.array([0.05, -0.09, 0.06])
+LIVER = np.array([-0.08, -0.06, 0.09])
 
 
 def pull(sim, steps=3):
@@ -71,6 +71,8 @@ class Python(unittest.TestCase):
     def test_the_volume_at_rest_is_the_scan_and_moves_with_the_tissue(self):
         sim = pliant.Sim(model=self.model)
         scan, rest = self.model.scan, sim.volume()
+        i, j, k = np.round((LIVER - scan.origin) / scan.spacing).astype(int)
+        self.assertTrue(85 < scan.intensities[k, j, i] < 140)  # liver: launch/materials/phantom.yaml
         self.assertEqual(rest.values.shape, (36, 36, 48))
         tissue = rest.values != rest.background
         self.assertGreater(tissue.mean(), 0.2)
@@ -95,6 +97,7 @@ class Python(unittest.TestCase):
 
     def test_python_goes_on_during_a_step(self):
         sim, counts, done = pliant.Sim(model=self.model), [0], []
+        tool = pull(sim)
 
         def count():
             while not done:
@@ -104,8 +107,9 @@ class Python(unittest.TestCase):
         thread.start()
         sys.setswitchinterval(60)  # threads take turns only where one lets go
         try:
-            for _ in range(1000):
+            for step in range(1000):
                 before = counts[0]
+                tool.move(LIVER - [0, 0.002 * (step % 2), 0])  # at rest a step takes a microsecond
                 sim.step()
                 if counts[0] > before:
                     break
@@ -118,7 +122,7 @@ class Python(unittest.TestCase):
     def test_what_is_saved_is_gone_back_to(self):
         sim = pliant.Sim(model=self.cuts)
         pull(sim)
-        sim.cut([[0.02, -0.16, 0.06], [0.08, -0.16, 0.06]], [0, 0.06, 0])
+        sim.cut([LIVER + [-0.05, -0.07, 0], LIVER + [0.05, -0.07, 0]], [0, 0.06, 0])
         saved, seen = sim.save(), []
         for _ in range(2):
             forceps = sim.tool("forceps")
@@ -139,7 +143,7 @@ class Python(unittest.TestCase):
     def test_a_cut_appends_and_can_be_undone(self):
         sim = pliant.Sim(model=self.cuts)
         before, tets = sim.revision, len(sim.tets)
-        cut = sim.cut([[0.02, -0.16, 0.06], [0.08, -0.16, 0.06]], [0, 0.06, 0])
+        cut = sim.cut([LIVER + [-0.05, -0.07, 0], LIVER + [0.05, -0.07, 0]], [0, 0.06, 0])
         self.assertGreater(cut.area, 1e-3)
         self.assertGreater(cut.links, 10)
         self.assertNotEqual(sim.revision, before)

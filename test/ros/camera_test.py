@@ -12,12 +12,13 @@ import tf2_ros
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped
 from pliant.msg import ContactState, ScanInfo
+from pliant.srv import Pick
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
-from node_client import NAMESPACE, Latest, Tool, wait_for  # noqa: E402
+from node_client import Latest, Tool, call, wait_for  # noqa: E402
 
-POINT = numpy.array([0.05, -0.09, 0.06])  # of the phantom's liver [m, tissue]
+POINT = numpy.array([-0.06, -0.06, 0.07])  # of the phantom's liver [m, tissue]
 AWAY = 0.3  # of the cameras in front of it [m]
 HALF = numpy.sqrt(0.5)
 
@@ -43,6 +44,17 @@ def points_of(message):
     raw = numpy.frombuffer(message.data, numpy.float32).reshape(message.height, message.width, 4)
     colours = raw[..., 3].copy().view(numpy.uint32)
     return raw[..., :3], numpy.stack([colours >> shift & 255 for shift in (16, 8, 0)], axis=-1)
+
+
+def picked(origin, direction, threshold):
+    """What the node says of a ray of the tissue's frame."""
+    ask = Pick._request_class(threshold=threshold)
+    ask.header.frame_id = "tissue"
+    ask.origin.x, ask.origin.y, ask.origin.z = origin
+    ask.direction.x, ask.direction.y, ask.direction.z = direction
+    answer = call("pick", Pick, *[getattr(ask, name) for name in ask.__slots__])
+    assert answer.success, answer.message
+    return answer
 
 
 class CameraTest(unittest.TestCase):
@@ -96,13 +108,16 @@ class CameraTest(unittest.TestCase):
     def test_the_side_that_a_tool_pulls_comes_nearer(self):
         image, depth, label, points = (Latest("front/" + topic, kind) for topic, kind in (
             ("image_raw", Image), ("depth/image_rect", Image), ("label/image_raw", Image), ("points", PointCloud2)))
+        self.assertEqual(self.names[picked(POINT, (0, -1, 0), -1e9).material], "organ")
         before = pixels_of(wait_for(lambda: depth.message, "depth"))
         picture, tissue = pixels_of(wait_for(lambda: image.message, "a picture")), pixels_of(wait_for(lambda: label.message, "labels"))
         self.assertEqual(image.message.header.frame_id, "front_optical")
         middle = before[60, 80]
         self.assertTrue(0.1 < middle < AWAY)  # the wall lies in front of the liver
         self.assertGreater(picture[60, 80].max(), 60)
-        self.assertIn(self.names[tissue[60, 80] - 1], ("skin", "fat"))
+        there = picked(POINT + [0, -AWAY, 0], (0.5 / 138.56, 1, -0.5 / 138.56), -300)
+        self.assertEqual(self.names[tissue[60, 80] - 1], self.names[there.material])
+        self.assertAlmostEqual(middle, there.distance, delta=1e-3)
         self.assertTrue(((tissue > 0) == numpy.isfinite(before)).mean() > 0.98)
         place, colours = points_of(wait_for(lambda: points.message, "points"))
         numpy.testing.assert_allclose(place[60, 80], [0.5 / 138.56 * place[60, 80, 2], 0.5 / 138.56 * place[60, 80, 2], place[60, 80, 2]], atol=1e-4)
