@@ -45,17 +45,23 @@ static __device__ __forceinline__ void transform(float w[8], bool back)
         }
 }
 
-/* Modes of a hexahedron, differences in double, and the mean gradient. stride: of a node's numbers. */
-static __device__ __forceinline__ void load_modes(const gpu_tled &tled, const double *d_from, size_t stride, const gpu_cube &cube, float w[3][8], float h[9])
+/* Modes of a hexahedron, differences in double, and the mean gradient; returns the change of volume that it makes. stride: of a node's numbers. */
+static __device__ __forceinline__ float load_modes(const gpu_tled &tled, const double *d_from, size_t stride, const gpu_cube &cube, float w[3][8], float h[9])
 {
-    double first[3];
-    for (int k = 0; k < 3; k++) first[k] = __ldg(d_from + stride * (size_t)cube.node[0] + k);
-    for (int v = 0; v < 8; v++)
-        for (int k = 0; k < 3; k++) w[k][v] = (float)(__ldg(d_from + stride * (size_t)cube.node[v] + k) - first[k]);
-    for (int k = 0; k < 3; k++) transform(w[k], false);
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++)
-            h[3 * r + c] = cube.finer * (w[r][1] * tled.cube_gradient[c] + w[r][2] * tled.cube_gradient[3 + c] + w[r][4] * tled.cube_gradient[6 + c]);
+    double exact[9];
+    for (int r = 0; r < 3; r++) {
+        const double first = __ldg(d_from + stride * (size_t)cube.node[0] + r);
+        double apart[8], along[3];
+        for (int v = 0; v < 8; v++) w[r][v] = (float)(apart[v] = __ldg(d_from + stride * (size_t)cube.node[v] + r) - first);
+        transform(w[r], false);
+        pliant_cube_differences(apart, along);
+        for (int c = 0; c < 3; c++) {
+            const float *g = tled.cube_gradient + c;
+            exact[3 * r + c] = (double)cube.finer * (along[0] * (double)g[0] + along[1] * (double)g[3] + along[2] * (double)g[6]);
+            h[3 * r + c] = (float)exact[3 * r + c];
+        }
+    }
+    return (float)pliant_exact_change_of(exact);
 }
 
 /* H = sum over corners 1 to 3 of (u_v - u_0) g_v', differences in double. Nothing writes to d_u while this runs. */
@@ -97,7 +103,7 @@ static __device__ __forceinline__ void relax(const gpu_tled &tled, int from, int
     pliant_subtract_relaxed(h, relaxed, p);
 }
 
-/* rest volume times first Piola-Kirchhoff stress; change: NULL without damping in proportion to stiffness, pressure: NULL where it follows from the law */
+/* rest volume times first Piola-Kirchhoff stress; change: NULL without damping in proportion to stiffness, pressure: NULL where it follows from H */
 template <int LAW, bool VISCOUS>
 static __device__ __forceinline__ void element_stress(const gpu_tled &tled, int from_memory, int32_t element, const float h[9], const float *change, float shear,
                                                       float bulk, const float *pressure, float p[9])
@@ -152,14 +158,14 @@ static __device__ __forceinline__ void cube_forces(const gpu_tled &tled, int fro
 {
     const gpu_cube cube = load_cube(tled.d_cubes, (element >> 1) - tled.num_tets);
     float w[3][8], h[9], change[9], p[9];
-    load_modes(tled, tled.d_u[from], 4, cube, w, h);
+    const float pressure = cube.bulk * pliant_law_float_volume((pliant_law)LAW, load_modes(tled, tled.d_u[from], 4, cube, w, h));
     if (tled.damped) {
         float more[3][8];
         load_modes(tled, tled.d_d[from], 3, cube, more, change);
         for (int r = 0; r < 3; r++)
             for (int m = 0; m < 8; m++) w[r][m] += tled.d_frame->damping * more[r][m];
     }
-    element_stress<LAW, VISCOUS>(tled, from_memory, element, h, tled.damped ? change : NULL, cube.shear, cube.bulk, NULL, p);
+    element_stress<LAW, VISCOUS>(tled, from_memory, element, h, tled.damped ? change : NULL, cube.shear, cube.bulk, &pressure, p);
     for (int r = 0; r < 3; r++) {
         for (int m = 0; m < 8; m++) w[r][m] *= tled.hourglass[m] * cube.shear * (cube.finer * cube.finer);
         for (int axis = 0; axis < 3; axis++)

@@ -62,7 +62,7 @@ INLINE void damp_block(float change[9][LANES], const float *mu, float factor, fl
     }
 }
 
-/* rest volume times first Piola-Kirchhoff stress of a block, from H and, damped, its change; pressure: NULL where it follows from the law */
+/* rest volume times first Piola-Kirchhoff stress of a block, from H and, damped, its change; pressure: NULL where it follows from H */
 INLINE void block_stress(const pliant_tled_system *system, pliant_law law, bool viscous, bool damped, float dt, float h[9][LANES], float change[9][LANES],
                          float moduli[3][LANES], const float *pressure, float (*memory)[LANES], float out[9][LANES])
 {
@@ -133,21 +133,30 @@ INLINE void transform(float w[8][LANES], float sign)
         }
 }
 
-/* modes of a block of cubes, and the mean gradient: H or its change */
-INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, int32_t block, float w[3][8][LANES], float h[9][LANES])
+/* modes of a block of cubes, the mean gradient, H or its change, and the change of volume that it makes */
+INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, int32_t block, float w[3][8][LANES], float h[9][LANES], float change[LANES])
 {
     int32_t (*nodes)[LANES] = cubes->nodes[block];
-    const float *finer = cubes->finer[block];
+    double exact[9][LANES];
     for (int l = 0; l < LANES; l++) {
-        const double *first = u + 3 * (size_t)nodes[0][l];
-        for (int v = 0; v < 8; v++)
-            for (int d = 0; d < 3; d++) w[d][v][l] = (float)(u[3 * (size_t)nodes[v][l] + (size_t)d] - first[d]);
+        const double *first = u + 3 * (size_t)nodes[0][l], finer = (double)cubes->finer[block][l];
+        for (int r = 0; r < 3; r++) {
+            double apart[8], along[3];
+            for (int v = 0; v < 8; v++) {
+                apart[v] = u[3 * (size_t)nodes[v][l] + (size_t)r] - first[r];
+                w[r][v][l] = (float)apart[v];
+            }
+            pliant_cube_differences(apart, along);
+            for (int c = 0; c < 3; c++)
+                exact[3 * r + c][l] = finer * (along[0] * (double)cubes->gradient[c] + along[1] * (double)cubes->gradient[3 + c] + along[2] * (double)cubes->gradient[6 + c]);
+        }
     }
-    for (int d = 0; d < 3; d++) transform(w[d], 1);
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++)
-            for (int l = 0; l < LANES; l++)
-                h[3 * r + c][l] = finer[l] * (w[r][1][l] * cubes->gradient[c] + w[r][2][l] * cubes->gradient[3 + c] + w[r][4][l] * cubes->gradient[6 + c]);
+    for (int r = 0; r < 3; r++) transform(w[r], 1);
+    for (int l = 0; l < LANES; l++) {
+        double one[9];
+        for (int m = 0; m < 9; m++) h[m][l] = (float)(one[m] = exact[m][l]);
+        change[l] = (float)pliant_exact_change_of(one);
+    }
 }
 
 INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool damped, int32_t block, float dt, float *out)
@@ -155,15 +164,16 @@ INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool viscous, b
     const pliant_tled_system *system = tled->system;
     const pliant_tled_cubes *cubes = system->cubes;
     const float factor = damped ? (float)system->stiffness_damping / dt : 0, *finer = cubes->finer[block];
-    float (*moduli)[LANES] = cubes->moduli[block], w[3][8][LANES], more[3][8][LANES], h[9][LANES], change[9][LANES], p[9][LANES];
-    load_modes(cubes, tled->u, block, w, h);
+    float (*moduli)[LANES] = cubes->moduli[block], w[3][8][LANES], more[3][8][LANES], h[9][LANES], change[9][LANES], p[9][LANES], pressure[LANES], other[LANES];
+    load_modes(cubes, tled->u, block, w, h, pressure);
+    for (int l = 0; l < LANES; l++) pressure[l] = moduli[1][l] * pliant_law_float_volume(law, pressure[l]);
     if (damped) {
-        load_modes(cubes, tled->d, block, more, change);
+        load_modes(cubes, tled->d, block, more, change, other);
         for (int r = 0; r < 3; r++)
             for (int m = 0; m < 8; m++)
                 for (int l = 0; l < LANES; l++) w[r][m][l] += factor * more[r][m][l];
     }
-    block_stress(system, law, viscous, damped, dt, h, change, moduli, NULL, viscous ? tled->memory[system->num_blocks + block] : NULL, p);
+    block_stress(system, law, viscous, damped, dt, h, change, moduli, pressure, viscous ? tled->memory[system->num_blocks + block] : NULL, p);
     for (int r = 0; r < 3; r++) {
         for (int m = 0; m < 8; m++)
             for (int l = 0; l < LANES; l++) w[r][m][l] *= cubes->hourglass[m] * moduli[0][l] * (finer[l] * finer[l]);

@@ -21,6 +21,24 @@ PLIANT_INLINE float pliant_change_of(const float h[9], float cofactor[9])
     return h[0] + h[4] + h[8] + (cofactor[0] + cofactor[4] + cofactor[8]) + third;
 }
 
+/* The same with the digits that single precision has not: where tissue turns it is a small difference of large numbers, and rounding leaves pressures
+ * of 1 Pa in what is nearly incompressible. */
+PLIANT_INLINE double pliant_exact_change_of(const double h[9])
+{
+    const double x = h[4] * h[8] - h[5] * h[7], y = h[5] * h[6] - h[3] * h[8], z = h[3] * h[7] - h[4] * h[6];
+    const double second = x + (h[0] * h[8] - h[2] * h[6]) + (h[0] * h[4] - h[1] * h[3]);
+    return h[0] + h[4] + h[8] + second + (h[0] * x + h[1] * y + h[2] * z);
+}
+
+/* Of one component u of a cube's corners, of which the first stands still: sum of its differences over the four edges along each axis. */
+PLIANT_INLINE void pliant_cube_differences(const double u[8], double along[3])
+{
+    const double xy = u[3] - u[4], xz = u[5] - u[2], yz = u[6] - u[1]; /* diagonals */
+    along[0] = u[7] + xy + xz - yz;
+    along[1] = u[7] + xy + yz - xz;
+    along[2] = u[7] + xz + yz - xy;
+}
+
 /* shear part of the stress in p and the volume part's factor of cof F; cof F in cofactor. Rest volume included. */
 PLIANT_INLINE float pliant_neo_hookean_stress(pliant_law law, const float h[9], float mu, float modulus, float cofactor[9], float p[9])
 {
