@@ -236,15 +236,16 @@ PLIANT_API int32_t pliant_data_get_inverted(const pliant_data *data);
 /** The same of any mesh at these positions. */
 PLIANT_API int32_t pliant_mesh_inverted(const pliant_mesh *mesh, const double *positions);
 
-/** A number per fine node (volume-weighted mean of its tetrahedra). @param out (body->fine.num_nodes) */
+/** A number per fine node (volume-weighted mean of its tetrahedra, which have that of the hexahedron that they are part of).
+ *  @param out (body->fine.num_nodes). Errors: ARGUMENT, MEMORY. */
 PLIANT_API pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar,
                                             float *out);
 /** The same of a simulation as its last step left it; contact_force is of one alone: how large the force by contact on a node is [N].
  *  Errors: MEMORY; of pliant_data_scalar for contact_force ARGUMENT. */
 PLIANT_API pliant_status pliant_data_get_scalar(const pliant_model *model, const pliant_data *data, pliant_scalar scalar, float *out);
-/** And per fine tetrahedron; 0 for contact_force. @param out (body->fine.num_tets) */
-PLIANT_API void pliant_data_tet_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar,
-                                       float *out);
+/** And per fine tetrahedron; 0 for contact_force. @param out (body->fine.num_tets). Errors: MEMORY. */
+PLIANT_API pliant_status pliant_data_tet_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar,
+                                                float *out);
 
 #ifdef __cplusplus
 }

@@ -53,7 +53,7 @@ static pliant_status find_scalars(const deform_run *run, scalar_values *out)
     for (int s = 0; status >= 0 && s < arguments->num_scalars; ++s) {
         status = pliant_data_get_scalar(run->model, run->data, arguments->scalars[s], out->of_node + (size_t)s * (size_t)mesh->num_nodes);
         if (status >= 0)
-            pliant_data_tet_scalar(run->model, body, positions, arguments->scalars[s], out->of_tet + (size_t)s * (size_t)mesh->num_tets);
+            status = pliant_data_tet_scalar(run->model, body, positions, arguments->scalars[s], out->of_tet + (size_t)s * (size_t)mesh->num_tets);
     }
     if (status < 0) free_scalars(out);
     return status;

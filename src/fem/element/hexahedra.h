@@ -27,6 +27,8 @@ pliant_status pliant_cubes_find(const pliant_mesh *mesh, bool boxes, pliant_cube
 /* Leaves of an octree with five tetrahedra that meet at eight nodes, so none in the middle of an edge or face, and that no moved node bends; size: (*count)
  * edge in smallest cells. Errors: MEMORY. */
 pliant_status pliant_octree_cubes_find(const pliant_mesh *mesh, pliant_cube **out, int32_t **size, int32_t *count);
+/* The corners of every leaf that the quasi-static solver has as a hexahedron, -1 of others: *out (num_leaves). Errors: MEMORY. */
+pliant_status pliant_octree_corners_find(const pliant_mesh *mesh, int32_t (**out)[8]);
 /* whether no moved node bends one whose edge is so many cells */
 bool pliant_cube_is_box(const pliant_mesh *mesh, const pliant_cube *cube, int32_t size);
 /* parity: of its cell */

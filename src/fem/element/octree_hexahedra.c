@@ -18,6 +18,7 @@ enum { CORNERS = 8, UNKNOWNS = 24, PLACES = 27 };
 typedef struct leaves {
     const pliant_mesh *mesh;
     pliant_system *system;
+    pliant_upsample *upsample; /* what every node follows */
     int32_t (*origin)[3];     /* (num_leaves) in smallest cells */
     int32_t *size;            /* (num_leaves) likewise; 0: without tissue */
     int32_t *first, *next;    /* (num_leaves) tetrahedra of each: 1 + the first one, by a list through next (tetrahedra) */
@@ -87,7 +88,7 @@ static void follow_corners(const leaves *work, int32_t leaf, int place, int32_t 
 
 static bool follow_alike(const leaves *work, int32_t follower, const int32_t node[CORNERS], const double weight[CORNERS])
 {
-    const pliant_upsample *upsample = work->system->upsample;
+    const pliant_upsample *upsample = work->upsample;
     for (int v = 0; v < CORNERS; v++) {
         double other = 0;
         for (int m = 0; m < CORNERS; m++)
@@ -107,7 +108,7 @@ static void divide(leaves *work, int32_t leaf)
 static void find_followers(leaves *work)
 {
     const pliant_mesh *mesh = work->mesh;
-    pliant_upsample *upsample = work->system->upsample;
+    pliant_upsample *upsample = work->upsample;
     for (int32_t v = 0; v < CORNERS * mesh->num_nodes; v++) {
         upsample->node[v] = v / CORNERS;
         upsample->weights[v] = v % CORNERS == 0;
@@ -133,7 +134,7 @@ static void find_followers(leaves *work)
 /* The nodes that a leaf's corners follow, and C. Returns how many, more than eight: of nodes that a cut has made two of. */
 static int followed(const leaves *work, int32_t leaf, int32_t node[CORNERS], double c[CORNERS][CORNERS])
 {
-    const pliant_upsample *upsample = work->system->upsample;
+    const pliant_upsample *upsample = work->upsample;
     int count = 0;
     memset(c, 0, CORNERS * sizeof *c);
     for (int v = 0; v < CORNERS; v++)
@@ -171,7 +172,7 @@ static void choose(leaves *work)
 static void hold_followers(const leaves *work, uint8_t *fixed)
 {
     const pliant_mesh *mesh = work->mesh;
-    const pliant_upsample *upsample = work->system->upsample;
+    const pliant_upsample *upsample = work->upsample;
     for (int32_t n = 0; n < mesh->num_nodes; n++)
         for (int v = 0; work->follows[n] && fixed[n] && v < CORNERS; v++)
             if (upsample->weights[CORNERS * n + v] > 0) fixed[upsample->node[CORNERS * n + v]] = fixed[n];
@@ -283,19 +284,26 @@ static void end(leaves *work)
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
+/* for choose */
+static pliant_status make_room_for_followers(leaves *work, pliant_upsample *upsample)
+{
+    const size_t nodes = (size_t)work->mesh->num_nodes;
+    work->upsample = upsample;
+    bool good = (work->follows = pliant_calloc(nodes, 1)) && (work->of_tet = pliant_calloc(nodes, 1)) &&
+                (upsample->node = pliant_calloc(nodes, CORNERS * sizeof *upsample->node)) &&
+                (upsample->weights = pliant_calloc(nodes, CORNERS * sizeof *upsample->weights));
+    upsample->corners = CORNERS;
+    return good ? PLIANT_OK : pliant_fail_memory("the hexahedra");
+}
+
 static pliant_status make_room(leaves *work)
 {
     pliant_system *system = work->system;
-    const size_t num_leaves = (size_t)work->mesh->num_leaves, nodes = (size_t)work->mesh->num_nodes;
-    pliant_upsample *upsample = system->upsample = pliant_calloc(1, sizeof *upsample);
-    bool good = upsample && (work->follows = pliant_calloc(nodes, 1)) && (work->of_tet = pliant_calloc(nodes, 1)) &&
+    bool good = (system->upsample = pliant_calloc(1, sizeof *system->upsample)) &&
                 (work->shape = pliant_calloc(2 * (PLIANT_MAX_DEPTH + 1), sizeof *work->shape)) &&
-                (work->element = pliant_calloc(num_leaves, sizeof *work->element)) &&
-                (upsample->node = pliant_calloc(nodes, CORNERS * sizeof *upsample->node)) &&
-                (upsample->weights = pliant_calloc(nodes, CORNERS * sizeof *upsample->weights)) && (system->macros = pliant_calloc(1, sizeof *system->macros));
-    if (!good) return pliant_fail_memory("the hexahedra");
-    upsample->corners = CORNERS;
-    return PLIANT_OK;
+                (work->element = pliant_calloc((size_t)work->mesh->num_leaves, sizeof *work->element)) &&
+                (system->macros = pliant_calloc(1, sizeof *system->macros));
+    return good ? make_room_for_followers(work, system->upsample) : pliant_fail_memory("the hexahedra");
 }
 
 static pliant_status allocate_elements(leaves *work)
@@ -344,5 +352,24 @@ pliant_status pliant_octree_cubes_find(const pliant_mesh *mesh, pliant_cube **ou
         *count += pliant_cube_is_box(mesh, cube, work.size[leaf]);
     }
     end(&work);
+    return status;
+}
+
+pliant_status pliant_octree_corners_find(const pliant_mesh *mesh, int32_t (**out)[8])
+{
+    leaves work = {.mesh = mesh};
+    pliant_upsample upsample = {0};
+    *out = pliant_calloc((size_t)mesh->num_leaves, sizeof **out);
+    pliant_status status = *out ? begin(&work) : pliant_fail_memory("the hexahedra");
+    if (status == PLIANT_OK) status = make_room_for_followers(&work, &upsample);
+    if (status == PLIANT_OK) choose(&work);
+    for (int32_t leaf = 0; status == PLIANT_OK && leaf < mesh->num_leaves; leaf++)
+        for (int v = 0; v < CORNERS; v++) (*out)[leaf][v] = work.whole[leaf] ? work.node[leaf][place_of_corner(v)] : -1;
+    pliant_free(upsample.node);
+    pliant_free(upsample.weights);
+    end(&work);
+    if (status == PLIANT_OK) return PLIANT_OK;
+    pliant_free(*out);
+    *out = NULL;
     return status;
 }

@@ -9,19 +9,42 @@
 #include <math.h>
 #include <string.h>
 
-/* F at the middle of the cube of a tetrahedron, where that is a hexahedron; f stays elsewhere. Five tetrahedra of nearly incompressible tissue change
- * their volumes against each other where the cube does not. */
-static void cube_deformation(const pliant_mesh *mesh, const double *positions, int32_t tet, double f[9])
+/* what is looked at */
+typedef struct view {
+    const pliant_scene *scene;
+    const pliant_mesh *mesh;
+    const double *positions;
+    int32_t (*corner)[8]; /* (leaves) of an octree's hexahedra, -1 of other leaves; NULL: no octree of hexahedra */
+} view;
+
+static pliant_status find_corners(view *look)
+{
+    const pliant_mesh *mesh = look->mesh;
+    pliant_cube *cube;
+    int32_t *size, count;
+    if (look->scene->element.kind != PLIANT_HEXAHEDRA || !mesh->leaf_of_cell) return PLIANT_OK;
+    if (look->scene->solver.kind != PLIANT_TLED) return pliant_octree_corners_find(mesh, &look->corner);
+    look->corner = pliant_calloc((size_t)mesh->num_leaves, sizeof *look->corner);
+    if (!look->corner) return pliant_fail_memory("the hexahedra");
+    memset(look->corner, 0xff, (size_t)mesh->num_leaves * sizeof *look->corner);
+    pliant_status status = pliant_octree_cubes_find(mesh, &cube, &size, &count);
+    for (int32_t c = 0; status == PLIANT_OK && c < count; c++)
+        memcpy(look->corner[pliant_cell_of_tet(mesh, cube[c].tet[0])], cube[c].node, sizeof *look->corner);
+    pliant_free(cube);
+    pliant_free(size);
+    return status;
+}
+
+/* F at the middle of a hexahedron. Five tetrahedra of nearly incompressible tissue change their volumes against each other where the cube does not. */
+static void cube_deformation(const view *look, const int32_t node[8], double f[9])
 {
     const double middle[3] = {0.5, 0.5, 0.5};
     double x[8][3], gradient[8][3];
-    pliant_cube cube;
-    if (!pliant_cube_of(mesh, tet, &cube)) return;
-    for (int v = 0; v < 8; v++) memcpy(x[v], mesh->rest + 3 * cube.node[v], sizeof x[v]);
+    for (int v = 0; v < 8; v++) memcpy(x[v], look->mesh->rest + 3 * node[v], sizeof x[v]);
     pliant_cube_gradients(x, middle, gradient);
     for (int m = 0; m < 9; m++) f[m] = 0;
     for (int v = 0; v < 8; v++)
-        for (int m = 0; m < 9; m++) f[m] += (positions[3 * cube.node[v] + m / 3] - positions[3 * cube.node[0] + m / 3]) * gradient[v][m % 3];
+        for (int m = 0; m < 9; m++) f[m] += (look->positions[3 * node[v] + m / 3] - look->positions[3 * node[0] + m / 3]) * gradient[v][m % 3];
 }
 
 /* rest volume, and F */
@@ -61,10 +84,17 @@ static double mass_change(double volume, double ratio)
 }
 
 /* the same of the element that it is part of */
-static double element_deformation(const pliant_scene *scene, const pliant_mesh *mesh, const double *positions, int32_t tet, double f[9])
+static double element_deformation(const view *look, int32_t tet, double f[9])
 {
-    double volume = deformation_of(mesh, positions, tet, f);
-    if (scene->element.kind == PLIANT_HEXAHEDRA && mesh->lattice_of_tet) cube_deformation(mesh, positions, tet, f);
+    const pliant_mesh *mesh = look->mesh;
+    const double volume = deformation_of(mesh, look->positions, tet, f);
+    pliant_cube cube;
+    if (look->corner) {
+        const int32_t *node = look->corner[pliant_cell_of_tet(mesh, tet)];
+        if (node[0] >= 0) cube_deformation(look, node, f);
+    } else if (look->scene->element.kind == PLIANT_HEXAHEDRA && mesh->lattice_of_tet && pliant_cube_of(mesh, tet, &cube)) {
+        cube_deformation(look, cube.node, f);
+    }
     return volume;
 }
 
@@ -85,13 +115,18 @@ static double measure(const pliant_scene *scene, const double f[9], double volum
     return values[2];
 }
 
-void pliant_data_tet_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar, float *out)
+pliant_status pliant_data_tet_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar, float *out)
 {
     const pliant_mesh *mesh = &body->fine;
-    for (int32_t t = 0; t < mesh->num_tets; t++) {
-        double f[9], volume = element_deformation(&model->scene, mesh, positions, t, f);
-        out[t] = scalar == PLIANT_SCALAR_NONE || scalar == PLIANT_SCALAR_CONTACT_FORCE ? 0 : (float)measure(&model->scene, f, volume, body->fine_material + t, scalar);
+    const bool none = scalar == PLIANT_SCALAR_NONE || scalar == PLIANT_SCALAR_CONTACT_FORCE;
+    view look = {.scene = &model->scene, .mesh = mesh, .positions = positions};
+    const pliant_status status = none ? PLIANT_OK : find_corners(&look);
+    for (int32_t t = 0; status == PLIANT_OK && t < mesh->num_tets; t++) {
+        double f[9], volume = none ? 0 : element_deformation(&look, t, f);
+        out[t] = none ? 0 : (float)measure(&model->scene, f, volume, body->fine_material + t, scalar);
     }
+    pliant_free(look.corner);
+    return status;
 }
 
 pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar, float *out)
@@ -99,19 +134,22 @@ pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *b
     const pliant_mesh *mesh = &body->fine;
     if (scalar == PLIANT_SCALAR_CONTACT_FORCE)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "contact_force is of a simulation, not of positions: pliant_data_get_scalar tells it");
+    view look = {.scene = &model->scene, .mesh = mesh, .positions = positions};
     double *sum = pliant_calloc((size_t)mesh->num_nodes, 2 * sizeof *sum);
-    if (!sum) return pliant_fail_memory("the scalar");
-    for (int32_t t = 0; t < mesh->num_tets && scalar != PLIANT_SCALAR_NONE; t++) {
-        double f[9], volume = element_deformation(&model->scene, mesh, positions, t, f);
+    pliant_status status = sum ? PLIANT_OK : pliant_fail_memory("the scalar");
+    if (status == PLIANT_OK && scalar != PLIANT_SCALAR_NONE) status = find_corners(&look);
+    for (int32_t t = 0; status == PLIANT_OK && t < mesh->num_tets && scalar != PLIANT_SCALAR_NONE; t++) {
+        double f[9], volume = element_deformation(&look, t, f);
         double value = measure(&model->scene, f, volume, body->fine_material + t, scalar);
         for (int v = 0; v < 4; v++) {
             sum[2 * mesh->tets[4 * t + v]] += volume * value;
             sum[2 * mesh->tets[4 * t + v] + 1] += volume;
         }
     }
-    for (int32_t n = 0; n < mesh->num_nodes; n++) out[n] = sum[2 * n + 1] > 0 ? (float)(sum[2 * n] / sum[2 * n + 1]) : 0;
+    for (int32_t n = 0; status == PLIANT_OK && n < mesh->num_nodes; n++) out[n] = sum[2 * n + 1] > 0 ? (float)(sum[2 * n] / sum[2 * n + 1]) : 0;
+    pliant_free(look.corner);
     pliant_free(sum);
-    return PLIANT_OK;
+    return status;
 }
 
 int32_t pliant_mesh_inverted(const pliant_mesh *mesh, const double *positions)
