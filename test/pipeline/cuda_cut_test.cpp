@@ -135,12 +135,14 @@ TEST(CudaCut, CutsOneAfterTheOther)
         }
         const uint64_t before = gpu.data->statistics.factors;
         double carried = 0, renewed = 0;
-        for (int s = 1; s < 24; s++) {
-            const bool cuts = s == 1 || s == 2 || s == 8 || s == 14 || s == 15 || s == 20;
-            const double x = 0.02 + 0.003 * s, points[6] = {x, -0.02, 0.14, x + 0.01, 0.14, 0.14}, depth[3] = {0.004, 0, -0.02 - 0.003 * s};
+        for (int s = 1; s < 20; s++) {
+            const bool cuts = s == 1 || s == 2 || s == 8 || s == 14 || s == 15;
+            // flaps are thick: a thin one snaps over, and where it lands is nobody's answer to compare with
+            const double x = 0.02 + 0.003 * s + (s == 2 || s == 15 ? 0.015 : 0), points[6] = {x, -0.02, 0.14, x + 0.01, 0.14, 0.14}, depth[3] = {0.004, 0, -0.02 - 0.0025 * s};
             for (Body *body : {&cpu, &gpu}) {
                 if (cuts) ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
                 pull(*body, s);
+                EXPECT_LT(body->data->statistics.error, 1e-8) << (body == &cpu ? "CPU" : "GPU") << ", step " << s;
             }
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             ASSERT_EQ(cpu.data->body->fine.num_nodes, gpu.data->body->fine.num_nodes);

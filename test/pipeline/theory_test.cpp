@@ -180,7 +180,7 @@ TEST(Theory, FineNodesBesideWhatIsFixedMoveByTheirShapeFunctions)
         pliant_upsample_weights(system, solved.data(), 1, &n, &weight, blocks.data());
         bool grounded = true;
         for (int32_t e = system->upsample->start[n]; e < system->upsample->start[n + 1]; e++)
-            grounded = grounded && system->grounded[system->upsample->entry_tet[e]];
+            grounded = grounded && system->grounded[system->upsample->entry_element[e]];
         if (!grounded) continue;
         seen++;
         for (int d = 0; d < 3; d++) {
