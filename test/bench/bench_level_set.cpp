@@ -144,9 +144,12 @@ int main(int argc, char **argv)
     if (picture_window(&scan, &low, &high) < 0) return 1;
     std::vector<uint8_t> rgb(4 * wide * scale * tall * scale * 3);
     const std::vector<uint8_t> *masks[4] = {nullptr, &organ, &mixture, &level};
+    /* as in a hospital: the patient's left on the right, the front above */
+    const bool turned[2] = {g.direction[0] < 0, g.direction[4] < 0};
     for (size_t y = 0; y < tall * scale; y++)
         for (size_t x = 0; x < 4 * wide * scale; x++) {
-            const size_t panel = x / (wide * scale), v = x % (wide * scale) / scale + wide * (y / scale + tall * layer);
+            const size_t panel = x / (wide * scale), i = x % (wide * scale) / scale, j = y / scale;
+            const size_t v = (turned[0] ? wide - 1 - i : i) + wide * ((turned[1] ? tall - 1 - j : j) + tall * layer);
             const auto grey = static_cast<uint8_t>(255 * std::min(std::max((pliant_volume_value(&scan, v) - low) / (high - low), 0.0), 1.0));
             uint8_t *pixel = &rgb[3 * (y * 4 * wide * scale + x)];
             pixel[0] = pixel[1] = pixel[2] = grey;
