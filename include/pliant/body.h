@@ -138,6 +138,7 @@ typedef struct pliant_body {
     bool has_inertia;          /**< explicit dynamics: what comes off falls as everything moves; otherwise its nodes are fixed for the solve, and
                                 *   it falls as a rigid body */
     pliant_pieces *pieces;     /**< Nullable: nothing has come off */
+    bool cuts_open;            /**< homogenized tetrahedra: a cut that ends inside one, or between fragments and whole ones, opens there */
 
     const pliant_voxels *voxels; /**< Nullable: only where a scene may cut; one holder of them */
     pliant_cuts *cuts;         /**< Nullable: nothing is severed */

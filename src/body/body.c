@@ -117,6 +117,7 @@ pliant_status pliant_body_begin(const pliant_body *body, uint64_t revision, bool
     next->num_held_pieces = body->num_held_pieces;
     next->falls = body->falls;
     next->has_inertia = body->has_inertia;
+    next->cuts_open = body->cuts_open;
     next->changes = (pliant_body_changes){.since = body->revision, .nodes_before = body->fine.num_nodes, .tets_before = body->fine.num_tets,
                                           .coarse_nodes_before = body->coarse.num_nodes, .coarse_tets_before = body->coarse.num_tets};
     next->lender = pliant_body_retain(body->lender ? body->lender : body);

@@ -132,7 +132,7 @@ TEST(Griffith, ConvergesToTheNotch)
     EXPECT_LT(std::fabs(1 - released[1][2] / released[0][2]), 0.08);
 }
 
-// ---- homogenized models: a coarse tetrahedron parts when it is cut through, so the cuts end on planes of the coarse lattice
+// ---- homogenized models
 
 struct Beam {
     std::unique_ptr<Body> body;
@@ -151,9 +151,9 @@ struct Beam {
         EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(body->settle(), PLIANT_OK);
     }
-    void cut_to(double deep)
+    void cut_to(double deep, double plane = 0.081)
     {
-        const double plane = 0.081, points[6] = {plane, 0.2, -1, plane, 0.2, 1}, way[3] = {0, -0.12 - deep, 0};
+        const double points[6] = {plane, 0.2, -1, plane, 0.2, 1}, way[3] = {0, -0.12 - deep, 0};
         ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, way, nullptr), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(body->settle(), PLIANT_OK);
     }
@@ -200,6 +200,24 @@ TEST(Homogenized, FollowsTheFineOneAfterTheSameCuts)
         }
     }
     EXPECT_GT(fine.work(), 1.3 * work[0]); // that it was cut counts
+}
+
+
+// A cut that ends inside coarse cubes, or in whose front they are cut into halves, opens there as in the fine mesh.
+TEST(Homogenized, FollowsTheFineOneWhereACutEndsInsideCoarseCubes)
+{
+    for (double plane : {0.086, 0.09, 0.113}) {
+        Beam fine(PLIANT_FINE, 1), averaged(PLIANT_AVERAGED, 2), larger(PLIANT_AVERAGED, 4);
+        Beam *both[] = {&averaged, &larger};
+        const double before[2] = {averaged.error_against(fine), larger.error_against(fine)};
+        for (double deep : {0.03, 0.05}) {
+            fine.cut_to(deep, plane);
+            for (int b = 0; b < 2; b++) {
+                both[b]->cut_to(deep, plane);
+                EXPECT_LT(both[b]->error_against(fine), 1.5 * before[b]) << b << ", cut at " << plane << " to " << deep;
+            }
+        }
+    }
 }
 
 } // namespace

@@ -57,7 +57,7 @@ static void average_rows(const pliant_submesh *submesh, int32_t tet, double *phi
         double weight = volume * (submesh->material[submesh->tets[t]].tissue + 1e-3);
         total += weight;
         for (int v = 0; v < 4; v++) {
-            double *row = phi + 36 * (size_t)submesh->local_of[nodes[v]];
+            double *row = phi + 36 * (size_t)submesh->whose[submesh->local_of[nodes[v]]];
             for (int r = 0; r < 3; r++) {
                 for (int c = 0; c < 3; c++) row[12 * r + 3 * r + c] += weight * g[3 * v + c];
                 row[12 * r + 9 + r] += 0.25 * weight;
