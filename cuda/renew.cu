@@ -39,6 +39,7 @@ static pliant_status make(gpu_renewal *renewal)
         CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&renewal->stream, cudaStreamNonBlocking, least)));
     }
     pliant_cuda_preconditioner_free(&renewal->discarded);
+    pliant_cuda_preconditioner_free(&renewal->made); /* of one that failed */
     CUDA_TRY(pliant_system_find_pattern(renewal->of->system));
     pliant_system system = *renewal->of->system;
     system.num_threads = 1;

@@ -237,7 +237,7 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     CUDA_TRY(pliant_cuda_renewal_step(gpu, solver, statistics, &renewed));
     if (gpu->fresh) pliant_solver_forget(solver);
-    if (pliant_solver_rests(solver)) {
+    if (!renewed && pliant_solver_rests(solver)) {
         statistics->iterations = 0;
         tell(gpu, statistics);
         statistics->error_before = statistics->error;

@@ -78,6 +78,7 @@ struct pliant_tissue {
     int32_t num_overlaps;      /* pairs of tetrahedra */
     /* ---- of who searches */
     const pliant_tissue_searcher *searcher; /* Nullable: the CPU */
+    const pliant_tissue_searcher *failed;   /* has failed on this body: not tried again */
     void *searcher_state;
 };
 

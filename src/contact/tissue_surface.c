@@ -29,7 +29,7 @@ void pliant_tissue_free(pliant_tissue *tissue)
 
 void pliant_tissue_set_searcher(pliant_tissue *tissue, const pliant_tissue_searcher *searcher)
 {
-    if (tissue->searcher == searcher) return;
+    if (tissue->searcher == searcher || (searcher && tissue->failed == searcher)) return;
     if (tissue->searcher) tissue->searcher->free(tissue->searcher_state);
     tissue->searcher = searcher;
     tissue->searcher_state = NULL;
@@ -40,7 +40,9 @@ bool pliant_tissue_searched(pliant_tissue *tissue, const double *positions, cons
     if (!tissue->searcher) return false;
     if (tissue->searcher->search(&tissue->searcher_state, tissue, positions, rule) == PLIANT_OK) return true;
     pliant_log(PLIANT_LOG_WARNING, "the search for tissue that touches tissue goes on without a GPU: %s", pliant_last_error());
+    const pliant_tissue_searcher *failed = tissue->searcher;
     pliant_tissue_set_searcher(tissue, NULL);
+    tissue->failed = failed;
     return false;
 }
 

@@ -161,7 +161,7 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
         _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
         double start = pliant_seconds();
         const bool beyond = stage == PLIANT_STEP_solve && data->contacts.count > 0 && !backend->on_host && (!backend->touches || searches_on_the_way(model) || pieces_touch(data));
-        pliant_status status = beyond ? pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tools are near the tissue, and contact is the CPU's") : stages[stage](model, data);
+        pliant_status status = beyond ? pliant_fail(PLIANT_ERROR_UNAVAILABLE, "%s near something, and that contact is the CPU's", pieces_touch(data) ? "a piece that has come off is" : "tissue is") : stages[stage](model, data);
         data->statistics.seconds[stage] = pliant_seconds() - start;
         /* the first stages are the host's own */
         if (status < 0 && stage > PLIANT_STEP_contact && pliant_backend_fall_back(model, data, status)) {

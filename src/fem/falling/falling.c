@@ -114,18 +114,16 @@ static void go_on(pliant_falling *falling, int32_t p, const pliant_falling *from
 static void find_moduli(pliant_falling *falling)
 {
     const pliant_body *body = falling->body;
-    for (int32_t p = 0; p < body->pieces->count; p++) {
-        double sum = 0;
-        int32_t count = 0;
-        for (int32_t t = 0; t < body->fine.num_tets; t++) {
-            if (falling->of_node[body->fine.tets[4 * (size_t)t]] != p || !body->fine_material || !(body->fine_material[t].tissue > 0)) continue;
-            const double lambda = body->fine_material[t].lambda, mu = body->fine_material[t].mu;
-            if (!(lambda + mu > 0)) continue;
-            sum += mu * (3 * lambda + 2 * mu) / (lambda + mu);
-            count++;
-        }
-        falling->touch[p].young = count > 0 ? sum / count : 0;
+    for (int32_t p = 0; p < body->pieces->count; p++) falling->touch[p].young = falling->touch[p].num_young = 0;
+    for (int32_t t = 0; t < body->fine.num_tets && body->fine_material; t++) {
+        const int32_t p = falling->of_node[body->fine.tets[4 * (size_t)t]];
+        const double lambda = body->fine_material[t].lambda, mu = body->fine_material[t].mu;
+        if (p < 0 || !(body->fine_material[t].tissue > 0) || !(lambda + mu > 0)) continue;
+        falling->touch[p].young += mu * (3 * lambda + 2 * mu) / (lambda + mu);
+        falling->touch[p].num_young++;
     }
+    for (int32_t p = 0; p < body->pieces->count; p++)
+        if (falling->touch[p].num_young > 0) falling->touch[p].young /= falling->touch[p].num_young;
 }
 
 static void fill(pliant_falling *falling, const double *positions, const pliant_falling *from, const pliant_body_map *map)

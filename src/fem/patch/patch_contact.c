@@ -50,6 +50,10 @@ void patch_find_presses(pliant_data *data)
         double centre[3], apart[3];
         const double force = pliant_tool_grips(data->tools + t) ? -1 : find_centre(data, t, centre);
         if (force < 0) memset(press, 0, sizeof *press);
+        if (force == 0 && !patch->job.running && patch->holds[t].hold != press->hold) { /* over before its patch was begun */
+            press->hold = patch->holds[t].hold == press->before ? press->before : 0;
+            press->before = 0;
+        }
         if (!(force > 0)) continue;
         for (int d = 0; d < 3; d++) apart[d] = centre[d] - press->centre[d];
         if (press->hold && size_of(apart) < farther * patch->scene->model.patch) continue;

@@ -24,6 +24,7 @@ typedef struct pliant_touch_piece {
     double free[6];        /* how far it goes, and turns about its centre, if nothing touches it [m, rad] */
     double answer[36];     /* what a force and a torque about its centre add to that [m/N, rad/(N m)] */
     double young;          /* of its tissue, by which points of it give way [Pa] */
+    int32_t num_young;     /* tetrahedra that this is the mean of */
 } pliant_touch_piece;
 typedef struct pliant_touch_pieces {
     const int32_t *of_node; /* (fine nodes) which piece; -1: none */

@@ -6,6 +6,8 @@
 
 #include <string.h>
 
+enum { MOST_ROWS = 600 }; /* beyond, a dense factor takes longer than the step that it is for */
+
 /* rows of A: points', in the order of the list, then the tools' */
 static void fill_matrix(const pliant_solver *solver, pliant_held *held, const double *springs)
 {
@@ -54,6 +56,8 @@ pliant_status pliant_held_create(const pliant_solver *solver, pliant_held *held,
     }
     held->rows = held->contact_rows + 3 * held->num_tools;
     if (held->rows == 0) return PLIANT_OK;
+    *holds = held->rows <= MOST_ROWS;
+    if (!*holds) return PLIANT_OK;
     const size_t rows = (size_t)held->rows;
     held->factor = pliant_calloc(rows * rows, sizeof *held->factor);
     held->right = pliant_calloc(rows, sizeof *held->right);

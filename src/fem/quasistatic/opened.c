@@ -167,7 +167,7 @@ static void take_points(pliant_solver *solver, const newton_step *found, double 
     }
 }
 
-/* How fast the potential energy falls along the way where it has led to, by elastic forces alone. */
+/* How fast the potential energy falls along the way where it has led to. */
 static double slope_at(pliant_solver *solver, const double *way)
 {
     double *left = solver->trial.residual;
@@ -192,6 +192,17 @@ static void go(pliant_solver *solver, const newton_step *found, double share)
     if (solver->rotations) pliant_nodal_rotations_update(solver->system, solver->now.x, solver->rotations);
 }
 
+/* What is kept of answers of the preconditioner is anew in axes that have turned. */
+static pliant_status respond_in_axes(pliant_solver *solver)
+{
+    if (!solver->rotations) return PLIANT_OK;
+    pliant_solver_turned(solver);
+    pliant_in_use_turned(&solver->in_use);
+    pliant_status status = pliant_solver_respond(solver);
+    if (solver->touches) pliant_answers_forget(&solver->touches->answers);
+    return status == PLIANT_OK ? pliant_touches_respond(solver) : status;
+}
+
 /* The state is Newton's, and the axes are of it. */
 static pliant_status take_step(pliant_solver *solver, const newton_step *found)
 {
@@ -212,18 +223,22 @@ static pliant_status take_step(pliant_solver *solver, const newton_step *found)
         const double before = slope;
         slope = slope_at(solver, found->way);
         if (slope > 0) continue;
-        const double back = part * slope / (slope - before); /* to where it is lowest */
+        const double lowest = part * slope / (slope - before), back = isfinite(lowest) ? lowest : part; /* to where it is lowest */
         go(solver, found, -back);
         gone -= back;
         break;
     }
     take_points(solver, found, gone);
-    if (!solver->rotations) return PLIANT_OK;
-    pliant_solver_turned(solver);
-    pliant_in_use_turned(&solver->in_use);
-    pliant_status status = pliant_solver_respond(solver);
-    if (solver->touches) pliant_answers_forget(&solver->touches->answers);
-    return status == PLIANT_OK ? pliant_touches_respond(solver) : status;
+    solver->opened_axes = solver->rotations != NULL;
+    return respond_in_axes(solver);
+}
+
+pliant_status pliant_solver_open_back(pliant_solver *solver)
+{
+    if (!solver->opened_axes) return PLIANT_OK;
+    solver->opened_axes = false;
+    pliant_nodal_rotations_update(solver->system, solver->previous_x, solver->rotations);
+    return respond_in_axes(solver);
 }
 
 pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *evaluations)
@@ -231,7 +246,7 @@ pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *e
     const int32_t least = 4; /* evaluations: the state, a product, what it leads to, and what is left of that */
     bool goes = solver->opened && !solver->system->basis && most >= least;
     *evaluations = 0;
-    solver->opened = false;
+    solver->opened = solver->opened_axes = false;
     if (!goes) return PLIANT_OK;
     pliant_status status = pliant_solver_evaluate(solver, &solver->now);
     if (status != PLIANT_OK || !isfinite(solver->now.merit) || !(solver->now.merit > 0)) return status;

@@ -189,6 +189,7 @@ static pliant_status iterate(pliant_solver *solver, step_time *time)
         if (rules->take) swap_iterates(solver);
         if (pliant_touches_any(solver->touches) && (first || rules->take)) pliant_touches_take(solver->touches);
         if (rules->forget) pliant_solver_forget(solver);
+        if (rules->next == PLIANT_NEXT_PREVIOUS && (status = pliant_solver_open_back(solver)) != PLIANT_OK) return status;
         prepare_next(solver);
     } while (rules->next != PLIANT_NEXT_DONE && rules->next != PLIANT_NEXT_BLIND);
     return PLIANT_OK;

@@ -115,6 +115,7 @@ struct pliant_solver {
     bool awake;                 /* there is what a step needs, which is what follows but for load, now.x, dense_weights and handles */
     pliant_nodal_rotations *rotations;          /* Nullable: the axes that it is used in */
     bool opened;                /* the next step is the first one after a cut */
+    bool opened_axes;           /* the axes are those of Newton's step, which is still to be judged */
     pliant_refresh *refresh;    /* Nullable */
     pliant_background *background; /* Nullable; borrowed: when what it makes is put to use */
     uint32_t takes_factor, takes_history; /* and what these are called there */
@@ -176,6 +177,8 @@ pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_iterate *at);
 /* Before the first step after a cut: Newton's, of at most so many evaluations. evaluations: out: how many it took; 0: this is no such step.
  * Errors: MEMORY, NUMERIC. */
 pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *evaluations);
+/* What that led to is no good: back to the axes of the state before. Errors: MEMORY, NUMERIC. */
+pliant_status pliant_solver_open_back(pliant_solver *solver);
 
 /* ---- handle.c */
 static inline bool pliant_handle_is_spring(const pliant_handle *handle) { return handle->active && !handle->by_force && handle->count > 0; }
