@@ -196,7 +196,7 @@ static pliant_status fix(builder *build)
     if (!body->fine_fixed || !build->loose) return pliant_fail_memory("the fixed nodes");
     for (int32_t n = 0; n < fine->num_nodes; n++) body->fine_fixed[n] = pliant_fixed_node(model, n);
     const int holds_none = pliant_fixed_planes_tell(model);
-    /* of hexahedra, which are truer, cuts would open too far (NUMERICS 13) */
+    /* of hexahedra, which are truer, cuts would open too far (NUMERICS 10) */
     body->cuts_open = model->scene.element.kind != PLIANT_HEXAHEDRA &&
                       (model->scene.model.method == PLIANT_AVERAGED || model->scene.model.method == PLIANT_CALIBRATED);
     body->has_inertia = model->scene.solver.kind == PLIANT_TLED && !model->scene.tled.quasi_static;
