@@ -154,9 +154,11 @@ class HostileTest(unittest.TestCase):
         pedal = rospy.Publisher("/some/energy", Joy, queue_size=1)
         wait_for(pedal.get_num_connections, "the recorder")
         self.step.fresh()
-        while "the disk is full" not in said.get("recording", ""):
+
+        def is_full():
             pedal.publish(Joy(axes=numpy.random.rand(20000)))
-            time.sleep(0.05)
+            return "the disk is full" in said.get("recording", "")
+        wait_for(is_full, "the disk to be full", pause=0.05)
         self.goes_on()
         pedal.unregister()
         os.killpg(recorder.pid, signal.SIGINT)
