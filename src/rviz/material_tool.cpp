@@ -2,10 +2,10 @@
 
 #include "pliant/material.h"
 #include "pliant/session.h"
+#include "rviz/service.h"
 
 #include <pluginlib/class_list_macros.hpp>
 #include <ros/node_handle.h>
-#include <ros/service.h>
 #include <rviz/display_context.h>
 #include <rviz/properties/bool_property.h>
 #include <rviz/properties/float_property.h>
@@ -173,7 +173,7 @@ void MaterialTool::change_material()
     setStatus(QString("%1: a model with it is built.").arg(QString::fromStdString(chosen_)));
     std::shared_ptr<Change> change = change_;
     std::thread([change] {
-        change->reached = ros::service::call(change->name, change->service);
+        change->reached = call_service(change->name, &change->service);
         change->answered = true;
     }).detach();
 }

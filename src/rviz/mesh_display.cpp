@@ -2,6 +2,7 @@
 
 #include "rviz/colour_bar.h"
 #include "rviz/material.h"
+#include "rviz/service.h"
 #include "rviz/shaders.h"
 
 #include "pliant/scene.h"
@@ -14,7 +15,6 @@
 
 #include <dynamic_reconfigure/Reconfigure.h>
 #include <pluginlib/class_list_macros.hpp>
-#include <ros/service.h>
 #include <rviz/display_context.h>
 #include <rviz/frame_manager.h>
 #include <rviz/properties/bool_property.h>
@@ -38,6 +38,8 @@ enum Mode { SURFACE, WIREFRAME, CUT_AWAY };
 enum ColourBy { BY_SCALAR, BY_MATERIAL, BY_ONE_COLOUR, BY_DISPLACEMENT };
 
 static const char *const DISPLACEMENT = "displacement";
+// from the answer to a state with the scalar that was asked for [s]
+static const double PATIENCE = 1;
 // names of the scene's option
 static const char *const SCALARS[] = {
 #define SCALAR_NAME(value, name) #name,
@@ -49,6 +51,7 @@ struct MeshDisplay::Wish {
     dynamic_reconfigure::Reconfigure service;
     std::string name, scalar;
     bool reached = false;
+    ros::WallTime answered_at;
     std::atomic<bool> answered{false};
 };
 
@@ -299,7 +302,8 @@ void MeshDisplay::follow_scalar()
     if (wish_ && wish_->answered) {
         const bool granted = last_->scalar_name == wish_->scalar || (wish_->scalar == SCALARS[0] && last_->scalar_name.empty());
         if (!wish_->reached) setStatusStd(rviz::StatusProperty::Error, "Scalar", "no answer from " + wish_->name + ": see the property Node");
-        if (granted || !wish_->reached) wish_.reset();
+        const bool refused = ros::WallTime::now() - wish_->answered_at > ros::WallDuration(PATIENCE);
+        if (granted || refused || !wish_->reached) wish_.reset();
     }
     if (wish_) return;
     following_ = true;
@@ -322,7 +326,8 @@ void MeshDisplay::change_scalar()
     wish_->service.request.config.strs.push_back(choice);
     std::shared_ptr<Wish> wish = wish_;
     std::thread([wish] {
-        wish->reached = ros::service::call(wish->name, wish->service);
+        wish->reached = call_service(wish->name, &wish->service);
+        wish->answered_at = ros::WallTime::now();
         wish->answered = true;
     }).detach();
 }

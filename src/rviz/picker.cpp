@@ -1,11 +1,11 @@
 #include "rviz/picker.h"
 
+#include "rviz/service.h"
 #include "rviz/volume_display.h"
 
 #include <OgreCamera.h>
 #include <OgreViewport.h>
 
-#include <ros/service.h>
 #include <rviz/display_context.h>
 #include <rviz/display_group.h>
 #include <rviz/viewport_mouse_event.h>
@@ -80,7 +80,7 @@ void Picker::ask(rviz::DisplayContext *context, const Ogre::Ray &ray, const std:
     }
     std::shared_ptr<Question> question = question_;
     std::thread([question] {
-        question->reached = ros::service::call(question->name, question->service);
+        question->reached = call_service(question->name, &question->service);
         question->answered = true;
     }).detach();
 }

@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
+#include <iomanip>
+#include <locale>
 #include <sstream>
 
 namespace pliant_rviz {
@@ -67,14 +68,26 @@ Colour colour_at(const Preset &preset, double at)
 
 std::string points_text(const std::vector<ControlPoint> &points)
 {
-    std::string out;
-    char text[96];
+    std::ostringstream out;
+    out.imbue(std::locale::classic()); // a point is a point, whatever a desktop's language
     for (const ControlPoint &point : points) {
         const Colour &c = point.colour;
-        std::snprintf(text, sizeof text, "%s%.4g, %.3g, %.3g, %.3g, %.4g", out.empty() ? "" : "; ", point.at, c.r, c.g, c.b, c.a);
-        out += text;
+        out << (&point == &points.front() ? "" : "; ") << std::setprecision(4) << point.at << std::setprecision(3);
+        out << ", " << c.r << ", " << c.g << ", " << c.b << ", " << std::setprecision(4) << c.a;
     }
-    return out;
+    return out.str();
+}
+
+static bool read_point(const std::string &text, ControlPoint *out)
+{
+    std::istringstream in(text);
+    in.imbue(std::locale::classic());
+    Colour &c = out->colour;
+    char comma = ',';
+    in >> out->at;
+    for (double *number : {&c.r, &c.g, &c.b, &c.a})
+        if (!(in >> comma >> *number) || comma != ',') return false;
+    return !(in >> comma); // nothing is left
 }
 
 std::string points_from_text(const std::string &text, std::vector<ControlPoint> *out)
@@ -83,11 +96,9 @@ std::string points_from_text(const std::string &text, std::vector<ControlPoint> 
     std::istringstream all(text);
     for (std::string each; std::getline(all, each, ';');) {
         ControlPoint point;
-        Colour &c = point.colour;
-        int end = 0;
+        const Colour &c = point.colour;
         const std::string name = "point " + std::to_string(read.size() + 1);
-        if (std::sscanf(each.c_str(), "%lf ,%lf ,%lf ,%lf ,%lf %n", &point.at, &c.r, &c.g, &c.b, &c.a, &end) != 5 || size_t(end) != each.size())
-            return name + " is not place, red, green, blue, opacity: " + each;
+        if (!read_point(each, &point)) return name + " is not place, red, green, blue, opacity: " + each;
         for (double number : {point.at, c.r, c.g, c.b, c.a})
             if (!(number >= 0 && number <= 1)) return name + " has a number outside of 0 to 1: " + each;
         if (!read.empty() && !(point.at > read.back().at)) return name + " lies before the one before it: " + each;
@@ -109,15 +120,17 @@ void move_point(std::vector<ControlPoint> *points, size_t which, double at, doub
     (*points)[which].colour.a = std::min(std::max(opacity, 0.0), 1.0);
 }
 
-size_t add_point(std::vector<ControlPoint> *points, double at)
+int add_point(std::vector<ControlPoint> *points, double at)
 {
     Preset line;
     line.points = *points;
     size_t which = 0;
     while (which < points->size() && (*points)[which].at < at) which++;
+    const double low = which > 0 ? (*points)[which - 1].at + APART : 0, high = which < points->size() ? (*points)[which].at - APART : 1;
+    if (low > high) return -1;
     points->insert(points->begin() + long(which), {at, colour_at(line, at)});
     move_point(points, which, at, (*points)[which].colour.a);
-    return which;
+    return int(which);
 }
 
 bool remove_point(std::vector<ControlPoint> *points, size_t which)

@@ -39,9 +39,9 @@ Colour colour_at(const Preset &preset, double at);
 std::string points_text(const std::vector<ControlPoint> &points);
 std::string points_from_text(const std::string &text, std::vector<ControlPoint> *out);
 
-// What a hand does to them. A point stays between its neighbours; of two points none is taken away.
+// What a hand does to them. A point stays between its neighbours, and none comes where they leave no room; of two points none is taken away.
 void move_point(std::vector<ControlPoint> *points, size_t which, double at, double opacity);
-size_t add_point(std::vector<ControlPoint> *points, double at); // on the line; its number
+int add_point(std::vector<ControlPoint> *points, double at); // on the line; its number, -1: no room
 bool remove_point(std::vector<ControlPoint> *points, size_t which);
 
 // Premultiplied colours over the window, 16 bits a channel (the shaders know the size too), for slices that are `distance` apart (in units of the

@@ -111,7 +111,7 @@ void TransferCurve::paintEvent(QPaintEvent *)
 void TransferCurve::mousePressEvent(QMouseEvent *event)
 {
     const int which = point_at(event->localPos());
-    if (event->button() == Qt::RightButton && which >= 0 && remove_point(&function_.points, size_t(which))) Q_EMIT changed();
+    if (event->button() == Qt::RightButton && held_ < 0 && which >= 0 && remove_point(&function_.points, size_t(which))) Q_EMIT changed();
     if (event->button() == Qt::LeftButton) held_ = which;
     update();
 }
@@ -138,7 +138,8 @@ void TransferCurve::mouseDoubleClickEvent(QMouseEvent *event)
         choose_colour(which);
         return;
     }
-    held_ = int(add_point(&function_.points, at_of(event->localPos())));
+    held_ = add_point(&function_.points, at_of(event->localPos()));
+    if (held_ < 0) return;
     move_point(&function_.points, size_t(held_), at_of(event->localPos()), opacity_of(event->localPos()));
     update();
     Q_EMIT changed();
@@ -146,10 +147,10 @@ void TransferCurve::mouseDoubleClickEvent(QMouseEvent *event)
 
 void TransferCurve::choose_colour(int which)
 {
-    Colour &colour = function_.points[size_t(which)].colour;
-    const QColor chosen = QColorDialog::getColor(colour_of(colour), this, "Colour of the point");
+    const QColor chosen = QColorDialog::getColor(colour_of(function_.points[size_t(which)].colour), this, "Colour of the point");
     held_ = -1;
-    if (!chosen.isValid()) return;
+    if (!chosen.isValid() || size_t(which) >= function_.points.size()) return; // others came meanwhile
+    Colour &colour = function_.points[size_t(which)].colour;
     colour = {chosen.redF(), chosen.greenF(), chosen.blueF(), colour.a};
     update();
     Q_EMIT changed();

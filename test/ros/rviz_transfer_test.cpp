@@ -4,7 +4,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <clocale>
 #include <cmath>
+#include <locale>
 #include <set>
 
 using namespace pliant_rviz;
@@ -122,14 +124,51 @@ TEST(Points, StayInOrderUnderAHand)
     EXPECT_EQ(points[2].at, 1);
     EXPECT_EQ(points[2].colour.a, 0);
     points = {{0.2, {0, 0, 0, 0}}, {0.8, {1, 1, 1, 1}}};
-    EXPECT_EQ(add_point(&points, 0.5), 1u);
+    EXPECT_EQ(add_point(&points, 0.5), 1);
     EXPECT_NEAR(points[1].colour.r, 0.5, 1e-12);
     EXPECT_NEAR(points[1].colour.a, 0.5, 1e-12);
-    EXPECT_EQ(add_point(&points, 0.9), 3u);
+    EXPECT_EQ(add_point(&points, 0.9), 3);
     EXPECT_TRUE(remove_point(&points, 0));
     EXPECT_TRUE(remove_point(&points, 0));
     EXPECT_FALSE(remove_point(&points, 0)) << "two are left";
     EXPECT_EQ(points.size(), 2u);
+}
+
+TEST(Points, OneMoreComesOnlyWhereThereIsRoom)
+{
+    std::vector<ControlPoint> points = {{0, {0, 0, 0, 0}}, {0.4, {0, 0, 0, 0.5}}, {0.4015, {0, 0, 0, 1}}, {1, {1, 1, 1, 1}}}, read;
+    for (double at : {0.0, 0.401, 1.0, 0.9995, 0.4}) {
+        add_point(&points, at);
+        ASSERT_EQ(points_from_text(points_text(points), &read), "") << at;
+    }
+    EXPECT_EQ(add_point(&points, 0), -1);
+    EXPECT_EQ(add_point(&points, 0.401), -1);
+    points = {{0, {0, 0, 0, 0}}, {1, {1, 1, 1, 1}}};
+    EXPECT_EQ(add_point(&points, 0.0001), 1) << "moved to where it may be";
+    EXPECT_EQ(points_from_text(points_text(points), &read), "");
+}
+
+struct Comma : std::numpunct<char> {
+    char do_decimal_point() const override { return ','; }
+};
+
+// Qt takes on the desktop's language, which may write 0,5
+TEST(Points, AreTextOfNoLanguage)
+{
+    const std::vector<ControlPoint> points = {{0.25, {0.5, 0, 0, 0}}, {0.75, {1, 1, 1, 0.5}}};
+    const std::locale before = std::locale::global(std::locale(std::locale::classic(), new Comma));
+    const std::string numbers = std::setlocale(LC_NUMERIC, nullptr);
+    for (const char *name : {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8", "nl_NL.UTF-8"}) // where one is installed
+        if (std::setlocale(LC_NUMERIC, name)) break;
+    std::vector<ControlPoint> read;
+    const std::string text = points_text(points), wrong = points_from_text("0.25, 0.5, 0, 0, 0; 0.75 ,1 ,1 ,1 ,0.5", &read);
+    std::setlocale(LC_NUMERIC, numbers.c_str());
+    std::locale::global(before);
+    EXPECT_EQ(text, "0.25, 0.5, 0, 0, 0; 0.75, 1, 1, 1, 0.5");
+    EXPECT_EQ(wrong, "");
+    ASSERT_EQ(read.size(), 2u);
+    EXPECT_EQ(read[1].at, 0.75);
+    EXPECT_EQ(read[1].colour.a, 0.5);
 }
 
 } // namespace
