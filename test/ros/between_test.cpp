@@ -233,6 +233,13 @@ TEST(PoseFilter, TakesJitterWhereItIsAskedFor)
     EXPECT_EQ(on.next(11.02, "camera", pose).translation[0], 0.1) << "in another frame, too";
     told = on.next(11.03, "camera", pose);
     EXPECT_EQ(told.translation[0], 0.1);
+    pose.translation[0] = 0.4;
+    EXPECT_EQ(on.next(11.03, "camera", pose).translation[0], 0.1) << "two of one stamp";
+    EXPECT_EQ(on.next(11.01, "camera", pose).translation[0], 0.1) << "one that comes late";
+    told = on.next(11.04, "camera", pose);
+    EXPECT_GT(told.translation[0], 0.15);
+    EXPECT_LT(told.translation[0], 0.25) << "it goes on from there";
+    EXPECT_EQ(on.next(1, "camera", pose).translation[0], 0.4) << "a clock that was set back";
 }
 
 } // namespace

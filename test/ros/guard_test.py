@@ -2,6 +2,8 @@
 """The force guard as a node: what reaches the hand, and the zeros that it gets when something stops, the guard is stopped itself, or killed."""
 import os
 import signal
+import socket
+import struct
 import subprocess
 import threading
 import time
@@ -80,8 +82,24 @@ class Guarded(unittest.TestCase):
         self.wait(lambda: self.feels(0), "zeros")
         self.wait(lambda: time.time() - self.received[-1][0] > 0.5, "silence")
         self.wait(lambda: any("follow" in text for text in self.said.values()), "the reason in diagnostics")
+        self.assertEqual(self.first_message().wrench.force.z, 0)  # whoever listens from now on may feel the force of a guard before this one
         self.following.publish(Bool(True))
         self.wait(lambda: self.feels(1), "the force again")
+
+    def first_message(self):
+        """That another listener gets, by a connection of its own."""
+        address = rosgraph.Master("/guard_test").lookupNode("/tissue/guard")
+        code, text, (_, host, port) = xmlrpc.client.ServerProxy(address).requestTopic("/console", "/MTMR/body/servo_cf", [["TCPROS"]])
+        self.assertEqual(code, 1, text)
+        link = socket.create_connection((host, port), timeout=10)
+        self.addCleanup(link.close)
+        fields = ["callerid=/console", "topic=/MTMR/body/servo_cf", "type=" + WrenchStamped._type, "md5sum=" + WrenchStamped._md5sum]
+        header = b"".join(struct.pack("<I", len(field)) + field.encode() for field in fields)
+        link.sendall(struct.pack("<I", len(header)) + header)
+        stream = link.makefile("rb")
+        read = lambda: stream.read(*struct.unpack("<I", stream.read(4)))
+        read()  # the guard's own header
+        return WrenchStamped().deserialize(read())
 
     def test_3_zeros_when_the_simulation_stops_sending(self):
         self.wait(lambda: self.feels(1), "a force")

@@ -94,7 +94,16 @@ int main(int argc, char **argv)
     auto timing = handle.subscribe<pliant::StepTiming>("timing", 1, [&](const pliant::StepTimingConstPtr &message) {
         guard.error(monotonic(), message->error);
     }, ros::VoidConstPtr(), hints);
-    ros::Publisher out = handle.advertise<geometry_msgs::WrenchStamped>("servo_cf", 1);
+    /* whoever comes once it is closed feels the last force of a guard before it still; the zeros so far went to others */
+    const ros::SubscriberStatusCallback comes = [&](const ros::SingleSubscriberPublisher &hand) {
+        const bool moves = guard.state() == pliant_ros::GuardState::RISING || guard.state() == pliant_ros::GuardState::OPEN;
+        if (!settings.enabled || moves) return;
+        geometry_msgs::WrenchStamped zero;
+        zero.header.stamp = ros::Time::now();
+        zero.header.frame_id = frame;
+        hand.publish(zero);
+    };
+    ros::Publisher out = handle.advertise<geometry_msgs::WrenchStamped>("servo_cf", 1, comes);
     ros::Publisher absolute = handle.advertise<std_msgs::Bool>("set_cf_orientation_absolute", 1, true);
     if (settings.enabled) {
         std_msgs::Bool yes; /* forces are in the axes of the arm's reference frame, not in those of the hand */

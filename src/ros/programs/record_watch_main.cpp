@@ -9,6 +9,7 @@
 #include <sys/stat.h>
 #include <sys/statvfs.h>
 
+#include <algorithm>
 #include <memory>
 #include <string>
 
@@ -16,7 +17,9 @@ namespace {
 
 using diagnostic_msgs::DiagnosticStatus;
 
-/* The newest of the bags of a recording. */
+const double megabyte = 1024 * 1024; /* as rosbag counts */
+
+/* The newest of the bags of a recording. rosbag adds the date, and a number where it splits; another recording's name goes on otherwise. */
 struct Bag {
     std::string path;
     double megabytes = 0;
@@ -33,10 +36,12 @@ Bag newest(const std::string &prefix)
     for (const dirent *file; files && (file = readdir(files.get()));) {
         const std::string name = file->d_name;
         struct stat told;
-        if (name.compare(0, begins.size(), begins) != 0 || name.find(".bag") == std::string::npos || stat((folder + name).c_str(), &told) != 0) continue;
+        if (name.compare(0, begins.size(), begins) != 0) continue;
+        const size_t end = std::min(name.find_first_not_of("0123456789-_", begins.size()), name.size());
+        if (name.compare(end, 4, ".bag") != 0 || stat((folder + name).c_str(), &told) != 0) continue;
         if (!out.path.empty() && (told.st_mtim.tv_sec < when.tv_sec || (told.st_mtim.tv_sec == when.tv_sec && told.st_mtim.tv_nsec <= when.tv_nsec))) continue;
         when = told.st_mtim;
-        out = {folder + name, 1e-6 * static_cast<double>(told.st_size), name.size() > 7 && name.compare(name.size() - 7, 7, ".active") == 0};
+        out = {folder + name, static_cast<double>(told.st_size) / megabyte, name.size() > 7 && name.compare(name.size() - 7, 7, ".active") == 0};
     }
     return out;
 }
@@ -61,7 +66,7 @@ int main(int argc, char **argv)
         struct statvfs room;
         const size_t slash = prefix.rfind('/');
         const bool known = statvfs(slash == std::string::npos ? "." : prefix.substr(0, slash + 1).c_str(), &room) == 0;
-        const double free = known ? 1e-6 * static_cast<double>(room.f_bavail) * static_cast<double>(room.f_frsize) : 0;
+        const double free = known ? static_cast<double>(room.f_bavail) * static_cast<double>(room.f_frsize) / megabyte : 0;
         if (known && free < least)
             status.summary(DiagnosticStatus::ERROR, "the disk is full: nothing more is recorded; what there is stays (rosbag reindex makes a bag of a .active that was left)");
         else if (!bag.open) status.summary(was_open ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN, was_open ? "the recorder has ended" : "nothing is recorded yet");

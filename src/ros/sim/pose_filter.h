@@ -16,10 +16,11 @@ public:
     /* cutoff [Hz]; 0: poses stay as they come */
     explicit PoseFilter(double cutoff = 0) : cutoff_(cutoff) {}
 
-    /* The next one, by its stamp [s]. After a gap, or in another frame, it begins anew. */
+    /* The next one, by its stamp [s]. After a gap, or in another frame, it begins anew; one that is no newer changes nothing. */
     Rigid next(double stamp, const std::string &frame, const Rigid &pose)
     {
         const double gap = 0.1, elapsed = stamp - stamp_; /* [s] */
+        if (cutoff_ > 0 && elapsed <= 0 && elapsed > -gap && frame == frame_) return last_;
         const bool goes_on = cutoff_ > 0 && elapsed > 0 && elapsed < gap && frame == frame_;
         const double share = goes_on ? 1 - std::exp(-2 * M_PI * cutoff_ * elapsed) : 1;
         double dot = 0, square = 0;
