@@ -114,4 +114,10 @@ void FastForces::frame(size_t tool, const pliant_data &data, const ToolSample &s
     arm.between.frame(seconds(now), arm.linear, acts && sample.present);
 }
 
+void FastForces::stop(size_t tool)
+{
+    std::lock_guard<InheritingMutex> hold(arms_[tool]->lock);
+    arms_[tool]->between.stop();
+}
+
 } // namespace pliant_ros

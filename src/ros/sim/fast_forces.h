@@ -24,6 +24,8 @@ public:
 
     /* After a step, by the simulation. acts false: forces are zero. */
     void frame(size_t tool, const pliant_data &data, const ToolSample &sample, bool acts);
+    /* After one that broke off: forces fall to zero, until frame says otherwise. */
+    void stop(size_t tool);
 
 private:
     struct Arm {

@@ -232,9 +232,17 @@ void Simulation::turn(Clock::time_point start)
     measure(std::chrono::duration<double>(Clock::now() - start).count());
 }
 
-/* Out of memory, say: told, and the next step tries again. */
+/* Out of memory, say: told, forces fall, and the next step tries again. */
 void Simulation::report_failure(const std::exception &failed)
 {
+    for (size_t i = 0; i < samples_.size(); ++i) {
+        try {
+            if (fast_forces_->is_on()) fast_forces_->stop(i);
+            else publish_force(i, pliant_tool_state{}, false, ros::Time::now());
+        } catch (const std::exception &) {
+            /* not published; the next one begins with a rise all the same */
+        }
+    }
     try {
         state_->set(SimState::FAULT, failed.what());
         ROS_ERROR_THROTTLE(5, "a step broke off: %s", failed.what());

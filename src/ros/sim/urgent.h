@@ -2,7 +2,7 @@
  *
  * Of roscpp's own locks none inherits a priority. An ordinary thread that is put aside while it holds one (every publication of the process
  * goes through one, until the message is serialized) holds up the answers for as long as the machine has other things to do: 1 to 5 ms in one
- * of a hundred on two cores with a load of 17. So ordinary threads publish as urgent ones. */
+ * of a hundred on two cores with a load of 17. So ordinary threads publish ahead of all others but those that answer. */
 #ifndef PLIANT_ROS_SIM_URGENT_H
 #define PLIANT_ROS_SIM_URGENT_H
 
@@ -12,13 +12,14 @@
 
 namespace pliant_ros {
 
-enum { URGENT_PRIORITY = 10 /* among real-time threads */ };
+/* among real-time threads; what publishes serializes and compresses meanwhile, which no answer waits for */
+enum { URGENT_PRIORITY = 10, PUBLISHING_PRIORITY = URGENT_PRIORITY - 1 };
 
 /* False where this user may not. */
-inline bool make_urgent(pthread_t thread)
+inline bool make_urgent(pthread_t thread, int among = URGENT_PRIORITY)
 {
     sched_param priority{};
-    priority.sched_priority = URGENT_PRIORITY;
+    priority.sched_priority = among;
     return pthread_setschedparam(thread, SCHED_FIFO, &priority) == 0;
 }
 
@@ -29,10 +30,10 @@ inline std::atomic<bool> &answers_hands()
     return on;
 }
 
-/* While it lives, this thread is urgent, if answers_hands. */
+/* While it lives, this thread publishes: it is next to the urgent ones, if answers_hands. */
 class Urgent {
 public:
-    Urgent() : raised_(answers_hands() && pthread_getschedparam(pthread_self(), &kind_, &before_) == 0 && kind_ == SCHED_OTHER && make_urgent(pthread_self())) {}
+    Urgent() : raised_(answers_hands() && pthread_getschedparam(pthread_self(), &kind_, &before_) == 0 && kind_ == SCHED_OTHER && make_urgent(pthread_self(), PUBLISHING_PRIORITY)) {}
     ~Urgent()
     {
         if (raised_) pthread_setschedparam(pthread_self(), kind_, &before_);
