@@ -122,7 +122,11 @@ class CheckpointTest(unittest.TestCase):
     def test_1b_another_pose_that_it_is_started_with_holds(self):
         self.wait_for_file()
         rospy.set_param(NAMESPACE + "sim/tissue_pose", "0.1 0 0.5 0 0 0 1")
-        self.runs_again(self.kill())
+        rospy.set_param(NAMESPACE + "sim/output/mesh_rate", 20.0)
+        killed = self.kill()
+        self.runs_again(killed)
+        told = self.session.since(killed)
+        self.assertEqual([told.mesh_rate, told.gravity[2]], [20, -1.5], "what it is started with holds, and what was set live")
         self.assertIn("went on from", self.node.state.message.message)
         frames = tf2_ros.Buffer()
         tf2_ros.TransformListener(frames)

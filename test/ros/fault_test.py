@@ -249,7 +249,8 @@ class FaultTest(unittest.TestCase):
             return process
 
         def start_master():
-            program = "from rosmaster.main import rosmaster_main; rosmaster_main()"
+            # in a container that is started anew it often has the same number
+            program = "import os; os.getpid = lambda: 7; from rosmaster.main import rosmaster_main; rosmaster_main()"
             process = start(sys.executable, "-c", program, "--core", "-p", str(port))
             wait_for(lambda: answers(master.is_online), "a master")
             return process
@@ -266,16 +267,18 @@ class FaultTest(unittest.TestCase):
             return state and [set(name for name, nodes in kind if "/tissue/sim" in nodes) for kind in state]
         first = start_master()
         node = start(roslib.packages.find_node("pliant", "pliant_node")[0], "__ns:=/tissue", "__name:=sim", "_scan/path:=" + SMALL, "_tools:=grasper")
-        wait_for(lambda: answers(lambda: master.getParam("/tissue/sim/slice/axial")) is not None, "the node's live settings")
         wait_for(lambda: known() and "/diagnostics" in known()[0], "the node")
         wait_for(lambda: "/tissue/load_scan" in known()[2], "its services")
+        setting = "config: {doubles: [{name: slice_axial, value: 0.25}]}"
+        subprocess.check_call(["rosservice", "call", "/tissue/sim/set_parameters", setting], env=environment, stdout=subprocess.DEVNULL, timeout=60)
+        wait_for(lambda: answers(lambda: master.getParam("/tissue/sim/slice/axial")) == 0.25, "what was set live")
         time.sleep(1.2)  # it looks once a second
         before = known()
         first.send_signal(signal.SIGINT)
         first.wait()
         start_master()
         wait_for(lambda: known() == before, "the same topics and services")
-        wait_for(lambda: answers(lambda: master.getParam("/tissue/sim/slice/axial")) is not None, "its live settings")
+        wait_for(lambda: answers(lambda: master.getParam("/tissue/sim/slice/axial")) == 0.25, "what was set live")
         self.assertEqual(master.getParam("/tissue/sim/scan/path"), SMALL)
         told = subprocess.run(["rostopic", "echo", "-n", "1", "/diagnostics"], env=environment, stdout=subprocess.PIPE, universal_newlines=True, timeout=60)
         self.assertRegex(told.stdout, 'key: "registered again"\n *value: "1"')

@@ -367,8 +367,7 @@ for line in sys.stdin:
         change(Config(doubles=[DoubleParameter("gravity_y", 9.81)]))
         wait_for(lambda: self.node.displacement() > 1e-4, "the tissue to sag")
         wait_for(lambda: rospy.get_param(NAMESPACE + "sim/model/gravity", None) == [0, 9.81, 0], "gravity on the parameter server")
-        self.assertEqual(rospy.get_param(NAMESPACE + "sim/grasp/stiffness"), 500)
-        self.assertEqual(rospy.get_param(NAMESPACE + "sim/slice/axial"), 0.5)
+        self.assertFalse(rospy.has_param(NAMESPACE + "sim/slice/axial"), "nobody has set it: the next scene may")
         answer = change(Config(doubles=[DoubleParameter("gravity_y", 0.0), DoubleParameter("gravity_x", float("nan"))]))
         values = {number.name: number.value for number in answer.config.doubles}
         self.assertEqual(values["gravity_x"], 0.0)

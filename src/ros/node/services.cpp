@@ -177,7 +177,7 @@ std::string Services::go_on(const Saved &saved)
     pliant_scene live = *pliant_model_get_scene(next->model);
     apply_settings(session, &live);
     simulation_->swap(next, &moment); /* what is refused changes nothing */
-    live_->assign(live);
+    live_->go_on(scene_of(saved.rest.start_scene), live);
     if (saved.rest.start_pose == pose_message(parameters_.tissue_pose)) registration_->go_on(saved.rest.parent_frame, saved.rest.tissue_pose);
     tell_of(*next);
     std::lock_guard<std::mutex> locked(lock_);

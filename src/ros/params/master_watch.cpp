@@ -19,7 +19,7 @@ namespace {
 using XmlRpc::XmlRpcValue;
 
 const std::chrono::seconds period(1);
-enum { LOOKS_PER_LIST = 16 /* what is advertised later is known then */ };
+enum { LOOKS_PER_LIST = 16 /* what is advertised later is known then */, NOBODY = -1 };
 
 /* The master's answer; false: none, or a refusal. */
 bool ask(const char *what, const std::vector<std::string> &words, XmlRpcValue *payload)
@@ -104,15 +104,20 @@ void MasterWatch::run()
 
 void MasterWatch::look()
 {
-    XmlRpcValue process;
+    XmlRpcValue process, address;
     if (!ask("getPid", {}, &process)) {
         if (problem_.get().empty()) ROS_WARN("the master does not answer: links that are there go on, nobody new is found");
         problem_.set("the master does not answer: links that are there go on, nobody new is found");
         return;
     }
-    const int now = process;
-    if (master_ != 0 && now != master_) {
-        register_again();
+    const int now = process; /* in a container that is started anew often the same */
+    if (master_ != 0 && (now != master_ || !ask("lookupNode", {ros::this_node::getName()}, &address))) {
+        if (ros::isShuttingDown()) return; /* it is not meant to be known */
+        master_ = NOBODY;
+        if (!register_again()) {
+            problem_.set("the master was started anew, and has not taken all topics, services and parameters of this node yet");
+            return;
+        }
         ++returns_;
         ROS_WARN("the master was started anew: topics, services and parameters of this node are registered again");
         if (came_back_) came_back_();
@@ -124,26 +129,29 @@ void MasterWatch::look()
     problem_.set("");
 }
 
-void MasterWatch::register_again()
+bool MasterWatch::register_again()
 {
+    bool good = true;
     XmlRpcValue request, response, ignored;
     request[0] = ros::this_node::getName();
     request[1] = private_name_;
     request[2] = parameters_;
-    if (parameters_.valid()) ros::master::execute("setParam", request, response, ignored, false);
+    if (parameters_.valid()) good = ros::master::execute("setParam", request, response, ignored, false);
     const std::string own = ros::XMLRPCManager::instance()->getServerURI();
     const std::string services = "rosrpc://" + ros::network::getHost() + ":" + std::to_string(ros::ConnectionManager::instance()->getTCPPort());
-    for (const std::string &service : services_) ask("registerService", {service, services, own}, &ignored);
+    for (const std::string &service : services_) good = ask("registerService", {service, services, own}, &ignored) && good;
     std::vector<std::string> topics, subscribed;
     ros::TopicManager::instance()->getAdvertisedTopics(topics);
     for (const std::string &topic : topics)
         if (ros::PublicationPtr publication = ros::TopicManager::instance()->lookupPublication(topic))
-            ask("registerPublisher", {topic, publication->getDataType(), own}, &ignored);
+            good = ask("registerPublisher", {topic, publication->getDataType(), own}, &ignored) && good;
     ros::TopicManager::instance()->getSubscribedTopics(subscribed);
     for (const std::string &topic : subscribed) {
         XmlRpcValue publishers;
         if (ask("registerSubscriber", {topic, "*", own}, &publishers)) tell_publishers(topic, publishers);
+        else good = false;
     }
+    return good;
 }
 
 } // namespace pliant_ros

@@ -29,14 +29,14 @@ public:
 private:
     void run();
     void look();
-    void register_again();
+    bool register_again(); /* false: the master has not taken all of it */
 
     const std::string private_name_;
     const std::function<void()> came_back_;
     XmlRpc::XmlRpcValue parameters_;
     std::vector<std::string> services_;
     unsigned looks_ = 0;
-    int master_ = 0; /* process of the one that knows this one; 0: not known yet */
+    int master_ = 0; /* process of the one that knows this one; 0: not known yet, NOBODY: the one that answers does not */
     Problem problem_;
     std::atomic<unsigned> returns_{0};
     std::mutex lock_;

@@ -43,6 +43,8 @@ const Entry entries[] = {
 
 /* the one that is a choice */
 const char *const SCALAR = "scalar", *const SCALAR_OPTION = "output/scalar";
+/* the one that is three */
+const char *const GRAVITY_OPTION = "model/gravity";
 
 struct Range {
     const char *option, *unit, *text;
@@ -105,19 +107,26 @@ bool store(const std::string &path, const XmlRpc::XmlRpcValue &value)
     return ros::master::execute("setParam", request, response, payload, false);
 }
 
-bool store(const std::string &name, LiveSettings settings)
+std::string path_of(const Entry &entry)
+{
+    std::string path = entry.option ? entry.option : entry.name;
+    if (!entry.option) path[path.find('_')] = '/';
+    return path;
+}
+
+/* those of the paths alone */
+bool store(const std::string &name, LiveSettings settings, const std::set<std::string> &paths)
 {
     XmlRpc::XmlRpcValue gravity;
     for (int d = 0; d < 3; ++d) gravity[d] = settings.gravity[d];
-    if (!store(name + "/model/gravity", gravity)) return false;
+    if (paths.count(GRAVITY_OPTION) > 0 && !store(name + "/" + GRAVITY_OPTION, gravity)) return false;
     for (const Entry &entry : entries) {
-        std::string path = entry.option ? entry.option : entry.name;
-        if (path == "model/gravity") continue;
-        if (!entry.option) path[path.find('_')] = '/';
+        const std::string path = path_of(entry);
+        if (path == GRAVITY_OPTION || paths.count(path) == 0) continue;
         const double value = value_of(entry, settings);
         if (!store(name + "/" + path, entry.real ? XmlRpc::XmlRpcValue(value) : XmlRpc::XmlRpcValue(static_cast<int>(value)))) return false;
     }
-    return store(name + "/" + SCALAR_OPTION, XmlRpc::XmlRpcValue(scalar_name(settings.scalar)));
+    return paths.count(SCALAR_OPTION) == 0 || store(name + "/" + SCALAR_OPTION, XmlRpc::XmlRpcValue(scalar_name(settings.scalar)));
 }
 
 void append_scalar(pliant_scalar scalar, dynamic_reconfigure::Config *config)
@@ -215,6 +224,7 @@ Live::Live(ros::NodeHandle handle, const Parameters &parameters) : name_(handle.
 
 Live::~Live()
 {
+    service_.shutdown(); /* it uses what goes before it */
     {
         std::lock_guard<std::mutex> hold(lock_);
         stopping_ = true;
@@ -232,8 +242,9 @@ void Live::keep_stored()
         if (stopping_) return;
         unstored_ = false;
         const LiveSettings settings = settings_;
+        const std::set<std::string> set = set_;
         hold.unlock();
-        const bool stored = store(name_, settings);
+        const bool stored = store(name_, settings, set);
         hold.lock();
         if (stored) continue;
         unstored_ = true;
@@ -251,11 +262,13 @@ void Live::store_again()
 bool Live::serve(Reconfigure::Request &request, Reconfigure::Response &response)
 {
     std::lock_guard<std::mutex> hold(lock_);
+    const LiveSettings before = settings_;
     for (const Entry &entry : entries) {
         for (const auto &number : request.config.doubles)
             if (number.name == entry.name) set_value(entry, number.value, &settings_);
         for (const auto &number : request.config.ints)
             if (number.name == entry.name) set_value(entry, number.value, &settings_);
+        if (value_of(entry, settings_) != value_of(entry, before)) set_.insert(path_of(entry));
     }
     for (const auto &choice : request.config.strs) {
         pliant_scene scene;
@@ -264,6 +277,7 @@ bool Live::serve(Reconfigure::Request &request, Reconfigure::Response &response)
         if (pliant_scene_set(&scene, SCALAR_OPTION, choice.value.c_str()) == PLIANT_OK) settings_.scalar = scene.output.scalar;
         else ROS_WARN("scalar: %s", pliant_last_error());
     }
+    if (settings_.scalar != before.scalar) set_.insert(SCALAR_OPTION);
     response.config = config_of(settings_);
     publish();
     return true;
@@ -293,6 +307,18 @@ void Live::assign(const pliant_scene &scene)
 {
     std::lock_guard<std::mutex> hold(lock_);
     take(scene, &settings_);
+    publish();
+}
+
+void Live::go_on(const pliant_scene &start, const pliant_scene &last)
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    LiveSettings began = settings_, ended = settings_;
+    take(start, &began);
+    take(last, &ended);
+    for (const Entry &entry : entries)
+        if (value_of(entry, began) == value_of(entry, settings_)) set_value(entry, value_of(entry, ended), &settings_);
+    if (began.scalar == settings_.scalar) settings_.scalar = ended.scalar;
     publish();
 }
 

@@ -1,4 +1,4 @@
-/* What may change while the simulation runs, by dynamic_reconfigure; what holds is on the parameter server, too, under the options' names. Names, ranges and descriptions come from the
+/* What may change while the simulation runs, by dynamic_reconfigure; what was set so is on the parameter server, too, under the options' names. Names, ranges and descriptions come from the
    scene's own list of options, at run time: no second list in a .cfg file can drift from it. */
 #ifndef PLIANT_ROS_SIM_LIVE_H
 #define PLIANT_ROS_SIM_LIVE_H
@@ -11,6 +11,7 @@
 #include <condition_variable>
 #include <functional>
 #include <mutex>
+#include <set>
 #include <thread>
 
 namespace pliant_ros {
@@ -39,6 +40,8 @@ public:
     void when_changed(std::function<void(const LiveSettings &)> tell);
     /* What another scene says of these; slices stay. */
     void assign(const pliant_scene &scene);
+    /* After one that was started with one scene, and had the other's settings in the end: those hold, but what was told otherwise since. */
+    void go_on(const pliant_scene &start, const pliant_scene &last);
     /* On the parameter server once more: it may be another one. */
     void store_again();
     /* Into a scene that is to be built. */
@@ -52,6 +55,7 @@ private:
     const std::string name_;
     mutable std::mutex lock_;
     LiveSettings settings_;
+    std::set<std::string> set_; /* options that somebody has set while it runs: those are on the parameter server */
     std::function<void(const LiveSettings &)> tell_;
     ros::Publisher descriptions_, updates_;
     ros::ServiceServer service_;
