@@ -4,6 +4,7 @@
 #include <std_msgs/Bool.h>
 #include <std_msgs/String.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -135,13 +136,16 @@ bool Tools::is_fresh(const ros::Time &stamp, const ros::Time &now, bool held) co
     return age >= -max_age_ && age <= max_age_ + (held ? hold_ : 0);
 }
 
-/* The newest of the waiting poses that tf can place at its own stamp; what is older than that is of no use any more. */
+/* The newest of the waiting poses that tf can place at its own stamp; what is older than that is of no use any more. Poses come meanwhile. */
 void Tools::transform(Tool *tool)
 {
+    std::unique_lock<InheritingMutex> hold(tool->lock);
+    const std::deque<Waiting> waiting = tool->waiting;
+    hold.unlock();
     tool->untransformed.clear();
-    for (size_t i = tool->waiting.size(); i-- > 0;) {
-        const Waiting &candidate = tool->waiting[i];
-        const bool newest = i + 1 == tool->waiting.size();
+    for (size_t i = waiting.size(); i-- > 0;) {
+        const Waiting &candidate = waiting[i];
+        const bool newest = i + 1 == waiting.size();
         Rigid tissue_from_frame = identity();
         std::string why;
         bool found = candidate.frame == tissue_frame_;
@@ -156,12 +160,16 @@ void Tools::transform(Tool *tool)
         }
         if (newest && !found) tool->untransformed = why;
         if (!found) continue;
+        hold.lock();
+        const auto still = std::find_if(tool->waiting.begin(), tool->waiting.end(),
+                                        [&](const Waiting &each) { return each.stamp == candidate.stamp && each.frame == candidate.frame; });
+        if (still == tool->waiting.end()) return; /* the tool has gone since */
         tool->has_last = true;
         tool->last_stamp = candidate.stamp;
         tool->last_frame = candidate.frame;
         tool->last_in_tissue = multiply(tissue_from_frame, candidate.pose);
         tool->last_tissue_in_frame = inverse(tissue_from_frame);
-        tool->waiting.erase(tool->waiting.begin(), tool->waiting.begin() + static_cast<std::ptrdiff_t>(i) + 1);
+        tool->waiting.erase(tool->waiting.begin(), still + 1);
         return;
     }
 }
@@ -191,8 +199,8 @@ std::string Tools::reason(const Tool &tool, const ros::Time &now) const
 ToolSample Tools::sample(size_t index, const ros::Time &now)
 {
     Tool *tool = tools_[index].get();
-    std::lock_guard<InheritingMutex> hold(tool->lock);
     transform(tool);
+    std::lock_guard<InheritingMutex> hold(tool->lock);
     update_jaw(tool, now);
     ToolSample out;
     out.present = tool->present = tool->has_last && is_fresh(tool->last_stamp, now, tool->present);
