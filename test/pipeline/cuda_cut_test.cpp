@@ -149,7 +149,7 @@ TEST(CudaCut, CutsOneAfterTheOther)
             EXPECT_LT(farthest(cpu, gpu), 1e-5 * box[0]) << "step " << s;
             (cuts ? carried : renewed) = gpu.data->statistics.iterations;
         }
-        EXPECT_GE(gpu.data->statistics.factors, before + 4);
+        EXPECT_GE(gpu.data->statistics.factors, before + 3); // two of the cuts come while one is being made
         EXPECT_GT(gpu.data->body->fine.num_nodes, gpu.model->body->fine.num_nodes + 50);
         // an old inverse, mended about the cut, takes some evaluations more, not many times as many
         EXPECT_LT(carried, 5 * renewed + 10);
