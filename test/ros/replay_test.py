@@ -163,9 +163,9 @@ class ReplayTest(unittest.TestCase):
             return bool(back) and max(seen[back[0]:]) >= self.live[-1][0]
         replayed = self.replay(played_twice, rate="4", loop="true", sim_time="true")
         stamps = [stamp for stamp, _ in replayed]
-        back = next(i for i in range(1, len(stamps)) if stamps[i] < stamps[i - 1] - 10 ** 9)
-        self.assert_same(replayed[:back], self.live)
-        self.assert_same(replayed[back:], self.live)
+        back = [i for i in range(1, len(stamps)) if stamps[i] < stamps[i - 1] - 10 ** 9] + [len(stamps)]
+        self.assert_same(replayed[:back[0]], self.live)
+        self.assert_same(replayed[back[0]:back[1]], self.live)  # a third time may have begun
 
     def test_another_mesh_is_refused(self):
         with open(self.scene) as file:
