@@ -3,10 +3,10 @@
 #include "body/parts.h"
 
 #include "base/fail.h"
+#include "base/pairs.h"
 #include "mesh/faces.h"
 #include "pliant/memory.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 typedef struct search {
@@ -132,25 +132,6 @@ static void join_nodes(const search *work, int32_t *part)
         if (part[n] >= 0) part[n] = first_of(part, n);
 }
 
-static int by_pair(const void *a, const void *b)
-{
-    const int32_t *i = a, *j = b;
-    if (i[0] != j[0]) return i[0] < j[0] ? -1 : 1;
-    return i[1] < j[1] ? -1 : i[1] > j[1];
-}
-
-/* each once; returns how many */
-static int32_t sort_pairs(int32_t *pair, int32_t count)
-{
-    int32_t kept = 0;
-    qsort(pair, (size_t)count, 2 * sizeof *pair, by_pair);
-    for (int32_t i = 0; i < count; i++) {
-        if (kept > 0 && by_pair(pair + 2 * kept - 2, pair + 2 * i) == 0) continue;
-        memmove(pair + 2 * kept++, pair + 2 * i, 2 * sizeof *pair);
-    }
-    return kept;
-}
-
 /* joints of before between pieces and what stays, or within pieces; returns how many */
 static int32_t list_old(const search *work, const int32_t *part, bool within, int32_t *joint)
 {
@@ -180,9 +161,9 @@ static void list_joints(const search *work, const int32_t *part, pliant_pieces *
         joint[2 * count] = n;
         joint[2 * count++ + 1] = n;
     }
-    pieces->num_joints = sort_pairs(joint, count);
+    pieces->num_joints = pliant_pairs_sort(joint, count);
     joint += 2 * pieces->num_joints;
-    pieces->num_inner = sort_pairs(joint, list_old(work, part, true, joint));
+    pieces->num_inner = pliant_pairs_sort(joint, list_old(work, part, true, joint));
 }
 
 /* part: as join_nodes has left it; afterwards the number of the piece */

@@ -4,6 +4,7 @@
 #include "cut/work.h"
 
 #include "base/fail.h"
+#include "base/pairs.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -312,28 +313,17 @@ static pliant_status add_joint(cut_work *work, const element *own, const element
     return PLIANT_OK;
 }
 
-static int by_pair(const void *a, const void *b)
-{
-    const int32_t *i = a, *j = b;
-    if (i[0] != j[0]) return i[0] < j[0] ? -1 : 1;
-    return i[1] < j[1] ? -1 : i[1] > j[1];
-}
-
 /* Nodes that joints keep together, by the first of them: (node of before, first), ascending by the latter. Returns how many. */
 static int32_t list_hung(const pliant_body *body, int32_t *part, int32_t *hung)
 {
     const int32_t *joint = body->pieces->joint, joints = body->pieces->num_joints + body->pieces->num_inner;
-    int32_t count = 0;
     for (int32_t n = 0; n < body->fine.num_nodes; n++) part[n] = n;
     for (int32_t j = 0; j < joints; j++) join(part, joint[2 * j], joint[2 * j + 1]);
     for (int32_t v = 0; v < 2 * joints; v++) {
         hung[2 * v] = first_of(part, joint[v]);
         hung[2 * v + 1] = joint[v];
     }
-    qsort(hung, 2 * (size_t)joints, 2 * sizeof *hung, by_pair);
-    for (int32_t v = 0; v < 2 * joints; v++)
-        if (count == 0 || by_pair(hung + 2 * count - 2, hung + 2 * v) != 0) memmove(hung + 2 * count++, hung + 2 * v, 2 * sizeof *hung);
-    return count;
+    return pliant_pairs_sort(hung, 2 * joints);
 }
 
 /* Nodes that joints have kept together: corners around them that are joined still. */

@@ -2,29 +2,11 @@
 #include "cut/work.h"
 
 #include "base/fail.h"
+#include "base/pairs.h"
 #include "pliant/memory.h"
 
 #include <stdlib.h>
 #include <string.h>
-
-static int by_pair(const void *a, const void *b)
-{
-    const int32_t *i = a, *j = b;
-    if (i[0] != j[0]) return i[0] < j[0] ? -1 : 1;
-    return i[1] < j[1] ? -1 : i[1] > j[1];
-}
-
-/* pairs in order, each once; returns how many */
-static int32_t sort_pairs(int32_t *pair, int32_t count)
-{
-    int32_t kept = 0;
-    qsort(pair, (size_t)count, 2 * sizeof *pair, by_pair);
-    for (int32_t i = 0; i < count; i++) {
-        if (kept > 0 && pair[2 * (kept - 1)] == pair[2 * i] && pair[2 * (kept - 1) + 1] == pair[2 * i + 1]) continue;
-        memmove(pair + 2 * kept++, pair + 2 * i, 2 * sizeof *pair);
-    }
-    return kept;
-}
 
 static int32_t count_voxels(const cut_work *work, int32_t tet) { return work->voxels->start[tet + 1] - work->voxels->start[tet]; }
 
@@ -99,7 +81,7 @@ static pliant_status gather_chips(const cut_work *work, pliant_cuts *next)
         next->chip[2 * next->num_chips] = work->fragment[f].tet;
         next->chip[2 * next->num_chips++ + 1] = cut_number(work, end);
     }
-    next->num_chips = sort_pairs(next->chip, next->num_chips);
+    next->num_chips = pliant_pairs_sort(next->chip, next->num_chips);
     return PLIANT_OK;
 }
 
@@ -120,14 +102,14 @@ static pliant_status gather_joins(const cut_work *work, pliant_cuts *next)
         made[2 * count] = a < b ? a : b;
         made[2 * count++ + 1] = a < b ? b : a;
     }
-    count = sort_pairs(made, count);
+    count = pliant_pairs_sort(made, count);
     for (int32_t old = 0, now = 0; old < before || now < count;) {
         const int32_t *join = old < before ? cuts->join + 2 * old : NULL;
         if (join && (work->state[cut_parent(work, join[0])] > 0 || work->state[cut_parent(work, join[1])] > 0)) {
             old++;
             continue;
         }
-        const int order = !join ? 1 : now == count ? -1 : by_pair(join, made + 2 * now);
+        const int order = !join ? 1 : now == count ? -1 : pliant_pair_order(join, made + 2 * now);
         memcpy(next->join + 2 * next->num_joins++, order <= 0 ? join : made + 2 * now, 2 * sizeof *made);
         old += order <= 0;
         now += order >= 0;
