@@ -80,7 +80,7 @@ static __device__ void judge(decision &now, int room)
     const bool first = rules.next == PLIANT_NEXT_FIRST;
     const int target = gpu_target(&state);
     const double merit = find_merit(now, target);
-    const int32_t left = pliant_even_left(&state.step.limit, rules.evaluations + 1, first ? merit : rules.first_merit);
+    const int32_t left = pliant_even_remaining(&state.step.limit, rules.evaluations + 1, first ? merit : rules.first_merit);
     const bool plain = !rules.mixes && state.rows == 0 && !state.step.touches && (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_DESCENT);
     state.evaluated = 1;
     if (state.ending) state.evaluated = pliant_anderson_judge_end(&rules, merit);

@@ -1,6 +1,6 @@
 #include "check.h"
 #include "base/fail.h"
-#include "fem/coarse/macro_element.h"
+#include "fem/element/macro_element.h"
 #include "macro.h"
 #include "rotation.cuh"
 #include "state.h"

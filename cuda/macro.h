@@ -1,8 +1,8 @@
-/* Macro-elements of lod on the GPU (struct pliant_macros of src/fem/system.h, src/fem/coarse/macro.c). */
+/* Macro-elements of lod on the GPU (struct pliant_macros of src/fem/system.h, src/fem/element/macro.c). */
 #ifndef PLIANT_CUDA_MACRO_H
 #define PLIANT_CUDA_MACRO_H
 
-#include "fem/coarse/macro_element.h"
+#include "fem/element/macro_element.h"
 #include "fem/system.h"
 
 #include <cuda_runtime_api.h>

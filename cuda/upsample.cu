@@ -1,5 +1,5 @@
 #include "check.h"
-#include "fem/coarse/macro_element.h"
+#include "fem/element/macro_element.h"
 #include "fem/coarse/shaped.h"
 #include "rotation.cuh"
 #include "upsample.h"

@@ -1,6 +1,6 @@
 // The preconditioner of a body before, carried over to a next one.
 #include "fem/linear/carried.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "pipeline/body.h"
 #include "pipeline/fragments.h"
 #include "pliant/memory.h"

@@ -1,4 +1,4 @@
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 
 #include <Eigen/Dense>
 #include <gtest/gtest.h>

@@ -1,15 +1,17 @@
-// Folders do not include each other in circles: each of those named here can be read without what is built on it.
+// Folders do not include each other in circles, and neither they nor files call each other in circles: each can be read without what is built on it.
 #include <gtest/gtest.h>
 
+#include <cstdio>
 #include <fstream>
 #include <glob.h>
 #include <map>
 #include <set>
 #include <string>
+#include <vector>
 
 namespace {
 
-using Graph = std::map<std::string, std::map<std::string, std::string>>; // folder -> folder -> an include that leads there
+using Graph = std::map<std::string, std::map<std::string, std::string>>; // folder or file -> another -> an include, or a symbol, that leads there
 
 void add_folder(const std::string &root, const std::string &folder, Graph &graph)
 {
@@ -40,6 +42,44 @@ std::string way(const Graph &graph, const std::string &from, const std::string &
         if (!rest.empty()) return edge.first == to ? rest : edge.second + "\n" + rest;
     }
     return "";
+}
+
+// which file of the library uses a symbol that which other one defines; by folders, or by files
+Graph calls(bool by_folders)
+{
+    std::map<std::string, std::set<std::string>> uses;
+    std::map<std::string, std::string> definer;
+    FILE *listing = popen("xargs nm -A -P -g < " PLIANT_OBJECTS_LIST, "r");
+    char line[4096], path[2048], symbol[1024], kind;
+    while (listing && fgets(line, sizeof line, listing)) {
+        if (std::sscanf(line, "%2047s %1023s %c", path, symbol, &kind) != 3) continue;
+        const std::string all = path, mark = ".dir/";
+        const size_t begin = all.find(mark);
+        if (begin == std::string::npos || all.find("/__/") != std::string::npos) continue; // made by the build, or of cuda/
+        const std::string file = all.substr(begin + mark.size()), name = by_folders ? file.substr(0, file.rfind('/')) : file;
+        if (kind == 'U') uses[name].insert(symbol);
+        else if (std::string("TDBRi").find(kind) != std::string::npos) definer.emplace(symbol, name); // what is inline is everybody's
+    }
+    if (listing) pclose(listing);
+    Graph graph;
+    for (const auto &each : uses)
+        for (const std::string &used : each.second) {
+            const auto found = definer.find(used);
+            if (found != definer.end() && found->second != each.first) graph[each.first][found->second] = each.first + " " + used;
+        }
+    return graph;
+}
+
+TEST(Folders, CallEachOtherInNoCircle)
+{
+    for (bool by_folders : {true, false}) {
+        const Graph graph = calls(by_folders);
+        ASSERT_GT(graph.size(), by_folders ? 15u : 150u);
+        for (const auto &each : graph) {
+            std::set<std::string> seen;
+            EXPECT_EQ(way(graph, each.first, each.first, seen), "") << each.first;
+        }
+    }
 }
 
 TEST(Folders, IncludeEachOtherInNoCircle)

@@ -11,12 +11,12 @@ extern "C" {
 /* ---- body.c: what a next body has of this one, but for what follows from its corners: who is across faces, and the surface */
 pliant_status pliant_body_begin(const pliant_body *body, uint64_t revision, bool with_cuts, pliant_body **out);
 
-/* ---- divide.c: a list with count elements at first, made longer; copies of the elements that source (those appended) names */
+/* ---- append.c: a list with count elements at first, made longer; copies of the elements that source (those appended) names */
 pliant_status pliant_body_append(void *list, size_t size, int32_t count, int32_t appended, const int32_t *source);
 /* likewise: the parents; a list that is NULL is made first */
 pliant_status pliant_body_append_parents(int32_t **parent, int32_t count, int32_t appended, const int32_t *source);
 
-/* ---- divide.c: copies of fine nodes of next, at its end */
+/* copies of fine nodes of next, at its end */
 pliant_status pliant_body_append_nodes(pliant_body *next, int32_t appended, const int32_t *source);
 
 /* ---- across.c: next->across, by what next->changes lists; cuts: of next, where fragments are of voxels, else NULL */

@@ -1,6 +1,5 @@
-/* Which voxels of a tetrahedron hang together, at load and after cuts. */
+/* The voxels of a body, as they are made at load: who owns which, of what material. */
 #include "body/links.h"
-#include "body/parts.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"
@@ -32,61 +31,6 @@ void pliant_voxels_release(const pliant_voxels *voxels)
 {
     if (voxels && atomic_fetch_sub_explicit(&voxels->holders->count, 1, memory_order_acq_rel) == 1) free_voxels((pliant_voxels *)voxels);
 }
-
-/* ---- who hangs together */
-
-bool pliant_voxels_joined(const pliant_voxels *voxels, const pliant_cuts *cuts, int32_t a, int32_t b)
-{
-    const pliant_links links = {.voxels = voxels, .cuts = cuts};
-    int32_t from[3], to[3];
-    int8_t step[3];
-    int count = 0;
-    pliant_place_of(voxels, a, from);
-    pliant_place_of(voxels, b, to);
-    for (int d = 0; d < 3; d++) {
-        if (to[d] - from[d] > 1 || from[d] - to[d] > 1) return false;
-        step[d] = (int8_t)(to[d] - from[d]);
-        count += step[d] != 0;
-    }
-    return (count == 1 || count == 2) && pliant_joined(&links, a, from, step);
-}
-
-int32_t pliant_voxels_parts(const pliant_voxels *voxels, const pliant_cuts *cuts, int32_t tet, int32_t *part)
-{
-    const pliant_links links = {.voxels = voxels, .cuts = cuts};
-    const int32_t *list = voxels->voxel + voxels->start[tet], count = voxels->start[tet + 1] - voxels->start[tet];
-    int32_t parts = 0, at[3];
-    for (int32_t i = 0; i < count; i++) part[i] = i;
-    for (int32_t i = 0; i < count; i++) {
-        pliant_place_of(voxels, list[i], at);
-        for (int n = 0; n < 9; n++) {
-            int32_t other = pliant_step_to(voxels, list[i], at, pliant_behind[n]);
-            if (other < 0 || voxels->owner[other] != tet || !pliant_joined(&links, list[i], at, pliant_behind[n])) continue;
-            join(part, i, pliant_voxel_in(voxels, tet, other));
-        }
-    }
-    for (int32_t b = voxels->bridge_start[tet]; b < voxels->bridge_start[tet + 1]; b++)
-        if (!pliant_bridge_severed(cuts, b))
-            join(part, pliant_voxel_in(voxels, tet, voxels->bridge[2 * b]), pliant_voxel_in(voxels, tet, voxels->bridge[2 * b + 1]));
-    for (int32_t i = 0; i < count; i++) part[i] = first_of(part, i);
-    for (int32_t i = 0; i < count; i++) part[i] = part[i] == i ? parts++ : part[part[i]];
-    return parts;
-}
-
-int32_t pliant_voxels_fragment(const pliant_voxels *voxels, const pliant_cuts *cuts, int32_t voxel)
-{
-    const int32_t tet = voxels->owner[voxel];
-    int32_t low = 0, high = cuts && tet >= 0 ? cuts->num_tets : 0;
-    while (low < high) {
-        int32_t middle = low + (high - low) / 2;
-        if (cuts->tet[middle] < tet) low = middle + 1;
-        else high = middle;
-    }
-    if (tet < 0 || !cuts || low == cuts->num_tets || cuts->tet[low] != tet) return tet;
-    return cuts->voxel_fragment[cuts->voxel_start[low] + pliant_voxel_in(voxels, tet, voxel)];
-}
-
-/* ---- making them */
 
 /* by the lattice, with its rule for ties; where nodes were moved, and in an octree, by the tetrahedra themselves */
 static pliant_status find_owners(const pliant_mesh *fine, pliant_voxels *voxels)

@@ -136,6 +136,10 @@ typedef struct pliant_kept {
 } pliant_kept;
 
 /* ---- elements.c */
+/* What it owns but its preconditioner; the struct is zeroed. */
+void pliant_system_clear(pliant_system *system);
+/* the first from one on that is not kept; count: there is none */
+int32_t pliant_next_not_kept(const uint8_t *kept, int32_t count, int32_t from);
 /* Isotropic linear tetrahedra. [H] 2.1. before, kept: Nullable: those of another system that are the same */
 pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept);
 /* 12 x 12 of one: K = V B' E B, as lambda g_i g_j' + mu g_j g_i' + mu (g_i . g_j) I per 3 x 3 block. */
@@ -156,8 +160,6 @@ pliant_status pliant_system_number(pliant_system *system, const uint8_t *fixed);
 pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fixed, const pliant_system *before, const uint8_t *kept);
 /* system->mean_diagonal; turning the elements does not change it. before, kept: Nullable: those of another system that are the same. Errors: MEMORY. */
 pliant_status pliant_system_find_mean_diagonal(pliant_system *system, const pliant_system *before, const uint8_t *kept);
-/* the first from one on that is not kept; count: there is none */
-int32_t pliant_next_not_kept(const uint8_t *kept, int32_t count, int32_t from);
 
 /* ---- pattern.c */
 /* pliant_system_number and pliant_system_find_pattern. */
@@ -230,7 +232,6 @@ void pliant_upsample_positions(const pliant_system *system, const double *solved
 /* Fine weights (sparse: nodes, weights) to 3 x 3 blocks on the unknowns, [H] 11: dense (num_free x 9), zeroed by the caller. */
 void pliant_upsample_weights(const pliant_system *system, const double *solved, int32_t count, const int32_t *nodes, const double *weights,
                              double *dense);
-void pliant_upsample_free(pliant_upsample *upsample);
 
 /* ---- factor.c: CHOLMOD behind a few lines. One factor belongs to one thread at a time. */
 pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor **out);
@@ -298,8 +299,8 @@ double pliant_preconditioner_solve_operations(const pliant_preconditioner *preco
 size_t pliant_preconditioner_bytes(const pliant_preconditioner *preconditioner); /* beyond pliant_memory_in_use */
 void pliant_preconditioner_free(pliant_preconditioner *preconditioner);
 
-void pliant_system_clear(pliant_system *system); /* what it owns; the struct is zeroed */
-void pliant_system_free(pliant_system *system);  /* Nullable */
+/* All of it, with its preconditioner. Nullable */
+void pliant_system_free(pliant_system *system);
 
 #ifdef __cplusplus
 }

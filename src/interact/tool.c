@@ -56,17 +56,6 @@ pliant_status pliant_tool_set_pose(pliant_data *data, int tool, const double tip
     return PLIANT_OK;
 }
 
-void pliant_tool_drop(pliant_tool *tool)
-{
-    pliant_free(tool->held);
-    pliant_free(tool->weight);
-    tool->held = NULL;
-    tool->weight = NULL;
-    tool->num_held = 0;
-    tool->holding = tool->attached = tool->blade.drags = false;
-    memset(tool->force, 0, sizeof tool->force);
-}
-
 void pliant_tool_forget(pliant_tool *tool)
 {
     pliant_tool_drop(tool);

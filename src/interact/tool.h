@@ -2,7 +2,10 @@
 #ifndef PLIANT_INTERACT_TOOL_H
 #define PLIANT_INTERACT_TOOL_H
 
+#include "pliant/memory.h"
 #include "state/data.h"
+
+#include <string.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -18,7 +21,16 @@ pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, cons
 /* Before a step: a spring that would take more than grasp/slip slips, so that it takes that; one that has slipped too far lets go. */
 void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int tool);
 /* free the hold; the solver is told at the next step */
-void pliant_tool_drop(pliant_tool *tool);
+static inline void pliant_tool_drop(pliant_tool *tool)
+{
+    pliant_free(tool->held);
+    pliant_free(tool->weight);
+    tool->held = NULL;
+    tool->weight = NULL;
+    tool->num_held = 0;
+    tool->holding = tool->attached = tool->blade.drags = false;
+    memset(tool->force, 0, sizeof tool->force);
+}
 /* and pull by the spring again */
 void pliant_tool_forget(pliant_tool *tool);
 /* all that it has */

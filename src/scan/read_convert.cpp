@@ -9,24 +9,6 @@
 
 namespace pliant_read {
 
-size_t component_size(component type)
-{
-    switch (type) {
-    case component::none: return 0;
-    case component::uint8:
-    case component::int8: return 1;
-    case component::uint16:
-    case component::int16: return 2;
-    case component::uint32:
-    case component::int32:
-    case component::float32: return 4;
-    case component::uint64:
-    case component::int64:
-    case component::float64: return 8;
-    }
-    return 0;
-}
-
 bool component_is_integer(component type) { return type != component::float32 && type != component::float64; }
 
 namespace {

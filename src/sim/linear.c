@@ -3,7 +3,7 @@
 
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/stiffness.h"
 #include "sim/contact.h"

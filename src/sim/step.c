@@ -1,7 +1,6 @@
-/* The mutable data, and the step. */
+/* The step, and what is set between two. */
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "base/room.h"
 #include "fem/patch/patch.h"
 #include "fem/dynamics/tled.h"
 #include "fem/falling/falling.h"
@@ -10,7 +9,6 @@
 #include "pliant/memory.h"
 #include "sim/contact.h"
 #include "sim/cut.h"
-#include "sim/discretization.h"
 
 #include <math.h>
 #include <string.h>
@@ -23,51 +21,6 @@ const char *pliant_step_stage_name(int stage)
 #undef STAGE_NAME
     };
     return stage >= 0 && stage < PLIANT_NUM_STEP_STAGES ? names[stage] : "";
-}
-
-pliant_status pliant_data_create(const pliant_model *model, pliant_data **out)
-{
-    pliant_data *data = pliant_calloc(1, sizeof *data);
-    if (!data) return pliant_fail_memory("the simulation state");
-    size_t before = pliant_memory_in_use();
-    data->body = pliant_body_retain(model->body);
-    data->discretization = pliant_discretization_retain(model->discretization);
-    data->last_revision = data->body->revision;
-    data->positions = pliant_pages((size_t)data->body->fine.num_nodes, 3 * sizeof *data->positions);
-    pliant_status status = data->positions ? pliant_host_solver_of(model)->create(model, data) : pliant_fail_memory("the simulation state");
-    if (status != PLIANT_OK) {
-        pliant_data_free(data);
-        return status;
-    }
-    memcpy(data->positions, data->body->fine.rest, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
-    memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
-    status = pliant_backend_create(model, data);
-    if (status != PLIANT_OK) {
-        pliant_data_free(data);
-        return status;
-    }
-    data->statistics.bytes = pliant_memory_in_use() - before;
-    *out = data;
-    return PLIANT_OK;
-}
-
-void pliant_data_free(pliant_data *data)
-{
-    if (!data) return;
-    if (data->backend_state) data->backend->free(data);
-    for (int t = 0; t < data->num_tools; t++) pliant_tool_free(data->tools + t);
-    pliant_undo_clear(data);
-    pliant_patch_free(data->patch);
-    pliant_solver_free(data->solver);
-    pliant_tled_free(data->tled);
-    pliant_falling_free(data->falling);
-    pliant_warp_free(data->warp);
-    pliant_discretization_release(data->discretization);
-    pliant_body_release(data->body);
-    pliant_contact_free(data);
-    pliant_free(data->positions);
-    pliant_memory_keep(-(int64_t)data->keeps);
-    pliant_free(data);
 }
 
 pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)

@@ -7,14 +7,6 @@
 #include <math.h>
 #include <string.h>
 
-void pliant_undo_clear(pliant_data *data)
-{
-    pliant_undo *undo = &data->undo;
-    for (int32_t b = 0; b < undo->count; b++) pliant_body_release(undo->body[b]);
-    pliant_free(undo->body);
-    memset(undo, 0, sizeof *undo);
-}
-
 static pliant_status make_room(pliant_data *data, int32_t most)
 {
     pliant_undo *undo = &data->undo;

@@ -6,21 +6,6 @@
 
 #include <omp.h>
 
-pliant_status pliant_parts_no_memory(void) { return pliant_fail_memory("the parts of the deformed volume"); }
-
-void *pliant_parts_grow(part_list *list, size_t more)
-{
-    if (list->count + more > list->room) {
-        size_t room = 2 * (list->count + more);
-        void *longer = pliant_resize(list->at, room, list->size);
-        if (!longer) return NULL;
-        list->at = longer;
-        list->room = room;
-    }
-    list->count += more;
-    return (char *)list->at + (list->count - more) * list->size;
-}
-
 typedef struct parts_work {
     const pliant_body *body;
     const pliant_parts *before;    /* Nullable: nothing can be taken from there */

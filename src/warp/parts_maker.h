@@ -79,7 +79,7 @@ static inline bool part_same_list(const int32_t *a, int32_t a_count, const int32
 
 static inline int32_t part_load_node(const part_maker *work, int32_t node) { return work->body->node_parent ? work->body->node_parent[node] : node; }
 
-/* parts.c: room for more, NULL: none */
+/* parts_room.c: room for more, NULL: none */
 void *pliant_parts_grow(part_list *list, size_t more);
 pliant_status pliant_parts_no_memory(void);
 

@@ -4,7 +4,7 @@
 
 #include "fem/dynamics/tled_cubes.h"
 #include "fem/element/rotation.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 
 #include <algorithm>
 #include <array>

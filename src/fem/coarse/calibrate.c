@@ -1,6 +1,6 @@
 #include "fem/coarse/calibrate.h"
 
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 
 #include <math.h>
 #include <string.h>

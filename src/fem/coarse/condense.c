@@ -1,6 +1,6 @@
 /* Condensing a submesh on some of its nodes, [H] 1 to 7: corners of a coarse tetrahedron, or of a coarse cube. */
 #include "fem/coarse/submesh.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 
 #include <string.h>
 

@@ -33,7 +33,15 @@ typedef struct pliant_cube_room {
     int32_t nodes;
 } pliant_cube_room;
 
-/* ---- cubes.c */
+/* the hexahedron of a fine tetrahedron, once for its five: NULL elsewhere; *alone: it is in none */
+static inline const pliant_cube *pliant_cube_at(const pliant_submesh *submesh, int32_t tet, bool *alone)
+{
+    int32_t cube = submesh->cube_of_tet[tet];
+    *alone = cube < 0;
+    return *alone || submesh->cubes[cube].tet[0] != tet ? NULL : submesh->cubes + cube;
+}
+
+/* ---- cube_galerkin.c */
 /* P'KP of its submesh by the room's weights, with one change of volume in all: out (24 x 24) */
 void pliant_cube_galerkin(const pliant_submesh *submesh, const pliant_cube_room *room, double *out);
 /* Errors: MEMORY. */

@@ -3,7 +3,7 @@
 #include "fem/coarse/cubes.h"
 
 #include "base/fail.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "pliant/memory.h"
 
 #include <stdlib.h>

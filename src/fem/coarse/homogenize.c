@@ -9,7 +9,7 @@
 #include "base/fail.h"
 #include "base/threads.h"
 #include "fem/coarse/calibrate.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "fem/coarse/shapes.h"
 #include "pliant/memory.h"
 

@@ -1,6 +1,6 @@
 /* The corrector of one cube: a fine problem on the cubes around, with the means held. */
 #include "base/fail.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "fem/coarse/lod_corrector.h"
 #include "pliant/memory.h"
 

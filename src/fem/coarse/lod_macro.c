@@ -1,6 +1,6 @@
 /* Macro-elements from the correctors: which corners a cube has, what its fine nodes take from them, its matrix. */
 #include "base/fail.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "fem/coarse/lod_macro.h"
 #include "pliant/memory.h"
 

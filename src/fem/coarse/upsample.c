@@ -1,6 +1,6 @@
 /* From solved nodes to fine nodes, and forces the other way by the same weights ([H] 2.3 and 3). */
 #include "base/fail.h"
-#include "fem/coarse/macro_element.h"
+#include "fem/element/macro_element.h"
 #include "fem/coarse/shaped.h"
 #include "fem/element/hexahedra.h"
 #include "fem/element/rotation.h"
@@ -9,18 +9,6 @@
 
 #include <math.h>
 #include <string.h>
-
-void pliant_upsample_free(pliant_upsample *upsample)
-{
-    if (!upsample) return;
-    pliant_free(upsample->node);
-    pliant_free(upsample->weights);
-    pliant_free(upsample->start);
-    pliant_free(upsample->entry_element);
-    pliant_free(upsample->entry_share);
-    pliant_free(upsample->entry_shape);
-    pliant_free(upsample);
-}
 
 /* (fine nodes) a coarse element that each lies in: any serves, the interpolation is continuous: the first one */
 static int32_t *owners_of(const pliant_mesh *fine, const int32_t *element_of_fine)

@@ -43,6 +43,12 @@ static void copy_blocks(pliant_system *system, const pliant_system *before, int3
     }
 }
 
+int32_t pliant_next_not_kept(const uint8_t *kept, int32_t count, int32_t from)
+{
+    const uint8_t *found = from < count ? memchr(kept + from, 0, (size_t)(count - from)) : NULL;
+    return found ? (int32_t)(found - kept) : count;
+}
+
 pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept)
 {
     const pliant_mesh *mesh = system->mesh;
@@ -234,6 +240,18 @@ void pliant_system_gather(const pliant_system *system, double (*forces)[12][LANE
     }
 }
 
+static void free_upsample(pliant_upsample *upsample)
+{
+    if (!upsample) return;
+    pliant_free(upsample->node);
+    pliant_free(upsample->weights);
+    pliant_free(upsample->start);
+    pliant_free(upsample->entry_element);
+    pliant_free(upsample->entry_share);
+    pliant_free(upsample->entry_shape);
+    pliant_free(upsample);
+}
+
 void pliant_system_clear(pliant_system *system)
 {
     pliant_free(system->gradients);
@@ -252,14 +270,6 @@ void pliant_system_clear(pliant_system *system)
     pliant_free(system->pattern.term);
     pliant_free(system->gravity_mass);
     pliant_macros_free(system->macros);
-    pliant_upsample_free(system->upsample);
-    pliant_preconditioner_free(system->preconditioner);
+    free_upsample(system->upsample);
     memset(system, 0, sizeof *system);
-}
-
-void pliant_system_free(pliant_system *system)
-{
-    if (!system) return;
-    pliant_system_clear(system);
-    pliant_free(system);
 }

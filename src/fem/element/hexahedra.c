@@ -7,7 +7,7 @@
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/element/hexahedra.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 

@@ -53,6 +53,7 @@ struct pliant_falling {
     pliant_touch_pieces together;  /* these two */
 };
 
+/* ---- grips.c */
 /* As a rigid body, as the step begins. */
 void pliant_falling_rigid(const pliant_falling *falling, int32_t p, pliant_rigid *out);
 /* Of a piece, up to PLIANT_MAX_TOOLS. @return how many */

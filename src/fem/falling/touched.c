@@ -3,7 +3,7 @@
 
 #include "contact/find.h"
 #include "contact/follow.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 
 #include <math.h>
 #include <stdlib.h>

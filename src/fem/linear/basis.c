@@ -1,7 +1,7 @@
 #include "fem/linear/basis.h"
 
 #include "base/fail.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -335,6 +335,7 @@ void pliant_basis_free(pliant_basis *basis)
     basis->inner.lame = NULL;
     basis->inner.macros = NULL;
     pliant_system_clear(&basis->inner);
+    pliant_preconditioner_free(basis->system.preconditioner);
     pliant_system_clear(&basis->system);
     pliant_mesh_free(&basis->mesh);
     pliant_factor_free(basis->analyzed);

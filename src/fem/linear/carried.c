@@ -10,7 +10,6 @@
 void pliant_carried_free(pliant_carried *carried)
 {
     if (!carried) return;
-    pliant_preconditioner_free(carried->base);
     pliant_discretization_release(carried->of);
     pliant_free(carried->source);
     pliant_subdomain_free(carried->near);
@@ -95,7 +94,7 @@ pliant_status pliant_carried_create(const pliant_system *system, const pliant_di
     return PLIANT_OK;
 }
 
-pliant_status pliant_carried_solve(pliant_carried *carried, const double *right, double *out)
+pliant_status pliant_carried_restrict(pliant_carried *carried, const double *right)
 {
     const size_t n = 3 * (size_t)carried->num_free;
     pliant_status status = PLIANT_OK;
@@ -106,7 +105,13 @@ pliant_status pliant_carried_solve(pliant_carried *carried, const double *right,
     memset(carried->right, 0, 3 * (size_t)carried->base_free * sizeof *carried->right);
     for (int32_t f = 0; f < carried->num_free; f++)
         for (int d = 0; d < 3 && carried->source[f] >= 0; d++) carried->right[3 * carried->source[f] + d] += carried->rest[3 * f + d];
-    if ((status = pliant_preconditioner_solve(carried->base, 1, carried->right, carried->left)) != PLIANT_OK) return status;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_carried_extend(pliant_carried *carried, double *out)
+{
+    const size_t n = 3 * (size_t)carried->num_free;
+    pliant_status status = PLIANT_OK;
     for (int32_t f = 0; f < carried->num_free; f++)
         for (int d = 0; d < 3; d++) carried->rest[3 * f + d] = carried->source[f] >= 0 ? carried->left[3 * carried->source[f] + d] : 0;
     if (carried->near) status = pliant_subdomain_extend(carried->near, carried->rest, carried->all);

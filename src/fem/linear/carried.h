@@ -19,7 +19,7 @@ extern "C" {
 enum { PLIANT_CARRIED_RINGS = 1 };
 
 typedef struct pliant_carried {
-    pliant_preconditioner *base;      /* V, owned; NULL until it is handed over */
+    pliant_preconditioner *base;      /* V; NULL until it is handed over */
     const pliant_discretization *of;  /* what it is of; retained */
     const pliant_system *system;      /* one of its systems: the base's */
     int32_t num_free, base_free;      /* here; there */
@@ -41,9 +41,10 @@ pliant_status pliant_carried_create(const pliant_system *system, const pliant_di
                                     const double *positions, const double *axes, pliant_carried **out);
 /* S, around what is opened, where there is none yet; before the first solve. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_carried_mend(const pliant_system *system, const double *positions, const double *axes, pliant_carried *carried);
-void pliant_carried_free(pliant_carried *carried); /* Nullable */
-/* out = M^-1 right; may be the same */
-pliant_status pliant_carried_solve(pliant_carried *carried, const double *right, double *out);
+void pliant_carried_free(pliant_carried *carried); /* Nullable; its base is whose it is */
+/* M^-1 in two parts, between which whose the base is takes right to left = V right: S right, and P' E' right; then out = all + E P left. Errors: MEMORY. */
+pliant_status pliant_carried_restrict(pliant_carried *carried, const double *right);
+pliant_status pliant_carried_extend(pliant_carried *carried, double *out);
 
 #ifdef __cplusplus
 }

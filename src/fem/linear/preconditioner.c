@@ -158,6 +158,13 @@ pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditione
     return pliant_factor_numeric(preconditioner->factor, preconditioner->values);
 }
 
+static pliant_status solve_carried(pliant_carried *carried, const double *right, double *out)
+{
+    pliant_status status = pliant_carried_restrict(carried, right);
+    if (status == PLIANT_OK) status = pliant_preconditioner_solve(carried->base, 1, carried->right, carried->left);
+    return status == PLIANT_OK ? pliant_carried_extend(carried, out) : status;
+}
+
 pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner, int32_t columns, const double *right, double *out)
 {
     if (preconditioner->factor) return pliant_factor_solve(preconditioner->factor, columns, right, out);
@@ -166,7 +173,7 @@ pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner,
         const double *from = right + n * (size_t)c;
         double *to = out + n * (size_t)c;
         pliant_status status = preconditioner->basis     ? pliant_reduction_solve(preconditioner->basis, preconditioner->reduction, from, to)
-                               : preconditioner->carried ? pliant_carried_solve(preconditioner->carried, from, to)
+                               : preconditioner->carried ? solve_carried(preconditioner->carried, from, to)
                                                          : pliant_multigrid_solve(preconditioner->multigrid, from, to);
         if (status != PLIANT_OK) return status;
     }
@@ -221,6 +228,15 @@ void pliant_preconditioner_free(pliant_preconditioner *preconditioner)
     pliant_multigrid_free(preconditioner->multigrid);
     pliant_reduction_free(preconditioner->reduction);
     pliant_hierarchy_free(preconditioner->hierarchy);
+    if (preconditioner->carried) pliant_preconditioner_free(preconditioner->carried->base);
     pliant_carried_free(preconditioner->carried);
     pliant_free(preconditioner);
+}
+
+void pliant_system_free(pliant_system *system)
+{
+    if (!system) return;
+    pliant_preconditioner_free(system->preconditioner);
+    pliant_system_clear(system);
+    pliant_free(system);
 }

@@ -1,6 +1,6 @@
 /* The numbers of a basis at one state. */
 #include "base/fail.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "fem/linear/basis.h"
 #include "pliant/memory.h"
 

@@ -1,7 +1,7 @@
 #include "fem/linear/response.h"
 
 #include "base/fail.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "pliant/memory.h"
 
 #include <math.h>

@@ -53,12 +53,6 @@ static int by_unknown(const void *a, const void *b)
     return i->corner < j->corner ? -1 : i->corner > j->corner;
 }
 
-int32_t pliant_next_not_kept(const uint8_t *kept, int32_t count, int32_t from)
-{
-    const uint8_t *found = from < count ? memchr(kept + from, 0, (size_t)(count - from)) : NULL;
-    return found ? (int32_t)(found - kept) : count;
-}
-
 /* unknowns of before have the same numbers */
 static bool numbered_alike(const pliant_system *system, const pliant_system *before)
 {

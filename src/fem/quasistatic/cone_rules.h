@@ -103,7 +103,7 @@ PLIANT_INLINE void pliant_cone_lacks(const pliant_cone_point *point, double fric
 }
 
 /* What is left, squared, where so much of a step is taken. */
-PLIANT_INLINE double pliant_cones_left(const pliant_team *team, const pliant_cones *on, double length)
+PLIANT_INLINE double pliant_cones_residual(const pliant_team *team, const pliant_cones *on, double length)
 {
     double sum = 0;
     for (int32_t p = team->rank; p < on->count; p += team->size) {
@@ -316,7 +316,7 @@ PLIANT_INLINE bool pliant_cones_search(const pliant_team *team, const pliant_con
     const double shortest = 0.01, well = 0.5, any = 0.9;
     double best = INFINITY, of = 0;
     for (double length = 1; length > shortest && !(best < well * *left); length *= 0.5) {
-        const double square = pliant_cones_left(team, on, length);
+        const double square = pliant_cones_residual(team, on, length);
         if (!(square < best)) continue;
         best = square;
         of = length;
@@ -398,7 +398,7 @@ PLIANT_INLINE int32_t pliant_cones_find(const pliant_team *team, const pliant_co
     const int32_t most_steps = 60, most_sweeps = 200, most_at_once = 32;
     int32_t steps = 0, sweeps = 0, at_once = 1;
     pliant_cones_begin(team, on);
-    for (double left = pliant_cones_left(team, on, 0.0); steps < most_steps && sweeps < most_sweeps;) {
+    for (double left = pliant_cones_residual(team, on, 0.0); steps < most_steps && sweeps < most_sweeps;) {
         double own = 0;
         for (size_t i = (size_t)team->rank; i < 3 * (size_t)on->count; i += (size_t)team->size) own += on->force[i] * on->force[i];
         const double size = pliant_team_sum(team, own);
@@ -415,7 +415,7 @@ PLIANT_INLINE int32_t pliant_cones_find(const pliant_team *team, const pliant_co
         }
         if (at_once < most_at_once) at_once *= 2;
         for (int32_t n = 0; n < at_once; n++, sweeps++) pliant_cones_sweep(team, on);
-        left = pliant_cones_left(team, on, 0.0);
+        left = pliant_cones_residual(team, on, 0.0);
     }
     pliant_cones_sweep(team, on); /* after it all forces are in their cones */
     return steps + sweeps + 1;

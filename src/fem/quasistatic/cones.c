@@ -1,6 +1,6 @@
 #include "fem/quasistatic/cones.h"
 
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 
 #include <string.h>
 

@@ -51,7 +51,7 @@ static inline pliant_even_limit pliant_even_next(const pliant_even *even, bool l
 }
 
 /* Evaluations that are left to a step, of which so many are done. */
-PLIANT_INLINE int32_t pliant_even_left(const pliant_even_limit *limit, int32_t done, double first_merit)
+PLIANT_INLINE int32_t pliant_even_remaining(const pliant_even_limit *limit, int32_t done, double first_merit)
 {
     if (first_merit > limit->sudden) return INT32_MAX;
     return limit->evaluations > done ? limit->evaluations - done : 0;

@@ -1,6 +1,6 @@
 /* What tools hold: rows of W, and what the body answers to them. */
 #include "base/fail.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
 

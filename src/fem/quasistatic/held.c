@@ -1,7 +1,7 @@
 #include "fem/quasistatic/held.h"
 
 #include "base/fail.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "pliant/memory.h"
 
 #include <string.h>

@@ -2,7 +2,7 @@
 
 #include "base/fail.h"
 #include "base/room.h"
-#include "fem/coarse/macro_element.h"
+#include "fem/element/macro_element.h"
 #include "fem/element/deformation.h"
 #include "fem/element/rotation.h"
 #include "pliant/memory.h"

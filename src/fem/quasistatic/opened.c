@@ -248,7 +248,7 @@ pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *e
     *evaluations = 0;
     solver->opened = solver->opened_axes = false;
     if (!goes) return PLIANT_OK;
-    pliant_status status = pliant_solver_evaluate(solver, &solver->now);
+    pliant_status status = pliant_solver_evaluate(solver, PLIANT_KNOWN_NOTHING, &solver->now);
     if (status != PLIANT_OK || !isfinite(solver->now.merit) || !(solver->now.merit > 0)) return status;
     newton_step found = {0};
     int32_t products = most - 2 < MOST_PRODUCTS ? most - 2 : MOST_PRODUCTS;

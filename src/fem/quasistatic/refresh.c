@@ -10,7 +10,7 @@
  * reads what it began with, which is retained; no step waits for it. */
 #include "base/fail.h"
 #include "base/threads.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "fem/quasistatic/background.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
@@ -47,7 +47,6 @@ struct pliant_refresh {
     uint64_t number[PLIANT_MAX_HISTORY]; /* as the rules have it */
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY];
-    bool forgotten;             /* the solver's was dropped since it was copied */
     pliant_handle handles[PLIANT_MAX_TOOLS]; /* copies of the springs; those of other tools are empty */
 };
 
@@ -183,13 +182,13 @@ static void join(pliant_refresh *refresh)
 }
 
 /* What belongs to the factor: the springs' holds; where there are none, the history in the axes of all. */
-static pliant_status copy_history(const pliant_solver *solver, bool springs, pliant_refresh *refresh)
+static pliant_status copy_history(pliant_solver *solver, bool springs, pliant_refresh *refresh)
 {
     const int32_t num_free = solver->system->num_free;
     const size_t bytes = 3 * (size_t)num_free * sizeof(double);
     memset(refresh->number, 0, sizeof refresh->number);
     if (!springs) memcpy(refresh->number, solver->rules.number, sizeof refresh->number);
-    refresh->forgotten = false;
+    solver->forgotten = false;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         pliant_handle_free(refresh->handles + t);
         if (!pliant_handle_is_spring(solver->handles + t)) continue;
@@ -247,7 +246,7 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
     solver->in_use.number++;
     statistics->factors++;
     if (refresh->converting) take_responses(solver);
-    bool converted = refresh->converting && !refresh->forgotten;
+    bool converted = refresh->converting && !solver->forgotten;
     refresh->converting = false;
     bool kept = solver->asked.kept; /* a state stays what it is */
     pliant_solver_forget(solver);
@@ -398,11 +397,7 @@ void pliant_refresh_take(pliant_solver *solver, pliant_solver *from)
     solver->refresh->source = NULL;
     from->refresh = solver->refresh;
     solver->refresh = refresh;
-}
-
-void pliant_refresh_forget(pliant_refresh *refresh)
-{
-    if (refresh) refresh->forgotten = true;
+    solver->forgotten = from->forgotten;
 }
 
 void pliant_refresh_free(pliant_solver *solver)

@@ -30,13 +30,6 @@ void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY])
     }
 }
 
-void pliant_solver_forget(pliant_solver *solver)
-{
-    pliant_anderson_forget(&solver->rules);
-    solver->asked.kept = false;
-    pliant_refresh_forget(solver->refresh);
-}
-
 void pliant_solver_moved(pliant_solver *solver)
 {
     pliant_solver_forget(solver);
@@ -121,7 +114,7 @@ static int32_t nodes_of_part(const pliant_system *system, int32_t first)
     return system->num_free - first < PART_NODES ? system->num_free - first : PART_NODES;
 }
 
-double pliant_secants_left(const pliant_solver *solver, const pliant_iterate *at)
+double pliant_secants_error(const pliant_solver *solver, const pliant_iterate *at)
 {
     double along[PLIANT_MAX_HISTORY], weights[PLIANT_MAX_HISTORY], largest = 0;
     pliant_secants_along(solver, at, along);

@@ -117,6 +117,7 @@ struct pliant_solver {
     bool opened;                /* the next step is the first one after a cut */
     bool opened_axes;           /* the axes are those of Newton's step, which is still to be judged */
     pliant_refresh *refresh;    /* Nullable */
+    bool forgotten;             /* the history was dropped since that has begun: what it makes of it is of no use */
     pliant_background *background; /* Nullable; borrowed: when what it makes is put to use */
     uint32_t takes_factor, takes_history; /* and what these are called there */
     pliant_even even;           /* of live steps */
@@ -158,7 +159,12 @@ void pliant_solver_release(pliant_solver *solver, int tool);
 void pliant_solver_turned(pliant_solver *solver);
 
 /* Drop the history: what it compares no longer holds. */
-void pliant_solver_forget(pliant_solver *solver);
+static inline void pliant_solver_forget(pliant_solver *solver)
+{
+    pliant_anderson_forget(&solver->rules);
+    solver->asked.kept = false;
+    solver->forgotten = true;
+}
 /* The state was changed from outside. */
 void pliant_solver_moved(pliant_solver *solver);
 static inline size_t pliant_solver_unknowns(const pliant_solver *solver) { return 3 * (size_t)solver->system->num_free; }
@@ -166,12 +172,13 @@ static inline size_t pliant_solver_unknowns(const pliant_solver *solver) { retur
 /* One step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old one. */
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics);
 
+/* ---- evaluate.c */
 /* a . b over the unknowns; the same for any number of threads */
 double pliant_solver_product(const pliant_solver *solver, const double *a, const double *b);
-
-/* Of a state that nothing is known of: its elastic forces; and residual, step, and merit. Errors: MEMORY. */
+/* Of a state that nothing is known of: its elastic forces. */
 void pliant_solver_elastic_forces(pliant_solver *solver, pliant_iterate *at);
-pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_iterate *at);
+/* Residual, step, and merit, from what is known of a state. Errors: MEMORY. */
+pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_known known, pliant_iterate *at);
 
 /* ---- opened.c */
 /* Before the first step after a cut: Newton's, of at most so many evaluations. evaluations: out: how many it took; 0: this is no such step.
@@ -220,8 +227,8 @@ bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at,
 /* Their weights (secant_equations.h). */
 bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], bool estimates, double weights[PLIANT_MAX_HISTORY]);
 /* Largest move of a node that the secants and the residual of a state still call for, now and later [m]. */
-double pliant_secants_left(const pliant_solver *solver, const pliant_iterate *at);
-/* trial = now + damping * (mixed step), as the rules say. left: as pliant_secants_left; made: largest move of a node [m]. false: not mixed */
+double pliant_secants_error(const pliant_solver *solver, const pliant_iterate *at);
+/* trial = now + damping * (mixed step), as the rules say. left: as pliant_secants_error; made: largest move of a node [m]. false: not mixed */
 bool pliant_solver_propose(pliant_solver *solver, double *left, double *made);
 
 /* ---- adapt.c: the solver of the next body, and what it takes over from the one before */
@@ -257,8 +264,6 @@ void pliant_posterior_keep(pliant_solver *solver);
 /* ---- refresh.c */
 /* Start and deliver factors at fixed steps. Errors of the factorization keep the old factor. */
 pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *statistics);
-/* The history is dropped: what is made of it is of no use. Nullable refresh */
-void pliant_refresh_forget(pliant_refresh *refresh);
 /* A factor of the state of now, at once: what is under way is waited for. *made: there is one. Errors: MEMORY. */
 pliant_status pliant_refresh_now(pliant_solver *solver, pliant_statistics *statistics, bool *made);
 void pliant_refresh_free(pliant_solver *solver);

@@ -4,7 +4,7 @@
 #include "fem/quasistatic/stiffness.h"
 
 #include "base/fail.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "pliant/memory.h"
 
 #include <math.h>

@@ -1,6 +1,6 @@
 /* Small dense linear algebra: submeshes of coarse elements, spaces of a few modes. Matrices are row-major. */
-#ifndef PLIANT_FEM_LINEAR_DENSE_H
-#define PLIANT_FEM_LINEAR_DENSE_H
+#ifndef PLIANT_BASE_DENSE_H
+#define PLIANT_BASE_DENSE_H
 
 #include "base/dot.h"
 

@@ -1,6 +1,6 @@
 /* Macro-elements while stepping: forces, rotations, the matrix, and how the fine nodes follow. */
 #include "base/fail.h"
-#include "fem/coarse/macro_element.h"
+#include "fem/element/macro_element.h"
 #include "fem/element/rotation.h"
 #include "fem/system.h"
 #include "pliant/memory.h"

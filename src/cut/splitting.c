@@ -1,0 +1,127 @@
+/* The mesh while cuts subdivide it: nodes and tetrahedra of the body, then those appended. */
+#include "cut/subdivide.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static pliant_status no_memory(void) { return pliant_fail_memory("what a blade cuts"); }
+
+static bool resize(void *list, size_t count, size_t size)
+{
+    void *old, *longer;
+    memcpy(&old, list, sizeof old);
+    if (!(longer = pliant_resize(old, count, size))) return false;
+    memcpy(list, &longer, sizeof longer);
+    return true;
+}
+
+static bool make_node_room(cut_splitting *work, int32_t room)
+{
+    const size_t count = (size_t)room;
+    bool good = resize(&work->rest, count, 3 * sizeof *work->rest) && resize(&work->between, count, sizeof *work->between) &&
+                resize(&work->fixed, count, 1) && resize(&work->on, count, 1) && resize(&work->first, count, sizeof *work->first);
+    if (good) work->node_room = room;
+    return good;
+}
+
+static bool make_tet_room(cut_splitting *work, int32_t room)
+{
+    const size_t count = (size_t)room;
+    bool good = resize(&work->corners, count, 4 * sizeof *work->corners) && resize(&work->next, count, 4 * sizeof *work->next) &&
+                resize(&work->source, count, sizeof *work->source) && resize(&work->severed, count, 4 * sizeof *work->severed);
+    if (good) work->tet_room = room;
+    return good;
+}
+
+pliant_status pliant_split_begin(const pliant_body *body, const double *positions, const cut_strip *strip, cut_splitting *out)
+{
+    const pliant_mesh *fine = &body->fine;
+    const size_t nodes = (size_t)fine->num_nodes, tets = (size_t)fine->num_tets;
+    *out = (cut_splitting){.body = body, .positions = positions, .strip = strip, .num_nodes = fine->num_nodes, .num_tets = fine->num_tets};
+    out->slack = 1e-9 * body->subdivision->least_edge;
+    if (!make_node_room(out, fine->num_nodes + fine->num_nodes / 4 + 64) || !make_tet_room(out, fine->num_tets + fine->num_tets / 4 + 64)) return no_memory();
+    memcpy(out->rest, fine->rest, 3 * nodes * sizeof *out->rest);
+    memcpy(out->fixed, body->fine_fixed, nodes);
+    memset(out->on, 0, nodes);
+    memset(out->first, 0xff, nodes * sizeof *out->first);
+    memset(out->severed, 0, 4 * tets * sizeof *out->severed);
+    memcpy(out->corners, fine->tets, 4 * tets * sizeof *out->corners);
+    for (int32_t c = 0; c < 4 * fine->num_tets; c++) {
+        out->next[c] = out->first[out->corners[c]];
+        out->first[out->corners[c]] = c;
+        out->source[c / 4] = c / 4;
+    }
+    return PLIANT_OK;
+}
+
+void pliant_split_end(cut_splitting *work)
+{
+    void *blocks[] = {work->rest, work->between, work->fixed, work->on, work->first, work->corners, work->next, work->source, work->severed, work->around};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+}
+
+pliant_status pliant_split_add_node(cut_splitting *work, pliant_between between, uint8_t fixed)
+{
+    const int32_t node = work->num_nodes;
+    if (node == work->node_room && !make_node_room(work, 2 * node)) return no_memory();
+    const double *a = work->rest + 3 * (size_t)between.end[0], *b = work->rest + 3 * (size_t)between.end[1];
+    for (int d = 0; d < 3; d++) work->rest[3 * (size_t)node + d] = a[d] + between.share * (b[d] - a[d]);
+    work->between[node] = between;
+    work->fixed[node] = fixed;
+    work->on[node] = 0;
+    work->first[node] = -1;
+    work->num_nodes++;
+    return PLIANT_OK;
+}
+
+static void link_corner(cut_splitting *work, int32_t corner)
+{
+    int32_t *first = work->first + work->corners[corner];
+    work->next[corner] = *first;
+    *first = corner;
+}
+
+pliant_status pliant_split_add_tet(cut_splitting *work, const int32_t nodes[4], int32_t source)
+{
+    const int32_t tet = work->num_tets;
+    if (tet == work->tet_room && !make_tet_room(work, 2 * tet)) return no_memory();
+    work->source[tet] = source;
+    memset(work->severed + 4 * (size_t)tet, 0, 4 * sizeof *work->severed);
+    memcpy(work->corners + 4 * (size_t)tet, nodes, 4 * sizeof *nodes);
+    for (int v = 0; v < 4; v++) link_corner(work, 4 * tet + v);
+    work->num_tets++;
+    return PLIANT_OK;
+}
+
+void pliant_split_set_corner(cut_splitting *work, int32_t tet, int corner, int32_t node)
+{
+    const int32_t at = 4 * tet + corner;
+    int32_t *from = work->first + work->corners[at];
+    while (*from != at) from = work->next + *from;
+    *from = work->next[at];
+    work->corners[at] = node;
+    link_corner(work, at);
+}
+
+static int ascending(const void *a, const void *b)
+{
+    const int32_t *i = a, *j = b;
+    return *i < *j ? -1 : *i > *j;
+}
+
+pliant_status pliant_split_around(cut_splitting *work, int32_t node)
+{
+    work->num_around = 0;
+    for (int32_t at = work->first[node]; at >= 0; at = work->next[at]) {
+        if (work->num_around == work->around_room) {
+            if (!resize(&work->around, 2 * (size_t)work->around_room + 64, sizeof *work->around)) return no_memory();
+            work->around_room = 2 * work->around_room + 64;
+        }
+        work->around[work->num_around++] = at;
+    }
+    qsort(work->around, (size_t)work->num_around, sizeof *work->around, ascending);
+    return PLIANT_OK;
+}

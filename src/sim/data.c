@@ -1,0 +1,68 @@
+/* Making and freeing the mutable data. */
+#include "backend/backend.h"
+#include "base/fail.h"
+#include "base/room.h"
+#include "fem/patch/patch.h"
+#include "fem/dynamics/tled.h"
+#include "fem/falling/falling.h"
+#include "fem/quasistatic/solver.h"
+#include "interact/tool.h"
+#include "pliant/memory.h"
+#include "sim/contact.h"
+#include "sim/cut.h"
+#include "sim/discretization.h"
+
+#include <string.h>
+
+void pliant_undo_clear(pliant_data *data)
+{
+    pliant_undo *undo = &data->undo;
+    for (int32_t b = 0; b < undo->count; b++) pliant_body_release(undo->body[b]);
+    pliant_free(undo->body);
+    memset(undo, 0, sizeof *undo);
+}
+
+pliant_status pliant_data_create(const pliant_model *model, pliant_data **out)
+{
+    pliant_data *data = pliant_calloc(1, sizeof *data);
+    if (!data) return pliant_fail_memory("the simulation state");
+    size_t before = pliant_memory_in_use();
+    data->body = pliant_body_retain(model->body);
+    data->discretization = pliant_discretization_retain(model->discretization);
+    data->last_revision = data->body->revision;
+    data->positions = pliant_pages((size_t)data->body->fine.num_nodes, 3 * sizeof *data->positions);
+    pliant_status status = data->positions ? pliant_host_solver_of(model)->create(model, data) : pliant_fail_memory("the simulation state");
+    if (status != PLIANT_OK) {
+        pliant_data_free(data);
+        return status;
+    }
+    memcpy(data->positions, data->body->fine.rest, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
+    memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
+    status = pliant_backend_create(model, data);
+    if (status != PLIANT_OK) {
+        pliant_data_free(data);
+        return status;
+    }
+    data->statistics.bytes = pliant_memory_in_use() - before;
+    *out = data;
+    return PLIANT_OK;
+}
+
+void pliant_data_free(pliant_data *data)
+{
+    if (!data) return;
+    if (data->backend_state) data->backend->free(data);
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_free(data->tools + t);
+    pliant_undo_clear(data);
+    pliant_patch_free(data->patch);
+    pliant_solver_free(data->solver);
+    pliant_tled_free(data->tled);
+    pliant_falling_free(data->falling);
+    pliant_warp_free(data->warp);
+    pliant_discretization_release(data->discretization);
+    pliant_body_release(data->body);
+    pliant_contact_free(data);
+    pliant_free(data->positions);
+    pliant_memory_keep(-(int64_t)data->keeps);
+    pliant_free(data);
+}

@@ -1,0 +1,20 @@
+/* Lists that grow while parts are made. */
+#include "warp/parts_maker.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+pliant_status pliant_parts_no_memory(void) { return pliant_fail_memory("the parts of the deformed volume"); }
+
+void *pliant_parts_grow(part_list *list, size_t more)
+{
+    if (list->count + more > list->room) {
+        size_t room = 2 * (list->count + more);
+        void *longer = pliant_resize(list->at, room, list->size);
+        if (!longer) return NULL;
+        list->at = longer;
+        list->room = room;
+    }
+    list->count += more;
+    return (char *)list->at + (list->count - more) * list->size;
+}
