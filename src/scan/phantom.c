@@ -2,6 +2,7 @@
 #include "pliant/memory.h"
 #include "scan/phantom_anatomy.h"
 
+#include <math.h>
 #include <omp.h>
 #include <string.h>
 
@@ -30,9 +31,17 @@ static pliant_geometry box_of(const int32_t size[3])
     return geometry;
 }
 
-/* The arrays of a row in one block, which row->x owns. */
-static bool row_create(phantom_row *row, int n)
+static float cube_root(double volume)
 {
+    double edge = 1; /* edge^4 = volume edge */
+    for (int n = 0; n < 40; ++n) edge = sqrt(sqrt(volume * edge));
+    return (float)edge;
+}
+
+/* The arrays of a row in one block, which row->x owns. */
+static bool row_create(phantom_row *row, const pliant_geometry *geometry)
+{
+    const int n = geometry->size[0];
     size_t length = (size_t)n;
     float *block = pliant_calloc(length * (FLOAT_ARRAYS + 2), sizeof(float));
     if (!block) return false;
@@ -42,6 +51,7 @@ static bool row_create(phantom_row *row, int n)
     row->nearest = (int32_t *)(void *)(block + FLOAT_ARRAYS * length);
     row->tissue = (uint8_t *)(void *)(block + (FLOAT_ARRAYS + 1) * length);
     row->n = n;
+    row->voxel = cube_root(1e9 * geometry->spacing[0] * geometry->spacing[1] * geometry->spacing[2]);
     return true;
 }
 
@@ -152,7 +162,7 @@ pliant_status pliant_phantom(const int32_t size[3], uint32_t seed, pliant_volume
     phantom_anatomy *anatomy = pliant_calloc(1, sizeof *anatomy);
     rows = pliant_calloc((size_t)threads, sizeof *rows);
     bool room = anatomy && rows;
-    for (int t = 0; room && t < threads; ++t) room = row_create(&rows[t], size[0]);
+    for (int t = 0; room && t < threads; ++t) room = row_create(&rows[t], &geometry);
     if (!room) {
         status = pliant_fail_memory("the phantom's anatomy");
         goto end;
@@ -167,7 +177,7 @@ pliant_status pliant_phantom(const int32_t size[3], uint32_t seed, pliant_volume
 
     draw(anatomy, &geometry, seed, rows, volume.voxels, map.voxels);
     volume.slope = 1;
-    volume.background = -1000;
+    volume.background = PHANTOM_AIR_VALUE;
     volume.modality = PLIANT_MODALITY_CT;
     strcpy(volume.id, "phantom");
     *scan = volume;

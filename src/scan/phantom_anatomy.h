@@ -14,6 +14,8 @@ enum {
     PHANTOM_KEPT_FREE              /* fat around a kidney, where none is put */
 };
 
+enum { PHANTOM_AIR_VALUE = -1000 /* [HU] */ };
+
 /* The scanned box and the body in it [mm] */
 #define PHANTOM_BOX_X 400.0
 #define PHANTOM_BOX_Y 290.0

@@ -10,8 +10,7 @@ static void paint_wall(phantom_row *row)
         float x = row->position_x[n], y = row->position_y[n], z = row->position_z[n], fat, muscle;
         float depth = phantom_depth(x, y, z), clump = row->clump[n], grain = row->grain[n];
         phantom_wall(x, y, z, &fat, &muscle);
-        if (depth < 0) phantom_put(row, n, PHANTOM_AIR, -1000);
-        else if (depth < 2.4f) phantom_put(row, n, PHANTOM_skin, 45);
+        if (depth < 2.4f) phantom_put(row, n, depth < 0 ? PHANTOM_AIR : PHANTOM_skin, 45);
         else if (depth < fat) phantom_put(row, n, PHANTOM_fat, -104 + 6 * clump + (grain > 0.7f ? 25 : 0));
         else if (depth > muscle)
             phantom_put(row, n, PHANTOM_ROOM_FOR_ORGANS, -100 + 6 * clump + (grain > 0.6f ? 30 : 0));
@@ -23,6 +22,9 @@ static void paint_wall(phantom_row *row)
                                  : y > 30 && clump > -0.035f && clump < 0.035f;
             phantom_put(row, n, PHANTOM_muscle, between ? -55 : 58 + 7 * grain);
         }
+        /* a voxel that the body's surface passes through holds air and tissue; inside, tissues end where voxels do */
+        float part = phantom_clamp(0.5f + depth / row->voxel, 0, 1);
+        if (part < 1) row->value[n] = (int16_t)(PHANTOM_AIR_VALUE + part * (float)(row->value[n] - PHANTOM_AIR_VALUE));
     }
 }
 

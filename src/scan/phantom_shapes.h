@@ -36,6 +36,7 @@ typedef struct phantom_ellipsoid {
 typedef struct phantom_row {
     int n;
     float x_first, x_step, y, z; /* unbent [mm] */
+    float voxel; /* edge of a cube as large as a voxel [mm] */
     float *x, *position_x, *position_y, *position_z;
     float *near,
         *second; /* distance to the surface of the nearest tube, and of the nearest one elsewhere on the chain */
