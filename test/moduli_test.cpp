@@ -11,6 +11,7 @@
 #include <random>
 #include <sstream>
 #include <string>
+#include <sys/stat.h>
 
 namespace {
 
@@ -182,6 +183,17 @@ TEST(Moduli, OfTheMeasuredBeam)
 }
 
 // A ball on a stem of 6 mm at the tip of a beam that bends: its centre goes where the stem turns it, as two points across the tip tell.
+// the first body of a folder
+pliant_status read_first(const std::string &folder, measured_body *out)
+{
+    measured_source *sources = nullptr;
+    int32_t count = 0;
+    pliant_status status = measured_bodies_find(folder.c_str(), &count, &sources);
+    if (status >= 0) status = measured_body_read(sources, out);
+    pliant_free(sources);
+    return status;
+}
+
 TEST(Validation, AMarkerThatStandsOffTurnsWithTheTissue)
 {
     Body beam(std::array<int, 3>{20, 6, 6}.data(), std::array<double, 3>{0.1, 0.03, 0.03}.data(), {{150e3, 0.45, 1070, false}});
@@ -238,19 +250,26 @@ TEST(Validation, PredictsTheLoadThatWasNotFittedOn)
     EXPECT_GT(std::stod(cell(1, "moved_rms_mm")), 0.3);
     EXPECT_EQ(cell(1, "fitted").find("E of m0 "), 0u) << cell(1, "fitted");
     EXPECT_NEAR(std::stod(cell(1, "fitted").substr(8)), 20, 0.2);
+    for (size_t rows : {2u, 3u}) { // the same again is known; another measurement of the same body is not
+        ASSERT_EQ(pliant_validation_run(folder, 0, nullptr, &tables, {nullptr, nullptr}), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_results_rows(tables.validation), rows);
+        std::ofstream again(in + "markers.csv");
+        for (const pliant_marker &m : bar.markers)
+            if (m.load == 0) again << "1," << m.rest[0] << "," << m.rest[1] << "," << m.rest[2] << "," << m.moved[0] << "," << m.moved[1] << "," << m.moved[2] << "\n";
+    }
     pliant_report_close(&tables);
     std::ofstream(in + "markers.csv") << "0,0.01,0.01,0.01,0,0,0\n";
     measured_body body;
-    EXPECT_EQ(measured_body_read(folder, &body), PLIANT_ERROR_FORMAT);
+    EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
     std::remove((in + "scene.yaml").c_str());
-    EXPECT_EQ(measured_body_read(folder, &body), PLIANT_ERROR_FILE);
+    EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FILE);
     EXPECT_NE(std::string(pliant_last_error()).find("gravity_markers.csv"), std::string::npos) << pliant_last_error();
-    EXPECT_EQ(measured_body_read("/nonexistent", &body), PLIANT_ERROR_FILE);
+    EXPECT_EQ(read_first("/nonexistent", &body), PLIANT_ERROR_FILE);
     std::ofstream(in + "gravity_markers.csv") << "recording,marker,state,beam_x,beam_y\n";
-    EXPECT_EQ(measured_body_read(folder, &body), PLIANT_ERROR_FORMAT);
+    EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("beam_z"), std::string::npos) << pliant_last_error();
     std::ofstream(in + "gravity_markers.csv") << "recording,marker,state,beam_x,beam_y,beam_z\na,Tip-1,rest,0,0.015,nan\n";
-    EXPECT_EQ(measured_body_read(folder, &body), PLIANT_ERROR_FORMAT);
+    EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("line 2"), std::string::npos) << pliant_last_error();
     EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
 }
@@ -271,7 +290,7 @@ TEST(Validation, ACubeHasTheStatesThatItsTableNames)
     };
     measured_body body;
     write("place,,,no strain,,,30% strain,,,2.5% strain,,", 12);
-    ASSERT_EQ(measured_body_read(folder, &body), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(read_first(folder, &body), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(body.num_states, 2);
     EXPECT_EQ(body.num_markers, 23);
     EXPECT_STREQ(body.state[0], "30 %");
@@ -281,12 +300,55 @@ TEST(Validation, ACubeHasTheStatesThatItsTableNames)
     EXPECT_NEAR(body.load[0].tools[0].motion[1].value[2], -0.024, 1e-12);
     EXPECT_NEAR(body.load[1].tools[0].motion[1].value[2], -0.002, 1e-12);
     measured_body_free(&body);
-    write("place,,,no strain,,,30% strain,,,2.5% strain,,", 10);
-    EXPECT_EQ(measured_body_read(folder, &body), PLIANT_ERROR_FORMAT);
-    EXPECT_NE(std::string(pliant_last_error()).find("9 beads at 2.5 %"), std::string::npos) << pliant_last_error();
+    write("place,,,no strain,,,30% strain,,,2.5% strain,,", 4);
+    EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
+    EXPECT_NE(std::string(pliant_last_error()).find("3 beads at 2.5 %"), std::string::npos) << pliant_last_error();
+    write("place,,,no strain,,,30% strain,,,2.5% strain,,", 120);
+    EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
+    EXPECT_NE(std::string(pliant_last_error()).find("up to 119 mm apart"), std::string::npos) << pliant_last_error();
     write("place,,,no strain,,,pressed,,,pressed more,,", 12);
-    EXPECT_EQ(measured_body_read(folder, &body), PLIANT_ERROR_FORMAT);
+    EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("% strain"), std::string::npos) << pliant_last_error();
+    EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
+}
+
+// Tables of other names, several in a folder or in folders in it, as spreadsheets write them, with fewer columns and other markers
+TEST(Validation, BeamsAreFoundUnderAnyNameAndTableByTable)
+{
+    char folder[] = "/tmp/pliant-beams-XXXXXX";
+    ASSERT_NE(mkdtemp(folder), nullptr);
+    const std::string in = std::string(folder) + "/", first = in + "series/b.csv";
+    ASSERT_EQ(mkdir((in + "series").c_str(), 0700), 0);
+    std::ofstream(in + "notes.csv") << "what,where\nbeams,series\n";
+    std::ofstream(first) << "\xEF\xBB\xBF# measured\r\n\"marker\";\"state\"; beam_z ;beam_y;beam_x\r\nBase-1;rest;0;0;-0.1\r\nleft;rest;0.036;0.01;-0.02\r\nleft;half way;0.03;0.01;-0.02\r\n"
+                            "left;end;0.031;0.01;-0.021\r\ntip;rest;0.015;0.015;0\r\n;;;;\r\n";
+    std::ofstream(in + "series/a.CSV") << "recording,marker,state,beam_x,beam_y,beam_z\none,m,rest,0,0.015,0.036\none,m,end,0,0.015,0.03\ntwo,m,end,0,0.015,0.03\ntwo,m,rest,0,0.015,0.037\n";
+    measured_source *sources = nullptr;
+    int32_t count = 0;
+    ASSERT_EQ(measured_bodies_find(folder, &count, &sources), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(count, 2);
+    measured_body a, b;
+    ASSERT_EQ(measured_body_read(sources, &a), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(measured_body_read(sources + 1, &b), PLIANT_OK) << pliant_last_error();
+    EXPECT_STREQ(a.name, "silicone beam, a");
+    EXPECT_STREQ(b.name, "silicone beam, b");
+    EXPECT_EQ(a.num_states, 2);
+    ASSERT_EQ(a.num_markers, 2);
+    EXPECT_NEAR(a.markers[1].moved[2], -0.007, 1e-12);
+    EXPECT_EQ(b.num_states, 1);
+    ASSERT_EQ(b.num_markers, 1);
+    EXPECT_NEAR(b.markers[0].rest[0], 0.08, 1e-12);
+    EXPECT_NEAR(b.markers[0].offset[2], 0.006, 1e-12);
+    EXPECT_NE(a.bytes, b.bytes);
+    measured_body_free(&a);
+    measured_body_free(&b);
+    pliant_free(sources);
+    std::ofstream(in + "c.csv") << "marker,state,beam_x,beam_y,beam_z\nm,rest,-20,10,36\nm,end,-20,10,30\n"; // what the folder itself holds counts
+    EXPECT_EQ(read_first(folder, &a), PLIANT_ERROR_FORMAT);
+    EXPECT_NE(std::string(pliant_last_error()).find("c.csv: line 2: marker m"), std::string::npos) << pliant_last_error();
+    std::ofstream(in + "c.csv") << "marker,beam_x,beam_y,beam_z\nm,-0.02,0.01,0.036\n";
+    EXPECT_EQ(read_first(folder, &a), PLIANT_ERROR_FORMAT);
+    EXPECT_NE(std::string(pliant_last_error()).find("there is no column state"), std::string::npos) << pliant_last_error();
     EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
 }
 
@@ -294,7 +356,7 @@ TEST(Validation, ACubeHasTheStatesThatItsTableNames)
 TEST(Validation, MeasuredBodiesAreRead)
 {
     measured_body body;
-    if (measured_body_read(PLIANT_TEST_DATA "/reference", &body) < 0) GTEST_SKIP() << "no measured cube in " PLIANT_TEST_DATA;
+    if (read_first(PLIANT_TEST_DATA "/reference", &body) < 0) GTEST_SKIP() << "no measured cube in " PLIANT_TEST_DATA;
     EXPECT_EQ(body.num_states, 3);
     EXPECT_EQ(body.num_markers, 3 * 343);
     double lowest = 1, highest = 0;
@@ -304,7 +366,7 @@ TEST(Validation, MeasuredBodiesAreRead)
     }
     EXPECT_NEAR(lowest, 0.08 - highest, 0.002); // in the middle of the cube
     measured_body_free(&body);
-    ASSERT_EQ(measured_body_read(PLIANT_TEST_DATA "/beam", &body), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(read_first(PLIANT_TEST_DATA "/beam", &body), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(body.num_states, 2);
     ASSERT_EQ(body.num_markers, 6);
     EXPECT_LT(body.markers[0].moved[2], -0.006);

@@ -298,14 +298,14 @@ PLIANT_API pliant_status pliant_moduli_fit(const pliant_report_input *input, con
 
 /* ---- VALIDATION (validation.c): measured bodies, fitted on one state, predicted in the others */
 
-/** What is measured in a folder: its kind is told from the files in it.
- *  - gravity_markers.csv, or any .csv whose header has the columns recording and beam_x: silicone beams of 30 x 30 x 100 mm, 1070 kg/m^3, clamped
- *    and released under their own weight, a state a recording: columns recording, marker, state (rest, end; others are left out with a warning) and
+/** What is measured in a folder, or, where nothing is, in its folders: its kind is told from the files in it, each table is a body of its own.
+ *  - gravity_markers.csv, or any .csv whose header has a column beam_x: silicone beams of 30 x 30 x 100 mm, 1070 kg/m^3, clamped
+ *    and released under their own weight, a state a recording: columns recording (may be missing: then there is one), marker, state (rest, end; others are left out with a warning) and
  *    beam_x, beam_y, beam_z [m], in any order among others; the beam between x -0.1 (clamp) and 0, y and z 0 to 0.03, z up; markers Base* are on
  *    the clamp, one without both states is left out. Young's modulus is fitted on the first recording.
- *  - truthcube*.csv, or any .csv with a header 'no strain': beads in a cube of 80 mm between plates across z (Kerdok et al. 2003, Medical Image
+ *  - truthcube*.csv, or any .csv with a line that names strains: beads in a cube of 80 mm between plates across z (Kerdok et al. 2003, Medical Image
  *    Analysis 7): a line that names states above their first columns, 'no strain' and 'N% strain' in any order, then lines of beads [mm]; one that
- *    was lost in a state has no numbers there, 10 at least in each. Displacements say nothing of a modulus: Poisson's ratio is fitted, on
+ *    was lost in a state has no numbers there, 4 at least in each. Displacements say nothing of a modulus: Poisson's ratio is fitted, on
  *    the state that stands first. A rigid motion of all beads is left out of every state: how the scanner lay to the plates is not known.
  *  - scene.yaml, scan.* and markers.csv (pliant_markers_read), and for each load load_1.yaml, load_2.yaml, ... (pliant_path_read), or none for
  *    the scene's own gravity: moduli of the materials are fitted on the first load.

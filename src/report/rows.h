@@ -38,6 +38,9 @@ enum { MODEL_KEYS = 5, RUN_KEYS = 8 };
 double report_quantile(const double *sorted, int32_t count, double part);
 void report_sort(double *values, int32_t count);
 
+/* Of what figures follow from: bytes, after others. */
+uint64_t report_hash(uint64_t hash, const void *bytes, size_t size);
+
 pliant_status report_write_npy(const char *path, const int32_t size[2], const float *values);
 
 #ifdef __cplusplus

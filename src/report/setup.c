@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-static uint64_t add(uint64_t hash, const void *bytes, size_t size)
+uint64_t report_hash(uint64_t hash, const void *bytes, size_t size)
 {
     for (const unsigned char *at = bytes; size-- > 0; at++) hash = (hash ^ *at) * 1099511628211u; /* FNV-1a */
     return hash;
@@ -18,10 +18,10 @@ static uint64_t add_materials(uint64_t hash, const pliant_material_table *table)
         double numbers[5] = {material->young_modulus, material->poisson_ratio, material->density, 0, 0};
         uint8_t flags[2] = {material->fixed, material->empty};
         if (material->num_range) memcpy(numbers + 3, material->range, sizeof material->range);
-        hash = add(hash, material->name, strlen(material->name));
-        hash = add(hash, numbers, sizeof numbers);
-        hash = add(hash, flags, sizeof flags);
-        hash = add(hash, material->labels, material->num_labels * sizeof *material->labels);
+        hash = report_hash(hash, material->name, strlen(material->name));
+        hash = report_hash(hash, numbers, sizeof numbers);
+        hash = report_hash(hash, flags, sizeof flags);
+        hash = report_hash(hash, material->labels, material->num_labels * sizeof *material->labels);
     }
     return hash;
 }
@@ -33,16 +33,16 @@ void pliant_report_setup(const pliant_report_input *input, const pliant_sweep *s
     scene.model.touch = PLIANT_TOUCH_OVERLAP;
     scene.mesh.ratio = 1;
     scene.solver.iterations = 1;
-    uint64_t hash = add(14695981039346656037u, PLIANT_VERSION, strlen(PLIANT_VERSION));
-    hash = add(hash, &scene, sizeof scene);
-    hash = add(hash, &input->scan->geometry, sizeof input->scan->geometry);
-    hash = add(hash, input->scan->voxels, pliant_geometry_voxels(&input->scan->geometry) * pliant_encoding_size(input->scan->encoding));
-    if (input->labels) hash = add(hash, input->labels->voxels, 2 * pliant_geometry_voxels(&input->labels->geometry));
+    uint64_t hash = report_hash(14695981039346656037u, PLIANT_VERSION, strlen(PLIANT_VERSION));
+    hash = report_hash(hash, &scene, sizeof scene);
+    hash = report_hash(hash, &input->scan->geometry, sizeof input->scan->geometry);
+    hash = report_hash(hash, input->scan->voxels, pliant_geometry_voxels(&input->scan->geometry) * pliant_encoding_size(input->scan->encoding));
+    if (input->labels) hash = report_hash(hash, input->labels->voxels, 2 * pliant_geometry_voxels(&input->labels->geometry));
     hash = add_materials(hash, input->materials);
     if (sweep) {
-        hash = add(hash, sweep->pull, sizeof sweep->pull);
-        hash = add(hash, &sweep->frames, sizeof sweep->frames);
-        for (int p = 0; p < sweep->num_points; p++) hash = add(hash, sweep->points[p].rest, sizeof sweep->points[p].rest);
+        hash = report_hash(hash, sweep->pull, sizeof sweep->pull);
+        hash = report_hash(hash, &sweep->frames, sizeof sweep->frames);
+        for (int p = 0; p < sweep->num_points; p++) hash = report_hash(hash, sweep->points[p].rest, sizeof sweep->points[p].rest);
     }
     snprintf(out, 9, "%08x", (unsigned)(hash ^ hash >> 32));
 }

@@ -262,15 +262,24 @@ static void tell(const measured_body *body, int32_t state, const char *fitted, c
     row_number(row, seconds);
 }
 
-pliant_status pliant_validation_run(const char *folder, int32_t count, const char *const *names, pliant_report_tables *tables, pliant_progress progress)
+/* What rows of the same key follow from: a table that has changed is another measurement. */
+static void setup_of(const measured_body *body, int32_t count, const char *const *names, char out[9])
+{
+    const pliant_report_input input = {&body->scene, &body->scan, body->labels.voxels ? &body->labels : NULL, &body->materials};
+    pliant_report_setup(&input, NULL, out);
+    uint64_t hash = report_hash(body->bytes, out, strlen(out));
+    for (int32_t n = 0; n < count; n++) hash = report_hash(hash, names[n], strlen(names[n]) + 1);
+    snprintf(out, 9, "%08x", (unsigned)(hash ^ hash >> 32));
+}
+
+static pliant_status validate(const measured_source *source, int32_t count, const char *const *names, pliant_report_tables *tables, pliant_progress progress)
 {
     measured_body body;
     pliant_model *model = NULL;
     char setup[9], fitted[256] = "";
-    pliant_status status = measured_body_read(folder, &body);
+    pliant_status status = measured_body_read(source, &body);
     if (status < 0) return status;
-    const pliant_report_input input = {&body.scene, &body.scan, body.labels.voxels ? &body.labels : NULL, &body.materials};
-    pliant_report_setup(&input, NULL, setup);
+    setup_of(&body, count, names, setup);
     status = body.fits_poisson ? fit_poisson(&body, progress, fitted) : fit_moduli(&body, count, names, progress, fitted);
     if (status >= 0) status = build(&body, &model);
     for (int32_t s = 0; status >= 0 && s < body.num_states; s++) {
@@ -290,4 +299,14 @@ pliant_status pliant_validation_run(const char *folder, int32_t count, const cha
     pliant_model_free(model);
     measured_body_free(&body);
     return status < 0 ? status : PLIANT_OK;
+}
+
+pliant_status pliant_validation_run(const char *folder, int32_t count, const char *const *names, pliant_report_tables *tables, pliant_progress progress)
+{
+    measured_source *sources;
+    int32_t found;
+    pliant_status status = measured_bodies_find(folder, &found, &sources);
+    for (int32_t n = 0; status >= 0 && n < found; n++) status = validate(sources + n, count, names, tables, progress);
+    pliant_free(sources);
+    return status;
 }

@@ -10,6 +10,12 @@ extern "C" {
 
 enum { MOST_STATES = 64 };
 
+/* A table, or a folder with a scene of the user's. */
+typedef struct measured_source {
+    enum { MEASURED_BEAM, MEASURED_CUBE, MEASURED_SCENE } kind;
+    char path[4096], scan[4096]; /* scan: of a scene */
+} measured_source;
+
 typedef struct measured_body {
     char name[64];
     pliant_scene scene;
@@ -26,10 +32,13 @@ typedef struct measured_body {
     bool recordings;               /* states are repetitions of one experiment */
     pliant_marker *markers;        /* marker.load: its state */
     int32_t num_markers;
+    uint64_t bytes;                /* report_hash of what was measured and under which loads */
 } measured_body;
 
-/* What is in the folder, by the files that are there. Free with measured_body_free. FILE: nothing that is known. */
-pliant_status measured_body_read(const char *folder, measured_body *out);
+/* What was measured in a folder, in the order of names; where there is nothing, what is in its folders. Free with pliant_free. FILE: nothing that is known. */
+pliant_status measured_bodies_find(const char *folder, int32_t *count, measured_source **out);
+/* Free with measured_body_free. */
+pliant_status measured_body_read(const measured_source *source, measured_body *out);
 void measured_body_free(measured_body *body);
 
 /* Displacements of markers at rest under one load, as moduli.c fits them. @param load Nullable: the scene's own gravity

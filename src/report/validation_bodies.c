@@ -5,6 +5,7 @@
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/pliant.h"
+#include "report/rows.h"
 
 #include <dirent.h>
 #include <errno.h>
@@ -12,6 +13,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 enum { MOST_CELLS = 3 * (MOST_STATES + 2), LINE = 8192 };
@@ -89,15 +92,29 @@ static pliant_status add_marker(measured_body *body, int32_t *room, const pliant
     return PLIANT_OK;
 }
 
-/* Cells of a line, in place; returns how many. */
+/* Whether a word stands in a text, in small letters or capitals. */
+static bool has(const char *text, const char *word)
+{
+    for (const size_t length = strlen(word); *text; text++)
+        if (strncasecmp(text, word, length) == 0) return true;
+    return false;
+}
+
+/* A line without what files of some spreadsheets begin with. */
+static char *text_of(char *line) { return line + (strncmp(line, "\xEF\xBB\xBF", 3) == 0 ? 3 : 0); }
+
+/* Cells of a line, in place, without the blanks and quotes around them; returns how many. */
 static int split(char *line, char *cells[MOST_CELLS])
 {
+    static const char around[] = " \"'\r\n";
     int count = 0;
-    line[strcspn(line, "\r\n")] = '\0';
-    for (char *at = line; at && count < MOST_CELLS;) {
+    for (char *at = text_of(line); at && count < MOST_CELLS;) {
+        char *next = strpbrk(at, ",;\t");
+        if (next) *next++ = '\0';
+        at += strspn(at, around);
+        for (size_t length = strlen(at); length > 0 && strchr(around, at[length - 1]); length--) at[length - 1] = '\0';
         cells[count++] = at;
-        at = strchr(at, ',');
-        if (at) *at++ = '\0';
+        at = next;
     }
     return count;
 }
@@ -116,14 +133,16 @@ static const double beam_size[3] = {0.1, 0.03, 0.03}; /* the frame's x is -0.1 a
 typedef struct beam_line {
     char recording[48], marker[32];
     bool end;
+    int line;
     double at[3]; /* in the frame of the box, whose corner is at zero [m] */
 } beam_line;
 
 /* Lines of markers on the silicone. FORMAT: a column is missing, or not a number. */
 static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line **out)
 {
-    static const char *const wanted[6] = {"recording", "marker", "state", "beam_x", "beam_y", "beam_z"};
-    int column[6] = {-1, -1, -1, -1, -1, -1}, at = 0;
+    enum { RECORDING, MARKER, STATE, PLACE, WANTED = PLACE + 3 };
+    static const char *const wanted[WANTED] = {"recording", "marker", "state", "beam_x", "beam_y", "beam_z"};
+    int column[WANTED], at = 0;
     char line[LINE], *cells[MOST_CELLS];
     int32_t room = 0;
     pliant_status status = PLIANT_OK;
@@ -134,33 +153,36 @@ static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line
     for (bool header = true; status >= 0 && fgets(line, sizeof line, file);) {
         beam_line one = {.end = false};
         at++;
-        if (line[0] == '#' || line[strspn(line, " \t\r\n")] == '\0') continue;
+        const char *text = text_of(line);
+        if (text[0] == '#' || text[strspn(text, " ,;\t\r\n")] == '\0') continue;
         const int num_cells = split(line, cells);
         if (header) {
-            for (int w = 0; w < 6; w++) {
+            for (int w = 0; w < WANTED; w++) {
+                column[w] = -1;
                 for (int c = 0; c < num_cells; c++)
                     if (strcmp(cells[c], wanted[w]) == 0) column[w] = c;
-                if (column[w] < 0) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: there is no column %s", path, at, wanted[w]);
+                if (column[w] < 0 && w != RECORDING) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: there is no column %s", path, at, wanted[w]);
             }
             header = false;
             continue;
         }
         bool good = true;
-        for (int w = 0; w < 6; w++) good = good && column[w] < num_cells;
-        for (int d = 0; good && d < 3; d++) good = number(cells[column[3 + d]], &one.at[d]);
+        for (int w = 0; w < WANTED; w++) good = good && column[w] < num_cells;
+        for (int d = 0; good && d < 3; d++) good = number(cells[column[PLACE + d]], &one.at[d]);
         if (!good) {
             status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: a recording, a marker, a state and three coordinates in metres are wanted", path, at);
             break;
         }
-        if (strncmp(cells[column[1]], "Base", 4) == 0) continue; /* on the clamp */
-        if (strcmp(cells[column[2]], "rest") != 0 && strcmp(cells[column[2]], "end") != 0) {
-            pliant_log(PLIANT_LOG_WARNING, "%s: line %d: state %s is left out: of rest and end alone the load is known", path, at, cells[column[2]]);
+        if (strncmp(cells[column[MARKER]], "Base", 4) == 0) continue; /* on the clamp */
+        if (strcmp(cells[column[STATE]], "rest") != 0 && strcmp(cells[column[STATE]], "end") != 0) {
+            pliant_log(PLIANT_LOG_WARNING, "%s: line %d: state %s is left out: of rest and end alone the load is known", path, at, cells[column[STATE]]);
             continue;
         }
-        snprintf(one.recording, sizeof one.recording, "%s", cells[column[0]]);
-        snprintf(one.marker, sizeof one.marker, "%s", cells[column[1]]);
-        one.end = strcmp(cells[column[2]], "end") == 0;
+        snprintf(one.recording, sizeof one.recording, "%s", column[RECORDING] < 0 ? "recording" : cells[column[RECORDING]]);
+        snprintf(one.marker, sizeof one.marker, "%s", cells[column[MARKER]]);
+        one.end = strcmp(cells[column[STATE]], "end") == 0;
         one.at[0] += beam_size[0];
+        one.line = at;
         if (*count == room) {
             beam_line *larger = pliant_resize(*out, 2 * (size_t)room + 64, sizeof *larger);
             if (!larger) {
@@ -210,8 +232,11 @@ static pliant_status read_beam(const char *path, measured_body *out)
             marker.rest[d] = fmin(fmax(rest->at[d], 0), beam_size[d]); /* the point below the ball */
             marker.offset[d] = rest->at[d] - marker.rest[d];
             marker.moved[d] = end->at[d] - rest->at[d];
+            if (status >= 0 && fmax(fabs(marker.offset[d]), fabs(marker.moved[d])) > beam_size[0])
+                status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: marker %s is farther from the beam than that is long: metres in its frame are wanted, from the clamp at "
+                                     "x -0.1 to the tip at 0", path, fabs(marker.offset[d]) > beam_size[0] ? rest->line : end->line, end->marker);
         }
-        status = add_marker(out, &room, &marker);
+        if (status >= 0) status = add_marker(out, &room, &marker);
     }
     pliant_free(lines);
     if (status >= 0 && out->num_markers == 0) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: no marker on the silicone has both states, rest and end", path);
@@ -249,8 +274,8 @@ static int cube_columns(int count, char *const cells[], double strain[MOST_STATE
     for (int c = 0; c < count; c++) {
         char *end;
         const double percent = strtod(cells[c], &end);
-        if (strstr(cells[c], "no strain") || (end != cells[c] && percent == 0 && strstr(end, "strain"))) *rest = c;
-        else if (end != cells[c] && strstr(end, "%") && strstr(end, "strain") && percent > 0 && percent < 90 && states < MOST_STATES) {
+        if (has(cells[c], "no strain") || (end != cells[c] && percent == 0 && has(end, "strain"))) *rest = c;
+        else if (end != cells[c] && strchr(end, '%') && has(end, "strain") && percent > 0 && percent < 90 && states < MOST_STATES) {
             strain[states] = 0.01 * percent;
             column[states++] = c;
         }
@@ -266,12 +291,14 @@ static bool three_numbers(int count, char *const cells[], int first, double out[
 }
 
 /* A bead of each line that has a place at rest; it counts in the states where it was found. */
-static pliant_status read_beads(FILE *file, const char *path, measured_body *out, double strain[MOST_STATES], double centre[3])
+static pliant_status read_beads(FILE *file, const char *path, double edge, measured_body *out, double strain[MOST_STATES], double centre[3])
 {
+    enum { FEWEST = 4 /* they move and turn as one as well: more numbers than six are wanted */ };
+    double low[3], high[3], span = 0;
     char line[LINE], *cells[MOST_CELLS];
     int column[MOST_STATES], rest = -1, beads[MOST_STATES] = {0}, lines = 0;
     int32_t room = 0;
-    for (int d = 0; d < 3; d++) centre[d] = 0;
+    for (int d = 0; d < 3; d++) centre[d] = 0, low[d] = INFINITY, high[d] = -INFINITY;
     while (fgets(line, sizeof line, file)) {
         const int count = split(line, cells);
         pliant_marker bead = {.deviation = 5e-4};
@@ -283,7 +310,11 @@ static pliant_status read_beads(FILE *file, const char *path, measured_body *out
         }
         if (!three_numbers(count, cells, rest, at)) continue;
         lines++;
-        for (int d = 0; d < 3; d++) centre[d] += bead.rest[d] = 1e-3 * at[d];
+        for (int d = 0; d < 3; d++) {
+            centre[d] += bead.rest[d] = 1e-3 * at[d];
+            low[d] = fmin(low[d], bead.rest[d]);
+            high[d] = fmax(high[d], bead.rest[d]);
+        }
         for (int s = 0; s < out->num_states; s++) {
             if (!three_numbers(count, cells, column[s], moved)) continue;
             bead.load = s;
@@ -296,10 +327,15 @@ static pliant_status read_beads(FILE *file, const char *path, measured_body *out
     if (out->num_states == 0)
         return pliant_fail(PLIANT_ERROR_FORMAT, "%s: no line names the states, as in ',,,no strain,,,5%% strain,,,12.5%% strain,,' above their coordinates in mm", path);
     for (int s = 0; s < out->num_states; s++)
-        if (beads[s] < 10)
+        if (beads[s] < FEWEST)
             return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %d beads at %g %%: lines with three coordinates in mm below 'no strain' and below each state are wanted", path, beads[s],
                                100 * strain[s]);
-    for (int d = 0; d < 3; d++) centre[d] /= lines;
+    for (int d = 0; d < 3; d++) {
+        centre[d] /= lines;
+        span = fmax(span, high[d] - low[d]);
+    }
+    if (span > edge || span < 0.05 * edge)
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: at rest beads are up to %g mm apart: coordinates in mm in a cube of %g mm are wanted", path, 1e3 * span, 1e3 * edge);
     return PLIANT_OK;
 }
 
@@ -318,7 +354,7 @@ static pliant_status read_cube(const char *path, measured_body *out)
     if (status < 0) return status;
     FILE *file = fopen(path, "r");
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
-    status = read_beads(file, path, out, strain, centre);
+    status = read_beads(file, path, edge, out, strain, centre);
     fclose(file);
     for (int s = 0; status >= 0 && s < out->num_states; s++) {
         snprintf(out->state[s], sizeof out->state[s], "%g %%", 100 * strain[s]);
@@ -331,15 +367,29 @@ static pliant_status read_cube(const char *path, measured_body *out)
 
 /* ---- a scene of the user's */
 
+/* Bytes of a file into what tells the measurement from others. */
+static pliant_status hash_file(const char *path, uint64_t *hash)
+{
+    char bytes[4096];
+    FILE *file = fopen(path, "rb");
+    if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
+    for (size_t got; (got = fread(bytes, 1, sizeof bytes, file)) > 0;) *hash = report_hash(*hash, bytes, got);
+    fclose(file);
+    return PLIANT_OK;
+}
+
+static const char *last_name(const char *path) { return strrchr(path, '/') && strrchr(path, '/')[1] ? strrchr(path, '/') + 1 : path; }
+
 static pliant_status read_scene_folder(const char *folder, const char *scan, measured_body *out)
 {
-    char path[4096];
-    snprintf(out->name, sizeof out->name, "%s", strrchr(folder, '/') && strrchr(folder, '/')[1] ? strrchr(folder, '/') + 1 : folder);
+    char path[4096 + 32];
+    snprintf(out->name, sizeof out->name, "%.63s", last_name(folder));
     snprintf(path, sizeof path, "%s/scene.yaml", folder);
     pliant_status status = pliant_scene_read(path, &out->scene);
     if (status >= 0) status = pliant_inputs_read(&out->scene, scan, &out->scan, &out->labels, &out->materials);
     snprintf(path, sizeof path, "%s/markers.csv", folder);
     if (status >= 0) status = pliant_markers_read(path, 5e-4, &out->num_markers, &out->markers);
+    if (status >= 0) status = hash_file(path, &out->bytes);
     for (int32_t m = 0; status >= 0 && m < out->num_markers; m++) {
         if (out->markers[m].load < 0 || out->markers[m].load >= MOST_STATES)
             return pliant_fail(PLIANT_ERROR_FORMAT, "%s: marker %d: load %d: 1 to %d are wanted", path, m + 1, out->markers[m].load + 1, MOST_STATES);
@@ -352,58 +402,101 @@ static pliant_status read_scene_folder(const char *folder, const char *scan, mea
         snprintf(path, sizeof path, "%s/load_%d.yaml", folder, s + 1);
         if (s == 0) out->loaded = access(path, F_OK) == 0;
         if (out->loaded) status = pliant_path_read(path, &out->load[s]);
+        if (status >= 0 && out->loaded) status = hash_file(path, &out->bytes);
     }
     return status;
 }
 
-enum { BEAM, CUBE, SCAN, SCENE, OTHER, KINDS = OTHER };
+/* ---- what there is */
 
-/* What a file is: by its name, or of a table of another name by its first lines. */
-static int kind_of(const char *name, const char *path)
+/* A table of the beam, of the cube, or neither (false): by its name, or of another name by its first lines. */
+static bool is_table(const char *name, const char *path, measured_source *out)
 {
     const size_t length = strlen(name);
     char line[LINE];
-    int kind = OTHER;
-    if (strcmp(name, "scene.yaml") == 0) return SCENE;
-    if (strncmp(name, "scan.", 5) == 0) return SCAN;
-    if (length < 4 || strcmp(name + length - 4, ".csv") != 0 || strcmp(name, "markers.csv") == 0) return OTHER;
-    if (strcmp(name, "gravity_markers.csv") == 0) return BEAM;
-    if (strncmp(name, "truthcube", 9) == 0) return CUBE;
+    bool found = false;
+    if (length < 4 || strcasecmp(name + length - 4, ".csv") != 0 || strcmp(name, "markers.csv") == 0) return false;
+    out->kind = strncmp(name, "truthcube", 9) == 0 ? MEASURED_CUBE : MEASURED_BEAM;
+    if (out->kind == MEASURED_CUBE || strcmp(name, "gravity_markers.csv") == 0) return true;
     FILE *file = fopen(path, "r");
-    for (int n = 0; file && kind == OTHER && n < 50 && fgets(line, sizeof line, file); n++) {
-        if (line[0] == '#') continue;
-        if (strstr(line, "beam_x") && strstr(line, "recording")) kind = BEAM;
-        else if (strstr(line, "no strain")) kind = CUBE;
+    for (int n = 0; file && !found && n < 50 && fgets(line, sizeof line, file); n++) {
+        if (text_of(line)[0] == '#') continue;
+        if (strstr(line, "beam_x")) out->kind = MEASURED_BEAM, found = true;
+        else if (has(line, "strain") && (has(line, "no strain") || strchr(line, '%'))) out->kind = MEASURED_CUBE, found = true;
     }
     if (file) fclose(file);
-    return kind;
+    return found;
 }
 
-pliant_status measured_body_read(const char *folder, measured_body *out)
+static pliant_status look_in(const char *folder, bool deeper, int32_t *count, measured_source **out)
 {
-    char path[4096], found[KINDS][4096] = {""};
-    measured_body body = {.num_states = 0};
+    const int32_t before = *count;
+    measured_source scene = {.kind = MEASURED_SCENE}, one = {.kind = MEASURED_BEAM};
+    bool has_scene = false;
+    pliant_status status = PLIANT_OK;
     DIR *opened = opendir(folder);
     if (!opened) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", folder, strerror(errno));
-    for (struct dirent *entry; (entry = readdir(opened));) {
-        snprintf(path, sizeof path, "%s/%s", folder, entry->d_name);
-        const int kind = kind_of(entry->d_name, path);
-        if (kind == OTHER) continue;
-        const bool another = *found[kind], first = !another || strcmp(path, found[kind]) < 0; /* of several the first by name */
-        if (another) pliant_log(PLIANT_LOG_WARNING, "%s is left out: a folder holds one measurement", first ? found[kind] : path);
-        if (first) memcpy(found[kind], path, sizeof path);
+    snprintf(scene.path, sizeof scene.path, "%s", folder);
+    for (struct dirent *entry; status >= 0;) {
+        entry = readdir(opened);
+        snprintf(one.path, sizeof one.path, "%s/%s", folder, entry ? entry->d_name : "");
+        if (entry && strcmp(entry->d_name, "scene.yaml") == 0) has_scene = true;
+        if (entry && strncmp(entry->d_name, "scan.", 5) == 0 && (!*scene.scan || strcmp(one.path, scene.scan) < 0)) memcpy(scene.scan, one.path, sizeof one.path);
+        const bool ends = !entry, is_scene = ends && has_scene && *scene.scan;
+        if (is_scene || (entry && is_table(entry->d_name, one.path, &one))) {
+            measured_source *larger = pliant_resize(*out, (size_t)*count + 1, sizeof *larger);
+            if (!larger) status = pliant_fail_memory("the measured bodies");
+            else (*out = larger)[(*count)++] = is_scene ? scene : one;
+        }
+        if (ends) break;
+    }
+    rewinddir(opened);
+    for (struct dirent *entry; status >= 0 && deeper && *count == before && (entry = readdir(opened));) {
+        struct stat what;
+        snprintf(one.path, sizeof one.path, "%s/%s", folder, entry->d_name);
+        if (entry->d_name[0] != '.' && stat(one.path, &what) == 0 && S_ISDIR(what.st_mode)) status = look_in(one.path, false, count, out);
     }
     closedir(opened);
-    pliant_status status;
-    if (*found[BEAM]) status = read_beam(found[BEAM], &body);
-    else if (*found[CUBE]) status = read_cube(found[CUBE], &body);
-    else if (*found[SCENE] && *found[SCAN]) status = read_scene_folder(folder, found[SCAN], &body);
-    else status = pliant_fail(PLIANT_ERROR_FILE,
-                              "%s: nothing measured is known here: a table of the beam (gravity_markers.csv) or of the cube (truthcube*.csv), or scene.yaml with scan.* and "
-                              "markers.csv are wanted; pliant/report.h tells what is in them", folder);
+    return status;
+}
+
+static int by_path(const void *a, const void *b) { return strcmp(((const measured_source *)a)->path, ((const measured_source *)b)->path); }
+
+pliant_status measured_bodies_find(const char *folder, int32_t *count, measured_source **out)
+{
+    *count = 0;
+    *out = NULL;
+    pliant_status status = look_in(folder, true, count, out);
+    if (status >= 0 && *count == 0)
+        status = pliant_fail(PLIANT_ERROR_FILE,
+                             "%s: nothing measured is known here: a table of the beam (gravity_markers.csv) or of the cube (truthcube*.csv), or scene.yaml with scan.* and "
+                             "markers.csv are wanted; pliant/report.h tells what is in them", folder);
+    if (status >= 0) {
+        qsort(*out, (size_t)*count, sizeof **out, by_path);
+        return PLIANT_OK;
+    }
+    pliant_free(*out);
+    *out = NULL;
+    *count = 0;
+    return status;
+}
+
+pliant_status measured_body_read(const measured_source *source, measured_body *out)
+{
+    measured_body body = {.num_states = 0};
+    const char *name = last_name(source->path);
+    const bool usual = strcmp(name, "gravity_markers.csv") == 0 || strncmp(name, "truthcube", 9) == 0;
+    pliant_status status = source->kind == MEASURED_BEAM   ? read_beam(source->path, &body)
+                           : source->kind == MEASURED_CUBE ? read_cube(source->path, &body)
+                                                           : read_scene_folder(source->path, source->scan, &body);
+    if (status >= 0 && source->kind != MEASURED_SCENE) status = hash_file(source->path, &body.bytes);
     if (status < 0) {
         measured_body_free(&body);
         return status;
+    }
+    if (source->kind != MEASURED_SCENE && !usual) { /* told apart from others of its kind */
+        const size_t used = strlen(body.name);
+        snprintf(body.name + used, sizeof body.name - used, ", %.*s", (int)(strlen(name) - 4), name);
     }
     *out = body;
     return PLIANT_OK;
