@@ -56,6 +56,32 @@ TEST(Model, OnlyASceneThatMayCutKeepsVoxels)
     EXPECT_GE(statistics.bytes[PLIANT_BUILD_link], 8 * 8 * 8 * sizeof(int32_t)) << "the owner of every voxel";
 }
 
+TEST(Model, EmptyMaterialsAreHiddenWhereAsked)
+{
+    // one half is empty, and within elements that hold tissue
+    Body body(size, box, {{10, 0, 1, true}, {5e3, 0.45, 1000, false}}, [](int i, int, int k) { return i > 2 && k < 6; });
+    body.cells(2, 2, 2, 1);
+    body.fix_plane(0.001, 0, 0, 1, 0, 0);
+    body.scan.background = 200;
+    pliant_geometry target;
+    for (bool hide : {false, true}) {
+        body.scene.warp.hide_empty = hide;
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_model_get_scan(body.model), &body.scan);
+        ASSERT_EQ(pliant_warp_target(&body.scan.geometry, nullptr, 0, 0, 1000, &target), PLIANT_OK);
+        ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &target), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK) << pliant_last_error();
+        const pliant_volume *drawn = pliant_warp_volume(pliant_data_get_warp(body.data));
+        int beside = 0; // of those that elements with tissue hold
+        for (size_t v = 0; v < 8 * 8 * 8; v++) {
+            const uint8_t seen = static_cast<uint8_t *>(drawn->voxels)[v], own = static_cast<uint8_t *>(body.scan.voxels)[v];
+            if (own) ASSERT_EQ(seen, own) << v;
+            else if (seen != 200) beside++;
+        }
+        EXPECT_EQ(beside > 0, !hide) << beside;
+    }
+}
+
 TEST(Model, WhatInterpolatesWithinWholeCubesIsNotCut)
 {
     Body body(size, box, {{5e3, 0.45, 1000, false}});

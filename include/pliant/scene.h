@@ -174,6 +174,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(WARP, kind, PLIANT_RASTERIZE, 0, 0, "", "rasterize: tetrahedra, exact on them; fit: a smooth map through the nodes ([C] 12)") \
     X(INT, fit_step, 4, 1, 64, "voxels", "fit: distance of the points that are fitted; linear in between")            \
     X(REAL, margin, 0.03, 0.0, 10.0, "m", "room that the deformed volume has around the tissue at rest; what is moved further is cut off") \
+    X(BOOL, hide_empty, false, 0, 1, "", "voxels of empty materials are drawn as the scan's background: an organ alone, without what its elements hold beside it") \
     X(REAL, rate, 10.0, 0.0, 1000.0, "Hz", "most deformed volumes a second")
 #define PLIANT_SCENE_OUTPUT(X)                                                                                         \
     X(SCALAR, scalar, PLIANT_SCALAR_NONE, 0, 0, "", "number per node on mesh/state: none, von_mises [Pa], strain_energy [J/m^3], volume_ratio, principal_stress (largest) [Pa], mass_change (rest volume over volume ratio, [C] 13) [m^3], contact_force [N]") \

@@ -114,7 +114,7 @@ static pliant_status create_warp(pliant_view *view, bool labels, view_warp *of)
     pliant_warp *warp;
     pliant_status status = labels && !view->materials.voxels ? find_materials(view) : PLIANT_OK;
     if (status == PLIANT_OK)
-        status = pliant_warp_create(labels ? &view->materials : view->model->scan, &body->fine, &view->target, threads_of(view), &warp);
+        status = pliant_warp_create(labels ? &view->materials : view->model->drawn, &body->fine, &view->target, threads_of(view), &warp);
     if (status != PLIANT_OK) return status;
     if (body->cuts) status = pliant_warp_set_body(warp, body);
     if (status == PLIANT_OK && labels) status = pliant_warp_nearest(warp);

@@ -9,6 +9,7 @@
 #include "scene/options.h"
 #include "sim/fixed.h"
 #include "sim/slides.h"
+#include "warp/hidden.h"
 
 #include <string.h>
 
@@ -40,12 +41,21 @@ static bool needs_corners(const pliant_model *model)
 
 static bool is_coarse(const pliant_model *model) { return model->scene.model.method != PLIANT_FINE; }
 
+static pliant_status hide_empty(pliant_model *model)
+{
+    bool empty[256] = {false};
+    for (uint32_t m = 0; m < model->materials.num_materials; m++) empty[m] = model->materials.materials[m].empty;
+    model->drawn = &model->seen;
+    return pliant_volume_hide(model->scan, model->material_of_voxel, empty, &model->seen);
+}
+
 static pliant_status classify(builder *build)
 {
     pliant_model *model = build->model;
     model->material_of_voxel = pliant_calloc(pliant_geometry_voxels(&model->scan->geometry), 1);
     if (!model->material_of_voxel) return pliant_fail_memory("the material of every voxel");
-    return pliant_material_classify(&model->materials, model->scan, build->labels, model->material_of_voxel);
+    pliant_status status = pliant_material_classify(&model->materials, model->scan, build->labels, model->material_of_voxel);
+    return status == PLIANT_OK && model->scene.warp.hide_empty ? hide_empty(model) : status;
 }
 
 /* Keep fine tetrahedra with tissue. The paper's condensation needs every corner of a coarse tetrahedron in its submesh, so it
@@ -367,7 +377,7 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
     builder build = {.model = model, .labels = labels, .progress = progress};
     model->scene = *scene;
     choose_elements(&model->scene);
-    model->scan = scan;
+    model->scan = model->drawn = scan;
     status = pliant_body_create(1, &model->body);
     if (status == PLIANT_OK && scene->contact.obstacles[0]) status = pliant_tool_shape_read(scene->contact.obstacles, &model->obstacles);
     if (status == PLIANT_OK) status = pliant_material_table_copy(materials, &model->materials);
@@ -392,6 +402,7 @@ void pliant_model_free(pliant_model *model)
     pliant_material_table_free(&model->materials);
     pliant_tool_shape_free(&model->obstacles);
     pliant_free(model->material_of_voxel);
+    pliant_volume_free(&model->seen);
     pliant_body_release(model->body);
     pliant_free(model);
 }

@@ -49,7 +49,7 @@ pliant_status pliant_data_set_warp(const pliant_model *model, pliant_data *data,
 {
     pliant_warp *warp = NULL;
     if (target) {
-        pliant_status status = pliant_warp_create(model->scan, &data->discretization->body->fine, target, data->discretization->system->num_threads, &warp);
+        pliant_status status = pliant_warp_create(model->drawn, &data->discretization->body->fine, target, data->discretization->system->num_threads, &warp);
         if (status == PLIANT_OK && data->discretization->body->cuts) status = pliant_warp_set_body(warp, data->discretization->body);
         if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp, model->scene.warp.fit_step);
         /* a step's stages hand over on the GPU */

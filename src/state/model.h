@@ -27,6 +27,8 @@ typedef struct pliant_discretization {
 struct pliant_model {
     pliant_scene scene;
     const pliant_volume *scan;        /* borrowed; outlives the model */
+    const pliant_volume *drawn;       /* what is deformed: the scan, or seen */
+    pliant_volume seen;               /* warp/hide_empty: the scan without voxels of empty materials */
     pliant_material_table materials;
     pliant_tool_shape obstacles;      /* contact/obstacles */
 

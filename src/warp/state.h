@@ -44,6 +44,9 @@ struct pliant_warp {
     void *accelerated;       /* its object; NULL: the CPU draws */
 };
 
+/* warp.c: a scan as what voxels are sampled from */
+raster_source pliant_warp_source(const pliant_volume *scan);
+
 /* warp.c: what an element touched in the last update is drawn anew in the coming one */
 void pliant_warp_leave_bricks(pliant_warp *warp, int32_t element);
 

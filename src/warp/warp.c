@@ -20,7 +20,7 @@ void pliant_warp_free(pliant_warp *warp)
     pliant_free(warp);
 }
 
-static raster_source source_of(const pliant_volume *scan)
+raster_source pliant_warp_source(const pliant_volume *scan)
 {
     raster_source source = {.voxels = scan->voxels, .encoding = scan->encoding, .count = 1};
     for (int d = 0; d < 3; d++) {
@@ -104,7 +104,7 @@ pliant_status pliant_warp_create(const pliant_volume *scan, const pliant_mesh *m
     warp->num_elements = mesh->num_tets;
     warp->scan = scan->geometry;
     warp->num_threads = num_threads;
-    warp->source = source_of(scan);
+    warp->source = pliant_warp_source(scan);
     if (!pliant_warp_use(warp, RASTER_AVX512) && !pliant_warp_use(warp, RASTER_AVX2))
         pliant_warp_use(warp, RASTER_PORTABLE);
 
