@@ -220,8 +220,8 @@ TEST(Shapes, ABoxAroundAPartHoldsItsPoints)
 // What closed jaws are: side by side, their ends at the tip; open, apart by the angle.
 TEST(Shapes, InstrumentsHaveTheirTipsAtTheOrigin)
 {
-    for (const char *name : {"large_needle_driver", "prograsp_forceps", "monopolar_curved_scissors", "maryland_bipolar_forceps", "fenestrated_bipolar_forceps",
-                             "permanent_cautery_hook", "probe", "camera"}) {
+    for (const char *name : {"large_needle_driver", "prograsp_forceps", "monopolar_curved_scissors", "maryland_bipolar_forceps", "fenestrated_bipolar_forceps", "400049",
+                             "420194", "permanent_cautery_hook", "permanent_cautery_spatula", "probe", "camera"}) {
         pliant_tool_shape shape;
         ASSERT_EQ(pliant_tool_shape_find(name, &shape), PLIANT_OK) << pliant_last_error();
         double foremost = -1, tips[3][2] = {}, least = 1;
@@ -248,6 +248,51 @@ TEST(Shapes, InstrumentsHaveTheirTipsAtTheOrigin)
             EXPECT_NEAR(tips[1][1] - tips[1][0], tips[2][0] - tips[2][1], 1e-12) << "alike " << name;
             EXPECT_LT(tips[1][1], tips[1][0] - 0.003) << name;
         }
+    }
+}
+
+// share/tool/index.json of the dVRK: names, other names and codes of the instruments with 8 mm shafts
+TEST(Shapes, InstrumentsGoByTheirNamesAndCodes)
+{
+    const char *const same[][4] = {{"POTTS_SCISSORS", "POTTS_SCISSORS:420001", "400001", "420001"},
+                                   {"LARGE_NEEDLE_DRIVER", "LARGE_NEEDLE_DRIVER:400006", "400006", "large_needle_driver_420006"},
+                                   {"ROUND_TIP_SCISSORS", "ROUND_TIP_SCISSORS_400007", "400007", "420007"},
+                                   {"MICRO_FORCEPS", "BLACK_DIAMOND_MICRO_FORCEPS", "400033", "420033"},
+                                   {"ROUND_TOOTH_FORCEPS", "ROUND_TOOTH_FORCEPS:400035", "400035", "400035"},
+                                   {"DEBAKEY_FORCEPS", "DEBAKEY_FORCEPS:420036", "400036", "420036"},
+                                   {"LONG_TIP_FORCEPS", "LONG_TIP_FORCEPS:400048", "400048", "420048"},
+                                   {"CADIERE_FORCEPS", "CADIERE_FORCEPS:420049", "400049", "420049"},
+                                   {"PROGRASP_FORCEPS", "PROGRASP_FORCEPS:400093", "400093", "420093"},
+                                   {"MARYLAND_BIPOLAR_FORCEPS", "BIPOLAR_MARYLAND_FORCEPS", "400172", "420172"},
+                                   {"CURVED_SCISSORS", "CURVED_SCISSORS:400178", "400178", "420178"},
+                                   {"MONOPOLAR_CURVED_SCISSORS", "MONOPOLAR_CURVED_SCISSOR:400179", "400179", "420179"},
+                                   {"RESANO_FORCEPS", "RESANO_FORCEPS:400181", "400181", "420181"},
+                                   {"PERMANENT_CAUTERY_HOOK", "PERMANENT_CAUTERY_HOOK:420183", "400183", "420183"},
+                                   {"PERMANENT_CAUTERY_SPATULA", "PERMANENT_CAUTERY_SPATULA:400184", "400184", "420184"},
+                                   {"DOUBLE_FENESTRATED_GRASPER", "DOUBLE_FENESTRATED_GRASPER:400189", "400189", "400189"},
+                                   {"MEGA_NEEDLE_DRIVER", "MEGA_NEEDLE_DRIVER:400194", "400194", "420194"},
+                                   {"FENESTRATED_BIPOLAR_FORCEPS", "FENESTRATED_BIPOLAR_FORCEPS:420205", "400205", "420205"},
+                                   {"TENACULUM_FORCEPS", "TENACULUM_FORCEPS:400207", "400207", "400207"},
+                                   {"LARGE_CLIP_APPLIER", "LARGE_CLIP_APPLIER:400230", "400230", "420230"},
+                                   {"LRG_SUTURECUT_NEEDLE_DRIVER", "LARGE_SUTURECUT_NEEDLEDRIVER:420296", "400296", "420296"},
+                                   {"MEGA_SUTURECUT_NEEDLE_DRIVER", "MEGA_SUTURECUT_NEEDLE_DRIVER:420309", "400309", "420309"},
+                                   {"MEDIUM-LARGE_CLIP_APPLIER", "MEDIUM-LARGE_CLIP_APPLIER:420327", "420327", "420327"}};
+    for (const auto &names : same) {
+        pliant_tool_shape first;
+        ASSERT_EQ(pliant_tool_shape_find(names[0], &first), PLIANT_OK) << pliant_last_error();
+        for (const char *name : names) {
+            pliant_tool_shape shape;
+            ASSERT_EQ(pliant_tool_shape_find(name, &shape), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(shape.num_parts, first.num_parts) << name;
+            for (int32_t p = 0; p < shape.num_parts; p++) {
+                EXPECT_EQ(shape.part[p].radius, first.part[p].radius) << name;
+                EXPECT_EQ(shape.part[p].from[2], first.part[p].from[2]) << name;
+            }
+        }
+    }
+    for (const char *none : {"", "A_SPOON:1", "400006x", "4000", "430006", "400999", "LARGE_NEEDLE_DRIVERS", "006"}) {
+        pliant_tool_shape shape;
+        EXPECT_EQ(pliant_tool_shape_find(none, &shape), PLIANT_ERROR_ARGUMENT) << none;
     }
 }
 

@@ -2,10 +2,11 @@
 """A scripted operation of many simulated hours, as fast as it runs: pull, push, cut, and now and then the scan loaded anew. Memory and the
 99th percentile of a step's time must stay as they are.
 
-    PLIANT_LIBRARY=build/src/libpliant.so python3 test/bench/soak.py [HOURS=8] [SECONDS that it may take]
+    PLIANT_LIBRARY=build/src/libpliant.so [taskset -c 1 chrt -r 1] python3 test/bench/soak.py [HOURS=8] [SECONDS that it may take]
 
-Of every two simulated minutes: steps, CPU time of a step (median, p99, worst), what the library holds and the process has in memory. Fails
-where memory, or p99, is higher in the last fifth than in the second by more than 2 %, or 20 %."""
+Of every two simulated minutes: steps, CPU time of a step (median, p99, worst), what the library holds and the process has in memory. At the end
+the same for every hour, with p99 of wall time and of evaluations, a count that no other work on the machine changes. Fails where memory, or p99
+of CPU time, is higher in the last fifth than in the second by more than 2 %, or 20 %."""
 import gc
 import os
 import sys
@@ -16,7 +17,8 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "../../src/python"))
 import pliant  # noqa: E402
 
-STEP, ROUND, RELOAD, ROW = 0.02, 10.0, 20, 120  # [s]; of a round; rounds until the scan is loaded anew; [s] of a row
+STEP, ROUND, RELOAD, ROW, HOUR = 0.02, 10.0, 20, 120, 3600  # [s]; of a round; rounds until the scan is loaded anew; of a row; of an hour
+MEASURES = ("CPU time [ms]", "wall time [ms]", "evaluations")
 OPTIONS = {"mesh/coarse_cells": "7 5 6", "mesh/ratio": 2, "model/method": "averaged", "solver/threads": 1, "cut/kind": "sever", "cut/resistance": 0,
            "solver/step": STEP, "element/kind": "linear", "grasp/stiffness": 500}
 
@@ -35,8 +37,8 @@ class Operation:
         front = rest[:, 1] < np.quantile(rest[free][:, 1], 0.25)
         self.places = rest[free & front]
 
-    def round(self, seconds):
-        """One more; every step's seconds are appended."""
+    def round(self, told):
+        """One more; of every step what MEASURES names is put into the columns of told."""
         if self.rounds % RELOAD == RELOAD - 1:
             self.sim.close()
             gc.collect()  # it and its tools hold each other
@@ -51,9 +53,9 @@ class Operation:
             if self.forceps.holding:
                 way = 0.02 * np.sin(2 * np.pi * phase) * (1 if part % 2 else -1)
                 self.forceps.move(self.held + [0.3 * way, way, 0.2 * way])
-            start = time.thread_time()
+            cpu, wall = time.thread_time(), time.perf_counter()
             self.sim.step()
-            seconds.append(time.thread_time() - start)
+            told[:, at] = 1e3 * (time.thread_time() - cpu), 1e3 * (time.perf_counter() - wall), self.sim.statistics["iterations"]
 
     def begin(self, part):
         self.forceps.release()
@@ -73,23 +75,35 @@ def resident():
         return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
+def hourly(told, memory):
+    """A line of the table."""
+    return [np.quantile(of_one, q) for of_one in told for q in (0.5, 0.99)] + [min(memory), max(memory)]
+
+
 def main():
     hours = float(sys.argv[1]) if len(sys.argv) > 1 else 8
     patience = float(sys.argv[2]) if len(sys.argv) > 2 else float("inf")
-    operation, rows, begin = Operation(), [], time.time()
-    while len(rows) * ROW < hours * 3600 and time.time() - begin < patience:
-        seconds = []
-        for _ in range(int(ROW / ROUND)):
-            operation.round(seconds)
-        milliseconds = 1e3 * np.array(seconds)
+    operation, rows, table, begin = Operation(), [], [], time.time()
+    steps, in_row, in_hour = int(ROUND / STEP), int(ROW / STEP), int(HOUR / STEP)
+    told = np.zeros((len(MEASURES), in_hour))  # of this hour; made once, as memory is looked at
+    while len(rows) * ROW < hours * HOUR and time.time() - begin < patience:
+        first = len(rows) * in_row % in_hour
+        for step in range(first, first + in_row, steps):
+            operation.round(told[:, step:step + steps])
+        milliseconds = told[0, first:first + in_row]
         rows.append([np.quantile(milliseconds, 0.99), resident() / 1e6])
         print("%6.2f h %8d steps: median %.3f ms, p99 %.3f, worst %.3f; %.1f MB held, %.1f MB in memory; inverted %d" % (
-            len(rows) * ROW / 3600, len(seconds), np.median(milliseconds), rows[-1][0], milliseconds.max(), operation.sim.statistics["bytes"] / 1e6, rows[-1][1],
+            len(rows) * ROW / HOUR, in_row, np.median(milliseconds), rows[-1][0], milliseconds.max(), operation.sim.statistics["bytes"] / 1e6, rows[-1][1],
             operation.sim.inverted), flush=True)
+        if len(rows) * ROW % HOUR == 0:
+            table.append(hourly(told, [memory for _, memory in rows[-HOUR // ROW:]]))
+    print("| hour | " + " | ".join("%s median | p99" % name for name in MEASURES) + " | memory least [MB] | most |\n|" + 9 * "---|")
+    for hour, line in enumerate(table, 1):
+        print("| %d | %.3f | %.3f | %.3f | %.3f | %.0f | %.0f | %.1f | %.1f |" % tuple([hour] + line))
     fifth = max(1, len(rows) // 5)
     early, late = np.array(rows[fifth:2 * fifth] or rows), np.array(rows[-fifth:])
     p99, memory = np.median(late[:, 0]) / np.median(early[:, 0]), np.median(late[:, 1]) / np.median(early[:, 1])
-    print("%.1f simulated hours in %.0f s: p99 x %.3f, memory x %.3f" % (len(rows) * ROW / 3600, time.time() - begin, p99, memory))
+    print("%.1f simulated hours in %.0f s: p99 x %.3f, memory x %.3f" % (len(rows) * ROW / HOUR, time.time() - begin, p99, memory))
     return 0 if p99 < 1.2 and memory < 1.02 else 1
 
 

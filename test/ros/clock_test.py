@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Simulated time that has not begun is told of; when it jumps back, tools are forgotten, forces are zero, and the node works on."""
+"""Simulated time that has not begun is told of; when it jumps back, tools are forgotten, forces are zero, and the node works on; when it stands
+still and an arm is silent, its force does not stay."""
 import os
 import re
 import sys
@@ -22,7 +23,10 @@ class ClockTest(unittest.TestCase):
         """So many milliseconds a turn, however long that takes: on a busy machine everything is slow, nothing is late."""
         ticks = 0
         while not rospy.is_shutdown():
-            ticks += 1
+            ticks += self.clock_runs
+            if not self.clock_runs:
+                time.sleep(0.005)
+                continue
             try:
                 self.clock.publish(Clock(rospy.Time.from_sec(self.start + 0.005 * ticks)))
             except rospy.ROSException:
@@ -30,7 +34,7 @@ class ClockTest(unittest.TestCase):
             time.sleep(0.005)
 
     def test_jump_back(self):
-        self.start = 1000.0
+        self.start, self.clock_runs = 1000.0, True
         rospy.init_node("clock_test")
         self.clock = rospy.Publisher("/clock", Clock, queue_size=1)
         diagnostics = Latest("/diagnostics", DiagnosticArray)
@@ -59,6 +63,21 @@ class ClockTest(unittest.TestCase):
         wait_for(lambda: node.contact.fresh().present, "the tool to be back")
         self.assertFalse(node.contact.fresh().grasped)
         tool.take_hold(node.contact)
+
+        tool.position = list(point - [0, 0.01, 0])
+        wait_for(lambda: force.fresh().wrench.force.y < -0.1, "a force")
+        self.clock_runs = False
+        time.sleep(1)
+        self.assertLess(force.message.wrench.force.y, -0.1, "of an arm that goes on sending")
+        tool.is_on = False
+        before = rospy.get_time()
+        wait_for(lambda: force.message.wrench.force.y == 0, "no force of a silent arm")
+        self.assertFalse(node.contact.fresh().grasped)
+        self.assertEqual(rospy.get_time(), before, "time stands still")
+        diagnostics = Latest("/diagnostics", DiagnosticArray)
+        wait_for(lambda: diagnostics.message and any("time stands still, and no pose" in status.message for status in diagnostics.message.status), "the reason")
+        step = node.mesh.fresh().step
+        wait_for(lambda: node.mesh.message.step > step + 10, "steps by the machine's clock")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 """What goes wrong: a master is started anew, a scan that is missing can be mended by load_scan, a wrong parameter ends the node, odd stamps and
 scans that cannot be shown do no harm, and who comes late is told what failed."""
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -17,11 +18,11 @@ import rospy
 import rostest
 import tf2_ros
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import Point, TransformStamped
 from pliant.msg import SimState
-from pliant.srv import LoadScan, RecomputeHomogenization
+from pliant.srv import LoadScan, RecomputeHomogenization, Register
 from rosgraph_msgs.msg import Log
-from std_msgs.msg import Empty
+from std_msgs.msg import Empty, Header
 from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
@@ -226,12 +227,11 @@ class FaultTest(unittest.TestCase):
         self.assertEqual(values["elements"], "hexahedra", "what element/kind: auto became")
         self.assertEqual(found["output"][0].level, 0)
 
-    def start(self, name, value):
+    def wrong_node(self, name, value):
+        """The command of a node that has this parameter, and no other."""
         rospy.set_param("/wrong/sim", {})
         rospy.set_param("/wrong/sim/" + name, value)
-        program = roslib.packages.find_node("pliant", "pliant_node")[0]
-        return subprocess.run([program, "__ns:=/wrong", "__name:=sim"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                              timeout=60, universal_newlines=True)
+        return [roslib.packages.find_node("pliant", "pliant_node")[0], "__ns:=/wrong", "__name:=sim"]
 
     def test_a_master_that_is_started_anew_knows_the_node_again(self):
         with socket.socket() as free:
@@ -290,9 +290,60 @@ class FaultTest(unittest.TestCase):
     def test_wrong_parameters_end_the_node(self):
         for name, value, named in (("solver/itterations", 3, "solver/iterations"), ("mesh/ratio", 99, "mesh/ratio"),
                                    ("tools", "a a", "twice"), ("scene", "/nowhere/scene.yaml", "/nowhere/scene.yaml")):
-            ended = self.start(name, value)
+            ended = subprocess.run(self.wrong_node(name, value), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=60, universal_newlines=True)
             self.assertEqual(ended.returncode, 1, name)
             self.assertIn(named, ended.stdout)
+
+    def test_the_tissue_and_the_arms_lie_where_files_say(self):
+        folder = tempfile.mkdtemp()
+        self.addCleanup(shutil.rmtree, folder)
+        with open(folder + "/hand_eye.json", "w") as file:
+            file.write('{"base-frame": {"reference-frame": "camera", "transform": [[0, -1, 0, 0.1], [1, 0, 0, -0.02], [0, 0, 1, 0.2], [0, 0, 0, 1]]}}')
+        command = [roslib.packages.find_node("pliant", "pliant_node")[0], "__ns:=/placed", "__name:=sim", "_scan/path:=" + SMALL, "_parent_frame:=camera",
+                   "_tissue_frame:=placed_tissue", "_registration:=" + folder + "/pose.yaml", "_hand_eye:=PSM1_base=" + folder + "/hand_eye.json"]
+        frames = tf2_ros.Buffer()
+        tf2_ros.TransformListener(frames)
+
+        def height():
+            found = frames.can_transform("PSM1_base", "placed_tissue", rospy.Time(0))
+            return found and round(frames.lookup_transform("PSM1_base", "placed_tissue", rospy.Time(0)).transform.translation.z, 9)
+
+        def start():
+            node = subprocess.Popen(command)
+            self.addCleanup(node.wait)
+            self.addCleanup(node.kill)
+            return node
+        node = start()
+        wait_for(lambda: height() == -0.2, "the frames")
+        corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+        register = lambda room: rospy.ServiceProxy("/placed/register", Register)(Header(frame_id="PSM1_base"), [Point(*p) for p in corners], room)
+        rospy.wait_for_service("/placed/register", 30)
+        collinear = register([Point(x + y, 0, 0) for x, y, _ in corners])
+        self.assertFalse(collinear.success)
+        self.assertIn("line", collinear.message)
+        answer = register([Point(x, y, 0.3 + 0.003 * x) for x, y, _ in corners])
+        self.assertTrue(answer.success, answer.message)
+        self.assertTrue(0 < answer.error < 3e-3, answer.message)
+        kept = wait_for(lambda: height() not in (False, -0.2) and height(), "the pose that was registered")
+        node.send_signal(signal.SIGINT)
+        node.wait()
+        frames.clear()
+        start()
+        wait_for(lambda: height() == kept, "the pose that was stored")
+
+    def test_a_node_that_is_started_again_and_again_tells_of_a_wrong_parameter(self):
+        state = Latest("/wrong/state", SimState)
+        command = self.wrong_node("mesh/ratio", 99)
+        rospy.set_param("/wrong/sim/respawn", True)
+        node = subprocess.Popen(command)
+        self.addCleanup(node.wait)
+        self.addCleanup(node.kill)
+        wait_for(lambda: state.message and state.message.state == SimState.FAULT, "FAULT")
+        self.assertIn("mesh/ratio", state.message.message)
+        told, _ = wait_for(lambda: self.diagnosed().get("parameters"), "diagnostics")
+        self.assertIn("mesh/ratio", told.message)
+        self.assertIsNone(node.poll())
+        state.close()
 
 
 if __name__ == "__main__":

@@ -1,11 +1,13 @@
 // The gate between the simulation's forces and a hand: every edge of its table, and what it never lets through.
-#include "ros/guard/guard.h"
+#include "ros/guard/guard_parameters.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <string>
+#include <utility>
 
 using namespace pliant_ros;
 
@@ -91,6 +93,72 @@ TEST(Guard, BeginsWithZerosWhateverElseIsThere)
     EXPECT_EQ(bench.guard.state(), GuardState::CLOSED);
     EXPECT_FALSE(bench.turn().send);
 }
+
+enum Event { GATES_OPEN, A_GATE_CLOSES, RAMP_PASSES, TAIL_PASSES, A_FAULT, A_SHUTDOWN };
+
+struct Edge {
+    GuardState from;
+    Event event;
+    GuardState to; // the same where nothing leaves
+};
+
+class EveryEdge : public testing::TestWithParam<Edge> {};
+
+void bring(Bench &bench, GuardState state)
+{
+    bench.guard.following(state == GuardState::RISING || state == GuardState::OPEN);
+    if (state == GuardState::FAULT) bench.guard.fault("a parameter");
+    bench.turn();
+    if (state == GuardState::CLOSED || state == GuardState::FAULT) bench.turns(bench.settings.tail + 2 * tick);
+    if (state == GuardState::OPEN) bench.turns(bench.settings.ramp + 2 * tick);
+    ASSERT_EQ(bench.guard.state(), state);
+}
+
+// the table of guard.h, line by line, and what no line of it tells: then the state stays
+TEST_P(EveryEdge, IsAsTheTableSays)
+{
+    Bench bench;
+    bring(bench, GetParam().from);
+    if (testing::Test::HasFatalFailure()) return;
+    Guard::Output out{};
+    switch (GetParam().event) {
+    case GATES_OPEN: bench.guard.following(true), out = bench.turn(); break;
+    case A_GATE_CLOSES: bench.guard.simulation(false), out = bench.turn(); break;
+    case RAMP_PASSES: out = bench.turns(bench.settings.ramp + 2 * tick); break;
+    case TAIL_PASSES: out = bench.turns(bench.settings.tail + 2 * tick); break;
+    case A_FAULT: bench.guard.fault("~gain is -1"), out = bench.turn(); break;
+    case A_SHUTDOWN: out = bench.guard.shut_down(); break;
+    }
+    const GuardState to = GetParam().to;
+    EXPECT_STREQ(guard_state_name(bench.guard.state()), guard_state_name(to));
+    EXPECT_EQ(out.send, GetParam().event == A_SHUTDOWN || (to != GuardState::CLOSED && to != GuardState::FAULT));
+    if (to != GuardState::RISING && to != GuardState::OPEN) EXPECT_EQ(size_of(out), 0);
+    if (to == GuardState::OPEN) EXPECT_GT(size_of(out), 0.1);
+    if (GetParam().event == A_FAULT) {
+        EXPECT_EQ(bench.guard.why(bench.now), "~gain is -1");
+        bench.guard.simulation(true), bench.guard.following(true);
+        EXPECT_FALSE(bench.turns(2).send) << "for good";
+        EXPECT_EQ(bench.guard.state(), GuardState::FAULT);
+    }
+    if (GetParam().event == A_SHUTDOWN) {
+        bench.guard.simulation(true), bench.guard.following(true);
+        EXPECT_FALSE(bench.turns(2).send) << "for good";
+        EXPECT_EQ(bench.guard.state(), GuardState::CLOSED);
+    }
+}
+
+const GuardState C = GuardState::CLOSED, R = GuardState::RISING, O = GuardState::OPEN, E = GuardState::ENDING, F = GuardState::FAULT;
+const Edge edges[] = {{C, GATES_OPEN, R}, {C, A_GATE_CLOSES, C}, {C, RAMP_PASSES, C}, {C, TAIL_PASSES, C}, {C, A_FAULT, F}, {C, A_SHUTDOWN, C},
+                      {R, GATES_OPEN, R}, {R, A_GATE_CLOSES, E}, {R, RAMP_PASSES, O}, {R, TAIL_PASSES, R}, {R, A_FAULT, E}, {R, A_SHUTDOWN, C},
+                      {O, GATES_OPEN, O}, {O, A_GATE_CLOSES, E}, {O, RAMP_PASSES, O}, {O, TAIL_PASSES, O}, {O, A_FAULT, E}, {O, A_SHUTDOWN, C},
+                      {E, GATES_OPEN, R}, {E, A_GATE_CLOSES, E}, {E, RAMP_PASSES, C}, {E, TAIL_PASSES, C}, {E, A_FAULT, E}, {E, A_SHUTDOWN, C},
+                      {F, GATES_OPEN, F}, {F, A_GATE_CLOSES, F}, {F, RAMP_PASSES, F}, {F, TAIL_PASSES, F}, {F, A_FAULT, F}, {F, A_SHUTDOWN, C}};
+std::string edge_name(const testing::TestParamInfo<Edge> &each)
+{
+    static const char *const events[] = {"GatesOpen", "AGateCloses", "RampPasses", "TailPasses", "AFault", "AShutdown"};
+    return std::string(guard_state_name(each.param.from)) + events[each.param.event];
+}
+INSTANTIATE_TEST_SUITE_P(Table, EveryEdge, testing::ValuesIn(edges), edge_name);
 
 struct Closing {
     const char *name;
@@ -231,6 +299,73 @@ TEST(Guard, ShutDownIsAZeroAndThenNothingForGood)
     EXPECT_EQ(size_of(out), 0);
     EXPECT_FALSE(bench.turns(2).send);
     EXPECT_EQ(bench.guard.state(), GuardState::CLOSED);
+}
+
+// one that ended would be started again without end, and the hand would keep what it feels
+TEST(Guard, WithAWrongParameterSendsZerosAndNeverAForce)
+{
+    Bench bench;
+    bench.guard.fault("~gain is -1; it must be from 1e-06 to 100");
+    for (double end = bench.now + bench.settings.tail - 2 * tick; bench.now < end;) {
+        const Guard::Output out = bench.turn();
+        ASSERT_TRUE(out.send);
+        ASSERT_EQ(size_of(out), 0);
+    }
+    EXPECT_FALSE(bench.turns(3).send);
+    EXPECT_EQ(bench.guard.state(), GuardState::FAULT);
+    EXPECT_NE(bench.guard.why(bench.now).find("~gain"), std::string::npos);
+    Bench off([](GuardSettings &settings) { settings.enabled = false; });
+    off.guard.fault("~tool");
+    EXPECT_EQ(off.guard.state(), GuardState::FAULT);
+    EXPECT_FALSE(off.turns(1).send);
+}
+
+XmlRpc::XmlRpcValue parameters(const char *name, const XmlRpc::XmlRpcValue &value)
+{
+    XmlRpc::XmlRpcValue tree;
+    tree["tool"] = "PSM1";
+    tree["haptic"] = true;
+    tree[name] = value;
+    return tree;
+}
+
+TEST(GuardParameters, AreReadAndTheOthersHaveDefaults)
+{
+    GuardParameters read;
+    std::string why;
+    XmlRpc::XmlRpcValue tree = parameters("gain", 0.1);
+    tree["max_force"] = 1; // as YAML has it
+    tree["max_error"] = -1;
+    tree["diagnostic_period"] = 0.5;
+    ASSERT_TRUE(read_guard_parameters(tree, &read, &why)) << why;
+    EXPECT_EQ(read.tool, "PSM1");
+    EXPECT_TRUE(read.settings.enabled);
+    EXPECT_EQ(read.settings.gain, 0.1);
+    EXPECT_EQ(read.settings.largest, 1);
+    EXPECT_TRUE(std::isinf(read.settings.largest_error));
+    EXPECT_EQ(read.settings.rate, GuardSettings().rate);
+    EXPECT_EQ(read.rate, 200);
+}
+
+TEST(GuardParameters, WrongOnesAreNamedAndZerosGoOutAllTheSame)
+{
+    const std::pair<const char *, XmlRpc::XmlRpcValue> wrong[] = {
+        {"gain", -1.0}, {"gain", "much"}, {"max_force", 0}, {"max_force", nan}, {"max_rate", -20}, {"cutoff", 0.0}, {"ramp", 0.0}, {"tail", -1.0}, {"timeout", 1e9},
+        {"max_error", nan}, {"max_error", "any"}, {"rate", 1e9}, {"rate", 1}, {"tool", ""}, {"tool", 7}, {"tool", "PSM 1"}, {"needs_following", 1}, {"max_forse", 1.0}};
+    for (const auto &each : wrong) {
+        GuardParameters read;
+        std::string why;
+        EXPECT_FALSE(read_guard_parameters(parameters(each.first, each.second), &read, &why)) << each.first;
+        EXPECT_EQ(why.find("~" + std::string(each.first)), 0u) << why;
+        EXPECT_TRUE(read.settings.enabled) << each.first;
+        EXPECT_EQ(read.settings.gain, GuardSettings().gain);
+    }
+    GuardParameters read;
+    std::string why;
+    EXPECT_FALSE(read_guard_parameters(parameters("haptic", "yes"), &read, &why));
+    EXPECT_FALSE(read.settings.enabled) << "off unless it is true";
+    EXPECT_FALSE(read_guard_parameters(XmlRpc::XmlRpcValue(), &read, &why));
+    EXPECT_EQ(why.find("~tool"), 0u) << why;
 }
 
 TEST(Guard, AClockThatStandsOrJumpsMovesNothing)

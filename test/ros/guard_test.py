@@ -23,18 +23,24 @@ class Guarded(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("guard_test")
-        cls.received, cls.silent, cls.absolute, cls.said, cls.playing = [], [], [], {}, True
+        cls.received, cls.silent, cls.wrong, cls.absolute, cls.said, cls.levels, cls.playing = [], [], [], [], {}, {}, True
         publish = lambda name, kind, latch=False: rospy.Publisher(name, kind, queue_size=1, latch=latch)
         cls.pose, cls.wrench = publish("/tissue/PSM1/measured_cp", PoseStamped), publish("/tissue/PSM1/measured_cf", WrenchStamped)
         cls.timing, cls.state = publish("/tissue/timing", StepTiming), publish("/tissue/state", SimState, True)
         cls.following = publish("/MTMR_PSM1/following", Bool, True)
         rospy.Subscriber("/MTMR/body/servo_cf", WrenchStamped, lambda message: cls.received.append((time.time(), message)))
         rospy.Subscriber("/silent/servo_cf", WrenchStamped, cls.silent.append)
+        rospy.Subscriber("/wrong/servo_cf", WrenchStamped, cls.wrong.append)
         rospy.Subscriber("/MTMR/body/set_cf_orientation_absolute", Bool, cls.absolute.append)
-        rospy.Subscriber("/diagnostics", DiagnosticArray, lambda message: cls.said.update({s.name: s.message for s in message.status}))
+        rospy.Subscriber("/diagnostics", DiagnosticArray, cls.hear)
         cls.state.publish(SimState(state=SimState.RUNNING))
         cls.following.publish(Bool(True))
         threading.Thread(target=cls.play, daemon=True).start()
+
+    @classmethod
+    def hear(cls, message):
+        cls.said.update({status.name: status.message for status in message.status})
+        cls.levels.update({status.name: status.level for status in message.status})
 
     @classmethod
     def play(cls):
@@ -129,10 +135,12 @@ class Guarded(unittest.TestCase):
         self.wait(change, "the next guard")
         return self.received[:change()[0]], self.received[change()[0]:]
 
+    def process_of(self, node):
+        return xmlrpc.client.ServerProxy(rosgraph.Master("/guard_test").lookupNode(node)).getPid("/guard_test")[2]
+
     def test_5_the_guard_after_one_that_was_killed_begins_with_zeros(self):
         self.wait(lambda: self.feels(1), "a force")
-        address = rosgraph.Master("/guard_test").lookupNode("/tissue/guard")
-        process = xmlrpc.client.ServerProxy(address).getPid("/guard_test")[2]
+        process = self.process_of("/tissue/guard")
 
         def kill():
             os.kill(process, signal.SIGKILL)
@@ -145,6 +153,20 @@ class Guarded(unittest.TestCase):
         self.assertEqual(set(message.wrench.force.z for _, message in self.received[first:]), {0})
         self.following.publish(Bool(True))
         self.wait(lambda: self.feels(1), "the force again")
+
+    def test_6_a_wrong_parameter_is_told_of_and_no_guard_is_started_over_and_over(self):
+        name = "wrong: force guard"
+        self.wait(lambda: "~gain is -1" in self.said.get(name, ""), "the parameter in diagnostics")
+        self.assertEqual(self.levels[name], b"\x02" if isinstance(self.levels[name], bytes) else 2)  # an error
+        process = self.process_of("/tissue/wrong")
+        self.wait(lambda: self.wrong, "zeros")
+        self.wait(lambda: self.feels(1), "the other guard's force")  # all is as it should be, but the parameter
+        time.sleep(1)
+        self.assertEqual(self.process_of("/tissue/wrong"), process)
+        self.assertEqual(set(message.wrench.force.z for message in self.wrong), {0})
+        rospy.set_param("/tissue/wrong/gain", 0.125)
+        subprocess.check_call(["rosnode", "kill", "/tissue/wrong"], stdout=subprocess.DEVNULL)
+        self.wait(lambda: abs(self.wrong[-1].wrench.force.z - 0.5) < 0.02, "the next one's force")
 
 
 if __name__ == "__main__":

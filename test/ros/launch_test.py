@@ -6,6 +6,7 @@ import os
 import re
 import shlex
 import sys
+import tempfile
 import unittest
 import xml.etree.ElementTree
 
@@ -23,6 +24,20 @@ MORE = {"tissue.launch": [["rviz:=true"], ["rviz:=true", "drag:=true"], ["arm:=P
         "replay.launch": [["bag:=/data/a.bag", "sim_time:=false", "loop:=true", "rviz:=true"]]}
 
 
+# what an argument is set to, where text will not do (a switch is turned over); and what it only matters with
+VALUES = {"pose": "1 2 3 0 0 0 1", "tool_max_age": "0.125", "arms": "one two three", "arm": "PSM2", "respawn": "true", "described": "false"}
+VALUES.update({name: "7" for name in ("max_force", "gain", "slip", "step", "mesh_rate", "volume_rate", "slice_rate", "rate", "start", "min_space", "robot_rate")})
+WITH = {"drag": ["rviz:=true"], "rviz_config": ["rviz:=true"], "manager": ["nodelet:=true"], "start_manager": ["nodelet:=true"]}
+WITH.update({"robot_frame": ["sim_robot:=true"], "robot_rate": ["sim_robot:=true"]})
+WITH.update({name: ["haptic:=true"] for name in ("hand", "following", "needs_following", "gain", "max_force", "mtm", "teleop")})
+
+
+def everything(config):
+    """What roslaunch would do, as text."""
+    nodes = sorted(repr((n.package, n.type, n.name, n.namespace, n.args, sorted(n.remap_args), n.respawn, sorted(n.env_args))) for n in config.nodes)
+    return nodes + sorted("%s = %r" % (path, param.value) for path, param in config.params.items())
+
+
 def load(path, arguments):
     """As roslaunch does, but without the core's own file, which starts two programs each time."""
     config = roslaunch.config.ROSLaunchConfig()
@@ -31,8 +46,9 @@ def load(path, arguments):
 
 
 def declared(path):
+    """Defaults, by the names of the arguments."""
     root = xml.etree.ElementTree.parse(path).getroot()
-    return {arg.get("name") for arg in root.findall("arg") if arg.get("value") is None}
+    return {arg.get("name"): arg.get("default", "") for arg in root.findall("arg") if arg.get("value") is None}
 
 
 def shown_lines():
@@ -65,9 +81,23 @@ class LaunchTest(unittest.TestCase):
         for where, name, arguments in lines:
             with self.subTest(where=where, file=name, arguments=arguments):
                 path = SOURCE + "/launch/" + name
-                unknown = {argument.split(":=")[0] for argument in arguments} - declared(path)
+                unknown = {argument.split(":=")[0] for argument in arguments} - set(declared(path))
                 self.assertFalse(unknown, "of " + name)
                 self.assertTrue(load(path, arguments).nodes)
+
+    def test_every_argument_does_something(self):
+        for path in FILES:
+            name = os.path.basename(path)
+            given = {line.split(":=")[0]: line for line in REQUIRED.get(name, [])}
+            for argument, default in sorted(declared(path).items()):
+                value = {"true": "false", "false": "true", "$(arg nodelet)": "false"}.get(default) or VALUES.get(argument, "another")
+                context = [line for key, line in given.items() if key != argument] + WITH.get(argument, [])
+                with self.subTest(file=name, argument=argument), tempfile.NamedTemporaryFile("w", suffix=".yaml") as params:
+                    params.write("solver: {iterations: 4}\n")
+                    params.flush()
+                    other = load(path, context + ["%s:=%s" % (argument, params.name if argument == "params" else value)])
+                    before = load(path, context + [line for key, line in given.items() if key == argument])
+                    self.assertNotEqual(everything(before), everything(other))
 
     def test_arguments_arrive(self):
         path = SOURCE + "/launch/"
@@ -106,6 +136,12 @@ class LaunchTest(unittest.TestCase):
         self.assertTrue(nodes["force_guard"].respawn, "one that was killed is followed by one that begins with zeros")
         self.assertEqual(params["/tissue/force_guard/tool"], "PSM2")
 
+        topics, params, nodes = self.robot("crtk.launch", "arms:=hand", "prefix:=/lab", "haptic:=true", "hand:=/left/body", "following:=/teleop/on")
+        guard = dict(nodes["force_guard"].remap_args)
+        self.assertEqual([guard[name] for name in ("hand/measured_cp", "following", "servo_cf", "set_cf_orientation_absolute")],
+                         ["/lab/hand/measured_cp", "/teleop/on", "/left/body/servo_cf", "/left/body/set_cf_orientation_absolute"])
+        self.assertEqual([topics["hand/" + name] for name in ("operating_state", "tool_type", "energy")],
+                         ["/lab/hand/operating_state", "/lab/hand/tool_type", "/footpedals/coag"])
         topics, params, _ = self.robot("raven.launch")
         self.assertEqual(topics["arm1/measured_cp"], "/arm1/measured_cp")
         self.assertEqual([topics["arm%d/jaw/measured_js" % a] for a in (1, 2)], ["/grasp1/measured_js", "/grasp2/measured_js"])

@@ -222,12 +222,12 @@ class WholeVolume:
 class Node:
     """Subscriptions that every test needs."""
 
-    def __init__(self, tool="grasper"):
-        self.state = Latest("state", SimState)
-        self.info = Latest("scan_info", ScanInfo)
-        self.topology = Latest("mesh/topology", MeshTopology)
-        self.mesh = Latest("mesh/state", MeshState)
-        self.contact = Latest(tool + "/contact", ContactState)
+    def __init__(self, tool="grasper", namespace=NAMESPACE):
+        self.state = Latest(namespace + "state", SimState)
+        self.info = Latest(namespace + "scan_info", ScanInfo)
+        self.topology = Latest(namespace + "mesh/topology", MeshTopology)
+        self.mesh = Latest(namespace + "mesh/state", MeshState)
+        self.contact = Latest(namespace + tool + "/contact", ContactState)
 
     def wait_until_running(self, start=rospy.Time(0)):
         """By what is told of the state and of a model at the time of start or later."""

@@ -1,10 +1,13 @@
 #!/usr/bin/env python3
 """Beside a robot that is made up (sim_robot), by the launch file for a real one: it takes hold, pulls, and what goes wrong with it does no harm."""
 import os
+import pty
+import subprocess
 import sys
 import time
 import unittest
 
+import roslib.packages
 import rospy
 import rostest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -12,11 +15,25 @@ from geometry_msgs.msg import Point, PoseStamped, WrenchStamped
 from pliant.srv import Register
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
+from visualization_msgs.msg import InteractiveMarkerFeedback
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from node_client import Latest, Node, call, wait_for  # noqa: E402
 
-BEHIND = {"silent": "old", "invalid": "stamp 0", "frozen": "old", "nan": "finite", "unknown_frame": "nowhere", "ahead": "ahead", "behind": "old"}
+BEHIND = {"silent": "old", "invalid": "stamp 0", "frozen": "old", "nan": "finite", "unknown_frame": "nowhere", "stale_frame": "transform", "ahead": "ahead", "behind": "old",
+          "disabled": "the arm is DISABLED"}
+
+
+def in_arm(place):
+    """In the arm's frame, whose origin is 0.2 above the tissue's."""
+    message = PoseStamped()
+    message.pose.position = Point(place[0], place[1], place[2] - 0.2)
+    message.pose.orientation.w = 1
+    return message
+
+
+def jaw(closed):
+    return JointState(position=[0.0 if closed else 0.6])
 
 
 class RobotTest(unittest.TestCase):
@@ -32,14 +49,10 @@ class RobotTest(unittest.TestCase):
         wait_for(lambda: cls.node.contact.fresh().present, "the arm", 60)
 
     def go(self, place):
-        """In the arm's frame, whose origin is 0.2 above the tissue's."""
-        message = PoseStamped()
-        message.pose.position = Point(place[0], place[1], place[2] - 0.2)
-        message.pose.orientation.w = 1
-        self.servo.publish(message)
+        self.servo.publish(in_arm(place))
 
     def close(self, closed):
-        self.jaw.publish(JointState(position=[0.0 if closed else 0.6]))
+        self.jaw.publish(jaw(closed))
 
     def take_hold(self):
         self.fault.publish("none")
@@ -76,6 +89,57 @@ class RobotTest(unittest.TestCase):
                 last = self.forces[-1]
                 self.assertEqual((last.x, last.y, last.z), (0, 0, 0))
         self.take_hold()
+
+    def test_robots_of_other_kinds_take_hold_and_pull(self):
+        for namespace, arm, prefix in (("/ambf/", "psm1", "/CRTK"), ("/raven/", "arm2", "")):
+            with self.subTest(arm=arm):
+                node, force = Node(arm, namespace), Latest(namespace + arm + "/measured_cf", WrenchStamped)
+                servo, jaws = (rospy.Publisher("%s/%s/%s" % (prefix, arm, topic), kind, queue_size=1, latch=True)
+                               for topic, kind in (("servo_cp", PoseStamped), ("jaw/servo_jp", JointState)))
+                node.wait_until_running()
+                inside = node.front()
+                jaws.publish(jaw(False))
+                servo.publish(in_arm(inside))
+                wait_for(lambda: node.contact.fresh().touching, "the tip in the tissue")
+                time.sleep(0.3)
+                jaws.publish(jaw(True))
+                wait_for(lambda: node.contact.fresh().grasped, "a hold")
+                servo.publish(in_arm([inside[0], inside[1] - 0.004, inside[2]]))
+                wait_for(lambda: force.fresh().wrench.force.y < -0.02, "a force")
+                jaws.publish(jaw(False))
+                wait_for(lambda: not node.contact.fresh().grasped, "the jaw to open")
+
+    def test_a_robot_without_one_by_keyboard_and_by_the_marker(self):
+        keys, terminal = pty.openpty()
+        self.addCleanup(os.close, keys)
+        command = [roslib.packages.find_node("pliant", "sim_robot")[0], "__name:=other", "_arms:=PSM3", "_camera:=ECM", "_setup:=0.05 0 0", "_keyboard:=true"]
+        robot = subprocess.Popen(command, stdin=terminal)
+        os.close(terminal)
+        rospy.set_param("/marker/start", [0, 0, -0.1])
+        marker = subprocess.Popen([roslib.packages.find_node("pliant", "marker_tool")[0], "__name:=marker", "_tool:=PSM3", "_frame:=PSM3_base",
+                                   "PSM3/measured_cp:=/PSM3/servo_cp", "PSM3/jaw/measured_js:=/PSM3/jaw/servo_jp"])
+        pose, local, jaws, state = (Latest("/PSM3/" + topic, kind) for topic, kind in (
+            ("measured_cp", PoseStamped), ("local/measured_cp", PoseStamped), ("jaw/measured_js", JointState), ("operating_state", rospy.AnyMsg)))
+        for process in (robot, marker):
+            self.addCleanup(process.wait)
+            self.addCleanup(process.kill)
+        # dragged to where it stays: the marker sends it again and again
+        drag = rospy.Publisher("/PSM3/drag/feedback", InteractiveMarkerFeedback, queue_size=1)
+        wait_for(lambda: drag.get_num_connections() and pose.message and local.message and state.message, "the robot and its marker")
+        feedback = InteractiveMarkerFeedback(marker_name="PSM3", event_type=InteractiveMarkerFeedback.POSE_UPDATE)
+        feedback.header.frame_id = "PSM3_base"
+        feedback.pose = in_arm((0.02, 0.01, 0.15)).pose
+        drag.publish(feedback)
+        wait_for(lambda: abs(pose.message.pose.position.x - 0.02) < 1e-6, "the arm where the marker is")
+        self.assertEqual((pose.message.header.frame_id, local.message.header.frame_id), ("ECM", "PSM3_base"))
+        self.assertAlmostEqual(local.message.pose.position.x, pose.message.pose.position.x - 0.05)
+        self.assertGreater(jaws.message.position[0], 0.2)
+        marker.terminate()
+        marker.wait()
+        before = pose.message.pose.position.x
+        os.write(keys, b"dd ")
+        wait_for(lambda: abs(pose.message.pose.position.x - before - 0.004) < 1e-6, "two steps of 2 mm")
+        wait_for(lambda: jaws.message.position[0] < 0.05, "the jaw to close")
 
     def test_a_teleport_is_no_pull(self):
         self.take_hold()

@@ -7,7 +7,7 @@ namespace pliant_ros {
 
 const char *guard_state_name(GuardState state)
 {
-    static const char *const names[] = {"closed", "rising", "open", "ending"};
+    static const char *const names[] = {"closed", "rising", "open", "ending", "fault"};
     return names[static_cast<int>(state)];
 }
 
@@ -30,9 +30,16 @@ void Guard::error(double now, double metres)
     error_ = metres;
 }
 
+void Guard::fault(const std::string &why)
+{
+    fault_ = why;
+    if (state_ == GuardState::CLOSED && !shut_) state_ = GuardState::FAULT;
+}
+
 std::string Guard::why(double now) const
 {
     if (shut_) return "it is shutting down";
+    if (!fault_.empty()) return fault_;
     if (!settings_.enabled) return "~haptic is false";
     if (settings_.needs_following && !following_) return "the teleoperation does not follow";
     if (!runs_) return "the simulation does not run";
@@ -82,12 +89,13 @@ Guard::Output Guard::update(double now)
     if (open && !moves) go(GuardState::RISING, now);
     else if (!open && moves) go(GuardState::ENDING, now);
     else if (state_ == GuardState::RISING && now - since_ >= settings_.ramp) state_ = GuardState::OPEN;
-    else if (state_ == GuardState::ENDING && now - since_ >= settings_.tail) state_ = GuardState::CLOSED;
+    else if (state_ == GuardState::ENDING && now - since_ >= settings_.tail) state_ = fault_.empty() ? GuardState::CLOSED : GuardState::FAULT;
 
-    Output out{state_ != GuardState::CLOSED, {0, 0, 0}};
-    if (state_ != GuardState::RISING && state_ != GuardState::OPEN) return out;
+    const bool rises = state_ == GuardState::RISING, passes = rises || state_ == GuardState::OPEN;
+    Output out{passes || state_ == GuardState::ENDING, {0, 0, 0}};
+    if (!passes) return out;
     filter(elapsed);
-    const double rise = state_ == GuardState::OPEN || !(settings_.ramp > 0) ? 1 : std::min(1.0, (now - since_) / settings_.ramp);
+    const double rise = !rises || !(settings_.ramp > 0) ? 1 : std::min(1.0, (now - since_) / settings_.ramp);
     for (int d = 0; d < 3; ++d) out.force[d] = rise * sent_[d];
     return out;
 }

@@ -4,11 +4,13 @@
  *
  *    state   | output                        | leaves when                                    | for
  *    CLOSED  | none                          | all gates are open                             | RISING
+ *            |                               | fault                                          | FAULT
  *    RISING  | the force, times 0 to 1       | `ramp` has passed                              | OPEN
- *            |                               | a gate closes                                  | ENDING
- *    OPEN    | the force                     | a gate closes                                  | ENDING
+ *            |                               | a gate closes, or fault                        | ENDING
+ *    OPEN    | the force                     | a gate closes, or fault                        | ENDING
  *    ENDING  | zero                          | all gates are open                             | RISING
- *            |                               | `tail` has passed                              | CLOSED
+ *            |                               | `tail` has passed                              | CLOSED; after a fault FAULT
+ *    FAULT   | none                          | never: no gate opens any more                  |
  *    any     | zero, once                    | shut_down                                      | CLOSED, for good
  *
  * A gate that closes makes the output zero in the same update: no ramp, no filter. "The force" is what came last, times -gain, through a
@@ -34,7 +36,7 @@ struct GuardSettings {
     double error_timeout = 0.5; /* [s] */
 };
 
-enum class GuardState { CLOSED, RISING, OPEN, ENDING };
+enum class GuardState { CLOSED, RISING, OPEN, ENDING, FAULT };
 const char *guard_state_name(GuardState state);
 
 class Guard {
@@ -47,6 +49,8 @@ public:
     void following(bool is) { following_ = is; }
     void simulation(bool runs) { runs_ = runs; }
     void error(double now, double metres); /* 0: not known */
+    /* What cannot pass, such as a wrong parameter: it never opens again, and why() says this. */
+    void fault(const std::string &why);
 
     struct Output {
         bool send;       /* there is something to send */
@@ -68,6 +72,7 @@ private:
 
     GuardSettings settings_;
     GuardState state_;
+    std::string fault_;
     bool shut_ = false, following_ = false, runs_ = false, pose_valid_ = false, finite_ = false;
     double pose_at_ = -1e300, wrench_at_ = -1e300, error_at_ = -1e300, error_ = 0;
     double wanted_[3] = {0, 0, 0}, smooth_[3] = {0, 0, 0}, sent_[3] = {0, 0, 0};

@@ -18,7 +18,7 @@ using XmlRpc::XmlRpcValue;
 const char *const node_names[] = {"scene",        "scan",          "scan/path",     "scan_root",   "output_root",
                                   "parent_frame", "tissue_frame",  "tissue_pose",   "registration", "hand_eye", "checkpoint", "checkpoint_period", "background",  "tools",
                                   "tool_max_age", "tool_hold",     "jaw_close",     "jaw_release", "pose_filter", "wrench_rate",  "wrench_bound",  "slice/axial",
-                                  "slice/coronal", "slice/sagittal", "cameras", "volume_threshold", "volume_region/low", "volume_region/high", "preview_step"};
+                                  "slice/coronal", "slice/sagittal", "cameras", "volume_threshold", "volume_region/low", "volume_region/high", "preview_step", "respawn"};
 
 [[noreturn]] void refuse(const std::string &message) { throw std::invalid_argument(message); }
 
@@ -322,6 +322,7 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "volume_region/high") read_point(name, value, out->volume_high, 100);
     else if (name == "preview_step") out->preview_step = static_cast<int>(number(name, value, 2, 8));
     else if (name == "scene" || name == "tools" || name == "cameras") return true; /* read before all others */
+    else if (name == "respawn") return true; /* the program's own */
     else {
         for (int plane = 0; plane < 3; ++plane)
             if (name == planes[plane]) {

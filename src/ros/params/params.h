@@ -72,7 +72,7 @@ struct Parameters {
    tissue_frame, tissue_pose, registration, hand_eye, checkpoint, checkpoint_period, background, tools, tool/<name>/{mode,blade,shape,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release, pose_filter,
    wrench_rate, wrench_bound, cameras,
    camera/<name>/{frame,convention,width,height,field_of_view,rate,near,far,baseline,threshold,shown,info_url}, slice/{axial,coronal,sagittal}, volume_threshold,
-   volume_region/{low,high}, preview_step. Anything else is an error that names the nearest known one.
+   volume_region/{low,high}, preview_step, respawn (of the program: it is started again whenever it ends). Anything else is an error that names the nearest known one.
    The tree is not changed; XmlRpcValue has no constant access. */
 bool read_parameters(XmlRpc::XmlRpcValue tree, Parameters *out, std::string *why);
 

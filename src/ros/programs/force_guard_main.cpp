@@ -5,9 +5,10 @@
  * remapped). Out: servo_cf (geometry_msgs/WrenchStamped) and set_cf_orientation_absolute (std_msgs/Bool, latched), to be remapped to the
  * hand controller's; /diagnostics.
  * Private parameters: tool, haptic (false), needs_following (true), gain, max_force [N], max_rate [N/s], cutoff [Hz], ramp [s], tail [s],
- * timeout [s], max_error [m; below 0: any], rate (200) [Hz]. */
+ * timeout [s], max_error [m; below 0: any], rate (200) [Hz], diagnostic_period (1) [s]. With a wrong one it goes on, in FAULT: it listens to
+ * nobody, sends zeros and no force, and diagnostics say what is wrong. One that ended would be started again without end. */
 #include "pliant/ros/convert.h"
-#include "ros/guard/guard.h"
+#include "ros/guard/guard_parameters.h"
 #include "ros/params/master_watch.h"
 
 #include <diagnostic_updater/diagnostic_updater.h>
@@ -19,8 +20,9 @@
 #include <ros/xmlrpc_manager.h>
 #include <std_msgs/Bool.h>
 
-#include <cmath>
 #include <csignal>
+#include <string>
+#include <vector>
 
 namespace {
 
@@ -33,28 +35,55 @@ void on_shutdown(XmlRpc::XmlRpcValue &parameters, XmlRpc::XmlRpcValue &result)
     result = ros::xmlrpc::responseInt(1, "", 0);
 }
 
-bool positive(const ros::NodeHandle &own, const char *name, double *value)
-{
-    *value = own.param(name, *value);
-    if (std::isfinite(*value) && *value > 0) return true;
-    ROS_FATAL("~%s: %g is not a number above 0", name, *value);
-    return false;
-}
-
-bool read(const ros::NodeHandle &own, pliant_ros::GuardSettings *settings, double *rate)
-{
-    settings->enabled = own.param("haptic", false);
-    settings->needs_following = own.param("needs_following", true);
-    const bool good = positive(own, "gain", &settings->gain) && positive(own, "max_force", &settings->largest) && positive(own, "max_rate", &settings->rate) &&
-                      positive(own, "cutoff", &settings->cutoff) && positive(own, "ramp", &settings->ramp) && positive(own, "tail", &settings->tail) &&
-                      positive(own, "timeout", &settings->timeout) && positive(own, "rate", rate);
-    settings->largest_error = own.param("max_error", settings->largest_error);
-    if (settings->largest_error < 0) settings->largest_error = INFINITY;
-    if (good && settings->largest > 10) ROS_WARN("~max_force: %g N is more than hand controllers are made for", settings->largest);
-    return good;
-}
-
 double monotonic() { return ros::SteadyTime::now().toSec(); }
+
+/* What the gates look at. `frame`: of the forces that came last. */
+std::vector<ros::Subscriber> listen(ros::NodeHandle handle, const std::string &tool, pliant_ros::Guard *guard, std::string *frame)
+{
+    const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
+    std::vector<ros::Subscriber> all;
+    all.push_back(handle.subscribe<topic_tools::ShapeShifter>(tool + "/measured_cp", 1, [=](const topic_tools::ShapeShifter::ConstPtr &message) {
+        geometry_msgs::PoseStamped sent;
+        pliant_ros::Rigid tip;
+        std::string why;
+        guard->pose(monotonic(), pliant_ros::pose_from_any_message(*message, "any", &sent, &why) && pliant_ros::tool_pose_from_message(sent, &tip, &why));
+    }, ros::VoidConstPtr(), hints));
+    all.push_back(handle.subscribe<geometry_msgs::WrenchStamped>(tool + "/measured_cf", 1, [=](const geometry_msgs::WrenchStampedConstPtr &message) {
+        const double force[3] = {message->wrench.force.x, message->wrench.force.y, message->wrench.force.z};
+        *frame = message->header.frame_id;
+        guard->wrench(monotonic(), force);
+    }, ros::VoidConstPtr(), hints));
+    all.push_back(handle.subscribe<std_msgs::Bool>("following", 1, [=](const std_msgs::BoolConstPtr &message) { guard->following(message->data); },
+                                                   ros::VoidConstPtr(), hints));
+    all.push_back(handle.subscribe<pliant::SimState>("state", 1, [=](const pliant::SimStateConstPtr &message) {
+        guard->simulation(message->state == pliant::SimState::RUNNING);
+    }, ros::VoidConstPtr(), hints));
+    all.push_back(handle.subscribe<pliant::StepTiming>("timing", 1, [=](const pliant::StepTimingConstPtr &message) {
+        guard->error(monotonic(), message->error);
+    }, ros::VoidConstPtr(), hints));
+    return all;
+}
+
+geometry_msgs::WrenchStamped wrench_of(const double force[3], const std::string &frame)
+{
+    geometry_msgs::WrenchStamped message;
+    message.header.stamp = ros::Time::now();
+    message.header.frame_id = frame;
+    message.wrench.force.x = force[0], message.wrench.force.y = force[1], message.wrench.force.z = force[2];
+    return message;
+}
+
+pliant_ros::GuardParameters parameters_of(const ros::NodeHandle &own, std::string *why)
+{
+    XmlRpc::XmlRpcValue tree;
+    if (!ros::param::get(own.getNamespace(), tree)) tree = XmlRpc::XmlRpcValue();
+    pliant_ros::GuardParameters parameters;
+    if (!pliant_ros::read_guard_parameters(tree, &parameters, why))
+        ROS_FATAL("%s. No force passes: set it right (rosparam set, or the launch file), and end this node for another one", why->c_str());
+    else if (parameters.settings.largest > 10)
+        ROS_WARN("~max_force: %g N is more than hand controllers are made for", parameters.settings.largest);
+    return parameters;
+}
 
 } // namespace
 
@@ -66,77 +95,50 @@ int main(int argc, char **argv)
     ros::XMLRPCManager::instance()->unbind("shutdown");
     ros::XMLRPCManager::instance()->bind("shutdown", on_shutdown);
     ros::NodeHandle handle, own("~");
-    pliant_ros::GuardSettings settings;
-    double rate = 200;
-    const std::string tool = own.param<std::string>("tool", "");
-    if (tool.empty()) ROS_FATAL("~tool: the name of the tool whose forces are to be felt, such as PSM1");
-    if (tool.empty() || !read(own, &settings, &rate)) return 1;
+    std::string wrong, frame;
+    const pliant_ros::GuardParameters parameters = parameters_of(own, &wrong);
+    const bool enabled = parameters.settings.enabled;
 
-    pliant_ros::Guard guard(settings);
-    ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
-    auto pose = handle.subscribe<topic_tools::ShapeShifter>(tool + "/measured_cp", 1, [&](const topic_tools::ShapeShifter::ConstPtr &message) {
-        geometry_msgs::PoseStamped sent;
-        pliant_ros::Rigid tip;
-        std::string why;
-        guard.pose(monotonic(), pliant_ros::pose_from_any_message(*message, "any", &sent, &why) && pliant_ros::tool_pose_from_message(sent, &tip, &why));
-    }, ros::VoidConstPtr(), hints);
-    std::string frame;
-    auto wrench = handle.subscribe<geometry_msgs::WrenchStamped>(tool + "/measured_cf", 1, [&](const geometry_msgs::WrenchStampedConstPtr &message) {
-        const double force[3] = {message->wrench.force.x, message->wrench.force.y, message->wrench.force.z};
-        frame = message->header.frame_id;
-        guard.wrench(monotonic(), force);
-    }, ros::VoidConstPtr(), hints);
-    auto following = handle.subscribe<std_msgs::Bool>("following", 1, [&](const std_msgs::BoolConstPtr &message) { guard.following(message->data); },
-                                                      ros::VoidConstPtr(), hints);
-    auto state = handle.subscribe<pliant::SimState>("state", 1, [&](const pliant::SimStateConstPtr &message) {
-        guard.simulation(message->state == pliant::SimState::RUNNING);
-    }, ros::VoidConstPtr(), hints);
-    auto timing = handle.subscribe<pliant::StepTiming>("timing", 1, [&](const pliant::StepTimingConstPtr &message) {
-        guard.error(monotonic(), message->error);
-    }, ros::VoidConstPtr(), hints);
+    pliant_ros::Guard guard(parameters.settings);
+    std::vector<ros::Subscriber> heard_of;
+    if (wrong.empty()) heard_of = listen(handle, parameters.tool, &guard, &frame);
+    else guard.fault(wrong);
     /* whoever comes once it is closed feels the last force of a guard before it still; the zeros so far went to others */
     const ros::SubscriberStatusCallback comes = [&](const ros::SingleSubscriberPublisher &hand) {
         const bool moves = guard.state() == pliant_ros::GuardState::RISING || guard.state() == pliant_ros::GuardState::OPEN;
-        if (!settings.enabled || moves) return;
-        geometry_msgs::WrenchStamped zero;
-        zero.header.stamp = ros::Time::now();
-        zero.header.frame_id = frame;
-        hand.publish(zero);
+        const double zero[3] = {0, 0, 0};
+        if (enabled && !moves) hand.publish(wrench_of(zero, frame));
     };
     ros::Publisher out = handle.advertise<geometry_msgs::WrenchStamped>("servo_cf", 1, comes);
     ros::Publisher absolute = handle.advertise<std_msgs::Bool>("set_cf_orientation_absolute", 1, true);
-    if (settings.enabled) {
+    if (enabled) {
         std_msgs::Bool yes; /* forces are in the axes of the arm's reference frame, not in those of the hand */
         yes.data = true;
         absolute.publish(yes);
     }
     pliant_ros::MasterWatch master(own, nullptr);
     diagnostic_updater::Updater diagnostics;
-    diagnostics.setHardwareID(tool);
+    diagnostics.setHardwareID(parameters.tool.empty() ? "none" : parameters.tool);
     diagnostics.add("force guard", [&](diagnostic_updater::DiagnosticStatusWrapper &status) {
         const std::string why = guard.why(monotonic());
-        status.summary(diagnostic_msgs::DiagnosticStatus::OK, why.empty() ? pliant_ros::guard_state_name(guard.state()) : "closed: " + why);
+        status.summary(wrong.empty() ? diagnostic_msgs::DiagnosticStatus::OK : diagnostic_msgs::DiagnosticStatus::ERROR,
+                       why.empty() ? pliant_ros::guard_state_name(guard.state()) : "closed: " + why);
         status.add("state", pliant_ros::guard_state_name(guard.state()));
         if (!master.problem().empty()) status.mergeSummary(diagnostic_msgs::DiagnosticStatus::WARN, master.problem());
         status.add("updates held back by max_force or max_rate", guard.clamped());
     });
 
-    const auto send = [&](const pliant_ros::Guard::Output &output) {
-        if (!output.send) return;
-        geometry_msgs::WrenchStamped message;
-        message.header.stamp = ros::Time::now();
-        message.header.frame_id = frame;
-        message.wrench.force.x = output.force[0], message.wrench.force.y = output.force[1], message.wrench.force.z = output.force[2];
-        out.publish(message);
-    };
     bool heard = false; /* by a hand controller: the first it gets are zeros */
-    for (ros::WallRate turn(rate); ros::ok() && !stop; turn.sleep()) {
+    for (ros::WallRate turn(parameters.rate); ros::ok() && !stop; turn.sleep()) {
         ros::spinOnce();
         heard = heard || out.getNumSubscribers() > 0;
-        if (heard) send(guard.update(monotonic()));
+        if (heard) {
+            const pliant_ros::Guard::Output now = guard.update(monotonic());
+            if (now.send) out.publish(wrench_of(now.force, frame));
+        }
         diagnostics.update();
     }
-    if (settings.enabled) send(guard.shut_down());
+    if (enabled) out.publish(wrench_of(guard.shut_down().force, frame));
     ros::WallDuration(0.05).sleep(); /* it is on its way */
     ros::shutdown();
     return 0;

@@ -1,4 +1,5 @@
 #include "pliant/ros/node.h"
+#include "ros/node/refused.h"
 
 #include <ros/ros.h>
 
@@ -18,7 +19,9 @@ int main(int argc, char **argv)
         ros::MultiThreadedSpinner(2).spin();
     } catch (const std::exception &wrong) {
         ROS_FATAL("%s", wrong.what());
-        return 1;
+        if (!own.param("respawn", false)) return 1;
+        const pliant_ros::Refused refused(handle, own, wrong.what());
+        ros::spin();
     }
     return 0;
 }

@@ -1,13 +1,17 @@
 /* Arms that speak CRTK as a dVRK console does, for tests and for people without one: /ARM/measured_cp, setpoint_cp, measured_cv and
- * jaw/measured_js at ~rate, tf of the arms' bases at half of it; they follow /ARM/servo_cp, move_cp and jaw/servo_jp, no faster than arms do.
+ * jaw/measured_js at ~rate, operating_state (latched), tf of the arms' bases at half of it; they follow /ARM/servo_cp, move_cp and jaw/servo_jp, no faster than arms do.
  *
- * Private parameters: arms ("PSM1"), prefix (""), rate (100) [Hz], frame ("" : ARM_base, each), parent ("world"), base ("0 0 0": of the arms in
+ * Private parameters: arms ("PSM1"), prefix (""), rate (100) [Hz], frame ("ARM_base", where ARM stands for the
+ * arm's name), parent ("world"), base ("0 0 0": of the arms in
  * it) [m], tip ("0 0 -0.1": where they begin, in their frame) [m], speed (0.2) [m/s], jaw (true), shake (0: of measured poses) [m],
  * camera ("": none; or the camera's arm, such as ECM: with setup joints poses are in its frame, and local/measured_cp in ARM_base), setup
  * ("0 0 0": of ARM_base in the camera's frame) [m], instrument ("": on tool_type, latched), keyboard (false; true: w s a d r f move the first arm
  * by 2 mm, blank opens and closes its jaw).
  * What can go wrong is switched by /ARM/fault (std_msgs/String): none, silent (a console that has died), invalid (stamp 0), frozen (old
- * stamps), nan, teleport (30 cm off), ahead, behind (its clock, by 10 s), unknown_frame. */
+ * stamps), nan, teleport (30 cm off), ahead, behind (its clock, by 10 s), unknown_frame,
+ * stale_frame (of which tf hears no more), disabled (its operating state). */
+#include "ros/sim/operating_state.h"
+
 #include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/TwistStamped.h>
 #include <ros/ros.h>
@@ -48,8 +52,7 @@ Eigen::Vector3d three(const ros::NodeHandle &own, const char *name, const char *
 class Arm {
 public:
     Arm(ros::NodeHandle handle, const std::string &name, const Settings &settings)
-        : settings_(settings), base_frame_(name + "_base"),
-          frame_(!settings.camera.empty() ? settings.camera : settings.frame.empty() ? base_frame_ : settings.frame), random_(std::hash<std::string>()(name))
+        : settings_(settings), base_frame_(frame_of(settings.frame, name)), frame_(settings.camera.empty() ? base_frame_ : settings.camera), random_(std::hash<std::string>()(name))
     {
         const std::string own = settings.prefix + "/" + name + "/";
         measured_ = handle.advertise<geometry_msgs::PoseStamped>(own + "measured_cp", 1);
@@ -69,7 +72,12 @@ public:
         jaw_in_ = handle.subscribe<sensor_msgs::JointState>(own + "jaw/servo_jp", 1, [this](const sensor_msgs::JointStateConstPtr &message) {
             if (!message->position.empty() && std::isfinite(message->position[0])) jaw_goal_ = message->position[0];
         });
-        fault_in_ = handle.subscribe<std_msgs::String>(own + "fault", 1, [this](const std_msgs::StringConstPtr &message) { fault_ = message->data; });
+        state_ = handle.advertise<pliant_ros::OperatingState>(own + "operating_state", 1, true);
+        tell_state();
+        fault_in_ = handle.subscribe<std_msgs::String>(own + "fault", 1, [this](const std_msgs::StringConstPtr &message) {
+            fault_ = message->data;
+            tell_state();
+        });
         at_ = goal_ = Eigen::Translation3d(settings.tip) * Eigen::Quaterniond::Identity();
     }
 
@@ -111,6 +119,7 @@ public:
     /* what tf is told */
     std::vector<geometry_msgs::TransformStamped> frames(const ros::Time &now) const
     {
+        if (fault_ == "stale_frame") return {};
         std::vector<geometry_msgs::TransformStamped> out{frame(settings_.parent, frame_, settings_.base, now)};
         if (!settings_.camera.empty()) out.push_back(frame(frame_, base_frame_, settings_.setup, now));
         return out;
@@ -125,6 +134,21 @@ public:
     }
 
 private:
+    static std::string frame_of(std::string frame, const std::string &arm)
+    {
+        const size_t at = frame.find("ARM");
+        return at == std::string::npos ? frame : frame.replace(at, 3, arm);
+    }
+
+    void tell_state()
+    {
+        pliant_ros::OperatingState state;
+        state.header.stamp = ros::Time::now();
+        state.state = fault_ == "disabled" ? "DISABLED" : "ENABLED";
+        state.is_homed = true;
+        state_.publish(state);
+    }
+
     static geometry_msgs::TransformStamped frame(const std::string &in, const std::string &name, const Eigen::Vector3d &place, const ros::Time &now)
     {
         geometry_msgs::TransformStamped out = tf2::eigenToTransform(Eigen::Isometry3d(Eigen::Translation3d(place)));
@@ -168,7 +192,7 @@ private:
     double jaw_ = 0.5, jaw_goal_ = 0.5;
     std::string fault_;
     ros::Time stamp_;
-    ros::Publisher measured_, setpoint_, velocity_, jaw_out_, local_, type_;
+    ros::Publisher measured_, setpoint_, velocity_, jaw_out_, local_, type_, state_;
     ros::Subscriber servo_in_, move_in_, jaw_in_, fault_in_;
 };
 
@@ -204,7 +228,7 @@ int main(int argc, char **argv)
     std::vector<std::unique_ptr<Arm>> arms;
     Settings settings;
     try {
-        settings = {own.param<std::string>("prefix", ""), own.param<std::string>("frame", ""), own.param<std::string>("parent", "world"),
+        settings = {own.param<std::string>("prefix", ""), own.param<std::string>("frame", "ARM_base"), own.param<std::string>("parent", "world"),
                     own.param<std::string>("camera", ""), own.param<std::string>("instrument", ""), three(own, "base", "0 0 0"),
                     three(own, "tip", "0 0 -0.1"), three(own, "setup", "0 0 0"), own.param("rate", 100.0), own.param("speed", 0.2), own.param("shake", 0.0),
                     own.param("jaw", true)};

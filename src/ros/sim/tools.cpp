@@ -1,5 +1,7 @@
 #include "ros/sim/tools.h"
 
+#include "ros/sim/operating_state.h"
+
 #include <sensor_msgs/Joy.h>
 #include <std_msgs/Bool.h>
 #include <std_msgs/String.h>
@@ -42,6 +44,10 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
             each.name + "/measured_cp", 8,
             [this, tool](const topic_tools::ShapeShifter::ConstPtr &message) { take_pose(tool, *message); },
             ros::VoidConstPtr(), hints);
+        tool->state_in = input.subscribe<OperatingState>(each.name + "/operating_state", 1, [tool](const boost::shared_ptr<const OperatingState> &message) {
+            std::lock_guard<InheritingMutex> hold(tool->lock);
+            tool->idle = message->why_not();
+        });
         if (each.has_blade()) listen_for_blade(handle, tool);
         if (each.shape_follows)
             tool->type_in = handle.subscribe<std_msgs::String>(each.name + "/tool_type", 1,
@@ -105,6 +111,7 @@ void Tools::take_pose(Tool *tool, const topic_tools::ShapeShifter &message)
     const bool good = pose_from_any_message(message, own.empty() ? parent_frame_ : own, &sent, &why) && tool_pose_from_message(sent, &pose, &why);
     std::lock_guard<InheritingMutex> hold(tool->lock);
     ++tool->received;
+    tool->arrived = ros::SteadyTime::now();
     tool->has_pose = good;
     tool->refused = why;
     if (!good) {
@@ -134,6 +141,11 @@ bool Tools::is_fresh(const ros::Time &stamp, const ros::Time &now, bool held) co
 {
     const double age = seconds_between(stamp, now);
     return age >= -max_age_ && age <= max_age_ + (held ? hold_ : 0);
+}
+
+double Tools::stood_still(const Tool &tool) const
+{
+    return (ros::SteadyTime::now() - std::max(tool.arrived, now_since_)).toSec();
 }
 
 /* The newest of the waiting poses that tf can place at its own stamp; what is older than that is of no use any more. Poses come meanwhile. */
@@ -186,11 +198,13 @@ void Tools::update_jaw(Tool *tool, const ros::Time &now)
 std::string Tools::reason(const Tool &tool, const ros::Time &now) const
 {
     if (now.isZero()) return "time stands still: /use_sim_time is true, and nothing has come on /clock";
+    if (!tool.idle.empty()) return tool.idle;
     if (!tool.refused.empty()) return tool.refused;
     if (!tool.has_pose) return tool.why;
     const double age = seconds_between(tool.stamp, now);
     if (age < -max_age_) return "its clock is " + milliseconds(-age) + " ahead, more than " + milliseconds(max_age_);
     if (age > max_age_) return "the newest pose is " + milliseconds(age) + " old, more than " + milliseconds(max_age_);
+    if (stood_still(tool) > max_age_) return "time stands still, and no pose has come for " + milliseconds(stood_still(tool)) + ": /clock has stopped";
     if (!tool.untransformed.empty()) return "its pose has no transform: " + tool.untransformed;
     return "the newest pose that has a transform is " + milliseconds(seconds_between(tool.last_stamp, now)) + " old, more than " +
            milliseconds(max_age_);
@@ -199,11 +213,16 @@ std::string Tools::reason(const Tool &tool, const ros::Time &now) const
 ToolSample Tools::sample(size_t index, const ros::Time &now)
 {
     Tool *tool = tools_[index].get();
+    if (now != now_) {
+        now_ = now;
+        now_since_ = ros::SteadyTime::now();
+    }
     transform(tool);
     std::lock_guard<InheritingMutex> hold(tool->lock);
     update_jaw(tool, now);
     ToolSample out;
-    out.present = tool->present = tool->has_last && is_fresh(tool->last_stamp, now, tool->present);
+    const bool goes_on = stood_still(*tool) <= max_age_ + (tool->present ? hold_ : 0);
+    out.present = tool->present = tool->idle.empty() && tool->has_last && goes_on && is_fresh(tool->last_stamp, now, tool->present);
     if (!tool->present) out.why = tool->why = reason(*tool, now);
     else if (tool->state == JAW_UNKNOWN && tool->parameters.grasps) out.why = "its jaw sends no valid angle, or none that is new";
     out.in_tissue = out.present ? tool->last_in_tissue : identity();

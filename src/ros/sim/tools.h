@@ -9,6 +9,7 @@
 
 #include <ros/callback_queue.h>
 #include <ros/node_handle.h>
+#include <ros/time.h>
 #include <tf2_ros/buffer.h>
 #include <topic_tools/shape_shifter.h>
 
@@ -58,7 +59,8 @@ public:
     const ToolParameters &parameters(size_t tool) const { return tools_[tool]->parameters; }
 
     /* The tool now, by the newest of its poses that has a transform into the tissue frame. Absent when the last pose is invalid, none
-       has a transform, or its stamp is more than tool_max_age from now; one that is there stays where it was for tool_hold longer.
+       has a transform, its arm says that it is not enabled and homed, or its stamp is more than tool_max_age from now (where time stands still:
+       when none has come for so long); one that is there stays where it was for tool_hold longer.
        Called by the simulation only. */
     ToolSample sample(size_t tool, const ros::Time &now);
     /* True when another instrument has been put on since the last call, of this shape. Called by the simulation only. */
@@ -98,10 +100,12 @@ private:
         ros::Time jaw_stamp;
         double jaw = 0, last_jaw = 0; /* last: that was valid */
         bool blade = false, energy = false;
+        std::string idle;         /* why its arm does not work, as operating_state says; empty: it does, or says nothing */
         std::string type;         /* of the instrument, where the shape follows that */
         bool exchanged = false;
         pliant_tool_shape shape{};
         uint64_t received = 0;
+        ros::SteadyTime arrived;  /* of the newest pose, by a clock that goes on whatever /clock does */
         std::string refused; /* why the last pose was */
         /* written by sample */
         bool has_last = false, present = false;
@@ -117,7 +121,7 @@ private:
         uint64_t counted = 0;
         ros::WallTime counted_at;
         /* last: they go first, and with them the callbacks that write the above */
-        ros::Subscriber pose_in, jaw_in, blade_in, energy_in, type_in;
+        ros::Subscriber pose_in, jaw_in, blade_in, energy_in, type_in, state_in;
     };
 
     void take_pose(Tool *tool, const topic_tools::ShapeShifter &message);
@@ -128,10 +132,15 @@ private:
     void update_jaw(Tool *tool, const ros::Time &now);
     /* held: it may be older by tool_hold */
     bool is_fresh(const ros::Time &stamp, const ros::Time &now, bool held) const;
+    /* [s] that neither a pose has come nor time gone on: no stamp grows old where /clock has stopped. 0 as long as time goes on. */
+    double stood_still(const Tool &tool) const;
     std::string reason(const Tool &tool, const ros::Time &now) const;
 
     const std::string tissue_frame_, parent_frame_;
     const double max_age_, hold_, jaw_close_, jaw_release_;
+    /* of the last call of sample */
+    ros::Time now_;
+    ros::SteadyTime now_since_;
     std::shared_ptr<const tf2_ros::Buffer> frames_;
     std::vector<std::unique_ptr<Tool>> tools_;
 };
