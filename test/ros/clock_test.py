@@ -64,7 +64,7 @@ class ClockTest(unittest.TestCase):
         self.assertFalse(node.contact.fresh().grasped)
         tool.take_hold(node.contact)
 
-        tool.position = list(point - [0, 0.01, 0])
+        tool.position = list(point - [0, 0.02, 0])
         wait_for(lambda: force.fresh().wrench.force.y < -0.1, "a force")
         self.clock_runs = False
         time.sleep(1)

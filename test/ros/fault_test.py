@@ -95,10 +95,11 @@ class FaultTest(unittest.TestCase):
             sender.sendTransform(message)
         timer = rospy.Timer(rospy.Duration(0.02), send)
         self.addCleanup(timer.shutdown)
+        return timer
 
-    def test_poses_wait_for_a_frame_that_comes_late(self):
+    def test_poses_wait_for_a_frame_that_comes_late_and_not_for_one_that_is_stale(self):
         self.load_small()
-        self.say_where("camera", 0.1)  # never as new as the newest pose
+        camera = self.say_where("camera", 0.1)  # never as new as the newest pose
         tool = Tool("grasper", "camera")
         self.addCleanup(tool.reset)
         tool.appear(self.node.front())
@@ -108,6 +109,11 @@ class FaultTest(unittest.TestCase):
         wait_for(lambda: len(seen) > 30, "contact messages")
         watch.unregister()
         self.assertTrue(all(seen), "it comes and goes")
+        tool.take_hold(self.node.contact)
+        camera.shutdown()  # and the poses go on
+        wait_for(lambda: not self.node.contact.fresh().present, "the tool to be gone")
+        self.assertFalse(self.node.contact.fresh().grasped)
+        wait_for(lambda: "has no transform" in self.diagnosed()["tool grasper"][0].message, "the frame of which nothing more is heard")
 
     def test_a_short_gap_keeps_the_hold_and_a_long_one_says_why_it_is_lost(self):
         self.load_small()

@@ -155,7 +155,7 @@ class Guarded(unittest.TestCase):
         self.wait(lambda: self.feels(1), "the force again")
 
     def test_6_a_wrong_parameter_is_told_of_and_no_guard_is_started_over_and_over(self):
-        name = "wrong: force guard"
+        name = "tissue/wrong: force guard"
         self.wait(lambda: "~gain is -1" in self.said.get(name, ""), "the parameter in diagnostics")
         self.assertEqual(self.levels[name], b"\x02" if isinstance(self.levels[name], bytes) else 2)  # an error
         process = self.process_of("/tissue/wrong")

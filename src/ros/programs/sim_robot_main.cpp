@@ -9,7 +9,7 @@
  * by 2 mm, blank opens and closes its jaw).
  * What can go wrong is switched by /ARM/fault (std_msgs/String): none, silent (a console that has died), invalid (stamp 0), frozen (old
  * stamps), nan, teleport (30 cm off), ahead, behind (its clock, by 10 s), unknown_frame,
- * stale_frame (of which tf hears no more), disabled (its operating state). */
+ * disabled (its operating state). */
 #include "ros/sim/operating_state.h"
 
 #include <geometry_msgs/PoseStamped.h>
@@ -25,6 +25,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <map>
 #include <memory>
 #include <random>
 #include <sstream>
@@ -119,7 +120,6 @@ public:
     /* what tf is told */
     std::vector<geometry_msgs::TransformStamped> frames(const ros::Time &now) const
     {
-        if (fault_ == "stale_frame") return {};
         std::vector<geometry_msgs::TransformStamped> out{frame(settings_.parent, frame_, settings_.base, now)};
         if (!settings_.camera.empty()) out.push_back(frame(frame_, base_frame_, settings_.setup, now));
         return out;
@@ -249,8 +249,10 @@ int main(int argc, char **argv)
         const ros::Time now = ros::Time::now();
         for (auto &arm : arms) arm->turn((steady - before).toSec(), now);
         before = steady;
-        if (count % 2 == 0)
-            for (auto &arm : arms) frames.sendTransform(arm->frames(now));
+        std::map<std::string, geometry_msgs::TransformStamped> all; /* arms may share a base */
+        for (size_t a = 0; a < arms.size() && count % 2 == 0; ++a)
+            for (const geometry_msgs::TransformStamped &each : arms[a]->frames(now)) all[each.child_frame_id] = each;
+        for (const auto &each : all) frames.sendTransform(each.second);
         turn.sleep();
     }
     return 0;
