@@ -114,6 +114,13 @@ typedef struct pliant_pieces {
 /** Whether a node moves. What a solve is not asked for, since it is of a piece that has come off, is fixed where it was then, not at rest. */
 typedef enum pliant_fixing { PLIANT_MOVES, PLIANT_FIXED_AT_REST, PLIANT_FIXED_WHERE_IT_WAS } pliant_fixing;
 
+/** What becomes of coarse elements where a cut ends inside one, between two, or between fragments and whole ones. */
+typedef enum pliant_opening {
+    PLIANT_CUTS_CLOSED,        /**< corners stay one wherever fine faces join: the cut ends at the coarse node before */
+    PLIANT_CUTS_OPEN,          /**< homogenized tetrahedra: it opens within them */
+    PLIANT_CUTS_TIED           /**< hexahedra: it opens, and what is left of the face ties both sides */
+} pliant_opening;
+
 typedef struct pliant_body {
     uint64_t revision;         /**< 1 at load; no two bodies of a simulation share one */
     /* MESH */
@@ -138,7 +145,7 @@ typedef struct pliant_body {
     bool has_inertia;          /**< explicit dynamics: what comes off falls as everything moves; otherwise its nodes are fixed for the solve, and
                                 *   it falls as a rigid body */
     pliant_pieces *pieces;     /**< Nullable: nothing has come off */
-    bool cuts_open;            /**< homogenized tetrahedra: a cut that ends inside one, or between fragments and whole ones, opens there */
+    pliant_opening cuts_open;  /**< of the coarse mesh, where a cut ends between its nodes */
 
     const pliant_voxels *voxels; /**< Nullable: only where a scene may cut; one holder of them */
     pliant_cuts *cuts;         /**< Nullable: nothing is severed */

@@ -149,7 +149,7 @@ static void find_fragments(nesting *work, int when, int32_t *family)
 static pliant_status find_cut(nesting *work, int when)
 {
     const pliant_mesh *fine = fine_of(work, when);
-    if (!work->next->cuts_open) return PLIANT_OK;
+    if (work->next->cuts_open == PLIANT_CUTS_CLOSED) return PLIANT_OK;
     const size_t places = ((size_t)fine->cells[0] + 1) * ((size_t)fine->cells[1] + 1) * ((size_t)fine->cells[2] + 1);
     int32_t *nodes_at = pliant_calloc(places, sizeof *nodes_at), *family = pliant_calloc((size_t)work->num_tets, sizeof *family);
     double *around = pliant_calloc((size_t)fine->num_nodes, sizeof *around);
@@ -190,6 +190,16 @@ static int join_two(nesting *work, int when, int32_t a, int32_t b, bool all)
     return common;
 }
 
+/* a corner of the lattice that both have, with fine nodes of their own */
+static bool parts_at_corner(const nesting *work, int when, int32_t a, int32_t b)
+{
+    const int32_t *own = work->own[when];
+    for (int v = 0; work->next->cuts_open == PLIANT_CUTS_TIED && v < 4; v++)
+        for (int w = 0; w < 4; w++)
+            if (same_corner(work, a, v, b, w) && own[4 * a + v] >= 0 && own[4 * b + w] >= 0 && own[4 * a + v] != own[4 * b + w]) return true;
+    return false;
+}
+
 /* Corners of coarse tetrahedra that fine faces make one. In front of a cut's end a fragment has some beyond the cut: they hang on fragments of its own
  * side alone, so that the tetrahedra in which the cut ends may open. What would hang by an edge then is joined as a whole. part: (coarse
  * tetrahedra) room */
@@ -199,12 +209,13 @@ static void join_corners(nesting *work, int when, int32_t *part)
     const uint8_t *cut = work->cut[when];
     for (int32_t v = 0; v < 4 * count; v++) work->corner[when][v] = v;
     for (int32_t c = 0; c < count; c++) part[c] = c;
-    for (int pass = 0; pass < 3; pass++) /* beside the cut's end: as they are, which hang by a face, the others as a whole */
+    const int passes = work->next->cuts_open == PLIANT_CUTS_TIED ? 1 : 3; /* ties hold what hangs by less (fem/coarse/ties.c) */
+    for (int pass = 0; pass < passes; pass++) /* beside the cut's end: as they are, which hang by a face, the others as a whole */
         for (int32_t f = 0; f < 4 * fine_of(work, when)->num_tets; f++) {
             const int32_t other = work->across[when][f], a = coarse[f / 4];
             if (other < 0 || coarse[other] <= a) continue; /* from one side is enough */
             const int32_t b = coarse[other];
-            const bool open = ((cut[a] | cut[b]) & ENDS) || (cut[a] & FRAGMENT) != (cut[b] & FRAGMENT);
+            const bool open = ((cut[a] | cut[b]) & ENDS) || (cut[a] & FRAGMENT) != (cut[b] & FRAGMENT) || parts_at_corner(work, when, a, b);
             if (pass > 0 && (!open || first_of(part, a) == first_of(part, b))) continue;
             if (join_two(work, when, a, b, !open || pass == 2) > 2 && (!open || pass > 0)) join(part, a, b);
         }

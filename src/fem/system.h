@@ -188,6 +188,9 @@ pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_ma
  * and what is followed by something fixed. Errors: MEMORY. */
 pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept,
                                              uint8_t *fixed);
+/* ---- coarse/ties.c: beside a cut that opens (body.h) what ties coarse nodes at one place, as elements after all others. Errors: MEMORY. */
+enum { PLIANT_TIE_CORNERS = 2 };
+pliant_status pliant_cubes_tie(pliant_system *system, const pliant_body *body);
 /* ---- hexahedra.c */
 /* Nodes of the cubes of a lattice of whole ones, without stiffness: start, node, cell. Errors: MEMORY. */
 pliant_status pliant_system_cubes(pliant_system *system);

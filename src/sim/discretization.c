@@ -59,6 +59,51 @@ void pliant_discretizing_end(pliant_discretizing *work)
     memset(work, 0, sizeof *work);
 }
 
+static int32_t first_of(const int32_t *one, int32_t node)
+{
+    while (one[node] != node) node = one[node];
+    return node;
+}
+
+/* (coarse nodes) the same node for those that ties hold together; false: there are none */
+static bool find_tied(const pliant_system *system, int32_t *one)
+{
+    const pliant_macros *macros = system->macros;
+    bool any = false;
+    for (int32_t n = 0; n < system->mesh->num_nodes; n++) one[n] = n;
+    for (int32_t e = 0; macros && e < macros->count; e++) {
+        if (macros->start[e + 1] - macros->start[e] != PLIANT_TIE_CORNERS) continue;
+        const int32_t a = first_of(one, macros->node[macros->start[e]]), b = first_of(one, macros->node[macros->start[e] + 1]);
+        one[a > b ? a : b] = a > b ? b : a;
+        any = true;
+    }
+    return any;
+}
+
+/* pliant_mesh_hold of the coarse mesh, what is tied as one node. */
+static pliant_status hold_tied(const pliant_system *system, bool whole, uint8_t *held, uint8_t *loose, int32_t *pieces)
+{
+    const size_t nodes = (size_t)system->mesh->num_nodes, corners = 4 * (size_t)system->mesh->num_tets;
+    pliant_mesh tied = *system->mesh;
+    int32_t *one = pliant_calloc(nodes, sizeof *one), *tets = pliant_calloc(corners, sizeof *tets);
+    uint8_t *of_all = pliant_calloc(nodes, 1);
+    pliant_status status = one && tets && of_all ? PLIANT_OK : pliant_fail_memory("the fixed nodes");
+    if (status == PLIANT_OK && !find_tied(system, one)) status = pliant_mesh_hold(system->mesh, PLIANT_FIXED_AT_REST, whole, held, loose, pieces);
+    else if (status == PLIANT_OK) {
+        for (size_t v = 0; v < corners; v++) tets[v] = first_of(one, tied.tets[v]);
+        for (size_t n = 0; n < nodes; n++)
+            if (held[n]) of_all[first_of(one, (int32_t)n)] = PLIANT_FIXED_WHERE_IT_WAS;
+        tied.tets = tets;
+        status = pliant_mesh_hold(&tied, PLIANT_FIXED_AT_REST, whole, of_all, loose, pieces);
+        for (size_t n = 0; status == PLIANT_OK && n < nodes; n++)
+            if (of_all[first_of(one, (int32_t)n)] == PLIANT_FIXED_AT_REST) held[n] = PLIANT_FIXED_AT_REST;
+    }
+    pliant_free(one);
+    pliant_free(tets);
+    pliant_free(of_all);
+    return status;
+}
+
 /* A homogenized element that holds fixed fine nodes holds its corners. What hangs on fewer than three nodes is held where
  * it is, as on the fine mesh. */
 static pliant_status hold_homogenized(pliant_discretizing *work)
@@ -75,7 +120,7 @@ static pliant_status hold_homogenized(pliant_discretizing *work)
             if (grounded[v / 4]) stands[coarse->tets[v]] = 1;
         memcpy(held, stands, (size_t)coarse->num_nodes);
         bool whole = work->made->body->changes.since == 0; /* what comes off later stays where it is */
-        status = pliant_mesh_hold(coarse, PLIANT_FIXED_AT_REST, whole, held, loose, &pieces);
+        status = hold_tied(work->made->system, whole, held, loose, &pieces);
     }
     for (int32_t n = 0; status == PLIANT_OK && n < coarse->num_nodes; n++)
         if (held[n] && !stands[n]) work->solved_fixed[n] = 1;
@@ -142,7 +187,8 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     const bool hexahedra = scene->element.kind == PLIANT_HEXAHEDRA;
     if (scene->model.method == PLIANT_COARSE && hexahedra) {
         pliant_status status = pliant_system_hexahedra(system, body->coarse_material, before, kept ? kept->coarse : NULL);
-        return status == PLIANT_OK ? pliant_upsample_cubes(system, body->coarse_of_fine) : status;
+        if (status == PLIANT_OK) status = pliant_upsample_cubes(system, body->coarse_of_fine);
+        return status == PLIANT_OK ? pliant_cubes_tie(system, body) : status;
     }
     if (scene->model.method == PLIANT_COARSE) {
         pliant_status status = pliant_system_elements(system, body->coarse_material, before, kept ? kept->coarse : NULL);
@@ -166,6 +212,7 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     else if (status == PLIANT_OK)
         status = homogenize_tets(work, material);
     pliant_free(light);
+    if (status == PLIANT_OK && hexahedra) status = pliant_cubes_tie(system, body);
     return status == PLIANT_OK ? hold_homogenized(work) : status;
 }
 

@@ -75,7 +75,7 @@ static void cube_loads(const pliant_submesh *submesh, const pliant_cube_room *ro
     int32_t local_of[CORNERS];
     for (int v = 0; v < CORNERS; v++) {
         memcpy(x[v], submesh->fine->rest + 3 * cube->node[v], sizeof x[v]);
-        local_of[v] = submesh->local_of[cube->node[v]];
+        local_of[v] = submesh->whose[submesh->local_of[cube->node[v]]];
     }
     for (int slot = 0; slot < 5; slot++) share += (slot == 0 ? 2.0 : 1.0) / 6 * share_of(submesh->material + cube->tet[slot]);
     for (int p = 0; p < CORNERS; p++) {
@@ -97,7 +97,7 @@ static void tet_loads(const pliant_submesh *submesh, const pliant_cube_room *roo
     double flat[12], gradient[4][3], volume = pliant_mesh_gradients(submesh->fine, tet, flat);
     int32_t local_of[4];
     memcpy(gradient, flat, sizeof gradient);
-    for (int v = 0; v < 4; v++) local_of[v] = submesh->local_of[submesh->fine->tets[4 * tet + v]];
+    for (int v = 0; v < 4; v++) local_of[v] = submesh->whose[submesh->local_of[submesh->fine->tets[4 * tet + v]]];
     for (int p = 0; p < 4; p++) {
         double y[3] = {0, 0, 0};
         for (int v = 0; v < 4; v++)

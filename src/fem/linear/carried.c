@@ -40,7 +40,7 @@ pliant_status pliant_carried_whole(const pliant_system *system, uint8_t **out)
     if (!macros || !macros->cell) return PLIANT_OK;
     *out = pliant_calloc((size_t)system->mesh->cells[0] * (size_t)system->mesh->cells[1] * (size_t)system->mesh->cells[2], 1);
     if (!*out) return pliant_fail_memory("the preconditioner");
-    for (int32_t e = 0; e < macros->count; e++) (*out)[macros->cell[e]] = macros->start[e + 1] - macros->start[e] == 8;
+    for (int32_t e = 0; e < macros->count; e++) (*out)[macros->cell[e]] |= macros->start[e + 1] - macros->start[e] == 8;
     return PLIANT_OK;
 }
 
