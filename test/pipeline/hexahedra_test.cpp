@@ -56,9 +56,11 @@ TEST(Hexahedra, CoarseBeamSagsAsTheConvergedOne)
         std::printf("beam, nu %.3f, ratio 2: schur %.2f times the sag, fine hexahedra %.3f\n", poisson[n], schur, fine);
         EXPECT_GT(schur, fine);
     }
-    const double lod = coarse_sag(PLIANT_LOD, poisson[1], 2) / converged[1] - 1;
-    std::printf("beam, nu %.2f, ratio 2: lod %.1f %%\n", poisson[1], 100 * lod);
-    EXPECT_LT(std::fabs(lod), 0.03);
+    for (int n = 1; n < 3; n++) {
+        const double lod = coarse_sag(PLIANT_LOD, poisson[n], 2) / converged[n] - 1;
+        std::printf("beam, nu %.3f, ratio 2: lod %.1f %%\n", poisson[n], 100 * lod);
+        EXPECT_LT(std::fabs(lod), n == 1 ? 0.03 : 0.045); // with all of the bulk modulus in the correctors 6.2 % at 0.499
+    }
 }
 
 // What is told of a nearly incompressible beam: one change of volume a cube, small everywhere, while its five tetrahedra change theirs against each other.

@@ -363,10 +363,10 @@ TEST(Verification, SphereAgainstEshelby)
 
 // ---- one cell thin
 
-// A load at the end of a strip 20 times as long as thick: one cube bends too easily where tissue is nearly incompressible, as it has one change of volume.
+// A load at the end of a strip 20 times as long as thick.
 TEST(Verification, AStripOneCellThinBends)
 {
-    const double most[2][2] = {{0.08, 0.42}, {0.04, 0.06}};
+    const double most[2][2] = {{0.08, 0.1}, {0.04, 0.05}};
     for (int across : {1, 2})
         for (double poisson : {0.0, 0.499}) {
             const int size[3] = {across, across, 20 * across};

@@ -1,9 +1,11 @@
 #include "fem/coarse/lod.h"
 
 #include "base/fail.h"
+#include "base/room.h"
 #include "base/threads.h"
 #include "fem/coarse/lod_corrector.h"
 #include "fem/coarse/lod_macro.h"
+#include "fem/element/hexahedra.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -48,13 +50,34 @@ pliant_status pliant_lod_ground(pliant_system *system, bool hexahedra, const uin
     return status;
 }
 
+/* Hexahedra of tissue whose volume changes as easily as at a Poisson's ratio of 0.48; what is left out of that goes to lod->bulk. */
+static pliant_status make_hexahedra(lod_builder *lod)
+{
+    const double most = 25; /* lambda over mu */
+    const pliant_mesh *fine = lod->system->fine;
+    pliant_tet_material *material = pliant_copy_of(lod->material, (size_t)fine->num_tets, sizeof *material);
+    int32_t *element = NULL;
+    pliant_status status = material ? PLIANT_OK : pliant_fail_memory("the fine mesh");
+    for (int32_t t = 0; material && t < fine->num_tets; t++) material[t].lambda = fmin(material[t].lambda, most * material[t].mu);
+    if (status == PLIANT_OK) status = pliant_system_hexahedra(&lod->whole, material, NULL, NULL);
+    if (status == PLIANT_OK) status = pliant_hexahedra_of_tets(fine, lod->whole.macros, &element);
+    if (status == PLIANT_OK && !(lod->bulk = pliant_calloc((size_t)lod->whole.macros->count, sizeof *lod->bulk))) status = pliant_fail_memory("the fine mesh");
+    for (int32_t t = 0; status == PLIANT_OK && t < fine->num_tets; t++) {
+        double gradients[12];
+        lod->bulk[element[t]] += pliant_mesh_gradients(fine, t, gradients) * (lod->material[t].lambda - material[t].lambda);
+    }
+    pliant_free(element);
+    pliant_free(material);
+    return status;
+}
+
 /* the fine mesh's elements, at rest */
 static pliant_status make_fine(lod_builder *lod, bool hexahedra)
 {
     pliant_system *whole = &lod->whole;
     whole->mesh = whole->fine = lod->system->fine;
     whole->num_threads = lod->system->num_threads;
-    pliant_status status = hexahedra ? pliant_system_hexahedra(whole, lod->material, NULL, NULL) : pliant_system_elements(whole, lod->material, NULL, NULL);
+    pliant_status status = hexahedra ? make_hexahedra(lod) : pliant_system_elements(whole, lod->material, NULL, NULL);
     if (status != PLIANT_OK) return status;
     if (!(lod->at_rest = pliant_calloc((size_t)whole->num_blocks, sizeof *lod->at_rest))) return pliant_fail_memory("the stiffness of the fine mesh");
     for (int32_t b = 0; b < whole->num_blocks; b++)
@@ -165,7 +188,7 @@ static void builder_free(lod_builder *lod)
         pliant_free(lod->correctors[cube].node);
         pliant_free(lod->correctors[cube].value);
     }
-    void *blocks[] = {lod->cell, lod->cube_of_cell, lod->element_start, lod->elements, lod->at_rest, lod->own, lod->grounded, lod->patch_nodes, lod->patch_means,
+    void *blocks[] = {lod->cell, lod->cube_of_cell, lod->element_start, lod->elements, lod->at_rest, lod->bulk, lod->own, lod->grounded, lod->patch_nodes, lod->patch_means,
                       lod->values, lod->mass, lod->reach, lod->correctors};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_system_clear(&lod->whole);

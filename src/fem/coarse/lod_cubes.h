@@ -31,6 +31,7 @@ typedef struct lod_builder {
     /* the fine mesh */
     pliant_system whole;   /* its elements, free nodes, pattern */
     pliant_tangent *at_rest; /* (whole.num_blocks) */
+    double *bulk;          /* Nullable: (elements of whole) volume times what of the bulk modulus is left out of it [N m] (lod.h) */
     double *values;        /* its matrix at rest, by whole.pattern */
     double *mass;          /* (fine nodes) as gravity has it [kg] */
     double support;        /* stiffness that keeps corners of grounded cubes that move nothing in place [N/m] */

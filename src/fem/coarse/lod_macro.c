@@ -219,6 +219,26 @@ static void fill_force(const lod_builder *lod, const lod_room *room, int32_t cub
     }
 }
 
+/* What resists the change of volume of the cube as one; row: room for as many numbers as there are columns */
+static void add_bulk(const lod_builder *lod, const lod_room *room, int32_t cube, cube_work *work, double *row)
+{
+    const size_t columns = 3 * (size_t)work->num_corners;
+    double whole = 0;
+    memset(row, 0, columns * sizeof *row);
+    for (int32_t e = lod->element_start[cube]; e < lod->element_start[cube + 1]; e++) {
+        const int32_t element = lod->elements[e], *nodes;
+        const double *gradient = lod->whole.macros->gradient + 24 * (size_t)element;
+        const int n = 3 * lod_element(lod, element, &nodes, NULL);
+        whole += lod->bulk[element];
+        for (int a = 0; a < n; a++) {
+            const double *from = work->shape + columns * (3 * (size_t)room->local[nodes[a / 3]] + (size_t)(a % 3));
+            for (size_t c = 0; c < columns; c++) row[c] += lod->bulk[element] * gradient[a] * from[c];
+        }
+    }
+    for (size_t i = 0; whole > 0 && i < columns; i++)
+        for (size_t j = 0; j <= i; j++) work->matrix[columns * i + j] += row[i] * row[j] / whole;
+}
+
 /* N' K_C N, lower triangle; corners of grounded cubes may move what is fixed alone, and would be left without stiffness */
 static void fill_matrix(const lod_builder *lod, int32_t cube, cube_work *work)
 {
@@ -300,6 +320,7 @@ pliant_status lod_macro(lod_builder *lod, lod_room *room, int32_t cube)
         fill_shape(lod, room, cube, &work);
         fill_force(lod, room, cube, &work);
         fill_matrix(lod, cube, &work);
+        if (lod->bulk) add_bulk(lod, room, cube, &work, work.root);
         leave_corners(room, work.num_corners, macros->node + first, macros->held + first);
         status = keep_root(lod, cube, &work);
     }

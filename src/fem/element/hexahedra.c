@@ -2,8 +2,9 @@
  * trilinear one (mean dilatation: Nagtegaal, Parks, Rice 1974; B-bar: Hughes, Int. J. Numer. Meth. Engng 15:1413, 1980). With one rotation
  * a cube (Mueller and Gross 2004) its stiffness is constant:
  *     K = sum over t of mu_t int_t (2 e : e - 2/3 div^2) + (sum over t of V_t kappa_t) b b',   b = mean of the gradients, kappa = lambda + 2/3 mu,
- * over the five tetrahedra t of the cube, which carry the voxels' material: [H] 2.1 taken over a cube. What is not whole, beside a cut,
- * stays tetrahedra. */
+ * over the five tetrahedra t of the cube, which carry the voxels' material: [H] 2.1 taken over a cube. A fourth of it is another cube's: that one's
+ * displacement has the incompatible modes of Taylor, Beresford and Wilson (Int. J. Numer. Meth. Engng 10:1211, 1976), which are condensed, and its
+ * change of volume is linear in the cube, so that it bends as a beam does at any Poisson's ratio. What is not whole, beside a cut, stays tetrahedra. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/element/hexahedra.h"
@@ -14,11 +15,14 @@
 #include <math.h>
 #include <string.h>
 
-enum { CORNERS = 8, UNKNOWNS = 24, POINTS = 3 };
+enum { CORNERS = 8, UNKNOWNS = 24, POINTS = 3, ENHANCED = CORNERS + 3, MODES = PLIANT_CUBE_MODES };
 
 /* Tissue that fills a part of a cube alone leaves the rest this part of its stiffness (finite cell method: Parvizian, Duester, Rank 2007;
  * NUMERICS 5). */
 static const double filler = 5e-2;
+
+/* Part of the stiffness that is of the cube with incompatible modes (NUMERICS 5): one change of volume alone lets tissue one cube thin bend too easily. */
+static const double enhanced = 0.25;
 
 int pliant_cell_parity(const pliant_mesh *mesh, int32_t cell)
 {
@@ -151,20 +155,74 @@ double pliant_cube_gradients(double x[CORNERS][3], const double at[3], double gr
 }
 
 /* 2 e : e - 2/3 div^2 at a point, times a weight */
-static void add_deviatoric(double gradient[CORNERS][3], double weight, double *out)
+static void add_deviatoric(double gradient[ENHANCED][3], double weight, double *out)
 {
-    for (int a = 0; a < CORNERS; a++)
-        for (int b = 0; b < CORNERS; b++) {
+    for (int a = 0; a < ENHANCED; a++)
+        for (int b = 0; b < ENHANCED; b++) {
             const double *g = gradient[a], *h = gradient[b];
             double dot = g[0] * h[0] + g[1] * h[1] + g[2] * h[2];
             for (int i = 0; i < 3; i++)
                 for (int j = 0; j < 3; j++)
-                    out[UNKNOWNS * (3 * a + i) + 3 * b + j] += weight * ((i == j ? dot : 0) + g[j] * h[i] - 2.0 / 3 * g[i] * h[j]);
+                    out[MODES * (3 * a + i) + 3 * b + j] += weight * ((i == j ? dot : 0) + g[j] * h[i] - 2.0 / 3 * g[i] * h[j]);
         }
 }
 
+/* What the integrals of a cube share: its corners, the map in its middle, and the change of volume as linear in the cube, of the corners' displacements */
+typedef struct cube_frame {
+    double x[CORNERS][3], middle[9], determinant;
+    double dilation[4][UNKNOWNS];  /* mean, and along each axis */
+} cube_frame;
+
+/* The gradients of the corners' shape functions, and of the incompatible modes 1/2 s_d^2, s from the middle, scaled so that their mean is zero (Taylor,
+ * Beresford, Wilson, Int. J. Numer. Meth. Engng 10:1211, 1976). Returns the determinant of the map. */
+static double gradients_at(cube_frame *frame, const double at[3], double gradient[ENHANCED][3])
+{
+    const double determinant = pliant_cube_gradients(frame->x, at, gradient);
+    for (int d = 0; d < 3; d++)
+        for (int i = 0; i < 3; i++) gradient[CORNERS + d][i] = frame->determinant / determinant * (at[d] - 0.5) * frame->middle[3 * d + i];
+    return determinant;
+}
+
+static void find_frame(cube_frame *frame)
+{
+    static const double point[POINTS] = {0.1127016653792583, 0.5, 0.8872983346207417}, weight[POINTS] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
+    const double middle[3] = {0.5, 0.5, 0.5};
+    double gradient[CORNERS][3], whole = 0;
+    frame->determinant = pliant_cube_gradients(frame->x, middle, gradient);
+    /* a local coordinate is the sum of the shape functions of the corners where it is 1 */
+    for (int d = 0; d < 3; d++)
+        for (int i = 0; i < 3; i++) {
+            frame->middle[3 * d + i] = 0;
+            for (int v = 0; v < CORNERS; v++) frame->middle[3 * d + i] += v >> d & 1 ? gradient[v][i] : 0;
+        }
+    memset(frame->dilation, 0, sizeof frame->dilation);
+    for (int p = 0; p < POINTS * POINTS * POINTS; p++) {
+        const double at[3] = {point[p % POINTS], point[p / POINTS % POINTS], point[p / POINTS / POINTS]};
+        const double part = weight[p % POINTS] * weight[p / POINTS % POINTS] * weight[p / POINTS / POINTS];
+        const double determinant = fabs(pliant_cube_gradients(frame->x, at, gradient));
+        whole += part * determinant;
+        for (int i = 0; i < UNKNOWNS; i++) {
+            const double g = gradient[i / 3][i % 3];
+            frame->dilation[0][i] += part * determinant * g;
+            for (int d = 0; d < 3; d++) frame->dilation[1 + d][i] += 12 * part * (at[d] - 0.5) * g;
+        }
+    }
+    for (int i = 0; i < UNKNOWNS; i++) frame->dilation[0][i] /= whole;
+}
+
+static void add_dilation(const cube_frame *frame, const double at[3], double gradient[ENHANCED][3], double weight, double *out)
+{
+    double change[MODES];
+    for (int i = 0; i < MODES; i++) change[i] = i < UNKNOWNS ? frame->dilation[0][i] : gradient[i / 3][i % 3];
+    for (int i = 0; i < UNKNOWNS; i++)
+        for (int d = 0; d < 3; d++) change[i] += (at[d] - 0.5) * frame->dilation[1 + d][i];
+    for (int i = 0; i < MODES; i++)
+        for (int j = 0; j < MODES; j++) out[MODES * i + j] += weight * change[i] * change[j];
+}
+
 /* Gauss points of a tetrahedron: those of the cube, collapsed (Stroud 1971); exact for the products of gradients in a box */
-static void integrate_slot(double x[CORNERS][3], const int corners[4], double *deviatoric, double *volume, double mean[UNKNOWNS], double load[CORNERS])
+static void integrate_slot(cube_frame *frame, const int corners[4], double *deviatoric, double *dilation, double *volume, double mean[UNKNOWNS],
+                           double load[CORNERS])
 {
     static const double point[POINTS] = {0.1127016653792583, 0.5, 0.8872983346207417}, weight[POINTS] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
     double corner[4][3], edge[9];
@@ -175,13 +233,14 @@ static void integrate_slot(double x[CORNERS][3], const int corners[4], double *d
                       edge[2] * (edge[3] * edge[7] - edge[4] * edge[6]));
     for (int p = 0; p < POINTS * POINTS * POINTS; p++) {
         double u = point[p % POINTS], v = point[p / POINTS % POINTS], w = point[p / POINTS / POINTS];
-        double b[4] = {0, u, (1 - u) * v, (1 - u) * (1 - v) * w}, at[3] = {0, 0, 0}, gradient[CORNERS][3];
+        double b[4] = {0, u, (1 - u) * v, (1 - u) * (1 - v) * w}, at[3] = {0, 0, 0}, gradient[ENHANCED][3];
         b[0] = 1 - b[1] - b[2] - b[3];
         for (int c = 0; c < 4; c++)
             for (int d = 0; d < 3; d++) at[d] += b[c] * corner[c][d];
         double part = weight[p % POINTS] * weight[p / POINTS % POINTS] * weight[p / POINTS / POINTS] * (1 - u) * (1 - u) * (1 - v) * six;
-        part *= fabs(pliant_cube_gradients(x, at, gradient));
+        part *= fabs(gradients_at(frame, at, gradient));
         add_deviatoric(gradient, part, deviatoric);
+        add_dilation(frame, at, gradient, part, dilation);
         *volume += part;
         for (int i = 0; i < UNKNOWNS; i++) mean[i] += part * gradient[i / 3][i % 3];
         for (int c = 0; c < CORNERS; c++)
@@ -202,13 +261,15 @@ static void corner_of(const pliant_mesh *mesh, const pliant_cube *cube, int corn
 
 void pliant_cube_integrate(const pliant_mesh *mesh, const pliant_cube *cube, int parity, pliant_cube_shape *out)
 {
-    double x[CORNERS][3], whole = 0;
+    cube_frame frame;
+    double whole = 0;
     memset(out, 0, sizeof *out);
-    for (int v = 0; v < CORNERS; v++) corner_of(mesh, cube, v, x[v]);
+    for (int v = 0; v < CORNERS; v++) corner_of(mesh, cube, v, frame.x[v]);
+    find_frame(&frame);
     for (int slot = 0; slot < 5; slot++) {
         int corners[4];
         pliant_mesh_slot_corners(parity, slot, corners);
-        integrate_slot(x, corners, out->deviatoric[slot], &out->volume[slot], out->mean, out->load[slot]);
+        integrate_slot(&frame, corners, out->deviatoric[slot], out->dilation[slot], &out->volume[slot], out->mean, out->load[slot]);
         whole += out->volume[slot];
     }
     for (int i = 0; i < UNKNOWNS; i++) out->mean[i] /= whole;
@@ -228,15 +289,40 @@ void pliant_cube_moduli(const pliant_cube *cube, const double volume[5], const p
     }
 }
 
+/* out: k without what its incompatible modes can take; false: they have no stiffness of their own */
+static bool condense(const double *k, double *out)
+{
+    enum { INNER = MODES - UNKNOWNS };
+    double inner[INNER * INNER], outer[INNER * UNKNOWNS], answer[INNER * UNKNOWNS];
+    for (int m = 0; m < INNER; m++) {
+        for (int n = 0; n < INNER; n++) inner[INNER * m + n] = k[MODES * (UNKNOWNS + m) + UNKNOWNS + n];
+        for (int i = 0; i < UNKNOWNS; i++) answer[UNKNOWNS * m + i] = outer[UNKNOWNS * m + i] = k[MODES * (UNKNOWNS + m) + i];
+    }
+    if (!pliant_dense_cholesky(INNER, inner)) return false;
+    pliant_dense_cholesky_solve(INNER, inner, UNKNOWNS, answer);
+    for (int i = 0; i < UNKNOWNS; i++)
+        for (int j = 0; j < UNKNOWNS; j++) {
+            out[UNKNOWNS * i + j] = k[MODES * i + j];
+            for (int m = 0; m < INNER; m++) out[UNKNOWNS * i + j] -= outer[UNKNOWNS * m + i] * answer[UNKNOWNS * m + j];
+        }
+    return true;
+}
+
 double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube *cube, const pliant_tet_material *material, double *out)
 {
-    double lambda[5], mu[5], bulk = 0;
+    double lambda[5], mu[5], bulk = 0, k[MODES * MODES] = {0}, bending[UNKNOWNS * UNKNOWNS];
     pliant_cube_moduli(cube, shape->volume, material, lambda, mu);
     memset(out, 0, UNKNOWNS * UNKNOWNS * sizeof *out);
     for (int slot = 0; slot < 5; slot++) {
-        bulk += shape->volume[slot] * (lambda[slot] + 2.0 / 3 * mu[slot]);
-        for (int i = 0; i < UNKNOWNS * UNKNOWNS; i++) out[i] += mu[slot] * shape->deviatoric[slot][i];
+        const double kappa = lambda[slot] + 2.0 / 3 * mu[slot];
+        bulk += shape->volume[slot] * kappa;
+        for (int i = 0; i < UNKNOWNS * UNKNOWNS; i++) out[i] += mu[slot] * shape->deviatoric[slot][i / UNKNOWNS * MODES + i % UNKNOWNS];
+        for (int i = 0; i < MODES * MODES; i++) k[i] += mu[slot] * shape->deviatoric[slot][i] + kappa * shape->dilation[slot][i];
     }
+    if (!condense(k, bending)) return bulk;
+    for (int i = 0; i < UNKNOWNS; i++)
+        for (int j = 0; j < UNKNOWNS; j++)
+            out[UNKNOWNS * i + j] += enhanced * (bending[UNKNOWNS * i + j] - bulk * shape->mean[i] * shape->mean[j] - out[UNKNOWNS * i + j]);
     return bulk;
 }
 

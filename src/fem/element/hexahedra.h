@@ -16,10 +16,13 @@ typedef struct pliant_cube {
 /* The cube that a tetrahedron at load is of, where its five still meet at eight nodes: false elsewhere. */
 bool pliant_cube_of(const pliant_mesh *mesh, int32_t tet, pliant_cube *out);
 
-/* What K of a cube of one shape is made of: of every slot the integral of 2 e : e - 2/3 div^2, its volume; b, the mean of the gradients.
- * load: of every slot the integrals of the shape functions */
+/* What K of a cube of one shape is made of: of every slot the integrals of 2 e : e - 2/3 div^2 and of the square of the change of volume, over the
+ * displacements of the corners and the incompatible modes; its volume; b, the mean of the gradients. load: of every slot the integrals of the shape
+ * functions */
+enum { PLIANT_CUBE_MODES = 33 };
 typedef struct pliant_cube_shape {
-    double deviatoric[5][576], volume[5], mean[24], load[5][8];
+    double deviatoric[5][PLIANT_CUBE_MODES * PLIANT_CUBE_MODES], dilation[5][PLIANT_CUBE_MODES * PLIANT_CUBE_MODES];
+    double volume[5], mean[24], load[5][8];
 } pliant_cube_shape;
 
 /* Cubes whose five tetrahedra meet at eight nodes, ascending: *out (*count). boxes: only those that no moved node bends. Errors: MEMORY. */
