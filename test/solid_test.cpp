@@ -99,6 +99,66 @@ TEST(Solid, AHullHoldsItsPoints)
     EXPECT_LT(worst, 1e-12);
 }
 
+// A thousand points and more lie on a ball that eight others hold: what is on the way is not the hull. And what has too many triangles is told so.
+TEST(Solid, AHullHasTooManyTrianglesAtTheEndAlone)
+{
+    Random random;
+    Surface ball;
+    for (int n = 0; n < 3000; n++) {
+        const auto p = random.point(-1, 1);
+        const double size = std::sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+        ball.add(0.01 * p[0] / size, 0.01 * p[1] / size, 0.01 * p[2] / size);
+    }
+    pliant_solid *none = nullptr;
+    pliant_solid_options options{};
+    options.convex = true;
+    EXPECT_EQ(ball.make(options, &none), PLIANT_ERROR_FORMAT);
+    EXPECT_STREQ(pliant_last_error(), "solid: its convex hull has more than 1000 triangles; as a mesh it may have 1000000");
+    const double from[3] = {-0.0101, -0.0101, -0.0101}, to[3] = {0.0101, 0.0101, 0.0101};
+    const Surface around = block(from, to);
+    ball.points.insert(ball.points.end(), around.points.begin(), around.points.end());
+    const Solid solid = make(ball, 0, true);
+    EXPECT_EQ(surface_of(solid).num_triangles, 12);
+    EXPECT_NEAR(surface_of(solid).volume, std::pow(0.0202, 3), 1e-15);
+}
+
+// Points in the faces and on the edges of a box, up to rounding and 1e-9 of its size off: no triangle is so thin that its normal is none.
+TEST(Solid, AHullHasNoSlivers)
+{
+    for (const double off : {0.0, 1e-17, 1e-11}) {
+        Random random;
+        Surface points;
+        for (int n = 0; n < 6 * 15 * 15; n++) {
+            const int axis = n / 450, side = n / 225 % 2;
+            double p[3];
+            p[axis] = side ? high[axis] : low[axis];
+            p[(axis + 1) % 3] = low[(axis + 1) % 3] + (high[(axis + 1) % 3] - low[(axis + 1) % 3]) * (n % 15) / 14.0;
+            p[(axis + 2) % 3] = low[(axis + 2) % 3] + (high[(axis + 2) % 3] - low[(axis + 2) % 3]) * (n / 15 % 15) / 14.0;
+            for (double &v : p) v += random(-off, off);
+            points.add(p[0], p[1], p[2]);
+        }
+        const Solid solid = make(points, 0, true);
+        EXPECT_NEAR(surface_of(solid).volume, 0.025 * 0.015 * 0.02, 1e-12) << off;
+        const pliant_part part = part_of(solid), box = box_part(0);
+        for (int n = 0; n < 1000; n++) {
+            const auto p = random.point(-0.05, 0.05);
+            double normal[3], expected[3];
+            ASSERT_NEAR(pliant_part_distance(&part, p.data(), normal), pliant_part_distance(&box, p.data(), expected), 1e-8) << off;
+        }
+    }
+}
+
+// However fine its field is, a solid is as thick as it is.
+TEST(Solid, AFineFieldIsNotThin)
+{
+    const double from[3] = {0, 0, 0}, to[3] = {0.0004, 0.0004, 0.0004};
+    const Solid solid = make(block(from, to), 2e-5);
+    pliant_part part = part_of(solid);
+    char reason[160];
+    EXPECT_EQ(pliant_part_check(&part, true, reason, sizeof reason), nullptr) << reason;
+    EXPECT_GT(pliant_part_depth(&part), 0);
+}
+
 // A field is exact at its points, and between them as good as it says.
 TEST(Solid, AFieldHasTheDistancesOfItsShape)
 {

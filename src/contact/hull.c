@@ -1,4 +1,6 @@
-/* The convex hull of points, one after the other: what sees a point goes, and its border is joined to it. */
+/* The convex hull of points: the one that is furthest beyond a triangle is next (Barber, Dobkin and Huhdanpaa, The Quickhull Algorithm for Convex Hulls, ACM Trans.
+ * Math. Softw. 22:469, 1996), so that every point that is added is a corner of the hull, and what has too many triangles on the way has too many at the end.
+ * What sees a point goes, and what lies in one plane with it beside that; their border is joined to it. */
 #include "contact/solid.h"
 
 #include "base/fail.h"
@@ -8,15 +10,23 @@
 #include <string.h>
 
 static const double in_plane = 1e-7; /* of the size: points that are no higher over a triangle lie in it */
-enum { ROOM = 4 * PLIANT_HULL_TRIANGLES };
+enum { ROOM = 2 * PLIANT_HULL_TRIANGLES };
 
-typedef struct facet { int32_t node[3]; double normal[3], along; } facet;
+typedef struct facet {
+    int32_t node[3];
+    double normal[3], along;
+    int32_t first, furthest;  /* of the points beyond it, a list; -1: there are none */
+    double height;            /* of the furthest */
+    bool seen;
+} facet;
+
 typedef struct hull {
     const double *points;
+    int32_t *next;            /* (points) in the lists */
     int32_t count, horizon;
     double least;
     facet face[ROOM];
-    int32_t edge[2 * ROOM][2];
+    int32_t edge[3 * ROOM][2];
 } hull;
 
 static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
@@ -28,7 +38,7 @@ static bool add_face(hull *of, int32_t a, int32_t b, int32_t c)
     facet *face = of->face + of->count;
     double u[3], w[3];
     if (of->count == ROOM) return false;
-    *face = (facet){.node = {a, b, c}};
+    *face = (facet){.node = {a, b, c}, .first = -1, .furthest = -1};
     for (int d = 0; d < 3; d++) {
         u[d] = place(of, b)[d] - place(of, a)[d];
         w[d] = place(of, c)[d] - place(of, a)[d];
@@ -87,7 +97,7 @@ static bool begin(hull *of, int32_t num_points)
     return true;
 }
 
-/* Edges of what sees the point, without those that two of them share. */
+/* Edges of what goes, without those that two of them share. */
 static void leave_edge(hull *of, int32_t a, int32_t b)
 {
     for (int32_t e = 0; e < of->horizon; e++)
@@ -99,45 +109,116 @@ static void leave_edge(hull *of, int32_t a, int32_t b)
     of->edge[of->horizon++][1] = b;
 }
 
+static double height_over(const hull *of, const facet *face, int32_t point) { return dot(face->normal, place(of, point)) - face->along; }
+
+static void leave_face(hull *of, facet *face)
+{
+    face->seen = true;
+    for (int k = 0; k < 3; k++) leave_edge(of, face->node[k], face->node[(k + 1) % 3]);
+}
+
+/* whether it has an edge of what goes */
+static bool borders(const hull *of, const facet *face)
+{
+    for (int32_t e = 0; e < of->horizon; e++)
+        for (int k = 0; k < 3; k++)
+            if (of->edge[e][0] == face->node[(k + 1) % 3] && of->edge[e][1] == face->node[k]) return true;
+    return false;
+}
+
+/* All that is above; and what borders on that in one plane with the point: an edge of it and the point would lie on a line. */
+static void see(hull *of, int32_t point)
+{
+    of->horizon = 0;
+    for (int32_t f = 0; f < of->count; f++) of->face[f].seen = false;
+    for (int32_t f = 0; f < of->count; f++)
+        if (height_over(of, of->face + f, point) > of->least) leave_face(of, of->face + f);
+    for (bool more = true; more;) {
+        more = false;
+        for (int32_t f = 0; f < of->count; f++) {
+            facet *face = of->face + f;
+            if (face->seen || !(height_over(of, face, point) > -of->least) || !borders(of, face)) continue;
+            leave_face(of, face);
+            more = true;
+        }
+    }
+}
+
+/* The point to the first of some faces that it is beyond; what is beyond none is inside. */
+static void give(hull *of, int32_t from, int32_t point)
+{
+    for (int32_t f = from; f < of->count; f++) {
+        facet *face = of->face + f;
+        const double height = height_over(of, face, point);
+        if (!(height > of->least)) continue;
+        of->next[point] = face->first;
+        face->first = point;
+        if (face->furthest < 0 || height > face->height) {
+            face->furthest = point;
+            face->height = height;
+        }
+        return;
+    }
+}
+
 static bool add_point(hull *of, int32_t point)
 {
-    int32_t left = 0;
-    of->horizon = 0;
+    int32_t left = 0, orphans = -1;
+    see(of, point);
     for (int32_t f = 0; f < of->count; f++) {
-        const facet *face = of->face + f;
-        if (dot(face->normal, place(of, point)) - face->along <= of->least) {
-            if (left != f) of->face[left] = *face;
-            left++;
-            continue;
+        const facet face = of->face[f];
+        if (!face.seen) of->face[left++] = face;
+        for (int32_t p = face.seen ? face.first : -1, after; p >= 0; p = after) {
+            after = of->next[p];
+            of->next[p] = orphans;
+            orphans = p;
         }
-        if (of->horizon + 3 > 2 * ROOM) return false;
-        for (int k = 0; k < 3; k++) leave_edge(of, face->node[k], face->node[(k + 1) % 3]);
     }
     of->count = left;
     for (int32_t e = 0; e < of->horizon; e++)
         if (!add_face(of, of->edge[e][0], of->edge[e][1], point)) return false;
+    for (int32_t p = orphans, after; p >= 0; p = after) {
+        after = of->next[p];
+        if (p != point) give(of, left, p);
+    }
+    return of->count <= PLIANT_HULL_TRIANGLES;
+}
+
+/* false: there are too many triangles */
+static bool add_points(hull *of, int32_t num_points)
+{
+    for (int32_t p = 0; p < num_points; p++) give(of, 0, p);
+    for (bool more = true; more;) {
+        more = false;
+        for (int32_t f = 0; f < of->count && !more; f++) {
+            if (of->face[f].furthest < 0) continue;
+            if (!add_point(of, of->face[f].furthest)) return false;
+            more = true;
+        }
+    }
     return true;
 }
 
 pliant_status pliant_hull_find(int32_t num_points, const double *points, const char *name, int32_t *num_triangles, int32_t **triangles)
 {
     hull *of = pliant_calloc(1, sizeof *of);
-    pliant_status status = PLIANT_OK;
-    bool fits = true;
-    if (!of) return pliant_fail_memory(name);
-    of->points = points;
-    if (num_points < 4 || !begin(of, num_points)) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: its points lie in a plane: a solid needs four that do not", name);
-    for (int32_t p = 0; p < num_points && status == PLIANT_OK && fits; p++) fits = add_point(of, p);
-    if (status == PLIANT_OK && (!fits || of->count > PLIANT_HULL_TRIANGLES))
-        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: its convex hull has more than %d triangles; as a mesh it may have %d", name, PLIANT_HULL_TRIANGLES,
-                             PLIANT_SOLID_TRIANGLES);
-    int32_t *made = status == PLIANT_OK ? pliant_calloc((size_t)of->count, 3 * sizeof *made) : NULL;
-    if (status == PLIANT_OK && !made) status = pliant_fail_memory(name);
+    int32_t *next = num_points > 0 ? pliant_calloc((size_t)num_points, sizeof *next) : NULL, *made = NULL;
+    pliant_status status = of && (next || num_points <= 0) ? PLIANT_OK : pliant_fail_memory(name);
+    if (status == PLIANT_OK) {
+        of->points = points;
+        of->next = next;
+        if (num_points < 4 || !begin(of, num_points)) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: its points lie in a plane: a solid needs four that do not", name);
+        else if (!add_points(of, num_points))
+            status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: its convex hull has more than %d triangles; as a mesh it may have %d", name, PLIANT_HULL_TRIANGLES,
+                                 PLIANT_SOLID_TRIANGLES);
+    }
+    if (status == PLIANT_OK && !(made = pliant_calloc((size_t)of->count, 3 * sizeof *made))) status = pliant_fail_memory(name);
     if (status == PLIANT_OK) {
         for (int32_t f = 0; f < of->count; f++) memcpy(made + 3 * f, of->face[f].node, sizeof of->face[f].node);
         *num_triangles = of->count;
         *triangles = made;
     }
+    pliant_free(next);
     pliant_free(of);
     return status;
 }

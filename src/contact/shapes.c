@@ -138,7 +138,8 @@ const char *pliant_part_check(const pliant_part *part, bool of_tool, char *reaso
             }
     if (part->kind == PLIANT_PART_SOLID && !part->solid) return complain(reason, size, "it has no solid");
     if (!(part->radius >= 0 && part->radius <= most)) return complain(reason, size, "its radius must be between 0 and 10 m");
-    if (!(pliant_part_depth(part) >= thinnest)) return complain(reason, size, "it is thinner than 0.1 mm");
+    const double depth = part->kind == PLIANT_PART_SOLID ? part->radius + part->solid->depth : pliant_part_depth(part); /* however fine its field is */
+    if (!(depth >= thinnest)) return complain(reason, size, "it is thinner than 0.1 mm");
     return NULL;
 }
 
