@@ -107,8 +107,8 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
 #define PLIANT_SCENE_MODEL(X)                                                                                          \
     X(METHOD, method, PLIANT_FINE, 0, 0, "", "what is solved: the fine mesh, or a coarse one by one of these methods") \
     X(TOUCH, touch, PLIANT_TOUCH_OVERLAP, 0, 0, "", "schur: fine tetrahedra that overlap the coarse one, or share a face with it too") \
-    X(REAL, patch, 0.0, 0.0, 1.0, "m", "coarse methods: fine nodes within this distance of what a tool holds are solved on their own, those around them by the fine mesh's response; 0: not") \
-    X(INT, patch_delay, 0, 0, 100000, "steps", "a patch is put to use this long after a tool has taken hold, ready or waited for; 0: from its operation count, at 2 Gflop/s") \
+    X(REAL, patch, 0.0, 0.0, 1.0, "m", "coarse methods: fine nodes within this distance of what a tool holds or presses on are solved on their own, those around them by the fine mesh's response; 0: not") \
+    X(INT, patch_delay, 0, 0, 100000, "steps", "a patch is put to use this long after a tool has taken hold or begun to press, ready or waited for; 0: from its operation count, at 2 Gflop/s") \
     X(INT, lod_layers, 1, 1, 3, "cubes", "lod: how far its shape functions reach beyond a coarse cube")                \
     X(REAL, lod_seconds, 300.0, 0.0, 1e6, "s", "lod: what preparing it may take, estimated beforehand; beyond it the model is refused") \
     X(REAL, lod_memory, 4096.0, 0.0, 1e6, "MiB", "lod: what it may hold, likewise")                                   \
