@@ -9,7 +9,8 @@ extern "C" {
 #endif
 
 /* kinds of points: the top byte of their features */
-enum { PLIANT_TISSUE_NODE = 240, PLIANT_TISSUE_EDGE = 241, PLIANT_TISSUE_CUT = 242, PLIANT_TISSUE_SLOWED = 243 /* contact/response: paper */, PLIANT_PIECE_ON_WALL = 244 /* quasi-static (fem/falling) */ };
+enum { PLIANT_TISSUE_NODE = 240, PLIANT_TISSUE_EDGE = 241, PLIANT_TISSUE_CUT = 242, PLIANT_TISSUE_SLID = 243 /* sides of a cut that were not one */,
+       PLIANT_TISSUE_SLOWED = 244 /* contact/response: paper */, PLIANT_PIECE_ON_WALL = 245 /* quasi-static (fem/falling) */ };
 
 /* A point moves to where its two sides face each other now, along its normal, at the positions of its four nodes: a node over a triangle, or two edges.
  * The force then acts along one line on both, and turns neither. Sides of a cut stay as they were found. @return whether it is another one now */

@@ -276,16 +276,22 @@ static pliant_status tell_edges(const finding *on, pliant_contacts *out)
 static pliant_status tell_faces(const finding *on, pliant_contacts *out)
 {
     const pliant_tissue *tissue = on->tissue;
+    bool any = false;
     for (int32_t f = 0; f < tissue->num_faces; f++) {
         const int32_t *tets = tissue->body->fine.tets, *tet = tissue->face[f].tet, piece = pliant_tissue_piece_of(&on->view, tets[4 * (size_t)tet[0]]);
+        bool slid = false;
+        tissue->slid[f] = 0;
         if (piece >= 0 && piece == pliant_tissue_piece_of(&on->view, tets[4 * (size_t)tet[1]])) continue;
         pliant_contact_point *point = append(out);
         if (!point) return pliant_fail_memory("contacts of tissue with tissue");
         point->feature = (uint64_t)PLIANT_TISSUE_CUT << 56 | (uint64_t)tissue->face[f].tet[0] << 28 | (uint64_t)tissue->face[f].tet[1];
         point->friction = on->view.rule.friction;
-        if (!pliant_cut_face_point(tissue->body, tissue->face + f, on->view.positions, &on->view.rule, point)) out->count--;
+        if (!pliant_cut_face_point(tissue->body, tissue->face + f, on->view.positions, &on->view.rule, &slid, point)) out->count--;
+        tissue->slid[f] = slid;
+        any = any || slid;
     }
-    return PLIANT_OK;
+    if (!any) return PLIANT_OK;
+    return pliant_cut_slid_points(tissue->body, tissue->num_faces, tissue->face, tissue->slid, tissue->piece, on->view.positions, &on->view.rule, out);
 }
 
 /* What two nodes may come nearer in a step, by the one before: a step that begins apart must not end deep inside. At most the shortest edge. */

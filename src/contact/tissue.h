@@ -67,6 +67,7 @@ struct pliant_tissue {
     int32_t *piece;            /* (fine nodes) of pieces that have come off which one, and -1; NULL: none, or they move as everything */
     int32_t num_faces;
     pliant_cut_face *face;
+    uint8_t *slid;             /* (num_faces) its sides are not opposite each other any more, as the step begins */
     /* ---- of a step */
     pliant_grid grid;
     double (*normal)[3];       /* (num_skins) */
@@ -98,7 +99,7 @@ struct pliant_tissue_rule {
     double pieces_go;          /* quasi-static: how far pieces that have come off may go in this step, which are looked for so far away [m] */
 };
 
-/* Appends the points, ascending by feature: its top byte is PLIANT_TISSUE_NODE, _EDGE or _CUT (follow.h).
+/* Appends the points, ascending by feature: its top byte is PLIANT_TISSUE_NODE, _EDGE, _CUT or _SLID (follow.h).
  * @param positions (nodes x 3) as the step begins [m]. Errors: MEMORY. */
 pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given, pliant_contacts *out);
 
@@ -116,8 +117,12 @@ pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8
 /* ---- tissue_cut.c */
 /* The cut faces of a body, freed with pliant_free; none: NULL. Errors: MEMORY. */
 pliant_status pliant_cut_faces(const pliant_body *body, pliant_cut_face **out, int32_t *count);
-/* Whether the sides are nearer than that, and their point. */
-bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face, const double *positions, const pliant_tissue_rule *rule, pliant_contact_point *out);
+/* Whether the sides are nearer than that, and their point. slid: they are not opposite each other any more */
+bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face, const double *positions, const pliant_tissue_rule *rule, bool *slid,
+                           pliant_contact_point *out);
+/* Appends points of sides that have slid along the cut, with what they are opposite now, ascending. piece: Nullable: (nodes) which rigid piece. Errors: MEMORY. */
+pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces, const pliant_cut_face *faces, const uint8_t *slid, const int32_t *piece,
+                                     const double *positions, const pliant_tissue_rule *rule, pliant_contacts *out);
 
 #ifdef __cplusplus
 }

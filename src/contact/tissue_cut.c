@@ -3,6 +3,8 @@
 
 #include "base/fail.h"
 #include "body/links.h"
+#include "contact/find.h"
+#include "contact/follow.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -10,6 +12,8 @@
 #include <string.h>
 
 static const double folded = 0.1; /* a face that lies less than so far along the cut around it is none: of its links' area */
+
+static const double opposite = 3; /* squared length of the sum of unit normals, one of them turned round, that are 60 degrees apart */
 
 /* of a severed link */
 typedef struct parting {
@@ -241,32 +245,53 @@ static bool any_moves(const pliant_body *body, const int32_t *node)
     return moves;
 }
 
-bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face, const double *positions, const pliant_tissue_rule *rule,
-                           pliant_contact_point *out)
+/* A side of a face: of its fragment, and what lies on the other side of the cut. */
+typedef struct side { const pliant_cut_face *face; int of; } side;
+
+static int32_t tet_of(const side *at) { return at->face->tet[at->of]; }
+
+/* From q to p, where that is known, and how far their points are apart along it and beside it. false: one of them is flat */
+typedef struct meeting { double normal[3], apart[3], along[2][2][3], facing, gap, off; } meeting;
+
+static bool look_at_sides(const pliant_body *body, const side *p, const side *q, const double *positions, meeting *out)
 {
-    const int32_t *node[2] = {body->fine.tets + 4 * (size_t)face->tet[0], body->fine.tets + 4 * (size_t)face->tet[1]};
-    double place[2][3], along[2][2][3], mean[2][3], *normal = out->normal, apart[3], length = 0, gap = 0, off = 0, foot[4];
-    for (int side = 0; side < 2; side++) {
-        point_of(positions, node[side], face->at[side], place[side]);
-        for (int k = 0; k < 2; k++) point_of(positions, node[side], face->along[side][k], along[side][k]);
+    const side *const both[2] = {p, q};
+    double place[2][3], sum[3] = {0, 0, 0}, length = 0;
+    for (int s = 0; s < 2; s++) {
+        const int32_t *node = body->fine.tets + 4 * (size_t)tet_of(both[s]);
+        double (*along)[3] = out->along[s], normal[3], square = 0;
+        point_of(positions, node, both[s]->face->at[both[s]->of], place[s]);
+        for (int k = 0; k < 2; k++) point_of(positions, node, both[s]->face->along[both[s]->of][k], along[k]);
+        for (int d = 0; d < 3; d++) normal[d] = along[0][(d + 1) % 3] * along[1][(d + 2) % 3] - along[0][(d + 2) % 3] * along[1][(d + 1) % 3];
+        for (int d = 0; d < 3; d++) square += normal[d] * normal[d];
+        if (!(square > 0)) return false;
+        /* along times along points to the face's first side */
+        const double sign = (both[s]->of == s ? 1 : -1) / sqrt(square);
+        for (int d = 0; d < 3; d++) sum[d] += sign * normal[d];
     }
-    for (int k = 0; k < 2; k++)
-        for (int d = 0; d < 3; d++) mean[k][d] = along[0][k][d] + along[1][k][d];
-    for (int d = 0; d < 3; d++) normal[d] = mean[0][(d + 1) % 3] * mean[1][(d + 2) % 3] - mean[0][(d + 2) % 3] * mean[1][(d + 1) % 3];
-    for (int d = 0; d < 3; d++) length += normal[d] * normal[d];
-    if (!(length > 0) || (!any_moves(body, node[0]) && !any_moves(body, node[1]))) return false;
+    for (int d = 0; d < 3; d++) length += sum[d] * sum[d];
+    if (!(length > 0)) return false;
+    out->facing = length;
+    out->gap = out->off = 0;
     for (int d = 0; d < 3; d++) {
-        normal[d] /= sqrt(length);
-        apart[d] = place[0][d] - place[1][d];
-        gap += normal[d] * apart[d];
+        out->normal[d] = sum[d] / sqrt(length);
+        out->apart[d] = place[0][d] - place[1][d];
+        out->gap += out->normal[d] * out->apart[d];
     }
-    for (int d = 0; d < 3; d++) off += pow(apart[d] - fmax(gap, 0) * normal[d], 2); /* nor is anything as deep as an element is long */
-    if (!(gap <= rule->margin) || off > size_of(&body->fine, face->tet[0])) return false; /* opposite something else by now */
-    memcpy(foot, face->at[1], sizeof foot);
-    if (!find_foot(normal, apart, along[1], face->along[1], foot)) return false;
+    for (int d = 0; d < 3; d++) out->off += pow(out->apart[d] - fmax(out->gap, 0) * out->normal[d], 2);
+    return true;
+}
+
+/* false: it is flat, or nothing moves it */
+static bool write_point(const pliant_body *body, const side *p, const side *q, meeting *met, const pliant_tissue_rule *rule, pliant_contact_point *out)
+{
+    const int32_t *first = body->fine.tets + 4 * (size_t)tet_of(p), *second = body->fine.tets + 4 * (size_t)tet_of(q);
+    double foot[4];
+    memcpy(foot, q->face->at[q->of], sizeof foot);
+    if (!find_foot(met->normal, met->apart, met->along[1], q->face->along[q->of], foot)) return false;
     out->count = 0;
-    for (int v = 0; v < 4; v++) add_node(out, node[0][v], face->at[0][v]);
-    for (int v = 0; v < 4; v++) add_node(out, node[1][v], -foot[v]);
+    for (int v = 0; v < 4; v++) add_node(out, first[v], p->face->at[p->of][v]);
+    for (int v = 0; v < 4; v++) add_node(out, second[v], -foot[v]);
     int32_t kept = 0;
     for (int32_t k = 0; k < out->count; k++) {
         if (fabs(out->weight[k]) < 1e-12) continue;
@@ -274,7 +299,97 @@ bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face,
         out->weight[kept++] = out->weight[k];
     }
     out->count = kept;
-    out->area = face->area;
-    for (int d = 0; d < 3; d++) out->place[d] = fmin(gap + rule->recovery, 0) * normal[d];
+    out->area = p->face->area;
+    for (int d = 0; d < 3; d++) {
+        out->normal[d] = met->normal[d];
+        out->place[d] = fmin(met->gap + rule->recovery, 0) * met->normal[d];
+    }
     return kept > 0;
+}
+
+static bool moves(const pliant_body *body, const side *p, const side *q)
+{
+    return any_moves(body, body->fine.tets + 4 * (size_t)tet_of(p)) || any_moves(body, body->fine.tets + 4 * (size_t)tet_of(q));
+}
+
+bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face, const double *positions, const pliant_tissue_rule *rule, bool *slid,
+                           pliant_contact_point *out)
+{
+    const side p = {face, 0}, q = {face, 1};
+    meeting met;
+    *slid = false;
+    if (!look_at_sides(body, &p, &q, positions, &met) || !moves(body, &p, &q)) return false;
+    *slid = met.off > size_of(&body->fine, face->tet[0]); /* opposite something else by now; nor is anything as deep as an element is long */
+    return met.gap <= rule->margin && !*slid && write_point(body, &p, &q, &met, rule, out);
+}
+
+/* ---- what has slid along the cut */
+
+static void place_of_side(const pliant_body *body, const side *of, const double *positions, double out[3])
+{
+    point_of(positions, body->fine.tets + 4 * (size_t)tet_of(of), of->face->at[of->of], out);
+}
+
+/* in order along x, then as they are */
+typedef struct slot { double x; int32_t side; } slot;
+
+static int compare_slots(const void *a, const void *b)
+{
+    const slot *one = a, *other = b;
+    return one->x != other->x ? (one->x > other->x) - (one->x < other->x) : (one->side > other->side) - (one->side < other->side);
+}
+
+/* Of a side that has slid away from its own: the one that it is opposite now, least far off. -1: none */
+static int32_t find_opposite(const pliant_body *body, const pliant_cut_face *faces, const slot *slots, int32_t count, const int32_t *piece, int32_t number,
+                             const double *positions, const pliant_tissue_rule *rule, meeting *best)
+{
+    const side p = {faces + number / 2, number % 2};
+    const double size = size_of(&body->fine, tet_of(&p)), reach = sqrt(size) + rule->margin;
+    const int32_t own = piece ? piece[body->fine.tets[4 * (size_t)tet_of(&p)]] : -1;
+    double place[3];
+    int32_t low = 0, high = count, found = -1;
+    place_of_side(body, &p, positions, place);
+    while (low < high) {
+        const int32_t middle = low + (high - low) / 2;
+        if (slots[middle].x < place[0] - reach) low = middle + 1;
+        else high = middle;
+    }
+    for (; low < count && slots[low].x <= place[0] + reach; low++) {
+        const side q = {faces + slots[low].side / 2, slots[low].side % 2};
+        meeting met;
+        if (tet_of(&q) == tet_of(&p) || (own >= 0 && piece[body->fine.tets[4 * (size_t)tet_of(&q)]] == own)) continue;
+        if (!look_at_sides(body, &p, &q, positions, &met) || !(met.facing > opposite) || !(met.gap <= rule->margin) || met.off > size) continue;
+        if ((found >= 0 && !(met.off < best->off)) || !moves(body, &p, &q)) continue;
+        found = slots[low].side;
+        *best = met;
+    }
+    return found;
+}
+
+pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces, const pliant_cut_face *faces, const uint8_t *slid, const int32_t *piece,
+                                     const double *positions, const pliant_tissue_rule *rule, pliant_contacts *out)
+{
+    slot *slots = pliant_calloc((size_t)num_faces, 2 * sizeof *slots);
+    if (!slots) return pliant_fail_memory("contacts of tissue with tissue");
+    pliant_status status = PLIANT_OK;
+    for (int32_t n = 0; n < 2 * num_faces; n++) {
+        const side of = {faces + n / 2, n % 2};
+        double place[3];
+        place_of_side(body, &of, positions, place);
+        slots[n] = (slot){place[0], n};
+    }
+    qsort(slots, 2 * (size_t)num_faces, sizeof *slots, compare_slots);
+    for (int32_t n = 0; n < 2 * num_faces && status == PLIANT_OK; n++) {
+        meeting met;
+        const int32_t other = slid[n / 2] ? find_opposite(body, faces, slots, 2 * num_faces, piece, n, positions, rule, &met) : -1;
+        if (other < 0) continue;
+        const side p = {faces + n / 2, n % 2}, q = {faces + other / 2, other % 2};
+        if ((status = pliant_contacts_reserve(out, out->count + 1)) != PLIANT_OK) break;
+        pliant_contact_point *point = out->point + out->count;
+        *point = (pliant_contact_point){.kind = PLIANT_OBSTACLE_TISSUE, .tool = -1, .part = -1, .friction = rule->friction};
+        point->feature = (uint64_t)PLIANT_TISSUE_SLID << 56 | (uint64_t)n << 28 | (uint64_t)other;
+        out->count += write_point(body, &p, &q, &met, rule, point);
+    }
+    pliant_free(slots);
+    return status;
 }

@@ -14,7 +14,7 @@ static void free_surface(pliant_tissue *tissue)
 {
     void *blocks[] = {tissue->own_across, tissue->inside, tissue->apart,  tissue->skin,   tissue->tet,   tissue->skin_start, tissue->node,
                       tissue->around_start, tissue->around, tissue->fan_start, tissue->fan, tissue->area, tissue->face, tissue->normal,     tissue->count,
-                      tissue->touching,   tissue->last,   tissue->place,      tissue->piece};
+                      tissue->touching,   tissue->last,   tissue->place,      tissue->piece,  tissue->slid};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -241,6 +241,7 @@ pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *b
         if (status == PLIANT_OK) measure(&next);
     }
     if (status == PLIANT_OK) status = pliant_cut_faces(body, &next.face, &next.num_faces);
+    if (status == PLIANT_OK && next.num_faces > 0 && !(next.slid = pliant_calloc((size_t)next.num_faces, 1))) status = pliant_fail_memory("contacts of tissue with tissue");
     if (status != PLIANT_OK) {
         free_surface(&next);
         return status;
