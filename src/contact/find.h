@@ -39,10 +39,20 @@ pliant_status pliant_finder_copy(const pliant_finder *from, pliant_finder *to);
 pliant_status pliant_contacts_reserve(pliant_contacts *contacts, int32_t room);
 
 /* Append the points of parts, in their order, each part's ascending by feature. The feature's top byte is 16 tool + part, or 128 + the obstacle's number;
- * then come two bits for what of the surface it is (0: a node, 1: an edge, 2 and 3: a triangle), and 27 for each of two node numbers.
+ * then come two bits for what of the surface it is (0: a node, 1: an edge, 2 and 3: a triangle), 26 for each of two node numbers, and two for which of its points
+ * it is: 0, and more where an edge or a triangle has slid into the part beside it.
  * A step that is undone is searched for again. @param positions (fine nodes x 3) as the step begins. Errors: MEMORY */
 pliant_status pliant_contact_find(pliant_finder *finder, const pliant_body *body, const double *positions, int32_t count, const pliant_moving_part *parts,
                                   pliant_contacts *out);
+
+/* ---- passed.c: once a step is solved */
+/* How far a node of the surface has gone in it, at most [m]. */
+double pliant_contact_way(const pliant_finder *finder, const double *positions);
+/* Appends points of what has passed a part in the step or slid into it, of the search of which the finder's is the last; one of a feature that has three
+ * already takes the place of the last. Parts: their poses are those of the step, with as many between as its way and the tissue's take; margin and stride are of both.
+ * @param positions (fine nodes x 3) as the step has ended. Errors: MEMORY */
+pliant_status pliant_contact_find_passed(pliant_finder *finder, const pliant_body *body, const double *positions, int32_t count, const pliant_moving_part *parts,
+                                         pliant_contacts *out);
 #ifdef __cplusplus
 }
 #endif

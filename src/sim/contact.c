@@ -4,6 +4,7 @@
 #include "base/fail.h"
 #include "base/rotate.h"
 #include "contact/find.h"
+#include "contact/finder.h"
 #include "contact/outside.h"
 #include "contact/tissue.h"
 #include "fem/dynamics/tled.h"
@@ -12,6 +13,7 @@
 #include "pliant/memory.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 static const double fastest = 2.0;    /* of a tool's tip [m/s]; beyond it, it has jumped, and touches nothing on its way */
@@ -95,16 +97,17 @@ static pliant_status reserve_poses(pliant_contact_search *search, int32_t more)
     return PLIANT_OK;
 }
 
-/* No further from one pose to the next than half of how deep the part is: what it has passed through it has been seen in. */
-static pliant_status add_part(pliant_contact_search *search, const pliant_tool *tool, int t, int32_t p, double step, double friction)
+/* No further from one pose to the next than half of how deep the part is: what it has passed through it has been seen in.
+ * tissue_way: how far the tissue goes at the same time */
+static pliant_status add_part(pliant_contact_search *search, const pliant_tool *tool, int t, int32_t p, double tissue_way, double step, double friction)
 {
     const pliant_part *part = tool->shape.part + p;
     const double origin[3] = {0, 0, 0};
     const bool goes_on = tool->last.known && distance(tool->tip, tool->last.tip) <= fastest * step;
-    double way = 0;
+    double way = tissue_way;
     if (goes_on) {
         const double turn = part->frame == PLIANT_FRAME_TIP ? 0 : 0.5 * fabs(tool->jaw - tool->last.jaw);
-        way = distance(tool->tip, tool->last.tip) + turn * pliant_part_reach(part, tool->shape.joint) +
+        way += distance(tool->tip, tool->last.tip) + turn * pliant_part_reach(part, tool->shape.joint) +
               pliant_rotation_angle(tool->last.rotation, tool->rotation) * pliant_part_reach(part, origin);
     }
     const double steps = ceil(way / (0.5 * pliant_part_depth(part)));
@@ -117,7 +120,7 @@ static pliant_status add_part(pliant_contact_search *search, const pliant_tool *
         double tip[3], rotation[4], jaw = tool->jaw;
         memcpy(tip, tool->tip, sizeof tip);
         memcpy(rotation, tool->rotation, sizeof rotation);
-        if (share < 1) {
+        if (share < 1 && goes_on) {
             for (int d = 0; d < 3; d++) tip[d] = tool->last.tip[d] + share * (tool->tip[d] - tool->last.tip[d]);
             pliant_rotation_between(tool->last.rotation, tool->rotation, share, rotation);
             jaw = tool->last.jaw + share * (tool->jaw - tool->last.jaw);
@@ -127,7 +130,7 @@ static pliant_status add_part(pliant_contact_search *search, const pliant_tool *
     search->first[search->num_parts] = search->num_poses;
     search->part[search->num_parts++] = (pliant_moving_part){
         .part = part, .kind = PLIANT_OBSTACLE_TOOL, .tool = t, .index = p, .friction = friction, .num_poses = poses,
-        .stride = poses > 1 ? way / (poses - 1) : 0, .margin = base_margin + way, .recovery = recovery * step, .remembers = goes_on,
+        .stride = poses > 1 ? way / (poses - 1) : 0, .margin = base_margin + way, .recovery = recovery * step, .remembers = goes_on || tissue_way > 0,
         .num_held = pliant_tool_grips(tool) ? tool->num_held : 0, .held = tool->held,
     };
     search->num_poses += poses;
@@ -135,20 +138,21 @@ static pliant_status add_part(pliant_contact_search *search, const pliant_tool *
 }
 
 /* What stands still. */
-static pliant_status add_obstacle(pliant_contact_search *search, const pliant_part *part, int32_t index, double step, double friction)
+static pliant_status add_obstacle(pliant_contact_search *search, const pliant_part *part, int32_t index, double tissue_way, double step, double friction)
 {
-    pliant_status status = reserve_poses(search, 1);
+    const int32_t poses = tissue_way > 0 ? 1 + (int32_t)fmin(fmax(ceil(tissue_way / (0.5 * pliant_part_depth(part))), 1), MOST_POSES) : 1;
+    pliant_status status = reserve_poses(search, poses);
     if (status != PLIANT_OK) return status;
-    search->pose[search->num_poses] = (pliant_pose){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    search->first[search->num_parts] = search->num_poses++;
+    search->first[search->num_parts] = search->num_poses;
+    for (int32_t n = 0; n < poses; n++) search->pose[search->num_poses++] = (pliant_pose){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     search->part[search->num_parts++] = (pliant_moving_part){
-        .part = part, .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .index = index, .friction = friction, .num_poses = 1,
-        .margin = base_margin, .recovery = recovery * step, .remembers = true,
+        .part = part, .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .index = index, .friction = friction, .num_poses = poses,
+        .stride = poses > 1 ? tissue_way / (poses - 1) : 0, .margin = base_margin + tissue_way, .recovery = recovery * step, .remembers = true,
     };
     return PLIANT_OK;
 }
 
-static pliant_status add_obstacles(const pliant_model *model, pliant_contact_search *search)
+static pliant_status add_obstacles(const pliant_model *model, pliant_contact_search *search, double tissue_way)
 {
     const pliant_scene *scene = &model->scene;
     const pliant_regions *regions = &scene->obstacles;
@@ -167,11 +171,12 @@ static pliant_status add_obstacles(const pliant_model *model, pliant_contact_sea
         memcpy(part->to, regions->planes[p].normal, sizeof part->to);
     }
     for (int32_t n = 0; n < count + model->obstacles.num_parts && status == PLIANT_OK; n++)
-        status = add_obstacle(search, n < count ? search->obstacle + n : model->obstacles.part + (n - count), n, scene->solver.step, scene->contact.friction);
+        status = add_obstacle(search, n < count ? search->obstacle + n : model->obstacles.part + (n - count), n, tissue_way, scene->solver.step, scene->contact.friction);
     return status;
 }
 
-static pliant_status gather_parts(const pliant_model *model, pliant_data *data)
+/* tissue_way: how far the tissue has gone in the step, which is over [m]; 0: it begins */
+static pliant_status gather_parts(const pliant_model *model, pliant_data *data, double tissue_way)
 {
     pliant_contact_search *search = data->contact_search;
     pliant_status status = PLIANT_OK;
@@ -180,9 +185,9 @@ static pliant_status gather_parts(const pliant_model *model, pliant_data *data)
         const pliant_tool *tool = data->tools + t;
         for (int32_t p = 0; tool->present && p < tool->shape.num_parts && status == PLIANT_OK; p++)
             if (!(tool->shape.part[p].cuts && tool->blade.cutting))
-                status = add_part(search, tool, t, p, model->scene.solver.step, model->scene.contact.friction);
+                status = add_part(search, tool, t, p, tissue_way, model->scene.solver.step, model->scene.contact.friction);
     }
-    if (status == PLIANT_OK) status = add_obstacles(model, search);
+    if (status == PLIANT_OK) status = add_obstacles(model, search, tissue_way);
     for (int32_t p = 0; p < search->num_parts; p++) search->part[p].pose = search->pose + search->first[p];
     return status;
 }
@@ -290,7 +295,7 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     const double pieces_go = data->falling ? pliant_falling_foresee(data) : 0;
     const pliant_body *body = NULL;
     const double *positions = NULL;
-    status = gather_parts(model, data);
+    status = gather_parts(model, data, 0);
     if (status == PLIANT_OK) status = choose_surface(model, data, &body, &positions);
     if (status == PLIANT_OK) status = pliant_contact_find(search->finder, body, positions, search->num_parts, search->part, &search->made);
     if (status == PLIANT_OK && touches_itself(model)) status = find_tissue(model, data, pieces_go, &search->made);
@@ -302,6 +307,95 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     data->contacts = search->made;
     search->made = before;
     return PLIANT_OK;
+}
+
+/* ---- once a step is solved */
+
+static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+static double gap_of(const pliant_contact_point *point, const double *positions)
+{
+    double gap = 0;
+    for (int d = 0; d < 3; d++) {
+        double at = -point->place[d];
+        for (int32_t k = 0; k < point->count; k++) at += point->weight[k] * positions[3 * (size_t)point->node[k] + (size_t)d];
+        gap += point->normal[d] * at;
+    }
+    return gap;
+}
+
+static int compare_points(const void *a, const void *b)
+{
+    const uint64_t x = ((const pliant_contact_point *)a)->feature, y = ((const pliant_contact_point *)b)->feature;
+    return (x > y) - (x < y);
+}
+
+/* the deepest of a feature's points so far; INFINITY: there is none; -INFINITY: one of them is on the other side, and both cannot be right. same: that which the point takes the place of, or NULL */
+static double gap_so_far(const pliant_contacts *all, int32_t count, const double *positions, const pliant_contact_point *point, pliant_contact_point **same)
+{
+    double gap = INFINITY;
+    *same = NULL;
+    pliant_contact_point one = {.feature = point->feature & ~(uint64_t)(PLIANT_FEATURE_POINTS - 1)};
+    for (int n = 0; n < PLIANT_FEATURE_POINTS; n++, one.feature++) {
+        pliant_contact_point *found = count > 0 ? bsearch(&one, all->point, (size_t)count, sizeof one, compare_points) : NULL;
+        if (found) gap = fmin(gap, dot(found->normal, point->normal) < 0 ? -INFINITY : gap_of(found, positions));
+        if (found && found->feature == point->feature) *same = found;
+    }
+    return gap;
+}
+
+/* Points that are deeper than those of their features. @return how many */
+static int32_t take_in(pliant_data *data, pliant_contacts *found)
+{
+    const double deeper = 1e-4; /* [m] */
+    pliant_contacts *all = &data->contacts;
+    const int32_t count = all->count;
+    int32_t taken = 0;
+    for (int32_t n = 0; n < found->count; n++) {
+        pliant_contact_point *point = found->point + n, *same;
+        const double before = gap_so_far(all, count, data->positions, point, &same);
+        if (!(gap_of(point, data->positions) < fmin(before, 0) - deeper)) continue;
+        if (same) pliant_contact_carry(same, data->positions, point);
+        if (same) *same = *point;
+        else all->point[all->count++] = *point;
+        taken++;
+    }
+    if (all->count > count) qsort(all->point, (size_t)all->count, sizeof *all->point, compare_points);
+    return taken;
+}
+
+/* by more than a part holds what is before it (find.c) */
+static bool any_spins(const pliant_data *data)
+{
+    const double fast = 1; /* [rad] in a step */
+    bool spins = false;
+    for (int t = 0; t < data->num_tools; t++) {
+        const pliant_tool *tool = data->tools + t;
+        spins = spins || (tool->present && tool->last.known && pliant_rotation_angle(tool->last.rotation, tool->rotation) > fast);
+    }
+    return spins;
+}
+
+bool pliant_contact_passed(const pliant_model *model, pliant_data *data)
+{
+    pliant_contact_search *search = data->contact_search;
+    const pliant_body *body = NULL;
+    const double *positions = NULL;
+    double thinnest = INFINITY;
+    if (!search || !data->solver || search->num_parts == 0) return false;
+    if (any_spins(data)) return false;
+    if (data->falling || data->statistics.patched > 0) return false; /* the step has yet to place pieces and what a patch solves */
+    for (int32_t p = 0; p < search->num_parts; p++) thinnest = fmin(thinnest, pliant_part_depth(search->part[p].part));
+    if (choose_surface(model, data, &body, &positions) != PLIANT_OK) return false;
+    const double way = pliant_contact_way(search->finder, positions);
+    if (!(way > 0.25 * thinnest)) return false; /* it is where points were looked for */
+    search->made.count = 0;
+    pliant_status status = gather_parts(model, data, way);
+    if (status == PLIANT_OK) status = pliant_contact_find_passed(search->finder, body, positions, search->num_parts, search->part, &search->made);
+    if (status == PLIANT_OK && search->made.count > 0) status = pliant_contacts_reserve(&data->contacts, data->contacts.count + search->made.count);
+    if (status != PLIANT_OK || search->made.count == 0) return false;
+    if (body != data->body) pliant_outside_spread(&search->outside, &search->made);
+    return take_in(data, &search->made) > 0;
 }
 
 void pliant_contact_end(pliant_data *data)

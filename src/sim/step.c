@@ -104,6 +104,29 @@ static bool searches_on_the_way(const pliant_model *model) { return model->scene
 /* those that have come off, of quasi-static solvers: backends other than the host's do not move them */
 static bool pieces_touch(const pliant_data *data) { return data->falling && pliant_falling_is_touched(data->falling, &data->contacts); }
 
+/* The solve and upsample of a step once more, with the points of what has passed a tool; nothing that is made in the background comes in between.
+ * Errors: those of the solve; without memory for it, the step stays as it was solved. */
+static pliant_status solve_again(const pliant_model *model, pliant_data *data, pliant_status first)
+{
+    enum { MOST = 6 };
+    const pliant_background background = data->background;
+    pliant_status status = first;
+    if (background.kind != PLIANT_BACKGROUND_PLANNED) data->background = (pliant_background){.kind = PLIANT_BACKGROUND_PRESCRIBED, .taken = background.taken};
+    for (int again = 0; again < MOST && status >= 0 && pliant_contact_passed(model, data); again++) {
+        const double start = pliant_seconds();
+        const int32_t iterations = data->statistics.iterations;
+        status = data->backend->solve(model, data);
+        data->statistics.iterations += iterations;
+        data->statistics.seconds[PLIANT_STEP_solve] += pliant_seconds() - start;
+        if (status == PLIANT_ERROR_MEMORY) status = first;
+        const pliant_status placed = status >= 0 ? data->backend->upsample(model, data) : PLIANT_OK;
+        if (placed < 0) status = placed;
+    }
+    data->background.kind = background.kind;
+    data->background.prescribed = background.prescribed;
+    return status;
+}
+
 pliant_status pliant_step(const pliant_model *model, pliant_data *data)
 {
     pliant_status caveat = PLIANT_OK;
@@ -116,6 +139,7 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
         const bool beyond = stage == PLIANT_STEP_solve && data->contacts.count > 0 && !backend->on_host && (!backend->touches || searches_on_the_way(model) || pieces_touch(data));
         pliant_status status = beyond ? pliant_fail(PLIANT_ERROR_UNAVAILABLE, "%s near something, and that contact is the CPU's", pieces_touch(data) ? "a piece that has come off is" : "tissue is") : stages[stage](model, data);
         data->statistics.seconds[stage] = pliant_seconds() - start;
+        if (stage == PLIANT_STEP_upsample && status >= 0 && (status = solve_again(model, data, caveat)) >= 0) caveat = status;
         /* the first stages are the host's own */
         if (status < 0 && stage > PLIANT_STEP_contact && pliant_backend_fall_back(model, data, status)) {
             bool on_host = backend->solves_on_host || (pliant_host_moves(data) && stage == PLIANT_STEP_warp); /* only this stage is done again */
