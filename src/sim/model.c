@@ -1,5 +1,6 @@
 /* From a scan and a scene to the constant model, stage by stage. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "base/threads.h"
 #include "fem/dynamics/tled.h"
 #include "fem/system.h"
@@ -196,6 +197,48 @@ static pliant_status fix_coarse(builder *build)
     return model->scene.model.method == PLIANT_COARSE ? hold_coarse(build) : PLIANT_OK;
 }
 
+/* a loose piece, by its faces: no longer held. stack: (tetrahedra) room */
+static void release(builder *build, const uint8_t *fixed_before, const int32_t *neighbours, int32_t tet, int32_t *stack)
+{
+    pliant_body *body = build->model->body;
+    int32_t count = 1;
+    stack[0] = tet;
+    build->loose[tet] = 0;
+    while (count > 0) {
+        const int32_t t = stack[--count];
+        for (int v = 0; v < 4; v++) {
+            const int32_t node = body->fine.tets[4 * t + v], other = neighbours[4 * t + v];
+            body->fine_fixed[node] = fixed_before[node];
+            if (other < 0 || !build->loose[other]) continue;
+            build->loose[other] = 0;
+            stack[count++] = other;
+        }
+    }
+    body->num_held_pieces--;
+}
+
+/* Explicit dynamics has an inertia for all that moves: what hangs on the rest by a node or an edge swings there. Held at rest it would be turned inside
+ * out by what it hangs on. fixed_before: (nodes) before pliant_mesh_hold */
+static pliant_status let_hang(builder *build, const uint8_t *fixed_before)
+{
+    pliant_body *body = build->model->body;
+    const size_t tets = (size_t)body->fine.num_tets;
+    if (body->num_held_pieces == 0) return PLIANT_OK;
+    int32_t *neighbours = pliant_calloc(tets, 4 * sizeof *neighbours), *stack = pliant_calloc(tets, sizeof *stack);
+    pliant_status status = neighbours && stack ? pliant_mesh_neighbours(&body->fine, neighbours) : pliant_fail_memory("the fixed nodes");
+    for (bool changed = status == PLIANT_OK; changed;) {
+        changed = false;
+        for (int32_t v = 0; v < 4 * body->fine.num_tets; v++) {
+            if (!build->loose[v / 4] || body->fine_fixed[body->fine.tets[v]]) continue;
+            release(build, fixed_before, neighbours, v / 4, stack);
+            changed = true;
+        }
+    }
+    pliant_free(neighbours);
+    pliant_free(stack);
+    return status;
+}
+
 static pliant_opening opening_of(const pliant_scene *scene)
 {
     const bool homogenized = scene->model.method == PLIANT_AVERAGED || scene->model.method == PLIANT_CALIBRATED;
@@ -218,7 +261,11 @@ static pliant_status fix(builder *build)
     pliant_wall walls[PLIANT_MAX_WALLS];
     body->falls = model->scene.solver.kind == PLIANT_TLED && pliant_tled_walls(&model->scene, walls) > 0; /* something ends the fall */
     if (body->falls) return PLIANT_OK;
+    uint8_t *fixed_before = pliant_copy_of(body->fine_fixed, (size_t)fine->num_nodes, 1);
+    if (!fixed_before) return pliant_fail_memory("the fixed nodes");
     pliant_status status = pliant_mesh_hold(fine, PLIANT_FIXED_AT_REST, true, body->fine_fixed, build->loose, &body->num_held_pieces);
+    if (status == PLIANT_OK && body->has_inertia) status = let_hang(build, fixed_before);
+    pliant_free(fixed_before);
     if (status == PLIANT_ERROR_SCENE && holds_none > 0)
         return pliant_fail(status, "fixed/planes: number %d holds no node, it lies in front of them all or between two layers; and %s", holds_none, pliant_last_error());
     if (status != PLIANT_OK) return status;

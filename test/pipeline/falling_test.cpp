@@ -374,6 +374,32 @@ TEST(Falling, OnOneNodeOrTwoItSwings)
     }
 }
 
+// At load, too: two cubes that have an edge in common, of which one is fixed. Held where it was, the other was turned inside out.
+TEST(Falling, WhatHangsOnAnEdgeAtLoadSwingsInExplicitDynamics)
+{
+    const int size[3] = {8, 8, 4};
+    const double box[3] = {0.02, 0.02, 0.01};
+    Body body(size, box, {{4000, 0.4, 1000, false}, {10, 0, 1, true}}, [](int i, int j, int) { return (i < 4) != (j < 4); });
+    body.fix_plane(0, 1e-6, 0, 0, 1, 0);
+    body.cells(2, 2, 1, 1);
+    body.scene.solver.kind = PLIANT_TLED;
+    body.scene.solver.step = 0.01;
+    body.scene.tled.damping = 5;
+    body.scene.model.gravity[0] = 9.81;
+    body.scene.model.gravity[1] = -3;
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(body.data->body->num_held_pieces, 0);
+    for (int s = 0; s < 60; s++) {
+        ASSERT_GE(pliant_step(body.model, body.data), 0);
+        ASSERT_EQ(pliant_data_get_inverted(body.data), 0) << s;
+    }
+    const pliant_mesh &mesh = body.data->body->fine;
+    double most = 0;
+    for (int32_t n = 0; n < mesh.num_nodes; n++)
+        if (mesh.rest[3 * n + 1] > 0.019) most = std::fmax(most, std::fabs(body.data->positions[3 * n] - mesh.rest[3 * n]));
+    EXPECT_GT(most, 1e-3);
+}
+
 // nothing is left to solve
 TEST_P(EveryMethod, AllOfItMayComeOff)
 {
