@@ -53,7 +53,7 @@ struct pliant_cuda_solver {
 /* ---- solve.cu: the state is the host's, and nothing else is known of it. */
 pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const pliant_solver *solver);
 
-/* ---- adapt.cu: arrays of the iteration for the system at hand. */
+/* ---- size.cu: arrays of the iteration for the system at hand. */
 pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const pliant_solver *solver);
 
 /* ---- evaluate.cu: the evaluation as a graph. */

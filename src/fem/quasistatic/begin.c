@@ -10,6 +10,13 @@ static bool tool_asks_the_same(const pliant_asked *asked, const pliant_handle *h
            memcmp(asked->target + 3 * tool, handle->target, sizeof handle->target) == 0;
 }
 
+void pliant_solver_forget(pliant_solver *solver)
+{
+    pliant_anderson_forget(&solver->rules);
+    solver->asked.kept = false;
+    solver->forgotten = true;
+}
+
 bool pliant_solver_rests(const pliant_solver *solver)
 {
     const pliant_asked *asked = &solver->asked;

@@ -159,12 +159,7 @@ void pliant_solver_release(pliant_solver *solver, int tool);
 void pliant_solver_turned(pliant_solver *solver);
 
 /* Drop the history: what it compares no longer holds. */
-static inline void pliant_solver_forget(pliant_solver *solver)
-{
-    pliant_anderson_forget(&solver->rules);
-    solver->asked.kept = false;
-    solver->forgotten = true;
-}
+void pliant_solver_forget(pliant_solver *solver);
 /* The state was changed from outside. */
 void pliant_solver_moved(pliant_solver *solver);
 static inline size_t pliant_solver_unknowns(const pliant_solver *solver) { return 3 * (size_t)solver->system->num_free; }
