@@ -163,8 +163,10 @@ static __device__ __forceinline__ float sum_rows(float *p, int lane)
     return p[0] + __shfl_xor_sync(0xffffffff, p[0], 1);
 }
 
-/* One block a tile: its rows give to the unknowns of its row, and, below the diagonal, its columns to those of its column. */
-static __global__ void __launch_bounds__(THREADS) product_kernel(gpu_inverse inverse, const int *d_skip, const float *__restrict__ d_right)
+/* One block a tile: its rows give to the unknowns of its row, and, below the diagonal, its columns to those of its column. Of several vectors the tile is
+ * read once. */
+template <bool SEVERAL>
+static __global__ void __launch_bounds__(THREADS) product_kernel(gpu_inverse inverse, const int *d_skip, int count, size_t stride, const float *__restrict__ d_right)
 {
     enum { WARPS = THREADS / 32, ROWS = TILE / WARPS };
     __shared__ float4 columns[WARPS][32];
@@ -173,39 +175,49 @@ static __global__ void __launch_bounds__(THREADS) product_kernel(gpu_inverse inv
     tile_of((int)blockIdx.x, &i, &j);
     const int warp = (int)threadIdx.x / 32, lane = (int)threadIdx.x % 32, padded = inverse.tiles * TILE;
     const float4 *tile = reinterpret_cast<const float4 *>(inverse.d_tiles + (size_t)TILE * TILE * blockIdx.x) + warp * ROWS * (TILE / 4) + lane;
-    const float4 x = reinterpret_cast<const float4 *>(d_right + TILE * j)[lane];
-    const float own = d_right[TILE * i + warp * ROWS + lane % ROWS];
-    float sums[ROWS];
-    float4 column = make_float4(0, 0, 0, 0);
+    float4 kept[SEVERAL ? ROWS : 1];
 #pragma unroll
-    for (int r = 0; r < ROWS; r++) {
-        float4 a = __ldcs(tile + r * (TILE / 4));
-        float at = __shfl_sync(0xffffffff, own, r);
-        sums[r] = a.x * x.x + a.y * x.y + a.z * x.z + a.w * x.w;
-        column.x += a.x * at;
-        column.y += a.y * at;
-        column.z += a.z * at;
-        column.w += a.w * at;
+    for (int r = 0; SEVERAL && r < ROWS; r++) kept[r] = __ldcs(tile + r * (TILE / 4));
+    for (int v = 0; v < (SEVERAL ? count : 1); v++) {
+        const float4 x = reinterpret_cast<const float4 *>(d_right + TILE * j)[lane];
+        const float own = d_right[TILE * i + warp * ROWS + lane % ROWS];
+        float sums[ROWS];
+        float4 column = make_float4(0, 0, 0, 0);
+#pragma unroll
+        for (int r = 0; r < ROWS; r++) {
+            float4 a = SEVERAL ? kept[r] : __ldcs(tile + r * (TILE / 4));
+            float at = __shfl_sync(0xffffffff, own, r);
+            sums[r] = a.x * x.x + a.y * x.y + a.z * x.z + a.w * x.w;
+            column.x += a.x * at;
+            column.y += a.y * at;
+            column.z += a.z * at;
+            column.w += a.w * at;
+        }
+        float sum = sum_rows(sums, lane);
+        if (lane % 2 == 0) inverse.d_parts[(size_t)padded * j + TILE * i + warp * ROWS + lane / 2] = sum;
+        if (i != j) {
+            if (SEVERAL) __syncthreads();
+            columns[warp][lane] = column;
+            __syncthreads();
+            float whole = 0;
+            for (int w = 0; w < WARPS && threadIdx.x < TILE; w++) whole += reinterpret_cast<const float *>(columns[w])[threadIdx.x];
+            if (threadIdx.x < TILE) inverse.d_parts[(size_t)padded * i + TILE * j + threadIdx.x] = whole;
+        }
+        d_right += stride;
+        inverse.d_parts += (size_t)inverse.tiles * (size_t)padded;
     }
-    float sum = sum_rows(sums, lane);
-    if (lane % 2 == 0) inverse.d_parts[(size_t)padded * j + TILE * i + warp * ROWS + lane / 2] = sum;
-    if (i == j) return;
-    columns[warp][lane] = column;
-    __syncthreads();
-    if (threadIdx.x >= TILE) return;
-    float whole = 0;
-    for (int w = 0; w < WARPS; w++) whole += reinterpret_cast<const float *>(columns[w])[threadIdx.x];
-    inverse.d_parts[(size_t)padded * i + TILE * j + threadIdx.x] = whole;
 }
 
 enum { SUM_ROWS = 32, SUM_GROUPS = THREADS / SUM_ROWS };
 
-static __global__ void __launch_bounds__(THREADS) sum_kernel(gpu_inverse inverse, const int *d_skip, float *__restrict__ d_left)
+static __global__ void __launch_bounds__(THREADS) sum_kernel(gpu_inverse inverse, const int *d_skip, size_t stride, float *__restrict__ d_left)
 {
     __shared__ float sums[SUM_GROUPS][SUM_ROWS];
     if (d_skip && *d_skip) return;
     const int row = (int)threadIdx.x % SUM_ROWS, group = (int)threadIdx.x / SUM_ROWS, n = (int)blockIdx.x * SUM_ROWS + row;
     const size_t padded = (size_t)inverse.tiles * TILE;
+    d_left += stride * blockIdx.y;
+    inverse.d_parts += (size_t)inverse.tiles * padded * blockIdx.y;
     float sum = 0;
 #pragma unroll 4
     for (int k = group; k < inverse.tiles; k += SUM_GROUPS) sum += inverse.d_parts[padded * (size_t)k + n];
@@ -216,13 +228,23 @@ static __global__ void __launch_bounds__(THREADS) sum_kernel(gpu_inverse inverse
     d_left[n] = sum;
 }
 
-extern "C" pliant_status pliant_cuda_inverse_apply(const gpu_inverse *inverse, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_inverse_apply_all(const gpu_inverse *inverse, const int32_t *d_skip, int32_t count, size_t stride, const float *d_right, float *d_left,
+                                                       cudaStream_t stream)
 {
-    product_kernel<<<(unsigned)triangle((size_t)inverse->tiles, 0), THREADS, 0, stream>>>(*inverse, d_skip, d_right);
+    const unsigned tiles = (unsigned)triangle((size_t)inverse->tiles, 0);
+    if (count > 1) product_kernel<true><<<tiles, THREADS, 0, stream>>>(*inverse, d_skip, count, stride, d_right);
+    else product_kernel<false><<<tiles, THREADS, 0, stream>>>(*inverse, d_skip, count, stride, d_right);
     CUDA_TRY(CUDA_LAUNCHED("product_kernel"));
-    sum_kernel<<<(unsigned)(inverse->tiles * TILE / SUM_ROWS), THREADS, 0, stream>>>(*inverse, d_skip, d_left);
+    sum_kernel<<<dim3((unsigned)(inverse->tiles * TILE / SUM_ROWS), (unsigned)count), THREADS, 0, stream>>>(*inverse, d_skip, stride, d_left);
     return CUDA_LAUNCHED("sum_kernel");
 }
+
+extern "C" pliant_status pliant_cuda_inverse_apply(const gpu_inverse *inverse, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream)
+{
+    return pliant_cuda_inverse_apply_all(inverse, d_skip, 1, 0, d_right, d_left, stream);
+}
+
+extern "C" size_t pliant_cuda_inverse_parts(const gpu_inverse *inverse) { return (size_t)inverse->tiles * TILE * (size_t)inverse->tiles; }
 
 static __device__ __forceinline__ float entry(const gpu_inverse &inverse, int row, int column)
 {

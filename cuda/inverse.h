@@ -41,6 +41,10 @@ void pliant_cuda_inverse_free(gpu_inverse *inverse);
 
 /* d_left = inverse * d_right, both padded, the padding of d_right 0. d_skip: Nullable; nothing is done where it is not 0. */
 pliant_status pliant_cuda_inverse_apply(const gpu_inverse *inverse, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream);
+/* Of so many vectors at once, the next ones after each `stride` numbers; d_parts of inverse has room for as many of pliant_cuda_inverse_parts numbers. */
+pliant_status pliant_cuda_inverse_apply_all(const gpu_inverse *inverse, const int32_t *d_skip, int32_t count, size_t stride, const float *d_right, float *d_left,
+                                            cudaStream_t stream);
+size_t pliant_cuda_inverse_parts(const gpu_inverse *inverse);
 /* Whole columns of it: d_column + stride slot of the (3 count) unknowns in d_which, which come with their slots: (count x 2) unknown node and the first
  * of the slots of its three columns. */
 pliant_status pliant_cuda_inverse_columns(const gpu_inverse *inverse, int32_t count, const int32_t *d_which, size_t stride, float *d_column, cudaStream_t stream);

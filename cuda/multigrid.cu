@@ -20,14 +20,26 @@ struct grid_level {
     int *d_to, *d_from_start, *d_from;
     int corners;                    /* of a coarse element */
     float *d_weight;                /* (num_free x corners) */
-    float *d_x[2], *d_step, *d_residual, *d_right; /* (3 num_free), padded as the dense level needs it */
+    float *d_x[2], *d_step, *d_residual, *d_right; /* (3 num_free), padded as the dense level needs it; of more vectors than one: */
+    size_t stride;                  /* from one to the next */
     chebyshev smoother;
+};
+
+enum { NUM_WIDE = 12 }; /* vectors that columns are found of at once */
+
+/* Room for that, made when it is first asked for. */
+struct wide_room {
+    bool made;
+    grid_level level[PLIANT_MAX_LEVELS]; /* as those of one vector, but for these numbers and the first one's d_right */
+    gpu_inverse inverse;
+    float *d_out;
 };
 
 struct gpu_multigrid {
     int num_levels; /* the last is dense */
     grid_level level[PLIANT_MAX_LEVELS];
     gpu_inverse inverse;
+    wide_room wide;
     size_t bytes;
 };
 
@@ -145,13 +157,19 @@ extern "C" void pliant_cuda_multigrid_free(gpu_multigrid *multigrid)
                           level.d_weight, level.d_x[0], level.d_x[1], level.d_step, level.d_residual, level.d_right};
         for (void *block : blocks) pliant_cuda_release(block);
     }
+    for (grid_level &level : multigrid->wide.level) {
+        void *blocks[] = {level.d_x[0], level.d_x[1], level.d_step, level.d_residual, level.d_right};
+        for (void *block : blocks) pliant_cuda_release(block);
+    }
+    pliant_cuda_release(multigrid->wide.inverse.d_parts);
+    pliant_cuda_release(multigrid->wide.d_out);
     pliant_cuda_inverse_free(&multigrid->inverse);
     pliant_free(multigrid);
 }
 
 extern "C" size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid) { return multigrid->bytes; }
 
-/* ---- the cycle. Eight threads a node: they share out the blocks of its row. */
+/* ---- the cycle, of one vector or, by blocks' second index, several. Eight threads a node: they share out the blocks of its row. */
 
 struct vector3 { float x, y, z; };
 
@@ -195,11 +213,12 @@ static __device__ __forceinline__ vector3 residual_at(const grid_level &level, c
 static __global__ void __launch_bounds__(THREADS) begin_smooth_kernel(grid_level level, const int *d_skip, const float *d_right, float *d_x)
 {
     const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
+    const size_t own = level.stride * blockIdx.y;
     if ((d_skip && *d_skip) || node >= level.num_free) return;
-    vector3 step = times(level.d_inverse + 9 * (size_t)node, load3(d_right, node));
+    vector3 step = times(level.d_inverse + 9 * (size_t)node, load3(d_right + own, node));
     step = {level.smoother.first * step.x, level.smoother.first * step.y, level.smoother.first * step.z};
-    store3(level.d_step, node, step);
-    store3(d_x, node, step);
+    store3(level.d_step + own, node, step);
+    store3(d_x + own, node, step);
 }
 
 /* step = again step + fresh D^-1 (right - A x), x' = x + step */
@@ -208,27 +227,29 @@ static __global__ void __launch_bounds__(THREADS)
 {
     if (d_skip && *d_skip) return;
     const int node = (int)(blockIdx.x * NODES + threadIdx.x / LANES_PER_NODE);
+    const size_t own = level.stride * blockIdx.y;
     const bool there = node < level.num_free;
-    vector3 residual = residual_at(level, d_right, d_x, node, there);
+    vector3 residual = residual_at(level, d_right + own, d_x + own, node, there);
     if (!there || threadIdx.x % LANES_PER_NODE != 0) return;
-    vector3 step = times(level.d_inverse + 9 * (size_t)node, residual), x = load3(d_x, node);
-    vector3 before = again != 0 ? load3(level.d_step, node) : vector3{0, 0, 0};
+    vector3 step = times(level.d_inverse + 9 * (size_t)node, residual), x = load3(d_x + own, node);
+    vector3 before = again != 0 ? load3(level.d_step + own, node) : vector3{0, 0, 0};
     step = {again * before.x + fresh * step.x, again * before.y + fresh * step.y, again * before.z + fresh * step.z};
-    store3(level.d_step, node, step);
-    store3(d_next, node, {x.x + step.x, x.y + step.y, x.z + step.z});
+    store3(level.d_step + own, node, step);
+    store3(d_next + own, node, {x.x + step.x, x.y + step.y, x.z + step.z});
 }
 
 static __global__ void __launch_bounds__(THREADS) residual_kernel(grid_level level, const int *d_skip, const float *d_right, const float *d_x)
 {
     if (d_skip && *d_skip) return;
     const int node = (int)(blockIdx.x * NODES + threadIdx.x / LANES_PER_NODE);
+    const size_t own = level.stride * blockIdx.y;
     const bool there = node < level.num_free;
-    vector3 residual = residual_at(level, d_right, d_x, node, there);
-    if (there && threadIdx.x % LANES_PER_NODE == 0) store3(level.d_residual, node, residual);
+    vector3 residual = residual_at(level, d_right + own, d_x + own, node, there);
+    if (there && threadIdx.x % LANES_PER_NODE == 0) store3(level.d_residual + own, node, residual);
 }
 
 /* eight threads a coarse node */
-static __global__ void __launch_bounds__(THREADS) restrict_kernel(grid_level level, const int *d_skip, float *d_coarse)
+static __global__ void __launch_bounds__(THREADS) restrict_kernel(grid_level level, const int *d_skip, size_t coarse_stride, float *d_coarse)
 {
     if (d_skip && *d_skip) return;
     const int node = (int)(blockIdx.x * NODES + threadIdx.x / LANES_PER_NODE);
@@ -239,7 +260,7 @@ static __global__ void __launch_bounds__(THREADS) restrict_kernel(grid_level lev
         for (int e = level.d_from_start[node] + (int)threadIdx.x % LANES_PER_NODE; e < end; e += LANES_PER_NODE) {
             const int from = level.d_from[e];
             const float weight = level.d_weight[from];
-            vector3 r = load3(level.d_residual, from / level.corners);
+            vector3 r = load3(level.d_residual + level.stride * blockIdx.y, from / level.corners);
             sum = {sum.x + weight * r.x, sum.y + weight * r.y, sum.z + weight * r.z};
         }
     }
@@ -248,19 +269,20 @@ static __global__ void __launch_bounds__(THREADS) restrict_kernel(grid_level lev
         sum.y += __shfl_xor_sync(0xffffffff, sum.y, half);
         sum.z += __shfl_xor_sync(0xffffffff, sum.z, half);
     }
-    if (there && threadIdx.x % LANES_PER_NODE == 0) store3(d_coarse, node, sum);
+    if (there && threadIdx.x % LANES_PER_NODE == 0) store3(d_coarse + coarse_stride * blockIdx.y, node, sum);
 }
 
-static __global__ void __launch_bounds__(THREADS) correct_kernel(grid_level level, const int *d_skip, const float *d_coarse, float *d_x)
+static __global__ void __launch_bounds__(THREADS) correct_kernel(grid_level level, const int *d_skip, size_t coarse_stride, const float *d_coarse, float *d_x)
 {
     const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
     if ((d_skip && *d_skip) || node >= level.num_free) return;
+    d_x += level.stride * blockIdx.y;
     vector3 x = load3(d_x, node);
     for (int v = 0; v < level.corners; v++) {
         const size_t at = (size_t)level.corners * (size_t)node + (size_t)v;
         const float weight = level.d_weight[at];
         if (weight == 0) continue;
-        vector3 by = load3(d_coarse, level.d_to[at]);
+        vector3 by = load3(d_coarse + coarse_stride * blockIdx.y, level.d_to[at]);
         x = {x.x + weight * by.x, x.y + weight * by.y, x.z + weight * by.z};
     }
     store3(d_x, node, x);
@@ -268,20 +290,23 @@ static __global__ void __launch_bounds__(THREADS) correct_kernel(grid_level leve
 
 static unsigned blocks_for(int nodes, int a_block) { return (unsigned)((nodes + a_block - 1) / a_block); }
 
-/* d_right of this level to d_out */
-static pliant_status cycle(const gpu_multigrid *multigrid, int l, const int32_t *d_skip, const float *d_right, float *d_out, cudaStream_t stream)
+/* d_right of this level to d_out, of so many vectors */
+static pliant_status cycle(int num_levels, const grid_level *levels, const gpu_inverse *inverse, int l, const int32_t *d_skip, int32_t count, const float *d_right, float *d_out,
+                           cudaStream_t stream)
 {
-    if (l == multigrid->num_levels - 1) return pliant_cuda_inverse_apply(&multigrid->inverse, d_skip, d_right, d_out, stream);
-    const grid_level &level = multigrid->level[l], &coarse = multigrid->level[l + 1];
+    const grid_level &level = levels[l];
+    if (l == num_levels - 1) return pliant_cuda_inverse_apply_all(inverse, d_skip, count, level.stride, d_right, d_out, stream);
+    const grid_level &coarse = levels[l + 1];
     const chebyshev &smoother = level.smoother;
-    const unsigned light = blocks_for(level.num_free, THREADS), heavy = blocks_for(level.num_free, NODES);
+    const unsigned many = (unsigned)count;
+    const dim3 light(blocks_for(level.num_free, THREADS), many), heavy(blocks_for(level.num_free, NODES), many);
     begin_smooth_kernel<<<light, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[0]);
     smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[0], level.d_x[1], smoother.again, smoother.fresh);
     residual_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[1]);
-    restrict_kernel<<<blocks_for(level.num_coarse, NODES), THREADS, 0, stream>>>(level, d_skip, coarse.d_right);
+    restrict_kernel<<<dim3(blocks_for(level.num_coarse, NODES), many), THREADS, 0, stream>>>(level, d_skip, coarse.stride, coarse.d_right);
     CUDA_TRY(CUDA_LAUNCHED("restrict_kernel"));
-    CUDA_TRY(cycle(multigrid, l + 1, d_skip, coarse.d_right, coarse.d_x[0], stream));
-    correct_kernel<<<light, THREADS, 0, stream>>>(level, d_skip, coarse.d_x[0], level.d_x[1]);
+    CUDA_TRY(cycle(num_levels, levels, inverse, l + 1, d_skip, count, coarse.d_right, coarse.d_x[0], stream));
+    correct_kernel<<<light, THREADS, 0, stream>>>(level, d_skip, coarse.stride, coarse.d_x[0], level.d_x[1]);
     float *d_last = l == 0 ? d_out : level.d_x[0];
     float *d_between = level.d_residual; /* not in use any more */
     smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[1], d_between, 0, smoother.first);
@@ -291,5 +316,64 @@ static pliant_status cycle(const gpu_multigrid *multigrid, int l, const int32_t 
 
 extern "C" pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multigrid, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream)
 {
-    return cycle(multigrid, 0, d_skip, d_right, d_left, stream);
+    return cycle(multigrid->num_levels, multigrid->level, &multigrid->inverse, 0, d_skip, 1, d_right, d_left, stream);
+}
+
+/* ---- columns */
+
+static pliant_status make_wide(gpu_multigrid *multigrid, cudaStream_t stream)
+{
+    wide_room *wide = &multigrid->wide;
+    const int last = multigrid->num_levels - 1;
+    const size_t parts = NUM_WIDE * pliant_cuda_inverse_parts(&multigrid->inverse);
+    if (wide->made) return PLIANT_OK;
+    for (int l = 0; l <= last; l++) {
+        grid_level made = multigrid->level[l], &level = wide->level[l];
+        void *kept[] = {level.d_x[0], level.d_x[1], level.d_step, level.d_residual, level.d_right}; /* of an attempt that failed */
+        for (void *block : kept) pliant_cuda_release(block);
+        made.d_x[0] = made.d_x[1] = made.d_step = made.d_residual = made.d_right = NULL;
+        made.stride = l == last ? (size_t)pliant_cuda_inverse_padded(multigrid->inverse.size) : 3 * (size_t)made.num_free;
+        level = made;
+        float **blocks[] = {&level.d_right, level.d_x, level.d_x + 1, &level.d_step, &level.d_residual};
+        for (int b = 0; b < (l == last ? 2 : 5); b++) CUDA_TRY(room(multigrid, NUM_WIDE * level.stride, stream, blocks[b]));
+    }
+    pliant_cuda_release(wide->inverse.d_parts);
+    wide->inverse = multigrid->inverse;
+    wide->inverse.d_parts = NULL;
+    CUDA_TRY(room(multigrid, parts, stream, &wide->inverse.d_parts));
+    CUDA_TRY(room(multigrid, NUM_WIDE * wide->level[0].stride, stream, &wide->d_out));
+    wide->made = true;
+    return PLIANT_OK;
+}
+
+/* a thread a vector */
+static __global__ void unit_kernel(const int32_t *d_which, size_t stride, float *d_right)
+{
+    const int n = (int)threadIdx.x;
+    d_right[stride * (size_t)n + 3 * (size_t)d_which[2 * (n / 3)] + n % 3] = 1;
+}
+
+static __global__ void __launch_bounds__(THREADS) store_kernel(const int32_t *d_which, size_t from_stride, const float *d_from, size_t stride, float *d_column)
+{
+    const size_t n = blockIdx.x * THREADS + threadIdx.x;
+    const int vector = (int)blockIdx.y;
+    if (n < from_stride) d_column[stride * (size_t)(d_which[2 * (vector / 3) + 1] + vector % 3) + n] = d_from[from_stride * (size_t)vector + n];
+}
+
+extern "C" pliant_status pliant_cuda_multigrid_columns(gpu_multigrid *multigrid, int32_t count, const int32_t *d_which, size_t stride, float *d_column, cudaStream_t stream)
+{
+    CUDA_TRY(make_wide(multigrid, stream));
+    const wide_room *wide = &multigrid->wide;
+    const grid_level &first = wide->level[0];
+    for (int32_t done = 0; done < count; done += NUM_WIDE / 3) {
+        const int32_t left = 3 * (count - done), many = left < NUM_WIDE ? left : NUM_WIDE;
+        const int32_t *d_these = d_which + 2 * (size_t)done;
+        CUDA_TRY(CUDA_CALL(cudaMemsetAsync(first.d_right, 0, (size_t)many * first.stride * sizeof(float), stream)));
+        unit_kernel<<<1, (unsigned)many, 0, stream>>>(d_these, first.stride, first.d_right);
+        CUDA_TRY(CUDA_LAUNCHED("unit_kernel"));
+        CUDA_TRY(cycle(multigrid->num_levels, wide->level, &wide->inverse, 0, NULL, many, first.d_right, wide->d_out, stream));
+        store_kernel<<<dim3(blocks_for(3 * first.num_free, THREADS), (unsigned)many), THREADS, 0, stream>>>(d_these, first.stride, wide->d_out, stride, d_column);
+        CUDA_TRY(CUDA_LAUNCHED("store_kernel"));
+    }
+    return PLIANT_OK;
 }

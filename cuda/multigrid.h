@@ -17,6 +17,8 @@ void pliant_cuda_multigrid_free(gpu_multigrid *multigrid); /* Nullable */
 size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid);
 /* As pliant_cuda_inverse_apply. */
 pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multigrid, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream);
+/* As pliant_cuda_inverse_columns, of a V-cycle: several at once. Errors: MEMORY, UNAVAILABLE. */
+pliant_status pliant_cuda_multigrid_columns(gpu_multigrid *multigrid, int32_t count, const int32_t *d_which, size_t stride, float *d_column, cudaStream_t stream);
 
 #ifdef __cplusplus
 }

@@ -14,7 +14,7 @@ using namespace overlaps;
 
 namespace {
 
-enum { THREADS = 128, WARPS = THREADS / 32, LANES_OF_TET = 8 /* threads that share the cells of one */, LANES_OF_ENTRY = 8 /* or its list */, MOST_CELLS = 16 /* that a box lies in along an axis */ };
+enum { THREADS = 128, WARPS = THREADS / 32, LANES_OF_TET = 8 /* threads that share the cells of one */, LANES_OF_ENTRY = 8 /* or its list */ };
 
 /* Cells that a box lies in, one after the other; none where it is no box, or too large. */
 struct cells {
@@ -24,11 +24,10 @@ struct cells {
         double sum = 0;
         for (int d = 0; d < 3; d++) sum += box.low[d] + box.high[d];
         if (!isfinite(sum)) return;
-        const double side = v.now->side, widest = fmax(box.high[0] - box.low[0], fmax(box.high[1] - box.low[1], box.high[2] - box.low[2])) / side;
-        if (widest > MOST_CELLS) {
-            atomicMax(v.counts + CELLS, (number)fmin(widest, 1e9));
-            return;
-        }
+        const double side = v.now->side, widest = fmax(box.high[0] - box.low[0], fmax(box.high[1] - box.low[1], box.high[2] - box.low[2]));
+        const number wide_as = (number)fmin(ceil(widest / v.now->fine), GPU_MOST_FINE_CELLS);
+        if (wide_as > GPU_MOST_CELLS) atomicMax(v.counts + CELLS, wide_as);
+        if (wide_as > v.now->most) return;
         count = 1;
         for (int d = 0; d < 3; d++) {
             low[d] = cell_of(side, box.low[d]);
@@ -213,7 +212,7 @@ struct gpu_overlaps {
     int32_t *d_tets, *d_tet;
     number *h_counts;
     step *d_now, *h_now;
-    double side;
+    gpu_cells cells;
     size_t entries_bytes, pairs_bytes;
     int blocks; /* that the device runs at once */
     cudaGraphExec_t graph; /* Nullable: of what it was made for */
@@ -254,7 +253,7 @@ static pliant_status prepare(gpu_overlaps *overlaps, int32_t num_tets, const int
     while (table < (int64_t)count && table < 1 << 28) table *= 2;
     v->count = count;
     v->table = table - 1;
-    overlaps->side = side;
+    overlaps->cells = {side, 1, 1};
     CUDA_TRY(CUDA_CALL(cudaGetDevice(&device)));
     CUDA_TRY(CUDA_CALL(cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device)));
     overlaps->blocks = 16 * processors;
@@ -326,13 +325,13 @@ pliant_status gpu_overlaps_find(gpu_overlaps *overlaps, const double *d_position
     if (overlaps->v.count == 0) return PLIANT_OK;
     for (bool again = true; again;) { /* what had no room is counted */
         const number *h_counts = overlaps->h_counts, most = 64 * (number)overlaps->v.count + 1024; /* places in the grid */
-        *overlaps->h_now = {overlaps->side, margin};
+        gpu_cells *cells = &overlaps->cells;
+        *overlaps->h_now = {cells->side * gpu_cells_coarser(cells), cells->side, margin, gpu_cells_most(cells)};
         CUDA_TRY(record(overlaps, stream));
         CUDA_TRY(CUDA_CALL(cudaGraphLaunch(overlaps->graph, stream)));
         if (more) CUDA_TRY(more(context, overlaps));
         CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
-        const bool coarser = h_counts[CELLS] > 0 || h_counts[ENTRIES] > most;
-        if (coarser) overlaps->side *= std::max(h_counts[CELLS] / 2.0, 2.0);
+        const bool coarser = gpu_cells_follow(cells, h_counts[CELLS], h_counts[ENTRIES], most);
         again = coarser || h_counts[ENTRIES] > overlaps->v.room[ENTRIES] || h_counts[PAIRS] > overlaps->v.room[PAIRS];
         if (again && !coarser) CUDA_TRY(make_room(overlaps, h_counts));
     }

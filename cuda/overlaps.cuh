@@ -3,6 +3,7 @@
 #define PLIANT_CUDA_OVERLAPS_CUH
 
 #include "overlaps.h"
+#include "overlaps_side.h"
 
 #include <algorithm>
 
@@ -11,12 +12,16 @@ namespace overlaps {
 struct entry { unsigned long long cell; int32_t tet, end; float low[3], high[3]; }; /* end: of its list; box: outwards */
 struct tet_box { double low[3], high[3]; };
 
-/* how many there are, and the most cells along an axis that a box lies in */
+/* how many there are, and the most fine cells along an axis that a box lies in, of those that lie in many */
 enum { ENTRIES, PAIRS, CELLS, NUM_COUNTS };
 typedef unsigned long long number;
 
 /* What is another in every step. */
-struct step { double side, margin; }; /* of the cells; that boxes are larger by on every side */
+struct step {
+    double side, fine; /* of the cells, and as it was asked for */
+    double margin;     /* that boxes are larger by on every side */
+    number most;       /* fine cells along an axis that a box may lie in */
+};
 
 /* what kernels see */
 struct view {
@@ -48,7 +53,7 @@ static __device__ __forceinline__ unsigned long long key_of(int32_t a, int32_t b
 }
 
 /* Whether lists and pairs are whole: whoever finds that they have too little room does nothing, and it is all done again with more. */
-static __device__ __forceinline__ bool are_whole(const view &v) { return v.counts[ENTRIES] <= v.room[ENTRIES] && v.counts[CELLS] == 0; }
+static __device__ __forceinline__ bool are_whole(const view &v) { return v.counts[ENTRIES] <= v.room[ENTRIES] && v.counts[CELLS] <= v.now->most; }
 
 } // namespace overlaps
 

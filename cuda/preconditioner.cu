@@ -129,6 +129,7 @@ extern "C" pliant_status pliant_cuda_columns(const gpu_preconditioner *precondit
 {
     if (!preconditioner->multigrid && preconditioner->carried.base_free == 0)
         return pliant_cuda_inverse_columns(&preconditioner->inverse, count, d_which, stride, d_column, stream);
+    if (preconditioner->carried.base_free == 0) return pliant_cuda_multigrid_columns(preconditioner->multigrid, count, d_which, stride, d_column, stream);
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(iteration->d_right, 0, 3 * (size_t)iteration->num_free * sizeof(float), stream)));
     for (int32_t n = 0, before = -1; n < 3 * count; n++) {
         gpu_iteration to = *iteration;

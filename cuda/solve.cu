@@ -250,7 +250,7 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     const pliant_anderson *rules = &state->rules;
     if (!isfinite(rules->merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, state->force[state->now] + 3 * t, sizeof solver->handles[t].force);
-    pliant_solver_ended(solver, &gpu->in_use, state->evaluated, rules->converged);
+    pliant_solver_ended(solver, &gpu->in_use, state->evaluated, rules, state->step_force[state->now]);
     gpu->last_launches = rules->evaluations + state->ending;
     const int32_t solved = gpu->last_launches - (step.known == PLIANT_KNOWN_STEP);
     pliant_even_note(&solver->even, solved, rules->first_merit);

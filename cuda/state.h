@@ -44,12 +44,11 @@ typedef struct gpu_state {
     int32_t evaluated;         /* d_element_force and d_left are of the state that the step ended with */
     int32_t took;              /* what was evaluated last became the present state */
     pliant_anderson rules;     /* as on the CPU */
-    double scale[2], residual_force[2], force[2][GPU_ROWS];
+    double scale[2], residual_force[2], force[2][GPU_ROWS], step_force[2][GPU_ROWS];
     double told_scale, told_residual_force; /* of the last state that was evaluated and kept */
     /* springs: rows of S = c I + W Z, only those of tools with springs */
     int32_t rows, row_of[GPU_ROWS]; /* 3 tool + axis */
     int32_t singular;
-    double step_force[2][GPU_ROWS];
     /* Anderson */
     double energy;             /* step . residual of the present iterate, without springs */
     double along[GPU_HISTORY]; /* secants' step . residual of the present iterate */

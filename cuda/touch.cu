@@ -22,6 +22,9 @@ extern "C" void pliant_cuda_touches_free(gpu_touches *touches)
     }
     pliant_free(touches->place);
     pliant_free(touches->touched);
+    if (touches->beside) cudaStreamDestroy(touches->beside);
+    if (touches->parts) cudaEventDestroy(touches->parts);
+    if (touches->meets) cudaEventDestroy(touches->meets);
     memset(touches, 0, sizeof *touches);
 }
 
@@ -76,9 +79,31 @@ template <class T> static T *pack(packing *at, size_t count, T **d_out)
 
 template <class T> static void pack(packing *at, const T *from, size_t count, const T **d_out)
 {
-    T *d_there;
-    memcpy(pack(at, count, &d_there), from, count * sizeof(T));
+    T *d_there, *here = pack(at, count, &d_there);
+    if (count > 0) memcpy(here, from, count * sizeof(T));
     *d_out = d_there;
+}
+
+/* What points have of pieces: bytes of it, and it. */
+static size_t bytes_of_pieces(const pliant_touches *from)
+{
+    const size_t points = (size_t)from->count, moving = (size_t)from->num_moving;
+    return moving == 0 ? 0 : (size_t)from->num_arms * sizeof *from->arm + moving * sizeof(pliant_touch_piece) + points * sizeof(double) + (points + 1) * sizeof(int32_t);
+}
+
+static void pack_pieces(packing *at, const pliant_touches *from, gpu_touch_view *view)
+{
+    double *d_gives;
+    pliant_touch_piece *d_piece;
+    view->num_moving = from->num_moving;
+    if (from->num_moving == 0) return;
+    double *gives = pack(at, (size_t)from->count, &d_gives);
+    pliant_touch_piece *piece = pack(at, (size_t)from->num_moving, &d_piece);
+    for (int32_t c = 0; c < from->count; c++) gives[c] = pliant_touches_give_way(from, c);
+    for (int32_t m = 0; m < from->num_moving; m++) piece[m] = *pliant_touches_moving(from, m);
+    pack(at, from->arm, (size_t)from->num_arms, &view->d_arm);
+    view->d_gives = d_gives;
+    view->d_piece = d_piece;
 }
 
 /* by slots: which weights each has */
@@ -109,7 +134,7 @@ static pliant_status send_points(pliant_cuda_solver *gpu, const pliant_touches *
     gpu_touches *touches = &gpu->touches;
     gpu_touch_view *view = &touches->view;
     const size_t points = (size_t)from->count, weights = (size_t)from->num_weights, count = (size_t)slots;
-    const size_t bytes = (18 * points + 9 * weights + points + (size_t)view->num_springs) * sizeof(double) + (points + 1 + 4 * weights + 3 * count + 1) * sizeof(int32_t);
+    const size_t bytes = (18 * points + 9 * weights + points + (size_t)view->num_springs) * sizeof(double) + (points + 1 + 4 * weights + 3 * count + 1) * sizeof(int32_t) + bytes_of_pieces(from);
     CUDA_TRY(make_block(touches, TOUCH_GOES_UP, bytes, bytes));
     packing at = {static_cast<char *>(touches->h_block[TOUCH_GOES_UP]), static_cast<char *>(touches->d_block[TOUCH_GOES_UP])};
     memcpy(pack(&at, 3 * points, &view->d_force), from->taken.force, 3 * points * sizeof(double)); /* these two come back together */
@@ -118,7 +143,9 @@ static pliant_status send_points(pliant_cuda_solver *gpu, const pliant_touches *
     pack(&at, from->frame, 9 * points, &view->d_frame);
     pack(&at, from->goal, 3 * points, &view->d_goal);
     pack(&at, from->block, 9 * weights, &view->d_block);
+    pack_pieces(&at, from, view);
     pack(&at, from->start, points + 1, &view->d_start);
+    if (from->num_moving > 0) pack(&at, from->arm_start, points + 1, &view->d_arm_start);
     pack(&at, from->unknown, weights, &view->d_unknown);
     pack(&at, touches->touched, count, &view->d_touched);
     pack_slots(&at, from, touches, slots);
@@ -126,18 +153,19 @@ static pliant_status send_points(pliant_cuda_solver *gpu, const pliant_touches *
 }
 
 /* what the GPU works out, and what comes back of it: motions, then A */
-static pliant_status make_work(gpu_touches *touches, int32_t slots)
+static pliant_status make_work(gpu_touches *touches, int32_t slots, int32_t pieces)
 {
     gpu_touch_view *view = &touches->view;
     const size_t points = 3 * (size_t)view->count, rows = points + 3 * (size_t)view->num_springs, back = (rows + rows * rows) * sizeof(double);
-    const size_t work = (9 * (size_t)view->num_weights + 3 * (size_t)slots + PLIANT_CONE_EQUATIONS) * sizeof(double);
+    const size_t work = (9 * (size_t)view->num_weights + 3 * (size_t)slots + 6 * (size_t)pieces + PLIANT_CONE_EQUATIONS) * sizeof(double);
     CUDA_TRY(make_block(touches, TOUCH_STAYS, work + back, back));
     CUDA_TRY(make_block(touches, TOUCH_AT_EVALUATIONS, 3 * points * sizeof(double), 2 * points * sizeof(double)));
     view->d_motion = static_cast<double *>(touches->d_block[TOUCH_STAYS]);
     view->d_matrix = view->d_motion + rows;
     view->d_turned = view->d_matrix + rows * rows;
     view->d_pull = view->d_turned + 9 * (size_t)view->num_weights;
-    view->d_equations = view->d_pull + 3 * (size_t)slots;
+    view->d_piece_moved = view->d_pull + 3 * (size_t)slots;
+    view->d_equations = view->d_piece_moved + 6 * (size_t)pieces;
     view->d_change = static_cast<double *>(touches->d_block[TOUCH_AT_EVALUATIONS]);
     view->d_found = view->d_change + points;
     view->d_found_motion = view->d_found + points;
@@ -152,12 +180,20 @@ static pliant_status send_view(gpu_touches *touches, cudaStream_t stream)
     return CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_VIEW], touches->h_block[TOUCH_VIEW], sizeof touches->view, cudaMemcpyHostToDevice, stream));
 }
 
+static pliant_status make_beside(gpu_touches *touches)
+{
+    if (!touches->beside) CUDA_TRY(CUDA_CALL(cudaStreamCreateWithFlags(&touches->beside, cudaStreamNonBlocking)));
+    if (!touches->parts) CUDA_TRY(CUDA_CALL(cudaEventCreateWithFlags(&touches->parts, cudaEventDisableTiming)));
+    return touches->meets ? PLIANT_OK : CUDA_CALL(cudaEventCreateWithFlags(&touches->meets, cudaEventDisableTiming));
+}
+
 static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
 {
     gpu_touches *touches = &gpu->touches;
     gpu_touch_view *view = &touches->view;
     pliant_touches *from = solver->touches;
     bool made = false;
+    CUDA_TRY(make_beside(touches));
     CUDA_TRY(set_size(touches, gpu->system.num_free));
     const int32_t slots = find_touched(from, touches);
     pliant_status status = pliant_cuda_answers_find(&touches->answers, &gpu->preconditioner, &gpu->iteration, slots, touches->touched, gpu->stream, &made);
@@ -170,7 +206,7 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
     view->d_column = touches->answers.d_column;
     view->stride = touches->answers.stride;
     if (status == PLIANT_OK) status = pliant_touches_make_matrix(from, view->num_springs);
-    if (status == PLIANT_OK) status = make_work(touches, slots);
+    if (status == PLIANT_OK) status = make_work(touches, slots, from->num_moving);
     if (status == PLIANT_OK) status = send_points(gpu, from, slots);
     if (status == PLIANT_OK) status = send_view(touches, gpu->stream);
     for (int32_t s = 0; s < slots; s++) touches->place[touches->touched[s]] = -1;

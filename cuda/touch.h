@@ -21,6 +21,12 @@ typedef struct gpu_touch_view {
     const int32_t *d_place, *d_point; /* (num_weights) slot; point */
     const int32_t *d_touched, *d_first; /* (num_slots) unknown; the first of its columns */
     const int32_t *d_weight_start, *d_weight; /* (num_slots + 1): the weights of each */
+    int32_t num_moving;        /* pieces that points are of; 0: none, and no arms */
+    const int32_t *d_arm_start; /* (count + 1) */
+    const pliant_touch_arm *d_arm;
+    const pliant_touch_piece *d_piece; /* (num_moving) */
+    const double *d_gives;     /* (count) how points of them give way [m/N] */
+    double *d_piece_moved;     /* (6 num_moving) by the forces of the state of the step */
     double *d_turned;          /* (9 num_weights) */
     double *d_pull;            /* (3 num_slots) W' dl, in the nodes' axes */
     double *d_change, *d_found, *d_found_motion; /* (3 count) dl; of what was evaluated last, likewise */
@@ -38,6 +44,8 @@ typedef struct gpu_touches {
     int32_t shared_room;       /* bytes of shared memory that a block may have; 0: not asked for yet */
     void *d_block[TOUCH_BLOCKS], *h_block[TOUCH_BLOCKS]; /* page-locked; of what stays, what comes back */
     size_t d_room[TOUCH_BLOCKS], h_room[TOUCH_BLOCKS];   /* bytes */
+    cudaStream_t beside;       /* and events, for what an evaluation's graph does beside each other */
+    cudaEvent_t parts, meets;
     int32_t num_free, *place;  /* (num_free) slot, or -1 */
     int32_t *touched;          /* (num_free) */
 } gpu_touches;

@@ -27,6 +27,16 @@ static __global__ void __launch_bounds__(THREADS) turn_kernel(gpu_touch_view vie
         for (int c = 0; c < 3; c++) out[3 * r + c] = turn[c] * rows[3 * r] + turn[3 + c] * rows[3 * r + 1] + turn[6 + c] * rows[3 * r + 2];
 }
 
+/* block of A += of the pieces that two points are of (contact_pieces.c) */
+static __device__ void answer_pieces(const gpu_touch_view &view, int a, int b, double out[9])
+{
+    for (int i = view.d_arm_start[a]; i < view.d_arm_start[a + 1]; i++)
+        for (int j = view.d_arm_start[b]; j < view.d_arm_start[b + 1]; j++)
+            if (view.d_arm[i].moving == view.d_arm[j].moving)
+                pliant_arms_answer(view.d_piece + view.d_arm[i].moving, view.d_arm + i, view.d_frame + 9 * (size_t)a, view.d_arm + j, view.d_frame + 9 * (size_t)b, out);
+    for (int d = 0; a == b && d < 3; d++) out[4 * d] += view.d_gives[a];
+}
+
 /* A thread a pair of points: their block of A and its transpose. */
 static __global__ void __launch_bounds__(PAIRS * PAIRS) matrix_kernel(gpu_touch_view view)
 {
@@ -49,6 +59,7 @@ static __global__ void __launch_bounds__(PAIRS * PAIRS) matrix_kernel(gpu_touch_
         for (int r = 0; r < 3; r++)
             for (int c = 0; c < 3; c++) out[3 * r + c] += by[3 * r] * moved[c] + by[3 * r + 1] * moved[3 + c] + by[3 * r + 2] * moved[6 + c];
     }
+    if (view.num_moving > 0) answer_pieces(view, a, b, out);
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++) {
             view.d_matrix[(3 * (size_t)b + c) * row + 3 * (size_t)a + r] = out[3 * r + c];
@@ -84,6 +95,20 @@ static __global__ void __launch_bounds__(ONE_BLOCK) spring_kernel(gpu_touch_view
 
 /* ---- evaluations */
 
+/* A warp a piece: how the forces of all points move it. */
+static __device__ void move_pieces(const gpu_touch_view &view)
+{
+    const int lane = (int)threadIdx.x % 32;
+    for (int m = (int)threadIdx.x / 32; m < view.num_moving; m += (int)blockDim.x / 32) {
+        double load[6] = {0, 0, 0, 0, 0, 0};
+        for (int c = lane; c < view.count; c += 32)
+            for (int a = view.d_arm_start[c]; a < view.d_arm_start[c + 1]; a++)
+                if (view.d_arm[a].moving == m) pliant_arm_load(view.d_arm + a, view.d_frame + 9 * (size_t)c, view.d_force + 3 * (size_t)c, load);
+        for (int k = 0; k < 6; k++) load[k] = warp_sum(load[k]);
+        if (lane < 6) view.d_piece_moved[6 * (size_t)m + lane] = pliant_piece_moves(view.d_piece + m, load, lane);
+    }
+}
+
 static __global__ void __launch_bounds__(ONE_BLOCK) load_kernel(const gpu_touch_view *d_view, gpu_iteration iteration)
 {
     const gpu_touch_view view = *d_view;
@@ -92,8 +117,9 @@ static __global__ void __launch_bounds__(ONE_BLOCK) load_kernel(const gpu_touch_
         view.d_force[i] = view.d_found[i];
         view.d_taken_motion[i] = view.d_found_motion[i];
     }
-    if (state.done) return;
     __syncthreads();
+    move_pieces(view);
+    if (state.done) return;
     for (int m = (int)threadIdx.x; m < 3 * view.num_slots; m += ONE_BLOCK) {
         const int s = m / 3, k = m % 3;
         double sum = 0;
@@ -104,6 +130,13 @@ static __global__ void __launch_bounds__(ONE_BLOCK) load_kernel(const gpu_touch_
         }
         iteration.d_touch[3 * (size_t)view.d_touched[s] + k] = sum;
     }
+}
+
+/* motion of a point in its frame += with the pieces that it is of */
+static __device__ void move_with_pieces(const gpu_touch_view &view, int c, double motion[3])
+{
+    for (int a = view.d_arm_start[c]; a < view.d_arm_start[c + 1]; a++)
+        pliant_arm_move(view.d_arm + a, view.d_frame + 9 * (size_t)c, view.d_piece_moved + 6 * (size_t)view.d_arm[a].moving, motion);
 }
 
 /* by a warp: one of the points */
@@ -126,10 +159,13 @@ static __device__ void measure_point(const gpu_touch_view &view, const gpu_itera
         moved[r] = warp_sum(moved[r]);
     }
     if (lane != 0) return;
-    const double *frame = view.d_frame + 9 * (size_t)c, *goal = view.d_goal + 3 * (size_t)c;
+    const double *frame = view.d_frame + 9 * (size_t)c, *goal = view.d_goal + 3 * (size_t)c, *force = view.d_force + 3 * (size_t)c;
+    double with[3] = {0, 0, 0};
+    if (view.num_moving > 0) move_with_pieces(view, c, with);
     for (int r = 0; r < 3; r++) {
-        double motion = y[r];
-        if (!state.done) motion = moved[r] + frame[3 * r] * (y[0] - goal[0]) + frame[3 * r + 1] * (y[1] - goal[1]) + frame[3 * r + 2] * (y[2] - goal[2]);
+        double motion = y[r] + frame[r] * with[0] + frame[3 + r] * with[1] + frame[6 + r] * with[2];
+        if (!state.done) motion = moved[r] + frame[3 * r] * (y[0] - goal[0]) + frame[3 * r + 1] * (y[1] - goal[1]) + frame[3 * r + 2] * (y[2] - goal[2]) + with[r];
+        if (!state.done && view.num_moving > 0) motion += view.d_gives[c] * force[r];
         out[3 * (size_t)c + r] = motion;
     }
 }
@@ -272,8 +308,10 @@ static unsigned blocks_for(int count, int threads) { return (unsigned)((count + 
 extern "C" pliant_status pliant_cuda_touch_begin(const gpu_touch_view *view, const gpu_iteration *iteration, cudaStream_t stream)
 {
     const unsigned pairs = blocks_for(view->count, PAIRS);
-    turn_kernel<<<blocks_for(view->num_weights, THREADS), THREADS, 0, stream>>>(*view, *iteration);
-    CUDA_TRY(CUDA_LAUNCHED("turn_kernel"));
+    if (view->num_weights > 0) { /* else pieces alone touch */
+        turn_kernel<<<blocks_for(view->num_weights, THREADS), THREADS, 0, stream>>>(*view, *iteration);
+        CUDA_TRY(CUDA_LAUNCHED("turn_kernel"));
+    }
     matrix_kernel<<<dim3(pairs, pairs), dim3(PAIRS, PAIRS), 0, stream>>>(*view);
     CUDA_TRY(CUDA_LAUNCHED("matrix_kernel"));
     if (view->num_springs == 0) return PLIANT_OK;

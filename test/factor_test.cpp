@@ -1,4 +1,5 @@
 // Direct factors: what their ordering may depend on.
+#include "fem/linear/halves.h"
 #include "fem/system.h"
 #include "pliant/pliant.h"
 
@@ -109,7 +110,7 @@ TEST(Factor, SolvesInTwoParts)
     bool possible = false;
     ASSERT_EQ(pliant_factor_reach(factor, static_cast<int32_t>(nodes.size()), nodes.data(), &possible), PLIANT_OK);
     ASSERT_TRUE(possible);
-    std::vector<double> right(size), more(size), both(size), whole(size), sum(size), part(size), out(size), column(size);
+    std::vector<double> right(size), more(size), both(size), whole(size), sum(size), part(size), out(size);
     for (size_t i = 0; i < size; i++) right[i] = std::cos(static_cast<double>(i));
     for (int32_t n : nodes)
         for (int d = 0; d < 3; d++) more[static_cast<size_t>(3 * n + d)] = 10 + n + d;
@@ -117,7 +118,8 @@ TEST(Factor, SolvesInTwoParts)
     ASSERT_EQ(pliant_factor_solve(factor, 1, right.data(), whole.data()), PLIANT_OK);
     ASSERT_EQ(pliant_factor_solve(factor, 1, both.data(), sum.data()), PLIANT_OK);
     pliant_factor_begin(factor, right.data(), part.data());
-    pliant_factor_column(factor, 3 * nodes[1] + 2, column.data()); // does not disturb it
+    std::vector<pliant_half> halves(nodes.size());
+    for (size_t n = 0; n < nodes.size(); n++) ASSERT_EQ(pliant_factor_half(factor, nodes[n], &halves[n]), PLIANT_OK); // do not disturb it
     pliant_factor_end(factor, more.data(), out.data());
     for (int32_t n : nodes)
         for (int d = 0; d < 3; d++) EXPECT_NEAR(part[static_cast<size_t>(3 * n + d)], whole[static_cast<size_t>(3 * n + d)], 1e-13);
@@ -125,11 +127,27 @@ TEST(Factor, SolvesInTwoParts)
     pliant_factor_begin(factor, right.data(), part.data());
     pliant_factor_end(factor, nullptr, out.data());
     for (size_t i = 0; i < size; i++) ASSERT_EQ(out[i], whole[i]) << i;
-    std::vector<double> unit(size), inverse(size);
-    unit[static_cast<size_t>(3 * nodes[1] + 2)] = 1;
-    ASSERT_EQ(pliant_factor_solve(factor, 1, unit.data(), inverse.data()), PLIANT_OK);
-    for (int32_t n : nodes)
-        for (int d = 0; d < 3; d++) EXPECT_NEAR(column[static_cast<size_t>(3 * n + d)], inverse[static_cast<size_t>(3 * n + d)], 1e-15);
+    // and by half solves that are kept
+    pliant_factor_begin_half(factor, right.data());
+    for (size_t n = 0; n < nodes.size(); n++) {
+        double moved[3];
+        pliant_factor_half_answer(factor, &halves[n], moved);
+        for (int d = 0; d < 3; d++) EXPECT_NEAR(moved[d], whole[static_cast<size_t>(3 * nodes[n] + d)], 1e-13);
+    }
+    for (size_t n = 0; n < nodes.size(); n++) pliant_factor_half_add(factor, &halves[n], &more[static_cast<size_t>(3 * nodes[n])]);
+    pliant_factor_end_half(factor, out.data());
+    for (size_t i = 0; i < size; i++) ASSERT_NEAR(out[i], sum[i], 1e-10) << i;
+    for (int d = 0; d < 3; d++) {
+        std::vector<double> unit(size), inverse(size);
+        unit[static_cast<size_t>(3 * nodes[1] + d)] = 1;
+        ASSERT_EQ(pliant_factor_solve(factor, 1, unit.data(), inverse.data()), PLIANT_OK);
+        for (size_t n = 0; n < nodes.size(); n++) {
+            double block[9];
+            pliant_factor_half_product(factor, &halves[n], &halves[1], block);
+            for (int r = 0; r < 3; r++) EXPECT_NEAR(block[3 * r + d], inverse[static_cast<size_t>(3 * nodes[n] + r)], 1e-15);
+        }
+    }
+    for (pliant_half &half : halves) pliant_half_free(&half);
     pliant_factor_free(factor);
 }
 

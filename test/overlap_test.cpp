@@ -1,4 +1,5 @@
 // Two tetrahedra overlap or not, against separating axes in whole numbers.
+#include "../cuda/overlaps_side.h"
 #include "contact/overlap.h"
 
 #include <gtest/gtest.h>
@@ -164,6 +165,31 @@ TEST(Overlap, OfNumbersThatAreNone)
     double b[3][4] = {{none, none, none, none}, {none, none, none, none}, {none, none, none, none}};
     EXPECT_FALSE(pliant_tets_overlap(a, b));
     EXPECT_FALSE(pliant_tets_overlap(b, a));
+}
+
+// a grid's cells are as wide as was asked for as soon as nothing speaks for wider ones
+TEST(Overlap, CellsAreWideNoLongerThanTheyHaveToBe)
+{
+    gpu_cells cells = {0.01, 1, 1};
+    EXPECT_EQ(gpu_cells_most(&cells), 16u);
+    EXPECT_FALSE(gpu_cells_follow(&cells, 16, 900, 1000));
+    EXPECT_EQ(gpu_cells_coarser(&cells), 1);
+    EXPECT_TRUE(gpu_cells_follow(&cells, 4000, 900, 1000)); // a node flies away
+    EXPECT_GE(gpu_cells_most(&cells), 4000u);
+    EXPECT_FALSE(gpu_cells_follow(&cells, 4000, 10, 1000));
+    EXPECT_FALSE(gpu_cells_follow(&cells, 5000, 10, 1000)) << "it may go on a little";
+    EXPECT_FALSE(gpu_cells_follow(&cells, 0, 10, 1000)); // and comes back
+    EXPECT_EQ(gpu_cells_coarser(&cells), 1);
+    EXPECT_TRUE(gpu_cells_follow(&cells, 0, 5000, 1000)); // all of it grows
+    EXPECT_TRUE(gpu_cells_follow(&cells, 0, 1200, 1000));
+    EXPECT_FALSE(gpu_cells_follow(&cells, 0, 300, 1000));
+    EXPECT_EQ(gpu_cells_coarser(&cells), 4);
+    EXPECT_FALSE(gpu_cells_follow(&cells, 0, 60, 1000)); // and shrinks again
+    EXPECT_EQ(gpu_cells_coarser(&cells), 2);
+    EXPECT_FALSE(gpu_cells_follow(&cells, 0, 60, 1000));
+    EXPECT_EQ(gpu_cells_coarser(&cells), 1);
+    EXPECT_TRUE(gpu_cells_follow(&cells, std::numeric_limits<unsigned long long>::max(), 0, 1000));
+    EXPECT_FALSE(gpu_cells_follow(&cells, static_cast<unsigned long long>(GPU_MOST_FINE_CELLS), 10, 1000)); // more are not told
 }
 
 } // namespace

@@ -194,6 +194,19 @@ TEST(Hold, ToldAndTakenAgainPullsAsBefore)
         EXPECT_NEAR(b.force[d], a.force[d], 1e-3 * std::fabs(a.force[2]));
         EXPECT_NEAR(b.held_point[d], a.held_point[d], 1e-6);
     }
+    // with no word of its force, nothing moves either: the step that finds so says what it is
+    pliant_tool_hold silent = hold;
+    for (double &f : silent.force) f = 0;
+    ASSERT_EQ(pliant_data_set_limits(second.data, 30, 1e-6), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_positions(second.model, second.data, pliant_data_get_positions(first.data, nullptr)), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_hold(second.model, second.data, tool, &silent), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_step(second.model, second.data), PLIANT_OK);
+    pliant_tool_get(second.data, tool, &b);
+    for (int d = 0; d < 3; d++) EXPECT_NEAR(b.force[d], a.force[d], 2e-3 * std::fabs(a.force[2]));
+    for (int s = 0; s < 3; s++) ASSERT_EQ(pliant_step(second.model, second.data), PLIANT_OK); // and goes on as any other
+    pliant_tool_get(second.data, tool, &b);
+    for (int d = 0; d < 3; d++) EXPECT_NEAR(b.force[d], a.force[d], 2e-3 * std::fabs(a.force[2]));
+    EXPECT_EQ(second.data->statistics.iterations, 0);
     hold.holding = false;
     ASSERT_EQ(pliant_tool_set_hold(second.model, second.data, tool, &hold), PLIANT_OK);
     pliant_tool_get(second.data, tool, &b);

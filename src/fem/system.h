@@ -250,12 +250,18 @@ pliant_status pliant_factor_clone(const pliant_factor *factor, pliant_factor **o
 pliant_status pliant_factor_numeric(pliant_factor *factor, double *values);
 /* right, out: (columns x 3 num_columns); may be the same. Errors: MEMORY. */
 pliant_status pliant_factor_solve(pliant_factor *factor, int32_t columns, const double *right, double *out);
-/* A solve in two parts, and columns of the inverse, at some nodes (panels.h). possible: the factor has panels; else the other three cannot be called.
- * Errors: MEMORY. */
+/* A solve in two parts (panels.h): at some nodes, or at those whose half solves are kept (halves.h). possible: the factor has panels; else the others cannot be
+ * called. Errors: MEMORY. */
 pliant_status pliant_factor_reach(pliant_factor *factor, int32_t count, const int32_t *nodes, bool *possible);
 void pliant_factor_begin(pliant_factor *factor, const double *right, double *out);
 void pliant_factor_end(pliant_factor *factor, const double *more, double *out);
-void pliant_factor_column(pliant_factor *factor, int32_t unknown, double *out);
+typedef struct pliant_half pliant_half;
+pliant_status pliant_factor_half(pliant_factor *factor, int32_t node, pliant_half *out); /* after pliant_factor_reach. Errors: MEMORY */
+void pliant_factor_half_product(const pliant_factor *factor, const pliant_half *a, const pliant_half *b, double out[9]);
+void pliant_factor_begin_half(pliant_factor *factor, const double *right);
+void pliant_factor_half_answer(const pliant_factor *factor, const pliant_half *half, double out[3]); /* of that at the node */
+void pliant_factor_half_add(pliant_factor *factor, const pliant_half *half, const double force[3]);  /* to the right side, at the node */
+void pliant_factor_end_half(pliant_factor *factor, double *out);
 double pliant_factor_condition(pliant_factor *factor);
 /* Floating-point operations of a numeric factorization, as the analysis counted them; 0 for clones. */
 double pliant_factor_operations(const pliant_factor *factor);

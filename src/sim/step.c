@@ -101,9 +101,6 @@ static pliant_status patch(const pliant_model *model, pliant_data *data)
 /* contact/response paper without its delay looks for what overlaps in every sub-step */
 static bool searches_on_the_way(const pliant_model *model) { return model->scene.contact.response == PLIANT_RESPONSE_PAPER && !model->scene.contact.delay; }
 
-/* those that have come off, of quasi-static solvers: backends other than the host's do not move them */
-static bool pieces_touch(const pliant_data *data) { return data->falling && pliant_falling_is_touched(data->falling, &data->contacts); }
-
 /* The solve and upsample of a step once more, with the points of what has passed a tool; nothing that is made in the background comes in between.
  * Errors: those of the solve; without memory for it, the step stays as it was solved. */
 static pliant_status solve_again(const pliant_model *model, pliant_data *data, pliant_status first)
@@ -136,8 +133,8 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
         pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {pliant_cut_stage, interact, pliant_contact_stage, backend->solve, backend->upsample, patch, backend->warp};
         _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
         double start = pliant_seconds();
-        const bool beyond = stage == PLIANT_STEP_solve && data->contacts.count > 0 && !backend->on_host && (!backend->touches || searches_on_the_way(model) || pieces_touch(data));
-        pliant_status status = beyond ? pliant_fail(PLIANT_ERROR_UNAVAILABLE, "%s near something, and that contact is the CPU's", pieces_touch(data) ? "a piece that has come off is" : "tissue is") : stages[stage](model, data);
+        const bool beyond = stage == PLIANT_STEP_solve && data->contacts.count > 0 && !backend->on_host && (!backend->touches || searches_on_the_way(model));
+        pliant_status status = beyond ? pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tissue is near something, and that contact is the CPU's") : stages[stage](model, data);
         data->statistics.seconds[stage] = pliant_seconds() - start;
         if (stage == PLIANT_STEP_upsample && status >= 0 && (status = solve_again(model, data, caveat)) >= 0) caveat = status;
         /* the first stages are the host's own */

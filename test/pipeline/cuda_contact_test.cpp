@@ -3,6 +3,7 @@
 #include "body.h"
 #include "cuda_warps.h"
 #include "fem/dynamics/tled.h"
+#include "fem/falling/pieces.h"
 #include "pliant/memory.h"
 #include "sim/contact.h"
 
@@ -445,6 +446,109 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
     }
 }
 
+// A block stands on a plate, another hangs 10 mm above it; what is cut off the upper one falls on the lower one, or on the ground, where a ball presses it.
+struct Drop : Body {
+    explicit Drop(bool pressed, pliant_backend_choice backend)
+        : Body(std::vector<int>{6, 6, 24}.data(), std::vector<double>{0.015, 0.015, 0.06}.data(), {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
+               [](int, int, int k) { return k >= 8 && k < 12; }),
+          presses(pressed)
+    {
+        cells(3, 3, 12, 1);
+        fix_plane(0, 0, 1e-4, 0, 0, 1);
+        fix_plane(0, 0, 0.0599, 0, 0, -1);
+        scene.model.gravity[2] = -9.81;
+        scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
+        scene.contact.self = true;
+        scene.contact.friction = 0.3;
+        scene.warp.margin = 1;
+        scene.solver.backend = backend;
+        scene.solver.preconditioner = PLIANT_DIRECT;
+        scene.solver.iterations = 100;
+        scene.solver.tolerance = 1e-9;
+        scene.ground.normal[2] = 1;
+        scene.ground.point[2] = pressed ? 0.022 : -1;
+    }
+    pliant_status begin()
+    {
+        const double corners[6] = {-0.01, -0.01, 0.0437, 0.03, -0.01, 0.0437}, across[3] = {0, 0.04, 0};
+        const pliant_tool_shape ball = shape_of(PLIANT_PART_SPHERE, 0.004);
+        int tool;
+        pliant_status status = build();
+        if (status == PLIANT_OK) status = pliant_data_cut(model, data, 2, corners, across, nullptr);
+        if (status == PLIANT_OK && presses) status = pliant_tool_add(model, data, "ball", &tool);
+        return status == PLIANT_OK && presses ? pliant_tool_set_shape(data, tool, &ball) : status;
+    }
+    // lands, and is pressed by 2 mm then
+    void move(int s)
+    {
+        const double tip[3] = {0.0078, 0.0073, 0.040 - 0.0002 * std::max(0, std::min(s - 20, 20))};
+        if (presses) EXPECT_EQ(pliant_tool_set_pose(data, 0, tip, nullptr), PLIANT_OK);
+    }
+    const bool presses;
+};
+
+// how pieces go is the host's, too
+void take_over_pieces(const pliant_falling *from, pliant_falling *to)
+{
+    const size_t count = static_cast<size_t>(from->body->pieces->count), nodes = static_cast<size_t>(from->body->pieces->start[count]);
+    std::copy(from->pieces, from->pieces + count, to->pieces);
+    std::copy(from->touch, from->touch + count, to->touch);
+    std::copy(from->x, from->x + 3 * nodes, to->x);
+}
+
+TEST(CudaContact, PiecesThatTouchMeetTheCpu)
+{
+    NEEDS_GPU();
+    for (bool pressed : {false, true}) {
+        SCOPED_TRACE(pressed ? "between the ground and a ball" : "on tissue");
+        Drop cpu(pressed, PLIANT_CPU), gpu(pressed, PLIANT_CUDA), alone(pressed, PLIANT_CUDA);
+        for (Drop *body : {&cpu, &gpu, &alone}) ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(cpu.data->body->pieces->count, 1);
+        const int32_t nodes = cpu.data->body->fine.num_nodes;
+        double force = 0, apart = 0, worst = 0;
+        int32_t compared = 0;
+        for (int s = 0; s < 40; s++) {
+            for (Drop *body : {&cpu, &gpu, &alone}) body->move(s);
+            ASSERT_GE(pliant_step(alone.model, alone.data), 0) << pliant_last_error();
+            ASSERT_STREQ(pliant_data_get_backend(alone.data), "cuda") << s;
+            for (Drop *body : {&cpu, &gpu}) ASSERT_EQ(body->data->backend->kind->interact(body->model, body->data), PLIANT_OK);
+            ASSERT_EQ(pliant_contact_stage(cpu.model, cpu.data), PLIANT_OK) << pliant_last_error();
+            take_over(cpu.data, gpu.model, gpu.data);
+            take_over_pieces(cpu.data->falling, gpu.data->falling);
+            const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK, there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
+            for (Drop *body : {&cpu, &gpu}) pliant_falling_step(body->data);
+            pliant_contact_end(cpu.data);
+            ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
+            if (!settles || !there_too) continue;
+            compared += cpu.data->statistics.contacts > 0;
+            worst = std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, nodes));
+            std::vector<double> here(3 * static_cast<size_t>(nodes)), there(here.size());
+            pliant_data_get_contact_forces(cpu.data, here.data());
+            pliant_data_get_contact_forces(gpu.data, there.data());
+            for (size_t n = 0; n < here.size(); n++) {
+                force = std::fmax(force, std::fabs(here[n]));
+                apart = std::fmax(apart, std::fabs(here[n] - there[n]));
+            }
+        }
+        double bears = 0, weight = 0, presses = 0; // of the run by itself
+        const pliant_pieces *pieces = alone.data->body->pieces;
+        for (int32_t i = 0; i < pieces->start[1]; i++) weight += 9.81 * alone.data->body->node_mass[pieces->node[i]];
+        for (int32_t c = 0; c < alone.data->contacts.count; c++) {
+            const pliant_contact_point &point = alone.data->contacts.point[c];
+            if (point.kind == PLIANT_OBSTACLE_TOOL) presses -= point.force[2];
+            else bears += std::fabs(point.force[2]);
+        }
+        std::printf("a piece %-32s %2d steps, a node's force %.1e of %.2g N apart, positions %.1e m; %.4f N is borne, its weight %.4f, pressed with %.4f\n",
+                    pressed ? "between the ground and a ball:" : "on tissue:", compared, apart / force, force, worst, bears, weight, presses);
+        EXPECT_GE(compared, 10);
+        EXPECT_GT(force, 0.001);
+        EXPECT_LT(apart, 1e-6 * force);
+        EXPECT_LT(worst, 1e-8);
+        EXPECT_NEAR(bears, weight + presses, 0.01 * bears);
+        EXPECT_EQ(pressed, presses > 0.05);
+    }
+}
+
 // every kernel, in little time: for compute-sanitizer
 TEST(CudaContact, EveryKernelOnce)
 {
@@ -457,6 +561,12 @@ TEST(CudaContact, EveryKernelOnce)
         EXPECT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();
         EXPECT_GT(body.data->statistics.contacts, number == 6 ? 0 : 3);
     }
+    Drop drop(false, PLIANT_CUDA);
+    drop.scene.solver.iterations = 3;
+    ASSERT_EQ(drop.begin(), PLIANT_OK) << pliant_last_error();
+    for (int s = 0; s < 8; s++) ASSERT_GE(pliant_step(drop.model, drop.data), 0) << pliant_last_error();
+    EXPECT_STREQ(pliant_data_get_backend(drop.data), "cuda") << pliant_last_error();
+    EXPECT_GT(drop.data->statistics.contacts, 0);
     for (bool still : {false, true}) {
         Fall body(1, true, still, PLIANT_CUDA);
         body.scene.tled.relaxation_steps = 64;

@@ -292,6 +292,42 @@ TEST(SelfContact, APieceBetweenAToolAndTheGroundCarriesTheForce)
     EXPECT_NEAR(drop.lowest(0), 0.022, 1e-6);
 }
 
+// In one step a ball takes the piece along, farther than it would have fallen, to the ground: that stops it in the same step.
+TEST(SelfContact, APieceThatIsPushedFarIsStoppedByTheGround)
+{
+    Drop drop(PLIANT_CUT_SUBDIVIDE);
+    drop.scene.model.gravity[2] = -0.1;
+    drop.scene.ground.normal[2] = 1;
+    drop.scene.ground.point[2] = 0.024;
+    ASSERT_EQ(drop.build(), PLIANT_OK);
+    drop.cut(0.0437);
+    std::vector<double> aside(drop.data->positions, drop.data->positions + 3 * drop.data->body->fine.num_nodes); // where there is room above it
+    const pliant_pieces *pieces = drop.data->body->pieces;
+    for (int32_t i = 0; i < pieces->start[1]; i++) aside[3 * static_cast<size_t>(pieces->node[i])] += 0.03;
+    ASSERT_EQ(pliant_data_set_positions(drop.model, drop.data, aside.data()), PLIANT_OK);
+    pliant_tool_shape ball{};
+    ball.num_parts = 1;
+    ball.part[0].kind = PLIANT_PART_SPHERE;
+    ball.part[0].radius = 0.004;
+    int tool;
+    ASSERT_EQ(pliant_tool_add(drop.model, drop.data, "ball", &tool), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_shape(drop.data, tool, &ball), PLIANT_OK);
+    double ground = 0, pushes = 0;
+    for (int s = 0; s < 2; s++) {
+        const double tip[3] = {0.0378, 0.0073, 0.0437 + 0.0045 - 0.008 * s}; // 7.5 mm into it; the ground lies 6 mm below it
+        ASSERT_EQ(pliant_tool_set_pose(drop.data, tool, tip, nullptr), PLIANT_OK);
+        drop.run(1);
+    }
+    for (int32_t c = 0; c < drop.data->contacts.count; c++) {
+        const pliant_contact_point &point = drop.data->contacts.point[c];
+        if (point.kind == PLIANT_OBSTACLE_GROUND) ground += point.force[2];
+        else if (point.kind == PLIANT_OBSTACLE_TOOL) pushes -= point.force[2];
+    }
+    EXPECT_GT(pushes, 0.01);
+    EXPECT_GT(ground, 0.01);
+    EXPECT_NEAR(drop.lowest(0), 0.024, 1e-3);
+}
+
 // off, it costs nothing and changes nothing; on, it changes nothing where nothing touches
 TEST(SelfContact, IsOffUnlessItIsAskedFor)
 {

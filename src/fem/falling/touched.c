@@ -137,8 +137,26 @@ static int compare_nodes(const void *a, const void *b)
 
 static double gap_of(const pliant_wall *wall, const double x[3]) { return wall->normal[0] * x[0] + wall->normal[1] * x[1] + wall->normal[2] * x[2] - wall->offset; }
 
-/* of a piece and a wall, ascending */
-static int choose_nodes(const pliant_falling *falling, int32_t p, const pliant_wall *wall, int32_t out[PLIANT_RIGID_DIRECTIONS + 1])
+/* How far points push or drag what they touch in the step [m]. A rigid body that is pushed at one end turns, too. */
+static double farthest_push(const pliant_data *data, const pliant_contacts *contacts)
+{
+    const double turns = 2;
+    double farthest = 0;
+    for (int32_t c = 0; c < contacts->count; c++) {
+        const pliant_contact_point *point = contacts->point + c;
+        const double *n = point->normal, *drift = point->drift;
+        double depth = n[0] * point->place[0] + n[1] * point->place[1] + n[2] * point->place[2];
+        for (int32_t k = 0; k < point->count; k++) {
+            const double *x = data->positions + 3 * (size_t)point->node[k];
+            depth -= point->weight[k] * (n[0] * x[0] + n[1] * x[1] + n[2] * x[2]);
+        }
+        farthest = fmax(farthest, fmax(depth, sqrt(drift[0] * drift[0] + drift[1] * drift[1] + drift[2] * drift[2])));
+    }
+    return turns * farthest;
+}
+
+/* of a piece and a wall, ascending; pushed: how far it may be, beside its own way */
+static int choose_nodes(const pliant_falling *falling, int32_t p, const pliant_wall *wall, double pushed, int32_t out[PLIANT_RIGID_DIRECTIONS + 1])
 {
     const double margin = 1e-3; /* [m] */
     const pliant_pieces *pieces = falling->body->pieces;
@@ -148,7 +166,7 @@ static int choose_nodes(const pliant_falling *falling, int32_t p, const pliant_w
         const double *x = falling->x + 3 * (size_t)i, gap = gap_of(wall, x);
         double arm[3];
         for (int d = 0; d < 3; d++) arm[d] = x[d] - falling->touch[p].centre[d];
-        if (gap < falling->pieces[p].way + margin) pliant_rigid_offer(&choice, i, arm, gap);
+        if (gap < falling->pieces[p].way + pushed + margin) pliant_rigid_offer(&choice, i, arm, gap);
     }
     const int count = pliant_rigid_chosen(&choice, out);
     qsort(out, (size_t)count, sizeof *out, compare_nodes);
@@ -160,11 +178,12 @@ pliant_status pliant_falling_find_walls(pliant_data *data, pliant_contacts *cont
     pliant_falling *falling = data->falling;
     const pliant_pieces *pieces = falling->body->pieces;
     if (!pliant_falling_is_touched(falling, contacts)) return PLIANT_OK;
+    const double pushed = farthest_push(data, contacts);
     for (int w = 0; w < falling->num_walls; w++)
         for (int32_t p = 0; p < pieces->count; p++) {
             const pliant_wall *wall = falling->walls + w;
             int32_t chosen[PLIANT_RIGID_DIRECTIONS + 1];
-            const int count = falling->pieces[p].touched ? choose_nodes(falling, p, wall, chosen) : 0;
+            const int count = falling->pieces[p].touched ? choose_nodes(falling, p, wall, pushed, chosen) : 0;
             pliant_status status = count > 0 ? pliant_contacts_reserve(contacts, contacts->count + count) : PLIANT_OK;
             if (status != PLIANT_OK) return status;
             for (int c = 0; c < count; c++) {

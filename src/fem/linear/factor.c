@@ -1,5 +1,5 @@
 #include "base/fail.h"
-#include "fem/linear/panels.h"
+#include "fem/linear/halves.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 
@@ -293,10 +293,39 @@ void pliant_factor_end(pliant_factor *factor, const double *more, double *out)
     pliant_panels_end(&factor->panels, &supernodes, &factor->reach, factor->size, more, out);
 }
 
-void pliant_factor_column(pliant_factor *factor, int32_t unknown, double *out)
+void pliant_factor_begin_half(pliant_factor *factor, const double *right)
 {
     pliant_supernodes supernodes = supernodes_of(factor);
-    pliant_panels_column(&factor->panels, &supernodes, &factor->reach, unknown, out);
+    pliant_panels_begin_half(&factor->panels, &supernodes, factor->size, right);
+}
+
+void pliant_factor_end_half(pliant_factor *factor, double *out)
+{
+    pliant_supernodes supernodes = supernodes_of(factor);
+    pliant_panels_end_half(&factor->panels, &supernodes, factor->size, out);
+}
+
+pliant_status pliant_factor_half(pliant_factor *factor, int32_t node, pliant_half *out)
+{
+    pliant_supernodes supernodes = supernodes_of(factor);
+    return pliant_half_find(&factor->panels, &supernodes, &factor->reach, node, out);
+}
+
+void pliant_factor_half_product(const pliant_factor *factor, const pliant_half *a, const pliant_half *b, double out[9])
+{
+    pliant_half_product(&factor->reach, a, b, out);
+}
+
+void pliant_factor_half_answer(const pliant_factor *factor, const pliant_half *half, double out[3])
+{
+    pliant_supernodes supernodes = supernodes_of(factor);
+    pliant_half_answer(&supernodes, &factor->reach, half, factor->panels.x, out);
+}
+
+void pliant_factor_half_add(pliant_factor *factor, const pliant_half *half, const double force[3])
+{
+    pliant_supernodes supernodes = supernodes_of(factor);
+    pliant_half_add(&supernodes, &factor->reach, half, force, factor->panels.x);
 }
 
 double pliant_factor_condition(pliant_factor *factor)

@@ -83,7 +83,7 @@ PLIANT_VECTORIZED static void backward(int columns, int rows, const float *panel
     }
 }
 
-static void forward_through(pliant_panels *panels, const pliant_supernodes *of, int32_t s, double *x)
+void pliant_panels_forward(pliant_panels *panels, const pliant_supernodes *of, int32_t s, double *x)
 {
     double *y = panels->column;
     const int columns = of->first[s + 1] - of->first[s], rows = of->row_start[s + 1] - of->row_start[s], *row = of->row + of->row_start[s];
@@ -101,13 +101,22 @@ static void backward_through(pliant_panels *panels, const pliant_supernodes *of,
     for (int i = 0; i < columns; i++) x[row[i]] = y[i];
 }
 
+void pliant_panels_begin_half(pliant_panels *panels, const pliant_supernodes *of, int32_t size, const double *right)
+{
+    for (int32_t i = 0; i < size; i++) panels->x[i] = right[of->permutation[i]];
+    for (int32_t s = 0; s < of->count; s++) pliant_panels_forward(panels, of, s, panels->x);
+}
+
+void pliant_panels_end_half(pliant_panels *panels, const pliant_supernodes *of, int32_t size, double *out)
+{
+    for (int32_t s = of->count - 1; s >= 0; s--) backward_through(panels, of, s, panels->x);
+    for (int32_t i = 0; i < size; i++) out[of->permutation[i]] = panels->x[i];
+}
+
 void pliant_panels_solve(pliant_panels *panels, const pliant_supernodes *of, int32_t size, const double *right, double *out)
 {
-    double *x = panels->x;
-    for (int32_t i = 0; i < size; i++) x[i] = right[of->permutation[i]];
-    for (int32_t s = 0; s < of->count; s++) forward_through(panels, of, s, x);
-    for (int32_t s = of->count - 1; s >= 0; s--) backward_through(panels, of, s, x);
-    for (int32_t i = 0; i < size; i++) out[of->permutation[i]] = x[i];
+    pliant_panels_begin_half(panels, of, size, right);
+    pliant_panels_end_half(panels, of, size, out);
 }
 
 /* ---- at some unknowns */
@@ -115,6 +124,7 @@ void pliant_panels_solve(pliant_panels *panels, const pliant_supernodes *of, int
 void pliant_reach_free(pliant_reach *reach)
 {
     pliant_free(reach->above);
+    pliant_free(reach->length);
     pliant_free(reach->of);
     pliant_free(reach->place);
     pliant_free(reach->marked);
@@ -129,13 +139,14 @@ pliant_status pliant_reach_create(const pliant_supernodes *of, int32_t size, pli
     const size_t count = (size_t)of->count, unknowns = (size_t)size;
     pliant_reach reach = {0};
     reach.above = pliant_calloc(count, sizeof *reach.above);
+    reach.length = pliant_calloc(count, sizeof *reach.length);
     reach.of = pliant_calloc(unknowns, sizeof *reach.of);
     reach.place = pliant_calloc(unknowns, sizeof *reach.place);
     reach.marked = pliant_calloc(count, 1);
     reach.supernode = pliant_calloc(count, sizeof *reach.supernode);
     reach.node = pliant_calloc(unknowns, sizeof *reach.node);
     reach.x = pliant_calloc(unknowns, sizeof *reach.x);
-    if (!reach.above || !reach.of || !reach.place || !reach.marked || !reach.supernode || !reach.node || !reach.x) {
+    if (!reach.above || !reach.length || !reach.of || !reach.place || !reach.marked || !reach.supernode || !reach.node || !reach.x) {
         pliant_reach_free(&reach);
         return pliant_fail_memory("solves at a few unknowns");
     }
@@ -144,9 +155,10 @@ pliant_status pliant_reach_create(const pliant_supernodes *of, int32_t size, pli
             reach.of[of->permutation[c]] = s;
             reach.place[of->permutation[c]] = c;
         }
-    for (int32_t s = 0; s < of->count; s++) {
+    for (int32_t s = of->count - 1; s >= 0; s--) {
         const int columns = of->first[s + 1] - of->first[s], rows = of->row_start[s + 1] - of->row_start[s];
         reach.above[s] = rows > columns ? reach.of[of->permutation[of->row[of->row_start[s] + columns]]] : -1;
+        reach.length[s] = columns + (reach.above[s] >= 0 ? reach.length[reach.above[s]] : 0);
     }
     *out = reach;
     return PLIANT_OK;
@@ -186,8 +198,7 @@ static void finish_at_nodes(pliant_panels *panels, const pliant_supernodes *of, 
 
 void pliant_panels_begin(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size, const double *right, double *out)
 {
-    for (int32_t i = 0; i < size; i++) panels->x[i] = right[of->permutation[i]];
-    for (int32_t s = 0; s < of->count; s++) forward_through(panels, of, s, panels->x);
+    pliant_panels_begin_half(panels, of, size, right);
     set_reach(reach, of, panels->x);
     finish_at_nodes(panels, of, reach, out);
 }
@@ -203,22 +214,9 @@ void pliant_panels_end(pliant_panels *panels, const pliant_supernodes *of, plian
         }
         for (int32_t i = 0; i < reach->count; i++) {
             const int32_t s = reach->supernode[i];
-            forward_through(panels, of, s, reach->x);
+            pliant_panels_forward(panels, of, s, reach->x);
             for (int c = of->first[s]; c < of->first[s + 1]; c++) x[c] += reach->x[c];
         }
     }
-    for (int32_t s = of->count - 1; s >= 0; s--) backward_through(panels, of, s, x);
-    for (int32_t i = 0; i < size; i++) out[of->permutation[i]] = x[i];
-}
-
-void pliant_panels_column(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t unknown, double *out)
-{
-    set_reach(reach, of, NULL);
-    reach->x[reach->place[unknown]] = 1;
-    bool begun = false;
-    for (int32_t i = 0; i < reach->count; i++) {
-        begun = begun || reach->supernode[i] == reach->of[unknown];
-        if (begun) forward_through(panels, of, reach->supernode[i], reach->x);
-    }
-    finish_at_nodes(panels, of, reach, out);
+    pliant_panels_end_half(panels, of, size, out);
 }

@@ -19,7 +19,8 @@ typedef struct pliant_supernodes {
 /* Supernodes that some unknowns stand in, and all that these are eliminated into: what is solved for at those unknowns alone goes through no others
  * (Liu, SIAM J. Matrix Anal. Appl. 11:134, 1990). */
 typedef struct pliant_reach {
-    int32_t *above;     /* (supernodes) that one is eliminated into, or -1 */
+    int32_t *above;     /* (supernodes) that one is eliminated into, or -1; it has the higher number */
+    int32_t *length;    /* (supernodes) unknowns of it and of all that it is eliminated into */
     int32_t *of;        /* (size) supernode of an unknown */
     int32_t *place;     /* (size) its place in the order of elimination */
     uint8_t *marked;    /* (supernodes) */
@@ -48,7 +49,10 @@ void pliant_reach_mark(pliant_reach *reach, const pliant_supernodes *of, int32_t
 /* The same solve in two parts. The first gives out at the nodes of the reach; then right may still change there, by more (Nullable), before the second. */
 void pliant_panels_begin(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size, const double *right, double *out);
 void pliant_panels_end(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size, const double *more, double *out);
-/* out at the nodes of the reach, by a unit at one of them, in between */
-void pliant_panels_column(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t unknown, double *out);
+/* Likewise, where between the two all that is asked of the first is x, L^-1 right in the order of elimination, and more is added to that (halves.h). */
+void pliant_panels_begin_half(pliant_panels *panels, const pliant_supernodes *of, int32_t size, const double *right);
+void pliant_panels_end_half(pliant_panels *panels, const pliant_supernodes *of, int32_t size, double *out);
+/* through one supernode: x there is what L^-1 makes of it, x at rows below follows */
+void pliant_panels_forward(pliant_panels *panels, const pliant_supernodes *of, int32_t s, double *x);
 
 #endif

@@ -62,14 +62,27 @@ pliant_known pliant_solver_known(pliant_solver *solver, const pliant_in_use *in_
     return same ? PLIANT_KNOWN_STEP : PLIANT_KNOWN_FORCES;
 }
 
-void pliant_solver_ended(pliant_solver *solver, const pliant_in_use *in_use, bool evaluated, bool converged)
+/* Where the first state is found to be the last one, springs pull as that state has it, with l + dl, whatever they pulled with before: at rest in the pull of
+ * a spring that is thought to have none, no node has anywhere to go. The step is the same with these forces, what the preconditioner was asked is not. */
+static bool take_forces(pliant_solver *solver, const pliant_anderson *rules, const double *step_force)
+{
+    bool other = false;
+    for (int t = 0; t < PLIANT_MAX_TOOLS && rules->converged && rules->evaluations == 1; t++)
+        for (int d = 0; d < 3 && pliant_handle_is_spring(solver->handles + t); d++) {
+            other = other || step_force[3 * t + d] != 0;
+            solver->handles[t].force[d] += step_force[3 * t + d];
+        }
+    return other;
+}
+
+void pliant_solver_ended(pliant_solver *solver, const pliant_in_use *in_use, bool evaluated, const pliant_anderson *rules, const double *step_force)
 {
     pliant_asked *asked = &solver->asked;
     asked->kept = true;
     asked->evaluated = evaluated;
-    asked->converged = converged;
+    asked->converged = rules->converged;
     asked->touched = pliant_touches_any(solver->touches);
-    asked->number = in_use->number;
+    asked->number = take_forces(solver, rules, step_force) ? 0 : in_use->number;
     memcpy(asked->gravity, solver->gravity, sizeof asked->gravity);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         const pliant_handle *handle = solver->handles + t;

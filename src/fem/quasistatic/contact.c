@@ -32,6 +32,7 @@ void pliant_touches_free(pliant_touches *touches)
     pliant_answers_free(&touches->answers);
     pliant_free(touches->unknown);
     pliant_free(touches->arm);
+    pliant_free(touches->moving);
     pliant_free(touches->block);
     pliant_free(touches->turned);
     pliant_free(touches->touched);
@@ -209,7 +210,7 @@ pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points
     pliant_touches *touches = solver->touches;
     touches->points = points;
     touches->pieces = pieces;
-    touches->count = touches->num_weights = touches->num_arms = 0;
+    touches->count = touches->num_weights = touches->num_arms = touches->num_moving = 0;
     if (!points) return PLIANT_OK;
     status = make_room(touches, points->count);
     for (int32_t p = 0; p < points->count && status == PLIANT_OK; p++) {
@@ -365,6 +366,8 @@ pliant_status pliant_touches_respond(pliant_solver *solver)
     pliant_factor *factor = pliant_preconditioner_factor(solver->preconditioner);
     pliant_status status = factor ? pliant_factor_reach(factor, num_touched, touches->touched, &splits) : PLIANT_OK;
     touches->factor = status == PLIANT_OK && splits ? factor : NULL;
+    touches->by_halves = touches->factor && num_tools == 0;
+    touches->num_touched = num_answers;
     if (status != PLIANT_OK) return status;
     /* one that is carried over from the body before is another in every step */
     if (touches->of_factor != solver->factors || pliant_preconditioner_base(solver->preconditioner)) pliant_answers_forget(&touches->answers);
@@ -404,7 +407,11 @@ void pliant_touches_load(const pliant_touches *touches, double *residual)
 pliant_status pliant_touches_begin(pliant_solver *solver, pliant_iterate *at)
 {
     if (!solver->touches->factor) return pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
-    pliant_factor_begin(solver->touches->factor, at->residual, at->free_step);
+    const pliant_touches *touches = solver->touches;
+    if (touches->by_halves) pliant_factor_begin_half(touches->factor, at->residual);
+    else pliant_factor_begin(touches->factor, at->residual, at->free_step);
+    for (int32_t i = 0; i < touches->num_touched && touches->by_halves; i++)
+        pliant_factor_half_answer(touches->factor, pliant_answer_half(&touches->answers, touches->touched[i]), at->free_step + 3 * (size_t)touches->touched[i]);
     return PLIANT_OK;
 }
 
@@ -445,10 +452,11 @@ pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at)
     memset(touches->step, 0, n * sizeof *touches->step);
     pliant_touches_pull(touches, touches->change, touches->step);
     pliant_touches_pull(touches, touches->change, at->residual);
-    if (touches->factor) {
-        pliant_factor_end(touches->factor, touches->step, at->step);
-        return PLIANT_OK;
-    }
+    for (int32_t i = 0; i < touches->num_touched && touches->by_halves; i++)
+        pliant_factor_half_add(touches->factor, pliant_answer_half(&touches->answers, touches->touched[i]), touches->step + 3 * (size_t)touches->touched[i]);
+    if (touches->by_halves) pliant_factor_end_half(touches->factor, at->step);
+    else if (touches->factor) pliant_factor_end(touches->factor, touches->step, at->step);
+    if (touches->factor) return PLIANT_OK;
     pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, touches->step, touches->step);
     for (size_t i = 0; i < n; i++) at->step[i] += touches->step[i];
     return status;

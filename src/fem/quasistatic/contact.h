@@ -9,6 +9,7 @@
 
 #include "contact/contact.h"
 #include "fem/linear/answers.h"
+#include "fem/quasistatic/piece_rules.h"
 #include "fem/system.h"
 #include "state/data.h"
 
@@ -18,21 +19,11 @@ extern "C" {
 
 typedef struct pliant_iterate pliant_iterate;
 
-/* A piece that has come off (fem/falling) while it touches something: a rigid body through a step, to first order. */
-typedef struct pliant_touch_piece {
-    double centre[3];      /* of mass, as the step begins [m] */
-    double free[6];        /* how far it goes, and turns about its centre, if nothing touches it [m, rad] */
-    double answer[36];     /* what a force and a torque about its centre add to that [m/N, rad/(N m)] */
-    double young;          /* of its tissue, by which points of it give way [Pa] */
-    int32_t num_young;     /* tetrahedra that this is the mean of */
-} pliant_touch_piece;
+/* Those that have come off. */
 typedef struct pliant_touch_pieces {
     const int32_t *of_node; /* (fine nodes) which piece; -1: none */
     const pliant_touch_piece *piece;
 } pliant_touch_pieces;
-
-/* What a point has of a piece: where its weights' nodes are, times the weights, from the piece's centre. */
-typedef struct pliant_touch_arm { int32_t piece; double weight, arm[3]; } pliant_touch_arm;
 
 /* Forces of all points, as one evaluation found them. */
 typedef struct pliant_touch_forces {
@@ -55,9 +46,10 @@ struct pliant_touches {
     double *turned;        /* (room_weights x 9) rows of the frame, x in the nodes' axes */
     /* PIECES (contact_pieces.c) */
     const pliant_touch_pieces *pieces; /* Nullable: none has come off; borrowed, for a step */
-    int32_t num_arms, room_arms;
+    int32_t num_arms, room_arms, num_moving, room_moving;
     int32_t *arm_start;    /* (room + 1) */
     pliant_touch_arm *arm; /* (room_arms) */
+    int32_t *moving;       /* (num_moving) pieces that points are of */
     /* FORCES */
     pliant_touch_forces taken, found; /* of the state of the step; of the one evaluated last */
     double *change;        /* (room x 3) dl of that */
@@ -65,7 +57,8 @@ struct pliant_touches {
     pliant_answers answers;
     uint64_t of_factor;    /* pliant_solver.factors that they are of */
     pliant_factor *factor; /* Nullable: solves in two parts, for now at these unknowns; borrowed */
-    int32_t *touched;      /* (num_free) unknowns that points are moved by, in the order of points */
+    bool by_halves;        /* those: no springs pull elsewhere */
+    int32_t num_touched, *touched; /* (num_free) unknowns that points are moved by, in the order of points */
     uint8_t *seen;         /* (num_free) room */
     double *matrix;        /* A, tools' springs after the points; (rows x rows) */
     double *motion, *force, *sweeps; /* (rows) room; cones.h */
@@ -104,10 +97,14 @@ double pliant_touches_depth(const pliant_solver *solver);
 /* The same with moved (count x 3), W x of the points where the step has led. touches: Nullable */
 void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_statistics *statistics);
 
-/* ---- contact_pieces.c: what is rigid adds its own answer to A. Rigid bodies between rigid jaws have none along the line between them: points of a piece
+/* ---- contact_pieces.c, by piece_rules.h: what is rigid adds its own answer to A. Rigid bodies between rigid jaws have none along the line between them: points of a piece
  * give way by 1 / (E sqrt(area)), as an elastic half-space does under a patch of that area (Johnson, Contact Mechanics, 3.4). */
 /* What the point has of pieces. Errors: MEMORY. */
 pliant_status pliant_touches_add_arms(pliant_touches *touches, const pliant_contact_point *point, const double *fine_positions);
+/* one of those that points are of */
+const pliant_touch_piece *pliant_touches_moving(const pliant_touches *touches, int32_t moving);
+/* of a point by itself [m/N] */
+double pliant_touches_give_way(const pliant_touches *touches, int32_t point);
 /* out += block of A of two points, in their frames */
 void pliant_touches_answer_pieces(const pliant_touches *touches, int32_t a, int32_t b, double out[9]);
 /* motion (count x 3) += of the points by the pieces, where these forces are on (in the points' frames); bare: without what the points themselves give way */

@@ -7,15 +7,28 @@
 #include <math.h>
 #include <string.h>
 
-static void cross(const double a[3], const double b[3], double out[3])
+/* one of the list; < 0: there is no memory */
+static int32_t find_moving(pliant_touches *touches, int32_t piece)
 {
-    for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
+    for (int32_t m = 0; m < touches->num_moving; m++)
+        if (touches->moving[m] == piece) return m;
+    if (touches->num_moving == touches->room_moving) {
+        const int32_t room = 2 * touches->room_moving + 16;
+        int32_t *more = pliant_resize(touches->moving, (size_t)room, sizeof *more);
+        if (!more) return -1;
+        touches->moving = more;
+        touches->room_moving = room;
+    }
+    touches->moving[touches->num_moving] = piece;
+    return touches->num_moving++;
 }
 
 static pliant_touch_arm *find_arm(pliant_touches *touches, int32_t piece)
 {
+    const int32_t moving = find_moving(touches, piece);
+    if (moving < 0) return NULL;
     for (int32_t a = touches->arm_start[touches->count]; a < touches->num_arms; a++)
-        if (touches->arm[a].piece == piece) return touches->arm + a;
+        if (touches->arm[a].moving == moving) return touches->arm + a;
     if (touches->num_arms == touches->room_arms) {
         const int32_t room = 2 * touches->room_arms + 64;
         pliant_touch_arm *more = pliant_resize(touches->arm, (size_t)room, sizeof *more);
@@ -23,7 +36,7 @@ static pliant_touch_arm *find_arm(pliant_touches *touches, int32_t piece)
         touches->arm = more;
         touches->room_arms = room;
     }
-    touches->arm[touches->num_arms] = (pliant_touch_arm){.piece = piece};
+    touches->arm[touches->num_arms] = (pliant_touch_arm){.moving = moving};
     return touches->arm + touches->num_arms++;
 }
 
@@ -41,22 +54,14 @@ pliant_status pliant_touches_add_arms(pliant_touches *touches, const pliant_cont
     return PLIANT_OK;
 }
 
-/* How far a point goes with its piece, along the axes of its frame: rows of a force and of a torque that turns it. */
-static void rows_of(const pliant_touch_arm *arm, const double frame[9], double rows[3][6])
-{
-    for (int r = 0; r < 3; r++) {
-        for (int d = 0; d < 3; d++) rows[r][d] = arm->weight * frame[3 * r + d];
-        cross(arm->arm, frame + 3 * r, rows[r] + 3);
-    }
-}
+const pliant_touch_piece *pliant_touches_moving(const pliant_touches *touches, int32_t moving) { return touches->pieces->piece + touches->moving[moving]; }
 
-/* of a point by itself [m/N] */
-static double gives_way(const pliant_touches *touches, int32_t c)
+double pliant_touches_give_way(const pliant_touches *touches, int32_t c)
 {
     const double area = touches->points->point[touches->point[c]].area;
     double sum = 0;
     for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1] && area > 0; a++) {
-        const double young = touches->pieces->piece[touches->arm[a].piece].young;
+        const double young = pliant_touches_moving(touches, touches->arm[a].moving)->young;
         if (young > 0) sum += 1 / (young * sqrt(area));
     }
     return sum;
@@ -66,69 +71,30 @@ void pliant_touches_answer_pieces(const pliant_touches *touches, int32_t a, int3
 {
     for (int32_t i = touches->arm_start[a]; i < touches->arm_start[a + 1]; i++)
         for (int32_t j = touches->arm_start[b]; j < touches->arm_start[b + 1]; j++) {
-            if (touches->arm[i].piece != touches->arm[j].piece) continue;
-            const double *answer = touches->pieces->piece[touches->arm[i].piece].answer;
-            double mine[3][6], other[3][6], moved[6];
-            rows_of(touches->arm + i, touches->frame + 9 * (size_t)a, mine);
-            rows_of(touches->arm + j, touches->frame + 9 * (size_t)b, other);
-            for (int c = 0; c < 3; c++) {
-                for (int k = 0; k < 6; k++) {
-                    moved[k] = 0;
-                    for (int l = 0; l < 6; l++) moved[k] += answer[6 * k + l] * other[c][l];
-                }
-                for (int r = 0; r < 3; r++)
-                    for (int k = 0; k < 6; k++) out[3 * r + c] += mine[r][k] * moved[k];
-            }
+            const pliant_touch_arm *mine = touches->arm + i, *other = touches->arm + j;
+            if (mine->moving != other->moving) continue;
+            pliant_arms_answer(pliant_touches_moving(touches, mine->moving), mine, touches->frame + 9 * (size_t)a, other, touches->frame + 9 * (size_t)b, out);
         }
-    const double itself = a == b ? gives_way(touches, a) : 0;
+    const double itself = a == b ? pliant_touches_give_way(touches, a) : 0;
     for (int d = 0; d < 3; d++) out[4 * d] += itself;
-}
-
-/* the force and torque of all points on a piece */
-static void load_of(const pliant_touches *touches, int32_t piece, const double *force, double load[6])
-{
-    memset(load, 0, 6 * sizeof *load);
-    for (int32_t c = 0; c < touches->count; c++)
-        for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1]; a++) {
-            double rows[3][6];
-            if (touches->arm[a].piece != piece) continue;
-            rows_of(touches->arm + a, touches->frame + 9 * (size_t)c, rows);
-            for (int r = 0; r < 3; r++)
-                for (int k = 0; k < 6; k++) load[k] += rows[r][k] * force[3 * (size_t)c + (size_t)r];
-        }
-}
-
-static void move_with(const pliant_touches *touches, int32_t piece, const double moved[6], double *motion)
-{
-    for (int32_t c = 0; c < touches->count; c++)
-        for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1]; a++) {
-            double rows[3][6];
-            if (touches->arm[a].piece != piece) continue;
-            rows_of(touches->arm + a, touches->frame + 9 * (size_t)c, rows);
-            for (int r = 0; r < 3; r++)
-                for (int k = 0; k < 6; k++) motion[3 * (size_t)c + (size_t)r] += rows[r][k] * moved[k];
-        }
 }
 
 void pliant_touches_move_pieces(const pliant_touches *touches, const double *force, bool bare, double *motion)
 {
-    int32_t last = -1;
-    for (int32_t next = 0; next >= 0; last = next) { /* pieces that are touched, ascending */
-        next = -1;
-        for (int32_t a = 0; a < touches->num_arms; a++)
-            if (touches->arm[a].piece > last && (next < 0 || touches->arm[a].piece < next)) next = touches->arm[a].piece;
-        if (next < 0) break;
-        const pliant_touch_piece *piece = touches->pieces->piece + next;
-        double load[6], moved[6];
-        load_of(touches, next, force, load);
-        for (int k = 0; k < 6; k++) {
-            moved[k] = piece->free[k];
-            for (int l = 0; l < 6; l++) moved[k] += piece->answer[6 * k + l] * load[l];
+    for (int32_t m = 0; m < touches->num_moving; m++) {
+        double load[6] = {0}, moved[6];
+        for (int pass = 0; pass < 2; pass++) { /* what all points pull it with; where they go with it */
+            for (int k = 0; k < 6 && pass == 1; k++) moved[k] = pliant_piece_moves(pliant_touches_moving(touches, m), load, k);
+            for (int32_t c = 0; c < touches->count; c++)
+                for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1]; a++) {
+                    if (touches->arm[a].moving != m) continue;
+                    if (pass == 0) pliant_arm_load(touches->arm + a, touches->frame + 9 * (size_t)c, force + 3 * (size_t)c, load);
+                    else pliant_arm_move(touches->arm + a, touches->frame + 9 * (size_t)c, moved, motion + 3 * (size_t)c);
+                }
         }
-        move_with(touches, next, moved, motion);
     }
     for (int32_t c = 0; c < touches->count && !bare; c++) {
-        const double itself = gives_way(touches, c);
+        const double itself = pliant_touches_give_way(touches, c);
         for (int r = 0; r < 3; r++) motion[3 * (size_t)c + (size_t)r] += itself * force[3 * (size_t)c + (size_t)r];
     }
 }

@@ -131,7 +131,7 @@ static void look_at_end(pliant_solver *solver, step_time *time)
     if (solver->budget > 0 && time->whole > 0) solver->evaluation_seconds = (solver->clock(solver->clock_user) - time->begun) / time->whole;
     pliant_anderson_tell(&solver->rules, seen, seen ? pliant_secants_error(solver, &solver->posterior.at) : 0);
     const bool keeps = evaluated && !solver->system->basis;
-    pliant_solver_ended(solver, &solver->in_use, keeps, solver->rules.converged);
+    pliant_solver_ended(solver, &solver->in_use, keeps, &solver->rules, solver->now.step_force);
     if (keeps) pliant_posterior_keep(solver);
 }
 

@@ -247,8 +247,9 @@ pliant_axes pliant_solver_axes(const pliant_solver *solver, const pliant_in_use 
 void pliant_in_use_turned(pliant_in_use *in_use);
 /* What is known of its first state, with the tools' forces set. seen: and what it was evaluated with is in use still */
 pliant_known pliant_solver_known(pliant_solver *solver, const pliant_in_use *in_use, bool *seen);
-/* The step has ended. evaluated: so is the state that it ended with. */
-void pliant_solver_ended(pliant_solver *solver, const pliant_in_use *in_use, bool evaluated, bool converged);
+/* The step has ended, and handles have the tools' forces. evaluated: so is the state that it ended with. step_force: dl of that state, which those take where
+ * it is the one that the step began with. */
+void pliant_solver_ended(pliant_solver *solver, const pliant_in_use *in_use, bool evaluated, const pliant_anderson *rules, const double *step_force);
 
 /* ---- estimate.c: how far nodes still are from where a step would converge to [m] */
 pliant_status pliant_posterior_create(pliant_solver *solver);
