@@ -5,17 +5,13 @@
 #include "solver.h"
 #include "touch_kernels.h"
 
-/* load: Nullable: that of contacts is there then */
-static pliant_status enqueue_look_beside(pliant_cuda_solver *gpu, cudaEvent_t load)
+static pliant_status enqueue_look(pliant_cuda_solver *gpu)
 {
     const gpu_iteration *it = &gpu->iteration;
     CUDA_TRY(pliant_cuda_forces(&gpu->system, it, gpu->stream));
-    if (load) CUDA_TRY(CUDA_CALL(cudaStreamWaitEvent(gpu->stream, load, 0)));
     CUDA_TRY(pliant_cuda_gather(&gpu->system, it, gpu->stream));
     return pliant_cuda_precondition(&gpu->preconditioner, it, gpu->stream);
 }
-
-static pliant_status enqueue_look(pliant_cuda_solver *gpu) { return enqueue_look_beside(gpu, nullptr); }
 
 static pliant_status enqueue_judge(const pliant_cuda_solver *gpu, bool known)
 {
@@ -33,17 +29,12 @@ static pliant_status enqueue(pliant_cuda_solver *gpu, bool known)
 
 extern "C" pliant_status pliant_cuda_solver_judge(const pliant_cuda_solver *gpu) { return enqueue_judge(gpu, false); }
 
-/* The contacts' load is found beside the elements' forces. */
 static pliant_status enqueue_touching(pliant_cuda_solver *gpu)
 {
     const gpu_touch_view *d_view = static_cast<const gpu_touch_view *>(gpu->touches.d_block[TOUCH_VIEW]);
-    const gpu_touches *touches = &gpu->touches;
-    CUDA_TRY(CUDA_CALL(cudaEventRecord(touches->parts, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaStreamWaitEvent(touches->beside, touches->parts, 0)));
-    CUDA_TRY(pliant_cuda_touch_load(d_view, &gpu->iteration, touches->beside));
-    CUDA_TRY(CUDA_CALL(cudaEventRecord(touches->meets, touches->beside)));
-    CUDA_TRY(enqueue_look_beside(gpu, touches->meets));
-    CUDA_TRY(pliant_cuda_touch_cones(d_view, &gpu->iteration, touches->shared_room, gpu->stream));
+    CUDA_TRY(pliant_cuda_touch_load(d_view, &gpu->iteration, gpu->stream));
+    CUDA_TRY(enqueue_look(gpu));
+    CUDA_TRY(pliant_cuda_touch_cones(d_view, &gpu->iteration, gpu->touches.shared_room, gpu->stream));
     CUDA_TRY(pliant_cuda_touch_push(d_view, &gpu->iteration, gpu->stream));
     return enqueue_judge(gpu, false);
 }

@@ -29,7 +29,7 @@ enum { NUM_WIDE = 12 }; /* vectors that columns are found of at once */
 
 /* Room for that, made when it is first asked for. */
 struct wide_room {
-    bool made;
+    float *d_room; /* of all that follows; NULL: not asked for yet */
     grid_level level[PLIANT_MAX_LEVELS]; /* as those of one vector, but for these numbers and the first one's d_right */
     gpu_inverse inverse;
     float *d_out;
@@ -157,12 +157,7 @@ extern "C" void pliant_cuda_multigrid_free(gpu_multigrid *multigrid)
                           level.d_weight, level.d_x[0], level.d_x[1], level.d_step, level.d_residual, level.d_right};
         for (void *block : blocks) pliant_cuda_release(block);
     }
-    for (grid_level &level : multigrid->wide.level) {
-        void *blocks[] = {level.d_x[0], level.d_x[1], level.d_step, level.d_residual, level.d_right};
-        for (void *block : blocks) pliant_cuda_release(block);
-    }
-    pliant_cuda_release(multigrid->wide.inverse.d_parts);
-    pliant_cuda_release(multigrid->wide.d_out);
+    pliant_cuda_release(multigrid->wide.d_room);
     pliant_cuda_inverse_free(&multigrid->inverse);
     pliant_free(multigrid);
 }
@@ -321,28 +316,30 @@ extern "C" pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multig
 
 /* ---- columns */
 
+/* Levels' arrays lie one after the other in one block: made amid a step, many would take longer than what they are for. */
 static pliant_status make_wide(gpu_multigrid *multigrid, cudaStream_t stream)
 {
     wide_room *wide = &multigrid->wide;
     const int last = multigrid->num_levels - 1;
-    const size_t parts = NUM_WIDE * pliant_cuda_inverse_parts(&multigrid->inverse);
-    if (wide->made) return PLIANT_OK;
+    const size_t parts = NUM_WIDE * pliant_cuda_inverse_parts(&multigrid->inverse), unknowns = 3 * (size_t)multigrid->level[0].num_free;
+    size_t numbers = parts + NUM_WIDE * unknowns;
+    if (wide->d_room) return PLIANT_OK;
     for (int l = 0; l <= last; l++) {
-        grid_level made = multigrid->level[l], &level = wide->level[l];
-        void *kept[] = {level.d_x[0], level.d_x[1], level.d_step, level.d_residual, level.d_right}; /* of an attempt that failed */
-        for (void *block : kept) pliant_cuda_release(block);
-        made.d_x[0] = made.d_x[1] = made.d_step = made.d_residual = made.d_right = NULL;
-        made.stride = l == last ? (size_t)pliant_cuda_inverse_padded(multigrid->inverse.size) : 3 * (size_t)made.num_free;
-        level = made;
-        float **blocks[] = {&level.d_right, level.d_x, level.d_x + 1, &level.d_step, &level.d_residual};
-        for (int b = 0; b < (l == last ? 2 : 5); b++) CUDA_TRY(room(multigrid, NUM_WIDE * level.stride, stream, blocks[b]));
+        grid_level *level = wide->level + l;
+        *level = multigrid->level[l];
+        level->stride = l == last ? (size_t)pliant_cuda_inverse_padded(multigrid->inverse.size) : 3 * (size_t)level->num_free;
+        numbers += (l == last ? 2 : 5) * NUM_WIDE * level->stride;
     }
-    pliant_cuda_release(wide->inverse.d_parts);
+    CUDA_TRY(room(multigrid, numbers, stream, &wide->d_room));
+    float *next = wide->d_room; /* vectors that are read four numbers at a time come first */
+    for (int l = last; l >= 0; l--) {
+        grid_level *level = wide->level + l;
+        float **arrays[] = {&level->d_right, level->d_x, level->d_x + 1, &level->d_step, &level->d_residual};
+        for (int b = 0; b < (l == last ? 2 : 5); b++, next += NUM_WIDE * level->stride) *arrays[b] = next;
+    }
     wide->inverse = multigrid->inverse;
-    wide->inverse.d_parts = NULL;
-    CUDA_TRY(room(multigrid, parts, stream, &wide->inverse.d_parts));
-    CUDA_TRY(room(multigrid, NUM_WIDE * wide->level[0].stride, stream, &wide->d_out));
-    wide->made = true;
+    wide->inverse.d_parts = next;
+    wide->d_out = next + parts;
     return PLIANT_OK;
 }
 

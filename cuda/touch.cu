@@ -22,9 +22,6 @@ extern "C" void pliant_cuda_touches_free(gpu_touches *touches)
     }
     pliant_free(touches->place);
     pliant_free(touches->touched);
-    if (touches->beside) cudaStreamDestroy(touches->beside);
-    if (touches->parts) cudaEventDestroy(touches->parts);
-    if (touches->meets) cudaEventDestroy(touches->meets);
     memset(touches, 0, sizeof *touches);
 }
 
@@ -180,20 +177,12 @@ static pliant_status send_view(gpu_touches *touches, cudaStream_t stream)
     return CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_VIEW], touches->h_block[TOUCH_VIEW], sizeof touches->view, cudaMemcpyHostToDevice, stream));
 }
 
-static pliant_status make_beside(gpu_touches *touches)
-{
-    if (!touches->beside) CUDA_TRY(CUDA_CALL(cudaStreamCreateWithFlags(&touches->beside, cudaStreamNonBlocking)));
-    if (!touches->parts) CUDA_TRY(CUDA_CALL(cudaEventCreateWithFlags(&touches->parts, cudaEventDisableTiming)));
-    return touches->meets ? PLIANT_OK : CUDA_CALL(cudaEventCreateWithFlags(&touches->meets, cudaEventDisableTiming));
-}
-
 static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
 {
     gpu_touches *touches = &gpu->touches;
     gpu_touch_view *view = &touches->view;
     pliant_touches *from = solver->touches;
     bool made = false;
-    CUDA_TRY(make_beside(touches));
     CUDA_TRY(set_size(touches, gpu->system.num_free));
     const int32_t slots = find_touched(from, touches);
     pliant_status status = pliant_cuda_answers_find(&touches->answers, &gpu->preconditioner, &gpu->iteration, slots, touches->touched, gpu->stream, &made);

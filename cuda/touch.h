@@ -44,8 +44,6 @@ typedef struct gpu_touches {
     int32_t shared_room;       /* bytes of shared memory that a block may have; 0: not asked for yet */
     void *d_block[TOUCH_BLOCKS], *h_block[TOUCH_BLOCKS]; /* page-locked; of what stays, what comes back */
     size_t d_room[TOUCH_BLOCKS], h_room[TOUCH_BLOCKS];   /* bytes */
-    cudaStream_t beside;       /* and events, for what an evaluation's graph does beside each other */
-    cudaEvent_t parts, meets;
     int32_t num_free, *place;  /* (num_free) slot, or -1 */
     int32_t *touched;          /* (num_free) */
 } gpu_touches;

@@ -22,25 +22,12 @@ enum { PLIANT_CONE_TOGETHER = 192 /* rows of all that touch, at most */, PLIANT_
 
 /* Threads that work on one problem, each on its part of every loop. */
 typedef struct pliant_team { int rank, size; double *sums; } pliant_team; /* sums: (a warp each) room, of the GPU */
-#ifdef __CUDACC__
-enum { PLIANT_TEAM_LANES = 32 }; /* of a warp */
-#else
-enum { PLIANT_TEAM_LANES = 1 };
-#endif
 
 /* for others' parts of the loops before */
 PLIANT_INLINE void pliant_team_wait(void)
 {
 #ifdef __CUDACC__
     __syncthreads();
-#endif
-}
-
-/* likewise, of a warp */
-PLIANT_INLINE void pliant_warp_wait(void)
-{
-#ifdef __CUDACC__
-    __syncwarp();
 #endif
 }
 
@@ -273,47 +260,31 @@ PLIANT_INLINE void pliant_cone_invert(const double *m, size_t width, double size
     for (int i = 0; i < 9; i++) out[i] *= by;
 }
 
-/* That, in the block's own place. */
-PLIANT_INLINE void pliant_cone_invert_block(double *m, size_t width, double size)
-{
-    double inverse[9];
-    pliant_cone_invert(m, width, size, inverse);
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++) m[(size_t)r * width + (size_t)c] = inverse[3 * r + c];
-}
-
-/* A row without the unknowns of the block at p, whose inverse is in its place: columns beyond it, by a warp. */
-PLIANT_INLINE void pliant_cone_clear(double *all, int32_t width, int32_t p, int32_t r, int32_t lane)
-{
-    const double *pivot = all + (size_t)p * (size_t)width, *inverse = pivot + p;
-    double by[3], *to = all + (size_t)r * (size_t)width;
-    for (int c = 0; c < 3; c++) by[c] = to[p] * inverse[c] + to[p + 1] * inverse[width + c] + to[p + 2] * inverse[2 * width + c];
-    for (int32_t k = p + 3 + lane; k < width; k += PLIANT_TEAM_LANES) to[k] -= by[0] * pivot[k] + by[1] * pivot[width + k] + by[2] * pivot[2 * width + k];
-}
-
-/* Gauss and Jordan by blocks of three, which become their inverses: of the last column and those, change is what is left to be found. Of a team's warps, a row
- * at a time each, the first one is a block ahead of the others. */
+/* Gauss and Jordan by blocks of three, which stay as they are: of the last column and those blocks, change is what is left to be found. */
 PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_cones *on, int32_t points)
 {
-    const int32_t rows = 3 * points, width = rows + 1, lane = team->rank % PLIANT_TEAM_LANES, warp = team->rank / PLIANT_TEAM_LANES;
-    const int32_t others = team->size / PLIANT_TEAM_LANES - 1; /* 0: one does it all */
-    double *const all = on->equations;
-    if (warp == 0 && points > 0 && lane == 0) pliant_cone_invert_block(all, (size_t)width, on->point[on->list[0]].size);
-    pliant_team_wait();
+    const int32_t rows = 3 * points, width = rows + 1;
+    double inverse[9], *const all = on->equations;
     for (int32_t p = 0; p < rows; p += 3) {
-        const int32_t next = p + 3;
-        if (warp == 0 && next < rows) {
-            for (int32_t r = next; r < next + 3; r++) pliant_cone_clear(all, width, p, r, lane);
-            pliant_warp_wait();
-            if (lane == 0) pliant_cone_invert_block(all + (size_t)next * (size_t)width + next, (size_t)width, on->point[on->list[next / 3]].size);
+        const double *const pivot = all + (size_t)p * (size_t)width;
+        pliant_cone_invert(pivot + p, (size_t)width, on->point[on->list[p / 3]].size, inverse);
+#ifdef __CUDACC__
+        const int32_t first = team->rank / 32, step = team->size / 32, lane = team->rank % 32, lanes = 32; /* a warp a row */
+#else
+        const int32_t first = 0, step = 1, lane = 0, lanes = 1;
+#endif
+        for (int32_t r = first; r < rows; r += step) {
+            double by[3], *to = all + (size_t)r * (size_t)width;
+            if (r >= p && r < p + 3) continue;
+            for (int c = 0; c < 3; c++) by[c] = to[p] * inverse[c] + to[p + 1] * inverse[3 + c] + to[p + 2] * inverse[6 + c];
+            for (int32_t k = p + 3 + lane; k < width; k += lanes) to[k] -= by[0] * pivot[k] + by[1] * pivot[width + k] + by[2] * pivot[2 * width + k];
         }
-        for (int32_t r = others > 0 ? warp - 1 : 0; r >= 0 && r < rows; r += others > 0 ? others : 1)
-            if (r < p || r >= next + 3) pliant_cone_clear(all, width, p, r, lane);
         pliant_team_wait();
     }
-    for (int32_t i = team->rank; i < rows; i += team->size) {
-        const double *inverse = all + (size_t)i * (size_t)width + i / 3 * 3, *right = all + (size_t)(i / 3 * 3) * (size_t)width + width - 1;
-        on->change[3 * (size_t)on->list[i / 3] + (size_t)(i % 3)] = inverse[0] * right[0] + inverse[1] * right[width] + inverse[2] * right[2 * width];
+    for (int32_t i = team->rank; i < points; i += team->size) {
+        const double *own = all + 3 * (size_t)i * (size_t)width, right[3] = {own[width - 1], own[2 * width - 1], own[3 * width - 1]};
+        pliant_cone_invert(own + 3 * i, (size_t)width, on->point[on->list[i]].size, inverse);
+        for (int r = 0; r < 3; r++) on->change[3 * (size_t)on->list[i] + (size_t)r] = inverse[3 * r] * right[0] + inverse[3 * r + 1] * right[1] + inverse[3 * r + 2] * right[2];
     }
     pliant_team_wait();
 }
@@ -424,7 +395,7 @@ PLIANT_INLINE void pliant_cones_end(const pliant_team *team, const pliant_cones 
  * more than that. */
 PLIANT_INLINE int32_t pliant_cones_find(const pliant_team *team, const pliant_cones *on)
 {
-    const double wanted = 1e-12, enough = 1e-7; /* of the forces; where no step leads on */
+    const double wanted = 1e-9, enough = 1e-7; /* of the forces; where no step leads on */
     const int32_t most_steps = 60, most_sweeps = 200, most_at_once = 32;
     int32_t steps = 0, sweeps = 0, at_once = 1;
     pliant_cones_begin(team, on);
