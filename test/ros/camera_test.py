@@ -89,7 +89,7 @@ class CameraTest(unittest.TestCase):
         numpy.testing.assert_allclose(info.K, [focal, 0, 79.5, 0, focal, 59.5, 0, 0, 1], rtol=1e-9)
         self.assertEqual((info.width, info.height, info.header.frame_id), (160, 120, "front_optical"))
         self.assertEqual(list(info.D), [0] * 5)
-        self.assertAlmostEqual(other.P[3], -0.004 * other.P[0])
+        self.assertAlmostEqual(other.P[3], -0.012 * other.P[0])
         mono.close(), right.close()
 
     def test_nobody_looks_and_nothing_is_drawn(self):
@@ -151,6 +151,41 @@ class CameraTest(unittest.TestCase):
         numpy.testing.assert_allclose(place[row, column, 1:], [(column - 39.5) / focal * z, -(row - 29.5) / focal * z], atol=1e-5)
         for latest in (left, right, cloud):
             latest.close()
+
+    def test_disparity_of_two_eyes_is_what_depth_and_calibration_tell(self):
+        stamps = {"left": [], "right": []}
+        watched = [rospy.Subscriber("/tissue/scope/%s/image_raw" % side, Image, lambda message, side=side: stamps[side].append(message.header.stamp)) for side in stamps]
+        pictures = [Latest("scope/%s/image_raw" % side, Image) for side in ("left", "right")]
+        depths, info = [Latest("scope/%s/depth/image_rect" % side, Image) for side in ("left", "right")], Latest("scope/right/camera_info", CameraInfo)
+        for latest in pictures + depths + [info]:
+            self.addCleanup(latest.close)
+        for each in watched:
+            self.addCleanup(each.unregister)
+        left, right = (pixels_of(wait_for(lambda: picture.message, "a picture")).mean(axis=2) for picture in pictures)
+        z, other = (pixels_of(wait_for(lambda: depth.message, "depth")) for depth in depths)
+        P = wait_for(lambda: info.message, "a calibration").P
+        columns, disparity = numpy.arange(80), -P[3] / z  # [pixels]: focal length times baseline over depth
+
+        def seen_right(of, part):  # what the right eye has where a part of the disparity takes the left eye's pixels
+            at = columns - part * disparity
+            there = numpy.isfinite(at) & (at >= 0) & (at <= 79)
+            return there, numpy.array([numpy.interp(numpy.nan_to_num(row), columns, line) for row, line in zip(at, of)])
+        parts, apart = numpy.linspace(0, 2, 41), []
+        for part in parts:
+            there, picture = seen_right(right, part)
+            apart.append(numpy.abs(picture - left)[there].mean())
+        self.assertGreater(numpy.nanmedian(disparity), 2)
+        self.assertAlmostEqual(parts[numpy.argmin(apart)], 1, delta=0.101)
+        self.assertLess(min(apart), 0.5 * apart[0])
+        there, depth = seen_right(other, 1)  # not a number beside what is not seen
+        apart = numpy.abs(depth - z)[there & numpy.isfinite(depth)]
+        self.assertGreater(len(apart), 100)
+        self.assertLess(numpy.median(apart), 0.002)  # eyes side by side see a point as far along z
+
+        wait_for(lambda: min(len(each) for each in stamps.values()) > 20, "pictures of both eyes")
+        first, last = max(each[0] for each in stamps.values()), min(each[-1] for each in stamps.values())
+        both = [[stamp for stamp in each if first <= stamp <= last] for each in (list(stamps["left"]), list(stamps["right"]))]
+        self.assertEqual(both[0], both[1])  # pairs, as who matches them wants
 
 
 if __name__ == "__main__":

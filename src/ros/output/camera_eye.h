@@ -27,9 +27,7 @@ public:
     /* @param side left, right, or empty: a camera of one eye */
     CameraEye(ros::NodeHandle handle, const CameraParameters &parameters, const std::string &side);
 
-    const CameraParameters &parameters() const { return parameters_; }
     bool is_wanted() const;
-    bool due() { return rate_.due(parameters_.rate); }
     /* Draws what somebody subscribes to, and publishes it. @param style as pliant_style_defaults has it. Errors: throws Failure. */
     void look(pliant_view *view, const Loaded &loaded, const Rigid &tissue_from_frame, const ros::Time &stamp, pliant_style style);
 
@@ -40,7 +38,6 @@ private:
 
     const CameraParameters parameters_;
     const double aside_; /* to the right of the frame [m] */
-    Rate rate_;
     ImagePublisher image_, depth_, label_;
     ros::Publisher info_, depth_info_, points_;
 #ifdef PLIANT_WITH_CAMERA_INFO

@@ -43,12 +43,25 @@ struct CameraOutput::View {
     }
 };
 
+/* Both eyes of a stereo camera look at the same time, from one pose, at the same moment of the tissue: their pictures carry one stamp. */
+struct CameraOutput::Camera {
+    CameraParameters parameters;
+    std::vector<std::unique_ptr<CameraEye>> eyes;
+    Rate rate;
+
+    bool is_wanted() const
+    {
+        return std::any_of(eyes.begin(), eyes.end(), [](const std::unique_ptr<CameraEye> &eye) { return eye->is_wanted(); });
+    }
+};
+
 CameraOutput::CameraOutput(ros::NodeHandle handle, const Parameters &parameters, Snapshots *snapshots, std::shared_ptr<const tf2_ros::Buffer> frames)
     : tissue_frame_(parameters.tissue_frame), snapshots_(snapshots), frames_(std::move(frames))
 {
     for (const CameraParameters &camera : parameters.cameras) {
         const std::vector<std::string> sides = camera.baseline > 0 ? std::vector<std::string>{"left", "right"} : std::vector<std::string>{""};
-        for (const std::string &side : sides) eyes_.emplace_back(new CameraEye(handle, camera, side));
+        cameras_.emplace_back(new Camera{camera, {}, {}});
+        for (const std::string &side : sides) cameras_.back()->eyes.emplace_back(new CameraEye(handle, camera, side));
         fastest_ = std::max(fastest_, camera.rate);
     }
     if (any()) thread_ = std::thread(&CameraOutput::run, this);
@@ -58,6 +71,20 @@ CameraOutput::~CameraOutput()
 {
     stopping_ = true;
     if (thread_.joinable()) thread_.join();
+}
+
+void CameraOutput::look(Camera *camera, View *view, const std::shared_ptr<const Snapshot> &newest)
+{
+    std::string why;
+    Rigid tissue_from_frame;
+    if (!rigid_from_message(frames_->lookupTransform(tissue_frame_, camera->parameters.frame, ros::Time(0)).transform, &tissue_from_frame, &why))
+        throw Failure(PLIANT_ERROR_ARGUMENT, "camera " + camera->parameters.name + ": " + why);
+    view->show(newest);
+    for (const std::unique_ptr<CameraEye> &eye : camera->eyes) {
+        if (!eye->is_wanted()) continue;
+        eye->look(view->view, *newest->loaded, tissue_from_frame, newest->stamp, view->style);
+        ++drawn_;
+    }
 }
 
 void CameraOutput::run()
@@ -70,7 +97,7 @@ void CameraOutput::run()
     View view;
     const std::chrono::milliseconds most(POLL_MILLISECONDS), wait = std::min(most, std::chrono::milliseconds(1 + static_cast<int>(500 / std::max(fastest_, 1.0))));
     while (!stopping_) {
-        const bool wanted = std::any_of(eyes_.begin(), eyes_.end(), [](const std::unique_ptr<CameraEye> &eye) { return eye->is_wanted(); });
+        const bool wanted = std::any_of(cameras_.begin(), cameras_.end(), [](const std::unique_ptr<Camera> &camera) { return camera->is_wanted(); });
         reader.want(wanted);
         if (!wanted) {
             newest.reset();
@@ -84,17 +111,11 @@ void CameraOutput::run()
         /* a camera moves while the tissue rests; what one cannot be given, others are */
         std::string problem;
         bool looked = false;
-        for (const std::unique_ptr<CameraEye> &eye : eyes_) {
-            if (!eye->is_wanted() || !eye->due()) continue;
+        for (const std::unique_ptr<Camera> &camera : cameras_) {
+            if (!camera->is_wanted() || !camera->rate.due(camera->parameters.rate)) continue;
             looked = true;
             try {
-                std::string why;
-                Rigid tissue_from_frame;
-                if (!rigid_from_message(frames_->lookupTransform(tissue_frame_, eye->parameters().frame, ros::Time(0)).transform, &tissue_from_frame, &why))
-                    throw Failure(PLIANT_ERROR_ARGUMENT, "camera " + eye->parameters().name + ": " + why);
-                view.show(newest);
-                eye->look(view.view, *newest->loaded, tissue_from_frame, newest->stamp, view.style);
-                ++drawn_;
+                look(camera.get(), &view, newest);
             } catch (const std::exception &failed) {
                 problem += std::string(problem.empty() ? "no picture: " : "; ") + failed.what();
                 ROS_WARN_THROTTLE(5, "no picture: %s", failed.what());

@@ -16,8 +16,6 @@
 
 namespace pliant_ros {
 
-class CameraEye;
-
 class CameraOutput {
 public:
     CameraOutput(ros::NodeHandle handle, const Parameters &parameters, Snapshots *snapshots, std::shared_ptr<const tf2_ros::Buffer> frames);
@@ -26,16 +24,18 @@ public:
     std::string problem() const { return problem_.get(); }
     /* Pictures that were drawn so far. */
     uint64_t drawn() const { return drawn_; }
-    bool any() const { return !eyes_.empty(); }
+    bool any() const { return !cameras_.empty(); }
 
 private:
     struct View;
+    struct Camera;
     void run();
+    void look(Camera *camera, View *view, const std::shared_ptr<const Snapshot> &newest);
 
     const std::string tissue_frame_;
     Snapshots *snapshots_;
     const std::shared_ptr<const tf2_ros::Buffer> frames_;
-    std::vector<std::unique_ptr<CameraEye>> eyes_;
+    std::vector<std::unique_ptr<Camera>> cameras_;
     double fastest_ = 0; /* rate of a camera [Hz] */
     std::atomic<uint64_t> drawn_{0};
     std::atomic<bool> stopping_{false};
