@@ -244,6 +244,23 @@ TEST(SelfContact, ASlabThatIsCutOffStaysOrSlidesAsFrictionSays)
         }
 }
 
+// Further than an element is long: voxels that were opposite each other are not any more, and others bear what slides.
+TEST(SelfContact, ASlabThatSlidesOffDoesNotSink)
+{
+    Drop drop(PLIANT_CUT_SEVER);
+    drop.cut(0.0117);
+    ASSERT_EQ(drop.data->body->pieces->count, 1);
+    drop.run(8);
+    const double gravity[3] = {0.4 * 9.81, 0, -9.81}, z = drop.lowest(0), x = drop.lowest(0, 0), weight = drop.mass(0) * 9.81;
+    ASSERT_EQ(pliant_data_set_gravity(drop.data, gravity), PLIANT_OK);
+    for (int s = 0; s < 30 && drop.lowest(0, 0) - x < 0.0055; s++) {
+        drop.run(1);
+        EXPECT_NEAR(drop.lowest(0), z, 7e-4) << s << " at " << drop.lowest(0, 0) - x;
+    }
+    EXPECT_GT(drop.lowest(0, 0) - x, 0.0055);
+    EXPECT_NEAR(drop.force(0), weight, 0.03 * weight);
+}
+
 TEST(SelfContact, PiecesLieOnEachOther)
 {
     Drop drop(PLIANT_CUT_SUBDIVIDE);
