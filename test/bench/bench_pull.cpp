@@ -1,9 +1,10 @@
 // What the mesh itself leaves out of a pull, tetrahedra and hexahedra: a point is moved, or pulled by one force, on the lattice of every ratio, settled,
 // and compared at the nodes of the coarsest with the finest ratio of either kind. A mesh that ends in 8 takes minutes.
 //
-//   bench_pull SCENE SCAN X Y Z [group/name=value ...] [ratios=2,4,8] [pull=0.004,-0.029,0.006] [steps=6] [force=0] [dump=FOLDER]
+//   bench_pull SCENE SCAN X Y Z [group/name=value ...] [ratios=2,4,8] [pull=0.004,-0.029,0.006] [steps=6] [force=0] [methods=] [dump=FOLDER]
 //
-// force: 1: by the force that the first model, hexahedra of the finest ratio, takes. dump: nodes at rest, positions, fixed, tissue of each, as text.
+// force: 1: by the force that the first model, hexahedra of the finest ratio, takes. methods: coarse models of hexahedra of the coarsest ratio's cubes, made of
+// those of the finest, too. dump: nodes at rest, positions, fixed, tissue of each, as text.
 #include "frames.h"
 
 #include <fstream>
@@ -15,7 +16,7 @@ namespace {
 
 struct Pulled {
     pliant_model *model = nullptr;
-    pliant_element_kind kind;
+    std::string name;
     int ratio;
     std::vector<double> positions;
     double force[3] = {0, 0, 0};
@@ -57,7 +58,7 @@ void settle(Pulled *run, const double at[3], const std::vector<double> &pull, in
     }
     run->positions.assign(data->positions, data->positions + 3 * size_t(run->model->body->fine.num_nodes));
     std::copy(data->tools[tool].force, data->tools[tool].force + 3, run->force);
-    std::printf("%-10s ratio %d: %7d nodes, %d nodes held, force %.2f N, held point moves by %.2f mm, %d evaluations%s\n", name_of(run->kind), run->ratio,
+    std::printf("%-10s ratio %d: %7d nodes, %d nodes held, force %.2f N, held point moves by %.2f mm, %d evaluations%s\n", run->name.c_str(), run->ratio,
                 run->model->body->fine.num_nodes, data->tools[tool].num_held,
                 std::hypot(std::hypot(run->force[0], run->force[1]), run->force[2]),
                 1e3 * std::hypot(std::hypot(data->tools[tool].held_point[0] - from[0], data->tools[tool].held_point[1] - from[1]), data->tools[tool].held_point[2] - from[2]),
@@ -79,7 +80,7 @@ void compare(const Pulled &run, const Pulled &fine, const pliant_mesh &coarsest,
         if (std::hypot(std::hypot(rest[0] - at[0], rest[1] - at[1]), rest[2] - at[2]) > 0.04) apart[1].push_back(error);
     }
     std::printf("  %-10s ratio %d against %-10s ratio %d, %zu nodes: median %.3f, 95 %% %.3f, largest %.2f mm; beyond 4 cm of the hold %.3f, %.3f, %.2f mm\n",
-                name_of(run.kind), run.ratio, name_of(fine.kind), fine.ratio, apart[0].size(), 1e3 * quantile(apart[0], 0.5), 1e3 * quantile(apart[0], 0.95),
+                run.name.c_str(), run.ratio, fine.name.c_str(), fine.ratio, apart[0].size(), 1e3 * quantile(apart[0], 0.5), 1e3 * quantile(apart[0], 0.95),
                 1e3 * quantile(apart[0], 1), 1e3 * quantile(apart[1], 0.5), 1e3 * quantile(apart[1], 0.95), 1e3 * quantile(apart[1], 1));
 }
 
@@ -88,7 +89,7 @@ void dump(const std::string &folder, const Pulled &run)
     const pliant_mesh &mesh = run.model->body->fine;
     std::vector<double> tissue(size_t(mesh.num_nodes), 0);
     for (int32_t v = 0; v < 4 * mesh.num_tets; v++) tissue[size_t(mesh.tets[v])] = std::max<double>(tissue[size_t(mesh.tets[v])], run.model->body->fine_material[v / 4].tissue);
-    std::ofstream out(folder + "/" + name_of(run.kind) + std::to_string(run.ratio) + ".txt");
+    std::ofstream out(folder + "/" + run.name + std::to_string(run.ratio) + ".txt");
     for (int32_t n = 0; n < mesh.num_nodes; n++) {
         for (int d = 0; d < 3; d++) out << mesh.rest[3 * n + d] << ' ';
         for (int d = 0; d < 3; d++) out << run.positions[3 * size_t(n) + size_t(d)] << ' ';
@@ -104,7 +105,7 @@ int main(int argc, char **argv)
         std::fprintf(stderr, "usage: bench_pull SCENE SCAN X Y Z [group/name=value ...] [ratios=2,4,8] [pull=...] [steps=6] [force=0] [dump=FOLDER]\n");
         return 2;
     }
-    std::map<std::string, std::string> own = {{"ratios", "2,4,8"}, {"pull", "0.004,-0.029,0.006"}, {"steps", "6"}, {"force", "0"}, {"dump", ""}};
+    std::map<std::string, std::string> own = {{"ratios", "2,4,8"}, {"pull", "0.004,-0.029,0.006"}, {"steps", "6"}, {"force", "0"}, {"methods", ""}, {"dump", ""}};
     Inputs inputs;
     check(pliant_scene_read(argv[1], &inputs.scene));
     inputs.scene.solver.iterations = 60;
@@ -119,18 +120,32 @@ int main(int argc, char **argv)
     inputs.read(argv[2]);
     const double at[3] = {std::atof(argv[3]), std::atof(argv[4]), std::atof(argv[5])};
     const std::vector<double> ratios = numbers(own["ratios"]), pull = numbers(own["pull"]);
+    const std::vector<int> cells(inputs.scene.mesh.coarse_cells, inputs.scene.mesh.coarse_cells + 3);
     std::vector<Pulled> runs;
+    auto one = [&](const std::string &name, int ratio) {
+        Pulled run;
+        run.name = name;
+        run.ratio = ratio;
+        run.model = inputs.build();
+        settle(&run, at, pull, std::atoi(own["steps"].c_str()), own["force"] == "1" && !runs.empty() ? runs[0].force : nullptr);
+        if (!own["dump"].empty()) dump(own["dump"], run);
+        runs.push_back(run);
+    };
     for (size_t r = ratios.size(); r-- > 0;)
         for (pliant_element_kind kind : {PLIANT_HEXAHEDRA, PLIANT_LINEAR}) {
-            Pulled run;
-            run.kind = inputs.scene.element.kind = kind;
-            run.ratio = inputs.scene.mesh.ratio = int(ratios[r]);
-            run.model = inputs.build();
-            settle(&run, at, pull, std::atoi(own["steps"].c_str()), own["force"] == "1" && !runs.empty() ? runs[0].force : nullptr);
-            if (!own["dump"].empty()) dump(own["dump"], run);
-            runs.push_back(run);
+            inputs.scene.element.kind = kind;
+            inputs.scene.mesh.ratio = int(ratios[r]);
+            one(name_of(kind), int(ratios[r]));
         }
-    const pliant_mesh &coarsest = runs.back().model->body->fine;
+    std::stringstream methods(own["methods"]);
+    for (std::string name; std::getline(methods, name, ',');) {
+        inputs.scene.element.kind = PLIANT_HEXAHEDRA;
+        for (int d = 0; d < 3; d++) inputs.scene.mesh.coarse_cells[d] = cells[d] * int(ratios[0]);
+        inputs.scene.mesh.ratio = int(ratios.back() / ratios[0]);
+        inputs.set("model/method", name);
+        one(name, int(ratios[0]));
+    }
+    const pliant_mesh &coarsest = runs[2 * ratios.size() - 1].model->body->fine;
     for (const Pulled &run : runs)
         for (int fine = 0; fine < 2; fine++)
             if (&run != &runs[size_t(fine)]) compare(run, runs[size_t(fine)], coarsest, at);

@@ -24,6 +24,7 @@ struct Case {
     double bound; // farthest node apart, over the largest displacement
     pliant_element_kind element = PLIANT_LINEAR;
     double stiffness_damping = 0;
+    bool octree = false;
 };
 
 const Case cases[] = {
@@ -46,6 +47,9 @@ const Case cases[] = {
     {"hexahedra, damped by stiffness, viscous", PLIANT_LAW_COMPRESSIBLE, true, false, false, false, nobody, 0, 1e-5, PLIANT_HEXAHEDRA, 0.002},
     {"hexahedra, fall", PLIANT_LAW_NEO_HOOKEAN, false, false, false, true, nobody, 0, 1e-4, PLIANT_HEXAHEDRA},
     {"hexahedra, relaxation", PLIANT_LAW_NEO_HOOKEAN, false, false, true, false, nobody, 0, 1e-3, PLIANT_HEXAHEDRA},
+    {"octree of hexahedra", PLIANT_LAW_NEO_HOOKEAN, false, false, false, false, nobody, 0, 1e-5, PLIANT_HEXAHEDRA, 0, true},
+    {"octree of hexahedra, viscous, tools", PLIANT_LAW_COMPRESSIBLE, true, false, false, false, PLIANT_DRIVE_RIGID, 2, 1e-5, PLIANT_HEXAHEDRA, 0.002, true},
+    {"octree of hexahedra, relaxation", PLIANT_LAW_NEO_HOOKEAN, false, false, true, false, nobody, 0, 1e-3, PLIANT_HEXAHEDRA, 0, true},
     {"relaxation, spring", PLIANT_LAW_COMPRESSIBLE, false, true, true, false, PLIANT_DRIVE_SPRING, 2, 1e-3},
 };
 
@@ -57,6 +61,12 @@ struct Cube : Body {
           c(of)
     {
         cells(n, n, 2 * n, 1);
+        if (c.octree) { // leaves of one, two and four voxels
+            scene.mesh.kind = PLIANT_OCTREE;
+            scene.mesh.depth = 2;
+            scene.mesh.purity = 1;
+            cells(n / 2, n / 2, n, 1);
+        }
         scene.solver.kind = PLIANT_TLED;
         scene.solver.backend = backend;
         scene.solver.step = 0.02;
