@@ -289,6 +289,9 @@ for line in sys.stdin:
         self.addCleanup(slow.stdin.close)
         self.addCleanup(slow.wait)
         self.addCleanup(slow.kill)
+        patience = threading.Timer(90, slow.kill)  # what is read of it has no other
+        patience.start()
+        self.addCleanup(patience.cancel)
         self.assertTrue(slow.stdout.readline().startswith("took"))
         pull_to_and_fro(20)
         self.assertFalse(fast.is_lost)
@@ -302,7 +305,9 @@ for line in sys.stdin:
             slow.stdin.write("\n")
             slow.stdin.flush()
             while not said or not said[-1].startswith("holds"):
-                said.append(slow.stdout.readline().strip())
+                line = slow.stdout.readline()
+                self.assertTrue(line, "the slow reader has ended")
+                said.append(line.strip())
             return said.pop() == whole
         wait_for(holds_the_whole, "the slow reader to hold the whole")
         self.assertLess(len(said), 12, "newest wins: it did not read all that the other one got")
