@@ -265,7 +265,7 @@ TEST_F(Path, RefusesShapesThatAreNone)
         text.replace(text.find(from), from.size(), to);
         return text;
     };
-    refuses(with("LARGE_NEEDLE_DRIVER_400006", "large_needle"), "line 2: tool 1 'driver': shape/name: there is no instrument 'large_needle': large_needle_driver, prograsp");
+    refuses(with("LARGE_NEEDLE_DRIVER_400006", "large_needle"), "line 2: tool 1 'driver': shape/name: there is no instrument 'large_needle': those of the dVRK with 8 mm shafts are known, by name or code (large_needle_driver");
     refuses(with("LARGE_NEEDLE_DRIVER_400006", "large_needle_driver_x"), "there is no instrument");
     refuses(with("jaw: 0.8", "jaw: wide"), "poses/jaw: 'wide' is not a number");
     refuses(with("kind: box", "kind: cone"), "line 5: tool 2 'own': shape/parts/kind: 'cone' is neither sphere, capsule, box, convex nor mesh");
@@ -373,7 +373,7 @@ TEST_F(Path, SurvivesEveryFailingAllocation)
 
 TEST_F(Path, DemonstrationPathsAreReadable)
 {
-    for (const char *name : {"demo_pull", "breast_turn", "cut_hang_path", "resect_path", "resect_ct_path", "biopsy_path", "incise_path"}) {
+    for (const char *name : {"demo_pull", "breast_turn", "cut_hang_path", "resect_path", "resect_ct_path", "biopsy_path", "incise_path", "grasp_path", "press_ct_path"}) {
         std::string file = std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml";
         EXPECT_EQ(pliant_path_read(file.c_str(), &path_), PLIANT_OK) << pliant_last_error();
         pliant_path_free(&path_);
