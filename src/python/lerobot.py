@@ -19,8 +19,10 @@ try:
     import numpy as np
     import pyarrow as pa
     import pyarrow.parquet
-except ImportError as missing:
+except ModuleNotFoundError as missing:
     sys.exit("%s is missing: pip install %s" % (missing.name, missing.name))
+except ImportError as wrong:  # there, but not for what else is installed
+    sys.exit(str(wrong))
 
 CHUNK = 1000  # episodes in a folder
 DATA = {"2.1": "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet", "3.0": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"}
