@@ -1,21 +1,10 @@
 #include "anderson.h"
+#include "axes.cuh"
 #include "check.h"
 #include "fem/quasistatic/anderson.h"
 #include "warp_sum.cuh"
 
 enum { THREADS = 256 };
-
-/* T v at one unknown node, T' v: from its own axes and into them */
-static __device__ __forceinline__ void turn_out(const gpu_iteration &iteration, size_t node, double *v)
-{
-    const double *turn = iteration.d_axes + 9 * node, at[3] = {v[0], v[1], v[2]};
-    for (int r = 0; r < 3; r++) v[r] = turn[3 * r] * at[0] + turn[3 * r + 1] * at[1] + turn[3 * r + 2] * at[2];
-}
-static __device__ __forceinline__ void turn_into(const gpu_iteration &iteration, size_t node, double *v)
-{
-    const double *turn = iteration.d_axes + 9 * node, at[3] = {v[0], v[1], v[2]};
-    for (int r = 0; r < 3; r++) v[r] = turn[r] * at[0] + turn[3 + r] * at[1] + turn[6 + r] * at[2];
-}
 
 /* ---- at the beginning of a step */
 
@@ -67,7 +56,7 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
                 if (step.tools[t].spring) row_of[rows++] = 3 * t + d;
             }
         state.step = step;
-        state.done = state.iterations = state.ending = state.took = 0;
+        state.done = state.iterations = state.ending = state.took = state.went_back = 0;
         state.seen = step.seen;
         state.skips = step.known == PLIANT_KNOWN_STEP;
         pliant_anderson &rules = state.rules;
@@ -80,6 +69,11 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
         rules.tolerance = step.tolerance;
         rules.is_cycle = step.is_cycle;
         rules.smallest_displacement = step.smallest_displacement;
+        if (step.opened) { /* as beyond a blind step */
+            rules.blind = 1;
+            rules.sound_merit = step.sound_merit;
+            for (int r = 0; r < GPU_ROWS; r++) state.force[1 - now][r] = step.previous_force[r];
+        }
         pliant_anderson_begin(&rules);
         state.rows = rows;
         for (int r = 0; r < rows; r++) state.row_of[r] = row_of[r];

@@ -85,6 +85,7 @@ static __device__ void judge(decision &now, int room)
     state.evaluated = 1;
     if (state.ending) state.evaluated = pliant_anderson_judge_end(&rules, merit);
     else pliant_anderson_judge(&rules, merit, plain ? now.sums[2] : 0.0, left);
+    if (rules.next == PLIANT_NEXT_PREVIOUS) state.went_back = 1;
     state.took = state.ending ? state.evaluated : rules.take || first;
     state.iterations = rules.evaluations;
     state.skips = 0;

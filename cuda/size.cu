@@ -30,7 +30,8 @@ extern "C" pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const 
     it->room = solver->rules.room;
     gpu->gather_blocks = pliant_cuda_gather_blocks(system);
     const size_t history = n * (size_t)(it->room > 0 ? it->room : 1);
-    const size_t sums = (size_t)GATHER_SUMS * (size_t)gpu->gather_blocks + (size_t)DOT_SUMS * (size_t)pliant_cuda_dot_blocks(it);
+    const size_t all_sums = (size_t)GATHER_SUMS * (size_t)gpu->gather_blocks + (size_t)DOT_SUMS * (size_t)pliant_cuda_dot_blocks(it);
+    const size_t sums = all_sums > GPU_ROWS * GPU_ROWS ? all_sums : GPU_ROWS * GPU_ROWS; /* open.cu */
     const sized_array arrays[] = {
         array_of(&it->d_state, 1, true),       array_of(&it->d_history, 1, true),          array_of(&it->d_x[0], nodes),
         array_of(&it->d_x[1], nodes),          array_of(&it->d_step[0], n),                array_of(&it->d_step[1], n),

@@ -24,7 +24,10 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
     CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state)));
     CUDA_TRY(pliant_cuda_solver_record(gpu));
-    if (gpu->system_room.grows) CUDA_TRY(pliant_cuda_carried_load());
+    if (gpu->system_room.grows) {
+        CUDA_TRY(pliant_cuda_carried_load());
+        CUDA_TRY(pliant_cuda_solver_open_room(gpu));
+    }
     return pliant_cuda_solver_restart(gpu, solver);
 }
 
@@ -66,6 +69,7 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     }
     pliant_cuda_release_host(gpu->h_state);
     pliant_cuda_release_host(gpu->h_solved);
+    pliant_cuda_release_host(gpu->h_open);
     pliant_cuda_preconditioner_free(&gpu->preconditioner);
     pliant_cuda_system_free(&gpu->system, &gpu->system_room);
     pliant_free(gpu);
@@ -75,8 +79,8 @@ extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const
 {
     const size_t bytes = 3 * (size_t)gpu->system.num_nodes * sizeof(double);
     gpu->in_use.number++;
-    for (int b = 0; b < 2; b++)
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[b], solver->now.x, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[0], solver->now.x, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[1], gpu->iteration.d_x[0], bytes, cudaMemcpyDeviceToDevice, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
     gpu->loaded = false;
     gpu->fresh = true;
@@ -177,6 +181,15 @@ static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, 
     return PLIANT_OK;
 }
 
+/* What a cut led to was no good, but its axes have served until now. */
+static pliant_status turn_back(pliant_cuda_solver *gpu, pliant_solver *solver)
+{
+    if (gpu->in_use.rough) return PLIANT_OK;
+    solver->asked.kept = false;
+    pliant_in_use_turned(&gpu->in_use);
+    return pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream);
+}
+
 static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
 {
     CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
@@ -192,16 +205,20 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
     return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not come to an end");
 }
 
-/* what the host's limits say of it, and what is known of its first state */
-static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics, bool renewed, gpu_step *step)
+/* What the host's limits say of it, and what is known of its first state. opened: out: evaluations before it, of the step after a cut */
+static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics, bool renewed, gpu_step *step,
+                             int32_t *opened)
 {
     bool responded = false, seen = false;
     CUDA_TRY(send_load(gpu, solver, gravity));
     CUDA_TRY(turn(gpu, solver, statistics, step));
     step->forget = step->forget || renewed || !solver->asked.kept;
     CUDA_TRY(send_tools(gpu, solver, step, &responded));
+    step->limit = pliant_solver_limit(solver);
+    CUDA_TRY(pliant_cuda_solver_open(gpu, solver, step, opened));
+    if (step->opened) CUDA_TRY(send_tools(gpu, solver, step, &responded)); /* forces are others, and axes */
     const pliant_anderson *limits = &solver->rules;
-    step->most_evaluations = limits->most_evaluations;
+    step->most_evaluations = *opened > 0 ? pliant_solver_open_evaluations(solver, &step->limit, PLIANT_CUDA_OPEN_PART) - *opened : limits->most_evaluations;
     step->depth = limits->depth;
     step->room = limits->room;
     step->tolerance = limits->tolerance;
@@ -216,8 +233,7 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, con
     if (step->touches || gpu->touched)
         CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_touch, 0, 3 * (size_t)gpu->system.num_free * sizeof(double), gpu->stream)));
     gpu->touched = step->touches;
-    step->limit = pliant_solver_limit(solver);
-    if (step->limit.evaluations < INT32_MAX) step->limit.evaluations += step->known == PLIANT_KNOWN_STEP;
+    if (step->limit.evaluations < INT32_MAX) step->limit.evaluations += (step->known == PLIANT_KNOWN_STEP) - *opened;
     return PLIANT_OK;
 }
 
@@ -234,6 +250,7 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
 {
     gpu_step step = {};
     bool renewed = false;
+    int32_t opened = 0;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     CUDA_TRY(pliant_cuda_renewal_step(gpu, solver, statistics, &renewed));
     if (gpu->fresh) pliant_solver_forget(solver);
@@ -243,7 +260,7 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
         statistics->error_before = statistics->error;
         return PLIANT_OK;
     }
-    CUDA_TRY(prepare(gpu, solver, gravity, statistics, renewed, &step));
+    CUDA_TRY(prepare(gpu, solver, gravity, statistics, renewed, &step, &opened));
     CUDA_TRY(step.touches ? pliant_cuda_touches_run(gpu, solver, &step) : run(gpu, &step));
     gpu->fresh = false;
     const gpu_state *state = gpu->h_state;
@@ -253,10 +270,11 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     pliant_solver_ended(solver, &gpu->in_use, state->evaluated, rules, state->step_force[state->now]);
     gpu->last_launches = rules->evaluations + state->ending;
     const int32_t solved = gpu->last_launches - (step.known == PLIANT_KNOWN_STEP);
-    pliant_even_note(&solver->even, solved, rules->first_merit);
+    pliant_even_note(&solver->even, solved + opened, rules->first_merit);
     gpu->in_use.evaluations += solved;
+    if (step.opened && state->went_back) CUDA_TRY(turn_back(gpu, solver));
     gpu->in_use.served_badly = gpu->in_use.served_badly || rules->rate > PLIANT_SERVES_BADLY;
-    statistics->iterations = rules->evaluations - rules->last;
+    statistics->iterations = opened + rules->evaluations - rules->last;
     statistics->rejected += (uint64_t)rules->rejected;
     tell(gpu, statistics);
     statistics->error_before = rules->error_before;

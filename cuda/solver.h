@@ -33,6 +33,8 @@ struct pliant_cuda_solver {
     size_t room[SOLVER_ARRAYS]; /* bytes of its arrays, of d_fine and of d_solved */
     double *d_between;         /* room to carry axes over */
     size_t between_room;
+    double *h_open;            /* page-locked: numbers of the step after a cut, where there may be cuts */
+    size_t open_room;          /* bytes */
     int gather_blocks;
     cudaGraphExec_t evaluation, look, touching; /* the latter two: Nullable: not used yet */
     size_t kernels;            /* in it */
@@ -55,6 +57,14 @@ pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const pliant_sol
 
 /* ---- size.cu: arrays of the iteration for the system at hand. */
 pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const pliant_solver *solver);
+
+/* ---- open.cu: the first step after a cut */
+enum { PLIANT_CUDA_OPEN_PART = 2 }; /* of a step's evaluations, so many more: half; what a step begins and ends with counts for more than on the CPU */
+/* Room for it. Errors: MEMORY, UNAVAILABLE. */
+pliant_status pliant_cuda_solver_open_room(pliant_cuda_solver *gpu);
+/* Before the first step of a fresh state, with its load, tools and limit: where a cut came before it, to where Newton's step leads, and so do axes and
+ * tools' forces; the step is told. evaluations: out: that it took; 0: there was none. Errors: MEMORY, UNAVAILABLE. */
+pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step, int32_t *evaluations);
 
 /* ---- evaluate.cu: the evaluation as a graph. */
 pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu);

@@ -33,6 +33,8 @@ typedef struct gpu_step {
     int32_t most_evaluations, depth, room;
     pliant_even_limit limit;   /* one more where the first costs nothing */
     double tolerance, smallest_displacement, smallest_scale;
+    int32_t opened;            /* the state is where the step after a cut has led to (open.cu), and the other buffer has the one before it */
+    double sound_merit, previous_force[GPU_ROWS]; /* of that one */
 } gpu_step;
 
 typedef struct gpu_state {
@@ -42,6 +44,7 @@ typedef struct gpu_state {
     int32_t done, iterations;
     int32_t ending;            /* a blind step was made: its end is evaluated */
     int32_t evaluated;         /* d_element_force and d_left are of the state that the step ended with */
+    int32_t went_back;         /* to the state before the one that the step began with */
     int32_t took;              /* what was evaluated last became the present state */
     pliant_anderson rules;     /* as on the CPU */
     double scale[2], residual_force[2], force[2][GPU_ROWS], step_force[2][GPU_ROWS];

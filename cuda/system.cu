@@ -1,6 +1,7 @@
 #include "check.h"
 #include "base/fail.h"
 #include "pliant/memory.h"
+#include "state/discretization.h"
 #include "system.h"
 
 #include <cstring>
@@ -13,7 +14,15 @@ struct passage {
     cudaStream_t stream;
     gpu_system *gpu;
     gpu_system_room *room;
+    const pliant_body_changes *changes; /* Nullable: what it lists of the fine tetrahedra, which are solved, is all that differs */
 };
+
+/* of a body that comes next */
+static const pliant_body_changes *changes_of(const pliant_system *now, const pliant_system *before)
+{
+    const bool next = now->of && before->of && now->mesh == now->fine && before->mesh == before->fine && now->of->body->changes.since == before->of->body->revision;
+    return next ? &now->of->body->changes : nullptr;
+}
 
 template <class T> static size_t first_difference(const T *a, const T *b, size_t count)
 {
@@ -40,6 +49,22 @@ static pliant_status send(const passage &work, int array, const T *h_now, size_t
     const size_t first = held && h_before ? first_difference(h_now, h_before, count < count_before ? count : count_before) : 0;
     if (first == count) return PLIANT_OK;
     return CUDA_CALL(cudaMemcpyAsync(*d_out + first, h_now + first, (count - first) * sizeof(T), cudaMemcpyHostToDevice, work.stream));
+}
+
+/* Rows of tetrahedra from those that are listed. */
+static pliant_status send_listed_tets(const passage &work)
+{
+    const pliant_mesh *now = work.now->mesh, *was = work.before->mesh;
+    int32_t *d_tets = work.gpu->d_tets;
+    const size_t row = 4 * sizeof *d_tets, appended = (size_t)(now->num_tets - was->num_tets);
+    for (int32_t i = 0; i < work.changes->num_touched; i++) {
+        const size_t at = 4 * (size_t)work.changes->touched[i];
+        if (memcmp(now->tets + at, was->tets + at, row) == 0) continue;
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_tets + at, now->tets + at, row, cudaMemcpyHostToDevice, work.stream)));
+    }
+    if (appended == 0) return PLIANT_OK;
+    const size_t at = 4 * (size_t)was->num_tets;
+    return CUDA_CALL(cudaMemcpyAsync(d_tets + at, now->tets + at, appended * row, cudaMemcpyHostToDevice, work.stream));
 }
 
 /* ---- elements: lanes of 8 on the CPU; one number after the other over all elements on the GPU */
@@ -90,6 +115,18 @@ static int32_t find_changed(const void *now, const void *before, size_t bytes, i
     return found;
 }
 
+/* The blocks of those that are listed, and of those that there were not before: ascending. */
+static int32_t list_changed(const passage &work, int lanes, int32_t count, int32_t count_before, int32_t *which)
+{
+    int32_t found = 0;
+    for (int32_t i = 0; i < work.changes->num_touched; i++) {
+        const int32_t n = work.changes->touched[i] / lanes;
+        if (n < count_before && (found == 0 || which[found - 1] != n)) which[found++] = n;
+    }
+    for (int32_t n = count_before; n < count; n++) which[found++] = n;
+    return found;
+}
+
 static pliant_status send_elements(const passage &work, int array, const void *now, const void *before, int rows, int lanes, double **d_out)
 {
     if (!now) return PLIANT_OK;
@@ -103,7 +140,8 @@ static pliant_status send_elements(const passage &work, int array, const void *n
     int32_t *which = static_cast<int32_t *>(pliant_calloc((size_t)count, sizeof *which));
     if (!which) return pliant_fail_memory("the elements");
     const size_t each = (size_t)rows * (size_t)lanes * sizeof(double);
-    const int32_t changed = find_changed(now, held ? before : nullptr, each, count, count_before, which);
+    const int32_t changed = held && work.changes ? list_changed(work, lanes, count, count_before, which)
+                                                 : find_changed(now, held ? before : nullptr, each, count, count_before, which);
     pliant_status status = send_numbers(work, which, changed, rows, lanes, static_cast<const double *>(now), system->mesh->num_tets, *d_out);
     pliant_free(which);
     return status;
@@ -159,7 +197,8 @@ static pliant_status send_all(const passage &work)
         CUDA_TRY(pliant_cuda_macros_set(now->macros, work.room->grows, work.stream, work.room->macros, &gpu->macros));
         return now->upsample && !now->macros->fine_start ? send_upsampling(work) : PLIANT_OK;
     }
-    CUDA_TRY(send(work, TETS, mesh->tets, 4 * tets, mesh_was->tets, 4 * (size_t)mesh_was->num_tets, what, &gpu->d_tets));
+    if (work.changes && work.room->bytes[TETS] >= 4 * tets * sizeof *mesh->tets) CUDA_TRY(send_listed_tets(work));
+    else CUDA_TRY(send(work, TETS, mesh->tets, 4 * tets, mesh_was->tets, 4 * (size_t)mesh_was->num_tets, what, &gpu->d_tets));
     CUDA_TRY(send_elements(work, GRADIENTS, now->gradients, was->gradients, 12, LANES, &gpu->d_gradients));
     CUDA_TRY(send_elements(work, LAME, now->lame, was->lame, 2, LANES, &gpu->d_lame));
     CUDA_TRY(send_elements(work, STIFFNESS, now->stiffness, was->stiffness, 144, 1, &gpu->d_stiffness));
@@ -171,7 +210,7 @@ extern "C" pliant_status pliant_cuda_system_create(const pliant_system *system, 
 {
     gpu_system made = {};
     pliant_status status = pliant_cuda_allocate(PASSAGE, "the elements", &room->d_passage);
-    if (status == PLIANT_OK) status = send_all({system, nullptr, stream, &made, room});
+    if (status == PLIANT_OK) status = send_all({system, nullptr, stream, &made, room, nullptr});
     if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(stream));
     if (status != PLIANT_OK) {
         pliant_cuda_system_free(&made, room);
@@ -187,7 +226,7 @@ extern "C" pliant_status pliant_cuda_system_create(const pliant_system *system, 
 
 extern "C" pliant_status pliant_cuda_system_follow(const pliant_system *system, const pliant_system *before, cudaStream_t stream, gpu_system *gpu, gpu_system_room *room)
 {
-    return send_all({system, before, stream, gpu, room});
+    return send_all({system, before, stream, gpu, room, changes_of(system, before)});
 }
 
 extern "C" void pliant_cuda_system_free(gpu_system *system, gpu_system_room *room)

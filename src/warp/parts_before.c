@@ -94,14 +94,19 @@ static bool has_other_nodes(const comparison *both, int32_t tet)
            memcmp(old->tets + 4 * (size_t)tet, now->tets + 4 * (size_t)tet, 4 * sizeof *now->tets) != 0;
 }
 
+static void mark_nodes_of(const comparison *both, int32_t tet)
+{
+    const pliant_body *of = tet < both->work->body->fine.num_tets ? both->work->body : both->before;
+    if (has_other_nodes(both, tet)) mark_tet(both, of->tet_parent ? of->tet_parent[tet] : tet, OTHER_NODES);
+}
+
 /* Where tetrahedra that voxels move with have other nodes: their own, and those that gave them chips. */
 static void mark_nodes(const comparison *both)
 {
     const pliant_body *old = both->before, *now = both->work->body;
-    for (int32_t t = 0; t < old->fine.num_tets || t < now->fine.num_tets; t++) {
-        const pliant_body *of = t < now->fine.num_tets ? now : old;
-        if (has_other_nodes(both, t)) mark_tet(both, of->tet_parent ? of->tet_parent[t] : t, OTHER_NODES);
-    }
+    const bool listed = now->changes.since == old->revision;
+    for (int32_t i = 0; listed && i < now->changes.num_touched; i++) mark_nodes_of(both, now->changes.touched[i]);
+    for (int32_t t = listed ? old->fine.num_tets : 0; t < old->fine.num_tets || t < now->fine.num_tets; t++) mark_nodes_of(both, t);
     for (int32_t c = 0; c < now->cuts->num_chips; c++)
         if (has_other_nodes(both, now->cuts->chip[2 * c + 1])) mark_tet(both, now->cuts->chip[2 * c], OTHER_NODES);
 }

@@ -1,5 +1,6 @@
 /* From one body to the next: what stays is not drawn again. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "pliant/memory.h"
 #include "warp/state.h"
 
@@ -177,10 +178,11 @@ static void find_rest(const pliant_warp *warp, const pliant_mesh *mesh, int32_t 
 
 static pliant_status prepare_device(pliant_warp *warp, pliant_warp_next *next)
 {
-    const size_t nodes = (size_t)next->mesh->num_nodes;
-    double *rest = pliant_calloc(nodes, 3 * sizeof *rest);
+    const int32_t known = next->load_nodes < warp->mesh->num_nodes ? next->load_nodes : warp->mesh->num_nodes;
+    double *rest = pliant_room((size_t)next->mesh->num_nodes, 3 * sizeof *rest);
     if (!rest) return pliant_fail_memory("the warp");
-    for (int32_t n = 0; n < next->mesh->num_nodes; n++) find_rest(warp, next->mesh, n, rest);
+    memcpy(rest, warp->rest, 3 * (size_t)known * sizeof *rest);
+    for (int32_t n = known; n < next->mesh->num_nodes; n++) find_rest(warp, next->mesh, n, rest);
     pliant_warp_parts parts = pliant_warp_device_parts(warp);
     parts.mesh = next->mesh;
     parts.rest = rest;

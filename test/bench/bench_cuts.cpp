@@ -2,12 +2,17 @@
 // places of the tissue, each followed by an undo of every fourth, a step of every eighth. CPU time of a cut (the process, without the steps) and
 // what is held, after 10, 100, 1000 cuts and so on.
 //
-//   bench_cuts [cuts=1000] [length=0.006] [steps=8] [undo=4] [reset=0] [warp=1] [group/name=value ...]
+//   bench_cuts [cuts=1000] [length=0.006] [steps=8] [undo=4] [reset=0] [warp=1] [stages=0] [group/name=value ...]
 //
-// length of a slit [m]; every so many cuts a step, an undo, a reset (0: never); warp: with the deformed volume.
+// length of a slit [m]; every so many cuts a step, an undo, a reset (0: never); warp: with the deformed volume. stages=1: what each part of a cut
+// takes of the clock, and the frame after it; no undo, a step after each.
 #include "frames.h"
+#include "fem/quasistatic/solver.h"
+#include "sim/discretization.h"
+#include "warp/device.h"
 
 #include <ctime>
+#include <functional>
 #include <map>
 #include <random>
 
@@ -70,11 +75,85 @@ void slit(const pliant_data *data, double length, std::mt19937 &random, double p
     }
 }
 
+double milliseconds(const std::function<void()> &what)
+{
+    const auto start = std::chrono::steady_clock::now();
+    what();
+    return 1e3 * std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+// a point every half voxel, as pliant_data_cut has them
+std::vector<double> sampled(const double points[6], const double by[3], double spacing)
+{
+    double length = 0;
+    for (int d = 0; d < 3; d++) length = std::hypot(length, points[3 + d] - points[d]);
+    const int parts = std::max(1, int(std::ceil(length / spacing)));
+    std::vector<double> out;
+    for (int n = 0; n <= parts; n++)
+        for (int d = 0; d < 3; d++) out.push_back(points[d] + double(n) / parts * (points[3 + d] - points[d]) + by[d]);
+    return out;
+}
+
+// What a cut is made of: each part once more by itself, thrown away, then all of it.
+enum Part { LINKS, BODY, MAP, DISCRETIZATION, SOLVER, WARP, SET_BODY, STEP, USUAL, NUM_PARTS };
+
+void cut_by_parts(const pliant_model *model, pliant_data *data, const double points[6], const double depth[3], std::vector<double> took[NUM_PARTS])
+{
+    const double none[3] = {0, 0, 0}, *size = model->scan->geometry.spacing, spacing = 0.5 * std::min(size[0], std::min(size[1], size[2]));
+    const std::vector<double> from = sampled(points, none, spacing), to = sampled(points, depth, spacing);
+    const pliant_cut_sweep sweep{int32_t(from.size() / 3), from.data(), to.data(), nullptr};
+    pliant_body *next = nullptr;
+    const double links = milliseconds([&] { check(pliant_body_cut(data->body, data->last_revision + 1, data->positions, &sweep, nullptr, nullptr)); });
+    const double body = milliseconds([&] { check(pliant_body_cut(data->body, data->last_revision + 1, data->positions, &sweep, &next, nullptr)); });
+    if (!next) return;
+    took[LINKS].push_back(links);
+    took[BODY].push_back(body - links);
+    pliant_body_map map;
+    const pliant_discretization *discretization = nullptr;
+    took[MAP].push_back(milliseconds([&] { check(pliant_body_map_create(data->discretization->body, next, &map)); }));
+    took[DISCRETIZATION].push_back(milliseconds([&] { check(pliant_discretization_next(&model->scene, data->discretization, next, &map, &discretization)); }));
+    if (data->solver) {
+        pliant_solver *solver = nullptr;
+        const bool rests = std::strcmp(pliant_data_get_backend(data), "cpu") != 0;
+        took[SOLVER].push_back(milliseconds([&] { check(pliant_solver_follow(&model->scene, discretization->system, data->solver, &map, rests, &solver)); }));
+        pliant_solver_free(solver);
+    }
+    if (data->warp) {
+        pliant_warp_next *warp = nullptr;
+        took[WARP].push_back(milliseconds([&] { check(pliant_warp_prepare(data->warp, next, &warp)); }));
+        pliant_warp_next_free(warp);
+    }
+    pliant_discretization_release(discretization);
+    pliant_body_map_free(&map);
+    took[SET_BODY].push_back(milliseconds([&] { check(pliant_data_set_body(model, data, next)); }));
+    pliant_body_release(next);
+    took[STEP].push_back(milliseconds([&] { check(pliant_step(model, data)); }));
+}
+
+void by_parts(const pliant_model *model, pliant_data *data, double length, int cuts)
+{
+    static const char *const names[NUM_PARTS] = {"links severed", "fragments and next body", "map of bodies", "discretization", "solver", "warp", "pliant_data_set_body", "frame after it", "other frames"};
+    std::vector<double> took[NUM_PARTS];
+    std::mt19937 random(5);
+    for (int c = 0; c < cuts; c++) {
+        double points[6], depth[3];
+        slit(data, length, random, points, depth);
+        cut_by_parts(model, data, points, depth, took);
+        for (int f = 0; f < 3; f++) {
+            const double gravity[3] = {0.2 * (c % 2), 9.81, 0.1 * f};
+            check(pliant_data_set_gravity(data, gravity));
+            took[USUAL].push_back(milliseconds([&] { check(pliant_step(model, data)); }));
+        }
+    }
+    std::printf("%s, %d tetrahedra, %d nodes; [ms] of the clock: median, worst of %zu\n", pliant_data_get_backend(data), data->body->fine.num_tets, data->body->fine.num_nodes, took[SET_BODY].size());
+    for (int p = 0; p < NUM_PARTS; p++) std::printf("  %-24s %8.3f %8.3f\n", names[p], quantile(took[p], 0.5), quantile(took[p], 1));
+}
+
 } // namespace
 
 int main(int argc, char **argv)
 {
-    std::map<std::string, double> with = {{"cuts", 1000}, {"length", 0.006}, {"steps", 8}, {"undo", 4}, {"reset", 0}, {"warp", 1}};
+    std::map<std::string, double> with = {{"cuts", 1000}, {"length", 0.006}, {"steps", 8}, {"undo", 4}, {"reset", 0}, {"warp", 1}, {"stages", 0}};
     const std::string labels = std::string(PLIANT_TEST_DATA) + "/abdomen/labels_totalseg_fast.nii.gz", scan = std::string(PLIANT_TEST_DATA) + "/abdomen/ct.nii.gz";
     pliant_scene scene;
     pliant_volume volume{};
@@ -109,9 +188,10 @@ int main(int argc, char **argv)
     check(pliant_step(model, data));
     std::mt19937 random(5);
     std::vector<double> last;
-    const int cuts = int(with["cuts"]), steps = int(with["steps"]), undo = int(with["undo"]), reset = int(with["reset"]);
+    const int cuts = with["stages"] > 0 ? 0 : int(with["cuts"]), steps = int(with["steps"]), undo = int(with["undo"]), reset = int(with["reset"]);
     int next = 10;
-    std::printf("   cuts   tetrahedra   nodes   links    cut [ms]: median, worst of the last tenth    held, resident [MB]    bits\n");
+    if (with["stages"] > 0) by_parts(model, data, with["length"], int(with["cuts"]));
+    else std::printf("   cuts   tetrahedra   nodes   links    cut [ms]: median, worst of the last tenth    held, resident [MB]    bits\n");
     for (int c = 1; c <= cuts; c++) {
         double points[6], depth[3];
         slit(data, with["length"], random, points, depth);

@@ -1,6 +1,7 @@
 // A simulation on the GPU that is cut, against the CPU's: the same topology, positions and volume from there on. Skipped without a GPU.
 #include "body.h"
 #include "cuda_warps.h"
+#include "fragments.h"
 #include "pliant/cut.h"
 
 #include <cstring>
@@ -155,6 +156,53 @@ TEST(CudaCut, CutsOneAfterTheOther)
         EXPECT_LT(carried, 5 * renewed + 10);
         ASSERT_EQ(pliant_data_reset(gpu.model, gpu.data), PLIANT_OK);
         EXPECT_EQ(gpu.data->body->fine.num_nodes, gpu.model->body->fine.num_nodes);
+    }
+}
+
+// As adapt_test's FirstStep: a bar that sags is cut half through at once, and the first frame is near where it then hangs.
+TEST(CudaCut, TheFirstFrameAfterItIsNear)
+{
+    NEEDS_GPU();
+    const int cells[3] = {16, 4, 4};
+    const double bar[3] = {0.28, 0.07, 0.07}, end[3] = {0.27, 0.035, 0.035};
+    const Plane plane{{0.078, 0.035, 0.035}, {1, 0.05, 0.02}};
+    for (bool spring : {false, true}) {
+        Body tight(cells, bar, {{10000, 0.4, 1000, false}}), fast(cells, bar, {{10000, 0.4, 1000, false}}), cycle(cells, bar, {{10000, 0.4, 1000, false}});
+        double whole = 0;
+        for (Body *body : {&tight, &fast, &cycle}) {
+            body->fix_plane(1e-6, 0, 0, 1, 0, 0);
+            body->cells(16, 4, 4, 1);
+            body->scene.cut.kind = PLIANT_CUT_SEVER;
+            body->scene.solver.backend = body == &tight ? PLIANT_CPU : PLIANT_CUDA;
+            body->scene.solver.preconditioner = body == &cycle ? PLIANT_MULTIGRID : PLIANT_DIRECT;
+            body->scene.solver.iterations = body == &tight ? 60 : 6;
+            body->scene.solver.tolerance = 1e-6;
+            body->scene.model.gravity[2] = -0.6;
+            body->scene.grasp.stiffness = 2;
+            ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+            int tool = -1;
+            if (spring) {
+                ASSERT_EQ(pliant_tool_add(body->model, body->data, "spring", &tool), PLIANT_OK);
+                ASSERT_EQ(pliant_tool_set_pose(body->data, tool, end, nullptr), PLIANT_OK);
+                ASSERT_EQ(pliant_tool_grasp(body->model, body->data, tool, end), PLIANT_OK) << pliant_last_error();
+                ASSERT_EQ(pliant_tool_set_drive(body->data, tool, PLIANT_DRIVE_SPRING, nullptr), PLIANT_OK);
+            }
+            for (int s = 0; s < 20; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
+            const pliant_body *next = sever_plane(body->data->body, body->data->body->revision + 1, plane, [&](const double *x) { return x[2] > 0.035; });
+            ASSERT_TRUE(next);
+            ASSERT_EQ(pliant_data_set_body(body->model, body->data, next), PLIANT_OK) << pliant_last_error();
+            pliant_body_release(next);
+            for (int s = 0; s < (body == &tight ? 8 : 11); s++) {
+                if (s == 0 && body != &tight) EXPECT_GT(farthest(*body, tight), 0.05 * whole);
+                ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
+                if (body == &tight) continue;
+                ASSERT_STREQ(pliant_data_get_backend(body->data), "cuda") << pliant_last_error();
+                if (s == 0) EXPECT_LE(body->data->statistics.iterations, 9);
+                if (s == 0 || s == 10) EXPECT_LT(farthest(*body, tight), (s == 0 ? 0.05 : 0.01) * whole) << "spring " << spring << ", V-cycle " << (body == &cycle) << ", frame " << s;
+            }
+            for (int32_t n = 0; body == &tight && n < 3 * body->data->body->fine.num_nodes; n++)
+                whole = std::fmax(whole, std::fabs(body->data->positions[n] - body->data->body->fine.rest[n]));
+        }
     }
 }
 

@@ -5,11 +5,10 @@
  * take it. Whether it is good, the step's first evaluation tells, as of a blind step. */
 #include "base/fail.h"
 #include "fem/quasistatic/held.h"
+#include "fem/quasistatic/opened_rules.h"
 #include "pliant/memory.h"
 
 #include <string.h>
-
-enum { MOST_PRODUCTS = 8 };
 
 /* in the nodes' own axes, (3 num_free), and the forces of what holds */
 typedef struct newton_step {
@@ -49,7 +48,7 @@ static void place_trial(pliant_solver *solver, const double *v, double share)
 /* out = K v, both in the nodes' own axes; false: v is nothing */
 static bool multiply(pliant_solver *solver, const double *v, double *out)
 {
-    const double length = longest(solver, v), share = 1e-3 * solver->rules.smallest_displacement / length;
+    const double length = longest(solver, v), share = PLIANT_OPENED_DIFFERENCE * solver->rules.smallest_displacement / length;
     if (!(length > 0) || !isfinite(share)) return false;
     place_trial(solver, v, share);
     pliant_solver_elastic_forces(solver, &solver->trial);
@@ -95,7 +94,7 @@ static pliant_status begin(const pliant_solver *solver, newton_step *found, bool
 /* Whether what holds has moved since the last step: the first direction goes with it then, and is to be gone as it is. */
 static bool is_led(const pliant_solver *solver, const newton_step *found)
 {
-    const double hardly = 0.01 * longest(solver, found->along);
+    const double hardly = PLIANT_OPENED_HARDLY * longest(solver, found->along);
     double most = 0;
     for (int t = 0; t < found->held.num_tools; t++) {
         double stretch[3];
@@ -114,7 +113,7 @@ static bool is_led(const pliant_solver *solver, const newton_step *found)
 static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_t *products)
 {
     const size_t n = pliant_solver_unknowns(solver);
-    const double enough = 0.01; /* of the norm of the residual, of which a hinge has a small part: with 0.05 it is left as it was (NUMERICS 10) */
+    const double enough = PLIANT_OPENED_ENOUGH;
     const int32_t most = *products;
     double *left = solver->trial.residual, *step = solver->trial.free_step, *pulled = solver->trial.step;
     bool led = is_led(solver, found);
@@ -206,10 +205,8 @@ static pliant_status respond_in_axes(pliant_solver *solver)
 /* The state is Newton's, and the axes are of it. */
 static pliant_status take_step(pliant_solver *solver, const newton_step *found)
 {
-    /* Thousandths of the body's length that are gone at once; from where on each part is looked at; in all: what hangs by little is sent metres away. */
-    const double straight = 20, doubted = 250, farthest = 800;
-    const double length = longest(solver, found->way) / solver->rules.smallest_displacement, share = fmin(1, farthest / length);
-    const int most = 8, parts = (int)fmin(fmax(ceil(share * length / straight), 1), most);
+    const double length = longest(solver, found->way) / solver->rules.smallest_displacement, share = pliant_opened_share(length);
+    const int parts = pliant_opened_parts(length);
     double gone = 0, slope = found->energy;
     memcpy(solver->previous_x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->previous_x);
     memcpy(solver->previous_force, solver->now.force, sizeof solver->previous_force);
@@ -219,11 +216,11 @@ static pliant_status take_step(pliant_solver *solver, const newton_step *found)
         const double part = share / parts;
         go(solver, found, part);
         gone += part;
-        if (!(gone * length > doubted)) continue;
+        if (!(gone * length > PLIANT_OPENED_DOUBTED)) continue;
         const double before = slope;
         slope = slope_at(solver, found->way);
         if (slope > 0) continue;
-        const double lowest = part * slope / (slope - before), back = isfinite(lowest) ? lowest : part; /* to where it is lowest */
+        const double back = pliant_opened_back(part, before, slope);
         go(solver, found, -back);
         gone -= back;
         break;
@@ -241,17 +238,22 @@ pliant_status pliant_solver_open_back(pliant_solver *solver)
     return respond_in_axes(solver);
 }
 
+int32_t pliant_solver_open_evaluations(const pliant_solver *solver, const pliant_even_limit *limit, int32_t part)
+{
+    const int32_t most = solver->rules.most_evaluations, allowed = most + (most + part - 1) / part;
+    return limit->evaluations < allowed ? (limit->evaluations > most ? limit->evaluations : most) : allowed;
+}
+
 pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *evaluations)
 {
-    const int32_t least = 4; /* evaluations: the state, a product, what it leads to, and what is left of that */
-    bool goes = solver->opened && !solver->system->basis && most >= least;
+    bool goes = solver->opened && !solver->system->basis && most >= PLIANT_OPENED_LEAST;
     *evaluations = 0;
     solver->opened = solver->opened_axes = false;
     if (!goes) return PLIANT_OK;
     pliant_status status = pliant_solver_evaluate(solver, PLIANT_KNOWN_NOTHING, &solver->now);
     if (status != PLIANT_OK || !isfinite(solver->now.merit) || !(solver->now.merit > 0)) return status;
     newton_step found = {0};
-    int32_t products = most - 2 < MOST_PRODUCTS ? most - 2 : MOST_PRODUCTS;
+    int32_t products = most - 2 < PLIANT_OPENED_PRODUCTS ? most - 2 : PLIANT_OPENED_PRODUCTS;
     status = begin(solver, &found, &goes);
     if (status == PLIANT_OK && goes) status = find_step(solver, &found, &products);
     if (status == PLIANT_OK && goes && found.energy > 0) status = take_step(solver, &found);

@@ -161,17 +161,14 @@ pliant_even_limit pliant_solver_limit(const pliant_solver *solver)
     return pliant_even_next(&solver->even, pliant_background_is_live(solver->background));
 }
 
-/* What the first step after a cut may take: a third more than any step, but live no more than twice the median, where that is more than usual, and
- * no more than there is time for. */
+/* What the first step after a cut may take, which is no more than there is time for. */
 static int32_t first_evaluations(const pliant_solver *solver, const step_time *time)
 {
-    const int32_t most = solver->rules.most_evaluations;
-    int32_t allowed = most + (most + 2) / 3;
-    if (solver->budget > 0) {
-        const int32_t possible = affordable(solver, time, INFINITY);
-        return possible < allowed ? possible : allowed;
-    }
-    return time->limit.evaluations < allowed ? (time->limit.evaluations > most ? time->limit.evaluations : most) : allowed;
+    const pliant_even_limit none = {INT32_MAX, 0};
+    const int32_t part = 3;
+    if (!(solver->budget > 0)) return pliant_solver_open_evaluations(solver, &time->limit, part);
+    const int32_t possible = affordable(solver, time, INFINITY), allowed = pliant_solver_open_evaluations(solver, &none, part);
+    return possible < allowed ? possible : allowed;
 }
 
 static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time, int32_t *evaluations)

@@ -181,6 +181,8 @@ pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_known known, 
 pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *evaluations);
 /* What that led to is no good: back to the axes of the state before. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_solver_open_back(pliant_solver *solver);
+/* What the first step after a cut may take: a part (a third: 3) more than any step, but live no more than twice the median, where that is more than usual. */
+int32_t pliant_solver_open_evaluations(const pliant_solver *solver, const pliant_even_limit *limit, int32_t part);
 
 /* ---- handle.c */
 static inline bool pliant_handle_is_spring(const pliant_handle *handle) { return handle->active && !handle->by_force && handle->count > 0; }
