@@ -3,7 +3,7 @@
  * are near, there is none. */
 #include "axes.cuh"
 #include "check.h"
-#include "fem/linear/dense.h"
+#include "base/dense.h"
 #include "fem/quasistatic/opened_rules.h"
 #include "forces.h"
 #include "solver.h"
