@@ -91,10 +91,3 @@ void pliant_solver_ended(pliant_solver *solver, const pliant_in_use *in_use, boo
         memcpy(asked->target + 3 * t, handle->target, sizeof handle->target);
     }
 }
-
-void pliant_solver_forget(pliant_solver *solver)
-{
-    pliant_anderson_forget(&solver->rules);
-    solver->asked.kept = false;
-    solver->forgotten = true;
-}
