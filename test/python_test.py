@@ -81,6 +81,13 @@ class Python(unittest.TestCase):
         self.assertGreater((sim.volume().values != rest.values).sum(), 100)
         self.assertEqual(rest.intensities.dtype, np.float32)
 
+    def test_an_organ_is_drawn_alone_where_the_scene_says_so(self):
+        scene, seen = os.path.join(HERE, "..", "launch", "scenes", "biopsy.yaml"), []
+        for hide in (False, True):
+            volume = pliant.Sim(scene, scan=SCAN, options=dict(SMALL, **{"warp/hide_empty": hide})).volume()
+            seen.append((volume.values != volume.background).sum())
+        self.assertTrue(0 < seen[1] < 0.8 * seen[0], seen)
+
     def test_the_same_bits_again_and_in_other_threads(self):
         sims = [pliant.Sim(model=self.model) for _ in range(3)]
         pull(sims[0])

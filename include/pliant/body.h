@@ -115,11 +115,11 @@ typedef struct pliant_pieces {
 typedef enum pliant_fixing { PLIANT_MOVES, PLIANT_FIXED_AT_REST, PLIANT_FIXED_WHERE_IT_WAS } pliant_fixing;
 
 /** What becomes of coarse elements where a cut ends inside one, between two, or between fragments and whole ones. */
-typedef enum pliant_opening {
+typedef enum pliant_cut_end {
     PLIANT_CUTS_CLOSED,        /**< corners stay one wherever fine faces join: the cut ends at the coarse node before */
     PLIANT_CUTS_OPEN,          /**< homogenized tetrahedra: it opens within them */
     PLIANT_CUTS_TIED           /**< hexahedra: it opens, and what is left of the face ties both sides */
-} pliant_opening;
+} pliant_cut_end;
 
 typedef struct pliant_body {
     uint64_t revision;         /**< 1 at load; no two bodies of a simulation share one */
@@ -145,7 +145,7 @@ typedef struct pliant_body {
     bool has_inertia;          /**< explicit dynamics: what comes off falls as everything moves; otherwise its nodes are fixed for the solve, and
                                 *   it falls as a rigid body */
     pliant_pieces *pieces;     /**< Nullable: nothing has come off */
-    pliant_opening cuts_open;  /**< of the coarse mesh, where a cut ends between its nodes */
+    pliant_cut_end cuts_open;  /**< of the coarse mesh, where a cut ends between its nodes */
 
     const pliant_voxels *voxels; /**< Nullable: only where a scene may cut; one holder of them */
     pliant_cuts *cuts;         /**< Nullable: nothing is severed */

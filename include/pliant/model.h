@@ -44,6 +44,7 @@ PLIANT_API void pliant_model_free(pliant_model *model); /**< Nullable */
 /** What a model was built from and holds; constant, valid until pliant_model_free. */
 PLIANT_API const pliant_scene *pliant_model_get_scene(const pliant_model *model);
 PLIANT_API const pliant_volume *pliant_model_get_scan(const pliant_model *model);
+PLIANT_API const pliant_volume *pliant_model_get_drawn(const pliant_model *model); /**< what is deformed: the scan, with warp/hide_empty a copy without what is empty */
 PLIANT_API const pliant_material_table *pliant_model_get_materials(const pliant_model *model);
 /** (voxels) index into the materials. */
 PLIANT_API const uint8_t *pliant_model_get_voxel_materials(const pliant_model *model);

@@ -80,7 +80,7 @@ for _result, _name, *_arguments in (
         (_int, "scene_check", _pointer), (_pointer, "scene_options", _pointer),
         (_int, "inputs_read", _pointer, _text, _pointer, _pointer, _pointer),
         (_int, "model_build", _pointer, _pointer, _pointer, _pointer, _Progress, _pointer), (None, "model_free", _pointer),
-        (_pointer, "model_get_scan", _pointer), (_pointer, "model_get_materials", _pointer), (_pointer, "model_get_scene", _pointer),
+        (_pointer, "model_get_scan", _pointer), (_pointer, "model_get_drawn", _pointer), (_pointer, "model_get_materials", _pointer), (_pointer, "model_get_scene", _pointer),
         (None, "material_table_free", _pointer), (None, "labels_free", _pointer), (None, "volume_free", _pointer),
         (_int, "data_create", _pointer, _pointer), (None, "data_free", _pointer), (_int, "data_reset", _pointer, _pointer),
         (_int, "data_copy", _pointer, _pointer, _pointer), (_int, "data_take", _pointer, _pointer, _pointer),
@@ -453,7 +453,7 @@ class Sim:
     def volume(self):
         """The deformed scan, on the scan's own grid. Nothing is drawn until it is asked for, then only what has changed."""
         body = _library.pliant_data_get_body(self._data)
-        model_scan = _library.pliant_model_get_scan(self.model._model)
+        model_scan = _library.pliant_model_get_drawn(self.model._model)
         kept = self._warp
         if not kept["warp"]:
             target, warp = _Struct("pliant_geometry"), _pointer()

@@ -6,6 +6,7 @@
 
 const pliant_scene *pliant_model_get_scene(const pliant_model *model) { return &model->scene; }
 const pliant_volume *pliant_model_get_scan(const pliant_model *model) { return model->scan; }
+const pliant_volume *pliant_model_get_drawn(const pliant_model *model) { return model->drawn; }
 const pliant_material_table *pliant_model_get_materials(const pliant_model *model) { return &model->materials; }
 const uint8_t *pliant_model_get_voxel_materials(const pliant_model *model) { return model->material_of_voxel; }
 const pliant_body *pliant_model_get_body(const pliant_model *model) { return model->body; }

@@ -239,7 +239,7 @@ static pliant_status let_hang(builder *build, const uint8_t *fixed_before)
     return status;
 }
 
-static pliant_opening opening_of(const pliant_scene *scene)
+static pliant_cut_end opening_of(const pliant_scene *scene)
 {
     const bool homogenized = scene->model.method == PLIANT_AVERAGED || scene->model.method == PLIANT_CALIBRATED;
     if (scene->element.kind == PLIANT_HEXAHEDRA) return homogenized || scene->model.method == PLIANT_COARSE ? PLIANT_CUTS_TIED : PLIANT_CUTS_CLOSED;

@@ -25,7 +25,7 @@ Warped::Warped(std::shared_ptr<const Loaded> loaded, std::shared_ptr<const plian
     const pliant_model &model = *loaded_->model;
     target_ = target_of(*loaded_);
     const pliant_scene &scene = *pliant_model_get_scene(&model);
-    check(pliant_warp_create(&loaded_->scan->volume, &body_->fine, &target_, threads_of(scene), &warp_));
+    check(pliant_warp_create(pliant_model_get_drawn(&model), &body_->fine, &target_, threads_of(scene), &warp_));
     pliant_status status = body_->cuts ? pliant_warp_set_body(warp_, body_.get()) : PLIANT_OK;
     if (status == PLIANT_OK && scene.warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp_, scene.warp.fit_step);
     if (status == PLIANT_OK) status = pliant_warp_backend(warp_, scene.solver.backend);
