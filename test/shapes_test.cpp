@@ -221,7 +221,7 @@ TEST(Shapes, ABoxAroundAPartHoldsItsPoints)
 TEST(Shapes, InstrumentsHaveTheirTipsAtTheOrigin)
 {
     for (const char *name : {"large_needle_driver", "prograsp_forceps", "monopolar_curved_scissors", "maryland_bipolar_forceps", "fenestrated_bipolar_forceps", "400049",
-                             "420194", "permanent_cautery_hook", "permanent_cautery_spatula", "probe", "camera"}) {
+                             "420194", "needle_driver", "maryland_dissector", "bowel_grasper", "thoracic_grasper", "small_clip_applier", "stapler_45", "permanent_cautery_hook", "permanent_cautery_spatula", "probe", "camera"}) {
         pliant_tool_shape shape;
         ASSERT_EQ(pliant_tool_shape_find(name, &shape), PLIANT_OK) << pliant_last_error();
         double foremost = -1, tips[3][2] = {}, least = 1;
@@ -251,10 +251,11 @@ TEST(Shapes, InstrumentsHaveTheirTipsAtTheOrigin)
     }
 }
 
-// share/tool/index.json of the dVRK: names, other names and codes of the instruments with 8 mm shafts
+// share/tool/index.json of the dVRK: names, other names and codes of all its instruments
 TEST(Shapes, InstrumentsGoByTheirNamesAndCodes)
 {
     const char *const same[][4] = {{"POTTS_SCISSORS", "POTTS_SCISSORS:420001", "400001", "420001"},
+                                   {"SMALL_CLIP_APPLIER", "SMALL_CLIP_APPLIER:400003", "small_clip_applier", "400003"},
                                    {"LARGE_NEEDLE_DRIVER", "LARGE_NEEDLE_DRIVER:400006", "400006", "large_needle_driver_420006"},
                                    {"ROUND_TIP_SCISSORS", "ROUND_TIP_SCISSORS_400007", "400007", "420007"},
                                    {"MICRO_FORCEPS", "BLACK_DIAMOND_MICRO_FORCEPS", "400033", "420033"},
@@ -263,6 +264,10 @@ TEST(Shapes, InstrumentsGoByTheirNamesAndCodes)
                                    {"LONG_TIP_FORCEPS", "LONG_TIP_FORCEPS:400048", "400048", "420048"},
                                    {"CADIERE_FORCEPS", "CADIERE_FORCEPS:420049", "400049", "420049"},
                                    {"PROGRASP_FORCEPS", "PROGRASP_FORCEPS:400093", "400093", "420093"},
+                                   {"NEEDLE_DRIVER", "5MM_NEEDLE_DRIVER", "400117", "NEEDLE_DRIVER:420117"},
+                                   {"NEEDLE_DRIVER_420117", "5mm_needle_driver:400117", "needle_driver", "420117"},
+                                   {"BOWEL_GRASPER", "BOWEL_GRASPER:400127", "bowel_grasper", "400127"},
+                                   {"MARYLAND_DISSECTOR", "5MM_MARYLAND_DISSECTOR", "MARYLAND_DISSECTOR:400143", "400143"},
                                    {"MARYLAND_BIPOLAR_FORCEPS", "BIPOLAR_MARYLAND_FORCEPS", "400172", "420172"},
                                    {"CURVED_SCISSORS", "CURVED_SCISSORS:400178", "400178", "420178"},
                                    {"MONOPOLAR_CURVED_SCISSORS", "MONOPOLAR_CURVED_SCISSOR:400179", "400179", "420179"},
@@ -273,7 +278,9 @@ TEST(Shapes, InstrumentsGoByTheirNamesAndCodes)
                                    {"MEGA_NEEDLE_DRIVER", "MEGA_NEEDLE_DRIVER:400194", "400194", "420194"},
                                    {"FENESTRATED_BIPOLAR_FORCEPS", "FENESTRATED_BIPOLAR_FORCEPS:420205", "400205", "420205"},
                                    {"TENACULUM_FORCEPS", "TENACULUM_FORCEPS:400207", "400207", "400207"},
+                                   {"THORACIC_GRASPER", "THORACIC_GRASPER:400208", "thoracic_grasper", "400208"},
                                    {"LARGE_CLIP_APPLIER", "LARGE_CLIP_APPLIER:400230", "400230", "420230"},
+                                   {"STAPLER_45", "STAPLER_45:410298", "stapler_45_410298", "410298"},
                                    {"LRG_SUTURECUT_NEEDLE_DRIVER", "LARGE_SUTURECUT_NEEDLEDRIVER:420296", "400296", "420296"},
                                    {"MEGA_SUTURECUT_NEEDLE_DRIVER", "MEGA_SUTURECUT_NEEDLE_DRIVER:420309", "400309", "420309"},
                                    {"MEDIUM-LARGE_CLIP_APPLIER", "MEDIUM-LARGE_CLIP_APPLIER:420327", "420327", "420327"}};
@@ -290,9 +297,29 @@ TEST(Shapes, InstrumentsGoByTheirNamesAndCodes)
             }
         }
     }
-    for (const char *none : {"", "A_SPOON:1", "400006x", "4000", "430006", "400999", "LARGE_NEEDLE_DRIVERS", "006"}) {
+    for (const char *none : {"", "A_SPOON:1", "400006x", "4000", "430006", "410006", "400298", "420298", "410999", "430298", "390117", "STAPLER", "400999", "LARGE_NEEDLE_DRIVERS", "006"}) {
         pliant_tool_shape shape;
         EXPECT_EQ(pliant_tool_shape_find(none, &shape), PLIANT_ERROR_ARGUMENT) << none;
+    }
+}
+
+// Lengths as the files of share/tool have them: D of the roll, and from the first joint of the wrist to the tip
+TEST(Shapes, ShaftsAreThoseOfTheirInstruments)
+{
+    const struct {
+        const char *name;
+        double thickness, length, behind_tip;
+    } published[] = {{"400006", 0.0084, 0.4162, 0.0186}, {"400117", 0.0052, 0.4024, 0.0273}, {"400143", 0.0052, 0.4024, 0.0371}, {"420327", 0.0084, 0.4670, 0.0267},
+                     {"410298", 0.0120, 0.4670, 0.0750}};
+    for (const auto &of : published) {
+        pliant_tool_shape shape;
+        ASSERT_EQ(pliant_tool_shape_find(of.name, &shape), PLIANT_OK) << pliant_last_error();
+        const pliant_part &shaft = shape.part[shape.num_parts - 1], &wrist = shape.part[shape.num_parts - 2];
+        EXPECT_NEAR(2 * shaft.radius, of.thickness, 1e-9) << of.name;
+        EXPECT_NEAR(shaft.to[2] - shaft.from[2], of.length, 1e-9) << of.name;
+        EXPECT_NEAR(-shaft.to[2], of.behind_tip, 1e-9) << of.name;
+        EXPECT_LT(wrist.radius, shaft.radius) << of.name;
+        EXPECT_EQ(wrist.to[2], shape.joint[2]) << of.name;
     }
 }
 

@@ -1,9 +1,23 @@
-/* Shapes of instruments by their names or codes: capsules, in the tool's frame. Lengths of wrists (from the axis of pitch to that of yaw, about which the jaws turn) and
- * of shafts are those of the dVRK's tool files (github.com/jhu-dvrk/sawIntuitiveResearchKit, share/tool/NAME.json, "DH": A and D), whose names and
- * codes these are (share/tool/index.json; DeBakey, Resano and tenaculum forceps have the wrist of the others of their kind). Of those with 8 mm shafts none is
- * missing but the clip applier 420327's own length; 5 mm instruments, whose wrists are chains, the bowel and thoracic graspers and the stapler are not here. The tip is 9.5 mm from the axis of yaw for the large needle driver (github.com/BerkeleyAutomation/FLSpegtransferHO,
- * motion/dvrkVariables.py); the shaft of 8 mm instruments is 8.4 mm thick. Lengths of the other jaws, all their thicknesses, hook, probe and camera
- * are estimates from pictures and catalogues' nominal sizes, good to a few millimetres in length and half a millimetre in radius.
+/* Shapes of instruments by their names or codes: capsules, in the tool's frame. Names and codes are all those of the dVRK's list of tools,
+ * share/tool/index.json of github.com/jhu-dvrk/sawIntuitiveResearchKit.
+ *
+ * Published, in share/tool/NAME.json there ("DH": A and D of each joint):
+ * - lengths of wrists, from the axis of pitch to that of yaw, about which the jaws turn. DeBakey, Resano and tenaculum forceps have no file
+ *   and get the wrist of the others of their kind;
+ * - lengths of shafts, of generation Classic where there is one: shafts of generation S are 50.8 mm longer;
+ * - of the two with 5 mm shafts, whose wrists are chains of vertebrae: 3 x 3.4 mm of chain, and from its last joint to the tip 17.1 mm
+ *   (needle driver) or 26.9 mm (Maryland dissector; both "tooltip-offset").
+ * The large needle driver's tip is 9.5 mm from its axis of yaw (github.com/BerkeleyAutomation/FLSpegtransferHO, motion/dvrkVariables.py).
+ * The shaft of 8 mm instruments is 8.4 mm thick.
+ *
+ * Estimates, from pictures and nominal sizes in catalogues, good to a few millimetres in length and half a millimetre in radius:
+ * - lengths of all other jaws. With 5 mm shafts the jaws' axis is taken to lie 7.1 mm beyond the chain's last joint, and the rest is jaw;
+ * - thicknesses of all jaws and wrists, and of 5 mm shafts (5.2 mm);
+ * - that bowel and thoracic graspers and the small clip applier have 8 mm shafts: their wrists and lengths are those of such instruments;
+ * - all of the stapler but its shaft's length: 12 mm thick; jaws of 60 mm for staple lines of 45 mm, which turn 15 mm in front of its
+ *   wrist, whose two axes meet. Only one of its jaws moves; here both do, by half the angle each;
+ * - hook, spatula, probe and camera.
+ *
  * A tool's pose says where its jaws are: wrist and shaft are drawn straight behind them. */
 #include "pliant/contact.h"
 
@@ -13,37 +27,49 @@
 #include <stdlib.h>
 #include <string.h>
 
+typedef struct instrument_shaft {
+    double radius, length, wrist_radius; /* [m] */
+} instrument_shaft;
+static const instrument_shaft shaft_8mm = {0.0042, 0.4162, 0.0035}, long_shaft_8mm = {0.0042, 0.4670, 0.0035};
+static const instrument_shaft shaft_5mm = {0.0026, 0.4024, 0.0025}, stapler_shaft = {0.0060, 0.4670, 0.0055};
+
 typedef struct instrument {
     const char *names[2];           /* the second: Nullable */
-    int code;                       /* last three digits of its model */
+    int code;                       /* of its model: what code_of says */
+    const instrument_shaft *shaft;  /* with its wrist's thickness */
     double wrist, jaw;              /* lengths [m] */
     double jaw_radius, jaw_spacing; /* of a jaw, and from the closed jaws' middle to its axis [m] */
     bool cuts;                      /* its jaws do */
 } instrument;
 
-static const double shaft_radius = 0.0042, shaft_length = 0.4162, wrist_radius = 0.0035;
 static const instrument with_jaws[] = {
-    {{"potts_scissors", NULL}, 1, 0.0091, 0.012, 0.0006, 0.0006, true},
-    {{"large_needle_driver", NULL}, 6, 0.0091, 0.0095, 0.0012, 0.0013, false},
-    {{"round_tip_scissors", NULL}, 7, 0.0091, 0.013, 0.0010, 0.0010, true},
-    {{"micro_forceps", "black_diamond_micro_forceps"}, 33, 0.0091, 0.010, 0.0006, 0.0007, false},
-    {{"round_tooth_forceps", NULL}, 35, 0.0091, 0.017, 0.0012, 0.0013, false},
-    {{"debakey_forceps", NULL}, 36, 0.0091, 0.018, 0.0010, 0.0011, false},
-    {{"long_tip_forceps", NULL}, 48, 0.0091, 0.024, 0.0008, 0.0009, false},
-    {{"cadiere_forceps", NULL}, 49, 0.0091, 0.020, 0.0014, 0.0016, false},
-    {{"prograsp_forceps", NULL}, 93, 0.0107, 0.020, 0.0014, 0.0016, false},
-    {{"maryland_bipolar_forceps", "bipolar_maryland_forceps"}, 172, 0.0107, 0.020, 0.0010, 0.0011, false},
-    {{"curved_scissors", NULL}, 178, 0.0091, 0.013, 0.0008, 0.0008, true},
-    {{"monopolar_curved_scissors", "monopolar_curved_scissor"}, 179, 0.0091, 0.013, 0.0008, 0.0008, true},
-    {{"resano_forceps", NULL}, 181, 0.0091, 0.014, 0.0010, 0.0011, false},
-    {{"double_fenestrated_grasper", NULL}, 189, 0.0107, 0.033, 0.0014, 0.0016, false},
-    {{"mega_needle_driver", NULL}, 194, 0.0112, 0.012, 0.0015, 0.0016, false},
-    {{"fenestrated_bipolar_forceps", NULL}, 205, 0.0107, 0.021, 0.0012, 0.0013, false},
-    {{"tenaculum_forceps", NULL}, 207, 0.0091, 0.022, 0.0010, 0.0011, false},
-    {{"large_clip_applier", NULL}, 230, 0.0107, 0.020, 0.0012, 0.0013, false},
-    {{"lrg_suturecut_needle_driver", "large_suturecut_needledriver"}, 296, 0.0091, 0.0095, 0.0012, 0.0013, false},
-    {{"mega_suturecut_needle_driver", NULL}, 309, 0.0100, 0.012, 0.0015, 0.0016, false},
-    {{"medium-large_clip_applier", NULL}, 327, 0.0107, 0.016, 0.0012, 0.0013, false},
+    {{"potts_scissors", NULL}, 1, &shaft_8mm, 0.0091, 0.012, 0.0006, 0.0006, true},
+    {{"small_clip_applier", NULL}, 3, &shaft_8mm, 0.0091, 0.014, 0.0010, 0.0011, false},
+    {{"large_needle_driver", NULL}, 6, &shaft_8mm, 0.0091, 0.0095, 0.0012, 0.0013, false},
+    {{"round_tip_scissors", NULL}, 7, &shaft_8mm, 0.0091, 0.013, 0.0010, 0.0010, true},
+    {{"micro_forceps", "black_diamond_micro_forceps"}, 33, &shaft_8mm, 0.0091, 0.010, 0.0006, 0.0007, false},
+    {{"round_tooth_forceps", NULL}, 35, &shaft_8mm, 0.0091, 0.017, 0.0012, 0.0013, false},
+    {{"debakey_forceps", NULL}, 36, &shaft_8mm, 0.0091, 0.018, 0.0010, 0.0011, false},
+    {{"long_tip_forceps", NULL}, 48, &shaft_8mm, 0.0091, 0.024, 0.0008, 0.0009, false},
+    {{"cadiere_forceps", NULL}, 49, &shaft_8mm, 0.0091, 0.020, 0.0014, 0.0016, false},
+    {{"prograsp_forceps", NULL}, 93, &shaft_8mm, 0.0107, 0.020, 0.0014, 0.0016, false},
+    {{"needle_driver", "5mm_needle_driver"}, 117, &shaft_5mm, 0.0173, 0.0100, 0.0010, 0.0011, false},
+    {{"bowel_grasper", NULL}, 127, &shaft_8mm, 0.0107, 0.030, 0.0014, 0.0016, false},
+    {{"maryland_dissector", "5mm_maryland_dissector"}, 143, &shaft_5mm, 0.0173, 0.0198, 0.0008, 0.0009, false},
+    {{"maryland_bipolar_forceps", "bipolar_maryland_forceps"}, 172, &shaft_8mm, 0.0107, 0.020, 0.0010, 0.0011, false},
+    {{"curved_scissors", NULL}, 178, &shaft_8mm, 0.0091, 0.013, 0.0008, 0.0008, true},
+    {{"monopolar_curved_scissors", "monopolar_curved_scissor"}, 179, &shaft_8mm, 0.0091, 0.013, 0.0008, 0.0008, true},
+    {{"resano_forceps", NULL}, 181, &shaft_8mm, 0.0091, 0.014, 0.0010, 0.0011, false},
+    {{"double_fenestrated_grasper", NULL}, 189, &shaft_8mm, 0.0107, 0.033, 0.0014, 0.0016, false},
+    {{"mega_needle_driver", NULL}, 194, &shaft_8mm, 0.0112, 0.012, 0.0015, 0.0016, false},
+    {{"fenestrated_bipolar_forceps", NULL}, 205, &shaft_8mm, 0.0107, 0.021, 0.0012, 0.0013, false},
+    {{"tenaculum_forceps", NULL}, 207, &shaft_8mm, 0.0091, 0.022, 0.0010, 0.0011, false},
+    {{"thoracic_grasper", NULL}, 208, &shaft_8mm, 0.0107, 0.030, 0.0014, 0.0016, false},
+    {{"large_clip_applier", NULL}, 230, &shaft_8mm, 0.0107, 0.020, 0.0012, 0.0013, false},
+    {{"lrg_suturecut_needle_driver", "large_suturecut_needledriver"}, 296, &shaft_8mm, 0.0091, 0.0095, 0.0012, 0.0013, false},
+    {{"mega_suturecut_needle_driver", NULL}, 309, &shaft_8mm, 0.0100, 0.012, 0.0015, 0.0016, false},
+    {{"medium-large_clip_applier", NULL}, 327, &long_shaft_8mm, 0.0107, 0.016, 0.0012, 0.0013, false},
+    {{"stapler_45", NULL}, 10298, &stapler_shaft, 0.015, 0.060, 0.0030, 0.0030, false},
 };
 enum { HOOK_CODE = 183, SPATULA_CODE = 184 };
 static const double hook_wrist = 0.0093, hook_stem = 0.016, hook_foot = 0.004, hook_radius = 0.0008, spatula_radius = 0.0012;
@@ -55,12 +81,12 @@ static void add_capsule(pliant_tool_shape *shape, pliant_part_frame frame, doubl
 }
 
 /* behind z = joint, where the wrist ends */
-static void add_shaft(pliant_tool_shape *shape, double joint, double wrist)
+static void add_shaft(pliant_tool_shape *shape, double joint, double wrist, const instrument_shaft *shaft)
 {
     shape->joint[2] = joint;
     shape->axis[0] = 1;
-    add_capsule(shape, PLIANT_FRAME_TIP, 0, joint - wrist, joint, wrist_radius, false);
-    add_capsule(shape, PLIANT_FRAME_TIP, 0, joint - wrist - shaft_length, joint - wrist, shaft_radius, false);
+    add_capsule(shape, PLIANT_FRAME_TIP, 0, joint - wrist, joint, shaft->wrist_radius, false);
+    add_capsule(shape, PLIANT_FRAME_TIP, 0, joint - wrist - shaft->length, joint - wrist, shaft->radius, false);
 }
 
 static void make_jaws(const instrument *of, pliant_tool_shape *shape)
@@ -68,7 +94,7 @@ static void make_jaws(const instrument *of, pliant_tool_shape *shape)
     /* about x, a positive angle takes z to -y */
     add_capsule(shape, PLIANT_FRAME_JAW_PLUS, -of->jaw_spacing, -of->jaw, -of->jaw_radius, of->jaw_radius, of->cuts);
     add_capsule(shape, PLIANT_FRAME_JAW_MINUS, of->jaw_spacing, -of->jaw, -of->jaw_radius, of->jaw_radius, of->cuts);
-    add_shaft(shape, -of->jaw, of->wrist);
+    add_shaft(shape, -of->jaw, of->wrist, of->shaft);
 }
 
 /* the foot as the blade of this name has it: across the instrument */
@@ -77,15 +103,16 @@ static void make_hook(pliant_tool_shape *shape)
     add_capsule(shape, PLIANT_FRAME_TIP, hook_foot, -hook_stem, 0, hook_radius, false);
     shape->part[shape->num_parts++] = (pliant_part){
         .kind = PLIANT_PART_CAPSULE, .frame = PLIANT_FRAME_TIP, .from = {0, hook_foot, 0}, .radius = hook_radius, .cuts = true};
-    add_shaft(shape, -hook_stem, hook_wrist);
+    add_shaft(shape, -hook_stem, hook_wrist, &shaft_8mm);
 }
 
 /* a flat blade, seen as a rod of its half width */
 static void make_spatula(pliant_tool_shape *shape)
 {
     shape->part[shape->num_parts++] = (pliant_part){
-        .kind = PLIANT_PART_CAPSULE, .frame = PLIANT_FRAME_TIP, .from = {0, 0, -hook_stem}, .to = {0, 0, -spatula_radius}, .radius = spatula_radius, .cuts = true};
-    add_shaft(shape, -hook_stem, hook_wrist);
+        .kind = PLIANT_PART_CAPSULE, .frame = PLIANT_FRAME_TIP, .from = {0, 0, -hook_stem},
+        .to = {0, 0, -spatula_radius}, .radius = spatula_radius, .cuts = true};
+    add_shaft(shape, -hook_stem, hook_wrist, &shaft_8mm);
 }
 
 static void make_rod(double radius, double length, pliant_tool_shape *shape)
@@ -103,12 +130,13 @@ static bool is_named(const char *text, const char *name)
     return name && (!*rest || ((*rest == '_' || *rest == ':') && isdigit((unsigned char)rest[1])));
 }
 
-/* the number of a model alone, 400006 (classic) or 420006 (S and Si); of another kind of text -1 */
+/* the number of a model alone, less 400000, or less 420000 (models of generation S): 400006 and 420006 are 6, 410298 is 10298; of another
+ * kind of text -1 */
 static int code_of(const char *text)
 {
-    const bool known = !strncmp(text, "400", 3) || !strncmp(text, "420", 3);
-    if (!known || strlen(text) != 6 || strspn(text, "0123456789") != 6) return -1;
-    return atoi(text + 3);
+    if (strlen(text) != 6 || strspn(text, "0123456789") != 6) return -1;
+    const int code = atoi(text) - 400000;
+    return code / 1000 == 20 ? code - 20000 : code;
 }
 
 pliant_status pliant_tool_shape_find(const char *name, pliant_tool_shape *out)
@@ -124,8 +152,8 @@ pliant_status pliant_tool_shape_find(const char *name, pliant_tool_shape *out)
     if (is_named(name, "probe")) make_rod(0.0025, 0.3, &shape);
     if (is_named(name, "camera")) make_rod(0.006, 0.37, &shape);
     if (shape.num_parts == 0)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no instrument '%.48s': those of the dVRK with 8 mm shafts are known, by name or code (large_needle_driver, "
-                           "LARGE_NEEDLE_DRIVER:400006, 400006), and probe and camera", name);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no instrument '%.48s': those of the dVRK are known, by name or code "
+                           "(large_needle_driver, LARGE_NEEDLE_DRIVER:400006, 400006), and probe and camera", name);
     *out = shape;
     return PLIANT_OK;
 }
