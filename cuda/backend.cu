@@ -22,6 +22,7 @@ struct cuda_data {
     double *page_locked[2];      /* those two, where they could be; either may be the other by now */
     double *landing;             /* in their place where there may be cuts: page-locked, with room for more nodes; is copied from */
     size_t landing_room;         /* bytes */
+    bool brought;                /* this step's positions are the host's already */
 };
 
 static double *target_of(const cuda_data *state) { return state->landing ? state->landing : state->arriving; }
@@ -127,6 +128,7 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
 static pliant_status enqueue_upsample(const pliant_data *data)
 {
     cuda_data *state = state_of(data);
+    state->brought = false;
     CUDA_TRY(pliant_cuda_solver_upsample(state->solver, &state->d_positions));
     const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->arriving;
     return CUDA_CALL(cudaMemcpyAsync(target_of(state), state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
@@ -147,23 +149,29 @@ static void take(pliant_data *data, const double *h_solved)
     pliant_pull_report(data);
 }
 
-/* A patch is solved by the host, from where the coarse model has the fine nodes now, and pieces that have come off are moved by it. */
-static pliant_status hand_over(pliant_data *data)
+static pliant_status bring(const pliant_model *, pliant_data *data)
 {
+    cuda_data *state = state_of(data);
     const double *h_solved;
-    CUDA_TRY(enqueue_upsample(data));
-    if (!pliant_host_moves(data)) return PLIANT_OK;
-    CUDA_TRY(pliant_cuda_solver_download(state_of(data)->solver, &h_solved));
-    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state_of(data)->stream)));
+    if (state->brought) return PLIANT_OK;
+    CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));
     take(data, h_solved);
+    state->brought = true;
     return PLIANT_OK;
+}
+
+/* A patch is solved by the host, from where the coarse model has the fine nodes now, and pieces that have come off are moved by it. */
+static pliant_status hand_over(const pliant_model *model, pliant_data *data)
+{
+    CUDA_TRY(enqueue_upsample(data));
+    return pliant_host_moves(data) ? bring(model, data) : PLIANT_OK;
 }
 
 static pliant_status upsample(const pliant_model *model, pliant_data *data)
 {
-    (void)model;
     pliant_cuda_section_begin("upsample");
-    pliant_status status = hand_over(data);
+    pliant_status status = hand_over(model, data);
     pliant_cuda_section_end();
     return status;
 }
@@ -174,12 +182,12 @@ static pliant_status finish(pliant_data *data)
     cuda_data *state = state_of(data);
     pliant_cuda_warp *warp = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
     const double *h_solved = NULL;
-    if (!pliant_host_moves(data)) CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
+    if (!state->brought) CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
     else if (warp && (data->falling || data->statistics.patched > 0)) CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
     if (warp) CUDA_TRY(pliant_cuda_warp_enqueue(warp, state->d_positions, state->stream));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));
     if (warp) CUDA_TRY(pliant_cuda_warp_finish(warp, state->d_positions, state->stream));
-    if (!pliant_host_moves(data)) take(data, h_solved);
+    if (!state->brought) take(data, h_solved);
     return data->warp && !warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
 }
 
@@ -208,6 +216,7 @@ static constexpr pliant_backend table()
     made.download = download;
     made.solve = solve;
     made.upsample = upsample;
+    made.bring = bring;
     made.warp = warp;
     return made;
 }

@@ -47,6 +47,7 @@ struct pliant_backend {
     /* STAGES, each from the state that the one before left */
     pliant_status (*solve)(const pliant_model *model, pliant_data *data);
     pliant_status (*upsample)(const pliant_model *model, pliant_data *data);
+    pliant_status (*bring)(const pliant_model *model, pliant_data *data); /* after upsample, before the step goes on: what it led to becomes the host's. Nullable: it is */
     pliant_status (*warp)(const pliant_model *model, pliant_data *data);
 };
 

@@ -9,6 +9,7 @@
 
 static const double moves = 0.25;     /* of a part's depth: what goes less, as the part sees it, is not where it would have to be followed */
 static const double deep_enough = 1e-4, of_depth = 0.2; /* [m], of the part's depth: so far in is left alone */
+static const double gets_through = 0.25, jumps = 2; /* of the part's depth, so far in and so far on in a step: tissue that stays below both comes out where it came in */
 static const double touching = 1e-6;  /* [m] what is nearer is met */
 static const double no_way = 0.5;     /* length of a normal below which it points nowhere */
 
@@ -125,6 +126,21 @@ static void look(const pliant_search *on, pliant_feature *of)
     if (!of->touches) of->gap = INFINITY;
 }
 
+static bool any_gets_by(const pliant_search *on)
+{
+    const pliant_finder *finder = on->finder;
+    const double depth = pliant_part_depth(on->part->part);
+    const pliant_feature *const kinds[] = {finder->node, finder->edge, finder->face};
+    const int32_t counts[] = {on->nodes, on->edges, on->triangles};
+    bool any = false;
+    for (int kind = 0; kind < 3; kind++)
+        for (int32_t n = 0; n < counts[kind] && !any; n++) {
+            const pliant_feature *of = kinds[kind] + n;
+            any = of->touches && (of->gap < -gets_through * depth || of->way > jumps * depth);
+        }
+    return any;
+}
+
 /* The first of a feature's points that there is none of yet, or the last. */
 static void choose_point(const pliant_search *on, pliant_feature *of)
 {
@@ -162,6 +178,7 @@ pliant_status pliant_contact_find_passed(pliant_finder *finder, const pliant_bod
 {
     if (count == 0 || !finder->broad.knows_last) return PLIANT_OK;
     const int32_t before = out->count;
+    bool any = false;
     pliant_status status = pliant_broad_begin(&finder->broad, body, positions, count, parts);
     if (status == PLIANT_OK) status = pliant_finder_room(finder, body);
     finder->num_next = finder->num_keep = 0;
@@ -175,8 +192,10 @@ pliant_status pliant_contact_find_passed(pliant_finder *finder, const pliant_bod
         for (int32_t t = 0; t < on.triangles; t++) look(&on, finder->face + t);
         pliant_search_keep_deeper(&on);
         pliant_search_share_areas(&on);
+        any = any || any_gets_by(&on);
         status = append(&on, out);
     }
+    if (!any) out->count = before;
     if (status == PLIANT_OK && out->count > before) status = pliant_finder_remember_more(finder, out);
     return status;
 }

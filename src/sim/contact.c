@@ -376,19 +376,28 @@ static bool any_spins(const pliant_data *data)
     return spins;
 }
 
+/* INFINITY: of half-spaces alone, or of none */
+static double thinnest_of(const pliant_contact_search *search)
+{
+    double thinnest = INFINITY;
+    for (int32_t p = 0; p < search->num_parts; p++) thinnest = fmin(thinnest, pliant_part_depth(search->part[p].part));
+    return thinnest;
+}
+
+bool pliant_contact_may_pass(const pliant_data *data)
+{
+    if (!data->contact_search || !data->solver || !(thinnest_of(data->contact_search) < INFINITY)) return false;
+    return !any_spins(data) && !data->falling && data->statistics.patched == 0; /* the step has yet to place pieces and what a patch solves */
+}
+
 bool pliant_contact_passed(const pliant_model *model, pliant_data *data)
 {
     pliant_contact_search *search = data->contact_search;
     const pliant_body *body = NULL;
     const double *positions = NULL;
-    double thinnest = INFINITY;
-    if (!search || !data->solver || search->num_parts == 0) return false;
-    if (any_spins(data)) return false;
-    if (data->falling || data->statistics.patched > 0) return false; /* the step has yet to place pieces and what a patch solves */
-    for (int32_t p = 0; p < search->num_parts; p++) thinnest = fmin(thinnest, pliant_part_depth(search->part[p].part));
-    if (choose_surface(model, data, &body, &positions) != PLIANT_OK) return false;
+    if (!pliant_contact_may_pass(data) || choose_surface(model, data, &body, &positions) != PLIANT_OK) return false;
     const double way = pliant_contact_way(search->finder, positions);
-    if (!(way > 0.25 * thinnest)) return false; /* it is where points were looked for */
+    if (!(way > 0.25 * thinnest_of(search))) return false; /* it is where points were looked for */
     search->made.count = 0;
     pliant_status status = gather_parts(model, data, way);
     if (status == PLIANT_OK) status = pliant_contact_find_passed(search->finder, body, positions, search->num_parts, search->part, &search->made);

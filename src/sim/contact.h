@@ -10,7 +10,9 @@ extern "C" {
 
 /* The points of this step; what was in touch in the last one goes on. Errors: MEMORY (those of the last step stay) */
 pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data);
-/* A quasi-static step is solved: whether tissue has gone by a tool's part, or slid into it, where no point was; there are points now, with which it is solved
+/* Whether there are parts that tissue may pass in this step: pliant_contact_passed has to be asked. */
+bool pliant_contact_may_pass(const pliant_data *data);
+/* A quasi-static step is solved, and its positions are the host's: whether tissue has gone by a tool's part, or slid into it, where no point was; there are points now, with which it is solved
  * again. Without memory for it: false. */
 bool pliant_contact_passed(const pliant_model *model, pliant_data *data);
 /* The step is done: tools were where they are now. */

@@ -101,22 +101,37 @@ static pliant_status patch(const pliant_model *model, pliant_data *data)
 /* contact/response paper without its delay looks for what overlaps in every sub-step */
 static bool searches_on_the_way(const pliant_model *model) { return model->scene.contact.response == PLIANT_RESPONSE_PAPER && !model->scene.contact.delay; }
 
+/* The positions that a solve led to, on the host. */
+static pliant_status place(const pliant_model *model, pliant_data *data, bool upsamples)
+{
+    const double start = pliant_seconds();
+    pliant_status status = upsamples ? data->backend->upsample(model, data) : PLIANT_OK;
+    if (status >= 0 && data->backend->bring) status = data->backend->bring(model, data);
+    data->statistics.seconds[PLIANT_STEP_upsample] += pliant_seconds() - start;
+    return status;
+}
+
 /* The solve and upsample of a step once more, with the points of what has passed a tool; nothing that is made in the background comes in between.
+ * A step that waits for nothing or has a budget takes one more of them at most.
  * Errors: those of the solve; without memory for it, the step stays as it was solved. */
 static pliant_status solve_again(const pliant_model *model, pliant_data *data, pliant_status first)
 {
     enum { MOST = 6 };
+    if (!pliant_contact_may_pass(data)) return first;
     const pliant_background background = data->background;
-    pliant_status status = first;
+    const int most = background.kind != PLIANT_BACKGROUND_PLANNED || model->scene.solver.budget_ms > 0 ? 1 : MOST;
+    pliant_status status = place(model, data, false);
+    if (status < 0) return status;
+    status = first;
     if (background.kind != PLIANT_BACKGROUND_PLANNED) data->background = (pliant_background){.kind = PLIANT_BACKGROUND_PRESCRIBED, .taken = background.taken};
-    for (int again = 0; again < MOST && status >= 0 && pliant_contact_passed(model, data); again++) {
+    for (int again = 0; again < most && status >= 0 && pliant_contact_passed(model, data); again++) {
         const double start = pliant_seconds();
         const int32_t iterations = data->statistics.iterations;
         status = data->backend->solve(model, data);
         data->statistics.iterations += iterations;
         data->statistics.seconds[PLIANT_STEP_solve] += pliant_seconds() - start;
         if (status == PLIANT_ERROR_MEMORY) status = first;
-        const pliant_status placed = status >= 0 ? data->backend->upsample(model, data) : PLIANT_OK;
+        const pliant_status placed = status >= 0 ? place(model, data, true) : PLIANT_OK;
         if (placed < 0) status = placed;
     }
     data->background.kind = background.kind;
@@ -139,7 +154,7 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
         if (stage == PLIANT_STEP_upsample && status >= 0 && (status = solve_again(model, data, caveat)) >= 0) caveat = status;
         /* the first stages are the host's own */
         if (status < 0 && stage > PLIANT_STEP_contact && pliant_backend_fall_back(model, data, status)) {
-            bool on_host = backend->solves_on_host || (pliant_host_moves(data) && stage == PLIANT_STEP_warp); /* only this stage is done again */
+            bool on_host = backend->solves_on_host || (stage == PLIANT_STEP_warp && (pliant_host_moves(data) || pliant_contact_may_pass(data))); /* only this stage is done again */
             stage = on_host ? stage - 1 : PLIANT_STEP_solve - 1; /* again, by the CPU */
             continue;
         }

@@ -246,6 +246,49 @@ TEST(CudaContact, LetsGoAndTheCpuGoesOn)
     }
 }
 
+// A rod of 1 mm at 1 m/s, 20 mm a step, carries a sheet of 4 mm along: the step in which the sheet slides by it is solved again.
+TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
+{
+    NEEDS_GPU();
+    const int size[3] = {12, 12, 2}, iterations = 30;
+    const double box[3] = {0.06, 0.06, 0.004}, radius = 0.0005;
+    const pliant_tool_shape shape = [&] {
+        pliant_tool_shape rod{};
+        rod.num_parts = 1;
+        rod.part[0] = {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.05, 0}, {0, 0.05, 0}, radius, false};
+        return rod;
+    }();
+    for (const pliant_backend_choice backend : {PLIANT_CPU, PLIANT_CUDA}) {
+        int most = 0;
+        for (const double x : {0.0275, 0.0297, 0.0319}) {
+            SCOPED_TRACE(x);
+            Body sheet(size, box, {{4000, 0.4, 1000, false}});
+            sheet.fix_plane(0.001, 0, 0, 1, 0, 0);
+            sheet.fix_plane(0.059, 0, 0, -1, 0, 0);
+            sheet.cells(6, 6, 1, 1);
+            sheet.scene.solver.backend = backend;
+            sheet.scene.solver.iterations = iterations;
+            sheet.scene.solver.tolerance = 1e-4;
+            sheet.scene.contact.friction = 0.3;
+            ASSERT_EQ(sheet.build(), PLIANT_OK) << pliant_last_error();
+            int tool = -1;
+            ASSERT_EQ(pliant_tool_add(sheet.model, sheet.data, "rod", &tool), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_shape(sheet.data, tool, &shape), PLIANT_OK) << pliant_last_error();
+            for (int s = 0; s < 6; s++) {
+                const double tip[3] = {x, 0.03, 0.016 + radius - 0.02 * std::min(s, 2)};
+                ASSERT_EQ(pliant_tool_set_pose(sheet.data, tool, tip, nullptr), PLIANT_OK);
+                ASSERT_GE(pliant_step(sheet.model, sheet.data), 0) << pliant_last_error();
+                most = std::max(most, static_cast<int>(sheet.data->statistics.iterations));
+            }
+            const double carried = farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
+            std::printf("%s, at %g: carried by %.2f mm, up to %d evaluations in a step\n", pliant_data_get_backend(sheet.data), x, 1e3 * carried, most);
+            EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CPU ? "cpu" : "cuda") << pliant_last_error();
+            EXPECT_GT(carried, 0.024);
+        }
+        EXPECT_GT(most, iterations + 4); // solved again
+    }
+}
+
 struct Fall : Body {
     // blocks of 3 x 3 x 2 elements one above the other, with an element of nothing between them, over a floor that is an obstacle or a wall
     Fall(int blocks, bool self, bool still, pliant_backend_choice backend)
