@@ -59,8 +59,9 @@ static pliant_status room(gpu_multigrid *multigrid, size_t count, cudaStream_t s
     void *block;
     CUDA_TRY(pliant_cuda_allocate(count * sizeof(float), "the multigrid", &block));
     *d_out = static_cast<float *>(block);
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(block, 0, count * sizeof(float), stream)));
     multigrid->bytes += count * sizeof(float);
-    return CUDA_CALL(cudaMemsetAsync(block, 0, count * sizeof(float), stream));
+    return PLIANT_OK;
 }
 
 /* Chebyshev iteration on [share, 1] of the spectrum of D^-1 A (Saad, Iterative Methods, 12.3), two steps */
@@ -321,8 +322,9 @@ static pliant_status make_wide(gpu_multigrid *multigrid, cudaStream_t stream)
 {
     wide_room *wide = &multigrid->wide;
     const int last = multigrid->num_levels - 1;
-    const size_t parts = NUM_WIDE * pliant_cuda_inverse_parts(&multigrid->inverse), unknowns = 3 * (size_t)multigrid->level[0].num_free;
-    size_t numbers = parts + NUM_WIDE * unknowns;
+    const size_t parts = NUM_WIDE * pliant_cuda_inverse_parts(&multigrid->inverse);
+    size_t numbers = parts;
+    float *d_room = nullptr;
     if (wide->d_room) return PLIANT_OK;
     for (int l = 0; l <= last; l++) {
         grid_level *level = wide->level + l;
@@ -330,8 +332,13 @@ static pliant_status make_wide(gpu_multigrid *multigrid, cudaStream_t stream)
         level->stride = l == last ? (size_t)pliant_cuda_inverse_padded(multigrid->inverse.size) : 3 * (size_t)level->num_free;
         numbers += (l == last ? 2 : 5) * NUM_WIDE * level->stride;
     }
-    CUDA_TRY(room(multigrid, numbers, stream, &wide->d_room));
-    float *next = wide->d_room; /* vectors that are read four numbers at a time come first */
+    numbers += NUM_WIDE * wide->level[0].stride;
+    const pliant_status status = room(multigrid, numbers, stream, &d_room);
+    if (status != PLIANT_OK) {
+        pliant_cuda_release(d_room);
+        return status;
+    }
+    float *next = d_room; /* vectors that are read four numbers at a time come first */
     for (int l = last; l >= 0; l--) {
         grid_level *level = wide->level + l;
         float **arrays[] = {&level->d_right, level->d_x, level->d_x + 1, &level->d_step, &level->d_residual};
@@ -340,6 +347,7 @@ static pliant_status make_wide(gpu_multigrid *multigrid, cudaStream_t stream)
     wide->inverse = multigrid->inverse;
     wide->inverse.d_parts = next;
     wide->d_out = next + parts;
+    wide->d_room = d_room;
     return PLIANT_OK;
 }
 

@@ -363,13 +363,10 @@ static pliant_status find_forces(const opening *work, double *d_x)
     return pliant_cuda_forces(&work->gpu->system, &it, work->gpu->stream);
 }
 
-/* pulled = K along, and along . pulled */
-static pliant_status multiply(const opening *work, double *curvature)
+/* pulled = K along, and along . pulled; by a difference of this part of along */
+static pliant_status multiply(const opening *work, double share, double *curvature)
 {
     const pliant_cuda_solver *gpu = work->gpu;
-    const double share = PLIANT_OPENED_DIFFERENCE * work->solver->rules.smallest_displacement / work->longest;
-    *curvature = 0;
-    if (!(work->longest > 0) || !std::isfinite(share)) return PLIANT_OK;
     CUDA_TRY(place(work, work->at.d_along, share, gpu->iteration.d_x[1]));
     CUDA_TRY(find_forces(work, gpu->iteration.d_x[1]));
     open_product_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, gpu->iteration, work->at, share, gpu->iteration.d_sums);
@@ -405,13 +402,15 @@ static pliant_status find_step(opening *work, bool led, int32_t *products)
 {
     const int32_t most = *products;
     const double first = work->norm;
-    for (*products = 0; *products < most && work->norm > PLIANT_OPENED_ENOUGH * PLIANT_OPENED_ENOUGH * first;) {
+    for (*products = 0; *products < most && pliant_opened_goes_on(work->norm, first);) {
+        const double difference = pliant_opened_difference(work->solver->rules.smallest_displacement, work->longest);
         double curvature, longest;
-        CUDA_TRY(multiply(work, &curvature));
+        if (!(difference > 0)) break;
+        CUDA_TRY(multiply(work, difference, &curvature));
         curvature += pliant_solver_spring_energy(work->solver, work->pulls_along, work->pulls_along);
-        const double share = led ? 1 : work->norm / curvature;
+        const double share = pliant_opened_advance(led, work->norm, curvature);
         ++*products;
-        if (!(curvature > 0) || !std::isfinite(share)) break;
+        if (!(share > 0)) break;
         CUDA_TRY(pull(work, work->pulls_along, -1, work->at.d_pulled));
         for (int r = 0; r < GPU_ROWS; r++) work->pulls[r] += share * work->pulls_along[r];
         work->energy += share * work->norm;
@@ -419,7 +418,7 @@ static pliant_status find_step(opening *work, bool led, int32_t *products)
         if (*products == most) break;
         const double before = work->norm;
         CUDA_TRY(precondition(work, nullptr, work->pulls_next, &work->norm, &longest));
-        const double turned = led ? 0 : work->norm / before;
+        const double turned = pliant_opened_turned(led, work->norm, before);
         led = false;
         work->longest = longest + turned * work->longest;
         CUDA_TRY(combine(work, turned));
@@ -475,7 +474,7 @@ static pliant_status take_step(const opening *work)
         const double part = share / parts;
         CUDA_TRY(go(work, part));
         gone += part;
-        if (!(gone * length > PLIANT_OPENED_DOUBTED)) continue;
+        if (!pliant_opened_doubts(gone, length)) continue;
         const double before = slope;
         CUDA_TRY(find_slope(work, &slope));
         if (slope > 0) continue;
@@ -496,7 +495,7 @@ extern "C" pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant
     *evaluations = 0;
     solver->opened = false;
     if (!goes) return PLIANT_OK;
-    int32_t products = most - 2 < PLIANT_OPENED_PRODUCTS ? most - 2 : PLIANT_OPENED_PRODUCTS;
+    int32_t products = pliant_opened_products(most);
     work.gpu = gpu;
     work.solver = solver;
     work.step = step;

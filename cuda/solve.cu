@@ -246,7 +246,7 @@ static void tell(const pliant_cuda_solver *gpu, pliant_statistics *statistics)
     statistics->error = state->rules.error;
 }
 
-extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
+static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
 {
     gpu_step step = {};
     bool renewed = false;
@@ -280,6 +280,19 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     statistics->error_before = rules->error_before;
     pliant_touches_tell(solver->touches, pliant_cuda_touches_moved(&gpu->touches), statistics);
     return rules->converged ? PLIANT_OK : PLIANT_NOT_CONVERGED;
+}
+
+/* On an error the host goes on from the state before: with its forces, and its own step after a cut. */
+extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
+{
+    const bool opened = solver->opened;
+    double force[PLIANT_MAX_TOOLS][3];
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(force[t], solver->handles[t].force, sizeof force[t]);
+    const pliant_status status = take_step(gpu, solver, gravity, statistics);
+    if (status == PLIANT_OK || status == PLIANT_NOT_CONVERGED) return status;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, force[t], sizeof force[t]);
+    solver->opened = opened;
+    return status;
 }
 
 extern "C" pliant_status pliant_cuda_solver_upsample(pliant_cuda_solver *gpu, const double **d_positions)

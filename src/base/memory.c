@@ -210,6 +210,15 @@ void *pliant_resize(void *block, size_t number, size_t size)
     return made;
 }
 
+bool pliant_grow(void *array, size_t number, size_t size)
+{
+    void *block;
+    memcpy(&block, array, sizeof block);
+    if (!(block = pliant_resize(block, number, size))) return false;
+    memcpy(array, &block, sizeof block);
+    return true;
+}
+
 void pliant_free(void *block)
 {
     if (!block) return;

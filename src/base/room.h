@@ -16,6 +16,9 @@ void *pliant_room(size_t count, size_t size);
 /* A copy of count elements; room for one where there are none. NULL: out of memory. */
 void *pliant_copy_of(const void *from, size_t count, size_t size);
 
+/* pliant_resize of the block that a pointer points to, array: its address. false: out of memory, and it is as it was. */
+bool pliant_grow(void *array, size_t count, size_t size);
+
 /* As pliant_calloc, on pages that nothing else is on: a device that reads and writes a block locks whole pages, and may then refuse what lies
  * on such a page in part. pliant_has_pages: whether a block of the library is alone on its pages. */
 void *pliant_pages(size_t count, size_t size);

@@ -49,8 +49,8 @@ pliant_status pliant_contact_find(pliant_finder *finder, const pliant_body *body
 /* How far a node of the surface has gone in it, at most [m]. */
 double pliant_contact_way(const pliant_finder *finder, const double *positions);
 /* Appends points of what has passed a part in the step or slid into it, where any of it gets by: beyond the part or a quarter of its depth in it, or by twice
- * its depth further on. Of the search of which the finder's is the last; one of a feature that has three
- * already takes the place of the last. Parts: their poses are those of the step, with as many between as its way and the tissue's take; margin and stride are of both.
+ * its depth further on. Of the search of which the finder's is the last; one of a feature that has
+ * PLIANT_FEATURE_POINTS already takes the place of the last. Parts: their poses are those of the step, with as many between as its way and the tissue's take; margin and stride are of both.
  * @param positions (fine nodes x 3) as the step has ended. Errors: MEMORY */
 pliant_status pliant_contact_find_passed(pliant_finder *finder, const pliant_body *body, const double *positions, int32_t count, const pliant_moving_part *parts,
                                          pliant_contacts *out);

@@ -2,6 +2,7 @@
 #include "contact/finder.h"
 
 #include "base/fail.h"
+#include "base/room.h"
 #include "pliant/memory.h"
 
 #include <stdlib.h>
@@ -37,24 +38,14 @@ void pliant_finder_forget(pliant_finder *finder)
     finder->broad.knows_last = false;
 }
 
-/* @param array address of a pointer to what grows */
-static bool grow(void *array, size_t count, size_t size)
-{
-    void *block;
-    memcpy(&block, array, sizeof block);
-    block = pliant_resize(block, count, size);
-    if (block) memcpy(array, &block, sizeof block);
-    return block;
-}
-
 pliant_status pliant_finder_copy(const pliant_finder *from, pliant_finder *to)
 {
     if (from->num_sides > to->room_sides) {
-        if (!grow(&to->sides, (size_t)from->num_sides, sizeof *to->sides)) return pliant_fail_memory("contacts");
+        if (!pliant_grow(&to->sides, (size_t)from->num_sides, sizeof *to->sides)) return pliant_fail_memory("contacts");
         to->room_sides = from->num_sides;
     }
     if (from->num_kept > to->room_kept) {
-        if (!grow(&to->kept, (size_t)from->num_kept, sizeof *to->kept)) return pliant_fail_memory("contacts");
+        if (!pliant_grow(&to->kept, (size_t)from->num_kept, sizeof *to->kept)) return pliant_fail_memory("contacts");
         to->room_kept = from->num_kept;
     }
     pliant_status status = pliant_broad_copy(&from->broad, &to->broad);
@@ -70,7 +61,7 @@ pliant_status pliant_contacts_reserve(pliant_contacts *contacts, int32_t room)
 {
     if (room <= contacts->room) return PLIANT_OK;
     room += room / 2;
-    if (!grow(&contacts->point, (size_t)room, sizeof *contacts->point)) return pliant_fail_memory("contacts");
+    if (!pliant_grow(&contacts->point, (size_t)room, sizeof *contacts->point)) return pliant_fail_memory("contacts");
     contacts->room = room;
     return PLIANT_OK;
 }
@@ -79,13 +70,13 @@ pliant_status pliant_finder_room(pliant_finder *finder, const pliant_body *body)
 {
     const size_t triangles = (size_t)finder->broad.num_near, nodes = (size_t)body->fine.num_nodes;
     if (body->fine.num_nodes > finder->room_nodes) {
-        if (!grow(&finder->slot, nodes, sizeof *finder->slot)) return pliant_fail_memory("contacts");
+        if (!pliant_grow(&finder->slot, nodes, sizeof *finder->slot)) return pliant_fail_memory("contacts");
         finder->room_nodes = body->fine.num_nodes;
     }
     if (finder->broad.num_near <= finder->room_triangles) return PLIANT_OK;
-    if (!grow(&finder->triangle, triangles, sizeof *finder->triangle) || !grow(&finder->face, triangles, sizeof *finder->face) ||
-        !grow(&finder->edge, 3 * triangles, sizeof *finder->edge) || !grow(&finder->node, 3 * triangles, sizeof *finder->node) ||
-        !grow(&finder->edge_of, 3 * triangles, sizeof *finder->edge_of) || !grow(&finder->order, 3 * triangles, sizeof *finder->order))
+    if (!pliant_grow(&finder->triangle, triangles, sizeof *finder->triangle) || !pliant_grow(&finder->face, triangles, sizeof *finder->face) ||
+        !pliant_grow(&finder->edge, 3 * triangles, sizeof *finder->edge) || !pliant_grow(&finder->node, 3 * triangles, sizeof *finder->node) ||
+        !pliant_grow(&finder->edge_of, 3 * triangles, sizeof *finder->edge_of) || !pliant_grow(&finder->order, 3 * triangles, sizeof *finder->order))
         return pliant_fail_memory("contacts");
     finder->room_triangles = finder->broad.num_near;
     return PLIANT_OK;
@@ -97,11 +88,11 @@ pliant_status pliant_finder_reserve(pliant_finder *finder, int32_t points, plian
     const int32_t sides = finder->num_next + 3 * points, keep = finder->num_keep + points;
     if (status != PLIANT_OK) return status;
     if (sides > finder->room_next) {
-        if (!grow(&finder->next, (size_t)sides * 2, sizeof *finder->next)) return pliant_fail_memory("contacts");
+        if (!pliant_grow(&finder->next, (size_t)sides * 2, sizeof *finder->next)) return pliant_fail_memory("contacts");
         finder->room_next = 2 * sides;
     }
     if (keep > finder->room_keep) {
-        if (!grow(&finder->keep, (size_t)keep * 2, sizeof *finder->keep)) return pliant_fail_memory("contacts");
+        if (!pliant_grow(&finder->keep, (size_t)keep * 2, sizeof *finder->keep)) return pliant_fail_memory("contacts");
         finder->room_keep = 2 * keep;
     }
     return PLIANT_OK;

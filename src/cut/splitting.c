@@ -2,6 +2,7 @@
 #include "cut/subdivide.h"
 
 #include "base/fail.h"
+#include "base/room.h"
 #include "pliant/memory.h"
 
 #include <stdlib.h>
@@ -9,20 +10,11 @@
 
 static pliant_status no_memory(void) { return pliant_fail_memory("what a blade cuts"); }
 
-static bool resize(void *list, size_t count, size_t size)
-{
-    void *old, *longer;
-    memcpy(&old, list, sizeof old);
-    if (!(longer = pliant_resize(old, count, size))) return false;
-    memcpy(list, &longer, sizeof longer);
-    return true;
-}
-
 static bool make_node_room(cut_splitting *work, int32_t room)
 {
     const size_t count = (size_t)room;
-    bool good = resize(&work->rest, count, 3 * sizeof *work->rest) && resize(&work->between, count, sizeof *work->between) &&
-                resize(&work->fixed, count, 1) && resize(&work->on, count, 1) && resize(&work->first, count, sizeof *work->first);
+    bool good = pliant_grow(&work->rest, count, 3 * sizeof *work->rest) && pliant_grow(&work->between, count, sizeof *work->between) &&
+                pliant_grow(&work->fixed, count, 1) && pliant_grow(&work->on, count, 1) && pliant_grow(&work->first, count, sizeof *work->first);
     if (good) work->node_room = room;
     return good;
 }
@@ -30,8 +22,8 @@ static bool make_node_room(cut_splitting *work, int32_t room)
 static bool make_tet_room(cut_splitting *work, int32_t room)
 {
     const size_t count = (size_t)room;
-    bool good = resize(&work->corners, count, 4 * sizeof *work->corners) && resize(&work->next, count, 4 * sizeof *work->next) &&
-                resize(&work->source, count, sizeof *work->source) && resize(&work->severed, count, 4 * sizeof *work->severed);
+    bool good = pliant_grow(&work->corners, count, 4 * sizeof *work->corners) && pliant_grow(&work->next, count, 4 * sizeof *work->next) &&
+                pliant_grow(&work->source, count, sizeof *work->source) && pliant_grow(&work->severed, count, 4 * sizeof *work->severed);
     if (good) work->tet_room = room;
     return good;
 }
@@ -117,7 +109,7 @@ pliant_status pliant_split_around(cut_splitting *work, int32_t node)
     work->num_around = 0;
     for (int32_t at = work->first[node]; at >= 0; at = work->next[at]) {
         if (work->num_around == work->around_room) {
-            if (!resize(&work->around, 2 * (size_t)work->around_room + 64, sizeof *work->around)) return no_memory();
+            if (!pliant_grow(&work->around, 2 * (size_t)work->around_room + 64, sizeof *work->around)) return no_memory();
             work->around_room = 2 * work->around_room + 64;
         }
         work->around[work->num_around++] = at;

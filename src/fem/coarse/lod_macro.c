@@ -2,6 +2,7 @@
 #include "base/fail.h"
 #include "base/dense.h"
 #include "fem/coarse/lod_macro.h"
+#include "fem/element/hexahedra.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -124,8 +125,7 @@ pliant_status lod_macros_create(lod_builder *lod)
     memcpy(macros->own, lod->own, 8 * (size_t)lod->count * sizeof *macros->own);
     for (int32_t cube = 0; cube < lod->count; cube++) fit_frame(system->mesh, macros->own + 8 * cube, macros->gradient + 24 * cube);
     list_followers(lod, macros);
-    int32_t of_forces = (3 * macros->start[lod->count] + 12 * LANES - 1) / (12 * LANES), of_frames = (lod->count + LANES - 1) / LANES;
-    system->num_blocks = of_forces > of_frames ? of_forces : of_frames;
+    system->num_blocks = pliant_macros_blocks((size_t)lod->count, (size_t)macros->start[lod->count]);
     return PLIANT_OK;
 }
 

@@ -4,6 +4,7 @@
  * over the fine faces that still join the two, N the shape functions there, h the edge of a coarse cube: linear in the place of the cut's end
  * between two coarse nodes, where gluing the face would move it back to the one and parting the face on to the other. A tie turns with its nodes. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "fem/coarse/cubes.h"
 #include "pliant/memory.h"
 
@@ -168,21 +169,12 @@ static void sum_up(tying *work)
     work->count = count;
 }
 
-static bool grow(void *array, size_t count, size_t size)
-{
-    void *old, *made;
-    memcpy(&old, array, sizeof old);
-    made = pliant_resize(old, count, size);
-    if (made) memcpy(array, &made, sizeof made);
-    return made != NULL;
-}
-
 static pliant_status make_room(pliant_macros *macros, size_t count, size_t corners)
 {
-    const bool good = grow(&macros->start, count + 1, sizeof *macros->start) && grow(&macros->node, corners, sizeof *macros->node) && grow(&macros->held, corners, 1) &&
-                      grow(&macros->grounded, count, 1) && grow(&macros->own, count, CORNERS * sizeof *macros->own) &&
-                      grow(&macros->gradient, count, 3 * CORNERS * sizeof *macros->gradient) && grow(&macros->cell, count, sizeof *macros->cell) &&
-                      grow(&macros->shear, count, sizeof *macros->shear) && grow(&macros->rank, count, sizeof *macros->rank) && grow(&macros->root, count, sizeof *macros->root);
+    const bool good = pliant_grow(&macros->start, count + 1, sizeof *macros->start) && pliant_grow(&macros->node, corners, sizeof *macros->node) && pliant_grow(&macros->held, corners, 1) &&
+                      pliant_grow(&macros->grounded, count, 1) && pliant_grow(&macros->own, count, CORNERS * sizeof *macros->own) &&
+                      pliant_grow(&macros->gradient, count, 3 * CORNERS * sizeof *macros->gradient) && pliant_grow(&macros->cell, count, sizeof *macros->cell) &&
+                      pliant_grow(&macros->shear, count, sizeof *macros->shear) && pliant_grow(&macros->rank, count, sizeof *macros->rank) && pliant_grow(&macros->root, count, sizeof *macros->root);
     return good ? PLIANT_OK : pliant_fail_memory("the coarse hexahedra");
 }
 
@@ -214,10 +206,9 @@ static pliant_status append(const tying *work, pliant_system *system)
 {
     pliant_macros *macros = system->macros;
     const int32_t count = macros->count + work->count, corners = macros->start[macros->count] + 2 * work->count;
-    const int32_t for_forces = (corners + 4 * LANES - 1) / (4 * LANES), for_rotations = (count + LANES - 1) / LANES; /* as in hexahedra.c */
     pliant_status status = make_room(macros, (size_t)count, (size_t)corners);
     for (int32_t i = 0; status == PLIANT_OK && i < work->count; i++) status = append_one(work->list + i, macros);
-    system->num_blocks = for_forces > for_rotations ? for_forces : for_rotations;
+    system->num_blocks = pliant_macros_blocks((size_t)count, (size_t)corners);
     return status;
 }
 

@@ -409,6 +409,12 @@ pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t
     return good ? PLIANT_OK : pliant_fail_memory("the hexahedra");
 }
 
+int32_t pliant_macros_blocks(size_t count, size_t corners)
+{
+    const size_t for_forces = (corners + 4 * LANES - 1) / (4 * LANES), for_rotations = (count + LANES - 1) / LANES;
+    return (int32_t)(for_forces > for_rotations ? for_forces : for_rotations);
+}
+
 /* Hexahedra of the body before, by cell. */
 typedef struct earlier_cubes {
     const pliant_macros *macros;
@@ -508,7 +514,7 @@ pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_ma
     if (status == PLIANT_OK && kept) status = list_earlier(before, kept, cells, &earlier);
     if (status == PLIANT_OK) status = fill(system, material, first, next, whole, cells, kept ? &earlier : NULL);
     pliant_free(earlier.element);
-    system->num_blocks = (int32_t)((corners + 4 * LANES - 1) / (4 * LANES)); /* for forces of four corners a lane, and a rotation a lane */
+    system->num_blocks = pliant_macros_blocks(elements, corners);
     pliant_free(first);
     pliant_free(count);
     pliant_free(next);

@@ -314,7 +314,7 @@ static pliant_status allocate_elements(leaves *work)
         corners += work->whole[leaf] ? CORNERS : 0;
         for (int32_t t = work->first[leaf] - 1; !work->whole[leaf] && t >= 0; t = work->next[t]) count++, corners += 4;
     }
-    work->system->num_blocks = (int32_t)((corners + 4 * LANES - 1) / (4 * LANES)); /* as in hexahedra.c */
+    work->system->num_blocks = pliant_macros_blocks(count, corners);
     for (int32_t e = 0; work->earlier && e < work->earlier->count; e++)
         if (work->earlier->start[e + 1] - work->earlier->start[e] == CORNERS) work->element[work->earlier->cell[e]] = e + 1;
     return pliant_macros_allocate(work->system->macros, count, corners);

@@ -1,6 +1,7 @@
 /* Some elements of a system as one of its own. */
 #include "base/fail.h"
 #include "base/room.h"
+#include "fem/element/hexahedra.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 
@@ -65,7 +66,7 @@ static pliant_status take_macros(const pliant_system *whole, int32_t count, cons
     pliant_status status = allocate(from, (size_t)count, corners, out->macros);
     for (int32_t e = 0; status == PLIANT_OK && e < count; e++) status = take_macro(from, element[e], place, out->macros);
     if (status == PLIANT_OK && !(out->macros->rest = pliant_copy_of(mesh->rest, (size_t)mesh->num_nodes, 3 * sizeof *mesh->rest))) status = no_memory();
-    out->num_blocks = (int32_t)((corners + 4 * LANES - 1) / (4 * LANES)); /* as in hexahedra.c */
+    out->num_blocks = pliant_macros_blocks((size_t)count, corners);
     return status;
 }
 

@@ -48,8 +48,8 @@ static void place_trial(pliant_solver *solver, const double *v, double share)
 /* out = K v, both in the nodes' own axes; false: v is nothing */
 static bool multiply(pliant_solver *solver, const double *v, double *out)
 {
-    const double length = longest(solver, v), share = PLIANT_OPENED_DIFFERENCE * solver->rules.smallest_displacement / length;
-    if (!(length > 0) || !isfinite(share)) return false;
+    const double share = pliant_opened_difference(solver->rules.smallest_displacement, longest(solver, v));
+    if (!(share > 0)) return false;
     place_trial(solver, v, share);
     pliant_solver_elastic_forces(solver, &solver->trial);
     for (int32_t f = 0; f < solver->system->num_free; f++) {
@@ -113,7 +113,6 @@ static bool is_led(const pliant_solver *solver, const newton_step *found)
 static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_t *products)
 {
     const size_t n = pliant_solver_unknowns(solver);
-    const double enough = PLIANT_OPENED_ENOUGH;
     const int32_t most = *products;
     double *left = solver->trial.residual, *step = solver->trial.free_step, *pulled = solver->trial.step;
     bool led = is_led(solver, found);
@@ -121,11 +120,11 @@ static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_
     pliant_held_pull(solver, &found->held, &found->pulls_along, -1, left);
     double norm = pliant_solver_product(solver, left, found->along);
     const double first = norm;
-    for (*products = 0; *products < most && norm > enough * enough * first && multiply(solver, found->along, pulled);) {
+    for (*products = 0; *products < most && pliant_opened_goes_on(norm, first) && multiply(solver, found->along, pulled);) {
         const double curvature = pliant_solver_product(solver, found->along, pulled) + pliant_solver_spring_energy(solver, found->pulls_along.tool, found->pulls_along.tool);
-        const double share = led ? 1 : norm / curvature;
+        const double share = pliant_opened_advance(led, norm, curvature);
         ++*products;
-        if (!(curvature > 0) || !isfinite(share)) break;
+        if (!(share > 0)) break;
         pliant_held_pull(solver, &found->held, &found->pulls_along, -1, pulled);
         for (size_t i = 0; i < n; i++) {
             found->way[i] += share * found->along[i];
@@ -139,7 +138,7 @@ static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_
         if (status != PLIANT_OK) return status;
         const double before = norm;
         norm = pliant_solver_product(solver, left, step);
-        const double turned = led ? 0 : norm / before;
+        const double turned = pliant_opened_turned(led, norm, before);
         led = false;
         for (size_t i = 0; i < n; i++) found->along[i] = step[i] + turned * found->along[i];
         scale_forces(&found->held, turned, &found->pulls_along);
@@ -191,15 +190,28 @@ static void go(pliant_solver *solver, const newton_step *found, double share)
     if (solver->rotations) pliant_nodal_rotations_update(solver->system, solver->now.x, solver->rotations);
 }
 
-/* What is kept of answers of the preconditioner is anew in axes that have turned. */
+static void turned(pliant_solver *solver)
+{
+    pliant_solver_turned(solver);
+    pliant_in_use_turned(&solver->in_use);
+    if (solver->touches) pliant_answers_forget(&solver->touches->answers);
+}
+
+/* What is kept of answers of the preconditioner is anew in axes that have turned. Errors: the state is that before the step, and axes are of it. */
 static pliant_status respond_in_axes(pliant_solver *solver)
 {
     if (!solver->rotations) return PLIANT_OK;
-    pliant_solver_turned(solver);
-    pliant_in_use_turned(&solver->in_use);
+    turned(solver);
     pliant_status status = pliant_solver_respond(solver);
-    if (solver->touches) pliant_answers_forget(&solver->touches->answers);
-    return status == PLIANT_OK ? pliant_touches_respond(solver) : status;
+    if (status == PLIANT_OK) status = pliant_touches_respond(solver);
+    if (status == PLIANT_OK) return PLIANT_OK;
+    memcpy(solver->now.x, solver->previous_x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
+    memcpy(solver->now.force, solver->previous_force, sizeof solver->now.force);
+    pliant_nodal_rotations_update(solver->system, solver->now.x, solver->rotations);
+    turned(solver);
+    solver->opened_axes = false;
+    solver->opened = true;
+    return status;
 }
 
 /* The state is Newton's, and the axes are of it. */
@@ -216,7 +228,7 @@ static pliant_status take_step(pliant_solver *solver, const newton_step *found)
         const double part = share / parts;
         go(solver, found, part);
         gone += part;
-        if (!(gone * length > PLIANT_OPENED_DOUBTED)) continue;
+        if (!pliant_opened_doubts(gone, length)) continue;
         const double before = slope;
         slope = slope_at(solver, found->way);
         if (slope > 0) continue;
@@ -227,7 +239,9 @@ static pliant_status take_step(pliant_solver *solver, const newton_step *found)
     }
     take_points(solver, found, gone);
     solver->opened_axes = solver->rotations != NULL;
-    return respond_in_axes(solver);
+    pliant_status status = respond_in_axes(solver);
+    if (status != PLIANT_OK && pliant_touches_any(solver->touches)) pliant_touches_take(solver->touches); /* back to those before */
+    return status;
 }
 
 pliant_status pliant_solver_open_back(pliant_solver *solver)
@@ -251,13 +265,15 @@ pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *e
     solver->opened = solver->opened_axes = false;
     if (!goes) return PLIANT_OK;
     pliant_status status = pliant_solver_evaluate(solver, PLIANT_KNOWN_NOTHING, &solver->now);
+    solver->opened = status != PLIANT_OK;
     if (status != PLIANT_OK || !isfinite(solver->now.merit) || !(solver->now.merit > 0)) return status;
     newton_step found = {0};
-    int32_t products = most - 2 < PLIANT_OPENED_PRODUCTS ? most - 2 : PLIANT_OPENED_PRODUCTS;
+    int32_t products = pliant_opened_products(most);
     status = begin(solver, &found, &goes);
     if (status == PLIANT_OK && goes) status = find_step(solver, &found, &products);
     if (status == PLIANT_OK && goes && found.energy > 0) status = take_step(solver, &found);
     *evaluations = goes ? 1 + products : 1;
     free_step(&found);
+    solver->opened = status != PLIANT_OK;
     return status;
 }

@@ -3,6 +3,8 @@
 #define PLIANT_FEM_QUASISTATIC_OPENED_RULES_H
 
 #include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
 
 enum {
     PLIANT_OPENED_LEAST = 4,    /* evaluations: the state, a product, what it leads to, and what is left of that */
@@ -21,12 +23,33 @@ enum {
 #define PLIANT_OPENED_DOUBTED 250.0
 #define PLIANT_OPENED_FARTHEST 800.0
 
+/* Products that so many evaluations allow. */
+static inline int32_t pliant_opened_products(int32_t evaluations) { return evaluations - 2 < PLIANT_OPENED_PRODUCTS ? evaluations - 2 : PLIANT_OPENED_PRODUCTS; }
+/* The part of a direction that a product is taken by, of its longest; 0: it is nothing. */
+static inline double pliant_opened_difference(double smallest_displacement, double longest)
+{
+    const double part = PLIANT_OPENED_DIFFERENCE * smallest_displacement / longest;
+    return longest > 0 && isfinite(part) ? part : 0;
+}
+/* Conjugate gradients: whether another direction is worth its product; how much of it is gone, 0: it leads nowhere; of it, in the next one. led: the first, which
+ * what holds has led, is gone as it is. */
+static inline bool pliant_opened_goes_on(double norm, double first) { return norm > PLIANT_OPENED_ENOUGH * PLIANT_OPENED_ENOUGH * first; }
+static inline double pliant_opened_advance(bool led, double norm, double curvature)
+{
+    const double share = led ? 1 : norm / curvature;
+    return curvature > 0 && isfinite(share) ? share : 0;
+}
+static inline double pliant_opened_turned(bool led, double norm, double before) { return led ? 0 : norm / before; }
+
 /* Of a way of this length [thousandths of the body's]: how much of it is gone, in so many parts. */
 static inline double pliant_opened_share(double length) { return fmin(1, PLIANT_OPENED_FARTHEST / length); }
 static inline int pliant_opened_parts(double length)
 {
     return (int)fmin(fmax(ceil(pliant_opened_share(length) * length / PLIANT_OPENED_STRAIGHT), 1), PLIANT_OPENED_PARTS);
 }
+
+/* Whether the slope is looked at where so much of it is gone. */
+static inline bool pliant_opened_doubts(double gone, double length) { return gone * length > PLIANT_OPENED_DOUBTED; }
 
 /* How much of a part is to be taken back, to where the potential energy is lowest: its slopes before and after, which is not above zero. */
 static inline double pliant_opened_back(double part, double before, double after)
