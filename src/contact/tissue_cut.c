@@ -340,7 +340,7 @@ static int compare_slots(const void *a, const void *b)
 }
 
 /* Part of an element's length: sides that are in one another by more do not slide along each other, they belong to a fold or to both ends of a wedge */
-static const double deepest = 0.1;
+static const double deepest = 0.02;
 
 /* Of a side that has slid away from its own: the one that it is opposite now, least far off. -1: none */
 static int32_t find_opposite(const pliant_body *body, const pliant_cut_face *faces, const slot *slots, int32_t count, const int32_t *piece, int32_t number,
