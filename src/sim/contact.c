@@ -404,7 +404,10 @@ bool pliant_contact_passed(const pliant_model *model, pliant_data *data)
     if (status == PLIANT_OK && search->made.count > 0) status = pliant_contacts_reserve(&data->contacts, data->contacts.count + search->made.count);
     if (status != PLIANT_OK || search->made.count == 0) return false;
     if (body != data->body) pliant_outside_spread(&search->outside, &search->made);
-    return take_in(data, &search->made) > 0;
+    if (take_in(data, &search->made) == 0) return false;
+    for (int32_t n = 0; n < data->contacts.count; n++) /* positions are those after the step: what begins to touch sticks where it is now */
+        if (!data->contacts.point[n].begun) memset(data->contacts.point[n].drift, 0, sizeof data->contacts.point[n].drift);
+    return true;
 }
 
 void pliant_contact_end(pliant_data *data)

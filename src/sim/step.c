@@ -111,9 +111,9 @@ static pliant_status place(const pliant_model *model, pliant_data *data, bool up
     return status;
 }
 
-/* The solve and upsample of a step once more, with the points of what has passed a tool; nothing that is made in the background comes in between.
- * A step that waits for nothing or has a budget takes one more of them at most.
- * Errors: those of the solve; without memory for it, the step stays as it was solved. */
+/* The solve and upsample of a step once more, with the points of what has passed a tool. Of what is made in the background, only what is planned for
+ * this step may come in between. A step that waits for nothing or has a budget takes one more of them at most.
+ * Where solving again fails, the step stays as it was solved. Errors: UNAVAILABLE. */
 static pliant_status solve_again(const pliant_model *model, pliant_data *data, pliant_status first)
 {
     enum { MOST = 6 };
@@ -130,7 +130,10 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
         status = data->backend->solve(model, data);
         data->statistics.iterations += iterations;
         data->statistics.seconds[PLIANT_STEP_solve] += pliant_seconds() - start;
-        if (status == PLIANT_ERROR_MEMORY) status = first;
+        if (status == PLIANT_ERROR_MEMORY || status == PLIANT_ERROR_NUMERIC) {
+            status = first;
+            break;
+        }
         const pliant_status placed = status >= 0 ? place(model, data, true) : PLIANT_OK;
         if (placed < 0) status = placed;
     }
